@@ -1,0 +1,77 @@
+"""The immutable values that all packages speak.
+
+Conventions, stated once:
+
+* Frames: NED (north, east, down) is the inertial frame, FRD (forward, right,
+  down) the body frame. Other frames exist only in ``estimator/frames.py``.
+* Quaternions are Hamilton, scalar first, unit norm. ``q_ned_frd`` takes body
+  vectors to inertial ones: ``v_ned = rotate(q_ned_frd, v_frd)``.
+* SI units and radians everywhere, except the magnetic field, which is in
+  gauss (MAVLink's unit) and of which only the direction and relative changes
+  matter.
+* ``time_us`` is the vehicle's own clock in microseconds, unwrapped, with
+  reboots and jumps cut out: it only ever grows.
+
+The values are ``NamedTuple``s of floats and tuples of floats: constant,
+comparable, and readable by field name inside a compiled kernel.
+"""
+
+from typing import NamedTuple
+
+Vec3 = tuple[float, float, float]
+Quaternion = tuple[float, float, float, float]
+
+ZERO_VEC3: Vec3 = (0.0, 0.0, 0.0)
+IDENTITY: Quaternion = (1.0, 0.0, 0.0, 0.0)
+
+STANDARD_GRAVITY_M_S2 = 9.80665  # ISO 80000-3; MAVLink's "g" in mg fields
+
+
+class ImuSample(NamedTuple):
+    """One reading of gyroscope, accelerometer and, if present, magnetometer, in FRD.
+
+    ``acc_m_s2`` is the specific force: a level vehicle at rest reads
+    (0, 0, -9.8). ``has_mag`` is False when the stream carried no field, a zero
+    field, or a mere repetition of the previous one; ``mag_gauss`` is then zero.
+    """
+
+    time_us: int
+    gyr_rad_s: Vec3
+    acc_m_s2: Vec3
+    mag_gauss: Vec3
+    has_mag: bool
+
+
+class VelocitySample(NamedTuple):
+    """Velocity over ground in NED, for the acceleration that hides gravity.
+
+    ``has_vertical`` is False for sources that know the horizontal part only.
+    ``sigma_m_s`` is the source's own accuracy (1 sigma), or a typical one.
+    """
+
+    time_us: int
+    velocity_ned_m_s: Vec3
+    has_vertical: bool
+    sigma_m_s: float
+
+
+class Attitude(NamedTuple):
+    """What the estimator says about the attitude at ``time_us``.
+
+    ``gain`` is the paper's K = 1 + k_op, ``error`` its e(R~) in [0, 1] from
+    the measurements and ``error_rate_1_s`` the low-passed derivative. The
+    sigmas are the angles that 68 % of the errors lie under.
+    """
+
+    time_us: int
+    q_ned_frd: Quaternion
+    rate_rad_s: Vec3
+    gyro_bias_rad_s: Vec3
+    error: float
+    error_rate_1_s: float
+    gain: float
+    confidence_gravity: float
+    confidence_magnetic: float
+    sigma_inclination_rad: float
+    sigma_heading_rad: float
+    heading_reference: str  # "true", "magnetic" or "none"
