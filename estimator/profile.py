@@ -1,0 +1,241 @@
+"""The profile: everything chosen about the estimator, as one strict TOML file.
+
+Unknown keys are errors, in files as in partial updates. Two profiles ship:
+``paper`` (the paper's system exactly) and ``imu`` (real IMUs).
+"""
+
+import math
+import tomllib
+from collections.abc import Mapping
+from importlib import resources
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+import msgspec
+from msgspec import Meta, Struct
+
+from estimator import memberships
+from estimator.conditioning.types import ConditioningParams
+from estimator.errors import InputError
+from estimator.types import Quaternion, Vec3
+
+SHIPPED = ("paper", "imu")
+
+NonNegative = Annotated[float, Meta(ge=0.0)]
+Positive = Annotated[float, Meta(gt=0.0)]
+
+
+class Reference(Struct, frozen=True, forbid_unknown_fields=True):
+    """Inertial directions in NED.
+
+    ``magnetic = "learn"`` takes only the horizontal part of the field, which
+    points north, and learns its norm and dip. ``declination_deg`` turns
+    magnetic north to true north, east positive.
+    """
+
+    gravity: Vec3 = (0.0, 0.0, 1.0)
+    magnetic: Vec3 | Literal["learn"] = "learn"
+    declination_deg: Annotated[float, Meta(ge=-180.0, le=180.0)] = 0.0
+
+
+class Filter(Struct, frozen=True, forbid_unknown_fields=True):
+    """The paper's filter; see :class:`estimator.filter_types.FilterParams`.
+
+    ``initial_attitude`` is "align" (from the first vectors) or the nine
+    numbers of R_hat(0), row after row, which are projected onto SO(3).
+    """
+
+    gamma: NonNegative = 1.0
+    rate_time_constant_s: Positive = 0.3
+    bias_bound_rad_s: NonNegative = 2.0
+    euler_step_max_s: Annotated[float, Meta(ge=0.0, le=0.01)] = 0.01
+    initial_attitude: Literal["align"] | tuple[Vec3, Vec3, Vec3] = "align"
+
+
+class Confidence(Struct, frozen=True, forbid_unknown_fields=True):
+    """The paper's s_i: of gravity, the magnetic field and their cross product."""
+
+    gravity: NonNegative = 1.0
+    magnetic: NonNegative = 1.0
+    cross: NonNegative = 1.0
+
+
+class Provenance(Struct, frozen=True, forbid_unknown_fields=True, omit_defaults=True):
+    """What determines the numbers; nothing about where, when or how fast."""
+
+    description: str = ""
+    version: str = ""
+    options: dict[str, Any] = {}
+    inputs: list[dict[str, str]] = []
+    seeds: dict[str, Any] = {}
+
+
+class Profile(Struct, frozen=True, forbid_unknown_fields=True):
+    """A whole profile.
+
+    ``membership`` holds k1..k22. ``conditioning`` holds ``enabled`` (False:
+    raw vectors, as in the paper) and any of the fields of
+    :class:`estimator.conditioning.types.ConditioningParams`.
+    """
+
+    membership: dict[str, float]
+    conditioning: dict[str, float | bool]
+    reference: Reference = Reference()
+    filter: Filter = Filter()
+    confidence: Confidence = Confidence()
+    provenance: Provenance = Provenance()
+
+    @property
+    def k(self) -> memberships.Memberships:
+        """k1..k22 in order."""
+        return tuple(self.membership[name] for name in memberships.NAMES)
+
+    @property
+    def conditioned(self) -> bool:
+        """Whether the conditioning stage stands before the filter."""
+        return bool(self.conditioning["enabled"])
+
+
+def load_profile(name_or_path: str) -> Profile:
+    """A shipped profile by its name, or one from a TOML file.
+
+    Raises:
+        InputError: no such name or file, or anything wrong inside it.
+    """
+    if name_or_path in SHIPPED:
+        resource = resources.files("estimator").joinpath("profiles", f"{name_or_path}.toml")
+        return parse_profile(resource.read_text("utf-8"), name_or_path)
+    path = Path(name_or_path)
+    try:
+        text = path.read_text("utf-8")
+    except FileNotFoundError:
+        msg = f"profile {name_or_path!r}: no such file, and not one of {', '.join(SHIPPED)}"
+        raise InputError(msg) from None
+    except (OSError, UnicodeDecodeError) as error:
+        msg = f"profile {name_or_path}: cannot be read: {error}"
+        raise InputError(msg) from None
+    return parse_profile(text, name_or_path)
+
+
+def parse_profile(text: str, where: str) -> Profile:
+    """A profile from TOML text; ``where`` names it in errors.
+
+    Raises:
+        InputError: not TOML, unknown keys, wrong types, values out of bounds.
+    """
+    try:
+        tree = tomllib.loads(text)
+    except tomllib.TOMLDecodeError as error:
+        msg = f"profile {where}: not TOML: {error}"
+        raise InputError(msg) from None
+    return _from_tree(tree, where)
+
+
+def merge_profile(base: Profile, partial: Mapping[str, Any]) -> Profile:
+    """``base`` with the keys of ``partial`` (sections of keys) replaced.
+
+    Raises:
+        InputError: unknown keys, wrong types, values out of bounds.
+    """
+    tree = profile_to_json(base)
+    for section, values in partial.items():
+        if isinstance(values, Mapping) and isinstance(tree.get(section), dict):
+            tree[section] = {**tree[section], **values}
+        else:
+            tree[section] = values
+    return _from_tree(tree, "update")
+
+
+def profile_to_json(profile: Profile) -> dict[str, Any]:
+    """The profile as plain dictionaries, lists and numbers, every default written out."""
+    tree: dict[str, Any] = msgspec.to_builtins(profile)
+    tree["conditioning"] = {**CONDITIONING_DEFAULTS, **tree["conditioning"]}
+    sections = ("reference", "filter", "membership", "confidence", "conditioning", "provenance")
+    return {section: tree[section] for section in sections}
+
+
+def profile_to_toml(profile: Profile) -> str:
+    """The profile as TOML text that :func:`parse_profile` reads back to an equal profile."""
+    import tomli_w
+
+    tree = profile_to_json(profile)
+    tree["conditioning"] = profile.conditioning  # a default left out stays out
+    return tomli_w.dumps(tree)
+
+
+CONDITIONING_DEFAULTS: dict[str, float | bool] = {
+    "enabled": True,
+    **ConditioningParams._field_defaults,
+}
+
+
+def _from_tree(tree: Mapping[str, Any], where: str) -> Profile:
+    try:
+        _require_finite(tree, "")
+        profile = msgspec.convert(tree, Profile)
+        k = _complete_membership(profile.membership)
+        memberships.require_feasible(k)
+        profile = msgspec.structs.replace(
+            profile, membership=dict(zip(memberships.NAMES, k, strict=True))
+        )
+        _require_conditioning(profile.conditioning)
+        _require_directions(profile)
+    except (msgspec.ValidationError, InputError) as error:
+        msg = f"profile {where}: {str(error).replace('`$.', '`').replace('`', chr(39))}"
+        raise InputError(msg) from None
+    return profile
+
+
+def _require_finite(node: object, name: str) -> None:
+    if isinstance(node, Mapping):
+        for key, value in node.items():
+            _require_finite(value, f"{name}.{key}" if name else str(key))
+    elif isinstance(node, list | tuple):
+        for value in node:
+            _require_finite(value, name)
+    elif isinstance(node, float) and not math.isfinite(node):
+        msg = f"{name}: {node} is not a finite number"
+        raise InputError(msg)
+
+
+def _complete_membership(given: Mapping[str, float]) -> memberships.Memberships:
+    _require_known("membership", given, memberships.NAMES)
+    missing = [name for name in memberships.NAMES if name not in given]
+    if missing:
+        msg = f"membership.{missing[0]} is missing"
+        raise InputError(msg)
+    return tuple(given[name] for name in memberships.NAMES)
+
+
+def _require_conditioning(given: Mapping[str, float | bool]) -> None:
+    _require_known("conditioning", given, CONDITIONING_DEFAULTS)
+    if "enabled" not in given:
+        msg = "conditioning.enabled is missing (true: for real IMUs, false: the paper's raw vectors)"
+        raise InputError(msg)
+    for key, value in given.items():
+        default = CONDITIONING_DEFAULTS[key]
+        if isinstance(default, bool) != isinstance(value, bool):
+            kind = "true or false" if isinstance(default, bool) else "a number"
+            msg = f"conditioning.{key}: {value!r} should be {kind}"
+            raise InputError(msg)
+        if not isinstance(default, bool) and default > 0.0 and value <= 0.0:
+            msg = f"conditioning.{key}: {value:g} should be above 0"
+            raise InputError(msg)
+
+
+def _require_directions(profile: Profile) -> None:
+    for name in ("gravity", "magnetic"):
+        direction = getattr(profile.reference, name)
+        if direction != "learn" and math.hypot(*direction) == 0.0:
+            msg = f"reference.{name}: a direction cannot be zero"
+            raise InputError(msg)
+    if not profile.conditioned and profile.reference.magnetic == "learn":
+        msg = "reference.magnetic: 'learn' needs conditioning.enabled = true"
+        raise InputError(msg)
+
+
+def _require_known(section: str, given: Mapping[str, Any], known: object) -> None:
+    for key in given:
+        if key not in known:  # type: ignore[operator]
+            msg = f"unknown key {section}.{key}"
+            raise InputError(msg)

@@ -1,0 +1,68 @@
+"""From a profile to the numbers that the kernels take."""
+
+from math import radians
+from typing import NamedTuple
+
+import numpy as np
+
+from estimator.alignment import nearest_rotation, quaternion_from_matrix
+from estimator.conditioning.types import ConditioningParams
+from estimator.filter_types import FilterParams
+from estimator.observation import ReferenceParams
+from estimator.profile import Profile
+from estimator.quaternion import exp, rotate, unit
+from estimator.types import Quaternion, Vec3
+
+MAGNETIC_NORTH: Vec3 = (1.0, 0.0, 0.0)
+
+
+class Settings(NamedTuple):
+    """What a profile fixes for the whole run; ``initial`` is None where alignment decides."""
+
+    filter: FilterParams
+    reference: ReferenceParams
+    conditioning: ConditioningParams
+    conditioned: bool
+    initial: Quaternion | None
+
+
+def settings_of(profile: Profile, fixed_gain: float | None = None) -> Settings:
+    """The kernels' parameters; ``fixed_gain`` replaces the fuzzy controller's K."""
+    chosen = profile.filter
+    return Settings(
+        filter=FilterParams(
+            gamma=chosen.gamma,
+            bias_bound_rad_s=chosen.bias_bound_rad_s,
+            rate_time_constant_s=chosen.rate_time_constant_s,
+            euler_step_max_s=chosen.euler_step_max_s,
+            memberships=profile.k,
+            gain_is_fixed=fixed_gain is not None,
+            fixed_gain=1.0 if fixed_gain is None else float(fixed_gain),
+        ),
+        reference=ReferenceParams(
+            magnetic_ned=_magnetic_direction(profile),
+            gravity_ned=unit(profile.reference.gravity),
+            s_magnetic=profile.confidence.magnetic,
+            s_gravity=profile.confidence.gravity,
+            s_cross=profile.confidence.cross,
+        ),
+        conditioning=ConditioningParams()._replace(
+            **{key: value for key, value in profile.conditioning.items() if key != "enabled"}
+        ),
+        conditioned=profile.conditioned,
+        initial=_initial_attitude(profile),
+    )
+
+
+def _magnetic_direction(profile: Profile) -> Vec3:
+    """The profile's magnetic direction turned to true north by the declination."""
+    direction = profile.reference.magnetic
+    north = MAGNETIC_NORTH if direction == "learn" else unit(direction)
+    return rotate(exp((0.0, 0.0, radians(profile.reference.declination_deg))), north)
+
+
+def _initial_attitude(profile: Profile) -> Quaternion | None:
+    chosen = profile.filter.initial_attitude
+    if chosen == "align":
+        return None
+    return quaternion_from_matrix(nearest_rotation(np.array(chosen)))
