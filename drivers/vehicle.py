@@ -16,7 +16,7 @@ samples, and each sample takes nine normal numbers in one order.
 from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import lru_cache
-from math import ceil, isfinite
+from math import ceil, floor, isfinite
 from typing import Literal, NamedTuple, get_args
 
 import numpy as np
@@ -139,14 +139,37 @@ class SimulatedVehicle:
         magnet: tuple[float, float] | None = None,
     ) -> None:
         _check(rate_hz, motion, noise, bias, magnet)
-        disturbance = _Disturbance(noise, bias, magnet)
-        self._samples = _samples(_generator(seed), rate_hz, motion, disturbance)
+        self._motion = motion
+        self._disturbance = _Disturbance(noise, bias, magnet)
+        self._generator = _generator(seed)
+        self._last: Sample | None = None
+        self._samples = self._from(0, IDENTITY, rate_hz)
 
     def __iter__(self) -> Iterator[Sample]:
         return self
 
     def __next__(self) -> Sample:
-        return next(self._samples)
+        self._last = next(self._samples)
+        return self._last
+
+    def change_rate(self, rate_hz: float) -> None:
+        """Go on with the same motion at another rate, at t = k / ``rate_hz`` after the last sample.
+
+        Raises:
+            InputError: the rate is not positive.
+        """
+        _check(rate_hz, self._motion, self._disturbance.noise, self._disturbance.bias, None)
+        if self._last is None:
+            self._samples = self._from(0, IDENTITY, rate_hz)
+            return
+        last_s = self._last.time_us * 1e-6
+        first = floor(last_s * rate_hz + 1e-6) + 1
+        times = np.array([last_s, first / rate_hz])
+        start: Quaternion = tuple(_integrated(self._motion, times, self._last.q_ned_frd)[-1])
+        self._samples = self._from(first, start, rate_hz)
+
+    def _from(self, first: int, start: Quaternion, rate_hz: float) -> Iterator[Sample]:
+        return _samples(self._generator, rate_hz, self._motion, self._disturbance, first, start)
 
 
 def true_rate(motion: Motion, time_s: Floats) -> Floats:
@@ -182,11 +205,16 @@ def _generator(seed: int) -> np.random.Generator:
 
 
 def _samples(
-    generator: np.random.Generator, rate_hz: float, motion: Motion, disturbance: _Disturbance
+    generator: np.random.Generator,
+    rate_hz: float,
+    motion: Motion,
+    disturbance: _Disturbance,
+    first: int,
+    start: Quaternion,
 ) -> Iterator[Sample]:
-    index, start = 0, IDENTITY
+    """Samples number ``first``, ``first`` + 1, ..., of which the first has attitude ``start``."""
     while True:
-        truth, start = _truth_chunk(motion, rate_hz, index, start)
+        truth, start = _truth_chunk(motion, rate_hz, first, start)
         block = _measured(truth, generator.standard_normal((CHUNK_SAMPLES, 9)), disturbance)
         columns = (
             block.time_us.tolist(),
@@ -197,7 +225,7 @@ def _samples(
             map(tuple, block.true_rate_rad_s.tolist()),
         )
         yield from map(Sample._make, zip(*columns, strict=True))
-        index += 1
+        first += CHUNK_SAMPLES
 
 
 def _measured(truth: _Truth, normals: Floats, disturbance: _Disturbance) -> Recording:
@@ -239,8 +267,8 @@ def _magnet_gauss(time_s: Floats, magnet: tuple[float, float]) -> Floats:
 def _truth(motion: Motion, rate_hz: float, samples: int) -> _Truth:
     """All chunks of the truth up to ``samples``, joined."""
     chunks, start = [], IDENTITY
-    for index in range(ceil(samples / CHUNK_SAMPLES)):
-        chunk, start = _truth_chunk(motion, rate_hz, index, start)
+    for first in range(0, samples, CHUNK_SAMPLES):
+        chunk, start = _truth_chunk(motion, rate_hz, first, start)
         chunks.append(chunk)
     columns = [np.concatenate(column)[:samples] for column in zip(*chunks, strict=True)]
     return _read_only(_Truth._make(columns))
@@ -248,10 +276,10 @@ def _truth(motion: Motion, rate_hz: float, samples: int) -> _Truth:
 
 @lru_cache(maxsize=8)  # vehicles that fly side by side share the truth
 def _truth_chunk(
-    motion: Motion, rate_hz: float, index: int, start: Quaternion
+    motion: Motion, rate_hz: float, first: int, start: Quaternion
 ) -> tuple[_Truth, Quaternion]:
-    """Chunk number ``index``, which begins at attitude ``start``, and the attitude after it."""
-    k = index * CHUNK_SAMPLES + np.arange(CHUNK_SAMPLES + 1)
+    """The chunk from sample ``first`` on, whose attitude is ``start``, and the attitude after."""
+    k = first + np.arange(CHUNK_SAMPLES + 1)
     time_s = k / rate_hz
     q = _integrated(motion, time_s, start)
     after: Quaternion = tuple((q[-1] / np.sqrt(np.sum(q[-1] ** 2))).tolist())
