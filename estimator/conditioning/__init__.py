@@ -1,0 +1,16 @@
+"""From a real IMU to the paper's vectors with confidences."""
+
+from estimator.conditioning.condition import condition, initial_state
+from estimator.conditioning.types import (
+    Conditioned,
+    ConditioningParams,
+    ConditioningState,
+)
+
+__all__ = [
+    "Conditioned",
+    "ConditioningParams",
+    "ConditioningState",
+    "condition",
+    "initial_state",
+]

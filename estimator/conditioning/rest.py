@@ -1,0 +1,31 @@
+"""Rest detection: the gyroscope and the accelerometer stay near their own low-pass."""
+
+from estimator.compiled import compiled
+from estimator.conditioning.lowpass import smooth
+from estimator.conditioning.types import ConditioningParams, LowPass, RestState
+from estimator.quaternion import norm, subtract
+from estimator.types import Vec3
+
+
+@compiled
+def observe_rest(
+    params: ConditioningParams, k: LowPass, state: RestState, gyr: Vec3, acc: Vec3, dt_s: float
+) -> RestState:
+    """Decide whether the vehicle is quiet, and whether it has been for long enough to rest.
+
+    Quiet: |g - g_lp|, |a - a_lp| under their thresholds and no rate above the
+    largest bias, after VQF (Laidig and Seel 2023, doi 10.1016/j.inffus.2022.10.014).
+    The samples are compared with the low-pass before it takes them, so that
+    the test keeps its meaning at a few samples a second. A vehicle turning
+    steadily and slower than the largest bias cannot be told from rest.
+    """
+    steady_gyr = norm(subtract(gyr, state.gyr.value)) < params.rest_gyr_rad_s
+    steady_acc = norm(subtract(acc, state.acc.value)) < params.rest_acc_m_s2
+    gyr_smooth = smooth(k, state.gyr, gyr)
+    acc_smooth = smooth(k, state.acc, acc)
+    g = gyr_smooth.value
+    limit = params.bias_limit_rad_s
+    slow = abs(g[0]) < limit and abs(g[1]) < limit and abs(g[2]) < limit
+    quiet = steady_gyr and steady_acc and slow
+    quiet_s = min(state.quiet_s + dt_s, 1e6) if quiet else 0.0
+    return RestState(gyr_smooth, acc_smooth, quiet, quiet_s, quiet_s >= params.rest_time_s)
