@@ -5,6 +5,10 @@ from typing import NamedTuple
 
 from estimator import kernel
 from estimator.alignment import align
+from estimator.conditioned import conditioned_step, conditioned_vectors
+from estimator.conditioning.condition import condition
+from estimator.conditioning.condition import initial_state as initial_conditioning
+from estimator.conditioning.types import Conditioned, ConditioningState
 from estimator.filter_types import FilterState, initial_state
 from estimator.observation import raw_vectors
 from estimator.profile import Profile
@@ -15,6 +19,8 @@ from estimator.types import ZERO_VEC3, Attitude, ImuSample, Vec3
 # The output is propagated this far beyond the last sample at most, s; then the
 # last rate says nothing about the vehicle any more.
 OUTPUT_HORIZON_S = 1.0
+# No estimate from these sensors is better than this; it also keeps sigma above zero.
+LEAST_SIGMA_RAD = radians(0.1)
 # A rate beyond this is no vehicle's: 70 rad/s is 4000 deg/s, twice the range of common gyroscopes.
 GYR_LIMIT_RAD_S = 70.0
 # 40 g, well beyond the range of common accelerometers.
@@ -25,6 +31,8 @@ class Snapshot(NamedTuple):
     """All that changes. Restoring it resumes with the same results."""
 
     filter: FilterState
+    conditioning: ConditioningState
+    seen: Conditioned | None
     time_us: int
     rate_rad_s: Vec3
     aligned: bool
@@ -45,7 +53,8 @@ class Estimator:
 
     def restart(self) -> None:
         """Forget the attitude and align anew, as after the vehicle's reboot."""
-        self.snapshot = Snapshot(initial_state(), 0, ZERO_VEC3, False)
+        memory = initial_conditioning(self._settings.conditioning)
+        self.snapshot = Snapshot(initial_state(), memory, None, 0, ZERO_VEC3, False)
 
     @property
     def aligned(self) -> bool:
@@ -58,39 +67,85 @@ class Estimator:
         if reason is not None:
             return reason
         before = self.snapshot
-        if before.aligned and sample.time_us <= before.time_us:
+        if not before.aligned:
+            self.snapshot = self._first(sample)
+        elif sample.time_us <= before.time_us:
             return "not_later"
-        chosen = self._settings
-        if before.aligned:
-            state = before.filter
-            dt = 1e-6 * (sample.time_us - before.time_us)
+        elif self._settings.conditioned:
+            self.snapshot = self._conditioned(sample)
         else:
-            vectors = raw_vectors(
-                chosen.reference, sample.acc_m_s2, sample.mag_gauss, sample.has_mag
-            )
-            state = initial_state(align(vectors) if chosen.initial is None else chosen.initial)
-            dt = 0.0
+            self.snapshot = self._raw(sample)
+        return None
+
+    def _raw(self, sample: ImuSample) -> Snapshot:
+        before = self.snapshot
+        chosen = self._settings
         state = kernel.step(
             chosen.filter,
             chosen.reference,
-            state,
+            before.filter,
             sample.gyr_rad_s,
             sample.acc_m_s2,
             sample.mag_gauss,
             sample.has_mag,
-            dt,
+            1e-6 * (sample.time_us - before.time_us),
         )
         rate = subtract(sample.gyr_rad_s, state.gyr_bias_rad_s)
-        self.snapshot = Snapshot(state, sample.time_us, rate, True)
-        return None
+        return before._replace(filter=state, time_us=sample.time_us, rate_rad_s=rate)
+
+    def _conditioned(self, sample: ImuSample) -> Snapshot:
+        before = self.snapshot
+        chosen = self._settings
+        state, memory, seen = conditioned_step(
+            chosen.filter,
+            chosen.reference,
+            chosen.conditioning,
+            before.filter,
+            before.conditioning,
+            sample.gyr_rad_s,
+            sample.acc_m_s2,
+            sample.mag_gauss,
+            sample.has_mag,
+            1e-6 * (sample.time_us - before.time_us),
+        )
+        state = self._with_first_heading(state, seen)
+        rate = subtract(sample.gyr_rad_s, state.gyr_bias_rad_s)
+        return Snapshot(state, memory, seen, sample.time_us, rate, True)
+
+    def _with_first_heading(self, state: FilterState, seen: Conditioned) -> FilterState:
+        """The first heading ever is alignment, not correction: there was none to correct."""
+        last = self.snapshot.seen
+        known_before = last is not None and last.magnetic_weight > 0.0
+        if known_before or seen.magnetic_weight == 0.0 or self._settings.initial is not None:
+            return state
+        return state._replace(q_ned_frd=align(conditioned_vectors(self._settings.reference, seen)))
+
+    def _first(self, sample: ImuSample) -> Snapshot:
+        """Align on the first sample; nothing has turned yet."""
+        chosen = self._settings
+        before = self.snapshot
+        acc, mag, has_mag = sample.acc_m_s2, sample.mag_gauss, sample.has_mag
+        memory, seen = before.conditioning, None
+        if chosen.conditioned:
+            memory, seen = condition(
+                chosen.conditioning, memory, sample.gyr_rad_s, acc, mag, has_mag, 0.0
+            )
+            vectors = conditioned_vectors(chosen.reference, seen)
+        else:
+            vectors = raw_vectors(chosen.reference, acc, mag, has_mag)
+        q = align(vectors) if chosen.initial is None else chosen.initial
+        state = kernel.correct(chosen.filter, initial_state(q), vectors, 0.0)
+        rate = subtract(sample.gyr_rad_s, state.gyr_bias_rad_s)
+        return Snapshot(state, memory, seen, sample.time_us, rate, True)
 
     def attitude(self, time_us: int) -> Attitude:
         """The attitude at ``time_us``, propagated from the last sample for output only."""
         now = self.snapshot
         ahead_s = min(max(1e-6 * (time_us - now.time_us), 0.0), OUTPUT_HORIZON_S)
         q = normalize(multiply(now.filter.q_ned_frd, exp(scale(ahead_s, now.rate_rad_s))))
-        sigma = min(pi, max(radians(0.1), 2.0 * asin(sqrt(now.filter.error))))
-        return Attitude(
+        reference = self._settings.reference
+        sigma = min(pi, max(LEAST_SIGMA_RAD, 2.0 * asin(sqrt(now.filter.error))))
+        published = Attitude(
             time_us=time_us,
             q_ned_frd=q,
             rate_rad_s=now.rate_rad_s,
@@ -98,11 +153,24 @@ class Estimator:
             error=now.filter.error,
             error_rate_1_s=now.filter.error_rate_1_s,
             gain=now.filter.gain,
-            confidence_gravity=self._settings.reference.s_gravity,
-            confidence_magnetic=self._settings.reference.s_magnetic,
+            confidence_gravity=reference.s_gravity,
+            confidence_magnetic=reference.s_magnetic,
             sigma_inclination_rad=sigma,
             sigma_heading_rad=sigma,
             heading_reference="true",
+        )
+        return published if now.seen is None else self._with_conditioning(published, now.seen)
+
+    def _with_conditioning(self, published: Attitude, seen: Conditioned) -> Attitude:
+        """What the conditioning stage knows about confidence and heading."""
+        has_heading = seen.magnetic_weight > 0.0
+        magnetic = "true" if self.profile.reference.declination_deg else "magnetic"
+        return published._replace(
+            confidence_gravity=seen.gravity_confidence,
+            confidence_magnetic=seen.magnetic_confidence,
+            sigma_inclination_rad=max(seen.sigma_inclination_rad, LEAST_SIGMA_RAD),
+            sigma_heading_rad=min(pi, max(seen.sigma_heading_rad, LEAST_SIGMA_RAD)),
+            heading_reference=magnetic if has_heading else "none",
         )
 
 

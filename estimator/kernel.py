@@ -100,18 +100,19 @@ def bounded(v: Vec3, bound: float) -> Vec3:
 
 
 @compiled
+def turned(state: FilterState, rate_rad_s: Vec3, dt: float, gyr_bias_rad_s: Vec3) -> FilterState:
+    """The attitude turned on by a rate that is free of bias; the bias only recorded."""
+    q = normalize(multiply(state.q_ned_frd, exp(scale(dt, rate_rad_s))))
+    return FilterState(
+        q, gyr_bias_rad_s, state.error, state.error_rate_1_s, state.gain, state.has_error
+    )
+
+
+@compiled
 def propagate(state: FilterState, gyr_rad_s: Vec3, dt: float) -> FilterState:
     """R_hat <- R_hat exp([Omega_m - b_hat]x dt)."""
-    turn = scale(dt, subtract(gyr_rad_s, state.gyr_bias_rad_s))
-    q = normalize(multiply(state.q_ned_frd, exp(turn)))
-    return FilterState(
-        q,
-        state.gyr_bias_rad_s,
-        state.error,
-        state.error_rate_1_s,
-        state.gain,
-        state.has_error,
-    )
+    b = state.gyr_bias_rad_s
+    return turned(state, subtract(gyr_rad_s, b), dt, b)
 
 
 @compiled
