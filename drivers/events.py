@@ -27,7 +27,9 @@ class Imu:
     vehicle: VehicleId
     arrival_us: int
     boot_us: int
-    message: str  # "RAW_IMU", "SCALED_IMU2", "HIGHRES_IMU", "IMU" (DataFlash), "sensor_combined" ...
+    message: (
+        str  # "RAW_IMU", "SCALED_IMU2", "HIGHRES_IMU", "IMU" (DataFlash), "sensor_combined" ...
+    )
     sample: ImuSample
 
 
@@ -108,11 +110,16 @@ class ClockReset:
 
 @dataclass(frozen=True, slots=True)
 class Rejected:
-    """A sample that a check refused; ``reason`` is a short snake_case word to count under."""
+    """A sample that a check refused; ``reason`` is a short snake_case word to count under.
+
+    ``message`` names the stream it came in, as in ``Imu``: a zero second IMU
+    says nothing about the first.
+    """
 
     vehicle: VehicleId
     arrival_us: int
     reason: str
+    message: str = ""
 
 
 @dataclass(frozen=True, slots=True)

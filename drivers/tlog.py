@@ -1,0 +1,211 @@
+"""Telemetry logs (.tlog, and MAVProxy's .log): frames with the times they arrived.
+
+Each record is a big-endian 64-bit Unix time in microseconds and one MAVLink
+frame. Recorders put a link number into the two low bits, write garbage, and
+sometimes a time from another age; none of that stops the reading.
+"""
+
+import mmap
+import re
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from types import TracebackType
+from typing import Any, Self
+
+from drivers.events import Event, Malformed
+from drivers.file_digest import file_sha256
+from drivers.mavlink_codec import FrameParser, MavlinkDecoder, mavlink
+from estimator.errors import InputError
+
+STAMP_SIZE = 8
+MAGIC_V1, MAGIC_V2 = 0xFE, 0xFD
+OVERHEAD_V1, OVERHEAD_V2, SIGNATURE_SIZE = 8, 12, 13
+SIGNED_FLAG = 0x01
+MAGIC = re.compile(rb"[\xfd\xfe]")
+
+STAMP_STEP_US = 86_400 * 1_000_000  # a stamp further than a day from the last needs a witness
+STAMP_BACK_US = 3600 * 1_000_000
+RAW_FRAMES = 3  # that many sound frames end to end are no accident
+
+
+class StampFilter:
+    """Arrival times without the absurd ones.
+
+    A stamp far from the last one counts only if the next agrees with it (a
+    second session in the same file); until then the last good one stands in.
+    """
+
+    def __init__(self) -> None:
+        self._last_us: int | None = None
+        self._candidate_us: int | None = None
+
+    def arrival_us(self, stamp_us: int) -> int:
+        """The time to believe for a record stamped ``stamp_us``."""
+        last_us, candidate_us = self._last_us, self._candidate_us
+        if last_us is None or _near(stamp_us, last_us):
+            self._candidate_us = None
+            self._last_us = stamp_us
+            return stamp_us
+        if candidate_us is not None and _near(stamp_us, candidate_us):
+            self._candidate_us = None
+            self._last_us = stamp_us
+            return stamp_us
+        self._candidate_us = stamp_us
+        return last_us
+
+
+def _near(stamp_us: int, other_us: int) -> bool:
+    return -STAMP_BACK_US <= stamp_us - other_us <= STAMP_STEP_US
+
+
+class Tlog:
+    """A telemetry log as events; each iteration reads the file from its start.
+
+    Raises:
+        InputError: from the constructor, if the file holds no MAVLink frame
+            with a time before it.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        with _mapped(path) as data:
+            if _is_raw_capture(data):
+                raise InputError(
+                    f"{path}: MAVLink without time stamps (a raw capture), use the .tlog beside it"
+                )
+            if next(TlogRecords(data, None).readable(), None) is None:
+                raise InputError(f"{path}: no MAVLink frame in it, not a telemetry log")
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        traceback: TracebackType | None,
+    ) -> None:
+        """Nothing to close: the file is open only while it is iterated."""
+
+    def sha256(self) -> str:
+        """The file's SHA-256, as hexadecimal digits."""
+        return file_sha256(self.path)
+
+    def __iter__(self) -> Iterator[Event]:
+        decoder = MavlinkDecoder()
+        stamps = StampFilter()
+        with _mapped(self.path) as data:
+            for stamp_us, message in TlogRecords(data, decoder.message_names):
+                arrival_us = stamps.arrival_us(stamp_us)
+                if message is None:
+                    yield Malformed(arrival_us, 1)
+                else:
+                    yield from decoder.decode(message, arrival_us)
+
+
+class TlogRecords:
+    """The records of a telemetry log: (stamp in us, message, or None where it is unreadable).
+
+    Only messages whose name is in ``wanted`` are decoded; of the others only the length is used.
+    """
+
+    def __init__(self, data: mmap.mmap | bytes, wanted: frozenset[str]) -> None:
+        self._data = data
+        self._parser = FrameParser()
+        kinds = mavlink().mavlink_map
+        self._known_ids = frozenset(kinds)
+        self._wanted_ids = frozenset(
+            number for number, kind in kinds.items() if wanted is None or kind.msgname in wanted
+        )
+
+    def __iter__(self) -> Iterator[tuple[int, Any | None]]:
+        size, position, stamp_us = len(self._data), 0, 0
+        while position + STAMP_SIZE < size:
+            end = self._record_end(position)
+            in_chain = end is not None and self._begins_record(end)
+            if end is not None and in_chain:
+                stamp_us = self._stamp_us(position)
+                if self._message_id(position) not in self._wanted_ids:
+                    position = end
+                    continue
+            message = self._decode(position, end)
+            if end is None or (message is None and not in_chain):
+                yield stamp_us, None
+                position = self._next_readable(position + 1)
+                continue
+            if message is None:
+                yield stamp_us, None
+            elif message.get_msgId() in self._wanted_ids:
+                stamp_us = self._stamp_us(position)
+                yield stamp_us, message
+            position = end
+
+    def readable(self) -> Iterator[tuple[int, Any]]:
+        """The records without the unreadable ones."""
+        return ((stamp_us, message) for stamp_us, message in self if message is not None)
+
+    def _stamp_us(self, position: int) -> int:
+        return int.from_bytes(self._data[position : position + STAMP_SIZE], "big")
+
+    def _record_end(self, position: int) -> int | None:
+        end = frame_end(self._data, position + STAMP_SIZE)
+        return end if end is not None and end <= len(self._data) else None
+
+    def _begins_record(self, position: int) -> bool:
+        start = position + STAMP_SIZE
+        if start >= len(self._data):
+            return True  # nothing follows that could contradict
+        return self._data[start] in (MAGIC_V1, MAGIC_V2)
+
+    def _message_id(self, position: int) -> int:
+        data, start = self._data, position + STAMP_SIZE
+        if data[start] == MAGIC_V1:
+            return data[start + 5]
+        return int.from_bytes(data[start + 7 : start + 10], "little")
+
+    def _decode(self, position: int, end: int | None) -> Any | None:
+        if end is None:
+            return None
+        return self._parser.frame(self._data[position + STAMP_SIZE : end])
+
+    def _next_readable(self, position: int) -> int:
+        """Where the next record with a frame of sound checksum begins, or the data's end."""
+        for magic in MAGIC.finditer(self._data, position + STAMP_SIZE):
+            start = magic.start() - STAMP_SIZE
+            end = self._record_end(start)
+            if end is None or self._message_id(start) not in self._known_ids:
+                continue
+            if self._decode(start, end) is not None:
+                return start
+        return len(self._data)
+
+
+def frame_end(data: mmap.mmap | bytes, start: int) -> int | None:
+    """Where the frame that begins at ``start`` ends by its own header; None if none begins."""
+    if start + OVERHEAD_V1 > len(data):
+        return None
+    magic, length = data[start], data[start + 1]
+    if magic == MAGIC_V1:
+        return start + length + OVERHEAD_V1
+    if magic == MAGIC_V2:
+        signature = SIGNATURE_SIZE if data[start + 2] & SIGNED_FLAG else 0
+        return start + length + OVERHEAD_V2 + signature
+    return None
+
+
+def _is_raw_capture(data: mmap.mmap | bytes) -> bool:
+    """Whether the data begins with frames one behind the other, without times between."""
+    parser, position = FrameParser(), 0
+    for _ in range(RAW_FRAMES):
+        end = frame_end(data, position)
+        if end is None or end > len(data) or parser.frame(data[position:end]) is None:
+            return False
+        position = end
+    return True
+
+
+@contextmanager
+def _mapped(path: Path) -> Iterator[mmap.mmap]:
+    with path.open("rb") as file, mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as data:
+        yield data

@@ -1,0 +1,267 @@
+"""The vehicle's own time, made continuous.
+
+An autopilot stamps its messages with up to three clocks: ``time_usec`` of the
+IMU messages, ``time_boot_ms`` of most others, and the time of GPS_RAW_INT.
+They are usually one clock, but old firmware wraps the first at 2^32 us, some
+run a constant 2.3 to 2.6 s apart, and the last may be Unix time. Clocks start
+anew when the vehicle reboots, and leap when a recorder joins two sessions.
+
+``VehicleClock`` puts all of that on one line of time: that of the IMU
+messages, with reboots and jumps cut out. Nothing here reads the host's clock:
+arrival times come in with the data, and only tell a gap from a jump.
+"""
+
+from collections import deque
+from enum import Enum
+from typing import Literal, NamedTuple
+
+SECOND_US = 1_000_000
+
+REORDERED_US = 1 * SECOND_US  # further back than links reorder: the clock began anew
+JUMP_US = 5 * SECOND_US  # real gaps agree with arrivals within 4 s (p99 of late arrivals)
+LATENESS_LIMIT_US = 30 * SECOND_US  # a sample may be held back this long; seen: 14 s
+LOST_TIME_US = 60 * SECOND_US  # arrivals say that much more time passed: another session
+ORDINARY_STEP_US = 2 * SECOND_US  # a step this short is the same session, whatever arrivals say
+CLOCK_DRIFT = 0.005  # boot clocks ran up to 136 ms a minute slow
+CUT_STEP_US = 20_000  # put in the place of what a reboot or a jump cut out
+
+OFFSET_SAMPLES = 64  # enough for a median through 0.4 s of jitter
+SAME_CLOCK_US = 1 * SECOND_US  # closer clocks are one clock; others were 2.3 s apart or more
+
+WRAP_32_US = 2**32
+
+
+class TimeField(Enum):
+    """Which of the vehicle's clocks a message carries; the value is its wrap in us, if any."""
+
+    TIME_USEC = WRAP_32_US
+    BOOT_MS = WRAP_32_US * 1000
+    GPS = None
+
+
+class Reset(NamedTuple):
+    """A clock began anew or leapt; ``step_us`` is how far it moved, signed."""
+
+    reason: Literal["reboot", "jump"]
+    step_us: int
+
+
+class Reading(NamedTuple):
+    """An unwrapped clock value."""
+
+    boot_us: int
+    reset: Reset | None
+
+
+class Placed(NamedTuple):
+    """A message's place in time: continuous, and on the vehicle's own unwrapped clock."""
+
+    time_us: int
+    boot_us: int
+    reset: Reset | None
+
+
+class Refused(NamedTuple):
+    """Why a message has no place in time, as a word to count under."""
+
+    reason: Literal["duplicate", "out_of_order", "clock_step", "no_clock"]
+
+
+class ClockLine:
+    """One clock of one vehicle: unwrapped, with reboots and jumps told from gaps.
+
+    A step that no gap explains counts only once the next message agrees with
+    it, so a single garbled time changes nothing.
+    """
+
+    def __init__(self, wrap_us: int | None) -> None:
+        self._wrap_us = wrap_us
+        self._wrapped_us = 0
+        self._started = False
+        self._candidate: tuple[int, int] | None = None
+        self._floor_us = 0  # smallest arrival - boot, with drift
+        self.boot_us = 0
+        self.arrival_us = 0
+
+    def advance(self, raw_us: int, arrival_us: int) -> Reading | None:
+        """The unwrapped time of a message, or None while a large step is unconfirmed."""
+        if not self._started:
+            self._started = True
+            self._restart(raw_us, arrival_us)
+            return Reading(raw_us, None)
+        boot_us = self._unwrap(raw_us, arrival_us)
+        reason = self._judge(boot_us - self.boot_us, arrival_us - self.arrival_us)
+        if reason is None:
+            self._candidate = None
+            self._accept(boot_us, arrival_us)
+            return Reading(boot_us, None)
+        if not self._confirms(boot_us, arrival_us):
+            return None
+        reset = Reset(reason, boot_us - self.boot_us)
+        self._restart(boot_us, arrival_us)
+        return Reading(boot_us, reset)
+
+    def _unwrap(self, raw_us: int, arrival_us: int) -> int:
+        boot_us = raw_us + self._wrapped_us
+        wrap_us = self._wrap_us
+        if wrap_us is None or self.boot_us - boot_us < wrap_us // 2:
+            return boot_us
+        step_us = boot_us + wrap_us - self.boot_us
+        last_raw_us = self.boot_us - self._wrapped_us
+        is_wrap = last_raw_us < wrap_us and step_us >= -REORDERED_US
+        if is_wrap and self._judge(step_us, arrival_us - self.arrival_us) is None:
+            self._wrapped_us += wrap_us
+            return boot_us + wrap_us
+        return boot_us
+
+    def _judge(self, step_us: int, elapsed_us: int) -> Literal["reboot", "jump"] | None:
+        elapsed_us = max(elapsed_us, 0)
+        if step_us < -REORDERED_US:
+            return "reboot"
+        lateness_us = min(self.arrival_us - self.boot_us - self._floor_us, LATENESS_LIMIT_US)
+        if step_us - elapsed_us > JUMP_US + lateness_us:
+            return "jump"
+        if step_us > ORDINARY_STEP_US and elapsed_us - step_us > LOST_TIME_US:
+            return "jump"
+        return None
+
+    def _confirms(self, boot_us: int, arrival_us: int) -> bool:
+        candidate = self._candidate
+        if candidate is not None and boot_us == candidate[0]:
+            return False
+        self._candidate = (boot_us, arrival_us)
+        if candidate is None:
+            return False
+        step_us, elapsed_us = boot_us - candidate[0], max(arrival_us - candidate[1], 0)
+        return step_us > 0 and step_us - elapsed_us <= JUMP_US
+
+    def _accept(self, boot_us: int, arrival_us: int) -> None:
+        if boot_us <= self.boot_us:
+            return
+        elapsed_us = arrival_us - self.arrival_us
+        offset_us = arrival_us - boot_us
+        host_stepped = elapsed_us < 0 or elapsed_us - (boot_us - self.boot_us) > LOST_TIME_US
+        risen_us = self._floor_us + int(CLOCK_DRIFT * elapsed_us)
+        self._floor_us = offset_us if host_stepped else min(risen_us, offset_us)
+        self.boot_us, self.arrival_us = boot_us, arrival_us
+
+    def _restart(self, boot_us: int, arrival_us: int) -> None:
+        self._candidate = None
+        self._floor_us = arrival_us - boot_us
+        self.boot_us, self.arrival_us = boot_us, arrival_us
+
+
+class ClockOffset:
+    """The constant distance of one clock from another, learnt as a running median."""
+
+    def __init__(self) -> None:
+        self._samples_us: deque[int] = deque(maxlen=OFFSET_SAMPLES)  # the oldest is dropped
+        self._since_median = 0
+        self._offset_us = 0
+
+    def learn(self, sample_us: int) -> int:
+        """Take one estimate in; the offset in us, exactly 0 (or a whole wrap) for one clock."""
+        self._samples_us.append(sample_us)
+        self._since_median += 1
+        if len(self._samples_us) < OFFSET_SAMPLES or self._since_median >= OFFSET_SAMPLES // 4:
+            self._since_median = 0
+            median_us = sorted(self._samples_us)[len(self._samples_us) // 2]
+            whole_us = round(median_us / WRAP_32_US) * WRAP_32_US
+            same_clock = abs(median_us - whole_us) < SAME_CLOCK_US
+            self._offset_us = whole_us if same_clock else median_us
+        return self._offset_us
+
+
+class VehicleClock:
+    """All clocks of one vehicle on one continuous line of time.
+
+    The line is ``time_usec`` of the IMU messages, or ``time_boot_ms`` for a
+    vehicle that sends nothing else. Times of the other clocks are moved onto
+    it by their learnt offset; each restarts when it or the line is reset.
+    """
+
+    def __init__(self) -> None:
+        self._lines = {field: ClockLine(field.value) for field in TimeField}
+        self._offsets = {field: ClockOffset() for field in TimeField}
+        self._primary: TimeField | None = None
+        self._shift_us = 0  # continuous time - boot clock, on the primary line
+        self._latest_us = 0  # the latest continuous time given
+        self._streams: dict[tuple[TimeField, str], Placed] = {}
+        self._waiting: set[TimeField] = set()  # began anew; the line of time may be about to
+
+    def imu(self, message: str, field: TimeField, raw_us: int, arrival_us: int) -> Placed | Refused:
+        """Place an IMU message; within one ``message`` the times given only ever grow."""
+        if self._primary is None:
+            self._primary = field
+        elif field is TimeField.TIME_USEC and self._primary is TimeField.BOOT_MS:
+            self._promote(raw_us, arrival_us)
+        return self._in_order(message, field, self._place(field, raw_us, arrival_us))
+
+    def other(
+        self, message: str, field: TimeField, raw_us: int, arrival_us: int
+    ) -> Placed | Refused:
+        """Place another message, once an IMU message has started the line of time."""
+        if self._primary is None:
+            return Refused("no_clock")
+        return self._in_order(message, field, self._place(field, raw_us, arrival_us))
+
+    def _promote(self, raw_us: int, arrival_us: int) -> None:
+        """Let ``time_usec`` take the line over, without a break in time."""
+        old = self._lines[TimeField.BOOT_MS]
+        elapsed_us = max(arrival_us - old.arrival_us, 0)
+        now_us = max(old.boot_us + self._shift_us + elapsed_us, self._latest_us)
+        self._primary = TimeField.TIME_USEC
+        self._shift_us = now_us - raw_us
+        self._offsets = {field: ClockOffset() for field in TimeField}
+
+    def _place(self, field: TimeField, raw_us: int, arrival_us: int) -> Placed | Refused:
+        reading = self._lines[field].advance(raw_us, arrival_us)
+        if reading is None:
+            return Refused("clock_step")
+        if reading.reset is not None:
+            self._forget(field)
+        if field is self._primary:
+            return self._on_line(reading)
+        if field in self._waiting:
+            return Refused("no_clock")
+        return self._beside_line(field, reading, arrival_us)
+
+    def _on_line(self, reading: Reading) -> Placed:
+        if reading.reset is not None:
+            self._shift_us = self._latest_us + CUT_STEP_US - reading.boot_us
+            self._offsets = {field: ClockOffset() for field in TimeField}
+        self._waiting.clear()
+        time_us = reading.boot_us + self._shift_us
+        self._latest_us = max(self._latest_us, time_us)
+        return Placed(time_us, reading.boot_us, reading.reset)
+
+    def _beside_line(self, field: TimeField, reading: Reading, arrival_us: int) -> Placed:
+        assert self._primary is not None
+        line = self._lines[self._primary]
+        line_now_us = line.boot_us + max(arrival_us - line.arrival_us, 0)
+        offset_us = self._offsets[field].learn(reading.boot_us - line_now_us)
+        time_us = reading.boot_us - offset_us + self._shift_us
+        if field is not TimeField.GPS:
+            self._latest_us = max(self._latest_us, time_us)
+        return Placed(time_us, reading.boot_us, None)
+
+    def _forget(self, field: TimeField) -> None:
+        self._offsets[field] = ClockOffset()
+        self._streams = {key: last for key, last in self._streams.items() if key[0] is not field}
+        self._waiting.add(field)
+
+    def _in_order(
+        self, message: str, field: TimeField, placed: Placed | Refused
+    ) -> Placed | Refused:
+        if isinstance(placed, Refused):
+            return placed
+        last = self._streams.get((field, message))
+        if last is not None:
+            if placed.boot_us == last.boot_us:
+                return Refused("duplicate")
+            if placed.boot_us < last.boot_us:
+                return Refused("out_of_order")
+            if placed.time_us <= last.time_us:  # a learnt offset moved
+                placed = placed._replace(time_us=last.time_us + 1)
+        self._streams[field, message] = placed
+        return placed
