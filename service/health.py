@@ -1,0 +1,91 @@
+"""The health of one vehicle's estimate: states and allowed transitions as one table.
+
+Silence is data: the states follow from the samples that arrive and from how
+long none has arrived. Times are given, no clock is read.
+"""
+
+from enum import StrEnum
+from typing import NamedTuple
+
+
+class State(StrEnum):
+    """What the published attitude is worth."""
+
+    WAITING = "waiting"  # the vehicle is there, its IMU has said nothing yet
+    ALIGNING = "aligning"  # IMU data arrive, no attitude yet
+    RUNNING = "running"  # attitude from fresh data
+    DEGRADED = "degraded"  # attitude, extrapolated: the IMU is silent
+    LOST = "lost"  # silent for so long that no attitude is published
+
+
+class Signal(StrEnum):
+    """What can happen to a state."""
+
+    SAMPLE = "sample"  # an IMU sample came, the estimator is not aligned
+    ALIGNED = "aligned"  # an IMU sample came, the estimator is aligned
+    LATE = "late"  # no IMU sample for late_after_us
+    SILENT = "silent"  # no IMU sample for lost_after_us
+
+
+TRANSITIONS: dict[tuple[State, Signal], State] = {
+    (State.WAITING, Signal.SAMPLE): State.ALIGNING,
+    (State.WAITING, Signal.ALIGNED): State.RUNNING,
+    (State.ALIGNING, Signal.ALIGNED): State.RUNNING,
+    (State.ALIGNING, Signal.SILENT): State.LOST,
+    (State.RUNNING, Signal.SAMPLE): State.ALIGNING,  # the clock began anew
+    (State.RUNNING, Signal.LATE): State.DEGRADED,
+    (State.RUNNING, Signal.SILENT): State.LOST,
+    (State.DEGRADED, Signal.SAMPLE): State.ALIGNING,
+    (State.DEGRADED, Signal.ALIGNED): State.RUNNING,
+    (State.DEGRADED, Signal.SILENT): State.LOST,
+    (State.LOST, Signal.SAMPLE): State.ALIGNING,
+    (State.LOST, Signal.ALIGNED): State.RUNNING,
+}
+"""Every pair that is not listed leaves the state as it is."""
+
+HAS_ATTITUDE = frozenset({State.RUNNING, State.DEGRADED})
+
+LATE_MINIMUM_US = 500_000
+LATE_PERIODS = 3
+LOST_MINIMUM_US = 5_000_000
+LOST_PERIODS = 10
+
+
+class Health(NamedTuple):
+    """The state and when the last IMU sample arrived (host time; None before the first)."""
+
+    state: State = State.WAITING
+    last_arrival_us: int | None = None
+
+
+def after(state: State, signal: Signal) -> State:
+    """The state that follows."""
+    return TRANSITIONS.get((state, signal), state)
+
+
+def late_after_us(median_period_us: float) -> float:
+    """Silence that makes a running estimate degraded: max(0.5 s, 3 median periods)."""
+    return max(LATE_MINIMUM_US, LATE_PERIODS * median_period_us)
+
+
+def lost_after_us(median_period_us: float) -> float:
+    """Silence after which a vehicle is lost: max(5 s, 10 median periods)."""
+    return max(LOST_MINIMUM_US, LOST_PERIODS * median_period_us)
+
+
+def on_sample(health: Health, arrival_us: int, *, aligned: bool) -> Health:
+    """The health after an IMU sample."""
+    signal = Signal.ALIGNED if aligned else Signal.SAMPLE
+    return Health(after(health.state, signal), arrival_us)
+
+
+def on_time(health: Health, now_us: int, median_period_us: float) -> Health:
+    """The health at ``now_us``, given the IMU's median period (0 if unknown)."""
+    if health.last_arrival_us is None:
+        return health
+    silence_us = now_us - health.last_arrival_us
+    if silence_us >= lost_after_us(median_period_us):
+        return health._replace(state=after(health.state, Signal.SILENT))
+    if silence_us >= late_after_us(median_period_us):
+        return health._replace(state=after(health.state, Signal.LATE))
+    return health

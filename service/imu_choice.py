@@ -1,0 +1,56 @@
+"""Which of a vehicle's IMU messages feeds the estimator.
+
+Messages of one vehicle may come from different IMUs, mounted and calibrated
+differently, so they are never mixed: one is chosen, and another takes over
+only when the chosen one goes silent or a preferred one proves steady.
+"""
+
+from typing import NamedTuple
+
+PREFERENCE = (
+    "RAW_IMU",
+    "HIGHRES_IMU",
+    "SCALED_IMU",
+    "SCALED_IMU2",
+    "SCALED_IMU3",
+)
+STEADY_SAMPLES = 3  # of a preferred message before it takes over
+
+
+class ImuChoice(NamedTuple):
+    """The message in use, when it last arrived, and a preferred one that is proving itself."""
+
+    message: str | None = None
+    last_arrival_us: int = 0
+    candidate: str | None = None
+    candidate_samples: int = 0
+    candidate_arrival_us: int = 0
+
+
+def rank(message: str) -> int:
+    """Place in the order of preference; log formats' own names come last, all alike."""
+    return PREFERENCE.index(message) if message in PREFERENCE else len(PREFERENCE)
+
+
+def consider(choice: ImuChoice, message: str, arrival_us: int, late_after_us: float) -> ImuChoice:
+    """The choice after ``message`` arrived; it is in use if ``.message`` equals it.
+
+    ``late_after_us`` is the silence after which the message in use has failed.
+    """
+    if choice.message is None:
+        return ImuChoice(message, arrival_us)
+    if message == choice.message:
+        return choice._replace(last_arrival_us=arrival_us)
+    if arrival_us - choice.last_arrival_us > late_after_us:
+        return ImuChoice(message, arrival_us)
+    if rank(message) >= rank(choice.message):
+        return choice
+    steady = (
+        choice.candidate == message and arrival_us - choice.candidate_arrival_us <= late_after_us
+    )
+    count = choice.candidate_samples + 1 if steady else 1
+    if count >= STEADY_SAMPLES:
+        return ImuChoice(message, arrival_us)
+    return choice._replace(
+        candidate=message, candidate_samples=count, candidate_arrival_us=arrival_us
+    )

@@ -1,0 +1,63 @@
+"""Requests to replace a profile: asked on other threads, answered by the loop's."""
+
+from collections.abc import Callable
+from concurrent.futures import Future
+from queue import Empty, Full, Queue
+from typing import Any, NamedTuple
+
+from drivers.events import VehicleId
+from estimator.errors import InputError
+from estimator.profile import Profile
+
+# Replacements are rare and by hand; a flood is refused, not queued.
+MAX_PENDING = 16
+ANSWER_TIMEOUT_S = 2.0
+
+Replace = Callable[[VehicleId, dict[str, Any]], Profile]
+
+
+class _Request(NamedTuple):
+    vehicle: VehicleId
+    partial: dict[str, Any]
+    answer: "Future[Profile]"
+
+
+class ParameterRequests:
+    """A mailbox between the threads that ask and the loop that owns the estimators."""
+
+    def __init__(self) -> None:
+        self._queue: Queue[_Request] = Queue(MAX_PENDING)
+
+    def ask(self, vehicle: VehicleId, partial: dict[str, Any]) -> Profile:
+        """Have the loop replace a profile; blocks until it did.
+
+        Raises:
+            InputError: the loop refused it.
+            TimeoutError: the loop is too busy, or not running.
+        """
+        answer: Future[Profile] = Future()
+        try:
+            self._queue.put_nowait(_Request(vehicle, partial, answer))
+        except Full:
+            raise TimeoutError("too many requests") from None
+        try:
+            return answer.result(ANSWER_TIMEOUT_S)
+        except TimeoutError:
+            answer.cancel()
+            raise TimeoutError("the service did not answer in time") from None
+
+    def serve(self, replace: Replace) -> None:
+        """Answer what waits; called by the loop."""
+        while True:
+            try:
+                request = self._queue.get_nowait()
+            except Empty:
+                return
+            if not request.answer.set_running_or_notify_cancel():
+                continue
+            try:
+                profile = replace(request.vehicle, request.partial)
+            except InputError as error:
+                request.answer.set_exception(error)
+            else:
+                request.answer.set_result(profile)

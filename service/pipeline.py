@@ -1,0 +1,159 @@
+"""Events in, attitude and status records out. No I/O and no clock: times are given.
+
+Everything here can be replayed from a recording: the estimators see the
+samples only, never the ticks, so their states at the samples do not depend on
+when or how often attitudes are published.
+"""
+
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+from drivers.events import (
+    ClockReset,
+    Event,
+    Heartbeat,
+    Imu,
+    LinkDown,
+    LinkUp,
+    Malformed,
+    Notice,
+    Position,
+    Rejected,
+    Velocity,
+    VehicleId,
+)
+from estimator.errors import InputError
+from estimator.estimator import Estimator
+from estimator.profile import Profile, merge_profile
+from service.records import Message, Output, Published
+from service.vehicle import Vehicle
+
+# A system id has one vehicle; more than this on one link is noise or an attack.
+MAX_VEHICLES = 256
+STATUS_PERIOD_US = 1_000_000
+
+AUTOPILOT_INVALID = 8  # MAV_AUTOPILOT_INVALID: a ground station, a camera, an ADS-B receiver
+TYPE_GCS = 6  # MAV_TYPE_GCS
+
+
+class Load(NamedTuple):
+    """What the loop lost so far: ticks that came late, events and records thrown away."""
+
+    overruns: int = 0
+    dropped: int = 0
+
+
+class Pipeline:
+    """One estimator per vehicle, from events to records.
+
+    ``new_estimator`` makes an estimator for a profile. ``system_id`` limits the
+    pipeline to one vehicle.
+    """
+
+    def __init__(
+        self,
+        profile: Profile,
+        *,
+        system_id: int | None = None,
+        new_estimator: Callable[[Profile], Estimator] = Estimator,
+    ) -> None:
+        self.profile = profile
+        self.malformed = 0
+        self.refused_vehicles = 0
+        self._system_id = system_id
+        self._new_estimator = new_estimator
+        self._vehicles: dict[VehicleId, Vehicle] = {}
+        self._next_status_us: int | None = None
+
+    @property
+    def vehicles(self) -> tuple[Vehicle, ...]:
+        """All vehicles so far, in the order of their appearance."""
+        return tuple(self._vehicles.values())
+
+    def handle(self, event: Event) -> list[Output]:
+        """Take one event; what has to be told at once comes back."""
+        match event:
+            case Imu(vehicle=address):
+                vehicle = self._vehicle(address)
+                return [] if vehicle is None else _messages(vehicle.on_imu(event))
+            case ClockReset(vehicle=address):
+                vehicle = self._vehicles.get(address)
+                return [] if vehicle is None else _messages(vehicle.on_clock_reset(event))
+            case Velocity(vehicle=address):
+                if address in self._vehicles:
+                    self._vehicles[address].on_velocity(event)
+            case Position(vehicle=address):
+                if address in self._vehicles:
+                    self._vehicles[address].on_position(event)
+            case Rejected(vehicle=address, reason=reason):
+                vehicle = self._vehicle(address)
+                if vehicle is not None:
+                    vehicle.reject(reason)
+            case Heartbeat(vehicle=address, autopilot=autopilot, vehicle_type=kind):
+                if autopilot != AUTOPILOT_INVALID and kind != TYPE_GCS:
+                    self._vehicle(address)
+            case Malformed(frames=frames):
+                self.malformed += frames
+            case Notice(vehicle=address, text=text):
+                if address is None or self._is_wanted(address):
+                    return [Message(text)]
+            case LinkUp(endpoint=endpoint):
+                return [Message(f"{endpoint}: connected")]
+            case LinkDown(endpoint=endpoint, reason=reason):
+                return [Message(f"{endpoint}: {reason}")]
+        return []
+
+    def tick(self, now_us: int, load: Load = Load()) -> list[Output]:  # noqa: B008 - immutable
+        """The attitudes at ``now_us`` (host time), and each second the statuses."""
+        outputs: list[Output] = []
+        status_due = self._status_due(now_us)
+        for vehicle in self._vehicles.values():
+            outputs.extend(_messages(vehicle.on_time(now_us)))
+            attitude = vehicle.attitude(now_us)
+            if attitude is not None:
+                outputs.append(Published(vehicle.address, attitude))
+            if status_due:
+                outputs.append(Published(vehicle.address, vehicle.status(now_us, *load)))
+        return outputs
+
+    def replace_profile(self, address: VehicleId, partial: dict[str, Any]) -> Profile:
+        """Use a vehicle's profile with the keys of ``partial`` replaced; returns it.
+
+        Raises:
+            InputError: no such vehicle, unknown keys or values out of bounds.
+        """
+        vehicle = self._vehicles.get(address)
+        if vehicle is None:
+            raise InputError(f"no vehicle {address.system_id}-{address.component_id}")
+        profile = merge_profile(vehicle.profile, partial)
+        vehicle.replace_profile(profile)
+        return profile
+
+    def _vehicle(self, address: VehicleId) -> Vehicle | None:
+        """The vehicle of that address, a new one if need be; None if it is not wanted."""
+        vehicle = self._vehicles.get(address)
+        if vehicle is not None or not self._is_wanted(address):
+            return vehicle
+        if len(self._vehicles) >= MAX_VEHICLES:
+            self.refused_vehicles += 1
+            return None
+        vehicle = Vehicle(address, self.profile, self._new_estimator(self.profile))
+        self._vehicles[address] = vehicle
+        return vehicle
+
+    def _is_wanted(self, address: VehicleId) -> bool:
+        return self._system_id is None or address.system_id == self._system_id
+
+    def _status_due(self, now_us: int) -> bool:
+        due = self._next_status_us
+        if due is None or not due - STATUS_PERIOD_US <= now_us < due + STATUS_PERIOD_US:
+            self._next_status_us = now_us + STATUS_PERIOD_US  # the first, or the clock was set
+            return True
+        if now_us < due:
+            return False
+        self._next_status_us = due + STATUS_PERIOD_US
+        return True
+
+
+def _messages(texts: list[str]) -> list[Output]:
+    return [Message(text) for text in texts]

@@ -1,0 +1,137 @@
+"""The only loop: source to pipeline to sinks, on an absolute schedule.
+
+Tick n is due at start + n periods, so ticks do not drift. A tick that starts
+more than a period late is an overrun: counted, published, and made up for at
+once, so that the rate holds over a short stall. After a long one (a suspended
+computer) the missed ticks are skipped.
+"""
+
+import signal
+import threading
+import time
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from types import FrameType
+from typing import Protocol
+
+from drivers.events import Event
+from service.outbox import Outbox
+from service.parameters import ParameterRequests
+from service.pipeline import Load, Pipeline
+from service.records import Output
+
+MAX_CATCH_UP_S = 0.25
+# Between ticks the loop looks at its stop flag and mailbox this often.
+MAX_WAIT_S = 0.1
+
+
+class LiveSource(Protocol):
+    """What the loop needs of a source."""
+
+    @property
+    def dropped(self) -> int:
+        """Events thrown away because the loop was too slow."""
+
+    @property
+    def finished(self) -> bool:
+        """Whether nothing will come any more: the end of a log."""
+
+    def drain(self, timeout_s: float) -> list[Event]:
+        """All events that wait, after waiting at most ``timeout_s`` for the first."""
+
+
+class Runner:
+    """Runs a pipeline until stopped.
+
+    ``now_us`` is the host time that arrivals are stamped with (Unix time for
+    live sources); ``observers`` see each event before the pipeline does.
+    """
+
+    def __init__(
+        self,
+        source: LiveSource,
+        pipeline: Pipeline,
+        outbox: Outbox,
+        *,
+        rate_hz: float,
+        now_us: Callable[[], int] = lambda: time.time_ns() // 1000,
+        requests: ParameterRequests | None = None,
+        observers: Sequence[Callable[[Event], None]] = (),
+    ) -> None:
+        self.overruns = 0
+        self.ticks = 0
+        self._source = source
+        self._pipeline = pipeline
+        self._outbox = outbox
+        self._period_s = 1.0 / rate_hz
+        self._now_us = now_us
+        self._requests = requests
+        self._observers = tuple(observers)
+        self._stop = threading.Event()
+
+    def stop(self) -> None:
+        """End the loop at its next turn; from any thread or signal handler."""
+        self._stop.set()
+
+    def run(self, seconds: float | None = None) -> None:
+        """Loop until stopped, for ``seconds`` if given, or to the end of a finite source."""
+        start_s = time.monotonic()
+        end_s = None if seconds is None else start_s + seconds
+        due_s = start_s + self._period_s
+        while not self._stop.is_set() and not self._source.finished:
+            now_s = time.monotonic()
+            if end_s is not None and now_s >= end_s:
+                break
+            if now_s >= due_s:
+                self._tick()
+                due_s = self._next_due_s(due_s, now_s)
+            self._take(min(MAX_WAIT_S, max(0.0, due_s - time.monotonic())))
+        self._tick()  # what came last is published, too
+
+    def _take(self, timeout_s: float) -> None:
+        outputs: list[Output] = []
+        for event in self._source.drain(timeout_s):
+            for observe in self._observers:
+                observe(event)
+            outputs.extend(self._pipeline.handle(event))
+        if self._requests is not None:
+            self._requests.serve(self._pipeline.replace_profile)
+        self._outbox.put(outputs)
+
+    def _tick(self) -> None:
+        load = Load(self.overruns, self._source.dropped + self._outbox.dropped)
+        self._outbox.put(self._pipeline.tick(self._now_us(), load))
+        self.ticks += 1
+
+    def _next_due_s(self, due_s: float, now_s: float) -> float:
+        late_s = now_s - due_s
+        if late_s <= self._period_s:
+            return due_s + self._period_s
+        if late_s <= MAX_CATCH_UP_S:
+            self.overruns += 1
+            return due_s + self._period_s
+        missed = int(late_s / self._period_s)
+        self.overruns += missed
+        return due_s + (missed + 1) * self._period_s
+
+
+@contextmanager
+def stop_on_signals(stop: Callable[[], None]) -> Iterator[None]:
+    """Call ``stop`` at the first SIGINT or SIGTERM; a second one has its usual effect."""
+    chosen = (signal.SIGINT, signal.SIGTERM)
+    if threading.current_thread() is not threading.main_thread():
+        yield  # only the main thread may set handlers; elsewhere the owner calls stop
+        return
+    before = {number: signal.getsignal(number) for number in chosen}
+
+    def on_signal(number: int, _frame: FrameType | None) -> None:
+        signal.signal(number, before[number])
+        stop()
+
+    for number in chosen:
+        signal.signal(number, on_signal)
+    try:
+        yield
+    finally:
+        for number in chosen:
+            signal.signal(number, before[number])

@@ -1,0 +1,90 @@
+"""What a sink is: a place where records go, and the thread that keeps it off the loop."""
+
+import threading
+from collections import deque
+from collections.abc import Sequence
+from typing import Protocol
+
+from service.records import Output
+
+
+class Sink(Protocol):
+    """Somewhere outputs go. All calls come from one thread, the sink's own."""
+
+    @property
+    def name(self) -> str:
+        """A word for messages to a person."""
+
+    def handle(self, outputs: Sequence[Output]) -> None:
+        """Take the outputs of one turn of the loop. May block or raise: only this sink suffers."""
+
+    def close(self) -> None:
+        """Release everything; called once."""
+
+
+# Turns of the loop a sink may lag behind: 0.6 s at 100 Hz, after that attitudes are stale.
+MAX_PENDING = 64
+
+
+class Outlet:
+    """Runs a sink in a thread of its own, so that it can neither stop nor break the loop.
+
+    The queue is bounded: when the sink lags, the oldest outputs are dropped and
+    counted, because the newest attitude is worth most.
+    """
+
+    def __init__(self, sink: Sink) -> None:
+        self.sink = sink
+        self.dropped = 0
+        self.errors = 0
+        self._last_error: str | None = None
+        self._pending: deque[Sequence[Output]] = deque()
+        self._closing = False
+        self._changed = threading.Condition()
+        # a daemon: a sink that blocks for ever must not keep the process alive
+        self._thread = threading.Thread(target=self._work, name=sink.name, daemon=True)
+        self._thread.start()
+
+    def put(self, outputs: Sequence[Output]) -> None:
+        """Hand over outputs; never blocks."""
+        with self._changed:
+            if len(self._pending) >= MAX_PENDING:
+                self.dropped += len(self._pending.popleft())
+            self._pending.append(outputs)
+            self._changed.notify()
+
+    def take_error(self) -> str | None:
+        """The latest error, once: a text that has not been told yet."""
+        error, self._last_error = self._last_error, None
+        return error
+
+    def close(self, timeout_s: float) -> bool:
+        """Deliver what is pending and close the sink; False if it did not end in time."""
+        with self._changed:
+            self._closing = True
+            self._changed.notify()
+        self._thread.join(timeout_s)
+        return not self._thread.is_alive()
+
+    def _work(self) -> None:
+        while (outputs := self._next()) is not None:
+            try:
+                self.sink.handle(outputs)
+            except Exception as error:  # noqa: BLE001 - whatever a sink does, the others go on
+                self._note(error)
+        try:
+            self.sink.close()
+        except Exception as error:  # noqa: BLE001
+            self._note(error)
+
+    def _next(self) -> Sequence[Output] | None:
+        with self._changed:
+            while not self._pending and not self._closing:
+                self._changed.wait()
+            return self._pending.popleft() if self._pending else None
+
+    def _note(self, error: Exception) -> None:
+        """Repeated errors are counted; the first and every hundredth are told."""
+        if self.errors % 100 == 0:
+            self._last_error = f"{self.sink.name}: {error or type(error).__name__}"
+        self.errors += 1

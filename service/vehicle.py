@@ -1,0 +1,184 @@
+"""One vehicle as the service sees it: its estimator, clock, health and counts."""
+
+from collections import Counter, deque
+from statistics import median
+
+from drivers.events import ClockReset, Imu, Position, VehicleId, Velocity
+from estimator.estimator import Estimator
+from estimator.profile import Profile
+from service import health, host_clock, imu_choice
+from service.health import Health, State
+from service.host_clock import HostClock
+from service.imu_choice import ImuChoice
+from service.records import AttitudeRecord, Stamp, StatusRecord, attitude_record, vehicle_name
+
+# Enough for a steady median, few enough to follow a stream whose rate was changed.
+PERIODS_KEPT = 51
+# More reasons than the checks have; a source that invents them must not fill memory.
+MAX_REASONS = 64
+
+
+class Vehicle:
+    """Everything that changes with one vehicle's events and with time.
+
+    Methods return lines for a person: changes of state and of the IMU message.
+    """
+
+    def __init__(self, address: VehicleId, profile: Profile, estimator: Estimator) -> None:
+        self.address = address
+        self.name = vehicle_name(address)
+        self.profile = profile
+        self.estimator = estimator
+        self.samples = 0
+        self.attitudes = 0
+        self.rejected: Counter[str] = Counter()
+        self.worst_gap_us = 0
+        self._statuses = 0
+        self._health = Health()
+        self._choice = ImuChoice()
+        self._clock = HostClock()
+        self._periods_us: deque[int] = deque(maxlen=PERIODS_KEPT)
+        self._median_us: float | None = None
+        self._last: Imu | None = None
+
+    @property
+    def state(self) -> State:
+        """The state of health."""
+        return self._health.state
+
+    @property
+    def imu_message(self) -> str | None:
+        """The IMU message in use."""
+        return self._choice.message
+
+    @property
+    def median_period_us(self) -> float:
+        """Median interval of the IMU message in use on the vehicle's clock; 0 if unknown."""
+        if self._median_us is None:
+            self._median_us = median(self._periods_us) if self._periods_us else 0.0
+        return self._median_us
+
+    def on_imu(self, event: Imu) -> list[str]:
+        """Feed the estimator, if the message is the chosen one."""
+        before = self._choice.message
+        late_us = health.late_after_us(self.median_period_us)
+        self._choice = imu_choice.consider(self._choice, event.message, event.arrival_us, late_us)
+        if self._choice.message != event.message:
+            return []
+        texts = [] if before == event.message else self._change_over(before, event.message)
+        reason = self.estimator.update(event.sample)
+        if reason is not None:
+            self.reject(reason)
+            return texts
+        self._measure(event)
+        after = health.on_sample(
+            self._health, event.arrival_us, aligned=self.estimator.aligned
+        )
+        return texts + self._become(after)
+
+    def on_clock_reset(self, event: ClockReset) -> list[str]:
+        """The vehicle's clock began anew: what was known about its time and attitude is void."""
+        self.estimator.restart()
+        self._clock = HostClock()
+        self._last = None
+        return [f"vehicle {self.name}: clock {event.reason} by {event.step_s:+.1f} s, aligning anew"]
+
+    def on_velocity(self, event: Velocity) -> None:
+        """Tell the estimator the velocity over ground."""
+        reason = self.estimator.update_velocity(event.sample)
+        if reason is not None:
+            self.reject(reason)
+
+    def on_position(self, event: Position) -> None:
+        """Tell the estimator where it is, for the declination."""
+        self.estimator.set_position(
+            event.latitude_deg, event.longitude_deg, event.altitude_m, event.arrival_us
+        )
+
+    def on_time(self, now_us: int) -> list[str]:
+        """Notice silence."""
+        return self._become(health.on_time(self._health, now_us, self.median_period_us))
+
+    def attitude(self, now_us: int) -> AttitudeRecord | None:
+        """The attitude propagated to ``now_us``, for output only; None if there is none to give."""
+        last = self._last
+        if last is None or self.state not in health.HAS_ATTITUDE:
+            return None
+        time_us = max(last.sample.time_us, host_clock.to_vehicle_us(self._clock, now_us))
+        stamp = Stamp(
+            time_unix_us=now_us,
+            time_boot_us=last.boot_us + time_us - last.sample.time_us,
+            state=self.state,
+            age_us=now_us - last.arrival_us,
+            sequence=self.attitudes,
+        )
+        record = attitude_record(self.estimator.attitude(time_us), stamp)
+        if record is None:
+            self.reject("estimate_not_finite")
+            self.estimator.restart()
+            self._last = None
+            return None
+        self.attitudes += 1
+        return record
+
+    def status(self, now_us: int, overruns: int, dropped: int) -> StatusRecord:
+        """How it is doing; the running silence counts as a gap."""
+        record = StatusRecord(
+            state=self.state.value,
+            imu_message=self.imu_message,
+            imu_rate_hz=self.imu_rate_hz,
+            worst_gap_s=max(self.worst_gap_us, self._silence_us(now_us)) / 1e6,
+            rejected=dict(sorted(self.rejected.items())),
+            overruns=overruns,
+            dropped=dropped,
+            sequence=self._statuses,
+        )
+        self._statuses += 1
+        return record
+
+    @property
+    def imu_rate_hz(self) -> float:
+        """Rate of the IMU message in use, 0 if unknown or silent."""
+        if self.state not in (State.ALIGNING, State.RUNNING) or not self.median_period_us:
+            return 0.0
+        return 1e6 / self.median_period_us
+
+    def reject(self, reason: str) -> None:
+        """Count a refused sample."""
+        known = reason in self.rejected or len(self.rejected) < MAX_REASONS
+        self.rejected[reason if known else "other"] += 1
+
+    def replace_profile(self, profile: Profile) -> None:
+        """Use another profile from the next sample on; the estimate stays."""
+        self.estimator.replace_profile(profile)
+        self.profile = profile
+
+    def _change_over(self, before: str | None, now: str) -> list[str]:
+        self._periods_us.clear()
+        self._median_us = None
+        if before is None:
+            return [f"vehicle {self.name}: IMU data from {now}"]
+        return [f"vehicle {self.name}: IMU data from {now} now, {before} is given up"]
+
+    def _measure(self, event: Imu) -> None:
+        """Interval, gap and clock offset; intervals on the vehicle's clock, free of bursts."""
+        if self._last is not None:
+            period_us = event.sample.time_us - self._last.sample.time_us
+            self.worst_gap_us = max(self.worst_gap_us, period_us)
+            if event.message == self._last.message:
+                self._periods_us.append(period_us)
+                self._median_us = None
+        self._clock = host_clock.observe(self._clock, event.sample.time_us, event.arrival_us)
+        self._last = event
+        self.samples += 1
+
+    def _silence_us(self, now_us: int) -> int:
+        last_us = self._health.last_arrival_us
+        return 0 if last_us is None else max(0, now_us - last_us)
+
+    def _become(self, after: Health) -> list[str]:
+        before = self._health.state
+        self._health = after
+        if after.state is before or after.state is State.ALIGNING:
+            return []  # alignment takes a sample or two: only its end is news
+        return [f"vehicle {self.name}: {after.state}"]

@@ -1,0 +1,141 @@
+"""A Zenoh session from a few options.
+
+By default a session is a peer that both listens on and connects to one
+well-known loopback address. Whoever comes first gets the address; the others
+connect to it, or to a router already there. Each session also listens on a
+free loopback port: peers do not relay for each other, so a third one must be
+able to reach the second directly (they learn of each other by gossip). When
+the first one ends, a remaining one takes the address over.
+"""
+
+import json
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+from estimator.errors import InputError
+
+if TYPE_CHECKING:
+    import zenoh
+
+DEFAULT_ENDPOINT = "tcp/127.0.0.1:7447"
+FREE_ENDPOINT = "tcp/127.0.0.1:0"
+DEFAULT_PREFIX = "fuzzbee"
+MODES = ("peer", "client")
+RETRY = {"period_init_ms": 200, "period_max_ms": 1000, "period_increase_factor": 2}
+CLIENT_TIMEOUT_MS = 2000  # a client is useless without its router
+
+
+class ZenohOptions(NamedTuple):
+    """What a person may choose; empty means the default session."""
+
+    listen: tuple[str, ...] = ()
+    connect: tuple[str, ...] = ()
+    mode: str = "peer"
+    config_file: str | None = None
+    settings: tuple[str, ...] = ()  # KEY:JSON5
+    multicast: bool = False
+    prefix: str = DEFAULT_PREFIX
+
+
+def open_session(options: ZenohOptions) -> "zenoh.Session":
+    """An open session.
+
+    Raises:
+        InputError: an address or setting that cannot be used, a listening address
+            that was asked for and is taken, or a client's router that is not there.
+    """
+    import zenoh
+
+    check_prefix(options.prefix)
+    config = _config(options)
+    try:
+        return zenoh.open(config)
+    except zenoh.ZError as error:
+        where = ", ".join(options.listen + options.connect) or DEFAULT_ENDPOINT
+        raise InputError(f"zenoh: {where}: {_one_line(error)}") from None
+
+
+def check_prefix(prefix: str) -> None:
+    """Refuse what cannot begin a key.
+
+    Raises:
+        InputError: empty, slashes at an end, or wildcards.
+    """
+    import zenoh
+
+    try:
+        zenoh.KeyExpr(prefix)
+    except zenoh.ZError as error:
+        raise InputError(f"--prefix {prefix!r}: {_one_line(error)}") from None
+    if "*" in prefix:
+        raise InputError(f"--prefix {prefix!r}: wildcards cannot be published on")
+
+
+def _config(options: ZenohOptions) -> "zenoh.Config":
+    if options.mode not in MODES:
+        raise InputError(f"--mode {options.mode!r}: should be peer or client")
+    config = _base(options)
+    if options.config_file is None or options.mode != "peer":
+        _set(config, "mode", options.mode)
+    if options.multicast or options.config_file is None:
+        _set(config, "scouting/multicast/enabled", options.multicast)
+    _set_endpoints(config, options)
+    for setting in options.settings:
+        key, colon, value = setting.partition(":")
+        if not colon:
+            raise InputError(f"--cfg {setting!r}: should be KEY:JSON5")
+        _insert(config, key, value, f"--cfg {setting!r}")
+    return config
+
+
+def _base(options: ZenohOptions) -> "zenoh.Config":
+    import zenoh
+
+    if options.config_file is None:
+        return zenoh.Config()
+    try:
+        return zenoh.Config.from_file(options.config_file)
+    except zenoh.ZError as error:
+        raise InputError(f"zenoh configuration {options.config_file}: {_one_line(error)}") from None
+
+
+def _set_endpoints(config: "zenoh.Config", options: ZenohOptions) -> None:
+    """Own addresses where given; the default ones unless a file decides."""
+    default = options.config_file is None
+    client = options.mode == "client"
+    if options.listen:
+        _set(config, "listen/endpoints", options.listen)
+        _set(config, "listen/exit_on_failure", True)
+    elif default:
+        # with an address to connect to, nobody needs to find this session
+        well_known = () if options.connect else (DEFAULT_ENDPOINT,)
+        _set(config, "listen/endpoints", () if client else (*well_known, FREE_ENDPOINT))
+        _set(config, "listen/exit_on_failure", False)
+        _set(config, "listen/timeout_ms", -1)  # go on trying in the background
+        _set(config, "listen/retry", RETRY)
+    if options.connect:
+        _set(config, "connect/endpoints", options.connect)
+    elif default:
+        _set(config, "connect/endpoints", (DEFAULT_ENDPOINT,))
+    if default or options.connect:
+        _set(config, "connect/exit_on_failure", client)
+        _set(config, "connect/timeout_ms", CLIENT_TIMEOUT_MS if client else -1)
+        _set(config, "connect/retry", RETRY)
+
+
+def _set(config: "zenoh.Config", key: str, value: Any) -> None:
+    _insert(config, key, json.dumps(value), f"{key} {value!r}")
+
+
+def _insert(config: "zenoh.Config", key: str, json5: str, what: str) -> None:
+    import zenoh
+
+    try:
+        config.insert_json5(key, json5)
+    except zenoh.ZError as error:
+        raise InputError(f"zenoh: {what}: {_one_line(error)}") from None
+
+
+def _one_line(error: Exception) -> str:
+    """Zenoh's message without the place in its own source code, on one line."""
+    text = " ".join(str(error).split())
+    return text.split(" at /", 1)[0].rstrip(" :")

@@ -1,0 +1,126 @@
+"""Attitudes, statuses and parameters on Zenoh.
+
+Keys: ``{prefix}/{vehicle}/attitude``, ``.../status``, ``.../parameters``, and
+the liveliness token ``.../alive``. A get on the first two is answered with the
+last record; ``parameters`` answers with the profile, after replacing it if the
+query has a payload.
+"""
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any
+
+import msgspec
+
+from drivers.events import VehicleId
+from estimator.errors import InputError
+from estimator.profile import Profile, profile_to_json
+from service.parameters import ParameterRequests
+from service.records import AttitudeRecord, Output, Published, vehicle_name
+
+if TYPE_CHECKING:
+    import zenoh
+
+JSON = "application/json"
+
+
+class ZenohSink:
+    """Publishes on a session that it owns from then on."""
+
+    name = "zenoh"
+
+    def __init__(
+        self,
+        session: "zenoh.Session",
+        prefix: str,
+        profile: Profile,
+        requests: ParameterRequests,
+    ) -> None:
+        self._session = session
+        self._prefix = prefix
+        self._requests = requests
+        self._profile = profile
+        self._profiles: dict[str, Profile] = {}
+        self._addresses: dict[str, VehicleId] = {}
+        self._publishers: dict[str, zenoh.Publisher] = {}
+        self._tokens: list[zenoh.LivelinessToken] = []
+        self._last: dict[str, bytes] = {}
+        self._encode = msgspec.json.Encoder().encode
+        # one for all keys: zenoh runs a thread for each
+        self._queryable = session.declare_queryable(f"{prefix}/*/*", self._on_query)
+
+    def handle(self, outputs: Sequence[Output]) -> None:
+        """Publish the records among the outputs."""
+        for output in outputs:
+            if isinstance(output, Published):
+                self._publish(output)
+
+    def close(self) -> None:
+        """Withdraw everything and close the session."""
+        self._queryable.undeclare()
+        for token in self._tokens:
+            token.undeclare()
+        for publisher in self._publishers.values():
+            publisher.undeclare()
+        self._session.close()
+
+    def _publish(self, output: Published) -> None:
+        name = vehicle_name(output.vehicle)
+        if name not in self._addresses:
+            self._appear(name, output.vehicle)
+        kind = "attitude" if isinstance(output.record, AttitudeRecord) else "status"
+        key = f"{self._prefix}/{name}/{kind}"
+        payload = self._encode(output.record)
+        self._last[key] = payload
+        self._publisher(key).put(payload)
+
+    def _appear(self, name: str, vehicle: VehicleId) -> None:
+        self._addresses[name] = vehicle
+        alive = f"{self._prefix}/{name}/alive"
+        self._tokens.append(self._session.liveliness().declare_token(alive))
+
+    def _publisher(self, key: str) -> "zenoh.Publisher":
+        import zenoh
+
+        if key not in self._publishers:
+            self._publishers[key] = self._session.declare_publisher(
+                key,
+                encoding=JSON,
+                congestion_control=zenoh.CongestionControl.DROP,
+                express=False,
+            )
+        return self._publishers[key]
+
+    def _on_query(self, query: "zenoh.Query") -> None:
+        """Answer a get; on a thread of zenoh's, where an exception would vanish unseen."""
+        with query:
+            for key, payload in list(self._last.items()):
+                if query.key_expr.intersects(_key_expr(key)):
+                    query.reply(key, payload, encoding=JSON)
+            for name in list(self._addresses):
+                key = f"{self._prefix}/{name}/parameters"
+                if query.key_expr.intersects(_key_expr(key)):
+                    self._answer_parameters(query, key, name)
+
+    def _answer_parameters(self, query: "zenoh.Query", key: str, name: str) -> None:
+        try:
+            if query.payload is not None and len(query.payload) > 0:
+                partial = _json_object(query.payload.to_bytes())
+                self._profiles[name] = self._requests.ask(self._addresses[name], partial)
+        except (InputError, TimeoutError) as error:
+            query.reply_err(self._encode({"error": str(error)}), encoding=JSON)
+            return
+        profile = self._profiles.get(name, self._profile)
+        query.reply(key, self._encode(profile_to_json(profile)), encoding=JSON)
+
+
+def _json_object(payload: bytes) -> dict[str, Any]:
+    try:
+        return msgspec.json.decode(payload, type=dict[str, Any])
+    except (msgspec.DecodeError, UnicodeDecodeError) as error:
+        raise InputError(f"the payload is no JSON object: {error}") from None
+
+
+def _key_expr(key: str) -> "zenoh.KeyExpr":
+    import zenoh
+
+    return zenoh.KeyExpr(key)
