@@ -1,4 +1,4 @@
-"""Checks on IMU data that need a memory: repeated fields, implausible magnitudes."""
+"""Checks on IMU data: no data at all, repeated fields, implausible magnitudes."""
 
 import math
 from collections import deque
@@ -15,6 +15,15 @@ GYR_LIMIT_RAD_S = math.radians(2000.0)  # the range of common MEMS gyroscopes
 MAG_RANGE_GAUSS = (0.05, 5.0)  # the Earth's is 0.25..0.65; scale and hard iron are often off
 
 TRUSTED_AXES = (3, 12)  # MAV_AUTOPILOT ArduPilot and PX4: known to send FRD specific force
+
+
+def refuse_imu(gyr: Vec3, acc: Vec3) -> str | None:
+    """Why a reading is no data, as a word to count under; None if it is."""
+    if not all(map(math.isfinite, gyr + acc)):
+        return "not_finite"
+    if acc == ZERO_VEC3:
+        return "zero_accelerometer"
+    return None
 
 
 class MagMemory:

@@ -26,7 +26,7 @@ from drivers.events import (
     VehicleId,
     Velocity,
 )
-from drivers.imu_checks import MagMemory, Plausibility
+from drivers.imu_checks import MagMemory, Plausibility, refuse_imu
 from drivers.vehicle_clock import Placed, Refused, TimeField, VehicleClock
 from estimator.types import (
     STANDARD_GRAVITY_M_S2,
@@ -211,7 +211,7 @@ class MavlinkDecoder:
         acc: Vec3,
         mag: Vec3,
     ) -> list[Event]:
-        refusal = _refuse_imu(gyr, acc)
+        refusal = refuse_imu(gyr, acc)
         if refusal is not None:
             return [Rejected(vehicle.id, arrival_us, refusal, name)]
         placed = vehicle.clock.imu(name, field, raw_us, arrival_us)
@@ -349,14 +349,6 @@ def _stream_name(m: Any) -> str:
     name: str = m.get_type()
     instance = m.id if "id" in m.fieldnames else 0  # pymavlink's classes have an id of their own
     return f"{name}:{instance}" if instance else name
-
-
-def _refuse_imu(gyr: Vec3, acc: Vec3) -> str | None:
-    if not all(map(math.isfinite, gyr + acc)):
-        return "not_finite"
-    if acc == ZERO_VEC3:
-        return "zero_accelerometer"
-    return None
 
 
 def _in_gauss(mag: Vec3) -> Vec3:

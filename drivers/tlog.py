@@ -110,7 +110,7 @@ class TlogRecords:
     Only messages whose name is in ``wanted`` are decoded; of the others only the length is used.
     """
 
-    def __init__(self, data: mmap.mmap | bytes, wanted: frozenset[str]) -> None:
+    def __init__(self, data: mmap.mmap | bytes, wanted: frozenset[str] | None) -> None:
         self._data = data
         self._parser = FrameParser()
         kinds = mavlink().mavlink_map

@@ -1,0 +1,304 @@
+"""ArduPilot's on-board logs (DataFlash .bin), read by pymavlink's DFReader.
+
+The messages read, with the names of both eras: IMU, IMU2, IMU3 (or the field
+I), MAG, ATT, XKQ/NKQ, XKF1/NKF1/EKF1, GPS, PARM, MSG, and SIM as truth.
+Accelerometer and gyroscope are SI in the log, the field is in mGauss, angles
+are in degrees. Times count from boot, in us or, until 2015, in ms.
+"""
+
+import math
+import os
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, redirect_stderr, redirect_stdout
+from pathlib import Path
+from types import TracebackType
+from typing import Any, Self
+
+from drivers.events import (
+    ClockReset,
+    Event,
+    Heartbeat,
+    Imu,
+    Malformed,
+    Notice,
+    Parameter,
+    Position,
+    ReferenceAttitude,
+    Rejected,
+    VehicleId,
+    Velocity,
+)
+from drivers.file_digest import file_sha256
+from drivers.fresh_field import FreshField
+from drivers.imu_checks import Plausibility, refuse_imu
+from drivers.mavlink_codec import (
+    FILTER_VELOCITY_SIGMA_M_S,
+    FIX_3D,
+    GPS_VELOCITY_SIGMA_M_S,
+    mavlink,
+    quaternion_from_euler,
+    unit_or_none,
+)
+from drivers.vehicle_clock import Placed, Refused, TimeField, VehicleClock
+from estimator.errors import InputError
+from estimator.types import Quaternion, VelocitySample
+
+MILLIGAUSS = 1e-3
+AUTOPILOT_ARDUPILOT = 3  # MAV_AUTOPILOT_ARDUPILOTMEGA
+VEHICLE_TYPES = {  # the first word of MSG at start, and its MAV_TYPE
+    "ArduCopter": 2,
+    "ArduPlane": 1,
+    "ArduRover": 10,
+    "Rover": 10,
+    "ArduSub": 12,
+    "AntennaTracker": 5,
+    "Blimp": 7,
+}
+UNREADABLE_LIMIT = 10_000  # after that many unreadable messages the rest is given up
+
+
+class Dataflash:
+    """A DataFlash log as events; each iteration reads the file from its start.
+
+    The arrival times are the log's own times, on Unix time where the log has
+    a GPS time and counted from boot otherwise.
+
+    Raises:
+        InputError: from the iteration, if nothing in the file can be read.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        traceback: TracebackType | None,
+    ) -> None:
+        """Nothing to close: the file is open only while it is iterated."""
+
+    def sha256(self) -> str:
+        """The file's SHA-256, as hexadecimal digits."""
+        return file_sha256(self.path)
+
+    def __iter__(self) -> Iterator[Event]:
+        with _opened(self.path) as reader:
+            decoder = _Decoder(reader)
+            for message in _messages(reader, decoder.message_names):
+                yield from decoder.decode(message)
+
+
+class _Decoder:
+    """DataFlash messages in, events out."""
+
+    def __init__(self, reader: Any) -> None:
+        # DFReader has read the parameters; its time base is Unix time minus time since boot
+        self._vehicle = VehicleId(_system_id(reader.params), 1)
+        self._unix_us = int(reader.clock.timebase * 1e6)
+        self._clock = VehicleClock()
+        self._field = FreshField()
+        self._plausibility: dict[str, Plausibility] = {}
+        self._arrival_us = self._unix_us
+        self._handlers: dict[str, Callable[[Any], list[Event]]] = {
+            "IMU": self._imu,
+            "IMU2": self._imu,
+            "IMU3": self._imu,
+            "MAG": self._mag,
+            "ATT": self._attitude,
+            "XKQ": self._attitude_quaternion,
+            "NKQ": self._attitude_quaternion,
+            "NKQ1": self._attitude_quaternion,
+            "XKF1": self._filter_velocity,
+            "NKF1": self._filter_velocity,
+            "EKF1": self._filter_velocity,
+            "GPS": self._gps,
+            "SIM": self._truth,
+            "PARM": self._parameter,
+            "MSG": self._text,
+        }
+
+    @property
+    def message_names(self) -> list[str]:
+        return list(self._handlers)
+
+    def decode(self, message: Any | None) -> list[Event]:
+        """The events of a message; None stands for one that could not be read."""
+        if message is None:
+            return [Malformed(self._arrival_us, 1)]
+        try:
+            return self._handlers[message.get_type()](message)
+        except (AttributeError, TypeError, ValueError, OverflowError):
+            # a message of that name with other columns, or a column with garbage in it
+            return [Malformed(self._arrival_us, 1)]
+
+    def _place(self, m: Any, name: str, *, imu: bool = False) -> tuple[Placed | Refused, int]:
+        """The message's place in time, and its raw time in us."""
+        raw_us, field = _time_us(m)
+        self._arrival_us = self._unix_us + raw_us
+        place = self._clock.imu if imu else self._clock.other
+        return place(name, field, raw_us, self._arrival_us), raw_us
+
+    def _imu(self, m: Any) -> list[Event]:
+        name = _imu_name(m)
+        gyr = (float(m.GyrX), float(m.GyrY), float(m.GyrZ))
+        acc = (float(m.AccX), float(m.AccY), float(m.AccZ))
+        refusal = refuse_imu(gyr, acc)
+        if refusal is not None:
+            return [Rejected(self._vehicle, self._arrival_us, refusal, name)]
+        placed, raw_us = self._place(m, name, imu=True)
+        if isinstance(placed, Refused):
+            return [Rejected(self._vehicle, self._arrival_us, placed.reason, name)]
+        events: list[Event] = []
+        if placed.reset is not None:
+            step_s = placed.reset.step_us * 1e-6
+            events.append(ClockReset(self._vehicle, self._arrival_us, placed.reset.reason, step_s))
+        sample = self._field.sample(name, raw_us, placed.time_us, gyr, acc)
+        events.append(Imu(self._vehicle, self._arrival_us, placed.boot_us, name, sample))
+        check = self._plausibility.setdefault(name, Plausibility(name))
+        events.extend(
+            Notice(self._vehicle, self._arrival_us, text)
+            for text in check.look(sample, AUTOPILOT_ARDUPILOT)
+        )
+        return events
+
+    def _mag(self, m: Any) -> list[Event]:
+        if _instance(m, "I") == 0:
+            mag = (m.MagX * MILLIGAUSS, m.MagY * MILLIGAUSS, m.MagZ * MILLIGAUSS)
+            self._field.put(mag, _time_us(m)[0])
+        return []
+
+    def _attitude(self, m: Any) -> list[Event]:
+        return self._reference(m, "autopilot", _from_degrees(m))
+
+    def _attitude_quaternion(self, m: Any) -> list[Event]:
+        if _instance(m, "C") != 0:
+            return []
+        return self._reference(m, "autopilot", unit_or_none((m.Q1, m.Q2, m.Q3, m.Q4)))
+
+    def _truth(self, m: Any) -> list[Event]:
+        has_quaternion = "Q1" in m.get_fieldnames()
+        q = unit_or_none((m.Q1, m.Q2, m.Q3, m.Q4)) if has_quaternion else _from_degrees(m)
+        return self._reference(m, "sim", q)
+
+    def _reference(self, m: Any, source: Any, q: Quaternion | None) -> list[Event]:
+        name = m.get_type()
+        placed, _ = self._place(m, name)
+        if q is None or isinstance(placed, Refused):
+            return []
+        return [ReferenceAttitude(self._vehicle, self._arrival_us, placed.time_us, source, name, q)]
+
+    def _filter_velocity(self, m: Any) -> list[Event]:
+        if _instance(m, "C") != 0:
+            return []
+        return self._velocity(m, (m.VN, m.VE, m.VD), FILTER_VELOCITY_SIGMA_M_S)
+
+    def _gps(self, m: Any) -> list[Event]:
+        if m.Status < FIX_3D or _instance(m, "I") != 0 or (m.Lat == 0 and m.Lng == 0):
+            return []
+        course_rad = math.radians(m.GCrs)
+        north_east_down = (m.Spd * math.cos(course_rad), m.Spd * math.sin(course_rad), m.VZ)
+        events = self._velocity(m, north_east_down, GPS_VELOCITY_SIGMA_M_S)
+        if not events or not isinstance(events[0], Velocity):
+            return events
+        time_us = events[0].sample.time_us
+        position = Position(self._vehicle, self._arrival_us, time_us, "GPS", m.Lat, m.Lng, m.Alt)
+        return [position, *events]
+
+    def _velocity(self, m: Any, velocity: tuple[float, float, float], sigma: float) -> list[Event]:
+        name = m.get_type()
+        placed, _ = self._place(m, name)
+        if isinstance(placed, Refused) or not all(map(math.isfinite, velocity)):
+            return []
+        sample = VelocitySample(placed.time_us, velocity, True, sigma)
+        return [Velocity(self._vehicle, self._arrival_us, name, sample)]
+
+    def _parameter(self, m: Any) -> list[Event]:
+        return [Parameter(self._vehicle, self._arrival_us, m.Name, float(m.Value))]
+
+    def _text(self, m: Any) -> list[Event]:
+        vehicle_type = VEHICLE_TYPES.get(str(m.Message).partition(" ")[0])
+        if vehicle_type is None:
+            return []
+        return [Heartbeat(self._vehicle, self._arrival_us, AUTOPILOT_ARDUPILOT, vehicle_type)]
+
+
+def _time_us(m: Any) -> tuple[int, TimeField]:
+    """The message's time since boot, and its clock."""
+    names = m.get_fieldnames()
+    if "TimeUS" in names:
+        return int(m.TimeUS), TimeField.TIME_USEC
+    if m.get_type() == "GPS":
+        return int(m.T) * 1000, TimeField.BOOT_MS  # its TimeMS is the GPS week's
+    return int(m.TimeMS) * 1000, TimeField.BOOT_MS
+
+
+def _instance(m: Any, field: str) -> int:
+    return int(getattr(m, field)) if field in m.get_fieldnames() else 0
+
+
+def _imu_name(m: Any) -> str:
+    """IMU, IMU2, IMU3: as old logs call them; newer ones number them from 0 in a field."""
+    instance = _instance(m, "I")
+    return f"IMU{instance + 1}" if instance else str(m.get_type())
+
+
+def _from_degrees(m: Any) -> Quaternion | None:
+    return quaternion_from_euler(math.radians(m.Roll), math.radians(m.Pitch), math.radians(m.Yaw))
+
+
+def _system_id(parameters: dict[str, Any]) -> int:
+    value = parameters.get("MAV_SYSID", parameters.get("SYSID_THISMAV", 1))
+    return int(value) if isinstance(value, (int, float)) and 1 <= value <= 255 else 1
+
+
+@contextmanager
+def _opened(path: Path) -> Iterator[Any]:
+    """DFReader's reader; it is as talkative as it is fragile on damaged files."""
+    mavlink()  # sets what pymavlink reads from the environment
+    with _quiet():
+        try:
+            from pymavlink.DFReader import DFReader_binary
+
+            reader = DFReader_binary(str(path))
+        except Exception as error:  # it raises whatever its tables run into
+            raise InputError(f"{path}: damaged DataFlash log ({_in_short(error)})") from error
+    try:
+        yield reader
+    finally:
+        reader.close()
+
+
+def _messages(reader: Any, names: list[str]) -> Iterator[Any | None]:
+    """The messages of those names in the file's order, None for each unreadable one."""
+    unreadable = 0
+    with open(os.devnull, "w", encoding="utf-8") as nowhere:  # noqa: PTH123 - a device
+        while unreadable < UNREADABLE_LIMIT:
+            message = None
+            try:
+                with redirect_stdout(nowhere), redirect_stderr(nowhere):
+                    message = reader.recv_match(type=names)
+            except Exception:  # noqa: BLE001 - likewise; the next message is found by its offset
+                unreadable += 1
+                yield None
+                continue
+            if message is None:
+                return
+            yield message
+
+
+@contextmanager
+def _quiet() -> Iterator[None]:
+    with (
+        open(os.devnull, "w", encoding="utf-8") as nowhere,  # noqa: PTH123 - a device
+        redirect_stdout(nowhere),
+        redirect_stderr(nowhere),
+    ):
+        yield
+
+
+def _in_short(error: Exception) -> str:
+    return f"{type(error).__name__}: {error}".splitlines()[0]
