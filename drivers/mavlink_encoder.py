@@ -175,9 +175,12 @@ def command_ack(target: VehicleId, command: int, result: int) -> Message:
     return Message(COMMAND_ACK_ID, 143, _COMMAND_ACK.pack(command, result, 0, 0, *target))
 
 
-def message_interval_request(target: VehicleId, message_id: int, interval_us: float) -> Message:
+def message_interval_request(
+    target: VehicleId, message_id: int, interval_us: float, confirmation: int = 0
+) -> Message:
     """COMMAND_LONG that asks for a message every ``interval_us``."""
-    return command_long(target, MAV_CMD_SET_MESSAGE_INTERVAL, (float(message_id), interval_us))
+    parameters = (float(message_id), interval_us)
+    return command_long(target, MAV_CMD_SET_MESSAGE_INTERVAL, parameters, confirmation)
 
 
 def signing_key(content: bytes) -> bytes:

@@ -1,0 +1,102 @@
+"""Records the frames of a link as a tlog, as ground stations do.
+
+A tlog is a row of records: the arrival in Unix microseconds (8 bytes, big
+endian), then the frame as it came. Each write is made of whole records and goes
+straight to the operating system, so that a killed process leaves a readable
+file. An existing file is continued.
+"""
+
+import logging
+import os
+import stat
+from collections.abc import Iterable
+from pathlib import Path
+from struct import Struct
+from types import TracebackType
+from typing import Self
+
+from estimator.errors import InputError
+
+RETRY_US = 10_000_000  # after a failed write: try again 10 s later, or lose no time on it
+
+_STAMP = Struct(">Q")
+_logger = logging.getLogger(__name__)
+
+
+class TlogRecorder:
+    """Appends frames to a tlog; a full disk costs frames, never an exception.
+
+    ``lost`` counts the frames that could not be written. The first failure is
+    logged, and the recovery.
+
+    Raises:
+        InputError: the file cannot be opened for writing.
+    """
+
+    def __init__(self, path: str | Path) -> None:
+        self.path = Path(path)
+        self.lost = 0
+        self._retry_us: int | None = None
+        try:
+            self._file = os.open(self.path, os.O_WRONLY | os.O_CREAT | os.O_APPEND, 0o644)
+        except (OSError, ValueError) as error:
+            reason = getattr(error, "strerror", None) or str(error)
+            raise InputError(f"cannot record to {str(path)!r}: {reason}") from error
+        self._is_regular = stat.S_ISREG(os.fstat(self._file).st_mode)
+
+    def write(self, arrival_us: int, frames: Iterable[bytes]) -> None:
+        """Append ``frames``, all of which arrived at ``arrival_us``."""
+        stamp = _STAMP.pack(arrival_us)
+        records = [stamp + frame for frame in frames]
+        if not records:
+            return
+        if self._file < 0 or (self._retry_us is not None and arrival_us < self._retry_us):
+            self.lost += len(records)
+            return
+        self._append(arrival_us, records)
+
+    def close(self) -> None:
+        """Close the file; later frames count as lost."""
+        if self._file >= 0:
+            os.close(self._file)
+            self._file = -1
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self.close()
+
+    def _append(self, arrival_us: int, records: list[bytes]) -> None:
+        data = b"".join(records)
+        written = 0
+        try:
+            written = os.write(self._file, data)
+            if written == len(data):
+                self._note_success()
+                return
+            reason = "no space left"
+        except OSError as error:
+            reason = error.strerror or str(error)
+        self._drop_half_record(written)
+        self.lost += len(records)
+        if self._retry_us is None:
+            _logger.warning("cannot record to %s: %s; the estimate goes on", self.path, reason)
+        self._retry_us = arrival_us + RETRY_US
+
+    def _drop_half_record(self, written: int) -> None:
+        if written and self._is_regular:
+            try:
+                os.ftruncate(self._file, os.fstat(self._file).st_size - written)
+            except OSError as error:
+                _logger.warning("%s may end in half a record: %s", self.path, error.strerror)
+
+    def _note_success(self) -> None:
+        if self._retry_us is not None:
+            self._retry_us = None
+            _logger.warning("recording to %s again; %d frames are missing", self.path, self.lost)

@@ -1,0 +1,60 @@
+"""What a live source is, and the table from address to source."""
+
+from collections.abc import Iterator
+from types import TracebackType
+from typing import Protocol, Self
+
+from drivers.endpoint import Endpoint
+from drivers.events import Event
+from drivers.recorder import TlogRecorder
+from estimator.errors import InputError
+
+
+class LiveSource(Protocol):
+    """A context manager whose events are drained as they arrive in real time."""
+
+    def __enter__(self) -> Self: ...
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+        /,
+    ) -> None: ...
+
+    @property
+    def dropped(self) -> int:
+        """Events lost so far because nobody drained them."""
+
+    def drain(self, timeout_s: float) -> list[Event]:
+        """All events that are there, after waiting at most ``timeout_s`` for the first."""
+
+    def __iter__(self) -> Iterator[Event]: ...
+
+    def send(self, data: bytes) -> None:
+        """Send whole MAVLink frames, where the source can."""
+
+
+def open_live(
+    endpoint: Endpoint,
+    recorder: TlogRecorder | None = None,
+    request_rate_hz: float | None = None,
+) -> LiveSource:
+    """The source for ``endpoint``, to be entered by the caller.
+
+    Raises:
+        InputError: the endpoint is a log, or ``sim:`` is to be recorded or asked for a rate.
+    """
+    if endpoint.kind == "log":
+        raise InputError(f"{endpoint} is a log, not a live source")
+    if endpoint.kind != "sim":
+        from drivers.mavlink_link import MavlinkLink
+
+        return MavlinkLink(endpoint, recorder, request_rate_hz)
+    if recorder is not None or request_rate_hz is not None:
+        raise InputError("sim: has no MAVLink to record or to ask: start fuzzbee sim --to URL")
+    from drivers.sim_source import SimSource
+    from drivers.vehicle import SimulatedVehicle
+
+    return SimSource(SimulatedVehicle(seed=0))

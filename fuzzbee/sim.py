@@ -1,0 +1,133 @@
+"""``fuzzbee sim``: the simulated vehicle as a MAVLink process."""
+
+import signal
+import sys
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Annotated, cast
+
+import typer
+
+from drivers.endpoint import Endpoint, Kind, endpoint_help, parse_endpoint
+from estimator.errors import InputError
+
+LINK_KINDS: tuple[Kind, ...] = ("udpout", "udpin", "tcp", "tcpin")
+
+
+def sim(
+    to: Annotated[
+        str, typer.Option("--to", metavar="URL", help=f"where to:\n\n{endpoint_help(LINK_KINDS)}")
+    ],
+    vehicles: Annotated[int, typer.Option(help="system ids 1 to N on one link")] = 1,
+    rate: Annotated[float, typer.Option(metavar="HZ", help="samples a second")] = 100.0,
+    seed: Annotated[int, typer.Option(help="of the noise; vehicle i has seed + i - 1")] = 0,
+    seconds: Annotated[
+        float | None, typer.Option(help="end after this long instead of on Ctrl-C")
+    ] = None,
+    motion: Annotated[
+        str, typer.Option(metavar="paper|rest|turn", help="of the vehicle")
+    ] = "paper",
+    noise: Annotated[float, typer.Option(help="factor on the paper's noise")] = 1.0,
+    bias: Annotated[float, typer.Option(help="factor on the paper's bias")] = 1.0,
+    magnet: Annotated[
+        str | None,
+        typer.Option(metavar="T0:T1", help="a magnet passes between these times (s)"),
+    ] = None,
+    drop: Annotated[
+        float, typer.Option(metavar="P", help="probability that a frame is lost")
+    ] = 0.0,
+    signing_key_file: Annotated[
+        Path | None,
+        typer.Option(
+            help="sign with the key (32 bytes, 64 hex digits) or pass phrase in this file"
+        ),
+    ] = None,
+) -> None:
+    """Run simulated vehicles that speak MAVLink 2, for any software to connect to.
+
+    They send HEARTBEAT, RAW_IMU, SIM_STATE (the truth), ATTITUDE and ATTITUDE_QUATERNION (the
+    truth, too), and answer SET_MESSAGE_INTERVAL and parameter requests.
+
+    Raises InputError for options that cannot be used.
+
+    Examples:
+      fuzzbee sim --to udpout:127.0.0.1:14550
+      fuzzbee sim --to tcpin:127.0.0.1:5760 --vehicles 3 --rate 50 --motion turn
+    """
+    from drivers.mavlink_encoder import signing_key
+    from drivers.transports import LinkError, open_transport
+    from drivers.vehicle import Motion
+    from drivers.vehicle_process import Fleet, VehicleOptions, run_vehicles
+
+    endpoint = _link(to)
+    if seconds is not None and not seconds > 0:
+        raise InputError(f"--seconds must be positive, not {seconds:g}")
+    options = VehicleOptions(
+        seed=seed,
+        rate_hz=rate,
+        motion=cast("Motion", motion),
+        noise=noise,
+        bias=bias,
+        magnet=None if magnet is None else parse_magnet(magnet),
+        drop=drop,
+        signing_key=None if signing_key_file is None else signing_key(_content(signing_key_file)),
+    )
+    fleet = Fleet(options, vehicles)
+    transport = open_transport(endpoint)
+    with _stop_signals() as stop:
+        try:
+            transport.open()
+        except LinkError as error:
+            transport.close()
+            raise InputError(f"{endpoint}: {error}") from error
+        _say(f"{vehicles} vehicle{'s' * (vehicles > 1)} at {rate:g} Hz, {transport.address}")
+        run_vehicles(fleet, transport, stop.is_set, seconds, _say)
+
+
+def parse_magnet(text: str) -> tuple[float, float]:
+    """The two times of ``T0:T1`` in s.
+
+    Raises:
+        InputError: it is not two numbers.
+    """
+    begin, _, end = text.partition(":")
+    try:
+        return float(begin), float(end)
+    except ValueError as error:
+        raise InputError(f"--magnet takes two times like 5:8 (s), not {text!r}") from error
+
+
+def _link(text: str) -> Endpoint:
+    endpoint = parse_endpoint(text)
+    if endpoint.kind not in LINK_KINDS:
+        raise InputError(f"--to {text}: the vehicle speaks over {', '.join(LINK_KINDS)}")
+    return endpoint
+
+
+def _content(path: Path) -> bytes:
+    try:
+        content = path.read_bytes()
+    except OSError as error:
+        raise InputError(f"cannot read the key file {path}: {error.strerror}") from error
+    if not content.strip():
+        raise InputError(f"the key file {path} is empty")
+    return content
+
+
+@contextmanager
+def _stop_signals() -> Iterator[threading.Event]:
+    """An event that SIGINT and SIGTERM set, while the context lasts."""
+    stop = threading.Event()
+    numbers = (signal.SIGINT, signal.SIGTERM)
+    before = [signal.signal(number, lambda *_: stop.set()) for number in numbers]
+    try:
+        yield stop
+    finally:
+        for number, handler in zip(numbers, before, strict=True):
+            signal.signal(number, handler)
+
+
+def _say(text: str) -> None:
+    print(f"fuzzbee sim: {text}", file=sys.stderr, flush=True)
