@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimator.compiled import compiled
-from estimator.filter_types import FilterParams, FilterState, Vectors
+from estimator.filter_types import PLAIN_STEP_LIMIT, FilterParams, FilterState, Vectors
 from estimator.fuzzy import fuzzy_gain
 from estimator.observation import ReferenceParams, raw_vectors
 from estimator.quaternion import (
@@ -30,7 +30,9 @@ COLLINEAR_SINE = 1e-6
 
 
 @compiled
-def attitude_error(v1: Vec3, v2: Vec3, u1: Vec3, u2: Vec3, v3: Vec3, sine: float, u3: Vec3) -> float:
+def attitude_error(
+    v1: Vec3, v2: Vec3, u1: Vec3, u2: Vec3, v3: Vec3, sine: float, u3: Vec3
+) -> float:
     """e = (3 - Tr R~)/4, clipped to [0, 1], without the matrix inverse.
 
     With V = [v1 v2 v3] and U = [u1 u2 u3] the estimates, the paper's trace is
@@ -84,7 +86,8 @@ def largest_rate(cosine: float, s1: float, s2: float, s3: float) -> float:
 @compiled
 def step_gain(params: FilterParams, K: float, fastest: float, dt: float) -> float:
     """K dt for short steps; beyond, (1 - exp(-K lambda dt))/lambda, which never overshoots."""
-    if dt <= params.euler_step_max_s or fastest <= 0.0:
+    plain = dt <= params.euler_step_max_s and K * fastest * dt <= PLAIN_STEP_LIMIT
+    if plain or fastest <= 0.0:
         return K * dt
     return -expm1(-K * fastest * dt) / fastest
 

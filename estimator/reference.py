@@ -23,7 +23,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimator import fuzzy_reference, quaternion
-from estimator.filter_types import FilterParams, FilterState, Vectors
+from estimator.filter_types import PLAIN_STEP_LIMIT, FilterParams, FilterState, Vectors
 from estimator.types import Quaternion, Vec3
 
 Array = NDArray[np.float64]
@@ -34,7 +34,9 @@ COLLINEAR_SINE = 1e-6
 
 def rotation_matrix(q: Quaternion) -> Array:
     """R with v_a = R v_b for q = q_ab."""
-    columns = [quaternion.rotate(q, axis) for axis in ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))]
+    columns = [
+        quaternion.rotate(q, axis) for axis in ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
+    ]
     return np.array(columns).T
 
 
@@ -107,7 +109,8 @@ def largest_rate(measured: Array, s: Array) -> float:
 
 def step_gain(params: FilterParams, K: float, fastest: float, dt: float) -> float:
     """K dt for short steps; beyond, (1 - exp(-K lambda dt))/lambda, which never overshoots."""
-    if dt <= params.euler_step_max_s or fastest <= 0.0:
+    plain = dt <= params.euler_step_max_s and K * fastest * dt <= PLAIN_STEP_LIMIT
+    if plain or fastest <= 0.0:
         return K * dt
     return float(-np.expm1(-K * fastest * dt) / fastest)
 
@@ -136,4 +139,6 @@ def correct(params: FilterParams, state: FilterState, vectors: Vectors, dt: floa
     # The bias integrates the innovation, which decays over the step as the attitude does: g/K, not dt.
     b = np.array(state.gyr_bias_rad_s) + 0.5 * params.gamma * (g / K) * w
     b = np.clip(b, -params.bias_bound_rad_s, params.bias_bound_rad_s)
-    return FilterState(quaternion.normalize(q), (float(b[0]), float(b[1]), float(b[2])), e, d, K, True)
+    return FilterState(
+        quaternion.normalize(q), (float(b[0]), float(b[1]), float(b[2])), e, d, K, True
+    )
