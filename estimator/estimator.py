@@ -9,12 +9,13 @@ from estimator.conditioned import conditioned_step, conditioned_vectors
 from estimator.conditioning.condition import condition
 from estimator.conditioning.condition import initial_state as initial_conditioning
 from estimator.conditioning.types import Conditioned, ConditioningState
+from estimator.declination import declination_rad
 from estimator.filter_types import FilterState, initial_state
 from estimator.observation import raw_vectors
 from estimator.profile import Profile
-from estimator.quaternion import exp, multiply, normalize, scale, subtract
+from estimator.quaternion import conjugate, exp, multiply, normalize, scale, subtract
 from estimator.settings import settings_of
-from estimator.types import ZERO_VEC3, Attitude, ImuSample, Vec3
+from estimator.types import ZERO_VEC3, Attitude, ImuSample, Quaternion, Vec3
 
 # The output is propagated this far beyond the last sample at most, s; then the
 # last rate says nothing about the vehicle any more.
@@ -43,13 +44,14 @@ class Estimator:
 
     def __init__(self, profile: Profile, fixed_gain: float | None = None) -> None:
         self._fixed_gain = fixed_gain
+        self._declination_rad: float | None = None
         self.replace_profile(profile)
         self.restart()
 
     def replace_profile(self, profile: Profile) -> None:
         """Use other parameters from the next sample on; the estimate stays."""
         self.profile = profile
-        self._settings = settings_of(profile, self._fixed_gain)
+        self._settings = settings_of(profile, self._fixed_gain, self._declination_rad)
 
     def restart(self) -> None:
         """Forget the attitude and align anew, as after the vehicle's reboot."""
@@ -138,6 +140,40 @@ class Estimator:
         rate = subtract(sample.gyr_rad_s, state.gyr_bias_rad_s)
         return Snapshot(state, memory, seen, sample.time_us, rate, True)
 
+    def set_position(
+        self, latitude_deg: float, longitude_deg: float, altitude_m: float, unix_us: int
+    ) -> None:
+        """Where and when it is: from magnetic to true north, if the profile leaves that open.
+
+        The first position fixes the declination. The estimate turns with it, so
+        the change of reference is no error to be corrected.
+        """
+        if self._declination_rad is not None or not self._settings.learns_north:
+            return
+        declination = declination_rad(latitude_deg, longitude_deg, altitude_m, unix_us)
+        if declination is None:
+            return
+        self._declination_rad = declination
+        self.replace_profile(self.profile)
+        now = self.snapshot
+        q = multiply(exp((0.0, 0.0, declination)), now.filter.q_ned_frd)
+        self.snapshot = now._replace(filter=now.filter._replace(q_ned_frd=q))
+
+    def turn(self, turn_ned: Quaternion) -> None:
+        """Turn the estimate by a rotation given in NED that no sensor has felt, to test recovery.
+
+        Every attitude inside turns by the same body rotation: q* K q of the filter's q.
+        """
+        now = self.snapshot
+        q = now.filter.q_ned_frd
+        turn_frd = multiply(conjugate(q), multiply(turn_ned, q))
+        gravity = now.conditioning.gravity
+        gravity = gravity._replace(q_g_frd=normalize(multiply(gravity.q_g_frd, turn_frd)))
+        self.snapshot = now._replace(
+            filter=now.filter._replace(q_ned_frd=normalize(multiply(q, turn_frd))),
+            conditioning=now.conditioning._replace(gravity=gravity),
+        )
+
     def attitude(self, time_us: int) -> Attitude:
         """The attitude at ``time_us``, propagated from the last sample for output only."""
         now = self.snapshot
@@ -164,7 +200,8 @@ class Estimator:
     def _with_conditioning(self, published: Attitude, seen: Conditioned) -> Attitude:
         """What the conditioning stage knows about confidence and heading."""
         has_heading = seen.magnetic_weight > 0.0
-        magnetic = "true" if self.profile.reference.declination_deg else "magnetic"
+        known = self._declination_rad is not None or self.profile.reference.declination_deg != 0.0
+        magnetic = "true" if known else "magnetic"
         return published._replace(
             confidence_gravity=seen.gravity_confidence,
             confidence_magnetic=seen.magnetic_confidence,

@@ -11,8 +11,10 @@ import numpy as np
 from estimator.compiled import compiled
 from estimator.memberships import Memberships, Triangle
 
-# Output units squared; below it the aggregate is a set of points (k12 = 0 is a likely optimum).
-SMALLEST_AREA = 1e-12
+# Where all sets together are weaker than this, they are lifted by FAINT_LIFT: areas of denormal
+# height would lose their digits. So faint a clipping leaves the knees at the corners either way.
+FAINT_STRENGTH = 1e-200
+FAINT_LIFT = 1e100
 
 # The paper's Table I. Row: rate of change of the error; column: error; both
 # VS, S, M, L, VL. (The table's "V" is a misprint for L.)
@@ -98,10 +100,113 @@ def clipped_line(x: float, h: float, corners: Triangle, middle: float) -> float:
 def centroid(strengths: Strengths, sets: tuple[Triangle, ...]) -> float:
     """Centroid of max_i min(h_i, triangle_i), exact; 0 where no set has strength.
 
+    A zero area (all strong sets are single points; k12 = 0 is a likely optimum)
+    gives the strength-weighted mean of the peaks. Any other area counts, however
+    small: an input just inside an edge fires a rule with 1e-16.
+    """
+    total = strengths[0] + strengths[1] + strengths[2] + strengths[3] + strengths[4]
+    if total <= 0.0:
+        return 0.0
+    if total < FAINT_STRENGTH:
+        vs, s, m, large, vl = strengths
+        lift = FAINT_LIFT
+        strengths = (vs * lift, s * lift, m * lift, large * lift, vl * lift)
+        total *= lift
+    if ascending(strengths, sets):
+        area, moment = sum_of_levels(strengths, sets)
+    else:
+        area, moment = sum_along_envelope(strengths, sets)
+    if area > 0.0:
+        return moment / area
+    weighted = 0.0
+    for i in range(5):
+        weighted += strengths[i] * sets[i][1]
+    return weighted / total
+
+
+@compiled
+def ascending(strengths: Strengths, sets: tuple[Triangle, ...]) -> bool:
+    """Whether each corner of the strong sets is at or right of the previous strong set's."""
+    a0, b0, c0 = sets[0]
+    for i in range(5):
+        if strengths[i] > 0.0:
+            a, b, c = sets[i]
+            if a < a0 or b < b0 or c < c0:
+                return False
+            a0, b0, c0 = a, b, c
+    return True
+
+
+@compiled
+def sum_of_levels(strengths: Strengths, sets: tuple[Triangle, ...]) -> tuple[float, float]:
+    """Area and first moment of the aggregate, level by level: the quick way.
+
+    At level y the aggregate is the union of the intervals [a + y (b - a),
+    c - y (c - b)] of the sets stronger than y, whose ends are straight lines
+    in y. Where the sets ascend, so do both ends, and each interval adds what
+    lies right of the one before. Needs :func:`ascending` sets.
+    """
+    area = 0.0
+    moment = 0.0
+    y0 = 0.0
+    while True:
+        y1 = 2.0  # the next level at which a set ends; strengths are at most 1
+        for i in range(5):
+            if y0 < strengths[i] < y1:
+                y1 = strengths[i]
+        if y1 > 1.0:
+            return area, moment
+        right0 = -1.0
+        right1 = -1.0
+        for i in range(5):
+            if strengths[i] >= y1:
+                a, b, c = sets[i]
+                left0 = a + y0 * (b - a)
+                left1 = a + y1 * (b - a)
+                gap0 = left0 - right0
+                gap1 = left1 - right1
+                # gaps widen with the level: left ends move right, right ends left
+                if gap1 <= 0.0:
+                    left0, left1 = right0, right1
+                    middle, left = y1, right1
+                elif gap0 >= 0.0:
+                    middle, left = y1, left1
+                else:
+                    t = gap0 / (gap0 - gap1)
+                    middle = y0 + t * (y1 - y0)
+                    left = left0 + t * (left1 - left0)
+                    left0 = right0
+                right0 = c - y0 * (c - b)
+                right1 = c - y1 * (c - b)
+                if middle >= y1:
+                    area += 0.5 * (y1 - y0) * (right0 - left0 + right1 - left)
+                    moment += strip_moment(y1 - y0, left0, left, right0, right1)
+                else:
+                    right = c - middle * (c - b)
+                    area += 0.5 * (middle - y0) * (right0 - left0 + right - left)
+                    moment += strip_moment(middle - y0, left0, left, right0, right)
+                    area += 0.5 * (y1 - middle) * (right - left + right1 - left1)
+                    moment += strip_moment(y1 - middle, left, left1, right, right1)
+        y0 = y1
+
+
+@compiled
+def strip_moment(dy: float, left0: float, left1: float, right0: float, right1: float) -> float:
+    """Integral over y of (right^2 - left^2)/2, the ends straight lines, without cancellation."""
+    width0 = right0 - left0
+    width1 = right1 - left1
+    sum0 = right0 + left0
+    sum1 = right1 + left1
+    return dy / 12.0 * (width0 * (2.0 * sum0 + sum1) + width1 * (sum0 + 2.0 * sum1))
+
+
+@compiled
+def sum_along_envelope(strengths: Strengths, sets: tuple[Triangle, ...]) -> tuple[float, float]:
+    """Area and first moment of the aggregate for sets in any order.
+
     Between two neighbouring knees every clipped triangle is a straight line,
     so the aggregate is the upper envelope of at most five lines: walk from
-    crossing to crossing and sum the trapezoids. A zero area (all strong sets
-    are single points) gives the strength-weighted mean of the peaks.
+    crossing to crossing and sum the trapezoids.
     """
     knees = np.empty(20)
     n = 0
@@ -116,9 +221,6 @@ def centroid(strengths: Strengths, sets: tuple[Triangle, ...]) -> float:
                     j -= 1
                 knees[j] = x
                 n += 1
-    if n == 0:
-        return 0.0
-
     area = 0.0
     moment = 0.0
     left_y = np.empty(5)
@@ -148,8 +250,9 @@ def centroid(strengths: Strengths, sets: tuple[Triangle, ...]) -> float:
             for i in range(5):
                 faster = right_y[i] - left_y[i] - rise
                 if faster > 0.0 and right_y[i] > right_y[top]:
-                    meeting = (left_y[top] - left_y[i]) / faster
-                    if t <= meeting < crossing:
+                    # where three lines meet, rounding may put the meeting before t
+                    meeting = max(t, (left_y[top] - left_y[i]) / faster)
+                    if meeting < crossing:
                         crossing = meeting
                         following = i
             xa = x0 + t * width
@@ -160,15 +263,7 @@ def centroid(strengths: Strengths, sets: tuple[Triangle, ...]) -> float:
             moment += (xb - xa) / 6.0 * (xa * (2.0 * ya + yb) + xb * (ya + 2.0 * yb))
             t = crossing
             top = following
-    if area > SMALLEST_AREA:
-        return moment / area
-
-    total = 0.0
-    weighted = 0.0
-    for i in range(5):
-        total += strengths[i]
-        weighted += strengths[i] * sets[i][1]
-    return weighted / total
+    return area, moment
 
 
 @compiled

@@ -3,7 +3,8 @@
 It defines the memberships; ``estimator/fuzzy.py`` computes the same thing
 fast. scikit-fuzzy integrates a sampled aggregate, exactly where the samples
 hold every vertex and crossing, so the universe is built to hold them; a
-vertical edge becomes two adjacent floats.
+vertical edge becomes two adjacent floats. A set that is a single point has no
+area and stays out of the aggregate, where adjacent floats would lend it one.
 """
 
 from itertools import combinations
@@ -12,7 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from estimator.fuzzy import RULES, SMALLEST_AREA
+from estimator.fuzzy import RULES
 from estimator.memberships import Memberships, Triangle, fuzzy_sets
 
 Array = NDArray[np.float64]
@@ -43,7 +44,7 @@ def universe(strengths: list[float], sets: tuple[Triangle, ...]) -> Array:
     bends: set[float] = set()
     edges: list[tuple[float, float, float, float]] = []  # x0, y0, x1, y1 of each straight piece
     for h, (a, b, c) in zip(strengths, sets, strict=True):
-        if h <= 0.0:
+        if h <= 0.0 or a == c:
             continue
         knees = (a, a + h * (b - a), c - h * (c - b), c)
         bends.update(knees)
@@ -73,11 +74,14 @@ def gain(k: Memberships, error: float, error_rate_1_s: float) -> float:
     strengths = rule_strengths(k, error, error_rate_1_s)
     if not any(strengths):
         return 0.0
-    x = universe(strengths, sets)
-    aggregate: Any = np.zeros_like(x)
-    for h, corners in zip(strengths, sets, strict=True):
-        aggregate = np.fmax(aggregate, np.fmin(h, trimf(x, np.array(corners))))
-    if float(np.trapezoid(aggregate, x)) <= SMALLEST_AREA:
+    areas = [(h, corners) for h, corners in zip(strengths, sets, strict=True) if h > 0.0]
+    areas = [(h, corners) for h, corners in areas if corners[0] < corners[2]]
+    if not areas:
         peaks = [corners[1] for corners in sets]
         return float(np.average(peaks, weights=strengths))
-    return float(centroid(x, aggregate))
+    x = universe(strengths, sets)
+    aggregate: Any = np.zeros_like(x)
+    for h, corners in areas:
+        aggregate = np.fmax(aggregate, np.fmin(h, trimf(x, np.array(corners))))
+    # scikit-fuzzy takes an area below 2e-16 for that much; the centroid does not depend on the scale
+    return float(centroid(x, aggregate / aggregate.max()))

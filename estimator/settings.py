@@ -1,12 +1,13 @@
 """From a profile to the numbers that the kernels take."""
 
-from math import radians
+from math import isfinite, radians
 from typing import NamedTuple
 
 import numpy as np
 
 from estimator.alignment import nearest_rotation, quaternion_from_matrix
 from estimator.conditioning.types import ConditioningParams
+from estimator.errors import InputError
 from estimator.filter_types import FilterParams
 from estimator.observation import ReferenceParams
 from estimator.profile import Profile
@@ -23,11 +24,23 @@ class Settings(NamedTuple):
     reference: ReferenceParams
     conditioning: ConditioningParams
     conditioned: bool
+    learns_north: bool  # the declination may come from a position
     initial: Quaternion | None
 
 
-def settings_of(profile: Profile, fixed_gain: float | None = None) -> Settings:
-    """The kernels' parameters; ``fixed_gain`` replaces the fuzzy controller's K."""
+def settings_of(
+    profile: Profile, fixed_gain: float | None = None, declination_rad: float | None = None
+) -> Settings:
+    """The kernels' parameters; ``fixed_gain`` replaces the fuzzy controller's K.
+
+    ``declination_rad`` is used where the profile names none.
+
+    Raises:
+        InputError: the fixed gain is not a positive number.
+    """
+    if fixed_gain is not None and not (isfinite(fixed_gain) and fixed_gain > 0.0):
+        msg = f"the gain must be a positive number, not {fixed_gain}"
+        raise InputError(msg)
     chosen = profile.filter
     return Settings(
         filter=FilterParams(
@@ -40,7 +53,7 @@ def settings_of(profile: Profile, fixed_gain: float | None = None) -> Settings:
             fixed_gain=1.0 if fixed_gain is None else float(fixed_gain),
         ),
         reference=ReferenceParams(
-            magnetic_ned=_magnetic_direction(profile),
+            magnetic_ned=_magnetic_direction(profile, declination_rad),
             gravity_ned=unit(profile.reference.gravity),
             s_magnetic=profile.confidence.magnetic,
             s_gravity=profile.confidence.gravity,
@@ -50,15 +63,17 @@ def settings_of(profile: Profile, fixed_gain: float | None = None) -> Settings:
             **{key: value for key, value in profile.conditioning.items() if key != "enabled"}
         ),
         conditioned=profile.conditioned,
+        learns_north=profile.reference.magnetic == "learn" and not profile.reference.declination_deg,
         initial=_initial_attitude(profile),
     )
 
 
-def _magnetic_direction(profile: Profile) -> Vec3:
+def _magnetic_direction(profile: Profile, declination_rad: float | None) -> Vec3:
     """The profile's magnetic direction turned to true north by the declination."""
     direction = profile.reference.magnetic
     north = MAGNETIC_NORTH if direction == "learn" else unit(direction)
-    return rotate(exp((0.0, 0.0, radians(profile.reference.declination_deg))), north)
+    angle = radians(profile.reference.declination_deg) or declination_rad or 0.0
+    return rotate(exp((0.0, 0.0, angle)), north)
 
 
 def _initial_attitude(profile: Profile) -> Quaternion | None:

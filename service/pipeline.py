@@ -19,7 +19,6 @@ from drivers.events import (
     Notice,
     Position,
     Rejected,
-    Velocity,
     VehicleId,
 )
 from estimator.errors import InputError
@@ -70,28 +69,33 @@ class Pipeline:
         """All vehicles so far, in the order of their appearance."""
         return tuple(self._vehicles.values())
 
+    def vehicle(self, address: VehicleId) -> Vehicle | None:
+        """The vehicle of that address, if it has been seen."""
+        return self._vehicles.get(address)
+
+    def vehicle(self, address: VehicleId) -> Vehicle | None:
+        """The vehicle of that address, if it has appeared."""
+        return self._vehicles.get(address)
+
     def handle(self, event: Event) -> list[Output]:
         """Take one event; what has to be told at once comes back."""
         match event:
             case Imu(vehicle=address):
-                vehicle = self._vehicle(address)
+                vehicle = self._meet(address)
                 return [] if vehicle is None else _messages(vehicle.on_imu(event))
             case ClockReset(vehicle=address):
                 vehicle = self._vehicles.get(address)
                 return [] if vehicle is None else _messages(vehicle.on_clock_reset(event))
-            case Velocity(vehicle=address):
-                if address in self._vehicles:
-                    self._vehicles[address].on_velocity(event)
             case Position(vehicle=address):
                 if address in self._vehicles:
                     self._vehicles[address].on_position(event)
             case Rejected(vehicle=address, reason=reason):
-                vehicle = self._vehicle(address)
+                vehicle = self._meet(address)
                 if vehicle is not None:
                     vehicle.reject(reason)
             case Heartbeat(vehicle=address, autopilot=autopilot, vehicle_type=kind):
                 if autopilot != AUTOPILOT_INVALID and kind != TYPE_GCS:
-                    self._vehicle(address)
+                    self._meet(address)
             case Malformed(frames=frames):
                 self.malformed += frames
             case Notice(vehicle=address, text=text):
@@ -129,7 +133,7 @@ class Pipeline:
         vehicle.replace_profile(profile)
         return profile
 
-    def _vehicle(self, address: VehicleId) -> Vehicle | None:
+    def _meet(self, address: VehicleId) -> Vehicle | None:
         """The vehicle of that address, a new one if need be; None if it is not wanted."""
         vehicle = self._vehicles.get(address)
         if vehicle is not None or not self._is_wanted(address):

@@ -3,14 +3,17 @@
 from collections import Counter, deque
 from statistics import median
 
-from drivers.events import ClockReset, Imu, Position, VehicleId, Velocity
+from drivers.events import ClockReset, Imu, Position, VehicleId
 from estimator.estimator import Estimator
 from estimator.profile import Profile
+from estimator.types import ImuSample
+from estimator.types import ImuSample
 from service import health, host_clock, imu_choice
+from service.attitude_record import Stamp, attitude_record
 from service.health import Health, State
 from service.host_clock import HostClock
 from service.imu_choice import ImuChoice
-from service.records import AttitudeRecord, Stamp, StatusRecord, attitude_record, vehicle_name
+from service.records import AttitudeRecord, StatusRecord, vehicle_name
 
 # Enough for a steady median, few enough to follow a stream whose rate was changed.
 PERIODS_KEPT = 51
@@ -47,9 +50,19 @@ class Vehicle:
         return self._health.state
 
     @property
+    def last_sample(self) -> ImuSample | None:
+        """The sample that the estimator took last."""
+        return None if self._last is None else self._last.sample
+
+    @property
     def imu_message(self) -> str | None:
         """The IMU message in use."""
         return self._choice.message
+
+    @property
+    def last_sample(self) -> ImuSample | None:
+        """The last sample that the estimator took since its clock began."""
+        return None if self._last is None else self._last.sample
 
     @property
     def median_period_us(self) -> float:
@@ -71,9 +84,7 @@ class Vehicle:
             self.reject(reason)
             return texts
         self._measure(event)
-        after = health.on_sample(
-            self._health, event.arrival_us, aligned=self.estimator.aligned
-        )
+        after = health.on_sample(self._health, event.arrival_us, aligned=self.estimator.aligned)
         return texts + self._become(after)
 
     def on_clock_reset(self, event: ClockReset) -> list[str]:
@@ -81,13 +92,9 @@ class Vehicle:
         self.estimator.restart()
         self._clock = HostClock()
         self._last = None
-        return [f"vehicle {self.name}: clock {event.reason} by {event.step_s:+.1f} s, aligning anew"]
-
-    def on_velocity(self, event: Velocity) -> None:
-        """Tell the estimator the velocity over ground."""
-        reason = self.estimator.update_velocity(event.sample)
-        if reason is not None:
-            self.reject(reason)
+        return [
+            f"vehicle {self.name}: clock {event.reason} by {event.step_s:+.1f} s, aligning anew"
+        ]
 
     def on_position(self, event: Position) -> None:
         """Tell the estimator where it is, for the declination."""
@@ -139,9 +146,12 @@ class Vehicle:
     @property
     def imu_rate_hz(self) -> float:
         """Rate of the IMU message in use, 0 if unknown or silent."""
-        if self.state not in (State.ALIGNING, State.RUNNING) or not self.median_period_us:
-            return 0.0
-        return 1e6 / self.median_period_us
+        return self.median_rate_hz if self.state in (State.ALIGNING, State.RUNNING) else 0.0
+
+    @property
+    def median_rate_hz(self) -> float:
+        """Rate of the IMU message in use while it came, 0 if unknown."""
+        return 1e6 / self.median_period_us if self.median_period_us > 0.0 else 0.0
 
     def reject(self, reason: str) -> None:
         """Count a refused sample."""

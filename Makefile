@@ -1,0 +1,46 @@
+# Everything happens in .venv; each target sets up what it needs.
+
+PYTHON ?= $(shell command -v python3.11 || command -v python3.12 || command -v python3.13 || command -v python3)
+BIN := .venv/bin
+
+.PHONY: demo test setup style types build clean
+
+## demo: the simulated vehicle through the live service, attitudes in the terminal
+demo: .venv/installed
+	$(BIN)/fuzzbee run sim: --seconds 30
+
+## test: the whole test suite
+test: .venv/developer
+	$(BIN)/python -m pytest -q
+
+## setup: the environment for development
+setup: .venv/developer
+
+style: .venv/developer
+	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
+	$(BIN)/lint-imports
+
+types: .venv/developer
+	$(BIN)/mypy
+
+build: .venv/developer
+	rm -rf dist
+	$(BIN)/python -m build --wheel
+
+clean:
+	rm -rf .venv dist
+
+.venv/bin/python:
+	$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || \
+	  { echo "fuzzbee needs Python 3.11 or later (set PYTHON=...)" >&2; exit 1; }
+	$(PYTHON) -m venv .venv
+	$(BIN)/python -m pip install -q --upgrade 'pip>=25.1'
+
+.venv/installed: .venv/bin/python pyproject.toml constraints.txt
+	$(BIN)/python -m pip install -q -c constraints.txt -e '.[plot]'
+	touch $@
+
+.venv/developer: .venv/installed
+	$(BIN)/python -m pip install -q -c constraints.txt -e '.[plot,mcap,metrics,cluster,optimizers]' --group dev
+	touch $@

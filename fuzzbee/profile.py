@@ -1,0 +1,44 @@
+"""``fuzzbee profile show|check``: look at a profile, or tell what is wrong with one."""
+
+import json
+from typing import Annotated
+
+import typer
+
+profile_app = typer.Typer(help="Show or check a profile.", no_args_is_help=True)
+
+EPILOG = """Examples:
+
+  fuzzbee profile show imu
+
+  fuzzbee profile check tuned.toml"""
+
+
+@profile_app.command(epilog=EPILOG)
+def show(
+    profile: Annotated[str, typer.Argument(metavar="NAME|FILE", help="paper, imu or a TOML file.")],
+    as_json: Annotated[bool, typer.Option("--json", help="One JSON object.")] = False,
+) -> None:
+    """Print a profile with every value that was left to its default."""
+    import tomli_w
+
+    from estimator.profile import load_profile, profile_to_json
+
+    tree = profile_to_json(load_profile(profile))
+    print(json.dumps(tree) if as_json else tomli_w.dumps(tree), end="\n" if as_json else "")
+
+
+@profile_app.command(epilog=EPILOG)
+def check(
+    profile: Annotated[str, typer.Argument(metavar="NAME|FILE", help="paper, imu or a TOML file.")],
+    as_json: Annotated[bool, typer.Option("--json", help="One JSON object.")] = False,
+) -> None:
+    """Tell whether a profile can be used; if not, what is wrong and where (exit status 2)."""
+    from estimator.profile import load_profile
+
+    checked = load_profile(profile)
+    text = "conditioned vectors" if checked.conditioned else "raw vectors"
+    if as_json:
+        print(json.dumps({"file": profile, "valid": True, "conditioned": checked.conditioned}))
+    else:
+        print(f"{profile}: valid ({text})")

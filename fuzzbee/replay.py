@@ -1,0 +1,137 @@
+"""``fuzzbee replay``: the filter over logs, or over the paper's signals, scored."""
+
+import sys
+import time
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from estimator.errors import InputError
+
+if TYPE_CHECKING:
+    from fuzzbee.log_report import LogReport
+
+SIMULATION = "sim:"
+
+EPILOG = """Examples:
+
+  fuzzbee replay flight.tlog
+
+  fuzzbee replay flight.tlog flight.bin --reference autopilot --skip 40 --json
+
+  fuzzbee replay sim: --profile paper --seeds 0-19"""
+
+
+def replay(
+    sources: Annotated[
+        list[str], typer.Argument(metavar="LOG...|sim:", help="Log files, or sim: for the paper's signals.")
+    ],
+    profile: Annotated[
+        str | None,
+        typer.Option("--profile", help="paper, imu or a TOML file. [default: imu; for sim: paper]"),
+    ] = None,
+    gain: Annotated[
+        float | None, typer.Option("--gain", metavar="K", help="Fixed gain K instead of the fuzzy one.")
+    ] = None,
+    reference: Annotated[
+        str | None,
+        typer.Option("--reference", help="sim or autopilot. [default: sim if present]"),
+    ] = None,
+    skip: Annotated[
+        float, typer.Option("--skip", metavar="S", help="Leave the first S seconds out of the errors.")
+    ] = 0.0,
+    start_wrong: Annotated[
+        float,
+        typer.Option("--start-wrong", metavar="DEG", help="Turn the first estimate by DEG degrees."),
+    ] = 0.0,
+    system_id: Annotated[
+        int | None,
+        typer.Option("--system-id", help="Which vehicle. [default: the one with most IMU samples]"),
+    ] = None,
+    seeds: Annotated[
+        str | None, typer.Option("--seeds", metavar="A-B", help="Noise seeds for sim:, both included.")
+    ] = None,
+    as_json: Annotated[bool, typer.Option("--json", help="One JSON object on standard output.")] = False,
+) -> None:
+    """Run the filter over logs as fast as it goes and score it against a reference."""
+    if gain is not None and not 0.0 < gain <= 1e6:
+        raise InputError(f"--gain {gain:g}: K must be above 0")
+    if skip < 0.0:
+        raise InputError(f"--skip {skip:g}: must not be negative")
+    if reference not in (None, "sim", "autopilot"):
+        raise InputError(f"--reference {reference}: must be sim or autopilot")
+    if SIMULATION in sources:
+        if len(sources) > 1:
+            raise InputError("replay: sim: stands alone, not beside logs")
+        for option, value in (("--skip", skip), ("--start-wrong", start_wrong)):
+            if value:
+                raise InputError(f"{option} is for logs; sim: starts wrong by itself")
+        _replay_simulation(profile or "paper", gain, seeds or "0", as_json=as_json)
+        return
+    if seeds is not None:
+        raise InputError("--seeds goes with sim: only")
+    options: dict[str, Any] = {
+        "fixed_gain": gain,
+        "reference": reference,
+        "skip_s": skip,
+        "start_wrong_deg": start_wrong,
+        "system_id": system_id,
+    }
+    _replay_logs([Path(source) for source in sources], profile or "imu", options, as_json=as_json)
+
+
+def _replay_logs(
+    paths: list[Path], profile_name: str, options: dict[str, Any], *, as_json: bool
+) -> None:
+    import msgspec
+
+    from estimator.profile import load_profile
+    from fuzzbee.log_report import report_log
+    from fuzzbee.replay_table import print_reports
+
+    profile = load_profile(profile_name)
+    reports = [report_log(path, profile, tell=_tell, **options) for path in paths]
+    if not as_json:
+        print_reports(reports)
+    elif len(reports) == 1:
+        print(msgspec.json.encode(reports[0]).decode())
+    else:
+        print(msgspec.json.encode({"logs": reports}).decode())
+
+
+def _replay_simulation(
+    profile_name: str, gain: float | None, seeds: str, *, as_json: bool
+) -> None:
+    import msgspec
+
+    from estimator.profile import load_profile
+    from fuzzbee.replay_table import print_simulation
+    from fuzzbee.simulation_report import report_simulation
+
+    started = time.perf_counter()
+    report = report_simulation(load_profile(profile_name), seed_range(seeds), gain)
+    report = msgspec.structs.replace(report, wall_s=time.perf_counter() - started)
+    if as_json:
+        print(msgspec.json.encode(report).decode())
+    else:
+        print_simulation(report)
+
+
+def seed_range(text: str) -> range:
+    """``A-B``, both included, or a single ``A``.
+
+    Raises:
+        InputError: not of that form, or empty.
+    """
+    first, _, last = text.partition("-")
+    if not first.isdecimal() or not (last or first).isdecimal():
+        raise InputError(f"--seeds {text}: must be A-B with whole numbers, such as 0-19")
+    seeds = range(int(first), int(last or first) + 1)
+    if not seeds:
+        raise InputError(f"--seeds {text}: the range is empty")
+    return seeds
+
+
+def _tell(line: str) -> None:
+    print(line, file=sys.stderr)
