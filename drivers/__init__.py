@@ -1,0 +1,1 @@
+"""Bytes and logs to samples and back, and the simulated vehicle."""

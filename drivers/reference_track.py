@@ -43,7 +43,9 @@ class ReferenceTrack:
         known = np.zeros(len(times_us), dtype=bool)
         if self.message is None:
             return attitudes, known
-        t, unique = np.unique(np.array(self._times[self.message], dtype=np.int64), return_index=True)
+        t, unique = np.unique(
+            np.array(self._times[self.message], dtype=np.int64), return_index=True
+        )
         q = [self._attitudes[self.message][i] for i in unique]
         longest_us = self._longest_gap_us(t)
         following = np.searchsorted(t, times_us)

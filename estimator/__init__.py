@@ -1,0 +1,1 @@
+"""The maths that everything shares: filter, fuzzy controller, conditioning. No I/O, no clock."""

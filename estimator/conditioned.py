@@ -40,7 +40,7 @@ def conditioned_step(
     has_mag: bool,
     dt: float,
 ) -> tuple[FilterState, ConditioningState, Conditioned]:
-    """One sample: condition it, propagate with the bias removed, correct with the conditioned vectors."""
+    """One sample: condition it, propagate free of bias, correct with the conditioned vectors."""
     memory, seen = condition(conditioning, memory, gyr_rad_s, acc_m_s2, mag, has_mag, dt)
     state = turned(state, seen.rate_rad_s, dt, seen.bias_rad_s)
     return correct(params, state, conditioned_vectors(reference, seen), dt), memory, seen

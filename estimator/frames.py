@@ -1,4 +1,4 @@
-"""The only file where frames change: NED/FRD to ENU/FLU (ROS REP 103), and Euler angles for display.
+"""The only file where frames change: NED/FRD to ENU/FLU (ROS REP 103); Euler angles for display.
 
 The fixed rotations: ENU from NED is half a turn about (1, 1, 0)/sqrt 2 (swap
 x and y, negate z); FLU from FRD is half a turn about x (negate y and z). Each

@@ -83,5 +83,5 @@ def gain(k: Memberships, error: float, error_rate_1_s: float) -> float:
     aggregate: Any = np.zeros_like(x)
     for h, corners in areas:
         aggregate = np.fmax(aggregate, np.fmin(h, trimf(x, np.array(corners))))
-    # scikit-fuzzy takes an area below 2e-16 for that much; the centroid does not depend on the scale
+    # scikit-fuzzy divides by at least 2e-16, so a faint aggregate is scaled to height 1 first
     return float(centroid(x, aggregate / aggregate.max()))

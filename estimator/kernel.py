@@ -1,4 +1,4 @@
-"""The steps of ``estimator/reference.py`` on scalars, compiled; the paper's explanation is there."""
+"""The steps of ``estimator/reference.py`` on scalars, compiled; the explanation is there."""
 
 from math import expm1, sqrt
 
@@ -143,7 +143,7 @@ def correct(params: FilterParams, state: FilterState, vectors: Vectors, dt: floa
     K = adaptive_gain(params, e, d)
     g = step_gain(params, K, largest_rate(dot(v1, v2), s1, s2, s3), dt)
     q = normalize(multiply(state.q_ned_frd, exp(scale(-g, w))))
-    # The bias integrates the innovation, which decays over the step as the attitude does: g/K, not dt.
+    # The bias integrates the innovation, which decays over the step as the error does: g/K, not dt.
     b = add(state.gyr_bias_rad_s, scale(0.5 * params.gamma * g / K, w))
     return FilterState(q, bounded(b, params.bias_bound_rad_s), e, d, K, True)
 

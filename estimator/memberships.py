@@ -4,6 +4,7 @@ The paper's Eqs. (13) and (14) ("Inp_MMF_Constraints", "Out_MMF_Constraints").
 Fuzzy set order everywhere: VS, S, M, L, VL (very small ... very large).
 """
 
+from itertools import pairwise
 from typing import NamedTuple
 
 from estimator.errors import InputError
@@ -72,7 +73,7 @@ def require_feasible(k: Memberships) -> None:
             msg = f"membership.{name}: {value:g} is outside [{low:g}, {high:g}]"
             raise InputError(msg)
     for chain in CHAINS:
-        for left, right in zip(chain, chain[1:], strict=False):
+        for left, right in pairwise(chain):
             if k[left] > k[right]:
                 msg = (
                     f"membership: {NAMES[left]} <= {NAMES[right]} must hold inside a triangle, "

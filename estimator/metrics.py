@@ -17,7 +17,8 @@ from estimator.types import Quaternion
 
 Array = NDArray[np.float64]
 
-# The paper's cost, Eq. (12): 0.3 sum_{0<=t<=1} e + sum_{4<=t<=14} e, steps of 0.01 s, both ends included.
+# The paper's cost, Eq. (12): 0.3 sum_{0<=t<=1} e + sum_{4<=t<=14} e; steps of 0.01 s, both ends
+# included.
 COST_RATE_HZ = 100.0
 COST_SAMPLES = 1501
 TRANSIENT_WEIGHT = 0.3

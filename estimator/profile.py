@@ -17,7 +17,7 @@ from msgspec import Meta, Struct
 from estimator import memberships
 from estimator.conditioning.types import ConditioningParams
 from estimator.errors import InputError
-from estimator.types import Quaternion, Vec3
+from estimator.types import Vec3
 
 SHIPPED = ("paper", "imu")
 
@@ -210,7 +210,9 @@ def _complete_membership(given: Mapping[str, float]) -> memberships.Memberships:
 def _require_conditioning(given: Mapping[str, float | bool]) -> None:
     _require_known("conditioning", given, CONDITIONING_DEFAULTS)
     if "enabled" not in given:
-        msg = "conditioning.enabled is missing (true: for real IMUs, false: the paper's raw vectors)"
+        msg = (
+            "conditioning.enabled is missing (true: for real IMUs, false: the paper's raw vectors)"
+        )
         raise InputError(msg)
     for key, value in given.items():
         default = CONDITIONING_DEFAULTS[key]

@@ -24,7 +24,7 @@ def dot(u: Vec3, v: Vec3) -> float:
 
 @compiled
 def cross(u: Vec3, v: Vec3) -> Vec3:
-    """U x v."""
+    """u x v."""
     return (
         u[1] * v[2] - u[2] * v[1],
         u[2] * v[0] - u[0] * v[2],
@@ -34,19 +34,19 @@ def cross(u: Vec3, v: Vec3) -> Vec3:
 
 @compiled
 def add(u: Vec3, v: Vec3) -> Vec3:
-    """U + v."""
+    """u + v."""
     return (u[0] + v[0], u[1] + v[1], u[2] + v[2])
 
 
 @compiled
 def subtract(u: Vec3, v: Vec3) -> Vec3:
-    """U - v."""
+    """u - v."""
     return (u[0] - v[0], u[1] - v[1], u[2] - v[2])
 
 
 @compiled
 def scale(a: float, v: Vec3) -> Vec3:
-    """A v."""
+    """a v."""
     return (a * v[0], a * v[1], a * v[2])
 
 
@@ -58,7 +58,7 @@ def norm(v: Vec3) -> float:
 
 @compiled
 def unit(v: Vec3) -> Vec3:
-    """V / |v|; the zero vector stays zero."""
+    """v / |v|; the zero vector stays zero."""
     n = norm(v)
     if n == 0.0:
         return (0.0, 0.0, 0.0)
@@ -84,7 +84,7 @@ def conjugate(q: Quaternion) -> Quaternion:
 
 @compiled
 def normalize(q: Quaternion) -> Quaternion:
-    """Q / |q|; the zero quaternion becomes the identity."""
+    """q / |q|; the zero quaternion becomes the identity."""
     n = sqrt(q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + q[3] * q[3])
     if n == 0.0:
         return (1.0, 0.0, 0.0, 0.0)
@@ -93,7 +93,7 @@ def normalize(q: Quaternion) -> Quaternion:
 
 @compiled
 def rotate(q: Quaternion, v: Vec3) -> Vec3:
-    """Q v q*: with ``q_ab`` and ``v_b`` this is ``v_a``."""
+    """q v q*: with ``q_ab`` and ``v_b`` this is ``v_a``."""
     # v + 2 r x (r x v + w v), r the vector part
     t0 = 2.0 * (q[2] * v[2] - q[3] * v[1])
     t1 = 2.0 * (q[3] * v[0] - q[1] * v[2])
@@ -113,7 +113,7 @@ def rotate_inverse(q: Quaternion, v: Vec3) -> Vec3:
 
 @compiled
 def exp(phi: Vec3) -> Quaternion:
-    """Exponential map: rotation vector (rad) to quaternion, (cos |phi|/2, sin(|phi|/2) phi/|phi|)."""
+    """Exponential map: rotation vector phi (rad) to (cos |phi|/2, sin(|phi|/2) phi/|phi|)."""
     angle_sq = phi[0] * phi[0] + phi[1] * phi[1] + phi[2] * phi[2]
     half = 0.5 * sqrt(angle_sq)
     if half < SMALL_HALF_ANGLE_RAD:
@@ -179,7 +179,7 @@ def normalized_distance(p: Quaternion, q: Quaternion) -> float:
 
 @compiled
 def clip_unit(x: float) -> float:
-    """X limited to [-1, 1], for the inverse cosine."""
+    """x limited to [-1, 1], for the inverse cosine."""
     return max(-1.0, min(1.0, x))
 
 

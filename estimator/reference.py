@@ -48,7 +48,8 @@ def three_vectors(v: Vectors, q: Quaternion) -> tuple[Array, Array, Array, bool]
     R = rotation_matrix(q)
     measured = [np.array(v.v1_frd), np.array(v.v2_frd)]
     inertial = [np.array(v.v1_ned), np.array(v.v2_ned)]
-    cross_measured, cross_inertial = np.cross(*measured), np.cross(*inertial)
+    cross_measured = np.cross(measured[0], measured[1])
+    cross_inertial = np.cross(inertial[0], inertial[1])
     sine, inertial_sine = np.linalg.norm(cross_measured), np.linalg.norm(cross_inertial)
     spans = bool(min(v.s1, v.s2) > 0.0 and min(sine, inertial_sine) > COLLINEAR_SINE)
     if spans:
@@ -80,7 +81,7 @@ def attitude_error(measured: Array, estimated: Array, s: Array) -> float:
 
 
 def single_vector_error(measured: Array, estimated: Array, s: Array) -> float:
-    """sin^2 of half the angle between the vectors, averaged by confidence: what one vector can tell."""
+    """sin^2 of half the angle between the vectors, averaged by confidence."""
     half_angle_sine_sq = 0.5 * (1.0 - np.sum(measured[:2] * estimated[:2], axis=1))
     total = s[0] + s[1]
     return float(np.clip(s[:2] @ half_angle_sine_sq / total, 0.0, 1.0)) if total > 0.0 else 0.0
@@ -102,7 +103,10 @@ def adaptive_gain(params: FilterParams, error: float, error_rate_1_s: float) -> 
 
 
 def largest_rate(measured: Array, s: Array) -> float:
-    """Largest eigenvalue of (tr(M) I - M)/2, M = sum s_i v_i v_i^T: the fastest error decays with K times it."""
+    """Largest eigenvalue of (tr(M) I - M)/2, M = sum s_i v_i v_i^T.
+
+    A small error about its axis decays with K times it; about no axis faster.
+    """
     M = np.einsum("i,ij,ik->jk", s, measured, measured)
     return float(np.linalg.eigvalsh(0.5 * (np.trace(M) * np.eye(3) - M))[-1])
 
@@ -136,7 +140,7 @@ def correct(params: FilterParams, state: FilterState, vectors: Vectors, dt: floa
     g = step_gain(params, K, largest_rate(measured, s), dt)
     turn: Any = tuple(-g * w)
     q = quaternion.multiply(state.q_ned_frd, quaternion.exp(turn))
-    # The bias integrates the innovation, which decays over the step as the attitude does: g/K, not dt.
+    # The bias integrates the innovation, which decays over the step as the error does: g/K, not dt.
     b = np.array(state.gyr_bias_rad_s) + 0.5 * params.gamma * (g / K) * w
     b = np.clip(b, -params.bias_bound_rad_s, params.bias_bound_rad_s)
     return FilterState(

@@ -1,7 +1,7 @@
 """From a profile to the numbers that the kernels take."""
 
 from math import isfinite, radians
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -59,11 +59,10 @@ def settings_of(
             s_gravity=profile.confidence.gravity,
             s_cross=profile.confidence.cross,
         ),
-        conditioning=ConditioningParams()._replace(
-            **{key: value for key, value in profile.conditioning.items() if key != "enabled"}
-        ),
+        conditioning=_conditioning(profile),
         conditioned=profile.conditioned,
-        learns_north=profile.reference.magnetic == "learn" and not profile.reference.declination_deg,
+        learns_north=profile.reference.magnetic == "learn"
+        and not profile.reference.declination_deg,
         initial=_initial_attitude(profile),
     )
 
@@ -74,6 +73,11 @@ def _magnetic_direction(profile: Profile, declination_rad: float | None) -> Vec3
     north = MAGNETIC_NORTH if direction == "learn" else unit(direction)
     angle = radians(profile.reference.declination_deg) or declination_rad or 0.0
     return rotate(exp((0.0, 0.0, angle)), north)
+
+
+def _conditioning(profile: Profile) -> ConditioningParams:
+    chosen: dict[str, Any] = {k: v for k, v in profile.conditioning.items() if k != "enabled"}
+    return ConditioningParams()._replace(**chosen)
 
 
 def _initial_attitude(profile: Profile) -> Quaternion | None:

@@ -1,0 +1,1 @@
+"""The command, and all that a person looks at."""

@@ -137,7 +137,10 @@ def score(path: Path, trace: VehicleTrace, wanted: str | None, skip_s: float) ->
     times_us = trace.times_us
     has_heading = trace.fields > 0
     if source is None:
-        truth, known = np.tile([1.0, 0.0, 0.0, 0.0], (len(times_us), 1)), np.zeros(len(times_us), bool)
+        truth, known = (
+            np.tile([1.0, 0.0, 0.0, 0.0], (len(times_us), 1)),
+            np.zeros(len(times_us), bool),
+        )
     else:
         truth, known = trace.references[source].at(times_us)
     errors = errors_against(trace.estimates, truth)
@@ -165,7 +168,9 @@ def score(path: Path, trace: VehicleTrace, wanted: str | None, skip_s: float) ->
 
 
 def _choose_reference(path: Path, trace: VehicleTrace, wanted: str | None) -> str | None:
-    available = [name for name in ("sim", "autopilot") if trace.references[name].message is not None]
+    available = [
+        name for name in ("sim", "autopilot") if trace.references[name].message is not None
+    ]
     if wanted is None:
         return available[0] if available else None
     if wanted not in available:

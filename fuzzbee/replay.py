@@ -3,14 +3,11 @@
 import sys
 import time
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated, Any
 
 import typer
 
 from estimator.errors import InputError
-
-if TYPE_CHECKING:
-    from fuzzbee.log_report import LogReport
 
 SIMULATION = "sim:"
 
@@ -25,34 +22,42 @@ EPILOG = """Examples:
 
 def replay(
     sources: Annotated[
-        list[str], typer.Argument(metavar="LOG...|sim:", help="Log files, or sim: for the paper's signals.")
+        list[str],
+        typer.Argument(metavar="LOG...|sim:", help="Log files, or sim: for the paper's signals."),
     ],
     profile: Annotated[
         str | None,
         typer.Option("--profile", help="paper, imu or a TOML file. [default: imu; for sim: paper]"),
     ] = None,
     gain: Annotated[
-        float | None, typer.Option("--gain", metavar="K", help="Fixed gain K instead of the fuzzy one.")
+        float | None,
+        typer.Option("--gain", metavar="K", help="Fixed gain K instead of the fuzzy one."),
     ] = None,
     reference: Annotated[
         str | None,
         typer.Option("--reference", help="sim or autopilot. [default: sim if present]"),
     ] = None,
     skip: Annotated[
-        float, typer.Option("--skip", metavar="S", help="Leave the first S seconds out of the errors.")
+        float,
+        typer.Option("--skip", metavar="S", help="Leave the first S seconds out of the errors."),
     ] = 0.0,
     start_wrong: Annotated[
         float,
-        typer.Option("--start-wrong", metavar="DEG", help="Turn the first estimate by DEG degrees."),
+        typer.Option(
+            "--start-wrong", metavar="DEG", help="Turn the first estimate by DEG degrees."
+        ),
     ] = 0.0,
     system_id: Annotated[
         int | None,
         typer.Option("--system-id", help="Which vehicle. [default: the one with most IMU samples]"),
     ] = None,
     seeds: Annotated[
-        str | None, typer.Option("--seeds", metavar="A-B", help="Noise seeds for sim:, both included.")
+        str | None,
+        typer.Option("--seeds", metavar="A-B", help="Noise seeds for sim:, both included."),
     ] = None,
-    as_json: Annotated[bool, typer.Option("--json", help="One JSON object on standard output.")] = False,
+    as_json: Annotated[
+        bool, typer.Option("--json", help="One JSON object on standard output.")
+    ] = False,
 ) -> None:
     """Run the filter over logs as fast as it goes and score it against a reference."""
     if gain is not None and not 0.0 < gain <= 1e6:
@@ -100,9 +105,7 @@ def _replay_logs(
         print(msgspec.json.encode({"logs": reports}).decode())
 
 
-def _replay_simulation(
-    profile_name: str, gain: float | None, seeds: str, *, as_json: bool
-) -> None:
+def _replay_simulation(profile_name: str, gain: float | None, seeds: str, *, as_json: bool) -> None:
     import msgspec
 
     from estimator.profile import load_profile

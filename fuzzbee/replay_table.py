@@ -26,7 +26,8 @@ def print_reports(reports: "Sequence[LogReport]") -> None:
     for report in reports:
         for name, peer in report.peers.items():
             console.print(
-                f"{_name(report)}: the {name}'s own error: total {_number(peer.total_rms)}°, "
+                f"{_name(report)}: the {name}'s own error: "
+                f"total {_number(peer.total_rms)}°, "
                 f"heading {_number(peer.heading_rms)}°, inclination {_number(peer.inclination_rms)}°"
             )
         if report.rejected:

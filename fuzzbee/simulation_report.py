@@ -42,12 +42,17 @@ def report_simulation(
     results = [run_experiment(profile, seed, fixed_gain) for seed in seeds]
     errors = np.concatenate([errors_against(r.estimates, r.truth) for r in results])
     settling = float(np.median([r.settling_s for r in results]))
-    below = [np.flatnonzero(errors_against(r.estimates, r.truth)[:, 0] < np.radians(5.0)) for r in results]
+    below = [
+        np.flatnonzero(errors_against(r.estimates, r.truth)[:, 0] < np.radians(5.0))
+        for r in results
+    ]
     converged = float(np.median([i[0] / COST_RATE_HZ if len(i) else np.inf for i in below]))
     return SimulationReport(
         source="sim:",
         vehicle=VehicleSummary(1, 1, None, None),
-        imu=ImuSummary("RAW_IMU", COST_SAMPLES * len(results), COST_RATE_HZ, 1.0 / COST_RATE_HZ, None),
+        imu=ImuSummary(
+            "RAW_IMU", COST_SAMPLES * len(results), COST_RATE_HZ, 1.0 / COST_RATE_HZ, None
+        ),
         duration_s=(COST_SAMPLES - 1) / COST_RATE_HZ,
         reference="sim",
         error_deg=summarize(errors, has_heading=True),

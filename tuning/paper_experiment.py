@@ -31,7 +31,9 @@ class ExperimentResult(NamedTuple):
     truth: Floats  # (1501, 4)
 
 
-def run_experiment(profile: Profile, seed: int, fixed_gain: float | None = None) -> ExperimentResult:
+def run_experiment(
+    profile: Profile, seed: int, fixed_gain: float | None = None
+) -> ExperimentResult:
     """Run the filter of ``profile`` on the paper's signals with the noise of ``seed``.
 
     Raises:
