@@ -1,0 +1,1 @@
+"""The live service: pipeline, loop, sinks and Zenoh."""

@@ -2,6 +2,7 @@
 
 import time
 from collections.abc import Sequence
+from typing import Self
 
 from service.records import Message, Output
 from service.sinks import Outlet, Sink
@@ -41,7 +42,7 @@ class Outbox:
             if not outlet.close(max(0.01, end_s - time.monotonic())):
                 self.stuck.append(outlet.sink.name)
 
-    def __enter__(self) -> "Outbox":
+    def __enter__(self) -> Self:
         return self
 
     def __exit__(self, *_: object) -> None:

@@ -1,7 +1,8 @@
 """Requests to replace a profile: asked on other threads, answered by the loop's."""
 
 from collections.abc import Callable
-from concurrent.futures import Future
+from concurrent.futures import CancelledError, Future
+from contextlib import suppress
 from queue import Empty, Full, Queue
 from typing import Any, NamedTuple
 
@@ -27,6 +28,7 @@ class ParameterRequests:
 
     def __init__(self) -> None:
         self._queue: Queue[_Request] = Queue(MAX_PENDING)
+        self._closed = False
 
     def ask(self, vehicle: VehicleId, partial: dict[str, Any]) -> Profile:
         """Have the loop replace a profile; blocks until it did.
@@ -35,6 +37,8 @@ class ParameterRequests:
             InputError: the loop refused it.
             TimeoutError: the loop is too busy, or not running.
         """
+        if self._closed:
+            raise TimeoutError("the service is ending")
         answer: Future[Profile] = Future()
         try:
             self._queue.put_nowait(_Request(vehicle, partial, answer))
@@ -45,6 +49,8 @@ class ParameterRequests:
         except TimeoutError:
             answer.cancel()
             raise TimeoutError("the service did not answer in time") from None
+        except CancelledError:
+            raise TimeoutError("the service is ending") from None
 
     def serve(self, replace: Replace) -> None:
         """Answer what waits; called by the loop."""
@@ -61,3 +67,10 @@ class ParameterRequests:
                 request.answer.set_exception(error)
             else:
                 request.answer.set_result(profile)
+
+    def close(self) -> None:
+        """Refuse what waits and what comes; called when the loop has ended."""
+        self._closed = True
+        with suppress(Empty):
+            while True:
+                self._queue.get_nowait().answer.cancel()

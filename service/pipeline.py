@@ -73,10 +73,6 @@ class Pipeline:
         """The vehicle of that address, if it has been seen."""
         return self._vehicles.get(address)
 
-    def vehicle(self, address: VehicleId) -> Vehicle | None:
-        """The vehicle of that address, if it has appeared."""
-        return self._vehicles.get(address)
-
     def handle(self, event: Event) -> list[Output]:
         """Take one event; what has to be told at once comes back."""
         match event:
@@ -102,9 +98,9 @@ class Pipeline:
                 if address is None or self._is_wanted(address):
                     return [Message(text)]
             case LinkUp(endpoint=endpoint):
-                return [Message(f"{endpoint}: connected")]
+                return [Message(f"{endpoint} connected")]
             case LinkDown(endpoint=endpoint, reason=reason):
-                return [Message(f"{endpoint}: {reason}")]
+                return [Message(f"{endpoint} lost: {reason}")]
         return []
 
     def tick(self, now_us: int, load: Load = Load()) -> list[Output]:  # noqa: B008 - immutable

@@ -9,7 +9,7 @@ computer) the missed ticks are skipped.
 import signal
 import threading
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from types import FrameType
 from typing import Protocol
@@ -32,10 +32,6 @@ class LiveSource(Protocol):
     def dropped(self) -> int:
         """Events thrown away because the loop was too slow."""
 
-    @property
-    def finished(self) -> bool:
-        """Whether nothing will come any more: the end of a log."""
-
     def drain(self, timeout_s: float) -> list[Event]:
         """All events that wait, after waiting at most ``timeout_s`` for the first."""
 
@@ -44,7 +40,7 @@ class Runner:
     """Runs a pipeline until stopped.
 
     ``now_us`` is the host time that arrivals are stamped with (Unix time for
-    live sources); ``observers`` see each event before the pipeline does.
+    live sources); ``finished`` tells that nothing will come any more.
     """
 
     def __init__(
@@ -56,7 +52,7 @@ class Runner:
         rate_hz: float,
         now_us: Callable[[], int] = lambda: time.time_ns() // 1000,
         requests: ParameterRequests | None = None,
-        observers: Sequence[Callable[[Event], None]] = (),
+        finished: Callable[[], bool] = lambda: False,
     ) -> None:
         self.overruns = 0
         self.ticks = 0
@@ -66,7 +62,7 @@ class Runner:
         self._period_s = 1.0 / rate_hz
         self._now_us = now_us
         self._requests = requests
-        self._observers = tuple(observers)
+        self._finished = finished
         self._stop = threading.Event()
 
     def stop(self) -> None:
@@ -78,7 +74,7 @@ class Runner:
         start_s = time.monotonic()
         end_s = None if seconds is None else start_s + seconds
         due_s = start_s + self._period_s
-        while not self._stop.is_set() and not self._source.finished:
+        while not self._stop.is_set() and not self._finished():
             now_s = time.monotonic()
             if end_s is not None and now_s >= end_s:
                 break
@@ -87,12 +83,12 @@ class Runner:
                 due_s = self._next_due_s(due_s, now_s)
             self._take(min(MAX_WAIT_S, max(0.0, due_s - time.monotonic())))
         self._tick()  # what came last is published, too
+        if self._requests is not None:
+            self._requests.close()
 
     def _take(self, timeout_s: float) -> None:
         outputs: list[Output] = []
         for event in self._source.drain(timeout_s):
-            for observe in self._observers:
-                observe(event)
             outputs.extend(self._pipeline.handle(event))
         if self._requests is not None:
             self._requests.serve(self._pipeline.replace_profile)
@@ -125,7 +121,7 @@ def stop_on_signals(stop: Callable[[], None]) -> Iterator[None]:
     before = {number: signal.getsignal(number) for number in chosen}
 
     def on_signal(number: int, _frame: FrameType | None) -> None:
-        signal.signal(number, before[number])
+        signal.signal(number, before[signal.Signals(number)])
         stop()
 
     for number in chosen:

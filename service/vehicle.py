@@ -7,7 +7,6 @@ from drivers.events import ClockReset, Imu, Position, VehicleId
 from estimator.estimator import Estimator
 from estimator.profile import Profile
 from estimator.types import ImuSample
-from estimator.types import ImuSample
 from service import health, host_clock, imu_choice
 from service.attitude_record import Stamp, attitude_record
 from service.health import Health, State
@@ -58,11 +57,6 @@ class Vehicle:
     def imu_message(self) -> str | None:
         """The IMU message in use."""
         return self._choice.message
-
-    @property
-    def last_sample(self) -> ImuSample | None:
-        """The last sample that the estimator took since its clock began."""
-        return None if self._last is None else self._last.sample
 
     @property
     def median_period_us(self) -> float:

@@ -54,6 +54,12 @@ def open_session(options: ZenohOptions) -> "zenoh.Session":
         raise InputError(f"zenoh: {where}: {_one_line(error)}") from None
 
 
+def close_session(session: "zenoh.Session") -> None:
+    """Close a session; a closed one stays closed."""
+    if not session.is_closed():
+        session.close()  # type: ignore[no-untyped-call] # the library's stub lacks the None
+
+
 def check_prefix(prefix: str) -> None:
     """Refuse what cannot begin a key.
 
@@ -106,9 +112,7 @@ def _set_endpoints(config: "zenoh.Config", options: ZenohOptions) -> None:
         _set(config, "listen/endpoints", options.listen)
         _set(config, "listen/exit_on_failure", True)
     elif default:
-        # with an address to connect to, nobody needs to find this session
-        well_known = () if options.connect else (DEFAULT_ENDPOINT,)
-        _set(config, "listen/endpoints", () if client else (*well_known, FREE_ENDPOINT))
+        _set(config, "listen/endpoints", () if client else (DEFAULT_ENDPOINT, FREE_ENDPOINT))
         _set(config, "listen/exit_on_failure", False)
         _set(config, "listen/timeout_ms", -1)  # go on trying in the background
         _set(config, "listen/retry", RETRY)

@@ -16,6 +16,7 @@ from estimator.errors import InputError
 from estimator.profile import Profile, profile_to_json
 from service.parameters import ParameterRequests
 from service.records import AttitudeRecord, Output, Published, vehicle_name
+from service.zenoh_session import close_session
 
 if TYPE_CHECKING:
     import zenoh
@@ -56,12 +57,10 @@ class ZenohSink:
 
     def close(self) -> None:
         """Withdraw everything and close the session."""
-        self._queryable.undeclare()
-        for token in self._tokens:
-            token.undeclare()
-        for publisher in self._publishers.values():
-            publisher.undeclare()
-        self._session.close()
+        declared: list[Any] = [self._queryable, *self._tokens, *self._publishers.values()]
+        for each in declared:
+            each.undeclare()
+        close_session(self._session)
 
     def _publish(self, output: Published) -> None:
         name = vehicle_name(output.vehicle)

@@ -1,0 +1,5 @@
+"""``python -m fuzzbee``."""
+
+from fuzzbee.cli import entry_point
+
+entry_point()

@@ -1,0 +1,26 @@
+"""Options and checks that several verbs share."""
+
+from math import isfinite
+from typing import Annotated
+
+import typer
+
+from estimator.errors import InputError
+
+Verbose = Annotated[
+    bool, typer.Option("--verbose", "-v", help="Say more on standard error.", is_flag=True)
+]
+Json = Annotated[bool, typer.Option("--json", help="JSON on standard output, nothing else there.")]
+Seconds = Annotated[
+    float | None, typer.Option("--seconds", metavar="N", help="End after N seconds.")
+]
+
+
+def require_positive(option: str, value: float | None) -> None:
+    """Refuse zero, negative numbers, infinity and NaN.
+
+    Raises:
+        InputError: names the option and the value.
+    """
+    if value is not None and not (isfinite(value) and value > 0.0):
+        raise InputError(f"{option} {value:g}: should be a number above 0")

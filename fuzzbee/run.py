@@ -1,0 +1,344 @@
+"""``fuzzbee run``: the live service."""
+
+import logging
+import sys
+import time
+from collections.abc import Callable
+from contextlib import ExitStack
+from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
+
+import typer
+
+from estimator.errors import InputError
+from fuzzbee import zenoh_options
+from fuzzbee.options import Json, Seconds, Verbose, require_positive
+
+if TYPE_CHECKING:
+    import zenoh
+
+    from drivers.endpoint import Endpoint
+    from estimator.profile import Profile
+    from fuzzbee.terminal import TerminalView
+    from service.parameters import ParameterRequests
+    from service.pipeline import Pipeline
+    from service.runner import LiveSource, Runner
+    from service.sinks import Sink
+    from service.zenoh_session import ZenohOptions
+
+MAX_RATE_HZ = 1000.0
+
+EPILOG = """Examples:
+
+  fuzzbee run
+
+  fuzzbee run udpin:127.0.0.1:14550 --rate 50
+
+  fuzzbee run /dev/ttyUSB0:57600 --request-rate 50 --record flight.tlog
+
+  fuzzbee run flight.tlog --speed 4
+
+  fuzzbee run tcp:127.0.0.1:5760 -m client -e tcp/192.168.1.10:7447"""
+
+
+class RunOptions(NamedTuple):
+    """What was asked for, checked as far as it can be without opening anything."""
+
+    source: str
+    rate_hz: float
+    seconds: float | None
+    profile: str
+    gain: float | None
+    as_json: bool
+    record: str | None
+    request_rate_hz: float | None
+    speed: float
+    system_id: int | None
+    zenoh: "ZenohOptions | None"
+
+
+def run(
+    source: Annotated[
+        str,
+        typer.Argument(
+            help="sim:, udpin:H:P, udpout:H:P, tcp:H:P, tcpin:H:P, DEVICE:BAUD or a log file."
+        ),
+    ] = "sim:",
+    rate: Annotated[
+        float, typer.Option("--rate", metavar="HZ", help="Attitudes a second.")
+    ] = 100.0,
+    seconds: Seconds = None,
+    profile: Annotated[
+        str | None,
+        typer.Option(
+            "--profile",
+            metavar="NAME|FILE",
+            help="paper, imu or a TOML file. [default: imu; for sim: paper]",
+        ),
+    ] = None,
+    gain: Annotated[
+        float | None,
+        typer.Option("--gain", metavar="K", help="A fixed gain instead of the fuzzy one."),
+    ] = None,
+    as_json: Json = False,
+    record: Annotated[
+        str | None,
+        typer.Option("--record", metavar="FILE", help="Record what arrives as a .tlog."),
+    ] = None,
+    request_rate: Annotated[
+        float | None,
+        typer.Option("--request-rate", metavar="HZ", help="Ask the vehicle for this IMU rate."),
+    ] = None,
+    speed: Annotated[
+        float, typer.Option("--speed", metavar="X", help="Play a log X times as fast.")
+    ] = 1.0,
+    system_id: Annotated[
+        int | None, typer.Option("--system-id", metavar="ID", help="Only this vehicle.")
+    ] = None,
+    no_zenoh: Annotated[bool, typer.Option("--no-zenoh", help="Publish nothing.")] = False,
+    listen: zenoh_options.Listen = None,
+    connect: zenoh_options.Connect = None,
+    mode: zenoh_options.Mode = "peer",
+    config_file: zenoh_options.ConfigFile = None,
+    settings: zenoh_options.Settings = None,
+    multicast: zenoh_options.Multicast = False,
+    prefix: zenoh_options.Prefix = "fuzzbee",
+    verbose: Verbose = False,
+) -> None:
+    """Estimate attitudes live and publish them on Zenoh."""
+    require_positive("--rate", rate)
+    if rate > MAX_RATE_HZ:
+        raise InputError(f"--rate {rate:g}: should be at most {MAX_RATE_HZ:g}")
+    for option, value in (
+        ("--seconds", seconds),
+        ("--gain", gain),
+        ("--request-rate", request_rate),
+        ("--speed", speed),
+    ):
+        require_positive(option, value)
+    if system_id is not None and not 1 <= system_id <= 255:
+        raise InputError(f"--system-id {system_id}: should be 1 to 255")
+    chosen_profile = profile or ("paper" if source == "sim:" else "imu")
+    zenoh = zenoh_options.zenoh_options(
+        listen, connect, mode, config_file, settings, multicast=multicast, prefix=prefix
+    )
+    serve(
+        RunOptions(
+            source,
+            rate,
+            seconds,
+            chosen_profile,
+            gain,
+            as_json,
+            record,
+            request_rate,
+            speed,
+            system_id,
+            None if no_zenoh else zenoh,
+        ),
+        verbose=verbose,
+    )
+
+
+def serve(options: RunOptions, *, verbose: bool) -> None:
+    """Open everything, loop until the end, close everything, and say what it came to.
+
+    Raises:
+        InputError: a source, profile, file or address that cannot be used.
+    """
+    from drivers.endpoint import parse_endpoint
+    from estimator.estimator import Estimator
+    from estimator.profile import load_profile
+    from service.outbox import Outbox
+    from service.parameters import ParameterRequests
+    from service.pipeline import Pipeline
+    from service.runner import stop_on_signals
+
+    endpoint = parse_endpoint(options.source)
+    profile = load_profile(options.profile)
+    warm_up(profile, options.gain)
+    pipeline = Pipeline(
+        profile,
+        system_id=options.system_id,
+        new_estimator=lambda chosen: Estimator(chosen, options.gain),
+    )
+    requests = ParameterRequests()
+    with ExitStack() as stack:
+        session = _open_zenoh(options.zenoh, stack)
+        runner_of = _open_source(endpoint, options, stack)
+        sinks = _zenoh_sinks(session, options, profile, requests)
+        view = _open_view(options, verbose=verbose)
+        outbox = stack.enter_context(Outbox([*sinks, view]))
+        runner = runner_of(pipeline, outbox, requests)
+        started_s = time.monotonic()
+        with stop_on_signals(runner.stop):
+            runner.run(options.seconds)
+        seconds = time.monotonic() - started_s
+    if outbox.stuck:
+        print(f"fuzzbee: not closed in time: {', '.join(outbox.stuck)}", file=sys.stderr)
+    _report(summary(options, pipeline, runner, seconds, outbox.dropped), as_json=options.as_json)
+
+
+def warm_up(profile: "Profile", gain: float | None) -> None:
+    """Compile the kernels now: the first sample must not wait for it."""
+    from estimator.estimator import Estimator
+    from estimator.types import ImuSample
+
+    estimator = Estimator(profile, gain)
+    for number in range(3):
+        estimator.update(
+            ImuSample(number * 10_000, (0.0, 0.0, 0.0), (0.0, 0.0, -9.8), (0.2, 0.0, 0.4), True)
+        )
+    estimator.attitude(30_000)
+
+
+def _open_source(
+    endpoint: "Endpoint", options: RunOptions, stack: ExitStack
+) -> "Callable[[Pipeline, Any, ParameterRequests], Runner]":
+    """The source, opened, as what makes a runner of it."""
+    from service.runner import Runner
+
+    if endpoint.kind == "log":
+        return _open_player(endpoint, options, stack)
+    from drivers.recorder import TlogRecorder
+    from drivers.source import open_live
+
+    if options.speed != 1.0:
+        raise InputError(f"--speed is for logs, {endpoint} comes at its own pace")
+    recorder = None
+    if options.record is not None:
+        if endpoint.kind == "sim":
+            raise InputError("--record: sim: has no MAVLink to record; start fuzzbee sim --to URL")
+        recorder = stack.enter_context(TlogRecorder(options.record))
+    source: LiveSource = stack.enter_context(open_live(endpoint, recorder, options.request_rate_hz))
+    return lambda pipeline, outbox, requests: Runner(
+        source, pipeline, outbox, rate_hz=options.rate_hz, requests=requests
+    )
+
+
+def _open_player(
+    endpoint: "Endpoint", options: RunOptions, stack: ExitStack
+) -> "Callable[[Pipeline, Any, ParameterRequests], Runner]":
+    from pathlib import Path
+
+    from drivers.logs import imu_events, open_log
+    from service.log_player import LogPlayer
+    from service.runner import Runner
+
+    for option, value in (
+        ("--record", options.record),
+        ("--request-rate", options.request_rate_hz),
+    ):
+        if value is not None:
+            raise InputError(f"{option} is for a live vehicle, {endpoint} is a log")
+    log = stack.enter_context(open_log(Path(endpoint.path)))
+    player = LogPlayer(imu_events(log), options.speed)
+    return lambda pipeline, outbox, requests: Runner(
+        player,
+        pipeline,
+        outbox,
+        rate_hz=options.rate_hz,
+        now_us=player.now_us,
+        requests=requests,
+        finished=player.finished,
+    )
+
+
+def _open_zenoh(options: "ZenohOptions | None", stack: ExitStack) -> "zenoh.Session | None":
+    """A session that is closed whatever happens."""
+    if options is None:
+        return None
+    from service.zenoh_session import close_session, open_session
+
+    session = open_session(options)
+    stack.callback(close_session, session)
+    return session
+
+
+def _zenoh_sinks(
+    session: "zenoh.Session | None",
+    options: RunOptions,
+    profile: "Profile",
+    requests: "ParameterRequests",
+) -> "list[Sink]":
+    if session is None or options.zenoh is None:
+        return []
+    from service.zenoh_sink import ZenohSink
+
+    return [ZenohSink(session, options.zenoh.prefix, profile, requests)]
+
+
+def _open_view(options: RunOptions, *, verbose: bool) -> "TerminalView":
+    """The view on standard output; with --json messages only, on standard error."""
+    from rich.console import Console
+
+    from fuzzbee.terminal import TerminalView
+
+    errors = Console(stderr=True)
+    where = "" if options.zenoh is None else f" → {options.zenoh.prefix}/*"
+    title = f"fuzzbee run {options.source}, {options.rate_hz:g} Hz, {options.profile}{where}"
+    view = TerminalView(errors if options.as_json else Console(), errors, title)
+    _show_log(view.say, verbose=verbose)
+    return view
+
+
+class _ViewHandler(logging.Handler):
+    """Log lines through the view, so that they do not tear its table."""
+
+    def __init__(self, say: Callable[[str], None]) -> None:
+        super().__init__()
+        self._say = say
+
+    def emit(self, record: logging.LogRecord) -> None:
+        self._say(self.format(record))
+
+
+def _show_log(say: Callable[[str], None], *, verbose: bool) -> None:
+    logger = logging.getLogger("drivers")
+    logger.handlers = [_ViewHandler(say)]
+    logger.propagate = False
+    logger.setLevel(logging.INFO if verbose else logging.WARNING)
+    # what happens to the link comes as events, once each; the log repeats it in detail
+    logging.getLogger("drivers.mavlink_link").setLevel(logging.NOTSET if verbose else logging.ERROR)
+
+
+def summary(
+    options: RunOptions, pipeline: "Pipeline", runner: "Runner", seconds: float, dropped: int
+) -> dict[str, Any]:
+    """What a run came to, as --json prints it."""
+    return {
+        "source": options.source,
+        "profile": options.profile,
+        "rate_hz": options.rate_hz,
+        "seconds": round(seconds, 3),
+        "ticks": runner.ticks,
+        "overruns": runner.overruns,
+        "dropped": dropped,
+        "malformed": pipeline.malformed,
+        "vehicles": {
+            vehicle.name: {
+                "state": vehicle.state.value,
+                "imu_message": vehicle.imu_message,
+                "imu_rate_hz": round(vehicle.median_rate_hz, 3),
+                "worst_gap_s": vehicle.worst_gap_us / 1e6,
+                "samples": vehicle.samples,
+                "attitudes": vehicle.attitudes,
+                "rejected": dict(sorted(vehicle.rejected.items())),
+            }
+            for vehicle in pipeline.vehicles
+        },
+    }
+
+
+def _report(result: dict[str, Any], *, as_json: bool) -> None:
+    if as_json:
+        import json
+
+        print(json.dumps(result))
+        return
+    vehicles = result["vehicles"]
+    attitudes = sum(vehicle["attitudes"] for vehicle in vehicles.values())
+    print(
+        f"fuzzbee: {attitudes} attitudes of {len(vehicles)} vehicle{'s' * (len(vehicles) != 1)}"
+        f" in {result['seconds']:.1f} s, {result['overruns']} overruns",
+        file=sys.stderr,
+    )

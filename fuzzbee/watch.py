@@ -1,0 +1,233 @@
+"""``fuzzbee watch``: subscribe and show attitudes."""
+
+import os
+import sys
+import time
+from collections import deque
+from threading import Condition, Event
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from estimator.errors import InputError
+from fuzzbee import zenoh_options
+from fuzzbee.options import Seconds, Verbose, require_positive
+
+if TYPE_CHECKING:
+    import zenoh
+
+    from service.zenoh_session import ZenohOptions
+
+EPILOG = """Examples:
+
+  fuzzbee watch
+
+  fuzzbee watch --json -n 100 > attitudes.jsonl
+
+  fuzzbee watch -m client -e tcp/192.168.1.10:7447"""
+
+HINT_AFTER_S = 3.0
+WAIT_S = 0.1
+# 2 s of 50 vehicles at 100 Hz; when full, the oldest goes: the newest is worth most
+MAX_PENDING = 10_000
+
+FAILED = 1
+
+
+def watch(
+    as_json: Annotated[
+        bool, typer.Option("--json", help="One JSON object a line, for each attitude.")
+    ] = False,
+    count: Annotated[
+        int | None, typer.Option("--count", "-n", metavar="N", help="End after N attitudes.")
+    ] = None,
+    seconds: Seconds = None,
+    listen: zenoh_options.Listen = None,
+    connect: zenoh_options.Connect = None,
+    mode: zenoh_options.Mode = "peer",
+    config_file: zenoh_options.ConfigFile = None,
+    settings: zenoh_options.Settings = None,
+    multicast: zenoh_options.Multicast = False,
+    prefix: zenoh_options.Prefix = "fuzzbee",
+    verbose: Verbose = False,  # noqa: ARG001 - read by the command line itself
+) -> int:
+    """Show the attitudes that a running service publishes."""
+    require_positive("--seconds", seconds)
+    if count is not None and count < 1:
+        raise InputError(f"--count {count}: should be at least 1")
+    options = zenoh_options.zenoh_options(
+        listen, connect, mode, config_file, settings, multicast=multicast, prefix=prefix
+    )
+    return follow(options, as_json=as_json, count=count, seconds=seconds)
+
+
+class Inbox:
+    """Samples between zenoh's thread and ours, bounded; the oldest go first."""
+
+    def __init__(self) -> None:
+        self._samples: deque[tuple[str, bytes]] = deque(maxlen=MAX_PENDING)
+        self._changed = Condition()
+
+    def put(self, sample: "zenoh.Sample") -> None:
+        """Take one; called by zenoh."""
+        with self._changed:
+            self._samples.append((str(sample.key_expr), sample.payload.to_bytes()))
+            self._changed.notify()
+
+    def drain(self, timeout_s: float) -> list[tuple[str, bytes]]:
+        """Keys and payloads that wait, after waiting at most ``timeout_s`` for the first."""
+        with self._changed:
+            if not self._samples:
+                self._changed.wait(timeout_s)
+            samples = list(self._samples)
+            self._samples.clear()
+        return samples
+
+
+def follow(
+    options: "ZenohOptions", *, as_json: bool, count: int | None, seconds: float | None
+) -> int:
+    """Show what comes until stopped; 1 if a bounded watch got less than was asked for.
+
+    Raises:
+        InputError: a Zenoh option that cannot be used.
+    """
+    from service.runner import stop_on_signals
+    from service.zenoh_session import open_session
+
+    inbox = Inbox()
+    stop = Event()
+    with open_session(options) as session, stop_on_signals(stop.set):
+        session.declare_subscriber(f"{options.prefix}/*/attitude", inbox.put)
+        if not as_json:
+            session.declare_subscriber(f"{options.prefix}/*/status", inbox.put)
+        display = JsonLines() if as_json else Table(options.prefix)
+        try:
+            seen = _loop(inbox, stop, display, options, count, seconds)
+        finally:
+            display.close()
+    if stop.is_set():
+        return 0
+    return 0 if seen >= (count or 1) else FAILED
+
+
+def _loop(
+    inbox: Inbox,
+    stop: Event,
+    display: "JsonLines | Table",
+    options: "ZenohOptions",
+    count: int | None,
+    seconds: float | None,
+) -> int:
+    """Show until the end; the number of attitudes."""
+    started_s = time.monotonic()
+    hint_s: float | None = started_s + HINT_AFTER_S
+    seen = 0
+    while not stop.is_set():
+        for key, payload in inbox.drain(WAIT_S):
+            hint_s = None
+            if count is not None and seen >= count:
+                break
+            seen += display.show(key, payload)
+        display.refresh()
+        now_s = time.monotonic()
+        if (count is not None and seen >= count) or display.closed:
+            break
+        if seconds is not None and now_s - started_s >= seconds:
+            break
+        if hint_s is not None and now_s >= hint_s:
+            hint_s = None
+            display.say(_hint(options))
+    return seen
+
+
+def _hint(options: "ZenohOptions") -> str:
+    return (
+        f"nothing on {options.prefix}/*/attitude yet: is fuzzbee run started, with a vehicle"
+        " and the same Zenoh options? (waiting; Ctrl-C ends)"
+    )
+
+
+class JsonLines:
+    """Attitudes as JSON, one a line, with the vehicle's name first."""
+
+    closed = False
+
+    def show(self, key: str, payload: bytes) -> int:
+        """Print one attitude; 1 if it was one."""
+        import msgspec
+
+        try:
+            record = msgspec.json.decode(payload, type=dict[str, Any])
+        except (msgspec.DecodeError, UnicodeDecodeError):
+            return 0
+        line = msgspec.json.encode({"vehicle": _vehicle_of(key), **record})
+        try:
+            print(line.decode(), flush=True)
+        except BrokenPipeError:
+            self._leave()
+            return 0
+        return 1
+
+    def say(self, text: str) -> None:
+        """One line for a person."""
+        print(f"fuzzbee: {text}", file=sys.stderr)
+
+    def refresh(self) -> None:
+        """Nothing waits."""
+
+    def close(self) -> None:
+        """Nothing is open."""
+
+    def _leave(self) -> None:
+        """The reader has gone: that is an end, not an error; nothing more may be flushed."""
+        self.closed = True
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+
+
+class Table:
+    """Attitudes and statuses as the live table, or as plain lines."""
+
+    closed = False
+
+    def __init__(self, prefix: str) -> None:
+        from rich.console import Console
+
+        from fuzzbee.terminal import TerminalView
+
+        title = f"fuzzbee watch {prefix}/*"
+        self._view = TerminalView(Console(), Console(stderr=True), title)
+
+    def show(self, key: str, payload: bytes) -> int:
+        """Take one record; 1 if it was an attitude."""
+        import msgspec
+
+        from service.records import AttitudeRecord, StatusRecord
+
+        is_attitude = key.endswith("/attitude")
+        record: AttitudeRecord | StatusRecord
+        try:
+            if is_attitude:
+                record = msgspec.json.decode(payload, type=AttitudeRecord)
+            else:
+                record = msgspec.json.decode(payload, type=StatusRecord)
+        except (msgspec.DecodeError, UnicodeDecodeError):
+            return 0
+        self._view.board.update(_vehicle_of(key), record, time.monotonic())
+        return int(is_attitude)
+
+    def say(self, text: str) -> None:
+        """One line for a person."""
+        self._view.say(text)
+
+    def refresh(self) -> None:
+        """Print the lines that are due."""
+        self._view.refresh()
+
+    def close(self) -> None:
+        """Leave the last table standing."""
+        self._view.close()
+
+
+def _vehicle_of(key: str) -> str:
+    return key.rsplit("/", 2)[-2]

@@ -1,0 +1,71 @@
+"""From the estimator's attitude to the published record, in degrees where people read it."""
+
+import math
+from typing import NamedTuple
+
+from estimator.frames import euler_rad
+from estimator.types import Attitude, Quaternion, Vec3
+from service.health import State
+from service.records import SCHEMA, AttitudeRecord, Confidence, Sigma
+
+
+class Stamp(NamedTuple):
+    """What the service adds to an attitude."""
+
+    time_unix_us: int
+    time_boot_us: int
+    state: State
+    age_us: int
+    sequence: int
+
+
+def attitude_record(attitude: Attitude, stamp: Stamp) -> AttitudeRecord | None:
+    """The record, or None if the attitude is not finite throughout."""
+    if not is_finite(attitude):
+        return None
+    return AttitudeRecord(
+        schema=SCHEMA,
+        time_unix_us=stamp.time_unix_us,
+        time_boot_us=stamp.time_boot_us,
+        q_ned_frd=attitude.q_ned_frd,
+        euler_deg=euler_deg(attitude.q_ned_frd),
+        rate_rad_s=attitude.rate_rad_s,
+        gyro_bias_rad_s=attitude.gyro_bias_rad_s,
+        error=attitude.error,
+        error_rate=attitude.error_rate_1_s,
+        gain=attitude.gain,
+        confidence=Confidence(attitude.confidence_gravity, attitude.confidence_magnetic),
+        sigma_deg=Sigma(
+            _bound_deg(attitude.sigma_inclination_rad), _bound_deg(attitude.sigma_heading_rad)
+        ),
+        heading_reference=attitude.heading_reference,
+        state=stamp.state.value,
+        age_ms=max(0, stamp.age_us) / 1e3,
+        sequence=stamp.sequence,
+    )
+
+
+def euler_deg(q_ned_frd: Quaternion) -> Vec3:
+    """Roll, pitch and yaw in degrees, yaw in [0, 360)."""
+    roll, pitch, yaw = (math.degrees(angle) for angle in euler_rad(q_ned_frd))
+    return (roll, pitch, 0.0 if yaw >= 360.0 else yaw)  # the largest yaw may round up
+
+
+def is_finite(attitude: Attitude) -> bool:
+    """Whether every number that must be finite is; an infinite sigma just means "unknown"."""
+    numbers = (
+        *attitude.q_ned_frd,
+        *attitude.rate_rad_s,
+        *attitude.gyro_bias_rad_s,
+        attitude.error,
+        attitude.error_rate_1_s,
+        attitude.gain,
+        attitude.confidence_gravity,
+        attitude.confidence_magnetic,
+    )
+    return all(map(math.isfinite, numbers))
+
+
+def _bound_deg(sigma_rad: float) -> float:
+    """Degrees, at most a half turn: an unknown angle can be no further off."""
+    return math.degrees(sigma_rad) if sigma_rad < math.pi else 180.0

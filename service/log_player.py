@@ -1,0 +1,76 @@
+"""A log as a live source: its events at the pace they were recorded, or faster."""
+
+import time
+from collections.abc import Callable, Iterable
+
+from drivers.events import Event
+
+# A stamp further ahead than this, or any back in time, is another session glued to
+# the file or a broken stamp: play on from there without waiting.
+MAX_GAP_US = 600_000_000
+MAX_BACK_US = 1_000_000
+
+
+class LogPlayer:
+    """Plays events by their arrival stamps.
+
+    The player has a clock of its own, ``now_us``, in the log's time: it runs
+    ``speed`` times as fast as the host's, so that silence in the log is as long
+    for the service as it was for the recorder. ``finished`` at the end of the log.
+    """
+
+    dropped = 0  # a log waits
+
+    def __init__(
+        self,
+        events: Iterable[Event],
+        speed: float,
+        monotonic_s: Callable[[], float] = time.monotonic,
+        sleep: Callable[[float], None] = time.sleep,
+    ) -> None:
+        self._events = iter(events)
+        self._speed = speed
+        self._monotonic_s = monotonic_s
+        self._sleep = sleep
+        self._next = next(self._events, None)
+        self._base_us = 0 if self._next is None else self._next.arrival_us
+        self._base_s = monotonic_s()
+        self._last_us = self._base_us
+
+    def finished(self) -> bool:
+        """Whether all events have been drained."""
+        return self._next is None
+
+    def now_us(self) -> int:
+        """The log's time."""
+        return self._base_us + round((self._monotonic_s() - self._base_s) * 1e6 * self._speed)
+
+    def drain(self, timeout_s: float) -> list[Event]:
+        """All events whose time has come, after waiting at most ``timeout_s`` for the first."""
+        events = self._due()
+        if events or self._next is None:
+            return events
+        ahead_s = (self._next.arrival_us - self.now_us()) / (1e6 * self._speed)
+        self._sleep(max(0.0, min(timeout_s, ahead_s)))
+        return self._due()
+
+    def _due(self) -> list[Event]:
+        events: list[Event] = []
+        now_us = self.now_us()
+        while self._next is not None:
+            step_us = self._next.arrival_us - self._last_us
+            if step_us > MAX_GAP_US or step_us < -MAX_BACK_US:
+                if events:
+                    break  # what is there belongs to the old time
+                self._jump_to(self._next.arrival_us)
+                now_us = self.now_us()
+            if self._next.arrival_us > now_us:
+                break
+            self._last_us = self._next.arrival_us
+            events.append(self._next)
+            self._next = next(self._events, None)
+        return events
+
+    def _jump_to(self, stamp_us: int) -> None:
+        self._base_us, self._base_s = stamp_us, self._monotonic_s()
+        self._last_us = stamp_us
