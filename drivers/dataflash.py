@@ -8,8 +8,10 @@ are in degrees. Times count from boot, in us or, until 2015, in ms.
 
 import math
 import os
+from collections import defaultdict
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, redirect_stderr, redirect_stdout
+from itertools import islice
 from pathlib import Path
 from types import TracebackType
 from typing import Any, Self
@@ -54,6 +56,7 @@ VEHICLE_TYPES = {  # the first word of MSG at start, and its MAV_TYPE
     "AntennaTracker": 5,
     "Blimp": 7,
 }
+BATCH = 1000  # messages read at a time with the output turned away
 UNREADABLE_LIMIT = 10_000  # after that many unreadable messages the rest is given up
 
 
@@ -101,8 +104,9 @@ class _Decoder:
         self._unix_us = int(reader.clock.timebase * 1e6)
         self._clock = VehicleClock()
         self._field = FreshField()
-        self._plausibility: dict[str, Plausibility] = {}
+        self._plausibility: defaultdict[str, Plausibility] = defaultdict(Plausibility)
         self._arrival_us = self._unix_us
+        self._resets: list[Event] = []  # of the message in hand
         self._handlers: dict[str, Callable[[Any], list[Event]]] = {
             "IMU": self._imu,
             "IMU2": self._imu,
@@ -129,18 +133,26 @@ class _Decoder:
         """The events of a message; None stands for one that could not be read."""
         if message is None:
             return [Malformed(self._arrival_us, 1)]
+        self._resets.clear()
         try:
-            return self._handlers[message.get_type()](message)
+            events = self._handlers[message.get_type()](message)
         except (AttributeError, TypeError, ValueError, OverflowError):
             # a message of that name with other columns, or a column with garbage in it
             return [Malformed(self._arrival_us, 1)]
+        return [*self._resets, *events]
 
     def _place(self, m: Any, name: str, *, imu: bool = False) -> tuple[Placed | Refused, int]:
         """The message's place in time, and its raw time in us."""
         raw_us, field = _time_us(m)
         self._arrival_us = self._unix_us + raw_us
         place = self._clock.imu if imu else self._clock.other
-        return place(name, field, raw_us, self._arrival_us), raw_us
+        placed = place(name, field, raw_us, self._arrival_us)
+        if isinstance(placed, Placed) and placed.reset is not None:
+            reset = placed.reset
+            self._resets.append(
+                ClockReset(self._vehicle, self._arrival_us, reset.reason, reset.step_us * 1e-6)
+            )
+        return placed, raw_us
 
     def _imu(self, m: Any) -> list[Event]:
         name = _imu_name(m)
@@ -152,16 +164,11 @@ class _Decoder:
         placed, raw_us = self._place(m, name, imu=True)
         if isinstance(placed, Refused):
             return [Rejected(self._vehicle, self._arrival_us, placed.reason, name)]
-        events: list[Event] = []
-        if placed.reset is not None:
-            step_s = placed.reset.step_us * 1e-6
-            events.append(ClockReset(self._vehicle, self._arrival_us, placed.reset.reason, step_s))
         sample = self._field.sample(name, raw_us, placed.time_us, gyr, acc)
-        events.append(Imu(self._vehicle, self._arrival_us, placed.boot_us, name, sample))
-        check = self._plausibility.setdefault(name, Plausibility(name))
+        events: list[Event] = [Imu(self._vehicle, self._arrival_us, placed.boot_us, name, sample)]
         events.extend(
-            Notice(self._vehicle, self._arrival_us, text)
-            for text in check.look(sample, AUTOPILOT_ARDUPILOT)
+            Notice(self._vehicle, self._arrival_us, f"{name}: {text}")
+            for text in self._plausibility[name].look(sample, AUTOPILOT_ARDUPILOT)
         )
         return events
 
@@ -259,6 +266,7 @@ def _system_id(parameters: dict[str, Any]) -> int:
 def _opened(path: Path) -> Iterator[Any]:
     """DFReader's reader; it is as talkative as it is fragile on damaged files."""
     mavlink()  # sets what pymavlink reads from the environment
+    os.environ["PYMAVLINK_FAST_INDEX"] = "0"  # the C indexer prints past sys.stderr
     with _quiet():
         try:
             from pymavlink.DFReader import DFReader_binary
@@ -275,19 +283,25 @@ def _opened(path: Path) -> Iterator[Any]:
 def _messages(reader: Any, names: list[str]) -> Iterator[Any | None]:
     """The messages of those names in the file's order, None for each unreadable one."""
     unreadable = 0
-    with open(os.devnull, "w", encoding="utf-8") as nowhere:  # noqa: PTH123 - a device
-        while unreadable < UNREADABLE_LIMIT:
-            message = None
-            try:
-                with redirect_stdout(nowhere), redirect_stderr(nowhere):
-                    message = reader.recv_match(type=names)
-            except Exception:  # noqa: BLE001 - likewise; the next message is found by its offset
-                unreadable += 1
-                yield None
-                continue
-            if message is None:
-                return
-            yield message
+    while True:
+        with _quiet():
+            batch = list(islice(_next_messages(reader, names), BATCH))
+        yield from batch
+        unreadable += batch.count(None)
+        if len(batch) < BATCH or unreadable > UNREADABLE_LIMIT:
+            return
+
+
+def _next_messages(reader: Any, names: list[str]) -> Iterator[Any | None]:
+    while True:
+        try:
+            message = reader.recv_match(type=names)
+        except Exception:  # noqa: BLE001 - likewise; the next message is found by its offset
+            yield None
+            continue
+        if message is None:
+            return
+        yield message
 
 
 @contextmanager

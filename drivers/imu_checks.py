@@ -46,8 +46,7 @@ class MagMemory:
 class Plausibility:
     """Says once, in words, when an IMU's magnitudes cannot be right."""
 
-    def __init__(self, message: str) -> None:
-        self._message = message
+    def __init__(self) -> None:
         # medians over the latest samples; the oldest is dropped
         self._acc_g: deque[float] = deque(maxlen=WINDOW_SAMPLES)
         self._acc_z_g: deque[float] = deque(maxlen=WINDOW_SAMPLES)
@@ -81,7 +80,7 @@ class Plausibility:
         }
         new = {key: text for key, text in complaints.items() if text and key not in self._told}
         self._told.update(new)
-        return [f"{self._message}: {text}" for text in new.values()]
+        return list(new.values())
 
     def _acc_complaint(self) -> str:
         low, high = ACC_AT_REST_G

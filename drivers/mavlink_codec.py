@@ -9,6 +9,7 @@ degrees come in, SI, radians and gauss go out. Body axes are FRD on both sides.
 import math
 import os
 import struct
+from collections import defaultdict
 from collections.abc import Callable
 from typing import Any, Final
 
@@ -129,11 +130,10 @@ class _Vehicle:
         self.id = vehicle
         self.autopilot: int | None = None
         self.clock = VehicleClock()
-        self.mags: dict[str, MagMemory] = {}
-        self.plausibility: dict[str, Plausibility] = {}
+        self.mags: defaultdict[str, MagMemory] = defaultdict(MagMemory)
+        self.plausibility: defaultdict[str, Plausibility] = defaultdict(Plausibility)
         self.last_imu_us: int | None = None
         self.truth_given_us: dict[str, int] = {}
-        self.told: set[str] = set()
 
 
 class MavlinkDecoder:
@@ -219,12 +219,12 @@ class MavlinkDecoder:
             return [Rejected(vehicle.id, arrival_us, placed.reason, name)]
         events = _resets(vehicle, placed, arrival_us)
         vehicle.last_imu_us = placed.time_us
-        fresh_mag = vehicle.mags.setdefault(name, MagMemory()).fresh(mag, placed.time_us)
+        fresh_mag = vehicle.mags[name].fresh(mag, placed.time_us)
         sample = ImuSample(placed.time_us, gyr, acc, fresh_mag or ZERO_VEC3, fresh_mag is not None)
         events.append(Imu(vehicle.id, arrival_us, placed.boot_us, name, sample))
-        check = vehicle.plausibility.setdefault(name, Plausibility(name))
         events.extend(
-            Notice(vehicle.id, arrival_us, text) for text in check.look(sample, vehicle.autopilot)
+            Notice(vehicle.id, arrival_us, f"{name}: {text}")
+            for text in vehicle.plausibility[name].look(sample, vehicle.autopilot)
         )
         return events
 

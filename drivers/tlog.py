@@ -26,6 +26,7 @@ MAGIC = re.compile(rb"[\xfd\xfe]")
 
 STAMP_STEP_US = 86_400 * 1_000_000  # a stamp further than a day from the last needs a witness
 STAMP_BACK_US = 3600 * 1_000_000
+SNIFF_SIZE = 1 << 20  # a log has a sound frame within its first MiB
 RAW_FRAMES = 3  # that many sound frames end to end are no accident
 
 
@@ -74,7 +75,7 @@ class Tlog:
                 raise InputError(
                     f"{path}: MAVLink without time stamps (a raw capture), use the .tlog beside it"
                 )
-            if next(TlogRecords(data, None).readable(), None) is None:
+            if next(TlogRecords(data[:SNIFF_SIZE], None).readable(), None) is None:
                 raise InputError(f"{path}: no MAVLink frame in it, not a telemetry log")
 
     def __enter__(self) -> Self:
@@ -107,7 +108,8 @@ class Tlog:
 class TlogRecords:
     """The records of a telemetry log: (stamp in us, message, or None where it is unreadable).
 
-    Only messages whose name is in ``wanted`` are decoded; of the others only the length is used.
+    Only messages named in ``wanted`` (None: all) are decoded and given; of the
+    others only the length is used, which makes most of the speed.
     """
 
     def __init__(self, data: mmap.mmap | bytes, wanted: frozenset[str] | None) -> None:
@@ -207,5 +209,7 @@ def _is_raw_capture(data: mmap.mmap | bytes) -> bool:
 
 @contextmanager
 def _mapped(path: Path) -> Iterator[mmap.mmap]:
+    if path.stat().st_size == 0:  # which mmap refuses
+        raise InputError(f"{path}: the file is empty")
     with path.open("rb") as file, mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as data:
         yield data

@@ -8,6 +8,7 @@ FRD/NED already, fields in gauss, times in us since boot.
 """
 
 import math
+from collections import defaultdict
 from collections.abc import Callable, Iterator
 from contextlib import redirect_stderr, redirect_stdout
 from io import StringIO
@@ -90,13 +91,17 @@ class _Decoder:
     """Rows of topics in, events out."""
 
     def __init__(self, log: Any, topics: dict[str, dict[str, Any]]) -> None:
-        self._parameters = dict(log.initial_parameters)
+        self._parameters: dict[str, float] = {
+            name: float(value)
+            for name, value in log.initial_parameters.items()
+            if isinstance(value, (int, float))  # bytes where the file is damaged
+        }
         self._vehicle = VehicleId(_in_byte(self._parameters.get("MAV_SYS_ID"), 1), 1)
         self._unix_us = _unix_offset_us(topics)
         self._start_us = log.start_timestamp
         self._clock = VehicleClock()
         self._field = FreshField()
-        self._plausibility: dict[str, Plausibility] = {}
+        self._plausibility: defaultdict[str, Plausibility] = defaultdict(Plausibility)
         self._handlers: dict[str, Callable[[int, str, Row], list[Event]]] = {
             "sensor_combined": self._sensor_combined,
             "vehicle_imu": self._vehicle_imu,
@@ -115,7 +120,7 @@ class _Decoder:
         vehicle_type = _in_byte(self._parameters.get("MAV_TYPE"), 0)
         yield Heartbeat(self._vehicle, arrival_us, AUTOPILOT_PX4, vehicle_type)
         for name, value in self._parameters.items():
-            yield Parameter(self._vehicle, arrival_us, name, float(value))
+            yield Parameter(self._vehicle, arrival_us, name, value)
 
     def decode(self, raw_us: int, topic: str, row: Row) -> list[Event]:
         return self._handlers[topic](raw_us, topic, row)
@@ -149,12 +154,11 @@ class _Decoder:
         if isinstance(placed, Refused):
             return [Rejected(self._vehicle, arrival_us, placed.reason, topic)]
         sample = self._field.sample(topic, raw_us, placed.time_us, gyr, acc)
-        check = self._plausibility.setdefault(topic, Plausibility(topic))
         return [
             Imu(self._vehicle, arrival_us, placed.boot_us, topic, sample),
             *(
-                Notice(self._vehicle, arrival_us, text)
-                for text in check.look(sample, AUTOPILOT_PX4)
+                Notice(self._vehicle, arrival_us, f"{topic}: {text}")
+                for text in self._plausibility[topic].look(sample, AUTOPILOT_PX4)
             ),
         ]
 
@@ -249,7 +253,7 @@ def _topics(log: Any) -> dict[str, dict[str, Any]]:
 def _in_time_order(
     topics: dict[str, dict[str, Any]], start_us: int
 ) -> Iterator[tuple[int, str, Row]]:
-    """(time in us, topic, row) of all rows; at equal times the IMU comes last and finds its field."""
+    """(time in us, topic, row) of all rows; at equal times the IMU comes last."""
     import numpy as np
 
     names = sorted(topics, key=lambda name: name in IMU_TOPICS)
