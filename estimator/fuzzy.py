@@ -11,9 +11,9 @@ import numpy as np
 from estimator.compiled import compiled
 from estimator.memberships import Memberships, Triangle
 
-# Where all sets together are weaker than this, they are lifted by FAINT_LIFT: areas of denormal
-# height would lose their digits. So faint a clipping leaves the knees at the corners either way.
-FAINT_STRENGTH = 1e-200
+# An area below this is computed again with the strengths times FAINT_LIFT, since numbers next to the
+# smallest lose their digits. So faint a clipping leaves the knees at the corners either way.
+FAINT_AREA = 1e-200
 FAINT_LIFT = 1e100
 
 # The paper's Table I. Row: rate of change of the error; column: error; both
@@ -107,21 +107,36 @@ def centroid(strengths: Strengths, sets: tuple[Triangle, ...]) -> float:
     total = strengths[0] + strengths[1] + strengths[2] + strengths[3] + strengths[4]
     if total <= 0.0:
         return 0.0
-    if total < FAINT_STRENGTH:
-        vs, s, m, large, vl = strengths
-        lift = FAINT_LIFT
-        strengths = (vs * lift, s * lift, m * lift, large * lift, vl * lift)
-        total *= lift
-    if ascending(strengths, sets):
-        area, moment = sum_of_levels(strengths, sets)
-    else:
-        area, moment = sum_along_envelope(strengths, sets)
+    area, moment = area_and_moment(strengths, sets)
+    if 0.0 < area < FAINT_AREA:
+        area, moment = area_and_moment(lifted(strengths), sets)
     if area > 0.0:
         return moment / area
     weighted = 0.0
     for i in range(5):
         weighted += strengths[i] * sets[i][1]
     return weighted / total
+
+
+@compiled
+def lifted(strengths: Strengths) -> Strengths:
+    """Strengths times FAINT_LIFT; those of points may be large, and stay at most 1."""
+    vs, s, m, large, vl = strengths
+    return (
+        min(1.0, FAINT_LIFT * vs),
+        min(1.0, FAINT_LIFT * s),
+        min(1.0, FAINT_LIFT * m),
+        min(1.0, FAINT_LIFT * large),
+        min(1.0, FAINT_LIFT * vl),
+    )
+
+
+@compiled
+def area_and_moment(strengths: Strengths, sets: tuple[Triangle, ...]) -> tuple[float, float]:
+    """Area and first moment of the aggregate, the quick way where the sets allow it."""
+    if ascending(strengths, sets):
+        return sum_of_levels(strengths, sets)
+    return sum_along_envelope(strengths, sets)
 
 
 @compiled

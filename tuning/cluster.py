@@ -1,0 +1,99 @@
+"""Evaluation on a Dask cluster, chunk by chunk, with the same results as here.
+
+Which worker computes a chunk, and how the batch is cut, has no influence on
+the costs. Dask gives a dead worker's chunks to others; if the prepared data
+died with the last worker that held it, it is sent again.
+"""
+
+from types import TracebackType
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from estimator.errors import InputError
+from tuning.objective import Objective
+
+Array = NDArray[np.float64]
+
+CONNECT_TIMEOUT_S = 10.0
+# Small enough that a lost worker costs little and a fast one gets more.
+CHUNKS_PER_THREAD = 4
+# A batch is sent again this often before the cluster is given up.
+ATTEMPTS = 5
+
+
+class ClusterEvaluator:
+    """Costs of candidates, computed by the workers of the scheduler at ``address``.
+
+    Raises:
+        InputError: dask.distributed is not installed, no scheduler answers, or
+            it has no workers.
+    """
+
+    def __init__(self, address: str, objective: Objective) -> None:
+        try:
+            from distributed import Client
+        except ImportError:
+            raise InputError("--cluster: needs dask.distributed (the extra 'cluster')") from None
+        try:
+            self._client: Any = Client(address, timeout=CONNECT_TIMEOUT_S, set_as_default=False)
+        except (OSError, ValueError, TypeError) as error:
+            reason = str(error).splitlines()[0] if str(error) else type(error).__name__
+            raise InputError(f"--cluster {address}: no scheduler answers: {reason}") from None
+        self._address = address
+        self._objective = objective
+        self._sent: Any = None
+        self._wait_for_workers()
+
+    def __enter__(self) -> "ClusterEvaluator":
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self._client.close()
+
+    def __call__(self, values: Array) -> Array:
+        """Costs (C,) of parameter values (C, D).
+
+        Raises:
+            InputError: the cluster lost all its workers, or they cannot run the objective.
+        """
+        from distributed.client import FutureCancelledError
+        from distributed.scheduler import KilledWorker
+
+        for _ in range(ATTEMPTS):
+            try:
+                return self._costs(values)
+            except (FutureCancelledError, KilledWorker, OSError):
+                self._sent = None
+                self._wait_for_workers()
+            except ImportError as error:
+                raise InputError(f"--cluster {self._address}: on a worker: {error}") from None
+        raise InputError(f"--cluster {self._address}: the workers keep failing")
+
+    def _costs(self, values: Array) -> Array:
+        if self._sent is None:
+            self._sent = self._client.scatter(self._objective, broadcast=True, hash=False)
+        threads = sum(self._client.nthreads().values())
+        chunks = np.array_split(values, min(len(values), max(1, CHUNKS_PER_THREAD * threads)))
+        futures = [
+            self._client.submit(chunk_costs, self._sent, chunk, pure=False) for chunk in chunks
+        ]
+        return np.concatenate(self._client.gather(futures))
+
+    def _wait_for_workers(self) -> None:
+        try:
+            self._client.wait_for_workers(1, timeout=CONNECT_TIMEOUT_S)
+        except TimeoutError:
+            self._client.close()
+            raise InputError(f"--cluster {self._address}: no workers") from None
+
+
+def chunk_costs(objective: Objective, values: Array) -> Array:
+    """What a worker runs."""
+    return objective.serial_costs(values)

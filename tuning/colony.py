@@ -1,0 +1,163 @@
+"""The artificial bee colony as ask and tell.
+
+The paper's Section III-A after D. Karaboga and B. Basturk, "On the performance
+of artificial bee colony (ABC) algorithm", Applied Soft Computing 8 (2008), with
+whole phases asked at once, so that they can be evaluated in parallel:
+
+* Employed bees: one candidate a food source, made from the positions at the
+  beginning of the phase.
+* Onlookers: N sources drawn with replacement, by fitness, after all employed
+  bees have answered; one candidate a draw, again from the positions at the
+  beginning of the phase. The answers are taken in the order of the draws: a
+  source drawn twice keeps the better of its candidates.
+* Scout: at most one a cycle. The source that failed most often, if more than
+  ``limit`` times, moves to a random position.
+
+Every random number comes from one generator, drawn when a phase is asked, in
+one order. What is asked therefore depends on the seed and on the costs told
+and on nothing else, such as who computes the costs.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tuning.space import Space, feasible, random_positions
+
+Array = NDArray[np.float64]
+Integers = NDArray[np.int64]
+
+
+class Sources(NamedTuple):
+    """The N food sources: positions (N, D), costs (N,), failures in a row (N,)."""
+
+    positions: Array
+    costs: Array
+    failures: Integers
+
+
+class Colony:
+    """N food sources over a space, in cycles of employed bees, onlookers and scout.
+
+    ``first`` (M, D), M <= N, are positions to begin with; the others are
+    random. :meth:`ask` gives a batch of candidates (n, D), :meth:`tell` takes
+    their costs (n,); they alternate.
+    """
+
+    def __init__(
+        self,
+        space: Space,
+        food_sources: int,
+        limit: int,
+        generator: np.random.Generator,
+        first: Array,
+    ) -> None:
+        self._space = space
+        self._limit = limit
+        self._generator = generator
+        fresh = random_positions(space, food_sources - len(first), generator)
+        self._asked = np.concatenate([feasible(space, first), fresh])
+        self._visited = np.arange(food_sources)
+        self._phase = "start"
+        self.cycles = 0
+        self.scouts = 0
+        self.sources = Sources(self._asked, np.full(food_sources, np.inf), self._no_failures())
+
+    def ask(self) -> Array:
+        """The candidates of the next phase, all feasible; the same until :meth:`tell`."""
+        return self._asked
+
+    def tell(self, costs: Array) -> None:
+        """Take the costs of what was asked, and begin the next phase."""
+        if self._phase in {"start", "scout"}:
+            self._settle(costs)
+        else:
+            self._select(costs)
+        self._advance()
+
+    @property
+    def scouting(self) -> bool:
+        """Whether what is asked is a scout's position."""
+        return self._phase == "scout"
+
+    @property
+    def mean_cost(self) -> float:
+        """The sources' mean cost."""
+        return float(np.mean(self.sources.costs))
+
+    def _advance(self) -> None:
+        if self._phase in {"start", "scout"}:
+            self.cycles += self._phase == "scout"
+            self._send_employed()
+        elif self._phase == "employed":
+            self._send_onlookers()
+        elif self._exhausted() is None:
+            self.cycles += 1
+            self._send_employed()
+        else:
+            self._send_scout()
+
+    def _send_employed(self) -> None:
+        self._phase = "employed"
+        self._visit(np.arange(len(self.sources.costs)))
+
+    def _send_onlookers(self) -> None:
+        """P_i = fitness_i / sum of fitness, with Karaboga's fitness 1/(1 + J)."""
+        self._phase = "onlookers"
+        fitness = 1.0 / (1.0 + self.sources.costs)
+        chance = np.cumsum(fitness) / np.sum(fitness)
+        drawn = self._generator.random(len(fitness))
+        # the last sum can round to just below 1
+        self._visit(np.minimum(np.searchsorted(chance, drawn, side="right"), len(fitness) - 1))
+
+    def _send_scout(self) -> None:
+        self._phase = "scout"
+        self.scouts += 1
+        exhausted = self._exhausted()
+        assert exhausted is not None
+        self._visited = np.array([exhausted])
+        self._asked = random_positions(self._space, 1, self._generator)
+
+    def _exhausted(self) -> int | None:
+        worst = int(np.argmax(self.sources.failures))
+        return worst if self.sources.failures[worst] > self._limit else None
+
+    def _visit(self, visited: Integers) -> None:
+        """x_ij + alpha (x_ij - x_kj) in one coordinate j, k another source, alpha in [-1, 1]."""
+        x = self.sources.positions
+        n, d = x.shape
+        count = len(visited)
+        j = self._generator.integers(d, size=count)
+        k = (visited + self._generator.integers(1, n, size=count)) % n
+        alpha = self._generator.uniform(-1.0, 1.0, size=count)
+        asked = x[visited]
+        old = asked[np.arange(count), j]
+        asked[np.arange(count), j] = old + alpha * (old - x[k, j])
+        self._visited = visited
+        self._asked = feasible(self._space, asked)
+
+    def _settle(self, costs: Array) -> None:
+        """New positions count whatever their cost."""
+        positions, held, failures = self._copied()
+        positions[self._visited] = self._asked
+        held[self._visited] = costs
+        failures[self._visited] = 0
+        self.sources = Sources(positions, held, failures)
+
+    def _select(self, costs: Array) -> None:
+        """A better candidate replaces its source; a source that was not improved fails."""
+        positions, held, failures = self._copied()
+        for i, candidate, cost in zip(self._visited, self._asked, costs, strict=True):
+            if cost < held[i]:
+                positions[i], held[i], failures[i] = candidate, cost, 0
+            else:
+                failures[i] += 1
+        self.sources = Sources(positions, held, failures)
+
+    def _copied(self) -> tuple[Array, Array, Integers]:
+        positions, costs, failures = self.sources
+        return positions.copy(), costs.copy(), failures.copy()
+
+    def _no_failures(self) -> Integers:
+        return np.zeros(len(self._visited), dtype=np.int64)

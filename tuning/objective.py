@@ -1,0 +1,84 @@
+"""What a search minimises: the cost of candidates, on data prepared once."""
+
+from typing import NamedTuple, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from estimator.profile import Profile, merge_profile, profile_to_json
+from tuning.space import Space
+
+Array = NDArray[np.float64]
+
+
+class Objective(Protocol):
+    """The mean cost of candidates given as parameter values (C, D), in the space's order.
+
+    Both methods return the same bits: each run is computed by one thread, and
+    the mean over the runs is taken in their order.
+    """
+
+    def costs(self, values: Array) -> Array:
+        """Costs (C,), all runs in one compiled call over numba's threads."""
+
+    def serial_costs(self, values: Array) -> Array:
+        """Costs (C,) on the calling thread alone, for a worker among others."""
+
+
+class Scores(NamedTuple):
+    """Mean costs by the plain kernels: on the data searched on, and on data kept out of it."""
+
+    tuning: float
+    held_out: float
+
+
+class Task(Protocol):
+    """All that a search needs to know about what it tunes."""
+
+    @property
+    def space(self) -> Space:
+        """The parameters that are tuned."""
+
+    @property
+    def base(self) -> Profile:
+        """The profile that everything else comes from."""
+
+    @property
+    def objective(self) -> Objective:
+        """The cost that is minimised."""
+
+    def score(self, profile: Profile) -> Scores:
+        """How good a profile is, by the plain kernels."""
+
+
+def mean_over_runs(costs: Array) -> Array:
+    """Mean (C,) of (C, S), summed in the order of the runs: the same for any batch."""
+    total = np.zeros(len(costs))
+    for run in range(costs.shape[1]):
+        total += costs[:, run]
+    return total / costs.shape[1]
+
+
+def values_of(space: Space, profile: Profile) -> Array:
+    """The profile's values (D,) of the space's parameters, clipped to their bounds."""
+    tree = {**profile.membership, **_dotted(profile)}
+    values = [float(tree[name]) for name in space.names]
+    return np.clip(np.array(values), np.array(space.lower), np.array(space.upper))
+
+
+def profile_with(space: Space, base: Profile, values: Array) -> Profile:
+    """``base`` with the space's parameters replaced."""
+    changes: dict[str, dict[str, float]] = {}
+    for name, value in zip(space.names, values.tolist(), strict=True):
+        section, _, key = name.rpartition(".")
+        changes.setdefault(section or "membership", {})[key] = value
+    return merge_profile(base, changes)
+
+
+def _dotted(profile: Profile) -> dict[str, float]:
+    tree = profile_to_json(profile)
+    return {
+        f"{section}.{key}": value
+        for section in ("filter", "confidence", "conditioning")
+        for key, value in tree[section].items()
+    }

@@ -1,0 +1,108 @@
+"""The algorithms, all on one budget and one generator: bees, CMA-ES, differential evolution.
+
+Each begins with the base profile's values among its first candidates (CMA-ES:
+as its first mean), and each asks for the same number of evaluations.
+"""
+
+from collections.abc import Callable
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tuning.colony import Colony
+from tuning.search import BudgetSpent, Search
+from tuning.space import bounds, random_positions
+
+Array = NDArray[np.float64]
+
+# Standard deviation of the first generation, of the bounds' width: covers them from the middle.
+CMA_SIGMA = 0.3
+
+
+def run_search(search: Search, first: Array) -> None:
+    """Run the algorithm that the search's options name, from position ``first`` (D,), to the end.
+
+    Raises:
+        InterruptedSearch: the observer asked to stop.
+        InputError: the record is not of this search.
+    """
+    generator = np.random.default_rng(search.options.seed)
+    try:
+        RUNNERS[search.options.algorithm](search, first, generator)
+    except BudgetSpent:
+        return
+
+
+def bees(search: Search, first: Array, generator: np.random.Generator) -> None:
+    """Artificial bee colony for the given number of cycles; scouts come on top of the budget."""
+    options = search.options
+    colony = Colony(search.space, options.food_sources, options.limit, generator, first[None, :])
+    while colony.cycles < options.cycles:
+        cycle = colony.cycles
+        asked = colony.ask()
+        colony.tell(search.costs(asked, scouts=colony.scouting))
+        if colony.cycles > cycle:
+            search.end_cycle(colony.mean_cost)
+
+
+def cma_es(search: Search, first: Array, generator: np.random.Generator) -> None:
+    """CMA-ES on the unit cube, restarted with twice the population whenever it has converged.
+
+    Source: A. Auger and N. Hansen, "A restart CMA evolution strategy with
+    increasing population size", IEEE CEC 2005; by the package ``cmaes``.
+    """
+    from cmaes import CMA
+
+    lower, upper = bounds(search.space)
+    cube = np.array([[0.0, 1.0]] * search.space.dimensions)
+    mean = (first - lower) / (upper - lower)
+    population = 4 + int(3 * np.log(search.space.dimensions))  # the usual size
+    while True:
+        seed = int(generator.integers(2**32))
+        strategy = CMA(mean, CMA_SIGMA, bounds=cube, seed=seed, population_size=population)
+        while not strategy.should_stop():
+            asked = np.array([strategy.ask() for _ in range(population)])
+            costs = search.costs(lower + (upper - lower) * asked[: search.left])
+            if len(costs) < population:
+                raise BudgetSpent
+            strategy.tell(list(zip(asked, costs.tolist(), strict=True)))
+            search.end_cycle(float(np.mean(costs)))
+        population *= 2
+        mean = generator.random(search.space.dimensions)
+
+
+def differential_evolution(search: Search, first: Array, generator: np.random.Generator) -> None:
+    """SciPy's differential evolution, a generation a batch, N members, never stopping early."""
+    from scipy import optimize
+
+    lower, upper = bounds(search.space)
+    members = search.options.food_sources
+    start = np.concatenate([first[None, :], random_positions(search.space, members - 1, generator)])
+    seen: list[Array] = []
+
+    def vectorized(x: Array) -> Array:
+        costs = search.costs(np.ascontiguousarray(x.T))
+        seen.append(costs if not seen else np.minimum(seen[-1], costs))
+        if len(seen) % 2 == 1 and len(seen) > 1:  # two generations cost as much as a bees' cycle
+            search.end_cycle(float(np.mean(seen[-1])))
+        return costs
+
+    optimize.differential_evolution(
+        vectorized,
+        list(zip(lower.tolist(), upper.tolist(), strict=True)),
+        maxiter=2 * search.options.cycles,
+        init=start,
+        tol=0.0,
+        atol=-1.0,
+        polish=False,
+        updating="deferred",
+        vectorized=True,
+        rng=generator,
+    )
+
+
+RUNNERS: dict[str, Callable[[Search, Array, np.random.Generator], None]] = {
+    "abc": bees,
+    "cmaes": cma_es,
+    "de": differential_evolution,
+}

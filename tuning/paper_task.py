@@ -1,0 +1,103 @@
+"""Tuning on the paper's signals: J of Eq. (12), averaged over noise seeds."""
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from estimator import memberships
+from estimator.profile import Profile, load_profile, merge_profile
+from tuning.objective import Scores, mean_over_runs
+from tuning.paper_experiment import run_experiment
+from tuning.paper_signals import PaperSignals, paper_signals
+from tuning.parameters import space_of
+from tuning.space import Space
+
+Array = NDArray[np.float64]
+
+# Seeds from here on belong to those who judge a result.
+FIRST_RESERVED_SEED = 5000
+
+
+def midpoint_profile() -> Profile:
+    """The paper's profile with every k in the middle of its bounds: where ``sim:`` starts."""
+    k = dict(zip(memberships.NAMES, memberships.midpoint(), strict=True))
+    return merge_profile(
+        load_profile("paper"),
+        {"membership": k, "provenance": {"description": "the middle of the paper's bounds"}},
+    )
+
+
+@dataclass(frozen=True)
+class PaperObjective:
+    """Mean J over the prepared signals, of candidates that give k1..k22 and maybe gamma and tau."""
+
+    names: tuple[str, ...]
+    gamma: float
+    rate_time_constant_s: float
+    bias_bound_rad_s: float
+    signals: PaperSignals
+
+    def costs(self, values: Array) -> Array:
+        """See :class:`tuning.objective.Objective`."""
+        from tuning.paper_kernel import parallel_costs
+
+        return mean_over_runs(
+            parallel_costs(self.bias_bound_rad_s, self._candidates(values), *self._data())
+        )
+
+    def serial_costs(self, values: Array) -> Array:
+        """See :class:`tuning.objective.Objective`."""
+        from tuning.paper_kernel import serial_costs
+
+        return mean_over_runs(
+            serial_costs(self.bias_bound_rad_s, self._candidates(values), *self._data())
+        )
+
+    def _data(self) -> tuple[Array, Array]:
+        return self.signals.start, self.signals.steps
+
+    def _candidates(self, values: Array) -> Array:
+        """Rows of k1..k22, gamma, tau as the kernel takes them."""
+        columns = {name: values[:, i] for i, name in enumerate(self.names)}
+        rest = np.ones(len(values))
+        gamma = columns.get("filter.gamma", self.gamma * rest)
+        tau = columns.get("filter.rate_time_constant_s", self.rate_time_constant_s * rest)
+        return np.stack([*(columns[name] for name in memberships.NAMES), gamma, tau], axis=1)
+
+
+@dataclass(frozen=True)
+class PaperTask:
+    """The paper's optimisation, on ``noise_seeds``, scored on ``held_out_seeds`` too."""
+
+    base: Profile
+    groups: tuple[str, ...]
+    noise_seeds: tuple[int, ...]
+    held_out_seeds: tuple[int, ...]
+
+    @cached_property
+    def space(self) -> Space:
+        """The parameters that are tuned."""
+        return space_of(self.groups)
+
+    @cached_property
+    def objective(self) -> PaperObjective:
+        """Mean J over the noise seeds."""
+        return PaperObjective(
+            self.space.names,
+            self.base.filter.gamma,
+            self.base.filter.rate_time_constant_s,
+            self.base.filter.bias_bound_rad_s,
+            paper_signals(self.base, self.noise_seeds),
+        )
+
+    def score(self, profile: Profile) -> Scores:
+        """Mean J by the plain kernel."""
+        return Scores(
+            _mean_cost(profile, self.noise_seeds), _mean_cost(profile, self.held_out_seeds)
+        )
+
+
+def _mean_cost(profile: Profile, seeds: tuple[int, ...]) -> float:
+    return sum(run_experiment(profile, seed).cost for seed in seeds) / len(seeds)

@@ -1,0 +1,158 @@
+"""One search: batches out to be evaluated, costs in, the best remembered.
+
+An algorithm calls :meth:`Search.costs`, as often as it likes, and never sees
+who computes. What it asks depends on its seed and on the costs only. So the
+record of the costs is the whole state of a search: fed the recorded costs
+again, the algorithm asks the same questions, and goes on where it was. That
+makes one checkpoint serve every algorithm, including those of other libraries
+whose state cannot be saved.
+"""
+
+import hashlib
+from collections.abc import Callable
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from estimator.errors import InputError
+from tuning.space import Space, decode, feasible
+
+Array = NDArray[np.float64]
+Evaluate = Callable[[Array], Array]
+
+ALGORITHMS = ("abc", "cmaes", "de")
+
+
+class SearchOptions(NamedTuple):
+    """What determines the questions a search asks, besides the costs.
+
+    N = ``food_sources`` and ``cycles`` set the budget of every algorithm:
+    N (1 + 2 cycles) evaluations. ``limit`` is the bees' own.
+    """
+
+    algorithm: str
+    food_sources: int
+    cycles: int
+    limit: int
+    seed: int
+
+    @property
+    def budget(self) -> int:
+        """Evaluations, not counting scouts."""
+        return self.food_sources * (1 + 2 * self.cycles)
+
+
+class Progress(NamedTuple):
+    """After a batch: how far, how good. ``mean_cost`` is the population's."""
+
+    evaluations: int
+    cycles: int
+    best_cost: float
+    mean_cost: float
+
+
+class Record(NamedTuple):
+    """Every cost told (E,) and a SHA-256 of everything asked: enough to go on from."""
+
+    costs: Array
+    asked_sha256: str
+
+
+class InterruptedSearch(Exception):  # noqa: N818 - an outcome, not an error
+    """Raised out of an algorithm when the observer asks it to stop."""
+
+
+class BudgetSpent(Exception):  # noqa: N818 - an outcome, not an error
+    """Raised out of an algorithm that asks for more than its budget."""
+
+
+class Search:
+    """The evaluations of one run, with their record.
+
+    ``evaluate`` maps parameter values (C, D) to costs (C,). ``observe`` is
+    called after each new batch and returns whether to go on. ``record`` is of
+    an earlier, interrupted run.
+    """
+
+    def __init__(
+        self,
+        space: Space,
+        options: SearchOptions,
+        evaluate: Evaluate,
+        observe: Callable[["Search"], bool] = lambda _: True,
+        record: Record | None = None,
+    ) -> None:
+        self.space = space
+        self.options = options
+        self._evaluate = evaluate
+        self._observe = observe
+        self._earlier = record
+        self._told: list[Array] = []
+        self._asked = hashlib.sha256()
+        self._scouts = 0
+        self.evaluations = 0
+        self.cycles = 0
+        self.best_cost = np.inf
+        self.best_values = np.full(space.dimensions, np.nan)
+        self.history: list[Progress] = []
+
+    @property
+    def left(self) -> int:
+        """Evaluations left of the budget."""
+        return self.options.budget - (self.evaluations - self._scouts)
+
+    @property
+    def record(self) -> Record:
+        """What to save."""
+        costs = np.concatenate([np.empty(0), *self._told])
+        return Record(costs, self._asked.hexdigest())
+
+    def costs(self, positions: Array, *, scouts: bool = False) -> Array:
+        """Costs (C,) of positions (C, D) in search coordinates, made feasible first.
+
+        Raises:
+            BudgetSpent: nothing is left to spend; scouts come on top of the budget.
+            InterruptedSearch: the observer asked to stop.
+            InputError: the record is not of this search.
+        """
+        if not scouts and (self.left == 0 or self.left < len(positions)):
+            raise BudgetSpent
+        self._scouts += len(positions) if scouts else 0
+        values = decode(self.space, feasible(self.space, positions))
+        recorded = self._recorded(len(values))
+        self._asked.update(np.ascontiguousarray(values).tobytes())
+        costs = self._evaluate(values) if recorded is None else recorded
+        self._remember(values, costs)
+        if recorded is None and not self._observe(self):
+            raise InterruptedSearch
+        return costs
+
+    def end_cycle(self, mean_cost: float) -> None:
+        """Note the end of a cycle (generation), with its population's mean cost."""
+        self.cycles += 1
+        self.history.append(
+            Progress(self.evaluations, self.cycles, float(self.best_cost), mean_cost)
+        )
+
+    def _recorded(self, count: int) -> Array | None:
+        """The next ``count`` recorded costs, or None where the record has ended."""
+        record = self._earlier
+        if record is None:
+            return None
+        if self.evaluations == len(record.costs):
+            if self._asked.hexdigest() != record.asked_sha256:
+                raise InputError("the checkpoint does not belong to this search")
+            self._earlier = None
+            return None
+        if self.evaluations + count > len(record.costs):
+            raise InputError("the checkpoint does not belong to this search")
+        return record.costs[self.evaluations : self.evaluations + count]
+
+    def _remember(self, values: Array, costs: Array) -> None:
+        self._told.append(np.array(costs))
+        self.evaluations += len(costs)
+        best = int(np.argmin(costs))
+        if costs[best] < self.best_cost:
+            self.best_cost = float(costs[best])
+            self.best_values = values[best].copy()

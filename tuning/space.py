@@ -1,0 +1,97 @@
+"""The search space: bounds, and the order inside each triangle, kept by construction."""
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from estimator import memberships
+
+Array = NDArray[np.float64]
+
+
+class Space(NamedTuple):
+    """D parameters by name, with bounds and the groups whose values ascend.
+
+    ``chains`` holds the indices of each ascending group; the bounds of a group
+    ascend too. A parameter marked ``logarithmic`` (bounds above 0) is searched
+    by its logarithm: it is a scale, of which factors matter.
+    """
+
+    names: tuple[str, ...]
+    lower: tuple[float, ...]
+    upper: tuple[float, ...]
+    chains: tuple[tuple[int, ...], ...] = ()
+    logarithmic: tuple[bool, ...] = ()
+
+    @property
+    def dimensions(self) -> int:
+        """D."""
+        return len(self.names)
+
+
+def membership_space() -> Space:
+    """k1..k22 within the paper's Eqs. (13) and (14), a <= b <= c inside each triangle."""
+    chains = tuple(chain for chain in memberships.CHAINS if len(chain) > 1)
+    logarithmic = (False,) * len(memberships.NAMES)
+    return Space(memberships.NAMES, memberships.LOWER, memberships.UPPER, chains, logarithmic)
+
+
+def joined(first: Space, second: Space) -> Space:
+    """Both spaces' parameters, one after the other."""
+    shift = first.dimensions
+    chains = tuple(tuple(shift + i for i in chain) for chain in second.chains)
+    return Space(
+        first.names + second.names,
+        first.lower + second.lower,
+        first.upper + second.upper,
+        first.chains + chains,
+        first.logarithmic + second.logarithmic,
+    )
+
+
+def bounds(space: Space) -> tuple[Array, Array]:
+    """Lower and upper bounds (D,) in search coordinates."""
+    return encode(space, np.array(space.lower)), encode(space, np.array(space.upper))
+
+
+def encode(space: Space, values: Array) -> Array:
+    """Search coordinates of parameter values, (..., D)."""
+    log = np.array(space.logarithmic, dtype=bool)
+    out = np.array(values, dtype=np.float64)
+    out[..., log] = np.log(out[..., log])
+    return out
+
+
+def decode(space: Space, positions: Array) -> Array:
+    """Parameter values (N, D) of search coordinates (N, D); never outside the bounds."""
+    log = np.array(space.logarithmic, dtype=bool)
+    out = np.array(positions, dtype=np.float64)
+    out[..., log] = np.exp(out[..., log])  # rounds, hence the clip
+    return np.clip(out, space.lower, space.upper)
+
+
+def feasible(space: Space, positions: Array) -> Array:
+    """The feasible positions that any positions (N, D) stand for.
+
+    Each coordinate is clipped to its bounds, then each chain is sorted. As a
+    chain's lower bounds ascend, and its upper bounds too, sorting cannot leave
+    them: the i-th smallest of some values is at least the i-th smallest of
+    their lower bounds. The map keeps what is feasible, reaches all of it, and
+    a corner pushed past its neighbour takes the neighbour's place. Moving the
+    corner onto its neighbour instead would pile the search up on vertical
+    edges; rejecting it would waste evaluations where the space is narrow.
+    """
+    lower, upper = bounds(space)
+    out = np.clip(positions, lower, upper)
+    for chain in space.chains:
+        columns = list(chain)
+        out[:, columns] = np.sort(out[:, columns], axis=1)
+    return out
+
+
+def random_positions(space: Space, count: int, generator: np.random.Generator) -> Array:
+    """Feasible positions (count, D), uniform within the bounds before ordering."""
+    lower, upper = bounds(space)
+    drawn = lower + (upper - lower) * generator.random((count, space.dimensions))
+    return feasible(space, drawn)
