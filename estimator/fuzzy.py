@@ -11,7 +11,7 @@ import numpy as np
 from estimator.compiled import compiled
 from estimator.memberships import Memberships, Triangle
 
-# An area below this is computed again with the strengths times FAINT_LIFT, since numbers next to the
+# An area below this is computed again with the strengths times FAINT_LIFT: numbers next to the
 # smallest lose their digits. So faint a clipping leaves the knees at the corners either way.
 FAINT_AREA = 1e-200
 FAINT_LIFT = 1e100
@@ -108,7 +108,7 @@ def centroid(strengths: Strengths, sets: tuple[Triangle, ...]) -> float:
     if total <= 0.0:
         return 0.0
     area, moment = area_and_moment(strengths, sets)
-    if 0.0 < area < FAINT_AREA:
+    if area < FAINT_AREA:
         area, moment = area_and_moment(lifted(strengths), sets)
     if area > 0.0:
         return moment / area

@@ -1,4 +1,4 @@
-"""The words that tests are written in: samplers of rotations, and what "close" means for attitudes."""
+"""The words that tests are written in: samplers of rotations, and when attitudes are close."""
 
 from math import atan2, isfinite, pi, sqrt
 
