@@ -1,4 +1,7 @@
-"""``fuzzbee sim``: the simulated vehicle as a MAVLink process."""
+"""``fuzzbee sim``: the simulated vehicle as a MAVLink process.
+
+Options that cannot be used raise ``InputError``, as everywhere.
+"""
 
 import signal
 import sys
@@ -14,12 +17,11 @@ from drivers.endpoint import Endpoint, Kind, endpoint_help, parse_endpoint
 from estimator.errors import InputError
 
 LINK_KINDS: tuple[Kind, ...] = ("udpout", "udpin", "tcp", "tcpin")
+_LINK_HELP = endpoint_help(LINK_KINDS).replace("\n", "\n\n")  # one paragraph a form
 
 
 def sim(
-    to: Annotated[
-        str, typer.Option("--to", metavar="URL", help=f"where to:\n\n{endpoint_help(LINK_KINDS)}")
-    ],
+    to: Annotated[str, typer.Option("--to", metavar="URL", help=_LINK_HELP)],
     vehicles: Annotated[int, typer.Option(help="system ids 1 to N on one link")] = 1,
     rate: Annotated[float, typer.Option(metavar="HZ", help="samples a second")] = 100.0,
     seed: Annotated[int, typer.Option(help="of the noise; vehicle i has seed + i - 1")] = 0,
@@ -49,8 +51,6 @@ def sim(
 
     They send HEARTBEAT, RAW_IMU, SIM_STATE (the truth), ATTITUDE and ATTITUDE_QUATERNION (the
     truth, too), and answer SET_MESSAGE_INTERVAL and parameter requests.
-
-    Raises InputError for options that cannot be used.
 
     Examples:
       fuzzbee sim --to udpout:127.0.0.1:14550
