@@ -22,6 +22,8 @@ from estimator.types import ZERO_VEC3, Attitude, ImuSample, Quaternion, Vec3
 OUTPUT_HORIZON_S = 1.0
 # No estimate from these sensors is better than this; it also keeps sigma above zero.
 LEAST_SIGMA_RAD = radians(0.1)
+# Time over which e is averaged for the sigma of raw vectors.
+SIGMA_TIME_S = 1.0
 # A rate beyond this is no vehicle's: 70 rad/s is 4000 deg/s, twice the range of common gyroscopes.
 GYR_LIMIT_RAD_S = 70.0
 # 40 g, well beyond the range of common accelerometers.
@@ -37,6 +39,7 @@ class Snapshot(NamedTuple):
     time_us: int
     rate_rad_s: Vec3
     aligned: bool
+    smooth_error: float  # e low-passed, for the sigma of raw vectors
 
 
 class Estimator:
@@ -56,7 +59,7 @@ class Estimator:
     def restart(self) -> None:
         """Forget the attitude and align anew, as after the vehicle's reboot."""
         memory = initial_conditioning(self._settings.conditioning)
-        self.snapshot = Snapshot(initial_state(), memory, None, 0, ZERO_VEC3, False)
+        self.snapshot = Snapshot(initial_state(), memory, None, 0, ZERO_VEC3, False, 0.0)
 
     @property
     def aligned(self) -> bool:
@@ -93,7 +96,18 @@ class Estimator:
             1e-6 * (sample.time_us - before.time_us),
         )
         rate = subtract(sample.gyr_rad_s, state.gyr_bias_rad_s)
-        return before._replace(filter=state, time_us=sample.time_us, rate_rad_s=rate)
+        return before._replace(
+            filter=state,
+            time_us=sample.time_us,
+            rate_rad_s=rate,
+            smooth_error=self._smoothed(state.error, sample.time_us),
+        )
+
+    def _smoothed(self, error: float, time_us: int) -> float:
+        """The mean of e over the last second or so: one sample's e is mostly its noise."""
+        dt = 1e-6 * (time_us - self.snapshot.time_us)
+        before = self.snapshot.smooth_error
+        return before + dt / (SIGMA_TIME_S + dt) * (error - before)
 
     def _conditioned(self, sample: ImuSample) -> Snapshot:
         before = self.snapshot
@@ -112,7 +126,7 @@ class Estimator:
         )
         state = self._with_first_heading(state, seen)
         rate = subtract(sample.gyr_rad_s, state.gyr_bias_rad_s)
-        return Snapshot(state, memory, seen, sample.time_us, rate, True)
+        return Snapshot(state, memory, seen, sample.time_us, rate, True, state.error)
 
     def _with_first_heading(self, state: FilterState, seen: Conditioned) -> FilterState:
         """The first heading ever is alignment, not correction: there was none to correct."""
@@ -138,7 +152,7 @@ class Estimator:
         q = align(vectors) if chosen.initial is None else chosen.initial
         state = kernel.correct(chosen.filter, initial_state(q), vectors, 0.0)
         rate = subtract(sample.gyr_rad_s, state.gyr_bias_rad_s)
-        return Snapshot(state, memory, seen, sample.time_us, rate, True)
+        return Snapshot(state, memory, seen, sample.time_us, rate, True, state.error)
 
     def set_position(
         self, latitude_deg: float, longitude_deg: float, altitude_m: float, unix_us: int
@@ -180,7 +194,7 @@ class Estimator:
         ahead_s = min(max(1e-6 * (time_us - now.time_us), 0.0), OUTPUT_HORIZON_S)
         q = normalize(multiply(now.filter.q_ned_frd, exp(scale(ahead_s, now.rate_rad_s))))
         reference = self._settings.reference
-        sigma = min(pi, max(LEAST_SIGMA_RAD, 2.0 * asin(sqrt(now.filter.error))))
+        sigma = min(pi, max(LEAST_SIGMA_RAD, 2.0 * asin(sqrt(now.smooth_error))))
         published = Attitude(
             time_us=time_us,
             q_ned_frd=q,

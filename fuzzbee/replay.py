@@ -2,6 +2,7 @@
 
 import sys
 import time
+from math import inf, isfinite
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -62,8 +63,10 @@ def replay(
     """Run the filter over logs as fast as it goes and score it against a reference."""
     if gain is not None and not 0.0 < gain <= 1e6:
         raise InputError(f"--gain {gain:g}: K must be above 0")
-    if skip < 0.0:
-        raise InputError(f"--skip {skip:g}: must not be negative")
+    if not 0.0 <= skip < inf:
+        raise InputError(f"--skip {skip:g}: must be a number of seconds, 0 or more")
+    if not isfinite(start_wrong):
+        raise InputError(f"--start-wrong {start_wrong:g}: must be an angle in degrees")
     if reference not in (None, "sim", "autopilot"):
         raise InputError(f"--reference {reference}: must be sim or autopilot")
     if SIMULATION in sources:

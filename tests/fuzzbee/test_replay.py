@@ -1,0 +1,146 @@
+"""``fuzzbee replay`` from the outside: arguments in, one JSON object or one line out."""
+
+import json
+from pathlib import Path
+
+import pytest
+
+from fuzzbee.cli import main
+
+DATA = Path(__file__).parent.parent / "data"
+
+LOG_KEYS = {
+    *("source", "vehicle", "imu", "duration_s", "reference", "error_deg", "coverage", "peers"),
+    *("convergence_s", "mean_gain", "rejected", "wall_s"),
+}
+
+
+def replay(capsys, *arguments):
+    """Exit status, the JSON on standard output (if any), and standard error."""
+    status = main(["replay", *map(str, arguments)])
+    out, err = capsys.readouterr()
+    return status, json.loads(out) if status == 0 else out, err
+
+
+@pytest.mark.parametrize("log", sorted(DATA.glob("*.tlog")) + sorted(DATA.glob("*.ulg")))
+def test_every_recording_gives_one_object_with_the_whole_schema(capsys, log):
+    status, report, _ = replay(capsys, log, "--json")
+    assert status == 0
+    assert set(report) == LOG_KEYS
+    assert report["imu"]["samples"] > 10
+    assert report["error_deg"]["inclination_rms"] is not None
+
+
+def test_truth_is_preferred_and_the_autopilot_becomes_a_peer(capsys):
+    _, report, _ = replay(capsys, DATA / "sitl_copter_takeoff.tlog", "--json")
+    assert report["reference"] == "sim"
+    assert 0.0 < report["peers"]["autopilot"]["inclination_rms"] < 1.0  # EKF3: 0.05-0.2 deg
+
+
+def test_the_autopilot_can_be_asked_for_as_reference(capsys):
+    log = DATA / "sitl_copter_takeoff.tlog"
+    _, report, _ = replay(capsys, log, "--json", "--reference", "autopilot")
+    assert report["reference"] == "autopilot"
+    assert report["peers"] == {}
+
+
+def test_a_log_twice_gives_the_same_figures(capsys):
+    log = DATA / "sitl_copter_4hz.tlog"
+    first, second = (replay(capsys, log, "--json")[1] for _ in range(2))
+    first.pop("wall_s")
+    second.pop("wall_s")
+    assert first == second
+
+
+def test_several_logs_come_as_a_list(capsys):
+    logs = (DATA / "sub_bluerov.tlog", DATA / "rover_no_magnetometer.tlog")
+    _, report, _ = replay(capsys, *logs, "--json")
+    assert [entry["source"] for entry in report["logs"]] == [str(log) for log in logs]
+
+
+def test_without_a_magnetometer_heading_fields_are_null(capsys):
+    _, report, _ = replay(capsys, DATA / "rover_no_magnetometer.tlog", "--json")
+    assert report["error_deg"]["heading_rms"] is None
+    assert report["coverage"]["heading"] is None
+    assert report["error_deg"]["inclination_rms"] > 0.0
+
+
+def test_skip_leaves_the_start_out_of_errors_only(capsys):
+    log = DATA / "sitl_copter_takeoff.tlog"
+    _, whole, _ = replay(capsys, log, "--json")
+    _, later, _ = replay(capsys, log, "--json", "--skip", 5)
+    assert later["imu"] == whole["imu"]
+    assert later["mean_gain"] == whole["mean_gain"]
+    assert later["error_deg"] != whole["error_deg"]
+
+
+def test_a_wrong_start_is_wrong_and_then_recovers(capsys):
+    log = DATA / "sitl_copter_takeoff.tlog"
+    _, report, _ = replay(capsys, log, "--json", "--start-wrong", 170)
+    assert 0.0 < report["convergence_s"] < 10.0
+
+
+def test_a_fixed_gain_is_the_gain(capsys):
+    _, report, _ = replay(capsys, DATA / "sub_bluerov.tlog", "--json", "--gain", 7)
+    assert report["mean_gain"] == 7.0
+
+
+def test_the_papers_experiment(capsys):
+    _, report, _ = replay(capsys, "sim:", "--seeds", "3-5", "--json")
+    assert len(report["cost_per_seed"]) == 3
+    assert report["cost"] == pytest.approx(sum(report["cost_per_seed"]) / 3)
+    assert set(report) >= LOG_KEYS | {"steady_state_error", "settling_s"}
+
+
+def test_a_gain_that_never_settles_has_no_settling_time(capsys):
+    """At K = 0.01 the estimate cannot follow 1 rad/s."""
+    _, report, _ = replay(capsys, "sim:", "--seeds", "3-5", "--json", "--gain", 0.01)
+    assert report["settling_s"] is None
+
+
+def test_for_a_person_the_figures_come_as_text(capsys):
+    assert main(["replay", str(DATA / "sub_bluerov.tlog")]) == 0
+    out, _ = capsys.readouterr()
+    assert "RAW_IMU" in out
+    assert "inclination" in out
+
+
+@pytest.mark.parametrize(
+    ("arguments", "part"),
+    [
+        (["no_such.tlog"], "no_such.tlog"),
+        (["sim:", "--seeds", "9-3"], "9-3"),
+        (["sim:", "--seeds", "x"], "--seeds x"),
+        (["sim:", "--gain", "0"], "--gain 0"),
+        (["sim:", "--gain", "nan"], "--gain nan"),
+        (["sim:", "--profile", "imu"], "raw vectors"),
+        (["sim:", "--skip", "1"], "--skip"),
+        (["sim:", "a.tlog"], "sim:"),
+        (["a.tlog", "--seeds", "1-2"], "--seeds"),
+        (["a.tlog", "--skip", "-1"], "--skip"),
+        (["a.tlog", "--skip", "nan"], "--skip"),
+        (["a.tlog", "--reference", "gps"], "gps"),
+        (["a.tlog", "--profile", "nope"], "nope"),
+    ],
+)
+def test_a_mistake_is_one_line_and_status_2(capsys, arguments, part):
+    status = main(["replay", *arguments])
+    out, err = capsys.readouterr()
+    assert status == 2
+    assert out == ""
+    assert part in err
+    assert err.count("\n") == 1
+
+
+def test_an_empty_log_and_one_without_imu_say_so(capsys, tmp_path):
+    empty = tmp_path / "empty.tlog"
+    empty.write_bytes(b"")
+    status, _, err = replay(capsys, empty, "--json")
+    assert (status, err.count("\n")) == (2, 1)
+    assert "empty" in err
+
+
+def test_a_missing_system_id_names_those_that_are_there(capsys):
+    status, _, err = replay(capsys, DATA / "sub_bluerov.tlog", "--system-id", 77, "--json")
+    assert status == 2
+    assert "77" in err

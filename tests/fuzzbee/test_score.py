@@ -1,0 +1,50 @@
+import numpy as np
+import pytest
+
+from estimator.quaternion import exp, multiply
+from fuzzbee.score import convergence_s, coverage, errors_against, summarize
+
+
+def attitudes(vectors):
+    return np.array([exp(tuple(v)) for v in vectors])
+
+
+def test_a_heading_error_is_no_inclination_error():
+    reference = attitudes([(0.3, -0.2, 1.0), (3.0, 0.0, 0.0)])
+    off = exp((0.0, 0.0, 0.1))
+    errors = errors_against(np.array([multiply(off, tuple(q)) for q in reference]), reference)
+    np.testing.assert_allclose(errors, [[0.1, 0.1, 0.0]] * 2, atol=1e-7)
+
+
+def test_figures_are_root_mean_squares_in_degrees():
+    errors = np.radians([[3.0, 0.0, 3.0], [4.0, 0.0, 4.0]])
+    figures = summarize(errors, has_heading=True)
+    assert figures.total_rms == pytest.approx(np.sqrt(12.5))
+    assert figures.heading_rms == 0.0
+    assert figures.inclination_p95 == pytest.approx(3.95)
+
+
+def test_without_a_magnetometer_there_is_no_heading_and_no_total():
+    figures = summarize(np.radians([[90.0, 90.0, 1.0]]), has_heading=False)
+    assert (figures.total_rms, figures.heading_rms) == (None, None)
+    assert figures.inclination_rms == pytest.approx(1.0)
+
+
+def test_without_samples_there_are_no_figures():
+    assert summarize(np.empty((0, 3)), has_heading=True).inclination_rms is None
+
+
+def test_coverage_is_the_share_under_sigma():
+    errors = np.radians([[0.0, 1.0, 3.0], [0.0, 2.0, 1.0]])
+    two = np.radians([2.0, 2.0])
+    assert coverage(errors, two, two, has_heading=True).inclination == 0.5
+    assert coverage(errors, two, two, has_heading=True).heading == 1.0
+
+
+def test_convergence_counts_from_the_first_known_sample():
+    times = np.array([0, 1, 2, 3, 4]) * 1_000_000
+    total = np.radians([0.0, 90.0, 20.0, 4.9, 30.0])
+    known = np.array([False, True, True, True, True])
+    assert convergence_s(times, total, known) == 2.0
+    assert convergence_s(times, total + 1.0, known) is None
+    assert convergence_s(times, total, np.zeros(5, bool)) is None
