@@ -1,0 +1,1 @@
+"""Search of parameters: bee colony and others, objectives, checkpoint, cluster."""

@@ -6,7 +6,7 @@ died with the last worker that held it, it is sent again.
 """
 
 from types import TracebackType
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -33,11 +33,12 @@ class ClusterEvaluator:
 
     def __init__(self, address: str, objective: Objective) -> None:
         try:
-            from distributed import Client
+            import distributed
         except ImportError:
             raise InputError("--cluster: needs dask.distributed (the extra 'cluster')") from None
+        client: Any = distributed.Client
         try:
-            self._client: Any = Client(address, timeout=CONNECT_TIMEOUT_S, set_as_default=False)
+            self._client = client(address, timeout=CONNECT_TIMEOUT_S, set_as_default=False)
         except (OSError, ValueError, TypeError) as error:
             reason = str(error).splitlines()[0] if str(error) else type(error).__name__
             raise InputError(f"--cluster {address}: no scheduler answers: {reason}") from None
@@ -46,7 +47,7 @@ class ClusterEvaluator:
         self._sent: Any = None
         self._wait_for_workers()
 
-    def __enter__(self) -> "ClusterEvaluator":
+    def __enter__(self) -> Self:
         return self
 
     def __exit__(

@@ -1,11 +1,12 @@
 """What a search minimises: the cost of candidates, on data prepared once."""
 
-from typing import NamedTuple, Protocol
+from typing import Any, NamedTuple, Protocol
 
+import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from estimator.profile import Profile, merge_profile, profile_to_json
+from estimator.profile import Profile, parse_profile, profile_to_json, profile_to_toml
 from tuning.space import Space
 
 Array = NDArray[np.float64]
@@ -56,23 +57,37 @@ def mean_over_runs(costs: Array) -> Array:
     total = np.zeros(len(costs))
     for run in range(costs.shape[1]):
         total += costs[:, run]
-    return total / costs.shape[1]
+    mean: Array = total / costs.shape[1]
+    return mean
 
 
 def values_of(space: Space, profile: Profile) -> Array:
     """The profile's values (D,) of the space's parameters, clipped to their bounds."""
     tree = {**profile.membership, **_dotted(profile)}
     values = [float(tree[name]) for name in space.names]
-    return np.clip(np.array(values), np.array(space.lower), np.array(space.upper))
+    clipped: Array = np.clip(values, space.lower, space.upper)
+    return clipped
 
 
 def profile_with(space: Space, base: Profile, values: Array) -> Profile:
-    """``base`` with the space's parameters replaced."""
+    """``base`` with the space's parameters replaced.
+
+    Raises:
+        InputError: the result is no valid profile.
+    """
     changes: dict[str, dict[str, float]] = {}
     for name, value in zip(space.names, values.tolist(), strict=True):
         section, _, key = name.rpartition(".")
         changes.setdefault(section or "membership", {})[key] = value
-    return merge_profile(base, changes)
+    sections = {name: _changed(getattr(base, name), keys) for name, keys in changes.items()}
+    changed = msgspec.structs.replace(base, **sections)
+    return parse_profile(profile_to_toml(changed), "tuned")
+
+
+def _changed(section: Any, keys: dict[str, float]) -> Any:
+    if isinstance(section, dict):
+        return {**section, **keys}
+    return msgspec.structs.replace(section, **keys)
 
 
 def _dotted(profile: Profile) -> dict[str, float]:

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from drivers.vehicle import Recording, simulate
 from estimator.errors import InputError
-from estimator.kernel import COLLINEAR_SINE
+from estimator.kernel import COLLINEAR_SINE, largest_rate
 from estimator.metrics import COST_RATE_HZ, COST_SAMPLES, STEADY
 from estimator.profile import Profile
 from estimator.settings import Settings, settings_of
@@ -33,11 +33,12 @@ TURN = 0  # Omega_m dt, rad (3)
 TRUTH = 3  # true attitude (4)
 INNOVATION = 7  # A, row by row (9)
 TRACE = 16  # B, row by row (9)
-COLUMNS = 25
+FASTEST = 25  # the largest linear rate per unit of K, see ``kernel.largest_rate``
+COLUMNS = 26
 
 
 class PaperSignals(NamedTuple):
-    """Steps (S, 1401, 25) of S noise seeds, the columns above, and the first attitude (4,)."""
+    """Steps (S, 1401, 26) of S noise seeds, the columns above, and the first attitude (4,)."""
 
     steps: Array
     start: Array
@@ -95,7 +96,9 @@ def _steps(settings: Settings, recording: Recording) -> Array:
     steps[:, TURN:TRUTH] = COST_DT_S * recording.gyr_rad_s[kept]
     steps[:, TRUTH:INNOVATION] = recording.q_ned_frd[kept]
     steps[:, INNOVATION:TRACE] = _sum_of_outer(weighted, (v1, v2, v3))
-    steps[:, TRACE:COLUMNS] = _sum_of_outer((i1, i2, i3), (d1, d2, v3))
+    steps[:, TRACE:FASTEST] = _sum_of_outer((i1, i2, i3), (d1, d2, v3))
+    s = (reference.s_magnetic, reference.s_gravity, reference.s_cross)
+    steps[:, FASTEST] = [largest_rate(cosine, *s) for cosine in np.sum(v1 * v2, axis=1)]
     return steps
 
 

@@ -3,11 +3,12 @@
 from dataclasses import dataclass
 from functools import cached_property
 
+import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
 from estimator import memberships
-from estimator.profile import Profile, load_profile, merge_profile
+from estimator.profile import Profile, Provenance, load_profile
 from tuning.objective import Scores, mean_over_runs
 from tuning.paper_experiment import run_experiment
 from tuning.paper_signals import PaperSignals, paper_signals
@@ -22,10 +23,10 @@ FIRST_RESERVED_SEED = 5000
 
 def midpoint_profile() -> Profile:
     """The paper's profile with every k in the middle of its bounds: where ``sim:`` starts."""
-    k = dict(zip(memberships.NAMES, memberships.midpoint(), strict=True))
-    return merge_profile(
+    return msgspec.structs.replace(
         load_profile("paper"),
-        {"membership": k, "provenance": {"description": "the middle of the paper's bounds"}},
+        membership=dict(zip(memberships.NAMES, memberships.midpoint(), strict=True)),
+        provenance=Provenance(description="the middle of the paper's bounds"),
     )
 
 

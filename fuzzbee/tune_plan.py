@@ -1,0 +1,205 @@
+"""From the options of ``fuzzbee tune`` to what is searched: every check before any work."""
+
+import os
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from estimator.errors import InputError
+from estimator.profile import SHIPPED, Profile, load_profile
+from fuzzbee.version import __version__
+from tuning.objective import Task
+from tuning.paper_task import FIRST_RESERVED_SEED, PaperTask, midpoint_profile
+from tuning.search import ALGORITHMS, SearchOptions
+
+SIMULATION = "sim:"
+MIDPOINT = "midpoint"
+DEFAULT_NOISE_SEEDS = "100-107"
+DEFAULT_HELD_OUT_SEEDS = "200-219"
+# SciPy's differential evolution mixes three other members with two more.
+FEWEST_SOURCES = {"abc": 2, "cmaes": 1, "de": 5}
+
+
+class TuneRequest(NamedTuple):
+    """The options that determine the result, as given."""
+
+    sources: tuple[str, ...]
+    output: Path
+    base: str | None
+    algorithm: str
+    food_sources: int
+    cycles: int
+    limit: int | None
+    seed: int
+    parameters: str | None
+    noise_seeds: str | None
+    held_out_seeds: str | None
+
+
+class Plan(NamedTuple):
+    """What is searched, and what goes into the file's provenance.
+
+    ``identity`` is everything that determines the result, as plain JSON values.
+    ``reference`` says what the cost is measured against.
+    """
+
+    task: Task
+    options: SearchOptions
+    output: Path
+    identity: dict[str, Any]
+    inputs: list[dict[str, str]]
+    reference: str
+
+
+def plan(request: TuneRequest, tell: Callable[[str], None]) -> Plan:
+    """Check everything and prepare the search; ``tell`` takes lines for a person.
+
+    Raises:
+        InputError: options that are infeasible, empty or contradict each other,
+            and sources that cannot be used.
+    """
+    _require_numbers(request)
+    _require_output(request)
+    if SIMULATION in request.sources:
+        return _simulation_plan(request)
+    return _log_plan(request, tell)
+
+
+def _simulation_plan(request: TuneRequest) -> Plan:
+    if len(request.sources) > 1:
+        raise InputError("tune: sim: stands alone, not beside logs")
+    noise = seeds("--noise-seeds", request.noise_seeds or DEFAULT_NOISE_SEEDS)
+    held_out = seeds("--held-out-seeds", request.held_out_seeds or DEFAULT_HELD_OUT_SEEDS)
+    common = sorted({*noise} & {*held_out})
+    if common:
+        raise InputError(
+            f"--held-out-seeds: seed {common[0]} is also in --noise-seeds; unseen seeds are needed"
+        )
+    base = midpoint_profile() if request.base is None else load_profile(request.base)
+    groups = _groups(request, ("membership",))
+    unknown = [group for group in groups if group not in ("membership", "filter")]
+    if unknown or "membership" not in groups:
+        raise InputError(
+            f"--parameters {request.parameters}: sim: is tuned on membership, or membership,filter"
+        )
+    task = PaperTask(base, groups, tuple(noise), tuple(held_out))
+    options = _search_options(request, task)
+    inputs = [{"name": SIMULATION}]
+    seeds_used = {
+        "search": request.seed,
+        "noise": _canonical(noise),
+        "held_out": _canonical(held_out),
+    }
+    identity = _identity(request, options, groups, inputs, seeds_used, base)
+    return Plan(task, options, request.output, identity, inputs, "truth of the simulated vehicle")
+
+
+def _log_plan(request: TuneRequest, tell: Callable[[str], None]) -> Plan:
+    raise InputError(f"tune {request.sources[0]}: logs are not supported yet")
+
+
+def seeds(option: str, text: str) -> range:
+    """``A-B``, both included, or a single ``A``, below the reserved seeds.
+
+    Raises:
+        InputError: not of that form, empty, or reserved.
+    """
+    first, dash, last = text.partition("-")
+    if not first.isdecimal() or (dash and not last.isdecimal()):
+        raise InputError(f"{option} {text}: must be A-B with whole numbers, such as 100-107")
+    chosen = range(int(first), int(last or first) + 1)
+    if not chosen:
+        raise InputError(f"{option} {text}: the range is empty")
+    if chosen[-1] >= FIRST_RESERVED_SEED:
+        raise InputError(
+            f"{option} {text}: seeds from {FIRST_RESERVED_SEED} on are kept for judging results"
+        )
+    return chosen
+
+
+def _canonical(chosen: range) -> str:
+    return str(chosen[0]) if len(chosen) == 1 else f"{chosen[0]}-{chosen[-1]}"
+
+
+def _require_numbers(request: TuneRequest) -> None:
+    if request.algorithm not in ALGORITHMS:
+        raise InputError(
+            f"--algorithm {request.algorithm}: unknown; choose from {', '.join(ALGORITHMS)}"
+        )
+    fewest = FEWEST_SOURCES[request.algorithm]
+    if request.food_sources < fewest:
+        raise InputError(
+            f"--sources {request.food_sources}: {request.algorithm} needs at least {fewest}"
+        )
+    if request.cycles < 1:
+        raise InputError(f"--cycles {request.cycles}: at least 1 is needed")
+    if request.limit is not None and request.limit < 1:
+        raise InputError(f"--limit {request.limit}: at least 1 is needed")
+    if request.limit is not None and request.algorithm != "abc":
+        raise InputError(f"--limit is the bees' own; {request.algorithm} has none")
+    if request.seed < 0:
+        raise InputError(f"--seed {request.seed}: must be 0 or more")
+
+
+def _require_output(request: TuneRequest) -> None:
+    """A result that cannot be written should be known before the search, not after."""
+    output = request.output
+    if output.is_dir():
+        raise InputError(f"-o {output}: a folder, not a file")
+    if not output.parent.is_dir():
+        raise InputError(f"-o {output}: no such folder: {output.parent}")
+    if not os.access(output.parent, os.W_OK):
+        raise InputError(f"-o {output}: the folder cannot be written to")
+    for source in request.sources:
+        log = source != SIMULATION and Path(source).exists()
+        if log and output.exists() and output.samefile(source):
+            raise InputError(f"-o {output}: is also a source")
+
+
+def _groups(request: TuneRequest, default: tuple[str, ...]) -> tuple[str, ...]:
+    if request.parameters is None:
+        return default
+    return tuple(name.strip() for name in request.parameters.split(",") if name.strip())
+
+
+def _search_options(request: TuneRequest, task: Task) -> SearchOptions:
+    limit = request.limit
+    if limit is None:
+        limit = request.food_sources * task.space.dimensions
+    return SearchOptions(
+        request.algorithm, request.food_sources, request.cycles, limit, request.seed
+    )
+
+
+def _identity(
+    request: TuneRequest,
+    options: SearchOptions,
+    groups: tuple[str, ...],
+    inputs: list[dict[str, str]],
+    seeds_used: dict[str, Any],
+    base: Profile,
+) -> dict[str, Any]:
+    """Canonical options: what was left to a default counts as if it had been given."""
+    canonical: dict[str, Any] = {
+        "command": "tune",
+        "algorithm": options.algorithm,
+        "sources": options.food_sources,
+        "cycles": options.cycles,
+        "parameters": ",".join(groups),
+        "base": _base_identity(request, base),
+    }
+    if options.algorithm == "abc":
+        canonical["limit"] = options.limit
+    return {"options": canonical, "inputs": inputs, "seeds": seeds_used, "version": __version__}
+
+
+def _base_identity(request: TuneRequest, base: Profile) -> str:
+    """The base's name; for a file the SHA-256 of what it says, which its name does not fix."""
+    from hashlib import sha256
+
+    from estimator.profile import profile_to_toml
+
+    name = request.base or (MIDPOINT if SIMULATION in request.sources else "imu")
+    if name in (*SHIPPED, MIDPOINT):
+        return name
+    return f"sha256:{sha256(profile_to_toml(base).encode()).hexdigest()}"
