@@ -418,6 +418,8 @@ def _resolved(endpoint: Endpoint, kind: int) -> tuple[int, Any]:
     except (OSError, UnicodeError) as error:
         reason = getattr(error, "strerror", None) or "no such host"
         raise InputError(f"{endpoint}: cannot find host {endpoint.host!r} ({reason})") from error
+    # localhost may mean both; nearly every MAVLink program listens on IPv4
+    found.sort(key=lambda entry: entry[0] != socket.AF_INET)
     return found[0][0], found[0][4]
 
 
@@ -487,6 +489,6 @@ def _reason(number: int | None) -> str:
 
 def _serial_reason(error: BaseException) -> str:
     number = getattr(error, "errno", None)
-    if number:
-        return _reason(number)
-    return "in use by another program" if "lock" in str(error) else str(error)
+    if number in (errno.EAGAIN, errno.EACCES) and "lock" in str(error):
+        return "in use by another program"
+    return _reason(number) if number else str(error)

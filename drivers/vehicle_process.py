@@ -280,13 +280,13 @@ class Fleet:
         return self._due[0][0]
 
     def send_due(self, now_us: float, unix_us: int, send: Callable[[bytes], None]) -> None:
-        """Send what is due ``now_us`` after the start, one datagram a vehicle."""
+        """Send what is due ``now_us`` after the start, one datagram a vehicle and sample."""
         while self._due[0][0] <= now_us:
             due_us, i = self._due[0]
             vehicle, offset_us = self._vehicles[i], self._offsets_us[i]
             if now_us - due_us > LONGEST_BACKLOG_US:
                 vehicle.skip(now_us - offset_us)
-            data = vehicle.advance(now_us - offset_us, unix_us)
+            data = vehicle.advance(vehicle.due_us, unix_us)
             heapq.heapreplace(self._due, (vehicle.due_us + offset_us, i))
             if data:
                 self.counts.bytes_sent += len(data)

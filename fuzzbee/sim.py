@@ -7,7 +7,7 @@ import signal
 import sys
 import threading
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Annotated, cast
 
@@ -56,27 +56,28 @@ def sim(
       fuzzbee sim --to udpout:127.0.0.1:14550
       fuzzbee sim --to tcpin:127.0.0.1:5760 --vehicles 3 --rate 50 --motion turn
     """
-    from drivers.mavlink_encoder import signing_key
-    from drivers.transports import LinkError, open_transport
-    from drivers.vehicle import Motion
-    from drivers.vehicle_process import Fleet, VehicleOptions, run_vehicles
-
-    endpoint = _link(to)
-    if seconds is not None and not seconds > 0:
-        raise InputError(f"--seconds must be positive, not {seconds:g}")
-    options = VehicleOptions(
-        seed=seed,
-        rate_hz=rate,
-        motion=cast("Motion", motion),
-        noise=noise,
-        bias=bias,
-        magnet=None if magnet is None else parse_magnet(magnet),
-        drop=drop,
-        signing_key=None if signing_key_file is None else signing_key(_content(signing_key_file)),
-    )
-    fleet = Fleet(options, vehicles)
-    transport = open_transport(endpoint)
     with _stop_signals() as stop:
+        from drivers.mavlink_encoder import signing_key
+        from drivers.transports import LinkError, open_transport
+        from drivers.vehicle import Motion
+        from drivers.vehicle_process import Fleet, VehicleOptions, run_vehicles
+
+        endpoint = _link(to)
+        if seconds is not None and not seconds > 0:
+            raise InputError(f"--seconds must be positive, not {seconds:g}")
+        key = None if signing_key_file is None else signing_key(_content(signing_key_file))
+        options = VehicleOptions(
+            seed=seed,
+            rate_hz=rate,
+            motion=cast("Motion", motion),
+            noise=noise,
+            bias=bias,
+            magnet=None if magnet is None else parse_magnet(magnet),
+            drop=drop,
+            signing_key=key,
+        )
+        fleet = Fleet(options, vehicles)
+        transport = open_transport(endpoint)
         try:
             transport.open()
         except LinkError as error:
@@ -130,4 +131,5 @@ def _stop_signals() -> Iterator[threading.Event]:
 
 
 def _say(text: str) -> None:
-    print(f"fuzzbee sim: {text}", file=sys.stderr, flush=True)
+    with suppress(OSError):  # nobody reads it any more
+        print(f"fuzzbee sim: {text}", file=sys.stderr, flush=True)
