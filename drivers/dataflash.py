@@ -33,6 +33,7 @@ from drivers.events import (
 from drivers.file_digest import file_sha256
 from drivers.fresh_field import FreshField
 from drivers.imu_checks import Plausibility, refuse_imu
+from drivers.log_time import LogTime
 from drivers.mavlink_codec import (
     FILTER_VELOCITY_SIGMA_M_S,
     FIX_3D,
@@ -103,6 +104,7 @@ class _Decoder:
         self._vehicle = VehicleId(_system_id(reader.params), 1)
         self._unix_us = int(reader.clock.timebase * 1e6)
         self._clock = VehicleClock()
+        self._log_time = LogTime()
         self._field = FreshField()
         self._plausibility: defaultdict[str, Plausibility] = defaultdict(Plausibility)
         self._arrival_us = self._unix_us
@@ -146,7 +148,7 @@ class _Decoder:
         raw_us, field = _time_us(m)
         self._arrival_us = self._unix_us + raw_us
         place = self._clock.imu if imu else self._clock.other
-        placed = place(name, field, raw_us, self._arrival_us)
+        placed = place(name, field, raw_us, self._log_time.arrival_us(raw_us))
         if isinstance(placed, Placed) and placed.reset is not None:
             reset = placed.reset
             self._resets.append(
@@ -293,15 +295,33 @@ def _messages(reader: Any, names: list[str]) -> Iterator[Any | None]:
 
 
 def _next_messages(reader: Any, names: list[str]) -> Iterator[Any | None]:
+    """By DFReader's index, then one by one behind the damage that ended the index, if any."""
+    yield from _until_none(lambda: reader.recv_match(type=names))
+    reader.offset = _end_of_index(reader)
+    reader.remaining = reader.data_len - reader.offset
+    for message in _until_none(reader.recv_msg):
+        if message is None or message.get_type() in names:
+            yield message
+
+
+def _until_none(receive: Callable[[], Any]) -> Iterator[Any | None]:
+    """What ``receive`` gives until it gives None; None here stands for an exception."""
     while True:
         try:
-            message = reader.recv_match(type=names)
-        except Exception:  # noqa: BLE001 - likewise; the next message is found by its offset
+            message = receive()
+        except Exception:  # noqa: BLE001 - likewise; it has moved on by then
             yield None
             continue
         if message is None:
             return
         yield message
+
+
+def _end_of_index(reader: Any) -> int:
+    """Where the last message that DFReader indexed ends; it gives up at the first unknown type."""
+    last = max((offsets[-1] for offsets in reader.offsets if offsets), default=0)
+    form = reader.formats.get(reader.data_map[last + 2]) if last + 2 < reader.data_len else None
+    return min(last + (form.len if form else 3), int(reader.data_len))
 
 
 @contextmanager

@@ -11,7 +11,7 @@ import os
 import struct
 from collections import defaultdict
 from collections.abc import Callable
-from typing import Any, Final
+from typing import Any, Final, NamedTuple
 
 from drivers.events import (
     ClockReset,
@@ -56,6 +56,8 @@ GPS_VELOCITY_SIGMA_M_S = 0.5  # a GPS receiver that does not say
 
 UNIT_NORM_TOLERANCE = 0.05  # quaternions further from unit length are not attitudes
 BUFFER_LIMIT = 65536  # bytes already parsed that may pile up before they are dropped
+
+CLOCK_STEP = Refused("clock_step")
 
 INTEGER_PARAMETERS: Final = {1: "B", 2: "b", 3: "H", 4: "h", 5: "I", 6: "i"}  # MAV_PARAM_TYPE
 
@@ -133,7 +135,18 @@ class _Vehicle:
         self.mags: defaultdict[str, MagMemory] = defaultdict(MagMemory)
         self.plausibility: defaultdict[str, Plausibility] = defaultdict(Plausibility)
         self.last_imu_us: int | None = None
+        self.held: dict[str, _Reading] = {}
         self.truth_given_us: dict[str, int] = {}
+
+
+class _Reading(NamedTuple):
+    """An IMU message in SI units, without its place in time."""
+
+    name: str
+    arrival_us: int
+    gyr_rad_s: Vec3
+    acc_m_s2: Vec3
+    mag_gauss: Vec3
 
 
 class MavlinkDecoder:
@@ -214,19 +227,30 @@ class MavlinkDecoder:
         refusal = refuse_imu(gyr, acc)
         if refusal is not None:
             return [Rejected(vehicle.id, arrival_us, refusal, name)]
+        reading = _Reading(name, arrival_us, gyr, acc, mag)
         placed = vehicle.clock.imu(name, field, raw_us, arrival_us)
+        held = vehicle.held.pop(name, None)
+        if placed == CLOCK_STEP:
+            vehicle.held[name] = reading  # the next one decides whether the clock began anew
+            return [Rejected(vehicle.id, held.arrival_us, CLOCK_STEP.reason, name)] if held else []
         if isinstance(placed, Refused):
             return [Rejected(vehicle.id, arrival_us, placed.reason, name)]
-        events = _resets(vehicle, placed, arrival_us)
-        vehicle.last_imu_us = placed.time_us
-        fresh_mag = vehicle.mags[name].fresh(mag, placed.time_us)
-        sample = ImuSample(placed.time_us, gyr, acc, fresh_mag or ZERO_VEC3, fresh_mag is not None)
-        events.append(Imu(vehicle.id, arrival_us, placed.boot_us, name, sample))
-        events.extend(
-            Notice(vehicle.id, arrival_us, f"{name}: {text}")
-            for text in vehicle.plausibility[name].look(sample, vehicle.autopilot)
+        events = self._settle_held(vehicle, held, placed, arrival_us)
+        return [*events, *_imu_events(vehicle, reading, placed.time_us, placed.boot_us)]
+
+    def _settle_held(
+        self, vehicle: _Vehicle, held: "_Reading | None", placed: Placed, arrival_us: int
+    ) -> list[Event]:
+        """The clock's reset, and the sample that waited for it to be confirmed."""
+        events = _resets(vehicle, placed, held.arrival_us if held else arrival_us)
+        if held is None:
+            return events
+        if placed.reset is None:
+            return [Rejected(vehicle.id, held.arrival_us, CLOCK_STEP.reason, held.name)]
+        before_us = placed.since_reset_us
+        return events + _imu_events(
+            vehicle, held, placed.time_us - before_us, placed.boot_us - before_us
         )
-        return events
 
     # --- attitudes of others
 
@@ -359,6 +383,18 @@ def _in_gauss(mag: Vec3) -> Vec3:
     if largest > GAUSS_LIMIT:
         return (mag[0] * 1e-3, mag[1] * 1e-3, mag[2] * 1e-3)
     return mag
+
+
+def _imu_events(vehicle: _Vehicle, reading: _Reading, time_us: int, boot_us: int) -> list[Event]:
+    name, arrival_us, gyr, acc, mag = reading
+    vehicle.last_imu_us = time_us
+    fresh_mag = vehicle.mags[name].fresh(mag, time_us)
+    sample = ImuSample(time_us, gyr, acc, fresh_mag or ZERO_VEC3, fresh_mag is not None)
+    complaints = vehicle.plausibility[name].look(sample, vehicle.autopilot)
+    return [
+        Imu(vehicle.id, arrival_us, boot_us, name, sample),
+        *(Notice(vehicle.id, arrival_us, f"{name}: {text}") for text in complaints),
+    ]
 
 
 def _place_boot_ms(vehicle: _Vehicle, name: str, m: Any, arrival_us: int) -> Placed | None:

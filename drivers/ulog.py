@@ -31,6 +31,7 @@ from drivers.events import (
 from drivers.file_digest import file_sha256
 from drivers.fresh_field import FreshField
 from drivers.imu_checks import Plausibility, refuse_imu
+from drivers.log_time import LogTime
 from drivers.mavlink_codec import (
     AUTOPILOT_PX4,
     FILTER_VELOCITY_SIGMA_M_S,
@@ -100,6 +101,7 @@ class _Decoder:
         self._unix_us = _unix_offset_us(topics)
         self._start_us = log.start_timestamp
         self._clock = VehicleClock()
+        self._log_time = LogTime()
         self._field = FreshField()
         self._plausibility: defaultdict[str, Plausibility] = defaultdict(Plausibility)
         self._handlers: dict[str, Callable[[int, str, Row], list[Event]]] = {
@@ -129,7 +131,9 @@ class _Decoder:
         return self._unix_us + raw_us
 
     def _other(self, raw_us: int, topic: str) -> Placed | Refused:
-        return self._clock.other(topic, TimeField.TIME_USEC, raw_us, self._arrival(raw_us))
+        return self._clock.other(
+            topic, TimeField.TIME_USEC, raw_us, self._log_time.arrival_us(raw_us)
+        )
 
     def _sensor_combined(self, raw_us: int, topic: str, row: Row) -> list[Event]:
         gyr = _vector(row, "gyro_rad[{}]")
@@ -150,7 +154,9 @@ class _Decoder:
         refusal = refuse_imu(gyr, acc)
         if refusal is not None:
             return [Rejected(self._vehicle, arrival_us, refusal, topic)]
-        placed = self._clock.imu(topic, TimeField.TIME_USEC, raw_us, arrival_us)
+        placed = self._clock.imu(
+            topic, TimeField.TIME_USEC, raw_us, self._log_time.arrival_us(raw_us)
+        )
         if isinstance(placed, Refused):
             return [Rejected(self._vehicle, arrival_us, placed.reason, topic)]
         sample = self._field.sample(topic, raw_us, placed.time_us, gyr, acc)
@@ -231,10 +237,10 @@ def _load(path: Path) -> Any:
         "vehicle_local_position",
     ]
     try:
-        with redirect_stdout(StringIO()), redirect_stderr(StringIO()):
+        with redirect_stdout(StringIO()), redirect_stderr(StringIO()), path.open("rb") as file:
             from pyulog import ULog
 
-            return ULog(str(path), names)
+            return ULog(file, names)
     except Exception as error:  # see above
         reason = f"{type(error).__name__}: {error}".splitlines()[0]
         raise InputError(f"{path}: damaged ULog ({reason})") from error

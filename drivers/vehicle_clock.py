@@ -47,18 +47,24 @@ class Reset(NamedTuple):
 
 
 class Reading(NamedTuple):
-    """An unwrapped clock value."""
+    """An unwrapped clock value; a reset was ``since_reset_us`` ago, at the message before."""
 
     boot_us: int
     reset: Reset | None
+    since_reset_us: int = 0
 
 
 class Placed(NamedTuple):
-    """A message's place in time: continuous, and on the vehicle's own unwrapped clock."""
+    """A message's place in time: continuous, and on the vehicle's own unwrapped clock.
+
+    A reset is known only when a second message confirms it; the first, which
+    was refused as ``clock_step``, came ``since_reset_us`` before this one.
+    """
 
     time_us: int
     boot_us: int
     reset: Reset | None
+    since_reset_us: int = 0
 
 
 class Refused(NamedTuple):
@@ -95,11 +101,14 @@ class ClockLine:
             self._candidate = None
             self._accept(boot_us, arrival_us)
             return Reading(boot_us, None)
-        if not self._confirms(boot_us, arrival_us):
+        candidate = self._candidate
+        if candidate is None or not self._confirms(boot_us, arrival_us):
+            self._candidate = (boot_us, arrival_us)
             return None
-        reset = Reset(reason, boot_us - self.boot_us)
-        self._restart(boot_us, arrival_us)
-        return Reading(boot_us, reset)
+        reset = Reset(reason, candidate[0] - self.boot_us)
+        self._restart(*candidate)
+        self._accept(boot_us, arrival_us)
+        return Reading(boot_us, reset, boot_us - candidate[0])
 
     def _unwrap(self, raw_us: int, arrival_us: int) -> int:
         boot_us = raw_us + self._wrapped_us
@@ -126,14 +135,10 @@ class ClockLine:
         return None
 
     def _confirms(self, boot_us: int, arrival_us: int) -> bool:
-        candidate = self._candidate
-        if candidate is not None and boot_us == candidate[0]:
-            return False
-        self._candidate = (boot_us, arrival_us)
-        if candidate is None:
-            return False
-        step_us, elapsed_us = boot_us - candidate[0], max(arrival_us - candidate[1], 0)
-        return step_us > 0 and step_us - elapsed_us <= JUMP_US
+        assert self._candidate is not None
+        step_us = boot_us - self._candidate[0]
+        elapsed_us = max(arrival_us - self._candidate[1], 0)
+        return 0 < step_us <= elapsed_us + JUMP_US
 
     def _accept(self, boot_us: int, arrival_us: int) -> None:
         if boot_us <= self.boot_us:
@@ -228,12 +233,13 @@ class VehicleClock:
 
     def _on_line(self, reading: Reading) -> Placed:
         if reading.reset is not None:
-            self._shift_us = self._latest_us + CUT_STEP_US - reading.boot_us
+            began_us = reading.boot_us - reading.since_reset_us
+            self._shift_us = self._latest_us + CUT_STEP_US - began_us
             self._offsets = {field: ClockOffset() for field in TimeField}
         self._waiting.clear()
         time_us = reading.boot_us + self._shift_us
         self._latest_us = max(self._latest_us, time_us)
-        return Placed(time_us, reading.boot_us, reading.reset)
+        return Placed(time_us, reading.boot_us, reading.reset, reading.since_reset_us)
 
     def _beside_line(self, field: TimeField, reading: Reading, arrival_us: int) -> Placed:
         assert self._primary is not None
