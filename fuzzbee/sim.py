@@ -17,7 +17,15 @@ from drivers.endpoint import Endpoint, Kind, endpoint_help, parse_endpoint
 from estimator.errors import InputError
 
 LINK_KINDS: tuple[Kind, ...] = ("udpout", "udpin", "tcp", "tcpin")
-_LINK_HELP = endpoint_help(LINK_KINDS).replace("\n", "\n\n")  # one paragraph a form
+EPILOG = """Examples:
+
+  fuzzbee sim --to udpout:127.0.0.1:14550
+
+  fuzzbee sim --to tcpin:127.0.0.1:5760 --vehicles 3 --rate 50 --motion turn
+"""
+
+# One paragraph a form; the help is filled anew, so the columns would only leave holes
+_LINK_HELP = "\n\n".join(" ".join(row.split()) for row in endpoint_help(LINK_KINDS).splitlines())
 
 
 def sim(
@@ -51,10 +59,6 @@ def sim(
 
     They send HEARTBEAT, RAW_IMU, SIM_STATE (the truth), ATTITUDE and ATTITUDE_QUATERNION (the
     truth, too), and answer SET_MESSAGE_INTERVAL and parameter requests.
-
-    Examples:
-      fuzzbee sim --to udpout:127.0.0.1:14550
-      fuzzbee sim --to tcpin:127.0.0.1:5760 --vehicles 3 --rate 50 --motion turn
     """
     with _stop_signals() as stop:
         from drivers.mavlink_encoder import signing_key
