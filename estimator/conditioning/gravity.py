@@ -1,59 +1,105 @@
 """Where down is: specific force low-passed in the gyro-propagated frame G."""
 
+from math import exp as real_exp
 from math import sqrt
 
 from estimator.compiled import compiled
 from estimator.conditioning.lowpass import running_mean, smooth
-from estimator.conditioning.types import ConditioningParams, GravityState, LowPass, Smooth
-from estimator.quaternion import exp, multiply, norm, normalize, rotate, scale, shortest_rotation
-from estimator.types import Vec3
+from estimator.conditioning.types import (
+    Coefficients,
+    ConditioningParams,
+    GravityState,
+    Rows,
+    Smooth,
+    Two,
+)
+from estimator.quaternion import (
+    exp,
+    multiply,
+    norm,
+    normalize,
+    rotate,
+    rotate_inverse,
+    scale,
+    shortest_rotation,
+)
+from estimator.types import Quaternion, Vec3
 
+NORTH: Vec3 = (1.0, 0.0, 0.0)
+EAST: Vec3 = (0.0, 1.0, 0.0)
 DOWN: Vec3 = (0.0, 0.0, 1.0)
 # Less smoothed force than this (m/s^2) has no direction: free fall.
 LEAST_FORCE_M_S2 = 0.5
+# Averaging time (s) of how unsteady the force is.
+UNSTEADY_TAU_S = 5.0
 
 
 @compiled
-def propagate_frame(state: GravityState, rate: Vec3, dt_s: float) -> GravityState:
+def propagated(state: GravityState, rate: Vec3, dt_s: float) -> GravityState:
     """q_G <- q_G exp((w - b) dt): body to G, which only gyro errors move."""
     q = normalize(multiply(state.q_g_frd, exp(scale(dt_s, rate))))
-    return GravityState(q, state.q_6d_g, state.down, state.levelling_rate_rad_s, state.age_s)
+    return GravityState(q, state.q_6d_g, state.down, state.quick, state.unsteady, state.age_s)
 
 
 @compiled
 def observe_gravity(
-    params: ConditioningParams, k: LowPass, state: GravityState, acc: Vec3, dt_s: float
+    params: ConditioningParams, k: Coefficients, state: GravityState, u: Vec3
 ) -> GravityState:
-    """Low-pass -acc in G and level: the smallest rotation C that takes it to the vertical.
+    """Low-pass ``u``, minus the specific force in G.
 
-    In G gravity stands still while accelerations come and go (a body moving to
-    and fro ends where it began, so their mean vanishes); the low-pass there
-    has no lag under rotation. The force is not normalised first: the mean of
-    directions is tilted where the mean of forces is not. A running mean over
-    the first ``gravity_tau_s`` starts it.
+    In G gravity stands still while accelerations come and go (what moves to
+    and fro ends where it began, so their mean vanishes), and turning causes no
+    lag. The force is not normalised first: the mean of directions is tilted
+    where the mean of forces is not. A running mean over the first
+    ``gravity_tau_s`` starts it.
     Source: Laidig and Seel 2023, doi 10.1016/j.inffus.2022.10.014.
     """
-    u = rotate(state.q_g_frd, scale(-1.0, acc))
-    age = state.age_s + dt_s
+    dt = k.dt_s
+    age = state.age_s + dt
     if not params.use_gravity_filter:
         down = Smooth(u, (0.0, 0.0, 0.0))
-    elif age <= params.gravity_tau_s:
-        down = running_mean(state.down, u, dt_s / age)
+    elif age <= params.gravity_tau_s or state.age_s == 0.0:
+        down = running_mean(state.down, u, dt / age)
     else:
-        down = smooth(k, state.down, u)
-    return level(GravityState(state.q_g_frd, state.q_6d_g, down, (0.0, 0.0), age), dt_s)
+        down = smooth(k.gravity, state.down, u)
+    a = max(1.0 - real_exp(-dt / params.turn_moving_tau_s), dt / age)
+    q = state.quick
+    quick = (q[0] + a * (u[0] - q[0]), q[1] + a * (u[1] - q[1]), q[2] + a * (u[2] - q[2]))
+    f = down.value
+    square = f[0] * f[0] + f[1] * f[1] + f[2] * f[2]
+    off = (u[0] - f[0]) ** 2 + (u[1] - f[1]) ** 2 + (u[2] - f[2]) ** 2
+    share = off / square if square > LEAST_FORCE_M_S2**2 else 1.0
+    unsteady = state.unsteady + min(1.0, dt / UNSTEADY_TAU_S) * (share - state.unsteady)
+    return GravityState(state.q_g_frd, state.q_6d_g, down, quick, unsteady, age)
 
 
 @compiled
-def level(state: GravityState, dt_s: float) -> GravityState:
-    """C <- (shortest rotation of C f to the vertical) C, and its rate about the horizontal axes."""
+def level(state: GravityState) -> tuple[GravityState, Two]:
+    """C <- (shortest rotation of C f to the vertical) C; also the step about north and east."""
     f = state.down.value
     if norm(f) < LEAST_FORCE_M_S2:
-        return GravityState(state.q_g_frd, state.q_6d_g, state.down, (0.0, 0.0), state.age_s)
+        return state, (0.0, 0.0)
     z = rotate(state.q_6d_g, f)
     n = sqrt(z[0] * z[0] + z[1] * z[1] + z[2] * z[2])
-    step = shortest_rotation(z, DOWN)
-    q = normalize(multiply(step, state.q_6d_g))
-    # z x DOWN = (z_y, -z_x, 0): the rotation vector of a small levelling step
-    rate = (z[1] / (n * dt_s), -z[0] / (n * dt_s))
-    return GravityState(state.q_g_frd, q, state.down, rate, state.age_s)
+    q = normalize(multiply(shortest_rotation(z, DOWN), state.q_6d_g))
+    levelled = GravityState(state.q_g_frd, q, state.down, state.quick, state.unsteady, state.age_s)
+    # z x DOWN = (z_y, -z_x, 0), the rotation vector of a small step
+    return levelled, (z[1] / n, -z[0] / n)
+
+
+@compiled
+def reseeded(state: GravityState, u: Vec3) -> GravityState:
+    """The low-pass started anew at ``u``."""
+    return GravityState(
+        state.q_g_frd, state.q_6d_g, Smooth(u, (0.0, 0.0, 0.0)), u, state.unsteady, state.age_s
+    )
+
+
+@compiled
+def rows_of(q_6d_frd: Quaternion) -> Rows:
+    """The rows of R6."""
+    return Rows(
+        rotate_inverse(q_6d_frd, NORTH),
+        rotate_inverse(q_6d_frd, EAST),
+        rotate_inverse(q_6d_frd, DOWN),
+    )

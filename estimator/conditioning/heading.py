@@ -4,8 +4,7 @@ from math import atan2, cos, pi, sin
 
 from estimator.compiled import compiled
 from estimator.conditioning.bias import limited, update
-from estimator.conditioning.magnetic import LEAST_HORIZONTAL
-from estimator.conditioning.types import BiasState, ConditioningParams, MagneticState
+from estimator.conditioning.types import ConditioningParams, Estimate, MagneticState, Two
 from estimator.types import Vec3
 
 LEAST_CONFIDENCE = 1e-6
@@ -22,20 +21,22 @@ def wrapped(angle: float) -> float:
 
 
 @compiled
-def field_north_east(heading: float, field_6d: Vec3) -> tuple[float, float]:
-    """North and east part of the field, the 6D frame turned about down by ``heading``."""
+def north_east(heading: float, field_6d: Vec3) -> Two:
+    """North and east part of the field, 6D turned about down by ``heading``."""
     c = cos(heading)
     s = sin(heading)
     return (c * field_6d[0] - s * field_6d[1], s * field_6d[0] + c * field_6d[1])
 
 
 @compiled
-def residual(field: MagneticState, north: float, east: float) -> float:
+def residual(field: MagneticState, horizontal: Two) -> float:
     """How far the field points east of north: linear in its east part, an angle when large.
 
     A disturbance adds to the field, so its effect on east/reference is linear
-    and averages out where that on the angle does not.
+    and averages out where that on the angle does not. The dip does not leak
+    in, as it does into the cross product of whole fields.
     """
+    north, east = horizontal
     if north < 0.5 * abs(east):
         return atan2(east, north)
     return east / field.horizontal_reference
@@ -44,35 +45,22 @@ def residual(field: MagneticState, north: float, east: float) -> float:
 @compiled
 def learn_heading(
     params: ConditioningParams,
-    state: BiasState,
+    estimate: Estimate,
     field: MagneticState,
-    off: float,
+    horizontal: Two,
     dt_s: float,
-) -> BiasState:
-    """Scalar update of heading and bias by the residual -off, of noise R/(dt c)."""
+) -> Estimate:
+    """Scalar update of heading and bias by minus the residual, of variance R/(dt c)."""
     confidence = max(field.confidence, LEAST_CONFIDENCE)
     noise = params.heading_noise_rad2_s / (dt_s * confidence)
+    off = residual(field, horizontal)
     b, d, p = update(
-        state.bias_rad_s,
-        state.heading_rad,
-        state.covariance,
+        estimate.bias_rad_s,
+        estimate.heading_rad,
+        estimate.covariance,
         (0.0, 0.0, 0.0),
         1.0,
         -off,
         noise,
     )
-    return BiasState(
-        limited(b, params.bias_limit_rad_s),
-        wrapped(d),
-        p,
-        state.rows,
-        state.rows_slope,
-        state.drift,
-        state.drift_slope,
-    )
-
-
-@compiled
-def has_heading(field: MagneticState) -> bool:
-    """Whether the learnt field has a horizontal part that can tell a heading."""
-    return field.horizontal_reference > LEAST_HORIZONTAL * abs(field.down_reference)
+    return Estimate(limited(b, params.bias_limit_rad_s), wrapped(d), p)

@@ -6,7 +6,7 @@ from estimator.compiled import compiled
 from estimator.conditioning.types import ConditioningParams, MagneticState
 from estimator.types import Vec3
 
-# A field without this share of its norm in the horizontal has no heading.
+# A field with less than this share of the downward part in the horizontal has no heading.
 LEAST_HORIZONTAL = 0.02
 
 
@@ -19,19 +19,18 @@ def observe_field(
     Norm n and dip d say without any heading whether the field is the one the
     references were learnt in: D^2 = ((n - n_r)/(s_n n_r))^2 + ((d - d_r)/s_d)^2,
     c = 1/(1 + D^2)^2, the weight of a robust estimator whose loss saturates
-    (Geman-McClure). sin(d - d_r) stands for the angle: both come from the
-    horizontal and the downward part. The references follow with the weight
+    (Geman and McClure 1987). sin(d - d_r) stands for the angle: both come from
+    the horizontal and the downward part. The references follow with the weight
     c dt/tau, during the first tau as a running mean, so that a magnet passing
     later teaches them nothing.
     """
-    waited = state.wait_s + dt_s
-    age = state.age_s + waited
+    age = state.age_s + dt_s
     samples = state.samples + 1.0
     h = sqrt(field_6d[0] * field_6d[0] + field_6d[1] * field_6d[1])
     v = field_6d[2]
     if not state.known:
         return MagneticState(h, v, h, v, samples, age, 0.0, 1.0, True)
-    a = waited / (params.field_tau_s + waited)
+    a = dt_s / (params.field_tau_s + dt_s)
     h = state.horizontal + a * (h - state.horizontal)
     v = state.down + a * (v - state.down)
     h_r = state.horizontal_reference
@@ -41,12 +40,12 @@ def observe_field(
     off_norm = (n - n_r) / (params.field_norm_scale * n_r)
     off_dip = (v * h_r - h * v_r) / (params.field_dip_scale_rad * n * n_r)
     confidence = 1.0 / (1.0 + off_norm * off_norm + off_dip * off_dip) ** 2
-    learn = min(1.0, waited / params.field_reference_tau_s) * confidence
+    learn = min(1.0, dt_s / params.field_reference_tau_s) * confidence
     if age < params.field_reference_tau_s:
         learn = max(learn, 1.0 / samples)
     h_r += learn * (h - h_r)
     v_r += learn * (v - v_r)
-    if not params.use_soft_confidence:
+    if not params.use_confidence:
         confidence = 1.0
     return MagneticState(h, v, h_r, v_r, samples, age, 0.0, confidence, True)
 
@@ -65,3 +64,15 @@ def without_field(state: MagneticState, dt_s: float) -> MagneticState:
         state.confidence,
         state.known,
     )
+
+
+@compiled
+def reference_norm(state: MagneticState) -> float:
+    """Norm of the learnt field."""
+    return sqrt(state.horizontal_reference**2 + state.down_reference**2)
+
+
+@compiled
+def has_heading(state: MagneticState) -> bool:
+    """Whether the learnt field has a horizontal part that can tell a heading."""
+    return state.known and state.horizontal_reference > LEAST_HORIZONTAL * abs(state.down_reference)

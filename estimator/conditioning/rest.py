@@ -2,7 +2,7 @@
 
 from estimator.compiled import compiled
 from estimator.conditioning.lowpass import smooth
-from estimator.conditioning.types import ConditioningParams, LowPass, RestState
+from estimator.conditioning.types import ConditioningParams, LowPass, RestState, Smooth
 from estimator.quaternion import norm, subtract
 from estimator.types import Vec3
 
@@ -29,3 +29,10 @@ def observe_rest(
     quiet = steady_gyr and steady_acc and slow
     quiet_s = min(state.quiet_s + dt_s, 1e6) if quiet else 0.0
     return RestState(gyr_smooth, acc_smooth, quiet, quiet_s, quiet_s >= params.rest_time_s)
+
+
+@compiled
+def started(gyr: Vec3, acc: Vec3) -> RestState:
+    """The low-passes begin where the sensors are."""
+    zero = (0.0, 0.0, 0.0)
+    return RestState(Smooth(gyr, zero), Smooth(acc, zero), False, 0.0, False)

@@ -1,10 +1,11 @@
 """Parameters, state and result of the conditioning stage.
 
 Angles are in rad, rates in rad/s, accelerations in m/s^2, times in s. The field
-may be in any unit: only its direction and its relative changes are used. A
-vector "turned to G" is expressed in the gyro-propagated frame, which drifts
-slowly against the earth; "6D" is G made level, with an arbitrary heading; the
-heading correction ``heading_rad`` turns 6D about the vertical to north.
+may be in any unit: only its direction and its relative changes are used.
+
+Frames: G is the gyro-propagated frame, almost inertial, which drifts slowly
+against the earth; 6D is G made level by the correction C, with an arbitrary
+heading; the heading correction turns 6D about down to north.
 """
 
 from math import radians
@@ -12,77 +13,87 @@ from typing import NamedTuple
 
 from estimator.types import Quaternion, Vec3
 
-# Upper triangle, row by row, of the covariance of (bias x, y, z, heading).
+# Upper triangle, row by row, of the covariance of three values and a fourth.
 Covariance = tuple[float, float, float, float, float, float, float, float, float, float]
 Six = tuple[float, float, float, float, float, float]
+Two = tuple[float, float]
 
 
 class ConditioningParams(NamedTuple):
     """What is chosen; every step has its own switch.
 
-    Each line says: meaning; effect of a small and of a large value (unit).
+    Each line says: meaning; effect of a small and of a large value. Units are
+    in the names.
     """
 
     # Switches, one a step.
-    use_gravity_filter: bool = True  # low-pass specific force in G; off: each sample as it is
-    use_inclination_frame: bool = (
-        True  # keep the correction C; off: vertical from the low-pass only
-    )
+    use_gravity_filter: bool = True  # low-pass the specific force in G; off: each mean as it is
     use_rest: bool = True  # bias from rest
-    use_motion_bias: bool = True  # bias from the inclination correction while moving
+    use_motion_bias: bool = True  # bias from levelling while moving
     use_joint_covariance: bool = True  # heading residuals also teach the bias
-    use_horizontal_field: bool = True  # off: the whole measured field, dip and all
-    use_soft_confidence: bool = True  # off: every field sample counts in full
+    use_lag: bool = True  # undo the magnetometer's lag, learnt while turning
+    use_field_offset: bool = True  # take off the vehicle's own field, likewise
+    use_confidence: bool = True  # off: every field sample counts in full
     use_events: bool = True  # off: no reaction to an unsensed turn
 
     # Rest: how long things must be how quiet.
     rest_tau_s: float = 0.5  # low-pass of gyro and acc; small: noise, large: late
-    rest_gyr_rad_s: float = radians(
-        2.0
-    )  # small: rest is missed, large: slow motion is taken for it
+    rest_gyr_rad_s: float = radians(2.0)  # small: rest is missed, large: slow motion passes for it
     rest_acc_m_s2: float = 0.5  # likewise
-    rest_time_s: float = (
-        1.5  # quiet for so long is rest; small: pauses in motion count, large: late
-    )
+    rest_time_s: float = 1.5  # small: pauses in motion pass for rest, large: late
 
     # Gravity.
-    gravity_tau_s: float = 3.0  # small: acceleration tilts the vertical, large: drift does
+    gravity_tau_s: float = 2.5  # small: acceleration tilts the vertical, large: gyro drift does
 
     # Bias.
     bias_limit_rad_s: float = radians(2.0)  # of the bias and of one innovation
     bias_initial_sigma_rad_s: float = radians(0.5)  # small: slow start, large: jumpy start
-    bias_walk_rad_s: float = radians(
-        0.1
-    )  # growth of sigma from 0 in 100 s; small: stiff, large: noisy
+    bias_walk_rad_s: float = radians(0.1)  # sigma's growth in 100 s; small: stiff, large: noisy
     bias_rest_sigma_rad_s: float = radians(0.03)  # steady sigma at rest; small: follows noise
     bias_motion_sigma_rad_s: float = radians(0.1)  # likewise, moving
 
-    # Magnetic field.
-    field_tau_s: float = (
-        0.05  # low-pass of norm and dip; small: noise lowers confidence, large: late
-    )
-    field_norm_scale: float = 0.05  # relative deviation that counts as one; small: strict
-    field_dip_scale_rad: float = radians(10.0)  # likewise for the dip
-    field_reference_tau_s: float = (
-        20.0  # learning; small: learns the magnet, large: keeps an old place
-    )
+    # The field's calibration.
+    field_lag_sigma_s: float = 0.05  # of the unknown lag; small: believes in none
+    field_offset_sigma: float = 0.15  # of the vehicle's own field / the place's; likewise
+    calibration_high_pass_s: float = 3.0  # small: noise, large: the place's gradients count
+    calibration_noise_s: float = 0.005  # of the relative field, squared; small: jumpy, large: slow
+    calibration_reach: float = 0.5  # relative residual that is no matter of calibration any more
+    calibration_turn: float = 1.5  # squared distance of R6 from its mean that tells an offset
+    calibration_walk_s: float = 300.0  # time to forget; small: noisy, large: stiff
+
+    # The field's confidence.
+    field_tau_s: float = 0.05  # low-pass of norm and dip; small: noise counts, large: late
+    field_norm_scale: float = 0.1  # relative deviation that counts as one; small: strict
+    field_dip_scale_rad: float = 0.1  # likewise for the dip
+    field_reference_tau_s: float = 15.0  # small: learns the magnet, large: keeps the old place
 
     # Heading.
-    heading_noise_rad2_s: float = radians(1.0) ** 2 * 150.0  # of the field's heading; large: slow
-    heading_tau_s: float = 15.0  # steady time constant without bias error; small: follows magnets
+    heading_noise_rad2_s: float = (
+        0.01  # of the field's heading; small: follows magnets, large: slow
+    )
+    heading_tau_s: float = 40.0  # what it makes of a constant drift; likewise
+    heading_turning_noise_s: float = (
+        1e-5  # drift variance per squared rate: scale errors of the gyro
+    )
 
     # Events.
-    turn_heading_rad: float = radians(60.0)  # residual no honest drift reaches; small: false alarms
-    turn_heading_time_s: float = 0.5  # for so long; small: false alarms, large: late
-    turn_confidence: float = 0.8  # field at least as undisturbed as this
-    turn_quiet_rad: float = radians(20.0)  # quiet, and gravity off by so much
+    turn_heading_rad: float = radians(20.0)  # residual no honest drift reaches; small: false alarms
+    turn_heading_tau_s: float = 1.5  # averaging of that residual; likewise
+    turn_heading_time_s: float = 1.0  # and for so long
+    turn_confidence: float = 0.6  # of the field, averaged likewise
+    turn_large_rad: float = radians(60.0)  # residual that needs less proof
+    turn_large_time_s: float = 0.5
+    turn_large_confidence: float = 0.8
+    turn_quiet_rad: float = radians(20.0)  # gravity of a quiet vehicle off by so much
     turn_quiet_time_s: float = 0.25
+    turn_moving_rad: float = radians(60.0)  # of a moving one
+    turn_moving_tau_s: float = 1.0
+    turn_moving_time_s: float = 0.25
     turn_levelling_rad: float = radians(30.0)  # levelling that must have swung the heading too
     turn_levelling_tau_s: float = 3.0
 
     # Source.
     averaged_samples: bool = False  # samples are means over their interval, not instants
-    declination_rad: float = 0.0  # of the magnetic inertial vector, east positive
 
 
 class LowPass(NamedTuple):
@@ -113,8 +124,19 @@ class Smooth(NamedTuple):
     slope: Vec3
 
 
+class Gathered(NamedTuple):
+    """Sums, each times its dt, since the last learning step."""
+
+    time_s: float
+    gyr: Vec3
+    acc: Vec3
+    gravity_g: Vec3  # minus the specific force, turned to G
+    field_g: Vec3  # corrected by the calibration, turned to G
+    field_s: float  # time that the field's samples stand for
+
+
 class RestState(NamedTuple):
-    """Quiet is the instant's verdict, rest that of the last ``rest_time_s``."""
+    """Quiet is the instant's verdict, resting that of the last ``rest_time_s``."""
 
     gyr: Smooth
     acc: Smooth
@@ -124,25 +146,52 @@ class RestState(NamedTuple):
 
 
 class GravityState(NamedTuple):
-    """Frame G, the low-passed gravity in it, and its levelling."""
+    """Frame G, gravity low-passed in it, and the correction C that levels it."""
 
     q_g_frd: Quaternion
     q_6d_g: Quaternion
     down: Smooth
-    levelling_rate_rad_s: tuple[float, float]  # of the last step, horizontal, in 6D
+    quick: Vec3  # the same force, followed faster
+    unsteady: float  # mean square of the horizontal force, share of the vertical's square
     age_s: float
 
 
-class BiasState(NamedTuple):
-    """Gyro bias and heading with one covariance, and what the moving bias needs."""
+class Rows(NamedTuple):
+    """North, east and down of the 6D frame, seen from the body: the rows of R6."""
+
+    north: Vec3
+    east: Vec3
+    down: Vec3
+
+
+class Estimate(NamedTuple):
+    """Gyro bias and heading of 6D, with the covariance of (bias, heading)."""
 
     bias_rad_s: Vec3
     heading_rad: float
     covariance: Covariance
-    rows: Six  # low-passed first two rows of R6
+
+
+class Lagged(NamedTuple):
+    """Horizontal rows of R6, and R6 b, with the lag of the low-passed gravity."""
+
+    rows: Six
     rows_slope: Six
-    drift: tuple[float, float]  # low-passed R6 b
-    drift_slope: tuple[float, float]
+    drift: Two
+    drift_slope: Two
+
+
+class CalibrationState(NamedTuple):
+    """The magnetometer's age and the vehicle's own field, with their covariance."""
+
+    lag_s: float
+    offset: Vec3  # share of ``scale``
+    covariance: Covariance  # of (offset, lag)
+    scale: float
+    mean_field: Vec3
+    mean_turning: Vec3
+    mean_rows: Rows
+    started: bool  # whether the means are
 
 
 class MagneticState(NamedTuple):
@@ -160,24 +209,49 @@ class MagneticState(NamedTuple):
 
 
 class EventState(NamedTuple):
-    """How long each sign of an unsensed turn has lasted."""
+    """How strong each sign of an unsensed turn is, and how long it has lasted."""
 
+    mean_north: float
+    mean_east: float
+    mean_confidence: float
     heading_s: float
+    large_s: float
     quiet_s: float
-    levelled: tuple[float, float]
+    moving_s: float
+    levelled: Two
+
+
+class Axes(NamedTuple):
+    """Down and magnetic north as G has them."""
+
+    down_g: Vec3
+    north_g: Vec3
+
+
+class Alarm(NamedTuple):
+    """Which sign of an unsensed turn went off."""
+
+    heading: bool
+    quiet: bool
+    moving: bool
+    levelling: bool
 
 
 class ConditioningState(NamedTuple):
     """Everything that changes; a snapshot is the state itself."""
 
-    coefficients: Coefficients
-    previous_gyr_rad_s: Vec3
     started: bool
-    rest: RestState
+    previous_gyr_rad_s: Vec3
+    gathered: Gathered
     gravity: GravityState
-    bias: BiasState
+    rest: RestState
+    estimate: Estimate
+    lagged: Lagged
     magnetic: MagneticState
+    calibration: CalibrationState
     event: EventState
+    axes: Axes
+    coefficients: Coefficients
 
 
 class Conditioned(NamedTuple):
@@ -185,7 +259,8 @@ class Conditioned(NamedTuple):
 
     ``*_b`` are unit vectors measured in the body, ``*_i`` their inertial
     counterparts. The weights are 0 while a vector is unknown and 1 afterwards;
-    the confidences, 0..1, describe this sample.
+    the confidences, 0..1, describe the present measurements. ``rate_rad_s`` is
+    free of bias and the one that integrates best over the step.
     """
 
     rate_rad_s: Vec3

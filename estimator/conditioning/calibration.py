@@ -1,0 +1,143 @@
+"""The magnetometer's lag and the vehicle's own field, learnt while turning."""
+
+from estimator.compiled import compiled
+from estimator.conditioning.bias import update
+from estimator.conditioning.types import CalibrationState, ConditioningParams, Covariance, Rows
+from estimator.quaternion import add, cross, dot, scale, subtract
+from estimator.types import Vec3
+
+# Over longer steps (s) the rate between two samples is unknown.
+LONGEST_STEP_S = 0.15
+NOTHING: Vec3 = (0.0, 0.0, 0.0)
+
+
+@compiled
+def corrected(field: Vec3, gyr: Vec3, state: CalibrationState) -> Vec3:
+    """The field without the vehicle's own, as the body would see it now.
+
+    m <- m - offset, then exp(-[w]x lag) m to second order: the field of the
+    place stands still, so in the body m' = -w x m, and a reading that is
+    ``lag_s`` old has not seen the last of the turn.
+    """
+    m = subtract(field, scale(state.scale, state.offset))
+    lag = state.lag_s
+    first = cross(gyr, m)
+    second = cross(gyr, first)
+    return add(subtract(m, scale(lag, first)), scale(0.5 * lag * lag, second))
+
+
+@compiled
+def toward(a: float, mean: Vec3, v: Vec3) -> Vec3:
+    """The mean moved by the share ``a`` of its way to ``v``."""
+    return (
+        mean[0] + a * (v[0] - mean[0]),
+        mean[1] + a * (v[1] - mean[1]),
+        mean[2] + a * (v[2] - mean[2]),
+    )
+
+
+@compiled
+def walked(params: ConditioningParams, p: Covariance, dt_s: float) -> Covariance:
+    """The unknowns walk, so that a changed vehicle is followed, up to their first sigma."""
+    most = params.field_offset_sigma**2 if params.use_field_offset else 0.0
+    most_lag = params.field_lag_sigma_s**2 if params.use_lag else 0.0
+    share = dt_s / params.calibration_walk_s
+    return (
+        min(p[0] + share * most, most),
+        p[1],
+        p[2],
+        p[3],
+        min(p[4] + share * most, most),
+        p[5],
+        p[6],
+        min(p[7] + share * most, most),
+        p[8],
+        min(p[9] + share * most_lag, most_lag),
+    )
+
+
+@compiled
+def learn_axis(
+    params: ConditioningParams,
+    offset: Vec3,
+    lag_s: float,
+    p: Covariance,
+    row: Vec3,
+    turning: float,
+    residual: float,
+    noise: float,
+) -> tuple[Vec3, float, Covariance]:
+    """One axis: residual = row . (offset error) + turning (lag error); far ones count less."""
+    far = residual / params.calibration_reach
+    return update(offset, lag_s, p, row, turning, residual, noise * (1.0 + far * far) ** 2)
+
+
+@compiled
+def learn_calibration(
+    params: ConditioningParams,
+    state: CalibrationState,
+    rows: Rows,
+    gyr: Vec3,
+    field_6d: Vec3,
+    norm: float,
+    dt_s: float,
+) -> CalibrationState:
+    """Recursive least squares of field = F + R6 offset + lag R6 (w x m), all over ``norm``.
+
+    In 6D the field F of the place stands still. What of it moves with the body
+    is the vehicle's own field (hard iron), what moves with the turn rate is
+    the sensor's age. All is high-passed alike, so that F and slow drift vanish
+    and the model stays. ``field_6d`` is corrected already: its residual is
+    that of the present estimate. A body that hardly turns tells its own field
+    from the place's gradients by nothing, so it teaches the lag only.
+    """
+    y = scale(1.0 / norm, field_6d)
+    m = (
+        rows.north[0] * y[0] + rows.east[0] * y[1] + rows.down[0] * y[2],
+        rows.north[1] * y[0] + rows.east[1] * y[1] + rows.down[1] * y[2],
+        rows.north[2] * y[0] + rows.east[2] * y[1] + rows.down[2] * y[2],
+    )
+    t = cross(gyr, m)
+    x = (dot(rows.north, t), dot(rows.east, t), dot(rows.down, t))
+    if not state.started:
+        return CalibrationState(state.lag_s, state.offset, state.covariance, norm, y, x, rows, True)
+    a = min(1.0, dt_s / params.calibration_high_pass_s)
+    mean_field = toward(a, state.mean_field, y)
+    mean_turning = toward(a, state.mean_turning, x)
+    mean_rows = Rows(
+        toward(a, state.mean_rows.north, rows.north),
+        toward(a, state.mean_rows.east, rows.east),
+        toward(a, state.mean_rows.down, rows.down),
+    )
+    offset, lag_s, p = state.offset, state.lag_s, walked(params, state.covariance, dt_s)
+    if dt_s <= LONGEST_STEP_S:
+        dy = subtract(y, mean_field)
+        dx = subtract(x, mean_turning)
+        r1 = subtract(rows.north, mean_rows.north)
+        r2 = subtract(rows.east, mean_rows.east)
+        r3 = subtract(rows.down, mean_rows.down)
+        if dot(r1, r1) + dot(r2, r2) + dot(r3, r3) < params.calibration_turn:
+            r1 = r2 = r3 = NOTHING
+        noise = params.calibration_noise_s / dt_s
+        offset0, lag0 = offset, lag_s
+        offset, lag_s, p = learn_axis(params, offset, lag_s, p, r1, dx[0], dy[0], noise)
+        e = dy[1] - dot(r2, subtract(offset, offset0)) - dx[1] * (lag_s - lag0)
+        offset, lag_s, p = learn_axis(params, offset, lag_s, p, r2, dx[1], e, noise)
+        e = dy[2] - dot(r3, subtract(offset, offset0)) - dx[2] * (lag_s - lag0)
+        offset, lag_s, p = learn_axis(params, offset, lag_s, p, r3, dx[2], e, noise)
+    return CalibrationState(lag_s, offset, p, norm, mean_field, mean_turning, mean_rows, True)
+
+
+@compiled
+def restarted(state: CalibrationState) -> CalibrationState:
+    """After an unsensed turn: keep what was learnt, forget the means of the old attitude."""
+    return CalibrationState(
+        state.lag_s,
+        state.offset,
+        state.covariance,
+        state.scale,
+        state.mean_field,
+        state.mean_turning,
+        state.mean_rows,
+        False,
+    )

@@ -1,0 +1,27 @@
+"""What depends on the time step only."""
+
+from math import exp
+
+from estimator.compiled import compiled
+from estimator.conditioning.lowpass import low_pass
+from estimator.conditioning.types import Coefficients, ConditioningParams
+
+BIAS_WALK_TIME_S = 100.0  # the time that ``bias_walk_rad_s`` refers to
+
+
+@compiled
+def coefficients(params: ConditioningParams, dt_s: float) -> Coefficients:
+    """With a random walk of V dt a step, noise P^2/(V dt) + P makes P the steady variance."""
+    walk = params.bias_walk_rad_s**2 * dt_s / BIAS_WALK_TIME_S
+    at_rest = params.bias_rest_sigma_rad_s**2
+    moving = params.bias_motion_sigma_rad_s**2
+    return Coefficients(
+        dt_s,
+        low_pass(params.rest_tau_s, dt_s),
+        low_pass(params.gravity_tau_s, dt_s),
+        exp(-dt_s / params.turn_levelling_tau_s),
+        walk,
+        at_rest * at_rest / walk + at_rest,
+        moving * moving / walk + moving,
+        params.heading_noise_rad2_s * dt_s / params.heading_tau_s**2,
+    )

@@ -1,0 +1,53 @@
+"""Means over a few samples, so that learning need not run at the sensor's rate."""
+
+from estimator.compiled import compiled
+from estimator.conditioning.types import Gathered
+from estimator.quaternion import rotate, scale
+from estimator.types import Quaternion, Vec3
+
+# Learning runs on the mean of samples over at least this time (s): a hundred
+# times a second is plenty for values that change within seconds.
+STEP_S = 0.0085
+
+NOTHING = Gathered(0.0, (0.0, 0.0, 0.0), (0.0, 0.0, 0.0), (0.0, 0.0, 0.0), (0.0, 0.0, 0.0), 0.0)
+
+
+@compiled
+def plus(sum_: Vec3, v: Vec3, dt_s: float) -> Vec3:
+    """Sum + v dt."""
+    return (sum_[0] + v[0] * dt_s, sum_[1] + v[1] * dt_s, sum_[2] + v[2] * dt_s)
+
+
+@compiled
+def gather(
+    sums: Gathered, q_g_frd: Quaternion, gyr: Vec3, acc: Vec3, mag: Vec3, has_mag: bool, dt_s: float
+) -> Gathered:
+    """Add one sample, its vectors turned to G, where turning does not blur a mean."""
+    field_g = sums.field_g
+    field_s = sums.field_s
+    if has_mag:
+        field_g = plus(field_g, rotate(q_g_frd, mag), dt_s)
+        field_s += dt_s
+    return Gathered(
+        sums.time_s + dt_s,
+        plus(sums.gyr, gyr, dt_s),
+        plus(sums.acc, acc, dt_s),
+        plus(sums.gravity_g, rotate(q_g_frd, acc), -dt_s),
+        field_g,
+        field_s,
+    )
+
+
+@compiled
+def means(sums: Gathered) -> Gathered:
+    """The sums over their times."""
+    a = 1.0 / sums.time_s
+    b = 1.0 / sums.field_s if sums.field_s > 0.0 else 0.0
+    return Gathered(
+        sums.time_s,
+        scale(a, sums.gyr),
+        scale(a, sums.acc),
+        scale(a, sums.gravity_g),
+        scale(b, sums.field_g),
+        sums.field_s,
+    )

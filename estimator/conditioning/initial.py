@@ -1,0 +1,82 @@
+"""The stage before its first sample, and after a turn no sensor has felt."""
+
+from math import pi
+
+from estimator.conditioning.gather import NOTHING
+from estimator.conditioning.types import (
+    Axes,
+    CalibrationState,
+    Coefficients,
+    ConditioningParams,
+    ConditioningState,
+    Estimate,
+    EventState,
+    GravityState,
+    Lagged,
+    LowPass,
+    MagneticState,
+    RestState,
+    Rows,
+    Smooth,
+)
+from estimator.quaternion import multiply, normalize, rotate_inverse
+from estimator.types import IDENTITY, Quaternion
+
+ZERO = (0.0, 0.0, 0.0)
+SIX = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+UNKNOWN_HEADING_VARIANCE = (50.0 * pi / 9.0) ** 2  # 1000 degrees: the first field sets the heading
+
+
+def initial_state(params: ConditioningParams) -> ConditioningState:
+    """The state before the first sample."""
+    bias = params.bias_initial_sigma_rad_s**2
+    offset = params.field_offset_sigma**2 if params.use_field_offset else 0.0
+    lag = params.field_lag_sigma_s**2 if params.use_lag else 0.0
+    still = LowPass(0.0, 0.0, 0.0)
+    return ConditioningState(
+        started=False,
+        previous_gyr_rad_s=ZERO,
+        gathered=NOTHING,
+        gravity=GravityState(IDENTITY, IDENTITY, Smooth(ZERO, ZERO), ZERO, 0.0, 0.0),
+        rest=RestState(Smooth(ZERO, ZERO), Smooth(ZERO, ZERO), False, 0.0, False),
+        estimate=Estimate(
+            ZERO,
+            0.0,
+            (bias, 0.0, 0.0, 0.0, bias, 0.0, 0.0, bias, 0.0, UNKNOWN_HEADING_VARIANCE),
+        ),
+        lagged=Lagged(SIX, SIX, (0.0, 0.0), (0.0, 0.0)),
+        magnetic=MagneticState(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, False),
+        calibration=CalibrationState(
+            0.0,
+            ZERO,
+            (offset, 0.0, 0.0, 0.0, offset, 0.0, 0.0, offset, 0.0, lag),
+            0.0,
+            ZERO,
+            ZERO,
+            Rows(ZERO, ZERO, ZERO),
+            False,
+        ),
+        event=EventState(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, (0.0, 0.0)),
+        axes=Axes((0.0, 0.0, 1.0), (1.0, 0.0, 0.0)),
+        coefficients=Coefficients(0.0, still, still, 0.0, 0.0, 0.0, 0.0, 0.0),
+    )
+
+
+def turned(state: ConditioningState, turn_frd: Quaternion) -> ConditioningState:
+    """Every attitude inside turned by one body rotation, as if the vehicle had turned unfelt."""
+    gravity = state.gravity
+    q = normalize(multiply(gravity.q_g_frd, turn_frd))
+    r = state.lagged.rows
+    north = rotate_inverse(turn_frd, r[:3])
+    east = rotate_inverse(turn_frd, r[3:])
+    mean = state.calibration.mean_rows
+    rows = Rows(
+        rotate_inverse(turn_frd, mean.north),
+        rotate_inverse(turn_frd, mean.east),
+        rotate_inverse(turn_frd, mean.down),
+    )
+    return state._replace(
+        gravity=gravity._replace(q_g_frd=q),
+        lagged=state.lagged._replace(rows=(*north, *east)),
+        calibration=state.calibration._replace(mean_rows=rows),
+    )
