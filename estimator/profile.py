@@ -228,8 +228,8 @@ def _require_conditioning(given: Mapping[str, float | bool]) -> None:
 def _require_directions(profile: Profile) -> None:
     for name in ("gravity", "magnetic"):
         direction = getattr(profile.reference, name)
-        if direction != "learn" and math.hypot(*direction) == 0.0:
-            msg = f"reference.{name}: a direction cannot be zero"
+        if direction != "learn" and not 1e-6 <= math.hypot(*direction) <= 1e6:
+            msg = f"reference.{name}: a direction needs a length between 1e-6 and 1e6"
             raise InputError(msg)
     if not profile.conditioned and profile.reference.magnetic == "learn":
         msg = "reference.magnetic: 'learn' needs conditioning.enabled = true"

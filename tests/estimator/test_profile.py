@@ -1,0 +1,297 @@
+"""Profiles are strict: what is wrong is named in one line, what is right comes back unchanged."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from estimator.errors import InputError
+from estimator.memberships import LOWER, NAMES, UPPER, midpoint, require_feasible
+from estimator.profile import (
+    SHIPPED,
+    load_profile,
+    merge_profile,
+    parse_profile,
+    profile_to_json,
+    profile_to_toml,
+)
+from estimator.settings import settings_of
+from tests.vocabulary import random_memberships
+
+MEMBERSHIP = "[membership]\n" + "".join(
+    f"{name} = {value!r}\n" for name, value in zip(NAMES, midpoint(), strict=True)
+)
+SMALLEST = f"[conditioning]\nenabled = true\n{MEMBERSHIP}"
+
+
+def refused(text, *words):
+    """The text is refused with one line that names the file and all words."""
+    with pytest.raises(InputError) as caught:
+        parse_profile(text, "flight.toml")
+    message = str(caught.value)
+    assert "\n" not in message
+    assert "`" not in message
+    for word in ("profile flight.toml: ", *words):
+        assert word in message, message
+
+
+@pytest.mark.parametrize("name", SHIPPED)
+def test_shipped_profiles_load_and_are_feasible(name):
+    profile = load_profile(name)
+    require_feasible(profile.k)
+    settings_of(profile)
+
+
+def test_paper_profile_is_the_papers_system():
+    paper = load_profile("paper")
+    chosen = settings_of(paper)
+    assert not chosen.conditioned
+    assert paper.filter.gamma == 1.0
+    assert (paper.confidence.gravity, paper.confidence.magnetic, paper.confidence.cross) == (1,) * 3
+    assert chosen.reference.magnetic_ned == pytest.approx(np.array([1.0, -1.0, 1.0]) / np.sqrt(3.0))
+    assert chosen.reference.gravity_ned == (0.0, 0.0, 1.0)
+    assert chosen.filter.rate_time_constant_s == 0.3
+    assert not chosen.filter.gain_is_fixed
+
+
+def test_imu_profile_conditions():
+    assert settings_of(load_profile("imu")).conditioned
+
+
+def test_smallest_profile_has_the_documented_defaults():
+    profile = parse_profile(SMALLEST, "smallest")
+    assert profile.reference.magnetic == "learn"
+    assert profile.filter.initial_attitude == "align"
+    assert profile.k == midpoint()
+
+
+# Unknown keys at every level
+
+
+@pytest.mark.parametrize(
+    ("extra", "word"),
+    [
+        ("[surprise]\nx = 1\n", "surprise"),
+        ("[filter]\ngama = 1.0\n", "gama"),
+        ("[reference]\ngravitiy = [0.0, 0.0, 1.0]\n", "gravitiy"),
+        ("[confidence]\nheading = 1.0\n", "heading"),
+        ("[provenance]\nhost = 'x'\n", "host"),
+    ],
+)
+def test_unknown_keys_are_refused(extra, word):
+    refused(SMALLEST + extra, "unknown", word)
+
+
+def test_unknown_keys_beside_the_sections_are_refused():
+    refused("surprise = 1\n" + SMALLEST, "unknown", "surprise")
+
+
+def test_unknown_membership_and_conditioning_keys_are_refused():
+    refused(SMALLEST + "k23 = 1.0\n", "unknown", "membership.k23")
+    text = SMALLEST.replace("enabled = true", "enabled = true\ngravity_taus = 1.0")
+    refused(text, "unknown", "conditioning.gravity_taus")
+
+
+# Wrong types and values
+
+
+@pytest.mark.parametrize(
+    ("extra", "word"),
+    [
+        ("[filter]\ngamma = 'one'\n", "filter.gamma"),
+        ("[filter]\ngamma = true\n", "filter.gamma"),
+        ("[filter]\ngamma = -1.0\n", "filter.gamma"),
+        ("[filter]\ngamma = nan\n", "filter.gamma"),
+        ("[filter]\ngamma = inf\n", "filter.gamma"),
+        ("[filter]\nrate_time_constant_s = 0.0\n", "filter.rate_time_constant_s"),
+        ("[filter]\neuler_step_max_s = 0.02\n", "filter.euler_step_max_s"),
+        ("[filter]\ninitial_attitude = 'guess'\n", "filter.initial_attitude"),
+        ("[filter]\ninitial_attitude = [[1.0, 0.0, 0.0]]\n", "filter.initial_attitude"),
+        ("[filter]\ninitial_attitude = [[1, 0, 0], [0, 1, 0], [0, 0, nan]]\n", "initial_attitude"),
+        ("[reference]\ngravity = [0.0, 0.0]\n", "reference.gravity"),
+        ("[reference]\ngravity = 'down'\n", "reference.gravity"),
+        ("[reference]\ngravity = [0.0, 0.0, 0.0]\n", "reference.gravity"),
+        ("[reference]\ngravity = [0.0, 0.0, 1e-300]\n", "reference.gravity"),
+        ("[reference]\ngravity = [0.0, 0.0, 1e300]\n", "reference.gravity"),
+        ("[reference]\nmagnetic = [0.0, 0.0, -inf]\n", "reference.magnetic"),
+        ("[reference]\nmagnetic = [0, 0, 0]\n", "reference.magnetic"),
+        ("[reference]\nmagnetic = 'learnt'\n", "reference.magnetic"),
+        ("[reference]\ndeclination_deg = 181.0\n", "reference.declination_deg"),
+        ("[confidence]\ngravity = -0.1\n", "confidence.gravity"),
+        ("[confidence]\ncross = 'none'\n", "confidence.cross"),
+        ("[provenance]\ndescription = 3\n", "provenance.description"),
+        ("filter = 3\n", "membership"),  # inside [membership], where the text ends
+    ],
+)
+def test_wrong_values_are_refused(extra, word):
+    refused(SMALLEST + extra, word)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "word"),
+    [
+        ("k1 = 0.075", "k1 = 0.16", "membership.k1"),  # above its bound
+        ("k1 = 0.075", "k1 = -0.01", "membership.k1"),
+        ("k1 = 0.075", "k1 = nan", "membership.k1"),
+        ("k1 = 0.075", "k1 = 'small'", "membership"),
+        ("k1 = 0.075", "k1 = false", "membership"),
+        ("k1 = 0.075\n", "", "membership.k1 is missing"),
+        ("k12 = 7.5", "k12 = 15.1", "membership.k12"),
+        ("k2 = 0.1\n", "k2 = 0.15\n", "k2 <= k3"),  # in bounds, but out of order
+        ("k20 = 45.0", "k20 = 70.0", "k20 <= k21"),
+        ("enabled = true", "enabled = 1", "conditioning.enabled"),
+        ("enabled = true", "enabled = 'yes'", "conditioning"),
+        ("enabled = true", "", "conditioning.enabled is missing"),
+        ("enabled = true", "enabled = true\ngravity_tau_s = 0.0", "conditioning.gravity_tau_s"),
+        ("enabled = true", "enabled = true\ngravity_tau_s = nan", "conditioning.gravity_tau_s"),
+        ("enabled = true", "enabled = true\ngravity_tau_s = true", "conditioning.gravity_tau_s"),
+        ("enabled = true", "enabled = true\nuse_rest = 1.0", "conditioning.use_rest"),
+        ("enabled = true", "enabled = false", "reference.magnetic"),  # "learn" needs conditioning
+    ],
+)
+def test_wrong_memberships_and_conditioning_are_refused(old, new, word):
+    assert old in SMALLEST
+    refused(SMALLEST.replace(old, new, 1), word)
+
+
+def test_missing_sections_are_refused():
+    refused(MEMBERSHIP, "conditioning")
+    refused("[conditioning]\nenabled = true\n", "membership")
+    refused("", "membership")
+
+
+@pytest.mark.parametrize("text", ["[filter", "a = = 1", "k1 = 0.1\nk1 = 0.2", "\x00"])
+def test_what_is_not_toml_is_refused(text):
+    refused(text, "not TOML")
+
+
+# Files
+
+
+def test_profiles_are_read_from_files(tmp_path):
+    path = tmp_path / "mine.toml"
+    path.write_text(SMALLEST, "utf-8")
+    assert load_profile(str(path)) == parse_profile(SMALLEST, "mine")
+
+
+def test_missing_and_unreadable_files_are_named(tmp_path):
+    (tmp_path / "binary.toml").write_bytes(b"\xff\xfe\x00")
+    for path in (tmp_path / "no.toml", tmp_path, tmp_path / "binary.toml"):
+        with pytest.raises(InputError) as caught:
+            load_profile(str(path))
+        assert str(path) in str(caught.value)
+        assert "\n" not in str(caught.value)
+
+
+def test_a_file_does_not_hide_a_shipped_name(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    Path("paper").write_text("not a profile", "utf-8")
+    assert load_profile("paper").conditioned is False
+
+
+# Round trips and partial updates
+
+
+@pytest.mark.parametrize("name", SHIPPED)
+def test_toml_round_trip(name):
+    profile = load_profile(name)
+    assert parse_profile(profile_to_toml(profile), "again") == profile
+
+
+def test_toml_round_trip_keeps_every_digit():
+    rng = np.random.default_rng(60)
+    for _ in range(20):
+        k = random_memberships(rng)
+        changed = merge_profile(
+            load_profile("imu"), {"membership": dict(zip(NAMES, k, strict=True))}
+        )
+        again = parse_profile(profile_to_toml(changed), "again")
+        assert again == changed
+        assert again.k == k
+
+
+def test_json_names_every_number():
+    tree = profile_to_json(load_profile("imu"))
+    assert list(tree) == [
+        *("reference", "filter", "membership", "confidence", "conditioning", "provenance")
+    ]
+    assert list(tree["membership"]) == list(NAMES)
+    assert "gravity_tau_s" in tree["conditioning"]
+    assert settings_of(merge_profile(load_profile("paper"), tree)) == settings_of(
+        load_profile("imu")
+    )
+
+
+def test_merge_changes_what_it_names_and_nothing_else():
+    base = load_profile("imu")
+    merged = merge_profile(base, {"membership": {"k1": 0.01}, "filter": {"gamma": 0.5}})
+    assert merged.k == (0.01, *base.k[1:])
+    assert merged.filter.gamma == 0.5
+    assert merged.filter.rate_time_constant_s == base.filter.rate_time_constant_s
+    assert merged.reference == base.reference
+    assert merge_profile(base, {}).k == base.k
+
+
+@pytest.mark.parametrize(
+    ("partial", "word"),
+    [
+        ({"surprise": {}}, "surprise"),
+        ({"filter": {"gama": 1.0}}, "gama"),
+        ({"filter": 3}, "filter"),
+        ({"filter": None}, "filter"),
+        ({"membership": {"k1": 99.0}}, "membership.k1"),
+        ({"membership": {"k1": float("nan")}}, "membership.k1"),
+        ({"membership": {"k23": 1.0}}, "k23"),
+        ({"conditioning": {"enabled": "no"}}, "conditioning"),
+        ({"reference": {"gravity": [0, 0, 0]}}, "reference.gravity"),
+    ],
+)
+def test_merge_is_as_strict(partial, word):
+    base = load_profile("imu")
+    with pytest.raises(InputError) as caught:
+        merge_profile(base, partial)
+    assert "profile update: " in str(caught.value)
+    assert word in str(caught.value)
+    assert base == load_profile("imu")
+
+
+# Memberships and settings
+
+
+def test_midpoint_and_bounds_are_feasible():
+    for k in (midpoint(), LOWER, UPPER):
+        require_feasible(k)
+    require_feasible(random_memberships(np.random.default_rng(61)))
+
+
+def test_feasibility_needs_22_numbers():
+    with pytest.raises(InputError, match="22"):
+        require_feasible(midpoint()[:-1])
+
+
+def test_bounds_are_the_papers_blocks():
+    """Eq. (13) and (14), triangle by triangle, low corner block and high corner block."""
+    low = "0 | 0 0 0.1 | 0.05 0.1 0.1 | 0.1 0.2 0.2 | 0.2 | 0 | 0 5 10 | 5 20 20 | 20 20 40 | 40"
+    high = (
+        "0.15 | 0.2 0.2 0.2 | 0.2 0.25 0.35 | 0.35 0.5 0.7 | 0.7 |"
+        " 15 | 20 20 30 | 20 50 50 | 50 70 90 | 70"
+    )
+    assert tuple(float(x) for x in low.replace("|", " ").split()) == LOWER
+    assert tuple(float(x) for x in high.replace("|", " ").split()) == UPPER
+
+
+def test_fixed_gain_replaces_the_controller():
+    chosen = settings_of(load_profile("paper"), 7.0).filter
+    assert chosen.gain_is_fixed
+    assert chosen.fixed_gain == 7.0
+
+
+@pytest.mark.parametrize("gain", [0.0, -1.0, float("nan"), float("inf")])
+def test_fixed_gain_must_be_positive(gain):
+    with pytest.raises(InputError, match="gain"):
+        settings_of(load_profile("paper"), gain)
+
+
+def test_declination_turns_magnetic_to_true_north():
+    east = merge_profile(load_profile("imu"), {"reference": {"declination_deg": 90.0}})
+    assert settings_of(east).reference.magnetic_ned == pytest.approx((0.0, 1.0, 0.0), abs=1e-15)
