@@ -44,7 +44,7 @@ from drivers.mavlink_codec import (
 )
 from drivers.vehicle_clock import Placed, Refused, TimeField, VehicleClock
 from estimator.errors import InputError
-from estimator.types import Quaternion, VelocitySample
+from estimator.types import Quaternion, Vec3, VelocitySample
 
 MILLIGAUSS = 1e-3
 AUTOPILOT_ARDUPILOT = 3  # MAV_AUTOPILOT_ARDUPILOTMEGA
@@ -203,26 +203,30 @@ class _Decoder:
     def _filter_velocity(self, m: Any) -> list[Event]:
         if _instance(m, "C") != 0:
             return []
-        return self._velocity(m, (m.VN, m.VE, m.VD), FILTER_VELOCITY_SIGMA_M_S)
+        return self._velocity(m, (m.VN, m.VE, m.VD), True, FILTER_VELOCITY_SIGMA_M_S)
 
     def _gps(self, m: Any) -> list[Event]:
         if m.Status < FIX_3D or _instance(m, "I") != 0 or (m.Lat == 0 and m.Lng == 0):
             return []
         course_rad = math.radians(m.GCrs)
-        north_east_down = (m.Spd * math.cos(course_rad), m.Spd * math.sin(course_rad), m.VZ)
-        events = self._velocity(m, north_east_down, GPS_VELOCITY_SIGMA_M_S)
+        has_vertical = "VZ" in m.get_fieldnames()
+        down_m_s = m.VZ if has_vertical else 0.0
+        velocity = (m.Spd * math.cos(course_rad), m.Spd * math.sin(course_rad), down_m_s)
+        events = self._velocity(m, velocity, has_vertical, GPS_VELOCITY_SIGMA_M_S)
         if not events or not isinstance(events[0], Velocity):
             return events
         time_us = events[0].sample.time_us
         position = Position(self._vehicle, self._arrival_us, time_us, "GPS", m.Lat, m.Lng, m.Alt)
         return [position, *events]
 
-    def _velocity(self, m: Any, velocity: tuple[float, float, float], sigma: float) -> list[Event]:
+    def _velocity(
+        self, m: Any, velocity: Vec3, has_vertical: bool, sigma_m_s: float
+    ) -> list[Event]:
         name = m.get_type()
         placed, _ = self._place(m, name)
         if isinstance(placed, Refused) or not all(map(math.isfinite, velocity)):
             return []
-        sample = VelocitySample(placed.time_us, velocity, True, sigma)
+        sample = VelocitySample(placed.time_us, velocity, has_vertical, sigma_m_s)
         return [Velocity(self._vehicle, self._arrival_us, name, sample)]
 
     def _parameter(self, m: Any) -> list[Event]:

@@ -125,6 +125,16 @@ class FrameParser:
             mav.buf_index = 0
 
 
+class _Reading(NamedTuple):
+    """An IMU message in SI units, without its place in time."""
+
+    name: str
+    arrival_us: int
+    gyr_rad_s: Vec3
+    acc_m_s2: Vec3
+    mag_gauss: Vec3
+
+
 class _Vehicle:
     """What the decoder remembers about one sender."""
 
@@ -137,16 +147,6 @@ class _Vehicle:
         self.last_imu_us: int | None = None
         self.held: dict[str, _Reading] = {}
         self.truth_given_us: dict[str, int] = {}
-
-
-class _Reading(NamedTuple):
-    """An IMU message in SI units, without its place in time."""
-
-    name: str
-    arrival_us: int
-    gyr_rad_s: Vec3
-    acc_m_s2: Vec3
-    mag_gauss: Vec3
 
 
 class MavlinkDecoder:
@@ -239,7 +239,7 @@ class MavlinkDecoder:
         return [*events, *_imu_events(vehicle, reading, placed.time_us, placed.boot_us)]
 
     def _settle_held(
-        self, vehicle: _Vehicle, held: "_Reading | None", placed: Placed, arrival_us: int
+        self, vehicle: _Vehicle, held: _Reading | None, placed: Placed, arrival_us: int
     ) -> list[Event]:
         """The clock's reset, and the sample that waited for it to be confirmed."""
         events = _resets(vehicle, placed, held.arrival_us if held else arrival_us)

@@ -109,14 +109,15 @@ class TlogRecords:
     """The records of a telemetry log: (stamp in us, message, or None where it is unreadable).
 
     Only messages named in ``wanted`` (None: all) are decoded and given; of the
-    others only the length is used, which makes most of the speed.
+    others only the checksum is looked at, which makes most of the speed.
     """
 
     def __init__(self, data: mmap.mmap | bytes, wanted: frozenset[str] | None) -> None:
         self._data = data
         self._parser = FrameParser()
-        kinds = mavlink().mavlink_map
-        self._known_ids = frozenset(kinds)
+        dialect = mavlink()
+        self._x25crc = dialect.x25crc
+        self._kinds = kinds = dialect.mavlink_map
         self._wanted_ids = frozenset(
             number for number, kind in kinds.items() if wanted is None or kind.msgname in wanted
         )
@@ -129,6 +130,8 @@ class TlogRecords:
             if end is not None and in_chain:
                 stamp_us = self._stamp_us(position)
                 if self._message_id(position) not in self._wanted_ids:
+                    if not self._is_sound(position, end):
+                        yield stamp_us, None
                     position = end
                     continue
             message = self._decode(position, end)
@@ -166,6 +169,17 @@ class TlogRecords:
             return data[start + 5]
         return int.from_bytes(data[start + 7 : start + 10], "little")
 
+    def _is_sound(self, position: int, end: int) -> bool:
+        """Whether the frame's checksum fits; one of an unknown message cannot be judged."""
+        data, start = self._data, position + STAMP_SIZE
+        kind = self._kinds.get(self._message_id(position))
+        if kind is None:
+            return True
+        is_signed = data[start] == MAGIC_V2 and data[start + 2] & SIGNED_FLAG
+        crc_at = end - (SIGNATURE_SIZE if is_signed else 0) - 2
+        expected = self._x25crc(data[start + 1 : crc_at] + bytes([kind.crc_extra])).crc
+        return bool(expected == int.from_bytes(data[crc_at : crc_at + 2], "little"))
+
     def _decode(self, position: int, end: int | None) -> Any | None:
         if end is None:
             return None
@@ -176,7 +190,7 @@ class TlogRecords:
         for magic in MAGIC.finditer(self._data, position + STAMP_SIZE):
             start = magic.start() - STAMP_SIZE
             end = self._record_end(start)
-            if end is None or self._message_id(start) not in self._known_ids:
+            if end is None or self._message_id(start) not in self._kinds:
                 continue
             if self._decode(start, end) is not None:
                 return start

@@ -195,6 +195,15 @@ def test_messages_nobody_wants_are_passed_over():
     assert [(t, x.to_dict()) for t, x in wanted] == of_all
 
 
+@pytest.mark.parametrize("name", ["sub_bad_data.tlog", "copter_reboot.tlog"])
+def test_unreadable_frames_are_counted_whoever_wants_them(name):
+    """The autopilot sent a message once a second whose layout has changed since."""
+    data = (DATA / name).read_bytes()
+    of_all = sum(message is None for _, message in TlogRecords(data, None))
+    of_some = sum(message is None for _, message in TlogRecords(data, frozenset({"RAW_IMU"})))
+    assert of_all == of_some > 40
+
+
 def test_frames_measure_themselves():
     dialect = mavlink()
     sender = dialect.MAVLink(None, 1, 1)
