@@ -80,9 +80,7 @@ def tune(
         str | None,
         typer.Option("--cluster", metavar="ADDRESS", help="Evaluate on this Dask scheduler."),
     ] = None,
-    resume: Annotated[
-        bool, typer.Option("--resume", help="Go on from FILE.checkpoint.", is_flag=True)
-    ] = False,
+    resume: Annotated[bool, typer.Option("--resume", help="Go on from FILE.checkpoint.")] = False,
     plot: Annotated[
         Path | None, typer.Option("--plot", metavar="DIR", help="Draw figures into this folder.")
     ] = None,

@@ -71,22 +71,35 @@ def read_checkpoint(path: Path, identity: Mapping[str, Any]) -> Record:
         InputError: no such file, not a checkpoint, or one of another search.
     """
     try:
-        line, _, costs = path.read_bytes().partition(b"\n")
-        header = json.loads(line)
-        record = Record(np.frombuffer(costs, "<f8"), header["asked_sha256"])
-        if header["schema"] != SCHEMA or len(record.costs) != header["evaluations"]:
-            raise InputError(f"{path}: damaged, or of another version")
-        saved = header["identity"]
+        content = path.read_bytes()
     except FileNotFoundError:
         raise InputError(f"--resume: {path}: no such file; nothing to resume") from None
     except OSError as error:
         raise InputError(f"{path}: cannot be read: {error.strerror}") from None
-    except (ValueError, KeyError, TypeError) as error:
-        if isinstance(error, InputError):
-            raise
+    line, _, costs = content.partition(b"\n")
+    try:
+        header = json.loads(line)
+        saved, evaluations, asked = (header[k] for k in ("identity", "evaluations", "asked_sha256"))
+        schema = header["schema"]
+    except (ValueError, KeyError, TypeError):
         raise InputError(f"{path}: not a checkpoint") from None
+    if schema != SCHEMA or len(costs) != 8 * evaluations:
+        raise InputError(f"{path}: damaged, or of another version")
     plain = json.loads(json.dumps(identity))
-    different = sorted(k for k in {*plain, *saved} if plain.get(k) != saved.get(k))
+    different = _differences(plain, saved)
     if different:
-        raise InputError(f"--resume: {path} is of other options: {', '.join(different)} differ")
-    return record
+        raise InputError(f"--resume: {path} is of other options: {', '.join(different)}")
+    return Record(np.frombuffer(costs, "<f8"), asked)
+
+
+def _differences(wanted: Any, saved: Any, name: str = "") -> list[str]:
+    """Dotted names of what is not equal."""
+    if not isinstance(wanted, dict) or not isinstance(saved, dict):
+        return [] if wanted == saved else [name]
+    keys = sorted({*wanted, *saved})
+    dotted = [f"{name}.{key}" if name else key for key in keys]
+    return [
+        difference
+        for key, inner in zip(keys, dotted, strict=True)
+        for difference in _differences(wanted.get(key), saved.get(key), inner)
+    ]

@@ -9,6 +9,7 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
+from estimator.errors import InputError
 from tuning.colony import Colony
 from tuning.search import BudgetSpent, Search
 from tuning.space import bounds, random_positions
@@ -87,18 +88,23 @@ def differential_evolution(search: Search, first: Array, generator: np.random.Ge
             search.end_cycle(float(np.mean(seen[-1])))
         return costs
 
-    optimize.differential_evolution(
-        vectorized,
-        list(zip(lower.tolist(), upper.tolist(), strict=True)),
-        maxiter=2 * search.options.cycles,
-        init=start,
-        tol=0.0,
-        atol=-1.0,
-        polish=False,
-        updating="deferred",
-        vectorized=True,
-        rng=generator,
-    )
+    try:
+        optimize.differential_evolution(
+            vectorized,
+            list(zip(lower.tolist(), upper.tolist(), strict=True)),
+            maxiter=2 * search.options.cycles,
+            init=start,
+            tol=0.0,
+            atol=-1.0,
+            polish=False,
+            updating="deferred",
+            vectorized=True,
+            rng=generator,
+        )
+    except RuntimeError as error:
+        if isinstance(error.__cause__, InputError):  # SciPy takes any ValueError for its own
+            raise error.__cause__ from None
+        raise
 
 
 RUNNERS: dict[str, Callable[[Search, Array, np.random.Generator], None]] = {

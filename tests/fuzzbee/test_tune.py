@@ -1,0 +1,190 @@
+"""``fuzzbee tune sim:`` from the command line to the file."""
+
+import json
+import os
+import signal
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+import typer
+
+from estimator.errors import InputError
+from estimator.profile import load_profile
+from fuzzbee.tune import tune
+from tuning.checkpoint import write_checkpoint
+from tuning.paper_experiment import run_experiment
+from tuning.search import Record
+
+REPOSITORY = Path(__file__).resolve().parents[2]
+SMALL = ["sim:", "--sources", "6", "--cycles", "4", "--noise-seeds", "100-101"]
+SMALL += ["--held-out-seeds", "200"]
+
+
+def command(*arguments):
+    """The verb alone, as the command line calls it; its exit status."""
+    app = typer.Typer(pretty_exceptions_enable=False)
+    app.command()(tune)
+    status = typer.main.get_command(app).main(
+        args=[str(a) for a in arguments], standalone_mode=False
+    )
+    return status or 0
+
+
+@pytest.fixture
+def report(capsys):
+    def parsed():
+        return json.loads(capsys.readouterr().out)
+
+    return parsed
+
+
+def test_writes_a_profile_that_is_better_and_says_so(tmp_path, report):
+    file = tmp_path / "tuned.toml"
+    assert command(*SMALL, "-o", file, "--json") == 0
+    said = report()
+    assert said["evaluations"] == 6 * (1 + 2 * 4)
+    assert said["cycles"] == 4
+    assert said["food_sources"] == 6
+    assert said["file"] == str(file)
+    assert said["inputs"] == [{"name": "sim:"}]
+    assert said["cost_after"] < said["cost_before"]
+    tuned = load_profile(str(file))
+    assert said["held_out_after"] == run_experiment(tuned, 200).cost
+    assert said["wall_s"] > 0.0
+    assert [p.name for p in tmp_path.iterdir()] == ["tuned.toml"]
+
+
+def test_provenance_holds_what_determines_the_result(tmp_path, report):
+    file = tmp_path / "tuned.toml"
+    command(*SMALL, "-o", file, "--json", "--threads", "1")
+    provenance = load_profile(str(file)).provenance
+    assert provenance.options == {
+        "command": "tune",
+        "algorithm": "abc",
+        "sources": 6,
+        "cycles": 4,
+        "parameters": "membership",
+        "base": "midpoint",
+        "limit": 132,
+    }
+    assert provenance.seeds == {"search": 0, "noise": "100-101", "held_out": "200"}
+    assert str(tmp_path) not in file.read_text()
+
+
+@pytest.mark.parametrize("algorithm", ["abc", "cmaes", "de"])
+def test_the_same_options_give_the_same_file(tmp_path, algorithm):
+    if algorithm == "cmaes":
+        pytest.importorskip("cmaes")
+    one, two = tmp_path / "one.toml", tmp_path / "two.toml"
+    command(*SMALL, "--algorithm", algorithm, "-o", one)
+    command(*SMALL, "--algorithm", algorithm, "-o", two, "--threads", "1")
+    assert one.read_bytes() == two.read_bytes()
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_interrupted_and_resumed_is_the_same_file(tmp_path, number):
+    """The signal goes to a real process once its first checkpoint period has begun."""
+    options = [*SMALL[:1], "--sources", "40", "--cycles", "60", "--noise-seeds", "100-103"]
+    options += ["--held-out-seeds", "200"]
+    whole, broken = tmp_path / "whole.toml", tmp_path / "broken.toml"
+    command(*options, "-o", whole)
+    program = (
+        "import sys, typer\n"
+        "from fuzzbee.tune import tune\n"
+        "import fuzzbee.tune_run as run\n"
+        "show = run.ProgressBar.show\n"
+        "def told(bar, search):\n"
+        "    show(bar, search)\n"
+        "    print(search.evaluations, file=sys.stderr, flush=True)\n"
+        "run.ProgressBar.show = told\n"
+        "typer.run(tune)\n"
+    )
+    process = subprocess.Popen(
+        [sys.executable, "-c", program, *options, "-o", str(broken), "--json"],
+        env={**os.environ, "PYTHONPATH": str(REPOSITORY)},
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+    )
+    with process:
+        for line in process.stderr:
+            if line.strip().isdecimal() and int(line) >= 1000:
+                process.send_signal(number)
+                break
+        out, _ = process.communicate()
+    said = json.loads(out)
+    assert process.returncode == 130
+    assert said["interrupted"]
+    assert 1000 <= said["evaluations"] < 40 * 121
+    assert "interrupted after" in load_profile(str(broken)).provenance.description
+    assert (tmp_path / "broken.toml.checkpoint").exists()
+    assert command(*options, "-o", broken, "--resume", "--threads", "1") == 0
+    assert broken.read_bytes() == whole.read_bytes()
+    assert not (tmp_path / "broken.toml.checkpoint").exists()
+
+
+REFUSED = [
+    (["--cycles", "0"], "--cycles 0"),
+    (["--sources", "1"], "--sources 1"),
+    (["--algorithm", "de", "--sources", "4"], "--sources 4"),
+    (["--limit", "0"], "--limit 0"),
+    (["--limit", "9", "--algorithm", "de"], "--limit"),
+    (["--seed", "-1"], "--seed -1"),
+    (["--threads", "0"], "--threads 0"),
+    (["--threads", "2", "--cluster", "tcp://127.0.0.1:9"], "contradict"),
+    (["--algorithm", "magic"], "--algorithm magic"),
+    (["--noise-seeds", "107-100"], "empty"),
+    (["--noise-seeds", "a-b"], "--noise-seeds a-b"),
+    (["--noise-seeds", "5000-5003"], "kept for judging"),
+    (["--held-out-seeds", "101-120"], "also in --noise-seeds"),
+    (["--parameters", "confidence"], "membership"),
+    (["--parameters", ","], "nothing to tune|membership"),
+    (["--parameters", "membership,membership"], "given twice"),
+    (["--base", "imu"], "raw vectors"),
+    (["--base", "no-such-profile"], "no such file"),
+    (["--resume"], "nothing to resume"),
+]
+
+
+@pytest.mark.parametrize(("options", "told"), REFUSED, ids=[" ".join(o) for o, _ in REFUSED])
+def test_bad_options_are_refused_in_one_line(tmp_path, options, told):
+    with pytest.raises(InputError, match=told) as error:
+        command("sim:", "--noise-seeds", "100-101", "-o", tmp_path / "x.toml", *options)
+    assert "\n" not in str(error.value)
+    assert not list(tmp_path.iterdir())
+
+
+def test_sim_stands_alone(tmp_path):
+    with pytest.raises(InputError, match="stands alone"):
+        command("sim:", "flight.tlog", "-o", tmp_path / "x.toml")
+
+
+def test_the_output_must_be_writable(tmp_path):
+    with pytest.raises(InputError, match="no such folder"):
+        command(*SMALL, "-o", tmp_path / "none" / "x.toml")
+    with pytest.raises(InputError, match="a folder"):
+        command(*SMALL, "-o", tmp_path)
+
+
+def test_resume_with_other_options_names_them(tmp_path):
+    file = tmp_path / "x.toml"
+    write_checkpoint(tmp_path / "x.toml.checkpoint", {"options": {}}, Record(np.ones(2), "0" * 64))
+    with pytest.raises(InputError, match=r"other options: .*options\.cycles"):
+        command(*SMALL, "-o", file, "--resume")
+
+
+def test_figures(tmp_path):
+    pytest.importorskip("matplotlib")
+    from matplotlib.image import imread
+
+    folder = tmp_path / "figures"
+    command(*SMALL, "-o", tmp_path / "x.toml", "--plot", folder)
+    drawn = {path.name: imread(path) for path in folder.iterdir()}
+    assert set(drawn) == {"convergence.png", "memberships.png", "error.png", "euler.png"}
+    for picture in drawn.values():
+        assert picture.shape[0] > 400
+        assert picture[..., :3].std() > 0.05  # not a blank page

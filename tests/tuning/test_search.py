@@ -1,0 +1,112 @@
+"""A search goes on from its record as if it had never stopped, whatever the algorithm."""
+
+import numpy as np
+import pytest
+
+from estimator.errors import InputError
+from tuning.optimizers import run_search
+from tuning.search import ALGORITHMS, InterruptedSearch, Record, Search, SearchOptions
+from tuning.space import bounds, membership_space
+
+SPACE = membership_space()
+LOWER, UPPER = bounds(SPACE)
+FIRST = 0.5 * (LOWER + UPPER)
+
+
+@pytest.fixture(params=ALGORITHMS)
+def options(request):
+    if request.param == "cmaes":
+        pytest.importorskip("cmaes")
+    return SearchOptions(request.param, food_sources=8, cycles=12, limit=5, seed=4)
+
+
+def bowl(values):
+    """A bowl whose bottom is a quarter up the bounds."""
+    return np.sum(((values - LOWER) / (UPPER - LOWER) - 0.25) ** 2, axis=1)
+
+
+def searched(options, **more):
+    search = Search(SPACE, options, bowl, **more)
+    run_search(search, FIRST)
+    return search
+
+
+def test_improves_and_keeps_the_best(options):
+    search = searched(options)
+    assert search.best_cost < bowl(FIRST[None, :])[0]
+    assert bowl(search.best_values[None, :])[0] == search.best_cost
+    assert search.best_cost == search.record.costs.min()
+
+
+def test_spends_its_budget_and_no_more(options):
+    """8 (1 + 2 x 12) evaluations; the bees' scouts come on top and are few."""
+    search = searched(options)
+    assert options.budget == 200
+    if options.algorithm == "abc":
+        assert 200 < search.evaluations <= 212  # the small limit sends scouts
+        assert search.cycles == 12
+    else:
+        assert search.evaluations == 200
+
+
+def test_a_large_limit_sends_no_scouts(options):
+    if options.algorithm != "abc":
+        pytest.skip("the bees' own")
+    assert searched(options._replace(limit=1000)).evaluations == 200
+
+
+@pytest.mark.parametrize("batches", [1, 2, 5, 11])
+def test_interrupted_and_resumed_is_the_same(options, batches):
+    whole = searched(options)
+    seen = []
+
+    def observe(search):
+        seen.append(search.evaluations)
+        return len(seen) < batches
+
+    broken = Search(SPACE, options, bowl, observe)
+    with pytest.raises(InterruptedSearch):
+        run_search(broken, FIRST)
+    assert broken.evaluations < whole.evaluations
+    computed = []
+
+    def counted(values):
+        computed.append(len(values))
+        return bowl(values)
+
+    resumed = Search(SPACE, options, counted, record=broken.record)
+    run_search(resumed, FIRST)
+    assert sum(computed) == whole.evaluations - broken.evaluations  # nothing computed twice
+    assert np.array_equal(resumed.best_values, whole.best_values)
+    assert resumed.record.asked_sha256 == whole.record.asked_sha256
+    assert np.array_equal(resumed.record.costs, whole.record.costs)
+    assert resumed.history == whole.history
+
+
+def test_interrupted_at_the_last_batch_resumes_to_the_end(options):
+    whole = searched(options)
+    broken = Search(SPACE, options, bowl, lambda s: s.evaluations < whole.evaluations)
+    with pytest.raises(InterruptedSearch):
+        run_search(broken, FIRST)
+    resumed = searched(options, record=broken.record)
+    assert np.array_equal(resumed.best_values, whole.best_values)
+
+
+def test_another_seed_is_another_search(options):
+    a, b = searched(options), searched(options._replace(seed=5))
+    assert a.record.asked_sha256 != b.record.asked_sha256
+
+
+def test_a_record_of_another_search_is_refused(options):
+    other = Search(SPACE, options._replace(seed=5), bowl, lambda s: s.evaluations < 60)
+    with pytest.raises(InterruptedSearch):
+        run_search(other, FIRST)
+    with pytest.raises(InputError, match="does not belong"):
+        searched(options, record=other.record)
+
+
+def test_a_record_that_ends_within_a_batch_is_refused():
+    options = SearchOptions("abc", 8, 12, 5, 4)
+    record = Record(np.ones(11), "0" * 64)
+    with pytest.raises(InputError, match="does not belong"):
+        searched(options, record=record)

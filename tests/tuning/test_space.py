@@ -1,0 +1,71 @@
+"""Whatever a search asks for becomes feasible, and stays what it was if it already is."""
+
+import numpy as np
+from hypothesis import given
+from hypothesis import strategies as st
+
+from estimator.memberships import LOWER, UPPER, require_feasible
+from tuning.parameters import GROUPS
+from tuning.space import (
+    Space,
+    decode,
+    encode,
+    feasible,
+    joined,
+    membership_space,
+    random_positions,
+)
+
+SPACE = membership_space()
+anywhere = st.lists(st.floats(-300.0, 300.0), min_size=SPACE.dimensions, max_size=SPACE.dimensions)
+
+
+@given(anywhere)
+def test_any_position_becomes_feasible(x):
+    k = feasible(SPACE, np.array([x]))[0]
+    require_feasible(tuple(k.tolist()))
+
+
+@given(anywhere)
+def test_a_feasible_position_stays(x):
+    k = feasible(SPACE, np.array([x]))
+    assert np.array_equal(feasible(SPACE, k), k)
+
+
+def test_only_broken_chains_and_bounds_change():
+    k = 0.5 * (np.array(LOWER) + np.array(UPPER))
+    k[0] = -1.0  # below its bound
+    k[1], k[2] = 0.15, 0.05  # in the wrong order
+    expected = k.copy()
+    expected[0], expected[1], expected[2] = 0.0, 0.05, 0.15
+    assert np.array_equal(feasible(SPACE, k[None, :])[0], expected)
+
+
+def test_random_positions_are_feasible_and_fill_the_bounds():
+    drawn = random_positions(SPACE, 2000, np.random.default_rng(1))
+    for k in drawn[:200]:
+        require_feasible(tuple(k.tolist()))
+    reach = (drawn.max(0) - drawn.min(0)) / (np.array(UPPER) - np.array(LOWER))
+    # 2000 draws leave at most a few percent of a range that is open all the way
+    assert reach.min() > 0.8
+
+
+def test_logarithmic_parameters_are_halved_in_the_middle():
+    space = Space(("a", "b"), (0.1, -1.0), (10.0, 3.0), (), (True, False))
+    middle = 0.5 * (encode(space, np.array([[0.1, -1.0]])) + encode(space, np.array([[10.0, 3.0]])))
+    assert np.allclose(decode(space, middle), [[1.0, 1.0]], rtol=1e-15, atol=0)
+
+
+@given(st.floats(-10.0, 10.0))
+def test_decoded_values_never_leave_the_bounds(x):
+    for space in GROUPS.values():
+        values = decode(space, feasible(space, np.full((1, space.dimensions), x)))
+        assert (values >= space.lower).all()
+        assert (values <= space.upper).all()
+
+
+def test_joined_spaces_keep_their_chains():
+    both = joined(GROUPS["filter"], SPACE)
+    shifted = tuple(tuple(i + 2 for i in chain) for chain in SPACE.chains)
+    assert both.chains == shifted
+    assert both.names[2:] == SPACE.names
