@@ -6,9 +6,14 @@ from typing import Any, TypeVar
 
 import numba
 
+from estimator.kernel_cache import kernel_cache_folder
+
 Function = TypeVar("Function", bound=Callable[..., Any])
 
-_cache_usable = True
+NO_FOLDER = (
+    "no writable folder for compiled code: compiling in memory at each start "
+    "(set NUMBA_CACHE_DIR to a writable folder)"
+)
 
 
 def compiled(function: Function) -> Function:
@@ -35,18 +40,17 @@ def _decorate(function: Function, *, parallel: bool) -> Function:
         "parallel": parallel,
         "forceinline": not parallel,
     }
-    global _cache_usable  # noqa: PLW0603 - one warning for the process, not one a function
-    if _cache_usable:
-        try:
-            return numba.njit(cache=True, **options)(function)  # type: ignore[no-any-return]
-        except RuntimeError as error:
-            if "cache" not in str(error):
-                raise
-            _cache_usable = False
-            warnings.warn(
-                "no writable folder for compiled code: compiling in memory at each start "
-                "(set NUMBA_CACHE_DIR to a writable folder)",
-                RuntimeWarning,
-                stacklevel=3,
-            )
-    return numba.njit(cache=False, **options)(function)  # type: ignore[no-any-return]
+    if _CACHE_FOLDER is None:
+        return numba.njit(cache=False, **options)(function)  # type: ignore[no-any-return]
+    # numba chooses the folder when it decorates; other users of numba keep theirs.
+    folder_before = numba.config.CACHE_DIR
+    numba.config.CACHE_DIR = str(_CACHE_FOLDER)
+    try:
+        return numba.njit(cache=True, **options)(function)  # type: ignore[no-any-return]
+    finally:
+        numba.config.CACHE_DIR = folder_before
+
+
+_CACHE_FOLDER = None if numba.config.DISABLE_JIT else kernel_cache_folder()
+if _CACHE_FOLDER is None and not numba.config.DISABLE_JIT:
+    warnings.warn(NO_FOLDER, RuntimeWarning, stacklevel=2)
