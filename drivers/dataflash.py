@@ -289,9 +289,10 @@ def _opened(path: Path) -> Iterator[Any]:
 def _messages(reader: Any, names: list[str]) -> Iterator[Any | None]:
     """The messages of those names in the file's order, None for each unreadable one."""
     unreadable = 0
+    messages = _next_messages(reader, names)
     while True:
         with _quiet():
-            batch = list(islice(_next_messages(reader, names), BATCH))
+            batch = list(islice(messages, BATCH))
         yield from batch
         unreadable += batch.count(None)
         if len(batch) < BATCH or unreadable > UNREADABLE_LIMIT:

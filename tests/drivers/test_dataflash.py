@@ -241,6 +241,16 @@ def test_damaged_logs_give_what_can_be_read(tmp_path, capfd, seed):
     assert capfd.readouterr() == ("", "")
 
 
+def test_a_message_of_unknown_type_ends_nothing(tmp_path):
+    """DFReader's index ends there; a long log goes on, and comes to its own end."""
+    first, second = modern(2), modern(40, start_us=12_000_000)
+    path = first.save(tmp_path)
+    path.write_bytes(first.data + b"\xa3\x95\x7f" + second.data)
+    events = list(Dataflash(path))
+    times_us = [event.sample.time_us for event in of(Imu, events, "IMU")]
+    assert times_us == [10_000_000 + 20_000 * k for k in range(42 * 50)]
+
+
 @pytest.mark.parametrize("size", [3, 60, 89, 400])
 def test_a_log_cut_off_in_its_head_has_no_imu(tmp_path, size):
     path = tmp_path / "flight.bin"
