@@ -4,7 +4,9 @@ This file and the verbs import nothing heavy: that happens inside the
 functions, so that ``--help`` and ``--version`` are quick.
 """
 
+import os
 import sys
+import threading
 from collections.abc import Sequence
 from typing import Annotated
 
@@ -77,6 +79,9 @@ def main(argv: Sequence[str] | None = None) -> int:
     except BrokenPipeError:
         return OK  # whoever read our output has seen enough
     except Exception as error:  # noqa: BLE001 - the last resort: one line, not a traceback
+        if type(error).__name__ == "NoArgsIsHelpError":  # a group of verbs without a verb
+            print(error.format_message(), file=sys.stderr)  # type: ignore[attr-defined]
+            return BAD_INPUT
         if _is_usage_error(error):
             return _fail(error.format_message(), BAD_INPUT)  # type: ignore[attr-defined]
         if "-v" in arguments or "--verbose" in arguments:
@@ -89,7 +94,11 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 def entry_point() -> None:
     """The ``fuzzbee`` command."""
-    sys.exit(main())
+    status = main()
+    if any(thread.name.startswith("sink ") for thread in threading.enumerate()):
+        # a sink that hangs (a stopped terminal) must not keep the process from ending
+        os._exit(status)
+    sys.exit(status)
 
 
 def _is_usage_error(error: Exception) -> bool:

@@ -7,9 +7,7 @@ import typer
 
 from estimator.errors import InputError
 
-Verbose = Annotated[
-    bool, typer.Option("--verbose", "-v", help="Say more on standard error.")
-]
+Verbose = Annotated[bool, typer.Option("--verbose", "-v", help="Say more on standard error.")]
 Json = Annotated[bool, typer.Option("--json", help="JSON on standard output, nothing else there.")]
 Seconds = Annotated[
     float | None, typer.Option("--seconds", metavar="N", help="End after N seconds.")

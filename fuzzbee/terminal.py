@@ -19,7 +19,8 @@ REFRESH_HZ = 8
 LINE_PERIOD_S = 1.0
 MAX_LINES = 8  # more vehicles than this share one line
 SILENT_AFTER_S = 3.0  # a status comes every second
-FRAME_LINES = 5  # title, header, rules and the line below
+WIDE = 100  # columns, from which on there is room for everything
+FRAME_LINES = 4  # title, header and the two lines below
 
 COLOURS = {
     State.WAITING: "dim",
@@ -143,34 +144,40 @@ class TerminalView:
         return live
 
     def _table(self) -> Table:
-        height = self._console.size.height
-        return table(self.board.rows(), self._now_s(), height, self._title)
+        size = self._console.size
+        return table(self.board.rows(), self._now_s(), size.width, size.height, self._title)
 
 
-def table(rows: list[Row], now_s: float, height: int, title: str) -> Table:
+def table(rows: list[Row], now_s: float, width: int, height: int, title: str) -> Table:
     """The rows that fit into ``height`` lines; those that need attention first if not all do."""
-    from rich import box
-
+    wide = width >= WIDE
     view = Table(
-        title=title, title_justify="left", title_style="bold", box=box.SIMPLE_HEAD, pad_edge=False
+        title=title,
+        title_justify="left",
+        title_style="bold",
+        box=None,
+        header_style="bold",
+        padding=(0, 2, 0, 0),
+        caption_justify="left",
     )
-    view.add_column("vehicle", no_wrap=True)
-    view.add_column("state", no_wrap=True)
-    for name in ("roll", "pitch", "heading", "error", "gain K"):
+    for name in ("vehicle", "state"):
+        view.add_column(name, no_wrap=True)
+    for name in ("roll", "pitch", "heading", "error", "gain"):
         view.add_column(name, justify="right", no_wrap=True)
-    view.add_column("IMU", no_wrap=True)
-    view.add_column("rate", justify="right", no_wrap=True)
-    view.add_column("age", justify="right", no_wrap=True)
+    if wide:
+        view.add_column("", no_wrap=True, min_width=BAR_WIDTH)
+        view.add_column("IMU", no_wrap=True)
+    for name in ("IMU Hz", "age"):
+        view.add_column(name, justify="right", no_wrap=True)
     room = max(1, height - FRAME_LINES - 1)
     shown = rows if len(rows) <= room else sorted(rows, key=_attention)[: room - 1]
     for row in shown:
-        view.add_row(*_cells(row, now_s))
+        view.add_row(*_cells(row, now_s, wide=wide))
     if not rows:
         view.caption = "waiting for a vehicle"
     if len(shown) < len(rows):
         names = {row.name for row in shown}
         view.caption = "… " + summary([row for row in rows if row.name not in names], "more")
-        view.caption_justify = "left"
     return view
 
 
@@ -205,14 +212,17 @@ def _line(row: Row, now_s: float) -> str:
     )
 
 
-def _cells(row: Row, now_s: float) -> list[str | Text]:
+def _cells(row: Row, now_s: float, *, wide: bool) -> list[str | Text]:
     state = Text(_state_text(row, now_s), style=COLOURS[row.state])
     attitude = _current(row)
     imu = (row.status.imu_message if row.status is not None else None) or ""
+    extra = ["", imu] if wide else []
     if attitude is None:
-        return [row.name, state, "", "", "", "", "", imu, _rate(row), ""]
+        return [row.name, state, "", "", "", "", "", *extra, _rate(row), ""]
     roll, pitch, yaw = attitude.euler_deg
     arrow = ARROWS[round(yaw / 45.0) % 8] if attitude.heading_reference != "none" else " "
+    if wide:
+        extra[0] = _bar(attitude.gain)
     return [
         row.name,
         state,
@@ -220,9 +230,9 @@ def _cells(row: Row, now_s: float) -> list[str | Text]:
         f"{pitch:+.1f}°",
         f"{_heading(attitude, yaw)}° {arrow}",
         f"{attitude.error:.4f}",
-        f"{_bar(attitude.gain)}{attitude.gain:6.1f}",
-        imu,
-        f"{_rate(row)} Hz",
+        f"{attitude.gain:.1f}",
+        *extra,
+        _rate(row),
         _age_text(row, now_s),
     ]
 

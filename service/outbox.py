@@ -39,7 +39,9 @@ class Outbox:
         """Deliver what is pending and close every sink; ``stuck`` names those that hang."""
         end_s = time.monotonic() + CLOSE_TIMEOUT_S
         for outlet in self._outlets:
-            if not outlet.close(max(0.01, end_s - time.monotonic())):
+            outlet.begin_close()
+        for outlet in self._outlets:
+            if not outlet.join(max(0.01, end_s - time.monotonic())):
                 self.stuck.append(outlet.sink.name)
 
     def __enter__(self) -> Self:

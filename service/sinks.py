@@ -42,7 +42,7 @@ class Outlet:
         self._closing = False
         self._changed = threading.Condition()
         # a daemon: a sink that blocks for ever must not keep the process alive
-        self._thread = threading.Thread(target=self._work, name=sink.name, daemon=True)
+        self._thread = threading.Thread(target=self._work, name=f"sink {sink.name}", daemon=True)
         self._thread.start()
 
     def put(self, outputs: Sequence[Output]) -> None:
@@ -58,11 +58,14 @@ class Outlet:
         error, self._last_error = self._last_error, None
         return error
 
-    def close(self, timeout_s: float) -> bool:
-        """Deliver what is pending and close the sink; False if it did not end in time."""
+    def begin_close(self) -> None:
+        """Have the sink closed once it took what is pending; does not wait."""
         with self._changed:
             self._closing = True
             self._changed.notify()
+
+    def join(self, timeout_s: float) -> bool:
+        """Wait for the end; False if it did not come in time."""
         self._thread.join(timeout_s)
         return not self._thread.is_alive()
 

@@ -5,10 +5,12 @@ well-known loopback address. Whoever comes first gets the address; the others
 connect to it, or to a router already there. Each session also listens on a
 free loopback port: peers do not relay for each other, so a third one must be
 able to reach the second directly (they learn of each other by gossip). When
-the first one ends, a remaining one takes the address over.
+the first one ends, the address is free for the next one that starts; those that
+remain connect to it as soon as it is there.
 """
 
 import json
+import re
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from estimator.errors import InputError
@@ -114,8 +116,8 @@ def _set_endpoints(config: "zenoh.Config", options: ZenohOptions) -> None:
     elif default:
         _set(config, "listen/endpoints", () if client else (DEFAULT_ENDPOINT, FREE_ENDPOINT))
         _set(config, "listen/exit_on_failure", False)
-        _set(config, "listen/timeout_ms", -1)  # go on trying in the background
-        _set(config, "listen/retry", RETRY)
+        # no second try: a session that still tries to listen cannot be closed (1.10.2)
+        _set(config, "listen/timeout_ms", 0)
     if options.connect:
         _set(config, "connect/endpoints", options.connect)
     elif default:
@@ -140,6 +142,12 @@ def _insert(config: "zenoh.Config", key: str, json5: str, what: str) -> None:
 
 
 def _one_line(error: Exception) -> str:
-    """Zenoh's message without the place in its own source code, on one line."""
+    """Zenoh's message on one line, without the places in its own source code."""
     text = " ".join(str(error).split())
-    return text.split(" at /", 1)[0].rstrip(" :")
+    quoted = re.search(r'Message { msg: "(.*?)(?: at /|", location)', text)
+    if quoted:  # what the JSON5 parser says, in debugging form
+        text = quoted[1].replace("\\n", " ").replace('\\"', '"')
+    elif text.startswith('Str("'):
+        text = text.removeprefix('Str("').split('")', 1)[0]
+    text = text.split(" at /", 1)[0].strip(" :")
+    return re.sub(r"\s+", " ", text)

@@ -56,10 +56,7 @@ class ZenohSink:
                 self._publish(output)
 
     def close(self) -> None:
-        """Withdraw everything and close the session."""
-        declared: list[Any] = [self._queryable, *self._tokens, *self._publishers.values()]
-        for each in declared:
-            each.undeclare()
+        """Close the session, which withdraws everything declared on it."""
         close_session(self._session)
 
     def _publish(self, output: Published) -> None:
