@@ -7,7 +7,9 @@ are in degrees. Times count from boot, in us or, until 2015, in ms.
 """
 
 import math
+import mmap
 import os
+import re
 from collections import defaultdict
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, redirect_stderr, redirect_stdout
@@ -57,6 +59,7 @@ VEHICLE_TYPES = {  # the first word of MSG at start, and its MAV_TYPE
     "AntennaTracker": 5,
     "Blimp": 7,
 }
+ENDLESS_FORMAT = re.compile(rb"\xa3\x95\x80.[\x00-\x02]([A-Z][A-Z0-9]{1,3})", re.DOTALL)
 BATCH = 1000  # messages read at a time with the output turned away
 UNREADABLE_LIMIT = 10_000  # after that many unreadable messages the rest is given up
 
@@ -268,9 +271,19 @@ def _system_id(parameters: dict[str, Any]) -> int:
     return int(value) if isinstance(value, (int, float)) and 1 <= value <= 255 else 1
 
 
+def _refuse_endless_formats(path: Path) -> None:
+    """DFReader never comes back from a message format shorter than a message's head."""
+    with path.open("rb") as file, mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as data:
+        endless = ENDLESS_FORMAT.search(data)
+        if endless is not None:
+            name = endless[1].decode()
+            raise InputError(f"{path}: damaged DataFlash log (impossible length of {name})")
+
+
 @contextmanager
 def _opened(path: Path) -> Iterator[Any]:
     """DFReader's reader; it is as talkative as it is fragile on damaged files."""
+    _refuse_endless_formats(path)
     mavlink()  # sets what pymavlink reads from the environment
     os.environ["PYMAVLINK_FAST_INDEX"] = "0"  # the C indexer prints past sys.stderr
     with _quiet():

@@ -241,6 +241,20 @@ def test_damaged_logs_give_what_can_be_read(tmp_path, capfd, seed):
     assert capfd.readouterr() == ("", "")
 
 
+@pytest.mark.parametrize("length", [0, 1, 2, 3, 30, 255])
+def test_a_format_of_another_length_ends(tmp_path, length):
+    """DFReader would index a message of length 0 for ever."""
+    log = modern(1)
+    path = log.save(tmp_path)
+    data = bytearray(log.data)
+    data[data.index(b"IMU\0") - 1] = length
+    path.write_bytes(data)
+    try:
+        list(Dataflash(path))
+    except InputError as error:
+        assert "impossible length of IMU" in str(error)  # noqa: PT017 - either is an end
+
+
 def test_a_message_of_unknown_type_ends_nothing(tmp_path):
     """DFReader's index ends there; a long log goes on, and comes to its own end."""
     first, second = modern(2), modern(40, start_us=12_000_000)
