@@ -10,6 +10,8 @@ from estimator.kernel_cache import kernel_cache_folder
 
 Function = TypeVar("Function", bound=Callable[..., Any])
 
+_numba_config: Any = numba.config  # numba ships no types
+
 NO_FOLDER = (
     "no writable folder for compiled code: compiling in memory at each start "
     "(set NUMBA_CACHE_DIR to a writable folder)"
@@ -43,14 +45,14 @@ def _decorate(function: Function, *, parallel: bool) -> Function:
     if _CACHE_FOLDER is None:
         return numba.njit(cache=False, **options)(function)  # type: ignore[no-any-return]
     # numba chooses the folder when it decorates; other users of numba keep theirs.
-    folder_before = numba.config.CACHE_DIR
-    numba.config.CACHE_DIR = str(_CACHE_FOLDER)
+    folder_before = _numba_config.CACHE_DIR
+    _numba_config.CACHE_DIR = str(_CACHE_FOLDER)
     try:
         return numba.njit(cache=True, **options)(function)  # type: ignore[no-any-return]
     finally:
-        numba.config.CACHE_DIR = folder_before
+        _numba_config.CACHE_DIR = folder_before
 
 
-_CACHE_FOLDER = None if numba.config.DISABLE_JIT else kernel_cache_folder()
-if _CACHE_FOLDER is None and not numba.config.DISABLE_JIT:
+_CACHE_FOLDER = None if _numba_config.DISABLE_JIT else kernel_cache_folder()
+if _CACHE_FOLDER is None and not _numba_config.DISABLE_JIT:
     warnings.warn(NO_FOLDER, RuntimeWarning, stacklevel=2)
