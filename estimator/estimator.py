@@ -98,6 +98,7 @@ class Estimator:
         rate = subtract(sample.gyr_rad_s, state.gyr_bias_rad_s)
         return before._replace(
             filter=state,
+            seen=None,
             time_us=sample.time_us,
             rate_rad_s=rate,
             smooth_error=self._smoothed(state.error, sample.time_us),

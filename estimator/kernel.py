@@ -93,6 +93,18 @@ def step_gain(params: FilterParams, K: float, fastest: float, dt: float) -> floa
 
 
 @compiled
+def bias_gain(params: FilterParams, K: float, g: float, fastest: float, dt: float) -> float:
+    """gamma/2 g/K: the innovation that the bias integrates decays over the step as the error does.
+
+    At most 1/(lambda dt), with which the bias alone would explain the error:
+    more, as after a gap of many seconds, would overshoot.
+    """
+    gain = 0.5 * params.gamma * g / K
+    reach = fastest * dt
+    return gain if gain * reach <= 1.0 else 1.0 / reach
+
+
+@compiled
 def bounded(v: Vec3, bound: float) -> Vec3:
     """Each component limited to [-bound, bound]."""
     return (
@@ -141,10 +153,10 @@ def correct(params: FilterParams, state: FilterState, vectors: Vectors, dt: floa
         e = single_vector_error(v1, v2, u1, u2, s1, s2)
     d = error_rate(params, state, e, dt)
     K = adaptive_gain(params, e, d)
-    g = step_gain(params, K, largest_rate(dot(v1, v2), s1, s2, s3), dt)
+    fastest = largest_rate(dot(v1, v2), s1, s2, s3)
+    g = step_gain(params, K, fastest, dt)
     q = normalize(multiply(state.q_ned_frd, exp(scale(-g, w))))
-    # The bias integrates the innovation, which decays over the step as the error does: g/K, not dt.
-    b = add(state.gyr_bias_rad_s, scale(0.5 * params.gamma * g / K, w))
+    b = add(state.gyr_bias_rad_s, scale(bias_gain(params, K, g, fastest, dt), w))
     return FilterState(q, bounded(b, params.bias_bound_rad_s), e, d, K, True)
 
 

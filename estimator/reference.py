@@ -119,6 +119,17 @@ def step_gain(params: FilterParams, K: float, fastest: float, dt: float) -> floa
     return float(-np.expm1(-K * fastest * dt) / fastest)
 
 
+def bias_gain(params: FilterParams, K: float, g: float, fastest: float, dt: float) -> float:
+    """gamma/2 g/K: the innovation that the bias integrates decays over the step as the error does.
+
+    At most 1/(lambda dt), with which the bias alone would explain the error:
+    more, as after a gap of many seconds, would overshoot.
+    """
+    gain = 0.5 * params.gamma * g / K
+    reach = fastest * dt
+    return gain if gain * reach <= 1.0 else 1.0 / reach
+
+
 def propagate(state: FilterState, gyr_rad_s: Vec3, dt: float) -> FilterState:
     """R_hat <- R_hat exp([Omega_m - b_hat]x dt): Eq. (11) between measurements of vectors."""
     turn = quaternion.scale(dt, quaternion.subtract(gyr_rad_s, state.gyr_bias_rad_s))
@@ -137,11 +148,11 @@ def correct(params: FilterParams, state: FilterState, vectors: Vectors, dt: floa
     e = (attitude_error if spans else single_vector_error)(measured, estimated, s)
     d = error_rate(params, state, e, dt)
     K = adaptive_gain(params, e, d)
-    g = step_gain(params, K, largest_rate(measured, s), dt)
+    fastest = largest_rate(measured, s)
+    g = step_gain(params, K, fastest, dt)
     turn: Any = tuple(-g * w)
     q = quaternion.multiply(state.q_ned_frd, quaternion.exp(turn))
-    # The bias integrates the innovation, which decays over the step as the error does: g/K, not dt.
-    b = np.array(state.gyr_bias_rad_s) + 0.5 * params.gamma * (g / K) * w
+    b = np.array(state.gyr_bias_rad_s) + bias_gain(params, K, g, fastest, dt) * w
     b = np.clip(b, -params.bias_bound_rad_s, params.bias_bound_rad_s)
     return FilterState(
         quaternion.normalize(q), (float(b[0]), float(b[1]), float(b[2])), e, d, K, True

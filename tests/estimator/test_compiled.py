@@ -1,0 +1,96 @@
+"""Compiled or not, cached or not: the same numbers, and one line of warning at most."""
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import estimator
+
+# Some seconds of the filter in plain Python; prints every digit.
+PROGRAM = """
+from drivers.vehicle import simulate
+from estimator import kernel
+from estimator.filter_types import initial_state
+from estimator.fuzzy import fuzzy_gain
+from estimator.memberships import LOWER, UPPER, midpoint
+from estimator.profile import load_profile
+from estimator.settings import settings_of
+
+chosen = settings_of(load_profile("paper"))
+signals = simulate(5, 200)
+columns = (signals.gyr_rad_s, signals.acc_m_s2, signals.mag_gauss)
+start = initial_state(chosen.initial)
+q, gains = kernel.run(chosen.filter, chosen.reference, start, *columns, 0.01)
+print([x.hex() for x in q[-1].tolist()], float(gains.sum()).hex())
+for k in (LOWER, midpoint(), UPPER):
+    print([fuzzy_gain(k, 0.01 * i, 0.013 * i).hex() for i in range(101)])
+"""
+
+# Enough to be cached, or not.
+SMALL_PROGRAM = """
+from estimator.fuzzy import fuzzy_gain
+from estimator.memberships import midpoint
+print([fuzzy_gain(midpoint(), 0.01 * i, 0.013 * i).hex() for i in range(101)])
+"""
+
+
+def run(program=PROGRAM, **environment):
+    """The program in a process of its own, which sees the packages under test."""
+    root = str(Path(next(iter(estimator.__path__))).parent)
+    inherited = {key: value for key, value in os.environ.items() if "NUMBA" not in key}
+    path = os.pathsep.join(filter(None, [root, os.environ.get("PYTHONPATH", "")]))
+    return subprocess.run(
+        [sys.executable, "-c", program],
+        env={**inherited, "PYTHONPATH": path, **environment},
+        capture_output=True,
+        text=True,
+        check=True,
+        timeout=120,
+    )
+
+
+def numbers(result):
+    import ast
+
+    lines = [line.replace("] ", "], ") for line in result.stdout.splitlines()]
+    first, *rest = lines
+    attitude, total = first.rsplit(", ", 1)
+    values = [*ast.literal_eval(attitude), total]
+    for line in rest:
+        values += ast.literal_eval(line)
+    return [float.fromhex(value) for value in values]
+
+
+def test_plain_python_gives_the_same_results(tmp_path):
+    """The two differ only in the last digits of sine, cosine and exponential."""
+    plain = run(NUMBA_DISABLE_JIT="1")
+    compiled = run(NUMBA_CACHE_DIR=str(tmp_path))
+    assert plain.stderr == compiled.stderr == ""
+    for one, other in zip(numbers(plain), numbers(compiled), strict=True):
+        # 200 steps of an unstable start multiply roundings of 1e-16 by some thousands
+        assert abs(one - other) <= 1e-9 * (1.0 + abs(other))
+
+
+def test_cached_code_gives_the_same_results(tmp_path):
+    first = run(SMALL_PROGRAM, NUMBA_CACHE_DIR=str(tmp_path))
+    assert list(tmp_path.rglob("*.nbi"))
+    assert run(SMALL_PROGRAM, NUMBA_CACHE_DIR=str(tmp_path)).stdout == first.stdout
+
+
+def test_without_a_cache_folder_it_compiles_in_memory_and_says_so_once(tmp_path):
+    """Nobody can make a folder below a file, not even root; the other places are closed."""
+    blocked = tmp_path / "file"
+    blocked.write_text("not a folder", "utf-8")
+    closed = """
+import numba.core.caching as caching
+for locator in caching.CacheImpl._locator_classes:
+    if "UserProvided" not in locator.__name__:
+        locator.from_function = classmethod(lambda cls, function, path: None)
+"""
+    expected = run(SMALL_PROGRAM, NUMBA_CACHE_DIR=str(tmp_path / "cache"))
+    result = run(closed + SMALL_PROGRAM, NUMBA_CACHE_DIR=str(blocked / "below"))
+    assert result.stdout == expected.stdout
+    warnings = [line for line in result.stderr.splitlines() if "Warning" in line]
+    assert len(warnings) == 1
+    assert "no writable folder for compiled code" in warnings[0]

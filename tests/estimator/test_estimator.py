@@ -1,0 +1,248 @@
+"""The estimator of one vehicle: what it refuses, forgets, keeps and publishes."""
+
+from math import inf, nan, pi, radians
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from drivers.vehicle import simulate
+from estimator.estimator import ACC_LIMIT_M_S2, GYR_LIMIT_RAD_S, OUTPUT_HORIZON_S, Estimator
+from estimator.profile import load_profile, merge_profile
+from estimator.quaternion import exp, multiply
+from estimator.types import ZERO_VEC3, ImuSample
+from tests.vocabulary import IDENTITY, assert_attitude_close, floats
+
+LEVEL = ImuSample(1_000_000, ZERO_VEC3, (0.0, 0.0, -9.8), (0.2, 0.0, 0.4), True)
+
+
+@pytest.fixture(params=["paper", "imu"])
+def profile(request):
+    return load_profile(request.param)
+
+
+def samples(count, seed=3, rate_hz=100.0, motion="paper"):
+    signals = simulate(seed, count, rate_hz, motion)
+    return [
+        ImuSample(int(t), tuple(gyr), tuple(acc), tuple(mag), True)
+        for t, gyr, acc, mag in zip(
+            signals.time_us.tolist(),
+            signals.gyr_rad_s.tolist(),
+            signals.acc_m_s2.tolist(),
+            signals.mag_gauss.tolist(),
+            strict=True,
+        )
+    ]
+
+
+def fed(profile, stream):
+    estimator = Estimator(profile)
+    for sample in stream:
+        assert estimator.update(sample) is None
+    return estimator
+
+
+@pytest.mark.parametrize(
+    ("change", "reason"),
+    [
+        ({"gyr_rad_s": (nan, 0.0, 0.0)}, "not_finite"),
+        ({"acc_m_s2": (0.0, inf, 0.0)}, "not_finite"),
+        ({"mag_gauss": (0.0, 0.0, -inf)}, "not_finite"),
+        ({"gyr_rad_s": (0.0, -GYR_LIMIT_RAD_S - 1e-9, 0.0)}, "gyroscope_out_of_range"),
+        ({"acc_m_s2": (0.0, 0.0, ACC_LIMIT_M_S2 + 1e-9)}, "accelerometer_out_of_range"),
+        ({"time_us": LEVEL.time_us}, "not_later"),
+        ({"time_us": LEVEL.time_us - 1}, "not_later"),
+    ],
+)
+def test_a_refused_sample_leaves_no_trace(profile, change, reason):
+    estimator = fed(profile, [LEVEL])
+    before = estimator.snapshot
+    later = LEVEL._replace(time_us=LEVEL.time_us + 10_000)
+    assert estimator.update(later._replace(**change)) == reason
+    assert estimator.snapshot == before
+
+
+def test_the_limits_themselves_are_let_through(profile):
+    estimator = fed(profile, [LEVEL])
+    hard = LEVEL._replace(
+        time_us=2_000_000,
+        gyr_rad_s=(GYR_LIMIT_RAD_S,) * 3,
+        acc_m_s2=(-ACC_LIMIT_M_S2,) * 3,
+    )
+    assert estimator.update(hard) is None
+
+
+def test_the_first_sample_may_have_any_time_but_must_be_good(profile):
+    estimator = Estimator(profile)
+    assert not estimator.aligned
+    assert estimator.update(LEVEL._replace(acc_m_s2=(nan, 0.0, 0.0))) == "not_finite"
+    assert not estimator.aligned
+    assert estimator.update(LEVEL._replace(time_us=-5)) is None
+    assert estimator.aligned
+
+
+def test_aligns_level_and_north_on_the_first_sample():
+    estimator = fed(load_profile("imu"), [LEVEL])
+    assert_attitude_close(estimator.attitude(LEVEL.time_us).q_ned_frd, IDENTITY, 1e-9)
+
+
+def test_paper_profile_starts_where_the_paper_does():
+    estimator = fed(load_profile("paper"), samples(1))
+    assert estimator.attitude(0).error > 0.9  # e = 0.9997 but for the noise
+    assert estimator.attitude(0).gyro_bias_rad_s == ZERO_VEC3
+
+
+def test_restart_forgets_everything(profile):
+    stream = samples(300)
+    used = fed(profile, stream)
+    used.restart()
+    assert not used.aligned
+    fresh = Estimator(profile)
+    # also when the vehicle's clock starts again
+    for sample in stream[:50]:
+        assert used.update(sample) is None
+        assert fresh.update(sample) is None
+        assert used.snapshot == fresh.snapshot
+
+
+def test_a_restored_snapshot_goes_on_with_the_same_results(profile):
+    stream = samples(400)
+    straight = fed(profile, stream[:200])
+    resumed = Estimator(profile)
+    resumed.snapshot = straight.snapshot
+    for sample in stream[200:]:
+        assert straight.update(sample) is None
+        assert resumed.update(sample) is None
+        assert straight.snapshot == resumed.snapshot
+        assert straight.attitude(sample.time_us) == resumed.attitude(sample.time_us)
+
+
+def test_replacing_the_profile_keeps_the_estimate(profile):
+    stream = samples(400)
+    estimator, untouched = fed(profile, stream[:200]), fed(profile, stream[:200])
+    before = estimator.snapshot
+    slower = merge_profile(profile, {"filter": {"rate_time_constant_s": 0.6}})
+    estimator.replace_profile(slower)
+    assert estimator.profile is slower
+    assert estimator.snapshot == before
+    differs = False
+    for sample in stream[200:]:
+        estimator.update(sample)
+        untouched.update(sample)
+        differs |= estimator.snapshot != untouched.snapshot
+    assert differs
+
+
+def test_replacing_by_the_same_profile_changes_nothing(profile):
+    stream = samples(300)
+    estimator, untouched = fed(profile, stream[:150]), fed(profile, stream[:150])
+    estimator.replace_profile(merge_profile(profile, {}))
+    for sample in stream[150:]:
+        estimator.update(sample)
+        untouched.update(sample)
+    assert estimator.snapshot == untouched.snapshot
+
+
+@pytest.mark.parametrize(("first", "second"), [("paper", "imu"), ("imu", "paper")])
+def test_profiles_of_the_other_kind_can_be_swapped_in(first, second):
+    """From raw to conditioned vectors and back: the output says what the profile in use knows."""
+    stream = samples(600, motion="rest")
+    estimator = fed(load_profile(first), stream[:300])
+    before = estimator.attitude(stream[299].time_us)
+    estimator.replace_profile(load_profile(second))
+    for sample in stream[300:]:
+        assert estimator.update(sample) is None
+    after = estimator.attitude(stream[-1].time_us)
+    assert after.heading_reference == ("true" if second == "paper" else "magnetic")
+    assert 0.0 < after.sigma_heading_rad <= pi
+    assert_attitude_close(after.q_ned_frd, after.q_ned_frd, 0.0)
+    assert before.time_us < after.time_us
+    if second == "paper":
+        assert (after.confidence_gravity, after.confidence_magnetic) == (1.0, 1.0)
+
+
+@given(st.lists(st.integers(-1_000_000, 5_000_000), min_size=1, max_size=5))
+@settings(max_examples=20)
+def test_output_propagation_never_enters_the_state(asked):
+    stream = samples(60)
+    for name in ("paper", "imu"):
+        quiet, asked_often = Estimator(load_profile(name)), Estimator(load_profile(name))
+        for sample in stream:
+            quiet.update(sample)
+            asked_often.update(sample)
+            for ahead_us in asked:
+                asked_often.attitude(sample.time_us + ahead_us)
+        assert quiet.snapshot == asked_often.snapshot
+
+
+def test_output_is_propagated_with_the_last_rate_up_to_the_horizon():
+    turning = LEVEL._replace(gyr_rad_s=(0.0, 0.0, 0.5))
+    estimator = fed(load_profile("imu"), [LEVEL, turning._replace(time_us=1_010_000)])
+    at = estimator.snapshot.time_us
+    now = estimator.attitude(at)
+    for ahead_s in (0.0, 0.01, 0.5, OUTPUT_HORIZON_S):
+        later = estimator.attitude(at + round(1e6 * ahead_s))
+        phi = tuple(ahead_s * x for x in now.rate_rad_s)
+        assert_attitude_close(later.q_ned_frd, multiply(now.q_ned_frd, exp(phi)), 1e-12)
+        assert later.time_us == at + round(1e6 * ahead_s)
+    far = estimator.attitude(at + 3_600_000_000)
+    assert_attitude_close(
+        far.q_ned_frd, estimator.attitude(at + round(1e6 * OUTPUT_HORIZON_S)).q_ned_frd, 1e-12
+    )
+    past = estimator.attitude(at - 1_000_000)  # never propagated backwards
+    assert past.q_ned_frd == now.q_ned_frd
+
+
+def test_published_rate_is_free_of_the_bias():
+    estimator = fed(load_profile("paper"), samples(500))
+    last = samples(500)[-1]
+    published = estimator.attitude(last.time_us)
+    assert np.abs(published.gyro_bias_rad_s).max() > 1e-3
+    expected = np.subtract(last.gyr_rad_s, published.gyro_bias_rad_s)
+    np.testing.assert_allclose(published.rate_rad_s, expected, atol=1e-15)
+
+
+def test_converges_on_the_papers_signals():
+    """At the paper's noise the error ends under 15 deg (e of 0.017), from 178 deg."""
+    signals = simulate(3, 500)
+    estimator = fed(load_profile("paper"), samples(500))
+    estimate = estimator.attitude(int(signals.time_us[-1])).q_ned_frd
+    assert_attitude_close(estimate, tuple(signals.q_ned_frd[-1].tolist()), radians(15.0))
+
+
+def test_without_a_magnetometer_the_heading_is_open():
+    stream = [sample._replace(mag_gauss=ZERO_VEC3, has_mag=False) for sample in samples(50)]
+    published = fed(load_profile("imu"), stream).attitude(stream[-1].time_us)
+    assert published.heading_reference == "none"
+    assert published.confidence_magnetic == 0.0
+
+
+def test_a_fixed_gain_is_published():
+    estimator = Estimator(load_profile("paper"), fixed_gain=7.0)
+    for sample in samples(20):
+        estimator.update(sample)
+        assert estimator.attitude(sample.time_us).gain == 7.0
+
+
+wide = st.tuples(*[st.one_of(floats(-1e300, 1e300), floats(-500.0, 500.0))] * 3)
+
+
+@given(st.lists(st.tuples(st.integers(0, 10**13), wide, wide, wide, st.booleans()), max_size=6))
+@settings(max_examples=150)
+def test_stays_finite_whatever_arrives(stream):
+    for name in ("paper", "imu"):
+        estimator = fed(load_profile(name), samples(5))
+        for time_us, gyr, acc, mag, has_mag in stream:
+            estimator.update(ImuSample(time_us, gyr, acc, mag, has_mag))
+            published = estimator.attitude(time_us)
+            assert_attitude_close(published.q_ned_frd, published.q_ned_frd, 0.0)
+            numbers = (
+                *published.gyro_bias_rad_s,
+                published.error,
+                published.error_rate_1_s,
+                published.gain,
+                published.sigma_inclination_rad,
+                published.sigma_heading_rad,
+            )
+            assert np.all(np.isfinite(numbers)), published
