@@ -1,0 +1,19 @@
+"""Event streams for the tests: a real simulated vehicle, as events."""
+
+from drivers.events import Event, Imu, VehicleId
+from drivers.sim_source import imu_sample
+from drivers.vehicle import SimulatedVehicle
+
+START_US = 1_700_000_000_000_000
+ONE = VehicleId(1, 1)
+
+
+def imu_events(count, *, vehicle=ONE, message="RAW_IMU", seed=0, start_us=START_US) -> list[Event]:
+    """``count`` samples of the paper's motion at 100 Hz, 2 ms under way."""
+    source = SimulatedVehicle(seed=seed)
+    events: list[Event] = []
+    for _ in range(count):
+        sample = imu_sample(next(source))
+        arrival_us = start_us + sample.time_us + 2_000
+        events.append(Imu(vehicle, arrival_us, sample.time_us, message, sample))
+    return events

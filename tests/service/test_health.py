@@ -1,0 +1,63 @@
+import pytest
+
+from service.health import (
+    TRANSITIONS,
+    Health,
+    Signal,
+    State,
+    after,
+    late_after_us,
+    lost_after_us,
+    on_sample,
+    on_time,
+)
+
+PERIOD_US = 10_000
+
+
+def test_a_vehicle_that_comes_goes_and_returns():
+    health = on_sample(Health(), 0, aligned=False)
+    assert health.state is State.ALIGNING
+    health = on_sample(health, PERIOD_US, aligned=True)
+    assert health.state is State.RUNNING
+    last = PERIOD_US
+    assert on_time(health, last + 499_999, PERIOD_US).state is State.RUNNING
+    health = on_time(health, last + 500_000, PERIOD_US)
+    assert health.state is State.DEGRADED
+    assert on_time(health, last + 4_999_999, PERIOD_US).state is State.DEGRADED
+    health = on_time(health, last + 5_000_000, PERIOD_US)
+    assert health.state is State.LOST
+    assert on_sample(health, last + 6_000_000, aligned=True).state is State.RUNNING
+
+
+@pytest.mark.parametrize(
+    ("period_us", "late_us", "lost_us"),
+    [(0, 5e5, 5e6), (10_000, 5e5, 5e6), (250_000, 7.5e5, 5e6), (1_000_000, 3e6, 10e6)],
+)
+def test_slow_streams_are_given_more_time(period_us, late_us, lost_us):
+    assert late_after_us(period_us) == late_us
+    assert lost_after_us(period_us) == lost_us
+
+
+def test_silence_before_the_first_sample_is_waiting():
+    assert on_time(Health(), 10**12, 0).state is State.WAITING
+
+
+def test_a_long_stall_goes_straight_to_lost():
+    health = on_sample(Health(), 0, aligned=True)
+    assert on_time(health, 6_000_000, PERIOD_US).state is State.LOST
+
+
+def test_a_clock_set_back_is_no_silence():
+    health = on_sample(Health(), 10**9, aligned=True)
+    assert on_time(health, 0, PERIOD_US).state is State.RUNNING
+
+
+def test_every_state_can_be_reached_and_left_but_for_waiting():
+    assert {new for new in TRANSITIONS.values()} == set(State) - {State.WAITING}
+    assert {old for old, _ in TRANSITIONS} == set(State)
+
+
+@pytest.mark.parametrize("state", State)
+def test_an_aligned_sample_always_means_running(state):
+    assert after(state, Signal.ALIGNED) is State.RUNNING

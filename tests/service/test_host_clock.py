@@ -1,0 +1,42 @@
+import random
+
+import pytest
+
+from service.host_clock import MAX_DRIFT, HostClock, observe, to_vehicle_us
+
+OFFSET_US = 1_700_000_000_000_000
+
+
+def observed(count, period_us, drift, latency_us, seed=1):
+    """A clock after a stream with random latency, and the true offset at its end."""
+    rng = random.Random(seed)
+    clock, true = HostClock(), 0.0
+    for number in range(count):
+        vehicle_us = number * period_us
+        true = OFFSET_US + drift * vehicle_us
+        arrival = vehicle_us + true + rng.expovariate(1 / latency_us)
+        clock = observe(clock, vehicle_us, round(arrival))
+    return clock, true
+
+
+@pytest.mark.parametrize("drift", [0.0, 44e-3 / 60, 136e-3 / 60, -136e-3 / 60])
+@pytest.mark.parametrize("period_us", [10_000, 250_000])
+def test_the_offset_is_found_through_latency_and_drift(drift, period_us):
+    clock, true = observed(2000, period_us, drift, latency_us=10_000)
+    # latency 10 ms: the best of the last few messages is much better than that
+    assert abs(clock.offset_us - true) < 10_000
+
+
+def test_a_burst_after_a_gap_does_not_move_the_clock():
+    clock, true = observed(1000, 10_000, 0.0, latency_us=500)
+    last = 999 * 10_000
+    for number in range(100):  # 1 s of messages that all arrive 2 s late
+        clock = observe(clock, last + number * 10_000, round(last + true) + 3_000_000)
+    assert clock.offset_us - true <= 1_000 + MAX_DRIFT * 3_000_000
+
+
+def test_round_trip_and_set_back_arrivals():
+    clock = observe(HostClock(), 1_000, OFFSET_US + 1_000)
+    assert to_vehicle_us(clock, OFFSET_US + 5_000) == 5_000
+    back = observe(clock, 2_000, OFFSET_US)  # the host's clock was set back by 2 ms
+    assert to_vehicle_us(back, OFFSET_US) == 2_000

@@ -1,0 +1,236 @@
+import dataclasses
+import json
+import math
+import random
+
+import msgspec
+import pytest
+
+from drivers.events import ClockReset, Heartbeat, Imu, Malformed, Notice, Rejected, VehicleId
+from estimator.errors import InputError
+from estimator.profile import load_profile
+from service.pipeline import MAX_VEHICLES, Load, Pipeline
+from service.records import AttitudeRecord, Message, Published, StatusRecord
+from tests.service.streams import ONE, START_US, imu_events
+
+PAPER = load_profile("paper")
+ATTITUDE_KEYS = [
+    "schema", "time_unix_us", "time_boot_us", "q_ned_frd", "euler_deg", "rate_rad_s",
+    "gyro_bias_rad_s", "error", "error_rate", "gain", "confidence", "sigma_deg",
+    "heading_reference", "state", "age_ms", "sequence",
+]  # fmt: skip
+STATUS_KEYS = [
+    "state", "imu_message", "imu_rate_hz", "worst_gap_s", "rejected", "overruns", "dropped",
+    "sequence",
+]  # fmt: skip
+
+
+def attitudes(outputs):
+    return [o.record for o in outputs if isinstance(o, Published)
+            and isinstance(o.record, AttitudeRecord)]  # fmt: skip
+
+
+def statuses(outputs):
+    return [o.record for o in outputs if isinstance(o, Published)
+            and isinstance(o.record, StatusRecord)]  # fmt: skip
+
+
+def fed(events, profile=PAPER):
+    pipeline = Pipeline(profile)
+    for event in events:
+        pipeline.handle(event)
+    return pipeline
+
+
+@pytest.mark.parametrize("profile", ["paper", "imu"])
+def test_the_tick_schedule_does_not_touch_the_states_at_the_samples(profile):
+    events = imu_events(400)
+    states = []
+    for ticks_per_sample in (0, 1, 0.1, 7.3):
+        pipeline = Pipeline(load_profile(profile))
+        rng = random.Random(5)
+        seen, due = [], 0.0
+        for event in events:
+            pipeline.handle(event)
+            seen.append(pipeline.vehicle(ONE).estimator.snapshot)
+            due += ticks_per_sample
+            while due >= 1.0:
+                pipeline.tick(event.arrival_us + rng.randrange(3_000_000))
+                due -= 1.0
+        states.append(seen)
+    assert all(other == states[0] for other in states[1:])
+
+
+def test_records_have_the_published_schema():
+    pipeline = fed(imu_events(100))
+    now = START_US + 1_000_000
+    outputs = pipeline.tick(now, Load(overruns=3, dropped=4))
+    (attitude,), (status,) = attitudes(outputs), statuses(outputs)
+    decoded = json.loads(msgspec.json.encode(attitude), parse_constant=pytest.fail)
+    assert list(decoded) == ATTITUDE_KEYS
+    assert list(decoded["confidence"]) == ["gravity", "magnetic"]
+    assert list(decoded["sigma_deg"]) == ["inclination", "heading"]
+    assert decoded["schema"] == 1
+    assert decoded["state"] == "running"
+    assert math.hypot(*decoded["q_ned_frd"]) == pytest.approx(1.0, abs=1e-12)
+    assert 0.0 <= decoded["euler_deg"][2] < 360.0
+    assert list(json.loads(msgspec.json.encode(status))) == STATUS_KEYS
+    assert (status.overruns, status.dropped) == (3, 4)
+    assert status.imu_message == "RAW_IMU"
+    assert status.imu_rate_hz == pytest.approx(100.0, rel=1e-3)
+
+
+def test_the_attitude_is_propagated_to_the_tick():
+    events = imu_events(100)
+    pipeline = fed(events)
+    last = events[-1]
+    (record,) = attitudes(pipeline.tick(last.arrival_us + 4_000))
+    assert record.time_unix_us == last.arrival_us + 4_000
+    assert record.time_boot_us == pytest.approx(last.boot_us + 4_000, abs=1)
+    assert record.age_ms == pytest.approx(4.0)
+    estimator = pipeline.vehicle(ONE).estimator
+    assert record.q_ned_frd == estimator.attitude(record.time_boot_us).q_ned_frd
+
+
+def test_boot_time_is_the_vehicles_own_even_after_its_continuous_clock_left_it():
+    events = [dataclasses.replace(e, boot_us=e.boot_us + 777) for e in imu_events(10)]
+    (record,) = attitudes(fed(events).tick(events[-1].arrival_us))
+    assert record.time_boot_us == pytest.approx(events[-1].boot_us, abs=1)
+
+
+def test_silence_degrades_then_loses_and_a_reboot_runs_again():
+    events = imu_events(200)
+    pipeline = fed(events)
+    last_us = events[-1].arrival_us
+    seen = {}
+    for after_ms in range(10, 7000, 10):
+        outputs = pipeline.tick(last_us + after_ms * 1000)
+        seen[after_ms] = [a.state for a in attitudes(outputs)]
+    assert seen[490] == ["running"]
+    assert seen[510] == ["degraded"]
+    assert seen[4990] == ["degraded"]
+    assert seen[5010] == []
+    back_us = last_us + 8_000_000
+    first = imu_events(3, seed=9, start_us=back_us)
+    shift = events[-1].sample.time_us + 100_000
+    outputs = pipeline.handle(ClockReset(ONE, back_us, "reboot", -2.0))
+    assert isinstance(outputs[0], Message)
+    for event in first:
+        moved = event.sample._replace(time_us=event.sample.time_us + shift)
+        pipeline.handle(dataclasses.replace(event, sample=moved))
+    (record,) = attitudes(pipeline.tick(first[-1].arrival_us))
+    assert record.state == "running"
+    assert record.time_boot_us == pytest.approx(first[-1].boot_us, abs=1)
+
+
+def test_sequences_have_no_gaps_and_statuses_come_each_second():
+    events = imu_events(500)
+    pipeline = Pipeline(PAPER)
+    sequence, status_sequence = [], []
+    for event in events:
+        pipeline.handle(event)
+        outputs = pipeline.tick(event.arrival_us + 1_000)
+        sequence += [a.sequence for a in attitudes(outputs)]
+        status_sequence += [s.sequence for s in statuses(outputs)]
+    assert sequence == list(range(500))
+    assert status_sequence == list(range(5))
+
+
+def test_refused_samples_are_counted_by_reason():
+    events = imu_events(10)
+    broken = events[-1].sample._replace(gyr_rad_s=(math.nan, 0.0, 0.0))
+    pipeline = fed([*events, dataclasses.replace(events[-1], sample=broken), events[3]])
+    pipeline.handle(Rejected(ONE, START_US, "stuck"))
+    (status,) = statuses(pipeline.tick(START_US + 200_000))
+    assert status.rejected == {"not_finite": 1, "not_later": 1, "stuck": 1}
+
+
+def test_reasons_cannot_fill_memory():
+    pipeline = fed(imu_events(2))
+    for number in range(500):
+        pipeline.handle(Rejected(ONE, START_US, f"reason_{number}"))
+    rejected = pipeline.vehicle(ONE).rejected
+    assert len(rejected) < 100
+    assert sum(rejected.values()) == 500
+
+
+def test_vehicles_are_told_apart_and_ground_stations_are_none():
+    two = VehicleId(2, 1)
+    gimbal = VehicleId(1, 154)
+    pipeline = Pipeline(PAPER)
+    pipeline.handle(Heartbeat(VehicleId(255, 190), START_US, 8, 6))
+    for a, b in zip(imu_events(50), imu_events(50, vehicle=two, seed=3), strict=True):
+        pipeline.handle(a)
+        pipeline.handle(b)
+    for event in imu_events(50, vehicle=gimbal, seed=4):
+        pipeline.handle(event)
+    outputs = pipeline.tick(START_US + 500_000)
+    assert {o.vehicle for o in outputs if isinstance(o, Published)} == {ONE, two, gimbal}
+    assert [v.name for v in pipeline.vehicles] == ["1", "2", "1-154"]
+    alone = fed(imu_events(50, vehicle=two, seed=3))
+    assert alone.vehicle(two).estimator.snapshot == pipeline.vehicle(two).estimator.snapshot
+
+
+def test_a_second_imu_of_the_vehicle_does_not_reach_its_estimator():
+    first = imu_events(100)
+    second = imu_events(100, message="SCALED_IMU2", seed=7)
+    mixed = fed([event for pair in zip(first, second, strict=True) for event in pair])
+    assert mixed.vehicle(ONE).estimator.snapshot == fed(first).vehicle(ONE).estimator.snapshot
+
+
+def test_a_vehicle_that_only_says_it_is_there_is_waiting():
+    pipeline = Pipeline(PAPER)
+    pipeline.handle(Heartbeat(ONE, START_US, 3, 2))
+    outputs = pipeline.tick(START_US)
+    assert attitudes(outputs) == []
+    assert statuses(outputs)[0].state == "waiting"
+
+
+def test_one_system_id_only():
+    pipeline = Pipeline(PAPER, system_id=2)
+    pipeline.handle(imu_events(1)[0])
+    assert pipeline.vehicles == ()
+    assert pipeline.handle(Notice(ONE, START_US, "not wanted")) == []
+    assert pipeline.handle(Notice(None, START_US, "for all")) == [Message("for all")]
+
+
+def test_the_number_of_vehicles_is_bounded():
+    event = imu_events(1)[0]
+    pipeline = Pipeline(PAPER)
+    for number in range(MAX_VEHICLES + 5):
+        pipeline.handle(
+            dataclasses.replace(event, vehicle=VehicleId(1 + number // 250, number % 250))
+        )
+    assert len(pipeline.vehicles) == MAX_VEHICLES
+    assert pipeline.refused_vehicles == 5
+    pipeline.handle(Malformed(START_US, 3))
+    assert pipeline.malformed == 3
+
+
+def test_a_profile_is_replaced_without_losing_the_estimate():
+    pipeline = fed(imu_events(100))
+    before = pipeline.vehicle(ONE).estimator.snapshot
+    profile = pipeline.replace_profile(ONE, {"filter": {"gamma": 0.25}})
+    assert profile.filter.gamma == 0.25
+    assert pipeline.vehicle(ONE).estimator.snapshot == before
+    assert pipeline.vehicle(ONE).profile == profile
+    with pytest.raises(InputError, match="gama"):
+        pipeline.replace_profile(ONE, {"filter": {"gama": 0.25}})
+    with pytest.raises(InputError, match="no vehicle"):
+        pipeline.replace_profile(VehicleId(9, 1), {})
+    assert pipeline.vehicle(ONE).profile == profile
+
+
+def test_an_estimate_that_is_not_finite_is_not_published():
+    pipeline = fed(imu_events(10))
+    estimator = pipeline.vehicle(ONE).estimator
+    state = estimator.snapshot.filter
+    estimator.snapshot = estimator.snapshot._replace(
+        filter=state._replace(gyr_bias_rad_s=(math.nan, 0.0, 0.0))
+    )
+    assert attitudes(pipeline.tick(START_US + 100_000)) == []
+    assert pipeline.vehicle(ONE).rejected == {"estimate_not_finite": 1}
+    for event in imu_events(5, start_us=START_US + 100_000):
+        assert isinstance(event, Imu)
+        pipeline.handle(event)
+    assert len(attitudes(pipeline.tick(START_US + 160_000))) == 1
