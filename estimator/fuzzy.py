@@ -107,6 +107,14 @@ def centroid(strengths: Strengths, sets: tuple[Triangle, ...]) -> float:
     total = strengths[0] + strengths[1] + strengths[2] + strengths[3] + strengths[4]
     if total <= 0.0:
         return 0.0
+    strong = 0
+    last = 0
+    for i in range(5):
+        if strengths[i] > 0.0:
+            strong += 1
+            last = i
+    if strong == 1:  # the usual case near the truth
+        return single_centroid(strengths[last], sets[last])
     area, moment = area_and_moment(strengths, sets)
     if area < FAINT_AREA:
         area, moment = area_and_moment(lifted(strengths), sets)
@@ -116,6 +124,22 @@ def centroid(strengths: Strengths, sets: tuple[Triangle, ...]) -> float:
     for i in range(5):
         weighted += strengths[i] * sets[i][1]
     return weighted / total
+
+
+@compiled
+def single_centroid(h: float, corners: Triangle) -> float:
+    """Centroid of min(h, triangle), h > 0, from its lower and its upper edge; b for a point."""
+    a, b, c = corners
+    left1 = a + h * (b - a)
+    right1 = c - h * (c - b)
+    width0 = c - a
+    width1 = right1 - left1
+    if width0 <= 0.0:
+        return b
+    sum0 = a + c
+    sum1 = left1 + right1
+    moment = width0 * (2.0 * sum0 + sum1) + width1 * (sum0 + 2.0 * sum1)
+    return moment / (6.0 * (width0 + width1))
 
 
 @compiled

@@ -5,7 +5,8 @@ columns. The search runs on this form; results are scored with the plain one,
 and a test holds the two equal to 1e-9.
 """
 
-from math import expm1
+from math import expm1, factorial
+from typing import NamedTuple
 
 import numba
 import numpy as np
@@ -15,7 +16,7 @@ from estimator.compiled import compiled, compiled_parallel
 from estimator.filter_types import PLAIN_STEP_LIMIT
 from estimator.fuzzy import fuzzy_gain
 from estimator.memberships import Memberships
-from estimator.metrics import STEADY, TRANSIENT, TRANSIENT_WEIGHT
+from estimator.metrics import COST_RATE_HZ, STEADY, TRANSIENT, TRANSIENT_WEIGHT
 from estimator.quaternion import multiply, scale
 from estimator.types import Quaternion, Vec3
 from tuning.paper_signals import FASTEST, INNOVATION, TRACE, TRUTH, TURN
@@ -30,6 +31,10 @@ STEADY_START = STEADY.start
 # cos and sin(x)/x leave less than 1e-16; below the second, eight.
 FEW_TERMS = 1e-3
 MANY_TERMS = 0.5
+
+# (-1)^n / (2n)! and (-1)^n / (2 (2n + 1)!): cos(h) and sin(h)/(2 h) in powers of h^2
+C1, C2, C3, C4, C5, C6, C7, C8 = ((-1.0) ** n / factorial(2 * n) for n in range(1, 9))
+S1, S2, S3, S4, S5, S6, S7, S8 = (0.5 * (-1.0) ** n / factorial(2 * n + 1) for n in range(1, 9))
 
 
 @compiled
@@ -47,16 +52,13 @@ def exponential(phi: Vec3) -> Quaternion:
 def series(phi: Vec3, x: float) -> Quaternion:
     """(cos h, sin(h)/(2 h) phi) with x = h^2, by as many terms as x asks for."""
     if x < FEW_TERMS:
-        w = 1.0 - x / 2.0 * (1.0 - x / 12.0 * (1.0 - x / 30.0 * (1.0 - x / 56.0)))
-        s = 1.0 - x / 6.0 * (1.0 - x / 20.0 * (1.0 - x / 42.0 * (1.0 - x / 72.0)))
+        w = 1.0 + x * (C1 + x * (C2 + x * (C3 + x * C4)))
+        s = 0.5 + x * (S1 + x * (S2 + x * (S3 + x * S4)))
     else:
-        w = 1.0 - x / 182.0 * (1.0 - x / 240.0)
-        w = 1.0 - x / 56.0 * (1.0 - x / 90.0 * (1.0 - x / 132.0 * w))
-        w = 1.0 - x / 2.0 * (1.0 - x / 12.0 * (1.0 - x / 30.0 * w))
-        s = 1.0 - x / 210.0 * (1.0 - x / 272.0)
-        s = 1.0 - x / 72.0 * (1.0 - x / 110.0 * (1.0 - x / 156.0 * s))
-        s = 1.0 - x / 6.0 * (1.0 - x / 20.0 * (1.0 - x / 42.0 * s))
-    s *= 0.5
+        w = C4 + x * (C5 + x * (C6 + x * (C7 + x * C8)))
+        w = 1.0 + x * (C1 + x * (C2 + x * (C3 + x * w)))
+        s = S4 + x * (S5 + x * (S6 + x * (S7 + x * S8)))
+        s = 0.5 + x * (S1 + x * (S2 + x * (S3 + x * s)))
     return (w, s * phi[0], s * phi[1], s * phi[2])
 
 
@@ -67,84 +69,107 @@ def nearly_normalized(q: Quaternion) -> Quaternion:
     return (f * q[0], f * q[1], f * q[2], f * q[3])
 
 
-@compiled
-def run_cost(
-    gamma: float, tau_s: float, bound: float, k: Memberships, start: Array, steps: Array
-) -> float:
-    """J of one candidate on one noise seed: start (4,), steps (1401, 26).
+class Candidate(NamedTuple):
+    """What a run needs of a candidate; ``smoothing`` is dt/(tau + dt)."""
 
-    gamma and tau as in ``FilterParams``; ``bound`` of the bias, rad/s.
+    k: Memberships
+    gamma: float
+    smoothing: float
+    bias_bound_rad_s: float
+
+
+class Run(NamedTuple):
+    """The state of one run, and J as far as it goes."""
+
+    q_ned_frd: Quaternion
+    gyr_bias_rad_s: Vec3
+    error: float
+    error_rate_1_s: float
+    cost: float
+
+
+@compiled
+def advance(candidate: Candidate, run: Run, steps: Array, i: int) -> Run:
+    """Step i: propagate, take the true error, correct."""
+    row = steps[i]
+    q = run.q_ned_frd
+    bias = run.gyr_bias_rad_s
+    if i > 0:
+        turn = (
+            row[TURN] - DT_S * bias[0],
+            row[TURN + 1] - DT_S * bias[1],
+            row[TURN + 2] - DT_S * bias[2],
+        )
+        q = nearly_normalized(multiply(q, exponential(turn)))
+    w, x, y, z = q
+    cost = run.cost
+    if i < TRANSIENT_STOP or i >= STEADY_START:
+        # e = 1 - (q . q_true)^2
+        c = w * row[TRUTH] + x * row[TRUTH + 1] + y * row[TRUTH + 2] + z * row[TRUTH + 3]
+        weight = TRANSIENT_WEIGHT if i < TRANSIENT_STOP else 1.0
+        cost += weight * (1.0 - c * c)
+    r00 = 1.0 - 2.0 * (y * y + z * z)
+    r01 = 2.0 * (x * y - w * z)
+    r02 = 2.0 * (x * z + w * y)
+    r10 = 2.0 * (x * y + w * z)
+    r11 = 1.0 - 2.0 * (x * x + z * z)
+    r12 = 2.0 * (y * z - w * x)
+    r20 = 2.0 * (x * z - w * y)
+    r21 = 2.0 * (y * z + w * x)
+    r22 = 1.0 - 2.0 * (x * x + y * y)
+    # antisymmetric part of R^T A
+    a = INNOVATION
+    w0 = (r01 * row[a + 2] + r11 * row[a + 5] + r21 * row[a + 8]) - (
+        r02 * row[a + 1] + r12 * row[a + 4] + r22 * row[a + 7]
+    )
+    w1 = (r02 * row[a] + r12 * row[a + 3] + r22 * row[a + 6]) - (
+        r00 * row[a + 2] + r10 * row[a + 5] + r20 * row[a + 8]
+    )
+    w2 = (r00 * row[a + 1] + r10 * row[a + 4] + r20 * row[a + 7]) - (
+        r01 * row[a] + r11 * row[a + 3] + r21 * row[a + 6]
+    )
+    b = TRACE
+    trace = (
+        (r00 * row[b] + r01 * row[b + 1] + r02 * row[b + 2])
+        + (r10 * row[b + 3] + r11 * row[b + 4] + r12 * row[b + 5])
+        + (r20 * row[b + 6] + r21 * row[b + 7] + r22 * row[b + 8])
+    )
+    e = min(1.0, max(0.0, 0.25 * (3.0 - trace)))
+    d = run.error_rate_1_s
+    if i > 0:
+        d += candidate.smoothing * ((e - run.error) * COST_RATE_HZ - d)
+
+    K = 1.0 + fuzzy_gain(candidate.k, e, d)
+    g = K * DT_S
+    if g * row[FASTEST] > PLAIN_STEP_LIMIT:
+        g = -expm1(-g * row[FASTEST]) / row[FASTEST]
+    q = multiply(q, exponential((-0.5 * g * w0, -0.5 * g * w1, -0.5 * g * w2)))
+    f = 0.25 * candidate.gamma * g / K
+    bound = candidate.bias_bound_rad_s
+    bias = (
+        min(bound, max(-bound, bias[0] + f * w0)),
+        min(bound, max(-bound, bias[1] + f * w1)),
+        min(bound, max(-bound, bias[2] + f * w2)),
+    )
+    return Run(q, bias, e, d, cost)
+
+
+@compiled
+def two_costs(
+    one: Candidate, two: Candidate, start: Array, steps_one: Array, steps_two: Array
+) -> tuple[float, float]:
+    """J of two runs, side by side: start (4,), steps (1401, 26) of each.
+
+    A run is one long chain of operations that wait for each other; two chains
+    keep the processor twice as busy.
     """
     q = (start[0], start[1], start[2], start[3])
-    bias = (0.0, 0.0, 0.0)
-    error = 0.0
-    d = 0.0
-    smoothing = DT_S / (tau_s + DT_S)
-    transient = 0.0
-    steady = 0.0
-    n = len(steps)
-    for i in range(n):
-        row = steps[i]
-        if i > 0:
-            turn = (
-                row[TURN] - DT_S * bias[0],
-                row[TURN + 1] - DT_S * bias[1],
-                row[TURN + 2] - DT_S * bias[2],
-            )
-            q = nearly_normalized(multiply(q, exponential(turn)))
-
-        w, x, y, z = q
-        if i < TRANSIENT_STOP or i >= STEADY_START:
-            # e = 1 - (q . q_true)^2
-            c = w * row[TRUTH] + x * row[TRUTH + 1] + y * row[TRUTH + 2] + z * row[TRUTH + 3]
-            if i < TRANSIENT_STOP:
-                transient += 1.0 - c * c
-            else:
-                steady += 1.0 - c * c
-
-        r00 = 1.0 - 2.0 * (y * y + z * z)
-        r01 = 2.0 * (x * y - w * z)
-        r02 = 2.0 * (x * z + w * y)
-        r10 = 2.0 * (x * y + w * z)
-        r11 = 1.0 - 2.0 * (x * x + z * z)
-        r12 = 2.0 * (y * z - w * x)
-        r20 = 2.0 * (x * z - w * y)
-        r21 = 2.0 * (y * z + w * x)
-        r22 = 1.0 - 2.0 * (x * x + y * y)
-        # antisymmetric part of R^T A
-        a = INNOVATION
-        w0 = (r01 * row[a + 2] + r11 * row[a + 5] + r21 * row[a + 8]) - (
-            r02 * row[a + 1] + r12 * row[a + 4] + r22 * row[a + 7]
-        )
-        w1 = (r02 * row[a] + r12 * row[a + 3] + r22 * row[a + 6]) - (
-            r00 * row[a + 2] + r10 * row[a + 5] + r20 * row[a + 8]
-        )
-        w2 = (r00 * row[a + 1] + r10 * row[a + 4] + r20 * row[a + 7]) - (
-            r01 * row[a] + r11 * row[a + 3] + r21 * row[a + 6]
-        )
-        b = TRACE
-        trace = (
-            (r00 * row[b] + r01 * row[b + 1] + r02 * row[b + 2])
-            + (r10 * row[b + 3] + r11 * row[b + 4] + r12 * row[b + 5])
-            + (r20 * row[b + 6] + r21 * row[b + 7] + r22 * row[b + 8])
-        )
-        e = min(1.0, max(0.0, 0.25 * (3.0 - trace)))
-        if i > 0:
-            d += smoothing * ((e - error) / DT_S - d)
-        error = e
-
-        K = 1.0 + fuzzy_gain(k, e, d)
-        g = K * DT_S
-        if g * row[FASTEST] > PLAIN_STEP_LIMIT:
-            g = -expm1(-g * row[FASTEST]) / row[FASTEST]
-        q = multiply(q, exponential((-0.5 * g * w0, -0.5 * g * w1, -0.5 * g * w2)))
-        f = 0.25 * gamma * g / K
-        bias = (
-            min(bound, max(-bound, bias[0] + f * w0)),
-            min(bound, max(-bound, bias[1] + f * w1)),
-            min(bound, max(-bound, bias[2] + f * w2)),
-        )
-    return TRANSIENT_WEIGHT * transient + steady
+    a = Run(q, (0.0, 0.0, 0.0), 0.0, 0.0, 0.0)
+    b = a
+    for i in range(len(steps_one)):
+        a = advance(one, a, steps_one, i)
+        b = advance(two, b, steps_two, i)
+    return a.cost, b.cost
 
 
 @compiled
@@ -157,28 +182,39 @@ def unpacked(k: Array) -> Memberships:
 
 
 @compiled
-def candidate_cost(bound: float, candidate: Array, start: Array, steps: Array) -> float:
-    """J of a candidate's row: k1..k22, gamma, tau."""
-    return run_cost(candidate[22], candidate[23], bound, unpacked(candidate), start, steps)
+def candidate_of(row: Array, bound: float) -> Candidate:
+    """A candidate from its row: k1..k22, gamma, tau."""
+    return Candidate(unpacked(row), row[22], DT_S / (row[23] + DT_S), bound)
+
+
+@compiled
+def pair_costs(
+    bound: float, candidates: Array, start: Array, steps: Array, pair: int, costs: Array
+) -> None:
+    """Runs number 2 pair and 2 pair + 1 of C S runs, into ``costs`` (C, S); a lone last one twice."""
+    seeds = len(steps)
+    a = 2 * pair
+    b = min(a + 1, len(candidates) * seeds - 1)
+    one = candidate_of(candidates[a // seeds], bound)
+    two = candidate_of(candidates[b // seeds], bound)
+    both = two_costs(one, two, start, steps[a % seeds], steps[b % seeds])
+    costs[a // seeds, a % seeds] = both[0]
+    costs[b // seeds, b % seeds] = both[1]
 
 
 @compiled
 def serial_costs(bound: float, candidates: Array, start: Array, steps: Array) -> Array:
     """J (C, S) of candidates (C, 24): k1..k22, gamma, tau; on start (4,), steps (S, 1401, 26)."""
     costs = np.empty((len(candidates), len(steps)))
-    for c in range(len(candidates)):
-        for s in range(len(steps)):
-            costs[c, s] = candidate_cost(bound, candidates[c], start, steps[s])
+    for pair in range((costs.size + 1) // 2):
+        pair_costs(bound, candidates, start, steps, pair, costs)
     return costs
 
 
 @compiled_parallel
 def parallel_costs(bound: float, candidates: Array, start: Array, steps: Array) -> Array:
     """:func:`serial_costs` with all runs of all candidates spread over threads."""
-    seeds = len(steps)
-    costs = np.empty((len(candidates), seeds))
-    for run in numba.prange(len(candidates) * seeds):
-        c = run // seeds
-        s = run % seeds
-        costs[c, s] = candidate_cost(bound, candidates[c], start, steps[s])
+    costs = np.empty((len(candidates), len(steps)))
+    for pair in numba.prange((costs.size + 1) // 2):
+        pair_costs(bound, candidates, start, steps, pair, costs)
     return costs
