@@ -13,7 +13,7 @@ from typing import Annotated
 import typer
 
 from estimator.errors import InputError
-from fuzzbee import profile, replay, run, sim, watch
+from fuzzbee import profile, replay, run, sim, tune, watch
 from fuzzbee.version import __version__
 
 OK, FAILED, BAD_INPUT, INTERRUPTED = 0, 1, 2, 130
@@ -43,7 +43,7 @@ def build_app(*, decorated: bool) -> typer.Typer:
         context_settings={"help_option_names": ["--help", "-h"]},
     )
     app.callback()(_main_options)
-    for verb in (run, sim, watch, replay):
+    for verb in (run, sim, watch, replay, tune):
         function = getattr(verb, verb.__name__.rpartition(".")[2])
         app.command(epilog=getattr(verb, "EPILOG", None))(function)
     app.add_typer(profile.profile_app, name="profile")

@@ -152,6 +152,7 @@ def serve(options: RunOptions, *, verbose: bool) -> None:
     from service.parameters import ParameterRequests
     from service.pipeline import Pipeline
     from service.runner import stop_on_signals
+    from service.warm_up import warm_up
 
     endpoint = parse_endpoint(options.source)
     profile = load_profile(options.profile)
@@ -176,19 +177,6 @@ def serve(options: RunOptions, *, verbose: bool) -> None:
     if outbox.stuck:
         print(f"fuzzbee: not closed in time: {', '.join(outbox.stuck)}", file=sys.stderr)
     _report(summary(options, pipeline, runner, seconds, outbox.dropped), as_json=options.as_json)
-
-
-def warm_up(profile: "Profile", gain: float | None) -> None:
-    """Compile the kernels now: the first sample must not wait for it."""
-    from estimator.estimator import Estimator
-    from estimator.types import ImuSample
-
-    estimator = Estimator(profile, gain)
-    for number in range(3):
-        estimator.update(
-            ImuSample(number * 10_000, (0.0, 0.0, 0.0), (0.0, 0.0, -9.8), (0.2, 0.0, 0.4), True)
-        )
-    estimator.attitude(30_000)
 
 
 def _open_source(

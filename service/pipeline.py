@@ -85,10 +85,10 @@ class Pipeline:
             case Position(vehicle=address):
                 if address in self._vehicles:
                     self._vehicles[address].on_position(event)
-            case Rejected(vehicle=address, reason=reason):
+            case Rejected(vehicle=address):
                 vehicle = self._meet(address)
                 if vehicle is not None:
-                    vehicle.reject(reason)
+                    vehicle.on_rejected(event)
             case Heartbeat(vehicle=address, autopilot=autopilot, vehicle_type=kind):
                 if autopilot != AUTOPILOT_INVALID and kind != TYPE_GCS:
                     self._meet(address)

@@ -3,7 +3,7 @@
 from collections import Counter, deque
 from statistics import median
 
-from drivers.events import ClockReset, Imu, Position, VehicleId
+from drivers.events import ClockReset, Imu, Position, Rejected, VehicleId
 from estimator.estimator import Estimator
 from estimator.profile import Profile
 from estimator.types import ImuSample
@@ -89,6 +89,11 @@ class Vehicle:
         return [
             f"vehicle {self.name}: clock {event.reason} by {event.step_s:+.1f} s, aligning anew"
         ]
+
+    def on_rejected(self, event: Rejected) -> None:
+        """Count a refused sample, unless it is of another IMU than the one in use."""
+        if not event.message or self.imu_message in (None, event.message):
+            self.reject(event.reason)
 
     def on_position(self, event: Position) -> None:
         """Tell the estimator where it is, for the declination."""

@@ -1,0 +1,74 @@
+import subprocess
+import sys
+
+import pytest
+
+from fuzzbee.cli import main
+from fuzzbee.version import __version__
+
+
+def test_version_and_help(capsys):
+    assert main(["--version"]) == 0
+    assert capsys.readouterr().out == f"fuzzbee {__version__}\n"
+    for arguments in (["--help"], []):
+        assert main(arguments) == 0
+        out = capsys.readouterr().out
+        for verb in ("run", "sim", "watch", "replay", "profile"):
+            assert f"\n  {verb} " in out
+        assert "╭" not in out  # boxes are for terminals
+
+
+@pytest.mark.parametrize("verb", ["run", "sim", "watch", "replay"])
+def test_each_verb_has_help_with_examples(verb, capsys):
+    assert main([verb, "--help"]) == 0
+    out = capsys.readouterr().out
+    assert "Examples:" in out
+    assert f"fuzzbee {verb}" in out
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (["nosuch"], "nosuch"),
+        (["run", "--bogus"], "--bogus"),
+        (["run", "--rate", "0"], "--rate 0"),
+        (["run", "--rate", "-5"], "--rate -5"),
+        (["run", "--rate", "nan"], "--rate nan"),
+        (["run", "--rate", "inf"], "--rate inf"),
+        (["run", "--rate", "x"], "--rate"),
+        (["run", "--seconds", "0"], "--seconds 0"),
+        (["run", "--gain", "nan"], "--gain nan"),
+        (["run", "--speed", "0"], "--speed 0"),
+        (["run", "--speed", "2"], "--speed"),
+        (["run", "--request-rate", "0"], "--request-rate 0"),
+        (["run", "--system-id", "256"], "256"),
+        (["run", "--profile", "nosuch"], "nosuch"),
+        (["run", "--no-zenoh", "/no/such/flight.tlog"], "flight.tlog"),
+        (["run", "--no-zenoh", "/dev/ttyNOSUCH:57600"], "ttyNOSUCH"),
+        (["run", "--no-zenoh", "udpin:127.0.0.1:0"], "port"),
+        (["run", "--no-zenoh", "--record", "x.tlog"], "--record"),
+        (["run", "-m", "router"], "router"),
+        (["watch", "--prefix", "a/*"], "wildcards"),
+        (["watch", "-n", "0"], "--count 0"),
+        (["watch", "-n", "x"], "-n"),
+    ],
+)
+def test_bad_input_is_one_line_and_status_2(arguments, words, capfd):
+    assert main(arguments) == 2
+    out, err = capfd.readouterr()
+    assert out == ""
+    assert err.count("\n") == 1
+    assert words in err
+    assert "Traceback" not in err
+
+
+def test_help_does_not_import_what_is_slow():
+    heavy = ["numba", "scipy", "skfuzzy", "zenoh", "pymavlink", "matplotlib", "networkx"]
+    code = (
+        "import sys; from fuzzbee.cli import main; main(['--help']);"
+        f"sys.exit(' '.join(m for m in {heavy} if m in sys.modules) or 0)"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, check=False, timeout=60
+    )
+    assert done.returncode == 0, done.stderr

@@ -1,0 +1,115 @@
+import json
+import signal
+import socket
+import subprocess
+import sys
+import time
+
+import pytest
+
+from fuzzbee.cli import main
+from tests.fuzzbee.processes import default_session, free_port, started
+
+
+def test_json_is_one_object_about_the_run(capfd):
+    assert main(["run", "--no-zenoh", "--seconds", "1", "--rate", "50", "--json"]) == 0
+    out, err = capfd.readouterr()
+    result = json.loads(out)
+    assert result["source"] == "sim:"
+    assert result["profile"] == "paper"
+    vehicle = result["vehicles"]["1"]
+    assert vehicle["state"] == "running"
+    assert vehicle["imu_message"] == "RAW_IMU"
+    assert vehicle["imu_rate_hz"] == pytest.approx(100.0, rel=0.01)
+    assert 45 <= vehicle["attitudes"] <= 51
+    assert "running" in err
+
+
+def test_a_fixed_gain_is_what_is_published(capfd):
+    port = free_port()
+    with started("run", "--gain", "7", *default_session(port)) as service:
+        assert main(["watch", "--json", "-n", "5", "--seconds", "60", *default_session(port)]) == 0
+        service.send_signal(signal.SIGTERM)
+        assert service.wait(10) == 0
+    records = [json.loads(line) for line in capfd.readouterr().out.splitlines()]
+    assert [record["gain"] for record in records] == [7.0] * 5
+
+
+def test_a_taken_port_is_status_2(capfd):
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as taken:
+        taken.bind(("127.0.0.1", 0))
+        port = taken.getsockname()[1]
+        assert main(["run", "--no-zenoh", f"udpin:127.0.0.1:{port}"]) == 2
+    assert str(port) in capfd.readouterr().err
+    with socket.socket() as taken:
+        taken.bind(("127.0.0.1", 0))
+        taken.listen()
+        port = taken.getsockname()[1]
+        assert main(["run", "-l", f"tcp/127.0.0.1:{port}"]) == 2
+    assert str(port) in capfd.readouterr().err
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_signals_end_it_quietly_with_everything_closed(number, tmp_path):
+    port, record = free_port(socket.SOCK_DGRAM), tmp_path / "flight.tlog"
+    with (
+        started("sim", "--to", f"udpout:127.0.0.1:{port}"),
+        started(
+            "run", f"udpin:127.0.0.1:{port}", "--profile", "paper", "--json",
+            "--record", str(record), *default_session(free_port()),
+        ) as service,
+    ):  # fmt: skip
+        for line in service.stderr:
+            if "vehicle 1: running" in line:
+                break
+        time.sleep(1.0)
+        service.send_signal(number)
+        out, err = service.communicate(timeout=10)
+    assert service.returncode == 0
+    assert "Traceback" not in err
+    assert "FATAL" not in err
+    result = json.loads(out)
+    assert result["vehicles"]["1"]["attitudes"] > 0
+    assert main(["run", "--no-zenoh", str(record), "--profile", "paper", "--speed", "5"]) == 0
+
+
+def test_a_vehicle_that_is_killed_and_started_again():
+    """Degraded, lost, and running again without restarting the service."""
+    port = free_port(socket.SOCK_DGRAM)
+    vehicle = ["sim", "--to", f"udpout:127.0.0.1:{port}"]
+    told = []
+
+    def wait_for(service, words):
+        for line in service.stderr:
+            told.append(line)
+            if words in line:
+                return
+        pytest.fail(f"{words!r} was never told, but: {told}")
+
+    with started(
+        "run", f"udpin:127.0.0.1:{port}", "--profile", "paper", "--no-zenoh", "--json"
+    ) as service:
+        with started(*vehicle):
+            wait_for(service, "vehicle 1: running")
+        wait_for(service, "vehicle 1: degraded")
+        wait_for(service, "vehicle 1: lost")
+        with started(*vehicle):
+            wait_for(service, "vehicle 1: running")
+            service.send_signal(signal.SIGINT)
+            out, _ = service.communicate(timeout=10)
+    assert service.returncode == 0
+    assert json.loads(out)["vehicles"]["1"]["state"] == "running"
+    assert any("reboot" in line for line in told)
+
+
+def test_it_runs_as_a_module_and_stops_after_its_seconds():
+    done = subprocess.run(
+        [sys.executable, "-m", "fuzzbee", "run", "--no-zenoh", "--seconds", "1.5"],
+        capture_output=True,
+        text=True,
+        timeout=60,
+        check=False,
+    )
+    assert done.returncode == 0
+    assert "heading" in done.stdout
+    assert "\x1b" not in done.stdout

@@ -1,0 +1,100 @@
+import io
+
+import pytest
+from rich.console import Console
+
+from drivers.events import VehicleId
+from fuzzbee.terminal import Board, Row, TerminalView, lines, summary, table
+from service.records import AttitudeRecord, Confidence, Message, Published, Sigma, StatusRecord
+
+STATUS = StatusRecord("running", "RAW_IMU", 100.0, 0.01, {}, 0, 0, 0)
+
+
+def attitude(state="running", yaw=359.97, reference="true", gain=42.0):
+    return AttitudeRecord(
+        1, 0, 0, (1.0, 0.0, 0.0, 0.0), (-12.34, 5.0, yaw), (0.0,) * 3, (0.0,) * 3, 0.0123, 0.0,
+        gain, Confidence(1.0, 1.0), Sigma(1.0, 2.0), reference, state, 4.0, 0,
+    )  # fmt: skip
+
+
+def row(name="1", state="running", heard_s=10.0, **kwargs):
+    return Row(name, attitude(state, **kwargs), STATUS, heard_s, heard_s)
+
+
+def drawn(rows, width, height, now_s=10.0):
+    console = Console(file=io.StringIO(), width=width, height=height, force_terminal=False)
+    console.print(table(rows, now_s, width, height, "title"))
+    return console.file.getvalue()
+
+
+@pytest.mark.parametrize("width", [80, 100, 200])
+def test_a_vehicle_fits_a_line_and_nothing_is_cut(width):
+    text = drawn([row("255-190", "degraded", gain=101.0)], width, 24)
+    assert "…" not in text
+    for part in ("255-190", "degraded", "-12.3°", "+5.0°", "000.0° ↑", "0.0123", "101.0", "4 ms"):
+        assert part in text
+    assert all(len(line.rstrip()) <= width for line in text.splitlines())
+
+
+@pytest.mark.parametrize("height", [6, 24, 60])
+def test_fifty_vehicles_fit_the_screen_with_the_troubled_ones_first(height):
+    rows = [row(str(n), "degraded" if n == 49 else "running") for n in range(1, 51)]
+    text = drawn(rows, 80, height)
+    assert len(text.rstrip().splitlines()) <= height - 1
+    assert "degraded" in text
+    if height < 50:
+        assert "more" in text
+
+
+def test_a_lost_vehicle_shows_no_stale_attitude():
+    lost = Row("1", attitude(), StatusRecord("lost", "RAW_IMU", 0, 9.0, {}, 0, 0, 9), 10.0, 16.0)
+    assert "-12.3" not in drawn([lost], 100, 24, now_s=16.0)
+    assert lines([lost], 16.0) == ["    1  lost     "]
+
+
+def test_a_service_that_went_away_is_told():
+    assert "silent" in lines([row(heard_s=10.0)], 14.0)[0]
+
+
+def test_a_heading_that_refers_to_nothing_is_in_brackets():
+    assert "heading (123.0)" in lines([row(yaw=123.0, reference="none")], 10.0)[0]
+
+
+def test_many_vehicles_share_a_line():
+    rows = [row(str(n), "lost" if n < 3 else "running") for n in range(20)]
+    rows = [r._replace(attitude=None, status=STATUS) if n >= 3 else r for n, r in enumerate(rows)]
+    assert lines(rows, 10.0) == [summary(rows, "vehicles")]
+    assert summary(rows, "vehicles") == "20 vehicles: 3 lost, 17 running"
+
+
+def test_rows_are_in_the_order_of_numbers():
+    board = Board()
+    for name in ("10", "2", "1-154", "1"):
+        board.update(name, STATUS, 0.0)
+    assert [r.name for r in board.rows()] == ["1", "1-154", "2", "10"]
+
+
+def test_without_a_terminal_there_is_a_line_a_second():
+    out, messages = io.StringIO(), io.StringIO()
+    now = [0.0]
+    view = TerminalView(
+        Console(file=out, width=40), Console(file=messages, width=40), "t", lambda: now[0]
+    )
+    for tick in range(300):
+        now[0] = tick * 0.01
+        view.handle([Published(VehicleId(1, 1), attitude())])
+    view.handle([Message("something [bold] to say")])
+    view.close()
+    assert len(out.getvalue().splitlines()) == 3
+    assert "\x1b" not in out.getvalue()
+    assert messages.getvalue() == "something [bold] to say\n"
+
+
+def test_on_a_terminal_the_table_is_redrawn_in_place():
+    out = io.StringIO()
+    console = Console(file=out, width=80, height=24, force_terminal=True)
+    view = TerminalView(console, console, "title")
+    view.handle([Published(VehicleId(3, 1), attitude()), Message("above the table")])
+    view.close()
+    assert "above the table" in out.getvalue()
+    assert "running" in out.getvalue()

@@ -1,0 +1,62 @@
+import dataclasses
+
+import pytest
+
+from drivers.events import Malformed
+from service.log_player import MAX_GAP_US, LogPlayer
+
+
+class Clock:
+    """Time that passes only when somebody sleeps."""
+
+    def __init__(self):
+        self.now_s = 100.0
+
+    def monotonic_s(self):
+        return self.now_s
+
+    def sleep(self, seconds):
+        self.now_s += seconds
+
+
+def played(stamps_us, speed=1.0, timeout_s=0.05):
+    """Pairs of (event's stamp, seconds since the start when it was drained)."""
+    clock = Clock()
+    player = LogPlayer(
+        [Malformed(stamp, 1) for stamp in stamps_us], speed, clock.monotonic_s, clock.sleep
+    )
+    out = []
+    for _ in range(100_000):
+        if player.finished():
+            return out
+        out += [(e.arrival_us, clock.now_s - 100.0) for e in player.drain(timeout_s)]
+        assert player.now_us() >= (out[-1][0] if out else 0)
+    raise AssertionError("the player does not end")
+
+
+@pytest.mark.parametrize("speed", [0.5, 1.0, 8.0])
+def test_events_come_at_their_pace(speed):
+    stamps = [7_000_000 + n * 20_000 for n in range(100)]
+    for stamp, at_s in played(stamps, speed):
+        due_s = (stamp - stamps[0]) * 1e-6 / speed
+        assert due_s - 1e-6 <= at_s < due_s + 1e-3
+
+
+def test_gaps_are_silence_but_broken_stamps_are_skipped():
+    hour = 3_600_000_000
+    stamps = [0, 10_000_000, 10_000_000 + 100 * hour, 10_020_000 + 100 * hour, 5_000_000, 5_020_000]
+    times = [at_s for _, at_s in played(stamps)]
+    assert times[1] == pytest.approx(10.0, abs=1e-3)
+    assert times[2] == pytest.approx(10.0, abs=0.06)
+    assert times[-1] == pytest.approx(10.04, abs=0.1)
+    assert stamps[2] - stamps[1] > MAX_GAP_US
+
+
+def test_an_empty_log_is_finished_at_once():
+    assert LogPlayer([], 1.0).finished()
+
+
+def test_events_are_the_logs_own():
+    event = Malformed(5, 2)
+    player = LogPlayer([event], 1.0)
+    assert player.drain(0.0) == [dataclasses.replace(event)]
