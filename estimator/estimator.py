@@ -48,13 +48,21 @@ class Estimator:
     def __init__(self, profile: Profile, fixed_gain: float | None = None) -> None:
         self._fixed_gain = fixed_gain
         self._declination_rad: float | None = None
-        self.replace_profile(profile)
+        self.profile = profile
+        self._settings = settings_of(profile, fixed_gain)
+        self.snapshot: Snapshot
         self.restart()
 
     def replace_profile(self, profile: Profile) -> None:
         """Use other parameters from the next sample on; the estimate stays."""
         self.profile = profile
         self._settings = settings_of(profile, self._fixed_gain, self._declination_rad)
+        self.snapshot = self.snapshot._replace(conditioning=self._recomputed())
+
+    def _recomputed(self) -> ConditioningState:
+        """The conditioning's memory without what it derived from other parameters."""
+        fresh = initial_conditioning(self._settings.conditioning)
+        return self.snapshot.conditioning._replace(coefficients=fresh.coefficients)
 
     def restart(self) -> None:
         """Forget the attitude and align anew, as after the vehicle's reboot."""

@@ -125,13 +125,27 @@ def test_replacing_the_profile_keeps_the_estimate(profile):
     slower = merge_profile(profile, {"filter": {"rate_time_constant_s": 0.6}})
     estimator.replace_profile(slower)
     assert estimator.profile is slower
-    assert estimator.snapshot == before
+    derived = before.conditioning.coefficients  # follows from the parameters, is no estimate
+    now = estimator.snapshot
+    assert now._replace(conditioning=now.conditioning._replace(coefficients=derived)) == before
     differs = False
     for sample in stream[200:]:
         estimator.update(sample)
         untouched.update(sample)
         differs |= estimator.snapshot != untouched.snapshot
     assert differs
+
+
+def test_new_conditioning_parameters_count_at_once_though_the_rate_stays():
+    """What follows from parameters and interval is kept between samples; not across a change."""
+    stream = samples(400, motion="rest")
+    quick = merge_profile(load_profile("imu"), {"conditioning": {"gravity_tau_s": 0.2}})
+    changed, untouched = (fed(load_profile("imu"), stream[:200]) for _ in range(2))
+    changed.replace_profile(quick)
+    for sample in stream[200:210]:
+        changed.update(sample)
+        untouched.update(sample)
+    assert changed.snapshot.conditioning.gravity != untouched.snapshot.conditioning.gravity
 
 
 def test_replacing_by_the_same_profile_changes_nothing(profile):
