@@ -8,6 +8,8 @@ from estimator.types import Vec3
 
 # Over longer steps (s) the rate between two samples is unknown.
 LONGEST_STEP_S = 0.15
+# A field that is off its mean by this share of its norm has been turned, not measured badly.
+MOST_DEVIATION = 0.6
 NOTHING: Vec3 = (0.0, 0.0, 0.0)
 
 
@@ -110,8 +112,8 @@ def learn_calibration(
         toward(a, state.mean_rows.down, rows.down),
     )
     offset, lag_s, p = state.offset, state.lag_s, walked(params, state.covariance, dt_s)
-    if dt_s <= LONGEST_STEP_S:
-        dy = subtract(y, mean_field)
+    dy = subtract(y, mean_field)
+    if dt_s <= LONGEST_STEP_S and dot(dy, dy) < MOST_DEVIATION**2:
         dx = subtract(x, mean_turning)
         r1 = subtract(rows.north, mean_rows.north)
         r2 = subtract(rows.east, mean_rows.east)

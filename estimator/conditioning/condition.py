@@ -19,6 +19,7 @@ from estimator.conditioning.gather import NOTHING, STEP_S, gather, means
 from estimator.conditioning.gravity import (
     DOWN,
     NORTH,
+    forgotten,
     level,
     observe_gravity,
     propagated,
@@ -55,6 +56,8 @@ __all__ = ["condition", "initial_state"]
 LEAST_DT_S = 1e-6
 # Without a field for so long (s) there is no confidence in it any more.
 FIELD_PATIENCE_S = 2.0
+# Weight of a field turned by a vertical that has just begun.
+LEAST_SETTLED = 0.1
 
 
 @compiled
@@ -82,9 +85,10 @@ def react(
     alarm: Alarm, gravity: GravityState, rest: RestState, estimate: Estimate, horizontal: Two
 ) -> tuple[GravityState, Estimate]:
     """After an unsensed turn: gravity anew, and as much doubt in the heading as it needs."""
-    if alarm.quiet or alarm.moving:
-        u = gravity_now(rest, gravity) if alarm.quiet else gravity.quick
-        gravity = level(reseeded(gravity, u))[0]
+    if alarm.quiet:
+        gravity = level(reseeded(gravity, gravity_now(rest, gravity)))[0]
+    elif alarm.moving:
+        gravity = forgotten(gravity)
     if alarm.quiet or alarm.moving or alarm.levelling:
         estimate = doubted(estimate, HALF_TURN_VARIANCE)
     elif alarm.heading:
@@ -135,13 +139,15 @@ def learn(
         if has_heading(field):
             horizontal = north_east(estimate.heading_rad, field_6d)
             event = watch_heading(params, event, estimate, field, horizontal, since)
-            estimate = learn_heading(params, estimate, field, horizontal, since)
+            settled = max(LEAST_SETTLED, min(1.0, gravity.age_s / params.gravity_tau_s) ** 2)
+            estimate = learn_heading(params, estimate, field, horizontal, settled, since)
     else:
         field = without_field(field, dt)
 
     alarm = alarm_of(params, event)
     gravity, estimate = react(alarm, gravity, rest, estimate, horizontal)
-    if alarm.heading or alarm.quiet or alarm.moving or alarm.levelling:
+    unsettled = gravity.age_s < min(params.gravity_tau_s, field.age_s - dt)
+    if unsettled or alarm.heading or alarm.quiet or alarm.levelling:
         calibration = restarted(calibration)
     event = seen_to(event, alarm)
     return (

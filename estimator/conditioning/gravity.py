@@ -96,6 +96,13 @@ def reseeded(state: GravityState, u: Vec3) -> GravityState:
 
 
 @compiled
+def forgotten(state: GravityState) -> GravityState:
+    """The low-pass starts anew, as at the first sample."""
+    zero = (0.0, 0.0, 0.0)
+    return GravityState(state.q_g_frd, state.q_6d_g, Smooth(zero, zero), zero, state.unsteady, 0.0)
+
+
+@compiled
 def rows_of(q_6d_frd: Quaternion) -> Rows:
     """The rows of R6."""
     return Rows(

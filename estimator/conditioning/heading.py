@@ -48,10 +48,15 @@ def learn_heading(
     estimate: Estimate,
     field: MagneticState,
     horizontal: Two,
+    settled: float,
     dt_s: float,
 ) -> Estimate:
-    """Scalar update of heading and bias by minus the residual, of variance R/(dt c)."""
-    confidence = max(field.confidence, LEAST_CONFIDENCE)
+    """Scalar update of heading and bias by minus the residual, of variance R/(dt c).
+
+    ``settled`` lowers c while the vertical itself is new: a tilted 6D turns the
+    horizontal field.
+    """
+    confidence = max(field.confidence * settled, LEAST_CONFIDENCE)
     noise = params.heading_noise_rad2_s / (dt_s * confidence)
     off = residual(field, horizontal)
     b, d, p = update(

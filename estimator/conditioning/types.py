@@ -77,7 +77,7 @@ class ConditioningParams(NamedTuple):
     )
 
     # Events.
-    turn_heading_rad: float = radians(20.0)  # residual no honest drift reaches; small: false alarms
+    turn_heading_rad: float = radians(14.0)  # residual no honest drift reaches; small: false alarms
     turn_heading_tau_s: float = 1.5  # averaging of that residual; likewise
     turn_heading_time_s: float = 1.0  # and for so long
     turn_confidence: float = 0.6  # of the field, averaged likewise
