@@ -2,9 +2,10 @@
 
 import logging
 import sys
+import threading
 import time
 from collections.abc import Callable
-from contextlib import ExitStack
+from contextlib import ExitStack, suppress
 from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
 
 import typer
@@ -26,6 +27,7 @@ if TYPE_CHECKING:
     from service.zenoh_session import ZenohOptions
 
 MAX_RATE_HZ = 1000.0
+COMPILE_TOLD_AFTER_S = 1.5
 
 EPILOG = """Examples:
 
@@ -121,22 +123,23 @@ def run(
     zenoh = zenoh_options.zenoh_options(
         listen, connect, mode, config_file, settings, multicast=multicast, prefix=prefix
     )
-    serve(
-        RunOptions(
-            source,
-            rate,
-            seconds,
-            chosen_profile,
-            gain,
-            as_json,
-            record,
-            request_rate,
-            speed,
-            system_id,
-            None if no_zenoh else zenoh,
-        ),
-        verbose=verbose,
+    options = RunOptions(
+        source,
+        rate,
+        seconds,
+        chosen_profile,
+        gain,
+        as_json,
+        record,
+        request_rate,
+        speed,
+        system_id,
+        None if no_zenoh else zenoh,
     )
+    from service.signals import terminate_like_interrupt
+
+    with suppress(KeyboardInterrupt), terminate_like_interrupt():
+        serve(options, verbose=verbose)
 
 
 def serve(options: RunOptions, *, verbose: bool) -> None:
@@ -151,12 +154,11 @@ def serve(options: RunOptions, *, verbose: bool) -> None:
     from service.outbox import Outbox
     from service.parameters import ParameterRequests
     from service.pipeline import Pipeline
-    from service.runner import stop_on_signals
-    from service.warm_up import warm_up
+    from service.signals import stop_on_signals
 
     endpoint = parse_endpoint(options.source)
     profile = load_profile(options.profile)
-    warm_up(profile, options.gain)
+    _compile(profile, options.gain)
     pipeline = Pipeline(
         profile,
         system_id=options.system_id,
@@ -177,6 +179,25 @@ def serve(options: RunOptions, *, verbose: bool) -> None:
     if outbox.stuck:
         print(f"fuzzbee: not closed in time: {', '.join(outbox.stuck)}", file=sys.stderr)
     _report(summary(options, pipeline, runner, seconds, outbox.dropped), as_json=options.as_json)
+
+
+def _compile(profile: "Profile", gain: float | None) -> None:
+    """Compile before anything is opened, and say so if it takes long."""
+    from service.warm_up import warm_up
+
+    told = threading.Timer(
+        COMPILE_TOLD_AFTER_S, _say, ("compiling the filter, the first time only",)
+    )
+    told.daemon = True
+    told.start()
+    try:
+        warm_up(profile, gain)
+    finally:
+        told.cancel()
+
+
+def _say(text: str) -> None:
+    print(f"fuzzbee: {text}", file=sys.stderr)
 
 
 def _open_source(

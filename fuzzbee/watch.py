@@ -92,7 +92,7 @@ def follow(
     Raises:
         InputError: a Zenoh option that cannot be used.
     """
-    from service.runner import stop_on_signals
+    from service.signals import stop_on_signals
     from service.zenoh_session import open_session
 
     inbox = Inbox()

@@ -9,6 +9,9 @@ from drivers.events import Event
 # the file or a broken stamp: play on from there without waiting.
 MAX_GAP_US = 600_000_000
 MAX_BACK_US = 1_000_000
+# When the service cannot keep up with the speed, the log waits rather than rushes: silence
+# that the recorder did not hear must not appear. In seconds of the host.
+MAX_BEHIND_S = 0.1
 
 
 class LogPlayer:
@@ -42,7 +45,13 @@ class LogPlayer:
         return self._next is None
 
     def now_us(self) -> int:
-        """The log's time."""
+        """The log's time; it does not pass an event that has not been drained."""
+        now_us = self._running_us()
+        return (
+            now_us if self._next is None else min(now_us, max(self._next.arrival_us, self._last_us))
+        )
+
+    def _running_us(self) -> int:
         return self._base_us + round((self._monotonic_s() - self._base_s) * 1e6 * self._speed)
 
     def drain(self, timeout_s: float) -> list[Event]:
@@ -50,26 +59,34 @@ class LogPlayer:
         events = self._due()
         if events or self._next is None:
             return events
-        ahead_s = (self._next.arrival_us - self.now_us()) / (1e6 * self._speed)
+        ahead_s = (self._next.arrival_us - self._running_us()) / (1e6 * self._speed)
         self._sleep(max(0.0, min(timeout_s, ahead_s)))
         return self._due()
 
     def _due(self) -> list[Event]:
         events: list[Event] = []
-        now_us = self.now_us()
+        self._wait_for_the_service()
+        now_us = self._running_us()
         while self._next is not None:
             step_us = self._next.arrival_us - self._last_us
             if step_us > MAX_GAP_US or step_us < -MAX_BACK_US:
                 if events:
                     break  # what is there belongs to the old time
                 self._jump_to(self._next.arrival_us)
-                now_us = self.now_us()
+                now_us = self._running_us()
             if self._next.arrival_us > now_us:
                 break
             self._last_us = self._next.arrival_us
             events.append(self._next)
             self._next = next(self._events, None)
         return events
+
+    def _wait_for_the_service(self) -> None:
+        if self._next is None:
+            return
+        latest_us = self._next.arrival_us + round(MAX_BEHIND_S * 1e6 * self._speed)
+        if self._next.arrival_us >= self._last_us and self._running_us() > latest_us:
+            self._base_us, self._base_s = latest_us, self._monotonic_s()
 
     def _jump_to(self, stamp_us: int) -> None:
         self._base_us, self._base_s = stamp_us, self._monotonic_s()

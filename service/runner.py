@@ -6,12 +6,9 @@ once, so that the rate holds over a short stall. After a long one (a suspended
 computer) the missed ticks are skipped.
 """
 
-import signal
 import threading
 import time
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
-from types import FrameType
+from collections.abc import Callable
 from typing import Protocol
 
 from drivers.events import Event
@@ -109,25 +106,3 @@ class Runner:
         missed = int(late_s / self._period_s)
         self.overruns += missed
         return due_s + (missed + 1) * self._period_s
-
-
-@contextmanager
-def stop_on_signals(stop: Callable[[], None]) -> Iterator[None]:
-    """Call ``stop`` at the first SIGINT or SIGTERM; a second one has its usual effect."""
-    chosen = (signal.SIGINT, signal.SIGTERM)
-    if threading.current_thread() is not threading.main_thread():
-        yield  # only the main thread may set handlers; elsewhere the owner calls stop
-        return
-    before = {number: signal.getsignal(number) for number in chosen}
-
-    def on_signal(number: int, _frame: FrameType | None) -> None:
-        signal.signal(number, before[signal.Signals(number)])
-        stop()
-
-    for number in chosen:
-        signal.signal(number, on_signal)
-    try:
-        yield
-    finally:
-        for number in chosen:
-            signal.signal(number, before[number])

@@ -60,3 +60,15 @@ def test_events_are_the_logs_own():
     event = Malformed(5, 2)
     player = LogPlayer([event], 1.0)
     assert player.drain(0.0) == [dataclasses.replace(event)]
+
+
+def test_a_service_that_cannot_keep_up_hears_no_silence():
+    clock = Clock()
+    events = [Malformed(n * 20_000, 1) for n in range(500)]
+    player = LogPlayer(events, 50.0, clock.monotonic_s, clock.sleep)
+    last_us = 0
+    while not player.finished():
+        for event in player.drain(0.01):
+            last_us = event.arrival_us
+            clock.now_s += 0.005  # each event takes ten times as long as it may
+        assert player.now_us() - last_us <= 20_000

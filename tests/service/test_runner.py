@@ -12,7 +12,8 @@ from service.outbox import Outbox
 from service.parameters import ParameterRequests
 from service.pipeline import Pipeline
 from service.records import AttitudeRecord, Published
-from service.runner import Runner, stop_on_signals
+from service.runner import Runner
+from service.signals import stop_on_signals
 from tests.service.streams import ONE, imu_events
 from tests.service.test_sinks import Collector
 
