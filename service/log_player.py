@@ -46,10 +46,8 @@ class LogPlayer:
 
     def now_us(self) -> int:
         """The log's time; it does not pass an event that has not been drained."""
-        now_us = self._running_us()
-        return (
-            now_us if self._next is None else min(now_us, max(self._next.arrival_us, self._last_us))
-        )
+        following_us = self._last_us if self._next is None else self._next.arrival_us
+        return min(self._running_us(), max(following_us, self._last_us))
 
     def _running_us(self) -> int:
         return self._base_us + round((self._monotonic_s() - self._base_s) * 1e6 * self._speed)

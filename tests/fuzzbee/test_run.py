@@ -91,6 +91,8 @@ def test_a_vehicle_that_is_killed_and_started_again():
     ) as service:
         with started(*vehicle):
             wait_for(service, "vehicle 1: running")
+            for _ in range(3):  # a line a second: long enough to tell a reboot from a jitter
+                wait_for(service, "roll")
         wait_for(service, "vehicle 1: degraded")
         wait_for(service, "vehicle 1: lost")
         with started(*vehicle):
