@@ -180,7 +180,8 @@ def condition(
     dt_s: float,
 ) -> tuple[ConditioningState, Conditioned]:
     """Take one sample (FRD; rad/s, m/s^2, any field unit) that came ``dt_s`` after the last one."""
-    dt = max(dt_s, LEAST_DT_S)
+    # Before the first sample there was no interval; what it tells counts as one step's.
+    dt = max(dt_s, LEAST_DT_S) if state.started else STEP_S
     previous = state.previous_gyr_rad_s if state.started else gyr
     turn = integration_rate(previous, gyr, dt, params.averaged_samples)
     rate = subtract(turn, state.estimate.bias_rad_s)

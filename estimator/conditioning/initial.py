@@ -1,7 +1,5 @@
 """The stage before its first sample, and after a turn no sensor has felt."""
 
-from math import pi
-
 from estimator.conditioning.gather import NOTHING
 from estimator.conditioning.types import (
     Axes,
@@ -24,7 +22,7 @@ from estimator.types import IDENTITY, Quaternion
 
 ZERO = (0.0, 0.0, 0.0)
 SIX = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
-UNKNOWN_HEADING_VARIANCE = (50.0 * pi / 9.0) ** 2  # 1000 degrees: the first field sets the heading
+UNKNOWN_HEADING_VARIANCE = 1e4  # rad^2, beyond any angle: the first field sets the heading
 
 
 def initial_state(params: ConditioningParams) -> ConditioningState:

@@ -1,0 +1,105 @@
+"""Fuzzbee with its ``imu`` profile, as a batch and sample by sample."""
+
+import numpy as np
+from broad_data import Array, Trial
+from broad_scores import multiply
+
+from estimator.batch import run_conditioned
+from estimator.conditioning import turned
+from estimator.estimator import Estimator
+from estimator.profile import load_profile
+from estimator.quaternion import conjugate as conjugate_one
+from estimator.quaternion import multiply as multiply_one
+from estimator.quaternion import normalize
+from estimator.settings import settings_of
+from estimator.types import ImuSample
+
+HALF_ROOT = np.sqrt(0.5)
+# (x, y, z) up to (x, -y, -z) down: half a turn about x, the same both ways.
+FRD_OF_SENSOR = np.array([1.0, -1.0, -1.0])
+Q_FRD_SENSOR = np.array([0.0, 1.0, 0.0, 0.0])
+# East, north, up from north, east, down: half a turn about (1, 1, 0).
+Q_ENU_NED = np.array([0.0, HALF_ROOT, HALF_ROOT, 0.0])
+MICRO_TESLA_PER_GAUSS = 100.0
+
+
+class FuzzbeeRun:
+    """Fuzzbee on one trial; the first sample aligns it, as in the live estimator."""
+
+    def __init__(self, trial: Trial, profile: str, changes: dict[str, float | bool]) -> None:
+        chosen = load_profile(profile)
+        self._trial = trial
+        self._settings = settings_of(chosen)
+        self._conditioning = self._settings.conditioning._replace(
+            averaged_samples=trial.averaged, **changes
+        )
+        first = Estimator(chosen)
+        first.update(_sample(trial, 0))
+        self._state = first.snapshot.filter
+        self._memory = first.snapshot.conditioning
+        self._first = np.array([self._state.q_ned_frd])
+        self._gyr = np.ascontiguousarray(trial.gyr_rad_s * FRD_OF_SENSOR)
+        self._acc = np.ascontiguousarray(trial.acc_m_s2 * FRD_OF_SENSOR)
+        self._mag = np.ascontiguousarray(trial.mag_ut * FRD_OF_SENSOR)
+        self._has_mag = np.ones(len(self._mag), dtype=np.bool_)
+        self._dt = np.full(len(self._mag), trial.dt_s)
+
+    def advance(self, rows: slice) -> Array:
+        """Take the rows, in order."""
+        start, stop, _ = rows.indices(len(self._gyr))
+        skip = 1 if start == 0 else 0
+        rows = slice(start + skip, stop)
+        q, self._state, self._memory = run_conditioned(
+            self._settings.filter,
+            self._settings.reference,
+            self._conditioning,
+            self._state,
+            self._memory,
+            self._gyr[rows],
+            self._acc[rows],
+            self._mag[rows],
+            self._has_mag[rows],
+            self._dt[rows],
+        )
+        if skip:
+            q = np.concatenate([self._first, q])
+        return multiply(Q_ENU_NED, multiply(q, Q_FRD_SENSOR))
+
+    def turn(self, turn_enu: Array) -> None:
+        """Turn every attitude inside by one body rotation."""
+        q = self._state.q_ned_frd
+        to_ned = tuple(Q_ENU_NED)
+        turn_ned = multiply_one(conjugate_one(to_ned), multiply_one(tuple(turn_enu), to_ned))
+        body = multiply_one(conjugate_one(q), multiply_one(turn_ned, q))
+        self._state = self._state._replace(q_ned_frd=normalize(multiply_one(q, body)))
+        self._memory = turned(self._memory, body)
+
+
+class FuzzbeeFilter:
+    """Fuzzbee with a profile; ``changes`` replace conditioning parameters, for ablations."""
+
+    def __init__(
+        self, name: str = "fuzzbee", profile: str = "imu", **changes: float | bool
+    ) -> None:
+        self.name = name
+        self._profile = profile
+        self._changes = changes
+
+    def start(self, trial: Trial) -> FuzzbeeRun:
+        """Begin on the trial."""
+        return FuzzbeeRun(trial, self._profile, self._changes)
+
+    def call_each(self, trial: Trial, rows: int) -> None:
+        """One call a sample."""
+        estimator = Estimator(load_profile(self._profile))
+        for k in range(rows):
+            estimator.update(_sample(trial, k))
+
+
+def _sample(trial: Trial, k: int) -> ImuSample:
+    gx, gy, gz = trial.gyr_rad_s[k].tolist()
+    ax, ay, az = trial.acc_m_s2[k].tolist()
+    mx, my, mz = (trial.mag_ut[k] / MICRO_TESLA_PER_GAUSS).tolist()
+    return ImuSample(
+        round(k * trial.dt_s * 1e6), (gx, -gy, -gz), (ax, -ay, -az), (mx, -my, -mz), True
+    )
