@@ -8,6 +8,8 @@ from typing import Any, NamedTuple
 from estimator.errors import InputError
 from estimator.profile import SHIPPED, Profile, load_profile
 from fuzzbee.version import __version__
+from tuning.log_dataset import BETTER_LOG, LogData, read_log
+from tuning.log_task import MEMBERSHIP_RATE_HZ, LogTask, default_groups
 from tuning.objective import Task
 from tuning.paper_task import FIRST_RESERVED_SEED, PaperTask, midpoint_profile
 from tuning.search import ALGORITHMS, SearchOptions
@@ -77,25 +79,83 @@ def _simulation_plan(request: TuneRequest) -> Plan:
         )
     base = midpoint_profile() if request.base is None else load_profile(request.base)
     groups = _groups(request, ("membership",))
-    unknown = [group for group in groups if group not in ("membership", "filter")]
-    if unknown or "membership" not in groups:
+    if "membership" not in groups:
         raise InputError(
             f"--parameters {request.parameters}: sim: is tuned on membership, or membership,filter"
         )
     task = PaperTask(base, groups, tuple(noise), tuple(held_out))
     options = _search_options(request, task)
     inputs = [{"name": SIMULATION}]
-    seeds_used = {
+    seeds_used: dict[str, Any] = {
         "search": request.seed,
         "noise": _canonical(noise),
         "held_out": _canonical(held_out),
     }
     identity = _identity(request, options, groups, inputs, seeds_used, base)
-    return Plan(task, options, request.output, identity, inputs, "truth of the simulated vehicle")
+    return Plan(task, options, request.output, identity, inputs, "simulated vehicle's truth")
 
 
 def _log_plan(request: TuneRequest, tell: Callable[[str], None]) -> Plan:
-    raise InputError(f"tune {request.sources[0]}: logs are not supported yet")
+    for option, value in (
+        ("--noise-seeds", request.noise_seeds),
+        ("--held-out-seeds", request.held_out_seeds),
+    ):
+        if value is not None:
+            raise InputError(f"{option} goes with sim: only; a log has its own noise")
+    paths = _log_paths(request)
+    base = load_profile(request.base or "imu")
+    logs = tuple(read_log(path) for path in paths)
+    _require_distinct(logs)
+    slowest = min(logs, key=lambda log: log.rate_hz)
+    groups = _groups(request, default_groups(slowest.rate_hz))
+    if slowest.rate_hz < MEMBERSHIP_RATE_HZ:
+        if {"membership", "filter"} & {*groups}:
+            raise InputError(
+                f"--parameters {request.parameters}: {slowest.name} has IMU data at "
+                f"{slowest.rate_hz:.1f} Hz; the fuzzy controller is tuned from "
+                f"{MEMBERSHIP_RATE_HZ:g} Hz on ({BETTER_LOG})"
+            )
+        tell(
+            f"{slowest.name}: {slowest.message} at {slowest.rate_hz:.1f} Hz allows to tune "
+            f"confidences, bias and conditioning, not the memberships ({BETTER_LOG})"
+        )
+    task = LogTask(base, groups, logs)
+    counts = task.segment_counts()
+    for log in logs:
+        tell(f"{log.name}: {log.message} at {log.rate_hz:.1f} Hz, reference: {_measured(log)}")
+    tell(f"{counts[0]} segments to tune on, {counts[1]} held out")
+    options = _search_options(request, task)
+    inputs = [{"name": log.name, "sha256": log.sha256} for log in logs]
+    identity = _identity(request, options, groups, inputs, {"search": request.seed}, base)
+    reference = "; ".join(dict.fromkeys(_measured(log) for log in logs))
+    return Plan(task, options, request.output, identity, inputs, reference)
+
+
+def _measured(log: LogData) -> str:
+    """What the cost of a log is measured against."""
+    name = {
+        "sim": "simulator's truth",
+        "autopilot": "autopilot's attitude",
+        "none": "prediction of its own vectors, without a reference",
+    }[log.reference]
+    return name if log.magnetic or log.reference == "none" else f"{name}, inclination only"
+
+
+def _log_paths(request: TuneRequest) -> list[Path]:
+    paths = [Path(source) for source in request.sources]
+    for source, path in zip(request.sources, paths, strict=True):
+        if not path.exists():
+            raise InputError(f"{source}: no such file")
+    return paths
+
+
+def _require_distinct(logs: tuple[LogData, ...]) -> None:
+    """A log given twice would count twice."""
+    seen: dict[str, str] = {}
+    for log in logs:
+        if log.sha256 in seen:
+            raise InputError(f"{log.name}: the same log as {seen[log.sha256]}")
+        seen[log.sha256] = log.name
 
 
 def seeds(option: str, text: str) -> range:

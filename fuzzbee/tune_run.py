@@ -118,7 +118,7 @@ def _search(plan: Plan, evaluate: Evaluate, record: Record | None, stop: Stop) -
 def _profile(plan: Plan, search: Search, *, finished: bool) -> Profile:
     """The base with what was found, and where that came from."""
     groups = plan.identity["options"]["parameters"]
-    description = f"{groups} by {NAMES[plan.options.algorithm]} on {plan.reference}"
+    description = f"{groups} by {NAMES[plan.options.algorithm]} against the {plan.reference}"
     if not finished:
         description += f", interrupted after {search.evaluations} of {plan.options.budget}"
     provenance = Provenance(description=description, **plan.identity)

@@ -191,10 +191,10 @@ def candidate_of(row: Array, bound: float) -> Candidate:
 def pair_costs(
     bound: float, candidates: Array, start: Array, steps: Array, pair: int, costs: Array
 ) -> None:
-    """Runs number 2 pair and 2 pair + 1 of C S runs, into ``costs`` (C, S); a lone last one twice."""
+    """Runs number 2 pair and 2 pair + 1 of the C S runs, into ``costs`` (C, S)."""
     seeds = len(steps)
     a = 2 * pair
-    b = min(a + 1, len(candidates) * seeds - 1)
+    b = min(a + 1, len(candidates) * seeds - 1)  # a lone last one runs twice
     one = candidate_of(candidates[a // seeds], bound)
     two = candidate_of(candidates[b // seeds], bound)
     both = two_costs(one, two, start, steps[a % seeds], steps[b % seeds])

@@ -12,7 +12,7 @@ from estimator.profile import Profile, Provenance, load_profile
 from tuning.objective import Scores, mean_over_runs
 from tuning.paper_experiment import run_experiment
 from tuning.paper_signals import PaperSignals, paper_signals
-from tuning.parameters import space_of
+from tuning.parameters import RAW_GROUPS, space_of
 from tuning.space import Space
 
 Array = NDArray[np.float64]
@@ -80,7 +80,7 @@ class PaperTask:
     @cached_property
     def space(self) -> Space:
         """The parameters that are tuned."""
-        return space_of(self.groups)
+        return space_of(self.groups, RAW_GROUPS)
 
     @cached_property
     def objective(self) -> PaperObjective:

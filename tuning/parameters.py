@@ -1,9 +1,26 @@
 """The groups of parameters that can be tuned, with their bounds."""
 
+from estimator.conditioning.types import ConditioningParams
 from estimator.errors import InputError
 from tuning.space import Space, joined, membership_space
 
 EMPTY = Space((), (), ())
+
+# What decides how fast the conditioning stage believes which sensor; the rest of it
+# describes vehicles and events, which one log does not show.
+CONDITIONING = (
+    "gravity_tau_s",
+    "bias_initial_sigma_rad_s",
+    "bias_walk_rad_s",
+    "bias_rest_sigma_rad_s",
+    "bias_motion_sigma_rad_s",
+    "field_norm_scale",
+    "field_dip_scale_rad",
+    "heading_noise_rad2_s",
+    "heading_tau_s",
+)
+# Shipped values over and times this much: beyond, a parameter stops to mean what it says.
+CONDITIONING_FACTOR = 5.0
 
 
 def _logarithmic(section: str, ranges: dict[str, tuple[float, float]]) -> Space:
@@ -17,30 +34,46 @@ def _logarithmic(section: str, ranges: dict[str, tuple[float, float]]) -> Space:
     )
 
 
-# Ranges: a factor of about ten around the shipped values, narrower where beyond
-# it the parameter stops to mean what it says (a low-pass faster than the samples).
-GROUPS: dict[str, Space] = {
+def _conditioning() -> Space:
+    defaults = ConditioningParams._field_defaults
+    shipped = {name: float(defaults[name]) for name in CONDITIONING if name in defaults}
+    return _logarithmic(
+        "conditioning",
+        {n: (x / CONDITIONING_FACTOR, x * CONDITIONING_FACTOR) for n, x in shipped.items()},
+    )
+
+
+RATE_TIME_CONSTANT_S = (0.05, 3.0)
+
+# With raw vectors, as in the paper: gamma has a meaning, the confidences are the paper's 1.
+RAW_GROUPS: dict[str, Space] = {
     "membership": membership_space(),
-    "filter": _logarithmic("filter", {"gamma": (0.1, 10.0), "rate_time_constant_s": (0.05, 3.0)}),
-    "confidence": _logarithmic(
-        "confidence", {"gravity": (0.1, 5.0), "magnetic": (0.1, 5.0), "cross": (0.1, 5.0)}
+    "filter": _logarithmic(
+        "filter", {"gamma": (0.1, 10.0), "rate_time_constant_s": RATE_TIME_CONSTANT_S}
     ),
+}
+# With conditioned vectors: the conditioning stage estimates the bias, not gamma.
+CONDITIONED_GROUPS: dict[str, Space] = {
+    "membership": membership_space(),
+    "filter": _logarithmic("filter", {"rate_time_constant_s": RATE_TIME_CONSTANT_S}),
+    "confidence": _logarithmic("confidence", {"gravity": (0.25, 25.0), "magnetic": (0.25, 25.0)}),
+    "conditioning": _conditioning(),
 }
 
 
-def space_of(groups: tuple[str, ...]) -> Space:
+def space_of(groups: tuple[str, ...], known: dict[str, Space]) -> Space:
     """The joint space of the named groups, in the order given.
 
     Raises:
         InputError: no group, an unknown one, or one given twice.
     """
     if not groups:
-        raise InputError(f"--parameters: nothing to tune; choose from {', '.join(GROUPS)}")
+        raise InputError(f"--parameters: nothing to tune; choose from {', '.join(known)}")
     space = EMPTY
     for i, group in enumerate(groups):
-        if group not in GROUPS:
-            raise InputError(f"--parameters {group}: unknown; choose from {', '.join(GROUPS)}")
+        if group not in known:
+            raise InputError(f"--parameters {group}: not here; choose from {', '.join(known)}")
         if group in groups[:i]:
             raise InputError(f"--parameters {group}: given twice")
-        space = joined(space, GROUPS[group])
+        space = joined(space, known[group])
     return space

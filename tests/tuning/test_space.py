@@ -5,7 +5,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from estimator.memberships import LOWER, UPPER, require_feasible
-from tuning.parameters import GROUPS
+from tuning.parameters import CONDITIONED_GROUPS, RAW_GROUPS
 from tuning.space import (
     Space,
     decode,
@@ -58,14 +58,14 @@ def test_logarithmic_parameters_are_halved_in_the_middle():
 
 @given(st.floats(-10.0, 10.0))
 def test_decoded_values_never_leave_the_bounds(x):
-    for space in GROUPS.values():
+    for space in (*RAW_GROUPS.values(), *CONDITIONED_GROUPS.values()):
         values = decode(space, feasible(space, np.full((1, space.dimensions), x)))
         assert (values >= space.lower).all()
         assert (values <= space.upper).all()
 
 
 def test_joined_spaces_keep_their_chains():
-    both = joined(GROUPS["filter"], SPACE)
+    both = joined(RAW_GROUPS["filter"], SPACE)
     shifted = tuple(tuple(i + 2 for i in chain) for chain in SPACE.chains)
     assert both.chains == shifted
     assert both.names[2:] == SPACE.names

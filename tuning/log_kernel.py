@@ -1,0 +1,288 @@
+"""The cost of candidates on recorded flights, by the plain kernels' own steps."""
+
+from typing import Any, NamedTuple
+
+import numba
+import numpy as np
+from numpy.typing import NDArray
+
+from estimator.compiled import compiled, compiled_parallel
+from estimator.conditioning.condition import condition, initial_state
+from estimator.conditioning.types import Conditioned
+from estimator.filter_types import FilterParams, FilterState, Vectors
+from estimator.kernel import correct, turned
+from estimator.quaternion import (
+    conjugate,
+    dot,
+    exp,
+    multiply,
+    normalize,
+    normalized_distance,
+    rotate,
+    rotate_inverse,
+    scale,
+    unit,
+)
+from estimator.types import IDENTITY, ZERO_VEC3, Quaternion, Vec3
+from tuning.paper_kernel import unpacked
+
+Array = NDArray[np.float64]
+
+# What happens at a sample (bits of ``what``)
+START = 1  # a segment begins: the estimate is set wrong
+RESTART = 2  # nothing from before holds
+RESYNC = 4  # a prediction begins anew from the estimate
+# What the error is taken of (bits of ``what``; neither: the whole attitude)
+INCLINATION = 8
+PREDICTION = 16
+
+# Columns of a candidate's row, after k1..k22; the last ones are the same for all
+TAU = 22
+S_GRAVITY = 23
+S_MAGNETIC = 24
+S_CROSS = 25
+GAMMA = 26
+BIAS_BOUND = 27
+EULER_STEP_MAX = 28
+GRAVITY_NED = 29
+COLUMNS = 32
+
+
+class Recorded(NamedTuple):
+    """N samples in sequence, of any number of logs; directions and attitudes as in ``types``."""
+
+    what: NDArray[np.int64]
+    dt_s: Array
+    gyr_rad_s: Array  # (N, 3)
+    acc_m_s2: Array  # (N, 3)
+    mag: Array  # (N, 3)
+    has_mag: NDArray[np.bool_]
+    magnetic_ned: Array  # (N, 3), true north turned by the log's declination
+    truth: Array  # (N, 4)
+    start: Array  # (N, 4), the wrong attitude where a segment starts
+    weight: Array  # of the error in the cost
+
+
+class Prepared(NamedTuple):
+    """The conditioning stage's answers at the same samples, for candidates that share it."""
+
+    rate_rad_s: Array  # (N, 3)
+    gravity_b: Array  # (N, 3)
+    magnetic_b: Array  # (N, 3)
+    gravity_weight: Array
+    magnetic_weight: Array
+
+
+class Seen(NamedTuple):
+    """What the filter takes of one conditioned sample."""
+
+    rate_rad_s: Vec3
+    gravity_b: Vec3
+    magnetic_b: Vec3
+    gravity_weight: float
+    magnetic_weight: float
+
+
+class Run(NamedTuple):
+    """The filter, the prediction that runs ahead of it, and the cost so far."""
+
+    state: FilterState
+    ahead: Quaternion
+    cost: float
+
+
+# The conditioning's state before the first sample, for any object with its parameters' names.
+blank_state: Any = compiled(initial_state)
+
+
+@compiled
+def vec3(a: Array, i: int) -> Vec3:
+    """Row i of (N, 3)."""
+    return (a[i, 0], a[i, 1], a[i, 2])
+
+
+@compiled
+def quaternion(a: Array, i: int) -> Quaternion:
+    """Row i of (N, 4)."""
+    return (a[i, 0], a[i, 1], a[i, 2], a[i, 3])
+
+
+@compiled
+def inclination_distance(p: Quaternion, q: Quaternion) -> float:
+    """sin^2 of half the inclination error: the part of the normalised distance about level axes."""
+    d = multiply(p, conjugate(q))
+    return min(1.0, d[1] * d[1] + d[2] * d[2])
+
+
+@compiled
+def prediction_error(
+    q: Quaternion, gravity_ned: Vec3, acc: Vec3, magnetic_ned: Vec3, mag: Vec3, has_mag: bool
+) -> float:
+    """sin^2 of half the angle between predicted and measured vectors.
+
+    The mean over gravity and, where there is a field, its horizontal direction.
+    """
+    e = 0.5 * (1.0 + dot(rotate_inverse(q, gravity_ned), unit(acc)))
+    if has_mag:
+        field = rotate(q, mag)
+        horizontal = unit((field[0], field[1], 0.0))
+        e = 0.5 * e + 0.25 * (1.0 - dot(horizontal, magnetic_ned))
+    return e
+
+
+@compiled
+def advance(row: Array, data: Recorded, i: int, seen: Seen, run: Run) -> Run:
+    """One sample: propagate, correct, score; or set the estimate wrong where a segment starts."""
+    params = FilterParams(
+        row[GAMMA],
+        row[BIAS_BOUND],
+        row[TAU],
+        row[EULER_STEP_MAX],
+        unpacked(row),
+        False,
+        1.0,
+    )
+    gravity_ned = (row[GRAVITY_NED], row[GRAVITY_NED + 1], row[GRAVITY_NED + 2])
+    dt = data.dt_s[i]
+    what = data.what[i]
+    magnetic_ned = vec3(data.magnetic_ned, i)
+    vectors = Vectors(
+        seen.magnetic_b,
+        magnetic_ned,
+        row[S_MAGNETIC] * seen.magnetic_weight,
+        seen.gravity_b,
+        gravity_ned,
+        row[S_GRAVITY] * seen.gravity_weight,
+        row[S_CROSS],
+    )
+    if what & START:
+        wrong = FilterState(quaternion(data.start, i), ZERO_VEC3, 0.0, 0.0, 1.0, False)
+        state = correct(params, wrong, vectors, 0.0)
+        ahead = state.q_ned_frd
+    else:
+        state = turned(run.state, seen.rate_rad_s, dt, ZERO_VEC3)
+        state = correct(params, state, vectors, dt)
+        ahead = normalize(multiply(run.ahead, exp(scale(dt, seen.rate_rad_s))))
+    cost = run.cost
+    weight = data.weight[i]
+    if weight > 0.0:
+        if what & PREDICTION:
+            acc, mag = vec3(data.acc_m_s2, i), vec3(data.mag, i)
+            e = prediction_error(ahead, gravity_ned, acc, magnetic_ned, mag, data.has_mag[i])
+        elif what & INCLINATION:
+            e = inclination_distance(state.q_ned_frd, quaternion(data.truth, i))
+        else:
+            e = normalized_distance(quaternion(data.truth, i), state.q_ned_frd)
+        cost += weight * e
+    if what & RESYNC:
+        ahead = state.q_ned_frd
+    return Run(state, ahead, cost)
+
+
+@compiled
+def fresh() -> Run:
+    """Before the first sample of anything."""
+    return Run(FilterState(IDENTITY, ZERO_VEC3, 0.0, 0.0, 1.0, False), IDENTITY, 0.0)
+
+
+@compiled
+def taken(seen: Conditioned) -> Seen:
+    """The part of the conditioning stage's answer that the filter takes."""
+    return Seen(
+        seen.rate_rad_s,
+        seen.gravity_b,
+        seen.magnetic_b,
+        seen.gravity_weight,
+        seen.magnetic_weight,
+    )
+
+
+@compiled
+def conditioned_cost(row: Array, conditioning: Any, data: Recorded) -> float:
+    """Cost of a candidate's row with its own conditioning, over all samples."""
+    run = fresh()
+    blank = blank_state(conditioning)
+    memory = blank
+    for i in range(len(data.dt_s)):
+        if data.what[i] & RESTART:
+            memory = blank
+        gyr, acc, mag = vec3(data.gyr_rad_s, i), vec3(data.acc_m_s2, i), vec3(data.mag, i)
+        memory, seen = condition(conditioning, memory, gyr, acc, mag, data.has_mag[i], data.dt_s[i])
+        run = advance(row, data, i, taken(seen), run)
+    return run.cost
+
+
+@compiled
+def prepared_cost(row: Array, prepared: Prepared, data: Recorded) -> float:
+    """Cost of a candidate's row on vectors that the candidates share."""
+    run = fresh()
+    for i in range(len(data.dt_s)):
+        seen = Seen(
+            vec3(prepared.rate_rad_s, i),
+            vec3(prepared.gravity_b, i),
+            vec3(prepared.magnetic_b, i),
+            prepared.gravity_weight[i],
+            prepared.magnetic_weight[i],
+        )
+        run = advance(row, data, i, seen, run)
+    return run.cost
+
+
+@compiled
+def prepare(conditioning: Any, data: Recorded) -> Prepared:
+    """Run the conditioning stage alone."""
+    blank = blank_state(conditioning)
+    n = len(data.dt_s)
+    out = Prepared(np.empty((n, 3)), np.empty((n, 3)), np.empty((n, 3)), np.empty(n), np.empty(n))
+    memory = blank
+    for i in range(n):
+        if data.what[i] & RESTART:
+            memory = blank
+        gyr, acc, mag = vec3(data.gyr_rad_s, i), vec3(data.acc_m_s2, i), vec3(data.mag, i)
+        memory, answer = condition(
+            conditioning, memory, gyr, acc, mag, data.has_mag[i], data.dt_s[i]
+        )
+        seen = taken(answer)
+        for j in range(3):
+            out.rate_rad_s[i, j] = seen.rate_rad_s[j]
+            out.gravity_b[i, j] = seen.gravity_b[j]
+            out.magnetic_b[i, j] = seen.magnetic_b[j]
+        out.gravity_weight[i] = seen.gravity_weight
+        out.magnetic_weight[i] = seen.magnetic_weight
+    return out
+
+
+@compiled
+def serial_prepared_costs(rows: Array, prepared: Prepared, data: Recorded) -> Array:
+    """Costs (C,) of candidates' rows (C, 32) on shared vectors."""
+    costs = np.empty(len(rows))
+    for c in range(len(rows)):
+        costs[c] = prepared_cost(rows[c], prepared, data)
+    return costs
+
+
+@compiled_parallel
+def parallel_prepared_costs(rows: Array, prepared: Prepared, data: Recorded) -> Array:
+    """:func:`serial_prepared_costs`, candidates spread over threads."""
+    costs = np.empty(len(rows))
+    for c in numba.prange(len(rows)):
+        costs[c] = prepared_cost(rows[c], prepared, data)
+    return costs
+
+
+@compiled
+def serial_conditioned_costs(rows: Array, conditioning: Any, data: Recorded) -> Array:
+    """Costs (C,) of rows (C, 32), each with its record (C,) of conditioning parameters."""
+    costs = np.empty(len(rows))
+    for c in range(len(rows)):
+        costs[c] = conditioned_cost(rows[c], conditioning[c], data)
+    return costs
+
+
+@compiled_parallel
+def parallel_conditioned_costs(rows: Array, conditioning: Any, data: Recorded) -> Array:
+    """:func:`serial_conditioned_costs`, candidates spread over threads."""
+    costs = np.empty(len(rows))
+    for c in numba.prange(len(rows)):
+        costs[c] = conditioned_cost(rows[c], conditioning[c], data)
+    return costs

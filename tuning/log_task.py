@@ -1,0 +1,297 @@
+"""Tuning on recorded flights: the paper's cost over segments that start with a large error.
+
+The reference is the truth of a simulation or the autopilot's attitude, the
+better one that a log has. A log with neither is tuned on the prediction of its
+own vectors up to a second ahead. Where a log has no magnetic field only the
+inclination counts.
+"""
+
+from dataclasses import dataclass
+from functools import cached_property
+from math import radians
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from estimator.alignment import align
+from estimator.conditioning.types import ConditioningParams
+from estimator.errors import InputError
+from estimator.filter_types import Vectors
+from estimator.memberships import NAMES
+from estimator.profile import Profile
+from estimator.quaternion import exp, multiply, scale
+from estimator.settings import Settings, settings_of
+from estimator.types import Quaternion, Vec3
+from tuning import log_kernel
+from tuning.log_dataset import LogData
+from tuning.log_kernel import Prepared, Recorded
+from tuning.objective import Scores
+from tuning.parameters import CONDITIONED_GROUPS, EMPTY, space_of
+from tuning.segments import Segment, segments, split, weights
+from tuning.space import Space
+
+Array = NDArray[np.float64]
+
+# Next to the unstable equilibrium, as the paper starts: e = 0.992.
+WRONG_START_RAD = radians(170.0)
+WRONG_START_AXIS: Vec3 = (3**-0.5, 3**-0.5, 3**-0.5)
+# A prediction begins anew from the estimate this often.
+PREDICTION_S = 1.0
+
+# Below this rate the gyroscope is aliased and the gain of the first second is decided by three or
+# four samples: the paper's memberships, made for 100 Hz, cannot be told from it.
+MEMBERSHIP_RATE_HZ = 10.0
+
+CONDITIONING = np.dtype(
+    [
+        (name, np.bool_ if isinstance(default, bool) else np.float64)
+        for name, default in ConditioningParams._field_defaults.items()
+    ]
+)
+
+
+def default_groups(rate_hz: float) -> tuple[str, ...]:
+    """What a log of that rate allows to tune."""
+    return ("membership",) if rate_hz >= MEMBERSHIP_RATE_HZ else ("confidence", "conditioning")
+
+
+@dataclass(frozen=True)
+class LogObjective:
+    """Mean cost of the segments. ``prepared`` is None where candidates condition differently."""
+
+    names: tuple[str, ...]
+    conditioning: ConditioningParams
+    base_row: Array
+    data: Recorded
+    prepared: Prepared | None
+
+    def costs(self, values: Array) -> Array:
+        """See :class:`tuning.objective.Objective`."""
+        return self._costs(
+            values, log_kernel.parallel_prepared_costs, log_kernel.parallel_conditioned_costs
+        )
+
+    def serial_costs(self, values: Array) -> Array:
+        """See :class:`tuning.objective.Objective`."""
+        return self._costs(
+            values, log_kernel.serial_prepared_costs, log_kernel.serial_conditioned_costs
+        )
+
+    def _costs(self, values: Array, on_prepared: Any, on_raw: Any) -> Array:
+        rows = self._rows(values)
+        costs: Array
+        if self.prepared is not None:
+            costs = on_prepared(rows, self.prepared, self.data)
+        else:
+            costs = on_raw(rows, self._records(values), self.data)
+        return costs
+
+    def _rows(self, values: Array) -> Array:
+        rows = np.tile(self.base_row, (len(values), 1))
+        for i, name in enumerate(self.names):
+            if name in ROW:
+                rows[:, ROW[name]] = values[:, i]
+        return rows
+
+    def _records(self, values: Array) -> Any:
+        """One record of conditioning parameters a candidate: a kernel reads its fields by name."""
+        records = np.array([tuple(self.conditioning)] * len(values), dtype=CONDITIONING)
+        for i, name in enumerate(self.names):
+            section, _, key = name.rpartition(".")
+            if section == "conditioning":
+                records[key] = values[:, i]
+        return records
+
+
+ROW = {name: i for i, name in enumerate(NAMES)} | {
+    "filter.rate_time_constant_s": log_kernel.TAU,
+    "confidence.gravity": log_kernel.S_GRAVITY,
+    "confidence.magnetic": log_kernel.S_MAGNETIC,
+    "confidence.cross": log_kernel.S_CROSS,
+}
+
+
+@dataclass(frozen=True)
+class LogTask:
+    """Tuning of ``groups`` on logs.
+
+    Raises:
+        InputError: on use, if a log has fewer than two segments, or the base
+            does not condition its vectors.
+    """
+
+    base: Profile
+    groups: tuple[str, ...]
+    logs: tuple[LogData, ...]
+
+    @cached_property
+    def space(self) -> Space:
+        """The parameters that are tuned."""
+        return space_of(self.groups, CONDITIONED_GROUPS)
+
+    @cached_property
+    def objective(self) -> LogObjective:
+        """Mean cost of the segments that are not held out."""
+        return self._objective(self.base, self.space, self._tuning)
+
+    def score(self, profile: Profile) -> Scores:
+        """Mean cost of the tuning and of the held-out segments, everything computed anew."""
+        nothing = np.empty((1, 0))
+        found = [
+            self._objective(profile, EMPTY, chosen).serial_costs(nothing)[0]
+            for chosen in (self._tuning, self._held_out)
+        ]
+        return Scores(float(found[0]), float(found[1]))
+
+    @cached_property
+    def _split(self) -> list[tuple[list[Segment], list[Segment]]]:
+        splits = [split(segments(log)) for log in self.logs]
+        for log, (tuning, held_out) in zip(self.logs, splits, strict=True):
+            if not tuning or not held_out:
+                raise InputError(
+                    f"{log.name}: at least two stretches of 14 s without gaps and with a "
+                    f"reference are needed, found {len(tuning) + len(held_out)}"
+                )
+        return splits
+
+    @property
+    def _tuning(self) -> list[list[Segment]]:
+        return [tuning for tuning, _ in self._split]
+
+    @property
+    def _held_out(self) -> list[list[Segment]]:
+        return [held_out for _, held_out in self._split]
+
+    def segment_counts(self) -> tuple[int, int]:
+        """How many segments are searched on, and how many are held out."""
+        return sum(map(len, self._tuning)), sum(map(len, self._held_out))
+
+    def _objective(
+        self, profile: Profile, space: Space, chosen: list[list[Segment]]
+    ) -> LogObjective:
+        if not profile.conditioned:
+            raise InputError("base profile: logs are tuned with conditioning.enabled = true")
+        settings = settings_of(profile)
+        row = _row(settings)
+        total = sum(map(len, chosen))
+        parts = [
+            _recorded(profile, log, picked, total)
+            for log, picked in zip(self.logs, chosen, strict=True)
+        ]
+        columns: Any = (np.concatenate(column) for column in zip(*parts, strict=True))
+        data = Recorded(*columns)
+        if any(name.startswith("conditioning.") for name in space.names):
+            return LogObjective(space.names, settings.conditioning, row, data, None)
+        prepared = _prepared(settings, data)
+        kept = _within(chosen, [len(log.time_s) for log in self.logs])
+        return LogObjective(
+            space.names,
+            settings.conditioning,
+            row,
+            _only(data, kept),
+            _only(prepared, kept),
+        )
+
+
+def _row(settings: Settings) -> Array:
+    """A candidate's row with the profile's own values."""
+    chosen, reference = settings.filter, settings.reference
+    row = np.empty(log_kernel.COLUMNS)
+    row[: len(NAMES)] = chosen.memberships
+    row[log_kernel.TAU] = chosen.rate_time_constant_s
+    row[log_kernel.S_GRAVITY] = reference.s_gravity
+    row[log_kernel.S_MAGNETIC] = reference.s_magnetic
+    row[log_kernel.S_CROSS] = reference.s_cross
+    row[log_kernel.GAMMA] = chosen.gamma
+    row[log_kernel.BIAS_BOUND] = chosen.bias_bound_rad_s
+    row[log_kernel.EULER_STEP_MAX] = chosen.euler_step_max_s
+    row[log_kernel.GRAVITY_NED : log_kernel.GRAVITY_NED + 3] = reference.gravity_ned
+    return row
+
+
+def _only(columns: Any, kept: NDArray[np.bool_]) -> Any:
+    """The same columns with the kept samples alone."""
+    return columns._make(np.ascontiguousarray(column[kept]) for column in columns)
+
+
+def _within(chosen: list[list[Segment]], lengths: list[int]) -> NDArray[np.bool_]:
+    """Which samples lie in a segment: on shared vectors the others need not be computed."""
+    kept = np.zeros(sum(lengths), dtype=bool)
+    offset = 0
+    for picked, length in zip(chosen, lengths, strict=True):
+        for first, last in picked:
+            kept[offset + first : offset + last + 1] = True
+        offset += length
+    return kept
+
+
+def _prepared(settings: Settings, data: Recorded) -> Prepared:
+    record = np.array([tuple(settings.conditioning)], dtype=CONDITIONING)[0]
+    prepared: Prepared = log_kernel.prepare(record, data)
+    return prepared
+
+
+def _recorded(profile: Profile, log: LogData, chosen: list[Segment], total: int) -> Recorded:
+    settings = settings_of(profile, declination_rad=log.declination_rad)
+    n = len(log.time_s)
+    dt_s = np.diff(log.time_s, prepend=log.time_s[0])
+    what = np.zeros(n, dtype=np.int64)
+    what[log.restart] |= log_kernel.RESTART
+    dt_s[log.restart] = 0.0
+    if log.reference == "none":
+        what |= log_kernel.PREDICTION
+    elif not log.magnetic:
+        what |= log_kernel.INCLINATION
+    data = Recorded(
+        what=what,
+        dt_s=dt_s,
+        gyr_rad_s=log.gyr_rad_s,
+        acc_m_s2=log.acc_m_s2,
+        mag=log.mag_gauss,
+        has_mag=log.has_mag,
+        magnetic_ned=np.tile(settings.reference.magnetic_ned, (n, 1)),
+        truth=log.truth,
+        start=np.tile([1.0, 0.0, 0.0, 0.0], (n, 1)),
+        weight=np.zeros(n),
+    )
+    own = _aligned(settings, data, chosen) if log.reference == "none" else None
+    for segment in chosen:
+        data.weight[segment.first : segment.last + 1] = weights(log, segment) / total
+        what[segment.first] |= log_kernel.START
+        right = own[segment.first] if own is not None else log.truth[segment.first].tolist()
+        data.start[segment.first] = _turned_wrong(tuple(right))
+        _resync(log, segment, what)
+    return data
+
+
+def _turned_wrong(q_ned_frd: Quaternion) -> Quaternion:
+    return multiply(exp(scale(WRONG_START_RAD, WRONG_START_AXIS)), q_ned_frd)
+
+
+def _resync(log: LogData, segment: Segment, what: NDArray[np.int64]) -> None:
+    """Predictions of at most ``PREDICTION_S``, one after the other; at least one step each."""
+    begun_s = log.time_s[segment.first]
+    for i in range(segment.first + 1, segment.last + 1):
+        if log.time_s[i] - begun_s >= PREDICTION_S - 1e-9:
+            what[i] |= log_kernel.RESYNC
+            begun_s = log.time_s[i]
+
+
+def _aligned(settings: Settings, data: Recorded, chosen: list[Segment]) -> dict[int, Quaternion]:
+    """The attitude of the conditioned vectors where segments start: there is no other."""
+    prepared = _prepared(settings, data)
+    found = {}
+    for first, _ in chosen:
+        found[first] = align(
+            Vectors(
+                tuple(prepared.magnetic_b[first].tolist()),
+                settings.reference.magnetic_ned,
+                float(prepared.magnetic_weight[first]),
+                tuple(prepared.gravity_b[first].tolist()),
+                settings.reference.gravity_ned,
+                1.0,
+                1.0,
+            )
+        )
+    return found
