@@ -40,7 +40,7 @@ class FuzzbeeRun:
         self._first = np.array([self._state.q_ned_frd])
         self._gyr = np.ascontiguousarray(trial.gyr_rad_s * FRD_OF_SENSOR)
         self._acc = np.ascontiguousarray(trial.acc_m_s2 * FRD_OF_SENSOR)
-        self._mag = np.ascontiguousarray(trial.mag_ut * FRD_OF_SENSOR)
+        self._mag = np.ascontiguousarray(trial.mag_ut * FRD_OF_SENSOR / MICRO_TESLA_PER_GAUSS)
         self._has_mag = np.ones(len(self._mag), dtype=np.bool_)
         self._dt = np.full(len(self._mag), trial.dt_s)
 

@@ -34,7 +34,7 @@ from estimator.conditioning.magnetic import (
     reference_norm,
     without_field,
 )
-from estimator.conditioning.rate import SLOW_SAMPLE_S, at_interval_end, integration_rate
+from estimator.conditioning.rate import at_interval_end, integration_rate
 from estimator.conditioning.rest import observe_rest, started
 from estimator.conditioning.types import (
     Alarm,
@@ -185,7 +185,7 @@ def condition(
     previous = state.previous_gyr_rad_s if state.started else gyr
     turn = integration_rate(previous, gyr, dt, params.averaged_samples)
     rate = subtract(turn, state.estimate.bias_rad_s)
-    if params.averaged_samples and dt >= SLOW_SAMPLE_S:
+    if params.averaged_samples:
         acc = at_interval_end(acc, gyr, dt)
         mag = at_interval_end(mag, gyr, dt)
     if has_mag:

@@ -4,8 +4,8 @@ from estimator.compiled import compiled
 from estimator.quaternion import cross
 from estimator.types import Vec3
 
-# Faster than this (s a sample) the corrections gain nothing, and the mean of
-# two noisy instants loses.
+# Plain samples closer than this (s) need no correction, and the mean of two
+# noisy instants loses.
 SLOW_SAMPLE_S = 0.0125
 
 
@@ -19,7 +19,7 @@ def integration_rate(previous: Vec3, gyr: Vec3, dt_s: float, averaged: bool) -> 
     instants, so their mean over the step is (w_previous + w)/2 first.
     Source: A. Iserles and S. P. Norsett 1999, doi 10.1098/rsta.1999.0362.
     """
-    if dt_s < SLOW_SAMPLE_S:
+    if dt_s < SLOW_SAMPLE_S and not averaged:
         return gyr
     cone = cross(previous, gyr)
     k = dt_s / 12.0
