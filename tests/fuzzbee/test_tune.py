@@ -188,3 +188,62 @@ def test_figures(tmp_path):
     for picture in drawn.values():
         assert picture.shape[0] > 400
         assert picture[..., :3].std() > 0.05  # not a blank page
+
+
+SLOW_LOG = Path(__file__).resolve().parents[1] / "data" / "sitl_copter_4hz.tlog"
+FEW = ["--sources", "8", "--cycles", "5"]
+
+
+def test_a_slow_log_with_truth_is_tuned_where_its_rate_allows(tmp_path, capsys):
+    file = tmp_path / "x.toml"
+    command(SLOW_LOG, "-o", file, *FEW, "--json")
+    printed = capsys.readouterr()
+    said = json.loads(printed.out)
+    assert said["parameters"] == ["confidence", "conditioning"]
+    assert said["reference"] == "simulator's truth"
+    assert said["cost_after"] < said["cost_before"]
+    assert said["held_out_after"] < said["held_out_before"]
+    assert [i["name"] for i in said["inputs"]] == [SLOW_LOG.name]
+    assert "not the memberships" in printed.err
+    assert "--request-rate" in printed.err
+    assert "--record" in printed.err
+    tuned, base = load_profile(str(file)), load_profile("imu")
+    assert tuned.membership == base.membership
+    assert tuned.conditioning != base.conditioning
+    assert tuned.provenance.inputs == said["inputs"]
+    assert tuned.provenance.seeds == {"search": 0}
+
+
+def test_a_log_gives_the_same_file_wherever_it_lies(tmp_path):
+    other = tmp_path / "moved"
+    other.mkdir()
+    (other / SLOW_LOG.name).write_bytes(SLOW_LOG.read_bytes())
+    command(SLOW_LOG, "-o", tmp_path / "a.toml", *FEW)
+    command(other / SLOW_LOG.name, "-o", tmp_path / "b.toml", *FEW, "--threads", "1")
+    assert (tmp_path / "a.toml").read_bytes() == (tmp_path / "b.toml").read_bytes()
+
+
+@pytest.mark.parametrize(
+    ("options", "told"),
+    [
+        (["--parameters", "membership"], "fuzzy controller is tuned from 10 Hz"),
+        (["--noise-seeds", "100-101"], "goes with sim: only"),
+        (["--held-out-seeds", "1-2"], "goes with sim: only"),
+        (["--base", "paper"], "conditioning.enabled"),
+        ([str(SLOW_LOG)], "the same log"),
+        (["no-such.tlog"], "no such file"),
+    ],
+)
+def test_bad_options_with_a_log_are_refused_in_one_line(tmp_path, options, told):
+    with pytest.raises(InputError, match=told) as error:
+        command(SLOW_LOG, "-o", tmp_path / "x.toml", *FEW, *options)
+    assert "\n" not in str(error.value)
+    assert not list(tmp_path.iterdir())
+
+
+def test_the_output_is_no_source(tmp_path):
+    log = tmp_path / "flight.tlog"
+    log.write_bytes(SLOW_LOG.read_bytes())
+    with pytest.raises(InputError, match="also a source"):
+        command(log, "-o", log)
+    assert log.read_bytes() == SLOW_LOG.read_bytes()
