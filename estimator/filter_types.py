@@ -6,7 +6,7 @@ from estimator.memberships import Memberships
 from estimator.types import IDENTITY, ZERO_VEC3, Quaternion, Vec3
 
 # Largest K lambda dt (lambda: the fastest linear rate) that a plain step takes. At 2 it diverges.
-# The paper's system, s_i = 1, K <= 101 and dt <= 0.01 s, stays below 1.52; larger confidences do not.
+# The paper: s_i = 1, K <= 101, dt <= 0.01 s, stays below 1.52; larger confidences do not.
 PLAIN_STEP_LIMIT = 1.6
 
 
