@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
 import typer
 
 from estimator.errors import InputError
-from fuzzbee import zenoh_options
+from fuzzbee import outputs, zenoh_options
 from fuzzbee.options import Json, Seconds, Verbose, require_positive
 
 if TYPE_CHECKING:
@@ -56,6 +56,7 @@ class RunOptions(NamedTuple):
     speed: float
     system_id: int | None
     zenoh: "ZenohOptions | None"
+    outputs: outputs.OutputOptions
 
 
 def run(
@@ -97,6 +98,8 @@ def run(
         int | None, typer.Option("--system-id", metavar="ID", help="Only this vehicle.")
     ] = None,
     no_zenoh: Annotated[bool, typer.Option("--no-zenoh", help="Publish nothing.")] = False,
+    ros: outputs.Ros = False,
+    ros_domain: outputs.RosDomain = 0,
     listen: zenoh_options.Listen = None,
     connect: zenoh_options.Connect = None,
     mode: zenoh_options.Mode = "peer",
@@ -135,6 +138,7 @@ def run(
         speed,
         system_id,
         None if no_zenoh else zenoh,
+        outputs.OutputOptions(ros, ros_domain),
     )
     from service.signals import terminate_like_interrupt
 
@@ -169,6 +173,7 @@ def serve(options: RunOptions, *, verbose: bool) -> None:
         session = _open_zenoh(options.zenoh, stack)
         runner_of = _open_source(endpoint, options, stack)
         sinks = _zenoh_sinks(session, options, profile, requests)
+        sinks += outputs.open_outputs(options.outputs, session, _prefix(options))
         view = _open_view(options, verbose=verbose)
         outbox = stack.enter_context(Outbox([*sinks, view]))
         runner = runner_of(pipeline, outbox, requests)
@@ -274,6 +279,12 @@ def _zenoh_sinks(
     from service.zenoh_sink import ZenohSink
 
     return [ZenohSink(session, options.zenoh.prefix, profile, requests)]
+
+
+def _prefix(options: RunOptions) -> str:
+    from service.zenoh_session import DEFAULT_PREFIX
+
+    return DEFAULT_PREFIX if options.zenoh is None else options.zenoh.prefix
 
 
 def _open_view(options: RunOptions, *, verbose: bool) -> "TerminalView":

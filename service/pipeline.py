@@ -111,7 +111,7 @@ class Pipeline:
             outputs.extend(_messages(vehicle.on_time(now_us)))
             attitude = vehicle.attitude(now_us)
             if attitude is not None:
-                outputs.append(Published(vehicle.address, attitude))
+                outputs.append(Published(vehicle.address, attitude, vehicle.last_sample))
             if status_due:
                 outputs.append(Published(vehicle.address, vehicle.status(now_us, *load)))
         return outputs

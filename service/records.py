@@ -9,7 +9,7 @@ from typing import NamedTuple
 import msgspec
 
 from drivers.events import VehicleId
-from estimator.types import Quaternion, Vec3
+from estimator.types import ImuSample, Quaternion, Vec3
 
 SCHEMA = 1
 AUTOPILOT_COMPONENT = 1  # MAV_COMP_ID_AUTOPILOT1, left out of a vehicle's name
@@ -64,10 +64,11 @@ class StatusRecord(msgspec.Struct, frozen=True):
 
 
 class Published(NamedTuple):
-    """A record and the vehicle it is about."""
+    """A record and the vehicle it is about; with an attitude, the sample it comes from."""
 
     vehicle: VehicleId
     record: AttitudeRecord | StatusRecord
+    sample: ImuSample | None = None
 
 
 class Message(NamedTuple):

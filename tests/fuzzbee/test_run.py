@@ -115,3 +115,36 @@ def test_it_runs_as_a_module_and_stops_after_its_seconds():
     assert done.returncode == 0
     assert "heading" in done.stdout
     assert "\x1b" not in done.stdout
+
+
+def test_ros_nodes_hear_of_the_vehicle(capfd, monkeypatch):
+    import zenoh
+    from rosbags.typesys import Stores, get_typestore
+
+    types, got = get_typestore(Stores.ROS2_JAZZY), []
+    monkeypatch.setenv("ROS_DOMAIN_ID", "5")
+    port = free_port()
+    config = zenoh.Config()
+    config.insert_json5("scouting/multicast/enabled", "false")
+    config.insert_json5("listen/endpoints", json.dumps([f"tcp/127.0.0.1:{port}"]))
+    with zenoh.open(config) as session:
+        session.declare_subscriber("5/fuzzbee/vehicle_1/imu/**", got.append)
+        assert (
+            main(["run", "--ros", "--seconds", "2", "-e", f"tcp/127.0.0.1:{port}", "--json"]) == 0
+        )
+    messages = [types.deserialize_cdr(x.payload.to_bytes(), "sensor_msgs/msg/Imu") for x in got]
+    assert len(messages) > 100
+    assert messages[0].linear_acceleration.z != 0.0
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (["--ros", "--no-zenoh"], "--no-zenoh"),
+        (["--ros", "--ros-domain", "233"], "233"),
+    ],
+)
+def test_unusable_outputs_are_status_2(capfd, arguments, words):
+    port = free_port()
+    assert main(["run", *arguments, *default_session(port)]) == 2
+    assert words in capfd.readouterr().err

@@ -1,0 +1,62 @@
+"""What ``run`` sends and shows beside its own keys: options, and the sinks they open."""
+
+from typing import TYPE_CHECKING, Annotated, NamedTuple
+
+import typer
+
+from estimator.errors import InputError
+
+if TYPE_CHECKING:
+    import zenoh
+
+    from service.sinks import Sink
+
+PANEL = "Outputs"
+
+Ros = Annotated[
+    bool,
+    typer.Option(
+        "--ros", help="Publish sensor_msgs/Imu for ROS 2 (rmw_zenoh), too.", rich_help_panel=PANEL
+    ),
+]
+RosDomain = Annotated[
+    int,
+    typer.Option(
+        "--ros-domain",
+        metavar="ID",
+        envvar="ROS_DOMAIN_ID",
+        help="The ROS 2 domain of --ros.",
+        rich_help_panel=PANEL,
+    ),
+]
+
+
+class OutputOptions(NamedTuple):
+    """What was asked for."""
+
+    ros: bool = False
+    ros_domain: int = 0
+
+
+def open_outputs(
+    options: OutputOptions, session: "zenoh.Session | None", prefix: str
+) -> "list[Sink]":
+    """The sinks, open.
+
+    Raises:
+        InputError: an address, port or file that cannot be used, or an extra that is missing.
+    """
+    sinks: list[Sink] = []
+    if options.ros:
+        sinks.append(_ros(options, session, prefix))
+    return sinks
+
+
+def _ros(options: OutputOptions, session: "zenoh.Session | None", prefix: str) -> "Sink":
+    from service.ros_sink import MAX_DOMAIN, RosSink
+
+    if session is None:
+        raise InputError("--ros needs Zenoh: leave out --no-zenoh")
+    if not 0 <= options.ros_domain <= MAX_DOMAIN:
+        raise InputError(f"--ros-domain {options.ros_domain}: should be 0 to {MAX_DOMAIN}")
+    return RosSink(session, prefix, options.ros_domain)

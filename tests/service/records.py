@@ -1,0 +1,40 @@
+"""Attitude records for the tests of what is made of them."""
+
+from math import radians
+
+from estimator.frames import from_euler_rad
+from estimator.types import Attitude
+from service.attitude_record import Stamp, attitude_record
+from service.health import State
+
+UNIX_US = 1_700_000_000_123_456
+
+
+def record(
+    roll_deg=0.0,
+    pitch_deg=0.0,
+    yaw_deg=0.0,
+    *,
+    rate_rad_s=(0.1, 0.2, 0.3),
+    sigma_deg=(1.0, 5.0),
+    sequence=0,
+    time_boot_us=1_000_000,
+    state=State.RUNNING,
+):
+    attitude = Attitude(
+        time_us=time_boot_us,
+        q_ned_frd=from_euler_rad(radians(roll_deg), radians(pitch_deg), radians(yaw_deg)),
+        rate_rad_s=rate_rad_s,
+        gyro_bias_rad_s=(0.01, 0.02, 0.03),
+        error=0.01,
+        error_rate_1_s=0.1,
+        gain=3.0,
+        confidence_gravity=1.0,
+        confidence_magnetic=0.5,
+        sigma_inclination_rad=radians(sigma_deg[0]),
+        sigma_heading_rad=radians(sigma_deg[1]),
+        heading_reference="true",
+    )
+    made = attitude_record(attitude, Stamp(UNIX_US, time_boot_us, state, 5_000, sequence))
+    assert made is not None
+    return made
