@@ -29,6 +29,15 @@ RosDomain = Annotated[
         rich_help_panel=PANEL,
     ),
 ]
+SendAttitude = Annotated[
+    str | None,
+    typer.Option(
+        "--send-attitude",
+        metavar="URL",
+        help="Send ATTITUDE_QUATERNION there, as component 191 (not the autopilot).",
+        rich_help_panel=PANEL,
+    ),
+]
 
 
 class OutputOptions(NamedTuple):
@@ -36,6 +45,7 @@ class OutputOptions(NamedTuple):
 
     ros: bool = False
     ros_domain: int = 0
+    send_attitude: str | None = None
 
 
 def open_outputs(
@@ -49,6 +59,8 @@ def open_outputs(
     sinks: list[Sink] = []
     if options.ros:
         sinks.append(_ros(options, session, prefix))
+    if options.send_attitude is not None:
+        sinks.append(_mavlink(options.send_attitude))
     return sinks
 
 
@@ -60,3 +72,13 @@ def _ros(options: OutputOptions, session: "zenoh.Session | None", prefix: str) -
     if not 0 <= options.ros_domain <= MAX_DOMAIN:
         raise InputError(f"--ros-domain {options.ros_domain}: should be 0 to {MAX_DOMAIN}")
     return RosSink(session, prefix, options.ros_domain)
+
+
+def _mavlink(address: str) -> "Sink":
+    from drivers.endpoint import parse_endpoint
+    from service.mavlink_sink import MavlinkSink
+
+    try:
+        return MavlinkSink(parse_endpoint(address))
+    except InputError as error:
+        raise InputError(f"--send-attitude: {error}") from error

@@ -5,14 +5,16 @@ import sys
 import threading
 import time
 from collections.abc import Callable
-from contextlib import ExitStack, suppress
+from concurrent.futures import Future
+from concurrent.futures import TimeoutError as FutureTimeout
+from contextlib import ExitStack
 from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
 
 import typer
 
 from estimator.errors import InputError
 from fuzzbee import outputs, zenoh_options
-from fuzzbee.options import Json, Seconds, Verbose, require_positive
+from fuzzbee.options import Json, Seconds, Verbose, require_gain, require_positive
 
 if TYPE_CHECKING:
     import zenoh
@@ -28,6 +30,7 @@ if TYPE_CHECKING:
 
 MAX_RATE_HZ = 1000.0
 COMPILE_TOLD_AFTER_S = 1.5
+COMPILER_THREAD = "compiler"
 
 EPILOG = """Examples:
 
@@ -100,6 +103,7 @@ def run(
     no_zenoh: Annotated[bool, typer.Option("--no-zenoh", help="Publish nothing.")] = False,
     ros: outputs.Ros = False,
     ros_domain: outputs.RosDomain = 0,
+    send_attitude: outputs.SendAttitude = None,
     listen: zenoh_options.Listen = None,
     connect: zenoh_options.Connect = None,
     mode: zenoh_options.Mode = "peer",
@@ -115,14 +119,15 @@ def run(
         raise InputError(f"--rate {rate:g}: should be at most {MAX_RATE_HZ:g}")
     for option, value in (
         ("--seconds", seconds),
-        ("--gain", gain),
         ("--request-rate", request_rate),
         ("--speed", speed),
     ):
         require_positive(option, value)
+    require_gain(gain)
     if system_id is not None and not 1 <= system_id <= 255:
         raise InputError(f"--system-id {system_id}: should be 1 to 255")
-    chosen_profile = profile or ("paper" if source == "sim:" else "imu")
+    if profile is None:
+        profile = "paper" if source == "sim:" else "imu"
     zenoh = zenoh_options.zenoh_options(
         listen, connect, mode, config_file, settings, multicast=multicast, prefix=prefix
     )
@@ -130,7 +135,7 @@ def run(
         source,
         rate,
         seconds,
-        chosen_profile,
+        profile,
         gain,
         as_json,
         record,
@@ -138,12 +143,9 @@ def run(
         speed,
         system_id,
         None if no_zenoh else zenoh,
-        outputs.OutputOptions(ros, ros_domain),
+        outputs.OutputOptions(ros, ros_domain, send_attitude),
     )
-    from service.signals import terminate_like_interrupt
-
-    with suppress(KeyboardInterrupt), terminate_like_interrupt():
-        serve(options, verbose=verbose)
+    serve(options, verbose=verbose)
 
 
 def serve(options: RunOptions, *, verbose: bool) -> None:
@@ -190,15 +192,21 @@ def _compile(profile: "Profile", gain: float | None) -> None:
     """Compile before anything is opened, and say so if it takes long."""
     from service.warm_up import warm_up
 
-    told = threading.Timer(
-        COMPILE_TOLD_AFTER_S, _say, ("compiling the filter, the first time only",)
-    )
-    told.daemon = True
-    told.start()
+    done: Future[None] = Future()
+
+    def work() -> None:
+        try:
+            done.set_result(warm_up(profile, gain))
+        except Exception as error:  # noqa: BLE001 - raised again below
+            done.set_exception(error)
+
+    # in a thread: the compiler's callbacks swallow what a signal raises in them
+    threading.Thread(target=work, name=COMPILER_THREAD, daemon=True).start()
     try:
-        warm_up(profile, gain)
-    finally:
-        told.cancel()
+        done.result(COMPILE_TOLD_AFTER_S)
+    except FutureTimeout:
+        _say("compiling the filter, the first time only")
+        done.result()
 
 
 def _say(text: str) -> None:
@@ -353,7 +361,7 @@ def _report(result: dict[str, Any], *, as_json: bool) -> None:
     if as_json:
         import json
 
-        print(json.dumps(result))
+        print(json.dumps(result), flush=True)
         return
     vehicles = result["vehicles"]
     attitudes = sum(vehicle["attitudes"] for vehicle in vehicles.values())

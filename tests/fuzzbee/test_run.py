@@ -142,6 +142,8 @@ def test_ros_nodes_hear_of_the_vehicle(capfd, monkeypatch):
     [
         (["--ros", "--no-zenoh"], "--no-zenoh"),
         (["--ros", "--ros-domain", "233"], "233"),
+        (["--send-attitude", "sim:"], "--send-attitude"),
+        (["--send-attitude", "udpout:127.0.0.1"], "port"),
     ],
 )
 def test_unusable_outputs_are_status_2(capfd, arguments, words):
