@@ -11,10 +11,12 @@ from estimator.frames import euler_rad
 from estimator.memberships import TERMS, Triangle, fuzzy_sets
 from estimator.metrics import COST_RATE_HZ
 from estimator.profile import Profile
+from tuning.log_task import LogTask
 from tuning.objective import Task
 from tuning.paper_experiment import run_experiment
 from tuning.paper_task import PaperTask
 from tuning.search import Search
+from tuning.segments import SEGMENT_S
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -39,6 +41,8 @@ def draw(folder: Path, task: Task, tuned: Profile, search: Search) -> list[Path]
         seed = task.held_out_seeds[0]
         figures["error"] = error_over_time(task.base, tuned, seed)
         figures["euler"] = euler_angles(tuned, seed)
+    elif isinstance(task, LogTask):
+        figures["error"] = error_on_logs(task, tuned)
     return [_save(figure, folder / f"{name}.png") for name, figure in figures.items()]
 
 
@@ -67,9 +71,7 @@ def convergence(search: Search) -> "Figure":
     ax.plot(evaluations, [p.mean_cost for p in search.history], label="mean of the population")
     ax.plot(evaluations, [p.best_cost for p in search.history], label="best so far")
     ax.set(xlabel="evaluations", ylabel="cost J", title="Convergence of the search")
-    if search.history and min(p.best_cost for p in search.history) > 0.0:
-        ax.set_yscale("log")
-    ax.grid(visible=True, which="both", alpha=0.3)
+    ax.grid(visible=True, alpha=0.3)
     ax.legend()
     return figure
 
@@ -113,6 +115,26 @@ def error_over_time(before: Profile, after: Profile, seed: int) -> "Figure":
     axes[0, 0].set_title("Normalised Euclidean distance, the first second")
     axes[0, 1].set_title(f"the whole experiment (noise seed {seed})")
     axes[0, 1].legend(loc="upper right", fontsize="small")
+    return figure
+
+
+def error_on_logs(task: LogTask, tuned: Profile) -> "Figure":
+    """e on every held-out segment, before and after, and their median."""
+    figure, axes = _figure(1, 2, 11.0, 4.2)
+    for name, profile, colour in (("before", task.base, "C0"), ("tuned", tuned, "C1")):
+        found = task.held_out_errors(profile)
+        grid_s = np.arange(0.0, SEGMENT_S, 0.02)
+        each = np.array([np.interp(grid_s, time_s, e) for time_s, e in found])
+        for ax in axes[0]:
+            ax.plot(grid_s, each.T, color=colour, alpha=0.25, linewidth=0.7)
+            ax.plot(grid_s, np.median(each, axis=0), color=colour, linewidth=2.0, label=name)
+    for ax, end_s in zip(axes[0], (2.0, SEGMENT_S), strict=True):
+        ax.set(xlim=(0.0, end_s), xlabel="time in s", ylabel="e(R~)", yscale="log")
+        ax.set_ylim(1e-6, 1.5)
+        ax.grid(visible=True, alpha=0.3)
+    axes[0, 0].set_title("Held-out segments from a wrong start")
+    axes[0, 1].set_title("the whole segments, and their median")
+    axes[0, 1].legend(loc="upper right")
     return figure
 
 

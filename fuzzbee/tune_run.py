@@ -82,6 +82,11 @@ def run_plan(
         from fuzzbee.tune_plots import draw
 
         draw(plot, plan.task, outcome.profile, outcome.search)
+    if after.held_out > before.held_out:
+        _tell(
+            f"the held-out cost rose from {before.held_out:.4f} to {after.held_out:.4f}: "
+            "the result fits what it was tuned on only; use more data, or keep the base"
+        )
     report = _report(plan, outcome, before, after, time.perf_counter() - started)
     if as_json:
         print(json.dumps(report))

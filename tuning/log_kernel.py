@@ -84,10 +84,11 @@ class Seen(NamedTuple):
 
 
 class Run(NamedTuple):
-    """The filter, the prediction that runs ahead of it, and the cost so far."""
+    """The filter, the prediction that runs ahead of it, its last error e, and the cost so far."""
 
     state: FilterState
     ahead: Quaternion
+    error: float
     cost: float
 
 
@@ -163,26 +164,23 @@ def advance(row: Array, data: Recorded, i: int, seen: Seen, run: Run) -> Run:
         state = turned(run.state, seen.rate_rad_s, dt, ZERO_VEC3)
         state = correct(params, state, vectors, dt)
         ahead = normalize(multiply(run.ahead, exp(scale(dt, seen.rate_rad_s))))
-    cost = run.cost
-    weight = data.weight[i]
-    if weight > 0.0:
-        if what & PREDICTION:
-            acc, mag = vec3(data.acc_m_s2, i), vec3(data.mag, i)
-            e = prediction_error(ahead, gravity_ned, acc, magnetic_ned, mag, data.has_mag[i])
-        elif what & INCLINATION:
-            e = inclination_distance(state.q_ned_frd, quaternion(data.truth, i))
-        else:
-            e = normalized_distance(quaternion(data.truth, i), state.q_ned_frd)
-        cost += weight * e
+    if what & PREDICTION:
+        acc, mag = vec3(data.acc_m_s2, i), vec3(data.mag, i)
+        e = prediction_error(ahead, gravity_ned, acc, magnetic_ned, mag, data.has_mag[i])
+    elif what & INCLINATION:
+        e = inclination_distance(state.q_ned_frd, quaternion(data.truth, i))
+    else:
+        e = normalized_distance(quaternion(data.truth, i), state.q_ned_frd)
     if what & RESYNC:
         ahead = state.q_ned_frd
-    return Run(state, ahead, cost)
+    # a sample without a reference weighs nothing, whatever its e
+    return Run(state, ahead, e, run.cost + data.weight[i] * e)
 
 
 @compiled
 def fresh() -> Run:
     """Before the first sample of anything."""
-    return Run(FilterState(IDENTITY, ZERO_VEC3, 0.0, 0.0, 1.0, False), IDENTITY, 0.0)
+    return Run(FilterState(IDENTITY, ZERO_VEC3, 0.0, 0.0, 1.0, False), IDENTITY, 0.0, 0.0)
 
 
 @compiled
@@ -194,6 +192,18 @@ def taken(seen: Conditioned) -> Seen:
         seen.magnetic_b,
         seen.gravity_weight,
         seen.magnetic_weight,
+    )
+
+
+@compiled
+def shared(prepared: Prepared, i: int) -> Seen:
+    """The same of a sample that was conditioned beforehand."""
+    return Seen(
+        vec3(prepared.rate_rad_s, i),
+        vec3(prepared.gravity_b, i),
+        vec3(prepared.magnetic_b, i),
+        prepared.gravity_weight[i],
+        prepared.magnetic_weight[i],
     )
 
 
@@ -217,15 +227,19 @@ def prepared_cost(row: Array, prepared: Prepared, data: Recorded) -> float:
     """Cost of a candidate's row on vectors that the candidates share."""
     run = fresh()
     for i in range(len(data.dt_s)):
-        seen = Seen(
-            vec3(prepared.rate_rad_s, i),
-            vec3(prepared.gravity_b, i),
-            vec3(prepared.magnetic_b, i),
-            prepared.gravity_weight[i],
-            prepared.magnetic_weight[i],
-        )
-        run = advance(row, data, i, seen, run)
+        run = advance(row, data, i, shared(prepared, i), run)
     return run.cost
+
+
+@compiled
+def prepared_errors(row: Array, prepared: Prepared, data: Recorded) -> Array:
+    """e (N,) at each sample, for figures."""
+    errors = np.empty(len(data.dt_s))
+    run = fresh()
+    for i in range(len(data.dt_s)):
+        run = advance(row, data, i, shared(prepared, i), run)
+        errors[i] = run.error
+    return errors
 
 
 @compiled

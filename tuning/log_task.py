@@ -78,6 +78,12 @@ class LogObjective:
             values, log_kernel.serial_prepared_costs, log_kernel.serial_conditioned_costs
         )
 
+    def errors(self) -> Array:
+        """e at each sample with the base's own values, on shared vectors."""
+        assert self.prepared is not None
+        errors: Array = log_kernel.prepared_errors(self.base_row, self.prepared, self.data)
+        return errors
+
     def _costs(self, values: Array, on_prepared: Any, on_raw: Any) -> Array:
         rows = self._rows(values)
         costs: Array
@@ -143,6 +149,20 @@ class LogTask:
             for chosen in (self._tuning, self._held_out)
         ]
         return Scores(float(found[0]), float(found[1]))
+
+    def held_out_errors(self, profile: Profile) -> list[tuple[Array, Array]]:
+        """Times (n,) since its start and e (n,) of each held-out segment."""
+        objective = self._objective(profile, EMPTY, self._held_out)
+        errors = objective.errors()
+        found = []
+        begin = 0
+        for log, picked in zip(self.logs, self._held_out, strict=True):
+            for first, last in picked:
+                end = begin + last - first + 1
+                time_s = log.time_s[first : last + 1] - log.time_s[first]
+                found.append((time_s, errors[begin:end]))
+                begin = end
+        return found
 
     @cached_property
     def _split(self) -> list[tuple[list[Segment], list[Segment]]]:

@@ -214,6 +214,13 @@ def test_a_slow_log_with_truth_is_tuned_where_its_rate_allows(tmp_path, capsys):
     assert tuned.provenance.seeds == {"search": 0}
 
 
+def test_figures_of_a_log(tmp_path):
+    pytest.importorskip("matplotlib")
+    folder = tmp_path / "figures"
+    command(SLOW_LOG, "-o", tmp_path / "x.toml", *FEW, "--plot", folder)
+    assert {path.name for path in folder.iterdir()} == {"convergence.png", "error.png"}
+
+
 def test_a_log_gives_the_same_file_wherever_it_lies(tmp_path):
     other = tmp_path / "moved"
     other.mkdir()
