@@ -12,6 +12,7 @@ if TYPE_CHECKING:
     from service.sinks import Sink
 
 PANEL = "Outputs"
+MAX_PORT = 65535
 
 Ros = Annotated[
     bool,
@@ -38,6 +39,15 @@ SendAttitude = Annotated[
         rich_help_panel=PANEL,
     ),
 ]
+Metrics = Annotated[
+    int | None,
+    typer.Option(
+        "--metrics",
+        metavar="PORT",
+        help="Serve Prometheus metrics on 127.0.0.1 (extra: metrics).",
+        rich_help_panel=PANEL,
+    ),
+]
 
 
 class OutputOptions(NamedTuple):
@@ -46,6 +56,7 @@ class OutputOptions(NamedTuple):
     ros: bool = False
     ros_domain: int = 0
     send_attitude: str | None = None
+    metrics_port: int | None = None
 
 
 def open_outputs(
@@ -61,6 +72,8 @@ def open_outputs(
         sinks.append(_ros(options, session, prefix))
     if options.send_attitude is not None:
         sinks.append(_mavlink(options.send_attitude))
+    if options.metrics_port is not None:
+        sinks.append(_metrics(options.metrics_port))
     return sinks
 
 
@@ -82,3 +95,11 @@ def _mavlink(address: str) -> "Sink":
         return MavlinkSink(parse_endpoint(address))
     except InputError as error:
         raise InputError(f"--send-attitude: {error}") from error
+
+
+def _metrics(port: int) -> "Sink":
+    from service.metrics_sink import MetricsSink
+
+    if not 1 <= port <= MAX_PORT:
+        raise InputError(f"--metrics {port}: the port must be 1 to {MAX_PORT}")
+    return MetricsSink(port)

@@ -104,6 +104,7 @@ def run(
     ros: outputs.Ros = False,
     ros_domain: outputs.RosDomain = 0,
     send_attitude: outputs.SendAttitude = None,
+    metrics: outputs.Metrics = None,
     listen: zenoh_options.Listen = None,
     connect: zenoh_options.Connect = None,
     mode: zenoh_options.Mode = "peer",
@@ -143,7 +144,7 @@ def run(
         speed,
         system_id,
         None if no_zenoh else zenoh,
-        outputs.OutputOptions(ros, ros_domain, send_attitude),
+        outputs.OutputOptions(ros, ros_domain, send_attitude, metrics),
     )
     serve(options, verbose=verbose)
 
@@ -196,9 +197,11 @@ def _compile(profile: "Profile", gain: float | None) -> None:
 
     def work() -> None:
         try:
-            done.set_result(warm_up(profile, gain))
+            warm_up(profile, gain)
         except Exception as error:  # noqa: BLE001 - raised again below
             done.set_exception(error)
+        else:
+            done.set_result(None)
 
     # in a thread: the compiler's callbacks swallow what a signal raises in them
     threading.Thread(target=work, name=COMPILER_THREAD, daemon=True).start()
