@@ -27,6 +27,7 @@ MAGIC = re.compile(rb"[\xfd\xfe]")
 STAMP_STEP_US = 86_400 * 1_000_000  # a stamp further than a day from the last needs a witness
 STAMP_BACK_US = 3600 * 1_000_000
 SNIFF_SIZE = 1 << 20  # a log has a sound frame within its first MiB
+FIRST_RECORDS = 100  # two stamps among these agree, or the first ones mean nothing
 RAW_FRAMES = 3  # that many sound frames end to end are no accident
 
 
@@ -35,10 +36,11 @@ class StampFilter:
 
     A stamp far from the last one counts only if the next agrees with it (a
     second session in the same file); until then the last good one stands in.
+    ``last_us`` is a time to start from, if one is known.
     """
 
-    def __init__(self) -> None:
-        self._last_us: int | None = None
+    def __init__(self, last_us: int | None = None) -> None:
+        self._last_us = last_us
         self._candidate_us: int | None = None
 
     def arrival_us(self, stamp_us: int) -> int:
@@ -95,13 +97,14 @@ class Tlog:
 
     def __iter__(self) -> Iterator[Event]:
         decoder = MavlinkDecoder()
-        stamps = StampFilter()
         with _mapped(self.path) as data:
+            arrival_us = _first_stamp_us(data)
+            stamps = StampFilter(arrival_us)
             for stamp_us, message in TlogRecords(data, decoder.message_names):
-                arrival_us = stamps.arrival_us(stamp_us)
-                if message is None:
+                if message is None:  # its stamp is as doubtful as the frame
                     yield Malformed(arrival_us, 1)
                 else:
+                    arrival_us = stamps.arrival_us(stamp_us)
                     yield from decoder.decode(message, arrival_us)
 
 
@@ -208,6 +211,18 @@ def frame_end(data: mmap.mmap | bytes, start: int) -> int | None:
         signature = SIGNATURE_SIZE if data[start + 2] & SIGNED_FLAG else 0
         return start + length + OVERHEAD_V2 + signature
     return None
+
+
+def _first_stamp_us(data: mmap.mmap | bytes) -> int:
+    """The first stamp that the next one agrees with: a file may begin in mid-record."""
+    previous_us = 0
+    for number, (stamp_us, _) in enumerate(TlogRecords(data, None).readable()):
+        if number and _near(stamp_us, previous_us):
+            return previous_us
+        if number >= FIRST_RECORDS:
+            break
+        previous_us = stamp_us
+    return previous_us
 
 
 def _is_raw_capture(data: mmap.mmap | bytes) -> bool:

@@ -152,6 +152,23 @@ def test_a_stamp_from_another_age_is_not_believed(tmp_path):
     assert not any(isinstance(event, ClockReset) for event in events)
 
 
+@pytest.mark.parametrize("cut", [3, 11, 30])
+def test_a_log_that_begins_in_mid_record_keeps_its_times(tmp_path, cut):
+    events = read(tmp_path, b"".join(steady(20))[cut:])
+    assert len(imu_times(events)) == 19
+    assert gaps_s(imu_times(events)) == [0.25] * 18
+    assert max(gaps_s([e.arrival_us for e in events])) <= 0.5
+    assert not any(isinstance(event, ClockReset) for event in events)
+
+
+def test_a_first_stamp_from_another_age_is_not_believed(tmp_path):
+    records = steady(20)
+    records[0] = bytes(8) + records[0][8:]
+    events = read(tmp_path, b"".join(records))
+    assert gaps_s(imu_times(events)) == [0.25] * 19
+    assert max(gaps_s([e.arrival_us for e in events])) <= 0.5
+
+
 def test_a_second_session_years_later_is_believed_from_its_second_record():
     stamps, year_us = StampFilter(), 365 * 86_400 * S
     given_us = [stamps.arrival_us(t) for t in (100, 200, year_us, year_us + 100, year_us + 200)]
