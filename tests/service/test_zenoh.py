@@ -125,7 +125,15 @@ def test_gets_parameters_and_liveliness(endpoint):
         ((_, whole),) = get(client, "test/1/parameters", json.dumps(profile))
         assert whole == profile
 
-        for bad in ('{"filter": {"gama": 1}}', '{"filter": {"gamma": -1}}', "[1]", "{", "\xff"):
+        deep = '{"a":' * 5000 + "1" + "}" * 5000
+        for bad in (
+            '{"filter": {"gama": 1}}',
+            '{"filter": {"gamma": -1}}',
+            "[1]",
+            "{",
+            "\xff",
+            deep,
+        ):
             ((key, error),) = get(client, "test/1/parameters", bad)
             assert key is None
             assert list(error) == ["error"]
