@@ -1,81 +1,33 @@
-"""The command line: arguments in, one function per verb out, an exit status back.
+"""The ``fuzzbee`` command: arguments in, an exit status out.
 
-This file and the verbs import nothing heavy: that happens inside the
-functions, so that ``--help`` and ``--version`` are quick.
+It imports next to nothing, so that a signal is answered as promised from the
+first moment on; the verbs are imported inside.
 """
 
 import os
 import sys
 import threading
 from collections.abc import Sequence
-from typing import Annotated
-
-import typer
+from contextlib import nullcontext
 
 from estimator.errors import InputError
-from fuzzbee import profile, replay, run, sim, tune, watch
-from fuzzbee.version import __version__
+from service.signals import terminate_like_interrupt
 
 OK, FAILED, BAD_INPUT, INTERRUPTED = 0, 1, 2, 130
-
-HELP = "Estimate a vehicle's attitude from its MAVLink stream, live."
-
-EPILOG = """Start here:
-
-  fuzzbee run                    the service on its built-in vehicle
-
-  fuzzbee watch                  in another terminal: what it publishes
-
-  fuzzbee COMMAND --help         options and examples"""
-
-
-def build_app(*, decorated: bool) -> typer.Typer:
-    """All verbs; ``decorated`` help has boxes and colours, for a terminal."""
-    app = typer.Typer(
-        name="fuzzbee",
-        help=HELP,
-        epilog=EPILOG,
-        no_args_is_help=False,
-        invoke_without_command=True,
-        add_completion=False,
-        rich_markup_mode="rich" if decorated else None,
-        pretty_exceptions_enable=False,
-        context_settings={"help_option_names": ["--help", "-h"]},
-    )
-    app.callback()(_main_options)
-    for verb in (run, sim, watch, replay, tune):
-        function = getattr(verb, verb.__name__.rpartition(".")[2])
-        app.command(epilog=getattr(verb, "EPILOG", None))(function)
-    app.add_typer(profile.profile_app, name="profile")
-    return app
-
-
-def _main_options(
-    context: typer.Context,
-    version: Annotated[bool, typer.Option("--version", help="Print the version and end.")] = False,
-    verbose: Annotated[  # noqa: ARG001 - read from the arguments by main
-        bool, typer.Option("--verbose", "-v", help="Say more on standard error.")
-    ] = False,
-) -> None:
-    if version:
-        print(f"fuzzbee {__version__}")
-        raise typer.Exit
-    if context.invoked_subcommand is None:
-        print(context.get_help())
+ENDLESS = frozenset({"run", "sim", "watch"})  # verbs that a signal ends well
+# threads that may hang: a sink on a stopped terminal, the compiler
+HANGING = ("sink ", "compiler")
 
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run one command; returns its exit status and lets no exception out."""
     arguments = list(sys.argv[1:] if argv is None else argv)
-    app = build_app(decorated=sys.stdout.isatty())
     try:
-        status = typer.main.get_command(app).main(
-            args=arguments, prog_name="fuzzbee", standalone_mode=False
-        )
+        status = _run_verb(arguments)
     except InputError as error:
         return _fail(str(error), BAD_INPUT)
     except KeyboardInterrupt:
-        return INTERRUPTED
+        return OK if _is_endless(arguments) else INTERRUPTED
     except BrokenPipeError:
         return OK  # whoever read our output has seen enough
     except Exception as error:  # noqa: BLE001 - the last resort: one line, not a traceback
@@ -89,14 +41,31 @@ def main(argv: Sequence[str] | None = None) -> int:
 
             traceback.print_exc()
         return _fail(f"{type(error).__name__}: {error}", FAILED)
+    if status == INTERRUPTED and _is_endless(arguments):  # the parser's word for an interrupt
+        return OK
     return status if isinstance(status, int) else OK
+
+
+def _run_verb(arguments: list[str]) -> object:
+    """What the verb returned; SIGTERM interrupts the endless ones as SIGINT does."""
+    with terminate_like_interrupt() if _is_endless(arguments) else nullcontext():
+        from typer.main import get_command
+
+        from fuzzbee.app import build_app
+
+        command = get_command(build_app(decorated=sys.stdout.isatty()))
+        return command.main(args=arguments, prog_name="fuzzbee", standalone_mode=False)
+
+
+def _is_endless(arguments: list[str]) -> bool:
+    verb = next((word for word in arguments if not word.startswith("-")), None)
+    return verb in ENDLESS
 
 
 def entry_point() -> None:
     """The ``fuzzbee`` command."""
     status = main()
-    if any(thread.name.startswith("sink ") for thread in threading.enumerate()):
-        # a sink that hangs (a stopped terminal) must not keep the process from ending
+    if any(thread.name.startswith(HANGING) for thread in threading.enumerate()):
         os._exit(status)
     sys.exit(status)
 

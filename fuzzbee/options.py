@@ -14,6 +14,19 @@ Seconds = Annotated[
 ]
 
 
+MAX_GAIN = 1e6
+
+
+def require_gain(gain: float | None) -> None:
+    """Refuse a fixed gain that is no number above 0, or beyond any use.
+
+    Raises:
+        InputError: names the value.
+    """
+    if gain is not None and not 0.0 < gain <= MAX_GAIN:
+        raise InputError(f"--gain {gain:g}: K should be above 0 and at most {MAX_GAIN:g}")
+
+
 def require_positive(option: str, value: float | None) -> None:
     """Refuse zero, negative numbers, infinity and NaN.
 

@@ -9,6 +9,7 @@ from typing import Annotated, Any
 import typer
 
 from estimator.errors import InputError
+from fuzzbee.options import require_gain
 
 SIMULATION = "sim:"
 
@@ -61,8 +62,7 @@ def replay(
     ] = False,
 ) -> None:
     """Run the filter over logs as fast as it goes and score it against a reference."""
-    if gain is not None and not 0.0 < gain <= 1e6:
-        raise InputError(f"--gain {gain:g}: K must be above 0")
+    require_gain(gain)
     if not 0.0 <= skip < inf:
         raise InputError(f"--skip {skip:g}: must be a number of seconds, 0 or more")
     if not isfinite(start_wrong):
@@ -99,7 +99,10 @@ def _replay_logs(
     from fuzzbee.replay_table import print_reports
 
     profile = load_profile(profile_name)
-    reports = [report_log(path, profile, tell=_tell, **options) for path in paths]
+    told: list[str] = []  # kept until all went well: a refusal is one line
+    reports = [report_log(path, profile, tell=told.append, **options) for path in paths]
+    for line in told:
+        _tell(line)
     if not as_json:
         print_reports(reports)
     elif len(reports) == 1:

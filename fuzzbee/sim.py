@@ -3,11 +3,9 @@
 Options that cannot be used raise ``InputError``, as everywhere.
 """
 
-import signal
 import sys
 import threading
-from collections.abc import Iterator
-from contextlib import contextmanager, suppress
+from contextlib import suppress
 from pathlib import Path
 from typing import Annotated, cast
 
@@ -15,6 +13,7 @@ import typer
 
 from drivers.endpoint import Endpoint, Kind, endpoint_help, parse_endpoint
 from estimator.errors import InputError
+from service.signals import stop_on_signals
 
 LINK_KINDS: tuple[Kind, ...] = ("udpout", "udpin", "tcp", "tcpin")
 EPILOG = """Examples:
@@ -60,7 +59,8 @@ def sim(
     They send HEARTBEAT, RAW_IMU, SIM_STATE (the truth), ATTITUDE and ATTITUDE_QUATERNION (the
     truth, too), and answer SET_MESSAGE_INTERVAL and parameter requests.
     """
-    with _stop_signals() as stop:
+    stop = threading.Event()
+    with stop_on_signals(stop.set):
         from drivers.mavlink_encoder import signing_key
         from drivers.transports import LinkError, open_transport
         from drivers.vehicle import Motion
@@ -119,19 +119,6 @@ def _content(path: Path) -> bytes:
     if not content.strip():
         raise InputError(f"the key file {path} is empty")
     return content
-
-
-@contextmanager
-def _stop_signals() -> Iterator[threading.Event]:
-    """An event that SIGINT and SIGTERM set, while the context lasts."""
-    stop = threading.Event()
-    numbers = (signal.SIGINT, signal.SIGTERM)
-    before = [signal.signal(number, lambda *_: stop.set()) for number in numbers]
-    try:
-        yield stop
-    finally:
-        for number, handler in zip(numbers, before, strict=True):
-            signal.signal(number, handler)
 
 
 def _say(text: str) -> None:

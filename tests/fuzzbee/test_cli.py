@@ -1,3 +1,4 @@
+import signal
 import subprocess
 import sys
 
@@ -72,3 +73,16 @@ def test_help_does_not_import_what_is_slow():
         [sys.executable, "-c", code], capture_output=True, text=True, check=False, timeout=60
     )
     assert done.returncode == 0, done.stderr
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_a_signal_before_watch_is_ready_ends_it_well(monkeypatch, number):
+    monkeypatch.setattr("fuzzbee.watch.follow", lambda *_, **__: signal.raise_signal(number))
+    assert main(["watch"]) == 0
+
+
+def test_an_interrupted_replay_says_so(monkeypatch):
+    monkeypatch.setattr(
+        "fuzzbee.replay._replay_logs", lambda *_, **__: signal.raise_signal(signal.SIGINT)
+    )
+    assert main(["replay", "flight.tlog"]) == 130

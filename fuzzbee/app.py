@@ -1,0 +1,57 @@
+"""All verbs as one command-line application.
+
+This file and the verbs import nothing heavy: that happens inside the
+functions, so that ``--help`` and ``--version`` are quick.
+"""
+
+from typing import Annotated
+
+import typer
+
+from fuzzbee import profile, replay, run, sim, tune, watch
+from fuzzbee.version import __version__
+
+HELP = "Estimate a vehicle's attitude from its MAVLink stream, live."
+
+EPILOG = """Start here:
+
+  fuzzbee run                    the service on its built-in vehicle
+
+  fuzzbee watch                  in another terminal: what it publishes
+
+  fuzzbee COMMAND --help         options and examples"""
+
+
+def build_app(*, decorated: bool) -> typer.Typer:
+    """All verbs; ``decorated`` help has boxes and colours, for a terminal."""
+    app = typer.Typer(
+        name="fuzzbee",
+        help=HELP,
+        epilog=EPILOG,
+        no_args_is_help=False,
+        invoke_without_command=True,
+        add_completion=False,
+        rich_markup_mode="rich" if decorated else None,
+        pretty_exceptions_enable=False,
+        context_settings={"help_option_names": ["--help", "-h"]},
+    )
+    app.callback()(_main_options)
+    for verb in (run, sim, watch, replay, tune):
+        function = getattr(verb, verb.__name__.rpartition(".")[2])
+        app.command(epilog=getattr(verb, "EPILOG", None))(function)
+    app.add_typer(profile.profile_app, name="profile")
+    return app
+
+
+def _main_options(
+    context: typer.Context,
+    version: Annotated[bool, typer.Option("--version", help="Print the version and end.")] = False,
+    verbose: Annotated[  # noqa: ARG001 - read from the arguments by main
+        bool, typer.Option("--verbose", "-v", help="Say more on standard error.")
+    ] = False,
+) -> None:
+    if version:
+        print(f"fuzzbee {__version__}")
+        raise typer.Exit
+    if context.invoked_subcommand is None:
+        print(context.get_help())
