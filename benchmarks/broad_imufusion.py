@@ -7,10 +7,10 @@ from broad_scores import conjugate, multiply
 
 STANDARD_GRAVITY_M_S2 = 9.80665
 # Best common settings over the trials this was developed on.
-GAIN = 0.25
+GAIN = 0.2
 ACCELERATION_REJECTION_DEG = 10.0
-MAGNETIC_REJECTION_DEG = 5.0
-REJECTION_TIMEOUT_S = 5.0
+MAGNETIC_REJECTION_DEG = 10.0
+REJECTION_TIMEOUT_S = 10.0
 
 
 class ImufusionRun:
@@ -26,7 +26,7 @@ class ImufusionRun:
         settings.gyroscope_range = 0.0
         settings.acceleration_rejection = ACCELERATION_REJECTION_DEG
         settings.magnetic_rejection = MAGNETIC_REJECTION_DEG
-        settings.rejection_timeout = round(REJECTION_TIMEOUT_S * trial.rate_hz)
+        settings.rejection_timeout = REJECTION_TIMEOUT_S
         self._ahrs = imufusion.Ahrs()
         self._ahrs.set_settings(settings)
         bias = imufusion.BiasSettings()

@@ -1,0 +1,58 @@
+"""Vehicles whose truth is known, for the tests of the steps."""
+
+from collections.abc import Callable, Iterator
+from math import cos, sin
+from typing import NamedTuple
+
+from estimator.quaternion import exp, multiply, normalize, rotate_inverse
+from estimator.types import Quaternion, Vec3
+
+GRAVITY_M_S2 = 9.81
+FIELD_NED = (0.2, 0.0, 0.42)  # 65 degrees of dip
+
+
+class Sample(NamedTuple):
+    """What the sensors read and the attitude they read it at."""
+
+    q_ned_frd: Quaternion
+    gyr: Vec3
+    acc: Vec3
+    mag: Vec3
+
+
+def tumbling(t: float) -> Vec3:
+    """Body rates (rad/s) that reach every attitude."""
+    return (1.5 * sin(0.9 * t), 1.2 * cos(0.7 * t + 1.0), 0.8 * sin(0.5 * t + 2.0))
+
+
+def resting(_t: float) -> Vec3:
+    """No rate."""
+    return (0.0, 0.0, 0.0)
+
+
+def fly(
+    rate: Callable[[float], Vec3],
+    seconds: float,
+    dt: float,
+    *,
+    bias: Vec3 = (0.0, 0.0, 0.0),
+    lag_s: float = 0.0,
+    offset: Vec3 = (0.0, 0.0, 0.0),
+    start: Quaternion = (1.0, 0.0, 0.0, 0.0),
+) -> Iterator[Sample]:
+    """Samples of a vehicle that only turns; its magnetometer late and beside its own field."""
+    q = start
+    history = [q]
+    behind = round(lag_s / dt)
+    for k in range(round(seconds / dt)):
+        w = rate(k * dt)
+        q = normalize(multiply(q, exp((w[0] * dt, w[1] * dt, w[2] * dt))))
+        history.append(q)
+        then = history[max(0, len(history) - 1 - behind)]
+        m = rotate_inverse(then, FIELD_NED)
+        yield Sample(
+            q,
+            (w[0] + bias[0], w[1] + bias[1], w[2] + bias[2]),
+            rotate_inverse(q, (0.0, 0.0, -GRAVITY_M_S2)),
+            (m[0] + offset[0], m[1] + offset[1], m[2] + offset[2]),
+        )

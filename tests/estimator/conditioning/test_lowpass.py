@@ -1,0 +1,46 @@
+"""The low-pass against the differential equation it solves."""
+
+from math import pi
+
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+
+from estimator.conditioning.lowpass import low_pass, smooth_scalar
+
+
+@pytest.mark.parametrize("dt", [0.0025, 0.1, 0.7])
+def test_step_is_the_solution_of_the_differential_equation(dt):
+    tau, u = 0.5, 1.0
+    y, w = 0.3, -0.2
+    solution = solve_ivp(
+        lambda _t, x: [x[1] / tau, (2.0 * (u - x[0]) - 2.0 * x[1]) / tau],
+        (0.0, dt),
+        [y, w],
+        rtol=1e-10,
+        atol=1e-12,
+    )
+    assert smooth_scalar(low_pass(tau, dt), y, w, u) == pytest.approx(solution.y[:, -1], abs=1e-8)
+
+
+@pytest.mark.parametrize("dt", [0.0025, 1.0, 60.0, 1e6])
+def test_any_time_step_ends_at_the_input(dt):
+    k = low_pass(3.0, dt)
+    y, w = 100.0, -50.0
+    for _ in range(max(1, round(60.0 / dt))):
+        y, w = smooth_scalar(k, y, w, 1.0)
+    assert y == pytest.approx(1.0, abs=1e-5)
+
+
+def test_cut_off_is_3_db():
+    """Butterworth: gain sqrt(1/2) at sqrt(2)/(2 pi tau)."""
+    tau, dt = 0.5, 1e-4
+    frequency = np.sqrt(2.0) / (2.0 * pi * tau)
+    k = low_pass(tau, dt)
+    y = w = 0.0
+    out = []
+    for i in range(round(12.0 / frequency / dt)):
+        y, w = smooth_scalar(k, y, w, np.sin(2.0 * pi * frequency * i * dt))
+        out.append(y)
+    steady = out[len(out) // 2 :]
+    assert max(steady) == pytest.approx(np.sqrt(0.5), rel=1e-2)

@@ -1,0 +1,247 @@
+"""Each step by itself."""
+
+from math import cos, radians, sin
+
+import numpy as np
+import pytest
+
+from estimator.conditioning import ConditioningParams, condition, initial_state, turned
+from estimator.conditioning.bias import update
+from estimator.conditioning.coefficients import coefficients
+from estimator.conditioning.gravity import level, observe_gravity
+from estimator.conditioning.heading import north_east
+from estimator.conditioning.magnetic import observe_field
+from estimator.conditioning.rate import integration_rate
+from estimator.conditioning.rest import observe_rest, started
+from estimator.quaternion import (
+    angle_between,
+    angle_between_vectors,
+    exp,
+    multiply,
+    normalize,
+    rotate,
+    rotate_inverse,
+)
+from tests.estimator.conditioning.motion import fly, resting, tumbling
+
+PARAMS = ConditioningParams()
+
+
+def run(samples, dt, params=PARAMS, state=None):
+    state = state or initial_state(params)
+    seen = []
+    for s in samples:
+        state, out = condition(params, state, s.gyr, s.acc, s.mag, True, dt)
+        seen.append((s, out))
+    return state, seen
+
+
+def test_slow_turn_is_rest_and_fast_turn_is_not():
+    dt = 0.01
+    k = coefficients(PARAMS, dt).rest
+    for rate, expected in ((radians(0.5), True), (radians(30.0), False)):
+        state = started((rate, 0.0, 0.0), (0.0, 0.0, -9.8))
+        for _ in range(300):
+            state = observe_rest(PARAMS, k, state, (rate, 0.0, 0.0), (0.0, 0.0, -9.8), dt)
+        assert state.resting is expected
+
+
+def test_shaking_is_no_rest_at_one_sample_a_second():
+    k = coefficients(PARAMS, 1.0).rest
+    state = started((0.0, 0.0, 0.0), (0.0, 0.0, -9.8))
+    for i in range(20):
+        acc = (0.8 * (-1) ** i, 0.0, -9.8)
+        state = observe_rest(PARAMS, k, state, (0.0, 0.0, 0.0), acc, 1.0)
+        assert not state.resting
+
+
+def test_gravity_ignores_shaking_and_any_norm():
+    """To and fro at 0.5 g, of a sensor whose g is 0.85 of the true one."""
+    dt = 0.01
+    k = coefficients(PARAMS, dt)
+    gravity = initial_state(PARAMS).gravity
+    for i in range(1500):
+        u = (4.9 * sin(9.0 * i * dt), 0.0, 0.85 * 9.81)
+        gravity, _ = level(observe_gravity(PARAMS, k, gravity, u))
+    down = rotate_inverse(gravity.q_6d_g, (0.0, 0.0, 1.0))
+    assert angle_between_vectors(down, (0.0, 0.0, 1.0)) < radians(0.5)
+
+
+def test_levelling_takes_the_shortest_way():
+    gravity = initial_state(PARAMS).gravity
+    tilted = observe_gravity(PARAMS, coefficients(PARAMS, 0.01), gravity, (0.0, 2.0, 9.0))
+    levelled, step = level(tilted)
+    assert rotate(levelled.q_6d_g, tilted.down.value)[:2] == pytest.approx((0.0, 0.0), abs=1e-12)
+    assert step[0] > 0.0
+    assert step[1] == 0.0
+
+
+def test_scalar_updates_equal_the_matrix_form():
+    rng = np.random.default_rng(3)
+    a = rng.normal(size=(4, 4))
+    p = a @ a.T
+    x = rng.normal(size=4)
+    h = rng.normal(size=4)
+    noise, innovation = 0.3, 0.7
+    gain = p @ h / (h @ p @ h + noise)
+    b, d, q = update(
+        tuple(x[:3]), x[3], tuple(p[np.triu_indices(4)]), tuple(h[:3]), h[3], innovation, noise
+    )
+    assert (*b, d) == pytest.approx(x + gain * innovation, abs=1e-12)
+    assert q == pytest.approx((p - np.outer(gain, h) @ p)[np.triu_indices(4)], abs=1e-12)
+
+
+def test_motion_bias_is_learnt_without_any_rest():
+    bias = (radians(0.4), radians(-0.3), radians(0.2))
+    state, _ = run(fly(tumbling, 180.0, 0.01, bias=bias), 0.01)
+    # 0.1 deg/s is the steady sigma in motion
+    assert np.allclose(state.estimate.bias_rad_s, bias, atol=radians(0.1))
+
+
+def test_heading_turns_the_field_about_down():
+    north, east = north_east(radians(30.0), (cos(radians(30.0)), -sin(radians(30.0)), 5.0))
+    assert (north, east) == pytest.approx((1.0, 0.0), abs=1e-12)
+
+
+def test_confidence_falls_beside_a_magnet_and_the_references_stay():
+    state = initial_state(PARAMS).magnetic
+    for _ in range(3000):
+        state = observe_field(PARAMS, state, (0.2, 0.0, 0.42), 0.01)
+    assert state.confidence > 0.99
+    before = state.horizontal_reference
+    for _ in range(1000):
+        state = observe_field(PARAMS, state, (0.5, 0.1, 0.42), 0.01)
+    assert state.confidence < 0.05
+    assert state.horizontal_reference == pytest.approx(before, rel=0.05)
+
+
+def test_lag_and_own_field_are_learnt_while_turning():
+    own = (0.05, -0.03, 0.04)
+    state, _ = run(fly(tumbling, 60.0, 0.005, lag_s=0.03, offset=own), 0.005)
+    learnt = [state.calibration.scale * x for x in state.calibration.offset]
+    assert state.calibration.lag_s == pytest.approx(0.03, abs=0.006)
+    assert learnt == pytest.approx(own, abs=0.01)
+
+
+def test_a_late_magnetometer_bends_the_heading_only_where_the_step_is_off():
+    worst = {}
+    for use_lag in (True, False):
+        params = PARAMS._replace(use_lag=use_lag)
+        _, seen = run(fly(tumbling, 60.0, 0.005, lag_s=0.06), 0.005, params)
+        late = seen[len(seen) // 2 :]
+        worst[use_lag] = max(
+            angle_between_vectors(out.magnetic_b, rotate_inverse(s.q_ned_frd, (1.0, 0.0, 0.0)))
+            for s, out in late
+        )
+    assert worst[True] < radians(2.0)
+    assert worst[False] > 1.5 * worst[True]
+
+
+def test_a_vehicle_that_hardly_turns_learns_no_own_field():
+    """A field that changes with the place must not pass for the vehicle's own."""
+    params = PARAMS
+    state = initial_state(params)
+    for i in range(6000):
+        t = 0.01 * i
+        field = (0.2 + 0.03 * sin(t), 0.02 * cos(t), 0.42)
+        gyr = (0.1 * cos(t), 0.0, 0.0)
+        acc = (0.0, -9.81 * sin(0.1 * sin(t)), -9.81 * cos(0.1 * sin(t)))
+        state, _ = condition(params, state, gyr, acc, field, True, 0.01)
+    assert np.linalg.norm(state.calibration.offset) < 0.01
+
+
+@pytest.mark.parametrize("averaged", [True, False])
+def test_integration_rate_beats_the_plain_one_on_coning(averaged):
+    """A coning motion sampled at 25 Hz, as instants and as means."""
+    dt, n = 0.04, 250
+    rate = lambda t: (2.0 * cos(5.0 * t), 2.0 * sin(5.0 * t), 0.5)  # noqa: E731
+    truth = (1.0, 0.0, 0.0, 0.0)
+    plain = better = truth
+    fine = 100
+    previous = None
+    for k in range(n):
+        inside = [rate(k * dt + (i + 0.5) * dt / fine) for i in range(fine)]
+        for w in inside:
+            truth = normalize(multiply(truth, exp(tuple(dt / fine * x for x in w))))
+        mean = tuple(float(x) for x in np.mean(inside, axis=0))
+        sample = mean if averaged else rate((k + 1) * dt)
+        before = previous or (sample if averaged else rate(0.0))
+        turn = integration_rate(before, sample, dt, averaged)
+        plain = normalize(multiply(plain, exp(tuple(dt * x for x in sample))))
+        better = normalize(multiply(better, exp(tuple(dt * x for x in turn))))
+        previous = sample
+    assert angle_between(better, truth) < 0.5 * angle_between(plain, truth)
+
+
+AXES = {"down": (0.0, 0.0, 1.0), "north": (1.0, 0.0, 0.0), "diagonal": (0.577, 0.577, 0.577)}
+
+
+@pytest.mark.parametrize("axis", AXES.values(), ids=AXES.keys())
+@pytest.mark.parametrize("motion", [resting, tumbling])
+def test_an_unsensed_turn_is_noticed_and_recovered_from(axis, motion):
+    dt, angle = 0.01, radians(179.0)
+    samples = list(fly(motion, 40.0, dt))
+    state, seen = run(samples[:3000], dt)
+    q = samples[2999].q_ned_frd
+    body = rotate_inverse(q, axis)
+    state = turned(state, exp(tuple(angle * x for x in body)))
+    _, after = run(samples[3000:], dt, state=state)
+    assert any(out.turned_gravity or out.turned_heading for _, out in after)
+    assert not any(out.turned_gravity or out.turned_heading for _, out in seen)
+    s, out = after[500]
+    down = rotate_inverse(s.q_ned_frd, (0.0, 0.0, 1.0))
+    north = rotate_inverse(s.q_ned_frd, (1.0, 0.0, 0.0))
+    assert angle_between_vectors(out.gravity_b, down) < radians(3.0)
+    assert angle_between_vectors(out.magnetic_b, north) < radians(5.0)
+
+
+def test_small_heading_turns_are_noticed():
+    dt = 0.01
+    samples = list(fly(tumbling, 40.0, dt))
+    state, _ = run(samples[:3000], dt)
+    body = rotate_inverse(samples[2999].q_ned_frd, (0.0, 0.0, 1.0))
+    state = turned(state, exp(tuple(radians(25.0) * x for x in body)))
+    _, after = run(samples[3000:], dt, state=state)
+    assert any(out.turned_heading for _, out in after)
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_a_passing_magnet_is_no_turn(seed):
+    """A dipole's field that swells and fades at random places over a still vehicle."""
+    rng = np.random.default_rng(seed)
+    dt = 0.02
+    direction = rng.normal(size=3)
+    direction /= np.linalg.norm(direction)
+    state = initial_state(PARAMS)
+    for i, s in enumerate(fly(resting, 60.0, dt)):
+        t = i * dt
+        strength = 1.5 * np.exp(-(((t - 40.0) / 3.0) ** 2))
+        mag = tuple(float(m + strength * d) for m, d in zip(s.mag, direction, strict=True))
+        state, out = condition(PARAMS, state, s.gyr, s.acc, mag, True, dt)
+        assert not out.turned_heading
+        assert not out.turned_gravity
+        north = angle_between_vectors(out.magnetic_b, (1.0, 0.0, 0.0))
+        assert north < radians(5.0)
+
+
+@pytest.mark.parametrize("step", [f for f in ConditioningParams._fields if f.startswith("use_")])
+def test_every_step_can_be_switched_off(step):
+    params = PARAMS._replace(**{step: False})
+    _, seen = run(fly(tumbling, 20.0, 0.02), 0.02, params)
+    s, out = seen[-1]
+    down = rotate_inverse(s.q_ned_frd, (0.0, 0.0, 1.0))
+    north = rotate_inverse(s.q_ned_frd, (1.0, 0.0, 0.0))
+    assert angle_between_vectors(out.gravity_b, down) < radians(2.0)
+    assert angle_between_vectors(out.magnetic_b, north) < radians(4.0)
+
+
+def test_magnetometer_at_a_quarter_of_the_rate():
+    dt = 0.02
+    state = initial_state(PARAMS)
+    for i, s in enumerate(fly(tumbling, 30.0, dt)):
+        has_mag = i % 4 == 0
+        mag = s.mag if has_mag else (0.0, 0.0, 0.0)
+        state, out = condition(PARAMS, state, s.gyr, s.acc, mag, has_mag, dt)
+    north = rotate_inverse(s.q_ned_frd, (1.0, 0.0, 0.0))
+    assert angle_between_vectors(out.magnetic_b, north) < radians(2.0)
+    assert out.magnetic_confidence > 0.5
