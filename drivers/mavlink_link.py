@@ -26,7 +26,7 @@ from drivers.mavlink_encoder import (
     FrameEncoder,
     heartbeat,
 )
-from drivers.recorder import TlogRecorder
+from drivers.recorder import Recorder
 from drivers.stream_request import Outgoing, StreamRequest
 from drivers.transports import LinkError, Packet, open_transport
 from estimator.errors import InputError
@@ -61,7 +61,7 @@ class MavlinkLink:
     def __init__(
         self,
         endpoint: Endpoint,
-        recorder: TlogRecorder | None = None,
+        recorder: Recorder | None = None,
         request_rate_hz: float | None = None,
         queue_events: int = QUEUE_EVENTS,
     ) -> None:

@@ -13,7 +13,7 @@ from collections.abc import Iterable
 from pathlib import Path
 from struct import Struct
 from types import TracebackType
-from typing import Self
+from typing import Protocol, Self
 
 from estimator.errors import InputError
 
@@ -21,6 +21,13 @@ RETRY_US = 10_000_000  # after a failed write: try again 10 s later, or lose no 
 
 _STAMP = Struct(">Q")
 _logger = logging.getLogger(__name__)
+
+
+class Recorder(Protocol):
+    """Takes the frames of a link."""
+
+    def write(self, arrival_us: int, frames: Iterable[bytes]) -> None:
+        """Keep ``frames``, all of which arrived at ``arrival_us``; never raises."""
 
 
 class TlogRecorder:

@@ -6,7 +6,7 @@ from typing import Protocol, Self
 
 from drivers.endpoint import Endpoint
 from drivers.events import Event
-from drivers.recorder import TlogRecorder
+from drivers.recorder import Recorder
 from estimator.errors import InputError
 
 
@@ -38,7 +38,7 @@ class LiveSource(Protocol):
 
 def open_live(
     endpoint: Endpoint,
-    recorder: TlogRecorder | None = None,
+    recorder: Recorder | None = None,
     request_rate_hz: float | None = None,
 ) -> LiveSource:
     """The source for ``endpoint``, to be entered by the caller.

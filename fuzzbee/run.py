@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     import zenoh
 
     from drivers.endpoint import Endpoint
+    from drivers.recorder import Recorder
     from estimator.profile import Profile
     from fuzzbee.terminal import TerminalView
     from service.parameters import ParameterRequests
@@ -88,7 +89,11 @@ def run(
     as_json: Json = False,
     record: Annotated[
         str | None,
-        typer.Option("--record", metavar="FILE", help="Record what arrives as a .tlog."),
+        typer.Option(
+            "--record",
+            metavar="FILE|DIR",
+            help="Record what arrives: FILE.tlog, or a folder for a file an hour.",
+        ),
     ] = None,
     request_rate: Annotated[
         float | None,
@@ -224,7 +229,6 @@ def _open_source(
 
     if endpoint.kind == "log":
         return _open_player(endpoint, options, stack)
-    from drivers.recorder import TlogRecorder
     from drivers.source import open_live
 
     if options.speed != 1.0:
@@ -233,11 +237,24 @@ def _open_source(
     if options.record is not None:
         if endpoint.kind == "sim":
             raise InputError("--record: sim: has no MAVLink to record; start fuzzbee sim --to URL")
-        recorder = stack.enter_context(TlogRecorder(options.record))
+        recorder = _recorder(options.record, stack)
     source: LiveSource = stack.enter_context(open_live(endpoint, recorder, options.request_rate_hz))
     return lambda pipeline, outbox, requests: Runner(
         source, pipeline, outbox, rate_hz=options.rate_hz, requests=requests
     )
+
+
+def _recorder(target: str, stack: ExitStack) -> "Recorder":
+    """Into a file, or into a folder: one that is there, or a name without .tlog."""
+    from pathlib import Path
+
+    from drivers.recorder import TlogRecorder
+    from drivers.rotating_recorder import RotatingRecorder
+
+    is_file = Path(target).suffix or Path(target).exists()
+    if target.endswith("/") or Path(target).is_dir() or not is_file:
+        return stack.enter_context(RotatingRecorder(target))
+    return stack.enter_context(TlogRecorder(target))
 
 
 def _open_player(

@@ -1,4 +1,5 @@
 import json
+import os
 import signal
 import socket
 import subprocess
@@ -151,3 +152,33 @@ def test_unusable_outputs_are_status_2(capfd, arguments, words):
     port = free_port()
     assert main(["run", *arguments, *default_session(port)]) == 2
     assert words in capfd.readouterr().err
+
+
+@pytest.mark.skipif(os.name != "posix", reason="needs resource limits")
+def test_a_disk_that_fills_up_costs_the_rest_of_the_recording_only(tmp_path, capfd):
+    """A limit of 40 kB for a file; what was written before is what replay reads."""
+    port, folder = free_port(socket.SOCK_DGRAM), tmp_path / "logs"
+    command = [
+        *("run", f"udpin:127.0.0.1:{port}", "--profile", "paper", "--json", "--no-zenoh"),
+        *("--record", str(folder), "--seconds", "6"),
+    ]
+    limited = "import resource, sys; from fuzzbee.cli import entry_point\n"
+    limited += "resource.setrlimit(resource.RLIMIT_FSIZE, (40_000, 40_000)); entry_point()"
+    with started("sim", "--to", f"udpout:127.0.0.1:{port}"):
+        done = subprocess.run(
+            [sys.executable, "-c", limited, *command],
+            capture_output=True,
+            text=True,
+            timeout=120,
+            check=False,
+            # compiled code is larger than the limit
+            env={**os.environ, "PYTHONDONTWRITEBYTECODE": "1"},
+        )
+    assert done.returncode == 0, done.stderr
+    assert done.stderr.count("the estimate goes on") == 1
+    assert json.loads(done.stdout)["vehicles"]["1"]["samples"] > 400
+    (recorded,) = folder.iterdir()
+    assert 30_000 < recorded.stat().st_size <= 40_000
+    assert main(["replay", str(recorded), "--json"]) == 0
+    samples = json.loads(capfd.readouterr().out)["imu"]["samples"]
+    assert 50 < samples < 300
