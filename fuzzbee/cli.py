@@ -9,6 +9,7 @@ import sys
 import threading
 from collections.abc import Sequence
 from contextlib import nullcontext
+from pathlib import Path
 
 from estimator.errors import InputError
 from service.signals import terminate_like_interrupt
@@ -64,10 +65,19 @@ def _is_endless(arguments: list[str]) -> bool:
 
 def entry_point() -> None:
     """The ``fuzzbee`` command."""
+    _replace_closed_streams()
     status = main()
     if any(thread.name.startswith(HANGING) for thread in threading.enumerate()):
         os._exit(status)
     sys.exit(status)
+
+
+def _replace_closed_streams() -> None:
+    """A supervisor may start us with closed outputs; Python has None for them."""
+    if sys.stdout is None:
+        sys.stdout = Path(os.devnull).open("w")  # noqa: SIM115 - for as long as the process lives
+    if sys.stderr is None:
+        sys.stderr = Path(os.devnull).open("w")  # noqa: SIM115
 
 
 def _is_usage_error(error: Exception) -> bool:
