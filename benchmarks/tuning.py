@@ -14,6 +14,7 @@ All in one run, compilation not timed:
 
 import argparse
 import json
+import os
 import sys
 import time
 from pathlib import Path
@@ -140,6 +141,7 @@ def measure(cycles):
 
 
 def main():
+    os.environ.setdefault("OMP_WAIT_POLICY", "passive")  # as the command has it
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--json", action="store_true", help="one JSON object")
     parser.add_argument("--cycles", type=int, default=300, help="300: the paper's scale")
