@@ -25,6 +25,7 @@ SIGNED_FLAG = 0x01
 MAGIC = re.compile(rb"[\xfd\xfe]")
 
 STAMP_STEP_US = 86_400 * 1_000_000  # a stamp further than a day from the last needs a witness
+LATEST_STAMP_US = 1 << 62  # garbage beyond: differences must fit 64 bits
 STAMP_BACK_US = 3600 * 1_000_000
 SNIFF_SIZE = 1 << 20  # a log has a sound frame within its first MiB
 FIRST_RECORDS = 100  # two stamps among these agree, or the first ones mean nothing
@@ -154,7 +155,8 @@ class TlogRecords:
         return ((stamp_us, message) for stamp_us, message in self if message is not None)
 
     def _stamp_us(self, position: int) -> int:
-        return int.from_bytes(self._data[position : position + STAMP_SIZE], "big")
+        stamp_us = int.from_bytes(self._data[position : position + STAMP_SIZE], "big")
+        return min(stamp_us, LATEST_STAMP_US)
 
     def _record_end(self, position: int) -> int | None:
         end = frame_end(self._data, position + STAMP_SIZE)
