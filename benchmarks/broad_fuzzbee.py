@@ -20,6 +20,8 @@ FRD_OF_SENSOR = np.array([1.0, -1.0, -1.0])
 Q_FRD_SENSOR = np.array([0.0, 1.0, 0.0, 0.0])
 # East, north, up from north, east, down: half a turn about (1, 1, 0).
 Q_ENU_NED = np.array([0.0, HALF_ROOT, HALF_ROOT, 0.0])
+# q -> Q_ENU_NED q Q_FRD_SENSOR is linear: the images of 1, i, j, k as rows.
+ENU_SENSOR_OF_NED_FRD = multiply(Q_ENU_NED, multiply(np.eye(4), Q_FRD_SENSOR))
 MICRO_TESLA_PER_GAUSS = 100.0
 
 
@@ -63,7 +65,7 @@ class FuzzbeeRun:
         )
         if skip:
             q = np.concatenate([self._first, q])
-        return multiply(Q_ENU_NED, multiply(q, Q_FRD_SENSOR))
+        return q @ ENU_SENSOR_OF_NED_FRD
 
     def turn(self, turn_enu: Array) -> None:
         """Turn every attitude inside by one body rotation."""
