@@ -1,5 +1,6 @@
 """The one place that decides how kernels are compiled."""
 
+import functools
 import warnings
 from collections.abc import Callable
 from typing import Any, TypeVar
@@ -16,6 +17,7 @@ NO_FOLDER = (
     "no writable folder for compiled code: compiling in memory at each start "
     "(set NUMBA_CACHE_DIR to a writable folder)"
 )
+NOT_KEPT = "compiled code cannot be kept for the next start"
 
 
 def compiled(function: Function) -> Function:
@@ -48,9 +50,33 @@ def _decorate(function: Function, *, parallel: bool) -> Function:
     folder_before = _numba_config.CACHE_DIR
     _numba_config.CACHE_DIR = str(_CACHE_FOLDER)
     try:
-        return numba.njit(cache=True, **options)(function)  # type: ignore[no-any-return]
+        dispatcher: Any = numba.njit(cache=True, **options)(function)
     finally:
         _numba_config.CACHE_DIR = folder_before
+    _go_on_without_space(dispatcher)
+    return dispatcher  # type: ignore[no-any-return]
+
+
+def _go_on_without_space(dispatcher: Any) -> None:
+    """A disk too full for the cache costs the next start some seconds, not this one its life."""
+    cache: Any = getattr(dispatcher, "_cache", None)
+    save = getattr(cache, "save_overload", None)
+    if save is None:  # not numba as we know it
+        return
+
+    def save_if_possible(signature: Any, data: Any) -> None:
+        try:
+            save(signature, data)
+        except OSError as error:
+            _warn_once(f"{NOT_KEPT}: {error.strerror}")
+
+    cache.save_overload = save_if_possible
+
+
+@functools.cache
+def _warn_once(text: str) -> None:
+    """numba forgets what has been warned of."""
+    warnings.warn(text, RuntimeWarning, stacklevel=2)
 
 
 _CACHE_FOLDER = None if _numba_config.DISABLE_JIT else kernel_cache_folder()

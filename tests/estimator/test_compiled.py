@@ -5,6 +5,8 @@ import subprocess
 import sys
 from pathlib import Path
 
+import pytest
+
 import estimator
 
 # Some seconds of the filter in plain Python; prints every digit.
@@ -94,3 +96,68 @@ for locator in caching.CacheImpl._locator_classes:
     warnings = [line for line in result.stderr.splitlines() if "Warning" in line]
     assert len(warnings) == 1
     assert "no writable folder for compiled code" in warnings[0]
+
+
+@pytest.mark.skipif(os.name != "posix", reason="needs resource limits")
+def test_a_disk_too_full_for_the_cache_does_not_stop_it(tmp_path):
+    limit = "import resource; resource.setrlimit(resource.RLIMIT_FSIZE, (4096, 4096))\n"
+    expected = run(SMALL_PROGRAM, NUMBA_CACHE_DIR=str(tmp_path / "room"))
+    result = run(
+        limit + SMALL_PROGRAM, NUMBA_CACHE_DIR=str(tmp_path / "full"), PYTHONDONTWRITEBYTECODE="1"
+    )
+    assert result.stdout == expected.stdout
+    warnings = [line for line in result.stderr.splitlines() if "Warning" in line]
+    assert len(warnings) == 1
+    assert "File too large" in warnings[0]
+
+
+def can_bind_read_only():
+    try:
+        probe = [
+            "unshare",
+            "-Urm",
+            "sh",
+            "-c",
+            "mount -t tmpfs tmpfs /mnt && mount -o remount,ro /mnt",
+        ]
+        return not subprocess.run(probe, capture_output=True, check=False).returncode
+    except OSError:
+        return False
+
+
+@pytest.mark.skipif(os.name != "posix" or not can_bind_read_only(), reason="needs user namespaces")
+def test_kernels_on_a_read_only_file_system_are_used_from_a_copy(tmp_path):
+    """As in a container: the folder cannot be written, yet nothing is compiled again."""
+    cache = tmp_path / "cache"
+    expected = run(SMALL_PROGRAM, NUMBA_CACHE_DIR=str(cache))
+    script = tmp_path / "program.py"
+    script.write_text(
+        SMALL_PROGRAM
+        + "import estimator.fuzzy as fuzzy, estimator.compiled as compiled\n"
+        + "print(sum(fuzzy.fuzzy_gain.stats.cache_misses.values()), compiled._CACHE_FOLDER)\n"
+    )
+    root = str(Path(next(iter(estimator.__path__))).parent)
+    elsewhere = tmp_path / "tmp"
+    elsewhere.mkdir()
+    commands = f"mount --bind '{cache}' '{cache}' && mount -o remount,ro,bind '{cache}' && "
+    done = subprocess.run(
+        ["unshare", "-Urm", "sh", "-c", f"{commands} exec '{sys.executable}' '{script}'"],
+        env={
+            **{key: value for key, value in os.environ.items() if "NUMBA" not in key},
+            "NUMBA_CACHE_DIR": str(cache),
+            "PYTHONPATH": root,
+            "TMPDIR": str(elsewhere),
+        },
+        capture_output=True,
+        text=True,
+        check=False,
+        timeout=120,
+    )
+    assert done.returncode == 0, done.stderr
+    *lines, last = done.stdout.splitlines()
+    assert "\n".join(lines) == expected.stdout.strip()
+    misses, folder = last.split(" ", 1)
+    assert misses == "0"
+    assert not Path(folder).exists()  # it went with the process
+    assert not folder.startswith(str(cache))
+    assert done.stderr == ""
