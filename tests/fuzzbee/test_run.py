@@ -169,9 +169,8 @@ def test_a_disk_that_fills_up_costs_the_rest_of_the_recording_only(tmp_path, cap
             [sys.executable, "-c", limited, *command],
             capture_output=True,
             text=True,
-            timeout=120,
+            timeout=180,
             check=False,
-            # compiled code is larger than the limit
             env={**os.environ, "PYTHONDONTWRITEBYTECODE": "1"},
         )
     assert done.returncode == 0, done.stderr
