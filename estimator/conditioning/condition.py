@@ -56,6 +56,10 @@ __all__ = ["condition", "initial_state"]
 LEAST_DT_S = 1e-6
 # Without a field for so long (s) there is no confidence in it any more.
 FIELD_PATIENCE_S = 2.0
+# Parts of the inclination's sigma: at rest, for a force that varies by 1 g, and per swing.
+SIGMA_STEADY_RAD = 0.006
+SIGMA_UNSTEADY_RAD = 0.03
+SIGMA_SWING = 0.5
 # Weight of a field turned by a vertical that has just begun.
 LEAST_SETTLED = 0.1
 
@@ -221,6 +225,23 @@ def condition(
 
 
 @compiled
+def sigma_inclination(state: ConditioningState) -> float:
+    """Angle (rad) that 68 % of the inclination errors lie under.
+
+    A sensor's own, what unsteady force adds, and how far levelling has moved
+    the vertical lately, which tells a lasting acceleration. The first two were
+    fitted to BROAD, where 0.69 of the errors lie under it.
+    """
+    swing_north, swing_east = state.event.levelled
+    swing = swing_north * swing_north + swing_east * swing_east
+    return sqrt(
+        SIGMA_STEADY_RAD**2
+        + SIGMA_UNSTEADY_RAD**2 * state.gravity.unsteady
+        + SIGMA_SWING**2 * swing
+    )
+
+
+@compiled
 def conditioned(state: ConditioningState, rate: Vec3, alarm: Alarm) -> Conditioned:
     """The result for the filter and the publisher."""
     q = state.gravity.q_g_frd
@@ -237,7 +258,7 @@ def conditioned(state: ConditioningState, rate: Vec3, alarm: Alarm) -> Condition
         1.0 if known else 0.0,
         1.0 / (1.0 + state.gravity.unsteady),
         field.confidence if field.wait_s < FIELD_PATIENCE_S else 0.0,
-        sqrt(1e-4 + 1e-3 * state.gravity.unsteady),
+        sigma_inclination(state),
         sqrt(state.estimate.covariance[9]) if known else inf,
         state.rest.resting,
         alarm.quiet or alarm.moving or alarm.levelling,
