@@ -1,0 +1,129 @@
+"""Profiles replaced while vehicles fly: by many at once, and without a jump in the estimate."""
+
+import json
+import threading
+from itertools import pairwise
+
+import pytest
+
+from estimator.errors import InputError
+from estimator.profile import load_profile
+from service.pipeline import Pipeline
+from service.records import Published
+from tests.service.streams import ONE, START_US, imu_events
+from tests.service.test_zenoh import (  # noqa: F401
+    endpoint,
+    get,
+    plain_client,
+    service,
+    wait_for,
+)
+from tests.vocabulary import angle_rad
+
+
+@pytest.mark.parametrize("name", ["paper", "imu"])
+def test_the_same_profile_again_changes_no_digit(name):
+    profile = load_profile(name)
+    alone, replaced = Pipeline(profile), Pipeline(profile)
+    gamma = profile.filter.gamma
+    for number, event in enumerate(imu_events(400)):
+        alone.handle(event)
+        replaced.handle(event)
+        if number % 50 == 25:
+            replaced.replace_profile(ONE, {"filter": {"gamma": gamma}})
+    one, other = alone.vehicle(ONE), replaced.vehicle(ONE)
+    assert other.samples == 400
+    assert one.estimator.snapshot == other.estimator.snapshot
+
+
+@pytest.mark.parametrize("name", ["paper", "imu"])
+def test_another_profile_goes_on_from_the_same_estimate(name):
+    pipeline = Pipeline(load_profile(name))
+    events = imu_events(500)
+    for event in events[:-1]:
+        pipeline.handle(event)
+    vehicle = pipeline.vehicle(ONE)
+    before = vehicle.estimator.snapshot
+    now_us = START_US + 5_000_000
+    (shown,) = [o.record for o in pipeline.tick(now_us) if _is_attitude(o)]
+    pipeline.replace_profile(ONE, {"filter": {"gamma": 0.0}, "confidence": {"magnetic": 0.2}})
+    assert vehicle.estimator.snapshot.filter == before.filter
+    (after,) = [o.record for o in pipeline.tick(now_us) if _is_attitude(o)]
+    assert angle_rad(shown.q_ned_frd, after.q_ned_frd) < 1e-12
+    assert after.sequence == shown.sequence + 1
+    pipeline.handle(events[-1])
+    bias = vehicle.estimator.snapshot.filter.gyr_bias_rad_s
+    if name == "paper":  # the conditioning has a second way to the bias
+        assert bias == before.filter.gyr_bias_rad_s  # gamma 0: the new profile counts at once
+
+
+def _is_attitude(output):
+    return isinstance(output, Published) and hasattr(output.record, "q_ned_frd")
+
+
+@pytest.mark.parametrize(
+    ("partial", "words"),
+    [
+        ({"filter": {"gama": 1}}, "gama"),
+        ({"filter": {"gamma": "much"}}, "gamma"),
+        ({"filter": 3}, "filter"),
+        ({"filters": {}}, "filters"),
+        ({"membership": {"k1": 9.0}}, "k1"),
+        ({"membership": {"k23": 0.5}}, "k23"),
+        ({"conditioning": {"enabled": 1}}, "conditioning.enabled"),
+        ({"reference": {"gravity": [0, 0, 0]}}, "reference.gravity"),
+        ({"filter": {"gamma": float("inf")}}, "finite"),
+        ({"filter": None}, "filter"),
+    ],
+)
+def test_what_cannot_be_used_is_refused_by_name_and_changes_nothing(partial, words):
+    pipeline = Pipeline(load_profile("imu"))
+    pipeline.handle(imu_events(1)[0])
+    before = pipeline.vehicle(ONE).profile
+    with pytest.raises(InputError, match=words):
+        pipeline.replace_profile(ONE, partial)
+    assert pipeline.vehicle(ONE).profile is before
+
+
+def test_replacements_under_load_are_answered_one_by_one(endpoint):  # noqa: F811
+    """Three clients, every second request wrong, at 100 attitudes a second."""
+    got, answers = [], []
+
+    def replace(number):
+        with plain_client(endpoint) as client:
+            for turn in range(20):
+                gamma = 0.1 * (1 + number) + 0.001 * turn
+                if turn % 2:
+                    gamma = -gamma
+                payload = json.dumps({"filter": {"gamma": gamma}})
+                (reply,) = get(client, "test/1/parameters", payload)
+                answers.append((gamma, *reply))
+
+    with service(endpoint) as outbox, plain_client(endpoint) as client:
+        client.declare_subscriber("test/1/attitude", got.append)
+        wait_for(lambda: len(got) > 20)
+        threads = [threading.Thread(target=replace, args=(number,)) for number in range(3)]
+        for thread in threads:
+            thread.start()
+        for thread in threads:
+            thread.join()
+        count = len(got)
+        wait_for(lambda: len(got) > count + 20)
+        ((_, last),) = get(client, "test/1/parameters")
+        assert outbox.dropped == 0
+    assert len(answers) == 60
+    for gamma, key, value in answers:
+        if gamma > 0.0:
+            assert key == "test/1/parameters"
+            assert value["filter"]["gamma"] == gamma
+        else:
+            assert key is None
+            assert "gamma" in value["error"]
+    assert last["filter"]["gamma"] in [gamma for gamma, *_ in answers if gamma > 0.0]
+    sequence = [json.loads(sample.payload.to_bytes())["sequence"] for sample in got]
+    assert sequence == list(range(sequence[0], sequence[0] + len(sequence)))
+    quaternions = [json.loads(sample.payload.to_bytes())["q_ned_frd"] for sample in got]
+    # the motion turns at most 3.2 rad/s; a reset of the paper's estimate would jump by 3.1 rad
+    # and an attitude is published each 10 ms, a few of them late
+    steps = [angle_rad(a, b) for a, b in pairwise(quaternions[20:])]
+    assert max(steps) < 1.0
