@@ -3,7 +3,12 @@
 from math import asin, isfinite, pi, radians, sqrt
 from typing import NamedTuple
 
+import numpy as np
+
 from estimator import kernel
+from estimator.aided import GRAVITY_HALF_RAD, MAGNETIC_HALF_RAD, aided_step, confidence
+from estimator.aiding import AidingState, Report, begin, hear, trusted
+from estimator.aiding.types import SIZE, Array
 from estimator.alignment import align
 from estimator.conditioned import conditioned_step, conditioned_vectors
 from estimator.conditioning.condition import condition
@@ -14,8 +19,9 @@ from estimator.filter_types import FilterState, initial_state
 from estimator.observation import raw_vectors
 from estimator.profile import Profile
 from estimator.quaternion import conjugate, exp, multiply, normalize, scale, subtract
+from estimator.reports import Reports, enqueued, refusal_of_report, taken
 from estimator.settings import settings_of
-from estimator.types import ZERO_VEC3, Attitude, ImuSample, Quaternion, Vec3
+from estimator.types import ZERO_VEC3, Attitude, ImuSample, Quaternion, Vec3, VelocitySample
 
 # The output is propagated this far beyond the last sample at most, s; then the
 # last rate says nothing about the vehicle any more.
@@ -40,6 +46,9 @@ class Snapshot(NamedTuple):
     rate_rad_s: Vec3
     aligned: bool
     smooth_error: float  # e low-passed, for the sigma of raw vectors
+    aided: AidingState | None = None  # while velocity helps
+    aided_covariance: tuple[float, ...] = ()  # row by row
+    reports: Reports = ()  # velocities that the IMU has not reached yet
 
 
 class Estimator:
@@ -85,10 +94,95 @@ class Estimator:
         elif sample.time_us <= before.time_us:
             return "not_later"
         elif self._settings.conditioned:
-            self.snapshot = self._conditioned(sample)
+            self.snapshot = self._with_velocity(sample)
         else:
             self.snapshot = self._raw(sample)
         return None
+
+    def update_velocity(self, report: VelocitySample) -> str | None:
+        """Take a velocity report; None, or the reason why it was refused.
+
+        One that is ahead of the IMU waits for the sample that reaches it. The
+        paper's raw vectors have no use for velocity.
+        """
+        reason = refusal_of_report(report)
+        if reason is not None or not self._settings.conditioned:
+            return reason
+        now = self.snapshot
+        if now.aided is not None and report.time_us <= now.time_us:
+            self.snapshot = self._heard(now, now.aided, report)
+        else:
+            self.snapshot = now._replace(reports=enqueued(now.reports, report))
+        return None
+
+    def _heard(self, now: Snapshot, aided: AidingState, report: VelocitySample) -> Snapshot:
+        """A report that belongs to the last sample or to one just before it."""
+        aiding = self._settings.aiding
+        taken_now, _ = taken((report,), now.time_us, aiding.oldest_report_s)
+        if not taken_now.given or now.seen is None:
+            return now
+        aided, covariance = hear(
+            aiding, aided, _square(now.aided_covariance), now.seen.gravity_b, taken_now
+        )
+        return now._replace(aided=aided, aided_covariance=_flat(covariance))
+
+    def _with_velocity(self, sample: ImuSample) -> Snapshot:
+        """One sample with the velocity reports up to it; without any, as if there were none."""
+        before, aiding = self.snapshot, self._settings.aiding
+        if not before.reports and before.aided is None:
+            return self._conditioned(sample)
+        report, ahead = taken(before.reports, sample.time_us, aiding.oldest_report_s)
+        dt = 1e-6 * (sample.time_us - before.time_us)
+        if before.aided is not None and dt <= aiding.gap_s:
+            after = self._aided(sample, report, dt)
+        else:
+            after = self._conditioned(sample)
+            if report.given:
+                after = self._begun(after, sample, report)
+        return after._replace(reports=ahead)
+
+    def _aided(self, sample: ImuSample, report: Report, dt: float) -> Snapshot:
+        before, chosen = self.snapshot, self._settings
+        assert before.aided is not None  # the caller has looked
+        state, memory, seen, aided, covariance = aided_step(
+            chosen.filter,
+            chosen.reference,
+            chosen.conditioning,
+            chosen.aiding,
+            before.filter,
+            before.conditioning,
+            before.aided,
+            _square(before.aided_covariance),
+            sample.gyr_rad_s,
+            sample.acc_m_s2,
+            sample.mag_gauss,
+            sample.has_mag,
+            dt,
+            report,
+        )
+        rate = subtract(sample.gyr_rad_s, state.gyr_bias_rad_s)
+        after = Snapshot(state, memory, seen, sample.time_us, rate, True, state.error)
+        if not trusted(chosen.aiding, aided):
+            return after
+        return after._replace(aided=aided, aided_covariance=_flat(covariance))
+
+    def _begun(self, now: Snapshot, sample: ImuSample, report: Report) -> Snapshot:
+        """Velocity starts to help once there is a heading, and true north to measure it from."""
+        chosen = self._settings
+        if not chosen.aiding.enabled or not self._knows_north or now.seen is None:
+            return now
+        if now.seen.magnetic_weight == 0.0:
+            return now
+        q = align(conditioned_vectors(chosen.reference, now.seen))
+        aided, covariance = begin(
+            chosen.aiding, q, now.seen.bias_rad_s, sample.gyr_rad_s, sample.acc_m_s2, report
+        )
+        return now._replace(aided=aided, aided_covariance=_flat(covariance))
+
+    @property
+    def _knows_north(self) -> bool:
+        """Whether true north is known: by the profile or by a position."""
+        return self._declination_rad is not None or not self._settings.learns_north
 
     def _raw(self, sample: ImuSample) -> Snapshot:
         before = self.snapshot
@@ -192,15 +286,21 @@ class Estimator:
         turn_frd = multiply(conjugate(q), multiply(turn_ned, q))
         gravity = now.conditioning.gravity
         gravity = gravity._replace(q_g_frd=normalize(multiply(gravity.q_g_frd, turn_frd)))
+        aided = now.aided
+        if aided is not None:
+            aided = aided._replace(q_ned_frd=normalize(multiply(aided.q_ned_frd, turn_frd)))
         self.snapshot = now._replace(
             filter=now.filter._replace(q_ned_frd=normalize(multiply(q, turn_frd))),
             conditioning=now.conditioning._replace(gravity=gravity),
+            aided=aided,
         )
 
     def attitude(self, time_us: int) -> Attitude:
         """The attitude at ``time_us``, propagated from the last sample for output only."""
         now = self.snapshot
         ahead_s = min(max(1e-6 * (time_us - now.time_us), 0.0), OUTPUT_HORIZON_S)
+        if now.aided is not None:
+            ahead_s += now.aided.imu_lag_s  # the samples are that old
         q = normalize(multiply(now.filter.q_ned_frd, exp(scale(ahead_s, now.rate_rad_s))))
         reference = self._settings.reference
         sigma = min(pi, max(LEAST_SIGMA_RAD, 2.0 * asin(sqrt(now.smooth_error))))
@@ -218,7 +318,10 @@ class Estimator:
             sigma_heading_rad=sigma,
             heading_reference="true",
         )
-        return published if now.seen is None else self._with_conditioning(published, now.seen)
+        if now.seen is None:
+            return published
+        published = self._with_conditioning(published, now.seen)
+        return published if now.aided is None else with_aiding(published, now.aided)
 
     def _with_conditioning(self, published: Attitude, seen: Conditioned) -> Attitude:
         """What the conditioning stage knows about confidence and heading."""
@@ -232,6 +335,25 @@ class Estimator:
             sigma_heading_rad=min(pi, max(seen.sigma_heading_rad, LEAST_SIGMA_RAD)),
             heading_reference=magnetic if has_heading else "none",
         )
+
+
+def _square(covariance: tuple[float, ...]) -> Array:
+    return np.array(covariance).reshape(SIZE, SIZE)
+
+
+def _flat(covariance: Array) -> tuple[float, ...]:
+    return tuple(covariance.ravel().tolist())
+
+
+def with_aiding(published: Attitude, aided: AidingState) -> Attitude:
+    """What the velocity aiding knows better than the unaided stage."""
+    inclination, heading = aided.sigma_inclination_rad, aided.sigma_heading_rad
+    return published._replace(
+        confidence_gravity=confidence(inclination, GRAVITY_HALF_RAD),
+        confidence_magnetic=confidence(heading, MAGNETIC_HALF_RAD),
+        sigma_inclination_rad=min(pi, max(inclination, LEAST_SIGMA_RAD)),
+        sigma_heading_rad=min(pi, max(heading, LEAST_SIGMA_RAD)),
+    )
 
 
 def refusal(sample: ImuSample) -> str | None:

@@ -15,6 +15,7 @@ import msgspec
 from msgspec import Meta, Struct
 
 from estimator import memberships
+from estimator.aiding.types import AidingParams
 from estimator.conditioning.types import ConditioningParams
 from estimator.errors import InputError
 from estimator.types import Vec3
@@ -75,11 +76,13 @@ class Profile(Struct, frozen=True, forbid_unknown_fields=True):
 
     ``membership`` holds k1..k22. ``conditioning`` holds ``enabled`` (False:
     raw vectors, as in the paper) and any of the fields of
-    :class:`estimator.conditioning.types.ConditioningParams`.
+    :class:`estimator.conditioning.types.ConditioningParams`, ``aiding`` any of
+    those of :class:`estimator.aiding.types.AidingParams`.
     """
 
     membership: dict[str, float]
     conditioning: dict[str, float | bool]
+    aiding: dict[str, float | bool] = {}
     reference: Reference = Reference()
     filter: Filter = Filter()
     confidence: Confidence = Confidence()
@@ -150,7 +153,16 @@ def profile_to_json(profile: Profile) -> dict[str, Any]:
     """The profile as plain dictionaries, lists and numbers, every default written out."""
     tree: dict[str, Any] = msgspec.to_builtins(profile)
     tree["conditioning"] = {**CONDITIONING_DEFAULTS, **tree["conditioning"]}
-    sections = ("reference", "filter", "membership", "confidence", "conditioning", "provenance")
+    tree["aiding"] = {**AIDING_DEFAULTS, **tree["aiding"]}
+    sections = (
+        "reference",
+        "filter",
+        "membership",
+        "confidence",
+        "conditioning",
+        "aiding",
+        "provenance",
+    )
     return {section: tree[section] for section in sections}
 
 
@@ -160,6 +172,7 @@ def profile_to_toml(profile: Profile) -> str:
 
     tree = profile_to_json(profile)
     tree["conditioning"] = profile.conditioning  # a default left out stays out
+    tree["aiding"] = profile.aiding
     return tomli_w.dumps(tree)
 
 
@@ -167,6 +180,8 @@ CONDITIONING_DEFAULTS: dict[str, float | bool] = {
     "enabled": True,
     **ConditioningParams._field_defaults,
 }
+
+AIDING_DEFAULTS: dict[str, float | bool] = dict(AidingParams._field_defaults)
 
 
 def _from_tree(tree: Mapping[str, Any], where: str) -> Profile:
@@ -179,6 +194,7 @@ def _from_tree(tree: Mapping[str, Any], where: str) -> Profile:
             profile, membership=dict(zip(memberships.NAMES, k, strict=True))
         )
         _require_conditioning(profile.conditioning)
+        _require_numbers("aiding", profile.aiding, AIDING_DEFAULTS)
         _require_directions(profile)
     except (msgspec.ValidationError, InputError) as error:
         msg = f"profile {where}: {str(error).replace('`$.', '`').replace('`', chr(39))}"
@@ -214,14 +230,22 @@ def _require_conditioning(given: Mapping[str, float | bool]) -> None:
             "conditioning.enabled is missing (true: for real IMUs, false: the paper's raw vectors)"
         )
         raise InputError(msg)
+    _require_numbers("conditioning", given, CONDITIONING_DEFAULTS)
+
+
+def _require_numbers(
+    section: str, given: Mapping[str, float | bool], defaults: Mapping[str, float | bool]
+) -> None:
+    """Switches are true or false; numbers are numbers, above 0 where their default is."""
+    _require_known(section, given, defaults)
     for key, value in given.items():
-        default = CONDITIONING_DEFAULTS[key]
+        default = defaults[key]
         if isinstance(default, bool) != isinstance(value, bool):
             kind = "true or false" if isinstance(default, bool) else "a number"
-            msg = f"conditioning.{key}: {value!r} should be {kind}"
+            msg = f"{section}.{key}: {value!r} should be {kind}"
             raise InputError(msg)
         if not isinstance(default, bool) and default > 0.0 and value <= 0.0:
-            msg = f"conditioning.{key}: {value:g} should be above 0"
+            msg = f"{section}.{key}: {value:g} should be above 0"
             raise InputError(msg)
 
 

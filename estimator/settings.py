@@ -5,6 +5,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from estimator.aiding import AidingParams
 from estimator.alignment import nearest_rotation, quaternion_from_matrix
 from estimator.conditioning.types import ConditioningParams
 from estimator.errors import InputError
@@ -23,6 +24,7 @@ class Settings(NamedTuple):
     filter: FilterParams
     reference: ReferenceParams
     conditioning: ConditioningParams
+    aiding: AidingParams
     conditioned: bool
     learns_north: bool  # the declination may come from a position
     initial: Quaternion | None
@@ -60,6 +62,7 @@ def settings_of(
             s_cross=profile.confidence.cross,
         ),
         conditioning=_conditioning(profile),
+        aiding=_aiding(profile),
         conditioned=profile.conditioned,
         learns_north=profile.reference.magnetic == "learn"
         and not profile.reference.declination_deg,
@@ -78,6 +81,11 @@ def _magnetic_direction(profile: Profile, declination_rad: float | None) -> Vec3
 def _conditioning(profile: Profile) -> ConditioningParams:
     chosen: dict[str, Any] = {k: v for k, v in profile.conditioning.items() if k != "enabled"}
     return ConditioningParams()._replace(**chosen)
+
+
+def _aiding(profile: Profile) -> AidingParams:
+    chosen: dict[str, Any] = profile.aiding
+    return AidingParams()._replace(**chosen)
 
 
 def _initial_attitude(profile: Profile) -> Quaternion | None:

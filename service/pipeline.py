@@ -20,6 +20,7 @@ from drivers.events import (
     Position,
     Rejected,
     VehicleId,
+    Velocity,
 )
 from estimator.errors import InputError
 from estimator.estimator import Estimator
@@ -85,6 +86,9 @@ class Pipeline:
             case Position(vehicle=address):
                 if address in self._vehicles:
                     self._vehicles[address].on_position(event)
+            case Velocity(vehicle=address):
+                if address in self._vehicles:
+                    self._vehicles[address].on_velocity(event)
             case Rejected(vehicle=address):
                 vehicle = self._meet(address)
                 if vehicle is not None:

@@ -3,16 +3,17 @@
 from collections import Counter, deque
 from statistics import median
 
-from drivers.events import ClockReset, Imu, Position, Rejected, VehicleId
+from drivers.events import ClockReset, Imu, Position, Rejected, VehicleId, Velocity
 from estimator.estimator import Estimator
 from estimator.profile import Profile
 from estimator.types import ImuSample
-from service import health, host_clock, imu_choice
+from service import health, host_clock, imu_choice, velocity_choice
 from service.attitude_record import Stamp, attitude_record
 from service.health import Health, State
 from service.host_clock import HostClock
 from service.imu_choice import ImuChoice
 from service.records import AttitudeRecord, StatusRecord, vehicle_name
+from service.velocity_choice import VelocityChoice
 
 # Enough for a steady median, few enough to follow a stream whose rate was changed.
 PERIODS_KEPT = 51
@@ -38,6 +39,7 @@ class Vehicle:
         self._statuses = 0
         self._health = Health()
         self._choice = ImuChoice()
+        self._velocity_choice = VelocityChoice()
         self._clock = HostClock()
         self._periods_us: deque[int] = deque(maxlen=PERIODS_KEPT)
         self._median_us: float | None = None
@@ -100,6 +102,17 @@ class Vehicle:
         self.estimator.set_position(
             event.latitude_deg, event.longitude_deg, event.altitude_m, event.arrival_us
         )
+
+    def on_velocity(self, event: Velocity) -> None:
+        """Feed the estimator, if the message is the chosen one."""
+        self._velocity_choice = velocity_choice.consider(
+            self._velocity_choice, event.message, event.arrival_us
+        )
+        if self._velocity_choice.message != event.message:
+            return
+        reason = self.estimator.update_velocity(event.sample)
+        if reason is not None:
+            self.reject(reason)
 
     def on_time(self, now_us: int) -> list[str]:
         """Notice silence."""

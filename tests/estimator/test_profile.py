@@ -213,7 +213,8 @@ def test_toml_round_trip_keeps_every_digit():
 def test_json_names_every_number():
     tree = profile_to_json(load_profile("imu"))
     assert list(tree) == [
-        *("reference", "filter", "membership", "confidence", "conditioning", "provenance")
+        *("reference", "filter", "membership", "confidence", "conditioning", "aiding"),
+        "provenance",
     ]
     assert list(tree["membership"]) == list(NAMES)
     assert "gravity_tau_s" in tree["conditioning"]

@@ -1,0 +1,79 @@
+"""The filter on vectors conditioned with the help of velocity reports, compiled."""
+
+from math import hypot
+
+from estimator.aiding import AidingParams, AidingState, Report, aid
+from estimator.aiding.types import Array
+from estimator.compiled import compiled
+from estimator.conditioning.condition import condition
+from estimator.conditioning.types import Conditioned, ConditioningParams, ConditioningState
+from estimator.filter_types import FilterParams, FilterState, Vectors
+from estimator.kernel import correct, turned
+from estimator.observation import ReferenceParams
+from estimator.quaternion import rotate_inverse
+from estimator.types import Vec3
+
+# Sigmas at which a vector's confidence is one half.
+GRAVITY_HALF_RAD = 0.1
+MAGNETIC_HALF_RAD = 0.2
+
+
+@compiled
+def confidence(sigma_rad: float, half_rad: float) -> float:
+    """From 1 for a certain direction towards 0: 1/(1 + (sigma/half)^2)."""
+    return 1.0 / (1.0 + (sigma_rad / half_rad) ** 2)
+
+
+@compiled
+def aided_vectors(reference: ReferenceParams, state: AidingState) -> Vectors:
+    """Both inertial directions seen from the aided attitude; confidence falls with its sigma."""
+    q = state.q_ned_frd
+    return Vectors(
+        rotate_inverse(q, reference.magnetic_ned),
+        reference.magnetic_ned,
+        reference.s_magnetic * confidence(state.sigma_heading_rad, MAGNETIC_HALF_RAD),
+        rotate_inverse(q, reference.gravity_ned),
+        reference.gravity_ned,
+        reference.s_gravity * confidence(state.sigma_inclination_rad, GRAVITY_HALF_RAD),
+        reference.s_cross,
+    )
+
+
+@compiled
+def aided_step(
+    params: FilterParams,
+    reference: ReferenceParams,
+    conditioning: ConditioningParams,
+    aiding: AidingParams,
+    state: FilterState,
+    memory: ConditioningState,
+    aided: AidingState,
+    covariance: Array,
+    gyr_rad_s: Vec3,
+    acc_m_s2: Vec3,
+    mag: Vec3,
+    has_mag: bool,
+    dt: float,
+    report: Report,
+) -> tuple[FilterState, ConditioningState, Conditioned, AidingState, Array]:
+    """One sample: the unaided stage goes on beside, then the filter follows the aided vectors."""
+    memory, seen = condition(conditioning, memory, gyr_rad_s, acc_m_s2, mag, has_mag, dt)
+    m = reference.magnetic_ned
+    horizontal = hypot(m[0], m[1])
+    north = (m[0] / horizontal, m[1] / horizontal) if horizontal > 0.0 else (1.0, 0.0)
+    aided, covariance = aid(
+        aiding,
+        aided,
+        covariance,
+        seen.gravity_b,
+        north,
+        gyr_rad_s,
+        acc_m_s2,
+        mag,
+        has_mag,
+        dt,
+        report,
+    )
+    state = turned(state, aided.rate_rad_s, dt, aided.gyr_bias_rad_s)
+    state = correct(params, state, aided_vectors(reference, aided), dt)
+    return state, memory, seen, aided, covariance

@@ -1,0 +1,7 @@
+"""Velocity beside the IMU: the attitude of a vehicle that accelerates."""
+
+from estimator.aiding.aiding import aid, begin, hear
+from estimator.aiding.types import AidingParams, AidingState, Report
+from estimator.aiding.velocity import trusted
+
+__all__ = ["AidingParams", "AidingState", "Report", "aid", "begin", "hear", "trusted"]

@@ -1,0 +1,204 @@
+"""One sample through the velocity aiding.
+
+An error-state Kalman filter over attitude, velocity, biases and lags. Specific
+force integrated in NED is what velocity reports must show, so the difference
+between two reports tells down, and any horizontal acceleration the heading; no
+derivative is taken and nothing is low-passed. Its attitude gives the vectors
+that the paper's filter follows. Formulation with small turns in the inertial
+frame as in J. Sola 2017, arXiv:1711.02508, section 7.
+"""
+
+import numpy as np
+
+from estimator.aiding.field import observe_heading, without_field
+from estimator.aiding.inertial import Carried, carried
+from estimator.aiding.types import (
+    ACC_BIAS,
+    FIELD_LAG,
+    GYR_BIAS,
+    HARD_IRON,
+    IMU_LAG,
+    SIZE,
+    TURN,
+    VELOCITY,
+    Agreement,
+    AidingParams,
+    AidingState,
+    Array,
+    Calibration,
+    FieldState,
+    Report,
+    Two,
+)
+from estimator.aiding.uncertainty import heading_sigma, inclination_sigma
+from estimator.aiding.velocity import observe_unaided, observe_velocity, without_report
+from estimator.compiled import compiled
+from estimator.quaternion import add, exp, multiply, norm, normalize, rotate, subtract
+from estimator.types import ZERO_VEC3, Quaternion, Vec3
+
+BEGIN_VELOCITY_SIGMA_M_S = 1.0
+FIRST_STEP_S = 1.0  # no step yet: too long to tell lags from
+
+
+def begin(
+    params: AidingParams,
+    q_ned_frd: Quaternion,
+    gyr_bias: Vec3,
+    gyr: Vec3,
+    acc: Vec3,
+    report: Report,
+) -> tuple[AidingState, Array]:
+    """State and covariance at a first velocity report, from the unaided attitude and bias."""
+    P = np.zeros((SIZE, SIZE))
+    tilt, heading = params.begin_tilt_sigma_rad**2, params.begin_heading_sigma_rad**2
+    diagonal = np.einsum("ii->i", P)
+    diagonal[TURN : TURN + 3] = (tilt, tilt, heading)
+    diagonal[VELOCITY : VELOCITY + 3] = BEGIN_VELOCITY_SIGMA_M_S**2
+    diagonal[GYR_BIAS : GYR_BIAS + 3] = params.gyr_bias_sigma**2
+    diagonal[ACC_BIAS : ACC_BIAS + 3] = params.acc_bias_sigma**2
+    diagonal[IMU_LAG] = params.imu_lag_sigma_s**2
+    diagonal[FIELD_LAG] = params.field_lag_sigma_s**2
+    diagonal[HARD_IRON : HARD_IRON + 3] = params.hard_iron_sigma_gauss**2
+    state = AidingState(
+        q_ned_frd=q_ned_frd,
+        velocity_ned_m_s=report.velocity_ned_m_s,
+        gyr_bias_rad_s=gyr_bias,
+        acc_bias_m_s2=ZERO_VEC3,
+        imu_lag_s=params.imu_lag_s,
+        field_lag_s=params.field_lag_s,
+        hard_iron_gauss=ZERO_VEC3,
+        gyr_rad_s=gyr,
+        force_ned_m_s2=rotate(q_ned_frd, acc),
+        rate_rad_s=subtract(gyr, gyr_bias),
+        step_s=FIRST_STEP_S,
+        field=FieldState(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0),
+        agreement=Agreement(1.0, 1.0, 0.0, 0.0, 0.0),
+        sigma_inclination_rad=params.begin_tilt_sigma_rad,
+        sigma_heading_rad=params.begin_heading_sigma_rad,
+    )
+    return state, P
+
+
+@compiled
+def part(x: Array, first: int) -> Vec3:
+    """Three corrections from ``first`` on."""
+    return (x[first], x[first + 1], x[first + 2])
+
+
+@compiled
+def corrected(
+    state: AidingState, now: Carried, agreement: Agreement, field: FieldState, x: Array
+) -> AidingState:
+    """The state with the corrections x applied to the prediction ``now``."""
+    q = normalize(multiply(exp(part(x, TURN)), now.q_ned_frd))
+    change = part(x, ACC_BIAS)
+    return AidingState(
+        q,
+        add(now.velocity_ned_m_s, part(x, VELOCITY)),
+        add(state.gyr_bias_rad_s, part(x, GYR_BIAS)),
+        add(state.acc_bias_m_s2, change),
+        state.imu_lag_s + x[IMU_LAG],
+        state.field_lag_s + x[FIELD_LAG],
+        add(state.hard_iron_gauss, part(x, HARD_IRON)),
+        state.gyr_rad_s,
+        subtract(rotate(exp(part(x, TURN)), now.force_ned_m_s2), rotate(q, change)),
+        now.rate_rad_s,
+        state.step_s,
+        field,
+        agreement,
+        state.sigma_inclination_rad,
+        state.sigma_heading_rad,
+    )
+
+
+@compiled
+def rated(params: AidingParams, state: AidingState, P: Array, gyr: Vec3, dt: float) -> AidingState:
+    """The state after a sample, with its uncertainty."""
+    turning = norm(state.rate_rad_s)
+    return AidingState(
+        state.q_ned_frd,
+        state.velocity_ned_m_s,
+        state.gyr_bias_rad_s,
+        state.acc_bias_m_s2,
+        state.imu_lag_s,
+        state.field_lag_s,
+        state.hard_iron_gauss,
+        gyr,
+        state.force_ned_m_s2,
+        state.rate_rad_s,
+        dt,
+        state.field,
+        state.agreement,
+        inclination_sigma(params, P, state.agreement, turning, dt),
+        heading_sigma(params, P, state.agreement, state.field, turning, dt),
+    )
+
+
+@compiled
+def aid(
+    params: AidingParams,
+    state: AidingState,
+    P: Array,
+    gravity_b: Vec3,
+    north: Two,
+    gyr: Vec3,
+    acc: Vec3,
+    mag: Vec3,
+    has_mag: bool,
+    dt: float,
+    report: Report,
+) -> tuple[AidingState, Array]:
+    """One sample, ``dt`` > 0 after the one before: carry on, then learn from what there is.
+
+    ``gravity_b`` is the unaided stage's down, ``north`` magnetic north as (north, east). The
+    covariance given stays as it is.
+    """
+    now = carried(params, state, P, gyr, acc, dt)
+    P = now.covariance
+    x = np.zeros(SIZE)
+    agreement = without_report(state.agreement, dt)
+    if report.given:
+        agreement = observe_velocity(
+            params,
+            agreement,
+            now,
+            state.force_ned_m_s2,
+            state.imu_lag_s,
+            report,
+            gravity_b,
+            P,
+            x,
+            dt,
+        )
+    elif agreement.wait_s > params.silence_s:
+        observe_unaided(params, now, gravity_b, P, x, dt)
+    field = without_field(state.field, dt)
+    if has_mag:
+        calibration = Calibration(state.gyr_bias_rad_s, state.hard_iron_gauss, state.field_lag_s)
+        field = observe_heading(params, field, calibration, now.q_ned_frd, north, gyr, mag, P, x)
+    state = corrected(state, now, agreement, field, x)
+    return rated(params, state, P, gyr, dt), P
+
+
+@compiled
+def hear(
+    params: AidingParams, state: AidingState, P: Array, gravity_b: Vec3, report: Report
+) -> tuple[AidingState, Array]:
+    """A report that came behind the sample it belongs to, before the next one."""
+    P = P.copy()
+    x = np.zeros(SIZE)
+    force = state.force_ned_m_s2
+    now = Carried(state.q_ned_frd, state.velocity_ned_m_s, force, state.rate_rad_s, P)
+    agreement = observe_velocity(
+        params,
+        state.agreement,
+        now,
+        force,
+        state.imu_lag_s,
+        report,
+        gravity_b,
+        P,
+        x,
+        state.step_s,
+    )
+    return corrected(state, now, agreement, state.field, x), P

@@ -1,0 +1,87 @@
+"""Covariance of the aiding's errors: one step in time, one scalar measurement."""
+
+import numpy as np
+
+from estimator.aiding.types import ACC_BIAS, GYR_BIAS, SIZE, TURN, VELOCITY, Array
+from estimator.compiled import compiled
+from estimator.types import Quaternion, Vec3
+
+
+@compiled
+def rotation_matrix(q: Quaternion) -> Array:
+    """(3, 3) of q_ned_frd: columns are the body axes in NED."""
+    w, x, y, z = q
+    R = np.empty((3, 3))
+    R[0, 0] = 1.0 - 2.0 * (y * y + z * z)
+    R[0, 1] = 2.0 * (x * y - w * z)
+    R[0, 2] = 2.0 * (x * z + w * y)
+    R[1, 0] = 2.0 * (x * y + w * z)
+    R[1, 1] = 1.0 - 2.0 * (x * x + z * z)
+    R[1, 2] = 2.0 * (y * z - w * x)
+    R[2, 0] = 2.0 * (x * z - w * y)
+    R[2, 1] = 2.0 * (y * z + w * x)
+    R[2, 2] = 1.0 - 2.0 * (x * x + y * y)
+    return R
+
+
+@compiled
+def rows_moved(P: Array, R: Array, gained: Vec3, dt: float) -> Array:
+    """F P, with F the errors' transition over ``dt``.
+
+    turn' = turn - R gyr_bias dt, velocity' = velocity + turn x gained - R acc_bias dt, where
+    ``gained`` is the integral of the specific force in NED; the rest stays.
+    """
+    moved = P.copy()
+    for j in range(SIZE):
+        t0, t1, t2 = P[TURN, j], P[TURN + 1, j], P[TURN + 2, j]
+        for i in range(3):
+            for k in range(3):
+                moved[TURN + i, j] -= dt * R[i, k] * P[GYR_BIAS + k, j]
+                moved[VELOCITY + i, j] -= dt * R[i, k] * P[ACC_BIAS + k, j]
+        moved[VELOCITY, j] += t1 * gained[2] - t2 * gained[1]
+        moved[VELOCITY + 1, j] += t2 * gained[0] - t0 * gained[2]
+        moved[VELOCITY + 2, j] += t0 * gained[1] - t1 * gained[0]
+    return moved
+
+
+@compiled
+def predicted(P: Array, R: Array, gained: Vec3, dt: float) -> Array:
+    """F P F'; P is symmetric."""
+    return rows_moved(np.ascontiguousarray(rows_moved(P, R, gained, dt).T), R, gained, dt)
+
+
+@compiled
+def expected_variance(P: Array, h: Array, noise: float) -> float:
+    """Variance of a measurement h . errors + noise."""
+    total = noise
+    for i in range(SIZE):
+        if h[i] != 0.0:
+            for j in range(SIZE):
+                total += h[i] * P[i, j] * h[j]
+    return total
+
+
+@compiled
+def remaining(x: Array, h: Array, innovation: float) -> float:
+    """The innovation, less what the corrections of this step have explained already."""
+    for i in range(SIZE):
+        innovation -= h[i] * x[i]
+    return innovation
+
+
+@compiled
+def learn(P: Array, x: Array, h: Array, innovation: float, noise: float) -> None:
+    """Kalman update of this step's own P and corrections x by one scalar, in place."""
+    m = np.zeros(SIZE)
+    for j in range(SIZE):
+        if h[j] != 0.0:
+            for i in range(SIZE):
+                m[i] += P[i, j] * h[j]
+    variance = noise
+    for j in range(SIZE):
+        variance += h[j] * m[j]
+    step = remaining(x, h, innovation) / variance
+    for i in range(SIZE):
+        x[i] += step * m[i]
+        for j in range(SIZE):
+            P[i, j] -= m[i] * m[j] / variance

@@ -1,0 +1,79 @@
+"""Attitude and velocity carried on by gyroscope and accelerometer."""
+
+from typing import NamedTuple
+
+from estimator.aiding.covariance import predicted, rotation_matrix
+from estimator.aiding.types import (
+    ACC_BIAS,
+    GYR_BIAS,
+    HARD_IRON,
+    TURN,
+    VELOCITY,
+    AidingParams,
+    AidingState,
+    Array,
+)
+from estimator.compiled import compiled
+from estimator.conditioning.rate import integration_rate
+from estimator.quaternion import add, dot, exp, multiply, normalize, rotate, scale, subtract
+from estimator.types import STANDARD_GRAVITY_M_S2, Quaternion, Vec3
+
+HARD_IRON_WALK_S = 2500.0  # the time in which the remaining hard iron may become another
+
+
+class Carried(NamedTuple):
+    """The prediction for one sample."""
+
+    q_ned_frd: Quaternion
+    velocity_ned_m_s: Vec3
+    force_ned_m_s2: Vec3
+    rate_rad_s: Vec3
+    covariance: Array
+
+
+@compiled
+def carried(
+    params: AidingParams, state: AidingState, P: Array, gyr: Vec3, acc: Vec3, dt: float
+) -> Carried:
+    """One strapdown step: q <- q exp((w - b) dt), v <- v + (R f + g) dt by the trapezoid."""
+    before = state.gyr_rad_s
+    rate = subtract(integration_rate(before, gyr, dt, False), state.gyr_bias_rad_s)
+    q = normalize(multiply(state.q_ned_frd, exp(scale(dt, rate))))
+    force = rotate(q, subtract(acc, state.acc_bias_m_s2))
+    gained = scale(0.5 * dt, add(force, state.force_ned_m_s2))
+    v = add(state.velocity_ned_m_s, gained)
+    v = (v[0], v[1], v[2] + STANDARD_GRAVITY_M_S2 * dt)
+    P = predicted(P, rotation_matrix(q), gained, dt)
+    missed_turn = rotate(q, scale(dt, subtract(gyr, before)))
+    missed_push = scale(dt, subtract(force, state.force_ned_m_s2))
+    add_noise(params, P, state, missed_turn, missed_push, dot(rate, rate), dt)
+    return Carried(q, v, force, rate, P)
+
+
+@compiled
+def add_noise(
+    params: AidingParams,
+    P: Array,
+    state: AidingState,
+    missed_turn: Vec3,
+    missed_push: Vec3,
+    rate_square: float,
+    dt: float,
+) -> None:
+    """What a step adds to the covariance, in place.
+
+    Between two samples anything may happen that they do not show; how much is
+    told by how much they differ.
+    """
+    missed = params.integration_noise**2
+    turn = (params.gyr_noise**2 + params.gyr_scale_noise**2 * rate_square) * dt
+    walk = state.agreement.noise_scale * params.velocity_walk**2
+    push = (params.acc_noise**2 + walk) * dt
+    iron = params.hard_iron_sigma_gauss**2
+    for i in range(3):
+        P[TURN + i, TURN + i] += turn + missed * missed_turn[i] ** 2
+        P[VELOCITY + i, VELOCITY + i] += push + missed * missed_push[i] ** 2
+        P[GYR_BIAS + i, GYR_BIAS + i] += params.gyr_bias_walk**2 * dt
+        P[ACC_BIAS + i, ACC_BIAS + i] += params.acc_bias_walk**2 * dt
+        if P[HARD_IRON + i, HARD_IRON + i] < iron:
+            P[HARD_IRON + i, HARD_IRON + i] += iron * dt / HARD_IRON_WALK_S

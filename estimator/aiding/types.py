@@ -1,0 +1,148 @@
+"""Parameters and state of the velocity aiding.
+
+Its errors are small turns of the attitude seen from NED and differences of
+everything else, in the order of the constants below.
+"""
+
+from math import radians
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from estimator.types import Quaternion, Vec3
+
+Array = NDArray[np.float64]
+Two = tuple[float, float]
+
+# Where each error begins in the covariance; all but the lags have three components.
+TURN = 0  # rad, about north, east and down
+VELOCITY = 3  # m/s
+GYR_BIAS = 6  # rad/s
+ACC_BIAS = 9  # m/s^2
+IMU_LAG = 12  # s
+FIELD_LAG = 13  # s
+HARD_IRON = 14  # gauss
+SIZE = 17
+
+
+class AidingParams(NamedTuple):
+    """What is chosen; each line: meaning; effect of a small and of a large value (unit)."""
+
+    enabled: bool = True  # off: velocity is not used
+
+    # Noise of the IMU, as densities.
+    gyr_noise: float = 0.002  # rad/s/sqrt(Hz); small: stiff, large: the attitude follows velocity
+    gyr_scale_noise: float = 0.002  # per rad/s turned, same; scale errors, crossed axes
+    acc_noise: float = 0.05  # m/s^2/sqrt(Hz); vibration; small: stiff, large: slow
+    # Share of what changed between two samples that integration may have missed.
+    integration_noise: float = 0.12  # small: believes 4 Hz samples, large: distrusts them
+    gyr_bias_walk: float = 1e-4  # rad/s/sqrt(s)
+    acc_bias_walk: float = 2e-3  # m/s^2/sqrt(s)
+    gyr_bias_sigma: float = 0.01  # rad/s, at the beginning
+    acc_bias_sigma: float = 0.1  # m/s^2, at the beginning
+
+    # Velocity reports.
+    velocity_noise_m_s: float = 0.1  # of a report by an autopilot's filter
+    velocity_walk: float = 0.15  # m/s/sqrt(s), of the reports' slow error
+    report_sigma_m_s: float = 0.3  # sources less accurate than this get more noise
+    oldest_report_s: float = 0.5  # older ones come too late
+    silence_s: float = 1.0  # then the unaided gravity helps
+    give_up_s: float = 300.0  # then it takes over
+    doubt_s: float = 1.5  # of reports or field far off in a row; then all begins anew
+    far_heading_rad: float = radians(40.0)  # that the field is off
+    gap_s: float = 1.0  # without IMU samples; then all begins anew
+    unaided_sigma_rad: float = radians(5.0)  # of the unaided gravity
+    unaided_tau_s: float = 3.0  # for so long its error stays the same
+
+    # Lags.
+    imu_lag_s: float = 0.012  # the low-pass of an autopilot's IMU stream
+    imu_lag_sigma_s: float = 0.004
+    lag_step_s: float = 0.1  # IMU steps beyond this tell nothing about lags
+    field_lag_s: float = 0.045  # of a magnetometer averaged to 10 Hz, when its value changes
+    field_lag_sigma_s: float = 0.03
+
+    # Magnetic field.
+    heading_noise: float = radians(3.0)  # rad/sqrt(Hz); small: follows magnets, large: slow
+    hard_iron_sigma_gauss: float = 0.01  # that calibration has left over
+    field_norm_scale: float = 0.05  # relative deviation that halves the confidence, or so
+    field_dip_scale_rad: float = radians(10.0)  # likewise
+    field_reference_tau_s: float = 20.0  # learning norm and dip
+
+    # Beginning.
+    begin_tilt_sigma_rad: float = radians(5.0)
+    begin_heading_sigma_rad: float = radians(10.0)
+
+    # Published uncertainty, fitted to errors of simulated and recorded flights.
+    colour: float = 1.7  # errors are slower than white: their sigma against white noise's
+    heading_colour: float = 1.3
+    slow_colour_1_s: float = 0.6  # more of it, a second of IMU step
+    least_heading_scale: float = 0.5
+    field_error_share: float = 0.8  # of the field's slow disagreement that stays in the heading
+    least_inclination_rad: float = radians(0.17)
+    least_heading_rad: float = radians(0.2)
+    timing_s: float = 0.003  # uncertain age of the IMU sample, times the turn rate
+
+
+class Report(NamedTuple):
+    """A velocity in NED, ``ago_s`` before the IMU sample at hand; absent where not ``given``."""
+
+    given: bool
+    velocity_ned_m_s: Vec3
+    has_vertical: bool
+    sigma_m_s: float
+    ago_s: float
+
+
+class FieldState(NamedTuple):
+    """What is known about the field of the place, and how well measurements agree with it."""
+
+    horizontal_reference: float
+    down_reference: float
+    horizontal: float
+    down: float
+    samples: float
+    age_s: float
+    wait_s: float
+    confidence: float
+    residual_rad: float  # of the heading, low-passed
+    residual_square: float  # its mean square
+    doubt_s: float  # how long it has been far off
+
+
+class Calibration(NamedTuple):
+    """What turns a magnetometer reading into the field at the IMU sample."""
+
+    gyr_bias_rad_s: Vec3
+    hard_iron_gauss: Vec3
+    lag_s: float
+
+
+class Agreement(NamedTuple):
+    """How well velocity reports agree with the prediction, and how long they have not."""
+
+    noise_scale: float  # of the reports' variance, 1 and more
+    innovation: float  # mean square, in units of its expected variance
+    reports: float
+    wait_s: float  # since the last one
+    doubt_s: float
+
+
+class AidingState(NamedTuple):
+    """Everything that changes but the errors' covariance, which the kernels take as an array."""
+
+    q_ned_frd: Quaternion
+    velocity_ned_m_s: Vec3
+    gyr_bias_rad_s: Vec3
+    acc_bias_m_s2: Vec3
+    imu_lag_s: float
+    field_lag_s: float
+    hard_iron_gauss: Vec3
+    gyr_rad_s: Vec3  # the last sample's
+    force_ned_m_s2: Vec3  # likewise
+    rate_rad_s: Vec3  # that the last step was integrated with
+    step_s: float  # its length
+    field: FieldState
+    agreement: Agreement
+    sigma_inclination_rad: float
+    sigma_heading_rad: float

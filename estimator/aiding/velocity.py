@@ -1,0 +1,124 @@
+"""What a velocity report says about attitude, biases and the IMU's lag."""
+
+import numpy as np
+
+from estimator.aiding.covariance import expected_variance, learn, remaining
+from estimator.aiding.inertial import Carried
+from estimator.aiding.types import (
+    IMU_LAG,
+    SIZE,
+    TURN,
+    VELOCITY,
+    Agreement,
+    AidingParams,
+    AidingState,
+    Array,
+    Report,
+)
+from estimator.compiled import compiled
+from estimator.quaternion import add, rotate, scale, subtract
+from estimator.types import STANDARD_GRAVITY_M_S2, Vec3
+
+FAR = 16.0  # squared innovation over its variance (4 sigma) of no ordinary report
+CLIP = 25.0  # more than this says no more about the noise
+INNOVATION_CLIP = 9.0
+SCALE_REPORTS = 100.0  # reports that the noise scale is the mean of
+LARGEST_SCALE = 100.0
+DOUBTFUL_SCALE = 30.0  # reports this noisy, or an attitude that makes them look so
+COSINE_ELSEWHERE = 0.7  # the unaided gravity is 45 degrees off
+INNOVATION_TAU_S = 60.0
+
+
+@compiled
+def without_report(state: Agreement, dt: float) -> Agreement:
+    """Only time passes."""
+    return Agreement(
+        state.noise_scale, state.innovation, state.reports, state.wait_s + dt, state.doubt_s
+    )
+
+
+@compiled
+def since(now: Vec3, before: Vec3, ago_s: float, dt: float) -> Vec3:
+    """Mean acceleration (NED) over the last ``ago_s``, the force linear between two samples."""
+    share = min(1.0, 0.5 * ago_s / dt)
+    force = add(now, scale(share, subtract(before, now)))
+    return (force[0], force[1], force[2] + STANDARD_GRAVITY_M_S2)
+
+
+@compiled
+def observe_velocity(
+    params: AidingParams,
+    agreement: Agreement,
+    now: Carried,
+    force_before: Vec3,
+    imu_lag_s: float,
+    report: Report,
+    gravity_b: Vec3,
+    P: Array,
+    x: Array,
+    dt: float,
+) -> Agreement:
+    """Three scalar updates (two without the vertical): report = v - a ago + a lag + error.
+
+    The velocity at the report's own time is the one now less the acceleration
+    since. The IMU's samples are ``lag`` old, so the prediction lags likewise.
+    A report that is far off loosens the velocity, not the attitude: then the
+    reports' origin has jumped. The noise scale follows the innovations.
+    ``force_before`` is the specific force (NED) at the sample ``dt`` before.
+    """
+    noise_scale, innovation = agreement.noise_scale, agreement.innovation
+    reports = agreement.reports
+    wait = min(agreement.wait_s, 1.0)
+    share = wait / (wait + INNOVATION_TAU_S) / 3.0
+    accuracy = max(1.0, report.sigma_m_s / params.report_sigma_m_s)
+    v = now.velocity_ned_m_s
+    a = since(now.force_ned_m_s2, force_before, report.ago_s, dt)
+    missed = scale(params.integration_noise * dt, subtract(now.force_ned_m_s2, force_before))
+    behind = min(1.0, report.ago_s / dt)
+    elsewhere = rotate(now.q_ned_frd, gravity_b)[2] < COSINE_ELSEWHERE
+    far = noise_scale > DOUBTFUL_SCALE and elsewhere
+    for i in range(3 if report.has_vertical else 2):
+        h = np.zeros(SIZE)
+        h[VELOCITY + i] = 1.0
+        if dt < params.lag_step_s:
+            h[IMU_LAG] = a[i]
+        off = report.velocity_ned_m_s[i] - v[i] + a[i] * (report.ago_s - imu_lag_s)
+        noise = noise_scale * (params.velocity_noise_m_s * accuracy) ** 2
+        noise += behind * missed[i] * missed[i]
+        left = remaining(x, h, off)
+        square = left * left / expected_variance(P, h, noise)
+        reports += 1.0
+        innovation += max(share, 1.0 / reports) * (min(square, INNOVATION_CLIP) - innovation)
+        noise_scale *= 1.0 + (min(square, CLIP) - 1.0) / (3.0 * SCALE_REPORTS)
+        noise_scale = min(max(noise_scale, 1.0), LARGEST_SCALE)
+        if square > FAR:
+            P[VELOCITY + i, VELOCITY + i] += left * left
+            far = True
+        learn(P, x, h, off, noise)
+    doubt_s = agreement.doubt_s + wait if far else max(0.0, agreement.doubt_s - wait)
+    return Agreement(noise_scale, innovation, reports, 0.0, doubt_s)
+
+
+@compiled
+def observe_unaided(
+    params: AidingParams, carried: Carried, gravity_b: Vec3, P: Array, x: Array, dt: float
+) -> None:
+    """In the reports' absence: the unaided gravity, whose error lasts, as a weak measurement.
+
+    R_true gravity_b = z gives turn_east = -d_north and turn_north = d_east with d = R gravity_b.
+    """
+    d = rotate(carried.q_ned_frd, gravity_b)
+    noise = params.unaided_sigma_rad**2 * params.unaided_tau_s / dt
+    h = np.zeros(SIZE)
+    h[TURN + 1] = 1.0
+    learn(P, x, h, -d[0], noise)
+    h[TURN + 1] = 0.0
+    h[TURN] = 1.0
+    learn(P, x, h, d[1], noise)
+
+
+def trusted(params: AidingParams, state: AidingState) -> bool:
+    """Whether to go on: reports came lately, and they and the field agree with the attitude."""
+    agreement = state.agreement
+    doubt_s = max(agreement.doubt_s, state.field.doubt_s)
+    return agreement.wait_s <= params.give_up_s and doubt_s <= params.doubt_s

@@ -1,0 +1,46 @@
+"""Velocity reports that wait for the IMU sample behind them."""
+
+from math import isfinite
+
+from estimator.aiding import Report
+from estimator.types import ZERO_VEC3, VelocitySample
+
+Reports = tuple[VelocitySample, ...]
+
+NO_REPORT = Report(False, ZERO_VEC3, False, 0.0, 0.0)
+# Reports come about as often as IMU samples do; of more than this the oldest are dropped.
+MOST_WAITING = 8
+# Faster than sound in air: no vehicle this is for.
+SPEED_LIMIT_M_S = 400.0
+
+
+def refusal_of_report(report: VelocitySample) -> str | None:
+    """Why a report cannot be used, in one word to count under; None if it can."""
+    if not all(isfinite(v) for v in (*report.velocity_ned_m_s, report.sigma_m_s)):
+        return "velocity_not_finite"
+    if max(abs(v) for v in report.velocity_ned_m_s) > SPEED_LIMIT_M_S:
+        return "velocity_out_of_range"
+    return None
+
+
+def enqueued(waiting: Reports, report: VelocitySample) -> Reports:
+    """The waiting reports with a new one; the oldest gives way when there are too many."""
+    return (*waiting, report)[-MOST_WAITING:]
+
+
+def taken(waiting: Reports, time_us: int, oldest_s: float) -> tuple[Report, Reports]:
+    """The latest report that the IMU has reached by ``time_us``, and those still ahead of it.
+
+    A report waits for the first IMU sample that is not before it. Only the
+    latest of several counts: their errors are the same for a second or more.
+    """
+    reached = [report for report in waiting if report.time_us <= time_us]
+    ahead = tuple(report for report in waiting if report.time_us > time_us)
+    if not reached:
+        return NO_REPORT, ahead
+    latest = max(reached, key=lambda report: report.time_us)
+    ago_s = 1e-6 * (time_us - latest.time_us)
+    if ago_s > oldest_s:
+        return NO_REPORT, ahead
+    velocity, vertical = latest.velocity_ned_m_s, latest.has_vertical
+    return Report(True, velocity, vertical, latest.sigma_m_s, ago_s), ahead
