@@ -112,7 +112,7 @@ def tune(
     if cluster is not None and threads is not None:
         raise InputError("--threads and --cluster contradict each other: the workers compute")
     if plot is not None:
-        _require_matplotlib()
+        _require_plots(plot)
     finished = run_plan(
         plan(request, tell),
         threads=threads,
@@ -130,8 +130,11 @@ def tell(line: str) -> None:
     print(line, file=sys.stderr)
 
 
-def _require_matplotlib() -> None:
+def _require_plots(folder: Path) -> None:
+    """Known before the search, not after."""
     from importlib.util import find_spec
 
+    if folder.exists() and not folder.is_dir():
+        raise InputError(f"--plot {folder}: not a folder")
     if find_spec("matplotlib") is None:
         raise InputError("--plot: needs matplotlib (the extra 'plot')")

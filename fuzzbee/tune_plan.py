@@ -2,6 +2,7 @@
 
 import os
 from collections.abc import Callable
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -186,6 +187,8 @@ def _require_numbers(request: TuneRequest) -> None:
         raise InputError(
             f"--algorithm {request.algorithm}: unknown; choose from {', '.join(ALGORITHMS)}"
         )
+    if request.algorithm == "cmaes" and find_spec("cmaes") is None:
+        raise InputError("--algorithm cmaes: needs the package cmaes (the extra 'optimizers')")
     fewest = FEWEST_SOURCES[request.algorithm]
     if request.food_sources < fewest:
         raise InputError(

@@ -147,6 +147,7 @@ REFUSED = [
     (["--base", "imu"], "raw vectors"),
     (["--base", "no-such-profile"], "no such file"),
     (["--resume"], "nothing to resume"),
+    (["--plot", __file__], "not a folder"),
 ]
 
 
