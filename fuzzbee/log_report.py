@@ -13,6 +13,8 @@ from drivers.logs import open_log
 from drivers.mavlink_names import autopilot_name, vehicle_type_name
 from estimator.errors import InputError
 from estimator.profile import Profile
+from estimator.quaternion import multiply
+from estimator.types import IDENTITY
 from fuzzbee.score import (
     Coverage,
     ErrorSummary,
@@ -142,7 +144,7 @@ def score(path: Path, trace: VehicleTrace, wanted: str | None, skip_s: float) ->
             np.zeros(len(times_us), bool),
         )
     else:
-        truth, known = trace.references[source].at(times_us)
+        truth, known = reference_attitudes(trace, source)
     errors = errors_against(trace.estimates, truth)
     counted = known & (times_us - times_us[0] >= skip_s / MICROSECOND)
     since = known & (times_us >= (trace.turned_at_us or 0))
@@ -165,6 +167,22 @@ def score(path: Path, trace: VehicleTrace, wanted: str | None, skip_s: float) ->
         rejected=ordered(trace.rejected),
         wall_s=0.0,
     )
+
+
+def reference_attitudes(
+    trace: VehicleTrace, source: str
+) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
+    """``q_ned_frd`` (N, 4) of the IMU at its samples, and where it is known.
+
+    The autopilot reports on the vehicle, in which the IMU is mounted with a
+    trim; the simulator's truth is the IMU's own.
+    """
+    attitudes, known = trace.references[source].at(trace.times_us)
+    if source == "autopilot" and trace.trim != IDENTITY:
+        attitudes = np.array(
+            [multiply((q[0], q[1], q[2], q[3]), trace.trim) for q in attitudes.tolist()]
+        )
+    return attitudes, known
 
 
 def _choose_reference(path: Path, trace: VehicleTrace, wanted: str | None) -> str | None:

@@ -7,12 +7,13 @@ from math import radians
 import numpy as np
 from numpy.typing import NDArray
 
-from drivers.events import Event, Heartbeat, Imu, ReferenceAttitude, VehicleId
+from drivers.events import Event, Heartbeat, Imu, Parameter, ReferenceAttitude, VehicleId
+from drivers.mavlink_codec import quaternion_from_euler
 from drivers.reference_track import ReferenceTrack
 from estimator.estimator import Estimator
 from estimator.profile import Profile
 from estimator.quaternion import exp, scale
-from estimator.types import Attitude, Vec3
+from estimator.types import IDENTITY, Attitude, Quaternion, Vec3
 from service.pipeline import Pipeline
 from service.records import Message
 from service.vehicle import Vehicle
@@ -21,6 +22,8 @@ Floats = NDArray[np.float64]
 
 # The axis about which a wrong start is turned, NED: no sensor is blind to it.
 WRONG_START_AXIS: Vec3 = (3**-0.5, 3**-0.5, 3**-0.5)
+# ArduPilot's mounting trim, rad: roll, pitch and yaw of the IMU in the vehicle it reports on.
+TRIM = ("AHRS_TRIM_X", "AHRS_TRIM_Y", "AHRS_TRIM_Z")
 
 
 class VehicleTrace:
@@ -37,6 +40,7 @@ class VehicleTrace:
         self.references = {"sim": ReferenceTrack(), "autopilot": ReferenceTrack()}
         self.rejected: Counter[str] = Counter()
         self.turned_at_us: int | None = None
+        self.trim_rad = dict.fromkeys(TRIM, 0.0)
 
     @property
     def times_us(self) -> NDArray[np.int64]:
@@ -47,6 +51,12 @@ class VehicleTrace:
     def estimates(self) -> Floats:
         """``q_ned_frd`` (N, 4) after each sample."""
         return np.array([a.q_ned_frd for a in self.attitudes]).reshape(-1, 4)
+
+    @property
+    def trim(self) -> Quaternion:
+        """From the IMU's axes to those of the vehicle that the autopilot reports on."""
+        roll, pitch, yaw = (self.trim_rad[name] for name in TRIM)
+        return quaternion_from_euler(roll, pitch, yaw) or IDENTITY
 
     def column(self, value: Callable[[Attitude], float]) -> Floats:
         """One number of each attitude, (N,)."""
@@ -97,6 +107,8 @@ class Replay:
                 self._after_imu(event)
             case ReferenceAttitude(vehicle=address, source=source):
                 self._trace(address).references[source].add(event)
+            case Parameter(vehicle=address, name=name, value=value) if name in TRIM:
+                self._trace(address).trim_rad[name] = value
             case Heartbeat(vehicle=address):
                 trace = self._trace(address)
                 trace.autopilot, trace.vehicle_type = event.autopilot, event.vehicle_type
