@@ -1,0 +1,70 @@
+"""The documents' examples are run, their tables compared with what is published."""
+
+import json
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import msgspec
+import pytest
+
+from service.records import AttitudeRecord, StatusRecord
+from tests.fuzzbee.processes import default_session, free_port, started
+
+DOCS = Path(__file__).parents[2] / "docs"
+
+pytestmark = pytest.mark.checkout
+
+
+def examples(name):
+    """The Python blocks of a page."""
+    text = (DOCS / name).read_text("utf-8")
+    return re.findall(r"^```python\n(.*?)^```", text, re.MULTILINE | re.DOTALL)
+
+
+def section(name, title):
+    text = (DOCS / name).read_text("utf-8")
+    return text.split(f"\n## {title}\n")[1].split("\n## ")[0]
+
+
+@pytest.mark.parametrize(
+    ("title", "record"), [("Attitude", AttitudeRecord), ("Status", StatusRecord)]
+)
+def test_every_published_field_is_documented(title, record):
+    documented = re.findall(r"^\| `(\w+)` \|", section("zenoh.md", title), re.MULTILINE)
+    assert documented == [field.name for field in msgspec.structs.fields(record)]
+
+
+def test_the_zenoh_examples_work_as_they_stand():
+    """Only the port is another, so that tests do not meet."""
+    port = free_port()
+    subscriber, replacement, short = (
+        text.replace("127.0.0.1:7447", f"127.0.0.1:{port}")
+        for text in examples("zenoh.md") + examples("../README.md")
+    )
+    assert len([line for line in subscriber.splitlines() if line]) <= 10
+    with started("run", "--json", *default_session(port)) as service:
+        for line in service.stderr:
+            if "running" in line:
+                break
+        lines, short_lines = first_lines(subscriber), first_lines(short)
+        changed = subprocess.run(
+            [sys.executable, "-c", replacement], capture_output=True, text=True, check=True
+        )
+    for line in lines:
+        assert re.fullmatch(r"fuzzbee/1/attitude running \[(-?[\d.e-]+(, )?){3}\]\n", line)
+    for line in short_lines:
+        assert re.fullmatch(r"fuzzbee/1/attitude \[(-?[\d.e-]+(, )?){3}\]\n", line)
+    profile = json.loads(changed.stdout)
+    assert profile["filter"]["gamma"] == 0.5
+    assert profile["confidence"]["magnetic"] == 0.2
+
+
+def first_lines(code, count=5):
+    with subprocess.Popen(
+        [sys.executable, "-u", "-c", code], stdout=subprocess.PIPE, text=True
+    ) as process:
+        lines = [process.stdout.readline() for _ in range(count)]
+        process.kill()
+    return lines
