@@ -1,0 +1,249 @@
+"""The live service under load: simulated vehicles, service and subscriber as real processes.
+
+python benchmarks/live.py --vehicles N --rate HZ --seconds S [--publish-rate HZ] [--no-floor] [--json]
+
+The vehicles send over UDP on loopback, ``fuzzbee run`` estimates and publishes on Zenoh, a third
+process subscribes. Latencies of one attitude:
+
+- ``sample_to_subscriber``: from the sending of its latest sample's datagram to the subscriber's
+  callback. The record tells when the service read that sample; its datagram is the vehicle's last
+  one sent before.
+- ``new_sample_to_subscriber``: the same, of the first attitude after each sample only, so
+  that attitudes repeated from an old sample do not count.
+- ``tick_late``: the tick against its schedule, a straight line under all ticks.
+"""  # noqa: E501
+
+import argparse
+import json
+import os
+import signal
+import socket
+import subprocess
+import sys
+import tempfile
+import time
+from pathlib import Path
+from typing import IO, Any
+
+import numpy as np
+from live_floor import percentiles, pymavlink_parser, udp_echo
+
+HERE = Path(__file__).parent
+WARM_UP_S = 2.0  # vehicles appear, estimators align: counted, but not timed
+SETTLE_S = 0.5
+TICKS = os.sysconf("SC_CLK_TCK")
+
+
+def main() -> None:
+    options = _options()
+    result = measure(options.vehicles, options.rate, options.seconds, options.publish_rate)
+    if options.floor:
+        result["floor"] = floor(options.vehicles, options.rate)
+    if options.json:
+        print(json.dumps(result))
+    else:
+        _show(result)
+
+
+def measure(vehicles: int, rate_hz: float, seconds: float, publish_hz: float) -> dict[str, Any]:
+    """One run of the three processes."""
+    port, endpoint = free_port(socket.SOCK_DGRAM), f"tcp/127.0.0.1:{free_port()}"
+    with tempfile.TemporaryDirectory() as folder:
+        sent_file, seen_file = Path(folder, "sent.npy"), Path(folder, "seen.npy")
+        service = _start_service(port, endpoint, publish_hz)
+        subscriber = start("live_subscriber.py", endpoint, str(seen_file))
+        _await(subscriber.stdout, "ready")
+        fleet = start(
+            "live_fleet.py", str(port), str(vehicles), str(rate_hz), str(seconds), str(sent_file)
+        )
+        time.sleep(WARM_UP_S)
+        begin_ns, before = time.time_ns(), [cpu_s(p.pid) for p in (service, subscriber, fleet)]
+        time.sleep(seconds - WARM_UP_S)
+        end_ns, after = time.time_ns(), [cpu_s(p.pid) for p in (service, subscriber, fleet)]
+        fleet.wait()
+        time.sleep(SETTLE_S)
+        memory_mb = resident_mb(service.pid)
+        subscriber.communicate()
+        service.send_signal(signal.SIGINT)
+        summary = json.loads(service.communicate()[0])
+        sent, seen = np.load(sent_file), np.load(seen_file)
+    window = (begin_ns, min(end_ns, int(sent[-1, 1])))
+    cpu = dict(
+        zip(
+            ("service", "subscriber", "fleet"),
+            (round(b - a, 2) for a, b in zip(before, after, strict=True)),
+            strict=True,
+        )
+    )
+    samples = sum(vehicle["samples"] for vehicle in summary["vehicles"].values())
+    rejected = sum(sum(v["rejected"].values()) for v in summary["vehicles"].values())
+    return {
+        "vehicles": vehicles,
+        "rate_hz": rate_hz,
+        "seconds": seconds,
+        **figures(sent, seen, window, publish_hz),
+        "sent_samples": len(sent),
+        "lost_samples": len(sent) - samples - rejected,
+        "rejected_samples": rejected,
+        "overruns": summary["overruns"],
+        "dropped": summary["dropped"],
+        "cpu_s": cpu,
+        "service_cores": round(cpu["service"] / ((end_ns - begin_ns) / 1e9), 3),
+        "resident_mb": memory_mb,
+        "load_average": round(os.getloadavg()[0], 2),
+    }
+
+
+def figures(
+    sent: np.ndarray, seen: np.ndarray, window: tuple[int, int], publish_hz: float
+) -> dict[str, Any]:
+    """Rates, gaps and latencies from what was sent and what the subscriber saw."""
+    window_s = (window[1] - window[0]) / 1e9
+    timed = seen[(seen[:, 1] >= window[0]) & (seen[:, 1] < window[1])]
+    published, gaps, missing = 0, 0, 0
+    latency_ms, fresh_ms, late_ms = [], [], []
+    for vehicle in np.unique(seen[:, 0]):
+        steps = np.diff(seen[seen[:, 0] == vehicle, 4])
+        gaps += int((steps != 1).sum())
+        missing += int((steps - 1).sum())
+        rows = timed[timed[:, 0] == vehicle]
+        if len(rows) < 2:
+            continue
+        published += int(rows[-1, 4] - rows[0, 4]) + 1
+        sent_ns = sent[sent[:, 0] == vehicle, 1]
+        arrival_ns = (rows[:, 2] - rows[:, 3]) * 1000
+        last = np.searchsorted(sent_ns, arrival_ns + 999, side="right") - 1
+        ms = (rows[:, 1] - sent_ns[last]) / 1e6
+        latency_ms.append(ms)
+        fresh_ms.append(ms[1:][np.diff(last) > 0])
+        line_us = rows[:, 2] - (rows[:, 4] - rows[0, 4]) * (1e6 / publish_hz)
+        late_ms.append((line_us - line_us.min()) / 1e3)
+    return {
+        "published_hz": round(published / window_s, 1),
+        "delivered_hz": round(len(timed) / window_s, 1),
+        "sequence_gaps": gaps,
+        "missing_attitudes": missing,
+        "sample_to_subscriber": percentiles(_joined(latency_ms)),
+        "new_sample_to_subscriber": percentiles(_joined(fresh_ms)),
+        "tick_late": percentiles(_joined(late_ms)),
+    }
+
+
+def floor(vehicles: int, rate_hz: float) -> dict[str, Any]:
+    """What UDP, Zenoh and pymavlink's parser take by themselves."""
+    return {
+        "udp_one_way": udp_echo(),
+        "zenoh_alone": zenoh_alone(vehicles, rate_hz),
+        "pymavlink_parser_alone": pymavlink_parser(vehicles, rate_hz),
+    }
+
+
+def zenoh_alone(vehicles: int, rate_hz: float, seconds: float = 4.0) -> dict[str, float]:
+    """Records of the same size and number from one process to another, nothing else."""
+    endpoint = f"tcp/127.0.0.1:{free_port()}"
+    arguments = ("publish", endpoint, str(vehicles), str(rate_hz), str(seconds))
+    with tempfile.TemporaryDirectory() as folder:
+        seen_file = Path(folder, "seen.npy")
+        publisher = start("live_floor.py", *arguments)
+        _await(publisher.stdout, "ready")
+        subscriber = start("live_subscriber.py", endpoint, str(seen_file))
+        _await(subscriber.stdout, "ready")
+        time.sleep(SETTLE_S)
+        publisher.communicate("go\n")
+        time.sleep(SETTLE_S)
+        subscriber.communicate()
+        seen = np.load(seen_file)
+    timed = seen[seen[:, 4] >= rate_hz]  # from the second second on
+    return {
+        "delivered": round(len(seen) / (int(seconds * rate_hz) * vehicles), 4),
+        **percentiles((timed[:, 1] - timed[:, 2] * 1000) / 1e6),
+    }
+
+
+def start(script: str, *arguments: str) -> subprocess.Popen[str]:
+    """A process of the benchmark."""
+    return subprocess.Popen(  # noqa: S603
+        [sys.executable, str(HERE / script), *arguments],
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        text=True,
+    )
+
+
+def free_port(kind: int = socket.SOCK_STREAM) -> int:
+    """A loopback port that is free now."""
+    with socket.socket(socket.AF_INET, kind) as probe:
+        probe.bind(("127.0.0.1", 0))
+        return int(probe.getsockname()[1])
+
+
+def cpu_s(pid: int) -> float:
+    """User and system time of a process so far."""
+    fields = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()
+    return (int(fields[11]) + int(fields[12])) / TICKS
+
+
+def resident_mb(pid: int) -> float:
+    """The largest resident memory of a process so far."""
+    for line in Path(f"/proc/{pid}/status").read_text().splitlines():
+        if line.startswith("VmHWM"):
+            return round(int(line.split()[1]) / 1024, 1)
+    return 0.0
+
+
+def _start_service(port: int, endpoint: str, publish_hz: float) -> subprocess.Popen[str]:
+    # the address is both: nobody else's session is looked for
+    zenoh_options = ["-l", endpoint, "-e", endpoint]
+    command = [sys.executable, "-m", "fuzzbee", "run", f"udpin:127.0.0.1:{port}", "--json"]
+    service = subprocess.Popen(  # noqa: S603
+        [*command, "--rate", str(publish_hz), *zenoh_options],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        env={**os.environ, "COLUMNS": "500"},
+    )
+    _await(service.stderr, "connected")
+    return service
+
+
+def _await(stream: IO[str] | None, word: str) -> None:
+    assert stream is not None
+    said = ""
+    for line in stream:
+        said += line
+        if word in line:
+            return
+    raise SystemExit(f"a process ended early: {said.strip()}")
+
+
+def _joined(parts: list[np.ndarray]) -> np.ndarray:
+    return np.concatenate(parts) if parts else np.empty(0)
+
+
+def _show(result: dict[str, Any], indent: str = "") -> None:
+    for key, value in result.items():
+        if isinstance(value, dict):
+            print(f"{indent}{key}")
+            _show(value, indent + "  ")
+        else:
+            print(f"{indent}{key:28s}{value}")
+
+
+def _options() -> argparse.Namespace:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--vehicles", type=int, default=1)
+    parser.add_argument("--rate", type=float, default=50.0, help="samples a second and vehicle")
+    parser.add_argument("--seconds", type=float, default=10.0)
+    parser.add_argument("--publish-rate", type=float, help="attitudes a second [as --rate]")
+    parser.add_argument("--no-floor", dest="floor", action="store_false")
+    parser.add_argument("--json", action="store_true")
+    options = parser.parse_args()
+    if options.publish_rate is None:
+        options.publish_rate = options.rate
+    if options.seconds <= WARM_UP_S:
+        parser.error(f"--seconds: more than {WARM_UP_S:g}")
+    return options
+
+
+if __name__ == "__main__":
+    main()
