@@ -2,7 +2,7 @@
 
 import time
 from collections import Counter
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 import msgspec
@@ -13,8 +13,7 @@ from drivers.logs import open_log
 from drivers.mavlink_names import autopilot_name, vehicle_type_name
 from estimator.errors import InputError
 from estimator.profile import Profile
-from estimator.quaternion import multiply
-from estimator.types import IDENTITY
+from fuzzbee.comparison import Comparison, compare
 from fuzzbee.score import (
     Coverage,
     ErrorSummary,
@@ -27,6 +26,8 @@ from fuzzbee.score import (
 from fuzzbee.trace import Replay, VehicleTrace
 
 MICROSECOND = 1e-6
+
+Export = Callable[[VehicleTrace, Comparison], None]
 
 
 class VehicleSummary(msgspec.Struct, frozen=True):
@@ -75,8 +76,9 @@ def report_log(
     start_wrong_deg: float = 0.0,
     system_id: int | None = None,
     tell: Callable[[str], None] = lambda _: None,
+    exports: Sequence[Export] = (),
 ) -> LogReport:
-    """Replay a log and score it.
+    """Replay a log and score it; ``exports`` are given the trace and its comparison.
 
     Raises:
         InputError: the log cannot be read, holds no IMU data of that vehicle, or lacks the
@@ -91,7 +93,10 @@ def report_log(
         system_id=system_id,
         tell=tell,
     )
-    report = score(path, trace, reference, skip_s)
+    compared = compare(path, trace, reference)
+    report = score(path, trace, compared, skip_s)
+    for write in exports:
+        write(trace, compared)
     return msgspec.structs.replace(report, wall_s=time.perf_counter() - started)
 
 
@@ -133,19 +138,11 @@ def _seen(replay: Replay, system_id: int | None) -> str:
     return ""
 
 
-def score(path: Path, trace: VehicleTrace, wanted: str | None, skip_s: float) -> LogReport:
-    """The figures of a trace against the wanted reference, or the best there is."""
-    source = _choose_reference(path, trace, wanted)
+def score(path: Path, trace: VehicleTrace, compared: Comparison, skip_s: float) -> LogReport:
+    """The figures of a trace beside its reference."""
+    source, truth, known, errors = compared
     times_us = trace.times_us
     has_heading = trace.fields > 0
-    if source is None:
-        truth, known = (
-            np.tile([1.0, 0.0, 0.0, 0.0], (len(times_us), 1)),
-            np.zeros(len(times_us), bool),
-        )
-    else:
-        truth, known = reference_attitudes(trace, source)
-    errors = errors_against(trace.estimates, truth)
     counted = known & (times_us - times_us[0] >= skip_s / MICROSECOND)
     since = known & (times_us >= (trace.turned_at_us or 0))
     return LogReport(
@@ -167,36 +164,6 @@ def score(path: Path, trace: VehicleTrace, wanted: str | None, skip_s: float) ->
         rejected=ordered(trace.rejected),
         wall_s=0.0,
     )
-
-
-def reference_attitudes(
-    trace: VehicleTrace, source: str
-) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
-    """``q_ned_frd`` (N, 4) of the IMU at its samples, and where it is known.
-
-    The autopilot reports on the vehicle, in which the IMU is mounted with a
-    trim; the simulator's truth is the IMU's own.
-    """
-    attitudes, known = trace.references[source].at(trace.times_us)
-    if source == "autopilot" and trace.trim != IDENTITY:
-        attitudes = np.array(
-            [multiply((q[0], q[1], q[2], q[3]), trace.trim) for q in attitudes.tolist()]
-        )
-    return attitudes, known
-
-
-def _choose_reference(path: Path, trace: VehicleTrace, wanted: str | None) -> str | None:
-    available = [
-        name for name in ("sim", "autopilot") if trace.references[name].message is not None
-    ]
-    if wanted is None:
-        return available[0] if available else None
-    if wanted not in available:
-        raise InputError(
-            f"{path}: no reference '{wanted}' for vehicle {trace.address.system_id}"
-            f" (there is: {', '.join(available) or 'none'})"
-        )
-    return wanted
 
 
 def _peers(

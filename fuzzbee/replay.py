@@ -4,12 +4,15 @@ import sys
 import time
 from math import inf, isfinite
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from estimator.errors import InputError
 from fuzzbee.options import require_gain
+
+if TYPE_CHECKING:
+    from fuzzbee.log_report import Export
 
 SIMULATION = "sim:"
 
@@ -18,6 +21,8 @@ EPILOG = """Examples:
   fuzzbee replay flight.tlog
 
   fuzzbee replay flight.tlog flight.bin --reference autopilot --skip 40 --json
+
+  fuzzbee replay flight.tlog --plot flight.png --csv flight.csv
 
   fuzzbee replay sim: --profile paper --seeds 0-19"""
 
@@ -57,6 +62,18 @@ def replay(
         str | None,
         typer.Option("--seeds", metavar="A-B", help="Noise seeds for sim:, both included."),
     ] = None,
+    csv: Annotated[
+        Path | None,
+        typer.Option("--csv", metavar="FILE", help="Write every sample of the log as CSV."),
+    ] = None,
+    mcap: Annotated[
+        Path | None,
+        typer.Option("--mcap", metavar="FILE", help="Write them as MCAP, for Foxglove and others."),
+    ] = None,
+    plot: Annotated[
+        Path | None,
+        typer.Option("--plot", metavar="FILE", help="Draw them: .png, .svg or .pdf."),
+    ] = None,
     as_json: Annotated[
         bool, typer.Option("--json", help="One JSON object on standard output.")
     ] = False,
@@ -75,6 +92,9 @@ def replay(
         for option, value in (("--skip", skip), ("--start-wrong", start_wrong)):
             if value:
                 raise InputError(f"{option} is for logs; sim: starts wrong by itself")
+        for option, file in (("--csv", csv), ("--mcap", mcap), ("--plot", plot)):
+            if file is not None:
+                raise InputError(f"{option} is for logs, not for sim:")
         _replay_simulation(profile or "paper", gain, seeds or "0", as_json=as_json)
         return
     if seeds is not None:
@@ -85,6 +105,7 @@ def replay(
         "skip_s": skip,
         "start_wrong_deg": start_wrong,
         "system_id": system_id,
+        "exports": _exports(sources, csv, mcap, plot),
     }
     _replay_logs([Path(source) for source in sources], profile or "imu", options, as_json=as_json)
 
@@ -109,6 +130,34 @@ def _replay_logs(
         print(msgspec.json.encode(reports[0]).decode())
     else:
         print(msgspec.json.encode({"logs": reports}).decode())
+
+
+def _exports(
+    sources: list[str], csv: Path | None, mcap: Path | None, plot: Path | None
+) -> "list[Export]":
+    """What to write, refused before the replay if it cannot be.
+
+    Raises:
+        InputError: several logs for one file, a suffix that is none, a missing library.
+    """
+    from functools import partial
+
+    from fuzzbee import exports, replay_plot
+
+    chosen: list[Export] = []
+    for option, file in (("--csv", csv), ("--mcap", mcap), ("--plot", plot)):
+        if file is not None and len(sources) > 1:
+            raise InputError(f"{option} {file}: takes one log, not {len(sources)}")
+    if csv is not None:
+        chosen.append(partial(exports.write_csv, csv))
+    if mcap is not None:
+        exports.require_mcap(mcap)
+        chosen.append(partial(exports.write_mcap, mcap))
+    if plot is not None:
+        replay_plot.require_plot(plot)
+        title = Path(sources[0]).name
+        chosen.append(partial(replay_plot.draw, plot, title))
+    return chosen
 
 
 def _replay_simulation(profile_name: str, gain: float | None, seeds: str, *, as_json: bool) -> None:
