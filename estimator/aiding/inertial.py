@@ -66,7 +66,8 @@ def add_noise(
     told by how much they differ.
     """
     missed = params.integration_noise**2
-    turn = (params.gyr_noise**2 + params.gyr_scale_noise**2 * rate_square) * dt
+    relative = params.gyr_scale_noise**2 + (params.gyr_slow_noise_1_s * dt) ** 2
+    turn = (params.gyr_noise**2 + relative * rate_square) * dt
     walk = state.agreement.noise_scale * params.velocity_walk**2
     push = (params.acc_noise**2 + walk) * dt
     iron = params.hard_iron_sigma_gauss**2

@@ -34,6 +34,7 @@ class AidingParams(NamedTuple):
     # Noise of the IMU, as densities.
     gyr_noise: float = 0.002  # rad/s/sqrt(Hz); small: stiff, large: the attitude follows velocity
     gyr_scale_noise: float = 0.002  # per rad/s turned, same; scale errors, crossed axes
+    gyr_slow_noise_1_s: float = 0.08  # likewise, for each second of the IMU's step
     acc_noise: float = 0.05  # m/s^2/sqrt(Hz); vibration; small: stiff, large: slow
     # Share of what changed between two samples that integration may have missed.
     integration_noise: float = 0.12  # small: believes 4 Hz samples, large: distrusts them
@@ -76,7 +77,7 @@ class AidingParams(NamedTuple):
     # Published uncertainty, fitted to errors of simulated and recorded flights.
     colour: float = 1.7  # errors are slower than white: their sigma against white noise's
     heading_colour: float = 1.3
-    slow_colour_1_s: float = 0.6  # more of it, a second of IMU step
+    slow_colour_1_s: float = 0.3  # more of it, a second of IMU step
     least_heading_scale: float = 0.5
     field_error_share: float = 0.8  # of the field's slow disagreement that stays in the heading
     least_inclination_rad: float = radians(0.17)
