@@ -1,0 +1,160 @@
+"""The container's files, as far as they can be held to account without an engine.
+
+What the containers do is tried with processes: the same commands, with this
+computer in place of the services' names.
+"""
+
+import json
+import os
+import re
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from ruamel.yaml import YAML
+
+from tests.fuzzbee.processes import free_port, started
+
+ROOT = Path(__file__).parents[1]
+DOCKERFILE = ROOT / "docker" / "Dockerfile"
+COMPOSE = ROOT / "docker" / "compose.yaml"
+HEALTHCHECK = ROOT / "docker" / "healthcheck.py"
+
+pytestmark = pytest.mark.checkout
+
+
+def tool(name):
+    """A program beside the interpreter or on the path; the test is skipped without it."""
+    found = shutil.which(
+        name, path=f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}"
+    )
+    return found or pytest.skip(f"{name} is not installed")
+
+
+def services():
+    return YAML(typ="safe").load(COMPOSE.read_text("utf-8"))["services"]
+
+
+def instructions():
+    """(word, arguments) of the Dockerfile, continued lines joined."""
+    text = re.sub(r"^#.*\n", "", DOCKERFILE.read_text("utf-8"), flags=re.MULTILINE)
+    lines = re.sub(r"\\\n", " ", text).splitlines()
+    return [tuple(line.split(None, 1)) for line in lines if line.strip()]
+
+
+def test_hadolint_finds_nothing():
+    done = subprocess.run(
+        [tool("hadolint"), str(DOCKERFILE)], capture_output=True, text=True, check=False
+    )
+    assert done.returncode == 0, done.stdout
+
+
+def test_the_compose_file_keeps_to_its_schema():
+    done = subprocess.run(
+        [tool("check-jsonschema"), "--builtin-schema", "vendor.compose-spec", str(COMPOSE)],
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert done.returncode == 0, done.stdout
+
+
+def test_the_kernels_are_found_where_they_were_compiled_and_for_any_cpu():
+    settings = [
+        dict(pair.split("=", 1) for pair in arguments.split() if "NUMBA" in pair)
+        for word, arguments in instructions()
+        if word == "ENV"
+    ]
+    assert len(settings) == 2
+    assert settings[0] == settings[1]
+    assert settings[0]["NUMBA_CPU_NAME"] == "generic"
+
+
+def test_everything_that_is_copied_reaches_the_build():
+    """.dockerignore keeps all out and lets these in."""
+    lines = (ROOT / ".dockerignore").read_text("utf-8").splitlines()
+    allowed = {line[1:] for line in lines if line.startswith("!")}
+    assert "*" in lines
+    for name in allowed:
+        assert (ROOT / name).exists()
+    packages = re.search(
+        r"^packages = \[(.*)\]", (ROOT / "pyproject.toml").read_text("utf-8"), re.MULTILINE
+    )[1]
+    assert set(re.findall(r"\w+", packages)) <= allowed
+    assert {"pyproject.toml", "constraints.txt", "README.md", "LICENSE"} <= allowed
+    assert "docker/healthcheck.py" in allowed
+
+
+def test_the_image_runs_as_nobody_in_particular():
+    assert ("USER", "10001:10001") in instructions()
+
+
+def test_every_service_is_the_one_image_locked_down():
+    for service in services().values():
+        assert service["image"] == "fuzzbee:local"
+        assert (COMPOSE.parent / service["build"]["context"] / "docker/Dockerfile").exists()
+        assert service["build"]["dockerfile"] == "docker/Dockerfile"
+        assert service["init"] is True
+        assert service["read_only"] is True
+        assert service["cap_drop"] == ["ALL"]
+
+
+def test_the_commands_are_ours_and_name_each_other():
+    commands = {name: service["command"] for name, service in services().items()}
+    for command in commands.values():
+        # an unknown option is an error, with --help too
+        done = subprocess.run(
+            [sys.executable, "-m", "fuzzbee", *command, "--help"],
+            capture_output=True,
+            text=True,
+            check=False,
+        )
+        assert done.returncode == 0, done.stderr
+    addresses = [word for command in commands.values() for word in command if ":" in word]
+    hosts = {re.fullmatch(r"\w+[:/]([\w.]+):\d+", address)[1] for address in addresses}
+    assert hosts == {"0.0.0.0", "sim", "service"}
+
+
+def health(endpoint, timeout_s=30):
+    return subprocess.run(
+        [sys.executable, str(HEALTHCHECK)],
+        capture_output=True,
+        text=True,
+        check=False,
+        timeout=timeout_s,
+        env={**os.environ, "FUZZBEE_HEALTH_ENDPOINT": endpoint},
+    )
+
+
+def test_the_composition_shows_attitudes_and_is_healthy():
+    link, session = free_port(), free_port()
+    private = ["--cfg", f"listen/endpoints:{json.dumps([f'tcp/127.0.0.1:{free_port()}'])}"]
+
+    def here(name):
+        words = services()[name]["command"]
+        for host in ("0.0.0.0", "sim", "service"):
+            words = [
+                word.replace(f":{host}:5760", f":127.0.0.1:{link}").replace(
+                    f"/{host}:7447", f"/127.0.0.1:{session}"
+                )
+                for word in words
+            ]
+        return words
+
+    endpoint = f"tcp/127.0.0.1:{session}"
+    assert health(endpoint).returncode == 1  # nobody there
+    with started(*here("service")) as service:
+        for line in service.stderr:  # the vehicle comes later: that is no fault
+            if "lost" in line:
+                break
+        assert health(endpoint).stdout == "0 vehicles\n"
+        with started(*here("sim")), started(*here("watch"), *private) as watch:
+            lines = [watch.stdout.readline() for _ in range(3)]
+            checked = health(endpoint)
+    assert all(re.search(r"1  (running|waiting)", line) for line in lines)
+    assert "running" in lines[-1]
+    assert "roll" in lines[-1]
+    assert checked.returncode == 0
+    assert checked.stdout == "1 vehicles\n"
