@@ -1,0 +1,171 @@
+"""Banked turns with and without velocity: what the aiding must hold, survive and admit."""
+
+from math import degrees
+
+import numpy as np
+import pytest
+
+from estimator.aiding.types import SIZE
+from estimator.estimator import Estimator
+from estimator.metrics import batch_angle_errors, rms
+from estimator.profile import load_profile, merge_profile
+from estimator.quaternion import exp
+from estimator.types import VelocitySample
+from tests.flight import banked_flight, flown
+
+# 0.01 deg instead of the WMM's: north is known, and the field points there.
+TRUE_NORTH = {"reference": {"declination_deg": 0.01}}
+START_S = 5.0  # the beginning is level and is left out
+TOTAL, HEADING, INCLINATION = range(3)
+
+
+@pytest.fixture(scope="module")
+def flight():
+    return banked_flight()
+
+
+def estimator(**aiding):
+    return Estimator(merge_profile(load_profile("imu"), {**TRUE_NORTH, "aiding": aiding}))
+
+
+def errors_deg(flight, attitudes):
+    estimates = np.array([a.q_ned_frd for a in attitudes])
+    return np.degrees(batch_angle_errors(estimates, np.array(flight.truth)))
+
+
+def apart_deg(some, others):
+    """The largest angle between two runs."""
+    pairs = (np.array([a.q_ned_frd for a in run]) for run in (some, others))
+    return np.degrees(batch_angle_errors(*pairs))[:, TOTAL].max()
+
+
+def after_start(flight, errors):
+    times = np.array([s.time_us for s in flight.samples])
+    return errors[times > START_S * 1e6]
+
+
+def test_velocity_sees_through_banked_turns(flight):
+    """Bank of 52 deg: unaided, the vehicle looks level; with velocity it is known to a degree."""
+    aided = after_start(flight, errors_deg(flight, flown(estimator(), flight)))
+    unaided = after_start(flight, errors_deg(flight, flown(estimator(), flight, reports=[])))
+    assert rms(aided[:, TOTAL]) < 1.0
+    assert rms(unaided[:, INCLINATION]) > 20.0
+
+
+def test_four_samples_a_second_are_less_than_half_as_wrong_with_velocity():
+    slow = banked_flight(rate_hz=4.0, report_hz=4.0)
+    aided = after_start(slow, errors_deg(slow, flown(estimator(), slow)))
+    unaided = after_start(slow, errors_deg(slow, flown(estimator(), slow, reports=[])))
+    assert rms(aided[:, TOTAL]) < 0.5 * rms(unaided[:, TOTAL])
+
+
+def test_switched_off_velocity_changes_nothing(flight):
+    off = flown(estimator(enabled=False), flight)
+    without = flown(estimator(enabled=False), flight, reports=[])
+    assert off == without
+
+
+def test_without_reports_nothing_of_the_aiding_runs(flight):
+    unaided = estimator()
+    assert flown(unaided, flight, reports=[]) == flown(estimator(enabled=False), flight, reports=[])
+    assert unaided.snapshot.aided is None
+
+
+def test_magnetic_north_is_no_frame_for_velocity(flight):
+    """Until a position gives the declination the reports wait in vain, and then help."""
+    ignorant = Estimator(load_profile("imu"))
+    learnt_at = 200
+
+    def learn(k):
+        if k == learnt_at:
+            assert ignorant.snapshot.aided is None
+            ignorant.set_position(47.0, 8.0, 400.0, 1_700_000_000_000_000)
+
+    flown(ignorant, flight, after=learn)
+    assert ignorant.snapshot.aided is not None
+
+
+def test_a_jump_of_the_reports_is_no_tilt(flight):
+    """From t = 30 s on the reports say 6 m/s more: their origin moved, the vehicle did not."""
+    jumped = [
+        (k, r._replace(velocity_ned_m_s=(r.velocity_ned_m_s[0] + 6.0, *r.velocity_ned_m_s[1:])))
+        if r.time_us > 30e6
+        else (k, r)
+        for k, r in flight.reports
+    ]
+    assert apart_deg(flown(estimator(), flight, reports=jumped), flown(estimator(), flight)) < 1.0
+
+
+def test_a_single_wild_report_is_no_tilt(flight):
+    wild = [
+        (k, VelocitySample(r.time_us, (-80.0, 50.0, 30.0), True, 0.3)) if k == 1500 else (k, r)
+        for k, r in flight.reports
+    ]
+    assert apart_deg(flown(estimator(), flight, reports=wild), flown(estimator(), flight)) < 1.0
+
+
+def test_silence_of_the_reports_is_admitted(flight):
+    """Without reports from 30 s on sigma grows, and the attitude stays better than unaided."""
+    heard = [(k, r) for k, r in flight.reports if r.time_us < 30e6]
+    attitudes = flown(estimator(), flight, reports=heard)
+    by_time = dict(zip([s.time_us for s in flight.samples], attitudes, strict=True))
+    before, late = by_time[29_000_000], by_time[40_000_000]
+    assert late.sigma_inclination_rad > 1.5 * before.sigma_inclination_rad
+    assert late.confidence_gravity < before.confidence_gravity
+    errors = after_start(flight, errors_deg(flight, attitudes))
+    assert rms(errors[:, INCLINATION]) < 10.0
+
+
+@pytest.mark.parametrize("axis", [(0.0, 0.0, 1.0), (1.0, 0.0, 0.0), (0.6, 0.0, 0.8)])
+def test_an_unsensed_turn_is_recovered_from(axis):
+    """179 deg while level and aided: under 5 deg again within 10 s."""
+    flight = banked_flight(seconds=20.0, bank_rad=0.0)
+    kicked = estimator()
+    kick = exp(tuple(3.124 * a for a in axis))
+    attitudes = flown(kicked, flight, after=lambda k: kicked.turn(kick) if k == 250 else None)
+    errors = errors_deg(flight, attitudes)
+    assert errors[252, TOTAL] > 90.0
+    assert errors[750:, TOTAL].max() < 5.0
+
+
+def test_sigma_covers_most_errors(flight):
+    attitudes = flown(estimator(), flight)
+    errors = after_start(flight, errors_deg(flight, attitudes))
+    sigma = after_start(flight, np.array([degrees(a.sigma_inclination_rad) for a in attitudes]))
+    covered = float(np.mean(errors[:, INCLINATION] <= sigma))
+    assert 0.5 < covered <= 1.0  # reports without slow errors: sigma may be too large, not small
+
+
+def test_a_report_ahead_of_the_imu_waits(flight):
+    one = estimator()
+    flown(one, flight)
+    last = flight.samples[-1].time_us
+    assert one.update_velocity(VelocitySample(last + 5_000, (20.0, 0.0, 0.0), True, 0.3)) is None
+    assert len(one.snapshot.reports) == 1
+    step_us = flight.samples[1].time_us
+    assert one.update(flight.samples[-1]._replace(time_us=last + step_us)) is None
+    assert one.snapshot.reports == ()
+
+
+def test_a_gap_begins_anew(flight):
+    gapped = estimator()
+    flown(gapped, flight)
+    assert gapped.snapshot.aided is not None
+    later = flight.samples[-1].time_us + 3_000_000
+    assert gapped.update(flight.samples[-1]._replace(time_us=later)) is None
+    assert gapped.snapshot.aided is None
+
+
+def test_a_restored_snapshot_goes_on_with_the_same_results(flight):
+    straight, resumed = estimator(), estimator()
+    half = len(flight.samples) // 2
+    kept = []
+    flown(straight, flight, after=lambda k: kept.append(straight.snapshot) if k == half else None)
+    assert len(kept[0].aided_covariance) == SIZE * SIZE
+    resumed.snapshot = kept[0]
+    behind = dict(flight.reports)
+    for k in range(half + 1, len(flight.samples)):
+        resumed.update(flight.samples[k])
+        if k in behind:
+            resumed.update_velocity(behind[k])
+    assert resumed.snapshot == straight.snapshot

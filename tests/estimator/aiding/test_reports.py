@@ -1,0 +1,54 @@
+"""Velocity reports that wait for the IMU."""
+
+from math import inf, nan
+
+import pytest
+
+from estimator.reports import (
+    MOST_WAITING,
+    NO_REPORT,
+    SPEED_LIMIT_M_S,
+    enqueued,
+    refusal_of_report,
+    taken,
+)
+from estimator.types import VelocitySample
+
+
+def report(time_us, north=1.0):
+    return VelocitySample(time_us, (north, 0.0, 0.0), True, 0.3)
+
+
+def test_the_latest_that_the_imu_has_reached_counts_and_the_others_ahead_wait():
+    waiting = (report(10, 1.0), report(30, 3.0), report(20, 2.0), report(50, 5.0))
+    chosen, ahead = taken(waiting, 40, 1.0)
+    assert chosen.velocity_ned_m_s[0] == 3.0
+    assert chosen.ago_s == pytest.approx(10e-6)
+    assert ahead == (report(50, 5.0),)
+
+
+def test_an_old_report_is_none():
+    chosen, ahead = taken((report(0),), 600_000, 0.5)
+    assert chosen == NO_REPORT
+    assert ahead == ()
+
+
+def test_when_too_many_wait_the_oldest_gives_way():
+    waiting = ()
+    for time_us in range(MOST_WAITING + 3):
+        waiting = enqueued(waiting, report(time_us))
+    assert [r.time_us for r in waiting] == list(range(3, MOST_WAITING + 3))
+
+
+@pytest.mark.parametrize(
+    ("velocity", "sigma", "reason"),
+    [
+        ((nan, 0.0, 0.0), 0.3, "velocity_not_finite"),
+        ((0.0, inf, 0.0), 0.3, "velocity_not_finite"),
+        ((0.0, 0.0, 0.0), nan, "velocity_not_finite"),
+        ((0.0, 0.0, SPEED_LIMIT_M_S + 1.0), 0.3, "velocity_out_of_range"),
+        ((SPEED_LIMIT_M_S, 0.0, 0.0), 0.3, None),
+    ],
+)
+def test_what_cannot_be_a_velocity_is_refused(velocity, sigma, reason):
+    assert refusal_of_report(VelocitySample(0, velocity, True, sigma)) == reason
