@@ -1,0 +1,123 @@
+"""Recorded flights, whole and damaged, through the pipeline that runs live."""
+
+from math import radians
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from drivers.events import Imu, Parameter, Position, ReferenceAttitude, Velocity
+from drivers.logs import open_log
+from estimator.profile import load_profile
+from estimator.quaternion import log, multiply
+from fuzzbee.comparison import compare
+from fuzzbee.score import coverage, rms
+from fuzzbee.trace import Replay
+
+DATA = Path(__file__).parent.parent / "data"
+FAST = DATA / "sitl_copter_flips.tlog"
+SLOW = DATA / "sitl_copter_4hz.tlog"
+TAKEOFF = DATA / "sitl_copter_takeoff.tlog"
+TOTAL, HEADING, INCLINATION = range(3)
+
+
+def events_of(path):
+    with open_log(path) as recording:
+        return list(recording)
+
+
+def replayed(events):
+    """The trace of the only vehicle, and its comparison with the truth."""
+    replay = Replay(load_profile("imu"))
+    replay.run(events)
+    (trace,) = (t for t in replay.traces.values() if t.attitudes)
+    return trace, compare(Path("events"), trace, None)
+
+
+def errors_deg(events, skip_s=0.0):
+    trace, compared = replayed(events)
+    late = trace.times_us - trace.times_us[0] >= skip_s * 1e6
+    return np.degrees(compared.errors_rad[compared.known & late])
+
+
+def without(events, *kinds):
+    return [event for event in events if not isinstance(event, kinds)]
+
+
+@pytest.mark.parametrize(("path", "limit_deg"), [(FAST, 1.5), (TAKEOFF, 1.0)])
+def test_fast_streams_are_nearly_as_good_as_the_autopilots_own_filter(path, limit_deg):
+    """Flips and take-off at 50 Hz; the autopilot's EKF3 is 0.7 deg off over the whole flight."""
+    assert rms(errors_deg(events_of(path), skip_s=5.0)[:, TOTAL]) < limit_deg
+
+
+def test_at_a_ground_stations_rate_velocity_halves_the_error():
+    events = events_of(SLOW)
+    aided = errors_deg(events, skip_s=40.0)
+    unaided = errors_deg(without(events, Velocity), skip_s=40.0)
+    assert rms(aided[:, TOTAL]) < 0.5 * rms(unaided[:, TOTAL])
+
+
+def test_sigma_is_honest_at_a_ground_stations_rate():
+    trace, compared = replayed(events_of(SLOW))
+    covered = coverage(
+        compared.errors_rad[compared.known],
+        trace.column(lambda a: a.sigma_inclination_rad)[compared.known],
+        trace.column(lambda a: a.sigma_heading_rad)[compared.known],
+        has_heading=True,
+    )
+    assert 0.5 < covered.inclination < 0.95
+    assert 0.5 < covered.heading < 0.95
+
+
+def test_sigma_is_larger_where_errors_are_larger():
+    trace, compared = replayed(events_of(SLOW))
+    sigma = trace.column(lambda a: a.sigma_inclination_rad)[compared.known]
+    error = compared.errors_rad[compared.known, INCLINATION]
+    order = np.argsort(sigma, kind="stable")
+    third = len(order) // 3
+    assert rms(error[order[-third:]]) > 1.5 * rms(error[order[:third]])
+
+
+def test_every_third_sample_lost():
+    """Seeded losses of IMU messages, one in three: the errors grow by less than half."""
+    events = events_of(FAST)
+    rng = np.random.default_rng(7)
+    kept = [e for e in events if not isinstance(e, Imu) or rng.random() > 1 / 3]
+    assert rms(errors_deg(kept, 5.0)[:, TOTAL]) < 1.5 * rms(errors_deg(events, 5.0)[:, TOTAL]) + 0.3
+
+
+def test_reports_that_stop_and_come_back():
+    """20 s without velocity in mid-flight: no worse than before by more than a degree or two."""
+    events = events_of(SLOW)
+    start_us = next(e.sample.time_us for e in events if isinstance(e, Imu))
+    gap_us = (start_us + 90_000_000, start_us + 110_000_000)
+    heard = [
+        e
+        for e in events
+        if not isinstance(e, Velocity) or not gap_us[0] < e.sample.time_us < gap_us[1]
+    ]
+    whole, gapped = errors_deg(events, 40.0), errors_deg(heard, 40.0)
+    assert rms(gapped[:, TOTAL]) < rms(whole[:, TOTAL]) + 3.0
+
+
+def test_without_a_position_velocity_is_not_used():
+    """Velocity is measured from true north; magnetic north would tilt the vehicle."""
+    events = without(events_of(SLOW), Position)
+    trace, _ = replayed(events)
+    unaided, _ = replayed(without(events, Velocity))
+    assert trace.attitudes == unaided.attitudes
+
+
+def test_the_autopilots_trim_is_taken_off_before_the_comparison():
+    """AHRS_TRIM 0.1 rad in roll: its attitude is of the vehicle, the estimate of the IMU."""
+    events = without(events_of(DATA / "sub_bluerov.tlog"), Parameter)
+    vehicle = next(e.vehicle for e in events if isinstance(e, Imu))
+    trim = 0.1
+    trimmed = [Parameter(vehicle, 0, "AHRS_TRIM_X", trim), *events]
+    _, plain = replayed(events)
+    _, shifted = replayed(trimmed)
+    k = int(np.flatnonzero(plain.known)[0])
+    before, after = (tuple(c.truth[k].tolist()) for c in (plain, shifted))
+    conjugate = (before[0], -before[1], -before[2], -before[3])
+    assert log(multiply(conjugate, after)) == pytest.approx((trim, 0.0, 0.0), abs=radians(1e-6))
+    assert any(isinstance(e, ReferenceAttitude) for e in events)

@@ -1,0 +1,35 @@
+"""Which velocity message is used."""
+
+from service.velocity_choice import SILENCE_US, VelocityChoice, consider
+
+
+def after(*arrivals):
+    choice = VelocityChoice()
+    used = []
+    for message, arrival_us in arrivals:
+        choice = consider(choice, message, arrival_us)
+        used.append(choice.message == message)
+    return used
+
+
+def test_the_first_is_used_until_a_better_one_comes():
+    assert after(
+        ("GPS_RAW_INT", 0),
+        ("GLOBAL_POSITION_INT", 10),
+        ("GPS_RAW_INT", 20),
+        ("LOCAL_POSITION_NED", 30),
+        ("GLOBAL_POSITION_INT", 40),
+    ) == [True, True, False, True, False]
+
+
+def test_silence_hands_over_to_the_next_best():
+    assert after(
+        ("LOCAL_POSITION_NED", 0),
+        ("GLOBAL_POSITION_INT", SILENCE_US),
+        ("GLOBAL_POSITION_INT", SILENCE_US + 1),
+        ("LOCAL_POSITION_NED", SILENCE_US + 2),
+    ) == [True, False, True, True]
+
+
+def test_an_unknown_message_is_better_than_none():
+    assert after(("somebody", 0), ("GPS_RAW_INT", 1), ("somebody", 2)) == [True, True, False]
