@@ -123,6 +123,16 @@ class Rejected:
 
 
 @dataclass(frozen=True, slots=True)
+class RefusedFrames:
+    """Frames that were not let in; the address is what they claim, which nobody has proven."""
+
+    vehicle: VehicleId
+    arrival_us: int
+    reason: str
+    frames: int
+
+
+@dataclass(frozen=True, slots=True)
 class Notice:
     """Something a person should be told once, in one line."""
 
@@ -166,6 +176,7 @@ Event = (
     | CommandAck
     | ClockReset
     | Rejected
+    | RefusedFrames
     | Notice
     | Malformed
     | LinkUp

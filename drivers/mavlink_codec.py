@@ -182,36 +182,61 @@ class MavlinkDecoder:
         handler = self._handlers.get(message.get_type())
         if handler is None:
             return []
-        vehicle_id = VehicleId(message.get_srcSystem(), message.get_srcComponent())
-        vehicle = self._vehicles.get(vehicle_id)
-        if vehicle is None:
-            vehicle = self._vehicles[vehicle_id] = _Vehicle(vehicle_id)
+        vehicle = self._vehicle(message.get_srcSystem(), message.get_srcComponent())
         return handler(vehicle, message, arrival_us)
+
+    def decode_imu(
+        self, system_id: int, component_id: int, name: str, fields: Any, arrival_us: int
+    ) -> list[Event]:
+        """The events in an IMU message that was unpacked by ``drivers.imu_messages``."""
+        vehicle = self._vehicle(system_id, component_id)
+        instance = getattr(fields, "id", 0)
+        stream = f"{name}:{instance}" if instance else name
+        if name == "HIGHRES_IMU":
+            return self._highres_imu(vehicle, fields, arrival_us, stream)
+        if name == "RAW_IMU":
+            return self._raw_imu(vehicle, fields, arrival_us, stream)
+        return self._scaled_imu(vehicle, fields, arrival_us, stream)
+
+    def _vehicle(self, system_id: int, component_id: int) -> _Vehicle:
+        address = VehicleId(system_id, component_id)
+        vehicle = self._vehicles.get(address)
+        if vehicle is None:
+            vehicle = self._vehicles[address] = _Vehicle(address)
+        return vehicle
 
     # --- IMU
 
-    def _raw_imu(self, vehicle: _Vehicle, m: Any, arrival_us: int) -> list[Event]:
-        return self._milli_imu(vehicle, m, TimeField.TIME_USEC, m.time_usec, arrival_us)
+    def _raw_imu(
+        self, vehicle: _Vehicle, m: Any, arrival_us: int, stream: str | None = None
+    ) -> list[Event]:
+        name = stream or _stream_name(m)
+        return self._milli_imu(vehicle, name, m, TimeField.TIME_USEC, m.time_usec, arrival_us)
 
-    def _scaled_imu(self, vehicle: _Vehicle, m: Any, arrival_us: int) -> list[Event]:
-        return self._milli_imu(vehicle, m, TimeField.BOOT_MS, m.time_boot_ms * 1000, arrival_us)
+    def _scaled_imu(
+        self, vehicle: _Vehicle, m: Any, arrival_us: int, stream: str | None = None
+    ) -> list[Event]:
+        name, raw_us = stream or _stream_name(m), m.time_boot_ms * 1000
+        return self._milli_imu(vehicle, name, m, TimeField.BOOT_MS, raw_us, arrival_us)
 
     def _milli_imu(
-        self, vehicle: _Vehicle, m: Any, field: TimeField, raw_us: int, arrival_us: int
+        self, vehicle: _Vehicle, name: str, m: Any, field: TimeField, raw_us: int, arrival_us: int
     ) -> list[Event]:
         """mg, mrad/s, mGauss: MAVLink's units for SCALED_IMU, and RAW_IMU's from ArduPilot."""
         gyr = (m.xgyro * MILLI, m.ygyro * MILLI, m.zgyro * MILLI)
         acc = (m.xacc * MG_M_S2, m.yacc * MG_M_S2, m.zacc * MG_M_S2)
         mag = (m.xmag * MILLI, m.ymag * MILLI, m.zmag * MILLI)
-        return self._imu(vehicle, _stream_name(m), field, raw_us, arrival_us, gyr, acc, mag)
+        return self._imu(vehicle, name, field, raw_us, arrival_us, gyr, acc, mag)
 
-    def _highres_imu(self, vehicle: _Vehicle, m: Any, arrival_us: int) -> list[Event]:
+    def _highres_imu(
+        self, vehicle: _Vehicle, m: Any, arrival_us: int, stream: str | None = None
+    ) -> list[Event]:
         gyr, acc = (m.xgyro, m.ygyro, m.zgyro), (m.xacc, m.yacc, m.zacc)
         mag = _in_gauss((m.xmag, m.ymag, m.zmag))
         if m.fields_updated and not m.fields_updated & HIGHRES_MAG_UPDATED:
             mag = ZERO_VEC3
-        field = TimeField.TIME_USEC
-        return self._imu(vehicle, _stream_name(m), field, m.time_usec, arrival_us, gyr, acc, mag)
+        name, field = stream or _stream_name(m), TimeField.TIME_USEC
+        return self._imu(vehicle, name, field, m.time_usec, arrival_us, gyr, acc, mag)
 
     def _imu(
         self,

@@ -18,7 +18,9 @@ from drivers.endpoint import Endpoint
 from drivers.error_summary import ErrorSummary
 from drivers.event_queue import EventQueue
 from drivers.events import Event, LinkDown, LinkUp, Malformed, Notice, VehicleId
-from drivers.mavlink_codec import FrameParser, MavlinkDecoder
+from drivers.frame_decoder import FrameDecoder
+from drivers.frame_gate import FrameGate, Policy
+from drivers.frames import FrameReader
 from drivers.mavlink_encoder import (
     MAV_AUTOPILOT_INVALID,
     MAV_COMP_ID_ONBOARD_COMPUTER,
@@ -49,8 +51,10 @@ class MavlinkLink:
     """A socket or serial endpoint as a source of events.
 
     Entering the context opens the endpoint. ``recorder`` gets every readable
-    frame; it stays the caller's to close. ``dropped`` counts the events lost
-    because nobody drained them (the oldest go first).
+    frame that is let in; it stays the caller's to close. ``dropped`` counts the
+    events lost because nobody drained them (the oldest go first). ``policy`` says
+    what is let in, ``key`` signs what we send, and without ``references`` attitudes
+    of others are not decoded.
 
     Raises:
         InputError: on entering, when the port is taken, the device missing or
@@ -64,14 +68,20 @@ class MavlinkLink:
         recorder: Recorder | None = None,
         request_rate_hz: float | None = None,
         queue_events: int = QUEUE_EVENTS,
+        *,
+        policy: Policy = Policy(),  # noqa: B008 - immutable
+        key: bytes | None = None,
+        references: bool = True,
     ) -> None:
         self._endpoint = endpoint
         self._transport = open_transport(endpoint)
         self._recorder = recorder
         self._request = None if request_rate_hz is None else StreamRequest(request_rate_hz)
         self._queue = EventQueue(queue_events)
-        self._decoder = MavlinkDecoder()
-        self._parsers: OrderedDict[str, FrameParser] = OrderedDict()
+        self._decoder = FrameDecoder(references=references)
+        self._gate = FrameGate(policy)
+        self._key = key
+        self._parsers: OrderedDict[str, FrameReader] = OrderedDict()
         self._encoders: dict[int, FrameEncoder] = {}
         self._outgoing: deque[bytes] = deque(maxlen=MOST_UNSENT_FRAMES)
         self._errors = ErrorSummary()
@@ -180,17 +190,20 @@ class MavlinkLink:
         for packet in packets:
             if not packet.data:
                 self._parsers.pop(packet.peer, None)
+                self._gate.forget(packet.peer)
                 continue
             if not self._has_data:
                 self._note_data()
             parser = self._parser(packet.peer)
-            messages = parser.feed(packet.data)
-            if self._recorder is not None:
-                frames += [bytes(message.get_msgbuf()) for message in messages]
-            for message in messages:
-                events += self._decoder.decode(message, arrival_us)
+            for frame in parser.feed(packet.data):
+                if not self._gate.lets_in(frame, packet.peer, arrival_us):
+                    continue
+                if self._recorder is not None:
+                    frames.append(frame.data)
+                events += self._decoder.events(frame, arrival_us)
             if malformed := parser.take_malformed():
                 events.append(Malformed(arrival_us, malformed))
+        events += self._gate.take_refused(arrival_us)
         if self._recorder is not None:
             self._recorder.write(arrival_us, frames)
         if self._request is not None:
@@ -224,12 +237,12 @@ class MavlinkLink:
     def _encoder(self, system_id: int) -> FrameEncoder:
         if system_id not in self._encoders:
             sender = VehicleId(system_id, MAV_COMP_ID_ONBOARD_COMPUTER)
-            self._encoders[system_id] = FrameEncoder(sender)
+            self._encoders[system_id] = FrameEncoder(sender, self._key)
         return self._encoders[system_id]
 
-    def _parser(self, peer: str) -> FrameParser:
+    def _parser(self, peer: str) -> FrameReader:
         if peer not in self._parsers:
-            self._parsers[peer] = FrameParser()
+            self._parsers[peer] = FrameReader()
             if len(self._parsers) > MOST_PARSERS:
                 self._parsers.popitem(last=False)
         self._parsers.move_to_end(peer)
@@ -255,6 +268,7 @@ class MavlinkLink:
     def _lost(self, reason: str) -> None:
         self._transport.close()
         self._parsers.clear()
+        self._gate.forget()
         self._is_open = self._has_data = False
         line = self._errors.line(reason, time.monotonic())
         if line is not None:

@@ -6,6 +6,7 @@ from typing import Protocol, Self
 
 from drivers.endpoint import Endpoint
 from drivers.events import Event
+from drivers.frame_gate import Policy
 from drivers.recorder import Recorder
 from estimator.errors import InputError
 
@@ -40,8 +41,15 @@ def open_live(
     endpoint: Endpoint,
     recorder: Recorder | None = None,
     request_rate_hz: float | None = None,
+    policy: Policy = Policy(),  # noqa: B008 - immutable
+    key: bytes | None = None,
+    *,
+    references: bool = True,
 ) -> LiveSource:
     """The source for ``endpoint``, to be entered by the caller.
+
+    ``policy`` says which frames a link lets in; ``key`` signs what it sends. Without
+    ``references`` attitudes of others are left out, which spares most of the decoding.
 
     Raises:
         InputError: the endpoint is a log, or ``sim:`` is to be recorded or asked for a rate.
@@ -51,7 +59,9 @@ def open_live(
     if endpoint.kind != "sim":
         from drivers.mavlink_link import MavlinkLink
 
-        return MavlinkLink(endpoint, recorder, request_rate_hz)
+        return MavlinkLink(
+            endpoint, recorder, request_rate_hz, policy=policy, key=key, references=references
+        )
     if recorder is not None or request_rate_hz is not None:
         raise InputError("sim: has no MAVLink to record or to ask: start fuzzbee sim --to URL")
     from drivers.sim_source import SimSource

@@ -1,5 +1,6 @@
 """What ``run`` sends and shows beside its own keys: options, and the sinks they open."""
 
+import sys
 from typing import TYPE_CHECKING, Annotated, NamedTuple
 
 import typer
@@ -9,10 +10,13 @@ from estimator.errors import InputError
 if TYPE_CHECKING:
     import zenoh
 
+    from estimator.profile import Profile
+    from fuzzbee.viewer import ViewerSink
     from service.sinks import Sink
 
 PANEL = "Outputs"
 MAX_PORT = 65535
+WINDOW, WEB = "window", "web"
 
 Ros = Annotated[
     bool,
@@ -48,6 +52,24 @@ Metrics = Annotated[
         rich_help_panel=PANEL,
     ),
 ]
+View = Annotated[
+    str | None,
+    typer.Option(
+        "--view",
+        metavar="window|web",
+        help="Show it in Rerun: a window, or a page for a browser (extra: viewer).",
+        rich_help_panel=PANEL,
+    ),
+]
+Rrd = Annotated[
+    str | None,
+    typer.Option(
+        "--rrd",
+        metavar="FILE",
+        help="Save what the viewer shows, for rerun FILE (extra: viewer).",
+        rich_help_panel=PANEL,
+    ),
+]
 
 
 class OutputOptions(NamedTuple):
@@ -57,10 +79,17 @@ class OutputOptions(NamedTuple):
     ros_domain: int = 0
     send_attitude: str | None = None
     metrics_port: int | None = None
+    view: str | None = None
+    rrd: str | None = None
+
+    @property
+    def shows_peers(self) -> bool:
+        """Whether attitudes of others are shown: only then are they worth decoding."""
+        return False
 
 
 def open_outputs(
-    options: OutputOptions, session: "zenoh.Session | None", prefix: str
+    options: OutputOptions, session: "zenoh.Session | None", prefix: str, profile: "Profile"
 ) -> "list[Sink]":
     """The sinks, open.
 
@@ -74,7 +103,26 @@ def open_outputs(
         sinks.append(_mavlink(options.send_attitude))
     if options.metrics_port is not None:
         sinks.append(_metrics(options.metrics_port))
-    return sinks
+    viewer = open_viewer(options.view, options.rrd, profile)
+    return sinks if viewer is None else [*sinks, viewer]
+
+
+def open_viewer(view: str | None, rrd: str | None, profile: "Profile") -> "ViewerSink | None":
+    """The viewer that was asked for, if any; says where its page is.
+
+    Raises:
+        InputError: the extra is missing, the viewer does not start, or the file cannot be written.
+    """
+    if view is None and rrd is None:
+        return None
+    if view not in (None, WINDOW, WEB):
+        raise InputError(f"--view {view}: should be {WINDOW} or {WEB}")
+    from fuzzbee.viewer import ViewerOptions, ViewerSink
+
+    sink = ViewerSink(ViewerOptions(view, rrd), profile.k)
+    if sink.page is not None:
+        print(f"fuzzbee: the viewer is at {sink.page}", file=sys.stderr, flush=True)
+    return sink
 
 
 def _ros(options: OutputOptions, session: "zenoh.Session | None", prefix: str) -> "Sink":

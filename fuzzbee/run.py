@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
 import typer
 
 from estimator.errors import InputError
-from fuzzbee import outputs, zenoh_options
+from fuzzbee import outputs, security, zenoh_options
 from fuzzbee.options import Json, Seconds, Verbose, require_gain, require_positive
 
 if TYPE_CHECKING:
@@ -32,6 +32,8 @@ if TYPE_CHECKING:
 MAX_RATE_HZ = 1000.0
 COMPILE_TOLD_AFTER_S = 1.5
 COMPILER_THREAD = "compiler"
+# Python hands its lock over every 5 ms: far too long for a loop with a schedule
+SWITCH_INTERVAL_S = 2e-4
 
 EPILOG = """Examples:
 
@@ -61,6 +63,7 @@ class RunOptions(NamedTuple):
     system_id: int | None
     zenoh: "ZenohOptions | None"
     outputs: outputs.OutputOptions
+    security: security.SecurityOptions
 
 
 def run(
@@ -105,11 +108,15 @@ def run(
     system_id: Annotated[
         int | None, typer.Option("--system-id", metavar="ID", help="Only this vehicle.")
     ] = None,
+    allow_system_ids: security.AllowSystemIds = None,
+    signing_key_file: security.SigningKeyFile = None,
     no_zenoh: Annotated[bool, typer.Option("--no-zenoh", help="Publish nothing.")] = False,
     ros: outputs.Ros = False,
     ros_domain: outputs.RosDomain = 0,
     send_attitude: outputs.SendAttitude = None,
     metrics: outputs.Metrics = None,
+    view: outputs.View = None,
+    rrd: outputs.Rrd = None,
     listen: zenoh_options.Listen = None,
     connect: zenoh_options.Connect = None,
     mode: zenoh_options.Mode = "peer",
@@ -149,7 +156,8 @@ def run(
         speed,
         system_id,
         None if no_zenoh else zenoh,
-        outputs.OutputOptions(ros, ros_domain, send_attitude, metrics),
+        outputs.OutputOptions(ros, ros_domain, send_attitude, metrics, view, rrd),
+        security.SecurityOptions(security.parse_system_ids(allow_system_ids), signing_key_file),
     )
     serve(options, verbose=verbose)
 
@@ -181,11 +189,12 @@ def serve(options: RunOptions, *, verbose: bool) -> None:
         session = _open_zenoh(options.zenoh, stack)
         runner_of = _open_source(endpoint, options, stack)
         sinks = _zenoh_sinks(session, options, profile, requests)
-        sinks += outputs.open_outputs(options.outputs, session, _prefix(options))
+        sinks += outputs.open_outputs(options.outputs, session, _prefix(options), profile)
         view = _open_view(options, verbose=verbose)
         outbox = stack.enter_context(Outbox([*sinks, view]))
         runner = runner_of(pipeline, outbox, requests)
         started_s = time.monotonic()
+        sys.setswitchinterval(SWITCH_INTERVAL_S)
         with stop_on_signals(runner.stop):
             runner.run(options.seconds)
         seconds = time.monotonic() - started_s
@@ -238,7 +247,18 @@ def _open_source(
         if endpoint.kind == "sim":
             raise InputError("--record: sim: has no MAVLink to record; start fuzzbee sim --to URL")
         recorder = _recorder(options.record, stack)
-    source: LiveSource = stack.enter_context(open_live(endpoint, recorder, options.request_rate_hz))
+    security.require_link(options.security, endpoint)
+    policy, key = security.open_policy(options.security, stack)
+    source: LiveSource = stack.enter_context(
+        open_live(
+            endpoint,
+            recorder,
+            options.request_rate_hz,
+            policy,
+            key,
+            references=options.outputs.shows_peers,
+        )
+    )
     return lambda pipeline, outbox, requests: Runner(
         source, pipeline, outbox, rate_hz=options.rate_hz, requests=requests
     )
@@ -269,6 +289,7 @@ def _open_player(
     for option, value in (
         ("--record", options.record),
         ("--request-rate", options.request_rate_hz),
+        *options.security.given(),
     ):
         if value is not None:
             raise InputError(f"{option} is for a live vehicle, {endpoint} is a log")
@@ -362,6 +383,7 @@ def summary(
         "overruns": runner.overruns,
         "dropped": dropped,
         "malformed": pipeline.malformed,
+        "refused": dict(sorted(pipeline.refused_frames.items())),
         "vehicles": {
             vehicle.name: {
                 "state": vehicle.state.value,

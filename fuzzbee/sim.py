@@ -13,6 +13,7 @@ import typer
 
 from drivers.endpoint import Endpoint, Kind, endpoint_help, parse_endpoint
 from estimator.errors import InputError
+from fuzzbee.security import key_content
 from service.signals import stop_on_signals
 
 LINK_KINDS: tuple[Kind, ...] = ("udpout", "udpin", "tcp", "tcpin")
@@ -69,7 +70,7 @@ def sim(
         endpoint = _link(to)
         if seconds is not None and not seconds > 0:
             raise InputError(f"--seconds must be positive, not {seconds:g}")
-        key = None if signing_key_file is None else signing_key(_content(signing_key_file))
+        key = None if signing_key_file is None else signing_key(key_content(signing_key_file))
         options = VehicleOptions(
             seed=seed,
             rate_hz=rate,
@@ -109,16 +110,6 @@ def _link(text: str) -> Endpoint:
     if endpoint.kind not in LINK_KINDS:
         raise InputError(f"--to {text}: the vehicle speaks over {', '.join(LINK_KINDS)}")
     return endpoint
-
-
-def _content(path: Path) -> bytes:
-    try:
-        content = path.read_bytes()
-    except OSError as error:
-        raise InputError(f"cannot read the key file {path}: {error.strerror}") from error
-    if not content.strip():
-        raise InputError(f"the key file {path} is empty")
-    return content
 
 
 def _say(text: str) -> None:

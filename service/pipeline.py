@@ -5,6 +5,7 @@ samples only, never the ticks, so their states at the samples do not depend on
 when or how often attitudes are published.
 """
 
+from collections import Counter
 from collections.abc import Callable
 from typing import Any, NamedTuple
 
@@ -18,6 +19,8 @@ from drivers.events import (
     Malformed,
     Notice,
     Position,
+    ReferenceAttitude,
+    RefusedFrames,
     Rejected,
     VehicleId,
     Velocity,
@@ -25,7 +28,7 @@ from drivers.events import (
 from estimator.errors import InputError
 from estimator.estimator import Estimator
 from estimator.profile import Profile, merge_profile
-from service.records import Message, Output, Published
+from service.records import Message, Output, Peer, Published
 from service.vehicle import Vehicle
 
 # A system id has one vehicle; more than this on one link is noise or an attack.
@@ -60,6 +63,7 @@ class Pipeline:
         self.profile = profile
         self.malformed = 0
         self.refused_vehicles = 0
+        self.refused_frames: Counter[str] = Counter()
         self._system_id = system_id
         self._new_estimator = new_estimator
         self._vehicles: dict[VehicleId, Vehicle] = {}
@@ -93,9 +97,15 @@ class Pipeline:
                 vehicle = self._meet(address)
                 if vehicle is not None:
                     vehicle.on_rejected(event)
+            case RefusedFrames(vehicle=address, reason=reason, frames=frames):
+                self.refused_frames[reason] += frames
+                if address in self._vehicles:  # whoever is refused makes no vehicle appear
+                    self._vehicles[address].reject(reason, frames)
             case Heartbeat(vehicle=address, autopilot=autopilot, vehicle_type=kind):
                 if autopilot != AUTOPILOT_INVALID and kind != TYPE_GCS:
                     self._meet(address)
+            case ReferenceAttitude(vehicle=address, source=source, q_ned_frd=q):
+                return [Peer(address, source, q)] if address in self._vehicles else []
             case Malformed(frames=frames):
                 self.malformed += frames
             case Notice(vehicle=address, text=text):

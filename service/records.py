@@ -4,7 +4,7 @@ Field names and order are the JSON schema. Angles are in degrees here because
 people and maps read these records; everything inside is in radians.
 """
 
-from typing import NamedTuple
+from typing import Literal, NamedTuple
 
 import msgspec
 
@@ -71,13 +71,21 @@ class Published(NamedTuple):
     sample: ImuSample | None = None
 
 
+class Peer(NamedTuple):
+    """Somebody else's attitude of a vehicle, for those who show it beside ours."""
+
+    vehicle: VehicleId
+    source: Literal["autopilot", "sim"]
+    q_ned_frd: Quaternion
+
+
 class Message(NamedTuple):
     """One line for a person."""
 
     text: str
 
 
-Output = Published | Message
+Output = Published | Peer | Message
 
 
 def vehicle_name(vehicle: VehicleId) -> str:

@@ -8,6 +8,7 @@ computer) the missed ticks are skipped.
 
 import threading
 import time
+from collections import deque
 from collections.abc import Callable
 from typing import Protocol
 
@@ -18,6 +19,8 @@ from service.pipeline import Load, Pipeline
 from service.records import Output
 
 MAX_CATCH_UP_S = 0.25
+# Events taken between two looks at the schedule: what is behind must not hold up the ticks.
+MOST_EVENTS = 256
 # Between ticks the loop looks at its stop flag and mailbox this often.
 MAX_WAIT_S = 0.1
 
@@ -61,6 +64,7 @@ class Runner:
         self._requests = requests
         self._finished = finished
         self._stop = threading.Event()
+        self._waiting: deque[Event] = deque()  # bounded by what the source keeps
 
     def stop(self) -> None:
         """End the loop at its next turn; from any thread or signal handler."""
@@ -71,7 +75,7 @@ class Runner:
         start_s = time.monotonic()
         end_s = None if seconds is None else start_s + seconds
         due_s = start_s + self._period_s
-        while not self._stop.is_set() and not self._finished():
+        while not self._stop.is_set() and (self._waiting or not self._finished()):
             now_s = time.monotonic()
             if end_s is not None and now_s >= end_s:
                 break
@@ -85,8 +89,10 @@ class Runner:
 
     def _take(self, timeout_s: float) -> None:
         outputs: list[Output] = []
-        for event in self._source.drain(timeout_s):
-            outputs.extend(self._pipeline.handle(event))
+        if not self._waiting:
+            self._waiting.extend(self._source.drain(timeout_s))
+        for _ in range(min(MOST_EVENTS, len(self._waiting))):
+            outputs.extend(self._pipeline.handle(self._waiting.popleft()))
         if self._requests is not None:
             self._requests.serve(self._pipeline.replace_profile)
         self._outbox.put(outputs)

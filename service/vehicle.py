@@ -165,10 +165,10 @@ class Vehicle:
         """Rate of the IMU message in use while it came, 0 if unknown."""
         return 1e6 / self.median_period_us if self.median_period_us > 0.0 else 0.0
 
-    def reject(self, reason: str) -> None:
-        """Count a refused sample."""
+    def reject(self, reason: str, count: int = 1) -> None:
+        """Count refused samples (or frames, which were not even opened)."""
         known = reason in self.rejected or len(self.rejected) < MAX_REASONS
-        self.rejected[reason if known else "other"] += 1
+        self.rejected[reason if known else "other"] += count
 
     def replace_profile(self, profile: Profile) -> None:
         """Use another profile from the next sample on; the estimate stays."""

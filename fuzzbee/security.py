@@ -1,0 +1,114 @@
+"""Whom ``run`` listens to: options, and what they open."""
+
+from contextlib import ExitStack
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, NamedTuple
+
+import typer
+
+from estimator.errors import InputError
+
+if TYPE_CHECKING:
+    from drivers.endpoint import Endpoint
+    from drivers.frame_gate import Policy
+
+PANEL = "Security"
+
+AllowSystemIds = Annotated[
+    str | None,
+    typer.Option(
+        "--allow-system-ids",
+        metavar="IDS",
+        help="Refuse frames of all other systems: 1,2,10-19.",
+        rich_help_panel=PANEL,
+    ),
+]
+SigningKeyFile = Annotated[
+    Path | None,
+    typer.Option(
+        "--signing-key-file",
+        metavar="FILE",
+        help="Refuse frames not signed with the key (32 bytes, 64 hex digits) or phrase there.",
+        rich_help_panel=PANEL,
+    ),
+]
+
+
+class SecurityOptions(NamedTuple):
+    """What was asked for. The key stays in its file until it is needed."""
+
+    system_ids: frozenset[int] | None = None
+    signing_key_file: Path | None = None
+
+    def given(self) -> tuple[tuple[str, object], ...]:
+        """The options with their values."""
+        return (
+            ("--allow-system-ids", self.system_ids),
+            ("--signing-key-file", self.signing_key_file),
+        )
+
+
+def parse_system_ids(text: str | None) -> frozenset[int] | None:
+    """The numbers in a list like ``1,2,10-19``.
+
+    Raises:
+        InputError: something in it is no number from 1 to 255, or no range of them.
+    """
+    if text is None:
+        return None
+    ids: set[int] = set()
+    for part in text.split(","):
+        first, dash, last = part.strip().partition("-")
+        if not (first.isdecimal() and (last.isdecimal() if dash else True)):
+            raise InputError(f"--allow-system-ids {text!r}: should be like 1,2,10-19")
+        low, high = int(first), int(last or first)
+        if not 1 <= low <= high <= 255:
+            raise InputError(f"--allow-system-ids {text!r}: ids are 1 to 255")
+        ids.update(range(low, high + 1))
+    return frozenset(ids)
+
+
+def require_link(options: SecurityOptions, endpoint: "Endpoint") -> None:
+    """Refuse options that the built-in vehicle has no use for.
+
+    Raises:
+        InputError: names the option.
+    """
+    for option, value in options.given():
+        if value is not None and endpoint.kind == "sim":
+            raise InputError(f"{option} is for a MAVLink link, sim: has no frames")
+
+
+def open_policy(options: SecurityOptions, stack: ExitStack) -> "tuple[Policy, bytes | None]":
+    """What to let in, and the key to sign with.
+
+    Raises:
+        InputError: the key file cannot be read or is empty, or the file of time stamps
+            cannot be used.
+    """
+    from drivers.frame_gate import Policy
+
+    if options.signing_key_file is None:
+        return Policy(options.system_ids), None
+    from drivers.mavlink_encoder import signing_key
+    from drivers.signing import SigningCheck, state_path
+
+    key = signing_key(key_content(options.signing_key_file))
+    check = SigningCheck(key, state_path())
+    stack.callback(check.close)
+    return Policy(options.system_ids, check), key
+
+
+def key_content(path: Path) -> bytes:
+    """What is in a key file.
+
+    Raises:
+        InputError: it cannot be read, or is empty.
+    """
+    try:
+        content = path.read_bytes()
+    except OSError as error:
+        raise InputError(f"cannot read the key file {path}: {error.strerror}") from error
+    if not content.strip():
+        raise InputError(f"the key file {path} is empty")
+    return content

@@ -1,0 +1,172 @@
+"""Signed frames on receipt: what is let in, and what a restart remembers."""
+
+import json
+
+import pytest
+
+from drivers.events import Notice, RefusedFrames, VehicleId
+from drivers.frame_gate import TAKE_OVER_US, FrameGate, Policy
+from drivers.frames import FrameReader
+from drivers.mavlink_encoder import FrameEncoder, heartbeat
+from drivers.signing import AHEAD_TICKS, SigningCheck, state_path
+from estimator.errors import InputError
+
+S = 1_000_000
+NOW = 1_700_000_000 * S
+KEY, OTHER_KEY = bytes(range(32)), bytes(32)
+ONE = VehicleId(1, 1)
+
+
+def signed(now_us=NOW, key=KEY, vehicle=ONE, link=0):
+    (frame,) = FrameReader().feed(FrameEncoder(vehicle, key, link).frame(heartbeat(2, 3), now_us))
+    return frame
+
+
+@pytest.fixture
+def file(tmp_path):
+    return tmp_path / "state" / "signing.json"
+
+
+def test_a_good_signature_is_let_in_once(file):
+    check = SigningCheck(KEY, file)
+    assert check.refusal(signed(), NOW) is None
+    assert check.refusal(signed(), NOW) == "replayed"
+    assert check.refusal(signed(NOW - 10), NOW) == "replayed"
+    assert check.refusal(signed(NOW + 10), NOW) is None
+
+
+def test_unsigned_and_wrongly_signed_frames_are_refused(file):
+    check = SigningCheck(KEY, file)
+    assert check.refusal(signed(key=None), NOW) == "unsigned"
+    assert check.refusal(signed(key=OTHER_KEY), NOW) == "wrong_signature"
+
+
+@pytest.mark.parametrize("byte", [4, 6, 12, -13, -12, -1])
+def test_a_changed_byte_is_a_wrong_signature(file, byte):
+    frame = signed()
+    data = bytearray(frame.data)
+    data[byte] ^= 1
+    frame = frame._replace(data=bytes(data))
+    assert SigningCheck(KEY, file).refusal(frame, NOW) == "wrong_signature"
+
+
+def test_a_forged_time_stamp_does_not_lock_the_vehicle_out(file):
+    check = SigningCheck(KEY, file)
+    assert check.refusal(signed(NOW + 3600 * S, OTHER_KEY), NOW) == "wrong_signature"
+    assert check.refusal(signed(), NOW) is None
+
+
+def test_streams_of_one_vehicle_have_stamps_of_their_own(file):
+    check = SigningCheck(KEY, file)
+    assert check.refusal(signed(NOW + S, link=0), NOW) is None
+    assert check.refusal(signed(NOW, link=1), NOW) is None
+
+
+def test_a_signature_more_than_a_minute_old_is_refused(file):
+    check = SigningCheck(KEY, file)
+    assert check.refusal(signed(NOW - 61 * S), NOW) == "signature_too_old"
+    assert check.refusal(signed(NOW - 59 * S), NOW) is None
+
+
+def test_what_was_accepted_before_a_restart_is_refused_after_it(file):
+    check = SigningCheck(KEY, file)
+    assert check.refusal(signed(), NOW) is None
+    check.close()
+    again = SigningCheck(KEY, file)
+    assert again.refusal(signed(), NOW) == "replayed"
+    assert again.refusal(signed(NOW + 10), NOW) is None
+
+
+def test_a_crash_forgets_nothing_and_costs_two_seconds_at_most(file):
+    check, times = SigningCheck(KEY, file), range(NOW, NOW + 7 * S, S // 10)
+    for now in times:
+        assert check.refusal(signed(now), now) is None
+    again = SigningCheck(KEY, file)  # the first one was never closed
+    for now in times:
+        assert again.refusal(signed(now), now) == "replayed"
+    late = times[-1] + AHEAD_TICKS * 10 + 10
+    assert again.refusal(signed(late), late) is None
+
+
+def test_the_file_is_written_rarely_and_holds_no_secret(file, monkeypatch):
+    check, writes = SigningCheck(KEY, file), []
+    replace = type(file).replace
+    monkeypatch.setattr(type(file), "replace", lambda *a: (writes.append(1), replace(*a)))
+    for now in range(NOW, NOW + 10 * S, S // 100):
+        assert check.refusal(signed(now), now) is None
+    assert len(writes) <= 6
+    text = file.read_text()
+    assert KEY.hex() not in text
+    assert set(json.loads(text)) == {"1-1-0"}
+
+
+def test_a_damaged_state_is_refused_at_the_start(file):
+    file.parent.mkdir()
+    for text in ("{", "[1]", '{"1-1": 3}', '{"1-1-0": null}'):
+        file.write_text(text)
+        with pytest.raises(InputError, match="damaged"):
+            SigningCheck(KEY, file)
+
+
+def test_a_state_that_cannot_be_kept_is_refused_at_the_start(tmp_path):
+    (tmp_path / "state").write_text("a file where the folder should be")
+    with pytest.raises(InputError, match=r"signing\.json"):
+        SigningCheck(KEY, tmp_path / "state" / "signing.json")
+
+
+def test_the_state_lives_where_xdg_says(monkeypatch, tmp_path):
+    monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path))
+    assert state_path() == tmp_path / "fuzzbee" / "signing.json"
+    monkeypatch.delenv("XDG_STATE_HOME")
+    monkeypatch.setenv("HOME", str(tmp_path))
+    assert state_path() == tmp_path / ".local" / "state" / "fuzzbee" / "signing.json"
+
+
+# --- the gate
+
+
+def refused(gate):
+    return [
+        (event.vehicle, event.reason, event.frames)
+        for event in gate.take_refused(NOW)
+        if isinstance(event, RefusedFrames)
+    ]
+
+
+def test_only_allowed_systems_are_let_in():
+    gate = FrameGate(Policy(frozenset({1})))
+    two = VehicleId(2, 1)
+    assert gate.lets_in(signed(), "a", NOW)
+    for _ in range(3):
+        assert not gate.lets_in(signed(vehicle=two), "a", NOW)
+    assert refused(gate) == [(two, "system_not_allowed", 3)]
+    assert refused(gate) == []
+
+
+def test_a_refused_signature_is_told_once(file):
+    gate = FrameGate(Policy(None, SigningCheck(KEY, file)))
+    texts = []
+    for _ in range(3):
+        assert not gate.lets_in(signed(key=None), "a", NOW)
+        texts += [e.text for e in gate.take_refused(NOW) if isinstance(e, Notice)]
+    assert texts == ["system 1: frames without a signature are refused"]
+
+
+def test_of_two_senders_with_one_address_the_first_is_used_until_it_falls_silent():
+    gate = FrameGate(Policy())
+    assert gate.lets_in(signed(), "a", NOW)
+    assert not gate.lets_in(signed(), "b", NOW + S // 10)
+    assert gate.lets_in(signed(), "a", NOW + S // 5)
+    assert refused(gate) == [(ONE, "address_conflict", 1)]
+    silent = NOW + S // 5 + TAKE_OVER_US
+    assert gate.lets_in(signed(), "b", silent)
+    assert not gate.lets_in(signed(), "a", silent + 1)
+
+
+def test_a_sender_that_has_left_frees_its_addresses_at_once():
+    gate = FrameGate(Policy())
+    assert gate.lets_in(signed(), "a", NOW)
+    gate.forget("a")
+    assert gate.lets_in(signed(), "b", NOW + 1)
+    gate.forget()
+    assert gate.lets_in(signed(), "c", NOW + 2)
