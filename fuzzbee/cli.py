@@ -22,7 +22,7 @@ HANGING = ("sink ", "compiler")
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run one command; returns its exit status and lets no exception out."""
-    arguments = list(sys.argv[1:] if argv is None else argv)
+    arguments = _spelled_out(sys.argv[1:] if argv is None else argv)
     try:
         status = _run_verb(arguments)
     except InputError as error:
@@ -45,6 +45,15 @@ def main(argv: Sequence[str] | None = None) -> int:
     if status == INTERRUPTED and _is_endless(arguments):  # the parser's word for an interrupt
         return OK
     return status if isinstance(status, int) else OK
+
+
+def _spelled_out(arguments: Sequence[str]) -> list[str]:
+    """``--view`` alone means a window; the parser has no optional values."""
+    following = [*arguments[1:], ""]
+    return [
+        "--view=window" if word == "--view" and after not in ("window", "web") else word
+        for word, after in zip(arguments, following, strict=True)
+    ]
 
 
 def _run_verb(arguments: list[str]) -> object:

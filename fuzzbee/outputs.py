@@ -85,7 +85,7 @@ class OutputOptions(NamedTuple):
     @property
     def shows_peers(self) -> bool:
         """Whether attitudes of others are shown: only then are they worth decoding."""
-        return False
+        return self.view is not None or self.rrd is not None
 
 
 def open_outputs(

@@ -1,0 +1,139 @@
+"""The viewer's process: Rerun's window, or its page for a browser, on loopback only."""
+
+import ctypes
+import os
+import shutil
+import signal
+import socket
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Callable
+from importlib.util import find_spec
+from pathlib import Path
+from urllib.parse import quote
+
+from estimator.errors import InputError
+
+HOST = "127.0.0.1"
+WEB_PORT = 9090  # Rerun's own; a free one if it is taken
+START_TIMEOUT_S = 10.0
+STOP_TIMEOUT_S = 2.0
+PR_SET_PDEATHSIG = 1  # from linux/prctl.h
+MISSING = "the viewer needs the extra: pip install 'fuzzbee[viewer]'"
+
+
+class ViewerProcess:
+    """A child that ends with us, also when we are killed (on Linux).
+
+    ``url`` is where records go; ``page`` is what a browser opens, None with a window.
+    Start it from the main thread: the kernel ties the child to the thread that started it.
+
+    Raises:
+        InputError: Rerun is not installed, or does not start.
+    """
+
+    def __init__(self, *, web: bool) -> None:
+        self._folder = tempfile.mkdtemp(prefix="fuzzbee-viewer-")
+        port = _free_port(0)
+        self.url = f"rerun+http://{HOST}:{port}/proxy"
+        self.page: str | None = None
+        arguments = ["--bind", HOST, "--port", str(port), "--memory-limit", "2GB"]
+        if web:
+            web_port = _free_port(WEB_PORT)
+            arguments += ["--serve-web", "--web-viewer-port", str(web_port)]
+            self.page = f"http://{HOST}:{web_port}/?url={quote(self.url, safe='')}"
+        else:
+            arguments += ["--hide-welcome-screen", "--expect-data-soon"]
+        try:
+            self._process = self._start(arguments)
+            self._wait_for(port)
+        except InputError:
+            shutil.rmtree(self._folder, ignore_errors=True)
+            raise
+
+    @property
+    def ended(self) -> bool:
+        """Whether it has ended by itself: the window was closed."""
+        return self._process.poll() is not None
+
+    def wait(self, stopped: Callable[[], bool]) -> None:
+        """Until it has ended, or until ``stopped``."""
+        while not self.ended and not stopped():
+            time.sleep(0.1)
+
+    def close(self) -> None:
+        """End it."""
+        self._process.terminate()
+        try:
+            self._process.wait(STOP_TIMEOUT_S)
+        except subprocess.TimeoutExpired:
+            self._process.kill()
+            self._process.wait()
+        shutil.rmtree(self._folder, ignore_errors=True)
+
+    def _start(self, arguments: list[str]) -> subprocess.Popen[bytes]:
+        program = _program()
+        # Nothing leaves this computer: usage figures are off, in a configuration of its own
+        environment = {**os.environ, "XDG_CONFIG_HOME": self._folder, "RUST_LOG": "error"}
+        subprocess.run(  # noqa: S603 - our own arguments
+            [program, "analytics", "disable"], env=environment, check=False, capture_output=True
+        )
+        self._errors = Path(self._folder) / "errors"
+        with self._errors.open("wb") as errors:
+            return subprocess.Popen(  # noqa: S603
+                [program, *arguments],
+                env=environment,
+                stderr=errors,
+                preexec_fn=_end_with_parent(),  # noqa: PLW1509 - one call into the C library
+                # Ctrl-C is for us: we end it, after the last records
+                process_group=0,
+                stdin=subprocess.DEVNULL,
+                stdout=subprocess.DEVNULL,
+            )
+
+    def _wait_for(self, port: int) -> None:
+        end_s = time.monotonic() + START_TIMEOUT_S
+        while time.monotonic() < end_s:
+            with socket.socket() as probe:
+                if probe.connect_ex((HOST, port)) == 0:
+                    return
+            if self.ended:
+                break
+            time.sleep(0.05)
+        lines = self._errors.read_text("utf-8", "replace").split("\n")
+        reason = next((line for line in reversed(lines) if line.strip()), "no answer")
+        self._process.kill()
+        self._process.wait()
+        raise InputError(f"the viewer did not start (without a screen: --view web): {reason[:200]}")
+
+
+def _program() -> str:
+    """Rerun's own program, not the Python script that starts it: signals must reach it."""
+    found = find_spec("rerun_cli")
+    if found is None or found.origin is None:
+        raise InputError(MISSING)
+    program = Path(found.origin).parent / "rerun"
+    return str(program if program.exists() else program.with_suffix(".exe"))
+
+
+def _free_port(wanted: int) -> int:
+    """The wanted port if nobody listens there, else a free one."""
+    with socket.socket() as probe:
+        try:
+            probe.bind((HOST, wanted))
+        except OSError:
+            probe.bind((HOST, 0))
+        return int(probe.getsockname()[1])
+
+
+def _end_with_parent() -> Callable[[], None] | None:
+    if not sys.platform.startswith("linux"):
+        return None
+    library = ctypes.CDLL(None)  # before the fork: nothing is loaded in the child
+
+    def end_with_parent() -> None:
+        library.prctl(PR_SET_PDEATHSIG, signal.SIGTERM)
+
+    return end_with_parent
