@@ -4,7 +4,7 @@ from math import hypot
 
 from estimator.aiding import AidingParams, AidingState, Report, aid
 from estimator.aiding.types import Array
-from estimator.compiled import compiled
+from estimator.compiled import inlined
 from estimator.conditioning.condition import condition
 from estimator.conditioning.types import Conditioned, ConditioningParams, ConditioningState
 from estimator.filter_types import FilterParams, FilterState, Vectors
@@ -18,13 +18,13 @@ GRAVITY_HALF_RAD = 0.1
 MAGNETIC_HALF_RAD = 0.2
 
 
-@compiled
+@inlined
 def confidence(sigma_rad: float, half_rad: float) -> float:
     """From 1 for a certain direction towards 0: 1/(1 + (sigma/half)^2)."""
     return 1.0 / (1.0 + (sigma_rad / half_rad) ** 2)
 
 
-@compiled
+@inlined
 def aided_vectors(reference: ReferenceParams, state: AidingState) -> Vectors:
     """Both inertial directions seen from the aided attitude; confidence falls with its sigma."""
     q = state.q_ned_frd
@@ -39,7 +39,7 @@ def aided_vectors(reference: ReferenceParams, state: AidingState) -> Vectors:
     )
 
 
-@compiled
+@inlined
 def aided_step(
     params: FilterParams,
     reference: ReferenceParams,

@@ -1,6 +1,6 @@
 """The filter on conditioned vectors: what the ``imu`` profile runs, compiled."""
 
-from estimator.compiled import compiled
+from estimator.compiled import inlined
 from estimator.conditioning.condition import condition
 from estimator.conditioning.types import Conditioned, ConditioningParams, ConditioningState
 from estimator.filter_types import FilterParams, FilterState, Vectors
@@ -9,7 +9,7 @@ from estimator.observation import ReferenceParams
 from estimator.types import Vec3
 
 
-@compiled
+@inlined
 def conditioned_vectors(reference: ReferenceParams, seen: Conditioned) -> Vectors:
     """The conditioned directions with the profile's confidences.
 
@@ -27,7 +27,7 @@ def conditioned_vectors(reference: ReferenceParams, seen: Conditioned) -> Vector
     )
 
 
-@compiled
+@inlined
 def conditioned_step(
     params: FilterParams,
     reference: ReferenceParams,

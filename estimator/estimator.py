@@ -1,16 +1,17 @@
 """One vehicle's estimator: samples in, attitude out. No I/O and no clock."""
 
 from math import asin, isfinite, pi, radians, sqrt
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from estimator import kernel
-from estimator.aided import GRAVITY_HALF_RAD, MAGNETIC_HALF_RAD, aided_step, confidence
-from estimator.aiding import AidingState, Report, begin, hear, trusted
+from estimator.aided import GRAVITY_HALF_RAD, MAGNETIC_HALF_RAD, confidence
+from estimator.aiding import AidingState, Report, begin
 from estimator.aiding.types import SIZE, Array
 from estimator.alignment import align
-from estimator.conditioned import conditioned_step, conditioned_vectors
+from estimator.conditioned import conditioned_vectors
+from estimator.conditioning import turned as conditioning_turned
 from estimator.conditioning.condition import condition
 from estimator.conditioning.condition import initial_state as initial_conditioning
 from estimator.conditioning.types import Conditioned, ConditioningState
@@ -19,9 +20,26 @@ from estimator.filter_types import FilterState, initial_state
 from estimator.observation import raw_vectors
 from estimator.profile import Profile
 from estimator.quaternion import conjugate, exp, multiply, normalize, scale, subtract
-from estimator.reports import Reports, enqueued, refusal_of_report, taken
+from estimator.reports import NO_REPORT, Reports, enqueued, refusal_of_report, taken
+from estimator.resident import (
+    Contents,
+    advance,
+    advance_aided,
+    contents_of,
+    hear_inside,
+    published_inside,
+    resident,
+)
 from estimator.settings import settings_of
-from estimator.types import ZERO_VEC3, Attitude, ImuSample, Quaternion, Vec3, VelocitySample
+from estimator.types import (
+    IDENTITY,
+    ZERO_VEC3,
+    Attitude,
+    ImuSample,
+    Quaternion,
+    Vec3,
+    VelocitySample,
+)
 
 # The output is propagated this far beyond the last sample at most, s; then the
 # last rate says nothing about the vehicle any more.
@@ -52,15 +70,67 @@ class Snapshot(NamedTuple):
 
 
 class Estimator:
-    """The filter of a profile, fed sample by sample."""
+    """The filter of a profile, fed sample by sample.
+
+    While conditioned samples come, the state lives in compiled memory
+    (:mod:`estimator.resident`) and ``_snapshot`` holds only times and reports.
+    """
 
     def __init__(self, profile: Profile, fixed_gain: float | None = None) -> None:
         self._fixed_gain = fixed_gain
         self._declination_rad: float | None = None
         self.profile = profile
         self._settings = settings_of(profile, fixed_gain)
-        self.snapshot: Snapshot
+        self._snapshot: Snapshot
+        self._inside: Any = None
+        self._gyr_rad_s = ZERO_VEC3
+        self._is_aided = False
+        self._has_heading = False
         self.restart()
+
+    @property
+    def snapshot(self) -> Snapshot:
+        """The whole state. Set it to resume from it."""
+        if self._inside is not None:
+            inside = contents_of(self._inside)
+            self._snapshot = self._snapshot._replace(
+                filter=inside.filter,
+                conditioning=inside.memory,
+                seen=inside.seen,
+                rate_rad_s=subtract(self._gyr_rad_s, inside.filter.gyr_bias_rad_s),
+                smooth_error=inside.filter.error,
+                aided=inside.aided if self._is_aided else None,
+                aided_covariance=_flat(inside.covariance) if self._is_aided else (),
+            )
+        return self._snapshot
+
+    @snapshot.setter
+    def snapshot(self, snapshot: Snapshot) -> None:
+        self._snapshot = snapshot
+        self._inside = None
+
+    def _go_inside(self, seen: Conditioned) -> None:
+        """Move the state into compiled memory."""
+        now, chosen = self._snapshot, self._settings
+        aided, covariance = now.aided, _square(now.aided_covariance)
+        if aided is None:  # only its form is needed
+            aided, covariance = begin(
+                chosen.aiding, IDENTITY, ZERO_VEC3, ZERO_VEC3, ZERO_VEC3, NO_REPORT
+            )
+        contents = Contents(
+            chosen.filter,
+            chosen.reference,
+            chosen.conditioning,
+            chosen.aiding,
+            now.filter,
+            now.conditioning,
+            seen,
+            aided,
+            covariance,
+        )
+        self._inside = resident(contents)
+        self._is_aided = now.aided is not None
+        self._has_heading = seen.magnetic_weight > 0.0
 
     def replace_profile(self, profile: Profile) -> None:
         """Use other parameters from the next sample on; the estimate stays."""
@@ -81,20 +151,20 @@ class Estimator:
     @property
     def aligned(self) -> bool:
         """Whether there is an attitude yet."""
-        return self.snapshot.aligned
+        return self._snapshot.aligned
 
     def update(self, sample: ImuSample) -> str | None:
         """Take one sample; None, or the reason why it was refused."""
         reason = refusal(sample)
         if reason is not None:
             return reason
-        before = self.snapshot
+        before = self._snapshot
         if not before.aligned:
             self.snapshot = self._first(sample)
         elif sample.time_us <= before.time_us:
             return "not_later"
         elif self._settings.conditioned:
-            self.snapshot = self._with_velocity(sample)
+            self._conditioned(sample)
         else:
             self.snapshot = self._raw(sample)
         return None
@@ -108,76 +178,79 @@ class Estimator:
         reason = refusal_of_report(report)
         if reason is not None or not self._settings.conditioned:
             return reason
-        now = self.snapshot
-        if now.aided is not None and report.time_us <= now.time_us:
-            self.snapshot = self._heard(now, now.aided, report)
+        now = self._snapshot
+        if self._inside is not None and self._is_aided and report.time_us <= now.time_us:
+            # it belongs to the last sample or to one just before it
+            oldest_s = self._settings.aiding.oldest_report_s
+            taken_now, _ = taken((report,), now.time_us, oldest_s)
+            if taken_now.given:
+                hear_inside(self._inside, taken_now)
         else:
-            self.snapshot = now._replace(reports=enqueued(now.reports, report))
+            self._snapshot = now._replace(reports=enqueued(now.reports, report))
         return None
 
-    def _heard(self, now: Snapshot, aided: AidingState, report: VelocitySample) -> Snapshot:
-        """A report that belongs to the last sample or to one just before it."""
-        aiding = self._settings.aiding
-        taken_now, _ = taken((report,), now.time_us, aiding.oldest_report_s)
-        if not taken_now.given or now.seen is None:
-            return now
-        aided, covariance = hear(
-            aiding, aided, _square(now.aided_covariance), now.seen.gravity_b, taken_now
-        )
-        return now._replace(aided=aided, aided_covariance=_flat(covariance))
-
-    def _with_velocity(self, sample: ImuSample) -> Snapshot:
+    def _conditioned(self, sample: ImuSample) -> None:
         """One sample with the velocity reports up to it; without any, as if there were none."""
-        before, aiding = self.snapshot, self._settings.aiding
-        if not before.reports and before.aided is None:
-            return self._conditioned(sample)
-        report, ahead = taken(before.reports, sample.time_us, aiding.oldest_report_s)
-        dt = 1e-6 * (sample.time_us - before.time_us)
-        if before.aided is not None and dt <= aiding.gap_s:
-            after = self._aided(sample, report, dt)
+        now, aiding = self._snapshot, self._settings.aiding
+        if self._inside is None:
+            self._go_inside(now.seen if now.seen is not None else self._first_seen(sample))
+        dt = 1e-6 * (sample.time_us - now.time_us)
+        report, ahead = NO_REPORT, now.reports
+        if ahead:
+            report, ahead = taken(ahead, sample.time_us, aiding.oldest_report_s)
+        gyr, acc = sample.gyr_rad_s, sample.acc_m_s2
+        readings = (gyr, acc, sample.mag_gauss, sample.has_mag)
+        goes_on_aided = self._is_aided and dt <= aiding.gap_s
+        if goes_on_aided:
+            self._is_aided = advance_aided(self._inside, *readings, dt, report)
         else:
-            after = self._conditioned(sample)
-            if report.given:
-                after = self._begun(after, sample, report)
-        return after._replace(reports=ahead)
+            self._is_aided = False
+            has_heading = advance(self._inside, *readings, dt)
+            if has_heading and not self._has_heading:
+                self._align_inside()
+            self._has_heading = has_heading
+        self._gyr_rad_s = gyr
+        self._snapshot = self._snapshot._replace(time_us=sample.time_us, reports=ahead)
+        if report.given and not goes_on_aided:
+            self._begin_aided(sample, report)
 
-    def _aided(self, sample: ImuSample, report: Report, dt: float) -> Snapshot:
-        before, chosen = self.snapshot, self._settings
-        assert before.aided is not None  # the caller has looked
-        state, memory, seen, aided, covariance = aided_step(
-            chosen.filter,
-            chosen.reference,
-            chosen.conditioning,
-            chosen.aiding,
-            before.filter,
-            before.conditioning,
-            before.aided,
-            _square(before.aided_covariance),
-            sample.gyr_rad_s,
-            sample.acc_m_s2,
-            sample.mag_gauss,
-            sample.has_mag,
-            dt,
-            report,
-        )
-        rate = subtract(sample.gyr_rad_s, state.gyr_bias_rad_s)
-        after = Snapshot(state, memory, seen, sample.time_us, rate, True, state.error)
-        if not trusted(chosen.aiding, aided):
-            return after
-        return after._replace(aided=aided, aided_covariance=_flat(covariance))
+    def _align_inside(self) -> None:
+        """The first heading ever is alignment, not correction: there was none to correct."""
+        if self._settings.initial is not None:
+            return
+        now = self.snapshot
+        assert now.seen is not None  # something has been advanced
+        q = align(conditioned_vectors(self._settings.reference, now.seen))
+        self.snapshot = now._replace(filter=now.filter._replace(q_ned_frd=q))
+        self._go_inside(now.seen)
 
-    def _begun(self, now: Snapshot, sample: ImuSample, report: Report) -> Snapshot:
+    def _begin_aided(self, sample: ImuSample, report: Report) -> None:
         """Velocity starts to help once there is a heading, and true north to measure it from."""
         chosen = self._settings
-        if not chosen.aiding.enabled or not self._knows_north or now.seen is None:
-            return now
-        if now.seen.magnetic_weight == 0.0:
-            return now
+        if not (chosen.aiding.enabled and self._knows_north and self._has_heading):
+            return
+        now = self.snapshot
+        assert now.seen is not None  # the sample has been advanced
         q = align(conditioned_vectors(chosen.reference, now.seen))
         aided, covariance = begin(
             chosen.aiding, q, now.seen.bias_rad_s, sample.gyr_rad_s, sample.acc_m_s2, report
         )
-        return now._replace(aided=aided, aided_covariance=_flat(covariance))
+        self.snapshot = now._replace(aided=aided, aided_covariance=_flat(covariance))
+        self._go_inside(now.seen)
+
+    def _first_seen(self, sample: ImuSample) -> Conditioned:
+        """What the conditioning stage makes of a sample before it has any memory."""
+        chosen = self._settings.conditioning
+        _, seen = condition(
+            chosen,
+            initial_conditioning(chosen),
+            sample.gyr_rad_s,
+            sample.acc_m_s2,
+            sample.mag_gauss,
+            sample.has_mag,
+            0.0,
+        )
+        return seen
 
     @property
     def _knows_north(self) -> bool:
@@ -211,33 +284,6 @@ class Estimator:
         dt = 1e-6 * (time_us - self.snapshot.time_us)
         before = self.snapshot.smooth_error
         return before + dt / (SIGMA_TIME_S + dt) * (error - before)
-
-    def _conditioned(self, sample: ImuSample) -> Snapshot:
-        before = self.snapshot
-        chosen = self._settings
-        state, memory, seen = conditioned_step(
-            chosen.filter,
-            chosen.reference,
-            chosen.conditioning,
-            before.filter,
-            before.conditioning,
-            sample.gyr_rad_s,
-            sample.acc_m_s2,
-            sample.mag_gauss,
-            sample.has_mag,
-            1e-6 * (sample.time_us - before.time_us),
-        )
-        state = self._with_first_heading(state, seen)
-        rate = subtract(sample.gyr_rad_s, state.gyr_bias_rad_s)
-        return Snapshot(state, memory, seen, sample.time_us, rate, True, state.error)
-
-    def _with_first_heading(self, state: FilterState, seen: Conditioned) -> FilterState:
-        """The first heading ever is alignment, not correction: there was none to correct."""
-        last = self.snapshot.seen
-        known_before = last is not None and last.magnetic_weight > 0.0
-        if known_before or seen.magnetic_weight == 0.0 or self._settings.initial is not None:
-            return state
-        return state._replace(q_ned_frd=align(conditioned_vectors(self._settings.reference, seen)))
 
     def _first(self, sample: ImuSample) -> Snapshot:
         """Align on the first sample; nothing has turned yet."""
@@ -284,34 +330,33 @@ class Estimator:
         now = self.snapshot
         q = now.filter.q_ned_frd
         turn_frd = multiply(conjugate(q), multiply(turn_ned, q))
-        gravity = now.conditioning.gravity
-        gravity = gravity._replace(q_g_frd=normalize(multiply(gravity.q_g_frd, turn_frd)))
         aided = now.aided
         if aided is not None:
             aided = aided._replace(q_ned_frd=normalize(multiply(aided.q_ned_frd, turn_frd)))
         self.snapshot = now._replace(
             filter=now.filter._replace(q_ned_frd=normalize(multiply(q, turn_frd))),
-            conditioning=now.conditioning._replace(gravity=gravity),
+            conditioning=conditioning_turned(now.conditioning, turn_frd),
             aided=aided,
         )
 
     def attitude(self, time_us: int) -> Attitude:
         """The attitude at ``time_us``, propagated from the last sample for output only."""
-        now = self.snapshot
+        now = self._latest()
         ahead_s = min(max(1e-6 * (time_us - now.time_us), 0.0), OUTPUT_HORIZON_S)
         if now.aided is not None:
             ahead_s += now.aided.imu_lag_s  # the samples are that old
-        q = normalize(multiply(now.filter.q_ned_frd, exp(scale(ahead_s, now.rate_rad_s))))
+        state = now.filter
+        q = normalize(multiply(state.q_ned_frd, exp(scale(ahead_s, now.rate_rad_s))))
         reference = self._settings.reference
         sigma = min(pi, max(LEAST_SIGMA_RAD, 2.0 * asin(sqrt(now.smooth_error))))
         published = Attitude(
             time_us=time_us,
             q_ned_frd=q,
             rate_rad_s=now.rate_rad_s,
-            gyro_bias_rad_s=now.filter.gyr_bias_rad_s,
-            error=now.filter.error,
-            error_rate_1_s=now.filter.error_rate_1_s,
-            gain=now.filter.gain,
+            gyro_bias_rad_s=state.gyr_bias_rad_s,
+            error=state.error,
+            error_rate_1_s=state.error_rate_1_s,
+            gain=state.gain,
             confidence_gravity=reference.s_gravity,
             confidence_magnetic=reference.s_magnetic,
             sigma_inclination_rad=sigma,
@@ -322,6 +367,19 @@ class Estimator:
             return published
         published = self._with_conditioning(published, now.seen)
         return published if now.aided is None else with_aiding(published, now.aided)
+
+    def _latest(self) -> Snapshot:
+        """The part of the snapshot that is published, without taking all of it out."""
+        if self._inside is None:
+            return self._snapshot
+        state, seen, aided = published_inside(self._inside)
+        return self._snapshot._replace(
+            filter=state,
+            seen=seen,
+            rate_rad_s=subtract(self._gyr_rad_s, state.gyr_bias_rad_s),
+            smooth_error=state.error,
+            aided=aided if self._is_aided else None,
+        )
 
     def _with_conditioning(self, published: Attitude, seen: Conditioned) -> Attitude:
         """What the conditioning stage knows about confidence and heading."""
@@ -338,7 +396,7 @@ class Estimator:
 
 
 def _square(covariance: tuple[float, ...]) -> Array:
-    return np.array(covariance).reshape(SIZE, SIZE)
+    return np.array(covariance).reshape(-1, SIZE)
 
 
 def _flat(covariance: Array) -> tuple[float, ...]:

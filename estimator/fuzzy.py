@@ -8,7 +8,7 @@ built on scikit-fuzzy is ``estimator/fuzzy_reference.py``; the two agree to
 
 import numpy as np
 
-from estimator.compiled import compiled
+from estimator.compiled import compiled, inlined
 from estimator.memberships import Memberships, Triangle
 
 # An area below this is computed again with the strengths times FAINT_LIFT: numbers next to the
@@ -29,7 +29,7 @@ RULES = (
 Strengths = tuple[float, float, float, float, float]
 
 
-@compiled
+@inlined
 def triangle(x: float, a: float, b: float, c: float) -> float:
     """Triangular membership of ``x``; a == b or b == c is a vertical edge that includes b."""
     if x == b:
@@ -41,7 +41,7 @@ def triangle(x: float, a: float, b: float, c: float) -> float:
     return 0.0
 
 
-@compiled
+@inlined
 def fuzzify(k: Memberships, x: float) -> Strengths:
     """Membership of ``x`` in [0, 1] in the five input sets."""
     return (
@@ -53,7 +53,7 @@ def fuzzify(k: Memberships, x: float) -> Strengths:
     )
 
 
-@compiled
+@inlined
 def fire(e: Strengths, d: Strengths) -> Strengths:
     """Strength of each output set: the strongest of its rules, min(error, rate) each.
 
@@ -77,7 +77,7 @@ def fire(e: Strengths, d: Strengths) -> Strengths:
     return (vs, s, m, large, vl)
 
 
-@compiled
+@inlined
 def clipped_line(x: float, h: float, corners: Triangle, middle: float) -> float:
     """Extend to ``x`` the straight piece that min(h, triangle) follows around ``middle``.
 
@@ -96,7 +96,7 @@ def clipped_line(x: float, h: float, corners: Triangle, middle: float) -> float:
     return h
 
 
-@compiled
+@inlined
 def centroid(strengths: Strengths, sets: tuple[Triangle, ...]) -> float:
     """Centroid of max_i min(h_i, triangle_i), exact; 0 where no set has strength.
 
@@ -126,7 +126,7 @@ def centroid(strengths: Strengths, sets: tuple[Triangle, ...]) -> float:
     return weighted / total
 
 
-@compiled
+@inlined
 def single_centroid(h: float, corners: Triangle) -> float:
     """Centroid of min(h, triangle), h > 0, from its lower and its upper edge; b for a point."""
     a, b, c = corners
@@ -142,7 +142,7 @@ def single_centroid(h: float, corners: Triangle) -> float:
     return moment / (6.0 * (width0 + width1))
 
 
-@compiled
+@inlined
 def lifted(strengths: Strengths) -> Strengths:
     """Strengths times FAINT_LIFT; those of points may be large, and stay at most 1."""
     vs, s, m, large, vl = strengths
@@ -155,7 +155,7 @@ def lifted(strengths: Strengths) -> Strengths:
     )
 
 
-@compiled
+@inlined
 def area_and_moment(strengths: Strengths, sets: tuple[Triangle, ...]) -> tuple[float, float]:
     """Area and first moment of the aggregate, the quick way where the sets allow it."""
     if ascending(strengths, sets):
@@ -163,7 +163,7 @@ def area_and_moment(strengths: Strengths, sets: tuple[Triangle, ...]) -> tuple[f
     return sum_along_envelope(strengths, sets)
 
 
-@compiled
+@inlined
 def ascending(strengths: Strengths, sets: tuple[Triangle, ...]) -> bool:
     """Whether each corner of the strong sets is at or right of the previous strong set's."""
     a0, b0, c0 = sets[0]
@@ -176,7 +176,7 @@ def ascending(strengths: Strengths, sets: tuple[Triangle, ...]) -> bool:
     return True
 
 
-@compiled
+@inlined
 def sum_of_levels(strengths: Strengths, sets: tuple[Triangle, ...]) -> tuple[float, float]:
     """Area and first moment of the aggregate, level by level: the quick way.
 
@@ -229,7 +229,7 @@ def sum_of_levels(strengths: Strengths, sets: tuple[Triangle, ...]) -> tuple[flo
         y0 = y1
 
 
-@compiled
+@inlined
 def strip_moment(dy: float, left0: float, left1: float, right0: float, right1: float) -> float:
     """Integral over y of (right^2 - left^2)/2, the ends straight lines, without cancellation."""
     width0 = right0 - left0
@@ -239,7 +239,7 @@ def strip_moment(dy: float, left0: float, left1: float, right0: float, right1: f
     return dy / 12.0 * (width0 * (2.0 * sum0 + sum1) + width1 * (sum0 + 2.0 * sum1))
 
 
-@compiled
+@inlined
 def sum_along_envelope(strengths: Strengths, sets: tuple[Triangle, ...]) -> tuple[float, float]:
     """Area and first moment of the aggregate for sets in any order.
 

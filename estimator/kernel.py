@@ -5,7 +5,7 @@ from math import expm1, sqrt
 import numpy as np
 from numpy.typing import NDArray
 
-from estimator.compiled import compiled
+from estimator.compiled import compiled, inlined
 from estimator.filter_types import PLAIN_STEP_LIMIT, FilterParams, FilterState, Vectors
 from estimator.fuzzy import fuzzy_gain
 from estimator.observation import ReferenceParams, raw_vectors
@@ -29,7 +29,7 @@ Array = NDArray[np.float64]
 COLLINEAR_SINE = 1e-6
 
 
-@compiled
+@inlined
 def attitude_error(
     v1: Vec3, v2: Vec3, u1: Vec3, u2: Vec3, v3: Vec3, sine: float, u3: Vec3
 ) -> float:
@@ -43,7 +43,7 @@ def attitude_error(
     return min(1.0, max(0.0, 0.25 * (3.0 - trace)))
 
 
-@compiled
+@inlined
 def single_vector_error(v1: Vec3, v2: Vec3, u1: Vec3, u2: Vec3, s1: float, s2: float) -> float:
     """sin^2 of half the angle between the vectors, averaged by confidence."""
     total = s1 + s2
@@ -53,7 +53,7 @@ def single_vector_error(v1: Vec3, v2: Vec3, u1: Vec3, u2: Vec3, s1: float, s2: f
     return min(1.0, max(0.0, e))
 
 
-@compiled
+@inlined
 def error_rate(params: FilterParams, state: FilterState, error: float, dt: float) -> float:
     """d_k = d_(k-1) + dt/(tau + dt) ((e_k - e_(k-1))/dt - d_(k-1)); 1/s, signed."""
     if not state.has_error or dt <= 0.0:
@@ -62,7 +62,7 @@ def error_rate(params: FilterParams, state: FilterState, error: float, dt: float
     return d + dt / (params.rate_time_constant_s + dt) * ((error - state.error) / dt - d)
 
 
-@compiled
+@inlined
 def adaptive_gain(params: FilterParams, error: float, error_rate_1_s: float) -> float:
     """K = 1 + k_op."""
     if params.gain_is_fixed:
@@ -70,7 +70,7 @@ def adaptive_gain(params: FilterParams, error: float, error_rate_1_s: float) -> 
     return 1.0 + fuzzy_gain(params.memberships, error, error_rate_1_s)
 
 
-@compiled
+@inlined
 def largest_rate(cosine: float, s1: float, s2: float, s3: float) -> float:
     """Largest eigenvalue of (tr(M) I - M)/2: (tr M - smallest eigenvalue of M)/2.
 
@@ -83,7 +83,7 @@ def largest_rate(cosine: float, s1: float, s2: float, s3: float) -> float:
     return 0.5 * (total + s3 - min(s3, in_plane))
 
 
-@compiled
+@inlined
 def step_gain(params: FilterParams, K: float, fastest: float, dt: float) -> float:
     """K dt for short steps; beyond, (1 - exp(-K lambda dt))/lambda, which never overshoots."""
     plain = dt <= params.euler_step_max_s and K * fastest * dt <= PLAIN_STEP_LIMIT
@@ -92,7 +92,7 @@ def step_gain(params: FilterParams, K: float, fastest: float, dt: float) -> floa
     return -expm1(-K * fastest * dt) / fastest
 
 
-@compiled
+@inlined
 def bias_gain(params: FilterParams, K: float, g: float, fastest: float, dt: float) -> float:
     """gamma/2 g/K: the innovation that the bias integrates decays over the step as the error does.
 
@@ -104,7 +104,7 @@ def bias_gain(params: FilterParams, K: float, g: float, fastest: float, dt: floa
     return gain if gain * reach <= 1.0 else 1.0 / reach
 
 
-@compiled
+@inlined
 def bounded(v: Vec3, bound: float) -> Vec3:
     """Each component limited to [-bound, bound]."""
     return (
@@ -114,7 +114,7 @@ def bounded(v: Vec3, bound: float) -> Vec3:
     )
 
 
-@compiled
+@inlined
 def turned(state: FilterState, rate_rad_s: Vec3, dt: float, gyr_bias_rad_s: Vec3) -> FilterState:
     """The attitude turned on by a rate that is free of bias; the bias only recorded."""
     q = normalize(multiply(state.q_ned_frd, exp(scale(dt, rate_rad_s))))

@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from estimator.compiled import compiled
+from estimator.compiled import compiled, inlined
 from estimator.quaternion import conjugate, multiply
 from estimator.types import Quaternion
 
@@ -34,7 +34,7 @@ class AngleErrors(NamedTuple):
     inclination_rad: float
 
 
-@compiled
+@inlined
 def angle_errors(q_estimate: Quaternion, q_reference: Quaternion) -> AngleErrors:
     """Errors between two attitudes of the same frames, z of the inertial frame vertical.
 

@@ -2,7 +2,7 @@
 
 from typing import NamedTuple
 
-from estimator.compiled import compiled
+from estimator.compiled import inlined
 from estimator.filter_types import Vectors
 from estimator.quaternion import norm, scale, unit
 from estimator.types import Vec3
@@ -18,7 +18,7 @@ class ReferenceParams(NamedTuple):
     s_cross: float
 
 
-@compiled
+@inlined
 def raw_vectors(reference: ReferenceParams, acc_m_s2: Vec3, mag: Vec3, has_mag: bool) -> Vectors:
     """The paper's normalised vectors, Eq. (5): v1 magnetic, v2 gravity (minus the specific force).
 

@@ -9,7 +9,7 @@ Kalman filter", arXiv:1711.02508.
 
 from math import acos, atan2, cos, sin, sqrt
 
-from estimator.compiled import compiled
+from estimator.compiled import inlined
 from estimator.types import Quaternion, Vec3
 
 # Below these half angles (rad) the next term of each series is under 1e-15: of
@@ -19,13 +19,13 @@ SERIES_HALF_ANGLE_RAD = 0.05
 SMALL_HALF_ANGLE_RAD = 1e-4
 
 
-@compiled
+@inlined
 def dot(u: Vec3, v: Vec3) -> float:
     """u . v."""
     return u[0] * v[0] + u[1] * v[1] + u[2] * v[2]
 
 
-@compiled
+@inlined
 def cross(u: Vec3, v: Vec3) -> Vec3:
     """u x v."""
     return (
@@ -35,31 +35,31 @@ def cross(u: Vec3, v: Vec3) -> Vec3:
     )
 
 
-@compiled
+@inlined
 def add(u: Vec3, v: Vec3) -> Vec3:
     """u + v."""
     return (u[0] + v[0], u[1] + v[1], u[2] + v[2])
 
 
-@compiled
+@inlined
 def subtract(u: Vec3, v: Vec3) -> Vec3:
     """u - v."""
     return (u[0] - v[0], u[1] - v[1], u[2] - v[2])
 
 
-@compiled
+@inlined
 def scale(a: float, v: Vec3) -> Vec3:
     """a v."""
     return (a * v[0], a * v[1], a * v[2])
 
 
-@compiled
+@inlined
 def norm(v: Vec3) -> float:
     """|v|."""
     return sqrt(v[0] * v[0] + v[1] * v[1] + v[2] * v[2])
 
 
-@compiled
+@inlined
 def unit(v: Vec3) -> Vec3:
     """v / |v|; the zero vector stays zero."""
     n = norm(v)
@@ -68,7 +68,7 @@ def unit(v: Vec3) -> Vec3:
     return (v[0] / n, v[1] / n, v[2] / n)
 
 
-@compiled
+@inlined
 def multiply(p: Quaternion, q: Quaternion) -> Quaternion:
     """Hamilton product p q."""
     return (
@@ -79,13 +79,13 @@ def multiply(p: Quaternion, q: Quaternion) -> Quaternion:
     )
 
 
-@compiled
+@inlined
 def conjugate(q: Quaternion) -> Quaternion:
     """The inverse of a unit quaternion."""
     return (q[0], -q[1], -q[2], -q[3])
 
 
-@compiled
+@inlined
 def normalize(q: Quaternion) -> Quaternion:
     """q / |q|; the zero quaternion becomes the identity."""
     n = sqrt(q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + q[3] * q[3])
@@ -94,7 +94,7 @@ def normalize(q: Quaternion) -> Quaternion:
     return (q[0] / n, q[1] / n, q[2] / n, q[3] / n)
 
 
-@compiled
+@inlined
 def rotate(q: Quaternion, v: Vec3) -> Vec3:
     """q v q*: with ``q_ab`` and ``v_b`` this is ``v_a``."""
     # v + 2 r x (r x v + w v), r the vector part
@@ -108,13 +108,13 @@ def rotate(q: Quaternion, v: Vec3) -> Vec3:
     )
 
 
-@compiled
+@inlined
 def rotate_inverse(q: Quaternion, v: Vec3) -> Vec3:
     """q* v q: with ``q_ab`` and ``v_a`` this is ``v_b`` (the paper's R^T v)."""
     return rotate((q[0], -q[1], -q[2], -q[3]), v)
 
 
-@compiled
+@inlined
 def exp(phi: Vec3) -> Quaternion:
     """Rotation vector (rad) to quaternion: (cos |phi|/2, sin(|phi|/2) phi/|phi|)."""
     x2 = 0.25 * (phi[0] * phi[0] + phi[1] * phi[1] + phi[2] * phi[2])
@@ -129,7 +129,7 @@ def exp(phi: Vec3) -> Quaternion:
     return (w, k * phi[0], k * phi[1], k * phi[2])
 
 
-@compiled
+@inlined
 def log(q: Quaternion) -> Vec3:
     """Logarithm: unit quaternion to rotation vector (rad), the shorter way round (angle <= pi)."""
     s = 1.0 if q[0] >= 0.0 else -1.0  # q and -q are one rotation
@@ -143,7 +143,7 @@ def log(q: Quaternion) -> Vec3:
     return (s * k * q[1], s * k * q[2], s * k * q[3])
 
 
-@compiled
+@inlined
 def angle_between(p: Quaternion, q: Quaternion) -> float:
     """Angle (rad, 0..pi) of the rotation p* q; p and -p are the same."""
     d = multiply(conjugate(p), q)
@@ -151,7 +151,7 @@ def angle_between(p: Quaternion, q: Quaternion) -> float:
     return 2.0 * atan2(n, abs(d[0]))
 
 
-@compiled
+@inlined
 def shortest_rotation(u: Vec3, v: Vec3) -> Quaternion:
     """The smallest rotation that takes the direction of ``u`` to that of ``v`` (both non-zero)."""
     a = unit(u)
@@ -166,27 +166,27 @@ def shortest_rotation(u: Vec3, v: Vec3) -> Quaternion:
     return normalize((w, c[0], c[1], c[2]))
 
 
-@compiled
+@inlined
 def slerp(p: Quaternion, q: Quaternion, fraction: float) -> Quaternion:
     """Interpolate along the shorter arc: p exp(fraction log(p* q))."""
     step = log(multiply(conjugate(p), q))
     return multiply(p, exp(scale(fraction, step)))
 
 
-@compiled
+@inlined
 def normalized_distance(p: Quaternion, q: Quaternion) -> float:
     """The paper's |R~|_I = Tr(I - R^T R_hat)/4 = sin^2(angle/2), in [0, 1]."""
     d = multiply(conjugate(p), q)
     return min(1.0, d[1] * d[1] + d[2] * d[2] + d[3] * d[3])
 
 
-@compiled
+@inlined
 def clip_unit(x: float) -> float:
     """x limited to [-1, 1], for the inverse cosine."""
     return max(-1.0, min(1.0, x))
 
 
-@compiled
+@inlined
 def angle_between_vectors(u: Vec3, v: Vec3) -> float:
     """Angle (rad, 0..pi) between two non-zero vectors."""
     return acos(clip_unit(dot(unit(u), unit(v))))

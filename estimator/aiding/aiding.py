@@ -32,7 +32,7 @@ from estimator.aiding.types import (
 )
 from estimator.aiding.uncertainty import heading_sigma, inclination_sigma
 from estimator.aiding.velocity import observe_unaided, observe_velocity, without_report
-from estimator.compiled import compiled
+from estimator.compiled import inlined
 from estimator.quaternion import add, exp, multiply, norm, normalize, rotate, subtract
 from estimator.types import ZERO_VEC3, Quaternion, Vec3
 
@@ -79,13 +79,13 @@ def begin(
     return state, P
 
 
-@compiled
+@inlined
 def part(x: Array, first: int) -> Vec3:
     """Three corrections from ``first`` on."""
     return (x[first], x[first + 1], x[first + 2])
 
 
-@compiled
+@inlined
 def corrected(
     state: AidingState, now: Carried, agreement: Agreement, field: FieldState, x: Array
 ) -> AidingState:
@@ -111,7 +111,7 @@ def corrected(
     )
 
 
-@compiled
+@inlined
 def rated(params: AidingParams, state: AidingState, P: Array, gyr: Vec3, dt: float) -> AidingState:
     """The state after a sample, with its uncertainty."""
     turning = norm(state.rate_rad_s)
@@ -134,7 +134,7 @@ def rated(params: AidingParams, state: AidingState, P: Array, gyr: Vec3, dt: flo
     )
 
 
-@compiled
+@inlined
 def aid(
     params: AidingParams,
     state: AidingState,
@@ -180,7 +180,7 @@ def aid(
     return rated(params, state, P, gyr, dt), P
 
 
-@compiled
+@inlined
 def hear(
     params: AidingParams, state: AidingState, P: Array, gravity_b: Vec3, report: Report
 ) -> tuple[AidingState, Array]:

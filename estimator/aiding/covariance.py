@@ -3,11 +3,11 @@
 import numpy as np
 
 from estimator.aiding.types import ACC_BIAS, GYR_BIAS, SIZE, TURN, VELOCITY, Array
-from estimator.compiled import compiled
+from estimator.compiled import inlined
 from estimator.types import Quaternion, Vec3
 
 
-@compiled
+@inlined
 def rotation_matrix(q: Quaternion) -> Array:
     """(3, 3) of q_ned_frd: columns are the body axes in NED."""
     w, x, y, z = q
@@ -24,7 +24,7 @@ def rotation_matrix(q: Quaternion) -> Array:
     return R
 
 
-@compiled
+@inlined
 def rows_moved(P: Array, R: Array, gained: Vec3, dt: float) -> Array:
     """F P, with F the errors' transition over ``dt``.
 
@@ -44,13 +44,13 @@ def rows_moved(P: Array, R: Array, gained: Vec3, dt: float) -> Array:
     return moved
 
 
-@compiled
+@inlined
 def predicted(P: Array, R: Array, gained: Vec3, dt: float) -> Array:
     """F P F'; P is symmetric."""
     return rows_moved(np.ascontiguousarray(rows_moved(P, R, gained, dt).T), R, gained, dt)
 
 
-@compiled
+@inlined
 def expected_variance(P: Array, h: Array, noise: float) -> float:
     """Variance of a measurement h . errors + noise."""
     total = noise
@@ -61,7 +61,7 @@ def expected_variance(P: Array, h: Array, noise: float) -> float:
     return total
 
 
-@compiled
+@inlined
 def remaining(x: Array, h: Array, innovation: float) -> float:
     """The innovation, less what the corrections of this step have explained already."""
     for i in range(SIZE):
@@ -69,7 +69,7 @@ def remaining(x: Array, h: Array, innovation: float) -> float:
     return innovation
 
 
-@compiled
+@inlined
 def learn(P: Array, x: Array, h: Array, innovation: float, noise: float) -> None:
     """Kalman update of this step's own P and corrections x by one scalar, in place."""
     m = np.zeros(SIZE)

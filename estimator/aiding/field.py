@@ -16,7 +16,7 @@ from estimator.aiding.types import (
     FieldState,
     Two,
 )
-from estimator.compiled import compiled
+from estimator.compiled import inlined
 from estimator.conditioning.magnetic import LEAST_HORIZONTAL
 from estimator.quaternion import add, cross, rotate, scale, subtract
 from estimator.types import Quaternion, Vec3
@@ -29,7 +29,7 @@ LEAST_CONFIDENCE = 1e-6
 FIRST_WAIT_S = 0.1
 
 
-@compiled
+@inlined
 def without_field(state: FieldState, dt: float) -> FieldState:
     """Only time passes."""
     return FieldState(
@@ -47,7 +47,7 @@ def without_field(state: FieldState, dt: float) -> FieldState:
     )
 
 
-@compiled
+@inlined
 def judged(params: AidingParams, state: FieldState, h: float, v: float) -> FieldState:
     """Norm and dip against their learnt references, as for the unaided field.
 
@@ -85,7 +85,7 @@ def judged(params: AidingParams, state: FieldState, h: float, v: float) -> Field
     )
 
 
-@compiled
+@inlined
 def observe_heading(
     params: AidingParams,
     field: FieldState,
@@ -135,7 +135,7 @@ def observe_heading(
     return remembered(field, off, far, wait)
 
 
-@compiled
+@inlined
 def remembered(field: FieldState, off: float, far: bool, wait: float) -> FieldState:
     """The slow part of the residual: noise averages out, a wrong field does not."""
     clipped = max(-RESIDUAL_CLIP_RAD, min(RESIDUAL_CLIP_RAD, off))

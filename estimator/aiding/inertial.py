@@ -13,7 +13,7 @@ from estimator.aiding.types import (
     AidingState,
     Array,
 )
-from estimator.compiled import compiled
+from estimator.compiled import inlined
 from estimator.conditioning.rate import integration_rate
 from estimator.quaternion import add, dot, exp, multiply, normalize, rotate, scale, subtract
 from estimator.types import STANDARD_GRAVITY_M_S2, Quaternion, Vec3
@@ -31,7 +31,7 @@ class Carried(NamedTuple):
     covariance: Array
 
 
-@compiled
+@inlined
 def carried(
     params: AidingParams, state: AidingState, P: Array, gyr: Vec3, acc: Vec3, dt: float
 ) -> Carried:
@@ -50,7 +50,7 @@ def carried(
     return Carried(q, v, force, rate, P)
 
 
-@compiled
+@inlined
 def add_noise(
     params: AidingParams,
     P: Array,

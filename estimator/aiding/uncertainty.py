@@ -3,7 +3,7 @@
 from math import sqrt
 
 from estimator.aiding.types import TURN, Agreement, AidingParams, Array, FieldState
-from estimator.compiled import compiled
+from estimator.compiled import inlined
 
 # 68 % of a plane normal distribution lie within this many of its sigmas.
 PLANE_68 = 1.515
@@ -14,7 +14,7 @@ QUICK_STEP_S = 0.1
 SLOWEST_STEP_S = 0.3
 
 
-@compiled
+@inlined
 def inclination_sigma(
     params: AidingParams, P: Array, agreement: Agreement, turning_rad_s: float, dt: float
 ) -> float:
@@ -27,7 +27,7 @@ def inclination_sigma(
     return sqrt((PLANE_68 * scale) ** 2 * variance + params.least_inclination_rad**2 + aged * aged)
 
 
-@compiled
+@inlined
 def heading_sigma(
     params: AidingParams,
     P: Array,

@@ -15,7 +15,7 @@ from estimator.aiding.types import (
     Array,
     Report,
 )
-from estimator.compiled import compiled
+from estimator.compiled import inlined
 from estimator.quaternion import add, rotate, scale, subtract
 from estimator.types import STANDARD_GRAVITY_M_S2, Vec3
 
@@ -29,7 +29,7 @@ COSINE_ELSEWHERE = 0.7  # the unaided gravity is 45 degrees off
 INNOVATION_TAU_S = 60.0
 
 
-@compiled
+@inlined
 def without_report(state: Agreement, dt: float) -> Agreement:
     """Only time passes."""
     return Agreement(
@@ -37,7 +37,7 @@ def without_report(state: Agreement, dt: float) -> Agreement:
     )
 
 
-@compiled
+@inlined
 def since(now: Vec3, before: Vec3, ago_s: float, dt: float) -> Vec3:
     """Mean acceleration (NED) over the last ``ago_s``, the force linear between two samples."""
     share = min(1.0, 0.5 * ago_s / dt)
@@ -45,7 +45,7 @@ def since(now: Vec3, before: Vec3, ago_s: float, dt: float) -> Vec3:
     return (force[0], force[1], force[2] + STANDARD_GRAVITY_M_S2)
 
 
-@compiled
+@inlined
 def observe_velocity(
     params: AidingParams,
     agreement: Agreement,
@@ -99,7 +99,7 @@ def observe_velocity(
     return Agreement(noise_scale, innovation, reports, 0.0, doubt_s)
 
 
-@compiled
+@inlined
 def observe_unaided(
     params: AidingParams, carried: Carried, gravity_b: Vec3, P: Array, x: Array, dt: float
 ) -> None:
@@ -117,6 +117,7 @@ def observe_unaided(
     learn(P, x, h, d[1], noise)
 
 
+@inlined
 def trusted(params: AidingParams, state: AidingState) -> bool:
     """Whether to go on: reports came lately, and they and the field agree with the attitude."""
     agreement = state.agreement

@@ -1,6 +1,6 @@
 """Gyroscope bias and heading, estimated with one covariance."""
 
-from estimator.compiled import compiled
+from estimator.compiled import inlined
 from estimator.conditioning.lowpass import smooth_scalar
 from estimator.conditioning.types import (
     Coefficients,
@@ -16,19 +16,19 @@ from estimator.quaternion import dot
 from estimator.types import Vec3
 
 
-@compiled
+@inlined
 def clip(x: float, limit: float) -> float:
     """X limited to [-limit, limit]."""
     return max(-limit, min(limit, x))
 
 
-@compiled
+@inlined
 def limited(b: Vec3, limit: float) -> Vec3:
     """Each component within the limit."""
     return (clip(b[0], limit), clip(b[1], limit), clip(b[2], limit))
 
 
-@compiled
+@inlined
 def predict(
     params: ConditioningParams, k: Coefficients, estimate: Estimate, down: Vec3, turning: float
 ) -> Estimate:
@@ -64,7 +64,7 @@ def predict(
     return Estimate(estimate.bias_rad_s, estimate.heading_rad, covariance)
 
 
-@compiled
+@inlined
 def update(
     x: Vec3, x3: float, p: Covariance, h: Vec3, h3: float, innovation: float, noise: float
 ) -> tuple[Vec3, float, Covariance]:
@@ -98,7 +98,7 @@ def update(
     )
 
 
-@compiled
+@inlined
 def learn_at_rest(
     params: ConditioningParams, k: Coefficients, estimate: Estimate, rest: RestState
 ) -> Estimate:
@@ -112,7 +112,7 @@ def learn_at_rest(
     return Estimate(limited(b, most), d, p)
 
 
-@compiled
+@inlined
 def started_lag(state: Lagged, u: Vec3, v: Vec3, drift: Two, a: float) -> Lagged:
     """The running mean that starts :func:`lag`."""
     r = state.rows
@@ -129,7 +129,7 @@ def started_lag(state: Lagged, u: Vec3, v: Vec3, drift: Two, a: float) -> Lagged
     return Lagged(rows, state.rows_slope, mean, state.drift_slope)
 
 
-@compiled
+@inlined
 def lag(
     params: ConditioningParams, k: Coefficients, state: Lagged, rows: Rows, b: Vec3, age_s: float
 ) -> Lagged:
@@ -150,7 +150,7 @@ def lag(
     return Lagged((y0, y1, y2, y3, y4, y5), (w0, w1, w2, w3, w4, w5), (z0, z1), (v0, v1))
 
 
-@compiled
+@inlined
 def learn_in_motion(
     params: ConditioningParams, k: Coefficients, estimate: Estimate, lagged: Lagged, step: Two
 ) -> Estimate:

@@ -1,6 +1,6 @@
 """The magnetometer's lag and the vehicle's own field, learnt while turning."""
 
-from estimator.compiled import compiled
+from estimator.compiled import inlined
 from estimator.conditioning.bias import update
 from estimator.conditioning.types import CalibrationState, ConditioningParams, Covariance, Rows
 from estimator.quaternion import add, cross, dot, scale, subtract
@@ -13,7 +13,7 @@ MOST_DEVIATION = 0.6
 NOTHING: Vec3 = (0.0, 0.0, 0.0)
 
 
-@compiled
+@inlined
 def corrected(field: Vec3, gyr: Vec3, state: CalibrationState) -> Vec3:
     """The field without the vehicle's own, as the body would see it now.
 
@@ -28,7 +28,7 @@ def corrected(field: Vec3, gyr: Vec3, state: CalibrationState) -> Vec3:
     return add(subtract(m, scale(lag, first)), scale(0.5 * lag * lag, second))
 
 
-@compiled
+@inlined
 def toward(a: float, mean: Vec3, v: Vec3) -> Vec3:
     """The mean moved by the share ``a`` of its way to ``v``."""
     return (
@@ -38,7 +38,7 @@ def toward(a: float, mean: Vec3, v: Vec3) -> Vec3:
     )
 
 
-@compiled
+@inlined
 def walked(params: ConditioningParams, p: Covariance, dt_s: float) -> Covariance:
     """The unknowns walk, so that a changed vehicle is followed, up to their first sigma."""
     most = params.field_offset_sigma**2 if params.use_field_offset else 0.0
@@ -58,7 +58,7 @@ def walked(params: ConditioningParams, p: Covariance, dt_s: float) -> Covariance
     )
 
 
-@compiled
+@inlined
 def learn_axis(
     params: ConditioningParams,
     offset: Vec3,
@@ -74,7 +74,7 @@ def learn_axis(
     return update(offset, lag_s, p, row, turning, residual, noise * (1.0 + far * far) ** 2)
 
 
-@compiled
+@inlined
 def learn_calibration(
     params: ConditioningParams,
     state: CalibrationState,
@@ -130,7 +130,7 @@ def learn_calibration(
     return CalibrationState(lag_s, offset, p, norm, mean_field, mean_turning, mean_rows, True)
 
 
-@compiled
+@inlined
 def restarted(state: CalibrationState) -> CalibrationState:
     """After an unsensed turn: keep what was learnt, forget the means of the old attitude."""
     return CalibrationState(

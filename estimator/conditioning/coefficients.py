@@ -2,14 +2,14 @@
 
 from math import exp
 
-from estimator.compiled import compiled
+from estimator.compiled import inlined
 from estimator.conditioning.lowpass import low_pass
 from estimator.conditioning.types import Coefficients, ConditioningParams
 
 BIAS_WALK_TIME_S = 100.0  # the time that ``bias_walk_rad_s`` refers to
 
 
-@compiled
+@inlined
 def coefficients(params: ConditioningParams, dt_s: float) -> Coefficients:
     """With a random walk of V dt a step, noise P^2/(V dt) + P makes P the steady variance."""
     walk = params.bias_walk_rad_s**2 * dt_s / BIAS_WALK_TIME_S

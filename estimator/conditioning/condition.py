@@ -2,7 +2,7 @@
 
 from math import atan2, cos, inf, sin, sqrt
 
-from estimator.compiled import compiled
+from estimator.compiled import compiled, inlined
 from estimator.conditioning.bias import lag, learn_at_rest, learn_in_motion, predict
 from estimator.conditioning.calibration import corrected, learn_calibration, restarted
 from estimator.conditioning.coefficients import coefficients
@@ -64,7 +64,7 @@ SIGMA_SWING = 0.5
 LEAST_SETTLED = 0.1
 
 
-@compiled
+@inlined
 def learn_bias(
     params: ConditioningParams,
     state: ConditioningState,
@@ -84,7 +84,7 @@ def learn_bias(
     return estimate
 
 
-@compiled
+@inlined
 def react(
     alarm: Alarm, gravity: GravityState, rest: RestState, estimate: Estimate, horizontal: Two
 ) -> tuple[GravityState, Estimate]:
@@ -100,7 +100,7 @@ def react(
     return gravity, estimate
 
 
-@compiled
+@inlined
 def axes_of(gravity: GravityState, heading_rad: float) -> Axes:
     """Down and magnetic north in G."""
     q = gravity.q_6d_g
@@ -109,7 +109,7 @@ def axes_of(gravity: GravityState, heading_rad: float) -> Axes:
     )
 
 
-@compiled
+@inlined
 def learn(
     params: ConditioningParams, state: ConditioningState, turn: Vec3
 ) -> tuple[ConditioningState, Alarm]:
@@ -224,7 +224,7 @@ def condition(
     return state, conditioned(state, rate, alarm)
 
 
-@compiled
+@inlined
 def sigma_inclination(state: ConditioningState) -> float:
     """Angle (rad) that 68 % of the inclination errors lie under.
 
@@ -241,7 +241,7 @@ def sigma_inclination(state: ConditioningState) -> float:
     )
 
 
-@compiled
+@inlined
 def conditioned(state: ConditioningState, rate: Vec3, alarm: Alarm) -> Conditioned:
     """The result for the filter and the publisher."""
     q = state.gravity.q_g_frd

@@ -3,7 +3,7 @@
 from math import atan2, pi, sqrt
 from math import exp as real_exp
 
-from estimator.compiled import compiled
+from estimator.compiled import inlined
 from estimator.conditioning.types import (
     Alarm,
     ConditioningParams,
@@ -24,13 +24,13 @@ UNKNOWN_HEADING_SIGMA = pi / 2.0
 LEAST_GRAVITY_SHARE = 0.4
 
 
-@compiled
+@inlined
 def longer(holds: bool, lasted_s: float, dt_s: float) -> float:
     """How long something has held."""
     return lasted_s + dt_s if holds else 0.0
 
 
-@compiled
+@inlined
 def watch_heading(
     params: ConditioningParams,
     state: EventState,
@@ -68,7 +68,7 @@ def watch_heading(
     )
 
 
-@compiled
+@inlined
 def watch_gravity(
     params: ConditioningParams,
     state: EventState,
@@ -105,7 +105,7 @@ def watch_gravity(
     )
 
 
-@compiled
+@inlined
 def alarm_of(params: ConditioningParams, state: EventState) -> Alarm:
     """Which sign has lasted."""
     if not params.use_events:
@@ -121,7 +121,7 @@ def alarm_of(params: ConditioningParams, state: EventState) -> Alarm:
     )
 
 
-@compiled
+@inlined
 def seen_to(state: EventState, alarm: Alarm) -> EventState:
     """Signs that went off start anew."""
     north, east, w = state.mean_north, state.mean_east, state.mean_confidence
@@ -136,7 +136,7 @@ def seen_to(state: EventState, alarm: Alarm) -> EventState:
     return EventState(north, east, w, heading_s, large_s, quiet_s, moving_s, levelled)
 
 
-@compiled
+@inlined
 def doubted(estimate: Estimate, variance: float) -> Estimate:
     """The heading's variance raised: the next residuals set it."""
     p = estimate.covariance
@@ -147,13 +147,13 @@ def doubted(estimate: Estimate, variance: float) -> Estimate:
     )
 
 
-@compiled
+@inlined
 def decay_of(params: ConditioningParams, dt_s: float) -> float:
     """What of the levelling sum is left after a step."""
     return real_exp(-dt_s / params.turn_levelling_tau_s)
 
 
-@compiled
+@inlined
 def gravity_now(rest: RestState, gravity: GravityState) -> Vec3:
     """A quiet vehicle's gravity in G."""
     return rotate(gravity.q_g_frd, scale(-1.0, rest.acc.value))

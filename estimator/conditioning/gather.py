@@ -1,6 +1,6 @@
 """Means over a few samples, so that learning need not run at the sensor's rate."""
 
-from estimator.compiled import compiled
+from estimator.compiled import inlined
 from estimator.conditioning.types import Gathered
 from estimator.quaternion import rotate, scale
 from estimator.types import Quaternion, Vec3
@@ -12,13 +12,13 @@ STEP_S = 0.0085
 NOTHING = Gathered(0.0, (0.0, 0.0, 0.0), (0.0, 0.0, 0.0), (0.0, 0.0, 0.0), (0.0, 0.0, 0.0), 0.0)
 
 
-@compiled
+@inlined
 def plus(sum_: Vec3, v: Vec3, dt_s: float) -> Vec3:
     """Sum + v dt."""
     return (sum_[0] + v[0] * dt_s, sum_[1] + v[1] * dt_s, sum_[2] + v[2] * dt_s)
 
 
-@compiled
+@inlined
 def gather(
     sums: Gathered, q_g_frd: Quaternion, gyr: Vec3, acc: Vec3, mag: Vec3, has_mag: bool, dt_s: float
 ) -> Gathered:
@@ -38,7 +38,7 @@ def gather(
     )
 
 
-@compiled
+@inlined
 def means(sums: Gathered) -> Gathered:
     """The sums over their times."""
     a = 1.0 / sums.time_s

@@ -3,7 +3,7 @@
 from math import exp as real_exp
 from math import sqrt
 
-from estimator.compiled import compiled
+from estimator.compiled import inlined
 from estimator.conditioning.lowpass import running_mean, smooth
 from estimator.conditioning.types import (
     Coefficients,
@@ -34,14 +34,14 @@ LEAST_FORCE_M_S2 = 0.5
 UNSTEADY_TAU_S = 5.0
 
 
-@compiled
+@inlined
 def propagated(state: GravityState, rate: Vec3, dt_s: float) -> GravityState:
     """q_G <- q_G exp((w - b) dt): body to G, which only gyro errors move."""
     q = normalize(multiply(state.q_g_frd, exp(scale(dt_s, rate))))
     return GravityState(q, state.q_6d_g, state.down, state.quick, state.unsteady, state.age_s)
 
 
-@compiled
+@inlined
 def observe_gravity(
     params: ConditioningParams, k: Coefficients, state: GravityState, u: Vec3
 ) -> GravityState:
@@ -73,7 +73,7 @@ def observe_gravity(
     return GravityState(state.q_g_frd, state.q_6d_g, down, quick, unsteady, age)
 
 
-@compiled
+@inlined
 def level(state: GravityState) -> tuple[GravityState, Two]:
     """C <- (shortest rotation of C f to the vertical) C; also the step about north and east."""
     f = state.down.value
@@ -87,7 +87,7 @@ def level(state: GravityState) -> tuple[GravityState, Two]:
     return levelled, (z[1] / n, -z[0] / n)
 
 
-@compiled
+@inlined
 def reseeded(state: GravityState, u: Vec3) -> GravityState:
     """The low-pass started anew at ``u``."""
     return GravityState(
@@ -95,14 +95,14 @@ def reseeded(state: GravityState, u: Vec3) -> GravityState:
     )
 
 
-@compiled
+@inlined
 def forgotten(state: GravityState) -> GravityState:
     """The low-pass starts anew, as at the first sample."""
     zero = (0.0, 0.0, 0.0)
     return GravityState(state.q_g_frd, state.q_6d_g, Smooth(zero, zero), zero, state.unsteady, 0.0)
 
 
-@compiled
+@inlined
 def rows_of(q_6d_frd: Quaternion) -> Rows:
     """The rows of R6."""
     return Rows(

@@ -2,7 +2,7 @@
 
 from math import atan2, cos, pi, sin
 
-from estimator.compiled import compiled
+from estimator.compiled import inlined
 from estimator.conditioning.bias import limited, update
 from estimator.conditioning.types import ConditioningParams, Estimate, MagneticState, Two
 from estimator.types import Vec3
@@ -10,7 +10,7 @@ from estimator.types import Vec3
 LEAST_CONFIDENCE = 1e-6
 
 
-@compiled
+@inlined
 def wrapped(angle: float) -> float:
     """The same angle in [-pi, pi]."""
     if angle > pi:
@@ -20,7 +20,7 @@ def wrapped(angle: float) -> float:
     return angle
 
 
-@compiled
+@inlined
 def north_east(heading: float, field_6d: Vec3) -> Two:
     """North and east part of the field, 6D turned about down by ``heading``."""
     c = cos(heading)
@@ -28,7 +28,7 @@ def north_east(heading: float, field_6d: Vec3) -> Two:
     return (c * field_6d[0] - s * field_6d[1], s * field_6d[0] + c * field_6d[1])
 
 
-@compiled
+@inlined
 def residual(field: MagneticState, horizontal: Two) -> float:
     """How far the field points east of north: linear in its east part, an angle when large.
 
@@ -42,7 +42,7 @@ def residual(field: MagneticState, horizontal: Two) -> float:
     return east / field.horizontal_reference
 
 
-@compiled
+@inlined
 def learn_heading(
     params: ConditioningParams,
     estimate: Estimate,

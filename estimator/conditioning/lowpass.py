@@ -2,12 +2,12 @@
 
 from math import cos, exp, sin
 
-from estimator.compiled import compiled
+from estimator.compiled import inlined
 from estimator.conditioning.types import LowPass, Smooth
 from estimator.types import Vec3
 
 
-@compiled
+@inlined
 def low_pass(tau_s: float, dt_s: float) -> LowPass:
     """Coefficients of tau^2 y'' + 2 tau y' + 2 y = 2 u over a step with constant u.
 
@@ -24,14 +24,14 @@ def low_pass(tau_s: float, dt_s: float) -> LowPass:
     return LowPass(c + s, s, c - s)
 
 
-@compiled
+@inlined
 def smooth_scalar(k: LowPass, y: float, w: float, u: float) -> tuple[float, float]:
     """One step for one channel: value and slope."""
     x = y - u
     return (u + k.own * x + k.cross * w, k.rate * w - 2.0 * k.cross * x)
 
 
-@compiled
+@inlined
 def smooth(k: LowPass, state: Smooth, u: Vec3) -> Smooth:
     """One step for a vector."""
     y0, w0 = smooth_scalar(k, state.value[0], state.slope[0], u[0])
@@ -40,7 +40,7 @@ def smooth(k: LowPass, state: Smooth, u: Vec3) -> Smooth:
     return Smooth((y0, y1, y2), (w0, w1, w2))
 
 
-@compiled
+@inlined
 def running_mean(state: Smooth, u: Vec3, weight: float) -> Smooth:
     """The value moved by ``weight`` of the way to ``u``, at no slope."""
     y = state.value

@@ -2,7 +2,7 @@
 
 from math import sqrt
 
-from estimator.compiled import compiled
+from estimator.compiled import inlined
 from estimator.conditioning.types import ConditioningParams, MagneticState
 from estimator.types import Vec3
 
@@ -10,7 +10,7 @@ from estimator.types import Vec3
 LEAST_HORIZONTAL = 0.02
 
 
-@compiled
+@inlined
 def observe_field(
     params: ConditioningParams, state: MagneticState, field_6d: Vec3, dt_s: float
 ) -> MagneticState:
@@ -50,7 +50,7 @@ def observe_field(
     return MagneticState(h, v, h_r, v_r, samples, age, 0.0, confidence, True)
 
 
-@compiled
+@inlined
 def without_field(state: MagneticState, dt_s: float) -> MagneticState:
     """A step with no field sample: only time passes."""
     return MagneticState(
@@ -66,13 +66,13 @@ def without_field(state: MagneticState, dt_s: float) -> MagneticState:
     )
 
 
-@compiled
+@inlined
 def reference_norm(state: MagneticState) -> float:
     """Norm of the learnt field."""
     return sqrt(state.horizontal_reference**2 + state.down_reference**2)
 
 
-@compiled
+@inlined
 def has_heading(state: MagneticState) -> bool:
     """Whether the learnt field has a horizontal part that can tell a heading."""
     return state.known and state.horizontal_reference > LEAST_HORIZONTAL * abs(state.down_reference)

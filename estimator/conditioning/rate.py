@@ -1,6 +1,6 @@
 """The angular rate that integrates best over one step."""
 
-from estimator.compiled import compiled
+from estimator.compiled import inlined
 from estimator.quaternion import cross
 from estimator.types import Vec3
 
@@ -9,7 +9,7 @@ from estimator.types import Vec3
 SLOW_SAMPLE_S = 0.0125
 
 
-@compiled
+@inlined
 def integration_rate(previous: Vec3, gyr: Vec3, dt_s: float, averaged: bool) -> Vec3:
     """Rate whose exponential is the turn over the step, to second order.
 
@@ -32,7 +32,7 @@ def integration_rate(previous: Vec3, gyr: Vec3, dt_s: float, averaged: bool) -> 
     )
 
 
-@compiled
+@inlined
 def at_interval_end(v: Vec3, gyr: Vec3, dt_s: float) -> Vec3:
     """A vector averaged over the step, turned to the attitude at its end: v - (w x v) dt/2."""
     c = cross(gyr, v)

@@ -1,13 +1,13 @@
 """Rest detection: the gyroscope and the accelerometer stay near their own low-pass."""
 
-from estimator.compiled import compiled
+from estimator.compiled import inlined
 from estimator.conditioning.lowpass import smooth
 from estimator.conditioning.types import ConditioningParams, LowPass, RestState, Smooth
 from estimator.quaternion import norm, subtract
 from estimator.types import Vec3
 
 
-@compiled
+@inlined
 def observe_rest(
     params: ConditioningParams, k: LowPass, state: RestState, gyr: Vec3, acc: Vec3, dt_s: float
 ) -> RestState:
@@ -31,7 +31,7 @@ def observe_rest(
     return RestState(gyr_smooth, acc_smooth, quiet, quiet_s, quiet_s >= params.rest_time_s)
 
 
-@compiled
+@inlined
 def started(gyr: Vec3, acc: Vec3) -> RestState:
     """The low-passes begin where the sensors are."""
     zero = (0.0, 0.0, 0.0)

@@ -1,0 +1,168 @@
+"""The conditioned filter's state, resident in compiled memory.
+
+The state is some two hundred numbers, with velocity aiding five hundred. To
+hand them to a compiled step and take them back costs Python fifty microseconds
+and more, the step itself about one. So an estimator leaves them inside and
+hands over samples only; all of it can be taken out and put back at any time.
+"""
+
+from typing import Any, NamedTuple
+
+import numba
+from numba.core import types
+from numba.experimental import structref
+
+from estimator.aided import aided_step
+from estimator.aiding import AidingParams, AidingState, Report, hear, trusted
+from estimator.aiding.types import Array
+from estimator.compiled import compiled
+from estimator.conditioned import conditioned_step
+from estimator.conditioning.types import Conditioned, ConditioningParams, ConditioningState
+from estimator.filter_types import FilterParams, FilterState
+from estimator.observation import ReferenceParams
+from estimator.types import Vec3
+
+_numba_config: Any = numba.config  # numba ships no types
+
+
+class Contents(NamedTuple):
+    """What is inside. ``aided`` and its ``covariance`` count only while velocity helps."""
+
+    params: FilterParams
+    reference: ReferenceParams
+    conditioning: ConditioningParams
+    aiding: AidingParams
+    filter: FilterState
+    memory: ConditioningState
+    seen: Conditioned
+    aided: AidingState
+    covariance: Array
+
+
+if _numba_config.DISABLE_JIT:
+
+    class Resident:
+        """The same in plain Python."""
+
+        def __init__(self, *values: Any) -> None:
+            for name, value in zip(Contents._fields, values, strict=True):
+                setattr(self, name, value)
+
+else:
+
+    class Resident(structref.StructRefProxy):  # type: ignore[no-redef]
+        """A handle on the :class:`Contents`; made by :func:`resident`."""
+
+    @structref.register
+    class ResidentType(types.StructRef):
+        """How numba sees it."""
+
+    _structref: Any = structref  # numba ships no types
+    _structref.define_boxing(ResidentType, Resident)
+    _structref.define_constructor(Resident, ResidentType, list(Contents._fields))
+
+
+@compiled
+def resident(contents: Contents) -> Any:
+    """Put everything inside."""
+    return Resident(
+        contents.params,
+        contents.reference,
+        contents.conditioning,
+        contents.aiding,
+        contents.filter,
+        contents.memory,
+        contents.seen,
+        contents.aided,
+        contents.covariance,
+    )
+
+
+@compiled
+def contents_of(inside: Any) -> Contents:
+    """Take everything out; the covariance is a copy."""
+    return Contents(
+        inside.params,
+        inside.reference,
+        inside.conditioning,
+        inside.aiding,
+        inside.filter,
+        inside.memory,
+        inside.seen,
+        inside.aided,
+        inside.covariance.copy(),
+    )
+
+
+@compiled
+def advance(
+    inside: Any, gyr_rad_s: Vec3, acc_m_s2: Vec3, mag: Vec3, has_mag: bool, dt: float
+) -> bool:
+    """One sample, ``dt`` after the one before; whether there is a heading now."""
+    state, memory, seen = conditioned_step(
+        inside.params,
+        inside.reference,
+        inside.conditioning,
+        inside.filter,
+        inside.memory,
+        gyr_rad_s,
+        acc_m_s2,
+        mag,
+        has_mag,
+        dt,
+    )
+    inside.filter = state
+    inside.memory = memory
+    inside.seen = seen
+    return bool(seen.magnetic_weight > 0.0)
+
+
+@compiled
+def advance_aided(
+    inside: Any,
+    gyr_rad_s: Vec3,
+    acc_m_s2: Vec3,
+    mag: Vec3,
+    has_mag: bool,
+    dt: float,
+    report: Report,
+) -> bool:
+    """One sample with the velocity report that belongs to it, if any; whether to go on aided."""
+    state, memory, seen, aided, covariance = aided_step(
+        inside.params,
+        inside.reference,
+        inside.conditioning,
+        inside.aiding,
+        inside.filter,
+        inside.memory,
+        inside.aided,
+        inside.covariance,
+        gyr_rad_s,
+        acc_m_s2,
+        mag,
+        has_mag,
+        dt,
+        report,
+    )
+    inside.filter = state
+    inside.memory = memory
+    inside.seen = seen
+    inside.aided = aided
+    inside.covariance = covariance
+    return bool(trusted(inside.aiding, aided))
+
+
+@compiled
+def hear_inside(inside: Any, report: Report) -> None:
+    """A report that belongs to the last sample."""
+    aided, covariance = hear(
+        inside.aiding, inside.aided, inside.covariance, inside.seen.gravity_b, report
+    )
+    inside.aided = aided
+    inside.covariance = covariance
+
+
+@compiled
+def published_inside(inside: Any) -> tuple[FilterState, Conditioned, AidingState]:
+    """What there is to publish."""
+    return inside.filter, inside.seen, inside.aided
