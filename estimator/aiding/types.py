@@ -32,20 +32,20 @@ class AidingParams(NamedTuple):
     enabled: bool = True  # off: velocity is not used
 
     # Noise of the IMU, as densities.
-    gyr_noise: float = 0.002  # rad/s/sqrt(Hz); small: stiff, large: the attitude follows velocity
+    gyr_noise: float = 0.003  # rad/s/sqrt(Hz); small: stiff, large: the attitude follows velocity
     gyr_scale_noise: float = 0.002  # per rad/s turned, same; scale errors, crossed axes
     gyr_slow_noise_1_s: float = 0.08  # likewise, for each second of the IMU's step
     acc_noise: float = 0.05  # m/s^2/sqrt(Hz); vibration; small: stiff, large: slow
     # Share of what changed between two samples that integration may have missed.
     integration_noise: float = 0.12  # small: believes 4 Hz samples, large: distrusts them
     gyr_bias_walk: float = 1e-4  # rad/s/sqrt(s)
-    acc_bias_walk: float = 2e-3  # m/s^2/sqrt(s)
+    acc_bias_walk: float = 5e-4  # m/s^2/sqrt(s)
     gyr_bias_sigma: float = 0.01  # rad/s, at the beginning
-    acc_bias_sigma: float = 0.1  # m/s^2, at the beginning
+    acc_bias_sigma: float = 0.05  # m/s^2, at the beginning
 
     # Velocity reports.
     velocity_noise_m_s: float = 0.1  # of a report by an autopilot's filter
-    velocity_walk: float = 0.15  # m/s/sqrt(s), of the reports' slow error
+    velocity_walk: float = 0.12  # m/s/sqrt(s), of the reports' slow error
     report_sigma_m_s: float = 0.3  # sources less accurate than this get more noise
     oldest_report_s: float = 0.5  # older ones come too late
     silence_s: float = 1.0  # then the unaided gravity helps
@@ -76,12 +76,12 @@ class AidingParams(NamedTuple):
 
     # Published uncertainty, fitted to errors of simulated and recorded flights.
     colour: float = 1.7  # errors are slower than white: their sigma against white noise's
-    heading_colour: float = 1.3
-    slow_colour_1_s: float = 0.3  # more of it, a second of IMU step
-    least_heading_scale: float = 0.5
+    heading_colour: float = 1.0
+    slow_colour_1_s: float = 0.0  # more of it, a second of IMU step
+    least_heading_scale: float = 0.4
     field_error_share: float = 0.8  # of the field's slow disagreement that stays in the heading
     least_inclination_rad: float = radians(0.17)
-    least_heading_rad: float = radians(0.2)
+    least_heading_rad: float = radians(0.3)
     timing_s: float = 0.003  # uncertain age of the IMU sample, times the turn rate
 
 
