@@ -9,9 +9,11 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from estimator.errors import InputError
+from fuzzbee import outputs
 from fuzzbee.options import require_gain
 
 if TYPE_CHECKING:
+    from estimator.profile import Profile
     from fuzzbee.log_report import Export
 
 SIMULATION = "sim:"
@@ -74,6 +76,8 @@ def replay(
         Path | None,
         typer.Option("--plot", metavar="FILE", help="Draw them: .png, .svg or .pdf."),
     ] = None,
+    view: outputs.View = None,
+    rrd: outputs.Rrd = None,
     as_json: Annotated[
         bool, typer.Option("--json", help="One JSON object on standard output.")
     ] = False,
@@ -92,7 +96,7 @@ def replay(
         for option, value in (("--skip", skip), ("--start-wrong", start_wrong)):
             if value:
                 raise InputError(f"{option} is for logs; sim: starts wrong by itself")
-        for option, file in (("--csv", csv), ("--mcap", mcap), ("--plot", plot)):
+        for option, file in _files(csv, mcap, plot, view, rrd):
             if file is not None:
                 raise InputError(f"{option} is for logs, not for sim:")
         _replay_simulation(profile or "paper", gain, seeds or "0", as_json=as_json)
@@ -107,19 +111,45 @@ def replay(
         "system_id": system_id,
         "exports": _exports(sources, csv, mcap, plot),
     }
-    _replay_logs([Path(source) for source in sources], profile or "imu", options, as_json=as_json)
+    if len(sources) > 1:
+        for option, target in (("--view", view), ("--rrd", rrd)):
+            if target is not None:
+                raise InputError(f"{option} takes one log, not {len(sources)}")
+    from estimator.profile import load_profile
+
+    chosen = load_profile(profile or "imu")
+    viewer = outputs.open_viewer(view, rrd, chosen)
+    if viewer is not None:
+        from functools import partial
+
+        from fuzzbee.viewer_replay import show
+
+        options["exports"].append(partial(show, viewer))
+    try:
+        _replay_logs([Path(source) for source in sources], chosen, options, as_json=as_json)
+        if viewer is not None:
+            from fuzzbee.viewer_replay import stay_open
+
+            stay_open(viewer)
+    finally:
+        if viewer is not None:
+            viewer.close()
+
+
+def _files(
+    csv: Path | None, mcap: Path | None, plot: Path | None, view: str | None, rrd: str | None
+) -> tuple[tuple[str, object], ...]:
+    return (("--csv", csv), ("--mcap", mcap), ("--plot", plot), ("--view", view), ("--rrd", rrd))
 
 
 def _replay_logs(
-    paths: list[Path], profile_name: str, options: dict[str, Any], *, as_json: bool
+    paths: list[Path], profile: "Profile", options: dict[str, Any], *, as_json: bool
 ) -> None:
     import msgspec
 
-    from estimator.profile import load_profile
     from fuzzbee.log_report import report_log
     from fuzzbee.replay_table import print_reports
 
-    profile = load_profile(profile_name)
     told: list[str] = []  # kept until all went well: a refusal is one line
     reports = [report_log(path, profile, tell=told.append, **options) for path in paths]
     for line in told:

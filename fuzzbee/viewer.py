@@ -58,7 +58,7 @@ class ViewerSink:
         self._recording: Any = rr.RecordingStream("fuzzbee", send_properties=False)
         self._recording.set_log_time_enabled(False)  # the records have a time of their own
         self._recording.set_log_tick_enabled(False)
-        self.process = _start(options)
+        self.process: ViewerProcess | None = _start(options)
         sinks = []
         if self.process is not None:
             sinks.append(rr.GrpcSink(self.process.url))
@@ -92,6 +92,7 @@ class ViewerSink:
         self._recording.disconnect()
         if self.process is not None:
             self.process.close()
+            self.process = None
 
     def finish(self) -> None:
         """Send what is pending and leave the viewer open."""
@@ -161,7 +162,7 @@ class ViewerSink:
         pair = [layout.OURS, layout.AUTOPILOT]
         self._lines(f"/confidence/{name}", [f"{name} gravity", f"{name} magnetic"], pair)
         sigmas = [f"{name} inclination sigma", f"{name} heading sigma"]
-        self._lines(f"/off/{name}/sigma", sigmas, pair)
+        self._lines(f"/off/{name}/sigma", sigmas, list(layout.SIGMAS))
         for quantity in ("rate", "bias"):
             names = [f"{name} {axis}" for axis in ("x", "y", "z")]
             self._lines(f"/{quantity}/{name}", names, list(layout.AXES))

@@ -11,9 +11,11 @@ if TYPE_CHECKING:
 TIMELINE = "time"
 WINDOW_S = 60.0  # of the curves
 SURFACE_STEPS = 41
+MAX_SIGMA_DEG = 20.0  # an unknown heading has 180, beside which nothing else would be seen
 FULL_GAIN = 101.0  # K = 1 + k_op, k_op up to 100
 
 OURS, AUTOPILOT, TRUTH = (64, 150, 255), (255, 160, 40), (90, 210, 110)
+SIGMAS = ((110, 110, 230), (190, 90, 200))  # inclination, heading
 AXES = ((240, 80, 80), (90, 200, 90), (90, 130, 250))  # x, y, z
 
 
@@ -27,7 +29,7 @@ def blueprint() -> Any:
             name="Attitude: fuzzbee blue, autopilot orange, truth green",
             # north ahead, east to the right, seen from behind and above
             eye_controls=rrb.EyeControls3D(
-                position=(-3.2, 0.9, -2.0), look_target=(0.0, 1.2, 0.0), eye_up=(0.0, 0.0, -1.0)
+                position=(-4.2, 1.5, -2.6), look_target=(0.0, 1.7, 0.0), eye_up=(0.0, 0.0, -1.0)
             ),
             line_grid=False,
         ),
@@ -46,7 +48,7 @@ def blueprint() -> Any:
         _curves("/error", "Error e, 0 to 1"),
         _curves("/gain", "Gain K"),
         _curves("/confidence", "Confidence"),
-        _curves("/off", "Sigma, and turn to the others (°)"),
+        _curves("/off", "Sigma, and turn to the others (°)", (0.0, MAX_SIGMA_DEG)),
         _curves("/rate", "Rates (°/s)"),
         _curves("/bias", "Gyroscope bias (°/s)"),
         rrb.TextLogView(origin="/state", name="States and messages"),
@@ -60,7 +62,7 @@ def blueprint() -> Any:
     )
 
 
-def _curves(origin: str, name: str) -> Any:
+def _curves(origin: str, name: str, span: tuple[float, float] | None = None) -> Any:
     import rerun.blueprint as rrb
 
     window = rrb.VisibleTimeRange(
@@ -68,7 +70,8 @@ def _curves(origin: str, name: str) -> Any:
         start=rrb.TimeRangeBoundary.cursor_relative(seconds=-WINDOW_S),
         end=rrb.TimeRangeBoundary.cursor_relative(),
     )
-    return rrb.TimeSeriesView(origin=origin, name=name, time_ranges=[window])
+    axis = None if span is None else rrb.ScalarAxis(range=span)
+    return rrb.TimeSeriesView(origin=origin, name=name, time_ranges=[window], axis_y=axis)
 
 
 def vehicle_shape(colour: tuple[int, int, int]) -> Any:

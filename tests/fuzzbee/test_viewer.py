@@ -1,0 +1,199 @@
+"""The viewer as it is: Rerun's own process, its page in a real browser, its files."""
+
+import io
+import os
+import re
+import signal
+import socket
+import subprocess
+import sys
+import time
+from itertools import pairwise
+from pathlib import Path
+
+import msgspec
+import numpy as np
+import pytest
+
+from drivers.events import VehicleId
+from fuzzbee.cli import main
+from service.records import Message, Peer, Published, StatusRecord
+from tests.fuzzbee import browser
+from tests.fuzzbee.processes import started
+from tests.service.records import UNIX_US, record
+
+pytest.importorskip("rerun", reason="the extra viewer is not installed")
+
+from estimator.profile import load_profile
+from fuzzbee.viewer import ViewerOptions, ViewerSink
+from fuzzbee.viewer_process import _program
+
+ONE, TWO = VehicleId(1, 1), VehicleId(2, 1)
+LOG = Path(__file__).parents[1] / "data" / "sitl_copter_flips.tlog"
+K = load_profile("paper").k
+
+
+def listing(path):
+    """What Rerun's own program finds in a file."""
+    done = subprocess.run(
+        [_program(), "rrd", "print", "-vv", str(path)], capture_output=True, text=True, check=True
+    )
+    return done.stdout
+
+
+def attitudes(vehicle, count, period_us):
+    for n in range(count):
+        moved = msgspec.structs.replace(record(yaw_deg=n), time_unix_us=UNIX_US + n * period_us)
+        yield Published(vehicle, moved)
+
+
+def test_a_file_holds_every_curve_and_shape(tmp_path):
+    file = tmp_path / "flight.rrd"
+    sink = ViewerSink(ViewerOptions(rrd=str(file)), K)
+    sink.handle([Message("before the first attitude")])
+    for number, output in enumerate(attitudes(ONE, 200, 10_000)):
+        sink.handle([output, Peer(ONE, "autopilot", output.record.q_ned_frd)])
+        if number == 100:
+            sink.handle(
+                [Message("half-way"), Published(ONE, STATUS), Peer(TWO, "sim", (1, 0, 0, 0))]
+            )
+    sink.close()
+    text = listing(file)
+    for entity in (
+        "/attitude/1/fuzzbee",
+        "/attitude/1/autopilot",
+        "/attitude/1/fuzzbee/body",
+        "/angles/1/fuzzbee",
+        "/off/1/sigma",
+        "/off/1/autopilot",
+        "/error/1",
+        "/gain/1",
+        "/confidence/1",
+        "/rate/1",
+        "/bias/1",
+        "/surface/gain",
+        "/surface/1",
+        "/state",
+    ):
+        assert entity in text, entity
+    assert "/attitude/1/sim" not in text
+
+
+STATUS = StatusRecord("running", "RAW_IMU", 100.0, 0.01, {}, 0, 0, 0)
+
+
+class Counting(ViewerSink):
+    """Counts what it draws."""
+
+    drawn = 0
+
+    def _draw(self, *arguments):
+        self.drawn += 1
+        super()._draw(*arguments)
+
+
+@pytest.mark.parametrize(("vehicles", "expected_hz"), [(1, 20), (2, 40), (3, 60), (50, 60)])
+def test_it_draws_a_bounded_number_however_much_comes(tmp_path, vehicles, expected_hz):
+    sink = Counting(ViewerOptions(rrd=str(tmp_path / "many.rrd")), K)
+    streams = [attitudes(VehicleId(n + 1, 1), 200, 10_000) for n in range(vehicles)]
+    for outputs in zip(*streams, strict=True):
+        sink.handle(outputs)
+    sink.close()
+    # two seconds; the first record of each vehicle comes on top
+    assert sink.drawn == pytest.approx(2 * expected_hz, abs=max(3, 1.5 * vehicles))
+
+
+def test_a_file_that_cannot_be_written_is_status_2(tmp_path, capfd):
+    assert main(["run", "--no-zenoh", "--seconds", "1", "--rrd", str(tmp_path)]) == 2
+    assert "--rrd" in capfd.readouterr().err
+    assert main(["run", "--no-zenoh", "--view", "elsewhere"]) == 2
+
+
+def test_a_log_is_replayed_into_a_file(tmp_path, capfd):
+    file = tmp_path / "flips.rrd"
+    assert main(["replay", str(LOG), "--rrd", str(file), "--json"]) == 0
+    text = listing(file)
+    assert "/attitude/1/fuzzbee" in text
+    assert "/attitude/1/autopilot" in text
+    assert "/attitude/1/sim" in text
+
+
+def page_of(process):
+    for line in process.stderr:
+        if found := re.search(r"http://\S+", line):
+            return found[0]
+    pytest.fail("no page was named")
+
+
+def port_of(url):
+    return int(re.search(r":(\d+)", url)[1])
+
+
+def is_open(port):
+    with socket.socket() as probe:
+        return probe.connect_ex(("127.0.0.1", port)) == 0
+
+
+def wait_until_closed(port):
+    end_s = time.monotonic() + 10.0
+    while is_open(port) and time.monotonic() < end_s:
+        time.sleep(0.05)
+    assert not is_open(port)
+
+
+@pytest.mark.skipif(not sys.platform.startswith("linux"), reason="the kernel's help is Linux's")
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGKILL])
+def test_the_viewer_ends_with_us_and_listens_on_loopback_only(number):
+    with started("run", "--no-zenoh", "--json", "--view", "web") as process:
+        port = port_of(page_of(process))
+        assert is_open(port)
+        listening = (
+            Path("/proc/net/tcp").read_text().splitlines()
+            + Path("/proc/net/tcp6").read_text().splitlines()
+        )
+        local = [line.split()[1] for line in listening if " 0A " in line]  # listening
+        hosts = [address for address in local if address.endswith(f":{port:04X}")]
+        assert hosts
+        assert all(host.startswith("0100007F") for host in hosts)
+        process.send_signal(number)
+        assert process.wait(10) == (-9 if number == signal.SIGKILL else 0)
+        wait_until_closed(port)
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(browser.program() is None, reason="no Chromium")
+def test_the_page_shows_the_attitude_moving(tmp_path):
+    """Screenshots go to FUZZBEE_SCREENSHOTS, for whoever wants to look."""
+    image = pytest.importorskip("PIL.Image")
+    folder = Path(os.environ.get("FUZZBEE_SCREENSHOTS", tmp_path))
+    with started("run", "--no-zenoh", "--json", "--view", "web", "--rate", "20") as service:
+        with browser.page(page_of(service), tmp_path / "profile") as page:
+            shots = []
+            end_s = time.monotonic() + 60.0
+            while len(shots) < 3 and time.monotonic() < end_s:
+                time.sleep(1.0)
+                data = page.screenshot()
+                picture = image.open(io.BytesIO(data)).convert("RGB")
+                if bluish(attitude_view(picture)) > 100:  # ours is drawn
+                    (folder / f"viewer-{len(shots)}.png").write_bytes(data)
+                    shots.append(attitude_view(picture))
+        service.send_signal(signal.SIGINT)
+        assert service.wait(10) == 0
+    assert len(shots) == 3
+    for before, after in pairwise(shots):
+        assert changed(before, after) > 200  # pixels: the vehicle turns
+
+
+def attitude_view(picture):
+    """The upper left part of the page, without its title: (height, width, RGB)."""
+    pixels = np.asarray(picture).astype(int)
+    height, width, _ = pixels.shape
+    return pixels[60 : int(0.55 * height), 10 : int(0.38 * width)]
+
+
+def bluish(pixels):
+    return np.sum(pixels[..., 2] > 1.4 * np.maximum(pixels[..., 0], 1))
+
+
+def changed(one, other):
+    return np.sum(np.abs(one - other).max(axis=-1) > 40)
