@@ -28,6 +28,7 @@ from drivers.events import (
     Velocity,
 )
 from drivers.imu_checks import MagMemory, Plausibility, refuse_imu
+from drivers.sensor_faults import Readings, SensorFaults
 from drivers.vehicle_clock import Placed, Refused, TimeField, VehicleClock
 from estimator.types import (
     STANDARD_GRAVITY_M_S2,
@@ -144,6 +145,7 @@ class _Vehicle:
         self.clock = VehicleClock()
         self.mags: defaultdict[str, MagMemory] = defaultdict(MagMemory)
         self.plausibility: defaultdict[str, Plausibility] = defaultdict(Plausibility)
+        self.faults: defaultdict[str, SensorFaults] = defaultdict(SensorFaults)
         self.last_imu_us: int | None = None
         self.held: dict[str, _Reading] = {}
         self.truth_given_us: dict[str, int] = {}
@@ -252,7 +254,12 @@ class MavlinkDecoder:
         refusal = refuse_imu(gyr, acc)
         if refusal is not None:
             return [Rejected(vehicle.id, arrival_us, refusal, name)]
-        reading = _Reading(name, arrival_us, gyr, acc, mag)
+        faults = vehicle.faults[name]
+        refusal = faults.refusal(Readings(gyr, acc, mag), raw_us)
+        if refusal is not None:
+            return [Rejected(vehicle.id, arrival_us, refusal, name)]
+        mag_is_stuck = faults.mag_is_stuck
+        reading = _Reading(name, arrival_us, gyr, acc, ZERO_VEC3 if mag_is_stuck else mag)
         placed = vehicle.clock.imu(name, field, raw_us, arrival_us)
         held = vehicle.held.pop(name, None)
         if placed == CLOCK_STEP:
@@ -261,6 +268,8 @@ class MavlinkDecoder:
         if isinstance(placed, Refused):
             return [Rejected(vehicle.id, arrival_us, placed.reason, name)]
         events = self._settle_held(vehicle, held, placed, arrival_us)
+        if mag_is_stuck:
+            events.append(Rejected(vehicle.id, arrival_us, "magnetometer_stuck", name))
         return [*events, *_imu_events(vehicle, reading, placed.time_us, placed.boot_us)]
 
     def _settle_held(

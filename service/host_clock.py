@@ -5,11 +5,28 @@ latency >= 0, so the smallest (arrival - t) seen is the best bound of the
 offset. The two clocks drift apart: an autopilot's clock was measured 44 to
 136 ms a minute slow under load. The bound therefore rises slowly with time,
 a little faster than that drift, and every prompt message pulls it down again.
+
+A host clock that is set forwards makes every message late by the same amount from
+then on. Messages that were held back come with less and less delay instead, so a
+second of late messages with one lateness is a step, and the bound follows it.
 """
 
 from typing import NamedTuple
 
 MAX_DRIFT = 3e-3  # s/s; 136 ms a minute is 2.3e-3
+STEP_US = 500_000  # less is lateness
+STEP_SPREAD_US = 100_000  # of the latenesses that show a step
+WINDOW_US = 1_000_000
+WINDOW_SAMPLES = 3
+
+
+class Window(NamedTuple):
+    """The offsets seen in the last second, on the vehicle's clock."""
+
+    begin_us: int
+    least_us: float
+    most_us: float
+    samples: int = 1
 
 
 class HostClock(NamedTuple):
@@ -18,20 +35,38 @@ class HostClock(NamedTuple):
     offset_us: float = 0.0
     at_us: int = 0
     known: bool = False
+    window: Window = Window(0, 0.0, 0.0)
 
 
 def observe(clock: HostClock, vehicle_us: int, arrival_us: int) -> HostClock:
     """The clock after a message of ``vehicle_us`` arrived at ``arrival_us``."""
     seen_us = float(arrival_us - vehicle_us)
+    fresh = Window(vehicle_us, seen_us, seen_us)
     if not clock.known:
-        return HostClock(seen_us, arrival_us, known=True)
-    return HostClock(min(_bound_us(clock, arrival_us), seen_us), arrival_us, known=True)
+        return HostClock(seen_us, arrival_us, known=True, window=fresh)
+    offset_us = min(_bound_us(clock, arrival_us), seen_us)
+    window = clock.window
+    if vehicle_us - window.begin_us >= WINDOW_US:
+        return HostClock(_after_step_us(window, offset_us), arrival_us, known=True, window=fresh)
+    least_us, most_us = min(window.least_us, seen_us), max(window.most_us, seen_us)
+    window = Window(window.begin_us, least_us, most_us, window.samples + 1)
+    return HostClock(offset_us, arrival_us, known=True, window=window)
 
 
 def to_vehicle_us(clock: HostClock, host_us: int) -> int:
     """The vehicle's time at host time ``host_us``; needs a known clock."""
     assert clock.known
     return round(host_us - clock.offset_us)
+
+
+def _after_step_us(window: Window, offset_us: float) -> float:
+    """The offset, moved if the window shows that the host's clock was set forwards."""
+    is_step = (
+        window.samples >= WINDOW_SAMPLES
+        and window.least_us - offset_us > STEP_US
+        and window.most_us - window.least_us < STEP_SPREAD_US
+    )
+    return window.least_us if is_step else offset_us
 
 
 def _bound_us(clock: HostClock, now_us: int) -> float:

@@ -1,7 +1,6 @@
 """One vehicle as the service sees it: its estimator, clock, health and counts."""
 
 from collections import Counter, deque
-from statistics import median
 
 from drivers.events import ClockReset, Imu, Position, Rejected, VehicleId, Velocity
 from estimator.estimator import Estimator
@@ -44,6 +43,7 @@ class Vehicle:
         self._periods_us: deque[int] = deque(maxlen=PERIODS_KEPT)
         self._median_us: float | None = None
         self._last: Imu | None = None
+        self._silent_since_us: int | None = None  # before a reset: no period will span it
 
     @property
     def state(self) -> State:
@@ -64,7 +64,8 @@ class Vehicle:
     def median_period_us(self) -> float:
         """Median interval of the IMU message in use on the vehicle's clock; 0 if unknown."""
         if self._median_us is None:
-            self._median_us = median(self._periods_us) if self._periods_us else 0.0
+            periods = sorted(self._periods_us)
+            self._median_us = float(periods[len(periods) // 2]) if periods else 0.0
         return self._median_us
 
     def on_imu(self, event: Imu) -> list[str]:
@@ -88,6 +89,8 @@ class Vehicle:
         self.estimator.restart()
         self._clock = HostClock()
         self._last = None
+        if event.reason == "reboot":
+            self._silent_since_us = self._health.last_arrival_us
         return [
             f"vehicle {self.name}: clock {event.reason} by {event.step_s:+.1f} s, aligning anew"
         ]
@@ -184,6 +187,10 @@ class Vehicle:
 
     def _measure(self, event: Imu) -> None:
         """Interval, gap and clock offset; intervals on the vehicle's clock, free of bursts."""
+        if self._silent_since_us is not None:
+            silence_us = event.arrival_us - self._silent_since_us
+            self.worst_gap_us = max(self.worst_gap_us, silence_us)
+            self._silent_since_us = None
         if self._last is not None:
             period_us = event.sample.time_us - self._last.sample.time_us
             self.worst_gap_us = max(self.worst_gap_us, period_us)

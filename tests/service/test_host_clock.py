@@ -40,3 +40,21 @@ def test_round_trip_and_set_back_arrivals():
     assert to_vehicle_us(clock, OFFSET_US + 5_000) == 5_000
     back = observe(clock, 2_000, OFFSET_US)  # the host's clock was set back by 2 ms
     assert to_vehicle_us(back, OFFSET_US) == 2_000
+
+
+def test_a_host_clock_set_forwards_is_followed_within_two_seconds():
+    clock = HostClock()
+    for k in range(100):
+        clock = observe(clock, k * 20_000, k * 20_000 + 2_000)
+    for k in range(100, 200):
+        clock = observe(clock, k * 20_000, k * 20_000 + 2_000 + 60_000_000)
+    assert to_vehicle_us(clock, 199 * 20_000 + 60_002_000) == pytest.approx(199 * 20_000, abs=100)
+
+
+def test_messages_held_back_do_not_look_like_a_set_clock():
+    clock = HostClock()
+    for k in range(100):
+        clock = observe(clock, k * 20_000, k * 20_000 + 2_000)
+    for k in range(100, 250):  # all of 3 s come at once
+        clock = observe(clock, k * 20_000, 250 * 20_000)
+    assert to_vehicle_us(clock, 250 * 20_000) == pytest.approx(250 * 20_000 - 2_000, abs=10_000)

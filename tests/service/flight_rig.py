@@ -1,0 +1,118 @@
+"""A simulated flight through frames, gate, decoder and pipeline, with the time given.
+
+Faults are put between the vehicle and its frames (``change``), or between the frames and
+the service (``deliver``).
+"""
+
+import math
+from collections.abc import Callable
+from typing import Any
+
+from drivers.events import VehicleId
+from drivers.frame_decoder import FrameDecoder
+from drivers.frame_gate import FrameGate, Policy
+from drivers.frames import FrameReader
+from drivers.mavlink_encoder import FrameEncoder, raw_imu
+from drivers.vehicle import Sample, SimulatedVehicle
+from estimator.profile import load_profile
+from estimator.quaternion import conjugate, multiply
+from service.pipeline import Pipeline
+from service.records import AttitudeRecord, Message, Published, StatusRecord
+
+START_US = 1_700_000_000_000_000
+UNDER_WAY_US = 2_000
+ONE = VehicleId(1, 1)
+S = 1_000_000
+
+
+class Rig:
+    """One vehicle at ``rate_hz`` and a service that ticks with every sample."""
+
+    def __init__(self, profile="paper", rate_hz=50.0, *, noise=0.1, seed=3, policy=Policy()):  # noqa: B008
+        self.samples = SimulatedVehicle(seed=seed, rate_hz=rate_hz, noise=noise, bias=0.1)
+        self.pipeline = Pipeline(load_profile(profile))
+        self.encoder = FrameEncoder(ONE)
+        self.decoder = FrameDecoder(references=False)
+        self.gate = FrameGate(policy)
+        self.readers: dict[str, FrameReader] = {}
+        self.messages: list[str] = []
+        self.records: list[AttitudeRecord] = []
+        self.errors_deg: list[float] = []
+        self.boot_shift_us = 0
+        self.host_shift_us = 0  # a host clock that was set
+        self.now_us = START_US
+        self.truth = (1.0, 0.0, 0.0, 0.0)
+
+    @property
+    def vehicle(self):
+        return self.pipeline.vehicle(ONE)
+
+    @property
+    def rejected(self):
+        return dict(self.vehicle.rejected)
+
+    def status(self) -> StatusRecord:
+        return self.vehicle.status(self.now_us + self.host_shift_us, 0, 0)
+
+    def fly(
+        self,
+        seconds: float,
+        change: Callable[[Sample], Sample] = lambda sample: sample,
+        deliver: Callable[[bytes], list[bytes]] = lambda frame: [frame],
+    ) -> "Rig":
+        """Fly on; returns self. ``records`` and ``errors_deg`` are those of this stretch."""
+        self.records, self.errors_deg, self.messages = [], [], []
+        first = next(self.samples)
+        end_us = first.time_us + seconds * S
+        sample = first
+        while True:
+            self.now_us = START_US + sample.time_us + UNDER_WAY_US
+            self.truth = sample.q_ned_frd
+            for frame in deliver(self.frame(change(sample))):
+                self.receive(frame)
+            self.tick()
+            if sample.time_us >= end_us:
+                return self
+            sample = next(self.samples)
+
+    def frame(self, sample: Sample) -> bytes:
+        message = raw_imu(
+            sample.time_us + self.boot_shift_us,
+            _finite(sample.acc_m_s2),
+            _finite(sample.gyr_rad_s),
+            _finite(sample.mag_gauss),
+        )
+        return self.encoder.frame(message, self.now_us)
+
+    def receive(self, data: bytes, peer: str = "a") -> None:
+        arrival_us = self.now_us + self.host_shift_us
+        for frame in self.readers.setdefault(peer, FrameReader()).feed(data):
+            if self.gate.lets_in(frame, peer, arrival_us):
+                self.handle(self.decoder.events(frame, arrival_us))
+        self.handle(self.gate.take_refused(arrival_us))
+
+    def handle(self, events: list[Any]) -> None:
+        for event in events:
+            for output in self.pipeline.handle(event):
+                if isinstance(output, Message):
+                    self.messages.append(output.text)
+
+    def tick(self) -> None:
+        for output in self.pipeline.tick(self.now_us + self.host_shift_us):
+            if isinstance(output, Message):
+                self.messages.append(output.text)
+            elif isinstance(output, Published) and isinstance(output.record, AttitudeRecord):
+                assert math.hypot(*output.record.q_ned_frd) == math.fsum([1.0]) or math.isclose(
+                    math.hypot(*output.record.q_ned_frd), 1.0, abs_tol=1e-9
+                )
+                self.records.append(output.record)
+                self.errors_deg.append(_angle_deg(output.record.q_ned_frd, self.truth))
+
+
+def _angle_deg(q, truth):
+    w = abs(multiply(conjugate(truth), q)[0])
+    return math.degrees(2 * math.acos(min(1.0, w)))
+
+
+def _finite(vector):
+    return tuple(max(-1e6, min(1e6, x)) for x in vector)
