@@ -45,6 +45,11 @@ def inlined(function: Function) -> Function:
     return register_jitable(**_OPTIONS, forceinline=True)(function)
 
 
+def plain(function: Function) -> Function:
+    """The Python function behind a compiled one: for a single call it saves the compiling."""
+    return getattr(function, "py_func", function)
+
+
 def compiled_parallel(function: Function) -> Function:
     """Like :func:`compiled`, with ``numba.prange`` spread over threads."""
     return _decorate(function, parallel=True)

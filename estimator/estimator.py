@@ -10,6 +10,7 @@ from estimator.aided import GRAVITY_HALF_RAD, MAGNETIC_HALF_RAD, confidence
 from estimator.aiding import AidingState, Report, begin
 from estimator.aiding.types import SIZE, Array
 from estimator.alignment import align
+from estimator.compiled import plain
 from estimator.conditioned import conditioned_vectors
 from estimator.conditioning import turned as conditioning_turned
 from estimator.conditioning.condition import condition
@@ -241,7 +242,7 @@ class Estimator:
     def _first_seen(self, sample: ImuSample) -> Conditioned:
         """What the conditioning stage makes of a sample before it has any memory."""
         chosen = self._settings.conditioning
-        _, seen = condition(
+        _, seen = plain(condition)(
             chosen,
             initial_conditioning(chosen),
             sample.gyr_rad_s,
@@ -292,14 +293,14 @@ class Estimator:
         acc, mag, has_mag = sample.acc_m_s2, sample.mag_gauss, sample.has_mag
         memory, seen = before.conditioning, None
         if chosen.conditioned:
-            memory, seen = condition(
+            memory, seen = plain(condition)(
                 chosen.conditioning, memory, sample.gyr_rad_s, acc, mag, has_mag, 0.0
             )
             vectors = conditioned_vectors(chosen.reference, seen)
         else:
             vectors = raw_vectors(chosen.reference, acc, mag, has_mag)
         q = align(vectors) if chosen.initial is None else chosen.initial
-        state = kernel.correct(chosen.filter, initial_state(q), vectors, 0.0)
+        state = plain(kernel.correct)(chosen.filter, initial_state(q), vectors, 0.0)
         rate = subtract(sample.gyr_rad_s, state.gyr_bias_rad_s)
         return Snapshot(state, memory, seen, sample.time_us, rate, True, state.error)
 

@@ -129,7 +129,7 @@ def rated(params: AidingParams, state: AidingState, P: Array, gyr: Vec3, dt: flo
         dt,
         state.field,
         state.agreement,
-        inclination_sigma(params, P, state.agreement, turning, dt),
+        inclination_sigma(params, P, state.agreement, turning),
         heading_sigma(params, P, state.agreement, state.field, turning, dt),
     )
 

@@ -77,7 +77,6 @@ class AidingParams(NamedTuple):
     # Published uncertainty, fitted to errors of simulated and recorded flights.
     colour: float = 1.7  # errors are slower than white: their sigma against white noise's
     heading_colour: float = 1.0
-    slow_colour_1_s: float = 0.0  # more of it, a second of IMU step
     least_heading_scale: float = 0.4
     field_error_share: float = 0.8  # of the field's slow disagreement that stays in the heading
     least_inclination_rad: float = radians(0.17)

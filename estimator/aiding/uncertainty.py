@@ -11,17 +11,15 @@ LARGEST_SCALE = 4.0
 LEAST_SCALE = 0.2
 # Samples slower than this (s) scatter the field's residual by themselves.
 QUICK_STEP_S = 0.1
-SLOWEST_STEP_S = 0.3
 
 
 @inlined
 def inclination_sigma(
-    params: AidingParams, P: Array, agreement: Agreement, turning_rad_s: float, dt: float
+    params: AidingParams, P: Array, agreement: Agreement, turning_rad_s: float
 ) -> float:
     """From the covariance, scaled by how the reports really scatter, plus what no report shows."""
     least = LEAST_SCALE if agreement.wait_s <= params.silence_s else 1.0
-    colour = params.colour * (1.0 + params.slow_colour_1_s * min(dt, SLOWEST_STEP_S))
-    scale = min(max(colour * sqrt(agreement.innovation), least), LARGEST_SCALE)
+    scale = min(max(params.colour * sqrt(agreement.innovation), least), LARGEST_SCALE)
     variance = 0.5 * (P[TURN, TURN] + P[TURN + 1, TURN + 1])
     aged = params.timing_s * turning_rad_s
     return sqrt((PLANE_68 * scale) ** 2 * variance + params.least_inclination_rad**2 + aged * aged)
@@ -37,8 +35,8 @@ def heading_sigma(
     dt: float,
 ) -> float:
     """Likewise, with the field's slow disagreement, which points to a wrong field."""
-    colour = params.heading_colour * (1.0 + params.slow_colour_1_s * min(dt, SLOWEST_STEP_S))
-    scale = min(max(colour * sqrt(agreement.innovation), params.least_heading_scale), LARGEST_SCALE)
+    scale = params.heading_colour * sqrt(agreement.innovation)
+    scale = min(max(scale, params.least_heading_scale), LARGEST_SCALE)
     disagreement = params.field_error_share**2 * field.residual_square
     if dt > QUICK_STEP_S:
         disagreement *= (QUICK_STEP_S / dt) ** 2

@@ -1,5 +1,7 @@
 """What a velocity report says about attitude, biases and the IMU's lag."""
 
+from math import isfinite
+
 import numpy as np
 
 from estimator.aiding.covariance import expected_variance, learn, remaining
@@ -119,7 +121,12 @@ def observe_unaided(
 
 @inlined
 def trusted(params: AidingParams, state: AidingState) -> bool:
-    """Whether to go on: reports came lately, and they and the field agree with the attitude."""
+    """Whether to go on: reports came lately, and they and the field agree with the attitude.
+
+    Neither sigma is a number once the covariance has gone wrong.
+    """
     agreement = state.agreement
+    if not isfinite(state.sigma_inclination_rad + state.sigma_heading_rad):
+        return False
     doubt_s = max(agreement.doubt_s, state.field.doubt_s)
     return agreement.wait_s <= params.give_up_s and doubt_s <= params.doubt_s
