@@ -2,6 +2,7 @@
 
 import json
 import re
+import shlex
 import subprocess
 import sys
 from pathlib import Path
@@ -9,6 +10,7 @@ from pathlib import Path
 import msgspec
 import pytest
 
+from fuzzbee.cli import main
 from service.records import AttitudeRecord, StatusRecord
 from tests.fuzzbee.processes import default_session, free_port, started
 
@@ -68,3 +70,37 @@ def first_lines(code, count=5):
         lines = [process.stdout.readline() for _ in range(count)]
         process.kill()
     return lines
+
+
+def command_lines():
+    """(page, arguments) of every line in a shell block that calls us."""
+    pages = sorted(
+        page for page in [*DOCS.glob("*.md"), DOCS.parent / "README.md"] if page.exists()
+    )
+    for page in pages:
+        text = page.read_text("utf-8")
+        for block in re.findall(r"^```sh\n(.*?)^```", text, re.MULTILINE | re.DOTALL):
+            for line in block.replace("\\\n", " ").splitlines():
+                words = shlex.split(line.split(" > ")[0], comments=True)
+                if words[:1] == ["fuzzbee"]:
+                    yield page.name, words[1:]
+
+
+@pytest.mark.parametrize(("page", "arguments"), list(command_lines()))
+def test_every_command_in_the_documents_is_one(page, arguments, capfd):
+    """An unknown verb or option is an error, with --help too."""
+    assert main([*arguments, "--help"]) == 0, page
+
+
+def test_links_between_the_documents_lead_somewhere():
+    for page in [*DOCS.glob("*.md"), DOCS.parent / "README.md"]:
+        for target in re.findall(r"\]\(([^)#]+)(?:#[^)]*)?\)", page.read_text("utf-8")):
+            if not target.startswith("http"):
+                assert (page.parent / target).exists(), f"{page.name}: {target}"
+
+
+def test_the_page_of_parameters_lists_them_all():
+    done = subprocess.run(
+        [sys.executable, str(DOCS / "parameters.py"), "--check"], cwd=DOCS.parent, check=False
+    )
+    assert done.returncode == 0, "renew it: python docs/parameters.py"
