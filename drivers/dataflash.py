@@ -15,8 +15,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager, redirect_stderr, redirect_stdout
 from itertools import islice
 from pathlib import Path
-from types import TracebackType
-from typing import Any, Self
+from typing import Any
 
 from drivers.events import (
     ClockReset,
@@ -32,9 +31,9 @@ from drivers.events import (
     VehicleId,
     Velocity,
 )
-from drivers.file_digest import file_sha256
 from drivers.fresh_field import FreshField
 from drivers.imu_checks import Plausibility, refuse_imu
+from drivers.log_file import LogFile
 from drivers.log_time import LogTime
 from drivers.mavlink_codec import (
     FILTER_VELOCITY_SIGMA_M_S,
@@ -64,7 +63,7 @@ BATCH = 1000  # messages read at a time with the output turned away
 UNREADABLE_LIMIT = 10_000  # after that many unreadable messages the rest is given up
 
 
-class Dataflash:
+class Dataflash(LogFile):
     """A DataFlash log as events; each iteration reads the file from its start.
 
     The arrival times are the log's own times, on Unix time where the log has
@@ -73,24 +72,6 @@ class Dataflash:
     Raises:
         InputError: from the iteration, if nothing in the file can be read.
     """
-
-    def __init__(self, path: Path) -> None:
-        self.path = path
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        traceback: TracebackType | None,
-    ) -> None:
-        """Nothing to close: the file is open only while it is iterated."""
-
-    def sha256(self) -> str:
-        """The file's SHA-256, as hexadecimal digits."""
-        return file_sha256(self.path)
 
     def __iter__(self) -> Iterator[Event]:
         with _opened(self.path) as reader:
@@ -292,7 +273,9 @@ def _opened(path: Path) -> Iterator[Any]:
 
             reader = DFReader_binary(str(path))
         except Exception as error:  # it raises whatever its tables run into
-            raise InputError(f"{path}: damaged DataFlash log ({_in_short(error)})") from error
+            raise InputError(
+                f"{path}: damaged DataFlash log, its message formats make no sense"
+            ) from error
     try:
         yield reader
     finally:
@@ -350,7 +333,3 @@ def _quiet() -> Iterator[None]:
         redirect_stderr(nowhere),
     ):
         yield
-
-
-def _in_short(error: Exception) -> str:
-    return f"{type(error).__name__}: {error}".splitlines()[0]

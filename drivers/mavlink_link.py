@@ -11,9 +11,9 @@ import threading
 import time
 from collections import OrderedDict, deque
 from collections.abc import Iterator
-from types import TracebackType
 from typing import Self
 
+from drivers.closing import Closing
 from drivers.endpoint import Endpoint
 from drivers.error_summary import ErrorSummary
 from drivers.event_queue import EventQueue
@@ -47,7 +47,7 @@ DROP_LOG_S = 60.0
 _logger = logging.getLogger(__name__)
 
 
-class MavlinkLink:
+class MavlinkLink(Closing):
     """A socket or serial endpoint as a source of events.
 
     Entering the context opens the endpoint. ``recorder`` gets every readable
@@ -118,14 +118,6 @@ class MavlinkLink:
         self._thread = threading.Thread(target=self._run, name="mavlink-link", daemon=True)
         self._thread.start()
         return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
-        self.close()
 
     def close(self) -> None:
         """End the thread and release the endpoint, within half a second."""

@@ -12,9 +12,9 @@ import stat
 from collections.abc import Iterable
 from pathlib import Path
 from struct import Struct
-from types import TracebackType
-from typing import Protocol, Self
+from typing import Protocol
 
+from drivers.closing import Closing
 from estimator.errors import InputError
 
 RETRY_US = 10_000_000  # after a failed write: try again 10 s later, or lose no time on it
@@ -30,7 +30,7 @@ class Recorder(Protocol):
         """Keep ``frames``, all of which arrived at ``arrival_us``; never raises."""
 
 
-class TlogRecorder:
+class TlogRecorder(Closing):
     """Appends frames to a tlog; a full disk costs frames, never an exception.
 
     ``lost`` counts the frames that could not be written. The first failure is
@@ -47,8 +47,7 @@ class TlogRecorder:
         try:
             self._file = os.open(self.path, os.O_WRONLY | os.O_CREAT | os.O_APPEND, 0o644)
         except (OSError, ValueError) as error:
-            reason = getattr(error, "strerror", None) or str(error)
-            raise InputError(f"cannot record to {str(path)!r}: {reason}") from error
+            raise cannot_record(repr(str(path)), error) from error
         self._is_regular = stat.S_ISREG(os.fstat(self._file).st_mode)
 
     def write(self, arrival_us: int, frames: Iterable[bytes]) -> None:
@@ -67,17 +66,6 @@ class TlogRecorder:
         if self._file >= 0:
             os.close(self._file)
             self._file = -1
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
-        self.close()
 
     def _append(self, arrival_us: int, records: list[bytes]) -> None:
         data = b"".join(records)
@@ -107,3 +95,8 @@ class TlogRecorder:
         if self._retry_us is not None:
             self._retry_us = None
             _logger.warning("recording to %s again; %d frames are missing", self.path, self.lost)
+
+
+def cannot_record(where: str, error: Exception) -> InputError:
+    """What to raise when ``where`` cannot be opened for recording."""
+    return InputError(f"cannot record to {where}: {getattr(error, 'strerror', None) or error}")

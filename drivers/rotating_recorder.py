@@ -8,10 +8,9 @@ import os
 from collections.abc import Iterable
 from datetime import UTC, datetime
 from pathlib import Path
-from types import TracebackType
-from typing import Self
 
-from drivers.recorder import RETRY_US, TlogRecorder
+from drivers.closing import Closing
+from drivers.recorder import RETRY_US, TlogRecorder, cannot_record
 from estimator.errors import InputError
 
 MAX_FILE_BYTES = 64_000_000  # about two hours of one vehicle at 100 Hz
@@ -21,7 +20,7 @@ STAMP_BYTES = 8
 _logger = logging.getLogger(__name__)
 
 
-class RotatingRecorder:
+class RotatingRecorder(Closing):
     """Appends frames to the newest tlog of a folder, which is made if need be.
 
     A full disk costs frames, never an exception: see :class:`TlogRecorder`.
@@ -42,8 +41,7 @@ class RotatingRecorder:
         try:
             self.folder.mkdir(parents=True, exist_ok=True)
         except (OSError, ValueError) as error:
-            reason = getattr(error, "strerror", None) or str(error)
-            raise InputError(f"cannot record to the folder {str(folder)!r}: {reason}") from error
+            raise cannot_record(f"the folder {str(folder)!r}", error) from error
         if not os.access(self.folder, os.W_OK | os.X_OK):
             raise InputError(f"cannot record to the folder {str(folder)!r}: Permission denied")
 
@@ -71,17 +69,6 @@ class RotatingRecorder:
         """Close the file; later frames count as lost."""
         if self._file is not None:
             self._file.close()
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
-        self.close()
 
     def _is_due(self, arrival_us: int) -> bool:
         if self._retry_us is not None and 0 <= self._retry_us - arrival_us < RETRY_US:

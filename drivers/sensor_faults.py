@@ -49,6 +49,7 @@ class SensorFaults:
         self._equal_since_us = 0
         self._equal_mag = ZERO_VEC3
         self._rails = [0] * 6
+        self._axis_changes = [0] * 6
         self._last_us = 0
         self._mag_changes = 0
         self._mag_equal = 0
@@ -97,8 +98,12 @@ class SensorFaults:
             size = abs(value)
             at_rail = value == last and size >= (GYR_RAIL_RAD_S if is_gyr else ACC_RAIL_M_S2)
             self._rails[axis] = self._rails[axis] + 1 if at_rail else 0
-            at_end = size >= (GYR_END_RAD_S if is_gyr else ACC_END_M_S2) * (1 - 1e-9)
-            if at_end or self._rails[axis] >= RAIL_SAMPLES:
+            if value != last:
+                self._axis_changes[axis] = min(self._axis_changes[axis] + 1, NOISY_SAMPLES)
+            is_noisy = self._axis_changes[axis] >= NOISY_SAMPLES
+            end = GYR_END_RAD_S if is_gyr else ACC_END_M_S2
+            at_end = (1 - 1e-9) * end <= size <= (1 + 1e-4) * end  # -32768 is further than 32767
+            if at_end or (is_noisy and self._rails[axis] >= RAIL_SAMPLES):
                 found = "gyroscope_saturated" if is_gyr else "accelerometer_saturated"
         return found
 

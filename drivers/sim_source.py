@@ -3,9 +3,9 @@
 import threading
 import time
 from collections.abc import Callable, Iterator
-from types import TracebackType
 from typing import Self
 
+from drivers.closing import Closing
 from drivers.events import Event, Heartbeat, Imu, LinkUp, ReferenceAttitude, VehicleId
 from drivers.mavlink_encoder import (
     MAV_AUTOPILOT_ARDUPILOTMEGA,
@@ -20,7 +20,7 @@ LONGEST_BACKLOG_US = 1_000_000  # a computer that slept goes on with the present
 ITERATION_S = 0.1
 
 
-class SimSource:
+class SimSource(Closing):
     """The simulated vehicle as a live source, paced by the host's clock.
 
     A sample is there from the moment its time has come, with exactly that time
@@ -50,14 +50,6 @@ class SimSource:
         self._start_us = self._monotonic_us()
         self._start_unix_us = self._unix_us()
         return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
-        self.close()
 
     def close(self) -> None:
         """End any waiting; nothing comes any more."""

@@ -10,11 +10,10 @@ import re
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from types import TracebackType
-from typing import Any, Self
+from typing import Any
 
 from drivers.events import Event, Malformed
-from drivers.file_digest import file_sha256
+from drivers.log_file import LogFile
 from drivers.mavlink_codec import FrameParser, MavlinkDecoder, mavlink
 from estimator.errors import InputError
 
@@ -63,7 +62,7 @@ def _near(stamp_us: int, other_us: int) -> bool:
     return -STAMP_BACK_US <= stamp_us - other_us <= STAMP_STEP_US
 
 
-class Tlog:
+class Tlog(LogFile):
     """A telemetry log as events; each iteration reads the file from its start.
 
     Raises:
@@ -72,7 +71,7 @@ class Tlog:
     """
 
     def __init__(self, path: Path) -> None:
-        self.path = path
+        super().__init__(path)
         with _mapped(path) as data:
             if _is_raw_capture(data):
                 raise InputError(
@@ -80,21 +79,6 @@ class Tlog:
                 )
             if next(TlogRecords(data[:SNIFF_SIZE], None).readable(), None) is None:
                 raise InputError(f"{path}: no MAVLink frame in it, not a telemetry log")
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        traceback: TracebackType | None,
-    ) -> None:
-        """Nothing to close: the file is open only while it is iterated."""
-
-    def sha256(self) -> str:
-        """The file's SHA-256, as hexadecimal digits."""
-        return file_sha256(self.path)
 
     def __iter__(self) -> Iterator[Event]:
         decoder = MavlinkDecoder()

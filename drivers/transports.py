@@ -489,6 +489,8 @@ def _reason(number: int | None) -> str:
 
 def _serial_reason(error: BaseException) -> str:
     number = getattr(error, "errno", None)
+    if "Could not configure port" in str(error):  # pyserial's words; the system's are in brackets
+        return "not a serial device"
     if number in (errno.EAGAIN, errno.EACCES) and "lock" in str(error):
         return "in use by another program"
     return _reason(number) if number else str(error)

@@ -13,8 +13,7 @@ from collections.abc import Callable, Iterator
 from contextlib import redirect_stderr, redirect_stdout
 from io import StringIO
 from pathlib import Path
-from types import TracebackType
-from typing import Any, Literal, Self
+from typing import Any, Literal
 
 from drivers.events import (
     Event,
@@ -28,9 +27,9 @@ from drivers.events import (
     VehicleId,
     Velocity,
 )
-from drivers.file_digest import file_sha256
 from drivers.fresh_field import FreshField
 from drivers.imu_checks import Plausibility, refuse_imu
+from drivers.log_file import LogFile
 from drivers.log_time import LogTime
 from drivers.mavlink_codec import (
     AUTOPILOT_PX4,
@@ -51,7 +50,7 @@ LONGEST_LOG_US = 7 * 86_400 * 1_000_000  # times further from the log's start ar
 Row = Callable[[str], float]  # the value of a field in one row of a topic
 
 
-class Ulog:
+class Ulog(LogFile):
     """A ULog as events in the order of their times; each iteration reads the file anew.
 
     Arrival times are the log's own times, on Unix time where a GPS gave it
@@ -60,24 +59,6 @@ class Ulog:
     Raises:
         InputError: from the iteration, if nothing in the file can be read.
     """
-
-    def __init__(self, path: Path) -> None:
-        self.path = path
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        traceback: TracebackType | None,
-    ) -> None:
-        """Nothing to close: the file is read as a whole, at the start of an iteration."""
-
-    def sha256(self) -> str:
-        """The file's SHA-256, as hexadecimal digits."""
-        return file_sha256(self.path)
 
     def __iter__(self) -> Iterator[Event]:
         log = _load(self.path)
@@ -242,8 +223,7 @@ def _load(path: Path) -> Any:
 
             return ULog(file, names)
     except Exception as error:  # see above
-        reason = f"{type(error).__name__}: {error}".splitlines()[0]
-        raise InputError(f"{path}: damaged ULog ({reason})") from error
+        raise InputError(f"{path}: damaged ULog, its definitions make no sense") from error
 
 
 def _topics(log: Any) -> dict[str, dict[str, Any]]:

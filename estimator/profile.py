@@ -114,8 +114,11 @@ def load_profile(name_or_path: str) -> Profile:
     except FileNotFoundError:
         msg = f"profile {name_or_path!r}: no such file, and not one of {', '.join(SHIPPED)}"
         raise InputError(msg) from None
-    except (OSError, UnicodeDecodeError) as error:
-        msg = f"profile {name_or_path}: cannot be read: {error}"
+    except OSError as error:
+        msg = f"profile {name_or_path}: cannot be read: {error.strerror or error}"
+        raise InputError(msg) from None
+    except UnicodeDecodeError:
+        msg = f"profile {name_or_path}: not a text file (UTF-8)"
         raise InputError(msg) from None
     return parse_profile(text, name_or_path)
 

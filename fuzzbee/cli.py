@@ -31,6 +31,10 @@ def main(argv: Sequence[str] | None = None) -> int:
         return OK if _is_endless(arguments) else INTERRUPTED
     except BrokenPipeError:
         return OK  # whoever read our output has seen enough
+    except SystemExit as error:  # the parser's, when it met the broken pipe first
+        if isinstance(error.__context__, BrokenPipeError):
+            return OK
+        raise
     except Exception as error:  # noqa: BLE001 - the last resort: one line, not a traceback
         if type(error).__name__ == "NoArgsIsHelpError":  # a group of verbs without a verb
             print(error.format_message(), file=sys.stderr)  # type: ignore[attr-defined]
@@ -52,7 +56,7 @@ def _spelled_out(arguments: Sequence[str]) -> list[str]:
     following = [*arguments[1:], ""]
     return [
         "--view=window" if word == "--view" and after not in ("window", "web") else word
-        for word, after in zip(arguments, following, strict=True)
+        for word, after in zip(arguments, following, strict=False)
     ]
 
 

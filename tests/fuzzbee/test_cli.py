@@ -86,3 +86,25 @@ def test_an_interrupted_replay_says_so(monkeypatch):
         "fuzzbee.replay._replay_logs", lambda *_, **__: signal.raise_signal(signal.SIGINT)
     )
     assert main(["replay", "flight.tlog"]) == 130
+
+
+def test_a_reader_that_leaves_at_once_is_no_failure():
+    replay = [sys.executable, "-m", "fuzzbee", "replay", "sim:", "--json"]
+    with subprocess.Popen(replay, stdout=subprocess.PIPE, stderr=subprocess.PIPE) as process:
+        process.stdout.close()
+        assert process.wait(120) == 0
+        assert process.stderr.read() == b""
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        (["run", "--no-zenoh", "/dev/null:57600"], "/dev/null: not a serial device"),
+        (["replay", "sim:", "--profile", "FOLDER"], "cannot be read: Is a directory"),
+    ],
+)
+def test_errors_are_said_in_our_words(arguments, said, capfd, tmp_path):
+    assert main([str(tmp_path) if word == "FOLDER" else word for word in arguments]) == 2
+    error = capfd.readouterr().err
+    assert said in error
+    assert "Errno" not in error
