@@ -20,6 +20,7 @@ if TYPE_CHECKING:
 # interpreter is shared with the loop.
 MAX_RECORDS_HZ = 60.0
 MAX_VEHICLE_HZ = 20.0
+PEER_SILENT_US = 2_000_000  # an older attitude of somebody else's is not drawn any more
 CLOSE_FLUSH_S = 0.4  # less than the sinks have to close
 SPACING_M = 1.8
 OURS = "fuzzbee"
@@ -33,13 +34,21 @@ class ViewerOptions(NamedTuple):
     rrd: str | None = None
 
 
+class Heard(NamedTuple):
+    """The latest attitude by somebody else, and when it came."""
+
+    source: str
+    q_ned_frd: Quaternion
+    at_us: int
+
+
 class Seen(NamedTuple):
     """What is known of a vehicle between two drawings."""
 
     row: int
     due_us: int = 0
     state: str = ""
-    peers: tuple[tuple[str, Quaternion], ...] = ()
+    peers: tuple["Heard", ...] = ()
     shown: frozenset[str] = frozenset()  # whose shapes are there
 
 
@@ -101,8 +110,9 @@ class ViewerSink:
     def _on_peer(self, vehicle: VehicleId, source: str, q: Quaternion) -> None:
         seen = self._vehicles.get(vehicle)
         if seen is not None:
-            peers = {**dict(seen.peers), source: q}
-            self._vehicles[vehicle] = seen._replace(peers=tuple(peers.items()))
+            others = tuple(peer for peer in seen.peers if peer.source != source)
+            heard = Heard(source, q, self._now_us)
+            self._vehicles[vehicle] = seen._replace(peers=(*others, heard))
 
     def _on_attitude(self, vehicle: VehicleId, record: AttitudeRecord) -> None:
         if vehicle not in self._vehicles:
@@ -113,13 +123,13 @@ class ViewerSink:
         period_us = round(1e6 / min(MAX_VEHICLE_HZ, MAX_RECORDS_HZ / len(self._vehicles)))
         if 0 < seen.due_us - now_us <= period_us:
             return
-        for source in {OURS, *dict(seen.peers)} - seen.shown:
-            self._introduce_source(vehicle_name(vehicle), source)
-        shown = frozenset({OURS, *dict(seen.peers)})
-        self._vehicles[vehicle] = seen._replace(
-            due_us=now_us + period_us, state=record.state, shown=shown
-        )
         name = vehicle_name(vehicle)
+        sources = {OURS, *(peer.source for peer in seen.peers)}
+        for source in sources - seen.shown:
+            self._introduce_source(name, source)
+        self._vehicles[vehicle] = seen._replace(
+            due_us=now_us + period_us, state=record.state, shown=seen.shown | sources
+        )
         self._recording.set_time(layout.TIMELINE, timestamp=1e-6 * now_us)
         if record.state != seen.state:
             self._say(f"vehicle {name}: {record.state}")
@@ -127,7 +137,9 @@ class ViewerSink:
 
     def _draw(self, name: str, seen: Seen, record: AttitudeRecord) -> None:
         self._draw_attitude(name, seen.row, OURS, record.q_ned_frd, record.euler_deg)
-        for source, q in seen.peers:
+        for source, q, at_us in seen.peers:
+            if abs(record.time_unix_us - at_us) > PEER_SILENT_US:
+                continue
             self._draw_attitude(name, seen.row, source, q, euler_deg(q))
             self._curve(f"/off/{name}/{source}", [_angle_deg(record.q_ned_frd, q)])
         self._curve(f"/error/{name}", [record.error])

@@ -68,6 +68,8 @@ class Pipeline:
         self._new_estimator = new_estimator
         self._vehicles: dict[VehicleId, Vehicle] = {}
         self._next_status_us: int | None = None
+        # the latest since the last tick: they come faster than anybody needs them
+        self._peers: dict[tuple[VehicleId, str], Peer] = {}
 
     @property
     def vehicles(self) -> tuple[Vehicle, ...]:
@@ -105,7 +107,8 @@ class Pipeline:
                 if autopilot != AUTOPILOT_INVALID and kind != TYPE_GCS:
                     self._meet(address)
             case ReferenceAttitude(vehicle=address, source=source, q_ned_frd=q):
-                return [Peer(address, source, q)] if address in self._vehicles else []
+                if address in self._vehicles:
+                    self._peers[address, source] = Peer(address, source, q)
             case Malformed(frames=frames):
                 self.malformed += frames
             case Notice(vehicle=address, text=text):
@@ -119,7 +122,8 @@ class Pipeline:
 
     def tick(self, now_us: int, load: Load = Load()) -> list[Output]:  # noqa: B008 - immutable
         """The attitudes at ``now_us`` (host time), and each second the statuses."""
-        outputs: list[Output] = []
+        outputs: list[Output] = [*self._peers.values()]
+        self._peers.clear()
         status_due = self._status_due(now_us)
         for vehicle in self._vehicles.values():
             outputs.extend(_messages(vehicle.on_time(now_us)))

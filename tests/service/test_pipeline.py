@@ -6,11 +6,20 @@ import random
 import msgspec
 import pytest
 
-from drivers.events import ClockReset, Heartbeat, Imu, Malformed, Notice, Rejected, VehicleId
+from drivers.events import (
+    ClockReset,
+    Heartbeat,
+    Imu,
+    Malformed,
+    Notice,
+    ReferenceAttitude,
+    Rejected,
+    VehicleId,
+)
 from estimator.errors import InputError
 from estimator.profile import load_profile
 from service.pipeline import MAX_VEHICLES, Load, Pipeline
-from service.records import AttitudeRecord, Message, Published, StatusRecord
+from service.records import AttitudeRecord, Message, Peer, Published, StatusRecord
 from tests.service.streams import ONE, START_US, imu_events
 
 PAPER = load_profile("paper")
@@ -234,3 +243,25 @@ def test_an_estimate_that_is_not_finite_is_not_published():
         assert isinstance(event, Imu)
         pipeline.handle(event)
     assert len(attitudes(pipeline.tick(START_US + 160_000))) == 1
+
+
+def test_the_latest_attitude_of_others_comes_with_the_tick_and_once():
+    """Between ticks they would fill the sinks' queues, however fast they come."""
+    pipeline = Pipeline(PAPER)
+
+    def hear(vehicle, source, w):
+        q = (w, 0.0, 0.0, math.sqrt(1.0 - w * w))
+        event = ReferenceAttitude(vehicle, START_US, 0, source, "ATTITUDE", q)
+        assert pipeline.handle(event) == []
+        return Peer(vehicle, source, q)
+
+    hear(ONE, "autopilot", 0.5)  # nobody knows this vehicle yet
+    pipeline.handle(imu_events(1)[0])
+    for n in range(50):
+        autopilot = hear(ONE, "autopilot", 0.01 * n)
+        truth = hear(ONE, "sim", 0.02 * n)
+    hear(VehicleId(9, 1), "sim", 0.1)
+    outputs = pipeline.tick(START_US + 10_000)
+    assert [o for o in outputs if isinstance(o, Peer)] == [autopilot, truth]
+    assert attitudes(outputs)
+    assert not [o for o in pipeline.tick(START_US + 20_000) if isinstance(o, Peer)]
