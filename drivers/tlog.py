@@ -7,7 +7,7 @@ sometimes a time from another age; none of that stops the reading.
 
 import mmap
 import re
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -23,7 +23,9 @@ OVERHEAD_V1, OVERHEAD_V2, SIGNATURE_SIZE = 8, 12, 13
 SIGNED_FLAG = 0x01
 MAGIC = re.compile(rb"[\xfd\xfe]")
 
-STAMP_STEP_US = 86_400 * 1_000_000  # a stamp further than a day from the last needs a witness
+ORDINARY_STEP_US = 10 * 1_000_000  # a stamp further from the last one needs a witness
+ORDINARY_BACK_US = 5 * 1_000_000
+STAMP_STEP_US = 86_400 * 1_000_000  # the first two stamps are within a day
 LATEST_STAMP_US = 1 << 62  # garbage beyond: differences must fit 64 bits
 STAMP_BACK_US = 3600 * 1_000_000
 SNIFF_SIZE = 1 << 20  # a log has a sound frame within its first MiB
@@ -31,31 +33,34 @@ FIRST_RECORDS = 100  # two stamps among these agree, or the first ones mean noth
 RAW_FRAMES = 3  # that many sound frames end to end are no accident
 
 
-class StampFilter:
-    """Arrival times without the absurd ones.
+def believable(
+    records: Iterable[tuple[int, Any | None]], last_us: int
+) -> Iterator[tuple[int, Any | None]]:
+    """The records with times to believe, from ``last_us`` on.
 
-    A stamp far from the last one counts only if the next agrees with it (a
-    second session in the same file); until then the last good one stands in.
-    ``last_us`` is a time to start from, if one is known.
+    A stamp away from the last one waits for the next record: if that is nearer to it than
+    to the last, there was a pause, or a second session in the same file; if not, it was
+    garbled, and the last good stamp stands in. An unreadable record's own stamp is as
+    doubtful as its frame.
     """
-
-    def __init__(self, last_us: int | None = None) -> None:
-        self._last_us = last_us
-        self._candidate_us: int | None = None
-
-    def arrival_us(self, stamp_us: int) -> int:
-        """The time to believe for a record stamped ``stamp_us``."""
-        last_us, candidate_us = self._last_us, self._candidate_us
-        if last_us is None or _near(stamp_us, last_us):
-            self._candidate_us = None
-            self._last_us = stamp_us
-            return stamp_us
-        if candidate_us is not None and _near(stamp_us, candidate_us):
-            self._candidate_us = None
-            self._last_us = stamp_us
-            return stamp_us
-        self._candidate_us = stamp_us
-        return last_us
+    held: tuple[int, Any] | None = None
+    for stamp_us, message in records:
+        if message is None:
+            yield last_us, None
+            continue
+        if held is not None:
+            held_us, held_message = held
+            held = None
+            if abs(stamp_us - held_us) < abs(stamp_us - last_us):
+                last_us = held_us
+            yield last_us, held_message
+        if -ORDINARY_BACK_US <= stamp_us - last_us <= ORDINARY_STEP_US:
+            last_us = stamp_us
+            yield last_us, message
+        else:
+            held = stamp_us, message
+    if held is not None:
+        yield last_us, held[1]
 
 
 def _near(stamp_us: int, other_us: int) -> bool:
@@ -83,13 +88,11 @@ class Tlog(LogFile):
     def __iter__(self) -> Iterator[Event]:
         decoder = MavlinkDecoder()
         with _mapped(self.path) as data:
-            arrival_us = _first_stamp_us(data)
-            stamps = StampFilter(arrival_us)
-            for stamp_us, message in TlogRecords(data, decoder.message_names):
-                if message is None:  # its stamp is as doubtful as the frame
+            records = TlogRecords(data, decoder.message_names)
+            for arrival_us, message in believable(records, _first_stamp_us(data)):
+                if message is None:
                     yield Malformed(arrival_us, 1)
                 else:
-                    arrival_us = stamps.arrival_us(stamp_us)
                     yield from decoder.decode(message, arrival_us)
 
 

@@ -10,7 +10,7 @@ import pytest
 
 from drivers.events import ClockReset, Heartbeat, Imu, Malformed, ReferenceAttitude, Rejected
 from drivers.mavlink_codec import FrameParser, mavlink
-from drivers.tlog import StampFilter, Tlog, TlogRecords, frame_end
+from drivers.tlog import Tlog, TlogRecords, believable, frame_end
 from estimator.errors import InputError
 
 DATA = Path(__file__).parent.parent / "data"
@@ -169,10 +169,32 @@ def test_a_first_stamp_from_another_age_is_not_believed(tmp_path):
     assert max(gaps_s([e.arrival_us for e in events])) <= 0.5
 
 
-def test_a_second_session_years_later_is_believed_from_its_second_record():
-    stamps, year_us = StampFilter(), 365 * 86_400 * S
-    given_us = [stamps.arrival_us(t) for t in (100, 200, year_us, year_us + 100, year_us + 200)]
-    assert given_us == [100, 200, 200, year_us + 100, year_us + 200]
+YEAR_US = 365 * 86_400 * S
+
+
+@pytest.mark.parametrize(
+    ("stamps_us", "believed_us"),
+    [
+        ((100, 200, YEAR_US, YEAR_US + 100), (100, 200, YEAR_US, YEAR_US + 100)),
+        ((0, S, 600 * S, 601 * S), (0, S, 600 * S, 601 * S)),
+        ((0, 60 * S, 120 * S, 180 * S, 181 * S), (0, 60 * S, 120 * S, 180 * S, 181 * S)),
+        ((7200 * S, 7201 * S, S, 2 * S), (7200 * S, 7201 * S, S, 2 * S)),
+        # garbled ones: forwards by hours, back by half an hour, by a year, the last of all
+        ((0, S, 5 * 3600 * S, 2 * S), (0, S, S, 2 * S)),
+        ((7200 * S, 7201 * S, 5400 * S, 7202 * S), (7200 * S, 7201 * S, 7201 * S, 7202 * S)),
+        ((0, S, YEAR_US, 2 * S), (0, S, S, 2 * S)),
+        ((0, S, 3600 * S), (0, S, S)),
+    ],
+)
+def test_pauses_and_sessions_are_believed_and_garbled_stamps_are_not(stamps_us, believed_us):
+    records = [(stamp_us, number) for number, stamp_us in enumerate(stamps_us)]
+    given = list(believable(records, stamps_us[0]))
+    assert [time_us for time_us, _ in given] == list(believed_us)
+    assert [number for _, number in given] == list(range(len(stamps_us)))
+
+
+def test_unreadable_records_take_the_last_good_time():
+    assert list(believable([(S, 0), (77, None), (2 * S, 1)], S)) == [(S, 0), (S, None), (2 * S, 1)]
 
 
 @pytest.mark.parametrize("seed", range(6))
