@@ -50,9 +50,9 @@ def measure(vehicles: int, rate_hz: float, seconds: float, publish_hz: float) ->
     port, endpoint = free_port(socket.SOCK_DGRAM), f"tcp/127.0.0.1:{free_port()}"
     with tempfile.TemporaryDirectory() as folder:
         sent_file, seen_file = Path(folder, "sent.npy"), Path(folder, "seen.npy")
-        service = _start_service(port, endpoint, publish_hz)
+        service = start_service(port, endpoint, publish_hz)
         subscriber = start("live_subscriber.py", endpoint, str(seen_file))
-        _await(subscriber.stdout, "ready")
+        await_word(subscriber.stdout, "ready")
         fleet = start(
             "live_fleet.py", str(port), str(vehicles), str(rate_hz), str(seconds), str(sent_file)
         )
@@ -145,9 +145,9 @@ def zenoh_alone(vehicles: int, rate_hz: float, seconds: float = 4.0) -> dict[str
     with tempfile.TemporaryDirectory() as folder:
         seen_file = Path(folder, "seen.npy")
         publisher = start("live_floor.py", *arguments)
-        _await(publisher.stdout, "ready")
+        await_word(publisher.stdout, "ready")
         subscriber = start("live_subscriber.py", endpoint, str(seen_file))
-        _await(subscriber.stdout, "ready")
+        await_word(subscriber.stdout, "ready")
         time.sleep(SETTLE_S)
         publisher.communicate("go\n")
         time.sleep(SETTLE_S)
@@ -191,7 +191,8 @@ def resident_mb(pid: int) -> float:
     return 0.0
 
 
-def _start_service(port: int, endpoint: str, publish_hz: float) -> subprocess.Popen[str]:
+def start_service(port: int, endpoint: str, publish_hz: float) -> subprocess.Popen[str]:
+    """A service on that UDP port, connected to nobody but at ``endpoint``."""
     # the address is both: nobody else's session is looked for
     zenoh_options = ["-l", endpoint, "-e", endpoint]
     command = [sys.executable, "-m", "fuzzbee", "run", f"udpin:127.0.0.1:{port}", "--json"]
@@ -202,11 +203,12 @@ def _start_service(port: int, endpoint: str, publish_hz: float) -> subprocess.Po
         text=True,
         env={**os.environ, "COLUMNS": "500"},
     )
-    _await(service.stderr, "connected")
+    await_word(service.stderr, "connected")
     return service
 
 
-def _await(stream: IO[str] | None, word: str) -> None:
+def await_word(stream: IO[str] | None, word: str) -> None:
+    """Read until a line has ``word`` in it."""
     assert stream is not None
     said = ""
     for line in stream:

@@ -16,6 +16,7 @@ from service.velocity_choice import VelocityChoice
 
 # Enough for a steady median, few enough to follow a stream whose rate was changed.
 PERIODS_KEPT = 51
+MEDIAN_EVERY = 8
 # More reasons than the checks have; a source that invents them must not fill memory.
 MAX_REASONS = 64
 
@@ -196,7 +197,9 @@ class Vehicle:
             self.worst_gap_us = max(self.worst_gap_us, period_us)
             if event.message == self._last.message:
                 self._periods_us.append(period_us)
-                self._median_us = None
+                # a median of 51 moves little in 8 samples, and costs as much as the filter
+                if len(self._periods_us) < PERIODS_KEPT or self.samples % MEDIAN_EVERY == 0:
+                    self._median_us = None
         self._clock = host_clock.observe(self._clock, event.sample.time_us, event.arrival_us)
         self._last = event
         self.samples += 1
