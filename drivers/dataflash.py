@@ -122,7 +122,7 @@ class _Decoder:
         self._resets.clear()
         try:
             events = self._handlers[message.get_type()](message)
-        except (AttributeError, TypeError, ValueError, OverflowError):
+        except (AttributeError, LookupError, TypeError, ValueError, OverflowError):
             # a message of that name with other columns, or a column with garbage in it
             return [Malformed(self._arrival_us, 1)]
         return [*self._resets, *events]
@@ -267,12 +267,15 @@ def _opened(path: Path) -> Iterator[Any]:
     _refuse_endless_formats(path)
     mavlink()  # sets what pymavlink reads from the environment
     os.environ["PYMAVLINK_FAST_INDEX"] = "0"  # the C indexer prints past sys.stderr
+    from pymavlink.DFReader import DFReader_binary
+
+    reader: Any = DFReader_binary.__new__(DFReader_binary)  # to close what a failure leaves open
     with _quiet():
         try:
-            from pymavlink.DFReader import DFReader_binary
-
-            reader = DFReader_binary(str(path))
+            reader.__init__(str(path))
         except Exception as error:  # it raises whatever its tables run into
+            if hasattr(reader, "filehandle"):
+                reader.filehandle.close()
             raise InputError(
                 f"{path}: damaged DataFlash log, its message formats make no sense"
             ) from error
