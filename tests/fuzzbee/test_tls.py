@@ -1,0 +1,122 @@
+"""The example of docs/security.md, run as it stands there, with certificates made on the spot."""
+
+import json
+import re
+import shutil
+import subprocess
+import time
+from contextlib import contextmanager
+from pathlib import Path
+
+import pytest
+import zenoh
+
+from tests.fuzzbee.processes import free_port, started
+
+PAGE = Path(__file__).parents[2] / "docs" / "security.md"
+
+pytestmark = [
+    pytest.mark.checkout,
+    pytest.mark.skipif(not PAGE.exists(), reason="needs the repository's docs"),
+    pytest.mark.skipif(shutil.which("openssl") is None, reason="needs openssl"),
+]
+
+
+def block(kind, containing):
+    """The fenced block of that kind with these words in it."""
+    blocks = re.findall(rf"```{kind}\n(.*?)```", PAGE.read_text("utf-8"), re.DOTALL)
+    return next(each for each in blocks if containing in each)
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    """Certificates by the page's own commands."""
+    made = tmp_path_factory.mktemp("tls")
+    script = block("sh", "openssl req")
+    subprocess.run(["sh", "-ec", script], cwd=made, check=True, capture_output=True)
+    return made
+
+
+@pytest.fixture
+def port():
+    return free_port()
+
+
+def configuration(folder, port, containing, name=None):
+    """A configuration of the page, with its files found and another port."""
+    text = block("json5", containing).replace(":7447", f":{port}")
+    if name is not None:
+        text = text.replace("tablet.", f"{name}.")
+    text = re.sub(r'"(\w+\.(?:pem|key))"', lambda m: json.dumps(str(folder / m[1])), text)
+    path = folder / f"{name or 'service'}-{port}.json5"
+    path.write_text(text)
+    return path
+
+
+@contextmanager
+def service(folder, port):
+    config = configuration(folder, port, "access_control")
+    with started("run", "sim:", "--rate", "20", "--json", "-c", str(config)) as process:
+        yield process
+
+
+@contextmanager
+def client(folder, port, name):
+    config = configuration(folder, port, "connect_certificate", name)
+    session = None
+    end_s = time.monotonic() + 60.0
+    while session is None:
+        try:
+            session = zenoh.open(zenoh.Config.from_file(str(config)))
+        except zenoh.ZError:
+            if time.monotonic() > end_s:
+                raise
+            time.sleep(0.2)
+    with session:
+        yield session
+
+
+def first_attitude(session, timeout_s=20.0):
+    seen = []
+    subscriber = session.declare_subscriber("fuzzbee/*/attitude", seen.append)
+    end_s = time.monotonic() + timeout_s
+    while not seen and time.monotonic() < end_s:
+        time.sleep(0.02)
+    subscriber.undeclare()
+    return json.loads(seen[0].payload.to_string()) if seen else None
+
+
+def answers(session, key, payload=None):
+    replies = session.get(key, payload=payload, timeout=3.0)
+    return [reply.ok.payload.to_string() for reply in replies if reply.ok is not None]
+
+
+def test_the_tablet_reads_and_the_office_changes(folder, port):
+    change = json.dumps({"filter": {"gamma": 2.0}})
+    with service(folder, port):
+        with client(folder, port, "tablet") as tablet:
+            assert first_attitude(tablet)["schema"] == 1
+            assert answers(tablet, "fuzzbee/*/status")
+            assert answers(tablet, "fuzzbee/1/parameters", change) == []
+        with client(folder, port, "office") as office:
+            assert first_attitude(office)["schema"] == 1
+            (profile,) = answers(office, "fuzzbee/1/parameters", change)
+            assert json.loads(profile)["filter"]["gamma"] == 2.0
+
+
+def test_without_a_certificate_nobody_gets_in(folder, port):
+    with service(folder, port), client(folder, port, "tablet") as tablet:
+        assert first_attitude(tablet) is not None
+        config = zenoh.Config.from_file(
+            str(configuration(folder, port, "connect_certificate", "nobody"))
+        )
+        for key in ("connect_certificate", "connect_private_key"):
+            config.insert_json5(f"transport/link/tls/{key}", "null")
+        config.insert_json5("transport/link/tls/enable_mtls", "false")
+        config.insert_json5("connect/timeout_ms", "3000")
+        try:
+            session = zenoh.open(config)
+        except zenoh.ZError:
+            return
+        with session:  # TLS 1.3 lets the client believe so until it is told otherwise
+            assert first_attitude(session, 3.0) is None
