@@ -18,6 +18,7 @@ from estimator.conditioning.rate import integration_rate
 from estimator.quaternion import add, dot, exp, multiply, normalize, rotate, scale, subtract
 from estimator.types import STANDARD_GRAVITY_M_S2, Quaternion, Vec3
 
+SLOW_STEP_S = 0.3  # a step in which a copter's motion begins and ends unseen
 HARD_IRON_WALK_S = 2500.0  # the time in which the remaining hard iron may become another
 
 
@@ -51,6 +52,12 @@ def carried(
 
 
 @inlined
+def unseen_share(params: AidingParams, dt: float) -> float:
+    """Share of the change over a step that integration misses; more the slower the samples."""
+    return params.integration_noise * (1.0 + (dt / SLOW_STEP_S) ** 2)
+
+
+@inlined
 def add_noise(
     params: AidingParams,
     P: Array,
@@ -65,7 +72,7 @@ def add_noise(
     Between two samples anything may happen that they do not show; how much is
     told by how much they differ.
     """
-    missed = params.integration_noise**2
+    missed = unseen_share(params, dt) ** 2
     relative = params.gyr_scale_noise**2 + (params.gyr_slow_noise_1_s * dt) ** 2
     turn = (params.gyr_noise**2 + relative * rate_square) * dt
     walk = state.agreement.noise_scale * params.velocity_walk**2

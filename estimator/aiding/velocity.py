@@ -5,7 +5,7 @@ from math import isfinite
 import numpy as np
 
 from estimator.aiding.covariance import expected_variance, learn, remaining
-from estimator.aiding.inertial import Carried
+from estimator.aiding.inertial import Carried, unseen_share
 from estimator.aiding.types import (
     IMU_LAG,
     SIZE,
@@ -75,7 +75,7 @@ def observe_velocity(
     accuracy = max(1.0, report.sigma_m_s / params.report_sigma_m_s)
     v = now.velocity_ned_m_s
     a = since(now.force_ned_m_s2, force_before, report.ago_s, dt)
-    missed = scale(params.integration_noise * dt, subtract(now.force_ned_m_s2, force_before))
+    missed = scale(unseen_share(params, dt) * dt, subtract(now.force_ned_m_s2, force_before))
     behind = min(1.0, report.ago_s / dt)
     elsewhere = rotate(now.q_ned_frd, gravity_b)[2] < COSINE_ELSEWHERE
     far = noise_scale > DOUBTFUL_SCALE and elsewhere
