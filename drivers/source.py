@@ -1,6 +1,7 @@
 """What a live source is, and the table from address to source."""
 
 from collections.abc import Iterator
+from pathlib import Path
 from types import TracebackType
 from typing import Protocol, Self
 
@@ -35,6 +36,30 @@ class LiveSource(Protocol):
 
     def send(self, data: bytes) -> None:
         """Send whole MAVLink frames, where the source can."""
+
+
+# Opening these and closing them again is seen by nobody.
+TRIED_UNSEEN = ("udpin", "tcpin", "serial")
+
+
+def require_openable(endpoint: Endpoint) -> None:
+    """Find out early whether a source can be opened, where that disturbs nobody.
+
+    Raises:
+        InputError: a port that is taken, a serial device or log that is not there or not usable.
+    """
+    if endpoint.kind == "log":
+        from drivers.logs import open_log
+
+        open_log(Path(endpoint.path))
+    elif endpoint.kind in TRIED_UNSEEN:
+        from drivers.transports import open_transport
+
+        transport = open_transport(endpoint)
+        try:
+            transport.open()
+        finally:
+            transport.close()
 
 
 def open_live(

@@ -169,6 +169,7 @@ def serve(options: RunOptions, *, verbose: bool) -> None:
         InputError: a source, profile, file or address that cannot be used.
     """
     from drivers.endpoint import parse_endpoint
+    from drivers.source import require_openable
     from estimator.estimator import Estimator
     from estimator.profile import load_profile
     from service.outbox import Outbox
@@ -178,6 +179,7 @@ def serve(options: RunOptions, *, verbose: bool) -> None:
 
     endpoint = parse_endpoint(options.source)
     profile = load_profile(options.profile)
+    require_openable(endpoint)
     _compile(profile, options.gain)
     pipeline = Pipeline(
         profile,
