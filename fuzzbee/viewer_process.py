@@ -1,5 +1,6 @@
 """The viewer's process: Rerun's window, or its page for a browser, on loopback only."""
 
+import atexit
 import ctypes
 import os
 import shutil
@@ -36,6 +37,8 @@ class ViewerProcess:
 
     def __init__(self, *, web: bool) -> None:
         self._folder = tempfile.mkdtemp(prefix="fuzzbee-viewer-")
+        # whatever interrupts the start; the child itself goes with us
+        atexit.register(shutil.rmtree, self._folder, ignore_errors=True)
         port = _free_port(0)
         self.url = f"rerun+http://{HOST}:{port}/proxy"
         self.page: str | None = None
