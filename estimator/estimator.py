@@ -1,6 +1,6 @@
 """One vehicle's estimator: samples in, attitude out. No I/O and no clock."""
 
-from math import asin, isfinite, pi, radians, sqrt
+from math import asin, pi, radians, sqrt
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -21,6 +21,7 @@ from estimator.filter_types import FilterState, initial_state
 from estimator.observation import raw_vectors
 from estimator.profile import Profile
 from estimator.quaternion import conjugate, exp, multiply, normalize, scale, subtract
+from estimator.refusal import refusal
 from estimator.reports import NO_REPORT, Reports, enqueued, refusal_of_report, taken
 from estimator.resident import (
     Contents,
@@ -49,10 +50,6 @@ OUTPUT_HORIZON_S = 1.0
 LEAST_SIGMA_RAD = radians(0.1)
 # Time over which e is averaged for the sigma of raw vectors.
 SIGMA_TIME_S = 1.0
-# A rate beyond this is no vehicle's: 70 rad/s is 4000 deg/s, twice the range of common gyroscopes.
-GYR_LIMIT_RAD_S = 70.0
-# 40 g, well beyond the range of common accelerometers.
-ACC_LIMIT_M_S2 = 400.0
 
 
 class Snapshot(NamedTuple):
@@ -413,14 +410,3 @@ def with_aiding(published: Attitude, aided: AidingState) -> Attitude:
         sigma_inclination_rad=min(pi, max(inclination, LEAST_SIGMA_RAD)),
         sigma_heading_rad=min(pi, max(heading, LEAST_SIGMA_RAD)),
     )
-
-
-def refusal(sample: ImuSample) -> str | None:
-    """Why a sample cannot be used, in one word to count under; None if it can."""
-    if not all(isfinite(x) for x in (*sample.gyr_rad_s, *sample.acc_m_s2, *sample.mag_gauss)):
-        return "not_finite"
-    if max(abs(x) for x in sample.gyr_rad_s) > GYR_LIMIT_RAD_S:
-        return "gyroscope_out_of_range"
-    if max(abs(x) for x in sample.acc_m_s2) > ACC_LIMIT_M_S2:
-        return "accelerometer_out_of_range"
-    return None

@@ -12,7 +12,7 @@ from drivers.logs import open_log
 from drivers.reference_track import ReferenceTrack
 from estimator.declination import declination_rad
 from estimator.errors import InputError
-from estimator.estimator import refusal
+from estimator.refusal import refusal
 from estimator.types import ImuSample
 
 Array = NDArray[np.float64]
