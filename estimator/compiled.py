@@ -50,6 +50,13 @@ def plain(function: Function) -> Function:
     return getattr(function, "py_func", function)
 
 
+def is_cached(name: str) -> bool | None:
+    """Whether the kernel of that name lies in the cache; None where nothing is cached."""
+    if _CACHE_FOLDER is None:
+        return None
+    return any(_CACHE_FOLDER.rglob(f"*.{name}-*.nbi"))
+
+
 def compiled_parallel(function: Function) -> Function:
     """Like :func:`compiled`, with ``numba.prange`` spread over threads."""
     return _decorate(function, parallel=True)
