@@ -78,7 +78,9 @@ def verdict(looks: list[Look]) -> dict[str, Any]:
     growth_mb = _mean(last) - _mean(middle)
     descriptors = [max(each.descriptors for each in part) for part in (middle, last)]
     threads = [max(each.threads for each in part) for part in (middle, last)]
-    flat = growth_mb < MOST_GROWTH_MB and len(set(descriptors)) == len(set(threads)) == 1
+    flat = (
+        growth_mb < MOST_GROWTH_MB and descriptors[1] <= descriptors[0] and threads[1] <= threads[0]
+    )
     return {
         "resident_mb": [
             round(_mean(looks[:third]), 1),

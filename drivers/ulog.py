@@ -11,7 +11,7 @@ import math
 from collections import defaultdict
 from collections.abc import Callable, Iterator
 from contextlib import redirect_stderr, redirect_stdout
-from io import StringIO
+from io import SEEK_CUR, SEEK_SET, BufferedReader, FileIO, StringIO
 from pathlib import Path
 from typing import Any, Literal
 
@@ -45,6 +45,7 @@ from estimator.types import Vec3, VelocitySample
 IMU_TOPICS = ("sensor_combined", "vehicle_imu")  # the first that is there is used
 MAG_TOPICS = ("vehicle_magnetometer", "sensor_mag")
 GPS_TOPICS = ("vehicle_gps_position", "sensor_gps")
+MOST_RETURNS = 1000  # of the reader to bytes that it has seen; looking for a sync takes a few
 LONGEST_LOG_US = 7 * 86_400 * 1_000_000  # times further from the log's start are garbage
 
 Row = Callable[[str], float]  # the value of a field in one row of a topic
@@ -207,6 +208,29 @@ class _Decoder:
         return [Velocity(self._vehicle, self._arrival(raw_us), topic, sample)]
 
 
+class _AdvancingReader(BufferedReader):
+    """A file whose reader may not step back over the same bytes for ever.
+
+    pyulog steps back by a message's whole length after it has read less, at a damaged
+    file's end, and so returns to where it was.
+    """
+
+    def __init__(self, raw: FileIO) -> None:
+        super().__init__(raw)
+        self._furthest = 0
+        self._returns = 0
+
+    def seek(self, target: int, whence: int = SEEK_SET, /) -> int:
+        """Raises ``EOFError`` when stepping back has led nowhere too often."""
+        position = super().seek(target, whence)
+        if whence == SEEK_CUR:
+            self._returns = self._returns + 1 if position <= self._furthest else 0
+            self._furthest = max(self._furthest, position)
+            if self._returns > MOST_RETURNS:
+                raise EOFError
+        return position
+
+
 def _load(path: Path) -> Any:
     """Pyulog's log; it prints, and raises whatever a damaged file makes it run into."""
     names = [
@@ -218,7 +242,11 @@ def _load(path: Path) -> Any:
         "vehicle_local_position",
     ]
     try:
-        with redirect_stdout(StringIO()), redirect_stderr(StringIO()), path.open("rb") as file:
+        with (
+            redirect_stdout(StringIO()),
+            redirect_stderr(StringIO()),
+            _AdvancingReader(FileIO(path)) as file,
+        ):
             from pyulog import ULog
 
             return ULog(file, names)

@@ -9,7 +9,7 @@ from statistics import median
 import pytest
 
 from drivers.events import Heartbeat, Imu, Parameter, ReferenceAttitude, Rejected, VehicleId
-from drivers.logs import imu_events
+from drivers.logs import ULOG_MAGIC, imu_events
 from drivers.ulog import Ulog
 from estimator.errors import InputError
 
@@ -92,3 +92,11 @@ def test_a_log_cut_off_in_its_head_has_no_imu(tmp_path, size):
     path.write_bytes(HOVER.read_bytes()[:size])
     with pytest.raises(InputError, match=r"hover\.ulg: "):
         list(imu_events(Ulog(path)))
+
+
+def test_a_length_beyond_the_end_of_damaged_definitions_ends_the_reading(tmp_path):
+    """pyulog steps back by the whole length there, and would go on so for ever."""
+    path = tmp_path / "endless.ulg"
+    path.write_bytes(ULOG_MAGIC + bytes(9) + b"\xff\x7f\x00" + bytes(40))
+    with pytest.raises(InputError, match=r"endless\.ulg"):
+        list(Ulog(path))

@@ -1,19 +1,24 @@
-"""Hostile input, structured: what is nearly right goes deeper than noise does."""
+"""Hostile input, structured: what is nearly right goes deeper than noise does.
+
+A case is built by plain functions of a ``random.Random``, whose seed is what hypothesis draws:
+drawing every byte through it would take ten times as long as parsing them.
+"""
 
 import os
 import random
 import struct
 from pathlib import Path
 
+from fastcrc import crc16
 from hypothesis import HealthCheck, settings
 from hypothesis import strategies as st
 
 from drivers.events import VehicleId
 from drivers.mavlink_codec import mavlink
-from drivers.mavlink_encoder import FrameEncoder
+from drivers.mavlink_encoder import FrameEncoder, Message
 
 DATA = Path(__file__).parent.parent / "data"
-SCALE = int(os.environ.get("FUZZBEE_FUZZ", "1"))
+IS_LONG = bool(os.environ.get("FUZZBEE_FUZZ_LONG"))
 NAMES = (
     "RAW_IMU", "SCALED_IMU", "SCALED_IMU2", "SCALED_IMU3", "HIGHRES_IMU", "ATTITUDE",
     "ATTITUDE_QUATERNION", "SIM_STATE", "SIMSTATE", "GLOBAL_POSITION_INT", "LOCAL_POSITION_NED",
@@ -23,65 +28,40 @@ m = mavlink()
 KINDS = [kind for kind in m.mavlink_map.values() if kind.msgname in NAMES]
 
 
-def fuzzed(cases):
-    """Settings for ``cases`` cases in the fast run; FUZZBEE_FUZZ multiplies them."""
+EXTREMES = [
+    b"\0" * 8,
+    b"\xff" * 8,
+    b"\x80" + b"\0" * 7,
+    b"\x7f" * 8,
+    *(struct.pack("<f", value) * 2 for value in (float("nan"), float("inf"), -3.4e38, 1e-45)),
+]
+
+
+def fuzzed(fast, long):
+    """Settings: so many cases each time, so many, and other ones, with FUZZBEE_FUZZ_LONG=1."""
     return settings(
-        max_examples=cases * SCALE,
+        max_examples=long if IS_LONG else fast,
         deadline=None,
-        derandomize=SCALE == 1,
+        derandomize=not IS_LONG,
         database=None,
         suppress_health_check=list(HealthCheck),
     )
 
 
-def _numbers(size):
-    """Bytes that are extreme as integers and as floats, zeros, or anything."""
-    extremes = [
-        b"\0" * 8, b"\xff" * 8, b"\x80" + b"\0" * 7, b"\x7f" * 8,
-        struct.pack("<f", float("nan")) * 2,
-        struct.pack("<f", float("inf")) * 2, struct.pack("<f", -3.4e38) * 2,
-        struct.pack("<f", 1e-45) * 2,
-    ]  # fmt: skip
-    chunk = st.one_of(st.sampled_from(extremes), st.binary(min_size=8, max_size=8))
-    chunks = size // 8 + 1
-    return st.lists(chunk, min_size=chunks, max_size=chunks).map(lambda c: b"".join(c)[:size])
+def built(build):
+    """What ``build`` makes of a random generator."""
+    return st.integers(0, 2**64 - 1).map(lambda seed: build(random.Random(seed)))
 
 
-@st.composite
-def frames(draw):
-    """A frame with a sound checksum: any payload, often cut, of a message that is read."""
-    kind = draw(st.sampled_from(KINDS))
-    payload = draw(_numbers(kind.unpacker.size))
-    if kind.msgname.endswith("IMU") and draw(st.booleans()):  # a time that goes on
-        stamp = draw(st.integers(0, 5)) * 10_000 + draw(st.sampled_from([0, 2**32 - 20_000]))
-        payload = stamp.to_bytes(8, "little") + payload[8:]
-    payload = payload[: draw(st.integers(1, len(payload)))]
-    sender = VehicleId(
-        draw(st.sampled_from([1, 1, 1, 2, 0, 255])), draw(st.sampled_from([1, 1, 0]))
-    )
-    body = FrameEncoder(sender)
-    from drivers.mavlink_encoder import Message
-
-    data = body.frame(Message(kind.id, kind.crc_extra, payload), 0)
-    if draw(st.booleans()):
-        return data
-    return bytes(kind_v1(kind, payload, sender)) if kind.id < 256 else data
+def damaged(content):
+    """``content`` with bits flipped, pieces cut out, repeated or put in."""
+    return built(lambda rng: damage(content, rng))
 
 
-def kind_v1(kind, payload, sender):
-    """The frame as MAVLink 1."""
-    from fastcrc import crc16
-
-    body = bytes((len(payload), 0, *sender, kind.id)) + payload
-    return b"\xfe" + body + struct.pack("<H", crc16.mcrf4xx(body + bytes((kind.crc_extra,))))
-
-
-@st.composite
-def damaged(draw, data):
-    """``data`` with bits flipped, pieces cut out, repeated or put in."""
-    data = bytearray(data)
-    rng = random.Random(draw(st.integers(0, 2**32)))
-    for _ in range(draw(st.integers(0, 12))):
+def damage(content, rng):
+    """See ``damaged``."""
+    data = bytearray(content)
+    for _ in range(rng.randrange(12)):
         if not data:
             break
         at = rng.randrange(len(data))
@@ -99,14 +79,39 @@ def damaged(draw, data):
     return bytes(data)
 
 
-def streams():
+def frame(rng):
+    """A frame with a sound checksum: any payload, often cut, of a message that is read."""
+    kind = rng.choice(KINDS)
+    size = kind.unpacker.size
+    chunks = [
+        rng.choice(EXTREMES) if rng.random() < 0.5 else rng.randbytes(8)
+        for _ in range(size // 8 + 1)
+    ]
+    payload = b"".join(chunks)[:size]
+    if "IMU" in kind.msgname and rng.random() < 0.7:  # a time that goes on, or wraps
+        stamp = rng.randrange(6) * 10_000 + rng.choice((0, 0, 2**32 - 20_000))
+        payload = stamp.to_bytes(8, "little") + payload[8:]
+    if rng.random() < 0.3:
+        payload = payload[: rng.randint(1, len(payload))]
+    sender = VehicleId(rng.choice((1, 1, 1, 2, 0, 255)), rng.choice((1, 1, 0)))
+    if kind.id < 256 and rng.random() < 0.5:
+        return frame_v1(kind, payload, sender)
+    return FrameEncoder(sender).frame(Message(kind.id, kind.crc_extra, payload), 0)
+
+
+def frame_v1(kind, payload, sender):
+    """The frame as MAVLink 1."""
+    body = bytes((len(payload), 0, *sender, kind.id)) + payload
+    return b"\xfe" + body + struct.pack("<H", crc16.mcrf4xx(body + bytes((kind.crc_extra,))))
+
+
+def stream(rng):
     """Frames, damaged ones and noise, one behind the other."""
-    part = st.one_of(
-        frames(),
-        frames().flatmap(damaged),
-        st.binary(max_size=60),
-    )
-    return st.lists(part, max_size=12)
+    parts = []
+    for _ in range(rng.randrange(12)):
+        part = frame(rng) if rng.random() < 0.85 else rng.randbytes(rng.randrange(60))
+        parts.append(damage(part, rng) if rng.random() < 0.3 else part)
+    return parts
 
 
 def clip(name, size):

@@ -1,7 +1,7 @@
 """Whatever comes in: no exception but the one that says what is wrong, attitudes finite and unit.
 
-The fast run takes some hundred cases. FUZZBEE_FUZZ=420 takes more than 100,000, other ones each
-time; a hang shows as a test that does not end.
+The fast run takes some hundred cases. FUZZBEE_FUZZ_LONG=1 takes more than 100,000, other ones
+each time; a hang shows as a test that does not end.
 """
 
 import json
@@ -23,7 +23,7 @@ from estimator.profile import load_profile, parse_profile, profile_to_json
 from service.pipeline import MAX_VEHICLES, Pipeline
 from service.records import AttitudeRecord, Published
 from service.zenoh_sink import _json_object
-from tests.fuzz.cases import clip, damaged, frames, fuzzed, streams
+from tests.fuzz.cases import built, clip, damage, damaged, frame, fuzzed, stream
 
 PROFILES = [load_profile("paper"), load_profile("imu")]
 START_US = 1_700_000_000_000_000
@@ -55,31 +55,33 @@ def feed(pipeline, events, now_us):
     check(pipeline.tick(now_us))
 
 
-@fuzzed(100)
-@given(streams(), st.sampled_from(PROFILES), st.lists(st.integers(-(10**7), 10**8), max_size=12))
+@fuzzed(100, 36000)
+@given(
+    built(stream), st.sampled_from(PROFILES), st.lists(st.integers(-(10**7), 10**8), max_size=12)
+)
 def test_mavlink_bytes(parts, profile, steps):
     reader, gate, decoder = FrameReader(), FrameGate(Policy()), FrameDecoder()
     pipeline, now_us = Pipeline(profile), START_US
     for number, part in enumerate(parts):
         now_us += steps[number] if number < len(steps) else 10_000
-        for frame in reader.feed(part):
-            if gate.lets_in(frame, "a", now_us):
-                feed(pipeline, decoder.events(frame, now_us), now_us)
+        for each in reader.feed(part):
+            if gate.lets_in(each, "a", now_us):
+                feed(pipeline, decoder.events(each, now_us), now_us)
         feed(pipeline, gate.take_refused(now_us), now_us)
         assert len(reader._rest) <= 280
     assert len(pipeline.vehicles) <= MAX_VEHICLES
 
 
-@fuzzed(15)
+@fuzzed(15, 600)
 @given(st.data())
 def test_a_flight_with_hostile_frames_between(data):
     """The vehicle's own frames go on; what others say must not break its attitude."""
     from tests.service.flight_rig import Rig
 
     rig = Rig(data.draw(st.sampled_from(["paper", "imu"])))
-    hostile = data.draw(st.lists(frames(), min_size=1, max_size=20))
+    hostile = data.draw(st.lists(built(frame), min_size=1, max_size=20))
     rig.fly(0.5)
-    rig.fly(0.5, deliver=lambda frame: [hostile.pop(), frame] if hostile else [frame])
+    rig.fly(0.5, deliver=lambda own: [hostile.pop(), own] if hostile else [own])
     for record in rig.records:
         check([Published(VehicleId(1, 1), record)])
 
@@ -97,7 +99,7 @@ def read_log(path, profile):
         assert "\n" not in text
 
 
-@fuzzed(40)
+@fuzzed(40, 18000)
 @given(damaged(TLOG))
 def test_telemetry_logs(tmp_path_factory, data):
     path = tmp_path_factory.getbasetemp() / "fuzz.tlog"
@@ -105,11 +107,11 @@ def test_telemetry_logs(tmp_path_factory, data):
     read_log(path, PROFILES[1])
 
 
-@fuzzed(20)
-@given(st.lists(st.tuples(st.integers(0, 2**64 - 1), frames()), max_size=10), st.data())
+@fuzzed(20, 12000)
+@given(st.lists(st.tuples(st.integers(0, 2**64 - 1), built(frame)), max_size=10), st.data())
 def test_telemetry_logs_of_hostile_frames(tmp_path_factory, records, data):
     path = tmp_path_factory.getbasetemp() / "fuzz.tlog"
-    content = b"".join(struct.pack(">Q", stamp) + frame for stamp, frame in records)
+    content = b"".join(struct.pack(">Q", stamp) + each for stamp, each in records)
     path.write_bytes(data.draw(damaged(content)) if data.draw(st.booleans()) else content)
     read_log(path, PROFILES[0])
 
@@ -133,7 +135,7 @@ def dataflash():
     return data
 
 
-@fuzzed(20)
+@fuzzed(20, 2000)
 @given(damaged(dataflash()))
 def test_dataflash_logs(tmp_path_factory, data):
     path = tmp_path_factory.getbasetemp() / "fuzz.bin"
@@ -141,8 +143,8 @@ def test_dataflash_logs(tmp_path_factory, data):
     read_log(path, PROFILES[1])
 
 
-@fuzzed(5)
-@given(st.integers(1_000, len(ULOG)).flatmap(lambda size: damaged(ULOG[:size])))
+@fuzzed(5, 1500)
+@given(built(lambda rng: damage(ULOG[: rng.randint(1_000, len(ULOG))], rng)))
 def test_ulogs(tmp_path_factory, data):
     path = tmp_path_factory.getbasetemp() / "fuzz.ulg"
     path.write_bytes(data)
@@ -168,7 +170,7 @@ def profile_changes(draw):
     return partial
 
 
-@fuzzed(40)
+@fuzzed(30, 1500)
 @given(st.one_of(profile_changes(), st.dictionaries(st.text(max_size=8), JSON, max_size=3)))
 def test_parameters_put_on_zenoh(partial):
     from tests.service.streams import ONE, imu_events
@@ -187,7 +189,7 @@ def test_parameters_put_on_zenoh(partial):
         check(pipeline.tick(event.arrival_us))
 
 
-@fuzzed(20)
+@fuzzed(20, 19000)
 @given(st.binary(max_size=200))
 def test_payloads_that_are_no_json(payload):
     try:
@@ -199,7 +201,7 @@ def test_payloads_that_are_no_json(payload):
 TOML = resources.files("estimator").joinpath("profiles", "imu.toml").read_bytes()
 
 
-@fuzzed(40)
+@fuzzed(40, 12000)
 @given(damaged(TOML))
 def test_profiles(data):
     try:

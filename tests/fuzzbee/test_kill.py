@@ -1,0 +1,42 @@
+"""The service killed without a word, and a link that is cut, with real processes."""
+
+import signal
+import socket
+import time
+from itertools import pairwise
+
+import pytest
+
+from drivers.events import Imu, Malformed
+from drivers.tlog import Tlog, frame_end
+from tests.fuzzbee.processes import free_port, started
+
+
+def test_a_recording_killed_in_the_middle_reads_to_its_last_whole_frame(tmp_path):
+    port, log = free_port(socket.SOCK_DGRAM), tmp_path / "flight.tlog"
+    command = ("run", f"udpin:127.0.0.1:{port}", "--no-zenoh", "--json", "--profile", "paper")
+    with (
+        started("sim", "--to", f"udpout:127.0.0.1:{port}", "--rate", "200"),
+        started(*command, "--record", str(log)) as service,
+    ):
+        end_s = time.monotonic() + 60.0
+        while not (log.exists() and log.stat().st_size > 200_000):
+            assert service.poll() is None
+            assert time.monotonic() < end_s
+            time.sleep(0.01)
+        service.send_signal(signal.SIGKILL)
+        service.wait()
+    events = list(Tlog(log))
+    samples = [event for event in events if isinstance(event, Imu)]
+    assert not [event for event in events if isinstance(event, Malformed)]
+    assert len(samples) > 500
+    data, at = log.read_bytes(), 0
+    while at < len(data):  # stamp, frame, stamp, frame, and nothing behind the last one
+        at = frame_end(data, at + 8)
+        assert at is not None
+    assert at == len(data)
+    periods_us = {b.boot_us - a.boot_us for a, b in pairwise(samples)}
+    assert periods_us == {5_000}
+
+
+pytestmark = pytest.mark.skipif(not hasattr(signal, "SIGKILL"), reason="needs SIGKILL")
