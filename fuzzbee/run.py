@@ -32,8 +32,9 @@ if TYPE_CHECKING:
 MAX_RATE_HZ = 1000.0
 COMPILE_TOLD_AFTER_S = 1.5
 COMPILER_THREAD = "compiler"
-# Python hands its lock over every 5 ms: far too long for a loop with a schedule
-SWITCH_INTERVAL_S = 2e-4
+# Python hands its lock over every 5 ms: too long for a loop with a schedule, and for the thread
+# that publishes, which has to ask for it again after every record
+SWITCH_INTERVAL_S = 1e-5
 
 EPILOG = """Examples:
 
