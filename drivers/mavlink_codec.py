@@ -30,6 +30,7 @@ from drivers.events import (
 from drivers.imu_checks import MagMemory, Plausibility, refuse_imu
 from drivers.sensor_faults import Readings, SensorFaults
 from drivers.vehicle_clock import Placed, Refused, TimeField, VehicleClock
+from estimator.frames import from_euler_rad
 from estimator.types import (
     STANDARD_GRAVITY_M_S2,
     ZERO_VEC3,
@@ -382,15 +383,7 @@ def quaternion_from_euler(roll_rad: float, pitch_rad: float, yaw_rad: float) -> 
     """q_ned_frd of aerospace angles (yaw, then pitch, then roll), or None if one is not finite."""
     if not (math.isfinite(roll_rad) and math.isfinite(pitch_rad) and math.isfinite(yaw_rad)):
         return None
-    cr, sr = math.cos(roll_rad / 2), math.sin(roll_rad / 2)
-    cp, sp = math.cos(pitch_rad / 2), math.sin(pitch_rad / 2)
-    cy, sy = math.cos(yaw_rad / 2), math.sin(yaw_rad / 2)
-    return (
-        cr * cp * cy + sr * sp * sy,
-        sr * cp * cy - cr * sp * sy,
-        cr * sp * cy + sr * cp * sy,
-        cr * cp * sy - sr * sp * cy,
-    )
+    return from_euler_rad(roll_rad, pitch_rad, yaw_rad)
 
 
 def unit_or_none(q: Quaternion) -> Quaternion | None:

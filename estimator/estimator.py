@@ -191,7 +191,11 @@ class Estimator:
         """One sample with the velocity reports up to it; without any, as if there were none."""
         now, aiding = self._snapshot, self._settings.aiding
         if self._inside is None:
-            self._go_inside(now.seen if now.seen is not None else self._first_seen(sample))
+            seen = now.seen
+            if seen is None:  # the profile was one of raw vectors until now
+                fresh = initial_conditioning(self._settings.conditioning)
+                _, seen = self._first_seen(fresh, sample)
+            self._go_inside(seen)
         dt = 1e-6 * (sample.time_us - now.time_us)
         report, ahead = NO_REPORT, now.reports
         if ahead:
@@ -236,19 +240,19 @@ class Estimator:
         self.snapshot = now._replace(aided=aided, aided_covariance=_flat(covariance))
         self._go_inside(now.seen)
 
-    def _first_seen(self, sample: ImuSample) -> Conditioned:
-        """What the conditioning stage makes of a sample before it has any memory."""
-        chosen = self._settings.conditioning
-        _, seen = plain(condition)(
-            chosen,
-            initial_conditioning(chosen),
+    def _first_seen(
+        self, memory: ConditioningState, sample: ImuSample
+    ) -> tuple[ConditioningState, Conditioned]:
+        """What the conditioning stage makes of a sample that nothing came before."""
+        return plain(condition)(
+            self._settings.conditioning,
+            memory,
             sample.gyr_rad_s,
             sample.acc_m_s2,
             sample.mag_gauss,
             sample.has_mag,
             0.0,
         )
-        return seen
 
     @property
     def _knows_north(self) -> bool:
@@ -290,9 +294,7 @@ class Estimator:
         acc, mag, has_mag = sample.acc_m_s2, sample.mag_gauss, sample.has_mag
         memory, seen = before.conditioning, None
         if chosen.conditioned:
-            memory, seen = plain(condition)(
-                chosen.conditioning, memory, sample.gyr_rad_s, acc, mag, has_mag, 0.0
-            )
+            memory, seen = self._first_seen(memory, sample)
             vectors = conditioned_vectors(chosen.reference, seen)
         else:
             vectors = raw_vectors(chosen.reference, acc, mag, has_mag)

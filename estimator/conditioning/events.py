@@ -1,7 +1,6 @@
 """What tells an unsensed turn of the vehicle from noise, acceleration and magnets."""
 
 from math import atan2, pi, sqrt
-from math import exp as real_exp
 
 from estimator.compiled import inlined
 from estimator.conditioning.types import (
@@ -145,12 +144,6 @@ def doubted(estimate: Estimate, variance: float) -> Estimate:
         estimate.heading_rad,
         (p[0], p[1], p[2], p[3], p[4], p[5], p[6], p[7], p[8], p[9] + variance),
     )
-
-
-@inlined
-def decay_of(params: ConditioningParams, dt_s: float) -> float:
-    """What of the levelling sum is left after a step."""
-    return real_exp(-dt_s / params.turn_levelling_tau_s)
 
 
 @inlined
