@@ -1,4 +1,4 @@
-"""ArduPilot's on-board logs (DataFlash .bin), read by pymavlink's DFReader.
+"""ArduPilot's on-board logs (DataFlash .bin).
 
 The messages read, with the names of both eras: IMU, IMU2, IMU3 (or the field
 I), MAG, ATT, XKQ/NKQ, XKF1/NKF1/EKF1, GPS, PARM, MSG, and SIM as truth.
@@ -7,45 +7,21 @@ are in degrees. Times count from boot, in us or, until 2015, in ms.
 """
 
 import math
-import mmap
-import os
-import re
-from collections import defaultdict
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager, redirect_stderr, redirect_stdout
-from itertools import islice
-from pathlib import Path
-from typing import Any
 
-from drivers.events import (
-    ClockReset,
-    Event,
-    Heartbeat,
-    Imu,
-    Malformed,
-    Notice,
-    Parameter,
-    Position,
-    ReferenceAttitude,
-    Rejected,
-    VehicleId,
-    Velocity,
-)
-from drivers.fresh_field import FreshField
-from drivers.imu_checks import Plausibility, refuse_imu
-from drivers.log_file import LogFile
-from drivers.log_time import LogTime
+from drivers.dataflash_format import Row, messages
+from drivers.events import Event, Heartbeat, Malformed, Parameter, VehicleId
+from drivers.log_file import Buffer, LogFile, mapped
+from drivers.logged_vehicle import LoggedVehicle
 from drivers.mavlink_codec import (
     FILTER_VELOCITY_SIGMA_M_S,
     FIX_3D,
     GPS_VELOCITY_SIGMA_M_S,
-    mavlink,
     quaternion_from_euler,
     unit_or_none,
 )
-from drivers.vehicle_clock import Placed, Refused, TimeField, VehicleClock
-from estimator.errors import InputError
-from estimator.types import Quaternion, Vec3, VelocitySample
+from drivers.vehicle_clock import TimeField
+from estimator.types import Quaternion
 
 MILLIGAUSS = 1e-3
 AUTOPILOT_ARDUPILOT = 3  # MAV_AUTOPILOT_ARDUPILOTMEGA
@@ -58,9 +34,11 @@ VEHICLE_TYPES = {  # the first word of MSG at start, and its MAV_TYPE
     "AntennaTracker": 5,
     "Blimp": 7,
 }
-ENDLESS_FORMAT = re.compile(rb"\xa3\x95\x80.[\x00-\x02]([A-Z][A-Z0-9]{1,3})", re.DOTALL)
-BATCH = 1000  # messages read at a time with the output turned away
-UNREADABLE_LIMIT = 10_000  # after that many unreadable messages the rest is given up
+SYSTEM_ID_NAMES = ("SYSID_THISMAV", "MAV_SYSID")  # until 4.6, and since
+LONGEST_UPTIME_US = 10 * 366 * 86_400 * 1_000_000  # a longer time since boot is garbage
+GPS_EPOCH_S = 315_964_800  # 1980-01-06 in Unix time
+WEEK_S = 604_800
+LEAP_SECONDS = 18  # GPS time minus UTC since 2017
 
 
 class Dataflash(LogFile):
@@ -68,32 +46,23 @@ class Dataflash(LogFile):
 
     The arrival times are the log's own times, on Unix time where the log has
     a GPS time and counted from boot otherwise.
-
-    Raises:
-        InputError: from the iteration, if nothing in the file can be read.
     """
 
     def __iter__(self) -> Iterator[Event]:
-        with _opened(self.path) as reader:
-            decoder = _Decoder(reader)
-            for message in _messages(reader, decoder.message_names):
+        with mapped(self.path) as data:
+            decoder = _Decoder(data)
+            for message in messages(data, decoder.message_names):
                 yield from decoder.decode(message)
 
 
 class _Decoder:
     """DataFlash messages in, events out."""
 
-    def __init__(self, reader: Any) -> None:
-        # DFReader has read the parameters; its time base is Unix time minus time since boot
-        self._vehicle = VehicleId(_system_id(reader.params), 1)
-        self._unix_us = int(reader.clock.timebase * 1e6)
-        self._clock = VehicleClock()
-        self._log_time = LogTime()
-        self._field = FreshField()
-        self._plausibility: defaultdict[str, Plausibility] = defaultdict(Plausibility)
-        self._arrival_us = self._unix_us
-        self._resets: list[Event] = []  # of the message in hand
-        self._handlers: dict[str, Callable[[Any], list[Event]]] = {
+    def __init__(self, data: Buffer) -> None:
+        system_id, unix_us = _identity(data)
+        self._vehicle = LoggedVehicle(VehicleId(system_id, 1), AUTOPILOT_ARDUPILOT, unix_us)
+        self._arrival_us = unix_us
+        self._handlers: dict[str, Callable[[str, Row], list[Event]]] = {
             "IMU": self._imu,
             "IMU2": self._imu,
             "IMU3": self._imu,
@@ -112,227 +81,148 @@ class _Decoder:
         }
 
     @property
-    def message_names(self) -> list[str]:
-        return list(self._handlers)
+    def message_names(self) -> frozenset[str]:
+        return frozenset(self._handlers)
 
-    def decode(self, message: Any | None) -> list[Event]:
+    def decode(self, message: tuple[str, Row] | None) -> list[Event]:
         """The events of a message; None stands for one that could not be read."""
         if message is None:
             return [Malformed(self._arrival_us, 1)]
-        self._resets.clear()
+        name, row = message
         try:
-            events = self._handlers[message.get_type()](message)
-        except (AttributeError, LookupError, TypeError, ValueError, OverflowError):
+            return self._handlers[name](name, row)
+        except (LookupError, TypeError, ValueError, OverflowError):
             # a message of that name with other columns, or a column with garbage in it
             return [Malformed(self._arrival_us, 1)]
-        return [*self._resets, *events]
 
-    def _place(self, m: Any, name: str, *, imu: bool = False) -> tuple[Placed | Refused, int]:
-        """The message's place in time, and its raw time in us."""
-        raw_us, field = _time_us(m)
-        self._arrival_us = self._unix_us + raw_us
-        place = self._clock.imu if imu else self._clock.other
-        placed = place(name, field, raw_us, self._log_time.arrival_us(raw_us))
-        if isinstance(placed, Placed) and placed.reset is not None:
-            reset = placed.reset
-            self._resets.append(
-                ClockReset(self._vehicle, self._arrival_us, reset.reason, reset.step_us * 1e-6)
-            )
-        return placed, raw_us
+    def _time(self, name: str, row: Row) -> tuple[TimeField, int]:
+        field, raw_us = _time_us(name, row)
+        self._arrival_us = self._vehicle.arrival_us(raw_us)
+        return field, raw_us
 
-    def _imu(self, m: Any) -> list[Event]:
-        name = _imu_name(m)
-        gyr = (float(m.GyrX), float(m.GyrY), float(m.GyrZ))
-        acc = (float(m.AccX), float(m.AccY), float(m.AccZ))
-        refusal = refuse_imu(gyr, acc)
-        if refusal is not None:
-            return [Rejected(self._vehicle, self._arrival_us, refusal, name)]
-        placed, raw_us = self._place(m, name, imu=True)
-        if isinstance(placed, Refused):
-            return [Rejected(self._vehicle, self._arrival_us, placed.reason, name)]
-        sample = self._field.sample(name, raw_us, placed.time_us, gyr, acc)
-        events: list[Event] = [Imu(self._vehicle, self._arrival_us, placed.boot_us, name, sample)]
-        events.extend(
-            Notice(self._vehicle, self._arrival_us, f"{name}: {text}")
-            for text in self._plausibility[name].look(sample, AUTOPILOT_ARDUPILOT)
-        )
-        return events
+    def _imu(self, name: str, row: Row) -> list[Event]:
+        gyr = (float(row["GyrX"]), float(row["GyrY"]), float(row["GyrZ"]))
+        acc = (float(row["AccX"]), float(row["AccY"]), float(row["AccZ"]))
+        instance = _instance(row, "I")  # newer logs number them from 0 in a field
+        stream = f"IMU{instance + 1}" if instance else name
+        return self._vehicle.imu(stream, *self._time(name, row), gyr, acc)
 
-    def _mag(self, m: Any) -> list[Event]:
-        if _instance(m, "I") == 0:
-            mag = (m.MagX * MILLIGAUSS, m.MagY * MILLIGAUSS, m.MagZ * MILLIGAUSS)
-            self._field.put(mag, _time_us(m)[0])
+    def _mag(self, name: str, row: Row) -> list[Event]:
+        if _instance(row, "I") == 0:
+            mag = (row["MagX"] * MILLIGAUSS, row["MagY"] * MILLIGAUSS, row["MagZ"] * MILLIGAUSS)
+            self._vehicle.put_mag(mag, _time_us(name, row)[1])
         return []
 
-    def _attitude(self, m: Any) -> list[Event]:
-        return self._reference(m, "autopilot", _from_degrees(m))
+    def _attitude(self, name: str, row: Row) -> list[Event]:
+        q = _from_degrees(row)
+        return self._vehicle.reference(name, *self._time(name, row), "autopilot", q)
 
-    def _attitude_quaternion(self, m: Any) -> list[Event]:
-        if _instance(m, "C") != 0:
+    def _attitude_quaternion(self, name: str, row: Row) -> list[Event]:
+        if _instance(row, "C") != 0:
             return []
-        return self._reference(m, "autopilot", unit_or_none((m.Q1, m.Q2, m.Q3, m.Q4)))
+        q = _from_quaternion(row)
+        return self._vehicle.reference(name, *self._time(name, row), "autopilot", q)
 
-    def _truth(self, m: Any) -> list[Event]:
-        has_quaternion = "Q1" in m.get_fieldnames()
-        q = unit_or_none((m.Q1, m.Q2, m.Q3, m.Q4)) if has_quaternion else _from_degrees(m)
-        return self._reference(m, "sim", q)
+    def _truth(self, name: str, row: Row) -> list[Event]:
+        q = _from_quaternion(row) if "Q1" in row else _from_degrees(row)
+        return self._vehicle.reference(name, *self._time(name, row), "sim", q)
 
-    def _reference(self, m: Any, source: Any, q: Quaternion | None) -> list[Event]:
-        name = m.get_type()
-        placed, _ = self._place(m, name)
-        if q is None or isinstance(placed, Refused):
+    def _filter_velocity(self, name: str, row: Row) -> list[Event]:
+        if _instance(row, "C") != 0:
             return []
-        return [ReferenceAttitude(self._vehicle, self._arrival_us, placed.time_us, source, name, q)]
+        velocity = (float(row["VN"]), float(row["VE"]), float(row["VD"]))
+        return self._vehicle.fix(
+            name, *self._time(name, row), (velocity, True, FILTER_VELOCITY_SIGMA_M_S)
+        )
 
-    def _filter_velocity(self, m: Any) -> list[Event]:
-        if _instance(m, "C") != 0:
+    def _gps(self, name: str, row: Row) -> list[Event]:
+        latitude_deg, longitude_deg = row["Lat"], row["Lng"]
+        has_position = latitude_deg != 0 or longitude_deg != 0
+        if row["Status"] < FIX_3D or _instance(row, "I") != 0 or not has_position:
             return []
-        return self._velocity(m, (m.VN, m.VE, m.VD), True, FILTER_VELOCITY_SIGMA_M_S)
+        speed_m_s, course_rad = row["Spd"], math.radians(row["GCrs"])
+        velocity = (
+            speed_m_s * math.cos(course_rad),
+            speed_m_s * math.sin(course_rad),
+            float(row.get("VZ", 0.0)),
+        )
+        return self._vehicle.fix(
+            name,
+            *self._time(name, row),
+            (velocity, "VZ" in row, GPS_VELOCITY_SIGMA_M_S),
+            (latitude_deg, longitude_deg, row["Alt"]),
+        )
 
-    def _gps(self, m: Any) -> list[Event]:
-        if m.Status < FIX_3D or _instance(m, "I") != 0 or (m.Lat == 0 and m.Lng == 0):
-            return []
-        course_rad = math.radians(m.GCrs)
-        has_vertical = "VZ" in m.get_fieldnames()
-        down_m_s = m.VZ if has_vertical else 0.0
-        velocity = (m.Spd * math.cos(course_rad), m.Spd * math.sin(course_rad), down_m_s)
-        events = self._velocity(m, velocity, has_vertical, GPS_VELOCITY_SIGMA_M_S)
-        if not events or not isinstance(events[0], Velocity):
-            return events
-        time_us = events[0].sample.time_us
-        position = Position(self._vehicle, self._arrival_us, time_us, "GPS", m.Lat, m.Lng, m.Alt)
-        return [position, *events]
+    def _parameter(self, _name: str, row: Row) -> list[Event]:
+        return [Parameter(self._vehicle.id, self._arrival_us, row["Name"], float(row["Value"]))]
 
-    def _velocity(
-        self, m: Any, velocity: Vec3, has_vertical: bool, sigma_m_s: float
-    ) -> list[Event]:
-        name = m.get_type()
-        placed, _ = self._place(m, name)
-        if isinstance(placed, Refused) or not all(map(math.isfinite, velocity)):
-            return []
-        sample = VelocitySample(placed.time_us, velocity, has_vertical, sigma_m_s)
-        return [Velocity(self._vehicle, self._arrival_us, name, sample)]
-
-    def _parameter(self, m: Any) -> list[Event]:
-        return [Parameter(self._vehicle, self._arrival_us, m.Name, float(m.Value))]
-
-    def _text(self, m: Any) -> list[Event]:
-        vehicle_type = VEHICLE_TYPES.get(str(m.Message).partition(" ")[0])
+    def _text(self, _name: str, row: Row) -> list[Event]:
+        vehicle_type = VEHICLE_TYPES.get(str(row["Message"]).partition(" ")[0])
         if vehicle_type is None:
             return []
-        return [Heartbeat(self._vehicle, self._arrival_us, AUTOPILOT_ARDUPILOT, vehicle_type)]
+        return [Heartbeat(self._vehicle.id, self._arrival_us, AUTOPILOT_ARDUPILOT, vehicle_type)]
 
 
-def _time_us(m: Any) -> tuple[int, TimeField]:
-    """The message's time since boot, and its clock."""
-    names = m.get_fieldnames()
-    if "TimeUS" in names:
-        return int(m.TimeUS), TimeField.TIME_USEC
-    if m.get_type() == "GPS":
-        return int(m.T) * 1000, TimeField.BOOT_MS  # its TimeMS is the GPS week's
-    return int(m.TimeMS) * 1000, TimeField.BOOT_MS
+def _identity(data: Buffer) -> tuple[int, int]:
+    """The system id, 1 unless a parameter says so, and Unix time minus time since boot, in us.
 
-
-def _instance(m: Any, field: str) -> int:
-    return int(getattr(m, field)) if field in m.get_fieldnames() else 0
-
-
-def _imu_name(m: Any) -> str:
-    """IMU, IMU2, IMU3: as old logs call them; newer ones number them from 0 in a field."""
-    instance = _instance(m, "I")
-    return f"IMU{instance + 1}" if instance else str(m.get_type())
-
-
-def _from_degrees(m: Any) -> Quaternion | None:
-    return quaternion_from_euler(math.radians(m.Roll), math.radians(m.Pitch), math.radians(m.Yaw))
-
-
-def _system_id(parameters: dict[str, Any]) -> int:
-    value = parameters.get("MAV_SYSID", parameters.get("SYSID_THISMAV", 1))
-    return int(value) if isinstance(value, (int, float)) and 1 <= value <= 255 else 1
-
-
-def _refuse_endless_formats(path: Path) -> None:
-    """DFReader never comes back from a message format shorter than a message's head."""
-    with path.open("rb") as file, mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as data:
-        endless = ENDLESS_FORMAT.search(data)
-        if endless is not None:
-            name = endless[1].decode()
-            raise InputError(f"{path}: damaged DataFlash log (impossible length of {name})")
-
-
-@contextmanager
-def _opened(path: Path) -> Iterator[Any]:
-    """DFReader's reader; it is as talkative as it is fragile on damaged files."""
-    _refuse_endless_formats(path)
-    mavlink()  # sets what pymavlink reads from the environment
-    os.environ["PYMAVLINK_FAST_INDEX"] = "0"  # the C indexer prints past sys.stderr
-    from pymavlink.DFReader import DFReader_binary
-
-    reader: Any = DFReader_binary.__new__(DFReader_binary)  # to close what a failure leaves open
-    with _quiet():
+    Both are near the log's beginning, if it has them.
+    """
+    system_id: int | None = None
+    unix_us: int | None = None
+    for name, row in filter(None, messages(data, ("PARM", "GPS"))):
         try:
-            reader.__init__(str(path))
-        except Exception as error:  # it raises whatever its tables run into
-            if hasattr(reader, "filehandle"):
-                reader.filehandle.close()
-            raise InputError(
-                f"{path}: damaged DataFlash log, its message formats make no sense"
-            ) from error
-    try:
-        yield reader
-    finally:
-        reader.close()
+            if unix_us is None and name == "GPS":
+                unix_us = _unix_us(row)
+            elif system_id is None and name == "PARM" and row["Name"] in SYSTEM_ID_NAMES:
+                system_id = _system_id(row["Value"])
+        except (LookupError, TypeError, ValueError, OverflowError):
+            continue  # garbage; another one may be sound
+        if system_id is not None and unix_us is not None:
+            break
+    return system_id or 1, unix_us or 0
 
 
-def _messages(reader: Any, names: list[str]) -> Iterator[Any | None]:
-    """The messages of those names in the file's order, None for each unreadable one."""
-    unreadable = 0
-    messages = _next_messages(reader, names)
-    while True:
-        with _quiet():
-            batch = list(islice(messages, BATCH))
-        yield from batch
-        unreadable += batch.count(None)
-        if len(batch) < BATCH or unreadable > UNREADABLE_LIMIT:
-            return
+def _system_id(value: float) -> int | None:
+    return int(value) if 1 <= value <= 255 else None
 
 
-def _next_messages(reader: Any, names: list[str]) -> Iterator[Any | None]:
-    """By DFReader's index, then one by one behind the damage that ended the index, if any."""
-    yield from _until_none(lambda: reader.recv_match(type=names))
-    reader.offset = _end_of_index(reader)
-    reader.remaining = reader.data_len - reader.offset
-    for message in _until_none(reader.recv_msg):
-        if message is None or message.get_type() in names:
-            yield message
+def _unix_us(row: Row) -> int | None:
+    """Unix time minus time since boot; None if the receiver did not know the week yet."""
+    is_modern = "GWk" in row
+    week = row["GWk"] if is_modern else row["Week"]
+    week_ms = row["GMS"] if is_modern else row["TimeMS"]
+    if week <= 0:
+        return None
+    unix_s = GPS_EPOCH_S + week * WEEK_S + week_ms * 1e-3 - LEAP_SECONDS
+    return int(unix_s * 1e6) - _time_us("GPS", row)[1]
 
 
-def _until_none(receive: Callable[[], Any]) -> Iterator[Any | None]:
-    """What ``receive`` gives until it gives None; None here stands for an exception."""
-    while True:
-        try:
-            message = receive()
-        except Exception:  # noqa: BLE001 - likewise; it has moved on by then
-            yield None
-            continue
-        if message is None:
-            return
-        yield message
+def _time_us(name: str, row: Row) -> tuple[TimeField, int]:
+    """The message's clock, and its time since boot.
+
+    Raises:
+        LookupError, TypeError, ValueError, OverflowError: it has none to believe.
+    """
+    if "TimeUS" in row:
+        field, raw_us = TimeField.TIME_USEC, int(row["TimeUS"])
+    elif name == "GPS":
+        field, raw_us = TimeField.BOOT_MS, int(row["T"]) * 1000  # its TimeMS is the GPS week's
+    else:
+        field, raw_us = TimeField.BOOT_MS, int(row["TimeMS"]) * 1000
+    if not 0 <= raw_us <= LONGEST_UPTIME_US:
+        raise ValueError(raw_us)
+    return field, raw_us
 
 
-def _end_of_index(reader: Any) -> int:
-    """Where the last message that DFReader indexed ends; it gives up at the first unknown type."""
-    last = max((offsets[-1] for offsets in reader.offsets if offsets), default=0)
-    form = reader.formats.get(reader.data_map[last + 2]) if last + 2 < reader.data_len else None
-    return min(last + (form.len if form else 3), int(reader.data_len))
+def _instance(row: Row, field: str) -> int:
+    return int(row.get(field, 0))
 
 
-@contextmanager
-def _quiet() -> Iterator[None]:
-    with (
-        open(os.devnull, "w", encoding="utf-8") as nowhere,  # noqa: PTH123 - a device
-        redirect_stdout(nowhere),
-        redirect_stderr(nowhere),
-    ):
-        yield
+def _from_degrees(row: Row) -> Quaternion | None:
+    roll_rad, pitch_rad, yaw_rad = (math.radians(row[name]) for name in ("Roll", "Pitch", "Yaw"))
+    return quaternion_from_euler(roll_rad, pitch_rad, yaw_rad)
+
+
+def _from_quaternion(row: Row) -> Quaternion | None:
+    return unit_or_none((row["Q1"], row["Q2"], row["Q3"], row["Q4"]))

@@ -1,10 +1,16 @@
 """What all logs have in common."""
 
+import mmap
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from types import TracebackType
 from typing import Self
 
 from drivers.file_digest import file_sha256
+from estimator.errors import InputError
+
+Buffer = mmap.mmap | bytes
 
 
 class LogFile:
@@ -27,3 +33,16 @@ class LogFile:
     def sha256(self) -> str:
         """The file's SHA-256, as hexadecimal digits."""
         return file_sha256(self.path)
+
+
+@contextmanager
+def mapped(path: Path) -> Iterator[mmap.mmap]:
+    """The file's content without reading it into memory.
+
+    Raises:
+        InputError: the file is empty, which cannot be mapped.
+    """
+    if path.stat().st_size == 0:
+        raise InputError(f"{path}: the file is empty")
+    with path.open("rb") as file, mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as data:
+        yield data

@@ -8,12 +8,13 @@ sometimes a time from another age; none of that stops the reading.
 import mmap
 import re
 from collections.abc import Iterable, Iterator
-from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
+from fastcrc import crc16
+
 from drivers.events import Event, Malformed
-from drivers.log_file import LogFile
+from drivers.log_file import LogFile, mapped
 from drivers.mavlink_codec import FrameParser, MavlinkDecoder, mavlink
 from estimator.errors import InputError
 
@@ -77,7 +78,7 @@ class Tlog(LogFile):
 
     def __init__(self, path: Path) -> None:
         super().__init__(path)
-        with _mapped(path) as data:
+        with mapped(path) as data:
             if _is_raw_capture(data):
                 raise InputError(
                     f"{path}: MAVLink without time stamps (a raw capture), use the .tlog beside it"
@@ -87,7 +88,7 @@ class Tlog(LogFile):
 
     def __iter__(self) -> Iterator[Event]:
         decoder = MavlinkDecoder()
-        with _mapped(self.path) as data:
+        with mapped(self.path) as data:
             records = TlogRecords(data, decoder.message_names)
             for arrival_us, message in believable(records, _first_stamp_us(data)):
                 if message is None:
@@ -107,7 +108,6 @@ class TlogRecords:
         self._data = data
         self._parser = FrameParser()
         dialect = mavlink()
-        self._x25crc = dialect.x25crc
         self._kinds = kinds = dialect.mavlink_map
         self._wanted_ids = frozenset(
             number for number, kind in kinds.items() if wanted is None or kind.msgname in wanted
@@ -169,8 +169,8 @@ class TlogRecords:
             return True
         is_signed = data[start] == MAGIC_V2 and data[start + 2] & SIGNED_FLAG
         crc_at = end - (SIGNATURE_SIZE if is_signed else 0) - 2
-        expected = self._x25crc(data[start + 1 : crc_at] + bytes([kind.crc_extra])).crc
-        return bool(expected == int.from_bytes(data[crc_at : crc_at + 2], "little"))
+        expected = crc16.mcrf4xx(data[start + 1 : crc_at] + bytes((kind.crc_extra,)))
+        return expected == int.from_bytes(data[crc_at : crc_at + 2], "little")
 
     def _decode(self, position: int, end: int | None) -> Any | None:
         if end is None:
@@ -184,7 +184,7 @@ class TlogRecords:
             end = self._record_end(start)
             if end is None or self._message_id(start) not in self._kinds:
                 continue
-            if self._decode(start, end) is not None:
+            if self._is_sound(start, end) and self._decode(start, end) is not None:
                 return start
         return len(self._data)
 
@@ -223,11 +223,3 @@ def _is_raw_capture(data: mmap.mmap | bytes) -> bool:
             return False
         position = end
     return True
-
-
-@contextmanager
-def _mapped(path: Path) -> Iterator[mmap.mmap]:
-    if path.stat().st_size == 0:  # which mmap refuses
-        raise InputError(f"{path}: the file is empty")
-    with path.open("rb") as file, mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as data:
-        yield data

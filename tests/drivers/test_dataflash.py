@@ -1,4 +1,4 @@
-"""DataFlash logs: written here byte by byte in ArduPilot's layout, read by pymavlink's DFReader."""
+"""DataFlash logs: written here byte by byte in ArduPilot's layout."""
 
 import math
 import os
@@ -11,6 +11,7 @@ from statistics import median
 import pytest
 
 from drivers.dataflash import Dataflash
+from drivers.dataflash_format import messages
 from drivers.events import (
     ClockReset,
     Heartbeat,
@@ -225,7 +226,7 @@ def test_a_garbled_time_is_no_gap_of_years(tmp_path):
 
 @pytest.mark.parametrize("seed", range(12))
 def test_damaged_logs_give_what_can_be_read(tmp_path, capfd, seed):
-    """And not a word to the terminal, which DFReader would be glad to use."""
+    """And not a word to the terminal."""
     rng = random.Random(seed)
     data = bytearray(modern(2).data)
     head = 900  # the formats; without them there is nothing to read
@@ -242,21 +243,61 @@ def test_damaged_logs_give_what_can_be_read(tmp_path, capfd, seed):
 
 
 @pytest.mark.parametrize("length", [0, 1, 2, 3, 30, 255])
-def test_a_format_of_another_length_ends(tmp_path, length):
-    """DFReader would index a message of length 0 for ever."""
+def test_a_format_of_a_length_that_cannot_be_is_passed_over(tmp_path, length):
     log = modern(1)
     path = log.save(tmp_path)
     data = bytearray(log.data)
     data[data.index(b"IMU\0") - 1] = length
     path.write_bytes(data)
-    try:
-        list(Dataflash(path))
-    except InputError as error:
-        assert "impossible length of IMU" in str(error)  # noqa: PT017 - either is an end
+    events = list(Dataflash(path))
+    assert not of(Imu, events)
+    assert of(Malformed, events)
+
+
+def test_messages_agree_with_dfreader(tmp_path, monkeypatch):
+    monkeypatch.setenv("PYMAVLINK_FAST_INDEX", "0")
+    from pymavlink.DFReader import DFReader_binary
+
+    log = modern(2)
+    path, names = log.save(tmp_path), {"IMU", "MAG", "ATT", "XKQ", "XKF1", "GPS", "PARM", "MSG"}
+    theirs = []
+    with DFReader_binary(str(path)) as reader:
+        while (m := reader.recv_match(type=list(names))) is not None:
+            theirs.append((m.get_type(), {key: getattr(m, key) for key in m.get_fieldnames()}))
+    ours = list(messages(log.data, names))
+    assert len(ours) > 250
+    assert ours == theirs
+
+
+def of_sensors(change, count=600):
+    """A log of one noisy IMU, 200 samples of it as they are and the others changed."""
+    log, rng = Writer(), random.Random(3)
+    log.format("IMU", "QBffffff", "TimeUS,I,GyrX,GyrY,GyrZ,AccX,AccY,AccZ")
+    for k in range(count):
+        values = [x + rng.gauss(0, 0.01) for x in REST]
+        log.write("IMU", 1_000_000 + 5000 * k, 0, *(change(values) if k >= 200 else values))
+    return log
+
+
+REST = (0.3, 0.0, 0.0, 0.0, 0.0, -G)
+
+
+@pytest.mark.parametrize(
+    ("reason", "change"),
+    [
+        ("stuck", lambda _: REST),
+        ("gyroscope_saturated", lambda v: [*v[:2], 34.9, *v[3:]]),
+        ("accelerometer_saturated", lambda v: [*v[:4], -78.5, v[5]]),
+    ],
+)
+def test_sensors_that_repeat_themselves_are_refused(tmp_path, reason, change):
+    events = list(Dataflash(of_sensors(change).save(tmp_path)))
+    reasons = [event.reason for event in of(Rejected, events)]
+    assert set(reasons) == {reason}
+    assert len(reasons) > 250
 
 
 def test_a_message_of_unknown_type_ends_nothing(tmp_path):
-    """DFReader's index ends there; a long log goes on, and comes to its own end."""
     first, second = modern(2), modern(40, start_us=12_000_000)
     path = first.save(tmp_path)
     path.write_bytes(first.data + b"\xa3\x95\x7f" + second.data)

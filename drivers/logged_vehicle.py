@@ -1,0 +1,138 @@
+"""A vehicle as its own log saw it: what DataFlash and ULog have in common.
+
+Such a log knows no arrivals. Its own times, on Unix time where a GPS gave it, stand in for them.
+"""
+
+import math
+from collections import defaultdict
+from collections.abc import Iterable
+from typing import Literal
+
+from drivers.events import (
+    ClockReset,
+    Event,
+    Imu,
+    Notice,
+    Position,
+    ReferenceAttitude,
+    Rejected,
+    VehicleId,
+    Velocity,
+)
+from drivers.fresh_field import FreshField
+from drivers.imu_checks import Plausibility, refuse_imu
+from drivers.log_time import LogTime
+from drivers.sensor_faults import Readings, SensorFaults
+from drivers.vehicle_clock import Placed, Refused, TimeField, VehicleClock
+from estimator.types import ZERO_VEC3, Quaternion, Vec3, VelocitySample
+
+
+class LoggedVehicle:
+    """Judges and places one vehicle's readings. ``unix_us`` is Unix time minus the log's time."""
+
+    def __init__(self, vehicle: VehicleId, autopilot: int, unix_us: int) -> None:
+        self.id = vehicle
+        self._autopilot = autopilot
+        self._unix_us = unix_us
+        self._clock = VehicleClock()
+        self._log_time = LogTime()
+        self._field = FreshField()
+        self._mag_gauss = ZERO_VEC3
+        self._faults: defaultdict[str, SensorFaults] = defaultdict(SensorFaults)
+        self._plausibility: defaultdict[str, Plausibility] = defaultdict(Plausibility)
+
+    def arrival_us(self, raw_us: int) -> int:
+        """The log's time ``raw_us`` as a time of arrival."""
+        return self._unix_us + raw_us
+
+    def put_mag(self, mag_gauss: Vec3, raw_us: int) -> None:
+        """Take a magnetic reading in, for the IMU samples behind it."""
+        self._mag_gauss = mag_gauss if all(map(math.isfinite, mag_gauss)) else ZERO_VEC3
+        self._field.put(mag_gauss, raw_us)
+
+    def imu(
+        self, stream: str, field: TimeField, raw_us: int, gyr_rad_s: Vec3, acc_m_s2: Vec3
+    ) -> list[Event]:
+        """The sample, with the magnetic field if that is new; or why it is none."""
+        arrival_us = self.arrival_us(raw_us)
+        refusal = refuse_imu(gyr_rad_s, acc_m_s2)
+        if refusal is not None:
+            return [Rejected(self.id, arrival_us, refusal, stream)]
+        faults = self._faults[stream]
+        refusal = faults.refusal(Readings(gyr_rad_s, acc_m_s2, self._mag_gauss), raw_us)
+        if refusal is not None:
+            return [Rejected(self.id, arrival_us, refusal, stream)]
+        placed = self._clock.imu(stream, field, raw_us, self._log_time.arrival_us(raw_us))
+        if isinstance(placed, Refused):
+            return [Rejected(self.id, arrival_us, placed.reason, stream)]
+        events = self._resets(placed, arrival_us)
+        sample = self._field.sample(stream, raw_us, placed.time_us, gyr_rad_s, acc_m_s2)
+        if sample.has_mag and faults.mag_is_stuck:
+            sample = sample._replace(mag_gauss=ZERO_VEC3, has_mag=False)
+            events.append(Rejected(self.id, arrival_us, "magnetometer_stuck", stream))
+        complaints = self._plausibility[stream].look(sample, self._autopilot)
+        return [
+            *events,
+            Imu(self.id, arrival_us, placed.boot_us, stream, sample),
+            *(Notice(self.id, arrival_us, f"{stream}: {text}") for text in complaints),
+        ]
+
+    def reference(
+        self,
+        name: str,
+        field: TimeField,
+        raw_us: int,
+        source: Literal["autopilot", "sim"],
+        q_ned_frd: Quaternion | None,
+    ) -> list[Event]:
+        """Somebody's attitude; None for one that is no rotation."""
+        placed = self._place(name, field, raw_us)
+        if placed is None:
+            return []
+        arrival_us = self.arrival_us(raw_us)
+        events = self._resets(placed, arrival_us)
+        if q_ned_frd is not None:
+            events.append(
+                ReferenceAttitude(self.id, arrival_us, placed.time_us, source, name, q_ned_frd)
+            )
+        return events
+
+    def fix(
+        self,
+        name: str,
+        field: TimeField,
+        raw_us: int,
+        velocity: tuple[Vec3, bool, float],
+        position: Vec3 | None = None,
+    ) -> list[Event]:
+        """A velocity and perhaps a position; either is left out where it is not finite.
+
+        ``velocity`` is NED in m/s, whether its vertical part is one, and its sigma in m/s.
+        ``position`` is latitude and longitude in degrees and altitude in m.
+        """
+        placed = self._place(name, field, raw_us)
+        if placed is None:
+            return []
+        arrival_us, time_us = self.arrival_us(raw_us), placed.time_us
+        events = self._resets(placed, arrival_us)
+        if position is not None and _all_finite(position):
+            events.append(Position(self.id, arrival_us, time_us, name, *position))
+        velocity_ned_m_s, has_vertical, sigma_m_s = velocity
+        if _all_finite((*velocity_ned_m_s, sigma_m_s)):
+            sample = VelocitySample(time_us, velocity_ned_m_s, has_vertical, sigma_m_s)
+            events.append(Velocity(self.id, arrival_us, name, sample))
+        return events
+
+    def _place(self, name: str, field: TimeField, raw_us: int) -> Placed | None:
+        placed = self._clock.other(name, field, raw_us, self._log_time.arrival_us(raw_us))
+        return None if isinstance(placed, Refused) else placed
+
+    def _resets(self, placed: Placed, arrival_us: int) -> list[Event]:
+        reset = placed.reset
+        if reset is None:
+            return []
+        return [ClockReset(self.id, arrival_us, reset.reason, reset.step_us * 1e-6)]
+
+
+def _all_finite(values: Iterable[float]) -> bool:
+    return all(map(math.isfinite, values))
