@@ -81,11 +81,6 @@ class Colony:
         """Whether what is asked is a scout's position."""
         return self._phase == "scout"
 
-    @property
-    def mean_cost(self) -> float:
-        """The sources' mean cost."""
-        return float(np.mean(self.sources.costs))
-
     def _advance(self) -> None:
         if self._phase in {"start", "scout"}:
             self.cycles += self._phase == "scout"

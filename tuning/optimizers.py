@@ -43,7 +43,7 @@ def bees(search: Search, first: Array, generator: np.random.Generator) -> None:
         asked = colony.ask()
         colony.tell(search.costs(asked, scouts=colony.scouting))
         if colony.cycles > cycle:
-            search.end_cycle(colony.mean_cost)
+            search.end_cycle(*colony.sources)
 
 
 def cma_es(search: Search, first: Array, generator: np.random.Generator) -> None:
@@ -67,7 +67,7 @@ def cma_es(search: Search, first: Array, generator: np.random.Generator) -> None
             if len(costs) < population:
                 raise BudgetSpent
             strategy.tell(list(zip(asked, costs.tolist(), strict=True)))
-            search.end_cycle(float(np.mean(costs)))
+            search.end_cycle(lower + (upper - lower) * asked, costs)
         population *= 2
         mean = generator.random(search.space.dimensions)
 
@@ -79,13 +79,18 @@ def differential_evolution(search: Search, first: Array, generator: np.random.Ge
     lower, upper = bounds(search.space)
     members = search.options.food_sources
     start = np.concatenate([first[None, :], random_positions(search.space, members - 1, generator)])
-    seen: list[Array] = []
+    held, held_costs = start, np.full(members, np.inf)
+    generations = -1  # the first batch is the start
 
     def vectorized(x: Array) -> Array:
-        costs = search.costs(np.ascontiguousarray(x.T))
-        seen.append(costs if not seen else np.minimum(seen[-1], costs))
-        if len(seen) % 2 == 1 and len(seen) > 1:  # two generations cost as much as a bees' cycle
-            search.end_cycle(float(np.mean(seen[-1])))
+        nonlocal held, held_costs, generations
+        asked = np.ascontiguousarray(x.T)
+        costs = search.costs(asked)
+        held = np.where((costs < held_costs)[:, None], asked, held)
+        held_costs = np.minimum(held_costs, costs)
+        generations += 1
+        if generations > 0 and generations % 2 == 0:  # two cost as much as a bees' cycle
+            search.end_cycle(held, held_costs)
         return costs
 
     try:

@@ -44,12 +44,25 @@ class SearchOptions(NamedTuple):
 
 
 class Progress(NamedTuple):
-    """After a batch: how far, how good. ``mean_cost`` is the population's."""
+    """After a cycle: how far, how good. Mean and median are the population's."""
 
     evaluations: int
     cycles: int
     best_cost: float
     mean_cost: float
+    median_cost: float
+
+
+class Population(NamedTuple):
+    """What an algorithm goes on from after a cycle, for those who watch it.
+
+    Values (N, D) with their costs (N,). ``failures`` (N,) are the bees' own:
+    trials in a row that did not improve a food source.
+    """
+
+    values: Array
+    costs: Array
+    failures: NDArray[np.int64] | None = None
 
 
 class Record(NamedTuple):
@@ -96,6 +109,7 @@ class Search:
         self.best_cost = np.inf
         self.best_values = np.full(space.dimensions, np.nan)
         self.history: list[Progress] = []
+        self.population: Population | None = None
 
     @property
     def left(self) -> int:
@@ -128,12 +142,15 @@ class Search:
             raise InterruptedSearch
         return costs
 
-    def end_cycle(self, mean_cost: float) -> None:
-        """Note the end of a cycle (generation), with its population's mean cost."""
+    def end_cycle(
+        self, positions: Array, costs: Array, failures: NDArray[np.int64] | None = None
+    ) -> None:
+        """Note the end of a cycle (generation), and its population in search coordinates."""
         self.cycles += 1
-        self.history.append(
-            Progress(self.evaluations, self.cycles, float(self.best_cost), mean_cost)
-        )
+        values = decode(self.space, feasible(self.space, positions))
+        self.population = Population(values, costs, failures)
+        best, mean, median = float(self.best_cost), float(np.mean(costs)), float(np.median(costs))
+        self.history.append(Progress(self.evaluations, self.cycles, best, mean, median))
 
     def _recorded(self, count: int) -> Array | None:
         """The next ``count`` recorded costs, or None where the record has ended."""

@@ -38,6 +38,16 @@ def test_improves_and_keeps_the_best(options):
     assert search.best_cost == search.record.costs.min()
 
 
+def test_the_population_can_be_watched(options):
+    search = searched(options)
+    values, costs, failures = search.population
+    assert values.shape == (len(costs), SPACE.dimensions)
+    assert np.array_equal(bowl(values), costs)
+    assert (failures is not None) == (options.algorithm == "abc")
+    assert search.history[-1].cycles == search.cycles == len(search.history)
+    assert search.history[-1].median_cost == np.median(costs)
+
+
 def test_spends_its_budget_and_no_more(options):
     """8 (1 + 2 x 12) evaluations; the bees' scouts come on top and are few."""
     search = searched(options)
