@@ -28,7 +28,7 @@ from drivers.events import (
 from estimator.errors import InputError
 from estimator.estimator import Estimator
 from estimator.profile import Profile, merge_profile
-from service.records import Message, Output, Peer, Published
+from service.records import Message, Output, Peer, Published, Replaced, vehicle_name
 from service.vehicle import Vehicle
 
 # A system id has one vehicle; more than this on one link is noise or an attack.
@@ -70,6 +70,7 @@ class Pipeline:
         self._next_status_us: int | None = None
         # the latest since the last tick: they come faster than anybody needs them
         self._peers: dict[tuple[VehicleId, str], Peer] = {}
+        self._replaced: list[Output] = []  # since the last tick
 
     @property
     def vehicles(self) -> tuple[Vehicle, ...]:
@@ -122,7 +123,8 @@ class Pipeline:
 
     def tick(self, now_us: int, load: Load = Load()) -> list[Output]:  # noqa: B008 - immutable
         """The attitudes at ``now_us`` (host time), and each second the statuses."""
-        outputs: list[Output] = [*self._peers.values()]
+        outputs: list[Output] = [*self._replaced, *self._peers.values()]
+        self._replaced.clear()
         self._peers.clear()
         status_due = self._status_due(now_us)
         for vehicle in self._vehicles.values():
@@ -145,6 +147,8 @@ class Pipeline:
             raise InputError(f"no vehicle {address.system_id}-{address.component_id}")
         profile = merge_profile(vehicle.profile, partial)
         vehicle.replace_profile(profile)
+        name = vehicle_name(address)
+        self._replaced += [Replaced(address, profile), Message(f"vehicle {name}: new parameters")]
         return profile
 
     def _meet(self, address: VehicleId) -> Vehicle | None:

@@ -9,6 +9,7 @@ from typing import Literal, NamedTuple
 import msgspec
 
 from drivers.events import VehicleId
+from estimator.profile import Profile
 from estimator.types import ImuSample, Quaternion, Vec3
 
 SCHEMA = 1
@@ -79,13 +80,20 @@ class Peer(NamedTuple):
     q_ned_frd: Quaternion
 
 
+class Replaced(NamedTuple):
+    """A vehicle's parameters have been replaced, by these."""
+
+    vehicle: VehicleId
+    profile: Profile
+
+
 class Message(NamedTuple):
     """One line for a person."""
 
     text: str
 
 
-Output = Published | Peer | Message
+Output = Published | Peer | Replaced | Message
 
 
 def vehicle_name(vehicle: VehicleId) -> str:

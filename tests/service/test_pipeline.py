@@ -19,7 +19,7 @@ from drivers.events import (
 from estimator.errors import InputError
 from estimator.profile import load_profile
 from service.pipeline import MAX_VEHICLES, Load, Pipeline
-from service.records import AttitudeRecord, Message, Peer, Published, StatusRecord
+from service.records import AttitudeRecord, Message, Peer, Published, Replaced, StatusRecord
 from tests.service.streams import ONE, START_US, imu_events
 
 PAPER = load_profile("paper")
@@ -228,6 +228,9 @@ def test_a_profile_is_replaced_without_losing_the_estimate():
     with pytest.raises(InputError, match="no vehicle"):
         pipeline.replace_profile(VehicleId(9, 1), {})
     assert pipeline.vehicle(ONE).profile == profile
+    told = pipeline.tick(START_US + 100_000)
+    assert told[:2] == [Replaced(ONE, profile), Message("vehicle 1: new parameters")]
+    assert Replaced(ONE, profile) not in pipeline.tick(START_US + 110_000)
 
 
 def test_an_estimate_that_is_not_finite_is_not_published():
