@@ -1,6 +1,7 @@
 """Opens a log by what it is: the content decides, not the name."""
 
 import re
+import stat
 from collections.abc import Iterator
 from pathlib import Path
 from types import TracebackType
@@ -13,6 +14,7 @@ from estimator.errors import InputError
 ULOG_MAGIC = b"ULog\x01\x12\x35"
 DATAFLASH_FORMAT = re.compile(rb"\xa3\x95\x80")  # head of a FMT message, which comes first
 DATAFLASH_TEXT = re.compile(rb"^FMT, ?\d+, ?\d+, ?", re.MULTILINE)
+COMPRESSED = (b"\x1f\x8b", b"PK\x03\x04", b"7z\xbc\xaf", b"\xfd7zXZ", b"BZh", b"\x28\xb5\x2f\xfd")
 HEAD_SIZE = 65_536
 
 
@@ -55,6 +57,8 @@ def open_log(path: Path) -> LogSource:
         return Dataflash(path)
     if DATAFLASH_TEXT.search(head[:4096]):
         raise InputError(f"{path}: a DataFlash log as text, use the .bin it was made from")
+    if head.startswith(COMPRESSED):
+        raise InputError(f"{path}: a compressed file, unpack it first")
     return Tlog(path)
 
 
@@ -74,14 +78,22 @@ def imu_events(log: LogSource) -> Iterator[Event]:
 
 def _head(path: Path) -> bytes:
     try:
+        _require_file(path)
         with path.open("rb") as file:
             head = file.read(HEAD_SIZE)
     except FileNotFoundError:
         raise InputError(f"{path}: no such file") from None
-    except IsADirectoryError:
-        raise InputError(f"{path}: a folder, not a log file") from None
     except OSError as error:
         raise InputError(f"{path}: cannot be read ({error.strerror or error})") from None
     if not head:
         raise InputError(f"{path}: the file is empty")
     return head
+
+
+def _require_file(path: Path) -> None:
+    """A folder has no content, a pipe would block, and a device may never end."""
+    mode = path.stat().st_mode
+    if stat.S_ISDIR(mode):
+        raise InputError(f"{path}: a folder, not a log file")
+    if not stat.S_ISREG(mode):
+        raise InputError(f"{path}: not a file but a pipe, a socket or a device")

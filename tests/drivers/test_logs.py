@@ -1,5 +1,7 @@
 """A log is opened by what it is, and what is none is said in one line."""
 
+import gzip
+import os
 from pathlib import Path
 
 import pytest
@@ -39,6 +41,7 @@ def test_every_log_here_opens():
         (b"ULog\x01\x12\x35\x01" + bytes(8), "damaged ULog|no usable IMU"),
         (b"\xa3\x95\x80" + bytes(60), "damaged DataFlash|no usable IMU"),
         (bytes(5000), "not a telemetry log"),
+        (gzip.compress(bytes(5000)), "a compressed file"),
     ],
 )
 def test_what_cannot_be_used_is_said_in_one_line(tmp_path, content, complaint):
@@ -55,6 +58,16 @@ def test_no_such_file_and_a_folder(tmp_path):
         open_log(tmp_path / "nowhere.tlog")
     with pytest.raises(InputError, match="a folder"):
         open_log(tmp_path)
+
+
+@pytest.mark.parametrize("name", ["fifo", "/dev/null", "/dev/zero"])
+def test_what_may_block_or_never_end_is_not_opened(tmp_path, name):
+    path = tmp_path / name
+    if name == "fifo":
+        os.mkfifo(path)
+    with pytest.raises(InputError, match="a pipe, a socket or a device") as raised:
+        open_log(path)
+    assert str(raised.value).count(str(path)) == 1
 
 
 def test_a_log_without_imu_is_said_so(tmp_path):
