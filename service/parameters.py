@@ -65,6 +65,8 @@ class ParameterRequests:
                 profile = replace(request.vehicle, request.partial)
             except InputError as error:
                 request.answer.set_exception(error)
+            except RecursionError:  # what the parser could still read
+                request.answer.set_exception(InputError("the profile is nested too deep"))
             else:
                 request.answer.set_result(profile)
 

@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     import zenoh
 
 JSON = "application/json"
+LONGEST_PAYLOAD = 65_536  # bytes; a whole profile has some 4,000
 
 
 class ZenohSink:
@@ -110,6 +111,8 @@ class ZenohSink:
 
 
 def _json_object(payload: bytes) -> dict[str, Any]:
+    if len(payload) > LONGEST_PAYLOAD:
+        raise InputError(f"the payload has {len(payload)} bytes, more than {LONGEST_PAYLOAD}")
     try:
         return msgspec.json.decode(payload, type=dict[str, Any])
     except (msgspec.DecodeError, UnicodeDecodeError, RecursionError) as error:

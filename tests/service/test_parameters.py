@@ -85,6 +85,40 @@ def test_what_cannot_be_used_is_refused_by_name_and_changes_nothing(partial, wor
     assert pipeline.vehicle(ONE).profile is before
 
 
+def nested(depth):
+    return b'{"filter": {"gamma": ' + b"[" * depth + b"]" * depth + b"}}"
+
+
+HOSTILE = {
+    "megabytes": b'{"provenance": {"description": "' + b"x" * 3_000_000 + b'"}}',
+    "no end": b"[" * 60_000,
+    "not finite": b'{"filter": {"gamma": NaN}}',
+    "out of range": b'{"filter": {"gamma": 1e999}}',
+    "a long number": b'{"filter": {"gamma": ' + b"9" * 5000 + b"}}",
+    "negative": b'{"filter": {"gamma": -1}}',
+    "a text": b'{"filter": {"gamma": "1"}}',
+    "a switch": b'{"filter": {"gamma": true}}',
+    "a number for a switch": b'{"conditioning": {"enabled": 1}}',
+    "half a character": b'{"\\ud800": 1}',
+    "no text": b"\xff\xfe\x00",
+    **{f"{depth} deep": nested(depth) for depth in (100, 900, *range(950, 1001, 10), 30_000)},
+}
+
+
+def test_a_hostile_payload_is_answered_with_one_line_and_the_service_goes_on(endpoint):  # noqa: F811
+    with service(endpoint), plain_client(endpoint) as client:
+        wait_for(lambda: get(client, "test/1/attitude"))
+        for name, payload in HOSTILE.items():
+            ((key, value),) = get(client, "test/1/parameters", payload)
+            assert key is None, name
+            assert 0 < len(value["error"]) < 500, name
+            assert "\n" not in value["error"]
+        ((_, before),) = get(client, "test/1/attitude")
+        wait_for(lambda: get(client, "test/1/attitude")[0][1]["sequence"] > before["sequence"])
+        ((_, profile),) = get(client, "test/1/parameters", json.dumps({"filter": {"gamma": 0.5}}))
+        assert profile["filter"]["gamma"] == 0.5
+
+
 def test_replacements_under_load_are_answered_one_by_one(endpoint):  # noqa: F811
     """Three clients, every second request wrong, at 100 attitudes a second."""
     got, answers = [], []
