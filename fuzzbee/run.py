@@ -181,6 +181,7 @@ def serve(options: RunOptions, *, verbose: bool) -> None:
     endpoint = parse_endpoint(options.source)
     profile = load_profile(options.profile)
     require_openable(endpoint)
+    key = security.read_key(options.security)
     _compile(profile, options.gain)
     pipeline = Pipeline(
         profile,
@@ -190,7 +191,7 @@ def serve(options: RunOptions, *, verbose: bool) -> None:
     requests = ParameterRequests()
     with ExitStack() as stack:
         session = _open_zenoh(options.zenoh, stack)
-        runner_of = _open_source(endpoint, options, stack)
+        runner_of = _open_source(endpoint, options, key, stack)
         sinks = _zenoh_sinks(session, options, profile, requests)
         sinks += outputs.open_outputs(options.outputs, session, _prefix(options), profile)
         view = _open_view(options, verbose=verbose)
@@ -234,7 +235,7 @@ def _say(text: str) -> None:
 
 
 def _open_source(
-    endpoint: "Endpoint", options: RunOptions, stack: ExitStack
+    endpoint: "Endpoint", options: RunOptions, key: bytes | None, stack: ExitStack
 ) -> "Callable[[Pipeline, Any, ParameterRequests], Runner]":
     """The source, opened, as what makes a runner of it."""
     from service.runner import Runner
@@ -251,7 +252,7 @@ def _open_source(
             raise InputError("--record: sim: has no MAVLink to record; start fuzzbee sim --to URL")
         recorder = _recorder(options.record, stack)
     security.require_link(options.security, endpoint)
-    policy, key = security.open_policy(options.security, stack)
+    policy = security.open_policy(options.security, key, stack)
     source: LiveSource = stack.enter_context(
         open_live(
             endpoint,

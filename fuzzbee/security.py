@@ -13,6 +13,7 @@ if TYPE_CHECKING:
     from drivers.frame_gate import Policy
 
 PANEL = "Security"
+LONGEST_KEY_FILE = 4096  # bytes
 
 AllowSystemIds = Annotated[
     str | None,
@@ -79,36 +80,49 @@ def require_link(options: SecurityOptions, endpoint: "Endpoint") -> None:
             raise InputError(f"{option} is for a MAVLink link, sim: has no frames")
 
 
-def open_policy(options: SecurityOptions, stack: ExitStack) -> "tuple[Policy, bytes | None]":
-    """What to let in, and the key to sign with.
+def read_key(options: SecurityOptions) -> bytes | None:
+    """The key of the file that was named, if one was.
 
     Raises:
-        InputError: the key file cannot be read or is empty, or the file of time stamps
-            cannot be used.
+        InputError: see :func:`key_content`.
+    """
+    if options.signing_key_file is None:
+        return None
+    from drivers.mavlink_encoder import signing_key
+
+    return signing_key(key_content(options.signing_key_file))
+
+
+def open_policy(options: SecurityOptions, key: bytes | None, stack: ExitStack) -> "Policy":
+    """What to let in; with a key, only what is signed with it.
+
+    Raises:
+        InputError: the file of time stamps cannot be used.
     """
     from drivers.frame_gate import Policy
 
-    if options.signing_key_file is None:
-        return Policy(options.system_ids), None
-    from drivers.mavlink_encoder import signing_key
+    if key is None:
+        return Policy(options.system_ids)
     from drivers.signing import SigningCheck, state_path
 
-    key = signing_key(key_content(options.signing_key_file))
     check = SigningCheck(key, state_path())
     stack.callback(check.close)
-    return Policy(options.system_ids, check), key
+    return Policy(options.system_ids, check)
 
 
 def key_content(path: Path) -> bytes:
     """What is in a key file.
 
     Raises:
-        InputError: it cannot be read, or is empty.
+        InputError: it cannot be read, is empty, or too long to be one.
     """
     try:
-        content = path.read_bytes()
+        with path.open("rb") as file:
+            content = file.read(LONGEST_KEY_FILE + 1)
     except OSError as error:
         raise InputError(f"cannot read the key file {path}: {error.strerror}") from error
     if not content.strip():
         raise InputError(f"the key file {path} is empty")
+    if len(content) > LONGEST_KEY_FILE:
+        raise InputError(f"the key file {path} is too long for a key or a pass phrase")
     return content
