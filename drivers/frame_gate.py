@@ -16,6 +16,7 @@ EXPLANATIONS = {
     "wrong_signature": "frames signed with another key are refused",
     "replayed": "frames with an old time stamp in their signature are refused",
     "signature_too_old": "its signatures are more than a minute old, set its clock (or ours)",
+    "signature_too_new": "its signatures are from the future, set our clock (or its)",
     "address_conflict": "a second sender uses the same address and is ignored",
 }
 

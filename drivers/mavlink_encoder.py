@@ -10,7 +10,7 @@ CRC_EXTRA from the message definitions common.xml and ardupilotmega.xml.
 """
 
 import hashlib
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from struct import Struct
 from typing import NamedTuple
 
@@ -70,13 +70,24 @@ class Message(NamedTuple):
 
 
 class FrameEncoder:
-    """Numbers, checks and, with a key of 32 bytes, signs the frames of one sender."""
+    """Numbers, checks and, with a key of 32 bytes, signs the frames of one sender.
 
-    def __init__(self, sender: VehicleId, key: bytes | None = None, link_id: int = 0) -> None:
+    ``stamp`` gives a signature's time stamp from the Unix time in us, each above the last;
+    without it they begin with the first frame's time.
+    """
+
+    def __init__(
+        self,
+        sender: VehicleId,
+        key: bytes | None = None,
+        link_id: int = 0,
+        stamp: Callable[[int], int] | None = None,
+    ) -> None:
         assert key is None or len(key) == 32
         self._sender = sender
         self._key = key
         self._link_id = link_id
+        self._stamp = stamp or self._next_stamp
         self._sequence = 0
         self._signing_ticks = 0
 
@@ -103,11 +114,14 @@ class FrameEncoder:
         return frame if self._key is None else self._signed(frame, self._key, unix_us)
 
     def _signed(self, frame: bytes, key: bytes, unix_us: int) -> bytes:
-        # the stamp must grow with every frame, also within one tick of 10 us
+        frame += bytes((self._link_id,)) + self._stamp(unix_us).to_bytes(6, "little")
+        return frame + hashlib.sha256(key + frame).digest()[:6]
+
+    def _next_stamp(self, unix_us: int) -> int:
+        # it must grow with every frame, also within one tick of 10 us
         now = (unix_us - SIGNING_EPOCH_US) // SIGNING_TICK_US
         self._signing_ticks = max(self._signing_ticks + 1, now)
-        frame += bytes((self._link_id,)) + self._signing_ticks.to_bytes(6, "little")
-        return frame + hashlib.sha256(key + frame).digest()[:6]
+        return self._signing_ticks
 
 
 def heartbeat(vehicle_type: int, autopilot: int) -> Message:

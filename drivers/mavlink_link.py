@@ -81,6 +81,7 @@ class MavlinkLink(Closing):
         self._decoder = FrameDecoder(references=references)
         self._gate = FrameGate(policy)
         self._key = key
+        self._stamp = None if policy.signing is None else policy.signing.stamp
         self._parsers: OrderedDict[str, FrameReader] = OrderedDict()
         self._encoders: dict[int, FrameEncoder] = {}
         self._outgoing: deque[bytes] = deque(maxlen=MOST_UNSENT_FRAMES)
@@ -229,7 +230,7 @@ class MavlinkLink(Closing):
     def _encoder(self, system_id: int) -> FrameEncoder:
         if system_id not in self._encoders:
             sender = VehicleId(system_id, MAV_COMP_ID_ONBOARD_COMPUTER)
-            self._encoders[system_id] = FrameEncoder(sender, self._key)
+            self._encoders[system_id] = FrameEncoder(sender, self._key, stamp=self._stamp)
         return self._encoders[system_id]
 
     def _parser(self, peer: str) -> FrameReader:

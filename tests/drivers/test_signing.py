@@ -1,6 +1,7 @@
 """Signed frames on receipt: what is let in, and what a restart remembers."""
 
 import json
+from itertools import pairwise
 
 import pytest
 
@@ -68,6 +69,63 @@ def test_a_signature_more_than_a_minute_old_is_refused(file):
     assert check.refusal(signed(NOW - 59 * S), NOW) is None
 
 
+def test_a_signature_more_than_a_minute_ahead_is_refused_and_locks_nobody_out(file):
+    check = SigningCheck(KEY, file)
+    assert check.refusal(signed(NOW + 61 * S), NOW) == "signature_too_new"
+    assert check.refusal(signed(NOW + 10**9 * S), NOW) == "signature_too_new"
+    assert check.refusal(signed(NOW + 59 * S), NOW) is None
+    assert check.refusal(signed(NOW, vehicle=VehicleId(2, 1)), NOW) is None
+
+
+@pytest.mark.parametrize("crash_s", [None, 3, 600])
+def test_a_sender_that_counts_frames_instead_of_time_goes_on(file, crash_s):
+    """As pymavlink does: its stamps fall behind, second by second, but never back."""
+    check, refused_s = SigningCheck(KEY, file), []
+    for second in range(1200):
+        if second == crash_s:
+            check = SigningCheck(KEY, file)
+        if check.refusal(signed(NOW + 10 * second), NOW + second * S) is not None:
+            refused_s.append(second)
+    # the file is ahead by as many frames as came in two seconds
+    assert refused_s in ([], *([*range(crash_s or 0, (crash_s or 0) + n)] for n in (1, 2, 3)))
+
+
+def test_frames_nobody_heard_are_too_old_after_a_minute(file):
+    check = SigningCheck(KEY, file)
+    assert check.refusal(signed(NOW), NOW) is None
+    recorded = [signed(NOW + second * S) for second in range(1, 100)]
+    later = NOW + 300 * S
+    assert {check.refusal(frame, later) for frame in recorded} == {"signature_too_old"}
+    assert check.refusal(signed(later), later) is None
+
+
+def test_our_stamps_grow_also_over_a_restart_with_the_clock_set_back(file):
+    stamps, check = [], SigningCheck(KEY, file)
+    stamps += [check.stamp(NOW), check.stamp(NOW), check.stamp(NOW + 3 * S), check.stamp(NOW)]
+    check.close()
+    check = SigningCheck(KEY, file)
+    stamps += [check.stamp(NOW - 3600 * S), check.stamp(NOW - 3600 * S)]
+    check = SigningCheck(KEY, file)  # the second one was killed
+    stamps += [check.stamp(NOW - 7200 * S), check.stamp(0)]
+    assert all(a < b for a, b in pairwise(stamps))
+    assert stamps[-1] < stamps[0] + 10 * AHEAD_TICKS
+
+
+def test_two_processes_keep_their_streams_in_one_file(file):
+    """Each knows the other's from its start only, and must not write that back."""
+    two = VehicleId(2, 1)
+    SigningCheck(KEY, file).refusal(signed(vehicle=two), NOW)
+    here, there = SigningCheck(KEY, file), SigningCheck(KEY, file)
+    for now in range(NOW + 3 * S, NOW + 20 * S, S):
+        assert here.refusal(signed(now), now) is None
+        assert there.refusal(signed(now, vehicle=two), now) is None
+    there.close()
+    here.close()
+    again = SigningCheck(KEY, file)
+    assert again.refusal(signed(now), now) == "replayed"
+    assert again.refusal(signed(now, vehicle=two), now) == "replayed"
+
+
 def test_what_was_accepted_before_a_restart_is_refused_after_it(file):
     check = SigningCheck(KEY, file)
     assert check.refusal(signed(), NOW) is None
@@ -97,12 +155,26 @@ def test_the_file_is_written_rarely_and_holds_no_secret(file, monkeypatch):
     assert len(writes) <= 6
     text = file.read_text()
     assert KEY.hex() not in text
-    assert set(json.loads(text)) == {"1-1-0"}
+    assert set(json.loads(text)) == {"1-1-0", "ours"}
 
 
 def test_a_damaged_state_is_refused_at_the_start(file):
     file.parent.mkdir()
-    for text in ("{", "[1]", '{"1-1": 3}', '{"1-1-0": null}'):
+    damaged = (
+        "{",
+        "[1]",
+        '{"1-1": [3, 0]}',
+        '{"1-1-0": null}',
+        '{"1-1-0": 3}',
+        '{"1-1-0": [NaN, 0]}',
+    )
+    for text in (
+        *damaged,
+        '{"1-1-0": [3, 0, 0]}',
+        '{"ours": []}',
+        '{"ours": 1e300}',
+        '{"ours": -1}',
+    ):
         file.write_text(text)
         with pytest.raises(InputError, match="damaged"):
             SigningCheck(KEY, file)

@@ -2,16 +2,28 @@
 
 import json
 import os
+import signal
 import socket
 import subprocess
 import sys
+import threading
+import time
+from contextlib import suppress
+from pathlib import Path
 
 import pytest
 
+from drivers.events import VehicleId
+from drivers.mavlink_encoder import FrameEncoder, raw_imu, signing_key
 from estimator.errors import InputError
 from fuzzbee.cli import main
 from fuzzbee.security import parse_system_ids
 from tests.fuzzbee.processes import free_port, started
+from tests.service.test_zenoh import wait_for
+from tests.service.test_zenoh_faults import _patient_client
+
+os.environ["MAVLINK20"] = "1"  # read by pymavlink when it is imported
+from pymavlink import mavutil
 
 
 @pytest.fixture
@@ -22,7 +34,7 @@ def key(tmp_path, monkeypatch):
     return path
 
 
-def run_service(port, *options, seconds=6):
+def run_service(port, *options, seconds=2.5):
     done = subprocess.run(
         [
             *(sys.executable, "-m", "fuzzbee", "run", f"udpin:127.0.0.1:{port}", "--json"),
@@ -52,6 +64,9 @@ def test_beside_a_signed_vehicle_an_unsigned_one_is_refused_and_counted(key, tmp
     assert list(result["vehicles"]) == ["1"]
     assert result["vehicles"]["1"]["state"] == "running"
     assert result["vehicles"]["1"]["samples"] > 100
+    counted = result["vehicles"]["1"]["rejected"]  # as in its status: who claims to be it
+    assert counted["unsigned"] > 100
+    assert counted["wrong_signature"] > 100
     assert result["refused"]["unsigned"] > 200
     assert result["refused"]["wrong_signature"] > 100
     assert "without a signature" in said
@@ -61,19 +76,157 @@ def test_beside_a_signed_vehicle_an_unsigned_one_is_refused_and_counted(key, tmp
         assert secret not in text
 
 
+class Peer:
+    """A vehicle made of pymavlink, signing and checking signatures, in a thread."""
+
+    def __init__(self, port, key):
+        self._link = mavutil.mavlink_connection(
+            f"udpout:127.0.0.1:{port}", source_system=1, source_component=1, dialect="ardupilotmega"
+        )
+        self._link.setup_signing(key, allow_unsigned_callback=lambda *_: False)
+        self.signing = self._link.mav.signing
+        self.asked = []  # the messages that we were asked for
+        self._end = threading.Event()
+        self._thread = threading.Thread(target=self._fly)
+
+    def __enter__(self):
+        self._thread.start()
+        return self
+
+    def __exit__(self, *_):
+        self._end.set()
+        self._thread.join()
+        self._link.close()
+
+    def _fly(self):
+        link, number = self._link, 0
+        while not self._end.wait(0.01):
+            number += 1
+            if number % 50 == 1:
+                link.mav.heartbeat_send(2, 3, 0, 0, 4)
+            noise = number % 3
+            link.mav.raw_imu_send(10_000 * number, noise, 0, -1000, 0, noise, 1, 200, 0, 400)
+            with suppress(ConnectionRefusedError):  # nobody listens yet
+                message = link.recv_match(type="COMMAND_LONG", blocking=False)
+                if message is not None and message.command == 511:
+                    self.asked.append(int(message.param1))
+
+
+def test_a_signed_vehicle_accepts_our_requests_also_after_a_restart(key):
+    port = free_port(socket.SOCK_DGRAM)
+    options = ("--signing-key-file", str(key), "--request-rate", "200")
+    asked, stamps = [], []
+    with Peer(port, signing_key(key.read_bytes())) as vehicle:
+        for _ in range(2):
+            result, _ = run_service(port, *options, seconds=2)
+            assert result["vehicles"]["1"]["samples"] > 50
+            assert result["vehicles"]["1"]["state"] == "running"
+            asked.append(len(vehicle.asked))
+            stamps.append(vehicle.signing.stream_timestamps[0, 1, 191])
+    assert 0 < asked[0] < asked[1]
+    assert set(vehicle.asked) == {27}  # RAW_IMU
+    assert stamps[0] < stamps[1]
+    assert vehicle.signing.badsig_count == 0
+    assert vehicle.signing.goodsig_count > 4
+
+
+def test_a_vehicle_with_another_key_does_not_accept_them(key):
+    port = free_port(socket.SOCK_DGRAM)
+    with Peer(port, bytes(32)) as vehicle:
+        result, _ = run_service(
+            port, "--signing-key-file", str(key), "--request-rate", "200", seconds=1
+        )
+    assert result["vehicles"] == {}
+    assert result["refused"]["wrong_signature"] > 30
+    assert vehicle.asked == []
+
+
+def test_stamps_from_the_future_and_the_past_are_refused_and_counted(key):
+    port = free_port(socket.SOCK_DGRAM)
+    encoders = {
+        shift_s: FrameEncoder(VehicleId(1, 1), signing_key(key.read_bytes()), link)
+        for link, shift_s in enumerate((0, 3600, -3600))
+    }
+    done = threading.Event()
+
+    def fly():
+        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sender:
+            while not done.wait(0.02):
+                now_us = time.time_ns() // 1000
+                message = raw_imu(now_us % 10**9, (0.1, 0, -9.8), (0, 0, 0.001), (0.2, 0, 0.4))
+                for shift_s, encoder in encoders.items():
+                    frame = encoder.frame(message, now_us + shift_s * 1_000_000)
+                    sender.sendto(frame, ("127.0.0.1", port))
+
+    thread = threading.Thread(target=fly)
+    thread.start()
+    try:
+        result, said = run_service(port, "--signing-key-file", str(key), seconds=2)
+    finally:
+        done.set()
+        thread.join()
+    vehicle = result["vehicles"]["1"]
+    assert vehicle["samples"] > 30
+    assert vehicle["rejected"]["signature_too_new"] > 30
+    assert vehicle["rejected"]["signature_too_old"] > 30
+    assert "future" in said
+
+
+def test_secrets_are_in_no_argument_log_recording_status_or_error(key, tmp_path):
+    port, log, endpoint = free_port(socket.SOCK_DGRAM), tmp_path / "f.tlog", free_port()
+    secret, digest = key.read_bytes(), signing_key(key.read_bytes())
+    to = f"udpout:127.0.0.1:{port}"
+    command = ("run", f"udpin:127.0.0.1:{port}", "-v", "--json", "--record", str(log))
+    zenoh = ("-l", f"tcp/127.0.0.1:{endpoint}", "-e", f"tcp/127.0.0.1:{endpoint}")
+    arguments = []
+    with (
+        started("sim", "--to", to, "--signing-key-file", str(key)) as vehicle,
+        started("sim", "--to", to, "--vehicles", "2"),
+        started(*command, *zenoh, "--signing-key-file", str(key)) as service,
+    ):
+        with _patient_client(f"tcp/127.0.0.1:{endpoint}") as client:
+            seen = []
+            client.declare_subscriber("**", lambda sample: seen.append(sample.payload.to_bytes()))
+            wait_for(lambda: any(b"unsigned" in each for each in seen), 60.0)
+        for process in (vehicle, service):
+            arguments.append(Path(f"/proc/{process.pid}/cmdline").read_bytes())
+            arguments.append(Path(f"/proc/{process.pid}/environ").read_bytes())
+        service.send_signal(signal.SIGINT)
+        result, said = service.communicate()
+    state = (tmp_path / "state" / "fuzzbee" / "signing.json").read_bytes()
+    assert len(log.read_bytes()) > 1000
+    texts = [result.encode(), said.encode(), state, log.read_bytes(), *arguments, *seen]
+    for text in texts:
+        assert secret not in text
+        assert digest not in text
+        assert digest.hex().encode() not in text.lower()
+
+
+@pytest.mark.parametrize("content", [b"", b" \n", b"s3cret" * 1000])
+def test_a_key_file_that_cannot_be_one_is_refused_without_its_content(content, tmp_path, capfd):
+    path = tmp_path / "key"
+    path.write_bytes(content)
+    for verb in (["run", "udpout:127.0.0.1:9"], ["sim", "--to", "udpout:127.0.0.1:9"]):
+        assert main([*verb, "--signing-key-file", str(path)]) == 2
+        said = capfd.readouterr().err
+        assert said.startswith("fuzzbee: the key file ")
+        assert said.count("\n") == 1
+        assert "s3cret" not in said
+
+
 def test_frames_of_before_a_restart_are_refused_after_it(key, tmp_path):
     port, log = free_port(socket.SOCK_DGRAM), tmp_path / "flight.tlog"
     to = f"udpout:127.0.0.1:{port}"
     with started("sim", "--to", to, "--signing-key-file", str(key), "--rate", "20"):
         before, _ = run_service(
-            port, "--signing-key-file", str(key), "--record", str(log), seconds=3
+            port, "--signing-key-file", str(key), "--record", str(log), seconds=2
         )
     assert before["vehicles"]["1"]["samples"] > 20
     with subprocess.Popen(
         [sys.executable, "-c", REPLAY, str(log), str(port)], env=dict(os.environ)
     ) as replay:
         try:
-            after, _ = run_service(port, "--signing-key-file", str(key), seconds=3)
+            after, _ = run_service(port, "--signing-key-file", str(key), seconds=2)
         finally:
             replay.kill()
     assert after["vehicles"] == {}
@@ -101,7 +254,7 @@ with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sender:
 def test_only_allowed_systems_appear():
     port = free_port(socket.SOCK_DGRAM)
     with started("sim", "--to", f"udpout:127.0.0.1:{port}", "--vehicles", "3"):
-        result, _ = run_service(port, "--allow-system-ids", "1,3", seconds=3)
+        result, _ = run_service(port, "--allow-system-ids", "1,3", seconds=2)
     assert sorted(result["vehicles"]) == ["1", "3"]  # in the order of their appearance
     assert result["refused"]["system_not_allowed"] > 50
 
