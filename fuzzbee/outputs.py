@@ -1,6 +1,8 @@
 """What ``run`` sends and shows beside its own keys: options, and the sinks they open."""
 
 import sys
+from collections.abc import Iterable
+from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, NamedTuple
 
 import typer
@@ -12,6 +14,7 @@ if TYPE_CHECKING:
 
     from estimator.profile import Profile
     from fuzzbee.viewer import ViewerSink
+    from fuzzbee.viewer_stream import ViewerOptions, ViewerStream
     from service.sinks import Sink
 
 PANEL = "Outputs"
@@ -113,16 +116,48 @@ def open_viewer(view: str | None, rrd: str | None, profile: "Profile") -> "Viewe
     Raises:
         InputError: the extra is missing, the viewer does not start, or the file cannot be written.
     """
+    options = viewer_options(view, rrd)
+    if options is None:
+        return None
+    from fuzzbee.viewer import ViewerSink
+
+    sink = ViewerSink(options, profile.k)
+    tell_page(sink.stream)
+    return sink
+
+
+def viewer_options(view: str | None, rrd: str | None) -> "ViewerOptions | None":
+    """What the options ask for, if anything.
+
+    Raises:
+        InputError: no such view.
+    """
     if view is None and rrd is None:
         return None
     if view not in (None, WINDOW, WEB):
         raise InputError(f"--view {view}: should be {WINDOW} or {WEB}")
-    from fuzzbee.viewer import ViewerOptions, ViewerSink
+    from fuzzbee.viewer_stream import ViewerOptions
 
-    sink = ViewerSink(ViewerOptions(view, rrd), profile.k)
-    if sink.page is not None:
-        print(f"fuzzbee: the viewer is at {sink.page}", file=sys.stderr, flush=True)
-    return sink
+    return ViewerOptions(view, rrd)
+
+
+def require_own_file(rrd: str | None, others: Iterable[str | Path]) -> None:
+    """The viewer's file overwrites none of the ``others``.
+
+    Raises:
+        InputError: it would.
+    """
+    if rrd is None or not Path(rrd).exists():
+        return
+    for other in others:
+        if Path(other).exists() and Path(rrd).samefile(other):
+            raise InputError(f"--rrd {rrd}: is also {other}")
+
+
+def tell_page(stream: "ViewerStream") -> None:
+    """Where a browser finds it."""
+    if stream.page is not None:
+        print(f"fuzzbee: the viewer is at {stream.page}", file=sys.stderr, flush=True)
 
 
 def _ros(options: OutputOptions, session: "zenoh.Session | None", prefix: str) -> "Sink":

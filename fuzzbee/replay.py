@@ -118,6 +118,7 @@ def replay(
     from estimator.profile import load_profile
 
     chosen = load_profile(profile or "imu")
+    outputs.require_own_file(rrd, sources)
     viewer = outputs.open_viewer(view, rrd, chosen)
     if viewer is not None:
         from functools import partial
@@ -128,9 +129,7 @@ def replay(
     try:
         _replay_logs([Path(source) for source in sources], chosen, options, as_json=as_json)
         if viewer is not None:
-            from fuzzbee.viewer_replay import stay_open
-
-            stay_open(viewer)
+            viewer.stream.stay_open()
     finally:
         if viewer is not None:
             viewer.close()

@@ -140,6 +140,7 @@ def run(
     require_gain(gain)
     if system_id is not None and not 1 <= system_id <= 255:
         raise InputError(f"--system-id {system_id}: should be 1 to 255")
+    outputs.require_own_file(rrd, [source])
     if profile is None:
         profile = "paper" if source == "sim:" else "imu"
     zenoh = zenoh_options.zenoh_options(

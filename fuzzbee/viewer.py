@@ -1,17 +1,23 @@
 """The Rerun viewer as a sink: attitudes in 3D, curves, the gain on its surface."""
 
 from collections.abc import Sequence
-from contextlib import suppress
 from math import acos, degrees
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 from drivers.events import VehicleId
-from estimator.errors import InputError
 from estimator.types import Quaternion, Vec3
 from fuzzbee import viewer_layout as layout
-from fuzzbee.viewer_process import MISSING, ViewerProcess
+from fuzzbee.viewer_stream import ViewerOptions, ViewerStream, rerun
 from service.attitude_record import euler_deg
-from service.records import AttitudeRecord, Message, Output, Peer, Published, vehicle_name
+from service.records import (
+    AttitudeRecord,
+    Message,
+    Output,
+    Peer,
+    Published,
+    Replaced,
+    vehicle_name,
+)
 
 if TYPE_CHECKING:
     from estimator.memberships import Memberships
@@ -21,17 +27,9 @@ if TYPE_CHECKING:
 MAX_RECORDS_HZ = 60.0
 MAX_VEHICLE_HZ = 20.0
 PEER_SILENT_US = 2_000_000  # an older attitude of somebody else's is not drawn any more
-CLOSE_FLUSH_S = 0.4  # less than the sinks have to close
 SPACING_M = 1.8
 OURS = "fuzzbee"
 COLOURS = {OURS: layout.OURS, "autopilot": layout.AUTOPILOT, "sim": layout.TRUTH}
-
-
-class ViewerOptions(NamedTuple):
-    """What was asked for: a window or "web", or None; a file, or None."""
-
-    view: str | None = None
-    rrd: str | None = None
 
 
 class Heard(NamedTuple):
@@ -63,25 +61,15 @@ class ViewerSink:
     name = "viewer"
 
     def __init__(self, options: ViewerOptions, k: "Memberships") -> None:
-        rr = _rerun()
-        self._recording: Any = rr.RecordingStream("fuzzbee", send_properties=False)
-        self._recording.set_log_time_enabled(False)  # the records have a time of their own
-        self._recording.set_log_tick_enabled(False)
-        self.process: ViewerProcess | None = _start(options)
-        sinks = []
-        if self.process is not None:
-            sinks.append(rr.GrpcSink(self.process.url))
-        if options.rrd is not None:
-            sinks.append(_file_sink(options.rrd))
-        self._recording.set_sinks(*sinks, default_blueprint=layout.blueprint())
+        self.stream = ViewerStream(options, layout.blueprint)
         self._vehicles: dict[VehicleId, Seen] = {}
+        self._shared = k  # of the vehicles without parameters of their own
+        self._own: dict[VehicleId, Memberships] = {}
+        self._surfaces = {k: layout.gain_surface(k)}  # those that are shown; now, as it compiles
+        self._drawn = 0  # surfaces
         self._now_us = 0
-        self._draw_surface(k)
-
-    @property
-    def page(self) -> str | None:
-        """What a browser opens."""
-        return None if self.process is None else self.process.page
+        self.stream.static("/surface", rerun().ViewCoordinates.RIGHT_HAND_Z_UP)
+        self.stream.static("/surface/axes", layout.surface_axes())
 
     def handle(self, outputs: Sequence[Output]) -> None:
         """Draw the outputs that are due."""
@@ -91,21 +79,14 @@ class ViewerSink:
                     self._on_attitude(vehicle, record)
                 case Peer(vehicle=vehicle, source=source, q_ned_frd=q):
                     self._on_peer(vehicle, source, q)
+                case Replaced(vehicle=vehicle, profile=profile):
+                    self._on_replaced(vehicle, profile.k)
                 case Message(text=text):
                     self._say(text)
 
     def close(self) -> None:
         """Send what is pending, and end the viewer."""
-        with suppress(Exception):  # the window may be closed already
-            self._recording.flush(timeout_sec=CLOSE_FLUSH_S)
-        self._recording.disconnect()
-        if self.process is not None:
-            self.process.close()
-            self.process = None
-
-    def finish(self) -> None:
-        """Send what is pending and leave the viewer open."""
-        self._recording.flush(timeout_sec=60.0)
+        self.stream.close()
 
     def _on_peer(self, vehicle: VehicleId, source: str, q: Quaternion) -> None:
         seen = self._vehicles.get(vehicle)
@@ -115,11 +96,13 @@ class ViewerSink:
             self._vehicles[vehicle] = seen._replace(peers=(*others, heard))
 
     def _on_attitude(self, vehicle: VehicleId, record: AttitudeRecord) -> None:
+        now_us = self._now_us = record.time_unix_us
         if vehicle not in self._vehicles:
             self._vehicles[vehicle] = Seen(len(self._vehicles))
             self._introduce(vehicle_name(vehicle), len(self._vehicles) - 1)
+            self.stream.at(layout.TIMELINE, timestamp=1e-6 * now_us)
+            self._draw_surfaces()
         seen = self._vehicles[vehicle]
-        now_us = self._now_us = record.time_unix_us
         period_us = round(1e6 / min(MAX_VEHICLE_HZ, MAX_RECORDS_HZ / len(self._vehicles)))
         if 0 < seen.due_us - now_us <= period_us:
             return
@@ -130,7 +113,7 @@ class ViewerSink:
         self._vehicles[vehicle] = seen._replace(
             due_us=now_us + period_us, state=record.state, shown=seen.shown | sources
         )
-        self._recording.set_time(layout.TIMELINE, timestamp=1e-6 * now_us)
+        self.stream.at(layout.TIMELINE, timestamp=1e-6 * now_us)
         if record.state != seen.state:
             self._say(f"vehicle {name}: {record.state}")
         self._draw(name, seen, record)
@@ -141,103 +124,86 @@ class ViewerSink:
             if abs(record.time_unix_us - at_us) > PEER_SILENT_US:
                 continue
             self._draw_attitude(name, seen.row, source, q, euler_deg(q))
-            self._curve(f"/off/{name}/{source}", [_angle_deg(record.q_ned_frd, q)])
-        self._curve(f"/error/{name}", [record.error])
-        self._curve(f"/gain/{name}", [record.gain])
-        self._curve(f"/confidence/{name}", [record.confidence.gravity, record.confidence.magnetic])
-        self._curve(f"/off/{name}/sigma", [record.sigma_deg.inclination, record.sigma_deg.heading])
-        self._curve(f"/rate/{name}", [degrees(x) for x in record.rate_rad_s])
-        self._curve(f"/bias/{name}", [degrees(x) for x in record.gyro_bias_rad_s])
+            self.stream.curve(f"/off/{name}/{source}", [_angle_deg(record.q_ned_frd, q)])
+        self.stream.curve(f"/error/{name}", [record.error])
+        self.stream.curve(f"/gain/{name}", [record.gain])
+        self.stream.curve(
+            f"/confidence/{name}", [record.confidence.gravity, record.confidence.magnetic]
+        )
+        self.stream.curve(
+            f"/off/{name}/sigma", [record.sigma_deg.inclination, record.sigma_deg.heading]
+        )
+        self.stream.curve(f"/rate/{name}", [degrees(x) for x in record.rate_rad_s])
+        self.stream.curve(f"/bias/{name}", [degrees(x) for x in record.gyro_bias_rad_s])
         at = (record.error, min(abs(record.error_rate), 1.0), (record.gain - 1.0) / 100.0)
-        self._log(
-            f"/surface/{name}", _rerun().Points3D([at], radii=0.03, labels=[f"vehicle {name}"])
+        self.stream.log(
+            f"/surface/{name}", rerun().Points3D([at], radii=0.03, labels=[f"vehicle {name}"])
         )
 
     def _draw_attitude(
         self, name: str, row: int, source: str, q_ned_frd: Quaternion, angles_deg: Vec3
     ) -> None:
-        rr = _rerun()
+        rr = rerun()
         w, x, y, z = q_ned_frd
         column = list(COLOURS).index(source)
         place = (-SPACING_M * row, SPACING_M * column, 0.0)
         turn = rr.Quaternion(xyzw=(x, y, z, w))
-        self._log(f"/attitude/{name}/{source}", rr.Transform3D(translation=place, quaternion=turn))
-        self._curve(f"/angles/{name}/{source}", angles_deg)
+        self.stream.log(
+            f"/attitude/{name}/{source}", rr.Transform3D(translation=place, quaternion=turn)
+        )
+        self.stream.curve(f"/angles/{name}/{source}", angles_deg)
 
     def _introduce(self, name: str, row: int) -> None:
         """Shapes, names and colours of a vehicle, once."""
-        rr = _rerun()
+        rr = rerun()
         if row == 0:
-            self._static("/attitude/world", layout.world_axes())
-        self._lines(f"/error/{name}", [name], [layout.OURS])
-        self._lines(f"/gain/{name}", [name], [layout.AUTOPILOT])
+            self.stream.static("/attitude/world", layout.world_axes())
+        self.stream.lines(f"/error/{name}", [name], [layout.OURS])
+        self.stream.lines(f"/gain/{name}", [name], [layout.AUTOPILOT])
         pair = [layout.OURS, layout.AUTOPILOT]
-        self._lines(f"/confidence/{name}", [f"{name} gravity", f"{name} magnetic"], pair)
+        self.stream.lines(f"/confidence/{name}", [f"{name} gravity", f"{name} magnetic"], pair)
         sigmas = [f"{name} inclination sigma", f"{name} heading sigma"]
-        self._lines(f"/off/{name}/sigma", sigmas, list(layout.SIGMAS))
+        self.stream.lines(f"/off/{name}/sigma", sigmas, list(layout.SIGMAS))
         for quantity in ("rate", "bias"):
             names = [f"{name} {axis}" for axis in ("x", "y", "z")]
-            self._lines(f"/{quantity}/{name}", names, list(layout.AXES))
-        self._static("/attitude", rr.ViewCoordinates.FRD)
+            self.stream.lines(f"/{quantity}/{name}", names, list(layout.AXES))
+        self.stream.static("/attitude", rr.ViewCoordinates.FRD)
 
     def _introduce_source(self, name: str, source: str) -> None:
         """Shape, names and colours of one estimate of a vehicle's attitude."""
         path = f"/attitude/{name}/{source}"
-        self._static(f"{path}/body", layout.vehicle_shape(COLOURS[source]))
-        self._static(f"{path}/axes", layout.body_axes())
+        self.stream.static(f"{path}/body", layout.vehicle_shape(COLOURS[source]))
+        self.stream.static(f"{path}/axes", layout.body_axes())
         fade = 255 if source == OURS else 150
-        self._lines(
+        self.stream.lines(
             f"/angles/{name}/{source}",
             [f"{name} {source} {angle}" for angle in ("roll", "pitch", "heading")],
             [(*axis, fade) for axis in layout.AXES],
         )
         if source != OURS:
-            self._lines(f"/off/{name}/{source}", [f"{name} to {source}"], [COLOURS[source]])
+            self.stream.lines(f"/off/{name}/{source}", [f"{name} to {source}"], [COLOURS[source]])
 
-    def _draw_surface(self, k: "Memberships") -> None:
-        from estimator.fuzzy import fuzzy_gain
+    def _on_replaced(self, vehicle: VehicleId, k: "Memberships") -> None:
+        self._own[vehicle] = k
+        self._draw_surfaces()
 
-        self._static("/surface", _rerun().ViewCoordinates.RIGHT_HAND_Z_UP)
-        self._static("/surface/gain", layout.gain_surface(k, fuzzy_gain))
-        self._static("/surface/axes", layout.surface_axes())
+    def _draw_surfaces(self) -> None:
+        """One for each set of memberships in use, from now on."""
+        used = dict.fromkeys(self._own.get(vehicle, self._shared) for vehicle in self._vehicles)
+        if not used or (self._drawn and used.keys() == self._surfaces.keys()):
+            return
+        known = self._surfaces
+        self._surfaces = {k: known[k] if k in known else layout.gain_surface(k) for k in used}
+        for number, shape in enumerate(self._surfaces.values()):
+            self.stream.log(f"/surface/gain/{number}", shape)
+        for number in range(len(used), self._drawn):
+            self.stream.log(f"/surface/gain/{number}", rerun().Clear(recursive=False))
+        self._drawn = len(used)
 
     def _say(self, text: str) -> None:
         if self._now_us:  # before the first attitude there is no time
-            self._recording.set_time(layout.TIMELINE, timestamp=1e-6 * self._now_us)
-            self._log("/state", _rerun().TextLog(text))
-
-    def _lines(self, path: str, names: list[str], colours: list[Any]) -> None:
-        self._static(path, _rerun().SeriesLines(names=names, colors=colours))
-
-    def _curve(self, path: str, values: Sequence[float]) -> None:
-        self._log(path, _rerun().Scalars(list(values)))
-
-    def _static(self, path: str, shape: Any) -> None:
-        self._recording.log(path, shape, static=True)
-
-    def _log(self, path: str, shape: Any) -> None:
-        self._recording.log(path, shape)
-
-
-def _rerun() -> Any:
-    try:
-        import rerun
-    except ImportError:
-        raise InputError(MISSING) from None
-    return rerun
-
-
-def _start(options: ViewerOptions) -> ViewerProcess | None:
-    return None if options.view is None else ViewerProcess(web=options.view == "web")
-
-
-def _file_sink(path: str) -> Any:
-    try:
-        with open(path, "wb"):  # noqa: PTH123 - Rerun would only log an error
-            pass
-    except OSError as error:
-        raise InputError(f"--rrd {path}: {error.strerror}") from error
-    return _rerun().FileSink(path)
+            self.stream.at(layout.TIMELINE, timestamp=1e-6 * self._now_us)
+            self.stream.log("/state", rerun().TextLog(text))
 
 
 def _angle_deg(q: Quaternion, r: Quaternion) -> float:

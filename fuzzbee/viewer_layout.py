@@ -1,6 +1,5 @@
 """What the viewer shows where, and what does not change: the gain's surface, names, colours."""
 
-from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -17,6 +16,7 @@ FULL_GAIN = 101.0  # K = 1 + k_op, k_op up to 100
 OURS, AUTOPILOT, TRUTH = (64, 150, 255), (255, 160, 40), (90, 210, 110)
 SIGMAS = ((110, 110, 230), (190, 90, 200))  # inclination, heading
 AXES = ((240, 80, 80), (90, 200, 90), (90, 130, 250))  # x, y, z
+GREY = (125, 125, 125)  # can be read on light and on dark
 
 
 def blueprint() -> Any:
@@ -33,14 +33,7 @@ def blueprint() -> Any:
             ),
             line_grid=False,
         ),
-        rrb.Spatial3DView(
-            origin="/surface",
-            name="Gain K over error and its rate",
-            eye_controls=rrb.EyeControls3D(
-                position=(-1.0, -1.2, 1.6), look_target=(0.5, 0.5, 0.2), eye_up=(0.0, 0.0, 1.0)
-            ),
-            line_grid=False,
-        ),
+        gain_view("Gain K over error and its rate"),
         row_shares=[3, 2],
     )
     right = rrb.Grid(
@@ -59,6 +52,20 @@ def blueprint() -> Any:
         rrb.BlueprintPanel(state="hidden"),
         rrb.SelectionPanel(state="hidden"),
         rrb.TimePanel(state="collapsed", timeline=TIMELINE, play_state="following"),
+    )
+
+
+def gain_view(name: str) -> Any:
+    """The gain's surface, from the corner where error and rate are 0."""
+    import rerun.blueprint as rrb
+
+    return rrb.Spatial3DView(
+        origin="/surface",
+        name=name,
+        eye_controls=rrb.EyeControls3D(
+            position=(-0.75, -0.9, 1.35), look_target=(0.5, 0.5, 0.3), eye_up=(0.0, 0.0, 1.0)
+        ),
+        line_grid=False,
     )
 
 
@@ -101,18 +108,20 @@ def world_axes() -> Any:
     return rr.Arrows3D(
         vectors=[(0.5, 0.0, 0.0), (0.0, 0.5, 0.0)],
         origins=[(-1.2, -1.0, 0.8)] * 2,
-        colors=(200, 200, 200),
+        colors=GREY,
         radii=0.01,
         labels=["north", "east"],
     )
 
 
-def gain_surface(k: "Memberships", inference: Callable[[Any, float, float], float]) -> Any:
+def gain_surface(k: "Memberships") -> Any:
     """K over (e, its rate) on [0, 1]^2 as a mesh in a unit cube."""
     import rerun as rr
 
+    from estimator.fuzzy import fuzzy_gain
+
     grid = np.linspace(0.0, 1.0, SURFACE_STEPS)
-    height = np.array([[inference(k, e, rate) for rate in grid] for e in grid]) / 100.0
+    height = np.array([[fuzzy_gain(k, e, rate) for rate in grid] for e in grid]) / 100.0
     e, rate = np.meshgrid(grid, grid, indexing="ij")
     corners = np.stack([e, rate, height], axis=-1).reshape(-1, 3)
     low, high = np.array([40, 60, 140]), np.array([250, 210, 70])
@@ -136,7 +145,7 @@ def surface_axes() -> Any:
 
     return rr.Arrows3D(
         vectors=[(1.1, 0, 0), (0, 1.1, 0), (0, 0, 1.1)],
-        colors=(200, 200, 200),
+        colors=GREY,
         radii=0.006,
         labels=["error e", "rate of e", f"K to {FULL_GAIN:g}"],
     )

@@ -1,7 +1,6 @@
 """A replayed log in the viewer."""
 
 from collections.abc import Iterator
-from contextlib import suppress
 from typing import TYPE_CHECKING
 
 from fuzzbee.trace import VehicleTrace
@@ -18,14 +17,7 @@ def show(viewer: "ViewerSink", trace: VehicleTrace, _: "Comparison") -> None:
     """Draw a trace, at the log's own times; what it has of others is drawn beside."""
     for output in outputs(trace):
         viewer.handle([output])
-    viewer.finish()
-
-
-def stay_open(viewer: "ViewerSink") -> None:
-    """Until the window is closed or Ctrl-C; without a viewer only the file is completed."""
-    with suppress(KeyboardInterrupt):
-        if viewer.process is not None:
-            viewer.process.wait(lambda: False)
+    viewer.stream.finish()
 
 
 def outputs(trace: VehicleTrace) -> Iterator[Output]:

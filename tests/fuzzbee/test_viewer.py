@@ -5,7 +5,6 @@ import os
 import re
 import signal
 import socket
-import subprocess
 import sys
 import time
 from itertools import pairwise
@@ -17,7 +16,7 @@ import pytest
 
 from drivers.events import VehicleId
 from fuzzbee.cli import main
-from service.records import Message, Peer, Published, StatusRecord
+from service.records import Message, Peer, Published, Replaced, StatusRecord
 from tests.fuzzbee import browser
 from tests.fuzzbee.processes import started
 from tests.service.records import UNIX_US, record
@@ -26,19 +25,12 @@ pytest.importorskip("rerun", reason="the extra viewer is not installed")
 
 from estimator.profile import load_profile
 from fuzzbee.viewer import ViewerOptions, ViewerSink
-from fuzzbee.viewer_process import _program
+from tests.fuzzbee.rrd import listing, rows
 
 ONE, TWO = VehicleId(1, 1), VehicleId(2, 1)
 LOG = Path(__file__).parents[1] / "data" / "sitl_copter_flips.tlog"
-K = load_profile("paper").k
-
-
-def listing(path):
-    """What Rerun's own program finds in a file."""
-    done = subprocess.run(
-        [_program(), "rrd", "print", "-vv", str(path)], capture_output=True, text=True, check=True
-    )
-    return done.stdout
+PAPER = load_profile("paper")
+K = PAPER.k
 
 
 def attitudes(vehicle, count, period_us):
@@ -77,6 +69,20 @@ def test_a_file_holds_every_curve_and_shape(tmp_path):
     ):
         assert entity in text, entity
     assert "/attitude/1/sim" not in text
+
+
+def test_replaced_parameters_redraw_the_surface(tmp_path):
+    file = tmp_path / "replaced.rrd"
+    other = msgspec.structs.replace(PAPER, membership={**PAPER.membership, "k22": 45.0})
+    assert other.k != K
+    sink = ViewerSink(ViewerOptions(rrd=str(file)), K)
+    sink.handle([*attitudes(ONE, 2, 100_000), *attitudes(TWO, 2, 100_000)])
+    sink.handle([Replaced(ONE, other)])  # now there are two
+    sink.handle([Replaced(ONE, other)])  # nothing new
+    sink.handle([Replaced(TWO, other)])  # both have the other one: the second is cleared
+    sink.close()
+    assert rows(file, "/surface/gain/0") == 3
+    assert rows(file, "/surface/gain/1") == 2
 
 
 STATUS = StatusRecord("running", "RAW_IMU", 100.0, 0.01, {}, 0, 0, 0)
