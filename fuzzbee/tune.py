@@ -7,13 +7,14 @@ from typing import Annotated
 import typer
 
 from estimator.errors import InputError
+from fuzzbee import outputs
 from fuzzbee.options import Json
 
 EPILOG = """Examples:
 
   fuzzbee tune sim: -o tuned.toml
 
-  fuzzbee tune sim: -o tuned.toml --resume
+  fuzzbee tune sim: -o tuned.toml --resume --view
 
   fuzzbee tune flight.tlog other.tlog -o copter.toml --base imu --plot figures
 
@@ -84,6 +85,8 @@ def tune(
     plot: Annotated[
         Path | None, typer.Option("--plot", metavar="DIR", help="Draw figures into this folder.")
     ] = None,
+    view: outputs.View = None,
+    rrd: outputs.Rrd = None,
     as_json: Json = False,
 ) -> None:
     """Find a profile's parameters with an artificial bee colony, on logs or on the paper's signals.
@@ -113,12 +116,15 @@ def tune(
         raise InputError("--threads and --cluster contradict each other: the workers compute")
     if plot is not None:
         _require_plots(plot)
+    viewer = outputs.viewer_options(view, rrd)
+    outputs.require_own_file(rrd, [*sources, output])
     finished = run_plan(
         plan(request, tell),
         threads=threads,
         cluster=cluster,
         resume=resume,
         plot=plot,
+        viewer=viewer,
         as_json=as_json,
     )
     if not finished:

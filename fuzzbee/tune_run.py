@@ -10,7 +10,7 @@ import time
 from collections.abc import Iterator
 from pathlib import Path
 from types import FrameType
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import msgspec
 
@@ -27,6 +27,10 @@ from tuning.objective import Scores, profile_with, values_of
 from tuning.optimizers import run_search
 from tuning.search import Evaluate, InterruptedSearch, Record, Search
 from tuning.space import encode
+
+if TYPE_CHECKING:
+    from fuzzbee.tune_view import SearchView
+    from fuzzbee.viewer_stream import ViewerOptions
 
 # A power cut costs at most this much of a search.
 CHECKPOINT_PERIOD_S = 20.0
@@ -61,42 +65,69 @@ def run_plan(
     cluster: str | None,
     resume: bool,
     plot: Path | None,
+    viewer: "ViewerOptions | None",
     as_json: bool,
 ) -> bool:
     """Search, write the profile, report. False if it was interrupted.
 
     Raises:
-        InputError: nothing to resume, no cluster, or a file that cannot be written.
+        InputError: nothing to resume, no cluster, no viewer, or a file that cannot be written.
     """
     started = time.perf_counter()
     checkpoint = checkpoint_path(plan.output)
     record = read_checkpoint(checkpoint, plan.identity) if resume else None
     if record is None and checkpoint.exists():
         _tell(f"{checkpoint}: an unfinished search, not resumed; it will be replaced")
-    with stop_signals() as stop, evaluator(plan, threads, cluster) as evaluate:
-        outcome = _search(plan, evaluate, record, stop)
-    write_atomically(plan.output, profile_to_toml(outcome.profile).encode())
-    if outcome.finished:
-        checkpoint.unlink(missing_ok=True)
-    before, after = plan.task.score(plan.task.base), plan.task.score(outcome.profile)
-    if plot is not None:
-        from fuzzbee.tune_plots import draw
+    with contextlib.ExitStack() as stack:
+        view = _open_view(viewer, plan, stack)
+        with stop_signals() as stop, evaluator(plan, threads, cluster) as evaluate:
+            outcome = _search(plan, evaluate, record, stop, view)
+        write_atomically(plan.output, profile_to_toml(outcome.profile).encode())
+        if outcome.finished:
+            checkpoint.unlink(missing_ok=True)
+        before, after = plan.task.score(plan.task.base), plan.task.score(outcome.profile)
+        if plot is not None:
+            from fuzzbee.tune_plots import draw
 
-        draw(plot, plan.task, outcome.profile, outcome.search)
-    if after.held_out > before.held_out:
-        _tell(
-            f"the held-out cost rose from {before.held_out:.4f} to {after.held_out:.4f}: "
-            "the result fits what it was tuned on only; use more data, or keep the base"
-        )
-    report = _report(plan, outcome, before, after, time.perf_counter() - started)
-    if as_json:
-        print(json.dumps(report))
-    else:
-        _print_report(report, checkpoint)
+            draw(plot, plan.task, outcome.profile, outcome.search)
+        if after.held_out > before.held_out:
+            _tell(
+                f"the held-out cost rose from {before.held_out:.4f} to {after.held_out:.4f}: "
+                "the result fits what it was tuned on only; use more data, or keep the base"
+            )
+        report = _report(plan, outcome, before, after, time.perf_counter() - started)
+        if as_json:
+            print(json.dumps(report), flush=True)
+        else:
+            _print_report(report, checkpoint)
+        if view is not None:
+            view.finish(outcome.search, before, after)
+            if outcome.finished:
+                view.stream.stay_open()
     return outcome.finished
 
 
-def _search(plan: Plan, evaluate: Evaluate, record: Record | None, stop: Stop) -> Outcome:
+def _open_view(
+    viewer: "ViewerOptions | None", plan: Plan, stack: contextlib.ExitStack
+) -> "SearchView | None":
+    if viewer is None:
+        return None
+    from fuzzbee.outputs import tell_page
+    from fuzzbee.tune_view import SearchView
+
+    view = SearchView(viewer, plan)
+    stack.callback(view.close)
+    tell_page(view.stream)
+    return view
+
+
+def _search(
+    plan: Plan,
+    evaluate: Evaluate,
+    record: Record | None,
+    stop: Stop,
+    view: "SearchView | None",
+) -> Outcome:
     checkpoint = checkpoint_path(plan.output)
     with ProgressBar(plan.options) as bar:
         saved_s = time.monotonic()
@@ -104,6 +135,8 @@ def _search(plan: Plan, evaluate: Evaluate, record: Record | None, stop: Stop) -
         def observe(search: Search) -> bool:
             nonlocal saved_s
             bar.show(search)
+            if view is not None:
+                view.show(search)
             now_s = time.monotonic()
             if now_s - saved_s > CHECKPOINT_PERIOD_S:
                 write_checkpoint(checkpoint, plan.identity, search.record)

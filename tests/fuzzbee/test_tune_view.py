@@ -1,0 +1,130 @@
+"""``tune --view`` and ``--rrd``: a search that is watched is the same search."""
+
+import os
+import signal
+from itertools import count
+from pathlib import Path
+
+import pytest
+
+from fuzzbee.cli import main
+from tests.fuzzbee.processes import started
+
+pytest.importorskip("rerun", reason="the extra viewer is not installed")
+
+from fuzzbee.tune_plan import TuneRequest, plan
+from fuzzbee.tune_view import PERIOD_S, SearchView
+from fuzzbee.viewer_stream import ViewerOptions
+from tests.fuzzbee.rrd import listing, rows
+from tuning.checkpoint import write_checkpoint
+from tuning.objective import Scores, values_of
+from tuning.optimizers import run_search
+from tuning.search import InterruptedSearch, Search
+from tuning.space import encode
+
+SLOW_LOG = Path(__file__).parents[1] / "data" / "sitl_copter_4hz.tlog"
+SMALL = ["--sources", "6", "--cycles", "4"]
+SIMULATED = ["tune", "sim:", *SMALL, "--noise-seeds", "100-101", "--held-out-seeds", "200"]
+ENTITIES = {"/cost", "/members/all", "/members/best", "/members/base", "/trials", "/progress"}
+SHAPES = {"/surface/gain", "/sets/best", "/sets/base"}
+
+
+@pytest.mark.parametrize("algorithm", ["abc", "cmaes", "de"])
+def test_it_shows_every_cycle_and_changes_nothing(tmp_path, algorithm):
+    if algorithm == "cmaes":
+        pytest.importorskip("cmaes")
+    alone, watched, file = (tmp_path / name for name in ("a.toml", "w.toml", "w.rrd"))
+    options = [*SIMULATED, "--algorithm", algorithm]
+    assert main([*options, "-o", str(alone)]) == 0
+    assert main([*options, "-o", str(watched), "--rrd", str(file)]) == 0
+    assert watched.read_bytes() == alone.read_bytes()
+    text = listing(file)
+    for entity in ENTITIES | SHAPES:
+        assert f" {entity} " in text, entity
+    if algorithm == "abc":
+        assert rows(file, "/cost") == 4 + 1  # the names
+
+
+def test_parameters_of_a_log_are_shown_without_fuzzy_sets(tmp_path):
+    file = tmp_path / "w.rrd"
+    assert main(["tune", str(SLOW_LOG), *SMALL, "-o", str(tmp_path / "w"), "--rrd", str(file)]) == 0
+    text = listing(file)
+    for entity in ENTITIES:
+        assert f" {entity} " in text, entity
+    assert not any(entity in text for entity in SHAPES)
+
+
+def planned(output):
+    request = ("sim:",), output, None, "abc", 6, 4, None, 0, None, "100-101", "200"
+    return plan(TuneRequest(*request), print)
+
+
+def search(planned, observe):
+    task = planned.task
+    made = Search(task.space, planned.options, task.objective.costs, observe)
+    run_search(made, encode(task.space, values_of(task.space, task.base)))
+    return made
+
+
+@pytest.mark.parametrize(("step_s", "drawn"), [(0.0, 2), (PERIOD_S / 2.9, 3), (PERIOD_S, 4)])
+def test_it_draws_a_bounded_number_of_times_a_second(tmp_path, step_s, drawn):
+    """A step a batch, two a cycle; the last cycle is drawn in any case."""
+    clock, file = count(PERIOD_S, step_s), tmp_path / "x.rrd"
+    chosen = planned(tmp_path / "x.toml")
+    view = SearchView(ViewerOptions(rrd=str(file)), chosen, lambda: next(clock))
+
+    def observe(made):
+        view.show(made)
+        return True
+
+    made = search(chosen, observe)
+    view.finish(made, Scores(9.0, 9.0), Scores(6.0, 7.0))
+    view.close()
+    assert rows(file, "/members/all") == drawn
+    assert rows(file, "/cost") == 4 + 1  # every cycle, and the names
+
+
+def test_a_resumed_search_shows_what_was_before(tmp_path):
+    output, file = tmp_path / "x.toml", tmp_path / "x.rrd"
+    chosen, kept = planned(output), []
+
+    def observe(made):
+        kept[:] = [made.record]
+        return made.cycles < 2
+
+    with pytest.raises(InterruptedSearch):
+        search(chosen, observe)
+    write_checkpoint(tmp_path / "x.toml.checkpoint", chosen.identity, kept[0])
+    assert main([*SIMULATED, "-o", str(output), "--resume", "--rrd", str(file)]) == 0
+    assert rows(file, "/cost") == 4 + 1
+
+
+@pytest.mark.skipif(not Path("/proc/self/task").exists(), reason="needs Linux's list of children")
+def test_a_viewer_that_ends_ends_nothing_else(tmp_path):
+    """Its process is killed in the middle of the search."""
+    watched, alone = tmp_path / "w.toml", tmp_path / "a.toml"
+    options = [*SIMULATED[:2], "--sources", "30", "--cycles", "20", *SIMULATED[-4:]]
+    with started(*options, "-o", str(watched), "--view", "web") as process:
+        assert "the viewer is at" in process.stderr.readline()
+        (viewer,) = children(process.pid)
+        os.kill(viewer, signal.SIGKILL)
+        assert process.wait(60) == 0
+    assert main([*options, "-o", str(alone)]) == 0
+    assert watched.read_bytes() == alone.read_bytes()
+
+
+def children(pid):
+    tasks = Path(f"/proc/{pid}/task").glob("*/children")
+    return [int(word) for path in tasks for word in path.read_text().split()]
+
+
+@pytest.mark.parametrize("name", ["x.toml", "flight.tlog"])
+def test_the_file_is_not_one_that_is_needed(tmp_path, capsys, name):
+    log, output = tmp_path / "flight.tlog", tmp_path / "x.toml"
+    log.write_bytes(SLOW_LOG.read_bytes())
+    output.write_text("before")
+    options = ["tune", str(log), "-o", str(output), *SMALL, "--rrd", str(tmp_path / name)]
+    assert main(options) == 2
+    assert "--rrd" in capsys.readouterr().err
+    assert log.read_bytes() == SLOW_LOG.read_bytes()
+    assert output.read_text() == "before"
