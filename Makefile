@@ -42,5 +42,5 @@ clean:
 	touch $@
 
 .venv/developer: .venv/installed
-	$(BIN)/python -m pip install -q -c constraints.txt -e '.[plot,mcap,metrics,cluster,optimizers]' --group dev
+	$(BIN)/python -m pip install -q -c constraints.txt -e '.[plot,mcap,metrics,viewer,cluster,optimizers]' --group dev
 	touch $@
