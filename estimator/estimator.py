@@ -1,12 +1,11 @@
 """One vehicle's estimator: samples in, attitude out. No I/O and no clock."""
 
-from math import asin, pi, radians, sqrt
+from math import asin, sqrt
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from estimator import kernel
-from estimator.aided import GRAVITY_HALF_RAD, MAGNETIC_HALF_RAD, confidence
 from estimator.aiding import AidingState, Report, begin
 from estimator.aiding.types import SIZE, Array
 from estimator.alignment import align
@@ -20,7 +19,16 @@ from estimator.declination import declination_rad
 from estimator.filter_types import FilterState, initial_state
 from estimator.observation import raw_vectors
 from estimator.profile import Profile
-from estimator.quaternion import conjugate, exp, multiply, normalize, scale, subtract
+from estimator.published import (
+    Figures,
+    Motion,
+    aided_figures,
+    at_least,
+    at_most_half_turn,
+    conditioned_figures,
+    motion,
+)
+from estimator.quaternion import conjugate, exp, multiply, normalize, subtract
 from estimator.refusal import refusal
 from estimator.reports import NO_REPORT, Reports, enqueued, refusal_of_report, taken
 from estimator.resident import (
@@ -46,8 +54,6 @@ from estimator.types import (
 # The output is propagated this far beyond the last sample at most, s; then the
 # last rate says nothing about the vehicle any more.
 OUTPUT_HORIZON_S = 1.0
-# No estimate from these sensors is better than this; it also keeps sigma above zero.
-LEAST_SIGMA_RAD = radians(0.1)
 # Time over which e is averaged for the sigma of raw vectors.
 SIGMA_TIME_S = 1.0
 
@@ -341,58 +347,48 @@ class Estimator:
 
     def attitude(self, time_us: int) -> Attitude:
         """The attitude at ``time_us``, propagated from the last sample for output only."""
-        now = self._latest()
+        now = self._snapshot
         ahead_s = min(max(1e-6 * (time_us - now.time_us), 0.0), OUTPUT_HORIZON_S)
+        if self._inside is not None:
+            moved, figures = published_inside(
+                self._inside, self._gyr_rad_s, ahead_s, self._is_aided
+            )
+        else:
+            moved, figures = self._published_outside(now, ahead_s)
+        q, rate, bias, error, error_rate, gain = moved
+        gravity, magnetic, inclination, heading, has_heading = figures
+        return Attitude(
+            time_us,
+            q,
+            rate,
+            bias,
+            error,
+            error_rate,
+            gain,
+            gravity,
+            magnetic,
+            inclination,
+            heading,
+            self._north if has_heading else "none",
+        )
+
+    def _published_outside(self, now: Snapshot, ahead_s: float) -> tuple[Motion, Figures]:
+        """The same of a state that is not in compiled memory."""
         if now.aided is not None:
-            ahead_s += now.aided.imu_lag_s  # the samples are that old
-        state = now.filter
-        q = normalize(multiply(state.q_ned_frd, exp(scale(ahead_s, now.rate_rad_s))))
-        reference = self._settings.reference
-        sigma = min(pi, max(LEAST_SIGMA_RAD, 2.0 * asin(sqrt(now.smooth_error))))
-        published = Attitude(
-            time_us=time_us,
-            q_ned_frd=q,
-            rate_rad_s=now.rate_rad_s,
-            gyro_bias_rad_s=state.gyr_bias_rad_s,
-            error=state.error,
-            error_rate_1_s=state.error_rate_1_s,
-            gain=state.gain,
-            confidence_gravity=reference.s_gravity,
-            confidence_magnetic=reference.s_magnetic,
-            sigma_inclination_rad=sigma,
-            sigma_heading_rad=sigma,
-            heading_reference="true",
-        )
+            ahead_s += now.aided.imu_lag_s
+        moved = motion(now.filter, now.rate_rad_s, ahead_s)
         if now.seen is None:
-            return published
-        published = self._with_conditioning(published, now.seen)
-        return published if now.aided is None else with_aiding(published, now.aided)
+            chosen = self._settings.reference
+            sigma = at_most_half_turn(at_least(2.0 * asin(sqrt(now.smooth_error))))
+            return moved, (chosen.s_gravity, chosen.s_magnetic, sigma, sigma, True)
+        figures = conditioned_figures(now.seen)
+        return moved, figures if now.aided is None else aided_figures(now.aided, figures)
 
-    def _latest(self) -> Snapshot:
-        """The part of the snapshot that is published, without taking all of it out."""
-        if self._inside is None:
-            return self._snapshot
-        state, seen, aided = published_inside(self._inside)
-        return self._snapshot._replace(
-            filter=state,
-            seen=seen,
-            rate_rad_s=subtract(self._gyr_rad_s, state.gyr_bias_rad_s),
-            smooth_error=state.error,
-            aided=aided if self._is_aided else None,
-        )
-
-    def _with_conditioning(self, published: Attitude, seen: Conditioned) -> Attitude:
-        """What the conditioning stage knows about confidence and heading."""
-        has_heading = seen.magnetic_weight > 0.0
+    @property
+    def _north(self) -> str:
+        """What the heading is measured from."""
         known = self._declination_rad is not None or self.profile.reference.declination_deg != 0.0
-        magnetic = "true" if known else "magnetic"
-        return published._replace(
-            confidence_gravity=seen.gravity_confidence,
-            confidence_magnetic=seen.magnetic_confidence,
-            sigma_inclination_rad=max(seen.sigma_inclination_rad, LEAST_SIGMA_RAD),
-            sigma_heading_rad=min(pi, max(seen.sigma_heading_rad, LEAST_SIGMA_RAD)),
-            heading_reference=magnetic if has_heading else "none",
-        )
+        return "true" if known or not self._settings.conditioned else "magnetic"
 
 
 def _square(covariance: tuple[float, ...]) -> Array:
@@ -401,14 +397,3 @@ def _square(covariance: tuple[float, ...]) -> Array:
 
 def _flat(covariance: Array) -> tuple[float, ...]:
     return tuple(covariance.ravel().tolist())
-
-
-def with_aiding(published: Attitude, aided: AidingState) -> Attitude:
-    """What the velocity aiding knows better than the unaided stage."""
-    inclination, heading = aided.sigma_inclination_rad, aided.sigma_heading_rad
-    return published._replace(
-        confidence_gravity=confidence(inclination, GRAVITY_HALF_RAD),
-        confidence_magnetic=confidence(heading, MAGNETIC_HALF_RAD),
-        sigma_inclination_rad=min(pi, max(inclination, LEAST_SIGMA_RAD)),
-        sigma_heading_rad=min(pi, max(heading, LEAST_SIGMA_RAD)),
-    )

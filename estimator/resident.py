@@ -20,6 +20,8 @@ from estimator.conditioned import conditioned_step
 from estimator.conditioning.types import Conditioned, ConditioningParams, ConditioningState
 from estimator.filter_types import FilterParams, FilterState
 from estimator.observation import ReferenceParams
+from estimator.published import Figures, Motion, aided_figures, conditioned_figures, motion
+from estimator.quaternion import subtract
 from estimator.types import Vec3
 
 _numba_config: Any = numba.config  # numba ships no types
@@ -163,6 +165,16 @@ def hear_inside(inside: Any, report: Report) -> None:
 
 
 @compiled
-def published_inside(inside: Any) -> tuple[FilterState, Conditioned, AidingState]:
-    """What there is to publish."""
-    return inside.filter, inside.seen, inside.aided
+def published_inside(
+    inside: Any, gyr_rad_s: Vec3, ahead_s: float, is_aided: bool
+) -> tuple[Motion, Figures]:
+    """What there is to publish, turned ``ahead_s`` beyond the last sample.
+
+    Some twenty numbers: whole states would cost more to hand over than to compute.
+    """
+    figures = conditioned_figures(inside.seen)
+    if is_aided:
+        figures = aided_figures(inside.aided, figures)
+        ahead_s += inside.aided.imu_lag_s  # the samples are that old
+    rate_rad_s = subtract(gyr_rad_s, inside.filter.gyr_bias_rad_s)
+    return motion(inside.filter, rate_rad_s, ahead_s), figures

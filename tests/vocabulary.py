@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from estimator import memberships
-from estimator.types import Quaternion, Vec3
+from estimator.types import Attitude, Quaternion, Vec3
 
 IDENTITY: Quaternion = (1.0, 0.0, 0.0, 0.0)
 
@@ -108,3 +108,12 @@ def assert_attitude_close(q: Quaternion, r: Quaternion, max_angle_rad: float) ->
     assert angle <= max_angle_rad, (
         f"{angle:.3g} rad apart, allowed {max_angle_rad:.3g}: {q} and {r}"
     )
+
+
+def assert_attitudes_equal(one: Attitude, other: Attitude) -> None:
+    """Every number to the rounding of compiled code, every word exactly."""
+    for name, a, b in zip(Attitude._fields, one, other, strict=True):
+        if isinstance(a, str):
+            assert a == b, name
+        else:
+            np.testing.assert_allclose(a, b, rtol=1e-12, atol=1e-15, err_msg=name)

@@ -13,7 +13,7 @@ from estimator.profile import load_profile, merge_profile
 from estimator.quaternion import exp, multiply
 from estimator.refusal import ACC_LIMIT_M_S2, GYR_LIMIT_RAD_S
 from estimator.types import ZERO_VEC3, ImuSample
-from tests.vocabulary import IDENTITY, assert_attitude_close, floats
+from tests.vocabulary import IDENTITY, assert_attitude_close, assert_attitudes_equal, floats
 
 LEVEL = ImuSample(1_000_000, ZERO_VEC3, (0.0, 0.0, -9.8), (0.2, 0.0, 0.4), True)
 
@@ -117,6 +117,15 @@ def test_a_restored_snapshot_goes_on_with_the_same_results(profile):
         assert resumed.update(sample) is None
         assert straight.snapshot == resumed.snapshot
         assert straight.attitude(sample.time_us) == resumed.attitude(sample.time_us)
+
+
+def test_a_restored_snapshot_publishes_the_same(profile):
+    """What is read out of compiled memory is what is read out of the snapshot."""
+    estimator = fed(profile, samples(100))
+    restored = Estimator(profile)
+    restored.snapshot = estimator.snapshot
+    time_us = estimator.snapshot.time_us + 4_000
+    assert_attitudes_equal(restored.attitude(time_us), estimator.attitude(time_us))
 
 
 def test_replacing_the_profile_keeps_the_estimate(profile):

@@ -12,6 +12,7 @@ from estimator.profile import load_profile, merge_profile
 from estimator.quaternion import exp
 from estimator.types import VelocitySample
 from tests.flight import banked_flight, flown
+from tests.vocabulary import assert_attitudes_equal
 
 # 0.01 deg instead of the WMM's: north is known, and the field points there.
 TRUE_NORTH = {"reference": {"declination_deg": 0.01}}
@@ -169,3 +170,13 @@ def test_a_restored_snapshot_goes_on_with_the_same_results(flight):
         if k in behind:
             resumed.update_velocity(behind[k])
     assert resumed.snapshot == straight.snapshot
+
+
+def test_a_restored_snapshot_publishes_the_same(flight):
+    """What is read out of compiled memory is what is read out of the snapshot."""
+    flown(straight := estimator(), flight)
+    restored = estimator()
+    restored.snapshot = straight.snapshot
+    assert restored.snapshot.aided is not None
+    time_us = straight.snapshot.time_us + 4_000
+    assert_attitudes_equal(restored.attitude(time_us), straight.attitude(time_us))
