@@ -55,6 +55,7 @@ MILLIGAUSS_LIMIT = 20_000.0
 
 FILTER_VELOCITY_SIGMA_M_S = 0.3  # an autopilot's own filter, typical with GPS
 GPS_VELOCITY_SIGMA_M_S = 0.5  # a GPS receiver that does not say
+GPS_LATE_SIGMA_S = 0.1  # its word comes 0.1 to 0.2 s late, and does not say how late
 
 UNIT_NORM_TOLERANCE = 0.05  # quaternions further from unit length are not attitudes
 BUFFER_LIMIT = 65536  # bytes already parsed that may pile up before they are dropped
@@ -464,4 +465,4 @@ def _gps_velocity(m: Any, time_us: int) -> VelocitySample:
     speed_m_s, course_rad = m.vel * 0.01, math.radians(m.cog * 0.01)
     velocity = (speed_m_s * math.cos(course_rad), speed_m_s * math.sin(course_rad), 0.0)
     sigma_m_s = m.vel_acc * MILLI if getattr(m, "vel_acc", 0) else GPS_VELOCITY_SIGMA_M_S
-    return VelocitySample(time_us, velocity, False, sigma_m_s)
+    return VelocitySample(time_us, velocity, False, sigma_m_s, GPS_LATE_SIGMA_S)

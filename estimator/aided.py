@@ -25,11 +25,19 @@ def confidence(sigma_rad: float, half_rad: float) -> float:
 
 
 @inlined
-def aided_vectors(reference: ReferenceParams, state: AidingState) -> Vectors:
-    """Both inertial directions seen from the aided attitude; confidence falls with its sigma."""
+def aided_vectors(reference: ReferenceParams, state: AidingState, knows_north: bool) -> Vectors:
+    """Both inertial directions seen from the aided attitude; confidence falls with its sigma.
+
+    While magnetic north is not known, what the filter calls north is where the field points.
+    """
     q = state.q_ned_frd
+    north = reference.magnetic_ned
+    E = state.earth_gauss
+    horizontal = hypot(E[0], E[1])
+    if not knows_north and horizontal > 0.0:
+        north = (E[0] / horizontal, E[1] / horizontal, 0.0)
     return Vectors(
-        rotate_inverse(q, reference.magnetic_ned),
+        rotate_inverse(q, north),
         reference.magnetic_ned,
         reference.s_magnetic * confidence(state.sigma_heading_rad, MAGNETIC_HALF_RAD),
         rotate_inverse(q, reference.gravity_ned),
@@ -55,12 +63,15 @@ def aided_step(
     has_mag: bool,
     dt: float,
     report: Report,
+    knows_north: bool,
 ) -> tuple[FilterState, ConditioningState, Conditioned, AidingState, Array]:
     """One sample: the unaided stage goes on beside, then the filter follows the aided vectors."""
     memory, seen = condition(conditioning, memory, gyr_rad_s, acc_m_s2, mag, has_mag, dt)
     m = reference.magnetic_ned
     horizontal = hypot(m[0], m[1])
-    north = (m[0] / horizontal, m[1] / horizontal) if horizontal > 0.0 else (1.0, 0.0)
+    north = (0.0, 0.0)
+    if knows_north and horizontal > 0.0:
+        north = (m[0] / horizontal, m[1] / horizontal)
     aided, covariance = aid(
         aiding,
         aided,
@@ -75,5 +86,5 @@ def aided_step(
         report,
     )
     state = turned(state, aided.rate_rad_s, dt, aided.gyr_bias_rad_s)
-    state = correct(params, state, aided_vectors(reference, aided), dt)
+    state = correct(params, state, aided_vectors(reference, aided, knows_north), dt)
     return state, memory, seen, aided, covariance

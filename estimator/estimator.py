@@ -1,23 +1,25 @@
 """One vehicle's estimator: samples in, attitude out. No I/O and no clock."""
 
-from math import asin, sqrt
+from math import asin, radians, sqrt
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from estimator import kernel
-from estimator.aiding import AidingState, Report, begin
+from estimator.aiding import AidingState, Report, begin, with_unknown_biases
+from estimator.aiding.search import NOTHING_FOUND, Search, found
 from estimator.aiding.types import SIZE, Array
 from estimator.alignment import align
 from estimator.compiled import plain
 from estimator.conditioned import conditioned_vectors
 from estimator.conditioning import turned as conditioning_turned
+from estimator.conditioning import with_unknown_bias
 from estimator.conditioning.condition import condition
 from estimator.conditioning.condition import initial_state as initial_conditioning
 from estimator.conditioning.types import Conditioned, ConditioningState
-from estimator.declination import declination_rad
 from estimator.filter_types import FilterState, initial_state
 from estimator.observation import raw_vectors
+from estimator.place_field import PlaceField, field_at, resembles
 from estimator.profile import Profile
 from estimator.published import (
     Figures,
@@ -39,6 +41,7 @@ from estimator.resident import (
     hear_inside,
     published_inside,
     resident,
+    search_inside,
 )
 from estimator.settings import settings_of
 from estimator.types import (
@@ -54,6 +57,12 @@ from estimator.types import (
 # The output is propagated this far beyond the last sample at most, s; then the
 # last rate says nothing about the vehicle any more.
 OUTPUT_HORIZON_S = 1.0
+# The aiding that gives up again after less than this has begun with the wrong heading.
+AGAIN_US = 60_000_000
+# The heading by a compass that is not calibrated.
+UNCALIBRATED_SIGMA_RAD = radians(45.0)
+# A heading that velocity has shown is no better than this to begin with.
+LEAST_FOUND_SIGMA_RAD = radians(3.0)
 # Time over which e is averaged for the sigma of raw vectors.
 SIGMA_TIME_S = 1.0
 
@@ -71,6 +80,7 @@ class Snapshot(NamedTuple):
     aided: AidingState | None = None  # while velocity helps
     aided_covariance: tuple[float, ...] = ()  # row by row
     reports: Reports = ()  # velocities that the IMU has not reached yet
+    search: Search = NOTHING_FOUND  # for an attitude from velocity alone
 
 
 class Estimator:
@@ -83,6 +93,8 @@ class Estimator:
     def __init__(self, profile: Profile, fixed_gain: float | None = None) -> None:
         self._fixed_gain = fixed_gain
         self._declination_rad: float | None = None
+        self._place_field: PlaceField | None = None
+        self._last_doubt_us: int | None = None
         self.profile = profile
         self._settings = settings_of(profile, fixed_gain)
         self._snapshot: Snapshot
@@ -90,6 +102,7 @@ class Estimator:
         self._gyr_rad_s = ZERO_VEC3
         self._is_aided = False
         self._has_heading = False
+        self._field_calibrated = True
         self.restart()
 
     @property
@@ -105,6 +118,7 @@ class Estimator:
                 smooth_error=inside.filter.error,
                 aided=inside.aided if self._is_aided else None,
                 aided_covariance=_flat(inside.covariance) if self._is_aided else (),
+                search=inside.search,
             )
         return self._snapshot
 
@@ -119,7 +133,7 @@ class Estimator:
         aided, covariance = now.aided, _square(now.aided_covariance)
         if aided is None:  # only its form is needed
             aided, covariance = begin(
-                chosen.aiding, IDENTITY, ZERO_VEC3, ZERO_VEC3, ZERO_VEC3, NO_REPORT
+                chosen.aiding, IDENTITY, ZERO_VEC3, ZERO_VEC3, ZERO_VEC3, NO_REPORT, 0.0, 0.0
             )
         contents = Contents(
             chosen.filter,
@@ -131,6 +145,7 @@ class Estimator:
             seen,
             aided,
             covariance,
+            now.search,
         )
         self._inside = resident(contents)
         self._is_aided = now.aided is not None
@@ -210,7 +225,9 @@ class Estimator:
         readings = (gyr, acc, sample.mag_gauss, sample.has_mag)
         goes_on_aided = self._is_aided and dt <= aiding.gap_s
         if goes_on_aided:
-            self._is_aided = advance_aided(self._inside, *readings, dt, report)
+            self._is_aided = advance_aided(self._inside, *readings, dt, report, self._knows_north)
+            if not self._is_aided:
+                self._doubt(sample.time_us)
         else:
             self._is_aided = False
             has_heading = advance(self._inside, *readings, dt)
@@ -221,6 +238,13 @@ class Estimator:
         self._snapshot = self._snapshot._replace(time_us=sample.time_us, reports=ahead)
         if report.given and not goes_on_aided:
             self._begin_aided(sample, report)
+
+    def _doubt(self, time_us: int) -> None:
+        """The aiding has given up. Twice in a row, and the compass is not what it was taken for."""
+        last = self._last_doubt_us
+        if last is not None and time_us - last < AGAIN_US:
+            self._field_calibrated = False
+        self._last_doubt_us = time_us
 
     def _align_inside(self) -> None:
         """The first heading ever is alignment, not correction: there was none to correct."""
@@ -233,18 +257,61 @@ class Estimator:
         self._go_inside(now.seen)
 
     def _begin_aided(self, sample: ImuSample, report: Report) -> None:
-        """Velocity starts to help once there is a heading, and true north to measure it from."""
-        chosen = self._settings
-        if not (chosen.aiding.enabled and self._knows_north and self._has_heading):
+        """Velocity starts to help once there is a heading from true north.
+
+        It comes from the field, or from velocity itself where there is no field to be trusted
+        or no position that tells true from magnetic north.
+        """
+        aiding = self._settings.aiding
+        if not aiding.enabled:
             return
-        now = self.snapshot
-        assert now.seen is not None  # the sample has been advanced
-        q = align(conditioned_vectors(chosen.reference, now.seen))
+        if self._has_heading and self._knows_north and self._trusts_field():
+            now = self.snapshot
+            assert now.seen is not None  # the sample has been advanced
+            q = align(conditioned_vectors(self._settings.reference, now.seen))
+            sigma = aiding.begin_heading_sigma_rad
+        elif search_inside(self._inside, report):
+            now = self.snapshot
+            attitude_of_g = found(now.search)
+            if attitude_of_g is None:
+                return
+            q = multiply(attitude_of_g.q_ned_g, now.conditioning.gravity.q_g_frd)
+            sigma = max(attitude_of_g.sigma_heading_rad, LEAST_FOUND_SIGMA_RAD)
+        else:
+            return
+        self._go_aided(now, q, sigma, sample, report)
+
+    def _trusts_field(self) -> bool:
+        """Whether the field may give the first heading: calibrated, and like the place's own."""
+        if self._field_calibrated and self._place_field is not None:
+            seen = contents_of(self._inside).memory.magnetic
+            self._field_calibrated = resembles(
+                self._place_field, seen.horizontal_reference, seen.down_reference
+            )
+        return self._field_calibrated
+
+    def _go_aided(
+        self, now: Snapshot, q: Quaternion, sigma_rad: float, sample: ImuSample, report: Report
+    ) -> None:
+        """Begin the aiding at ``q``, whose heading is off by ``sigma_rad``."""
+        aiding, seen = self._settings.aiding, now.seen
+        assert seen is not None
+        iron = aiding.hard_iron_sigma_gauss
         aided, covariance = begin(
-            chosen.aiding, q, now.seen.bias_rad_s, sample.gyr_rad_s, sample.acc_m_s2, report
+            aiding,
+            q,
+            seen.bias_rad_s,
+            sample.gyr_rad_s,
+            sample.acc_m_s2,
+            report,
+            sigma_rad,
+            iron if self._field_calibrated else aiding.uncalibrated_sigma_gauss,
         )
-        self.snapshot = now._replace(aided=aided, aided_covariance=_flat(covariance))
-        self._go_inside(now.seen)
+        now = now._replace(aided=aided, aided_covariance=_flat(covariance), search=NOTHING_FOUND)
+        if not self._has_heading:  # there was none to correct
+            now = now._replace(filter=now.filter._replace(q_ned_frd=q))
+        self.snapshot = now
+        self._go_inside(seen)
 
     def _first_seen(
         self, memory: ConditioningState, sample: ImuSample
@@ -319,14 +386,40 @@ class Estimator:
         """
         if self._declination_rad is not None or not self._settings.learns_north:
             return
-        declination = declination_rad(latitude_deg, longitude_deg, altitude_m, unix_us)
-        if declination is None:
+        place = field_at(latitude_deg, longitude_deg, altitude_m, unix_us)
+        if place is None:
             return
+        self._place_field = place
+        declination = place.declination_rad
         self._declination_rad = declination
         self.replace_profile(self.profile)
         now = self.snapshot
         q = multiply(exp((0.0, 0.0, declination)), now.filter.q_ned_frd)
         self.snapshot = now._replace(filter=now.filter._replace(q_ned_frd=q))
+
+    def set_field_calibrated(self, calibrated: bool) -> None:
+        """Whether somebody has calibrated the compass; it is assumed until told otherwise.
+
+        The heading of one that is not comes from velocity, as soon as that shows it.
+        """
+        if self._is_aided and self._field_calibrated and not calibrated:
+            self.snapshot = self.snapshot._replace(aided=None, aided_covariance=())
+        self._field_calibrated = calibrated
+
+    def change_imu(self) -> None:
+        """The samples are another IMU's from now on: its biases are its own."""
+        now = self.snapshot
+        aided, covariance = now.aided, now.aided_covariance
+        if aided is not None:
+            aided, P = with_unknown_biases(
+                self._settings.aiding, aided, _square(now.aided_covariance)
+            )
+            covariance = _flat(P)
+        self.snapshot = now._replace(
+            conditioning=with_unknown_bias(self._settings.conditioning, now.conditioning),
+            aided=aided,
+            aided_covariance=covariance,
+        )
 
     def turn(self, turn_ned: Quaternion) -> None:
         """Turn the estimate by a rotation given in NED that no sensor has felt, to test recovery.
@@ -357,6 +450,8 @@ class Estimator:
             moved, figures = self._published_outside(now, ahead_s)
         q, rate, bias, error, error_rate, gain = moved
         gravity, magnetic, inclination, heading, has_heading = figures
+        if not (self._field_calibrated or self._is_aided):
+            heading = max(heading, UNCALIBRATED_SIGMA_RAD)
         return Attitude(
             time_us,
             q,
@@ -386,9 +481,10 @@ class Estimator:
 
     @property
     def _north(self) -> str:
-        """What the heading is measured from."""
+        """What the heading is measured from; without a field it is the reports' true north."""
         known = self._declination_rad is not None or self.profile.reference.declination_deg != 0.0
-        return "true" if known or not self._settings.conditioned else "magnetic"
+        by_velocity = self._is_aided and not self._has_heading
+        return "true" if known or by_velocity or not self._settings.conditioned else "magnetic"
 
 
 def _square(covariance: tuple[float, ...]) -> Array:

@@ -50,7 +50,7 @@ def aided_figures(aided: AidingState, unaided: Figures) -> Figures:
         confidence(heading, MAGNETIC_HALF_RAD),
         at_most_half_turn(at_least(inclination)),
         at_most_half_turn(at_least(heading)),
-        unaided[4],
+        unaided[4] or aided.field.samples == 0.0,  # without a field it is the reports'
     )
 
 

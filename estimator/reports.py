@@ -7,7 +7,7 @@ from estimator.types import ZERO_VEC3, VelocitySample
 
 Reports = tuple[VelocitySample, ...]
 
-NO_REPORT = Report(False, ZERO_VEC3, False, 0.0, 0.0)
+NO_REPORT = Report(False, ZERO_VEC3, False, 0.0, 0.0, 0.0)
 # Reports come about as often as IMU samples do; of more than this the oldest are dropped.
 MOST_WAITING = 8
 # Faster than sound in air: no vehicle this is for.
@@ -43,4 +43,4 @@ def taken(waiting: Reports, time_us: int, oldest_s: float) -> tuple[Report, Repo
     if ago_s > oldest_s:
         return NO_REPORT, ahead
     velocity, vertical = latest.velocity_ned_m_s, latest.has_vertical
-    return Report(True, velocity, vertical, latest.sigma_m_s, ago_s), ahead
+    return Report(True, velocity, vertical, latest.sigma_m_s, ago_s, latest.late_sigma_s), ahead

@@ -14,6 +14,7 @@ from numba.experimental import structref
 
 from estimator.aided import aided_step
 from estimator.aiding import AidingParams, AidingState, Report, hear, trusted
+from estimator.aiding.search import Search, felt, heard
 from estimator.aiding.types import Array
 from estimator.compiled import compiled
 from estimator.conditioned import conditioned_step
@@ -39,6 +40,7 @@ class Contents(NamedTuple):
     seen: Conditioned
     aided: AidingState
     covariance: Array
+    search: Search
 
 
 if _numba_config.DISABLE_JIT:
@@ -77,6 +79,7 @@ def resident(contents: Contents) -> Any:
         contents.seen,
         contents.aided,
         contents.covariance,
+        contents.search,
     )
 
 
@@ -93,6 +96,7 @@ def contents_of(inside: Any) -> Contents:
         inside.seen,
         inside.aided,
         inside.covariance.copy(),
+        inside.search,
     )
 
 
@@ -116,6 +120,7 @@ def advance(
     inside.filter = state
     inside.memory = memory
     inside.seen = seen
+    inside.search = felt(inside.search, memory.gravity.q_g_frd, acc_m_s2, dt)
     return bool(seen.magnetic_weight > 0.0)
 
 
@@ -128,6 +133,7 @@ def advance_aided(
     has_mag: bool,
     dt: float,
     report: Report,
+    knows_north: bool,
 ) -> bool:
     """One sample with the velocity report that belongs to it, if any; whether to go on aided."""
     state, memory, seen, aided, covariance = aided_step(
@@ -145,6 +151,7 @@ def advance_aided(
         has_mag,
         dt,
         report,
+        knows_north,
     )
     inside.filter = state
     inside.memory = memory
@@ -162,6 +169,14 @@ def hear_inside(inside: Any, report: Report) -> None:
     )
     inside.aided = aided
     inside.covariance = covariance
+
+
+@compiled
+def search_inside(inside: Any, report: Report) -> bool:
+    """A report while there is no aiding; whether it may have shown the attitude."""
+    search, closed = heard(inside.search, report)
+    inside.search = search
+    return closed
 
 
 @compiled

@@ -46,13 +46,15 @@ class VelocitySample(NamedTuple):
     """Velocity over ground in NED, for the acceleration that hides gravity.
 
     ``has_vertical`` is False for sources that know the horizontal part only.
-    ``sigma_m_s`` is the source's own accuracy (1 sigma), or a typical one.
+    ``sigma_m_s`` is the source's own accuracy (1 sigma), or a typical one;
+    ``late_sigma_s`` tells how uncertain ``time_us`` is, 0 where it is exact.
     """
 
     time_us: int
     velocity_ned_m_s: Vec3
     has_vertical: bool
     sigma_m_s: float
+    late_sigma_s: float = 0.0
 
 
 class Attitude(NamedTuple):

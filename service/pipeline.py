@@ -18,6 +18,7 @@ from drivers.events import (
     LinkUp,
     Malformed,
     Notice,
+    Parameter,
     Position,
     ReferenceAttitude,
     RefusedFrames,
@@ -96,6 +97,9 @@ class Pipeline:
             case Velocity(vehicle=address):
                 if address in self._vehicles:
                     self._vehicles[address].on_velocity(event)
+            case Parameter(vehicle=address):
+                if address in self._vehicles:
+                    self._vehicles[address].on_parameter(event)
             case Rejected(vehicle=address):
                 vehicle = self._meet(address)
                 if vehicle is not None:

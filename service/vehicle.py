@@ -2,7 +2,7 @@
 
 from collections import Counter, deque
 
-from drivers.events import ClockReset, Imu, Position, Rejected, VehicleId, Velocity
+from drivers.events import ClockReset, Imu, Parameter, Position, Rejected, VehicleId, Velocity
 from estimator.estimator import Estimator
 from estimator.profile import Profile
 from estimator.types import ImuSample
@@ -17,6 +17,8 @@ from service.velocity_choice import VelocityChoice
 # Enough for a steady median, few enough to follow a stream whose rate was changed.
 PERIODS_KEPT = 51
 MEDIAN_EVERY = 8
+# ArduPilot's parameters of the first compass: what calibrating it has found.
+COMPASS_OFFSETS = ("COMPASS_OFS_X", "COMPASS_OFS_Y", "COMPASS_OFS_Z")
 # More reasons than the checks have; a source that invents them must not fill memory.
 MAX_REASONS = 64
 
@@ -40,6 +42,7 @@ class Vehicle:
         self._health = Health()
         self._choice = ImuChoice()
         self._velocity_choice = VelocityChoice()
+        self._compass_offsets: dict[str, float] = {}
         self._clock = HostClock()
         self._periods_us: deque[int] = deque(maxlen=PERIODS_KEPT)
         self._median_us: float | None = None
@@ -106,6 +109,14 @@ class Vehicle:
         self.estimator.set_position(
             event.latitude_deg, event.longitude_deg, event.altitude_m, event.arrival_us
         )
+
+    def on_parameter(self, event: Parameter) -> None:
+        """Offsets that are all zero mean a compass that nobody has calibrated."""
+        if event.name not in COMPASS_OFFSETS:
+            return
+        self._compass_offsets[event.name] = event.value
+        if len(self._compass_offsets) == len(COMPASS_OFFSETS):
+            self.estimator.set_field_calibrated(any(self._compass_offsets.values()))
 
     def on_velocity(self, event: Velocity) -> None:
         """Feed the estimator, if the message is the chosen one."""
@@ -184,6 +195,7 @@ class Vehicle:
         self._median_us = None
         if before is None:
             return [f"vehicle {self.name}: IMU data from {now}"]
+        self.estimator.change_imu()
         return [f"vehicle {self.name}: IMU data from {now} now, {before} is given up"]
 
     def _measure(self, event: Imu) -> None:

@@ -43,7 +43,9 @@ def warm_up_aided(estimator: Estimator) -> None:
     if not estimator.aligned:
         estimator.update(_sample(0))
     aiding = settings_of(estimator.profile).aiding
-    state, covariance = begin(aiding, IDENTITY, ZERO_VEC3, ZERO_VEC3, ZERO_VEC3, NO_REPORT)
+    state, covariance = begin(
+        aiding, IDENTITY, ZERO_VEC3, ZERO_VEC3, ZERO_VEC3, NO_REPORT, 0.1, 0.0
+    )
     before = estimator.snapshot
     estimator.snapshot = before._replace(
         aided=state, aided_covariance=tuple(covariance.ravel().tolist())

@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 from drivers.events import ClockReset, Event, Imu, Position, ReferenceAttitude, VehicleId
 from drivers.logs import open_log
 from drivers.reference_track import ReferenceTrack
-from estimator.declination import declination_rad
 from estimator.errors import InputError
+from estimator.place_field import field_at
 from estimator.refusal import refusal
 from estimator.types import ImuSample
 
@@ -85,9 +85,10 @@ class _Stream:
             case ReferenceAttitude(source=source):
                 self.tracks[source].add(event)
             case Position() if self.declination_rad is None:
-                self.declination_rad = declination_rad(
+                place = field_at(
                     event.latitude_deg, event.longitude_deg, event.altitude_m, event.arrival_us
                 )
+                self.declination_rad = None if place is None else place.declination_rad
             case ClockReset():
                 self._restart_pending = set(self.samples)
 

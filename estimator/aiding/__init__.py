@@ -1,7 +1,16 @@
 """Velocity beside the IMU: the attitude of a vehicle that accelerates."""
 
-from estimator.aiding.aiding import aid, begin, hear
+from estimator.aiding.aiding import aid, begin, hear, with_unknown_biases
 from estimator.aiding.types import AidingParams, AidingState, Report
 from estimator.aiding.velocity import trusted
 
-__all__ = ["AidingParams", "AidingState", "Report", "aid", "begin", "hear", "trusted"]
+__all__ = [
+    "AidingParams",
+    "AidingState",
+    "Report",
+    "aid",
+    "begin",
+    "hear",
+    "trusted",
+    "with_unknown_biases",
+]

@@ -8,16 +8,20 @@ that the paper's filter follows. Formulation with small turns in the inertial
 frame as in J. Sola 2017, arXiv:1711.02508, section 7.
 """
 
+from math import hypot
+
 import numpy as np
 
 from estimator.aiding.field import observe_heading, without_field
 from estimator.aiding.inertial import Carried, carried
 from estimator.aiding.types import (
     ACC_BIAS,
+    EARTH,
     FIELD_LAG,
     GYR_BIAS,
     HARD_IRON,
     IMU_LAG,
+    REPORT_LAG,
     SIZE,
     TURN,
     VELOCITY,
@@ -37,6 +41,7 @@ from estimator.quaternion import add, exp, multiply, norm, normalize, rotate, su
 from estimator.types import ZERO_VEC3, Quaternion, Vec3
 
 BEGIN_VELOCITY_SIGMA_M_S = 1.0
+LEAST_HORIZONTAL_GAUSS = 0.02  # near the magnetic poles
 FIRST_STEP_S = 1.0  # no step yet: too long to tell lags from
 
 
@@ -47,10 +52,12 @@ def begin(
     gyr: Vec3,
     acc: Vec3,
     report: Report,
+    heading_sigma_rad: float,
+    hard_iron_sigma_gauss: float,
 ) -> tuple[AidingState, Array]:
-    """State and covariance at a first velocity report, from the unaided attitude and bias."""
+    """State and covariance at a first velocity report, from an attitude and a bias."""
     P = np.zeros((SIZE, SIZE))
-    tilt, heading = params.begin_tilt_sigma_rad**2, params.begin_heading_sigma_rad**2
+    tilt, heading = params.begin_tilt_sigma_rad**2, heading_sigma_rad**2
     diagonal = np.einsum("ii->i", P)
     diagonal[TURN : TURN + 3] = (tilt, tilt, heading)
     diagonal[VELOCITY : VELOCITY + 3] = BEGIN_VELOCITY_SIGMA_M_S**2
@@ -58,7 +65,7 @@ def begin(
     diagonal[ACC_BIAS : ACC_BIAS + 3] = params.acc_bias_sigma**2
     diagonal[IMU_LAG] = params.imu_lag_sigma_s**2
     diagonal[FIELD_LAG] = params.field_lag_sigma_s**2
-    diagonal[HARD_IRON : HARD_IRON + 3] = params.hard_iron_sigma_gauss**2
+    diagonal[HARD_IRON : HARD_IRON + 3] = hard_iron_sigma_gauss**2
     state = AidingState(
         q_ned_frd=q_ned_frd,
         velocity_ned_m_s=report.velocity_ned_m_s,
@@ -67,16 +74,34 @@ def begin(
         imu_lag_s=params.imu_lag_s,
         field_lag_s=params.field_lag_s,
         hard_iron_gauss=ZERO_VEC3,
+        earth_gauss=ZERO_VEC3,
+        report_lag_s=params.report_lag_s if report.late_sigma_s > 0.0 else 0.0,
         gyr_rad_s=gyr,
         force_ned_m_s2=rotate(q_ned_frd, acc),
         rate_rad_s=subtract(gyr, gyr_bias),
         step_s=FIRST_STEP_S,
-        field=FieldState(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0),
-        agreement=Agreement(1.0, 1.0, 0.0, 0.0, 0.0),
+        field=FieldState(0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0),
+        agreement=Agreement(1.0, 1.0, 0.0, ZERO_VEC3, 0.0, 0.0, 0.0),
         sigma_inclination_rad=params.begin_tilt_sigma_rad,
-        sigma_heading_rad=params.begin_heading_sigma_rad,
+        sigma_heading_rad=heading_sigma_rad,
     )
     return state, P
+
+
+def with_unknown_biases(
+    params: AidingParams, state: AidingState, covariance: Array
+) -> tuple[AidingState, Array]:
+    """The same attitude and velocity, from another IMU: its biases are as at the beginning."""
+    P = covariance.copy()
+    for first, sigma in (
+        (GYR_BIAS, params.gyr_bias_sigma),
+        (ACC_BIAS, params.acc_bias_sigma),
+    ):
+        P[first : first + 3, :] = 0.0
+        P[:, first : first + 3] = 0.0
+        for i in range(first, first + 3):
+            P[i, i] = sigma**2
+    return state._replace(gyr_bias_rad_s=ZERO_VEC3, acc_bias_m_s2=ZERO_VEC3), P
 
 
 @inlined
@@ -100,6 +125,8 @@ def corrected(
         state.imu_lag_s + x[IMU_LAG],
         state.field_lag_s + x[FIELD_LAG],
         add(state.hard_iron_gauss, part(x, HARD_IRON)),
+        add(state.earth_gauss, part(x, EARTH)),
+        state.report_lag_s + x[REPORT_LAG],
         state.gyr_rad_s,
         subtract(rotate(exp(part(x, TURN)), now.force_ned_m_s2), rotate(q, change)),
         now.rate_rad_s,
@@ -123,6 +150,8 @@ def rated(params: AidingParams, state: AidingState, P: Array, gyr: Vec3, dt: flo
         state.imu_lag_s,
         state.field_lag_s,
         state.hard_iron_gauss,
+        state.earth_gauss,
+        state.report_lag_s,
         gyr,
         state.force_ned_m_s2,
         state.rate_rad_s,
@@ -130,8 +159,17 @@ def rated(params: AidingParams, state: AidingState, P: Array, gyr: Vec3, dt: flo
         state.field,
         state.agreement,
         inclination_sigma(params, P, state.agreement, turning),
-        heading_sigma(params, P, state.agreement, state.field, turning, dt),
+        heading_sigma(
+            params, P, state.agreement, state.field, iron_angle(params, state), turning, dt
+        ),
     )
+
+
+@inlined
+def iron_angle(params: AidingParams, state: AidingState) -> float:
+    """How far (rad) the hard iron of a calibrated compass may turn the field."""
+    E = state.earth_gauss
+    return params.hard_iron_sigma_gauss / max(hypot(E[0], E[1]), LEAST_HORIZONTAL_GAUSS)
 
 
 @inlined
@@ -164,6 +202,7 @@ def aid(
             now,
             state.force_ned_m_s2,
             state.imu_lag_s,
+            state.report_lag_s,
             report,
             gravity_b,
             P,
@@ -174,7 +213,9 @@ def aid(
         observe_unaided(params, now, gravity_b, P, x, dt)
     field = without_field(state.field, dt)
     if has_mag:
-        calibration = Calibration(state.gyr_bias_rad_s, state.hard_iron_gauss, state.field_lag_s)
+        calibration = Calibration(
+            state.gyr_bias_rad_s, state.hard_iron_gauss, state.earth_gauss, state.field_lag_s
+        )
         field = observe_heading(params, field, calibration, now.q_ned_frd, north, gyr, mag, P, x)
     state = corrected(state, now, agreement, field, x)
     return rated(params, state, P, gyr, dt), P
@@ -195,6 +236,7 @@ def hear(
         now,
         force,
         state.imu_lag_s,
+        state.report_lag_s,
         report,
         gravity_b,
         P,

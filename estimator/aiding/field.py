@@ -1,11 +1,12 @@
-"""What a magnetic field sample says about the heading, the hard iron and the field's lag."""
+"""What a magnetic field sample says about heading, hard iron, the place's field and its lag."""
 
 from math import atan2, sqrt
 
 import numpy as np
 
-from estimator.aiding.covariance import learn, rotation_matrix
+from estimator.aiding.covariance import expected_variance, learn, rotation_matrix
 from estimator.aiding.types import (
+    EARTH,
     FIELD_LAG,
     HARD_IRON,
     SIZE,
@@ -18,7 +19,7 @@ from estimator.aiding.types import (
 )
 from estimator.compiled import inlined
 from estimator.conditioning.magnetic import LEAST_HORIZONTAL
-from estimator.quaternion import add, cross, rotate, scale, subtract
+from estimator.quaternion import add, cross, dot, rotate, scale, subtract
 from estimator.types import Quaternion, Vec3
 
 FIELD_TAU_S = 0.05  # low-pass of norm and dip
@@ -27,18 +28,22 @@ RESIDUAL_MEMORY_S = 60.0
 RESIDUAL_CLIP_RAD = 0.2
 LEAST_CONFIDENCE = 1e-6
 FIRST_WAIT_S = 0.1
+# Before anything is known about the place's field its parts are uncertain by this share of it.
+FIRST_SIGMA = 0.2
+# How well a declination is known, rad, and over which time that counts as one measurement.
+DECLINATION_SIGMA_RAD = 0.01
+DECLINATION_TAU_S = 100.0
+# A heading this uncertain (rad, 1 sigma) is taken from the field as an angle, not linearly.
+LINEAR_SIGMA_RAD = 0.35
 
 
 @inlined
 def without_field(state: FieldState, dt: float) -> FieldState:
     """Only time passes."""
     return FieldState(
-        state.horizontal_reference,
-        state.down_reference,
         state.horizontal,
         state.down,
         state.samples,
-        state.age_s,
         state.wait_s + dt,
         state.confidence,
         state.residual_rad,
@@ -48,41 +53,64 @@ def without_field(state: FieldState, dt: float) -> FieldState:
 
 
 @inlined
-def judged(params: AidingParams, state: FieldState, h: float, v: float) -> FieldState:
-    """Norm and dip against their learnt references, as for the unaided field.
+def judged(
+    params: AidingParams, state: FieldState, seen: Vec3, expected: Vec3, variance: float
+) -> FieldState:
+    """Norm and dip against the place's field, as for the unaided field.
 
-    D^2 = ((n - n_r)/(s_n n_r))^2 + (sin(d - d_r)/s_d)^2, c = 1/(1 + D^2)^2.
+    D^2 = ((n - n_r)/(s_n n_r))^2 + (sin(d - d_r)/s_d)^2, c = 1/(1 + D^2)^2, both scales widened
+    by what ``variance`` (of one part of the field, as far as it is learnt) makes of them.
     """
-    samples = state.samples + 1.0
-    age = state.age_s + state.wait_s
-    if state.samples == 0.0:
-        return FieldState(h, v, h, v, samples, age, 0.0, 1.0, 0.0, 0.0, 0.0)
+    h, v = sqrt(seen[0] * seen[0] + seen[1] * seen[1]), seen[2]
     wait = min(state.wait_s, 1.0)
-    a = wait / (FIELD_TAU_S + wait)
+    a = wait / (FIELD_TAU_S + wait) if state.samples > 0.0 else 1.0
     smooth_h = state.horizontal + a * (h - state.horizontal)
     smooth_v = state.down + a * (v - state.down)
-    h_r, v_r = state.horizontal_reference, state.down_reference
+    h_r, v_r = sqrt(expected[0] * expected[0] + expected[1] * expected[1]), expected[2]
     n = sqrt(smooth_h * smooth_h + smooth_v * smooth_v)
     n_r = sqrt(h_r * h_r + v_r * v_r)
-    off_norm = (n - n_r) / (params.field_norm_scale * n_r)
-    off_dip = (smooth_v * h_r - smooth_h * v_r) / (params.field_dip_scale_rad * n * n_r)
+    unsure = sqrt(variance) / n_r
+    off_norm = (n - n_r) / ((params.field_norm_scale + unsure) * n_r)
+    off_dip = (smooth_v * h_r - smooth_h * v_r) / (n * n_r)
+    off_dip /= params.field_dip_scale_rad + unsure
     confidence = 1.0 / (1.0 + off_norm * off_norm + off_dip * off_dip) ** 2
-    weight = min(1.0, wait / params.field_reference_tau_s) * confidence
-    if age < params.field_reference_tau_s:
-        weight = max(weight, 1.0 / samples)
     return FieldState(
-        h_r + weight * (h - h_r),
-        v_r + weight * (v - v_r),
         smooth_h,
         smooth_v,
-        samples,
-        age,
+        state.samples + 1.0,
         0.0,
         confidence,
         state.residual_rad,
         state.residual_square,
         state.doubt_s,
     )
+
+
+@inlined
+def begin_field(state: FieldState, F: Vec3, north: Two, P: Array, x: Array) -> FieldState:
+    """The first sample gives the place's field, towards ``north`` where that is known."""
+    h = sqrt(F[0] * F[0] + F[1] * F[1])
+    n = sqrt(h * h + F[2] * F[2])
+    c, s = north
+    across = DECLINATION_SIGMA_RAD * h
+    if c == 0.0 and s == 0.0:
+        c, s = F[0] / h, F[1] / h
+        across = FIRST_SIGMA * n
+    along = (FIRST_SIGMA * n) ** 2 + P[HARD_IRON, HARD_IRON]
+    across *= across
+    for i in range(3):
+        for j in range(SIZE):
+            P[EARTH + i, j] = 0.0
+            P[j, EARTH + i] = 0.0
+    P[EARTH, EARTH] = along * c * c + across * s * s
+    P[EARTH, EARTH + 1] = (along - across) * c * s
+    P[EARTH + 1, EARTH] = (along - across) * c * s
+    P[EARTH + 1, EARTH + 1] = along * s * s + across * c * c
+    P[EARTH + 2, EARTH + 2] = along
+    x[EARTH] = h * c
+    x[EARTH + 1] = h * s
+    x[EARTH + 2] = F[2]
+    return FieldState(h, F[2], 1.0, 0.0, 1.0, 0.0, 0.0, state.doubt_s)
 
 
 @inlined
@@ -97,14 +125,14 @@ def observe_heading(
     P: Array,
     x: Array,
 ) -> FieldState:
-    """One scalar update: the field's east part, seen from magnetic north, is zero.
+    """Three scalar updates: the field, turned to NED, is the place's own.
 
-    ``north`` is magnetic north as (north, east). The reading is ``lag`` old, so
-    the body's turn since then is undone first: m <- m - lag w x m + .... The
-    east part changes by (turn x F)_east with the attitude, so dip lets a tilt
-    error in and the covariance knows; by -(R offset)_east with the hard iron.
+    ``north`` is magnetic north as (north, east), (0, 0) where it is not known. The reading is
+    ``lag`` old, so the body's turn since then is undone first: m <- m - lag w x m + ....
+    Across the place's horizontal field the difference tells the heading (dip lets a tilt error
+    in, and the covariance knows); along it and down it tells the hard iron and the field
+    itself, while the tilt, which velocity knows better, only makes it less certain.
     """
-    c, s = north
     rate = subtract(gyr, calibration.gyr_bias_rad_s)
     m = subtract(mag, calibration.hard_iron_gauss)
     lag = calibration.lag_s
@@ -112,27 +140,79 @@ def observe_heading(
     m = add(subtract(m, scale(lag, moved)), scale(0.5 * lag * lag, cross(rate, moved)))
     F = rotate(q_ned_frd, m)
     dF = rotate(q_ned_frd, moved)
-    F_north, F_east, F_down = c * F[0] + s * F[1], c * F[1] - s * F[0], F[2]
-    wait = FIRST_WAIT_S if field.samples == 0.0 else min(field.wait_s, 1.0)
-    field = judged(params, field, sqrt(F_north * F_north + F_east * F_east), F_down)
-    h_r = field.horizontal_reference
-    if h_r <= LEAST_HORIZONTAL * abs(field.down_reference) or wait <= 0.0:
+    if field.samples == 0.0:
+        return begin_field(field, F, north, P, x)
+    E = calibration.earth_gauss
+    wait = min(field.wait_s, 1.0)
+    learnt = P[EARTH + 2, EARTH + 2] + P[HARD_IRON, HARD_IRON]
+    field = judged(params, field, F, E, learnt)
+    H = sqrt(E[0] * E[0] + E[1] * E[1])
+    if LEAST_HORIZONTAL * abs(E[2]) >= H or wait <= 0.0:
         return field
-    h = np.zeros(SIZE)
-    h[TURN + 2] = 1.0
-    if F_north > 0.5 * abs(F_east):
-        off = -F_east / h_r
-        h[TURN] = -c * F_down / h_r
-        h[TURN + 1] = -s * F_down / h_r
-        h[FIELD_LAG] = (s * dF[0] - c * dF[1]) / h_r
-        R = rotation_matrix(q_ned_frd)
-        for j in range(3):
-            h[HARD_IRON + j] = (s * R[0, j] - c * R[1, j]) / h_r
-    else:
-        off = -atan2(F_east, F_north)
-    learn(P, x, h, off, params.heading_noise**2 / (wait * max(field.confidence, LEAST_CONFIDENCE)))
-    far = abs(atan2(F_east, F_north)) > params.far_heading_rad
+    c, s = E[0] / H, E[1] / H
+    F_along, F_across = c * F[0] + s * F[1], c * F[1] - s * F[0]
+    noise = params.heading_noise**2 / (wait * max(field.confidence, LEAST_CONFIDENCE))
+    R = rotation_matrix(q_ned_frd)
+    across = toward(R, dF, (-s / H, c / H, 0.0))
+    across[TURN] = -c * F[2] / H
+    across[TURN + 1] = -s * F[2] / H
+    across[TURN + 2] = 1.0
+    off = -F_across / H
+    angle = atan2(F_across, F_along)
+    expected = expected_variance(P, across, 0.0)
+    if F_along < 0.5 * abs(F_across) and P[TURN + 2, TURN + 2] > LINEAR_SIGMA_RAD**2:
+        across = np.zeros(SIZE)
+        across[TURN + 2] = 1.0
+        off = -angle
+    learn(P, x, across, off, noise)
+    learn_place(P, x, R, E, F, dF, noise)
+    if north[0] != 0.0 or north[1] != 0.0:
+        believe_north(P, x, E, north, wait)
+    far = abs(angle) > params.far_heading_rad + 2.0 * sqrt(expected)
     return remembered(field, off, far, wait)
+
+
+@inlined
+def toward(R: Array, dF: Vec3, axis: Vec3) -> Array:
+    """How the errors of hard iron, lag and place show in (place's field - field seen) on an axis.
+
+    E - F = turn x F - R d_iron - d_lag dF - d_E, for R, dF and axis in NED.
+    """
+    h = np.zeros(SIZE)
+    for i in range(3):
+        for j in range(3):
+            h[HARD_IRON + j] -= axis[i] * R[i, j]
+        h[EARTH + i] = -axis[i]
+    h[FIELD_LAG] = -dot(axis, dF)
+    return h
+
+
+@inlined
+def learn_place(P: Array, x: Array, R: Array, E: Vec3, F: Vec3, dF: Vec3, noise: float) -> None:
+    """The horizontal field along itself, and the one down."""
+    square = dot(E, E)
+    n = sqrt(square)
+    H = sqrt(E[0] * E[0] + E[1] * E[1])
+    tilt = 0.5 * (P[TURN, TURN] + P[TURN + 1, TURN + 1])
+    along = (E[0] / (H * n), E[1] / (H * n), 0.0)
+    down = (0.0, 0.0, 1.0 / n)
+    difference = subtract(E, F)
+    h = toward(R, dF, along)
+    learn(P, x, h, dot(along, difference), noise + tilt * E[2] * E[2] / square)
+    h = toward(R, dF, down)
+    learn(P, x, h, dot(down, difference), noise + tilt * H * H / square)
+
+
+@inlined
+def believe_north(P: Array, x: Array, E: Vec3, north: Two, wait: float) -> None:
+    """The place's field points to magnetic north, as far as a model can tell."""
+    c, s = north
+    H = sqrt(E[0] * E[0] + E[1] * E[1])
+    h = np.zeros(SIZE)
+    h[EARTH] = -s / H
+    h[EARTH + 1] = c / H
+    off = (s * E[0] - c * E[1]) / H
+    learn(P, x, h, off, DECLINATION_SIGMA_RAD**2 * DECLINATION_TAU_S / wait)
 
 
 @inlined
@@ -144,12 +224,9 @@ def remembered(field: FieldState, off: float, far: bool, wait: float) -> FieldSt
     share = max(wait / (wait + RESIDUAL_MEMORY_S), 1.0 / field.samples)
     square = field.residual_square + share * (slow * slow - field.residual_square)
     return FieldState(
-        field.horizontal_reference,
-        field.down_reference,
         field.horizontal,
         field.down,
         field.samples,
-        field.age_s,
         field.wait_s,
         field.confidence,
         slow,

@@ -5,6 +5,7 @@ from typing import NamedTuple
 from estimator.aiding.covariance import predicted, rotation_matrix
 from estimator.aiding.types import (
     ACC_BIAS,
+    EARTH,
     GYR_BIAS,
     HARD_IRON,
     TURN,
@@ -85,3 +86,10 @@ def add_noise(
         P[ACC_BIAS + i, ACC_BIAS + i] += params.acc_bias_walk**2 * dt
         if P[HARD_IRON + i, HARD_IRON + i] < iron:
             P[HARD_IRON + i, HARD_IRON + i] += iron * dt / HARD_IRON_WALK_S
+    E = state.earth_gauss
+    field = params.field_walk**2 * dt
+    horizontal = field * (1.0 + E[2] * E[2] / max(E[0] * E[0] + E[1] * E[1], 1e-12))
+    for i in range(2):  # its strength may change, not its direction from north
+        for j in range(2):
+            P[EARTH + i, EARTH + j] += horizontal * E[i] * E[j]
+    P[EARTH + 2, EARTH + 2] += field * dot(E, E)

@@ -23,7 +23,9 @@ ACC_BIAS = 9  # m/s^2
 IMU_LAG = 12  # s
 FIELD_LAG = 13  # s
 HARD_IRON = 14  # gauss
-SIZE = 17
+EARTH = 17  # gauss, the place's field in NED
+REPORT_LAG = 20  # s
+SIZE = 21
 
 
 class AidingParams(NamedTuple):
@@ -32,13 +34,13 @@ class AidingParams(NamedTuple):
     enabled: bool = True  # off: velocity is not used
 
     # Noise of the IMU, as densities.
-    gyr_noise: float = 0.003  # rad/s/sqrt(Hz); small: stiff, large: the attitude follows velocity
+    gyr_noise: float = 0.005  # rad/s/sqrt(Hz); small: stiff, large: the attitude follows velocity
     gyr_scale_noise: float = 0.002  # per rad/s turned, same; scale errors, crossed axes
     gyr_slow_noise_1_s: float = 0.08  # likewise, for each second of the IMU's step
-    acc_noise: float = 0.05  # m/s^2/sqrt(Hz); vibration; small: stiff, large: slow
+    acc_noise: float = 0.08  # m/s^2/sqrt(Hz); vibration; small: stiff, large: slow
     # Share of what changed between two samples that integration may have missed.
     integration_noise: float = 0.12  # small: believes 4 Hz samples, large: distrusts them
-    gyr_bias_walk: float = 1e-4  # rad/s/sqrt(s)
+    gyr_bias_walk: float = 3e-4  # rad/s/sqrt(s); samples truncated to mrad/s wander, too
     acc_bias_walk: float = 5e-4  # m/s^2/sqrt(s)
     gyr_bias_sigma: float = 0.01  # rad/s, at the beginning
     acc_bias_sigma: float = 0.05  # m/s^2, at the beginning
@@ -47,6 +49,7 @@ class AidingParams(NamedTuple):
     velocity_noise_m_s: float = 0.1  # of a report by an autopilot's filter
     velocity_walk: float = 0.12  # m/s/sqrt(s), of the reports' slow error
     report_sigma_m_s: float = 0.3  # sources less accurate than this get more noise
+    report_lag_s: float = 0.1  # of a receiver's reports, where their age is uncertain
     oldest_report_s: float = 0.5  # older ones come too late
     silence_s: float = 1.0  # then the unaided gravity helps
     give_up_s: float = 300.0  # then it takes over
@@ -66,21 +69,23 @@ class AidingParams(NamedTuple):
     # Magnetic field.
     heading_noise: float = radians(3.0)  # rad/sqrt(Hz); small: follows magnets, large: slow
     hard_iron_sigma_gauss: float = 0.01  # that calibration has left over
+    uncalibrated_sigma_gauss: float = 0.2  # of a compass that nobody has calibrated
     field_norm_scale: float = 0.05  # relative deviation that halves the confidence, or so
     field_dip_scale_rad: float = radians(10.0)  # likewise
-    field_reference_tau_s: float = 20.0  # learning norm and dip
+    field_walk: float = 0.005  # share/sqrt(s) by which the place's field may change its strength
 
     # Beginning.
     begin_tilt_sigma_rad: float = radians(5.0)
     begin_heading_sigma_rad: float = radians(10.0)
 
     # Published uncertainty, fitted to errors of simulated and recorded flights.
-    colour: float = 1.7  # errors are slower than white: their sigma against white noise's
+    colour: float = 1.5  # errors are slower than white: their sigma against white noise's
     heading_colour: float = 1.0
-    least_heading_scale: float = 0.4
-    field_error_share: float = 0.8  # of the field's slow disagreement that stays in the heading
-    least_inclination_rad: float = radians(0.17)
-    least_heading_rad: float = radians(0.3)
+    least_heading_scale: float = 0.15
+    iron_share: float = 0.3  # of its sigma that calibrated compasses' hard iron really has
+    field_error_share: float = 1.1  # of the field's slow disagreement that stays in the heading
+    least_inclination_rad: float = radians(0.12)
+    least_heading_rad: float = radians(0.12)
     timing_s: float = 0.003  # uncertain age of the IMU sample, times the turn rate
 
 
@@ -92,17 +97,15 @@ class Report(NamedTuple):
     has_vertical: bool
     sigma_m_s: float
     ago_s: float
+    late_sigma_s: float  # uncertainty of that age; 0: as it says
 
 
 class FieldState(NamedTuple):
     """What is known about the field of the place, and how well measurements agree with it."""
 
-    horizontal_reference: float
-    down_reference: float
-    horizontal: float
+    horizontal: float  # low-passed, as seen
     down: float
     samples: float
-    age_s: float
     wait_s: float
     confidence: float
     residual_rad: float  # of the heading, low-passed
@@ -115,6 +118,7 @@ class Calibration(NamedTuple):
 
     gyr_bias_rad_s: Vec3
     hard_iron_gauss: Vec3
+    earth_gauss: Vec3  # the place's field, NED
     lag_s: float
 
 
@@ -123,6 +127,8 @@ class Agreement(NamedTuple):
 
     noise_scale: float  # of the reports' variance, 1 and more
     innovation: float  # mean square, in units of its expected variance
+    correlation: float  # of one report's innovations with the next one's, likewise
+    last: Vec3  # innovations, in units of their expected sigma
     reports: float
     wait_s: float  # since the last one
     doubt_s: float
@@ -138,6 +144,8 @@ class AidingState(NamedTuple):
     imu_lag_s: float
     field_lag_s: float
     hard_iron_gauss: Vec3
+    earth_gauss: Vec3  # the place's field, NED
+    report_lag_s: float
     gyr_rad_s: Vec3  # the last sample's
     force_ned_m_s2: Vec3  # likewise
     rate_rad_s: Vec3  # that the last step was integrated with

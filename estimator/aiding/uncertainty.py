@@ -8,9 +8,9 @@ from estimator.compiled import inlined
 # 68 % of a plane normal distribution lie within this many of its sigmas.
 PLANE_68 = 1.515
 LARGEST_SCALE = 4.0
-LEAST_SCALE = 0.2
+LEAST_SCALE = 0.12
 # Samples slower than this (s) scatter the field's residual by themselves.
-QUICK_STEP_S = 0.1
+QUICK_STEP_S = 0.15
 
 
 @inlined
@@ -31,15 +31,23 @@ def heading_sigma(
     P: Array,
     agreement: Agreement,
     field: FieldState,
+    iron_rad: float,
     turning_rad_s: float,
     dt: float,
 ) -> float:
-    """Likewise, with the field's slow disagreement, which points to a wrong field."""
+    """Likewise, with the field's slow disagreement, which points to a wrong field.
+
+    ``iron_rad`` is how far hard iron may turn the field. A heading that is no more certain than
+    that comes from the field, and how well the reports agree says nothing about it.
+    """
     scale = params.heading_colour * sqrt(agreement.innovation)
     scale = min(max(scale, params.least_heading_scale), LARGEST_SCALE)
     disagreement = params.field_error_share**2 * field.residual_square
     if dt > QUICK_STEP_S:
         disagreement *= (QUICK_STEP_S / dt) ** 2
     aged = 0.5 * params.timing_s * turning_rad_s
-    variance = scale * scale * P[TURN + 2, TURN + 2] + disagreement
+    heading = P[TURN + 2, TURN + 2]
+    by_field = min(1.0, heading / max(iron_rad * iron_rad, 1e-12))
+    scale = scale * scale + (1.0 - min(1.0, scale * scale)) * params.iron_share**2 * by_field
+    variance = scale * heading + disagreement
     return sqrt(variance + params.least_heading_rad**2 + aged * aged)

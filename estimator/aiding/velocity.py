@@ -1,6 +1,6 @@
 """What a velocity report says about attitude, biases and the IMU's lag."""
 
-from math import isfinite
+from math import isfinite, sqrt
 
 import numpy as np
 
@@ -8,6 +8,7 @@ from estimator.aiding.covariance import expected_variance, learn, remaining
 from estimator.aiding.inertial import Carried, unseen_share
 from estimator.aiding.types import (
     IMU_LAG,
+    REPORT_LAG,
     SIZE,
     TURN,
     VELOCITY,
@@ -23,7 +24,7 @@ from estimator.types import STANDARD_GRAVITY_M_S2, Vec3
 
 FAR = 16.0  # squared innovation over its variance (4 sigma) of no ordinary report
 CLIP = 25.0  # more than this says no more about the noise
-INNOVATION_CLIP = 9.0
+INNOVATION_LIMIT = 3.0
 SCALE_REPORTS = 100.0  # reports that the noise scale is the mean of
 LARGEST_SCALE = 100.0
 DOUBTFUL_SCALE = 30.0  # reports this noisy, or an attitude that makes them look so
@@ -35,7 +36,13 @@ INNOVATION_TAU_S = 60.0
 def without_report(state: Agreement, dt: float) -> Agreement:
     """Only time passes."""
     return Agreement(
-        state.noise_scale, state.innovation, state.reports, state.wait_s + dt, state.doubt_s
+        state.noise_scale,
+        state.innovation,
+        state.correlation,
+        state.last,
+        state.reports,
+        state.wait_s + dt,
+        state.doubt_s,
     )
 
 
@@ -54,6 +61,7 @@ def observe_velocity(
     now: Carried,
     force_before: Vec3,
     imu_lag_s: float,
+    report_lag_s: float,
     report: Report,
     gravity_b: Vec3,
     P: Array,
@@ -69,7 +77,8 @@ def observe_velocity(
     ``force_before`` is the specific force (NED) at the sample ``dt`` before.
     """
     noise_scale, innovation = agreement.noise_scale, agreement.innovation
-    reports = agreement.reports
+    reports, correlation = agreement.reports, agreement.correlation
+    before, now_x, now_y, now_z = agreement.last, 0.0, 0.0, 0.0
     wait = min(agreement.wait_s, 1.0)
     share = wait / (wait + INNOVATION_TAU_S) / 3.0
     accuracy = max(1.0, report.sigma_m_s / params.report_sigma_m_s)
@@ -77,6 +86,9 @@ def observe_velocity(
     a = since(now.force_ned_m_s2, force_before, report.ago_s, dt)
     missed = scale(unseen_share(params, dt) * dt, subtract(now.force_ned_m_s2, force_before))
     behind = min(1.0, report.ago_s / dt)
+    late = report.late_sigma_s > 0.0
+    if late and P[REPORT_LAG, REPORT_LAG] == 0.0:
+        P[REPORT_LAG, REPORT_LAG] = report.late_sigma_s**2
     elsewhere = rotate(now.q_ned_frd, gravity_b)[2] < COSINE_ELSEWHERE
     far = noise_scale > DOUBTFUL_SCALE and elsewhere
     for i in range(3 if report.has_vertical else 2):
@@ -84,13 +96,25 @@ def observe_velocity(
         h[VELOCITY + i] = 1.0
         if dt < params.lag_step_s:
             h[IMU_LAG] = a[i]
-        off = report.velocity_ned_m_s[i] - v[i] + a[i] * (report.ago_s - imu_lag_s)
+        if late:
+            h[REPORT_LAG] = -a[i]
+        off = report.velocity_ned_m_s[i] - v[i] + a[i] * (report.ago_s + report_lag_s - imu_lag_s)
         noise = noise_scale * (params.velocity_noise_m_s * accuracy) ** 2
         noise += behind * missed[i] * missed[i]
         left = remaining(x, h, off)
-        square = left * left / expected_variance(P, h, noise)
+        unit = left / sqrt(expected_variance(P, h, noise))
+        square = unit * unit
+        unit = max(-INNOVATION_LIMIT, min(INNOVATION_LIMIT, unit))
+        product = unit * before[i]
+        if i == 0:
+            now_x = unit
+        elif i == 1:
+            now_y = unit
+        else:
+            now_z = unit
         reports += 1.0
-        innovation += max(share, 1.0 / reports) * (min(square, INNOVATION_CLIP) - innovation)
+        innovation += max(share, 1.0 / reports) * (unit * unit - innovation)
+        correlation += max(share, 1.0 / reports) * (product - correlation)
         noise_scale *= 1.0 + (min(square, CLIP) - 1.0) / (3.0 * SCALE_REPORTS)
         noise_scale = min(max(noise_scale, 1.0), LARGEST_SCALE)
         if square > FAR:
@@ -98,7 +122,8 @@ def observe_velocity(
             far = True
         learn(P, x, h, off, noise)
     doubt_s = agreement.doubt_s + wait if far else max(0.0, agreement.doubt_s - wait)
-    return Agreement(noise_scale, innovation, reports, 0.0, doubt_s)
+    last = (now_x, now_y, now_z)
+    return Agreement(noise_scale, innovation, correlation, last, reports, 0.0, doubt_s)
 
 
 @inlined

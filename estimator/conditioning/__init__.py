@@ -1,7 +1,7 @@
 """From a real IMU to the paper's vectors with confidences."""
 
 from estimator.conditioning.condition import condition
-from estimator.conditioning.initial import initial_state, turned
+from estimator.conditioning.initial import initial_state, turned, with_unknown_bias
 from estimator.conditioning.types import (
     Conditioned,
     ConditioningParams,
@@ -15,4 +15,5 @@ __all__ = [
     "condition",
     "initial_state",
     "turned",
+    "with_unknown_bias",
 ]

@@ -60,6 +60,20 @@ def initial_state(params: ConditioningParams) -> ConditioningState:
     )
 
 
+def with_unknown_bias(params: ConditioningParams, state: ConditioningState) -> ConditioningState:
+    """The same attitude, from another gyroscope: its bias is as at the beginning."""
+    bias = params.bias_initial_sigma_rad_s**2
+    estimate = state.estimate
+    heading = estimate.covariance[9]
+    return state._replace(
+        estimate=Estimate(
+            ZERO,
+            estimate.heading_rad,
+            (bias, 0.0, 0.0, 0.0, bias, 0.0, 0.0, bias, 0.0, heading),
+        )
+    )
+
+
 def turned(state: ConditioningState, turn_frd: Quaternion) -> ConditioningState:
     """Every attitude inside turned by one body rotation, as if the vehicle had turned unfelt."""
     gravity = state.gravity

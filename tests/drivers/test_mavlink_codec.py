@@ -153,7 +153,7 @@ TABLE = [
     (
         m.MAVLink_gps_raw_int_message(900_000, 3, 4 * 10**8, -(10**8), 50_500, 0, 0, 200, 9000, 9),
         Velocity(
-            VEHICLE, UNIX, "GPS_RAW_INT", VelocitySample(900_000, (0.0, 2.0, 0.0), False, 0.5)
+            VEHICLE, UNIX, "GPS_RAW_INT", VelocitySample(900_000, (0.0, 2.0, 0.0), False, 0.5, 0.1)
         ),
     ),
     (

@@ -100,12 +100,15 @@ def test_reports_that_stop_and_come_back():
     assert rms(gapped[:, TOTAL]) < rms(whole[:, TOTAL]) + 3.0
 
 
-def test_without_a_position_velocity_is_not_used():
-    """Velocity is measured from true north; magnetic north would tilt the vehicle."""
-    events = without(events_of(SLOW), Position)
-    trace, _ = replayed(events)
-    unaided, _ = replayed(without(events, Velocity))
-    assert trace.attitudes == unaided.attitudes
+def test_without_a_position_velocity_levels_but_the_heading_stays_magnetic():
+    """Velocity then shows the attitude by itself; what is called north is the field's."""
+    trace, compared = replayed(without(events_of(FAST), Position))
+    last = slice(-500, None)
+    errors = np.degrees(compared.errors_rad[last])
+    assert rms(errors[:, INCLINATION]) < 1.5
+    assert trace.attitudes[-1].heading_reference == "magnetic"
+    declination_deg = 12.7  # of the place, near Canberra
+    assert rms(errors[:, HEADING]) == pytest.approx(declination_deg, abs=3.0)
 
 
 def test_the_autopilots_trim_is_taken_off_before_the_comparison():

@@ -72,20 +72,6 @@ def test_without_reports_nothing_of_the_aiding_runs(flight):
     assert unaided.snapshot.aided is None
 
 
-def test_magnetic_north_is_no_frame_for_velocity(flight):
-    """Until a position gives the declination the reports wait in vain, and then help."""
-    ignorant = Estimator(load_profile("imu"))
-    learnt_at = 200
-
-    def learn(k):
-        if k == learnt_at:
-            assert ignorant.snapshot.aided is None
-            ignorant.set_position(47.0, 8.0, 400.0, 1_700_000_000_000_000)
-
-    flown(ignorant, flight, after=learn)
-    assert ignorant.snapshot.aided is not None
-
-
 def test_a_jump_of_the_reports_is_no_tilt(flight):
     """From t = 30 s on the reports say 6 m/s more: their origin moved, the vehicle did not."""
     jumped = [
