@@ -5,7 +5,7 @@ import time
 from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING, NamedTuple
 
-from rich.console import Console
+from rich.console import Console, Group, RenderableType
 from rich.table import Table
 from rich.text import Text
 
@@ -19,8 +19,12 @@ REFRESH_HZ = 8
 LINE_PERIOD_S = 1.0
 MAX_LINES = 8  # more vehicles than this share one line
 SILENT_AFTER_S = 3.0  # a status comes every second
-WIDE = 100  # columns, from which on there is room for everything
-FRAME_LINES = 4  # title, header and the two lines below
+FRAME_LINES = 4  # title, header, and below the summary and the cursor
+BLOCK_GAP = 3
+# Columns as wide as their values can be, so that nothing moves about
+WIDTHS = {"state": 8, "roll": 7, "pitch": 6, "heading": 8, "error": 6, "gain": 5, "age": 6}
+RATE_WIDTH = 5
+NAME_WIDTH = 3  # a system id; with a component the name is longer
 
 COLOURS = {
     State.WAITING: "dim",
@@ -50,6 +54,22 @@ class Row(NamedTuple):
         if self.attitude is not None and self.attitude_s >= self.heard_s:
             return State(self.attitude.state)
         return State(self.status.state) if self.status is not None else State.WAITING
+
+
+class Layout(NamedTuple):
+    """How much of a vehicle is shown, where a line has at least ``width`` columns."""
+
+    width: int
+    error: bool = False
+    rates: bool = True  # gain and IMU rate
+    bar: bool = False  # with the name of the IMU message
+    gap: int = 1
+
+
+WIDE = Layout(96, error=True, bar=True, gap=2)
+NORMAL = Layout(74, error=True, gap=2)
+COMPACT = Layout(56)
+NARROW = Layout(0, rates=False)
 
 
 class Board:
@@ -143,42 +163,64 @@ class TerminalView:
         live.start()
         return live
 
-    def _table(self) -> Table:
+    def _table(self) -> RenderableType:
         size = self._console.size
         return table(self.board.rows(), self._now_s(), size.width, size.height, self._title)
 
 
-def table(rows: list[Row], now_s: float, width: int, height: int, title: str) -> Table:
-    """The rows that fit into ``height`` lines; those that need attention first if not all do."""
-    wide = width >= WIDE
-    view = Table(
-        title=title,
-        title_justify="left",
-        title_style="bold",
-        box=None,
-        header_style="bold",
-        padding=(0, 2, 0, 0),
-        caption_justify="left",
-    )
-    for name in ("vehicle", "state"):
-        view.add_column(name, no_wrap=True)
-    for name in ("roll", "pitch", "heading", "error", "gain"):
-        view.add_column(name, justify="right", no_wrap=True)
-    if wide:
-        view.add_column("", no_wrap=True, min_width=BAR_WIDTH)
-        view.add_column("IMU", no_wrap=True)
-    for name in ("IMU Hz", "age"):
-        view.add_column(name, justify="right", no_wrap=True)
-    room = max(1, height - FRAME_LINES - 1)
-    shown = rows if len(rows) <= room else sorted(rows, key=_attention)[: room - 1]
-    for row in shown:
-        view.add_row(*_cells(row, now_s, wide=wide))
+def table(rows: list[Row], now_s: float, width: int, height: int, title: str) -> RenderableType:
+    """The rows that fit into ``height`` lines, those that need attention first if not all do.
+
+    If there are too many for one below the other, they stand side by side.
+    """
+    room = max(1, height - FRAME_LINES)
+    width -= max([0, *(len(row.name) - NAME_WIDTH for row in rows)])
+    most = (width + BLOCK_GAP) // (COMPACT.width + BLOCK_GAP)
+    across = min(most, -(-len(rows) // room))
+    if across > 1:
+        layout = COMPACT
+    else:
+        across = 1
+        layout = next(fits for fits in (WIDE, NORMAL, COMPACT, NARROW) if fits.width <= width)
+    shown = rows if len(rows) <= room * across else sorted(rows, key=_attention)[: room * across]
+    each = max(1, -(-len(shown) // across))
+    blocks = Table.grid(padding=(0, BLOCK_GAP, 0, 0))
+    blocks.add_row(*(_block(shown[n : n + each], now_s, layout) for n in _starts(shown, each)))
+    parts: list[RenderableType] = [Text(title, style="bold", no_wrap=True), blocks]
     if not rows:
-        view.caption = "waiting for a vehicle"
+        parts.append(Text("waiting for a vehicle", style="dim italic"))
     if len(shown) < len(rows):
         names = {row.name for row in shown}
-        view.caption = "… " + summary([row for row in rows if row.name not in names], "more")
+        hidden = [row for row in rows if row.name not in names]
+        parts.append(Text(f"… {summary(hidden, 'more')}", style="dim italic"))
+    return Group(*parts)
+
+
+def _starts(shown: list[Row], each: int) -> range:
+    return range(0, max(1, len(shown)), each)
+
+
+def _block(rows: list[Row], now_s: float, layout: Layout) -> Table:
+    view = Table(box=None, header_style="bold", padding=(0, layout.gap, 0, 0), pad_edge=False)
+    view.add_column("vehicle" if layout.error else "id", no_wrap=True)
+    view.add_column("state", no_wrap=True, min_width=WIDTHS["state"])
+    for name in _measures(layout):
+        view.add_column(name, justify="right", no_wrap=True, min_width=WIDTHS[name])
+    if layout.bar:
+        view.add_column("", no_wrap=True, min_width=BAR_WIDTH)
+        view.add_column("IMU", no_wrap=True)
+    if layout.rates:
+        rate = "IMU Hz" if layout.error else "Hz"
+        view.add_column(rate, justify="right", no_wrap=True, min_width=RATE_WIDTH)
+    view.add_column("age", justify="right", no_wrap=True, min_width=WIDTHS["age"])
+    for row in rows:
+        view.add_row(*_cells(row, now_s, layout))
     return view
+
+
+def _measures(layout: Layout) -> list[str]:
+    names = ["roll", "pitch", "heading"]
+    return names + ["error"] * layout.error + ["gain"] * layout.rates
 
 
 def lines(rows: list[Row], now_s: float) -> list[str]:
@@ -201,7 +243,7 @@ def _attention(row: Row) -> int:
 
 def _line(row: Row, now_s: float) -> str:
     start = f"{row.name:>5}  {_state_text(row, now_s):<9}"
-    attitude = _current(row)
+    attitude = _current(row, now_s)
     if attitude is None:
         return start
     roll, pitch, yaw = attitude.euler_deg
@@ -212,38 +254,46 @@ def _line(row: Row, now_s: float) -> str:
     )
 
 
-def _cells(row: Row, now_s: float, *, wide: bool) -> list[str | Text]:
-    state = Text(_state_text(row, now_s), style=COLOURS[row.state])
-    attitude = _current(row)
-    imu = (row.status.imu_message if row.status is not None else None) or ""
-    extra = ["", imu] if wide else []
-    if attitude is None:
-        return [row.name, state, "", "", "", "", "", *extra, _rate(row), ""]
+def _cells(row: Row, now_s: float, layout: Layout) -> list[str | Text]:
+    cells: list[str | Text] = [row.name, Text(_state_text(row, now_s), style=COLOURS[row.state])]
+    attitude = _current(row, now_s)
+    cells += _attitude_cells(attitude, layout) if attitude else [""] * len(_measures(layout))
+    if layout.bar:
+        imu = (row.status.imu_message if row.status is not None else None) or ""
+        cells += [_bar(attitude.gain) if attitude else "", imu]
+    if layout.rates:
+        cells.append(_rate(row))
+    return [*cells, _age_text(row, now_s)]
+
+
+def _attitude_cells(attitude: AttitudeRecord, layout: Layout) -> list[str | Text]:
     roll, pitch, yaw = attitude.euler_deg
     arrow = ARROWS[round(yaw / 45.0) % 8] if attitude.heading_reference != "none" else " "
-    if wide:
-        extra[0] = _bar(attitude.gain)
-    return [
-        row.name,
-        state,
+    cells: list[str | Text] = [
         f"{roll:+.1f}°",
         f"{pitch:+.1f}°",
         f"{_heading(attitude, yaw)}° {arrow}",
-        f"{attitude.error:.4f}",
-        f"{attitude.gain:.1f}",
-        *extra,
-        _rate(row),
-        _age_text(row, now_s),
     ]
+    if layout.error:
+        cells.append(f"{attitude.error:.4f}")
+    if layout.rates:
+        cells.append(f"{attitude.gain:.1f}")
+    return cells
 
 
-def _current(row: Row) -> AttitudeRecord | None:
-    """The attitude, unless the vehicle has none to give any more."""
-    return row.attitude if row.state in (State.RUNNING, State.DEGRADED) else None
+def _current(row: Row, now_s: float) -> AttitudeRecord | None:
+    """The attitude, unless there is none to give any more."""
+    given = row.state in (State.RUNNING, State.DEGRADED) and not _is_silent(row, now_s)
+    return row.attitude if given else None
+
+
+def _is_silent(row: Row, now_s: float) -> bool:
+    """Whether the service says nothing about it any more."""
+    return now_s - row.heard_s > SILENT_AFTER_S
 
 
 def _state_text(row: Row, now_s: float) -> str:
-    return "silent" if now_s - row.heard_s > SILENT_AFTER_S else row.state.value
+    return "silent" if _is_silent(row, now_s) else row.state.value
 
 
 def _heading(attitude: AttitudeRecord, yaw_deg: float) -> str:
@@ -265,6 +315,11 @@ def _rate(row: Row) -> str:
 
 
 def _age_text(row: Row, now_s: float) -> str:
-    assert row.attitude is not None
+    if row.attitude is None:
+        return ""
     age_ms = row.attitude.age_ms + 1e3 * max(0.0, now_s - row.attitude_s)
-    return f"{age_ms:.0f} ms" if age_ms < 1000.0 else f"{age_ms / 1e3:.1f} s"
+    if age_ms < 1e3:
+        return f"{age_ms:.0f} ms"
+    if age_ms < 100e3:
+        return f"{age_ms / 1e3:.1f} s"
+    return f"{age_ms / 60e3:.0f} min"

@@ -36,6 +36,25 @@ def test_a_vehicle_fits_a_line_and_nothing_is_cut(width):
     assert all(len(line.rstrip()) <= width for line in text.splitlines())
 
 
+@pytest.mark.parametrize("width", [50, 56, 63, 70])
+def test_in_a_narrow_window_columns_are_left_out_not_cut(width):
+    text = drawn([row("255-190", "degraded", gain=101.0)], width, 24)
+    assert "…" not in text
+    for part in ("255-190", "degraded", "-12.3°", "+5.0°", "000.0° ↑", "4 ms"):
+        assert part in text
+    assert ("101.0" in text) == (width >= 60)
+
+
+@pytest.mark.parametrize(("width", "across"), [(80, 1), (120, 2), (180, 3)])
+def test_fifty_vehicles_stand_side_by_side_where_there_is_room(width, across):
+    rows = [row(str(n), "degraded", gain=101.0) for n in range(1, 51)]
+    text = drawn(rows, width, 50 if across == 2 else 24)
+    assert text.count("heading") == across
+    assert max(len(line.rstrip()) for line in text.splitlines()) <= width
+    assert text.count("degraded") == (1 + 20 if across == 1 else 50)  # with the summary
+    assert text.count("…") == (across == 1)  # nothing is cut
+
+
 @pytest.mark.parametrize("height", [6, 24, 60])
 def test_fifty_vehicles_fit_the_screen_with_the_troubled_ones_first(height):
     rows = [row(str(n), "degraded" if n == 49 else "running") for n in range(1, 51)]
@@ -52,8 +71,13 @@ def test_a_lost_vehicle_shows_no_stale_attitude():
     assert lines([lost], 16.0) == ["    1  lost     "]
 
 
-def test_a_service_that_went_away_is_told():
+def test_a_service_that_went_away_is_told_and_its_attitude_not_shown():
     assert "silent" in lines([row(heard_s=10.0)], 14.0)[0]
+    assert "roll" not in lines([row(heard_s=10.0)], 14.0)[0]
+    text = drawn([row(heard_s=10.0)], 100, 24, now_s=310.0)
+    assert "silent" in text
+    assert "-12.3" not in text
+    assert "5 min" in text
 
 
 def test_a_heading_that_refers_to_nothing_is_in_brackets():
