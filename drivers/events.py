@@ -7,9 +7,9 @@ Every event but the link's own names the vehicle it came from and carries
 ``estimator.types``.
 """
 
-from dataclasses import dataclass
 from typing import Literal, NamedTuple
 
+from drivers.value import Value
 from estimator.types import ImuSample, Quaternion, VelocitySample
 
 
@@ -20,8 +20,7 @@ class VehicleId(NamedTuple):
     component_id: int
 
 
-@dataclass(frozen=True, slots=True)
-class Imu:
+class Imu(Value, frozen=True):
     """One IMU message. ``boot_us`` is the vehicle's own unwrapped boot clock."""
 
     vehicle: VehicleId
@@ -33,8 +32,7 @@ class Imu:
     sample: ImuSample
 
 
-@dataclass(frozen=True, slots=True)
-class ReferenceAttitude:
+class ReferenceAttitude(Value, frozen=True):
     """Somebody else's attitude: the autopilot's estimate, or a simulator's truth."""
 
     vehicle: VehicleId
@@ -45,8 +43,7 @@ class ReferenceAttitude:
     q_ned_frd: Quaternion
 
 
-@dataclass(frozen=True, slots=True)
-class Velocity:
+class Velocity(Value, frozen=True):
     """Velocity over ground, from the message named."""
 
     vehicle: VehicleId
@@ -55,8 +52,7 @@ class Velocity:
     sample: VelocitySample
 
 
-@dataclass(frozen=True, slots=True)
-class Position:
+class Position(Value, frozen=True):
     """Geodetic position (WGS 84) from a fix that the message itself calls valid."""
 
     vehicle: VehicleId
@@ -68,8 +64,7 @@ class Position:
     altitude_m: float
 
 
-@dataclass(frozen=True, slots=True)
-class Parameter:
+class Parameter(Value, frozen=True):
     """One PARAM_VALUE."""
 
     vehicle: VehicleId
@@ -78,8 +73,7 @@ class Parameter:
     value: float
 
 
-@dataclass(frozen=True, slots=True)
-class Heartbeat:
+class Heartbeat(Value, frozen=True):
     """A HEARTBEAT with MAV_AUTOPILOT and MAV_TYPE as numbers."""
 
     vehicle: VehicleId
@@ -88,8 +82,7 @@ class Heartbeat:
     vehicle_type: int
 
 
-@dataclass(frozen=True, slots=True)
-class CommandAck:
+class CommandAck(Value, frozen=True):
     """The vehicle's answer (MAV_RESULT) to a command of ours."""
 
     vehicle: VehicleId
@@ -98,8 +91,7 @@ class CommandAck:
     result: int
 
 
-@dataclass(frozen=True, slots=True)
-class ClockReset:
+class ClockReset(Value, frozen=True):
     """The vehicle's clock began anew; the samples after it belong to another stretch of time."""
 
     vehicle: VehicleId
@@ -108,8 +100,7 @@ class ClockReset:
     step_s: float  # how far the vehicle's own clock moved, signed
 
 
-@dataclass(frozen=True, slots=True)
-class Rejected:
+class Rejected(Value, frozen=True):
     """A sample that a check refused; ``reason`` is a short snake_case word to count under.
 
     ``message`` names the stream it came in, as in ``Imu``: a zero second IMU
@@ -122,8 +113,7 @@ class Rejected:
     message: str = ""
 
 
-@dataclass(frozen=True, slots=True)
-class RefusedFrames:
+class RefusedFrames(Value, frozen=True):
     """Frames that were not let in; the address is what they claim, which nobody has proven."""
 
     vehicle: VehicleId
@@ -132,8 +122,7 @@ class RefusedFrames:
     frames: int
 
 
-@dataclass(frozen=True, slots=True)
-class Notice:
+class Notice(Value, frozen=True):
     """Something a person should be told once, in one line."""
 
     vehicle: VehicleId | None
@@ -141,24 +130,21 @@ class Notice:
     text: str
 
 
-@dataclass(frozen=True, slots=True)
-class Malformed:
+class Malformed(Value, frozen=True):
     """Bytes that were no readable MAVLink frame."""
 
     arrival_us: int
     frames: int
 
 
-@dataclass(frozen=True, slots=True)
-class LinkUp:
+class LinkUp(Value, frozen=True):
     """The link to the named endpoint works (again)."""
 
     arrival_us: int
     endpoint: str
 
 
-@dataclass(frozen=True, slots=True)
-class LinkDown:
+class LinkDown(Value, frozen=True):
     """The link broke, with the reason a person can act on."""
 
     arrival_us: int

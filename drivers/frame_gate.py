@@ -6,6 +6,7 @@ from typing import NamedTuple
 from drivers.events import Event, Notice, RefusedFrames, VehicleId
 from drivers.frames import Frame
 from drivers.signing import SigningCheck
+from drivers.value import Value
 
 # Another sender of the same address may take over once the first has been silent for so long
 TAKE_OVER_US = 1_000_000
@@ -28,7 +29,7 @@ class Policy(NamedTuple):
     signing: SigningCheck | None = None
 
 
-class _Sender(NamedTuple):
+class _Sender(Value, frozen=True):
     peer: str
     last_us: int
 
@@ -87,6 +88,6 @@ class FrameGate:
             if 0 <= arrival_us - sender.last_us < TAKE_OVER_US:
                 return "address_conflict"
             sender = None
-        if sender is None or sender.last_us != arrival_us:
+        if sender is None or sender.last_us != arrival_us:  # once for all frames of a datagram
             self._senders[address] = _Sender(peer, arrival_us)
         return None

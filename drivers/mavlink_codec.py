@@ -9,9 +9,8 @@ degrees come in, SI, radians and gauss go out. Body axes are FRD on both sides.
 import math
 import os
 import struct
-from collections import defaultdict
 from collections.abc import Callable
-from typing import Any, Final, NamedTuple
+from typing import Any, Final
 
 from drivers.events import (
     ClockReset,
@@ -29,6 +28,7 @@ from drivers.events import (
 )
 from drivers.imu_checks import MagMemory, Plausibility, refuse_imu
 from drivers.sensor_faults import Readings, SensorFaults
+from drivers.value import Value
 from drivers.vehicle_clock import Placed, Refused, TimeField, VehicleClock
 from estimator.frames import from_euler_rad
 from estimator.types import (
@@ -128,14 +128,24 @@ class FrameParser:
             mav.buf_index = 0
 
 
-class _Reading(NamedTuple):
+class _Reading(Value, frozen=True):
     """An IMU message in SI units, without its place in time."""
 
-    name: str
     arrival_us: int
     gyr_rad_s: Vec3
     acc_m_s2: Vec3
     mag_gauss: Vec3
+
+
+class _ImuStream:
+    """What the decoder remembers about one IMU message of one sender."""
+
+    def __init__(self, name: str) -> None:
+        self.name = name
+        self.mag = MagMemory()
+        self.plausibility = Plausibility()
+        self.faults = SensorFaults()
+        self.held: _Reading | None = None
 
 
 class _Vehicle:
@@ -145,19 +155,23 @@ class _Vehicle:
         self.id = vehicle
         self.autopilot: int | None = None
         self.clock = VehicleClock()
-        self.mags: defaultdict[str, MagMemory] = defaultdict(MagMemory)
-        self.plausibility: defaultdict[str, Plausibility] = defaultdict(Plausibility)
-        self.faults: defaultdict[str, SensorFaults] = defaultdict(SensorFaults)
+        self.imus: dict[str, _ImuStream] = {}
         self.last_imu_us: int | None = None
-        self.held: dict[str, _Reading] = {}
         self.truth_given_us: dict[str, int] = {}
+
+    def imu(self, name: str) -> _ImuStream:
+        """The stream of that name, a new one if need be."""
+        stream = self.imus.get(name)
+        if stream is None:
+            stream = self.imus[name] = _ImuStream(name)
+        return stream
 
 
 class MavlinkDecoder:
     """pymavlink messages in, events out, for any number of vehicles."""
 
     def __init__(self) -> None:
-        self._vehicles: dict[VehicleId, _Vehicle] = {}
+        self._vehicles: dict[tuple[int, int], _Vehicle] = {}
         self._handlers: dict[str, Callable[[_Vehicle, Any, int], list[Event]]] = {
             "RAW_IMU": self._raw_imu,
             "SCALED_IMU": self._scaled_imu,
@@ -203,9 +217,9 @@ class MavlinkDecoder:
         return self._scaled_imu(vehicle, fields, arrival_us, stream)
 
     def _vehicle(self, system_id: int, component_id: int) -> _Vehicle:
-        address = VehicleId(system_id, component_id)
-        vehicle = self._vehicles.get(address)
+        vehicle = self._vehicles.get((system_id, component_id))
         if vehicle is None:
+            address = VehicleId(system_id, component_id)
             vehicle = self._vehicles[address] = _Vehicle(address)
         return vehicle
 
@@ -253,39 +267,43 @@ class MavlinkDecoder:
         acc: Vec3,
         mag: Vec3,
     ) -> list[Event]:
-        refusal = refuse_imu(gyr, acc)
+        stream = vehicle.imu(name)
+        refusal = refuse_imu(gyr, acc) or stream.faults.refusal(Readings(gyr, acc, mag), raw_us)
         if refusal is not None:
             return [Rejected(vehicle.id, arrival_us, refusal, name)]
-        faults = vehicle.faults[name]
-        refusal = faults.refusal(Readings(gyr, acc, mag), raw_us)
-        if refusal is not None:
-            return [Rejected(vehicle.id, arrival_us, refusal, name)]
-        mag_is_stuck = faults.mag_is_stuck
-        reading = _Reading(name, arrival_us, gyr, acc, ZERO_VEC3 if mag_is_stuck else mag)
+        mag_is_stuck = stream.faults.mag_is_stuck
+        reading = _Reading(arrival_us, gyr, acc, ZERO_VEC3 if mag_is_stuck else mag)
         placed = vehicle.clock.imu(name, field, raw_us, arrival_us)
-        held = vehicle.held.pop(name, None)
-        if placed == CLOCK_STEP:
-            vehicle.held[name] = reading  # the next one decides whether the clock began anew
-            return [Rejected(vehicle.id, held.arrival_us, CLOCK_STEP.reason, name)] if held else []
+        held, stream.held = stream.held, None
         if isinstance(placed, Refused):
+            if placed == CLOCK_STEP:
+                stream.held = reading  # the next one decides whether the clock began anew
+                return [_clock_step(vehicle, held, name)] if held else []
             return [Rejected(vehicle.id, arrival_us, placed.reason, name)]
-        events = self._settle_held(vehicle, held, placed, arrival_us)
+        events: list[Event] = []
+        if held is not None or placed.reset is not None:
+            events = self._settle_held(vehicle, stream, held, placed, arrival_us)
         if mag_is_stuck:
             events.append(Rejected(vehicle.id, arrival_us, "magnetometer_stuck", name))
-        return [*events, *_imu_events(vehicle, reading, placed.time_us, placed.boot_us)]
+        return events + _imu_events(vehicle, stream, reading, placed.time_us, placed.boot_us)
 
     def _settle_held(
-        self, vehicle: _Vehicle, held: _Reading | None, placed: Placed, arrival_us: int
+        self,
+        vehicle: _Vehicle,
+        stream: _ImuStream,
+        held: _Reading | None,
+        placed: Placed,
+        arrival_us: int,
     ) -> list[Event]:
         """The clock's reset, and the sample that waited for it to be confirmed."""
         events = _resets(vehicle, placed, held.arrival_us if held else arrival_us)
         if held is None:
             return events
         if placed.reset is None:
-            return [Rejected(vehicle.id, held.arrival_us, CLOCK_STEP.reason, held.name)]
+            return [_clock_step(vehicle, held, stream.name)]
         before_us = placed.since_reset_us
         return events + _imu_events(
-            vehicle, held, placed.time_us - before_us, placed.boot_us - before_us
+            vehicle, stream, held, placed.time_us - before_us, placed.boot_us - before_us
         )
 
     # --- attitudes of others
@@ -413,16 +431,22 @@ def _in_gauss(mag: Vec3) -> Vec3:
     return mag
 
 
-def _imu_events(vehicle: _Vehicle, reading: _Reading, time_us: int, boot_us: int) -> list[Event]:
-    name, arrival_us, gyr, acc, mag = reading
+def _imu_events(
+    vehicle: _Vehicle, stream: _ImuStream, reading: _Reading, time_us: int, boot_us: int
+) -> list[Event]:
+    name, arrival_us = stream.name, reading.arrival_us
     vehicle.last_imu_us = time_us
-    fresh_mag = vehicle.mags[name].fresh(mag, time_us)
-    sample = ImuSample(time_us, gyr, acc, fresh_mag or ZERO_VEC3, fresh_mag is not None)
-    complaints = vehicle.plausibility[name].look(sample, vehicle.autopilot)
-    return [
-        Imu(vehicle.id, arrival_us, boot_us, name, sample),
-        *(Notice(vehicle.id, arrival_us, f"{name}: {text}") for text in complaints),
-    ]
+    fresh_mag = stream.mag.fresh(reading.mag_gauss, time_us)
+    mag, has_mag = (ZERO_VEC3, False) if fresh_mag is None else (fresh_mag, True)
+    sample = ImuSample._make((time_us, reading.gyr_rad_s, reading.acc_m_s2, mag, has_mag))
+    events: list[Event] = [Imu(vehicle.id, arrival_us, boot_us, name, sample)]
+    complaints = stream.plausibility.look(sample, vehicle.autopilot)
+    events.extend(Notice(vehicle.id, arrival_us, f"{name}: {text}") for text in complaints)
+    return events
+
+
+def _clock_step(vehicle: _Vehicle, held: _Reading, name: str) -> Rejected:
+    return Rejected(vehicle.id, held.arrival_us, CLOCK_STEP.reason, name)
 
 
 def _place_boot_ms(vehicle: _Vehicle, name: str, m: Any, arrival_us: int) -> Placed | None:

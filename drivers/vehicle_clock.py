@@ -15,6 +15,10 @@ from collections import deque
 from enum import Enum
 from typing import Literal, NamedTuple
 
+import msgspec
+
+from drivers.value import Value
+
 SECOND_US = 1_000_000
 
 REORDERED_US = 1 * SECOND_US  # further back than links reorder: the clock began anew
@@ -38,6 +42,8 @@ class TimeField(Enum):
     BOOT_MS = WRAP_32_US * 1000
     GPS = None
 
+    __hash__ = object.__hash__  # each is one object; Enum's own is a Python function
+
 
 class Reset(NamedTuple):
     """A clock began anew or leapt; ``step_us`` is how far it moved, signed."""
@@ -46,7 +52,7 @@ class Reset(NamedTuple):
     step_us: int
 
 
-class Reading(NamedTuple):
+class Reading(Value, frozen=True):
     """An unwrapped clock value; a reset was ``since_reset_us`` ago, at the message before."""
 
     boot_us: int
@@ -54,7 +60,7 @@ class Reading(NamedTuple):
     since_reset_us: int = 0
 
 
-class Placed(NamedTuple):
+class Placed(Value, frozen=True):
     """A message's place in time: continuous, and on the vehicle's own unwrapped clock.
 
     A reset is known only when a second message confirms it; the first, which
@@ -67,7 +73,7 @@ class Placed(NamedTuple):
     since_reset_us: int = 0
 
 
-class Refused(NamedTuple):
+class Refused(Value, frozen=True):
     """Why a message has no place in time, as a word to count under."""
 
     reason: Literal["duplicate", "out_of_order", "clock_step", "no_clock"]
@@ -109,6 +115,18 @@ class ClockLine:
         self._restart(*candidate)
         self._accept(boot_us, arrival_us)
         return Reading(boot_us, reset, boot_us - candidate[0])
+
+    def goes_on(self, raw_us: int, arrival_us: int) -> bool:
+        """Take a message that just goes on in time; False, and nothing done, for any other.
+
+        What :meth:`advance` makes of nearly all messages, without its questions.
+        """
+        boot_us = raw_us + self._wrapped_us
+        if not (self._started and 0 < boot_us - self.boot_us <= ORDINARY_STEP_US):
+            return False
+        self._candidate = None
+        self._accept(boot_us, arrival_us)
+        return True
 
     def _unwrap(self, raw_us: int, arrival_us: int) -> int:
         boot_us = raw_us + self._wrapped_us
@@ -200,6 +218,9 @@ class VehicleClock:
             self._primary = field
         elif field is TimeField.TIME_USEC and self._primary is TimeField.BOOT_MS:
             self._promote(raw_us, arrival_us)
+        line = self._lines[field]
+        if field is self._primary and line.goes_on(raw_us, arrival_us):
+            return self._in_order(message, field, self._on_line(line.boot_us))
         return self._in_order(message, field, self._place(field, raw_us, arrival_us))
 
     def other(
@@ -226,20 +247,20 @@ class VehicleClock:
         if reading.reset is not None:
             self._forget(field)
         if field is self._primary:
-            return self._on_line(reading)
+            return self._on_line(reading.boot_us, reading.reset, reading.since_reset_us)
         if field in self._waiting:
             return Refused("no_clock")
         return self._beside_line(field, reading, arrival_us)
 
-    def _on_line(self, reading: Reading) -> Placed:
-        if reading.reset is not None:
-            began_us = reading.boot_us - reading.since_reset_us
+    def _on_line(self, boot_us: int, reset: Reset | None = None, since_reset_us: int = 0) -> Placed:
+        if reset is not None:
+            began_us = boot_us - since_reset_us
             self._shift_us = self._latest_us + CUT_STEP_US - began_us
             self._offsets = {field: ClockOffset() for field in TimeField}
         self._waiting.clear()
-        time_us = reading.boot_us + self._shift_us
+        time_us = boot_us + self._shift_us
         self._latest_us = max(self._latest_us, time_us)
-        return Placed(time_us, reading.boot_us, reading.reset, reading.since_reset_us)
+        return Placed(time_us, boot_us, reset, since_reset_us)
 
     def _beside_line(self, field: TimeField, reading: Reading, arrival_us: int) -> Placed:
         assert self._primary is not None
@@ -268,6 +289,6 @@ class VehicleClock:
             if placed.boot_us < last.boot_us:
                 return Refused("out_of_order")
             if placed.time_us <= last.time_us:  # a learnt offset moved
-                placed = placed._replace(time_us=last.time_us + 1)
+                placed = msgspec.structs.replace(placed, time_us=last.time_us + 1)
         self._streams[field, message] = placed
         return placed

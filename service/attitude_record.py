@@ -1,15 +1,15 @@
 """From the estimator's attitude to the published record, in degrees where people read it."""
 
 import math
-from typing import NamedTuple
 
+from drivers.value import Value
 from estimator.frames import euler_rad
 from estimator.types import Attitude, Quaternion, Vec3
 from service.health import State
 from service.records import SCHEMA, AttitudeRecord, Confidence, Sigma
 
 
-class Stamp(NamedTuple):
+class Stamp(Value, frozen=True):
     """What the service adds to an attitude."""
 
     time_unix_us: int
@@ -47,8 +47,10 @@ def attitude_record(attitude: Attitude, stamp: Stamp) -> AttitudeRecord | None:
 
 def euler_deg(q_ned_frd: Quaternion) -> Vec3:
     """Roll, pitch and yaw in degrees, yaw in [0, 360)."""
-    roll, pitch, yaw = (math.degrees(angle) for angle in euler_rad(q_ned_frd))
-    return (roll, pitch, 0.0 if yaw >= 360.0 else yaw)  # the largest yaw may round up
+    roll_rad, pitch_rad, yaw_rad = euler_rad(q_ned_frd)
+    yaw = math.degrees(yaw_rad)
+    yaw = 0.0 if yaw >= 360.0 else yaw  # the largest yaw may round up
+    return (math.degrees(roll_rad), math.degrees(pitch_rad), yaw)
 
 
 def is_finite(attitude: Attitude) -> bool:

@@ -5,7 +5,8 @@ long none has arrived. Times are given, no clock is read.
 """
 
 from enum import StrEnum
-from typing import NamedTuple
+
+from drivers.value import Value
 
 
 class State(StrEnum):
@@ -51,7 +52,7 @@ LOST_MINIMUM_US = 5_000_000
 LOST_PERIODS = 10
 
 
-class Health(NamedTuple):
+class Health(Value, frozen=True):
     """The state and when the last IMU sample arrived (host time; None before the first)."""
 
     state: State = State.WAITING
@@ -75,6 +76,8 @@ def lost_after_us(median_period_us: float) -> float:
 
 def on_sample(health: Health, arrival_us: int, *, aligned: bool) -> Health:
     """The health after an IMU sample."""
+    if aligned and health.state is State.RUNNING:
+        return Health(State.RUNNING, arrival_us)  # the usual case, without a look at the table
     signal = Signal.ALIGNED if aligned else Signal.SAMPLE
     return Health(after(health.state, signal), arrival_us)
 
@@ -84,8 +87,10 @@ def on_time(health: Health, now_us: int, median_period_us: float) -> Health:
     if health.last_arrival_us is None:
         return health
     silence_us = now_us - health.last_arrival_us
+    if silence_us < LATE_MINIMUM_US:
+        return health
     if silence_us >= lost_after_us(median_period_us):
-        return health._replace(state=after(health.state, Signal.SILENT))
+        return Health(after(health.state, Signal.SILENT), health.last_arrival_us)
     if silence_us >= late_after_us(median_period_us):
-        return health._replace(state=after(health.state, Signal.LATE))
+        return Health(after(health.state, Signal.LATE), health.last_arrival_us)
     return health

@@ -11,7 +11,7 @@ then on. Messages that were held back come with less and less delay instead, so 
 second of late messages with one lateness is a step, and the bound follows it.
 """
 
-from typing import NamedTuple
+from drivers.value import Value
 
 MAX_DRIFT = 3e-3  # s/s; 136 ms a minute is 2.3e-3
 STEP_US = 500_000  # less is lateness
@@ -20,7 +20,7 @@ WINDOW_US = 1_000_000
 WINDOW_SAMPLES = 3
 
 
-class Window(NamedTuple):
+class Window(Value, frozen=True):
     """The offsets seen in the last second, on the vehicle's clock."""
 
     begin_us: int
@@ -29,7 +29,7 @@ class Window(NamedTuple):
     samples: int = 1
 
 
-class HostClock(NamedTuple):
+class HostClock(Value, frozen=True):
     """Offset (host minus vehicle) as it was at ``at_us``, host time; empty before the first."""
 
     offset_us: float = 0.0

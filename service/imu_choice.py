@@ -5,7 +5,9 @@ differently, so they are never mixed: one is chosen, and another takes over
 only when the chosen one goes silent or a preferred one proves steady.
 """
 
-from typing import NamedTuple
+import msgspec
+
+from drivers.value import Value
 
 PREFERENCE = (
     "RAW_IMU",
@@ -17,7 +19,7 @@ PREFERENCE = (
 STEADY_SAMPLES = 3  # of a preferred message before it takes over
 
 
-class ImuChoice(NamedTuple):
+class ImuChoice(Value, frozen=True):
     """The message in use, when it last arrived, and a preferred one that is proving itself."""
 
     message: str | None = None
@@ -40,7 +42,7 @@ def consider(choice: ImuChoice, message: str, arrival_us: int, late_after_us: fl
     if choice.message is None:
         return ImuChoice(message, arrival_us)
     if message == choice.message:
-        return choice._replace(last_arrival_us=arrival_us)
+        return msgspec.structs.replace(choice, last_arrival_us=arrival_us)
     if arrival_us - choice.last_arrival_us > late_after_us:
         return ImuChoice(message, arrival_us)
     if rank(message) >= rank(choice.message):
@@ -51,6 +53,6 @@ def consider(choice: ImuChoice, message: str, arrival_us: int, late_after_us: fl
     count = choice.candidate_samples + 1 if steady else 1
     if count >= STEADY_SAMPLES:
         return ImuChoice(message, arrival_us)
-    return choice._replace(
-        candidate=message, candidate_samples=count, candidate_arrival_us=arrival_us
+    return msgspec.structs.replace(
+        choice, candidate=message, candidate_samples=count, candidate_arrival_us=arrival_us
     )

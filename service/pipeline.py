@@ -86,7 +86,7 @@ class Pipeline:
         """Take one event; what has to be told at once comes back."""
         match event:
             case Imu(vehicle=address):
-                vehicle = self._meet(address)
+                vehicle = self._vehicles.get(address) or self._meet(address)
                 return [] if vehicle is None else _messages(vehicle.on_imu(event))
             case ClockReset(vehicle=address):
                 vehicle = self._vehicles.get(address)
@@ -132,7 +132,7 @@ class Pipeline:
         self._peers.clear()
         status_due = self._status_due(now_us)
         for vehicle in self._vehicles.values():
-            outputs.extend(_messages(vehicle.on_time(now_us)))
+            outputs += _messages(vehicle.on_time(now_us))
             attitude = vehicle.attitude(now_us)
             if attitude is not None:
                 outputs.append(Published(vehicle.address, attitude, vehicle.last_sample))
@@ -182,4 +182,4 @@ class Pipeline:
 
 
 def _messages(texts: list[str]) -> list[Output]:
-    return [Message(text) for text in texts]
+    return [Message(text) for text in texts] if texts else []

@@ -4,11 +4,12 @@ Field names and order are the JSON schema. Angles are in degrees here because
 people and maps read these records; everything inside is in radians.
 """
 
-from typing import Literal, NamedTuple
+from typing import Literal
 
 import msgspec
 
 from drivers.events import VehicleId
+from drivers.value import Value
 from estimator.profile import Profile
 from estimator.types import ImuSample, Quaternion, Vec3
 
@@ -16,21 +17,21 @@ SCHEMA = 1
 AUTOPILOT_COMPONENT = 1  # MAV_COMP_ID_AUTOPILOT1, left out of a vehicle's name
 
 
-class Confidence(msgspec.Struct, frozen=True):
+class Confidence(Value, frozen=True):
     """The paper's s_i, as they are now."""
 
     gravity: float
     magnetic: float
 
 
-class Sigma(msgspec.Struct, frozen=True):
+class Sigma(Value, frozen=True):
     """Angles that 68 % of the errors lie under."""
 
     inclination: float
     heading: float
 
 
-class AttitudeRecord(msgspec.Struct, frozen=True):
+class AttitudeRecord(Value, frozen=True):
     """One published attitude. ``time_boot_us`` is the same instant on the vehicle's boot clock."""
 
     schema: int
@@ -64,7 +65,7 @@ class StatusRecord(msgspec.Struct, frozen=True):
     sequence: int
 
 
-class Published(NamedTuple):
+class Published(Value, frozen=True):
     """A record and the vehicle it is about; with an attitude, the sample it comes from."""
 
     vehicle: VehicleId
@@ -72,7 +73,7 @@ class Published(NamedTuple):
     sample: ImuSample | None = None
 
 
-class Peer(NamedTuple):
+class Peer(Value, frozen=True):
     """Somebody else's attitude of a vehicle, for those who show it beside ours."""
 
     vehicle: VehicleId
@@ -80,14 +81,14 @@ class Peer(NamedTuple):
     q_ned_frd: Quaternion
 
 
-class Replaced(NamedTuple):
+class Replaced(Value, frozen=True):
     """A vehicle's parameters have been replaced, by these."""
 
     vehicle: VehicleId
     profile: Profile
 
 
-class Message(NamedTuple):
+class Message(Value, frozen=True):
     """One line for a person."""
 
     text: str

@@ -4,7 +4,7 @@ They are never mixed: their errors and delays differ, and a change of source
 looks like an acceleration. The better one is used while it comes.
 """
 
-from typing import NamedTuple
+from drivers.value import Value
 
 # What an autopilot's filter says comes without delay, a receiver's word 0.1 to 0.2 s late.
 # GPS_RAW_INT is horizontal only.
@@ -23,7 +23,7 @@ PREFERENCE = (
 SILENCE_US = 2_000_000  # after which the next best takes over
 
 
-class VelocityChoice(NamedTuple):
+class VelocityChoice(Value, frozen=True):
     """The message in use and when it last arrived."""
 
     message: str | None = None

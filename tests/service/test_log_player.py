@@ -1,5 +1,4 @@
-import dataclasses
-
+import msgspec
 import pytest
 
 from drivers.events import Malformed
@@ -59,7 +58,7 @@ def test_an_empty_log_is_finished_at_once():
 def test_events_are_the_logs_own():
     event = Malformed(5, 2)
     player = LogPlayer([event], 1.0)
-    assert player.drain(0.0) == [dataclasses.replace(event)]
+    assert player.drain(0.0) == [msgspec.structs.replace(event)]
 
 
 def test_a_service_that_cannot_keep_up_hears_no_silence():

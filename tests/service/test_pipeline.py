@@ -1,4 +1,3 @@
-import dataclasses
 import json
 import math
 import random
@@ -102,7 +101,7 @@ def test_the_attitude_is_propagated_to_the_tick():
 
 
 def test_boot_time_is_the_vehicles_own_even_after_its_continuous_clock_left_it():
-    events = [dataclasses.replace(e, boot_us=e.boot_us + 777) for e in imu_events(10)]
+    events = [msgspec.structs.replace(e, boot_us=e.boot_us + 777) for e in imu_events(10)]
     (record,) = attitudes(fed(events).tick(events[-1].arrival_us))
     assert record.time_boot_us == pytest.approx(events[-1].boot_us, abs=1)
 
@@ -126,7 +125,7 @@ def test_silence_degrades_then_loses_and_a_reboot_runs_again():
     assert isinstance(outputs[0], Message)
     for event in first:
         moved = event.sample._replace(time_us=event.sample.time_us + shift)
-        pipeline.handle(dataclasses.replace(event, sample=moved))
+        pipeline.handle(msgspec.structs.replace(event, sample=moved))
     (record,) = attitudes(pipeline.tick(first[-1].arrival_us))
     assert record.state == "running"
     assert record.time_boot_us == pytest.approx(first[-1].boot_us, abs=1)
@@ -148,7 +147,7 @@ def test_sequences_have_no_gaps_and_statuses_come_each_second():
 def test_refused_samples_are_counted_by_reason():
     events = imu_events(10)
     broken = events[-1].sample._replace(gyr_rad_s=(math.nan, 0.0, 0.0))
-    pipeline = fed([*events, dataclasses.replace(events[-1], sample=broken), events[3]])
+    pipeline = fed([*events, msgspec.structs.replace(events[-1], sample=broken), events[3]])
     pipeline.handle(Rejected(ONE, START_US, "stuck"))
     (status,) = statuses(pipeline.tick(START_US + 200_000))
     assert status.rejected == {"not_finite": 1, "not_later": 1, "stuck": 1}
@@ -208,7 +207,7 @@ def test_the_number_of_vehicles_is_bounded():
     pipeline = Pipeline(PAPER)
     for number in range(MAX_VEHICLES + 5):
         pipeline.handle(
-            dataclasses.replace(event, vehicle=VehicleId(1 + number // 250, number % 250))
+            msgspec.structs.replace(event, vehicle=VehicleId(1 + number // 250, number % 250))
         )
     assert len(pipeline.vehicles) == MAX_VEHICLES
     assert pipeline.refused_vehicles == 5
