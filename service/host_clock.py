@@ -6,16 +6,17 @@ offset. The two clocks drift apart: an autopilot's clock was measured 44 to
 136 ms a minute slow under load. The bound therefore rises slowly with time,
 a little faster than that drift, and every prompt message pulls it down again.
 
-A host clock that is set forwards makes every message late by the same amount from
-then on. Messages that were held back come with less and less delay instead, so a
-second of late messages with one lateness is a step, and the bound follows it.
+A host clock that is set forwards (or a vehicle's, backwards) makes every message late by
+the same amount from then on. Messages that were held back come with less and less delay
+instead, so a second of late messages with one lateness is a step, and the bound follows it.
 """
 
 from drivers.value import Value
 
 MAX_DRIFT = 3e-3  # s/s; 136 ms a minute is 2.3e-3
-STEP_US = 500_000  # less is lateness
-STEP_SPREAD_US = 100_000  # of the latenesses that show a step
+STEP_US = 100_000  # less is lateness; time services set a clock from 128 ms on
+STEP_SPREAD_US = 100_000  # of the latenesses that show a step, at most
+STEP_SPREAD = 0.25  # and at most that part of the step
 WINDOW_US = 1_000_000
 WINDOW_SAMPLES = 3
 
@@ -61,10 +62,11 @@ def to_vehicle_us(clock: HostClock, host_us: int) -> int:
 
 def _after_step_us(window: Window, offset_us: float) -> float:
     """The offset, moved if the window shows that the host's clock was set forwards."""
+    step_us = window.least_us - offset_us
     is_step = (
         window.samples >= WINDOW_SAMPLES
-        and window.least_us - offset_us > STEP_US
-        and window.most_us - window.least_us < STEP_SPREAD_US
+        and step_us > STEP_US
+        and window.most_us - window.least_us < min(STEP_SPREAD_US, STEP_SPREAD * step_us)
     )
     return window.least_us if is_step else offset_us
 
