@@ -2,11 +2,13 @@
 
 Both give numbers that look like data and are none. Real sensors are noisy: equal
 readings, one after the other, come from a driver that has stopped reading, and an
-equal large value on one axis is the end of a range. Simulators know rest without
-noise: so equal readings are refused only if they, or the magnetometer, speak of motion.
+equal large value on one axis is the end of a range. But fields are coarse, and
+simulators know rest without noise: so equal readings are refused only if what the
+other sensors say cannot be true beside them.
 """
 
-from math import dist, hypot
+from math import cos, dist, hypot, sin
+from operator import eq
 from typing import NamedTuple
 
 from estimator.types import STANDARD_GRAVITY_M_S2, ZERO_VEC3, Vec3
@@ -19,8 +21,17 @@ GYR_RAIL_RAD_S = 4.3
 ACC_RAIL_M_S2 = 3.9 * STANDARD_GRAVITY_M_S2
 RAIL_SAMPLES = 4
 
-STUCK_SAMPLES = 20  # equal readings of gyroscope and accelerometer
+# No vehicle turns up so fast: a reading that far from the last good one waits for the next to agree
+SPIKE_RAD_S = 10.0
+SPIKE_RAD_S2 = 500.0
+
+STUCK_SAMPLES = 20  # equal readings
 STUCK_US = 500_000
+# A sensor alone is stuck if others have turned against it: by so many radians
+STUCK_ACC_RAD = 0.35  # of what the gyroscope says; below MOVING_GYR it may be its bias
+STUCK_GYR_RAD = 0.17  # of both the accelerometer and the magnetometer
+STUCK_GYR_ACC_RAD = 0.5  # of the accelerometer alone, where there is no field: no braking does that
+LONGEST_STEP_S = 0.1
 # What no vehicle at rest shows: more than a gyroscope's bias, not 1 g, a field that turns
 MOVING_GYR_RAD_S = 0.05
 MOVING_ACC_M_S2 = 0.5
@@ -39,18 +50,48 @@ class Readings(NamedTuple):
     mag_gauss: Vec3
 
 
+class _Repetition:
+    """Follows one sensor's equal readings, and what the others said when they began."""
+
+    def __init__(self) -> None:
+        self.begin = Readings(ZERO_VEC3, ZERO_VEC3, ZERO_VEC3)
+        self.begin_us = 0
+        self.is_proven = False  # it is stuck, until it changes
+        self._changes = 0
+        self._equal = 0
+
+    def follow(self, is_equal: bool, readings: Readings, raw_us: int) -> bool:
+        """Whether a noisy sensor has repeated itself for long enough to look closer."""
+        if not is_equal:
+            self._changes += 1
+            self._equal, self.begin, self.begin_us = 0, readings, raw_us
+            self.is_proven = False
+            return False
+        self._equal += 1
+        self.begin_us = min(self.begin_us, raw_us)
+        return (
+            self._equal >= STUCK_SAMPLES
+            and self._changes >= NOISY_SAMPLES
+            and raw_us - self.begin_us >= STUCK_US
+        )
+
+
 class SensorFaults:
     """Follows one IMU stream; bounded, a few numbers."""
 
     def __init__(self) -> None:
         self._last = Readings(ZERO_VEC3, ZERO_VEC3, ZERO_VEC3)
-        self._changes = 0
-        self._equal = 0
-        self._equal_since_us = 0
-        self._equal_mag = ZERO_VEC3
+        self._both = _Repetition()
+        self._gyr = _Repetition()
+        self._acc = _Repetition()
+        self._turned_acc = ZERO_VEC3  # where the gyroscope says the repeated reading should be
         self._rails = [0] * 6
         self._axis_changes = [0] * 6
+        self._is_noisy = False  # every axis has shown noise
+        self._was_large = False  # the last reading was in the region of rails
         self._last_us = 0
+        self._good_gyr = ZERO_VEC3
+        self._good_us = 0
         self._mag_changes = 0
         self._mag_equal = 0
         self._mag_since_us = 0
@@ -58,13 +99,14 @@ class SensorFaults:
 
     def refusal(self, readings: Readings, raw_us: int) -> str | None:
         """Why a reading at ``raw_us`` on the vehicle's clock is no data; None if it is."""
-        stuck = self._is_stuck(readings, raw_us)
-        saturated = self._saturated(readings)
+        refusal = self._saturated(readings) or self._stuck(readings, raw_us)
+        if refusal is None and self._was_large and self._is_spike(readings.gyr_rad_s, raw_us):
+            refusal = "gyroscope_spike"
         self._follow_mag(readings, raw_us)
         self._last, self._last_us = readings, raw_us
-        if saturated is not None:
-            return saturated
-        return "stuck" if stuck else None
+        if refusal is None:
+            self._good_gyr, self._good_us = readings.gyr_rad_s, raw_us
+        return refusal
 
     @property
     def mag_is_stuck(self) -> bool:
@@ -76,22 +118,62 @@ class SensorFaults:
             and self._mag_turn_rad >= MAG_TURN_RAD
         )
 
-    def _is_stuck(self, readings: Readings, raw_us: int) -> bool:
-        if readings[:2] != self._last[:2]:
-            self._changes = min(self._changes + 1, NOISY_SAMPLES)
-            self._equal, self._equal_since_us = 0, raw_us
-            self._equal_mag = readings.mag_gauss
-            return False
-        self._equal += 1
-        self._equal_since_us = min(self._equal_since_us, raw_us)
-        long_enough = raw_us - self._equal_since_us >= STUCK_US
-        if self._changes < NOISY_SAMPLES or self._equal < STUCK_SAMPLES or not long_enough:
-            return False
-        return _moves(readings, self._equal_mag)
+    def _stuck(self, readings: Readings, raw_us: int) -> str | None:
+        gyr_equal = readings.gyr_rad_s == self._last.gyr_rad_s
+        acc_equal = readings.acc_m_s2 == self._last.acc_m_s2
+        both, gyr, acc = self._both, self._gyr, self._acc
+        is_long_both = both.follow(gyr_equal and acc_equal, readings, raw_us)
+        is_long_gyr = gyr.follow(gyr_equal, readings, raw_us)
+        is_long_acc = acc.follow(acc_equal, readings, raw_us)
+        self._follow_turned_acc(acc_equal, readings, raw_us)
+        if is_long_both:
+            both.is_proven = both.is_proven or _moves(readings, both.begin.mag_gauss)
+        if is_long_acc:
+            apart_rad = _apart_rad(self._turned_acc, readings.acc_m_s2)
+            acc.is_proven = acc.is_proven or apart_rad > STUCK_ACC_RAD
+        if is_long_gyr:
+            gyr.is_proven = gyr.is_proven or self._has_turned_otherwise(readings, raw_us)
+        if both.is_proven:
+            return "stuck"
+        if acc.is_proven:
+            return "accelerometer_stuck"
+        return "gyroscope_stuck" if gyr.is_proven else None
+
+    def _follow_turned_acc(self, is_equal: bool, readings: Readings, raw_us: int) -> None:
+        """Turn the repeated specific force as the gyroscope says (dv/dt = v x w)."""
+        if not is_equal:
+            self._turned_acc = readings.acc_m_s2
+            return
+        if max(map(abs, readings.gyr_rad_s)) <= MOVING_GYR_RAD_S:
+            return
+        step_s = min(max(1e-6 * (raw_us - self._last_us), 0.0), LONGEST_STEP_S)
+        self._turned_acc = _turned(self._turned_acc, readings.gyr_rad_s, step_s)
+
+    def _has_turned_otherwise(self, readings: Readings, raw_us: int) -> bool:
+        """Whether accelerometer and field are not where the repeated rate would have them."""
+        begin, span_s = self._gyr.begin, 1e-6 * (raw_us - self._gyr.begin_us)
+        gyr = readings.gyr_rad_s
+        acc_rad = _apart_rad(_turned(begin.acc_m_s2, gyr, span_s), readings.acc_m_s2)
+        if ZERO_VEC3 in (readings.mag_gauss, begin.mag_gauss):
+            return acc_rad > STUCK_GYR_ACC_RAD
+        mag_rad = _apart_rad(_turned(begin.mag_gauss, gyr, span_s), readings.mag_gauss)
+        return min(acc_rad, mag_rad) > STUCK_GYR_RAD
 
     def _saturated(self, readings: Readings) -> str | None:
+        gyr, acc = readings.gyr_rad_s, readings.acc_m_s2
+        is_small = (
+            min(gyr) > -GYR_RAIL_RAD_S
+            and max(gyr) < GYR_RAIL_RAD_S
+            and min(acc) > -ACC_RAIL_M_S2
+            and max(acc) < ACC_RAIL_M_S2
+        )
+        if is_small and self._is_noisy:  # nearly always
+            if self._was_large:
+                self._rails, self._was_large = [0] * 6, False
+            return None
+        self._was_large = not is_small
         found = None
-        axes = (*readings.gyr_rad_s, *readings.acc_m_s2)
+        axes = (*gyr, *acc)
         before = (*self._last.gyr_rad_s, *self._last.acc_m_s2)
         for axis, (value, last) in enumerate(zip(axes, before, strict=True)):
             is_gyr = axis < 3
@@ -105,7 +187,18 @@ class SensorFaults:
             at_end = (1 - 1e-9) * end <= size <= (1 + 1e-4) * end  # -32768 is further than 32767
             if at_end or (is_noisy and self._rails[axis] >= RAIL_SAMPLES):
                 found = "gyroscope_saturated" if is_gyr else "accelerometer_saturated"
+        self._is_noisy = min(self._axis_changes) >= NOISY_SAMPLES
         return found
+
+    def _is_spike(self, gyr: Vec3, raw_us: int) -> bool:
+        """Whether the rate leapt away from the last good one, and the reading before did not."""
+        if not self._is_noisy:
+            return False
+        limit = max(SPIKE_RAD_S, SPIKE_RAD_S2 * 1e-6 * max(raw_us - self._good_us, 0))
+        if _farthest(gyr, self._good_gyr) <= limit:
+            return False
+        before = self._last.gyr_rad_s
+        return _farthest(gyr, before) > limit or any(map(eq, gyr, before))  # a rail agrees too well
 
     def _follow_mag(self, readings: Readings, raw_us: int) -> None:
         if readings.mag_gauss != self._last.mag_gauss or readings.mag_gauss == ZERO_VEC3:
@@ -126,3 +219,31 @@ def _moves(readings: Readings, mag_before: Vec3) -> bool:
     if ZERO_VEC3 in (readings.mag_gauss, mag_before):
         return False
     return dist(readings.mag_gauss, mag_before) > MOVING_MAG * hypot(*mag_before)
+
+
+def _farthest(one: Vec3, other: Vec3) -> float:
+    return max(abs(x - y) for x, y in zip(one, other, strict=True))
+
+
+def _turned(vector: Vec3, gyr_rad_s: Vec3, span_s: float) -> Vec3:
+    """A body vector of something fixed, after turning at that rate (Rodrigues, by -w t)."""
+    rate_rad_s = hypot(*gyr_rad_s)
+    if rate_rad_s == 0.0:
+        return vector
+    x, y, z = (each / rate_rad_s for each in gyr_rad_s)
+    a, b, c = vector
+    sine, cosine = sin(rate_rad_s * span_s), cos(rate_rad_s * span_s)
+    along = (1.0 - cosine) * (x * a + y * b + z * c)
+    return (
+        cosine * a + sine * (b * z - c * y) + along * x,
+        cosine * b + sine * (c * x - a * z) + along * y,
+        cosine * c + sine * (a * y - b * x) + along * z,
+    )
+
+
+def _apart_rad(one: Vec3, other: Vec3) -> float:
+    """About the angle between two directions, up to 2 for opposite ones."""
+    one_norm, other_norm = hypot(*one), hypot(*other)
+    if one_norm == 0.0 or other_norm == 0.0:
+        return 0.0
+    return dist([x / one_norm for x in one], [x / other_norm for x in other])
