@@ -38,6 +38,7 @@ SYSTEM_ID_NAMES = ("SYSID_THISMAV", "MAV_SYSID")  # until 4.6, and since
 LONGEST_UPTIME_US = 10 * 366 * 86_400 * 1_000_000  # a longer time since boot is garbage
 GPS_EPOCH_S = 315_964_800  # 1980-01-06 in Unix time
 WEEK_S = 604_800
+LAST_WEEK = 0xFFFF  # the field's end
 LEAP_SECONDS = 18  # GPS time minus UTC since 2017
 
 
@@ -194,6 +195,8 @@ def _unix_us(row: Row) -> int | None:
     week_ms = row["GMS"] if is_modern else row["TimeMS"]
     if week <= 0:
         return None
+    if week > LAST_WEEK:
+        raise ValueError(week)
     unix_s = GPS_EPOCH_S + week * WEEK_S + week_ms * 1e-3 - LEAP_SECONDS
     return int(unix_s * 1e6) - _time_us("GPS", row)[1]
 

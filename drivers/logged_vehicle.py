@@ -22,13 +22,20 @@ from drivers.events import (
 from drivers.fresh_field import FreshField
 from drivers.imu_checks import Plausibility, refuse_imu
 from drivers.log_time import LogTime
+from drivers.mavlink_codec import GPS_LATE_SIGMA_S
 from drivers.sensor_faults import Readings, SensorFaults
 from drivers.vehicle_clock import Placed, Refused, TimeField, VehicleClock
 from estimator.types import ZERO_VEC3, Quaternion, Vec3, VelocitySample
 
 
 class LoggedVehicle:
-    """Judges and places one vehicle's readings. ``unix_us`` is Unix time minus the log's time."""
+    """Judges and places one vehicle's readings. ``unix_us`` is Unix time minus the log's time.
+
+    Readings may be numbers of any kind, as the log has them.
+
+    Raises:
+        TypeError, ValueError: what should be a number is none.
+    """
 
     def __init__(self, vehicle: VehicleId, autopilot: int, unix_us: int) -> None:
         self.id = vehicle
@@ -47,26 +54,28 @@ class LoggedVehicle:
 
     def put_mag(self, mag_gauss: Vec3, raw_us: int) -> None:
         """Take a magnetic reading in, for the IMU samples behind it."""
-        self._mag_gauss = mag_gauss if all(map(math.isfinite, mag_gauss)) else ZERO_VEC3
-        self._field.put(mag_gauss, raw_us)
+        field = _floats(mag_gauss)
+        self._mag_gauss = field if _all_finite(field) else ZERO_VEC3
+        self._field.put(field, raw_us)
 
     def imu(
         self, stream: str, field: TimeField, raw_us: int, gyr_rad_s: Vec3, acc_m_s2: Vec3
     ) -> list[Event]:
         """The sample, with the magnetic field if that is new; or why it is none."""
         arrival_us = self.arrival_us(raw_us)
-        refusal = refuse_imu(gyr_rad_s, acc_m_s2)
+        gyr, acc = _floats(gyr_rad_s), _floats(acc_m_s2)
+        refusal = refuse_imu(gyr, acc)
         if refusal is not None:
             return [Rejected(self.id, arrival_us, refusal, stream)]
         faults = self._faults[stream]
-        refusal = faults.refusal(Readings(gyr_rad_s, acc_m_s2, self._mag_gauss), raw_us)
+        refusal = faults.refusal(Readings(gyr, acc, self._mag_gauss), raw_us)
         if refusal is not None:
             return [Rejected(self.id, arrival_us, refusal, stream)]
         placed = self._clock.imu(stream, field, raw_us, self._log_time.arrival_us(raw_us))
         if isinstance(placed, Refused):
             return [Rejected(self.id, arrival_us, placed.reason, stream)]
         events = self._resets(placed, arrival_us)
-        sample = self._field.sample(stream, raw_us, placed.time_us, gyr_rad_s, acc_m_s2)
+        sample = self._field.sample(stream, raw_us, placed.time_us, gyr, acc)
         if sample.has_mag and faults.mag_is_stuck:
             sample = sample._replace(mag_gauss=ZERO_VEC3, has_mag=False)
             events.append(Rejected(self.id, arrival_us, "magnetometer_stuck", stream))
@@ -116,10 +125,13 @@ class LoggedVehicle:
         arrival_us, time_us = self.arrival_us(raw_us), placed.time_us
         events = self._resets(placed, arrival_us)
         if position is not None and _all_finite(position):
-            events.append(Position(self.id, arrival_us, time_us, name, *position))
+            events.append(Position(self.id, arrival_us, time_us, name, *_floats(position)))
         velocity_ned_m_s, has_vertical, sigma_m_s = velocity
         if _all_finite((*velocity_ned_m_s, sigma_m_s)):
-            sample = VelocitySample(time_us, velocity_ned_m_s, has_vertical, sigma_m_s)
+            late_s = 0.0 if position is None else GPS_LATE_SIGMA_S  # a receiver's, not a filter's
+            sample = VelocitySample(
+                time_us, _floats(velocity_ned_m_s), has_vertical, float(sigma_m_s), late_s
+            )
             events.append(Velocity(self.id, arrival_us, name, sample))
         return events
 
@@ -132,6 +144,11 @@ class LoggedVehicle:
         if reset is None:
             return []
         return [ClockReset(self.id, arrival_us, reset.reason, reset.step_us * 1e-6)]
+
+
+def _floats(vector: Vec3) -> Vec3:
+    x, y, z = vector
+    return (float(x), float(y), float(z))
 
 
 def _all_finite(values: Iterable[float]) -> bool:

@@ -103,7 +103,7 @@ class _Decoder:
         """The events of a row; a field that is missing in this firmware's topic is 0."""
         try:
             return self._handlers[topic](topic, raw_us, row)
-        except (LookupError, TypeError):  # a field of that name, but of another kind
+        except (LookupError, TypeError, ValueError):  # a field of that name, but of another kind
             return [Malformed(self._vehicle.arrival_us(raw_us), 1)]
 
     def _sensor_combined(self, topic: str, raw_us: int, row: Row) -> list[Event]:
