@@ -11,6 +11,7 @@ import hmac
 import json
 import logging
 import os
+from contextlib import suppress
 from pathlib import Path
 from typing import Literal, NamedTuple
 
@@ -198,8 +199,13 @@ def _write(file: Path, stamps: Stamps) -> None:
     named = {"-".join(map(str, stream)): heard for stream, heard in stamps.accepted.items()}
     text = json.dumps({**named, OURS: stamps.ours})
     fresh = file.with_name(f"{file.name}.{os.getpid()}")
-    with fresh.open("w", encoding="utf-8") as out:
-        out.write(text)
-        out.flush()
-        os.fsync(out.fileno())
-    fresh.replace(file)
+    try:
+        with fresh.open("w", encoding="utf-8") as out:
+            out.write(text)
+            out.flush()
+            os.fsync(out.fileno())
+        fresh.replace(file)
+    except OSError:
+        with suppress(OSError):
+            fresh.unlink()
+        raise
