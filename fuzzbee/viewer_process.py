@@ -39,19 +39,11 @@ class ViewerProcess:
         self._folder = tempfile.mkdtemp(prefix="fuzzbee-viewer-")
         # whatever interrupts the start; the child itself goes with us
         atexit.register(shutil.rmtree, self._folder, ignore_errors=True)
-        port = _free_port(0)
-        self.url = f"rerun+http://{HOST}:{port}/proxy"
-        self.page: str | None = None
-        arguments = ["--bind", HOST, "--port", str(port), "--memory-limit", "2GB"]
-        if web:
-            web_port = _free_port(WEB_PORT)
-            arguments += ["--serve-web", "--web-viewer-port", str(web_port)]
-            self.page = f"http://{HOST}:{web_port}/?url={quote(self.url, safe='')}"
-        else:
-            arguments += ["--hide-welcome-screen", "--expect-data-soon"]
         try:
-            self._process = self._start(arguments)
-            self._wait_for(port)
+            try:
+                self.url, self.page = self._open(WEB_PORT if web else None)
+            except InputError:  # two that start at the same moment find the same ports free
+                self.url, self.page = self._open(0 if web else None)
         except InputError:
             shutil.rmtree(self._folder, ignore_errors=True)
             raise
@@ -76,6 +68,22 @@ class ViewerProcess:
             self._process.wait()
         shutil.rmtree(self._folder, ignore_errors=True)
 
+    def _open(self, web_port: int | None) -> tuple[str, str | None]:
+        """Start it on free ports; where records go, and the page."""
+        port = _free_port(0)
+        url, page, ports = f"rerun+http://{HOST}:{port}/proxy", None, [port]
+        arguments = ["--bind", HOST, "--port", str(port), "--memory-limit", "2GB"]
+        if web_port is None:
+            arguments += ["--hide-welcome-screen", "--expect-data-soon"]
+        else:
+            web_port = _free_port(web_port)
+            arguments += ["--serve-web", "--web-viewer-port", str(web_port)]
+            page = f"http://{HOST}:{web_port}/?url={quote(url, safe='')}"
+            ports.append(web_port)
+        self._process = self._start(arguments)
+        self._wait_for(ports)
+        return url, page
+
     def _start(self, arguments: list[str]) -> subprocess.Popen[bytes]:
         program = _program()
         # Nothing leaves this computer: usage figures are off, in a configuration of its own
@@ -96,14 +104,11 @@ class ViewerProcess:
                 stdout=subprocess.DEVNULL,
             )
 
-    def _wait_for(self, port: int) -> None:
+    def _wait_for(self, ports: list[int]) -> None:
         end_s = time.monotonic() + START_TIMEOUT_S
-        while time.monotonic() < end_s:
-            with socket.socket() as probe:
-                if probe.connect_ex((HOST, port)) == 0:
-                    return
-            if self.ended:
-                break
+        while time.monotonic() < end_s and not self.ended:
+            if all(_answers(port) for port in ports):
+                return
             time.sleep(0.05)
         lines = self._errors.read_text("utf-8", "replace").split("\n")
         reason = next((line for line in reversed(lines) if line.strip()), "no answer")
@@ -119,6 +124,11 @@ def _program() -> str:
         raise InputError(MISSING)
     program = Path(found.origin).parent / "rerun"
     return str(program if program.exists() else program.with_suffix(".exe"))
+
+
+def _answers(port: int) -> bool:
+    with socket.socket() as probe:
+        return probe.connect_ex((HOST, port)) == 0
 
 
 def _free_port(wanted: int) -> int:

@@ -24,6 +24,7 @@ from tests.service.records import UNIX_US, record
 pytest.importorskip("rerun", reason="the extra viewer is not installed")
 
 from estimator.profile import load_profile
+from fuzzbee import viewer_process
 from fuzzbee.viewer import ViewerOptions, ViewerSink
 from tests.fuzzbee.rrd import listing, rows
 
@@ -125,10 +126,12 @@ def test_a_log_is_replayed_into_a_file(tmp_path, capfd):
 
 
 def page_of(process):
+    said = []
     for line in process.stderr:
+        said.append(line)
         if found := re.search(r"http://\S+", line):
             return found[0]
-    pytest.fail("no page was named")
+    pytest.fail(f"no page was named: {said}")
 
 
 def port_of(url):
@@ -145,6 +148,22 @@ def wait_until_closed(port):
     while is_open(port) and time.monotonic() < end_s:
         time.sleep(0.05)
     assert not is_open(port)
+
+
+def test_a_port_that_another_took_meanwhile_is_given_up(monkeypatch):
+    with socket.socket() as taken:
+        taken.bind(("127.0.0.1", 0))
+        ports = [taken.getsockname()[1]]
+        free = viewer_process._free_port
+        monkeypatch.setattr(
+            viewer_process, "_free_port", lambda wanted: ports.pop() if ports else free(wanted)
+        )
+        process = viewer_process.ViewerProcess(web=True)
+        try:
+            assert not ports
+            assert is_open(port_of(process.page))
+        finally:
+            process.close()
 
 
 @pytest.mark.skipif(not sys.platform.startswith("linux"), reason="the kernel's help is Linux's")
