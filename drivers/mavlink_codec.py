@@ -60,6 +60,9 @@ GPS_LATE_SIGMA_S = 0.1  # its word comes 0.1 to 0.2 s late, and does not say how
 UNIT_NORM_TOLERANCE = 0.05  # quaternions further from unit length are not attitudes
 BUFFER_LIMIT = 65536  # bytes already parsed that may pile up before they are dropped
 
+MOST_SENDERS = 512  # addresses that something is remembered of: 11 kB each
+MOST_STREAMS = 16  # IMUs of one sender; real ones have three, and four messages for them
+
 CLOCK_STEP = Refused("clock_step")
 
 INTEGER_PARAMETERS: Final = {1: "B", 2: "b", 3: "H", 4: "h", 5: "I", 6: "i"}  # MAV_PARAM_TYPE
@@ -159,10 +162,10 @@ class _Vehicle:
         self.last_imu_us: int | None = None
         self.truth_given_us: dict[str, int] = {}
 
-    def imu(self, name: str) -> _ImuStream:
-        """The stream of that name, a new one if need be."""
+    def imu(self, name: str) -> _ImuStream | None:
+        """The stream of that name, a new one if need be; None if there are too many."""
         stream = self.imus.get(name)
-        if stream is None:
+        if stream is None and len(self.imus) < MOST_STREAMS:
             stream = self.imus[name] = _ImuStream(name)
         return stream
 
@@ -201,13 +204,15 @@ class MavlinkDecoder:
         if handler is None:
             return []
         vehicle = self._vehicle(message.get_srcSystem(), message.get_srcComponent())
-        return handler(vehicle, message, arrival_us)
+        return [] if vehicle is None else handler(vehicle, message, arrival_us)
 
     def decode_imu(
         self, system_id: int, component_id: int, name: str, fields: Any, arrival_us: int
     ) -> list[Event]:
         """The events in an IMU message that was unpacked by ``drivers.imu_messages``."""
         vehicle = self._vehicle(system_id, component_id)
+        if vehicle is None:
+            return []
         instance = getattr(fields, "id", 0)
         stream = f"{name}:{instance}" if instance else name
         if name == "HIGHRES_IMU":
@@ -216,9 +221,10 @@ class MavlinkDecoder:
             return self._raw_imu(vehicle, fields, arrival_us, stream)
         return self._scaled_imu(vehicle, fields, arrival_us, stream)
 
-    def _vehicle(self, system_id: int, component_id: int) -> _Vehicle:
+    def _vehicle(self, system_id: int, component_id: int) -> _Vehicle | None:
+        """What is known of a sender; None if there are too many for a link of real ones."""
         vehicle = self._vehicles.get((system_id, component_id))
-        if vehicle is None:
+        if vehicle is None and len(self._vehicles) < MOST_SENDERS:
             address = VehicleId(system_id, component_id)
             vehicle = self._vehicles[address] = _Vehicle(address)
         return vehicle
@@ -268,6 +274,8 @@ class MavlinkDecoder:
         mag: Vec3,
     ) -> list[Event]:
         stream = vehicle.imu(name)
+        if stream is None:
+            return [Rejected(vehicle.id, arrival_us, "too_many_streams", name)]
         refusal = refuse_imu(gyr, acc) or stream.faults.refusal(Readings(gyr, acc, mag), raw_us)
         if refusal is not None:
             return [Rejected(vehicle.id, arrival_us, refusal, name)]

@@ -45,6 +45,7 @@ SHORTFALL = 0.7  # a stream slower than this part of what was asked for is asked
 FIRST_PAUSE_US = 5_000_000
 LONGEST_PAUSE_US = 80_000_000
 MOST_REQUESTS = 6  # in a row without success
+MOST_STREAMS = 256  # more senders of heartbeats than that are noise or an attack
 HEARTBEAT_US = 1_000_000
 
 MAV_RESULT_ACCEPTED = 0
@@ -125,7 +126,7 @@ class StreamRequest:
         return self._heartbeats(now_us) + out
 
     def _meet(self, event: Heartbeat, now_us: int) -> None:
-        if event.vehicle in self._streams:
+        if event.vehicle in self._streams or len(self._streams) >= MOST_STREAMS:
             return
         px4 = event.autopilot == MAV_AUTOPILOT_PX4
         self._streams[event.vehicle] = _Stream(

@@ -20,6 +20,8 @@ from drivers.events import (
     Velocity,
 )
 from drivers.mavlink_codec import (
+    MOST_SENDERS,
+    MOST_STREAMS,
     FrameParser,
     MavlinkDecoder,
     mavlink,
@@ -440,3 +442,21 @@ def test_unit_quaternions_or_none(q):
     if unit is not None:
         assert math.hypot(*unit) == pytest.approx(1.0, abs=1e-12)
         assert abs(math.hypot(*q) - 1.0) <= 0.05
+
+
+def test_a_link_of_any_number_of_senders_and_streams_is_remembered_within_bounds():
+    decoder, parser = MavlinkDecoder(), FrameParser()
+    known, refused = set(), 0
+    for number in range(MOST_SENDERS + 200):
+        address = 1 + number % 250, 1 + number // 250
+        (parsed,) = parser.feed(frame(raw_imu(), *address))
+        known |= {event.vehicle for event in only(Imu, decoder.decode(parsed, UNIX + number))}
+    assert len(known) == MOST_SENDERS
+    for instance in range(256):
+        message = m.MAVLink_raw_imu_message(
+            S + instance, 0, 0, -1000, 0, 0, 1, 0, 0, 0, id=instance
+        )
+        (parsed,) = parser.feed(frame(message))
+        events = only(Rejected, decoder.decode(parsed, UNIX))
+        refused += [event.reason for event in events] == ["too_many_streams"]
+    assert refused == 256 - MOST_STREAMS

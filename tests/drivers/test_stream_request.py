@@ -7,7 +7,13 @@ import pytest
 from drivers.events import ClockReset, CommandAck, Heartbeat, Imu, Notice, VehicleId
 from drivers.mavlink_codec import mavlink
 from drivers.mavlink_encoder import FrameEncoder
-from drivers.stream_request import MOST_REPEATS, MOST_REQUESTS, Outgoing, StreamRequest
+from drivers.stream_request import (
+    MOST_REPEATS,
+    MOST_REQUESTS,
+    MOST_STREAMS,
+    Outgoing,
+    StreamRequest,
+)
 from estimator.errors import InputError
 from estimator.types import ImuSample
 
@@ -197,3 +203,12 @@ def test_a_reboot_is_asked_at_once():
 def test_impossible_rates_are_refused(rate):
     with pytest.raises(InputError, match="rate"):
         StreamRequest(rate)
+
+
+def test_a_flood_of_heartbeats_is_not_answered_without_end():
+    request, asked = StreamRequest(50.0), set()
+    for system in range(1, 256):
+        for component in range(1, 5):
+            out = request.handle(Heartbeat(VehicleId(system, component), 0, 3, 2), 0)
+            asked |= {each.message.payload for each in out if isinstance(each, Outgoing)}
+    assert len(asked) == MOST_STREAMS + 1  # and our own heartbeat
