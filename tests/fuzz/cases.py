@@ -4,6 +4,7 @@ A case is built by plain functions of a ``random.Random``, whose seed is what hy
 drawing every byte through it would take ten times as long as parsing them.
 """
 
+import math
 import os
 import random
 import struct
@@ -13,9 +14,11 @@ from fastcrc import crc16
 from hypothesis import HealthCheck, settings
 from hypothesis import strategies as st
 
+from drivers.dataflash_format import FIELDS
 from drivers.events import VehicleId
 from drivers.mavlink_codec import mavlink
 from drivers.mavlink_encoder import FrameEncoder, Message
+from drivers.ulog_format import CODES, FIELD
 
 DATA = Path(__file__).parent.parent / "data"
 IS_LONG = bool(os.environ.get("FUZZBEE_FUZZ_LONG"))
@@ -112,6 +115,147 @@ def stream(rng):
         part = frame(rng) if rng.random() < 0.85 else rng.randbytes(rng.randrange(60))
         parts.append(damage(part, rng) if rng.random() < 0.3 else part)
     return parts
+
+
+def extreme(code, rng):
+    """A value of a ``struct`` format character, ordinary or at its end."""
+    if code in "fd":
+        return rng.choice(FLOATS) if rng.random() < 0.05 else rng.choice((rng.gauss(0.0, 5.0), 0.5))
+    if code == "?":
+        return rng.random() < 0.8
+    bits = 8 * struct.calcsize("<" + code)
+    low, high = (0, 2**bits - 1) if code.isupper() else (-(2 ** (bits - 1)), 2 ** (bits - 1) - 1)
+    return rng.choice((low, high, 0, 1, rng.randint(low, high), min(high, rng.randrange(1000))))
+
+
+FLOATS = (math.nan, math.inf, -math.inf, 3e38, -3e38, 1e-40, 0.0)
+
+DATAFLASH_COLUMNS = {
+    "IMU": "TimeUS,I,GyrX,GyrY,GyrZ,AccX,AccY,AccZ",
+    "IMU2": "TimeMS,GyrX,GyrY,GyrZ,AccX,AccY,AccZ",
+    "MAG": "TimeUS,I,MagX,MagY,MagZ",
+    "ATT": "TimeUS,Roll,Pitch,Yaw",
+    "XKQ": "TimeUS,C,Q1,Q2,Q3,Q4",
+    "XKF1": "TimeUS,C,VN,VE,VD",
+    "GPS": "TimeUS,I,Status,GMS,GWk,Lat,Lng,Alt,Spd,GCrs,VZ",
+    "PARM": "TimeUS,Name,Value",
+    "MSG": "TimeUS,Message",
+    "SIM": "TimeUS,Roll,Pitch,Yaw",
+}
+
+
+def dataflash_formats(rng):
+    """A sound DataFlash log of messages with any types of fields, and any values."""
+    parts, formats = [], []
+    for number, (name, columns) in enumerate(DATAFLASH_COLUMNS.items(), 0x81):
+        codes = "".join(
+            rng.choice("bBhHiIfdqQcCeELMgnNZa" if rng.random() < 0.3 else "ffQ")
+            for _ in columns.split(",")
+        )
+        codes = ("Q" if rng.random() < 0.8 else codes[0]) + codes[1:]
+        layout = "<" + "".join(FIELDS[code][0] for code in codes)
+        length = 3 + struct.calcsize(layout)
+        if length > 255:
+            continue
+        head = struct.pack(
+            "<BB4s16s64s", number, length, name.encode(), codes.encode(), columns.encode()
+        )
+        parts.append(b"\xa3\x95\x80" + head)
+        formats.append((number, [FIELDS[code][0] for code in codes]))
+    for row in range(rng.randrange(60)):
+        number, layout = rng.choice([*formats, *formats[:1] * 5])
+        parts.append(bytes((0xA3, 0x95, number)))
+        for column, code in enumerate(layout):
+            if code[-1] == "s":
+                parts.append(rng.choice(TEXTS)[: int(code[:-1])].ljust(int(code[:-1]), b"\0"))
+            elif code == "Q" and column == 0 and rng.random() < 0.8:
+                parts.append(struct.pack("<Q", 1_000_000 + 20_000 * row))
+            elif code == "e":
+                parts.append(rng.randbytes(2))
+            else:
+                parts.append(struct.pack("<" + code, extreme(code, rng)))
+    return b"".join(parts)
+
+
+TEXTS = (b"SYSID_THISMAV", b"ArduCopter V4.5", b"\xff\xfe\x80", b"", b"MAV_SYSID", b"9" * 64)
+
+ULOG_FIELDS = {
+    "sensor_combined": "float[3] gyro_rad;float[3] accelerometer_m_s2;",
+    "vehicle_imu": "float[3] delta_angle;float[3] delta_velocity;uint32_t delta_angle_dt;"
+    "uint16_t delta_velocity_dt;",
+    "vehicle_magnetometer": "float[3] magnetometer_ga;",
+    "sensor_mag": "float x;float y;float z;",
+    "vehicle_attitude": "float[4] q;",
+    "vehicle_attitude_groundtruth": "float[4] q;",
+    "vehicle_local_position": "float vx;float vy;float vz;bool v_xy_valid;bool v_z_valid;",
+    "vehicle_gps_position": "uint64_t time_utc_usec;int32_t lat;int32_t lon;int32_t alt;"
+    "float s_variance_m_s;float vel_n_m_s;float vel_e_m_s;float vel_d_m_s;uint8_t fix_type;",
+    "sensor_gps": "uint64_t time_utc_usec;double latitude_deg;double longitude_deg;"
+    "double altitude_msl_m;float vel_n_m_s;float vel_e_m_s;float vel_d_m_s;uint8_t fix_type;",
+}
+
+
+def ulog_formats(rng):
+    """A sound ULog of topics whose fields may have any type, and any values."""
+    parts = [b"ULog\x01\x12\x35\x01" + rng.randbytes(8)]
+
+    def write(kind, body):
+        parts.append(struct.pack("<H", len(body)) + kind + body)
+
+    topics = []
+    for number, (name, fields) in enumerate(ULOG_FIELDS.items()):
+        text = "uint64_t timestamp;" + rng.choice(("", "uint64_t timestamp_sample;")) + fields
+        if rng.random() < 0.2:
+            text = text.replace("float", rng.choice(("double", "char", "int8_t", "other")))
+        if rng.random() < 0.1:
+            text = text.replace("[3]", rng.choice(("[2]", "[0]", "", "[300]", "[99999]")))
+        write(b"F", f"{name}:{text}".encode())
+        write(b"A", struct.pack("<BH", 0, number) + name.encode())
+        topics.append((number, [FIELD.fullmatch(each) for each in text.rstrip(";").split(";")]))
+    write(b"F", b"other:uint8_t a;uint8_t[3] b;")
+    for k in range(rng.randrange(4)):
+        write(
+            b"P", bytes((18,)) + b"int32_t MAV_SYS_ID" + struct.pack("<i", rng.choice((k, -1, 300)))
+        )
+    for row in range(rng.randrange(60)):
+        number, fields = rng.choice([*topics, *topics[:1] * 5])
+        body = struct.pack("<H", number)
+        for kind, elements, name in (each.groups() for each in fields):
+            for _ in range(min(int(elements or 1), 400)):
+                if name == "timestamp" and rng.random() < 0.9:
+                    body += struct.pack("<Q", 1_000_000 + 5000 * row)
+                elif kind == "other":
+                    body += rng.randbytes(4)
+                elif kind == "char":
+                    body += rng.randbytes(1)
+                else:
+                    body += struct.pack("<" + CODES[kind], extreme(CODES[kind], rng))
+        write(b"D", body)
+    return b"".join(parts)
+
+
+def rearranged(content, rng):
+    """A recording as disks, radios and people leave it: cut, in another order, twice."""
+    match rng.randrange(6):
+        case 0:
+            return content[: rng.randrange(len(content))]
+        case 1:
+            return content[rng.randrange(len(content)) :]
+        case 2:
+            blocks = [content[at : at + 4096] for at in range(0, len(content), 4096)]
+            first, second = rng.randrange(len(blocks)), rng.randrange(len(blocks))
+            blocks[first], blocks[second] = blocks[second], blocks[first]
+            return b"".join(blocks)
+        case 3:
+            return content + content[rng.randrange(len(content)) :]
+        case 4:
+            at, size = rng.randrange(len(content)), rng.randrange(1, 8192)
+            return content[:at] + rng.choice((b"\0", b"\xff")) * size + content[at + size :]
+        case _:
+            data = bytearray(content)
+            for _ in range(rng.randrange(1, 200)):
+                data[rng.randrange(min(len(data), 20_000))] ^= 1 << rng.randrange(8)
+            return bytes(data)
 
 
 def clip(name, size):

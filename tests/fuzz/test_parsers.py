@@ -20,10 +20,22 @@ from drivers.frames import FrameReader
 from drivers.logs import open_log
 from estimator.errors import InputError
 from estimator.profile import load_profile, parse_profile, profile_to_json
+from fuzzbee.log_report import report_log
 from service.pipeline import MAX_VEHICLES, Pipeline
 from service.records import AttitudeRecord, Published
 from service.zenoh_sink import _json_object
-from tests.fuzz.cases import built, clip, damage, damaged, frame, fuzzed, stream
+from tests.fuzz.cases import (
+    built,
+    clip,
+    damage,
+    damaged,
+    dataflash_formats,
+    frame,
+    fuzzed,
+    rearranged,
+    stream,
+    ulog_formats,
+)
 
 PROFILES = [load_profile("paper"), load_profile("imu")]
 START_US = 1_700_000_000_000_000
@@ -94,9 +106,13 @@ def read_log(path, profile):
             if number % 20 == 0:
                 check(pipeline.tick(event.arrival_us))
     except InputError as error:
-        text = str(error)
-        assert path.name in text
-        assert "\n" not in text
+        one_line(path, error)
+
+
+def one_line(path, error):
+    text = str(error)
+    assert path.name in text
+    assert "\n" not in text
 
 
 @fuzzed(40, 18000)
@@ -135,7 +151,7 @@ def dataflash():
     return data
 
 
-@fuzzed(20, 2000)
+@fuzzed(20, 8000)
 @given(damaged(dataflash()))
 def test_dataflash_logs(tmp_path_factory, data):
     path = tmp_path_factory.getbasetemp() / "fuzz.bin"
@@ -143,12 +159,48 @@ def test_dataflash_logs(tmp_path_factory, data):
     read_log(path, PROFILES[1])
 
 
-@fuzzed(5, 1500)
+@fuzzed(20, 8000)
+@given(built(dataflash_formats), st.data())
+def test_dataflash_logs_of_any_fields(tmp_path_factory, content, data):
+    path = tmp_path_factory.getbasetemp() / "fuzz.bin"
+    path.write_bytes(data.draw(damaged(content)) if data.draw(st.booleans()) else content)
+    read_log(path, PROFILES[1])
+
+
+@fuzzed(5, 2000)
 @given(built(lambda rng: damage(ULOG[: rng.randint(1_000, len(ULOG))], rng)))
 def test_ulogs(tmp_path_factory, data):
     path = tmp_path_factory.getbasetemp() / "fuzz.ulg"
     path.write_bytes(data)
     read_log(path, PROFILES[1])
+
+
+@fuzzed(20, 8000)
+@given(built(ulog_formats), st.data())
+def test_ulogs_of_any_fields(tmp_path_factory, content, data):
+    path = tmp_path_factory.getbasetemp() / "fuzz.ulg"
+    path.write_bytes(data.draw(damaged(content)) if data.draw(st.booleans()) else content)
+    read_log(path, PROFILES[1])
+
+
+WHOLE = [ULOG, clip("sub_bluerov.tlog", 60_000), clip("copter_reboot.tlog", 60_000), dataflash()]
+
+
+@fuzzed(5, 1500)
+@given(st.sampled_from(WHOLE), st.sampled_from(WHOLE), built(lambda rng: rng))
+def test_recordings_cut_swapped_and_joined(tmp_path_factory, one, other, rng):
+    """Through the report that ``replay --json`` prints."""
+    path = tmp_path_factory.getbasetemp() / "fuzz.log"
+    path.write_bytes(rearranged(one, rng) + (other if rng.random() < 0.2 else b""))
+    told = []
+    try:
+        report = report_log(path, PROFILES[1], tell=told.append)
+    except InputError as error:
+        one_line(path, error)
+    else:
+        json.loads(msgspec.json.encode(report), parse_constant=_no_constant)
+    assert len(told) < 200
+    assert not [line for line in told if "\n" in line]
 
 
 JSON = st.recursive(
@@ -170,7 +222,7 @@ def profile_changes(draw):
     return partial
 
 
-@fuzzed(30, 1500)
+@fuzzed(30, 4000)
 @given(st.one_of(profile_changes(), st.dictionaries(st.text(max_size=8), JSON, max_size=3)))
 def test_parameters_put_on_zenoh(partial):
     from tests.service.streams import ONE, imu_events
