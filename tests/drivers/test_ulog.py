@@ -140,6 +140,14 @@ class Writer:
         self.write(b"A", b"\0" + struct.pack("<H", 7) + b"sensor_combined")
         return self.write(b"A", b"\0" + struct.pack("<H", 8) + b"vehicle_magnetometer")
 
+    def truth(self):
+        """The format and the subscription of the true attitude."""
+        self.write(b"F", b"vehicle_attitude_groundtruth:uint64_t timestamp;float[4] q;")
+        return self.write(b"A", b"\0" + struct.pack("<H", 9) + b"vehicle_attitude_groundtruth")
+
+    def attitude(self, time_us, q):
+        return self.write(b"D", struct.pack("<HQ4f", 9, time_us, *q))
+
     def sample(self, time_us, gyr, acc):
         return self.write(b"D", struct.pack("<HQ6f", 7, time_us, *gyr, *acc))
 
