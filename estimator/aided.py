@@ -5,8 +5,6 @@ from math import hypot
 from estimator.aiding import AidingParams, AidingState, Report, aid
 from estimator.aiding.types import Array
 from estimator.compiled import inlined
-from estimator.conditioning.condition import condition
-from estimator.conditioning.types import Conditioned, ConditioningParams, ConditioningState
 from estimator.filter_types import FilterParams, FilterState, Vectors
 from estimator.kernel import correct, turned
 from estimator.observation import ReferenceParams
@@ -51,12 +49,11 @@ def aided_vectors(reference: ReferenceParams, state: AidingState, knows_north: b
 def aided_step(
     params: FilterParams,
     reference: ReferenceParams,
-    conditioning: ConditioningParams,
     aiding: AidingParams,
     state: FilterState,
-    memory: ConditioningState,
     aided: AidingState,
     covariance: Array,
+    gravity_b: Vec3,
     gyr_rad_s: Vec3,
     acc_m_s2: Vec3,
     mag: Vec3,
@@ -64,9 +61,8 @@ def aided_step(
     dt: float,
     report: Report,
     knows_north: bool,
-) -> tuple[FilterState, ConditioningState, Conditioned, AidingState, Array]:
-    """One sample: the unaided stage goes on beside, then the filter follows the aided vectors."""
-    memory, seen = condition(conditioning, memory, gyr_rad_s, acc_m_s2, mag, has_mag, dt)
+) -> tuple[FilterState, AidingState, Array]:
+    """One sample: the filter follows the aided vectors; ``gravity_b`` is the unaided stage's."""
     m = reference.magnetic_ned
     horizontal = hypot(m[0], m[1])
     north = (0.0, 0.0)
@@ -76,7 +72,7 @@ def aided_step(
         aiding,
         aided,
         covariance,
-        seen.gravity_b,
+        gravity_b,
         north,
         gyr_rad_s,
         acc_m_s2,
@@ -87,4 +83,4 @@ def aided_step(
     )
     state = turned(state, aided.rate_rad_s, dt, aided.gyr_bias_rad_s)
     state = correct(params, state, aided_vectors(reference, aided, knows_north), dt)
-    return state, memory, seen, aided, covariance
+    return state, aided, covariance

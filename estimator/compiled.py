@@ -9,14 +9,16 @@ import numba
 from numba.extending import register_jitable
 
 from estimator.kernel_cache import kernel_cache_folder
+from estimator.numba_compiler import Kernel, KernelCompiler, PartCompiler
 
 Function = TypeVar("Function", bound=Callable[..., Any])
 
 _numba_config: Any = numba.config  # numba ships no types
 
 # Divisions without a branch. States of a hundred floats pass by value: inlined
-# they are not copied at each call, which halves the time of a step.
-_OPTIONS: dict[str, Any] = {"error_model": "numpy"}
+# they are not copied at each call, which halves the time of a step. And nobody calls from C.
+_DIVISION: dict[str, Any] = {"error_model": "numpy"}
+_OPTIONS: dict[str, Any] = {**_DIVISION, "forceinline": True, "no_cfunc_wrapper": True}
 
 NO_FOLDER = (
     "no writable folder for compiled code: compiling in memory at each start "
@@ -42,7 +44,7 @@ def inlined(function: Function) -> Function:
     It saves the code that hands a hundred numbers over from Python and back,
     half of the time that a kernel takes to compile.
     """
-    return register_jitable(**_OPTIONS, forceinline=True)(function)
+    return register_jitable(**_OPTIONS, pipeline_class=PartCompiler)(function)
 
 
 def plain(function: Function) -> Function:
@@ -63,14 +65,21 @@ def compiled_parallel(function: Function) -> Function:
 
 
 def _decorate(function: Function, *, parallel: bool) -> Function:
-    options = {**_OPTIONS, "parallel": parallel, "forceinline": not parallel}
+    if _numba_config.DISABLE_JIT:
+        return function
+    dispatcher: Any
+    if parallel:
+        dispatcher = numba.njit(**_DIVISION, parallel=True)(function)
+    else:
+        options = {**_OPTIONS, "nopython": True, "boundscheck": None}
+        dispatcher = Kernel(inlined(function), {}, options, KernelCompiler)
     if _CACHE_FOLDER is None:
-        return numba.njit(cache=False, **options)(function)  # type: ignore[no-any-return]
-    # numba chooses the folder when it decorates; other users of numba keep theirs.
+        return dispatcher  # type: ignore[no-any-return]
+    # numba chooses the folder now; other users of numba keep theirs.
     folder_before = _numba_config.CACHE_DIR
     _numba_config.CACHE_DIR = str(_CACHE_FOLDER)
     try:
-        dispatcher: Any = numba.njit(cache=True, **options)(function)
+        dispatcher.enable_caching()
     finally:
         _numba_config.CACHE_DIR = folder_before
     _go_on_without_space(dispatcher)

@@ -28,6 +28,19 @@ def conditioned_vectors(reference: ReferenceParams, seen: Conditioned) -> Vector
 
 
 @inlined
+def followed(
+    params: FilterParams,
+    reference: ReferenceParams,
+    state: FilterState,
+    seen: Conditioned,
+    dt: float,
+) -> FilterState:
+    """The filter propagated free of bias and corrected with the conditioned vectors."""
+    state = turned(state, seen.rate_rad_s, dt, seen.bias_rad_s)
+    return correct(params, state, conditioned_vectors(reference, seen), dt)
+
+
+@inlined
 def conditioned_step(
     params: FilterParams,
     reference: ReferenceParams,
@@ -42,5 +55,4 @@ def conditioned_step(
 ) -> tuple[FilterState, ConditioningState, Conditioned]:
     """One sample: condition it, propagate free of bias, correct with the conditioned vectors."""
     memory, seen = condition(conditioning, memory, gyr_rad_s, acc_m_s2, mag, has_mag, dt)
-    state = turned(state, seen.rate_rad_s, dt, seen.bias_rad_s)
-    return correct(params, state, conditioned_vectors(reference, seen), dt), memory, seen
+    return followed(params, reference, state, seen, dt), memory, seen

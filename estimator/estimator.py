@@ -43,7 +43,7 @@ from estimator.resident import (
     resident,
     search_inside,
 )
-from estimator.settings import settings_of
+from estimator.settings import Settings, settings_of
 from estimator.types import (
     IDENTITY,
     ZERO_VEC3,
@@ -129,25 +129,8 @@ class Estimator:
 
     def _go_inside(self, seen: Conditioned) -> None:
         """Move the state into compiled memory."""
-        now, chosen = self._snapshot, self._settings
-        aided, covariance = now.aided, _square(now.aided_covariance)
-        if aided is None:  # only its form is needed
-            aided, covariance = begin(
-                chosen.aiding, IDENTITY, ZERO_VEC3, ZERO_VEC3, ZERO_VEC3, NO_REPORT, 0.0, 0.0
-            )
-        contents = Contents(
-            chosen.filter,
-            chosen.reference,
-            chosen.conditioning,
-            chosen.aiding,
-            now.filter,
-            now.conditioning,
-            seen,
-            aided,
-            covariance,
-            now.search,
-        )
-        self._inside = resident(contents)
+        now = self._snapshot
+        self._inside = resident(contents_for(self._settings, now, seen))
         self._is_aided = now.aided is not None
         self._has_heading = seen.magnetic_weight > 0.0
 
@@ -224,13 +207,13 @@ class Estimator:
         gyr, acc = sample.gyr_rad_s, sample.acc_m_s2
         readings = (gyr, acc, sample.mag_gauss, sample.has_mag)
         goes_on_aided = self._is_aided and dt <= aiding.gap_s
+        has_heading = advance(self._inside, *readings, dt, not goes_on_aided)
         if goes_on_aided:
             self._is_aided = advance_aided(self._inside, *readings, dt, report, self._knows_north)
             if not self._is_aided:
                 self._doubt(sample.time_us)
         else:
             self._is_aided = False
-            has_heading = advance(self._inside, *readings, dt)
             if has_heading and not self._has_heading:
                 self._align_inside()
             self._has_heading = has_heading
@@ -485,6 +468,27 @@ class Estimator:
         known = self._declination_rad is not None or self.profile.reference.declination_deg != 0.0
         by_velocity = self._is_aided and not self._has_heading
         return "true" if known or by_velocity or not self._settings.conditioned else "magnetic"
+
+
+def contents_for(chosen: Settings, now: Snapshot, seen: Conditioned) -> Contents:
+    """The state as compiled memory holds it."""
+    aided, covariance = now.aided, _square(now.aided_covariance)
+    if aided is None:  # only its form is needed
+        aided, covariance = begin(
+            chosen.aiding, IDENTITY, ZERO_VEC3, ZERO_VEC3, ZERO_VEC3, NO_REPORT, 0.0, 0.0
+        )
+    return Contents(
+        chosen.filter,
+        chosen.reference,
+        chosen.conditioning,
+        chosen.aiding,
+        now.filter,
+        now.conditioning,
+        seen,
+        aided,
+        covariance,
+        now.search,
+    )
 
 
 def _square(covariance: tuple[float, ...]) -> Array:

@@ -305,8 +305,8 @@ def sum_along_envelope(strengths: Strengths, sets: tuple[Triangle, ...]) -> tupl
     return area, moment
 
 
-@compiled
-def fuzzy_gain(k: Memberships, error: float, error_rate_1_s: float) -> float:
+@inlined
+def operating_gain(k: Memberships, error: float, error_rate_1_s: float) -> float:
     """k_op in [0, 100] from e in [0, 1] and |de/dt| (1/s, larger values count as 1).
 
     ``k`` are the memberships k1..k22. No rule fires: 0.
@@ -321,3 +321,9 @@ def fuzzy_gain(k: Memberships, error: float, error_rate_1_s: float) -> float:
         (k[21], 100.0, 100.0),
     )
     return centroid(fire(e, d), sets)
+
+
+@compiled
+def fuzzy_gain(k: Memberships, error: float, error_rate_1_s: float) -> float:
+    """:func:`operating_gain`, to be called from Python."""
+    return operating_gain(k, error, error_rate_1_s)

@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from estimator.compiled import compiled, inlined
 from estimator.filter_types import PLAIN_STEP_LIMIT, FilterParams, FilterState, Vectors
-from estimator.fuzzy import fuzzy_gain
+from estimator.fuzzy import operating_gain
 from estimator.observation import ReferenceParams, raw_vectors
 from estimator.quaternion import (
     add,
@@ -67,7 +67,7 @@ def adaptive_gain(params: FilterParams, error: float, error_rate_1_s: float) -> 
     """K = 1 + k_op."""
     if params.gain_is_fixed:
         return params.fixed_gain
-    return 1.0 + fuzzy_gain(params.memberships, error, error_rate_1_s)
+    return 1.0 + operating_gain(params.memberships, error, error_rate_1_s)
 
 
 @inlined

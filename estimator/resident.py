@@ -17,15 +17,19 @@ from estimator.aiding import AidingParams, AidingState, Report, hear, trusted
 from estimator.aiding.search import Search, felt, heard
 from estimator.aiding.types import Array
 from estimator.compiled import compiled
-from estimator.conditioned import conditioned_step
+from estimator.conditioned import followed
+from estimator.conditioning.condition import condition
 from estimator.conditioning.types import Conditioned, ConditioningParams, ConditioningState
 from estimator.filter_types import FilterParams, FilterState
 from estimator.observation import ReferenceParams
 from estimator.published import Figures, Motion, aided_figures, conditioned_figures, motion
 from estimator.quaternion import subtract
-from estimator.types import Vec3
+from estimator.reports import NO_REPORT
+from estimator.types import ZERO_VEC3, Vec3
 
-_numba_config: Any = numba.config  # numba ships no types
+# numba ships no types
+_numba_config: Any = numba.config
+_typeof: Any = numba.typeof
 
 
 class Contents(NamedTuple):
@@ -61,9 +65,28 @@ else:
     class ResidentType(types.StructRef):
         """How numba sees it."""
 
-    _structref: Any = structref  # numba ships no types
+    _structref: Any = structref
+    _resident_type: Any = ResidentType
     _structref.define_boxing(ResidentType, Resident)
     _structref.define_constructor(Resident, ResidentType, list(Contents._fields))
+
+
+def arguments_of(contents: Contents) -> dict[Any, tuple[Any, ...]]:
+    """What numba calls the types that each kernel here is called with; not in plain Python."""
+    fields = zip(Contents._fields, contents, strict=True)
+    inside = _resident_type([(name, _typeof(value)) for name, value in fields])
+    vector, number, flag = _typeof(ZERO_VEC3), types.float64, types.boolean
+    sample = (vector, vector, vector, flag, number)
+    report = _typeof(NO_REPORT)
+    return {
+        resident: (_typeof(contents),),
+        contents_of: (inside,),
+        advance: (inside, *sample, flag),
+        advance_aided: (inside, *sample, report, flag),
+        hear_inside: (inside, report),
+        search_inside: (inside, report),
+        published_inside: (inside, vector, number, flag),
+    }
 
 
 @compiled
@@ -102,25 +125,26 @@ def contents_of(inside: Any) -> Contents:
 
 @compiled
 def advance(
-    inside: Any, gyr_rad_s: Vec3, acc_m_s2: Vec3, mag: Vec3, has_mag: bool, dt: float
+    inside: Any,
+    gyr_rad_s: Vec3,
+    acc_m_s2: Vec3,
+    mag: Vec3,
+    has_mag: bool,
+    dt: float,
+    follow: bool,
 ) -> bool:
-    """One sample, ``dt`` after the one before; whether there is a heading now."""
-    state, memory, seen = conditioned_step(
-        inside.params,
-        inside.reference,
-        inside.conditioning,
-        inside.filter,
-        inside.memory,
-        gyr_rad_s,
-        acc_m_s2,
-        mag,
-        has_mag,
-        dt,
+    """One sample, ``dt`` after the one before; whether there is a heading now.
+
+    Without ``follow`` the filter waits for the same sample's :func:`advance_aided`.
+    """
+    memory, seen = condition(
+        inside.conditioning, inside.memory, gyr_rad_s, acc_m_s2, mag, has_mag, dt
     )
-    inside.filter = state
     inside.memory = memory
     inside.seen = seen
-    inside.search = felt(inside.search, memory.gravity.q_g_frd, acc_m_s2, dt)
+    if follow:
+        inside.filter = followed(inside.params, inside.reference, inside.filter, seen, dt)
+        inside.search = felt(inside.search, memory.gravity.q_g_frd, acc_m_s2, dt)
     return bool(seen.magnetic_weight > 0.0)
 
 
@@ -135,16 +159,18 @@ def advance_aided(
     report: Report,
     knows_north: bool,
 ) -> bool:
-    """One sample with the velocity report that belongs to it, if any; whether to go on aided."""
-    state, memory, seen, aided, covariance = aided_step(
+    """The same sample with the velocity report that belongs to it, if any; whether to go on aided.
+
+    A kernel of its own: all in one would compile the conditioning stage twice.
+    """
+    state, aided, covariance = aided_step(
         inside.params,
         inside.reference,
-        inside.conditioning,
         inside.aiding,
         inside.filter,
-        inside.memory,
         inside.aided,
         inside.covariance,
+        inside.seen.gravity_b,
         gyr_rad_s,
         acc_m_s2,
         mag,
@@ -154,8 +180,6 @@ def advance_aided(
         knows_north,
     )
     inside.filter = state
-    inside.memory = memory
-    inside.seen = seen
     inside.aided = aided
     inside.covariance = covariance
     return bool(trusted(inside.aiding, aided))

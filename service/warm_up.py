@@ -1,8 +1,8 @@
 """Compile before the first sample, not at it.
 
-With velocity aiding that is two halves of about the same size, which two
-processes compile at the same time; what the second one compiles, the first
-then finds in the cache.
+The kernels are two halves of about the same size, which two processes compile
+at the same time; what the second one compiles, the first then finds in the
+cache.
 """
 
 import atexit
@@ -10,10 +10,12 @@ import subprocess
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
+from typing import Any
 
+from estimator import resident
 from estimator.aiding import begin
 from estimator.compiled import is_cached
-from estimator.estimator import Estimator
+from estimator.estimator import Estimator, contents_for
 from estimator.profile import Profile, load_profile
 from estimator.reports import NO_REPORT
 from estimator.settings import settings_of
@@ -22,38 +24,59 @@ from estimator.types import IDENTITY, ZERO_VEC3, ImuSample, VelocitySample
 STEP_US = 10_000
 HELPER_S = 120.0  # far longer than it takes; then it is compiled here
 AIDED_KERNEL = "advance_aided"
+HERE: tuple[Any, ...] = (resident.advance, resident.resident, resident.published_inside)
+ELSEWHERE: tuple[Any, ...] = (
+    resident.advance_aided,
+    resident.hear_inside,
+    resident.search_inside,
+    resident.contents_of,
+)
 
 
 def warm_up(profile: Profile, gain: float | None) -> None:
     """Compile the kernels now: the first sample must not wait for it, nor the first velocity."""
-    estimator = Estimator(profile, gain)
     chosen = settings_of(profile)
     needs_aided = chosen.conditioned and chosen.aiding.enabled
-    with _compiled_elsewhere(needed=needs_aided):
-        for number in range(3):
-            estimator.update(_sample(number))
-        estimator.attitude(3 * STEP_US)
-        estimator.snapshot  # noqa: B018 - taking the state out is compiled, too
-    if needs_aided:
-        warm_up_aided(estimator)
+    if needs_aided and is_cached(AIDED_KERNEL) is False:
+        with _compiled_elsewhere():
+            compile_ahead(profile, HERE)
+    rehearse(Estimator(profile, gain), aided=needs_aided)
 
 
-def warm_up_aided(estimator: Estimator) -> None:
-    """The kernels that velocity needs, without those that it does not."""
-    if not estimator.aligned:
-        estimator.update(_sample(0))
+def compile_ahead(profile: Profile, kernels: tuple[Any, ...]) -> None:
+    """Compile these kernels without running them."""
+    estimator = Estimator(profile)
+    estimator.update(_sample(0))
+    now = estimator.snapshot
+    assert now.seen is not None  # the profile conditions its samples
+    arguments = resident.arguments_of(contents_for(settings_of(profile), now, now.seen))
+    for kernel in kernels:
+        kernel.compile(arguments[kernel])
+
+
+def rehearse(estimator: Estimator, *, aided: bool) -> None:
+    """A few samples, and a velocity: what still is not compiled is compiled now."""
+    for number in range(3):
+        estimator.update(_sample(number))
+        estimator.update_velocity(_report(number))  # heard at the next sample
+    estimator.attitude(3 * STEP_US)
+    before = estimator.snapshot
+    if not aided:
+        return
     aiding = settings_of(estimator.profile).aiding
     state, covariance = begin(
         aiding, IDENTITY, ZERO_VEC3, ZERO_VEC3, ZERO_VEC3, NO_REPORT, 0.1, 0.0
     )
-    before = estimator.snapshot
     estimator.snapshot = before._replace(
         aided=state, aided_covariance=tuple(covariance.ravel().tolist())
     )
-    number = before.time_us // STEP_US + 1
-    estimator.update(_sample(number))
-    estimator.update_velocity(VelocitySample(number * STEP_US, ZERO_VEC3, True, 0.1))
-    estimator.attitude((number + 1) * STEP_US)
+    estimator.update(_sample(3))
+    estimator.update_velocity(_report(3))  # it belongs to the last sample
+    estimator.attitude(4 * STEP_US)
+
+
+def _report(number: int) -> VelocitySample:
+    return VelocitySample(number * STEP_US, ZERO_VEC3, True, 0.1)
 
 
 def _sample(number: int) -> ImuSample:
@@ -61,11 +84,8 @@ def _sample(number: int) -> ImuSample:
 
 
 @contextmanager
-def _compiled_elsewhere(*, needed: bool) -> Iterator[None]:
-    """Meanwhile another process compiles the aided kernels, if they are not cached but can be."""
-    if not needed or is_cached(AIDED_KERNEL) is not False:
-        yield
-        return
+def _compiled_elsewhere() -> Iterator[None]:
+    """Meanwhile another process compiles the other half into the cache."""
     helper = subprocess.Popen(
         [sys.executable, "-m", "service.warm_up"],
         stdin=subprocess.DEVNULL,
@@ -85,4 +105,4 @@ def _compiled_elsewhere(*, needed: bool) -> Iterator[None]:
 
 
 if __name__ == "__main__":
-    warm_up_aided(Estimator(load_profile("imu")))
+    compile_ahead(load_profile("imu"), ELSEWHERE)

@@ -1,0 +1,49 @@
+"""What is compiled ahead is what is called, and two processes share the work."""
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import numba
+import pytest
+
+import service
+from estimator.estimator import Estimator
+from estimator.profile import load_profile
+from service.warm_up import ELSEWHERE, HERE, compile_ahead, rehearse
+
+pytestmark = pytest.mark.skipif(numba.config.DISABLE_JIT, reason="nothing is compiled")
+
+COLD_START = """
+from estimator.profile import load_profile
+from service.warm_up import ELSEWHERE, HERE, warm_up
+
+warm_up(load_profile("imu"), None)
+for half in (HERE, ELSEWHERE):
+    print({sum(kernel.stats.cache_misses.values()) for kernel in half})
+"""
+
+
+def test_nothing_more_is_compiled_for_the_first_samples():
+    profile = load_profile("imu")
+    compile_ahead(profile, (*HERE, *ELSEWHERE))
+    ahead = {kernel: list(kernel.signatures) for kernel in (*HERE, *ELSEWHERE)}
+    rehearse(Estimator(profile), aided=True)
+    assert {kernel: list(kernel.signatures) for kernel in ahead} == ahead
+    assert all(len(signatures) == 1 for signatures in ahead.values())
+
+
+def test_a_cold_start_compiles_one_half_and_finds_the_other(tmp_path):
+    root = str(Path(next(iter(service.__path__))).parent)
+    path = os.pathsep.join(filter(None, [root, os.environ.get("PYTHONPATH", "")]))
+    done = subprocess.run(
+        [sys.executable, "-c", COLD_START],
+        env={**os.environ, "PYTHONPATH": path, "NUMBA_CACHE_DIR": str(tmp_path)},
+        capture_output=True,
+        text=True,
+        check=True,
+        timeout=120,
+    )
+    assert done.stdout.split("\n")[:2] == ["{1}", "{0}"]
+    assert done.stderr == ""
