@@ -37,6 +37,10 @@ QUEUE_EVENTS = 50_000  # 100 s of one vehicle at 100 Hz, 1 s of 200 vehicles at 
 MOST_UNSENT_FRAMES = 64  # requests wait here for the reader; new ones replace the oldest
 MOST_PARSERS = 64  # half-read frames of that many senders; the one silent for longest goes
 RECEIVE_S = 0.1  # the reader looks this often whether it should end
+# After each look the reader rests, and what comes meanwhile is handled at one go: to wake a thread
+# costs as much as several samples, and hundreds of vehicles would wake it at each of theirs.
+# Arrivals are stamped that much late at most; what comes after a longer pause is stamped at once.
+GATHER_S = 0.001
 CLOSE_S = 0.5
 # back-off between attempts; a vehicle that returns is read again within 1 s
 FIRST_RETRY_S = 0.1
@@ -163,6 +167,8 @@ class MavlinkLink(Closing):
             self._note_state()
             self._handle(packets, _unix_us())
             self._send_due()
+            if packets:
+                time.sleep(GATHER_S)
         except LinkError as error:
             self._lost(str(error))
         self._report_drops()

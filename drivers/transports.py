@@ -112,8 +112,8 @@ class UdpIn:
 
     def __init__(self, endpoint: Endpoint) -> None:
         self._endpoint = endpoint
-        self._socket: socket.socket | None = None
-        self._peers: OrderedDict[str, Any] = OrderedDict()
+        self._socket: _UdpSocket | None = None
+        self._peers: OrderedDict[Any, str] = OrderedDict()  # names by address
 
     @property
     def connected(self) -> bool:
@@ -121,34 +121,38 @@ class UdpIn:
 
     @property
     def address(self) -> str:
-        return _local_address("udpin", self._socket) or str(self._endpoint)
+        bound = None if self._socket is None else self._socket.socket
+        return _local_address("udpin", bound) or str(self._endpoint)
 
     def open(self) -> None:
-        self._socket = _bound(self._endpoint, socket.SOCK_DGRAM)
+        self._socket = _UdpSocket(_bound(self._endpoint, socket.SOCK_DGRAM))
 
     def receive(self, timeout_s: float) -> list[Packet]:
         assert self._socket is not None
-        packets = []
-        for data, sender in _datagrams(self._socket, timeout_s):
-            packets.append(Packet(f"{sender[0]}:{sender[1]}", data))
-            self._remember(packets[-1].peer, sender)
-        return packets
+        datagrams = self._socket.receive(timeout_s)
+        return [Packet(self._peer(sender), data) for data, sender in datagrams]
 
     def send(self, data: bytes) -> None:
         assert self._socket is not None
-        for sender in self._peers.values():
-            _send_datagram(self._socket, data, sender)
+        for sender in self._peers:
+            self._socket.send(data, sender)
 
     def close(self) -> None:
-        _close(self._socket)
+        if self._socket is not None:
+            self._socket.close()
         self._socket = None
         self._peers.clear()
 
-    def _remember(self, name: str, sender: Any) -> None:
-        self._peers[name] = sender
-        self._peers.move_to_end(name)
-        if len(self._peers) > MOST_UDP_PEERS:
-            self._peers.popitem(last=False)
+    def _peer(self, sender: Any) -> str:
+        """The name of a sender, who is remembered."""
+        name = self._peers.get(sender)
+        if name is None:
+            name = self._peers[sender] = f"{sender[0]}:{sender[1]}"
+            if len(self._peers) > MOST_UDP_PEERS:
+                self._peers.popitem(last=False)
+        else:
+            self._peers.move_to_end(sender)
+        return name
 
 
 class UdpOut:
@@ -156,7 +160,7 @@ class UdpOut:
 
     def __init__(self, endpoint: Endpoint) -> None:
         self._endpoint = endpoint
-        self._socket: socket.socket | None = None
+        self._socket: _UdpSocket | None = None
         self._target: Any = None
 
     @property
@@ -169,22 +173,23 @@ class UdpOut:
 
     def open(self) -> None:
         family, self._target = _resolved(self._endpoint, socket.SOCK_DGRAM)
-        self._socket = _new_socket(family, socket.SOCK_DGRAM)
+        self._socket = _UdpSocket(_new_socket(family, socket.SOCK_DGRAM))
 
     def receive(self, timeout_s: float) -> list[Packet]:
         assert self._socket is not None
         return [
             Packet(f"{sender[0]}:{sender[1]}", data)
-            for data, sender in _datagrams(self._socket, timeout_s)
+            for data, sender in self._socket.receive(timeout_s)
             if sender[0] == self._target[0]
         ]
 
     def send(self, data: bytes) -> None:
         assert self._socket is not None
-        _send_datagram(self._socket, data, self._target)
+        self._socket.send(data, self._target)
 
     def close(self) -> None:
-        _close(self._socket)
+        if self._socket is not None:
+            self._socket.close()
         self._socket = None
 
 
@@ -362,6 +367,53 @@ class SerialLine:
             self._port = None
 
 
+class _UdpSocket:
+    """A UDP socket with a selector of its own: to make one takes as long as eight datagrams."""
+
+    def __init__(self, created: socket.socket) -> None:
+        self.socket = created
+        self._selector = selectors.DefaultSelector()
+        self._selector.register(created, selectors.EVENT_READ)
+
+    def receive(self, timeout_s: float) -> list[tuple[bytes, Any]]:
+        """Data and sender of all datagrams that are there, after at most ``timeout_s``.
+
+        Raises:
+            LinkError: the socket broke.
+        """
+        self._selector.select(max(0.0, timeout_s))
+        datagrams: list[tuple[bytes, Any]] = []
+        while len(datagrams) < RECEIVE_READS:
+            try:
+                datagrams.append(self.socket.recvfrom(RECEIVE_BYTES))
+            except (BlockingIOError, InterruptedError):
+                break
+            except OSError as error:
+                if error.errno in LOST_DATAGRAM:
+                    continue
+                raise LinkError(_reason(error.errno)) from error
+        return datagrams
+
+    def send(self, data: bytes, target: Any) -> None:
+        """Send a datagram, or lose it.
+
+        Raises:
+            LinkError: the socket broke.
+        """
+        try:
+            self.socket.sendto(data, target)
+        except (BlockingIOError, InterruptedError):
+            return
+        except OSError as error:
+            if error.errno not in LOST_DATAGRAM:
+                raise LinkError(_reason(error.errno)) from error
+
+    def close(self) -> None:
+        """Release both."""
+        self._selector.close()
+        self.socket.close()
+
+
 class _Stream:
     """A connected TCP socket that never sends half a frame."""
 
@@ -435,31 +487,6 @@ def _bound(endpoint: Endpoint, kind: int) -> socket.socket:
         created.close()
         raise InputError(f"cannot listen on {endpoint}: {_reason(error.errno)}") from error
     return created
-
-
-def _datagrams(source: socket.socket, timeout_s: float) -> list[tuple[bytes, Any]]:
-    _wait([source], timeout_s)
-    datagrams: list[tuple[bytes, Any]] = []
-    while len(datagrams) < RECEIVE_READS:
-        try:
-            datagrams.append(source.recvfrom(RECEIVE_BYTES))
-        except (BlockingIOError, InterruptedError):
-            break
-        except OSError as error:
-            if error.errno in LOST_DATAGRAM:
-                continue
-            raise LinkError(_reason(error.errno)) from error
-    return datagrams
-
-
-def _send_datagram(sender: socket.socket, data: bytes, target: Any) -> None:
-    try:
-        sender.sendto(data, target)
-    except (BlockingIOError, InterruptedError):
-        return
-    except OSError as error:
-        if error.errno not in LOST_DATAGRAM:
-            raise LinkError(_reason(error.errno)) from error
 
 
 def _wait(sockets: list[socket.socket], timeout_s: float, *, writable: bool = False) -> bool:

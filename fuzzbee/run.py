@@ -32,9 +32,6 @@ if TYPE_CHECKING:
 MAX_RATE_HZ = 1000.0
 COMPILE_TOLD_AFTER_S = 1.5
 COMPILER_THREAD = "compiler"
-# Python hands its lock over every 5 ms: too long for a loop with a schedule, and for the thread
-# that publishes, which has to ask for it again after every record
-SWITCH_INTERVAL_S = 1e-5
 
 EPILOG = """Examples:
 
@@ -178,6 +175,7 @@ def serve(options: RunOptions, *, verbose: bool) -> None:
     from service.parameters import ParameterRequests
     from service.pipeline import Pipeline
     from service.signals import stop_on_signals
+    from service.steady import steady
 
     endpoint = parse_endpoint(options.source)
     profile = load_profile(options.profile)
@@ -199,8 +197,7 @@ def serve(options: RunOptions, *, verbose: bool) -> None:
         outbox = stack.enter_context(Outbox([*sinks, view]))
         runner = runner_of(pipeline, outbox, requests)
         started_s = time.monotonic()
-        sys.setswitchinterval(SWITCH_INTERVAL_S)
-        with stop_on_signals(runner.stop):
+        with steady(), stop_on_signals(runner.stop):
             runner.run(options.seconds)
         seconds = time.monotonic() - started_s
     if outbox.stuck:

@@ -15,7 +15,7 @@ from drivers.events import VehicleId
 from estimator.errors import InputError
 from estimator.profile import Profile, profile_to_json
 from service.parameters import ParameterRequests
-from service.records import AttitudeRecord, Output, Published, vehicle_name
+from service.records import AttitudeRecord, Output, Published, StatusRecord, vehicle_name
 from service.zenoh_session import close_session
 
 if TYPE_CHECKING:
@@ -23,6 +23,15 @@ if TYPE_CHECKING:
 
 JSON = "application/json"
 LONGEST_PAYLOAD = 65_536  # bytes; a whole profile has some 4,000
+
+
+class _Topic:
+    """One vehicle's records of one kind: where they go, and the last one."""
+
+    def __init__(self, key: str, publisher: "zenoh.Publisher") -> None:
+        self.key = key
+        self.put = publisher.put
+        self.last = b""
 
 
 class ZenohSink:
@@ -43,9 +52,8 @@ class ZenohSink:
         self._profile = profile
         self._profiles: dict[str, Profile] = {}
         self._addresses: dict[str, VehicleId] = {}
-        self._publishers: dict[str, zenoh.Publisher] = {}
+        self._topics: dict[tuple[VehicleId, type], _Topic] = {}
         self._tokens: list[zenoh.LivelinessToken] = []
-        self._last: dict[str, bytes] = {}
         self._encode = msgspec.json.Encoder().encode
         # one for all keys: zenoh runs a thread for each
         self._queryable = session.declare_queryable(f"{prefix}/*/*", self._on_query)
@@ -61,38 +69,41 @@ class ZenohSink:
         close_session(self._session)
 
     def _publish(self, output: Published) -> None:
-        name = vehicle_name(output.vehicle)
+        record = output.record
+        topic = self._topics.get((output.vehicle, record.__class__))
+        if topic is None:
+            topic = self._new_topic(output.vehicle, record)
+        topic.last = payload = self._encode(record)
+        topic.put(payload)
+
+    def _new_topic(self, vehicle: VehicleId, record: AttitudeRecord | StatusRecord) -> _Topic:
+        import zenoh
+
+        name = vehicle_name(vehicle)
         if name not in self._addresses:
-            self._appear(name, output.vehicle)
-        kind = "attitude" if isinstance(output.record, AttitudeRecord) else "status"
+            self._appear(name, vehicle)
+        kind = "attitude" if isinstance(record, AttitudeRecord) else "status"
         key = f"{self._prefix}/{name}/{kind}"
-        payload = self._encode(output.record)
-        self._last[key] = payload
-        self._publisher(key).put(payload)
+        publisher = self._session.declare_publisher(
+            key,
+            encoding=JSON,
+            congestion_control=zenoh.CongestionControl.DROP,
+            express=False,
+        )
+        topic = self._topics[vehicle, record.__class__] = _Topic(key, publisher)
+        return topic
 
     def _appear(self, name: str, vehicle: VehicleId) -> None:
         self._addresses[name] = vehicle
         alive = f"{self._prefix}/{name}/alive"
         self._tokens.append(self._session.liveliness().declare_token(alive))
 
-    def _publisher(self, key: str) -> "zenoh.Publisher":
-        import zenoh
-
-        if key not in self._publishers:
-            self._publishers[key] = self._session.declare_publisher(
-                key,
-                encoding=JSON,
-                congestion_control=zenoh.CongestionControl.DROP,
-                express=False,
-            )
-        return self._publishers[key]
-
     def _on_query(self, query: "zenoh.Query") -> None:
         """Answer a get; on a thread of zenoh's, where an exception would vanish unseen."""
         with query:
-            for key, payload in list(self._last.items()):
-                if query.key_expr.intersects(_key_expr(key)):
-                    query.reply(key, payload, encoding=JSON)
+            for topic in list(self._topics.values()):
+                if topic.last and query.key_expr.intersects(_key_expr(topic.key)):
+                    query.reply(topic.key, topic.last, encoding=JSON)
             for name in list(self._addresses):
                 key = f"{self._prefix}/{name}/parameters"
                 if query.key_expr.intersects(_key_expr(key)):

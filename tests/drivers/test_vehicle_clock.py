@@ -9,6 +9,7 @@ from drivers.vehicle_clock import (
     CUT_STEP_US,
     ClockLine,
     Placed,
+    Reading,
     Refused,
     Reset,
     TimeField,
@@ -270,3 +271,25 @@ def test_a_line_never_invents_time(raws):
     for k, raw_us in enumerate(raws):
         reading = line.advance(raw_us, UNIX + 10_000 * k)
         assert reading is None or reading.boot_us == raw_us
+
+
+@given(
+    st.lists(
+        st.tuples(
+            st.one_of(st.integers(-3 * S, 9 * S), st.sampled_from([0, 1, 20_000, -(2**32)])),
+            st.integers(-S, 9 * S),
+        ),
+        max_size=40,
+    )
+)
+def test_the_short_way_through_a_clock_is_the_long_one(steps):
+    short, long = ClockLine(2**32), ClockLine(2**32)
+    raw_us, arrival_us = 5 * S, UNIX
+    for step_us, elapsed_us in steps:
+        raw_us, arrival_us = max(0, raw_us + step_us), arrival_us + elapsed_us
+        reading = long.advance(raw_us, arrival_us)
+        if short.goes_on(raw_us, arrival_us):
+            assert reading == Reading(short.boot_us, None)
+        else:
+            assert short.advance(raw_us, arrival_us) == reading
+        assert vars(short) == vars(long)
