@@ -32,10 +32,12 @@ class ViewerProcess:
     Start it from the main thread: the kernel ties the child to the thread that started it.
 
     Raises:
-        InputError: Rerun is not installed, or does not start.
+        InputError: no screen for a window; Rerun is not installed, or does not start.
     """
 
     def __init__(self, *, web: bool) -> None:
+        if not (web or _has_screen()):
+            raise InputError("--view: no screen here; --view web serves a page for a browser")
         self._folder = tempfile.mkdtemp(prefix="fuzzbee-viewer-")
         # whatever interrupts the start; the child itself goes with us
         atexit.register(shutil.rmtree, self._folder, ignore_errors=True)
@@ -114,7 +116,7 @@ class ViewerProcess:
         reason = next((line for line in reversed(lines) if line.strip()), "no answer")
         self._process.kill()
         self._process.wait()
-        raise InputError(f"the viewer did not start (without a screen: --view web): {reason[:200]}")
+        raise InputError(f"the viewer did not start: {reason[:200]}")
 
 
 def _program() -> str:
@@ -124,6 +126,12 @@ def _program() -> str:
         raise InputError(MISSING)
     program = Path(found.origin).parent / "rerun"
     return str(program if program.exists() else program.with_suffix(".exe"))
+
+
+def _has_screen() -> bool:
+    """As far as the environment tells."""
+    names = ("DISPLAY", "WAYLAND_DISPLAY", "WAYLAND_SOCKET")
+    return not sys.platform.startswith("linux") or any(os.environ.get(name) for name in names)
 
 
 def _answers(port: int) -> bool:

@@ -116,6 +116,14 @@ def test_a_file_that_cannot_be_written_is_status_2(tmp_path, capfd):
     assert main(["run", "--no-zenoh", "--view", "elsewhere"]) == 2
 
 
+@pytest.mark.skipif(not sys.platform.startswith("linux"), reason="Linux's way to name a screen")
+def test_without_a_screen_a_window_is_refused(monkeypatch, capfd):
+    for name in ("DISPLAY", "WAYLAND_DISPLAY", "WAYLAND_SOCKET"):
+        monkeypatch.delenv(name, raising=False)
+    assert main(["run", "--no-zenoh", "--view"]) == 2
+    assert "--view web" in capfd.readouterr().err
+
+
 def test_a_log_is_replayed_into_a_file(tmp_path, capfd):
     file = tmp_path / "flips.rrd"
     assert main(["replay", str(LOG), "--rrd", str(file), "--json"]) == 0
