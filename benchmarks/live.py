@@ -3,7 +3,8 @@
 python benchmarks/live.py --vehicles N --rate HZ --seconds S [--publish-rate HZ] [--no-floor] [--json]
 
 The vehicles send over UDP on loopback, ``fuzzbee run`` estimates and publishes on Zenoh, a third
-process subscribes. Latencies of one attitude:
+process subscribes. With ``--plain`` a script of pymavlink and ahrs (live_plain.py) has the
+service's place. Latencies of one attitude:
 
 - ``sample_to_subscriber``: from the sending of its latest sample's datagram to the subscriber's
   callback. The record tells when the service read that sample; its datagram is the vehicle's last
@@ -22,6 +23,7 @@ import subprocess
 import sys
 import tempfile
 import time
+from collections.abc import Callable
 from pathlib import Path
 from typing import IO, Any
 
@@ -36,7 +38,9 @@ TICKS = os.sysconf("SC_CLK_TCK")
 
 def main() -> None:
     options = _options()
-    result = measure(options.vehicles, options.rate, options.seconds, options.publish_rate)
+    begin_service = start_plain if options.plain else start_service
+    shape = (options.vehicles, options.rate, options.seconds, options.publish_rate)
+    result = measure(*shape, begin_service)
     if options.floor:
         result["floor"] = floor(options.vehicles, options.rate)
     if options.json:
@@ -45,12 +49,18 @@ def main() -> None:
         _show(result)
 
 
-def measure(vehicles: int, rate_hz: float, seconds: float, publish_hz: float) -> dict[str, Any]:
+def measure(
+    vehicles: int,
+    rate_hz: float,
+    seconds: float,
+    publish_hz: float,
+    begin_service: Callable[[int, str, float], subprocess.Popen[str]],
+) -> dict[str, Any]:
     """One run of the three processes."""
     port, endpoint = free_port(socket.SOCK_DGRAM), f"tcp/127.0.0.1:{free_port()}"
     with tempfile.TemporaryDirectory() as folder:
         sent_file, seen_file = Path(folder, "sent.npy"), Path(folder, "seen.npy")
-        service = start_service(port, endpoint, publish_hz)
+        service = begin_service(port, endpoint, publish_hz)
         subscriber = start("live_subscriber.py", endpoint, str(seen_file))
         await_word(subscriber.stdout, "ready")
         fleet = start(
@@ -196,8 +206,18 @@ def start_service(port: int, endpoint: str, publish_hz: float) -> subprocess.Pop
     # the address is both: nobody else's session is looked for
     zenoh_options = ["-l", endpoint, "-e", endpoint]
     command = [sys.executable, "-m", "fuzzbee", "run", f"udpin:127.0.0.1:{port}", "--json"]
+    return _connected([*command, "--rate", str(publish_hz), *zenoh_options])
+
+
+def start_plain(port: int, endpoint: str, publish_hz: float) -> subprocess.Popen[str]:
+    """The plain script in the service's place."""
+    arguments = (str(port), endpoint, str(publish_hz))
+    return _connected([sys.executable, str(HERE / "live_plain.py"), *arguments])
+
+
+def _connected(command: list[str]) -> subprocess.Popen[str]:
     service = subprocess.Popen(  # noqa: S603
-        [*command, "--rate", str(publish_hz), *zenoh_options],
+        command,
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
         text=True,
@@ -237,6 +257,7 @@ def _options() -> argparse.Namespace:
     parser.add_argument("--rate", type=float, default=50.0, help="samples a second and vehicle")
     parser.add_argument("--seconds", type=float, default=10.0)
     parser.add_argument("--publish-rate", type=float, help="attitudes a second [as --rate]")
+    parser.add_argument("--plain", action="store_true", help="pymavlink and ahrs instead")
     parser.add_argument("--no-floor", dest="floor", action="store_false")
     parser.add_argument("--json", action="store_true")
     options = parser.parse_args()

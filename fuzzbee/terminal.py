@@ -72,6 +72,9 @@ COMPACT = Layout(56)
 NARROW = Layout(0, rates=False)
 
 
+EMPTY = Row("", None, None, 0.0, 0.0)
+
+
 class Board:
     """The latest records of all vehicles; written by one thread, read by another."""
 
@@ -82,12 +85,13 @@ class Board:
     def update(self, name: str, record: AttitudeRecord | StatusRecord, now_s: float) -> None:
         """Remember a record."""
         with self._lock:
-            row = self._rows.get(name, Row(name, None, None, 0.0, 0.0))
+            _, attitude, status, attitude_s, _ = self._rows.get(name, EMPTY)
             if isinstance(record, AttitudeRecord):
-                row = row._replace(attitude=record, attitude_s=now_s)
+                attitude, attitude_s = record, now_s
             else:
-                row = row._replace(status=record)
-            self._rows[name] = row._replace(heard_s=now_s)
+                status = record
+            # of a tuple: it is made thousands of times a second
+            self._rows[name] = Row._make((name, attitude, status, attitude_s, now_s))
 
     def rows(self) -> list[Row]:
         """All rows by name, numbers in their order."""
