@@ -80,6 +80,14 @@ def test_cached_code_gives_the_same_results(tmp_path):
     assert run(SMALL_PROGRAM, NUMBA_CACHE_DIR=str(tmp_path)).stdout == first.stdout
 
 
+def test_numba_alone_gives_the_same_results(tmp_path):
+    """As with a numba that our own compiler has not been tried with."""
+    own = run(SMALL_PROGRAM, NUMBA_CACHE_DIR=str(tmp_path / "own"))
+    alone = run(SMALL_PROGRAM, NUMBA_CACHE_DIR=str(tmp_path / "alone"), FUZZBEE_PLAIN_NUMBA="1")
+    assert alone.stdout == own.stdout
+    assert list((tmp_path / "alone").rglob("*.nbi"))
+
+
 def test_without_a_cache_folder_it_compiles_in_memory_and_says_so_once(tmp_path):
     """Nobody can make a folder below a file, not even root; the other places are closed."""
     blocked = tmp_path / "file"
