@@ -100,6 +100,20 @@ class ClockReset(Value, frozen=True):
     step_s: float  # how far the vehicle's own clock moved, signed
 
 
+class TrackLost(Value, frozen=True):
+    """A sensor was blind for so long that nobody knows how far the vehicle turned meanwhile.
+
+    ``message`` names its stream, ``reason`` is the word its samples were refused with. The
+    next sample of that stream is good again.
+    """
+
+    vehicle: VehicleId
+    arrival_us: int
+    message: str
+    reason: str
+    blind_s: float
+
+
 class Rejected(Value, frozen=True):
     """A sample that a check refused; ``reason`` is a short snake_case word to count under.
 
@@ -161,6 +175,7 @@ Event = (
     | Heartbeat
     | CommandAck
     | ClockReset
+    | TrackLost
     | Rejected
     | RefusedFrames
     | Notice

@@ -16,6 +16,7 @@ from drivers.events import (
     Position,
     ReferenceAttitude,
     Rejected,
+    TrackLost,
     VehicleId,
     Velocity,
 )
@@ -75,6 +76,9 @@ class LoggedVehicle:
         if isinstance(placed, Refused):
             return [Rejected(self.id, arrival_us, placed.reason, stream)]
         events = self._resets(placed, arrival_us)
+        if (blindness := faults.take_blindness()) is not None:
+            reason, span_us = blindness
+            events.append(TrackLost(self.id, arrival_us, stream, reason, span_us * 1e-6))
         sample = self._field.sample(stream, raw_us, placed.time_us, gyr, acc)
         if sample.has_mag and faults.mag_is_stuck:
             sample = sample._replace(mag_gauss=ZERO_VEC3, has_mag=False)

@@ -23,6 +23,7 @@ from drivers.events import (
     Position,
     ReferenceAttitude,
     Rejected,
+    TrackLost,
     VehicleId,
     Velocity,
 )
@@ -291,6 +292,9 @@ class MavlinkDecoder:
         events: list[Event] = []
         if held is not None or placed.reset is not None:
             events = self._settle_held(vehicle, stream, held, placed, arrival_us)
+        if (blindness := stream.faults.take_blindness()) is not None:
+            reason, span_us = blindness
+            events.append(TrackLost(vehicle.id, arrival_us, name, reason, span_us * 1e-6))
         if mag_is_stuck:
             events.append(Rejected(vehicle.id, arrival_us, "magnetometer_stuck", name))
         return events + _imu_events(vehicle, stream, reading, placed.time_us, placed.boot_us)

@@ -25,6 +25,12 @@ RAIL_SAMPLES = 4
 SPIKE_RAD_S = 10.0
 SPIKE_RAD_S2 = 500.0
 
+# Readings refused for these reasons hide a rotation, and some were believed before it showed
+BLIND_REASONS = frozenset(
+    {"stuck", "gyroscope_stuck", "accelerometer_stuck", "gyroscope_saturated"}
+)
+BLIND_US = 30_000  # from the first refused reading on
+
 STUCK_SAMPLES = 20  # equal readings
 STUCK_US = 500_000
 # A sensor alone is stuck if others have turned against it: by so many radians
@@ -48,6 +54,13 @@ class Readings(NamedTuple):
     gyr_rad_s: Vec3
     acc_m_s2: Vec3
     mag_gauss: Vec3
+
+
+class Blindness(NamedTuple):
+    """A stretch of refused readings: why, and for how long."""
+
+    reason: str
+    span_us: int
 
 
 class _Repetition:
@@ -92,6 +105,8 @@ class SensorFaults:
         self._last_us = 0
         self._good_gyr = ZERO_VEC3
         self._good_us = 0
+        self._blind_since: tuple[str, int] | None = None
+        self._blindness: Blindness | None = None
         self._mag_changes = 0
         self._mag_equal = 0
         self._mag_since_us = 0
@@ -106,7 +121,22 @@ class SensorFaults:
         self._last, self._last_us = readings, raw_us
         if refusal is None:
             self._good_gyr, self._good_us = readings.gyr_rad_s, raw_us
+            if self._blind_since is not None:
+                self._see_again(*self._blind_since, raw_us)
+        elif self._blind_since is None and refusal in BLIND_REASONS:
+            self._blind_since = refusal, raw_us
         return refusal
+
+    def take_blindness(self) -> Blindness | None:
+        """The stretch that ended with this reading, if it hides a rotation; given once."""
+        blindness, self._blindness = self._blindness, None
+        return blindness
+
+    def _see_again(self, reason: str, since_us: int, raw_us: int) -> None:
+        self._blind_since = None
+        span_us = raw_us - since_us
+        if span_us >= BLIND_US or span_us < 0:  # or the clock began anew
+            self._blindness = Blindness(reason, max(span_us, 0))
 
     @property
     def mag_is_stuck(self) -> bool:

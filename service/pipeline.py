@@ -23,6 +23,7 @@ from drivers.events import (
     ReferenceAttitude,
     RefusedFrames,
     Rejected,
+    TrackLost,
     VehicleId,
     Velocity,
 )
@@ -91,6 +92,9 @@ class Pipeline:
             case ClockReset(vehicle=address):
                 vehicle = self._vehicles.get(address)
                 return [] if vehicle is None else _messages(vehicle.on_clock_reset(event))
+            case TrackLost(vehicle=address):
+                vehicle = self._vehicles.get(address)
+                return [] if vehicle is None else _messages(vehicle.on_track_lost(event))
             case Position(vehicle=address):
                 if address in self._vehicles:
                     self._vehicles[address].on_position(event)

@@ -2,7 +2,16 @@
 
 from collections import Counter, deque
 
-from drivers.events import ClockReset, Imu, Parameter, Position, Rejected, VehicleId, Velocity
+from drivers.events import (
+    ClockReset,
+    Imu,
+    Parameter,
+    Position,
+    Rejected,
+    TrackLost,
+    VehicleId,
+    Velocity,
+)
 from estimator.estimator import Estimator
 from estimator.profile import Profile
 from estimator.types import ImuSample
@@ -98,6 +107,14 @@ class Vehicle:
         return [
             f"vehicle {self.name}: clock {event.reason} by {event.step_s:+.1f} s, aligning anew"
         ]
+
+    def on_track_lost(self, event: TrackLost) -> list[str]:
+        """Nobody knows how far it turned: what was known about its attitude is void."""
+        if event.message != self.imu_message:
+            return []
+        self.estimator.restart()
+        self._last = None
+        return [f"vehicle {self.name}: {event.reason} for {event.blind_s:.1f} s, aligning anew"]
 
     def on_rejected(self, event: Rejected) -> None:
         """Count a refused sample, unless it is of another IMU than the one in use."""
