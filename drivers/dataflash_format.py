@@ -44,32 +44,36 @@ def messages(data: Buffer, wanted: Collection[str]) -> Iterator[tuple[str, Row] 
     formats = {FMT_TYPE: FMT}
     position, size = 0, len(data)
     while position < size:
-        form = _format_at(data, position, formats)
-        end = position + form.length if form is not None else size
-        if form is None or not (end == size or data[end : end + 2] == HEAD):
+        form = _sound(data, position, formats) if data[position : position + 2] == HEAD else None
+        if form is None:
             yield None
-            position = _next_known(data, position + 1, formats)
+            position = _next_sound(data, position + 1, formats)
             continue
         if form is FMT:
             if not _learn(formats, form.row(data, position)):
                 yield None
         elif form.name in wanted:
             yield form.name, form.row(data, position)
-        position = end
+        position += form.length
 
 
-def _format_at(data: Buffer, position: int, formats: dict[int, Format]) -> Format | None:
-    """The format of the message at ``position``; None if there is none, or not all of it."""
-    if data[position : position + 2] != HEAD or position + HEAD_SIZE > len(data):
+def _sound(data: Buffer, position: int, formats: dict[int, Format]) -> Format | None:
+    """The format of the message whose head is at ``position``, if all of it is there.
+
+    None also if neither another message nor the end follows it.
+    """
+    size = len(data)
+    form = formats.get(data[position + 2]) if position + HEAD_SIZE <= size else None
+    if form is None:
         return None
-    form = formats.get(data[position + 2])
-    return form if form is not None and position + form.length <= len(data) else None
+    end = position + form.length
+    return form if end == size or data[end : end + 2] == HEAD else None
 
 
-def _next_known(data: Buffer, position: int, formats: dict[int, Format]) -> int:
-    """Where the next head of a known type is, or the data's end."""
+def _next_sound(data: Buffer, position: int, formats: dict[int, Format]) -> int:
+    """Where the next sound message is, or the data's end."""
     while (position := data.find(HEAD, position)) >= 0:
-        if data[position + 2 : position + 3] and data[position + 2] in formats:
+        if _sound(data, position, formats) is not None:
             return position
         position += 1
     return len(data)
