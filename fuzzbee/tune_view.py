@@ -1,5 +1,6 @@
 """A search in the Rerun viewer, while it runs; it looks on and changes nothing."""
 
+import sys
 import time
 from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING
@@ -10,7 +11,7 @@ from estimator.profile import Profile
 from fuzzbee import tune_layout as layout
 from fuzzbee.tune_plan import Plan
 from fuzzbee.viewer_layout import GREY, gain_surface, surface_axes
-from fuzzbee.viewer_stream import ViewerOptions, ViewerStream, rerun
+from fuzzbee.viewer_stream import CLOSED, ViewerOptions, ViewerStream, rerun
 from tuning.objective import Scores, profile_with, values_of
 from tuning.search import Population, Search
 
@@ -44,6 +45,10 @@ class SearchView:
 
     def show(self, search: Search) -> None:
         """Draw the latest cycle, if it is due."""
+        if self.stream.take_loss():
+            print(f"fuzzbee: viewer {CLOSED}", file=sys.stderr)
+        if not self.stream.wanted:
+            return
         now_s = self._now_s()
         if search.cycles > self._drawn_cycles and now_s >= self._due_s:
             self._due_s = now_s + PERIOD_S

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, NamedTuple
 from drivers.events import VehicleId
 from estimator.types import Quaternion, Vec3
 from fuzzbee import viewer_layout as layout
-from fuzzbee.viewer_stream import ViewerOptions, ViewerStream, rerun
+from fuzzbee.viewer_stream import CLOSED, ViewerOptions, ViewerStream, rerun
 from service.attitude_record import euler_deg
 from service.records import (
     AttitudeRecord,
@@ -72,7 +72,15 @@ class ViewerSink:
         self.stream.static("/surface/axes", layout.surface_axes())
 
     def handle(self, outputs: Sequence[Output]) -> None:
-        """Draw the outputs that are due."""
+        """Draw the outputs that are due.
+
+        Raises:
+            ConnectionError: once, if the viewer has been closed.
+        """
+        if self.stream.take_loss():
+            raise ConnectionError(CLOSED)
+        if not self.stream.wanted:
+            return
         for output in outputs:
             match output:
                 case Published(vehicle=vehicle, record=AttitudeRecord() as record):

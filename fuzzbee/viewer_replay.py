@@ -1,6 +1,7 @@
 """A replayed log in the viewer."""
 
 from collections.abc import Iterator
+from contextlib import suppress
 from typing import TYPE_CHECKING
 
 from fuzzbee.trace import VehicleTrace
@@ -15,8 +16,9 @@ if TYPE_CHECKING:
 
 def show(viewer: "ViewerSink", trace: VehicleTrace, _: "Comparison") -> None:
     """Draw a trace, at the log's own times; what it has of others is drawn beside."""
-    for output in outputs(trace):
-        viewer.handle([output])
+    with suppress(ConnectionError):  # the viewer was closed; what it shows is of no use any more
+        for output in outputs(trace):
+            viewer.handle([output])
     viewer.stream.finish()
 
 

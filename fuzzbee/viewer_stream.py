@@ -1,5 +1,6 @@
 """What is drawn, on its way to Rerun's viewer, to a file, or to both."""
 
+import os
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from pathlib import Path
@@ -12,6 +13,9 @@ from service.signals import terminate_like_interrupt
 WEB = "web"
 CLOSE_FLUSH_S = 0.4  # less than the sinks of a run have to close
 FINISH_FLUSH_S = 60.0
+CLOSED = "closed; the rest goes on without it"
+# What Rerun's library logs by itself: not that the viewer is gone, which we say in our words
+RUST_LOG = "error,re_grpc_client=off,re_sdk::recording_stream=off"
 
 
 class ViewerOptions(NamedTuple):
@@ -37,6 +41,8 @@ class ViewerStream:
         self._recording.set_log_time_enabled(False)  # what is drawn has a time of its own
         self._recording.set_log_tick_enabled(False)
         self.process: ViewerProcess | None = None
+        self._has_file = options.rrd is not None
+        self._told = False
         sinks = [] if options.rrd is None else [_file_sink(options.rrd)]
         if options.view is not None:
             self.process = ViewerProcess(web=options.view == WEB)
@@ -47,6 +53,21 @@ class ViewerStream:
     def page(self) -> str | None:
         """What a browser opens."""
         return None if self.process is None else self.process.page
+
+    @property
+    def wanted(self) -> bool:
+        """Whether there is still somewhere to draw."""
+        return self._has_file or not self._lost
+
+    def take_loss(self) -> bool:
+        """Whether the viewer was closed by somebody else; told once."""
+        lost = self._lost and not self._told
+        self._told = self._told or lost
+        return lost
+
+    @property
+    def _lost(self) -> bool:
+        return self.process is not None and self.process.ended
 
     def at(self, timeline: str, **time: Any) -> None:
         """The time of what is logged from now on: ``timestamp`` in s, or ``sequence``."""
@@ -106,6 +127,7 @@ def rerun() -> Any:
     Raises:
         InputError: the extra is not installed.
     """
+    os.environ.setdefault("RUST_LOG", RUST_LOG)
     try:
         import rerun
     except ImportError:

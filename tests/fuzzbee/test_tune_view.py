@@ -14,7 +14,7 @@ pytest.importorskip("rerun", reason="the extra viewer is not installed")
 
 from fuzzbee.tune_plan import TuneRequest, plan
 from fuzzbee.tune_view import PERIOD_S, SearchView
-from fuzzbee.viewer_stream import ViewerOptions
+from fuzzbee.viewer_stream import CLOSED, ViewerOptions
 from tests.fuzzbee.rrd import listing, rows
 from tuning.checkpoint import write_checkpoint
 from tuning.objective import Scores, values_of
@@ -108,7 +108,9 @@ def test_a_viewer_that_ends_ends_nothing_else(tmp_path):
         assert "the viewer is at" in process.stderr.readline()
         (viewer,) = children(process.pid)
         os.kill(viewer, signal.SIGKILL)
-        assert process.wait(60) == 0
+        _, said = process.communicate(timeout=60)
+        assert process.returncode == 0
+        assert said == f"fuzzbee: viewer {CLOSED}\n"
     assert main([*options, "-o", str(alone)]) == 0
     assert watched.read_bytes() == alone.read_bytes()
 

@@ -158,6 +158,21 @@ def wait_until_closed(port):
     assert not is_open(port)
 
 
+def test_a_viewer_that_is_closed_is_told_once_and_drawn_no_more():
+    sink = Counting(ViewerOptions(view="web"), K)
+    try:
+        first, *rest = attitudes(ONE, 3, 100_000)
+        sink.handle([first])
+        sink.stream.process._process.kill()
+        sink.stream.process._process.wait()
+        with pytest.raises(ConnectionError, match="closed"):
+            sink.handle(rest)
+        sink.handle(rest)
+        assert sink.drawn == 1
+    finally:
+        sink.close()
+
+
 def test_a_port_that_another_took_meanwhile_is_given_up(monkeypatch):
     with socket.socket() as taken:
         taken.bind(("127.0.0.1", 0))
