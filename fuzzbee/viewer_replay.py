@@ -16,8 +16,8 @@ if TYPE_CHECKING:
 
 def show(viewer: "ViewerSink", trace: VehicleTrace, _: "Comparison") -> None:
     """Draw a trace, at the log's own times; what it has of others is drawn beside."""
-    with suppress(ConnectionError):  # the viewer was closed; what it shows is of no use any more
-        for output in outputs(trace):
+    for output in outputs(trace):
+        with suppress(ConnectionError):  # the viewer was closed: a file may still be wanted
             viewer.handle([output])
     viewer.stream.finish()
 
