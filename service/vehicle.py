@@ -21,6 +21,7 @@ from service.health import Health, State
 from service.host_clock import HostClock
 from service.imu_choice import ImuChoice
 from service.records import AttitudeRecord, StatusRecord, vehicle_name
+from service.talk import Talk
 from service.velocity_choice import VelocityChoice
 
 # Enough for a steady median, few enough to follow a stream whose rate was changed.
@@ -56,6 +57,7 @@ class Vehicle:
         self._periods_us: deque[int] = deque(maxlen=PERIODS_KEPT)
         self._median_us: float | None = None
         self._last: Imu | None = None
+        self._talk = Talk(f"vehicle {self.name}")  # of what anybody can make happen at will
         self._silent_since_us: int | None = None  # before a reset: no period will span it
 
     @property
@@ -104,9 +106,8 @@ class Vehicle:
         self._last = None
         if event.reason == "reboot":
             self._silent_since_us = self._health.last_arrival_us
-        return [
-            f"vehicle {self.name}: clock {event.reason} by {event.step_s:+.1f} s, aligning anew"
-        ]
+        text = f"clock {event.reason} by {event.step_s:+.1f} s, aligning anew"
+        return self._talk.lines([f"vehicle {self.name}: {text}"], event.arrival_us)
 
     def on_track_lost(self, event: TrackLost) -> list[str]:
         """Nobody knows how far it turned: what was known about its attitude is void."""
@@ -114,7 +115,8 @@ class Vehicle:
             return []
         self.estimator.restart()
         self._last = None
-        return [f"vehicle {self.name}: {event.reason} for {event.blind_s:.1f} s, aligning anew"]
+        text = f"{event.reason} for {event.blind_s:.1f} s, aligning anew"
+        return self._talk.lines([f"vehicle {self.name}: {text}"], event.arrival_us)
 
     def on_rejected(self, event: Rejected) -> None:
         """Count a refused sample, unless it is of another IMU than the one in use."""

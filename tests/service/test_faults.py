@@ -100,6 +100,17 @@ def test_other_jumps_of_the_clock_are_followed(rig, step_s):
     assert max(rig.errors_deg) < HOLDS_DEG
 
 
+def test_a_clock_that_jumps_all_the_time_does_not_fill_the_screen(rig):
+    lines = []
+    for number in range(100):
+        rig.boot_shift_us = 500 * S * (number % 2)
+        rig.fly(0.1)
+        lines += rig.messages
+    assert len([text for text in lines if "clock" in text]) < 15
+    rig.fly(5.0)
+    assert states(rig)[-1] == "running"
+
+
 @pytest.mark.parametrize("step_s", [40, -6], ids=["forwards", "backwards"])
 def test_a_clock_jump_is_told_and_the_estimate_holds_after_it(rig, step_s):
     rig.boot_shift_us = step_s * S

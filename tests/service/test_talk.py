@@ -1,0 +1,27 @@
+"""A vehicle that changes all the time does not fill the screen."""
+
+from service.talk import MINUTE_US, MOST_LINES, Talk
+
+
+def test_a_few_lines_are_passed_on():
+    talk = Talk("vehicle 1")
+    assert talk.lines(["a", "b"], 0) == ["a", "b"]
+    assert talk.lines(["c"], 5) == ["c"]
+
+
+def test_of_many_lines_the_first_are_told_and_later_how_many_were_not():
+    talk, said = Talk("vehicle 1"), []
+    for number in range(1000):
+        said += talk.lines([f"line {number}"], 1000 * number)
+    assert said[:MOST_LINES] == [f"line {number}" for number in range(MOST_LINES)]
+    assert said[MOST_LINES:] == ["vehicle 1: and so on, more is not told for a minute"]
+    assert talk.lines(["later"], MINUTE_US) == [
+        f"vehicle 1: {1000 - MOST_LINES} lines were not told",
+        "later",
+    ]
+
+
+def test_a_clock_set_back_does_not_silence_it():
+    talk = Talk("vehicle 1")
+    talk.lines(["a"] * 100, MINUTE_US)
+    assert talk.lines(["b"], 0)[-1] == "b"
