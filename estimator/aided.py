@@ -5,6 +5,7 @@ from math import hypot
 from estimator.aiding import AidingParams, AidingState, Report, aid
 from estimator.aiding.types import Array
 from estimator.compiled import inlined
+from estimator.conditioning.magnetic import LEAST_HORIZONTAL
 from estimator.filter_types import FilterParams, FilterState, Vectors
 from estimator.kernel import correct, turned
 from estimator.observation import ReferenceParams
@@ -32,7 +33,7 @@ def aided_vectors(reference: ReferenceParams, state: AidingState, knows_north: b
     north = reference.magnetic_ned
     E = state.earth_gauss
     horizontal = hypot(E[0], E[1])
-    if not knows_north and horizontal > 0.0:
+    if not knows_north and horizontal > LEAST_HORIZONTAL * abs(E[2]):
         north = (E[0] / horizontal, E[1] / horizontal, 0.0)
     return Vectors(
         rotate_inverse(q, north),

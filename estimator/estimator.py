@@ -5,11 +5,12 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from estimator import kernel
+from estimator import compass, kernel
 from estimator.aiding import AidingState, Report, begin, with_unknown_biases
 from estimator.aiding.search import NOTHING_FOUND, Search, found
 from estimator.aiding.types import SIZE, Array
 from estimator.alignment import align
+from estimator.compass import Compass
 from estimator.compiled import plain
 from estimator.conditioned import conditioned_vectors
 from estimator.conditioning import turned as conditioning_turned
@@ -57,12 +58,12 @@ from estimator.types import (
 # The output is propagated this far beyond the last sample at most, s; then the
 # last rate says nothing about the vehicle any more.
 OUTPUT_HORIZON_S = 1.0
-# The aiding that gives up again after less than this has begun with the wrong heading.
-AGAIN_US = 60_000_000
 # The heading by a compass that is not calibrated.
 UNCALIBRATED_SIGMA_RAD = radians(45.0)
 # A heading that velocity has shown is no better than this to begin with.
 LEAST_FOUND_SIGMA_RAD = radians(3.0)
+# However long a gyroscope rests, its bias is no better known: streams truncate to mrad/s.
+LEAST_BIAS_SIGMA_RAD_S = 0.001
 # Time over which e is averaged for the sigma of raw vectors.
 SIGMA_TIME_S = 1.0
 
@@ -81,6 +82,7 @@ class Snapshot(NamedTuple):
     aided_covariance: tuple[float, ...] = ()  # row by row
     reports: Reports = ()  # velocities that the IMU has not reached yet
     search: Search = NOTHING_FOUND  # for an attitude from velocity alone
+    compass: Compass = Compass()  # how far the field is trusted
 
 
 class Estimator:
@@ -94,7 +96,6 @@ class Estimator:
         self._fixed_gain = fixed_gain
         self._declination_rad: float | None = None
         self._place_field: PlaceField | None = None
-        self._last_doubt_us: int | None = None
         self.profile = profile
         self._settings = settings_of(profile, fixed_gain)
         self._snapshot: Snapshot
@@ -102,8 +103,7 @@ class Estimator:
         self._gyr_rad_s = ZERO_VEC3
         self._is_aided = False
         self._has_heading = False
-        self._field_calibrated = True
-        self.restart()
+        self._forget(Compass())
 
     @property
     def snapshot(self) -> Snapshot:
@@ -126,12 +126,13 @@ class Estimator:
     def snapshot(self, snapshot: Snapshot) -> None:
         self._snapshot = snapshot
         self._inside = None
+        self._gyr_rad_s = snapshot.conditioning.previous_gyr_rad_s
+        self._is_aided = snapshot.aided is not None
+        self._has_heading = snapshot.seen is not None and snapshot.seen.magnetic_weight > 0.0
 
     def _go_inside(self, seen: Conditioned) -> None:
         """Move the state into compiled memory."""
-        now = self._snapshot
-        self._inside = resident(contents_for(self._settings, now, seen))
-        self._is_aided = now.aided is not None
+        self._inside = resident(contents_for(self._settings, self._snapshot, seen))
         self._has_heading = seen.magnetic_weight > 0.0
 
     def replace_profile(self, profile: Profile) -> None:
@@ -147,8 +148,12 @@ class Estimator:
 
     def restart(self) -> None:
         """Forget the attitude and align anew, as after the vehicle's reboot."""
+        self._forget(compass.restarted(self._snapshot.compass))
+
+    def _forget(self, known: Compass) -> None:
         memory = initial_conditioning(self._settings.conditioning)
-        self.snapshot = Snapshot(initial_state(), memory, None, 0, ZERO_VEC3, False, 0.0)
+        fresh = Snapshot(initial_state(), memory, None, 0, ZERO_VEC3, False, 0.0)
+        self.snapshot = fresh._replace(compass=known)
 
     @property
     def aligned(self) -> bool:
@@ -181,11 +186,14 @@ class Estimator:
         if reason is not None or not self._settings.conditioned:
             return reason
         now = self._snapshot
-        if self._inside is not None and self._is_aided and report.time_us <= now.time_us:
+        if self._is_aided and report.time_us <= now.time_us:
             # it belongs to the last sample or to one just before it
             oldest_s = self._settings.aiding.oldest_report_s
             taken_now, _ = taken((report,), now.time_us, oldest_s)
             if taken_now.given:
+                if self._inside is None:
+                    assert now.seen is not None  # the aiding goes with conditioned samples
+                    self._go_inside(now.seen)
                 hear_inside(self._inside, taken_now)
         else:
             self._snapshot = now._replace(reports=enqueued(now.reports, report))
@@ -206,28 +214,22 @@ class Estimator:
             report, ahead = taken(ahead, sample.time_us, aiding.oldest_report_s)
         gyr, acc = sample.gyr_rad_s, sample.acc_m_s2
         readings = (gyr, acc, sample.mag_gauss, sample.has_mag)
-        goes_on_aided = self._is_aided and dt <= aiding.gap_s
+        goes_on_aided = self._is_aided and aiding.enabled and dt <= aiding.gap_s
         has_heading = advance(self._inside, *readings, dt, not goes_on_aided)
         if goes_on_aided:
             self._is_aided = advance_aided(self._inside, *readings, dt, report, self._knows_north)
             if not self._is_aided:
-                self._doubt(sample.time_us)
+                known = compass.given_up(self._snapshot.compass, sample.time_us)
+                self._snapshot = self._snapshot._replace(compass=known)
         else:
             self._is_aided = False
             if has_heading and not self._has_heading:
                 self._align_inside()
-            self._has_heading = has_heading
+        self._has_heading = has_heading
         self._gyr_rad_s = gyr
         self._snapshot = self._snapshot._replace(time_us=sample.time_us, reports=ahead)
         if report.given and not goes_on_aided:
             self._begin_aided(sample, report)
-
-    def _doubt(self, time_us: int) -> None:
-        """The aiding has given up. Twice in a row, and the compass is not what it was taken for."""
-        last = self._last_doubt_us
-        if last is not None and time_us - last < AGAIN_US:
-            self._field_calibrated = False
-        self._last_doubt_us = time_us
 
     def _align_inside(self) -> None:
         """The first heading ever is alignment, not correction: there was none to correct."""
@@ -255,7 +257,7 @@ class Estimator:
             sigma = aiding.begin_heading_sigma_rad
         elif search_inside(self._inside, report):
             now = self.snapshot
-            attitude_of_g = found(now.search)
+            attitude_of_g = found(now.search, _bias_sigma_rad_s(now.conditioning))
             if attitude_of_g is None:
                 return
             q = multiply(attitude_of_g.q_ned_g, now.conditioning.gravity.q_g_frd)
@@ -266,12 +268,13 @@ class Estimator:
 
     def _trusts_field(self) -> bool:
         """Whether the field may give the first heading: calibrated, and like the place's own."""
-        if self._field_calibrated and self._place_field is not None:
+        now, place = self._snapshot, self._place_field
+        if place is not None:
             seen = contents_of(self._inside).memory.magnetic
-            self._field_calibrated = resembles(
-                self._place_field, seen.horizontal_reference, seen.down_reference
-            )
-        return self._field_calibrated
+            if not resembles(place, seen.horizontal_reference, seen.down_reference):
+                known = now.compass._replace(unlike_us=now.time_us)
+                self._snapshot = now = now._replace(compass=known)
+        return compass.calibrated(now.compass, now.time_us)
 
     def _go_aided(
         self, now: Snapshot, q: Quaternion, sigma_rad: float, sample: ImuSample, report: Report
@@ -280,6 +283,8 @@ class Estimator:
         aiding, seen = self._settings.aiding, now.seen
         assert seen is not None
         iron = aiding.hard_iron_sigma_gauss
+        if not compass.calibrated(now.compass, now.time_us):
+            iron = aiding.uncalibrated_sigma_gauss
         aided, covariance = begin(
             aiding,
             q,
@@ -288,7 +293,7 @@ class Estimator:
             sample.acc_m_s2,
             report,
             sigma_rad,
-            iron if self._field_calibrated else aiding.uncalibrated_sigma_gauss,
+            iron,
         )
         now = now._replace(aided=aided, aided_covariance=_flat(covariance), search=NOTHING_FOUND)
         if not self._has_heading:  # there was none to correct
@@ -335,6 +340,9 @@ class Estimator:
             time_us=sample.time_us,
             rate_rad_s=rate,
             smooth_error=self._smoothed(state.error, sample.time_us),
+            aided=None,  # it does not come along, nor does what was shown so far
+            aided_covariance=(),
+            search=NOTHING_FOUND,
         )
 
     def _smoothed(self, error: float, time_us: int) -> float:
@@ -357,37 +365,42 @@ class Estimator:
         q = align(vectors) if chosen.initial is None else chosen.initial
         state = plain(kernel.correct)(chosen.filter, initial_state(q), vectors, 0.0)
         rate = subtract(sample.gyr_rad_s, state.gyr_bias_rad_s)
-        return Snapshot(state, memory, seen, sample.time_us, rate, True, state.error)
+        first = Snapshot(state, memory, seen, sample.time_us, rate, True, state.error)
+        return first._replace(compass=before.compass)
 
     def set_position(
         self, latitude_deg: float, longitude_deg: float, altitude_m: float, unix_us: int
     ) -> None:
         """Where and when it is: from magnetic to true north, if the profile leaves that open.
 
-        The first position fixes the declination. The estimate turns with it, so
-        the change of reference is no error to be corrected.
+        The first position fixes the declination. A heading from magnetic north
+        turns with it, so the change of reference is no error to be corrected.
         """
         if self._declination_rad is not None or not self._settings.learns_north:
             return
         place = field_at(latitude_deg, longitude_deg, altitude_m, unix_us)
         if place is None:
             return
+        was_true = self._has_heading_by_velocity
         self._place_field = place
-        declination = place.declination_rad
-        self._declination_rad = declination
+        self._declination_rad = place.declination_rad
         self.replace_profile(self.profile)
-        now = self.snapshot
-        q = multiply(exp((0.0, 0.0, declination)), now.filter.q_ned_frd)
-        self.snapshot = now._replace(filter=now.filter._replace(q_ned_frd=q))
+        if not was_true:
+            now = self.snapshot
+            q = multiply(exp((0.0, 0.0, place.declination_rad)), now.filter.q_ned_frd)
+            self.snapshot = now._replace(filter=now.filter._replace(q_ned_frd=q))
 
     def set_field_calibrated(self, calibrated: bool) -> None:
         """Whether somebody has calibrated the compass; it is assumed until told otherwise.
 
         The heading of one that is not comes from velocity, as soon as that shows it.
         """
-        if self._is_aided and self._field_calibrated and not calibrated:
+        before = self._snapshot
+        known = compass.told(before.compass, calibrated)
+        misled = compass.calibrated(before.compass, before.time_us) and not calibrated
+        self._snapshot = before._replace(compass=known)
+        if self._is_aided and misled:
             self.snapshot = self.snapshot._replace(aided=None, aided_covariance=())
-        self._field_calibrated = calibrated
 
     def change_imu(self) -> None:
         """The samples are another IMU's from now on: its biases are its own."""
@@ -433,7 +446,7 @@ class Estimator:
             moved, figures = self._published_outside(now, ahead_s)
         q, rate, bias, error, error_rate, gain = moved
         gravity, magnetic, inclination, heading, has_heading = figures
-        if not (self._field_calibrated or self._is_aided):
+        if not (self._is_aided or compass.calibrated(now.compass, now.time_us)):
             heading = max(heading, UNCALIBRATED_SIGMA_RAD)
         return Attitude(
             time_us,
@@ -459,14 +472,20 @@ class Estimator:
             chosen = self._settings.reference
             sigma = at_most_half_turn(at_least(2.0 * asin(sqrt(now.smooth_error))))
             return moved, (chosen.s_gravity, chosen.s_magnetic, sigma, sigma, True)
-        figures = conditioned_figures(now.seen)
-        return moved, figures if now.aided is None else aided_figures(now.aided, figures)
+        if now.aided is not None:
+            return moved, aided_figures(now.aided)
+        return moved, conditioned_figures(now.seen)
+
+    @property
+    def _has_heading_by_velocity(self) -> bool:
+        """Whether no field but the reports tell the heading."""
+        return self._is_aided and not self._has_heading
 
     @property
     def _north(self) -> str:
         """What the heading is measured from; without a field it is the reports' true north."""
         known = self._declination_rad is not None or self.profile.reference.declination_deg != 0.0
-        by_velocity = self._is_aided and not self._has_heading
+        by_velocity = self._has_heading_by_velocity
         return "true" if known or by_velocity or not self._settings.conditioned else "magnetic"
 
 
@@ -489,6 +508,13 @@ def contents_for(chosen: Settings, now: Snapshot, seen: Conditioned) -> Contents
         covariance,
         now.search,
     )
+
+
+def _bias_sigma_rad_s(memory: ConditioningState) -> float:
+    """How uncertain the conditioning stage's bias is, about the axis it knows least."""
+    covariance = memory.estimate.covariance
+    x, y, z = covariance[0], covariance[4], covariance[7]  # of the upper triangle of 4 by 4
+    return max(sqrt(max(x, y, z)), LEAST_BIAS_SIGMA_RAD_S)
 
 
 def _square(covariance: tuple[float, ...]) -> Array:

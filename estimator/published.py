@@ -42,15 +42,15 @@ def conditioned_figures(seen: Conditioned) -> Figures:
 
 
 @inlined
-def aided_figures(aided: AidingState, unaided: Figures) -> Figures:
-    """What the velocity aiding knows better than the unaided stage."""
+def aided_figures(aided: AidingState) -> Figures:
+    """What the velocity aiding knows; without a field the heading is the reports'."""
     inclination, heading = aided.sigma_inclination_rad, aided.sigma_heading_rad
     return (
         confidence(inclination, GRAVITY_HALF_RAD),
         confidence(heading, MAGNETIC_HALF_RAD),
         at_most_half_turn(at_least(inclination)),
         at_most_half_turn(at_least(heading)),
-        unaided[4] or aided.field.samples == 0.0,  # without a field it is the reports'
+        True,
     )
 
 

@@ -14,7 +14,7 @@ from numba.experimental import structref
 
 from estimator.aided import aided_step
 from estimator.aiding import AidingParams, AidingState, Report, hear, trusted
-from estimator.aiding.search import Search, felt, heard
+from estimator.aiding.search import NOTHING_FOUND, Search, felt, heard
 from estimator.aiding.types import Array
 from estimator.compiled import compiled
 from estimator.conditioned import followed
@@ -144,7 +144,10 @@ def advance(
     inside.seen = seen
     if follow:
         inside.filter = followed(inside.params, inside.reference, inside.filter, seen, dt)
-        inside.search = felt(inside.search, memory.gravity.q_g_frd, acc_m_s2, dt)
+        if dt > inside.aiding.gap_s:  # how the vehicle has turned meanwhile is not known
+            inside.search = NOTHING_FOUND
+        else:
+            inside.search = felt(inside.search, memory.gravity.q_g_frd, acc_m_s2, dt)
     return bool(seen.magnetic_weight > 0.0)
 
 
@@ -198,7 +201,7 @@ def hear_inside(inside: Any, report: Report) -> None:
 @compiled
 def search_inside(inside: Any, report: Report) -> bool:
     """A report while there is no aiding; whether it may have shown the attitude."""
-    search, closed = heard(inside.search, report)
+    search, closed = heard(inside.search, report, inside.aiding.report_lag_s)
     inside.search = search
     return closed
 
@@ -211,9 +214,8 @@ def published_inside(
 
     Some twenty numbers: whole states would cost more to hand over than to compute.
     """
-    figures = conditioned_figures(inside.seen)
+    figures = aided_figures(inside.aided) if is_aided else conditioned_figures(inside.seen)
     if is_aided:
-        figures = aided_figures(inside.aided, figures)
         ahead_s += inside.aided.imu_lag_s  # the samples are that old
     rate_rad_s = subtract(gyr_rad_s, inside.filter.gyr_bias_rad_s)
     return motion(inside.filter, rate_rad_s, ahead_s), figures

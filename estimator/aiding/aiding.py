@@ -35,7 +35,7 @@ from estimator.aiding.types import (
     Two,
 )
 from estimator.aiding.uncertainty import heading_sigma, inclination_sigma
-from estimator.aiding.velocity import observe_unaided, observe_velocity, without_report
+from estimator.aiding.velocity import Step, observe_unaided, observe_velocity, without_report
 from estimator.compiled import inlined
 from estimator.quaternion import add, exp, multiply, norm, normalize, rotate, subtract
 from estimator.types import ZERO_VEC3, Quaternion, Vec3
@@ -75,7 +75,7 @@ def begin(
         field_lag_s=params.field_lag_s,
         hard_iron_gauss=ZERO_VEC3,
         earth_gauss=ZERO_VEC3,
-        report_lag_s=params.report_lag_s if report.late_sigma_s > 0.0 else 0.0,
+        report_lag_s=params.report_lag_s,
         gyr_rad_s=gyr,
         force_ned_m_s2=rotate(q_ned_frd, acc),
         rate_rad_s=subtract(gyr, gyr_bias),
@@ -200,14 +200,11 @@ def aid(
             params,
             agreement,
             now,
-            state.force_ned_m_s2,
-            state.imu_lag_s,
-            state.report_lag_s,
+            Step(dt, state.force_ned_m_s2, state.imu_lag_s, state.report_lag_s),
             report,
             gravity_b,
             P,
             x,
-            dt,
         )
     elif agreement.wait_s > params.silence_s:
         observe_unaided(params, now, gravity_b, P, x, dt)
@@ -234,13 +231,10 @@ def hear(
         params,
         state.agreement,
         now,
-        force,
-        state.imu_lag_s,
-        state.report_lag_s,
+        Step(state.step_s, force, state.imu_lag_s, state.report_lag_s),
         report,
         gravity_b,
         P,
         x,
-        state.step_s,
     )
     return corrected(state, now, agreement, state.field, x), P

@@ -19,7 +19,7 @@ from estimator.aiding.types import (
 )
 from estimator.compiled import inlined
 from estimator.conditioning.magnetic import LEAST_HORIZONTAL
-from estimator.quaternion import add, cross, dot, rotate, scale, subtract
+from estimator.quaternion import cross, dot, exp, multiply, rotate, scale, subtract
 from estimator.types import Quaternion, Vec3
 
 FIELD_TAU_S = 0.05  # low-pass of norm and dip
@@ -27,6 +27,7 @@ RESIDUAL_TAU_S = 5.0
 RESIDUAL_MEMORY_S = 60.0
 RESIDUAL_CLIP_RAD = 0.2
 LEAST_CONFIDENCE = 1e-6
+LEAST_SHARE = 1e-6  # of the place's field: less is no field, and has no dip
 FIRST_WAIT_S = 0.1
 # Before anything is known about the place's field its parts are uncertain by this share of it.
 FIRST_SIGMA = 0.2
@@ -67,8 +68,8 @@ def judged(
     smooth_h = state.horizontal + a * (h - state.horizontal)
     smooth_v = state.down + a * (v - state.down)
     h_r, v_r = sqrt(expected[0] * expected[0] + expected[1] * expected[1]), expected[2]
-    n = sqrt(smooth_h * smooth_h + smooth_v * smooth_v)
     n_r = sqrt(h_r * h_r + v_r * v_r)
+    n = max(sqrt(smooth_h * smooth_h + smooth_v * smooth_v), LEAST_SHARE * n_r)
     unsure = sqrt(variance) / n_r
     off_norm = (n - n_r) / ((params.field_norm_scale + unsure) * n_r)
     off_dip = (smooth_v * h_r - smooth_h * v_r) / (n * n_r)
@@ -87,17 +88,22 @@ def judged(
 
 
 @inlined
-def begin_field(state: FieldState, F: Vec3, north: Two, P: Array, x: Array) -> FieldState:
-    """The first sample gives the place's field, towards ``north`` where that is known."""
+def begin_field(state: FieldState, R: Array, F: Vec3, north: Two, P: Array, x: Array) -> FieldState:
+    """The first sample gives the place's field, towards ``north`` where that is known.
+
+    Its hard iron is then in the place's field, too, with the other sign: d_E = -R d_iron.
+    """
     h = sqrt(F[0] * F[0] + F[1] * F[1])
     n = sqrt(h * h + F[2] * F[2])
+    if n == 0.0:
+        return state
+    iron = P[HARD_IRON, HARD_IRON]
+    along = (FIRST_SIGMA * n) ** 2 + iron
     c, s = north
-    across = DECLINATION_SIGMA_RAD * h
-    if c == 0.0 and s == 0.0:
-        c, s = F[0] / h, F[1] / h
-        across = FIRST_SIGMA * n
-    along = (FIRST_SIGMA * n) ** 2 + P[HARD_IRON, HARD_IRON]
-    across *= across
+    known = c != 0.0 or s != 0.0
+    across = (DECLINATION_SIGMA_RAD * h) ** 2 if known else along
+    if not known:
+        c, s = (F[0] / h, F[1] / h) if h > 0.0 else (1.0, 0.0)
     for i in range(3):
         for j in range(SIZE):
             P[EARTH + i, j] = 0.0
@@ -107,10 +113,23 @@ def begin_field(state: FieldState, F: Vec3, north: Two, P: Array, x: Array) -> F
     P[EARTH + 1, EARTH] = (along - across) * c * s
     P[EARTH + 1, EARTH + 1] = along * s * s + across * c * c
     P[EARTH + 2, EARTH + 2] = along
+    for j in range(3):
+        a = -iron * (c * R[0, j] + s * R[1, j])
+        b = 0.0 if known else -iron * (c * R[1, j] - s * R[0, j])
+        correlate(P, EARTH, HARD_IRON + j, c * a - s * b)
+        correlate(P, EARTH + 1, HARD_IRON + j, s * a + c * b)
+        correlate(P, EARTH + 2, HARD_IRON + j, -iron * R[2, j])
     x[EARTH] = h * c
     x[EARTH + 1] = h * s
     x[EARTH + 2] = F[2]
     return FieldState(h, F[2], 1.0, 0.0, 1.0, 0.0, 0.0, state.doubt_s)
+
+
+@inlined
+def correlate(P: Array, i: int, j: int, covariance: float) -> None:
+    """Two errors' covariance, in place."""
+    P[i, j] = covariance
+    P[j, i] = covariance
 
 
 @inlined
@@ -128,20 +147,19 @@ def observe_heading(
     """Three scalar updates: the field, turned to NED, is the place's own.
 
     ``north`` is magnetic north as (north, east), (0, 0) where it is not known. The reading is
-    ``lag`` old, so the body's turn since then is undone first: m <- m - lag w x m + ....
+    ``lag`` old, so it belongs to the attitude then, q exp(-lag w).
     Across the place's horizontal field the difference tells the heading (dip lets a tilt error
     in, and the covariance knows); along it and down it tells the hard iron and the field
     itself, while the tilt, which velocity knows better, only makes it less certain.
     """
     rate = subtract(gyr, calibration.gyr_bias_rad_s)
     m = subtract(mag, calibration.hard_iron_gauss)
-    lag = calibration.lag_s
-    moved = cross(rate, m)
-    m = add(subtract(m, scale(lag, moved)), scale(0.5 * lag * lag, cross(rate, moved)))
-    F = rotate(q_ned_frd, m)
-    dF = rotate(q_ned_frd, moved)
+    q_then = multiply(q_ned_frd, exp(scale(-calibration.lag_s, rate)))
+    F = rotate(q_then, m)
+    dF = rotate(q_then, cross(rate, m))
+    R = rotation_matrix(q_then)
     if field.samples == 0.0:
-        return begin_field(field, F, north, P, x)
+        return begin_field(field, R, F, north, P, x)
     E = calibration.earth_gauss
     wait = min(field.wait_s, 1.0)
     learnt = P[EARTH + 2, EARTH + 2] + P[HARD_IRON, HARD_IRON]
@@ -152,7 +170,6 @@ def observe_heading(
     c, s = E[0] / H, E[1] / H
     F_along, F_across = c * F[0] + s * F[1], c * F[1] - s * F[0]
     noise = params.heading_noise**2 / (wait * max(field.confidence, LEAST_CONFIDENCE))
-    R = rotation_matrix(q_ned_frd)
     across = toward(R, dF, (-s / H, c / H, 0.0))
     across[TURN] = -c * F[2] / H
     across[TURN + 1] = -s * F[2] / H
@@ -161,8 +178,7 @@ def observe_heading(
     angle = atan2(F_across, F_along)
     expected = expected_variance(P, across, 0.0)
     if F_along < 0.5 * abs(F_across) and P[TURN + 2, TURN + 2] > LINEAR_SIGMA_RAD**2:
-        across = np.zeros(SIZE)
-        across[TURN + 2] = 1.0
+        across = as_angle(R, F, dF, E)
         off = -angle
     learn(P, x, across, off, noise)
     learn_place(P, x, R, E, F, dF, noise)
@@ -188,6 +204,19 @@ def toward(R: Array, dF: Vec3, axis: Vec3) -> Array:
 
 
 @inlined
+def as_angle(R: Array, F: Vec3, dF: Vec3, E: Vec3) -> Array:
+    """How the errors show in the angle from the field seen to the place's, however large it is."""
+    h, H = sqrt(F[0] * F[0] + F[1] * F[1]), sqrt(E[0] * E[0] + E[1] * E[1])
+    across = toward(R, dF, (-F[1] / (h * h), F[0] / (h * h), 0.0))
+    across[EARTH] = E[1] / (H * H)
+    across[EARTH + 1] = -E[0] / (H * H)
+    across[TURN] = -F[0] * F[2] / (h * h)
+    across[TURN + 1] = -F[1] * F[2] / (h * h)
+    across[TURN + 2] = 1.0
+    return across
+
+
+@inlined
 def learn_place(P: Array, x: Array, R: Array, E: Vec3, F: Vec3, dF: Vec3, noise: float) -> None:
     """The horizontal field along itself, and the one down."""
     square = dot(E, E)
@@ -207,11 +236,11 @@ def learn_place(P: Array, x: Array, R: Array, E: Vec3, F: Vec3, dF: Vec3, noise:
 def believe_north(P: Array, x: Array, E: Vec3, north: Two, wait: float) -> None:
     """The place's field points to magnetic north, as far as a model can tell."""
     c, s = north
-    H = sqrt(E[0] * E[0] + E[1] * E[1])
+    square = E[0] * E[0] + E[1] * E[1]
     h = np.zeros(SIZE)
-    h[EARTH] = -s / H
-    h[EARTH + 1] = c / H
-    off = (s * E[0] - c * E[1]) / H
+    h[EARTH] = -E[1] / square
+    h[EARTH + 1] = E[0] / square
+    off = atan2(s * E[0] - c * E[1], c * E[0] + s * E[1])
     learn(P, x, h, off, DECLINATION_SIGMA_RAD**2 * DECLINATION_TAU_S / wait)
 
 

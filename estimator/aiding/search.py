@@ -3,7 +3,8 @@
 What the accelerometer has felt, turned to the gyro-propagated frame G and added up over a
 second, is the change of velocity less gravity's, seen from a frame that is turned against NED:
 Wahba's problem over such windows. Heading shows as soon as the vehicle has accelerated in the
-horizontal. Source: Y. Wu and X. Pan 2013, "Velocity/position integration formula part I",
+horizontal in more than one way: while it does so steadily, gravity is not told from it.
+Source: Y. Wu and X. Pan 2013, "Velocity/position integration formula part I",
 doi 10.1109/TAES.2013.6494395; the solution by SVD is Markley's (estimator/alignment.py).
 """
 
@@ -13,10 +14,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from estimator.aiding.types import Report
+from estimator.aiding.types import Array, Report
 from estimator.alignment import nearest_rotation, quaternion_from_matrix
 from estimator.compiled import inlined
-from estimator.quaternion import add, rotate, scale, subtract
+from estimator.quaternion import add, cross, dot, rotate, scale, subtract
 from estimator.types import STANDARD_GRAVITY_M_S2, ZERO_VEC3, Quaternion, Vec3
 
 Nine = tuple[float, float, float, float, float, float, float, float, float]
@@ -25,33 +26,44 @@ WINDOW_S = 1.0  # long against a report's noise, short against the gyroscope's d
 LONGEST_WINDOW_S = 3.0  # of more the velocity in between is not known well enough
 MEMORY_S = 30.0  # the gyroscope's drift in G over this is small against a heading's error
 LEAST_WINDOWS = 3.0
-LEAST_EXPLAINED_M2_S2 = 4.0  # of horizontal velocity changes that both sensors agree on
+LEAST_EXPLAINED_M2_S2 = 4.0  # of velocity changes across the axis that is known least
 ENOUGH_SIGMA_RAD = radians(10.0)
 CORRELATED = 4.0  # windows in a row share their errors: so many times the variance
 
 
-class Search(NamedTuple):
-    """An open window, and what closed ones have shown: B = sum a b', a in NED, b in G."""
+class Window(NamedTuple):
+    """What has been felt since a report; vectors but the velocity are in G."""
 
-    pushed_m_s: Vec3  # specific force, integrated in G since the window began
-    force_m_s2: Vec3  # the last sample's, in G
-    time_s: float  # since the window began
+    pushed_m_s: Vec3  # specific force, integrated
+    force_m_s2: Vec3  # the last sample's
+    first_force_m_s2: Vec3  # when the window began
+    time_s: float  # since then
     velocity_ned_m_s: Vec3  # then
     is_open: bool
-    correlation: Nine
+
+
+class Shown(NamedTuple):
+    """Sums over the closed windows, of changes a of velocity in NED and what was felt, b, in G."""
+
+    correlation: Nine  # B = sum a b'
+    aged: Nine  # sum of a b' times how long ago, s
+    lagging: Vec3  # sum b x (what the force changed by): how B turns for each second of delay
     squares: float  # sum of |a|^2 + |b|^2
     windows: float
+    late_sigma_s: float  # of the reports
 
 
+class Search(NamedTuple):
+    """An open window, and what closed ones have shown."""
+
+    window: Window
+    shown: Shown
+
+
+NOTHING: Nine = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
 NOTHING_FOUND = Search(
-    ZERO_VEC3,
-    ZERO_VEC3,
-    0.0,
-    ZERO_VEC3,
-    False,
-    (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0),
-    0.0,
-    0.0,
+    Window(ZERO_VEC3, ZERO_VEC3, ZERO_VEC3, 0.0, ZERO_VEC3, False),
+    Shown(NOTHING, NOTHING, ZERO_VEC3, 0.0, 0.0, 0.0),
 )
 
 
@@ -65,88 +77,136 @@ class Found(NamedTuple):
 @inlined
 def felt(search: Search, q_g_frd: Quaternion, acc: Vec3, dt: float) -> Search:
     """One sample by the trapezoid."""
+    window = search.window
     force = rotate(q_g_frd, acc)
-    before = search.force_m_s2 if search.time_s > 0.0 else force
     return Search(
-        add(search.pushed_m_s, scale(0.5 * dt, add(force, before))),
-        force,
-        search.time_s + dt,
-        search.velocity_ned_m_s,
-        search.is_open,
-        search.correlation,
-        search.squares,
-        search.windows,
-    )
-
-
-@inlined
-def reopened(search: Search, report: Report) -> Search:
-    """A new window that begins at this report."""
-    return Search(
-        (0.0, 0.0, 0.0),
-        search.force_m_s2,
-        0.0,
-        report.velocity_ned_m_s,
-        True,
-        search.correlation,
-        search.squares,
-        search.windows,
-    )
-
-
-@inlined
-def heard(search: Search, report: Report) -> tuple[Search, bool]:
-    """A report at the last sample; also whether it has closed a window."""
-    T = search.time_s
-    if not search.is_open or T > LONGEST_WINDOW_S:
-        return reopened(search, report), False
-    if T < WINDOW_S:
-        return search, False
-    change = subtract(report.velocity_ned_m_s, search.velocity_ned_m_s)
-    fall = -STANDARD_GRAVITY_M_S2 * T
-    a = (change[0], change[1], (change[2] if report.has_vertical else 0.0) + fall)
-    b = search.pushed_m_s
-    keep = real_exp(-T / MEMORY_S)
-    B = search.correlation
-    squares = a[0] * a[0] + a[1] * a[1] + a[2] * a[2]
-    squares += b[0] * b[0] + b[1] * b[1] + b[2] * b[2]
-    closed = Search(
-        b,
-        search.force_m_s2,
-        T,
-        search.velocity_ned_m_s,
-        True,
-        (
-            keep * B[0] + a[0] * b[0],
-            keep * B[1] + a[0] * b[1],
-            keep * B[2] + a[0] * b[2],
-            keep * B[3] + a[1] * b[0],
-            keep * B[4] + a[1] * b[1],
-            keep * B[5] + a[1] * b[2],
-            keep * B[6] + a[2] * b[0],
-            keep * B[7] + a[2] * b[1],
-            keep * B[8] + a[2] * b[2],
+        Window(
+            add(window.pushed_m_s, scale(0.5 * dt, add(force, window.force_m_s2))),
+            force,
+            window.first_force_m_s2,
+            window.time_s + dt,
+            window.velocity_ned_m_s,
+            window.is_open,
         ),
-        keep * search.squares + squares,
-        keep * search.windows + 1.0,
+        search.shown,
     )
-    return reopened(closed, report), True
 
 
-def found(search: Search) -> Found | None:
+@inlined
+def reopened(window: Window, report: Report, behind_s: float) -> Window:
+    """A new one that begins at this report, ``behind_s`` before the last sample."""
+    force = window.force_m_s2
+    return Window(scale(behind_s, force), force, force, behind_s, report.velocity_ned_m_s, True)
+
+
+@inlined
+def heard(search: Search, report: Report, report_lag_s: float) -> tuple[Search, bool]:
+    """A report, and whether it has closed a window.
+
+    It tells the velocity ``ago_s`` before the last sample, and of ``report_lag_s`` before that
+    where its age is uncertain.
+    """
+    window = search.window
+    behind_s = report.ago_s + (report_lag_s if report.late_sigma_s > 0.0 else 0.0)
+    time_s = window.time_s - behind_s
+    opened = reopened(window, report, behind_s)
+    if not window.is_open:
+        return Search(opened, search.shown), False
+    if time_s > LONGEST_WINDOW_S:
+        return Search(opened, faded(search.shown, time_s)), False
+    if time_s < WINDOW_S:
+        return search, False
+    change = subtract(report.velocity_ned_m_s, window.velocity_ned_m_s)
+    vertical = change[2] if report.has_vertical else 0.0
+    a = (change[0], change[1], vertical - STANDARD_GRAVITY_M_S2 * time_s)
+    b = subtract(window.pushed_m_s, opened.pushed_m_s)
+    swing = subtract(window.force_m_s2, window.first_force_m_s2)
+    before = faded(search.shown, time_s)
+    shown = Shown(
+        plus_outer(before.correlation, 1.0, a, b),
+        plus_outer(before.aged, 0.5 * time_s, a, b),
+        add(before.lagging, cross(b, swing)),
+        before.squares + dot(a, a) + dot(b, b),
+        before.windows + 1.0,
+        max(before.late_sigma_s, report.late_sigma_s),
+    )
+    return Search(opened, shown), True
+
+
+@inlined
+def faded(shown: Shown, time_s: float) -> Shown:
+    """What was shown, ``time_s`` later."""
+    keep = real_exp(-time_s / MEMORY_S)
+    return Shown(
+        weighted_sum(keep, shown.correlation, 0.0, shown.correlation),
+        weighted_sum(keep, shown.aged, keep * time_s, shown.correlation),
+        scale(keep, shown.lagging),
+        keep * shown.squares,
+        keep * shown.windows,
+        shown.late_sigma_s,
+    )
+
+
+@inlined
+def weighted_sum(x: float, A: Nine, y: float, B: Nine) -> Nine:
+    """x A + y B."""
+    return (
+        x * A[0] + y * B[0],
+        x * A[1] + y * B[1],
+        x * A[2] + y * B[2],
+        x * A[3] + y * B[3],
+        x * A[4] + y * B[4],
+        x * A[5] + y * B[5],
+        x * A[6] + y * B[6],
+        x * A[7] + y * B[7],
+        x * A[8] + y * B[8],
+    )
+
+
+@inlined
+def plus_outer(A: Nine, x: float, a: Vec3, b: Vec3) -> Nine:
+    """A + x a b'."""
+    return (
+        A[0] + x * a[0] * b[0],
+        A[1] + x * a[0] * b[1],
+        A[2] + x * a[0] * b[2],
+        A[3] + x * a[1] * b[0],
+        A[4] + x * a[1] * b[1],
+        A[5] + x * a[1] * b[2],
+        A[6] + x * a[2] * b[0],
+        A[7] + x * a[2] * b[1],
+        A[8] + x * a[2] * b[2],
+    )
+
+
+def found(search: Search, bias_sigma_rad_s: float) -> Found | None:
     """The attitude of G that fits best, if its heading is certain enough to begin with.
 
-    min sum |a - R b|^2 has the variance of one axis, loss / (3 windows), and the horizontal
-    changes that R explains say how well they hold the heading.
+    min sum |a - R b|^2 has the variance of one axis, loss / (3 windows); a small turn t in NED
+    changes a residual by t x R b, so M = sum (|b|^2 I - R b b' R') is the information about t.
+    What the reports' age and the gyroscope's bias may have done comes on top: each pulls the
+    residuals one way for as long as the vehicle goes on in the same manner, and no loss shows it.
     """
-    if search.windows < LEAST_WINDOWS:
+    shown = search.shown
+    if shown.windows < LEAST_WINDOWS:
         return None
-    B = np.array(search.correlation).reshape(3, 3)
+    B = np.array(shown.correlation).reshape(3, 3)
     R = nearest_rotation(B)
     together = B @ R.T
-    explained = float(together[0, 0] + together[1, 1])
-    if explained < LEAST_EXPLAINED_M2_S2:
+    M = _information(together)
+    if float(np.linalg.eigvalsh(M)[0]) < LEAST_EXPLAINED_M2_S2:
         return None
-    loss = max(0.0, search.squares - 2.0 * float(np.trace(together)))
-    sigma = sqrt(CORRELATED * loss / (3.0 * search.windows) / explained)
+    loss = max(0.0, shown.squares - 2.0 * float(np.trace(together)))
+    heading = np.linalg.inv(M)[2]  # how the heading follows M t
+    by_age = shown.late_sigma_s * float(heading @ R @ np.array(shown.lagging))
+    aged = np.array(shown.aged).reshape(3, 3) @ R.T
+    by_bias = bias_sigma_rad_s * float(np.linalg.norm(heading @ _information(aged)))
+    by_noise = CORRELATED * loss / (3.0 * shown.windows) * float(heading[2])
+    sigma = sqrt(by_noise + by_age**2 + by_bias**2)
     return Found(quaternion_from_matrix(R), sigma) if sigma < ENOUGH_SIGMA_RAD else None
+
+
+def _information(together: Array) -> Array:
+    """(3, 3) tr(S) I - S for S = sum R b b' R', symmetric but for what does not fit."""
+    S = 0.5 * (together + together.T)
+    return np.asarray(np.trace(S) * np.eye(3) - S)

@@ -1,6 +1,7 @@
 """What a velocity report says about attitude, biases and the IMU's lag."""
 
 from math import isfinite, sqrt
+from typing import NamedTuple
 
 import numpy as np
 
@@ -32,6 +33,15 @@ COSINE_ELSEWHERE = 0.7  # the unaided gravity is 45 degrees off
 INNOVATION_TAU_S = 60.0
 
 
+class Step(NamedTuple):
+    """What led to the prediction, and how old the data are that it and a report are made of."""
+
+    dt: float
+    force_before_ned_m_s2: Vec3  # at the sample ``dt`` before
+    imu_lag_s: float
+    report_lag_s: float  # counts where a report's age is uncertain
+
+
 @inlined
 def without_report(state: Agreement, dt: float) -> Agreement:
     """Only time passes."""
@@ -59,14 +69,11 @@ def observe_velocity(
     params: AidingParams,
     agreement: Agreement,
     now: Carried,
-    force_before: Vec3,
-    imu_lag_s: float,
-    report_lag_s: float,
+    step: Step,
     report: Report,
     gravity_b: Vec3,
     P: Array,
     x: Array,
-    dt: float,
 ) -> Agreement:
     """Three scalar updates (two without the vertical): report = v - a ago + a lag + error.
 
@@ -74,8 +81,8 @@ def observe_velocity(
     since. The IMU's samples are ``lag`` old, so the prediction lags likewise.
     A report that is far off loosens the velocity, not the attitude: then the
     reports' origin has jumped. The noise scale follows the innovations.
-    ``force_before`` is the specific force (NED) at the sample ``dt`` before.
     """
+    dt, force_before = step.dt, step.force_before_ned_m_s2
     noise_scale, innovation = agreement.noise_scale, agreement.innovation
     reports, correlation = agreement.reports, agreement.correlation
     before, now_x, now_y, now_z = agreement.last, 0.0, 0.0, 0.0
@@ -87,6 +94,7 @@ def observe_velocity(
     missed = scale(unseen_share(params, dt) * dt, subtract(now.force_ned_m_s2, force_before))
     behind = min(1.0, report.ago_s / dt)
     late = report.late_sigma_s > 0.0
+    age_s = report.ago_s - step.imu_lag_s + (step.report_lag_s if late else 0.0)
     if late and P[REPORT_LAG, REPORT_LAG] == 0.0:
         P[REPORT_LAG, REPORT_LAG] = report.late_sigma_s**2
     elsewhere = rotate(now.q_ned_frd, gravity_b)[2] < COSINE_ELSEWHERE
@@ -98,7 +106,7 @@ def observe_velocity(
             h[IMU_LAG] = a[i]
         if late:
             h[REPORT_LAG] = -a[i]
-        off = report.velocity_ned_m_s[i] - v[i] + a[i] * (report.ago_s + report_lag_s - imu_lag_s)
+        off = report.velocity_ned_m_s[i] - v[i] + a[i] * age_s
         noise = noise_scale * (params.velocity_noise_m_s * accuracy) ** 2
         noise += behind * missed[i] * missed[i]
         left = remaining(x, h, off)

@@ -3,9 +3,11 @@
 import numpy as np
 import pytest
 
+from estimator.compass import calibrated
 from estimator.estimator import Estimator
-from estimator.metrics import batch_angle_errors, rms
+from estimator.metrics import angle_errors, batch_angle_errors, rms
 from estimator.profile import load_profile, merge_profile
+from estimator.quaternion import rotate_inverse
 from estimator.types import ZERO_VEC3
 from tests.flight import banked_flight, flown
 
@@ -119,3 +121,196 @@ def test_another_imu_has_other_biases(flight):
     assert rms(errors[0][:, TOTAL]) < 1.5
     assert rms(errors[0][:, TOTAL]) < rms(errors[1][:, TOTAL])
     assert told.snapshot.aided.gyr_bias_rad_s == pytest.approx(bias, abs=0.004)
+
+
+def errors_between(flight, attitudes, begin_s, end_s):
+    times = np.array([s.time_us for s in flight.samples]) * 1e-6
+    estimates = np.array([a.q_ned_frd for a in attitudes])
+    errors = np.degrees(batch_angle_errors(estimates, np.array(flight.truth)))
+    return errors[(times > begin_s) & (times < end_s)]
+
+
+def test_a_filter_that_follows_a_receiver_is_taken_at_its_word(flight):
+    """The receiver's reports are 0.2 s late until 30 s; then a filter's come, which are not."""
+    reports = [
+        (k, flight.reports[max(0, i - 2)][1]._replace(time_us=r.time_us, late_sigma_s=0.1))
+        if r.time_us < 30e6
+        else (k, r)
+        for i, (k, r) in enumerate(flight.reports)
+    ]
+    attitudes = flown(estimator(), flight, reports=reports)
+    assert rms(errors_between(flight, attitudes, 31.0, 60.0)[:, TOTAL]) < 0.7
+    back = [(k, r._replace(late_sigma_s=0.1 * (r.time_us > 30e6))) for k, r in flight.reports]
+    attitudes = flown(estimator(), flight, reports=back)
+    assert rms(errors_between(flight, attitudes, 31.0, 60.0)[:, TOTAL]) < 1.0
+
+
+@pytest.mark.parametrize("factor", [0.5, 100.0])
+def test_the_fields_unit_and_scale_do_not_matter(flight, factor):
+    """Half of reality as some autopilots say, or microtesla."""
+    scaled = changed(flight, mag_gauss=lambda s: tuple(factor * m for m in s.mag_gauss))
+    assert rms(late_errors_deg(flight, flown(estimator(), scaled))[:, TOTAL]) < 1.5
+
+
+@pytest.mark.parametrize("north", [TRUE_NORTH, {}])
+def test_a_field_of_nothing_but_down_or_nothing_at_all(flight, north):
+    """Above a magnetic pole, and of a magnetometer that says zero and calls it a reading."""
+    for field in ((0.0, 0.0, 0.5), ZERO_VEC3):
+        wrong = changed(
+            flight,
+            mag_gauss=lambda s, field=field: rotate_inverse(
+                flight.truth[s.time_us // 20_000], field
+            ),
+            has_mag=lambda _: True,
+        )
+        attitudes = flown(Estimator(merge_profile(load_profile("imu"), north)), wrong)
+        assert rms(late_errors_deg(flight, attitudes)[:, TOTAL]) < 1.5
+
+
+@pytest.mark.parametrize("has", [lambda t: t < 20e6, lambda t: t > 20e6])
+def test_a_magnetometer_that_comes_or_goes_in_flight(flight, has):
+    partly = changed(
+        flight,
+        mag_gauss=lambda s: s.mag_gauss if has(s.time_us) else ZERO_VEC3,
+        has_mag=lambda s: has(s.time_us),
+    )
+    attitudes = flown(estimator(), partly)
+    assert rms(late_errors_deg(flight, attitudes)[:, TOTAL]) < 1.5
+
+
+def test_a_heading_by_velocity_is_true_already_when_a_position_comes(flight):
+    """Where the declination is 18 deg: nothing turns by it."""
+    bare = changed(flight, mag_gauss=lambda _: ZERO_VEC3, has_mag=lambda _: False)
+    one = Estimator(load_profile("imu"))
+    place = (60.0, -140.0, 0.0, 1_700_000_000_000_000)
+    attitudes = flown(one, bare, after=lambda k: one.set_position(*place) if k == 2500 else None)
+    assert apart(attitudes[2500].q_ned_frd, attitudes[2502].q_ned_frd) < apart(
+        attitudes[2498].q_ned_frd, attitudes[2500].q_ned_frd
+    ) + np.radians(1.0)
+
+
+def apart(p, q):
+    return angle_errors(p, q)[TOTAL]
+
+
+def test_a_magnetometer_that_comes_where_no_position_is_known_makes_the_heading_magnetic(flight):
+    partly = changed(
+        flight,
+        mag_gauss=lambda s: s.mag_gauss if s.time_us > 30e6 else ZERO_VEC3,
+        has_mag=lambda s: s.time_us > 30e6,
+    )
+    attitudes = flown(Estimator(load_profile("imu")), partly)
+    assert attitudes[1400].heading_reference == "true"
+    assert attitudes[-1].heading_reference == "magnetic"
+
+
+def test_a_log_that_begins_in_a_turn_does_not_condemn_the_compass(flight):
+    """Tilted by 52 deg unseen the field looks too steep; it is looked at again."""
+    begin = 550  # 11 s
+    late = type(flight)(
+        flight.samples[begin:],
+        [(k - begin, r) for k, r in flight.reports if k >= begin],
+        flight.truth[begin:],
+    )
+    one = Estimator(load_profile("imu"))
+    one.set_position(47.4, 8.5, 400.0, 1_700_000_000_000_000)
+    flown(one, late)
+    known = one.snapshot.compass
+    assert known.unlike_us is not None
+    assert calibrated(known, one.snapshot.time_us + 60_000_000)
+
+
+@pytest.mark.parametrize("word", [True, False])
+def test_being_told_again_costs_nothing(flight, word):
+    """All parameters are sent again in flight: neither word begins anything anew."""
+    quiet, told = estimator(), estimator()
+    quiet.set_field_calibrated(word)
+    told.set_field_calibrated(word)
+    again = flown(
+        told, flight, after=lambda k: told.set_field_calibrated(word) if k % 500 == 0 else None
+    )
+    assert again == flown(quiet, flight)
+
+
+def test_velocity_may_be_switched_off_in_flight(flight):
+    one = estimator()
+    off = merge_profile(one.profile, {"aiding": {"enabled": False}})
+    flown(one, flight, after=lambda k: one.replace_profile(off) if k == 1500 else None)
+    assert one.snapshot.aided is None
+
+
+def test_raw_vectors_for_a_while_end_the_aiding(flight):
+    """Another profile comes and goes: what the aiding knew before is out of date."""
+    one = Estimator(load_profile("imu"))
+    one.set_field_calibrated(False)
+    profiles = {1500: load_profile("paper"), 1700: load_profile("imu")}
+
+    def replace(k):
+        if k in profiles:
+            one.replace_profile(profiles[k])
+        if 1500 < k <= 1700:
+            assert one.snapshot.aided is None
+
+    attitudes = flown(one, flight, after=replace)
+    assert one.snapshot.aided is not None
+    assert rms(errors_between(flight, attitudes, 55.0, 60.0)[:, INCLINATION]) < 1.5
+
+
+def test_a_restart_forgets_what_was_seen(flight):
+    one = estimator()
+    flown(one, flight)
+    assert one.snapshot.aided is not None
+    one.restart()
+    fresh = estimator()
+    assert one.snapshot == fresh.snapshot
+    assert flown(one, flight) == flown(fresh, flight)
+
+
+PHASES = {
+    "search open": (200, {"has_mag": lambda _: False, "mag_gauss": lambda _: ZERO_VEC3}),
+    "aided without field": (2000, {"has_mag": lambda _: False, "mag_gauss": lambda _: ZERO_VEC3}),
+    "aided without north": (2000, {}),
+}
+
+
+@pytest.mark.parametrize("phase", PHASES)
+@pytest.mark.parametrize("interruption", ["restored", "replaced", "told the same"])
+def test_interruptions_change_nothing(flight, phase, interruption):
+    """Taking the state out and putting it back, just before a report that belongs to it."""
+    k_then, readings = PHASES[phase]
+    other = changed(flight, **readings)
+    straight, broken = Estimator(load_profile("imu")), Estimator(load_profile("imu"))
+    for one in (straight, broken):
+        one.set_field_calibrated("without north" not in phase)
+
+    def interrupt(one):
+        if interruption == "restored":
+            one.snapshot = one.snapshot
+        elif interruption == "replaced":
+            one.replace_profile(one.profile)
+        else:
+            one.set_field_calibrated("without north" not in phase)
+
+    behind = dict(flight.reports)
+    assert k_then in behind
+    for k, sample in enumerate(other.samples):
+        for one in (straight, broken):
+            one.update(sample)
+            if k == k_then and one is broken:
+                interrupt(one)
+            if k in behind:
+                one.update_velocity(behind[k])
+            if k == k_then:
+                assert (one.snapshot.aided is not None) == phase.startswith("aided")
+    assert broken.snapshot == straight.snapshot
+
+
+def test_a_gap_ends_the_search(flight):
+    """How the vehicle turned meanwhile nobody knows: what was shown before is void."""
+    bare = changed(flight, mag_gauss=lambda _: ZERO_VEC3, has_mag=lambda _: False)
+    one = estimator()
+    early = type(flight)(bare.samples[:250], [x for x in flight.reports if x[0] < 250], [])
+    flown(one, early)
+    assert one.snapshot.search.shown.windows > 1.0
+    one.update(bare.samples[250]._replace(time_us=bare.samples[249].time_us + 1_500_000))
+    assert one.snapshot.search.shown.windows == 0.0

@@ -7,12 +7,17 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from estimator.aiding import Report
-from estimator.aiding.search import NOTHING_FOUND, felt, found, heard
+from estimator.aiding.search import MEMORY_S, NOTHING_FOUND, WINDOW_S, felt, found, heard
 from estimator.metrics import angle_errors
 from estimator.types import STANDARD_GRAVITY_M_S2
 
 DT = 0.02
 GRAVITY = np.array([0.0, 0.0, STANDARD_GRAVITY_M_S2])
+BIAS_SIGMA_RAD_S = 0.001
+
+
+def report(velocity, ago_s=0.0, late_sigma_s=0.0):
+    return Report(True, tuple(velocity.tolist()), True, 0.3, ago_s, late_sigma_s)
 
 
 def searched(rng, *, seconds=20.0, push_m_s2=2.0, noise_m_s=0.05):
@@ -30,10 +35,11 @@ def searched(rng, *, seconds=20.0, push_m_s2=2.0, noise_m_s=0.05):
         force = force + acc * DT
         said = velocity + noise_m_s * rng.standard_normal(3)
         before = search
-        search, closed = heard(search, Report(True, tuple(said.tolist()), True, 0.3, 0.0, 0.0))
+        search, closed = heard(search, report(said), 0.0)
         if closed:
-            windows.append((said - starts - GRAVITY * before.time_s, before.pushed_m_s))
-        if closed or not before.is_open:
+            window = before.window
+            windows.append((said - starts - GRAVITY * window.time_s, window.pushed_m_s))
+        if closed or not before.window.is_open:
             starts = said
     return search, truth, windows
 
@@ -41,7 +47,7 @@ def searched(rng, *, seconds=20.0, push_m_s2=2.0, noise_m_s=0.05):
 @pytest.mark.parametrize("seed", range(6))
 def test_it_finds_the_attitude(seed):
     search, truth, _ = searched(np.random.default_rng(seed))
-    answer = found(search)
+    answer = found(search, BIAS_SIGMA_RAD_S)
     x, y, z, w = truth.as_quat()
     errors = np.degrees(angle_errors(answer.q_ned_g, (w, x, y, z)))
     assert np.max(errors) < 3.0
@@ -53,24 +59,95 @@ def test_it_is_scipys_solution_of_the_same_windows(seed):
     """``Rotation.align_vectors`` with the weights that forgetting leaves."""
     search, _, windows = searched(np.random.default_rng(seed), seconds=8.0)
     a, b = (np.array(side) for side in zip(*windows, strict=True))
-    weights = np.exp(-np.arange(len(a))[::-1] * 1.0 / 30.0)
+    weights = np.exp(-np.arange(len(a))[::-1] * WINDOW_S / MEMORY_S)
     wanted, _ = Rotation.align_vectors(a, b, weights=weights)
-    w, x, y, z = found(search).q_ned_g
+    w, x, y, z = found(search, BIAS_SIGMA_RAD_S).q_ned_g
     apart = (Rotation.from_quat([x, y, z, w]) * wanted.inv()).magnitude()
     assert degrees(apart) < 0.05  # windows are 1.00 to 1.02 s long
 
 
 def test_a_vehicle_at_rest_shows_no_heading():
     search, _, _ = searched(np.random.default_rng(1), push_m_s2=0.0)
-    assert search.windows > 5.0
-    assert found(search) is None
+    assert search.shown.windows > 5.0
+    assert found(search, BIAS_SIGMA_RAD_S) is None
 
 
 def test_noise_is_no_motion():
     search, _, _ = searched(np.random.default_rng(2), push_m_s2=0.0, noise_m_s=1.0, seconds=60.0)
-    assert found(search) is None
+    assert found(search, BIAS_SIGMA_RAD_S) is None
 
 
 def test_one_push_is_not_enough():
     search, _, _ = searched(np.random.default_rng(3), seconds=2.5)
-    assert found(search) is None
+    assert found(search, BIAS_SIGMA_RAD_S) is None
+
+
+def moved(
+    push_at, *, seconds, rate_hz=50.0, ago_s=0.0, late_s=0.0, late_sigma_s=0.0, drift_rad_s=0.0
+):
+    """What a search finds that is fed without noise, and the error of its heading, rad.
+
+    ``push_at(t)`` is the acceleration in NED; five reports a second each tell the velocity of
+    ``ago_s + late_s`` before, of which they say ``ago_s``. The frame G turns by ``drift_rad_s``.
+    """
+    fine_s = 1e-3
+    truth = Rotation.from_euler("ZYX", [2.0, 0.3, -0.5])
+    times = np.arange(round(seconds / fine_s)) * fine_s
+    pushes = np.array([push_at(t) for t in times])
+    velocities = np.cumsum(pushes, axis=0) * fine_s
+    every, spacing = round(1.0 / (rate_hz * fine_s)), 200
+    older = round((ago_s + late_s) / fine_s)
+    search, heading_rad = NOTHING_FOUND, 0.0
+    for k in range(every, len(times), every):
+        heading_rad = drift_rad_s * times[k]
+        g_frd = truth.inv() * Rotation.from_rotvec([0.0, 0.0, heading_rad]) * truth
+        x, y, z, w = g_frd.as_quat()
+        acc = tuple(truth.inv().apply(pushes[k] - GRAVITY).tolist())
+        search = felt(search, (w, x, y, z), acc, every * fine_s)
+        if k % max(spacing, every) == 0 and k > older:
+            said = report(velocities[k - older], ago_s, late_sigma_s)
+            search, _ = heard(search, said, 0.1)
+    answer = found(search, max(drift_rad_s, BIAS_SIGMA_RAD_S))
+    if answer is None:
+        return None, 0.0
+    x, y, z, w = (truth * Rotation.from_rotvec(truth.inv().apply([0, 0, -heading_rad]))).as_quat()
+    return answer, float(angle_errors(answer.q_ned_g, (w, x, y, z))[1])
+
+
+def circle(t):
+    """6 m/s^2 of centripetal acceleration, one turn in 6.3 s."""
+    return (6.0 * np.cos(t), 6.0 * np.sin(t), 0.0)
+
+
+def test_a_steady_push_is_not_told_from_gravity():
+    """A take-off run: every window is the same vector, about which anything may have turned."""
+    answer, _ = moved(lambda _: (3.0, 0.0, 0.0), seconds=20.0)
+    assert answer is None
+    answer, error = moved(lambda t: (3.0 if t > 5.0 else 0.0, 0.0, 0.0), seconds=20.0)
+    assert degrees(error) < 1.0  # after some rest it is
+
+
+def test_a_report_older_than_the_sample_is_taken_for_what_it_is():
+    """0.2 s at a radian a second: 11 deg if it were not."""
+    _, error = moved(circle, seconds=10.0, ago_s=0.2)
+    assert degrees(error) < 1.5
+
+
+@pytest.mark.parametrize("late_s", [0.0, 0.1, 0.25])
+def test_reports_of_uncertain_age_leave_the_heading_uncertain(late_s):
+    """In a steady circle a delay is a turn, and nothing else shows it."""
+    answer, error = moved(circle, seconds=10.0, late_s=late_s, late_sigma_s=0.1)
+    assert error < 2.0 * answer.sigma_heading_rad
+    assert degrees(answer.sigma_heading_rad) > 4.0
+
+
+def test_slow_samples_in_a_circle():
+    """At 4 Hz the first step of a window counts as much as the others."""
+    _, error = moved(circle, seconds=20.0, rate_hz=4.0)
+    assert degrees(error) < 1.0
+
+
+def test_what_the_gyroscope_has_drifted_is_admitted():
+    answer, error = moved(circle, seconds=15.0, drift_rad_s=0.01)
+    assert degrees(error) > 2.0
+    assert error < 2.0 * answer.sigma_heading_rad

@@ -1,0 +1,138 @@
+"""Each scalar measurement's row against finite differences of what it measures."""
+
+import numpy as np
+import pytest
+
+from estimator.aiding import Report, field, velocity
+from estimator.aiding.inertial import Carried
+from estimator.aiding.types import (
+    EARTH,
+    FIELD_LAG,
+    HARD_IRON,
+    IMU_LAG,
+    REPORT_LAG,
+    SIZE,
+    TURN,
+    VELOCITY,
+    Agreement,
+    AidingParams,
+    Calibration,
+    FieldState,
+)
+from estimator.quaternion import exp, multiply, normalize, rotate, rotate_inverse
+from estimator.types import ZERO_VEC3
+
+PARAMS = AidingParams()
+STEP = 1e-5
+NORTH = (np.cos(0.3), np.sin(0.3))
+LAG_S = 0.09
+ACROSS, ALONG, DOWN, DECLINATION = range(4)
+
+
+def floats(vector):
+    return tuple(float(v) for v in vector)
+
+
+@pytest.fixture
+def learnt(monkeypatch):
+    """The rows and innovations that a measurement learns from, in place of the learning."""
+    rows = []
+
+    def kept(_P, _x, h, off, _noise):
+        rows.append((h.copy(), off))
+
+    monkeypatch.setattr(field, "learn", kept)
+    monkeypatch.setattr(velocity, "learn", kept)
+    return rows
+
+
+def rows_and_slopes(learnt, observe, errors):
+    """The rows, and for each error how fast each innovation falls with it."""
+    observe(np.zeros(SIZE))
+    rows = np.array([h for h, _ in learnt])
+    slopes = np.zeros_like(rows)
+    for i in errors:
+        change = np.zeros(SIZE)
+        change[i] = STEP
+        for sign in (1.0, -1.0):
+            learnt.clear()
+            observe(sign * change)
+            slopes[:, i] -= sign * np.array([off for _, off in learnt]) / (2.0 * STEP)
+    return rows, slopes
+
+
+def field_observation(rng, learnt, variance=1e-6, turned_rad=0.0):
+    """A reading that fits the state but for an unfelt turn, of a vehicle that turns fast."""
+    q = normalize(floats(rng.standard_normal(4)))
+    place = np.array([0.2 * NORTH[0], 0.2 * NORTH[1], 0.42])
+    iron, rate = 0.1 * rng.standard_normal(3), 3.0 * rng.standard_normal(3)
+    q_then = multiply(q, exp(floats(-LAG_S * rate)))
+    seen = rotate(exp((0.0, 0.0, turned_rad)), floats(place))
+    reading = floats(np.array(rotate_inverse(q_then, seen)) + iron)
+
+    def observe(change):
+        learnt.clear()
+        calibration = Calibration(
+            ZERO_VEC3,
+            floats(iron + change[HARD_IRON : HARD_IRON + 3]),
+            floats(place + change[EARTH : EARTH + 3]),
+            LAG_S + change[FIELD_LAG],
+        )
+        now = multiply(exp(floats(change[TURN : TURN + 3])), q)
+        known = FieldState(0.2, 0.42, 10.0, 0.1, 1.0, 0.0, 0.0, 0.0)
+        P, x = np.eye(SIZE) * variance, np.zeros(SIZE)
+        field.observe_heading(PARAMS, known, calibration, now, NORTH, floats(rate), reading, P, x)
+
+    return observe
+
+
+FIELD_ERRORS = (*range(TURN, TURN + 3), FIELD_LAG, *range(HARD_IRON, EARTH + 3))
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_field(learnt, seed):
+    observe = field_observation(np.random.default_rng(seed), learnt)
+    rows, slopes = rows_and_slopes(learnt, observe, FIELD_ERRORS)
+    assert len(rows) == 4
+    # along the place's field and down a tilt only makes the reading less certain
+    slopes[ALONG : DOWN + 1, TURN : TURN + 3] = 0.0
+    assert rows == pytest.approx(slopes, abs=2e-3)
+
+
+@pytest.mark.parametrize("turned_rad", [1.5, -2.5])
+def test_field_seen_from_an_unknown_heading(learnt, turned_rad):
+    """A heading known to a radian: the field gives it as an angle."""
+    rng = np.random.default_rng(8)
+    observe = field_observation(rng, learnt, variance=1.0, turned_rad=turned_rad)
+    rows, slopes = rows_and_slopes(learnt, observe, FIELD_ERRORS)
+    assert rows[ACROSS] == pytest.approx(slopes[ACROSS], abs=2e-3)
+
+
+def test_declination_of_a_field_learnt_the_wrong_way_round():
+    """The place's field may be learnt to point south while iron is: no saddle holds it there."""
+    P, x = np.eye(SIZE), np.zeros(SIZE)
+    field.believe_north(P, x, (-0.2, 0.02, 0.42), (1.0, 0.0), 1.0)
+    assert abs(x[EARTH + 1]) > 0.1
+
+
+@pytest.mark.parametrize("late_sigma_s", [0.0, 0.1])
+def test_velocity(learnt, late_sigma_s):
+    rng = np.random.default_rng(3)
+    q = normalize(floats(rng.standard_normal(4)))
+    v, force = 5.0 * rng.standard_normal(3), 3.0 * rng.standard_normal(3)
+    report = Report(True, (1.0, 2.0, 3.0), True, 0.3, 0.05, late_sigma_s)
+    agreement = Agreement(1.0, 1.0, 0.0, ZERO_VEC3, 0.0, 0.1, 0.0)
+
+    def observe(change):
+        learnt.clear()
+        P, x = np.eye(SIZE) * 1e-6, np.zeros(SIZE)
+        now = Carried(q, floats(v + change[VELOCITY : VELOCITY + 3]), floats(force), ZERO_VEC3, P)
+        step = velocity.Step(
+            0.02, floats(force + 0.1), 0.012 + change[IMU_LAG], 0.1 + change[REPORT_LAG]
+        )
+        velocity.observe_velocity(PARAMS, agreement, now, step, report, (0.0, 0.0, 1.0), P, x)
+
+    rows, slopes = rows_and_slopes(
+        learnt, observe, (*range(VELOCITY, VELOCITY + 3), IMU_LAG, REPORT_LAG)
+    )
+    assert rows == pytest.approx(slopes, abs=1e-6)
