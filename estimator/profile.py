@@ -5,6 +5,8 @@ Unknown keys are errors, in files as in partial updates. Two profiles ship:
 """
 
 import math
+import re
+import stat
 import tomllib
 from collections.abc import Mapping
 from importlib import resources
@@ -21,6 +23,9 @@ from estimator.errors import InputError
 from estimator.types import Vec3
 
 SHIPPED = ("paper", "imu")
+LONGEST_FILE = 1 << 20  # bytes; a profile has some 4,000
+# The parser's time and memory grow with the square of a key's parts
+TOO_DEEP = re.compile(r"(?<![\w\"'-])(?:[\w\"'-]++[ \t]*+\.[ \t]*+){32}")
 
 NonNegative = Annotated[float, Meta(ge=0.0)]
 Positive = Annotated[float, Meta(gt=0.0)]
@@ -108,9 +113,9 @@ def load_profile(name_or_path: str) -> Profile:
     if name_or_path in SHIPPED:
         resource = resources.files("estimator").joinpath("profiles", f"{name_or_path}.toml")
         return parse_profile(resource.read_text("utf-8"), name_or_path)
-    path = Path(name_or_path)
     try:
-        text = path.read_text("utf-8")
+        content = _content(Path(name_or_path))
+        text = content.decode("utf-8")
     except FileNotFoundError:
         msg = f"profile {name_or_path!r}: no such file, and not one of {', '.join(SHIPPED)}"
         raise InputError(msg) from None
@@ -120,7 +125,20 @@ def load_profile(name_or_path: str) -> Profile:
     except UnicodeDecodeError:
         msg = f"profile {name_or_path}: not a text file (UTF-8)"
         raise InputError(msg) from None
-    return parse_profile(text, name_or_path)
+    return parse_profile(text.replace("\r\n", "\n"), name_or_path)
+
+
+def _content(path: Path) -> bytes:
+    """The file's bytes, if it can be a profile: a pipe would block, a device may never end."""
+    if not stat.S_ISREG(path.stat().st_mode) and not path.is_dir():
+        msg = f"profile {path}: not a file but a pipe, a socket or a device"
+        raise InputError(msg)
+    with path.open("rb") as file:
+        content = file.read(LONGEST_FILE + 1)
+    if len(content) > LONGEST_FILE:
+        msg = f"profile {path}: has more than {LONGEST_FILE} bytes"
+        raise InputError(msg)
+    return content
 
 
 def parse_profile(text: str, where: str) -> Profile:
@@ -130,10 +148,15 @@ def parse_profile(text: str, where: str) -> Profile:
         InputError: not TOML, unknown keys, wrong types, values out of bounds.
     """
     try:
-        tree = tomllib.loads(text)
-    except tomllib.TOMLDecodeError as error:
+        tree = None if TOO_DEEP.search(text) else tomllib.loads(text)
+    except ValueError as error:  # TOMLDecodeError, or a number of thousands of digits
         msg = f"profile {where}: not TOML: {error}"
         raise InputError(msg) from None
+    except RecursionError:
+        tree = None
+    if tree is None:
+        msg = f"profile {where}: nested too deep"
+        raise InputError(msg)
     return _from_tree(tree, where)
 
 
@@ -201,6 +224,9 @@ def _from_tree(tree: Mapping[str, Any], where: str) -> Profile:
         _require_directions(profile)
     except (msgspec.ValidationError, InputError) as error:
         msg = f"profile {where}: {str(error).replace('`$.', '`').replace('`', chr(39))}"
+        raise InputError(msg) from None
+    except RecursionError:
+        msg = f"profile {where}: nested too deep"
         raise InputError(msg) from None
     return profile
 

@@ -1,5 +1,6 @@
 """Profiles are strict: what is wrong is named in one line, what is right comes back unchanged."""
 
+import os
 from pathlib import Path
 
 import numpy as np
@@ -296,3 +297,50 @@ def test_fixed_gain_must_be_positive(gain):
 def test_declination_turns_magnetic_to_true_north():
     east = merge_profile(load_profile("imu"), {"reference": {"declination_deg": 90.0}})
     assert settings_of(east).reference.magnetic_ned == pytest.approx((0.0, 1.0, 0.0), abs=1e-15)
+
+
+BOMBS = {
+    "arrays": "a = " + "[" * 50_000 + "]" * 50_000,
+    "tables": "[" + ".".join("a" * 1 for _ in range(50_000)) + "]",
+    "dotted keys": "a" + " . a" * 50_000 + " = 1",
+    "inline tables": "a = " + "{a=" * 50_000,
+    "a long number": "[filter]\ngamma = " + "9" * 5000,
+    "a large number": "[filter]\ngamma = 1" + "0" * 400,
+}
+
+
+@pytest.mark.parametrize("text", BOMBS.values(), ids=BOMBS)
+def test_bombs_are_refused(text):
+    refused(text + "\n" + SMALLEST.replace("[filter]", ""))
+
+
+def test_dots_in_descriptions_are_no_depth():
+    words = "Tuned at 1.2.3 m, of a.b.c. On two flights. " * 50 + "." * 100
+    text = f'{SMALLEST}[provenance]\ndescription = "{words}"\n'
+    assert parse_profile(text, "x").provenance.description == words
+
+
+def test_an_update_nested_deep_is_refused():
+    deep = []
+    for _ in range(900):
+        deep = [deep]
+    for _ in range(200):
+        deep = [deep]
+    with pytest.raises(InputError, match="too deep"):
+        merge_profile(load_profile("imu"), {"filter": {"gamma": deep}})
+
+
+@pytest.mark.parametrize("name", ["fifo", "/dev/zero", "/dev/null"])
+def test_what_may_block_or_never_end_is_not_read(tmp_path, name):
+    path = tmp_path / name
+    if name == "fifo":
+        os.mkfifo(path)
+    with pytest.raises(InputError, match="a pipe, a socket or a device"):
+        load_profile(str(path))
+
+
+def test_a_file_too_long_for_a_profile_is_not_read(tmp_path):
+    path = tmp_path / "long.toml"
+    path.write_text(SMALLEST + "#" * (1 << 20))
+    with pytest.raises(InputError, match="more than"):
+        load_profile(str(path))
