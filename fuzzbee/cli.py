@@ -4,6 +4,7 @@ It imports next to nothing, so that a signal is answered as promised from the
 first moment on; the verbs are imported inside.
 """
 
+import errno
 import os
 import sys
 import threading
@@ -41,6 +42,8 @@ def main(argv: Sequence[str] | None = None) -> int:
             return BAD_INPUT
         if _is_usage_error(error):
             return _fail(error.format_message(), BAD_INPUT)  # type: ignore[attr-defined]
+        if isinstance(error, OSError) and error.errno == errno.ENAMETOOLONG:
+            return _fail(f"{error.filename}: {error.strerror}", BAD_INPUT)  # wherever it is met
         if "-v" in arguments or "--verbose" in arguments:
             import traceback
 

@@ -2,6 +2,7 @@
 
 import sys
 from collections.abc import Iterable
+from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, NamedTuple
 
@@ -130,12 +131,16 @@ def viewer_options(view: str | None, rrd: str | None) -> "ViewerOptions | None":
     """What the options ask for, if anything.
 
     Raises:
-        InputError: no such view.
+        InputError: no such view, or the extra is missing.
     """
     if view is None and rrd is None:
         return None
     if view not in (None, WINDOW, WEB):
         raise InputError(f"--view {view}: should be {WINDOW} or {WEB}")
+    if find_spec("rerun") is None:
+        from fuzzbee.viewer_process import MISSING
+
+        raise InputError(MISSING)
     from fuzzbee.viewer_stream import ViewerOptions
 
     return ViewerOptions(view, rrd)

@@ -181,6 +181,7 @@ def serve(options: RunOptions, *, verbose: bool) -> None:
     profile = load_profile(options.profile)
     require_openable(endpoint)
     key = security.read_key(options.security)
+    outputs.viewer_options(options.outputs.view, options.outputs.rrd)  # refused before compiling
     _compile(profile, options.gain)
     pipeline = Pipeline(
         profile,

@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from drivers.events import ClockReset, Event, Imu, Position, ReferenceAttitude, VehicleId
+from drivers.events import ClockReset, Event, Imu, Position, ReferenceAttitude, TrackLost, VehicleId
 from drivers.logs import open_log
 from drivers.reference_track import ReferenceTrack
 from estimator.errors import InputError
@@ -91,6 +91,8 @@ class _Stream:
                 self.declination_rad = None if place is None else place.declination_rad
             case ClockReset():
                 self._restart_pending = set(self.samples)
+            case TrackLost(message=message):
+                self._restart_pending.add(message)
 
     def _take_sample(self, message: str, sample: ImuSample) -> None:
         kept = self.samples.setdefault(message, [])

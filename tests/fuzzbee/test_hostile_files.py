@@ -104,3 +104,10 @@ def test_what_is_no_file_is_refused_with_one_line(verb, name, tmp_path, capfd):
     err = capfd.readouterr().err
     assert err.count("\n") == 1
     assert name in err
+
+
+@pytest.mark.parametrize("verb", ["replay", "tune", "run"])
+def test_a_name_too_long_for_any_file_is_told_in_one_line(verb, tmp_path, capsys):
+    name = str(tmp_path / ("x" * 300 + ".tlog"))
+    assert main([verb, name, *(["-o", str(tmp_path / "out.toml")] if verb == "tune" else [])]) == 2
+    assert len(capsys.readouterr().err.splitlines()) == 1
