@@ -10,7 +10,9 @@ from pathlib import Path
 import pytest
 
 from drivers.logs import ULOG_MAGIC
+from estimator.profile import load_profile
 from fuzzbee.cli import main
+from service.warm_up import warm_up
 
 DATA = Path(__file__).parent.parent / "data"
 ULOG = (DATA / "px4_hover.ulg").read_bytes()[:300_000]
@@ -59,6 +61,12 @@ USABLE = {
     "in blocks.tlog": shuffled(TLOG),
     "start time.ulg": ULOG[:8] + b"\xff" * 8 + ULOG[16:],
 }
+
+
+@pytest.fixture(autouse=True, scope="module")
+def kernels():
+    """Compiled, or ``run`` would have a second line to say."""
+    warm_up(load_profile("imu"), None)
 
 
 @pytest.mark.parametrize("name", UNUSABLE)
