@@ -1,41 +1,27 @@
 """One vehicle's estimator: samples in, attitude out. No I/O and no clock."""
 
-from math import asin, radians, sqrt
-from typing import Any, NamedTuple
-
-import numpy as np
+from math import radians
+from typing import Any
 
 from estimator import compass, kernel
-from estimator.aiding import AidingState, Report, begin, with_unknown_biases
-from estimator.aiding.search import NOTHING_FOUND, Search, found
-from estimator.aiding.types import SIZE, Array
+from estimator.aiding import Report
+from estimator.aiding.search import NOTHING_FOUND
+from estimator.aiding_start import Start, begun, by_field, by_velocity
 from estimator.alignment import align
 from estimator.compass import Compass
 from estimator.compiled import plain
 from estimator.conditioned import conditioned_vectors
-from estimator.conditioning import turned as conditioning_turned
-from estimator.conditioning import with_unknown_bias
 from estimator.conditioning.condition import condition
 from estimator.conditioning.condition import initial_state as initial_conditioning
 from estimator.conditioning.types import Conditioned, ConditioningState
-from estimator.filter_types import FilterState, initial_state
+from estimator.filter_types import initial_state
 from estimator.observation import raw_vectors
 from estimator.place_field import PlaceField, field_at, resembles
 from estimator.profile import Profile
-from estimator.published import (
-    Figures,
-    Motion,
-    aided_figures,
-    at_least,
-    at_most_half_turn,
-    conditioned_figures,
-    motion,
-)
-from estimator.quaternion import conjugate, exp, multiply, normalize, subtract
+from estimator.quaternion import exp, multiply, subtract
 from estimator.refusal import refusal
-from estimator.reports import NO_REPORT, Reports, enqueued, refusal_of_report, taken
+from estimator.reports import NO_REPORT, enqueued, refusal_of_report, taken
 from estimator.resident import (
-    Contents,
     advance,
     advance_aided,
     contents_of,
@@ -44,14 +30,13 @@ from estimator.resident import (
     resident,
     search_inside,
 )
-from estimator.settings import Settings, settings_of
+from estimator.settings import settings_of
+from estimator.snapshot import Snapshot, contents_for, flat, of_another_imu, published, turned
 from estimator.types import (
-    IDENTITY,
     ZERO_VEC3,
     Attitude,
     ImuSample,
     Quaternion,
-    Vec3,
     VelocitySample,
 )
 
@@ -60,29 +45,8 @@ from estimator.types import (
 OUTPUT_HORIZON_S = 1.0
 # The heading by a compass that is not calibrated.
 UNCALIBRATED_SIGMA_RAD = radians(45.0)
-# A heading that velocity has shown is no better than this to begin with.
-LEAST_FOUND_SIGMA_RAD = radians(3.0)
-# However long a gyroscope rests, its bias is no better known: streams truncate to mrad/s.
-LEAST_BIAS_SIGMA_RAD_S = 0.001
 # Time over which e is averaged for the sigma of raw vectors.
 SIGMA_TIME_S = 1.0
-
-
-class Snapshot(NamedTuple):
-    """All that changes. Restoring it resumes with the same results."""
-
-    filter: FilterState
-    conditioning: ConditioningState
-    seen: Conditioned | None
-    time_us: int
-    rate_rad_s: Vec3
-    aligned: bool
-    smooth_error: float  # e low-passed, for the sigma of raw vectors
-    aided: AidingState | None = None  # while velocity helps
-    aided_covariance: tuple[float, ...] = ()  # row by row
-    reports: Reports = ()  # velocities that the IMU has not reached yet
-    search: Search = NOTHING_FOUND  # for an attitude from velocity alone
-    compass: Compass = Compass()  # how far the field is trusted
 
 
 class Estimator:
@@ -117,7 +81,7 @@ class Estimator:
                 rate_rad_s=subtract(self._gyr_rad_s, inside.filter.gyr_bias_rad_s),
                 smooth_error=inside.filter.error,
                 aided=inside.aided if self._is_aided else None,
-                aided_covariance=_flat(inside.covariance) if self._is_aided else (),
+                aided_covariance=flat(inside.covariance) if self._is_aided else (),
                 search=inside.search,
             )
         return self._snapshot
@@ -247,24 +211,21 @@ class Estimator:
         It comes from the field, or from velocity itself where there is no field to be trusted
         or no position that tells true from magnetic north.
         """
-        aiding = self._settings.aiding
-        if not aiding.enabled:
+        chosen = self._settings
+        start: Start | None = None
+        if not chosen.aiding.enabled:
             return
         if self._has_heading and self._knows_north and self._trusts_field():
-            now = self.snapshot
-            assert now.seen is not None  # the sample has been advanced
-            q = align(conditioned_vectors(self._settings.reference, now.seen))
-            sigma = aiding.begin_heading_sigma_rad
+            start = by_field(chosen, self.snapshot)
         elif search_inside(self._inside, report):
-            now = self.snapshot
-            attitude_of_g = found(now.search, _bias_sigma_rad_s(now.conditioning))
-            if attitude_of_g is None:
-                return
-            q = multiply(attitude_of_g.q_ned_g, now.conditioning.gravity.q_g_frd)
-            sigma = max(attitude_of_g.sigma_heading_rad, LEAST_FOUND_SIGMA_RAD)
-        else:
-            return
-        self._go_aided(now, q, sigma, sample, report)
+            start = by_velocity(self.snapshot)
+        if start is not None:
+            is_first = not self._has_heading
+            self.snapshot = now = begun(
+                chosen, self.snapshot, start, sample, report, is_first_heading=is_first
+            )
+            assert now.seen is not None  # the sample has been conditioned
+            self._go_inside(now.seen)
 
     def _trusts_field(self) -> bool:
         """Whether the field may give the first heading: calibrated, and like the place's own."""
@@ -275,31 +236,6 @@ class Estimator:
                 known = now.compass._replace(unlike_us=now.time_us)
                 self._snapshot = now = now._replace(compass=known)
         return compass.calibrated(now.compass, now.time_us)
-
-    def _go_aided(
-        self, now: Snapshot, q: Quaternion, sigma_rad: float, sample: ImuSample, report: Report
-    ) -> None:
-        """Begin the aiding at ``q``, whose heading is off by ``sigma_rad``."""
-        aiding, seen = self._settings.aiding, now.seen
-        assert seen is not None
-        iron = aiding.hard_iron_sigma_gauss
-        if not compass.calibrated(now.compass, now.time_us):
-            iron = aiding.uncalibrated_sigma_gauss
-        aided, covariance = begin(
-            aiding,
-            q,
-            seen.bias_rad_s,
-            sample.gyr_rad_s,
-            sample.acc_m_s2,
-            report,
-            sigma_rad,
-            iron,
-        )
-        now = now._replace(aided=aided, aided_covariance=_flat(covariance), search=NOTHING_FOUND)
-        if not self._has_heading:  # there was none to correct
-            now = now._replace(filter=now.filter._replace(q_ned_frd=q))
-        self.snapshot = now
-        self._go_inside(seen)
 
     def _first_seen(
         self, memory: ConditioningState, sample: ImuSample
@@ -404,35 +340,14 @@ class Estimator:
 
     def change_imu(self) -> None:
         """The samples are another IMU's from now on: its biases are its own."""
-        now = self.snapshot
-        aided, covariance = now.aided, now.aided_covariance
-        if aided is not None:
-            aided, P = with_unknown_biases(
-                self._settings.aiding, aided, _square(now.aided_covariance)
-            )
-            covariance = _flat(P)
-        self.snapshot = now._replace(
-            conditioning=with_unknown_bias(self._settings.conditioning, now.conditioning),
-            aided=aided,
-            aided_covariance=covariance,
-        )
+        self.snapshot = of_another_imu(self._settings, self.snapshot)
 
     def turn(self, turn_ned: Quaternion) -> None:
         """Turn the estimate by a rotation given in NED that no sensor has felt, to test recovery.
 
-        Every attitude inside turns by the same body rotation: q* K q of the filter's q.
+        All that is inside turns with it.
         """
-        now = self.snapshot
-        q = now.filter.q_ned_frd
-        turn_frd = multiply(conjugate(q), multiply(turn_ned, q))
-        aided = now.aided
-        if aided is not None:
-            aided = aided._replace(q_ned_frd=normalize(multiply(aided.q_ned_frd, turn_frd)))
-        self.snapshot = now._replace(
-            filter=now.filter._replace(q_ned_frd=normalize(multiply(q, turn_frd))),
-            conditioning=conditioning_turned(now.conditioning, turn_frd),
-            aided=aided,
-        )
+        self.snapshot = turned(self.snapshot, turn_ned)
 
     def attitude(self, time_us: int) -> Attitude:
         """The attitude at ``time_us``, propagated from the last sample for output only."""
@@ -443,7 +358,7 @@ class Estimator:
                 self._inside, self._gyr_rad_s, ahead_s, self._is_aided
             )
         else:
-            moved, figures = self._published_outside(now, ahead_s)
+            moved, figures = published(self._settings, now, ahead_s)
         q, rate, bias, error, error_rate, gain = moved
         gravity, magnetic, inclination, heading, has_heading = figures
         if not (self._is_aided or compass.calibrated(now.compass, now.time_us)):
@@ -463,19 +378,6 @@ class Estimator:
             self._north if has_heading else "none",
         )
 
-    def _published_outside(self, now: Snapshot, ahead_s: float) -> tuple[Motion, Figures]:
-        """The same of a state that is not in compiled memory."""
-        if now.aided is not None:
-            ahead_s += now.aided.imu_lag_s
-        moved = motion(now.filter, now.rate_rad_s, ahead_s)
-        if now.seen is None:
-            chosen = self._settings.reference
-            sigma = at_most_half_turn(at_least(2.0 * asin(sqrt(now.smooth_error))))
-            return moved, (chosen.s_gravity, chosen.s_magnetic, sigma, sigma, True)
-        if now.aided is not None:
-            return moved, aided_figures(now.aided)
-        return moved, conditioned_figures(now.seen)
-
     @property
     def _has_heading_by_velocity(self) -> bool:
         """Whether no field but the reports tell the heading."""
@@ -487,39 +389,3 @@ class Estimator:
         known = self._declination_rad is not None or self.profile.reference.declination_deg != 0.0
         by_velocity = self._has_heading_by_velocity
         return "true" if known or by_velocity or not self._settings.conditioned else "magnetic"
-
-
-def contents_for(chosen: Settings, now: Snapshot, seen: Conditioned) -> Contents:
-    """The state as compiled memory holds it."""
-    aided, covariance = now.aided, _square(now.aided_covariance)
-    if aided is None:  # only its form is needed
-        aided, covariance = begin(
-            chosen.aiding, IDENTITY, ZERO_VEC3, ZERO_VEC3, ZERO_VEC3, NO_REPORT, 0.0, 0.0
-        )
-    return Contents(
-        chosen.filter,
-        chosen.reference,
-        chosen.conditioning,
-        chosen.aiding,
-        now.filter,
-        now.conditioning,
-        seen,
-        aided,
-        covariance,
-        now.search,
-    )
-
-
-def _bias_sigma_rad_s(memory: ConditioningState) -> float:
-    """How uncertain the conditioning stage's bias is, about the axis it knows least."""
-    covariance = memory.estimate.covariance
-    x, y, z = covariance[0], covariance[4], covariance[7]  # of the upper triangle of 4 by 4
-    return max(sqrt(max(x, y, z)), LEAST_BIAS_SIGMA_RAD_S)
-
-
-def _square(covariance: tuple[float, ...]) -> Array:
-    return np.array(covariance).reshape(-1, SIZE)
-
-
-def _flat(covariance: Array) -> tuple[float, ...]:
-    return tuple(covariance.ravel().tolist())

@@ -15,10 +15,11 @@ from typing import Any
 from estimator import resident
 from estimator.aiding import begin
 from estimator.compiled import is_cached
-from estimator.estimator import Estimator, contents_for
+from estimator.estimator import Estimator
 from estimator.profile import Profile, load_profile
 from estimator.reports import NO_REPORT
 from estimator.settings import settings_of
+from estimator.snapshot import contents_for
 from estimator.types import IDENTITY, ZERO_VEC3, ImuSample, VelocitySample
 
 STEP_US = 10_000
