@@ -81,6 +81,7 @@ class AidingParams(NamedTuple):
     # Published uncertainty, fitted to errors of simulated and recorded flights.
     colour: float = 1.5  # errors are slower than white: their sigma against white noise's
     heading_colour: float = 1.0
+    bare_heading_colour: float = 1.6  # that much more without a field: only velocity's slow errors
     least_heading_scale: float = 0.15
     iron_share: float = 0.3  # of its sigma that calibrated compasses' hard iron really has
     field_error_share: float = 1.1  # of the field's slow disagreement that stays in the heading

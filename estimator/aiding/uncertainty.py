@@ -42,6 +42,8 @@ def heading_sigma(
     """
     scale = params.heading_colour * sqrt(agreement.innovation)
     scale = min(max(scale, params.least_heading_scale), LARGEST_SCALE)
+    if field.samples == 0.0:
+        scale *= params.bare_heading_colour
     disagreement = params.field_error_share**2 * field.residual_square
     if dt > QUICK_STEP_S:
         disagreement *= (QUICK_STEP_S / dt) ** 2
