@@ -204,7 +204,8 @@ def test_the_viewer_ends_with_us_and_listens_on_loopback_only(number):
         assert hosts
         assert all(host.startswith("0100007F") for host in hosts)
         process.send_signal(number)
-        assert process.wait(10) == (-9 if number == signal.SIGKILL else 0)
+        status = process.wait(10)
+        assert status == (-9 if number == signal.SIGKILL else 0), process.stderr.read()
         wait_until_closed(port)
 
 
