@@ -21,11 +21,13 @@ from estimator.errors import InputError
 
 SIGNATURE_BYTES = 6
 TICKS_PER_S = 1_000_000 // SIGNING_TICK_US
-# A stamp fits if it is no further than this from the host's clock, or if its distance from that has
-# changed by no more since its stream was last heard: some senders count frames instead of time.
-# Older ones may be replays of what was not heard here; one far ahead, once accepted, would lock its
-# own sender out when its clock is right again.
+# A stamp fits if it is no further than this behind the host's clock, or if its distance from that
+# has changed by no more since its stream was last heard: some senders count frames instead of
+# time. Older ones may be replays of what was not heard here.
 FITTING_TICKS = 60 * TICKS_PER_S
+# A host without a battery for its clock is behind by as long as it was off. A stamp further ahead
+# than this is nonsense, and once accepted would lock its own sender out.
+AHEAD_LIMIT_TICKS = 365 * 86_400 * TICKS_PER_S
 LARGEST_TICKS = 1 << 48
 # The file is ahead of what was accepted, so that it need not be written at every frame: after a
 # crash a vehicle waits for at most this long. A regular end writes the exact stamps.
@@ -104,8 +106,10 @@ class SigningCheck:
         if last is not None and ticks <= last.ticks:
             return "replayed"
         lag = _ticks(unix_us) - ticks
-        if abs(lag) > FITTING_TICKS and (last is None or abs(lag - last.lag) > FITTING_TICKS):
-            return "signature_too_old" if lag > 0 else "signature_too_new"
+        if -lag > AHEAD_LIMIT_TICKS:
+            return "signature_too_new"
+        if lag > FITTING_TICKS and (last is None or abs(lag - last.lag) > FITTING_TICKS):
+            return "signature_too_old"
         self._last[stream] = Heard(ticks, lag)
         self._heard.add(stream)
         kept = self._kept.accepted.get(stream)
