@@ -4,12 +4,13 @@ It imports next to nothing, so that a signal is answered as promised from the
 first moment on; the verbs are imported inside.
 """
 
+import atexit
 import errno
 import os
 import sys
 import threading
 from collections.abc import Sequence
-from contextlib import nullcontext
+from contextlib import nullcontext, suppress
 from pathlib import Path
 
 from estimator.errors import InputError
@@ -24,12 +25,18 @@ HANGING = ("sink ", "compiler")
 def main(argv: Sequence[str] | None = None) -> int:
     """Run one command; returns its exit status and lets no exception out."""
     arguments = _spelled_out(sys.argv[1:] if argv is None else argv)
+    status = _status(arguments)
+    return OK if status == INTERRUPTED and _is_endless(arguments) else status
+
+
+def _status(arguments: list[str]) -> int:
+    """Likewise, but ``INTERRUPTED`` after any interrupt."""
     try:
         status = _run_verb(arguments)
     except InputError as error:
         return _fail(str(error), BAD_INPUT)
     except KeyboardInterrupt:
-        return OK if _is_endless(arguments) else INTERRUPTED
+        return INTERRUPTED
     except BrokenPipeError:
         return OK  # whoever read our output has seen enough
     except SystemExit as error:  # the parser's, when it met the broken pipe first
@@ -49,9 +56,7 @@ def main(argv: Sequence[str] | None = None) -> int:
 
             traceback.print_exc()
         return _fail(f"{type(error).__name__}: {error}", FAILED)
-    if status == INTERRUPTED and _is_endless(arguments):  # the parser's word for an interrupt
-        return OK
-    return status if isinstance(status, int) else OK
+    return status if isinstance(status, int) else OK  # the parser, too, says INTERRUPTED
 
 
 def _spelled_out(arguments: Sequence[str]) -> list[str]:
@@ -85,7 +90,22 @@ def entry_point() -> None:
     status = main()
     if any(thread.name.startswith(HANGING) for thread in threading.enumerate()):
         os._exit(status)
-    sys.exit(status)
+    _end(status)
+
+
+def _end(status: int) -> None:
+    """Leave with this status, whatever has been interrupted.
+
+    Python ends by SIGINT if a ``KeyboardInterrupt`` has ever met the ``exec`` of a text, as
+    dataclasses and named tuples are made, even if it was handled: what has to be done at the
+    end is done, and Python's own end left out.
+    """
+    threading._shutdown()  # type: ignore[attr-defined]  # noqa: SLF001 - joins threads
+    atexit._run_exitfuncs()  # noqa: SLF001
+    for stream in (sys.stdout, sys.stderr):
+        with suppress(OSError, ValueError):  # closed by whoever read it
+            stream.flush()
+    os._exit(status)
 
 
 def _replace_closed_streams() -> None:

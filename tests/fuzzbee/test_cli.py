@@ -108,3 +108,32 @@ def test_errors_are_said_in_our_words(arguments, said, capfd, tmp_path):
     error = capfd.readouterr().err
     assert said in error
     assert "Errno" not in error
+
+
+IN_A_TEXT = """
+import sys
+from fuzzbee import cli
+
+def interrupted(arguments):
+    exec("raise KeyboardInterrupt")
+
+cli._run_verb = interrupted
+cli.entry_point()
+"""
+
+
+@pytest.mark.parametrize(("verb", "status"), [("run", 0), ("tune", 130)])
+def test_an_interrupt_inside_an_exec_ends_with_our_status(verb, status):
+    """Python would end by SIGINT, although the interrupt has been handled."""
+    ended = subprocess.run([sys.executable, "-c", IN_A_TEXT, verb], timeout=60, check=False)
+    assert ended.returncode == status
+
+
+def test_what_is_left_for_the_end_is_done():
+    program = "import atexit, sys; from fuzzbee import cli; sys.argv = ['fuzzbee', '--version']\n"
+    program += "atexit.register(print, 'the end'); cli.entry_point()"
+    ended = subprocess.run(
+        [sys.executable, "-c", program], capture_output=True, text=True, timeout=60, check=False
+    )
+    assert ended.returncode == 0
+    assert ended.stdout.splitlines()[-1] == "the end"
