@@ -4,31 +4,22 @@ import mmap
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from types import TracebackType
-from typing import Self
 
+from drivers.closing import Closing
 from drivers.file_digest import file_sha256
 from estimator.errors import InputError
 
 Buffer = mmap.mmap | bytes
 
 
-class LogFile:
+class LogFile(Closing):
     """A log's file: open only while it is iterated, so that there is nothing to close."""
 
     def __init__(self, path: Path) -> None:
         self.path = path
 
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
-        return None
+    def close(self) -> None:
+        """Nothing is held between one reading and the next."""
 
     def sha256(self) -> str:
         """The file's SHA-256, as hexadecimal digits."""

@@ -19,9 +19,7 @@ from fastcrc import crc16
 from drivers.events import VehicleId
 from estimator.types import STANDARD_GRAVITY_M_S2, Quaternion, Vec3
 
-MAVLINK_2_MARKER = 0xFD
 SIGNED_FLAG = 0x01
-LONGEST_FRAME = 280  # bytes: header 10, payload 255, checksum 2, signature 13
 
 HEARTBEAT_ID = 0
 PARAM_VALUE_ID = 22

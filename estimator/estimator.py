@@ -212,17 +212,21 @@ class Estimator:
         or no position that tells true from magnetic north.
         """
         chosen = self._settings
-        start: Start | None = None
         if not chosen.aiding.enabled:
             return
+        start: Start | None
         if self._has_heading and self._knows_north and self._trusts_field():
-            start = by_field(chosen, self.snapshot)
+            now = self.snapshot
+            start = by_field(chosen, now)
         elif search_inside(self._inside, report):
-            start = by_velocity(self.snapshot)
+            now = self.snapshot
+            start = by_velocity(now)
+        else:
+            return
         if start is not None:
             is_first = not self._has_heading
             self.snapshot = now = begun(
-                chosen, self.snapshot, start, sample, report, is_first_heading=is_first
+                chosen, now, start, sample, report, is_first_heading=is_first
             )
             assert now.seen is not None  # the sample has been conditioned
             self._go_inside(now.seen)

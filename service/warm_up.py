@@ -19,7 +19,7 @@ from estimator.estimator import Estimator
 from estimator.profile import Profile, load_profile
 from estimator.reports import NO_REPORT
 from estimator.settings import settings_of
-from estimator.snapshot import contents_for
+from estimator.snapshot import contents_for, flat
 from estimator.types import IDENTITY, ZERO_VEC3, ImuSample, VelocitySample
 
 STEP_US = 10_000
@@ -68,9 +68,7 @@ def rehearse(estimator: Estimator, *, aided: bool) -> None:
     state, covariance = begin(
         aiding, IDENTITY, ZERO_VEC3, ZERO_VEC3, ZERO_VEC3, NO_REPORT, 0.1, 0.0
     )
-    estimator.snapshot = before._replace(
-        aided=state, aided_covariance=tuple(covariance.ravel().tolist())
-    )
+    estimator.snapshot = before._replace(aided=state, aided_covariance=flat(covariance))
     estimator.update(_sample(3))
     estimator.update_velocity(_report(3))  # it belongs to the last sample
     estimator.attitude(4 * STEP_US)

@@ -5,12 +5,12 @@ the costs. Dask gives a dead worker's chunks to others; if the prepared data
 died with the last worker that held it, it is sent again.
 """
 
-from types import TracebackType
-from typing import Any, Self
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from drivers.closing import Closing
 from estimator.errors import InputError
 from tuning.objective import Objective
 
@@ -23,7 +23,7 @@ CHUNKS_PER_THREAD = 4
 ATTEMPTS = 5
 
 
-class ClusterEvaluator:
+class ClusterEvaluator(Closing):
     """Costs of candidates, computed by the workers of the scheduler at ``address``.
 
     Raises:
@@ -47,15 +47,8 @@ class ClusterEvaluator:
         self._sent: Any = None
         self._wait_for_workers()
 
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def close(self) -> None:
+        """Leave the cluster; it goes on."""
         self._client.close()
 
     def __call__(self, values: Array) -> Array:
@@ -91,7 +84,7 @@ class ClusterEvaluator:
         try:
             self._client.wait_for_workers(1, timeout=CONNECT_TIMEOUT_S)
         except TimeoutError:
-            self._client.close()
+            self.close()
             raise InputError(f"--cluster {self._address}: no workers") from None
 
 

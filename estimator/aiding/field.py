@@ -28,7 +28,6 @@ RESIDUAL_MEMORY_S = 60.0
 RESIDUAL_CLIP_RAD = 0.2
 LEAST_CONFIDENCE = 1e-6
 LEAST_SHARE = 1e-6  # of the place's field: less is no field, and has no dip
-FIRST_WAIT_S = 0.1
 # Before anything is known about the place's field its parts are uncertain by this share of it.
 FIRST_SIGMA = 0.2
 # How well a declination is known, rad, and over which time that counts as one measurement.

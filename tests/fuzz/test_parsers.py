@@ -109,6 +109,16 @@ def read_log(path, profile):
         one_line(path, error)
 
 
+def read_content(tmp_path_factory, suffix, content):
+    path = tmp_path_factory.getbasetemp() / f"fuzz.{suffix}"
+    path.write_bytes(content)
+    read_log(path, PROFILES[1])
+
+
+def perhaps_damaged(data, content):
+    return data.draw(damaged(content)) if data.draw(st.booleans()) else content
+
+
 def one_line(path, error):
     text = str(error)
     assert path.name in text
@@ -118,9 +128,7 @@ def one_line(path, error):
 @fuzzed(40, 18000)
 @given(damaged(TLOG))
 def test_telemetry_logs(tmp_path_factory, data):
-    path = tmp_path_factory.getbasetemp() / "fuzz.tlog"
-    path.write_bytes(data)
-    read_log(path, PROFILES[1])
+    read_content(tmp_path_factory, "tlog", data)
 
 
 @fuzzed(20, 12000)
@@ -128,7 +136,7 @@ def test_telemetry_logs(tmp_path_factory, data):
 def test_telemetry_logs_of_hostile_frames(tmp_path_factory, records, data):
     path = tmp_path_factory.getbasetemp() / "fuzz.tlog"
     content = b"".join(struct.pack(">Q", stamp) + each for stamp, each in records)
-    path.write_bytes(data.draw(damaged(content)) if data.draw(st.booleans()) else content)
+    path.write_bytes(perhaps_damaged(data, content))
     read_log(path, PROFILES[0])
 
 
@@ -154,33 +162,25 @@ def dataflash():
 @fuzzed(20, 8000)
 @given(damaged(dataflash()))
 def test_dataflash_logs(tmp_path_factory, data):
-    path = tmp_path_factory.getbasetemp() / "fuzz.bin"
-    path.write_bytes(data)
-    read_log(path, PROFILES[1])
+    read_content(tmp_path_factory, "bin", data)
 
 
 @fuzzed(20, 8000)
 @given(built(dataflash_formats), st.data())
 def test_dataflash_logs_of_any_fields(tmp_path_factory, content, data):
-    path = tmp_path_factory.getbasetemp() / "fuzz.bin"
-    path.write_bytes(data.draw(damaged(content)) if data.draw(st.booleans()) else content)
-    read_log(path, PROFILES[1])
+    read_content(tmp_path_factory, "bin", perhaps_damaged(data, content))
 
 
 @fuzzed(5, 2000)
 @given(built(lambda rng: damage(ULOG[: rng.randint(1_000, len(ULOG))], rng)))
 def test_ulogs(tmp_path_factory, data):
-    path = tmp_path_factory.getbasetemp() / "fuzz.ulg"
-    path.write_bytes(data)
-    read_log(path, PROFILES[1])
+    read_content(tmp_path_factory, "ulg", data)
 
 
 @fuzzed(20, 8000)
 @given(built(ulog_formats), st.data())
 def test_ulogs_of_any_fields(tmp_path_factory, content, data):
-    path = tmp_path_factory.getbasetemp() / "fuzz.ulg"
-    path.write_bytes(data.draw(damaged(content)) if data.draw(st.booleans()) else content)
-    read_log(path, PROFILES[1])
+    read_content(tmp_path_factory, "ulg", perhaps_damaged(data, content))
 
 
 WHOLE = [ULOG, clip("sub_bluerov.tlog", 60_000), clip("copter_reboot.tlog", 60_000), dataflash()]
