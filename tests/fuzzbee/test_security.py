@@ -188,6 +188,7 @@ def test_secrets_are_in_no_argument_log_recording_status_or_error(key, tmp_path)
             seen = []
             client.declare_subscriber("**", lambda sample: seen.append(sample.payload.to_bytes()))
             wait_for(lambda: any(b"unsigned" in each for each in seen), 60.0)
+            wait_for(lambda: log.stat().st_size > 1000, 60.0)  # before it is stopped
         for process in (vehicle, service):
             arguments.append(Path(f"/proc/{process.pid}/cmdline").read_bytes())
             arguments.append(Path(f"/proc/{process.pid}/environ").read_bytes())
