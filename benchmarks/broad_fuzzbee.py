@@ -4,14 +4,14 @@ import numpy as np
 from broad_data import Array, Trial
 from broad_scores import multiply
 
-from estimator.batch import run_conditioned
 from estimator.conditioning import turned
 from estimator.estimator import Estimator
+from estimator.geometry.quaternion import conjugate as conjugate_one
+from estimator.geometry.quaternion import multiply as multiply_one
+from estimator.geometry.quaternion import normalize
+from estimator.live.batch import run_conditioned
+from estimator.live.settings import settings_of
 from estimator.profile import load_profile
-from estimator.quaternion import conjugate as conjugate_one
-from estimator.quaternion import multiply as multiply_one
-from estimator.quaternion import normalize
-from estimator.settings import settings_of
 from estimator.types import ImuSample
 
 HALF_ROOT = np.sqrt(0.5)

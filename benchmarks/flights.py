@@ -24,9 +24,9 @@ from scipy.signal import butter, lfilter
 sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
 
 from estimator.estimator import Estimator
-from estimator.metrics import batch_angle_errors, rms
+from estimator.geometry.metrics import batch_angle_errors, rms
+from estimator.geometry.quaternion import exp, multiply, normalize
 from estimator.profile import load_profile, merge_profile
-from estimator.quaternion import exp, multiply, normalize
 from estimator.types import STANDARD_GRAVITY_M_S2, ImuSample, VelocitySample
 
 Floats = NDArray[np.float64]

@@ -29,14 +29,14 @@ import numpy as np
 
 sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
 
-from estimator import kernel
-from estimator.compiled import compiled
-from estimator.filter_types import FilterState
-from estimator.fuzzy import RULES, fuzzy_gain
-from estimator.memberships import TERMS, fuzzy_sets, midpoint
+from estimator.compilation.compiled import compiled
+from estimator.filter import kernel
+from estimator.filter.fuzzy import RULES, fuzzy_gain
+from estimator.filter.memberships import TERMS, fuzzy_sets, midpoint
+from estimator.filter.types import FilterState
+from estimator.geometry.quaternion import exp, rotate_inverse, unit
+from estimator.live.settings import settings_of
 from estimator.profile import load_profile
-from estimator.quaternion import exp, rotate_inverse, unit
-from estimator.settings import settings_of
 
 INPUTS = 2_000
 CONTROL_CALLS = 200

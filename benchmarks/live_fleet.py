@@ -12,8 +12,8 @@ from array import array
 import numpy as np
 
 from drivers.endpoint import parse_endpoint
-from drivers.transports import open_transport
-from drivers.vehicle_process import Fleet, VehicleOptions, run_vehicles
+from drivers.mavlink.transports.transports import open_transport
+from drivers.simulation.process import Fleet, VehicleOptions, run_vehicles
 
 SYSTEM_ID = 5  # where a MAVLink 2 header has it
 

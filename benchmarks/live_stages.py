@@ -18,10 +18,10 @@ from contextlib import contextmanager
 import msgspec
 
 from drivers.events import Event
-from drivers.frame_decoder import FrameDecoder
-from drivers.frame_gate import FrameGate, Policy
-from drivers.frames import FrameReader
-from drivers.vehicle_process import SimulatedAutopilot, VehicleOptions
+from drivers.mavlink.frame_decoder import FrameDecoder
+from drivers.mavlink.framing import FrameReader
+from drivers.mavlink.gate import FrameGate, Policy
+from drivers.simulation.process import SimulatedAutopilot, VehicleOptions
 from estimator.profile import load_profile
 from service.pipeline import Pipeline
 from service.records import Published

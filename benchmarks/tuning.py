@@ -7,7 +7,7 @@ All in one run, compilation not timed:
 * ``step_ns``: one filter step with inference inside the search's kernel, on one core.
 * ``skfuzzy_control_ratio`` and ``skfuzzy_plain_ratio``: one inference by scikit-fuzzy's control
   system (101-point universes, cache off, built once), and one by its plain functions on the exact
-  universe of ``estimator/fuzzy_reference.py``, over one whole step of ours.
+  universe of ``estimator/filter/fuzzy_reference.py``, over one whole step of ours.
 * ``pygmo_ratio``: pygmo's bee_colony calling the same compiled objective one candidate at a time,
   over ours asking for the whole colony at once, in seconds an evaluation. None without pygmo.
 """
@@ -24,8 +24,8 @@ import numpy as np
 sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
 
 from benchmarks.kernel import compute, control_simulation
-from estimator import fuzzy_reference, memberships
-from estimator.fuzzy import fuzzy_gain
+from estimator.filter import fuzzy_reference, memberships
+from estimator.filter.fuzzy import fuzzy_gain
 from tuning.objective import values_of
 from tuning.optimizers import run_search
 from tuning.paper_signals import SCORED_SAMPLES

@@ -7,8 +7,8 @@ from typing import Protocol, Self
 
 from drivers.endpoint import Endpoint
 from drivers.events import Event
-from drivers.frame_gate import Policy
-from drivers.recorder import Recorder
+from drivers.mavlink.gate import Policy
+from drivers.mavlink.recorder import Recorder
 from estimator.errors import InputError
 
 
@@ -49,11 +49,11 @@ def require_openable(endpoint: Endpoint) -> None:
         InputError: a port that is taken, a serial device or log that is not there or not usable.
     """
     if endpoint.kind == "log":
-        from drivers.logs import open_log
+        from drivers.logs.open import open_log
 
         open_log(Path(endpoint.path))
     elif endpoint.kind in TRIED_UNSEEN:
-        from drivers.transports import open_transport
+        from drivers.mavlink.transports.transports import open_transport
 
         transport = open_transport(endpoint)
         try:
@@ -82,14 +82,14 @@ def open_live(
     if endpoint.kind == "log":
         raise InputError(f"{endpoint} is a log, not a live source")
     if endpoint.kind != "sim":
-        from drivers.mavlink_link import MavlinkLink
+        from drivers.mavlink.link import MavlinkLink
 
         return MavlinkLink(
             endpoint, recorder, request_rate_hz, policy=policy, key=key, references=references
         )
     if recorder is not None or request_rate_hz is not None:
         raise InputError("sim: has no MAVLink to record or to ask: start fuzzbee sim --to URL")
-    from drivers.sim_source import SimSource
-    from drivers.vehicle import SimulatedVehicle
+    from drivers.simulation.source import SimSource
+    from drivers.simulation.vehicle import SimulatedVehicle
 
     return SimSource(SimulatedVehicle(seed=0))

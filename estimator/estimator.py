@@ -3,25 +3,23 @@
 from math import radians
 from typing import Any
 
-from estimator import compass, kernel
-from estimator.aiding import Report
+from estimator.aiding import Report, compass
+from estimator.aiding.compass import Compass
+from estimator.aiding.place import PlaceField, field_at, resembles
 from estimator.aiding.search import NOTHING_FOUND
-from estimator.aiding_start import Start, begun, by_field, by_velocity
-from estimator.alignment import align
-from estimator.compass import Compass
-from estimator.compiled import plain
-from estimator.conditioned import conditioned_vectors
+from estimator.compilation.compiled import plain
 from estimator.conditioning.condition import condition
 from estimator.conditioning.condition import initial_state as initial_conditioning
 from estimator.conditioning.types import Conditioned, ConditioningState
-from estimator.filter_types import initial_state
-from estimator.observation import raw_vectors
-from estimator.place_field import PlaceField, field_at, resembles
-from estimator.profile import Profile
-from estimator.quaternion import exp, multiply, subtract
-from estimator.refusal import refusal
-from estimator.reports import NO_REPORT, enqueued, refusal_of_report, taken
-from estimator.resident import (
+from estimator.filter import kernel
+from estimator.filter.alignment import align
+from estimator.filter.observation import raw_vectors
+from estimator.filter.types import initial_state
+from estimator.geometry.quaternion import exp, multiply, subtract
+from estimator.live.aiding_start import Start, begun, by_field, by_velocity
+from estimator.live.conditioned import conditioned_vectors
+from estimator.live.reports import NO_REPORT, enqueued, refusal_of_report, taken
+from estimator.live.resident import (
     advance,
     advance_aided,
     contents_of,
@@ -30,8 +28,10 @@ from estimator.resident import (
     resident,
     search_inside,
 )
-from estimator.settings import settings_of
-from estimator.snapshot import Snapshot, contents_for, flat, of_another_imu, published, turned
+from estimator.live.settings import settings_of
+from estimator.live.snapshot import Snapshot, contents_for, flat, of_another_imu, published, turned
+from estimator.profile import Profile
+from estimator.refusal import refusal
 from estimator.types import (
     ZERO_VEC3,
     Attitude,
@@ -53,7 +53,7 @@ class Estimator:
     """The filter of a profile, fed sample by sample.
 
     While conditioned samples come, the state lives in compiled memory
-    (:mod:`estimator.resident`) and ``_snapshot`` holds only times and reports.
+    (:mod:`estimator.live.resident`) and ``_snapshot`` holds only times and reports.
     """
 
     def __init__(self, profile: Profile, fixed_gain: float | None = None) -> None:

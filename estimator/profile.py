@@ -16,10 +16,10 @@ from typing import Annotated, Any, Literal
 import msgspec
 from msgspec import Meta, Struct
 
-from estimator import memberships
 from estimator.aiding.types import AidingParams
 from estimator.conditioning.types import ConditioningParams
 from estimator.errors import InputError
+from estimator.filter import memberships
 from estimator.types import Vec3
 
 SHIPPED = ("paper", "imu")
@@ -45,7 +45,7 @@ class Reference(Struct, frozen=True, forbid_unknown_fields=True):
 
 
 class Filter(Struct, frozen=True, forbid_unknown_fields=True):
-    """The paper's filter; see :class:`estimator.filter_types.FilterParams`.
+    """The paper's filter; see :class:`estimator.filter.types.FilterParams`.
 
     ``initial_attitude`` is "align" (from the first vectors) or the nine
     numbers of R_hat(0), row after row, which are projected onto SO(3).

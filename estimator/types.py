@@ -3,7 +3,7 @@
 Conventions, stated once:
 
 * Frames: NED (north, east, down) is the inertial frame, FRD (forward, right,
-  down) the body frame. Other frames exist only in ``estimator/frames.py``.
+  down) the body frame. Other frames exist only in ``estimator/geometry/frames.py``.
 * Quaternions are Hamilton, scalar first, unit norm. ``q_ned_frd`` takes body
   vectors to inertial ones: ``v_ned = rotate(q_ned_frd, v_frd)``.
 * SI units and radians everywhere, except the magnetic field, which is in

@@ -8,7 +8,9 @@ from typing import Annotated
 
 import typer
 
-from fuzzbee import profile, replay, run, sim, tune, watch
+from fuzzbee import profile, run, sim, watch
+from fuzzbee.replay import command as replay
+from fuzzbee.tune import command as tune
 from fuzzbee.version import __version__
 
 HELP = "Estimate a vehicle's attitude from its MAVLink stream, live."
@@ -36,9 +38,11 @@ def build_app(*, decorated: bool) -> typer.Typer:
         context_settings={"help_option_names": ["--help", "-h"]},
     )
     app.callback()(_main_options)
-    for verb in (run, sim, watch, replay, tune):
-        function = getattr(verb, verb.__name__.rpartition(".")[2])
-        app.command(epilog=getattr(verb, "EPILOG", None))(function)
+    app.command(epilog=run.EPILOG)(run.run)
+    app.command(epilog=sim.EPILOG)(sim.sim)
+    app.command(epilog=watch.EPILOG)(watch.watch)
+    app.command(epilog=replay.EPILOG)(replay.replay)
+    app.command(epilog=tune.EPILOG)(tune.tune)
     app.add_typer(profile.profile_app, name="profile")
     return app
 

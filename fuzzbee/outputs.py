@@ -14,9 +14,9 @@ if TYPE_CHECKING:
     import zenoh
 
     from estimator.profile import Profile
-    from fuzzbee.viewer import ViewerSink
-    from fuzzbee.viewer_stream import ViewerOptions, ViewerStream
-    from service.sinks import Sink
+    from fuzzbee.viewer.stream import ViewerOptions, ViewerStream
+    from fuzzbee.viewer.viewer import ViewerSink
+    from service.sinks.sink import Sink
 
 PANEL = "Outputs"
 MAX_PORT = 65535
@@ -120,7 +120,7 @@ def open_viewer(view: str | None, rrd: str | None, profile: "Profile") -> "Viewe
     options = viewer_options(view, rrd)
     if options is None:
         return None
-    from fuzzbee.viewer import ViewerSink
+    from fuzzbee.viewer.viewer import ViewerSink
 
     sink = ViewerSink(options, profile.k)
     tell_page(sink.stream)
@@ -138,10 +138,10 @@ def viewer_options(view: str | None, rrd: str | None) -> "ViewerOptions | None":
     if view not in (None, WINDOW, WEB):
         raise InputError(f"--view {view}: should be {WINDOW} or {WEB}")
     if find_spec("rerun") is None:
-        from fuzzbee.viewer_process import MISSING
+        from fuzzbee.viewer.process import MISSING
 
         raise InputError(MISSING)
-    from fuzzbee.viewer_stream import ViewerOptions
+    from fuzzbee.viewer.stream import ViewerOptions
 
     return ViewerOptions(view, rrd)
 
@@ -166,7 +166,7 @@ def tell_page(stream: "ViewerStream") -> None:
 
 
 def _ros(options: OutputOptions, session: "zenoh.Session | None", prefix: str) -> "Sink":
-    from service.ros_sink import MAX_DOMAIN, RosSink
+    from service.sinks.ros import MAX_DOMAIN, RosSink
 
     if session is None:
         raise InputError("--ros needs Zenoh: leave out --no-zenoh")
@@ -177,7 +177,7 @@ def _ros(options: OutputOptions, session: "zenoh.Session | None", prefix: str) -
 
 def _mavlink(address: str) -> "Sink":
     from drivers.endpoint import parse_endpoint
-    from service.mavlink_sink import MavlinkSink
+    from service.sinks.mavlink import MavlinkSink
 
     try:
         return MavlinkSink(parse_endpoint(address))
@@ -186,7 +186,7 @@ def _mavlink(address: str) -> "Sink":
 
 
 def _metrics(port: int) -> "Sink":
-    from service.metrics_sink import MetricsSink
+    from service.sinks.metrics import MetricsSink
 
     if not 1 <= port <= MAX_PORT:
         raise InputError(f"--metrics {port}: the port must be 1 to {MAX_PORT}")

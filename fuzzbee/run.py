@@ -20,13 +20,13 @@ if TYPE_CHECKING:
     import zenoh
 
     from drivers.endpoint import Endpoint
-    from drivers.recorder import Recorder
+    from drivers.mavlink.recorder import Recorder
     from estimator.profile import Profile
     from fuzzbee.terminal import TerminalView
     from service.parameters import ParameterRequests
     from service.pipeline import Pipeline
     from service.runner import LiveSource, Runner
-    from service.sinks import Sink
+    from service.sinks.sink import Sink
     from service.zenoh_session import ZenohOptions
 
 MAX_RATE_HZ = 1000.0
@@ -171,10 +171,10 @@ def serve(options: RunOptions, *, verbose: bool) -> None:
     from drivers.source import require_openable
     from estimator.estimator import Estimator
     from estimator.profile import load_profile
-    from service.outbox import Outbox
     from service.parameters import ParameterRequests
     from service.pipeline import Pipeline
     from service.signals import stop_on_signals
+    from service.sinks.outbox import Outbox
     from service.steady import steady
 
     endpoint = parse_endpoint(options.source)
@@ -271,8 +271,8 @@ def _recorder(target: str, stack: ExitStack) -> "Recorder":
     """Into a file, or into a folder: one that is there, or a name without .tlog."""
     from pathlib import Path
 
-    from drivers.recorder import TlogRecorder
-    from drivers.rotating_recorder import RotatingRecorder
+    from drivers.mavlink.recorder import TlogRecorder
+    from drivers.mavlink.rotating_recorder import RotatingRecorder
 
     is_file = Path(target).suffix or Path(target).exists()
     if target.endswith("/") or Path(target).is_dir() or not is_file:
@@ -285,7 +285,7 @@ def _open_player(
 ) -> "Callable[[Pipeline, Any, ParameterRequests], Runner]":
     from pathlib import Path
 
-    from drivers.logs import imu_events, open_log
+    from drivers.logs.open import imu_events, open_log
     from service.log_player import LogPlayer
     from service.runner import Runner
 
@@ -328,7 +328,7 @@ def _zenoh_sinks(
 ) -> "list[Sink]":
     if session is None or options.zenoh is None:
         return []
-    from service.zenoh_sink import ZenohSink
+    from service.sinks.zenoh import ZenohSink
 
     return [ZenohSink(session, options.zenoh.prefix, profile, requests)]
 
@@ -370,7 +370,7 @@ def _show_log(say: Callable[[str], None], *, verbose: bool) -> None:
     logger.propagate = False
     logger.setLevel(logging.INFO if verbose else logging.WARNING)
     # what happens to the link comes as events, once each; the log repeats it in detail
-    logging.getLogger("drivers.mavlink_link").setLevel(logging.NOTSET if verbose else logging.ERROR)
+    logging.getLogger("drivers.mavlink.link").setLevel(logging.NOTSET if verbose else logging.ERROR)
 
 
 def summary(

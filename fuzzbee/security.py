@@ -10,7 +10,7 @@ from estimator.errors import InputError
 
 if TYPE_CHECKING:
     from drivers.endpoint import Endpoint
-    from drivers.frame_gate import Policy
+    from drivers.mavlink.gate import Policy
 
 PANEL = "Security"
 LONGEST_KEY_FILE = 4096  # bytes
@@ -88,7 +88,7 @@ def read_key(options: SecurityOptions) -> bytes | None:
     """
     if options.signing_key_file is None:
         return None
-    from drivers.mavlink_encoder import signing_key
+    from drivers.mavlink.encoder import signing_key
 
     return signing_key(key_content(options.signing_key_file))
 
@@ -99,11 +99,11 @@ def open_policy(options: SecurityOptions, key: bytes | None, stack: ExitStack) -
     Raises:
         InputError: the file of time stamps cannot be used.
     """
-    from drivers.frame_gate import Policy
+    from drivers.mavlink.gate import Policy
 
     if key is None:
         return Policy(options.system_ids)
-    from drivers.signing import SigningCheck, state_path
+    from drivers.mavlink.signing import SigningCheck, state_path
 
     check = SigningCheck(key, state_path())
     stack.callback(check.close)

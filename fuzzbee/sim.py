@@ -62,10 +62,10 @@ def sim(
     """
     stop = threading.Event()
     with stop_on_signals(stop.set):
-        from drivers.mavlink_encoder import signing_key
-        from drivers.transports import LinkError, open_transport
-        from drivers.vehicle import Motion
-        from drivers.vehicle_process import Fleet, VehicleOptions, run_vehicles
+        from drivers.mavlink.encoder import signing_key
+        from drivers.mavlink.transports.transports import LinkError, open_transport
+        from drivers.simulation.process import Fleet, VehicleOptions, run_vehicles
+        from drivers.simulation.vehicle import Motion
 
         endpoint = _link(to)
         if seconds is not None and not seconds > 0:

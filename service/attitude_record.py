@@ -3,7 +3,7 @@
 import math
 
 from drivers.value import Value
-from estimator.frames import euler_rad
+from estimator.geometry.frames import euler_rad
 from estimator.types import Attitude, Quaternion, Vec3
 from service.health import State
 from service.records import SCHEMA, AttitudeRecord, Confidence, Sigma

@@ -13,10 +13,10 @@ from collections.abc import Callable
 from typing import Protocol
 
 from drivers.events import Event
-from service.outbox import Outbox
 from service.parameters import ParameterRequests
 from service.pipeline import Load, Pipeline
 from service.records import Output
+from service.sinks.outbox import Outbox
 
 MAX_CATCH_UP_S = 0.25
 # Events taken between two looks at the schedule: what is behind must not hold up the ticks.

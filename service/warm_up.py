@@ -12,14 +12,14 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import Any
 
-from estimator import resident
 from estimator.aiding import begin
-from estimator.compiled import is_cached
+from estimator.compilation.compiled import is_cached
 from estimator.estimator import Estimator
+from estimator.live import resident
+from estimator.live.reports import NO_REPORT
+from estimator.live.settings import settings_of
+from estimator.live.snapshot import contents_for, flat
 from estimator.profile import Profile, load_profile
-from estimator.reports import NO_REPORT
-from estimator.settings import settings_of
-from estimator.snapshot import contents_for, flat
 from estimator.types import IDENTITY, ZERO_VEC3, ImuSample, VelocitySample
 
 STEP_US = 10_000

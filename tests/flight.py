@@ -8,8 +8,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from estimator.frames import from_euler_rad
-from estimator.quaternion import rotate, rotate_inverse
+from estimator.geometry.frames import from_euler_rad
+from estimator.geometry.quaternion import rotate, rotate_inverse
 from estimator.types import STANDARD_GRAVITY_M_S2, ImuSample, VelocitySample
 
 SPEED_M_S = 20.0

@@ -6,7 +6,7 @@ import numpy as np
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from estimator import memberships
+from estimator.filter import memberships
 from estimator.types import Attitude, Quaternion, Vec3
 
 IDENTITY: Quaternion = (1.0, 0.0, 0.0, 0.0)

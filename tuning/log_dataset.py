@@ -8,10 +8,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drivers.events import ClockReset, Event, Imu, Position, ReferenceAttitude, TrackLost, VehicleId
-from drivers.logs import open_log
-from drivers.reference_track import ReferenceTrack
+from drivers.logs.open import open_log
+from drivers.logs.reference_track import ReferenceTrack
+from estimator.aiding.place import field_at
 from estimator.errors import InputError
-from estimator.place_field import field_at
 from estimator.refusal import refusal
 from estimator.types import ImuSample
 

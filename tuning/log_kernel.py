@@ -6,12 +6,12 @@ import numba
 import numpy as np
 from numpy.typing import NDArray
 
-from estimator.compiled import compiled, compiled_parallel
+from estimator.compilation.compiled import compiled, compiled_parallel
 from estimator.conditioning.condition import condition, initial_state
 from estimator.conditioning.types import Conditioned
-from estimator.filter_types import FilterParams, FilterState, Vectors
-from estimator.kernel import correct, turned
-from estimator.quaternion import (
+from estimator.filter.kernel import correct, turned
+from estimator.filter.types import FilterParams, FilterState, Vectors
+from estimator.geometry.quaternion import (
     conjugate,
     dot,
     exp,

@@ -14,14 +14,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from estimator.alignment import align
 from estimator.conditioning.types import ConditioningParams
 from estimator.errors import InputError
-from estimator.filter_types import Vectors
-from estimator.memberships import NAMES
+from estimator.filter.alignment import align
+from estimator.filter.memberships import NAMES
+from estimator.filter.types import Vectors
+from estimator.geometry.quaternion import exp, multiply, scale
+from estimator.live.settings import Settings, settings_of
 from estimator.profile import Profile
-from estimator.quaternion import exp, multiply, scale
-from estimator.settings import Settings, settings_of
 from estimator.types import Quaternion, Vec3
 from tuning import log_kernel
 from tuning.log_dataset import LogData

@@ -5,14 +5,14 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from drivers.vehicle import simulate
-from estimator import kernel
+from drivers.simulation.vehicle import simulate
 from estimator.errors import InputError
-from estimator.filter_types import initial_state
-from estimator.metrics import COST_RATE_HZ, COST_SAMPLES, STEADY, paper_cost
+from estimator.filter import kernel
+from estimator.filter.types import initial_state
+from estimator.geometry.metrics import COST_RATE_HZ, COST_SAMPLES, STEADY, paper_cost
+from estimator.geometry.quaternion import normalized_distance
+from estimator.live.settings import settings_of
 from estimator.profile import Profile
-from estimator.quaternion import normalized_distance
-from estimator.settings import settings_of
 
 Floats = NDArray[np.float64]
 

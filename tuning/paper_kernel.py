@@ -1,6 +1,6 @@
 """The paper's cost of many candidates on prepared signals, compiled and in parallel.
 
-The same steps as ``estimator/kernel.py`` on ``tuning/paper_signals.py``'s
+The same steps as ``estimator/filter/kernel.py`` on ``tuning/paper_signals.py``'s
 columns. The search runs on this form; results are scored with the plain one,
 and a test holds the two equal to 1e-9.
 """
@@ -12,12 +12,12 @@ import numba
 import numpy as np
 from numpy.typing import NDArray
 
-from estimator.compiled import compiled, compiled_parallel
-from estimator.filter_types import PLAIN_STEP_LIMIT
-from estimator.fuzzy import fuzzy_gain
-from estimator.memberships import Memberships
-from estimator.metrics import COST_RATE_HZ, STEADY, TRANSIENT, TRANSIENT_WEIGHT
-from estimator.quaternion import multiply, scale
+from estimator.compilation.compiled import compiled, compiled_parallel
+from estimator.filter.fuzzy import fuzzy_gain
+from estimator.filter.memberships import Memberships
+from estimator.filter.types import PLAIN_STEP_LIMIT
+from estimator.geometry.metrics import COST_RATE_HZ, STEADY, TRANSIENT, TRANSIENT_WEIGHT
+from estimator.geometry.quaternion import multiply, scale
 from estimator.types import Quaternion, Vec3
 from tuning.paper_signals import FASTEST, INNOVATION, TRACE, TRUTH, TURN
 

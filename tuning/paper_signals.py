@@ -15,12 +15,12 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from drivers.vehicle import Recording, simulate
+from drivers.simulation.vehicle import Recording, simulate
 from estimator.errors import InputError
-from estimator.kernel import COLLINEAR_SINE, largest_rate
-from estimator.metrics import COST_RATE_HZ, COST_SAMPLES, STEADY
+from estimator.filter.kernel import COLLINEAR_SINE, largest_rate
+from estimator.geometry.metrics import COST_RATE_HZ, COST_SAMPLES, STEADY
+from estimator.live.settings import Settings, settings_of
 from estimator.profile import Profile
-from estimator.settings import Settings, settings_of
 
 Array = NDArray[np.float64]
 

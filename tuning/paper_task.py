@@ -7,7 +7,7 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from estimator import memberships
+from estimator.filter import memberships
 from estimator.profile import Profile, Provenance, load_profile
 from tuning.objective import Scores, mean_over_runs
 from tuning.paper_experiment import run_experiment

@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from estimator.metrics import STEADY, TRANSIENT, TRANSIENT_WEIGHT
+from estimator.geometry.metrics import STEADY, TRANSIENT, TRANSIENT_WEIGHT
 from tuning.log_dataset import LogData
 
 Array = NDArray[np.float64]

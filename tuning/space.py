@@ -5,7 +5,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from estimator import memberships
+from estimator.filter import memberships
 
 Array = NDArray[np.float64]
 

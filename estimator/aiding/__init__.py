@@ -1,8 +1,8 @@
 """Velocity beside the IMU: the attitude of a vehicle that accelerates."""
 
-from estimator.aiding.aiding import aid, begin, hear, with_unknown_biases
+from estimator.aiding.sources.velocity import trusted
+from estimator.aiding.step import aid, begin, hear, with_unknown_biases
 from estimator.aiding.types import AidingParams, AidingState, Report
-from estimator.aiding.velocity import trusted
 
 __all__ = [
     "AidingParams",

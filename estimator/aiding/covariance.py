@@ -3,7 +3,7 @@
 import numpy as np
 
 from estimator.aiding.types import ACC_BIAS, GYR_BIAS, SIZE, TURN, VELOCITY, Array
-from estimator.compiled import inlined
+from estimator.compilation.compiled import inlined
 from estimator.types import Quaternion, Vec3
 
 

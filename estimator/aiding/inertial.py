@@ -14,9 +14,18 @@ from estimator.aiding.types import (
     AidingState,
     Array,
 )
-from estimator.compiled import inlined
+from estimator.compilation.compiled import inlined
 from estimator.conditioning.rate import integration_rate
-from estimator.quaternion import add, dot, exp, multiply, normalize, rotate, scale, subtract
+from estimator.geometry.quaternion import (
+    add,
+    dot,
+    exp,
+    multiply,
+    normalize,
+    rotate,
+    scale,
+    subtract,
+)
 from estimator.types import STANDARD_GRAVITY_M_S2, Quaternion, Vec3
 
 SLOW_STEP_S = 0.3  # a step in which a copter's motion begins and ends unseen

@@ -5,7 +5,7 @@ second, is the change of velocity less gravity's, seen from a frame that is turn
 Wahba's problem over such windows. Heading shows as soon as the vehicle has accelerated in the
 horizontal in more than one way: while it does so steadily, gravity is not told from it.
 Source: Y. Wu and X. Pan 2013, "Velocity/position integration formula part I",
-doi 10.1109/TAES.2013.6494395; the solution by SVD is Markley's (estimator/alignment.py).
+doi 10.1109/TAES.2013.6494395; the solution by SVD is Markley's (estimator/filter/alignment.py).
 """
 
 from math import exp as real_exp
@@ -15,9 +15,9 @@ from typing import NamedTuple
 import numpy as np
 
 from estimator.aiding.types import Array, Report
-from estimator.alignment import nearest_rotation, quaternion_from_matrix
-from estimator.compiled import inlined
-from estimator.quaternion import add, cross, dot, rotate, scale, subtract
+from estimator.compilation.compiled import inlined
+from estimator.filter.alignment import nearest_rotation, quaternion_from_matrix
+from estimator.geometry.quaternion import add, cross, dot, rotate, scale, subtract
 from estimator.types import STANDARD_GRAVITY_M_S2, ZERO_VEC3, Quaternion, Vec3
 
 Nine = tuple[float, float, float, float, float, float, float, float, float]

@@ -3,7 +3,7 @@
 from math import sqrt
 
 from estimator.aiding.types import TURN, Agreement, AidingParams, Array, FieldState
-from estimator.compiled import inlined
+from estimator.compilation.compiled import inlined
 
 # 68 % of a plane normal distribution lie within this many of its sigmas.
 PLANE_68 = 1.515

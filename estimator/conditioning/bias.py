@@ -1,6 +1,6 @@
 """Gyroscope bias and heading, estimated with one covariance."""
 
-from estimator.compiled import inlined
+from estimator.compilation.compiled import inlined
 from estimator.conditioning.lowpass import smooth_scalar
 from estimator.conditioning.types import (
     Coefficients,
@@ -12,7 +12,7 @@ from estimator.conditioning.types import (
     Rows,
     Two,
 )
-from estimator.quaternion import dot
+from estimator.geometry.quaternion import dot
 from estimator.types import Vec3
 
 

@@ -1,9 +1,9 @@
 """The magnetometer's lag and the vehicle's own field, learnt while turning."""
 
-from estimator.compiled import inlined
+from estimator.compilation.compiled import inlined
 from estimator.conditioning.bias import update
 from estimator.conditioning.types import CalibrationState, ConditioningParams, Covariance, Rows
-from estimator.quaternion import add, cross, dot, scale, subtract
+from estimator.geometry.quaternion import add, cross, dot, scale, subtract
 from estimator.types import Vec3
 
 # Over longer steps (s) the rate between two samples is unknown.

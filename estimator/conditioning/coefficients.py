@@ -2,7 +2,7 @@
 
 from math import exp
 
-from estimator.compiled import inlined
+from estimator.compilation.compiled import inlined
 from estimator.conditioning.lowpass import low_pass
 from estimator.conditioning.types import Coefficients, ConditioningParams
 

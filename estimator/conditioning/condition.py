@@ -2,19 +2,10 @@
 
 from math import atan2, cos, inf, sin, sqrt
 
-from estimator.compiled import compiled, inlined
+from estimator.compilation.compiled import compiled, inlined
 from estimator.conditioning.bias import lag, learn_at_rest, learn_in_motion, predict
 from estimator.conditioning.calibration import corrected, learn_calibration, restarted
 from estimator.conditioning.coefficients import coefficients
-from estimator.conditioning.events import (
-    HALF_TURN_VARIANCE,
-    alarm_of,
-    doubted,
-    gravity_now,
-    seen_to,
-    watch_gravity,
-    watch_heading,
-)
 from estimator.conditioning.gather import NOTHING, STEP_S, gather, means
 from estimator.conditioning.gravity import (
     DOWN,
@@ -48,7 +39,16 @@ from estimator.conditioning.types import (
     RestState,
     Two,
 )
-from estimator.quaternion import multiply, rotate, rotate_inverse, subtract
+from estimator.conditioning.unsensed_turn import (
+    HALF_TURN_VARIANCE,
+    alarm_of,
+    doubted,
+    gravity_now,
+    seen_to,
+    watch_gravity,
+    watch_heading,
+)
+from estimator.geometry.quaternion import multiply, rotate, rotate_inverse, subtract
 from estimator.types import Vec3
 
 __all__ = ["condition", "initial_state"]

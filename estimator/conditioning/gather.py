@@ -1,8 +1,8 @@
 """Means over a few samples, so that learning need not run at the sensor's rate."""
 
-from estimator.compiled import inlined
+from estimator.compilation.compiled import inlined
 from estimator.conditioning.types import Gathered
-from estimator.quaternion import rotate, scale
+from estimator.geometry.quaternion import rotate, scale
 from estimator.types import Quaternion, Vec3
 
 # Learning runs on the mean of samples over at least this time (s): a hundred

@@ -3,7 +3,7 @@
 from math import exp as real_exp
 from math import sqrt
 
-from estimator.compiled import inlined
+from estimator.compilation.compiled import inlined
 from estimator.conditioning.lowpass import running_mean, smooth
 from estimator.conditioning.types import (
     Coefficients,
@@ -13,7 +13,7 @@ from estimator.conditioning.types import (
     Smooth,
     Two,
 )
-from estimator.quaternion import (
+from estimator.geometry.quaternion import (
     exp,
     multiply,
     norm,

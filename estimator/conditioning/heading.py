@@ -2,7 +2,7 @@
 
 from math import atan2, cos, pi, sin
 
-from estimator.compiled import inlined
+from estimator.compilation.compiled import inlined
 from estimator.conditioning.bias import limited, update
 from estimator.conditioning.types import ConditioningParams, Estimate, MagneticState, Two
 from estimator.types import Vec3

@@ -17,7 +17,7 @@ from estimator.conditioning.types import (
     Rows,
     Smooth,
 )
-from estimator.quaternion import multiply, normalize, rotate_inverse
+from estimator.geometry.quaternion import multiply, normalize, rotate_inverse
 from estimator.types import IDENTITY, Quaternion
 
 ZERO = (0.0, 0.0, 0.0)

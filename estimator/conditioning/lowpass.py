@@ -2,7 +2,7 @@
 
 from math import cos, exp, sin
 
-from estimator.compiled import inlined
+from estimator.compilation.compiled import inlined
 from estimator.conditioning.types import LowPass, Smooth
 from estimator.types import Vec3
 

@@ -2,7 +2,7 @@
 
 from math import sqrt
 
-from estimator.compiled import inlined
+from estimator.compilation.compiled import inlined
 from estimator.conditioning.types import ConditioningParams, MagneticState
 from estimator.types import Vec3
 

@@ -1,7 +1,7 @@
 """The angular rate that integrates best over one step."""
 
-from estimator.compiled import inlined
-from estimator.quaternion import cross
+from estimator.compilation.compiled import inlined
+from estimator.geometry.quaternion import cross
 from estimator.types import Vec3
 
 # Plain samples closer than this (s) need no correction, and the mean of two

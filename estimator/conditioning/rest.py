@@ -1,9 +1,9 @@
 """Rest detection: the gyroscope and the accelerometer stay near their own low-pass."""
 
-from estimator.compiled import inlined
+from estimator.compilation.compiled import inlined
 from estimator.conditioning.lowpass import smooth
 from estimator.conditioning.types import ConditioningParams, LowPass, RestState, Smooth
-from estimator.quaternion import norm, subtract
+from estimator.geometry.quaternion import norm, subtract
 from estimator.types import Vec3
 
 

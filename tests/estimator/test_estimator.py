@@ -7,10 +7,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from drivers.vehicle import simulate
+from drivers.simulation.vehicle import simulate
 from estimator.estimator import OUTPUT_HORIZON_S, Estimator
+from estimator.geometry.quaternion import exp, multiply
 from estimator.profile import load_profile, merge_profile
-from estimator.quaternion import exp, multiply
 from estimator.refusal import ACC_LIMIT_M_S2, GYR_LIMIT_RAD_S
 from estimator.types import ZERO_VEC3, ImuSample
 from tests.vocabulary import IDENTITY, assert_attitude_close, assert_attitudes_equal, floats

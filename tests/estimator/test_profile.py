@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 
 from estimator.errors import InputError
-from estimator.memberships import LOWER, NAMES, UPPER, midpoint, require_feasible
+from estimator.filter.memberships import LOWER, NAMES, UPPER, midpoint, require_feasible
+from estimator.live.settings import settings_of
 from estimator.profile import (
     SHIPPED,
     load_profile,
@@ -16,7 +17,6 @@ from estimator.profile import (
     profile_to_json,
     profile_to_toml,
 )
-from estimator.settings import settings_of
 from tests.vocabulary import random_memberships
 
 MEMBERSHIP = "[membership]\n" + "".join(

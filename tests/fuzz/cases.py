@@ -14,11 +14,11 @@ from fastcrc import crc16
 from hypothesis import HealthCheck, settings
 from hypothesis import strategies as st
 
-from drivers.dataflash_format import FIELDS
 from drivers.events import VehicleId
-from drivers.mavlink_codec import mavlink
-from drivers.mavlink_encoder import FrameEncoder, Message
-from drivers.ulog_format import CODES, FIELD
+from drivers.logs.dataflash_format import FIELDS
+from drivers.logs.ulog_format import CODES, FIELD
+from drivers.mavlink.decoder import mavlink
+from drivers.mavlink.encoder import FrameEncoder, Message
 
 DATA = Path(__file__).parent.parent / "data"
 IS_LONG = bool(os.environ.get("FUZZBEE_FUZZ_LONG"))

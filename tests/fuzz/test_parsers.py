@@ -14,16 +14,16 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from drivers.events import ClockReset, Imu, VehicleId
-from drivers.frame_decoder import FrameDecoder
-from drivers.frame_gate import FrameGate, Policy
-from drivers.frames import FrameReader
-from drivers.logs import open_log
+from drivers.logs.open import open_log
+from drivers.mavlink.frame_decoder import FrameDecoder
+from drivers.mavlink.framing import FrameReader
+from drivers.mavlink.gate import FrameGate, Policy
 from estimator.errors import InputError
 from estimator.profile import load_profile, parse_profile, profile_to_json
-from fuzzbee.log_report import report_log
+from fuzzbee.replay.log_report import report_log
 from service.pipeline import MAX_VEHICLES, Pipeline
 from service.records import AttitudeRecord, Published
-from service.zenoh_sink import _json_object
+from service.sinks.zenoh import _json_object
 from tests.fuzz.cases import (
     built,
     clip,

@@ -3,7 +3,7 @@
 import re
 import subprocess
 
-from fuzzbee.viewer_process import _program
+from fuzzbee.viewer.process import _program
 
 
 def listing(path, detail="-vv"):

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from fuzzbee.cli import main
-from fuzzbee.exports import ATTITUDE_COLUMNS, COLUMNS
+from fuzzbee.replay.exports import ATTITUDE_COLUMNS, COLUMNS
 
 LOG = Path(__file__).parent.parent / "data" / "sitl_copter_4hz.tlog"
 

@@ -7,12 +7,12 @@ import numpy as np
 import pytest
 
 from drivers.events import Imu, Parameter, Position, ReferenceAttitude, Velocity
-from drivers.logs import open_log
+from drivers.logs.open import open_log
+from estimator.geometry.quaternion import log, multiply
 from estimator.profile import load_profile
-from estimator.quaternion import log, multiply
-from fuzzbee.comparison import compare
-from fuzzbee.score import coverage, rms
-from fuzzbee.trace import Replay
+from fuzzbee.replay.comparison import compare
+from fuzzbee.replay.score import coverage, rms
+from fuzzbee.replay.trace import Replay
 
 DATA = Path(__file__).parent.parent / "data"
 FAST = DATA / "sitl_copter_flips.tlog"

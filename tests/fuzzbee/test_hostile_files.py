@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from drivers.logs import ULOG_MAGIC
+from drivers.logs.open import ULOG_MAGIC
 from estimator.profile import load_profile
 from fuzzbee.cli import main
 from service.warm_up import warm_up

@@ -8,7 +8,7 @@ from itertools import pairwise
 import pytest
 
 from drivers.events import Imu, Malformed
-from drivers.tlog import Tlog, frame_end
+from drivers.logs.tlog import Tlog, frame_end
 from tests.fuzzbee.processes import free_port, started
 
 

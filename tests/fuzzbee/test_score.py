@@ -1,8 +1,8 @@
 import numpy as np
 import pytest
 
-from estimator.quaternion import exp, multiply
-from fuzzbee.score import convergence_s, coverage, errors_against, summarize
+from estimator.geometry.quaternion import exp, multiply
+from fuzzbee.replay.score import convergence_s, coverage, errors_against, summarize
 
 
 def attitudes(vectors):

@@ -14,13 +14,13 @@ from pathlib import Path
 import pytest
 
 from drivers.events import VehicleId
-from drivers.mavlink_encoder import FrameEncoder, raw_imu, signing_key
+from drivers.mavlink.encoder import FrameEncoder, raw_imu, signing_key
 from estimator.errors import InputError
 from fuzzbee.cli import main
 from fuzzbee.security import parse_system_ids
 from tests.fuzzbee.processes import free_port, started
-from tests.service.test_zenoh import wait_for
-from tests.service.test_zenoh_faults import _patient_client
+from tests.service.sinks.test_zenoh import wait_for
+from tests.service.sinks.test_zenoh_faults import _patient_client
 
 os.environ["MAVLINK20"] = "1"  # read by pymavlink when it is imported
 from pymavlink import mavutil
@@ -237,7 +237,7 @@ def test_frames_of_before_a_restart_are_refused_after_it(key, tmp_path):
 REPLAY = """
 import socket, sys, time
 from pathlib import Path
-from drivers.frames import FrameReader
+from drivers.mavlink.framing import FrameReader
 data, frames, at = Path(sys.argv[1]).read_bytes(), [], 0
 reader = FrameReader()
 while at < len(data):  # stamp, frame, stamp, frame

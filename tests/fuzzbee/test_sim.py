@@ -17,9 +17,9 @@ from pymavlink import mavutil
 import fuzzbee
 from drivers.endpoint import Endpoint
 from drivers.events import Imu
-from drivers.mavlink_encoder import signing_key
-from drivers.mavlink_link import MavlinkLink
-from drivers.vehicle import simulate
+from drivers.mavlink.encoder import signing_key
+from drivers.mavlink.link import MavlinkLink
+from drivers.simulation.vehicle import simulate
 from estimator.errors import InputError
 from fuzzbee.sim import parse_magnet, sim
 

@@ -13,7 +13,7 @@ import typer
 
 from estimator.errors import InputError
 from estimator.profile import load_profile
-from fuzzbee.tune import tune
+from fuzzbee.tune.command import tune
 from tuning.checkpoint import write_checkpoint
 from tuning.paper_experiment import run_experiment
 from tuning.search import Record
@@ -94,8 +94,8 @@ def test_interrupted_and_resumed_is_the_same_file(tmp_path, number):
     command(*options, "-o", whole)
     program = (
         "import sys, typer\n"
-        "from fuzzbee.tune import tune\n"
-        "import fuzzbee.tune_run as run\n"
+        "from fuzzbee.tune.command import tune\n"
+        "import fuzzbee.tune.run as run\n"
         "show = run.ProgressBar.show\n"
         "def told(bar, search):\n"
         "    show(bar, search)\n"

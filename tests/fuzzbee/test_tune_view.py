@@ -12,9 +12,9 @@ from tests.fuzzbee.processes import started
 
 pytest.importorskip("rerun", reason="the extra viewer is not installed")
 
-from fuzzbee.tune_plan import TuneRequest, plan
-from fuzzbee.tune_view import PERIOD_S, SearchView
-from fuzzbee.viewer_stream import CLOSED, ViewerOptions
+from fuzzbee.tune.plan import TuneRequest, plan
+from fuzzbee.tune.view import PERIOD_S, SearchView
+from fuzzbee.viewer.stream import CLOSED, ViewerOptions
 from tests.fuzzbee.rrd import listing, rows
 from tuning.checkpoint import write_checkpoint
 from tuning.objective import Scores, values_of

@@ -24,8 +24,8 @@ from tests.service.records import UNIX_US, record
 pytest.importorskip("rerun", reason="the extra viewer is not installed")
 
 from estimator.profile import load_profile
-from fuzzbee import viewer_process
-from fuzzbee.viewer import ViewerOptions, ViewerSink
+from fuzzbee.viewer import process as viewer_process
+from fuzzbee.viewer.viewer import ViewerOptions, ViewerSink
 from tests.fuzzbee.rrd import listing, rows
 
 ONE, TWO = VehicleId(1, 1), VehicleId(2, 1)

@@ -9,13 +9,13 @@ from collections.abc import Callable
 from typing import Any
 
 from drivers.events import VehicleId
-from drivers.frame_decoder import FrameDecoder
-from drivers.frame_gate import FrameGate, Policy
-from drivers.frames import FrameReader
-from drivers.mavlink_encoder import FrameEncoder, raw_imu
-from drivers.vehicle import Sample, SimulatedVehicle
+from drivers.mavlink.encoder import FrameEncoder, raw_imu
+from drivers.mavlink.frame_decoder import FrameDecoder
+from drivers.mavlink.framing import FrameReader
+from drivers.mavlink.gate import FrameGate, Policy
+from drivers.simulation.vehicle import Sample, SimulatedVehicle
+from estimator.geometry.quaternion import conjugate, multiply
 from estimator.profile import load_profile
-from estimator.quaternion import conjugate, multiply
 from service.pipeline import Pipeline
 from service.records import AttitudeRecord, Message, Published, StatusRecord
 

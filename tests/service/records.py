@@ -2,7 +2,7 @@
 
 from math import radians
 
-from estimator.frames import from_euler_rad
+from estimator.geometry.frames import from_euler_rad
 from estimator.types import Attitude
 from service.attitude_record import Stamp, attitude_record
 from service.health import State

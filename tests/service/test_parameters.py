@@ -10,14 +10,14 @@ from estimator.errors import InputError
 from estimator.profile import load_profile
 from service.pipeline import Pipeline
 from service.records import Published
-from tests.service.streams import ONE, START_US, imu_events
-from tests.service.test_zenoh import (  # noqa: F401
+from tests.service.sinks.test_zenoh import (  # noqa: F401
     endpoint,
     get,
     plain_client,
     service,
     wait_for,
 )
+from tests.service.streams import ONE, START_US, imu_events
 from tests.vocabulary import angle_rad
 
 

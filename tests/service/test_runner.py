@@ -4,18 +4,18 @@ import threading
 
 import pytest
 
-from drivers.sim_source import SimSource
-from drivers.vehicle import SimulatedVehicle
+from drivers.simulation.source import SimSource
+from drivers.simulation.vehicle import SimulatedVehicle
 from estimator.profile import load_profile
 from service.log_player import LogPlayer
-from service.outbox import Outbox
 from service.parameters import ParameterRequests
 from service.pipeline import Pipeline
 from service.records import AttitudeRecord, Published
 from service.runner import Runner
 from service.signals import stop_on_signals
+from service.sinks.outbox import Outbox
+from tests.service.sinks.test_sink import Collector
 from tests.service.streams import ONE, imu_events
-from tests.service.test_sinks import Collector
 
 PAPER = load_profile("paper")
 

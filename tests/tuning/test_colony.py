@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from estimator.memberships import require_feasible
+from estimator.filter.memberships import require_feasible
 from tuning.colony import Colony
 from tuning.space import Space, membership_space
 

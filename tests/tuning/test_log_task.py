@@ -7,16 +7,16 @@ import msgspec
 import numpy as np
 import pytest
 
-from drivers.vehicle import simulate
-from estimator.conditioned import conditioned_vectors
+from drivers.simulation.vehicle import simulate
 from estimator.errors import InputError
 from estimator.estimator import Estimator
-from estimator.filter_types import initial_state
-from estimator.kernel import correct
-from estimator.metrics import angle_errors
+from estimator.filter.kernel import correct
+from estimator.filter.types import initial_state
+from estimator.geometry.metrics import angle_errors
+from estimator.geometry.quaternion import normalized_distance
+from estimator.live.conditioned import conditioned_vectors
+from estimator.live.settings import settings_of
 from estimator.profile import load_profile
-from estimator.quaternion import normalized_distance
-from estimator.settings import settings_of
 from estimator.types import ImuSample
 from tuning.log_dataset import LogData, motion_s, read_log
 from tuning.log_task import LogTask, _recorded, default_groups

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from estimator.errors import InputError
+from estimator.geometry.quaternion import exp
 from estimator.profile import load_profile
-from estimator.quaternion import exp
 from tuning.objective import profile_with
 from tuning.paper_experiment import run_experiment
 from tuning.paper_kernel import exponential

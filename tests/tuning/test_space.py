@@ -4,7 +4,7 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from estimator.memberships import LOWER, UPPER, require_feasible
+from estimator.filter.memberships import LOWER, UPPER, require_feasible
 from tuning.parameters import CONDITIONED_GROUPS, RAW_GROUPS
 from tuning.space import (
     Space,

@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 
-from estimator.compass import calibrated
+from estimator.aiding.compass import calibrated
 from estimator.estimator import Estimator
-from estimator.metrics import angle_errors, batch_angle_errors, rms
+from estimator.geometry.metrics import angle_errors, batch_angle_errors, rms
+from estimator.geometry.quaternion import rotate_inverse
 from estimator.profile import load_profile, merge_profile
-from estimator.quaternion import rotate_inverse
 from estimator.types import ZERO_VEC3
 from tests.flight import banked_flight, flown
 

@@ -5,7 +5,7 @@ import pytest
 
 from estimator.aiding.covariance import expected_variance, learn, predicted, rotation_matrix
 from estimator.aiding.types import ACC_BIAS, GYR_BIAS, SIZE, TURN, VELOCITY
-from estimator.quaternion import normalize, rotate
+from estimator.geometry.quaternion import normalize, rotate
 
 
 def random_covariance(rng):

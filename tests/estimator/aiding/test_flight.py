@@ -7,9 +7,9 @@ import pytest
 
 from estimator.aiding.types import SIZE
 from estimator.estimator import Estimator
-from estimator.metrics import batch_angle_errors, rms
+from estimator.geometry.metrics import batch_angle_errors, rms
+from estimator.geometry.quaternion import exp
 from estimator.profile import load_profile, merge_profile
-from estimator.quaternion import exp
 from estimator.types import VelocitySample
 from tests.flight import banked_flight, flown
 from tests.vocabulary import assert_attitudes_equal

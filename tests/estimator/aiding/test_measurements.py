@@ -3,8 +3,9 @@
 import numpy as np
 import pytest
 
-from estimator.aiding import Report, field, velocity
+from estimator.aiding import Report
 from estimator.aiding.inertial import Carried
+from estimator.aiding.sources import field, velocity
 from estimator.aiding.types import (
     EARTH,
     FIELD_LAG,
@@ -19,7 +20,7 @@ from estimator.aiding.types import (
     Calibration,
     FieldState,
 )
-from estimator.quaternion import exp, multiply, normalize, rotate, rotate_inverse
+from estimator.geometry.quaternion import exp, multiply, normalize, rotate, rotate_inverse
 from estimator.types import ZERO_VEC3
 
 PARAMS = AidingParams()

@@ -4,7 +4,7 @@ from math import inf, nan
 
 import pytest
 
-from estimator.reports import (
+from estimator.live.reports import (
     MOST_WAITING,
     NO_REPORT,
     SPEED_LIMIT_M_S,

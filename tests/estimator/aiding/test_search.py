@@ -8,7 +8,7 @@ from scipy.spatial.transform import Rotation
 
 from estimator.aiding import Report
 from estimator.aiding.search import MEMORY_S, NOTHING_FOUND, WINDOW_S, felt, found, heard
-from estimator.metrics import angle_errors
+from estimator.geometry.metrics import angle_errors
 from estimator.types import STANDARD_GRAVITY_M_S2
 
 DT = 0.02

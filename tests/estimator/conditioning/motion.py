@@ -4,7 +4,7 @@ from collections.abc import Callable, Iterator
 from math import cos, sin
 from typing import NamedTuple
 
-from estimator.quaternion import exp, multiply, normalize, rotate_inverse
+from estimator.geometry.quaternion import exp, multiply, normalize, rotate_inverse
 from estimator.types import Quaternion, Vec3
 
 GRAVITY_M_S2 = 9.81

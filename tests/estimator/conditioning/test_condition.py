@@ -6,7 +6,13 @@ import numpy as np
 import pytest
 
 from estimator.conditioning import Conditioned, ConditioningParams, condition, initial_state
-from estimator.quaternion import angle_between_vectors, exp, multiply, normalize, rotate_inverse
+from estimator.geometry.quaternion import (
+    angle_between_vectors,
+    exp,
+    multiply,
+    normalize,
+    rotate_inverse,
+)
 
 GRAVITY = (0.0, 0.0, 9.81)
 FIELD = (0.2, 0.0, 0.42)

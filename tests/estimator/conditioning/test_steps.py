@@ -13,7 +13,7 @@ from estimator.conditioning.heading import north_east
 from estimator.conditioning.magnetic import observe_field
 from estimator.conditioning.rate import integration_rate
 from estimator.conditioning.rest import observe_rest, started
-from estimator.quaternion import (
+from estimator.geometry.quaternion import (
     angle_between,
     angle_between_vectors,
     exp,

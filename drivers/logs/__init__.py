@@ -1,0 +1,1 @@
+"""Recorded logs, read as the events of a live link."""

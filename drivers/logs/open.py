@@ -1,0 +1,99 @@
+"""Opens a log by what it is: the content decides, not the name."""
+
+import re
+import stat
+from collections.abc import Iterator
+from pathlib import Path
+from types import TracebackType
+from typing import Protocol, Self
+
+from drivers.events import Event, Imu
+from drivers.logs.tlog import Tlog
+from estimator.errors import InputError
+
+ULOG_MAGIC = b"ULog\x01\x12\x35"
+DATAFLASH_FORMAT = re.compile(rb"\xa3\x95\x80")  # head of a FMT message, which comes first
+DATAFLASH_TEXT = re.compile(rb"^FMT, ?\d+, ?\d+, ?", re.MULTILINE)
+COMPRESSED = (b"\x1f\x8b", b"PK\x03\x04", b"7z\xbc\xaf", b"\xfd7zXZ", b"BZh", b"\x28\xb5\x2f\xfd")
+HEAD_SIZE = 65_536
+
+
+class LogSource(Protocol):
+    """A recording as the events of a live link, for as often as it is iterated."""
+
+    path: Path
+
+    def __enter__(self) -> Self: ...
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        traceback: TracebackType | None,
+    ) -> None: ...
+
+    def __iter__(self) -> Iterator[Event]: ...
+
+    def sha256(self) -> str:
+        """The file's SHA-256, as hexadecimal digits."""
+        ...
+
+
+def open_log(path: Path) -> LogSource:
+    """The log in ``path``: telemetry log, DataFlash or ULog.
+
+    Raises:
+        InputError: if there is no such file, or it is empty, unreadable or no
+            log known here; the message names the file and what is wrong.
+    """
+    head = _head(path)
+    if head.startswith(ULOG_MAGIC):
+        from drivers.logs.ulog import Ulog
+
+        return Ulog(path)
+    if DATAFLASH_FORMAT.match(head):
+        from drivers.logs.dataflash import Dataflash
+
+        return Dataflash(path)
+    if DATAFLASH_TEXT.search(head[:4096]):
+        raise InputError(f"{path}: a DataFlash log as text, use the .bin it was made from")
+    if head.startswith(COMPRESSED):
+        raise InputError(f"{path}: a compressed file, unpack it first")
+    return Tlog(path)
+
+
+def imu_events(log: LogSource) -> Iterator[Event]:
+    """The log's events, insisting on IMU data.
+
+    Raises:
+        InputError: at the end, if there was no IMU sample.
+    """
+    found = False
+    for event in log:
+        found = found or isinstance(event, Imu)
+        yield event
+    if not found:
+        raise InputError(f"{log.path}: no usable IMU message in this log")
+
+
+def _head(path: Path) -> bytes:
+    try:
+        _require_file(path)
+        with path.open("rb") as file:
+            head = file.read(HEAD_SIZE)
+    except FileNotFoundError:
+        raise InputError(f"{path}: no such file") from None
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read ({error.strerror or error})") from None
+    if not head:
+        raise InputError(f"{path}: the file is empty")
+    return head
+
+
+def _require_file(path: Path) -> None:
+    """A folder has no content, a pipe would block, and a device may never end."""
+    mode = path.stat().st_mode
+    if stat.S_ISDIR(mode):
+        raise InputError(f"{path}: a folder, not a log file")
+    if not stat.S_ISREG(mode):
+        raise InputError(f"{path}: not a file but a pipe, a socket or a device")

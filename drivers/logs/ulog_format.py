@@ -1,0 +1,299 @@
+"""PX4's ULog format: messages, the topics they belong to, and where their rows are.
+
+A message is its size (16 bits), its type (a letter) and a body. F gives a format its fields,
+A gives a number to a topic, D is a row of the topic of that number, P a parameter
+(https://docs.px4.io/main/en/dev_log/ulog_file_format.html).
+
+What the file claims is never believed further than it reaches: no format is unrolled but for
+the fields that are wanted, rows stay in the file until they are asked for, and the reading goes
+forwards only. After damage it goes on with the next message that cannot be an accident.
+"""
+
+import re
+from array import array
+from collections.abc import Iterator, Mapping
+from enum import IntEnum
+from struct import Struct, error
+from typing import Any, NamedTuple
+
+from drivers.logs.log_file import Buffer
+
+MAGIC = b"ULog\x01\x12\x35"
+FILE_HEAD_SIZE = 16
+HEAD = Struct("<HB")
+KNOWN_TYPES = frozenset(b"ABCDFILMOPQRS")
+TELLING_TYPES = re.compile(b"[ADF]")  # their bodies can be checked
+DATA_APPENDED = 1  # the incompatible flag that is known
+LARGEST_BODY = 0xFFFF
+DEEPEST = 8  # of formats within formats
+MOST_FIELDS = 1_000_000  # looked at in all; a flight takes some thousands
+LONGEST_NAME = 128
+# possessive: on garbage they give up where they stand
+FORMAT_BODY = re.compile(rb"\w{1,128}+:(?:[\w\[\]]{1,128}+ \w{1,128}+;)++", re.ASCII)
+FIELD = re.compile(r"(\w+)(?:\[(\d{1,5})\])? (\w+)", re.ASCII)
+LATEST_US = 1 << 62
+
+CODES = {
+    "int8_t": "b",
+    "uint8_t": "B",
+    "int16_t": "h",
+    "uint16_t": "H",
+    "int32_t": "i",
+    "uint32_t": "I",
+    "int64_t": "q",
+    "uint64_t": "Q",
+    "float": "f",
+    "double": "d",
+    "bool": "?",
+    "char": "c",
+}
+TIMES = ("timestamp_sample", "timestamp")  # the first that is not zero is the row's time
+
+Row = dict[str, Any]
+
+
+class Type(IntEnum):
+    """The types of message that are read."""
+
+    ROW = ord("D")
+    FORMAT = ord("F")
+    SUBSCRIPTION = ord("A")
+    PARAMETER = ord("P")
+    FLAGS = ord("B")
+
+
+class Field(NamedTuple):
+    """One field of a format; ``elements`` is 0 if it is no array."""
+
+    kind: str
+    elements: int
+    name: str
+
+
+class Layout(NamedTuple):
+    """Where a topic's wanted fields are in its rows, as a format of ``struct``."""
+
+    names: tuple[str, ...]
+    codes: str
+
+
+class Table:
+    """The rows of a topic: their times, and where they are in the file."""
+
+    def __init__(self, layout: Layout) -> None:
+        self.layout = layout
+        self.times_us: array[int] = array("q")
+        self._positions: array[int] = array("q")
+        self._struct = Struct(layout.codes)
+
+    def row(self, data: Buffer, index: int) -> Row:
+        """The wanted fields of a row, by name; elements of arrays are ``name[0]`` ..."""
+        return self._at(data, self._positions[index])
+
+    def add(self, data: Buffer, position: int) -> bool:
+        """Take in the row at ``position``; False if it has no time."""
+        row = self._at(data, position)
+        time_us = next((row[name] for name in TIMES if row.get(name)), 0)
+        if not isinstance(time_us, int) or not 0 < time_us < LATEST_US:
+            return False
+        self.times_us.append(time_us)
+        self._positions.append(position)
+        return True
+
+    def _at(self, data: Buffer, position: int) -> Row:
+        values = self._struct.unpack_from(data, position)
+        return dict(zip(self.layout.names, values, strict=True))
+
+
+class UlogReader:
+    """Reads a ULog's definitions and finds the rows of the topics in ``wanted``.
+
+    ``wanted`` gives the topics' fields, of which only those of the first instance are kept.
+    Afterwards there are ``tables`` by topic, ``parameters`` as they were at the start, and
+    ``unreadable``, the number of damaged stretches.
+
+    Raises:
+        ValueError: the log says that it takes a newer reader, or its definitions never end.
+    """
+
+    def __init__(self, data: Buffer, wanted: Mapping[str, frozenset[str]]) -> None:
+        self.tables: dict[str, Table] = {}
+        self.parameters: dict[str, float] = {}
+        self.unreadable = 0
+        self._data = data
+        self._wanted = wanted
+        self._formats: dict[str, tuple[Field, ...]] = {}
+        self._sizes: dict[str, int] = {}
+        self._fields_seen = 0
+        self._subscribed: dict[int, Table | None] = {}  # by number; None for topics not wanted
+        self._row_sizes: dict[int, range] = {}
+        self._breaks: list[int] = []  # where data were appended: a message may end short of it
+        for kind, start, end in self._messages():
+            self._take(kind, start, end)
+
+    def _messages(self) -> Iterator[tuple[int, int, int]]:
+        """(type, start of the body, end) of the messages in the file's order."""
+        data, position, size = self._data, FILE_HEAD_SIZE, len(self._data)
+        while position < size:
+            end = self._end(position)
+            cut = min((at for at in self._breaks if position < at < (end or size)), default=None)
+            if cut is not None:
+                position = cut
+            elif end is not None and self._begins_message(end):
+                yield data[position + 2], position + HEAD.size, end
+                position = end
+            else:
+                self.unreadable += 1
+                position = self._next_sound(position)
+
+    def _end(self, position: int) -> int | None:
+        """Where the message at ``position`` ends; None if there is none, or not all of it."""
+        if position + HEAD.size > len(self._data):
+            return None
+        size, kind = HEAD.unpack_from(self._data, position)
+        end = position + HEAD.size + int(size)
+        return end if size and kind in KNOWN_TYPES and end <= len(self._data) else None
+
+    def _begins_message(self, position: int) -> bool:
+        if position + HEAD.size > len(self._data):
+            return True  # nothing follows that could contradict
+        return self._data[position + 2] in KNOWN_TYPES or position in self._breaks
+
+    def _next_sound(self, position: int) -> int:
+        """Where the next message is that shows by its body that it is one, or the data's end."""
+        data = self._data
+        if data[position : position + len(MAGIC)] == MAGIC:
+            return len(data)  # another log behind this one, with times of its own
+        for found in TELLING_TYPES.finditer(data, position + HEAD.size):
+            start = found.start() - 2
+            end = self._end(start)
+            if end is not None and self._is_sound(start, end) and self._begins_message(end):
+                return start
+        return len(data)
+
+    def _is_sound(self, position: int, end: int) -> bool:
+        data, start = self._data, position + HEAD.size
+        match data[position + 2]:
+            case Type.ROW:
+                return end - start - 2 in self._row_sizes.get(_number(data, start), ())
+            case Type.SUBSCRIPTION:
+                is_short = end - start <= 3 + LONGEST_NAME
+                return is_short and data[start + 3 : end].decode("latin-1") in self._formats
+            case _:
+                return FORMAT_BODY.fullmatch(data, start, end) is not None
+
+    def _take(self, kind: int, start: int, end: int) -> None:
+        data = self._data
+        try:
+            match kind:
+                case Type.ROW:
+                    is_good = self._row(start, end)
+                case Type.FORMAT:
+                    is_good = self._format(data[start:end])
+                case Type.SUBSCRIPTION:
+                    number = _number(data, start + 1)
+                    is_good = self._subscribe(data[start], number, data[start + 3 : end])
+                case Type.PARAMETER if not self._subscribed:  # a later one is a change
+                    is_good = self._parameter(data[start:end])
+                case Type.FLAGS:
+                    is_good = self._flags(data[start:end])
+                case _:
+                    is_good = True
+        except (error, IndexError, UnicodeDecodeError):
+            is_good = False
+        self.unreadable += not is_good
+
+    def _row(self, start: int, end: int) -> bool:
+        number = _number(self._data, start)
+        if end - start - 2 not in self._row_sizes.get(number, ()):
+            return False
+        table = self._subscribed[number]
+        return table is None or table.add(self._data, start + 2)
+
+    def _format(self, body: bytes) -> bool:
+        if FORMAT_BODY.fullmatch(body) is None:
+            return False
+        name, _, text = body.decode("ascii").partition(":")
+        matches = [FIELD.fullmatch(each) for each in text.rstrip(";").split(";")]
+        fields = tuple(Field(each[1], int(each[2] or 0), each[3]) for each in matches if each)
+        if len(fields) < len(matches):
+            return False
+        return self._formats.setdefault(name, fields) == fields
+
+    def _subscribe(self, instance: int, number: int, body: bytes) -> bool:
+        name = body.decode("ascii")
+        size = self._size(name)
+        if size is None:
+            return False
+        self._row_sizes[number] = range(size - self._padding(name), size + 1)
+        self._subscribed[number] = None
+        if name in self._wanted and instance == 0:
+            self._subscribed[number] = self._table(name)
+        return True
+
+    def _table(self, name: str) -> Table:
+        if name not in self.tables:
+            self.tables[name] = Table(self._layout(name, self._wanted[name]))
+        return self.tables[name]
+
+    def _layout(self, name: str, wanted: frozenset[str]) -> Layout:
+        names: list[str] = []
+        codes: list[str] = []
+        needed = 0  # nothing behind the last wanted field, which may not be there
+        for kind, elements, field in self._fields(name):
+            if field in wanted and kind in CODES:
+                names += [f"{field}[{k}]" for k in range(elements)] if elements else [field]
+                codes.append(f"{elements or 1}{CODES[kind]}")
+                needed = len(codes)
+            else:
+                codes.append(f"{(self._size(kind) or 0) * (elements or 1)}x")
+        return Layout(tuple(names), "<" + "".join(codes[:needed]))
+
+    def _padding(self, name: str) -> int:
+        """Bytes at the end of a row that may be left out."""
+        last = self._formats[name][-1]
+        if not last.name.startswith("_padding"):
+            return 0
+        return (self._size(last.kind) or 0) * (last.elements or 1)
+
+    def _size(self, kind: str, depth: int = 0) -> int | None:
+        """Bytes of a type; None if it is unknown, within itself, or longer than a message."""
+        if kind in CODES:
+            return Struct("<" + CODES[kind]).size
+        if depth >= DEEPEST or kind not in self._formats:
+            return None
+        if kind not in self._sizes:
+            fields = self._fields(kind)
+            parts = [(self._size(each.kind, depth + 1), each.elements or 1) for each in fields]
+            known = [size * count for size, count in parts if size is not None]
+            if len(known) < len(parts) or sum(known) > LARGEST_BODY:
+                return None
+            self._sizes[kind] = sum(known)
+        return self._sizes[kind]
+
+    def _fields(self, name: str) -> tuple[Field, ...]:
+        fields = self._formats[name]
+        self._fields_seen += len(fields)
+        if self._fields_seen > MOST_FIELDS:
+            raise ValueError("its definitions are out of all proportion")
+        return fields
+
+    def _parameter(self, body: bytes) -> bool:
+        size = body[0]
+        kind, _, name = body[1 : 1 + size].decode("ascii").partition(" ")
+        if kind in ("int32_t", "float"):
+            (value,) = Struct("<" + CODES[kind]).unpack(body[1 + size :])
+            self.parameters[name] = float(value)
+        return kind in ("int32_t", "float")
+
+    def _flags(self, body: bytes) -> bool:
+        *incompatible, first, second, third = Struct("<8x8B3Q").unpack_from(body)
+        if incompatible[0] & ~DATA_APPENDED or any(incompatible[1:]):
+            raise ValueError("it is of a kind that is not known here")
+        if incompatible[0] & DATA_APPENDED:
+            self._breaks = [first, second, third]
+        return True
+
+
+def _number(data: Buffer, position: int) -> int:
+    return int.from_bytes(data[position : position + 2], "little")

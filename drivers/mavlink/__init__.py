@@ -1,0 +1,1 @@
+"""MAVLink: frames, messages, and the link that carries them."""

@@ -1,0 +1,38 @@
+"""Frames to events, decoding only what somebody wants."""
+
+from drivers.events import Event
+from drivers.mavlink.decoder import FrameParser, MavlinkDecoder, mavlink
+from drivers.mavlink.framing import Frame
+from drivers.mavlink.imu_messages import imu_message
+
+# Attitudes of others score an estimate afterwards; the live service has no use for them
+REFERENCES = frozenset({"ATTITUDE", "ATTITUDE_QUATERNION", "SIM_STATE", "SIMSTATE"})
+
+
+class FrameDecoder:
+    """The events of a link's frames, for any number of vehicles.
+
+    ``references`` says whether attitudes of others are wanted. The IMU messages
+    are unpacked here, the rest by pymavlink.
+    """
+
+    def __init__(self, *, references: bool = True) -> None:
+        self._decoder = MavlinkDecoder()
+        self._parser = FrameParser()
+        names = self._decoder.message_names
+        if not references:
+            names -= REFERENCES
+        kinds = mavlink().mavlink_map.items()
+        self._wanted = frozenset(number for number, kind in kinds if kind.msgname in names)
+
+    def events(self, frame: Frame, arrival_us: int) -> list[Event]:
+        """The events in one frame that arrived at ``arrival_us`` (Unix time, us)."""
+        if frame.message_id not in self._wanted:
+            return []
+        imu = imu_message(frame)
+        if imu is not None:
+            return self._decoder.decode_imu(
+                frame.system_id, frame.component_id, *imu, arrival_us=arrival_us
+            )
+        message = self._parser.frame(frame.data)
+        return [] if message is None else self._decoder.decode(message, arrival_us)

@@ -1,0 +1,93 @@
+"""Which frames of a link are let in: allowed systems, good signatures, one sender an address."""
+
+from collections import Counter
+from typing import NamedTuple
+
+from drivers.events import Event, Notice, RefusedFrames, VehicleId
+from drivers.mavlink.framing import Frame
+from drivers.mavlink.signing import SigningCheck
+from drivers.value import Value
+
+# Another sender of the same address may take over once the first has been silent for so long
+TAKE_OVER_US = 1_000_000
+MOST_TOLD = 64  # a flood of addresses does not fill memory or the screen
+
+EXPLANATIONS = {
+    "unsigned": "frames without a signature are refused",
+    "wrong_signature": "frames signed with another key are refused",
+    "replayed": "frames with an old time stamp in their signature are refused",
+    "signature_too_old": "its signatures are more than a minute old, set its clock (or ours)",
+    "signature_too_new": "its signatures are from the future, set our clock (or its)",
+    "address_conflict": "a second sender uses the same address and is ignored",
+}
+
+
+class Policy(NamedTuple):
+    """What is let in; None means no such check."""
+
+    system_ids: frozenset[int] | None = None
+    signing: SigningCheck | None = None
+
+
+class _Sender(Value, frozen=True):
+    peer: str
+    last_us: int
+
+
+class FrameGate:
+    """Judges frames one by one and counts what it refuses."""
+
+    def __init__(self, policy: Policy) -> None:
+        self._policy = policy
+        self._senders: dict[tuple[int, int], _Sender] = {}
+        self._refused: Counter[tuple[VehicleId, str]] = Counter()
+        self._told: set[tuple[VehicleId, str]] = set()
+
+    def lets_in(self, frame: Frame, peer: str, arrival_us: int) -> bool:
+        """Whether the frame is good; if not, it is counted."""
+        reason = self._refusal(frame, peer, arrival_us)
+        if reason is None:
+            return True
+        self._refused[VehicleId(frame.system_id, frame.component_id), reason] += 1
+        return False
+
+    def take_refused(self, arrival_us: int) -> list[Event]:
+        """What was refused since the last call, and a line for each new reason."""
+        if not self._refused:
+            return []
+        events: list[Event] = []
+        for (vehicle, reason), frames in self._refused.items():
+            events.append(RefusedFrames(vehicle, arrival_us, reason, frames))
+            known = (vehicle, reason) in self._told or len(self._told) >= MOST_TOLD
+            if not known and reason in EXPLANATIONS:
+                self._told.add((vehicle, reason))
+                text = f"system {vehicle.system_id}: {EXPLANATIONS[reason]}"
+                events.append(Notice(None, arrival_us, text))
+        self._refused.clear()
+        return events
+
+    def forget(self, peer: str | None = None) -> None:
+        """A peer has left, or all have: another may speak for its vehicles at once."""
+        self._senders = {
+            address: sender
+            for address, sender in self._senders.items()
+            if peer is not None and sender.peer != peer
+        }
+
+    def _refusal(self, frame: Frame, peer: str, arrival_us: int) -> str | None:
+        systems, signing = self._policy
+        if systems is not None and frame.system_id not in systems:
+            return "system_not_allowed"
+        if signing is not None:
+            refusal = signing.refusal(frame, arrival_us)
+            if refusal is not None:
+                return refusal
+        address = (frame.system_id, frame.component_id)
+        sender = self._senders.get(address)
+        if sender is not None and sender.peer != peer:
+            if 0 <= arrival_us - sender.last_us < TAKE_OVER_US:
+                return "address_conflict"
+            sender = None
+        if sender is None or sender.last_us != arrival_us:  # once for all frames of a datagram
+            self._senders[address] = _Sender(peer, arrival_us)
+        return None

@@ -1,0 +1,94 @@
+"""The IMU messages, unpacked straight from their frames.
+
+pymavlink builds a large object of every message; these are the few that come hundreds
+of times a second. The classes answer like pymavlink's for the fields that are there.
+Fields in wire order from the message definitions in common.xml.
+"""
+
+from struct import Struct
+from typing import Any, NamedTuple
+
+from drivers.mavlink.framing import Frame
+
+
+class RawImu(NamedTuple):
+    """RAW_IMU."""
+
+    time_usec: int
+    xacc: int
+    yacc: int
+    zacc: int
+    xgyro: int
+    ygyro: int
+    zgyro: int
+    xmag: int
+    ymag: int
+    zmag: int
+    id: int
+    temperature: int
+
+
+class ScaledImu(NamedTuple):
+    """SCALED_IMU, SCALED_IMU2 and SCALED_IMU3."""
+
+    time_boot_ms: int
+    xacc: int
+    yacc: int
+    zacc: int
+    xgyro: int
+    ygyro: int
+    zgyro: int
+    xmag: int
+    ymag: int
+    zmag: int
+    temperature: int
+
+
+class HighresImu(NamedTuple):
+    """HIGHRES_IMU."""
+
+    time_usec: int
+    xacc: float
+    yacc: float
+    zacc: float
+    xgyro: float
+    ygyro: float
+    zgyro: float
+    xmag: float
+    ymag: float
+    zmag: float
+    abs_pressure: float
+    diff_pressure: float
+    pressure_alt: float
+    temperature: float
+    fields_updated: int
+    id: int
+
+
+_RAW = Struct("<Q9hBh")
+_SCALED = Struct("<I9hh")
+_HIGHRES = Struct("<Q13fHB")
+_KINDS: dict[int, tuple[str, Struct, Any]] = {
+    27: ("RAW_IMU", _RAW, RawImu._make),
+    26: ("SCALED_IMU", _SCALED, ScaledImu._make),
+    116: ("SCALED_IMU2", _SCALED, ScaledImu._make),
+    129: ("SCALED_IMU3", _SCALED, ScaledImu._make),
+    105: ("HIGHRES_IMU", _HIGHRES, HighresImu._make),
+}
+
+
+def imu_message(frame: Frame) -> tuple[str, Any] | None:
+    """Name and fields of an IMU message; None for every other one.
+
+    Zeros at a payload's end are not sent, nor fields that the sender does not know;
+    what is longer than we know comes from a newer definition.
+    """
+    kind = _KINDS.get(frame.message_id)
+    if kind is None:
+        return None
+    name, layout, make = kind
+    payload = frame.data[frame.payload_at : frame.payload_end]
+    missing = layout.size - len(payload)
+    if missing > 0:
+        payload += bytes(missing)
+    return name, make(layout.unpack_from(payload))

@@ -1,0 +1,290 @@
+"""A live MAVLink link: one thread reads, parses and decodes; the consumer drains.
+
+Listen-only, with two exceptions that a person asks for: ``request_rate_hz``
+sends requests and heartbeats, and ``udpout`` sends heartbeats, since nobody
+can answer an address that never says a word. Both come from component 191, an
+onboard computer; never from a ground station.
+"""
+
+import logging
+import threading
+import time
+from collections import OrderedDict, deque
+from collections.abc import Iterator
+from typing import Self
+
+from drivers.closing import Closing
+from drivers.endpoint import Endpoint
+from drivers.events import Event, LinkDown, LinkUp, Malformed, Notice, VehicleId
+from drivers.mavlink.encoder import (
+    MAV_AUTOPILOT_INVALID,
+    MAV_COMP_ID_ONBOARD_COMPUTER,
+    MAV_TYPE_ONBOARD_CONTROLLER,
+    FrameEncoder,
+    heartbeat,
+)
+from drivers.mavlink.error_summary import ErrorSummary
+from drivers.mavlink.frame_decoder import FrameDecoder
+from drivers.mavlink.framing import FrameReader
+from drivers.mavlink.gate import FrameGate, Policy
+from drivers.mavlink.recorder import Recorder
+from drivers.mavlink.stream_request import Outgoing, StreamRequest
+from drivers.mavlink.transports.transports import LinkError, Packet, open_transport
+from drivers.queue import EventQueue
+from estimator.errors import InputError
+
+QUEUE_EVENTS = 50_000  # 100 s of one vehicle at 100 Hz, 1 s of 200 vehicles at 50 Hz
+MOST_UNSENT_FRAMES = 64  # requests wait here for the reader; new ones replace the oldest
+MOST_PARSERS = 64  # half-read frames of that many senders; the one silent for longest goes
+RECEIVE_S = 0.1  # the reader looks this often whether it should end
+# After each look the reader rests, and what comes meanwhile is handled at one go: to wake a thread
+# costs as much as several samples, and hundreds of vehicles would wake it at each of theirs.
+# Arrivals are stamped that much late at most; what comes after a longer pause is stamped at once.
+GATHER_S = 0.001
+CLOSE_S = 0.5
+# back-off between attempts; a vehicle that returns is read again within 1 s
+FIRST_RETRY_S = 0.1
+LONGEST_RETRY_S = 1.0
+HEARTBEAT_S = 1.0
+DROP_LOG_S = 60.0
+
+_logger = logging.getLogger(__name__)
+
+
+class MavlinkLink(Closing):
+    """A socket or serial endpoint as a source of events.
+
+    Entering the context opens the endpoint. ``recorder`` gets every readable
+    frame that is let in; it stays the caller's to close. ``dropped`` counts the
+    events lost because nobody drained them (the oldest go first). ``policy`` says
+    what is let in, ``key`` signs what we send, and without ``references`` attitudes
+    of others are not decoded.
+
+    Raises:
+        InputError: on entering, when the port is taken, the device missing or
+            the host unknown; from the constructor, when the endpoint is no
+            link or the requested rate is not positive.
+    """
+
+    def __init__(
+        self,
+        endpoint: Endpoint,
+        recorder: Recorder | None = None,
+        request_rate_hz: float | None = None,
+        queue_events: int = QUEUE_EVENTS,
+        *,
+        policy: Policy = Policy(),  # noqa: B008 - immutable
+        key: bytes | None = None,
+        references: bool = True,
+    ) -> None:
+        self._endpoint = endpoint
+        self._transport = open_transport(endpoint)
+        self._recorder = recorder
+        self._request = None if request_rate_hz is None else StreamRequest(request_rate_hz)
+        self._queue = EventQueue(queue_events)
+        self._decoder = FrameDecoder(references=references)
+        self._gate = FrameGate(policy)
+        self._key = key
+        self._stamp = None if policy.signing is None else policy.signing.stamp
+        self._parsers: OrderedDict[str, FrameReader] = OrderedDict()
+        self._encoders: dict[int, FrameEncoder] = {}
+        self._outgoing: deque[bytes] = deque(maxlen=MOST_UNSENT_FRAMES)
+        self._errors = ErrorSummary()
+        self._stop = threading.Event()
+        self._thread: threading.Thread | None = None
+        self._is_open = False
+        self._is_up = False
+        self._is_down_told = False
+        self._has_data = False
+        self._retry_s = FIRST_RETRY_S
+        self._announce_due_s = 0.0
+        self._drops_told = 0
+        self._drops_due_s = 0.0
+
+    @property
+    def dropped(self) -> int:
+        """Events lost so far because the queue was full."""
+        return self._queue.dropped
+
+    @property
+    def address(self) -> str:
+        """The address in use (with the real port, where 0 was bound)."""
+        return self._transport.address
+
+    def __enter__(self) -> Self:
+        try:
+            self._transport.open()
+            self._is_open = True
+        except LinkError as error:
+            self._lost(str(error))
+        except InputError:
+            self._transport.close()
+            raise
+        self._thread = threading.Thread(target=self._run, name="mavlink-link", daemon=True)
+        self._thread.start()
+        return self
+
+    def close(self) -> None:
+        """End the thread and release the endpoint, within half a second."""
+        self._stop.set()
+        if self._thread is not None:
+            self._thread.join(CLOSE_S)
+
+    def drain(self, timeout_s: float) -> list[Event]:
+        """All events that are there, after waiting at most ``timeout_s`` for the first."""
+        return self._queue.drain(timeout_s)
+
+    def __iter__(self) -> Iterator[Event]:
+        """Events as they come, until the link is closed."""
+        while not self._queue.closed:
+            yield from self._queue.drain(RECEIVE_S)
+        yield from self._queue.drain(0.0)
+
+    def send(self, data: bytes) -> None:
+        """Queue whole frames for every peer; they leave within 0.1 s, or with the next packet."""
+        self._outgoing.append(data)
+
+    # What follows runs in the reader thread
+
+    def _run(self) -> None:
+        failure: BaseException | None = None
+        try:
+            while not self._stop.is_set():
+                if self._is_open:
+                    self._receive()
+                else:
+                    self._reopen()
+        except Exception as error:  # our own mistake: the consumer must hear of it
+            _logger.exception("the reader of %s failed", self._endpoint)
+            failure = error
+        finally:
+            self._transport.close()
+            self._queue.close(failure)
+
+    def _receive(self) -> None:
+        try:
+            packets = self._transport.receive(RECEIVE_S)
+            self._note_state()
+            self._handle(packets, _unix_us())
+            self._send_due()
+            if packets:
+                time.sleep(GATHER_S)
+        except LinkError as error:
+            self._lost(str(error))
+        self._report_drops()
+
+    def _reopen(self) -> None:
+        if self._stop.wait(self._retry_s):
+            return
+        self._retry_s = min(2 * self._retry_s, LONGEST_RETRY_S)
+        try:
+            self._transport.open()
+            self._is_open = True
+        except (LinkError, InputError) as error:
+            self._lost(str(error))
+
+    def _handle(self, packets: list[Packet], arrival_us: int) -> None:
+        events: list[Event] = []
+        frames: list[bytes] = []
+        for packet in packets:
+            if not packet.data:
+                self._parsers.pop(packet.peer, None)
+                self._gate.forget(packet.peer)
+                continue
+            if not self._has_data:
+                self._note_data()
+            parser = self._parser(packet.peer)
+            for frame in parser.feed(packet.data):
+                if not self._gate.lets_in(frame, packet.peer, arrival_us):
+                    continue
+                if self._recorder is not None:
+                    frames.append(frame.data)
+                events += self._decoder.events(frame, arrival_us)
+            if malformed := parser.take_malformed():
+                events.append(Malformed(arrival_us, malformed))
+        events += self._gate.take_refused(arrival_us)
+        if self._recorder is not None:
+            self._recorder.write(arrival_us, frames)
+        if self._request is not None:
+            events += self._requests(self._request, events, arrival_us)
+        if events:
+            self._queue.put(events)
+
+    def _requests(self, request: StreamRequest, events: list[Event], now_us: int) -> list[Notice]:
+        out = request.tick(now_us)
+        for event in events:
+            out += request.handle(event, now_us)
+        for each in out:
+            if isinstance(each, Outgoing):
+                encoder = self._encoder(each.system_id)
+                self._outgoing.append(encoder.frame(each.message, now_us))
+        return [each for each in out if isinstance(each, Notice)]
+
+    def _send_due(self) -> None:
+        now_s = time.monotonic()
+        if self._endpoint.kind == "udpout" and now_s >= self._announce_due_s:
+            self._announce_due_s = now_s + HEARTBEAT_S
+            message = heartbeat(MAV_TYPE_ONBOARD_CONTROLLER, MAV_AUTOPILOT_INVALID)
+            self._outgoing.append(self._encoder(self._own_system()).frame(message, _unix_us()))
+        while self._outgoing:
+            self._transport.send(self._outgoing.popleft())
+
+    def _own_system(self) -> int:
+        """The system whose onboard computer we are: the first one asked, else number 1."""
+        return next(iter(self._encoders), 1)
+
+    def _encoder(self, system_id: int) -> FrameEncoder:
+        if system_id not in self._encoders:
+            sender = VehicleId(system_id, MAV_COMP_ID_ONBOARD_COMPUTER)
+            self._encoders[system_id] = FrameEncoder(sender, self._key, stamp=self._stamp)
+        return self._encoders[system_id]
+
+    def _parser(self, peer: str) -> FrameReader:
+        if peer not in self._parsers:
+            self._parsers[peer] = FrameReader()
+            if len(self._parsers) > MOST_PARSERS:
+                self._parsers.popitem(last=False)
+        self._parsers.move_to_end(peer)
+        return self._parsers[peer]
+
+    def _note_state(self) -> None:
+        """Tell when the transport began or ceased to be connected."""
+        if self._transport.connected == self._is_up:
+            return
+        if self._is_up:
+            self._tell_down("the last client has left")
+            return
+        self._is_up, self._is_down_told = True, False
+        self._queue.put([LinkUp(_unix_us(), str(self._endpoint))])
+
+    def _note_data(self) -> None:
+        """Only bytes show that a link works: a server may accept and close at once."""
+        self._has_data, self._retry_s = True, FIRST_RETRY_S
+        attempts = self._errors.clear()
+        after = f" after {attempts} failed attempts" if attempts else ""
+        _logger.info("%s: data arrives%s", self._endpoint, after)
+
+    def _lost(self, reason: str) -> None:
+        self._transport.close()
+        self._parsers.clear()
+        self._gate.forget()
+        self._is_open = self._has_data = False
+        line = self._errors.line(reason, time.monotonic())
+        if line is not None:
+            _logger.warning("%s: %s; trying again", self._endpoint, line)
+        if self._is_up or not self._is_down_told:
+            self._tell_down(reason)
+
+    def _tell_down(self, reason: str) -> None:
+        self._is_up, self._is_down_told = False, True
+        self._queue.put([LinkDown(_unix_us(), str(self._endpoint), reason)])
+
+    def _report_drops(self) -> None:
+        dropped, now_s = self._queue.dropped, time.monotonic()
+        if dropped > self._drops_told and now_s >= self._drops_due_s:
+            _logger.warning("%s: %d events dropped: the queue is full", self._endpoint, dropped)
+            self._drops_told, self._drops_due_s = dropped, now_s + DROP_LOG_S
+
+
+def _unix_us() -> int:
+    return time.time_ns() // 1000

@@ -1,0 +1,215 @@
+"""MAVLink 2 signatures, checked on receipt: https://mavlink.io/en/guide/message_signing.html.
+
+A signature proves that its sender knows the key; its time stamp proves that the
+frame is new. The last stamp of each stream is therefore kept in a file: what was
+accepted before a restart is not accepted after it, and what we sign after it is above
+what we signed before, even if the host's clock was set back. The key itself is never kept.
+"""
+
+import hashlib
+import hmac
+import json
+import logging
+import os
+from contextlib import suppress
+from pathlib import Path
+from typing import Literal, NamedTuple
+
+from drivers.mavlink.encoder import SIGNING_EPOCH_US, SIGNING_TICK_US
+from drivers.mavlink.framing import SIGNATURE_SIZE, Frame
+from estimator.errors import InputError
+
+SIGNATURE_BYTES = 6
+TICKS_PER_S = 1_000_000 // SIGNING_TICK_US
+# A stamp fits if it is no further than this behind the host's clock, or if its distance from that
+# has changed by no more since its stream was last heard: some senders count frames instead of
+# time. Older ones may be replays of what was not heard here.
+FITTING_TICKS = 60 * TICKS_PER_S
+# A host without a battery for its clock is behind by as long as it was off. A stamp further ahead
+# than this is nonsense, and once accepted would lock its own sender out.
+AHEAD_LIMIT_TICKS = 365 * 86_400 * TICKS_PER_S
+LARGEST_TICKS = 1 << 48
+# The file is ahead of what was accepted, so that it need not be written at every frame: after a
+# crash a vehicle waits for at most this long. A regular end writes the exact stamps.
+AHEAD_TICKS = 2 * TICKS_PER_S
+SHORTEST_TICKS = TICKS_PER_S // 100  # a pace is judged over at least that
+
+OURS = "ours"  # in the file, beside the streams' names
+
+Refusal = Literal[
+    "unsigned", "wrong_signature", "replayed", "signature_too_old", "signature_too_new"
+]
+Stream = tuple[int, int, int]  # system, component, link
+
+_logger = logging.getLogger(__name__)
+
+
+def state_path() -> Path:
+    """Where the stamps are kept: ``$XDG_STATE_HOME/fuzzbee/signing.json``."""
+    base = os.environ.get("XDG_STATE_HOME") or Path.home() / ".local" / "state"
+    return Path(base) / "fuzzbee" / "signing.json"
+
+
+class Heard(NamedTuple):
+    """The last stamp accepted of a stream, and how far behind the host's clock it was."""
+
+    ticks: int
+    lag: int
+
+
+class Stamps(NamedTuple):
+    """What was accepted, and the last stamp of ours."""
+
+    accepted: dict[Stream, Heard]
+    ours: int
+
+
+class SigningCheck:
+    """Says which frames to refuse, and stamps ours.
+
+    ``key`` has 32 bytes; ``file`` keeps the stamps, and those of other processes beside them.
+
+    Raises:
+        InputError: the file cannot be read or written, or is no such file.
+    """
+
+    def __init__(self, key: bytes, file: Path) -> None:
+        assert len(key) == 32
+        self._key = key
+        self._file = file
+        self._kept = _read(file)  # as in the file: no accepted stamp is above it, and none of ours
+        self._last = dict(self._kept.accepted)
+        self._ours = self._kept.ours
+        self._heard: set[Stream] = set()  # by this process
+        self._written: dict[Stream, Heard] = {}  # what was heard when the file was written
+        self._is_failing = False
+        try:
+            file.parent.mkdir(parents=True, exist_ok=True, mode=0o700)
+            _write(file, self._kept)
+        except OSError as error:
+            raise InputError(
+                f"cannot keep the time stamps of signatures in {file}: {error.strerror or error}"
+            ) from error
+
+    def refusal(self, frame: Frame, unix_us: int) -> Refusal | None:
+        """Why ``frame``, which arrived at ``unix_us``, is refused; None if it is good."""
+        if not frame.is_signed:
+            return "unsigned"
+        data = frame.data
+        signature = hashlib.sha256(self._key + data[:-SIGNATURE_BYTES]).digest()[:SIGNATURE_BYTES]
+        if not hmac.compare_digest(signature, data[-SIGNATURE_BYTES:]):
+            return "wrong_signature"
+        block = data[-SIGNATURE_SIZE:]
+        stream = (frame.system_id, frame.component_id, block[0])
+        ticks = int.from_bytes(block[1:7], "little")
+        last = self._last.get(stream)
+        if last is not None and ticks <= last.ticks:
+            return "replayed"
+        lag = _ticks(unix_us) - ticks
+        if -lag > AHEAD_LIMIT_TICKS:
+            return "signature_too_new"
+        if lag > FITTING_TICKS and (last is None or abs(lag - last.lag) > FITTING_TICKS):
+            return "signature_too_old"
+        self._last[stream] = Heard(ticks, lag)
+        self._heard.add(stream)
+        kept = self._kept.accepted.get(stream)
+        if kept is None or ticks > kept.ticks:
+            self._keep(self._kept._replace(accepted=self._ahead()))
+        return None
+
+    def stamp(self, unix_us: int) -> int:
+        """The stamp for a frame of ours: above all before it, also those before a restart."""
+        self._ours = max(self._ours + 1, _ticks(unix_us))
+        if self._ours > self._kept.ours:
+            self._keep(self._kept._replace(ours=self._ours + AHEAD_TICKS))
+        return self._ours
+
+    def close(self) -> None:
+        """Write the exact stamps: a vehicle need not wait after a regular restart."""
+        self._keep(Stamps(dict(self._last), self._ours))
+
+    def _ahead(self) -> dict[Stream, Heard]:
+        """The streams' stamps as they will be in two seconds, each at its own pace."""
+        ahead = {}
+        for stream, last in self._last.items():
+            written = self._written.get(stream, last)
+            ticks = last.ticks - written.ticks
+            host_ticks = ticks + last.lag - written.lag
+            lead = AHEAD_TICKS * ticks // max(host_ticks, SHORTEST_TICKS)
+            ahead[stream] = last._replace(ticks=last.ticks + min(lead, AHEAD_TICKS))
+        self._written = dict(self._last)
+        return ahead
+
+    def _keep(self, stamps: Stamps) -> None:
+        self._kept = stamps
+        try:
+            _write(self._file, self._with_others(stamps))
+        except (OSError, InputError) as error:
+            if not self._is_failing:
+                _logger.warning(
+                    "cannot write %s: %s; after a restart, frames of now could be replayed",
+                    self._file,
+                    getattr(error, "strerror", None) or error,
+                )
+            self._is_failing = True
+        else:
+            self._is_failing = False
+
+    def _with_others(self, stamps: Stamps) -> Stamps:
+        """And of the streams not heard here what another process may have kept."""
+        found = _read(self._file)
+        others = {stream: at for stream, at in found.accepted.items() if stream not in self._heard}
+        return Stamps({**stamps.accepted, **others}, max(stamps.ours, found.ours))
+
+
+def _ticks(unix_us: int) -> int:
+    return (unix_us - SIGNING_EPOCH_US) // SIGNING_TICK_US
+
+
+def _read(file: Path) -> Stamps:
+    try:
+        content = json.loads(file.read_text("utf-8"))
+        ours = _checked(content.pop(OURS, 0))
+        stamps = {_stream(name): _heard(values) for name, values in content.items()}
+    except FileNotFoundError:
+        return Stamps({}, 0)
+    except OSError as error:
+        raise InputError(f"cannot read {file}: {error.strerror or error}") from error
+    except (ValueError, TypeError, AttributeError, RecursionError, OverflowError):
+        raise InputError(
+            f"{file} is damaged: remove it if no frame of before can be replayed"
+        ) from None
+    return Stamps(stamps, ours)
+
+
+def _stream(name: str) -> Stream:
+    system, component, link = (int(part) for part in name.split("-"))
+    return system, component, link
+
+
+def _heard(values: list[int]) -> Heard:
+    ticks, lag = values
+    return Heard(_checked(ticks), int(lag))
+
+
+def _checked(ticks: int) -> int:
+    if not 0 <= int(ticks) < LARGEST_TICKS:
+        raise ValueError(ticks)
+    return int(ticks)
+
+
+def _write(file: Path, stamps: Stamps) -> None:
+    """All or nothing: a crash in between leaves the old file."""
+    named = {"-".join(map(str, stream)): heard for stream, heard in stamps.accepted.items()}
+    text = json.dumps({**named, OURS: stamps.ours})
+    fresh = file.with_name(f"{file.name}.{os.getpid()}")
+    try:
+        with fresh.open("w", encoding="utf-8") as out:
+            out.write(text)
+            out.flush()
+            os.fsync(out.fileno())
+        fresh.replace(file)
+    except OSError:
+        with suppress(OSError):
+            fresh.unlink()
+        raise

@@ -1,0 +1,1 @@
+"""Bytes over UDP, TCP or a serial line."""

@@ -1,0 +1,1 @@
+"""From a reading to a sample: its plausibility, its faults, its place in time."""

@@ -1,0 +1,423 @@
+"""Simulated vehicles as a MAVLink process of their own.
+
+:class:`SimulatedAutopilot` is the protocol without sockets or clocks;
+:func:`run_vehicles` plays any number of them on one link, on an absolute
+schedule. Their streams are spread over the sample interval, so that hundreds
+of vehicles do not send in one burst.
+
+ATTITUDE and ATTITUDE_QUATERNION carry the truth, like SIM_STATE: the vehicle
+has no estimator whose errors could be told. Position, velocity and battery are
+not simulated, and no message about them is sent.
+"""
+
+import heapq
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from math import asin, atan2, isfinite
+from typing import Any
+
+import numpy as np
+
+from drivers.events import VehicleId
+from drivers.mavlink.decoder import FrameParser
+from drivers.mavlink.encoder import (
+    ATTITUDE_ID,
+    ATTITUDE_QUATERNION_ID,
+    HEARTBEAT_ID,
+    MAV_AUTOPILOT_ARDUPILOTMEGA,
+    MAV_CMD_SET_MESSAGE_INTERVAL,
+    MAV_COMP_ID_AUTOPILOT1,
+    MAV_TYPE_QUADROTOR,
+    RAW_IMU_ID,
+    SIM_STATE_ID,
+    FrameEncoder,
+    Message,
+    attitude,
+    attitude_quaternion,
+    command_ack,
+    heartbeat,
+    param_value,
+    raw_imu,
+    sim_state,
+)
+from drivers.mavlink.transports.transports import LinkError, Transport
+from drivers.simulation.vehicle import Motion, Sample, SimulatedVehicle
+from estimator.errors import InputError
+from estimator.types import STANDARD_GRAVITY_M_S2, Quaternion, Vec3
+
+HEARTBEAT_US = 1_000_000
+FASTEST_RATE_HZ = 1000.0  # an interval below 1 ms is refused
+MOST_VEHICLES = 250  # MAVLink system ids end at 255, and ground stations use the last
+LONGEST_BACKLOG_US = 1_000_000  # after a longer stall the vehicle goes on with the present
+RECEIVE_S = 0.1  # how often the process looks whether it should end
+RETRY_S = 0.5
+
+MAV_RESULT_ACCEPTED = 0
+MAV_RESULT_DENIED = 2
+MAV_RESULT_UNSUPPORTED = 3
+MAV_RESULT_FAILED = 4
+
+# The order on the wire. SIM_STATE has no time of its own: it follows its RAW_IMU.
+STREAMS = (RAW_IMU_ID, SIM_STATE_ID, ATTITUDE_ID, ATTITUDE_QUATERNION_ID)
+
+# What a parameter list of a calibrated copter says about its IMU
+PARAMETERS: tuple[tuple[str, float], ...] = (
+    ("AHRS_TRIM_X", 0.0),
+    ("AHRS_TRIM_Y", 0.0),
+    ("AHRS_TRIM_Z", 0.0),
+    ("AHRS_ORIENTATION", 0.0),
+    ("COMPASS_OFS_X", 5.0),
+    ("COMPASS_OFS_Y", -5.0),
+    ("COMPASS_OFS_Z", 5.0),
+    ("COMPASS_DEC", 0.0),
+)
+
+
+@dataclass(frozen=True, slots=True)
+class VehicleOptions:
+    """How the vehicles behave. Vehicle i has system id i and noise seed ``seed`` + i - 1."""
+
+    seed: int = 0
+    rate_hz: float = 100.0
+    motion: Motion = "paper"
+    noise: float = 1.0
+    bias: float = 1.0
+    magnet: tuple[float, float] | None = None  # s
+    drop: float = 0.0  # probability that a frame is lost
+    signing_key: bytes | None = None  # 32 bytes
+
+    def check(self) -> None:
+        """Raises ``InputError`` for what the vehicle itself does not check."""
+        if not 0.0 <= self.drop <= 1.0:
+            raise InputError(f"the drop probability must be 0 to 1, not {self.drop}")
+        if not (isfinite(self.rate_hz) and 0 < self.rate_hz <= FASTEST_RATE_HZ):
+            raise InputError(
+                f"the rate must be above 0 and up to {FASTEST_RATE_HZ:g} Hz, not {self.rate_hz:g}"
+            )
+
+
+@dataclass(slots=True)
+class _Schedule:
+    """One message's stream; ``interval_us`` 0 means that it is off."""
+
+    interval_us: float
+    due_us: float = 0.0
+
+    def is_due(self, now_us: int) -> bool:
+        """Whether to send with the sample at ``now_us``; moves on to the next time if so."""
+        if self.interval_us == 0 or now_us < self.due_us - 1:
+            return False
+        self.due_us = max(self.due_us + self.interval_us, now_us)
+        return True
+
+
+class SimulatedAutopilot:
+    """One vehicle's side of MAVLink: samples to frames, commands to answers. No I/O, no clock.
+
+    Raises:
+        InputError: an option is out of its range.
+    """
+
+    def __init__(self, options: VehicleOptions, system_id: int) -> None:
+        options.check()
+        self.id = VehicleId(system_id, MAV_COMP_ID_AUTOPILOT1)
+        self._vehicle = SimulatedVehicle(
+            options.seed + system_id - 1,
+            options.rate_hz,
+            options.motion,
+            options.noise,
+            options.bias,
+            options.magnet,
+        )
+        self._encoder = FrameEncoder(self.id, options.signing_key)
+        self._drop = options.drop
+        self._losses = np.random.default_rng([options.seed, system_id])
+        self._default_us = 1e6 / options.rate_hz
+        self._streams = {message_id: _Schedule(self._default_us) for message_id in STREAMS}
+        self._sample_us = self._default_us
+        self._heartbeat = _Schedule(HEARTBEAT_US)
+        self._next = next(self._vehicle)
+
+    @property
+    def due_us(self) -> float:
+        """The boot time at which something is to be sent next."""
+        if self._heartbeat.interval_us:
+            return min(self._next.time_us, self._heartbeat.due_us)
+        return self._next.time_us
+
+    def advance(self, boot_us: float, unix_us: int) -> bytes:
+        """Every frame due at ``boot_us``, in order; ``unix_us`` is the time for signatures."""
+        messages: list[Message] = []
+        while self.due_us <= boot_us:
+            now_us = round(self.due_us)
+            if self._heartbeat.is_due(now_us):
+                messages.append(heartbeat(MAV_TYPE_QUADROTOR, MAV_AUTOPILOT_ARDUPILOTMEGA))
+            if self._next.time_us <= now_us:
+                messages += self._sample_messages(self._next)
+                self._next = next(self._vehicle)
+        return self._frames(messages, unix_us)
+
+    def skip(self, boot_us: float) -> None:
+        """Let the time up to ``boot_us`` pass without sending."""
+        while self._next.time_us < boot_us:
+            self._next = next(self._vehicle)
+        self._heartbeat.due_us = max(self._heartbeat.due_us, boot_us)
+
+    def handle(self, message: Any, unix_us: int) -> bytes:
+        """The answer to a message from outside, as frames; nothing if it is for others."""
+        kind = message.get_type()
+        if kind not in _ANSWERS or message.target_system not in (0, self.id.system_id):
+            return b""
+        if message.target_component not in (0, self.id.component_id):
+            return b""
+        return self._frames(_ANSWERS[kind](self, message), unix_us)
+
+    def _sample_messages(self, sample: Sample) -> list[Message]:
+        t, q, rate = sample.time_us, sample.q_ned_frd, sample.true_rate_rad_s
+        due = {message_id for message_id in STREAMS if self._streams[message_id].is_due(t)}
+        messages = []
+        if RAW_IMU_ID in due:
+            messages.append(raw_imu(t, sample.acc_m_s2, sample.gyr_rad_s, sample.mag_gauss))
+            if SIM_STATE_ID in due:
+                messages.append(sim_state(q, _euler(q), _specific_force(q), rate))
+        if ATTITUDE_ID in due:
+            messages.append(attitude(t, _euler(q), rate))
+        if ATTITUDE_QUATERNION_ID in due:
+            messages.append(attitude_quaternion(t, q, rate))
+        return messages
+
+    def _frames(self, messages: list[Message], unix_us: int) -> bytes:
+        frames = [self._encoder.frame(message, unix_us) for message in messages]
+        if self._drop > 0.0:
+            frames = [frame for frame in frames if self._losses.random() >= self._drop]
+        return b"".join(frames)
+
+    def _command(self, message: Any) -> list[Message]:
+        result = MAV_RESULT_UNSUPPORTED
+        if message.command == MAV_CMD_SET_MESSAGE_INTERVAL:
+            result = self._set_interval(message.param1, message.param2)
+        sender = VehicleId(message.get_srcSystem(), message.get_srcComponent())
+        return [command_ack(sender, message.command, result)]
+
+    def _set_interval(self, message_id: float, interval_us: float) -> int:
+        """MAVLink's rule: -1 turns a message off, 0 restores its default."""
+        stream = self._heartbeat if message_id == HEARTBEAT_ID else None
+        default_us = HEARTBEAT_US if stream is not None else self._default_us
+        if stream is None and message_id in STREAMS:
+            stream = self._streams[int(message_id)]
+        if stream is None:
+            return MAV_RESULT_FAILED
+        if not isfinite(interval_us) or (interval_us != -1 and interval_us < 0):
+            return MAV_RESULT_DENIED
+        if 0 < interval_us < 1e6 / FASTEST_RATE_HZ:
+            return MAV_RESULT_DENIED
+        special = {-1.0: 0.0, 0.0: default_us}
+        stream.interval_us = special.get(interval_us, interval_us)
+        stream.due_us = self._next.time_us
+        self._adapt_sampling()
+        return MAV_RESULT_ACCEPTED
+
+    def _adapt_sampling(self) -> None:
+        """Sample as fast as the fastest stream; without any, as at the start."""
+        wanted = [s.interval_us for s in self._streams.values() if s.interval_us]
+        sample_us = min(wanted, default=self._default_us)
+        if sample_us != self._sample_us:
+            self._sample_us = sample_us
+            self._vehicle.change_rate(1e6 / sample_us)
+
+    def _parameter_list(self, _message: Any) -> list[Message]:
+        return [self._parameter(index) for index in range(len(PARAMETERS))]
+
+    def _parameter_read(self, message: Any) -> list[Message]:
+        names = [name for name, _ in PARAMETERS]
+        if message.param_index >= 0:
+            known = message.param_index < len(names)
+            return [self._parameter(message.param_index)] if known else []
+        return [self._parameter(names.index(message.param_id))] if message.param_id in names else []
+
+    def _parameter(self, index: int) -> Message:
+        name, value = PARAMETERS[index]
+        return param_value(name, value, len(PARAMETERS), index)
+
+
+_ANSWERS: dict[str, Callable[[SimulatedAutopilot, Any], list[Message]]] = {
+    "COMMAND_LONG": SimulatedAutopilot._command,  # noqa: SLF001 - the class's own table
+    "PARAM_REQUEST_LIST": SimulatedAutopilot._parameter_list,  # noqa: SLF001
+    "PARAM_REQUEST_READ": SimulatedAutopilot._parameter_read,  # noqa: SLF001
+}
+
+
+@dataclass(slots=True)
+class FleetCounts:
+    """What a run did: bytes sent, and how often the link broke or could not be made."""
+
+    bytes_sent: int = 0
+    link_errors: int = 0
+
+
+class Fleet:
+    """Vehicles 1..N on one transport.
+
+    Raises:
+        InputError: an option or the number of vehicles is out of its range.
+    """
+
+    def __init__(self, options: VehicleOptions, vehicles: int) -> None:
+        if not 1 <= vehicles <= MOST_VEHICLES:
+            raise InputError(f"the number of vehicles must be 1 to {MOST_VEHICLES}, not {vehicles}")
+        # spread over one sample interval
+        spread_us = 1e6 / options.rate_hz / vehicles if options.rate_hz > 0 else 0.0
+        self._vehicles = [SimulatedAutopilot(options, i + 1) for i in range(vehicles)]
+        self._offsets_us = [i * spread_us for i in range(vehicles)]
+        self._due = [(offset, i) for i, offset in enumerate(self._offsets_us)]  # a heap
+        self._parsers: dict[str, FrameParser] = {}
+        self.counts = FleetCounts()
+
+    @property
+    def due_us(self) -> float:
+        """When, after the start, the next vehicle has something to send."""
+        return self._due[0][0]
+
+    def send_due(self, now_us: float, unix_us: int, send: Callable[[bytes], None]) -> None:
+        """Send what is due ``now_us`` after the start, one datagram a vehicle and sample."""
+        while self._due[0][0] <= now_us:
+            due_us, i = self._due[0]
+            vehicle, offset_us = self._vehicles[i], self._offsets_us[i]
+            if now_us - due_us > LONGEST_BACKLOG_US:
+                vehicle.skip(now_us - offset_us)
+            data = vehicle.advance(vehicle.due_us, unix_us)
+            heapq.heapreplace(self._due, (vehicle.due_us + offset_us, i))
+            if data:
+                self.counts.bytes_sent += len(data)
+                send(data)
+
+    def receive(self, peer: str, data: bytes, unix_us: int, send: Callable[[bytes], None]) -> None:
+        """Answer bytes that came from ``peer``; no bytes mean that it has left."""
+        if not data:
+            self._parsers.pop(peer, None)
+            return
+        if peer not in self._parsers:
+            if len(self._parsers) >= 64:  # half a frame of somebody long gone is no loss
+                self._parsers.clear()
+            self._parsers[peer] = FrameParser()
+        answered = False
+        for message in self._parsers[peer].feed(data):
+            for vehicle in self._vehicles:
+                if answer := vehicle.handle(message, unix_us):
+                    answered = True
+                    send(answer)
+        if answered:  # a changed rate changes what is due
+            self._due = [
+                (vehicle.due_us + offset_us, i)
+                for i, (vehicle, offset_us) in enumerate(
+                    zip(self._vehicles, self._offsets_us, strict=True)
+                )
+            ]
+            heapq.heapify(self._due)
+
+
+def run_vehicles(
+    fleet: Fleet,
+    transport: Transport,
+    stopped: Callable[[], bool],
+    seconds: float | None = None,
+    report: Callable[[str], None] = lambda _: None,
+) -> None:
+    """Play ``fleet`` on an open transport until ``stopped()`` or for ``seconds``.
+
+    A link that breaks is reported once and made again; the vehicles' time goes on meanwhile.
+    """
+    start_us = _monotonic_us()
+    link = _Link(transport, report)
+    try:
+        while not stopped():
+            now_us = _monotonic_us() - start_us
+            if seconds is not None and now_us >= seconds * 1e6:
+                return
+            fleet.send_due(now_us, _unix_us(), link.send)
+            wait_us = fleet.due_us - (_monotonic_us() - start_us)
+            if seconds is not None:
+                wait_us = min(wait_us, seconds * 1e6 - now_us)
+            for peer, data in link.receive(min(RECEIVE_S, max(0.0, wait_us * 1e-6))):
+                fleet.receive(peer, data, _unix_us(), link.send)
+    finally:
+        fleet.counts = replace(fleet.counts, link_errors=link.errors)
+        transport.close()
+
+
+class _Link:
+    """A transport that is opened again after an error, while time goes on."""
+
+    def __init__(self, transport: Transport, report: Callable[[str], None]) -> None:
+        self._transport = transport
+        self._report = report
+        self._reported = ""
+        self._retry_s: float | None = None  # monotonic; None while open
+        self.errors = 0
+
+    def send(self, data: bytes) -> None:
+        if self._retry_s is None:
+            try:
+                self._transport.send(data)
+            except LinkError as error:
+                self._lost(error)
+
+    def receive(self, timeout_s: float) -> list[tuple[str, bytes]]:
+        if self._retry_s is not None:
+            self._reopen(timeout_s)
+            return []
+        try:
+            packets = self._transport.receive(timeout_s)
+        except LinkError as error:
+            self._lost(error)
+            return []
+        if self._reported and self._transport.connected:
+            self._report("connected")
+            self._reported = ""
+        return [(packet.peer, packet.data) for packet in packets]
+
+    def _reopen(self, timeout_s: float) -> None:
+        assert self._retry_s is not None
+        wait_s = self._retry_s - time.monotonic()
+        if wait_s > 0:
+            time.sleep(min(wait_s, timeout_s))
+            return
+        try:
+            self._transport.open()
+            self._retry_s = None
+        except (LinkError, InputError) as error:
+            self._lost(error)
+
+    def _lost(self, error: Exception) -> None:
+        self._transport.close()
+        self.errors += 1
+        self._retry_s = time.monotonic() + RETRY_S
+        if str(error) != self._reported:
+            self._reported = str(error)
+            self._report(f"{error}; trying again")
+
+
+def _euler(q: Quaternion) -> Vec3:
+    """Roll, pitch, yaw (rad) of the aeronautical sequence."""
+    w, x, y, z = q
+    return (
+        atan2(2 * (w * x + y * z), 1 - 2 * (x * x + y * y)),
+        asin(max(-1.0, min(1.0, 2 * (w * y - z * x)))),
+        atan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z)),
+    )
+
+
+def _specific_force(q: Quaternion) -> Vec3:
+    """-g R^T (0, 0, 1): what an accelerometer without errors reads."""
+    w, x, y, z = q
+    g = -STANDARD_GRAVITY_M_S2
+    return (g * 2 * (x * z - w * y), g * 2 * (y * z + w * x), g * (1 - 2 * (x * x + y * y)))
+
+
+def _monotonic_us() -> int:
+    return time.monotonic_ns() // 1000
+
+
+def _unix_us() -> int:
+    return time.time_ns() // 1000

@@ -1,0 +1,109 @@
+"""``sim:``, the built-in vehicle in process: the paper's exact numbers in real time."""
+
+import threading
+import time
+from collections.abc import Callable, Iterator
+from typing import Self
+
+from drivers.closing import Closing
+from drivers.events import Event, Heartbeat, Imu, LinkUp, ReferenceAttitude, VehicleId
+from drivers.mavlink.encoder import (
+    MAV_AUTOPILOT_ARDUPILOTMEGA,
+    MAV_COMP_ID_AUTOPILOT1,
+    MAV_TYPE_QUADROTOR,
+)
+from drivers.simulation.vehicle import Sample, SimulatedVehicle
+from estimator.types import ImuSample
+
+HEARTBEAT_US = 1_000_000
+LONGEST_BACKLOG_US = 1_000_000  # a computer that slept goes on with the present
+ITERATION_S = 0.1
+
+
+class SimSource(Closing):
+    """The simulated vehicle as a live source, paced by the host's clock.
+
+    A sample is there from the moment its time has come, with exactly that time
+    as its arrival. Samples nobody drained for more than a second are dropped
+    and counted. ``monotonic_us`` and ``unix_us`` are the clocks.
+    """
+
+    def __init__(
+        self,
+        vehicle: SimulatedVehicle,
+        monotonic_us: Callable[[], int] = lambda: time.monotonic_ns() // 1000,
+        unix_us: Callable[[], int] = lambda: time.time_ns() // 1000,
+    ) -> None:
+        self._vehicle = vehicle
+        self._id = VehicleId(1, MAV_COMP_ID_AUTOPILOT1)
+        self._monotonic_us = monotonic_us
+        self._unix_us = unix_us
+        self._closed = threading.Event()
+        self._next = next(vehicle)
+        self._heartbeat_due_us = 0
+        self._start_us = 0
+        self._start_unix_us = 0
+        self._announced = False
+        self.dropped = 0
+
+    def __enter__(self) -> Self:
+        self._start_us = self._monotonic_us()
+        self._start_unix_us = self._unix_us()
+        return self
+
+    def close(self) -> None:
+        """End any waiting; nothing comes any more."""
+        self._closed.set()
+
+    def drain(self, timeout_s: float) -> list[Event]:
+        """All events whose time has come, after waiting at most ``timeout_s`` for the first."""
+        if self._closed.is_set():
+            return []
+        if not self._announced:
+            self._announced = True
+            return [LinkUp(self._start_unix_us, "sim:"), *self._due_events()]
+        events = self._due_events()
+        if not events and timeout_s > 0:
+            wait_s = (self._next.time_us - self._now_us()) * 1e-6
+            if not self._closed.wait(min(timeout_s, max(0.0, wait_s))):
+                events = self._due_events()
+        return events
+
+    def __iter__(self) -> Iterator[Event]:
+        """Events as they come, until the source is closed."""
+        while not self._closed.is_set():
+            yield from self.drain(ITERATION_S)
+
+    def send(self, data: bytes) -> None:
+        """The vehicle in process takes no commands."""
+
+    def _now_us(self) -> int:
+        return self._monotonic_us() - self._start_us
+
+    def _due_events(self) -> list[Event]:
+        now_us = self._now_us()
+        events: list[Event] = []
+        while self._next.time_us <= now_us:
+            if now_us - self._next.time_us > LONGEST_BACKLOG_US:
+                self.dropped += 1
+            else:
+                events += self._events(self._next)
+            self._next = next(self._vehicle)
+        return events
+
+    def _events(self, sample: Sample) -> Iterator[Event]:
+        arrival_us = self._start_unix_us + sample.time_us
+        if sample.time_us >= self._heartbeat_due_us:
+            self._heartbeat_due_us = sample.time_us + HEARTBEAT_US
+            yield Heartbeat(self._id, arrival_us, MAV_AUTOPILOT_ARDUPILOTMEGA, MAV_TYPE_QUADROTOR)
+        yield Imu(self._id, arrival_us, sample.time_us, "RAW_IMU", imu_sample(sample))
+        yield ReferenceAttitude(
+            self._id, arrival_us, sample.time_us, "sim", "SIM_STATE", sample.q_ned_frd
+        )
+
+
+def imu_sample(sample: Sample) -> ImuSample:
+    """The measured part of a simulated sample."""
+    return ImuSample(
+        sample.time_us, sample.gyr_rad_s, sample.acc_m_s2, sample.mag_gauss, has_mag=True
+    )

@@ -1,0 +1,263 @@
+"""What a magnetic field sample says about heading, hard iron, the place's field and its lag."""
+
+from math import atan2, sqrt
+
+import numpy as np
+
+from estimator.aiding.covariance import expected_variance, learn, rotation_matrix
+from estimator.aiding.types import (
+    EARTH,
+    FIELD_LAG,
+    HARD_IRON,
+    SIZE,
+    TURN,
+    AidingParams,
+    Array,
+    Calibration,
+    FieldState,
+    Two,
+)
+from estimator.compilation.compiled import inlined
+from estimator.conditioning.magnetic import LEAST_HORIZONTAL
+from estimator.geometry.quaternion import cross, dot, exp, multiply, rotate, scale, subtract
+from estimator.types import Quaternion, Vec3
+
+FIELD_TAU_S = 0.05  # low-pass of norm and dip
+RESIDUAL_TAU_S = 5.0
+RESIDUAL_MEMORY_S = 60.0
+RESIDUAL_CLIP_RAD = 0.2
+LEAST_CONFIDENCE = 1e-6
+LEAST_SHARE = 1e-6  # of the place's field: less is no field, and has no dip
+# Before anything is known about the place's field its parts are uncertain by this share of it.
+FIRST_SIGMA = 0.2
+# How well a declination is known, rad, and over which time that counts as one measurement.
+DECLINATION_SIGMA_RAD = 0.01
+DECLINATION_TAU_S = 100.0
+# A heading this uncertain (rad, 1 sigma) is taken from the field as an angle, not linearly.
+LINEAR_SIGMA_RAD = 0.35
+
+
+@inlined
+def without_field(state: FieldState, dt: float) -> FieldState:
+    """Only time passes."""
+    return FieldState(
+        state.horizontal,
+        state.down,
+        state.samples,
+        state.wait_s + dt,
+        state.confidence,
+        state.residual_rad,
+        state.residual_square,
+        state.doubt_s,
+    )
+
+
+@inlined
+def judged(
+    params: AidingParams, state: FieldState, seen: Vec3, expected: Vec3, variance: float
+) -> FieldState:
+    """Norm and dip against the place's field, as for the unaided field.
+
+    D^2 = ((n - n_r)/(s_n n_r))^2 + (sin(d - d_r)/s_d)^2, c = 1/(1 + D^2)^2, both scales widened
+    by what ``variance`` (of one part of the field, as far as it is learnt) makes of them.
+    """
+    h, v = sqrt(seen[0] * seen[0] + seen[1] * seen[1]), seen[2]
+    wait = min(state.wait_s, 1.0)
+    a = wait / (FIELD_TAU_S + wait) if state.samples > 0.0 else 1.0
+    smooth_h = state.horizontal + a * (h - state.horizontal)
+    smooth_v = state.down + a * (v - state.down)
+    h_r, v_r = sqrt(expected[0] * expected[0] + expected[1] * expected[1]), expected[2]
+    n_r = sqrt(h_r * h_r + v_r * v_r)
+    n = max(sqrt(smooth_h * smooth_h + smooth_v * smooth_v), LEAST_SHARE * n_r)
+    unsure = sqrt(variance) / n_r
+    off_norm = (n - n_r) / ((params.field_norm_scale + unsure) * n_r)
+    off_dip = (smooth_v * h_r - smooth_h * v_r) / (n * n_r)
+    off_dip /= params.field_dip_scale_rad + unsure
+    confidence = 1.0 / (1.0 + off_norm * off_norm + off_dip * off_dip) ** 2
+    return FieldState(
+        smooth_h,
+        smooth_v,
+        state.samples + 1.0,
+        0.0,
+        confidence,
+        state.residual_rad,
+        state.residual_square,
+        state.doubt_s,
+    )
+
+
+@inlined
+def begin_field(state: FieldState, R: Array, F: Vec3, north: Two, P: Array, x: Array) -> FieldState:
+    """The first sample gives the place's field, towards ``north`` where that is known.
+
+    Its hard iron is then in the place's field, too, with the other sign: d_E = -R d_iron.
+    """
+    h = sqrt(F[0] * F[0] + F[1] * F[1])
+    n = sqrt(h * h + F[2] * F[2])
+    if n == 0.0:
+        return state
+    iron = P[HARD_IRON, HARD_IRON]
+    along = (FIRST_SIGMA * n) ** 2 + iron
+    c, s = north
+    known = c != 0.0 or s != 0.0
+    across = (DECLINATION_SIGMA_RAD * h) ** 2 if known else along
+    if not known:
+        c, s = (F[0] / h, F[1] / h) if h > 0.0 else (1.0, 0.0)
+    for i in range(3):
+        for j in range(SIZE):
+            P[EARTH + i, j] = 0.0
+            P[j, EARTH + i] = 0.0
+    P[EARTH, EARTH] = along * c * c + across * s * s
+    P[EARTH, EARTH + 1] = (along - across) * c * s
+    P[EARTH + 1, EARTH] = (along - across) * c * s
+    P[EARTH + 1, EARTH + 1] = along * s * s + across * c * c
+    P[EARTH + 2, EARTH + 2] = along
+    for j in range(3):
+        a = -iron * (c * R[0, j] + s * R[1, j])
+        b = 0.0 if known else -iron * (c * R[1, j] - s * R[0, j])
+        correlate(P, EARTH, HARD_IRON + j, c * a - s * b)
+        correlate(P, EARTH + 1, HARD_IRON + j, s * a + c * b)
+        correlate(P, EARTH + 2, HARD_IRON + j, -iron * R[2, j])
+    x[EARTH] = h * c
+    x[EARTH + 1] = h * s
+    x[EARTH + 2] = F[2]
+    return FieldState(h, F[2], 1.0, 0.0, 1.0, 0.0, 0.0, state.doubt_s)
+
+
+@inlined
+def correlate(P: Array, i: int, j: int, covariance: float) -> None:
+    """Two errors' covariance, in place."""
+    P[i, j] = covariance
+    P[j, i] = covariance
+
+
+@inlined
+def observe_heading(
+    params: AidingParams,
+    field: FieldState,
+    calibration: Calibration,
+    q_ned_frd: Quaternion,
+    north: Two,
+    gyr: Vec3,
+    mag: Vec3,
+    P: Array,
+    x: Array,
+) -> FieldState:
+    """Three scalar updates: the field, turned to NED, is the place's own.
+
+    ``north`` is magnetic north as (north, east), (0, 0) where it is not known. The reading is
+    ``lag`` old, so it belongs to the attitude then, q exp(-lag w).
+    Across the place's horizontal field the difference tells the heading (dip lets a tilt error
+    in, and the covariance knows); along it and down it tells the hard iron and the field
+    itself, while the tilt, which velocity knows better, only makes it less certain.
+    """
+    rate = subtract(gyr, calibration.gyr_bias_rad_s)
+    m = subtract(mag, calibration.hard_iron_gauss)
+    q_then = multiply(q_ned_frd, exp(scale(-calibration.lag_s, rate)))
+    F = rotate(q_then, m)
+    dF = rotate(q_then, cross(rate, m))
+    R = rotation_matrix(q_then)
+    if field.samples == 0.0:
+        return begin_field(field, R, F, north, P, x)
+    E = calibration.earth_gauss
+    wait = min(field.wait_s, 1.0)
+    learnt = P[EARTH + 2, EARTH + 2] + P[HARD_IRON, HARD_IRON]
+    field = judged(params, field, F, E, learnt)
+    H = sqrt(E[0] * E[0] + E[1] * E[1])
+    if LEAST_HORIZONTAL * abs(E[2]) >= H or wait <= 0.0:
+        return field
+    c, s = E[0] / H, E[1] / H
+    F_along, F_across = c * F[0] + s * F[1], c * F[1] - s * F[0]
+    noise = params.heading_noise**2 / (wait * max(field.confidence, LEAST_CONFIDENCE))
+    across = toward(R, dF, (-s / H, c / H, 0.0))
+    across[TURN] = -c * F[2] / H
+    across[TURN + 1] = -s * F[2] / H
+    across[TURN + 2] = 1.0
+    off = -F_across / H
+    angle = atan2(F_across, F_along)
+    expected = expected_variance(P, across, 0.0)
+    if F_along < 0.5 * abs(F_across) and P[TURN + 2, TURN + 2] > LINEAR_SIGMA_RAD**2:
+        across = as_angle(R, F, dF, E)
+        off = -angle
+    learn(P, x, across, off, noise)
+    learn_place(P, x, R, E, F, dF, noise)
+    if north[0] != 0.0 or north[1] != 0.0:
+        believe_north(P, x, E, north, wait)
+    far = abs(angle) > params.far_heading_rad + 2.0 * sqrt(expected)
+    return remembered(field, off, far, wait)
+
+
+@inlined
+def toward(R: Array, dF: Vec3, axis: Vec3) -> Array:
+    """How the errors of hard iron, lag and place show in (place's field - field seen) on an axis.
+
+    E - F = turn x F - R d_iron - d_lag dF - d_E, for R, dF and axis in NED.
+    """
+    h = np.zeros(SIZE)
+    for i in range(3):
+        for j in range(3):
+            h[HARD_IRON + j] -= axis[i] * R[i, j]
+        h[EARTH + i] = -axis[i]
+    h[FIELD_LAG] = -dot(axis, dF)
+    return h
+
+
+@inlined
+def as_angle(R: Array, F: Vec3, dF: Vec3, E: Vec3) -> Array:
+    """How the errors show in the angle from the field seen to the place's, however large it is."""
+    h, H = sqrt(F[0] * F[0] + F[1] * F[1]), sqrt(E[0] * E[0] + E[1] * E[1])
+    across = toward(R, dF, (-F[1] / (h * h), F[0] / (h * h), 0.0))
+    across[EARTH] = E[1] / (H * H)
+    across[EARTH + 1] = -E[0] / (H * H)
+    across[TURN] = -F[0] * F[2] / (h * h)
+    across[TURN + 1] = -F[1] * F[2] / (h * h)
+    across[TURN + 2] = 1.0
+    return across
+
+
+@inlined
+def learn_place(P: Array, x: Array, R: Array, E: Vec3, F: Vec3, dF: Vec3, noise: float) -> None:
+    """The horizontal field along itself, and the one down."""
+    square = dot(E, E)
+    n = sqrt(square)
+    H = sqrt(E[0] * E[0] + E[1] * E[1])
+    tilt = 0.5 * (P[TURN, TURN] + P[TURN + 1, TURN + 1])
+    along = (E[0] / (H * n), E[1] / (H * n), 0.0)
+    down = (0.0, 0.0, 1.0 / n)
+    difference = subtract(E, F)
+    h = toward(R, dF, along)
+    learn(P, x, h, dot(along, difference), noise + tilt * E[2] * E[2] / square)
+    h = toward(R, dF, down)
+    learn(P, x, h, dot(down, difference), noise + tilt * H * H / square)
+
+
+@inlined
+def believe_north(P: Array, x: Array, E: Vec3, north: Two, wait: float) -> None:
+    """The place's field points to magnetic north, as far as a model can tell."""
+    c, s = north
+    square = E[0] * E[0] + E[1] * E[1]
+    h = np.zeros(SIZE)
+    h[EARTH] = -E[1] / square
+    h[EARTH + 1] = E[0] / square
+    off = atan2(s * E[0] - c * E[1], c * E[0] + s * E[1])
+    learn(P, x, h, off, DECLINATION_SIGMA_RAD**2 * DECLINATION_TAU_S / wait)
+
+
+@inlined
+def remembered(field: FieldState, off: float, far: bool, wait: float) -> FieldState:
+    """The slow part of the residual: noise averages out, a wrong field does not."""
+    clipped = max(-RESIDUAL_CLIP_RAD, min(RESIDUAL_CLIP_RAD, off))
+    slow = field.residual_rad
+    slow += wait / (wait + RESIDUAL_TAU_S) * (clipped - slow)
+    share = max(wait / (wait + RESIDUAL_MEMORY_S), 1.0 / field.samples)
+    square = field.residual_square + share * (slow * slow - field.residual_square)
+    return FieldState(
+        field.horizontal,
+        field.down,
+        field.samples,
+        field.wait_s,
+        field.confidence,
+        slow,
+        square,
+        field.doubt_s + wait if far else max(0.0, field.doubt_s - wait),
+    )

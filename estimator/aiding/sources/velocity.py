@@ -1,0 +1,165 @@
+"""What a velocity report says about attitude, biases and the IMU's lag."""
+
+from math import isfinite, sqrt
+from typing import NamedTuple
+
+import numpy as np
+
+from estimator.aiding.covariance import expected_variance, learn, remaining
+from estimator.aiding.inertial import Carried, unseen_share
+from estimator.aiding.types import (
+    IMU_LAG,
+    REPORT_LAG,
+    SIZE,
+    TURN,
+    VELOCITY,
+    Agreement,
+    AidingParams,
+    AidingState,
+    Array,
+    Report,
+)
+from estimator.compilation.compiled import inlined
+from estimator.geometry.quaternion import add, rotate, scale, subtract
+from estimator.types import STANDARD_GRAVITY_M_S2, Vec3
+
+FAR = 16.0  # squared innovation over its variance (4 sigma) of no ordinary report
+CLIP = 25.0  # more than this says no more about the noise
+INNOVATION_LIMIT = 3.0
+SCALE_REPORTS = 100.0  # reports that the noise scale is the mean of
+LARGEST_SCALE = 100.0
+DOUBTFUL_SCALE = 30.0  # reports this noisy, or an attitude that makes them look so
+COSINE_ELSEWHERE = 0.7  # the unaided gravity is 45 degrees off
+INNOVATION_TAU_S = 60.0
+
+
+class Step(NamedTuple):
+    """What led to the prediction, and how old the data are that it and a report are made of."""
+
+    dt: float
+    force_before_ned_m_s2: Vec3  # at the sample ``dt`` before
+    imu_lag_s: float
+    report_lag_s: float  # counts where a report's age is uncertain
+
+
+@inlined
+def without_report(state: Agreement, dt: float) -> Agreement:
+    """Only time passes."""
+    return Agreement(
+        state.noise_scale,
+        state.innovation,
+        state.correlation,
+        state.last,
+        state.reports,
+        state.wait_s + dt,
+        state.doubt_s,
+    )
+
+
+@inlined
+def since(now: Vec3, before: Vec3, ago_s: float, dt: float) -> Vec3:
+    """Mean acceleration (NED) over the last ``ago_s``, the force linear between two samples."""
+    share = min(1.0, 0.5 * ago_s / dt)
+    force = add(now, scale(share, subtract(before, now)))
+    return (force[0], force[1], force[2] + STANDARD_GRAVITY_M_S2)
+
+
+@inlined
+def observe_velocity(
+    params: AidingParams,
+    agreement: Agreement,
+    now: Carried,
+    step: Step,
+    report: Report,
+    gravity_b: Vec3,
+    P: Array,
+    x: Array,
+) -> Agreement:
+    """Three scalar updates (two without the vertical): report = v - a ago + a lag + error.
+
+    The velocity at the report's own time is the one now less the acceleration
+    since. The IMU's samples are ``lag`` old, so the prediction lags likewise.
+    A report that is far off loosens the velocity, not the attitude: then the
+    reports' origin has jumped. The noise scale follows the innovations.
+    """
+    dt, force_before = step.dt, step.force_before_ned_m_s2
+    noise_scale, innovation = agreement.noise_scale, agreement.innovation
+    reports, correlation = agreement.reports, agreement.correlation
+    before, now_x, now_y, now_z = agreement.last, 0.0, 0.0, 0.0
+    wait = min(agreement.wait_s, 1.0)
+    share = wait / (wait + INNOVATION_TAU_S) / 3.0
+    accuracy = max(1.0, report.sigma_m_s / params.report_sigma_m_s)
+    v = now.velocity_ned_m_s
+    a = since(now.force_ned_m_s2, force_before, report.ago_s, dt)
+    missed = scale(unseen_share(params, dt) * dt, subtract(now.force_ned_m_s2, force_before))
+    behind = min(1.0, report.ago_s / dt)
+    late = report.late_sigma_s > 0.0
+    age_s = report.ago_s - step.imu_lag_s + (step.report_lag_s if late else 0.0)
+    if late and P[REPORT_LAG, REPORT_LAG] == 0.0:
+        P[REPORT_LAG, REPORT_LAG] = report.late_sigma_s**2
+    elsewhere = rotate(now.q_ned_frd, gravity_b)[2] < COSINE_ELSEWHERE
+    far = noise_scale > DOUBTFUL_SCALE and elsewhere
+    for i in range(3 if report.has_vertical else 2):
+        h = np.zeros(SIZE)
+        h[VELOCITY + i] = 1.0
+        if dt < params.lag_step_s:
+            h[IMU_LAG] = a[i]
+        if late:
+            h[REPORT_LAG] = -a[i]
+        off = report.velocity_ned_m_s[i] - v[i] + a[i] * age_s
+        noise = noise_scale * (params.velocity_noise_m_s * accuracy) ** 2
+        noise += behind * missed[i] * missed[i]
+        left = remaining(x, h, off)
+        unit = left / sqrt(expected_variance(P, h, noise))
+        square = unit * unit
+        unit = max(-INNOVATION_LIMIT, min(INNOVATION_LIMIT, unit))
+        product = unit * before[i]
+        if i == 0:
+            now_x = unit
+        elif i == 1:
+            now_y = unit
+        else:
+            now_z = unit
+        reports += 1.0
+        innovation += max(share, 1.0 / reports) * (unit * unit - innovation)
+        correlation += max(share, 1.0 / reports) * (product - correlation)
+        noise_scale *= 1.0 + (min(square, CLIP) - 1.0) / (3.0 * SCALE_REPORTS)
+        noise_scale = min(max(noise_scale, 1.0), LARGEST_SCALE)
+        if square > FAR:
+            P[VELOCITY + i, VELOCITY + i] += left * left
+            far = True
+        learn(P, x, h, off, noise)
+    doubt_s = agreement.doubt_s + wait if far else max(0.0, agreement.doubt_s - wait)
+    last = (now_x, now_y, now_z)
+    return Agreement(noise_scale, innovation, correlation, last, reports, 0.0, doubt_s)
+
+
+@inlined
+def observe_unaided(
+    params: AidingParams, carried: Carried, gravity_b: Vec3, P: Array, x: Array, dt: float
+) -> None:
+    """In the reports' absence: the unaided gravity, whose error lasts, as a weak measurement.
+
+    R_true gravity_b = z gives turn_east = -d_north and turn_north = d_east with d = R gravity_b.
+    """
+    d = rotate(carried.q_ned_frd, gravity_b)
+    noise = params.unaided_sigma_rad**2 * params.unaided_tau_s / dt
+    h = np.zeros(SIZE)
+    h[TURN + 1] = 1.0
+    learn(P, x, h, -d[0], noise)
+    h[TURN + 1] = 0.0
+    h[TURN] = 1.0
+    learn(P, x, h, d[1], noise)
+
+
+@inlined
+def trusted(params: AidingParams, state: AidingState) -> bool:
+    """Whether to go on: reports came lately, and they and the field agree with the attitude.
+
+    Neither sigma is a number once the covariance has gone wrong.
+    """
+    agreement = state.agreement
+    if not isfinite(state.sigma_inclination_rad + state.sigma_heading_rad):
+        return False
+    doubt_s = max(agreement.doubt_s, state.field.doubt_s)
+    return agreement.wait_s <= params.give_up_s and doubt_s <= params.doubt_s

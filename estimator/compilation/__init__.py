@@ -1,0 +1,1 @@
+"""How kernels are compiled and kept: the only room of the estimator that touches a disk."""

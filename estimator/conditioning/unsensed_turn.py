@@ -1,0 +1,152 @@
+"""What tells an unsensed turn of the vehicle from noise, acceleration and magnets."""
+
+from math import atan2, pi, sqrt
+
+from estimator.compilation.compiled import inlined
+from estimator.conditioning.types import (
+    Alarm,
+    ConditioningParams,
+    Estimate,
+    EventState,
+    GravityState,
+    MagneticState,
+    RestState,
+    Two,
+)
+from estimator.geometry.quaternion import angle_between_vectors, norm, rotate, scale
+from estimator.types import Vec3
+
+HALF_TURN_VARIANCE = pi**2  # after a turn of gravity any heading is possible
+# Heading already this uncertain (rad, sigma) needs no event to move.
+UNKNOWN_HEADING_SIGMA = pi / 2.0
+# A mean force under this share of the other one is no gravity but a fall or a turn halfway.
+LEAST_GRAVITY_SHARE = 0.4
+
+
+@inlined
+def longer(holds: bool, lasted_s: float, dt_s: float) -> float:
+    """How long something has held."""
+    return lasted_s + dt_s if holds else 0.0
+
+
+@inlined
+def watch_heading(
+    params: ConditioningParams,
+    state: EventState,
+    estimate: Estimate,
+    field: MagneticState,
+    horizontal: Two,
+    dt_s: float,
+) -> EventState:
+    """An undisturbed-looking field that keeps pointing elsewhere.
+
+    A magnet that turns the field nearly always changes its norm or dip too, so
+    its confidence falls; after a turn of the vehicle about the vertical both
+    are as learnt. The means over time are of the field weighted by its
+    confidence; a large residual at high confidence needs less time.
+    """
+    north, east = horizontal
+    c = field.confidence
+    a = dt_s / (params.turn_heading_tau_s + dt_s)
+    n = state.mean_north + a * (c * north - state.mean_north)
+    e = state.mean_east + a * (c * east - state.mean_east)
+    w = state.mean_confidence + a * (c - state.mean_confidence)
+    known = estimate.covariance[9] < UNKNOWN_HEADING_SIGMA**2
+    off = known and abs(atan2(e, n)) > params.turn_heading_rad and w > params.turn_confidence
+    far = known and abs(atan2(east, north)) > params.turn_large_rad
+    far = far and c > params.turn_large_confidence
+    return EventState(
+        n,
+        e,
+        w,
+        longer(off, state.heading_s, dt_s),
+        longer(far, state.large_s, dt_s),
+        state.quiet_s,
+        state.moving_s,
+        state.levelled,
+    )
+
+
+@inlined
+def watch_gravity(
+    params: ConditioningParams,
+    state: EventState,
+    rest: RestState,
+    gravity: GravityState,
+    step: Two,
+    decay: float,
+    dt_s: float,
+) -> EventState:
+    """Gravity that keeps pulling elsewhere than the low-pass in G has it.
+
+    A quiet vehicle's gravity is known at once. Accelerations of a moving one
+    reverse within a second or two and rarely exceed 1 g, a turn stays. And a
+    levelling of many degrees has turned about the axis that was shortest, not
+    the one the vehicle turned about, so its heading is wrong.
+    """
+    f = gravity.down.value
+    quiet = False
+    if rest.quiet:
+        now = rotate(gravity.q_g_frd, scale(-1.0, rest.acc.value))
+        quiet = angle_between_vectors(now, f) > params.turn_quiet_rad
+    quick = gravity.quick
+    moving = norm(quick) > LEAST_GRAVITY_SHARE * norm(f)
+    moving = moving and angle_between_vectors(quick, f) > params.turn_moving_rad
+    return EventState(
+        state.mean_north,
+        state.mean_east,
+        state.mean_confidence,
+        state.heading_s,
+        state.large_s,
+        longer(quiet, state.quiet_s, dt_s),
+        longer(moving, state.moving_s, dt_s),
+        (decay * state.levelled[0] + step[0], decay * state.levelled[1] + step[1]),
+    )
+
+
+@inlined
+def alarm_of(params: ConditioningParams, state: EventState) -> Alarm:
+    """Which sign has lasted."""
+    if not params.use_events:
+        return Alarm(False, False, False, False)
+    heading = state.heading_s > params.turn_heading_time_s
+    heading = heading or state.large_s > params.turn_large_time_s
+    swing = sqrt(state.levelled[0] ** 2 + state.levelled[1] ** 2)
+    return Alarm(
+        heading,
+        state.quiet_s > params.turn_quiet_time_s,
+        state.moving_s > params.turn_moving_time_s,
+        swing > params.turn_levelling_rad,
+    )
+
+
+@inlined
+def seen_to(state: EventState, alarm: Alarm) -> EventState:
+    """Signs that went off start anew."""
+    north, east, w = state.mean_north, state.mean_east, state.mean_confidence
+    heading_s, large_s = state.heading_s, state.large_s
+    levelled = state.levelled
+    if alarm.heading or alarm.quiet or alarm.moving or alarm.levelling:
+        north, east, w = 0.0, 0.0, 0.0
+        heading_s, large_s = 0.0, 0.0
+        levelled = (0.0, 0.0)
+    quiet_s = 0.0 if alarm.quiet else state.quiet_s
+    moving_s = 0.0 if alarm.quiet or alarm.moving else state.moving_s
+    return EventState(north, east, w, heading_s, large_s, quiet_s, moving_s, levelled)
+
+
+@inlined
+def doubted(estimate: Estimate, variance: float) -> Estimate:
+    """The heading's variance raised: the next residuals set it."""
+    p = estimate.covariance
+    return Estimate(
+        estimate.bias_rad_s,
+        estimate.heading_rad,
+        (p[0], p[1], p[2], p[3], p[4], p[5], p[6], p[7], p[8], p[9] + variance),
+    )
+
+
+@inlined
+def gravity_now(rest: RestState, gravity: GravityState) -> Vec3:
+    """A quiet vehicle's gravity in G."""
+    return rotate(gravity.q_g_frd, scale(-1.0, rest.acc.value))

@@ -1,0 +1,1 @@
+"""The paper: filter and fuzzy controller, each as it reads and compiled."""

@@ -1,0 +1,208 @@
+"""The steps of ``estimator/filter/reference.py`` on scalars, compiled; the explanation is there."""
+
+from math import expm1, sqrt
+
+import numpy as np
+from numpy.typing import NDArray
+
+from estimator.compilation.compiled import compiled, inlined
+from estimator.filter.fuzzy import operating_gain
+from estimator.filter.observation import ReferenceParams, raw_vectors
+from estimator.filter.types import PLAIN_STEP_LIMIT, FilterParams, FilterState, Vectors
+from estimator.geometry.quaternion import (
+    add,
+    cross,
+    dot,
+    exp,
+    multiply,
+    norm,
+    normalize,
+    rotate_inverse,
+    scale,
+    subtract,
+)
+from estimator.types import Vec3
+
+Array = NDArray[np.float64]
+
+# Sine of the angle between v1 and v2 below which they fix no attitude.
+COLLINEAR_SINE = 1e-6
+
+
+@inlined
+def attitude_error(
+    v1: Vec3, v2: Vec3, u1: Vec3, u2: Vec3, v3: Vec3, sine: float, u3: Vec3
+) -> float:
+    """e = (3 - Tr R~)/4, clipped to [0, 1], without the matrix inverse.
+
+    With V = [v1 v2 v3] and U = [u1 u2 u3] the estimates, the paper's trace is
+    Tr(V^-T U^T): each u_i against the dual vector of v_i. As v3 is the unit
+    normal of v1 and v2, the duals are (v2 x v3)/sine, (v3 x v1)/sine and v3.
+    """
+    trace = (dot(cross(v2, v3), u1) + dot(cross(v3, v1), u2)) / sine + dot(v3, u3)
+    return min(1.0, max(0.0, 0.25 * (3.0 - trace)))
+
+
+@inlined
+def single_vector_error(v1: Vec3, v2: Vec3, u1: Vec3, u2: Vec3, s1: float, s2: float) -> float:
+    """sin^2 of half the angle between the vectors, averaged by confidence."""
+    total = s1 + s2
+    if total <= 0.0:
+        return 0.0
+    e = 0.5 * (s1 * (1.0 - dot(v1, u1)) + s2 * (1.0 - dot(v2, u2))) / total
+    return min(1.0, max(0.0, e))
+
+
+@inlined
+def error_rate(params: FilterParams, state: FilterState, error: float, dt: float) -> float:
+    """d_k = d_(k-1) + dt/(tau + dt) ((e_k - e_(k-1))/dt - d_(k-1)); 1/s, signed."""
+    if not state.has_error or dt <= 0.0:
+        return state.error_rate_1_s
+    d = state.error_rate_1_s
+    return d + dt / (params.rate_time_constant_s + dt) * ((error - state.error) / dt - d)
+
+
+@inlined
+def adaptive_gain(params: FilterParams, error: float, error_rate_1_s: float) -> float:
+    """K = 1 + k_op."""
+    if params.gain_is_fixed:
+        return params.fixed_gain
+    return 1.0 + operating_gain(params.memberships, error, error_rate_1_s)
+
+
+@inlined
+def largest_rate(cosine: float, s1: float, s2: float, s3: float) -> float:
+    """Largest eigenvalue of (tr(M) I - M)/2: (tr M - smallest eigenvalue of M)/2.
+
+    M has the eigenvalue s3 along v3 and, in the plane of v1 and v2,
+    ((s1 + s2) +- sqrt((s1 - s2)^2 + 4 s1 s2 cos^2))/2.
+    """
+    total = s1 + s2
+    difference = s1 - s2
+    in_plane = 0.5 * (total - sqrt(difference * difference + 4.0 * s1 * s2 * cosine * cosine))
+    return 0.5 * (total + s3 - min(s3, in_plane))
+
+
+@inlined
+def step_gain(params: FilterParams, K: float, fastest: float, dt: float) -> float:
+    """K dt for short steps; beyond, (1 - exp(-K lambda dt))/lambda, which never overshoots."""
+    plain = dt <= params.euler_step_max_s and K * fastest * dt <= PLAIN_STEP_LIMIT
+    if plain or fastest <= 0.0:
+        return K * dt
+    return -expm1(-K * fastest * dt) / fastest
+
+
+@inlined
+def bias_gain(params: FilterParams, K: float, g: float, fastest: float, dt: float) -> float:
+    """gamma/2 g/K: the innovation that the bias integrates decays over the step as the error does.
+
+    At most 1/(lambda dt), with which the bias alone would explain the error:
+    more, as after a gap of many seconds, would overshoot.
+    """
+    gain = 0.5 * params.gamma * g / K
+    reach = fastest * dt
+    return gain if gain * reach <= 1.0 else 1.0 / reach
+
+
+@inlined
+def bounded(v: Vec3, bound: float) -> Vec3:
+    """Each component limited to [-bound, bound]."""
+    return (
+        min(bound, max(-bound, v[0])),
+        min(bound, max(-bound, v[1])),
+        min(bound, max(-bound, v[2])),
+    )
+
+
+@inlined
+def turned(state: FilterState, rate_rad_s: Vec3, dt: float, gyr_bias_rad_s: Vec3) -> FilterState:
+    """The attitude turned on by a rate that is free of bias; the bias only recorded."""
+    q = normalize(multiply(state.q_ned_frd, exp(scale(dt, rate_rad_s))))
+    return FilterState(
+        q, gyr_bias_rad_s, state.error, state.error_rate_1_s, state.gain, state.has_error
+    )
+
+
+@compiled
+def propagate(state: FilterState, gyr_rad_s: Vec3, dt: float) -> FilterState:
+    """R_hat <- R_hat exp([Omega_m - b_hat]x dt)."""
+    b = state.gyr_bias_rad_s
+    return turned(state, subtract(gyr_rad_s, b), dt, b)
+
+
+@compiled
+def correct(params: FilterParams, state: FilterState, vectors: Vectors, dt: float) -> FilterState:
+    """R_hat <- R_hat exp(-[W]x dt), b_hat <- b_hat + gamma/2 vex(...) dt, with the fuzzy gain."""
+    v1, v2 = vectors.v1_frd, vectors.v2_frd
+    u1 = rotate_inverse(state.q_ned_frd, vectors.v1_ned)
+    u2 = rotate_inverse(state.q_ned_frd, vectors.v2_ned)
+    v3 = cross(v1, v2)
+    u3 = cross(u1, u2)
+    sine = norm(v3)
+    inertial_sine = norm(u3)
+    s1, s2 = vectors.s1, vectors.s2
+    w = add(scale(0.5 * s1, cross(u1, v1)), scale(0.5 * s2, cross(u2, v2)))
+    if min(s1, s2) > 0.0 and min(sine, inertial_sine) > COLLINEAR_SINE:
+        v3 = scale(1.0 / sine, v3)
+        u3 = scale(1.0 / inertial_sine, u3)
+        s3 = vectors.s3
+        w = add(w, scale(0.5 * s3, cross(u3, v3)))
+        e = attitude_error(v1, v2, u1, u2, v3, sine, u3)
+    else:
+        s3 = 0.0
+        e = single_vector_error(v1, v2, u1, u2, s1, s2)
+    d = error_rate(params, state, e, dt)
+    K = adaptive_gain(params, e, d)
+    fastest = largest_rate(dot(v1, v2), s1, s2, s3)
+    g = step_gain(params, K, fastest, dt)
+    q = normalize(multiply(state.q_ned_frd, exp(scale(-g, w))))
+    b = add(state.gyr_bias_rad_s, scale(bias_gain(params, K, g, fastest, dt), w))
+    return FilterState(q, bounded(b, params.bias_bound_rad_s), e, d, K, True)
+
+
+@compiled
+def step(
+    params: FilterParams,
+    reference: ReferenceParams,
+    state: FilterState,
+    gyr_rad_s: Vec3,
+    acc_m_s2: Vec3,
+    mag: Vec3,
+    has_mag: bool,
+    dt: float,
+) -> FilterState:
+    """One sample of raw vectors, ``dt`` after the one before: propagate, then correct."""
+    vectors = raw_vectors(reference, acc_m_s2, mag, has_mag)
+    return correct(params, propagate(state, gyr_rad_s, dt), vectors, dt)
+
+
+@compiled
+def run(
+    params: FilterParams,
+    reference: ReferenceParams,
+    start: FilterState,
+    gyr_rad_s: Array,
+    acc_m_s2: Array,
+    mag: Array,
+    dt: float,
+) -> tuple[Array, Array]:
+    """The paper's experiment: raw vectors at a fixed step.
+
+    The gyroscope's and both vectors' readings are (N, 3). Returns the estimates
+    at the samples before each correction (N, 4), which the paper's cost is
+    taken of, and the gains K (N,).
+    """
+    n = len(gyr_rad_s)
+    estimates = np.empty((n, 4))
+    gains = np.empty(n)
+    state = start
+    for k in range(n):
+        if k > 0:
+            state = propagate(state, (gyr_rad_s[k, 0], gyr_rad_s[k, 1], gyr_rad_s[k, 2]), dt)
+        for i in range(4):
+            estimates[k, i] = state.q_ned_frd[i]
+        acc = (acc_m_s2[k, 0], acc_m_s2[k, 1], acc_m_s2[k, 2])
+        field = (mag[k, 0], mag[k, 1], mag[k, 2])
+        state = correct(params, state, raw_vectors(reference, acc, field, True), dt)
+        gains[k] = state.gain
+    return estimates, gains

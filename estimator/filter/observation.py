@@ -1,0 +1,37 @@
+"""From a sample to the filter's unit vectors, without conditioning."""
+
+from typing import NamedTuple
+
+from estimator.compilation.compiled import inlined
+from estimator.filter.types import Vectors
+from estimator.geometry.quaternion import norm, scale, unit
+from estimator.types import Vec3
+
+
+class ReferenceParams(NamedTuple):
+    """Inertial unit vectors in NED and the paper's confidences s_i."""
+
+    magnetic_ned: Vec3
+    gravity_ned: Vec3
+    s_magnetic: float
+    s_gravity: float
+    s_cross: float
+
+
+@inlined
+def raw_vectors(reference: ReferenceParams, acc_m_s2: Vec3, mag: Vec3, has_mag: bool) -> Vectors:
+    """The paper's normalised vectors, Eq. (5): v1 magnetic, v2 gravity (minus the specific force).
+
+    A vector that is absent or zero gets no confidence.
+    """
+    s1 = reference.s_magnetic if has_mag and norm(mag) > 0.0 else 0.0
+    s2 = reference.s_gravity if norm(acc_m_s2) > 0.0 else 0.0
+    return Vectors(
+        unit(mag),
+        reference.magnetic_ned,
+        s1,
+        unit(scale(-1.0, acc_m_s2)),
+        reference.gravity_ned,
+        s2,
+        reference.s_cross,
+    )

@@ -1,0 +1,160 @@
+"""The filter as the paper reads, with small matrices: one function a step.
+
+A. Singh, T. S. Sieb, J. H. Howe, H. A. Hashim, "Nonlinear Attitude Filter on
+SO(3): Fast Adaptation and Robustness", 2021. Equation numbers are the paper's
+in order of appearance; its structure is that of R. Mahony, T. Hamel and
+J.-M. Pflimlin, IEEE Trans. Automatic Control 53(5), 2008,
+doi:10.1109/TAC.2008.923738.
+
+The vehicle turns with dR/dt = R [Omega]x and its gyroscope reads Omega_m =
+Omega + b + n. The filter turns R_hat with Omega_m - b_hat - W. W draws the
+estimated directions R_hat^T v_i^I to the measured ones v_i^B; the gain K of W
+is set by fuzzy rules from the distance e between the two frames and its rate
+of change. e is what the measurements say of |R~|_I = Tr(I - R~)/4, R~ = R^T
+R_hat, which is sin^2 of half the angle between truth and estimate.
+
+``estimator/filter/kernel.py`` holds the same steps on scalars, compiled. Step names
+and order are equal, so the two can be read side by side.
+"""
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from estimator.filter import fuzzy_reference
+from estimator.filter.types import PLAIN_STEP_LIMIT, FilterParams, FilterState, Vectors
+from estimator.geometry import quaternion
+from estimator.types import Quaternion, Vec3
+
+Array = NDArray[np.float64]
+
+# Sine of the angle between v1 and v2 below which they fix no attitude.
+COLLINEAR_SINE = 1e-6
+
+
+def rotation_matrix(q: Quaternion) -> Array:
+    """R with v_a = R v_b for q = q_ab."""
+    columns = [
+        quaternion.rotate(q, axis) for axis in ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
+    ]
+    return np.array(columns).T
+
+
+def three_vectors(v: Vectors, q: Quaternion) -> tuple[Array, Array, Array, bool]:
+    """Measured v_i, estimated v_hat_i = R_hat^T v_i^I (Eq. (9)) as rows, confidences; v3 = v1 x v2.
+
+    The last value tells whether v1 and v2 span a plane.
+    """
+    R = rotation_matrix(q)
+    measured = [np.array(v.v1_frd), np.array(v.v2_frd)]
+    inertial = [np.array(v.v1_ned), np.array(v.v2_ned)]
+    cross_measured = np.cross(measured[0], measured[1])
+    cross_inertial = np.cross(inertial[0], inertial[1])
+    sine, inertial_sine = np.linalg.norm(cross_measured), np.linalg.norm(cross_inertial)
+    spans = bool(min(v.s1, v.s2) > 0.0 and min(sine, inertial_sine) > COLLINEAR_SINE)
+    if spans:
+        measured.append(cross_measured / sine)
+        inertial.append(cross_inertial / inertial_sine)
+    else:
+        measured.append(np.zeros(3))
+        inertial.append(np.zeros(3))
+    s = np.array([v.s1, v.s2, v.s3 if spans else 0.0])
+    return np.array(measured), np.array(inertial) @ R, s, spans
+
+
+def innovation(measured: Array, estimated: Array, s: Array) -> Array:
+    """vex(Pa(M R~)) = sum_i s_i/2 (v_hat_i x v_i), Eq. (10)."""
+    return np.asarray(np.sum(0.5 * s[:, None] * np.cross(estimated, measured), axis=0))
+
+
+def attitude_error(measured: Array, estimated: Array, s: Array) -> float:
+    """e = (3 - Tr R~)/4 from measurements, clipped to [0, 1].
+
+    Tr R~ = Tr{(sum s_i v_i v_i^T)^-1 sum s_i v_i v_hat_i^T} (after Eq. (10)).
+    The confidences cancel as long as none is zero, so a zero one counts as 1.
+    """
+    weights = np.where(s > 0.0, s, 1.0)
+    A = np.einsum("i,ij,ik->jk", weights, measured, measured)
+    B = np.einsum("i,ij,ik->jk", weights, measured, estimated)
+    trace = np.trace(np.linalg.solve(A, B))
+    return float(np.clip((3.0 - trace) / 4.0, 0.0, 1.0))
+
+
+def single_vector_error(measured: Array, estimated: Array, s: Array) -> float:
+    """sin^2 of half the angle between the vectors, averaged by confidence."""
+    half_angle_sine_sq = 0.5 * (1.0 - np.sum(measured[:2] * estimated[:2], axis=1))
+    total = s[0] + s[1]
+    return float(np.clip(s[:2] @ half_angle_sine_sq / total, 0.0, 1.0)) if total > 0.0 else 0.0
+
+
+def error_rate(params: FilterParams, state: FilterState, error: float, dt: float) -> float:
+    """d_k = d_(k-1) + dt/(tau + dt) ((e_k - e_(k-1))/dt - d_(k-1)), d_0 = 0; 1/s, signed."""
+    if not state.has_error or dt <= 0.0:
+        return state.error_rate_1_s
+    d = state.error_rate_1_s
+    return d + dt / (params.rate_time_constant_s + dt) * ((error - state.error) / dt - d)
+
+
+def adaptive_gain(params: FilterParams, error: float, error_rate_1_s: float) -> float:
+    """K = 1 + k_op (below Eq. (11))."""
+    if params.gain_is_fixed:
+        return params.fixed_gain
+    return 1.0 + fuzzy_reference.gain(params.memberships, error, error_rate_1_s)
+
+
+def largest_rate(measured: Array, s: Array) -> float:
+    """Largest eigenvalue of (tr(M) I - M)/2, M = sum s_i v_i v_i^T.
+
+    A small error about its axis decays with K times it; about no axis faster.
+    """
+    M = np.einsum("i,ij,ik->jk", s, measured, measured)
+    return float(np.linalg.eigvalsh(0.5 * (np.trace(M) * np.eye(3) - M))[-1])
+
+
+def step_gain(params: FilterParams, K: float, fastest: float, dt: float) -> float:
+    """K dt for short steps; beyond, (1 - exp(-K lambda dt))/lambda, which never overshoots."""
+    plain = dt <= params.euler_step_max_s and K * fastest * dt <= PLAIN_STEP_LIMIT
+    if plain or fastest <= 0.0:
+        return K * dt
+    return float(-np.expm1(-K * fastest * dt) / fastest)
+
+
+def bias_gain(params: FilterParams, K: float, g: float, fastest: float, dt: float) -> float:
+    """gamma/2 g/K: the innovation that the bias integrates decays over the step as the error does.
+
+    At most 1/(lambda dt), with which the bias alone would explain the error:
+    more, as after a gap of many seconds, would overshoot.
+    """
+    gain = 0.5 * params.gamma * g / K
+    reach = fastest * dt
+    return gain if gain * reach <= 1.0 else 1.0 / reach
+
+
+def propagate(state: FilterState, gyr_rad_s: Vec3, dt: float) -> FilterState:
+    """R_hat <- R_hat exp([Omega_m - b_hat]x dt): Eq. (11) between measurements of vectors."""
+    turn = quaternion.scale(dt, quaternion.subtract(gyr_rad_s, state.gyr_bias_rad_s))
+    q = quaternion.multiply(state.q_ned_frd, quaternion.exp(turn))
+    return state._replace(q_ned_frd=quaternion.normalize(q))
+
+
+def correct(params: FilterParams, state: FilterState, vectors: Vectors, dt: float) -> FilterState:
+    """R_hat <- R_hat exp(-[W]x dt), W = K vex(...), and db/dt = gamma/2 vex(...), Eq. (11).
+
+    ``dt`` is the time since the previous sample; at 0 (the first sample) the
+    error and the gain are set and nothing moves.
+    """
+    measured, estimated, s, spans = three_vectors(vectors, state.q_ned_frd)
+    w = innovation(measured, estimated, s)
+    e = (attitude_error if spans else single_vector_error)(measured, estimated, s)
+    d = error_rate(params, state, e, dt)
+    K = adaptive_gain(params, e, d)
+    fastest = largest_rate(measured, s)
+    g = step_gain(params, K, fastest, dt)
+    turn: Any = tuple(-g * w)
+    q = quaternion.multiply(state.q_ned_frd, quaternion.exp(turn))
+    b = np.array(state.gyr_bias_rad_s) + bias_gain(params, K, g, fastest, dt) * w
+    b = np.clip(b, -params.bias_bound_rad_s, params.bias_bound_rad_s)
+    return FilterState(
+        quaternion.normalize(q), (float(b[0]), float(b[1]), float(b[2])), e, d, K, True
+    )

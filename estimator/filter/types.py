@@ -1,0 +1,66 @@
+"""Parameters and state of the paper's filter, shared by its readable and its compiled form."""
+
+from typing import NamedTuple
+
+from estimator.filter.memberships import Memberships
+from estimator.types import IDENTITY, ZERO_VEC3, Quaternion, Vec3
+
+# Largest K lambda dt (lambda: the fastest linear rate) that a plain step takes. At 2 it diverges.
+# The paper: s_i = 1, K <= 101, dt <= 0.01 s, stays below 1.52; larger confidences do not.
+PLAIN_STEP_LIMIT = 1.6
+
+
+class FilterParams(NamedTuple):
+    """What is chosen about the filter (paper, Eq. (11) and Section III)."""
+
+    # gamma, 1/s^2 per unit: how fast the bias follows. Small: a wrong bias
+    # lingers; large: the bias chases vector noise.
+    gamma: float
+    # Bound of each component of the bias estimate, rad/s. Small: a bad
+    # gyroscope is not corrected; large: a wrong start winds the bias up.
+    bias_bound_rad_s: float
+    # tau of the low-passed error derivative, s. Small: noise raises the gain;
+    # large: the gain answers late.
+    rate_time_constant_s: float
+    # Steps up to this long use K dt as the paper's continuous time suggests,
+    # longer or stronger ones the exact decay, which cannot overshoot. 0: always the decay.
+    euler_step_max_s: float
+    # k1..k22 of the fuzzy controller.
+    memberships: Memberships
+    # K = 1 + k_op instead of the fuzzy controller's, where gain_is_fixed.
+    gain_is_fixed: bool
+    fixed_gain: float
+
+
+class FilterState(NamedTuple):
+    """What changes. ``has_error`` tells that ``error`` is of an earlier sample, not a blank."""
+
+    q_ned_frd: Quaternion
+    gyr_bias_rad_s: Vec3
+    error: float
+    error_rate_1_s: float
+    gain: float
+    has_error: bool
+
+
+class Vectors(NamedTuple):
+    """The filter's observations: directions in body and inertial frame with confidences.
+
+    Unit vectors. v1 is the magnetic one and v2 gravity, as in the paper's
+    simulation; v3 = v1 x v2. A confidence of zero takes a vector out.
+    """
+
+    v1_frd: Vec3
+    v1_ned: Vec3
+    s1: float
+    v2_frd: Vec3
+    v2_ned: Vec3
+    s2: float
+    s3: float
+
+
+def initial_state(
+    q_ned_frd: Quaternion = IDENTITY, gyr_bias_rad_s: Vec3 = ZERO_VEC3
+) -> FilterState:
+    """State before the first sample; the error's rate starts at zero."""
+    return FilterState(q_ned_frd, gyr_bias_rad_s, 0.0, 0.0, 1.0, False)

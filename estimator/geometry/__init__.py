@@ -1,0 +1,1 @@
+"""Rotations, frames, and the angles between attitudes."""

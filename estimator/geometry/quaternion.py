@@ -1,0 +1,192 @@
+"""Quaternion and SO(3) algebra on plain tuples, compiled.
+
+Hamilton product, scalar first. ``q_ab`` rotates coordinates from frame b to
+frame a: ``v_a = rotate(q_ab, v_b)`` and ``q_ac = multiply(q_ab, q_bc)``.
+
+Source of the identities: J. Solà, "Quaternion kinematics for the error-state
+Kalman filter", arXiv:1711.02508.
+"""
+
+from math import acos, atan2, cos, sin, sqrt
+
+from estimator.compilation.compiled import inlined
+from estimator.types import Quaternion, Vec3
+
+# Below these half angles (rad) the next term of each series is under 1e-15: of
+# the exponential's four terms, which save a filter's small steps the sine and
+# the cosine, and of the logarithm's two.
+SERIES_HALF_ANGLE_RAD = 0.05
+SMALL_HALF_ANGLE_RAD = 1e-4
+
+
+@inlined
+def dot(u: Vec3, v: Vec3) -> float:
+    """u . v."""
+    return u[0] * v[0] + u[1] * v[1] + u[2] * v[2]
+
+
+@inlined
+def cross(u: Vec3, v: Vec3) -> Vec3:
+    """u x v."""
+    return (
+        u[1] * v[2] - u[2] * v[1],
+        u[2] * v[0] - u[0] * v[2],
+        u[0] * v[1] - u[1] * v[0],
+    )
+
+
+@inlined
+def add(u: Vec3, v: Vec3) -> Vec3:
+    """u + v."""
+    return (u[0] + v[0], u[1] + v[1], u[2] + v[2])
+
+
+@inlined
+def subtract(u: Vec3, v: Vec3) -> Vec3:
+    """u - v."""
+    return (u[0] - v[0], u[1] - v[1], u[2] - v[2])
+
+
+@inlined
+def scale(a: float, v: Vec3) -> Vec3:
+    """a v."""
+    return (a * v[0], a * v[1], a * v[2])
+
+
+@inlined
+def norm(v: Vec3) -> float:
+    """|v|."""
+    return sqrt(v[0] * v[0] + v[1] * v[1] + v[2] * v[2])
+
+
+@inlined
+def unit(v: Vec3) -> Vec3:
+    """v / |v|; the zero vector stays zero."""
+    n = norm(v)
+    if n == 0.0:
+        return (0.0, 0.0, 0.0)
+    return (v[0] / n, v[1] / n, v[2] / n)
+
+
+@inlined
+def multiply(p: Quaternion, q: Quaternion) -> Quaternion:
+    """Hamilton product p q."""
+    return (
+        p[0] * q[0] - p[1] * q[1] - p[2] * q[2] - p[3] * q[3],
+        p[0] * q[1] + p[1] * q[0] + p[2] * q[3] - p[3] * q[2],
+        p[0] * q[2] - p[1] * q[3] + p[2] * q[0] + p[3] * q[1],
+        p[0] * q[3] + p[1] * q[2] - p[2] * q[1] + p[3] * q[0],
+    )
+
+
+@inlined
+def conjugate(q: Quaternion) -> Quaternion:
+    """The inverse of a unit quaternion."""
+    return (q[0], -q[1], -q[2], -q[3])
+
+
+@inlined
+def normalize(q: Quaternion) -> Quaternion:
+    """q / |q|; the zero quaternion becomes the identity."""
+    n = sqrt(q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + q[3] * q[3])
+    if n == 0.0:
+        return (1.0, 0.0, 0.0, 0.0)
+    return (q[0] / n, q[1] / n, q[2] / n, q[3] / n)
+
+
+@inlined
+def rotate(q: Quaternion, v: Vec3) -> Vec3:
+    """q v q*: with ``q_ab`` and ``v_b`` this is ``v_a``."""
+    # v + 2 r x (r x v + w v), r the vector part
+    t0 = 2.0 * (q[2] * v[2] - q[3] * v[1])
+    t1 = 2.0 * (q[3] * v[0] - q[1] * v[2])
+    t2 = 2.0 * (q[1] * v[1] - q[2] * v[0])
+    return (
+        v[0] + q[0] * t0 + q[2] * t2 - q[3] * t1,
+        v[1] + q[0] * t1 + q[3] * t0 - q[1] * t2,
+        v[2] + q[0] * t2 + q[1] * t1 - q[2] * t0,
+    )
+
+
+@inlined
+def rotate_inverse(q: Quaternion, v: Vec3) -> Vec3:
+    """q* v q: with ``q_ab`` and ``v_a`` this is ``v_b`` (the paper's R^T v)."""
+    return rotate((q[0], -q[1], -q[2], -q[3]), v)
+
+
+@inlined
+def exp(phi: Vec3) -> Quaternion:
+    """Rotation vector (rad) to quaternion: (cos |phi|/2, sin(|phi|/2) phi/|phi|)."""
+    x2 = 0.25 * (phi[0] * phi[0] + phi[1] * phi[1] + phi[2] * phi[2])
+    if x2 < SERIES_HALF_ANGLE_RAD**2:
+        # x the half angle: sin(x)/x = 1 - x^2/3! + x^4/5! - x^6/7!, and the cosine likewise
+        k = 0.5 * (1.0 - x2 / 6.0 * (1.0 - x2 / 20.0 * (1.0 - x2 / 42.0)))
+        w = 1.0 - x2 / 2.0 * (1.0 - x2 / 12.0 * (1.0 - x2 / 30.0))
+    else:
+        x = sqrt(x2)
+        k = 0.5 * sin(x) / x
+        w = cos(x)
+    return (w, k * phi[0], k * phi[1], k * phi[2])
+
+
+@inlined
+def log(q: Quaternion) -> Vec3:
+    """Logarithm: unit quaternion to rotation vector (rad), the shorter way round (angle <= pi)."""
+    s = 1.0 if q[0] >= 0.0 else -1.0  # q and -q are one rotation
+    w = s * q[0]
+    n = sqrt(q[1] * q[1] + q[2] * q[2] + q[3] * q[3])
+    if n < SMALL_HALF_ANGLE_RAD:
+        # 2 atan(n/w)/n = 2/w (1 - (n/w)^2/3)
+        k = 2.0 / w * (1.0 - n * n / (3.0 * w * w))
+    else:
+        k = 2.0 * atan2(n, w) / n
+    return (s * k * q[1], s * k * q[2], s * k * q[3])
+
+
+@inlined
+def angle_between(p: Quaternion, q: Quaternion) -> float:
+    """Angle (rad, 0..pi) of the rotation p* q; p and -p are the same."""
+    d = multiply(conjugate(p), q)
+    n = sqrt(d[1] * d[1] + d[2] * d[2] + d[3] * d[3])
+    return 2.0 * atan2(n, abs(d[0]))
+
+
+@inlined
+def shortest_rotation(u: Vec3, v: Vec3) -> Quaternion:
+    """The smallest rotation that takes the direction of ``u`` to that of ``v`` (both non-zero)."""
+    a = unit(u)
+    b = unit(v)
+    w = 1.0 + dot(a, b)
+    c = cross(a, b)
+    if w < 1e-12:
+        # opposite directions: half a turn about any axis across u
+        helper = (1.0, 0.0, 0.0) if abs(a[0]) < 0.9 else (0.0, 1.0, 0.0)
+        axis = unit(cross(a, helper))
+        return (0.0, axis[0], axis[1], axis[2])
+    return normalize((w, c[0], c[1], c[2]))
+
+
+@inlined
+def slerp(p: Quaternion, q: Quaternion, fraction: float) -> Quaternion:
+    """Interpolate along the shorter arc: p exp(fraction log(p* q))."""
+    step = log(multiply(conjugate(p), q))
+    return multiply(p, exp(scale(fraction, step)))
+
+
+@inlined
+def normalized_distance(p: Quaternion, q: Quaternion) -> float:
+    """The paper's |R~|_I = Tr(I - R^T R_hat)/4 = sin^2(angle/2), in [0, 1]."""
+    d = multiply(conjugate(p), q)
+    return min(1.0, d[1] * d[1] + d[2] * d[2] + d[3] * d[3])
+
+
+@inlined
+def clip_unit(x: float) -> float:
+    """x limited to [-1, 1], for the inverse cosine."""
+    return max(-1.0, min(1.0, x))
+
+
+@inlined
+def angle_between_vectors(u: Vec3, v: Vec3) -> float:
+    """Angle (rad, 0..pi) between two non-zero vectors."""
+    return acos(clip_unit(dot(unit(u), unit(v))))

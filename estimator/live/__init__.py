@@ -1,0 +1,1 @@
+"""The live estimator: its state, settings from a profile, and what is published."""

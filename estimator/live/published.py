@@ -1,0 +1,66 @@
+"""What is read out of a state to be published: the motion, and how well it is known.
+
+Plain tuples, not named ones: compiled code hands those to Python several times as fast.
+"""
+
+from math import pi, radians
+
+from estimator.aiding import AidingState
+from estimator.compilation.compiled import inlined
+from estimator.conditioning.types import Conditioned
+from estimator.filter.types import FilterState
+from estimator.geometry.quaternion import exp, multiply, normalize, scale
+from estimator.live.aided import GRAVITY_HALF_RAD, MAGNETIC_HALF_RAD, confidence
+from estimator.types import Quaternion, Vec3
+
+# No estimate from these sensors is better than this; it also keeps sigma above zero.
+LEAST_SIGMA_RAD = radians(0.1)
+
+# Attitude, rate free of bias, bias, e, its rate, K.
+Motion = tuple[Quaternion, Vec3, Vec3, float, float, float]
+# Confidences of gravity and field, sigmas (rad) of inclination and heading, whether there is one.
+Figures = tuple[float, float, float, float, bool]
+
+
+@inlined
+def motion(state: FilterState, rate_rad_s: Vec3, ahead_s: float) -> Motion:
+    """The filter's part, turned by the last rate for ``ahead_s``."""
+    q = normalize(multiply(state.q_ned_frd, exp(scale(ahead_s, rate_rad_s))))
+    return q, rate_rad_s, state.gyr_bias_rad_s, state.error, state.error_rate_1_s, state.gain
+
+
+@inlined
+def conditioned_figures(seen: Conditioned) -> Figures:
+    """What the conditioning stage knows about confidence and heading."""
+    return (
+        seen.gravity_confidence,
+        seen.magnetic_confidence,
+        at_least(seen.sigma_inclination_rad),
+        at_most_half_turn(at_least(seen.sigma_heading_rad)),
+        seen.magnetic_weight > 0.0,
+    )
+
+
+@inlined
+def aided_figures(aided: AidingState) -> Figures:
+    """What the velocity aiding knows; without a field the heading is the reports'."""
+    inclination, heading = aided.sigma_inclination_rad, aided.sigma_heading_rad
+    return (
+        confidence(inclination, GRAVITY_HALF_RAD),
+        confidence(heading, MAGNETIC_HALF_RAD),
+        at_most_half_turn(at_least(inclination)),
+        at_most_half_turn(at_least(heading)),
+        True,
+    )
+
+
+@inlined
+def at_least(sigma_rad: float) -> float:
+    """A sigma that is not too good to be true; one that is not a number stays so."""
+    return max(sigma_rad, LEAST_SIGMA_RAD)
+
+
+@inlined
+def at_most_half_turn(sigma_rad: float) -> float:
+    """No angle is further off."""
+    return min(sigma_rad, pi)

@@ -1,0 +1,95 @@
+"""From a profile to the numbers that the kernels take."""
+
+from math import isfinite, radians
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from estimator.aiding import AidingParams
+from estimator.conditioning.types import ConditioningParams
+from estimator.errors import InputError
+from estimator.filter.alignment import nearest_rotation, quaternion_from_matrix
+from estimator.filter.observation import ReferenceParams
+from estimator.filter.types import FilterParams
+from estimator.geometry.quaternion import exp, rotate, unit
+from estimator.profile import Profile
+from estimator.types import Quaternion, Vec3
+
+MAGNETIC_NORTH: Vec3 = (1.0, 0.0, 0.0)
+
+
+class Settings(NamedTuple):
+    """What a profile fixes for the whole run; ``initial`` is None where alignment decides."""
+
+    filter: FilterParams
+    reference: ReferenceParams
+    conditioning: ConditioningParams
+    aiding: AidingParams
+    conditioned: bool
+    learns_north: bool  # the declination may come from a position
+    initial: Quaternion | None
+
+
+def settings_of(
+    profile: Profile, fixed_gain: float | None = None, declination_rad: float | None = None
+) -> Settings:
+    """The kernels' parameters; ``fixed_gain`` replaces the fuzzy controller's K.
+
+    ``declination_rad`` is used where the profile names none.
+
+    Raises:
+        InputError: the fixed gain is not a positive number.
+    """
+    if fixed_gain is not None and not (isfinite(fixed_gain) and fixed_gain > 0.0):
+        msg = f"the gain must be a positive number, not {fixed_gain}"
+        raise InputError(msg)
+    chosen = profile.filter
+    return Settings(
+        filter=FilterParams(
+            gamma=chosen.gamma,
+            bias_bound_rad_s=chosen.bias_bound_rad_s,
+            rate_time_constant_s=chosen.rate_time_constant_s,
+            euler_step_max_s=chosen.euler_step_max_s,
+            memberships=profile.k,
+            gain_is_fixed=fixed_gain is not None,
+            fixed_gain=1.0 if fixed_gain is None else float(fixed_gain),
+        ),
+        reference=ReferenceParams(
+            magnetic_ned=_magnetic_direction(profile, declination_rad),
+            gravity_ned=unit(profile.reference.gravity),
+            s_magnetic=profile.confidence.magnetic,
+            s_gravity=profile.confidence.gravity,
+            s_cross=profile.confidence.cross,
+        ),
+        conditioning=_conditioning(profile),
+        aiding=_aiding(profile),
+        conditioned=profile.conditioned,
+        learns_north=profile.reference.magnetic == "learn"
+        and not profile.reference.declination_deg,
+        initial=_initial_attitude(profile),
+    )
+
+
+def _magnetic_direction(profile: Profile, declination_rad: float | None) -> Vec3:
+    """The profile's magnetic direction turned to true north by the declination."""
+    direction = profile.reference.magnetic
+    north = MAGNETIC_NORTH if direction == "learn" else unit(direction)
+    angle = radians(profile.reference.declination_deg) or declination_rad or 0.0
+    return rotate(exp((0.0, 0.0, angle)), north)
+
+
+def _conditioning(profile: Profile) -> ConditioningParams:
+    chosen: dict[str, Any] = {k: v for k, v in profile.conditioning.items() if k != "enabled"}
+    return ConditioningParams()._replace(**chosen)
+
+
+def _aiding(profile: Profile) -> AidingParams:
+    chosen: dict[str, Any] = profile.aiding
+    return AidingParams()._replace(**chosen)
+
+
+def _initial_attitude(profile: Profile) -> Quaternion | None:
+    chosen = profile.filter.initial_attitude
+    if chosen == "align":
+        return None
+    return quaternion_from_matrix(nearest_rotation(np.array(chosen)))

@@ -1,0 +1,198 @@
+"""One log replayed and scored: the figures of ``replay LOG``."""
+
+import time
+from collections import Counter
+from collections.abc import Callable, Sequence
+from pathlib import Path
+
+import msgspec
+import numpy as np
+from numpy.typing import NDArray
+
+from drivers.logs.open import open_log
+from drivers.mavlink.names import autopilot_name, vehicle_type_name
+from estimator.errors import InputError
+from estimator.profile import Profile
+from fuzzbee.replay.comparison import Comparison, compare
+from fuzzbee.replay.score import (
+    Coverage,
+    ErrorSummary,
+    convergence_s,
+    coverage,
+    errors_against,
+    ordered,
+    summarize,
+)
+from fuzzbee.replay.trace import Replay, VehicleTrace
+
+MICROSECOND = 1e-6
+
+Export = Callable[[VehicleTrace, Comparison], None]
+
+
+class VehicleSummary(msgspec.Struct, frozen=True):
+    """Whose IMU it was; names as in MAVLink's enumerations, None without a HEARTBEAT."""
+
+    system_id: int
+    component_id: int
+    autopilot: str | None
+    type: str | None
+
+
+class ImuSummary(msgspec.Struct, frozen=True):
+    """What arrived; the arrival gap is of the log's stamps, the other of the vehicle's clock."""
+
+    message: str
+    samples: int
+    median_rate_hz: float | None
+    worst_gap_s: float | None
+    worst_arrival_gap_s: float | None
+
+
+class LogReport(msgspec.Struct, frozen=True):
+    """Schema of ``replay LOG --json``."""
+
+    source: str
+    vehicle: VehicleSummary
+    imu: ImuSummary
+    duration_s: float
+    reference: str | None
+    error_deg: ErrorSummary
+    coverage: Coverage
+    peers: dict[str, ErrorSummary]
+    convergence_s: float | None
+    mean_gain: float
+    rejected: dict[str, int]
+    wall_s: float
+
+
+def report_log(
+    path: Path,
+    profile: Profile,
+    *,
+    fixed_gain: float | None = None,
+    reference: str | None = None,
+    skip_s: float = 0.0,
+    start_wrong_deg: float = 0.0,
+    system_id: int | None = None,
+    tell: Callable[[str], None] = lambda _: None,
+    exports: Sequence[Export] = (),
+) -> LogReport:
+    """Replay a log and score it; ``exports`` are given the trace and its comparison.
+
+    Raises:
+        InputError: the log cannot be read, holds no IMU data of that vehicle, or lacks the
+            reference that was asked for.
+    """
+    started = time.perf_counter()
+    trace = replay_log(
+        path,
+        profile,
+        fixed_gain=fixed_gain,
+        start_wrong_deg=start_wrong_deg,
+        system_id=system_id,
+        tell=tell,
+    )
+    compared = compare(path, trace, reference)
+    report = score(path, trace, compared, skip_s)
+    for write in exports:
+        write(trace, compared)
+    return msgspec.structs.replace(report, wall_s=time.perf_counter() - started)
+
+
+def replay_log(
+    path: Path,
+    profile: Profile,
+    *,
+    fixed_gain: float | None,
+    start_wrong_deg: float,
+    system_id: int | None,
+    tell: Callable[[str], None],
+) -> VehicleTrace:
+    """The trace of the vehicle with most IMU samples, or of the one with ``system_id``."""
+    replay = Replay(
+        profile,
+        fixed_gain=fixed_gain,
+        system_id=system_id,
+        start_wrong_deg=start_wrong_deg,
+        tell=lambda text: tell(f"{path.name}: {text}"),
+    )
+    with open_log(path) as log:
+        replay.run(log)
+    sending = [trace for trace in replay.traces.values() if trace.attitudes]
+    if not sending:
+        whose = "" if system_id is None else f" of system id {system_id}"
+        seen = _seen(replay, system_id)
+        raise InputError(f"{path}: no IMU data{whose} that can be used{seen}")
+    return max(sending, key=lambda trace: (len(trace.attitudes), -trace.address.system_id))
+
+
+def _seen(replay: Replay, system_id: int | None) -> str:
+    """What there was instead."""
+    ids = sorted({address.system_id for address in replay.traces})
+    refused = sum((trace.rejected for trace in replay.traces.values()), start=Counter[str]())
+    if refused:
+        return ": " + ", ".join(f"{n} x {reason}" for reason, n in sorted(refused.items()))
+    if system_id is None and ids:
+        return f" (vehicles seen: {', '.join(map(str, ids))})"
+    return ""
+
+
+def score(path: Path, trace: VehicleTrace, compared: Comparison, skip_s: float) -> LogReport:
+    """The figures of a trace beside its reference."""
+    source, truth, known, errors = compared
+    times_us = trace.times_us
+    has_heading = trace.fields > 0
+    counted = known & (times_us - times_us[0] >= skip_s / MICROSECOND)
+    since = known & (times_us >= (trace.turned_at_us or 0))
+    return LogReport(
+        source=str(path),
+        vehicle=_vehicle_summary(trace),
+        imu=_imu_summary(trace),
+        duration_s=float(times_us[-1] - times_us[0]) * MICROSECOND,
+        reference=source,
+        error_deg=summarize(errors[counted], has_heading=has_heading),
+        coverage=coverage(
+            errors[counted],
+            trace.column(lambda a: a.sigma_inclination_rad)[counted],
+            trace.column(lambda a: a.sigma_heading_rad)[counted],
+            has_heading=has_heading,
+        ),
+        peers=_peers(trace, source, truth, counted),
+        convergence_s=convergence_s(times_us, errors[:, 0], since) if has_heading else None,
+        mean_gain=float(trace.column(lambda a: a.gain).mean()),
+        rejected=ordered(trace.rejected),
+        wall_s=0.0,
+    )
+
+
+def _peers(
+    trace: VehicleTrace, source: str | None, truth: NDArray[np.float64], counted: NDArray[np.bool_]
+) -> dict[str, ErrorSummary]:
+    """The autopilot's own errors against the simulator's truth, on the same samples."""
+    if source != "sim" or trace.references["autopilot"].message is None:
+        return {}
+    own, own_known = trace.references["autopilot"].at(trace.times_us)
+    both = counted & own_known
+    return {"autopilot": summarize(errors_against(own, truth)[both], has_heading=True)}
+
+
+def _vehicle_summary(trace: VehicleTrace) -> VehicleSummary:
+    return VehicleSummary(
+        trace.address.system_id,
+        trace.address.component_id,
+        None if trace.autopilot is None else autopilot_name(trace.autopilot),
+        None if trace.vehicle_type is None else vehicle_type_name(trace.vehicle_type),
+    )
+
+
+def _imu_summary(trace: VehicleTrace) -> ImuSummary:
+    steps = np.diff(trace.times_us) * MICROSECOND
+    arrivals = np.diff(np.array(trace.arrivals_us, dtype=np.int64)) * MICROSECOND
+    return ImuSummary(
+        message=trace.imu_message or "",
+        samples=len(trace.attitudes),
+        median_rate_hz=float(1.0 / np.median(steps)) if len(steps) else None,
+        worst_gap_s=float(steps.max()) if len(steps) else None,
+        worst_arrival_gap_s=float(arrivals.max()) if len(arrivals) else None,
+    )

@@ -1,0 +1,108 @@
+"""Replay reports for a person: one log as a list of figures, several as a table."""
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+from rich.console import Console
+from rich.table import Table
+
+if TYPE_CHECKING:
+    from fuzzbee.replay.log_report import LogReport
+    from fuzzbee.replay.simulation_report import SimulationReport
+
+
+def print_reports(reports: "Sequence[LogReport]") -> None:
+    """Whatever reads best in 80 columns."""
+    console = Console()
+    if len(reports) == 1:
+        console.print(_figures(reports[0]))
+    else:
+        console.print(_table(reports))
+
+
+def print_simulation(report: "SimulationReport") -> None:
+    """The paper's figures."""
+    grid = _grid()
+    grid.add_row("seeds", f"{report.seeds[0]}-{report.seeds[1]}")
+    grid.add_row("cost J", f"{report.cost:.3f}, mean over seeds")
+    grid.add_row("steady error e", f"{report.steady_state_error:.5f}, mean over 4..14 s")
+    grid.add_row("settled", f"{_number(report.settling_s)} s to e < 0.01, median")
+    grid.add_row("gain K", f"{report.mean_gain:.2f}, mean")
+    grid.add_row("took", f"{report.wall_s:.2f} s")
+    Console().print(grid)
+
+
+def _figures(report: "LogReport") -> Table:
+    imu, vehicle, errors = report.imu, report.vehicle, report.error_deg
+    kind = " ".join(name.lower() for name in (vehicle.autopilot, vehicle.type) if name)
+    grid = _grid()
+    grid.add_row("log", report.source)
+    grid.add_row("vehicle", f"{vehicle.system_id} (component {vehicle.component_id}) {kind}")
+    grid.add_row(
+        "IMU",
+        f"{imu.samples} {imu.message} at {_number(imu.median_rate_hz, 1)} Hz over "
+        f"{report.duration_s:.0f} s; worst gap {_number(imu.worst_gap_s)} s "
+        f"({_number(imu.worst_arrival_gap_s)} s between arrivals)",
+    )
+    if report.reference is None:
+        grid.add_row("reference", "none in this log: nothing to compare with")
+    else:
+        word = "error" if report.reference == "sim" else "difference"
+        grid.add_row("reference", report.reference)
+        grid.add_row(f"{word}, RMS", _three(errors))
+        grid.add_row("", f"inclination 95 %: {_number(errors.inclination_p95)}°")
+        grid.add_row(
+            "inside sigma",
+            f"inclination {_share(report.coverage.inclination)}, "
+            f"heading {_share(report.coverage.heading)} (honest: 68 %)",
+        )
+    for name, peer in report.peers.items():
+        grid.add_row(f"{name}'s error", _three(peer))
+    grid.add_row("under 5° after", f"{_number(report.convergence_s)} s")
+    grid.add_row("gain K", f"{report.mean_gain:.2f}, mean")
+    counts = ", ".join(f"{count} {reason}" for reason, count in report.rejected.items())
+    grid.add_row("refused", counts or "nothing")
+    grid.add_row("took", f"{report.wall_s:.2f} s")
+    return grid
+
+
+def _table(reports: "Sequence[LogReport]") -> Table:
+    table = Table(header_style="bold", caption="degrees RMS; p95 is of the inclination")
+    table.add_column("log", overflow="fold", min_width=18)
+    for heading in ("Hz", "s", "against", "total", "head.", "incl.", "p95"):
+        table.add_column(heading, justify="right", no_wrap=True)
+    for report in reports:
+        errors = report.error_deg
+        table.add_row(
+            report.source.rpartition("/")[2],
+            _number(report.imu.median_rate_hz, 1),
+            f"{report.duration_s:.0f}",
+            report.reference or "none",
+            _number(errors.total_rms),
+            _number(errors.heading_rms),
+            _number(errors.inclination_rms),
+            _number(errors.inclination_p95),
+        )
+    return table
+
+
+def _grid() -> Table:
+    grid = Table.grid(padding=(0, 2))
+    grid.add_column(style="bold")
+    grid.add_column()
+    return grid
+
+
+def _three(errors: object) -> str:
+    total, heading, inclination = (
+        _number(getattr(errors, name)) for name in ("total_rms", "heading_rms", "inclination_rms")
+    )
+    return f"total {total}°, heading {heading}°, inclination {inclination}°"
+
+
+def _number(value: float | None, digits: int = 2) -> str:
+    return "-" if value is None else f"{value:.{digits}f}"
+
+
+def _share(value: float | None) -> str:
+    return "-" if value is None else f"{100.0 * value:.0f} %"

@@ -1,0 +1,135 @@
+"""What a log's replay leaves behind: estimates at the samples, references, counts."""
+
+from collections import Counter
+from collections.abc import Callable, Iterable
+from math import radians
+
+import numpy as np
+from numpy.typing import NDArray
+
+from drivers.events import Event, Heartbeat, Imu, Parameter, ReferenceAttitude, VehicleId
+from drivers.logs.reference_track import ReferenceTrack
+from drivers.mavlink.decoder import quaternion_from_euler
+from estimator.estimator import Estimator
+from estimator.geometry.quaternion import exp, scale
+from estimator.profile import Profile
+from estimator.types import IDENTITY, Attitude, Quaternion, Vec3
+from service.pipeline import Pipeline
+from service.records import Message
+from service.vehicle import Vehicle
+
+Floats = NDArray[np.float64]
+
+# The axis about which a wrong start is turned, NED: no sensor is blind to it.
+WRONG_START_AXIS: Vec3 = (3**-0.5, 3**-0.5, 3**-0.5)
+# ArduPilot's mounting trim, rad: roll, pitch and yaw of the IMU in the vehicle it reports on.
+TRIM = ("AHRS_TRIM_X", "AHRS_TRIM_Y", "AHRS_TRIM_Z")
+
+
+class VehicleTrace:
+    """One vehicle's estimates and references in the order of the log."""
+
+    def __init__(self, address: VehicleId) -> None:
+        self.address = address
+        self.autopilot: int | None = None
+        self.vehicle_type: int | None = None
+        self.imu_message: str | None = None
+        self.arrivals_us: list[int] = []
+        self.attitudes: list[Attitude] = []
+        self.fields = 0  # samples with a magnetic field
+        self.references = {"sim": ReferenceTrack(), "autopilot": ReferenceTrack()}
+        self.rejected: Counter[str] = Counter()
+        self.turned_at_us: int | None = None
+        self.trim_rad = dict.fromkeys(TRIM, 0.0)
+
+    @property
+    def times_us(self) -> NDArray[np.int64]:
+        """Times (N,) of the samples on the vehicle's continuous clock."""
+        return np.array([a.time_us for a in self.attitudes], dtype=np.int64)
+
+    @property
+    def estimates(self) -> Floats:
+        """``q_ned_frd`` (N, 4) after each sample."""
+        return np.array([a.q_ned_frd for a in self.attitudes]).reshape(-1, 4)
+
+    @property
+    def trim(self) -> Quaternion:
+        """From the IMU's axes to those of the vehicle that the autopilot reports on."""
+        roll, pitch, yaw = (self.trim_rad[name] for name in TRIM)
+        return quaternion_from_euler(roll, pitch, yaw) or IDENTITY
+
+    def column(self, value: Callable[[Attitude], float]) -> Floats:
+        """One number of each attitude, (N,)."""
+        return np.array([value(a) for a in self.attitudes], dtype=float)
+
+
+class Replay:
+    """Feeds events through the live pipeline and keeps what it did.
+
+    ``start_wrong_deg`` turns each vehicle's estimate about NED (1,1,1)/sqrt 3
+    at its first sample after a reference is known from ``wrong_from_us``.
+    """
+
+    def __init__(
+        self,
+        profile: Profile,
+        *,
+        fixed_gain: float | None = None,
+        system_id: int | None = None,
+        start_wrong_deg: float = 0.0,
+        tell: Callable[[str], None] = lambda _: None,
+    ) -> None:
+        self._pipeline = Pipeline(
+            profile,
+            system_id=system_id,
+            new_estimator=lambda chosen: Estimator(chosen, fixed_gain),
+        )
+        self._wrong_turn = exp(scale(radians(start_wrong_deg), WRONG_START_AXIS))
+        self._start_wrong = start_wrong_deg != 0.0
+        self._tell = tell
+        self.traces: dict[VehicleId, VehicleTrace] = {}
+
+    def run(self, events: Iterable[Event]) -> None:
+        """Take all events."""
+        for event in events:
+            self._take(event)
+        for vehicle in self._pipeline.vehicles:
+            trace = self._trace(vehicle.address)
+            trace.rejected.update(vehicle.rejected)
+            trace.imu_message = vehicle.imu_message
+
+    def _take(self, event: Event) -> None:
+        for output in self._pipeline.handle(event):
+            if isinstance(output, Message):
+                self._tell(output.text)
+        match event:
+            case Imu():
+                self._after_imu(event)
+            case ReferenceAttitude(vehicle=address, source=source):
+                self._trace(address).references[source].add(event)
+            case Parameter(vehicle=address, name=name, value=value) if name in TRIM:
+                self._trace(address).trim_rad[name] = value
+            case Heartbeat(vehicle=address):
+                trace = self._trace(address)
+                trace.autopilot, trace.vehicle_type = event.autopilot, event.vehicle_type
+
+    def _after_imu(self, event: Imu) -> None:
+        vehicle = self._pipeline.vehicle(event.vehicle)
+        if vehicle is None or vehicle.last_sample is not event.sample:
+            return
+        trace = self._trace(event.vehicle)
+        self._turn_wrong(vehicle, trace)
+        trace.arrivals_us.append(event.arrival_us)
+        trace.attitudes.append(vehicle.estimator.attitude(event.sample.time_us))
+        trace.fields += event.sample.has_mag
+
+    def _turn_wrong(self, vehicle: Vehicle, trace: VehicleTrace) -> None:
+        """Turn the estimate once, at the first sample that a reference is known at."""
+        if not self._start_wrong or trace.turned_at_us is not None:
+            return
+        if any(track.message is not None for track in trace.references.values()):
+            vehicle.estimator.turn(self._wrong_turn)
+            trace.turned_at_us = vehicle.estimator.snapshot.time_us
+
+    def _trace(self, address: VehicleId) -> VehicleTrace:
+        return self.traces.setdefault(address, VehicleTrace(address))

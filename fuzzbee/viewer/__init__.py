@@ -1,0 +1,1 @@
+"""The viewer: what it shows, and the process that shows it."""

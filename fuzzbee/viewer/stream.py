@@ -1,0 +1,144 @@
+"""What is drawn, on its way to Rerun's viewer, to a file, or to both."""
+
+import os
+from collections.abc import Callable, Sequence
+from contextlib import suppress
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from estimator.errors import InputError
+from fuzzbee.viewer.process import MISSING, ViewerProcess
+from service.signals import terminate_like_interrupt
+
+WEB = "web"
+CLOSE_FLUSH_S = 0.4  # less than the sinks of a run have to close
+FINISH_FLUSH_S = 60.0
+CLOSED = "closed; the rest goes on without it"
+# What Rerun's library logs by itself: not that the viewer is gone, which we say in our words
+RUST_LOG = "error,re_grpc_client=off,re_sdk::recording_stream=off"
+
+
+class ViewerOptions(NamedTuple):
+    """What was asked for: a window or "web", or None; a file, or None."""
+
+    view: str | None = None
+    rrd: str | None = None
+
+
+class ViewerStream:
+    """A recording, and the viewer's process if one was asked for.
+
+    ``blueprint`` says what is shown where.
+
+    Raises:
+        InputError: the extra is not installed, the viewer does not start, or the file
+            cannot be written.
+    """
+
+    def __init__(self, options: ViewerOptions, blueprint: Callable[[], Any]) -> None:
+        rr = rerun()
+        self._recording: Any = rr.RecordingStream("fuzzbee", send_properties=False)
+        self._recording.set_log_time_enabled(False)  # what is drawn has a time of its own
+        self._recording.set_log_tick_enabled(False)
+        self.process: ViewerProcess | None = None
+        self._has_file = options.rrd is not None
+        self._told = False
+        sinks = [] if options.rrd is None else [_file_sink(options.rrd)]
+        if options.view is not None:
+            self.process = ViewerProcess(web=options.view == WEB)
+            sinks.append(rr.GrpcSink(self.process.url))
+        self._recording.set_sinks(*sinks, default_blueprint=blueprint())
+
+    @property
+    def page(self) -> str | None:
+        """What a browser opens."""
+        return None if self.process is None else self.process.page
+
+    @property
+    def wanted(self) -> bool:
+        """Whether there is still somewhere to draw."""
+        return self._has_file or not self._lost
+
+    def take_loss(self) -> bool:
+        """Whether the viewer was closed by somebody else; told once."""
+        lost = self._lost and not self._told
+        self._told = self._told or lost
+        return lost
+
+    @property
+    def _lost(self) -> bool:
+        return self.process is not None and self.process.ended
+
+    def at(self, timeline: str, **time: Any) -> None:
+        """The time of what is logged from now on: ``timestamp`` in s, or ``sequence``."""
+        self._recording.set_time(timeline, **time)
+
+    def log(self, path: str, shape: Any) -> None:
+        """Show it from the present time on."""
+        self._recording.log(path, shape)
+
+    def static(self, path: str, shape: Any) -> None:
+        """Show it at all times."""
+        self._recording.log(path, shape, static=True)
+
+    def curve(self, path: str, values: Sequence[float]) -> None:
+        """The next point of one or several lines."""
+        self.log(path, rerun().Scalars(list(values)))
+
+    def curves(self, path: str, timeline: str, steps: list[int], values: list[list[float]]) -> None:
+        """Points (T, lines) of several lines, at steps (T,) of a sequence."""
+        rr = rerun()
+        self._recording.send_columns(
+            path,
+            indexes=[rr.TimeColumn(timeline, sequence=steps)],
+            columns=rr.Scalars.columns(scalars=values),
+        )
+
+    def lines(self, path: str, names: list[str], colours: list[Any]) -> None:
+        """Names and colours of lines."""
+        self.static(path, rerun().SeriesLines(names=names, colors=colours))
+
+    def finish(self) -> None:
+        """Send what is pending and leave the viewer open."""
+        self._flush(FINISH_FLUSH_S)
+
+    def stay_open(self) -> None:
+        """Until the window is closed or Ctrl-C; without a viewer there is nothing to wait for."""
+        with terminate_like_interrupt(), suppress(KeyboardInterrupt):
+            if self.process is not None:
+                self.process.wait(lambda: False)
+
+    def close(self) -> None:
+        """Send what is pending, and end the viewer."""
+        self._flush(CLOSE_FLUSH_S)
+        self._recording.disconnect()
+        if self.process is not None:
+            self.process.close()
+            self.process = None
+
+    def _flush(self, timeout_s: float) -> None:
+        with suppress(Exception):  # the window may be closed already
+            self._recording.flush(timeout_sec=timeout_s)
+
+
+def rerun() -> Any:
+    """The library, imported when it is needed.
+
+    Raises:
+        InputError: the extra is not installed.
+    """
+    os.environ.setdefault("RUST_LOG", RUST_LOG)
+    try:
+        import rerun
+    except ImportError:
+        raise InputError(MISSING) from None
+    return rerun
+
+
+def _file_sink(path: str) -> Any:
+    try:
+        with Path(path).open("wb"):  # Rerun would only log an error
+            pass
+    except OSError as error:
+        raise InputError(f"--rrd {path}: {error.strerror}") from error
+    return rerun().FileSink(path)

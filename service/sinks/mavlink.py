@@ -1,0 +1,134 @@
+"""Attitudes back to MAVLink: ATTITUDE_QUATERNION from an onboard computer of the vehicle's.
+
+The sender is the vehicle's system with component 191 (MAV_COMP_ID_ONBOARD_COMPUTER),
+never the autopilot: a ground station must not mix the two, and nobody flies by ours
+unasked. A heartbeat each second says what we are.
+"""
+
+import time
+from collections.abc import Callable, Sequence
+
+from drivers.endpoint import Endpoint
+from drivers.events import VehicleId
+from drivers.mavlink.encoder import (
+    MAV_AUTOPILOT_INVALID,
+    MAV_COMP_ID_ONBOARD_COMPUTER,
+    MAV_TYPE_ONBOARD_CONTROLLER,
+    FrameEncoder,
+    attitude_quaternion,
+    heartbeat,
+)
+from drivers.mavlink.transports.transports import LinkError, open_transport
+from service.records import AttitudeRecord, Output, Published
+
+MAX_RATE_HZ = 50.0  # of attitudes per vehicle: 2.6 kB/s, which a 57600 baud radio can take
+HEARTBEAT_US = 1_000_000
+RETRY_S = 1.0
+
+
+class MavlinkSink:
+    """Sends the vehicles' attitudes over a link of its own, and opens it again when it broke.
+
+    Of several components of one system only the one seen first is sent: they
+    would share one address. ``now_s`` is a monotonic clock, for the retries.
+
+    Raises:
+        InputError: the endpoint is no link, its port is taken, its device missing
+            or its host unknown.
+    """
+
+    name = "mavlink"
+
+    def __init__(self, endpoint: Endpoint, now_s: Callable[[], float] = time.monotonic) -> None:
+        self._endpoint = endpoint
+        self._now_s = now_s
+        self._transport = open_transport(endpoint)
+        self._senders: dict[int, Sender] = {}
+        self._retry_at_s: float | None = None
+        self._is_told = False
+        try:
+            self._transport.open()
+        except LinkError:
+            self._lost()
+
+    @property
+    def address(self) -> str:
+        """The address in use (with the real port, where 0 was bound)."""
+        return self._transport.address
+
+    def handle(self, outputs: Sequence[Output]) -> None:
+        """Send the attitudes among the outputs that are due.
+
+        Raises:
+            LinkError: the link broke, or could not be opened; once until it works again.
+        """
+        frames = [frame for output in outputs for frame in self._frames(output)]
+        try:
+            self._reopen()
+            if self._retry_at_s is not None:
+                return
+            self._transport.receive(0.0)  # who is there to send to; what they say is not for us
+            for frame in frames:
+                self._transport.send(frame)
+            self._is_told = self._is_told and not self._transport.connected
+        except LinkError as error:
+            self._lost()
+            if not self._is_told:
+                self._is_told = True
+                raise LinkError(f"{self._endpoint}: {error}; trying again") from error
+
+    def close(self) -> None:
+        """Release the link."""
+        self._transport.close()
+
+    def _frames(self, output: Output) -> list[bytes]:
+        if not isinstance(output, Published) or not isinstance(output.record, AttitudeRecord):
+            return []
+        system, component = output.vehicle
+        sender = self._senders.setdefault(system, Sender(output.vehicle))
+        if sender.vehicle != output.vehicle or component == MAV_COMP_ID_ONBOARD_COMPUTER:
+            return []
+        return sender.frames(output.record)
+
+    def _reopen(self) -> None:
+        if self._retry_at_s is None or self._now_s() < self._retry_at_s:
+            return
+        self._transport.open()
+        self._retry_at_s = None
+
+    def _lost(self) -> None:
+        self._transport.close()
+        self._retry_at_s = self._now_s() + RETRY_S
+
+
+class Sender:
+    """The frames of one vehicle, paced by the records' own times."""
+
+    def __init__(self, vehicle: VehicleId) -> None:
+        self.vehicle = vehicle
+        self._encoder = FrameEncoder(VehicleId(vehicle.system_id, MAV_COMP_ID_ONBOARD_COMPUTER))
+        self._attitude_due_us = 0
+        self._heartbeat_due_us = 0
+
+    def frames(self, record: AttitudeRecord) -> list[bytes]:
+        """What is due at the record's time."""
+        now_us = record.time_unix_us
+        period_us = round(1e6 / MAX_RATE_HZ)
+        messages = []
+        if _is_due(now_us, self._heartbeat_due_us, HEARTBEAT_US):
+            self._heartbeat_due_us = now_us + HEARTBEAT_US
+            messages.append(heartbeat(MAV_TYPE_ONBOARD_CONTROLLER, MAV_AUTOPILOT_INVALID))
+        if _is_due(now_us, self._attitude_due_us, period_us):
+            # from the due time on, not from now: ticks that jitter must not slow it down
+            late_us = now_us - self._attitude_due_us
+            start_us = self._attitude_due_us if 0 <= late_us < period_us else now_us
+            self._attitude_due_us = start_us + period_us
+            messages.append(
+                attitude_quaternion(record.time_boot_us, record.q_ned_frd, record.rate_rad_s)
+            )
+        return [self._encoder.frame(message, now_us) for message in messages]
+
+
+def _is_due(now_us: int, due_us: int, period_us: int) -> bool:
+    """Whether it is time; also when the clock was set back by more than a period."""
+    return now_us >= due_us or due_us - now_us > period_us

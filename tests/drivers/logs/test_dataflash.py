@@ -1,0 +1,327 @@
+"""DataFlash logs: written here byte by byte in ArduPilot's layout."""
+
+import math
+import os
+import random
+import struct
+from itertools import pairwise
+from pathlib import Path
+from statistics import median
+
+import pytest
+
+from drivers.events import (
+    ClockReset,
+    Heartbeat,
+    Imu,
+    Malformed,
+    Parameter,
+    Position,
+    ReferenceAttitude,
+    Rejected,
+    VehicleId,
+    Velocity,
+)
+from drivers.logs.dataflash import Dataflash
+from drivers.logs.dataflash_format import messages
+from drivers.logs.open import imu_events
+from estimator.errors import InputError
+
+G = 9.80665
+# ArduPilot's format characters: libraries/AP_Logger/LogStructure.h
+SIZES = {"Q": "Q", "I": "I", "H": "H", "h": "h", "B": "B", "f": "f", "c": "h", "C": "H", "L": "i"}
+STRINGS = {"n": 4, "N": 16, "Z": 64}
+
+
+class Writer:
+    """A DataFlash log in the making."""
+
+    def __init__(self):
+        self._formats = {}
+        self.data = b""
+        self.format("FMT", "BBnNZ", "Type,Length,Name,Format,Columns", 0x80)
+
+    def format(self, name, codes, columns, number=None):
+        number = number or 0x81 + len(self._formats)
+        layout = "<" + "".join(SIZES.get(c) or f"{STRINGS[c]}s" for c in codes)
+        self._formats[name] = (number, layout, codes)
+        self.write("FMT", number, struct.calcsize(layout) + 3, name, codes, columns)
+
+    def write(self, name, *values):
+        number, layout, codes = self._formats[name]
+        raw = []
+        for code, value in zip(codes, values, strict=True):
+            if code in STRINGS:
+                raw.append(value.encode())
+            elif code in "cC":
+                raw.append(round(value * 100))
+            elif code == "L":
+                raw.append(round(value * 1e7))
+            else:
+                raw.append(value)
+        self.data += b"\xa3\x95" + bytes([number]) + struct.pack(layout, *raw)
+
+    def save(self, folder):
+        path = folder / "flight.bin"
+        path.write_bytes(self.data)
+        return path
+
+
+def modern(seconds=4, start_us=10_000_000):
+    """A 50 Hz log of firmware 4.x: microseconds, IMU instances in a field, quaternions, truth."""
+    log = Writer()
+    log.format("PARM", "QNff", "TimeUS,Name,Value,Default")
+    log.format("MSG", "QZ", "TimeUS,Message")
+    log.format("IMU", "QBffffff", "TimeUS,I,GyrX,GyrY,GyrZ,AccX,AccY,AccZ")
+    log.format("MAG", "QBhhh", "TimeUS,I,MagX,MagY,MagZ")
+    log.format("ATT", "Qccc", "TimeUS,Roll,Pitch,Yaw")
+    log.format("XKQ", "QBffff", "TimeUS,C,Q1,Q2,Q3,Q4")
+    log.format("XKF1", "QBfff", "TimeUS,C,VN,VE,VD")
+    log.format("GPS", "QBBIHLLffff", "TimeUS,I,Status,GMS,GWk,Lat,Lng,Alt,Spd,GCrs,VZ")
+    log.format("SIM", "Qccc", "TimeUS,Roll,Pitch,Yaw")
+    log.write("MSG", start_us - 10, "ArduCopter V4.5.6 (1a2b3c4d)")
+    log.write("PARM", start_us - 5, "SYSID_THISMAV", 7.0, 1.0)
+    log.write("PARM", start_us - 4, "AHRS_TRIM_X", 0.03125, 0.0)
+    for k in range(50 * seconds):
+        now_us = start_us + 20_000 * k
+        if k % 5 == 0:
+            log.write("MAG", now_us, 0, 200 + k % 10, -100, 400)
+            log.write("MAG", now_us, 1, 1, 2, 3)
+            log.write("ATT", now_us, 10.0, -20.0, 270.0)
+            log.write("XKQ", now_us, 0, 0.5, -0.5, 0.5, 0.5)
+            log.write("XKQ", now_us, 1, 1.0, 0.0, 0.0, 0.0)
+            log.write("XKF1", now_us, 0, 1.0, -2.0, 0.5)
+            log.write("XKF1", now_us, 1, 9.0, 9.0, 9.0)
+        if k % 10 == 0:
+            place = (0, 3, 1_000_000 + 20 * k, 2300, -35.5, 149.25, 580.0, 2.0, 90.0, -0.5)
+            log.write("GPS", now_us, *place)
+        log.write("IMU", now_us, 0, 0.125, -0.25, 0.5, 0.25, -0.5, -9.75)
+        log.write("IMU", now_us, 1, 0.0, 0.0, 0.0, 0.0, 0.0, -9.5)
+        log.write("SIM", now_us, 180.0, 0.0, 0.0)
+    return log
+
+
+@pytest.fixture(scope="module")
+def events(tmp_path_factory):
+    return list(Dataflash(modern().save(tmp_path_factory.mktemp("dataflash"))))
+
+
+def of(kind, events, message=None):
+    found = [event for event in events if isinstance(event, kind)]
+    return [event for event in found if message is None or event.message == message]
+
+
+def test_the_vehicle_is_who_its_parameters_say(events):
+    assert {event.vehicle for event in events} == {VehicleId(7, 1)}
+    (beat,) = of(Heartbeat, events)
+    assert (beat.autopilot, beat.vehicle_type) == (3, 2)
+    assert {p.name: p.value for p in of(Parameter, events)}["AHRS_TRIM_X"] == 0.03125
+
+
+def test_imu_samples(events):
+    first, *rest = of(Imu, events, "IMU")
+    assert len(rest) == 199
+    assert first.sample.gyr_rad_s == (0.125, -0.25, 0.5)
+    assert first.sample.acc_m_s2 == (0.25, -0.5, -9.75)
+    assert first.sample.time_us == first.boot_us == 10_000_000
+    assert rest[-1].sample.time_us == 10_000_000 + 199 * 20_000
+    assert len(of(Imu, events, "IMU2")) == 200
+
+
+def test_the_field_goes_to_the_sample_behind_it_and_no_further(events):
+    samples = [event.sample for event in of(Imu, events, "IMU")]
+    assert [s.has_mag for s in samples[:10]] == [True, False, False, False, False] * 2
+    assert samples[0].mag_gauss == pytest.approx((0.2, -0.1, 0.4))
+    assert samples[5].mag_gauss == pytest.approx((0.205, -0.1, 0.4))
+
+
+def test_attitudes_velocities_positions_and_truth(events):
+    attitude = of(ReferenceAttitude, events, "ATT")[0]
+    w, x, y, z = attitude.q_ned_frd
+    assert attitude.source == "autopilot"
+    assert math.degrees(math.asin(2 * (w * y - z * x))) == pytest.approx(-20.0)
+    assert {e.q_ned_frd for e in of(ReferenceAttitude, events, "XKQ")} == {(0.5, -0.5, 0.5, 0.5)}
+    truth = of(ReferenceAttitude, events, "SIM")[0]
+    assert truth.source == "sim"
+    assert truth.q_ned_frd == pytest.approx((0.0, 1.0, 0.0, 0.0), abs=1e-9)
+    assert {e.sample.velocity_ned_m_s for e in of(Velocity, events, "XKF1")} == {(1.0, -2.0, 0.5)}
+    gps = of(Velocity, events, "GPS")[0].sample
+    assert gps.velocity_ned_m_s == pytest.approx((0.0, 2.0, -0.5))
+    position = of(Position, events)[0]
+    assert (position.latitude_deg, position.longitude_deg) == pytest.approx((-35.5, 149.25))
+    assert position.altitude_m == 580.0
+
+
+def test_arrivals_are_unix_times_by_the_gps(events):
+    """GPS week 2300, 1000.2 s, less 18 leap seconds; the fix before came before any IMU data."""
+    gps = of(Position, events)[0]
+    expected_s = 315_964_800 + 2300 * 604_800 + 1000.2 - 18
+    assert gps.arrival_us * 1e-6 == pytest.approx(expected_s, abs=1e-3)
+
+
+def test_milliseconds_of_old_firmware(tmp_path):
+    """3.2.1: TimeMS, IMU2 as a message of its own, GPS with its boot time in T."""
+    log = Writer()
+    log.format("IMU", "Iffffff", "TimeMS,GyrX,GyrY,GyrZ,AccX,AccY,AccZ")
+    log.format("IMU2", "Iffffff", "TimeMS,GyrX,GyrY,GyrZ,AccX,AccY,AccZ")
+    log.format("MAG", "Ihhh", "TimeMS,MagX,MagY,MagZ")
+    log.format("EKF1", "Ifff", "TimeMS,VN,VE,VD")
+    log.format("GPS", "BIHLLffffI", "Status,TimeMS,Week,Lat,Lng,Alt,Spd,GCrs,VZ,T")
+    for k in range(100):
+        now_ms = 100_000 + 20 * k
+        log.write("IMU", now_ms, 0.0, 0.0, 0.0, 0.0, 0.0, -G)
+        log.write("IMU2", now_ms, 0.0, 0.0, 0.0, 0.0, 0.0, -G)
+        log.write("MAG", now_ms, 200, 0, 400 + k)
+        log.write("EKF1", now_ms, 1.0, 0.0, 0.0)
+        log.write("GPS", 3, 19_000_000 + 20 * k, 1851, -27.5, 152.75, 17.0, 1.0, 0.0, 0.0, now_ms)
+    events = list(Dataflash(log.save(tmp_path)))
+    for name in ("IMU", "IMU2"):
+        assert [e.sample.time_us for e in of(Imu, events, name)] == [
+            100_000_000 + 20_000 * k for k in range(100)
+        ]
+    assert of(Velocity, events, "GPS")[-1].sample.time_us == 101_980_000
+    assert len(of(Velocity, events, "EKF1")) == 100
+
+
+def test_two_boots_in_one_file(tmp_path):
+    log = modern(2, start_us=500_000_000)
+    second = modern(2, start_us=3_000_000)
+    path = log.save(tmp_path)
+    path.write_bytes(log.data + second.data)
+    events = list(Dataflash(path))
+    (reset,) = of(ClockReset, events)
+    assert reset.reason == "reboot"
+    times_us = [event.sample.time_us for event in of(Imu, events, "IMU")]
+    assert max(b - a for a, b in pairwise(times_us)) <= 40_000
+    assert min(b - a for a, b in pairwise(times_us)) > 0
+
+
+def test_zero_and_broken_samples_are_refused_by_name(tmp_path):
+    log = modern(1)
+    log.write("IMU", 11_000_000, 0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+    log.write("IMU", 11_020_000, 0, math.nan, 0.0, 0.0, 0.0, 0.0, -G)
+    events = list(Dataflash(log.save(tmp_path)))
+    assert [e.reason for e in of(Rejected, events)] == ["zero_accelerometer", "not_finite"]
+
+
+def test_messages_with_other_columns_are_counted_not_fatal(tmp_path):
+    log = modern(1)
+    log.format("EKF1", "Qf", "TimeUS,Something")
+    log.write("EKF1", 11_000_000, 1.0)
+    events = list(Dataflash(log.save(tmp_path)))
+    assert len(of(Imu, events, "IMU")) == 50
+    assert len(of(Malformed, events)) == 1
+
+
+def test_a_garbled_time_is_no_gap_of_years(tmp_path):
+    log = modern(1)
+    log.write("IMU", 11_000_000 + 2**48, 0, 0.0, 0.0, 0.0, 0.0, 0.0, -G)
+    path = log.save(tmp_path)
+    path.write_bytes(log.data + modern(1, start_us=11_000_000).data)
+    events = list(Dataflash(path))
+    times_us = [event.sample.time_us for event in of(Imu, events, "IMU")]
+    assert [b - a for a, b in pairwise(times_us)] == [20_000] * 99
+    assert not of(ClockReset, events)
+
+
+@pytest.mark.parametrize("seed", range(12))
+def test_damaged_logs_give_what_can_be_read(tmp_path, capfd, seed):
+    """And not a word to the terminal."""
+    rng = random.Random(seed)
+    data = bytearray(modern(2).data)
+    head = 900  # the formats; without them there is nothing to read
+    for _ in range(20):
+        data[rng.randrange(head, len(data))] ^= 1 << rng.randrange(8)
+    del data[rng.randrange(len(data) // 2, len(data)) :]
+    path = tmp_path / "flight.bin"
+    path.write_bytes(data)
+    events = list(Dataflash(path))
+    times_us = [event.sample.time_us for event in of(Imu, events, "IMU")]
+    assert len(times_us) > 30
+    assert all(a < b for a, b in pairwise(times_us))
+    assert capfd.readouterr() == ("", "")
+
+
+@pytest.mark.parametrize("length", [0, 1, 2, 3, 30, 255])
+def test_a_format_of_a_length_that_cannot_be_is_passed_over(tmp_path, length):
+    log = modern(1)
+    path = log.save(tmp_path)
+    data = bytearray(log.data)
+    data[data.index(b"IMU\0") - 1] = length
+    path.write_bytes(data)
+    events = list(Dataflash(path))
+    assert not of(Imu, events)
+    assert of(Malformed, events)
+
+
+def test_messages_agree_with_dfreader(tmp_path, monkeypatch):
+    monkeypatch.setenv("PYMAVLINK_FAST_INDEX", "0")
+    from pymavlink.DFReader import DFReader_binary
+
+    log = modern(2)
+    path, names = log.save(tmp_path), {"IMU", "MAG", "ATT", "XKQ", "XKF1", "GPS", "PARM", "MSG"}
+    theirs = []
+    with DFReader_binary(str(path)) as reader:
+        while (m := reader.recv_match(type=list(names))) is not None:
+            theirs.append((m.get_type(), {key: getattr(m, key) for key in m.get_fieldnames()}))
+    ours = list(messages(log.data, names))
+    assert len(ours) > 250
+    assert ours == theirs
+
+
+def of_sensors(change, count=600):
+    """A log of one noisy IMU, 200 samples of it as they are and the others changed."""
+    log, rng = Writer(), random.Random(3)
+    log.format("IMU", "QBffffff", "TimeUS,I,GyrX,GyrY,GyrZ,AccX,AccY,AccZ")
+    for k in range(count):
+        values = [x + rng.gauss(0, 0.01) for x in REST]
+        log.write("IMU", 1_000_000 + 5000 * k, 0, *(change(values) if k >= 200 else values))
+    return log
+
+
+REST = (0.3, 0.0, 0.0, 0.0, 0.0, -G)
+
+
+@pytest.mark.parametrize(
+    ("reason", "change"),
+    [
+        ("stuck", lambda _: REST),
+        ("gyroscope_saturated", lambda v: [*v[:2], 34.9, *v[3:]]),
+        ("accelerometer_saturated", lambda v: [*v[:4], -78.5, v[5]]),
+    ],
+)
+def test_sensors_that_repeat_themselves_are_refused(tmp_path, reason, change):
+    events = list(Dataflash(of_sensors(change).save(tmp_path)))
+    reasons = [event.reason for event in of(Rejected, events)]
+    assert set(reasons) - {"gyroscope_spike"} == {reason}  # its first one leaps
+    assert len(reasons) > 250
+
+
+def test_a_message_of_unknown_type_ends_nothing(tmp_path):
+    first, second = modern(2), modern(40, start_us=12_000_000)
+    path = first.save(tmp_path)
+    path.write_bytes(first.data + b"\xa3\x95\x7f" + second.data)
+    events = list(Dataflash(path))
+    times_us = [event.sample.time_us for event in of(Imu, events, "IMU")]
+    assert times_us == [10_000_000 + 20_000 * k for k in range(42 * 50)]
+
+
+@pytest.mark.parametrize("size", [3, 60, 89, 400])
+def test_a_log_cut_off_in_its_head_has_no_imu(tmp_path, size):
+    path = tmp_path / "flight.bin"
+    path.write_bytes(modern(1).data[:size])
+    with pytest.raises(InputError, match=r"flight\.bin: "):
+        list(imu_events(Dataflash(path)))
+
+
+def test_a_real_flight():
+    """ArduCopter 3.2.1 at 48 Hz, with an 8.1 s hole."""
+    path = Path(os.environ.get("FUZZBEE_LOGS", "")) / "copter_dataflash_50hz.bin"
+    if not path.is_file():
+        pytest.skip("copter_dataflash_50hz.bin is not in the folder FUZZBEE_LOGS")
+    events = list(Dataflash(path))
+    gaps = [b - a for a, b in pairwise(e.sample.time_us for e in of(Imu, events, "IMU"))]
+    assert 1e6 / median(gaps) == pytest.approx(47.6, abs=0.1)
+    assert max(gaps) == pytest.approx(8_060_000, abs=10_000)
+    assert not of(ClockReset, events)
+    assert len(of(ReferenceAttitude, events, "ATT")) == 1326

@@ -1,0 +1,81 @@
+"""A log is opened by what it is, and what is none is said in one line."""
+
+import gzip
+import os
+from pathlib import Path
+
+import pytest
+
+from drivers.events import Imu
+from drivers.logs.open import imu_events, open_log
+from drivers.mavlink.decoder import mavlink
+from estimator.errors import InputError
+
+DATA = Path(__file__).parents[2] / "data"
+
+
+@pytest.mark.parametrize("name", ["flight.log", "flight.tlog", "flight.bin", "flight"])
+def test_the_content_decides_not_the_name(tmp_path, name):
+    path = tmp_path / name
+    path.write_bytes((DATA / "rover_no_magnetometer.tlog").read_bytes())
+    with open_log(path) as log:
+        assert sum(isinstance(event, Imu) for event in imu_events(log)) == 238
+
+
+def test_every_log_here_opens():
+    logs = [path for path in DATA.iterdir() if path.suffix in (".tlog", ".ulg")]
+    assert len(logs) >= 9
+    for path in logs:
+        with open_log(path) as log:
+            assert any(isinstance(event, Imu) for event in imu_events(log))
+            assert log.path == path
+            assert len(log.sha256()) == 64
+
+
+@pytest.mark.parametrize(
+    ("content", "complaint"),
+    [
+        (b"", "the file is empty"),
+        (b"# a table\n1,2,3\n" * 100, "not a telemetry log"),
+        (b"FMT, 128, 89, FMT, BBnNZ, Type,Length,Name,Format,Columns\n", "as text"),
+        (b"ULog\x01\x12\x35\x01" + bytes(8), "damaged ULog|no usable IMU"),
+        (b"\xa3\x95\x80" + bytes(60), "damaged DataFlash|no usable IMU"),
+        (bytes(5000), "not a telemetry log"),
+        (gzip.compress(bytes(5000)), "a compressed file"),
+    ],
+)
+def test_what_cannot_be_used_is_said_in_one_line(tmp_path, content, complaint):
+    path = tmp_path / "thing.log"
+    path.write_bytes(content)
+    with pytest.raises(InputError, match=complaint) as raised:
+        list(imu_events(open_log(path)))
+    assert str(raised.value).startswith(f"{path}: ")
+    assert "\n" not in str(raised.value)
+
+
+def test_no_such_file_and_a_folder(tmp_path):
+    with pytest.raises(InputError, match="no such file"):
+        open_log(tmp_path / "nowhere.tlog")
+    with pytest.raises(InputError, match="a folder"):
+        open_log(tmp_path)
+
+
+@pytest.mark.parametrize("name", ["fifo", "/dev/null", "/dev/zero"])
+def test_what_may_block_or_never_end_is_not_opened(tmp_path, name):
+    path = tmp_path / name
+    if name == "fifo":
+        os.mkfifo(path)
+    with pytest.raises(InputError, match="a pipe, a socket or a device") as raised:
+        open_log(path)
+    assert str(raised.value).count(str(path)) == 1
+
+
+def test_a_log_without_imu_is_said_so(tmp_path):
+    dialect = mavlink()
+    beat = bytes(
+        dialect.MAVLink_heartbeat_message(2, 3, 0, 0, 0, 3).pack(dialect.MAVLink(None, 1, 1))
+    )
+    path = tmp_path / "quiet.tlog"
+    path.write_bytes(b"".join((10**15 + k).to_bytes(8, "big") + beat for k in range(10)))
+    with pytest.raises(InputError, match=r"quiet\.tlog: no usable IMU message"):
+        list(imu_events(open_log(path)))

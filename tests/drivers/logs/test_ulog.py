@@ -1,0 +1,269 @@
+"""ULog: a clip of a real PX4 flight, whole and damaged."""
+
+import math
+import random
+import struct
+from itertools import pairwise
+from pathlib import Path
+from statistics import median
+
+import pytest
+
+from drivers.events import (
+    ClockReset,
+    Heartbeat,
+    Imu,
+    Malformed,
+    Parameter,
+    ReferenceAttitude,
+    Rejected,
+    VehicleId,
+)
+from drivers.logs.open import ULOG_MAGIC, imu_events
+from drivers.logs.ulog import WANTED, Ulog
+from drivers.logs.ulog_format import UlogReader
+from estimator.errors import InputError
+
+HOVER = Path(__file__).parents[2] / "data" / "px4_hover.ulg"
+
+
+@pytest.fixture(scope="module")
+def events():
+    return list(Ulog(HOVER))
+
+
+def of(kind, events):
+    return [event for event in events if isinstance(event, kind)]
+
+
+def test_the_vehicle_is_a_px4_quadrotor(events):
+    (beat,) = of(Heartbeat, events)
+    assert (beat.autopilot, beat.vehicle_type) == (12, 2)
+    (cut,) = of(Malformed, events)  # the clip ends within a message
+    assert {event.vehicle for event in events if event is not cut} == {VehicleId(1, 1)}
+    assert {"SENS_BOARD_ROT", "MAV_SYS_ID"} <= {p.name for p in of(Parameter, events)}
+
+
+def test_imu_at_222_hz_without_a_gap(events):
+    imus = of(Imu, events)
+    gaps_us = [b.sample.time_us - a.sample.time_us for a, b in pairwise(imus)]
+    assert len(imus) == 3219
+    assert 1e6 / median(gaps_us) == pytest.approx(222.4, abs=0.1)
+    assert max(gaps_us) < 10_000
+    assert not of(Rejected, events)
+
+
+def test_it_hovers_in_si_units_and_frd(events):
+    samples = [event.sample for event in of(Imu, events)]
+    assert median(s.acc_m_s2[2] for s in samples) == pytest.approx(-9.8, abs=0.1)
+    assert median(math.hypot(*s.gyr_rad_s) for s in samples) < 0.2
+    fields = [math.hypot(*s.mag_gauss) for s in samples if s.has_mag]
+    assert len(fields) == 29  # 2 Hz for 14.7 s
+    assert 0.2 < median(fields) < 0.7
+
+
+def test_attitudes_agree_with_gravity(events):
+    """A hover at constant speed: the specific force is up, to a few degrees."""
+    attitudes = of(ReferenceAttitude, events)
+    assert len(attitudes) == 294
+    w, x, y, z = attitudes[100].q_ned_frd
+    up_frd = (-2 * (x * z - w * y), -2 * (y * z + w * x), -(1 - 2 * (x * x + y * y)))
+    now_us = attitudes[100].time_us
+    near = [e.sample.acc_m_s2 for e in of(Imu, events) if abs(e.sample.time_us - now_us) < 500_000]
+    mean = [sum(axis) / len(near) for axis in zip(*near, strict=True)]
+    cosine = sum(a * b for a, b in zip(up_frd, mean, strict=True)) / math.hypot(*mean)
+    assert math.degrees(math.acos(cosine)) < 3.0
+
+
+def test_events_come_in_the_order_of_their_times(events):
+    arrivals = [event.arrival_us for event in events if not isinstance(event, Parameter)]
+    assert arrivals == sorted(arrivals)
+
+
+@pytest.mark.parametrize("seed", range(8))
+def test_damaged_logs_give_what_can_be_read_or_one_line(tmp_path, capfd, seed):
+    rng = random.Random(seed)
+    data = bytearray(HOVER.read_bytes())
+    for _ in range(40):
+        data[rng.randrange(len(data))] ^= 1 << rng.randrange(8)
+    del data[rng.randrange(len(data) // 2, len(data)) :]
+    path = tmp_path / "hover.ulg"
+    path.write_bytes(data)
+    try:
+        times_us = [event.sample.time_us for event in of(Imu, imu_events(Ulog(path)))]
+    except InputError as error:
+        assert str(error).startswith(f"{path}: ")  # noqa: PT017 - either outcome is right
+    else:
+        assert all(a < b for a, b in pairwise(times_us))
+    assert capfd.readouterr() == ("", "")
+
+
+@pytest.mark.parametrize("size", [8, 16, 1000, 20_000])
+def test_a_log_cut_off_in_its_head_has_no_imu(tmp_path, size):
+    path = tmp_path / "hover.ulg"
+    path.write_bytes(HOVER.read_bytes()[:size])
+    with pytest.raises(InputError, match=r"hover\.ulg: "):
+        list(imu_events(Ulog(path)))
+
+
+def test_rows_and_parameters_agree_with_pyulog():
+    from pyulog import ULog
+
+    data, theirs = HOVER.read_bytes(), ULog(str(HOVER))
+    ours = UlogReader(data, WANTED)
+    assert ours.parameters == theirs.initial_parameters
+    topics = {each.name: each.data for each in theirs.data_list if each.multi_id == 0}
+    assert set(ours.tables) == set(topics) & set(WANTED)
+    for name, table in ours.tables.items():
+        columns = topics[name]
+        assert len(table.times_us) == len(columns["timestamp"]) > 10
+        for index in range(len(table.times_us)):
+            row = table.row(data, index)
+            assert {key: columns[key][index] for key in row} == row
+
+
+class Writer:
+    """A ULog in the making."""
+
+    def __init__(self):
+        self.data = ULOG_MAGIC + b"\x01" + struct.pack("<Q", 1000)
+
+    def write(self, kind, body):
+        self.data += struct.pack("<H", len(body)) + kind + body
+        return self
+
+    def sensors(self):
+        """The format and the subscription of sensor_combined and a magnetometer."""
+        fields = b"uint64_t timestamp;float[3] gyro_rad;float[3] accelerometer_m_s2;"
+        self.write(b"F", b"sensor_combined:" + fields)
+        self.write(b"F", b"vehicle_magnetometer:uint64_t timestamp;float[3] magnetometer_ga;")
+        self.write(b"A", b"\0" + struct.pack("<H", 7) + b"sensor_combined")
+        return self.write(b"A", b"\0" + struct.pack("<H", 8) + b"vehicle_magnetometer")
+
+    def truth(self):
+        """The format and the subscription of the true attitude."""
+        self.write(b"F", b"vehicle_attitude_groundtruth:uint64_t timestamp;float[4] q;")
+        return self.write(b"A", b"\0" + struct.pack("<H", 9) + b"vehicle_attitude_groundtruth")
+
+    def attitude(self, time_us, q):
+        return self.write(b"D", struct.pack("<HQ4f", 9, time_us, *q))
+
+    def sample(self, time_us, gyr, acc):
+        return self.write(b"D", struct.pack("<HQ6f", 7, time_us, *gyr, *acc))
+
+    def mag(self, time_us, gauss):
+        return self.write(b"D", struct.pack("<HQ3f", 8, time_us, *gauss))
+
+    def save(self, folder):
+        path = folder / "flight.ulg"
+        path.write_bytes(self.data)
+        return path
+
+
+def noisy(rng, vector, sigma=0.01):
+    return [x + rng.gauss(0.0, sigma) for x in vector]
+
+
+def test_a_clock_that_leaps_is_told(tmp_path):
+    log, rng = Writer().sensors(), random.Random(1)
+    for k in range(400):
+        leap_us = 4_000_000_000 if k >= 200 else 0
+        log.sample(1_000_000 + 5000 * k + leap_us, noisy(rng, (0, 0, 0)), noisy(rng, (0, 0, -9.8)))
+    events = list(Ulog(log.save(tmp_path)))
+    (reset,) = of(ClockReset, events)
+    assert reset.reason == "jump"
+    assert reset.step_s == pytest.approx(4000.0, abs=0.01)
+    times_us = [event.sample.time_us for event in of(Imu, events)]
+    assert max(b - a for a, b in pairwise(times_us)) <= 25_000
+
+
+@pytest.mark.parametrize("sensor", ["stuck", "gyroscope_saturated", "accelerometer_saturated"])
+def test_sensors_that_repeat_themselves_are_refused(tmp_path, sensor):
+    log, rng = Writer().sensors(), random.Random(1)
+    for k in range(600):
+        gyr, acc = noisy(rng, (0.3, 0, 0)), noisy(rng, (0, 0, -9.8))
+        if k >= 200:
+            gyr[0] = 34.9 if sensor == "gyroscope_saturated" else gyr[0]
+            acc[1] = 156.9 if sensor == "accelerometer_saturated" else acc[1]
+            gyr, acc = ([0.3, 0, 0], [0, 0, -9.8]) if sensor == "stuck" else (gyr, acc)
+        log.sample(1_000_000 + 5000 * k, gyr, acc)
+    events = list(Ulog(log.save(tmp_path)))
+    reasons = [event.reason for event in of(Rejected, events)]
+    assert set(reasons) - {"gyroscope_spike"} == {sensor}  # its first one leaps
+    assert len(reasons) > 250
+
+
+def test_a_stuck_magnetometer_is_absent_and_counted(tmp_path):
+    log, rng = Writer().sensors(), random.Random(1)
+    for k in range(3000):
+        now_us, turn = 1_000_000 + 5000 * k, min(0.5 * 0.005 * k, 5.0)
+        if k % 60 == 0:  # slow enough for a repetition to pass as a reading
+            log.mag(now_us, noisy(rng, (0.3 * math.cos(turn), -0.3 * math.sin(turn), 0.4)))
+        log.sample(now_us, noisy(rng, (0, 0, 0.5)), noisy(rng, (0, 0, -9.8)))
+    for k in range(3000, 6000):
+        now_us = 1_000_000 + 5000 * k
+        if k % 60 == 0:
+            log.mag(now_us, (0.3, 0.1, 0.4))
+        log.sample(now_us, noisy(rng, (0, 0, 0.5)), noisy(rng, (0, 0, -9.8)))
+    events = list(Ulog(log.save(tmp_path)))
+    assert {event.reason for event in of(Rejected, events)} == {"magnetometer_stuck"}
+    fields = [event.sample.has_mag for event in of(Imu, events)]
+    assert sum(fields[:3000]) == 50
+    assert sum(fields[4000:]) == 0
+
+
+def test_damage_costs_the_rows_it_hits(tmp_path):
+    """In the middle of a row, between rows, and in a row's length."""
+    log, rng = Writer().sensors(), random.Random(2)
+    for k in range(300):
+        log.sample(1_000_000 + 5000 * k, noisy(rng, (0, 0, 0)), noisy(rng, (0, 0, -9.8)))
+    data, row, head = log.data, 3 + 2 + 8 + 24, len(Writer().sensors().data)
+    at = head + 100 * row
+    for damaged in (
+        data[: at + 10] + data[at + 20 :],
+        data[:at] + rng.randbytes(500) + data[at:],
+        data[:at] + b"\xff" + data[at + 1 :],
+        data[:at] + b"A" * 70_000 + b"D" * 70_000 + b"F" * 70_000 + data[at:],
+    ):
+        path = tmp_path / "flight.ulg"
+        path.write_bytes(damaged)
+        events = list(Ulog(path))
+        assert len(of(Imu, events)) >= 298
+        assert of(Malformed, events)
+
+
+def test_a_second_log_behind_the_first_is_not_mixed_into_it(tmp_path):
+    log, rng = Writer().sensors(), random.Random(2)
+    for k in range(100):
+        log.sample(1_000_000 + 5000 * k, noisy(rng, (0, 0, 0)), noisy(rng, (0, 0, -9.8)))
+    path = tmp_path / "flight.ulg"
+    path.write_bytes(log.data + log.data)
+    events = list(Ulog(path))
+    assert len(of(Imu, events)) == 100
+    assert len(of(Malformed, events)) == 1
+
+
+def traps():
+    """Files that claim more than they hold."""
+    nested = Writer()
+    nested.write(b"F", b"vehicle_attitude:uint64_t timestamp;" + b"a[65535] x;")
+    for inner, outer in (("b", "a"), ("c", "b"), ("d", "c"), ("a", "d")):
+        nested.write(b"F", f"{outer}:{inner}[65535] y;".encode())
+    for number in range(500):
+        nested.write(b"A", b"\0" + struct.pack("<H", number) + b"vehicle_attitude")
+    wide = Writer()
+    fields = b"".join(b"uint8_t f%d;" % k for k in range(4000))
+    wide.write(b"F", b"vehicle_attitude:uint64_t timestamp;" + fields)
+    for number in range(5000):
+        wide.write(b"A", b"\0" + struct.pack("<H", number) + b"vehicle_attitude")
+    endless = ULOG_MAGIC + bytes(9) + b"\xff\x7f\x00" + bytes(40)
+    newer = Writer().write(b"B", bytes(8) + b"\x02" + bytes(31))
+    return {"nested": nested.data, "wide": wide.data, "endless": endless, "newer": newer.data}
+
+
+@pytest.mark.parametrize(("name", "data"), traps().items(), ids=traps())
+def test_a_trap_for_the_reader_is_refused(tmp_path, name, data):
+    path = tmp_path / f"{name}.ulg"
+    path.write_bytes(data)
+    with pytest.raises(InputError, match=rf"{name}\.ulg: "):
+        list(imu_events(Ulog(path)))

@@ -1,0 +1,462 @@
+"""Frames, units and who is who: messages packed by pymavlink, decoded by us."""
+
+import math
+import struct
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from drivers.events import (
+    CommandAck,
+    Heartbeat,
+    Imu,
+    Notice,
+    Parameter,
+    Position,
+    ReferenceAttitude,
+    Rejected,
+    VehicleId,
+    Velocity,
+)
+from drivers.mavlink.decoder import (
+    MOST_SENDERS,
+    MOST_STREAMS,
+    FrameParser,
+    MavlinkDecoder,
+    mavlink,
+    quaternion_from_euler,
+    unit_or_none,
+)
+from estimator.types import ZERO_VEC3, ImuSample, VelocitySample
+
+S = 1_000_000
+UNIX = 1_700_000_000 * S
+VEHICLE = VehicleId(1, 1)
+ARDUPILOT, PX4, GENERIC = 3, 12, 0
+G = 9.80665
+
+m = mavlink()
+
+
+def frame(message, system=1, component=1, force_mavlink1=False, sender=None):
+    sender = sender or m.MAVLink(None, srcSystem=system, srcComponent=component)
+    return bytes(message.pack(sender, force_mavlink1=force_mavlink1))
+
+
+def decode_all(messages, decoder=None, interval_us=20_000, **address):
+    """The events of messages that arrive at a steady pace, all through real bytes."""
+    decoder, parser, events = decoder or MavlinkDecoder(), FrameParser(), []
+    for k, message in enumerate(messages):
+        (parsed,) = parser.feed(frame(message, **address))
+        events += decoder.decode(parsed, UNIX + interval_us * k)
+    return events
+
+
+def heartbeat(autopilot=ARDUPILOT, kind=2):
+    return m.MAVLink_heartbeat_message(kind, autopilot, 0, 0, 0, 3)
+
+
+def raw_imu(time_us=S, acc=(0, 0, -1000), gyr=(0, 0, 0), mag=(200, 0, 400)):
+    return m.MAVLink_raw_imu_message(time_us, *acc, *gyr, *mag)
+
+
+def highres(time_us=S, acc=(0.0, 0.0, -G), gyr=(0.0, 0.0, 0.0), mag=(0.2, 0.0, 0.4), updated=0):
+    return m.MAVLink_highres_imu_message(time_us, *acc, *gyr, *mag, 1e3, 0, 0, 20, updated)
+
+
+def only(kind, events):
+    return [event for event in events if isinstance(event, kind)]
+
+
+# --- one table: message, the events it becomes behind an IMU message at 1 s
+
+TABLE = [
+    (
+        raw_imu(2 * S, (100, -200, -1000), (1, -2, 3), (200, -100, 400)),
+        Imu(
+            VEHICLE,
+            UNIX,
+            2 * S,
+            "RAW_IMU",
+            ImuSample(
+                2 * S,
+                (0.001, -0.002, 0.003),
+                (0.1 * G, -0.2 * G, -G),
+                (0.2, -0.1, 0.4),
+                True,
+            ),
+        ),
+    ),
+    (
+        m.MAVLink_scaled_imu2_message(1500, 0, 0, -844, 1000, 0, 0, 0, 0, 0),
+        Imu(
+            VEHICLE,
+            UNIX,
+            1_500_000,
+            "SCALED_IMU2",
+            ImuSample(1_500_000, (1.0, 0.0, 0.0), (0.0, 0.0, -0.844 * G), ZERO_VEC3, False),
+        ),
+    ),
+    (
+        highres(2 * S, (0.5, -0.25, -9.75), (0.5, -0.25, 0.125), (0.25, 0.5, 0.0)),
+        Imu(
+            VEHICLE,
+            UNIX,
+            2 * S,
+            "HIGHRES_IMU",
+            ImuSample(2 * S, (0.5, -0.25, 0.125), (0.5, -0.25, -9.75), (0.25, 0.5, 0.0), True),
+        ),
+    ),
+    (
+        m.MAVLink_attitude_message(1500, 0.0, 0.0, math.pi / 2, 0, 0, 0),
+        ReferenceAttitude(
+            VEHICLE, UNIX, 1_500_000, "autopilot", "ATTITUDE", (0.5**0.5, 0.0, 0.0, 0.5**0.5)
+        ),
+    ),
+    (
+        m.MAVLink_attitude_quaternion_message(1500, 0.5, -0.5, 0.5, 0.5, 0, 0, 0),
+        ReferenceAttitude(
+            VEHICLE, UNIX, 1_500_000, "autopilot", "ATTITUDE_QUATERNION", (0.5, -0.5, 0.5, 0.5)
+        ),
+    ),
+    (
+        m.MAVLink_simstate_message(math.pi, 0.0, 0.0, 0, 0, 0, 0, 0, 0, 0, 0),
+        ReferenceAttitude(VEHICLE, UNIX, S, "sim", "SIMSTATE", (0.0, 1.0, 0.0, 0.0)),
+    ),
+    (
+        m.MAVLink_sim_state_message(0.5, 0.5, -0.5, 0.5, *[0] * 17),
+        ReferenceAttitude(VEHICLE, UNIX, S, "sim", "SIM_STATE", (0.5, 0.5, -0.5, 0.5)),
+    ),
+    (
+        m.MAVLink_local_position_ned_message(1500, 1, 2, 3, 4.0, -5.0, 0.5),
+        Velocity(
+            VEHICLE,
+            UNIX,
+            "LOCAL_POSITION_NED",
+            VelocitySample(1_500_000, (4.0, -5.0, 0.5), True, 0.3),
+        ),
+    ),
+    (
+        m.MAVLink_global_position_int_message(
+            1500, 4 * 10**8, -(10**8), 50_500, 0, 100, -200, 50, 0
+        ),
+        Velocity(
+            VEHICLE,
+            UNIX,
+            "GLOBAL_POSITION_INT",
+            VelocitySample(1_500_000, (1.0, -2.0, 0.5), True, 0.3),
+        ),
+    ),
+    (
+        m.MAVLink_global_position_int_message(1500, 4 * 10**8, -(10**8), 50_500, 0, 0, 0, 0, 0),
+        Position(VEHICLE, UNIX, 1_500_000, "GLOBAL_POSITION_INT", 40.0, -10.0, 50.5),
+    ),
+    (
+        m.MAVLink_gps_raw_int_message(900_000, 3, 4 * 10**8, -(10**8), 50_500, 0, 0, 200, 9000, 9),
+        Velocity(
+            VEHICLE, UNIX, "GPS_RAW_INT", VelocitySample(900_000, (0.0, 2.0, 0.0), False, 0.5, 0.1)
+        ),
+    ),
+    (
+        m.MAVLink_param_value_message(b"AHRS_TRIM_X", -0.0625, 9, 10, 1),
+        Parameter(VEHICLE, UNIX, "AHRS_TRIM_X", -0.0625),
+    ),
+    (heartbeat(ARDUPILOT, 12), Heartbeat(VEHICLE, UNIX, ARDUPILOT, 12)),
+    (m.MAVLink_command_ack_message(511, 4), CommandAck(VEHICLE, UNIX, 511, 4)),
+]
+
+
+def assert_same(event, expected):
+    """Equal but for rounding: floats on the wire have 24 bits."""
+    assert type(event) is type(expected)
+    for name in type(expected).__slots__:
+        got, want = getattr(event, name), getattr(expected, name)
+        if isinstance(want, ImuSample | VelocitySample):
+            assert type(got) is type(want)
+            for a, b in zip(got, want, strict=True):
+                assert a == pytest.approx(b, rel=1e-6, abs=1e-12)
+        elif name == "arrival_us" or isinstance(want, str | VehicleId):
+            assert got == want
+        else:
+            assert got == pytest.approx(want, rel=1e-6, abs=1e-7)
+
+
+@pytest.mark.parametrize("force_mavlink1", [False, True], ids=["v2", "v1"])
+@pytest.mark.parametrize(("message", "expected"), TABLE, ids=lambda x: type(x).__name__)
+def test_each_message_becomes_its_event(message, expected, force_mavlink1):
+    decoder, parser = MavlinkDecoder(), FrameParser()
+    for parsed in parser.feed(frame(raw_imu(S))):
+        decoder.decode(parsed, UNIX)
+    (parsed,) = parser.feed(frame(message, force_mavlink1=force_mavlink1))
+    events = [e for e in decoder.decode(parsed, UNIX) if type(e) is type(expected)]
+    assert len(events) == 1
+    assert_same(events[0], expected)
+
+
+def test_other_messages_become_nothing():
+    assert decode_all([m.MAVLink_vfr_hud_message(0, 0, 0, 0, 0, 0)]) == []
+
+
+# --- frames
+
+GOOD = [
+    frame(raw_imu(S + k)) if k % 2 else frame(heartbeat(), force_mavlink1=True) for k in range(8)
+]
+
+
+@given(st.data())
+def test_a_stream_may_be_cut_anywhere(data):
+    stream, parser, seen = b"".join(GOOD), FrameParser(), []
+    while stream:
+        size = data.draw(st.integers(1, len(stream)))
+        seen += parser.feed(stream[:size])
+        stream = stream[size:]
+    assert [x.get_type() for x in seen] == ["HEARTBEAT", "RAW_IMU"] * 4
+    assert parser.malformed == 0
+
+
+@given(st.lists(st.binary(max_size=40), min_size=8, max_size=8))
+def test_garbage_between_frames_costs_no_frame(garbage):
+    """Not even garbage that begins like a frame and claims to be long."""
+    stream = b"".join(junk + good for junk, good in zip(garbage, GOOD, strict=True))
+    tail = frame(heartbeat()) * 20  # what a false start at the end still waits for
+    parser = FrameParser()
+    imus = [x.time_usec for x in parser.feed(stream + tail) if x.get_type() == "RAW_IMU"]
+    assert imus == [S + k for k in (1, 3, 5, 7)]
+    assert (parser.malformed > 0) == any(garbage)
+
+
+def test_a_damaged_frame_is_counted_once_and_taken_once():
+    damaged = bytearray(GOOD[1])
+    damaged[12] ^= 0xFF
+    parser = FrameParser()
+    assert len(parser.feed(GOOD[0] + bytes(damaged) + GOOD[2])) == 2
+    assert parser.take_malformed() == 1
+    assert parser.take_malformed() == 0
+
+
+def test_the_parser_does_not_hoard_what_it_has_read():
+    """A busy TCP stream hardly ever ends with a frame."""
+    parser, rest = FrameParser(), b""
+    for _ in range(3000):
+        data = rest + GOOD[1] + GOOD[1][:5]
+        rest = GOOD[1][5:]
+        assert parser.feed(data)
+    assert len(parser._mav.buf) < 200_000
+
+
+def test_one_frame_alone():
+    parser = FrameParser()
+    assert parser.frame(GOOD[1]).time_usec == S + 1
+    assert parser.frame(GOOD[1][:-1]) is None
+    assert parser.frame(GOOD[1][:-1] + b"\0") is None
+
+
+# --- who is who
+
+
+def test_a_vehicle_may_have_system_id_255():
+    events = decode_all([heartbeat(), raw_imu()], system=255)
+    assert {event.vehicle for event in events} == {VehicleId(255, 1)}
+
+
+def test_heartbeats_of_cameras_and_ground_stations_make_no_vehicle():
+    assert decode_all([heartbeat(8, 30), heartbeat(8, 6), heartbeat(0, 6)]) == []
+
+
+def test_vehicles_on_one_link_have_clocks_of_their_own():
+    decoder = MavlinkDecoder()
+    first = decode_all([raw_imu(500 * S + 20_000 * k) for k in range(5)], decoder)
+    second = decode_all([raw_imu(S + 20_000 * k) for k in range(5)], decoder, system=2)
+    assert [e.vehicle.system_id for e in only(Imu, first + second)] == [1] * 5 + [2] * 5
+    assert not only(Rejected, first + second)
+
+
+def test_a_companions_attitude_without_imu_is_nobodys():
+    assert decode_all([m.MAVLink_attitude_message(1500, 0, 0, 0, 0, 0, 0)]) == []
+
+
+# --- what is no data
+
+
+@pytest.mark.parametrize(
+    ("message", "reason"),
+    [
+        (raw_imu(acc=(0, 0, 0)), "zero_accelerometer"),
+        (highres(acc=(math.nan, 0.0, -G)), "not_finite"),
+        (highres(gyr=(0.0, math.inf, 0.0)), "not_finite"),
+    ],
+)
+def test_what_is_no_data_is_refused_by_name(message, reason):
+    assert decode_all([message]) == [Rejected(VEHICLE, UNIX, reason, message.get_type())]
+
+
+def test_duplicates_are_refused():
+    events = decode_all([raw_imu(S), raw_imu(S), raw_imu(S + 20_000)])
+    assert [type(event) for event in events] == [Imu, Rejected, Imu]
+    assert events[1].reason == "duplicate"
+
+
+@pytest.mark.parametrize("mag", [(0, 0, 0), (math.nan, 0.0, 0.0)])
+def test_a_zero_or_broken_field_is_absent(mag):
+    (event,) = decode_all([highres(mag=mag)])
+    assert not event.sample.has_mag
+    assert event.sample.mag_gauss == ZERO_VEC3
+
+
+def test_a_repeated_field_is_absent_until_a_quarter_second_has_passed():
+    events = decode_all([raw_imu(S + 20_000 * k) for k in range(26)])
+    fresh_ms = [20 * k for k, event in enumerate(events) if event.sample.has_mag]
+    assert fresh_ms == [0, 240, 480]
+
+
+def test_equal_fields_at_4_hz_are_data():
+    """A still vehicle may read the same; its interval may be a little under 250 ms."""
+    events = decode_all([raw_imu(S + 249_900 * k) for k in range(8)], interval_us=250_000)
+    assert all(event.sample.has_mag for event in events)
+
+
+def test_a_new_field_is_fresh_at_once():
+    events = decode_all([raw_imu(S + 20_000 * k, mag=(200 + k // 2, 0, 400)) for k in range(6)])
+    assert [event.sample.has_mag for event in events] == [True, False] * 3
+
+
+def test_highres_says_itself_which_fields_are_new():
+    not_mag, with_mag = highres(S, updated=0x3F), highres(S + 5000, updated=0x1FF)
+    events = decode_all([not_mag, with_mag], interval_us=5000)
+    assert [event.sample.has_mag for event in events] == [False, True]
+
+
+@pytest.mark.parametrize("factor", [1.0, 1e3, 1e6])
+def test_highres_fields_come_in_gauss_whatever_the_firmware_thinks(factor):
+    (event,) = decode_all([highres(mag=(0.2 * factor, 0.0, -0.4 * factor))])
+    assert event.sample.mag_gauss == pytest.approx((0.2, 0.0, -0.4), rel=1e-6)
+
+
+# --- notices
+
+
+def notices(messages, autopilot=ARDUPILOT):
+    interval_us = 250_000
+    texts = [
+        e.text
+        for e in only(
+            Notice, decode_all([heartbeat(autopilot), *messages], interval_us=interval_us)
+        )
+    ]
+    assert len(texts) <= 1, "each is said once"
+    return texts[0] if texts else ""
+
+
+def still(make, count=150, **fields):
+    return [make(S + 250_000 * k, **fields) for k in range(count)]
+
+
+def test_a_sane_imu_is_left_in_peace():
+    assert notices(still(raw_imu, acc=(0, 0, -962))) == ""
+    assert notices(still(raw_imu, acc=(17, 30, 1063))) == ""  # upside down, and known to be FRD
+
+
+def test_accelerometer_in_another_unit():
+    assert "accelerometer reads 9.8" in notices(still(raw_imu, acc=(0, 0, -9807)))
+
+
+def test_gyroscope_in_degrees():
+    spinning = still(highres, gyr=(0.0, 0.0, 40.0))
+    assert "gyroscope" in notices(spinning, PX4)
+
+
+def test_field_in_another_unit():
+    assert "magnetometer reads 8" in notices(still(raw_imu, mag=(8000, 0, 0)))
+
+
+def test_a_generic_autopilot_with_z_the_other_way():
+    assert "convention" in notices(still(raw_imu, acc=(0, 0, 1025)), GENERIC)
+
+
+def test_a_second_of_free_fall_is_no_reason():
+    fall = [raw_imu(S + 20_000 * k, acc=(0, 0, -10)) for k in range(60)]
+    rest = [raw_imu(3 * S + 20_000 * k) for k in range(800)]
+    assert not only(Notice, decode_all(fall + rest))
+
+
+# --- attitudes, truth, position
+
+
+def test_truth_belongs_to_the_imu_message_it_follows_once():
+    """Two in a row: the IMU message of the second was lost."""
+    sim = m.MAVLink_sim_state_message(1, 0, 0, 0, *[0] * 17)
+    events = decode_all([sim, raw_imu(S), sim, sim, raw_imu(S + 40_000), sim])
+    assert [event.time_us for event in only(ReferenceAttitude, events)] == [S, S + 40_000]
+
+
+def test_broken_attitudes_are_dropped():
+    bad = [
+        m.MAVLink_attitude_message(1500, math.nan, 0, 0, 0, 0, 0),
+        m.MAVLink_attitude_quaternion_message(1520, 0, 0, 0, 0, 0, 0, 0),
+        m.MAVLink_attitude_quaternion_message(1540, math.nan, 0, 0, 0, 0, 0, 0),
+    ]
+    assert not only(ReferenceAttitude, decode_all([raw_imu(), *bad]))
+
+
+def test_no_position_without_a_fix():
+    nothing = [
+        m.MAVLink_gps_raw_int_message(0, 1, 0, 0, 0, 0, 0, 65535, 65535, 0),
+        m.MAVLink_gps_raw_int_message(0, 2, 4 * 10**8, 10**8, 0, 0, 0, 0, 0, 4),
+        m.MAVLink_global_position_int_message(1500, 0, 0, 0, 0, 0, 0, 0, 0),
+    ]
+    assert len(decode_all([raw_imu(), *nothing])) == 1
+
+
+def test_gps_without_a_speed_still_knows_where_it_is():
+    gps = m.MAVLink_gps_raw_int_message(1, 3, 4 * 10**8, 10**8, 0, 0, 0, 65535, 0, 9)
+    assert [type(e) for e in decode_all([raw_imu(), gps])] == [Imu, Position]
+
+
+def test_px4_packs_integers_into_the_floats_bytes():
+    bits = struct.unpack("<f", struct.pack("<i", 7))[0]
+    messages = [heartbeat(PX4), m.MAVLink_param_value_message(b"MAV_TYPE", bits, 6, 1, 0)]
+    assert decode_all(messages)[-1].value == 7.0
+
+
+angles = st.floats(-math.pi, math.pi)
+
+
+@given(angles, angles, angles)
+def test_euler_angles_turn_the_body_axes_where_they_should(roll, pitch, yaw):
+    """The third row of the rotation matrix, by the definition of the angles."""
+    w, x, y, z = quaternion_from_euler(roll, pitch, yaw)
+    down = (2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y))
+    expected = (
+        -math.sin(pitch),
+        math.sin(roll) * math.cos(pitch),
+        math.cos(roll) * math.cos(pitch),
+    )
+    assert down == pytest.approx(expected, abs=1e-12)
+
+
+@given(st.lists(st.floats(allow_nan=True), min_size=4, max_size=4).map(tuple))
+def test_unit_quaternions_or_none(q):
+    unit = unit_or_none(q)
+    if unit is not None:
+        assert math.hypot(*unit) == pytest.approx(1.0, abs=1e-12)
+        assert abs(math.hypot(*q) - 1.0) <= 0.05
+
+
+def test_a_link_of_any_number_of_senders_and_streams_is_remembered_within_bounds():
+    decoder, parser = MavlinkDecoder(), FrameParser()
+    known, refused = set(), 0
+    for number in range(MOST_SENDERS + 200):
+        address = 1 + number % 250, 1 + number // 250
+        (parsed,) = parser.feed(frame(raw_imu(), *address))
+        known |= {event.vehicle for event in only(Imu, decoder.decode(parsed, UNIX + number))}
+    assert len(known) == MOST_SENDERS
+    for instance in range(256):
+        message = m.MAVLink_raw_imu_message(
+            S + instance, 0, 0, -1000, 0, 0, 1, 0, 0, 0, id=instance
+        )
+        (parsed,) = parser.feed(frame(message))
+        events = only(Rejected, decoder.decode(parsed, UNIX))
+        refused += [event.reason for event in events] == ["too_many_streams"]
+    assert refused == 256 - MOST_STREAMS

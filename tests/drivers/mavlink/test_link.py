@@ -1,0 +1,391 @@
+"""The link over real sockets and a pseudo terminal, with pymavlink on the other side."""
+
+import contextlib
+import logging
+import os
+import socket
+import threading
+import time
+from pathlib import Path
+
+import pytest
+
+from drivers.endpoint import Endpoint, parse_endpoint
+from drivers.events import CommandAck, Heartbeat, Imu, LinkDown, LinkUp, Malformed, VehicleId
+from drivers.mavlink import link as mavlink_link
+from drivers.mavlink.decoder import FrameParser
+from drivers.mavlink.encoder import FrameEncoder, heartbeat, raw_imu
+from drivers.mavlink.link import MavlinkLink
+from drivers.mavlink.recorder import TlogRecorder
+from drivers.simulation.process import SimulatedAutopilot, VehicleOptions
+from drivers.source import open_live
+from estimator.errors import InputError
+
+HOST = "127.0.0.1"
+PATIENCE_S = 20.0  # a slow machine fails no test
+LEVEL = ((0.0, 0.0, -9.80665), (0.0, 0.0, 0.0), (0.2, 0.0, 0.4))
+
+
+class Vehicle:
+    """Frames of one vehicle, 10 ms apart."""
+
+    def __init__(self, system_id=1):
+        self._frames = FrameEncoder(VehicleId(system_id, 1))
+        self._time_us = 1_000_000
+
+    def imu(self):
+        self._time_us += 10_000
+        return self._frames.frame(raw_imu(self._time_us, *LEVEL), 0)
+
+    def heartbeat(self):
+        return self._frames.frame(heartbeat(2, 3), 0)
+
+
+def free_port(kind):
+    with socket.socket(socket.AF_INET, kind) as probe:
+        probe.bind((HOST, 0))
+        return probe.getsockname()[1]
+
+
+def collect(link, enough, provoke=lambda: None):
+    """Events until ``enough(events)``, calling ``provoke`` at every turn."""
+    events, deadline = [], time.monotonic() + PATIENCE_S
+    while not enough(events):
+        assert time.monotonic() < deadline, f"gave up with {events[-5:]}"
+        provoke()
+        events += link.drain(0.02)
+    return events
+
+
+def until(condition, provoke=lambda: None):
+    deadline = time.monotonic() + PATIENCE_S
+    while not condition():
+        assert time.monotonic() < deadline
+        provoke()
+        time.sleep(0.005)
+
+
+def count(kind, n=1):
+    return lambda events: sum(isinstance(event, kind) for event in events) >= n
+
+
+def of_type(events, kind):
+    return [event for event in events if isinstance(event, kind)]
+
+
+@contextlib.contextmanager
+def udp_sender(port):
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sender:
+        sender.connect((HOST, port))
+        sender.settimeout(PATIENCE_S)
+        yield sender
+
+
+@pytest.fixture(autouse=True)
+def nothing_leaks():
+    """Every test ends with the threads and file descriptors it began with."""
+    FrameParser()  # its dialect is loaded once
+    descriptors = open_descriptors()
+    threads = threading.active_count()
+    yield
+    assert threading.active_count() == threads
+    assert open_descriptors() == descriptors
+
+
+def open_descriptors():
+    folder = Path("/proc/self/fd")
+    return len(list(folder.iterdir())) if folder.is_dir() else 0
+
+
+def test_udpin_takes_several_senders_and_answers_all():
+    port = free_port(socket.SOCK_DGRAM)
+    with MavlinkLink(Endpoint("udpin", HOST, port)) as link, udp_sender(port) as a, \
+            udp_sender(port) as b:  # fmt: skip
+        for sender, vehicle in ((a, Vehicle(1)), (b, Vehicle(2))):
+            sender.send(vehicle.heartbeat())
+            frame = vehicle.imu()
+            sender.send(frame[:10])  # one parser a sender: halves of frames do not mix
+            sender.send(frame[10:])
+        events = collect(link, count(Imu, 2))
+        assert isinstance(events[0], LinkUp)
+        assert {e.vehicle for e in of_type(events, Imu)} == {VehicleId(1, 1), VehicleId(2, 1)}
+        now_us = time.time_ns() // 1000
+        assert all(abs(e.arrival_us - now_us) < PATIENCE_S * 1e6 for e in events)
+        link.send(b"answer")
+        assert a.recv(100) == b.recv(100) == b"answer"
+        assert link.dropped == 0
+
+
+def test_a_listening_link_says_nothing():
+    port = free_port(socket.SOCK_DGRAM)
+    with MavlinkLink(Endpoint("udpin", HOST, port)) as link, udp_sender(port) as sender:
+        vehicle = Vehicle()
+        collect(link, count(Imu, 150), lambda: sender.send(vehicle.heartbeat() + vehicle.imu()))
+        sender.setblocking(False)
+        with pytest.raises(BlockingIOError):
+            sender.recv(100)
+
+
+def test_udpout_announces_itself_as_an_onboard_computer():
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as other:
+        other.bind((HOST, 0))
+        other.settimeout(PATIENCE_S)
+        with MavlinkLink(Endpoint("udpout", HOST, other.getsockname()[1])) as link:
+            data, address = other.recvfrom(1000)
+            (hello,) = FrameParser().feed(data)
+            assert (hello.get_type(), hello.get_srcComponent()) == ("HEARTBEAT", 191)
+            assert (hello.type, hello.autopilot) == (18, 8)
+            other.sendto(Vehicle().imu(), address)
+            collect(link, count(Imu))
+
+
+def test_a_refused_tcp_connection_is_retried(caplog):
+    port = free_port(socket.SOCK_STREAM)
+    with caplog.at_level(logging.WARNING), MavlinkLink(Endpoint("tcp", HOST, port)) as link:
+        (down,) = collect(link, count(LinkDown))
+        assert "refused" in down.reason
+        until(lambda: link._retry_s == mavlink_link.LONGEST_RETRY_S)  # four attempts later
+        assert len(caplog.records) == 1  # one line
+        with socket.create_server((HOST, port)) as server:
+            server.settimeout(PATIENCE_S)
+            accepted, _ = server.accept()
+            with accepted:
+                vehicle = Vehicle()
+                events = collect(link, count(Imu, 3), lambda: accepted.sendall(vehicle.imu()))
+        assert isinstance(events[0], LinkUp)
+        assert of_type(events, LinkDown) == []
+
+
+def test_a_lost_tcp_connection_is_made_again():
+    with socket.create_server((HOST, 0)) as server:
+        server.settimeout(PATIENCE_S)
+        vehicle = Vehicle()
+        with MavlinkLink(Endpoint("tcp", HOST, server.getsockname()[1])) as link:
+            for _ in range(2):
+                accepted, _ = server.accept()
+                with accepted:
+                    accepted.sendall(vehicle.imu() + vehicle.imu()[:7])  # ends in half a frame
+                    collect(link, count(Imu))
+                (down,) = of_type(collect(link, count(LinkDown)), LinkDown)
+                assert "closed by the other side" in down.reason
+            accepted, _ = server.accept()
+            with accepted:
+                accepted.sendall(vehicle.imu())
+                events = collect(link, count(Imu))
+            assert of_type(events, Malformed) == []
+
+
+def test_a_server_that_hangs_up_at_once_does_not_fill_the_log(caplog):
+    with socket.create_server((HOST, 0)) as server, caplog.at_level(logging.INFO):
+        server.settimeout(PATIENCE_S)
+        with MavlinkLink(Endpoint("tcp", HOST, server.getsockname()[1])) as link:
+            for _ in range(4):
+                server.accept()[0].close()
+            collect(link, count(LinkDown, 3))
+        assert len(caplog.records) == 1
+
+
+def test_tcpin_accepts_several_clients():
+    port = free_port(socket.SOCK_STREAM)
+    with MavlinkLink(Endpoint("tcpin", HOST, port)) as link:
+        with socket.create_connection((HOST, port), PATIENCE_S) as a, \
+                socket.create_connection((HOST, port), PATIENCE_S) as b:  # fmt: skip
+            a.sendall(Vehicle(1).imu())
+            b.sendall(Vehicle(2).imu())
+            events = collect(link, count(Imu, 2))
+            assert len(of_type(events, LinkUp)) == 1
+            link.send(b"answer")
+            assert a.recv(100) == b.recv(100) == b"answer"
+        (down,) = of_type(collect(link, count(LinkDown)), LinkDown)
+        assert "client" in down.reason
+        with socket.create_connection((HOST, port), PATIENCE_S) as c:
+            c.sendall(Vehicle(3).imu())
+            assert count(LinkUp)(collect(link, count(Imu)))
+
+
+@pytest.mark.skipif(os.name != "posix", reason="needs pseudo terminals")
+def test_a_serial_line_comes_and_goes(tmp_path):
+    import pty
+
+    device = tmp_path / "ttyV0"
+    vehicle = Vehicle()
+
+    def plug_in():
+        master, slave = pty.openpty()
+        device.unlink(missing_ok=True)
+        device.symlink_to(os.ttyname(slave))
+        return master, slave
+
+    master, slave = plug_in()
+    with MavlinkLink(parse_endpoint(f"{device}:57600")) as link:
+        os.write(master, vehicle.imu())
+        events = collect(link, count(Imu))
+        assert isinstance(events[0], LinkUp)
+        link.send(b"to the vehicle")
+        assert os.read(master, 100) == b"to the vehicle"
+        os.close(slave)
+        os.close(master)
+        collect(link, count(LinkDown))
+        master, slave = plug_in()
+        collect(link, count(LinkUp))
+        os.write(master, vehicle.imu())
+        collect(link, count(Imu))
+    os.close(slave)
+    os.close(master)
+
+
+@pytest.mark.skipif(os.name != "posix", reason="needs pseudo terminals")
+def test_a_serial_line_in_use_is_refused():
+    import pty
+
+    master, slave = pty.openpty()
+    endpoint = Endpoint("serial", path=os.ttyname(slave), baud=57600)
+    with MavlinkLink(endpoint), pytest.raises(InputError, match="in use"), MavlinkLink(endpoint):
+        pass
+    os.close(slave)
+    os.close(master)
+
+
+@pytest.mark.parametrize(
+    ("endpoint", "said"),
+    [
+        (Endpoint("serial", path="/dev/no_such_device", baud=57600), "No such file"),
+        (Endpoint("serial", path=os.devnull, baud=57600), os.devnull),
+        (Endpoint("udpout", "no-such-host.invalid", 14550), "no-such-host.invalid"),
+        (Endpoint("tcp", "no-such-host.invalid", 5760), "no-such-host.invalid"),
+        (Endpoint("udpin", "192.0.2.1", 14550), "udpin:192.0.2.1:14550"),  # not an address of ours
+        (Endpoint("log", path="flight.tlog"), "no MAVLink link"),
+    ],
+)
+def test_what_cannot_work_is_refused_at_the_start(endpoint, said):
+    with pytest.raises(InputError, match=said), MavlinkLink(endpoint):
+        pass
+
+
+@pytest.mark.parametrize(("kind", "name"), [(socket.SOCK_DGRAM, "udpin"),
+                                            (socket.SOCK_STREAM, "tcpin")])  # fmt: skip
+def test_a_taken_port_is_refused(kind, name):
+    with socket.socket(socket.AF_INET, kind) as owner:
+        owner.bind((HOST, 0))
+        if kind == socket.SOCK_STREAM:
+            owner.listen()
+        port = owner.getsockname()[1]
+        with pytest.raises(InputError, match=f"{name}:{HOST}:{port}.*in use"), \
+                MavlinkLink(Endpoint(name, HOST, port)):  # fmt: skip
+            pass
+
+
+def test_an_overloaded_queue_keeps_the_newest():
+    port = free_port(socket.SOCK_DGRAM)
+    vehicle = Vehicle()
+    with MavlinkLink(Endpoint("udpin", HOST, port), queue_events=10) as link, \
+            udp_sender(port) as sender:  # fmt: skip
+        until(lambda: link.dropped >= 50, lambda: sender.send(vehicle.imu()))
+        newest = vehicle._time_us
+        until(lambda: link._queue._events[-1].boot_us == newest)
+        events = link.drain(0)
+    assert len(events) == 10
+    assert [e.boot_us for e in events] == [newest - 10_000 * k for k in range(9, -1, -1)]
+
+
+def test_garbage_is_counted_and_survived():
+    port = free_port(socket.SOCK_DGRAM)
+    vehicle = Vehicle()
+    with MavlinkLink(Endpoint("udpin", HOST, port)) as link, udp_sender(port) as sender:
+        sender.send(b"GET / HTTP/1.1\r\n\r\n" + bytes(range(256)))
+        events = collect(link, count(Imu, 20), lambda: sender.send(vehicle.imu()))
+    assert sum(e.frames for e in of_type(events, Malformed)) >= 1
+
+
+def test_the_recording_holds_the_frames_as_they_came(tmp_path):
+    port = free_port(socket.SOCK_DGRAM)
+    vehicle = Vehicle()
+    frames = [vehicle.heartbeat(), *(vehicle.imu() for _ in range(20))]
+    path = tmp_path / "flight.tlog"
+    with TlogRecorder(path) as recorder, \
+            open_live(Endpoint("udpin", HOST, port), recorder) as link, \
+            udp_sender(port) as sender:  # fmt: skip
+        sender.send(b"noise")
+        for frame in frames:
+            sender.send(frame)
+        events = collect(link, count(Imu, 20))
+    data, stamps = path.read_bytes(), []
+    for frame in frames:
+        stamps.append(int.from_bytes(data[:8], "big"))
+        assert data[8 : 8 + len(frame)] == frame
+        data = data[8 + len(frame) :]
+    assert data == b""
+    assert stamps[1:] == [e.arrival_us for e in of_type(events, Imu)]
+
+
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="needs /dev/full")
+def test_a_full_disk_does_not_stop_the_link():
+    port = free_port(socket.SOCK_DGRAM)
+    vehicle = Vehicle()
+    with TlogRecorder("/dev/full") as recorder, udp_sender(port) as sender, \
+            MavlinkLink(Endpoint("udpin", HOST, port), recorder) as link:  # fmt: skip
+        collect(link, count(Imu, 20), lambda: sender.send(vehicle.imu()))
+    assert recorder.lost >= 20
+
+
+def test_a_requested_rate_is_acknowledged_and_delivered():
+    """The simulated autopilot answers on the same socket that it sends from."""
+    port = free_port(socket.SOCK_DGRAM)
+    autopilot, parser = SimulatedAutopilot(VehicleOptions(rate_hz=2.0), 5), FrameParser()
+    boot_us, asked = 0, []
+
+    with MavlinkLink(Endpoint("udpin", HOST, port), request_rate_hz=100.0) as link, \
+            udp_sender(port) as sender:  # fmt: skip
+
+        def play():
+            nonlocal boot_us
+            boot_us += 50_000
+            sender.send(autopilot.advance(boot_us, 0) or b"\0")
+            sender.settimeout(0.001)
+            with contextlib.suppress(TimeoutError):
+                while True:
+                    for message in parser.feed(sender.recv(1000)):
+                        asked.append(message)
+                        if answer := autopilot.handle(message, 0):
+                            sender.send(answer)
+
+        events = collect(link, count(CommandAck), play)
+        assert of_type(events, CommandAck)[0].result == 0
+        events = collect(link, count(Imu, 500), play)
+    boots = [e.boot_us for e in of_type(events, Imu)][-400:]
+    assert (boots[-1] - boots[0]) / 399 == pytest.approx(10_000)
+    assert {m.get_type() for m in asked} == {"HEARTBEAT", "COMMAND_LONG"}
+    assert {(m.get_srcSystem(), m.get_srcComponent()) for m in asked} == {(5, 191)}
+    assert all(m.type == 18 for m in asked if m.get_type() == "HEARTBEAT")
+
+
+def test_iteration_ends_with_the_link():
+    port = free_port(socket.SOCK_DGRAM)
+    link = MavlinkLink(Endpoint("udpin", HOST, port))
+    with link, udp_sender(port) as sender:
+        sender.send(Vehicle().heartbeat())
+        for event in link:
+            if isinstance(event, Heartbeat):
+                link.close()
+    assert link.drain(10) == []
+
+
+def test_a_mistake_of_ours_reaches_the_consumer(monkeypatch):
+    port = free_port(socket.SOCK_DGRAM)
+    monkeypatch.setattr(mavlink_link.FrameDecoder, "events", lambda *_: 1 / 0)
+    with MavlinkLink(Endpoint("udpin", HOST, port)) as link, udp_sender(port) as sender, \
+            pytest.raises(ZeroDivisionError):  # fmt: skip
+        collect(link, lambda _: False, lambda: sender.send(Vehicle().imu()))
+
+
+def test_ipv6():
+    try:
+        with socket.socket(socket.AF_INET6, socket.SOCK_DGRAM) as probe:
+            probe.bind(("::1", 0))
+            port = probe.getsockname()[1]
+    except OSError:
+        pytest.skip("no IPv6 on this machine")
+    with MavlinkLink(parse_endpoint(f"udpin:[::1]:{port}")) as link, \
+            socket.socket(socket.AF_INET6, socket.SOCK_DGRAM) as sender:  # fmt: skip
+        sender.sendto(Vehicle().imu(), ("::1", port))
+        collect(link, count(Imu))

@@ -1,0 +1,110 @@
+"""What ends up in a tlog, also when the disk or the process does not hold."""
+
+import logging
+import os
+import signal
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from pymavlink import mavutil
+
+import drivers
+from drivers.events import VehicleId
+from drivers.mavlink.encoder import FrameEncoder, attitude, heartbeat
+from drivers.mavlink.recorder import RETRY_US, TlogRecorder
+from estimator.errors import InputError
+
+ROOT = Path(drivers.__file__).parents[1]
+UNIX_US = 1_790_000_000_000_000
+
+
+def test_pymavlink_reads_the_recording(tmp_path):
+    frames = FrameEncoder(VehicleId(1, 1))
+    with TlogRecorder(tmp_path / "flight.tlog") as recorder:
+        recorder.write(UNIX_US, [frames.frame(heartbeat(2, 3), 0)])
+        recorder.write(UNIX_US + 1_000_000, [])
+        recorder.write(
+            UNIX_US + 2_500_000,
+            [frames.frame(attitude(i, (0.1 * i, 0, 0), (0, 0, 0)), 0) for i in range(3)],
+        )
+    log = mavutil.mavlink_connection(str(tmp_path / "flight.tlog"))
+    read = []
+    while (message := log.recv_match()) is not None:
+        read.append((message.get_type(), message._timestamp - UNIX_US * 1e-6))
+    log.close()
+    assert [kind for kind, _ in read] == ["HEARTBEAT", "ATTITUDE", "ATTITUDE", "ATTITUDE"]
+    assert [t for _, t in read] == pytest.approx([0, 2.5, 2.5, 2.5], abs=1e-5)
+    assert recorder.lost == 0
+
+
+def test_an_existing_file_is_continued(tmp_path):
+    path = tmp_path / "flight.tlog"
+    for part in (b"first", b"second"):
+        with TlogRecorder(path) as recorder:
+            recorder.write(1, [part])
+    assert (
+        path.read_bytes() == (1).to_bytes(8, "big") + b"first" + (1).to_bytes(8, "big") + b"second"
+    )
+
+
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="needs /dev/full")
+def test_a_full_disk_is_reported_once(caplog):
+    with TlogRecorder("/dev/full") as recorder, caplog.at_level(logging.WARNING):
+        for i in range(100):
+            recorder.write(UNIX_US + i * RETRY_US // 10, [b"frame", b"frame"])
+    assert recorder.lost == 200
+    assert len(caplog.records) == 1
+    assert "/dev/full" in caplog.text
+    assert "No space left" in caplog.text
+
+
+@pytest.mark.skipif(os.name != "posix", reason="needs resource limits")
+def test_half_written_records_are_taken_back(tmp_path):
+    """A file size limit cuts a write in two, like a disk that has just filled up."""
+    path = tmp_path / "flight.tlog"
+    script = (
+        "import resource, signal, sys\n"
+        "from drivers.mavlink.recorder import TlogRecorder\n"
+        "signal.signal(signal.SIGXFSZ, signal.SIG_IGN)\n"
+        "resource.setrlimit(resource.RLIMIT_FSIZE, (1000, 1000))\n"
+        "with TlogRecorder(sys.argv[1]) as recorder:\n"
+        "    for i in range(50):\n"
+        "        recorder.write(i, [b'x' * 32])\n"
+        "print(recorder.lost)\n"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", script, path], capture_output=True, text=True, check=True, cwd=ROOT
+    )
+    assert path.stat().st_size == 25 * 40
+    assert int(done.stdout) == 25
+    assert done.stderr.count("\n") == 1
+
+
+@pytest.mark.skipif(os.name != "posix", reason="needs SIGKILL")
+def test_a_killed_process_leaves_whole_records(tmp_path):
+    path = tmp_path / "flight.tlog"
+    script = (
+        "import sys\n"
+        "from drivers.mavlink.recorder import TlogRecorder\n"
+        "recorder = TlogRecorder(sys.argv[1])\n"
+        "while True:\n"
+        "    recorder.write(1, [b'x' * 56] * 3)\n"
+        "    if recorder.path.stat().st_size == 64 * 300: print('ready', flush=True)\n"
+    )
+    with subprocess.Popen(
+        [sys.executable, "-c", script, path], stdout=subprocess.PIPE, cwd=ROOT
+    ) as process:
+        assert process.stdout.readline() == b"ready\n"
+        process.send_signal(signal.SIGKILL)
+    size = path.stat().st_size
+    assert size >= 64 * 300
+    assert size % 64 == 0
+
+
+def test_a_file_that_cannot_be_written_is_refused(tmp_path):
+    with pytest.raises(InputError, match="cannot record to"):
+        TlogRecorder(tmp_path)
+    with pytest.raises(InputError, match="no/such/folder"):
+        TlogRecorder(tmp_path / "no/such/folder/flight.tlog")

@@ -1,0 +1,254 @@
+"""Signed frames on receipt: what is let in, and what a restart remembers."""
+
+import json
+from itertools import pairwise
+
+import pytest
+
+from drivers.events import Notice, RefusedFrames, VehicleId
+from drivers.mavlink.encoder import FrameEncoder, heartbeat
+from drivers.mavlink.framing import FrameReader
+from drivers.mavlink.gate import TAKE_OVER_US, FrameGate, Policy
+from drivers.mavlink.signing import AHEAD_TICKS, SigningCheck, state_path
+from estimator.errors import InputError
+
+S = 1_000_000
+NOW = 1_700_000_000 * S
+KEY, OTHER_KEY = bytes(range(32)), bytes(32)
+ONE = VehicleId(1, 1)
+
+
+def signed(now_us=NOW, key=KEY, vehicle=ONE, link=0):
+    (frame,) = FrameReader().feed(FrameEncoder(vehicle, key, link).frame(heartbeat(2, 3), now_us))
+    return frame
+
+
+@pytest.fixture
+def file(tmp_path):
+    return tmp_path / "state" / "signing.json"
+
+
+def test_a_good_signature_is_let_in_once(file):
+    check = SigningCheck(KEY, file)
+    assert check.refusal(signed(), NOW) is None
+    assert check.refusal(signed(), NOW) == "replayed"
+    assert check.refusal(signed(NOW - 10), NOW) == "replayed"
+    assert check.refusal(signed(NOW + 10), NOW) is None
+
+
+def test_unsigned_and_wrongly_signed_frames_are_refused(file):
+    check = SigningCheck(KEY, file)
+    assert check.refusal(signed(key=None), NOW) == "unsigned"
+    assert check.refusal(signed(key=OTHER_KEY), NOW) == "wrong_signature"
+
+
+@pytest.mark.parametrize("byte", [4, 6, 12, -13, -12, -1])
+def test_a_changed_byte_is_a_wrong_signature(file, byte):
+    frame = signed()
+    data = bytearray(frame.data)
+    data[byte] ^= 1
+    frame = frame._replace(data=bytes(data))
+    assert SigningCheck(KEY, file).refusal(frame, NOW) == "wrong_signature"
+
+
+def test_a_forged_time_stamp_does_not_lock_the_vehicle_out(file):
+    check = SigningCheck(KEY, file)
+    assert check.refusal(signed(NOW + 3600 * S, OTHER_KEY), NOW) == "wrong_signature"
+    assert check.refusal(signed(), NOW) is None
+
+
+def test_streams_of_one_vehicle_have_stamps_of_their_own(file):
+    check = SigningCheck(KEY, file)
+    assert check.refusal(signed(NOW + S, link=0), NOW) is None
+    assert check.refusal(signed(NOW, link=1), NOW) is None
+
+
+def test_a_signature_more_than_a_minute_old_is_refused(file):
+    check = SigningCheck(KEY, file)
+    assert check.refusal(signed(NOW - 61 * S), NOW) == "signature_too_old"
+    assert check.refusal(signed(NOW - 59 * S), NOW) is None
+
+
+def test_a_signature_years_ahead_is_refused_and_locks_nobody_out(file):
+    check = SigningCheck(KEY, file)
+    year = 365 * 86_400 * S
+    assert check.refusal(signed(NOW + year + S), NOW) == "signature_too_new"
+    assert check.refusal(signed(NOW + 10**9 * S), NOW) == "signature_too_new"
+    assert check.refusal(signed(NOW + 59 * S), NOW) is None
+    assert check.refusal(signed(NOW, vehicle=VehicleId(2, 1)), NOW) is None
+
+
+def test_a_host_whose_clock_stood_still_while_it_was_off_hears_its_vehicle(file):
+    """Three days behind, and then set right by the network."""
+    check = SigningCheck(KEY, file)
+    off = 3 * 86_400 * S
+    assert check.refusal(signed(NOW), NOW - off) is None
+    assert check.refusal(signed(NOW), NOW - off + S) == "replayed"
+    assert check.refusal(signed(NOW + 20 * S), NOW + 20 * S) is None
+
+
+@pytest.mark.parametrize("crash_s", [None, 3, 600])
+def test_a_sender_that_counts_frames_instead_of_time_goes_on(file, crash_s):
+    """As pymavlink does: its stamps fall behind, second by second, but never back."""
+    check, refused_s = SigningCheck(KEY, file), []
+    for second in range(1200):
+        if second == crash_s:
+            check = SigningCheck(KEY, file)
+        if check.refusal(signed(NOW + 10 * second), NOW + second * S) is not None:
+            refused_s.append(second)
+    # the file is ahead by as many frames as came in two seconds
+    assert refused_s in ([], *([*range(crash_s or 0, (crash_s or 0) + n)] for n in (1, 2, 3)))
+
+
+def test_frames_nobody_heard_are_too_old_after_a_minute(file):
+    check = SigningCheck(KEY, file)
+    assert check.refusal(signed(NOW), NOW) is None
+    recorded = [signed(NOW + second * S) for second in range(1, 100)]
+    later = NOW + 300 * S
+    assert {check.refusal(frame, later) for frame in recorded} == {"signature_too_old"}
+    assert check.refusal(signed(later), later) is None
+
+
+def test_our_stamps_grow_also_over_a_restart_with_the_clock_set_back(file):
+    stamps, check = [], SigningCheck(KEY, file)
+    stamps += [check.stamp(NOW), check.stamp(NOW), check.stamp(NOW + 3 * S), check.stamp(NOW)]
+    check.close()
+    check = SigningCheck(KEY, file)
+    stamps += [check.stamp(NOW - 3600 * S), check.stamp(NOW - 3600 * S)]
+    check = SigningCheck(KEY, file)  # the second one was killed
+    stamps += [check.stamp(NOW - 7200 * S), check.stamp(0)]
+    assert all(a < b for a, b in pairwise(stamps))
+    assert stamps[-1] < stamps[0] + 10 * AHEAD_TICKS
+
+
+def test_two_processes_keep_their_streams_in_one_file(file):
+    """Each knows the other's from its start only, and must not write that back."""
+    two = VehicleId(2, 1)
+    SigningCheck(KEY, file).refusal(signed(vehicle=two), NOW)
+    here, there = SigningCheck(KEY, file), SigningCheck(KEY, file)
+    for now in range(NOW + 3 * S, NOW + 20 * S, S):
+        assert here.refusal(signed(now), now) is None
+        assert there.refusal(signed(now, vehicle=two), now) is None
+    there.close()
+    here.close()
+    again = SigningCheck(KEY, file)
+    assert again.refusal(signed(now), now) == "replayed"
+    assert again.refusal(signed(now, vehicle=two), now) == "replayed"
+
+
+def test_what_was_accepted_before_a_restart_is_refused_after_it(file):
+    check = SigningCheck(KEY, file)
+    assert check.refusal(signed(), NOW) is None
+    check.close()
+    again = SigningCheck(KEY, file)
+    assert again.refusal(signed(), NOW) == "replayed"
+    assert again.refusal(signed(NOW + 10), NOW) is None
+
+
+def test_a_crash_forgets_nothing_and_costs_two_seconds_at_most(file):
+    check, times = SigningCheck(KEY, file), range(NOW, NOW + 7 * S, S // 10)
+    for now in times:
+        assert check.refusal(signed(now), now) is None
+    again = SigningCheck(KEY, file)  # the first one was never closed
+    for now in times:
+        assert again.refusal(signed(now), now) == "replayed"
+    late = times[-1] + AHEAD_TICKS * 10 + 10
+    assert again.refusal(signed(late), late) is None
+
+
+def test_the_file_is_written_rarely_and_holds_no_secret(file, monkeypatch):
+    check, writes = SigningCheck(KEY, file), []
+    replace = type(file).replace
+    monkeypatch.setattr(type(file), "replace", lambda *a: (writes.append(1), replace(*a)))
+    for now in range(NOW, NOW + 10 * S, S // 100):
+        assert check.refusal(signed(now), now) is None
+    assert len(writes) <= 6
+    text = file.read_text()
+    assert KEY.hex() not in text
+    assert set(json.loads(text)) == {"1-1-0", "ours"}
+
+
+def test_a_damaged_state_is_refused_at_the_start(file):
+    file.parent.mkdir()
+    damaged = (
+        "{",
+        "[1]",
+        '{"1-1": [3, 0]}',
+        '{"1-1-0": null}',
+        '{"1-1-0": 3}',
+        '{"1-1-0": [NaN, 0]}',
+    )
+    for text in (
+        *damaged,
+        '{"1-1-0": [3, 0, 0]}',
+        '{"ours": []}',
+        '{"ours": 1e300}',
+        '{"ours": -1}',
+    ):
+        file.write_text(text)
+        with pytest.raises(InputError, match="damaged"):
+            SigningCheck(KEY, file)
+
+
+def test_a_state_that_cannot_be_kept_is_refused_at_the_start(tmp_path):
+    (tmp_path / "state").write_text("a file where the folder should be")
+    with pytest.raises(InputError, match=r"signing\.json"):
+        SigningCheck(KEY, tmp_path / "state" / "signing.json")
+
+
+def test_the_state_lives_where_xdg_says(monkeypatch, tmp_path):
+    monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path))
+    assert state_path() == tmp_path / "fuzzbee" / "signing.json"
+    monkeypatch.delenv("XDG_STATE_HOME")
+    monkeypatch.setenv("HOME", str(tmp_path))
+    assert state_path() == tmp_path / ".local" / "state" / "fuzzbee" / "signing.json"
+
+
+# --- the gate
+
+
+def refused(gate):
+    return [
+        (event.vehicle, event.reason, event.frames)
+        for event in gate.take_refused(NOW)
+        if isinstance(event, RefusedFrames)
+    ]
+
+
+def test_only_allowed_systems_are_let_in():
+    gate = FrameGate(Policy(frozenset({1})))
+    two = VehicleId(2, 1)
+    assert gate.lets_in(signed(), "a", NOW)
+    for _ in range(3):
+        assert not gate.lets_in(signed(vehicle=two), "a", NOW)
+    assert refused(gate) == [(two, "system_not_allowed", 3)]
+    assert refused(gate) == []
+
+
+def test_a_refused_signature_is_told_once(file):
+    gate = FrameGate(Policy(None, SigningCheck(KEY, file)))
+    texts = []
+    for _ in range(3):
+        assert not gate.lets_in(signed(key=None), "a", NOW)
+        texts += [e.text for e in gate.take_refused(NOW) if isinstance(e, Notice)]
+    assert texts == ["system 1: frames without a signature are refused"]
+
+
+def test_of_two_senders_with_one_address_the_first_is_used_until_it_falls_silent():
+    gate = FrameGate(Policy())
+    assert gate.lets_in(signed(), "a", NOW)
+    assert not gate.lets_in(signed(), "b", NOW + S // 10)
+    assert gate.lets_in(signed(), "a", NOW + S // 5)
+    assert refused(gate) == [(ONE, "address_conflict", 1)]
+    silent = NOW + S // 5 + TAKE_OVER_US
+    assert gate.lets_in(signed(), "b", silent)
+    assert not gate.lets_in(signed(), "a", silent + 1)
+
+
+def test_a_sender_that_has_left_frees_its_addresses_at_once():
+    gate = FrameGate(Policy())
+    assert gate.lets_in(signed(), "a", NOW)
+    gate.forget("a")
+    assert gate.lets_in(signed(), "b", NOW + 1)
+    gate.forget()
+    assert gate.lets_in(signed(), "c", NOW + 2)

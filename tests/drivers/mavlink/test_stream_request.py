@@ -1,0 +1,214 @@
+"""The request logic, told what happens and when."""
+
+import itertools
+
+import pytest
+
+from drivers.events import ClockReset, CommandAck, Heartbeat, Imu, Notice, VehicleId
+from drivers.mavlink.decoder import mavlink
+from drivers.mavlink.encoder import FrameEncoder
+from drivers.mavlink.stream_request import (
+    MOST_REPEATS,
+    MOST_REQUESTS,
+    MOST_STREAMS,
+    Outgoing,
+    StreamRequest,
+)
+from estimator.errors import InputError
+from estimator.types import ImuSample
+
+VEHICLE = VehicleId(3, 1)
+SECOND = 1_000_000
+
+
+class Conversation:
+    """Drives a request at 10 ms steps; the vehicle streams at ``rate_hz``, if it does."""
+
+    def __init__(self, asked_hz=50.0, autopilot=3):
+        self.request = StreamRequest(asked_hz)
+        self.now_us = 0
+        self.boot_us = 0.0
+        self.rate_hz = 4.0
+        self.message = "RAW_IMU"
+        self.commands = []
+        self.heartbeats = []
+        self.notices = []
+        self.on_command = lambda _: None
+        self.met = Heartbeat(VEHICLE, 0, autopilot, 2)
+
+    def run(self, seconds):
+        self.event(self.met)
+        for _ in range(round(seconds * 100)):
+            self.now_us += 10_000
+            while self.rate_hz and self.boot_us <= self.now_us:
+                self.event(self._imu())
+                self.boot_us += SECOND / self.rate_hz
+            self._note(self.request.tick(self.now_us))
+        return self
+
+    def event(self, event):
+        self._note(self.request.handle(event, self.now_us))
+
+    def ack(self, result):
+        self.event(CommandAck(VEHICLE, self.now_us, 511, result))
+
+    def accept(self, command):
+        self.rate_hz = SECOND / command.param2
+        self.ack(0)
+
+    def _imu(self):
+        t = int(self.boot_us)
+        zero = (0.0, 0.0, 0.0)
+        return Imu(VEHICLE, self.now_us, t, self.message, ImuSample(t, zero, zero, zero, False))
+
+    def _note(self, out):
+        for each in out:
+            if isinstance(each, Notice):
+                self.notices.append(each.text)
+                continue
+            assert isinstance(each, Outgoing)
+            frame = FrameEncoder(VehicleId(each.system_id, 191)).frame(each.message, 0)
+            (message,) = mavlink().MAVLink(None).parse_buffer(frame)
+            if message.get_type() == "HEARTBEAT":
+                self.heartbeats.append((self.now_us, message))
+            else:
+                self.commands.append((self.now_us, message))
+                self.on_command(message)
+
+    @property
+    def command_times_s(self):
+        return [round(t / SECOND, 1) for t, _ in self.commands]
+
+
+def test_asks_by_message_interval_and_stays_content():
+    talk = Conversation()
+    talk.on_command = talk.accept
+    talk.run(60)
+    ((at, command),) = talk.commands
+    assert at == 0
+    assert (command.get_type(), command.command) == ("COMMAND_LONG", 511)
+    assert (command.target_system, command.target_component) == VEHICLE
+    assert (command.param1, command.param2, command.confirmation) == (27, 20_000, 0)
+    assert talk.notices == []
+
+
+def test_px4_is_asked_for_highres_imu():
+    talk = Conversation(asked_hz=100, autopilot=12).run(0)
+    assert talk.commands[0][1].param1 == 105
+    assert talk.commands[0][1].param2 == 10_000
+
+
+def test_heartbeats_are_an_onboard_controller_s_at_1_hz():
+    talk = Conversation().run(10)
+    assert len(talk.heartbeats) == 11
+    for _, message in talk.heartbeats:
+        assert (message.type, message.autopilot) == (18, 8)
+        assert (message.get_srcSystem(), message.get_srcComponent()) == (3, 191)
+
+
+def test_nothing_is_sent_before_a_vehicle_is_known():
+    request = StreamRequest(50)
+    assert request.tick(10 * SECOND) == []
+    ground_station = Heartbeat(VehicleId(255, 190), 0, 8, 6)
+    assert request.handle(ground_station, 11 * SECOND) == []
+
+
+def test_without_an_answer_the_request_is_repeated_then_paused():
+    talk = Conversation().run(14)
+    first = [message.confirmation for _, message in talk.commands[: MOST_REPEATS + 1]]
+    assert first == list(range(MOST_REPEATS + 1))
+    # 1.5 s for each answer, then 5 s of pause, and again from the start
+    assert talk.command_times_s[:5] == [0, 1.5, 3.0, 4.5, 11.0]
+    assert talk.commands[4][1].confirmation == 0
+    assert len(talk.notices) == 1
+    assert "does not answer" in talk.notices[0]
+
+
+def test_gives_up_after_so_many_requests():
+    talk = Conversation().run(1000)
+    assert len(talk.commands) == MOST_REQUESTS * (MOST_REPEATS + 1)
+    assert talk.command_times_s[-1] < 300
+    assert len(talk.notices) == 2
+    assert "not asking again" in talk.notices[1]
+
+
+def test_an_accepted_rate_that_does_not_come_is_asked_for_again():
+    talk = Conversation()
+    talk.on_command = lambda _: talk.ack(0)  # accepts and goes on at 4 Hz
+    talk.run(400)
+    assert len(talk.commands) == MOST_REQUESTS
+    assert "sends RAW_IMU at 4.0 Hz" in talk.notices[0]
+    gaps = [b - a for a, b in zip(talk.command_times_s, talk.command_times_s[1:], strict=False)]
+    assert all(later > 1.3 * earlier for earlier, later in itertools.pairwise(gaps))
+
+
+def test_a_ground_station_s_reset_is_noticed_and_undone():
+    talk = Conversation()
+    talk.on_command = talk.accept
+    talk.run(20)
+    talk.rate_hz = 2.0
+    talk.run(20)
+    assert len(talk.commands) == 2
+    assert talk.rate_hz == 50
+    for _ in range(MOST_REQUESTS + 2):  # success in between: it goes on asking
+        talk.rate_hz = 2.0
+        talk.run(20)
+    assert len(talk.commands) == 2 + MOST_REQUESTS + 2
+    assert len(talk.notices) == 1
+
+
+def test_an_accepted_request_without_any_sample_fails():
+    talk = Conversation()
+    talk.rate_hz = 0
+    talk.on_command = lambda _: talk.ack(0)
+    talk.run(9)
+    assert "sends no RAW_IMU" in talk.notices[0]
+
+
+@pytest.mark.parametrize("result", [2, 3, 4])
+def test_a_refusal_is_final(result):
+    talk = Conversation()
+    talk.on_command = lambda _: talk.ack(result)
+    talk.run(300)
+    assert len(talk.commands) == 1
+    assert f"MAV_RESULT {result}" in talk.notices[0]
+
+
+def test_temporary_rejection_is_not():
+    talk = Conversation()
+    answers = iter([1, 1, 0])
+
+    def answer(command):
+        result = next(answers)
+        talk.rate_hz = 50 if result == 0 else 4
+        talk.ack(result)
+
+    talk.on_command = answer
+    talk.run(100)
+    assert talk.command_times_s == [0, 5, 15]
+
+
+def test_a_reboot_is_asked_at_once():
+    talk = Conversation()
+    talk.on_command = talk.accept
+    talk.run(10)
+    talk.rate_hz = 4.0
+    talk.event(ClockReset(VEHICLE, talk.now_us, "reboot", -10.0))
+    assert len(talk.commands) == 2
+    talk.event(ClockReset(VEHICLE, talk.now_us, "jump", 10.0))
+    assert len(talk.commands) == 2
+
+
+@pytest.mark.parametrize("rate", [0, -1, float("nan"), float("inf"), 1e6])
+def test_impossible_rates_are_refused(rate):
+    with pytest.raises(InputError, match="rate"):
+        StreamRequest(rate)
+
+
+def test_a_flood_of_heartbeats_is_not_answered_without_end():
+    request, asked = StreamRequest(50.0), set()
+    for system in range(1, 256):
+        for component in range(1, 5):
+            out = request.handle(Heartbeat(VehicleId(system, component), 0, 3, 2), 0)
+            asked |= {each.message.payload for each in out if isinstance(each, Outgoing)}
+    assert len(asked) == MOST_STREAMS + 1  # and our own heartbeat

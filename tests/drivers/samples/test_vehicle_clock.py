@@ -1,0 +1,295 @@
+"""The vehicle's time: continuous whatever the vehicle, the link and the recorder do."""
+
+import itertools
+
+from hypothesis import given
+from hypothesis import strategies as st
+
+from drivers.samples.vehicle_clock import (
+    CUT_STEP_US,
+    ClockLine,
+    Placed,
+    Reading,
+    Refused,
+    Reset,
+    TimeField,
+    VehicleClock,
+)
+
+S = 1_000_000
+UNIX = 1_700_000_000 * S  # arrivals are Unix times
+USEC, BOOT_MS, GPS = TimeField.TIME_USEC, TimeField.BOOT_MS, TimeField.GPS
+
+steps_us = st.lists(st.integers(2_000, 2 * S), min_size=2, max_size=60)
+lateness_us = st.lists(st.integers(0, 4 * S), min_size=60, max_size=60)  # up to 4 s, as measured
+
+
+def imu(clock, raw_us, arrival_us, field=USEC, message="RAW_IMU"):
+    return clock.imu(message, field, raw_us, arrival_us)
+
+
+def steady(clock, first_us, count, step_us=250_000, arrival_us=UNIX, wrap_us=None):
+    """Feed a steady stream; the results, and the arrival time behind the last."""
+    results = []
+    for k in range(count):
+        raw_us = first_us + k * step_us
+        raw_us = raw_us % wrap_us if wrap_us else raw_us
+        results.append(imu(clock, raw_us, arrival_us + k * step_us))
+    return results, arrival_us + count * step_us
+
+
+def times(results):
+    return [placed.time_us for placed in results if isinstance(placed, Placed)]
+
+
+def resets(results):
+    return [p.reset for p in results if isinstance(p, Placed) and p.reset is not None]
+
+
+@given(st.integers(0, 2**50), steps_us, lateness_us)
+def test_intervals_are_the_vehicles_own_however_late_samples_arrive(first_us, steps, late):
+    clock, raw_us, results = VehicleClock(), first_us, []
+    for step_us, late_us in zip(steps, late, strict=False):
+        results.append(imu(clock, raw_us, UNIX + raw_us - first_us + late_us))
+        raw_us += step_us
+    given_us = times(results)
+    assert len(given_us) == len(steps)
+    assert [b - a for a, b in itertools.pairwise(given_us)] == steps[:-1]
+    assert not resets(results)
+
+
+@given(st.integers(0, 5_000_000), steps_us)
+def test_time_goes_on_through_the_32_bit_wrap(before_us, steps):
+    clock, true_us, results = VehicleClock(), 2**32 - before_us, []
+    for step_us in steps:
+        results.append(imu(clock, true_us % 2**32, UNIX + true_us))
+        true_us += step_us
+    given_us = times(results)
+    assert [b - a for a, b in itertools.pairwise(given_us)] == steps[:-1]
+    assert not resets(results)
+
+
+def test_milliseconds_wrap_after_49_days():
+    clock, wrap_ms = VehicleClock(), 2**32
+    raws = [((wrap_ms - 500 + 250 * k) % wrap_ms) * 1000 for k in range(6)]
+    results = [imu(clock, raw, UNIX + 250_000 * k, BOOT_MS) for k, raw in enumerate(raws)]
+    given_us = times(results)
+    assert [b - a for a, b in itertools.pairwise(given_us)] == [250_000] * 5
+
+
+def test_a_clock_beyond_32_bits_does_not_wrap():
+    results, _ = steady(VehicleClock(), 2**32 - 500_000, 6)
+    assert times(results)[-1] == 2**32 + 750_000
+
+
+def test_a_reboot_is_cut_out_and_reported():
+    clock = VehicleClock()
+    before, arrival_us = steady(clock, 300 * S, 10)
+    after, _ = steady(clock, 19 * S, 10, arrival_us=arrival_us + 18 * S)
+    assert resets(before + after) == [Reset("reboot", 19 * S - (302 * S + 250_000))]
+    assert times(after)[0] - after[1].since_reset_us == times(before)[-1] + CUT_STEP_US
+    assert after[1].boot_us == 19 * S + 250_000
+    assert after[0] == Refused("clock_step")  # one sample waits for the next to agree
+
+
+def test_a_reboot_just_before_the_wrap_is_no_wrap():
+    clock = VehicleClock()
+    before, arrival_us = steady(clock, 2**32 - 60 * S, 10)
+    after, _ = steady(clock, 3 * S, 5, arrival_us=arrival_us)  # the wrap was 57 s away
+    assert [reset.reason for reset in resets(before + after)] == ["reboot"]
+
+
+def test_a_jump_of_the_clock_is_cut_out_and_reported():
+    """272 s within one arrival: no gap, the clock leapt (a PX4 bench recording does this)."""
+    clock = VehicleClock()
+    before, arrival_us = steady(clock, 2_373_688, 3, 20_000)
+    after, _ = steady(clock, 275_656_220, 10, 20_000, arrival_us)
+    (reset,) = resets(before + after)
+    assert reset.reason == "jump"
+    assert reset.step_us == 275_656_220 - 2_413_688
+    assert (
+        max(b - a for a, b in zip(times(before + after), times(before + after)[1:], strict=False))
+        <= 2 * CUT_STEP_US
+    )
+
+
+def test_a_real_gap_stays_a_gap():
+    clock = VehicleClock()
+    before, arrival_us = steady(clock, 10 * S, 5)
+    after, _ = steady(clock, 141 * S, 5, arrival_us=arrival_us + 129 * S)
+    assert not resets(before + after)
+    assert times(after)[0] - times(before)[-1] == 130 * S
+
+
+def test_samples_held_back_by_the_link_are_no_jump():
+    """A radio held one sample back for 14 s, then 11 s were lost: all of it real time."""
+    clock = VehicleClock()
+    before, arrival_us = steady(clock, 224 * S, 20, 400_000)
+    last_us = times(before)[-1]
+    late = imu(clock, last_us + 340_000, arrival_us + 14_411_000)
+    prompt = imu(clock, last_us + 11_624_000, arrival_us + 14_628_000)
+    assert prompt == Placed(last_us + 11_624_000, last_us + 11_624_000, None)
+    assert isinstance(late, Placed)
+
+
+def test_two_sessions_glued_together_where_the_second_clock_is_ahead():
+    """Ten seconds on the vehicle's clock, but ten minutes of arrivals: another session."""
+    clock = VehicleClock()
+    before, arrival_us = steady(clock, 50 * S, 5)
+    after, _ = steady(clock, 61 * S, 5, arrival_us=arrival_us + 600 * S)
+    assert [reset.reason for reset in resets(before + after)] == ["jump"]
+
+
+def test_a_step_of_the_hosts_clock_is_none_of_the_vehicles():
+    clock = VehicleClock()
+    before, arrival_us = steady(clock, 50 * S, 5)
+    after, arrival_us = steady(clock, 51_250_000, 5, arrival_us=arrival_us + 86_400 * S)
+    back, _ = steady(clock, 52_500_000, 5, arrival_us=arrival_us - 86_400 * S)
+    results = before + after + back
+    assert not resets(results)
+    assert times(results) == [50 * S + 250_000 * k for k in range(15)]
+
+
+def test_a_single_garbled_time_changes_nothing():
+    clock = VehicleClock()
+    before, arrival_us = steady(clock, 50 * S, 5)
+    assert imu(clock, 7 * 10**15, arrival_us) == Refused("clock_step")
+    assert imu(clock, 3 * S, arrival_us) == Refused("clock_step")
+    after, _ = steady(clock, 51_250_000, 5, arrival_us=arrival_us)
+    assert times(before + after) == [50 * S + 250_000 * k for k in range(10)]
+    assert not resets(after)
+
+
+def test_duplicates_and_reordered_samples_are_refused():
+    clock = VehicleClock()
+    steady(clock, 50 * S, 5)
+    assert imu(clock, 51 * S, UNIX + S) == Refused("duplicate")
+    assert imu(clock, 51 * S - 250_000, UNIX + S) == Refused("out_of_order")
+    assert isinstance(imu(clock, 51 * S + 1, UNIX + S), Placed)
+
+
+def test_streams_of_one_clock_do_not_disturb_each_other():
+    clock = VehicleClock()
+    for k in range(5):
+        now_us = 10 * S + 20_000 * k
+        for message in ("RAW_IMU", "HIGHRES_IMU"):
+            assert isinstance(imu(clock, now_us, UNIX + now_us, USEC, message), Placed)
+
+
+def feed_both(clock, count, offset_us, phase_us=100_000, jitter=lambda _: 0, first_us=100 * S):
+    """IMU at 4 Hz, an attitude ``phase_us`` behind each whose clock is ``offset_us`` ahead."""
+    placed = []
+    for k in range(count):
+        true_us = first_us + 250_000 * k
+        imu(clock, true_us, UNIX + true_us + jitter(k))
+        raw_us = (true_us + phase_us + offset_us) // 1000 * 1000
+        arrival_us = UNIX + true_us + phase_us + jitter(k + 1)
+        placed.append((true_us + phase_us, clock.other("ATTITUDE", BOOT_MS, raw_us, arrival_us)))
+    return placed
+
+
+def test_one_clock_in_two_fields_keeps_the_phase_between_them_exactly():
+    for true_us, placed in feed_both(VehicleClock(), 100, 0, jitter=lambda k: 70_000 * (k % 5)):
+        assert 0 <= true_us - placed.time_us < 1000  # time_boot_ms is truncated
+
+
+def test_a_constant_offset_between_the_clocks_is_learnt():
+    """Copter 3.1 and 3.2: 2.3 to 2.6 s; to 20 ms, a twentieth of such a log's interval."""
+    placed = feed_both(VehicleClock(), 100, 2_526_000, jitter=lambda k: 3_000 * (k % 5))
+    assert all(abs(true_us - p.time_us) < 20_000 for true_us, p in placed)
+
+
+def test_a_clock_that_had_wrapped_before_the_log_began_is_the_same_clock():
+    for true_us, placed in feed_both(VehicleClock(), 50, 2**32):
+        assert abs(true_us - placed.time_us) < 1000
+
+
+def test_gps_time_may_be_unix_time():
+    clock = VehicleClock()
+    for k in range(40):
+        true_us = 100 * S + 200_000 * k
+        imu(clock, true_us, UNIX + true_us)
+        placed = clock.other("GPS_RAW_INT", GPS, UNIX - 7 * S + true_us, UNIX + true_us + 50_000)
+        assert abs(placed.time_us - true_us) < 60_000  # the link's 50 ms cannot be told apart
+
+
+def test_gps_time_since_boot_keeps_its_latency():
+    clock = VehicleClock()
+    for k in range(40):
+        true_us = 100 * S + 200_000 * k
+        imu(clock, true_us, UNIX + true_us)
+        placed = clock.other("GPS_RAW_INT", GPS, true_us - 160_000, UNIX + true_us)
+        assert placed.time_us == true_us - 160_000
+
+
+def test_nothing_else_has_a_time_before_the_first_imu_message():
+    assert VehicleClock().other("ATTITUDE", BOOT_MS, S, UNIX) == Refused("no_clock")
+
+
+def test_references_follow_through_a_reboot_seen_by_them_first():
+    clock = VehicleClock()
+    feed_both(clock, 20, 0, first_us=300 * S)
+    arrival_us = UNIX + 330 * S
+    for k in range(4):  # attitudes of the new boot, while the IMU is still silent
+        waiting = clock.other("ATTITUDE", BOOT_MS, 5 * S + 100_000 * k, arrival_us + 100_000 * k)
+        assert isinstance(waiting, Refused)
+    after = []
+    for k in range(20):
+        boot_us, now_us = 6 * S + 250_000 * k, arrival_us + S + 250_000 * k
+        placed = imu(clock, boot_us, now_us)
+        reference = clock.other("ATTITUDE", BOOT_MS, boot_us + 10_000, now_us + 10_000)
+        if k:
+            after.append((placed, reference))
+    assert after[0][0].reset.reason == "reboot"
+    assert all(ref.time_us - placed.time_us == 10_000 for placed, ref in after)
+
+
+def test_time_usec_takes_over_from_time_boot_ms_without_a_break():
+    clock = VehicleClock()
+    first = imu(clock, 100 * S, UNIX, BOOT_MS, "SCALED_IMU2")
+    second = imu(clock, 5000 * S, UNIX + 3000, USEC, "RAW_IMU")
+    third = imu(clock, 5000 * S + 20_000, UNIX + 23_000, USEC, "RAW_IMU")
+    assert first.time_us <= second.time_us <= first.time_us + 3000
+    assert third.time_us - second.time_us == 20_000
+
+
+@given(st.lists(st.tuples(st.integers(0, 2**64), st.integers(0, 2**64)), max_size=80))
+def test_whatever_comes_time_only_grows(samples):
+    clock, last_us = VehicleClock(), -1
+    for raw_us, arrival_us in samples:
+        placed = imu(clock, raw_us, arrival_us)
+        clock.other("ATTITUDE", BOOT_MS, raw_us % 2**32 * 1000, arrival_us)
+        if isinstance(placed, Placed):
+            assert placed.time_us > last_us
+            last_us = placed.time_us
+
+
+@given(st.lists(st.integers(0, 3 * S), min_size=3, max_size=80))
+def test_a_line_never_invents_time(raws):
+    """Within one boot the unwrapped clock is the raw clock."""
+    line = ClockLine(2**32)
+    for k, raw_us in enumerate(raws):
+        reading = line.advance(raw_us, UNIX + 10_000 * k)
+        assert reading is None or reading.boot_us == raw_us
+
+
+@given(
+    st.lists(
+        st.tuples(
+            st.one_of(st.integers(-3 * S, 9 * S), st.sampled_from([0, 1, 20_000, -(2**32)])),
+            st.integers(-S, 9 * S),
+        ),
+        max_size=40,
+    )
+)
+def test_the_short_way_through_a_clock_is_the_long_one(steps):
+    short, long = ClockLine(2**32), ClockLine(2**32)
+    raw_us, arrival_us = 5 * S, UNIX
+    for step_us, elapsed_us in steps:
+        raw_us, arrival_us = max(0, raw_us + step_us), arrival_us + elapsed_us
+        reading = long.advance(raw_us, arrival_us)
+        if short.goes_on(raw_us, arrival_us):
+            assert reading == Reading(short.boot_us, None)
+        else:
+            assert short.advance(raw_us, arrival_us) == reading
+        assert vars(short) == vars(long)

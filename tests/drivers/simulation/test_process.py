@@ -1,0 +1,224 @@
+"""The simulated autopilot's protocol, without a socket."""
+
+import itertools
+
+import numpy as np
+import pytest
+
+from drivers.events import VehicleId
+from drivers.mavlink.decoder import FrameParser, mavlink
+from drivers.simulation.process import (
+    PARAMETERS,
+    Fleet,
+    SimulatedAutopilot,
+    VehicleOptions,
+)
+from drivers.simulation.vehicle import simulate
+from estimator.errors import InputError
+
+SECOND = 1_000_000
+UNIX_US = 1_790_000_000_000_000
+
+
+def parsed(data):
+    return FrameParser().feed(data)
+
+
+def message(kind, *fields, system=255, component=190):
+    """A message as another program sends it, after a trip through bytes."""
+    dialect = mavlink()
+    sender = dialect.MAVLink(None, srcSystem=system, srcComponent=component)
+    (read,) = parsed(getattr(dialect, f"MAVLink_{kind}_message")(*fields).pack(sender))
+    return read
+
+
+def interval(message_id, interval_us, target=(1, 1)):
+    return message("command_long", *target, 511, 0, message_id, interval_us, 0, 0, 0, 0, 0)
+
+
+def of_type(messages, kind):
+    return [m for m in messages if m.get_type() == kind]
+
+
+def gaps(messages):
+    return set(np.diff([m.time_usec for m in messages]).tolist())
+
+
+def test_ten_seconds_of_frames():
+    options = VehicleOptions(seed=4)
+    messages = parsed(SimulatedAutopilot(options, 1).advance(10 * SECOND - 1, UNIX_US))
+    expected = simulate(4, 1000)
+    raw = of_type(messages, "RAW_IMU")
+    assert [m.time_usec for m in raw] == expected.time_us.tolist()
+    units = ((expected.acc_m_s2 / 9.80665, "acc"), (expected.gyr_rad_s, "gyro"),
+             (expected.mag_gauss, "mag"))  # fmt: skip
+    for values, name in units:
+        sent = [[getattr(m, axis + name) for axis in "xyz"] for m in raw]
+        assert np.abs(np.array(sent) - 1000 * values).max() <= 0.5 + 1e-9
+    for kind in ("SIM_STATE", "ATTITUDE_QUATERNION"):
+        sent = [(m.q1, m.q2, m.q3, m.q4) for m in of_type(messages, kind)]
+        np.testing.assert_allclose(sent, expected.q_ned_frd, atol=1e-7)  # single precision
+    assert len(of_type(messages, "HEARTBEAT")) == 10
+    kinds = [m.get_type() for m in messages if m.get_type() != "HEARTBEAT"]
+    assert kinds == 1000 * ["RAW_IMU", "SIM_STATE", "ATTITUDE", "ATTITUDE_QUATERNION"]
+    assert {m.get_srcSystem() for m in messages} == {1}
+    sequence = [m.get_seq() for m in messages]
+    assert all((b - a) % 256 == 1 for a, b in itertools.pairwise(sequence))
+
+
+def test_euler_angles_are_those_of_the_quaternion():
+    from scipy.spatial.transform import Rotation
+
+    messages = parsed(SimulatedAutopilot(VehicleOptions(), 1).advance(10 * SECOND, UNIX_US))
+    q = [(m.q1, m.q2, m.q3, m.q4) for m in of_type(messages, "ATTITUDE_QUATERNION")]
+    euler = [(m.roll, m.pitch, m.yaw) for m in of_type(messages, "ATTITUDE")]
+    expected = Rotation.from_quat(q, scalar_first=True)
+    error = (Rotation.from_euler("xyz", euler).inv() * expected).magnitude()
+    assert error.max() < 1e-5  # single precision, near the pole worse
+
+
+def test_advancing_in_steps_gives_the_same_frames():
+    whole = SimulatedAutopilot(VehicleOptions(rate_hz=33.0), 2).advance(5 * SECOND, UNIX_US)
+    stepped = SimulatedAutopilot(VehicleOptions(rate_hz=33.0), 2)
+    parts = [stepped.advance(t, UNIX_US) for t in range(0, 5 * SECOND + 1, 2000)]
+    assert b"".join(parts) == whole
+
+
+def test_drop_loses_frames_seeded():
+    def frames(seed):
+        options = VehicleOptions(seed=seed, drop=0.2)
+        return parsed(SimulatedAutopilot(options, 1).advance(10 * SECOND - 1, UNIX_US))
+
+    messages = frames(1)
+    # 4010 frames; the deviation of the count is sqrt(4010 x 0.2 x 0.8) = 25
+    assert abs(len(messages) - 0.8 * 4010) < 5 * 25
+    assert [m.get_seq() for m in messages] == [m.get_seq() for m in frames(1)]
+    assert [m.get_seq() for m in messages] != [m.get_seq() for m in frames(2)]
+
+
+def test_message_interval_changes_the_rate_for_good():
+    autopilot = SimulatedAutopilot(VehicleOptions(rate_hz=4.0), 1)
+    autopilot.advance(2 * SECOND, UNIX_US)
+    (ack,) = parsed(autopilot.handle(interval(27, 20_000), UNIX_US))
+    assert (ack.get_type(), ack.command, ack.result) == ("COMMAND_ACK", 511, 0)
+    assert (ack.target_system, ack.target_component) == (255, 190)
+    messages = parsed(autopilot.advance(12 * SECOND, UNIX_US))
+    raw = of_type(messages, "RAW_IMU")
+    assert gaps(raw[1:]) == {20_000}
+    assert len(raw) > 480
+    assert len(of_type(messages, "ATTITUDE")) == pytest.approx(40, abs=2)
+    # SIM_STATE has no time: it follows a RAW_IMU, or is not sent
+    for before, after in itertools.pairwise(messages):
+        if after.get_type() == "SIM_STATE":
+            assert before.get_type() == "RAW_IMU"
+
+
+def test_a_slower_stream_keeps_the_others():
+    autopilot = SimulatedAutopilot(VehicleOptions(), 1)
+    autopilot.advance(0, UNIX_US)
+    autopilot.handle(interval(27, 500_000), UNIX_US)
+    messages = parsed(autopilot.advance(10 * SECOND, UNIX_US))
+    assert len(of_type(messages, "RAW_IMU")) == pytest.approx(20, abs=1)
+    assert len(of_type(messages, "ATTITUDE")) == 1000
+
+
+def test_off_and_default():
+    autopilot = SimulatedAutopilot(VehicleOptions(rate_hz=50), 1)
+    autopilot.handle(interval(30, -1), UNIX_US)
+    assert of_type(parsed(autopilot.advance(SECOND, UNIX_US)), "ATTITUDE") == []
+    autopilot.handle(interval(30, 0), UNIX_US)
+    assert len(of_type(parsed(autopilot.advance(2 * SECOND, UNIX_US)), "ATTITUDE")) == 50
+
+
+@pytest.mark.parametrize(
+    ("command", "result"),
+    [
+        (interval(9999, 20_000), 4),
+        (interval(27, 10), 2),
+        (interval(27, -5), 2),
+        (interval(27, float("nan")), 2),
+        (message("command_long", 1, 1, 400, 0, 1, 0, 0, 0, 0, 0, 0), 3),
+    ],
+)
+def test_what_it_cannot_do_is_answered_so(command, result):
+    autopilot = SimulatedAutopilot(VehicleOptions(), 1)
+    (ack,) = parsed(autopilot.handle(command, UNIX_US))
+    assert ack.result == result
+    raw = of_type(parsed(autopilot.advance(SECOND, UNIX_US)), "RAW_IMU")
+    assert gaps(raw) == {10_000}
+
+
+def test_commands_to_others_are_left_alone():
+    autopilot = SimulatedAutopilot(VehicleOptions(), 2)
+    assert autopilot.handle(interval(27, 20_000, target=(1, 1)), UNIX_US) == b""
+    assert autopilot.handle(interval(27, 20_000, target=(2, 154)), UNIX_US) == b""
+    assert autopilot.handle(message("heartbeat", 6, 8, 0, 0, 4, 3), UNIX_US) == b""
+    assert autopilot.handle(interval(27, 20_000, target=(0, 0)), UNIX_US) != b""
+
+
+def test_parameters():
+    autopilot = SimulatedAutopilot(VehicleOptions(), 1)
+    values = parsed(autopilot.handle(message("param_request_list", 1, 1), UNIX_US))
+    assert [(v.param_id, v.param_value) for v in values] == list(PARAMETERS)
+    assert [v.param_index for v in values] == list(range(len(PARAMETERS)))
+    for name, index in ((b"COMPASS_OFS_Y", -1), (b"", 5)):
+        request = message("param_request_read", 1, 1, name, index)
+        (value,) = parsed(autopilot.handle(request, UNIX_US))
+        assert value.param_id == "COMPASS_OFS_Y"
+    for name, index in ((b"NO_SUCH", -1), (b"", 99)):
+        assert autopilot.handle(message("param_request_read", 1, 1, name, index), UNIX_US) == b""
+
+
+def test_vehicles_are_told_apart_and_spread():
+    fleet = Fleet(VehicleOptions(seed=10, rate_hz=10.0), 5)
+    sent = []
+    for now_us in range(0, 2 * SECOND, 1000):
+        fleet.send_due(now_us, UNIX_US, lambda data, now=now_us: sent.append((now, data)))
+    for system_id in range(1, 6):
+        mine = [m for _, data in sent for m in parsed(data) if m.get_srcSystem() == system_id]
+        raw = of_type(mine, "RAW_IMU")
+        expected = simulate(10 + system_id - 1, len(raw), rate_hz=10.0)
+        gyro = np.array([m.zgyro for m in raw])
+        assert np.abs(gyro - 1000 * expected.gyr_rad_s[:, 2]).max() <= 0.5 + 1e-9
+    times = [now for now, data in sent if of_type(parsed(data), "RAW_IMU")]
+    assert len(times) == len(set(times)) == 100
+
+
+def test_after_a_stall_the_fleet_goes_on_with_the_present():
+    fleet = Fleet(VehicleOptions(), 2)
+    sent = []
+    fleet.send_due(5000, UNIX_US, sent.append)
+    sent.clear()
+    fleet.send_due(100 * SECOND, UNIX_US, sent.append)
+    fleet.send_due(100 * SECOND + 5000, UNIX_US, sent.append)
+    raw = of_type(parsed(b"".join(sent)), "RAW_IMU")
+    assert [(m.get_srcSystem(), m.time_usec) for m in raw] == [(1, 10**8), (2, 10**8)]
+
+
+def test_a_fleet_answers_each_peer_s_half_frames():
+    fleet = Fleet(VehicleOptions(rate_hz=2.0), 3)
+    request = bytes(interval(27, 10_000, target=(2, 1)).get_msgbuf())
+    answers = []
+    fleet.receive("a", request[:10], UNIX_US, answers.append)
+    fleet.receive("b", request, UNIX_US, answers.append)
+    assert len(answers) == 1
+    fleet.receive("a", request[10:], UNIX_US, answers.append)
+    acks = parsed(b"".join(answers))
+    assert [(m.get_type(), m.get_srcSystem()) for m in acks] == 2 * [("COMMAND_ACK", 2)]
+    fleet.receive("a", b"", UNIX_US, answers.append)
+
+
+@pytest.mark.parametrize(
+    "options",
+    [{"rate_hz": 0}, {"rate_hz": float("nan")}, {"rate_hz": 1e5}, {"drop": 1.5}, {"drop": -0.1},
+     {"motion": "x"}, {"seed": -1}],
+)  # fmt: skip
+def test_bad_options(options):
+    with pytest.raises(InputError):
+        Fleet(VehicleOptions(**options), 1)
+    with pytest.raises(InputError):
+        Fleet(VehicleOptions(), 0)
+
+
+def test_identity_of_a_vehicle():
+    assert SimulatedAutopilot(VehicleOptions(), 9).id == VehicleId(9, 1)

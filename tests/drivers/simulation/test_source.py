@@ -1,0 +1,84 @@
+"""The in-process vehicle under a clock that the test moves."""
+
+import numpy as np
+import pytest
+
+from drivers.endpoint import Endpoint, parse_endpoint
+from drivers.events import Heartbeat, Imu, LinkUp, ReferenceAttitude
+from drivers.simulation.source import SimSource
+from drivers.simulation.vehicle import SimulatedVehicle, simulate
+from drivers.source import open_live
+from estimator.errors import InputError
+
+
+class Clock:
+    def __init__(self):
+        self.us = 5_000_000
+
+    def __call__(self):
+        return self.us
+
+
+def source_and_clock(**options):
+    clock = Clock()
+    return SimSource(SimulatedVehicle(3, **options), clock, lambda: 10**15 + clock.us), clock
+
+
+def of_type(events, kind):
+    return [event for event in events if isinstance(event, kind)]
+
+
+def test_events_are_the_paper_s_exact_numbers_at_their_times():
+    source, clock = source_and_clock()
+    expected = simulate(3, 250)
+    events = []
+    with source:
+        start_us = 10**15 + clock.us
+        for step in (0, 3_000, 7_000, 400_000, 990_000, 990_000, 100_000):
+            clock.us += step
+            events += source.drain(0)
+    imus = of_type(events, Imu)
+    assert len(imus) == 250
+    for name in ("time_us", "gyr_rad_s", "acc_m_s2", "mag_gauss"):
+        values = np.array([getattr(imu.sample, name) for imu in imus])
+        assert np.array_equal(values, getattr(expected, name)), name
+    assert all(imu.sample.has_mag and imu.boot_us == imu.sample.time_us for imu in imus)
+    assert all(imu.arrival_us == start_us + imu.boot_us for imu in imus)
+    truth = of_type(events, ReferenceAttitude)
+    assert np.array_equal([t.q_ned_frd for t in truth], expected.q_ned_frd)
+    assert [t.time_us for t in truth] == [imu.sample.time_us for imu in imus]
+    assert isinstance(events[0], LinkUp)
+    assert [h.arrival_us - start_us for h in of_type(events, Heartbeat)] == [0, 10**6, 2 * 10**6]
+    assert source.dropped == 0
+
+
+def test_a_long_sleep_costs_samples_and_counts_them():
+    source, clock = source_and_clock(rate_hz=50.0)
+    with source:
+        source.drain(0)
+        clock.us += 60_000_000
+        imus = of_type(source.drain(0), Imu)
+    assert imus[-1].boot_us == 60_000_000
+    assert len(imus) == 51
+    assert source.dropped == 3001 - 1 - 51
+
+
+def test_in_real_time_it_waits_for_the_next_sample():
+    with open_live(Endpoint("sim")) as source:
+        imus = []
+        for event in source:
+            if isinstance(event, Imu):
+                imus.append(event)
+            if len(imus) == 30:
+                break
+    assert [imu.boot_us for imu in imus] == [10_000 * k for k in range(30)]
+    assert source.drain(10) == []  # closed: no waiting
+
+
+def test_what_has_no_live_source(tmp_path):
+    log = tmp_path / "x.tlog"
+    log.touch()
+    with pytest.raises(InputError, match="log"):
+        open_live(parse_endpoint(str(log)))
+    with pytest.raises(InputError, match="sim:"):
+        open_live(Endpoint("sim"), request_rate_hz=50)

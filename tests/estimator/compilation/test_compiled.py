@@ -1,0 +1,171 @@
+"""Compiled or not, cached or not: the same numbers, and one line of warning at most."""
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+import estimator
+
+# Some seconds of the filter in plain Python; prints every digit.
+PROGRAM = """
+from drivers.simulation.vehicle import simulate
+from estimator.filter import kernel
+from estimator.filter.types import initial_state
+from estimator.filter.fuzzy import fuzzy_gain
+from estimator.filter.memberships import LOWER, UPPER, midpoint
+from estimator.profile import load_profile
+from estimator.live.settings import settings_of
+
+chosen = settings_of(load_profile("paper"))
+signals = simulate(5, 200)
+columns = (signals.gyr_rad_s, signals.acc_m_s2, signals.mag_gauss)
+start = initial_state(chosen.initial)
+q, gains = kernel.run(chosen.filter, chosen.reference, start, *columns, 0.01)
+print([x.hex() for x in q[-1].tolist()], float(gains.sum()).hex())
+for k in (LOWER, midpoint(), UPPER):
+    print([fuzzy_gain(k, 0.01 * i, 0.013 * i).hex() for i in range(101)])
+"""
+
+# Enough to be cached, or not.
+SMALL_PROGRAM = """
+from estimator.filter.fuzzy import fuzzy_gain
+from estimator.filter.memberships import midpoint
+print([fuzzy_gain(midpoint(), 0.01 * i, 0.013 * i).hex() for i in range(101)])
+"""
+
+
+def run(program=PROGRAM, **environment):
+    """The program in a process of its own, which sees the packages under test."""
+    root = str(Path(next(iter(estimator.__path__))).parent)
+    inherited = {key: value for key, value in os.environ.items() if "NUMBA" not in key}
+    path = os.pathsep.join(filter(None, [root, os.environ.get("PYTHONPATH", "")]))
+    return subprocess.run(
+        [sys.executable, "-c", program],
+        env={**inherited, "PYTHONPATH": path, **environment},
+        capture_output=True,
+        text=True,
+        check=True,
+        timeout=120,
+    )
+
+
+def numbers(result):
+    import ast
+
+    lines = [line.replace("] ", "], ") for line in result.stdout.splitlines()]
+    first, *rest = lines
+    attitude, total = first.rsplit(", ", 1)
+    values = [*ast.literal_eval(attitude), total]
+    for line in rest:
+        values += ast.literal_eval(line)
+    return [float.fromhex(value) for value in values]
+
+
+def test_plain_python_gives_the_same_results(tmp_path):
+    """The two differ only in the last digits of sine, cosine and exponential."""
+    plain = run(NUMBA_DISABLE_JIT="1")
+    compiled = run(NUMBA_CACHE_DIR=str(tmp_path))
+    assert plain.stderr == compiled.stderr == ""
+    for one, other in zip(numbers(plain), numbers(compiled), strict=True):
+        # 200 steps of an unstable start multiply roundings of 1e-16 by some thousands
+        assert abs(one - other) <= 1e-9 * (1.0 + abs(other))
+
+
+def test_cached_code_gives_the_same_results(tmp_path):
+    first = run(SMALL_PROGRAM, NUMBA_CACHE_DIR=str(tmp_path))
+    assert list(tmp_path.rglob("*.nbi"))
+    assert run(SMALL_PROGRAM, NUMBA_CACHE_DIR=str(tmp_path)).stdout == first.stdout
+
+
+def test_numba_alone_gives_the_same_results(tmp_path):
+    """As with a numba that our own compiler has not been tried with."""
+    own = run(SMALL_PROGRAM, NUMBA_CACHE_DIR=str(tmp_path / "own"))
+    alone = run(SMALL_PROGRAM, NUMBA_CACHE_DIR=str(tmp_path / "alone"), FUZZBEE_PLAIN_NUMBA="1")
+    assert alone.stdout == own.stdout
+    assert list((tmp_path / "alone").rglob("*.nbi"))
+
+
+def test_without_a_cache_folder_it_compiles_in_memory_and_says_so_once(tmp_path):
+    """Nobody can make a folder below a file, not even root; the other places are closed."""
+    blocked = tmp_path / "file"
+    blocked.write_text("not a folder", "utf-8")
+    closed = """
+import numba.core.caching as caching
+for locator in caching.CacheImpl._locator_classes:
+    if "UserProvided" not in locator.__name__:
+        locator.from_function = classmethod(lambda cls, function, path: None)
+"""
+    expected = run(SMALL_PROGRAM, NUMBA_CACHE_DIR=str(tmp_path / "cache"))
+    result = run(closed + SMALL_PROGRAM, NUMBA_CACHE_DIR=str(blocked / "below"))
+    assert result.stdout == expected.stdout
+    warnings = [line for line in result.stderr.splitlines() if "Warning" in line]
+    assert len(warnings) == 1
+    assert "no writable folder for compiled code" in warnings[0]
+
+
+@pytest.mark.skipif(os.name != "posix", reason="needs resource limits")
+def test_a_disk_too_full_for_the_cache_does_not_stop_it(tmp_path):
+    limit = "import resource; resource.setrlimit(resource.RLIMIT_FSIZE, (4096, 4096))\n"
+    expected = run(SMALL_PROGRAM, NUMBA_CACHE_DIR=str(tmp_path / "room"))
+    result = run(
+        limit + SMALL_PROGRAM, NUMBA_CACHE_DIR=str(tmp_path / "full"), PYTHONDONTWRITEBYTECODE="1"
+    )
+    assert result.stdout == expected.stdout
+    warnings = [line for line in result.stderr.splitlines() if "Warning" in line]
+    assert len(warnings) == 1
+    assert "File too large" in warnings[0]
+
+
+def can_bind_read_only():
+    try:
+        probe = [
+            "unshare",
+            "-Urm",
+            "sh",
+            "-c",
+            "mount -t tmpfs tmpfs /mnt && mount -o remount,ro /mnt",
+        ]
+        return not subprocess.run(probe, capture_output=True, check=False).returncode
+    except OSError:
+        return False
+
+
+@pytest.mark.skipif(os.name != "posix" or not can_bind_read_only(), reason="needs user namespaces")
+def test_kernels_on_a_read_only_file_system_are_used_from_a_copy(tmp_path):
+    """As in a container: the folder cannot be written, yet nothing is compiled again."""
+    cache = tmp_path / "cache"
+    expected = run(SMALL_PROGRAM, NUMBA_CACHE_DIR=str(cache))
+    script = tmp_path / "program.py"
+    script.write_text(
+        SMALL_PROGRAM
+        + "import estimator.filter.fuzzy as fuzzy, estimator.compiled as compiled\n"
+        + "print(sum(fuzzy.fuzzy_gain.stats.cache_misses.values()), compiled._CACHE_FOLDER)\n"
+    )
+    root = str(Path(next(iter(estimator.__path__))).parent)
+    elsewhere = tmp_path / "tmp"
+    elsewhere.mkdir()
+    commands = f"mount --bind '{cache}' '{cache}' && mount -o remount,ro,bind '{cache}' && "
+    done = subprocess.run(
+        ["unshare", "-Urm", "sh", "-c", f"{commands} exec '{sys.executable}' '{script}'"],
+        env={
+            **{key: value for key, value in os.environ.items() if "NUMBA" not in key},
+            "NUMBA_CACHE_DIR": str(cache),
+            "PYTHONPATH": root,
+            "TMPDIR": str(elsewhere),
+        },
+        capture_output=True,
+        text=True,
+        check=False,
+        timeout=120,
+    )
+    assert done.returncode == 0, done.stderr
+    *lines, last = done.stdout.splitlines()
+    assert "\n".join(lines) == expected.stdout.strip()
+    misses, folder = last.split(" ", 1)
+    assert misses == "0"
+    assert not Path(folder).exists()  # it went with the process
+    assert not folder.startswith(str(cache))
+    assert done.stderr == ""

@@ -1,0 +1,133 @@
+"""The first attitude, against scipy's solution of Wahba's problem."""
+
+from math import pi
+
+import numpy as np
+import pytest
+from hypothesis import given
+from scipy.spatial.transform import Rotation
+
+from estimator.filter.alignment import align, nearest_rotation, quaternion_from_matrix
+from estimator.filter.types import Vectors
+from estimator.geometry.frames import euler_rad
+from estimator.geometry.quaternion import normalized_distance, rotate, rotate_inverse, unit
+from tests.vocabulary import (
+    IDENTITY,
+    any_rotation,
+    assert_attitude_close,
+    random_quaternion,
+    random_unit_vector,
+    scipy_rotation,
+)
+
+NORTH = (1.0, 0.0, 0.0)
+FIELD = unit((1.0, -1.0, 1.0))
+DOWN = (0.0, 0.0, 1.0)
+PAPER_START = np.array(
+    [[-0.0074, 0.8557, 0.5175], [0.8802, -0.2399, 0.4094], [0.4745, 0.4586, -0.7514]]
+)
+
+
+def seen_from(q, s1=1.0, s2=1.0):
+    return Vectors(rotate_inverse(q, FIELD), FIELD, s1, rotate_inverse(q, DOWN), DOWN, s2, 1.0)
+
+
+@given(any_rotation())
+def test_matrix_to_quaternion_undoes_scipys(q):
+    again = quaternion_from_matrix(scipy_rotation(q).as_matrix())
+    assert again[0] >= 0.0
+    assert_attitude_close(again, q, 1e-14)
+
+
+@pytest.mark.parametrize("axis", np.vstack([np.eye(3), -np.eye(3), [[0.6, 0.8, 0.0]]]).tolist())
+@pytest.mark.parametrize("angle", [0.0, 1e-9, pi / 2, pi - 1e-9, pi])
+def test_every_component_may_be_the_largest(axis, angle):
+    rotation = Rotation.from_rotvec(angle * np.array(axis))
+    q = tuple(rotation.as_quat(scalar_first=True).tolist())
+    assert_attitude_close(quaternion_from_matrix(rotation.as_matrix()), q, 1e-14)
+
+
+def test_papers_start_is_projected():
+    """Given to 4 decimals, R_hat(0) is no rotation; its neighbour is, and e = 0.9997 there."""
+    assert abs(np.linalg.det(PAPER_START) - 1.0) > 1e-6
+    R = nearest_rotation(PAPER_START)
+    np.testing.assert_allclose(R @ R.T, np.eye(3), atol=1e-14)
+    assert np.linalg.det(R) == pytest.approx(1.0)
+    np.testing.assert_allclose(R, PAPER_START, atol=1e-4)  # four decimals
+    theirs = Rotation.from_matrix(R)
+    q = quaternion_from_matrix(R)
+    assert_attitude_close(q, tuple(theirs.as_quat(scalar_first=True).tolist()), 1e-14)
+    assert normalized_distance(IDENTITY, q) == pytest.approx(0.9997, abs=5e-5)
+
+
+def test_nearest_rotation_is_nearer_than_its_neighbours():
+    rng = np.random.default_rng(50)
+    for _ in range(20):
+        A = rng.standard_normal((3, 3))
+        R = nearest_rotation(A)
+        assert np.linalg.det(R) == pytest.approx(1.0)
+        least = np.linalg.norm(R - A)
+        for _ in range(20):
+            other = R @ Rotation.from_rotvec(rng.normal(0.0, 0.1, 3)).as_matrix()
+            assert np.linalg.norm(other - A) >= least - 1e-12
+
+
+@given(any_rotation())
+def test_exact_vectors_give_the_attitude(q):
+    assert_attitude_close(align(seen_from(q)), q, 1e-13)
+
+
+def test_noisy_vectors_agree_with_scipy():
+    rng = np.random.default_rng(51)
+    for _ in range(300):
+        q = random_quaternion(rng)
+        exact = seen_from(q)
+        s1, s2 = rng.uniform(0.1, 5.0, 2).tolist()
+        v1 = unit(tuple(np.array(exact.v1_frd) + rng.normal(0.0, 0.1, 3)))
+        v2 = unit(tuple(np.array(exact.v2_frd) + rng.normal(0.0, 0.1, 3)))
+        ours = align(exact._replace(v1_frd=v1, v2_frd=v2, s1=s1, s2=s2))
+        theirs, _ = Rotation.align_vectors([FIELD, DOWN], [v1, v2], weights=[s1, s2])
+        # scipy solves for a matrix too; near-equal singular values cost some digits
+        assert_attitude_close(ours, tuple(theirs.as_quat(scalar_first=True).tolist()), 1e-9)
+
+
+def test_gravity_alone_levels_by_the_smallest_turn():
+    rng = np.random.default_rng(52)
+    for _ in range(50):
+        v = random_unit_vector(rng)
+        q = align(Vectors((0.0, 0.0, 0.0), FIELD, 0.0, v, DOWN, 1.0, 1.0))
+        np.testing.assert_allclose(rotate(q, v), DOWN, atol=1e-12)
+        assert q[3] == pytest.approx(0.0, abs=1e-12)  # no turn about the vertical
+    level = align(Vectors((0.0, 0.0, 0.0), FIELD, 0.0, DOWN, DOWN, 1.0, 1.0))
+    assert_attitude_close(level, IDENTITY, 1e-14)
+    upside_down = align(Vectors((0.0, 0.0, 0.0), FIELD, 0.0, (0.0, 0.0, -1.0), DOWN, 1.0, 1.0))
+    np.testing.assert_allclose(rotate(upside_down, (0.0, 0.0, -1.0)), DOWN, atol=1e-14)
+
+
+def test_field_alone_points_the_field():
+    v = random_unit_vector(np.random.default_rng(53))
+    q = align(Vectors(v, NORTH, 1.0, (0.0, 0.0, 0.0), DOWN, 0.0, 1.0))
+    np.testing.assert_allclose(rotate(q, v), NORTH, atol=1e-12)
+
+
+def test_no_vector_gives_some_attitude():
+    q = align(Vectors((0.0,) * 3, FIELD, 0.0, (0.0,) * 3, DOWN, 0.0, 1.0))
+    assert_attitude_close(q, q, 0.0)
+
+
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_collinear_vectors_still_level(sign):
+    """A field along gravity leaves the heading open; the answer is a rotation that levels."""
+    rng = np.random.default_rng(54)
+    along = (0.0, 0.0, sign)
+    for _ in range(20):
+        q = random_quaternion(rng)
+        v1, v2 = rotate_inverse(q, along), rotate_inverse(q, DOWN)
+        found = align(Vectors(v1, along, 1.0, v2, DOWN, 1.0, 1.0))
+        np.testing.assert_allclose(rotate(found, v2), DOWN, atol=1e-7)
+
+
+def test_known_heading():
+    """Level, field from the left (port): the nose points east."""
+    q = align(Vectors((0.0, -1.0, 0.0), NORTH, 1.0, DOWN, DOWN, 1.0, 1.0))
+    assert euler_rad(q) == pytest.approx((0.0, 0.0, pi / 2), abs=1e-12)

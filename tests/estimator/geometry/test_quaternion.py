@@ -1,0 +1,209 @@
+"""Group axioms of the quaternion algebra, and scipy as the independent second opinion."""
+
+from math import nan, pi, sqrt
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from estimator.geometry import quaternion as qn
+from tests.vocabulary import (
+    IDENTITY,
+    any_rotation,
+    assert_attitude_close,
+    floats,
+    near_half_turn,
+    near_identity,
+    rotation_vectors,
+    scipy_rotation,
+    unit_vectors,
+)
+
+# A handful of roundings (2.2e-16 each) of numbers near 1.
+ROUNDING_RAD = 1e-14
+# The angle of a rotation is the inverse cosine or sine of numbers with that rounding; near pi and 0
+# atan2 keeps it, so that only a few more roundings are allowed.
+ANGLE_ROUNDING_RAD = 1e-13
+
+vectors = st.tuples(*[floats(-100.0, 100.0)] * 3)
+
+
+def length(q):
+    return sqrt(sum(x * x for x in q))
+
+
+@given(any_rotation(), any_rotation())
+def test_closure(p, q):
+    assert length(qn.multiply(p, q)) == pytest.approx(1.0, abs=1e-14)
+
+
+@given(any_rotation(), any_rotation(), any_rotation())
+def test_associativity(p, q, r):
+    left = qn.multiply(qn.multiply(p, q), r)
+    right = qn.multiply(p, qn.multiply(q, r))
+    assert_attitude_close(left, right, ROUNDING_RAD)
+
+
+@given(any_rotation())
+def test_identity_and_inverse(q):
+    assert qn.multiply(q, IDENTITY) == q
+    assert qn.multiply(IDENTITY, q) == q
+    assert_attitude_close(qn.multiply(q, qn.conjugate(q)), IDENTITY, ROUNDING_RAD)
+    assert_attitude_close(qn.multiply(qn.conjugate(q), q), IDENTITY, ROUNDING_RAD)
+
+
+@given(any_rotation(), any_rotation())
+def test_product_agrees_with_scipy(p, q):
+    theirs = (scipy_rotation(p) * scipy_rotation(q)).as_quat(scalar_first=True)
+    assert_attitude_close(qn.multiply(p, q), tuple(theirs.tolist()), ROUNDING_RAD)
+
+
+@given(any_rotation(), vectors)
+def test_rotate_agrees_with_scipy(q, v):
+    theirs = scipy_rotation(q).apply(v)
+    np.testing.assert_allclose(qn.rotate(q, v), theirs, atol=1e-12)  # 100 times 1e-14
+    back = scipy_rotation(q).inv().apply(v)
+    np.testing.assert_allclose(qn.rotate_inverse(q, v), back, atol=1e-12)
+
+
+@given(any_rotation(), any_rotation(), vectors)
+def test_product_of_rotations_is_rotation_by_product(p, q, v):
+    once = qn.rotate(qn.multiply(p, q), v)
+    np.testing.assert_allclose(once, qn.rotate(p, qn.rotate(q, v)), atol=1e-12)
+
+
+@given(any_rotation(), vectors)
+def test_opposite_quaternions_are_one_rotation(q, v):
+    minus = qn.scale(-1.0, q[1:])
+    opposite = (-q[0], *minus)
+    assert qn.rotate(opposite, v) == pytest.approx(qn.rotate(q, v), abs=1e-12)
+    assert qn.angle_between(q, opposite) < ANGLE_ROUNDING_RAD
+    assert qn.normalized_distance(q, opposite) < 1e-28
+    # at exactly half a turn phi and -phi are one rotation, so compare the rotations
+    assert_attitude_close(qn.exp(qn.log(opposite)), qn.exp(qn.log(q)), ANGLE_ROUNDING_RAD)
+
+
+@pytest.mark.parametrize("sampler", [near_identity(), near_half_turn(), any_rotation()])
+def test_exp_undoes_log(sampler):
+    @given(sampler)
+    def check(q):
+        phi = qn.log(q)
+        assert qn.norm(phi) <= pi + ANGLE_ROUNDING_RAD
+        assert_attitude_close(qn.exp(phi), q, ANGLE_ROUNDING_RAD)
+        theirs = scipy_rotation(q).as_rotvec()
+        apart = min(np.abs(np.array(phi) - theirs).max(), np.abs(np.array(phi) + theirs).max())
+        assert apart < 1e-12 or np.allclose(phi, theirs, atol=1e-12)
+
+    check()
+
+
+@pytest.mark.parametrize(
+    "angle",
+    # both sides of the series' threshold (half angle 1e-4), tiny, and next to half a turn
+    [0.0, 1e-300, 1e-160, 1e-12, 1.99e-4, 2e-4, 2.01e-4, 1e-3, 3.0, pi - 1e-3, pi - 1e-9],
+)
+@given(axis=unit_vectors())
+def test_log_undoes_exp(angle, axis):
+    phi = qn.scale(angle, axis)
+    # the angle's rounding, and that of an axis of length 1
+    np.testing.assert_allclose(
+        qn.log(qn.exp(phi)), phi, rtol=1e-12, atol=1e-15 * max(angle, 1e-300)
+    )
+
+
+@given(rotation_vectors(0.0, 50.0))
+def test_exp_agrees_with_scipy_beyond_one_turn(phi):
+    from scipy.spatial.transform import Rotation
+
+    theirs = tuple(Rotation.from_rotvec(phi).as_quat(scalar_first=True).tolist())
+    assert_attitude_close(qn.exp(phi), theirs, 1e-13)
+
+
+def test_exp_of_a_quarter_turn_about_down():
+    assert qn.exp((0.0, 0.0, pi / 2)) == pytest.approx((sqrt(0.5), 0.0, 0.0, sqrt(0.5)))
+
+
+@given(any_rotation(), any_rotation())
+def test_angle_between_agrees_with_scipy(p, q):
+    theirs = (scipy_rotation(p).inv() * scipy_rotation(q)).magnitude()
+    assert qn.angle_between(p, q) == pytest.approx(theirs, abs=ANGLE_ROUNDING_RAD)
+    e = qn.normalized_distance(p, q)
+    assert e == pytest.approx(np.sin(theirs / 2) ** 2, abs=1e-14)
+    R = scipy_rotation(p).as_matrix().T @ scipy_rotation(q).as_matrix()
+    assert e == pytest.approx(np.trace(np.eye(3) - R) / 4.0, abs=1e-14)
+
+
+@given(any_rotation(), any_rotation(), floats(0.0, 1.0))
+def test_slerp_turns_evenly_from_one_end_to_the_other(p, q, fraction):
+    between = qn.slerp(p, q, fraction)
+    whole = qn.angle_between(p, q)
+    assert qn.angle_between(p, between) == pytest.approx(fraction * whole, abs=ANGLE_ROUNDING_RAD)
+    rest = (1.0 - fraction) * whole
+    assert qn.angle_between(between, q) == pytest.approx(rest, abs=ANGLE_ROUNDING_RAD)
+
+
+@given(any_rotation(), any_rotation(), floats(0.0, 1.0))
+def test_slerp_agrees_with_scipy(p, q, fraction):
+    from scipy.spatial.transform import Rotation, Slerp
+
+    if qn.angle_between(p, q) > pi - 1e-6:
+        return  # both ways round are equally short
+    ends = Rotation.concatenate([scipy_rotation(p), scipy_rotation(q)])
+    theirs = Slerp([0.0, 1.0], ends)(fraction).as_quat(scalar_first=True)
+    assert_attitude_close(qn.slerp(p, q, fraction), tuple(theirs.tolist()), 1e-9)
+
+
+@given(unit_vectors(), unit_vectors(), floats(0.01, 100.0))
+def test_shortest_rotation_takes_one_direction_to_the_other(u, v, factor):
+    q = qn.shortest_rotation(qn.scale(factor, u), v)
+    assert length(q) == pytest.approx(1.0, abs=1e-14)
+    # next to opposite vectors (w < 1e-12, 1.4e-6 rad) half a turn is taken
+    np.testing.assert_allclose(qn.rotate(q, u), v, atol=2e-6)
+    assert qn.angle_between(q, IDENTITY) == pytest.approx(qn.angle_between_vectors(u, v), abs=2e-6)
+
+
+@given(unit_vectors())
+def test_shortest_rotation_of_opposite_and_equal_vectors(u):
+    half_turn = qn.shortest_rotation(u, qn.scale(-1.0, u))
+    np.testing.assert_allclose(qn.rotate(half_turn, u), qn.scale(-1.0, u), atol=1e-14)
+    assert_attitude_close(qn.shortest_rotation(u, u), IDENTITY, ROUNDING_RAD)
+
+
+@pytest.mark.parametrize("gap_rad", [1e-3, 1e-5, 3e-6, 1e-6, 1e-7, 1e-9])
+def test_shortest_rotation_next_to_opposite_vectors(gap_rad):
+    u = (0.0, 0.0, 1.0)
+    v = (np.sin(gap_rad), 0.0, -np.cos(gap_rad))
+    q = qn.shortest_rotation(u, v)
+    np.testing.assert_allclose(qn.rotate(q, u), v, atol=2e-6)
+
+
+def test_zero_is_refused_nowhere_and_stays_harmless():
+    assert qn.unit((0.0, 0.0, 0.0)) == (0.0, 0.0, 0.0)
+    assert qn.normalize((0.0, 0.0, 0.0, 0.0)) == IDENTITY
+
+
+@given(vectors, vectors)
+def test_vector_algebra_agrees_with_numpy(u, v):
+    assert qn.dot(u, v) == pytest.approx(np.dot(u, v), abs=1e-10)
+    np.testing.assert_allclose(qn.cross(u, v), np.cross(u, v), atol=1e-10)
+    np.testing.assert_array_equal(qn.add(u, v), np.add(u, v))
+    np.testing.assert_array_equal(qn.subtract(u, v), np.subtract(u, v))
+    assert qn.norm(u) == pytest.approx(np.linalg.norm(u), rel=1e-14)
+
+
+@pytest.mark.parametrize("bad", [(nan, 0.0, 0.0, 0.0), (2.0, 0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 0.0)])
+def test_the_vocabulary_refuses_what_is_no_attitude(bad):
+    with pytest.raises(AssertionError):
+        assert_attitude_close(bad, IDENTITY, 10.0)
+    with pytest.raises(AssertionError):
+        assert_attitude_close(IDENTITY, bad, 10.0)
+
+
+@given(any_rotation())
+def test_the_vocabulary_measures_angles(q):
+    assert_attitude_close(q, tuple(-x for x in q), 0.0)
+    turned = qn.multiply(q, qn.exp((0.0, 1e-3, 0.0)))
+    assert_attitude_close(q, turned, 1.001e-3)
+    with pytest.raises(AssertionError):
+        assert_attitude_close(q, turned, 0.999e-3)

@@ -1,0 +1,141 @@
+"""What arrives at real sockets, decoded by pymavlink."""
+
+import socket
+
+import msgspec
+import pytest
+from pymavlink.dialects.v20 import ardupilotmega
+
+from drivers.endpoint import parse_endpoint
+from drivers.events import VehicleId
+from drivers.mavlink.transports.transports import LinkError
+from estimator.errors import InputError
+from service.records import Published
+from service.sinks.mavlink import MavlinkSink
+from tests.service.records import UNIX_US, record
+
+VEHICLE = VehicleId(7, 1)
+
+
+@pytest.fixture
+def receiver():
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as made:
+        made.bind(("127.0.0.1", 0))
+        made.settimeout(5.0)
+        yield made
+
+
+def sink_to(receiver, **options):
+    return MavlinkSink(parse_endpoint(f"udpout:127.0.0.1:{receiver.getsockname()[1]}"), **options)
+
+
+def attitudes(count, period_us, vehicle=VEHICLE, start=0):
+    return [
+        Published(
+            vehicle,
+            msgspec.structs.replace(record(10, 20, 30), time_unix_us=UNIX_US + n * period_us),
+        )
+        for n in range(start, start + count)
+    ]
+
+
+def messages(receiver):
+    """All that has come, up to now."""
+    parser = ardupilotmega.MAVLink(None)
+    receiver.setblocking(False)
+    found = []
+    while True:
+        try:
+            found += parser.parse_buffer(receiver.recv(2048)) or []
+        except BlockingIOError:
+            return found
+
+
+def test_the_attitude_comes_from_the_onboard_computer_never_from_the_autopilot(receiver):
+    sink = sink_to(receiver)
+    sink.handle(attitudes(1, 0))
+    got = messages(receiver)
+    assert [m.get_type() for m in got] == ["HEARTBEAT", "ATTITUDE_QUATERNION"]
+    assert {(m.get_srcSystem(), m.get_srcComponent()) for m in got} == {(7, 191)}
+    heartbeat, attitude = got
+    assert heartbeat.type == ardupilotmega.MAV_TYPE_ONBOARD_CONTROLLER
+    assert heartbeat.autopilot == ardupilotmega.MAV_AUTOPILOT_INVALID
+    sent = record(10, 20, 30)
+    assert (attitude.q1, attitude.q2, attitude.q3, attitude.q4) == pytest.approx(
+        sent.q_ned_frd, abs=1e-7
+    )
+    assert (attitude.rollspeed, attitude.pitchspeed, attitude.yawspeed) == pytest.approx(
+        sent.rate_rad_s
+    )
+    assert attitude.time_boot_ms == 1000
+    sink.close()
+
+
+@pytest.mark.parametrize(("rate_hz", "expected"), [(100, 50), (10, 10), (70, 50), (49, 49)])
+def test_at_most_fifty_a_second_and_a_heartbeat_each_second(receiver, rate_hz, expected):
+    sink = sink_to(receiver)
+    for output in attitudes(rate_hz * 2, 1_000_000 // rate_hz):
+        sink.handle([output])
+    kinds = [m.get_type() for m in messages(receiver)]
+    assert kinds.count("HEARTBEAT") == 2
+    # two seconds; a jitter of the rounded period may move one over the end
+    assert kinds.count("ATTITUDE_QUATERNION") == pytest.approx(2 * expected, abs=1)
+    sink.close()
+
+
+def test_a_clock_that_was_set_back_silences_nothing(receiver):
+    sink = sink_to(receiver)
+    sink.handle(attitudes(1, 20_000, start=1_000_000))
+    sink.handle(attitudes(1, 20_000))
+    assert [m.get_type() for m in messages(receiver)].count("ATTITUDE_QUATERNION") == 2
+    sink.close()
+
+
+def test_two_components_of_a_system_are_not_mixed(receiver):
+    sink = sink_to(receiver)
+    sink.handle(attitudes(1, 0) + attitudes(3, 20_000, vehicle=VehicleId(7, 154)))
+    sink.handle(attitudes(1, 0, vehicle=VehicleId(8, 191)))  # another onboard computer: not ours
+    got = messages(receiver)
+    assert [m.get_srcSystem() for m in got] == [7, 7]
+    sink.close()
+
+
+def test_whoever_connects_later_is_served_and_a_broken_link_is_told_once():
+    now_s = [0.0]
+    with socket.create_server(("127.0.0.1", 0)) as server:
+        port = server.getsockname()[1]
+        sink = MavlinkSink(parse_endpoint(f"tcp:127.0.0.1:{port}"), now_s=lambda: now_s[0])
+        client, _ = server.accept()
+        client.settimeout(5.0)
+        sink.handle([])  # the connection is made
+        sink.handle(attitudes(1, 0))
+        assert client.recv(1) == b"\xfd"
+        client.close()
+        told = []
+        for step in range(1, 40):
+            now_s[0] = 0.1 * step  # within the first retries nobody accepts
+            try:
+                sink.handle(attitudes(1, 20_000, start=step))
+            except LinkError as error:
+                told.append(str(error))
+            if told:
+                break
+        assert len(told) == 1
+        assert str(port) in told[0]
+        now_s[0] += 10.0
+        sink.handle([])
+        again, _ = server.accept()
+        again.settimeout(5.0)
+        sink.handle([])
+        sink.handle(attitudes(1, 20_000, start=100))
+        assert again.recv(1) == b"\xfd"
+        again.close()
+        sink.close()
+
+
+def test_what_is_no_link_is_refused(tmp_path):
+    log = tmp_path / "flight.tlog"
+    log.touch()
+    for address in ("sim:", str(log)):
+        with pytest.raises(InputError, match="no MAVLink link"):
+            MavlinkSink(parse_endpoint(address))

@@ -1,0 +1,82 @@
+import urllib.request
+
+import pytest
+
+from drivers.events import VehicleId
+from estimator.errors import InputError
+from service.records import Message, Published, StatusRecord
+from tests.service.records import record
+
+pytest.importorskip("prometheus_client", reason="the extra metrics is not installed")
+from prometheus_client.parser import text_string_to_metric_families
+
+from service.sinks.metrics import MetricsSink
+
+
+@pytest.fixture
+def clock():
+    return [100.0]
+
+
+@pytest.fixture
+def sink(clock):
+    made = MetricsSink(0, now_s=lambda: clock[0])
+    yield made
+    made.close()
+
+
+def scrape(sink):
+    """{(name, labels): value}, read by Prometheus' own parser."""
+    with urllib.request.urlopen(f"http://127.0.0.1:{sink.port}/metrics", timeout=10) as answer:
+        families = text_string_to_metric_families(answer.read().decode())
+    return {
+        (sample.name, tuple(sorted(sample.labels.items()))): sample.value
+        for family in families
+        for sample in family.samples
+    }
+
+
+def status(state="running"):
+    return StatusRecord(state, "RAW_IMU", 99.5, 0.25, {"stuck": 3}, 4, 5, 6)
+
+
+def test_a_scrape_has_the_latest_of_each_vehicle(sink, clock):
+    one, other = VehicleId(1, 1), VehicleId(2, 154)
+    sink.handle([Message("hello"), Published(one, record(10, 20, 30)), Published(one, status())])
+    sink.handle([Published(one, record(11, 21, 31, sequence=41)), Published(other, status("lost"))])
+    clock[0] += 2.0
+    got = scrape(sink)
+    vehicle = (("vehicle", "1"),)
+    assert got["fuzzbee_roll_degrees", vehicle] == pytest.approx(11.0)
+    assert got["fuzzbee_heading_degrees", vehicle] == pytest.approx(31.0)
+    assert got["fuzzbee_gain", vehicle] == 3.0
+    assert got["fuzzbee_heading_sigma_degrees", vehicle] == pytest.approx(5.0)
+    assert got["fuzzbee_attitudes_total", vehicle] == 42
+    assert got["fuzzbee_imu_age_seconds", vehicle] == pytest.approx(2.005)
+    assert got["fuzzbee_imu_rate_hertz", vehicle] == 99.5
+    assert got["fuzzbee_rejected_total", (("reason", "stuck"), ("vehicle", "1"))] == 3
+    assert got["fuzzbee_state", (("state", "running"), ("vehicle", "1"))] == 1.0
+    assert got["fuzzbee_state", (("state", "lost"), ("vehicle", "2-154"))] == 1.0
+    assert got["fuzzbee_overruns_total", ()] == 4
+    assert got["fuzzbee_dropped_total", ()] == 5
+
+
+def test_a_lost_vehicle_has_an_age_but_no_attitude(sink):
+    one = VehicleId(1, 1)
+    sink.handle([Published(one, record()), Published(one, status("lost"))])
+    got = scrape(sink)
+    assert ("fuzzbee_imu_age_seconds", (("vehicle", "1"),)) in got
+    assert ("fuzzbee_roll_degrees", (("vehicle", "1"),)) not in got
+
+
+def test_before_the_first_vehicle_there_is_a_page(sink):
+    assert scrape(sink)["fuzzbee_overruns_total", ()] == 0
+
+
+def test_it_listens_on_loopback_only(sink):
+    assert sink._server.server_address[0] == "127.0.0.1"
+
+
+def test_a_taken_port_is_named(sink):
+    with pytest.raises(InputError, match=str(sink.port)):
+        MetricsSink(sink.port)

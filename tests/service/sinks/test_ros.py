@@ -1,0 +1,161 @@
+"""What ROS 2 nodes receive, decoded by rosbags, which shares no code with ours."""
+
+import struct
+
+import numpy as np
+import pytest
+from rosbags.typesys import Stores, get_typestore
+from scipy.spatial.transform import Rotation
+
+from drivers.events import VehicleId
+from estimator.types import ImuSample
+from service.records import Published
+from service.sinks.ros import RosSink, imu_topic
+from service.sinks.ros_imu import TYPE_HASH, imu_message
+from service.zenoh_session import close_session, open_session
+from tests.service.records import UNIX_US, record
+from tests.service.sinks.test_zenoh import endpoint, options, plain_client, wait_for  # noqa: F401
+from tests.vocabulary import random_quaternion
+
+TYPES = get_typestore(Stores.ROS2_JAZZY)
+REST_FRD = (0.0, 0.0, -9.8)
+# REP 103: ENU has east, north and up, FLU forward, left and up
+ENU_FROM_NED = np.array([[0, 1, 0], [1, 0, 0], [0, 0, -1]])
+FRD_FROM_FLU = np.diag([1, -1, -1])
+
+
+def decode(data):
+    return TYPES.deserialize_cdr(bytes(data), "sensor_msgs/msg/Imu")
+
+
+def orientation(message):
+    q = message.orientation
+    return Rotation.from_quat([q.x, q.y, q.z, q.w])
+
+
+def xyz(vector):
+    return (vector.x, vector.y, vector.z)
+
+
+@pytest.mark.parametrize("store", [Stores.ROS2_HUMBLE, Stores.ROS2_JAZZY, Stores.ROS2_KILTED])
+def test_the_type_hash_is_the_one_of_ros(store):
+    assert get_typestore(store).hash_rihs01("sensor_msgs/msg/Imu") == TYPE_HASH
+
+
+@pytest.mark.parametrize("frame", ["", "a", "base_link", "vehicle_1/base_link"])
+def test_every_field_arrives(frame):
+    message = decode(imu_message(record(), (1.0, 2.0, -9.0), frame))
+    assert message.header.frame_id == frame
+    assert message.header.stamp.sec == UNIX_US // 1_000_000
+    assert message.header.stamp.nanosec == 123_456_000
+    assert xyz(message.angular_velocity) == (0.1, -0.2, -0.3)
+    assert xyz(message.linear_acceleration) == (1.0, -2.0, 9.0)
+    # byte for byte what rosbags would have written
+    assert bytes(TYPES.serialize_cdr(message, "sensor_msgs/msg/Imu")) == imu_message(
+        record(), (1.0, 2.0, -9.0), frame
+    )
+
+
+@pytest.mark.parametrize(
+    ("angles_deg", "forward_enu", "left_enu"),
+    [
+        ((0, 0, 0), (0, 1, 0), (-1, 0, 0)),  # level, north: left is west
+        ((0, 0, 90), (1, 0, 0), (0, 1, 0)),  # level, east
+        ((0, 90, 0), (0, 0, 1), (-1, 0, 0)),  # nose up
+        ((90, 0, 0), (0, 1, 0), (0, 0, 1)),  # rolled to the right: the left side is up
+    ],
+)
+def test_axes_point_where_ros_expects_them(angles_deg, forward_enu, left_enu):
+    message = decode(imu_message(record(*angles_deg), REST_FRD, "f"))
+    np.testing.assert_allclose(orientation(message).apply([1, 0, 0]), forward_enu, atol=1e-12)
+    np.testing.assert_allclose(orientation(message).apply([0, 1, 0]), left_enu, atol=1e-12)
+
+
+def test_any_attitude_is_the_same_rotation_in_other_axes():
+    rng = np.random.default_rng(1)
+    import msgspec
+
+    for _ in range(50):
+        q = random_quaternion(rng)
+        made = msgspec.structs.replace(record(), q_ned_frd=q)
+        expected = (
+            ENU_FROM_NED @ Rotation.from_quat(q, scalar_first=True).as_matrix() @ FRD_FROM_FLU
+        )
+        got = orientation(decode(imu_message(made, None, "f"))).as_matrix()
+        np.testing.assert_allclose(got, expected, atol=1e-12)
+
+
+def test_at_rest_the_acceleration_points_up_in_enu():
+    message = decode(imu_message(record(20, -30, 123), None, "f"))
+    down_frd = Rotation.from_euler("ZYX", [123, -30, 20], degrees=True).inv().apply([0, 0, 1])
+    message = decode(imu_message(record(20, -30, 123), tuple(-9.8 * down_frd), "f"))
+    up = orientation(message).apply(xyz(message.linear_acceleration))
+    np.testing.assert_allclose(up, [0, 0, 9.8], atol=1e-9)
+
+
+def test_without_a_sample_there_is_no_acceleration():
+    message = decode(imu_message(record(), None, "f"))
+    assert message.linear_acceleration_covariance[0] == -1.0
+
+
+def test_the_covariance_holds_what_the_sigmas_promise():
+    """Errors drawn from the covariance lie under the published bounds 68 % of the time."""
+    made = record(sigma_deg=(2.0, 7.0))
+    covariance = decode(imu_message(made, None, "f")).orientation_covariance.reshape(3, 3)
+    draws = np.random.default_rng(2).multivariate_normal(np.zeros(3), covariance, 100_000)
+    tilt = np.degrees(np.hypot(draws[:, 0], draws[:, 1]))
+    heading = np.degrees(np.abs(draws[:, 2]))
+    # one standard deviation of the share is 0.15 %; one sigma holds 68.3 %
+    assert np.mean(tilt < 2.0) == pytest.approx(0.68, abs=0.01)
+    assert np.mean(heading < 7.0) == pytest.approx(0.68, abs=0.01)
+
+
+def test_topics_are_names_that_ros_allows():
+    assert imu_topic("fuzzbee", VehicleId(1, 1)) == "/fuzzbee/vehicle_1/imu"
+    assert imu_topic("fleet/2nd-boat", VehicleId(7, 154)) == "/fleet/_2nd_boat/vehicle_7_154/imu"
+
+
+def test_keys_attachments_and_tokens_are_rmw_zenohs(endpoint):  # noqa: F811
+    session = open_session(options(endpoint))
+    sink = RosSink(session, "fuzzbee", domain=3)
+    sample = ImuSample(0, (0.0, 0.0, 0.0), REST_FRD, (0.0, 0.0, 0.0), has_mag=False)
+    got = []
+    with plain_client(endpoint) as client:
+        client.declare_subscriber("3/**", got.append)
+
+        def received():
+            sink.handle([Published(VehicleId(1, 1), record(), sample)])
+            return len(got) >= 3
+
+        wait_for(received)
+        tokens = [str(reply.ok.key_expr) for reply in client.liveliness().get("@ros2_lv/3/**")]
+        sink.close()
+        wait_for(lambda: not list(client.liveliness().get("@ros2_lv/3/**")))
+    key = f"fuzzbee/vehicle_1/imu/sensor_msgs::msg::dds_::Imu_/{TYPE_HASH}"
+    assert {str(each.key_expr) for each in got} == {f"3/{key}"}
+    attachments = [each.attachment.to_bytes() for each in got]
+    assert {len(each) for each in attachments} == {33}
+    sequence, stamps, lengths, ids = zip(
+        *(struct.unpack("<qqB16s", each) for each in attachments), strict=True
+    )
+    assert list(sequence) == list(range(sequence[0], sequence[0] + len(got)))
+    assert set(stamps) == {UNIX_US * 1000}
+    assert set(lengths) == {16}
+    assert len(set(ids)) == 1
+    message = decode(got[0].payload.to_bytes())
+    assert message.header.frame_id == "vehicle_1/base_link"
+    assert xyz(message.linear_acceleration) == (0.0, 0.0, 9.8)
+
+    node, publisher = sorted(tokens, key=len)
+    start = f"@ros2_lv/3/{session.zid()}/0"
+    assert node == f"{start}/0/NN/%/%/fuzzbee"
+    mangled = "%fuzzbee%vehicle_1%imu/" + key.split("/imu/")[1]
+    assert publisher == f"{start}/1/MP/%/%/fuzzbee/{mangled}/::,10:,:,:,,"
+    close_session(session)
+
+
+def test_closing_after_the_session_is_no_error(endpoint):  # noqa: F811
+    session = open_session(options(endpoint))
+    sink = RosSink(session, "fuzzbee")
+    close_session(session)
+    sink.close()

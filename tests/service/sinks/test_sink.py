@@ -1,0 +1,88 @@
+import threading
+
+from service.records import Message
+from service.sinks.outbox import Outbox
+from service.sinks.sink import MAX_PENDING
+
+
+class Collector:
+    """Keeps what it gets."""
+
+    name = "collector"
+
+    def __init__(self):
+        self.got, self.closed = [], False
+
+    def handle(self, outputs):
+        self.got.extend(outputs)
+
+    def close(self):
+        self.closed = True
+
+
+class Raiser(Collector):
+    name = "raiser"
+
+    def handle(self, outputs):
+        raise OSError(f"disk full, {len(outputs)} lost")
+
+
+class Blocker(Collector):
+    name = "blocker"
+
+    def __init__(self):
+        super().__init__()
+        self.release = threading.Event()
+
+    def handle(self, outputs):
+        self.release.wait(30)
+        super().handle(outputs)
+
+
+def test_everything_is_delivered_before_the_close():
+    sink = Collector()
+    with Outbox([sink]) as outbox:
+        for number in range(MAX_PENDING):
+            outbox.put([Message(str(number))])
+    assert [m.text for m in sink.got] == [str(n) for n in range(MAX_PENDING)]
+    assert sink.closed
+
+
+def test_a_sink_that_raises_is_told_of_once_and_hurts_no_other():
+    good, bad = Collector(), Raiser()
+    outbox = Outbox([bad, good])
+    count = 0
+    while count < 60:  # until the error has come back to the loop, then on
+        outbox.put([Message("x")])
+        if outbox.errors:
+            count += 1
+    outbox.close()
+    texts = [m.text for m in good.got]
+    assert texts.count("raiser: disk full, 1 lost") in (1, 2)  # the second is the hundredth error
+    assert outbox.errors >= 1
+    assert bad.closed
+
+
+def test_a_sink_that_blocks_loses_the_oldest_and_stops_nobody():
+    slow, good = Blocker(), Collector()
+    outbox = Outbox([slow, good])
+    sent = 0
+    while outbox.dropped < 10:
+        outbox.put([Message(str(sent))])
+        sent += 1
+    outbox.close()
+    assert outbox.stuck == ["blocker"]
+    assert good.closed
+    slow.release.set()
+
+
+def test_what_a_lagging_sink_keeps_is_the_newest():
+    slow = Blocker()
+    outbox = Outbox([slow])
+    for number in range(3 * MAX_PENDING):
+        outbox.put([Message(str(number))])
+    slow.release.set()
+    outbox.close()
+    assert not outbox.stuck
+    assert slow.got[-1].text == str(3 * MAX_PENDING - 1)
+    assert len(slow.got) + outbox.dropped == 3 * MAX_PENDING
