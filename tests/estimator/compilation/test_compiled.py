@@ -141,7 +141,7 @@ def test_kernels_on_a_read_only_file_system_are_used_from_a_copy(tmp_path):
     script = tmp_path / "program.py"
     script.write_text(
         SMALL_PROGRAM
-        + "import estimator.filter.fuzzy as fuzzy, estimator.compiled as compiled\n"
+        + "import estimator.filter.fuzzy as fuzzy, estimator.compilation.compiled as compiled\n"
         + "print(sum(fuzzy.fuzzy_gain.stats.cache_misses.values()), compiled._CACHE_FOLDER)\n"
     )
     root = str(Path(next(iter(estimator.__path__))).parent)
