@@ -4,7 +4,7 @@ import numpy as np
 from broad_data import Array, Trial
 from broad_scores import multiply
 
-from estimator.conditioning import turned
+from estimator.conditioning import apply_turn
 from estimator.estimator import Estimator
 from estimator.geometry.quaternion import conjugate as conjugate_one
 from estimator.geometry.quaternion import multiply as multiply_one
@@ -74,7 +74,7 @@ class FuzzbeeRun:
         turn_ned = multiply_one(conjugate_one(to_ned), multiply_one(tuple(turn_enu), to_ned))
         body = multiply_one(conjugate_one(q), multiply_one(turn_ned, q))
         self._state = self._state._replace(q_ned_frd=normalize(multiply_one(q, body)))
-        self._memory = turned(self._memory, body)
+        self._memory = apply_turn(self._memory, body)
 
 
 class FuzzbeeFilter:

@@ -6,7 +6,7 @@ from typing import Any
 from estimator.aiding import Report, compass
 from estimator.aiding.compass import Compass
 from estimator.aiding.place import PlaceField, field_at, resembles
-from estimator.aiding.search import NOTHING_FOUND
+from estimator.aiding.search import EMPTY_SEARCH
 from estimator.compilation.compiled import plain
 from estimator.conditioning.condition import condition
 from estimator.conditioning.condition import initial_state as initial_conditioning
@@ -16,9 +16,9 @@ from estimator.filter.alignment import align
 from estimator.filter.observation import raw_vectors
 from estimator.filter.types import initial_state
 from estimator.geometry.quaternion import exp, multiply, subtract
-from estimator.live.aiding_start import Start, begun, by_field, by_velocity
+from estimator.live.aiding_start import Start, begin_aiding, start_by_field, start_by_velocity
 from estimator.live.conditioned import conditioned_vectors
-from estimator.live.reports import NO_REPORT, enqueued, refusal_of_report, taken
+from estimator.live.reports import NO_REPORT, enqueue, refusal_of_report, take_due
 from estimator.live.resident import (
     advance,
     advance_aided,
@@ -29,7 +29,7 @@ from estimator.live.resident import (
     search_inside,
 )
 from estimator.live.settings import settings_of
-from estimator.live.snapshot import Snapshot, contents_for, flat, of_another_imu, published, turned
+from estimator.live.snapshot import Snapshot, apply_turn, change_imu, contents_for, flat, published
 from estimator.profile import Profile
 from estimator.refusal import refusal
 from estimator.types import (
@@ -112,7 +112,7 @@ class Estimator:
 
     def restart(self) -> None:
         """Forget the attitude and align anew, as after the vehicle's reboot."""
-        self._forget(compass.restarted(self._snapshot.compass))
+        self._forget(compass.restart(self._snapshot.compass))
 
     def _forget(self, known: Compass) -> None:
         memory = initial_conditioning(self._settings.conditioning)
@@ -153,14 +153,14 @@ class Estimator:
         if self._is_aided and report.time_us <= now.time_us:
             # it belongs to the last sample or to one just before it
             oldest_s = self._settings.aiding.oldest_report_s
-            taken_now, _ = taken((report,), now.time_us, oldest_s)
+            taken_now, _ = take_due((report,), now.time_us, oldest_s)
             if taken_now.given:
                 if self._inside is None:
                     assert now.seen is not None  # the aiding goes with conditioned samples
                     self._go_inside(now.seen)
                 hear_inside(self._inside, taken_now)
         else:
-            self._snapshot = now._replace(reports=enqueued(now.reports, report))
+            self._snapshot = now._replace(reports=enqueue(now.reports, report))
         return None
 
     def _conditioned(self, sample: ImuSample) -> None:
@@ -175,7 +175,7 @@ class Estimator:
         dt = 1e-6 * (sample.time_us - now.time_us)
         report, ahead = NO_REPORT, now.reports
         if ahead:
-            report, ahead = taken(ahead, sample.time_us, aiding.oldest_report_s)
+            report, ahead = take_due(ahead, sample.time_us, aiding.oldest_report_s)
         gyr, acc = sample.gyr_rad_s, sample.acc_m_s2
         readings = (gyr, acc, sample.mag_gauss, sample.has_mag)
         goes_on_aided = self._is_aided and aiding.enabled and dt <= aiding.gap_s
@@ -183,7 +183,7 @@ class Estimator:
         if goes_on_aided:
             self._is_aided = advance_aided(self._inside, *readings, dt, report, self._knows_north)
             if not self._is_aided:
-                known = compass.given_up(self._snapshot.compass, sample.time_us)
+                known = compass.record_giving_up(self._snapshot.compass, sample.time_us)
                 self._snapshot = self._snapshot._replace(compass=known)
         else:
             self._is_aided = False
@@ -211,22 +211,22 @@ class Estimator:
         It comes from the field, or from velocity itself where there is no field to be trusted
         or no position that tells true from magnetic north.
         """
-        chosen = self._settings
-        if not chosen.aiding.enabled:
+        settings = self._settings
+        if not settings.aiding.enabled:
             return
         start: Start | None
         if self._has_heading and self._knows_north and self._trusts_field():
             now = self.snapshot
-            start = by_field(chosen, now)
+            start = start_by_field(settings, now)
         elif search_inside(self._inside, report):
             now = self.snapshot
-            start = by_velocity(now)
+            start = start_by_velocity(now)
         else:
             return
         if start is not None:
             is_first = not self._has_heading
-            self.snapshot = now = begun(
-                chosen, now, start, sample, report, is_first_heading=is_first
+            self.snapshot = now = begin_aiding(
+                settings, now, start, sample, report, is_first_heading=is_first
             )
             assert now.seen is not None  # the sample has been conditioned
             self._go_inside(now.seen)
@@ -239,7 +239,7 @@ class Estimator:
             if not resembles(place, seen.horizontal_reference, seen.down_reference):
                 known = now.compass._replace(unlike_us=now.time_us)
                 self._snapshot = now = now._replace(compass=known)
-        return compass.calibrated(now.compass, now.time_us)
+        return compass.is_trusted(now.compass, now.time_us)
 
     def _first_seen(
         self, memory: ConditioningState, sample: ImuSample
@@ -262,10 +262,10 @@ class Estimator:
 
     def _raw(self, sample: ImuSample) -> Snapshot:
         before = self.snapshot
-        chosen = self._settings
+        settings = self._settings
         state = kernel.step(
-            chosen.filter,
-            chosen.reference,
+            settings.filter,
+            settings.reference,
             before.filter,
             sample.gyr_rad_s,
             sample.acc_m_s2,
@@ -282,7 +282,7 @@ class Estimator:
             smooth_error=self._smoothed(state.error, sample.time_us),
             aided=None,  # it does not come along, nor does what was shown so far
             aided_covariance=(),
-            search=NOTHING_FOUND,
+            search=EMPTY_SEARCH,
         )
 
     def _smoothed(self, error: float, time_us: int) -> float:
@@ -293,17 +293,17 @@ class Estimator:
 
     def _first(self, sample: ImuSample) -> Snapshot:
         """Align on the first sample; nothing has turned yet."""
-        chosen = self._settings
+        settings = self._settings
         before = self.snapshot
         acc, mag, has_mag = sample.acc_m_s2, sample.mag_gauss, sample.has_mag
         memory, seen = before.conditioning, None
-        if chosen.conditioned:
+        if settings.conditioned:
             memory, seen = self._first_seen(memory, sample)
-            vectors = conditioned_vectors(chosen.reference, seen)
+            vectors = conditioned_vectors(settings.reference, seen)
         else:
-            vectors = raw_vectors(chosen.reference, acc, mag, has_mag)
-        q = align(vectors) if chosen.initial is None else chosen.initial
-        state = plain(kernel.correct)(chosen.filter, initial_state(q), vectors, 0.0)
+            vectors = raw_vectors(settings.reference, acc, mag, has_mag)
+        q = align(vectors) if settings.initial is None else settings.initial
+        state = plain(kernel.correct)(settings.filter, initial_state(q), vectors, 0.0)
         rate = subtract(sample.gyr_rad_s, state.gyr_bias_rad_s)
         first = Snapshot(state, memory, seen, sample.time_us, rate, True, state.error)
         return first._replace(compass=before.compass)
@@ -336,22 +336,22 @@ class Estimator:
         The heading of one that is not comes from velocity, as soon as that shows it.
         """
         before = self._snapshot
-        known = compass.told(before.compass, calibrated)
-        misled = compass.calibrated(before.compass, before.time_us) and not calibrated
+        known = compass.declare(before.compass, calibrated)
+        misled = compass.is_trusted(before.compass, before.time_us) and not calibrated
         self._snapshot = before._replace(compass=known)
         if self._is_aided and misled:
             self.snapshot = self.snapshot._replace(aided=None, aided_covariance=())
 
     def change_imu(self) -> None:
         """The samples are another IMU's from now on: its biases are its own."""
-        self.snapshot = of_another_imu(self._settings, self.snapshot)
+        self.snapshot = change_imu(self._settings, self.snapshot)
 
     def turn(self, turn_ned: Quaternion) -> None:
         """Turn the estimate by a rotation given in NED that no sensor has felt, to test recovery.
 
         All that is inside turns with it.
         """
-        self.snapshot = turned(self.snapshot, turn_ned)
+        self.snapshot = apply_turn(self.snapshot, turn_ned)
 
     def attitude(self, time_us: int) -> Attitude:
         """The attitude at ``time_us``, propagated from the last sample for output only."""
@@ -365,7 +365,7 @@ class Estimator:
             moved, figures = published(self._settings, now, ahead_s)
         q, rate, bias, error, error_rate, gain = moved
         gravity, magnetic, inclination, heading, has_heading = figures
-        if not (self._is_aided or compass.calibrated(now.compass, now.time_us)):
+        if not (self._is_aided or compass.is_trusted(now.compass, now.time_us)):
             heading = max(heading, UNCALIBRATED_SIGMA_RAD)
         return Attitude(
             time_us,

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from estimator.compilation.compiled import compiled, compiled_parallel
 from estimator.conditioning.condition import condition, initial_state
 from estimator.conditioning.types import Conditioned
-from estimator.filter.kernel import correct, turned
+from estimator.filter.kernel import correct, integrate_rate
 from estimator.filter.types import FilterParams, FilterState, Vectors
 from estimator.geometry.quaternion import (
     conjugate,
@@ -24,7 +24,7 @@ from estimator.geometry.quaternion import (
     unit,
 )
 from estimator.types import IDENTITY, ZERO_VEC3, Quaternion, Vec3
-from tuning.paper_kernel import unpacked
+from tuning.paper_kernel import unpack
 
 Array = NDArray[np.float64]
 
@@ -139,7 +139,7 @@ def advance(row: Array, data: Recorded, i: int, seen: Seen, run: Run) -> Run:
         row[BIAS_BOUND],
         row[TAU],
         row[EULER_STEP_MAX],
-        unpacked(row),
+        unpack(row),
         False,
         1.0,
     )
@@ -161,7 +161,7 @@ def advance(row: Array, data: Recorded, i: int, seen: Seen, run: Run) -> Run:
         state = correct(params, wrong, vectors, 0.0)
         ahead = state.q_ned_frd
     else:
-        state = turned(run.state, seen.rate_rad_s, dt, ZERO_VEC3)
+        state = integrate_rate(run.state, seen.rate_rad_s, dt, ZERO_VEC3)
         state = correct(params, state, vectors, dt)
         ahead = normalize(multiply(run.ahead, exp(scale(dt, seen.rate_rad_s))))
     if what & PREDICTION:
@@ -184,7 +184,7 @@ def fresh() -> Run:
 
 
 @compiled
-def taken(seen: Conditioned) -> Seen:
+def filter_input(seen: Conditioned) -> Seen:
     """The part of the conditioning stage's answer that the filter takes."""
     return Seen(
         seen.rate_rad_s,
@@ -196,7 +196,7 @@ def taken(seen: Conditioned) -> Seen:
 
 
 @compiled
-def shared(prepared: Prepared, i: int) -> Seen:
+def prepared_input(prepared: Prepared, i: int) -> Seen:
     """The same of a sample that was conditioned beforehand."""
     return Seen(
         vec3(prepared.rate_rad_s, i),
@@ -218,7 +218,7 @@ def conditioned_cost(row: Array, conditioning: Any, data: Recorded) -> float:
             memory = blank
         gyr, acc, mag = vec3(data.gyr_rad_s, i), vec3(data.acc_m_s2, i), vec3(data.mag, i)
         memory, seen = condition(conditioning, memory, gyr, acc, mag, data.has_mag[i], data.dt_s[i])
-        run = advance(row, data, i, taken(seen), run)
+        run = advance(row, data, i, filter_input(seen), run)
     return run.cost
 
 
@@ -227,7 +227,7 @@ def prepared_cost(row: Array, prepared: Prepared, data: Recorded) -> float:
     """Cost of a candidate's row on vectors that the candidates share."""
     run = fresh()
     for i in range(len(data.dt_s)):
-        run = advance(row, data, i, shared(prepared, i), run)
+        run = advance(row, data, i, prepared_input(prepared, i), run)
     return run.cost
 
 
@@ -237,7 +237,7 @@ def prepared_errors(row: Array, prepared: Prepared, data: Recorded) -> Array:
     errors = np.empty(len(data.dt_s))
     run = fresh()
     for i in range(len(data.dt_s)):
-        run = advance(row, data, i, shared(prepared, i), run)
+        run = advance(row, data, i, prepared_input(prepared, i), run)
         errors[i] = run.error
     return errors
 
@@ -256,7 +256,7 @@ def prepare(conditioning: Any, data: Recorded) -> Prepared:
         memory, answer = condition(
             conditioning, memory, gyr, acc, mag, data.has_mag[i], data.dt_s[i]
         )
-        seen = taken(answer)
+        seen = filter_input(answer)
         for j in range(3):
             out.rate_rad_s[i, j] = seen.rate_rad_s[j]
             out.gravity_b[i, j] = seen.gravity_b[j]

@@ -173,7 +173,7 @@ def two_costs(
 
 
 @compiled
-def unpacked(k: Array) -> Memberships:
+def unpack(k: Array) -> Memberships:
     """k1..k22 as the tuple that the fuzzy controller takes."""
     return (
         *(k[0], k[1], k[2], k[3], k[4], k[5], k[6], k[7], k[8], k[9], k[10]),
@@ -184,7 +184,7 @@ def unpacked(k: Array) -> Memberships:
 @compiled
 def candidate_of(row: Array, bound: float) -> Candidate:
     """A candidate from its row: k1..k22, gamma, tau."""
-    return Candidate(unpacked(row), row[22], DT_S / (row[23] + DT_S), bound)
+    return Candidate(unpack(row), row[22], DT_S / (row[23] + DT_S), bound)
 
 
 @compiled

@@ -1,7 +1,7 @@
 """Velocity beside the IMU: the attitude of a vehicle that accelerates."""
 
-from estimator.aiding.sources.velocity import trusted
-from estimator.aiding.step import aid, begin, hear, with_unknown_biases
+from estimator.aiding.sources.velocity import is_credible
+from estimator.aiding.step import aid, begin, forget_biases, take_late_report
 from estimator.aiding.types import AidingParams, AidingState, Report
 
 __all__ = [
@@ -10,7 +10,7 @@ __all__ = [
     "Report",
     "aid",
     "begin",
-    "hear",
-    "trusted",
-    "with_unknown_biases",
+    "forget_biases",
+    "is_credible",
+    "take_late_report",
 ]

@@ -18,39 +18,39 @@ UNLIKE_US = 30_000_000
 class Compass(NamedTuple):
     """What is known of it; the times (vehicle's clock) are None where it never happened."""
 
-    told_calibrated: bool = True  # assumed until told otherwise
+    declared_calibrated: bool = True  # assumed until told otherwise
     unlike_us: int | None = None  # its field was last seen to be unlike the place's own
     gave_up_us: int | None = None  # the aiding last gave up
     misled_us: int | None = None  # it last gave up twice in a row
 
 
-def calibrated(compass: Compass, time_us: int) -> bool:
+def is_trusted(compass: Compass, time_us: int) -> bool:
     """Whether its field is trusted at ``time_us``."""
     return (
-        compass.told_calibrated
-        and not _lately(compass.unlike_us, time_us, UNLIKE_US)
-        and not _lately(compass.misled_us, time_us, DISTRUST_US)
+        compass.declared_calibrated
+        and not _is_recent(compass.unlike_us, time_us, UNLIKE_US)
+        and not _is_recent(compass.misled_us, time_us, DISTRUST_US)
     )
 
 
-def told(compass: Compass, is_calibrated: bool) -> Compass:
+def declare(compass: Compass, is_calibrated: bool) -> Compass:
     """After somebody has said; only news changes what was seen before."""
-    if is_calibrated == compass.told_calibrated:
+    if is_calibrated == compass.declared_calibrated:
         return compass
-    return Compass(told_calibrated=is_calibrated)
+    return Compass(declared_calibrated=is_calibrated)
 
 
-def given_up(compass: Compass, time_us: int) -> Compass:
+def record_giving_up(compass: Compass, time_us: int) -> Compass:
     """After the aiding has given up. Twice in a row, and the compass is not what it seemed."""
-    if _lately(compass.gave_up_us, time_us, AGAIN_US):
+    if _is_recent(compass.gave_up_us, time_us, AGAIN_US):
         compass = compass._replace(misled_us=time_us)
     return compass._replace(gave_up_us=time_us)
 
 
-def restarted(compass: Compass) -> Compass:
+def restart(compass: Compass) -> Compass:
     """After a reboot, whose clock begins anew: only what somebody has said still holds."""
-    return Compass(told_calibrated=compass.told_calibrated)
+    return Compass(declared_calibrated=compass.declared_calibrated)
 
 
-def _lately(then_us: int | None, time_us: int, for_us: int) -> bool:
+def _is_recent(then_us: int | None, time_us: int, for_us: int) -> bool:
     return then_us is not None and time_us - then_us < for_us

@@ -25,7 +25,7 @@ def rotation_matrix(q: Quaternion) -> Array:
 
 
 @inlined
-def rows_moved(P: Array, R: Array, gained: Vec3, dt: float) -> Array:
+def move_rows(P: Array, R: Array, gained: Vec3, dt: float) -> Array:
     """F P, with F the errors' transition over ``dt``.
 
     turn' = turn - R gyr_bias dt, velocity' = velocity + turn x gained - R acc_bias dt, where
@@ -45,9 +45,9 @@ def rows_moved(P: Array, R: Array, gained: Vec3, dt: float) -> Array:
 
 
 @inlined
-def predicted(P: Array, R: Array, gained: Vec3, dt: float) -> Array:
+def predict_covariance(P: Array, R: Array, gained: Vec3, dt: float) -> Array:
     """F P F'; P is symmetric."""
-    return rows_moved(np.ascontiguousarray(rows_moved(P, R, gained, dt).T), R, gained, dt)
+    return move_rows(np.ascontiguousarray(move_rows(P, R, gained, dt).T), R, gained, dt)
 
 
 @inlined
@@ -62,7 +62,7 @@ def expected_variance(P: Array, h: Array, noise: float) -> float:
 
 
 @inlined
-def remaining(x: Array, h: Array, innovation: float) -> float:
+def residual(x: Array, h: Array, innovation: float) -> float:
     """The innovation, less what the corrections of this step have explained already."""
     for i in range(SIZE):
         innovation -= h[i] * x[i]
@@ -80,7 +80,7 @@ def learn(P: Array, x: Array, h: Array, innovation: float, noise: float) -> None
     variance = noise
     for j in range(SIZE):
         variance += h[j] * m[j]
-    step = remaining(x, h, innovation) / variance
+    step = residual(x, h, innovation) / variance
     for i in range(SIZE):
         x[i] += step * m[i]
         for j in range(SIZE):

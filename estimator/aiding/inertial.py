@@ -2,7 +2,7 @@
 
 from typing import NamedTuple
 
-from estimator.aiding.covariance import predicted, rotation_matrix
+from estimator.aiding.covariance import predict_covariance, rotation_matrix
 from estimator.aiding.types import (
     ACC_BIAS,
     EARTH,
@@ -32,7 +32,7 @@ SLOW_STEP_S = 0.3  # a step in which a copter's motion begins and ends unseen
 HARD_IRON_WALK_S = 2500.0  # the time in which the remaining hard iron may become another
 
 
-class Carried(NamedTuple):
+class Prediction(NamedTuple):
     """The prediction for one sample."""
 
     q_ned_frd: Quaternion
@@ -43,9 +43,9 @@ class Carried(NamedTuple):
 
 
 @inlined
-def carried(
+def predict_motion(
     params: AidingParams, state: AidingState, P: Array, gyr: Vec3, acc: Vec3, dt: float
-) -> Carried:
+) -> Prediction:
     """One strapdown step: q <- q exp((w - b) dt), v <- v + (R f + g) dt by the trapezoid."""
     before = state.gyr_rad_s
     rate = subtract(integration_rate(before, gyr, dt, False), state.gyr_bias_rad_s)
@@ -54,11 +54,11 @@ def carried(
     gained = scale(0.5 * dt, add(force, state.force_ned_m_s2))
     v = add(state.velocity_ned_m_s, gained)
     v = (v[0], v[1], v[2] + STANDARD_GRAVITY_M_S2 * dt)
-    P = predicted(P, rotation_matrix(q), gained, dt)
+    P = predict_covariance(P, rotation_matrix(q), gained, dt)
     missed_turn = rotate(q, scale(dt, subtract(gyr, before)))
     missed_push = scale(dt, subtract(force, state.force_ned_m_s2))
     add_noise(params, P, state, missed_turn, missed_push, dot(rate, rate), dt)
-    return Carried(q, v, force, rate, P)
+    return Prediction(q, v, force, rate, P)
 
 
 @inlined

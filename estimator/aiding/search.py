@@ -42,7 +42,7 @@ class Window(NamedTuple):
     is_open: bool
 
 
-class Shown(NamedTuple):
+class Evidence(NamedTuple):
     """Sums over the closed windows, of changes a of velocity in NED and what was felt, b, in G."""
 
     correlation: Nine  # B = sum a b'
@@ -54,20 +54,20 @@ class Shown(NamedTuple):
 
 
 class Search(NamedTuple):
-    """An open window, and what closed ones have shown."""
+    """An open window, and what the closed ones say."""
 
     window: Window
-    shown: Shown
+    evidence: Evidence
 
 
 NOTHING: Nine = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
-NOTHING_FOUND = Search(
+EMPTY_SEARCH = Search(
     Window(ZERO_VEC3, ZERO_VEC3, ZERO_VEC3, 0.0, ZERO_VEC3, False),
-    Shown(NOTHING, NOTHING, ZERO_VEC3, 0.0, 0.0, 0.0),
+    Evidence(NOTHING, NOTHING, ZERO_VEC3, 0.0, 0.0, 0.0),
 )
 
 
-class Found(NamedTuple):
+class Solution(NamedTuple):
     """Attitude of the frame G, and how uncertain its heading is."""
 
     q_ned_g: Quaternion
@@ -75,7 +75,7 @@ class Found(NamedTuple):
 
 
 @inlined
-def felt(search: Search, q_g_frd: Quaternion, acc: Vec3, dt: float) -> Search:
+def add_sample(search: Search, q_g_frd: Quaternion, acc: Vec3, dt: float) -> Search:
     """One sample by the trapezoid."""
     window = search.window
     force = rotate(q_g_frd, acc)
@@ -88,19 +88,19 @@ def felt(search: Search, q_g_frd: Quaternion, acc: Vec3, dt: float) -> Search:
             window.velocity_ned_m_s,
             window.is_open,
         ),
-        search.shown,
+        search.evidence,
     )
 
 
 @inlined
-def reopened(window: Window, report: Report, behind_s: float) -> Window:
+def open_window(window: Window, report: Report, behind_s: float) -> Window:
     """A new one that begins at this report, ``behind_s`` before the last sample."""
     force = window.force_m_s2
     return Window(scale(behind_s, force), force, force, behind_s, report.velocity_ned_m_s, True)
 
 
 @inlined
-def heard(search: Search, report: Report, report_lag_s: float) -> tuple[Search, bool]:
+def add_report(search: Search, report: Report, report_lag_s: float) -> tuple[Search, bool]:
     """A report, and whether it has closed a window.
 
     It tells the velocity ``ago_s`` before the last sample, and of ``report_lag_s`` before that
@@ -109,11 +109,11 @@ def heard(search: Search, report: Report, report_lag_s: float) -> tuple[Search, 
     window = search.window
     behind_s = report.ago_s + (report_lag_s if report.late_sigma_s > 0.0 else 0.0)
     time_s = window.time_s - behind_s
-    opened = reopened(window, report, behind_s)
+    opened = open_window(window, report, behind_s)
     if not window.is_open:
-        return Search(opened, search.shown), False
+        return Search(opened, search.evidence), False
     if time_s > LONGEST_WINDOW_S:
-        return Search(opened, faded(search.shown, time_s)), False
+        return Search(opened, fade(search.evidence, time_s)), False
     if time_s < WINDOW_S:
         return search, False
     change = subtract(report.velocity_ned_m_s, window.velocity_ned_m_s)
@@ -121,29 +121,29 @@ def heard(search: Search, report: Report, report_lag_s: float) -> tuple[Search, 
     a = (change[0], change[1], vertical - STANDARD_GRAVITY_M_S2 * time_s)
     b = subtract(window.pushed_m_s, opened.pushed_m_s)
     swing = subtract(window.force_m_s2, window.first_force_m_s2)
-    before = faded(search.shown, time_s)
-    shown = Shown(
-        plus_outer(before.correlation, 1.0, a, b),
-        plus_outer(before.aged, 0.5 * time_s, a, b),
+    before = fade(search.evidence, time_s)
+    evidence = Evidence(
+        add_outer(before.correlation, 1.0, a, b),
+        add_outer(before.aged, 0.5 * time_s, a, b),
         add(before.lagging, cross(b, swing)),
         before.squares + dot(a, a) + dot(b, b),
         before.windows + 1.0,
         max(before.late_sigma_s, report.late_sigma_s),
     )
-    return Search(opened, shown), True
+    return Search(opened, evidence), True
 
 
 @inlined
-def faded(shown: Shown, time_s: float) -> Shown:
+def fade(evidence: Evidence, time_s: float) -> Evidence:
     """What was shown, ``time_s`` later."""
     keep = real_exp(-time_s / MEMORY_S)
-    return Shown(
-        weighted_sum(keep, shown.correlation, 0.0, shown.correlation),
-        weighted_sum(keep, shown.aged, keep * time_s, shown.correlation),
-        scale(keep, shown.lagging),
-        keep * shown.squares,
-        keep * shown.windows,
-        shown.late_sigma_s,
+    return Evidence(
+        weighted_sum(keep, evidence.correlation, 0.0, evidence.correlation),
+        weighted_sum(keep, evidence.aged, keep * time_s, evidence.correlation),
+        scale(keep, evidence.lagging),
+        keep * evidence.squares,
+        keep * evidence.windows,
+        evidence.late_sigma_s,
     )
 
 
@@ -164,7 +164,7 @@ def weighted_sum(x: float, A: Nine, y: float, B: Nine) -> Nine:
 
 
 @inlined
-def plus_outer(A: Nine, x: float, a: Vec3, b: Vec3) -> Nine:
+def add_outer(A: Nine, x: float, a: Vec3, b: Vec3) -> Nine:
     """A + x a b'."""
     return (
         A[0] + x * a[0] * b[0],
@@ -179,7 +179,7 @@ def plus_outer(A: Nine, x: float, a: Vec3, b: Vec3) -> Nine:
     )
 
 
-def found(search: Search, bias_sigma_rad_s: float) -> Found | None:
+def solve(search: Search, bias_sigma_rad_s: float) -> Solution | None:
     """The attitude of G that fits best, if its heading is certain enough to begin with.
 
     min sum |a - R b|^2 has the variance of one axis, loss / (3 windows); a small turn t in NED
@@ -187,23 +187,23 @@ def found(search: Search, bias_sigma_rad_s: float) -> Found | None:
     What the reports' age and the gyroscope's bias may have done comes on top: each pulls the
     residuals one way for as long as the vehicle goes on in the same manner, and no loss shows it.
     """
-    shown = search.shown
-    if shown.windows < LEAST_WINDOWS:
+    evidence = search.evidence
+    if evidence.windows < LEAST_WINDOWS:
         return None
-    B = np.array(shown.correlation).reshape(3, 3)
+    B = np.array(evidence.correlation).reshape(3, 3)
     R = nearest_rotation(B)
     together = B @ R.T
     M = _information(together)
     if float(np.linalg.eigvalsh(M)[0]) < LEAST_EXPLAINED_M2_S2:
         return None
-    loss = max(0.0, shown.squares - 2.0 * float(np.trace(together)))
+    loss = max(0.0, evidence.squares - 2.0 * float(np.trace(together)))
     heading = np.linalg.inv(M)[2]  # how the heading follows M t
-    by_age = shown.late_sigma_s * float(heading @ R @ np.array(shown.lagging))
-    aged = np.array(shown.aged).reshape(3, 3) @ R.T
+    by_age = evidence.late_sigma_s * float(heading @ R @ np.array(evidence.lagging))
+    aged = np.array(evidence.aged).reshape(3, 3) @ R.T
     by_bias = bias_sigma_rad_s * float(np.linalg.norm(heading @ _information(aged)))
-    by_noise = CORRELATED * loss / (3.0 * shown.windows) * float(heading[2])
+    by_noise = CORRELATED * loss / (3.0 * evidence.windows) * float(heading[2])
     sigma = sqrt(by_noise + by_age**2 + by_bias**2)
-    return Found(quaternion_from_matrix(R), sigma) if sigma < ENOUGH_SIGMA_RAD else None
+    return Solution(quaternion_from_matrix(R), sigma) if sigma < ENOUGH_SIGMA_RAD else None
 
 
 def _information(together: Array) -> Array:

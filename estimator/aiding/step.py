@@ -12,13 +12,13 @@ from math import hypot
 
 import numpy as np
 
-from estimator.aiding.inertial import Carried, carried
-from estimator.aiding.sources.field import observe_heading, without_field
+from estimator.aiding.inertial import Prediction, predict_motion
+from estimator.aiding.sources.field import observe_heading, wait_for_field
 from estimator.aiding.sources.velocity import (
     Step,
     observe_unaided,
     observe_velocity,
-    without_report,
+    wait_for_report,
 )
 from estimator.aiding.types import (
     ACC_BIAS,
@@ -93,7 +93,7 @@ def begin(
     return state, P
 
 
-def with_unknown_biases(
+def forget_biases(
     params: AidingParams, state: AidingState, covariance: Array
 ) -> tuple[AidingState, Array]:
     """The same attitude and velocity, from another IMU: its biases are as at the beginning."""
@@ -116,8 +116,8 @@ def part(x: Array, first: int) -> Vec3:
 
 
 @inlined
-def corrected(
-    state: AidingState, now: Carried, agreement: Agreement, field: FieldState, x: Array
+def apply_corrections(
+    state: AidingState, now: Prediction, agreement: Agreement, field: FieldState, x: Array
 ) -> AidingState:
     """The state with the corrections x applied to the prediction ``now``."""
     q = normalize(multiply(exp(part(x, TURN)), now.q_ned_frd))
@@ -144,7 +144,9 @@ def corrected(
 
 
 @inlined
-def rated(params: AidingParams, state: AidingState, P: Array, gyr: Vec3, dt: float) -> AidingState:
+def finish_sample(
+    params: AidingParams, state: AidingState, P: Array, gyr: Vec3, dt: float
+) -> AidingState:
     """The state after a sample, with its uncertainty."""
     turning = norm(state.rate_rad_s)
     return AidingState(
@@ -196,10 +198,10 @@ def aid(
     ``gravity_b`` is the unaided stage's down, ``north`` magnetic north as (north, east). The
     covariance given stays as it is.
     """
-    now = carried(params, state, P, gyr, acc, dt)
+    now = predict_motion(params, state, P, gyr, acc, dt)
     P = now.covariance
     x = np.zeros(SIZE)
-    agreement = without_report(state.agreement, dt)
+    agreement = wait_for_report(state.agreement, dt)
     if report.given:
         agreement = observe_velocity(
             params,
@@ -213,25 +215,25 @@ def aid(
         )
     elif agreement.wait_s > params.silence_s:
         observe_unaided(params, now, gravity_b, P, x, dt)
-    field = without_field(state.field, dt)
+    field = wait_for_field(state.field, dt)
     if has_mag:
         calibration = Calibration(
             state.gyr_bias_rad_s, state.hard_iron_gauss, state.earth_gauss, state.field_lag_s
         )
         field = observe_heading(params, field, calibration, now.q_ned_frd, north, gyr, mag, P, x)
-    state = corrected(state, now, agreement, field, x)
-    return rated(params, state, P, gyr, dt), P
+    state = apply_corrections(state, now, agreement, field, x)
+    return finish_sample(params, state, P, gyr, dt), P
 
 
 @inlined
-def hear(
+def take_late_report(
     params: AidingParams, state: AidingState, P: Array, gravity_b: Vec3, report: Report
 ) -> tuple[AidingState, Array]:
     """A report that came behind the sample it belongs to, before the next one."""
     P = P.copy()
     x = np.zeros(SIZE)
     force = state.force_ned_m_s2
-    now = Carried(state.q_ned_frd, state.velocity_ned_m_s, force, state.rate_rad_s, P)
+    now = Prediction(state.q_ned_frd, state.velocity_ned_m_s, force, state.rate_rad_s, P)
     agreement = observe_velocity(
         params,
         state.agreement,
@@ -242,4 +244,4 @@ def hear(
         P,
         x,
     )
-    return corrected(state, now, agreement, state.field, x), P
+    return apply_corrections(state, now, agreement, state.field, x), P

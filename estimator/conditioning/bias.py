@@ -23,7 +23,7 @@ def clip(x: float, limit: float) -> float:
 
 
 @inlined
-def limited(b: Vec3, limit: float) -> Vec3:
+def clip_each(b: Vec3, limit: float) -> Vec3:
     """Each component within the limit."""
     return (clip(b[0], limit), clip(b[1], limit), clip(b[2], limit))
 
@@ -109,11 +109,11 @@ def learn_at_rest(
     b, d, p = update(b, d, p, (1.0, 0.0, 0.0), 0.0, clip(g[0] - b[0], most), k.rest_noise)
     b, d, p = update(b, d, p, (0.0, 1.0, 0.0), 0.0, clip(g[1] - b[1], most), k.rest_noise)
     b, d, p = update(b, d, p, (0.0, 0.0, 1.0), 0.0, clip(g[2] - b[2], most), k.rest_noise)
-    return Estimate(limited(b, most), d, p)
+    return Estimate(clip_each(b, most), d, p)
 
 
 @inlined
-def started_lag(state: Lagged, u: Vec3, v: Vec3, drift: Two, a: float) -> Lagged:
+def start_lag(state: Lagged, u: Vec3, v: Vec3, drift: Two, a: float) -> Lagged:
     """The running mean that starts :func:`lag`."""
     r = state.rows
     e = state.drift
@@ -137,7 +137,7 @@ def lag(
     u, v = rows.north, rows.east
     drift = (dot(u, b), dot(v, b))
     if age_s <= params.gravity_tau_s:
-        return started_lag(state, u, v, drift, k.dt_s / age_s)
+        return start_lag(state, u, v, drift, k.dt_s / age_s)
     r, w = state.rows, state.rows_slope
     y0, w0 = smooth_scalar(k.gravity, r[0], w[0], u[0])
     y1, w1 = smooth_scalar(k.gravity, r[1], w[1], u[1])
@@ -171,4 +171,4 @@ def learn_in_motion(
     # the second innovation is still that of b: take off what the first update changed
     e2 -= dot(east, b1) - dot(east, b)
     b2, d2, p2 = update(b1, d1, p1, east, 0.0, e2, k.motion_noise)
-    return Estimate(limited(b2, most), d2, p2)
+    return Estimate(clip_each(b2, most), d2, p2)

@@ -14,7 +14,7 @@ NOTHING: Vec3 = (0.0, 0.0, 0.0)
 
 
 @inlined
-def corrected(field: Vec3, gyr: Vec3, state: CalibrationState) -> Vec3:
+def correct_field(field: Vec3, gyr: Vec3, state: CalibrationState) -> Vec3:
     """The field without the vehicle's own, as the body would see it now.
 
     m <- m - offset, then exp(-[w]x lag) m to second order: the field of the
@@ -29,7 +29,7 @@ def corrected(field: Vec3, gyr: Vec3, state: CalibrationState) -> Vec3:
 
 
 @inlined
-def toward(a: float, mean: Vec3, v: Vec3) -> Vec3:
+def update_mean(a: float, mean: Vec3, v: Vec3) -> Vec3:
     """The mean moved by the share ``a`` of its way to ``v``."""
     return (
         mean[0] + a * (v[0] - mean[0]),
@@ -39,7 +39,7 @@ def toward(a: float, mean: Vec3, v: Vec3) -> Vec3:
 
 
 @inlined
-def walked(params: ConditioningParams, p: Covariance, dt_s: float) -> Covariance:
+def walk(params: ConditioningParams, p: Covariance, dt_s: float) -> Covariance:
     """The unknowns walk, so that a changed vehicle is followed, up to their first sigma."""
     most = params.field_offset_sigma**2 if params.use_field_offset else 0.0
     most_lag = params.field_lag_sigma_s**2 if params.use_lag else 0.0
@@ -104,14 +104,14 @@ def learn_calibration(
     if not state.started:
         return CalibrationState(state.lag_s, state.offset, state.covariance, norm, y, x, rows, True)
     a = min(1.0, dt_s / params.calibration_high_pass_s)
-    mean_field = toward(a, state.mean_field, y)
-    mean_turning = toward(a, state.mean_turning, x)
+    mean_field = update_mean(a, state.mean_field, y)
+    mean_turning = update_mean(a, state.mean_turning, x)
     mean_rows = Rows(
-        toward(a, state.mean_rows.north, rows.north),
-        toward(a, state.mean_rows.east, rows.east),
-        toward(a, state.mean_rows.down, rows.down),
+        update_mean(a, state.mean_rows.north, rows.north),
+        update_mean(a, state.mean_rows.east, rows.east),
+        update_mean(a, state.mean_rows.down, rows.down),
     )
-    offset, lag_s, p = state.offset, state.lag_s, walked(params, state.covariance, dt_s)
+    offset, lag_s, p = state.offset, state.lag_s, walk(params, state.covariance, dt_s)
     dy = subtract(y, mean_field)
     if dt_s <= LONGEST_STEP_S and dot(dy, dy) < MOST_DEVIATION**2:
         dx = subtract(x, mean_turning)
@@ -131,7 +131,7 @@ def learn_calibration(
 
 
 @inlined
-def restarted(state: CalibrationState) -> CalibrationState:
+def restart_means(state: CalibrationState) -> CalibrationState:
     """After an unsensed turn: keep what was learnt, forget the means of the old attitude."""
     return CalibrationState(
         state.lag_s,

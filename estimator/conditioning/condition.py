@@ -4,17 +4,17 @@ from math import atan2, cos, inf, sin, sqrt
 
 from estimator.compilation.compiled import compiled, inlined
 from estimator.conditioning.bias import lag, learn_at_rest, learn_in_motion, predict
-from estimator.conditioning.calibration import corrected, learn_calibration, restarted
+from estimator.conditioning.calibration import correct_field, learn_calibration, restart_means
 from estimator.conditioning.coefficients import coefficients
 from estimator.conditioning.gather import NOTHING, STEP_S, gather, means
 from estimator.conditioning.gravity import (
     DOWN,
     NORTH,
-    forgotten,
     level,
     observe_gravity,
-    propagated,
-    reseeded,
+    propagate_frame,
+    reseed_gravity,
+    restart_gravity,
     rows_of,
 )
 from estimator.conditioning.heading import learn_heading, north_east
@@ -23,10 +23,10 @@ from estimator.conditioning.magnetic import (
     has_heading,
     observe_field,
     reference_norm,
-    without_field,
+    wait_for_field,
 )
 from estimator.conditioning.rate import at_interval_end, integration_rate
-from estimator.conditioning.rest import observe_rest, started
+from estimator.conditioning.rest import initial_rest, observe_rest
 from estimator.conditioning.types import (
     Alarm,
     Axes,
@@ -42,9 +42,9 @@ from estimator.conditioning.types import (
 from estimator.conditioning.unsensed_turn import (
     HALF_TURN_VARIANCE,
     alarm_of,
-    doubted,
-    gravity_now,
-    seen_to,
+    doubt_heading,
+    gravity_at_rest,
+    reset_signs,
     watch_gravity,
     watch_heading,
 )
@@ -90,13 +90,13 @@ def react(
 ) -> tuple[GravityState, Estimate]:
     """After an unsensed turn: gravity anew, and as much doubt in the heading as it needs."""
     if alarm.quiet:
-        gravity = level(reseeded(gravity, gravity_now(rest, gravity)))[0]
+        gravity = level(reseed_gravity(gravity, gravity_at_rest(rest, gravity)))[0]
     elif alarm.moving:
-        gravity = forgotten(gravity)
+        gravity = restart_gravity(gravity)
     if alarm.quiet or alarm.moving or alarm.levelling:
-        estimate = doubted(estimate, HALF_TURN_VARIANCE)
+        estimate = doubt_heading(estimate, HALF_TURN_VARIANCE)
     elif alarm.heading:
-        estimate = doubted(estimate, atan2(horizontal[1], horizontal[0]) ** 2)
+        estimate = doubt_heading(estimate, atan2(horizontal[1], horizontal[0]) ** 2)
     return gravity, estimate
 
 
@@ -128,7 +128,7 @@ def learn(
     estimate = predict(params, k, state.estimate, rows.down, turning)
     lagged = lag(params, k, state.lagged, rows, estimate.bias_rad_s, gravity.age_s)
     estimate = learn_bias(params, state, estimate, rest, lagged, step)
-    event = watch_gravity(params, state.event, rest, gravity, step, k.levelling_decay, dt)
+    signs = watch_gravity(params, state.signs, rest, gravity, step, k.levelling_decay, dt)
 
     field = state.magnetic
     calibration = state.calibration
@@ -142,18 +142,18 @@ def learn(
             calibration = learn_calibration(params, calibration, rows, rate, field_6d, n, since)
         if has_heading(field):
             horizontal = north_east(estimate.heading_rad, field_6d)
-            event = watch_heading(params, event, estimate, field, horizontal, since)
+            signs = watch_heading(params, signs, estimate, field, horizontal, since)
             settled = max(LEAST_SETTLED, min(1.0, gravity.age_s / params.gravity_tau_s) ** 2)
             estimate = learn_heading(params, estimate, field, horizontal, settled, since)
     else:
-        field = without_field(field, dt)
+        field = wait_for_field(field, dt)
 
-    alarm = alarm_of(params, event)
+    alarm = alarm_of(params, signs)
     gravity, estimate = react(alarm, gravity, rest, estimate, horizontal)
     unsettled = gravity.age_s < min(params.gravity_tau_s, field.age_s - dt)
     if unsettled or alarm.heading or alarm.quiet or alarm.levelling:
-        calibration = restarted(calibration)
-    event = seen_to(event, alarm)
+        calibration = restart_means(calibration)
+    signs = reset_signs(signs, alarm)
     return (
         ConditioningState(
             True,
@@ -165,7 +165,7 @@ def learn(
             lagged,
             field,
             calibration,
-            event,
+            signs,
             axes_of(gravity, estimate.heading_rad),
             k,
         ),
@@ -193,8 +193,8 @@ def condition(
         acc = at_interval_end(acc, gyr, dt)
         mag = at_interval_end(mag, gyr, dt)
     if has_mag:
-        mag = corrected(mag, rate, state.calibration)
-    gravity = propagated(state.gravity, rate, dt)
+        mag = correct_field(mag, rate, state.calibration)
+    gravity = propagate_frame(state.gravity, rate, dt)
     gathered = gather(state.gathered, gravity.q_g_frd, gyr, acc, mag, has_mag, dt)
     first = not state.started
     k = state.coefficients
@@ -203,7 +203,7 @@ def condition(
         k = coefficients(params, gathered.time_s)
     rest = state.rest
     if first:
-        rest = started(gyr, acc)
+        rest = initial_rest(gyr, acc)
     state = ConditioningState(
         True,
         gyr,
@@ -214,14 +214,14 @@ def condition(
         state.lagged,
         state.magnetic,
         state.calibration,
-        state.event,
+        state.signs,
         state.axes,
         k,
     )
     alarm = Alarm(False, False, False, False)
     if due:
         state, alarm = learn(params, state, gyr)
-    return state, conditioned(state, rate, alarm)
+    return state, result_of(state, rate, alarm)
 
 
 @inlined
@@ -232,7 +232,7 @@ def sigma_inclination(state: ConditioningState) -> float:
     the vertical lately, which tells a lasting acceleration. The first two were
     fitted to BROAD, where 0.69 of the errors lie under it.
     """
-    swing_north, swing_east = state.event.levelled
+    swing_north, swing_east = state.signs.levelled
     swing = swing_north * swing_north + swing_east * swing_east
     return sqrt(
         SIGMA_STEADY_RAD**2
@@ -242,7 +242,7 @@ def sigma_inclination(state: ConditioningState) -> float:
 
 
 @inlined
-def conditioned(state: ConditioningState, rate: Vec3, alarm: Alarm) -> Conditioned:
+def result_of(state: ConditioningState, rate: Vec3, alarm: Alarm) -> Conditioned:
     """The result for the filter and the publisher."""
     q = state.gravity.q_g_frd
     field = state.magnetic

@@ -13,7 +13,7 @@ NOTHING = Gathered(0.0, (0.0, 0.0, 0.0), (0.0, 0.0, 0.0), (0.0, 0.0, 0.0), (0.0,
 
 
 @inlined
-def plus(sum_: Vec3, v: Vec3, dt_s: float) -> Vec3:
+def accumulate(sum_: Vec3, v: Vec3, dt_s: float) -> Vec3:
     """Sum + v dt."""
     return (sum_[0] + v[0] * dt_s, sum_[1] + v[1] * dt_s, sum_[2] + v[2] * dt_s)
 
@@ -26,13 +26,13 @@ def gather(
     field_g = sums.field_g
     field_s = sums.field_s
     if has_mag:
-        field_g = plus(field_g, rotate(q_g_frd, mag), dt_s)
+        field_g = accumulate(field_g, rotate(q_g_frd, mag), dt_s)
         field_s += dt_s
     return Gathered(
         sums.time_s + dt_s,
-        plus(sums.gyr, gyr, dt_s),
-        plus(sums.acc, acc, dt_s),
-        plus(sums.gravity_g, rotate(q_g_frd, acc), -dt_s),
+        accumulate(sums.gyr, gyr, dt_s),
+        accumulate(sums.acc, acc, dt_s),
+        accumulate(sums.gravity_g, rotate(q_g_frd, acc), -dt_s),
         field_g,
         field_s,
     )

@@ -35,7 +35,7 @@ UNSTEADY_TAU_S = 5.0
 
 
 @inlined
-def propagated(state: GravityState, rate: Vec3, dt_s: float) -> GravityState:
+def propagate_frame(state: GravityState, rate: Vec3, dt_s: float) -> GravityState:
     """q_G <- q_G exp((w - b) dt): body to G, which only gyro errors move."""
     q = normalize(multiply(state.q_g_frd, exp(scale(dt_s, rate))))
     return GravityState(q, state.q_6d_g, state.down, state.quick, state.unsteady, state.age_s)
@@ -88,7 +88,7 @@ def level(state: GravityState) -> tuple[GravityState, Two]:
 
 
 @inlined
-def reseeded(state: GravityState, u: Vec3) -> GravityState:
+def reseed_gravity(state: GravityState, u: Vec3) -> GravityState:
     """The low-pass started anew at ``u``."""
     return GravityState(
         state.q_g_frd, state.q_6d_g, Smooth(u, (0.0, 0.0, 0.0)), u, state.unsteady, state.age_s
@@ -96,7 +96,7 @@ def reseeded(state: GravityState, u: Vec3) -> GravityState:
 
 
 @inlined
-def forgotten(state: GravityState) -> GravityState:
+def restart_gravity(state: GravityState) -> GravityState:
     """The low-pass starts anew, as at the first sample."""
     zero = (0.0, 0.0, 0.0)
     return GravityState(state.q_g_frd, state.q_6d_g, Smooth(zero, zero), zero, state.unsteady, 0.0)

@@ -3,7 +3,7 @@
 from math import atan2, cos, pi, sin
 
 from estimator.compilation.compiled import inlined
-from estimator.conditioning.bias import limited, update
+from estimator.conditioning.bias import clip_each, update
 from estimator.conditioning.types import ConditioningParams, Estimate, MagneticState, Two
 from estimator.types import Vec3
 
@@ -11,7 +11,7 @@ LEAST_CONFIDENCE = 1e-6
 
 
 @inlined
-def wrapped(angle: float) -> float:
+def wrap_angle(angle: float) -> float:
     """The same angle in [-pi, pi]."""
     if angle > pi:
         return angle - 2.0 * pi
@@ -68,4 +68,4 @@ def learn_heading(
         -off,
         noise,
     )
-    return Estimate(limited(b, params.bias_limit_rad_s), wrapped(d), p)
+    return Estimate(clip_each(b, params.bias_limit_rad_s), wrap_angle(d), p)

@@ -8,7 +8,6 @@ from estimator.conditioning.types import (
     ConditioningParams,
     ConditioningState,
     Estimate,
-    EventState,
     GravityState,
     Lagged,
     LowPass,
@@ -16,6 +15,7 @@ from estimator.conditioning.types import (
     RestState,
     Rows,
     Smooth,
+    TurnSigns,
 )
 from estimator.geometry.quaternion import multiply, normalize, rotate_inverse
 from estimator.types import IDENTITY, Quaternion
@@ -54,13 +54,13 @@ def initial_state(params: ConditioningParams) -> ConditioningState:
             Rows(ZERO, ZERO, ZERO),
             False,
         ),
-        event=EventState(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, (0.0, 0.0)),
+        signs=TurnSigns(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, (0.0, 0.0)),
         axes=Axes((0.0, 0.0, 1.0), (1.0, 0.0, 0.0)),
         coefficients=Coefficients(0.0, still, still, 0.0, 0.0, 0.0, 0.0, 0.0),
     )
 
 
-def with_unknown_bias(params: ConditioningParams, state: ConditioningState) -> ConditioningState:
+def forget_bias(params: ConditioningParams, state: ConditioningState) -> ConditioningState:
     """The same attitude, from another gyroscope: its bias is as at the beginning."""
     bias = params.bias_initial_sigma_rad_s**2
     estimate = state.estimate
@@ -74,7 +74,7 @@ def with_unknown_bias(params: ConditioningParams, state: ConditioningState) -> C
     )
 
 
-def turned(state: ConditioningState, turn_frd: Quaternion) -> ConditioningState:
+def apply_turn(state: ConditioningState, turn_frd: Quaternion) -> ConditioningState:
     """Every attitude inside turned by one body rotation, as if the vehicle had turned unfelt."""
     gravity = state.gravity
     q = normalize(multiply(gravity.q_g_frd, turn_frd))

@@ -51,7 +51,7 @@ def observe_field(
 
 
 @inlined
-def without_field(state: MagneticState, dt_s: float) -> MagneticState:
+def wait_for_field(state: MagneticState, dt_s: float) -> MagneticState:
     """A step with no field sample: only time passes."""
     return MagneticState(
         state.horizontal,

@@ -32,7 +32,7 @@ def observe_rest(
 
 
 @inlined
-def started(gyr: Vec3, acc: Vec3) -> RestState:
+def initial_rest(gyr: Vec3, acc: Vec3) -> RestState:
     """The low-passes begin where the sensors are."""
     zero = (0.0, 0.0, 0.0)
     return RestState(Smooth(gyr, zero), Smooth(acc, zero), False, 0.0, False)

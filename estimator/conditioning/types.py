@@ -208,7 +208,7 @@ class MagneticState(NamedTuple):
     known: bool
 
 
-class EventState(NamedTuple):
+class TurnSigns(NamedTuple):
     """How strong each sign of an unsensed turn is, and how long it has lasted."""
 
     mean_north: float
@@ -249,7 +249,7 @@ class ConditioningState(NamedTuple):
     lagged: Lagged
     magnetic: MagneticState
     calibration: CalibrationState
-    event: EventState
+    signs: TurnSigns
     axes: Axes
     coefficients: Coefficients
 

@@ -7,10 +7,10 @@ from estimator.conditioning.types import (
     Alarm,
     ConditioningParams,
     Estimate,
-    EventState,
     GravityState,
     MagneticState,
     RestState,
+    TurnSigns,
     Two,
 )
 from estimator.geometry.quaternion import angle_between_vectors, norm, rotate, scale
@@ -24,7 +24,7 @@ LEAST_GRAVITY_SHARE = 0.4
 
 
 @inlined
-def longer(holds: bool, lasted_s: float, dt_s: float) -> float:
+def duration_s(holds: bool, lasted_s: float, dt_s: float) -> float:
     """How long something has held."""
     return lasted_s + dt_s if holds else 0.0
 
@@ -32,12 +32,12 @@ def longer(holds: bool, lasted_s: float, dt_s: float) -> float:
 @inlined
 def watch_heading(
     params: ConditioningParams,
-    state: EventState,
+    state: TurnSigns,
     estimate: Estimate,
     field: MagneticState,
     horizontal: Two,
     dt_s: float,
-) -> EventState:
+) -> TurnSigns:
     """An undisturbed-looking field that keeps pointing elsewhere.
 
     A magnet that turns the field nearly always changes its norm or dip too, so
@@ -55,12 +55,12 @@ def watch_heading(
     off = known and abs(atan2(e, n)) > params.turn_heading_rad and w > params.turn_confidence
     far = known and abs(atan2(east, north)) > params.turn_large_rad
     far = far and c > params.turn_large_confidence
-    return EventState(
+    return TurnSigns(
         n,
         e,
         w,
-        longer(off, state.heading_s, dt_s),
-        longer(far, state.large_s, dt_s),
+        duration_s(off, state.heading_s, dt_s),
+        duration_s(far, state.large_s, dt_s),
         state.quiet_s,
         state.moving_s,
         state.levelled,
@@ -70,13 +70,13 @@ def watch_heading(
 @inlined
 def watch_gravity(
     params: ConditioningParams,
-    state: EventState,
+    state: TurnSigns,
     rest: RestState,
     gravity: GravityState,
     step: Two,
     decay: float,
     dt_s: float,
-) -> EventState:
+) -> TurnSigns:
     """Gravity that keeps pulling elsewhere than the low-pass in G has it.
 
     A quiet vehicle's gravity is known at once. Accelerations of a moving one
@@ -92,20 +92,20 @@ def watch_gravity(
     quick = gravity.quick
     moving = norm(quick) > LEAST_GRAVITY_SHARE * norm(f)
     moving = moving and angle_between_vectors(quick, f) > params.turn_moving_rad
-    return EventState(
+    return TurnSigns(
         state.mean_north,
         state.mean_east,
         state.mean_confidence,
         state.heading_s,
         state.large_s,
-        longer(quiet, state.quiet_s, dt_s),
-        longer(moving, state.moving_s, dt_s),
+        duration_s(quiet, state.quiet_s, dt_s),
+        duration_s(moving, state.moving_s, dt_s),
         (decay * state.levelled[0] + step[0], decay * state.levelled[1] + step[1]),
     )
 
 
 @inlined
-def alarm_of(params: ConditioningParams, state: EventState) -> Alarm:
+def alarm_of(params: ConditioningParams, state: TurnSigns) -> Alarm:
     """Which sign has lasted."""
     if not params.use_events:
         return Alarm(False, False, False, False)
@@ -121,7 +121,7 @@ def alarm_of(params: ConditioningParams, state: EventState) -> Alarm:
 
 
 @inlined
-def seen_to(state: EventState, alarm: Alarm) -> EventState:
+def reset_signs(state: TurnSigns, alarm: Alarm) -> TurnSigns:
     """Signs that went off start anew."""
     north, east, w = state.mean_north, state.mean_east, state.mean_confidence
     heading_s, large_s = state.heading_s, state.large_s
@@ -132,11 +132,11 @@ def seen_to(state: EventState, alarm: Alarm) -> EventState:
         levelled = (0.0, 0.0)
     quiet_s = 0.0 if alarm.quiet else state.quiet_s
     moving_s = 0.0 if alarm.quiet or alarm.moving else state.moving_s
-    return EventState(north, east, w, heading_s, large_s, quiet_s, moving_s, levelled)
+    return TurnSigns(north, east, w, heading_s, large_s, quiet_s, moving_s, levelled)
 
 
 @inlined
-def doubted(estimate: Estimate, variance: float) -> Estimate:
+def doubt_heading(estimate: Estimate, variance: float) -> Estimate:
     """The heading's variance raised: the next residuals set it."""
     p = estimate.covariance
     return Estimate(
@@ -147,6 +147,6 @@ def doubted(estimate: Estimate, variance: float) -> Estimate:
 
 
 @inlined
-def gravity_now(rest: RestState, gravity: GravityState) -> Vec3:
+def gravity_at_rest(rest: RestState, gravity: GravityState) -> Vec3:
     """A quiet vehicle's gravity in G."""
     return rotate(gravity.q_g_frd, scale(-1.0, rest.acc.value))

@@ -117,7 +117,7 @@ def centroid(strengths: Strengths, sets: tuple[Triangle, ...]) -> float:
         return single_centroid(strengths[last], sets[last])
     area, moment = area_and_moment(strengths, sets)
     if area < FAINT_AREA:
-        area, moment = area_and_moment(lifted(strengths), sets)
+        area, moment = area_and_moment(lift(strengths), sets)
     if area > 0.0:
         return moment / area
     weighted = 0.0
@@ -143,7 +143,7 @@ def single_centroid(h: float, corners: Triangle) -> float:
 
 
 @inlined
-def lifted(strengths: Strengths) -> Strengths:
+def lift(strengths: Strengths) -> Strengths:
     """Strengths times FAINT_LIFT; those of points may be large, and stay at most 1."""
     vs, s, m, large, vl = strengths
     return (
@@ -158,13 +158,13 @@ def lifted(strengths: Strengths) -> Strengths:
 @inlined
 def area_and_moment(strengths: Strengths, sets: tuple[Triangle, ...]) -> tuple[float, float]:
     """Area and first moment of the aggregate, the quick way where the sets allow it."""
-    if ascending(strengths, sets):
+    if are_ascending(strengths, sets):
         return sum_of_levels(strengths, sets)
     return sum_along_envelope(strengths, sets)
 
 
 @inlined
-def ascending(strengths: Strengths, sets: tuple[Triangle, ...]) -> bool:
+def are_ascending(strengths: Strengths, sets: tuple[Triangle, ...]) -> bool:
     """Whether each corner of the strong sets is at or right of the previous strong set's."""
     a0, b0, c0 = sets[0]
     for i in range(5):
@@ -183,7 +183,7 @@ def sum_of_levels(strengths: Strengths, sets: tuple[Triangle, ...]) -> tuple[flo
     At level y the aggregate is the union of the intervals [a + y (b - a),
     c - y (c - b)] of the sets stronger than y, whose ends are straight lines
     in y. Where the sets ascend, so do both ends, and each interval adds what
-    lies right of the one before. Needs :func:`ascending` sets.
+    lies right of the one before. Needs :func:`are_ascending` sets.
     """
     area = 0.0
     moment = 0.0

@@ -105,7 +105,7 @@ def bias_gain(params: FilterParams, K: float, g: float, fastest: float, dt: floa
 
 
 @inlined
-def bounded(v: Vec3, bound: float) -> Vec3:
+def bound_each(v: Vec3, bound: float) -> Vec3:
     """Each component limited to [-bound, bound]."""
     return (
         min(bound, max(-bound, v[0])),
@@ -115,7 +115,9 @@ def bounded(v: Vec3, bound: float) -> Vec3:
 
 
 @inlined
-def turned(state: FilterState, rate_rad_s: Vec3, dt: float, gyr_bias_rad_s: Vec3) -> FilterState:
+def integrate_rate(
+    state: FilterState, rate_rad_s: Vec3, dt: float, gyr_bias_rad_s: Vec3
+) -> FilterState:
     """The attitude turned on by a rate that is free of bias; the bias only recorded."""
     q = normalize(multiply(state.q_ned_frd, exp(scale(dt, rate_rad_s))))
     return FilterState(
@@ -127,7 +129,7 @@ def turned(state: FilterState, rate_rad_s: Vec3, dt: float, gyr_bias_rad_s: Vec3
 def propagate(state: FilterState, gyr_rad_s: Vec3, dt: float) -> FilterState:
     """R_hat <- R_hat exp([Omega_m - b_hat]x dt)."""
     b = state.gyr_bias_rad_s
-    return turned(state, subtract(gyr_rad_s, b), dt, b)
+    return integrate_rate(state, subtract(gyr_rad_s, b), dt, b)
 
 
 @compiled
@@ -157,7 +159,7 @@ def correct(params: FilterParams, state: FilterState, vectors: Vectors, dt: floa
     g = step_gain(params, K, fastest, dt)
     q = normalize(multiply(state.q_ned_frd, exp(scale(-g, w))))
     b = add(state.gyr_bias_rad_s, scale(bias_gain(params, K, g, fastest, dt), w))
-    return FilterState(q, bounded(b, params.bias_bound_rad_s), e, d, K, True)
+    return FilterState(q, bound_each(b, params.bias_bound_rad_s), e, d, K, True)
 
 
 @compiled

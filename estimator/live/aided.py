@@ -6,7 +6,7 @@ from estimator.aiding import AidingParams, AidingState, Report, aid
 from estimator.aiding.types import Array
 from estimator.compilation.compiled import inlined
 from estimator.conditioning.magnetic import LEAST_HORIZONTAL
-from estimator.filter.kernel import correct, turned
+from estimator.filter.kernel import correct, integrate_rate
 from estimator.filter.observation import ReferenceParams
 from estimator.filter.types import FilterParams, FilterState, Vectors
 from estimator.geometry.quaternion import rotate_inverse
@@ -82,6 +82,6 @@ def aided_step(
         dt,
         report,
     )
-    state = turned(state, aided.rate_rad_s, dt, aided.gyr_bias_rad_s)
+    state = integrate_rate(state, aided.rate_rad_s, dt, aided.gyr_bias_rad_s)
     state = correct(params, state, aided_vectors(reference, aided, knows_north), dt)
     return state, aided, covariance

@@ -4,7 +4,7 @@ from math import radians, sqrt
 from typing import NamedTuple
 
 from estimator.aiding import Report, begin, compass
-from estimator.aiding.search import NOTHING_FOUND, found
+from estimator.aiding.search import EMPTY_SEARCH, solve
 from estimator.conditioning.types import ConditioningState
 from estimator.filter.alignment import align
 from estimator.geometry.quaternion import multiply
@@ -14,7 +14,7 @@ from estimator.live.snapshot import Snapshot, flat
 from estimator.types import ImuSample, Quaternion
 
 # A heading that velocity has shown is no better than this to begin with.
-LEAST_FOUND_SIGMA_RAD = radians(3.0)
+LEAST_HEADING_SIGMA_RAD = radians(3.0)
 # However long a gyroscope rests, its bias is no better known: streams truncate to mrad/s.
 LEAST_BIAS_SIGMA_RAD_S = 0.001
 
@@ -26,24 +26,24 @@ class Start(NamedTuple):
     sigma_heading_rad: float
 
 
-def by_field(chosen: Settings, now: Snapshot) -> Start:
+def start_by_field(settings: Settings, now: Snapshot) -> Start:
     """The unaided attitude, which the field has given its heading."""
     assert now.seen is not None  # a sample has been conditioned
-    q = align(conditioned_vectors(chosen.reference, now.seen))
-    return Start(q, chosen.aiding.begin_heading_sigma_rad)
+    q = align(conditioned_vectors(settings.reference, now.seen))
+    return Start(q, settings.aiding.begin_heading_sigma_rad)
 
 
-def by_velocity(now: Snapshot) -> Start | None:
+def start_by_velocity(now: Snapshot) -> Start | None:
     """What velocity alone has shown, if that is enough."""
-    of_g = found(now.search, _bias_sigma_rad_s(now.conditioning))
+    of_g = solve(now.search, _bias_sigma_rad_s(now.conditioning))
     if of_g is None:
         return None
     q = multiply(of_g.q_ned_g, now.conditioning.gravity.q_g_frd)
-    return Start(q, max(of_g.sigma_heading_rad, LEAST_FOUND_SIGMA_RAD))
+    return Start(q, max(of_g.sigma_heading_rad, LEAST_HEADING_SIGMA_RAD))
 
 
-def begun(
-    chosen: Settings,
+def begin_aiding(
+    settings: Settings,
     now: Snapshot,
     start: Start,
     sample: ImuSample,
@@ -52,9 +52,9 @@ def begun(
     is_first_heading: bool,
 ) -> Snapshot:
     """The snapshot with the aiding at its beginning; a first heading is the filter's at once."""
-    aiding, seen = chosen.aiding, now.seen
+    aiding, seen = settings.aiding, now.seen
     assert seen is not None  # a sample has been conditioned
-    is_calibrated = compass.calibrated(now.compass, now.time_us)
+    is_calibrated = compass.is_trusted(now.compass, now.time_us)
     aided, covariance = begin(
         aiding,
         start.q_ned_frd,
@@ -65,7 +65,7 @@ def begun(
         start.sigma_heading_rad,
         aiding.hard_iron_sigma_gauss if is_calibrated else aiding.uncalibrated_sigma_gauss,
     )
-    now = now._replace(aided=aided, aided_covariance=flat(covariance), search=NOTHING_FOUND)
+    now = now._replace(aided=aided, aided_covariance=flat(covariance), search=EMPTY_SEARCH)
     if is_first_heading:  # there was none to correct
         now = now._replace(filter=now.filter._replace(q_ned_frd=start.q_ned_frd))
     return now

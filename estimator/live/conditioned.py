@@ -3,7 +3,7 @@
 from estimator.compilation.compiled import inlined
 from estimator.conditioning.condition import condition
 from estimator.conditioning.types import Conditioned, ConditioningParams, ConditioningState
-from estimator.filter.kernel import correct, turned
+from estimator.filter.kernel import correct, integrate_rate
 from estimator.filter.observation import ReferenceParams
 from estimator.filter.types import FilterParams, FilterState, Vectors
 from estimator.types import Vec3
@@ -28,7 +28,7 @@ def conditioned_vectors(reference: ReferenceParams, seen: Conditioned) -> Vector
 
 
 @inlined
-def followed(
+def follow_conditioned(
     params: FilterParams,
     reference: ReferenceParams,
     state: FilterState,
@@ -36,7 +36,7 @@ def followed(
     dt: float,
 ) -> FilterState:
     """The filter propagated free of bias and corrected with the conditioned vectors."""
-    state = turned(state, seen.rate_rad_s, dt, seen.bias_rad_s)
+    state = integrate_rate(state, seen.rate_rad_s, dt, seen.bias_rad_s)
     return correct(params, state, conditioned_vectors(reference, seen), dt)
 
 
@@ -55,4 +55,4 @@ def conditioned_step(
 ) -> tuple[FilterState, ConditioningState, Conditioned]:
     """One sample: condition it, propagate free of bias, correct with the conditioned vectors."""
     memory, seen = condition(conditioning, memory, gyr_rad_s, acc_m_s2, mag, has_mag, dt)
-    return followed(params, reference, state, seen, dt), memory, seen
+    return follow_conditioned(params, reference, state, seen, dt), memory, seen

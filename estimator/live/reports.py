@@ -23,12 +23,12 @@ def refusal_of_report(report: VelocitySample) -> str | None:
     return None
 
 
-def enqueued(waiting: Reports, report: VelocitySample) -> Reports:
+def enqueue(waiting: Reports, report: VelocitySample) -> Reports:
     """The waiting reports with a new one; the oldest gives way when there are too many."""
     return (*waiting, report)[-MOST_WAITING:]
 
 
-def taken(waiting: Reports, time_us: int, oldest_s: float) -> tuple[Report, Reports]:
+def take_due(waiting: Reports, time_us: int, oldest_s: float) -> tuple[Report, Reports]:
     """The latest report that the IMU has reached by ``time_us``, and those still ahead of it.
 
     A report waits for the first IMU sample that is not before it. Only the

@@ -12,8 +12,8 @@ import numba
 from numba.core import types
 from numba.experimental import structref
 
-from estimator.aiding import AidingParams, AidingState, Report, hear, trusted
-from estimator.aiding.search import NOTHING_FOUND, Search, felt, heard
+from estimator.aiding import AidingParams, AidingState, Report, is_credible, take_late_report
+from estimator.aiding.search import EMPTY_SEARCH, Search, add_report, add_sample
 from estimator.aiding.types import Array
 from estimator.compilation.compiled import compiled
 from estimator.conditioning.condition import condition
@@ -22,7 +22,7 @@ from estimator.filter.observation import ReferenceParams
 from estimator.filter.types import FilterParams, FilterState
 from estimator.geometry.quaternion import subtract
 from estimator.live.aided import aided_step
-from estimator.live.conditioned import followed
+from estimator.live.conditioned import follow_conditioned
 from estimator.live.published import Figures, Motion, aided_figures, conditioned_figures, motion
 from estimator.live.reports import NO_REPORT
 from estimator.types import ZERO_VEC3, Vec3
@@ -143,11 +143,11 @@ def advance(
     inside.memory = memory
     inside.seen = seen
     if follow:
-        inside.filter = followed(inside.params, inside.reference, inside.filter, seen, dt)
+        inside.filter = follow_conditioned(inside.params, inside.reference, inside.filter, seen, dt)
         if dt > inside.aiding.gap_s:  # how the vehicle has turned meanwhile is not known
-            inside.search = NOTHING_FOUND
+            inside.search = EMPTY_SEARCH
         else:
-            inside.search = felt(inside.search, memory.gravity.q_g_frd, acc_m_s2, dt)
+            inside.search = add_sample(inside.search, memory.gravity.q_g_frd, acc_m_s2, dt)
     return bool(seen.magnetic_weight > 0.0)
 
 
@@ -185,13 +185,13 @@ def advance_aided(
     inside.filter = state
     inside.aided = aided
     inside.covariance = covariance
-    return bool(trusted(inside.aiding, aided))
+    return bool(is_credible(inside.aiding, aided))
 
 
 @compiled
 def hear_inside(inside: Any, report: Report) -> None:
     """A report that belongs to the last sample."""
-    aided, covariance = hear(
+    aided, covariance = take_late_report(
         inside.aiding, inside.aided, inside.covariance, inside.seen.gravity_b, report
     )
     inside.aided = aided
@@ -201,7 +201,7 @@ def hear_inside(inside: Any, report: Report) -> None:
 @compiled
 def search_inside(inside: Any, report: Report) -> bool:
     """A report while there is no aiding; whether it may have shown the attitude."""
-    search, closed = heard(inside.search, report, inside.aiding.report_lag_s)
+    search, closed = add_report(inside.search, report, inside.aiding.report_lag_s)
     inside.search = search
     return closed
 

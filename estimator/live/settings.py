@@ -43,13 +43,13 @@ def settings_of(
     if fixed_gain is not None and not (isfinite(fixed_gain) and fixed_gain > 0.0):
         msg = f"the gain must be a positive number, not {fixed_gain}"
         raise InputError(msg)
-    chosen = profile.filter
+    section = profile.filter
     return Settings(
         filter=FilterParams(
-            gamma=chosen.gamma,
-            bias_bound_rad_s=chosen.bias_bound_rad_s,
-            rate_time_constant_s=chosen.rate_time_constant_s,
-            euler_step_max_s=chosen.euler_step_max_s,
+            gamma=section.gamma,
+            bias_bound_rad_s=section.bias_bound_rad_s,
+            rate_time_constant_s=section.rate_time_constant_s,
+            euler_step_max_s=section.euler_step_max_s,
             memberships=profile.k,
             gain_is_fixed=fixed_gain is not None,
             fixed_gain=1.0 if fixed_gain is None else float(fixed_gain),
@@ -79,17 +79,18 @@ def _magnetic_direction(profile: Profile, declination_rad: float | None) -> Vec3
 
 
 def _conditioning(profile: Profile) -> ConditioningParams:
-    chosen: dict[str, Any] = {k: v for k, v in profile.conditioning.items() if k != "enabled"}
-    return ConditioningParams()._replace(**chosen)
+    parameters: dict[str, Any] = dict(profile.conditioning)
+    del parameters["enabled"]
+    return ConditioningParams()._replace(**parameters)
 
 
 def _aiding(profile: Profile) -> AidingParams:
-    chosen: dict[str, Any] = profile.aiding
-    return AidingParams()._replace(**chosen)
+    parameters: dict[str, Any] = profile.aiding
+    return AidingParams()._replace(**parameters)
 
 
 def _initial_attitude(profile: Profile) -> Quaternion | None:
-    chosen = profile.filter.initial_attitude
-    if chosen == "align":
+    start = profile.filter.initial_attitude
+    if start == "align":
         return None
-    return quaternion_from_matrix(nearest_rotation(np.array(chosen)))
+    return quaternion_from_matrix(nearest_rotation(np.array(start)))

@@ -5,12 +5,11 @@ from typing import NamedTuple
 
 import numpy as np
 
-from estimator.aiding import AidingState, begin, with_unknown_biases
+from estimator import conditioning
+from estimator.aiding import AidingState, begin, forget_biases
 from estimator.aiding.compass import Compass
-from estimator.aiding.search import NOTHING_FOUND, Search
+from estimator.aiding.search import EMPTY_SEARCH, Search
 from estimator.aiding.types import SIZE, Array
-from estimator.conditioning import turned as conditioning_turned
-from estimator.conditioning import with_unknown_bias
 from estimator.conditioning.types import Conditioned, ConditioningState
 from estimator.filter.types import FilterState
 from estimator.geometry.quaternion import conjugate, multiply, normalize
@@ -42,7 +41,7 @@ class Snapshot(NamedTuple):
     aided: AidingState | None = None  # while velocity helps
     aided_covariance: tuple[float, ...] = ()  # row by row
     reports: Reports = ()  # velocities that the IMU has not reached yet
-    search: Search = NOTHING_FOUND  # for an attitude from velocity alone
+    search: Search = EMPTY_SEARCH  # for an attitude from velocity alone
     compass: Compass = Compass()  # how far the field is trusted
 
 
@@ -56,18 +55,18 @@ def flat(covariance: Array) -> tuple[float, ...]:
     return tuple(covariance.ravel().tolist())
 
 
-def contents_for(chosen: Settings, now: Snapshot, seen: Conditioned) -> Contents:
+def contents_for(settings: Settings, now: Snapshot, seen: Conditioned) -> Contents:
     """The state as compiled memory holds it."""
     aided, covariance = now.aided, square(now.aided_covariance)
     if aided is None:  # only its form is needed
         aided, covariance = begin(
-            chosen.aiding, IDENTITY, ZERO_VEC3, ZERO_VEC3, ZERO_VEC3, NO_REPORT, 0.0, 0.0
+            settings.aiding, IDENTITY, ZERO_VEC3, ZERO_VEC3, ZERO_VEC3, NO_REPORT, 0.0, 0.0
         )
     return Contents(
-        chosen.filter,
-        chosen.reference,
-        chosen.conditioning,
-        chosen.aiding,
+        settings.filter,
+        settings.reference,
+        settings.conditioning,
+        settings.aiding,
         now.filter,
         now.conditioning,
         seen,
@@ -77,7 +76,7 @@ def contents_for(chosen: Settings, now: Snapshot, seen: Conditioned) -> Contents
     )
 
 
-def turned(now: Snapshot, turn_ned: Quaternion) -> Snapshot:
+def apply_turn(now: Snapshot, turn_ned: Quaternion) -> Snapshot:
     """Every attitude inside turned by the same body rotation: q* K q of the filter's q."""
     q = now.filter.q_ned_frd
     turn_frd = multiply(conjugate(q), multiply(turn_ned, q))
@@ -86,31 +85,31 @@ def turned(now: Snapshot, turn_ned: Quaternion) -> Snapshot:
         aided = aided._replace(q_ned_frd=normalize(multiply(aided.q_ned_frd, turn_frd)))
     return now._replace(
         filter=now.filter._replace(q_ned_frd=normalize(multiply(q, turn_frd))),
-        conditioning=conditioning_turned(now.conditioning, turn_frd),
+        conditioning=conditioning.apply_turn(now.conditioning, turn_frd),
         aided=aided,
     )
 
 
-def of_another_imu(chosen: Settings, now: Snapshot) -> Snapshot:
+def change_imu(settings: Settings, now: Snapshot) -> Snapshot:
     """The same attitude and velocity; the biases of its sensors are not known yet."""
     aided, covariance = now.aided, now.aided_covariance
     if aided is not None:
-        aided, P = with_unknown_biases(chosen.aiding, aided, square(covariance))
+        aided, P = forget_biases(settings.aiding, aided, square(covariance))
         covariance = flat(P)
     return now._replace(
-        conditioning=with_unknown_bias(chosen.conditioning, now.conditioning),
+        conditioning=conditioning.forget_bias(settings.conditioning, now.conditioning),
         aided=aided,
         aided_covariance=covariance,
     )
 
 
-def published(chosen: Settings, now: Snapshot, ahead_s: float) -> tuple[Motion, Figures]:
+def published(settings: Settings, now: Snapshot, ahead_s: float) -> tuple[Motion, Figures]:
     """What a state that is not in compiled memory has to publish, ``ahead_s`` beyond it."""
     if now.aided is not None:
         ahead_s += now.aided.imu_lag_s
     moved = motion(now.filter, now.rate_rad_s, ahead_s)
     if now.seen is None:
-        reference = chosen.reference
+        reference = settings.reference
         sigma = at_most_half_turn(at_least(2.0 * asin(sqrt(now.smooth_error))))
         return moved, (reference.s_gravity, reference.s_magnetic, sigma, sigma, True)
     if now.aided is not None:

@@ -38,7 +38,7 @@ LINEAR_SIGMA_RAD = 0.35
 
 
 @inlined
-def without_field(state: FieldState, dt: float) -> FieldState:
+def wait_for_field(state: FieldState, dt: float) -> FieldState:
     """Only time passes."""
     return FieldState(
         state.horizontal,
@@ -53,7 +53,7 @@ def without_field(state: FieldState, dt: float) -> FieldState:
 
 
 @inlined
-def judged(
+def judge_field(
     params: AidingParams, state: FieldState, seen: Vec3, expected: Vec3, variance: float
 ) -> FieldState:
     """Norm and dip against the place's field, as for the unaided field.
@@ -162,14 +162,14 @@ def observe_heading(
     E = calibration.earth_gauss
     wait = min(field.wait_s, 1.0)
     learnt = P[EARTH + 2, EARTH + 2] + P[HARD_IRON, HARD_IRON]
-    field = judged(params, field, F, E, learnt)
+    field = judge_field(params, field, F, E, learnt)
     H = sqrt(E[0] * E[0] + E[1] * E[1])
     if LEAST_HORIZONTAL * abs(E[2]) >= H or wait <= 0.0:
         return field
     c, s = E[0] / H, E[1] / H
     F_along, F_across = c * F[0] + s * F[1], c * F[1] - s * F[0]
     noise = params.heading_noise**2 / (wait * max(field.confidence, LEAST_CONFIDENCE))
-    across = toward(R, dF, (-s / H, c / H, 0.0))
+    across = field_row(R, dF, (-s / H, c / H, 0.0))
     across[TURN] = -c * F[2] / H
     across[TURN + 1] = -s * F[2] / H
     across[TURN + 2] = 1.0
@@ -177,18 +177,18 @@ def observe_heading(
     angle = atan2(F_across, F_along)
     expected = expected_variance(P, across, 0.0)
     if F_along < 0.5 * abs(F_across) and P[TURN + 2, TURN + 2] > LINEAR_SIGMA_RAD**2:
-        across = as_angle(R, F, dF, E)
+        across = angle_row(R, F, dF, E)
         off = -angle
     learn(P, x, across, off, noise)
     learn_place(P, x, R, E, F, dF, noise)
     if north[0] != 0.0 or north[1] != 0.0:
-        believe_north(P, x, E, north, wait)
+        learn_declination(P, x, E, north, wait)
     far = abs(angle) > params.far_heading_rad + 2.0 * sqrt(expected)
-    return remembered(field, off, far, wait)
+    return update_residual(field, off, far, wait)
 
 
 @inlined
-def toward(R: Array, dF: Vec3, axis: Vec3) -> Array:
+def field_row(R: Array, dF: Vec3, axis: Vec3) -> Array:
     """How the errors of hard iron, lag and place show in (place's field - field seen) on an axis.
 
     E - F = turn x F - R d_iron - d_lag dF - d_E, for R, dF and axis in NED.
@@ -203,10 +203,10 @@ def toward(R: Array, dF: Vec3, axis: Vec3) -> Array:
 
 
 @inlined
-def as_angle(R: Array, F: Vec3, dF: Vec3, E: Vec3) -> Array:
+def angle_row(R: Array, F: Vec3, dF: Vec3, E: Vec3) -> Array:
     """How the errors show in the angle from the field seen to the place's, however large it is."""
     h, H = sqrt(F[0] * F[0] + F[1] * F[1]), sqrt(E[0] * E[0] + E[1] * E[1])
-    across = toward(R, dF, (-F[1] / (h * h), F[0] / (h * h), 0.0))
+    across = field_row(R, dF, (-F[1] / (h * h), F[0] / (h * h), 0.0))
     across[EARTH] = E[1] / (H * H)
     across[EARTH + 1] = -E[0] / (H * H)
     across[TURN] = -F[0] * F[2] / (h * h)
@@ -225,14 +225,14 @@ def learn_place(P: Array, x: Array, R: Array, E: Vec3, F: Vec3, dF: Vec3, noise:
     along = (E[0] / (H * n), E[1] / (H * n), 0.0)
     down = (0.0, 0.0, 1.0 / n)
     difference = subtract(E, F)
-    h = toward(R, dF, along)
+    h = field_row(R, dF, along)
     learn(P, x, h, dot(along, difference), noise + tilt * E[2] * E[2] / square)
-    h = toward(R, dF, down)
+    h = field_row(R, dF, down)
     learn(P, x, h, dot(down, difference), noise + tilt * H * H / square)
 
 
 @inlined
-def believe_north(P: Array, x: Array, E: Vec3, north: Two, wait: float) -> None:
+def learn_declination(P: Array, x: Array, E: Vec3, north: Two, wait: float) -> None:
     """The place's field points to magnetic north, as far as a model can tell."""
     c, s = north
     square = E[0] * E[0] + E[1] * E[1]
@@ -244,7 +244,7 @@ def believe_north(P: Array, x: Array, E: Vec3, north: Two, wait: float) -> None:
 
 
 @inlined
-def remembered(field: FieldState, off: float, far: bool, wait: float) -> FieldState:
+def update_residual(field: FieldState, off: float, far: bool, wait: float) -> FieldState:
     """The slow part of the residual: noise averages out, a wrong field does not."""
     clipped = max(-RESIDUAL_CLIP_RAD, min(RESIDUAL_CLIP_RAD, off))
     slow = field.residual_rad

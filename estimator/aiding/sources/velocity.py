@@ -5,8 +5,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from estimator.aiding.covariance import expected_variance, learn, remaining
-from estimator.aiding.inertial import Carried, unseen_share
+from estimator.aiding.covariance import expected_variance, learn, residual
+from estimator.aiding.inertial import Prediction, unseen_share
 from estimator.aiding.types import (
     IMU_LAG,
     REPORT_LAG,
@@ -43,7 +43,7 @@ class Step(NamedTuple):
 
 
 @inlined
-def without_report(state: Agreement, dt: float) -> Agreement:
+def wait_for_report(state: Agreement, dt: float) -> Agreement:
     """Only time passes."""
     return Agreement(
         state.noise_scale,
@@ -57,7 +57,7 @@ def without_report(state: Agreement, dt: float) -> Agreement:
 
 
 @inlined
-def since(now: Vec3, before: Vec3, ago_s: float, dt: float) -> Vec3:
+def mean_acceleration(now: Vec3, before: Vec3, ago_s: float, dt: float) -> Vec3:
     """Mean acceleration (NED) over the last ``ago_s``, the force linear between two samples."""
     share = min(1.0, 0.5 * ago_s / dt)
     force = add(now, scale(share, subtract(before, now)))
@@ -68,7 +68,7 @@ def since(now: Vec3, before: Vec3, ago_s: float, dt: float) -> Vec3:
 def observe_velocity(
     params: AidingParams,
     agreement: Agreement,
-    now: Carried,
+    now: Prediction,
     step: Step,
     report: Report,
     gravity_b: Vec3,
@@ -90,7 +90,7 @@ def observe_velocity(
     share = wait / (wait + INNOVATION_TAU_S) / 3.0
     accuracy = max(1.0, report.sigma_m_s / params.report_sigma_m_s)
     v = now.velocity_ned_m_s
-    a = since(now.force_ned_m_s2, force_before, report.ago_s, dt)
+    a = mean_acceleration(now.force_ned_m_s2, force_before, report.ago_s, dt)
     missed = scale(unseen_share(params, dt) * dt, subtract(now.force_ned_m_s2, force_before))
     behind = min(1.0, report.ago_s / dt)
     late = report.late_sigma_s > 0.0
@@ -109,7 +109,7 @@ def observe_velocity(
         off = report.velocity_ned_m_s[i] - v[i] + a[i] * age_s
         noise = noise_scale * (params.velocity_noise_m_s * accuracy) ** 2
         noise += behind * missed[i] * missed[i]
-        left = remaining(x, h, off)
+        left = residual(x, h, off)
         unit = left / sqrt(expected_variance(P, h, noise))
         square = unit * unit
         unit = max(-INNOVATION_LIMIT, min(INNOVATION_LIMIT, unit))
@@ -136,7 +136,7 @@ def observe_velocity(
 
 @inlined
 def observe_unaided(
-    params: AidingParams, carried: Carried, gravity_b: Vec3, P: Array, x: Array, dt: float
+    params: AidingParams, carried: Prediction, gravity_b: Vec3, P: Array, x: Array, dt: float
 ) -> None:
     """In the reports' absence: the unaided gravity, whose error lasts, as a weak measurement.
 
@@ -153,7 +153,7 @@ def observe_unaided(
 
 
 @inlined
-def trusted(params: AidingParams, state: AidingState) -> bool:
+def is_credible(params: AidingParams, state: AidingState) -> bool:
     """Whether to go on: reports came lately, and they and the field agree with the attitude.
 
     Neither sigma is a number once the covariance has gone wrong.

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from estimator.aiding.compass import calibrated
+from estimator.aiding.compass import is_trusted
 from estimator.estimator import Estimator
 from estimator.geometry.metrics import angle_errors, batch_angle_errors, rms
 from estimator.geometry.quaternion import rotate_inverse
@@ -217,7 +217,7 @@ def test_a_log_that_begins_in_a_turn_does_not_condemn_the_compass(flight):
     flown(one, late)
     known = one.snapshot.compass
     assert known.unlike_us is not None
-    assert calibrated(known, one.snapshot.time_us + 60_000_000)
+    assert is_trusted(known, one.snapshot.time_us + 60_000_000)
 
 
 @pytest.mark.parametrize("word", [True, False])
@@ -311,6 +311,6 @@ def test_a_gap_ends_the_search(flight):
     one = estimator()
     early = type(flight)(bare.samples[:250], [x for x in flight.reports if x[0] < 250], [])
     flown(one, early)
-    assert one.snapshot.search.shown.windows > 1.0
+    assert one.snapshot.search.evidence.windows > 1.0
     one.update(bare.samples[250]._replace(time_us=bare.samples[249].time_us + 1_500_000))
-    assert one.snapshot.search.shown.windows == 0.0
+    assert one.snapshot.search.evidence.windows == 0.0

@@ -3,7 +3,12 @@
 import numpy as np
 import pytest
 
-from estimator.aiding.covariance import expected_variance, learn, predicted, rotation_matrix
+from estimator.aiding.covariance import (
+    expected_variance,
+    learn,
+    predict_covariance,
+    rotation_matrix,
+)
 from estimator.aiding.types import ACC_BIAS, GYR_BIAS, SIZE, TURN, VELOCITY
 from estimator.geometry.quaternion import normalize, rotate
 
@@ -39,7 +44,9 @@ def test_prediction_is_f_p_f_transposed(seed):
     F[VELOCITY : VELOCITY + 3, TURN : TURN + 3] = -skew(gained)
     F[VELOCITY : VELOCITY + 3, ACC_BIAS : ACC_BIAS + 3] = -R * dt
     before = P.copy()
-    assert np.allclose(predicted(P, R, tuple(gained.tolist()), dt), F @ P @ F.T, rtol=1e-10)
+    assert np.allclose(
+        predict_covariance(P, R, tuple(gained.tolist()), dt), F @ P @ F.T, rtol=1e-10
+    )
     assert np.array_equal(P, before)
 
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from estimator.aiding import Report
-from estimator.aiding.inertial import Carried
+from estimator.aiding.inertial import Prediction
 from estimator.aiding.sources import field, velocity
 from estimator.aiding.types import (
     EARTH,
@@ -112,7 +112,7 @@ def test_field_seen_from_an_unknown_heading(learnt, turned_rad):
 def test_declination_of_a_field_learnt_the_wrong_way_round():
     """The place's field may be learnt to point south while iron is: no saddle holds it there."""
     P, x = np.eye(SIZE), np.zeros(SIZE)
-    field.believe_north(P, x, (-0.2, 0.02, 0.42), (1.0, 0.0), 1.0)
+    field.learn_declination(P, x, (-0.2, 0.02, 0.42), (1.0, 0.0), 1.0)
     assert abs(x[EARTH + 1]) > 0.1
 
 
@@ -127,7 +127,9 @@ def test_velocity(learnt, late_sigma_s):
     def observe(change):
         learnt.clear()
         P, x = np.eye(SIZE) * 1e-6, np.zeros(SIZE)
-        now = Carried(q, floats(v + change[VELOCITY : VELOCITY + 3]), floats(force), ZERO_VEC3, P)
+        now = Prediction(
+            q, floats(v + change[VELOCITY : VELOCITY + 3]), floats(force), ZERO_VEC3, P
+        )
         step = velocity.Step(
             0.02, floats(force + 0.1), 0.012 + change[IMU_LAG], 0.1 + change[REPORT_LAG]
         )

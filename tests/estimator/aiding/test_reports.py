@@ -8,9 +8,9 @@ from estimator.live.reports import (
     MOST_WAITING,
     NO_REPORT,
     SPEED_LIMIT_M_S,
-    enqueued,
+    enqueue,
     refusal_of_report,
-    taken,
+    take_due,
 )
 from estimator.types import VelocitySample
 
@@ -21,14 +21,14 @@ def report(time_us, north=1.0):
 
 def test_the_latest_that_the_imu_has_reached_counts_and_the_others_ahead_wait():
     waiting = (report(10, 1.0), report(30, 3.0), report(20, 2.0), report(50, 5.0))
-    chosen, ahead = taken(waiting, 40, 1.0)
+    chosen, ahead = take_due(waiting, 40, 1.0)
     assert chosen.velocity_ned_m_s[0] == 3.0
     assert chosen.ago_s == pytest.approx(10e-6)
     assert ahead == (report(50, 5.0),)
 
 
 def test_an_old_report_is_none():
-    chosen, ahead = taken((report(0),), 600_000, 0.5)
+    chosen, ahead = take_due((report(0),), 600_000, 0.5)
     assert chosen == NO_REPORT
     assert ahead == ()
 
@@ -36,7 +36,7 @@ def test_an_old_report_is_none():
 def test_when_too_many_wait_the_oldest_gives_way():
     waiting = ()
     for time_us in range(MOST_WAITING + 3):
-        waiting = enqueued(waiting, report(time_us))
+        waiting = enqueue(waiting, report(time_us))
     assert [r.time_us for r in waiting] == list(range(3, MOST_WAITING + 3))
 
 

@@ -7,7 +7,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from estimator.aiding import Report
-from estimator.aiding.search import MEMORY_S, NOTHING_FOUND, WINDOW_S, felt, found, heard
+from estimator.aiding.search import EMPTY_SEARCH, MEMORY_S, WINDOW_S, add_report, add_sample, solve
 from estimator.geometry.metrics import angle_errors
 from estimator.types import STANDARD_GRAVITY_M_S2
 
@@ -23,7 +23,7 @@ def report(velocity, ago_s=0.0, late_sigma_s=0.0):
 def searched(rng, *, seconds=20.0, push_m_s2=2.0, noise_m_s=0.05):
     """A search fed with random pushes, the true attitude of G, and the windows' vectors."""
     truth = Rotation.random(random_state=int(rng.integers(1 << 30)))
-    search, velocity, push = NOTHING_FOUND, np.zeros(3), np.zeros(3)
+    search, velocity, push = EMPTY_SEARCH, np.zeros(3), np.zeros(3)
     starts, windows = np.zeros(3), []
     force = np.zeros(3)
     for k in range(round(seconds / DT)):
@@ -31,11 +31,11 @@ def searched(rng, *, seconds=20.0, push_m_s2=2.0, noise_m_s=0.05):
             push = push_m_s2 * rng.standard_normal(3)
         velocity = velocity + push * DT
         acc = truth.inv().apply(push - GRAVITY)
-        search = felt(search, (1.0, 0.0, 0.0, 0.0), tuple(acc.tolist()), DT)
+        search = add_sample(search, (1.0, 0.0, 0.0, 0.0), tuple(acc.tolist()), DT)
         force = force + acc * DT
         said = velocity + noise_m_s * rng.standard_normal(3)
         before = search
-        search, closed = heard(search, report(said), 0.0)
+        search, closed = add_report(search, report(said), 0.0)
         if closed:
             window = before.window
             windows.append((said - starts - GRAVITY * window.time_s, window.pushed_m_s))
@@ -47,7 +47,7 @@ def searched(rng, *, seconds=20.0, push_m_s2=2.0, noise_m_s=0.05):
 @pytest.mark.parametrize("seed", range(6))
 def test_it_finds_the_attitude(seed):
     search, truth, _ = searched(np.random.default_rng(seed))
-    answer = found(search, BIAS_SIGMA_RAD_S)
+    answer = solve(search, BIAS_SIGMA_RAD_S)
     x, y, z, w = truth.as_quat()
     errors = np.degrees(angle_errors(answer.q_ned_g, (w, x, y, z)))
     assert np.max(errors) < 3.0
@@ -61,25 +61,25 @@ def test_it_is_scipys_solution_of_the_same_windows(seed):
     a, b = (np.array(side) for side in zip(*windows, strict=True))
     weights = np.exp(-np.arange(len(a))[::-1] * WINDOW_S / MEMORY_S)
     wanted, _ = Rotation.align_vectors(a, b, weights=weights)
-    w, x, y, z = found(search, BIAS_SIGMA_RAD_S).q_ned_g
+    w, x, y, z = solve(search, BIAS_SIGMA_RAD_S).q_ned_g
     apart = (Rotation.from_quat([x, y, z, w]) * wanted.inv()).magnitude()
     assert degrees(apart) < 0.05  # windows are 1.00 to 1.02 s long
 
 
 def test_a_vehicle_at_rest_shows_no_heading():
     search, _, _ = searched(np.random.default_rng(1), push_m_s2=0.0)
-    assert search.shown.windows > 5.0
-    assert found(search, BIAS_SIGMA_RAD_S) is None
+    assert search.evidence.windows > 5.0
+    assert solve(search, BIAS_SIGMA_RAD_S) is None
 
 
 def test_noise_is_no_motion():
     search, _, _ = searched(np.random.default_rng(2), push_m_s2=0.0, noise_m_s=1.0, seconds=60.0)
-    assert found(search, BIAS_SIGMA_RAD_S) is None
+    assert solve(search, BIAS_SIGMA_RAD_S) is None
 
 
 def test_one_push_is_not_enough():
     search, _, _ = searched(np.random.default_rng(3), seconds=2.5)
-    assert found(search, BIAS_SIGMA_RAD_S) is None
+    assert solve(search, BIAS_SIGMA_RAD_S) is None
 
 
 def moved(
@@ -97,17 +97,17 @@ def moved(
     velocities = np.cumsum(pushes, axis=0) * fine_s
     every, spacing = round(1.0 / (rate_hz * fine_s)), 200
     older = round((ago_s + late_s) / fine_s)
-    search, heading_rad = NOTHING_FOUND, 0.0
+    search, heading_rad = EMPTY_SEARCH, 0.0
     for k in range(every, len(times), every):
         heading_rad = drift_rad_s * times[k]
         g_frd = truth.inv() * Rotation.from_rotvec([0.0, 0.0, heading_rad]) * truth
         x, y, z, w = g_frd.as_quat()
         acc = tuple(truth.inv().apply(pushes[k] - GRAVITY).tolist())
-        search = felt(search, (w, x, y, z), acc, every * fine_s)
+        search = add_sample(search, (w, x, y, z), acc, every * fine_s)
         if k % max(spacing, every) == 0 and k > older:
             said = report(velocities[k - older], ago_s, late_sigma_s)
-            search, _ = heard(search, said, 0.1)
-    answer = found(search, max(drift_rad_s, BIAS_SIGMA_RAD_S))
+            search, _ = add_report(search, said, 0.1)
+    answer = solve(search, max(drift_rad_s, BIAS_SIGMA_RAD_S))
     if answer is None:
         return None, 0.0
     x, y, z, w = (truth * Rotation.from_rotvec(truth.inv().apply([0, 0, -heading_rad]))).as_quat()

@@ -5,14 +5,14 @@ from math import cos, radians, sin
 import numpy as np
 import pytest
 
-from estimator.conditioning import ConditioningParams, condition, initial_state, turned
+from estimator.conditioning import ConditioningParams, apply_turn, condition, initial_state
 from estimator.conditioning.bias import update
 from estimator.conditioning.coefficients import coefficients
 from estimator.conditioning.gravity import level, observe_gravity
 from estimator.conditioning.heading import north_east
 from estimator.conditioning.magnetic import observe_field
 from estimator.conditioning.rate import integration_rate
-from estimator.conditioning.rest import observe_rest, started
+from estimator.conditioning.rest import initial_rest, observe_rest
 from estimator.geometry.quaternion import (
     angle_between,
     angle_between_vectors,
@@ -40,7 +40,7 @@ def test_slow_turn_is_rest_and_fast_turn_is_not():
     dt = 0.01
     k = coefficients(PARAMS, dt).rest
     for rate, expected in ((radians(0.5), True), (radians(30.0), False)):
-        state = started((rate, 0.0, 0.0), (0.0, 0.0, -9.8))
+        state = initial_rest((rate, 0.0, 0.0), (0.0, 0.0, -9.8))
         for _ in range(300):
             state = observe_rest(PARAMS, k, state, (rate, 0.0, 0.0), (0.0, 0.0, -9.8), dt)
         assert state.resting is expected
@@ -48,7 +48,7 @@ def test_slow_turn_is_rest_and_fast_turn_is_not():
 
 def test_shaking_is_no_rest_at_one_sample_a_second():
     k = coefficients(PARAMS, 1.0).rest
-    state = started((0.0, 0.0, 0.0), (0.0, 0.0, -9.8))
+    state = initial_rest((0.0, 0.0, 0.0), (0.0, 0.0, -9.8))
     for i in range(20):
         acc = (0.8 * (-1) ** i, 0.0, -9.8)
         state = observe_rest(PARAMS, k, state, (0.0, 0.0, 0.0), acc, 1.0)
@@ -184,7 +184,7 @@ def test_an_unsensed_turn_is_noticed_and_recovered_from(axis, motion):
     state, seen = run(samples[:3000], dt)
     q = samples[2999].q_ned_frd
     body = rotate_inverse(q, axis)
-    state = turned(state, exp(tuple(angle * x for x in body)))
+    state = apply_turn(state, exp(tuple(angle * x for x in body)))
     _, after = run(samples[3000:], dt, state=state)
     assert any(out.turned_gravity or out.turned_heading for _, out in after)
     assert not any(out.turned_gravity or out.turned_heading for _, out in seen)
@@ -200,7 +200,7 @@ def test_small_heading_turns_are_noticed():
     samples = list(fly(tumbling, 40.0, dt))
     state, _ = run(samples[:3000], dt)
     body = rotate_inverse(samples[2999].q_ned_frd, (0.0, 0.0, 1.0))
-    state = turned(state, exp(tuple(radians(25.0) * x for x in body)))
+    state = apply_turn(state, exp(tuple(radians(25.0) * x for x in body)))
     _, after = run(samples[3000:], dt, state=state)
     assert any(out.turned_heading for _, out in after)
 
