@@ -1,4 +1,4 @@
-# ruff: noqa: D102 - what each method does is written at drivers.transports.Transport
+# ruff: noqa: D102 - what each method does is written at Transport
 """The vehicles of the live benchmark, as a process: ``live_fleet.py PORT VEHICLES HZ SECONDS OUT``.
 
 The simulated vehicles of ``fuzzbee sim``, on UDP; beside it, OUT (.npy) gets the sender and the
@@ -12,8 +12,9 @@ from array import array
 import numpy as np
 
 from drivers.endpoint import parse_endpoint
-from drivers.mavlink.transports.transports import open_transport
-from drivers.simulation.process import Fleet, VehicleOptions, run_vehicles
+from drivers.mavlink.transports.open import open_transport
+from drivers.simulation.autopilot import VehicleOptions
+from drivers.simulation.fleet import Fleet, run_vehicles
 
 SYSTEM_ID = 5  # where a MAVLink 2 header has it
 

@@ -40,8 +40,8 @@ def udp_echo() -> dict[str, float]:
 
 def pymavlink_parser(vehicles: int, rate_hz: float) -> dict[str, float]:
     """pymavlink's parse_char over the same datagrams, and the share of a core it would take."""
-    from drivers.mavlink.decoder import mavlink
-    from drivers.simulation.process import SimulatedAutopilot, VehicleOptions
+    from drivers.mavlink.dialect import mavlink
+    from drivers.simulation.autopilot import SimulatedAutopilot, VehicleOptions
 
     autopilot = SimulatedAutopilot(VehicleOptions(rate_hz=rate_hz), 1)
     datagrams = [autopilot.advance(autopilot.due_us, 0) for _ in range(500)]

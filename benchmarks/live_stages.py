@@ -21,7 +21,7 @@ from drivers.events import Event
 from drivers.mavlink.frame_decoder import FrameDecoder
 from drivers.mavlink.framing import FrameReader
 from drivers.mavlink.gate import FrameGate, Policy
-from drivers.simulation.process import SimulatedAutopilot, VehicleOptions
+from drivers.simulation.autopilot import SimulatedAutopilot, VehicleOptions
 from estimator.profile import load_profile
 from service.pipeline import Pipeline
 from service.records import Published

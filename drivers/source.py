@@ -53,7 +53,7 @@ def require_openable(endpoint: Endpoint) -> None:
 
         open_log(Path(endpoint.path))
     elif endpoint.kind in TRIED_UNSEEN:
-        from drivers.mavlink.transports.transports import open_transport
+        from drivers.mavlink.transports.open import open_transport
 
         transport = open_transport(endpoint)
         try:
@@ -89,7 +89,7 @@ def open_live(
         )
     if recorder is not None or request_rate_hz is not None:
         raise InputError("sim: has no MAVLink to record or to ask: start fuzzbee sim --to URL")
+    from drivers.simulation.simulated_vehicle import SimulatedVehicle
     from drivers.simulation.source import SimSource
-    from drivers.simulation.vehicle import SimulatedVehicle
 
     return SimSource(SimulatedVehicle(seed=0))

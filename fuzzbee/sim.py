@@ -63,9 +63,11 @@ def sim(
     stop = threading.Event()
     with stop_on_signals(stop.set):
         from drivers.mavlink.encoder import signing_key
-        from drivers.mavlink.transports.transports import LinkError, open_transport
-        from drivers.simulation.process import Fleet, VehicleOptions, run_vehicles
-        from drivers.simulation.vehicle import Motion
+        from drivers.mavlink.transports.open import open_transport
+        from drivers.mavlink.transports.transport import LinkError
+        from drivers.simulation.autopilot import VehicleOptions
+        from drivers.simulation.fleet import Fleet, run_vehicles
+        from drivers.simulation.simulated_vehicle import Motion
 
         endpoint = _link(to)
         if seconds is not None and not seconds > 0:

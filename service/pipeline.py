@@ -27,6 +27,7 @@ from drivers.events import (
     VehicleId,
     Velocity,
 )
+from drivers.mavlink.constants import is_autopilot
 from estimator.errors import InputError
 from estimator.estimator import Estimator
 from estimator.profile import Profile, merge_profile
@@ -36,9 +37,6 @@ from service.vehicle import Vehicle
 # A system id has one vehicle; more than this on one link is noise or an attack.
 MAX_VEHICLES = 256
 STATUS_PERIOD_US = 1_000_000
-
-AUTOPILOT_INVALID = 8  # MAV_AUTOPILOT_INVALID: a ground station, a camera, an ADS-B receiver
-TYPE_GCS = 6  # MAV_TYPE_GCS
 
 
 class Load(NamedTuple):
@@ -113,7 +111,7 @@ class Pipeline:
                 if address in self._vehicles:  # whoever is refused makes no vehicle appear
                     self._vehicles[address].reject(reason, frames)
             case Heartbeat(vehicle=address, autopilot=autopilot, vehicle_type=kind):
-                if autopilot != AUTOPILOT_INVALID and kind != TYPE_GCS:
+                if is_autopilot(autopilot, kind):
                     self._meet(address)
             case ReferenceAttitude(vehicle=address, source=source, q_ned_frd=q):
                 if address in self._vehicles:

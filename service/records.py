@@ -9,12 +9,12 @@ from typing import Literal
 import msgspec
 
 from drivers.events import VehicleId
+from drivers.mavlink.constants import MAV_COMP_ID_AUTOPILOT1
 from drivers.value import Value
 from estimator.profile import Profile
 from estimator.types import ImuSample, Quaternion, Vec3
 
 SCHEMA = 1
-AUTOPILOT_COMPONENT = 1  # MAV_COMP_ID_AUTOPILOT1, left out of a vehicle's name
 
 
 class Confidence(Value, frozen=True):
@@ -99,6 +99,6 @@ Output = Published | Peer | Replaced | Message
 
 def vehicle_name(vehicle: VehicleId) -> str:
     """The key's middle part: the system id, or ``S-C`` if the component is not the autopilot."""
-    if vehicle.component_id == AUTOPILOT_COMPONENT:
+    if vehicle.component_id == MAV_COMP_ID_AUTOPILOT1:  # left out of the name
         return str(vehicle.system_id)
     return f"{vehicle.system_id}-{vehicle.component_id}"

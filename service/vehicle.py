@@ -12,6 +12,7 @@ from drivers.events import (
     VehicleId,
     Velocity,
 )
+from drivers.mavlink.ardupilot import COMPASS_OFFSETS
 from estimator.estimator import Estimator
 from estimator.profile import Profile
 from estimator.types import ImuSample
@@ -27,8 +28,6 @@ from service.velocity_choice import VelocityChoice
 # Enough for a steady median, few enough to follow a stream whose rate was changed.
 PERIODS_KEPT = 51
 MEDIAN_EVERY = 8
-# ArduPilot's parameters of the first compass: what calibrating it has found.
-COMPASS_OFFSETS = ("COMPASS_OFS_X", "COMPASS_OFS_Y", "COMPASS_OFS_Z")
 # More reasons than the checks have; a source that invents them must not fill memory.
 MAX_REASONS = 64
 

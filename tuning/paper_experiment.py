@@ -5,7 +5,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from drivers.simulation.vehicle import simulate
+from drivers.simulation.simulated_vehicle import simulate
 from estimator.errors import InputError
 from estimator.filter import kernel
 from estimator.filter.types import initial_state

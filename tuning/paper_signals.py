@@ -15,7 +15,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from drivers.simulation.vehicle import Recording, simulate
+from drivers.simulation.simulated_vehicle import Recording, simulate
 from estimator.errors import InputError
 from estimator.filter.kernel import COLLINEAR_SINE, largest_rate
 from estimator.geometry.metrics import COST_RATE_HZ, COST_SAMPLES, STEADY

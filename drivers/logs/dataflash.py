@@ -13,9 +13,19 @@ from drivers.events import Event, Heartbeat, Malformed, Parameter, VehicleId
 from drivers.logs.dataflash_format import Row, messages
 from drivers.logs.log_file import Buffer, LogFile, mapped
 from drivers.logs.logged_vehicle import LoggedVehicle
+from drivers.mavlink import ardupilot
+from drivers.mavlink.constants import (
+    GPS_FIX_TYPE_3D_FIX,
+    MAV_AUTOPILOT_ARDUPILOTMEGA,
+    MAV_TYPE_AIRSHIP,
+    MAV_TYPE_ANTENNA_TRACKER,
+    MAV_TYPE_FIXED_WING,
+    MAV_TYPE_GROUND_ROVER,
+    MAV_TYPE_QUADROTOR,
+    MAV_TYPE_SUBMARINE,
+)
 from drivers.mavlink.decoder import (
     FILTER_VELOCITY_SIGMA_M_S,
-    FIX_3D,
     GPS_VELOCITY_SIGMA_M_S,
     quaternion_from_euler,
     unit_or_none,
@@ -24,17 +34,15 @@ from drivers.samples.vehicle_clock import TimeField
 from estimator.types import Quaternion
 
 MILLIGAUSS = 1e-3
-AUTOPILOT_ARDUPILOT = 3  # MAV_AUTOPILOT_ARDUPILOTMEGA
 VEHICLE_TYPES = {  # the first word of MSG at start, and its MAV_TYPE
-    "ArduCopter": 2,
-    "ArduPlane": 1,
-    "ArduRover": 10,
-    "Rover": 10,
-    "ArduSub": 12,
-    "AntennaTracker": 5,
-    "Blimp": 7,
+    "ArduCopter": MAV_TYPE_QUADROTOR,
+    "ArduPlane": MAV_TYPE_FIXED_WING,
+    "ArduRover": MAV_TYPE_GROUND_ROVER,
+    "Rover": MAV_TYPE_GROUND_ROVER,
+    "ArduSub": MAV_TYPE_SUBMARINE,
+    "AntennaTracker": MAV_TYPE_ANTENNA_TRACKER,
+    "Blimp": MAV_TYPE_AIRSHIP,
 }
-SYSTEM_ID_NAMES = ("SYSID_THISMAV", "MAV_SYSID")  # until 4.6, and since
 LONGEST_UPTIME_US = 10 * 366 * 86_400 * 1_000_000  # a longer time since boot is garbage
 GPS_EPOCH_S = 315_964_800  # 1980-01-06 in Unix time
 WEEK_S = 604_800
@@ -61,7 +69,7 @@ class _Decoder:
 
     def __init__(self, data: Buffer) -> None:
         system_id, unix_us = _identity(data)
-        self._vehicle = LoggedVehicle(VehicleId(system_id, 1), AUTOPILOT_ARDUPILOT, unix_us)
+        self._vehicle = LoggedVehicle(VehicleId(system_id, 1), MAV_AUTOPILOT_ARDUPILOTMEGA, unix_us)
         self._arrival_us = unix_us
         self._handlers: dict[str, Callable[[str, Row], list[Event]]] = {
             "IMU": self._imu,
@@ -139,7 +147,7 @@ class _Decoder:
     def _gps(self, name: str, row: Row) -> list[Event]:
         latitude_deg, longitude_deg = row["Lat"], row["Lng"]
         has_position = latitude_deg != 0 or longitude_deg != 0
-        if row["Status"] < FIX_3D or _instance(row, "I") != 0 or not has_position:
+        if row["Status"] < GPS_FIX_TYPE_3D_FIX or _instance(row, "I") != 0 or not has_position:
             return []
         speed_m_s, course_rad = row["Spd"], math.radians(row["GCrs"])
         velocity = (
@@ -161,7 +169,9 @@ class _Decoder:
         vehicle_type = VEHICLE_TYPES.get(str(row["Message"]).partition(" ")[0])
         if vehicle_type is None:
             return []
-        return [Heartbeat(self._vehicle.id, self._arrival_us, AUTOPILOT_ARDUPILOT, vehicle_type)]
+        return [
+            Heartbeat(self._vehicle.id, self._arrival_us, MAV_AUTOPILOT_ARDUPILOTMEGA, vehicle_type)
+        ]
 
 
 def _identity(data: Buffer) -> tuple[int, int]:
@@ -175,7 +185,7 @@ def _identity(data: Buffer) -> tuple[int, int]:
         try:
             if unix_us is None and name == "GPS":
                 unix_us = _unix_us(row)
-            elif system_id is None and name == "PARM" and row["Name"] in SYSTEM_ID_NAMES:
+            elif system_id is None and name == "PARM" and row["Name"] in ardupilot.SYSTEM_ID:
                 system_id = _system_id(row["Value"])
         except (LookupError, TypeError, ValueError, OverflowError):
             continue  # garbage; another one may be sound

@@ -15,7 +15,8 @@ from fastcrc import crc16
 
 from drivers.events import Event, Malformed
 from drivers.logs.log_file import LogFile, mapped
-from drivers.mavlink.decoder import FrameParser, MavlinkDecoder, mavlink
+from drivers.mavlink.decoder import FrameParser, MavlinkDecoder
+from drivers.mavlink.dialect import mavlink
 from estimator.errors import InputError
 
 STAMP_SIZE = 8

@@ -13,10 +13,9 @@ from drivers.events import Event, Heartbeat, Malformed, Parameter, Rejected, Veh
 from drivers.logs.log_file import Buffer, LogFile, mapped
 from drivers.logs.logged_vehicle import LoggedVehicle
 from drivers.logs.ulog_format import LATEST_US, TIMES, Row, Table, UlogReader
+from drivers.mavlink.constants import GPS_FIX_TYPE_3D_FIX, MAV_AUTOPILOT_PX4
 from drivers.mavlink.decoder import (
-    AUTOPILOT_PX4,
     FILTER_VELOCITY_SIGMA_M_S,
-    FIX_3D,
     GPS_VELOCITY_SIGMA_M_S,
     unit_or_none,
 )
@@ -76,7 +75,7 @@ class _Decoder:
     def __init__(self, parameters: dict[str, float], unix_us: int) -> None:
         self._parameters = parameters
         system_id = _in_byte(parameters.get("MAV_SYS_ID"), 1)
-        self._vehicle = LoggedVehicle(VehicleId(system_id, 1), AUTOPILOT_PX4, unix_us)
+        self._vehicle = LoggedVehicle(VehicleId(system_id, 1), MAV_AUTOPILOT_PX4, unix_us)
         self._handlers: dict[str, Callable[[str, int, Row], list[Event]]] = {
             "sensor_combined": self._sensor_combined,
             "vehicle_imu": self._vehicle_imu,
@@ -95,7 +94,7 @@ class _Decoder:
         if unreadable:
             yield Malformed(arrival_us, unreadable)
         vehicle_type = _in_byte(self._parameters.get("MAV_TYPE"), 0)
-        yield Heartbeat(self._vehicle.id, arrival_us, AUTOPILOT_PX4, vehicle_type)
+        yield Heartbeat(self._vehicle.id, arrival_us, MAV_AUTOPILOT_PX4, vehicle_type)
         for name, value in self._parameters.items():
             yield Parameter(self._vehicle.id, arrival_us, name, value)
 
@@ -147,7 +146,7 @@ class _Decoder:
         )
 
     def _gps(self, topic: str, raw_us: int, row: Row) -> list[Event]:
-        if row["fix_type"] < FIX_3D:
+        if row["fix_type"] < GPS_FIX_TYPE_3D_FIX:
             return []
         velocity = (row["vel_n_m_s"], row["vel_e_m_s"], row["vel_d_m_s"])
         sigma_m_s = row.get("s_variance_m_s") or GPS_VELOCITY_SIGMA_M_S

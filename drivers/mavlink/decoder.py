@@ -7,7 +7,6 @@ degrees come in, SI, radians and gauss go out. Body axes are FRD on both sides.
 """
 
 import math
-import os
 import struct
 from collections.abc import Callable
 from typing import Any, Final
@@ -27,6 +26,20 @@ from drivers.events import (
     VehicleId,
     Velocity,
 )
+from drivers.mavlink.constants import (
+    GPS_FIX_TYPE_3D_FIX,
+    HIGHRES_IMU_UPDATED_MAG,
+    MAV_AUTOPILOT_PX4,
+    MAV_PARAM_TYPE_INT8,
+    MAV_PARAM_TYPE_INT16,
+    MAV_PARAM_TYPE_INT32,
+    MAV_PARAM_TYPE_UINT8,
+    MAV_PARAM_TYPE_UINT16,
+    MAV_PARAM_TYPE_UINT32,
+    UNKNOWN_UINT16,
+    is_autopilot,
+)
+from drivers.mavlink.dialect import mavlink
 from drivers.samples.imu_checks import MagMemory, Plausibility, refuse_imu
 from drivers.samples.sensor_faults import Readings, SensorFaults
 from drivers.samples.vehicle_clock import Placed, Refused, TimeField, VehicleClock
@@ -44,13 +57,6 @@ from estimator.types import (
 MG_M_S2 = STANDARD_GRAVITY_M_S2 / 1000.0
 MILLI = 1e-3
 
-AUTOPILOT_INVALID = 8  # MAV_AUTOPILOT_INVALID: cameras, ground stations, companions
-AUTOPILOT_PX4 = 12
-TYPE_GCS = 6
-FIX_3D = 3  # GPS_FIX_TYPE_3D_FIX
-UNKNOWN_U16 = 65535  # GPS_RAW_INT's "unknown"
-HIGHRES_MAG_UPDATED = 0b1_1100_0000  # HIGHRES_IMU_UPDATED_XMAG, YMAG, ZMAG
-
 GAUSS_LIMIT = 20.0  # the Earth's field is 0.25..0.65 gauss; more is another unit
 MILLIGAUSS_LIMIT = 20_000.0
 
@@ -66,16 +72,14 @@ MOST_STREAMS = 16  # IMUs of one sender; real ones have three, and four messages
 
 CLOCK_STEP = Refused("clock_step")
 
-INTEGER_PARAMETERS: Final = {1: "B", 2: "b", 3: "H", 4: "h", 5: "I", 6: "i"}  # MAV_PARAM_TYPE
-
-
-def mavlink() -> Any:
-    """Import pymavlink's ardupilotmega dialect (it includes common), late: it takes 40 ms."""
-    os.environ["MAVLINK20"] = "1"  # read by pymavlink when it is imported
-    os.environ["MAVLINK_DIALECT"] = "ardupilotmega"
-    from pymavlink.dialects.v20 import ardupilotmega
-
-    return ardupilotmega
+INTEGER_PARAMETERS: Final = {  # and how struct calls them
+    MAV_PARAM_TYPE_UINT8: "B",
+    MAV_PARAM_TYPE_INT8: "b",
+    MAV_PARAM_TYPE_UINT16: "H",
+    MAV_PARAM_TYPE_INT16: "h",
+    MAV_PARAM_TYPE_UINT32: "I",
+    MAV_PARAM_TYPE_INT32: "i",
+}
 
 
 class FrameParser:
@@ -258,7 +262,7 @@ class MavlinkDecoder:
     ) -> list[Event]:
         gyr, acc = (m.xgyro, m.ygyro, m.zgyro), (m.xacc, m.yacc, m.zacc)
         mag = _in_gauss((m.xmag, m.ymag, m.zmag))
-        if m.fields_updated and not m.fields_updated & HIGHRES_MAG_UPDATED:
+        if m.fields_updated and not m.fields_updated & HIGHRES_IMU_UPDATED_MAG:
             mag = ZERO_VEC3
         name, field = stream or _stream_name(m), TimeField.TIME_USEC
         return self._imu(vehicle, name, field, m.time_usec, arrival_us, gyr, acc, mag)
@@ -379,13 +383,13 @@ class MavlinkDecoder:
         return events
 
     def _gps_raw(self, vehicle: _Vehicle, m: Any, arrival_us: int) -> list[Event]:
-        if m.fix_type < FIX_3D or (m.lat == 0 and m.lon == 0):
+        if m.fix_type < GPS_FIX_TYPE_3D_FIX or (m.lat == 0 and m.lon == 0):
             return []
         placed = vehicle.clock.other("GPS_RAW_INT", TimeField.GPS, m.time_usec, arrival_us)
         if isinstance(placed, Refused):
             return []
         events: list[Event] = [_position(vehicle, m, placed.time_us, arrival_us)]
-        if UNKNOWN_U16 not in (m.vel, m.cog):
+        if UNKNOWN_UINT16 not in (m.vel, m.cog):
             sample = _gps_velocity(m, placed.time_us)
             events.append(Velocity(vehicle.id, arrival_us, "GPS_RAW_INT", sample))
         return events
@@ -395,13 +399,13 @@ class MavlinkDecoder:
     def _param_value(self, vehicle: _Vehicle, m: Any, arrival_us: int) -> list[Event]:
         value = m.param_value
         kind = INTEGER_PARAMETERS.get(m.param_type)
-        if vehicle.autopilot == AUTOPILOT_PX4 and kind is not None:
+        if vehicle.autopilot == MAV_AUTOPILOT_PX4 and kind is not None:
             # PX4 puts an integer's bytes into the float field, ArduPilot its value
             value = float(struct.unpack_from("<" + kind, struct.pack("<f", value))[0])
         return [Parameter(vehicle.id, arrival_us, m.param_id, value)]
 
     def _heartbeat(self, vehicle: _Vehicle, m: Any, arrival_us: int) -> list[Event]:
-        if m.autopilot == AUTOPILOT_INVALID or m.type == TYPE_GCS:
+        if not is_autopilot(m.autopilot, m.type):
             return []
         vehicle.autopilot = m.autopilot
         return [Heartbeat(vehicle.id, arrival_us, m.autopilot, m.type)]

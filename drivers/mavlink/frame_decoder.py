@@ -1,7 +1,8 @@
 """Frames to events, decoding only what somebody wants."""
 
 from drivers.events import Event
-from drivers.mavlink.decoder import FrameParser, MavlinkDecoder, mavlink
+from drivers.mavlink.decoder import FrameParser, MavlinkDecoder
+from drivers.mavlink.dialect import mavlink
 from drivers.mavlink.framing import Frame
 from drivers.mavlink.imu_messages import imu_message
 

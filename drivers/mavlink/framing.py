@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 from fastcrc import crc16
 
-from drivers.mavlink.decoder import mavlink
+from drivers.mavlink.dialect import mavlink
 
 MAGIC_V1, MAGIC_V2 = 0xFE, 0xFD
 HEADER_V1, HEADER_V2 = 6, 10  # bytes, the marker included

@@ -8,6 +8,13 @@ Fields in wire order from the message definitions in common.xml.
 from struct import Struct
 from typing import Any, NamedTuple
 
+from drivers.mavlink.constants import (
+    HIGHRES_IMU_ID,
+    RAW_IMU_ID,
+    SCALED_IMU2_ID,
+    SCALED_IMU3_ID,
+    SCALED_IMU_ID,
+)
 from drivers.mavlink.framing import Frame
 
 
@@ -69,11 +76,11 @@ _RAW = Struct("<Q9hBh")
 _SCALED = Struct("<I9hh")
 _HIGHRES = Struct("<Q13fHB")
 _KINDS: dict[int, tuple[str, Struct, Any]] = {
-    27: ("RAW_IMU", _RAW, RawImu._make),
-    26: ("SCALED_IMU", _SCALED, ScaledImu._make),
-    116: ("SCALED_IMU2", _SCALED, ScaledImu._make),
-    129: ("SCALED_IMU3", _SCALED, ScaledImu._make),
-    105: ("HIGHRES_IMU", _HIGHRES, HighresImu._make),
+    RAW_IMU_ID: ("RAW_IMU", _RAW, RawImu._make),
+    SCALED_IMU_ID: ("SCALED_IMU", _SCALED, ScaledImu._make),
+    SCALED_IMU2_ID: ("SCALED_IMU2", _SCALED, ScaledImu._make),
+    SCALED_IMU3_ID: ("SCALED_IMU3", _SCALED, ScaledImu._make),
+    HIGHRES_IMU_ID: ("HIGHRES_IMU", _HIGHRES, HighresImu._make),
 }
 
 

@@ -16,20 +16,20 @@ from typing import Self
 from drivers.closing import Closing
 from drivers.endpoint import Endpoint
 from drivers.events import Event, LinkDown, LinkUp, Malformed, Notice, VehicleId
-from drivers.mavlink.encoder import (
+from drivers.mavlink.constants import (
     MAV_AUTOPILOT_INVALID,
     MAV_COMP_ID_ONBOARD_COMPUTER,
     MAV_TYPE_ONBOARD_CONTROLLER,
-    FrameEncoder,
-    heartbeat,
 )
+from drivers.mavlink.encoder import FrameEncoder, heartbeat
 from drivers.mavlink.error_summary import ErrorSummary
 from drivers.mavlink.frame_decoder import FrameDecoder
 from drivers.mavlink.framing import FrameReader
 from drivers.mavlink.gate import FrameGate, Policy
 from drivers.mavlink.recorder import Recorder
 from drivers.mavlink.stream_request import Outgoing, StreamRequest
-from drivers.mavlink.transports.transports import LinkError, Packet, open_transport
+from drivers.mavlink.transports.open import open_transport
+from drivers.mavlink.transports.transport import LinkError, Packet
 from drivers.queue import EventQueue
 from estimator.errors import InputError
 

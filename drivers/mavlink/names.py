@@ -12,7 +12,7 @@ def vehicle_type_name(number: int) -> str:
 
 
 def _enum_name(enum: str, number: int) -> str:
-    from drivers.mavlink.decoder import mavlink
+    from drivers.mavlink.dialect import mavlink
 
     entry = mavlink().enums[enum].get(number)
     return str(number) if entry is None else str(entry.name).removeprefix(f"{enum}_")

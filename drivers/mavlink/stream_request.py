@@ -23,17 +23,18 @@ from drivers.events import (
     Notice,
     VehicleId,
 )
-from drivers.mavlink.encoder import (
+from drivers.mavlink.constants import (
     HIGHRES_IMU_ID,
     MAV_AUTOPILOT_INVALID,
     MAV_AUTOPILOT_PX4,
     MAV_CMD_SET_MESSAGE_INTERVAL,
+    MAV_RESULT_ACCEPTED,
+    MAV_RESULT_IN_PROGRESS,
+    MAV_RESULT_TEMPORARILY_REJECTED,
     MAV_TYPE_ONBOARD_CONTROLLER,
     RAW_IMU_ID,
-    Message,
-    heartbeat,
-    message_interval_request,
 )
+from drivers.mavlink.encoder import Message, heartbeat, message_interval_request
 from estimator.errors import InputError
 
 ACK_TIMEOUT_US = 1_500_000
@@ -47,10 +48,6 @@ LONGEST_PAUSE_US = 80_000_000
 MOST_REQUESTS = 6  # in a row without success
 MOST_STREAMS = 256  # more senders of heartbeats than that are noise or an attack
 HEARTBEAT_US = 1_000_000
-
-MAV_RESULT_ACCEPTED = 0
-MAV_RESULT_TEMPORARILY_REJECTED = 1
-MAV_RESULT_IN_PROGRESS = 5
 
 _Phase = Literal["asking", "measuring", "pausing", "given_up"]
 

@@ -7,12 +7,12 @@ from typing import Self
 
 from drivers.closing import Closing
 from drivers.events import Event, Heartbeat, Imu, LinkUp, ReferenceAttitude, VehicleId
-from drivers.mavlink.encoder import (
+from drivers.mavlink.constants import (
     MAV_AUTOPILOT_ARDUPILOTMEGA,
     MAV_COMP_ID_AUTOPILOT1,
     MAV_TYPE_QUADROTOR,
 )
-from drivers.simulation.vehicle import Sample, SimulatedVehicle
+from drivers.simulation.simulated_vehicle import Sample, SimulatedVehicle
 from estimator.types import ImuSample
 
 HEARTBEAT_US = 1_000_000

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from drivers.events import Event, Heartbeat, Imu, Parameter, ReferenceAttitude, VehicleId
 from drivers.logs.reference_track import ReferenceTrack
+from drivers.mavlink.ardupilot import TRIM
 from drivers.mavlink.decoder import quaternion_from_euler
 from estimator.estimator import Estimator
 from estimator.geometry.quaternion import exp, scale
@@ -22,8 +23,6 @@ Floats = NDArray[np.float64]
 
 # The axis about which a wrong start is turned, NED: no sensor is blind to it.
 WRONG_START_AXIS: Vec3 = (3**-0.5, 3**-0.5, 3**-0.5)
-# ArduPilot's mounting trim, rad: roll, pitch and yaw of the IMU in the vehicle it reports on.
-TRIM = ("AHRS_TRIM_X", "AHRS_TRIM_Y", "AHRS_TRIM_Z")
 
 
 class VehicleTrace:

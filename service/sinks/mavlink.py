@@ -10,15 +10,14 @@ from collections.abc import Callable, Sequence
 
 from drivers.endpoint import Endpoint
 from drivers.events import VehicleId
-from drivers.mavlink.encoder import (
+from drivers.mavlink.constants import (
     MAV_AUTOPILOT_INVALID,
     MAV_COMP_ID_ONBOARD_COMPUTER,
     MAV_TYPE_ONBOARD_CONTROLLER,
-    FrameEncoder,
-    attitude_quaternion,
-    heartbeat,
 )
-from drivers.mavlink.transports.transports import LinkError, open_transport
+from drivers.mavlink.encoder import FrameEncoder, attitude_quaternion, heartbeat
+from drivers.mavlink.transports.open import open_transport
+from drivers.mavlink.transports.transport import LinkError
 from service.records import AttitudeRecord, Output, Published
 
 MAX_RATE_HZ = 50.0  # of attitudes per vehicle: 2.6 kB/s, which a 57600 baud radio can take

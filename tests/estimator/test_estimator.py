@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from drivers.simulation.vehicle import simulate
+from drivers.simulation.simulated_vehicle import simulate
 from estimator.estimator import OUTPUT_HORIZON_S, Estimator
 from estimator.geometry.quaternion import exp, multiply
 from estimator.profile import load_profile, merge_profile

@@ -19,7 +19,7 @@ from drivers.endpoint import Endpoint
 from drivers.events import Imu
 from drivers.mavlink.encoder import signing_key
 from drivers.mavlink.link import MavlinkLink
-from drivers.simulation.vehicle import simulate
+from drivers.simulation.simulated_vehicle import simulate
 from estimator.errors import InputError
 from fuzzbee.sim import parse_magnet, sim
 

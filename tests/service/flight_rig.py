@@ -13,7 +13,7 @@ from drivers.mavlink.encoder import FrameEncoder, raw_imu
 from drivers.mavlink.frame_decoder import FrameDecoder
 from drivers.mavlink.framing import FrameReader
 from drivers.mavlink.gate import FrameGate, Policy
-from drivers.simulation.vehicle import Sample, SimulatedVehicle
+from drivers.simulation.simulated_vehicle import Sample, SimulatedVehicle
 from estimator.geometry.quaternion import conjugate, multiply
 from estimator.profile import load_profile
 from service.pipeline import Pipeline

@@ -1,8 +1,8 @@
 """Event streams for the tests: a real simulated vehicle, as events."""
 
 from drivers.events import Event, Imu, VehicleId
+from drivers.simulation.simulated_vehicle import SimulatedVehicle
 from drivers.simulation.source import imu_sample
-from drivers.simulation.vehicle import SimulatedVehicle
 
 START_US = 1_700_000_000_000_000
 ONE = VehicleId(1, 1)

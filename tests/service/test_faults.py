@@ -11,7 +11,7 @@ import struct
 import pytest
 
 from drivers.events import VehicleId
-from drivers.mavlink.decoder import mavlink
+from drivers.mavlink.dialect import mavlink
 from drivers.mavlink.encoder import FrameEncoder
 from drivers.mavlink.framing import FrameReader
 from service.health import State
@@ -209,7 +209,7 @@ def test_one_stuck_sensor_is_refused_and_the_attitude_degraded_then_lost(sensor,
 
 @pytest.mark.parametrize("motion", ["rest", "turn"])
 def test_a_simulator_without_noise_is_not_called_stuck(motion):
-    from drivers.simulation.vehicle import SimulatedVehicle
+    from drivers.simulation.simulated_vehicle import SimulatedVehicle
 
     rig = Rig()
     rig.samples = SimulatedVehicle(seed=0, rate_hz=50.0, motion=motion, noise=0.0)

@@ -4,8 +4,8 @@ import threading
 
 import pytest
 
+from drivers.simulation.simulated_vehicle import SimulatedVehicle
 from drivers.simulation.source import SimSource
-from drivers.simulation.vehicle import SimulatedVehicle
 from estimator.profile import load_profile
 from service.log_player import LogPlayer
 from service.parameters import ParameterRequests

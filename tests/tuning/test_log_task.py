@@ -7,7 +7,7 @@ import msgspec
 import numpy as np
 import pytest
 
-from drivers.simulation.vehicle import simulate
+from drivers.simulation.simulated_vehicle import simulate
 from estimator.errors import InputError
 from estimator.estimator import Estimator
 from estimator.filter.kernel import correct

@@ -8,8 +8,8 @@ import pytest
 
 from drivers.events import ClockReset, Imu, Rejected
 from drivers.logs.open import open_log
-from drivers.mavlink.decoder import mavlink
-from drivers.simulation.vehicle import SimulatedVehicle
+from drivers.mavlink.dialect import mavlink
+from drivers.simulation.simulated_vehicle import SimulatedVehicle
 from estimator.profile import load_profile
 from fuzzbee.replay.log_report import report_log
 from tests.drivers.logs import test_dataflash, test_ulog

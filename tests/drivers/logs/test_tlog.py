@@ -10,7 +10,8 @@ import pytest
 
 from drivers.events import ClockReset, Heartbeat, Imu, Malformed, ReferenceAttitude, Rejected
 from drivers.logs.tlog import Tlog, TlogRecords, believable, frame_end
-from drivers.mavlink.decoder import FrameParser, mavlink
+from drivers.mavlink.decoder import FrameParser
+from drivers.mavlink.dialect import mavlink
 from estimator.errors import InputError
 
 DATA = Path(__file__).parents[2] / "data"

@@ -24,10 +24,10 @@ from drivers.mavlink.decoder import (
     MOST_STREAMS,
     FrameParser,
     MavlinkDecoder,
-    mavlink,
     quaternion_from_euler,
     unit_or_none,
 )
+from drivers.mavlink.dialect import mavlink
 from estimator.types import ZERO_VEC3, ImuSample, VelocitySample
 
 S = 1_000_000

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from drivers.events import VehicleId
 from drivers.mavlink import encoder
-from drivers.mavlink.decoder import mavlink
+from drivers.mavlink.dialect import mavlink
 
 UNIX_US = 1_790_000_000_000_000
 VEHICLE = VehicleId(7, 1)
@@ -115,7 +115,7 @@ def test_command_ack(target, command, result):
 
 
 def test_heartbeat():
-    read = parsed(encoder.heartbeat(encoder.MAV_TYPE_ONBOARD_CONTROLLER, 8))
+    read = parsed(encoder.heartbeat(18, 8))
     assert fields(read, "type", "autopilot", "system_status") == (18, 8, 4)
     assert read.mavlink_version == 3
 
@@ -126,15 +126,6 @@ def test_sequence_counts_and_wraps():
     data = b"".join(frames.frame(message, UNIX_US) for _ in range(300))
     messages = mavlink().MAVLink(None).parse_buffer(data)
     assert [m.get_seq() for m in messages] == [i % 256 for i in range(300)]
-
-
-def test_constants_are_the_dialect_s():
-    dialect = mavlink()
-    for name in dir(encoder):
-        if name.startswith("MAV_"):
-            assert getattr(encoder, name) == getattr(dialect, name)
-        if name.endswith("_ID") and name.isupper() and not name.startswith("MAV"):
-            assert getattr(encoder, name) == getattr(dialect, f"MAVLINK_MSG_ID_{name[:-3]}")
 
 
 @settings(max_examples=20)

@@ -5,7 +5,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from drivers.events import VehicleId
-from drivers.mavlink.decoder import FrameParser, MavlinkDecoder, mavlink
+from drivers.mavlink.decoder import FrameParser, MavlinkDecoder
+from drivers.mavlink.dialect import mavlink
 from drivers.mavlink.encoder import FrameEncoder, raw_imu
 from drivers.mavlink.frame_decoder import FrameDecoder
 from drivers.mavlink.framing import Frame, FrameReader

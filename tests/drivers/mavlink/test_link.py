@@ -17,7 +17,7 @@ from drivers.mavlink.decoder import FrameParser
 from drivers.mavlink.encoder import FrameEncoder, heartbeat, raw_imu
 from drivers.mavlink.link import MavlinkLink
 from drivers.mavlink.recorder import TlogRecorder
-from drivers.simulation.process import SimulatedAutopilot, VehicleOptions
+from drivers.simulation.autopilot import SimulatedAutopilot, VehicleOptions
 from drivers.source import open_live
 from estimator.errors import InputError
 

@@ -5,7 +5,7 @@ import itertools
 import pytest
 
 from drivers.events import ClockReset, CommandAck, Heartbeat, Imu, Notice, VehicleId
-from drivers.mavlink.decoder import mavlink
+from drivers.mavlink.dialect import mavlink
 from drivers.mavlink.encoder import FrameEncoder
 from drivers.mavlink.stream_request import (
     MOST_REPEATS,

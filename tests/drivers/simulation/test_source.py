@@ -5,8 +5,8 @@ import pytest
 
 from drivers.endpoint import Endpoint, parse_endpoint
 from drivers.events import Heartbeat, Imu, LinkUp, ReferenceAttitude
+from drivers.simulation.simulated_vehicle import SimulatedVehicle, simulate
 from drivers.simulation.source import SimSource
-from drivers.simulation.vehicle import SimulatedVehicle, simulate
 from drivers.source import open_live
 from estimator.errors import InputError
 

@@ -11,7 +11,7 @@ import estimator
 
 # Some seconds of the filter in plain Python; prints every digit.
 PROGRAM = """
-from drivers.simulation.vehicle import simulate
+from drivers.simulation.simulated_vehicle import simulate
 from estimator.filter import kernel
 from estimator.filter.types import initial_state
 from estimator.filter.fuzzy import fuzzy_gain

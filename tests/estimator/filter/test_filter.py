@@ -118,7 +118,7 @@ def test_both_forms_agree_on_random_states():
 
 def test_both_forms_agree_over_the_papers_experiment():
     """300 samples of the paper's noisy signals, state handed on; roundings grow with the steps."""
-    from drivers.simulation.vehicle import simulate
+    from drivers.simulation.simulated_vehicle import simulate
 
     signals = simulate(7, 300)
     plain = fast = initial_state(exp((3.1, 0.1, 0.2)))
@@ -135,7 +135,7 @@ def test_both_forms_agree_over_the_papers_experiment():
 
 
 def test_batch_is_the_single_step_repeated():
-    from drivers.simulation.vehicle import simulate
+    from drivers.simulation.simulated_vehicle import simulate
 
     signals = simulate(8, 200)
     start = initial_state(exp((3.1, 0.1, 0.2)))

@@ -7,7 +7,7 @@ the standard error of each J between 0.07 and 0.4, less for the steadier gains.
 import numpy as np
 import pytest
 
-from drivers.simulation.vehicle import simulate
+from drivers.simulation.simulated_vehicle import simulate
 from estimator.filter import kernel
 from estimator.filter.types import initial_state
 from estimator.geometry.metrics import COST_RATE_HZ, COST_SAMPLES, STEADY, paper_cost

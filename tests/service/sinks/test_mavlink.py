@@ -8,7 +8,7 @@ from pymavlink.dialects.v20 import ardupilotmega
 
 from drivers.endpoint import parse_endpoint
 from drivers.events import VehicleId
-from drivers.mavlink.transports.transports import LinkError
+from drivers.mavlink.transports.transport import LinkError
 from estimator.errors import InputError
 from service.records import Published
 from service.sinks.mavlink import MavlinkSink

@@ -10,8 +10,8 @@ import pytest
 import zenoh
 
 from drivers.events import VehicleId
+from drivers.simulation.simulated_vehicle import SimulatedVehicle
 from drivers.simulation.source import SimSource
-from drivers.simulation.vehicle import SimulatedVehicle
 from estimator.errors import InputError
 from estimator.profile import load_profile
 from service.parameters import ParameterRequests

@@ -7,7 +7,7 @@ import pytest
 from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
 
-from drivers.simulation.vehicle import (
+from drivers.simulation.simulated_vehicle import (
     FIELD_GAUSS,
     MAGNET_PEAK_GAUSS,
     TURN_RATE_RAD_S,

@@ -1,0 +1,68 @@
+"""What UDP and TCP have in common: names looked up, sockets made, reasons in words."""
+
+import os
+import socket
+from typing import Any
+
+from drivers.endpoint import Endpoint
+from estimator.errors import InputError
+
+RECEIVE_BYTES = 65536
+# 4 MB hold what 200 vehicles send in half a second; the kernel may grant less
+SOCKET_BUFFER_BYTES = 4 * 1024 * 1024
+
+
+def new_socket(family: int, kind: int) -> socket.socket:
+    """A socket that never waits, with room for a burst."""
+    created = socket.socket(family, kind)
+    created.setblocking(False)
+    created.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, SOCKET_BUFFER_BYTES)
+    return created
+
+
+def resolve(endpoint: Endpoint, kind: int) -> tuple[int, Any]:
+    """Address family and socket address of the endpoint's host.
+
+    Raises:
+        InputError: there is no such host.
+    """
+    try:
+        found = socket.getaddrinfo(endpoint.host, endpoint.port, type=kind)
+    except (OSError, UnicodeError) as error:
+        reason = getattr(error, "strerror", None) or "no such host"
+        raise InputError(f"{endpoint}: cannot find host {endpoint.host!r} ({reason})") from error
+    # localhost may mean both; nearly every MAVLink program listens on IPv4
+    found.sort(key=lambda entry: entry[0] != socket.AF_INET)
+    return found[0][0], found[0][4]
+
+
+def listening_socket(endpoint: Endpoint, kind: int) -> socket.socket:
+    """A socket bound to the endpoint's address.
+
+    Raises:
+        InputError: the port is taken, or the address is not this computer's.
+    """
+    family, local = resolve(endpoint, kind)
+    created = new_socket(family, kind)
+    try:
+        if kind == socket.SOCK_STREAM and os.name == "posix":
+            # a port whose last connection has just closed is not taken
+            created.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        created.bind(local)
+    except OSError as error:
+        created.close()
+        raise InputError(f"cannot listen on {endpoint}: {reason(error.errno)}") from error
+    return created
+
+
+def local_address(kind: str, bound: socket.socket | None) -> str | None:
+    """The address that a socket is bound to, in our spelling."""
+    if bound is None:
+        return None
+    host, port = bound.getsockname()[:2]
+    return f"{kind}:[{host}]:{port}" if ":" in host else f"{kind}:{host}:{port}"
+
+
+def reason(number: int | None) -> str:
+    """What an error number means, in the system's words."""
+    return os.strerror(number) if number else "unknown error"

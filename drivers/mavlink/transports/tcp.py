@@ -1,0 +1,206 @@
+# ruff: noqa: D102 - what each method does is written once, at Transport
+"""TCP: connecting to a server, or being one for several clients."""
+
+import contextlib
+import errno
+import selectors
+import socket
+import time
+
+from drivers.endpoint import Endpoint
+from drivers.mavlink.transports.sockets import (
+    RECEIVE_BYTES,
+    listening_socket,
+    local_address,
+    new_socket,
+    reason,
+    resolve,
+)
+from drivers.mavlink.transports.transport import LinkError, Packet
+
+MOST_TCP_CLIENTS = 32
+# Bytes that wait for a slow peer; when it is full, new frames are dropped
+MOST_UNSENT_BYTES = 256 * 1024
+CONNECT_TIMEOUT_S = 5.0
+# A peer that lost power says nothing: probe after 5 s, give up 6 s later
+KEEPALIVE_OPTIONS = (("TCP_KEEPIDLE", 5), ("TCP_KEEPINTVL", 2), ("TCP_KEEPCNT", 3))
+
+
+class TcpClient:
+    """Connects to a TCP server."""
+
+    def __init__(self, endpoint: Endpoint) -> None:
+        self._endpoint = endpoint
+        self._socket: socket.socket | None = None
+        self._stream: _Stream | None = None
+        self._deadline_s = 0.0
+
+    @property
+    def connected(self) -> bool:
+        return self._stream is not None
+
+    @property
+    def address(self) -> str:
+        return str(self._endpoint)
+
+    def open(self) -> None:
+        family, target = resolve(self._endpoint, socket.SOCK_STREAM)
+        self._socket = new_socket(family, socket.SOCK_STREAM)
+        self._deadline_s = time.monotonic() + CONNECT_TIMEOUT_S
+        status = self._socket.connect_ex(target)
+        if status not in (0, errno.EINPROGRESS, errno.EWOULDBLOCK):
+            raise LinkError(reason(status))
+
+    def receive(self, timeout_s: float) -> list[Packet]:
+        assert self._socket is not None
+        if self._stream is None:
+            self._connect(timeout_s)
+            return []
+        _wait([self._socket], timeout_s, writable=self._stream.unsent)
+        data = self._stream.receive()
+        if data == b"":
+            raise LinkError("closed by the other side")
+        return [Packet(str(self._endpoint), data)] if data else []
+
+    def send(self, data: bytes) -> None:
+        if self._stream is not None:
+            self._stream.send(data)
+
+    def close(self) -> None:
+        _close(self._socket)
+        self._socket = self._stream = None
+
+    def _connect(self, timeout_s: float) -> None:
+        assert self._socket is not None
+        if not _wait([self._socket], timeout_s, writable=True):
+            if time.monotonic() > self._deadline_s:
+                raise LinkError("no answer to the connection request")
+            return
+        status = self._socket.getsockopt(socket.SOL_SOCKET, socket.SO_ERROR)
+        if status:
+            raise LinkError(reason(status))
+        self._stream = _Stream(self._socket)
+
+
+class TcpServer:
+    """Accepts TCP clients, several at once."""
+
+    def __init__(self, endpoint: Endpoint) -> None:
+        self._endpoint = endpoint
+        self._socket: socket.socket | None = None
+        self._clients: dict[str, _Stream] = {}
+
+    @property
+    def connected(self) -> bool:
+        return bool(self._clients)
+
+    @property
+    def address(self) -> str:
+        return local_address("tcpin", self._socket) or str(self._endpoint)
+
+    def open(self) -> None:
+        self._socket = listening_socket(self._endpoint, socket.SOCK_STREAM)
+        self._socket.listen(MOST_TCP_CLIENTS)
+
+    def receive(self, timeout_s: float) -> list[Packet]:
+        assert self._socket is not None
+        _wait([self._socket, *(client.socket for client in self._clients.values())], timeout_s)
+        self._accept(self._socket)
+        packets = []
+        for name, client in list(self._clients.items()):
+            data = self._read(name, client)
+            if data is not None:
+                packets.append(Packet(name, data))
+        return packets
+
+    def send(self, data: bytes) -> None:
+        for client in self._clients.values():
+            # the reader notices a broken client
+            with contextlib.suppress(LinkError):
+                client.send(data)
+
+    def close(self) -> None:
+        for client in self._clients.values():
+            client.socket.close()
+        self._clients.clear()
+        _close(self._socket)
+        self._socket = None
+
+    def _accept(self, listener: socket.socket) -> None:
+        while True:
+            try:
+                accepted, sender = listener.accept()
+            except OSError:  # nobody there, or gone again
+                return
+            if len(self._clients) >= MOST_TCP_CLIENTS:
+                accepted.close()
+                continue
+            accepted.setblocking(False)
+            self._clients[f"{sender[0]}:{sender[1]}"] = _Stream(accepted)
+
+    def _read(self, name: str, client: "_Stream") -> bytes | None:
+        try:
+            data = client.receive()
+        except LinkError:
+            data = b""
+        if data == b"":
+            client.socket.close()
+            del self._clients[name]
+        return data
+
+
+class _Stream:
+    """A connected TCP socket that never sends half a frame."""
+
+    def __init__(self, connected: socket.socket) -> None:
+        self.socket = connected
+        self._unsent = bytearray()
+        connected.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+        connected.setsockopt(socket.SOL_SOCKET, socket.SO_KEEPALIVE, 1)
+        for name, value in KEEPALIVE_OPTIONS:
+            if hasattr(socket, name):
+                connected.setsockopt(socket.IPPROTO_TCP, getattr(socket, name), value)
+
+    @property
+    def unsent(self) -> bool:
+        return bool(self._unsent)
+
+    def receive(self) -> bytes | None:
+        """Bytes, None if there are none yet, or b"" if the other side has closed.
+
+        Raises:
+            LinkError: the connection broke.
+        """
+        self.send(b"")
+        try:
+            return self.socket.recv(RECEIVE_BYTES)
+        except (BlockingIOError, InterruptedError):
+            return None
+        except OSError as error:
+            raise LinkError(reason(error.errno)) from error
+
+    def send(self, data: bytes) -> None:
+        if len(self._unsent) + len(data) <= MOST_UNSENT_BYTES:
+            self._unsent += data
+        if not self._unsent:
+            return
+        try:
+            del self._unsent[: self.socket.send(self._unsent)]
+        except (BlockingIOError, InterruptedError):
+            return
+        except OSError as error:
+            raise LinkError(reason(error.errno)) from error
+
+
+def _wait(sockets: list[socket.socket], timeout_s: float, *, writable: bool = False) -> bool:
+    """Whether any socket can be read (or, if asked, written) within the time."""
+    with selectors.DefaultSelector() as selector:
+        wanted = selectors.EVENT_READ | (selectors.EVENT_WRITE if writable else 0)
+        for each in sockets:
+            selector.register(each, wanted)
+        return bool(selector.select(max(0.0, timeout_s)))
+
+
+def _close(used: socket.socket | None) -> None:
+    if used is not None:
+        used.close()

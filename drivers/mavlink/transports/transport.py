@@ -1,0 +1,58 @@
+"""Bytes over UDP, TCP or a serial line, for the link and for the simulated vehicle alike.
+
+A transport is used by one thread only. ``receive`` is the only call that
+waits. What a person got wrong (a taken port, a missing device, an unknown
+host) raises :class:`~estimator.errors.InputError` from ``open``; what may come
+back by itself raises :class:`LinkError`, after which the owner closes the
+transport and opens it again.
+"""
+
+from typing import NamedTuple, Protocol
+
+
+class LinkError(OSError):
+    """Raised when a link broke or could not be made yet; the message is the reason."""
+
+
+class Packet(NamedTuple):
+    """Bytes from one peer; no bytes at all mean that the peer has left."""
+
+    peer: str
+    data: bytes
+
+
+class Transport(Protocol):
+    """What the link and the simulated vehicle need from a socket or a serial line."""
+
+    @property
+    def connected(self) -> bool:
+        """Whether bytes can come in."""
+
+    @property
+    def address(self) -> str:
+        """The address in use, once open."""
+
+    def open(self) -> None:
+        """Bind, begin to connect, or open the device.
+
+        Raises:
+            InputError: a port is taken, a device is missing, a host unknown.
+            LinkError: it may work later.
+        """
+
+    def receive(self, timeout_s: float) -> list[Packet]:
+        """What has arrived, after at most ``timeout_s``.
+
+        Raises:
+            LinkError: the link broke.
+        """
+
+    def send(self, data: bytes) -> None:
+        """Send whole frames to every peer; what cannot be sent now may be dropped.
+
+        Raises:
+            LinkError: the link broke.
+        """
+
+    def close(self) -> None:
+        """Release everything; the transport can be opened again."""

@@ -1,0 +1,179 @@
+"""Simulated vehicles as a MAVLink process of their own.
+
+:class:`Fleet` holds any number of them, :func:`run_vehicles` plays them on one
+link, on an absolute schedule. Their streams are spread over the sample interval,
+so that hundreds of vehicles do not send in one burst.
+"""
+
+import heapq
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+from drivers.mavlink.decoder import FrameParser
+from drivers.mavlink.transports.transport import LinkError, Transport
+from drivers.simulation.autopilot import SimulatedAutopilot, VehicleOptions
+from estimator.errors import InputError
+
+MOST_VEHICLES = 250  # MAVLink system ids end at 255, and ground stations use the last
+LONGEST_BACKLOG_US = 1_000_000  # after a longer stall the vehicle goes on with the present
+RECEIVE_S = 0.1  # how often the process looks whether it should end
+RETRY_S = 0.5
+
+
+@dataclass(slots=True)
+class FleetCounts:
+    """What a run did: bytes sent, and how often the link broke or could not be made."""
+
+    bytes_sent: int = 0
+    link_errors: int = 0
+
+
+class Fleet:
+    """Vehicles 1..N on one transport.
+
+    Raises:
+        InputError: an option or the number of vehicles is out of its range.
+    """
+
+    def __init__(self, options: VehicleOptions, vehicles: int) -> None:
+        if not 1 <= vehicles <= MOST_VEHICLES:
+            raise InputError(f"the number of vehicles must be 1 to {MOST_VEHICLES}, not {vehicles}")
+        # spread over one sample interval
+        spread_us = 1e6 / options.rate_hz / vehicles if options.rate_hz > 0 else 0.0
+        self._vehicles = [SimulatedAutopilot(options, i + 1) for i in range(vehicles)]
+        self._offsets_us = [i * spread_us for i in range(vehicles)]
+        self._due = [(offset, i) for i, offset in enumerate(self._offsets_us)]  # a heap
+        self._parsers: dict[str, FrameParser] = {}
+        self.counts = FleetCounts()
+
+    @property
+    def due_us(self) -> float:
+        """When, after the start, the next vehicle has something to send."""
+        return self._due[0][0]
+
+    def send_due(self, now_us: float, unix_us: int, send: Callable[[bytes], None]) -> None:
+        """Send what is due ``now_us`` after the start, one datagram a vehicle and sample."""
+        while self._due[0][0] <= now_us:
+            due_us, i = self._due[0]
+            vehicle, offset_us = self._vehicles[i], self._offsets_us[i]
+            if now_us - due_us > LONGEST_BACKLOG_US:
+                vehicle.skip(now_us - offset_us)
+            data = vehicle.advance(vehicle.due_us, unix_us)
+            heapq.heapreplace(self._due, (vehicle.due_us + offset_us, i))
+            if data:
+                self.counts.bytes_sent += len(data)
+                send(data)
+
+    def receive(self, peer: str, data: bytes, unix_us: int, send: Callable[[bytes], None]) -> None:
+        """Answer bytes that came from ``peer``; no bytes mean that it has left."""
+        if not data:
+            self._parsers.pop(peer, None)
+            return
+        if peer not in self._parsers:
+            if len(self._parsers) >= 64:  # half a frame of somebody long gone is no loss
+                self._parsers.clear()
+            self._parsers[peer] = FrameParser()
+        answered = False
+        for message in self._parsers[peer].feed(data):
+            for vehicle in self._vehicles:
+                if answer := vehicle.handle(message, unix_us):
+                    answered = True
+                    send(answer)
+        if answered:  # a changed rate changes what is due
+            self._due = [
+                (vehicle.due_us + offset_us, i)
+                for i, (vehicle, offset_us) in enumerate(
+                    zip(self._vehicles, self._offsets_us, strict=True)
+                )
+            ]
+            heapq.heapify(self._due)
+
+
+def run_vehicles(
+    fleet: Fleet,
+    transport: Transport,
+    stopped: Callable[[], bool],
+    seconds: float | None = None,
+    report: Callable[[str], None] = lambda _: None,
+) -> None:
+    """Play ``fleet`` on an open transport until ``stopped()`` or for ``seconds``.
+
+    A link that breaks is reported once and made again; the vehicles' time goes on meanwhile.
+    """
+    start_us = _monotonic_us()
+    link = _Link(transport, report)
+    try:
+        while not stopped():
+            now_us = _monotonic_us() - start_us
+            if seconds is not None and now_us >= seconds * 1e6:
+                return
+            fleet.send_due(now_us, _unix_us(), link.send)
+            wait_us = fleet.due_us - (_monotonic_us() - start_us)
+            if seconds is not None:
+                wait_us = min(wait_us, seconds * 1e6 - now_us)
+            for peer, data in link.receive(min(RECEIVE_S, max(0.0, wait_us * 1e-6))):
+                fleet.receive(peer, data, _unix_us(), link.send)
+    finally:
+        fleet.counts = replace(fleet.counts, link_errors=link.errors)
+        transport.close()
+
+
+class _Link:
+    """A transport that is opened again after an error, while time goes on."""
+
+    def __init__(self, transport: Transport, report: Callable[[str], None]) -> None:
+        self._transport = transport
+        self._report = report
+        self._reported = ""
+        self._retry_s: float | None = None  # monotonic; None while open
+        self.errors = 0
+
+    def send(self, data: bytes) -> None:
+        if self._retry_s is None:
+            try:
+                self._transport.send(data)
+            except LinkError as error:
+                self._lost(error)
+
+    def receive(self, timeout_s: float) -> list[tuple[str, bytes]]:
+        if self._retry_s is not None:
+            self._reopen(timeout_s)
+            return []
+        try:
+            packets = self._transport.receive(timeout_s)
+        except LinkError as error:
+            self._lost(error)
+            return []
+        if self._reported and self._transport.connected:
+            self._report("connected")
+            self._reported = ""
+        return [(packet.peer, packet.data) for packet in packets]
+
+    def _reopen(self, timeout_s: float) -> None:
+        assert self._retry_s is not None
+        wait_s = self._retry_s - time.monotonic()
+        if wait_s > 0:
+            time.sleep(min(wait_s, timeout_s))
+            return
+        try:
+            self._transport.open()
+            self._retry_s = None
+        except (LinkError, InputError) as error:
+            self._lost(error)
+
+    def _lost(self, error: Exception) -> None:
+        self._transport.close()
+        self.errors += 1
+        self._retry_s = time.monotonic() + RETRY_S
+        if str(error) != self._reported:
+            self._reported = str(error)
+            self._report(f"{error}; trying again")
+
+
+def _monotonic_us() -> int:
+    return time.monotonic_ns() // 1000
+
+
+def _unix_us() -> int:
+    return time.time_ns() // 1000
