@@ -292,7 +292,7 @@ class Estimator:
         return before + dt / (SIGMA_TIME_S + dt) * (error - before)
 
     def _first(self, sample: ImuSample) -> Snapshot:
-        """Align on the first sample; nothing has turned yet."""
+        """Align on the first sample, or correct the given attitude; nothing has turned yet."""
         settings = self._settings
         before = self.snapshot
         acc, mag, has_mag = sample.acc_m_s2, sample.mag_gauss, sample.has_mag
@@ -303,7 +303,8 @@ class Estimator:
         else:
             vectors = raw_vectors(settings.reference, acc, mag, has_mag)
         q = align(vectors) if settings.initial is None else settings.initial
-        state = plain(kernel.correct)(settings.filter, initial_state(q), vectors, 0.0)
+        first_step_s = settings.filter.first_step_s
+        state = plain(kernel.correct)(settings.filter, initial_state(q), vectors, first_step_s)
         rate = subtract(sample.gyr_rad_s, state.gyr_bias_rad_s)
         first = Snapshot(state, memory, seen, sample.time_us, rate, True, state.error)
         return first._replace(compass=before.compass)

@@ -55,6 +55,7 @@ class Filter(Struct, frozen=True, forbid_unknown_fields=True):
     rate_time_constant_s: Positive = 0.3
     bias_bound_rad_s: NonNegative = 2.0
     euler_step_max_s: Annotated[float, Meta(ge=0.0, le=0.01)] = 0.01
+    first_step_s: Annotated[float, Meta(ge=0.0, le=0.01)] = 0.0
     initial_attitude: Literal["align"] | tuple[Vec3, Vec3, Vec3] = "align"
 
 

@@ -98,7 +98,10 @@ class Colony:
         self._visit(np.arange(len(self.sources.costs)))
 
     def _send_onlookers(self) -> None:
-        """P_i = fitness_i / sum of fitness, with Karaboga's fitness 1/(1 + J)."""
+        """P_i = fitness_i / sum of fitness, Eq. (14) "ABC_Probability", with Karaboga's 1/(1 + J).
+
+        The paper writes J_i itself, but J is a cost: the worst source would draw most onlookers.
+        """
         self._phase = "onlookers"
         fitness = 1.0 / (1.0 + self.sources.costs)
         chance = np.cumsum(fitness) / np.sum(fitness)
@@ -119,7 +122,11 @@ class Colony:
         return worst if self.sources.failures[worst] > self._limit else None
 
     def _visit(self, visited: Integers) -> None:
-        """x_ij + alpha (x_ij - x_kj) in one coordinate j, k another source, alpha in [-1, 1]."""
+        """x_ij + alpha (x_ij - x_kj), Eq. (13) "ABC_Position", in one coordinate j of each source.
+
+        k is another source. alpha is drawn from [-1, 1] as by Karaboga; the paper's [0, 1] can
+        only lead away from x_k.
+        """
         x = self.sources.positions
         n, d = x.shape
         count = len(visited)

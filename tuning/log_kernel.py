@@ -135,13 +135,14 @@ def prediction_error(
 def advance(row: Array, data: Recorded, i: int, seen: Seen, run: Run) -> Run:
     """One sample: propagate, correct, score; or set the estimate wrong where a segment starts."""
     params = FilterParams(
-        row[GAMMA],
-        row[BIAS_BOUND],
-        row[TAU],
-        row[EULER_STEP_MAX],
-        unpack(row),
-        False,
-        1.0,
+        gamma=row[GAMMA],
+        bias_bound_rad_s=row[BIAS_BOUND],
+        rate_time_constant_s=row[TAU],
+        euler_step_max_s=row[EULER_STEP_MAX],
+        first_step_s=0.0,  # a segment's first sample has others before it
+        memberships=unpack(row),
+        gain_is_fixed=False,
+        fixed_gain=1.0,
     )
     gravity_ned = (row[GRAVITY_NED], row[GRAVITY_NED + 1], row[GRAVITY_NED + 2])
     dt = data.dt_s[i]

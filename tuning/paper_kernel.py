@@ -69,13 +69,20 @@ def nearly_normalized(q: Quaternion) -> Quaternion:
     return (f * q[0], f * q[1], f * q[2], f * q[3])
 
 
+class Common(NamedTuple):
+    """What all candidates share; see :class:`estimator.filter.types.FilterParams`."""
+
+    bias_bound_rad_s: float
+    first_step_s: float
+
+
 class Candidate(NamedTuple):
     """What a run needs of a candidate; ``smoothing`` is dt/(tau + dt)."""
 
     k: Memberships
     gamma: float
     smoothing: float
-    bias_bound_rad_s: float
+    common: Common
 
 
 class Run(NamedTuple):
@@ -140,12 +147,12 @@ def advance(candidate: Candidate, run: Run, steps: Array, i: int) -> Run:
         d += candidate.smoothing * ((e - run.error) * COST_RATE_HZ - d)
 
     K = 1.0 + fuzzy_gain(candidate.k, e, d)
-    g = K * DT_S
+    g = K * (DT_S if i > 0 else candidate.common.first_step_s)
     if g * row[FASTEST] > PLAIN_STEP_LIMIT:
         g = -expm1(-g * row[FASTEST]) / row[FASTEST]
     q = multiply(q, exponential((-0.5 * g * w0, -0.5 * g * w1, -0.5 * g * w2)))
     f = 0.25 * candidate.gamma * g / K
-    bound = candidate.bias_bound_rad_s
+    bound = candidate.common.bias_bound_rad_s
     bias = (
         min(bound, max(-bound, bias[0] + f * w0)),
         min(bound, max(-bound, bias[1] + f * w1)),
@@ -182,39 +189,39 @@ def unpack(k: Array) -> Memberships:
 
 
 @compiled
-def candidate_of(row: Array, bound: float) -> Candidate:
+def candidate_of(row: Array, common: Common) -> Candidate:
     """A candidate from its row: k1..k22, gamma, tau."""
-    return Candidate(unpack(row), row[22], DT_S / (row[23] + DT_S), bound)
+    return Candidate(unpack(row), row[22], DT_S / (row[23] + DT_S), common)
 
 
 @compiled
 def pair_costs(
-    bound: float, candidates: Array, start: Array, steps: Array, pair: int, costs: Array
+    common: Common, candidates: Array, start: Array, steps: Array, pair: int, costs: Array
 ) -> None:
     """Runs number 2 pair and 2 pair + 1 of the C S runs, into ``costs`` (C, S)."""
     seeds = len(steps)
     a = 2 * pair
     b = min(a + 1, len(candidates) * seeds - 1)  # a lone last one runs twice
-    one = candidate_of(candidates[a // seeds], bound)
-    two = candidate_of(candidates[b // seeds], bound)
+    one = candidate_of(candidates[a // seeds], common)
+    two = candidate_of(candidates[b // seeds], common)
     both = two_costs(one, two, start, steps[a % seeds], steps[b % seeds])
     costs[a // seeds, a % seeds] = both[0]
     costs[b // seeds, b % seeds] = both[1]
 
 
 @compiled
-def serial_costs(bound: float, candidates: Array, start: Array, steps: Array) -> Array:
+def serial_costs(common: Common, candidates: Array, start: Array, steps: Array) -> Array:
     """J (C, S) of candidates (C, 24): k1..k22, gamma, tau; on start (4,), steps (S, 1401, 26)."""
     costs = np.empty((len(candidates), len(steps)))
     for pair in range((costs.size + 1) // 2):
-        pair_costs(bound, candidates, start, steps, pair, costs)
+        pair_costs(common, candidates, start, steps, pair, costs)
     return costs
 
 
 @compiled_parallel
-def parallel_costs(bound: float, candidates: Array, start: Array, steps: Array) -> Array:
+def parallel_costs(common: Common, candidates: Array, start: Array, steps: Array) -> Array:
     """:func:`serial_costs` with all runs of all candidates spread over threads."""
     costs = np.empty((len(candidates), len(steps)))
     for pair in numba.prange((costs.size + 1) // 2):
-        pair_costs(bound, candidates, start, steps, pair, costs)
+        pair_costs(common, candidates, start, steps, pair, costs)
     return costs

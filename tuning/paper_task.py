@@ -1,7 +1,8 @@
-"""Tuning on the paper's signals: J of Eq. (12), averaged over noise seeds."""
+"""Tuning on the paper's signals: J of Eq. (15) "Cost_function", averaged over noise seeds."""
 
 from dataclasses import dataclass
 from functools import cached_property
+from typing import TYPE_CHECKING
 
 import msgspec
 import numpy as np
@@ -14,6 +15,9 @@ from tuning.paper_experiment import run_experiment
 from tuning.paper_signals import PaperSignals, paper_signals
 from tuning.parameters import RAW_GROUPS, space_of
 from tuning.space import Space
+
+if TYPE_CHECKING:
+    from tuning.paper_kernel import Common
 
 Array = NDArray[np.float64]
 
@@ -38,23 +42,26 @@ class PaperObjective:
     gamma: float
     rate_time_constant_s: float
     bias_bound_rad_s: float
+    first_step_s: float
     signals: PaperSignals
 
     def costs(self, values: Array) -> Array:
         """See :class:`tuning.objective.Objective`."""
         from tuning.paper_kernel import parallel_costs
 
-        return mean_over_runs(
-            parallel_costs(self.bias_bound_rad_s, self._candidates(values), *self._data())
-        )
+        return mean_over_runs(parallel_costs(self._common, self._candidates(values), *self._data()))
 
     def serial_costs(self, values: Array) -> Array:
         """See :class:`tuning.objective.Objective`."""
         from tuning.paper_kernel import serial_costs
 
-        return mean_over_runs(
-            serial_costs(self.bias_bound_rad_s, self._candidates(values), *self._data())
-        )
+        return mean_over_runs(serial_costs(self._common, self._candidates(values), *self._data()))
+
+    @property
+    def _common(self) -> "Common":
+        from tuning.paper_kernel import Common
+
+        return Common(self.bias_bound_rad_s, self.first_step_s)
 
     def _data(self) -> tuple[Array, Array]:
         return self.signals.start, self.signals.steps
@@ -90,6 +97,7 @@ class PaperTask:
             self.base.filter.gamma,
             self.base.filter.rate_time_constant_s,
             self.base.filter.bias_bound_rad_s,
+            self.base.filter.first_step_s,
             paper_signals(self.base, self.noise_seeds),
         )
 

@@ -31,7 +31,7 @@ class Space(NamedTuple):
 
 
 def membership_space() -> Space:
-    """k1..k22 within the paper's Eqs. (13) and (14), a <= b <= c inside each triangle."""
+    """k1..k22 within the paper's Eqs. (16) and (17), a <= b <= c inside each triangle."""
     chains = tuple(chain for chain in memberships.CHAINS if len(chain) > 1)
     logarithmic = (False,) * len(memberships.NAMES)
     return Space(memberships.NAMES, memberships.LOWER, memberships.UPPER, chains, logarithmic)

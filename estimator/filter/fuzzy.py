@@ -3,7 +3,8 @@
 min for AND, max over rules and for aggregation, clipped triangles, and the
 centroid of the piecewise-linear aggregate in closed form. The readable twin
 built on scikit-fuzzy is ``estimator/filter/fuzzy_reference.py``; the two agree to
-1e-9 relative. Paper: Table I and Fig. 1 (memberships), Section III-B.
+1e-9 relative. Paper: Section III-B, Table I
+"FLC" (rules), Figs. 4 "FLC_Inp_MMF" and 5 "FLC_Out_MMF" (memberships).
 """
 
 import numpy as np
@@ -16,7 +17,7 @@ from estimator.filter.memberships import Memberships, Triangle
 FAINT_AREA = 1e-200
 FAINT_LIFT = 1e100
 
-# The paper's Table I. Row: rate of change of the error; column: error; both
+# The paper's Table I, "FLC". Row: rate of change of the error; column: error; both
 # VS, S, M, L, VL. (The table's "V" is a misprint for L.)
 RULES = (
     (0, 1, 2, 4, 4),

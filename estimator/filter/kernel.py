@@ -1,4 +1,8 @@
-"""The steps of ``estimator/filter/reference.py`` on scalars, compiled; the explanation is there."""
+"""The steps of ``estimator/filter/reference.py`` on scalars, compiled.
+
+That file explains them; names and order of the steps are the same. Equation
+numbers and labels are those of the paper it names.
+"""
 
 from math import expm1, sqrt
 
@@ -8,7 +12,13 @@ from numpy.typing import NDArray
 from estimator.compilation.compiled import compiled, inlined
 from estimator.filter.fuzzy import operating_gain
 from estimator.filter.observation import ReferenceParams, raw_vectors
-from estimator.filter.types import PLAIN_STEP_LIMIT, FilterParams, FilterState, Vectors
+from estimator.filter.types import (
+    PLAIN_STEP_LIMIT,
+    STEP_TOLERANCE,
+    FilterParams,
+    FilterState,
+    Vectors,
+)
 from estimator.geometry.quaternion import (
     add,
     cross,
@@ -64,7 +74,7 @@ def error_rate(params: FilterParams, state: FilterState, error: float, dt: float
 
 @inlined
 def adaptive_gain(params: FilterParams, error: float, error_rate_1_s: float) -> float:
-    """K = 1 + k_op."""
+    """K = 1 + k_op (below Eq. (12))."""
     if params.gain_is_fixed:
         return params.fixed_gain
     return 1.0 + operating_gain(params.memberships, error, error_rate_1_s)
@@ -86,7 +96,8 @@ def largest_rate(cosine: float, s1: float, s2: float, s3: float) -> float:
 @inlined
 def step_gain(params: FilterParams, K: float, fastest: float, dt: float) -> float:
     """K dt for short steps; beyond, (1 - exp(-K lambda dt))/lambda, which never overshoots."""
-    plain = dt <= params.euler_step_max_s and K * fastest * dt <= PLAIN_STEP_LIMIT
+    is_short = dt <= STEP_TOLERANCE * params.euler_step_max_s
+    plain = is_short and K * fastest * dt <= PLAIN_STEP_LIMIT
     if plain or fastest <= 0.0:
         return K * dt
     return -expm1(-K * fastest * dt) / fastest
@@ -127,14 +138,17 @@ def integrate_rate(
 
 @compiled
 def propagate(state: FilterState, gyr_rad_s: Vec3, dt: float) -> FilterState:
-    """R_hat <- R_hat exp([Omega_m - b_hat]x dt)."""
+    """R_hat <- R_hat exp([Omega_m - b_hat]x dt): Eq. (12), "Attit_Filter", without W."""
     b = state.gyr_bias_rad_s
     return integrate_rate(state, subtract(gyr_rad_s, b), dt, b)
 
 
 @compiled
 def correct(params: FilterParams, state: FilterState, vectors: Vectors, dt: float) -> FilterState:
-    """R_hat <- R_hat exp(-[W]x dt), b_hat <- b_hat + gamma/2 vex(...) dt, with the fuzzy gain."""
+    """R_hat <- R_hat exp(-[W]x dt), b_hat <- b_hat + gamma/2 vex(...) dt: W and b of Eq. (12).
+
+    vex(...) is Eq. (11), "SO3_PPF_STCH_VEX_VM", with the estimates of Eq. (10).
+    """
     v1, v2 = vectors.v1_frd, vectors.v2_frd
     u1 = rotate_inverse(state.q_ned_frd, vectors.v1_ned)
     u2 = rotate_inverse(state.q_ned_frd, vectors.v2_ned)
@@ -188,23 +202,26 @@ def run(
     mag: Array,
     dt: float,
 ) -> tuple[Array, Array]:
-    """The paper's experiment: raw vectors at a fixed step.
+    """The paper's experiment: raw vectors at a fixed step, sample by sample as the live filter.
 
-    The gyroscope's and both vectors' readings are (N, 3). Returns the estimates
-    at the samples before each correction (N, 4), which the paper's cost is
-    taken of, and the gains K (N,).
+    The gyroscope's and both vectors' readings are (N, 3) in FRD: rad/s, m/s^2
+    and any unit of a field. Returns the estimates ``q_ned_frd`` at the samples
+    before each correction (N, 4), which the paper's cost is taken of, and the
+    gains K (N,).
     """
     n = len(gyr_rad_s)
     estimates = np.empty((n, 4))
     gains = np.empty(n)
     state = start
+    step_s = params.first_step_s
     for k in range(n):
         if k > 0:
+            step_s = dt
             state = propagate(state, (gyr_rad_s[k, 0], gyr_rad_s[k, 1], gyr_rad_s[k, 2]), dt)
         for i in range(4):
             estimates[k, i] = state.q_ned_frd[i]
         acc = (acc_m_s2[k, 0], acc_m_s2[k, 1], acc_m_s2[k, 2])
         field = (mag[k, 0], mag[k, 1], mag[k, 2])
-        state = correct(params, state, raw_vectors(reference, acc, field, True), dt)
+        state = correct(params, state, raw_vectors(reference, acc, field, True), step_s)
         gains[k] = state.gain
     return estimates, gains

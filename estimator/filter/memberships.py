@@ -1,7 +1,8 @@
 """The 22 numbers that shape the fuzzy sets: names, bounds and feasibility.
 
-The paper's Eqs. (13) and (14) ("Inp_MMF_Constraints", "Out_MMF_Constraints").
-Fuzzy set order everywhere: VS, S, M, L, VL (very small ... very large).
+The paper's Eqs. (16) "Inp_MMF_Constraints" and (17) "Out_MMF_Constraints", drawn
+in its Figs. 4 "FLC_Inp_MMF" and 5 "FLC_Out_MMF". Fuzzy sets are everywhere in
+the order VS, S, M, L, VL (very small ... very large).
 """
 
 from itertools import pairwise

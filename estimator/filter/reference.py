@@ -1,17 +1,20 @@
 """The filter as the paper reads, with small matrices: one function a step.
 
 A. Singh, T. S. Sieb, J. H. Howe, H. A. Hashim, "Nonlinear Attitude Filter on
-SO(3): Fast Adaptation and Robustness", 2021. Equation numbers are the paper's
-in order of appearance; its structure is that of R. Mahony, T. Hamel and
-J.-M. Pflimlin, IEEE Trans. Automatic Control 53(5), 2008,
-doi:10.1109/TAC.2008.923738.
+SO(3): Fast Adaptation and Robustness", 2021. Equations are cited by the number
+that the paper prints and by the label in its source. Its structure is that of
+R. Mahony, T. Hamel and J.-M. Pflimlin, IEEE Trans. Automatic Control 53(5),
+2008, doi:10.1109/TAC.2008.923738. Where the paper leaves something open,
+docs/paper.md says what was chosen, and why.
 
-The vehicle turns with dR/dt = R [Omega]x and its gyroscope reads Omega_m =
-Omega + b + n. The filter turns R_hat with Omega_m - b_hat - W. W draws the
+The vehicle turns with dR/dt = R [Omega]x, Eq. (6) "Attit_R_Dynamics", and its
+gyroscope reads Omega_m = Omega + b + n, Eq. (7) "Attit_Angular". The filter,
+Eq. (12) "Attit_Filter", turns R_hat with Omega_m - b_hat - W. W draws the
 estimated directions R_hat^T v_i^I to the measured ones v_i^B; the gain K of W
 is set by fuzzy rules from the distance e between the two frames and its rate
-of change. e is what the measurements say of |R~|_I = Tr(I - R~)/4, R~ = R^T
-R_hat, which is sin^2 of half the angle between truth and estimate.
+of change. e is what the measurements say of |R~|_I = Tr(I - R~)/4, with R~ =
+R^T R_hat of Eq. (8) "Attit_R_error": sin^2 of half the angle between truth and
+estimate.
 
 ``estimator/filter/kernel.py`` holds the same steps on scalars, compiled. Step names
 and order are equal, so the two can be read side by side.
@@ -23,7 +26,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimator.filter import fuzzy_reference
-from estimator.filter.types import PLAIN_STEP_LIMIT, FilterParams, FilterState, Vectors
+from estimator.filter.types import (
+    PLAIN_STEP_LIMIT,
+    STEP_TOLERANCE,
+    FilterParams,
+    FilterState,
+    Vectors,
+)
 from estimator.geometry import quaternion
 from estimator.types import Quaternion, Vec3
 
@@ -42,8 +51,9 @@ def rotation_matrix(q: Quaternion) -> Array:
 
 
 def three_vectors(v: Vectors, q: Quaternion) -> tuple[Array, Array, Array, bool]:
-    """Measured v_i, estimated v_hat_i = R_hat^T v_i^I (Eq. (9)) as rows, confidences; v3 = v1 x v2.
+    """Measured v_i, estimated v_hat_i = R_hat^T v_i^I as (3, 3) rows, and confidences s_i (3,).
 
+    Eq. (10), "SO3_PPF_STCH_vB_hat"; v3 = v1 x v2, normalised like the others.
     The last value tells whether v1 and v2 span a plane.
     """
     R = rotation_matrix(q)
@@ -64,14 +74,14 @@ def three_vectors(v: Vectors, q: Quaternion) -> tuple[Array, Array, Array, bool]
 
 
 def innovation(measured: Array, estimated: Array, s: Array) -> Array:
-    """vex(Pa(M R~)) = sum_i s_i/2 (v_hat_i x v_i), Eq. (10)."""
+    """vex(Pa(M R~)) = sum_i s_i/2 (v_hat_i x v_i): Eq. (11), "SO3_PPF_STCH_VEX_VM"."""
     return np.asarray(np.sum(0.5 * s[:, None] * np.cross(estimated, measured), axis=0))
 
 
 def attitude_error(measured: Array, estimated: Array, s: Array) -> float:
     """e = (3 - Tr R~)/4 from measurements, clipped to [0, 1].
 
-    Tr R~ = Tr{(sum s_i v_i v_i^T)^-1 sum s_i v_i v_hat_i^T} (after Eq. (10)).
+    Tr R~ = Tr{(sum s_i v_i v_i^T)^-1 sum s_i v_i v_hat_i^T}, unnumbered, after Eq. (11).
     The confidences cancel as long as none is zero, so a zero one counts as 1.
     """
     weights = np.where(s > 0.0, s, 1.0)
@@ -97,7 +107,7 @@ def error_rate(params: FilterParams, state: FilterState, error: float, dt: float
 
 
 def adaptive_gain(params: FilterParams, error: float, error_rate_1_s: float) -> float:
-    """K = 1 + k_op (below Eq. (11))."""
+    """K = 1 + k_op (below Eq. (12), "Attit_Filter")."""
     if params.gain_is_fixed:
         return params.fixed_gain
     return 1.0 + fuzzy_reference.gain(params.memberships, error, error_rate_1_s)
@@ -114,7 +124,8 @@ def largest_rate(measured: Array, s: Array) -> float:
 
 def step_gain(params: FilterParams, K: float, fastest: float, dt: float) -> float:
     """K dt for short steps; beyond, (1 - exp(-K lambda dt))/lambda, which never overshoots."""
-    plain = dt <= params.euler_step_max_s and K * fastest * dt <= PLAIN_STEP_LIMIT
+    is_short = dt <= STEP_TOLERANCE * params.euler_step_max_s
+    plain = is_short and K * fastest * dt <= PLAIN_STEP_LIMIT
     if plain or fastest <= 0.0:
         return K * dt
     return float(-np.expm1(-K * fastest * dt) / fastest)
@@ -132,17 +143,18 @@ def bias_gain(params: FilterParams, K: float, g: float, fastest: float, dt: floa
 
 
 def propagate(state: FilterState, gyr_rad_s: Vec3, dt: float) -> FilterState:
-    """R_hat <- R_hat exp([Omega_m - b_hat]x dt): Eq. (11) between measurements of vectors."""
+    """R_hat <- R_hat exp([Omega_m - b_hat]x dt): Eq. (12), "Attit_Filter", without W."""
     turn = quaternion.scale(dt, quaternion.subtract(gyr_rad_s, state.gyr_bias_rad_s))
     q = quaternion.multiply(state.q_ned_frd, quaternion.exp(turn))
     return state._replace(q_ned_frd=quaternion.normalize(q))
 
 
 def correct(params: FilterParams, state: FilterState, vectors: Vectors, dt: float) -> FilterState:
-    """R_hat <- R_hat exp(-[W]x dt), W = K vex(...), and db/dt = gamma/2 vex(...), Eq. (11).
+    """R_hat <- R_hat exp(-[W]x dt), W = K vex(...), db/dt = gamma/2 vex(...): Eq. (12).
 
-    ``dt`` is the time since the previous sample; at 0 (the first sample) the
-    error and the gain are set and nothing moves.
+    ``dt`` is the time that the correction stands for: that since the previous
+    sample, and ``FilterParams.first_step_s`` for the first. At 0 the error and
+    the gain are set and nothing moves.
     """
     measured, estimated, s, spans = three_vectors(vectors, state.q_ned_frd)
     w = innovation(measured, estimated, s)

@@ -8,10 +8,13 @@ from estimator.types import IDENTITY, ZERO_VEC3, Quaternion, Vec3
 # Largest K lambda dt (lambda: the fastest linear rate) that a plain step takes. At 2 it diverges.
 # The paper: s_i = 1, K <= 101, dt <= 0.01 s, stays below 1.52; larger confidences do not.
 PLAIN_STEP_LIMIT = 1.6
+# Steps this much longer than the longest plain one are plain, too: clocks jitter, and stamps in
+# whole milliseconds make 11 ms of a period of 10.
+STEP_TOLERANCE = 1.1
 
 
 class FilterParams(NamedTuple):
-    """What is chosen about the filter (paper, Eq. (11) and Section III)."""
+    """What is chosen about the filter (paper, Eq. (12), "Attit_Filter", and Section III)."""
 
     # gamma, 1/s^2 per unit: how fast the bias follows. Small: a wrong bias
     # lingers; large: the bias chases vector noise.
@@ -25,6 +28,9 @@ class FilterParams(NamedTuple):
     # Steps up to this long use K dt as the paper's continuous time suggests,
     # longer or stronger ones the exact decay, which cannot overshoot. 0: always the decay.
     euler_step_max_s: float
+    # The time that the first sample's correction stands for, s, as no sample before it tells.
+    # The paper's experiment: one step. 0: the first sample sets e and K and moves nothing.
+    first_step_s: float
     # k1..k22 of the fuzzy controller.
     memberships: Memberships
     # K = 1 + k_op instead of the fuzzy controller's, where gain_is_fixed.

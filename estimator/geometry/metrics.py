@@ -17,8 +17,8 @@ from estimator.types import Quaternion
 
 Array = NDArray[np.float64]
 
-# The paper's cost, Eq. (12): 0.3 sum_{0<=t<=1} e + sum_{4<=t<=14} e; steps of 0.01 s, both ends
-# included.
+# The paper's cost, Eq. (15) "Cost_function": 0.3 sum_{0<=t<=1} e + sum_{4<=t<=14} e; steps of
+# 0.01 s, both ends included.
 COST_RATE_HZ = 100.0
 COST_SAMPLES = 1501
 TRANSIENT_WEIGHT = 0.3
@@ -70,7 +70,7 @@ def rms(values: Array) -> float:
 
 
 def paper_cost(e: Array) -> float:
-    """J of Eq. (12) from e at t = 0.01 k, k = 0..1500.
+    """J of Eq. (15), "Cost_function", from e at t = 0.01 k, k = 0..1500.
 
     Raises:
         ValueError: when ``e`` does not hold the experiment's 1501 samples.

@@ -50,6 +50,7 @@ def settings_of(
             bias_bound_rad_s=section.bias_bound_rad_s,
             rate_time_constant_s=section.rate_time_constant_s,
             euler_step_max_s=section.euler_step_max_s,
+            first_step_s=section.first_step_s,
             memberships=profile.k,
             gain_is_fixed=fixed_gain is not None,
             fixed_gain=1.0 if fixed_gain is None else float(fixed_gain),

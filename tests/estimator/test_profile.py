@@ -272,7 +272,7 @@ def test_feasibility_needs_22_numbers():
 
 
 def test_bounds_are_the_papers_blocks():
-    """Eq. (13) and (14), triangle by triangle, low corner block and high corner block."""
+    """Eq. (16) and (17), triangle by triangle, low corner block and high corner block."""
     low = "0 | 0 0 0.1 | 0.05 0.1 0.1 | 0.1 0.2 0.2 | 0.2 | 0 | 0 5 10 | 5 20 20 | 20 20 40 | 40"
     high = (
         "0.15 | 0.2 0.2 0.2 | 0.2 0.25 0.35 | 0.35 0.5 0.7 | 0.7 |"
