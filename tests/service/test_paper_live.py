@@ -7,13 +7,13 @@ agree to the last digit; what comes as MAVLink is rounded to whole mrad/s, mg an
 
 import numpy as np
 import pytest
+from drivers.simulation.vehicle import SimulatedVehicle
 
 from drivers.events import Imu
 from drivers.mavlink.encoder import FrameEncoder, raw_imu
 from drivers.mavlink.frame_decoder import FrameDecoder
 from drivers.mavlink.framing import FrameReader
 from drivers.simulation.source import SimSource, imu_sample
-from drivers.simulation.vehicle import SimulatedVehicle
 from estimator.estimator import Estimator
 from estimator.filter import kernel
 from estimator.geometry.metrics import COST_SAMPLES, paper_cost
