@@ -7,12 +7,12 @@ agree to the last digit; what comes as MAVLink is rounded to whole mrad/s, mg an
 
 import numpy as np
 import pytest
-from drivers.simulation.vehicle import SimulatedVehicle
 
 from drivers.events import Imu
 from drivers.mavlink.encoder import FrameEncoder, raw_imu
 from drivers.mavlink.frame_decoder import FrameDecoder
 from drivers.mavlink.framing import FrameReader
+from drivers.simulation.simulated_vehicle import SimulatedVehicle
 from drivers.simulation.source import SimSource, imu_sample
 from estimator.estimator import Estimator
 from estimator.filter import kernel

@@ -163,7 +163,7 @@ def test_batch_is_the_single_step_repeated():
 
 def test_batch_takes_the_first_correction_for_as_long_as_the_parameters_say():
     """No step (0) leaves the second sample's estimate at the start, 0.01 s moves it by K w dt."""
-    from drivers.simulation.vehicle import simulate
+    from drivers.simulation.simulated_vehicle import simulate
 
     signals = simulate(8, 2)
     start = initial_state(exp((1.0, 0.1, 0.2)))
