@@ -14,7 +14,7 @@ from drivers.mavlink.decoder import quaternion_from_euler
 from estimator.estimator import Estimator
 from estimator.geometry.quaternion import exp, scale
 from estimator.profile import Profile
-from estimator.types import IDENTITY, Attitude, Quaternion, Vec3
+from estimator.types import IDENTITY, Attitude, ImuSample, Quaternion, Vec3
 from service.pipeline import Pipeline
 from service.records import Message
 from service.vehicle import Vehicle
@@ -35,6 +35,7 @@ class VehicleTrace:
         self.imu_message: str | None = None
         self.arrivals_us: list[int] = []
         self.attitudes: list[Attitude] = []
+        self.samples: list[ImuSample] = []  # that they were made of
         self.fields = 0  # samples with a magnetic field
         self.references = {"sim": ReferenceTrack(), "autopilot": ReferenceTrack()}
         self.rejected: Counter[str] = Counter()
@@ -120,6 +121,7 @@ class Replay:
         self._turn_wrong(vehicle, trace)
         trace.arrivals_us.append(event.arrival_us)
         trace.attitudes.append(vehicle.estimator.attitude(event.sample.time_us))
+        trace.samples.append(event.sample)
         trace.fields += event.sample.has_mag
 
     def _turn_wrong(self, vehicle: Vehicle, trace: VehicleTrace) -> None:
