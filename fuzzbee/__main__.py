@@ -1,5 +1,12 @@
 """``python -m fuzzbee``."""
 
-from fuzzbee.cli import entry_point
+import sys
+from pathlib import Path
+
+# Python puts the current folder first: beside downloaded logs, what lies there would be run.
+if not sys.flags.safe_path and Path(sys.path[0]) != Path(__file__).resolve().parents[1]:
+    del sys.path[0]
+
+from fuzzbee.cli import entry_point  # noqa: E402 - not before that
 
 entry_point()

@@ -10,6 +10,7 @@ import subprocess
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
+from pathlib import Path
 from typing import Any
 
 from estimator.aiding import begin
@@ -32,6 +33,10 @@ ELSEWHERE: tuple[Any, ...] = (
     resident.search_inside,
     resident.contents_of,
 )
+# What the helper runs. It finds our packages where they are, and nothing in the folder that
+# the command was started in: -P keeps that off the path. It may hold anybody's downloads.
+OUR_FOLDER = Path(__file__).resolve().parents[1]
+HELPER = "import sys; sys.path.insert(0, sys.argv[1]); from service import warm_up; warm_up.help_out()"
 
 
 def warm_up(profile: Profile, gain: float | None) -> None:
@@ -53,6 +58,11 @@ def compile_ahead(profile: Profile, kernels: tuple[Any, ...]) -> None:
     arguments = resident.arguments_of(contents_for(settings_of(profile), now, now.seen))
     for kernel in kernels:
         kernel.compile(arguments[kernel])
+
+
+def help_out() -> None:
+    """The helper's half, into the cache."""
+    compile_ahead(load_profile("imu"), ELSEWHERE)
 
 
 def rehearse(estimator: Estimator, *, aided: bool) -> None:
@@ -86,7 +96,7 @@ def _sample(number: int) -> ImuSample:
 def _compiled_elsewhere() -> Iterator[None]:
     """Meanwhile another process compiles the other half into the cache."""
     helper = subprocess.Popen(
-        [sys.executable, "-m", "service.warm_up"],
+        [sys.executable, "-P", "-c", HELPER, str(OUR_FOLDER)],  # noqa: S603 - our own arguments
         stdin=subprocess.DEVNULL,
         stdout=subprocess.DEVNULL,
         stderr=subprocess.DEVNULL,
@@ -101,7 +111,3 @@ def _compiled_elsewhere() -> Iterator[None]:
         helper.kill()
         helper.wait()
         atexit.unregister(helper.kill)
-
-
-if __name__ == "__main__":
-    compile_ahead(load_profile("imu"), ELSEWHERE)

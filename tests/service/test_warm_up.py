@@ -12,6 +12,7 @@ import service
 from estimator.estimator import Estimator
 from estimator.profile import load_profile
 from service.warm_up import ELSEWHERE, HERE, compile_ahead, rehearse
+from tests.traps import set_trap
 
 pytestmark = pytest.mark.skipif(numba.config.DISABLE_JIT, reason="nothing is compiled")
 
@@ -35,11 +36,15 @@ def test_nothing_more_is_compiled_for_the_first_samples():
 
 
 def test_a_cold_start_compiles_one_half_and_finds_the_other(tmp_path):
+    """In a folder of somebody else's programs, none of which is run."""
+    trap, cache = tmp_path / "downloads", tmp_path / "cache"
+    set_trap(trap)
     root = str(Path(next(iter(service.__path__))).parent)
     path = os.pathsep.join(filter(None, [root, os.environ.get("PYTHONPATH", "")]))
     done = subprocess.run(
-        [sys.executable, "-c", COLD_START],
-        env={**os.environ, "PYTHONPATH": path, "NUMBA_CACHE_DIR": str(tmp_path)},
+        [sys.executable, "-P", "-c", COLD_START],
+        env={**os.environ, "PYTHONPATH": path, "NUMBA_CACHE_DIR": str(cache)},
+        cwd=trap,
         capture_output=True,
         text=True,
         check=True,
@@ -47,3 +52,4 @@ def test_a_cold_start_compiles_one_half_and_finds_the_other(tmp_path):
     )
     assert done.stdout.split("\n")[:2] == ["{1}", "{0}"]
     assert done.stderr == ""
+    assert not (trap / "sprung").exists()
