@@ -8,36 +8,68 @@ import inspect
 import re
 import sys
 from pathlib import Path
+from typing import get_args, get_type_hints
 
+from msgspec import Meta
+
+from estimator import profile
 from estimator.aiding.types import AidingParams
+from estimator.bounds import bounds_of
 from estimator.conditioning.types import ConditioningParams
 
 PAGE = Path(__file__).with_name("parameters.md")
 TYPES = {"conditioning": ConditioningParams, "aiding": AidingParams}
-FIELD = re.compile(r"    (\w+): (?:bool|float) = (.*)")
+HEAD = ("| key | default | from, to | what it does |", "| --- | --- | --- | --- |")
+FIELD = re.compile(r"    (\w+): \w+ = (.*)")
+# Tables that people write; their bounds are filled in. Not each key is a number.
+WRITTEN = {
+    "reference": profile.Reference,
+    "filter": profile.Filter,
+    "confidence": profile.Confidence,
+}
 
 
 def rows(kind: type) -> list[str]:
     """A row a parameter; headings where the source has a comment of its own."""
     lines, found = inspect.getsource(kind).splitlines(), []
     defaults = kind._field_defaults  # type: ignore[attr-defined]
+    bounds = bounds_of(kind)
     for number, line in enumerate(lines):
         if heading := re.fullmatch(r"    # (.*)", line):
-            found.append(f"| **{heading[1].rstrip('.')}** | | |")
+            found.append(f"| **{heading[1].rstrip('.')}** | | | |")
         elif field := FIELD.fullmatch(line):
             name, rest = field.groups()
             comment = rest.partition("  # ")[2]
             if rest == "(":  # the value has a line of its own, with the comment
                 comment = lines[number + 1].partition("  # ")[2]
-            found.append(f"| `{name}` | {_value(defaults[name])} | {comment} |")
+            within = _within(*bounds[name]) if name in bounds else ""
+            found.append(f"| `{name}` | {_value(defaults[name])} | {within} | {comment} |")
     return found
+
+
+def written(text: str) -> str:
+    """The page with the bounds in the tables that people write."""
+    for section, kind in WRITTEN.items():
+        start = text.index(f"\n## {section}\n")
+        end = text.index("\n## ", start + 1)
+        table = text[start:end]
+        for name, hint in get_type_hints(kind, include_extras=True).items():
+            marks = [mark for mark in get_args(hint) if isinstance(mark, Meta)]
+            within = _within(marks[0].ge, marks[0].le) if marks else ""
+            table = re.sub(
+                rf"(\| `{name}` \| [^|]* \|)[^|]*\|",
+                lambda found, within=within: f"{found[1]} {within} |",
+                table,
+            )
+        text = text[:start] + table + text[end:]
+    return text
 
 
 def page() -> str:
     """The page with its tables renewed."""
-    text = PAGE.read_text("utf-8")
+    text = written(PAGE.read_text("utf-8"))
     for name, kind in TYPES.items():
-        table = "\n".join(["| key | default | what it does |", "| --- | --- | --- |", *rows(kind)])
+        table = "\n".join([*HEAD, *rows(kind)])
         text = re.sub(
             rf"(<!-- {name} -->\n).*?(\n<!-- end -->)",
             lambda found, table=table: found[1] + table + found[2],
@@ -45,6 +77,10 @@ def page() -> str:
             flags=re.DOTALL,
         )
     return text
+
+
+def _within(low: float | None, high: float | None) -> str:
+    return f"{low:.5g} to {high:.5g}"
 
 
 def _value(value: float | bool) -> str:

@@ -100,15 +100,17 @@ class Estimator:
         self._has_heading = seen.magnetic_weight > 0.0
 
     def replace_profile(self, profile: Profile) -> None:
-        """Use other parameters from the next sample on; the estimate stays."""
-        self.profile = profile
-        self._settings = settings_of(profile, self._fixed_gain, self._declination_rad)
-        self.snapshot = self.snapshot._replace(conditioning=self._recomputed())
+        """Use other parameters from the next sample on; the estimate stays.
 
-    def _recomputed(self) -> ConditioningState:
-        """The conditioning's memory without what it derived from other parameters."""
-        fresh = initial_conditioning(self._settings.conditioning)
-        return self.snapshot.conditioning._replace(coefficients=fresh.coefficients)
+        All or nothing: what a profile raises, it raises before anything has changed.
+        """
+        settings = settings_of(profile, self._fixed_gain, self._declination_rad)
+        derived = initial_conditioning(settings.conditioning).coefficients
+        now = self.snapshot
+        self.profile, self._settings = profile, settings
+        # what the memory has derived from the other parameters
+        conditioning = now.conditioning._replace(coefficients=derived)
+        self.snapshot = now._replace(conditioning=conditioning)
 
     def restart(self) -> None:
         """Forget the attitude and align anew, as after the vehicle's reboot."""

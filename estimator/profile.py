@@ -17,6 +17,7 @@ import msgspec
 from msgspec import Meta, Struct
 
 from estimator.aiding.types import AidingParams
+from estimator.bounds import require_within
 from estimator.conditioning.types import ConditioningParams
 from estimator.errors import InputError
 from estimator.filter import memberships
@@ -27,8 +28,13 @@ LONGEST_FILE = 1 << 20  # bytes; a profile has some 4,000
 # The parser's time and memory grow with the square of a key's parts
 TOO_DEEP = re.compile(r"(?<![\w\"'-])(?:[\w\"'-]++[ \t]*+\.[ \t]*+){32}")
 
-NonNegative = Annotated[float, Meta(ge=0.0)]
-Positive = Annotated[float, Meta(gt=0.0)]
+# Bounds of the filter's own parameters, as estimator/bounds.py has them for the other sections.
+Gamma = Annotated[float, Meta(ge=0.0, le=1e3)]
+FilterTime = Annotated[float, Meta(ge=1e-3, le=1e3)]
+BiasBound = Annotated[float, Meta(ge=0.0, le=100.0)]
+Weight = Annotated[float, Meta(ge=0.0, le=1e3)]
+Element = Annotated[float, Meta(ge=-1e3, le=1e3)]
+Row = tuple[Element, Element, Element]
 
 
 class Reference(Struct, frozen=True, forbid_unknown_fields=True):
@@ -51,20 +57,20 @@ class Filter(Struct, frozen=True, forbid_unknown_fields=True):
     numbers of R_hat(0), row after row, which are projected onto SO(3).
     """
 
-    gamma: NonNegative = 1.0
-    rate_time_constant_s: Positive = 0.3
-    bias_bound_rad_s: NonNegative = 2.0
+    gamma: Gamma = 1.0
+    rate_time_constant_s: FilterTime = 0.3
+    bias_bound_rad_s: BiasBound = 2.0
     euler_step_max_s: Annotated[float, Meta(ge=0.0, le=0.01)] = 0.01
     first_step_s: Annotated[float, Meta(ge=0.0, le=0.01)] = 0.0
-    initial_attitude: Literal["align"] | tuple[Vec3, Vec3, Vec3] = "align"
+    initial_attitude: Literal["align"] | tuple[Row, Row, Row] = "align"
 
 
 class Confidence(Struct, frozen=True, forbid_unknown_fields=True):
     """The paper's s_i: of gravity, the magnetic field and their cross product."""
 
-    gravity: NonNegative = 1.0
-    magnetic: NonNegative = 1.0
-    cross: NonNegative = 1.0
+    gravity: Weight = 1.0
+    magnetic: Weight = 1.0
+    cross: Weight = 1.0
 
 
 class Provenance(Struct, frozen=True, forbid_unknown_fields=True, omit_defaults=True):
@@ -221,7 +227,7 @@ def _from_tree(tree: Mapping[str, Any], where: str) -> Profile:
             profile, membership=dict(zip(memberships.NAMES, k, strict=True))
         )
         _require_conditioning(profile.conditioning)
-        _require_numbers("aiding", profile.aiding, AIDING_DEFAULTS)
+        _require_numbers("aiding", profile.aiding, AIDING_DEFAULTS, AidingParams)
         _require_directions(profile)
     except (msgspec.ValidationError, InputError) as error:
         msg = f"profile {where}: {str(error).replace('`$.', '`').replace('`', chr(39))}"
@@ -260,23 +266,24 @@ def _require_conditioning(given: Mapping[str, float | bool]) -> None:
             "conditioning.enabled is missing (true: for real IMUs, false: the paper's raw vectors)"
         )
         raise InputError(msg)
-    _require_numbers("conditioning", given, CONDITIONING_DEFAULTS)
+    _require_numbers("conditioning", given, CONDITIONING_DEFAULTS, ConditioningParams)
 
 
 def _require_numbers(
-    section: str, given: Mapping[str, float | bool], defaults: Mapping[str, float | bool]
+    section: str,
+    given: Mapping[str, float | bool],
+    defaults: Mapping[str, float | bool],
+    kind: type,
 ) -> None:
-    """Switches are true or false; numbers are numbers, above 0 where their default is."""
+    """Switches are true or false; numbers are numbers, within the bounds that ``kind`` declares."""
     _require_known(section, given, defaults)
     for key, value in given.items():
         default = defaults[key]
         if isinstance(default, bool) != isinstance(value, bool):
-            kind = "true or false" if isinstance(default, bool) else "a number"
-            msg = f"{section}.{key}: {value!r} should be {kind}"
+            expected = "true or false" if isinstance(default, bool) else "a number"
+            msg = f"{section}.{key}: {value!r} should be {expected}"
             raise InputError(msg)
-        if not isinstance(default, bool) and default > 0.0 and value <= 0.0:
-            msg = f"{section}.{key}: {value:g} should be above 0"
-            raise InputError(msg)
+    require_within(section, given, kind)
 
 
 def _require_directions(profile: Profile) -> None:

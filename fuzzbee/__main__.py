@@ -7,6 +7,6 @@ from pathlib import Path
 if not sys.flags.safe_path and Path(sys.path[0]) != Path(__file__).resolve().parents[1]:
     del sys.path[0]
 
-from fuzzbee.cli import entry_point  # noqa: E402 - not before that
+from fuzzbee.cli import entry_point
 
 entry_point()

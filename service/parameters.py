@@ -47,7 +47,8 @@ class ParameterRequests:
         try:
             return answer.result(ANSWER_TIMEOUT_S)
         except TimeoutError:
-            answer.cancel()
+            if not answer.cancel():  # it is being done at this moment: that is soon over
+                return answer.result()
             raise TimeoutError("the service did not answer in time") from None
         except CancelledError:
             raise TimeoutError("the service is ending") from None
@@ -67,6 +68,9 @@ class ParameterRequests:
                 request.answer.set_exception(error)
             except RecursionError:  # what the parser could still read
                 request.answer.set_exception(InputError("the profile is nested too deep"))
+            except Exception as error:  # noqa: BLE001 - one vehicle's profile ends no service
+                text = f"the profile cannot be used: {type(error).__name__}: {error}"
+                request.answer.set_exception(InputError(text))
             else:
                 request.answer.set_result(profile)
 

@@ -31,7 +31,7 @@ from drivers.mavlink.constants import is_autopilot
 from estimator.errors import InputError
 from estimator.estimator import Estimator
 from estimator.profile import Profile, merge_profile
-from service.records import Message, Output, Peer, Published, Replaced, vehicle_name
+from service.records import Message, Output, Peer, Published, Replaced
 from service.vehicle import Vehicle
 
 # A system id has one vehicle; more than this on one link is noise or an attack.
@@ -70,7 +70,7 @@ class Pipeline:
         self._next_status_us: int | None = None
         # the latest since the last tick: they come faster than anybody needs them
         self._peers: dict[tuple[VehicleId, str], Peer] = {}
-        self._replaced: list[Output] = []  # since the last tick
+        self._replaced: dict[VehicleId, Replaced] = {}  # the latest since the last tick
 
     @property
     def vehicles(self) -> tuple[Vehicle, ...]:
@@ -129,7 +129,9 @@ class Pipeline:
 
     def tick(self, now_us: int, load: Load = Load()) -> list[Output]:  # noqa: B008 - immutable
         """The attitudes at ``now_us`` (host time), and each second the statuses."""
-        outputs: list[Output] = [*self._replaced, *self._peers.values()]
+        outputs: list[Output] = [*self._replaced.values(), *self._peers.values()]
+        for address in self._replaced:
+            outputs += _messages(self._vehicles[address].on_profile(now_us))
         self._replaced.clear()
         self._peers.clear()
         status_due = self._status_due(now_us)
@@ -146,15 +148,18 @@ class Pipeline:
         """Use a vehicle's profile with the keys of ``partial`` replaced; returns it.
 
         Raises:
-            InputError: no such vehicle, unknown keys or values out of bounds.
+            InputError: no such vehicle, unknown keys, values out of bounds or of no use
+                together. The profile of before stays in force.
         """
         vehicle = self._vehicles.get(address)
         if vehicle is None:
             raise InputError(f"no vehicle {address.system_id}-{address.component_id}")
         profile = merge_profile(vehicle.profile, partial)
-        vehicle.replace_profile(profile)
-        name = vehicle_name(address)
-        self._replaced += [Replaced(address, profile), Message(f"vehicle {name}: new parameters")]
+        try:
+            vehicle.replace_profile(profile)
+        except (ArithmeticError, ValueError, TypeError) as error:
+            raise InputError(f"profile update: cannot be used: {error}") from error
+        self._replaced[address] = Replaced(address, profile)
         return profile
 
     def _meet(self, address: VehicleId) -> Vehicle | None:

@@ -208,6 +208,10 @@ class Vehicle:
         self.estimator.replace_profile(profile)
         self.profile = profile
 
+    def on_profile(self, now_us: int) -> list[str]:
+        """Its profile has been replaced: whoever can, may do so a hundred times a second."""
+        return self._talk.lines([f"vehicle {self.name}: new parameters"], now_us)
+
     def _change_over(self, before: str | None, now: str) -> list[str]:
         self._periods_us.clear()
         self._median_us = None

@@ -36,7 +36,9 @@ ELSEWHERE: tuple[Any, ...] = (
 # What the helper runs. It finds our packages where they are, and nothing in the folder that
 # the command was started in: -P keeps that off the path. It may hold anybody's downloads.
 OUR_FOLDER = Path(__file__).resolve().parents[1]
-HELPER = "import sys; sys.path.insert(0, sys.argv[1]); from service import warm_up; warm_up.help_out()"
+HELPER = (
+    "import sys; sys.path.insert(0, sys.argv[1]); from service import warm_up; warm_up.help_out()"
+)
 
 
 def warm_up(profile: Profile, gain: float | None) -> None:
@@ -95,8 +97,8 @@ def _sample(number: int) -> ImuSample:
 @contextmanager
 def _compiled_elsewhere() -> Iterator[None]:
     """Meanwhile another process compiles the other half into the cache."""
-    helper = subprocess.Popen(
-        [sys.executable, "-P", "-c", HELPER, str(OUR_FOLDER)],  # noqa: S603 - our own arguments
+    helper = subprocess.Popen(  # noqa: S603 - our own arguments
+        [sys.executable, "-P", "-c", HELPER, str(OUR_FOLDER)],
         stdin=subprocess.DEVNULL,
         stdout=subprocess.DEVNULL,
         stderr=subprocess.DEVNULL,

@@ -10,6 +10,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from estimator.bounds import Acceleration, Angle, Field, Lag, Noise, Rate, Share, Speed, Time
 from estimator.types import Quaternion, Vec3
 
 Array = NDArray[np.float64]
@@ -34,60 +35,60 @@ class AidingParams(NamedTuple):
     enabled: bool = True  # off: velocity is not used
 
     # Noise of the IMU, as densities.
-    gyr_noise: float = 0.005  # rad/s/sqrt(Hz); small: stiff, large: the attitude follows velocity
-    gyr_scale_noise: float = 0.002  # per rad/s turned, same; scale errors, crossed axes
-    gyr_slow_noise_1_s: float = 0.08  # likewise, for each second of the IMU's step
-    acc_noise: float = 0.08  # m/s^2/sqrt(Hz); vibration; small: stiff, large: slow
+    gyr_noise: Noise = 0.005  # rad/s/sqrt(Hz); small: stiff, large: the attitude follows velocity
+    gyr_scale_noise: Noise = 0.002  # per rad/s turned, same; scale errors, crossed axes
+    gyr_slow_noise_1_s: Noise = 0.08  # likewise, for each second of the IMU's step
+    acc_noise: Noise = 0.08  # m/s^2/sqrt(Hz); vibration; small: stiff, large: slow
     # Share of what changed between two samples that integration may have missed.
-    integration_noise: float = 0.12  # small: believes 4 Hz samples, large: distrusts them
-    gyr_bias_walk: float = 3e-4  # rad/s/sqrt(s); samples truncated to mrad/s wander, too
-    acc_bias_walk: float = 5e-4  # m/s^2/sqrt(s)
-    gyr_bias_sigma: float = 0.01  # rad/s, at the beginning
-    acc_bias_sigma: float = 0.05  # m/s^2, at the beginning
+    integration_noise: Noise = 0.12  # small: believes 4 Hz samples, large: distrusts them
+    gyr_bias_walk: Noise = 3e-4  # rad/s/sqrt(s); samples truncated to mrad/s wander, too
+    acc_bias_walk: Noise = 5e-4  # m/s^2/sqrt(s)
+    gyr_bias_sigma: Rate = 0.01  # rad/s, at the beginning
+    acc_bias_sigma: Acceleration = 0.05  # m/s^2, at the beginning
 
     # Velocity reports.
-    velocity_noise_m_s: float = 0.1  # of a report by an autopilot's filter
-    velocity_walk: float = 0.12  # m/s/sqrt(s), of the reports' slow error
-    report_sigma_m_s: float = 0.3  # sources less accurate than this get more noise
-    report_lag_s: float = 0.1  # of a receiver's reports, where their age is uncertain
-    oldest_report_s: float = 0.5  # older ones come too late
-    silence_s: float = 1.0  # then the unaided gravity helps
-    give_up_s: float = 300.0  # then it takes over
-    doubt_s: float = 1.5  # of reports or field far off in a row; then all begins anew
-    far_heading_rad: float = radians(40.0)  # that the field is off
-    gap_s: float = 1.0  # without IMU samples; then all begins anew
-    unaided_sigma_rad: float = radians(5.0)  # of the unaided gravity
-    unaided_tau_s: float = 3.0  # for so long its error stays the same
+    velocity_noise_m_s: Speed = 0.1  # of a report by an autopilot's filter
+    velocity_walk: Noise = 0.12  # m/s/sqrt(s), of the reports' slow error
+    report_sigma_m_s: Speed = 0.3  # sources less accurate than this get more noise
+    report_lag_s: Lag = 0.1  # of a receiver's reports, where their age is uncertain
+    oldest_report_s: Time = 0.5  # older ones come too late
+    silence_s: Time = 1.0  # then the unaided gravity helps
+    give_up_s: Time = 300.0  # then it takes over
+    doubt_s: Time = 1.5  # of reports or field far off in a row; then all begins anew
+    far_heading_rad: Angle = radians(40.0)  # that the field is off
+    gap_s: Time = 1.0  # without IMU samples; then all begins anew
+    unaided_sigma_rad: Angle = radians(5.0)  # of the unaided gravity
+    unaided_tau_s: Time = 3.0  # for so long its error stays the same
 
     # Lags.
-    imu_lag_s: float = 0.012  # the low-pass of an autopilot's IMU stream
-    imu_lag_sigma_s: float = 0.004
-    lag_step_s: float = 0.1  # IMU steps beyond this tell nothing about lags
-    field_lag_s: float = 0.045  # of a magnetometer averaged to 10 Hz, when its value changes
-    field_lag_sigma_s: float = 0.03
+    imu_lag_s: Lag = 0.012  # the low-pass of an autopilot's IMU stream
+    imu_lag_sigma_s: Lag = 0.004
+    lag_step_s: Lag = 0.1  # IMU steps beyond this tell nothing about lags
+    field_lag_s: Lag = 0.045  # of a magnetometer averaged to 10 Hz, when its value changes
+    field_lag_sigma_s: Lag = 0.03
 
     # Magnetic field.
-    heading_noise: float = radians(3.0)  # rad/sqrt(Hz); small: follows magnets, large: slow
-    hard_iron_sigma_gauss: float = 0.01  # that calibration has left over
-    uncalibrated_sigma_gauss: float = 0.2  # of a compass that nobody has calibrated
-    field_norm_scale: float = 0.05  # relative deviation that halves the confidence, or so
-    field_dip_scale_rad: float = radians(10.0)  # likewise
-    field_walk: float = 0.005  # share/sqrt(s) by which the place's field may change its strength
+    heading_noise: Noise = radians(3.0)  # rad/sqrt(Hz); small: follows magnets, large: slow
+    hard_iron_sigma_gauss: Field = 0.01  # that calibration has left over
+    uncalibrated_sigma_gauss: Field = 0.2  # of a compass that nobody has calibrated
+    field_norm_scale: Share = 0.05  # relative deviation that halves the confidence, or so
+    field_dip_scale_rad: Angle = radians(10.0)  # likewise
+    field_walk: Noise = 0.005  # share/sqrt(s) by which the place's field may change its strength
 
     # Beginning.
-    begin_tilt_sigma_rad: float = radians(5.0)
-    begin_heading_sigma_rad: float = radians(10.0)
+    begin_tilt_sigma_rad: Angle = radians(5.0)
+    begin_heading_sigma_rad: Angle = radians(10.0)
 
     # Published uncertainty, fitted to errors of simulated and recorded flights.
-    colour: float = 1.5  # errors are slower than white: their sigma against white noise's
-    heading_colour: float = 1.0
-    bare_heading_colour: float = 1.6  # that much more without a field: only velocity's slow errors
-    least_heading_scale: float = 0.15
-    iron_share: float = 0.3  # of its sigma that calibrated compasses' hard iron really has
-    field_error_share: float = 1.1  # of the field's slow disagreement that stays in the heading
-    least_inclination_rad: float = radians(0.12)
-    least_heading_rad: float = radians(0.12)
-    timing_s: float = 0.003  # uncertain age of the IMU sample, times the turn rate
+    colour: Share = 1.5  # errors are slower than white: their sigma against white noise's
+    heading_colour: Share = 1.0
+    bare_heading_colour: Share = 1.6  # that much more without a field: only velocity's slow errors
+    least_heading_scale: Share = 0.15
+    iron_share: Share = 0.3  # of its sigma that calibrated compasses' hard iron really has
+    field_error_share: Share = 1.1  # of the field's slow disagreement that stays in the heading
+    least_inclination_rad: Angle = radians(0.12)
+    least_heading_rad: Angle = radians(0.12)
+    timing_s: Lag = 0.003  # uncertain age of the IMU sample, times the turn rate
 
 
 class Report(NamedTuple):

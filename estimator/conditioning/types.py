@@ -11,6 +11,7 @@ heading; the heading correction turns 6D about down to north.
 from math import radians
 from typing import NamedTuple
 
+from estimator.bounds import Acceleration, Angle, Lag, Noise, Rate, Share, Time
 from estimator.types import Quaternion, Vec3
 
 # Upper triangle, row by row, of the covariance of three values and a fourth.
@@ -37,60 +38,60 @@ class ConditioningParams(NamedTuple):
     use_events: bool = True  # off: no reaction to an unsensed turn
 
     # Rest: how long things must be how quiet.
-    rest_tau_s: float = 0.5  # low-pass of gyro and acc; small: noise, large: late
-    rest_gyr_rad_s: float = radians(2.0)  # small: rest is missed, large: slow motion passes for it
-    rest_acc_m_s2: float = 0.5  # likewise
-    rest_time_s: float = 1.5  # small: pauses in motion pass for rest, large: late
+    rest_tau_s: Time = 0.5  # low-pass of gyro and acc; small: noise, large: late
+    rest_gyr_rad_s: Rate = radians(2.0)  # small: rest is missed, large: slow motion passes for it
+    rest_acc_m_s2: Acceleration = 0.5  # likewise
+    rest_time_s: Time = 1.5  # small: pauses in motion pass for rest, large: late
 
     # Gravity.
-    gravity_tau_s: float = 2.5  # small: acceleration tilts the vertical, large: gyro drift does
+    gravity_tau_s: Time = 2.5  # small: acceleration tilts the vertical, large: gyro drift does
 
     # Bias.
-    bias_limit_rad_s: float = radians(2.0)  # of the bias and of one innovation
-    bias_initial_sigma_rad_s: float = radians(0.5)  # small: slow start, large: jumpy start
-    bias_walk_rad_s: float = radians(0.1)  # sigma's growth in 100 s; small: stiff, large: noisy
-    bias_rest_sigma_rad_s: float = radians(0.03)  # steady sigma at rest; small: follows noise
-    bias_motion_sigma_rad_s: float = radians(0.1)  # likewise, moving
+    bias_limit_rad_s: Rate = radians(2.0)  # of the bias and of one innovation
+    bias_initial_sigma_rad_s: Rate = radians(0.5)  # small: slow start, large: jumpy start
+    bias_walk_rad_s: Rate = radians(0.1)  # sigma's growth in 100 s; small: stiff, large: noisy
+    bias_rest_sigma_rad_s: Rate = radians(0.03)  # steady sigma at rest; small: follows noise
+    bias_motion_sigma_rad_s: Rate = radians(0.1)  # likewise, moving
 
     # The field's calibration.
-    field_lag_sigma_s: float = 0.05  # of the unknown lag; small: believes in none
-    field_offset_sigma: float = 0.15  # of the vehicle's own field / the place's; likewise
-    calibration_high_pass_s: float = 3.0  # small: noise, large: the place's gradients count
-    calibration_noise_s: float = 0.005  # of the relative field, squared; small: jumpy, large: slow
-    calibration_reach: float = 0.5  # relative residual that is no matter of calibration any more
-    calibration_turn: float = 1.5  # squared distance of R6 from its mean that tells an offset
-    calibration_walk_s: float = 300.0  # time to forget; small: noisy, large: stiff
+    field_lag_sigma_s: Lag = 0.05  # of the unknown lag; small: believes in none
+    field_offset_sigma: Share = 0.15  # of the vehicle's own field / the place's; likewise
+    calibration_high_pass_s: Time = 3.0  # small: noise, large: the place's gradients count
+    calibration_noise_s: Lag = 0.005  # of the relative field, squared; small: jumpy, large: slow
+    calibration_reach: Share = 0.5  # relative residual that is no matter of calibration any more
+    calibration_turn: Share = 1.5  # squared distance of R6 from its mean that tells an offset
+    calibration_walk_s: Time = 300.0  # time to forget; small: noisy, large: stiff
 
     # The field's confidence.
-    field_tau_s: float = 0.05  # low-pass of norm and dip; small: noise counts, large: late
-    field_norm_scale: float = 0.1  # relative deviation that counts as one; small: strict
-    field_dip_scale_rad: float = 0.1  # likewise for the dip
-    field_reference_tau_s: float = 15.0  # small: learns the magnet, large: keeps the old place
+    field_tau_s: Time = 0.05  # low-pass of norm and dip; small: noise counts, large: late
+    field_norm_scale: Share = 0.1  # relative deviation that counts as one; small: strict
+    field_dip_scale_rad: Angle = 0.1  # likewise for the dip
+    field_reference_tau_s: Time = 15.0  # small: learns the magnet, large: keeps the old place
 
     # Heading.
-    heading_noise_rad2_s: float = (
+    heading_noise_rad2_s: Noise = (
         0.01  # of the field's heading; small: follows magnets, large: slow
     )
-    heading_tau_s: float = 40.0  # what it makes of a constant drift; likewise
-    heading_turning_noise_s: float = (
+    heading_tau_s: Time = 40.0  # what it makes of a constant drift; likewise
+    heading_turning_noise_s: Noise = (
         1e-5  # drift variance per squared rate: scale errors of the gyro
     )
 
     # Events.
-    turn_heading_rad: float = radians(14.0)  # residual no honest drift reaches; small: false alarms
-    turn_heading_tau_s: float = 1.5  # averaging of that residual; likewise
-    turn_heading_time_s: float = 1.0  # and for so long
-    turn_confidence: float = 0.6  # of the field, averaged likewise
-    turn_large_rad: float = radians(60.0)  # residual that needs less proof
-    turn_large_time_s: float = 0.5
-    turn_large_confidence: float = 0.8
-    turn_quiet_rad: float = radians(20.0)  # gravity of a quiet vehicle off by so much
-    turn_quiet_time_s: float = 0.25
-    turn_moving_rad: float = radians(60.0)  # of a moving one
-    turn_moving_tau_s: float = 1.0
-    turn_moving_time_s: float = 0.25
-    turn_levelling_rad: float = radians(30.0)  # levelling that must have swung the heading too
-    turn_levelling_tau_s: float = 3.0
+    turn_heading_rad: Angle = radians(14.0)  # residual no honest drift reaches; small: false alarms
+    turn_heading_tau_s: Time = 1.5  # averaging of that residual; likewise
+    turn_heading_time_s: Time = 1.0  # and for so long
+    turn_confidence: Share = 0.6  # of the field, averaged likewise
+    turn_large_rad: Angle = radians(60.0)  # residual that needs less proof
+    turn_large_time_s: Time = 0.5
+    turn_large_confidence: Share = 0.8
+    turn_quiet_rad: Angle = radians(20.0)  # gravity of a quiet vehicle off by so much
+    turn_quiet_time_s: Time = 0.25
+    turn_moving_rad: Angle = radians(60.0)  # of a moving one
+    turn_moving_tau_s: Time = 1.0
+    turn_moving_time_s: Time = 0.25
+    turn_levelling_rad: Angle = radians(30.0)  # levelling that must have swung the heading too
+    turn_levelling_tau_s: Time = 3.0
 
     # Source.
     averaged_samples: bool = False  # samples are means over their interval, not instants

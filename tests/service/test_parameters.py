@@ -8,6 +8,7 @@ import pytest
 
 from estimator.errors import InputError
 from estimator.profile import load_profile
+from service.parameters import ParameterRequests
 from service.pipeline import Pipeline
 from service.records import Published
 from tests.service.sinks.test_zenoh import (  # noqa: F401
@@ -83,6 +84,25 @@ def test_what_cannot_be_used_is_refused_by_name_and_changes_nothing(partial, wor
     with pytest.raises(InputError, match=words):
         pipeline.replace_profile(ONE, partial)
     assert pipeline.vehicle(ONE).profile is before
+
+
+def test_whatever_goes_wrong_in_the_loop_is_an_answer():
+    requests, answers = ParameterRequests(), []
+
+    def ask():
+        with pytest.raises(InputError) as raised:
+            requests.ask(ONE, {})
+        answers.append(str(raised.value))
+
+    def replace(vehicle, partial):
+        raise OverflowError("out of range")
+
+    thread = threading.Thread(target=ask)
+    thread.start()
+    wait_for(requests._queue.qsize)
+    requests.serve(replace)
+    thread.join()
+    assert answers == ["the profile cannot be used: OverflowError: out of range"]
 
 
 def nested(depth):

@@ -232,6 +232,39 @@ def test_a_profile_is_replaced_without_losing_the_estimate():
     assert Replaced(ONE, profile) not in pipeline.tick(START_US + 110_000)
 
 
+def test_a_profile_that_raises_while_it_is_installed_changes_nothing(monkeypatch):
+    """Whatever the checks let through: the vehicle flies on with the one of before."""
+    pipeline, alone = fed(imu_events(100)), fed(imu_events(100))
+    before = pipeline.vehicle(ONE).profile
+
+    def overflow(params):
+        raise OverflowError("(34, 'Numerical result out of range')")
+
+    monkeypatch.setattr("estimator.estimator.initial_conditioning", overflow)
+    with pytest.raises(InputError, match="out of range"):
+        pipeline.replace_profile(ONE, {"filter": {"gamma": 0.25}})
+    monkeypatch.undo()
+    vehicle = pipeline.vehicle(ONE)
+    assert vehicle.profile == vehicle.estimator.profile == before
+    for one in (pipeline, alone):
+        one.handle(imu_events(101)[-1])
+    assert vehicle.estimator.snapshot == alone.vehicle(ONE).estimator.snapshot
+    assert not [output for output in pipeline.tick(START_US) if isinstance(output, Replaced)]
+
+
+def test_a_flood_of_profiles_is_told_a_few_times():
+    pipeline = fed(imu_events(100))
+    told = []
+    for turn in range(500):
+        for step in range(4):
+            pipeline.replace_profile(ONE, {"filter": {"gamma": 0.1 + 0.001 * step}})
+        told += pipeline.tick(START_US + 1_000_000 + 10_000 * turn)
+    assert len([output for output in told if isinstance(output, Replaced)]) == 500
+    lines = [output.text for output in told if isinstance(output, Message)]
+    assert lines.count("vehicle 1: new parameters") == 12  # in a minute, and that there are more
+    assert lines.count("vehicle 1: and so on, more is not told for a minute") == 1
+
+
 def test_an_estimate_that_is_not_finite_is_not_published():
     pipeline = fed(imu_events(10))
     estimator = pipeline.vehicle(ONE).estimator
