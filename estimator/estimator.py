@@ -393,6 +393,7 @@ class Estimator:
     @property
     def _north(self) -> str:
         """What the heading is measured from; without a field it is the reports' true north."""
-        known = self._declination_rad is not None or self.profile.reference.declination_deg != 0.0
+        given = self.profile.reference.declination_deg != "position"
+        known = given or self._declination_rad is not None
         by_velocity = self._has_heading_by_velocity
         return "true" if known or by_velocity or not self._settings.conditioned else "magnetic"

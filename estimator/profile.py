@@ -35,6 +35,7 @@ BiasBound = Annotated[float, Meta(ge=0.0, le=100.0)]
 Weight = Annotated[float, Meta(ge=0.0, le=1e3)]
 Element = Annotated[float, Meta(ge=-1e3, le=1e3)]
 Row = tuple[Element, Element, Element]
+Declination = Annotated[float, Meta(ge=-180.0, le=180.0)]
 
 
 class Reference(Struct, frozen=True, forbid_unknown_fields=True):
@@ -42,12 +43,13 @@ class Reference(Struct, frozen=True, forbid_unknown_fields=True):
 
     ``magnetic = "learn"`` takes only the horizontal part of the field, which
     points north, and learns its norm and dip. ``declination_deg`` turns
-    magnetic north to true north, east positive.
+    magnetic north to true north, east positive; ``"position"`` leaves it to the
+    first position. A number counts as known, also 0.
     """
 
     gravity: Vec3 = (0.0, 0.0, 1.0)
     magnetic: Vec3 | Literal["learn"] = "learn"
-    declination_deg: Annotated[float, Meta(ge=-180.0, le=180.0)] = 0.0
+    declination_deg: Declination | Literal["position"] = "position"
 
 
 class Filter(Struct, frozen=True, forbid_unknown_fields=True):

@@ -35,7 +35,8 @@ def settings_of(
 ) -> Settings:
     """The kernels' parameters; ``fixed_gain`` replaces the fuzzy controller's K.
 
-    ``declination_rad`` is used where the profile names none.
+    ``declination_rad`` is that of the vehicle's place, None as long as that is not known; it is
+    used where the profile leaves the declination to the position.
 
     Raises:
         InputError: the fixed gain is not a positive number.
@@ -66,16 +67,19 @@ def settings_of(
         aiding=_aiding(profile),
         conditioned=profile.conditioned,
         learns_north=profile.reference.magnetic == "learn"
-        and not profile.reference.declination_deg,
+        and profile.reference.declination_deg == "position",
         initial=_initial_attitude(profile),
     )
 
 
 def _magnetic_direction(profile: Profile, declination_rad: float | None) -> Vec3:
-    """The profile's magnetic direction turned to true north by the declination."""
+    """The profile's magnetic direction turned to true north; as it is where that is unknown."""
     direction = profile.reference.magnetic
     north = MAGNETIC_NORTH if direction == "learn" else unit(direction)
-    angle = radians(profile.reference.declination_deg) or declination_rad or 0.0
+    declination_deg = profile.reference.declination_deg
+    if declination_deg != "position":
+        declination_rad = radians(declination_deg)
+    angle = 0.0 if declination_rad is None else declination_rad
     return rotate(exp((0.0, 0.0, angle)), north)
 
 

@@ -1,12 +1,14 @@
 """Profiles are strict: what is wrong is named in one line, what is right comes back unchanged."""
 
 import os
+from math import cos, radians, sin
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from estimator.errors import InputError
+from estimator.estimator import Estimator
 from estimator.filter.memberships import LOWER, NAMES, UPPER, midpoint, require_feasible
 from estimator.live.settings import settings_of
 from estimator.profile import (
@@ -17,7 +19,8 @@ from estimator.profile import (
     profile_to_json,
     profile_to_toml,
 )
-from tests.vocabulary import random_memberships
+from estimator.types import ZERO_VEC3, ImuSample
+from tests.vocabulary import angle_rad, random_memberships
 
 MEMBERSHIP = "[membership]\n" + "".join(
     f"{name} = {value!r}\n" for name, value in zip(NAMES, midpoint(), strict=True)
@@ -297,6 +300,34 @@ def test_fixed_gain_must_be_positive(gain):
 def test_declination_turns_magnetic_to_true_north():
     east = merge_profile(load_profile("imu"), {"reference": {"declination_deg": 90.0}})
     assert settings_of(east).reference.magnetic_ned == pytest.approx((0.0, 1.0, 0.0), abs=1e-15)
+
+
+def test_a_declination_of_zero_is_known_and_the_default_is_not():
+    """0 is a value: the heading is true, and a position 4 deg off changes nothing."""
+    zero = merge_profile(load_profile("imu"), {"reference": {"declination_deg": 0}})
+    assert not settings_of(zero).learns_north
+    assert settings_of(zero, declination_rad=0.1).reference.magnetic_ned == (1.0, 0.0, 0.0)
+    default = load_profile("imu")
+    assert settings_of(default).learns_north
+    turned = settings_of(default, declination_rad=0.1).reference.magnetic_ned
+    assert turned == pytest.approx((cos(0.1), sin(0.1), 0.0), abs=1e-15)
+    level = ImuSample(1_000_000, ZERO_VEC3, (0.0, 0.0, -9.8), (0.2, 0.0, 0.4), True)
+    for profile, before, after in ((zero, "true", "true"), (default, "magnetic", "true")):
+        estimator = Estimator(profile)
+        estimator.update(level)
+        first = estimator.attitude(level.time_us)
+        assert first.heading_reference == before
+        estimator.set_position(52.0, 13.0, 50.0, 1_790_000_000_000_000)
+        then = estimator.attitude(level.time_us)
+        assert then.heading_reference == after
+        # 4.5 deg east near Berlin in 2026 by the World Magnetic Model
+        turn = radians(4.5) if before == "magnetic" else 0.0
+        assert angle_rad(first.q_ned_frd, then.q_ned_frd) == pytest.approx(turn, abs=0.01)
+
+
+@pytest.mark.parametrize("word", ["unknown", "learn", ""])
+def test_another_word_for_the_declination_is_refused(word):
+    refused(f'[reference]\ndeclination_deg = "{word}"\n' + SMALLEST)
 
 
 BOMBS = {
