@@ -5,7 +5,7 @@ from typing import Any
 
 from estimator.aiding import Report, compass
 from estimator.aiding.compass import Compass
-from estimator.aiding.place import PlaceField, field_at, resembles
+from estimator.aiding.place import Whereabouts, resembles, said, unlike
 from estimator.aiding.search import EMPTY_SEARCH
 from estimator.compilation.compiled import plain
 from estimator.conditioning.condition import condition
@@ -59,7 +59,7 @@ class Estimator:
     def __init__(self, profile: Profile, fixed_gain: float | None = None) -> None:
         self._fixed_gain = fixed_gain
         self._declination_rad: float | None = None
-        self._place_field: PlaceField | None = None
+        self._whereabouts = Whereabouts()
         self.profile = profile
         self._settings = settings_of(profile, fixed_gain)
         self._snapshot: Snapshot
@@ -235,10 +235,10 @@ class Estimator:
 
     def _trusts_field(self) -> bool:
         """Whether the field may give the first heading: calibrated, and like the place's own."""
-        now, place = self._snapshot, self._place_field
+        now, place = self._snapshot, self._whereabouts.here
         if place is not None:
             seen = contents_of(self._inside).memory.magnetic
-            if not resembles(place, seen.horizontal_reference, seen.down_reference):
+            if not resembles(place.field, seen.horizontal_reference, seen.down_reference):
                 known = now.compass._replace(unlike_us=now.time_us)
                 self._snapshot = now = now._replace(compass=known)
         return compass.is_trusted(now.compass, now.time_us)
@@ -316,22 +316,35 @@ class Estimator:
     ) -> None:
         """Where and when it is: from magnetic to true north, if the profile leaves that open.
 
-        The first position fixes the declination. A heading from magnetic north
-        turns with it, so the change of reference is no error to be corrected.
+        A heading from magnetic north turns with the declination, so the change of reference is no
+        error to be corrected. Elsewhere the field is another one, and what was concluded from
+        the one that is not this place's is taken back.
         """
-        if self._declination_rad is not None or not self._settings.learns_north:
+        if not self._settings.learns_north:
             return
-        place = field_at(latitude_deg, longitude_deg, altitude_m, unix_us)
-        if place is None:
+        before = self._whereabouts.here
+        known = said(self._whereabouts, latitude_deg, longitude_deg, altitude_m, unix_us)
+        self._whereabouts = known
+        if known.here is None or known.here is before:
             return
+        field = known.here.field
+        turn_rad = field.declination_rad - (self._declination_rad or 0.0)
         was_true = self._has_heading_by_velocity
-        self._place_field = place
-        self._declination_rad = place.declination_rad
+        self._declination_rad = field.declination_rad
         self.replace_profile(self.profile)
+        if before is not None and unlike(before.field, field):
+            self._take_back()
         if not was_true:
             now = self.snapshot
-            q = multiply(exp((0.0, 0.0, place.declination_rad)), now.filter.q_ned_frd)
+            q = multiply(exp((0.0, 0.0, turn_rad)), now.filter.q_ned_frd)
             self.snapshot = now._replace(filter=now.filter._replace(q_ned_frd=q))
+
+    def _take_back(self) -> None:
+        """Forget what another place's field has led to: verdicts on the compass, the aiding."""
+        now = self.snapshot
+        self.snapshot = now._replace(
+            compass=compass.restart(now.compass), aided=None, aided_covariance=()
+        )
 
     def set_field_calibrated(self, calibrated: bool) -> None:
         """Whether somebody has calibrated the compass; it is assumed until told otherwise.

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from drivers.events import ClockReset, Event, Imu, Position, ReferenceAttitude, TrackLost, VehicleId
 from drivers.logs.open import open_log
 from drivers.logs.reference_track import ReferenceTrack
-from estimator.aiding.place import field_at
+from estimator.aiding.place import Whereabouts, said
 from estimator.errors import InputError
 from estimator.refusal import refusal
 from estimator.types import ImuSample
@@ -75,7 +75,7 @@ class _Stream:
         self.samples: dict[str, list[ImuSample]] = {}
         self.restarts: dict[str, list[int]] = {}
         self.tracks = {name: ReferenceTrack() for name in REFERENCES}
-        self.declination_rad: float | None = None
+        self._whereabouts = Whereabouts()
         self._restart_pending: set[str] = set()
 
     def take(self, event: Event) -> None:
@@ -84,11 +84,9 @@ class _Stream:
                 self._take_sample(message, sample)
             case ReferenceAttitude(source=source):
                 self.tracks[source].add(event)
-            case Position() if self.declination_rad is None:
-                place = field_at(
-                    event.latitude_deg, event.longitude_deg, event.altitude_m, event.arrival_us
-                )
-                self.declination_rad = None if place is None else place.declination_rad
+            case Position():
+                place = (event.latitude_deg, event.longitude_deg, event.altitude_m)
+                self._whereabouts = said(self._whereabouts, *place, event.arrival_us)
             case ClockReset():
                 self._restart_pending = set(self.samples)
             case TrackLost(message=message):
@@ -102,6 +100,12 @@ class _Stream:
             self.restarts.setdefault(message, []).append(len(kept))
             self._restart_pending.discard(message)
         kept.append(sample)
+
+    @property
+    def declination_rad(self) -> float:
+        """Of the last place; 0 without one."""
+        here = self._whereabouts.here
+        return 0.0 if here is None else here.field.declination_rad
 
     @property
     def message(self) -> str:
@@ -151,7 +155,7 @@ def _arrays(name: str, sha256: str, stream: _Stream) -> LogData:
         message=message,
         rate_hz=float(1.0 / np.median(steps_s)) if len(steps_s) else 0.0,
         reference=reference,
-        declination_rad=stream.declination_rad or 0.0,
+        declination_rad=stream.declination_rad,
         time_s=1e-6 * (times_us - times_us[0]),
         restart=restart,
         gyr_rad_s=np.array([s.gyr_rad_s for s in samples]),

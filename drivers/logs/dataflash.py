@@ -1,7 +1,7 @@
 """ArduPilot's on-board logs (DataFlash .bin).
 
 The messages read, with the names of both eras: IMU, IMU2, IMU3 (or the field
-I), MAG, ATT, XKQ/NKQ, XKF1/NKF1/EKF1, GPS, PARM, MSG, and SIM as truth.
+I), MAG, ATT, XKQ/NKQ, XKF1/NKF1/EKF1, XKF4/NKF4/EKF4, GPS, PARM, MSG, and SIM as truth.
 Accelerometer and gyroscope are SI in the log, the field is in mGauss, angles
 are in degrees. Times count from boot, in us or, until 2015, in ms.
 """
@@ -30,6 +30,7 @@ from drivers.mavlink.decoder import (
     quaternion_from_euler,
     unit_or_none,
 )
+from drivers.samples.navigation import filter_status
 from drivers.samples.vehicle_clock import TimeField
 from estimator.types import Quaternion
 
@@ -83,6 +84,9 @@ class _Decoder:
             "XKF1": self._filter_velocity,
             "NKF1": self._filter_velocity,
             "EKF1": self._filter_velocity,
+            "XKF4": self._filter_status,
+            "NKF4": self._filter_status,
+            "EKF4": self._filter_status,
             "GPS": self._gps,
             "SIM": self._truth,
             "PARM": self._parameter,
@@ -143,6 +147,13 @@ class _Decoder:
         return self._vehicle.fix(
             name, *self._time(name, row), (velocity, True, FILTER_VELOCITY_SIGMA_M_S)
         )
+
+    def _filter_status(self, name: str, row: Row) -> list[Event]:
+        if _instance(row, "C") == 0 and "SS" in row:  # the first years' filters did not say
+            status = filter_status(int(row["SS"]), float(row["SV"]))
+            arrival_us = self._vehicle.arrival_us(_time_us(name, row)[1])
+            self._vehicle.navigation.hear_status(status, arrival_us)
+        return []
 
     def _gps(self, name: str, row: Row) -> list[Event]:
         latitude_deg, longitude_deg = row["Lat"], row["Lng"]

@@ -24,6 +24,7 @@ from drivers.logs.log_time import LogTime
 from drivers.mavlink.decoder import GPS_LATE_SIGMA_S
 from drivers.samples.fresh_field import FreshField
 from drivers.samples.imu_checks import Plausibility, refuse_imu
+from drivers.samples.navigation import Navigation
 from drivers.samples.sensor_faults import Readings, SensorFaults
 from drivers.samples.vehicle_clock import Placed, Refused, TimeField, VehicleClock
 from estimator.types import ZERO_VEC3, Quaternion, Vec3, VelocitySample
@@ -42,6 +43,7 @@ class LoggedVehicle:
         self.id = vehicle
         self._autopilot = autopilot
         self._unix_us = unix_us
+        self.navigation = Navigation()
         self._clock = VehicleClock()
         self._log_time = LogTime()
         self._field = FreshField()
@@ -120,6 +122,7 @@ class LoggedVehicle:
     ) -> list[Event]:
         """A velocity and perhaps a position; either is left out where it is not finite.
 
+        A velocity alone is a filter's, and believed as far as that believes itself.
         ``velocity`` is NED in m/s, whether its vertical part is one, and its sigma in m/s.
         ``position`` is latitude and longitude in degrees and altitude in m.
         """
@@ -130,8 +133,11 @@ class LoggedVehicle:
         events = self._resets(placed, arrival_us)
         if position is not None and _all_finite(position):
             events.append(Position(self.id, arrival_us, time_us, name, *_floats(position)))
-        velocity_ned_m_s, has_vertical, sigma_m_s = velocity
-        if _all_finite((*velocity_ned_m_s, sigma_m_s)):
+        velocity_ned_m_s, has_vertical, own_sigma_m_s = velocity
+        sigma_m_s: float | None = own_sigma_m_s
+        if position is None:
+            sigma_m_s = self.navigation.velocity_sigma_m_s(own_sigma_m_s, arrival_us)
+        if sigma_m_s is not None and _all_finite((*velocity_ned_m_s, sigma_m_s)):
             late_s = 0.0 if position is None else GPS_LATE_SIGMA_S  # a receiver's, not a filter's
             sample = VelocitySample(
                 time_us, _floats(velocity_ned_m_s), has_vertical, float(sigma_m_s), late_s
@@ -147,6 +153,8 @@ class LoggedVehicle:
         reset = placed.reset
         if reset is None:
             return []
+        if reset.reason == "reboot":
+            self.navigation.forget()
         return [ClockReset(self.id, arrival_us, reset.reason, reset.step_us * 1e-6)]
 
 

@@ -3,7 +3,8 @@
 Topics: sensor_combined, or vehicle_imu where that is missing, with
 vehicle_magnetometer; vehicle_attitude as the autopilot's reference and
 vehicle_attitude_groundtruth as truth; vehicle_local_position and
-vehicle_gps_position (or sensor_gps) for velocity and position. All are SI and
+vehicle_gps_position (or sensor_gps) for velocity and position; estimator_status and
+estimator_selector_status for how far the filter believes itself. All are SI and
 FRD/NED already, fields in gauss, times in us since boot.
 """
 
@@ -19,6 +20,7 @@ from drivers.mavlink.decoder import (
     GPS_VELOCITY_SIGMA_M_S,
     unit_or_none,
 )
+from drivers.samples.navigation import filter_status
 from drivers.samples.vehicle_clock import TimeField
 from estimator.errors import InputError
 from estimator.types import Quaternion, Vec3
@@ -38,7 +40,9 @@ FIELDS = {
     "sensor_mag": ("x", "y", "z"),
     "vehicle_attitude": ("q",),
     "vehicle_attitude_groundtruth": ("q",),
-    "vehicle_local_position": ("vx", "vy", "vz", "v_xy_valid", "v_z_valid"),
+    "vehicle_local_position": ("vx", "vy", "vz", "v_xy_valid", "v_z_valid", "dead_reckoning"),
+    "estimator_status": ("solution_status_flags", "vel_test_ratio"),
+    "estimator_selector_status": ("primary_instance",),
     "vehicle_gps_position": GPS_FIELDS,
     "sensor_gps": GPS_FIELDS,
 }
@@ -76,6 +80,7 @@ class _Decoder:
         self._parameters = parameters
         system_id = _in_byte(parameters.get("MAV_SYS_ID"), 1)
         self._vehicle = LoggedVehicle(VehicleId(system_id, 1), MAV_AUTOPILOT_PX4, unix_us)
+        self._is_first_filter = True
         self._handlers: dict[str, Callable[[str, int, Row], list[Event]]] = {
             "sensor_combined": self._sensor_combined,
             "vehicle_imu": self._vehicle_imu,
@@ -84,6 +89,8 @@ class _Decoder:
             "vehicle_attitude": self._attitude,
             "vehicle_attitude_groundtruth": self._truth,
             "vehicle_local_position": self._local_position,
+            "estimator_status": self._estimator_status,
+            "estimator_selector_status": self._selector_status,
             "vehicle_gps_position": self._gps,
             "sensor_gps": self._gps,
         }
@@ -137,13 +144,26 @@ class _Decoder:
         return self._vehicle.reference(topic, TimeField.TIME_USEC, raw_us, "sim", q)
 
     def _local_position(self, topic: str, raw_us: int, row: Row) -> list[Event]:
-        if not row["v_xy_valid"]:
-            return []
+        if not row["v_xy_valid"] or row.get("dead_reckoning"):
+            return []  # a reckoning from the same IMU tells nothing of that
         has_vertical = bool(row["v_z_valid"])
         velocity = (row["vx"], row["vy"], row["vz"] if has_vertical else 0.0)
         return self._vehicle.fix(
             topic, TimeField.TIME_USEC, raw_us, (velocity, has_vertical, FILTER_VELOCITY_SIGMA_M_S)
         )
+
+    def _estimator_status(self, _topic: str, raw_us: int, row: Row) -> list[Event]:
+        """The first filter's, where several run; it counts while that one is in use."""
+        if self._is_first_filter and "solution_status_flags" in row:
+            status = filter_status(row["solution_status_flags"], row["vel_test_ratio"])
+            self._vehicle.navigation.hear_status(status, self._vehicle.arrival_us(raw_us))
+        return []
+
+    def _selector_status(self, _topic: str, _raw_us: int, row: Row) -> list[Event]:
+        self._is_first_filter = row["primary_instance"] == 0
+        if not self._is_first_filter:
+            self._vehicle.navigation.forget()
+        return []
 
     def _gps(self, topic: str, raw_us: int, row: Row) -> list[Event]:
         if row["fix_type"] < GPS_FIX_TYPE_3D_FIX:

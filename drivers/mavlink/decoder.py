@@ -41,6 +41,7 @@ from drivers.mavlink.constants import (
 )
 from drivers.mavlink.dialect import mavlink
 from drivers.samples.imu_checks import MagMemory, Plausibility, refuse_imu
+from drivers.samples.navigation import Navigation, filter_status
 from drivers.samples.sensor_faults import Readings, SensorFaults
 from drivers.samples.vehicle_clock import Placed, Refused, TimeField, VehicleClock
 from drivers.value import Value
@@ -166,6 +167,7 @@ class _Vehicle:
         self.imus: dict[str, _ImuStream] = {}
         self.last_imu_us: int | None = None
         self.truth_given_us: dict[str, int] = {}
+        self.navigation = Navigation()
 
     def imu(self, name: str) -> _ImuStream | None:
         """The stream of that name, a new one if need be; None if there are too many."""
@@ -193,6 +195,8 @@ class MavlinkDecoder:
             "GLOBAL_POSITION_INT": self._global_position,
             "LOCAL_POSITION_NED": self._local_position,
             "GPS_RAW_INT": self._gps_raw,
+            "EKF_STATUS_REPORT": self._ekf_status,
+            "ESTIMATOR_STATUS": self._estimator_status,
             "PARAM_VALUE": self._param_value,
             "HEARTBEAT": self._heartbeat,
             "COMMAND_ACK": self._command_ack,
@@ -365,9 +369,9 @@ class MavlinkDecoder:
             return []
         events = _resets(vehicle, placed, arrival_us)
         velocity = (m.vx * 0.01, m.vy * 0.01, m.vz * 0.01)
-        sample = VelocitySample(placed.time_us, velocity, True, FILTER_VELOCITY_SIGMA_M_S)
-        events.append(Velocity(vehicle.id, arrival_us, "GLOBAL_POSITION_INT", sample))
-        events.append(_position(vehicle, m, placed.time_us, arrival_us))
+        events += _filter_velocity(vehicle, m.get_type(), velocity, placed.time_us, arrival_us)
+        if vehicle.navigation.believes_place(m.lat * 1e-7, m.lon * 1e-7, arrival_us):
+            events.append(_position(vehicle, m, placed.time_us, arrival_us))
         return events
 
     def _local_position(self, vehicle: _Vehicle, m: Any, arrival_us: int) -> list[Event]:
@@ -378,12 +382,22 @@ class MavlinkDecoder:
         if placed is None:
             return []
         events = _resets(vehicle, placed, arrival_us)
-        sample = VelocitySample(placed.time_us, velocity, True, FILTER_VELOCITY_SIGMA_M_S)
-        events.append(Velocity(vehicle.id, arrival_us, "LOCAL_POSITION_NED", sample))
+        events += _filter_velocity(vehicle, m.get_type(), velocity, placed.time_us, arrival_us)
         return events
 
+    def _ekf_status(self, vehicle: _Vehicle, m: Any, arrival_us: int) -> list[Event]:
+        status = filter_status(m.flags, m.velocity_variance)  # a test ratio, whatever its name
+        vehicle.navigation.hear_status(status, arrival_us)
+        return []
+
+    def _estimator_status(self, vehicle: _Vehicle, m: Any, arrival_us: int) -> list[Event]:
+        vehicle.navigation.hear_status(filter_status(m.flags, m.vel_ratio), arrival_us)
+        return []
+
     def _gps_raw(self, vehicle: _Vehicle, m: Any, arrival_us: int) -> list[Event]:
-        if m.fix_type < GPS_FIX_TYPE_3D_FIX or (m.lat == 0 and m.lon == 0):
+        has_fix = m.fix_type >= GPS_FIX_TYPE_3D_FIX
+        vehicle.navigation.hear_fix(has_fix, arrival_us)
+        if not has_fix or (m.lat == 0 and m.lon == 0):
             return []
         placed = vehicle.clock.other("GPS_RAW_INT", TimeField.GPS, m.time_usec, arrival_us)
         if isinstance(placed, Refused):
@@ -473,6 +487,8 @@ def _place_boot_ms(vehicle: _Vehicle, name: str, m: Any, arrival_us: int) -> Pla
 def _resets(vehicle: _Vehicle, placed: Placed, arrival_us: int) -> list[Event]:
     if placed.reset is None:
         return []
+    if placed.reset.reason == "reboot":
+        vehicle.navigation.forget()
     step_s = placed.reset.step_us * 1e-6
     return [ClockReset(vehicle.id, arrival_us, placed.reset.reason, step_s)]
 
@@ -487,6 +503,17 @@ def _truth(vehicle: _Vehicle, name: str, q: Quaternion | None, arrival_us: int) 
         return []
     vehicle.truth_given_us[name] = time_us
     return [ReferenceAttitude(vehicle.id, arrival_us, time_us, "sim", name, q)]
+
+
+def _filter_velocity(
+    vehicle: _Vehicle, name: str, velocity: Vec3, time_us: int, arrival_us: int
+) -> list[Event]:
+    """What the autopilot's filter says, as far as it believes itself."""
+    sigma_m_s = vehicle.navigation.velocity_sigma_m_s(FILTER_VELOCITY_SIGMA_M_S, arrival_us)
+    if sigma_m_s is None:
+        return []
+    sample = VelocitySample(time_us, velocity, True, sigma_m_s)
+    return [Velocity(vehicle.id, arrival_us, name, sample)]
 
 
 def _position(vehicle: _Vehicle, m: Any, time_us: int, arrival_us: int) -> Position:

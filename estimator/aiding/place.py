@@ -1,7 +1,7 @@
-"""The magnetic field of a place, from the World Magnetic Model."""
+"""Where a vehicle is, and the magnetic field of the place, from the World Magnetic Model."""
 
 from functools import lru_cache
-from math import atan2, hypot, isfinite, radians
+from math import atan2, cos, dist, hypot, isfinite, radians, sin
 from typing import Any, NamedTuple
 
 SECONDS_A_YEAR = 365.25 * 86_400.0
@@ -15,6 +15,12 @@ LEAST_STRENGTH, MOST_STRENGTH = 0.4, 1.4
 MOST_DIP_OFF_RAD = radians(15.0)
 LATITUDE_LIMIT_DEG = 89.9  # at the poles the declination is undefined
 NANOTESLA_PER_GAUSS = 1e5
+EARTH_RADIUS_M = 6_371_000.0
+# So far away the field is looked up anew; the declination changes by some 0.1 degrees in that.
+MOVED_M = 20_000.0
+# By so much of its strength does one place's field differ from another's where what was
+# concluded from the one is wrong at the other; a flight of 200 km changes it by less.
+UNLIKE_SHARE = 0.05
 
 
 class PlaceField(NamedTuple):
@@ -23,6 +29,68 @@ class PlaceField(NamedTuple):
     declination_rad: float
     dip_rad: float
     strength_gauss: float
+
+
+class Place(NamedTuple):
+    """A place whose field has been looked up."""
+
+    latitude_deg: float
+    longitude_deg: float
+    field: PlaceField
+
+
+class Whereabouts(NamedTuple):
+    """Where the vehicle is taken to be, and somewhere else it was said to be just now."""
+
+    here: Place | None = None
+    elsewhere_deg: tuple[float, float] | None = None
+
+
+def said(
+    known: Whereabouts, latitude_deg: float, longitude_deg: float, altitude_m: float, unix_us: int
+) -> Whereabouts:
+    """After a position was told.
+
+    The first one counts. After that a place more than ``MOVED_M`` away must be told twice in a
+    row, so that one bad position moves nothing.
+    """
+    here, position = known.here, (latitude_deg, longitude_deg)
+    if not (isfinite(latitude_deg) and isfinite(longitude_deg)):
+        return known
+    if here is not None:
+        if distance_m((here.latitude_deg, here.longitude_deg), position) < MOVED_M:
+            return known if known.elsewhere_deg is None else known._replace(elsewhere_deg=None)
+        before = known.elsewhere_deg
+        if before is None or distance_m(before, position) > MOVED_M:
+            return known._replace(elsewhere_deg=position)
+    field = field_at(latitude_deg, longitude_deg, altitude_m, unix_us)
+    return known if field is None else Whereabouts(Place(*position, field))
+
+
+def distance_m(one_deg: tuple[float, float], other_deg: tuple[float, float]) -> float:
+    """The chord between two places (latitude, longitude) on a sphere."""
+    return EARTH_RADIUS_M * dist(_direction(*one_deg), _direction(*other_deg))
+
+
+def _direction(latitude_deg: float, longitude_deg: float) -> tuple[float, float, float]:
+    latitude, longitude = radians(latitude_deg), radians(longitude_deg)
+    across = cos(latitude)
+    return (across * cos(longitude), across * sin(longitude), sin(latitude))
+
+
+def unlike(one: PlaceField, other: PlaceField) -> bool:
+    """Whether two places' fields differ by more than a compass's calibration leaves over."""
+    return dist(_vector(one), _vector(other)) > UNLIKE_SHARE * one.strength_gauss
+
+
+def _vector(field: PlaceField) -> tuple[float, float, float]:
+    """The field in NED, gauss."""
+    horizontal = field.strength_gauss * cos(field.dip_rad)
+    return (
+        horizontal * cos(field.declination_rad),
+        horizontal * sin(field.declination_rad),
+        field.strength_gauss * sin(field.dip_rad),
+    )
 
 
 def field_at(

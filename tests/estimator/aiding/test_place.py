@@ -4,7 +4,15 @@ from math import cos, degrees, inf, nan, radians, sin
 
 import pytest
 
-from estimator.aiding.place import PlaceField, field_at, resembles
+from estimator.aiding.place import (
+    PlaceField,
+    Whereabouts,
+    distance_m,
+    field_at,
+    resembles,
+    said,
+    unlike,
+)
 
 MICROSECONDS_2025 = 1_735_689_600_000_000
 
@@ -64,3 +72,56 @@ def test_a_clock_that_is_far_off_still_gives_an_answer(unix_us):
 @pytest.mark.parametrize("place", [(90.0, 0.0, 0.0), (nan, 0.0, 0.0), (10.0, inf, 0.0)])
 def test_no_answer_where_there_is_none(place):
     assert field_at(*place, MICROSECONDS_2025) is None
+
+
+ZURICH, CANBERRA, NOWHERE = (47.4, 8.5), (-35.36, 149.17), (2e-4, -7e-5)
+
+
+def told(*places):
+    """Whereabouts after positions at sea level in 2025."""
+    known = Whereabouts()
+    for place in places:
+        known = said(known, *place, 0.0, MICROSECONDS_2025)
+    return known
+
+
+def where(known):
+    return None if known.here is None else (known.here.latitude_deg, known.here.longitude_deg)
+
+
+@pytest.mark.parametrize(
+    ("places", "here"),
+    [
+        ([ZURICH], ZURICH),
+        ([ZURICH, CANBERRA], ZURICH),  # one bad position moves nothing
+        ([ZURICH, CANBERRA, ZURICH, CANBERRA], ZURICH),
+        ([ZURICH, CANBERRA, (nan, 0.0), CANBERRA], CANBERRA),
+        ([NOWHERE, CANBERRA, CANBERRA], CANBERRA),
+        ([ZURICH, (47.5, 8.5), (47.6, 8.5), (47.62, 8.5)], (47.62, 8.5)),  # 25 km on
+        ([ZURICH, (47.5, 8.5), (47.5, 8.6)], ZURICH),
+        ([(90.0, 0.0), (90.0, 0.0)], None),
+    ],
+)
+def test_a_place_is_given_up_for_another_that_was_told_twice(places, here):
+    assert where(told(*places)) == here
+
+
+@pytest.mark.parametrize(
+    ("one", "other", "km"),
+    [
+        ((0.0, 179.9), (0.0, -179.9), 22.2),  # over the date line
+        ((89.9, 0.0), (89.9, 180.0), 22.2),  # over the pole
+        ((47.4, 8.5), (47.4, 8.5), 0.0),
+    ],
+)
+def test_distances(one, other, km):
+    assert distance_m(one, other) == pytest.approx(1000 * km, rel=0.01)
+
+
+@pytest.mark.parametrize(
+    ("other", "is_unlike"),
+    [((47.6, 8.9), False), ((48.4, 9.8), False), (NOWHERE, True), ((41.0, 29.0), True)],
+)
+def test_a_flight_of_100_km_changes_the_field_little(other, is_unlike):
+    fields = [field_at(*place, 0.0, MICROSECONDS_2025) for place in (ZURICH, other)]
+    assert unlike(*fields) is is_unlike

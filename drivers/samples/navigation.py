@@ -1,0 +1,104 @@
+"""How far a vehicle's word on its place and its velocity is believed.
+
+Autopilots send what their navigation filter has even while it has nothing: before the first
+fix ArduPlane reports a place a few metres from (0, 0), and without satellites its velocity
+goes on, metres a second wrong. But the filter also says how it is doing, and the receiver
+whether it has a fix. A filter is believed as far as it believes itself; one that never says
+anything of itself is believed as it stands.
+"""
+
+from math import cos, hypot, isfinite, radians
+
+from drivers.value import Value
+
+# What EKF_STATUS_REPORT, ESTIMATOR_STATUS, DataFlash's XKF4.SS and ULog's solution_status_flags
+# agree on: https://mavlink.io/en/messages/ardupilotmega.html#EKF_STATUS_FLAGS
+VELOCITY_HORIZONTAL = 0x02
+POSITION_ABSOLUTE = 0x10
+CONSTANT_POSITION = 0x80  # nothing but the IMU and the guess that the vehicle stands
+
+# The filters' gates are 5 sigma wide (EK3_VEL_I_GATE, EKF2_GPS_V_GATE), and a test ratio is an
+# innovation's share of its gate. Two sigma are ordinary; beyond them the velocity is as many
+# times less certain.
+GATE_SIGMAS = 5.0
+ORDINARY_SIGMAS = 2.0
+MOST_DOUBT = 20.0
+# Filters speak of themselves once a second or so; on a radio link words are missing for 25 s.
+WORD_HOLDS_US = 30_000_000
+# A place this near to (0, 0) is a displacement from nowhere, unless its sender vouches for it.
+NOWHERE_M = 10_000.0
+METRES_A_DEGREE = 111_320.0
+
+
+class FilterStatus(Value, frozen=True):
+    """What a navigation filter says of itself; ``velocity_ratio`` is 1 at its gate."""
+
+    has_velocity: bool
+    has_place: bool
+    velocity_ratio: float = 0.0
+
+
+def filter_status(flags: int, velocity_ratio: float) -> FilterStatus:
+    """From the bits that all of them share; a ratio that is no number says nothing."""
+    stands = bool(flags & CONSTANT_POSITION)
+    return FilterStatus(
+        has_velocity=bool(flags & VELOCITY_HORIZONTAL) and not stands,
+        has_place=bool(flags & POSITION_ABSOLUTE) and not stands,
+        velocity_ratio=velocity_ratio if isfinite(velocity_ratio) else 0.0,
+    )
+
+
+class Navigation:
+    """The last words of one vehicle's receiver and filter; times are those of arrival."""
+
+    def __init__(self) -> None:
+        self._status: FilterStatus | None = None
+        self._status_us = 0
+        self._has_fix: bool | None = None
+        self._fix_us = 0
+
+    def forget(self) -> None:
+        """The vehicle has rebooted: what it said before says nothing now."""
+        self._status = self._has_fix = None
+
+    def hear_status(self, status: FilterStatus, arrival_us: int) -> None:
+        """The filter spoke of itself."""
+        self._status, self._status_us = status, arrival_us
+
+    def hear_fix(self, has_fix: bool, arrival_us: int) -> None:
+        """The receiver spoke."""
+        self._has_fix, self._fix_us = has_fix, arrival_us
+
+    def velocity_sigma_m_s(self, sigma_m_s: float, arrival_us: int) -> float | None:
+        """How certain the filter's velocity is, by itself ``sigma_m_s``; None if it has none."""
+        status = self._status
+        if status is None or not _holds(self._status_us, arrival_us):
+            return sigma_m_s
+        if not status.has_velocity:
+            return None
+        doubt = GATE_SIGMAS * status.velocity_ratio - (ORDINARY_SIGMAS - 1.0)
+        return sigma_m_s * min(max(1.0, doubt), MOST_DOUBT)
+
+    def believes_place(self, latitude_deg: float, longitude_deg: float, arrival_us: int) -> bool:
+        """Whether the filter's place is one.
+
+        It is where the filter says that it knows its place. Where it does not, the receiver
+        must have a fix; where neither ever said anything, the place has only to be plausible.
+        """
+        status = self._status if _holds(self._status_us, arrival_us) else None
+        if status is not None and status.has_place:
+            return True
+        if is_nowhere(latitude_deg, longitude_deg):
+            return False
+        has_fix = self._has_fix if _holds(self._fix_us, arrival_us) else None
+        return has_fix is True or (has_fix is None and status is None)
+
+
+def is_nowhere(latitude_deg: float, longitude_deg: float) -> bool:
+    """Whether a place is so near to (0, 0) that it is none, in all likelihood."""
+    east_deg = longitude_deg * cos(radians(latitude_deg))
+    return METRES_A_DEGREE * hypot(latitude_deg, east_deg) < NOWHERE_M
+
+
+def _holds(said_us: int, now_us: int) -> bool:
+    return abs(now_us - said_us) <= WORD_HOLDS_US

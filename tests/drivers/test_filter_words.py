@@ -1,0 +1,164 @@
+"""What autopilots say of their own position and velocity, in the bytes of each kind of stream."""
+
+import struct
+
+import pytest
+
+from drivers.events import ClockReset, Imu, Position, Velocity
+from drivers.logs.open import open_log
+from drivers.mavlink.decoder import FrameParser, MavlinkDecoder
+from drivers.mavlink.dialect import mavlink
+from tests.drivers.logs import test_dataflash, test_ulog
+
+S = 1_000_000
+UNIX_US = 1_700_000_000 * S
+FLYING, STANDING = 0x33F, 0xA7
+m = mavlink()
+
+
+def decoded(*messages, reboot_at=None):
+    """The events of messages through real bytes, a tenth of a second apart, an IMU's with each.
+
+    At the message ``reboot_at`` the vehicle's clock begins anew.
+    """
+    decoder, parser, events = MavlinkDecoder(), FrameParser(), []
+    link = m.MAVLink(None, srcSystem=1, srcComponent=1)
+    for k, message in enumerate(messages):
+        boot_ms = 100_000 + 100 * k if reboot_at is None or k < reboot_at else 100 * k
+        imu = m.MAVLink_raw_imu_message(1000 * boot_ms, 0, 0, -1000, 0, 0, k, 200, 0, 400)
+        if "time_boot_ms" in message.fieldnames:
+            message.time_boot_ms = boot_ms
+        if message.get_type() == "GPS_RAW_INT":
+            message.time_usec = 1000 * boot_ms
+        for each in (imu, message):
+            for parsed in parser.feed(bytes(each.pack(link))):
+                events += decoder.decode(parsed, UNIX_US + k * S // 10)
+    return [event for event in events if not isinstance(event, Imu)]
+
+
+def position(lat=-353632610, lon=1491652299):
+    return m.MAVLink_global_position_int_message(0, lat, lon, 584000, 0, 100, 200, 0, 0)
+
+
+def local():
+    return m.MAVLink_local_position_ned_message(0, 0.0, 0.0, 0.0, 1.0, 2.0, 0.0)
+
+
+def receiver(fix_type):
+    return m.MAVLink_gps_raw_int_message(
+        0, fix_type, -353632610, 1491652299, 584000, 100, 100, 500, 9000, 10
+    )
+
+
+def ardupilot(flags, ratio=0.1):
+    return m.MAVLink_ekf_status_report_message(flags, ratio, 0.0, 0.0, 0.0, 0.0)
+
+
+def px4(flags, ratio=0.1):
+    return m.MAVLink_estimator_status_message(S, flags, ratio, 0, 0, 0, 0, 0, 0, 0)
+
+
+def names(events, kind):
+    return [event.message for event in events if isinstance(event, kind)]
+
+
+def test_what_is_sent_before_the_first_fix_is_no_place():
+    """ArduPlane 4.5: a few metres from (0, 0), and fix type 0 or 1 beside it."""
+    before = [receiver(0), ardupilot(0x400), position(2081, -732), receiver(1), position(2093, -9)]
+    assert decoded(*before) == []
+    events = decoded(*before, receiver(3), ardupilot(FLYING), position())
+    assert names(events, Position) == ["GPS_RAW_INT", "GLOBAL_POSITION_INT"]
+    assert names(events, Velocity) == ["GPS_RAW_INT", "GLOBAL_POSITION_INT"]
+
+
+def test_a_stream_with_neither_word_still_gives_its_place():
+    events = decoded(position(2081, -732), position())
+    assert names(events, Position) == ["GLOBAL_POSITION_INT"]
+
+
+@pytest.mark.parametrize("status", [ardupilot, px4])
+def test_a_filters_velocity_is_taken_as_far_as_it_believes_itself(status):
+    sound, stands, doubted = (
+        [e for e in decoded(word, position(), local()) if isinstance(e, Velocity)]
+        for word in (status(FLYING), status(STANDING), status(FLYING, 1.0))
+    )
+    assert [v.sample.sigma_m_s for v in sound] == [0.3, 0.3]
+    assert stands == []
+    assert [v.sample.sigma_m_s for v in doubted] == pytest.approx([1.2, 1.2])
+
+
+def test_the_receiver_goes_on_while_the_filter_stands():
+    events = decoded(ardupilot(STANDING), receiver(3), position(), local())
+    assert names(events, Velocity) == ["GPS_RAW_INT"]
+
+
+def test_a_reboot_takes_the_words_back():
+    """Before the reboot a filter that knows its place vouches for one near (0, 0)."""
+    flight = [ardupilot(FLYING), *(position(2081, -732) for _ in range(8)), position()]
+    assert len(names(decoded(*flight), Position)) == 9
+    rebooted = decoded(*flight, reboot_at=3)
+    assert [e.reason for e in rebooted if isinstance(e, ClockReset)] == ["reboot"]
+    near = [e for e in rebooted if isinstance(e, Position) and abs(e.latitude_deg) < 1.0]
+    assert len(near) <= 3  # one more until a second message has confirmed the reboot
+    assert isinstance(rebooted[-1], Position)
+
+
+def dataflash(folder, flags, ratio=0.1):
+    log = test_dataflash.Writer()
+    log.format("XKF4", "QBcccH", "TimeUS,C,SV,SP,SH,SS")
+    log.format("XKF1", "QBfff", "TimeUS,C,VN,VE,VD")
+    log.format("IMU", "Qffffff", "TimeUS,GyrX,GyrY,GyrZ,AccX,AccY,AccZ")
+    log.write("IMU", S, 0.0, 0.0, 0.0, 0.0, 0.0, -9.8)
+    log.write("XKF4", S, 0, ratio, 0, 0, flags)
+    log.write("XKF4", S, 1, 3.0, 0, 0, STANDING)  # the second filter, which is not read
+    log.write("XKF1", S, 0, 1.0, 2.0, 0.0)
+    return log.save(folder)
+
+
+@pytest.mark.parametrize(
+    ("flags", "ratio", "sigmas"),
+    [(FLYING, 0.1, [0.3]), (FLYING, 1.0, [1.2]), (STANDING, 0.1, [])],
+)
+def test_an_on_board_log_of_ardupilot(flags, ratio, sigmas, tmp_path):
+    events = list(open_log(dataflash(tmp_path, flags, ratio)))
+    found = [e.sample.sigma_m_s for e in events if isinstance(e, Velocity)]
+    assert found == pytest.approx(sigmas)
+
+
+def ulog(folder, flags, *, ratio=0.1, dead_reckoning=False, primary=0):
+    log = test_ulog.Writer().sensors()
+    log.sample(S - 1, (0.0, 0.0, 0.0), (0.0, 0.0, -9.8))
+    topics = {
+        "estimator_selector_status": ("uint8_t primary_instance;", "B", (primary,)),
+        "estimator_status": (
+            "float vel_test_ratio;uint16_t solution_status_flags;",
+            "fH",
+            (ratio, flags),
+        ),
+        "vehicle_local_position": (
+            "float vx;float vy;float vz;bool v_xy_valid;bool v_z_valid;bool dead_reckoning;",
+            "3f3?",
+            (1.0, 2.0, 0.0, True, True, dead_reckoning),
+        ),
+    }
+    for number, (name, (fields, layout, values)) in enumerate(topics.items()):
+        log.write(b"F", f"{name}:uint64_t timestamp;{fields}".encode())
+        log.write(b"A", struct.pack("<BH", 0, number) + name.encode())
+        log.write(b"D", struct.pack("<HQ" + layout, number, S + number, *values))
+    return log.save(folder)
+
+
+@pytest.mark.parametrize(
+    ("flags", "told", "sigmas"),
+    [
+        (FLYING, {}, [0.3]),
+        (FLYING, {"ratio": 1.0}, [1.2]),
+        (FLYING, {"dead_reckoning": True}, []),
+        (STANDING, {}, []),
+        (STANDING, {"primary": 1}, [0.3]),  # another filter's word than the velocity's
+    ],
+)
+def test_an_on_board_log_of_px4(flags, told, sigmas, tmp_path):
+    events = list(open_log(ulog(tmp_path, flags, **told)))
+    found = [e.sample.sigma_m_s for e in events if isinstance(e, Velocity)]
+    assert found == pytest.approx(sigmas)

@@ -1,0 +1,141 @@
+"""A place that was none, and a vehicle that begins anew somewhere else."""
+
+from dataclasses import replace
+from functools import lru_cache
+from math import cos, degrees, sin
+
+import numpy as np
+import pytest
+
+from estimator.aiding.compass import is_trusted
+from estimator.aiding.place import field_at
+from estimator.estimator import Estimator
+from estimator.geometry.metrics import batch_angle_errors, rms
+from estimator.geometry.quaternion import exp, rotate, rotate_inverse
+from estimator.profile import load_profile
+from tests.flight import banked_flight, flown
+
+UNIX_US = 1_735_689_600_000_000  # 2025
+GUINEA = (2e-4, -7e-5)  # the Gulf of, where displacements from nowhere lie
+CANBERRA, SEATTLE = (-35.36, 149.17), (47.6, -122.3)
+TOTAL, HEADING, INCLINATION = range(3)
+SECOND = 50  # samples
+
+
+@lru_cache(maxsize=4)
+def flight_at(place, seed=0):
+    """The flight in the place's own field, towards true north."""
+    flight = banked_flight(seed=seed)
+    field = field_at(*place, 0.0, UNIX_US)
+    north = field.strength_gauss * cos(field.dip_rad)
+    down = field.strength_gauss * sin(field.dip_rad)
+    field_ned = rotate(exp((0.0, 0.0, field.declination_rad)), (north, 0.0, down))
+    samples = [
+        sample._replace(mag_gauss=rotate_inverse(q, field_ned))
+        for sample, q in zip(flight.samples, flight.truth, strict=True)
+    ]
+    return replace(flight, samples=samples)
+
+
+def errors_deg(flight, attitudes, begin_s):
+    estimates = np.array([a.q_ned_frd for a in attitudes])
+    errors = np.degrees(batch_angle_errors(estimates, np.array(flight.truth)))
+    return errors[round(begin_s * SECOND) :]
+
+
+def placing(one, *places):
+    """Tell each (second, place) twice when its time comes."""
+
+    def after(k):
+        for at_s, place in places:
+            if k in (round(at_s * SECOND), round(at_s * SECOND) + 5):
+                one.set_position(*place, 0.0, UNIX_US)
+
+    return after
+
+
+@pytest.mark.parametrize("place", [CANBERRA, SEATTLE])
+def test_what_was_concluded_from_a_wrong_place_is_taken_back(place):
+    """20 s of the flight with the Gulf of Guinea's field: it called the compass uncalibrated."""
+    flight, one, right = (
+        flight_at(place),
+        Estimator(load_profile("imu")),
+        Estimator(load_profile("imu")),
+    )
+    seen = {}
+
+    def look(k):
+        placing(one, (0, GUINEA), (20, place))(k)
+        if k == 19 * SECOND:
+            seen["before"] = is_trusted(one.snapshot.compass, one.snapshot.time_us)
+        if k == 21 * SECOND:
+            seen["after"] = is_trusted(one.snapshot.compass, one.snapshot.time_us)
+
+    late = errors_deg(flight, flown(one, flight, after=look), 35.0)
+    same = errors_deg(flight, flown(right, flight, after=placing(right, (0, place))), 35.0)
+    assert seen == {"before": False, "after": True}
+    assert rms(late[:, TOTAL]) < rms(same[:, TOTAL]) + 0.5
+    assert np.linalg.norm(one.snapshot.aided.hard_iron_gauss) < 0.02
+
+
+def test_an_unaided_heading_turns_with_the_declination_of_each_place():
+    """Seattle's is 15 deg, Canberra's 12: magnetic, then wrong, then right, and at once."""
+    one = Estimator(load_profile("imu"))
+    flight = flight_at(SEATTLE)
+    places = placing(one, (1, CANBERRA), (2, SEATTLE))
+    attitudes = flown(one, flight, reports=[], after=places)
+    canberra, seattle = (
+        degrees(field_at(*place, 0.0, UNIX_US).declination_rad) for place in (CANBERRA, SEATTLE)
+    )
+    at = [errors_deg(flight, attitudes, s)[0, HEADING] for s in (0.8, 1.04, 2.14)]
+    assert at == pytest.approx([seattle, seattle - canberra, 0.0], abs=1.0)
+
+
+def test_a_vehicle_that_reboots_elsewhere_gets_the_new_places_north():
+    one = Estimator(load_profile("imu"))
+    first, second = flight_at(CANBERRA), flight_at(SEATTLE, seed=1)
+    flown(one, first, after=placing(one, (0, CANBERRA)))
+    one.restart()
+    begin_us = first.samples[-1].time_us + 20_000
+    moved = replace(
+        second,
+        samples=[s._replace(time_us=s.time_us + begin_us) for s in second.samples],
+        reports=[(k, r._replace(time_us=r.time_us + begin_us)) for k, r in second.reports],
+    )
+    errors = errors_deg(moved, flown(one, moved, after=placing(one, (10, SEATTLE))), 20.0)
+    assert rms(errors[:, TOTAL]) < 1.5
+
+
+def test_a_flight_of_some_hundred_kilometres_takes_nothing_back():
+    """The field is looked up anew every 20 km; the aiding goes on as it is."""
+    one = Estimator(load_profile("imu"))
+    flight = flight_at(CANBERRA)
+    steps = [(3 * k, (CANBERRA[0] + 0.25 * k, CANBERRA[1])) for k in range(1, 16)]  # 28 km each
+    aided = []
+
+    def after(k):
+        placing(one, (0, CANBERRA), *steps)(k)
+        if k > SECOND:
+            aided.append(one.snapshot.aided is not None)
+
+    errors = errors_deg(flight, flown(one, flight, after=after), 20.0)
+    assert all(aided)
+    assert rms(errors[:, INCLINATION]) < 1.0
+    far = field_at(*steps[-1][1], 0.0, UNIX_US)
+    assert one.attitude(flight.samples[-1].time_us).heading_reference == "true"
+    assert rms(errors[:, HEADING]) < abs(degrees(far.declination_rad)) / 2
+
+
+def test_one_bad_position_changes_nothing():
+    flight = flight_at(CANBERRA)
+    quiet, told = Estimator(load_profile("imu")), Estimator(load_profile("imu"))
+
+    def bad(k):
+        placing(told, (0, CANBERRA))(k)
+        if k % (5 * SECOND) == 100:
+            told.set_position(*SEATTLE, 0.0, UNIX_US)
+            told.set_position(*CANBERRA, 0.0, UNIX_US)
+
+    assert flown(told, flight, after=bad) == flown(
+        quiet, flight, after=placing(quiet, (0, CANBERRA))
+    )
