@@ -120,7 +120,8 @@ def test_rows_and_parameters_agree_with_pyulog():
         for index in range(len(table.times_us)):
             row = table.row(data, index)
             for key, value in row.items():
-                assert columns[key][index] == pytest.approx(value, rel=0.0, abs=0.0, nan_ok=True)
+                same = float(columns[key][index]), float(value)
+                assert same[0] == same[1] or all(map(math.isnan, same))
 
 
 class Writer:
