@@ -155,7 +155,7 @@ def advance(row: Array, data: Recorded, i: int, seen: Seen, run: Run) -> Run:
         seen.gravity_b,
         gravity_ned,
         row[S_GRAVITY] * seen.gravity_weight,
-        row[S_CROSS],
+        row[S_CROSS] * seen.gravity_weight,
     )
     if what & START:
         wrong = FilterState(quaternion(data.start, i), ZERO_VEC3, 0.0, 0.0, 1.0, False)

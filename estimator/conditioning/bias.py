@@ -30,7 +30,12 @@ def clip_each(b: Vec3, limit: float) -> Vec3:
 
 @inlined
 def predict(
-    params: ConditioningParams, k: Coefficients, estimate: Estimate, down: Vec3, turning: float
+    params: ConditioningParams,
+    k: Coefficients,
+    estimate: Estimate,
+    down: Vec3,
+    turning: float,
+    unseen: float,
 ) -> Estimate:
     """Covariance over one step: F P F' + Q with heading' = heading - dt down . (b_true - b).
 
@@ -39,7 +44,7 @@ def predict(
     and attitudes, also says what the bias is, with the right weight. The bias
     walks until its variance is back at the initial one. Q has a constant part
     and one that grows with the squared rate ``turning``: a gyroscope's scale
-    errors turn motion into drift.
+    errors turn motion into drift. ``unseen`` (rad^2) is what a slow step adds.
     """
     p00, p01, p02, p03, p11, p12, p13, p22, p23, p33 = estimate.covariance
     dt = k.dt_s
@@ -51,7 +56,7 @@ def predict(
     b1 = p01 * g0 + p11 * g1 + p12 * g2
     b2 = p02 * g0 + p12 * g1 + p22 * g2
     p33 += 2.0 * (g0 * p03 + g1 * p13 + g2 * p23) + g0 * b0 + g1 * b1 + g2 * b2
-    p33 += k.heading_growth + params.heading_turning_noise_s * turning * dt
+    p33 += k.heading_growth + params.heading_turning_noise_s * turning * dt + unseen
     if params.use_joint_covariance:
         p03 += b0
         p13 += b1
@@ -131,13 +136,22 @@ def start_lag(state: Lagged, u: Vec3, v: Vec3, drift: Two, a: float) -> Lagged:
 
 @inlined
 def lag(
-    params: ConditioningParams, k: Coefficients, state: Lagged, rows: Rows, b: Vec3, age_s: float
+    params: ConditioningParams,
+    k: Coefficients,
+    state: Lagged,
+    rows: Rows,
+    b: Vec3,
+    age_s: float,
+    share: float,
+    slow: float,
 ) -> Lagged:
     """Low-pass the horizontal rows of R6, and R6 b, as gravity was: levelling belongs to them."""
     u, v = rows.north, rows.east
     drift = (dot(u, b), dot(v, b))
     if age_s <= params.gravity_tau_s:
-        return start_lag(state, u, v, drift, k.dt_s / age_s)
+        return start_lag(state, u, v, drift, max(k.dt_s / age_s, slow * share))
+    if slow > 0.0:
+        return start_lag(state, u, v, drift, share)
     r, w = state.rows, state.rows_slope
     y0, w0 = smooth_scalar(k.gravity, r[0], w[0], u[0])
     y1, w1 = smooth_scalar(k.gravity, r[1], w[1], u[1])
@@ -152,13 +166,19 @@ def lag(
 
 @inlined
 def learn_in_motion(
-    params: ConditioningParams, k: Coefficients, estimate: Estimate, lagged: Lagged, step: Two
+    params: ConditioningParams,
+    k: Coefficients,
+    estimate: Estimate,
+    lagged: Lagged,
+    step: Two,
+    unseen: float,
 ) -> Estimate:
     """While moving, what levelling keeps undoing is the bias.
 
     Two updates with the horizontal rows: -step/dt + (R6 b)_lp - R_lp b, since a
     bias error turns the 6D frame by R6 (b_true - b) and levelling turns it
-    back. Source: Laidig and Seel 2023, doi 10.1016/j.inffus.2022.10.014.
+    back. ``unseen``, (rad/s)^2, is what a slow step's missed turn adds to their
+    noise. Source: Laidig and Seel 2023, doi 10.1016/j.inffus.2022.10.014.
     """
     r = lagged.rows
     north = (r[0], r[1], r[2])
@@ -167,8 +187,8 @@ def learn_in_motion(
     most = params.bias_limit_rad_s
     e1 = clip(-step[0] / k.dt_s + lagged.drift[0] - dot(north, b), most)
     e2 = clip(-step[1] / k.dt_s + lagged.drift[1] - dot(east, b), most)
-    b1, d1, p1 = update(b, d, p, north, 0.0, e1, k.motion_noise)
+    b1, d1, p1 = update(b, d, p, north, 0.0, e1, k.motion_noise + unseen)
     # the second innovation is still that of b: take off what the first update changed
     e2 -= dot(east, b1) - dot(east, b)
-    b2, d2, p2 = update(b1, d1, p1, east, 0.0, e2, k.motion_noise)
+    b2, d2, p2 = update(b1, d1, p1, east, 0.0, e2, k.motion_noise + unseen)
     return Estimate(clip_each(b2, most), d2, p2)

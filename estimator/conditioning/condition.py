@@ -25,8 +25,16 @@ from estimator.conditioning.magnetic import (
     reference_norm,
     wait_for_field,
 )
-from estimator.conditioning.rate import at_interval_end, integration_rate
+from estimator.conditioning.rate import at_interval_end, following_weight, integration_rate
 from estimator.conditioning.rest import initial_rest, observe_rest
+from estimator.conditioning.tilt import (
+    believe_force,
+    initial_tilt,
+    least_share,
+    lose_tilt,
+    slowness,
+    step_noise,
+)
 from estimator.conditioning.types import (
     Alarm,
     Axes,
@@ -48,8 +56,17 @@ from estimator.conditioning.unsensed_turn import (
     watch_gravity,
     watch_heading,
 )
-from estimator.geometry.quaternion import multiply, rotate, rotate_inverse, subtract
-from estimator.types import Vec3
+from estimator.geometry.quaternion import (
+    conjugate,
+    exp,
+    log,
+    multiply,
+    rotate,
+    rotate_inverse,
+    scale,
+    subtract,
+)
+from estimator.types import Quaternion, Vec3
 
 __all__ = ["condition", "initial_state"]
 
@@ -72,6 +89,7 @@ def learn_bias(
     rest: RestState,
     lagged: Lagged,
     step: Two,
+    unseen: float,
 ) -> Estimate:
     """The bias from rest, or from levelling."""
     k = state.coefficients
@@ -80,7 +98,7 @@ def learn_bias(
     if rest.resting and params.use_rest:
         return learn_at_rest(params, k, estimate, rest)
     if params.use_motion_bias:
-        return learn_in_motion(params, k, estimate, lagged, step)
+        return learn_in_motion(params, k, estimate, lagged, step, unseen)
     return estimate
 
 
@@ -118,17 +136,27 @@ def learn(
     mean = means(state.gathered)
     dt = mean.time_s
     rest = observe_rest(params, k.rest, state.rest, mean.gyr, mean.acc, dt)
-    gravity = observe_gravity(params, k, state.gravity, mean.gravity_g)
+    rate = subtract(mean.gyr, state.estimate.bias_rad_s)
+    slow = slowness(params, dt)
+    down = rotate_inverse(state.gravity.q_g_frd, state.axes.down_g)
+    noise = step_noise(params, state.tilt, mean.gyr, rate, down, dt)
+    age = state.gravity.age_s + dt
+    least = least_share(params.gravity_tau_s, dt, age)
+    down_g, u = state.gravity.down.value, mean.gravity_g
+    tilt, share = believe_force(params, state.tilt, noise, mean.gyr, down_g, u, dt, least)
+    gravity = observe_gravity(params, k, state.gravity, u, share, slow)
     gravity, step = level(gravity)
     q_6d = multiply(gravity.q_6d_g, gravity.q_g_frd)
     rows = rows_of(q_6d)
-    rate = subtract(mean.gyr, state.estimate.bias_rad_s)
 
     turning = rate[0] * rate[0] + rate[1] * rate[1] + rate[2] * rate[2]
-    estimate = predict(params, k, state.estimate, rows.down, turning)
-    lagged = lag(params, k, state.lagged, rows, estimate.bias_rad_s, gravity.age_s)
-    estimate = learn_bias(params, state, estimate, rest, lagged, step)
-    signs = watch_gravity(params, state.signs, rest, gravity, step, k.levelling_decay, dt)
+    estimate = predict(params, k, state.estimate, rows.down, turning, slow * noise.twist)
+    lagged = lag(params, k, state.lagged, rows, estimate.bias_rad_s, gravity.age_s, share, slow)
+    unseen = slow * noise.tilt / (dt * dt)
+    estimate = learn_bias(params, state, estimate, rest, lagged, step, unseen)
+    # what levelling corrects of a slow step is its missed turn, and counts in the variances
+    swing = ((1.0 - slow) * step[0], (1.0 - slow) * step[1])
+    signs = watch_gravity(params, state.signs, rest, gravity, swing, k.levelling_decay, dt)
 
     field = state.magnetic
     calibration = state.calibration
@@ -144,7 +172,8 @@ def learn(
             horizontal = north_east(estimate.heading_rad, field_6d)
             signs = watch_heading(params, signs, estimate, field, horizontal, since)
             settled = max(LEAST_SETTLED, min(1.0, gravity.age_s / params.gravity_tau_s) ** 2)
-            estimate = learn_heading(params, estimate, field, horizontal, settled, since)
+            leaning = 0.5 * slow * tilt.variance
+            estimate = learn_heading(params, estimate, field, horizontal, settled, since, leaning)
     else:
         field = wait_for_field(field, dt)
 
@@ -153,6 +182,8 @@ def learn(
     unsettled = gravity.age_s < min(params.gravity_tau_s, field.age_s - dt)
     if unsettled or alarm.heading or alarm.quiet or alarm.levelling:
         calibration = restart_means(calibration)
+    if alarm.quiet or alarm.moving:
+        tilt = lose_tilt(tilt)
     signs = reset_signs(signs, alarm)
     return (
         ConditioningState(
@@ -160,6 +191,7 @@ def learn(
             turn,
             NOTHING,
             gravity,
+            tilt,
             rest,
             estimate,
             lagged,
@@ -171,6 +203,27 @@ def learn(
         ),
         alarm,
     )
+
+
+@inlined
+def ned_of_g(state: ConditioningState) -> Quaternion:
+    """From G to north, east and down, as far as they are known."""
+    half = 0.5 * state.estimate.heading_rad
+    return multiply((cos(half), 0.0, 0.0, sin(half)), state.gravity.q_6d_g)
+
+
+@inlined
+def agreed_rate(
+    state: ConditioningState, rate: Vec3, before: Quaternion, slow: float, dt_s: float
+) -> Vec3:
+    """The rate that makes of the attitude before a slow step the one after it.
+
+    exp(w' dt) = exp(w dt) exp(phi) with phi the step's correction seen from the
+    body: what gyroscope and vectors together say the vehicle has turned.
+    """
+    correction = log(multiply(conjugate(before), ned_of_g(state)))
+    phi = scale(slow, rotate_inverse(state.gravity.q_g_frd, correction))
+    return scale(1.0 / dt_s, log(multiply(exp(scale(dt_s, rate)), exp(phi))))
 
 
 @compiled
@@ -201,14 +254,17 @@ def condition(
     due = first or gathered.time_s >= STEP_S
     if due and gathered.time_s != k.dt_s:
         k = coefficients(params, gathered.time_s)
-    rest = state.rest
+    rest, tilt = state.rest, state.tilt
     if first:
         rest = initial_rest(gyr, acc)
+        tilt = initial_tilt(gyr, scale(-1.0, rotate(gravity.q_g_frd, acc)))
+    before = ned_of_g(state)
     state = ConditioningState(
         True,
         gyr,
         gathered,
         gravity,
+        tilt,
         rest,
         state.estimate,
         state.lagged,
@@ -221,32 +277,37 @@ def condition(
     alarm = Alarm(False, False, False, False)
     if due:
         state, alarm = learn(params, state, gyr)
-    return state, result_of(state, rate, alarm)
+        slow = 0.0 if first else slowness(params, dt)
+        if slow > 0.0:
+            rate = agreed_rate(state, rate, before, slow, dt)
+    return state, result_of(params, state, rate, alarm)
 
 
 @inlined
-def sigma_inclination(state: ConditioningState) -> float:
+def sigma_inclination(params: ConditioningParams, state: ConditioningState) -> float:
     """Angle (rad) that 68 % of the inclination errors lie under.
 
     A sensor's own, what unsteady force adds, and how far levelling has moved
     the vertical lately, which tells a lasting acceleration. The first two were
-    fitted to BROAD, where 0.69 of the errors lie under it.
+    fitted to BROAD, where 0.69 of the errors lie under it. Of slow streams it is
+    the variance that the vertical has by its own reckoning.
     """
     swing_north, swing_east = state.signs.levelled
     swing = swing_north * swing_north + swing_east * swing_east
-    return sqrt(
-        SIGMA_STEADY_RAD**2
-        + SIGMA_UNSTEADY_RAD**2 * state.gravity.unsteady
-        + SIGMA_SWING**2 * swing
-    )
+    fast = SIGMA_UNSTEADY_RAD**2 * state.gravity.unsteady + SIGMA_SWING**2 * swing
+    slow = slowness(params, state.coefficients.dt_s)
+    return sqrt(SIGMA_STEADY_RAD**2 + (1.0 - slow) * fast + slow * state.tilt.variance)
 
 
 @inlined
-def result_of(state: ConditioningState, rate: Vec3, alarm: Alarm) -> Conditioned:
+def result_of(
+    params: ConditioningParams, state: ConditioningState, rate: Vec3, alarm: Alarm
+) -> Conditioned:
     """The result for the filter and the publisher."""
     q = state.gravity.q_g_frd
     field = state.magnetic
     known = has_heading(field)
+    weight = following_weight(slowness(params, state.coefficients.dt_s), state.coefficients.dt_s)
     return Conditioned(
         rate,
         state.estimate.bias_rad_s,
@@ -254,11 +315,11 @@ def result_of(state: ConditioningState, rate: Vec3, alarm: Alarm) -> Conditioned
         DOWN,
         rotate_inverse(q, state.axes.north_g),
         NORTH,
-        1.0,
-        1.0 if known else 0.0,
+        weight,
+        weight if known else 0.0,
         1.0 / (1.0 + state.gravity.unsteady),
         field.confidence if field.wait_s < FIELD_PATIENCE_S else 0.0,
-        sigma_inclination(state),
+        sigma_inclination(params, state),
         sqrt(state.estimate.covariance[9]) if known else inf,
         state.rest.resting,
         alarm.quiet or alarm.moving or alarm.levelling,

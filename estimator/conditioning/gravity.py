@@ -43,7 +43,12 @@ def propagate_frame(state: GravityState, rate: Vec3, dt_s: float) -> GravityStat
 
 @inlined
 def observe_gravity(
-    params: ConditioningParams, k: Coefficients, state: GravityState, u: Vec3
+    params: ConditioningParams,
+    k: Coefficients,
+    state: GravityState,
+    u: Vec3,
+    share: float,
+    slow: float,
 ) -> GravityState:
     """Low-pass ``u``, minus the specific force in G.
 
@@ -51,7 +56,8 @@ def observe_gravity(
     and fro ends where it began, so their mean vanishes), and turning causes no
     lag. The force is not normalised first: the mean of directions is tilted
     where the mean of forces is not. A running mean over the first
-    ``gravity_tau_s`` starts it.
+    ``gravity_tau_s`` starts it. Of slow streams the vertical moves by ``share`` of
+    its way, which :mod:`estimator.conditioning.tilt` has weighed.
     Source: Laidig and Seel 2023, doi 10.1016/j.inffus.2022.10.014.
     """
     dt = k.dt_s
@@ -59,7 +65,9 @@ def observe_gravity(
     if not params.use_gravity_filter:
         down = Smooth(u, (0.0, 0.0, 0.0))
     elif age <= params.gravity_tau_s or state.age_s == 0.0:
-        down = running_mean(state.down, u, dt / age)
+        down = running_mean(state.down, u, max(dt / age, slow * share))
+    elif slow > 0.0:
+        down = running_mean(state.down, u, share)
     else:
         down = smooth(k.gravity, state.down, u)
     a = max(1.0 - real_exp(-dt / params.turn_moving_tau_s), dt / age)

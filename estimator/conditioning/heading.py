@@ -50,14 +50,17 @@ def learn_heading(
     horizontal: Two,
     settled: float,
     dt_s: float,
+    leaning: float,
 ) -> Estimate:
     """Scalar update of heading and bias by minus the residual, of variance R/(dt c).
 
     ``settled`` lowers c while the vertical itself is new: a tilted 6D turns the
-    horizontal field.
+    horizontal field. So does one that is uncertain by ``leaning`` (rad^2), the more the
+    steeper the field.
     """
     confidence = max(field.confidence * settled, LEAST_CONFIDENCE)
     noise = params.heading_noise_rad2_s / (dt_s * confidence)
+    noise += leaning * (field.down_reference / field.horizontal_reference) ** 2
     off = residual(field, horizontal)
     b, d, p = update(
         estimate.bias_rad_s,

@@ -15,6 +15,7 @@ from estimator.conditioning.types import (
     RestState,
     Rows,
     Smooth,
+    TiltState,
     TurnSigns,
 )
 from estimator.geometry.quaternion import multiply, normalize, rotate_inverse
@@ -36,6 +37,7 @@ def initial_state(params: ConditioningParams) -> ConditioningState:
         previous_gyr_rad_s=ZERO,
         gathered=NOTHING,
         gravity=GravityState(IDENTITY, IDENTITY, Smooth(ZERO, ZERO), ZERO, 0.0, 0.0),
+        tilt=TiltState(0.0, 0.0, 0.0, 0.0, ZERO, ZERO, 0.0),
         rest=RestState(Smooth(ZERO, ZERO), Smooth(ZERO, ZERO), False, 0.0, False),
         estimate=Estimate(
             ZERO,

@@ -7,6 +7,12 @@ from estimator.types import Vec3
 # Plain samples closer than this (s) need no correction, and the mean of two
 # noisy instants loses.
 SLOW_SAMPLE_S = 0.0125
+# Up to the first step (s) a gyroscope misses nothing that matters, from the second on it may
+# miss anything: where "slow" streams begin.
+FAST_STEP_S = 0.04
+SLOW_STEP_S = 0.1
+# The filter follows slow streams within a step: its gain times this (s) is several times enough.
+FOLLOW_S = 4.0
 
 
 @inlined
@@ -30,6 +36,22 @@ def integration_rate(previous: Vec3, gyr: Vec3, dt_s: float, averaged: bool) -> 
         0.5 * (previous[1] + gyr[1]) + k * cone[1],
         0.5 * (previous[2] + gyr[2]) + k * cone[2],
     )
+
+
+@inlined
+def slow_share(dt_s: float) -> float:
+    """0 for the steps of fast streams, 1 for those of slow ones."""
+    return max(0.0, min(1.0, (dt_s - FAST_STEP_S) / (SLOW_STEP_S - FAST_STEP_S)))
+
+
+@inlined
+def following_weight(slow: float, dt_s: float) -> float:
+    """How much the vectors count against the gyroscope that carries the filter from step to step.
+
+    1 for fast streams. Of slow ones the vectors have been weighed already, and
+    what the gyroscope has missed in a step the filter must not keep for a second.
+    """
+    return 1.0 + slow * FOLLOW_S / dt_s if slow > 0.0 else 1.0
 
 
 @inlined

@@ -36,6 +36,7 @@ class ConditioningParams(NamedTuple):
     use_field_offset: bool = True  # take off the vehicle's own field, likewise
     use_confidence: bool = True  # off: every field sample counts in full
     use_events: bool = True  # off: no reaction to an unsensed turn
+    use_step_noise: bool = True  # off: slow streams are treated as fast ones
 
     # Rest: how long things must be how quiet.
     rest_tau_s: Time = 0.5  # low-pass of gyro and acc; small: noise, large: late
@@ -45,6 +46,16 @@ class ConditioningParams(NamedTuple):
 
     # Gravity.
     gravity_tau_s: Time = 2.5  # small: acceleration tilts the vertical, large: gyro drift does
+
+    # What a slow step misses of a turn, and how a force's direction scatters.
+    step_change_noise: float = 0.45  # share of a change of rate; small: trusts the gyroscope
+    step_change_s: float = 0.12  # step at which it is half of that; likewise
+    step_change_tau_s: float = 3.0  # for so long past changes count; small: forgets motion
+    step_change_memory: float = 0.8  # their part; small: one even pair passes for calm
+    step_turn_noise_1_s: float = 0.4  # share of the rate itself, for each second of the step
+    force_lasts_s: float = 0.35  # of accelerations; small: believes the force, large: the gyroscope
+    force_size_noise: float = 1.0  # rad for a force of twice its size; likewise
+    scatter_tau_s: float = 7.0  # averaging of the scatter; small: jumpy, large: late
 
     # Bias.
     bias_limit_rad_s: Rate = radians(2.0)  # of the bias and of one innovation
@@ -157,6 +168,27 @@ class GravityState(NamedTuple):
     age_s: float
 
 
+class StepNoise(NamedTuple):
+    """Variances (rad^2) of the turn that a step missed, and the changes of rate that tell them."""
+
+    tilt: float  # about both horizontal axes together
+    twist: float  # about down
+    tilting: float  # (rad/s)^2
+    twisting: float
+
+
+class TiltState(NamedTuple):
+    """How well the vertical is known in G."""
+
+    variance: float  # of its direction, rad^2
+    scatter: float  # mean square angle of the specific force about it, rad^2
+    tilting: float  # mean square change of rate between two steps, (rad/s)^2, about horizontal axes
+    twisting: float  # likewise about down
+    gyr: Vec3  # the last step's
+    force_g: Vec3  # likewise, minus the specific force in G
+    force: float  # its usual size, m/s^2
+
+
 class Rows(NamedTuple):
     """North, east and down of the 6D frame, seen from the body: the rows of R6."""
 
@@ -245,6 +277,7 @@ class ConditioningState(NamedTuple):
     previous_gyr_rad_s: Vec3
     gathered: Gathered
     gravity: GravityState
+    tilt: TiltState
     rest: RestState
     estimate: Estimate
     lagged: Lagged

@@ -23,10 +23,15 @@ UNKNOWN_HEADING_SIGMA = pi / 2.0
 LEAST_GRAVITY_SHARE = 0.4
 
 
+# A single sample is a sign of no more than this (s), however long its step: of slow streams
+# several in a row have to agree.
+LONGEST_SIGN_S = 0.15
+
+
 @inlined
 def duration_s(holds: bool, lasted_s: float, dt_s: float) -> float:
     """How long something has held."""
-    return lasted_s + dt_s if holds else 0.0
+    return lasted_s + min(dt_s, LONGEST_SIGN_S) if holds else 0.0
 
 
 @inlined

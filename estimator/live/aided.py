@@ -6,11 +6,12 @@ from estimator.aiding import AidingParams, AidingState, Report, aid
 from estimator.aiding.types import Array
 from estimator.compilation.compiled import inlined
 from estimator.conditioning.magnetic import LEAST_HORIZONTAL
+from estimator.conditioning.rate import following_weight, slow_share
 from estimator.filter.kernel import correct, integrate_rate
 from estimator.filter.observation import ReferenceParams
 from estimator.filter.types import FilterParams, FilterState, Vectors
-from estimator.geometry.quaternion import rotate_inverse
-from estimator.types import Vec3
+from estimator.geometry.quaternion import conjugate, exp, log, multiply, rotate_inverse, scale
+from estimator.types import Quaternion, Vec3
 
 # Sigmas at which a vector's confidence is one half.
 GRAVITY_HALF_RAD = 0.1
@@ -24,7 +25,9 @@ def confidence(sigma_rad: float, half_rad: float) -> float:
 
 
 @inlined
-def aided_vectors(reference: ReferenceParams, state: AidingState, knows_north: bool) -> Vectors:
+def aided_vectors(
+    reference: ReferenceParams, state: AidingState, knows_north: bool, weight: float
+) -> Vectors:
     """Both inertial directions seen from the aided attitude; confidence falls with its sigma.
 
     While magnetic north is not known, what the filter calls north is where the field points.
@@ -38,12 +41,23 @@ def aided_vectors(reference: ReferenceParams, state: AidingState, knows_north: b
     return Vectors(
         rotate_inverse(q, north),
         reference.magnetic_ned,
-        reference.s_magnetic * confidence(state.sigma_heading_rad, MAGNETIC_HALF_RAD),
+        reference.s_magnetic * weight * confidence(state.sigma_heading_rad, MAGNETIC_HALF_RAD),
         rotate_inverse(q, reference.gravity_ned),
         reference.gravity_ned,
-        reference.s_gravity * confidence(state.sigma_inclination_rad, GRAVITY_HALF_RAD),
-        reference.s_cross,
+        reference.s_gravity * weight * confidence(state.sigma_inclination_rad, GRAVITY_HALF_RAD),
+        reference.s_cross * weight,
     )
+
+
+@inlined
+def agreed_rate(before: Quaternion, state: AidingState, slow: float, dt: float) -> Vec3:
+    """The rate that makes of the aided attitude before a slow step the one after it.
+
+    exp(w' dt) = exp(w dt) exp(phi), as the unaided stage has it.
+    """
+    turn = exp(scale(dt, state.rate_rad_s))
+    phi = log(multiply(conjugate(multiply(before, turn)), state.q_ned_frd))
+    return scale(1.0 / dt, log(multiply(turn, exp(scale(slow, phi)))))
 
 
 @inlined
@@ -69,6 +83,7 @@ def aided_step(
     north = (0.0, 0.0)
     if knows_north and horizontal > 0.0:
         north = (m[0] / horizontal, m[1] / horizontal)
+    before = aided.q_ned_frd
     aided, covariance = aid(
         aiding,
         aided,
@@ -82,6 +97,9 @@ def aided_step(
         dt,
         report,
     )
-    state = integrate_rate(state, aided.rate_rad_s, dt, aided.gyr_bias_rad_s)
-    state = correct(params, state, aided_vectors(reference, aided, knows_north), dt)
+    slow = slow_share(dt)
+    rate = aided.rate_rad_s if slow == 0.0 else agreed_rate(before, aided, slow, dt)
+    state = integrate_rate(state, rate, dt, aided.gyr_bias_rad_s)
+    weight = following_weight(slow, dt)
+    state = correct(params, state, aided_vectors(reference, aided, knows_north, weight), dt)
     return state, aided, covariance

@@ -23,7 +23,7 @@ def conditioned_vectors(reference: ReferenceParams, seen: Conditioned) -> Vector
         seen.gravity_b,
         reference.gravity_ned,
         reference.s_gravity * seen.gravity_weight,
-        reference.s_cross,
+        reference.s_cross * seen.gravity_weight,
     )
 
 

@@ -1,0 +1,183 @@
+"""How well the vertical is known in G, and how fast the specific force is believed for it.
+
+Between two samples of a slow stream the gyroscope is aliased: what the vehicle
+did meanwhile shows only in how much its rate has changed, and how much it has
+turned. So the vertical has a variance, which each step's unseen turning adds
+to and each reading of the specific force takes from. Their balance is the share
+by which the vertical follows the force: little at a hundred samples a second,
+nearly all of it after a second in which nobody looked. Its root is the
+published uncertainty of slow streams.
+"""
+
+from math import acos, exp
+
+from estimator.compilation.compiled import inlined
+from estimator.conditioning.rate import slow_share
+from estimator.conditioning.types import ConditioningParams, StepNoise, TiltState
+from estimator.geometry.quaternion import dot, norm, subtract
+from estimator.types import Vec3
+
+# White noise of a gyroscope and its truncation to mrad/s, rad/s/sqrt(Hz).
+GYR_NOISE = 0.002
+# Share of a change of rate about one axis that shows as an unseen turn about the others.
+CROSSED = 0.1
+# Averages over a step leave of that only what the moving axis makes (coning).
+AVERAGED_SHARE = 0.1
+# After a hole longer than this (s) a vehicle may have done anything, at this rate (rad/s).
+HOLE_S = 1.0
+HOLE_RAD_S = 0.3
+# No direction is known worse than this, rad^2.
+MOST_VARIANCE = 3.0
+# Time (s) in which the usual size of the specific force is learnt.
+FORCE_TAU_S = 20.0
+# The least scatter of the force's direction, rad, of an accelerometer at rest.
+LEAST_SCATTER_RAD = 0.0175
+# A vehicle that changes no more than this between two samples rests: rad/s, share of the force.
+CALM_RAD_S = 0.05
+CALM_FORCE = 0.04
+# How soon (s) the scatter of past motion is forgotten then.
+CALM_TAU_S = 0.5
+# An innovation counts up to this angle, rad: further ones are no scatter but a lost vertical.
+MOST_INNOVATION_RAD = 1.0
+
+
+@inlined
+def slowness(params: ConditioningParams, dt_s: float) -> float:
+    """0 for fast streams and for averages, which miss no turn; 1 for slow ones."""
+    if params.averaged_samples or not params.use_step_noise:
+        return 0.0
+    return slow_share(dt_s)
+
+
+@inlined
+def step_noise(
+    params: ConditioningParams, state: TiltState, gyr: Vec3, rate: Vec3, down: Vec3, dt_s: float
+) -> StepNoise:
+    """Variances of the turn that one step has missed, about horizontal axes (both) and down.
+
+    q = (c dt)^2 |dw|^2 + (a dt^2)^2 |w|^2 + n^2 dt, with c = c_max dt/(dt + t_c): the
+    error of the mean of two instants, which is a fixed share of their difference as
+    soon as the motion is faster than the samples. One small difference may be
+    chance, so the mean over the last seconds has its part. Fitted to flights,
+    hand-held and driven motion at 1 to 25 Hz against their full rate.
+    """
+    change = subtract(gyr, state.gyr)
+    along, all_of_it = dot(change, down) ** 2, dot(change, change)
+    tilting = max(0.0, all_of_it - along) + CROSSED * all_of_it
+    twisting = along + CROSSED * all_of_it
+    about_down = dot(rate, down) ** 2
+    turning = dot(rate, rate)
+    k = params.step_change_memory
+    share = params.step_change_noise * dt_s / (dt_s + params.step_change_s)
+    if params.averaged_samples:
+        share *= AVERAGED_SHARE
+    change_factor = (share * dt_s) ** 2
+    turn_factor = (params.step_turn_noise_1_s * dt_s * dt_s) ** 2
+    tilt = change_factor * max(tilting, (1.0 - k) * tilting + k * state.tilting)
+    twist = change_factor * max(twisting, (1.0 - k) * twisting + k * state.twisting)
+    hole = HOLE_RAD_S**2 * max(0.0, dt_s - HOLE_S) ** 2
+    return StepNoise(
+        tilt
+        + turn_factor * (max(0.0, turning - about_down) + CROSSED * turning)
+        + GYR_NOISE**2 * dt_s
+        + hole,
+        twist + turn_factor * (about_down + CROSSED * turning) + GYR_NOISE**2 * dt_s + hole,
+        tilting,
+        twisting,
+    )
+
+
+@inlined
+def believe_force(
+    params: ConditioningParams,
+    state: TiltState,
+    noise: StepNoise,
+    gyr: Vec3,
+    down_g: Vec3,
+    u: Vec3,
+    dt_s: float,
+    least_share: float,
+) -> tuple[TiltState, float]:
+    """The variance after a step with the force ``u`` (minus it, in G), and the force's share.
+
+    A scalar Kalman filter: P <- P + q, K = P/(P + R), P <- (1 - K)^2 P + K^2 R. R is the
+    scatter of the force's direction, its mean square learnt from the innovations
+    by expectation (R/(P + R))^2 v^2 + P R/(P + R), more where the force has not
+    its usual size, and times 2 T/dt: accelerations last for T. ``least_share``
+    is what the profile's time constant gives; no less is taken.
+    """
+    p = min(state.variance + noise.tilt, MOST_VARIANCE)
+    size = norm(u)
+    usual = state.force
+    unusual = size / usual - 1.0 if usual > 0.0 else 0.0
+    r = state.scatter + (params.force_size_noise * unusual) ** 2
+    lasting = r * max(1.0, 2.0 * params.force_lasts_s / dt_s)
+    share = max(least_share, p / (p + lasting))
+    off = innovation(down_g, u)
+    expected = (r / (p + r)) ** 2 * off * off + p * r / (p + r)
+    tau = scatter_tau(params, state, gyr, u, unusual, dt_s)
+    a = dt_s / (tau + dt_s)
+    b = dt_s / (FORCE_TAU_S + dt_s) if abs(unusual) < 0.2 else 0.1 * dt_s / (FORCE_TAU_S + dt_s)
+    c = dt_s / (params.step_change_tau_s + dt_s)
+    return (
+        TiltState(
+            (1.0 - share) ** 2 * p + share * share * lasting,
+            state.scatter + a * (max(expected, LEAST_SCATTER_RAD**2) - state.scatter),
+            state.tilting + c * (noise.tilting - state.tilting),
+            state.twisting + c * (noise.twisting - state.twisting),
+            gyr,
+            u,
+            usual + b * (size - usual),
+        ),
+        share,
+    )
+
+
+@inlined
+def innovation(down_g: Vec3, u: Vec3) -> float:
+    """Angle (rad) between the vertical and the force, at most ``MOST_INNOVATION_RAD``."""
+    n = norm(down_g) * norm(u)
+    if n <= 0.0:
+        return MOST_INNOVATION_RAD
+    return min(acos(max(-1.0, min(1.0, dot(down_g, u) / n))), MOST_INNOVATION_RAD)
+
+
+@inlined
+def scatter_tau(
+    params: ConditioningParams, state: TiltState, gyr: Vec3, u: Vec3, unusual: float, dt_s: float
+) -> float:
+    """Time over which the scatter is averaged: shorter for a vehicle that has come to rest."""
+    change = subtract(gyr, state.gyr)
+    moved = subtract(u, state.force_g)
+    force = max(state.force, 1.0)
+    signs = (dot(gyr, gyr) + dot(change, change)) / CALM_RAD_S**2
+    signs += dot(moved, moved) / (CALM_FORCE * force) ** 2 + (unusual / CALM_FORCE) ** 2
+    calm = slowness(params, dt_s) / (1.0 + signs) ** 2
+    return params.scatter_tau_s * (1.0 - calm) + CALM_TAU_S * calm
+
+
+@inlined
+def least_share(tau_s: float, dt_s: float, age_s: float) -> float:
+    """The share of a low-pass with ``tau_s``; of a running mean while it is younger than that."""
+    return dt_s / age_s if age_s <= tau_s else 1.0 - exp(-dt_s / tau_s)
+
+
+@inlined
+def initial_tilt(gyr: Vec3, u: Vec3) -> TiltState:
+    """Before the first step: nothing is known but that reading."""
+    scatter = (2.0 * LEAST_SCATTER_RAD) ** 2
+    return TiltState(MOST_VARIANCE, scatter, 0.0, 0.0, gyr, u, norm(u))
+
+
+@inlined
+def lose_tilt(state: TiltState) -> TiltState:
+    """After an unsensed turn: the vertical is not known."""
+    return TiltState(
+        MOST_VARIANCE,
+        state.scatter,
+        state.tilting,
+        state.twisting,
+        state.gyr,
+        state.force_g,
+        state.force,
+    )
