@@ -27,6 +27,7 @@ STEPS = (
     "use_field_offset",
     "use_confidence",
     "use_events",
+    "use_step_noise",
 )
 KICK_DEG = 179.0
 KICK_TIME_S = 15.0

@@ -35,7 +35,7 @@ LEAST_SCATTER_RAD = 0.0175
 # A vehicle that changes no more than this between two samples rests: rad/s, share of the force.
 CALM_RAD_S = 0.05
 CALM_FORCE = 0.04
-# How soon (s) the scatter of past motion is forgotten then.
+# How soon (s) past motion is forgotten then.
 CALM_TAU_S = 0.5
 # An innovation counts up to this angle, rad: further ones are no scatter but a lost vertical.
 MOST_INNOVATION_RAD = 1.0
@@ -115,10 +115,10 @@ def believe_force(
     share = max(least_share, p / (p + lasting))
     off = innovation(down_g, u)
     expected = (r / (p + r)) ** 2 * off * off + p * r / (p + r)
-    tau = scatter_tau(params, state, gyr, u, unusual, dt_s)
-    a = dt_s / (tau + dt_s)
+    at_rest = calm(params, state, gyr, u, unusual, dt_s)
+    a = forgetting(params.scatter_tau_s, at_rest, dt_s)
     b = dt_s / (FORCE_TAU_S + dt_s) if abs(unusual) < 0.2 else 0.1 * dt_s / (FORCE_TAU_S + dt_s)
-    c = dt_s / (params.step_change_tau_s + dt_s)
+    c = forgetting(params.step_change_tau_s, at_rest, dt_s)
     return (
         TiltState(
             (1.0 - share) ** 2 * p + share * share * lasting,
@@ -143,17 +143,23 @@ def innovation(down_g: Vec3, u: Vec3) -> float:
 
 
 @inlined
-def scatter_tau(
+def calm(
     params: ConditioningParams, state: TiltState, gyr: Vec3, u: Vec3, unusual: float, dt_s: float
 ) -> float:
-    """Time over which the scatter is averaged: shorter for a vehicle that has come to rest."""
+    """1 for a vehicle that does not turn, and whose force neither changes nor has another size."""
     change = subtract(gyr, state.gyr)
     moved = subtract(u, state.force_g)
     force = max(state.force, 1.0)
     signs = (dot(gyr, gyr) + dot(change, change)) / CALM_RAD_S**2
     signs += dot(moved, moved) / (CALM_FORCE * force) ** 2 + (unusual / CALM_FORCE) ** 2
-    calm = slowness(params, dt_s) / (1.0 + signs) ** 2
-    return params.scatter_tau_s * (1.0 - calm) + CALM_TAU_S * calm
+    return slowness(params, dt_s) / (1.0 + signs) ** 2
+
+
+@inlined
+def forgetting(tau_s: float, at_rest: float, dt_s: float) -> float:
+    """The weight of a step in a mean over ``tau_s``; a vehicle at rest soon forgets its motion."""
+    tau = tau_s * (1.0 - at_rest) + CALM_TAU_S * at_rest
+    return dt_s / (tau + dt_s)
 
 
 @inlined

@@ -62,14 +62,14 @@ def test_gravity_ignores_shaking_and_any_norm():
     gravity = initial_state(PARAMS).gravity
     for i in range(1500):
         u = (4.9 * sin(9.0 * i * dt), 0.0, 0.85 * 9.81)
-        gravity, _ = level(observe_gravity(PARAMS, k, gravity, u))
+        gravity, _ = level(observe_gravity(PARAMS, k, gravity, u, 0.0, 0.0))
     down = rotate_inverse(gravity.q_6d_g, (0.0, 0.0, 1.0))
     assert angle_between_vectors(down, (0.0, 0.0, 1.0)) < radians(0.5)
 
 
 def test_levelling_takes_the_shortest_way():
     gravity = initial_state(PARAMS).gravity
-    tilted = observe_gravity(PARAMS, coefficients(PARAMS, 0.01), gravity, (0.0, 2.0, 9.0))
+    tilted = observe_gravity(PARAMS, coefficients(PARAMS, 0.01), gravity, (0.0, 2.0, 9.0), 0.0, 0.0)
     levelled, step = level(tilted)
     assert rotate(levelled.q_6d_g, tilted.down.value)[:2] == pytest.approx((0.0, 0.0), abs=1e-12)
     assert step[0] > 0.0
