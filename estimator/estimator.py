@@ -31,7 +31,7 @@ from estimator.live.resident import (
 from estimator.live.settings import settings_of
 from estimator.live.snapshot import Snapshot, apply_turn, change_imu, contents_for, flat, published
 from estimator.profile import Profile
-from estimator.refusal import refusal
+from estimator.refusal import refusal, report_in_floats, sample_in_floats
 from estimator.types import (
     ZERO_VEC3,
     Attitude,
@@ -131,6 +131,7 @@ class Estimator:
         reason = refusal(sample)
         if reason is not None:
             return reason
+        sample = sample_in_floats(sample)
         before = self._snapshot
         if not before.aligned:
             self.snapshot = self._first(sample)
@@ -151,6 +152,7 @@ class Estimator:
         reason = refusal_of_report(report)
         if reason is not None or not self._settings.conditioned:
             return reason
+        report = report_in_floats(report)
         now = self._snapshot
         if self._is_aided and report.time_us <= now.time_us:
             # it belongs to the last sample or to one just before it

@@ -2,7 +2,7 @@
 
 from math import isfinite
 
-from estimator.types import ImuSample
+from estimator.types import ImuSample, Vec3, VelocitySample
 
 # A rate beyond this is no vehicle's: 70 rad/s is 4000 deg/s, twice the range of common gyroscopes.
 GYR_LIMIT_RAD_S = 70.0
@@ -33,3 +33,29 @@ def refusal(sample: ImuSample) -> str | None:
     if max(abs(gx), abs(gy), abs(gz)) > GYR_LIMIT_RAD_S:
         return "gyroscope_out_of_range"
     return "accelerometer_out_of_range"
+
+
+def sample_in_floats(sample: ImuSample) -> ImuSample:
+    """The sample with floats only, as compiled code takes them: a stream may hold integers."""
+    gyr, acc, mag = sample.gyr_rad_s, sample.acc_m_s2, sample.mag_gauss
+    if (
+        type(gyr[0]) is type(gyr[1]) is type(gyr[2]) is float
+        and type(acc[0]) is type(acc[1]) is type(acc[2]) is float
+        and type(mag[0]) is type(mag[1]) is type(mag[2]) is float
+    ):  # as nearly always
+        return sample
+    return ImuSample(sample.time_us, _floats(gyr), _floats(acc), _floats(mag), bool(sample.has_mag))
+
+
+def report_in_floats(report: VelocitySample) -> VelocitySample:
+    """Likewise of a velocity report."""
+    return report._replace(
+        velocity_ned_m_s=_floats(report.velocity_ned_m_s),
+        has_vertical=bool(report.has_vertical),
+        sigma_m_s=float(report.sigma_m_s),
+        late_sigma_s=float(report.late_sigma_s),
+    )
+
+
+def _floats(v: Vec3) -> Vec3:
+    return (float(v[0]), float(v[1]), float(v[2]))

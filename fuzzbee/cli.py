@@ -13,6 +13,7 @@ from collections.abc import Sequence
 from contextlib import nullcontext, suppress
 from pathlib import Path
 
+from estimator.compilation.notice import tell_compiling
 from estimator.errors import InputError
 from service.signals import terminate_like_interrupt
 
@@ -25,6 +26,7 @@ HANGING = ("sink ", "compiler")
 def main(argv: Sequence[str] | None = None) -> int:
     """Run one command; returns its exit status and lets no exception out."""
     arguments = _spelled_out(sys.argv[1:] if argv is None else argv)
+    tell_compiling(_say)
     status = _status(arguments)
     return OK if status == INTERRUPTED and _is_endless(arguments) else status
 
@@ -119,6 +121,10 @@ def _replace_closed_streams() -> None:
 def _is_usage_error(error: Exception) -> bool:
     """Whether the argument parser refused something; its classes moved between versions."""
     return hasattr(error, "format_message") and hasattr(error, "exit_code")
+
+
+def _say(text: str) -> None:
+    print(f"fuzzbee: {text}", file=sys.stderr, flush=True)
 
 
 def _fail(text: str, status: int) -> int:

@@ -6,7 +6,6 @@ import threading
 import time
 from collections.abc import Callable
 from concurrent.futures import Future
-from concurrent.futures import TimeoutError as FutureTimeout
 from contextlib import ExitStack
 from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
 
@@ -30,7 +29,6 @@ if TYPE_CHECKING:
     from service.zenoh_session import ZenohOptions
 
 MAX_RATE_HZ = 1000.0
-COMPILE_TOLD_AFTER_S = 1.5
 COMPILER_THREAD = "compiler"
 
 EPILOG = """Examples:
@@ -207,7 +205,7 @@ def serve(options: RunOptions, *, verbose: bool) -> None:
 
 
 def _compile(profile: "Profile", gain: float | None) -> None:
-    """Compile before anything is opened, and say so if it takes long."""
+    """Compile before anything is opened."""
     from service.warm_up import warm_up
 
     done: Future[None] = Future()
@@ -222,15 +220,7 @@ def _compile(profile: "Profile", gain: float | None) -> None:
 
     # in a thread: the compiler's callbacks swallow what a signal raises in them
     threading.Thread(target=work, name=COMPILER_THREAD, daemon=True).start()
-    try:
-        done.result(COMPILE_TOLD_AFTER_S)
-    except FutureTimeout:
-        _say("compiling the filter, the first time only")
-        done.result()
-
-
-def _say(text: str) -> None:
-    print(f"fuzzbee: {text}", file=sys.stderr)
+    done.result()
 
 
 def _open_source(

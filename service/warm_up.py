@@ -25,10 +25,10 @@ from estimator.types import IDENTITY, ZERO_VEC3, ImuSample, VelocitySample
 
 STEP_US = 10_000
 HELPER_S = 120.0  # far longer than it takes; then it is compiled here
-AIDED_KERNEL = "advance_aided"
-HERE: tuple[Any, ...] = (resident.advance, resident.resident, resident.published_inside)
+HERE: tuple[Any, ...] = (resident.advance, resident.published_inside)
 ELSEWHERE: tuple[Any, ...] = (
     resident.advance_aided,
+    resident.resident,
     resident.hear_inside,
     resident.search_inside,
     resident.contents_of,
@@ -45,7 +45,7 @@ def warm_up(profile: Profile, gain: float | None) -> None:
     """Compile the kernels now: the first sample must not wait for it, nor the first velocity."""
     chosen = settings_of(profile)
     needs_aided = chosen.conditioned and chosen.aiding.enabled
-    if needs_aided and is_cached(AIDED_KERNEL) is False:
+    if needs_aided and is_cached(resident.advance_aided) is False:
         with _compiled_elsewhere():
             compile_ahead(profile, HERE)
     rehearse(Estimator(profile, gain), aided=needs_aided)

@@ -1,5 +1,6 @@
 """The estimator of one vehicle: what it refuses, forgets, keeps and publishes."""
 
+import json
 from math import inf, nan, pi, radians
 
 import numpy as np
@@ -13,7 +14,7 @@ from estimator.geometry.quaternion import exp, multiply
 from estimator.live.settings import settings_of
 from estimator.profile import load_profile, merge_profile
 from estimator.refusal import ACC_LIMIT_M_S2, GYR_LIMIT_RAD_S
-from estimator.types import ZERO_VEC3, ImuSample
+from estimator.types import ZERO_VEC3, ImuSample, VelocitySample
 from tests.vocabulary import IDENTITY, assert_attitude_close, assert_attitudes_equal, floats
 
 LEVEL = ImuSample(1_000_000, ZERO_VEC3, (0.0, 0.0, -9.8), (0.2, 0.0, 0.4), True)
@@ -281,3 +282,22 @@ def test_stays_finite_whatever_arrives(stream):
                 published.sigma_heading_rad,
             )
             assert np.all(np.isfinite(numbers)), published
+
+
+@pytest.mark.parametrize("name", ["imu", "paper"])
+def test_integers_are_numbers(name):
+    """In a sample, a report and a profile: the same attitude as from floats, to the last digit."""
+    whole = {"reference": {"gravity": [0, 0, 1], "magnetic": [1, 0, 0]}, "filter": {"gamma": 1}}
+    whole |= {"confidence": {"gravity": 5}, "membership": {"k12": 8}}
+    whole |= {"conditioning": {"gravity_tau_s": 2}, "aiding": {"give_up_s": 300}}
+    attitudes = []
+    for number in (int, float):
+        changed = json.loads(json.dumps(whole), parse_int=number)
+        one = Estimator(merge_profile(load_profile(name), changed))
+        zero, down, field = (tuple(map(number, v)) for v in ((0, 0, 0), (0, 0, -10), (1, 0, 2)))
+        for k in range(12):
+            assert one.update(ImuSample(10_000 * k, zero, down, field, True)) is None
+            report = VelocitySample(10_000 * k, zero, True, number(1), number(0))
+            assert one.update_velocity(report) is None
+        attitudes.append(one.attitude(120_000))
+    assert attitudes[0] == attitudes[1]

@@ -1,0 +1,128 @@
+"""Keeps one kernel's machine code on disk: numba's own cache under names of ours.
+
+It stands on numba's classes for an index and its data; only the names are ours. They are
+chosen when the kernel is first called, when all that it uses has been defined.
+"""
+
+# mypy: disable-error-code="no-untyped-call,misc"
+# numba ships no types.
+
+import functools
+import os
+import sys
+import warnings
+from pathlib import Path
+from types import FunctionType
+from typing import Any
+
+from numba.core.caching import (
+    CompileResultCacheImpl,
+    FunctionCache,
+    IndexDataCacheFile,
+    NullCache,
+)
+
+from estimator.compilation.fingerprint import Fingerprints
+
+NOT_KEPT = "compiled code cannot be kept for the next start"
+VERSIONS_KEPT = 4  # of one kernel
+
+_fingerprints = Fingerprints()
+
+
+class KernelCache(NullCache):
+    """The cache of one kernel, looked for at its first use."""
+
+    def __init__(self, function: FunctionType, folder: Path) -> None:
+        self._function = function
+        self._folder = folder
+
+    @property
+    def cache_path(self) -> str:
+        """The folder."""
+        return str(self._folder)
+
+    def load_overload(self, signature: Any, target_context: Any) -> Any:
+        """The compiled form for a signature, or None."""
+        return self._files.load_overload(signature, target_context)
+
+    def save_overload(self, signature: Any, data: Any) -> None:
+        """Keep it; a disk too full costs the next start some seconds, not this one its life."""
+        try:
+            self._files.save_overload(signature, data)
+        except OSError as error:
+            _warn_once(f"{NOT_KEPT}: {error.strerror}")
+        else:
+            self._files.forget_older()
+
+    def holds(self, target_context: Any) -> bool:
+        """Whether it holds a form for this CPU."""
+        return self._files.holds(target_context)
+
+    @functools.cached_property
+    def _files(self) -> "_KernelFiles":
+        return _KernelFiles(self._function, self._folder)
+
+
+class _KernelFiles(FunctionCache):
+    """numba's cache with the given folder and names."""
+
+    def __init__(self, function: FunctionType, folder: Path) -> None:
+        self._name = repr(function)
+        self._py_func = function
+        self._cache_path = str(folder)
+        self._kernel = f"{function.__module__}.{function.__qualname__}".replace("<locals>", "")
+        made_of = _fingerprints.of(function)
+        self._base = f"{self._kernel}-{made_of}.py{sys.version_info[0]}{sys.version_info[1]}"
+        self._base += getattr(sys, "abiflags", "")
+        self._impl = _KernelFormat(function)
+        self._cache_file = IndexDataCacheFile(self._cache_path, self._base, made_of)
+        self.enable()
+
+    def holds(self, target_context: Any) -> bool:
+        """See :meth:`KernelCache.holds`."""
+        target_context.refresh()
+        cpu = target_context.codegen().magic_tuple()
+        try:
+            return any(key[1] == cpu for key in self._cache_file._load_index())  # noqa: SLF001
+        except OSError:
+            return False
+
+    def forget_older(self) -> None:
+        """Remove this kernel's files of other sources but the latest few."""
+        try:
+            others = [
+                entry
+                for entry in os.scandir(self._cache_path)
+                if entry.name.startswith(f"{self._kernel}-") and entry.name.endswith(".nbi")
+            ]
+            others.sort(key=lambda entry: entry.stat().st_mtime, reverse=True)
+            for entry in others[VERSIONS_KEPT:]:
+                for path in Path(self._cache_path).glob(f"{entry.name[:-4]}.*"):
+                    path.unlink(missing_ok=True)
+        except OSError:
+            return
+
+
+class _KernelFormat(CompileResultCacheImpl):
+    """How machine code is written down: as numba does it; the place is not for it to choose."""
+
+    def __init__(self, function: FunctionType) -> None:
+        self._lineno = function.__code__.co_firstlineno
+        self._locator = _Source(function.__code__.co_filename)
+
+
+class _Source:
+    """What numba asks of the place; the file is named in a warning of its own."""
+
+    def __init__(self, file: str) -> None:
+        self._py_file = file
+
+    def ensure_cache_path(self) -> None:
+        """The folder has been made, and looked at, before."""
+
+
+@functools.cache
+def _warn_once(text: str) -> None:
+    """numba forgets what has been warned of."""
+    warnings.warn(text, RuntimeWarning, stacklevel=2)

@@ -1,0 +1,22 @@
+"""Says that something is being compiled, when it is: half a minute of silence looks like a fault.
+
+It imports nothing, so that a command can ask for it long before numba is needed.
+"""
+
+from collections.abc import Callable
+
+FIRST_TIME = "compiling the filter, the first time only"
+EACH_TIME = "compiling the filter"  # where it cannot be kept
+
+_listeners: list[Callable[[str], None]] = []
+
+
+def tell_compiling(tell: Callable[[str], None]) -> None:
+    """Have ``tell`` called with a line, once, when the first kernel has to be compiled."""
+    _listeners[:] = [tell]
+
+
+def compiling_begins(*, is_kept: bool) -> None:
+    """A kernel is not in the cache; called by whoever compiles it, for each one."""
+    while _listeners:
+        _listeners.pop()(FIRST_TIME if is_kept else EACH_TIME)

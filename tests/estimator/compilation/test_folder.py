@@ -1,0 +1,172 @@
+"""What is run as machine code lies where only we and root can write; what others left stays."""
+
+import os
+import stat
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+import estimator
+from estimator.compilation import folder as folders
+from estimator.compilation.folder import environment_digest, forget_older, mistrust
+
+pytestmark = pytest.mark.skipif(os.name != "posix", reason="needs owners and modes")
+
+NAME = "kernels-0123456789abcdef"
+DATA = "estimator.filter.fuzzy.fuzzy_gain-0123456789abcdef.py311.1.nbc"
+
+
+def made(*parts, mode=0o755):
+    path = Path(*parts)
+    path.mkdir(parents=True, exist_ok=True)
+    path.chmod(mode)
+    return path.resolve()
+
+
+def test_a_folder_of_ours_is_trusted(tmp_path):
+    folder = made(tmp_path, "cache", NAME)
+    (folder / DATA).write_bytes(b"")
+    assert mistrust(folder) is None
+
+
+@pytest.mark.parametrize("mode", [0o777, 0o1777, 0o757])
+def test_a_folder_that_others_may_write_to_is_not(tmp_path, mode):
+    assert "others may write" in mistrust(made(tmp_path, NAME, mode=mode))
+
+
+@pytest.mark.parametrize(("mode", "is_trusted"), [(0o777, False), (0o1777, True), (0o755, True)])
+def test_a_parent_that_others_may_write_to_needs_the_sticky_bit(tmp_path, mode, is_trusted):
+    parent = made(tmp_path, "parent")
+    folder = made(parent, "cache", NAME)
+    parent.chmod(mode)
+    assert (mistrust(folder) is None) == is_trusted
+
+
+def test_a_file_that_others_may_write_to(tmp_path):
+    folder = made(tmp_path, NAME)
+    (folder / DATA).write_bytes(b"")
+    (folder / DATA).chmod(0o666)
+    assert DATA in mistrust(folder)
+
+
+@pytest.mark.parametrize("level", ["parent", "folder", "file"])
+def test_what_belongs_to_somebody_else(tmp_path, monkeypatch, level):
+    """Seen from another user's side: what is ours is then somebody else's to him."""
+    parent = made(tmp_path, "parent")
+    folder = made(parent, NAME)
+    (folder / DATA).write_bytes(b"")
+    theirs = {"parent": parent, "folder": folder, "file": folder / DATA}[level]
+    real = folders._open_to_others
+
+    def seen(path, about, **options):
+        if path == theirs:
+            values = list(about)
+            values[stat.ST_UID] = os.geteuid() + 4321
+            about = os.stat_result(values)
+        return real(path, about, **options)
+
+    monkeypatch.setattr(folders, "_open_to_others", seen)
+    assert mistrust(folder) == f"{theirs} belongs to somebody else"
+
+
+@pytest.mark.skipif(os.name != "posix" or os.geteuid() != 0, reason="needs root")
+def test_what_really_belongs_to_somebody_else(tmp_path):
+    folder = made(tmp_path, "theirs", NAME)
+    os.chown(folder.parent, 4321, 4321)
+    assert mistrust(folder) == f"{folder.parent} belongs to somebody else"
+
+
+KERNEL = """
+from estimator.filter.fuzzy import fuzzy_gain
+from estimator.filter.memberships import midpoint
+print(fuzzy_gain(midpoint(), 0.1, 0.1), fuzzy_gain._cache.cache_path)
+"""
+
+
+def run(**environment):
+    root = str(Path(next(iter(estimator.__path__))).parent)
+    inherited = {key: value for key, value in os.environ.items() if "NUMBA" not in key}
+    path = os.pathsep.join(filter(None, [root, os.environ.get("PYTHONPATH", "")]))
+    return subprocess.run(
+        [sys.executable, "-c", KERNEL],
+        env={**inherited, "PYTHONPATH": path, **environment},
+        capture_output=True,
+        text=True,
+        check=True,
+        timeout=120,
+    )
+
+
+@pytest.mark.skipif(bool(os.environ.get("NUMBA_DISABLE_JIT")), reason="nothing is compiled")
+def test_a_chosen_folder_that_is_open_to_others_is_told_and_not_used(tmp_path):
+    chosen, private = made(tmp_path, "open", mode=0o777), made(tmp_path, "home")
+    done = run(NUMBA_CACHE_DIR=str(chosen), XDG_CACHE_HOME=str(private))
+    assert str(private / "fuzzbee") in done.stdout
+    assert not list(chosen.rglob("*.nb?"))
+    lines = [line for line in done.stderr.splitlines() if "Warning" in line]
+    assert len(lines) == 1
+    assert f"NUMBA_CACHE_DIR={chosen} is not used: others may write to {chosen}" in lines[0]
+
+
+def test_only_our_own_folders_are_forgotten_and_of_them_only_what_we_wrote(tmp_path):
+    theirs = ("kernels-6.1.0", "kernels-", "kernels-0123456789abcdeg", "kernels-0123456789abcdef0",
+              "kernels-0123456789ABCDEF", "my-kernels-0123456789abcdef")  # fmt: skip
+    for name in theirs:
+        (made(tmp_path, name) / "vmlinuz").write_text("theirs")
+        os.utime(tmp_path / name, (1, 1))
+    (tmp_path / "kernels-00000000000000aa").write_text("a file")
+    elsewhere = made(tmp_path, "elsewhere")
+    (elsewhere / DATA).write_text("linked")
+    (tmp_path / "kernels-00000000000000bb").symlink_to(elsewhere)
+    for number in range(8):
+        folder = made(tmp_path, f"kernels-{number:016x}")
+        for name in (DATA, DATA.replace("1.nbc", "nbi"), f"{DATA}.tmp.0123456789abcdef"):
+            (folder / name).write_text("ours")
+        if number == 2:
+            (folder / "notes.txt").write_text("somebody's")
+            (made(folder, "below") / DATA).write_text("somebody's")
+        os.utime(folder, (1000 + number, 1000 + number))
+    forget_older(tmp_path, "kernels-0000000000000007")
+    left = {path.name for path in tmp_path.iterdir() if path.name.startswith("kernels-0000")}
+    assert left == {f"kernels-{k:016x}" for k in (2, 4, 5, 6, 7)} | {
+        "kernels-00000000000000aa",
+        "kernels-00000000000000bb",
+    }
+    kept = sorted(path.name for path in (tmp_path / "kernels-0000000000000002").rglob("*"))
+    assert kept == ["below", DATA, "notes.txt"]
+    assert (elsewhere / DATA).read_text() == "linked"
+    for name in theirs:
+        assert (tmp_path / name / "vmlinuz").read_text() == "theirs"
+
+
+def test_what_changes_machine_code_changes_the_folder(monkeypatch):
+    before = environment_digest("options")
+    assert environment_digest("other options") != before
+    for name, value, changes in (
+        ("NUMBA_OPT", "1", True),
+        ("NUMBA_BOUNDSCHECK", "1", True),
+        ("NUMBA_CPU_NAME", "generic", True),
+        ("NUMBA_SOMETHING_NEW", "1", True),
+        ("NUMBA_NUM_THREADS", "1", False),
+        ("NUMBA_CACHE_DIR", "/somewhere", False),
+        ("FUZZBEE_LOGS", "/somewhere", False),
+    ):
+        with monkeypatch.context() as patch:
+            patch.setenv(name, value)
+            assert (environment_digest("options") != before) == changes, name
+    with monkeypatch.context() as patch:
+        patch.setattr("numba.config.OPT", 1)  # as .numba_config.yaml does
+        assert environment_digest("options") != before
+    assert environment_digest("options") == before
+
+
+def test_a_user_without_a_home_has_the_other_places(monkeypatch):
+    monkeypatch.delenv("XDG_CACHE_HOME", raising=False)
+    monkeypatch.setattr(Path, "expanduser", _no_home)
+    assert folders._bases(None) == [Path(folders.__file__).parents[1] / "__pycache__"]
+
+
+def _no_home(path):
+    raise RuntimeError("Could not determine home directory.")
