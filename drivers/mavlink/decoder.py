@@ -1,8 +1,7 @@
-"""MAVLink to events: frames, units and who is who.
+"""MAVLink messages to events: units and who is who.
 
-``FrameParser`` turns the bytes of one stream into pymavlink's messages,
-``MavlinkDecoder`` turns those into the events of ``drivers.events``. Neither
-does any I/O. Units change here and nowhere else: mg, mrad/s, mGauss, cm/s and
+``MavlinkDecoder`` turns pymavlink's messages into the events of ``drivers.events``,
+without any I/O. Units change here and nowhere else: mg, mrad/s, mGauss, cm/s and
 degrees come in, SI, radians and gauss go out. Body axes are FRD on both sides.
 """
 
@@ -39,7 +38,6 @@ from drivers.mavlink.constants import (
     UNKNOWN_UINT16,
     is_autopilot,
 )
-from drivers.mavlink.dialect import mavlink
 from drivers.samples.imu_checks import MagMemory, Plausibility, refuse_imu
 from drivers.samples.navigation import Navigation, filter_status
 from drivers.samples.sensor_faults import Readings, SensorFaults
@@ -66,7 +64,6 @@ GPS_VELOCITY_SIGMA_M_S = 0.5  # a GPS receiver that does not say
 GPS_LATE_SIGMA_S = 0.1  # its word comes 0.1 to 0.2 s late, and does not say how late
 
 UNIT_NORM_TOLERANCE = 0.05  # quaternions further from unit length are not attitudes
-BUFFER_LIMIT = 65536  # bytes already parsed that may pile up before they are dropped
 
 MOST_SENDERS = 512  # addresses that something is remembered of: 11 kB each
 MOST_STREAMS = 16  # IMUs of one sender; real ones have three, and four messages for them
@@ -81,60 +78,6 @@ INTEGER_PARAMETERS: Final = {  # and how struct calls them
     MAV_PARAM_TYPE_UINT32: "I",
     MAV_PARAM_TYPE_INT32: "i",
 }
-
-
-class FrameParser:
-    """Bytes of one stream in, MAVLink 1 and 2 messages out.
-
-    ``malformed`` counts the unreadable stretches so far. An unreadable frame
-    costs itself alone: what follows its first byte is parsed again.
-    """
-
-    def __init__(self) -> None:
-        self._dialect = mavlink()
-        self._mav = self._dialect.MAVLink(None)
-        self._mav.robust_parsing = True
-        self._in_bad_stretch = False
-        self._bytes_fed = 0
-        self.malformed = 0
-
-    def feed(self, data: bytes) -> list[Any]:
-        """Every message completed by ``data``, in order."""
-        mav, messages = self._mav, []
-        message = mav.parse_char(data)  # parse_buffer is this loop, without the second look
-        while message is not None:
-            if message.get_type() == "BAD_DATA":
-                self._note_bad(bytes(message.data))
-            else:
-                self._in_bad_stretch = False
-                messages.append(message)
-            message = mav.parse_char(b"")
-        if mav.buf_index > BUFFER_LIMIT:  # pymavlink frees only when nothing is left over
-            del mav.buf[: mav.buf_index]
-            mav.buf_index = 0
-        return messages
-
-    def take_malformed(self) -> int:
-        """How many unreadable stretches there were since the last call."""
-        count, self.malformed = self.malformed, 0
-        return count
-
-    def frame(self, data: bytes) -> Any | None:
-        """The message of exactly one frame, or None if it is unreadable."""
-        try:
-            return self._mav.decode(bytearray(data))
-        except self._dialect.MAVError:
-            return None
-
-    def _note_bad(self, data: bytes) -> None:
-        if not self._in_bad_stretch:
-            self._in_bad_stretch = True
-            self.malformed += 1
-        if len(data) > 1 and data[0] in (0xFD, 0xFE):
-            # a damaged length may have swallowed good frames: look again behind the first byte
-            mav = self._mav
-            mav.buf = bytearray(data[1:]) + mav.buf[mav.buf_index :]
-            mav.buf_index = 0
 
 
 class _Reading(Value, frozen=True):

@@ -1,4 +1,4 @@
-"""A live MAVLink link: one thread reads, parses and decodes; the consumer drains.
+"""A live MAVLink link: one thread reads and decodes; the consumer drains.
 
 Listen-only, with two exceptions that a person asks for: ``request_rate_hz``
 sends requests and heartbeats, and ``udpout`` sends heartbeats, since nobody
@@ -35,7 +35,7 @@ from estimator.errors import InputError
 
 QUEUE_EVENTS = 50_000  # 100 s of one vehicle at 100 Hz, 1 s of 200 vehicles at 50 Hz
 MOST_UNSENT_FRAMES = 64  # requests wait here for the reader; new ones replace the oldest
-MOST_PARSERS = 64  # half-read frames of that many senders; the one silent for longest goes
+MOST_READERS = 64  # half-read frames of that many senders; the one silent for longest goes
 RECEIVE_S = 0.1  # the reader looks this often whether it should end
 # After each look the reader rests, and what comes meanwhile is handled at one go: to wake a thread
 # costs as much as several samples, and hundreds of vehicles would wake it at each of theirs.
@@ -86,7 +86,7 @@ class MavlinkLink(Closing):
         self._gate = FrameGate(policy)
         self._key = key
         self._stamp = None if policy.signing is None else policy.signing.stamp
-        self._parsers: OrderedDict[str, FrameReader] = OrderedDict()
+        self._readers: OrderedDict[str, FrameReader] = OrderedDict()
         self._encoders: dict[int, FrameEncoder] = {}
         self._outgoing: deque[bytes] = deque(maxlen=MOST_UNSENT_FRAMES)
         self._errors = ErrorSummary()
@@ -188,19 +188,19 @@ class MavlinkLink(Closing):
         frames: list[bytes] = []
         for packet in packets:
             if not packet.data:
-                self._parsers.pop(packet.peer, None)
+                self._readers.pop(packet.peer, None)
                 self._gate.forget(packet.peer)
                 continue
             if not self._has_data:
                 self._note_data()
-            parser = self._parser(packet.peer)
-            for frame in parser.feed(packet.data):
+            reader = self._reader(packet.peer)
+            for frame in reader.feed(packet.data):
                 if not self._gate.lets_in(frame, packet.peer, arrival_us):
                     continue
                 if self._recorder is not None:
                     frames.append(frame.data)
                 events += self._decoder.events(frame, arrival_us)
-            if malformed := parser.take_malformed():
+            if malformed := reader.take_malformed():
                 events.append(Malformed(arrival_us, malformed))
         events += self._gate.take_refused(arrival_us)
         if self._recorder is not None:
@@ -239,13 +239,13 @@ class MavlinkLink(Closing):
             self._encoders[system_id] = FrameEncoder(sender, self._key, stamp=self._stamp)
         return self._encoders[system_id]
 
-    def _parser(self, peer: str) -> FrameReader:
-        if peer not in self._parsers:
-            self._parsers[peer] = FrameReader()
-            if len(self._parsers) > MOST_PARSERS:
-                self._parsers.popitem(last=False)
-        self._parsers.move_to_end(peer)
-        return self._parsers[peer]
+    def _reader(self, peer: str) -> FrameReader:
+        if peer not in self._readers:
+            self._readers[peer] = FrameReader()
+            if len(self._readers) > MOST_READERS:
+                self._readers.popitem(last=False)
+        self._readers.move_to_end(peer)
+        return self._readers[peer]
 
     def _note_state(self) -> None:
         """Tell when the transport began or ceased to be connected."""
@@ -266,7 +266,7 @@ class MavlinkLink(Closing):
 
     def _lost(self, reason: str) -> None:
         self._transport.close()
-        self._parsers.clear()
+        self._readers.clear()
         self._gate.forget()
         self._is_open = self._has_data = False
         line = self._errors.line(reason, time.monotonic())

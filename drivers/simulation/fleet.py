@@ -10,13 +10,15 @@ import time
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 
-from drivers.mavlink.decoder import FrameParser
+from drivers.mavlink.dialect import Unpacker
+from drivers.mavlink.framing import FrameReader
 from drivers.mavlink.transports.transport import LinkError, Transport
 from drivers.simulation.autopilot import SimulatedAutopilot, VehicleOptions
 from estimator.errors import InputError
 
 MOST_VEHICLES = 250  # MAVLink system ids end at 255, and ground stations use the last
 LONGEST_BACKLOG_US = 1_000_000  # after a longer stall the vehicle goes on with the present
+MOST_PEERS = 64  # whose half frames are kept
 RECEIVE_S = 0.1  # how often the process looks whether it should end
 RETRY_S = 0.5
 
@@ -44,7 +46,8 @@ class Fleet:
         self._vehicles = [SimulatedAutopilot(options, i + 1) for i in range(vehicles)]
         self._offsets_us = [i * spread_us for i in range(vehicles)]
         self._due = [(offset, i) for i, offset in enumerate(self._offsets_us)]  # a heap
-        self._parsers: dict[str, FrameParser] = {}
+        self._readers: dict[str, FrameReader] = {}
+        self._unpacker = Unpacker()
         self.counts = FleetCounts()
 
     @property
@@ -68,14 +71,15 @@ class Fleet:
     def receive(self, peer: str, data: bytes, unix_us: int, send: Callable[[bytes], None]) -> None:
         """Answer bytes that came from ``peer``; no bytes mean that it has left."""
         if not data:
-            self._parsers.pop(peer, None)
+            self._readers.pop(peer, None)
             return
-        if peer not in self._parsers:
-            if len(self._parsers) >= 64:  # half a frame of somebody long gone is no loss
-                self._parsers.clear()
-            self._parsers[peer] = FrameParser()
+        if peer not in self._readers:
+            if len(self._readers) >= MOST_PEERS:  # half a frame of somebody long gone is no loss
+                self._readers.clear()
+            self._readers[peer] = FrameReader()
         answered = False
-        for message in self._parsers[peer].feed(data):
+        for frame in self._readers[peer].feed(data):
+            message = self._unpacker.message(frame.data)
             for vehicle in self._vehicles:
                 if answer := vehicle.handle(message, unix_us):
                     answered = True

@@ -8,7 +8,8 @@ from itertools import pairwise
 import pytest
 
 from drivers.events import Imu, Malformed
-from drivers.logs.tlog import Tlog, frame_end
+from drivers.logs.tlog import Tlog
+from drivers.mavlink.framing import frame_end
 from tests.fuzzbee.processes import free_port, started
 
 

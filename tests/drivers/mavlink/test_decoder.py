@@ -22,13 +22,13 @@ from drivers.events import (
 from drivers.mavlink.decoder import (
     MOST_SENDERS,
     MOST_STREAMS,
-    FrameParser,
     MavlinkDecoder,
     quaternion_from_euler,
     unit_or_none,
 )
 from drivers.mavlink.dialect import mavlink
 from estimator.types import ZERO_VEC3, ImuSample, VelocitySample
+from tests.drivers.mavlink.pymavlink_parser import PymavlinkParser
 
 S = 1_000_000
 UNIX = 1_700_000_000 * S
@@ -46,7 +46,7 @@ def frame(message, system=1, component=1, force_mavlink1=False, sender=None):
 
 def decode_all(messages, decoder=None, interval_us=20_000, **address):
     """The events of messages that arrive at a steady pace, all through real bytes."""
-    decoder, parser, events = decoder or MavlinkDecoder(), FrameParser(), []
+    decoder, parser, events = decoder or MavlinkDecoder(), PymavlinkParser(), []
     for k, message in enumerate(messages):
         (parsed,) = parser.feed(frame(message, **address))
         events += decoder.decode(parsed, UNIX + interval_us * k)
@@ -185,7 +185,7 @@ def assert_same(event, expected):
 @pytest.mark.parametrize("force_mavlink1", [False, True], ids=["v2", "v1"])
 @pytest.mark.parametrize(("message", "expected"), TABLE, ids=lambda x: type(x).__name__)
 def test_each_message_becomes_its_event(message, expected, force_mavlink1):
-    decoder, parser = MavlinkDecoder(), FrameParser()
+    decoder, parser = MavlinkDecoder(), PymavlinkParser()
     for parsed in parser.feed(frame(raw_imu(S))):
         decoder.decode(parsed, UNIX)
     (parsed,) = parser.feed(frame(message, force_mavlink1=force_mavlink1))
@@ -196,61 +196,6 @@ def test_each_message_becomes_its_event(message, expected, force_mavlink1):
 
 def test_other_messages_become_nothing():
     assert decode_all([m.MAVLink_vfr_hud_message(0, 0, 0, 0, 0, 0)]) == []
-
-
-# --- frames
-
-GOOD = [
-    frame(raw_imu(S + k)) if k % 2 else frame(heartbeat(), force_mavlink1=True) for k in range(8)
-]
-
-
-@given(st.data())
-def test_a_stream_may_be_cut_anywhere(data):
-    stream, parser, seen = b"".join(GOOD), FrameParser(), []
-    while stream:
-        size = data.draw(st.integers(1, len(stream)))
-        seen += parser.feed(stream[:size])
-        stream = stream[size:]
-    assert [x.get_type() for x in seen] == ["HEARTBEAT", "RAW_IMU"] * 4
-    assert parser.malformed == 0
-
-
-@given(st.lists(st.binary(max_size=40), min_size=8, max_size=8))
-def test_garbage_between_frames_costs_no_frame(garbage):
-    """Not even garbage that begins like a frame and claims to be long."""
-    stream = b"".join(junk + good for junk, good in zip(garbage, GOOD, strict=True))
-    tail = frame(heartbeat()) * 20  # what a false start at the end still waits for
-    parser = FrameParser()
-    imus = [x.time_usec for x in parser.feed(stream + tail) if x.get_type() == "RAW_IMU"]
-    assert imus == [S + k for k in (1, 3, 5, 7)]
-    assert (parser.malformed > 0) == any(garbage)
-
-
-def test_a_damaged_frame_is_counted_once_and_taken_once():
-    damaged = bytearray(GOOD[1])
-    damaged[12] ^= 0xFF
-    parser = FrameParser()
-    assert len(parser.feed(GOOD[0] + bytes(damaged) + GOOD[2])) == 2
-    assert parser.take_malformed() == 1
-    assert parser.take_malformed() == 0
-
-
-def test_the_parser_does_not_hoard_what_it_has_read():
-    """A busy TCP stream hardly ever ends with a frame."""
-    parser, rest = FrameParser(), b""
-    for _ in range(3000):
-        data = rest + GOOD[1] + GOOD[1][:5]
-        rest = GOOD[1][5:]
-        assert parser.feed(data)
-    assert len(parser._mav.buf) < 200_000
-
-
-def test_one_frame_alone():
-    parser = FrameParser()
-    assert parser.frame(GOOD[1]).time_usec == S + 1
-    assert parser.frame(GOOD[1][:-1]) is None
-    assert parser.frame(GOOD[1][:-1] + b"\0") is None
 
 
 # --- who is who
@@ -445,7 +390,7 @@ def test_unit_quaternions_or_none(q):
 
 
 def test_a_link_of_any_number_of_senders_and_streams_is_remembered_within_bounds():
-    decoder, parser = MavlinkDecoder(), FrameParser()
+    decoder, parser = MavlinkDecoder(), PymavlinkParser()
     known, refused = set(), 0
     for number in range(MOST_SENDERS + 200):
         address = 1 + number % 250, 1 + number // 250

@@ -5,12 +5,13 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from drivers.events import VehicleId
-from drivers.mavlink.decoder import FrameParser, MavlinkDecoder
-from drivers.mavlink.dialect import mavlink
+from drivers.mavlink.decoder import MavlinkDecoder
+from drivers.mavlink.dialect import Unpacker, mavlink
 from drivers.mavlink.encoder import FrameEncoder, raw_imu
 from drivers.mavlink.frame_decoder import FrameDecoder
-from drivers.mavlink.framing import Frame, FrameReader
+from drivers.mavlink.framing import Frame, FrameFormat, FrameReader, frame_end
 from drivers.mavlink.imu_messages import imu_message
+from tests.drivers.mavlink.pymavlink_parser import PymavlinkParser
 from tests.drivers.mavlink.test_decoder import TABLE, UNIX, S, frame
 from tests.drivers.mavlink.test_decoder import raw_imu as packed_raw_imu
 
@@ -25,7 +26,7 @@ def read(data):
 
 
 def reference(data):
-    return [bytes(message.get_msgbuf()) for message in FrameParser().feed(data)]
+    return [bytes(message.get_msgbuf()) for message in PymavlinkParser().feed(data)]
 
 
 @given(st.data())
@@ -85,6 +86,41 @@ def test_an_unknown_message_counts_if_another_frame_or_nothing_follows():
     assert [each.data for each in read(unknown + b"\x00" + GOOD[0])] == [GOOD[0]]
 
 
+@given(st.lists(st.binary(max_size=40), min_size=8, max_size=8))
+def test_garbage_between_frames_costs_no_frame(garbage):
+    """Not even garbage that begins like a frame and claims to be long."""
+    stream = b"".join(junk + good for junk, good in zip(garbage, GOOD[:8], strict=True))
+    tail = GOOD[0] * 20  # what a false start at the end still waits for
+    reader = FrameReader()
+    seen = [each.data for each in reader.feed(stream + tail) if _is_known(each.data)]
+    assert [data for data in seen if data in GOOD[:8]][:8] == GOOD[:8]
+    assert (reader.take_malformed() > 0) == any(garbage)
+    assert reader.take_malformed() == 0
+
+
+def test_frames_measure_themselves():
+    sender = m.MAVLink(None, 1, 1)
+    sender.signing.secret_key = bytes(32)
+    sender.signing.sign_outgoing = True
+    for message in (m.MAVLink_heartbeat_message(2, 3, 0, 0, 0, 3), packed_raw_imu(S)):
+        for data in (frame(message, sender=sender), frame(message, force_mavlink1=True)):
+            assert frame_end(data, 0) == len(data)
+            assert frame_end(b"stamp" + data, 5) == 5 + len(data)
+    assert frame_end(b"\x00" * 20, 0) is None
+    assert frame_end(b"\xfd\x01\x02" + bytes(20), 0) is None  # a flag that nobody knows
+    for cut in range(3):  # a header that is not there whole says that the frame is not, either
+        assert frame_end(GOOD[0][:cut], 0) > cut
+
+
+def test_in_a_log_an_unknown_message_counts_if_a_record_or_nothing_follows():
+    unknown, stamp = b"\xfd\x01\x00\x00\x00\x01\x01\xff\xff\xff\x00\x00\x00", bytes(8)
+    frames, end = FrameFormat(gap=len(stamp)), len(unknown)
+    for follower, counts in ((stamp + GOOD[0], True), (b"", True), (GOOD[0], False)):
+        assert (frames.frame(unknown + follower, 0, end) is not None) == counts
+    frame_at = frames.next_start(unknown + stamp + GOOD[0], 0)
+    assert frame_at == end + len(stamp)  # of an unknown message it is not sure that it is one
+
+
 def test_at_most_one_frame_is_kept():
     reader = FrameReader()
     for _ in range(1000):
@@ -131,7 +167,7 @@ def test_imu_fields_are_pymavlinks(message, v1):
     data = frame(message, force_mavlink1=v1)
     (each,) = read(data)
     name, fields = imu_message(each)
-    expected = FrameParser().frame(data)
+    expected = Unpacker().message(data)
     assert name == expected.get_type()
     for field in fields._fields:
         assert repr(getattr(fields, field)) == repr(getattr(expected, field))
@@ -140,10 +176,10 @@ def test_imu_fields_are_pymavlinks(message, v1):
 @pytest.mark.parametrize("force_mavlink1", [False, True], ids=["v2", "v1"])
 @pytest.mark.parametrize(("message", "expected"), TABLE, ids=lambda x: type(x).__name__)
 def test_the_events_are_those_of_pymavlinks_messages(message, expected, force_mavlink1):
-    ours, theirs, parser = FrameDecoder(), MavlinkDecoder(), FrameParser()
+    ours, theirs, unpacker = FrameDecoder(), MavlinkDecoder(), Unpacker()
     for data in (frame(packed_raw_imu(S)), frame(message, force_mavlink1=force_mavlink1)):
         (each,) = read(data)
-        assert ours.events(each, UNIX) == theirs.decode(parser.frame(data), UNIX)
+        assert ours.events(each, UNIX) == theirs.decode(unpacker.message(data), UNIX)
 
 
 def test_attitudes_of_others_may_be_left_out():

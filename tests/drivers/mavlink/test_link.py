@@ -13,13 +13,14 @@ import pytest
 from drivers.endpoint import Endpoint, parse_endpoint
 from drivers.events import CommandAck, Heartbeat, Imu, LinkDown, LinkUp, Malformed, VehicleId
 from drivers.mavlink import link as mavlink_link
-from drivers.mavlink.decoder import FrameParser
+from drivers.mavlink.dialect import mavlink
 from drivers.mavlink.encoder import FrameEncoder, heartbeat, raw_imu
 from drivers.mavlink.link import MavlinkLink
 from drivers.mavlink.recorder import TlogRecorder
 from drivers.simulation.autopilot import SimulatedAutopilot, VehicleOptions
 from drivers.source import open_live
 from estimator.errors import InputError
+from tests.drivers.mavlink.pymavlink_parser import PymavlinkParser
 
 HOST = "127.0.0.1"
 PATIENCE_S = 20.0  # a slow machine fails no test
@@ -84,7 +85,7 @@ def udp_sender(port):
 @pytest.fixture(autouse=True)
 def nothing_leaks():
     """Every test ends with the threads and file descriptors it began with."""
-    FrameParser()  # its dialect is loaded once
+    mavlink()  # the dialect is loaded once
     descriptors = open_descriptors()
     threads = threading.active_count()
     yield
@@ -132,7 +133,7 @@ def test_udpout_announces_itself_as_an_onboard_computer():
         other.settimeout(PATIENCE_S)
         with MavlinkLink(Endpoint("udpout", HOST, other.getsockname()[1])) as link:
             data, address = other.recvfrom(1000)
-            (hello,) = FrameParser().feed(data)
+            (hello,) = PymavlinkParser().feed(data)
             assert (hello.get_type(), hello.get_srcComponent()) == ("HEARTBEAT", 191)
             assert (hello.type, hello.autopilot) == (18, 8)
             other.sendto(Vehicle().imu(), address)
@@ -331,7 +332,7 @@ def test_a_full_disk_does_not_stop_the_link():
 def test_a_requested_rate_is_acknowledged_and_delivered():
     """The simulated autopilot answers on the same socket that it sends from."""
     port = free_port(socket.SOCK_DGRAM)
-    autopilot, parser = SimulatedAutopilot(VehicleOptions(rate_hz=2.0), 5), FrameParser()
+    autopilot, parser = SimulatedAutopilot(VehicleOptions(rate_hz=2.0), 5), PymavlinkParser()
     boot_us, asked = 0, []
 
     with MavlinkLink(Endpoint("udpin", HOST, port), request_rate_hz=100.0) as link, \

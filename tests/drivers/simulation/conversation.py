@@ -1,14 +1,14 @@
 """What the tests of the simulated vehicles say and read, by pymavlink."""
 
-from drivers.mavlink.decoder import FrameParser
 from drivers.mavlink.dialect import mavlink
+from tests.drivers.mavlink.pymavlink_parser import PymavlinkParser
 
 SECOND = 1_000_000
 UNIX_US = 1_790_000_000_000_000
 
 
 def parsed(data):
-    return FrameParser().feed(data)
+    return PymavlinkParser().feed(data)
 
 
 def message(kind, *fields, system=255, component=190):
