@@ -18,7 +18,7 @@ from contextlib import contextmanager
 import msgspec
 
 from drivers.events import Event
-from drivers.mavlink.frame_decoder import FrameDecoder
+from drivers.mavlink.decoder import MavlinkDecoder
 from drivers.mavlink.framing import FrameReader
 from drivers.mavlink.gate import FrameGate, Policy
 from drivers.simulation.autopilot import SimulatedAutopilot, VehicleOptions
@@ -67,7 +67,7 @@ def measure(vehicles: int) -> dict[str, float]:
         SimulatedAutopilot(VehicleOptions(rate_hz=RATE_HZ), each + 1) for each in range(vehicles)
     ]
     rows = [[s.advance(s.due_us, 0) for s in senders] for _ in range(WARM_UP_TICKS + TICKS)]
-    reader, gate, decoder = FrameReader(), FrameGate(Policy()), FrameDecoder(references=False)
+    reader, gate, decoder = FrameReader(), FrameGate(Policy()), MavlinkDecoder(references=False)
     pipeline, encode = Pipeline(profile), msgspec.json.Encoder().encode
     stages = Stages()
     gc.freeze()

@@ -7,15 +7,9 @@ only when the chosen one goes silent or a preferred one proves steady.
 
 import msgspec
 
+from drivers.samples.preference import imu_rank
 from drivers.value import Value
 
-PREFERENCE = (
-    "RAW_IMU",
-    "HIGHRES_IMU",
-    "SCALED_IMU",
-    "SCALED_IMU2",
-    "SCALED_IMU3",
-)
 STEADY_SAMPLES = 3  # of a preferred message before it takes over
 
 
@@ -29,11 +23,6 @@ class ImuChoice(Value, frozen=True):
     candidate_arrival_us: int = 0
 
 
-def rank(message: str) -> int:
-    """Place in the order of preference; log formats' own names come last, all alike."""
-    return PREFERENCE.index(message) if message in PREFERENCE else len(PREFERENCE)
-
-
 def consider(choice: ImuChoice, message: str, arrival_us: int, late_after_us: float) -> ImuChoice:
     """The choice after ``message`` arrived; it is in use if ``.message`` equals it.
 
@@ -45,7 +34,7 @@ def consider(choice: ImuChoice, message: str, arrival_us: int, late_after_us: fl
         return msgspec.structs.replace(choice, last_arrival_us=arrival_us)
     if arrival_us - choice.last_arrival_us > late_after_us:
         return ImuChoice(message, arrival_us)
-    if rank(message) >= rank(choice.message):
+    if imu_rank(message) >= imu_rank(choice.message):
         return choice
     steady = (
         choice.candidate == message and arrival_us - choice.candidate_arrival_us <= late_after_us

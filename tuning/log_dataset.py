@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from drivers.events import ClockReset, Event, Imu, Position, ReferenceAttitude, TrackLost, VehicleId
 from drivers.logs.open import open_log
 from drivers.logs.reference_track import ReferenceTrack
+from drivers.samples.preference import imu_rank
 from estimator.aiding.place import Whereabouts, said
 from estimator.errors import InputError
 from estimator.refusal import refusal
@@ -18,8 +19,6 @@ from estimator.types import ImuSample
 Array = NDArray[np.float64]
 Bools = NDArray[np.bool_]
 
-# Of messages that come equally often, the one that the service would take.
-PREFERENCE = ("RAW_IMU", "HIGHRES_IMU", "SCALED_IMU", "SCALED_IMU2", "SCALED_IMU3")
 REFERENCES = ("sim", "autopilot")
 LEAST_RATE_HZ = 1.0
 BETTER_LOG = "record a better log: fuzzbee run URL --request-rate 50 --record FILE"
@@ -109,11 +108,10 @@ class _Stream:
 
     @property
     def message(self) -> str:
-        """The most preferred of the IMU messages that came often."""
+        """Of the IMU messages that came often, the one that the service would take."""
         most = max(len(samples) for samples in self.samples.values())
         often = [name for name, samples in self.samples.items() if len(samples) >= AS_OFTEN * most]
-        rank = {name: i for i, name in enumerate(PREFERENCE)}
-        return min(often, key=lambda name: (rank.get(name, len(rank)), name))
+        return min(often, key=lambda name: (imu_rank(name), name))
 
 
 def read_log(path: Path) -> LogData:

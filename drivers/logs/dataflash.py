@@ -24,13 +24,9 @@ from drivers.mavlink.constants import (
     MAV_TYPE_QUADROTOR,
     MAV_TYPE_SUBMARINE,
 )
-from drivers.mavlink.decoder import (
-    FILTER_VELOCITY_SIGMA_M_S,
-    GPS_VELOCITY_SIGMA_M_S,
-    quaternion_from_euler,
-    unit_or_none,
-)
+from drivers.samples.fix import Fix
 from drivers.samples.navigation import filter_status
+from drivers.samples.rotation import quaternion_from_euler, unit_or_none
 from drivers.samples.vehicle_clock import TimeField
 from estimator.types import Quaternion
 
@@ -70,7 +66,7 @@ class _Decoder:
 
     def __init__(self, data: Buffer) -> None:
         system_id, unix_us = _identity(data)
-        self._vehicle = LoggedVehicle(VehicleId(system_id, 1), MAV_AUTOPILOT_ARDUPILOTMEGA, unix_us)
+        self._vehicle = LoggedVehicle(VehicleId(system_id, 1), unix_us)
         self._arrival_us = unix_us
         self._handlers: dict[str, Callable[[str, Row], list[Event]]] = {
             "IMU": self._imu,
@@ -128,25 +124,23 @@ class _Decoder:
 
     def _attitude(self, name: str, row: Row) -> list[Event]:
         q = _from_degrees(row)
-        return self._vehicle.reference(name, *self._time(name, row), "autopilot", q)
+        return self._vehicle.attitude(name, *self._time(name, row), "autopilot", q)
 
     def _attitude_quaternion(self, name: str, row: Row) -> list[Event]:
         if _instance(row, "C") != 0:
             return []
         q = _from_quaternion(row)
-        return self._vehicle.reference(name, *self._time(name, row), "autopilot", q)
+        return self._vehicle.attitude(name, *self._time(name, row), "autopilot", q)
 
     def _truth(self, name: str, row: Row) -> list[Event]:
         q = _from_quaternion(row) if "Q1" in row else _from_degrees(row)
-        return self._vehicle.reference(name, *self._time(name, row), "sim", q)
+        return self._vehicle.attitude(name, *self._time(name, row), "sim", q)
 
     def _filter_velocity(self, name: str, row: Row) -> list[Event]:
         if _instance(row, "C") != 0:
             return []
         velocity = (float(row["VN"]), float(row["VE"]), float(row["VD"]))
-        return self._vehicle.fix(
-            name, *self._time(name, row), (velocity, True, FILTER_VELOCITY_SIGMA_M_S)
-        )
+        return self._vehicle.fix(name, *self._time(name, row), Fix(velocity))
 
     def _filter_status(self, name: str, row: Row) -> list[Event]:
         if _instance(row, "C") == 0 and "SS" in row:  # the first years' filters did not say
@@ -156,9 +150,7 @@ class _Decoder:
         return []
 
     def _gps(self, name: str, row: Row) -> list[Event]:
-        latitude_deg, longitude_deg = row["Lat"], row["Lng"]
-        has_position = latitude_deg != 0 or longitude_deg != 0
-        if row["Status"] < GPS_FIX_TYPE_3D_FIX or _instance(row, "I") != 0 or not has_position:
+        if row["Status"] < GPS_FIX_TYPE_3D_FIX or _instance(row, "I") != 0:
             return []
         speed_m_s, course_rad = row["Spd"], math.radians(row["GCrs"])
         velocity = (
@@ -166,12 +158,9 @@ class _Decoder:
             speed_m_s * math.sin(course_rad),
             float(row.get("VZ", 0.0)),
         )
-        return self._vehicle.fix(
-            name,
-            *self._time(name, row),
-            (velocity, "VZ" in row, GPS_VELOCITY_SIGMA_M_S),
-            (latitude_deg, longitude_deg, row["Alt"]),
-        )
+        position = (float(row["Lat"]), float(row["Lng"]), float(row["Alt"]))
+        fix = Fix(velocity, has_vertical="VZ" in row, position=position)
+        return self._vehicle.fix(name, *self._time(name, row), fix)
 
     def _parameter(self, _name: str, row: Row) -> list[Event]:
         return [Parameter(self._vehicle.id, self._arrival_us, row["Name"], float(row["Value"]))]

@@ -10,8 +10,8 @@ from pathlib import Path
 
 from drivers.events import Event, Malformed
 from drivers.logs.log_file import LogFile, mapped
+from drivers.mavlink.decoder import MavlinkDecoder
 from drivers.mavlink.dialect import mavlink
-from drivers.mavlink.frame_decoder import FrameDecoder
 from drivers.mavlink.framing import Data, Frame, FrameFormat, frame_end
 from estimator.errors import InputError
 
@@ -80,7 +80,7 @@ class Tlog(LogFile):
                 raise InputError(f"{path}: no MAVLink frame in it, not a telemetry log")
 
     def __iter__(self) -> Iterator[Event]:
-        decoder = FrameDecoder()
+        decoder = MavlinkDecoder()
         with mapped(self.path) as data:
             records = TlogRecords(data, decoder.wanted)
             for arrival_us, frame in believable(records, _first_stamp_us(data)):

@@ -15,12 +15,9 @@ from drivers.logs.log_file import Buffer, LogFile, mapped
 from drivers.logs.logged_vehicle import LoggedVehicle
 from drivers.logs.ulog_format import LATEST_US, TIMES, Row, Table, UlogReader
 from drivers.mavlink.constants import GPS_FIX_TYPE_3D_FIX, MAV_AUTOPILOT_PX4
-from drivers.mavlink.decoder import (
-    FILTER_VELOCITY_SIGMA_M_S,
-    GPS_VELOCITY_SIGMA_M_S,
-    unit_or_none,
-)
+from drivers.samples.fix import Fix
 from drivers.samples.navigation import filter_status
+from drivers.samples.rotation import unit_or_none
 from drivers.samples.vehicle_clock import TimeField
 from estimator.errors import InputError
 from estimator.types import Quaternion, Vec3
@@ -79,7 +76,7 @@ class _Decoder:
     def __init__(self, parameters: dict[str, float], unix_us: int) -> None:
         self._parameters = parameters
         system_id = _in_byte(parameters.get("MAV_SYS_ID"), 1)
-        self._vehicle = LoggedVehicle(VehicleId(system_id, 1), MAV_AUTOPILOT_PX4, unix_us)
+        self._vehicle = LoggedVehicle(VehicleId(system_id, 1), unix_us)
         self._is_first_filter = True
         self._handlers: dict[str, Callable[[str, int, Row], list[Event]]] = {
             "sensor_combined": self._sensor_combined,
@@ -137,20 +134,19 @@ class _Decoder:
 
     def _attitude(self, topic: str, raw_us: int, row: Row) -> list[Event]:
         q = _quaternion(row)
-        return self._vehicle.reference(topic, TimeField.TIME_USEC, raw_us, "autopilot", q)
+        return self._vehicle.attitude(topic, TimeField.TIME_USEC, raw_us, "autopilot", q)
 
     def _truth(self, topic: str, raw_us: int, row: Row) -> list[Event]:
         q = _quaternion(row)
-        return self._vehicle.reference(topic, TimeField.TIME_USEC, raw_us, "sim", q)
+        return self._vehicle.attitude(topic, TimeField.TIME_USEC, raw_us, "sim", q)
 
     def _local_position(self, topic: str, raw_us: int, row: Row) -> list[Event]:
         if not row["v_xy_valid"] or row.get("dead_reckoning"):
             return []  # a reckoning from the same IMU tells nothing of that
         has_vertical = bool(row["v_z_valid"])
         velocity = (row["vx"], row["vy"], row["vz"] if has_vertical else 0.0)
-        return self._vehicle.fix(
-            topic, TimeField.TIME_USEC, raw_us, (velocity, has_vertical, FILTER_VELOCITY_SIGMA_M_S)
-        )
+        fix = Fix(velocity, has_vertical=has_vertical)
+        return self._vehicle.fix(topic, TimeField.TIME_USEC, raw_us, fix)
 
     def _estimator_status(self, _topic: str, raw_us: int, row: Row) -> list[Event]:
         """The first filter's, where several run; it counts while that one is in use."""
@@ -169,10 +165,9 @@ class _Decoder:
         if row["fix_type"] < GPS_FIX_TYPE_3D_FIX:
             return []
         velocity = (row["vel_n_m_s"], row["vel_e_m_s"], row["vel_d_m_s"])
-        sigma_m_s = row.get("s_variance_m_s") or GPS_VELOCITY_SIGMA_M_S
-        return self._vehicle.fix(
-            topic, TimeField.TIME_USEC, raw_us, (velocity, True, sigma_m_s), _fix(row)
-        )
+        sigma_m_s = row.get("s_variance_m_s") or None  # zero where it is unknown
+        fix = Fix(velocity, sigma_m_s=sigma_m_s, position=_position(row))
+        return self._vehicle.fix(topic, TimeField.TIME_USEC, raw_us, fix)
 
 
 def _chosen(tables: dict[str, Table]) -> dict[str, Table]:
@@ -209,7 +204,7 @@ def _quaternion(row: Row) -> Quaternion | None:
     return unit_or_none((row["q[0]"], row["q[1]"], row["q[2]"], row["q[3]"]))
 
 
-def _fix(row: Row) -> Vec3:
+def _position(row: Row) -> Vec3:
     """Latitude and longitude in degrees, altitude in m; until 2023 in 1e-7 degrees and mm."""
     if "latitude_deg" in row:
         return row["latitude_deg"], row["longitude_deg"], row["altitude_msl_m"]

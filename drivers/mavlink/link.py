@@ -21,9 +21,9 @@ from drivers.mavlink.constants import (
     MAV_COMP_ID_ONBOARD_COMPUTER,
     MAV_TYPE_ONBOARD_CONTROLLER,
 )
+from drivers.mavlink.decoder import MavlinkDecoder
 from drivers.mavlink.encoder import FrameEncoder, heartbeat
 from drivers.mavlink.error_summary import ErrorSummary
-from drivers.mavlink.frame_decoder import FrameDecoder
 from drivers.mavlink.framing import FrameReader
 from drivers.mavlink.gate import FrameGate, Policy
 from drivers.mavlink.recorder import Recorder
@@ -82,7 +82,7 @@ class MavlinkLink(Closing):
         self._recorder = recorder
         self._request = None if request_rate_hz is None else StreamRequest(request_rate_hz)
         self._queue = EventQueue(queue_events)
-        self._decoder = FrameDecoder(references=references)
+        self._decoder = MavlinkDecoder(references=references)
         self._gate = FrameGate(policy)
         self._key = key
         self._stamp = None if policy.signing is None else policy.signing.stamp

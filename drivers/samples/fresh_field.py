@@ -1,32 +1,80 @@
-"""A magnetometer that is logged beside the IMU, handed to the IMU samples."""
+"""Which magnetic readings are new: autopilots repeat a slow magnetometer's in every IMU message."""
 
-from drivers.samples.imu_checks import MagMemory
-from estimator.types import ZERO_VEC3, ImuSample, Vec3
+import math
+from typing import Protocol
 
-STALE_US = 200_000  # an older field no longer belongs to the IMU sample after it
+from estimator.types import ZERO_VEC3, Vec3
+
+REPEAT_US = 240_000  # autopilots repeat a 10 Hz field; equal values in a 4 Hz stream are data
+STALE_US = 200_000  # an older field that was logged beside no longer belongs to the sample after it
 
 
-class FreshField:
-    """Gives each magnetic reading once, to the first IMU sample of a stream behind it."""
+class FreshField(Protocol):
+    """What one IMU stream remembers of its fields."""
+
+    def fresh(self, mag_gauss: Vec3, raw_us: int, time_us: int) -> Vec3 | None:
+        """The field for an IMU sample; None if ``mag_gauss`` is zero or not new.
+
+        ``raw_us`` is the sample's time as it came, ``time_us`` its place in time.
+        """
+
+
+class RepeatedField:
+    """A field that every IMU message carries: fresh unless it repeats the last within 0.24 s."""
 
     def __init__(self) -> None:
-        self._memory = MagMemory()
-        self._mag_gauss: Vec3 = ZERO_VEC3
-        self._raw_us = 0
-        self._number = 0
-        self._given: dict[str, int] = {}
+        self._last: Vec3 = ZERO_VEC3
+        self._last_us = 0
+
+    def fresh(self, mag_gauss: Vec3, _raw_us: int, time_us: int) -> Vec3 | None:
+        """``mag_gauss``, or None if it is zero or repeated."""
+        if mag_gauss == ZERO_VEC3:
+            return None
+        if mag_gauss == self._last and 0 <= time_us - self._last_us < REPEAT_US:
+            return None
+        self._last, self._last_us = mag_gauss, time_us
+        return mag_gauss
+
+
+class LoggedField:
+    """A magnetometer that is logged beside the IMU, for all IMU streams of a vehicle.
+
+    ``latest_gauss`` is its last reading, zero where that was no number.
+    """
+
+    def __init__(self) -> None:
+        self.latest_gauss: Vec3 = ZERO_VEC3
+        self.raw_us = 0
+        self.number = 0  # of the latest reading that is data
+        self._repetition = RepeatedField()
 
     def put(self, mag_gauss: Vec3, raw_us: int) -> None:
-        """Take a reading in, with its time on the log's clock; a zero one is dropped."""
-        fresh = self._memory.fresh(mag_gauss, raw_us)
-        if fresh is not None:
-            self._mag_gauss, self._raw_us = fresh, raw_us
-            self._number += 1
+        """Take a reading in, with its time on the log's clock."""
+        self.latest_gauss = finite_or_zero(mag_gauss)
+        if self._repetition.fresh(self.latest_gauss, raw_us, raw_us) is not None:
+            self.raw_us = raw_us
+            self.number += 1
 
-    def sample(self, stream: str, raw_us: int, time_us: int, gyr: Vec3, acc: Vec3) -> ImuSample:
-        """The IMU sample of ``stream`` at ``raw_us`` on the log's clock, with the field if new."""
-        is_new = self._given.get(stream, 0) != self._number
-        has_mag = is_new and abs(raw_us - self._raw_us) <= STALE_US
-        if has_mag:
-            self._given[stream] = self._number
-        return ImuSample(time_us, gyr, acc, self._mag_gauss if has_mag else ZERO_VEC3, has_mag)
+    def for_stream(self) -> FreshField:
+        """What gives each reading once, to the first sample of a stream behind it."""
+        return _FieldBeside(self)
+
+
+class _FieldBeside:
+    def __init__(self, logged: LoggedField) -> None:
+        self._logged = logged
+        self._given = 0
+
+    def fresh(self, mag_gauss: Vec3, raw_us: int, _time_us: int) -> Vec3 | None:
+        logged = self._logged
+        is_new = self._given != logged.number and abs(raw_us - logged.raw_us) <= STALE_US
+        if mag_gauss == ZERO_VEC3 or not is_new:
+            return None
+        self._given = logged.number
+        return mag_gauss
+
+
+def finite_or_zero(vector: Vec3) -> Vec3:
+    """The vector, or zero, which stands for none, if a part of it is not finite."""
+    x, y, z = vector
+    return vector if math.isfinite(x) and math.isfinite(y) and math.isfinite(z) else ZERO_VEC3

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from drivers.events import Event, Heartbeat, Imu, Parameter, ReferenceAttitude, VehicleId
 from drivers.logs.reference_track import ReferenceTrack
 from drivers.mavlink.ardupilot import TRIM
-from drivers.mavlink.decoder import quaternion_from_euler
+from drivers.samples.rotation import quaternion_from_euler
 from estimator.estimator import Estimator
 from estimator.geometry.quaternion import exp, scale
 from estimator.profile import Profile

@@ -15,7 +15,7 @@ from hypothesis import strategies as st
 
 from drivers.events import ClockReset, Imu, VehicleId
 from drivers.logs.open import open_log
-from drivers.mavlink.frame_decoder import FrameDecoder
+from drivers.mavlink.decoder import MavlinkDecoder
 from drivers.mavlink.framing import FrameReader
 from drivers.mavlink.gate import FrameGate, Policy
 from estimator.errors import InputError
@@ -72,7 +72,7 @@ def feed(pipeline, events, now_us):
     built(stream), st.sampled_from(PROFILES), st.lists(st.integers(-(10**7), 10**8), max_size=12)
 )
 def test_mavlink_bytes(parts, profile, steps):
-    reader, gate, decoder = FrameReader(), FrameGate(Policy()), FrameDecoder()
+    reader, gate, decoder = FrameReader(), FrameGate(Policy()), MavlinkDecoder()
     pipeline, now_us = Pipeline(profile), START_US
     for number, part in enumerate(parts):
         now_us += steps[number] if number < len(steps) else 10_000

@@ -9,8 +9,8 @@ from collections.abc import Callable
 from typing import Any
 
 from drivers.events import VehicleId
+from drivers.mavlink.decoder import MavlinkDecoder
 from drivers.mavlink.encoder import FrameEncoder, raw_imu
-from drivers.mavlink.frame_decoder import FrameDecoder
 from drivers.mavlink.framing import FrameReader
 from drivers.mavlink.gate import FrameGate, Policy
 from drivers.simulation.simulated_vehicle import Sample, SimulatedVehicle
@@ -32,7 +32,7 @@ class Rig:
         self.samples = SimulatedVehicle(seed=seed, rate_hz=rate_hz, noise=noise, bias=0.1)
         self.pipeline = Pipeline(load_profile(profile))
         self.encoder = FrameEncoder(ONE)
-        self.decoder = FrameDecoder(references=False)
+        self.decoder = MavlinkDecoder(references=False)
         self.gate = FrameGate(policy)
         self.readers: dict[str, FrameReader] = {}
         self.messages: list[str] = []

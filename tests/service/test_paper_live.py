@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from drivers.events import Imu
+from drivers.mavlink.decoder import MavlinkDecoder
 from drivers.mavlink.encoder import FrameEncoder, raw_imu
-from drivers.mavlink.frame_decoder import FrameDecoder
 from drivers.mavlink.framing import FrameReader
 from drivers.simulation.simulated_vehicle import SimulatedVehicle
 from drivers.simulation.source import SimSource, imu_sample
@@ -101,7 +101,7 @@ def test_as_mavlink_it_costs_what_the_rounding_does(experiment, simulated, stamp
     decay, J of the last two was 5.463 and 5.472.
     """
     rng = np.random.default_rng(1)
-    encoder, reader, decoder = FrameEncoder(ONE), FrameReader(), FrameDecoder()
+    encoder, reader, decoder = FrameEncoder(ONE), FrameReader(), MavlinkDecoder()
     pipeline = Pipeline(PAPER)
     estimates = []
     for sample in simulated:

@@ -21,14 +21,13 @@ from drivers.events import (
 )
 from drivers.mavlink.decoder import (
     MOST_SENDERS,
-    MOST_STREAMS,
     MavlinkDecoder,
-    quaternion_from_euler,
-    unit_or_none,
 )
 from drivers.mavlink.dialect import mavlink
+from drivers.mavlink.framing import FrameReader
+from drivers.samples.intake import MOST_STREAMS
+from drivers.samples.rotation import quaternion_from_euler, unit_or_none
 from estimator.types import ZERO_VEC3, ImuSample, VelocitySample
-from tests.drivers.mavlink.pymavlink_parser import PymavlinkParser
 
 S = 1_000_000
 UNIX = 1_700_000_000 * S
@@ -46,10 +45,10 @@ def frame(message, system=1, component=1, force_mavlink1=False, sender=None):
 
 def decode_all(messages, decoder=None, interval_us=20_000, **address):
     """The events of messages that arrive at a steady pace, all through real bytes."""
-    decoder, parser, events = decoder or MavlinkDecoder(), PymavlinkParser(), []
+    decoder, reader, events = decoder or MavlinkDecoder(), FrameReader(), []
     for k, message in enumerate(messages):
-        (parsed,) = parser.feed(frame(message, **address))
-        events += decoder.decode(parsed, UNIX + interval_us * k)
+        (each,) = reader.feed(frame(message, **address))
+        events += decoder.events(each, UNIX + interval_us * k)
     return events
 
 
@@ -185,11 +184,11 @@ def assert_same(event, expected):
 @pytest.mark.parametrize("force_mavlink1", [False, True], ids=["v2", "v1"])
 @pytest.mark.parametrize(("message", "expected"), TABLE, ids=lambda x: type(x).__name__)
 def test_each_message_becomes_its_event(message, expected, force_mavlink1):
-    decoder, parser = MavlinkDecoder(), PymavlinkParser()
-    for parsed in parser.feed(frame(raw_imu(S))):
-        decoder.decode(parsed, UNIX)
-    (parsed,) = parser.feed(frame(message, force_mavlink1=force_mavlink1))
-    events = [e for e in decoder.decode(parsed, UNIX) if type(e) is type(expected)]
+    decoder, reader = MavlinkDecoder(), FrameReader()
+    for each in reader.feed(frame(raw_imu(S))):
+        decoder.events(each, UNIX)
+    (each,) = reader.feed(frame(message, force_mavlink1=force_mavlink1))
+    events = [e for e in decoder.events(each, UNIX) if type(e) is type(expected)]
     assert len(events) == 1
     assert_same(events[0], expected)
 
@@ -390,18 +389,18 @@ def test_unit_quaternions_or_none(q):
 
 
 def test_a_link_of_any_number_of_senders_and_streams_is_remembered_within_bounds():
-    decoder, parser = MavlinkDecoder(), PymavlinkParser()
+    decoder, reader = MavlinkDecoder(), FrameReader()
     known, refused = set(), 0
     for number in range(MOST_SENDERS + 200):
         address = 1 + number % 250, 1 + number // 250
-        (parsed,) = parser.feed(frame(raw_imu(), *address))
-        known |= {event.vehicle for event in only(Imu, decoder.decode(parsed, UNIX + number))}
+        (each,) = reader.feed(frame(raw_imu(), *address))
+        known |= {event.vehicle for event in only(Imu, decoder.events(each, UNIX + number))}
     assert len(known) == MOST_SENDERS
     for instance in range(256):
         message = m.MAVLink_raw_imu_message(
             S + instance, 0, 0, -1000, 0, 0, 1, 0, 0, 0, id=instance
         )
-        (parsed,) = parser.feed(frame(message))
-        events = only(Rejected, decoder.decode(parsed, UNIX))
+        (each,) = reader.feed(frame(message))
+        events = only(Rejected, decoder.events(each, UNIX))
         refused += [event.reason for event in events] == ["too_many_streams"]
     assert refused == 256 - MOST_STREAMS

@@ -1,6 +1,5 @@
 """Frames and IMU messages of our own reading, against pymavlink's on the same bytes."""
 
-import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -8,7 +7,6 @@ from drivers.events import VehicleId
 from drivers.mavlink.decoder import MavlinkDecoder
 from drivers.mavlink.dialect import Unpacker, mavlink
 from drivers.mavlink.encoder import FrameEncoder, raw_imu
-from drivers.mavlink.frame_decoder import FrameDecoder
 from drivers.mavlink.framing import Frame, FrameFormat, FrameReader, frame_end
 from drivers.mavlink.imu_messages import imu_message
 from tests.drivers.mavlink.pymavlink_parser import PymavlinkParser
@@ -173,17 +171,8 @@ def test_imu_fields_are_pymavlinks(message, v1):
         assert repr(getattr(fields, field)) == repr(getattr(expected, field))
 
 
-@pytest.mark.parametrize("force_mavlink1", [False, True], ids=["v2", "v1"])
-@pytest.mark.parametrize(("message", "expected"), TABLE, ids=lambda x: type(x).__name__)
-def test_the_events_are_those_of_pymavlinks_messages(message, expected, force_mavlink1):
-    ours, theirs, unpacker = FrameDecoder(), MavlinkDecoder(), Unpacker()
-    for data in (frame(packed_raw_imu(S)), frame(message, force_mavlink1=force_mavlink1)):
-        (each,) = read(data)
-        assert ours.events(each, UNIX) == theirs.decode(unpacker.message(data), UNIX)
-
-
 def test_attitudes_of_others_may_be_left_out():
-    decoder = FrameDecoder(references=False)
+    decoder = MavlinkDecoder(references=False)
     events = [event for data in GOOD for each in read(data) for event in decoder.events(each, UNIX)]
     kinds = {type(event).__name__ for event in events}
     assert "Imu" in kinds
@@ -193,6 +182,6 @@ def test_attitudes_of_others_may_be_left_out():
 def test_a_second_imu_in_the_same_message_is_another_stream():
     message = m.MAVLink_raw_imu_message(S, 0, 0, -1000, 0, 0, 0, 200, 0, 400, 2)
     (each,) = read(frame(message))
-    (event,) = FrameDecoder().events(each, UNIX)
+    (event,) = MavlinkDecoder().events(each, UNIX)
     assert event.message == "RAW_IMU:2"
     assert isinstance(each, Frame)

@@ -373,7 +373,7 @@ def test_iteration_ends_with_the_link():
 
 def test_a_mistake_of_ours_reaches_the_consumer(monkeypatch):
     port = free_port(socket.SOCK_DGRAM)
-    monkeypatch.setattr(mavlink_link.FrameDecoder, "events", lambda *_: 1 / 0)
+    monkeypatch.setattr(mavlink_link.MavlinkDecoder, "events", lambda *_: 1 / 0)
     with MavlinkLink(Endpoint("udpin", HOST, port)) as link, udp_sender(port) as sender, \
             pytest.raises(ZeroDivisionError):  # fmt: skip
         collect(link, lambda _: False, lambda: sender.send(Vehicle().imu()))
