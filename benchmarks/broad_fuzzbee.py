@@ -2,6 +2,7 @@
 
 import numpy as np
 from broad_data import Array, Trial
+from broad_kernel import Parameters, Recording, run_conditioned
 from broad_scores import multiply
 
 from estimator.conditioning import apply_turn
@@ -9,7 +10,6 @@ from estimator.estimator import Estimator
 from estimator.geometry.quaternion import conjugate as conjugate_one
 from estimator.geometry.quaternion import multiply as multiply_one
 from estimator.geometry.quaternion import normalize
-from estimator.live.batch import run_conditioned
 from estimator.live.settings import settings_of
 from estimator.profile import load_profile
 from estimator.types import ImuSample
@@ -29,21 +29,20 @@ class FuzzbeeRun:
     """Fuzzbee on one trial; the first sample aligns it, as in the live estimator."""
 
     def __init__(self, trial: Trial, profile: str, changes: dict[str, float | bool]) -> None:
-        chosen = load_profile(profile)
+        loaded = load_profile(profile)
         self._trial = trial
-        self._settings = settings_of(chosen)
-        self._conditioning = self._settings.conditioning._replace(
-            averaged_samples=trial.averaged, **changes
-        )
-        first = Estimator(chosen)
+        settings = settings_of(loaded)
+        conditioning = settings.conditioning._replace(averaged_samples=trial.averaged, **changes)
+        self._params = Parameters(settings.filter, settings.reference, conditioning)
+        first = Estimator(loaded)
         first.update(_sample(trial, 0))
-        self._state = first.snapshot.filter
-        self._memory = first.snapshot.conditioning
+        core = first.snapshot.core
+        self._state = core.filter
+        self._memory = core.conditioning
         self._first = np.array([self._state.q_ned_frd])
         self._gyr = np.ascontiguousarray(trial.gyr_rad_s * FRD_OF_SENSOR)
         self._acc = np.ascontiguousarray(trial.acc_m_s2 * FRD_OF_SENSOR)
         self._mag = np.ascontiguousarray(trial.mag_ut * FRD_OF_SENSOR / MICRO_TESLA_PER_GAUSS)
-        self._has_mag = np.ones(len(self._mag), dtype=np.bool_)
         self._dt = np.full(len(self._mag), trial.dt_s)
 
     def advance(self, rows: slice) -> Array:
@@ -52,16 +51,10 @@ class FuzzbeeRun:
         skip = 1 if start == 0 else 0
         rows = slice(start + skip, stop)
         q, self._state, self._memory = run_conditioned(
-            self._settings.filter,
-            self._settings.reference,
-            self._conditioning,
+            self._params,
             self._state,
             self._memory,
-            self._gyr[rows],
-            self._acc[rows],
-            self._mag[rows],
-            self._has_mag[rows],
-            self._dt[rows],
+            Recording(self._gyr[rows], self._acc[rows], self._mag[rows], self._dt[rows]),
         )
         if skip:
             q = np.concatenate([self._first, q])

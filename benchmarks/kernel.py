@@ -37,6 +37,7 @@ from estimator.filter.types import FilterState
 from estimator.geometry.quaternion import exp, rotate_inverse, unit
 from estimator.live.settings import settings_of
 from estimator.profile import load_profile
+from estimator.types import Sample
 
 INPUTS = 2_000
 CONTROL_CALLS = 200
@@ -80,16 +81,14 @@ def step_all(params, reference, states, gyr, acc, mag, gains):
     for i in range(len(states)):
         s = states[i]
         state = FilterState((s[0], s[1], s[2], s[3]), (0.0, 0.0, 0.0), s[4], s[5], 1.0, True)
-        after = kernel.step(
-            params,
-            reference,
-            state,
-            (gyr[i, 0], gyr[i, 1], gyr[i, 2]),
-            (acc[i, 0], acc[i, 1], acc[i, 2]),
-            (mag[i, 0], mag[i, 1], mag[i, 2]),
-            True,
-            STEP_S,
+        sample = Sample(
+            gyr_rad_s=(gyr[i, 0], gyr[i, 1], gyr[i, 2]),
+            acc_m_s2=(acc[i, 0], acc[i, 1], acc[i, 2]),
+            mag=(mag[i, 0], mag[i, 1], mag[i, 2]),
+            has_mag=True,
+            dt_s=STEP_S,
         )
+        after = kernel.step(params, reference, state, sample)
         gains[i, 0] = after.error
         gains[i, 1] = after.error_rate_1_s
         gains[i, 2] = after.gain

@@ -42,6 +42,19 @@ class ImuSample(NamedTuple):
     has_mag: bool
 
 
+class Sample(NamedTuple):
+    """An :class:`ImuSample` as the filter's steps take it: with an interval in place of its time.
+
+    Of the field any unit will do; it is that of the parameters that mention it (gauss).
+    """
+
+    gyr_rad_s: Vec3  # angular rate, FRD
+    acc_m_s2: Vec3  # specific force, FRD
+    mag: Vec3  # magnetic field, FRD; zero where there is none
+    has_mag: bool  # whether there is a field
+    dt_s: float  # since the sample before; 0 of the first one
+
+
 class VelocitySample(NamedTuple):
     """Velocity over ground in NED, for the acceleration that hides gravity.
 

@@ -14,24 +14,25 @@ from pathlib import Path
 from typing import Any
 
 from estimator.aiding import begin
+from estimator.aiding.phase import Phase
+from estimator.aiding.types import NO_REPORT
 from estimator.compilation.compiled import is_cached
 from estimator.estimator import Estimator
 from estimator.live import resident
-from estimator.live.reports import NO_REPORT
+from estimator.live.core import flat
 from estimator.live.settings import settings_of
-from estimator.live.snapshot import contents_for, flat
 from estimator.profile import Profile, load_profile
 from estimator.types import IDENTITY, ZERO_VEC3, ImuSample, VelocitySample
 
 STEP_US = 10_000
 HELPER_S = 120.0  # far longer than it takes; then it is compiled here
-HERE: tuple[Any, ...] = (resident.advance, resident.published_inside)
+HERE: tuple[Any, ...] = (resident.advance, resident.publish)
 ELSEWHERE: tuple[Any, ...] = (
     resident.advance_aided,
     resident.resident,
-    resident.hear_inside,
-    resident.search_inside,
-    resident.contents_of,
+    resident.hear,
+    resident.search,
+    resident.contents,
 )
 # What the helper runs. It finds our packages where they are, and nothing in the folder that
 # the command was started in: -P keeps that off the path. It may hold anybody's downloads.
@@ -53,11 +54,7 @@ def warm_up(profile: Profile, gain: float | None) -> None:
 
 def compile_ahead(profile: Profile, kernels: tuple[Any, ...]) -> None:
     """Compile these kernels without running them."""
-    estimator = Estimator(profile)
-    estimator.update(_sample(0))
-    now = estimator.snapshot
-    assert now.seen is not None  # the profile conditions its samples
-    arguments = resident.arguments_of(contents_for(settings_of(profile), now, now.seen))
+    arguments = resident.arguments_of(settings_of(profile), Estimator(profile).snapshot.core)
     for kernel in kernels:
         kernel.compile(arguments[kernel])
 
@@ -73,14 +70,16 @@ def rehearse(estimator: Estimator, *, aided: bool) -> None:
         estimator.update(_sample(number))
         estimator.update_velocity(_report(number))  # heard at the next sample
     estimator.attitude(3 * STEP_US)
-    before = estimator.snapshot
     if not aided:
         return
+    before = estimator.snapshot
     aiding = settings_of(estimator.profile).aiding
-    state, covariance = begin(
-        aiding, IDENTITY, ZERO_VEC3, ZERO_VEC3, ZERO_VEC3, NO_REPORT, 0.1, 0.0
+    core = before.core
+    state, covariance = begin(aiding, IDENTITY, ZERO_VEC3, core.sample, NO_REPORT, 0.1, 0.0)
+    estimator.snapshot = before._replace(
+        core=core._replace(aided=state, covariance=flat(covariance)),
+        context=before.context._replace(phase=Phase.AIDED),
     )
-    estimator.snapshot = before._replace(aided=state, aided_covariance=flat(covariance))
     estimator.update(_sample(3))
     estimator.update_velocity(_report(3))  # it belongs to the last sample
     estimator.attitude(4 * STEP_US)

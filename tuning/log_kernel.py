@@ -10,7 +10,9 @@ from estimator.compilation.compiled import compiled, compiled_parallel
 from estimator.conditioning.condition import condition, initial_state
 from estimator.conditioning.types import Conditioned
 from estimator.filter.kernel import correct, integrate_rate
-from estimator.filter.types import FilterParams, FilterState, Vectors
+from estimator.filter.observation import ReferenceParams, weighted_vectors
+from estimator.filter.types import FilterParams, FilterState
+from estimator.filter.types import initial_state as filter_state
 from estimator.geometry.quaternion import (
     conjugate,
     dot,
@@ -23,7 +25,7 @@ from estimator.geometry.quaternion import (
     scale,
     unit,
 )
-from estimator.types import IDENTITY, ZERO_VEC3, Quaternion, Vec3
+from estimator.types import IDENTITY, ZERO_VEC3, Quaternion, Sample, Vec3
 from tuning.paper_kernel import unpack
 
 Array = NDArray[np.float64]
@@ -69,8 +71,8 @@ class Prepared(NamedTuple):
     rate_rad_s: Array  # (N, 3)
     gravity_b: Array  # (N, 3)
     magnetic_b: Array  # (N, 3)
-    gravity_weight: Array
-    magnetic_weight: Array
+    weight: Array  # (N,), of both vectors against the gyroscope
+    magnetic_share: Array  # (N,), 0 where there is no heading
 
 
 class Seen(NamedTuple):
@@ -79,8 +81,8 @@ class Seen(NamedTuple):
     rate_rad_s: Vec3
     gravity_b: Vec3
     magnetic_b: Vec3
-    gravity_weight: float
-    magnetic_weight: float
+    weight: float
+    magnetic_share: float
 
 
 class Run(NamedTuple):
@@ -94,6 +96,7 @@ class Run(NamedTuple):
 
 # The conditioning's state before the first sample, for any object with its parameters' names.
 blank_state: Any = compiled(initial_state)
+blank_filter: Any = compiled(filter_state)
 
 
 @compiled
@@ -106,6 +109,18 @@ def vec3(a: Array, i: int) -> Vec3:
 def quaternion(a: Array, i: int) -> Quaternion:
     """Row i of (N, 4)."""
     return (a[i, 0], a[i, 1], a[i, 2], a[i, 3])
+
+
+@compiled
+def sample_of(data: Recorded, i: int) -> Sample:
+    """What the conditioning stage takes of sample i."""
+    return Sample(
+        gyr_rad_s=vec3(data.gyr_rad_s, i),
+        acc_m_s2=vec3(data.acc_m_s2, i),
+        mag=vec3(data.mag, i),
+        has_mag=data.has_mag[i],
+        dt_s=data.dt_s[i],
+    )
 
 
 @compiled
@@ -148,17 +163,23 @@ def advance(row: Array, data: Recorded, i: int, seen: Seen, run: Run) -> Run:
     dt = data.dt_s[i]
     what = data.what[i]
     magnetic_ned = vec3(data.magnetic_ned, i)
-    vectors = Vectors(
-        seen.magnetic_b,
-        magnetic_ned,
-        row[S_MAGNETIC] * seen.magnetic_weight,
-        seen.gravity_b,
-        gravity_ned,
-        row[S_GRAVITY] * seen.gravity_weight,
-        row[S_CROSS] * seen.gravity_weight,
+    reference = ReferenceParams(
+        magnetic_ned=magnetic_ned,
+        gravity_ned=gravity_ned,
+        s_magnetic=row[S_MAGNETIC],
+        s_gravity=row[S_GRAVITY],
+        s_cross=row[S_CROSS],
+    )
+    vectors = weighted_vectors(
+        reference,
+        magnetic_frd=seen.magnetic_b,
+        magnetic_share=seen.magnetic_share,
+        gravity_frd=seen.gravity_b,
+        gravity_share=1.0,
+        weight=seen.weight,
     )
     if what & START:
-        wrong = FilterState(quaternion(data.start, i), ZERO_VEC3, 0.0, 0.0, 1.0, False)
+        wrong = blank_filter(quaternion(data.start, i), ZERO_VEC3)
         state = correct(params, wrong, vectors, 0.0)
         ahead = state.q_ned_frd
     else:
@@ -181,18 +202,18 @@ def advance(row: Array, data: Recorded, i: int, seen: Seen, run: Run) -> Run:
 @compiled
 def fresh() -> Run:
     """Before the first sample of anything."""
-    return Run(FilterState(IDENTITY, ZERO_VEC3, 0.0, 0.0, 1.0, False), IDENTITY, 0.0, 0.0)
+    return Run(blank_filter(IDENTITY, ZERO_VEC3), IDENTITY, 0.0, 0.0)
 
 
 @compiled
 def filter_input(seen: Conditioned) -> Seen:
     """The part of the conditioning stage's answer that the filter takes."""
     return Seen(
-        seen.rate_rad_s,
-        seen.gravity_b,
-        seen.magnetic_b,
-        seen.gravity_weight,
-        seen.magnetic_weight,
+        rate_rad_s=seen.rate_rad_s,
+        gravity_b=seen.gravity_b,
+        magnetic_b=seen.magnetic_b,
+        weight=seen.weight,
+        magnetic_share=1.0 if seen.has_heading else 0.0,
     )
 
 
@@ -200,11 +221,11 @@ def filter_input(seen: Conditioned) -> Seen:
 def prepared_input(prepared: Prepared, i: int) -> Seen:
     """The same of a sample that was conditioned beforehand."""
     return Seen(
-        vec3(prepared.rate_rad_s, i),
-        vec3(prepared.gravity_b, i),
-        vec3(prepared.magnetic_b, i),
-        prepared.gravity_weight[i],
-        prepared.magnetic_weight[i],
+        rate_rad_s=vec3(prepared.rate_rad_s, i),
+        gravity_b=vec3(prepared.gravity_b, i),
+        magnetic_b=vec3(prepared.magnetic_b, i),
+        weight=prepared.weight[i],
+        magnetic_share=prepared.magnetic_share[i],
     )
 
 
@@ -217,8 +238,7 @@ def conditioned_cost(row: Array, conditioning: Any, data: Recorded) -> float:
     for i in range(len(data.dt_s)):
         if data.what[i] & RESTART:
             memory = blank
-        gyr, acc, mag = vec3(data.gyr_rad_s, i), vec3(data.acc_m_s2, i), vec3(data.mag, i)
-        memory, seen = condition(conditioning, memory, gyr, acc, mag, data.has_mag[i], data.dt_s[i])
+        memory, seen = condition(conditioning, memory, sample_of(data, i))
         run = advance(row, data, i, filter_input(seen), run)
     return run.cost
 
@@ -248,22 +268,25 @@ def prepare(conditioning: Any, data: Recorded) -> Prepared:
     """Run the conditioning stage alone."""
     blank = blank_state(conditioning)
     n = len(data.dt_s)
-    out = Prepared(np.empty((n, 3)), np.empty((n, 3)), np.empty((n, 3)), np.empty(n), np.empty(n))
+    out = Prepared(
+        rate_rad_s=np.empty((n, 3)),
+        gravity_b=np.empty((n, 3)),
+        magnetic_b=np.empty((n, 3)),
+        weight=np.empty(n),
+        magnetic_share=np.empty(n),
+    )
     memory = blank
     for i in range(n):
         if data.what[i] & RESTART:
             memory = blank
-        gyr, acc, mag = vec3(data.gyr_rad_s, i), vec3(data.acc_m_s2, i), vec3(data.mag, i)
-        memory, answer = condition(
-            conditioning, memory, gyr, acc, mag, data.has_mag[i], data.dt_s[i]
-        )
+        memory, answer = condition(conditioning, memory, sample_of(data, i))
         seen = filter_input(answer)
         for j in range(3):
             out.rate_rad_s[i, j] = seen.rate_rad_s[j]
             out.gravity_b[i, j] = seen.gravity_b[j]
             out.magnetic_b[i, j] = seen.magnetic_b[j]
-        out.gravity_weight[i] = seen.gravity_weight
-        out.magnetic_weight[i] = seen.magnetic_weight
+        out.weight[i] = seen.weight
+        out.magnetic_share[i] = seen.magnetic_share
     return out
 
 

@@ -18,7 +18,7 @@ from estimator.conditioning.types import ConditioningParams
 from estimator.errors import InputError
 from estimator.filter.alignment import align
 from estimator.filter.memberships import NAMES
-from estimator.filter.types import Vectors
+from estimator.filter.observation import weighted_vectors
 from estimator.geometry.quaternion import exp, multiply, scale
 from estimator.live.settings import Settings, settings_of
 from estimator.profile import Profile
@@ -301,17 +301,16 @@ def _resync(log: LogData, segment: Segment, what: NDArray[np.int64]) -> None:
 def _aligned(settings: Settings, data: Recorded, chosen: list[Segment]) -> dict[int, Quaternion]:
     """The attitude of the conditioned vectors where segments start: there is no other."""
     prepared = _prepared(settings, data)
+    equal = settings.reference._replace(s_magnetic=1.0, s_gravity=1.0, s_cross=1.0)
     found = {}
     for first, _ in chosen:
-        found[first] = align(
-            Vectors(
-                tuple(prepared.magnetic_b[first].tolist()),
-                settings.reference.magnetic_ned,
-                float(prepared.magnetic_weight[first]),
-                tuple(prepared.gravity_b[first].tolist()),
-                settings.reference.gravity_ned,
-                1.0,
-                1.0,
-            )
+        vectors = weighted_vectors(
+            equal,
+            magnetic_frd=tuple(prepared.magnetic_b[first].tolist()),
+            magnetic_share=float(prepared.weight[first] * prepared.magnetic_share[first]),
+            gravity_frd=tuple(prepared.gravity_b[first].tolist()),
+            gravity_share=1.0,
+            weight=1.0,
         )
+        found[first] = align(vectors)
     return found

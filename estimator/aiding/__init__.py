@@ -1,15 +1,17 @@
 """Velocity beside the IMU: the attitude of a vehicle that accelerates."""
 
 from estimator.aiding.sources.velocity import is_credible
-from estimator.aiding.step import aid, begin, forget_biases, take_late_report
-from estimator.aiding.types import AidingParams, AidingState, Report
+from estimator.aiding.step import aid, begin, blank_aiding, forget_biases, take_late_report
+from estimator.aiding.types import AidingParams, AidingState, Report, Surroundings
 
 __all__ = [
     "AidingParams",
     "AidingState",
     "Report",
+    "Surroundings",
     "aid",
     "begin",
+    "blank_aiding",
     "forget_biases",
     "is_credible",
     "take_late_report",

@@ -26,39 +26,47 @@ from estimator.geometry.quaternion import (
     scale,
     subtract,
 )
-from estimator.types import STANDARD_GRAVITY_M_S2, Quaternion, Vec3
+from estimator.types import STANDARD_GRAVITY_M_S2, Quaternion, Sample, Vec3
 
 SLOW_STEP_S = 0.3  # a step in which a copter's motion begins and ends unseen
 HARD_IRON_WALK_S = 2500.0  # the time in which the remaining hard iron may become another
 
 
 class Prediction(NamedTuple):
-    """The prediction for one sample."""
+    """What is expected at a sample, before anything but the IMU has been looked at."""
 
-    q_ned_frd: Quaternion
-    velocity_ned_m_s: Vec3
-    force_ned_m_s2: Vec3
-    rate_rad_s: Vec3
-    covariance: Array
+    q_ned_frd: Quaternion  # body to NED
+    velocity_ned_m_s: Vec3  # over ground
+    force_ned_m_s2: Vec3  # specific force, NED
+    rate_rad_s: Vec3  # free of bias, FRD
+    covariance: Array  # (21, 21) of the errors; what is learnt at the sample changes it in place
 
 
 @inlined
 def predict_motion(
-    params: AidingParams, state: AidingState, P: Array, gyr: Vec3, acc: Vec3, dt: float
+    params: AidingParams, state: AidingState, P: Array, sample: Sample
 ) -> Prediction:
     """One strapdown step: q <- q exp((w - b) dt), v <- v + (R f + g) dt by the trapezoid."""
-    before = state.gyr_rad_s
-    rate = subtract(integration_rate(before, gyr, dt, False), state.gyr_bias_rad_s)
-    q = normalize(multiply(state.q_ned_frd, exp(scale(dt, rate))))
-    force = rotate(q, subtract(acc, state.acc_bias_m_s2))
-    gained = scale(0.5 * dt, add(force, state.force_ned_m_s2))
-    v = add(state.velocity_ned_m_s, gained)
+    gyr, dt = sample.gyr_rad_s, sample.dt_s
+    before, estimate = state.last, state.estimate
+    rate = integration_rate(before.gyr_rad_s, gyr, dt, averaged=False)
+    rate = subtract(rate, estimate.gyr_bias_rad_s)
+    q = normalize(multiply(estimate.q_ned_frd, exp(scale(dt, rate))))
+    force = rotate(q, subtract(sample.acc_m_s2, estimate.acc_bias_m_s2))
+    gained = scale(0.5 * dt, add(force, before.force_ned_m_s2))
+    v = add(estimate.velocity_ned_m_s, gained)
     v = (v[0], v[1], v[2] + STANDARD_GRAVITY_M_S2 * dt)
     P = predict_covariance(P, rotation_matrix(q), gained, dt)
-    missed_turn = rotate(q, scale(dt, subtract(gyr, before)))
-    missed_push = scale(dt, subtract(force, state.force_ned_m_s2))
+    missed_turn = rotate(q, scale(dt, subtract(gyr, before.gyr_rad_s)))
+    missed_push = scale(dt, subtract(force, before.force_ned_m_s2))
     add_noise(params, P, state, missed_turn, missed_push, dot(rate, rate), dt)
-    return Prediction(q, v, force, rate, P)
+    return Prediction(
+        q_ned_frd=q,
+        velocity_ned_m_s=v,
+        force_ned_m_s2=force,
+        rate_rad_s=rate,
+        covariance=P,
+    )
 
 
 @inlined
@@ -85,7 +93,7 @@ def add_noise(
     missed = unseen_share(params, dt) ** 2
     relative = params.gyr_scale_noise**2 + (params.gyr_slow_noise_1_s * dt) ** 2
     turn = (params.gyr_noise**2 + relative * rate_square) * dt
-    walk = state.agreement.noise_scale * params.velocity_walk**2
+    walk = state.agreement.scatter.noise_scale * params.velocity_walk**2
     push = (params.acc_noise**2 + walk) * dt
     iron = params.hard_iron_sigma_gauss**2
     for i in range(3):
@@ -95,7 +103,7 @@ def add_noise(
         P[ACC_BIAS + i, ACC_BIAS + i] += params.acc_bias_walk**2 * dt
         if P[HARD_IRON + i, HARD_IRON + i] < iron:
             P[HARD_IRON + i, HARD_IRON + i] += iron * dt / HARD_IRON_WALK_S
-    E = state.earth_gauss
+    E = state.estimate.earth_gauss
     field = params.field_walk**2 * dt
     horizontal = field * (1.0 + E[2] * E[2] / max(E[0] * E[0] + E[1] * E[1], 1e-12))
     for i in range(2):  # its strength may change, not its direction from north

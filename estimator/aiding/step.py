@@ -14,12 +14,8 @@ import numpy as np
 
 from estimator.aiding.inertial import Prediction, predict_motion
 from estimator.aiding.sources.field import observe_heading, wait_for_field
-from estimator.aiding.sources.velocity import (
-    Step,
-    observe_unaided,
-    observe_velocity,
-    wait_for_report,
-)
+from estimator.aiding.sources.unaided import observe_unaided
+from estimator.aiding.sources.velocity import Step, observe_velocity, wait_for_report
 from estimator.aiding.types import (
     ACC_BIAS,
     EARTH,
@@ -27,23 +23,29 @@ from estimator.aiding.types import (
     GYR_BIAS,
     HARD_IRON,
     IMU_LAG,
+    NO_REPORT,
     REPORT_LAG,
     SIZE,
     TURN,
     VELOCITY,
     Agreement,
+    AidingEstimate,
     AidingParams,
     AidingState,
     Array,
-    Calibration,
+    FieldResidual,
     FieldState,
+    LastStep,
     Report,
-    Two,
+    Scatter,
+    Sigmas,
+    Surroundings,
 )
 from estimator.aiding.uncertainty import heading_sigma, inclination_sigma
 from estimator.compilation.compiled import inlined
+from estimator.conditioning.types import FieldLook
 from estimator.geometry.quaternion import add, exp, multiply, norm, normalize, rotate, subtract
-from estimator.types import ZERO_VEC3, Quaternion, Vec3
+from estimator.types import IDENTITY, ZERO_VEC3, Quaternion, Sample, Vec3
 
 BEGIN_VELOCITY_SIGMA_M_S = 1.0
 LEAST_HORIZONTAL_GAUSS = 0.02  # near the magnetic poles
@@ -54,8 +56,7 @@ def begin(
     params: AidingParams,
     q_ned_frd: Quaternion,
     gyr_bias: Vec3,
-    gyr: Vec3,
-    acc: Vec3,
+    sample: Sample,
     report: Report,
     heading_sigma_rad: float,
     hard_iron_sigma_gauss: float,
@@ -72,25 +73,46 @@ def begin(
     diagonal[FIELD_LAG] = params.field_lag_sigma_s**2
     diagonal[HARD_IRON : HARD_IRON + 3] = hard_iron_sigma_gauss**2
     state = AidingState(
-        q_ned_frd=q_ned_frd,
-        velocity_ned_m_s=report.velocity_ned_m_s,
-        gyr_bias_rad_s=gyr_bias,
-        acc_bias_m_s2=ZERO_VEC3,
-        imu_lag_s=params.imu_lag_s,
-        field_lag_s=params.field_lag_s,
-        hard_iron_gauss=ZERO_VEC3,
-        earth_gauss=ZERO_VEC3,
-        report_lag_s=params.report_lag_s,
-        gyr_rad_s=gyr,
-        force_ned_m_s2=rotate(q_ned_frd, acc),
-        rate_rad_s=subtract(gyr, gyr_bias),
-        step_s=FIRST_STEP_S,
-        field=FieldState(0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0),
-        agreement=Agreement(1.0, 1.0, 0.0, ZERO_VEC3, 0.0, 0.0, 0.0),
-        sigma_inclination_rad=params.begin_tilt_sigma_rad,
-        sigma_heading_rad=heading_sigma_rad,
+        estimate=AidingEstimate(
+            q_ned_frd=q_ned_frd,
+            velocity_ned_m_s=report.velocity_ned_m_s,
+            gyr_bias_rad_s=gyr_bias,
+            acc_bias_m_s2=ZERO_VEC3,
+            imu_lag_s=params.imu_lag_s,
+            field_lag_s=params.field_lag_s,
+            hard_iron_gauss=ZERO_VEC3,
+            earth_gauss=ZERO_VEC3,
+            report_lag_s=params.report_lag_s,
+        ),
+        last=LastStep(
+            gyr_rad_s=sample.gyr_rad_s,
+            force_ned_m_s2=rotate(q_ned_frd, sample.acc_m_s2),
+            rate_rad_s=subtract(sample.gyr_rad_s, gyr_bias),
+            dt_s=FIRST_STEP_S,
+        ),
+        field=FieldState(
+            look=FieldLook(horizontal=0.0, down=0.0, confidence=1.0),
+            residual=FieldResidual(slow_rad=0.0, square=0.0),
+            samples=0.0,
+            wait_s=0.0,
+            doubt_s=0.0,
+        ),
+        agreement=Agreement(
+            scatter=Scatter(noise_scale=1.0, innovation=1.0, reports=0.0), wait_s=0.0, doubt_s=0.0
+        ),
+        sigma=Sigmas(
+            inclination_rad=params.begin_tilt_sigma_rad,
+            heading_rad=heading_sigma_rad,
+        ),
     )
     return state, P
+
+
+def blank_aiding(params: AidingParams) -> tuple[AidingState, Array]:
+    """The place of state and covariance while there is no aiding."""
+    sample = Sample(ZERO_VEC3, ZERO_VEC3, ZERO_VEC3, False, 0.0)
+    state, P = begin(params, IDENTITY, ZERO_VEC3, sample, NO_REPORT, 0.0, 0.0)
+    return state, np.zeros_like(P)
 
 
 def forget_biases(
@@ -106,7 +128,8 @@ def forget_biases(
         P[:, first : first + 3] = 0.0
         for i in range(first, first + 3):
             P[i, i] = sigma**2
-    return state._replace(gyr_bias_rad_s=ZERO_VEC3, acc_bias_m_s2=ZERO_VEC3), P
+    estimate = state.estimate._replace(gyr_bias_rad_s=ZERO_VEC3, acc_bias_m_s2=ZERO_VEC3)
+    return state._replace(estimate=estimate), P
 
 
 @inlined
@@ -117,65 +140,48 @@ def part(x: Array, first: int) -> Vec3:
 
 @inlined
 def apply_corrections(
-    state: AidingState, now: Prediction, agreement: Agreement, field: FieldState, x: Array
-) -> AidingState:
-    """The state with the corrections x applied to the prediction ``now``."""
-    q = normalize(multiply(exp(part(x, TURN)), now.q_ned_frd))
+    estimate: AidingEstimate, now: Prediction, x: Array
+) -> tuple[AidingEstimate, Vec3]:
+    """The estimate and the specific force (NED), with the corrections x to the prediction."""
+    turn = exp(part(x, TURN))
+    q = normalize(multiply(turn, now.q_ned_frd))
     change = part(x, ACC_BIAS)
-    return AidingState(
-        q,
-        add(now.velocity_ned_m_s, part(x, VELOCITY)),
-        add(state.gyr_bias_rad_s, part(x, GYR_BIAS)),
-        add(state.acc_bias_m_s2, change),
-        state.imu_lag_s + x[IMU_LAG],
-        state.field_lag_s + x[FIELD_LAG],
-        add(state.hard_iron_gauss, part(x, HARD_IRON)),
-        add(state.earth_gauss, part(x, EARTH)),
-        state.report_lag_s + x[REPORT_LAG],
-        state.gyr_rad_s,
-        subtract(rotate(exp(part(x, TURN)), now.force_ned_m_s2), rotate(q, change)),
-        now.rate_rad_s,
-        state.step_s,
-        field,
-        agreement,
-        state.sigma_inclination_rad,
-        state.sigma_heading_rad,
+    corrected = AidingEstimate(
+        q_ned_frd=q,
+        velocity_ned_m_s=add(now.velocity_ned_m_s, part(x, VELOCITY)),
+        gyr_bias_rad_s=add(estimate.gyr_bias_rad_s, part(x, GYR_BIAS)),
+        acc_bias_m_s2=add(estimate.acc_bias_m_s2, change),
+        imu_lag_s=estimate.imu_lag_s + x[IMU_LAG],
+        field_lag_s=estimate.field_lag_s + x[FIELD_LAG],
+        hard_iron_gauss=add(estimate.hard_iron_gauss, part(x, HARD_IRON)),
+        earth_gauss=add(estimate.earth_gauss, part(x, EARTH)),
+        report_lag_s=estimate.report_lag_s + x[REPORT_LAG],
+    )
+    return corrected, subtract(rotate(turn, now.force_ned_m_s2), rotate(q, change))
+
+
+@inlined
+def sigmas(
+    params: AidingParams,
+    P: Array,
+    estimate: AidingEstimate,
+    last: LastStep,
+    field: FieldState,
+    agreement: Agreement,
+) -> Sigmas:
+    """How uncertain the estimate is after a sample."""
+    turning = norm(last.rate_rad_s)
+    iron = iron_angle(params, estimate)
+    return Sigmas(
+        inclination_rad=inclination_sigma(params, P, agreement, turning),
+        heading_rad=heading_sigma(params, P, agreement, field, iron, turning, last.dt_s),
     )
 
 
 @inlined
-def finish_sample(
-    params: AidingParams, state: AidingState, P: Array, gyr: Vec3, dt: float
-) -> AidingState:
-    """The state after a sample, with its uncertainty."""
-    turning = norm(state.rate_rad_s)
-    return AidingState(
-        state.q_ned_frd,
-        state.velocity_ned_m_s,
-        state.gyr_bias_rad_s,
-        state.acc_bias_m_s2,
-        state.imu_lag_s,
-        state.field_lag_s,
-        state.hard_iron_gauss,
-        state.earth_gauss,
-        state.report_lag_s,
-        gyr,
-        state.force_ned_m_s2,
-        state.rate_rad_s,
-        dt,
-        state.field,
-        state.agreement,
-        inclination_sigma(params, P, state.agreement, turning),
-        heading_sigma(
-            params, P, state.agreement, state.field, iron_angle(params, state), turning, dt
-        ),
-    )
-
-
-@inlined
-def iron_angle(params: AidingParams, state: AidingState) -> float:
+def iron_angle(params: AidingParams, estimate: AidingEstimate) -> float:
     """How far (rad) the hard iron of a calibrated compass may turn the field."""
-    E = state.earth_gauss
+    E = estimate.earth_gauss
     return params.hard_iron_sigma_gauss / max(hypot(E[0], E[1]), LEAST_HORIZONTAL_GAUSS)
 
 
@@ -184,45 +190,33 @@ def aid(
     params: AidingParams,
     state: AidingState,
     P: Array,
-    gravity_b: Vec3,
-    north: Two,
-    gyr: Vec3,
-    acc: Vec3,
-    mag: Vec3,
-    has_mag: bool,
-    dt: float,
+    sample: Sample,
     report: Report,
+    others: Surroundings,
 ) -> tuple[AidingState, Array]:
-    """One sample, ``dt`` > 0 after the one before: carry on, then learn from what there is.
+    """One sample, ``dt_s`` > 0 after the one before: predict, then learn from what there is.
 
-    ``gravity_b`` is the unaided stage's down, ``north`` magnetic north as (north, east). The
-    covariance given stays as it is.
+    The covariance given stays as it is.
     """
-    now = predict_motion(params, state, P, gyr, acc, dt)
-    P = now.covariance
+    dt = sample.dt_s
+    before = state.estimate
+    now = predict_motion(params, state, P, sample)
     x = np.zeros(SIZE)
     agreement = wait_for_report(state.agreement, dt)
     if report.given:
-        agreement = observe_velocity(
-            params,
-            agreement,
-            now,
-            Step(dt, state.force_ned_m_s2, state.imu_lag_s, state.report_lag_s),
-            report,
-            gravity_b,
-            P,
-            x,
-        )
+        step = Step(dt, state.last.force_ned_m_s2, before.imu_lag_s, before.report_lag_s)
+        agreement = observe_velocity(params, agreement, now, step, report, others.gravity_b, x)
     elif agreement.wait_s > params.silence_s:
-        observe_unaided(params, now, gravity_b, P, x, dt)
+        observe_unaided(params, now, others.gravity_b, x, dt)
     field = wait_for_field(state.field, dt)
-    if has_mag:
-        calibration = Calibration(
-            state.gyr_bias_rad_s, state.hard_iron_gauss, state.earth_gauss, state.field_lag_s
-        )
-        field = observe_heading(params, field, calibration, now.q_ned_frd, north, gyr, mag, P, x)
-    state = apply_corrections(state, now, agreement, field, x)
-    return finish_sample(params, state, P, gyr, dt), P
+    if sample.has_mag:
+        field = observe_heading(params, field, before, now, others.north, sample, x)
+    estimate, force = apply_corrections(before, now, x)
+    last = LastStep(
+        gyr_rad_s=sample.gyr_rad_s, force_ned_m_s2=force, rate_rad_s=now.rate_rad_s, dt_s=dt
+    )
+    sigma = sigmas(params, now.covariance, estimate, last, field, agreement)
+    return AidingState(estimate, last, field, agreement, sigma), now.covariance
 
 
 @inlined
@@ -230,18 +224,20 @@ def take_late_report(
     params: AidingParams, state: AidingState, P: Array, gravity_b: Vec3, report: Report
 ) -> tuple[AidingState, Array]:
     """A report that came behind the sample it belongs to, before the next one."""
-    P = P.copy()
-    x = np.zeros(SIZE)
-    force = state.force_ned_m_s2
-    now = Prediction(state.q_ned_frd, state.velocity_ned_m_s, force, state.rate_rad_s, P)
-    agreement = observe_velocity(
-        params,
-        state.agreement,
-        now,
-        Step(state.step_s, force, state.imu_lag_s, state.report_lag_s),
-        report,
-        gravity_b,
-        P,
-        x,
+    before, last = state.estimate, state.last
+    force = last.force_ned_m_s2
+    now = Prediction(
+        q_ned_frd=before.q_ned_frd,
+        velocity_ned_m_s=before.velocity_ned_m_s,
+        force_ned_m_s2=force,
+        rate_rad_s=last.rate_rad_s,
+        covariance=P.copy(),
     )
-    return apply_corrections(state, now, agreement, state.field, x), P
+    x = np.zeros(SIZE)
+    step = Step(last.dt_s, force, before.imu_lag_s, before.report_lag_s)
+    agreement = observe_velocity(params, state.agreement, now, step, report, gravity_b, x)
+    estimate, force = apply_corrections(before, now, x)
+    last = LastStep(
+        gyr_rad_s=last.gyr_rad_s, force_ned_m_s2=force, rate_rad_s=last.rate_rad_s, dt_s=last.dt_s
+    )
+    return AidingState(estimate, last, state.field, agreement, state.sigma), now.covariance

@@ -11,7 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimator.bounds import Acceleration, Angle, Field, Lag, Noise, Rate, Share, Speed, Time
-from estimator.types import Quaternion, Vec3
+from estimator.conditioning.types import FieldLook
+from estimator.types import ZERO_VEC3, Quaternion, Vec3
 
 Array = NDArray[np.float64]
 Two = tuple[float, float]
@@ -102,57 +103,91 @@ class Report(NamedTuple):
     late_sigma_s: float  # uncertainty of that age; 0: as it says
 
 
+NO_REPORT = Report(
+    given=False,
+    velocity_ned_m_s=ZERO_VEC3,
+    has_vertical=False,
+    sigma_m_s=0.0,
+    ago_s=0.0,
+    late_sigma_s=0.0,
+)
+
+
+class FieldResidual(NamedTuple):
+    """How far the field's heading is off the estimate, apart from noise."""
+
+    slow_rad: float  # low-passed
+    square: float  # mean square of the low-passed, rad^2
+
+
 class FieldState(NamedTuple):
     """What is known about the field of the place, and how well measurements agree with it."""
 
-    horizontal: float  # low-passed, as seen
-    down: float
-    samples: float
-    wait_s: float
-    confidence: float
-    residual_rad: float  # of the heading, low-passed
-    residual_square: float  # its mean square
-    doubt_s: float  # how long it has been far off
+    look: FieldLook  # in NED, gauss
+    residual: FieldResidual
+    samples: float  # how many there have been
+    wait_s: float  # since the last sample of the field
+    doubt_s: float  # how long the heading has been far off
 
 
-class Calibration(NamedTuple):
-    """What turns a magnetometer reading into the field at the IMU sample."""
+class Scatter(NamedTuple):
+    """How the velocity reports scatter about their prediction."""
 
-    gyr_bias_rad_s: Vec3
-    hard_iron_gauss: Vec3
-    earth_gauss: Vec3  # the place's field, NED
-    lag_s: float
+    noise_scale: float  # of the reports' variance, 1 and more
+    innovation: float  # mean square, in units of its expected variance
+    reports: float  # components of reports so far
 
 
 class Agreement(NamedTuple):
     """How well velocity reports agree with the prediction, and how long they have not."""
 
-    noise_scale: float  # of the reports' variance, 1 and more
-    innovation: float  # mean square, in units of its expected variance
-    correlation: float  # of one report's innovations with the next one's, likewise
-    last: Vec3  # innovations, in units of their expected sigma
-    reports: float
-    wait_s: float  # since the last one
-    doubt_s: float
+    scatter: Scatter
+    wait_s: float  # since the last report
+    doubt_s: float  # how long reports have been far off
+
+
+class AidingEstimate(NamedTuple):
+    """What is estimated, in the order of its errors."""
+
+    q_ned_frd: Quaternion  # body to NED
+    velocity_ned_m_s: Vec3  # over ground
+    gyr_bias_rad_s: Vec3  # FRD
+    acc_bias_m_s2: Vec3  # FRD
+    imu_lag_s: float  # age of the IMU's samples
+    field_lag_s: float  # age of the magnetometer's readings
+    hard_iron_gauss: Vec3  # the vehicle's own field, FRD
+    earth_gauss: Vec3  # the place's field, NED
+    report_lag_s: float  # age of reports that do not know theirs
+
+
+class LastStep(NamedTuple):
+    """The last sample, as the next step needs it."""
+
+    gyr_rad_s: Vec3  # as read, FRD
+    force_ned_m_s2: Vec3  # specific force, NED
+    rate_rad_s: Vec3  # free of bias, with which the step was integrated, FRD
+    dt_s: float  # length of the step
+
+
+class Sigmas(NamedTuple):
+    """The angles that 68 % of the errors lie under."""
+
+    inclination_rad: float
+    heading_rad: float
 
 
 class AidingState(NamedTuple):
     """Everything that changes but the errors' covariance, which the kernels take as an array."""
 
-    q_ned_frd: Quaternion
-    velocity_ned_m_s: Vec3
-    gyr_bias_rad_s: Vec3
-    acc_bias_m_s2: Vec3
-    imu_lag_s: float
-    field_lag_s: float
-    hard_iron_gauss: Vec3
-    earth_gauss: Vec3  # the place's field, NED
-    report_lag_s: float
-    gyr_rad_s: Vec3  # the last sample's
-    force_ned_m_s2: Vec3  # likewise
-    rate_rad_s: Vec3  # that the last step was integrated with
-    step_s: float  # its length
+    estimate: AidingEstimate
+    last: LastStep
     field: FieldState
     agreement: Agreement
-    sigma_inclination_rad: float
-    sigma_heading_rad: float
+    sigma: Sigmas
+
+
+class Surroundings(NamedTuple):
+    """What the aiding is told about a sample by others."""
+
+    gravity_b: Vec3  # down by the unaided conditioning stage, a unit vector in FRD
+    north: Two  # unit vector to magnetic north, (north, east) in NED; (0, 0): not known

@@ -19,7 +19,7 @@ def inclination_sigma(
 ) -> float:
     """From the covariance, scaled by how the reports really scatter, plus what no report shows."""
     least = LEAST_SCALE if agreement.wait_s <= params.silence_s else 1.0
-    scale = min(max(params.colour * sqrt(agreement.innovation), least), LARGEST_SCALE)
+    scale = min(max(params.colour * sqrt(agreement.scatter.innovation), least), LARGEST_SCALE)
     variance = 0.5 * (P[TURN, TURN] + P[TURN + 1, TURN + 1])
     aged = params.timing_s * turning_rad_s
     return sqrt((PLANE_68 * scale) ** 2 * variance + params.least_inclination_rad**2 + aged * aged)
@@ -40,11 +40,11 @@ def heading_sigma(
     ``iron_rad`` is how far hard iron may turn the field. A heading that is no more certain than
     that comes from the field, and how well the reports agree says nothing about it.
     """
-    scale = params.heading_colour * sqrt(agreement.innovation)
+    scale = params.heading_colour * sqrt(agreement.scatter.innovation)
     scale = min(max(scale, params.least_heading_scale), LARGEST_SCALE)
     if field.samples == 0.0:
         scale *= params.bare_heading_colour
-    disagreement = params.field_error_share**2 * field.residual_square
+    disagreement = params.field_error_share**2 * field.residual.square
     if dt > QUICK_STEP_S:
         disagreement *= (QUICK_STEP_S / dt) ** 2
     aged = 0.5 * params.timing_s * turning_rad_s

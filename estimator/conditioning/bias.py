@@ -131,7 +131,7 @@ def start_lag(state: Lagged, u: Vec3, v: Vec3, drift: Two, a: float) -> Lagged:
         r[5] + a * (v[2] - r[5]),
     )
     mean = (e[0] + a * (drift[0] - e[0]), e[1] + a * (drift[1] - e[1]))
-    return Lagged(rows, state.rows_slope, mean, state.drift_slope)
+    return Lagged(rows=rows, rows_slope=state.rows_slope, drift=mean, drift_slope=state.drift_slope)
 
 
 @inlined
@@ -161,7 +161,12 @@ def lag(
     y5, w5 = smooth_scalar(k.gravity, r[5], w[5], v[2])
     z0, v0 = smooth_scalar(k.gravity, state.drift[0], state.drift_slope[0], drift[0])
     z1, v1 = smooth_scalar(k.gravity, state.drift[1], state.drift_slope[1], drift[1])
-    return Lagged((y0, y1, y2, y3, y4, y5), (w0, w1, w2, w3, w4, w5), (z0, z1), (v0, v1))
+    return Lagged(
+        rows=(y0, y1, y2, y3, y4, y5),
+        rows_slope=(w0, w1, w2, w3, w4, w5),
+        drift=(z0, z1),
+        drift_slope=(v0, v1),
+    )
 
 
 @inlined

@@ -2,7 +2,14 @@
 
 from estimator.compilation.compiled import inlined
 from estimator.conditioning.bias import update
-from estimator.conditioning.types import CalibrationState, ConditioningParams, Covariance, Rows
+from estimator.conditioning.types import (
+    Calibration,
+    CalibrationMeans,
+    CalibrationState,
+    ConditioningParams,
+    Covariance,
+    Rows,
+)
 from estimator.geometry.quaternion import add, cross, dot, scale, subtract
 from estimator.types import Vec3
 
@@ -14,7 +21,7 @@ NOTHING: Vec3 = (0.0, 0.0, 0.0)
 
 
 @inlined
-def correct_field(field: Vec3, gyr: Vec3, state: CalibrationState) -> Vec3:
+def correct_field(field: Vec3, gyr: Vec3, state: Calibration) -> Vec3:
     """The field without the vehicle's own, as the body would see it now.
 
     m <- m - offset, then exp(-[w]x lag) m to second order: the field of the
@@ -101,23 +108,27 @@ def learn_calibration(
     )
     t = cross(gyr, m)
     x = (dot(rows.north, t), dot(rows.east, t), dot(rows.down, t))
+    before = state.learnt
     if not state.started:
-        return CalibrationState(state.lag_s, state.offset, state.covariance, norm, y, x, rows, True)
+        learnt = Calibration(before.lag_s, before.offset, before.covariance, norm)
+        return CalibrationState(learnt, CalibrationMeans(y, x, rows), True)
     a = min(1.0, dt_s / params.calibration_high_pass_s)
-    mean_field = update_mean(a, state.mean_field, y)
-    mean_turning = update_mean(a, state.mean_turning, x)
-    mean_rows = Rows(
-        update_mean(a, state.mean_rows.north, rows.north),
-        update_mean(a, state.mean_rows.east, rows.east),
-        update_mean(a, state.mean_rows.down, rows.down),
+    means = CalibrationMeans(
+        field=update_mean(a, state.means.field, y),
+        turning=update_mean(a, state.means.turning, x),
+        rows=Rows(
+            north=update_mean(a, state.means.rows.north, rows.north),
+            east=update_mean(a, state.means.rows.east, rows.east),
+            down=update_mean(a, state.means.rows.down, rows.down),
+        ),
     )
-    offset, lag_s, p = state.offset, state.lag_s, walk(params, state.covariance, dt_s)
-    dy = subtract(y, mean_field)
+    offset, lag_s, p = before.offset, before.lag_s, walk(params, before.covariance, dt_s)
+    dy = subtract(y, means.field)
     if dt_s <= LONGEST_STEP_S and dot(dy, dy) < MOST_DEVIATION**2:
-        dx = subtract(x, mean_turning)
-        r1 = subtract(rows.north, mean_rows.north)
-        r2 = subtract(rows.east, mean_rows.east)
-        r3 = subtract(rows.down, mean_rows.down)
+        dx = subtract(x, means.turning)
+        r1 = subtract(rows.north, means.rows.north)
+        r2 = subtract(rows.east, means.rows.east)
+        r3 = subtract(rows.down, means.rows.down)
         if dot(r1, r1) + dot(r2, r2) + dot(r3, r3) < params.calibration_turn:
             r1 = r2 = r3 = NOTHING
         noise = params.calibration_noise_s / dt_s
@@ -127,19 +138,10 @@ def learn_calibration(
         offset, lag_s, p = learn_axis(params, offset, lag_s, p, r2, dx[1], e, noise)
         e = dy[2] - dot(r3, subtract(offset, offset0)) - dx[2] * (lag_s - lag0)
         offset, lag_s, p = learn_axis(params, offset, lag_s, p, r3, dx[2], e, noise)
-    return CalibrationState(lag_s, offset, p, norm, mean_field, mean_turning, mean_rows, True)
+    return CalibrationState(Calibration(lag_s, offset, p, norm), means, True)
 
 
 @inlined
 def restart_means(state: CalibrationState) -> CalibrationState:
     """After an unsensed turn: keep what was learnt, forget the means of the old attitude."""
-    return CalibrationState(
-        state.lag_s,
-        state.offset,
-        state.covariance,
-        state.scale,
-        state.mean_field,
-        state.mean_turning,
-        state.mean_rows,
-        False,
-    )
+    return CalibrationState(state.learnt, state.means, False)

@@ -16,12 +16,12 @@ def coefficients(params: ConditioningParams, dt_s: float) -> Coefficients:
     at_rest = params.bias_rest_sigma_rad_s**2
     moving = params.bias_motion_sigma_rad_s**2
     return Coefficients(
-        dt_s,
-        low_pass(params.rest_tau_s, dt_s),
-        low_pass(params.gravity_tau_s, dt_s),
-        exp(-dt_s / params.turn_levelling_tau_s),
-        walk,
-        at_rest * at_rest / walk + at_rest,
-        moving * moving / walk + moving,
-        params.heading_noise_rad2_s * dt_s / params.heading_tau_s**2,
+        dt_s=dt_s,
+        rest=low_pass(params.rest_tau_s, dt_s),
+        gravity=low_pass(params.gravity_tau_s, dt_s),
+        levelling_decay=exp(-dt_s / params.turn_levelling_tau_s),
+        bias_growth=walk,
+        rest_noise=at_rest * at_rest / walk + at_rest,
+        motion_noise=moving * moving / walk + moving,
+        heading_growth=params.heading_noise_rad2_s * dt_s / params.heading_tau_s**2,
     )

@@ -9,7 +9,6 @@ from estimator.conditioning.coefficients import coefficients
 from estimator.conditioning.gather import NOTHING, STEP_S, gather, means
 from estimator.conditioning.gravity import (
     DOWN,
-    NORTH,
     level,
     observe_gravity,
     propagate_frame,
@@ -45,6 +44,7 @@ from estimator.conditioning.types import (
     GravityState,
     Lagged,
     RestState,
+    TurnSigns,
     Two,
 )
 from estimator.conditioning.unsensed_turn import (
@@ -66,7 +66,7 @@ from estimator.geometry.quaternion import (
     scale,
     subtract,
 )
-from estimator.types import Quaternion, Vec3
+from estimator.types import Quaternion, Sample, Vec3
 
 __all__ = ["condition", "initial_state"]
 
@@ -93,7 +93,7 @@ def learn_bias(
 ) -> Estimate:
     """The bias from rest, or from levelling."""
     k = state.coefficients
-    if state.gravity.age_s <= params.gravity_tau_s:
+    if state.gravity.force.age_s <= params.gravity_tau_s:
         return estimate
     if rest.resting and params.use_rest:
         return learn_at_rest(params, k, estimate, rest)
@@ -128,10 +128,8 @@ def axes_of(gravity: GravityState, heading_rad: float) -> Axes:
 
 
 @inlined
-def learn(
-    params: ConditioningParams, state: ConditioningState, turn: Vec3
-) -> tuple[ConditioningState, Alarm]:
-    """One learning step on what was gathered."""
+def learn(params: ConditioningParams, state: ConditioningState, gyr: Vec3) -> ConditioningState:
+    """One learning step on what was gathered; ``gyr`` is the last sample's."""
     k = state.coefficients
     mean = means(state.gathered)
     dt = mean.time_s
@@ -140,23 +138,25 @@ def learn(
     slow = slowness(params, dt)
     down = rotate_inverse(state.gravity.q_g_frd, state.axes.down_g)
     noise = step_noise(params, state.tilt, mean.gyr, rate, down, dt)
-    age = state.gravity.age_s + dt
-    least = least_share(params.gravity_tau_s, dt, age)
-    down_g, u = state.gravity.down.value, mean.gravity_g
+    least = least_share(params.gravity_tau_s, dt, state.gravity.force.age_s + dt)
+    down_g, u = state.gravity.force.down.value, mean.gravity_g
     tilt, share = believe_force(params, state.tilt, noise, mean.gyr, down_g, u, dt, least)
     gravity = observe_gravity(params, k, state.gravity, u, share, slow)
     gravity, step = level(gravity)
-    q_6d = multiply(gravity.q_6d_g, gravity.q_g_frd)
-    rows = rows_of(q_6d)
+    rows = rows_of(multiply(gravity.q_6d_g, gravity.q_g_frd))
 
     turning = rate[0] * rate[0] + rate[1] * rate[1] + rate[2] * rate[2]
+    age_s = gravity.force.age_s
     estimate = predict(params, k, state.estimate, rows.down, turning, slow * noise.twist)
-    lagged = lag(params, k, state.lagged, rows, estimate.bias_rad_s, gravity.age_s, share, slow)
+    lagged = lag(params, k, state.lagged, rows, estimate.bias_rad_s, age_s, share, slow)
     unseen = slow * noise.tilt / (dt * dt)
     estimate = learn_bias(params, state, estimate, rest, lagged, step, unseen)
     # what levelling corrects of a slow step is its missed turn, and counts in the variances
     swing = ((1.0 - slow) * step[0], (1.0 - slow) * step[1])
-    signs = watch_gravity(params, state.signs, rest, gravity, swing, k.levelling_decay, dt)
+    heading_signs = state.signs.heading
+    gravity_signs = watch_gravity(
+        params, state.signs.gravity, rest, gravity, swing, k.levelling_decay, dt
+    )
 
     field = state.magnetic
     calibration = state.calibration
@@ -170,38 +170,35 @@ def learn(
             calibration = learn_calibration(params, calibration, rows, rate, field_6d, n, since)
         if has_heading(field):
             horizontal = north_east(estimate.heading_rad, field_6d)
-            signs = watch_heading(params, signs, estimate, field, horizontal, since)
-            settled = max(LEAST_SETTLED, min(1.0, gravity.age_s / params.gravity_tau_s) ** 2)
+            heading_signs = watch_heading(params, heading_signs, estimate, field, horizontal, since)
+            settled = max(LEAST_SETTLED, min(1.0, age_s / params.gravity_tau_s) ** 2)
             leaning = 0.5 * slow * tilt.variance
             estimate = learn_heading(params, estimate, field, horizontal, settled, since, leaning)
     else:
         field = wait_for_field(field, dt)
 
+    signs = TurnSigns(heading_signs, gravity_signs)
     alarm = alarm_of(params, signs)
     gravity, estimate = react(alarm, gravity, rest, estimate, horizontal)
-    unsettled = gravity.age_s < min(params.gravity_tau_s, field.age_s - dt)
+    unsettled = gravity.force.age_s < min(params.gravity_tau_s, field.reference.age_s - dt)
     if unsettled or alarm.heading or alarm.quiet or alarm.levelling:
         calibration = restart_means(calibration)
     if alarm.quiet or alarm.moving:
         tilt = lose_tilt(tilt)
-    signs = reset_signs(signs, alarm)
-    return (
-        ConditioningState(
-            True,
-            turn,
-            NOTHING,
-            gravity,
-            tilt,
-            rest,
-            estimate,
-            lagged,
-            field,
-            calibration,
-            signs,
-            axes_of(gravity, estimate.heading_rad),
-            k,
-        ),
-        alarm,
+    return ConditioningState(
+        started=True,
+        previous_gyr_rad_s=gyr,
+        gathered=NOTHING,
+        gravity=gravity,
+        tilt=tilt,
+        rest=rest,
+        estimate=estimate,
+        lagged=lagged,
+        magnetic=field,
+        calibration=calibration,
+        signs=reset_signs(signs, alarm),
+        axes=axes_of(gravity, estimate.heading_rad),
+        coefficients=k,
     )
 
 
@@ -228,27 +225,22 @@ def agreed_rate(
 
 @compiled
 def condition(
-    params: ConditioningParams,
-    state: ConditioningState,
-    gyr: Vec3,
-    acc: Vec3,
-    mag: Vec3,
-    has_mag: bool,
-    dt_s: float,
+    params: ConditioningParams, state: ConditioningState, sample: Sample
 ) -> tuple[ConditioningState, Conditioned]:
-    """Take one sample (FRD; rad/s, m/s^2, any field unit) that came ``dt_s`` after the last one."""
+    """Take one sample, of which the field may be in any unit."""
+    gyr, acc, mag = sample.gyr_rad_s, sample.acc_m_s2, sample.mag
     # Before the first sample there was no interval; what it tells counts as one step's.
-    dt = max(dt_s, LEAST_DT_S) if state.started else STEP_S
+    dt = max(sample.dt_s, LEAST_DT_S) if state.started else STEP_S
     previous = state.previous_gyr_rad_s if state.started else gyr
     turn = integration_rate(previous, gyr, dt, params.averaged_samples)
     rate = subtract(turn, state.estimate.bias_rad_s)
     if params.averaged_samples:
         acc = at_interval_end(acc, gyr, dt)
         mag = at_interval_end(mag, gyr, dt)
-    if has_mag:
-        mag = correct_field(mag, rate, state.calibration)
+    if sample.has_mag:
+        mag = correct_field(mag, rate, state.calibration.learnt)
     gravity = propagate_frame(state.gravity, rate, dt)
-    gathered = gather(state.gathered, gravity.q_g_frd, gyr, acc, mag, has_mag, dt)
+    gathered = gather(state.gathered, gravity.q_g_frd, Sample(gyr, acc, mag, sample.has_mag, dt))
     first = not state.started
     k = state.coefficients
     due = first or gathered.time_s >= STEP_S
@@ -260,27 +252,26 @@ def condition(
         tilt = initial_tilt(gyr, scale(-1.0, rotate(gravity.q_g_frd, acc)))
     before = ned_of_g(state)
     state = ConditioningState(
-        True,
-        gyr,
-        gathered,
-        gravity,
-        tilt,
-        rest,
-        state.estimate,
-        state.lagged,
-        state.magnetic,
-        state.calibration,
-        state.signs,
-        state.axes,
-        k,
+        started=True,
+        previous_gyr_rad_s=gyr,
+        gathered=gathered,
+        gravity=gravity,
+        tilt=tilt,
+        rest=rest,
+        estimate=state.estimate,
+        lagged=state.lagged,
+        magnetic=state.magnetic,
+        calibration=state.calibration,
+        signs=state.signs,
+        axes=state.axes,
+        coefficients=k,
     )
-    alarm = Alarm(False, False, False, False)
     if due:
-        state, alarm = learn(params, state, gyr)
+        state = learn(params, state, gyr)
         slow = 0.0 if first else slowness(params, dt)
         if slow > 0.0:
             rate = agreed_rate(state, rate, before, slow, dt)
-    return state, result_of(params, state, rate, alarm)
+    return state, result_of(params, state, rate)
 
 
 @inlined
@@ -292,36 +283,29 @@ def sigma_inclination(params: ConditioningParams, state: ConditioningState) -> f
     fitted to BROAD, where 0.69 of the errors lie under it. Of slow streams it is
     the variance that the vertical has by its own reckoning.
     """
-    swing_north, swing_east = state.signs.levelled
+    swing_north, swing_east = state.signs.gravity.levelled
     swing = swing_north * swing_north + swing_east * swing_east
-    fast = SIGMA_UNSTEADY_RAD**2 * state.gravity.unsteady + SIGMA_SWING**2 * swing
+    fast = SIGMA_UNSTEADY_RAD**2 * state.gravity.force.unsteady + SIGMA_SWING**2 * swing
     slow = slowness(params, state.coefficients.dt_s)
     return sqrt(SIGMA_STEADY_RAD**2 + (1.0 - slow) * fast + slow * state.tilt.variance)
 
 
 @inlined
-def result_of(
-    params: ConditioningParams, state: ConditioningState, rate: Vec3, alarm: Alarm
-) -> Conditioned:
+def result_of(params: ConditioningParams, state: ConditioningState, rate: Vec3) -> Conditioned:
     """The result for the filter and the publisher."""
     q = state.gravity.q_g_frd
     field = state.magnetic
     known = has_heading(field)
     weight = following_weight(slowness(params, state.coefficients.dt_s), state.coefficients.dt_s)
     return Conditioned(
-        rate,
-        state.estimate.bias_rad_s,
-        rotate_inverse(q, state.axes.down_g),
-        DOWN,
-        rotate_inverse(q, state.axes.north_g),
-        NORTH,
-        weight,
-        weight if known else 0.0,
-        1.0 / (1.0 + state.gravity.unsteady),
-        field.confidence if field.wait_s < FIELD_PATIENCE_S else 0.0,
-        sigma_inclination(params, state),
-        sqrt(state.estimate.covariance[9]) if known else inf,
-        state.rest.resting,
-        alarm.quiet or alarm.moving or alarm.levelling,
-        alarm.heading,
+        rate_rad_s=rate,
+        bias_rad_s=state.estimate.bias_rad_s,
+        gravity_b=rotate_inverse(q, state.axes.down_g),
+        magnetic_b=rotate_inverse(q, state.axes.north_g),
+        weight=weight,
+        has_heading=known,
+        gravity_confidence=1.0 / (1.0 + state.gravity.force.unsteady),
+        magnetic_confidence=field.look.confidence if field.wait_s < FIELD_PATIENCE_S else 0.0,
+        sigma_inclination_rad=sigma_inclination(params, state),
+        sigma_heading_rad=sqrt(state.estimate.covariance[9]) if known else inf,
     )

@@ -3,13 +3,20 @@
 from estimator.compilation.compiled import inlined
 from estimator.conditioning.types import Gathered
 from estimator.geometry.quaternion import rotate, scale
-from estimator.types import Quaternion, Vec3
+from estimator.types import ZERO_VEC3, Quaternion, Sample, Vec3
 
 # Learning runs on the mean of samples over at least this time (s): a hundred
 # times a second is plenty for values that change within seconds.
 STEP_S = 0.0085
 
-NOTHING = Gathered(0.0, (0.0, 0.0, 0.0), (0.0, 0.0, 0.0), (0.0, 0.0, 0.0), (0.0, 0.0, 0.0), 0.0)
+NOTHING = Gathered(
+    time_s=0.0,
+    gyr=ZERO_VEC3,
+    acc=ZERO_VEC3,
+    gravity_g=ZERO_VEC3,
+    field_g=ZERO_VEC3,
+    field_s=0.0,
+)
 
 
 @inlined
@@ -19,22 +26,21 @@ def accumulate(sum_: Vec3, v: Vec3, dt_s: float) -> Vec3:
 
 
 @inlined
-def gather(
-    sums: Gathered, q_g_frd: Quaternion, gyr: Vec3, acc: Vec3, mag: Vec3, has_mag: bool, dt_s: float
-) -> Gathered:
+def gather(sums: Gathered, q_g_frd: Quaternion, sample: Sample) -> Gathered:
     """Add one sample, its vectors turned to G, where turning does not blur a mean."""
+    gyr, acc, dt_s = sample.gyr_rad_s, sample.acc_m_s2, sample.dt_s
     field_g = sums.field_g
     field_s = sums.field_s
-    if has_mag:
-        field_g = accumulate(field_g, rotate(q_g_frd, mag), dt_s)
+    if sample.has_mag:
+        field_g = accumulate(field_g, rotate(q_g_frd, sample.mag), dt_s)
         field_s += dt_s
     return Gathered(
-        sums.time_s + dt_s,
-        accumulate(sums.gyr, gyr, dt_s),
-        accumulate(sums.acc, acc, dt_s),
-        accumulate(sums.gravity_g, rotate(q_g_frd, acc), -dt_s),
-        field_g,
-        field_s,
+        time_s=sums.time_s + dt_s,
+        gyr=accumulate(sums.gyr, gyr, dt_s),
+        acc=accumulate(sums.acc, acc, dt_s),
+        gravity_g=accumulate(sums.gravity_g, rotate(q_g_frd, acc), -dt_s),
+        field_g=field_g,
+        field_s=field_s,
     )
 
 
@@ -44,10 +50,10 @@ def means(sums: Gathered) -> Gathered:
     a = 1.0 / sums.time_s
     b = 1.0 / sums.field_s if sums.field_s > 0.0 else 0.0
     return Gathered(
-        sums.time_s,
-        scale(a, sums.gyr),
-        scale(a, sums.acc),
-        scale(a, sums.gravity_g),
-        scale(b, sums.field_g),
-        sums.field_s,
+        time_s=sums.time_s,
+        gyr=scale(a, sums.gyr),
+        acc=scale(a, sums.acc),
+        gravity_g=scale(a, sums.gravity_g),
+        field_g=scale(b, sums.field_g),
+        field_s=sums.field_s,
     )

@@ -8,6 +8,7 @@ from estimator.conditioning.lowpass import running_mean, smooth
 from estimator.conditioning.types import (
     Coefficients,
     ConditioningParams,
+    Force,
     GravityState,
     Rows,
     Smooth,
@@ -38,7 +39,7 @@ UNSTEADY_TAU_S = 5.0
 def propagate_frame(state: GravityState, rate: Vec3, dt_s: float) -> GravityState:
     """q_G <- q_G exp((w - b) dt): body to G, which only gyro errors move."""
     q = normalize(multiply(state.q_g_frd, exp(scale(dt_s, rate))))
-    return GravityState(q, state.q_6d_g, state.down, state.quick, state.unsteady, state.age_s)
+    return GravityState(q, state.q_6d_g, state.force)
 
 
 @inlined
@@ -60,54 +61,58 @@ def observe_gravity(
     its way, which :mod:`estimator.conditioning.tilt` has weighed.
     Source: Laidig and Seel 2023, doi 10.1016/j.inffus.2022.10.014.
     """
+    before = state.force
     dt = k.dt_s
-    age = state.age_s + dt
+    age = before.age_s + dt
     if not params.use_gravity_filter:
         down = Smooth(u, (0.0, 0.0, 0.0))
-    elif age <= params.gravity_tau_s or state.age_s == 0.0:
-        down = running_mean(state.down, u, max(dt / age, slow * share))
+    elif age <= params.gravity_tau_s or before.age_s == 0.0:
+        down = running_mean(before.down, u, max(dt / age, slow * share))
     elif slow > 0.0:
-        down = running_mean(state.down, u, share)
+        down = running_mean(before.down, u, share)
     else:
-        down = smooth(k.gravity, state.down, u)
+        down = smooth(k.gravity, before.down, u)
     a = max(1.0 - real_exp(-dt / params.turn_moving_tau_s), dt / age)
-    q = state.quick
+    q = before.quick
     quick = (q[0] + a * (u[0] - q[0]), q[1] + a * (u[1] - q[1]), q[2] + a * (u[2] - q[2]))
     f = down.value
     square = f[0] * f[0] + f[1] * f[1] + f[2] * f[2]
     off = (u[0] - f[0]) ** 2 + (u[1] - f[1]) ** 2 + (u[2] - f[2]) ** 2
     share = off / square if square > LEAST_FORCE_M_S2**2 else 1.0
-    unsteady = state.unsteady + min(1.0, dt / UNSTEADY_TAU_S) * (share - state.unsteady)
-    return GravityState(state.q_g_frd, state.q_6d_g, down, quick, unsteady, age)
+    unsteady = before.unsteady + min(1.0, dt / UNSTEADY_TAU_S) * (share - before.unsteady)
+    force = Force(down=down, quick=quick, unsteady=unsteady, age_s=age)
+    return GravityState(state.q_g_frd, state.q_6d_g, force)
 
 
 @inlined
 def level(state: GravityState) -> tuple[GravityState, Two]:
     """C <- (shortest rotation of C f to the vertical) C; also the step about north and east."""
-    f = state.down.value
+    f = state.force.down.value
     if norm(f) < LEAST_FORCE_M_S2:
         return state, (0.0, 0.0)
     z = rotate(state.q_6d_g, f)
     n = sqrt(z[0] * z[0] + z[1] * z[1] + z[2] * z[2])
     q = normalize(multiply(shortest_rotation(z, DOWN), state.q_6d_g))
-    levelled = GravityState(state.q_g_frd, q, state.down, state.quick, state.unsteady, state.age_s)
     # z x DOWN = (z_y, -z_x, 0), the rotation vector of a small step
-    return levelled, (z[1] / n, -z[0] / n)
+    return GravityState(state.q_g_frd, q, state.force), (z[1] / n, -z[0] / n)
 
 
 @inlined
 def reseed_gravity(state: GravityState, u: Vec3) -> GravityState:
     """The low-pass started anew at ``u``."""
-    return GravityState(
-        state.q_g_frd, state.q_6d_g, Smooth(u, (0.0, 0.0, 0.0)), u, state.unsteady, state.age_s
-    )
+    before = state.force
+    down = Smooth(u, (0.0, 0.0, 0.0))
+    force = Force(down=down, quick=u, unsteady=before.unsteady, age_s=before.age_s)
+    return GravityState(state.q_g_frd, state.q_6d_g, force)
 
 
 @inlined
 def restart_gravity(state: GravityState) -> GravityState:
     """The low-pass starts anew, as at the first sample."""
     zero = (0.0, 0.0, 0.0)
-    return GravityState(state.q_g_frd, state.q_6d_g, Smooth(zero, zero), zero, state.unsteady, 0.0)
+    down = Smooth(zero, zero)
+    force = Force(down=down, quick=zero, unsteady=state.force.unsteady, age_s=0.0)
+    return GravityState(state.q_g_frd, state.q_6d_g, force)
 
 
 @inlined

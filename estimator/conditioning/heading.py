@@ -39,7 +39,7 @@ def residual(field: MagneticState, horizontal: Two) -> float:
     north, east = horizontal
     if north < 0.5 * abs(east):
         return atan2(east, north)
-    return east / field.horizontal_reference
+    return east / field.reference.horizontal
 
 
 @inlined
@@ -58,9 +58,9 @@ def learn_heading(
     horizontal field. So does one that is uncertain by ``leaning`` (rad^2), the more the
     steeper the field.
     """
-    confidence = max(field.confidence * settled, LEAST_CONFIDENCE)
+    confidence = max(field.look.confidence * settled, LEAST_CONFIDENCE)
     noise = params.heading_noise_rad2_s / (dt_s * confidence)
-    noise += leaning * (field.down_reference / field.horizontal_reference) ** 2
+    noise += leaning * (field.reference.down / field.reference.horizontal) ** 2
     off = residual(field, horizontal)
     b, d, p = update(
         estimate.bias_rad_s,

@@ -3,12 +3,19 @@
 from estimator.conditioning.gather import NOTHING
 from estimator.conditioning.types import (
     Axes,
+    Calibration,
+    CalibrationMeans,
     CalibrationState,
     Coefficients,
     ConditioningParams,
     ConditioningState,
     Estimate,
+    FieldLook,
+    FieldReference,
+    Force,
+    GravitySigns,
     GravityState,
+    HeadingSigns,
     Lagged,
     LowPass,
     MagneticState,
@@ -36,29 +43,70 @@ def initial_state(params: ConditioningParams) -> ConditioningState:
         started=False,
         previous_gyr_rad_s=ZERO,
         gathered=NOTHING,
-        gravity=GravityState(IDENTITY, IDENTITY, Smooth(ZERO, ZERO), ZERO, 0.0, 0.0),
-        tilt=TiltState(0.0, 0.0, 0.0, 0.0, ZERO, ZERO, 0.0),
-        rest=RestState(Smooth(ZERO, ZERO), Smooth(ZERO, ZERO), False, 0.0, False),
+        gravity=GravityState(
+            q_g_frd=IDENTITY,
+            q_6d_g=IDENTITY,
+            force=Force(down=Smooth(ZERO, ZERO), quick=ZERO, unsteady=0.0, age_s=0.0),
+        ),
+        tilt=TiltState(
+            variance=0.0,
+            scatter=0.0,
+            tilting=0.0,
+            twisting=0.0,
+            gyr=ZERO,
+            force_g=ZERO,
+            force=0.0,
+        ),
+        rest=RestState(
+            gyr=Smooth(ZERO, ZERO),
+            acc=Smooth(ZERO, ZERO),
+            quiet=False,
+            quiet_s=0.0,
+            resting=False,
+        ),
         estimate=Estimate(
-            ZERO,
-            0.0,
-            (bias, 0.0, 0.0, 0.0, bias, 0.0, 0.0, bias, 0.0, UNKNOWN_HEADING_VARIANCE),
+            bias_rad_s=ZERO,
+            heading_rad=0.0,
+            covariance=(bias, 0.0, 0.0, 0.0, bias, 0.0, 0.0, bias, 0.0, UNKNOWN_HEADING_VARIANCE),
         ),
-        lagged=Lagged(SIX, SIX, (0.0, 0.0), (0.0, 0.0)),
-        magnetic=MagneticState(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, False),
+        lagged=Lagged(rows=SIX, rows_slope=SIX, drift=(0.0, 0.0), drift_slope=(0.0, 0.0)),
+        magnetic=MagneticState(
+            look=FieldLook(horizontal=0.0, down=0.0, confidence=0.0),
+            reference=FieldReference(horizontal=0.0, down=0.0, samples=0.0, age_s=0.0),
+            wait_s=0.0,
+            known=False,
+        ),
         calibration=CalibrationState(
-            0.0,
-            ZERO,
-            (offset, 0.0, 0.0, 0.0, offset, 0.0, 0.0, offset, 0.0, lag),
-            0.0,
-            ZERO,
-            ZERO,
-            Rows(ZERO, ZERO, ZERO),
-            False,
+            learnt=Calibration(
+                lag_s=0.0,
+                offset=ZERO,
+                covariance=(offset, 0.0, 0.0, 0.0, offset, 0.0, 0.0, offset, 0.0, lag),
+                scale=0.0,
+            ),
+            means=CalibrationMeans(
+                field=ZERO,
+                turning=ZERO,
+                rows=Rows(ZERO, ZERO, ZERO),
+            ),
+            started=False,
         ),
-        signs=TurnSigns(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, (0.0, 0.0)),
-        axes=Axes((0.0, 0.0, 1.0), (1.0, 0.0, 0.0)),
-        coefficients=Coefficients(0.0, still, still, 0.0, 0.0, 0.0, 0.0, 0.0),
+        signs=TurnSigns(
+            heading=HeadingSigns(
+                mean_north=0.0, mean_east=0.0, mean_confidence=0.0, off_s=0.0, large_s=0.0
+            ),
+            gravity=GravitySigns(quiet_s=0.0, moving_s=0.0, levelled=(0.0, 0.0)),
+        ),
+        axes=Axes(down_g=(0.0, 0.0, 1.0), north_g=(1.0, 0.0, 0.0)),
+        coefficients=Coefficients(
+            dt_s=0.0,
+            rest=still,
+            gravity=still,
+            levelling_decay=0.0,
+            bias_growth=0.0,
+            rest_noise=0.0,
+            motion_noise=0.0,
+            heading_growth=0.0,
+        ),
     )
 
 
@@ -69,9 +117,9 @@ def forget_bias(params: ConditioningParams, state: ConditioningState) -> Conditi
     heading = estimate.covariance[9]
     return state._replace(
         estimate=Estimate(
-            ZERO,
-            estimate.heading_rad,
-            (bias, 0.0, 0.0, 0.0, bias, 0.0, 0.0, bias, 0.0, heading),
+            bias_rad_s=ZERO,
+            heading_rad=estimate.heading_rad,
+            covariance=(bias, 0.0, 0.0, 0.0, bias, 0.0, 0.0, bias, 0.0, heading),
         )
     )
 
@@ -83,7 +131,8 @@ def apply_turn(state: ConditioningState, turn_frd: Quaternion) -> ConditioningSt
     r = state.lagged.rows
     north = rotate_inverse(turn_frd, r[:3])
     east = rotate_inverse(turn_frd, r[3:])
-    mean = state.calibration.mean_rows
+    calibration = state.calibration
+    mean = calibration.means.rows
     rows = Rows(
         rotate_inverse(turn_frd, mean.north),
         rotate_inverse(turn_frd, mean.east),
@@ -92,5 +141,5 @@ def apply_turn(state: ConditioningState, turn_frd: Quaternion) -> ConditioningSt
     return state._replace(
         gravity=gravity._replace(q_g_frd=q),
         lagged=state.lagged._replace(rows=(*north, *east)),
-        calibration=state.calibration._replace(mean_rows=rows),
+        calibration=calibration._replace(means=calibration.means._replace(rows=rows)),
     )

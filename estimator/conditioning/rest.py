@@ -28,11 +28,19 @@ def observe_rest(
     slow = abs(g[0]) < limit and abs(g[1]) < limit and abs(g[2]) < limit
     quiet = steady_gyr and steady_acc and slow
     quiet_s = min(state.quiet_s + dt_s, 1e6) if quiet else 0.0
-    return RestState(gyr_smooth, acc_smooth, quiet, quiet_s, quiet_s >= params.rest_time_s)
+    return RestState(
+        gyr=gyr_smooth,
+        acc=acc_smooth,
+        quiet=quiet,
+        quiet_s=quiet_s,
+        resting=quiet_s >= params.rest_time_s,
+    )
 
 
 @inlined
 def initial_rest(gyr: Vec3, acc: Vec3) -> RestState:
     """The low-passes begin where the sensors are."""
     zero = (0.0, 0.0, 0.0)
-    return RestState(Smooth(gyr, zero), Smooth(acc, zero), False, 0.0, False)
+    return RestState(
+        gyr=Smooth(gyr, zero), acc=Smooth(acc, zero), quiet=False, quiet_s=0.0, resting=False
+    )

@@ -77,13 +77,13 @@ def step_noise(
     twist = change_factor * max(twisting, (1.0 - k) * twisting + k * state.twisting)
     hole = HOLE_RAD_S**2 * max(0.0, dt_s - HOLE_S) ** 2
     return StepNoise(
-        tilt
+        tilt=tilt
         + turn_factor * (max(0.0, turning - about_down) + CROSSED * turning)
         + GYR_NOISE**2 * dt_s
         + hole,
-        twist + turn_factor * (about_down + CROSSED * turning) + GYR_NOISE**2 * dt_s + hole,
-        tilting,
-        twisting,
+        twist=twist + turn_factor * (about_down + CROSSED * turning) + GYR_NOISE**2 * dt_s + hole,
+        tilting=tilting,
+        twisting=twisting,
     )
 
 
@@ -121,13 +121,13 @@ def believe_force(
     c = forgetting(params.step_change_tau_s, at_rest, dt_s)
     return (
         TiltState(
-            (1.0 - share) ** 2 * p + share * share * lasting,
-            state.scatter + a * (max(expected, LEAST_SCATTER_RAD**2) - state.scatter),
-            state.tilting + c * (noise.tilting - state.tilting),
-            state.twisting + c * (noise.twisting - state.twisting),
-            gyr,
-            u,
-            usual + b * (size - usual),
+            variance=(1.0 - share) ** 2 * p + share * share * lasting,
+            scatter=state.scatter + a * (max(expected, LEAST_SCATTER_RAD**2) - state.scatter),
+            tilting=state.tilting + c * (noise.tilting - state.tilting),
+            twisting=state.twisting + c * (noise.twisting - state.twisting),
+            gyr=gyr,
+            force_g=u,
+            force=usual + b * (size - usual),
         ),
         share,
     )
@@ -172,18 +172,26 @@ def least_share(tau_s: float, dt_s: float, age_s: float) -> float:
 def initial_tilt(gyr: Vec3, u: Vec3) -> TiltState:
     """Before the first step: nothing is known but that reading."""
     scatter = (2.0 * LEAST_SCATTER_RAD) ** 2
-    return TiltState(MOST_VARIANCE, scatter, 0.0, 0.0, gyr, u, norm(u))
+    return TiltState(
+        variance=MOST_VARIANCE,
+        scatter=scatter,
+        tilting=0.0,
+        twisting=0.0,
+        gyr=gyr,
+        force_g=u,
+        force=norm(u),
+    )
 
 
 @inlined
 def lose_tilt(state: TiltState) -> TiltState:
     """After an unsensed turn: the vertical is not known."""
     return TiltState(
-        MOST_VARIANCE,
-        state.scatter,
-        state.tilting,
-        state.twisting,
-        state.gyr,
-        state.force_g,
-        state.force,
+        variance=MOST_VARIANCE,
+        scatter=state.scatter,
+        tilting=state.tilting,
+        twisting=state.twisting,
+        gyr=state.gyr,
+        force_g=state.force_g,
+        force=state.force,
     )

@@ -157,15 +157,21 @@ class RestState(NamedTuple):
     resting: bool
 
 
+class Force(NamedTuple):
+    """Minus the specific force, seen in G: gravity, once accelerations have averaged out."""
+
+    down: Smooth  # low-passed over ``gravity_tau_s``, m/s^2
+    quick: Vec3  # the same force, followed faster, m/s^2
+    unsteady: float  # mean square of what comes and goes, as a share of the square of ``down``
+    age_s: float  # since the low-pass began
+
+
 class GravityState(NamedTuple):
     """Frame G, gravity low-passed in it, and the correction C that levels it."""
 
-    q_g_frd: Quaternion
-    q_6d_g: Quaternion
-    down: Smooth
-    quick: Vec3  # the same force, followed faster
-    unsteady: float  # mean square of the horizontal force, share of the vertical's square
-    age_s: float
+    q_g_frd: Quaternion  # body to G
+    q_6d_g: Quaternion  # C, G to 6D
+    force: Force
 
 
 class StepNoise(NamedTuple):
@@ -214,44 +220,80 @@ class Lagged(NamedTuple):
     drift_slope: Two
 
 
-class CalibrationState(NamedTuple):
+class Calibration(NamedTuple):
     """The magnetometer's age and the vehicle's own field, with their covariance."""
 
-    lag_s: float
-    offset: Vec3  # share of ``scale``
+    lag_s: float  # age of a reading
+    offset: Vec3  # the vehicle's own field in FRD, as a share of ``scale``
     covariance: Covariance  # of (offset, lag)
-    scale: float
-    mean_field: Vec3
-    mean_turning: Vec3
-    mean_rows: Rows
-    started: bool  # whether the means are
+    scale: float  # norm of the place's field, in the field's own unit
+
+
+class CalibrationMeans(NamedTuple):
+    """Slow means of the field over ``scale``, and of what the calibration explains it by."""
+
+    field: Vec3  # in 6D
+    turning: Vec3  # R6 (w x m), in 6D, 1/s
+    rows: Rows  # of R6
+
+
+class CalibrationState(NamedTuple):
+    """The calibration and the means that its learning takes off."""
+
+    learnt: Calibration
+    means: CalibrationMeans
+    started: bool  # whether the means are of this attitude
+
+
+class FieldLook(NamedTuple):
+    """The field as it was seen lately, and how far it resembles its reference."""
+
+    horizontal: float  # low-passed, in the field's own unit
+    down: float  # low-passed, likewise
+    confidence: float  # 0..1, from norm and dip
+
+
+class FieldReference(NamedTuple):
+    """The field that the place and the vehicle are taken to have."""
+
+    horizontal: float  # in the field's own unit
+    down: float  # likewise
+    samples: float  # how many have taught it
+    age_s: float  # the time that they stand for
 
 
 class MagneticState(NamedTuple):
-    """Horizontal and downward part of the field, and their learnt references."""
+    """What is known about the field in the level frame 6D."""
 
-    horizontal: float
-    down: float
-    horizontal_reference: float
-    down_reference: float
-    samples: float
-    age_s: float
-    wait_s: float  # since the last sample
-    confidence: float
-    known: bool
+    look: FieldLook
+    reference: FieldReference
+    wait_s: float  # since the last sample of the field
+    known: bool  # whether there has been one
+
+
+class HeadingSigns(NamedTuple):
+    """What the field says about an unsensed turn about the vertical."""
+
+    mean_north: float  # of the field weighted by its confidence, in the field's own unit
+    mean_east: float  # likewise
+    mean_confidence: float
+    off_s: float  # for how long the mean field has pointed elsewhere
+    large_s: float  # for how long the field itself has pointed far away
+
+
+class GravitySigns(NamedTuple):
+    """What the specific force says about an unsensed turn about a level axis."""
+
+    quiet_s: float  # for how long a quiet vehicle's gravity has been off
+    moving_s: float  # for how long that of a moving vehicle has
+    levelled: Two  # what levelling has turned lately about north and east, rad
 
 
 class TurnSigns(NamedTuple):
     """How strong each sign of an unsensed turn is, and how long it has lasted."""
 
-    mean_north: float
-    mean_east: float
-    mean_confidence: float
-    heading_s: float
-    large_s: float
-    quiet_s: float
-    moving_s: float
-    levelled: Two
+    heading: HeadingSigns
+    gravity: GravitySigns
 
 
 class Axes(NamedTuple):
@@ -289,26 +331,15 @@ class ConditioningState(NamedTuple):
 
 
 class Conditioned(NamedTuple):
-    """The paper's vectors, and what else the filter and the publisher need.
+    """The paper's vectors, and what else the filter and the publisher need."""
 
-    ``*_b`` are unit vectors measured in the body, ``*_i`` their inertial
-    counterparts. The weights are 0 while a vector is unknown and 1 afterwards;
-    the confidences, 0..1, describe the present measurements. ``rate_rad_s`` is
-    free of bias and the one that integrates best over the step.
-    """
-
-    rate_rad_s: Vec3
-    bias_rad_s: Vec3
-    gravity_b: Vec3
-    gravity_i: Vec3
-    magnetic_b: Vec3
-    magnetic_i: Vec3
-    gravity_weight: float
-    magnetic_weight: float
-    gravity_confidence: float
-    magnetic_confidence: float
-    sigma_inclination_rad: float
-    sigma_heading_rad: float
-    resting: bool
-    turned_gravity: bool
-    turned_heading: bool
+    rate_rad_s: Vec3  # free of bias, and the one that integrates best over the step; FRD
+    bias_rad_s: Vec3  # of the gyroscope, FRD
+    gravity_b: Vec3  # down, a unit vector in FRD
+    magnetic_b: Vec3  # magnetic north, horizontal, a unit vector in FRD
+    weight: float  # of both vectors against the gyroscope; 1 for fast streams
+    has_heading: bool  # whether a field has told it
+    gravity_confidence: float  # 0..1, falls with unsteady force
+    magnetic_confidence: float  # 0..1, of the present field; 0 without one
+    sigma_inclination_rad: float  # angle that 68 % of the errors lie under
+    sigma_heading_rad: float  # likewise; infinite without a heading

@@ -7,7 +7,9 @@ from estimator.conditioning.types import (
     Alarm,
     ConditioningParams,
     Estimate,
+    GravitySigns,
     GravityState,
+    HeadingSigns,
     MagneticState,
     RestState,
     TurnSigns,
@@ -37,12 +39,12 @@ def duration_s(holds: bool, lasted_s: float, dt_s: float) -> float:
 @inlined
 def watch_heading(
     params: ConditioningParams,
-    state: TurnSigns,
+    state: HeadingSigns,
     estimate: Estimate,
     field: MagneticState,
     horizontal: Two,
     dt_s: float,
-) -> TurnSigns:
+) -> HeadingSigns:
     """An undisturbed-looking field that keeps pointing elsewhere.
 
     A magnet that turns the field nearly always changes its norm or dip too, so
@@ -51,7 +53,7 @@ def watch_heading(
     confidence; a large residual at high confidence needs less time.
     """
     north, east = horizontal
-    c = field.confidence
+    c = field.look.confidence
     a = dt_s / (params.turn_heading_tau_s + dt_s)
     n = state.mean_north + a * (c * north - state.mean_north)
     e = state.mean_east + a * (c * east - state.mean_east)
@@ -60,28 +62,25 @@ def watch_heading(
     off = known and abs(atan2(e, n)) > params.turn_heading_rad and w > params.turn_confidence
     far = known and abs(atan2(east, north)) > params.turn_large_rad
     far = far and c > params.turn_large_confidence
-    return TurnSigns(
-        n,
-        e,
-        w,
-        duration_s(off, state.heading_s, dt_s),
-        duration_s(far, state.large_s, dt_s),
-        state.quiet_s,
-        state.moving_s,
-        state.levelled,
+    return HeadingSigns(
+        mean_north=n,
+        mean_east=e,
+        mean_confidence=w,
+        off_s=duration_s(off, state.off_s, dt_s),
+        large_s=duration_s(far, state.large_s, dt_s),
     )
 
 
 @inlined
 def watch_gravity(
     params: ConditioningParams,
-    state: TurnSigns,
+    state: GravitySigns,
     rest: RestState,
     gravity: GravityState,
     step: Two,
     decay: float,
     dt_s: float,
-) -> TurnSigns:
+) -> GravitySigns:
     """Gravity that keeps pulling elsewhere than the low-pass in G has it.
 
     A quiet vehicle's gravity is known at once. Accelerations of a moving one
@@ -89,23 +88,18 @@ def watch_gravity(
     levelling of many degrees has turned about the axis that was shortest, not
     the one the vehicle turned about, so its heading is wrong.
     """
-    f = gravity.down.value
+    f = gravity.force.down.value
     quiet = False
     if rest.quiet:
         now = rotate(gravity.q_g_frd, scale(-1.0, rest.acc.value))
         quiet = angle_between_vectors(now, f) > params.turn_quiet_rad
-    quick = gravity.quick
+    quick = gravity.force.quick
     moving = norm(quick) > LEAST_GRAVITY_SHARE * norm(f)
     moving = moving and angle_between_vectors(quick, f) > params.turn_moving_rad
-    return TurnSigns(
-        state.mean_north,
-        state.mean_east,
-        state.mean_confidence,
-        state.heading_s,
-        state.large_s,
-        duration_s(quiet, state.quiet_s, dt_s),
-        duration_s(moving, state.moving_s, dt_s),
-        (decay * state.levelled[0] + step[0], decay * state.levelled[1] + step[1]),
+    return GravitySigns(
+        quiet_s=duration_s(quiet, state.quiet_s, dt_s),
+        moving_s=duration_s(moving, state.moving_s, dt_s),
+        levelled=(decay * state.levelled[0] + step[0], decay * state.levelled[1] + step[1]),
     )
 
 
@@ -114,30 +108,31 @@ def alarm_of(params: ConditioningParams, state: TurnSigns) -> Alarm:
     """Which sign has lasted."""
     if not params.use_events:
         return Alarm(False, False, False, False)
-    heading = state.heading_s > params.turn_heading_time_s
-    heading = heading or state.large_s > params.turn_large_time_s
-    swing = sqrt(state.levelled[0] ** 2 + state.levelled[1] ** 2)
+    heading = state.heading.off_s > params.turn_heading_time_s
+    heading = heading or state.heading.large_s > params.turn_large_time_s
+    gravity = state.gravity
+    swing = sqrt(gravity.levelled[0] ** 2 + gravity.levelled[1] ** 2)
     return Alarm(
-        heading,
-        state.quiet_s > params.turn_quiet_time_s,
-        state.moving_s > params.turn_moving_time_s,
-        swing > params.turn_levelling_rad,
+        heading=heading,
+        quiet=gravity.quiet_s > params.turn_quiet_time_s,
+        moving=gravity.moving_s > params.turn_moving_time_s,
+        levelling=swing > params.turn_levelling_rad,
     )
 
 
 @inlined
 def reset_signs(state: TurnSigns, alarm: Alarm) -> TurnSigns:
     """Signs that went off start anew."""
-    north, east, w = state.mean_north, state.mean_east, state.mean_confidence
-    heading_s, large_s = state.heading_s, state.large_s
-    levelled = state.levelled
+    heading, gravity = state.heading, state.gravity
+    levelled = gravity.levelled
     if alarm.heading or alarm.quiet or alarm.moving or alarm.levelling:
-        north, east, w = 0.0, 0.0, 0.0
-        heading_s, large_s = 0.0, 0.0
+        heading = HeadingSigns(
+            mean_north=0.0, mean_east=0.0, mean_confidence=0.0, off_s=0.0, large_s=0.0
+        )
         levelled = (0.0, 0.0)
-    quiet_s = 0.0 if alarm.quiet else state.quiet_s
-    moving_s = 0.0 if alarm.quiet or alarm.moving else state.moving_s
-    return TurnSigns(north, east, w, heading_s, large_s, quiet_s, moving_s, levelled)
+    quiet_s = 0.0 if alarm.quiet else gravity.quiet_s
+    moving_s = 0.0 if alarm.quiet or alarm.moving else gravity.moving_s
+    return TurnSigns(heading, GravitySigns(quiet_s, moving_s, levelled))
 
 
 @inlined

@@ -31,7 +31,7 @@ from estimator.geometry.quaternion import (
     scale,
     subtract,
 )
-from estimator.types import Vec3
+from estimator.types import Sample, Vec3
 
 Array = NDArray[np.float64]
 
@@ -132,7 +132,12 @@ def integrate_rate(
     """The attitude turned on by a rate that is free of bias; the bias only recorded."""
     q = normalize(multiply(state.q_ned_frd, exp(scale(dt, rate_rad_s))))
     return FilterState(
-        q, gyr_bias_rad_s, state.error, state.error_rate_1_s, state.gain, state.has_error
+        q_ned_frd=q,
+        gyr_bias_rad_s=gyr_bias_rad_s,
+        error=state.error,
+        error_rate_1_s=state.error_rate_1_s,
+        gain=state.gain,
+        has_error=state.has_error,
     )
 
 
@@ -173,7 +178,14 @@ def correct(params: FilterParams, state: FilterState, vectors: Vectors, dt: floa
     g = step_gain(params, K, fastest, dt)
     q = normalize(multiply(state.q_ned_frd, exp(scale(-g, w))))
     b = add(state.gyr_bias_rad_s, scale(bias_gain(params, K, g, fastest, dt), w))
-    return FilterState(q, bound_each(b, params.bias_bound_rad_s), e, d, K, True)
+    return FilterState(
+        q_ned_frd=q,
+        gyr_bias_rad_s=bound_each(b, params.bias_bound_rad_s),
+        error=e,
+        error_rate_1_s=d,
+        gain=K,
+        has_error=True,
+    )
 
 
 @compiled
@@ -181,15 +193,12 @@ def step(
     params: FilterParams,
     reference: ReferenceParams,
     state: FilterState,
-    gyr_rad_s: Vec3,
-    acc_m_s2: Vec3,
-    mag: Vec3,
-    has_mag: bool,
-    dt: float,
+    sample: Sample,
 ) -> FilterState:
-    """One sample of raw vectors, ``dt`` after the one before: propagate, then correct."""
-    vectors = raw_vectors(reference, acc_m_s2, mag, has_mag)
-    return correct(params, propagate(state, gyr_rad_s, dt), vectors, dt)
+    """One sample of raw vectors: propagate, then correct."""
+    vectors = raw_vectors(reference, sample.acc_m_s2, sample.mag, sample.has_mag)
+    dt = sample.dt_s
+    return correct(params, propagate(state, sample.gyr_rad_s, dt), vectors, dt)
 
 
 @compiled

@@ -19,6 +19,30 @@ class ReferenceParams(NamedTuple):
 
 
 @inlined
+def weighted_vectors(
+    reference: ReferenceParams,
+    magnetic_frd: Vec3,
+    magnetic_share: float,
+    gravity_frd: Vec3,
+    gravity_share: float,
+    weight: float,
+) -> Vectors:
+    """The filter's vectors from what the body sees.
+
+    ``weight`` multiplies all confidences; the shares, 0..1, lower that of one vector.
+    """
+    return Vectors(
+        v1_frd=magnetic_frd,
+        v1_ned=reference.magnetic_ned,
+        s1=reference.s_magnetic * weight * magnetic_share,
+        v2_frd=gravity_frd,
+        v2_ned=reference.gravity_ned,
+        s2=reference.s_gravity * weight * gravity_share,
+        s3=reference.s_cross * weight,
+    )
+
+
+@inlined
 def raw_vectors(reference: ReferenceParams, acc_m_s2: Vec3, mag: Vec3, has_mag: bool) -> Vectors:
     """The paper's normalised vectors, Eq. (5) "Attit_Vector_norm".
 
@@ -27,14 +51,11 @@ def raw_vectors(reference: ReferenceParams, acc_m_s2: Vec3, mag: Vec3, has_mag: 
 
     A vector that is absent or zero gets no confidence.
     """
-    s1 = reference.s_magnetic if has_mag and norm(mag) > 0.0 else 0.0
-    s2 = reference.s_gravity if norm(acc_m_s2) > 0.0 else 0.0
-    return Vectors(
-        unit(mag),
-        reference.magnetic_ned,
-        s1,
-        unit(scale(-1.0, acc_m_s2)),
-        reference.gravity_ned,
-        s2,
-        reference.s_cross,
+    return weighted_vectors(
+        reference,
+        magnetic_frd=unit(mag),
+        magnetic_share=1.0 if has_mag and norm(mag) > 0.0 else 0.0,
+        gravity_frd=unit(scale(-1.0, acc_m_s2)),
+        gravity_share=1.0 if norm(acc_m_s2) > 0.0 else 0.0,
+        weight=1.0,
     )

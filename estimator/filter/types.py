@@ -69,4 +69,11 @@ def initial_state(
     q_ned_frd: Quaternion = IDENTITY, gyr_bias_rad_s: Vec3 = ZERO_VEC3
 ) -> FilterState:
     """State before the first sample; the error's rate starts at zero."""
-    return FilterState(q_ned_frd, gyr_bias_rad_s, 0.0, 0.0, 1.0, False)
+    return FilterState(
+        q_ned_frd=q_ned_frd,
+        gyr_bias_rad_s=gyr_bias_rad_s,
+        error=0.0,
+        error_rate_1_s=0.0,
+        gain=1.0,
+        has_error=False,
+    )

@@ -2,13 +2,13 @@
 
 from math import hypot
 
-from estimator.aiding import AidingParams, AidingState, Report, aid
-from estimator.aiding.types import Array
+from estimator.aiding import AidingState
+from estimator.aiding.types import Two
 from estimator.compilation.compiled import inlined
 from estimator.conditioning.magnetic import LEAST_HORIZONTAL
 from estimator.conditioning.rate import following_weight, slow_share
 from estimator.filter.kernel import correct, integrate_rate
-from estimator.filter.observation import ReferenceParams
+from estimator.filter.observation import ReferenceParams, weighted_vectors
 from estimator.filter.types import FilterParams, FilterState, Vectors
 from estimator.geometry.quaternion import conjugate, exp, log, multiply, rotate_inverse, scale
 from estimator.types import Quaternion, Vec3
@@ -25,6 +25,16 @@ def confidence(sigma_rad: float, half_rad: float) -> float:
 
 
 @inlined
+def horizontal_north(reference: ReferenceParams, knows_north: bool) -> Two:
+    """Unit vector to magnetic north, (north, east) in NED; (0, 0) where that is not known."""
+    m = reference.magnetic_ned
+    horizontal = hypot(m[0], m[1])
+    if knows_north and horizontal > 0.0:
+        return (m[0] / horizontal, m[1] / horizontal)
+    return (0.0, 0.0)
+
+
+@inlined
 def aided_vectors(
     reference: ReferenceParams, state: AidingState, knows_north: bool, weight: float
 ) -> Vectors:
@@ -32,20 +42,20 @@ def aided_vectors(
 
     While magnetic north is not known, what the filter calls north is where the field points.
     """
-    q = state.q_ned_frd
+    q = state.estimate.q_ned_frd
     north = reference.magnetic_ned
-    E = state.earth_gauss
+    E = state.estimate.earth_gauss
     horizontal = hypot(E[0], E[1])
     if not knows_north and horizontal > LEAST_HORIZONTAL * abs(E[2]):
         north = (E[0] / horizontal, E[1] / horizontal, 0.0)
-    return Vectors(
-        rotate_inverse(q, north),
-        reference.magnetic_ned,
-        reference.s_magnetic * weight * confidence(state.sigma_heading_rad, MAGNETIC_HALF_RAD),
-        rotate_inverse(q, reference.gravity_ned),
-        reference.gravity_ned,
-        reference.s_gravity * weight * confidence(state.sigma_inclination_rad, GRAVITY_HALF_RAD),
-        reference.s_cross * weight,
+    sigma = state.sigma
+    return weighted_vectors(
+        reference,
+        magnetic_frd=rotate_inverse(q, north),
+        magnetic_share=confidence(sigma.heading_rad, MAGNETIC_HALF_RAD),
+        gravity_frd=rotate_inverse(q, reference.gravity_ned),
+        gravity_share=confidence(sigma.inclination_rad, GRAVITY_HALF_RAD),
+        weight=weight,
     )
 
 
@@ -55,51 +65,25 @@ def agreed_rate(before: Quaternion, state: AidingState, slow: float, dt: float) 
 
     exp(w' dt) = exp(w dt) exp(phi), as the unaided stage has it.
     """
-    turn = exp(scale(dt, state.rate_rad_s))
-    phi = log(multiply(conjugate(multiply(before, turn)), state.q_ned_frd))
+    turn = exp(scale(dt, state.last.rate_rad_s))
+    phi = log(multiply(conjugate(multiply(before, turn)), state.estimate.q_ned_frd))
     return scale(1.0 / dt, log(multiply(turn, exp(scale(slow, phi)))))
 
 
 @inlined
-def aided_step(
+def follow_aided(
     params: FilterParams,
     reference: ReferenceParams,
-    aiding: AidingParams,
     state: FilterState,
     aided: AidingState,
-    covariance: Array,
-    gravity_b: Vec3,
-    gyr_rad_s: Vec3,
-    acc_m_s2: Vec3,
-    mag: Vec3,
-    has_mag: bool,
-    dt: float,
-    report: Report,
     knows_north: bool,
-) -> tuple[FilterState, AidingState, Array]:
-    """One sample: the filter follows the aided vectors; ``gravity_b`` is the unaided stage's."""
-    m = reference.magnetic_ned
-    horizontal = hypot(m[0], m[1])
-    north = (0.0, 0.0)
-    if knows_north and horizontal > 0.0:
-        north = (m[0] / horizontal, m[1] / horizontal)
-    before = aided.q_ned_frd
-    aided, covariance = aid(
-        aiding,
-        aided,
-        covariance,
-        gravity_b,
-        north,
-        gyr_rad_s,
-        acc_m_s2,
-        mag,
-        has_mag,
-        dt,
-        report,
-    )
+    before: Quaternion,
+) -> FilterState:
+    """The filter propagated and corrected after the aiding's step from the attitude ``before``."""
+    last, bias = aided.last, aided.estimate.gyr_bias_rad_s
+    dt = last.dt_s
     slow = slow_share(dt)
-    rate = aided.rate_rad_s if slow == 0.0 else agreed_rate(before, aided, slow, dt)
-    state = integrate_rate(state, rate, dt, aided.gyr_bias_rad_s)
+    rate = last.rate_rad_s if slow == 0.0 else agreed_rate(before, aided, slow, dt)
+    state = integrate_rate(state, rate, dt, bias)
     weight = following_weight(slow, dt)
-    state = correct(params, state, aided_vectors(reference, aided, knows_north, weight), dt)
-    return state, aided, covariance
+    return correct(params, state, aided_vectors(reference, aided, knows_north, weight), dt)

@@ -9,9 +9,10 @@ from estimator.conditioning.types import ConditioningState
 from estimator.filter.alignment import align
 from estimator.geometry.quaternion import multiply
 from estimator.live.conditioned import conditioned_vectors
+from estimator.live.core import Core, flat
 from estimator.live.settings import Settings
-from estimator.live.snapshot import Snapshot, flat
-from estimator.types import ImuSample, Quaternion
+from estimator.live.snapshot import Snapshot
+from estimator.types import Quaternion
 
 # A heading that velocity has shown is no better than this to begin with.
 LEAST_HEADING_SIGMA_RAD = radians(3.0)
@@ -26,14 +27,13 @@ class Start(NamedTuple):
     sigma_heading_rad: float
 
 
-def start_by_field(settings: Settings, now: Snapshot) -> Start:
+def start_by_field(settings: Settings, now: Core) -> Start:
     """The unaided attitude, which the field has given its heading."""
-    assert now.seen is not None  # a sample has been conditioned
     q = align(conditioned_vectors(settings.reference, now.seen))
     return Start(q, settings.aiding.begin_heading_sigma_rad)
 
 
-def start_by_velocity(now: Snapshot) -> Start | None:
+def start_by_velocity(now: Core) -> Start | None:
     """What velocity alone has shown, if that is enough."""
     of_g = solve(now.search, _bias_sigma_rad_s(now.conditioning))
     if of_g is None:
@@ -42,33 +42,20 @@ def start_by_velocity(now: Snapshot) -> Start | None:
     return Start(q, max(of_g.sigma_heading_rad, LEAST_HEADING_SIGMA_RAD))
 
 
-def begin_aiding(
-    settings: Settings,
-    now: Snapshot,
-    start: Start,
-    sample: ImuSample,
-    report: Report,
-    *,
-    is_first_heading: bool,
-) -> Snapshot:
-    """The snapshot with the aiding at its beginning; a first heading is the filter's at once."""
-    aiding, seen = settings.aiding, now.seen
-    assert seen is not None  # a sample has been conditioned
-    is_calibrated = compass.is_trusted(now.compass, now.time_us)
+def begin_aiding(settings: Settings, now: Snapshot, start: Start, report: Report) -> Core:
+    """The core with the aiding at its beginning."""
+    core, aiding = now.core, settings.aiding
+    is_calibrated = compass.is_trusted(now.context.compass, now.context.time_us)
     aided, covariance = begin(
         aiding,
         start.q_ned_frd,
-        seen.bias_rad_s,
-        sample.gyr_rad_s,
-        sample.acc_m_s2,
+        core.seen.bias_rad_s,
+        core.sample,
         report,
         start.sigma_heading_rad,
         aiding.hard_iron_sigma_gauss if is_calibrated else aiding.uncalibrated_sigma_gauss,
     )
-    now = now._replace(aided=aided, aided_covariance=flat(covariance), search=EMPTY_SEARCH)
-    if is_first_heading:  # there was none to correct
-        now = now._replace(filter=now.filter._replace(q_ned_frd=start.q_ned_frd))
-    return now
+    return core._replace(aided=aided, covariance=flat(covariance), search=EMPTY_SEARCH)
 
 
 def _bias_sigma_rad_s(memory: ConditioningState) -> float:

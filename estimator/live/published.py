@@ -3,11 +3,12 @@
 Plain tuples, not named ones: compiled code hands those to Python several times as fast.
 """
 
-from math import pi, radians
+from math import asin, pi, radians, sqrt
 
 from estimator.aiding import AidingState
 from estimator.compilation.compiled import inlined
 from estimator.conditioning.types import Conditioned
+from estimator.filter.observation import ReferenceParams
 from estimator.filter.types import FilterState
 from estimator.geometry.quaternion import exp, multiply, normalize, scale
 from estimator.live.aided import GRAVITY_HALF_RAD, MAGNETIC_HALF_RAD, confidence
@@ -18,8 +19,8 @@ LEAST_SIGMA_RAD = radians(0.1)
 
 # Attitude, rate free of bias, bias, e, its rate, K.
 Motion = tuple[Quaternion, Vec3, Vec3, float, float, float]
-# Confidences of gravity and field, sigmas (rad) of inclination and heading, whether there is one.
-Figures = tuple[float, float, float, float, bool]
+# Confidences of gravity and field, sigmas (rad) of inclination and heading.
+Figures = tuple[float, float, float, float]
 
 
 @inlined
@@ -30,6 +31,13 @@ def motion(state: FilterState, rate_rad_s: Vec3, ahead_s: float) -> Motion:
 
 
 @inlined
+def raw_figures(reference: ReferenceParams, smooth_error: float) -> Figures:
+    """What raw vectors tell about themselves: their mean e is sin^2 of half an angle."""
+    sigma = at_most_half_turn(at_least(2.0 * asin(sqrt(smooth_error))))
+    return reference.s_gravity, reference.s_magnetic, sigma, sigma
+
+
+@inlined
 def conditioned_figures(seen: Conditioned) -> Figures:
     """What the conditioning stage knows about confidence and heading."""
     return (
@@ -37,20 +45,18 @@ def conditioned_figures(seen: Conditioned) -> Figures:
         seen.magnetic_confidence,
         at_least(seen.sigma_inclination_rad),
         at_most_half_turn(at_least(seen.sigma_heading_rad)),
-        seen.magnetic_weight > 0.0,
     )
 
 
 @inlined
 def aided_figures(aided: AidingState) -> Figures:
-    """What the velocity aiding knows; without a field the heading is the reports'."""
-    inclination, heading = aided.sigma_inclination_rad, aided.sigma_heading_rad
+    """What the velocity aiding knows."""
+    inclination, heading = aided.sigma.inclination_rad, aided.sigma.heading_rad
     return (
         confidence(inclination, GRAVITY_HALF_RAD),
         confidence(heading, MAGNETIC_HALF_RAD),
         at_most_half_turn(at_least(inclination)),
         at_most_half_turn(at_least(heading)),
-        True,
     )
 
 

@@ -2,12 +2,11 @@
 
 from math import isfinite
 
-from estimator.aiding import Report
-from estimator.types import ZERO_VEC3, VelocitySample
+from estimator.aiding.types import NO_REPORT, Report
+from estimator.types import VelocitySample
 
 Reports = tuple[VelocitySample, ...]
 
-NO_REPORT = Report(False, ZERO_VEC3, False, 0.0, 0.0, 0.0)
 # Reports come about as often as IMU samples do; of more than this the oldest are dropped.
 MOST_WAITING = 8
 # Faster than sound in air: no vehicle this is for.
@@ -42,5 +41,12 @@ def take_due(waiting: Reports, time_us: int, oldest_s: float) -> tuple[Report, R
     ago_s = 1e-6 * (time_us - latest.time_us)
     if ago_s > oldest_s:
         return NO_REPORT, ahead
-    velocity, vertical = latest.velocity_ned_m_s, latest.has_vertical
-    return Report(True, velocity, vertical, latest.sigma_m_s, ago_s, latest.late_sigma_s), ahead
+    report = Report(
+        given=True,
+        velocity_ned_m_s=latest.velocity_ned_m_s,
+        has_vertical=latest.has_vertical,
+        sigma_m_s=latest.sigma_m_s,
+        ago_s=ago_s,
+        late_sigma_s=latest.late_sigma_s,
+    )
+    return report, ahead

@@ -1,6 +1,6 @@
-"""The conditioned filter's state, resident in compiled memory.
+"""The core, resident in compiled memory.
 
-The state is some two hundred numbers, with velocity aiding five hundred. To
+The core is some two hundred numbers, with velocity aiding five hundred. To
 hand them to a compiled step and take them back costs Python fifty microseconds
 and more, the step itself about one. So an estimator leaves them inside and
 hands over samples only; all of it can be taken out and put back at any time.
@@ -12,40 +12,65 @@ import numba
 from numba.core import types
 from numba.experimental import structref
 
-from estimator.aiding import AidingParams, AidingState, Report, is_credible, take_late_report
-from estimator.aiding.search import EMPTY_SEARCH, Search, add_report, add_sample
-from estimator.aiding.types import Array
+from estimator.aiding import (
+    AidingParams,
+    Report,
+    Surroundings,
+    aid,
+    is_credible,
+    take_late_report,
+)
+from estimator.aiding.search import EMPTY_SEARCH, add_report, add_sample
+from estimator.aiding.types import NO_REPORT
 from estimator.compilation.compiled import compiled
 from estimator.conditioning.condition import condition
-from estimator.conditioning.types import Conditioned, ConditioningParams, ConditioningState
+from estimator.conditioning.types import ConditioningParams
+from estimator.filter import kernel
 from estimator.filter.observation import ReferenceParams
-from estimator.filter.types import FilterParams, FilterState
+from estimator.filter.types import FilterParams
 from estimator.geometry.quaternion import subtract
-from estimator.live.aided import aided_step
+from estimator.live.aided import follow_aided, horizontal_north
 from estimator.live.conditioned import follow_conditioned
-from estimator.live.published import Figures, Motion, aided_figures, conditioned_figures, motion
-from estimator.live.reports import NO_REPORT
-from estimator.types import ZERO_VEC3, Vec3
+from estimator.live.core import Core, flat, square
+from estimator.live.published import (
+    Figures,
+    Motion,
+    aided_figures,
+    conditioned_figures,
+    motion,
+    raw_figures,
+)
+from estimator.live.settings import Settings
+from estimator.types import ZERO_VEC3, Sample, Vec3
 
 # numba ships no types
 _numba_config: Any = numba.config
 _typeof: Any = numba.typeof
 
+# Time over which e is averaged for the sigma of raw vectors: one sample's e is mostly its noise.
+SIGMA_TIME_S = 1.0
 
-class Contents(NamedTuple):
-    """What is inside. ``aided`` and its ``covariance`` count only while velocity helps."""
+# What a sample has said about the heading by the field.
+NO_HEADING = 0
+HEADING = 1
+FIRST_HEADING = 2
 
-    params: FilterParams
+# What the filter's vectors come from.
+RAW = 0
+CONDITIONED = 1
+AIDED = 2
+
+
+class Params(NamedTuple):
+    """What the compiled steps take from the profile."""
+
+    filter: FilterParams
     reference: ReferenceParams
     conditioning: ConditioningParams
     aiding: AidingParams
-    filter: FilterState
-    memory: ConditioningState
-    seen: Conditioned
-    aided: AidingState
-    covariance: Array
-    search: Search
 
+
+FIELDS = ("params", *Core._fields)
 
 if _numba_config.DISABLE_JIT:
 
@@ -53,13 +78,13 @@ if _numba_config.DISABLE_JIT:
         """The same in plain Python."""
 
         def __init__(self, *values: Any) -> None:
-            for name, value in zip(Contents._fields, values, strict=True):
+            for name, value in zip(FIELDS, values, strict=True):
                 setattr(self, name, value)
 
 else:
 
     class Resident(structref.StructRefProxy):  # type: ignore[no-redef]
-        """A handle on the :class:`Contents`; made by :func:`resident`."""
+        """A handle on ``params`` and the fields of a :class:`Core`; made by :func:`resident`."""
 
     @structref.register
     class ResidentType(types.StructRef):
@@ -68,59 +93,102 @@ else:
     _structref: Any = structref
     _resident_type: Any = ResidentType
     _structref.define_boxing(ResidentType, Resident)
-    _structref.define_constructor(Resident, ResidentType, list(Contents._fields))
+    _structref.define_constructor(Resident, ResidentType, list(FIELDS))
 
 
-def arguments_of(contents: Contents) -> dict[Any, tuple[Any, ...]]:
+def params_of(settings: Settings) -> Params:
+    """What the kernels take of the settings."""
+    return Params(settings.filter, settings.reference, settings.conditioning, settings.aiding)
+
+
+def arguments_of(settings: Settings, core: Core) -> dict[Any, tuple[Any, ...]]:
     """What numba calls the types that each kernel here is called with; not in plain Python."""
-    fields = zip(Contents._fields, contents, strict=True)
+    values = (params_of(settings), core._replace(covariance=square(core.covariance)))
+    fields = zip(FIELDS, (values[0], *values[1]), strict=True)
     inside = _resident_type([(name, _typeof(value)) for name, value in fields])
     vector, number, flag = _typeof(ZERO_VEC3), types.float64, types.boolean
-    sample = (vector, vector, vector, flag, number)
+    readings = (vector, vector, vector, flag, number)
     report = _typeof(NO_REPORT)
     return {
-        resident: (_typeof(contents),),
-        contents_of: (inside,),
-        advance: (inside, *sample, flag),
-        advance_aided: (inside, *sample, report, flag),
-        hear_inside: (inside, report),
-        search_inside: (inside, report),
-        published_inside: (inside, vector, number, flag),
+        resident: tuple(_typeof(value) for value in values),
+        contents: (inside,),
+        advance_raw: (inside, *readings),
+        advance: (inside, *readings, flag),
+        advance_aided: (inside, report, flag),
+        hear: (inside, report),
+        search: (inside, report),
+        publish: (inside, number, types.intp),
     }
 
 
+class Holder:
+    """A core: in compiled memory from its first step on, a tuple whenever it is asked for."""
+
+    def __init__(self, settings: Settings, core: Core) -> None:
+        self._params = params_of(settings)
+        self._core = core
+        self._inside: Any = None
+
+    @property
+    def core(self) -> Core:
+        """The core as it is now."""
+        if self._inside is None:
+            return self._core
+        core: Core = contents(self._inside)
+        return core._replace(covariance=flat(core.covariance))
+
+    @property
+    def inside(self) -> Any:
+        """The handle that the compiled steps take."""
+        if self._inside is None:
+            covariance = square(self._core.covariance)
+            self._inside = resident(self._params, self._core._replace(covariance=covariance))
+        return self._inside
+
+
 @compiled
-def resident(contents: Contents) -> Any:
+def resident(params: Params, core: Core) -> Any:
     """Put everything inside."""
     return Resident(
-        contents.params,
-        contents.reference,
-        contents.conditioning,
-        contents.aiding,
-        contents.filter,
-        contents.memory,
-        contents.seen,
-        contents.aided,
-        contents.covariance,
-        contents.search,
+        params,
+        core.sample,
+        core.filter,
+        core.smooth_error,
+        core.conditioning,
+        core.seen,
+        core.search,
+        core.aided,
+        core.covariance,
     )
 
 
 @compiled
-def contents_of(inside: Any) -> Contents:
-    """Take everything out; the covariance is a copy."""
-    return Contents(
-        inside.params,
-        inside.reference,
-        inside.conditioning,
-        inside.aiding,
-        inside.filter,
-        inside.memory,
-        inside.seen,
-        inside.aided,
-        inside.covariance.copy(),
-        inside.search,
+def contents(inside: Any) -> Core:
+    """Take the core out; the covariance is a copy."""
+    return Core(
+        sample=inside.sample,
+        filter=inside.filter,
+        smooth_error=inside.smooth_error,
+        conditioning=inside.conditioning,
+        seen=inside.seen,
+        search=inside.search,
+        aided=inside.aided,
+        covariance=inside.covariance.copy(),
     )
+
+
+@compiled
+def advance_raw(
+    inside: Any, gyr_rad_s: Vec3, acc_m_s2: Vec3, mag: Vec3, has_mag: bool, dt_s: float
+) -> None:
+    """One sample of raw vectors, ``dt_s`` after the one before."""
+    sample = Sample(gyr_rad_s, acc_m_s2, mag, has_mag, dt_s)
+    params = inside.params
+    state = kernel.step(params.filter, params.reference, inside.filter, sample)
+    before = inside.smooth_error
+    inside.smooth_error = before + dt_s / (SIGMA_TIME_S + dt_s) * (state.error - before)
+    inside.filter = state
+    inside.sample = sample
 
 
 @compiled
@@ -130,92 +198,86 @@ def advance(
     acc_m_s2: Vec3,
     mag: Vec3,
     has_mag: bool,
-    dt: float,
-    follow: bool,
-) -> bool:
-    """One sample, ``dt`` after the one before; whether there is a heading now.
+    dt_s: float,
+    is_aided: bool,
+) -> int:
+    """One conditioned sample, ``dt_s`` after the one before; what it says about the heading.
 
-    Without ``follow`` the filter waits for the same sample's :func:`advance_aided`.
+    Where it ``is_aided`` the filter waits for :func:`advance_aided`.
     """
-    memory, seen = condition(
-        inside.conditioning, inside.memory, gyr_rad_s, acc_m_s2, mag, has_mag, dt
-    )
-    inside.memory = memory
+    sample = Sample(gyr_rad_s, acc_m_s2, mag, has_mag, dt_s)
+    inside.sample = sample
+    had_heading = inside.seen.has_heading
+    params = inside.params
+    memory, seen = condition(params.conditioning, inside.conditioning, sample)
+    inside.conditioning = memory
     inside.seen = seen
-    if follow:
-        inside.filter = follow_conditioned(inside.params, inside.reference, inside.filter, seen, dt)
-        if dt > inside.aiding.gap_s:  # how the vehicle has turned meanwhile is not known
+    if not is_aided:
+        state = follow_conditioned(params.filter, params.reference, inside.filter, seen, dt_s)
+        inside.filter = state
+        inside.smooth_error = state.error
+        if dt_s > params.aiding.gap_s:  # how the vehicle has turned meanwhile is not known
             inside.search = EMPTY_SEARCH
         else:
-            inside.search = add_sample(inside.search, memory.gravity.q_g_frd, acc_m_s2, dt)
-    return bool(seen.magnetic_weight > 0.0)
+            inside.search = add_sample(inside.search, memory.gravity.q_g_frd, acc_m_s2, dt_s)
+    if not seen.has_heading:
+        return NO_HEADING
+    return HEADING if had_heading else FIRST_HEADING
 
 
 @compiled
-def advance_aided(
-    inside: Any,
-    gyr_rad_s: Vec3,
-    acc_m_s2: Vec3,
-    mag: Vec3,
-    has_mag: bool,
-    dt: float,
-    report: Report,
-    knows_north: bool,
-) -> bool:
-    """The same sample with the velocity report that belongs to it, if any; whether to go on aided.
+def advance_aided(inside: Any, report: Report, knows_north: bool) -> bool:
+    """The last sample with the velocity report that belongs to it, if any; whether to go on aided.
 
     A kernel of its own: all in one would compile the conditioning stage twice.
     """
-    state, aided, covariance = aided_step(
-        inside.params,
-        inside.reference,
-        inside.aiding,
-        inside.filter,
-        inside.aided,
-        inside.covariance,
-        inside.seen.gravity_b,
-        gyr_rad_s,
-        acc_m_s2,
-        mag,
-        has_mag,
-        dt,
-        report,
-        knows_north,
+    params = inside.params
+    reference = params.reference
+    others = Surroundings(inside.seen.gravity_b, horizontal_north(reference, knows_north))
+    aided, covariance = aid(
+        params.aiding, inside.aided, inside.covariance, inside.sample, report, others
     )
+    before = inside.aided.estimate.q_ned_frd
+    state = follow_aided(params.filter, reference, inside.filter, aided, knows_north, before)
     inside.filter = state
+    inside.smooth_error = state.error
     inside.aided = aided
     inside.covariance = covariance
-    return bool(is_credible(inside.aiding, aided))
+    return bool(is_credible(params.aiding, aided))
 
 
 @compiled
-def hear_inside(inside: Any, report: Report) -> None:
-    """A report that belongs to the last sample."""
+def hear(inside: Any, report: Report) -> None:
+    """A report that belongs to the last sample, and comes behind it."""
     aided, covariance = take_late_report(
-        inside.aiding, inside.aided, inside.covariance, inside.seen.gravity_b, report
+        inside.params.aiding, inside.aided, inside.covariance, inside.seen.gravity_b, report
     )
     inside.aided = aided
     inside.covariance = covariance
 
 
 @compiled
-def search_inside(inside: Any, report: Report) -> bool:
+def search(inside: Any, report: Report) -> bool:
     """A report while there is no aiding; whether it may have shown the attitude."""
-    search, closed = add_report(inside.search, report, inside.aiding.report_lag_s)
-    inside.search = search
+    found, closed = add_report(inside.search, report, inside.params.aiding.report_lag_s)
+    inside.search = found
     return closed
 
 
 @compiled
-def published_inside(
-    inside: Any, gyr_rad_s: Vec3, ahead_s: float, is_aided: bool
-) -> tuple[Motion, Figures]:
+def publish(inside: Any, ahead_s: float, source: int) -> tuple[Motion, Figures, bool]:
     """What there is to publish, turned ``ahead_s`` beyond the last sample.
 
-    Some twenty numbers: whole states would cost more to hand over than to compute.
+    ``source`` is what the filter's vectors come from. The last value tells whether the field
+    has told a heading. Some twenty numbers: a whole core would cost more to hand over than
+    to compute.
     """
-    figures = aided_figures(inside.aided) if is_aided else conditioned_figures(inside.seen)
-    if is_aided:
-        ahead_s += inside.aided.imu_lag_s  # the samples are that old
-    rate_rad_s = subtract(gyr_rad_s, inside.filter.gyr_bias_rad_s)
-    return motion(inside.filter, rate_rad_s, ahead_s), figures
+    if source == AIDED:
+        figures = aided_figures(inside.aided)
+        ahead_s += inside.aided.estimate.imu_lag_s  # the samples are that old
+    elif source == CONDITIONED:
+        figures = conditioned_figures(inside.seen)
+    else:
+        figures = raw_figures(inside.params.reference, inside.smooth_error)
+    rate_rad_s = subtract(inside.sample.gyr_rad_s, inside.filter.gyr_bias_rad_s)
+    return motion(inside.filter, rate_rad_s, ahead_s), figures, inside.seen.has_heading

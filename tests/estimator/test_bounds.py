@@ -6,6 +6,7 @@ import random
 import numba
 import pytest
 
+from estimator.aiding.phase import Phase
 from estimator.aiding.types import AidingParams
 from estimator.bounds import bounds_of
 from estimator.conditioning.types import ConditioningParams
@@ -45,7 +46,7 @@ def start():
         estimator.update(sample)
         for report in reports.get(k, []):
             estimator.update_velocity(report)
-    assert estimator.snapshot.aided is not None
+    assert estimator.snapshot.context.phase is Phase.AIDED
     rest = [(sample, reports.get(k, [])) for k, sample in enumerate(flight.samples)]
     return estimator.profile, estimator.snapshot, rest[BEFORE : BEFORE + AFTER]
 

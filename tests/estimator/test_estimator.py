@@ -136,7 +136,7 @@ def test_a_restored_snapshot_publishes_the_same(profile):
     estimator = fed(profile, samples(100))
     restored = Estimator(profile)
     restored.snapshot = estimator.snapshot
-    time_us = estimator.snapshot.time_us + 4_000
+    time_us = estimator.snapshot.context.time_us + 4_000
     assert_attitudes_equal(restored.attitude(time_us), estimator.attitude(time_us))
 
 
@@ -147,9 +147,10 @@ def test_replacing_the_profile_keeps_the_estimate(profile):
     slower = merge_profile(profile, {"filter": {"rate_time_constant_s": 0.6}})
     estimator.replace_profile(slower)
     assert estimator.profile is slower
-    derived = before.conditioning.coefficients  # follows from the parameters, is no estimate
+    derived = before.core.conditioning.coefficients  # of the parameters, no estimate
     now = estimator.snapshot
-    assert now._replace(conditioning=now.conditioning._replace(coefficients=derived)) == before
+    memory = now.core.conditioning._replace(coefficients=derived)
+    assert now._replace(core=now.core._replace(conditioning=memory)) == before
     differs = False
     for sample in stream[200:]:
         estimator.update(sample)
@@ -167,7 +168,9 @@ def test_new_conditioning_parameters_count_at_once_though_the_rate_stays():
     for sample in stream[200:210]:
         changed.update(sample)
         untouched.update(sample)
-    assert changed.snapshot.conditioning.gravity != untouched.snapshot.conditioning.gravity
+    assert (
+        changed.snapshot.core.conditioning.gravity != untouched.snapshot.core.conditioning.gravity
+    )
 
 
 def test_replacing_by_the_same_profile_changes_nothing(profile):
@@ -215,7 +218,7 @@ def test_output_propagation_never_enters_the_state(asked):
 def test_output_is_propagated_with_the_last_rate_up_to_the_horizon():
     turning = LEVEL._replace(gyr_rad_s=(0.0, 0.0, 0.5))
     estimator = fed(load_profile("imu"), [LEVEL, turning._replace(time_us=1_010_000)])
-    at = estimator.snapshot.time_us
+    at = estimator.snapshot.context.time_us
     now = estimator.attitude(at)
     for ahead_s in (0.0, 0.01, 0.5, OUTPUT_HORIZON_S):
         later = estimator.attitude(at + round(1e6 * ahead_s))

@@ -41,11 +41,11 @@ def simulated():
 
 def predicted(estimator, sample):
     """The estimate at a sample that the estimator has not taken yet."""
-    now = estimator.snapshot
-    if not now.aligned:
+    if not estimator.aligned:
         return settings_of(PAPER).initial
-    dt = 1e-6 * (sample.time_us - now.time_us)
-    return kernel.propagate(now.filter, sample.gyr_rad_s, dt).q_ned_frd
+    now = estimator.snapshot
+    dt = 1e-6 * (sample.time_us - now.context.time_us)
+    return kernel.propagate(now.core.filter, sample.gyr_rad_s, dt).q_ned_frd
 
 
 def cost(estimates, simulated):

@@ -48,14 +48,14 @@ def test_another_profile_goes_on_from_the_same_estimate(name):
     now_us = START_US + 5_000_000
     (shown,) = [o.record for o in pipeline.tick(now_us) if _is_attitude(o)]
     pipeline.replace_profile(ONE, {"filter": {"gamma": 0.0}, "confidence": {"magnetic": 0.2}})
-    assert vehicle.estimator.snapshot.filter == before.filter
+    assert vehicle.estimator.snapshot.core.filter == before.core.filter
     (after,) = [o.record for o in pipeline.tick(now_us) if _is_attitude(o)]
     assert angle_rad(shown.q_ned_frd, after.q_ned_frd) < 1e-12
     assert after.sequence == shown.sequence + 1
     pipeline.handle(events[-1])
-    bias = vehicle.estimator.snapshot.filter.gyr_bias_rad_s
+    bias = vehicle.estimator.snapshot.core.filter.gyr_bias_rad_s
     if name == "paper":  # the conditioning has a second way to the bias
-        assert bias == before.filter.gyr_bias_rad_s  # gamma 0: the new profile counts at once
+        assert bias == before.core.filter.gyr_bias_rad_s  # gamma 0: the new profile counts at once
 
 
 def _is_attitude(output):

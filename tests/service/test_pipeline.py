@@ -268,10 +268,9 @@ def test_a_flood_of_profiles_is_told_a_few_times():
 def test_an_estimate_that_is_not_finite_is_not_published():
     pipeline = fed(imu_events(10))
     estimator = pipeline.vehicle(ONE).estimator
-    state = estimator.snapshot.filter
-    estimator.snapshot = estimator.snapshot._replace(
-        filter=state._replace(gyr_bias_rad_s=(math.nan, 0.0, 0.0))
-    )
+    now = estimator.snapshot
+    state = now.core.filter._replace(gyr_bias_rad_s=(math.nan, 0.0, 0.0))
+    estimator.snapshot = now._replace(core=now.core._replace(filter=state))
     assert attitudes(pipeline.tick(START_US + 100_000)) == []
     assert pipeline.vehicle(ONE).rejected == {"estimate_not_finite": 1}
     for event in imu_events(5, start_us=START_US + 100_000):

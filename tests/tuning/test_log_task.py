@@ -134,9 +134,10 @@ def plain_cost(profile, data, chosen):
         if i in starts:
             now = estimator.snapshot
             wrong = initial_state(tuple(steps.start[i].tolist()))
-            vectors = conditioned_vectors(settings.reference, now.seen)
-            estimator.snapshot = now._replace(filter=correct(settings.filter, wrong, vectors, 0.0))
-        q = estimator.snapshot.filter.q_ned_frd
+            vectors = conditioned_vectors(settings.reference, now.core.seen)
+            state = correct(settings.filter, wrong, vectors, 0.0)
+            estimator.snapshot = now._replace(core=now.core._replace(filter=state))
+        q = estimator.snapshot.core.filter.q_ned_frd
         if steps.weight[i] > 0.0:
             total += steps.weight[i] * normalized_distance(tuple(data.truth[i].tolist()), q)
     return total

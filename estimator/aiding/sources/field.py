@@ -5,22 +5,29 @@ from math import atan2, sqrt
 import numpy as np
 
 from estimator.aiding.covariance import expected_variance, learn, rotation_matrix
+from estimator.aiding.inertial import Prediction
 from estimator.aiding.types import (
     EARTH,
     FIELD_LAG,
     HARD_IRON,
     SIZE,
     TURN,
+    AidingEstimate,
     AidingParams,
     Array,
-    Calibration,
+    FieldResidual,
     FieldState,
     Two,
 )
 from estimator.compilation.compiled import inlined
-from estimator.conditioning.magnetic import LEAST_HORIZONTAL
+from estimator.conditioning.magnetic import (
+    LEAST_HORIZONTAL,
+    confidence_of,
+    horizontal_down,
+)
+from estimator.conditioning.types import FieldLook
 from estimator.geometry.quaternion import cross, dot, exp, multiply, rotate, scale, subtract
-from estimator.types import Quaternion, Vec3
+from estimator.types import Sample, Vec3
 
 FIELD_TAU_S = 0.05  # low-pass of norm and dip
 RESIDUAL_TAU_S = 5.0
@@ -41,14 +48,11 @@ LINEAR_SIGMA_RAD = 0.35
 def wait_for_field(state: FieldState, dt: float) -> FieldState:
     """Only time passes."""
     return FieldState(
-        state.horizontal,
-        state.down,
-        state.samples,
-        state.wait_s + dt,
-        state.confidence,
-        state.residual_rad,
-        state.residual_square,
-        state.doubt_s,
+        look=state.look,
+        residual=state.residual,
+        samples=state.samples,
+        wait_s=state.wait_s + dt,
+        doubt_s=state.doubt_s,
     )
 
 
@@ -58,31 +62,28 @@ def judge_field(
 ) -> FieldState:
     """Norm and dip against the place's field, as for the unaided field.
 
-    D^2 = ((n - n_r)/(s_n n_r))^2 + (sin(d - d_r)/s_d)^2, c = 1/(1 + D^2)^2, both scales widened
-    by what ``variance`` (of one part of the field, as far as it is learnt) makes of them.
+    Both scales are widened by what ``variance`` (of one part of the field, as far as it is
+    learnt) makes of them.
     """
-    h, v = sqrt(seen[0] * seen[0] + seen[1] * seen[1]), seen[2]
     wait = min(state.wait_s, 1.0)
     a = wait / (FIELD_TAU_S + wait) if state.samples > 0.0 else 1.0
-    smooth_h = state.horizontal + a * (h - state.horizontal)
-    smooth_v = state.down + a * (v - state.down)
-    h_r, v_r = sqrt(expected[0] * expected[0] + expected[1] * expected[1]), expected[2]
+    h, v = horizontal_down(seen)
+    h = state.look.horizontal + a * (h - state.look.horizontal)
+    v = state.look.down + a * (v - state.look.down)
+    h_r, v_r = horizontal_down(expected)
     n_r = sqrt(h_r * h_r + v_r * v_r)
-    n = max(sqrt(smooth_h * smooth_h + smooth_v * smooth_v), LEAST_SHARE * n_r)
+    n = max(sqrt(h * h + v * v), LEAST_SHARE * n_r)
     unsure = sqrt(variance) / n_r
     off_norm = (n - n_r) / ((params.field_norm_scale + unsure) * n_r)
-    off_dip = (smooth_v * h_r - smooth_h * v_r) / (n * n_r)
+    off_dip = (v * h_r - h * v_r) / (n * n_r)
     off_dip /= params.field_dip_scale_rad + unsure
-    confidence = 1.0 / (1.0 + off_norm * off_norm + off_dip * off_dip) ** 2
+    look = FieldLook(horizontal=h, down=v, confidence=confidence_of(off_norm, off_dip))
     return FieldState(
-        smooth_h,
-        smooth_v,
-        state.samples + 1.0,
-        0.0,
-        confidence,
-        state.residual_rad,
-        state.residual_square,
-        state.doubt_s,
+        look=look,
+        residual=state.residual,
+        samples=state.samples + 1.0,
+        wait_s=0.0,
+        doubt_s=state.doubt_s,
     )
 
 
@@ -121,7 +122,13 @@ def begin_field(state: FieldState, R: Array, F: Vec3, north: Two, P: Array, x: A
     x[EARTH] = h * c
     x[EARTH + 1] = h * s
     x[EARTH + 2] = F[2]
-    return FieldState(h, F[2], 1.0, 0.0, 1.0, 0.0, 0.0, state.doubt_s)
+    return FieldState(
+        look=FieldLook(horizontal=h, down=F[2], confidence=1.0),
+        residual=FieldResidual(slow_rad=0.0, square=0.0),
+        samples=1.0,
+        wait_s=0.0,
+        doubt_s=state.doubt_s,
+    )
 
 
 @inlined
@@ -135,12 +142,10 @@ def correlate(P: Array, i: int, j: int, covariance: float) -> None:
 def observe_heading(
     params: AidingParams,
     field: FieldState,
-    calibration: Calibration,
-    q_ned_frd: Quaternion,
+    estimate: AidingEstimate,
+    now: Prediction,
     north: Two,
-    gyr: Vec3,
-    mag: Vec3,
-    P: Array,
+    sample: Sample,
     x: Array,
 ) -> FieldState:
     """Three scalar updates: the field, turned to NED, is the place's own.
@@ -151,15 +156,16 @@ def observe_heading(
     in, and the covariance knows); along it and down it tells the hard iron and the field
     itself, while the tilt, which velocity knows better, only makes it less certain.
     """
-    rate = subtract(gyr, calibration.gyr_bias_rad_s)
-    m = subtract(mag, calibration.hard_iron_gauss)
-    q_then = multiply(q_ned_frd, exp(scale(-calibration.lag_s, rate)))
+    P = now.covariance
+    rate = subtract(sample.gyr_rad_s, estimate.gyr_bias_rad_s)
+    m = subtract(sample.mag, estimate.hard_iron_gauss)
+    q_then = multiply(now.q_ned_frd, exp(scale(-estimate.field_lag_s, rate)))
     F = rotate(q_then, m)
     dF = rotate(q_then, cross(rate, m))
     R = rotation_matrix(q_then)
     if field.samples == 0.0:
         return begin_field(field, R, F, north, P, x)
-    E = calibration.earth_gauss
+    E = estimate.earth_gauss
     wait = min(field.wait_s, 1.0)
     learnt = P[EARTH + 2, EARTH + 2] + P[HARD_IRON, HARD_IRON]
     field = judge_field(params, field, F, E, learnt)
@@ -168,7 +174,7 @@ def observe_heading(
         return field
     c, s = E[0] / H, E[1] / H
     F_along, F_across = c * F[0] + s * F[1], c * F[1] - s * F[0]
-    noise = params.heading_noise**2 / (wait * max(field.confidence, LEAST_CONFIDENCE))
+    noise = params.heading_noise**2 / (wait * max(field.look.confidence, LEAST_CONFIDENCE))
     across = field_row(R, dF, (-s / H, c / H, 0.0))
     across[TURN] = -c * F[2] / H
     across[TURN + 1] = -s * F[2] / H
@@ -247,17 +253,16 @@ def learn_declination(P: Array, x: Array, E: Vec3, north: Two, wait: float) -> N
 def update_residual(field: FieldState, off: float, far: bool, wait: float) -> FieldState:
     """The slow part of the residual: noise averages out, a wrong field does not."""
     clipped = max(-RESIDUAL_CLIP_RAD, min(RESIDUAL_CLIP_RAD, off))
-    slow = field.residual_rad
+    slow = field.residual.slow_rad
     slow += wait / (wait + RESIDUAL_TAU_S) * (clipped - slow)
     share = max(wait / (wait + RESIDUAL_MEMORY_S), 1.0 / field.samples)
-    square = field.residual_square + share * (slow * slow - field.residual_square)
+    square = field.residual.square
+    square += share * (slow * slow - square)
+    doubt_s = field.doubt_s + wait if far else max(0.0, field.doubt_s - wait)
     return FieldState(
-        field.horizontal,
-        field.down,
-        field.samples,
-        field.wait_s,
-        field.confidence,
-        slow,
-        square,
-        field.doubt_s + wait if far else max(0.0, field.doubt_s - wait),
+        look=field.look,
+        residual=FieldResidual(slow_rad=slow, square=square),
+        samples=field.samples,
+        wait_s=field.wait_s,
+        doubt_s=doubt_s,
     )

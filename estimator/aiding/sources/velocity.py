@@ -11,13 +11,13 @@ from estimator.aiding.types import (
     IMU_LAG,
     REPORT_LAG,
     SIZE,
-    TURN,
     VELOCITY,
     Agreement,
     AidingParams,
     AidingState,
     Array,
     Report,
+    Scatter,
 )
 from estimator.compilation.compiled import inlined
 from estimator.geometry.quaternion import add, rotate, scale, subtract
@@ -45,15 +45,7 @@ class Step(NamedTuple):
 @inlined
 def wait_for_report(state: Agreement, dt: float) -> Agreement:
     """Only time passes."""
-    return Agreement(
-        state.noise_scale,
-        state.innovation,
-        state.correlation,
-        state.last,
-        state.reports,
-        state.wait_s + dt,
-        state.doubt_s,
-    )
+    return Agreement(state.scatter, state.wait_s + dt, state.doubt_s)
 
 
 @inlined
@@ -72,7 +64,6 @@ def observe_velocity(
     step: Step,
     report: Report,
     gravity_b: Vec3,
-    P: Array,
     x: Array,
 ) -> Agreement:
     """Three scalar updates (two without the vertical): report = v - a ago + a lag + error.
@@ -82,10 +73,9 @@ def observe_velocity(
     A report that is far off loosens the velocity, not the attitude: then the
     reports' origin has jumped. The noise scale follows the innovations.
     """
+    P = now.covariance
     dt, force_before = step.dt, step.force_before_ned_m_s2
-    noise_scale, innovation = agreement.noise_scale, agreement.innovation
-    reports, correlation = agreement.reports, agreement.correlation
-    before, now_x, now_y, now_z = agreement.last, 0.0, 0.0, 0.0
+    noise_scale, innovation, reports = agreement.scatter
     wait = min(agreement.wait_s, 1.0)
     share = wait / (wait + INNOVATION_TAU_S) / 3.0
     accuracy = max(1.0, report.sigma_m_s / params.report_sigma_m_s)
@@ -113,16 +103,8 @@ def observe_velocity(
         unit = left / sqrt(expected_variance(P, h, noise))
         square = unit * unit
         unit = max(-INNOVATION_LIMIT, min(INNOVATION_LIMIT, unit))
-        product = unit * before[i]
-        if i == 0:
-            now_x = unit
-        elif i == 1:
-            now_y = unit
-        else:
-            now_z = unit
         reports += 1.0
         innovation += max(share, 1.0 / reports) * (unit * unit - innovation)
-        correlation += max(share, 1.0 / reports) * (product - correlation)
         noise_scale *= 1.0 + (min(square, CLIP) - 1.0) / (3.0 * SCALE_REPORTS)
         noise_scale = min(max(noise_scale, 1.0), LARGEST_SCALE)
         if square > FAR:
@@ -130,26 +112,7 @@ def observe_velocity(
             far = True
         learn(P, x, h, off, noise)
     doubt_s = agreement.doubt_s + wait if far else max(0.0, agreement.doubt_s - wait)
-    last = (now_x, now_y, now_z)
-    return Agreement(noise_scale, innovation, correlation, last, reports, 0.0, doubt_s)
-
-
-@inlined
-def observe_unaided(
-    params: AidingParams, carried: Prediction, gravity_b: Vec3, P: Array, x: Array, dt: float
-) -> None:
-    """In the reports' absence: the unaided gravity, whose error lasts, as a weak measurement.
-
-    R_true gravity_b = z gives turn_east = -d_north and turn_north = d_east with d = R gravity_b.
-    """
-    d = rotate(carried.q_ned_frd, gravity_b)
-    noise = params.unaided_sigma_rad**2 * params.unaided_tau_s / dt
-    h = np.zeros(SIZE)
-    h[TURN + 1] = 1.0
-    learn(P, x, h, -d[0], noise)
-    h[TURN + 1] = 0.0
-    h[TURN] = 1.0
-    learn(P, x, h, d[1], noise)
+    return Agreement(Scatter(noise_scale, innovation, reports), 0.0, doubt_s)
 
 
 @inlined
@@ -159,7 +122,7 @@ def is_credible(params: AidingParams, state: AidingState) -> bool:
     Neither sigma is a number once the covariance has gone wrong.
     """
     agreement = state.agreement
-    if not isfinite(state.sigma_inclination_rad + state.sigma_heading_rad):
+    if not isfinite(state.sigma.inclination_rad + state.sigma.heading_rad):
         return False
     doubt_s = max(agreement.doubt_s, state.field.doubt_s)
     return agreement.wait_s <= params.give_up_s and doubt_s <= params.doubt_s

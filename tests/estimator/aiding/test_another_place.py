@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from estimator.aiding.compass import is_trusted
+from estimator.aiding.phase import Phase
 from estimator.aiding.place import field_at
 from estimator.estimator import Estimator
 from estimator.geometry.metrics import batch_angle_errors, rms
@@ -67,15 +68,15 @@ def test_what_was_concluded_from_a_wrong_place_is_taken_back(place):
     def look(k):
         placing(one, (0, GUINEA), (20, place))(k)
         if k == 19 * SECOND:
-            seen["before"] = is_trusted(one.snapshot.compass, one.snapshot.time_us)
+            seen["before"] = is_trusted(one.snapshot.context.compass, one.snapshot.context.time_us)
         if k == 21 * SECOND:
-            seen["after"] = is_trusted(one.snapshot.compass, one.snapshot.time_us)
+            seen["after"] = is_trusted(one.snapshot.context.compass, one.snapshot.context.time_us)
 
     late = errors_deg(flight, flown(one, flight, after=look), 35.0)
     same = errors_deg(flight, flown(right, flight, after=placing(right, (0, place))), 35.0)
     assert seen == {"before": False, "after": True}
     assert rms(late[:, TOTAL]) < rms(same[:, TOTAL]) + 0.5
-    assert np.linalg.norm(one.snapshot.aided.hard_iron_gauss) < 0.02
+    assert np.linalg.norm(one.snapshot.core.aided.estimate.hard_iron_gauss) < 0.02
 
 
 def test_an_unaided_heading_turns_with_the_declination_of_each_place():
@@ -116,7 +117,7 @@ def test_a_flight_of_some_hundred_kilometres_takes_nothing_back():
     def after(k):
         placing(one, (0, CANBERRA), *steps)(k)
         if k > SECOND:
-            aided.append(one.snapshot.aided is not None)
+            aided.append(one.snapshot.context.phase is Phase.AIDED)
 
     errors = errors_deg(flight, flown(one, flight, after=after), 20.0)
     assert all(aided)

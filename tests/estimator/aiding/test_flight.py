@@ -5,6 +5,7 @@ from math import degrees
 import numpy as np
 import pytest
 
+from estimator.aiding.phase import Phase
 from estimator.aiding.types import SIZE
 from estimator.estimator import Estimator
 from estimator.geometry.metrics import batch_angle_errors, rms
@@ -69,7 +70,7 @@ def test_switched_off_velocity_changes_nothing(flight):
 def test_without_reports_nothing_of_the_aiding_runs(flight):
     unaided = estimator()
     assert flown(unaided, flight, reports=[]) == flown(estimator(enabled=False), flight, reports=[])
-    assert unaided.snapshot.aided is None
+    assert unaided.snapshot.context.phase is not Phase.AIDED
 
 
 def test_a_jump_of_the_reports_is_no_tilt(flight):
@@ -128,19 +129,19 @@ def test_a_report_ahead_of_the_imu_waits(flight):
     flown(one, flight)
     last = flight.samples[-1].time_us
     assert one.update_velocity(VelocitySample(last + 5_000, (20.0, 0.0, 0.0), True, 0.3)) is None
-    assert len(one.snapshot.reports) == 1
+    assert len(one.snapshot.context.reports) == 1
     step_us = flight.samples[1].time_us
     assert one.update(flight.samples[-1]._replace(time_us=last + step_us)) is None
-    assert one.snapshot.reports == ()
+    assert one.snapshot.context.reports == ()
 
 
 def test_a_gap_begins_anew(flight):
     gapped = estimator()
     flown(gapped, flight)
-    assert gapped.snapshot.aided is not None
+    assert gapped.snapshot.context.phase is Phase.AIDED
     later = flight.samples[-1].time_us + 3_000_000
     assert gapped.update(flight.samples[-1]._replace(time_us=later)) is None
-    assert gapped.snapshot.aided is None
+    assert gapped.snapshot.context.phase is not Phase.AIDED
 
 
 def test_a_restored_snapshot_goes_on_with_the_same_results(flight):
@@ -148,7 +149,7 @@ def test_a_restored_snapshot_goes_on_with_the_same_results(flight):
     half = len(flight.samples) // 2
     kept = []
     flown(straight, flight, after=lambda k: kept.append(straight.snapshot) if k == half else None)
-    assert len(kept[0].aided_covariance) == SIZE * SIZE
+    assert len(kept[0].core.covariance) == SIZE * SIZE
     resumed.snapshot = kept[0]
     behind = dict(flight.reports)
     for k in range(half + 1, len(flight.samples)):
@@ -163,6 +164,6 @@ def test_a_restored_snapshot_publishes_the_same(flight):
     flown(straight := estimator(), flight)
     restored = estimator()
     restored.snapshot = straight.snapshot
-    assert restored.snapshot.aided is not None
-    time_us = straight.snapshot.time_us + 4_000
+    assert restored.snapshot.context.phase is Phase.AIDED
+    time_us = straight.snapshot.context.time_us + 4_000
     assert_attitudes_equal(restored.attitude(time_us), straight.attitude(time_us))

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from estimator.aiding import Report
+from estimator.aiding import Report, blank_aiding
 from estimator.aiding.inertial import Prediction
 from estimator.aiding.sources import field, velocity
 from estimator.aiding.types import (
@@ -15,15 +15,14 @@ from estimator.aiding.types import (
     SIZE,
     TURN,
     VELOCITY,
-    Agreement,
     AidingParams,
-    Calibration,
-    FieldState,
 )
+from estimator.conditioning.types import FieldLook
 from estimator.geometry.quaternion import exp, multiply, normalize, rotate, rotate_inverse
-from estimator.types import ZERO_VEC3
+from estimator.types import ZERO_VEC3, Sample
 
 PARAMS = AidingParams()
+BLANK, _ = blank_aiding(PARAMS)
 STEP = 1e-5
 NORTH = (np.cos(0.3), np.sin(0.3))
 LAG_S = 0.09
@@ -73,16 +72,22 @@ def field_observation(rng, learnt, variance=1e-6, turned_rad=0.0):
 
     def observe(change):
         learnt.clear()
-        calibration = Calibration(
-            ZERO_VEC3,
-            floats(iron + change[HARD_IRON : HARD_IRON + 3]),
-            floats(place + change[EARTH : EARTH + 3]),
-            LAG_S + change[FIELD_LAG],
+        estimate = BLANK.estimate._replace(
+            hard_iron_gauss=floats(iron + change[HARD_IRON : HARD_IRON + 3]),
+            earth_gauss=floats(place + change[EARTH : EARTH + 3]),
+            field_lag_s=LAG_S + change[FIELD_LAG],
         )
-        now = multiply(exp(floats(change[TURN : TURN + 3])), q)
-        known = FieldState(0.2, 0.42, 10.0, 0.1, 1.0, 0.0, 0.0, 0.0)
-        P, x = np.eye(SIZE) * variance, np.zeros(SIZE)
-        field.observe_heading(PARAMS, known, calibration, now, NORTH, floats(rate), reading, P, x)
+        now = Prediction(
+            q_ned_frd=multiply(exp(floats(change[TURN : TURN + 3])), q),
+            velocity_ned_m_s=ZERO_VEC3,
+            force_ned_m_s2=ZERO_VEC3,
+            rate_rad_s=ZERO_VEC3,
+            covariance=np.eye(SIZE) * variance,
+        )
+        look = FieldLook(horizontal=0.2, down=0.42, confidence=1.0)
+        known = BLANK.field._replace(look=look, samples=10.0, wait_s=0.1)
+        sample = Sample(floats(rate), ZERO_VEC3, reading, True, 0.02)
+        field.observe_heading(PARAMS, known, estimate, now, NORTH, sample, np.zeros(SIZE))
 
     return observe
 
@@ -122,18 +127,22 @@ def test_velocity(learnt, late_sigma_s):
     q = normalize(floats(rng.standard_normal(4)))
     v, force = 5.0 * rng.standard_normal(3), 3.0 * rng.standard_normal(3)
     report = Report(True, (1.0, 2.0, 3.0), True, 0.3, 0.05, late_sigma_s)
-    agreement = Agreement(1.0, 1.0, 0.0, ZERO_VEC3, 0.0, 0.1, 0.0)
+    agreement = BLANK.agreement._replace(wait_s=0.1)
 
     def observe(change):
         learnt.clear()
-        P, x = np.eye(SIZE) * 1e-6, np.zeros(SIZE)
         now = Prediction(
-            q, floats(v + change[VELOCITY : VELOCITY + 3]), floats(force), ZERO_VEC3, P
+            q_ned_frd=q,
+            velocity_ned_m_s=floats(v + change[VELOCITY : VELOCITY + 3]),
+            force_ned_m_s2=floats(force),
+            rate_rad_s=ZERO_VEC3,
+            covariance=np.eye(SIZE) * 1e-6,
         )
         step = velocity.Step(
             0.02, floats(force + 0.1), 0.012 + change[IMU_LAG], 0.1 + change[REPORT_LAG]
         )
-        velocity.observe_velocity(PARAMS, agreement, now, step, report, (0.0, 0.0, 1.0), P, x)
+        x = np.zeros(SIZE)
+        velocity.observe_velocity(PARAMS, agreement, now, step, report, (0.0, 0.0, 1.0), x)
 
     rows, slopes = rows_and_slopes(
         learnt, observe, (*range(VELOCITY, VELOCITY + 3), IMU_LAG, REPORT_LAG)

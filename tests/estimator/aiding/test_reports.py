@@ -4,9 +4,9 @@ from math import inf, nan
 
 import pytest
 
+from estimator.aiding.types import NO_REPORT
 from estimator.live.reports import (
     MOST_WAITING,
-    NO_REPORT,
     SPEED_LIMIT_M_S,
     enqueue,
     refusal_of_report,

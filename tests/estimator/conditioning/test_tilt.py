@@ -10,7 +10,7 @@ from estimator.conditioning.condition import condition, initial_state
 from estimator.conditioning.tilt import initial_tilt, slowness, step_noise
 from estimator.conditioning.types import Conditioned, ConditioningParams
 from estimator.geometry.quaternion import exp, multiply, normalize, rotate_inverse
-from estimator.types import IDENTITY, STANDARD_GRAVITY_M_S2, ZERO_VEC3, Vec3
+from estimator.types import IDENTITY, STANDARD_GRAVITY_M_S2, ZERO_VEC3, Sample, Vec3
 
 Floats = NDArray[np.float64]
 
@@ -93,7 +93,7 @@ def run(params: ConditioningParams, gyr: Floats, acc: Floats, times_s: Floats) -
     state, seen = initial_state(params), []
     steps = np.diff(times_s, prepend=times_s[0])
     for w, f, dt in zip(vectors(gyr), vectors(acc), steps.tolist(), strict=True):
-        state, one = condition(params, state, w, f, ZERO_VEC3, False, dt)
+        state, one = condition(params, state, Sample(w, f, ZERO_VEC3, False, dt))
         seen.append(one)
     return seen
 

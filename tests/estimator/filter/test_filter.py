@@ -22,6 +22,7 @@ from estimator.geometry.quaternion import (
     scale,
     unit,
 )
+from estimator.types import Sample
 from tests.vocabulary import (
     IDENTITY,
     angle_rad,
@@ -139,7 +140,7 @@ def test_both_forms_agree_over_the_papers_experiment():
         )
         vectors = raw_vectors(PAPER, acc, mag, True)
         plain = reference.correct(FUZZY, reference.propagate(plain, gyr, 0.01), vectors, 0.01)
-        fast = kernel.step(FUZZY, PAPER, fast, gyr, acc, mag, True, 0.01)
+        fast = kernel.step(FUZZY, PAPER, fast, Sample(gyr, acc, mag, True, 0.01))
         assert_attitude_close(plain.q_ned_frd, fast.q_ned_frd, 1e-8)
         assert plain.gain == pytest.approx(fast.gain, rel=1e-6)
 
@@ -599,7 +600,7 @@ wide = st.one_of(floats(-1e300, 1e300), floats(-400.0, 400.0), floats(-1e-300, 1
 def test_kept_finite_for_any_sample_that_is_let_through(gyr, acc, mag, has_mag, dt, q):
     state = initial_state(q)
     for _ in range(3):
-        state = kernel.step(FUZZY, PAPER, state, gyr, acc, mag, has_mag, dt)
+        state = kernel.step(FUZZY, PAPER, state, Sample(gyr, acc, mag, has_mag, dt))
         assert_attitude_close(state.q_ned_frd, state.q_ned_frd, 0.0)
         assert all(isfinite(x) for x in state.gyr_bias_rad_s)
         assert 0.0 <= state.error <= 1.0

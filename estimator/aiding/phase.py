@@ -1,0 +1,51 @@
+"""The phases of an estimate, as far as velocity helps, and the allowed transitions as one table."""
+
+from enum import StrEnum
+
+
+class Phase(StrEnum):
+    """What the filter's vectors come from."""
+
+    EMPTY = "empty"  # there has been no sample yet
+    RAW = "raw"  # from the sensors as they are: the paper's system, which velocity does not help
+    UNAIDED = "unaided"  # from conditioned sensors; no velocity has come
+    SEARCHING = "searching"  # likewise; velocity comes, but there is no heading to begin with
+    AIDED = "aided"  # from the attitude that velocity and the sensors agree on
+
+
+class Cause(StrEnum):
+    """What can happen to a phase."""
+
+    RAW_SAMPLE = "raw sample"  # of a profile whose vectors are the sensors'
+    SAMPLE = "sample"  # of a profile that conditions them
+    REPORT = "report"  # a velocity that nothing can begin with yet
+    BEGIN = "begin"  # a velocity at a time when the heading is known well enough
+    GAP = "gap"  # no sample for so long that the vehicle may have turned anyhow
+    GIVE_UP = "give up"  # no velocity for too long, or it disagrees with the attitude
+    MISLED = "misled"  # the compass that gave the heading turns out not to be calibrated
+    SWITCH_OFF = "switch off"  # by the profile
+
+
+TRANSITIONS: dict[tuple[Phase, Cause], Phase] = {
+    (Phase.EMPTY, Cause.RAW_SAMPLE): Phase.RAW,
+    (Phase.EMPTY, Cause.SAMPLE): Phase.UNAIDED,
+    (Phase.RAW, Cause.SAMPLE): Phase.UNAIDED,
+    (Phase.UNAIDED, Cause.RAW_SAMPLE): Phase.RAW,
+    (Phase.UNAIDED, Cause.REPORT): Phase.SEARCHING,
+    (Phase.UNAIDED, Cause.BEGIN): Phase.AIDED,
+    (Phase.SEARCHING, Cause.RAW_SAMPLE): Phase.RAW,
+    (Phase.SEARCHING, Cause.BEGIN): Phase.AIDED,
+    (Phase.SEARCHING, Cause.GAP): Phase.UNAIDED,
+    (Phase.SEARCHING, Cause.SWITCH_OFF): Phase.UNAIDED,
+    (Phase.AIDED, Cause.RAW_SAMPLE): Phase.RAW,
+    (Phase.AIDED, Cause.GAP): Phase.UNAIDED,
+    (Phase.AIDED, Cause.GIVE_UP): Phase.UNAIDED,
+    (Phase.AIDED, Cause.MISLED): Phase.UNAIDED,
+    (Phase.AIDED, Cause.SWITCH_OFF): Phase.UNAIDED,
+}
+"""Every pair that is not listed leaves the phase as it is."""
+
+
+def after(phase: Phase, cause: Cause) -> Phase:
+    """The phase that follows."""
+    return TRANSITIONS.get((phase, cause), phase)

@@ -1,0 +1,108 @@
+"""What the compiled steps change, as one value, and what can be done to it from outside."""
+
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from estimator import conditioning
+from estimator.aiding import AidingState, blank_aiding, forget_biases
+from estimator.aiding.search import EMPTY_SEARCH, Search
+from estimator.aiding.types import SIZE, Array
+from estimator.conditioning.types import Conditioned, ConditioningState
+from estimator.filter.types import FilterState, initial_state
+from estimator.geometry.quaternion import conjugate, multiply, normalize
+from estimator.live.settings import Settings
+from estimator.types import ZERO_VEC3, Quaternion, Sample
+
+NO_SAMPLE = Sample(gyr_rad_s=ZERO_VEC3, acc_m_s2=ZERO_VEC3, mag=ZERO_VEC3, has_mag=False, dt_s=0.0)
+# What the conditioning stage has said before it was asked.
+UNSEEN = Conditioned(
+    rate_rad_s=ZERO_VEC3,
+    bias_rad_s=ZERO_VEC3,
+    gravity_b=(0.0, 0.0, 1.0),
+    magnetic_b=(1.0, 0.0, 0.0),
+    weight=1.0,
+    has_heading=False,
+    gravity_confidence=0.0,
+    magnetic_confidence=0.0,
+    sigma_inclination_rad=0.0,
+    sigma_heading_rad=0.0,
+)
+
+
+class Core(NamedTuple):
+    """All that the compiled steps change."""
+
+    sample: Sample  # the last one
+    filter: FilterState
+    smooth_error: float  # e averaged over a second while the vectors are raw, otherwise e
+    conditioning: ConditioningState  # as it was before, while the vectors are raw
+    seen: Conditioned  # of the last sample; blank while the vectors are raw
+    search: Search  # for an attitude from velocity alone; empty while velocity helps
+    aided: AidingState  # blank while velocity does not help
+    covariance: Any  # of the aiding's errors: (SIZE, SIZE), in a snapshot row by row
+
+
+def initial_core(settings: Settings) -> Core:
+    """Before the first sample."""
+    aided, covariance = blank_aiding(settings.aiding)
+    return Core(
+        sample=NO_SAMPLE,
+        filter=initial_state(),
+        smooth_error=0.0,
+        conditioning=conditioning.initial_state(settings.conditioning),
+        seen=UNSEEN,
+        search=EMPTY_SEARCH,
+        aided=aided,
+        covariance=flat(covariance),
+    )
+
+
+def square(covariance: tuple[float, ...]) -> Array:
+    """The covariance as an array of ``SIZE`` columns."""
+    return np.array(covariance).reshape(-1, SIZE)
+
+
+def flat(covariance: Array) -> tuple[float, ...]:
+    """Row by row, as a snapshot keeps it."""
+    return tuple(covariance.ravel().tolist())
+
+
+def without_aiding(settings: Settings, now: Core) -> Core:
+    """The same, while velocity does not help."""
+    aided, covariance = blank_aiding(settings.aiding)
+    return now._replace(aided=aided, covariance=flat(covariance))
+
+
+def without_conditioning(settings: Settings, now: Core) -> Core:
+    """The same for raw vectors, to which nothing that conditioning has shown belongs."""
+    return without_aiding(settings, now)._replace(seen=UNSEEN, search=EMPTY_SEARCH)
+
+
+def with_attitude(now: Core, q_ned_frd: Quaternion) -> Core:
+    """The same with another attitude of the filter."""
+    return now._replace(filter=now.filter._replace(q_ned_frd=q_ned_frd))
+
+
+def apply_turn(now: Core, turn_ned: Quaternion, *, is_aided: bool) -> Core:
+    """Every attitude inside turned by the same body rotation: q* K q of the filter's q."""
+    q = now.filter.q_ned_frd
+    turn_frd = multiply(conjugate(q), multiply(turn_ned, q))
+    aided = now.aided
+    if is_aided:
+        estimate = aided.estimate
+        aided_q = normalize(multiply(estimate.q_ned_frd, turn_frd))
+        aided = aided._replace(estimate=estimate._replace(q_ned_frd=aided_q))
+    return with_attitude(now, normalize(multiply(q, turn_frd)))._replace(
+        conditioning=conditioning.apply_turn(now.conditioning, turn_frd), aided=aided
+    )
+
+
+def change_imu(settings: Settings, now: Core, *, is_aided: bool) -> Core:
+    """The same attitude and velocity; the biases of the new sensors are not known yet."""
+    memory = conditioning.forget_bias(settings.conditioning, now.conditioning)
+    now = now._replace(conditioning=memory)
+    if not is_aided:
+        return now
+    aided, P = forget_biases(settings.aiding, now.aided, square(now.covariance))
+    return now._replace(aided=aided, covariance=flat(P))
