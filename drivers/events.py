@@ -10,6 +10,7 @@ Every event but the link's own names the vehicle it came from and carries
 from typing import Literal, NamedTuple
 
 from drivers.value import Value
+from estimator.reasons import Reason
 from estimator.types import ImuSample, Quaternion, VelocitySample
 
 
@@ -110,12 +111,12 @@ class TrackLost(Value, frozen=True):
     vehicle: VehicleId
     arrival_us: int
     message: str
-    reason: str
+    reason: Reason
     blind_s: float
 
 
 class Rejected(Value, frozen=True):
-    """A sample that a check refused; ``reason`` is a short snake_case word to count under.
+    """A sample that a check refused; counted under its ``reason``.
 
     ``message`` names the stream it came in, as in ``Imu``: a zero second IMU
     says nothing about the first.
@@ -123,7 +124,7 @@ class Rejected(Value, frozen=True):
 
     vehicle: VehicleId
     arrival_us: int
-    reason: str
+    reason: Reason
     message: str = ""
 
 
@@ -132,7 +133,7 @@ class RefusedFrames(Value, frozen=True):
 
     vehicle: VehicleId
     arrival_us: int
-    reason: str
+    reason: Reason
     frames: int
 
 

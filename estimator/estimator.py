@@ -44,6 +44,7 @@ from estimator.live.resident import (
 from estimator.live.settings import settings_of
 from estimator.live.snapshot import Context, Snapshot
 from estimator.profile import Profile
+from estimator.reasons import Reason
 from estimator.refusal import refusal, report_in_floats, sample_in_floats
 from estimator.types import Attitude, ImuSample, Quaternion, Sample, VelocitySample
 
@@ -118,7 +119,7 @@ class Estimator:
         """Whether there is an attitude yet."""
         return self._context.phase is not _EMPTY
 
-    def update(self, sample: ImuSample) -> str | None:
+    def update(self, sample: ImuSample) -> Reason | None:
         """Take one sample; None, or the reason why it was refused."""
         reason = refusal(sample)
         if reason is not None:
@@ -127,14 +128,14 @@ class Estimator:
         if not self.aligned:
             self._take_first(sample)
         elif sample.time_us <= self._context.time_us:
-            return "not_later"
+            return Reason.NOT_LATER
         elif self._settings.conditioned:
             self._take_conditioned(sample)
         else:
             self._take_raw(sample)
         return None
 
-    def update_velocity(self, report: VelocitySample) -> str | None:
+    def update_velocity(self, report: VelocitySample) -> Reason | None:
         """Take a velocity report; None, or the reason why it was refused.
 
         One that is ahead of the IMU waits for the sample that reaches it. The

@@ -2,6 +2,7 @@
 
 from math import isfinite
 
+from estimator.reasons import Reason
 from estimator.types import ImuSample, Vec3, VelocitySample
 
 # A rate beyond this is no vehicle's: 70 rad/s is 4000 deg/s, twice the range of common gyroscopes.
@@ -10,8 +11,8 @@ GYR_LIMIT_RAD_S = 70.0
 ACC_LIMIT_M_S2 = 400.0
 
 
-def refusal(sample: ImuSample) -> str | None:
-    """Why a sample cannot be used, in one word to count under; None if it can."""
+def refusal(sample: ImuSample) -> Reason | None:
+    """Why a sample cannot be used, None if it can."""
     gx, gy, gz = sample.gyr_rad_s
     ax, ay, az = sample.acc_m_s2
     mx, my, mz = sample.mag_gauss
@@ -29,10 +30,10 @@ def refusal(sample: ImuSample) -> str | None:
     ):
         return None
     if not all(map(isfinite, (gx, gy, gz, ax, ay, az, mx, my, mz))):
-        return "not_finite"
+        return Reason.NOT_FINITE
     if max(abs(gx), abs(gy), abs(gz)) > GYR_LIMIT_RAD_S:
-        return "gyroscope_out_of_range"
-    return "accelerometer_out_of_range"
+        return Reason.GYROSCOPE_OUT_OF_RANGE
+    return Reason.ACCELEROMETER_OUT_OF_RANGE
 
 
 def sample_in_floats(sample: ImuSample) -> ImuSample:

@@ -31,6 +31,7 @@ from drivers.mavlink.constants import is_autopilot
 from estimator.errors import InputError
 from estimator.estimator import Estimator
 from estimator.profile import Profile, merge_profile
+from estimator.reasons import Reason
 from service.records import Message, Output, Peer, Published, Replaced
 from service.vehicle import Vehicle
 
@@ -63,7 +64,7 @@ class Pipeline:
         self.profile = profile
         self.malformed = 0
         self.refused_vehicles = 0
-        self.refused_frames: Counter[str] = Counter()
+        self.refused_frames: Counter[Reason] = Counter()
         self._system_id = system_id
         self._new_estimator = new_estimator
         self._vehicles: dict[VehicleId, Vehicle] = {}

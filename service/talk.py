@@ -1,11 +1,15 @@
 """Lines about one vehicle, no more than a person can read."""
 
-MOST_LINES = 12  # in a minute; the next one says that there are more, and then it is quiet
+MOST_LINES = 12  # in a minute; one more says that the rest is left out
 MINUTE_US = 60_000_000
+TOO_MANY = f"there were more than {MOST_LINES} within a minute"
 
 
 class Talk:
-    """Passes lines on until there are too many. Time comes in as an argument."""
+    """Passes on as many lines a minute as a person can read, and says how many it left out.
+
+    Time comes in as an argument.
+    """
 
     def __init__(self, who: str) -> None:
         self._who = who
@@ -15,15 +19,15 @@ class Talk:
     def lines(self, texts: list[str], now_us: int) -> list[str]:
         """What is to be said of ``texts`` at ``now_us``."""
         if self._since_us is None or not 0 <= now_us - self._since_us < MINUTE_US:
-            held = max(0, self._lines - MOST_LINES)
+            left_out = max(0, self._lines - MOST_LINES)
             self._since_us, self._lines = now_us, 0
-            if held:
-                texts = [f"{self._who}: {held} lines were not told", *texts]
+            if left_out:
+                texts = [f"{self._who}: {left_out} lines were left out: {TOO_MANY}", *texts]
         said = []
         for text in texts:
             self._lines += 1
             if self._lines <= MOST_LINES:
                 said.append(text)
             elif self._lines == MOST_LINES + 1:
-                said.append(f"{self._who}: and so on, more is not told for a minute")
+                said.append(f"{self._who}: more lines are left out: {TOO_MANY}")
         return said

@@ -15,6 +15,7 @@ from drivers.events import (
 from drivers.mavlink.ardupilot import COMPASS_OFFSETS
 from estimator.estimator import Estimator
 from estimator.profile import Profile
+from estimator.reasons import Reason
 from estimator.types import ImuSample
 from service import health, host_clock, imu_choice, velocity_choice
 from service.attitude_record import Stamp, attitude_record
@@ -28,8 +29,6 @@ from service.velocity_choice import VelocityChoice
 # Enough for a steady median, few enough to follow a stream whose rate was changed.
 PERIODS_KEPT = 51
 MEDIAN_EVERY = 8
-# More reasons than the checks have; a source that invents them must not fill memory.
-MAX_REASONS = 64
 
 
 class Vehicle:
@@ -45,7 +44,7 @@ class Vehicle:
         self.estimator = estimator
         self.samples = 0
         self.attitudes = 0
-        self.rejected: Counter[str] = Counter()
+        self.rejected: Counter[Reason] = Counter()
         self.worst_gap_us = 0
         self._statuses = 0
         self._health = Health()
@@ -166,7 +165,7 @@ class Vehicle:
         )
         record = attitude_record(self.estimator.attitude(time_us), stamp)
         if record is None:
-            self.reject("estimate_not_finite")
+            self.reject(Reason.ESTIMATE_NOT_FINITE)
             self.estimator.restart()
             self._last = None
             return None
@@ -198,10 +197,9 @@ class Vehicle:
         """Rate of the IMU message in use while it came, 0 if unknown."""
         return 1e6 / self.median_period_us if self.median_period_us > 0.0 else 0.0
 
-    def reject(self, reason: str, count: int = 1) -> None:
+    def reject(self, reason: Reason, count: int = 1) -> None:
         """Count refused samples (or frames, which were not even opened)."""
-        known = reason in self.rejected or len(self.rejected) < MAX_REASONS
-        self.rejected[reason if known else "other"] += count
+        self.rejected[reason] += count
 
     def replace_profile(self, profile: Profile) -> None:
         """Use another profile from the next sample on; the estimate stays."""

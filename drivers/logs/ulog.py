@@ -20,6 +20,7 @@ from drivers.samples.navigation import filter_status
 from drivers.samples.rotation import unit_or_none
 from drivers.samples.vehicle_clock import TimeField
 from estimator.errors import InputError
+from estimator.reasons import Reason
 from estimator.types import Quaternion, Vec3
 
 IMU_TOPICS = ("sensor_combined", "vehicle_imu")  # the first that is there is used
@@ -118,7 +119,7 @@ class _Decoder:
         angle_s, velocity_s = row["delta_angle_dt"] * 1e-6, row["delta_velocity_dt"] * 1e-6
         if angle_s <= 0 or velocity_s <= 0:
             arrival_us = self._vehicle.arrival_us(raw_us)
-            return [Rejected(self._vehicle.id, arrival_us, "no_interval", topic)]
+            return [Rejected(self._vehicle.id, arrival_us, Reason.NO_INTERVAL, topic)]
         turn, push = _vector(row, "delta_angle[{}]"), _vector(row, "delta_velocity[{}]")
         gyr = (turn[0] / angle_s, turn[1] / angle_s, turn[2] / angle_s)
         acc = (push[0] / velocity_s, push[1] / velocity_s, push[2] / velocity_s)

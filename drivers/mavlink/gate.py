@@ -7,18 +7,19 @@ from drivers.events import Event, Notice, RefusedFrames, VehicleId
 from drivers.mavlink.framing import Frame
 from drivers.mavlink.signing import SigningCheck
 from drivers.value import Value
+from estimator.reasons import Reason
 
 # Another sender of the same address may take over once the first has been silent for so long
 TAKE_OVER_US = 1_000_000
 MOST_TOLD = 64  # a flood of addresses does not fill memory or the screen
 
 EXPLANATIONS = {
-    "unsigned": "frames without a signature are refused",
-    "wrong_signature": "frames signed with another key are refused",
-    "replayed": "frames with an old time stamp in their signature are refused",
-    "signature_too_old": "its signatures are more than a minute old, set its clock (or ours)",
-    "signature_too_new": "its signatures are from the future, set our clock (or its)",
-    "address_conflict": "a second sender uses the same address and is ignored",
+    Reason.UNSIGNED: "frames without a signature are refused",
+    Reason.WRONG_SIGNATURE: "frames signed with another key are refused",
+    Reason.REPLAYED: "frames with an old time stamp in their signature are refused",
+    Reason.SIGNATURE_TOO_OLD: "its signatures are more than a minute old, set its clock (or ours)",
+    Reason.SIGNATURE_TOO_NEW: "its signatures are from the future, set our clock (or its)",
+    Reason.ADDRESS_CONFLICT: "a second sender uses the same address and is ignored",
 }
 
 
@@ -40,8 +41,8 @@ class FrameGate:
     def __init__(self, policy: Policy) -> None:
         self._policy = policy
         self._senders: dict[tuple[int, int], _Sender] = {}
-        self._refused: Counter[tuple[VehicleId, str]] = Counter()
-        self._told: set[tuple[VehicleId, str]] = set()
+        self._refused: Counter[tuple[VehicleId, Reason]] = Counter()
+        self._told: set[tuple[VehicleId, Reason]] = set()
 
     def lets_in(self, frame: Frame, peer: str, arrival_us: int) -> bool:
         """Whether the frame is good; if not, it is counted."""
@@ -74,10 +75,10 @@ class FrameGate:
             if peer is not None and sender.peer != peer
         }
 
-    def _refusal(self, frame: Frame, peer: str, arrival_us: int) -> str | None:
+    def _refusal(self, frame: Frame, peer: str, arrival_us: int) -> Reason | None:
         systems, signing = self._policy
         if systems is not None and frame.system_id not in systems:
-            return "system_not_allowed"
+            return Reason.SYSTEM_NOT_ALLOWED
         if signing is not None:
             refusal = signing.refusal(frame, arrival_us)
             if refusal is not None:
@@ -86,7 +87,7 @@ class FrameGate:
         sender = self._senders.get(address)
         if sender is not None and sender.peer != peer:
             if 0 <= arrival_us - sender.last_us < TAKE_OVER_US:
-                return "address_conflict"
+                return Reason.ADDRESS_CONFLICT
             sender = None
         if sender is None or sender.last_us != arrival_us:  # once for all frames of a datagram
             self._senders[address] = _Sender(peer, arrival_us)

@@ -13,11 +13,12 @@ import logging
 import os
 from contextlib import suppress
 from pathlib import Path
-from typing import Literal, NamedTuple
+from typing import NamedTuple
 
 from drivers.mavlink.encoder import SIGNING_EPOCH_US, SIGNING_TICK_US
 from drivers.mavlink.framing import SIGNATURE_SIZE, Frame
 from estimator.errors import InputError
+from estimator.reasons import Reason
 
 SIGNATURE_BYTES = 6
 TICKS_PER_S = 1_000_000 // SIGNING_TICK_US
@@ -36,9 +37,6 @@ SHORTEST_TICKS = TICKS_PER_S // 100  # a pace is judged over at least that
 
 OURS = "ours"  # in the file, beside the streams' names
 
-Refusal = Literal[
-    "unsigned", "wrong_signature", "replayed", "signature_too_old", "signature_too_new"
-]
 Stream = tuple[int, int, int]  # system, component, link
 
 _logger = logging.getLogger(__name__)
@@ -91,25 +89,25 @@ class SigningCheck:
                 f"cannot keep the time stamps of signatures in {file}: {error.strerror or error}"
             ) from error
 
-    def refusal(self, frame: Frame, unix_us: int) -> Refusal | None:
+    def refusal(self, frame: Frame, unix_us: int) -> Reason | None:
         """Why ``frame``, which arrived at ``unix_us``, is refused; None if it is good."""
         if not frame.is_signed:
-            return "unsigned"
+            return Reason.UNSIGNED
         data = frame.data
         signature = hashlib.sha256(self._key + data[:-SIGNATURE_BYTES]).digest()[:SIGNATURE_BYTES]
         if not hmac.compare_digest(signature, data[-SIGNATURE_BYTES:]):
-            return "wrong_signature"
+            return Reason.WRONG_SIGNATURE
         block = data[-SIGNATURE_SIZE:]
         stream = (frame.system_id, frame.component_id, block[0])
         ticks = int.from_bytes(block[1:7], "little")
         last = self._last.get(stream)
         if last is not None and ticks <= last.ticks:
-            return "replayed"
+            return Reason.REPLAYED
         lag = _ticks(unix_us) - ticks
         if -lag > AHEAD_LIMIT_TICKS:
-            return "signature_too_new"
+            return Reason.SIGNATURE_TOO_NEW
         if lag > FITTING_TICKS and (last is None or abs(lag - last.lag) > FITTING_TICKS):
-            return "signature_too_old"
+            return Reason.SIGNATURE_TOO_OLD
         self._last[stream] = Heard(ticks, lag)
         self._heard.add(stream)
         kept = self._kept.accepted.get(stream)

@@ -28,10 +28,11 @@ from drivers.samples.preference import is_receiver
 from drivers.samples.sensor_faults import Readings, SensorFaults
 from drivers.samples.vehicle_clock import Placed, Refused, TimeField, VehicleClock
 from drivers.value import Value
+from estimator.reasons import Reason
 from estimator.types import ZERO_VEC3, ImuSample, Quaternion, Vec3, VelocitySample
 
 MOST_STREAMS = 16  # IMUs of one vehicle; real ones have three, and four messages for them
-CLOCK_STEP = Refused("clock_step")
+CLOCK_STEP = Refused(Reason.CLOCK_STEP)
 
 
 class Stamp(NamedTuple):
@@ -92,7 +93,7 @@ class Intake:
         stream = self._stream(name)
         arrival_us, raw_us = stamp.arrival_us, stamp.raw_us
         if stream is None:
-            return [Rejected(self.vehicle, arrival_us, "too_many_streams", name)]
+            return [Rejected(self.vehicle, arrival_us, Reason.TOO_MANY_STREAMS, name)]
         field, faults = finite_or_zero(mag), stream.faults
         refusal = _refusal(gyr, acc) or faults.refusal(Readings(gyr, acc, field), raw_us)
         if refusal is not None:
@@ -113,7 +114,7 @@ class Intake:
             reason, span_us = blindness
             events.append(TrackLost(self.vehicle, arrival_us, name, reason, span_us * 1e-6))
         if mag_is_stuck:
-            events.append(Rejected(self.vehicle, arrival_us, "magnetometer_stuck", name))
+            events.append(Rejected(self.vehicle, arrival_us, Reason.MAGNETOMETER_STUCK, name))
         return events + self._samples(stream, reading, placed.time_us, placed.boot_us)
 
     def attitude(
@@ -231,8 +232,8 @@ class Intake:
         return Rejected(self.vehicle, held.arrival_us, CLOCK_STEP.reason, name)
 
 
-def _refusal(gyr: Vec3, acc: Vec3) -> str | None:
+def _refusal(gyr: Vec3, acc: Vec3) -> Reason | None:
     """Why a reading is no data whatever came before it; None if it is."""
     if not all(map(math.isfinite, gyr + acc)):
-        return "not_finite"
-    return "zero_accelerometer" if acc == ZERO_VEC3 else None
+        return Reason.NOT_FINITE
+    return Reason.ZERO_ACCELEROMETER if acc == ZERO_VEC3 else None

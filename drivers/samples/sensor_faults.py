@@ -11,6 +11,7 @@ from math import cos, dist, hypot, sin
 from operator import eq
 from typing import NamedTuple
 
+from estimator.reasons import Reason
 from estimator.types import STANDARD_GRAVITY_M_S2, ZERO_VEC3, Vec3
 
 # The messages' 16-bit fields end here: 32.767 rad/s and g
@@ -27,7 +28,7 @@ SPIKE_RAD_S2 = 500.0
 
 # Readings refused for these reasons hide a rotation, and some were believed before it showed
 BLIND_REASONS = frozenset(
-    {"stuck", "gyroscope_stuck", "accelerometer_stuck", "gyroscope_saturated"}
+    {Reason.STUCK, Reason.GYROSCOPE_STUCK, Reason.ACCELEROMETER_STUCK, Reason.GYROSCOPE_SATURATED}
 )
 BLIND_US = 30_000  # from the first refused reading on
 
@@ -59,7 +60,7 @@ class Readings(NamedTuple):
 class Blindness(NamedTuple):
     """A stretch of refused readings: why, and for how long."""
 
-    reason: str
+    reason: Reason
     span_us: int
 
 
@@ -105,18 +106,18 @@ class SensorFaults:
         self._last_us = 0
         self._good_gyr = ZERO_VEC3
         self._good_us = 0
-        self._blind_since: tuple[str, int] | None = None
+        self._blind_since: tuple[Reason, int] | None = None
         self._blindness: Blindness | None = None
         self._mag_changes = 0
         self._mag_equal = 0
         self._mag_since_us = 0
         self._mag_turn_rad = 0.0
 
-    def refusal(self, readings: Readings, raw_us: int) -> str | None:
+    def refusal(self, readings: Readings, raw_us: int) -> Reason | None:
         """Why a reading at ``raw_us`` on the vehicle's clock is no data; None if it is."""
         refusal = self._saturated(readings) or self._stuck(readings, raw_us)
         if refusal is None and self._was_large and self._is_spike(readings.gyr_rad_s, raw_us):
-            refusal = "gyroscope_spike"
+            refusal = Reason.GYROSCOPE_SPIKE
         self._follow_mag(readings, raw_us)
         self._last, self._last_us = readings, raw_us
         if refusal is None:
@@ -132,7 +133,7 @@ class SensorFaults:
         blindness, self._blindness = self._blindness, None
         return blindness
 
-    def _see_again(self, reason: str, since_us: int, raw_us: int) -> None:
+    def _see_again(self, reason: Reason, since_us: int, raw_us: int) -> None:
         self._blind_since = None
         span_us = raw_us - since_us
         if span_us >= BLIND_US or span_us < 0:  # or the clock began anew
@@ -148,7 +149,7 @@ class SensorFaults:
             and self._mag_turn_rad >= MAG_TURN_RAD
         )
 
-    def _stuck(self, readings: Readings, raw_us: int) -> str | None:
+    def _stuck(self, readings: Readings, raw_us: int) -> Reason | None:
         gyr_equal = readings.gyr_rad_s == self._last.gyr_rad_s
         acc_equal = readings.acc_m_s2 == self._last.acc_m_s2
         both, gyr, acc = self._both, self._gyr, self._acc
@@ -164,10 +165,10 @@ class SensorFaults:
         if is_long_gyr:
             gyr.is_proven = gyr.is_proven or self._has_turned_otherwise(readings, raw_us)
         if both.is_proven:
-            return "stuck"
+            return Reason.STUCK
         if acc.is_proven:
-            return "accelerometer_stuck"
-        return "gyroscope_stuck" if gyr.is_proven else None
+            return Reason.ACCELEROMETER_STUCK
+        return Reason.GYROSCOPE_STUCK if gyr.is_proven else None
 
     def _follow_turned_acc(self, is_equal: bool, readings: Readings, raw_us: int) -> None:
         """Turn the repeated specific force as the gyroscope says (dv/dt = v x w)."""
@@ -189,7 +190,7 @@ class SensorFaults:
         mag_rad = _apart_rad(_turned(begin.mag_gauss, gyr, span_s), readings.mag_gauss)
         return min(acc_rad, mag_rad) > STUCK_GYR_RAD
 
-    def _saturated(self, readings: Readings) -> str | None:
+    def _saturated(self, readings: Readings) -> Reason | None:
         gyr, acc = readings.gyr_rad_s, readings.acc_m_s2
         is_small = (
             min(gyr) > -GYR_RAIL_RAD_S
@@ -216,7 +217,7 @@ class SensorFaults:
             end = GYR_END_RAD_S if is_gyr else ACC_END_M_S2
             at_end = (1 - 1e-9) * end <= size <= (1 + 1e-4) * end  # -32768 is further than 32767
             if at_end or (is_noisy and self._rails[axis] >= RAIL_SAMPLES):
-                found = "gyroscope_saturated" if is_gyr else "accelerometer_saturated"
+                found = Reason.GYROSCOPE_SATURATED if is_gyr else Reason.ACCELEROMETER_SATURATED
         self._is_noisy = min(self._axis_changes) >= NOISY_SAMPLES
         return found
 

@@ -18,6 +18,7 @@ from typing import Literal, NamedTuple
 import msgspec
 
 from drivers.value import Value
+from estimator.reasons import Reason
 
 SECOND_US = 1_000_000
 
@@ -74,9 +75,9 @@ class Placed(Value, frozen=True):
 
 
 class Refused(Value, frozen=True):
-    """Why a message has no place in time, as a word to count under."""
+    """Why a message has no place in time."""
 
-    reason: Literal["duplicate", "out_of_order", "clock_step", "no_clock"]
+    reason: Reason
 
 
 class ClockLine:
@@ -228,7 +229,7 @@ class VehicleClock:
     ) -> Placed | Refused:
         """Place another message, once an IMU message has started the line of time."""
         if self._primary is None:
-            return Refused("no_clock")
+            return Refused(Reason.NO_CLOCK)
         return self._in_order(message, field, self._place(field, raw_us, arrival_us))
 
     def _promote(self, raw_us: int, arrival_us: int) -> None:
@@ -243,13 +244,13 @@ class VehicleClock:
     def _place(self, field: TimeField, raw_us: int, arrival_us: int) -> Placed | Refused:
         reading = self._lines[field].advance(raw_us, arrival_us)
         if reading is None:
-            return Refused("clock_step")
+            return Refused(Reason.CLOCK_STEP)
         if reading.reset is not None:
             self._forget(field)
         if field is self._primary:
             return self._on_line(reading.boot_us, reading.reset, reading.since_reset_us)
         if field in self._waiting:
-            return Refused("no_clock")
+            return Refused(Reason.NO_CLOCK)
         return self._beside_line(field, reading, arrival_us)
 
     def _on_line(self, boot_us: int, reset: Reset | None = None, since_reset_us: int = 0) -> Placed:
@@ -285,9 +286,9 @@ class VehicleClock:
         last = self._streams.get((field, message))
         if last is not None:
             if placed.boot_us == last.boot_us:
-                return Refused("duplicate")
+                return Refused(Reason.DUPLICATE)
             if placed.boot_us < last.boot_us:
-                return Refused("out_of_order")
+                return Refused(Reason.OUT_OF_ORDER)
             if placed.time_us <= last.time_us:  # a learnt offset moved
                 placed = msgspec.structs.replace(placed, time_us=last.time_us + 1)
         self._streams[field, message] = placed

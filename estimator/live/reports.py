@@ -3,6 +3,7 @@
 from math import isfinite
 
 from estimator.aiding.types import NO_REPORT, Report
+from estimator.reasons import Reason
 from estimator.types import VelocitySample
 
 Reports = tuple[VelocitySample, ...]
@@ -13,12 +14,12 @@ MOST_WAITING = 8
 SPEED_LIMIT_M_S = 400.0
 
 
-def refusal_of_report(report: VelocitySample) -> str | None:
-    """Why a report cannot be used, in one word to count under; None if it can."""
+def refusal_of_report(report: VelocitySample) -> Reason | None:
+    """Why a report cannot be used, None if it can."""
     if not all(isfinite(v) for v in (*report.velocity_ned_m_s, report.sigma_m_s)):
-        return "velocity_not_finite"
+        return Reason.VELOCITY_NOT_FINITE
     if max(abs(v) for v in report.velocity_ned_m_s) > SPEED_LIMIT_M_S:
-        return "velocity_out_of_range"
+        return Reason.VELOCITY_OUT_OF_RANGE
     return None
 
 

@@ -10,6 +10,7 @@ from pathlib import Path
 import msgspec
 import pytest
 
+from estimator.reasons import Reason
 from fuzzbee.cli import main
 from service.records import AttitudeRecord, StatusRecord
 from tests.fuzzbee.processes import default_session, free_port, started
@@ -104,3 +105,12 @@ def test_the_page_of_parameters_lists_them_all():
         [sys.executable, str(DOCS / "parameters.py"), "--check"], cwd=DOCS.parent, check=False
     )
     assert done.returncode == 0, "renew it: python docs/parameters.py"
+
+
+def test_every_reason_for_a_refusal_is_explained():
+    """Once each, with what came and what to do about it."""
+    table = section("troubleshooting.md", "Samples are `rejected`")
+    rows = [line.strip("| ").split(" | ") for line in table.splitlines() if line.startswith("| `")]
+    explained = [word for row in rows for word in re.findall(r"`(\w+)`", row[0])]
+    assert sorted(explained) == sorted(Reason)
+    assert all(len(row) == 3 and min(map(len, row[1:])) > 20 for row in rows)

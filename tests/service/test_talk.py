@@ -1,6 +1,6 @@
 """A vehicle that changes all the time does not fill the screen."""
 
-from service.talk import MINUTE_US, MOST_LINES, Talk
+from service.talk import MINUTE_US, MOST_LINES, TOO_MANY, Talk
 
 
 def test_a_few_lines_are_passed_on():
@@ -14,9 +14,11 @@ def test_of_many_lines_the_first_are_told_and_later_how_many_were_not():
     for number in range(1000):
         said += talk.lines([f"line {number}"], 1000 * number)
     assert said[:MOST_LINES] == [f"line {number}" for number in range(MOST_LINES)]
-    assert said[MOST_LINES:] == ["vehicle 1: and so on, more is not told for a minute"]
+    assert said[MOST_LINES:] == [
+        "vehicle 1: more lines are left out: there were more than 12 within a minute"
+    ]
     assert talk.lines(["later"], MINUTE_US) == [
-        f"vehicle 1: {1000 - MOST_LINES} lines were not told",
+        f"vehicle 1: {1000 - MOST_LINES} lines were left out: {TOO_MANY}",
         "later",
     ]
 
