@@ -71,3 +71,37 @@ def test_messages_held_back_do_not_look_like_a_set_clock():
     for k in range(100, 250):  # all of 3 s come at once
         clock = observe(clock, k * 20_000, 250 * 20_000)
     assert to_vehicle_us(clock, 250 * 20_000) == pytest.approx(250 * 20_000 - 2_000, abs=10_000)
+
+
+def test_lateness_lasts_as_long_as_the_drift_allows():
+    """After prompt messages all are 80 ms late: the offset rises by 3 ms a second, no more."""
+    clock = HostClock()
+    for k in range(100):
+        clock = observe(clock, k * 100_000, k * 100_000)
+    for k in range(100, 200):
+        clock = observe(clock, k * 100_000, k * 100_000 + 80_000)
+    assert clock.offset_us == pytest.approx(MAX_DRIFT * 10_080_000, rel=0.01)  # 30.2 ms
+    for k in range(200, 400):
+        clock = observe(clock, k * 100_000, k * 100_000 + 80_000)
+    assert clock.offset_us == pytest.approx(80_000)  # and never above what is seen
+
+
+@pytest.mark.parametrize(("late_us", "is_step"), [(90_000, False), (120_000, True)])
+def test_a_step_is_more_than_a_tenth_of_a_second(late_us, is_step):
+    clock = HostClock()
+    for k in range(100):
+        clock = observe(clock, k * 20_000, k * 20_000)
+    for k in range(100, 205):
+        clock = observe(clock, k * 20_000, k * 20_000 + late_us)
+    assert (clock.offset_us == pytest.approx(late_us, abs=1)) is is_step
+
+
+@pytest.mark.parametrize(("count", "is_step"), [(2, False), (3, True)])
+def test_a_second_with_two_messages_shows_no_step(count, is_step):
+    clock = HostClock()
+    for k in range(10):
+        clock = observe(clock, k * 1_000_000, k * 1_000_000)
+    for k in range(count + 1):
+        vehicle_us = 10_000_000 + k * 1_000_000 // count
+        clock = observe(clock, vehicle_us, vehicle_us + 60_000_000)
+    assert (clock.offset_us > 50_000_000) is is_step

@@ -39,3 +39,20 @@ def test_change_over_when_the_chosen_one_goes_silent():
 
 def test_names_of_log_formats_are_usable():
     assert feed(ImuChoice(), "sensor_combined", "IMU").message == "sensor_combined"
+
+
+def test_a_slow_but_steady_preferred_message_proves_itself_by_its_last_arrival():
+    """RAW_IMU at 2.5 Hz beside a fast second IMU: each is in time for the one before it."""
+    choice = feed(ImuChoice(), "SCALED_IMU2")
+    for k in range(1, 3):
+        choice = feed(choice, "SCALED_IMU2", "RAW_IMU", start_us=400_000 * k)
+        assert choice.message == "SCALED_IMU2"
+    choice = feed(choice, "SCALED_IMU2", "RAW_IMU", start_us=1_200_000)
+    assert choice.message == "RAW_IMU"
+
+
+def test_one_that_pauses_begins_anew():
+    choice = feed(ImuChoice(), "SCALED_IMU2", "RAW_IMU", "RAW_IMU", "SCALED_IMU2")
+    for k in range(5):
+        choice = feed(choice, "SCALED_IMU2", start_us=300_000 * (k + 1))
+    assert feed(choice, "RAW_IMU", start_us=1_510_000).message == "SCALED_IMU2"

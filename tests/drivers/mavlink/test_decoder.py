@@ -8,6 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from drivers.events import (
+    ClockReset,
     CommandAck,
     Heartbeat,
     Imu,
@@ -356,6 +357,48 @@ def test_no_position_without_a_fix():
 def test_gps_without_a_speed_still_knows_where_it_is():
     gps = m.MAVLink_gps_raw_int_message(1, 3, 4 * 10**8, 10**8, 0, 0, 0, 65535, 0, 9)
     assert [type(e) for e in decode_all([raw_imu(), gps])] == [Imu, Position]
+
+
+def gps(course=0, vel_acc=0, speed=200):
+    place = 4 * 10**8, 10**8, 50_500
+    return m.MAVLink_gps_raw_int_message(
+        900_000, 3, *place, 0, 0, speed, course, 9, 50_500, 0, 0, vel_acc, 0
+    )
+
+
+def test_gps_tells_its_accuracy_in_mm_s_or_not_at_all():
+    told = only(Velocity, decode_all([raw_imu(), gps(vel_acc=250)]))[0].sample
+    assert told.sigma_m_s == pytest.approx(0.25)
+    assert told.late_sigma_s == 0.1
+    assert only(Velocity, decode_all([raw_imu(), gps()]))[0].sample.sigma_m_s == 0.5
+
+
+@pytest.mark.parametrize(
+    ("course", "north", "east"), [(0, 2, 0), (9000, 0, 2), (21_000, -1.732, -1)]
+)
+def test_gps_course_turns_from_north_to_east(course, north, east):
+    velocity = only(Velocity, decode_all([raw_imu(), gps(course)]))[0].sample
+    assert velocity.velocity_ned_m_s == pytest.approx((north, east, 0.0), abs=1e-3)
+    assert not velocity.has_vertical
+
+
+REBOOTED = {
+    "ATTITUDE": lambda ms: m.MAVLink_attitude_message(ms, 0, 0, 0, 0, 0, 0),
+    "ATTITUDE_QUATERNION": lambda ms: m.MAVLink_attitude_quaternion_message(ms, 1, *[0] * 6),
+    "LOCAL_POSITION_NED": lambda ms: m.MAVLink_local_position_ned_message(ms, *[0] * 6),
+    "GLOBAL_POSITION_INT": lambda ms: m.MAVLink_global_position_int_message(
+        ms, 4 * 10**8, 10**8, *[0] * 6
+    ),
+}
+
+
+@pytest.mark.parametrize("make", REBOOTED.values(), ids=REBOOTED)
+def test_a_reboot_is_told_by_whatever_confirms_it(make):
+    """With SCALED_IMU alone all messages have one clock."""
+    before = [m.MAVLink_scaled_imu_message(300_000 + 20 * k, 0, 0, -1000, *[0] * 6) for k in (0, 1)]
+    events = decode_all([*before, make(5000), make(5020)])
+    (reset,) = only(ClockReset, events)
+    assert (reset.reason, reset.step_s) == ("reboot", pytest.approx(5.0 - 300.02))
 
 
 def test_px4_packs_integers_into_the_floats_bytes():

@@ -2,6 +2,7 @@
 
 import itertools
 
+import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -130,6 +131,66 @@ def test_samples_held_back_by_the_link_are_no_jump():
     prompt = imu(clock, last_us + 11_624_000, arrival_us + 14_628_000)
     assert prompt == Placed(last_us + 11_624_000, last_us + 11_624_000, None)
     assert isinstance(late, Placed)
+
+
+def test_a_slow_clock_of_an_hour_does_not_hide_a_leap():
+    """136 ms a minute slow, as measured: after an hour each sample is 8 s later than the first."""
+    clock, arrival_us = VehicleClock(), UNIX
+    for k in range(3600):
+        assert isinstance(imu(clock, 10 * S + k * S, arrival_us), Placed)
+        arrival_us += S + 2_267
+    after, _ = steady(clock, 3610 * S + 7 * S, 3, arrival_us=arrival_us)
+    assert [reset.reason for reset in resets(after)] == ["jump"]
+
+
+@pytest.mark.parametrize(("step_s", "is_leap"), [(30, False), (34, False), (36, True), (50, True)])
+def test_lateness_explains_a_step_of_thirty_seconds_at_most(step_s, is_leap):
+    """Held back for 48 s in all, the samples that come then may be 30 s and 5 s apart."""
+    clock = VehicleClock()
+    _, arrival_us = steady(clock, 10 * S, 5)
+    for k in range(3):
+        arrival_us += 16 * S
+        imu(clock, 11_250_000 + 250_000 * k, arrival_us)
+    after, _ = steady(clock, 11_750_000 + step_s * S, 3, arrival_us=arrival_us)
+    assert bool(resets(after)) is is_leap
+
+
+@pytest.mark.parametrize(("step_s", "is_leap"), [(4.9, False), (5.1, True)])
+def test_a_prompt_stream_may_step_by_five_seconds(step_s, is_leap):
+    clock = VehicleClock()
+    _, arrival_us = steady(clock, 10 * S, 20, 20_000)
+    after, _ = steady(clock, 10_380_000 + round(step_s * S), 3, 20_000, arrival_us - 20_000)
+    assert bool(resets(after)) is is_leap
+
+
+@pytest.mark.parametrize(
+    ("back_us", "word"), [(990_000, "out_of_order"), (1_010_000, "clock_step")]
+)
+def test_a_second_back_is_disorder_and_more_may_be_a_reboot(back_us, word):
+    clock = VehicleClock()
+    _, arrival_us = steady(clock, 10 * S, 20, 20_000)
+    assert imu(clock, 10_380_000 - back_us, arrival_us) == Refused(word)
+
+
+def test_a_garbled_time_of_long_ago_confirms_nothing():
+    """Twice the same garbage, with good samples between: neither is a new boot."""
+    clock = VehicleClock()
+    _, arrival_us = steady(clock, 50 * S, 5)
+    assert imu(clock, 3 * S, arrival_us) == Refused("clock_step")
+    good, arrival_us = steady(clock, 51_250_000, 5, arrival_us=arrival_us)
+    assert imu(clock, 3 * S + 20_000, arrival_us) == Refused("clock_step")
+    after, _ = steady(clock, 52_500_000, 5, arrival_us=arrival_us)
+    assert not resets(good + after)
+
+
+def test_nor_does_it_for_a_clock_beside_the_line():
+    """Nor after a step that took the long way through the clock: 3 s without a sample."""
+    line = ClockLine(None)
+    for raw_us in (50 * S, 51 * S):
+        line.advance(raw_us, UNIX + raw_us)
+    assert line.advance(3 * S, UNIX + 52 * S) is None
+    assert line.advance(54 * S, UNIX + 54 * S) == Reading(54 * S, None)
+    assert line.advance(3 * S + 20_000, UNIX + 55 * S) is None
 
 
 def test_two_sessions_glued_together_where_the_second_clock_is_ahead():

@@ -1,0 +1,263 @@
+"""One vehicle's readings, judged and placed: the rules that links and logs share."""
+
+import math
+
+import pytest
+
+from drivers.events import (
+    ClockReset,
+    Imu,
+    Notice,
+    Position,
+    ReferenceAttitude,
+    Rejected,
+    TrackLost,
+    VehicleId,
+    Velocity,
+)
+from drivers.samples.fix import Fix
+from drivers.samples.fresh_field import LoggedField
+from drivers.samples.intake import MOST_STREAMS, Intake, Stamp
+from drivers.samples.vehicle_clock import CUT_STEP_US, TimeField
+from estimator.reasons import Reason
+from estimator.types import IDENTITY, STANDARD_GRAVITY_M_S2, ZERO_VEC3
+
+S = 1_000_000
+UNIX = 1_700_000_000 * S
+VEHICLE = VehicleId(1, 1)
+BOOT_MS, GPS = TimeField.BOOT_MS, TimeField.GPS
+REST = (0.0, 0.0, -STANDARD_GRAVITY_M_S2)
+FIELD = (0.2, 0.0, 0.4)
+PLACE = (47.0, 8.5, 500.0)
+
+
+def stamp(raw_us, arrival_us=None, clock=BOOT_MS):
+    return Stamp(clock, raw_us, UNIX + raw_us if arrival_us is None else arrival_us)
+
+
+def imu(intake, raw_us, arrival_us=None, gyr=ZERO_VEC3, acc=REST, mag=FIELD, name="SCALED_IMU"):
+    return intake.imu(name, stamp(raw_us, arrival_us), gyr, acc, mag)
+
+
+def kinds(events):
+    return [type(event) for event in events]
+
+
+def running(first_us=300 * S, count=5):
+    """An intake after some IMU messages on the boot clock, and the arrival of the next."""
+    intake = Intake(VEHICLE)
+    for k in range(count):
+        imu(intake, first_us + 250_000 * k)
+    return intake, UNIX + first_us + 250_000 * count
+
+
+# --- a clock that begins anew
+
+
+def test_the_first_reading_of_a_new_boot_waits_and_is_not_lost():
+    intake, arrival_us = running()
+    assert imu(intake, 20 * S, arrival_us, mag=(0.1, 0.0, 0.4)) == []
+    reset, first, second = imu(intake, 20_250_000, arrival_us + 250_000, mag=(0.1, 0.1, 0.4))
+    assert kinds((reset, first, second)) == [ClockReset, Imu, Imu]
+    assert (reset.reason, reset.step_s) == ("reboot", pytest.approx(20 - 301.0))
+    assert (first.boot_us, second.boot_us) == (20 * S, 20_250_000)
+    assert (first.arrival_us, second.arrival_us) == (arrival_us, arrival_us + 250_000)
+    assert second.sample.time_us - first.sample.time_us == 250_000
+    assert first.sample.time_us == 301 * S + CUT_STEP_US
+    assert (first.sample.mag_gauss, second.sample.mag_gauss) == ((0.1, 0.0, 0.4), (0.1, 0.1, 0.4))
+
+
+def test_a_garbled_time_costs_its_reading_alone_and_is_counted_when_that_is_sure():
+    intake, arrival_us = running()
+    assert imu(intake, 7 * S, arrival_us) == []
+    rejected, good = imu(intake, 301_250_000, arrival_us + 1)
+    assert rejected == Rejected(VEHICLE, arrival_us, Reason.CLOCK_STEP, "SCALED_IMU")
+    assert isinstance(good, Imu)
+    (after,) = imu(intake, 301_500_000, arrival_us + 250_000)
+    assert after.boot_us == 301_500_000
+
+
+OTHERS = {
+    "attitude": lambda intake, at: intake.attitude("ATTITUDE", at, "autopilot", IDENTITY),
+    "velocity": lambda intake, at: intake.fix("LOCAL_POSITION_NED", at, Fix((1.0, 0.0, 0.0))),
+    "place": lambda intake, at: intake.fix(
+        "GLOBAL_POSITION_INT", at, Fix((1.0, 0.0, 0.0), position=PLACE)
+    ),
+}
+
+
+@pytest.mark.parametrize("other", OTHERS.values(), ids=OTHERS)
+def test_a_reset_that_another_message_confirms_is_told_with_it(other):
+    intake, arrival_us = running()
+    assert other(intake, stamp(20 * S, arrival_us)) == []
+    reset, *rest = other(intake, stamp(20_100_000, arrival_us + 100_000))
+    assert (type(reset), reset.reason) == (ClockReset, "reboot")
+    assert kinds(rest) in ([ReferenceAttitude], [Velocity], [Position, Velocity])
+
+
+def test_a_message_that_says_nothing_does_not_touch_the_clock():
+    intake, arrival_us = running()
+    nothing = (Fix(), Fix((1.0, 0.0, 0.0), position=(0.0, 0.0, 5.0)))
+    for k in range(4):
+        at = stamp(20 * S + 100_000 * k, arrival_us + 100_000 * k)
+        assert intake.attitude("ATTITUDE", at, "autopilot", None) == []
+        assert all(intake.fix("GLOBAL_POSITION_INT", at, fix) == [] for fix in nothing)
+    (sample,) = imu(intake, 301_250_000, arrival_us + 400_000)
+    assert sample.boot_us == 301_250_000
+
+
+# --- position and velocity
+
+
+def only(events):
+    (event,) = events
+    return event
+
+
+@pytest.mark.parametrize(
+    ("message", "sigma_m_s", "late_s"),
+    [
+        ("LOCAL_POSITION_NED", 0.3, 0.0),
+        ("GLOBAL_POSITION_INT", 0.3, 0.0),
+        ("XKF1", 0.3, 0.0),
+        ("vehicle_local_position", 0.3, 0.0),
+        ("GPS_RAW_INT", 0.5, 0.1),
+        ("GPS", 0.5, 0.1),
+        ("sensor_gps", 0.5, 0.1),
+        ("vehicle_gps_position", 0.5, 0.1),
+    ],
+)
+@pytest.mark.parametrize("position", [None, PLACE])
+def test_a_receivers_velocity_is_late_and_a_filters_is_not(message, sigma_m_s, late_s, position):
+    """Whatever else the message says."""
+    intake, _ = running()
+    fix = Fix((1.0, -2.0, 0.5), position=position)
+    velocity = intake.fix(message, stamp(301 * S), fix)[-1]
+    assert velocity.sample.velocity_ned_m_s == (1.0, -2.0, 0.5)
+    assert (velocity.sample.sigma_m_s, velocity.sample.late_sigma_s) == (sigma_m_s, late_s)
+
+
+def test_an_accuracy_that_the_message_tells_is_taken():
+    intake, _ = running()
+    event = only(intake.fix("GPS_RAW_INT", stamp(301 * S), Fix((1.0, 0.0, 0.0), sigma_m_s=0.07)))
+    assert event.sample.sigma_m_s == 0.07
+
+
+def test_what_is_not_finite_is_left_out_and_the_rest_is_kept():
+    intake, _ = running()
+    broken = (math.nan, 8.5, 500.0)
+    assert kinds(intake.fix("GPS", stamp(301 * S), Fix((1.0, 0.0, 0.0), position=broken))) == [
+        Velocity
+    ]
+    fix = Fix((math.inf, 0.0, 0.0), position=PLACE)
+    position = only(intake.fix("GPS", stamp(302 * S), fix))
+    assert (position.latitude_deg, position.longitude_deg, position.altitude_m) == PLACE
+    fix = Fix((1.0, 0.0, 0.0), sigma_m_s=math.nan)
+    assert intake.fix("GPS", stamp(303 * S), fix) == []
+
+
+# --- truth without a time of its own
+
+
+def test_truth_has_the_time_of_the_last_imu_message():
+    intake, _ = running()
+    (truth,) = intake.truth("SIM_STATE", UNIX, IDENTITY)
+    assert (truth.time_us, truth.source) == (301 * S, "sim")
+    assert intake.truth("SIM_STATE", UNIX, IDENTITY) == []
+    (other,) = intake.truth("SIMSTATE", UNIX, IDENTITY)
+    assert other.time_us == 301 * S
+    assert intake.truth("SIM_STATE", UNIX, None) == []
+    assert Intake(VEHICLE).truth("SIM_STATE", UNIX, IDENTITY) == []
+
+
+# --- faults
+
+
+def test_a_field_that_does_not_turn_with_the_vehicle_is_taken_away_and_counted():
+    intake, refused = Intake(VEHICLE), []
+    for k in range(500):
+        angle = 0.02 * k
+        moves = k < 100
+        mag = (0.2 * math.cos(angle), -0.2 * math.sin(angle), 0.4) if moves else FIELD
+        gyr = (0.001 * (k % 7), 0.0, 1.0 + 0.001 * (k % 5))
+        events = imu(intake, S + 20_000 * k, gyr=gyr, acc=(0.001 * (k % 3), 0.0, -9.8), mag=mag)
+        refused += [k for event in events if isinstance(event, Rejected)]
+        if refused and refused[-1] == k:
+            assert events[0].reason == Reason.MAGNETOMETER_STUCK
+            assert not events[1].sample.has_mag
+    # it takes 2 s and half a radian to be sure: 100 samples behind the 100 that moved
+    assert refused[0] in range(198, 206)
+    assert refused == list(range(refused[0], 500))
+
+
+def test_after_blindness_the_track_is_lost_and_it_is_said_for_how_long():
+    intake, lost = Intake(VEHICLE), []
+    for k in range(200):
+        is_stuck = 100 <= k < 160
+        gyr = (2.0, 0.0, 0.0) if is_stuck else (0.01 * (k % 7), 0.002 * (k % 3), 0.001 * (k % 5))
+        acc = (0.5, 0.0, -9.0) if is_stuck else (0.01 * (k % 3), 0.02 * (k % 5), -9.8)
+        events = imu(intake, S + 20_000 * k, gyr=gyr, acc=acc, mag=(0.2 + 1e-3 * (k % 4), 0.0, 0.4))
+        lost += [(k, event) for event in events if isinstance(event, TrackLost)]
+    ((k, event),) = lost
+    assert k == 160
+    assert event.reason == Reason.STUCK
+    # 60 equal readings, of which half a second was needed to see it: 0.7 s were refused
+    assert event.blind_s == pytest.approx(0.7, abs=0.14)
+
+
+def test_streams_of_one_vehicle_are_limited():
+    intake = Intake(VEHICLE)
+    names = [f"RAW_IMU:{k}" for k in range(MOST_STREAMS + 3)]
+    reasons = [imu(intake, S, name=name)[0] for name in names]
+    assert kinds(reasons[:MOST_STREAMS]) == MOST_STREAMS * [Imu]
+    assert {event.reason for event in reasons[MOST_STREAMS:]} == {Reason.TOO_MANY_STREAMS}
+
+
+@pytest.mark.parametrize("doubts", [False, True])
+def test_axes_are_doubted_only_of_senders_not_known_for_frd(doubts):
+    intake = Intake(VEHICLE)
+    intake.doubts_axes = doubts
+    events = []
+    for k in range(60):
+        events += imu(intake, S + 250_000 * k, acc=(0.01 * k, 0.0, STANDARD_GRAVITY_M_S2))
+    assert sum(isinstance(event, Notice) for event in events) == doubts
+
+
+# --- a field that is logged beside
+
+
+def logged(stale_us=0):
+    field = LoggedField()
+    intake = Intake(VEHICLE, field.for_stream)
+    field.put(FIELD, S)
+    return field, imu(intake, S + stale_us, mag=field.latest_gauss), intake
+
+
+def test_a_logged_field_is_given_once_to_each_stream():
+    field, (first,), intake = logged()
+    assert first.sample.mag_gauss == FIELD
+    (again,) = imu(intake, S + 20_000, mag=field.latest_gauss)
+    assert not again.sample.has_mag
+    (other,) = imu(intake, S + 20_000, mag=field.latest_gauss, name="IMU2")
+    assert other.sample.has_mag
+
+
+@pytest.mark.parametrize(("age_us", "expected"), [(200_000, True), (200_001, False)])
+def test_a_logged_field_gets_stale(age_us, expected):
+    _, (event,), _ = logged(stale_us=age_us)
+    assert event.sample.has_mag is expected
+
+
+def test_a_logged_field_that_is_no_number_is_none():
+    field = LoggedField()
+    field.put(FIELD, S)
+    field.put((math.nan, 0.0, 0.4), S + 10_000)
+    assert field.latest_gauss == ZERO_VEC3
+    assert field.number == 1
+
+
+def test_what_tells_a_gap_from_a_leap_may_be_another_time_than_the_arrival():
+    heard = []
+    intake = Intake(VEHICLE, heard_us=lambda at: heard.append(at.raw_us) or at.raw_us)
+    (event,) = imu(intake, 5 * S, UNIX)
+    assert (event.arrival_us, heard) == (UNIX, [5 * S])
