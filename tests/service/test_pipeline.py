@@ -153,15 +153,6 @@ def test_refused_samples_are_counted_by_reason():
     assert status.rejected == {"not_finite": 1, "not_later": 1, "stuck": 1}
 
 
-def test_reasons_cannot_fill_memory():
-    pipeline = fed(imu_events(2))
-    for number in range(500):
-        pipeline.handle(Rejected(ONE, START_US, f"reason_{number}"))
-    rejected = pipeline.vehicle(ONE).rejected
-    assert len(rejected) < 100
-    assert sum(rejected.values()) == 500
-
-
 def test_vehicles_are_told_apart_and_ground_stations_are_none():
     two = VehicleId(2, 1)
     gimbal = VehicleId(1, 154)
