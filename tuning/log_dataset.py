@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drivers.events import ClockReset, Event, Imu, Position, ReferenceAttitude, TrackLost, VehicleId
+from drivers.logs.missing_imu import advice
 from drivers.logs.open import open_log
 from drivers.logs.reference_track import ReferenceTrack
 from drivers.samples.preference import imu_rank
@@ -131,7 +132,7 @@ def read_log(path: Path) -> LogData:
         {address: len(s.samples[s.message]) for address, s in streams.items() if s.samples}
     )
     if not counts or max(counts.values()) < 2:
-        raise InputError(f"{path}: no usable IMU data in this log")
+        raise InputError(f"{path}: {advice(log) or 'no usable IMU data in this log'}")
     address = min(counts, key=lambda a: (-counts[a], a))
     data = _arrays(path.name, sha256, streams[address])
     _require_substance(path, data)

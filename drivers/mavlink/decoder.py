@@ -7,9 +7,8 @@ FRD on both sides.
 """
 
 import math
-import struct
 from collections.abc import Callable
-from typing import Any, Final
+from typing import Any
 
 from drivers.events import CommandAck, Event, Heartbeat, Parameter, VehicleId
 from drivers.mavlink.constants import (
@@ -17,18 +16,13 @@ from drivers.mavlink.constants import (
     HIGHRES_IMU_UPDATED_MAG,
     MAV_AUTOPILOT_ARDUPILOTMEGA,
     MAV_AUTOPILOT_PX4,
-    MAV_PARAM_TYPE_INT8,
-    MAV_PARAM_TYPE_INT16,
-    MAV_PARAM_TYPE_INT32,
-    MAV_PARAM_TYPE_UINT8,
-    MAV_PARAM_TYPE_UINT16,
-    MAV_PARAM_TYPE_UINT32,
     UNKNOWN_UINT16,
     is_autopilot,
 )
 from drivers.mavlink.dialect import Unpacker, mavlink
 from drivers.mavlink.framing import Frame
 from drivers.mavlink.imu_messages import imu_message
+from drivers.mavlink.parameter_values import ParameterValue, WaitingParameters, owner
 from drivers.samples.fix import Fix
 from drivers.samples.intake import Intake, Stamp
 from drivers.samples.navigation import filter_status
@@ -47,15 +41,6 @@ MILLIGAUSS_LIMIT = 20_000.0
 FRD_AUTOPILOTS = (MAV_AUTOPILOT_ARDUPILOTMEGA, MAV_AUTOPILOT_PX4)  # known for sending FRD
 
 MOST_SENDERS = 512  # addresses that something is remembered of: 11 kB each
-
-INTEGER_PARAMETERS: Final = {  # and how struct calls them
-    MAV_PARAM_TYPE_UINT8: "B",
-    MAV_PARAM_TYPE_INT8: "b",
-    MAV_PARAM_TYPE_UINT16: "H",
-    MAV_PARAM_TYPE_INT16: "h",
-    MAV_PARAM_TYPE_UINT32: "I",
-    MAV_PARAM_TYPE_INT32: "i",
-}
 
 # Attitudes of others score an estimate afterwards; the live service has no use for them
 REFERENCES = frozenset({"ATTITUDE", "ATTITUDE_QUATERNION", "SIM_STATE", "SIMSTATE"})
@@ -80,6 +65,7 @@ class MavlinkDecoder:
     def __init__(self, *, references: bool = True) -> None:
         self._unpacker = Unpacker()
         self._senders: dict[tuple[int, int], _Sender] = {}
+        self._parameters = WaitingParameters()
         self._handlers: dict[str, Callable[[_Sender, str, Any, int], list[Event]]] = {
             "RAW_IMU": self._raw_imu,
             "SCALED_IMU": self._scaled_imu,
@@ -205,19 +191,30 @@ class MavlinkDecoder:
     # --- the rest
 
     def _param_value(self, sender: _Sender, _name: str, m: Any, arrival_us: int) -> list[Event]:
-        value = m.param_value
-        kind = INTEGER_PARAMETERS.get(m.param_type)
-        if sender.autopilot == MAV_AUTOPILOT_PX4 and kind is not None:
-            # PX4 puts an integer's bytes into the float field, ArduPilot its value
-            value = float(struct.unpack_from("<" + kind, struct.pack("<f", value))[0])
-        return [Parameter(sender.id, arrival_us, m.param_id, value)]
+        value = ParameterValue(m.param_id, m.param_value, m.param_type)
+        address = owner(sender.id, self._autopilots())
+        if address is None:
+            self._parameters.hold(sender.id.system_id, value)
+            return []
+        autopilot = self._senders[address.system_id, address.component_id].autopilot
+        return [Parameter(address, arrival_us, value.name, value.value(autopilot))]
+
+    def _autopilots(self) -> list[VehicleId]:
+        """Who has said so, or sends IMU data."""
+        known = self._senders.values()
+        return [each.id for each in known if each.autopilot is not None or each.intake.has_imu]
 
     def _heartbeat(self, sender: _Sender, _name: str, m: Any, arrival_us: int) -> list[Event]:
         if not is_autopilot(m.autopilot, m.type):
             return []
         sender.autopilot = m.autopilot
         sender.intake.doubts_axes = m.autopilot not in FRD_AUTOPILOTS
-        return [Heartbeat(sender.id, arrival_us, m.autopilot, m.type)]
+        beat = Heartbeat(sender.id, arrival_us, m.autopilot, m.type)
+        waiting = self._parameters.take(sender.id.system_id)
+        return [
+            beat,
+            *(Parameter(sender.id, arrival_us, p.name, p.value(m.autopilot)) for p in waiting),
+        ]
 
     def _command_ack(self, sender: _Sender, _name: str, m: Any, arrival_us: int) -> list[Event]:
         return [CommandAck(sender.id, arrival_us, m.command, m.result)]

@@ -88,6 +88,11 @@ class Intake:
         self._last_imu_us: int | None = None
         self._truth_given_us: dict[str, int] = {}
 
+    @property
+    def has_imu(self) -> bool:
+        """Whether there was an IMU reading, good or bad."""
+        return bool(self._imus)
+
     def imu(self, name: str, stamp: Stamp, gyr: Vec3, acc: Vec3, mag: Vec3) -> list[Event]:
         """A reading of the IMU stream ``name``: rad/s, m/s^2 and gauss, FRD; no field is zero."""
         stream = self._stream(name)

@@ -9,6 +9,7 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
+from drivers.logs.missing_imu import advice
 from drivers.logs.open import open_log
 from drivers.mavlink.names import autopilot_name, vehicle_type_name
 from estimator.errors import InputError
@@ -123,7 +124,8 @@ def replay_log(
     if not sending:
         whose = "" if system_id is None else f" of system id {system_id}"
         seen = _seen(replay, system_id)
-        raise InputError(f"{path}: no IMU data{whose} that can be used{seen}")
+        way_out = advice(log, system_id)
+        raise InputError(f"{path}: {way_out or f'no IMU data{whose} that can be used{seen}'}")
     return max(sending, key=lambda trace: (len(trace.attitudes), -trace.address.system_id))
 
 

@@ -6,8 +6,9 @@ import pytest
 
 from drivers.events import ClockReset, Imu, Position, Velocity
 from drivers.logs.open import open_log
-from drivers.mavlink.decoder import FrameParser, MavlinkDecoder
+from drivers.mavlink.decoder import MavlinkDecoder
 from drivers.mavlink.dialect import mavlink
+from drivers.mavlink.framing import FrameReader
 from tests.drivers.logs import test_dataflash, test_ulog
 
 S = 1_000_000
@@ -21,7 +22,7 @@ def decoded(*messages, reboot_at=None):
 
     At the message ``reboot_at`` the vehicle's clock begins anew.
     """
-    decoder, parser, events = MavlinkDecoder(), FrameParser(), []
+    decoder, reader, events = MavlinkDecoder(), FrameReader(), []
     link = m.MAVLink(None, srcSystem=1, srcComponent=1)
     for k, message in enumerate(messages):
         boot_ms = 100_000 + 100 * k if reboot_at is None or k < reboot_at else 100 * k
@@ -31,8 +32,8 @@ def decoded(*messages, reboot_at=None):
         if message.get_type() == "GPS_RAW_INT":
             message.time_usec = 1000 * boot_ms
         for each in (imu, message):
-            for parsed in parser.feed(bytes(each.pack(link))):
-                events += decoder.decode(parsed, UNIX_US + k * S // 10)
+            for frame in reader.feed(bytes(each.pack(link))):
+                events += decoder.events(frame, UNIX_US + k * S // 10)
     return [event for event in events if not isinstance(event, Imu)]
 
 

@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 
 from drivers.logs.tlog import TlogRecords
-from drivers.mavlink.dialect import mavlink
+from drivers.mavlink.dialect import Unpacker, mavlink
 from estimator.profile import load_profile
 from fuzzbee.replay.log_report import report_log
 
@@ -18,9 +18,10 @@ CONST_POS_MODE = 0xA7
 
 def changed(folder, change, source=PLANE):
     """The recording with each message as ``change(seconds, message)`` leaves it; None drops it."""
-    m, data, begin_us = mavlink(), [], None
-    for stamp_us, message in TlogRecords(source.read_bytes(), None).readable():
+    m, unpacker, data, begin_us = mavlink(), Unpacker(), [], None
+    for stamp_us, frame in TlogRecords(source.read_bytes(), None).readable():
         begin_us = stamp_us if begin_us is None else begin_us
+        message = unpacker.message(frame.data)
         kept = change((stamp_us - begin_us) * 1e-6, message)
         if kept is not None:
             link = m.MAVLink(None, message.get_srcSystem(), message.get_srcComponent())

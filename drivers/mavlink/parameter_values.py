@@ -1,0 +1,81 @@
+"""Whose a PARAM_VALUE is, and what it says.
+
+A ground station that fetched the parameters as a file writes them to its log under an address
+of its own on the vehicle's system (MAVProxy: component 190). They are the autopilot's.
+"""
+
+import struct
+from collections.abc import Iterable
+from typing import Final, NamedTuple
+
+from drivers.events import VehicleId
+from drivers.mavlink.constants import (
+    MAV_AUTOPILOT_PX4,
+    MAV_COMP_ID_AUTOPILOT1,
+    MAV_PARAM_TYPE_INT8,
+    MAV_PARAM_TYPE_INT16,
+    MAV_PARAM_TYPE_INT32,
+    MAV_PARAM_TYPE_UINT8,
+    MAV_PARAM_TYPE_UINT16,
+    MAV_PARAM_TYPE_UINT32,
+)
+
+INTEGER_PARAMETERS: Final = {
+    MAV_PARAM_TYPE_UINT8: "B",
+    MAV_PARAM_TYPE_INT8: "b",
+    MAV_PARAM_TYPE_UINT16: "H",
+    MAV_PARAM_TYPE_INT16: "h",
+    MAV_PARAM_TYPE_UINT32: "I",
+    MAV_PARAM_TYPE_INT32: "i",
+}
+MOST_WAITING = 4096  # an autopilot has some 1500; what comes beyond that is not kept
+
+
+class ParameterValue(NamedTuple):
+    """The fields of a PARAM_VALUE."""
+
+    name: str
+    raw: float
+    kind: int  # MAV_PARAM_TYPE
+
+    def value(self, autopilot: int | None) -> float:
+        """The number: PX4 puts an integer's bytes into the float field, ArduPilot its value."""
+        kind = INTEGER_PARAMETERS.get(self.kind)
+        if autopilot != MAV_AUTOPILOT_PX4 or kind is None:
+            return self.raw
+        return float(struct.unpack_from("<" + kind, struct.pack("<f", self.raw))[0])
+
+
+class WaitingParameters:
+    """Parameters of systems whose autopilot has not been heard yet; the latest of each name."""
+
+    def __init__(self) -> None:
+        self._values: dict[int, dict[str, ParameterValue]] = {}
+        self._count = 0
+
+    def hold(self, system_id: int, value: ParameterValue) -> None:
+        """Keep a value until the system's autopilot is known."""
+        of_system = self._values.setdefault(system_id, {})
+        if value.name not in of_system:
+            if self._count >= MOST_WAITING:
+                return
+            self._count += 1
+        of_system[value.name] = value
+
+    def take(self, system_id: int) -> list[ParameterValue]:
+        """What was kept for a system, once."""
+        of_system = self._values.pop(system_id, {})
+        self._count -= len(of_system)
+        return list(of_system.values())
+
+
+def owner(sender: VehicleId, autopilots: Iterable[VehicleId]) -> VehicleId | None:
+    """Whose parameter it is; None while no autopilot of the sender's system is known.
+
+    Who is an autopilot has parameters of its own. All others on a system speak of its
+    autopilot's: of several, the one with the lowest component id, by convention 1.
+    """
+    if sender.component_id == MAV_COMP_ID_AUTOPILOT1:
+        return sender
+    known = [each for each in autopilots if each.system_id == sender.system_id]
+    return sender if sender in known else min(known, default=None)

@@ -1,0 +1,68 @@
+"""Logs with attitudes and no IMU data are refused with the way to better ones."""
+
+import pytest
+
+from drivers.mavlink.dialect import mavlink
+from fuzzbee.cli import main
+from tests.drivers.logs import test_dataflash
+
+S = 1_000_000
+UNIX_US = 1_700_000_000 * S
+ARDUPILOT, PX4 = 3, 12
+m = mavlink()
+ATTITUDE = m.MAVLink_attitude_message(1000, 0.0, 0.0, 0.1, 0.0, 0.0, 0.0)
+
+
+def tlog(folder, autopilot, *more):
+    link = m.MAVLink(None, srcSystem=1, srcComponent=1)
+    heartbeat = m.MAVLink_heartbeat_message(2, autopilot, 0, 0, 0, 3)
+    data = b""
+    for k, message in enumerate([heartbeat, ATTITUDE, *more] * 20):
+        if "time_boot_ms" in message.fieldnames:
+            message.time_boot_ms = 1000 + 100 * k
+        data += (UNIX_US + k * S // 10).to_bytes(8, "big") + bytes(message.pack(link))
+    path = folder / "attitudes.tlog"
+    path.write_bytes(data)
+    return path
+
+
+def refusal(capsys, *arguments):
+    """The line that ends the command with status 2."""
+    assert main([str(each) for each in arguments]) == 2
+    (line,) = capsys.readouterr().err.splitlines()
+    return line
+
+
+@pytest.mark.parametrize(
+    ("autopilot", "words"),
+    [
+        (ARDUPILOT, ["RAW_IMU", "SR*_RAW_SENS", "SET_MESSAGE_INTERVAL of message 27"]),
+        (PX4, ["HIGHRES_IMU", "mavlink stream -r 50 -s HIGHRES_IMU", "message 105"]),
+    ],
+)
+def test_a_telemetry_log_says_which_message_to_ask_for(autopilot, words, tmp_path, capsys):
+    path = tlog(tmp_path, autopilot)
+    for command in (["replay", path], ["tune", path, "-o", tmp_path / "x.toml"]):
+        line = refusal(capsys, *command)
+        assert "attitudes.tlog: ATTITUDE but no IMU message" in line
+        assert all(word in line for word in (*words, "--request-rate"))
+
+
+def test_an_imu_of_zeros_is_no_missing_message(tmp_path, capsys):
+    zeros = m.MAVLink_scaled_imu2_message(1000, 0, 0, 0, 0, 0, 0, 0, 0, 0)
+    line = refusal(capsys, "replay", tlog(tmp_path, ARDUPILOT, zeros))
+    assert "zero_accelerometer" in line
+    assert "ask for" not in line
+
+
+def test_another_system_has_sent_nothing(tmp_path, capsys):
+    line = refusal(capsys, "replay", tlog(tmp_path, ARDUPILOT), "--system-id", "7")
+    assert "no IMU data of system id 7" in line
+
+
+def test_an_on_board_log_says_which_bit_to_set(tmp_path, capsys):
+    log = test_dataflash.Writer()
+    log.format("ATT", "Qccc", "TimeUS,Roll,Pitch,Yaw")
+    for k in range(20):
+        log.write("ATT", S + k * S // 10, 0.0, 0.0, 1.0)
+    assert "IMU bit of LOG_BITMASK" in refusal(capsys, "replay", log.save(tmp_path))

@@ -1,0 +1,103 @@
+"""PARAM_VALUE of the autopilot, and of those who speak of its parameters."""
+
+import struct
+
+import pytest
+
+from drivers.events import Parameter, VehicleId
+from drivers.mavlink.decoder import MavlinkDecoder
+from drivers.mavlink.dialect import mavlink
+from drivers.mavlink.framing import FrameReader
+from drivers.mavlink.parameter_values import MOST_WAITING, ParameterValue, WaitingParameters
+from estimator.profile import load_profile
+from fuzzbee.replay.trace import Replay
+from service.pipeline import Pipeline
+
+S = 1_000_000
+UNIX_US = 1_700_000_000 * S
+ARDUPILOT, PX4, NO_AUTOPILOT = 3, 12, 8
+REAL, INT32 = 9, 6
+m = mavlink()
+
+
+def events_of(*sent):
+    """The events of (system, component, message), each through real bytes."""
+    decoder, reader, events = MavlinkDecoder(), FrameReader(), []
+    for k, (system, component, message) in enumerate(sent):
+        link = m.MAVLink(None, srcSystem=system, srcComponent=component)
+        for frame in reader.feed(bytes(message.pack(link))):
+            events += decoder.events(frame, UNIX_US + k * S // 50)
+    return events
+
+
+def heartbeat(autopilot=ARDUPILOT):
+    return m.MAVLink_heartbeat_message(2, autopilot, 0, 0, 0, 3)
+
+
+def parameter(name=b"AHRS_TRIM_X", value=0.05, kind=REAL):
+    return m.MAVLink_param_value_message(name, value, kind, 1, 0)
+
+
+def imu(k=0):
+    return m.MAVLink_raw_imu_message(S + 20_000 * k, k, 0, -1000, 0, 0, 0, 200, 0, 400)
+
+
+def owners(*sent):
+    return [event.vehicle for event in events_of(*sent) if isinstance(event, Parameter)]
+
+
+ONE, TWO = VehicleId(1, 1), VehicleId(1, 2)
+
+
+@pytest.mark.parametrize(
+    ("sent", "expected"),
+    [
+        ([(1, 1, parameter())], [ONE]),
+        ([(1, 1, heartbeat()), (1, 190, parameter())], [ONE]),  # MAVProxy's
+        ([(1, 190, parameter()), (1, 1, heartbeat())], [ONE]),  # before anybody was heard
+        ([(1, 190, parameter()), (1, 190, heartbeat(NO_AUTOPILOT))], []),
+        ([(1, 1, heartbeat()), (2, 190, parameter())], []),  # another system's
+        ([(1, 1, heartbeat()), (0, 190, parameter())], []),
+        ([(1, 2, imu()), (1, 190, parameter())], [TWO]),  # an autopilot by what it sends
+        ([(1, 2, heartbeat()), (1, 1, heartbeat()), (1, 190, parameter())], [ONE]),
+        ([(1, 2, heartbeat()), (1, 1, heartbeat()), (1, 2, parameter())], [TWO]),
+    ],
+)
+def test_whose_a_parameter_is(sent, expected):
+    assert owners(*sent) == expected
+
+
+@pytest.mark.parametrize(("autopilot", "value"), [(PX4, 21.0), (ARDUPILOT, 2.942726775082116e-44)])
+def test_an_integer_is_read_as_its_autopilot_writes_it(autopilot, value):
+    bits = struct.unpack("<f", struct.pack("<i", 21))[0]
+    sent = parameter(b"MAV_TYPE", bits, INT32)
+    for order in (
+        [(1, 1, heartbeat(autopilot)), (1, 190, sent)],
+        [(1, 190, sent), (1, 1, heartbeat(autopilot))],
+    ):
+        (found,) = (e for e in events_of(*order) if isinstance(e, Parameter))
+        assert found.value == value
+
+
+def test_what_waits_is_bounded():
+    waiting = WaitingParameters()
+    for k in range(2 * MOST_WAITING):
+        waiting.hold(k % 250, ParameterValue(f"P{k}", 0.0, REAL))
+    assert sum(len(waiting.take(system)) for system in range(256)) == MOST_WAITING
+    waiting.hold(1, ParameterValue("A", 1.0, REAL))
+    waiting.hold(1, ParameterValue("A", 2.0, REAL))
+    assert [each.raw for each in waiting.take(1)] == [2.0]
+
+
+def test_replay_and_service_take_them():
+    """AHRS_TRIM for the comparison, COMPASS_OFS all zero for the heading's sigma."""
+    offsets = [(1, 190, parameter(f"COMPASS_OFS_{axis}".encode(), 0.0)) for axis in "XYZ"]
+    sent = [(1, 1, heartbeat()), (1, 1, imu()), (1, 190, parameter()), *offsets]
+    replay = Replay(load_profile("imu"))
+    replay.run(events_of(*sent))
+    assert replay.traces[ONE].trim_rad["AHRS_TRIM_X"] == pytest.approx(0.05)
+    assert set(replay.traces) == {ONE}
+    pipeline = Pipeline(load_profile("imu"))
+    for event in events_of(*sent):
+        pipeline.handle(event)
+    assert not pipeline.vehicle(ONE).estimator.snapshot.compass.declared_calibrated
