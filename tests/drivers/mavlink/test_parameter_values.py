@@ -100,4 +100,4 @@ def test_replay_and_service_take_them():
     pipeline = Pipeline(load_profile("imu"))
     for event in events_of(*sent):
         pipeline.handle(event)
-    assert not pipeline.vehicle(ONE).estimator.snapshot.compass.declared_calibrated
+    assert pipeline.vehicle(ONE).estimator.attitude(S).sigma_heading_rad > 0.7
