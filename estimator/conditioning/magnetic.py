@@ -14,6 +14,8 @@ from estimator.types import Vec3
 
 # A field with less than this share of the downward part in the horizontal has no heading.
 LEAST_HORIZONTAL = 0.02
+# A field weaker than this share of the expected one is no field, and has no dip.
+LEAST_SHARE = 1e-6
 
 
 @inlined
@@ -23,12 +25,25 @@ def horizontal_down(field: Vec3) -> Two:
 
 
 @inlined
-def confidence_of(off_norm: float, off_dip: float) -> float:
-    """c = 1/(1 + D^2)^2, D^2 = off_norm^2 + off_dip^2, both in units of what counts as one.
+def look_at_field(
+    before: FieldLook, seen: Two, share: float, expected: Two, norm_scale: float, dip_scale: float
+) -> FieldLook:
+    """The look moved by ``share`` of its way to a sample, and its confidence.
 
-    The weight of a robust estimator whose loss saturates (Geman and McClure 1987).
+    ``seen`` and ``expected`` are (horizontal, down). Norm n and dip d say without any heading
+    whether the field is the expected one: D^2 = ((n - n_r)/(s_n n_r))^2 + (sin(d - d_r)/s_d)^2,
+    c = 1/(1 + D^2)^2, the weight of a robust estimator whose loss saturates (Geman and McClure
+    1987). The sine stands for the angle: both dips come from a horizontal and a downward part.
     """
-    return 1.0 / (1.0 + off_norm * off_norm + off_dip * off_dip) ** 2
+    h = before.horizontal + share * (seen[0] - before.horizontal)
+    v = before.down + share * (seen[1] - before.down)
+    h_r, v_r = expected
+    n_r = sqrt(h_r * h_r + v_r * v_r)
+    n = max(sqrt(h * h + v * v), LEAST_SHARE * n_r)
+    off_norm = (n - n_r) / (norm_scale * n_r)
+    off_dip = (v * h_r - h * v_r) / (n * n_r) / dip_scale
+    confidence = 1.0 / (1.0 + off_norm * off_norm + off_dip * off_dip) ** 2
+    return FieldLook(horizontal=h, down=v, confidence=confidence)
 
 
 @inlined
@@ -36,10 +51,6 @@ def observe_field(
     params: ConditioningParams, state: MagneticState, field_6d: Vec3, dt_s: float
 ) -> MagneticState:
     """Confidence of the field in the level frame, and what it teaches the reference.
-
-    Norm n and dip d say without any heading whether the field is the one the reference was
-    learnt from: D^2 = ((n - n_r)/(s_n n_r))^2 + (sin(d - d_r)/s_d)^2. The sine stands for the
-    angle: both dips come from a horizontal and a downward part.
     The reference follows with the weight c dt/tau, during the first tau as a
     running mean, so that a magnet passing later teaches it nothing.
     """
@@ -51,14 +62,9 @@ def observe_field(
         look = FieldLook(horizontal=h, down=v, confidence=1.0)
         return MagneticState(look, FieldReference(h, v, samples, age), 0.0, True)
     a = dt_s / (params.field_tau_s + dt_s)
-    h = state.look.horizontal + a * (h - state.look.horizontal)
-    v = state.look.down + a * (v - state.look.down)
-    h_r, v_r = before.horizontal, before.down
-    n = sqrt(h * h + v * v)
-    n_r = sqrt(h_r * h_r + v_r * v_r)
-    off_norm = (n - n_r) / (params.field_norm_scale * n_r)
-    off_dip = (v * h_r - h * v_r) / (params.field_dip_scale_rad * n * n_r)
-    look = FieldLook(horizontal=h, down=v, confidence=confidence_of(off_norm, off_dip))
+    expected = (before.horizontal, before.down)
+    norm_scale, dip_scale = params.field_norm_scale, params.field_dip_scale_rad
+    look = look_at_field(state.look, (h, v), a, expected, norm_scale, dip_scale)
     learn = min(1.0, dt_s / params.field_reference_tau_s) * look.confidence
     if age < params.field_reference_tau_s:
         learn = max(learn, 1.0 / samples)

@@ -22,8 +22,8 @@ from estimator.aiding.types import (
 from estimator.compilation.compiled import inlined
 from estimator.conditioning.magnetic import (
     LEAST_HORIZONTAL,
-    confidence_of,
     horizontal_down,
+    look_at_field,
 )
 from estimator.conditioning.types import FieldLook
 from estimator.geometry.quaternion import cross, dot, exp, multiply, rotate, scale, subtract
@@ -34,7 +34,6 @@ RESIDUAL_TAU_S = 5.0
 RESIDUAL_MEMORY_S = 60.0
 RESIDUAL_CLIP_RAD = 0.2
 LEAST_CONFIDENCE = 1e-6
-LEAST_SHARE = 1e-6  # of the place's field: less is no field, and has no dip
 # Before anything is known about the place's field its parts are uncertain by this share of it.
 FIRST_SIGMA = 0.2
 # How well a declination is known, rad, and over which time that counts as one measurement.
@@ -66,18 +65,11 @@ def judge_field(
     learnt) makes of them.
     """
     wait = min(state.wait_s, 1.0)
-    a = wait / (FIELD_TAU_S + wait) if state.samples > 0.0 else 1.0
-    h, v = horizontal_down(seen)
-    h = state.look.horizontal + a * (h - state.look.horizontal)
-    v = state.look.down + a * (v - state.look.down)
-    h_r, v_r = horizontal_down(expected)
-    n_r = sqrt(h_r * h_r + v_r * v_r)
-    n = max(sqrt(h * h + v * v), LEAST_SHARE * n_r)
-    unsure = sqrt(variance) / n_r
-    off_norm = (n - n_r) / ((params.field_norm_scale + unsure) * n_r)
-    off_dip = (v * h_r - h * v_r) / (n * n_r)
-    off_dip /= params.field_dip_scale_rad + unsure
-    look = FieldLook(horizontal=h, down=v, confidence=confidence_of(off_norm, off_dip))
+    share = wait / (FIELD_TAU_S + wait) if state.samples > 0.0 else 1.0
+    place = horizontal_down(expected)
+    unsure = sqrt(variance) / sqrt(place[0] * place[0] + place[1] * place[1])
+    norm_scale, dip_scale = params.field_norm_scale + unsure, params.field_dip_scale_rad + unsure
+    look = look_at_field(state.look, horizontal_down(seen), share, place, norm_scale, dip_scale)
     return FieldState(
         look=look,
         residual=state.residual,
