@@ -51,6 +51,7 @@ def observe_field(
     params: ConditioningParams, state: MagneticState, field_6d: Vec3, dt_s: float
 ) -> MagneticState:
     """Confidence of the field in the level frame, and what it teaches the reference.
+
     The reference follows with the weight c dt/tau, during the first tau as a
     running mean, so that a magnet passing later teaches it nothing.
     """

@@ -4,10 +4,12 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from estimator import conditioning
 from estimator.aiding import AidingState, blank_aiding, forget_biases
 from estimator.aiding.search import EMPTY_SEARCH, Search
 from estimator.aiding.types import SIZE, Array
+from estimator.conditioning import apply_turn as turn_memory
+from estimator.conditioning import forget_bias
+from estimator.conditioning import initial_state as initial_conditioning
 from estimator.conditioning.types import Conditioned, ConditioningState
 from estimator.filter.types import FilterState, initial_state
 from estimator.geometry.quaternion import conjugate, multiply, normalize
@@ -50,7 +52,7 @@ def initial_core(settings: Settings) -> Core:
         sample=NO_SAMPLE,
         filter=initial_state(),
         smooth_error=0.0,
-        conditioning=conditioning.initial_state(settings.conditioning),
+        conditioning=initial_conditioning(settings.conditioning),
         seen=UNSEEN,
         search=EMPTY_SEARCH,
         aided=aided,
@@ -94,13 +96,13 @@ def apply_turn(now: Core, turn_ned: Quaternion, *, is_aided: bool) -> Core:
         aided_q = normalize(multiply(estimate.q_ned_frd, turn_frd))
         aided = aided._replace(estimate=estimate._replace(q_ned_frd=aided_q))
     return with_attitude(now, normalize(multiply(q, turn_frd)))._replace(
-        conditioning=conditioning.apply_turn(now.conditioning, turn_frd), aided=aided
+        conditioning=turn_memory(now.conditioning, turn_frd), aided=aided
     )
 
 
 def change_imu(settings: Settings, now: Core, *, is_aided: bool) -> Core:
     """The same attitude and velocity; the biases of the new sensors are not known yet."""
-    memory = conditioning.forget_bias(settings.conditioning, now.conditioning)
+    memory = forget_bias(settings.conditioning, now.conditioning)
     now = now._replace(conditioning=memory)
     if not is_aided:
         return now
