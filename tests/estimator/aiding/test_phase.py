@@ -1,0 +1,168 @@
+"""The phases of the aiding: what follows on what, what is left blank, and that all can be kept."""
+
+import pytest
+
+from estimator.aiding import blank_aiding
+from estimator.aiding.phase import Cause, Phase, after
+from estimator.aiding.search import EMPTY_SEARCH
+from estimator.estimator import Estimator
+from estimator.geometry.quaternion import exp
+from estimator.live.core import UNSEEN, flat
+from estimator.live.settings import settings_of
+from estimator.profile import load_profile, merge_profile
+from estimator.types import ZERO_VEC3, VelocitySample
+from tests.flight import banked_flight
+
+TRUE_NORTH = merge_profile(load_profile("imu"), {"reference": {"declination_deg": 0.01}})
+OFF = merge_profile(TRUE_NORTH, {"aiding": {"enabled": False}})
+ZURICH = (47.4, 8.5, 400.0, 1_700_000_000_000_000)
+SECOND = 50  # samples
+
+
+@pytest.fixture(scope="module")
+def flight():
+    return banked_flight()
+
+
+class Pilot:
+    """Flies an estimator along, and notes each phase as it is entered."""
+
+    def __init__(self, estimator, flight, *, field=True):
+        self.estimator, self._flight, self._field = estimator, flight, field
+        self._reports = dict(flight.reports)
+        self.k, self._late_us = 0, 0
+        self.phases = [estimator.snapshot.context.phase]
+
+    def fly(self, seconds, *, reports=True):
+        for _ in range(round(seconds * SECOND)):
+            sample = self._flight.samples[self.k]
+            if not self._field:
+                sample = sample._replace(has_mag=False, mag_gauss=ZERO_VEC3)
+            sample = sample._replace(time_us=sample.time_us + self._late_us)
+            assert self.estimator.update(sample) is None
+            self._note()
+            report = self._reports.get(self.k) if reports else None
+            if report is not None:
+                late = report._replace(time_us=report.time_us + self._late_us)
+                self.estimator.update_velocity(late)
+            self.k += 1
+        return self
+
+    def pause(self, seconds):
+        self._late_us += round(1e6 * seconds)
+        return self
+
+    def _note(self):
+        now = self.estimator.snapshot
+        phase = now.context.phase
+        if phase is not self.phases[-1]:
+            self.phases.append(phase)
+        require_nothing_stale(self.estimator, now)
+
+
+def require_nothing_stale(estimator, now):
+    phase, core = now.context.phase, now.core
+    state, covariance = blank_aiding(settings_of(estimator.profile).aiding)
+    if phase is not Phase.AIDED:
+        assert (core.aided, core.covariance) == (state, flat(covariance))
+    else:
+        assert core.search == EMPTY_SEARCH
+    if phase in (Phase.EMPTY, Phase.RAW):
+        assert (core.seen, core.search) == (UNSEEN, EMPTY_SEARCH)
+
+
+def test_the_field_gives_the_heading_and_a_gap_takes_it(flight):
+    pilot = Pilot(Estimator(TRUE_NORTH), flight).fly(4.0).pause(2.0).fly(0.04, reports=False)
+    assert pilot.phases == [Phase.EMPTY, Phase.UNAIDED, Phase.AIDED, Phase.UNAIDED]
+    assert pilot.fly(1.0).phases[-1] is Phase.AIDED
+
+
+def test_without_a_field_it_is_searched_for(flight):
+    pilot = Pilot(Estimator(TRUE_NORTH), flight, field=False).fly(30.0)
+    assert pilot.phases == [Phase.EMPTY, Phase.UNAIDED, Phase.SEARCHING, Phase.AIDED]
+
+
+def test_a_gap_ends_the_search(flight):
+    pilot = Pilot(Estimator(TRUE_NORTH), flight, field=False).fly(4.0)
+    pilot.pause(2.0).fly(0.04, reports=False)
+    assert pilot.phases[-2:] == [Phase.SEARCHING, Phase.UNAIDED]
+
+
+def test_reports_that_stay_away_end_it(flight):
+    quick = merge_profile(TRUE_NORTH, {"aiding": {"give_up_s": 2.0}})
+    pilot = Pilot(Estimator(quick), flight).fly(4.0).fly(3.0, reports=False)
+    assert pilot.phases[-2:] == [Phase.AIDED, Phase.UNAIDED]
+    assert pilot.estimator.snapshot.context.compass.gave_up_us is not None
+
+
+@pytest.mark.parametrize(
+    ("happen", "follows"),
+    [
+        (lambda one: one.replace_profile(load_profile("paper")), Phase.RAW),
+        (lambda one: one.replace_profile(OFF), Phase.UNAIDED),
+        (lambda one: one.set_field_calibrated(False), Phase.UNAIDED),
+    ],
+    ids=["raw", "off", "misled"],
+)
+def test_what_else_ends_it(flight, happen, follows):
+    pilot = Pilot(Estimator(TRUE_NORTH), flight).fly(4.0)
+    assert pilot.phases[-1] is Phase.AIDED
+    happen(pilot.estimator)
+    assert pilot.fly(0.02, reports=False).phases[-1] is follows
+
+
+def test_raw_vectors_go_on_as_conditioned_ones_even_across_a_gap(flight):
+    one = Estimator(load_profile("paper"))
+    pilot = Pilot(one, flight).fly(1.0).pause(5.0)
+    one.replace_profile(TRUE_NORTH)
+    assert pilot.fly(0.02).phases == [Phase.EMPTY, Phase.RAW, Phase.UNAIDED]
+
+
+def test_only_a_sample_leaves_the_beginning_and_nothing_but_a_restart_returns_to_it(flight):
+    assert {c for c in Cause if after(Phase.EMPTY, c) is not Phase.EMPTY} == {
+        Cause.SAMPLE,
+        Cause.RAW_SAMPLE,
+    }
+    assert all(after(p, c) is not Phase.EMPTY for p in Phase if p is not Phase.EMPTY for c in Cause)
+    one = Pilot(Estimator(TRUE_NORTH), flight).fly(1.0).estimator
+    one.restart()
+    assert one.snapshot.context.phase is Phase.EMPTY
+
+
+def waiting(one):
+    """A report ahead of the IMU."""
+    ahead_us = one.snapshot.context.time_us + 30_000
+    one.update_velocity(VelocitySample(ahead_us, (15.0, 1.0, 0.0), True, 0.3))
+    assert len(one.snapshot.context.reports) == 1
+
+
+INTERRUPTIONS = {
+    "a report waits": waiting,
+    "another IMU": lambda one: one.change_imu(),
+    "a turn": lambda one: one.turn(exp((0.1, -0.2, 0.3))),
+    "a place": lambda one: one.set_position(*ZURICH),
+}
+
+
+# raw vectors have no use for velocity
+RAW = [("paper", name, False) for name in INTERRUPTIONS if name != "a report waits"]
+CONDITIONED = [("imu", name, aided) for name in INTERRUPTIONS for aided in (True, False)]
+
+
+@pytest.mark.parametrize(("profile", "name", "aided"), RAW + CONDITIONED)
+def test_a_snapshot_taken_then_goes_on_to_the_last_bit(flight, profile, name, aided):
+    straight, resumed = Estimator(load_profile(profile)), Estimator(load_profile(profile))
+    if name != "a place":
+        straight.set_position(*ZURICH)
+    one = Pilot(straight, flight).fly(6.0, reports=aided)
+    assert (one.phases[-1] is Phase.AIDED) is (aided and name != "a place")
+    INTERRUPTIONS[name](straight)
+    resumed.snapshot = straight.snapshot
+    other = Pilot(resumed, flight)
+    other.k = one.k
+    for _ in range(10):
+        one.fly(0.2, reports=aided)
+        other.fly(0.2, reports=aided)
+        assert resumed.snapshot == straight.snapshot
+        time_us = straight.snapshot.context.time_us + 7_000
+        assert resumed.attitude(time_us) == straight.attitude(time_us)
