@@ -149,8 +149,8 @@ class Estimator:
         if now.phase is _AIDED and report.time_us <= now.time_us:
             # it belongs to the last sample or to one just before it
             due, _ = take_due((report,), now.time_us, self._settings.aiding.oldest_report_s)
-            if due.given:
-                hear(self._core.inside, due)
+            for late in due:
+                hear(self._core.inside, late)
         else:
             self._context = now._replace(reports=enqueue(now.reports, report))
         return None
@@ -208,9 +208,11 @@ class Estimator:
         dt_s = 1e-6 * (sample.time_us - now.time_us)
         if now.phase is not _UNAIDED:
             self._enter(self._cause_at(dt_s))
-        report, ahead = NO_REPORT, now.reports
+        due: tuple[Report, ...] = ()
+        ahead = now.reports
         if ahead:
-            report, ahead = take_due(ahead, sample.time_us, aiding.oldest_report_s)
+            due, ahead = take_due(ahead, sample.time_us, aiding.oldest_report_s)
+        report = due[0] if due else NO_REPORT
         readings = (sample.gyr_rad_s, sample.acc_m_s2, sample.mag_gauss, sample.has_mag)
         is_aided = self._context.phase is _AIDED
         heading = advance(self._core.inside, *readings, dt_s, is_aided)
@@ -218,6 +220,9 @@ class Estimator:
         if is_aided:
             if not advance_aided(self._core.inside, report, self._knows_north):
                 self._give_up()
+                return
+            for other in due[1:]:
+                hear(self._core.inside, other)
             return
         if heading == FIRST_HEADING and now.phase is not _RAW:
             self._align()

@@ -49,7 +49,7 @@ class Vehicle:
         self._statuses = 0
         self._health = Health()
         self._choice = ImuChoice()
-        self._velocity_choice = VelocityChoice()
+        self._velocity_choices = {True: VelocityChoice(), False: VelocityChoice()}
         self._compass_offsets: dict[str, float] = {}
         self._clock = HostClock()
         self._periods_us: deque[int] = deque(maxlen=PERIODS_KEPT)
@@ -137,10 +137,12 @@ class Vehicle:
 
     def on_velocity(self, event: Velocity) -> None:
         """Feed the estimator, if the message is the chosen one."""
-        self._velocity_choice = velocity_choice.consider(
-            self._velocity_choice, event.message, event.arrival_us
+        is_receiver = event.sample.late_sigma_s > 0.0
+        choice = velocity_choice.consider(
+            self._velocity_choices[is_receiver], event.message, event.arrival_us
         )
-        if self._velocity_choice.message != event.message:
+        self._velocity_choices[is_receiver] = choice
+        if choice.message != event.message:
             return
         reason = self.estimator.update_velocity(event.sample)
         if reason is not None:

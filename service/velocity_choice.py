@@ -1,7 +1,8 @@
-"""Which of a vehicle's velocity messages helps the estimator.
+"""Which of a vehicle's velocity messages help the estimator.
 
-They are never mixed: their errors and delays differ, and a change of source
-looks like an acceleration. The better one is used while it comes.
+There are two sources: the autopilot's filter and a receiver. The estimator knows the errors of
+either; the messages of one are never mixed, for a change looks like an acceleration. The better
+one is used while it comes.
 """
 
 from drivers.samples.preference import velocity_rank

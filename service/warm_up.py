@@ -75,9 +75,9 @@ def rehearse(estimator: Estimator, *, aided: bool) -> None:
     before = estimator.snapshot
     aiding = settings_of(estimator.profile).aiding
     core = before.core
-    state, covariance = begin(aiding, IDENTITY, ZERO_VEC3, core.sample, NO_REPORT, 0.1, 0.0)
+    state, covariance, trail = begin(aiding, IDENTITY, ZERO_VEC3, core.sample, NO_REPORT, 0.1, 0.0)
     estimator.snapshot = before._replace(
-        core=core._replace(aided=state, covariance=flat(covariance)),
+        core=core._replace(aided=state, covariance=flat(covariance), trail=flat(trail)),
         context=before.context._replace(phase=Phase.AIDED),
     )
     estimator.update(_sample(3))

@@ -1,13 +1,18 @@
 """Attitude and velocity carried on by gyroscope and accelerometer."""
 
+from math import exp as real_exp
 from typing import NamedTuple
 
 from estimator.aiding.covariance import predict_covariance, rotation_matrix
+from estimator.aiding.trail import ACCELERATION, TIME, extend_trail, row
 from estimator.aiding.types import (
     ACC_BIAS,
     EARTH,
+    FILTER_ERROR,
     GYR_BIAS,
     HARD_IRON,
+    RECEIVER_ERROR,
+    SIZE,
     TURN,
     VELOCITY,
     AidingParams,
@@ -28,7 +33,7 @@ from estimator.geometry.quaternion import (
 )
 from estimator.types import STANDARD_GRAVITY_M_S2, Quaternion, Sample, Vec3
 
-SLOW_STEP_S = 0.3  # a step in which a copter's motion begins and ends unseen
+GRAVITY_NED: Vec3 = (0.0, 0.0, STANDARD_GRAVITY_M_S2)
 HARD_IRON_WALK_S = 2500.0  # the time in which the remaining hard iron may become another
 
 
@@ -39,12 +44,17 @@ class Prediction(NamedTuple):
     velocity_ned_m_s: Vec3  # over ground
     force_ned_m_s2: Vec3  # specific force, NED
     rate_rad_s: Vec3  # free of bias, FRD
-    covariance: Array  # (21, 21) of the errors; what is learnt at the sample changes it in place
+    receiver_error_m_s: Vec3  # slow errors of reports, NED
+    filter_error_m_s: Vec3
+    trail: Array  # of the velocity gained lately
+    covariance: (
+        Array  # (SIZE, SIZE) of the errors; what is learnt at the sample changes it in place
+    )
 
 
 @inlined
 def predict_motion(
-    params: AidingParams, state: AidingState, P: Array, sample: Sample
+    params: AidingParams, state: AidingState, P: Array, trail: Array, sample: Sample
 ) -> Prediction:
     """One strapdown step: q <- q exp((w - b) dt), v <- v + (R f + g) dt by the trapezoid."""
     gyr, dt = sample.gyr_rad_s, sample.dt_s
@@ -55,24 +65,40 @@ def predict_motion(
     force = rotate(q, subtract(sample.acc_m_s2, estimate.acc_bias_m_s2))
     gained = scale(0.5 * dt, add(force, before.force_ned_m_s2))
     v = add(estimate.velocity_ned_m_s, gained)
-    v = (v[0], v[1], v[2] + STANDARD_GRAVITY_M_S2 * dt)
+    v = add(v, scale(dt, GRAVITY_NED))
+    faster = add(gained, scale(dt, GRAVITY_NED))
+    trail = extend_trail(trail, faster, add(force, GRAVITY_NED), dt)
     P = predict_covariance(P, rotation_matrix(q), gained, dt)
-    missed_turn = rotate(q, scale(dt, subtract(gyr, before.gyr_rad_s)))
-    missed_push = scale(dt, subtract(force, before.force_ned_m_s2))
+    bent = bend(gyr, before.gyr_rad_s, before.gyr_before_rad_s, dt, before.dt_s)
+    missed_turn = rotate(q, scale(dt, bent))
+    missed_push = scale(dt, trail_bend(trail))
     add_noise(params, P, state, missed_turn, missed_push, dot(rate, rate), dt)
     return Prediction(
         q_ned_frd=q,
         velocity_ned_m_s=v,
         force_ned_m_s2=force,
         rate_rad_s=rate,
+        receiver_error_m_s=faded(estimate.receiver_error_m_s, dt, params.receiver_error_tau_s),
+        filter_error_m_s=faded(estimate.filter_error_m_s, dt, params.filter_error_tau_s),
+        trail=trail,
         covariance=P,
     )
 
 
 @inlined
-def unseen_share(params: AidingParams, dt: float) -> float:
-    """Share of the change over a step that integration misses; more the slower the samples."""
-    return params.integration_noise * (1.0 + (dt / SLOW_STEP_S) ** 2)
+def bend(third: Vec3, second: Vec3, first: Vec3, dt: float, before_s: float) -> Vec3:
+    """How far the last of three readings lies off the line through the two before."""
+    return subtract(
+        subtract(third, second), scale(min(1.0, dt / before_s), subtract(second, first))
+    )
+
+
+@inlined
+def trail_bend(trail: Array) -> Vec3:
+    """Likewise of the force, (NED)."""
+    second = row(trail, 1, ACCELERATION)
+    step_s, before_s = trail[0, TIME] - trail[1, TIME], trail[1, TIME] - trail[2, TIME]
+    return bend(row(trail, 0, ACCELERATION), second, row(trail, 2, ACCELERATION), step_s, before_s)
 
 
 @inlined
@@ -90,11 +116,10 @@ def add_noise(
     Between two samples anything may happen that they do not show; how much is
     told by how much they differ.
     """
-    missed = unseen_share(params, dt) ** 2
+    missed = params.integration_noise**2
     relative = params.gyr_scale_noise**2 + (params.gyr_slow_noise_1_s * dt) ** 2
     turn = (params.gyr_noise**2 + relative * rate_square) * dt
-    walk = state.agreement.scatter.noise_scale * params.velocity_walk**2
-    push = (params.acc_noise**2 + walk) * dt
+    push = params.acc_noise**2 * dt
     iron = params.hard_iron_sigma_gauss**2
     for i in range(3):
         P[TURN + i, TURN + i] += turn + missed * missed_turn[i] ** 2
@@ -103,6 +128,14 @@ def add_noise(
         P[ACC_BIAS + i, ACC_BIAS + i] += params.acc_bias_walk**2 * dt
         if P[HARD_IRON + i, HARD_IRON + i] < iron:
             P[HARD_IRON + i, HARD_IRON + i] += iron * dt / HARD_IRON_WALK_S
+    scatter = state.agreement.by_filter.scatter
+    pushed = state.last.force_ned_m_s2
+    turning = params.filter_turning_s**2 * (pushed[0] ** 2 + pushed[1] ** 2)
+    variance = (params.filter_error_m_s**2 + turning) * max(1.0, scatter.noise_scale)
+    renew_error(P, FILTER_ERROR, variance, dt / params.filter_error_tau_s)
+    scatter = state.agreement.by_receiver.scatter
+    variance = params.receiver_error_m_s**2 * max(1.0, scatter.noise_scale)
+    renew_error(P, RECEIVER_ERROR, variance, dt / params.receiver_error_tau_s)
     E = state.estimate.earth_gauss
     field = params.field_walk**2 * dt
     horizontal = field * (1.0 + E[2] * E[2] / max(E[0] * E[0] + E[1] * E[1], 1e-12))
@@ -110,3 +143,20 @@ def add_noise(
         for j in range(2):
             P[EARTH + i, EARTH + j] += horizontal * E[i] * E[j]
     P[EARTH + 2, EARTH + 2] += field * dot(E, E)
+
+
+@inlined
+def faded(error: Vec3, dt: float, tau_s: float) -> Vec3:
+    """What is left of a slow error, as far as it is known."""
+    return scale(real_exp(-dt / tau_s), error)
+
+
+@inlined
+def renew_error(P: Array, first: int, variance: float, share: float) -> None:
+    """A slow error over ``share`` of the time it lasts, in place: first-order noise."""
+    keep = real_exp(-share)
+    for i in range(first, first + 3):
+        for j in range(SIZE):
+            P[i, j] *= keep
+            P[j, i] *= keep
+        P[i, i] += variance * (1.0 - keep * keep)

@@ -12,23 +12,28 @@ from math import hypot
 
 import numpy as np
 
-from estimator.aiding.inertial import Prediction, predict_motion
+from estimator.aiding.inertial import GRAVITY_NED, Prediction, predict_motion
 from estimator.aiding.sources.field import observe_heading, wait_for_field
 from estimator.aiding.sources.unaided import observe_unaided
-from estimator.aiding.sources.velocity import Step, observe_velocity, wait_for_report
+from estimator.aiding.sources.velocity import Source, observe_velocity, wait_for_report
+from estimator.aiding.trail import new_trail
 from estimator.aiding.types import (
     ACC_BIAS,
     EARTH,
     FIELD_LAG,
+    FILTER_ERROR,
+    FILTER_LAG,
     GYR_BIAS,
     HARD_IRON,
     IMU_LAG,
     NO_REPORT,
-    REPORT_LAG,
+    RECEIVER_ERROR,
+    RECEIVER_LAG,
     SIZE,
     TURN,
     VELOCITY,
     Agreement,
+    Agreements,
     AidingEstimate,
     AidingParams,
     AidingState,
@@ -49,6 +54,9 @@ from estimator.types import IDENTITY, ZERO_VEC3, Quaternion, Sample, Vec3
 
 BEGIN_VELOCITY_SIGMA_M_S = 1.0
 LEAST_HORIZONTAL_GAUSS = 0.02  # near the magnetic poles
+UNHEARD = Agreement(
+    scatter=Scatter(noise_scale=1.0, innovation=1.0, reports=0.0), wait_s=0.0, doubt_s=0.0
+)
 FIRST_STEP_S = 1.0  # no step yet: too long to tell lags from
 
 
@@ -60,8 +68,8 @@ def begin(
     report: Report,
     heading_sigma_rad: float,
     hard_iron_sigma_gauss: float,
-) -> tuple[AidingState, Array]:
-    """State and covariance at a first velocity report, from an attitude and a bias."""
+) -> tuple[AidingState, Array, Array]:
+    """State, covariance and trail at a first velocity report, from an attitude and a bias."""
     P = np.zeros((SIZE, SIZE))
     tilt, heading = params.begin_tilt_sigma_rad**2, heading_sigma_rad**2
     diagonal = np.einsum("ii->i", P)
@@ -70,6 +78,9 @@ def begin(
     diagonal[GYR_BIAS : GYR_BIAS + 3] = params.gyr_bias_sigma**2
     diagonal[ACC_BIAS : ACC_BIAS + 3] = params.acc_bias_sigma**2
     diagonal[IMU_LAG] = params.imu_lag_sigma_s**2
+    diagonal[FILTER_LAG] = params.filter_lag_sigma_s**2
+    diagonal[FILTER_ERROR : FILTER_ERROR + 3] = params.filter_error_m_s**2
+    diagonal[RECEIVER_ERROR : RECEIVER_ERROR + 3] = params.receiver_error_m_s**2
     diagonal[FIELD_LAG] = params.field_lag_sigma_s**2
     diagonal[HARD_IRON : HARD_IRON + 3] = hard_iron_sigma_gauss**2
     state = AidingState(
@@ -82,10 +93,14 @@ def begin(
             field_lag_s=params.field_lag_s,
             hard_iron_gauss=ZERO_VEC3,
             earth_gauss=ZERO_VEC3,
-            report_lag_s=params.report_lag_s,
+            receiver_lag_s=params.receiver_lag_s,
+            filter_lag_s=0.0,
+            receiver_error_m_s=ZERO_VEC3,
+            filter_error_m_s=ZERO_VEC3,
         ),
         last=LastStep(
             gyr_rad_s=sample.gyr_rad_s,
+            gyr_before_rad_s=sample.gyr_rad_s,
             force_ned_m_s2=rotate(q_ned_frd, sample.acc_m_s2),
             rate_rad_s=subtract(sample.gyr_rad_s, gyr_bias),
             dt_s=FIRST_STEP_S,
@@ -97,22 +112,20 @@ def begin(
             wait_s=0.0,
             doubt_s=0.0,
         ),
-        agreement=Agreement(
-            scatter=Scatter(noise_scale=1.0, innovation=1.0, reports=0.0), wait_s=0.0, doubt_s=0.0
-        ),
+        agreement=Agreements(by_filter=UNHEARD, by_receiver=UNHEARD),
         sigma=Sigmas(
             inclination_rad=params.begin_tilt_sigma_rad,
             heading_rad=heading_sigma_rad,
         ),
     )
-    return state, P
+    return state, P, new_trail(add(state.last.force_ned_m_s2, GRAVITY_NED))
 
 
-def blank_aiding(params: AidingParams) -> tuple[AidingState, Array]:
-    """The place of state and covariance while there is no aiding."""
+def blank_aiding(params: AidingParams) -> tuple[AidingState, Array, Array]:
+    """The place of state, covariance and trail while there is no aiding."""
     sample = Sample(ZERO_VEC3, ZERO_VEC3, ZERO_VEC3, False, 0.0)
-    state, P = begin(params, IDENTITY, ZERO_VEC3, sample, NO_REPORT, 0.0, 0.0)
-    return state, np.zeros_like(P)
+    state, P, trail = begin(params, IDENTITY, ZERO_VEC3, sample, NO_REPORT, 0.0, 0.0)
+    return state, np.zeros_like(P), trail
 
 
 def forget_biases(
@@ -155,7 +168,10 @@ def apply_corrections(
         field_lag_s=estimate.field_lag_s + x[FIELD_LAG],
         hard_iron_gauss=add(estimate.hard_iron_gauss, part(x, HARD_IRON)),
         earth_gauss=add(estimate.earth_gauss, part(x, EARTH)),
-        report_lag_s=estimate.report_lag_s + x[REPORT_LAG],
+        receiver_lag_s=estimate.receiver_lag_s + x[RECEIVER_LAG],
+        filter_lag_s=estimate.filter_lag_s + x[FILTER_LAG],
+        receiver_error_m_s=add(now.receiver_error_m_s, part(x, RECEIVER_ERROR)),
+        filter_error_m_s=add(now.filter_error_m_s, part(x, FILTER_ERROR)),
     )
     return corrected, subtract(rotate(turn, now.force_ned_m_s2), rotate(q, change))
 
@@ -167,7 +183,7 @@ def sigmas(
     estimate: AidingEstimate,
     last: LastStep,
     field: FieldState,
-    agreement: Agreement,
+    agreement: Agreements,
 ) -> Sigmas:
     """How uncertain the estimate is after a sample."""
     turning = norm(last.rate_rad_s)
@@ -186,58 +202,112 @@ def iron_angle(params: AidingParams, estimate: AidingEstimate) -> float:
 
 
 @inlined
+def take_report(
+    params: AidingParams,
+    agreement: Agreements,
+    before: AidingEstimate,
+    now: Prediction,
+    dt: float,
+    report: Report,
+    gravity_b: Vec3,
+    x: Array,
+) -> Agreements:
+    """Learn from a report as of the source that it comes from."""
+    by_filter, by_receiver = agreement.by_filter, agreement.by_receiver
+    if report.late_sigma_s > 0.0:
+        source = Source(
+            is_receiver=True,
+            error_m_s=now.receiver_error_m_s,
+            age_s=report.ago_s + before.receiver_lag_s - before.imu_lag_s,
+            error_at=RECEIVER_ERROR,
+            lag_at=RECEIVER_LAG,
+            is_alone=by_filter.wait_s >= params.silence_s,
+        )
+        by_receiver = observe_velocity(params, by_receiver, now, source, dt, report, gravity_b, x)
+    else:
+        source = Source(
+            is_receiver=False,
+            error_m_s=now.filter_error_m_s,
+            age_s=report.ago_s + before.filter_lag_s - before.imu_lag_s,
+            error_at=FILTER_ERROR,
+            lag_at=FILTER_LAG,
+            is_alone=by_receiver.wait_s >= params.silence_s,
+        )
+        by_filter = observe_velocity(params, by_filter, now, source, dt, report, gravity_b, x)
+    return Agreements(by_filter=by_filter, by_receiver=by_receiver)
+
+
+@inlined
 def aid(
     params: AidingParams,
     state: AidingState,
     P: Array,
+    trail: Array,
     sample: Sample,
     report: Report,
     others: Surroundings,
-) -> tuple[AidingState, Array]:
+) -> tuple[AidingState, Array, Array]:
     """One sample, ``dt_s`` > 0 after the one before: predict, then learn from what there is.
 
-    The covariance given stays as it is.
+    The covariance and the trail given stay as they are.
     """
     dt = sample.dt_s
     before = state.estimate
-    now = predict_motion(params, state, P, sample)
+    now = predict_motion(params, state, P, trail, sample)
     x = np.zeros(SIZE)
-    agreement = wait_for_report(state.agreement, dt)
+    agreement = Agreements(
+        by_filter=wait_for_report(state.agreement.by_filter, dt),
+        by_receiver=wait_for_report(state.agreement.by_receiver, dt),
+    )
     if report.given:
-        step = Step(dt, state.last.force_ned_m_s2, before.imu_lag_s, before.report_lag_s)
-        agreement = observe_velocity(params, agreement, now, step, report, others.gravity_b, x)
-    elif agreement.wait_s > params.silence_s:
+        agreement = take_report(params, agreement, before, now, dt, report, others.gravity_b, x)
+    elif min(agreement.by_filter.wait_s, agreement.by_receiver.wait_s) > params.silence_s:
         observe_unaided(params, now, others.gravity_b, x, dt)
     field = wait_for_field(state.field, dt)
     if sample.has_mag:
         field = observe_heading(params, field, before, now, others.north, sample, x)
     estimate, force = apply_corrections(before, now, x)
     last = LastStep(
-        gyr_rad_s=sample.gyr_rad_s, force_ned_m_s2=force, rate_rad_s=now.rate_rad_s, dt_s=dt
+        gyr_rad_s=sample.gyr_rad_s,
+        gyr_before_rad_s=state.last.gyr_rad_s,
+        force_ned_m_s2=force,
+        rate_rad_s=now.rate_rad_s,
+        dt_s=dt,
     )
     sigma = sigmas(params, now.covariance, estimate, last, field, agreement)
-    return AidingState(estimate, last, field, agreement, sigma), now.covariance
+    state = AidingState(estimate, last, field, agreement, sigma)
+    return state, now.covariance, now.trail
 
 
 @inlined
 def take_late_report(
-    params: AidingParams, state: AidingState, P: Array, gravity_b: Vec3, report: Report
+    params: AidingParams,
+    state: AidingState,
+    P: Array,
+    trail: Array,
+    gravity_b: Vec3,
+    report: Report,
 ) -> tuple[AidingState, Array]:
     """A report that came behind the sample it belongs to, before the next one."""
     before, last = state.estimate, state.last
-    force = last.force_ned_m_s2
     now = Prediction(
         q_ned_frd=before.q_ned_frd,
         velocity_ned_m_s=before.velocity_ned_m_s,
-        force_ned_m_s2=force,
+        force_ned_m_s2=last.force_ned_m_s2,
         rate_rad_s=last.rate_rad_s,
+        receiver_error_m_s=before.receiver_error_m_s,
+        filter_error_m_s=before.filter_error_m_s,
+        trail=trail,
         covariance=P.copy(),
     )
     x = np.zeros(SIZE)
-    step = Step(last.dt_s, force, before.imu_lag_s, before.report_lag_s)
-    agreement = observe_velocity(params, state.agreement, now, step, report, gravity_b, x)
+    agreement = take_report(params, state.agreement, before, now, last.dt_s, report, gravity_b, x)
     estimate, force = apply_corrections(before, now, x)
     last = LastStep(
-        gyr_rad_s=last.gyr_rad_s, force_ned_m_s2=force, rate_rad_s=last.rate_rad_s, dt_s=last.dt_s
+        gyr_rad_s=last.gyr_rad_s,
+        gyr_before_rad_s=last.gyr_before_rad_s,
+        force_ned_m_s2=force,
+        rate_rad_s=last.rate_rad_s,
+        dt_s=last.dt_s,
     )
     return AidingState(estimate, last, state.field, agreement, state.sigma), now.covariance

@@ -26,8 +26,11 @@ IMU_LAG = 12  # s
 FIELD_LAG = 13  # s
 HARD_IRON = 14  # gauss
 EARTH = 17  # gauss, the place's field in NED
-REPORT_LAG = 20  # s
-SIZE = 21
+RECEIVER_LAG = 20  # s, of a receiver's reports
+FILTER_LAG = 21  # s, of those of an autopilot's filter
+RECEIVER_ERROR = 22  # m/s, the slow error of a receiver's reports
+FILTER_ERROR = 25  # m/s, likewise of an autopilot's filter
+SIZE = 28
 
 
 class AidingParams(NamedTuple):
@@ -36,22 +39,29 @@ class AidingParams(NamedTuple):
     enabled: bool = True  # off: velocity is not used
 
     # Noise of the IMU, as densities.
-    gyr_noise: Noise = 0.005  # rad/s/sqrt(Hz); small: stiff, large: the attitude follows velocity
-    gyr_scale_noise: Noise = 0.002  # per rad/s turned, same; scale errors, crossed axes
-    gyr_slow_noise_1_s: Noise = 0.08  # likewise, for each second of the IMU's step
-    acc_noise: Noise = 0.08  # m/s^2/sqrt(Hz); vibration; small: stiff, large: slow
-    # Share of what changed between two samples that integration may have missed.
-    integration_noise: Noise = 0.12  # small: believes 4 Hz samples, large: distrusts them
+    gyr_noise: Noise = 3e-4  # rad/s/sqrt(Hz); small: stiff, large: the attitude follows velocity
+    gyr_scale_noise: Noise = 0.001  # per rad/s turned, same; scale errors, crossed axes
+    gyr_slow_noise_1_s: Noise = 0.04  # likewise, for each second of the IMU's step
+    acc_noise: Noise = 0.02  # m/s^2/sqrt(Hz); vibration; small: stiff, large: slow
+    # Share of how far a reading lies off the line through the two before that integration misses.
+    integration_noise: Noise = 0.1  # small: believes 4 Hz samples, large: distrusts them
     gyr_bias_walk: Noise = 3e-4  # rad/s/sqrt(s); samples truncated to mrad/s wander, too
     acc_bias_walk: Noise = 5e-4  # m/s^2/sqrt(s)
     gyr_bias_sigma: Rate = 0.01  # rad/s, at the beginning
     acc_bias_sigma: Acceleration = 0.05  # m/s^2, at the beginning
 
     # Velocity reports.
-    velocity_noise_m_s: Speed = 0.1  # of a report by an autopilot's filter
-    velocity_walk: Noise = 0.12  # m/s/sqrt(s), of the reports' slow error
+    filter_noise_m_s: Speed = 0.05  # of a report by an autopilot's filter
+    filter_error_m_s: Speed = 0.2  # its slow error; small: follows it, large: the receiver
+    filter_turning_s: Lag = 0.03  # for each m/s^2 of horizontal acceleration, beside that
+    filter_error_tau_s: Time = 5.0  # for so long it stays the same
+    filter_lag_sigma_s: Lag = 0.015  # how far the time that it names may be off
+    receiver_noise_m_s: Speed = 0.1  # of a receiver's report
+    receiver_error_m_s: Speed = 0.15  # its slow error; small: follows it, large: the filter
+    receiver_error_tau_s: Time = 5.0  # for so long it stays the same
+    receiver_jitter_s: Lag = 0.005  # by which its age scatters
     report_sigma_m_s: Speed = 0.3  # sources less accurate than this get more noise
-    report_lag_s: Lag = 0.1  # of a receiver's reports, where their age is uncertain
+    receiver_lag_s: Lag = 0.1  # of a receiver's reports, where their age is uncertain
     oldest_report_s: Time = 0.5  # older ones come too late
     silence_s: Time = 1.0  # then the unaided gravity helps
     give_up_s: Time = 300.0  # then it takes over
@@ -84,12 +94,14 @@ class AidingParams(NamedTuple):
     colour: Share = 1.5  # errors are slower than white: their sigma against white noise's
     heading_colour: Share = 1.0
     bare_heading_colour: Share = 1.6  # that much more without a field: only velocity's slow errors
-    least_heading_scale: Share = 0.15
-    iron_share: Share = 0.3  # of its sigma that calibrated compasses' hard iron really has
+    least_scale: Share = 0.27  # of the covariance's sigma, however well the reports agree
+    least_heading_scale: Share = 0.36  # likewise
+    scatter_share: Share = 1.1  # of the reports' scatter that is the attitude's, too
+    iron_share: Share = 1.0  # of its sigma that calibrated compasses' hard iron really has
     field_error_share: Share = 1.1  # of the field's slow disagreement that stays in the heading
     least_inclination_rad: Angle = radians(0.12)
     least_heading_rad: Angle = radians(0.12)
-    timing_s: Lag = 0.003  # uncertain age of the IMU sample, times the turn rate
+    timing_s: Lag = 0.004  # uncertain age of the IMU sample, times the turn rate
 
 
 class Report(NamedTuple):
@@ -133,17 +145,24 @@ class FieldState(NamedTuple):
 class Scatter(NamedTuple):
     """How the velocity reports scatter about their prediction."""
 
-    noise_scale: float  # of the reports' variance, 1 and more
+    noise_scale: float  # of the reports' variance; under 1 only of those that no IMU has made
     innovation: float  # mean square, in units of its expected variance
     reports: float  # components of reports so far
 
 
 class Agreement(NamedTuple):
-    """How well velocity reports agree with the prediction, and how long they have not."""
+    """How well one source's reports agree with the prediction, and how long they have not."""
 
     scatter: Scatter
     wait_s: float  # since the last report
     doubt_s: float  # how long reports have been far off
+
+
+class Agreements(NamedTuple):
+    """Of either source: an autopilot's filter, and a receiver."""
+
+    by_filter: Agreement
+    by_receiver: Agreement
 
 
 class AidingEstimate(NamedTuple):
@@ -157,13 +176,17 @@ class AidingEstimate(NamedTuple):
     field_lag_s: float  # age of the magnetometer's readings
     hard_iron_gauss: Vec3  # the vehicle's own field, FRD
     earth_gauss: Vec3  # the place's field, NED
-    report_lag_s: float  # age of reports that do not know theirs
+    receiver_lag_s: float  # age of reports that do not know theirs
+    filter_lag_s: float  # how much older than they say the others are
+    receiver_error_m_s: Vec3  # slow error of either's reports, NED
+    filter_error_m_s: Vec3
 
 
 class LastStep(NamedTuple):
     """The last sample, as the next step needs it."""
 
     gyr_rad_s: Vec3  # as read, FRD
+    gyr_before_rad_s: Vec3  # one sample earlier
     force_ned_m_s2: Vec3  # specific force, NED
     rate_rad_s: Vec3  # free of bias, with which the step was integrated, FRD
     dt_s: float  # length of the step
@@ -182,7 +205,7 @@ class AidingState(NamedTuple):
     estimate: AidingEstimate
     last: LastStep
     field: FieldState
-    agreement: Agreement
+    agreement: Agreements
     sigma: Sigmas
 
 

@@ -2,24 +2,22 @@
 
 from math import sqrt
 
-from estimator.aiding.types import TURN, Agreement, AidingParams, Array, FieldState
+from estimator.aiding.types import TURN, Agreements, AidingParams, Array, FieldState
 from estimator.compilation.compiled import inlined
 
 # 68 % of a plane normal distribution lie within this many of its sigmas.
 PLANE_68 = 1.515
 LARGEST_SCALE = 4.0
-LEAST_SCALE = 0.12
 # Samples slower than this (s) scatter the field's residual by themselves.
 QUICK_STEP_S = 0.15
 
 
 @inlined
 def inclination_sigma(
-    params: AidingParams, P: Array, agreement: Agreement, turning_rad_s: float
+    params: AidingParams, P: Array, agreement: Agreements, turning_rad_s: float
 ) -> float:
-    """From the covariance, scaled by how the reports really scatter, plus what no report shows."""
-    least = LEAST_SCALE if agreement.wait_s <= params.silence_s else 1.0
-    scale = min(max(params.colour * sqrt(agreement.scatter.innovation), least), LARGEST_SCALE)
+    """From the covariance, as far as the reports' scatter bears it out, and the sample's age."""
+    scale = params.colour * scatter_scale(params, agreement, params.least_scale)
     variance = 0.5 * (P[TURN, TURN] + P[TURN + 1, TURN + 1])
     aged = params.timing_s * turning_rad_s
     return sqrt((PLANE_68 * scale) ** 2 * variance + params.least_inclination_rad**2 + aged * aged)
@@ -29,7 +27,7 @@ def inclination_sigma(
 def heading_sigma(
     params: AidingParams,
     P: Array,
-    agreement: Agreement,
+    agreement: Agreements,
     field: FieldState,
     iron_rad: float,
     turning_rad_s: float,
@@ -40,16 +38,32 @@ def heading_sigma(
     ``iron_rad`` is how far hard iron may turn the field. A heading that is no more certain than
     that comes from the field, and how well the reports agree says nothing about it.
     """
-    scale = params.heading_colour * sqrt(agreement.scatter.innovation)
-    scale = min(max(scale, params.least_heading_scale), LARGEST_SCALE)
+    scale = params.heading_colour * scatter_scale(params, agreement, params.least_heading_scale)
     if field.samples == 0.0:
         scale *= params.bare_heading_colour
     disagreement = params.field_error_share**2 * field.residual.square
     if dt > QUICK_STEP_S:
         disagreement *= (QUICK_STEP_S / dt) ** 2
-    aged = 0.5 * params.timing_s * turning_rad_s
+    aged = params.timing_s * turning_rad_s
     heading = P[TURN + 2, TURN + 2]
     by_field = min(1.0, heading / max(iron_rad * iron_rad, 1e-12))
-    scale = scale * scale + (1.0 - min(1.0, scale * scale)) * params.iron_share**2 * by_field
-    variance = scale * heading + disagreement
+    square = scale * scale
+    square += (1.0 - min(1.0, square)) * params.iron_share**2 * by_field
+    variance = square * heading + disagreement
     return sqrt(variance + params.least_heading_rad**2 + aged * aged)
+
+
+@inlined
+def scatter_scale(params: AidingParams, agreement: Agreements, least: float) -> float:
+    """How far reports scatter, of what the covariance expects; without reports 1 at least.
+
+    The covariance is that of the roughest IMU and the poorest reports that it is made for. How
+    far less they really scatter says how much less there is to be unsure of; but an autopilot's
+    filter integrates the same IMU, so that even perfect agreement proves only so much.
+    """
+    by_filter, by_receiver = agreement.by_filter, agreement.by_receiver
+    scatter = by_filter.scatter if by_filter.wait_s <= by_receiver.wait_s else by_receiver.scatter
+    square = least * least + params.scatter_share * scatter.innovation
+    if min(by_filter.wait_s, by_receiver.wait_s) > params.silence_s:
+        square = max(square, 1.0)
+    return min(sqrt(square), LARGEST_SCALE)

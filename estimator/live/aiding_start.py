@@ -46,7 +46,7 @@ def begin_aiding(settings: Settings, now: Snapshot, start: Start, report: Report
     """The core with the aiding at its beginning."""
     core, aiding = now.core, settings.aiding
     is_calibrated = compass.is_trusted(now.context.compass, now.context.time_us)
-    aided, covariance = begin(
+    aided, covariance, trail = begin(
         aiding,
         start.q_ned_frd,
         core.seen.bias_rad_s,
@@ -55,7 +55,9 @@ def begin_aiding(settings: Settings, now: Snapshot, start: Start, report: Report
         start.sigma_heading_rad,
         aiding.hard_iron_sigma_gauss if is_calibrated else aiding.uncalibrated_sigma_gauss,
     )
-    return core._replace(aided=aided, covariance=flat(covariance), search=EMPTY_SEARCH)
+    return core._replace(
+        aided=aided, covariance=flat(covariance), trail=flat(trail), search=EMPTY_SEARCH
+    )
 
 
 def _bias_sigma_rad_s(memory: ConditioningState) -> float:

@@ -6,6 +6,7 @@ import numpy as np
 
 from estimator.aiding import AidingState, blank_aiding, forget_biases
 from estimator.aiding.search import EMPTY_SEARCH, Search
+from estimator.aiding.trail import COLUMNS
 from estimator.aiding.types import SIZE, Array
 from estimator.conditioning import apply_turn as turn_memory
 from estimator.conditioning import forget_bias
@@ -43,11 +44,12 @@ class Core(NamedTuple):
     search: Search  # for an attitude from velocity alone; empty while velocity helps
     aided: AidingState  # blank while velocity does not help
     covariance: Any  # of the aiding's errors: (SIZE, SIZE), in a snapshot row by row
+    trail: Any  # of the velocity that it has gained lately, likewise: (ROWS, COLUMNS)
 
 
 def initial_core(settings: Settings) -> Core:
     """Before the first sample."""
-    aided, covariance = blank_aiding(settings.aiding)
+    aided, covariance, trail = blank_aiding(settings.aiding)
     return Core(
         sample=NO_SAMPLE,
         filter=initial_state(),
@@ -57,12 +59,18 @@ def initial_core(settings: Settings) -> Core:
         search=EMPTY_SEARCH,
         aided=aided,
         covariance=flat(covariance),
+        trail=flat(trail),
     )
 
 
 def square(covariance: tuple[float, ...]) -> Array:
     """The covariance as an array of ``SIZE`` columns."""
     return np.array(covariance).reshape(-1, SIZE)
+
+
+def in_rows(trail: tuple[float, ...]) -> Array:
+    """The trail as an array of ``COLUMNS`` columns."""
+    return np.array(trail).reshape(-1, COLUMNS)
 
 
 def flat(covariance: Array) -> tuple[float, ...]:
@@ -72,8 +80,8 @@ def flat(covariance: Array) -> tuple[float, ...]:
 
 def without_aiding(settings: Settings, now: Core) -> Core:
     """The same, while velocity does not help."""
-    aided, covariance = blank_aiding(settings.aiding)
-    return now._replace(aided=aided, covariance=flat(covariance))
+    aided, covariance, trail = blank_aiding(settings.aiding)
+    return now._replace(aided=aided, covariance=flat(covariance), trail=flat(trail))
 
 
 def without_conditioning(settings: Settings, now: Core) -> Core:

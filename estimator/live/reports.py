@@ -2,7 +2,7 @@
 
 from math import isfinite
 
-from estimator.aiding.types import NO_REPORT, Report
+from estimator.aiding.types import Report
 from estimator.reasons import Reason
 from estimator.types import VelocitySample
 
@@ -28,26 +28,26 @@ def enqueue(waiting: Reports, report: VelocitySample) -> Reports:
     return (*waiting, report)[-MOST_WAITING:]
 
 
-def take_due(waiting: Reports, time_us: int, oldest_s: float) -> tuple[Report, Reports]:
-    """The latest report that the IMU has reached by ``time_us``, and those still ahead of it.
+def take_due(waiting: Reports, time_us: int, oldest_s: float) -> tuple[tuple[Report, ...], Reports]:
+    """The latest of either source that the IMU has reached by ``time_us``, and those ahead of it.
 
     A report waits for the first IMU sample that is not before it. Only the
     latest of several counts: their errors are the same for a second or more.
     """
     reached = [report for report in waiting if report.time_us <= time_us]
     ahead = tuple(report for report in waiting if report.time_us > time_us)
-    if not reached:
-        return NO_REPORT, ahead
-    latest = max(reached, key=lambda report: report.time_us)
-    ago_s = 1e-6 * (time_us - latest.time_us)
-    if ago_s > oldest_s:
-        return NO_REPORT, ahead
-    report = Report(
+    latest = {r.late_sigma_s > 0.0: r for r in sorted(reached, key=lambda r: r.time_us)}
+    due = (aged(report, time_us) for report in latest.values())
+    return tuple(report for report in due if report.ago_s <= oldest_s), ahead
+
+
+def aged(report: VelocitySample, time_us: int) -> Report:
+    """A report as it is seen from the IMU sample of ``time_us``."""
+    return Report(
         given=True,
-        velocity_ned_m_s=latest.velocity_ned_m_s,
-        has_vertical=latest.has_vertical,
-        sigma_m_s=latest.sigma_m_s,
-        ago_s=ago_s,
-        late_sigma_s=latest.late_sigma_s,
+        velocity_ned_m_s=report.velocity_ned_m_s,
+        has_vertical=report.has_vertical,
+        sigma_m_s=report.sigma_m_s,
+        ago_s=1e-6 * (time_us - report.time_us),
+        late_sigma_s=report.late_sigma_s,
     )
-    return report, ahead

@@ -31,7 +31,7 @@ from estimator.filter.types import FilterParams
 from estimator.geometry.quaternion import subtract
 from estimator.live.aided import follow_aided, horizontal_north
 from estimator.live.conditioned import follow_conditioned
-from estimator.live.core import Core, flat, square
+from estimator.live.core import Core, flat, in_rows, square
 from estimator.live.published import (
     Figures,
     Motion,
@@ -103,7 +103,7 @@ def params_of(settings: Settings) -> Params:
 
 def arguments_of(settings: Settings, core: Core) -> dict[Any, tuple[Any, ...]]:
     """What numba calls the types that each kernel here is called with; not in plain Python."""
-    values = (params_of(settings), core._replace(covariance=square(core.covariance)))
+    values = (params_of(settings), in_arrays(core))
     fields = zip(FIELDS, (values[0], *values[1]), strict=True)
     inside = _resident_type([(name, _typeof(value)) for name, value in fields])
     vector, number, flag = _typeof(ZERO_VEC3), types.float64, types.boolean
@@ -121,6 +121,11 @@ def arguments_of(settings: Settings, core: Core) -> dict[Any, tuple[Any, ...]]:
     }
 
 
+def in_arrays(core: Core) -> Core:
+    """A snapshot's core as compiled memory holds it."""
+    return core._replace(covariance=square(core.covariance), trail=in_rows(core.trail))
+
+
 class Holder:
     """A core: in compiled memory from its first step on, a tuple whenever it is asked for."""
 
@@ -135,14 +140,13 @@ class Holder:
         if self._inside is None:
             return self._core
         core: Core = contents(self._inside)
-        return core._replace(covariance=flat(core.covariance))
+        return core._replace(covariance=flat(core.covariance), trail=flat(core.trail))
 
     @property
     def inside(self) -> Any:
         """The handle that the compiled steps take."""
         if self._inside is None:
-            covariance = square(self._core.covariance)
-            self._inside = resident(self._params, self._core._replace(covariance=covariance))
+            self._inside = resident(self._params, in_arrays(self._core))
         return self._inside
 
 
@@ -159,6 +163,7 @@ def resident(params: Params, core: Core) -> Any:
         core.search,
         core.aided,
         core.covariance,
+        core.trail,
     )
 
 
@@ -174,6 +179,7 @@ def contents(inside: Any) -> Core:
         search=inside.search,
         aided=inside.aided,
         covariance=inside.covariance.copy(),
+        trail=inside.trail.copy(),
     )
 
 
@@ -234,8 +240,8 @@ def advance_aided(inside: Any, report: Report, knows_north: bool) -> bool:
     params = inside.params
     reference = params.reference
     others = Surroundings(inside.seen.gravity_b, horizontal_north(reference, knows_north))
-    aided, covariance = aid(
-        params.aiding, inside.aided, inside.covariance, inside.sample, report, others
+    aided, covariance, trail = aid(
+        params.aiding, inside.aided, inside.covariance, inside.trail, inside.sample, report, others
     )
     before = inside.aided.estimate.q_ned_frd
     state = follow_aided(params.filter, reference, inside.filter, aided, knows_north, before)
@@ -243,6 +249,7 @@ def advance_aided(inside: Any, report: Report, knows_north: bool) -> bool:
     inside.smooth_error = state.error
     inside.aided = aided
     inside.covariance = covariance
+    inside.trail = trail
     return bool(is_credible(params.aiding, aided))
 
 
@@ -250,7 +257,12 @@ def advance_aided(inside: Any, report: Report, knows_north: bool) -> bool:
 def hear(inside: Any, report: Report) -> None:
     """A report that belongs to the last sample, and comes behind it."""
     aided, covariance = take_late_report(
-        inside.params.aiding, inside.aided, inside.covariance, inside.seen.gravity_b, report
+        inside.params.aiding,
+        inside.aided,
+        inside.covariance,
+        inside.trail,
+        inside.seen.gravity_b,
+        report,
     )
     inside.aided = aided
     inside.covariance = covariance
@@ -259,7 +271,7 @@ def hear(inside: Any, report: Report) -> None:
 @compiled
 def search(inside: Any, report: Report) -> bool:
     """A report while there is no aiding; whether it may have shown the attitude."""
-    found, closed = add_report(inside.search, report, inside.params.aiding.report_lag_s)
+    found, closed = add_report(inside.search, report, inside.params.aiding.receiver_lag_s)
     inside.search = found
     return closed
 

@@ -97,7 +97,7 @@ def test_how_late_a_receivers_reports_are_is_learnt(flight, late_s):
     ]
     one = estimator()
     attitudes = flown(one, flight, reports=reports)
-    assert one.snapshot.core.aided.estimate.report_lag_s == pytest.approx(0.1 * steps, abs=0.03)
+    assert one.snapshot.core.aided.estimate.receiver_lag_s == pytest.approx(0.1 * steps, abs=0.03)
     assert rms(late_errors_deg(flight, attitudes)[:, TOTAL]) < 1.5
 
 

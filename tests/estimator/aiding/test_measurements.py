@@ -1,17 +1,23 @@
 """Each scalar measurement's row against finite differences of what it measures."""
 
+import itertools
+
 import numpy as np
 import pytest
 
 from estimator.aiding import Report, blank_aiding
-from estimator.aiding.inertial import Prediction
+from estimator.aiding.inertial import GRAVITY_NED, Prediction
 from estimator.aiding.sources import field, velocity
+from estimator.aiding.trail import extend_trail, new_trail
 from estimator.aiding.types import (
     EARTH,
     FIELD_LAG,
+    FILTER_ERROR,
+    FILTER_LAG,
     HARD_IRON,
     IMU_LAG,
-    REPORT_LAG,
+    RECEIVER_ERROR,
+    RECEIVER_LAG,
     SIZE,
     TURN,
     VELOCITY,
@@ -22,7 +28,7 @@ from estimator.geometry.quaternion import exp, multiply, normalize, rotate, rota
 from estimator.types import ZERO_VEC3, Sample
 
 PARAMS = AidingParams()
-BLANK, _ = blank_aiding(PARAMS)
+BLANK, _, TRAIL = blank_aiding(PARAMS)
 STEP = 1e-5
 NORTH = (np.cos(0.3), np.sin(0.3))
 LAG_S = 0.09
@@ -82,6 +88,9 @@ def field_observation(rng, learnt, variance=1e-6, turned_rad=0.0):
             velocity_ned_m_s=ZERO_VEC3,
             force_ned_m_s2=ZERO_VEC3,
             rate_rad_s=ZERO_VEC3,
+            receiver_error_m_s=ZERO_VEC3,
+            filter_error_m_s=ZERO_VEC3,
+            trail=TRAIL,
             covariance=np.eye(SIZE) * variance,
         )
         look = FieldLook(horizontal=0.2, down=0.42, confidence=1.0)
@@ -123,28 +132,46 @@ def test_declination_of_a_field_learnt_the_wrong_way_round():
 
 @pytest.mark.parametrize("late_sigma_s", [0.0, 0.1])
 def test_velocity(learnt, late_sigma_s):
+    """Either source's report, of a vehicle whose acceleration changes while it is on its way."""
     rng = np.random.default_rng(3)
     q = normalize(floats(rng.standard_normal(4)))
-    v, force = 5.0 * rng.standard_normal(3), 3.0 * rng.standard_normal(3)
-    report = Report(True, (1.0, 2.0, 3.0), True, 0.3, 0.05, late_sigma_s)
-    agreement = BLANK.agreement._replace(wait_s=0.1)
+    v, slow = 5.0 * rng.standard_normal(3), 0.2 * rng.standard_normal(3)
+    forces = 3.0 * rng.standard_normal((40, 3))
+    report = Report(True, (1.0, 2.0, 3.0), True, 0.3, 0.27, late_sigma_s)
+    agreement = BLANK.agreement.by_filter._replace(wait_s=0.1)
+    is_receiver = late_sigma_s > 0.0
+    lag_at = RECEIVER_LAG if is_receiver else FILTER_LAG
+    error_at = RECEIVER_ERROR if is_receiver else FILTER_ERROR
 
     def observe(change):
+        """A turn of the attitude turns all that was felt since, and with it what was gained."""
         learnt.clear()
+        turned = [rotate(exp(floats(change[TURN : TURN + 3])), floats(f)) for f in forces]
+        trail = new_trail(floats(np.array(turned[0]) + GRAVITY_NED))
+        for before, now in itertools.pairwise(turned):
+            gained = 0.01 * (np.array(before) + now) + 0.02 * np.array(GRAVITY_NED)
+            trail = extend_trail(trail, floats(gained), floats(np.array(now) + GRAVITY_NED), 0.02)
         now = Prediction(
             q_ned_frd=q,
             velocity_ned_m_s=floats(v + change[VELOCITY : VELOCITY + 3]),
-            force_ned_m_s2=floats(force),
+            force_ned_m_s2=turned[-1],
             rate_rad_s=ZERO_VEC3,
+            receiver_error_m_s=ZERO_VEC3,
+            filter_error_m_s=ZERO_VEC3,
+            trail=trail,
             covariance=np.eye(SIZE) * 1e-6,
         )
-        step = velocity.Step(
-            0.02, floats(force + 0.1), 0.012 + change[IMU_LAG], 0.1 + change[REPORT_LAG]
+        source = velocity.Source(
+            is_receiver=is_receiver,
+            error_m_s=floats(slow + change[error_at : error_at + 3]),
+            age_s=report.ago_s + change[lag_at] - change[IMU_LAG],
+            error_at=error_at,
+            lag_at=lag_at,
+            is_alone=False,
         )
         x = np.zeros(SIZE)
-        velocity.observe_velocity(PARAMS, agreement, now, step, report, (0.0, 0.0, 1.0), x)
+        velocity.observe_velocity(PARAMS, agreement, now, source, 0.02, report, (0.0, 0.0, 1.0), x)
 
-    rows, slopes = rows_and_slopes(
-        learnt, observe, (*range(VELOCITY, VELOCITY + 3), IMU_LAG, REPORT_LAG)
-    )
-    assert rows == pytest.approx(slopes, abs=1e-6)
+    errors = (*range(TURN, VELOCITY + 3), IMU_LAG, lag_at, *range(error_at, error_at + 3))
+    rows, slopes = rows_and_slopes(learnt, observe, errors)
+    assert rows == pytest.approx(slopes, abs=1e-4)

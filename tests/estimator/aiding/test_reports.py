@@ -4,7 +4,6 @@ from math import inf, nan
 
 import pytest
 
-from estimator.aiding.types import NO_REPORT
 from estimator.live.reports import (
     MOST_WAITING,
     SPEED_LIMIT_M_S,
@@ -22,14 +21,21 @@ def report(time_us, north=1.0):
 def test_the_latest_that_the_imu_has_reached_counts_and_the_others_ahead_wait():
     waiting = (report(10, 1.0), report(30, 3.0), report(20, 2.0), report(50, 5.0))
     chosen, ahead = take_due(waiting, 40, 1.0)
-    assert chosen.velocity_ned_m_s[0] == 3.0
-    assert chosen.ago_s == pytest.approx(10e-6)
+    assert [report.velocity_ned_m_s[0] for report in chosen] == [3.0]
+    assert chosen[0].ago_s == pytest.approx(10e-6)
     assert ahead == (report(50, 5.0),)
+
+
+def test_of_either_source_the_latest_counts():
+    late = report(20, 2.0)._replace(late_sigma_s=0.1)
+    chosen, ahead = take_due((report(10, 1.0), late, report(30, 3.0)), 40, 1.0)
+    assert sorted(r.velocity_ned_m_s[0] for r in chosen) == [2.0, 3.0]
+    assert ahead == ()
 
 
 def test_an_old_report_is_none():
     chosen, ahead = take_due((report(0),), 600_000, 0.5)
-    assert chosen == NO_REPORT
+    assert chosen == ()
     assert ahead == ()
 
 

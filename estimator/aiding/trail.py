@@ -1,0 +1,79 @@
+"""What the vehicle has gained in velocity over the last half second, for reports that come late.
+
+Rows of (time, velocity gained since the beginning, acceleration), the newest first; in NED.
+A row is kept every ``ROW_S`` or at each sample if those are slower; the newest is always there.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from estimator.aiding.types import Array
+from estimator.compilation.compiled import inlined
+from estimator.geometry.quaternion import add, scale, subtract
+from estimator.types import Vec3
+
+ROW_S = 0.0099  # samples at 100 Hz, whose clocks are not that even, have a row each
+ROWS = 64
+COLUMNS = 7
+ROUNDING = 1e-6
+LONG_AGO_S = 1e3  # longer than any step
+TIME, GAINED, ACCELERATION = 0, 1, 4
+
+
+class Since(NamedTuple):
+    """Between a moment and the newest sample."""
+
+    gained_m_s: Vec3  # velocity, since then
+    acceleration_m_s2: Vec3  # at that moment
+
+
+def new_trail(acceleration: Vec3) -> Array:
+    """(ROWS, COLUMNS) before the first step: nothing has been gained."""
+    trail = np.zeros((ROWS, COLUMNS))
+    trail[0, ACCELERATION : ACCELERATION + 3] = acceleration
+    trail[1:, TIME] = -LONG_AGO_S - np.arange(1, ROWS)  # nothing is known before
+    trail[1:, ACCELERATION : ACCELERATION + 3] = acceleration
+    return trail
+
+
+@inlined
+def extend_trail(trail: Array, gained: Vec3, acceleration: Vec3, dt: float) -> Array:
+    """A new trail with one more sample."""
+    new = trail.copy()
+    if trail[0, TIME] - trail[1, TIME] >= ROW_S:
+        new[1:] = trail[:-1]
+    new[0, TIME] = trail[0, TIME] + dt
+    for i in range(3):
+        new[0, GAINED + i] = trail[0, GAINED + i] + gained[i]
+        new[0, ACCELERATION + i] = acceleration[i]
+    return new
+
+
+@inlined
+def row(trail: Array, k: int, first: int) -> Vec3:
+    """Three columns of a row."""
+    return (trail[k, first], trail[k, first + 1], trail[k, first + 2])
+
+
+@inlined
+def look_back(trail: Array, ago_s: float) -> Since:
+    """What happened since ``ago_s`` before the newest sample; ahead of it if negative.
+
+    The acceleration is linear between two rows and stays what it was outside.
+    """
+    then = trail[0, TIME] - ago_s
+    newest = row(trail, 0, ACCELERATION)
+    if ago_s <= 0.0:
+        return Since(scale(ago_s, newest), newest)
+    k = 0
+    while k < ROWS - 2 and trail[k + 1, TIME] > then:
+        k += 1
+    after, before = row(trail, k, ACCELERATION), row(trail, k + 1, ACCELERATION)
+    back = trail[k, TIME] - then
+    gained = subtract(row(trail, 0, GAINED), row(trail, k, GAINED))
+    step = trail[k, TIME] - trail[k + 1, TIME]
+    if step > LONG_AGO_S or back > (1.0 + ROUNDING) * step:  # the trail does not go back that far
+        return Since(add(gained, scale(back, after)), after)
+    change = scale(back / step, subtract(before, after))
+    return Since(add(gained, scale(back, add(after, scale(0.5, change)))), add(after, change))
