@@ -14,7 +14,7 @@ import numpy as np
 
 from estimator.aiding.inertial import GRAVITY_NED, Prediction, predict_motion
 from estimator.aiding.sources.field import observe_heading, wait_for_field
-from estimator.aiding.sources.unaided import observe_unaided
+from estimator.aiding.sources.unaided import observe_slow_unaided, observe_unaided
 from estimator.aiding.sources.velocity import Source, observe_velocity, wait_for_report
 from estimator.aiding.trail import new_trail
 from estimator.aiding.types import (
@@ -48,6 +48,7 @@ from estimator.aiding.types import (
 )
 from estimator.aiding.uncertainty import heading_sigma, inclination_sigma
 from estimator.compilation.compiled import inlined
+from estimator.conditioning.rate import slow_share
 from estimator.conditioning.types import FieldLook
 from estimator.geometry.quaternion import add, exp, multiply, norm, normalize, rotate, subtract
 from estimator.types import IDENTITY, ZERO_VEC3, Quaternion, Sample, Vec3
@@ -259,6 +260,9 @@ def aid(
         by_filter=wait_for_report(state.agreement.by_filter, dt),
         by_receiver=wait_for_report(state.agreement.by_receiver, dt),
     )
+    slow = slow_share(dt)
+    if slow > 0.0:
+        observe_slow_unaided(now, others.gravity_b, others.gravity_sigma_rad, x, slow, dt)
     if report.given:
         agreement = take_report(params, agreement, before, now, dt, report, others.gravity_b, x)
     elif min(agreement.by_filter.wait_s, agreement.by_receiver.wait_s) > params.silence_s:

@@ -213,4 +213,5 @@ class Surroundings(NamedTuple):
     """What the aiding is told about a sample by others."""
 
     gravity_b: Vec3  # down by the unaided conditioning stage, a unit vector in FRD
+    gravity_sigma_rad: float  # of that
     north: Two  # unit vector to magnetic north, (north, east) in NED; (0, 0): not known

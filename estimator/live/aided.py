@@ -7,6 +7,7 @@ from estimator.aiding.types import Two
 from estimator.compilation.compiled import inlined
 from estimator.conditioning.magnetic import LEAST_HORIZONTAL
 from estimator.conditioning.rate import following_weight, slow_share
+from estimator.conditioning.types import Conditioned
 from estimator.filter.kernel import correct, integrate_rate
 from estimator.filter.observation import ReferenceParams, weighted_vectors
 from estimator.filter.types import FilterParams, FilterState, Vectors
@@ -16,6 +17,8 @@ from estimator.types import Quaternion, Vec3
 # Sigmas at which a vector's confidence is one half.
 GRAVITY_HALF_RAD = 0.1
 MAGNETIC_HALF_RAD = 0.2
+# An aided vertical is lost when it is this much, and twice the unaided's sigma, uncertain.
+LOST_RAD = 0.25
 
 
 @inlined
@@ -57,6 +60,12 @@ def aided_vectors(
         gravity_share=confidence(sigma.inclination_rad, GRAVITY_HALF_RAD),
         weight=weight,
     )
+
+
+@inlined
+def is_worse(state: AidingState, seen: Conditioned) -> bool:
+    """Whether the unaided stage knows the vertical much better: velocity helps no more."""
+    return state.sigma.inclination_rad > LOST_RAD + 2.0 * seen.sigma_inclination_rad
 
 
 @inlined

@@ -24,12 +24,13 @@ from estimator.aiding.search import EMPTY_SEARCH, add_report, add_sample
 from estimator.aiding.types import NO_REPORT
 from estimator.compilation.compiled import compiled
 from estimator.conditioning.condition import condition
+from estimator.conditioning.rate import slow_share
 from estimator.conditioning.types import ConditioningParams
 from estimator.filter import kernel
 from estimator.filter.observation import ReferenceParams
 from estimator.filter.types import FilterParams
 from estimator.geometry.quaternion import subtract
-from estimator.live.aided import follow_aided, horizontal_north
+from estimator.live.aided import follow_aided, horizontal_north, is_worse
 from estimator.live.conditioned import follow_conditioned
 from estimator.live.core import Core, flat, in_rows, square
 from estimator.live.published import (
@@ -239,7 +240,9 @@ def advance_aided(inside: Any, report: Report, knows_north: bool) -> bool:
     """
     params = inside.params
     reference = params.reference
-    others = Surroundings(inside.seen.gravity_b, horizontal_north(reference, knows_north))
+    seen = inside.seen
+    north = horizontal_north(reference, knows_north)
+    others = Surroundings(seen.gravity_b, seen.sigma_inclination_rad, north)
     aided, covariance, trail = aid(
         params.aiding, inside.aided, inside.covariance, inside.trail, inside.sample, report, others
     )
@@ -250,7 +253,8 @@ def advance_aided(inside: Any, report: Report, knows_north: bool) -> bool:
     inside.aided = aided
     inside.covariance = covariance
     inside.trail = trail
-    return bool(is_credible(params.aiding, aided))
+    lost = slow_share(inside.sample.dt_s) > 0.0 and is_worse(aided, seen)
+    return bool(is_credible(params.aiding, aided)) and not lost
 
 
 @compiled
