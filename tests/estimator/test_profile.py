@@ -10,6 +10,7 @@ import pytest
 from estimator.errors import InputError
 from estimator.estimator import Estimator
 from estimator.filter.memberships import LOWER, NAMES, UPPER, midpoint, require_feasible
+from estimator.geometry.quaternion import exp, multiply
 from estimator.live.settings import settings_of
 from estimator.profile import (
     SHIPPED,
@@ -20,7 +21,7 @@ from estimator.profile import (
     profile_to_toml,
 )
 from estimator.types import ZERO_VEC3, ImuSample
-from tests.vocabulary import angle_rad, random_memberships
+from tests.vocabulary import assert_attitude_close, random_memberships
 
 MEMBERSHIP = "[membership]\n" + "".join(
     f"{name} = {value!r}\n" for name, value in zip(NAMES, midpoint(), strict=True)
@@ -321,8 +322,9 @@ def test_a_declination_of_zero_is_known_and_the_default_is_not():
         then = estimator.attitude(level.time_us)
         assert then.heading_reference == after
         # 4.5 deg east near Berlin in 2026 by the World Magnetic Model
-        turn = radians(4.5) if before == "magnetic" else 0.0
-        assert angle_rad(first.q_ned_frd, then.q_ned_frd) == pytest.approx(turn, abs=0.01)
+        east = radians(4.5) if before == "magnetic" else 0.0
+        expected = multiply(exp((0.0, 0.0, east)), first.q_ned_frd)
+        assert_attitude_close(then.q_ned_frd, expected, 0.01)
 
 
 @pytest.mark.parametrize("word", ["unknown", "learn", ""])

@@ -61,3 +61,23 @@ def test_every_state_can_be_reached_and_left_but_for_waiting():
 @pytest.mark.parametrize("state", State)
 def test_an_aligned_sample_always_means_running(state):
     assert after(state, Signal.ALIGNED) is State.RUNNING
+
+
+@pytest.mark.parametrize("state", [s for s in State if s is not State.ALIGNING])
+def test_a_sample_without_attitude_always_means_aligning(state):
+    """As after a clock that began anew: the attitude from before is not published any more."""
+    assert on_sample(Health(state, 0), PERIOD_US, aligned=False).state is State.ALIGNING
+
+
+def test_a_vehicle_that_falls_silent_while_aligning_is_lost_but_never_degraded():
+    health = on_sample(Health(), 0, aligned=False)
+    assert on_time(health, 4_999_999, PERIOD_US).state is State.ALIGNING
+    assert on_time(health, 5_000_000, PERIOD_US).state is State.LOST
+
+
+def test_silence_is_counted_from_the_last_sample_whatever_it_was():
+    """Also from a sample that aligns nothing, and from one that ends a silence."""
+    health = on_sample(Health(State.LOST, 0), 9_000_000, aligned=False)
+    assert health.last_arrival_us == 9_000_000
+    assert on_time(health, 13_900_000, PERIOD_US).state is State.ALIGNING
+    assert on_sample(health, 9_010_000, aligned=True).last_arrival_us == 9_010_000

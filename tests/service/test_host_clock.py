@@ -105,3 +105,46 @@ def test_a_second_with_two_messages_shows_no_step(count, is_step):
         vehicle_us = 10_000_000 + k * 1_000_000 // count
         clock = observe(clock, vehicle_us, vehicle_us + 60_000_000)
     assert (clock.offset_us > 50_000_000) is is_step
+
+
+def late_by(latenesses_us, prompt=100, period_us=20_000):
+    """The clock after prompt messages (2 ms) and then some that are late by so much."""
+    clock = HostClock()
+    for k in range(prompt):
+        clock = observe(clock, k * period_us, k * period_us + 2_000)
+    for k, late_us in enumerate(latenesses_us, prompt):
+        clock = observe(clock, k * period_us, k * period_us + 2_000 + late_us)
+    return clock
+
+
+@pytest.mark.parametrize(
+    ("step_us", "spread_us", "is_step"),
+    [
+        (300_000, 60_000, True),  # less than a quarter of the step
+        (300_000, 90_000, False),  # more
+        (2_000_000, 90_000, True),  # less than 0.1 s
+        (2_000_000, 150_000, False),  # more, though a small part of the step
+    ],
+)
+def test_latenesses_must_be_alike_to_show_a_step(step_us, spread_us, is_step):
+    latenesses = [step_us + (k % 2) * spread_us for k in range(120)]
+    followed = late_by(latenesses).offset_us > 0.9 * step_us
+    assert followed is is_step
+
+
+def test_a_step_is_followed_to_the_promptest_of_its_messages():
+    """Neither further (the vehicle would seem to be ahead), nor a step where one was prompt."""
+    latenesses = [500_000 + (k % 3) * 20_000 for k in range(120)]
+    assert late_by(latenesses).offset_us == pytest.approx(502_000, abs=10_000)
+    steady = [110_000 if k % 3 else 95_000 for k in range(120)]  # the promptest under 0.1 s
+    assert late_by(steady).offset_us < 2_000 + MAX_DRIFT * 2_600_000
+
+
+def test_a_host_clock_set_back_does_not_lower_the_bound_twice():
+    """Arrivals before the last one: the bound does not fall with negative time."""
+    clock = observe(HostClock(), 0, OFFSET_US)
+    back = observe(clock, 1_000_000, OFFSET_US + 1_000_000 - 600_000_000)
+    again = observe(back, 1_010_000, OFFSET_US + 1_010_000 - 600_000_000)
+    assert again.offset_us == pytest.approx(OFFSET_US - 600_000_000, abs=1_000)
+    early = observe(clock, -200_000_000, OFFSET_US - 200_000_000 + 100)  # before the first one
+    assert early.offset_us == OFFSET_US

@@ -39,7 +39,7 @@ def test_employed_bees_move_one_coordinate_towards_or_away_from_another_source()
     x = bees.sources.positions
     asked = bees.ask()
     changed = asked != x
-    assert (changed.sum(axis=1) <= 1).all()
+    assert (changed.sum(axis=1) == 1).all()  # with itself as the other source it would not move
     for i, j in np.argwhere(changed):
         reach = np.abs(x[i, j] - x[:, j]).max()  # |alpha| <= 1 times the farthest source
         assert abs(asked[i, j] - x[i, j]) <= reach
@@ -123,6 +123,22 @@ def test_one_scout_a_cycle_leaves_the_source_that_failed_most():
             bees.tell(np.full(len(bees.ask()), 1e9))
     assert scouts_seen > 5
     assert bees.scouts >= scouts_seen
+
+
+def test_a_source_may_fail_as_often_as_the_limit_says():
+    """A scout flies after more failures than the limit, not after as many."""
+    as_many = 0
+    for limit in range(3, 15):
+        bees = started(sources=4, limit=limit, seed=limit)
+        for _ in range(2):
+            while not bees.scouting:
+                bees.tell(np.full(len(bees.ask()), 1e9))
+                if bees._phase == "employed":  # a cycle ended without a scout
+                    assert bees.sources.failures.max() <= limit
+                    as_many += bees.sources.failures.max() == limit
+            assert bees.sources.failures.max() > limit
+            bees.tell(np.array([1e9]))
+    assert as_many > 3
 
 
 def test_no_scout_within_the_limit():

@@ -611,7 +611,9 @@ def test_raw_vectors_are_the_papers():
     vectors = raw_vectors(PAPER, (0.0, 0.0, -9.8), (0.3, -0.3, 0.3), True)
     assert vectors.v2_frd == pytest.approx(GRAVITY)  # at rest and level gravity points down
     assert vectors.v1_frd == pytest.approx(MAGNETIC)
-    assert (vectors.s1, vectors.s2, vectors.s3) == (1.0, 1.0, 1.0)
+    weighed = PAPER._replace(s_magnetic=0.2, s_gravity=0.3, s_cross=0.4)
+    vectors = raw_vectors(weighed, (0.0, 0.0, -9.8), (0.3, -0.3, 0.3), True)
+    assert (vectors.s1, vectors.s2, vectors.s3) == (0.2, 0.3, 0.4)
     assert raw_vectors(PAPER, (0.0, 0.0, -9.8), (0.3, 0.0, 0.0), False).s1 == 0.0
     assert raw_vectors(PAPER, (0.0, 0.0, -9.8), (0.0, 0.0, 0.0), True).s1 == 0.0
     assert raw_vectors(PAPER, (0.0, 0.0, 0.0), (0.3, 0.0, 0.0), True).s2 == 0.0
