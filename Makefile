@@ -3,7 +3,7 @@
 PYTHON ?= $(shell command -v python3.11 || command -v python3.12 || command -v python3.13 || command -v python3)
 BIN := .venv/bin
 
-.PHONY: demo test setup style types build clean
+.PHONY: demo test test-python setup style types build clean
 
 ## demo: the simulated vehicle through the live service, attitudes in the terminal
 demo: .venv/installed
@@ -12,6 +12,14 @@ demo: .venv/installed
 ## test: the whole test suite
 test: .venv/developer
 	$(BIN)/python -m pytest -q
+
+## test-python: the estimator's tests without numba, where 0/0 is an error and lines can be stepped through
+test-python: .venv/developer
+	NUMBA_DISABLE_JIT=1 $(BIN)/python -m pytest -q tests/estimator $(LONG_IN_PYTHON:%=--ignore=tests/estimator/%)
+
+# Whole flights and experiments: minutes in plain Python.
+LONG_IN_PYTHON := aiding/test_compass.py aiding/test_flight.py filter/test_paper_experiment.py test_bounds.py \
+  compilation
 
 ## setup: the environment for development
 setup: .venv/developer

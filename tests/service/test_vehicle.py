@@ -1,0 +1,155 @@
+"""One vehicle's events one by one: what each makes of clock, health, counts and estimator."""
+
+import pytest
+
+from drivers.events import ClockReset, Imu, Parameter, Rejected, TrackLost
+from estimator.estimator import Estimator
+from estimator.profile import load_profile
+from estimator.types import ZERO_VEC3, ImuSample
+from service.health import State
+from service.vehicle import Vehicle
+from tests.service.streams import ONE, START_US
+
+PERIOD_US = 20_000
+
+
+class Watched(Estimator):
+    """An estimator that remembers what it was asked for."""
+
+    def __init__(self, profile):
+        self.calls = []
+        super().__init__(profile)
+
+    def restart(self):
+        self.calls.append("restart")
+        super().restart()
+
+    def change_imu(self):
+        self.calls.append("change_imu")
+        super().change_imu()
+
+    def set_field_calibrated(self, calibrated):
+        self.calls.append(calibrated)
+        super().set_field_calibrated(calibrated)
+
+
+@pytest.fixture
+def vehicle():
+    profile = load_profile("imu")
+    return Vehicle(ONE, profile, Watched(profile))
+
+
+def imu(time_us, message="RAW_IMU", arrival_us=None, boot_us=None):
+    sample = ImuSample(time_us, ZERO_VEC3, (0.0, 0.0, -9.8), (0.2, 0.0, 0.4), True)
+    arrival_us = START_US + time_us + 2_000 if arrival_us is None else arrival_us
+    return Imu(ONE, arrival_us, time_us if boot_us is None else boot_us, message, sample)
+
+
+def feed(vehicle, first, last, message="RAW_IMU"):
+    """Samples number ``first`` to ``last``, both included, at 50 Hz."""
+    for number in range(first, last + 1):
+        vehicle.on_imu(imu(number * PERIOD_US, message))
+
+
+def test_a_clock_that_began_anew_voids_attitude_and_offset(vehicle):
+    feed(vehicle, 1, 10)
+    assert vehicle.attitude(START_US + 202_000) is not None
+    now_us = START_US + 300_000
+    (text,) = vehicle.on_clock_reset(ClockReset(ONE, now_us, "reboot", -5.0))
+    assert "clock reboot by -5.0 s" in text
+    assert vehicle.estimator.calls == ["restart"]
+    assert not vehicle.estimator.aligned
+    assert vehicle.attitude(now_us) is None
+    # the new offset counts at once, though the old one was far below it
+    vehicle.on_imu(imu(250_000, arrival_us=START_US + 40_000_000, boot_us=1_000))
+    record = vehicle.attitude(START_US + 40_010_000)
+    assert record.time_boot_us == 1_000 + 10_000
+    assert record.age_ms == 10.0
+
+
+def test_a_reboots_silence_is_a_gap_and_a_jumps_is_none(vehicle):
+    feed(vehicle, 1, 10)
+    vehicle.on_clock_reset(ClockReset(ONE, START_US + 3_000_000, "reboot", -0.2))
+    vehicle.on_imu(imu(260_000, arrival_us=START_US + 3_202_000))
+    assert vehicle.worst_gap_us == 3_000_000  # from 0.202 s
+    assert vehicle.status(START_US + 3_202_000, 0, 0).worst_gap_s == 3.0
+    vehicle.on_clock_reset(ClockReset(ONE, START_US + 9_000_000, "jump", 60.0))
+    vehicle.on_imu(imu(280_000, arrival_us=START_US + 9_002_000))
+    assert vehicle.worst_gap_us == 3_000_000
+
+
+def test_a_running_silence_counts_as_a_gap(vehicle):
+    feed(vehicle, 1, 10)
+    assert vehicle.status(START_US + 202_000, 0, 0).worst_gap_s == pytest.approx(0.02)
+    assert vehicle.status(START_US + 902_000, 0, 0).worst_gap_s == pytest.approx(0.7)
+
+
+def test_another_imu_takes_over_after_half_a_second_with_its_own_bias(vehicle):
+    feed(vehicle, 1, 10)
+    for number in range(11, 35):  # until 0.5 s after the last
+        vehicle.on_imu(imu(number * PERIOD_US, "SCALED_IMU2"))
+    assert vehicle.imu_message == "RAW_IMU"
+    assert vehicle.estimator.calls == []
+    vehicle.on_imu(imu(36 * PERIOD_US, "SCALED_IMU2"))  # 0.52 s after it
+    assert vehicle.imu_message == "SCALED_IMU2"
+    assert vehicle.estimator.calls == ["change_imu"]
+    # its rate is measured anew, and the way from one IMU to the other is no period
+    assert vehicle.median_period_us == 0.0
+    for number in range(38, 60, 4):
+        vehicle.on_imu(imu(number * PERIOD_US, "SCALED_IMU2"))
+    assert vehicle.median_period_us == 4 * PERIOD_US
+
+
+def test_a_blind_sensor_counts_if_it_is_the_one_in_use(vehicle):
+    feed(vehicle, 1, 10)
+    lost = TrackLost(ONE, START_US + 400_000, "SCALED_IMU2", "gyroscope_stuck", 1.0)
+    assert vehicle.on_track_lost(lost) == []
+    assert vehicle.estimator.aligned
+    (text,) = vehicle.on_track_lost(
+        TrackLost(ONE, START_US + 400_000, "RAW_IMU", "gyroscope_stuck", 1.0)
+    )
+    assert "gyroscope_stuck for 1.0 s" in text
+    assert not vehicle.estimator.aligned
+    assert vehicle.attitude(START_US + 402_000) is None
+
+
+def test_refusals_are_counted_of_the_imu_in_use(vehicle):
+    vehicle.on_rejected(Rejected(ONE, START_US, "zero", "SCALED_IMU3"))  # none in use yet
+    feed(vehicle, 1, 3)
+    vehicle.on_rejected(Rejected(ONE, START_US, "zero", "SCALED_IMU3"))
+    vehicle.on_rejected(Rejected(ONE, START_US, "stuck", "RAW_IMU"))
+    vehicle.on_rejected(Rejected(ONE, START_US, "no_time"))
+    vehicle.reject("signature", 7)
+    assert vehicle.rejected == {"zero": 1, "stuck": 1, "no_time": 1, "signature": 7}
+
+
+def test_a_compass_is_judged_by_all_three_offsets(vehicle):
+    def offset(axis, value):
+        vehicle.on_parameter(Parameter(ONE, START_US, f"COMPASS_OFS_{axis}", value))
+
+    offset("X", 0.0)
+    offset("Y", 0.0)
+    vehicle.on_parameter(Parameter(ONE, START_US, "COMPASS_OFS2_X", 3.0))  # of another compass
+    assert vehicle.estimator.calls == []
+    offset("Z", 0.0)
+    assert vehicle.estimator.calls == [False]
+    offset("Y", 12.0)  # one that is not zero is enough
+    assert vehicle.estimator.calls == [False, True]
+
+
+def test_the_rate_is_that_of_the_imu_and_nothing_once_it_is_silent(vehicle):
+    feed(vehicle, 1, 10)
+    assert vehicle.imu_rate_hz == pytest.approx(50.0)
+    vehicle.on_time(START_US + 1_500_000)
+    assert vehicle.state is State.DEGRADED
+    assert vehicle.imu_rate_hz == 0.0
+    assert vehicle.median_rate_hz == pytest.approx(50.0)
+
+
+def test_an_attitude_is_never_older_than_its_sample(vehicle):
+    """A host time before the last sample's arrival: the sample's own time counts."""
+    feed(vehicle, 1, 10)
+    record = vehicle.attitude(START_US + 100_000)
+    assert record.time_boot_us == 200_000
+    assert record.age_ms == 0.0
+    assert vehicle.attitude(START_US + 250_000).time_boot_us == 248_000  # 2 ms on the way
