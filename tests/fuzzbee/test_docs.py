@@ -39,6 +39,16 @@ def test_every_published_field_is_documented(title, record):
     assert documented == [field.name for field in msgspec.structs.fields(record)]
 
 
+@pytest.mark.parametrize("name", ["design.md", "paper.md", "../CONTRIBUTING.md"])
+def test_every_file_that_is_named_is_there(name):
+    """In backticks, with a folder: paths from the repository's root, maybe with a name inside."""
+    text = (DOCS / name).read_text("utf-8")
+    paths = re.findall(r"`([\w.]+/[\w./]+?\.(?:py|toml|md)|[\w.]+/[\w/]*/)(?:: \w+)?`", text)
+    assert paths
+    missing = [path for path in paths if not (DOCS.parent / path).exists()]
+    assert missing == [path for path in missing if "NAME" in path]
+
+
 def test_the_zenoh_examples_work_as_they_stand():
     """Only the port is another, so that tests do not meet."""
     port = free_port()

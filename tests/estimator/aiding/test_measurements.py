@@ -7,7 +7,7 @@ import pytest
 
 from estimator.aiding import Report, blank_aiding
 from estimator.aiding.inertial import GRAVITY_NED, Prediction
-from estimator.aiding.sources import field, velocity
+from estimator.aiding.sources import field, unaided, velocity
 from estimator.aiding.trail import extend_trail, new_trail
 from estimator.aiding.types import (
     EARTH,
@@ -49,6 +49,7 @@ def learnt(monkeypatch):
 
     monkeypatch.setattr(field, "learn", kept)
     monkeypatch.setattr(velocity, "learn", kept)
+    monkeypatch.setattr(unaided, "learn", kept)
     return rows
 
 
@@ -175,3 +176,47 @@ def test_velocity(learnt, late_sigma_s):
     errors = (*range(TURN, VELOCITY + 3), IMU_LAG, lag_at, *range(error_at, error_at + 3))
     rows, slopes = rows_and_slopes(learnt, observe, errors)
     assert rows == pytest.approx(slopes, abs=1e-4)
+
+
+def prediction(q_ned_frd):
+    """At rest with that attitude, of which nothing is known."""
+    return Prediction(
+        q_ned_frd=q_ned_frd,
+        velocity_ned_m_s=ZERO_VEC3,
+        force_ned_m_s2=ZERO_VEC3,
+        rate_rad_s=ZERO_VEC3,
+        receiver_error_m_s=ZERO_VEC3,
+        filter_error_m_s=ZERO_VEC3,
+        trail=new_trail(ZERO_VEC3),
+        covariance=np.eye(SIZE),
+    )
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_unaided_gravity(learnt, seed):
+    """Down as the unaided stage has it, of a vehicle whose attitude is off by a small turn."""
+    q = normalize(floats(np.random.default_rng(seed).standard_normal(4)))
+    gravity_b = rotate_inverse(q, (0.0, 0.0, 1.0))
+
+    def observe(change):
+        learnt.clear()
+        turned = multiply(exp(floats(change[TURN : TURN + 3])), q)
+        now = prediction(turned)
+        unaided.observe_unaided(PARAMS, now, gravity_b, np.zeros(SIZE), 0.02)
+
+    # both rows are one array, so they are kept as copies
+    rows, slopes = rows_and_slopes(learnt, observe, range(TURN, TURN + 3))
+    assert rows == pytest.approx(slopes, abs=1e-6)
+    assert np.abs(rows).sum(axis=1) == pytest.approx([1.0, 1.0])
+
+
+def test_unaided_gravity_counts_as_one_measurement_in_its_correlation_time(monkeypatch):
+    """Its error lasts 3 s: samples within that together weigh as much as one of 5 deg sigma."""
+    noises = []
+    monkeypatch.setattr(unaided, "learn", lambda *arguments: noises.append(arguments[-1]))
+    now = prediction((1.0, 0.0, 0.0, 0.0))
+    for dt in (0.02, 0.25):
+        noises.clear()
+        unaided.observe_unaided(PARAMS, now, (0.0, 0.0, 1.0), np.zeros(SIZE), dt)
+        weight = PARAMS.unaided_tau_s / dt / noises[0]
+        assert weight == pytest.approx(1.0 / PARAMS.unaided_sigma_rad**2)
