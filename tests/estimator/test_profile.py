@@ -298,6 +298,23 @@ def test_fixed_gain_must_be_positive(gain):
         settings_of(load_profile("paper"), gain)
 
 
+def test_every_parameter_of_the_filter_reaches_it():
+    """Each of a value that no other has, and none that a profile ships with."""
+    chosen = {
+        "gamma": 0.7,
+        "bias_bound_rad_s": 1.3,
+        "rate_time_constant_s": 0.4,
+        "euler_step_max_s": 0.003,
+        "first_step_s": 0.006,
+    }
+    for name in SHIPPED:
+        params = settings_of(merge_profile(load_profile(name), {"filter": chosen})).filter
+        assert {key: getattr(params, key) for key in chosen} == chosen
+    weights = {"gravity": 0.5, "magnetic": 0.6, "cross": 0.8}
+    reference = settings_of(merge_profile(load_profile("paper"), {"confidence": weights})).reference
+    assert (reference.s_gravity, reference.s_magnetic, reference.s_cross) == (0.5, 0.6, 0.8)
+
+
 def test_declination_turns_magnetic_to_true_north():
     east = merge_profile(load_profile("imu"), {"reference": {"declination_deg": 90.0}})
     assert settings_of(east).reference.magnetic_ned == pytest.approx((0.0, 1.0, 0.0), abs=1e-15)

@@ -1,0 +1,85 @@
+"""What is published of an estimate: where it is turned on to, and how far it says to trust it."""
+
+from math import asin, degrees, radians, sqrt
+
+import numpy as np
+import pytest
+
+from drivers.simulation.simulated_vehicle import simulate
+from estimator.estimator import Estimator
+from estimator.geometry.quaternion import exp, multiply, scale
+from estimator.live.published import LEAST_SIGMA_RAD
+from estimator.profile import load_profile
+from estimator.types import ImuSample
+from tests.vocabulary import assert_attitude_close
+
+PERIOD_US = 10_000
+
+
+def samples(count, **options):
+    signals = simulate(3, count, **options)
+    columns = (signals.gyr_rad_s, signals.acc_m_s2, signals.mag_gauss)
+    rows = zip(*(column.tolist() for column in columns), strict=True)
+    return [
+        ImuSample((k + 1) * PERIOD_US, tuple(gyr), tuple(acc), tuple(mag), True)
+        for k, (gyr, acc, mag) in enumerate(rows)
+    ]
+
+
+@pytest.mark.parametrize("name", ["paper", "imu"])
+def test_the_output_is_turned_on_about_the_bodys_axes(name):
+    """A vehicle that is neither level nor heading north: q exp(w t), not exp(w t) q."""
+    estimator = Estimator(load_profile(name))
+    stream = samples(200)
+    for sample in stream:
+        estimator.update(sample)
+    now = estimator.attitude(stream[-1].time_us)
+    later = estimator.attitude(stream[-1].time_us + 300_000)
+    expected = multiply(now.q_ned_frd, exp(scale(0.3, now.rate_rad_s)))
+    assert_attitude_close(later.q_ned_frd, expected, 1e-9)
+    elsewhere = multiply(exp(scale(0.3, now.rate_rad_s)), now.q_ned_frd)
+    with pytest.raises(AssertionError):  # the order shows
+        assert_attitude_close(later.q_ned_frd, elsewhere, radians(1.0))
+
+
+def test_sigma_of_raw_vectors_follows_the_error_of_the_last_second():
+    """2 asin sqrt(mean e), the mean a low-pass of 1 s: one sample's e is mostly its noise."""
+    estimator = Estimator(load_profile("paper"))
+    mean, sigmas = None, []
+    for sample in samples(500):
+        estimator.update(sample)
+        now = estimator.attitude(sample.time_us)
+        share = 0.01 / (1.0 + 0.01)
+        mean = now.error if mean is None else mean + share * (now.error - mean)
+        assert now.sigma_inclination_rad == pytest.approx(2.0 * asin(sqrt(mean)))
+        assert now.sigma_heading_rad == now.sigma_inclination_rad
+        sigmas.append(degrees(now.sigma_inclination_rad))
+    # measured: 15.5 deg, and 0.014 deg from one sample to the next
+    assert np.mean(sigmas[-100:]) == pytest.approx(15.5, rel=0.2)
+    assert np.std(np.diff(sigmas[-100:])) == pytest.approx(0.0144, rel=0.2)
+
+
+def test_no_estimate_claims_to_be_perfect():
+    """Without noise and bias e falls to 0; sigma stays at 0.1 deg."""
+    estimator = Estimator(load_profile("paper"))
+    stream = samples(3000, noise=0.0, bias=0.0, motion="rest")
+    for sample in stream:
+        estimator.update(sample)
+    now = estimator.attitude(stream[-1].time_us)
+    assert now.error < 1e-9
+    assert now.sigma_inclination_rad == LEAST_SIGMA_RAD
+    assert now.sigma_heading_rad == LEAST_SIGMA_RAD
+
+
+@pytest.mark.parametrize("name", ["paper", "imu"])
+def test_a_turn_given_in_ned_turns_the_attitude_in_ned(name):
+    """Of a vehicle that is neither level nor heading north: the axis is not the body's."""
+    estimator = Estimator(load_profile(name))
+    stream = samples(200)
+    for sample in stream:
+        estimator.update(sample)
+    before = estimator.attitude(stream[-1].time_us).q_ned_frd
+    turn = exp((0.3, -0.2, 0.5))
+    estimator.turn(turn)
+    after = estimator.attitude(stream[-1].time_us).q_ned_frd
+    assert_attitude_close(after, multiply(turn, before), 1e-9)
