@@ -18,7 +18,7 @@ from estimator.profile import Profile
 from estimator.reasons import Reason
 from estimator.types import ImuSample
 from service import health, host_clock, imu_choice, velocity_choice
-from service.attitude_record import Stamp, attitude_record
+from service.attitude_record import Stamp, attitude_record, is_finite
 from service.health import Health, State
 from service.host_clock import HostClock
 from service.imu_choice import ImuChoice
@@ -29,6 +29,9 @@ from service.velocity_choice import VelocityChoice
 # Enough for a steady median, few enough to follow a stream whose rate was changed.
 PERIODS_KEPT = 51
 MEDIAN_EVERY = 8
+# Whether the estimate is finite is looked at so often (in samples): one that is not stays so,
+# and a look at each sample costs as much as the filter.
+CHECKED_EVERY = 8
 
 
 class Vehicle:
@@ -94,6 +97,8 @@ class Vehicle:
             self.reject(reason)
             return texts
         self._measure(event)
+        if self.samples % CHECKED_EVERY == 0:
+            texts += self._align_broken_anew(event)
         after = health.on_sample(self._health, event.arrival_us, aligned=self.estimator.aligned)
         return texts + self._become(after)
 
@@ -167,10 +172,7 @@ class Vehicle:
         )
         record = attitude_record(self.estimator.attitude(time_us), stamp)
         if record is None:
-            self.reject(Reason.ESTIMATE_NOT_FINITE)
-            self.estimator.restart()
-            self._last = None
-            return None
+            return None  # on_imu sees to it: a tick changes nothing
         self.attitudes += 1
         return record
 
@@ -211,6 +213,16 @@ class Vehicle:
     def on_profile(self, now_us: int) -> list[str]:
         """Its profile has been replaced: whoever can, may do so a hundred times a second."""
         return self._talk.lines([f"vehicle {self.name}: new parameters"], now_us)
+
+    def _align_broken_anew(self, event: Imu) -> list[str]:
+        """An estimate that is not finite is void: no sample would mend it."""
+        if is_finite(self.estimator.attitude(event.sample.time_us)):
+            return []
+        self.reject(Reason.ESTIMATE_NOT_FINITE)
+        self.estimator.restart()
+        self._last = None
+        text = f"vehicle {self.name}: the estimate is not finite, aligning anew"
+        return self._talk.lines([text], event.arrival_us)
 
     def _change_over(self, before: str | None, now: str) -> list[str]:
         self._periods_us.clear()

@@ -15,6 +15,7 @@ from estimator.estimator import Estimator
 from estimator.geometry.quaternion import exp, scale
 from estimator.profile import Profile
 from estimator.types import IDENTITY, Attitude, ImuSample, Quaternion, Vec3
+from service.attitude_record import is_finite
 from service.pipeline import Pipeline
 from service.records import Message
 from service.vehicle import Vehicle
@@ -119,8 +120,11 @@ class Replay:
             return
         trace = self._trace(event.vehicle)
         self._turn_wrong(vehicle, trace)
+        attitude = vehicle.estimator.attitude(event.sample.time_us)
+        if not is_finite(attitude):
+            return  # live it is not published, either; the vehicle counts it and aligns anew
         trace.arrivals_us.append(event.arrival_us)
-        trace.attitudes.append(vehicle.estimator.attitude(event.sample.time_us))
+        trace.attitudes.append(attitude)
         trace.samples.append(event.sample)
         trace.fields += event.sample.has_mag
 

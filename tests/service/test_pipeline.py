@@ -8,7 +8,6 @@ import pytest
 from drivers.events import (
     ClockReset,
     Heartbeat,
-    Imu,
     Malformed,
     Notice,
     ReferenceAttitude,
@@ -259,18 +258,34 @@ def test_a_flood_of_profiles_is_told_a_few_times():
     )
 
 
-def test_an_estimate_that_is_not_finite_is_not_published():
-    pipeline = fed(imu_events(10))
+def broken_at(pipeline):
     estimator = pipeline.vehicle(ONE).estimator
     now = estimator.snapshot
     state = now.core.filter._replace(gyr_bias_rad_s=(math.nan, 0.0, 0.0))
     estimator.snapshot = now._replace(core=now.core._replace(filter=state))
-    assert attitudes(pipeline.tick(START_US + 100_000)) == []
-    assert pipeline.vehicle(ONE).rejected == {"estimate_not_finite": 1}
-    for event in imu_events(5, start_us=START_US + 100_000):
-        assert isinstance(event, Imu)
+
+
+@pytest.mark.parametrize("profile", [PAPER, load_profile("imu")])
+@pytest.mark.parametrize("ticks", [True, False])
+def test_an_estimate_that_is_not_finite_is_made_anew_by_samples_and_not_by_ticks(profile, ticks):
+    """A replay has no ticks: it mends itself there, too."""
+    pipeline = Pipeline(profile)
+    events = imu_events(60)
+    for event in events[:20]:
         pipeline.handle(event)
-    assert len(attitudes(pipeline.tick(START_US + 160_000))) == 1
+    broken_at(pipeline)
+    vehicle = pipeline.vehicle(ONE)
+    if ticks:
+        for _ in range(3):
+            assert attitudes(pipeline.tick(events[20].arrival_us)) == []
+        assert vehicle.rejected == {}
+        assert vehicle.estimator.aligned  # as it was
+    lines = []
+    for event in events[20:]:
+        lines += [output.text for output in pipeline.handle(event) if isinstance(output, Message)]
+    assert vehicle.rejected == {"estimate_not_finite": 1}
+    assert lines[0] == "vehicle 1: the estimate is not finite, aligning anew"
+    assert len(attitudes(pipeline.tick(events[-1].arrival_us))) == 1
 
 
 def test_the_latest_attitude_of_others_comes_with_the_tick_and_once():
