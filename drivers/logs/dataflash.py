@@ -11,7 +11,7 @@ from collections.abc import Callable, Iterator
 
 from drivers.events import Event, Heartbeat, Malformed, Parameter, VehicleId
 from drivers.logs.dataflash_format import Row, messages
-from drivers.logs.log_file import Buffer, LogFile, mapped
+from drivers.logs.log_file import Buffer, LogFile, whole_file
 from drivers.logs.logged_vehicle import LoggedVehicle
 from drivers.mavlink import ardupilot
 from drivers.mavlink.constants import (
@@ -55,7 +55,7 @@ class Dataflash(LogFile):
     """
 
     def __iter__(self) -> Iterator[Event]:
-        with mapped(self.path) as data:
+        with whole_file(self.path) as data:
             decoder = _Decoder(data)
             for message in messages(data, decoder.message_names):
                 yield from decoder.decode(message)

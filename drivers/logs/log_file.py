@@ -1,5 +1,6 @@
 """What all logs have in common."""
 
+import logging
 import mmap
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -10,6 +11,10 @@ from drivers.logs.file_digest import file_sha256
 from estimator.errors import InputError
 
 Buffer = mmap.mmap | bytes
+READ_SIZE = 1 << 22
+LARGEST = 4 << 30  # bytes: a day at several hundred hertz
+
+_log = logging.getLogger(__name__)
 
 
 class LogFile(Closing):
@@ -27,13 +32,40 @@ class LogFile(Closing):
 
 
 @contextmanager
-def mapped(path: Path) -> Iterator[mmap.mmap]:
-    """The file's content without reading it into memory.
+def whole_file(path: Path) -> Iterator[Buffer]:
+    """The file's content, in memory of our own.
+
+    A file mapped into memory ends the process without a word (SIGBUS) if it shrinks, or its
+    card or network share fails, while it is looked at. Here that is a short reading: what was
+    read so far counts, and a line in the log tells.
 
     Raises:
-        InputError: the file is empty, which cannot be mapped.
+        InputError: the file is empty, cannot be read, or is larger than any log.
     """
-    if path.stat().st_size == 0:
+    size = path.stat().st_size
+    if size == 0:
         raise InputError(f"{path}: the file is empty")
-    with path.open("rb") as file, mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as data:
-        yield data
+    if size > LARGEST:
+        raise InputError(f"{path}: has more than {LARGEST >> 30} GiB: cut it into parts")
+    with mmap.mmap(-1, size) as content:
+        read, fault = _read_into(content, path)
+        if read == 0:
+            raise InputError(f"{path}: cannot be read: {fault}")
+        if read < size:
+            _log.warning("%s: read %d of %d bytes: %s", path, read, size, fault)
+        yield content if read == size else content[:read]
+
+
+def _read_into(content: mmap.mmap, path: Path) -> tuple[int, str]:
+    """Fill ``content`` from the file; how many bytes came, and why not all."""
+    read = 0
+    try:
+        with path.open("rb", buffering=0) as file, memoryview(content) as view:
+            while read < len(view):
+                count = file.readinto(view[read : read + READ_SIZE])
+                if not count:
+                    return read, "it has become shorter"
+                read += count
+    except OSError as error:
+        return read, error.strerror or str(error)
+    return read, ""

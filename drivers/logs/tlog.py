@@ -9,7 +9,7 @@ from collections.abc import Iterable, Iterator
 from pathlib import Path
 
 from drivers.events import Event, Malformed
-from drivers.logs.log_file import LogFile, mapped
+from drivers.logs.log_file import LogFile, whole_file
 from drivers.mavlink.decoder import MavlinkDecoder
 from drivers.mavlink.dialect import mavlink
 from drivers.mavlink.framing import Data, Frame, FrameFormat, frame_end
@@ -71,7 +71,7 @@ class Tlog(LogFile):
 
     def __init__(self, path: Path) -> None:
         super().__init__(path)
-        with mapped(path) as data:
+        with whole_file(path) as data:
             if _is_raw_capture(data):
                 raise InputError(
                     f"{path}: MAVLink without time stamps (a raw capture), use the .tlog beside it"
@@ -81,7 +81,7 @@ class Tlog(LogFile):
 
     def __iter__(self) -> Iterator[Event]:
         decoder = MavlinkDecoder()
-        with mapped(self.path) as data:
+        with whole_file(self.path) as data:
             records = TlogRecords(data, decoder.wanted)
             for arrival_us, frame in believable(records, _first_stamp_us(data)):
                 if frame is None:

@@ -11,7 +11,7 @@ FRD/NED already, fields in gauss, times in us since boot.
 from collections.abc import Callable, Iterator
 
 from drivers.events import Event, Heartbeat, Malformed, Parameter, Rejected, VehicleId
-from drivers.logs.log_file import Buffer, LogFile, mapped
+from drivers.logs.log_file import Buffer, LogFile, whole_file
 from drivers.logs.logged_vehicle import LoggedVehicle
 from drivers.logs.ulog_format import LATEST_US, TIMES, Row, Table, UlogReader
 from drivers.mavlink.constants import GPS_FIX_TYPE_3D_FIX, MAV_AUTOPILOT_PX4
@@ -59,7 +59,7 @@ class Ulog(LogFile):
     """
 
     def __iter__(self) -> Iterator[Event]:
-        with mapped(self.path) as data:
+        with whole_file(self.path) as data:
             try:
                 log = UlogReader(data, WANTED)
             except ValueError as error:

@@ -1,0 +1,88 @@
+"""A log that shrinks, or whose disk fails, while it is read: what came so far counts."""
+
+import errno
+import io
+import shutil
+from pathlib import Path
+
+import pytest
+
+from drivers.events import Imu
+from drivers.logs.log_file import whole_file
+from drivers.logs.open import open_log
+from estimator.errors import InputError
+
+DATA = Path(__file__).parents[2] / "data"
+
+
+@pytest.mark.parametrize("name", ["px4_hover.ulg", "sub_bluerov.tlog", "copter_reboot.tlog"])
+def test_a_log_that_is_truncated_while_it_is_iterated(tmp_path, name):
+    """As logrotate's copytruncate does; a mapped file ends the process with SIGBUS."""
+    path = tmp_path / name
+    shutil.copyfile(DATA / name, path)
+    expected = sum(isinstance(event, Imu) for event in open_log(path))
+    seen = 0
+    for event in open_log(path):
+        seen += isinstance(event, Imu)
+        if seen == 3 and path.stat().st_size:
+            path.write_bytes(b"")
+    assert seen == expected > 100
+
+
+class Failing(io.RawIOBase):
+    """A file of which a part can be read: then it ends, or the disk fails."""
+
+    def __init__(self, path, size, error):
+        self._file, self._left, self._error = path.open("rb", buffering=0), size, error
+
+    def readinto(self, buffer):
+        if self._left == 0 and self._error is not None:
+            raise OSError(self._error, "Input/output error")
+        count = self._file.readinto(memoryview(buffer)[: min(len(buffer), self._left)])
+        self._left -= count
+        return count
+
+    def close(self):
+        self._file.close()
+        super().close()
+
+
+@pytest.mark.parametrize(
+    ("error", "reason"), [(None, "it has become shorter"), (errno.EIO, "Input/output error")]
+)
+def test_a_file_of_which_only_a_part_can_be_read(tmp_path, monkeypatch, caplog, error, reason):
+    path = tmp_path / "log.bin"
+    path.write_bytes(bytes(range(256)) * 100)
+    real = Path.open
+    monkeypatch.setattr(
+        Path,
+        "open",
+        lambda self, *_, **__: Failing(_Real(self, real), 10_001, error),
+    )
+    with whole_file(path) as content:
+        assert content[:] == (bytes(range(256)) * 100)[:10_001]
+    assert f"read 10001 of 25600 bytes: {reason}" in caplog.text
+
+
+class _Real:
+    def __init__(self, path, opened):
+        self.open = lambda *args, **options: opened(path, *args, **options)
+
+
+def test_nothing_at_all(tmp_path, monkeypatch):
+    path = tmp_path / "log.bin"
+    path.write_bytes(b"some")
+    real = Path.open
+    monkeypatch.setattr(
+        Path, "open", lambda self, *_, **__: Failing(_Real(self, real), 0, errno.EIO)
+    )
+    with pytest.raises(InputError, match="cannot be read: Input/output error"), whole_file(path):
+        pass
+
+
+def test_a_file_larger_than_any_log(tmp_path):
+    path = tmp_path / "log.bin"
+    with path.open("wb") as file:
+        file.truncate(5 << 30)  # a hole: it takes no room
+    with pytest.raises(InputError, match="more than 4 GiB"), whole_file(path):
+        pass
