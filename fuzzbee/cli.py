@@ -15,6 +15,7 @@ from pathlib import Path
 
 from estimator.compilation.notice import tell_compiling
 from estimator.errors import InputError
+from fuzzbee.say import say
 from service.signals import terminate_like_interrupt
 
 OK, FAILED, BAD_INPUT, INTERRUPTED = 0, 1, 2, 130
@@ -26,7 +27,7 @@ HANGING = ("sink ", "compiler")
 def main(argv: Sequence[str] | None = None) -> int:
     """Run one command; returns its exit status and lets no exception out."""
     arguments = _spelled_out(sys.argv[1:] if argv is None else argv)
-    tell_compiling(_say)
+    tell_compiling(say)
     status = _status(arguments)
     return OK if status == INTERRUPTED and _is_endless(arguments) else status
 
@@ -123,10 +124,6 @@ def _is_usage_error(error: Exception) -> bool:
     return hasattr(error, "format_message") and hasattr(error, "exit_code")
 
 
-def _say(text: str) -> None:
-    print(f"fuzzbee: {text}", file=sys.stderr, flush=True)
-
-
 def _fail(text: str, status: int) -> int:
-    print(f"fuzzbee: {' '.join(text.split())}", file=sys.stderr)
+    say(" ".join(text.split()))
     return status

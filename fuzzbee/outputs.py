@@ -1,6 +1,5 @@
 """What ``run`` sends and shows beside its own keys: options, and the sinks they open."""
 
-import sys
 from collections.abc import Iterable
 from importlib.util import find_spec
 from pathlib import Path
@@ -9,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated, NamedTuple
 import typer
 
 from estimator.errors import InputError
+from fuzzbee.say import say
 
 if TYPE_CHECKING:
     import zenoh
@@ -162,7 +162,7 @@ def require_own_file(rrd: str | None, others: Iterable[str | Path]) -> None:
 def tell_page(stream: "ViewerStream") -> None:
     """Where a browser finds it."""
     if stream.page is not None:
-        print(f"fuzzbee: the viewer is at {stream.page}", file=sys.stderr, flush=True)
+        say(f"the viewer is at {stream.page}")
 
 
 def _ros(options: OutputOptions, session: "zenoh.Session | None", prefix: str) -> "Sink":

@@ -1,7 +1,6 @@
 """``fuzzbee run``: the live service."""
 
 import logging
-import sys
 import threading
 import time
 from collections.abc import Callable
@@ -14,6 +13,7 @@ import typer
 from estimator.errors import InputError
 from fuzzbee import outputs, security, zenoh_options
 from fuzzbee.options import Json, Seconds, Verbose, require_gain, require_positive
+from fuzzbee.say import say
 
 if TYPE_CHECKING:
     import zenoh
@@ -200,7 +200,7 @@ def serve(options: RunOptions, *, verbose: bool) -> None:
             runner.run(options.seconds)
         seconds = time.monotonic() - started_s
     if outbox.stuck:
-        print(f"fuzzbee: not closed in time: {', '.join(outbox.stuck)}", file=sys.stderr)
+        say(f"not closed in time: {', '.join(outbox.stuck)}")
     _report(summary(options, pipeline, runner, seconds, outbox.dropped), as_json=options.as_json)
 
 
@@ -331,14 +331,12 @@ def _prefix(options: RunOptions) -> str:
 
 def _open_view(options: RunOptions, *, verbose: bool) -> "TerminalView":
     """The view on standard output; with --json messages only, on standard error."""
-    from rich.console import Console
+    from fuzzbee.terminal import PersonConsole, TerminalView
 
-    from fuzzbee.terminal import TerminalView
-
-    errors = Console(stderr=True)
+    errors = PersonConsole(stderr=True)
     where = "" if options.zenoh is None else f" → {options.zenoh.prefix}/*"
     title = f"fuzzbee run {options.source}, {options.rate_hz:g} Hz, {options.profile}{where}"
-    view = TerminalView(errors if options.as_json else Console(), errors, title)
+    view = TerminalView(errors if options.as_json else PersonConsole(), errors, title)
     _show_log(view.say, verbose=verbose)
     return view
 
@@ -400,8 +398,7 @@ def _report(result: dict[str, Any], *, as_json: bool) -> None:
         return
     vehicles = result["vehicles"]
     attitudes = sum(vehicle["attitudes"] for vehicle in vehicles.values())
-    print(
-        f"fuzzbee: {attitudes} attitudes of {len(vehicles)} vehicle{'s' * (len(vehicles) != 1)}"
-        f" in {result['seconds']:.1f} s, {result['overruns']} overruns",
-        file=sys.stderr,
+    say(
+        f"{attitudes} attitudes of {len(vehicles)} vehicle{'s' * (len(vehicles) != 1)}"
+        f" in {result['seconds']:.1f} s, {result['overruns']} overruns"
     )

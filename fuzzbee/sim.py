@@ -3,9 +3,7 @@
 Options that cannot be used raise ``InputError``, as everywhere.
 """
 
-import sys
 import threading
-from contextlib import suppress
 from pathlib import Path
 from typing import Annotated, cast
 
@@ -13,6 +11,7 @@ import typer
 
 from drivers.endpoint import Endpoint, Kind, endpoint_help, parse_endpoint
 from estimator.errors import InputError
+from fuzzbee.say import say
 from fuzzbee.security import key_content
 from service.signals import stop_on_signals
 
@@ -115,5 +114,4 @@ def _link(text: str) -> Endpoint:
 
 
 def _say(text: str) -> None:
-    with suppress(OSError):  # nobody reads it any more
-        print(f"fuzzbee sim: {text}", file=sys.stderr, flush=True)
+    say(text, "fuzzbee sim: ")

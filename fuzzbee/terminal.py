@@ -3,12 +3,14 @@
 import threading
 import time
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from typing import TYPE_CHECKING, NamedTuple
 
 from rich.console import Console, Group, RenderableType
 from rich.table import Table
 from rich.text import Text
 
+from fuzzbee.say import printable
 from service.health import State
 from service.records import AttitudeRecord, Message, Output, Published, StatusRecord, vehicle_name
 
@@ -100,6 +102,14 @@ class Board:
         return sorted(rows, key=lambda row: [int(part) for part in row.name.split("-")])
 
 
+class PersonConsole(Console):
+    """Output for a person. Whoever has stopped to read it decides over nothing else."""
+
+    def on_broken_pipe(self) -> None:
+        """Be quiet; rich would close standard output, whichever stream is broken, and end."""
+        self.quiet = True
+
+
 class TerminalView:
     """Shows what it is given; a sink of the service, and watch's display.
 
@@ -137,7 +147,10 @@ class TerminalView:
     def say(self, text: str) -> None:
         """One line for a person, above the table."""
         target = self._messages if self._live is None else self._live.console
-        target.print(text, style="dim", markup=False, highlight=False, soft_wrap=True)
+        with suppress(OSError):  # the other stream is told its lines all the same
+            target.print(
+                printable(text), style="dim", markup=False, highlight=False, soft_wrap=True
+            )
 
     def refresh(self) -> None:
         """Plain lines, when they are due; the table redraws itself."""
@@ -259,12 +272,15 @@ def _line(row: Row, now_s: float) -> str:
 
 
 def _cells(row: Row, now_s: float, layout: Layout) -> list[str | Text]:
-    cells: list[str | Text] = [row.name, Text(_state_text(row, now_s), style=COLOURS[row.state])]
+    cells: list[str | Text] = [
+        Text(row.name),
+        Text(_state_text(row, now_s), style=COLOURS[row.state]),
+    ]
     attitude = _current(row, now_s)
     cells += _attitude_cells(attitude, layout) if attitude else [""] * len(_measures(layout))
     if layout.bar:
         imu = (row.status.imu_message if row.status is not None else None) or ""
-        cells += [_bar(attitude.gain) if attitude else "", imu]
+        cells += [_bar(attitude.gain) if attitude else "", Text(imu)]
     if layout.rates:
         cells.append(_rate(row))
     return [*cells, _age_text(row, now_s)]

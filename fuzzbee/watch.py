@@ -5,13 +5,14 @@ import sys
 import time
 from collections import deque
 from threading import Condition, Event
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from estimator.errors import InputError
 from fuzzbee import zenoh_options
 from fuzzbee.options import Seconds, Verbose, require_positive
+from fuzzbee.say import say
 
 if TYPE_CHECKING:
     import zenoh
@@ -30,6 +31,7 @@ HINT_AFTER_S = 3.0
 WAIT_S = 0.1
 # 2 s of 50 vehicles at 100 Hz; when full, the oldest goes: the newest is worth most
 MAX_PENDING = 10_000
+MOST_BYTES = 100_000
 
 FAILED = 1
 
@@ -71,8 +73,9 @@ class Inbox:
     def put(self, sample: "zenoh.Sample") -> None:
         """Take one; called by zenoh."""
         with self._changed:
-            self._samples.append((str(sample.key_expr), sample.payload.to_bytes()))
-            self._changed.notify()
+            if len(sample.payload) <= MOST_BYTES:  # what is longer is no record; it is not kept
+                self._samples.append((str(sample.key_expr), sample.payload.to_bytes()))
+                self._changed.notify()
 
     def drain(self, timeout_s: float) -> list[tuple[str, bytes]]:
         """Keys and payloads that wait, after waiting at most ``timeout_s`` for the first."""
@@ -153,15 +156,20 @@ class JsonLines:
 
     closed = False
 
+    def __init__(self) -> None:
+        from fuzzbee.reception import Reception
+
+        self._reception = Reception(self.say)
+
     def show(self, key: str, payload: bytes) -> int:
         """Print one attitude; 1 if it was one."""
         import msgspec
 
-        try:
-            record = msgspec.json.decode(payload, type=dict[str, Any])
-        except (msgspec.DecodeError, UnicodeDecodeError):
+        received = self._reception.record(key, payload)
+        if received is None:
             return 0
-        line = msgspec.json.encode({"vehicle": _vehicle_of(key), **record})
+        name, record = received
+        line = msgspec.json.encode({"vehicle": name, **msgspec.structs.asdict(record)})
         try:
             print(line.decode(), flush=True)
         except BrokenPipeError:
@@ -171,7 +179,7 @@ class JsonLines:
 
     def say(self, text: str) -> None:
         """One line for a person."""
-        print(f"fuzzbee: {text}", file=sys.stderr)
+        say(text)
 
     def refresh(self) -> None:
         """Nothing waits."""
@@ -191,30 +199,21 @@ class Table:
     closed = False
 
     def __init__(self, prefix: str) -> None:
-        from rich.console import Console
-
-        from fuzzbee.terminal import TerminalView
+        from fuzzbee.reception import Reception
+        from fuzzbee.terminal import PersonConsole, TerminalView
 
         title = f"fuzzbee watch {prefix}/*"
-        self._view = TerminalView(Console(), Console(stderr=True), title)
+        self._view = TerminalView(PersonConsole(), PersonConsole(stderr=True), title)
+        self._reception = Reception(self.say)
 
     def show(self, key: str, payload: bytes) -> int:
         """Take one record; 1 if it was an attitude."""
-        import msgspec
-
-        from service.records import AttitudeRecord, StatusRecord
-
-        is_attitude = key.endswith("/attitude")
-        record: AttitudeRecord | StatusRecord
-        try:
-            if is_attitude:
-                record = msgspec.json.decode(payload, type=AttitudeRecord)
-            else:
-                record = msgspec.json.decode(payload, type=StatusRecord)
-        except (msgspec.DecodeError, UnicodeDecodeError):
+        received = self._reception.record(key, payload)
+        if received is None:
             return 0
-        self._view.board.update(_vehicle_of(key), record, time.monotonic())
-        return int(is_attitude)
+        name, record = received
+        self._view.board.update(name, record, time.monotonic())
+        return int(key.endswith("/attitude"))
 
     def say(self, text: str) -> None:
         """One line for a person."""
@@ -227,7 +226,3 @@ class Table:
     def close(self) -> None:
         """Leave the last table standing."""
         self._view.close()
-
-
-def _vehicle_of(key: str) -> str:
-    return key.rsplit("/", 2)[-2]

@@ -1,6 +1,5 @@
 """``fuzzbee replay``: the filter over logs, or over the paper's signals, scored."""
 
-import sys
 import time
 from math import inf, isfinite
 from pathlib import Path
@@ -11,6 +10,7 @@ import typer
 from estimator.errors import InputError
 from fuzzbee import outputs
 from fuzzbee.options import require_gain
+from fuzzbee.say import say
 
 if TYPE_CHECKING:
     from estimator.profile import Profile
@@ -222,4 +222,4 @@ def seed_range(text: str) -> range:
 
 
 def _tell(line: str) -> None:
-    print(line, file=sys.stderr)
+    say(line, "")

@@ -5,6 +5,9 @@ from typing import TYPE_CHECKING
 
 from rich.console import Console
 from rich.table import Table
+from rich.text import Text
+
+from fuzzbee.say import printable
 
 if TYPE_CHECKING:
     from fuzzbee.replay.log_report import LogReport
@@ -36,7 +39,7 @@ def _figures(report: "LogReport") -> Table:
     imu, vehicle, errors = report.imu, report.vehicle, report.error_deg
     kind = " ".join(name.lower() for name in (vehicle.autopilot, vehicle.type) if name)
     grid = _grid()
-    grid.add_row("log", report.source)
+    grid.add_row("log", Text(printable(report.source)))
     grid.add_row("vehicle", f"{vehicle.system_id} (component {vehicle.component_id}) {kind}")
     grid.add_row(
         "IMU",
@@ -74,7 +77,7 @@ def _table(reports: "Sequence[LogReport]") -> Table:
     for report in reports:
         errors = report.error_deg
         table.add_row(
-            report.source.rpartition("/")[2],
+            Text(printable(report.source.rpartition("/")[2])),
             _number(report.imu.median_rate_hz, 1),
             f"{report.duration_s:.0f}",
             report.reference or "none",

@@ -1,6 +1,5 @@
 """``fuzzbee tune``: find a profile's parameters by search, on the paper's signals or on logs."""
 
-import sys
 from pathlib import Path
 from typing import Annotated
 
@@ -9,6 +8,7 @@ import typer
 from estimator.errors import InputError
 from fuzzbee import outputs
 from fuzzbee.options import Json
+from fuzzbee.say import say
 
 EPILOG = """Examples:
 
@@ -133,7 +133,7 @@ def tune(
 
 def tell(line: str) -> None:
     """One line for a person, on standard error."""
-    print(line, file=sys.stderr)
+    say(line, "")
 
 
 def _require_plots(folder: Path) -> None:

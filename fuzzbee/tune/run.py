@@ -4,7 +4,6 @@ import contextlib
 import json
 import os
 import signal
-import sys
 import threading
 import time
 from collections.abc import Iterator
@@ -15,6 +14,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import msgspec
 
 from estimator.profile import Profile, Provenance, profile_to_toml
+from fuzzbee.say import say
 from fuzzbee.tune.plan import Plan
 from fuzzbee.tune.progress import ProgressBar
 from tuning.checkpoint import (
@@ -238,4 +238,4 @@ def _print_report(report: dict[str, Any], checkpoint: Path) -> None:
 
 
 def _tell(line: str) -> None:
-    print(line, file=sys.stderr)
+    say(line, "")

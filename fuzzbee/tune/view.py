@@ -1,6 +1,5 @@
 """A search in the Rerun viewer, while it runs; it looks on and changes nothing."""
 
-import sys
 import time
 from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING
@@ -8,6 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from estimator.profile import Profile
+from fuzzbee.say import say
 from fuzzbee.tune import layout
 from fuzzbee.tune.plan import Plan
 from fuzzbee.viewer.layout import GREY, gain_surface, surface_axes
@@ -46,7 +46,7 @@ class SearchView:
     def show(self, search: Search) -> None:
         """Draw the latest cycle, if it is due."""
         if self.stream.take_loss():
-            print(f"fuzzbee: viewer {CLOSED}", file=sys.stderr)
+            say(f"viewer {CLOSED}")
         if not self.stream.wanted:
             return
         now_s = self._now_s()

@@ -1,0 +1,102 @@
+"""What ``watch`` takes from the network: records that can be shown, of vehicles that can be."""
+
+import re
+from collections.abc import Callable, Iterator
+from typing import Any
+
+import msgspec
+
+from fuzzbee.say import printable
+from service.health import State
+from service.records import SCHEMA, AttitudeRecord, StatusRecord
+
+# Of 5000 bytes and more is no record of ours, with all reasons for refusal that there are.
+LONGEST_PAYLOAD = 16_384
+MOST_VEHICLES = 1000
+NAME = re.compile(r"[0-9]{1,3}(-[0-9]{1,3})?")
+IMU_MESSAGE = re.compile(r"[A-Z0-9_]{1,32}")
+STATES = frozenset(state.value for state in State)
+HEADING_REFERENCES = ("true", "magnetic", "none")
+HALF_TURNS_DEG = 360.0
+MOST_GAIN = 1e7
+MOST_RATE_HZ = 1e6
+MOST = 1e12  # of any other number
+SHOWN = 80  # characters of a key
+
+Record = AttitudeRecord | StatusRecord
+
+
+class Reception:
+    """Turns keys and payloads into records; what cannot be one is told once for each reason."""
+
+    def __init__(self, say: Callable[[str], None]) -> None:
+        self._say = say
+        self._told: set[str] = set()
+        self._names: set[str] = set()
+
+    def record(self, key: str, payload: bytes) -> tuple[str, Record] | None:
+        """The vehicle's name and its record, or None."""
+        name, kind = key.rsplit("/", 2)[-2:]
+        try:
+            record = self._record(name, kind, payload)
+        except ValueError as fault:
+            self._tell(str(fault), key)
+            return None
+        return name, record
+
+    def _record(self, name: str, kind: str, payload: bytes) -> Record:
+        if not NAME.fullmatch(name):
+            raise ValueError("its key names no vehicle")
+        if name not in self._names and len(self._names) >= MOST_VEHICLES:
+            raise ValueError(f"there are more than {MOST_VEHICLES} vehicles")
+        if len(payload) > LONGEST_PAYLOAD:
+            raise ValueError(f"it has more than {LONGEST_PAYLOAD} bytes")
+        form: Any = AttitudeRecord if kind == "attitude" else StatusRecord
+        try:
+            record: Record = msgspec.json.decode(payload, type=form)
+        except (msgspec.DecodeError, UnicodeDecodeError, RecursionError):
+            raise ValueError(f"it is no {kind} record") from None
+        fault = _fault(record)
+        if fault is not None:
+            raise ValueError(fault)
+        self._names.add(name)
+        return record
+
+    def _tell(self, reason: str, key: str) -> None:
+        if reason not in self._told:
+            self._told.add(reason)
+            self._say(f"ignored: somebody publishes on {printable(key, SHOWN)!r}, but {reason}")
+
+
+def _fault(record: Record) -> str | None:
+    """Why a record cannot be shown."""
+    if record.state not in STATES:
+        return "its state is unknown"
+    if any(not -MOST <= number <= MOST for number in _numbers(msgspec.structs.astuple(record))):
+        return "its numbers are no measurements"
+    if isinstance(record, StatusRecord):
+        if record.imu_message is not None and not IMU_MESSAGE.fullmatch(record.imu_message):
+            return "its imu_message is no MAVLink message"
+        return None if 0.0 <= record.imu_rate_hz <= MOST_RATE_HZ else "its rate is no rate"
+    if record.schema != SCHEMA:
+        return f"its schema is not {SCHEMA}: of another version of fuzzbee"
+    if record.heading_reference not in HEADING_REFERENCES:
+        return "its heading_reference is unknown"
+    is_sound = (
+        all(abs(angle) <= HALF_TURNS_DEG for angle in record.euler_deg)
+        and 0.0 <= record.error <= 1.0
+        and 0.0 <= record.gain <= MOST_GAIN
+        and record.age_ms >= 0.0
+    )
+    return None if is_sound else "its numbers are no attitude"
+
+
+def _numbers(values: Any) -> Iterator[float]:
+    """The numbers of a record but its counts and times, which are whole."""
+    for value in values:
+        if isinstance(value, float):
+            yield value
+        elif isinstance(value, tuple):
+            yield from _numbers(value)
+        elif isinstance(value, msgspec.Struct):
+            yield from _numbers(msgspec.structs.astuple(value))

@@ -1,0 +1,26 @@
+"""Lines for a person, on standard error: whatever they say, and whoever no longer reads them."""
+
+import sys
+from contextlib import suppress
+
+LONGEST_LINE = 1000  # characters; nobody reads more
+
+
+def say(text: str, who: str = "fuzzbee: ") -> None:
+    """Print one line. A standard error that is closed, broken or full is no fault of ours."""
+    with suppress(OSError, ValueError):
+        print(f"{who}{printable(text)}", file=sys.stderr, flush=True)
+
+
+def printable(text: str, most: int = LONGEST_LINE) -> str:
+    """The text as a terminal may show it: file names, vehicles and publishers choose the words.
+
+    Control characters (escape sequences, line ends), marks that turn the direction of writing
+    and what is no character at all are written as Python would write them; the end of a text
+    that is too long is left out.
+    """
+    if len(text) > most:
+        text = text[: most - 1] + "…"
+    if text.isprintable():
+        return text
+    return "".join(c if c.isprintable() else c.encode("unicode_escape").decode() for c in text)

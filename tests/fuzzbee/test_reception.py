@@ -1,0 +1,163 @@
+"""What comes from the network is data: checked, escaped, bounded, and said once."""
+
+import io
+import json
+import random
+
+import msgspec
+import pytest
+from hypothesis import given
+from rich.console import Console
+
+from fuzzbee.reception import MOST_VEHICLES, Reception
+from fuzzbee.say import printable, say
+from fuzzbee.terminal import PersonConsole, TerminalView
+from fuzzbee.watch import JsonLines, Table
+from tests.fuzz.cases import built, fuzzed
+from tests.service.records import record as attitude_record
+
+ATTITUDE = json.loads(msgspec.json.encode(attitude_record()))
+STATUS = {
+    "state": "running", "imu_message": "RAW_IMU", "imu_rate_hz": 50.0, "worst_gap_s": 0.1,
+    "rejected": {}, "overruns": 0, "dropped": 0, "sequence": 3,
+}  # fmt: skip
+HOSTILE_TEXTS = ("\x1b[2J\x1b]0;owned\x07", "[bold red]x[/]", "[/]", "a\nb", "\u202etxt", "\x9b31m",
+                 "x" * 100_000, "\ud800", "")  # fmt: skip
+NUMBERS = (1e308, -1e308, 1e12, 721.0, -721.0, 10**30, -1, float("nan"), "1", None)
+
+
+def received(key, record):
+    told = []
+    payload = record if isinstance(record, bytes) else json.dumps(record).encode()
+    return Reception(told.append).record(key, payload), told
+
+
+def test_ours_are_taken():
+    (name, record), told = received("fuzzbee/12-3/attitude", ATTITUDE)
+    assert (name, told) == ("12-3", [])
+    assert json.loads(msgspec.json.encode(record)) == ATTITUDE
+    (name, record), told = received("a/b/7/status", STATUS)
+    assert (name, record.imu_message, told) == ("7", "RAW_IMU", [])
+
+
+@pytest.mark.parametrize(
+    ("key", "record", "words"),
+    [
+        ("fuzzbee/copter/attitude", ATTITUDE, "names no vehicle"),
+        ("fuzzbee/1\n2/attitude", ATTITUDE, "names no vehicle"),
+        ("fuzzbee/" + "1" * 9000 + "/attitude", ATTITUDE, "names no vehicle"),
+        ("fuzzbee/\u0661/status", STATUS, "names no vehicle"),
+        ("fuzzbee/1/attitude", {**ATTITUDE, "schema": 2}, "schema"),
+        ("fuzzbee/1/attitude", {**ATTITUDE, "state": "flying"}, "state"),
+        ("fuzzbee/1/attitude", {**ATTITUDE, "heading_reference": "[b]"}, "heading_reference"),
+        ("fuzzbee/1/attitude", {**ATTITUDE, "gain": 1e308}, "numbers"),
+        ("fuzzbee/1/attitude", {**ATTITUDE, "euler_deg": [0, 1e9, 0]}, "numbers"),
+        ("fuzzbee/1/attitude", {**ATTITUDE, "rate_rad_s": [0, 0, 1e308]}, "numbers"),
+        ("fuzzbee/1/attitude", {**ATTITUDE, "q_ned_frd": [1, 0, 0]}, "no attitude record"),
+        ("fuzzbee/1/attitude", b"[" * 5000, "no attitude record"),
+        ("fuzzbee/1/status", {**STATUS, "imu_message": "\x1b[2J"}, "imu_message"),
+        ("fuzzbee/1/status", {**STATUS, "imu_message": "[red]"}, "imu_message"),
+        ("fuzzbee/1/status", {**STATUS, "imu_rate_hz": 1e308}, "numbers"),
+        ("fuzzbee/1/status", {**STATUS, "rejected": {"x" * 40_000: 1}}, "bytes"),
+    ],
+)
+def test_others_are_not_and_that_is_said(key, record, words):
+    taken, told = received(key, record)
+    assert taken is None
+    (line,) = told
+    assert words in line
+    assert line == printable(line)
+    assert len(line) < 300
+
+
+def test_it_is_said_once_and_the_vehicles_are_bounded():
+    told = []
+    reception = Reception(told.append)
+    payload = json.dumps(STATUS).encode()
+    for number in range(3 * MOST_VEHICLES):
+        reception.record(f"fuzzbee/{number % 250}-{number // 250}/status", payload)
+        reception.record(f"fuzzbee/no{number}/status", payload)
+    assert len(reception._names) == MOST_VEHICLES
+    assert len(told) == 2
+
+
+def changed(rng):
+    """A record with some values replaced, perhaps under a hostile key."""
+    kind, record = rng.choice((("attitude", ATTITUDE), ("status", STATUS)))
+    record = dict(record)
+    for name in rng.sample(sorted(record), rng.randint(0, 3)):
+        value = record[name]
+        hostile = rng.choice((*HOSTILE_TEXTS, *NUMBERS, {}, [], True))
+        if isinstance(value, list) and rng.random() < 0.7:
+            value = list(value)
+            value[rng.randrange(len(value))] = hostile
+        elif isinstance(value, dict) and rng.random() < 0.7:
+            value = {**value, rng.choice((*HOSTILE_TEXTS, *value)): hostile}
+        else:
+            value = hostile
+        record[name] = value
+    name = rng.choice(("1", "1", "255-190", rng.choice(HOSTILE_TEXTS)))
+    return f"fuzzbee/{name}/{kind}", json.dumps(record).encode("utf-8", "replace")
+
+
+@fuzzed(150, 20000)
+@given(built(lambda rng: rng))
+def test_whatever_is_published_neither_ends_watch_nor_reaches_the_terminal(rng):
+    """Table, plain lines and JSON; an escape sequence that is not ours is one that is theirs."""
+    samples = [changed(rng) for _ in range(12)]
+    for width, is_terminal in ((100, True), (60, False)):
+        out, err = io.StringIO(), io.StringIO()
+        table = Table.__new__(Table)
+        consoles = [
+            Console(file=file, force_terminal=is_terminal, color_system=None, width=width)
+            for file in (out, err)
+        ]
+        table._view = TerminalView(consoles[0], consoles[1], "watch", now_s=lambda: 1.0)
+        table._reception = Reception(table.say)
+        try:
+            for key, payload in samples:
+                table.show(key, payload)
+            if is_terminal:
+                consoles[0].print(table._view._table())
+            table.refresh()
+        finally:
+            table.close()
+        shown = out.getvalue() + err.getvalue()
+        for text in ("\x07", "\x9b", "\u202e", "\x1b[2J", "\x1b]0", "1e+30", "0" * 20):
+            assert text not in shown
+
+
+@fuzzed(150, 20000)
+@given(built(lambda rng: rng))
+def test_each_line_of_json_is_one_record(rng):
+    lines, samples = JsonLines(), [changed(rng) for _ in range(4)]
+    with pytest.MonkeyPatch.context() as patch:
+        out = io.StringIO()
+        patch.setattr("sys.stdout", out)
+        patch.setattr("sys.stderr", io.StringIO())
+        count = sum(lines.show(key, payload) for key, payload in samples if "attitude" in key)
+    written = out.getvalue().splitlines()
+    assert len(written) == count
+    for line in written:
+        assert printable(line) == line
+        assert json.loads(line)["vehicle"] in ("1", "255-190")
+
+
+def test_the_cases_hold_some_that_are_shown():
+    rng, taken = random.Random(1), 0
+    for _ in range(300):
+        taken += received(*changed(rng))[0] is not None
+    assert 60 < taken < 240
+
+
+def test_lines_for_a_person_are_printable_and_bounded(capsys):
+    for text in HOSTILE_TEXTS:
+        say(f"log {text}.tlog")
+    lines = capsys.readouterr().err.split("\n")
+    assert len(lines) == len(HOSTILE_TEXTS) + 1
+    assert all(line.isprintable() and len(line) < 1200 for line in lines)
+    assert r"log \x1b[2J\x1b]0;owned\x07.tlog" in lines[0]
+    view_out = io.StringIO()
+    view = TerminalView(PersonConsole(file=view_out), PersonConsole(file=view_out), "run")
+    view.say("vehicle 1: \x1b[2J[red]STATUSTEXT\nfuzzbee: forged")
+    assert view_out.getvalue() == "vehicle 1: \\x1b[2J[red]STATUSTEXT\\nfuzzbee: forged\n"

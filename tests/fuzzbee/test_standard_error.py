@@ -1,0 +1,93 @@
+"""Output for people decides over nothing: standard error that nobody reads, or that is full."""
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+FULL = Path("/dev/full")
+
+
+def command(*arguments):
+    return [sys.executable, "-m", "fuzzbee", *arguments]
+
+
+RUN = ("run", "--no-zenoh", "--seconds", "1.5", "--json", "--profile", "paper")
+
+
+def broken_pipe():
+    """The writing end of a pipe that nobody reads."""
+    reading, writing = os.pipe()
+    os.close(reading)
+    return os.fdopen(writing, "w")
+
+
+@pytest.mark.parametrize(
+    "errors",
+    [
+        pytest.param(
+            lambda: FULL.open("w"),
+            marks=pytest.mark.skipif(not FULL.exists(), reason="needs /dev/full"),
+            id="full",
+        ),
+        pytest.param(broken_pipe, id="broken"),
+    ],
+)
+def test_a_run_goes_on_and_its_result_is_whole(errors):
+    with errors() as stderr:
+        done = subprocess.run(
+            command(*RUN), stdout=subprocess.PIPE, stderr=stderr, check=False, timeout=120
+        )
+    assert done.returncode == 0
+    assert json.loads(done.stdout)["vehicles"]["1"]["attitudes"] > 100
+
+
+def test_standard_output_that_is_closed_leaves_the_messages():
+    """A table that nobody reads: the service goes on, and says at the end what it came to."""
+    with broken_pipe() as stdout:
+        done = subprocess.run(
+            command(*[word for word in RUN if word != "--json"]),
+            stdout=stdout,
+            stderr=subprocess.PIPE,
+            check=False,
+            timeout=120,
+            text=True,
+        )
+    assert done.returncode == 0
+    assert "attitudes of 1 vehicle" in done.stderr
+
+
+def test_a_result_that_cannot_be_written_is_a_failure():
+    if not FULL.exists():
+        pytest.skip("needs /dev/full")
+    with FULL.open("w") as stdout:
+        done = subprocess.run(
+            command(*RUN),
+            stdout=stdout,
+            stderr=subprocess.PIPE,
+            check=False,
+            timeout=120,
+            text=True,
+        )
+    assert done.returncode == 1
+    assert "No space left" in done.stderr
+
+
+def test_a_reader_that_leaves_in_the_middle():
+    """It is ended by nothing but its signal, with everything said on standard output."""
+    arguments = command("run", "--no-zenoh", "--json", "-v")
+    pipe = subprocess.PIPE
+    with subprocess.Popen(arguments, stdout=pipe, stderr=pipe) as process:
+        process.stderr.readline()
+        process.stderr.close()
+        time.sleep(1.5)
+        assert process.poll() is None
+        process.send_signal(signal.SIGTERM)
+        out = process.stdout.read()
+        assert process.wait(10) == 0
+    assert json.loads(out)["vehicles"]["1"]["attitudes"] > 50
