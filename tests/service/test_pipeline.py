@@ -261,7 +261,7 @@ def test_a_flood_of_profiles_is_told_a_few_times():
 def broken_at(pipeline):
     estimator = pipeline.vehicle(ONE).estimator
     now = estimator.snapshot
-    state = now.core.filter._replace(gyr_bias_rad_s=(math.nan, 0.0, 0.0))
+    state = now.core.filter._replace(q_ned_frd=(math.nan, 0.0, 0.0, 1.0))
     estimator.snapshot = now._replace(core=now.core._replace(filter=state))
 
 
