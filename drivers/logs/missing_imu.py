@@ -2,7 +2,7 @@
 
 from drivers.logs.dataflash import Dataflash
 from drivers.logs.dataflash_format import messages
-from drivers.logs.log_file import mapped
+from drivers.logs.log_file import whole_file
 from drivers.logs.open import LogSource
 from drivers.logs.tlog import Tlog, TlogRecords
 from drivers.mavlink.constants import (
@@ -39,7 +39,7 @@ def advice(log: LogSource, system_id: int | None = None) -> str | None:
     if isinstance(log, Tlog):
         return _of_telemetry(log, system_id)
     if isinstance(log, Dataflash):
-        with mapped(log.path) as data:
+        with whole_file(log.path) as data:
             names = {found[0] for found in messages(data, ("ATT", "IMU")) if found is not None}
         if names != {"ATT"}:
             return None
@@ -49,7 +49,7 @@ def advice(log: LogSource, system_id: int | None = None) -> str | None:
 
 def _of_telemetry(log: Tlog, system_id: int | None) -> str | None:
     attitude, is_px4, unpacker = None, False, Unpacker()
-    with mapped(log.path) as data:
+    with whole_file(log.path) as data:
         for _, frame in TlogRecords(data, IMUS.union(ATTITUDES, {HEARTBEAT_ID})).readable():
             if system_id not in (None, frame.system_id):
                 continue
