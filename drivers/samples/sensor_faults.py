@@ -7,10 +7,11 @@ simulators know rest without noise: so equal readings are refused only if what t
 other sensors say cannot be true beside them.
 """
 
-from math import cos, dist, hypot, sin
+from math import dist, hypot
 from operator import eq
 from typing import NamedTuple
 
+from drivers.samples.steady_turn import FieldWatch, carries_weight, turned
 from estimator.reasons import Reason
 from estimator.types import STANDARD_GRAVITY_M_S2, ZERO_VEC3, Vec3
 
@@ -34,15 +35,16 @@ BLIND_US = 30_000  # from the first refused reading on
 
 STUCK_SAMPLES = 20  # equal readings
 STUCK_US = 500_000
+# Where there is no field, a steady turn explains equal readings for so long; noise ends it earlier
+STEADY_US = 3_000_000
 # A sensor alone is stuck if others have turned against it: by so many radians
 STUCK_ACC_RAD = 0.35  # of what the gyroscope says; below MOVING_GYR it may be its bias
 STUCK_GYR_RAD = 0.17  # of both the accelerometer and the magnetometer
-STUCK_GYR_ACC_RAD = 0.5  # of the accelerometer alone, where there is no field: no braking does that
+STUCK_GYR_ALONE_RAD = 0.5  # of one of them, where the other cannot tell: no braking does that
 LONGEST_STEP_S = 0.1
-# What no vehicle at rest shows: more than a gyroscope's bias, not 1 g, a field that turns
+# What no vehicle at rest shows: more than a gyroscope's bias, not 1 g
 MOVING_GYR_RAD_S = 0.05
 MOVING_ACC_M_S2 = 0.5
-MOVING_MAG = 0.17  # of the field's strength: 10 degrees
 NOISY_SAMPLES = 50  # that many changes before prove that the sensor has noise
 MAG_STUCK_SAMPLES = 20
 MAG_STUCK_US = 2_000_000
@@ -96,6 +98,7 @@ class SensorFaults:
     def __init__(self) -> None:
         self._last = Readings(ZERO_VEC3, ZERO_VEC3, ZERO_VEC3)
         self._both = _Repetition()
+        self._field = FieldWatch()  # since both repeat themselves
         self._gyr = _Repetition()
         self._acc = _Repetition()
         self._turned_acc = ZERO_VEC3  # where the gyroscope says the repeated reading should be
@@ -154,11 +157,13 @@ class SensorFaults:
         acc_equal = readings.acc_m_s2 == self._last.acc_m_s2
         both, gyr, acc = self._both, self._gyr, self._acc
         is_long_both = both.follow(gyr_equal and acc_equal, readings, raw_us)
+        if not (gyr_equal and acc_equal):
+            self._field.begin(readings.mag_gauss, raw_us)
         is_long_gyr = gyr.follow(gyr_equal, readings, raw_us)
         is_long_acc = acc.follow(acc_equal, readings, raw_us)
         self._follow_turned_acc(acc_equal, readings, raw_us)
         if is_long_both:
-            both.is_proven = both.is_proven or _moves(readings, both.begin.mag_gauss)
+            both.is_proven = both.is_proven or self._repeats_untruly(readings, raw_us)
         if is_long_acc:
             apart_rad = _apart_rad(self._turned_acc, readings.acc_m_s2)
             acc.is_proven = acc.is_proven or apart_rad > STUCK_ACC_RAD
@@ -171,23 +176,47 @@ class SensorFaults:
         return Reason.GYROSCOPE_STUCK if gyr.is_proven else None
 
     def _follow_turned_acc(self, is_equal: bool, readings: Readings, raw_us: int) -> None:
-        """Turn the repeated specific force as the gyroscope says (dv/dt = v x w)."""
+        """Turn the repeated specific force as the gyroscope says (dv/dt = v x w).
+
+        In a steady turn it stays as it is.
+        """
         if not is_equal:
             self._turned_acc = readings.acc_m_s2
             return
-        if max(map(abs, readings.gyr_rad_s)) <= MOVING_GYR_RAD_S:
+        gyr = readings.gyr_rad_s
+        if max(map(abs, gyr)) <= MOVING_GYR_RAD_S or carries_weight(readings.acc_m_s2, gyr):
             return
         step_s = min(max(1e-6 * (raw_us - self._last_us), 0.0), LONGEST_STEP_S)
-        self._turned_acc = _turned(self._turned_acc, readings.gyr_rad_s, step_s)
+        self._turned_acc = turned(self._turned_acc, gyr, step_s)
+
+    def _repeats_untruly(self, readings: Readings, raw_us: int) -> bool:
+        """Whether what gyroscope and accelerometer repeat cannot be true."""
+        gyr, acc = readings.gyr_rad_s, readings.acc_m_s2
+        if max(map(abs, gyr)) <= MOVING_GYR_RAD_S:
+            is_heavier = abs(hypot(*acc) - STANDARD_GRAVITY_M_S2) > MOVING_ACC_M_S2
+            return is_heavier or self._field_contradicts(readings, raw_us)
+        if not carries_weight(acc, gyr) or self._field_contradicts(readings, raw_us):
+            return True
+        lasts_us = raw_us - self._both.begin_us
+        return lasts_us >= STEADY_US and not self._field.knows(readings.mag_gauss)
+
+    def _field_contradicts(self, readings: Readings, raw_us: int) -> bool:
+        mag = readings.mag_gauss
+        return self._field.knows(mag) and self._field.contradicts(mag, readings.gyr_rad_s, raw_us)
 
     def _has_turned_otherwise(self, readings: Readings, raw_us: int) -> bool:
         """Whether accelerometer and field are not where the repeated rate would have them."""
         begin, span_s = self._gyr.begin, 1e-6 * (raw_us - self._gyr.begin_us)
         gyr = readings.gyr_rad_s
-        acc_rad = _apart_rad(_turned(begin.acc_m_s2, gyr, span_s), readings.acc_m_s2)
+        acc_rad = _apart_rad(turned(begin.acc_m_s2, gyr, span_s), readings.acc_m_s2)
+        is_steady = carries_weight(begin.acc_m_s2, gyr)  # then the force stays as it is
+        if is_steady:
+            acc_rad = min(acc_rad, _apart_rad(begin.acc_m_s2, readings.acc_m_s2))
         if ZERO_VEC3 in (readings.mag_gauss, begin.mag_gauss):
-            return acc_rad > STUCK_GYR_ACC_RAD
-        mag_rad = _apart_rad(_turned(begin.mag_gauss, gyr, span_s), readings.mag_gauss)
+            return acc_rad > STUCK_GYR_ALONE_RAD
+        mag_rad = _apart_rad(turned(begin.mag_gauss, gyr, span_s), readings.mag_gauss)
+        if is_steady and mag_rad > STUCK_GYR_ALONE_RAD:
+            return True  # one steady turn feels like another
         return min(acc_rad, mag_rad) > STUCK_GYR_RAD
 
     def _saturated(self, readings: Readings) -> Reason | None:
@@ -241,35 +270,8 @@ class SensorFaults:
         self._mag_turn_rad += step_s * max(map(abs, readings.gyr_rad_s))
 
 
-def _moves(readings: Readings, mag_before: Vec3) -> bool:
-    """Whether the readings cannot be those of a vehicle at rest."""
-    if max(map(abs, readings.gyr_rad_s)) > MOVING_GYR_RAD_S:
-        return True
-    if abs(hypot(*readings.acc_m_s2) - STANDARD_GRAVITY_M_S2) > MOVING_ACC_M_S2:
-        return True
-    if ZERO_VEC3 in (readings.mag_gauss, mag_before):
-        return False
-    return dist(readings.mag_gauss, mag_before) > MOVING_MAG * hypot(*mag_before)
-
-
 def _farthest(one: Vec3, other: Vec3) -> float:
     return max(abs(x - y) for x, y in zip(one, other, strict=True))
-
-
-def _turned(vector: Vec3, gyr_rad_s: Vec3, span_s: float) -> Vec3:
-    """A body vector of something fixed, after turning at that rate (Rodrigues, by -w t)."""
-    rate_rad_s = hypot(*gyr_rad_s)
-    if rate_rad_s == 0.0:
-        return vector
-    x, y, z = (each / rate_rad_s for each in gyr_rad_s)
-    a, b, c = vector
-    sine, cosine = sin(rate_rad_s * span_s), cos(rate_rad_s * span_s)
-    along = (1.0 - cosine) * (x * a + y * b + z * c)
-    return (
-        cosine * a + sine * (b * z - c * y) + along * x,
-        cosine * b + sine * (c * x - a * z) + along * y,
-        cosine * c + sine * (a * y - b * x) + along * z,
-    )
 
 
 def _apart_rad(one: Vec3, other: Vec3) -> float:

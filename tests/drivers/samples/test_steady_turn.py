@@ -1,0 +1,121 @@
+"""Circles flown without noise, as simulators fly them, and sensors that are stuck in the middle."""
+
+from math import atan2, cos, sin
+
+import numpy as np
+import pytest
+
+from drivers.samples.sensor_faults import Readings, SensorFaults
+from estimator.geometry.frames import from_euler_rad
+from estimator.geometry.quaternion import rotate_inverse
+
+S = 1_000_000
+G = 9.80665
+RATE_HZ = 50.0
+FIELD_NED_GAUSS = (0.22, 0.05, -0.5)  # the southern hemisphere's
+NO_FIELD = (0.0, 0.0, 0.0)
+WEAVE_S, CIRCLE_S = 4.0, 20.0
+
+
+def truncated(vector, unit):
+    """MAVLink's integers: mrad/s, mg, mGauss."""
+    return tuple(int(x / unit) * unit for x in vector)
+
+
+def circle(turn_rad_s, speed_m_s=22.0, iron_gauss=NO_FIELD, *, has_field=True, noise=0.0):
+    """(us, Readings): first weaving, then a coordinated turn, field 0.09 s late in steps of 0.1 s.
+
+    Bank and turn belong together: tan(bank) = v w / g.
+    """
+    rng = np.random.default_rng(1)
+    bank, field = atan2(speed_m_s * turn_rad_s, G), []
+    for k in range(round((WEAVE_S + CIRCLE_S) * RATE_HZ)):
+        time_s = k / RATE_HZ
+        weave = max(0.0, 1.0 - time_s / WEAVE_S)
+        roll = bank * (1.0 - weave) + 0.1 * weave * sin(7.0 * time_s)
+        q = from_euler_rad(roll, 0.0, turn_rad_s * time_s)
+        shake = 0.02 * weave * sin(11.0 * time_s)
+        gyr = (shake, turn_rad_s * sin(roll), turn_rad_s * cos(roll))
+        force = (shake, 0.0, -G * cos(roll) - speed_m_s * turn_rad_s * sin(roll))
+        gyr, force = (tuple(np.array(v) + noise * rng.standard_normal(3)) for v in (gyr, force))
+        if k % 5 == 0:
+            late = from_euler_rad(roll, 0.0, turn_rad_s * (time_s - 0.09))
+            field = np.array(rotate_inverse(late, FIELD_NED_GAUSS)) + iron_gauss
+        mag = truncated(field, 1e-3) if has_field else NO_FIELD
+        readings = Readings(truncated(gyr, 1e-3), truncated(force, 1e-3 * G), mag)
+        yield round(time_s * S), readings, q
+
+
+def refusals(flight, change=lambda _, readings: readings):
+    """(seconds, reason) of each refused reading."""
+    faults = SensorFaults()
+    found = [(us / S, faults.refusal(change(us / S, r), us)) for us, r, _ in flight]
+    return [(time_s, reason) for time_s, reason in found if reason is not None]
+
+
+@pytest.mark.parametrize("turn_rad_s", [0.08, 0.3, 0.7, 1.5])
+@pytest.mark.parametrize("iron", [NO_FIELD, (0.04, -0.03, 0.03)])
+def test_a_steady_circle_is_no_stuck_sensor(turn_rad_s, iron):
+    """59 mGauss of hard iron bend the field's way; 800 equal readings and more."""
+    assert refusals(circle(turn_rad_s, iron_gauss=iron)) == []
+
+
+@pytest.mark.parametrize("turn_rad_s", [0.3, -0.7])
+def test_nor_without_a_field_for_a_while(turn_rad_s):
+    """Some simulators' circles repeat up to 46 readings, less than a second."""
+    found = refusals(circle(turn_rad_s, has_field=False))
+    assert all(time_s >= WEAVE_S + 2.9 for time_s, _ in found)
+
+
+def frozen(since_s, *fields):
+    """From ``since_s`` on, the reading then goes on for ever in ``fields``."""
+    kept = []
+
+    def change(time_s, readings):
+        if time_s < since_s:
+            return readings
+        kept.append(readings)
+        return readings._replace(**{name: getattr(kept[0], name) for name in fields})
+
+    return change
+
+
+@pytest.mark.parametrize(
+    ("fields", "has_field", "reason", "within_s"),
+    [
+        (("gyr_rad_s", "acc_m_s2"), True, "stuck", 1.5),
+        (("gyr_rad_s", "acc_m_s2", "mag_gauss"), True, "stuck", 1.5),
+        (("gyr_rad_s", "acc_m_s2"), False, "stuck", 3.1),
+        (("gyr_rad_s",), True, "gyroscope_stuck", 1.5),
+    ],
+)
+def test_a_sensor_that_freezes_in_a_circle_is_found_when_the_vehicle_leaves_it(
+    fields, has_field, reason, within_s
+):
+    """Noisy sensors freeze at 12 s; 0.2 s later it turns the other way."""
+    there = list(circle(0.6, noise=0.003, has_field=has_field))
+    back = list(circle(-0.6, noise=0.003, has_field=has_field))
+    leave = round(12.2 * RATE_HZ)
+    flight = (
+        there[:leave]
+        + [(us, r, q) for (us, _, q), (_, r, _) in zip(there, back, strict=True)][leave:]
+    )
+    found = refusals(flight, frozen(12.0, *fields))
+    assert found
+    assert {each for _, each in found} == {reason}
+    assert found[0][0] < 12.0 + within_s
+
+
+def test_an_accelerometer_that_freezes_in_a_roll_is_found():
+    def rolling():
+        for k in range(800):
+            time_s = k / RATE_HZ
+            q = from_euler_rad(1.0 * max(0.0, time_s - 6.0), 0.0, 0.0)
+            shake = 0.01 * sin(9.0 * time_s + k)
+            gyr = (1.0 * (time_s > 6.0) + shake, shake, 0.0)
+            force = tuple(f + shake for f in rotate_inverse(q, (0.0, 0.0, -G)))
+            yield round(time_s * S), Readings(gyr, force, rotate_inverse(q, FIELD_NED_GAUSS)), q
+
+    found = refusals(rolling(), frozen(6.0, "acc_m_s2"))
+    assert {reason for _, reason in found} == {"accelerometer_stuck"}
+    assert found[0][0] < 6.7
