@@ -20,8 +20,8 @@ from service.signals import terminate_like_interrupt
 
 OK, FAILED, BAD_INPUT, INTERRUPTED = 0, 1, 2, 130
 ENDLESS = frozenset({"run", "sim", "watch"})  # verbs that a signal ends well
-# threads that may hang: a sink on a stopped terminal, the compiler
-HANGING = ("sink ", "compiler")
+# threads that may hang: a sink on a stopped terminal, the compiler, a session with a silent peer
+HANGING = ("sink ", "compiler", "zenoh opener")
 
 
 def main(argv: Sequence[str] | None = None) -> int:

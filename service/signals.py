@@ -1,4 +1,4 @@
-"""SIGINT and SIGTERM: the two ways a person or a supervisor ends a command."""
+"""SIGINT, SIGTERM and SIGHUP: how a person, a supervisor or a closed terminal ends a command."""
 
 import signal
 import threading
@@ -7,23 +7,33 @@ from contextlib import contextmanager
 from types import FrameType
 
 
+def ending_signals() -> tuple[signal.Signals, ...]:
+    """The signals that end a command; without SIGHUP where ``nohup`` has it ignored."""
+    ending = (signal.SIGINT, signal.SIGTERM)
+    if not hasattr(signal, "SIGHUP") or signal.getsignal(signal.SIGHUP) is signal.SIG_IGN:
+        return ending
+    return (*ending, signal.SIGHUP)
+
+
 @contextmanager
 def terminate_like_interrupt() -> Iterator[None]:
-    """Have SIGTERM raise ``KeyboardInterrupt``, too: for a start that takes long."""
+    """Have SIGTERM and SIGHUP raise ``KeyboardInterrupt``, too: for a start that takes long."""
     if threading.current_thread() is not threading.main_thread():
         yield
         return
-    before = signal.signal(signal.SIGTERM, signal.default_int_handler)
+    others = [number for number in ending_signals() if number != signal.SIGINT]
+    before = {number: signal.signal(number, signal.default_int_handler) for number in others}
     try:
         yield
     finally:
-        signal.signal(signal.SIGTERM, before)
+        for number, handler in before.items():
+            signal.signal(number, handler)
 
 
 @contextmanager
 def stop_on_signals(stop: Callable[[], None]) -> Iterator[None]:
-    """Call ``stop`` at the first SIGINT or SIGTERM; a second one has its usual effect."""
-    chosen = (signal.SIGINT, signal.SIGTERM)
+    """Call ``stop`` at the first signal that ends a command; a second one has its usual effect."""
+    chosen = ending_signals()
     if threading.current_thread() is not threading.main_thread():
         yield  # only the main thread may set handlers; elsewhere the owner calls stop
         return

@@ -11,6 +11,8 @@ remain connect to it as soon as it is there.
 
 import json
 import re
+import threading
+from concurrent.futures import Future
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from estimator.errors import InputError
@@ -27,6 +29,7 @@ CLIENT_TIMEOUT_MS = 2000  # a client is useless without its router
 # Batches of 64 kB that wait for the network, the most Zenoh takes: it drops what finds them full
 # for 1 ms, and with its usual 2 that was now and then some of a tick of 200 vehicles (140 kB)
 TX_BATCHES = 16
+OPENER_THREAD = "zenoh opener"
 
 
 class ZenohOptions(NamedTuple):
@@ -53,10 +56,26 @@ def open_session(options: ZenohOptions) -> "zenoh.Session":
     check_prefix(options.prefix)
     config = _config(options)
     try:
-        return zenoh.open(config)
+        return _open_interruptibly(config)
     except zenoh.ZError as error:
         where = ", ".join(options.listen + options.connect) or DEFAULT_ENDPOINT
         raise InputError(f"zenoh: {where}: {_one_line(error)}") from None
+
+
+def _open_interruptibly(config: "zenoh.Config") -> "zenoh.Session":
+    """Open it in a thread: the library holds signals back until a silent peer's time is over."""
+    import zenoh
+
+    opened: Future[zenoh.Session] = Future()
+
+    def work() -> None:
+        try:
+            opened.set_result(zenoh.open(config))
+        except BaseException as error:  # noqa: BLE001 - raised again by whoever waits
+            opened.set_exception(error)
+
+    threading.Thread(target=work, name=OPENER_THREAD, daemon=True).start()
+    return opened.result()
 
 
 def close_session(session: "zenoh.Session") -> None:
