@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 
+from drivers.output_file import output_path
 from estimator.errors import InputError
 from tuning.search import Record
 
@@ -23,8 +24,9 @@ def write_atomically(path: Path, content: bytes) -> None:
     """Write a neighbour and rename it: a reader sees the old file or the new one.
 
     Raises:
-        InputError: the folder or the file cannot be written.
+        InputError: the folder or the file cannot be written, or is somebody else's link.
     """
+    path = output_path(path)
     try:
         handle, name = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.")
     except OSError as error:
@@ -81,9 +83,10 @@ def read_checkpoint(path: Path, identity: Mapping[str, Any]) -> Record:
         header = json.loads(line)
         saved, evaluations, asked = (header[k] for k in ("identity", "evaluations", "asked_sha256"))
         schema = header["schema"]
-    except (ValueError, KeyError, TypeError):
+        is_sound = isinstance(evaluations, int) and isinstance(asked, str)
+    except (ValueError, KeyError, TypeError, RecursionError):
         raise InputError(f"{path}: not a checkpoint") from None
-    if schema != SCHEMA or len(costs) != 8 * evaluations:
+    if schema != SCHEMA or not is_sound or len(costs) != 8 * evaluations:
         raise InputError(f"{path}: damaged, or of another version")
     plain = json.loads(json.dumps(identity))
     different = _differences(plain, saved)

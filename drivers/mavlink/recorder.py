@@ -10,11 +10,13 @@ import logging
 import os
 import stat
 from collections.abc import Iterable
+from contextlib import suppress
 from pathlib import Path
 from struct import Struct
 from typing import Protocol
 
 from drivers.closing import Closing
+from drivers.output_file import output_path
 from estimator.errors import InputError
 
 RETRY_US = 10_000_000  # after a failed write: try again 10 s later, or lose no time on it
@@ -41,7 +43,7 @@ class TlogRecorder(Closing):
     """
 
     def __init__(self, path: str | Path) -> None:
-        self.path = Path(path)
+        self.path = output_path(Path(path))
         self.lost = 0
         self._retry_us: int | None = None
         try:
@@ -49,6 +51,24 @@ class TlogRecorder(Closing):
         except (OSError, ValueError) as error:
             raise cannot_record(repr(str(path)), error) from error
         self._is_regular = stat.S_ISREG(os.fstat(self._file).st_mode)
+        self._require_tlog()
+
+    def _require_tlog(self) -> None:
+        """Frames are appended to a tlog, to nothing else."""
+        if not self._is_regular or os.fstat(self._file).st_size == 0:
+            return
+        with suppress(OSError), self.path.open("rb") as file:  # one may be written, not read
+            start = file.read(_STAMP.size + 1)
+            if start[_STAMP.size :] not in (b"\xfe", b"\xfd"):
+                self.close()
+                raise InputError(f"cannot record to {str(self.path)!r}: it is there, and no tlog")
+
+    def is_removed(self) -> bool:
+        """Whether the file has been removed: nothing that is written to it stays."""
+        try:
+            return self._is_regular and self._file >= 0 and os.fstat(self._file).st_nlink == 0
+        except OSError:
+            return False
 
     def write(self, arrival_us: int, frames: Iterable[bytes]) -> None:
         """Append ``frames``, all of which arrived at ``arrival_us``."""
@@ -71,6 +91,8 @@ class TlogRecorder(Closing):
         data = b"".join(records)
         written = 0
         try:
+            if self.is_removed():
+                self._make_again()
             written = os.write(self._file, data)
             if written == len(data):
                 self._note_success()
@@ -83,6 +105,13 @@ class TlogRecorder(Closing):
         if self._retry_us is None:
             _logger.warning("cannot record to %s: %s; the estimate goes on", self.path, reason)
         self._retry_us = arrival_us + RETRY_US
+
+    def _make_again(self) -> None:
+        """In place of a removed file a new one of the same name, where there is a folder for it."""
+        again = os.open(self.path, os.O_WRONLY | os.O_CREAT | os.O_APPEND, 0o644)
+        os.close(self._file)
+        self._file = again
+        _logger.warning("%s was removed: recording to a new file of that name", self.path)
 
     def _drop_half_record(self, written: int) -> None:
         if written and self._is_regular:

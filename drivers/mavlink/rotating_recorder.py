@@ -6,6 +6,7 @@ A file's name is the UTC time of its first record. Nothing is ever deleted.
 import logging
 import os
 from collections.abc import Iterable
+from contextlib import suppress
 from datetime import UTC, datetime
 from pathlib import Path
 
@@ -75,9 +76,15 @@ class RotatingRecorder(Closing):
             return False
         if self._file is None or self._file_bytes >= self._max_file_bytes:
             return True
+        if self._file.is_removed():
+            return True
         return abs(arrival_us - self._begun_us) >= MAX_FILE_US
 
     def _rotate(self, arrival_us: int) -> None:
+        if self._file is not None and self._file.is_removed():
+            _logger.warning("%s was removed: recording to a new file", self._file.path)
+            with suppress(OSError):  # perhaps with the folder
+                self.folder.mkdir(parents=True, exist_ok=True)
         try:
             following = TlogRecorder(self._free_path(arrival_us))
         except InputError as error:

@@ -44,8 +44,15 @@ _logger = logging.getLogger(__name__)
 
 def state_path() -> Path:
     """Where the stamps are kept: ``$XDG_STATE_HOME/fuzzbee/signing.json``."""
-    base = os.environ.get("XDG_STATE_HOME") or Path.home() / ".local" / "state"
+    base = os.environ.get("XDG_STATE_HOME") or _home() / ".local" / "state"
     return Path(base) / "fuzzbee" / "signing.json"
+
+
+def _home() -> Path:
+    try:
+        return Path.home()
+    except RuntimeError:
+        raise InputError("signing: no home directory for the stamps: set XDG_STATE_HOME") from None
 
 
 class Heard(NamedTuple):

@@ -12,6 +12,7 @@ from math import degrees
 from pathlib import Path
 from typing import Any
 
+from drivers.output_file import output_path
 from estimator.errors import InputError
 from estimator.geometry.frames import euler_rad
 from estimator.types import Attitude, Quaternion
@@ -64,7 +65,7 @@ def write_csv(path: Path, trace: VehicleTrace, compared: Comparison) -> None:
         InputError: the file cannot be written.
     """
     try:
-        with path.open("w", encoding="utf-8", newline="") as file:
+        with output_path(path).open("w", encoding="utf-8", newline="") as file:
             out = csv.writer(file, lineterminator="\n")
             out.writerow(COLUMNS)
             out.writerows(map(_text, row) for row in rows(trace, compared))
@@ -89,7 +90,7 @@ def write_mcap(path: Path, trace: VehicleTrace, compared: Comparison) -> None:
         InputError: the file cannot be written.
     """
     try:
-        with path.open("wb") as file:
+        with output_path(path).open("wb") as file:
             _write_messages(file, trace, compared)
     except OSError as error:
         raise InputError(f"--mcap {path}: {error.strerror}") from None

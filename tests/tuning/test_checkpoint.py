@@ -1,5 +1,7 @@
 """Checkpoints come back as they were, and damaged or foreign ones are refused in one line."""
 
+import json
+
 import numpy as np
 import pytest
 
@@ -32,12 +34,35 @@ def test_names_what_differs(tmp_path):
         read_checkpoint(path, other)
 
 
-@pytest.mark.parametrize("damage", [b"", b"\x00\xff", b"{}\n", b"[1]\n", b"not a checkpoint\n1"])
+@pytest.mark.parametrize(
+    "damage",
+    [b"", b"\x00\xff", b"{}\n", b"[1]\n", b"not a checkpoint\n1", b"[" * 100_000, b"9" * 5000],
+)
 def test_damaged(tmp_path, damage):
     path = tmp_path / "x.checkpoint"
     path.write_bytes(damage)
     with pytest.raises(InputError, match="not a checkpoint"):
         read_checkpoint(path, IDENTITY)
+
+
+@pytest.mark.parametrize("evaluations", [-1, 1.5, "3", [3], None, True])
+def test_hostile_counts(tmp_path, evaluations):
+    path = tmp_path / "x.checkpoint"
+    header = {"schema": 1, "identity": {}, "evaluations": evaluations, "asked_sha256": "ab"}
+    path.write_bytes(json.dumps(header).encode() + b"\n" + b"\0" * 8)
+    with pytest.raises(InputError, match=r"not a checkpoint|damaged|other options"):
+        read_checkpoint(path, IDENTITY)
+
+
+def test_a_nested_identity_is_one_line(tmp_path):
+    path = tmp_path / "x.checkpoint"
+    deep = b'{"a":' * 900 + b"1" + b"}" * 900
+    header = b'{"schema":1,"evaluations":0,"asked_sha256":"","identity":' + deep + b"}\n"
+    path.write_bytes(header)
+    with pytest.raises(InputError) as raised:
+        read_checkpoint(path, IDENTITY)
+    assert "\n" not in str(raised.value)
+    assert len(str(raised.value)) < 500
 
 
 def test_truncated(tmp_path):

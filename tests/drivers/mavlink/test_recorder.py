@@ -2,6 +2,7 @@
 
 import logging
 import os
+import shutil
 import signal
 import subprocess
 import sys
@@ -41,11 +42,12 @@ def test_pymavlink_reads_the_recording(tmp_path):
 
 def test_an_existing_file_is_continued(tmp_path):
     path = tmp_path / "flight.tlog"
-    for part in (b"first", b"second"):
+    for part in (b"\xfdfirst", b"\xfesecond"):
         with TlogRecorder(path) as recorder:
             recorder.write(1, [part])
     assert (
-        path.read_bytes() == (1).to_bytes(8, "big") + b"first" + (1).to_bytes(8, "big") + b"second"
+        path.read_bytes()
+        == (1).to_bytes(8, "big") + b"\xfdfirst" + (1).to_bytes(8, "big") + b"\xfesecond"
     )
 
 
@@ -108,3 +110,28 @@ def test_a_file_that_cannot_be_written_is_refused(tmp_path):
         TlogRecorder(tmp_path)
     with pytest.raises(InputError, match="no/such/folder"):
         TlogRecorder(tmp_path / "no/such/folder/flight.tlog")
+
+
+def test_a_file_that_is_removed_is_made_again(tmp_path, caplog):
+    path = tmp_path / "flight.tlog"
+    with TlogRecorder(path) as recorder:
+        recorder.write(1, [b"\xfd one"])
+        path.unlink()
+        recorder.write(2, [b"\xfd two"])
+        assert path.read_bytes().endswith(b"\xfd two")
+        assert recorder.lost == 0
+    assert "was removed" in caplog.text
+
+
+def test_a_folder_that_is_removed_costs_frames_until_it_is_there_again(tmp_path, caplog):
+    folder = tmp_path / "logs"
+    folder.mkdir()
+    with TlogRecorder(folder / "flight.tlog") as recorder:
+        recorder.write(1, [b"\xfd one"])
+        shutil.rmtree(folder)
+        recorder.write(2, [b"\xfd two"])
+        assert recorder.lost == 1
+        assert "No such file" in caplog.text
+        folder.mkdir()
+        recorder.write(2 + RETRY_US, [b"\xfd six"])
+        assert (folder / "flight.tlog").read_bytes().endswith(b"\xfd six")

@@ -2,6 +2,7 @@
 
 import logging
 import os
+import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -155,3 +156,15 @@ def test_a_full_disk_loses_only_what_came_while_it_was_full(tmp_path):
     assert read == written - 100 + 100
     assert "no space left" in done.stderr.lower()
     assert done.stderr.count("the estimate goes on") == 1
+
+
+def test_a_folder_that_is_removed_is_made_again(tmp_path, caplog):
+    folder = tmp_path / "a" / "logs"
+    with RotatingRecorder(folder) as recorder:
+        recorder.write(1_700_000_000_000_000, [b"\xfd one"])
+        shutil.rmtree(folder.parent)
+        recorder.write(1_700_000_000_010_000, [b"\xfd two"])
+        (path,) = folder.iterdir()
+        assert path.read_bytes().endswith(b"\xfd two")
+        assert recorder.lost == 0
+    assert "was removed" in caplog.text

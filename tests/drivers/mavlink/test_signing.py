@@ -215,6 +215,16 @@ def refused(gate):
     ]
 
 
+def test_a_user_without_a_home_is_told_what_to_set(monkeypatch):
+    def homeless():
+        raise RuntimeError("Could not determine home directory.")
+
+    monkeypatch.delenv("XDG_STATE_HOME", raising=False)
+    monkeypatch.setattr("drivers.mavlink.signing.Path.home", homeless)
+    with pytest.raises(InputError, match="XDG_STATE_HOME"):
+        state_path()
+
+
 def test_only_allowed_systems_are_let_in():
     gate = FrameGate(Policy(frozenset({1})))
     two = VehicleId(2, 1)

@@ -1,0 +1,56 @@
+"""Where a person's output goes: through his own symbolic links, through nobody else's."""
+
+import os
+
+import pytest
+
+from drivers.mavlink.recorder import TlogRecorder
+from drivers.output_file import output_path
+from estimator.errors import InputError
+from tuning.checkpoint import write_atomically
+
+needs_root = pytest.mark.skipif(os.name != "posix" or os.geteuid() != 0, reason="needs root")
+
+
+def linked(tmp_path, content=b""):
+    target, link = tmp_path / "target", tmp_path / "link"
+    target.write_bytes(content)
+    link.symlink_to(target)
+    return target, link
+
+
+def test_our_own_link_is_followed_and_stays(tmp_path):
+    target, link = linked(tmp_path)
+    write_atomically(link, b"whole")
+    assert target.read_bytes() == b"whole"
+    assert link.is_symlink()
+    assert output_path(tmp_path / "not there") == tmp_path / "not there"
+
+
+@needs_root
+@pytest.mark.parametrize("write", [output_path, TlogRecorder, lambda p: write_atomically(p, b"x")])
+def test_somebody_elses_is_not(tmp_path, write):
+    target, link = linked(tmp_path)
+    os.chown(link, 4321, 4321, follow_symlinks=False)
+    with pytest.raises(InputError, match="somebody else's symbolic link"):
+        write(link)
+    assert target.read_bytes() == b""
+
+
+def test_links_in_a_circle_are_one_line(tmp_path):
+    (tmp_path / "a").symlink_to(tmp_path / "b")
+    (tmp_path / "b").symlink_to(tmp_path / "a")
+    with pytest.raises(InputError, match=r"cannot be|cannot record"):
+        TlogRecorder(tmp_path / "a")
+
+
+def test_frames_are_appended_to_a_tlog_and_to_nothing_else(tmp_path):
+    notes, tlog = tmp_path / "notes.txt", tmp_path / "flight.tlog"
+    notes.write_text("not a recording")
+    with pytest.raises(InputError, match="it is there, and no tlog"):
+        TlogRecorder(notes)
+    assert notes.read_text() == "not a recording"
+    for _ in range(2):
+        with TlogRecorder(tlog) as recorder:
+            recorder.write(1_700_000_000_000_000, [b"\xfd0123"])
+    assert tlog.stat().st_size == 2 * 13
