@@ -11,6 +11,7 @@ import threading
 import time
 from collections import OrderedDict, deque
 from collections.abc import Iterator
+from contextlib import suppress
 from typing import Self
 
 from drivers.closing import Closing
@@ -154,12 +155,13 @@ class MavlinkLink(Closing):
                     self._receive()
                 else:
                     self._reopen()
-        except Exception as error:  # our own mistake: the consumer must hear of it
-            _logger.exception("the reader of %s failed", self._endpoint)
-            failure = error
+        except BaseException as error:
+            failure = error  # before anything else can fail, such as to tell it
+            with suppress(Exception):
+                _logger.exception("the reader of %s failed", self._endpoint)
         finally:
-            self._transport.close()
             self._queue.close(failure)
+            self._transport.close()
 
     def _receive(self) -> None:
         try:
@@ -171,6 +173,8 @@ class MavlinkLink(Closing):
                 time.sleep(GATHER_S)
         except LinkError as error:
             self._lost(str(error))
+        except OSError as error:  # no file descriptors left, or no memory
+            self._lost(error.strerror or str(error))
         self._report_drops()
 
     def _reopen(self) -> None:
@@ -182,6 +186,8 @@ class MavlinkLink(Closing):
             self._is_open = True
         except (LinkError, InputError) as error:
             self._lost(str(error))
+        except OSError as error:
+            self._lost(error.strerror or str(error))
 
     def _handle(self, packets: list[Packet], arrival_us: int) -> None:
         events: list[Event] = []

@@ -73,11 +73,11 @@ class Outlet:
         while (outputs := self._next()) is not None:
             try:
                 self.sink.handle(outputs)
-            except Exception as error:  # noqa: BLE001 - whatever a sink does, the others go on
+            except BaseException as error:  # noqa: BLE001 - whatever a sink does, the others go on
                 self._note(error)
         try:
             self.sink.close()
-        except Exception as error:  # noqa: BLE001
+        except BaseException as error:  # noqa: BLE001
             self._note(error)
 
     def _next(self) -> Sequence[Output] | None:
@@ -86,7 +86,7 @@ class Outlet:
                 self._changed.wait()
             return self._pending.popleft() if self._pending else None
 
-    def _note(self, error: Exception) -> None:
+    def _note(self, error: BaseException) -> None:
         """Repeated errors are counted; the first and every hundredth are told."""
         if self.errors % 100 == 0:
             self._last_error = f"{self.sink.name}: {error or type(error).__name__}"

@@ -3,6 +3,7 @@
 
 import contextlib
 import errno
+import logging
 import selectors
 import socket
 import time
@@ -18,10 +19,16 @@ from drivers.mavlink.transports.sockets import (
 )
 from drivers.mavlink.transports.transport import LinkError, Packet
 
+_logger = logging.getLogger(__name__)
+
 MOST_TCP_CLIENTS = 32
 # Bytes that wait for a slow peer; when it is full, new frames are dropped
 MOST_UNSENT_BYTES = 256 * 1024
 CONNECT_TIMEOUT_S = 5.0
+LONG_SILENCE_S = 5.0  # then a client gives way to a new one
+NO_DESCRIPTORS = (errno.EMFILE, errno.ENFILE)
+NO_DESCRIPTORS_REST_S = 0.05
+TELL_S = 60.0
 # A peer that lost power says nothing: probe after 5 s, give up 6 s later
 KEEPALIVE_OPTIONS = (("TCP_KEEPIDLE", 5), ("TCP_KEEPINTVL", 2), ("TCP_KEEPCNT", 3))
 
@@ -89,6 +96,7 @@ class TcpServer:
         self._endpoint = endpoint
         self._socket: socket.socket | None = None
         self._clients: dict[str, _Stream] = {}
+        self._tell_due_s = 0.0
 
     @property
     def connected(self) -> bool:
@@ -130,13 +138,37 @@ class TcpServer:
         while True:
             try:
                 accepted, sender = listener.accept()
-            except OSError:  # nobody there, or gone again
+            except OSError as error:  # nobody there, or gone again
+                if error.errno in NO_DESCRIPTORS:  # who waits makes every look end at once
+                    self._tell(reason(error.errno))
+                    time.sleep(NO_DESCRIPTORS_REST_S)
                 return
-            if len(self._clients) >= MOST_TCP_CLIENTS:
+            if len(self._clients) >= MOST_TCP_CLIENTS and not self._make_room():
+                self._tell(f"{MOST_TCP_CLIENTS} clients are connected, no more are let in")
                 accepted.close()
                 continue
             accepted.setblocking(False)
             self._clients[f"{sender[0]}:{sender[1]}"] = _Stream(accepted)
+
+    def _make_room(self) -> bool:
+        """Drop a client that never said anything, or has been silent for long."""
+        now_s = time.monotonic()
+        name, silent = min(self._clients.items(), key=lambda each: each[1].last_heard)
+        if silent.has_spoken and now_s - silent.heard_s < LONG_SILENCE_S:
+            return False
+        self._tell(
+            f"{MOST_TCP_CLIENTS} clients are connected: {name}, silent for longest, is dropped"
+        )
+        silent.socket.close()
+        del self._clients[name]
+        return True
+
+    def _tell(self, text: str) -> None:
+        """Anybody can make it happen, as often as he likes."""
+        now_s = time.monotonic()
+        if now_s >= self._tell_due_s:
+            self._tell_due_s = now_s + TELL_S
+            _logger.warning("%s: %s", self._endpoint, text)
 
     def _read(self, name: str, client: "_Stream") -> bytes | None:
         try:
@@ -155,6 +187,8 @@ class _Stream:
     def __init__(self, connected: socket.socket) -> None:
         self.socket = connected
         self._unsent = bytearray()
+        self.has_spoken = False
+        self.heard_s = time.monotonic()
         connected.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
         connected.setsockopt(socket.SOL_SOCKET, socket.SO_KEEPALIVE, 1)
         for name, value in KEEPALIVE_OPTIONS:
@@ -165,6 +199,11 @@ class _Stream:
     def unsent(self) -> bool:
         return bool(self._unsent)
 
+    @property
+    def last_heard(self) -> tuple[bool, float]:
+        """The order of silence: first who never spoke, then who did so longest ago."""
+        return self.has_spoken, self.heard_s
+
     def receive(self) -> bytes | None:
         """Bytes, None if there are none yet, or b"" if the other side has closed.
 
@@ -173,11 +212,13 @@ class _Stream:
         """
         self.send(b"")
         try:
-            return self.socket.recv(RECEIVE_BYTES)
+            data = self.socket.recv(RECEIVE_BYTES)
         except (BlockingIOError, InterruptedError):
             return None
         except OSError as error:
             raise LinkError(reason(error.errno)) from error
+        self.has_spoken, self.heard_s = True, time.monotonic()
+        return data
 
     def send(self, data: bytes) -> None:
         if len(self._unsent) + len(data) <= MOST_UNSENT_BYTES:

@@ -1,6 +1,7 @@
 """The link over real sockets and a pseudo terminal, with pymavlink on the other side."""
 
 import contextlib
+import errno
 import logging
 import os
 import socket
@@ -17,6 +18,7 @@ from drivers.mavlink.dialect import mavlink
 from drivers.mavlink.encoder import FrameEncoder, heartbeat, raw_imu
 from drivers.mavlink.link import MavlinkLink
 from drivers.mavlink.recorder import TlogRecorder
+from drivers.mavlink.transports.tcp import MOST_TCP_CLIENTS
 from drivers.simulation.autopilot import SimulatedAutopilot, VehicleOptions
 from drivers.source import open_live
 from estimator.errors import InputError
@@ -202,6 +204,88 @@ def test_tcpin_accepts_several_clients():
         with socket.create_connection((HOST, port), PATIENCE_S) as c:
             c.sendall(Vehicle(3).imu())
             assert count(LinkUp)(collect(link, count(Imu)))
+
+
+def test_idle_clients_give_way_to_a_vehicle_and_it_does_not_to_them(caplog):
+    """The silent ones go first, whoever is the latest; that is said once a minute at most."""
+    port = free_port(socket.SOCK_STREAM)
+    with contextlib.ExitStack() as stack:
+        link = stack.enter_context(MavlinkLink(Endpoint("tcpin", HOST, port)))
+
+        def connect():
+            client = socket.create_connection((HOST, port), PATIENCE_S)
+            return stack.enter_context(client)
+
+        idle = [connect() for _ in range(MOST_TCP_CLIENTS + 8)]
+        flying, vehicle = connect(), Vehicle(1)
+        collect(link, count(Imu, 2), lambda: flying.sendall(vehicle.imu()))
+        idle += [connect() for _ in range(2 * MOST_TCP_CLIENTS)]
+        collect(link, count(Imu, 2), lambda: flying.sendall(vehicle.imu()))
+    lines = [record.message for record in caplog.records if "is dropped" in record.message]
+    assert len(lines) == 1
+
+
+def test_talking_clients_do_not_give_way_to_new_ones():
+    port = free_port(socket.SOCK_STREAM)
+    with contextlib.ExitStack() as stack:
+        link = stack.enter_context(MavlinkLink(Endpoint("tcpin", HOST, port)))
+        clients = {}
+        for number in range(MOST_TCP_CLIENTS):
+            client = socket.create_connection((HOST, port), PATIENCE_S)
+            clients[stack.enter_context(client)] = Vehicle(number + 1)
+
+        def talk():
+            for client, vehicle in clients.items():
+                client.sendall(vehicle.imu())
+
+        def everybody(events):
+            return len({event.vehicle for event in of_type(events, Imu)}) == MOST_TCP_CLIENTS
+
+        collect(link, everybody, talk)
+        late = stack.enter_context(socket.create_connection((HOST, port), PATIENCE_S))
+        assert late.recv(1) == b""  # not let in
+        collect(link, everybody, talk)
+
+
+@pytest.mark.parametrize("method", ["receive", "open"])
+def test_without_file_descriptors_the_link_is_tried_again(monkeypatch, method):
+    """The reader needs one at each look, and to open: that is a broken link as any other."""
+    port, vehicle = free_port(socket.SOCK_DGRAM), Vehicle(1)
+    with (
+        MavlinkLink(Endpoint("udpin", HOST, port)) as link,
+        socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sender,
+    ):
+
+        def send():
+            sender.sendto(vehicle.imu(), (HOST, port))
+
+        def fail(*_):
+            raise OSError(errno.EMFILE, os.strerror(errno.EMFILE))
+
+        collect(link, count(Imu), send)
+        with monkeypatch.context() as patch:
+            patch.setattr(link._transport, "receive", fail)
+            if method == "open":
+                patch.setattr(link._transport, "open", fail)
+            lost = collect(link, count(LinkDown))
+            time.sleep(0.3)
+        assert "Too many open files" in of_type(lost, LinkDown)[0].reason
+        collect(link, count(Imu), send)
+
+
+def test_a_reader_that_fails_ends_whoever_waits_for_it(monkeypatch):
+    """Even if nothing can be said about it any more: no file descriptor for the log, say."""
+
+    def fail(*_):
+        raise MemoryError("no memory")
+
+    port = free_port(socket.SOCK_DGRAM)
+    with MavlinkLink(Endpoint("udpin", HOST, port)) as link:
+        monkeypatch.setattr("drivers.mavlink.link._logger.exception", fail)
+        monkeypatch.setattr(link, "_handle", fail)
+        until(lambda: not link._thread.is_alive())
+        with pytest.raises(MemoryError):
+            collect(link, lambda _: False)
 
 
 @pytest.mark.skipif(os.name != "posix", reason="needs pseudo terminals")
