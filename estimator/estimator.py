@@ -322,7 +322,7 @@ class Estimator:
             self._take_back()
 
     def _take_back(self) -> None:
-        """Forget what another place's field has led to: verdicts on the compass, the aiding."""
+        """Forget what another place's field has led to: verdicts on the compass, and the aiding."""
         now = self._context
         self._context = now._replace(compass=compass.restart(now.compass))
         self._enter(Cause.MISLED)

@@ -1,27 +1,28 @@
 """Whether a compass may give the heading: what is known about its calibration, and since when.
 
-Somebody may have said; its field may look unlike the place's own; and an aiding that begins with
-its heading may have to give up, again and again. What was only seen holds for a while: a vehicle
-that has stood beside iron, or tilted, gets another chance.
+Three things speak against it: somebody says that nobody has calibrated it; its field does not
+look like that of the place; and the aiding, begun with its heading, has to give up twice in a row.
+A word holds until another one. The other two hold for a while only: a vehicle that has stood
+beside iron, or tilted, gets another chance.
 """
 
 from typing import NamedTuple
 
-# The aiding that gives up again after less than this has begun with the wrong heading.
+# If the aiding gives up again after less than this, it has begun with a wrong heading twice.
 AGAIN_US = 60_000_000
-# A compass that has misled it is taken for a stranger's for so long.
+# A compass whose heading was wrong twice counts as not calibrated for this long.
 DISTRUST_US = 600_000_000
-# A field that was unlike the place's own must have looked like it for so long.
+# After a field that did not look like the place's own, it must have looked so for this long.
 UNLIKE_US = 30_000_000
 
 
 class Compass(NamedTuple):
-    """What is known of it; the times (vehicle's clock) are None where it never happened."""
+    """What is known about a compass; times are the vehicle's, None for what never happened."""
 
-    declared_calibrated: bool = True  # assumed until told otherwise
-    unlike_us: int | None = None  # its field was last seen to be unlike the place's own
-    gave_up_us: int | None = None  # the aiding last gave up
-    misled_us: int | None = None  # it last gave up twice in a row
+    declared_calibrated: bool = True  # the last word about it; without any it is believed
+    unlike_us: int | None = None  # when its field last did not look like the place's own
+    gave_up_us: int | None = None  # when the aiding last gave up
+    misled_us: int | None = None  # when it last gave up for the second time in a row
 
 
 def is_trusted(compass: Compass, time_us: int) -> bool:
@@ -34,21 +35,21 @@ def is_trusted(compass: Compass, time_us: int) -> bool:
 
 
 def declare(compass: Compass, is_calibrated: bool) -> Compass:
-    """After somebody has said; only news changes what was seen before."""
+    """After a word about its calibration; only a new word wipes out what was seen before."""
     if is_calibrated == compass.declared_calibrated:
         return compass
     return Compass(declared_calibrated=is_calibrated)
 
 
 def record_giving_up(compass: Compass, time_us: int) -> Compass:
-    """After the aiding has given up. Twice in a row, and the compass is not what it seemed."""
+    """After the aiding has given up; the second time in a row speaks against the compass."""
     if _is_recent(compass.gave_up_us, time_us, AGAIN_US):
         compass = compass._replace(misled_us=time_us)
     return compass._replace(gave_up_us=time_us)
 
 
 def restart(compass: Compass) -> Compass:
-    """After a reboot, whose clock begins anew: only what somebody has said still holds."""
+    """After a reboot. The clock begins anew, so only the word about its calibration holds."""
     return Compass(declared_calibrated=compass.declared_calibrated)
 
 

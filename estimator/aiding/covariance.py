@@ -63,7 +63,7 @@ def expected_variance(P: Array, h: Array, noise: float) -> float:
 
 @inlined
 def residual(x: Array, h: Array, innovation: float) -> float:
-    """The innovation, less what the corrections of this step have explained already."""
+    """The innovation less h . x, the part that earlier corrections of this step explain."""
     for i in range(SIZE):
         innovation -= h[i] * x[i]
     return innovation

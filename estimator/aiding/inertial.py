@@ -1,4 +1,4 @@
-"""Attitude and velocity carried on by gyroscope and accelerometer."""
+"""Attitude and velocity from one sample to the next, by gyroscope and accelerometer."""
 
 from math import exp as real_exp
 from typing import NamedTuple
@@ -34,7 +34,8 @@ from estimator.geometry.quaternion import (
 from estimator.types import STANDARD_GRAVITY_M_S2, Quaternion, Sample, Vec3
 
 GRAVITY_NED: Vec3 = (0.0, 0.0, STANDARD_GRAVITY_M_S2)
-HARD_IRON_WALK_S = 2500.0  # the time in which the remaining hard iron may become another
+# The time in which what calibration has left of the hard iron may have become another field.
+HARD_IRON_WALK_S = 2500.0
 
 
 class Prediction(NamedTuple):
@@ -113,8 +114,8 @@ def add_noise(
 ) -> None:
     """What a step adds to the covariance, in place.
 
-    Between two samples anything may happen that they do not show; how much is
-    told by how much they differ.
+    Between two samples things happen that neither shows. The more they differ, the more that
+    may have been.
     """
     missed = params.integration_noise**2
     relative = params.gyr_scale_noise**2 + (params.gyr_slow_noise_1_s * dt) ** 2
@@ -139,7 +140,7 @@ def add_noise(
     E = state.estimate.earth_gauss
     field = params.field_walk**2 * dt
     horizontal = field * (1.0 + E[2] * E[2] / max(E[0] * E[0] + E[1] * E[1], 1e-12))
-    for i in range(2):  # its strength may change, not its direction from north
+    for i in range(2):  # the place's field may change its strength, not its declination
         for j in range(2):
             P[EARTH + i, EARTH + j] += horizontal * E[i] * E[j]
     P[EARTH + 2, EARTH + 2] += field * dot(E, E)

@@ -22,7 +22,7 @@ class Cause(StrEnum):
     BEGIN = "begin"  # a velocity at a time when the heading is known well enough
     GAP = "gap"  # no sample for so long that the vehicle may have turned anyhow
     GIVE_UP = "give up"  # no velocity for too long, or it disagrees with the attitude
-    MISLED = "misled"  # the compass that gave the heading turns out not to be calibrated
+    MISLED = "misled"  # what gave the heading was wrong: the compass, or the place and its field
     SWITCH_OFF = "switch off"  # by the profile
 
 

@@ -1,9 +1,10 @@
-"""The attitude that velocity alone tells, where no field can give the first heading.
+"""The attitude from velocity alone, where no field can give the first heading.
 
-What the accelerometer has felt, turned to the gyro-propagated frame G and added up over a
-second, is the change of velocity less gravity's, seen from a frame that is turned against NED:
-Wahba's problem over such windows. Heading shows as soon as the vehicle has accelerated in the
-horizontal in more than one way: while it does so steadily, gravity is not told from it.
+The specific force, turned to the gyro-propagated frame G and integrated over a second, is the
+change of velocity minus that by gravity, but seen from G, whose turn against NED is not known.
+Pairs of such vectors, one a window, are Wahba's problem for that turn. The heading shows once the
+vehicle has accelerated horizontally in more than one direction: a steady acceleration looks like
+a part of gravity.
 Source: Y. Wu and X. Pan 2013, "Velocity/position integration formula part I",
 doi 10.1109/TAES.2013.6494395; the solution by SVD is Markley's (estimator/filter/alignment.py).
 """
@@ -22,39 +23,50 @@ from estimator.types import STANDARD_GRAVITY_M_S2, ZERO_VEC3, Quaternion, Vec3
 
 Nine = tuple[float, float, float, float, float, float, float, float, float]
 
-WINDOW_S = 1.0  # long against a report's noise, short against the gyroscope's drift
-LONGEST_WINDOW_S = 3.0  # of more the velocity in between is not known well enough
-MEMORY_S = 30.0  # the gyroscope's drift in G over this is small against a heading's error
+# A shorter window has mostly the reports' noise, in a longer one the gyroscope drifts.
+WINDOW_S = 1.0
+# Reports that are further apart say too little about the velocity in between.
+LONGEST_WINDOW_S = 3.0
+# Time constant of forgetting: over it G drifts by less than a heading's error.
+MEMORY_S = 30.0
+# Fewer windows (each counts less as it is forgotten) are no evidence.
 LEAST_WINDOWS = 3.0
-LEAST_EXPLAINED_M2_S2 = 4.0  # of velocity changes across the axis that is known least
+# Sum of squared velocity changes, (m/s)^2, that must stand across every axis.
+LEAST_EXPLAINED_M2_S2 = 4.0
+# The aiding begins with a heading that is this certain.
 ENOUGH_SIGMA_RAD = radians(10.0)
-CORRELATED = 4.0  # windows in a row share their errors: so many times the variance
+# Two windows in a row share the report between them, and more share the reports' slow error:
+# the variance is this many times that of independent ones.
+CORRELATED = 4.0
 
 
 class Window(NamedTuple):
-    """What has been felt since a report; vectors but the velocity are in G."""
+    """What the accelerometer has measured since a report opened the window."""
 
-    pushed_m_s: Vec3  # specific force, integrated
-    force_m_s2: Vec3  # the last sample's
-    first_force_m_s2: Vec3  # when the window began
-    time_s: float  # since then
-    velocity_ned_m_s: Vec3  # then
-    is_open: bool
+    pushed_m_s: Vec3  # integral of the specific force, in G
+    force_m_s2: Vec3  # the last sample's specific force, in G
+    first_force_m_s2: Vec3  # the specific force when the window began, in G
+    time_s: float  # since the window began
+    velocity_ned_m_s: Vec3  # by the report that opened it
+    is_open: bool  # False until the first report
 
 
 class Evidence(NamedTuple):
-    """Sums over the closed windows, of changes a of velocity in NED and what was felt, b, in G."""
+    """Sums over closed windows of a, the change of velocity without gravity (NED), and b, in G.
 
-    correlation: Nine  # B = sum a b'
-    aged: Nine  # sum of a b' times how long ago, s
-    lagging: Vec3  # sum b x (what the force changed by): how B turns for each second of delay
-    squares: float  # sum of |a|^2 + |b|^2
-    windows: float
-    late_sigma_s: float  # of the reports
+    b is the integrated specific force. Older windows count less.
+    """
+
+    correlation: Nine  # B = sum a b', row by row, (m/s)^2
+    aged: Nine  # sum of a b' times the window's age, (m/s)^2 s
+    lagging: Vec3  # sum of b x (change of force): how B turns per second of delay, (m/s)^2/s
+    squares: float  # sum of |a|^2 + |b|^2, (m/s)^2
+    windows: float  # how many, older ones in part
+    late_sigma_s: float  # uncertainty of the reports' age
 
 
 class Search(NamedTuple):
-    """An open window, and what the closed ones say."""
+    """The open window, and what the closed ones say."""
 
     window: Window
     evidence: Evidence
@@ -76,7 +88,7 @@ class Solution(NamedTuple):
 
 @inlined
 def add_sample(search: Search, q_g_frd: Quaternion, acc: Vec3, dt: float) -> Search:
-    """One sample by the trapezoid."""
+    """Integrate one sample's specific force by the trapezoid."""
     window = search.window
     force = rotate(q_g_frd, acc)
     return Search(
@@ -94,17 +106,17 @@ def add_sample(search: Search, q_g_frd: Quaternion, acc: Vec3, dt: float) -> Sea
 
 @inlined
 def open_window(window: Window, report: Report, behind_s: float) -> Window:
-    """A new one that begins at this report, ``behind_s`` before the last sample."""
+    """A new window that begins with this report, ``behind_s`` before the last sample."""
     force = window.force_m_s2
     return Window(scale(behind_s, force), force, force, behind_s, report.velocity_ned_m_s, True)
 
 
 @inlined
 def add_report(search: Search, report: Report, report_lag_s: float) -> tuple[Search, bool]:
-    """A report, and whether it has closed a window.
+    """Take a report; the second value tells whether it has closed a window.
 
-    It tells the velocity ``ago_s`` before the last sample, and of ``report_lag_s`` before that
-    where its age is uncertain.
+    The report tells the velocity ``ago_s`` before the last sample, and another ``report_lag_s``
+    earlier if its age is uncertain.
     """
     window = search.window
     behind_s = report.ago_s + (report_lag_s if report.late_sigma_s > 0.0 else 0.0)
@@ -135,7 +147,7 @@ def add_report(search: Search, report: Report, report_lag_s: float) -> tuple[Sea
 
 @inlined
 def fade(evidence: Evidence, time_s: float) -> Evidence:
-    """What was shown, ``time_s`` later."""
+    """The evidence ``time_s`` later: it counts less, and what is left is older."""
     keep = real_exp(-time_s / MEMORY_S)
     return Evidence(
         weighted_sum(keep, evidence.correlation, 0.0, evidence.correlation),
@@ -182,10 +194,11 @@ def add_outer(A: Nine, x: float, a: Vec3, b: Vec3) -> Nine:
 def solve(search: Search, bias_sigma_rad_s: float) -> Solution | None:
     """The attitude of G that fits best, if its heading is certain enough to begin with.
 
-    min sum |a - R b|^2 has the variance of one axis, loss / (3 windows); a small turn t in NED
-    changes a residual by t x R b, so M = sum (|b|^2 I - R b b' R') is the information about t.
-    What the reports' age and the gyroscope's bias may have done comes on top: each pulls the
-    residuals one way for as long as the vehicle goes on in the same manner, and no loss shows it.
+    R minimises the loss, sum |a - R b|^2; loss / (3 windows) is the variance of one component. A
+    small turn t in NED changes a residual by t x R b, so M = sum (|b|^2 I - R b b' R') is the
+    information about t. A wrong age of the reports or a gyroscope's bias turns all vectors of a
+    steady manoeuvre alike: the fit stays good and the loss small. So the turns that both may have
+    made are added to the variance.
     """
     evidence = search.evidence
     if evidence.windows < LEAST_WINDOWS:

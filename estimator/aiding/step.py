@@ -1,11 +1,12 @@
 """One sample through the velocity aiding.
 
-An error-state Kalman filter over attitude, velocity, biases and lags. Specific
-force integrated in NED is what velocity reports must show, so the difference
-between two reports tells down, and any horizontal acceleration the heading; no
-derivative is taken and nothing is low-passed. Its attitude gives the vectors
-that the paper's filter follows. Formulation with small turns in the inertial
-frame as in J. Sola 2017, arXiv:1711.02508, section 7.
+An error-state Kalman filter over attitude, velocity, biases and lags. The
+specific force, integrated in NED, must give the velocities that are reported.
+Where it does not, the attitude is wrong: a tilt shows at once, because gravity
+then has a horizontal part, a heading error as soon as the vehicle accelerates
+horizontally. Its attitude gives the vectors that the paper's filter follows.
+Formulation with small turns in the inertial frame as in J. Sola 2017,
+arXiv:1711.02508, section 7.
 """
 
 from math import hypot
@@ -54,11 +55,13 @@ from estimator.geometry.quaternion import add, exp, multiply, norm, normalize, r
 from estimator.types import IDENTITY, ZERO_VEC3, Quaternion, Sample, Vec3
 
 BEGIN_VELOCITY_SIGMA_M_S = 1.0
-LEAST_HORIZONTAL_GAUSS = 0.02  # near the magnetic poles
+# Near the magnetic poles the horizontal field vanishes; less than this does not count as such.
+LEAST_HORIZONTAL_GAUSS = 0.02
 UNHEARD = Agreement(
     scatter=Scatter(noise_scale=1.0, innovation=1.0, reports=0.0), wait_s=0.0, doubt_s=0.0
 )
-FIRST_STEP_S = 1.0  # no step yet: too long to tell lags from
+# Stands for the step before the first one: steps this long teach nothing about lags.
+FIRST_STEP_S = 1.0
 
 
 def begin(

@@ -63,11 +63,11 @@ class AidingParams(NamedTuple):
     report_sigma_m_s: Speed = 0.3  # sources less accurate than this get more noise
     receiver_lag_s: Lag = 0.1  # of a receiver's reports, where their age is uncertain
     oldest_report_s: Time = 0.5  # older ones come too late
-    silence_s: Time = 1.0  # then the unaided gravity helps
-    give_up_s: Time = 300.0  # then it takes over
-    doubt_s: Time = 1.5  # of reports or field far off in a row; then all begins anew
-    far_heading_rad: Angle = radians(40.0)  # that the field is off
-    gap_s: Time = 1.0  # without IMU samples; then all begins anew
+    silence_s: Time = 1.0  # after so long without one, the unaided gravity helps
+    give_up_s: Time = 300.0  # after so long without one, velocity is given up
+    doubt_s: Time = 1.5  # after so long with reports or field far off, too
+    far_heading_rad: Angle = radians(40.0)  # a field this far off is far off
+    gap_s: Time = 1.0  # after so long without IMU samples it begins anew
     unaided_sigma_rad: Angle = radians(5.0)  # of the unaided gravity
     unaided_tau_s: Time = 3.0  # for so long its error stays the same
 
@@ -97,7 +97,7 @@ class AidingParams(NamedTuple):
     least_scale: Share = 0.27  # of the covariance's sigma, however well the reports agree
     least_heading_scale: Share = 0.36  # likewise
     scatter_share: Share = 1.1  # of the reports' scatter that is the attitude's, too
-    iron_share: Share = 1.0  # of its sigma that calibrated compasses' hard iron really has
+    iron_share: Share = 1.0  # measured hard iron of calibrated compasses / hard_iron_sigma_gauss
     field_error_share: Share = 1.1  # of the field's slow disagreement that stays in the heading
     least_inclination_rad: Angle = radians(0.12)
     least_heading_rad: Angle = radians(0.12)
@@ -107,12 +107,12 @@ class AidingParams(NamedTuple):
 class Report(NamedTuple):
     """A velocity in NED, ``ago_s`` before the IMU sample at hand; absent where not ``given``."""
 
-    given: bool
-    velocity_ned_m_s: Vec3
-    has_vertical: bool
-    sigma_m_s: float
-    ago_s: float
-    late_sigma_s: float  # uncertainty of that age; 0: as it says
+    given: bool  # whether there is one; if not, the rest means nothing
+    velocity_ned_m_s: Vec3  # over ground
+    has_vertical: bool  # whether the third component is known
+    sigma_m_s: float  # the source's accuracy, 1 sigma
+    ago_s: float  # age at the IMU sample
+    late_sigma_s: float  # uncertainty of that age, 1 sigma; 0 where it is exact
 
 
 NO_REPORT = Report(
@@ -136,8 +136,8 @@ class FieldState(NamedTuple):
     """What is known about the field of the place, and how well measurements agree with it."""
 
     look: FieldLook  # in NED, gauss
-    residual: FieldResidual
-    samples: float  # how many there have been
+    residual: FieldResidual  # of the heading
+    samples: float  # of the field so far
     wait_s: float  # since the last sample of the field
     doubt_s: float  # how long the heading has been far off
 
@@ -153,7 +153,7 @@ class Scatter(NamedTuple):
 class Agreement(NamedTuple):
     """How well one source's reports agree with the prediction, and how long they have not."""
 
-    scatter: Scatter
+    scatter: Scatter  # of reports about their prediction
     wait_s: float  # since the last report
     doubt_s: float  # how long reports have been far off
 
@@ -161,8 +161,8 @@ class Agreement(NamedTuple):
 class Agreements(NamedTuple):
     """Of either source: an autopilot's filter, and a receiver."""
 
-    by_filter: Agreement
-    by_receiver: Agreement
+    by_filter: Agreement  # reports whose age is known
+    by_receiver: Agreement  # reports whose age is uncertain
 
 
 class AidingEstimate(NamedTuple):
@@ -178,15 +178,15 @@ class AidingEstimate(NamedTuple):
     earth_gauss: Vec3  # the place's field, NED
     receiver_lag_s: float  # age of reports that do not know theirs
     filter_lag_s: float  # how much older than they say the others are
-    receiver_error_m_s: Vec3  # slow error of either's reports, NED
-    filter_error_m_s: Vec3
+    receiver_error_m_s: Vec3  # slow error of a receiver's reports, NED
+    filter_error_m_s: Vec3  # slow error of a filter's reports, NED
 
 
 class LastStep(NamedTuple):
     """The last sample, as the next step needs it."""
 
     gyr_rad_s: Vec3  # as read, FRD
-    gyr_before_rad_s: Vec3  # one sample earlier
+    gyr_before_rad_s: Vec3  # one sample earlier, FRD
     force_ned_m_s2: Vec3  # specific force, NED
     rate_rad_s: Vec3  # free of bias, with which the step was integrated, FRD
     dt_s: float  # length of the step
@@ -195,18 +195,18 @@ class LastStep(NamedTuple):
 class Sigmas(NamedTuple):
     """The angles that 68 % of the errors lie under."""
 
-    inclination_rad: float
-    heading_rad: float
+    inclination_rad: float  # of the error of down
+    heading_rad: float  # of the error about down
 
 
 class AidingState(NamedTuple):
     """Everything that changes but the errors' covariance, which the kernels take as an array."""
 
-    estimate: AidingEstimate
-    last: LastStep
-    field: FieldState
-    agreement: Agreements
-    sigma: Sigmas
+    estimate: AidingEstimate  # attitude, velocity, biases, lags, fields
+    last: LastStep  # the sample that the next step begins from
+    field: FieldState  # how the magnetometer agrees
+    agreement: Agreements  # how the velocity reports agree
+    sigma: Sigmas  # as published
 
 
 class Surroundings(NamedTuple):

@@ -8,7 +8,7 @@ from estimator.compilation.compiled import inlined
 # 68 % of a plane normal distribution lie within this many of its sigmas.
 PLANE_68 = 1.515
 LARGEST_SCALE = 4.0
-# Samples slower than this (s) scatter the field's residual by themselves.
+# Of samples slower than this (s) the field's residual is mostly the missed turns between them.
 QUICK_STEP_S = 0.15
 
 

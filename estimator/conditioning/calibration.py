@@ -26,7 +26,7 @@ def correct_field(field: Vec3, gyr: Vec3, state: Calibration) -> Vec3:
 
     m <- m - offset, then exp(-[w]x lag) m to second order: the field of the
     place stands still, so in the body m' = -w x m, and a reading that is
-    ``lag_s`` old has not seen the last of the turn.
+    ``lag_s`` old lacks what the vehicle has turned since.
     """
     m = subtract(field, scale(state.scale, state.offset))
     lag = state.lag_s
@@ -47,7 +47,7 @@ def update_mean(a: float, mean: Vec3, v: Vec3) -> Vec3:
 
 @inlined
 def walk(params: ConditioningParams, p: Covariance, dt_s: float) -> Covariance:
-    """The unknowns walk, so that a changed vehicle is followed, up to their first sigma."""
+    """Let the variances grow, up to their first values: the vehicle's field may change."""
     most = params.field_offset_sigma**2 if params.use_field_offset else 0.0
     most_lag = params.field_lag_sigma_s**2 if params.use_lag else 0.0
     share = dt_s / params.calibration_walk_s
@@ -97,8 +97,8 @@ def learn_calibration(
     is the vehicle's own field (hard iron), what moves with the turn rate is
     the sensor's age. All is high-passed alike, so that F and slow drift vanish
     and the model stays. ``field_6d`` is corrected already: its residual is
-    that of the present estimate. A body that hardly turns tells its own field
-    from the place's gradients by nothing, so it teaches the lag only.
+    that of the present estimate. While a body hardly turns, its own field looks
+    like the place's, so it teaches the lag only.
     """
     y = scale(1.0 / norm, field_6d)
     m = (

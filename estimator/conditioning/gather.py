@@ -27,7 +27,7 @@ def accumulate(sum_: Vec3, v: Vec3, dt_s: float) -> Vec3:
 
 @inlined
 def gather(sums: Gathered, q_g_frd: Quaternion, sample: Sample) -> Gathered:
-    """Add one sample, its vectors turned to G, where turning does not blur a mean."""
+    """Add one sample. Its vectors are turned to G, so that a mean is not blurred by turning."""
     gyr, acc, dt_s = sample.gyr_rad_s, sample.acc_m_s2, sample.dt_s
     field_g = sums.field_g
     field_s = sums.field_s

@@ -99,7 +99,7 @@ def level(state: GravityState) -> tuple[GravityState, Two]:
 
 @inlined
 def reseed_gravity(state: GravityState, u: Vec3) -> GravityState:
-    """The low-pass started anew at ``u``."""
+    """Start the low-pass anew at ``u``."""
     before = state.force
     down = Smooth(u, (0.0, 0.0, 0.0))
     force = Force(down=down, quick=u, unsteady=before.unsteady, age_s=before.age_s)
@@ -108,7 +108,7 @@ def reseed_gravity(state: GravityState, u: Vec3) -> GravityState:
 
 @inlined
 def restart_gravity(state: GravityState) -> GravityState:
-    """The low-pass starts anew, as at the first sample."""
+    """Start the low-pass anew, as at the first sample."""
     zero = (0.0, 0.0, 0.0)
     down = Smooth(zero, zero)
     force = Force(down=down, quick=zero, unsteady=state.force.unsteady, age_s=0.0)

@@ -111,50 +111,50 @@ class ConditioningParams(NamedTuple):
 class LowPass(NamedTuple):
     """Coefficients of the second-order Butterworth low-pass for one time step."""
 
-    own: float
-    cross: float
-    rate: float
+    own: float  # of the value in the new value
+    cross: float  # of the slope in the new value; of the value in the new slope by -2
+    rate: float  # of the slope in the new slope
 
 
 class Coefficients(NamedTuple):
     """What follows from the parameters and the time step, kept until that changes."""
 
-    dt_s: float
-    rest: LowPass
-    gravity: LowPass
-    levelling_decay: float
-    bias_growth: float
-    rest_noise: float
-    motion_noise: float
-    heading_growth: float
+    dt_s: float  # the time step
+    rest: LowPass  # of gyroscope and accelerometer, with ``rest_tau_s``
+    gravity: LowPass  # with ``gravity_tau_s``
+    levelling_decay: float  # what a step leaves of past levelling
+    bias_growth: float  # of a bias's variance in a step, (rad/s)^2
+    rest_noise: float  # variance of a bias seen at rest, (rad/s)^2
+    motion_noise: float  # variance of a bias seen by levelling, (rad/s)^2
+    heading_growth: float  # of the heading's variance in a step, rad^2
 
 
 class Smooth(NamedTuple):
     """A low-passed vector and its scaled derivative (tau times d/dt)."""
 
-    value: Vec3
-    slope: Vec3
+    value: Vec3  # in the input's unit and frame
+    slope: Vec3  # likewise
 
 
 class Gathered(NamedTuple):
     """Sums, each times its dt, since the last learning step."""
 
-    time_s: float
-    gyr: Vec3
-    acc: Vec3
-    gravity_g: Vec3  # minus the specific force, turned to G
-    field_g: Vec3  # corrected by the calibration, turned to G
+    time_s: float  # that the samples stand for
+    gyr: Vec3  # rad, FRD
+    acc: Vec3  # m/s, FRD
+    gravity_g: Vec3  # minus the specific force, turned to G, m/s
+    field_g: Vec3  # corrected by the calibration, turned to G, field's unit times s
     field_s: float  # time that the field's samples stand for
 
 
 class RestState(NamedTuple):
     """Quiet is the instant's verdict, resting that of the last ``rest_time_s``."""
 
-    gyr: Smooth
-    acc: Smooth
-    quiet: bool
-    quiet_s: float
-    resting: bool
+    gyr: Smooth  # rad/s, FRD
+    acc: Smooth  # m/s^2, FRD
+    quiet: bool  # whether both are near their low-pass now
+    quiet_s: float  # for how long they have been
+    resting: bool  # whether that is long enough
 
 
 class Force(NamedTuple):
@@ -171,7 +171,7 @@ class GravityState(NamedTuple):
 
     q_g_frd: Quaternion  # body to G
     q_6d_g: Quaternion  # C, G to 6D
-    force: Force
+    force: Force  # in G
 
 
 class StepNoise(NamedTuple):
@@ -179,8 +179,8 @@ class StepNoise(NamedTuple):
 
     tilt: float  # about both horizontal axes together
     twist: float  # about down
-    tilting: float  # (rad/s)^2
-    twisting: float
+    tilting: float  # squared change of rate about horizontal axes, (rad/s)^2
+    twisting: float  # likewise about down
 
 
 class TiltState(NamedTuple):
@@ -190,34 +190,34 @@ class TiltState(NamedTuple):
     scatter: float  # mean square angle of the specific force about it, rad^2
     tilting: float  # mean square change of rate between two steps, (rad/s)^2, about horizontal axes
     twisting: float  # likewise about down
-    gyr: Vec3  # the last step's
-    force_g: Vec3  # likewise, minus the specific force in G
-    force: float  # its usual size, m/s^2
+    gyr: Vec3  # mean rate of the last step, rad/s, FRD
+    force_g: Vec3  # minus the mean specific force of the last step, m/s^2, in G
+    force: float  # usual size of the specific force, m/s^2
 
 
 class Rows(NamedTuple):
     """North, east and down of the 6D frame, seen from the body: the rows of R6."""
 
-    north: Vec3
-    east: Vec3
-    down: Vec3
+    north: Vec3  # unit vector, FRD
+    east: Vec3  # likewise
+    down: Vec3  # likewise
 
 
 class Estimate(NamedTuple):
     """Gyro bias and heading of 6D, with the covariance of (bias, heading)."""
 
-    bias_rad_s: Vec3
-    heading_rad: float
-    covariance: Covariance
+    bias_rad_s: Vec3  # of the gyroscope, FRD
+    heading_rad: float  # by which 6D is turned about down to north
+    covariance: Covariance  # (rad/s)^2 and rad^2
 
 
 class Lagged(NamedTuple):
     """Horizontal rows of R6, and R6 b, with the lag of the low-passed gravity."""
 
-    rows: Six
-    rows_slope: Six
-    drift: Two
-    drift_slope: Two
+    rows: Six  # north and east, low-passed
+    rows_slope: Six  # their scaled derivatives
+    drift: Two  # north and east part of R6 b, low-passed, rad/s
+    drift_slope: Two  # their scaled derivatives
 
 
 class Calibration(NamedTuple):
@@ -240,8 +240,8 @@ class CalibrationMeans(NamedTuple):
 class CalibrationState(NamedTuple):
     """The calibration and the means that its learning takes off."""
 
-    learnt: Calibration
-    means: CalibrationMeans
+    learnt: Calibration  # the unknowns
+    means: CalibrationMeans  # high-passing takes them off
     started: bool  # whether the means are of this attitude
 
 
@@ -265,8 +265,8 @@ class FieldReference(NamedTuple):
 class MagneticState(NamedTuple):
     """What is known about the field in the level frame 6D."""
 
-    look: FieldLook
-    reference: FieldReference
+    look: FieldLook  # lately
+    reference: FieldReference  # usually
     wait_s: float  # since the last sample of the field
     known: bool  # whether there has been one
 
@@ -276,7 +276,7 @@ class HeadingSigns(NamedTuple):
 
     mean_north: float  # of the field weighted by its confidence, in the field's own unit
     mean_east: float  # likewise
-    mean_confidence: float
+    mean_confidence: float  # of the field, averaged alike
     off_s: float  # for how long the mean field has pointed elsewhere
     large_s: float  # for how long the field itself has pointed far away
 
@@ -292,42 +292,42 @@ class GravitySigns(NamedTuple):
 class TurnSigns(NamedTuple):
     """How strong each sign of an unsensed turn is, and how long it has lasted."""
 
-    heading: HeadingSigns
-    gravity: GravitySigns
+    heading: HeadingSigns  # of the field
+    gravity: GravitySigns  # of the specific force
 
 
 class Axes(NamedTuple):
     """Down and magnetic north as G has them."""
 
-    down_g: Vec3
-    north_g: Vec3
+    down_g: Vec3  # unit vector in G
+    north_g: Vec3  # likewise, horizontal
 
 
 class Alarm(NamedTuple):
     """Which sign of an unsensed turn went off."""
 
-    heading: bool
-    quiet: bool
-    moving: bool
-    levelling: bool
+    heading: bool  # the field keeps pointing elsewhere
+    quiet: bool  # the gravity of a quiet vehicle does
+    moving: bool  # that of a moving one does
+    levelling: bool  # levelling has turned so far that the heading is wrong
 
 
 class ConditioningState(NamedTuple):
-    """Everything that changes; a snapshot is the state itself."""
+    """Everything that changes."""
 
-    started: bool
-    previous_gyr_rad_s: Vec3
-    gathered: Gathered
-    gravity: GravityState
-    tilt: TiltState
-    rest: RestState
-    estimate: Estimate
-    lagged: Lagged
-    magnetic: MagneticState
-    calibration: CalibrationState
-    signs: TurnSigns
-    axes: Axes
-    coefficients: Coefficients
+    started: bool  # whether there has been a sample
+    previous_gyr_rad_s: Vec3  # the last sample's, FRD
+    gathered: Gathered  # since the last learning step
+    gravity: GravityState  # frame G, and down in it
+    tilt: TiltState  # how well down is known
+    rest: RestState  # whether the vehicle rests
+    estimate: Estimate  # bias and heading
+    lagged: Lagged  # what bias learning in motion compares with
+    magnetic: MagneticState  # the field and its reference
+    calibration: CalibrationState  # of the magnetometer
+    signs: TurnSigns  # of an unsensed turn
+    axes: Axes  # down and north, as the last learning step has them
+    coefficients: Coefficients  # for the last step's length
 
 
 class Conditioned(NamedTuple):

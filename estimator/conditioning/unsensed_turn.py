@@ -19,9 +19,10 @@ from estimator.geometry.quaternion import angle_between_vectors, norm, rotate, s
 from estimator.types import Vec3
 
 HALF_TURN_VARIANCE = pi**2  # after a turn of gravity any heading is possible
-# Heading already this uncertain (rad, sigma) needs no event to move.
+# A heading this uncertain (rad, sigma) follows the field anyway: no alarm is needed.
 UNKNOWN_HEADING_SIGMA = pi / 2.0
-# A mean force under this share of the other one is no gravity but a fall or a turn halfway.
+# If the quickly followed force is less than this share of the slow one, the vehicle falls or is
+# in the middle of a turn: the force has no direction to compare.
 LEAST_GRAVITY_SHARE = 0.4
 
 
@@ -45,7 +46,7 @@ def watch_heading(
     horizontal: Two,
     dt_s: float,
 ) -> HeadingSigns:
-    """An undisturbed-looking field that keeps pointing elsewhere.
+    """Look for a field that has its usual norm and dip, and keeps pointing elsewhere.
 
     A magnet that turns the field nearly always changes its norm or dip too, so
     its confidence falls; after a turn of the vehicle about the vertical both
@@ -81,7 +82,7 @@ def watch_gravity(
     decay: float,
     dt_s: float,
 ) -> GravitySigns:
-    """Gravity that keeps pulling elsewhere than the low-pass in G has it.
+    """Look for gravity that keeps pulling elsewhere than the low-passed one in G.
 
     A quiet vehicle's gravity is known at once. Accelerations of a moving one
     reverse within a second or two and rarely exceed 1 g, a turn stays. And a
@@ -105,7 +106,7 @@ def watch_gravity(
 
 @inlined
 def alarm_of(params: ConditioningParams, state: TurnSigns) -> Alarm:
-    """Which sign has lasted."""
+    """Which signs have lasted for long enough."""
     if not params.use_events:
         return Alarm(False, False, False, False)
     heading = state.heading.off_s > params.turn_heading_time_s
@@ -122,7 +123,7 @@ def alarm_of(params: ConditioningParams, state: TurnSigns) -> Alarm:
 
 @inlined
 def reset_signs(state: TurnSigns, alarm: Alarm) -> TurnSigns:
-    """Signs that went off start anew."""
+    """After an alarm the signs start anew."""
     heading, gravity = state.heading, state.gravity
     levelled = gravity.levelled
     if alarm.heading or alarm.quiet or alarm.moving or alarm.levelling:
@@ -137,7 +138,7 @@ def reset_signs(state: TurnSigns, alarm: Alarm) -> TurnSigns:
 
 @inlined
 def doubt_heading(estimate: Estimate, variance: float) -> Estimate:
-    """The heading's variance raised: the next residuals set it."""
+    """Raise the heading's variance, so that the next residuals correct it."""
     p = estimate.covariance
     return Estimate(
         estimate.bias_rad_s,

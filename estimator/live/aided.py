@@ -41,9 +41,9 @@ def horizontal_north(reference: ReferenceParams, knows_north: bool) -> Two:
 def aided_vectors(
     reference: ReferenceParams, state: AidingState, knows_north: bool, weight: float
 ) -> Vectors:
-    """Both inertial directions seen from the aided attitude; confidence falls with its sigma.
+    """Both inertial directions as the aided attitude sees them; confidence falls with its sigma.
 
-    While magnetic north is not known, what the filter calls north is where the field points.
+    While magnetic north is not known, the filter's north is where the horizontal field points.
     """
     q = state.estimate.q_ned_frd
     north = reference.magnetic_ned

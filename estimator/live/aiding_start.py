@@ -1,4 +1,4 @@
-"""How velocity begins to help: at the field's heading, or at the one that velocity has shown."""
+"""Where the aiding begins: with the heading by the field, or with one by velocity itself."""
 
 from math import radians, sqrt
 from typing import NamedTuple
@@ -14,9 +14,9 @@ from estimator.live.settings import Settings
 from estimator.live.snapshot import Snapshot
 from estimator.types import Quaternion
 
-# A heading that velocity has shown is no better than this to begin with.
+# However small its computed sigma, a heading by velocity is no better than this to begin with.
 LEAST_HEADING_SIGMA_RAD = radians(3.0)
-# However long a gyroscope rests, its bias is no better known: streams truncate to mrad/s.
+# However long a gyroscope rests, its bias is known no better than this: streams carry mrad/s.
 LEAST_BIAS_SIGMA_RAD_S = 0.001
 
 
@@ -34,7 +34,7 @@ def start_by_field(settings: Settings, now: Core) -> Start:
 
 
 def start_by_velocity(now: Core) -> Start | None:
-    """What velocity alone has shown, if that is enough."""
+    """The attitude by velocity alone, if its heading is certain enough."""
     of_g = solve(now.search, _bias_sigma_rad_s(now.conditioning))
     if of_g is None:
         return None

@@ -37,7 +37,7 @@ class Core(NamedTuple):
     """All that the compiled steps change."""
 
     sample: Sample  # the last one
-    filter: FilterState
+    filter: FilterState  # the paper's: attitude, bias, e, gain
     smooth_error: float  # e averaged over a second while the vectors are raw, otherwise e
     conditioning: ConditioningState  # as it was before, while the vectors are raw
     seen: Conditioned  # of the last sample; blank while the vectors are raw

@@ -30,13 +30,16 @@ from estimator.geometry.quaternion import cross, dot, exp, multiply, rotate, sca
 from estimator.types import Sample, Vec3
 
 FIELD_TAU_S = 0.05  # low-pass of norm and dip
+# The residual of the heading is low-passed with the first, its square averaged over the second
+# time; a single residual counts up to RESIDUAL_CLIP_RAD.
 RESIDUAL_TAU_S = 5.0
 RESIDUAL_MEMORY_S = 60.0
 RESIDUAL_CLIP_RAD = 0.2
-LEAST_CONFIDENCE = 1e-6
+LEAST_CONFIDENCE = 1e-6  # keeps the noise of a field that nobody believes finite
 # Before anything is known about the place's field its parts are uncertain by this share of it.
 FIRST_SIGMA = 0.2
-# How well a declination is known, rad, and over which time that counts as one measurement.
+# How well a model knows a declination, rad. Its error is the same all the time, so the samples of
+# one such time together count as one measurement.
 DECLINATION_SIGMA_RAD = 0.01
 DECLINATION_TAU_S = 100.0
 # A heading this uncertain (rad, 1 sigma) is taken from the field as an angle, not linearly.
@@ -81,9 +84,10 @@ def judge_field(
 
 @inlined
 def begin_field(state: FieldState, R: Array, F: Vec3, north: Two, P: Array, x: Array) -> FieldState:
-    """The first sample gives the place's field, towards ``north`` where that is known.
+    """The first sample is taken for the place's field, turned towards ``north`` if that is known.
 
-    Its hard iron is then in the place's field, too, with the other sign: d_E = -R d_iron.
+    The vehicle's hard iron is in that sample, so the error of the one is that of the other with
+    the opposite sign: d_E = -R d_iron.
     """
     h = sqrt(F[0] * F[0] + F[1] * F[1])
     n = sqrt(h * h + F[2] * F[2])
@@ -144,9 +148,10 @@ def observe_heading(
 
     ``north`` is magnetic north as (north, east), (0, 0) where it is not known. The reading is
     ``lag`` old, so it belongs to the attitude then, q exp(-lag w).
-    Across the place's horizontal field the difference tells the heading (dip lets a tilt error
-    in, and the covariance knows); along it and down it tells the hard iron and the field
-    itself, while the tilt, which velocity knows better, only makes it less certain.
+    Across the place's horizontal field the difference tells the heading; where the field dips, an
+    error of tilt shows there, too, as the row of the measurement says. Along the horizontal field
+    and down it tells the hard iron and the place's field. There the tilt, which velocity knows
+    better, is not corrected: it only adds to the noise.
     """
     P = now.covariance
     rate = subtract(sample.gyr_rad_s, estimate.gyr_bias_rad_s)
@@ -243,7 +248,7 @@ def learn_declination(P: Array, x: Array, E: Vec3, north: Two, wait: float) -> N
 
 @inlined
 def update_residual(field: FieldState, off: float, far: bool, wait: float) -> FieldState:
-    """The slow part of the residual: noise averages out, a wrong field does not."""
+    """Follow the slow part of the residual: noise averages out, a wrong field does not."""
     clipped = max(-RESIDUAL_CLIP_RAD, min(RESIDUAL_CLIP_RAD, off))
     slow = field.residual.slow_rad
     slow += wait / (wait + RESIDUAL_TAU_S) * (clipped - slow)

@@ -1,4 +1,4 @@
-"""What the attitude without velocity says, while no report comes or samples are few."""
+"""What the stage without velocity says about down, while no report comes or samples are few."""
 
 from math import atan2, hypot
 

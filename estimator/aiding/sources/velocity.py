@@ -24,25 +24,34 @@ from estimator.compilation.compiled import inlined
 from estimator.geometry.quaternion import rotate, scale, subtract
 from estimator.types import Vec3
 
-FAR = 16.0  # squared innovation over its variance (4 sigma) of no ordinary report
-CLIP = 25.0  # more than this says no more about the noise
+# A squared innovation this many times its variance (4 sigma) is no noise: the origin has jumped.
+FAR = 16.0
+# A squared innovation over its variance teaches the noise scale up to this value; a wild report
+# may be any distance off, and must not spoil the scale for the next hundred.
+CLIP = 25.0
+# An innovation counts for the published uncertainty up to this many of its sigmas.
 INNOVATION_LIMIT = 3.0
-SCALE_REPORTS = 100.0  # reports that the noise scale is the mean of
+# The noise scale is a mean over about this many reports, and at most LARGEST_SCALE.
+SCALE_REPORTS = 100.0
 LARGEST_SCALE = 100.0
+# The noise scale of a receiver's reports may also fall, to this: no IMU has smoothed them.
 LEAST_RECEIVER_SCALE = 0.1
-DOUBTFUL_SCALE = 30.0  # reports this noisy, or an attitude that makes them look so
-COSINE_ELSEWHERE = 0.7  # the unaided gravity is 45 degrees off
+# At this noise scale the reports are very noisy, or the attitude is wrong and makes them look so.
+# It is the latter if the cosine of the angle to the unaided stage's down is below this: 45 deg.
+DOUBTFUL_SCALE = 30.0
+COSINE_ELSEWHERE = 0.7
+# Time over which the mean square of the innovations is taken.
 INNOVATION_TAU_S = 15.0
 
 
 class Source(NamedTuple):
     """Where a report comes from, what is known about its errors and their places among all."""
 
-    is_receiver: bool
+    is_receiver: bool  # otherwise an autopilot's filter
     error_m_s: Vec3  # slow, NED
     age_s: float  # how far its velocity lies behind the IMU's samples
-    error_at: int
-    lag_at: int
+    error_at: int  # where its slow error begins among the errors
+    lag_at: int  # where its lag stands among them
     is_alone: bool  # no report of the other source has come lately
 
 
