@@ -4,7 +4,7 @@ from math import radians
 
 from estimator.aiding import Report, compass
 from estimator.aiding.phase import Cause, Phase, after
-from estimator.aiding.place import resembles, said, unlike
+from estimator.aiding.place import differ, resembles, update_whereabouts
 from estimator.aiding.types import NO_REPORT
 from estimator.compilation.compiled import plain
 from estimator.conditioning.condition import condition
@@ -170,7 +170,13 @@ class Estimator:
     def _take_first(self, sample: ImuSample) -> None:
         """Align on the first sample, or correct the given attitude; nothing has turned yet."""
         settings, now = self._settings, self._core.core
-        first = _interval_sample(sample, 0.0)
+        first = Sample(
+            gyr_rad_s=sample.gyr_rad_s,
+            acc_m_s2=sample.acc_m_s2,
+            mag=sample.mag_gauss,
+            has_mag=sample.has_mag,
+            dt_s=0.0,
+        )
         memory, seen = now.conditioning, UNSEEN
         if settings.conditioned:
             memory, seen = plain(condition)(settings.conditioning, memory, first)
@@ -305,7 +311,9 @@ class Estimator:
         if not self._settings.learns_north:
             return
         before = self._context.whereabouts.here
-        known = said(self._context.whereabouts, latitude_deg, longitude_deg, altitude_m, unix_us)
+        known = update_whereabouts(
+            self._context.whereabouts, latitude_deg, longitude_deg, altitude_m, unix_us
+        )
         if known.here is None or known.here is before:
             self._context = self._context._replace(whereabouts=known)
             return
@@ -318,7 +326,7 @@ class Estimator:
             # magnetic until now, or by another place's declination; by velocity it is true already
             turned = multiply(exp((0.0, 0.0, turn_rad)), now.filter.q_ned_frd)
             self._set_core(with_attitude(now, turned))
-        if before is not None and unlike(before.field, field):
+        if before is not None and differ(before.field, field):
             self._take_back()
 
     def _take_back(self) -> None:
@@ -361,18 +369,18 @@ class Estimator:
         if source != AIDED and not compass.is_trusted(now.compass, now.time_us):
             heading = max(heading, UNCALIBRATED_SIGMA_RAD)
         return Attitude(
-            time_us,
-            q,
-            rate,
-            bias,
-            error,
-            error_rate,
-            gain,
-            gravity,
-            magnetic,
-            inclination,
-            heading,
-            self._north(source, has_heading),
+            time_us=time_us,
+            q_ned_frd=q,
+            rate_rad_s=rate,
+            gyro_bias_rad_s=bias,
+            error=error,
+            error_rate_1_s=error_rate,
+            gain=gain,
+            confidence_gravity=gravity,
+            confidence_magnetic=magnetic,
+            sigma_inclination_rad=inclination,
+            sigma_heading_rad=heading,
+            heading_reference=self._north(source, has_heading),
         )
 
     def _north(self, source: int, has_field_heading: bool) -> str:
@@ -388,8 +396,10 @@ class Estimator:
 
 def _next(now: Context, time_us: int, reports: Reports) -> Context:
     """The context after a sample; ``_replace`` takes three times as long, at every sample."""
-    return Context(now.phase, time_us, reports, now.compass, now.whereabouts)
-
-
-def _interval_sample(sample: ImuSample, dt_s: float) -> Sample:
-    return Sample(sample.gyr_rad_s, sample.acc_m_s2, sample.mag_gauss, sample.has_mag, dt_s)
+    return Context(
+        phase=now.phase,
+        time_us=time_us,
+        reports=reports,
+        compass=now.compass,
+        whereabouts=now.whereabouts,
+    )

@@ -55,6 +55,9 @@ class Sample(NamedTuple):
     dt_s: float  # since the sample before; 0 of the first one
 
 
+NO_SAMPLE = Sample(gyr_rad_s=ZERO_VEC3, acc_m_s2=ZERO_VEC3, mag=ZERO_VEC3, has_mag=False, dt_s=0.0)
+
+
 class VelocitySample(NamedTuple):
     """Velocity over ground in NED, for the acceleration that hides gravity.
 

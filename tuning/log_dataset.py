@@ -12,7 +12,7 @@ from drivers.logs.missing_imu import advice
 from drivers.logs.open import open_log
 from drivers.logs.reference_track import ReferenceTrack
 from drivers.samples.preference import imu_rank
-from estimator.aiding.place import Whereabouts, said
+from estimator.aiding.place import Whereabouts, update_whereabouts
 from estimator.errors import InputError
 from estimator.refusal import refusal
 from estimator.types import ImuSample
@@ -86,7 +86,7 @@ class _Stream:
                 self.tracks[source].add(event)
             case Position():
                 place = (event.latitude_deg, event.longitude_deg, event.altitude_m)
-                self._whereabouts = said(self._whereabouts, *place, event.arrival_us)
+                self._whereabouts = update_whereabouts(self._whereabouts, *place, event.arrival_us)
             case ClockReset():
                 self._restart_pending = set(self.samples)
             case TrackLost(message=message):

@@ -158,7 +158,7 @@ def advance(candidate: Candidate, run: Run, steps: Array, i: int) -> Run:
         min(bound, max(-bound, bias[1] + f * w1)),
         min(bound, max(-bound, bias[2] + f * w2)),
     )
-    return Run(q, bias, e, d, cost)
+    return Run(q_ned_frd=q, gyr_bias_rad_s=bias, error=e, error_rate_1_s=d, cost=cost)
 
 
 @compiled
@@ -171,7 +171,7 @@ def two_costs(
     keep the processor twice as busy.
     """
     q = (start[0], start[1], start[2], start[3])
-    a = Run(q, (0.0, 0.0, 0.0), 0.0, 0.0, 0.0)
+    a = Run(q_ned_frd=q, gyr_bias_rad_s=(0.0, 0.0, 0.0), error=0.0, error_rate_1_s=0.0, cost=0.0)
     b = a
     for i in range(len(steps_one)):
         a = advance(one, a, steps_one, i)

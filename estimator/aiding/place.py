@@ -46,7 +46,7 @@ class Whereabouts(NamedTuple):
     elsewhere_deg: tuple[float, float] | None = None
 
 
-def said(
+def update_whereabouts(
     known: Whereabouts, latitude_deg: float, longitude_deg: float, altitude_m: float, unix_us: int
 ) -> Whereabouts:
     """After a position was told.
@@ -78,7 +78,7 @@ def _direction(latitude_deg: float, longitude_deg: float) -> tuple[float, float,
     return (across * cos(longitude), across * sin(longitude), sin(latitude))
 
 
-def unlike(one: PlaceField, other: PlaceField) -> bool:
+def differ(one: PlaceField, other: PlaceField) -> bool:
     """Whether two places' fields differ by more than a compass's calibration leaves over."""
     return dist(_vector(one), _vector(other)) > UNLIKE_SHARE * one.strength_gauss
 

@@ -74,8 +74,22 @@ class Search(NamedTuple):
 
 NOTHING: Nine = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
 EMPTY_SEARCH = Search(
-    Window(ZERO_VEC3, ZERO_VEC3, ZERO_VEC3, 0.0, ZERO_VEC3, False),
-    Evidence(NOTHING, NOTHING, ZERO_VEC3, 0.0, 0.0, 0.0),
+    window=Window(
+        pushed_m_s=ZERO_VEC3,
+        force_m_s2=ZERO_VEC3,
+        first_force_m_s2=ZERO_VEC3,
+        time_s=0.0,
+        velocity_ned_m_s=ZERO_VEC3,
+        is_open=False,
+    ),
+    evidence=Evidence(
+        correlation=NOTHING,
+        aged=NOTHING,
+        lagging=ZERO_VEC3,
+        squares=0.0,
+        windows=0.0,
+        late_sigma_s=0.0,
+    ),
 )
 
 
@@ -91,24 +105,29 @@ def add_sample(search: Search, q_g_frd: Quaternion, acc: Vec3, dt: float) -> Sea
     """Integrate one sample's specific force by the trapezoid."""
     window = search.window
     force = rotate(q_g_frd, acc)
-    return Search(
-        Window(
-            add(window.pushed_m_s, scale(0.5 * dt, add(force, window.force_m_s2))),
-            force,
-            window.first_force_m_s2,
-            window.time_s + dt,
-            window.velocity_ned_m_s,
-            window.is_open,
-        ),
-        search.evidence,
+    longer = Window(
+        pushed_m_s=add(window.pushed_m_s, scale(0.5 * dt, add(force, window.force_m_s2))),
+        force_m_s2=force,
+        first_force_m_s2=window.first_force_m_s2,
+        time_s=window.time_s + dt,
+        velocity_ned_m_s=window.velocity_ned_m_s,
+        is_open=window.is_open,
     )
+    return Search(longer, search.evidence)
 
 
 @inlined
 def open_window(window: Window, report: Report, behind_s: float) -> Window:
     """A new window that begins with this report, ``behind_s`` before the last sample."""
     force = window.force_m_s2
-    return Window(scale(behind_s, force), force, force, behind_s, report.velocity_ned_m_s, True)
+    return Window(
+        pushed_m_s=scale(behind_s, force),
+        force_m_s2=force,
+        first_force_m_s2=force,
+        time_s=behind_s,
+        velocity_ned_m_s=report.velocity_ned_m_s,
+        is_open=True,
+    )
 
 
 @inlined
@@ -135,12 +154,12 @@ def add_report(search: Search, report: Report, report_lag_s: float) -> tuple[Sea
     swing = subtract(window.force_m_s2, window.first_force_m_s2)
     before = fade(search.evidence, time_s)
     evidence = Evidence(
-        add_outer(before.correlation, 1.0, a, b),
-        add_outer(before.aged, 0.5 * time_s, a, b),
-        add(before.lagging, cross(b, swing)),
-        before.squares + dot(a, a) + dot(b, b),
-        before.windows + 1.0,
-        max(before.late_sigma_s, report.late_sigma_s),
+        correlation=add_outer(before.correlation, 1.0, a, b),
+        aged=add_outer(before.aged, 0.5 * time_s, a, b),
+        lagging=add(before.lagging, cross(b, swing)),
+        squares=before.squares + dot(a, a) + dot(b, b),
+        windows=before.windows + 1.0,
+        late_sigma_s=max(before.late_sigma_s, report.late_sigma_s),
     )
     return Search(opened, evidence), True
 
@@ -150,12 +169,12 @@ def fade(evidence: Evidence, time_s: float) -> Evidence:
     """The evidence ``time_s`` later: it counts less, and what is left is older."""
     keep = real_exp(-time_s / MEMORY_S)
     return Evidence(
-        weighted_sum(keep, evidence.correlation, 0.0, evidence.correlation),
-        weighted_sum(keep, evidence.aged, keep * time_s, evidence.correlation),
-        scale(keep, evidence.lagging),
-        keep * evidence.squares,
-        keep * evidence.windows,
-        evidence.late_sigma_s,
+        correlation=weighted_sum(keep, evidence.correlation, 0.0, evidence.correlation),
+        aged=weighted_sum(keep, evidence.aged, keep * time_s, evidence.correlation),
+        lagging=scale(keep, evidence.lagging),
+        squares=keep * evidence.squares,
+        windows=keep * evidence.windows,
+        late_sigma_s=evidence.late_sigma_s,
     )
 
 

@@ -52,7 +52,7 @@ from estimator.compilation.compiled import inlined
 from estimator.conditioning.rate import slow_share
 from estimator.conditioning.types import FieldLook
 from estimator.geometry.quaternion import add, exp, multiply, norm, normalize, rotate, subtract
-from estimator.types import IDENTITY, ZERO_VEC3, Quaternion, Sample, Vec3
+from estimator.types import IDENTITY, NO_SAMPLE, ZERO_VEC3, Quaternion, Sample, Vec3
 
 BEGIN_VELOCITY_SIGMA_M_S = 1.0
 # Near the magnetic poles the horizontal field vanishes; less than this does not count as such.
@@ -127,8 +127,7 @@ def begin(
 
 def blank_aiding(params: AidingParams) -> tuple[AidingState, Array, Array]:
     """The place of state, covariance and trail while there is no aiding."""
-    sample = Sample(ZERO_VEC3, ZERO_VEC3, ZERO_VEC3, False, 0.0)
-    state, P, trail = begin(params, IDENTITY, ZERO_VEC3, sample, NO_REPORT, 0.0, 0.0)
+    state, P, trail = begin(params, IDENTITY, ZERO_VEC3, NO_SAMPLE, NO_REPORT, 0.0, 0.0)
     return state, np.zeros_like(P), trail
 
 
@@ -282,7 +281,7 @@ def aid(
         dt_s=dt,
     )
     sigma = sigmas(params, now.covariance, estimate, last, field, agreement)
-    state = AidingState(estimate, last, field, agreement, sigma)
+    state = AidingState(estimate=estimate, last=last, field=field, agreement=agreement, sigma=sigma)
     return state, now.covariance, now.trail
 
 
@@ -317,4 +316,7 @@ def take_late_report(
         rate_rad_s=last.rate_rad_s,
         dt_s=last.dt_s,
     )
-    return AidingState(estimate, last, state.field, agreement, state.sigma), now.covariance
+    state = AidingState(
+        estimate=estimate, last=last, field=state.field, agreement=agreement, sigma=state.sigma
+    )
+    return state, now.covariance

@@ -240,7 +240,8 @@ def condition(
     if sample.has_mag:
         mag = correct_field(mag, rate, state.calibration.learnt)
     gravity = propagate_frame(state.gravity, rate, dt)
-    gathered = gather(state.gathered, gravity.q_g_frd, Sample(gyr, acc, mag, sample.has_mag, dt))
+    corrected = Sample(gyr_rad_s=gyr, acc_m_s2=acc, mag=mag, has_mag=sample.has_mag, dt_s=dt)
+    gathered = gather(state.gathered, gravity.q_g_frd, corrected)
     first = not state.started
     k = state.coefficients
     due = first or gathered.time_s >= STEP_S

@@ -168,5 +168,10 @@ def correct(params: FilterParams, state: FilterState, vectors: Vectors, dt: floa
     b = np.array(state.gyr_bias_rad_s) + bias_gain(params, K, g, fastest, dt) * w
     b = np.clip(b, -params.bias_bound_rad_s, params.bias_bound_rad_s)
     return FilterState(
-        quaternion.normalize(q), (float(b[0]), float(b[1]), float(b[2])), e, d, K, True
+        q_ned_frd=quaternion.normalize(q),
+        gyr_bias_rad_s=(float(b[0]), float(b[1]), float(b[2])),
+        error=e,
+        error_rate_1_s=d,
+        gain=K,
+        has_error=True,
     )

@@ -15,9 +15,8 @@ from estimator.conditioning.types import Conditioned, ConditioningState
 from estimator.filter.types import FilterState, initial_state
 from estimator.geometry.quaternion import conjugate, multiply, normalize
 from estimator.live.settings import Settings
-from estimator.types import ZERO_VEC3, Quaternion, Sample
+from estimator.types import NO_SAMPLE, ZERO_VEC3, Quaternion, Sample
 
-NO_SAMPLE = Sample(gyr_rad_s=ZERO_VEC3, acc_m_s2=ZERO_VEC3, mag=ZERO_VEC3, has_mag=False, dt_s=0.0)
 # What the conditioning stage has said before it was asked.
 UNSEEN = Conditioned(
     rate_rad_s=ZERO_VEC3,

@@ -189,7 +189,7 @@ def advance_raw(
     inside: Any, gyr_rad_s: Vec3, acc_m_s2: Vec3, mag: Vec3, has_mag: bool, dt_s: float
 ) -> None:
     """One sample of raw vectors, ``dt_s`` after the one before."""
-    sample = Sample(gyr_rad_s, acc_m_s2, mag, has_mag, dt_s)
+    sample = Sample(gyr_rad_s=gyr_rad_s, acc_m_s2=acc_m_s2, mag=mag, has_mag=has_mag, dt_s=dt_s)
     params = inside.params
     state = kernel.step(params.filter, params.reference, inside.filter, sample)
     before = inside.smooth_error
@@ -212,7 +212,7 @@ def advance(
 
     Where it ``is_aided`` the filter waits for :func:`advance_aided`.
     """
-    sample = Sample(gyr_rad_s, acc_m_s2, mag, has_mag, dt_s)
+    sample = Sample(gyr_rad_s=gyr_rad_s, acc_m_s2=acc_m_s2, mag=mag, has_mag=has_mag, dt_s=dt_s)
     inside.sample = sample
     had_heading = inside.seen.has_heading
     params = inside.params

@@ -7,11 +7,11 @@ import pytest
 from estimator.aiding.place import (
     PlaceField,
     Whereabouts,
+    differ,
     distance_m,
     field_at,
     resembles,
-    said,
-    unlike,
+    update_whereabouts,
 )
 
 MICROSECONDS_2025 = 1_735_689_600_000_000
@@ -81,7 +81,7 @@ def told(*places):
     """Whereabouts after positions at sea level in 2025."""
     known = Whereabouts()
     for place in places:
-        known = said(known, *place, 0.0, MICROSECONDS_2025)
+        known = update_whereabouts(known, *place, 0.0, MICROSECONDS_2025)
     return known
 
 
@@ -124,4 +124,4 @@ def test_distances(one, other, km):
 )
 def test_a_flight_of_100_km_changes_the_field_little(other, is_unlike):
     fields = [field_at(*place, 0.0, MICROSECONDS_2025) for place in (ZURICH, other)]
-    assert unlike(*fields) is is_unlike
+    assert differ(*fields) is is_unlike
