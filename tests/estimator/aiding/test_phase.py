@@ -62,9 +62,10 @@ class Pilot:
 
 def require_nothing_stale(estimator, now):
     phase, core = now.context.phase, now.core
-    state, covariance = blank_aiding(settings_of(estimator.profile).aiding)
+    state, covariance, trail = blank_aiding(settings_of(estimator.profile).aiding)
     if phase is not Phase.AIDED:
-        assert (core.aided, core.covariance) == (state, flat(covariance))
+        blank = (state, flat(covariance), flat(trail))
+        assert (core.aided, core.covariance, core.trail) == blank
     else:
         assert core.search == EMPTY_SEARCH
     if phase in (Phase.EMPTY, Phase.RAW):
