@@ -33,6 +33,7 @@ from estimator.compilation.compiled import compiled
 from estimator.filter import kernel
 from estimator.filter.fuzzy import RULES, fuzzy_gain
 from estimator.filter.memberships import TERMS, fuzzy_sets, midpoint
+from estimator.filter.noise_gain import NO_NOISE
 from estimator.filter.types import FilterState
 from estimator.geometry.quaternion import exp, rotate_inverse, unit
 from estimator.live.settings import settings_of
@@ -80,7 +81,8 @@ def step_all(params, reference, states, gyr, acc, mag, gains):
     """One step from each state (N, 6: q, error, rate) with its own sample (N, 3)."""
     for i in range(len(states)):
         s = states[i]
-        state = FilterState((s[0], s[1], s[2], s[3]), (0.0, 0.0, 0.0), s[4], s[5], 1.0, True)
+        q, zero = (s[0], s[1], s[2], s[3]), (0.0, 0.0, 0.0)
+        state = FilterState(q, zero, s[4], s[5], 1.0, True, zero, NO_NOISE)
         sample = Sample(
             gyr_rad_s=(gyr[i, 0], gyr[i, 1], gyr[i, 2]),
             acc_m_s2=(acc[i, 0], acc[i, 1], acc[i, 2]),

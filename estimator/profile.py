@@ -1,7 +1,8 @@
 """The profile: everything chosen about the estimator, as one strict TOML file.
 
-Unknown keys are errors, in files as in partial updates. Two profiles ship:
-``paper`` (the paper's system exactly) and ``imu`` (real IMUs).
+Unknown keys are errors, in files as in partial updates. Three profiles ship:
+``paper`` (the paper's system exactly), ``imu`` (real IMUs) and ``adaptive``
+(the paper's vectors with a gain that knows their noise).
 """
 
 import math
@@ -23,13 +24,14 @@ from estimator.errors import InputError
 from estimator.filter import memberships
 from estimator.types import Vec3
 
-SHIPPED = ("paper", "imu")
+SHIPPED = ("paper", "imu", "adaptive")
 LONGEST_FILE = 1 << 20  # bytes; a profile has some 4,000
 # The parser's time and memory grow with the square of a key's parts
 TOO_DEEP = re.compile(r"(?<![\w\"'-])(?:[\w\"'-]++[ \t]*+\.[ \t]*+){32}")
 
 # Bounds of the filter's own parameters, as estimator/bounds.py has them for the other sections.
 Gamma = Annotated[float, Meta(ge=0.0, le=1e3)]
+FixedGain = Annotated[float, Meta(ge=1e-2, le=1e4)]
 FilterTime = Annotated[float, Meta(ge=1e-3, le=1e3)]
 BiasBound = Annotated[float, Meta(ge=0.0, le=100.0)]
 Weight = Annotated[float, Meta(ge=0.0, le=1e3)]
@@ -55,10 +57,14 @@ class Reference(Struct, frozen=True, forbid_unknown_fields=True):
 class Filter(Struct, frozen=True, forbid_unknown_fields=True):
     """The paper's filter; see :class:`estimator.filter.types.FilterParams`.
 
-    ``initial_attitude`` is "align" (from the first vectors) or the nine
-    numbers of R_hat(0), row after row, which are projected onto SO(3).
+    ``gain`` chooses what sets K: "fuzzy", the paper's controller; "noise", rules in noise floors
+    (:mod:`estimator.filter.noise_gain`); "fixed", ``fixed_gain``. ``initial_attitude`` is "align"
+    (from the first vectors) or the nine numbers of R_hat(0), row after row, which are projected
+    onto SO(3).
     """
 
+    gain: Literal["fuzzy", "noise", "fixed"] = "fuzzy"
+    fixed_gain: FixedGain = 20.0
     gamma: Gamma = 1.0
     rate_time_constant_s: FilterTime = 0.3
     bias_bound_rad_s: BiasBound = 2.0

@@ -158,6 +158,7 @@ def advance(row: Array, data: Recorded, i: int, seen: Seen, run: Run) -> Run:
         memberships=unpack(row),
         gain_is_fixed=False,
         fixed_gain=1.0,
+        gain_knows_noise=False,
     )
     gravity_ned = (row[GRAVITY_NED], row[GRAVITY_NED + 1], row[GRAVITY_NED + 2])
     dt = data.dt_s[i]

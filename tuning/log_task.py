@@ -26,7 +26,7 @@ from estimator.types import Quaternion, Vec3
 from tuning import log_kernel
 from tuning.log_dataset import LogData
 from tuning.log_kernel import Prepared, Recorded
-from tuning.objective import Scores
+from tuning.objective import Scores, require_fuzzy_gain
 from tuning.parameters import CONDITIONED_GROUPS, EMPTY, space_of
 from tuning.segments import Segment, segments, split, weights
 from tuning.space import Space
@@ -124,7 +124,7 @@ class LogTask:
 
     Raises:
         InputError: on use, if a log has fewer than two segments, or the base
-            does not condition its vectors.
+            does not condition its vectors, or has another gain than the fuzzy one.
     """
 
     base: Profile
@@ -192,6 +192,7 @@ class LogTask:
     ) -> LogObjective:
         if not profile.conditioned:
             raise InputError("base profile: logs are tuned with conditioning.enabled = true")
+        require_fuzzy_gain(profile)
         settings = settings_of(profile)
         row = _row(settings)
         total = sum(map(len, chosen))

@@ -6,6 +6,7 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
+from estimator.errors import InputError
 from estimator.profile import Profile, parse_profile, profile_to_json, profile_to_toml
 from tuning.space import Space
 
@@ -50,6 +51,17 @@ class Task(Protocol):
 
     def score(self, profile: Profile) -> Scores:
         """How good a profile is, by the plain kernels."""
+
+
+def require_fuzzy_gain(profile: Profile) -> None:
+    """Refuse a profile whose gain the search would not run.
+
+    Raises:
+        InputError: ``filter.gain`` is another than "fuzzy".
+    """
+    if profile.filter.gain != "fuzzy":
+        msg = f"base profile: filter.gain is '{profile.filter.gain}'; only 'fuzzy' is tuned"
+        raise InputError(msg)
 
 
 def mean_over_runs(costs: Array) -> Array:

@@ -13,6 +13,7 @@ from estimator.geometry.metrics import COST_RATE_HZ, COST_SAMPLES, STEADY, paper
 from estimator.geometry.quaternion import normalized_distance
 from estimator.live.settings import settings_of
 from estimator.profile import Profile
+from tuning.paper_noise import PAPER_NOISE, NoiseScale, simulate_scaled
 
 Floats = NDArray[np.float64]
 
@@ -29,12 +30,16 @@ class ExperimentResult(NamedTuple):
     true_error: Floats  # e at t = 0.01 k, k = 0..1500
     estimates: Floats  # (1501, 4) q_ned_frd before each correction
     truth: Floats  # (1501, 4)
+    gains: Floats  # K (1501,)
 
 
 def run_experiment(
-    profile: Profile, seed: int, fixed_gain: float | None = None
+    profile: Profile,
+    seed: int,
+    fixed_gain: float | None = None,
+    noise: NoiseScale = PAPER_NOISE,
 ) -> ExperimentResult:
-    """Run the filter of ``profile`` on the paper's signals with the noise of ``seed``.
+    """Run the filter of ``profile`` on the paper's signals with the noise of ``seed``, scaled.
 
     Raises:
         InputError: the profile conditions its vectors or has no R_hat(0), so it is not the paper's.
@@ -46,7 +51,10 @@ def run_experiment(
             "(conditioning.enabled = false, filter.initial_attitude), such as --profile paper"
         )
         raise InputError(msg)
-    signals = simulate(seed, COST_SAMPLES, COST_RATE_HZ)
+    if noise is PAPER_NOISE:  # to the last bit, which scaling by 1 would not be
+        signals = simulate(seed, COST_SAMPLES, COST_RATE_HZ)
+    else:
+        signals = simulate_scaled(seed, COST_SAMPLES, noise, COST_RATE_HZ)
     estimates, gains = kernel.run(
         chosen.filter,
         chosen.reference,
@@ -71,4 +79,5 @@ def run_experiment(
         true_error=e,
         estimates=estimates,
         truth=signals.q_ned_frd,
+        gains=gains,
     )

@@ -21,6 +21,7 @@ from estimator.filter.kernel import COLLINEAR_SINE, largest_rate
 from estimator.geometry.metrics import COST_RATE_HZ, COST_SAMPLES, STEADY
 from estimator.live.settings import Settings, settings_of
 from estimator.profile import Profile
+from tuning.objective import require_fuzzy_gain
 
 Array = NDArray[np.float64]
 
@@ -48,8 +49,10 @@ def paper_signals(profile: Profile, seeds: tuple[int, ...]) -> PaperSignals:
     """The steps of each noise seed, for the profile's confidences and references.
 
     Raises:
-        InputError: the profile is not one of raw vectors, R_hat(0) given, with both confidences.
+        InputError: the profile is not one of raw vectors, R_hat(0) given, with both confidences
+            and the fuzzy gain.
     """
+    require_fuzzy_gain(profile)
     settings = settings_of(profile)
     _require_raw(settings)
     steps = [_steps(settings, simulate(seed, COST_SAMPLES)) for seed in seeds]

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from estimator.compilation.compiled import compiled, inlined
 from estimator.filter.fuzzy import operating_gain
+from estimator.filter.noise_gain import noise_gain, observe_floor, observe_noise
 from estimator.filter.observation import ReferenceParams, raw_vectors
 from estimator.filter.types import (
     PLAIN_STEP_LIMIT,
@@ -138,6 +139,8 @@ def integrate_rate(
         error_rate_1_s=state.error_rate_1_s,
         gain=state.gain,
         has_error=state.has_error,
+        rate_rad_s=rate_rad_s,
+        noise=state.noise,
     )
 
 
@@ -163,17 +166,27 @@ def correct(params: FilterParams, state: FilterState, vectors: Vectors, dt: floa
     inertial_sine = norm(u3)
     s1, s2 = vectors.s1, vectors.s2
     w = add(scale(0.5 * s1, cross(u1, v1)), scale(0.5 * s2, cross(u2, v2)))
-    if min(s1, s2) > 0.0 and min(sine, inertial_sine) > COLLINEAR_SINE:
+    spans = min(s1, s2) > 0.0 and min(sine, inertial_sine) > COLLINEAR_SINE
+    if spans:
         v3 = scale(1.0 / sine, v3)
         u3 = scale(1.0 / inertial_sine, u3)
         s3 = vectors.s3
         w = add(w, scale(0.5 * s3, cross(u3, v3)))
-        e = attitude_error(v1, v2, u1, u2, v3, sine, u3)
     else:
         s3 = 0.0
+    knows_noise = params.gain_knows_noise and not params.gain_is_fixed
+    if spans and not knows_noise:
+        e = attitude_error(v1, v2, u1, u2, v3, sine, u3)
+    else:
         e = single_vector_error(v1, v2, u1, u2, s1, s2)
     d = error_rate(params, state, e, dt)
-    K = adaptive_gain(params, e, d)
+    noise = state.noise
+    if knows_noise:
+        noise = observe_noise(noise, v1, s1 > 0.0, v2, s2 > 0.0, state.rate_rad_s, dt)
+        noise = observe_floor(noise, e, dt)
+        K = noise_gain(noise, e, params.rate_time_constant_s * d, state.gain, dt)
+    else:
+        K = adaptive_gain(params, e, d)
     fastest = largest_rate(dot(v1, v2), s1, s2, s3)
     g = step_gain(params, K, fastest, dt)
     q = normalize(multiply(state.q_ned_frd, exp(scale(-g, w))))
@@ -185,6 +198,8 @@ def correct(params: FilterParams, state: FilterState, vectors: Vectors, dt: floa
         error_rate_1_s=d,
         gain=K,
         has_error=True,
+        rate_rad_s=state.rate_rad_s,
+        noise=noise,
     )
 
 

@@ -26,6 +26,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimator.filter import fuzzy_reference
+from estimator.filter.noise_gain import noise_gain, observe_floor, observe_noise
 from estimator.filter.types import (
     PLAIN_STEP_LIMIT,
     STEP_TOLERANCE,
@@ -144,9 +145,9 @@ def bias_gain(params: FilterParams, K: float, g: float, fastest: float, dt: floa
 
 def propagate(state: FilterState, gyr_rad_s: Vec3, dt: float) -> FilterState:
     """R_hat <- R_hat exp([Omega_m - b_hat]x dt): Eq. (12), "Attit_Filter", without W."""
-    turn = quaternion.scale(dt, quaternion.subtract(gyr_rad_s, state.gyr_bias_rad_s))
-    q = quaternion.multiply(state.q_ned_frd, quaternion.exp(turn))
-    return state._replace(q_ned_frd=quaternion.normalize(q))
+    rate = quaternion.subtract(gyr_rad_s, state.gyr_bias_rad_s)
+    q = quaternion.multiply(state.q_ned_frd, quaternion.exp(quaternion.scale(dt, rate)))
+    return state._replace(q_ned_frd=quaternion.normalize(q), rate_rad_s=rate)
 
 
 def correct(params: FilterParams, state: FilterState, vectors: Vectors, dt: float) -> FilterState:
@@ -158,9 +159,18 @@ def correct(params: FilterParams, state: FilterState, vectors: Vectors, dt: floa
     """
     measured, estimated, s, spans = three_vectors(vectors, state.q_ned_frd)
     w = innovation(measured, estimated, s)
-    e = (attitude_error if spans else single_vector_error)(measured, estimated, s)
+    knows_noise = params.gain_knows_noise and not params.gain_is_fixed
+    by_trace = spans and not knows_noise
+    e = (attitude_error if by_trace else single_vector_error)(measured, estimated, s)
     d = error_rate(params, state, e, dt)
-    K = adaptive_gain(params, e, d)
+    noise = state.noise
+    if knows_noise:
+        rate, v1, v2 = state.rate_rad_s, vectors.v1_frd, vectors.v2_frd
+        noise = observe_noise(noise, v1, vectors.s1 > 0.0, v2, vectors.s2 > 0.0, rate, dt)
+        noise = observe_floor(noise, e, dt)
+        K = noise_gain(noise, e, params.rate_time_constant_s * d, state.gain, dt)
+    else:
+        K = adaptive_gain(params, e, d)
     fastest = largest_rate(measured, s)
     g = step_gain(params, K, fastest, dt)
     turn: Any = tuple(-g * w)
@@ -174,4 +184,6 @@ def correct(params: FilterParams, state: FilterState, vectors: Vectors, dt: floa
         error_rate_1_s=d,
         gain=K,
         has_error=True,
+        rate_rad_s=state.rate_rad_s,
+        noise=noise,
     )

@@ -3,6 +3,7 @@
 from typing import NamedTuple
 
 from estimator.filter.memberships import Memberships
+from estimator.filter.noise_gain import NO_NOISE, NoiseState
 from estimator.types import IDENTITY, ZERO_VEC3, Quaternion, Vec3
 
 # Largest K lambda dt (lambda: the fastest linear rate) that a plain step takes. At 2 it diverges.
@@ -36,10 +37,16 @@ class FilterParams(NamedTuple):
     # K = 1 + k_op instead of the fuzzy controller's, where gain_is_fixed.
     gain_is_fixed: bool
     fixed_gain: float
+    # K by the rules in noise floors (:mod:`estimator.filter.noise_gain`), where not fixed.
+    gain_knows_noise: bool
 
 
 class FilterState(NamedTuple):
-    """What changes. ``has_error`` tells that ``error`` is of an earlier sample, not a blank."""
+    """What changes. ``has_error`` tells that ``error`` is of an earlier sample, not a blank.
+
+    ``rate_rad_s`` is the rate that the last propagation turned the attitude with. ``noise`` is
+    measured only for a gain that knows it.
+    """
 
     q_ned_frd: Quaternion
     gyr_bias_rad_s: Vec3
@@ -47,6 +54,8 @@ class FilterState(NamedTuple):
     error_rate_1_s: float
     gain: float
     has_error: bool
+    rate_rad_s: Vec3
+    noise: NoiseState
 
 
 class Vectors(NamedTuple):
@@ -76,4 +85,6 @@ def initial_state(
         error_rate_1_s=0.0,
         gain=1.0,
         has_error=False,
+        rate_rad_s=ZERO_VEC3,
+        noise=NO_NOISE,
     )

@@ -33,7 +33,7 @@ class Settings(NamedTuple):
 def settings_of(
     profile: Profile, fixed_gain: float | None = None, declination_rad: float | None = None
 ) -> Settings:
-    """The kernels' parameters; ``fixed_gain`` replaces the fuzzy controller's K.
+    """The kernels' parameters; ``fixed_gain`` replaces the profile's K.
 
     ``declination_rad`` is that of the vehicle's place, None as long as that is not known; it is
     used where the profile leaves the declination to the position.
@@ -53,8 +53,9 @@ def settings_of(
             euler_step_max_s=section.euler_step_max_s,
             first_step_s=section.first_step_s,
             memberships=profile.k,
-            gain_is_fixed=fixed_gain is not None,
-            fixed_gain=1.0 if fixed_gain is None else float(fixed_gain),
+            gain_is_fixed=fixed_gain is not None or section.gain == "fixed",
+            fixed_gain=section.fixed_gain if fixed_gain is None else float(fixed_gain),
+            gain_knows_noise=section.gain == "noise",
         ),
         reference=ReferenceParams(
             magnetic_ned=_magnetic_direction(profile, declination_rad),

@@ -1,0 +1,134 @@
+"""The gain that knows the noise: its surface, its measures, its descent."""
+
+import numpy as np
+import pytest
+from hypothesis import given
+
+from drivers.simulation.simulated_vehicle import GYRO_NOISE_RAD_S, VECTOR_NOISE
+from estimator.filter import kernel, noise_gain
+from estimator.filter.noise_gain import (
+    LARGEST_GAIN,
+    NO_NOISE,
+    RESTING_LEAST,
+    RESTING_MOST,
+    RESTING_SHARE,
+    descend,
+    noise_surface,
+    observe_noise,
+    resting_gain,
+)
+from estimator.filter.observation import raw_vectors
+from estimator.filter.types import initial_state
+from estimator.geometry.quaternion import exp
+from estimator.live.settings import settings_of
+from estimator.profile import load_profile
+from tests.vocabulary import floats
+from tuning.paper_noise import NoiseScale, simulate_scaled
+
+FLOORS = floats(0.0, 40.0)
+SAMPLES = 400
+
+
+def run(scale, start=None, seed=11, samples=SAMPLES):
+    """The states of profile ``adaptive`` over the paper's signals."""
+    chosen = settings_of(load_profile("adaptive"))
+    state = initial_state(chosen.initial if start is None else start)
+    signals = simulate_scaled(seed, samples, scale)
+    states = []
+    for k in range(samples):
+        gyr, acc, mag = (
+            tuple(column[k].tolist())
+            for column in (signals.gyr_rad_s, signals.acc_m_s2, signals.mag_gauss)
+        )
+        if k > 0:
+            state = kernel.propagate(state, gyr, 0.01)
+        vectors = raw_vectors(chosen.reference, acc, mag, True)
+        state = kernel.correct(chosen.filter, state, vectors, 0.01)
+        states.append(state)
+    return states
+
+
+@given(FLOORS, FLOORS, FLOORS, floats(RESTING_LEAST, RESTING_MOST))
+def test_the_surface_never_descends(error, rate, more, resting):
+    K = noise_surface(resting, error, rate)
+    assert resting * (1.0 - 1e-12) <= K <= LARGEST_GAIN * (1.0 + 1e-12)
+    assert noise_surface(resting, error + more, rate) >= K * (1.0 - 1e-12)
+    assert noise_surface(resting, error, rate + more) >= K * (1.0 - 1e-12)
+
+
+def test_the_surface_has_no_steps():
+    """The steepest slope of the table, a half of the range a term, in terms of 15 %: K grows by
+    at most the factor that 2 % of an input can make of it."""
+    grid = np.geomspace(1.0, 20.0, 152)
+    K = np.array([[noise_surface(2.0, e, d) for e in grid] for d in grid])
+    most = (LARGEST_GAIN / 2.0) ** (0.5 * np.log(grid[1] / grid[0]) / np.log(1.15))
+    for axis in (0, 1):
+        assert np.exp(np.abs(np.diff(np.log(K), axis=axis))).max() <= most * (1.0 + 1e-9)
+    assert K.min() == pytest.approx(2.0)
+    assert K.max() == pytest.approx(LARGEST_GAIN)
+
+
+@pytest.mark.parametrize(("gyroscope", "vectors"), [(1.0, 1.0), (5.0, 1.0), (1.0, 5.0), (0.5, 3.0)])
+def test_the_noise_is_measured(gyroscope, vectors):
+    """Mean over four seconds of 0.5 s windows. A unit vector keeps the part of the noise across
+    it; the magnetic one is shortened by its bias, so its noise is larger as an angle."""
+    states = [s.noise for s in run(NoiseScale(gyroscope, vectors))[50:]]
+    rate = np.sqrt(np.mean([s.rate_variance for s in states]))
+    vector = np.sqrt(np.mean([s.vector_variance for s in states]))
+    assert rate == pytest.approx(gyroscope * GYRO_NOISE_RAD_S, rel=0.05)
+    assert vector == pytest.approx(vectors * VECTOR_NOISE, rel=0.12)
+
+
+def test_a_wrong_estimate_is_no_noise():
+    """Up to the bias, which a wrong start moves by hundredths of a rad/s, times 10 ms."""
+    right, wrong = (
+        run(NoiseScale(), start)[-1].noise for start in (exp((0.0, 0.0, 0.0)), exp((2.0, 1.0, 0.5)))
+    )
+    assert wrong.vector_variance == pytest.approx(right.vector_variance, rel=1e-2)
+    assert wrong.rate_variance == pytest.approx(right.rate_variance, rel=1e-2)
+
+
+def test_a_vector_that_is_absent_is_not_measured():
+    v, w = (1.0, 0.0, 0.0), (0.0, 1.0, 0.0)
+    zero = (0.0, 0.0, 0.0)
+    noise = observe_noise(NO_NOISE, v, True, w, False, zero, 0.01)
+    assert noise.samples == 0.0
+    # v stays; w comes back elsewhere, but nothing is known of where it was
+    noise = observe_noise(noise, v, True, v, True, zero, 0.01)
+    assert (noise.samples, noise.vector_variance) == (1.0, 0.0)
+    # now both are known, and w has jumped: |v - w|^2 = 2, over 8 components and 2 samples
+    noise = observe_noise(noise, v, True, w, True, zero, 0.01)
+    assert noise.vector_variance == pytest.approx(0.5 * 2.0 / 8.0)
+
+
+def test_the_resting_gain_is_a_kalman_filters_share():
+    noise = NO_NOISE._replace(samples=9.0, rate_variance=0.2**2, vector_variance=0.05**2)
+    assert resting_gain(noise) == pytest.approx(RESTING_SHARE * 0.2 / 0.05)
+    assert resting_gain(noise._replace(vector_variance=1.0)) == RESTING_LEAST
+    assert resting_gain(noise._replace(vector_variance=0.0)) == RESTING_MOST
+
+
+@given(floats(0.5, 120.0), floats(1.0, 30.0), floats(0.0, 60.0))
+def test_the_descent_ends_at_the_resting_gain(gain, resting, dt):
+    K = descend(gain, resting, dt)
+    assert min(gain, resting) * (1.0 - 1e-9) <= K <= max(gain, resting) * (1.0 + 1e-9)
+
+
+def test_the_descent_is_a_kalman_filters():
+    """dK/dt = -kappa K^2 from far above: 1/K grows by kappa a second."""
+    K = 100.0
+    for _ in range(200):
+        K = descend(K, 0.01, 0.001)
+    assert pytest.approx(0.2 * noise_gain.DESCENT, rel=0.03) == 1.0 / K - 0.01
+
+
+def test_more_noise_of_the_vectors_lowers_the_gain_and_of_the_gyroscope_raises_it():
+    """Medians over the fourth second and three seeds: five times the noise of the vectors alarms
+    the rules now and then, and K takes a second to come down."""
+    plain, vectors, gyroscope = (
+        np.median([s.gain for seed in (11, 12, 13) for s in run(scale, seed=seed)[300:]])
+        for scale in (NoiseScale(), NoiseScale(vectors=5.0), NoiseScale(gyroscope=5.0))
+    )
+    assert vectors < plain < gyroscope
+    assert plain == pytest.approx(1.8, rel=0.2)
+    assert gyroscope == pytest.approx(8.6, rel=0.2)

@@ -1,0 +1,53 @@
+"""The paper's signals with the noise of the gyroscope and of the vectors scaled apart."""
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from drivers.simulation.simulated_vehicle import Recording, simulate
+from estimator.errors import InputError
+
+Floats = NDArray[np.float64]
+
+
+class NoiseScale(NamedTuple):
+    """Times the paper's noise: one number each, or one a sample (N,) for noise that changes."""
+
+    gyroscope: float | Floats = 1.0
+    vectors: float | Floats = 1.0
+
+
+PAPER_NOISE = NoiseScale()
+
+
+def simulate_scaled(
+    seed: int, samples: int, scale: NoiseScale, rate_hz: float = 100.0
+) -> Recording:
+    """The paper's signals of ``seed`` with its noise times ``scale``; the same random numbers.
+
+    Raises:
+        InputError: a scale is negative or no number, or has another length than the signals.
+    """
+    factors = [_column(factor, samples) for factor in scale]
+    noisy = simulate(seed, samples, rate_hz)
+    clean = simulate(seed, samples, rate_hz, noise=0.0)
+    gyr, vectors = factors
+    return Recording(
+        noisy.time_us,
+        clean.gyr_rad_s + gyr * (noisy.gyr_rad_s - clean.gyr_rad_s),
+        clean.acc_m_s2 + vectors * (noisy.acc_m_s2 - clean.acc_m_s2),
+        clean.mag_gauss + vectors * (noisy.mag_gauss - clean.mag_gauss),
+        noisy.q_ned_frd,
+        noisy.true_rate_rad_s,
+    )
+
+
+def _column(factor: float | Floats, samples: int) -> Floats:
+    """(N, 1) or (1, 1)."""
+    column = np.asarray(factor, dtype=np.float64).reshape(-1, 1)
+    if len(column) not in (1, samples):
+        raise InputError(f"the noise has {len(column)} scales, the signals {samples} samples")
+    if not (np.isfinite(column).all() and (column >= 0.0).all()):
+        raise InputError("the scale of the noise must be 0 or more")
+    return column
