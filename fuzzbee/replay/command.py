@@ -15,6 +15,7 @@ from fuzzbee.say import say
 if TYPE_CHECKING:
     from estimator.profile import Profile
     from fuzzbee.replay.log_report import Export
+    from fuzzbee.replay.simulation_report import Export as SimulationExport
 
 SIMULATION = "sim:"
 
@@ -26,7 +27,9 @@ EPILOG = """Examples:
 
   fuzzbee replay flight.tlog --plot flight.png --csv flight.csv
 
-  fuzzbee replay sim: --profile paper --seeds 0-19"""
+  fuzzbee replay sim: --profile paper --seeds 0-19
+
+  fuzzbee replay sim: --profile adaptive --seeds 0-99 --plot gain.pdf --csv gain.csv"""
 
 
 def replay(
@@ -66,7 +69,7 @@ def replay(
     ] = None,
     csv: Annotated[
         Path | None,
-        typer.Option("--csv", metavar="FILE", help="Write every sample of the log as CSV."),
+        typer.Option("--csv", metavar="FILE", help="Write every sample as CSV."),
     ] = None,
     mcap: Annotated[
         Path | None,
@@ -96,10 +99,10 @@ def replay(
         for option, value in (("--skip", skip), ("--start-wrong", start_wrong)):
             if value:
                 raise InputError(f"{option} is for logs; sim: starts wrong by itself")
-        for option, file in _files(csv, mcap, plot, view, rrd):
+        for option, file in (("--mcap", mcap), ("--view", view), ("--rrd", rrd)):
             if file is not None:
                 raise InputError(f"{option} is for logs, not for sim:")
-        _replay_simulation(profile or "paper", gain, seeds or "0", as_json=as_json)
+        _replay_simulation(profile or "paper", gain, seeds or "0", csv, plot, as_json=as_json)
         return
     if seeds is not None:
         raise InputError("--seeds goes with sim: only")
@@ -133,12 +136,6 @@ def replay(
     finally:
         if viewer is not None:
             viewer.close()
-
-
-def _files(
-    csv: Path | None, mcap: Path | None, plot: Path | None, view: str | None, rrd: str | None
-) -> tuple[tuple[str, object], ...]:
-    return (("--csv", csv), ("--mcap", mcap), ("--plot", plot), ("--view", view), ("--rrd", rrd))
 
 
 def _replay_logs(
@@ -190,7 +187,15 @@ def _exports(
     return chosen
 
 
-def _replay_simulation(profile_name: str, gain: float | None, seeds: str, *, as_json: bool) -> None:
+def _replay_simulation(
+    profile_name: str,
+    gain: float | None,
+    seeds: str,
+    csv: Path | None,
+    plot: Path | None,
+    *,
+    as_json: bool,
+) -> None:
     import msgspec
 
     from estimator.profile import load_profile
@@ -198,12 +203,33 @@ def _replay_simulation(profile_name: str, gain: float | None, seeds: str, *, as_
     from fuzzbee.replay.table import print_simulation
 
     started = time.perf_counter()
-    report = report_simulation(load_profile(profile_name), seed_range(seeds), gain)
+    exports = _simulation_exports(profile_name, gain, seeds, csv, plot)
+    report = report_simulation(load_profile(profile_name), seed_range(seeds), gain, exports)
     report = msgspec.structs.replace(report, wall_s=time.perf_counter() - started)
     if as_json:
         print(msgspec.json.encode(report).decode())
     else:
         print_simulation(report)
+
+
+def _simulation_exports(
+    profile_name: str, gain: float | None, seeds: str, csv: Path | None, plot: Path | None
+) -> "list[SimulationExport]":
+    """What to write of the experiment, refused before it runs if it cannot be."""
+    from functools import partial
+
+    from fuzzbee.replay import simulation_files
+    from fuzzbee.replay.plot import require_plot
+
+    chosen: list[SimulationExport] = []
+    if csv is not None:
+        chosen.append(partial(simulation_files.write_csv, csv))
+    if plot is not None:
+        require_plot(plot)
+        what = f"profile {Path(profile_name).stem}" if gain is None else f"K = {gain:g}"
+        title = f"The paper's experiment, {what}, noise seeds {seeds}"
+        chosen.append(partial(simulation_files.draw, plot, title))
+    return chosen
 
 
 def seed_range(text: str) -> range:

@@ -1,6 +1,6 @@
 """The paper's experiment over several noise seeds, as ``replay sim:`` reports it."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from math import isfinite
 
 import msgspec
@@ -10,7 +10,7 @@ from estimator.geometry.metrics import COST_RATE_HZ, COST_SAMPLES
 from estimator.profile import Profile
 from fuzzbee.replay.log_report import ImuSummary, VehicleSummary
 from fuzzbee.replay.score import Coverage, ErrorSummary, errors_against, summarize
-from tuning.paper_experiment import run_experiment
+from tuning.paper_experiment import ExperimentResult, run_experiment
 
 
 class SimulationReport(msgspec.Struct, frozen=True):
@@ -35,11 +35,23 @@ class SimulationReport(msgspec.Struct, frozen=True):
     settling_s: float | None
 
 
+Export = Callable[[Sequence[int], Sequence[ExperimentResult]], None]
+
+
 def report_simulation(
-    profile: Profile, seeds: Sequence[int], fixed_gain: float | None = None
+    profile: Profile,
+    seeds: Sequence[int],
+    fixed_gain: float | None = None,
+    exports: Sequence[Export] = (),
 ) -> SimulationReport:
-    """Run all seeds. Errors in degrees are over all samples of all seeds."""
+    """Run all seeds, and hand them to the exports. Errors in degrees are over all their samples.
+
+    Raises:
+        InputError: the profile is not one of raw vectors, or an export cannot be written.
+    """
     results = [run_experiment(profile, seed, fixed_gain) for seed in seeds]
+    for export in exports:
+        export(seeds, results)
     errors = np.concatenate([errors_against(r.estimates, r.truth) for r in results])
     settling = float(np.median([r.settling_s for r in results]))
     below = [

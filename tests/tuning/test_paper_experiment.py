@@ -37,8 +37,9 @@ def test_one_seed_one_result(result):
     assert other.cost != result.cost
 
 
-def test_the_fuzzy_gain_beats_every_fixed_one():
-    """The paper's claim, on noise that no parameter was chosen on: cheaper, and steadier."""
+def test_the_fuzzy_gain_beats_fixed_ones_within_the_papers_window():
+    """The paper's claim for its own window and its own noise, on seeds that no parameter was chosen
+    on: cheaper, and steadier over 4..14 s. No more is claimed: see docs/gains.md."""
     paper = load_profile("paper")
     seeds = range(9000, 9016)
 

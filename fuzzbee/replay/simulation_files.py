@@ -1,0 +1,151 @@
+"""The paper's experiment in files: every sample as CSV, the paper's figures to print."""
+
+import csv
+from collections.abc import Iterator, Sequence
+from math import degrees
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from estimator.errors import InputError
+from estimator.geometry.frames import euler_rad
+from estimator.geometry.metrics import COST_RATE_HZ, batch_angle_errors
+from fuzzbee.replay.plot import METADATA
+from tuning.paper_experiment import SETTLED_ERROR, ExperimentResult
+
+Floats = NDArray[np.float64]
+Results = Sequence[ExperimentResult]
+
+COLUMNS = (
+    *("seed", "time_s", "error", "gain"),
+    *("q_w", "q_x", "q_y", "q_z"),
+    *("reference_q_w", "reference_q_x", "reference_q_y", "reference_q_z"),
+    *("error_total_deg", "error_heading_deg", "error_inclination_deg"),
+)
+# The width of a page's text in inches, and dots enough to print.
+FIGURE_INCHES = (7.1, 7.6)
+DOTS_PER_INCH = 200
+TRANSIENT_S = 1.0
+# What is drawn of the seeds: the middle one, the middle half, nine in ten.
+MEDIAN, BANDS = 50.0, ((5.0, 95.0, 0.18), (25.0, 75.0, 0.35))
+LEAST_SHOWN_ERROR = 1e-5
+
+
+def write_csv(path: Path, seeds: Sequence[int], results: Results) -> None:
+    """A row for every sample of every seed, in the order of :data:`COLUMNS`.
+
+    ``error`` is the true e, sin^2 of half the error's angle, and the quaternion is the estimate
+    before the sample's correction; ``gain`` is the correction's. Nine significant digits.
+
+    Raises:
+        InputError: the file cannot be written.
+    """
+    try:
+        with path.open("w", encoding="utf-8", newline="") as file:
+            out = csv.writer(file, lineterminator="\n")
+            out.writerow(COLUMNS)
+            for seed, result in zip(seeds, results, strict=True):
+                out.writerows(_rows(seed, result))
+    except OSError as error:
+        raise InputError(f"--csv {path}: {error.strerror}") from None
+
+
+def _rows(seed: int, result: ExperimentResult) -> Iterator[list[str]]:
+    angles = batch_angle_errors(result.estimates, result.truth)
+    columns = (result.true_error, result.gains, result.estimates, result.truth, angles)
+    for k, (e, gain, q, truth, errors) in enumerate(
+        zip(*(column.tolist() for column in columns), strict=True)
+    ):
+        values = (k / COST_RATE_HZ, e, gain, *q, *truth, *map(degrees, errors))
+        yield [str(seed), *(f"{value:.9g}" for value in values)]
+
+
+def draw(path: Path, title: str, seeds: Sequence[int], results: Results) -> None:
+    """The paper's figures: e and K over time, median and bands of the seeds; one seed's angles.
+
+    Raises:
+        InputError: the file cannot be written.
+    """
+    import matplotlib as mpl
+    from matplotlib.figure import Figure
+
+    time_s = np.arange(len(results[0].true_error)) / COST_RATE_HZ
+    quantities = (
+        ("$e(\\tilde R)$", np.array([r.true_error for r in results])),
+        ("gain $K$", np.array([r.gains for r in results])),
+    )
+    # the salt stands for the random names that SVG elements would get
+    with mpl.rc_context({"svg.hashsalt": "fuzzbee", "font.size": 8.0, "pdf.fonttype": 42}):
+        figure = Figure(figsize=FIGURE_INCHES, layout="constrained")
+        parts: Any = figure.subfigures(2, 1, height_ratios=(1.25, 1.0))
+        upper, lower = parts
+        figure.suptitle(title)
+        axes = upper.subplots(2, 2, sharey="row", width_ratios=(1.0, 1.6))
+        for row, (name, values) in zip(axes, quantities, strict=True):
+            row[0].set_ylabel(name)
+            for ax, end_s in zip(row, (TRANSIENT_S, time_s[-1]), strict=True):
+                _band(ax, time_s, values, end_s)
+        _finish(axes, time_s[-1])
+        _angles(lower.subplots(3, 1, sharex=True), time_s, seeds[0], results[0])
+        suffix = path.suffix.lower()
+        try:
+            figure.savefig(path, format=suffix[1:], dpi=DOTS_PER_INCH, metadata=METADATA[suffix])
+        except OSError as error:
+            raise InputError(f"--plot {path}: {error.strerror}") from None
+
+
+def _band(ax: Any, time_s: Floats, values: Floats, end_s: float) -> None:
+    """Median and bands of (seeds, N) up to ``end_s``."""
+    shown = time_s <= end_s
+    if len(values) > 1:
+        for low, high, alpha in BANDS:
+            edges = np.percentile(values[:, shown], (low, high), axis=0)
+            label = f"{low:g} to {high:g} % of the seeds"
+            ax.fill_between(time_s[shown], *edges, color="C0", alpha=alpha, lw=0, label=label)
+    middle = np.percentile(values[:, shown], MEDIAN, axis=0)
+    legend = {"label": "median"} if len(values) > 1 else {}
+    ax.plot(time_s[shown], middle, color="C0", lw=0.9, **legend)
+    ax.set_xlim(0.0, end_s)
+    ax.grid(visible=True, alpha=0.3)
+
+
+def _finish(axes: Any, end_s: float) -> None:
+    """Scales, titles and the settling threshold of e."""
+    for ax in axes[0]:
+        ax.axhline(SETTLED_ERROR, color="0.4", lw=0.7, ls=":")
+        ax.set_yscale("log")
+        ax.set_ylim(LEAST_SHOWN_ERROR, 1.5)
+    axes[1, 0].set_ylim(bottom=0.0)
+    axes[0, 0].set_title("the first second")
+    axes[0, 1].set_title(f"all {end_s:g} s")
+    if axes[0, 1].get_legend_handles_labels()[0]:
+        axes[0, 1].legend(loc="upper right", fontsize=7)
+    for ax in axes[1]:
+        ax.set_xlabel("time in s")
+
+
+def _angles(axes: Any, time_s: Floats, seed: int, result: ExperimentResult) -> None:
+    """Roll, pitch and yaw of one seed, true and estimated."""
+    true, estimated = _euler_deg(result.truth), _euler_deg(result.estimates)
+    for i, (ax, name) in enumerate(zip(axes, ("roll", "pitch", "yaw"), strict=True)):
+        ax.plot(time_s, _cut(true[:, i]), color="0.2", lw=1.4, label="true")
+        ax.plot(time_s, _cut(estimated[:, i]), color="C1", lw=0.8, label="estimate")
+        ax.set_ylabel(f"{name} in °")
+        ax.set_xlim(0.0, time_s[-1])
+        ax.grid(visible=True, alpha=0.3)
+    axes[0].set_title(f"angles, noise seed {seed}")
+    axes[0].legend(loc="upper right", ncols=2, fontsize=7)
+    axes[2].set_xlabel("time in s")
+
+
+def _euler_deg(attitudes: Floats) -> Floats:
+    return np.degrees([euler_rad((q[0], q[1], q[2], q[3])) for q in attitudes.tolist()])
+
+
+def _cut(degrees_: Floats) -> Floats:
+    """The same line, not joined across a wrap."""
+    cut = degrees_.copy()
+    cut[1:][np.abs(np.diff(degrees_)) > 180.0] = np.nan
+    return cut
