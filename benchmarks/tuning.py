@@ -5,6 +5,7 @@ All in one run, compilation not timed:
 * ``seconds``: the paper's scale (N = 100, 300 cycles: 60,100 evaluations of 1,401 steps), one
   noise seed, on all cores.
 * ``step_ns``: one filter step with inference inside the search's kernel, on one core.
+* ``plain_ratio``: that over a step of the filter's own kernel.
 * ``skfuzzy_control_ratio`` and ``skfuzzy_plain_ratio``: one inference by scikit-fuzzy's control
   system (101-point universes, cache off, built once), and one by its plain functions on the exact
   universe of ``estimator/filter/fuzzy_reference.py``, over one whole step of ours.
@@ -24,10 +25,14 @@ import numpy as np
 sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
 
 from benchmarks.kernel import compute, control_simulation
-from estimator.filter import fuzzy_reference, memberships
+from drivers.simulation.simulated_vehicle import simulate
+from estimator.filter import fuzzy_reference, kernel, memberships
 from estimator.filter.fuzzy import fuzzy_gain
-from tuning.objective import values_of
+from estimator.filter.types import initial_state
+from estimator.live.settings import settings_of
+from tuning.objective import profile_with, values_of
 from tuning.optimizers import run_search
+from tuning.paper_kernel import DT_S
 from tuning.paper_signals import SCORED_SAMPLES
 from tuning.paper_task import PaperTask, midpoint_profile
 from tuning.search import Search, SearchOptions
@@ -35,6 +40,7 @@ from tuning.space import bounds, decode, encode, feasible, random_positions
 
 REPETITIONS = 5
 CANDIDATES = 100
+PLAIN_CANDIDATES = 20
 CONTROL_CALLS = 100
 PLAIN_CALLS = 500
 PYGMO_GENERATIONS = 5
@@ -68,6 +74,30 @@ def step_ns(task):
     task.objective.serial_costs(values[:2])
     steps = CANDIDATES * len(task.noise_seeds) * SCORED_SAMPLES
     return 1e9 * best_of(lambda: task.objective.serial_costs(values)) / steps
+
+
+def plain_step_ns(task):
+    """The same steps by the filter's own kernel, candidate after candidate."""
+    values = decode(
+        task.space, random_positions(task.space, PLAIN_CANDIDATES, np.random.default_rng(SEED))
+    )
+    chosen = [settings_of(profile_with(task.space, task.base, one)) for one in values]
+    signals = simulate(task.noise_seeds[0], SCORED_SAMPLES)
+
+    def run_all():
+        for settings in chosen:
+            kernel.run(
+                settings.filter,
+                settings.reference,
+                initial_state(settings.initial),
+                signals.gyr_rad_s,
+                signals.acc_m_s2,
+                signals.mag_gauss,
+                DT_S,
+            )
+
+    run_all()
+    return 1e9 * best_of(run_all) / (len(chosen) * SCORED_SAMPLES)
 
 
 def inference_inputs(count):
@@ -134,6 +164,7 @@ def measure(cycles):
         "seconds": seconds,
         "evaluations": evaluations,
         "step_ns": ours_ns,
+        "plain_ratio": ours_ns / plain_step_ns(task),
         "skfuzzy_control_ratio": control_ns / ours_ns,
         "skfuzzy_plain_ratio": plain_ns / ours_ns,
         "pygmo_ratio": None if pygmo_s is None else pygmo_s / (seconds / evaluations),

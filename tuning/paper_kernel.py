@@ -1,8 +1,16 @@
 """The paper's cost of many candidates on prepared signals, compiled and in parallel.
 
-The same steps as ``estimator/filter/kernel.py`` on ``tuning/paper_signals.py``'s
-columns. The search runs on this form; results are scored with the plain one,
-and a test holds the two equal to 1e-9.
+The same steps as ``estimator/filter/kernel.py`` on ``tuning/paper_signals.py``'s columns. The
+search runs on this form; results are scored with the plain one, and a test holds the two equal
+to 1e-9.
+
+Eight candidates run at a time on one noise seed, in the vector lanes of the processor. A run is
+one long chain of operations that wait for each other, but runs know nothing of each other. So
+each quantity of the state is a row of ``LANES`` numbers, and every operation of a step is a loop
+over the row without branches and calls, which the compiler turns into vector instructions. All
+rows lie in one array: of several the compiler would have to ask whether they overlap, and gives
+up. Only the inference goes lane by lane, for its branches differ. No operation mixes lanes, so a
+candidate's cost has the same bits beside any others.
 """
 
 from math import expm1, factorial
@@ -12,61 +20,27 @@ import numba
 import numpy as np
 from numpy.typing import NDArray
 
-from estimator.compilation.compiled import compiled, compiled_parallel
-from estimator.filter.fuzzy import fuzzy_gain
+from estimator.compilation.compiled import compiled, compiled_parallel, inlined
+from estimator.filter.fuzzy import operating_gain
 from estimator.filter.memberships import Memberships
 from estimator.filter.types import PLAIN_STEP_LIMIT
 from estimator.geometry.metrics import COST_RATE_HZ, STEADY, TRANSIENT, TRANSIENT_WEIGHT
-from estimator.geometry.quaternion import multiply, scale
-from estimator.types import Quaternion, Vec3
 from tuning.paper_signals import FASTEST, INNOVATION, TRACE, TRUTH, TURN
 
 Array = NDArray[np.float64]
 
+LANES = 8
 DT_S = 0.01
 TRANSIENT_STOP = TRANSIENT.stop
 STEADY_START = STEADY.start
 
-# Squares of the half angle (rad^2). Below the first, four terms of the series of
-# cos and sin(x)/x leave less than 1e-16; below the second, eight.
-FEW_TERMS = 1e-3
-MANY_TERMS = 0.5
-
-# (-1)^n / (2n)! and (-1)^n / (2 (2n + 1)!): cos(h) and sin(h)/(2 h) in powers of h^2
-C1, C2, C3, C4, C5, C6, C7, C8 = ((-1.0) ** n / factorial(2 * n) for n in range(1, 9))
-S1, S2, S3, S4, S5, S6, S7, S8 = (0.5 * (-1.0) ** n / factorial(2 * n + 1) for n in range(1, 9))
-
-
-@compiled
-def exponential(phi: Vec3) -> Quaternion:
-    """The exponential map by series, with x the square of half the angle; no library calls."""
-    x = 0.25 * (phi[0] * phi[0] + phi[1] * phi[1] + phi[2] * phi[2])
-    if x > MANY_TERMS:
-        # halve and square: exp(phi) = exp(phi/2)^2
-        h = series(scale(0.5, phi), 0.25 * x)
-        return multiply(h, h)
-    return series(phi, x)
-
-
-@compiled
-def series(phi: Vec3, x: float) -> Quaternion:
-    """(cos h, sin(h)/(2 h) phi) with x = h^2, by as many terms as x asks for."""
-    if x < FEW_TERMS:
-        w = 1.0 + x * (C1 + x * (C2 + x * (C3 + x * C4)))
-        s = 0.5 + x * (S1 + x * (S2 + x * (S3 + x * S4)))
-    else:
-        w = C4 + x * (C5 + x * (C6 + x * (C7 + x * C8)))
-        w = 1.0 + x * (C1 + x * (C2 + x * (C3 + x * w)))
-        s = S4 + x * (S5 + x * (S6 + x * (S7 + x * S8)))
-        s = 0.5 + x * (S1 + x * (S2 + x * (S3 + x * s)))
-    return (w, s * phi[0], s * phi[1], s * phi[2])
-
-
-@compiled
-def nearly_normalized(q: Quaternion) -> Quaternion:
-    """Q / |q| for |q| within 1e-8 of 1: one Newton step, 1/|q| = (3 - |q|^2)/2."""
-    f = 1.5 - 0.5 * (q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + q[3] * q[3])
-    return (f * q[0], f * q[1], f * q[2], f * q[3])
+# Where each quantity's row begins
+QW, QX, QY, QZ, BX, BY, BZ, ERROR, RATE, COST, W0, W1, W2, G, F, SMOOTHING = (
+    LANES * i for i in range(16)
+)
+SIZE = 16 * LANES
+# Columns of a candidate: k1..k22, then these
+GAMMA, TAU = 22, 23
 
 
 class Common(NamedTuple):
@@ -76,110 +50,123 @@ class Common(NamedTuple):
     first_step_s: float
 
 
-class Candidate(NamedTuple):
-    """What a run needs of a candidate; ``smoothing`` is dt/(tau + dt)."""
-
-    k: Memberships
-    gamma: float
-    smoothing: float
-    common: Common
-
-
-class Run(NamedTuple):
-    """The state of one run, and J as far as it goes."""
-
-    q_ned_frd: Quaternion
-    gyr_bias_rad_s: Vec3
-    error: float
-    error_rate_1_s: float
-    cost: float
+# (-1)^n / (2n)! and (-1)^n / (2 (2n + 1)!): cos(h) and sin(h)/(2 h) in powers of h^2. A plain
+# step turns by at most 1.6 sum s_i / (sum s_i - lambda_min) <= 2.4 rad, h^2 <= 1.44: after the
+# ninth power 2e-17 is left.
+C = tuple((-1.0) ** n / factorial(2 * n) for n in range(10))
+S = tuple(0.5 * (-1.0) ** n / factorial(2 * n + 1) for n in range(10))
+C1, C2, C3, C4, C5, C6, C7, C8, C9 = C[1:]
+S1, S2, S3, S4, S5, S6, S7, S8, S9 = S[1:]
 
 
-@compiled
-def advance(candidate: Candidate, run: Run, steps: Array, i: int) -> Run:
-    """Step i: propagate, take the true error, correct."""
-    row = steps[i]
-    q = run.q_ned_frd
-    bias = run.gyr_bias_rad_s
-    if i > 0:
-        turn = (
-            row[TURN] - DT_S * bias[0],
-            row[TURN + 1] - DT_S * bias[1],
-            row[TURN + 2] - DT_S * bias[2],
-        )
-        q = nearly_normalized(multiply(q, exponential(turn)))
-    w, x, y, z = q
-    cost = run.cost
-    if i < TRANSIENT_STOP or i >= STEADY_START:
-        # e = 1 - (q . q_true)^2
-        c = w * row[TRUTH] + x * row[TRUTH + 1] + y * row[TRUTH + 2] + z * row[TRUTH + 3]
-        weight = TRANSIENT_WEIGHT if i < TRANSIENT_STOP else 1.0
-        cost += weight * (1.0 - c * c)
-    r00 = 1.0 - 2.0 * (y * y + z * z)
-    r01 = 2.0 * (x * y - w * z)
-    r02 = 2.0 * (x * z + w * y)
-    r10 = 2.0 * (x * y + w * z)
-    r11 = 1.0 - 2.0 * (x * x + z * z)
-    r12 = 2.0 * (y * z - w * x)
-    r20 = 2.0 * (x * z - w * y)
-    r21 = 2.0 * (y * z + w * x)
-    r22 = 1.0 - 2.0 * (x * x + y * y)
-    # antisymmetric part of R^T A
-    a = INNOVATION
-    w0 = (r01 * row[a + 2] + r11 * row[a + 5] + r21 * row[a + 8]) - (
-        r02 * row[a + 1] + r12 * row[a + 4] + r22 * row[a + 7]
-    )
-    w1 = (r02 * row[a] + r12 * row[a + 3] + r22 * row[a + 6]) - (
-        r00 * row[a + 2] + r10 * row[a + 5] + r20 * row[a + 8]
-    )
-    w2 = (r00 * row[a + 1] + r10 * row[a + 4] + r20 * row[a + 7]) - (
-        r01 * row[a] + r11 * row[a + 3] + r21 * row[a + 6]
-    )
-    b = TRACE
-    trace = (
-        (r00 * row[b] + r01 * row[b + 1] + r02 * row[b + 2])
-        + (r10 * row[b + 3] + r11 * row[b + 4] + r12 * row[b + 5])
-        + (r20 * row[b + 6] + r21 * row[b + 7] + r22 * row[b + 8])
-    )
-    e = min(1.0, max(0.0, 0.25 * (3.0 - trace)))
-    d = run.error_rate_1_s
-    if i > 0:
-        d += candidate.smoothing * ((e - run.error) * COST_RATE_HZ - d)
-
-    K = 1.0 + fuzzy_gain(candidate.k, e, d)
-    g = K * (DT_S if i > 0 else candidate.common.first_step_s)
-    if g * row[FASTEST] > PLAIN_STEP_LIMIT:
-        g = -expm1(-g * row[FASTEST]) / row[FASTEST]
-    q = multiply(q, exponential((-0.5 * g * w0, -0.5 * g * w1, -0.5 * g * w2)))
-    f = 0.25 * candidate.gamma * g / K
-    bound = candidate.common.bias_bound_rad_s
-    bias = (
-        min(bound, max(-bound, bias[0] + f * w0)),
-        min(bound, max(-bound, bias[1] + f * w1)),
-        min(bound, max(-bound, bias[2] + f * w2)),
-    )
-    return Run(q_ned_frd=q, gyr_bias_rad_s=bias, error=e, error_rate_1_s=d, cost=cost)
+@inlined
+def cosine(x: float) -> float:
+    """cos(h) from x = h^2 by nine powers."""
+    high = C5 + x * (C6 + x * (C7 + x * (C8 + x * C9)))
+    return 1.0 + x * (C1 + x * (C2 + x * (C3 + x * (C4 + x * high))))
 
 
-@compiled
-def two_costs(
-    one: Candidate, two: Candidate, start: Array, steps_one: Array, steps_two: Array
-) -> tuple[float, float]:
-    """J of two runs, side by side: start (4,), steps (1401, 26) of each.
+@inlined
+def half_sine(x: float) -> float:
+    """sin(h)/(2 h) from x = h^2 by nine powers."""
+    high = S5 + x * (S6 + x * (S7 + x * (S8 + x * S9)))
+    return 0.5 + x * (S1 + x * (S2 + x * (S3 + x * (S4 + x * high))))
 
-    A run is one long chain of operations that wait for each other; two chains
-    keep the processor twice as busy.
+
+@inlined
+def observe(state: Array, row: Array, is_later: float, weight: float) -> None:
+    """Every lane: propagate, take the true error, compare with the vectors; innovation, e, d.
+
+    ``is_later`` is 0 for the first sample, which nothing came before, and else 1.
     """
-    q = (start[0], start[1], start[2], start[3])
-    a = Run(q_ned_frd=q, gyr_bias_rad_s=(0.0, 0.0, 0.0), error=0.0, error_rate_1_s=0.0, cost=0.0)
-    b = a
-    for i in range(len(steps_one)):
-        a = advance(one, a, steps_one, i)
-        b = advance(two, b, steps_two, i)
-    return a.cost, b.cost
+    turn_x, turn_y, turn_z = row[TURN], row[TURN + 1], row[TURN + 2]
+    true_w, true_x, true_y, true_z = row[TRUTH], row[TRUTH + 1], row[TRUTH + 2], row[TRUTH + 3]
+    a0, a1, a2 = row[INNOVATION], row[INNOVATION + 1], row[INNOVATION + 2]
+    a3, a4, a5 = row[INNOVATION + 3], row[INNOVATION + 4], row[INNOVATION + 5]
+    a6, a7, a8 = row[INNOVATION + 6], row[INNOVATION + 7], row[INNOVATION + 8]
+    b0, b1, b2 = row[TRACE], row[TRACE + 1], row[TRACE + 2]
+    b3, b4, b5 = row[TRACE + 3], row[TRACE + 4], row[TRACE + 5]
+    b6, b7, b8 = row[TRACE + 6], row[TRACE + 7], row[TRACE + 8]
+    for i in range(LANES):
+        x = is_later * (turn_x - DT_S * state[BX + i])
+        y = is_later * (turn_y - DT_S * state[BY + i])
+        z = is_later * (turn_z - DT_S * state[BZ + i])
+        h2 = 0.25 * (x * x + y * y + z * z)
+        c, s = cosine(h2), half_sine(h2)
+        x, y, z = s * x, s * y, s * z
+        pw, px, py, pz = state[QW + i], state[QX + i], state[QY + i], state[QZ + i]
+        w = pw * c - px * x - py * y - pz * z
+        qx = pw * x + px * c + py * z - pz * y
+        qy = pw * y - px * z + py * c + pz * x
+        qz = pw * z + px * y - py * x + pz * c
+        # Q / |q| for |q| within 1e-8 of 1: one Newton step
+        f = 1.5 - 0.5 * (w * w + qx * qx + qy * qy + qz * qz)
+        w, x, y, z = f * w, f * qx, f * qy, f * qz
+        state[QW + i], state[QX + i], state[QY + i], state[QZ + i] = w, x, y, z
+        # e = 1 - (q . q_true)^2
+        c = w * true_w + x * true_x + y * true_y + z * true_z
+        state[COST + i] += weight * (1.0 - c * c)
+        r00 = 1.0 - 2.0 * (y * y + z * z)
+        r01 = 2.0 * (x * y - w * z)
+        r02 = 2.0 * (x * z + w * y)
+        r10 = 2.0 * (x * y + w * z)
+        r11 = 1.0 - 2.0 * (x * x + z * z)
+        r12 = 2.0 * (y * z - w * x)
+        r20 = 2.0 * (x * z - w * y)
+        r21 = 2.0 * (y * z + w * x)
+        r22 = 1.0 - 2.0 * (x * x + y * y)
+        # antisymmetric part of R^T A
+        state[W0 + i] = (r01 * a2 + r11 * a5 + r21 * a8) - (r02 * a1 + r12 * a4 + r22 * a7)
+        state[W1 + i] = (r02 * a0 + r12 * a3 + r22 * a6) - (r00 * a2 + r10 * a5 + r20 * a8)
+        state[W2 + i] = (r00 * a1 + r10 * a4 + r20 * a7) - (r01 * a0 + r11 * a3 + r21 * a6)
+        trace = (
+            (r00 * b0 + r01 * b1 + r02 * b2)
+            + (r10 * b3 + r11 * b4 + r12 * b5)
+            + (r20 * b6 + r21 * b7 + r22 * b8)
+        )
+        e = 0.25 * (3.0 - trace)
+        e = max(0.0, e)
+        e = min(1.0, e)
+        d = state[RATE + i]
+        state[RATE + i] = d + is_later * state[SMOOTHING + i] * (
+            (e - state[ERROR + i]) * COST_RATE_HZ - d
+        )
+        state[ERROR + i] = e
 
 
-@compiled
+@inlined
+def choose_gains(state: Array, candidates: Array, fastest: float, step_s: float) -> None:
+    """Lane by lane: K by the fuzzy rules, and what it makes of attitude and bias."""
+    for i in range(LANES):
+        K = 1.0 + operating_gain(unpack(candidates[i]), state[ERROR + i], state[RATE + i])
+        g = K * step_s
+        if g * fastest > PLAIN_STEP_LIMIT:
+            g = -expm1(-g * fastest) / fastest
+        state[G + i] = -0.5 * g
+        state[F + i] = 0.25 * candidates[i, GAMMA] * g / K
+
+
+@inlined
+def turn_back(state: Array, bound: float) -> None:
+    """Every lane: the correction of attitude and bias."""
+    for i in range(LANES):
+        g, f = state[G + i], state[F + i]
+        x, y, z = state[W0 + i], state[W1 + i], state[W2 + i]
+        bx, by, bz = state[BX + i] + f * x, state[BY + i] + f * y, state[BZ + i] + f * z
+        bx, by, bz = max(-bound, bx), max(-bound, by), max(-bound, bz)
+        state[BX + i], state[BY + i], state[BZ + i] = min(bound, bx), min(bound, by), min(bound, bz)
+        x, y, z = g * x, g * y, g * z
+        h2 = 0.25 * (x * x + y * y + z * z)
+        c, s = cosine(h2), half_sine(h2)
+        x, y, z = s * x, s * y, s * z
+        pw, px, py, pz = state[QW + i], state[QX + i], state[QY + i], state[QZ + i]
+        state[QW + i] = pw * c - px * x - py * y - pz * z
+        state[QX + i] = pw * x + px * c + py * z - pz * y
+        state[QY + i] = pw * y - px * z + py * c + pz * x
+        state[QZ + i] = pw * z + px * y - py * x + pz * c
+
+
+@inlined
 def unpack(k: Array) -> Memberships:
     """k1..k22 as the tuple that the fuzzy controller takes."""
     return (
@@ -189,39 +176,51 @@ def unpack(k: Array) -> Memberships:
 
 
 @compiled
-def candidate_of(row: Array, common: Common) -> Candidate:
-    """A candidate from its row: k1..k22, gamma, tau."""
-    return Candidate(unpack(row), row[22], DT_S / (row[23] + DT_S), common)
+def lane_costs(common: Common, candidates: Array, start: Array, steps: Array) -> Array:
+    """J (8,) of candidates (8, 24): k1..k22, gamma, tau; on start (4,), steps (1401, 26)."""
+    state = np.zeros(SIZE)
+    for i in range(LANES):
+        state[QW + i], state[QX + i], state[QY + i], state[QZ + i] = start
+        state[SMOOTHING + i] = DT_S / (candidates[i, TAU] + DT_S)
+    for k in range(len(steps)):
+        weight = TRANSIENT_WEIGHT if k < TRANSIENT_STOP else 1.0 if k >= STEADY_START else 0.0
+        observe(state, steps[k], 1.0 if k > 0 else 0.0, weight)
+        choose_gains(state, candidates, steps[k, FASTEST], DT_S if k > 0 else common.first_step_s)
+        turn_back(state, common.bias_bound_rad_s)
+    return state[COST : COST + LANES].copy()
 
 
 @compiled
-def pair_costs(
-    common: Common, candidates: Array, start: Array, steps: Array, pair: int, costs: Array
+def fill_costs(
+    common: Common, candidates: Array, start: Array, steps: Array, number: int, costs: Array
 ) -> None:
-    """Runs number 2 pair and 2 pair + 1 of the C S runs, into ``costs`` (C, S)."""
+    """Group ``number`` of eight candidates, seed after seed, into ``costs`` (C, S)."""
     seeds = len(steps)
-    a = 2 * pair
-    b = min(a + 1, len(candidates) * seeds - 1)  # a lone last one runs twice
-    one = candidate_of(candidates[a // seeds], common)
-    two = candidate_of(candidates[b // seeds], common)
-    both = two_costs(one, two, start, steps[a % seeds], steps[b % seeds])
-    costs[a // seeds, a % seeds] = both[0]
-    costs[b // seeds, b % seeds] = both[1]
+    first = LANES * (number // seeds)
+    seed = number % seeds
+    group = np.empty((LANES, candidates.shape[1]))
+    for i in range(LANES):  # the last group is filled up with its last candidate
+        group[i] = candidates[min(first + i, len(candidates) - 1)]
+    found = lane_costs(common, group, start, steps[seed])
+    for i in range(min(LANES, len(candidates) - first)):
+        costs[first + i, seed] = found[i]
 
 
 @compiled
 def serial_costs(common: Common, candidates: Array, start: Array, steps: Array) -> Array:
     """J (C, S) of candidates (C, 24): k1..k22, gamma, tau; on start (4,), steps (S, 1401, 26)."""
     costs = np.empty((len(candidates), len(steps)))
-    for pair in range((costs.size + 1) // 2):
-        pair_costs(common, candidates, start, steps, pair, costs)
+    groups = (len(candidates) + LANES - 1) // LANES
+    for number in range(groups * len(steps)):
+        fill_costs(common, candidates, start, steps, number, costs)
     return costs
 
 
 @compiled_parallel
 def parallel_costs(common: Common, candidates: Array, start: Array, steps: Array) -> Array:
-    """:func:`serial_costs` with all runs of all candidates spread over threads."""
+    """:func:`serial_costs` with all groups spread over threads."""
     costs = np.empty((len(candidates), len(steps)))
-    for pair in numba.prange((costs.size + 1) // 2):
-        pair_costs(common, candidates, start, steps, pair, costs)
+    groups = (len(candidates) + LANES - 1) // LANES
+    for number in numba.prange(groups * len(steps)):
+        fill_costs(common, candidates, start, steps, number, costs)
     return costs
