@@ -11,7 +11,7 @@ from estimator.geometry.quaternion import conjugate as conjugate_one
 from estimator.geometry.quaternion import multiply as multiply_one
 from estimator.geometry.quaternion import normalize
 from estimator.live.settings import settings_of
-from estimator.profile import load_profile
+from estimator.profile import Profile, load_profile
 from estimator.types import ImuSample
 
 HALF_ROOT = np.sqrt(0.5)
@@ -28,14 +28,13 @@ MICRO_TESLA_PER_GAUSS = 100.0
 class FuzzbeeRun:
     """Fuzzbee on one trial; the first sample aligns it, as in the live estimator."""
 
-    def __init__(self, trial: Trial, profile: str, changes: dict[str, float | bool]) -> None:
-        loaded = load_profile(profile)
+    def __init__(self, trial: Trial, loaded: Profile, changes: dict[str, float | bool]) -> None:
         self._trial = trial
         settings = settings_of(loaded)
         conditioning = settings.conditioning._replace(averaged_samples=trial.averaged, **changes)
         self._params = Parameters(settings.filter, settings.reference, conditioning)
         first = Estimator(loaded)
-        first.update(_sample(trial, 0))
+        first.update(sample_of(trial, 0))
         core = first.snapshot.core
         self._state = core.filter
         self._memory = core.conditioning
@@ -74,10 +73,10 @@ class FuzzbeeFilter:
     """Fuzzbee with a profile; ``changes`` replace conditioning parameters, for ablations."""
 
     def __init__(
-        self, name: str = "fuzzbee", profile: str = "imu", **changes: float | bool
+        self, name: str = "fuzzbee", profile: str | Profile = "imu", **changes: float | bool
     ) -> None:
         self.name = name
-        self._profile = profile
+        self._profile = load_profile(profile) if isinstance(profile, str) else profile
         self._changes = changes
 
     def start(self, trial: Trial) -> FuzzbeeRun:
@@ -86,12 +85,13 @@ class FuzzbeeFilter:
 
     def call_each(self, trial: Trial, rows: int) -> None:
         """One call a sample."""
-        estimator = Estimator(load_profile(self._profile))
+        estimator = Estimator(self._profile)
         for k in range(rows):
-            estimator.update(_sample(trial, k))
+            estimator.update(sample_of(trial, k))
 
 
-def _sample(trial: Trial, k: int) -> ImuSample:
+def sample_of(trial: Trial, k: int) -> ImuSample:
+    """Row k as the live estimator takes it."""
     gx, gy, gz = trial.gyr_rad_s[k].tolist()
     ax, ay, az = trial.acc_m_s2[k].tolist()
     mx, my, mz = (trial.mag_ut[k] / MICRO_TESLA_PER_GAUSS).tolist()
