@@ -120,9 +120,10 @@ def open_viewer(view: str | None, rrd: str | None, profile: "Profile") -> "Viewe
     options = viewer_options(view, rrd)
     if options is None:
         return None
+    from fuzzbee.viewer.layout import gain_shape
     from fuzzbee.viewer.viewer import ViewerSink
 
-    sink = ViewerSink(options, profile.k)
+    sink = ViewerSink(options, gain_shape(profile))
     tell_page(sink.stream)
     return sink
 

@@ -47,7 +47,10 @@ GAMMA = 26
 BIAS_BOUND = 27
 EULER_STEP_MAX = 28
 GRAVITY_NED = 29
-COLUMNS = 32
+GAIN_IS_FIXED = 32  # 1 or 0, likewise the last
+FIXED_GAIN = 33
+GAIN_KNOWS_NOISE = 34
+COLUMNS = 35
 
 
 class Recorded(NamedTuple):
@@ -156,9 +159,9 @@ def advance(row: Array, data: Recorded, i: int, seen: Seen, run: Run) -> Run:
         euler_step_max_s=row[EULER_STEP_MAX],
         first_step_s=0.0,  # a segment's first sample has others before it
         memberships=unpack(row),
-        gain_is_fixed=False,
-        fixed_gain=1.0,
-        gain_knows_noise=False,
+        gain_is_fixed=row[GAIN_IS_FIXED] > 0.0,
+        fixed_gain=row[FIXED_GAIN],
+        gain_knows_noise=row[GAIN_KNOWS_NOISE] > 0.0,
     )
     gravity_ned = (row[GRAVITY_NED], row[GRAVITY_NED + 1], row[GRAVITY_NED + 2])
     dt = data.dt_s[i]

@@ -124,7 +124,7 @@ class LogTask:
 
     Raises:
         InputError: on use, if a log has fewer than two segments, or the base
-            does not condition its vectors, or has another gain than the fuzzy one.
+            does not condition its vectors, or has no fuzzy gain whose memberships could be tuned.
     """
 
     base: Profile
@@ -192,7 +192,8 @@ class LogTask:
     ) -> LogObjective:
         if not profile.conditioned:
             raise InputError("base profile: logs are tuned with conditioning.enabled = true")
-        require_fuzzy_gain(profile)
+        if "k1" in space.names:
+            require_fuzzy_gain(profile)
         settings = settings_of(profile)
         row = _row(settings)
         total = sum(map(len, chosen))
@@ -228,6 +229,9 @@ def _row(settings: Settings) -> Array:
     row[log_kernel.BIAS_BOUND] = chosen.bias_bound_rad_s
     row[log_kernel.EULER_STEP_MAX] = chosen.euler_step_max_s
     row[log_kernel.GRAVITY_NED : log_kernel.GRAVITY_NED + 3] = reference.gravity_ned
+    row[log_kernel.GAIN_IS_FIXED] = chosen.gain_is_fixed
+    row[log_kernel.FIXED_GAIN] = chosen.fixed_gain
+    row[log_kernel.GAIN_KNOWS_NOISE] = chosen.gain_knows_noise
     return row
 
 

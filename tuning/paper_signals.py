@@ -52,9 +52,9 @@ def paper_signals(profile: Profile, seeds: tuple[int, ...]) -> PaperSignals:
         InputError: the profile is not one of raw vectors, R_hat(0) given, with both confidences
             and the fuzzy gain.
     """
-    require_fuzzy_gain(profile)
     settings = settings_of(profile)
     _require_raw(settings)
+    require_fuzzy_gain(profile)
     steps = [_steps(settings, simulate(seed, COST_SAMPLES)) for seed in seeds]
     return PaperSignals(np.array(steps), np.array(settings.initial))
 

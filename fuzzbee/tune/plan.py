@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from estimator.errors import InputError
-from estimator.profile import SHIPPED, Profile, load_profile
+from estimator.profile import SHIPPED, Profile, load_profile, merge_profile
 from fuzzbee.version import __version__
 from tuning.log_dataset import BETTER_LOG, LogData, read_log
 from tuning.log_task import MEMBERSHIP_RATE_HZ, LogTask, default_groups
@@ -120,6 +120,9 @@ def _log_plan(request: TuneRequest, tell: Callable[[str], None]) -> Plan:
             f"{slowest.name}: {slowest.message} at {slowest.rate_hz:.1f} Hz allows to tune "
             f"confidences, bias and conditioning, not the memberships ({BETTER_LOG})"
         )
+    if "membership" in groups and base.filter.gain != "fuzzy":
+        tell('the fuzzy gain\'s rules are tuned: the result has filter.gain = "fuzzy"')
+        base = merge_profile(base, {"filter": {"gain": "fuzzy"}})
     task = LogTask(base, groups, logs)
     counts = task.segment_counts()
     for log in logs:

@@ -6,6 +6,9 @@ import numpy as np
 
 if TYPE_CHECKING:
     from estimator.filter.memberships import Memberships
+    from estimator.profile import Profile
+
+    GainShape = Memberships | float
 
 TIMELINE = "time"
 WINDOW_S = 60.0  # of the curves
@@ -114,14 +117,27 @@ def world_axes() -> Any:
     )
 
 
-def gain_surface(k: "Memberships") -> Any:
+def gain_shape(profile: "Profile") -> "GainShape":
+    """What the surface shows: k1..k22, or the K of a plane.
+
+    A gain that knows the noise has no surface over e itself: the plane lies at the bottom.
+    """
+    if profile.filter.gain == "fuzzy":
+        return profile.k
+    return profile.filter.fixed_gain if profile.filter.gain == "fixed" else 1.0
+
+
+def gain_surface(shape: "GainShape") -> Any:
     """K over (e, its rate) on [0, 1]^2 as a mesh in a unit cube."""
     import rerun as rr
 
     from estimator.filter.fuzzy import fuzzy_gain
 
     grid = np.linspace(0.0, 1.0, SURFACE_STEPS)
-    height = np.array([[fuzzy_gain(k, e, rate) for rate in grid] for e in grid]) / 100.0
+    if isinstance(shape, float):
+        height = np.full((SURFACE_STEPS, SURFACE_STEPS), min(1.0, (shape - 1.0) / 100.0))
+    else:
+        height = np.array([[fuzzy_gain(shape, e, rate) for rate in grid] for e in grid]) / 100.0
     e, rate = np.meshgrid(grid, grid, indexing="ij")
     corners = np.stack([e, rate, height], axis=-1).reshape(-1, 3)
     low, high = np.array([40, 60, 140]), np.array([250, 210, 70])

@@ -20,7 +20,7 @@ from service.records import (
 )
 
 if TYPE_CHECKING:
-    from estimator.filter.memberships import Memberships
+    from fuzzbee.viewer.layout import GainShape
 
 # Records drawn a second, of all vehicles together: the eye needs no more, and the
 # interpreter is shared with the loop.
@@ -60,12 +60,13 @@ class ViewerSink:
 
     name = "viewer"
 
-    def __init__(self, options: ViewerOptions, k: "Memberships") -> None:
+    def __init__(self, options: ViewerOptions, shape: "GainShape") -> None:
         self.stream = ViewerStream(options, layout.blueprint)
         self._vehicles: dict[VehicleId, Seen] = {}
-        self._shared = k  # of the vehicles without parameters of their own
-        self._own: dict[VehicleId, Memberships] = {}
-        self._surfaces = {k: layout.gain_surface(k)}  # those that are shown; now, as it compiles
+        self._shared = shape  # of the vehicles without parameters of their own
+        self._own: dict[VehicleId, GainShape] = {}
+        # those that are shown; now, as it compiles
+        self._surfaces = {shape: layout.gain_surface(shape)}
         self._drawn = 0  # surfaces
         self._now_us = 0
         self.stream.static("/surface", rerun().ViewCoordinates.RIGHT_HAND_Z_UP)
@@ -88,7 +89,7 @@ class ViewerSink:
                 case Peer(vehicle=vehicle, source=source, q_ned_frd=q):
                     self._on_peer(vehicle, source, q)
                 case Replaced(vehicle=vehicle, profile=profile):
-                    self._on_replaced(vehicle, profile.k)
+                    self._on_replaced(vehicle, layout.gain_shape(profile))
                 case Message(text=text):
                     self._say(text)
 
@@ -191,12 +192,12 @@ class ViewerSink:
         if source != OURS:
             self.stream.lines(f"/off/{name}/{source}", [f"{name} to {source}"], [COLOURS[source]])
 
-    def _on_replaced(self, vehicle: VehicleId, k: "Memberships") -> None:
-        self._own[vehicle] = k
+    def _on_replaced(self, vehicle: VehicleId, shape: "GainShape") -> None:
+        self._own[vehicle] = shape
         self._draw_surfaces()
 
     def _draw_surfaces(self) -> None:
-        """One for each set of memberships in use, from now on."""
+        """One for each shape of the gain in use, from now on."""
         used = dict.fromkeys(self._own.get(vehicle, self._shared) for vehicle in self._vehicles)
         if not used or (self._drawn and used.keys() == self._surfaces.keys()):
             return

@@ -23,8 +23,9 @@ from tests.service.records import UNIX_US, record
 
 pytest.importorskip("rerun", reason="the extra viewer is not installed")
 
-from estimator.profile import load_profile
+from estimator.profile import load_profile, merge_profile
 from fuzzbee.viewer import process as viewer_process
+from fuzzbee.viewer.layout import gain_shape, gain_surface
 from fuzzbee.viewer.viewer import ViewerOptions, ViewerSink
 from tests.fuzzbee.rrd import listing, rows
 
@@ -70,6 +71,15 @@ def test_a_file_holds_every_curve_and_shape(tmp_path):
     ):
         assert entity in text, entity
     assert "/attitude/1/sim" not in text
+
+
+@pytest.mark.parametrize(("gain", "height"), [("fixed", 0.19), ("noise", 0.0)])
+def test_a_gain_without_rules_over_e_is_a_plane(gain, height):
+    """K = 20 is drawn at 19 of 100; rules in noise floors are no surface over e."""
+    profile = merge_profile(PAPER, {"filter": {"gain": gain, "fixed_gain": 20.0}})
+    corners = gain_surface(gain_shape(profile)).vertex_positions.as_arrow_array().to_pylist()
+    assert [corner[2] for corner in corners] == pytest.approx([height] * len(corners))
+    assert gain_shape(PAPER) == PAPER.k
 
 
 def test_replaced_parameters_redraw_the_surface(tmp_path):

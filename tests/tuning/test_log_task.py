@@ -16,7 +16,7 @@ from estimator.geometry.metrics import angle_errors
 from estimator.geometry.quaternion import normalized_distance
 from estimator.live.conditioned import conditioned_vectors
 from estimator.live.settings import settings_of
-from estimator.profile import load_profile
+from estimator.profile import load_profile, merge_profile
 from estimator.types import ImuSample
 from tuning.log_dataset import LogData, motion_s, read_log
 from tuning.log_task import LogTask, _recorded, default_groups
@@ -59,8 +59,8 @@ def candidates(task, count):
     return decode(task.space, random_positions(task.space, count, np.random.default_rng(1)))
 
 
-def imu():
-    return load_profile("imu")
+def imu(gain="fuzzy"):
+    return merge_profile(load_profile("imu"), {"filter": {"gain": gain}})
 
 
 def test_segments_follow_each_other_after_the_settling():
@@ -143,14 +143,15 @@ def plain_cost(profile, data, chosen):
     return total
 
 
-def test_cost_is_that_of_the_live_estimator():
-    """The search's kernel takes the estimator's own steps."""
+@pytest.mark.parametrize("gain", ["fuzzy", "fixed", "noise"])
+def test_cost_is_that_of_the_live_estimator(gain):
+    """The search's kernel takes the estimator's own steps, whatever sets the gain."""
     data = flight(duration_s=40.0)
     declination_deg = float(np.degrees(data.declination_rad))
-    base = imu()
+    base = imu(gain)
     reference = msgspec.structs.replace(base.reference, declination_deg=declination_deg)
     base = msgspec.structs.replace(base, reference=reference)
-    task = LogTask(base, ("membership",), (data,))
+    task = LogTask(base, ("confidence",), (data,))
     tuning, held_out = split(segments(data))
     score = task.score(base)
     assert score.tuning == pytest.approx(plain_cost(base, data, tuning), rel=1e-9)
@@ -248,6 +249,12 @@ def test_needs_two_segments():
 def test_needs_conditioning():
     task = LogTask(load_profile("paper"), ("membership",), (flight(),))
     with pytest.raises(InputError, match=r"conditioning\.enabled"):
+        _ = task.objective
+
+
+def test_memberships_that_set_no_gain_are_not_tuned():
+    task = LogTask(imu("fixed"), ("membership",), (flight(),))
+    with pytest.raises(InputError, match=r"filter\.gain is 'fixed'"):
         _ = task.objective
 
 

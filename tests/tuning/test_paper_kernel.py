@@ -111,6 +111,11 @@ def test_refuses_a_base_that_is_not_the_papers_system(section, change, told):
         _ = task.objective
 
 
+def test_refuses_a_base_whose_gain_it_does_not_run():
+    with pytest.raises(InputError, match=r"filter\.gain is 'noise'"):
+        _ = paper_task(base=load_profile("adaptive")).objective
+
+
 def test_refuses_a_base_with_conditioning():
     with pytest.raises(InputError, match="raw vectors"):
         _ = paper_task(base=load_profile("imu")).objective
