@@ -8,7 +8,7 @@ import numba
 from numba.core import event
 from numba.extending import register_jitable
 
-from estimator.compilation.folder import kernel_folder
+from estimator.compilation.folder import kernel_folders
 from estimator.compilation.notice import compiling_begins
 
 Function = TypeVar("Function", bound=Callable[..., Any])
@@ -55,7 +55,7 @@ def plain(function: Function) -> Function:
 def is_cached(kernel: Any) -> bool | None:
     """Whether a kernel lies in the cache; None where nothing is cached."""
     cache = getattr(kernel, "_cache", None)
-    if _FOLDER is None or cache is None:
+    if not _FOLDERS or cache is None:
         return None
     return bool(cache.holds(kernel.targetctx))
 
@@ -70,10 +70,10 @@ def _decorate(function: Function, options: dict[str, Any]) -> Function:
         return function
     dispatcher: Any = numba.njit(**options)(function)
     _kernels.add(id(dispatcher))
-    if _FOLDER is not None:
+    if _FOLDERS:
         from estimator.compilation.kernel_cache import KernelCache
 
-        dispatcher._cache = KernelCache(dispatcher.py_func, _FOLDER)  # noqa: SLF001
+        dispatcher._cache = KernelCache(dispatcher.py_func, _FOLDERS)  # noqa: SLF001
     return dispatcher  # type: ignore[no-any-return]
 
 
@@ -86,14 +86,14 @@ class _Listener(_event.Listener):  # type: ignore[misc]
     def on_start(self, event: Any) -> None:
         """Pass it on if it is one of our kernels."""
         if id(event.data["dispatcher"]) in _kernels:
-            compiling_begins(is_kept=_FOLDER is not None)
+            compiling_begins(is_kept=bool(_FOLDERS))
 
     def on_end(self, event: Any) -> None:
         """Nothing to say."""
 
 
-_FOLDER = None if _numba_config.DISABLE_JIT else kernel_folder(repr(_OPTIONS))
+_FOLDERS = () if _numba_config.DISABLE_JIT else kernel_folders(repr(_OPTIONS))
 if not _numba_config.DISABLE_JIT:
     _event.register("numba:compile", _Listener())
-    if _FOLDER is None:
+    if not _FOLDERS:
         warnings.warn(NO_FOLDER, RuntimeWarning, stacklevel=2)

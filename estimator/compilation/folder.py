@@ -40,27 +40,31 @@ SETTINGS = (
 )
 
 
-def kernel_folder(options: str) -> Path | None:
-    """A folder for kernels compiled with these ``options``, or None where there is none.
+def kernel_folders(options: str) -> tuple[Path, ...]:
+    """Folders for kernels compiled with these ``options``, to be looked through in turn.
 
-    Tried in turn: ``NUMBA_CACHE_DIR``, or beside the sources where that is not set, then the
-    user's cache folder. A folder may be one that we cannot write to, as in a container's image.
-    Warns of a chosen folder that others can write to.
+    ``NUMBA_CACHE_DIR``, or beside the sources where that is not set, then the user's cache
+    folder: up to the first that can be written to, which takes what is compiled. The others
+    are read, as those of a container's image or of root. Warns of a chosen folder that others
+    can write to.
     """
     name = PREFIX + environment_digest(options)
     chosen = os.environ.get("NUMBA_CACHE_DIR")
+    found: list[Path] = []
     for base in _bases(chosen):
         folder = _opened(base, name)
         if folder is None:
             continue
         fault = mistrust(folder)
         if fault is None:
-            forget_older(folder.parent, name)
-            return folder
-        if chosen is not None and base == Path(chosen):
+            found.append(folder)
+            if os.access(folder, os.W_OK | os.X_OK):
+                forget_older(folder.parent, name)
+                break
+        elif chosen is not None and base == Path(chosen):
             text = f"NUMBA_CACHE_DIR={chosen} is not used: {fault}"
             warnings.warn(text, RuntimeWarning, stacklevel=2)
-    return None
+    return tuple(found)
 
 
 def environment_digest(options: str) -> str:

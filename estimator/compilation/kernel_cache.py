@@ -11,6 +11,7 @@ import functools
 import os
 import sys
 import warnings
+from contextlib import suppress
 from pathlib import Path
 from types import FunctionType
 from typing import Any
@@ -31,37 +32,41 @@ _fingerprints = Fingerprints()
 
 
 class KernelCache(NullCache):
-    """The cache of one kernel, looked for at its first use."""
+    """The cache of one kernel, looked for at its first use.
 
-    def __init__(self, function: FunctionType, folder: Path) -> None:
+    It is looked for in each of the folders, and kept in the last.
+    """
+
+    def __init__(self, function: FunctionType, folders: tuple[Path, ...]) -> None:
         self._function = function
-        self._folder = folder
+        self._folders = folders
 
     @property
     def cache_path(self) -> str:
-        """The folder."""
-        return str(self._folder)
+        """The folder that takes what is compiled."""
+        return str(self._folders[-1])
 
     def load_overload(self, signature: Any, target_context: Any) -> Any:
         """The compiled form for a signature, or None."""
-        return self._files.load_overload(signature, target_context)
+        loaded = (files.loaded(signature, target_context) for files in self._files)
+        return next((form for form in loaded if form is not None), None)
 
     def save_overload(self, signature: Any, data: Any) -> None:
         """Keep it; a disk too full costs the next start some seconds, not this one its life."""
         try:
-            self._files.save_overload(signature, data)
+            self._files[-1].save_overload(signature, data)
         except OSError as error:
             _warn_once(f"{NOT_KEPT}: {error.strerror}")
         else:
-            self._files.forget_older()
+            self._files[-1].forget_older()
 
     def holds(self, target_context: Any) -> bool:
         """Whether it holds a form for this CPU."""
-        return self._files.holds(target_context)
+        return any(files.holds(target_context) for files in self._files)
 
     @functools.cached_property
-    def _files(self) -> "_KernelFiles":
-        return _KernelFiles(self._function, self._folder)
+    def _files(self) -> "tuple[_KernelFiles, ...]":
+        return tuple(_KernelFiles(self._function, folder) for folder in self._folders)
 
 
 class _KernelFiles(FunctionCache):
@@ -75,9 +80,19 @@ class _KernelFiles(FunctionCache):
         made_of = _fingerprints.of(function)
         self._base = f"{self._kernel}-{made_of}.py{sys.version_info[0]}{sys.version_info[1]}"
         self._base += getattr(sys, "abiflags", "")
+        self._index = folder / f"{self._base}.nbi"
         self._impl = _KernelFormat(function)
         self._cache_file = IndexDataCacheFile(self._cache_path, self._base, made_of)
         self.enable()
+
+    def loaded(self, signature: Any, target_context: Any) -> Any:
+        """The compiled form, or None; files that a crash or a bad disk has damaged are removed."""
+        try:
+            return self.load_overload(signature, target_context)
+        except Exception:  # noqa: BLE001 - whatever reading damaged data may raise
+            with suppress(OSError):
+                self._index.unlink()
+            return None
 
     def holds(self, target_context: Any) -> bool:
         """See :meth:`KernelCache.holds`."""
@@ -85,7 +100,7 @@ class _KernelFiles(FunctionCache):
         cpu = target_context.codegen().magic_tuple()
         try:
             return any(key[1] == cpu for key in self._cache_file._load_index())  # noqa: SLF001
-        except OSError:
+        except Exception:  # noqa: BLE001 - likewise
             return False
 
     def forget_older(self) -> None:

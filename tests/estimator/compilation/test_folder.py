@@ -85,12 +85,12 @@ print(fuzzy_gain(midpoint(), 0.1, 0.1), fuzzy_gain._cache.cache_path)
 """
 
 
-def run(**environment):
+def run(kernel=KERNEL, **environment):
     root = str(Path(next(iter(estimator.__path__))).parent)
     inherited = {key: value for key, value in os.environ.items() if "NUMBA" not in key}
     path = os.pathsep.join(filter(None, [root, os.environ.get("PYTHONPATH", "")]))
     return subprocess.run(
-        [sys.executable, "-c", KERNEL],
+        [sys.executable, "-c", kernel],
         env={**inherited, "PYTHONPATH": path, **environment},
         capture_output=True,
         text=True,
@@ -108,6 +108,44 @@ def test_a_chosen_folder_that_is_open_to_others_is_told_and_not_used(tmp_path):
     lines = [line for line in done.stderr.splitlines() if "Warning" in line]
     assert len(lines) == 1
     assert f"NUMBA_CACHE_DIR={chosen} is not used: others may write to {chosen}" in lines[0]
+
+
+@pytest.mark.skipif(bool(os.environ.get("NUMBA_DISABLE_JIT")), reason="nothing is compiled")
+def test_a_folder_that_cannot_be_written_is_read_and_the_next_one_takes_the_rest(tmp_path):
+    """Root has compiled for all, but not everything: the others need not do it at each start."""
+    chosen, private = made(tmp_path, "chosen"), made(tmp_path, "home")
+    places = {"NUMBA_CACHE_DIR": str(chosen), "XDG_CACHE_HOME": str(private)}
+    read_only = f"""
+import os
+real = os.access
+os.access = lambda path, mode: real(path, mode) and not (
+    mode & os.W_OK and str(path).startswith({str(chosen)!r})
+)
+"""
+    misses = "print(sum(fuzzy_gain.stats.cache_misses.values()))\n"
+    run(**places)
+    assert run(read_only + KERNEL + misses, **places).stdout.endswith("\n0\n")
+    assert not list(private.rglob("*.nb?"))
+    for path in chosen.rglob("*.nb?"):
+        path.unlink()
+    assert run(read_only + KERNEL + misses, **places).stdout.endswith("\n1\n")
+    assert list(private.rglob("*.nb?"))
+    assert not list(chosen.rglob("*.nb?"))
+    assert run(read_only + KERNEL + misses, **places).stdout.endswith("\n0\n")
+
+
+@pytest.mark.skipif(bool(os.environ.get("NUMBA_DISABLE_JIT")), reason="nothing is compiled")
+@pytest.mark.parametrize("pattern", ["*.nbi", "*.nbc"])
+@pytest.mark.parametrize("damage", [b"", b"\x80\x04nonsense"])
+def test_a_damaged_file_is_compiled_again(tmp_path, pattern, damage):
+    """As a loss of power leaves them."""
+    places = {"NUMBA_CACHE_DIR": str(made(tmp_path, "cache"))}
+    expected = run(**places).stdout
+    for path in tmp_path.rglob(pattern):
+        path.write_bytes(damage)
+    for _ in range(2):
+        done = run(**places)
+        assert (done.stdout, done.stderr) == (expected, "")
 
 
 def test_only_our_own_folders_are_forgotten_and_of_them_only_what_we_wrote(tmp_path):
