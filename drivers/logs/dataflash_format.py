@@ -82,7 +82,7 @@ def _next_sound(data: Buffer, position: int, formats: dict[int, Format]) -> int:
 def _learn(formats: dict[int, Format], row: Row) -> bool:
     """Take in what an FMT message describes; False if that cannot be."""
     if row["Type"] == FMT_TYPE:
-        return True  # itself, which cannot be otherwise
+        return True  # the description of FMT itself, which is always the same
     form = _format(row["Name"], row["Length"], row["Format"], row["Columns"])
     if form is not None:
         formats[row["Type"]] = form
@@ -114,9 +114,9 @@ def _degrees(stored: int) -> float:
     return stored / 1e7
 
 
-# By the format's characters: how a field is stored, and what makes a value of that
+# By the characters of a format: how struct reads the field, and what converts it
 FIELDS: dict[str, tuple[str, Callable[[Any], Any] | None]] = {
-    "a": ("64s", None),  # 32 numbers; nothing that is read here
+    "a": ("64s", None),  # 32 numbers, in no message that is read here
     "b": ("b", None),
     "B": ("B", None),
     "g": ("e", None),

@@ -50,7 +50,7 @@ class ReferenceTrack:
         longest_us = self._longest_gap_us(t)
         following = np.searchsorted(t, times_us)
         for k, i in enumerate(following):
-            near = self._between(int(times_us[k]), t, q, int(i), longest_us)
+            near = self._interpolate(int(times_us[k]), t, q, int(i), longest_us)
             if near is not None:
                 attitudes[k] = near
                 known[k] = True
@@ -62,7 +62,7 @@ class ReferenceTrack:
         return max(GAP_MINIMUM_US, GAP_PERIODS * median)
 
     @staticmethod
-    def _between(
+    def _interpolate(
         time_us: int, t: Ints, q: list[Quaternion], i: int, longest_us: float
     ) -> Quaternion | None:
         if i < len(t) and t[i] == time_us:

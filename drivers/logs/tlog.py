@@ -17,17 +17,17 @@ from estimator.errors import InputError
 
 STAMP_SIZE = 8
 
-ORDINARY_STEP_US = 10 * 1_000_000  # a stamp further from the last one needs a witness
+ORDINARY_STEP_US = 10 * 1_000_000  # a stamp further from the last counts if the next is near it
 ORDINARY_BACK_US = 5 * 1_000_000
-STAMP_STEP_US = 86_400 * 1_000_000  # the first two stamps are within a day
-LATEST_STAMP_US = 1 << 62  # garbage beyond: differences must fit 64 bits
+STAMP_STEP_US = 86_400 * 1_000_000  # two stamps further apart do not agree
+LATEST_STAMP_US = 1 << 62  # later ones are cut: differences must fit 64 bits
 STAMP_BACK_US = 3600 * 1_000_000
 SNIFF_SIZE = 1 << 20  # a log has a sound frame within its first MiB
-FIRST_RECORDS = 100  # two stamps among these agree, or the first ones mean nothing
+FIRST_RECORDS = 100  # two neighbours among these agree, or the last one is taken
 RAW_FRAMES = 3  # that many sound frames end to end are no accident
 
 
-def believable(
+def believe(
     records: Iterable[tuple[int, Frame | None]], last_us: int
 ) -> Iterator[tuple[int, Frame | None]]:
     """The records with times to believe, from ``last_us`` on.
@@ -57,7 +57,7 @@ def believable(
         yield last_us, held[1]
 
 
-def _near(stamp_us: int, other_us: int) -> bool:
+def _agree(stamp_us: int, other_us: int) -> bool:
     return -STAMP_BACK_US <= stamp_us - other_us <= STAMP_STEP_US
 
 
@@ -83,7 +83,7 @@ class Tlog(LogFile):
         decoder = MavlinkDecoder()
         with whole_file(self.path) as data:
             records = TlogRecords(data, decoder.wanted)
-            for arrival_us, frame in believable(records, _first_stamp_us(data)):
+            for arrival_us, frame in believe(records, _first_stamp_us(data)):
                 if frame is None:
                     yield Malformed(arrival_us, 1)
                 else:
@@ -144,7 +144,7 @@ def _first_stamp_us(data: Data) -> int:
     """The first stamp that the next one agrees with: a file may begin in mid-record."""
     previous_us = 0
     for number, (stamp_us, _) in enumerate(TlogRecords(data, None).readable()):
-        if number and _near(stamp_us, previous_us):
+        if number and _agree(stamp_us, previous_us):
             return previous_us
         if number >= FIRST_RECORDS:
             break

@@ -64,7 +64,7 @@ class Ulog(LogFile):
                 log = UlogReader(data, WANTED)
             except ValueError as error:
                 raise InputError(f"{self.path}: cannot read this ULog, {error}") from error
-            tables = _chosen(log.tables)
+            tables = _choose_tables(log.tables)
             decoder = _Decoder(log.parameters, _unix_offset_us(data, tables))
             yield from decoder.head(_begin_us(tables), log.unreadable)
             for raw_us, topic, index in _in_time_order(tables):
@@ -171,7 +171,7 @@ class _Decoder:
         return self._vehicle.fix(topic, TimeField.TIME_USEC, raw_us, fix)
 
 
-def _chosen(tables: dict[str, Table]) -> dict[str, Table]:
+def _choose_tables(tables: dict[str, Table]) -> dict[str, Table]:
     """The tables to read: one topic a purpose, and such as have rows."""
     found = {name: table for name, table in tables.items() if table.times_us}
     for choice in (IMU_TOPICS, MAG_TOPICS, GPS_TOPICS):

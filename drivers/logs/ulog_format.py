@@ -22,13 +22,13 @@ MAGIC = b"ULog\x01\x12\x35"
 FILE_HEAD_SIZE = 16
 HEAD = Struct("<HB")
 KNOWN_TYPES = frozenset(b"ABCDFILMOPQRS")
-TELLING_TYPES = re.compile(b"[ADF]")  # their bodies can be checked
-DATA_APPENDED = 1  # the incompatible flag that is known
+TELLING_TYPES = re.compile(b"[ADF]")  # whose bodies show whether they are such messages
+DATA_APPENDED = 1  # the only incompatible flag that this reader knows
 LARGEST_BODY = 0xFFFF
-DEEPEST = 8  # of formats within formats
-MOST_FIELDS = 1_000_000  # looked at in all; a flight takes some thousands
+DEEPEST = 8  # levels of formats within formats
+MOST_FIELDS = 1_000_000  # looked at in one log; a flight takes some thousands
 LONGEST_NAME = 128
-# possessive: on garbage they give up where they stand
+# Possessive quantifiers (++) never try again with less, so garbage costs no time
 FORMAT_BODY = re.compile(rb"\w{1,128}+:(?:[\w\[\]]{1,128}+ \w{1,128}+;)++", re.ASCII)
 FIELD = re.compile(r"(\w+)(?:\[(\d{1,5})\])? (\w+)", re.ASCII)
 LATEST_US = 1 << 62
@@ -156,7 +156,7 @@ class UlogReader:
 
     def _begins_message(self, position: int) -> bool:
         if position + HEAD.size > len(self._data):
-            return True  # nothing follows that could contradict
+            return True  # the data end here, and nothing says otherwise
         return self._data[position + 2] in KNOWN_TYPES or position in self._breaks
 
     def _next_sound(self, position: int) -> int:
@@ -239,7 +239,7 @@ class UlogReader:
     def _layout(self, name: str, wanted: frozenset[str]) -> Layout:
         names: list[str] = []
         codes: list[str] = []
-        needed = 0  # nothing behind the last wanted field, which may not be there
+        needed = 0  # how much of the row: up to the last wanted field, the rest may be missing
         for kind, elements, field in self._fields(name):
             if field in wanted and kind in CODES:
                 names += [f"{field}[{k}]" for k in range(elements)] if elements else [field]

@@ -40,7 +40,7 @@ MILLIGAUSS_LIMIT = 20_000.0
 
 FRD_AUTOPILOTS = (MAV_AUTOPILOT_ARDUPILOTMEGA, MAV_AUTOPILOT_PX4)  # known for sending FRD
 
-MOST_SENDERS = 512  # addresses that something is remembered of: 11 kB each
+MOST_SENDERS = 512  # addresses remembered at once; each takes 11 kB
 
 # Attitudes of others score an estimate afterwards; the live service has no use for them
 REFERENCES = frozenset({"ATTITUDE", "ATTITUDE_QUATERNION", "SIM_STATE", "SIMSTATE"})

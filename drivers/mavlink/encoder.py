@@ -100,9 +100,9 @@ class FrameEncoder:
         self._sequence = (self._sequence + 1) & 0xFF
         checksum = crc16.mcrf4xx(body + bytes((message.crc_extra,)))
         frame = b"\xfd" + body + _CHECKSUM.pack(checksum)
-        return frame if self._key is None else self._signed(frame, self._key, unix_us)
+        return frame if self._key is None else self._sign(frame, self._key, unix_us)
 
-    def _signed(self, frame: bytes, key: bytes, unix_us: int) -> bytes:
+    def _sign(self, frame: bytes, key: bytes, unix_us: int) -> bytes:
         frame += bytes((self._link_id,)) + self._stamp(unix_us).to_bytes(6, "little")
         return frame + hashlib.sha256(key + frame).digest()[:6]
 

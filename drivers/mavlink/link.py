@@ -117,7 +117,7 @@ class MavlinkLink(Closing):
             self._transport.open()
             self._is_open = True
         except LinkError as error:
-            self._lost(str(error))
+            self._note_loss(str(error))
         except InputError:
             self._transport.close()
             raise
@@ -172,9 +172,9 @@ class MavlinkLink(Closing):
             if packets:
                 time.sleep(GATHER_S)
         except LinkError as error:
-            self._lost(str(error))
+            self._note_loss(str(error))
         except OSError as error:  # no file descriptors left, or no memory
-            self._lost(error.strerror or str(error))
+            self._note_loss(error.strerror or str(error))
         self._report_drops()
 
     def _reopen(self) -> None:
@@ -185,9 +185,9 @@ class MavlinkLink(Closing):
             self._transport.open()
             self._is_open = True
         except (LinkError, InputError) as error:
-            self._lost(str(error))
+            self._note_loss(str(error))
         except OSError as error:
-            self._lost(error.strerror or str(error))
+            self._note_loss(error.strerror or str(error))
 
     def _handle(self, packets: list[Packet], arrival_us: int) -> None:
         events: list[Event] = []
@@ -270,7 +270,7 @@ class MavlinkLink(Closing):
         after = f" after {attempts} failed attempts" if attempts else ""
         _logger.info("%s: data arrives%s", self._endpoint, after)
 
-    def _lost(self, reason: str) -> None:
+    def _note_loss(self, reason: str) -> None:
         self._transport.close()
         self._readers.clear()
         self._gate.forget()

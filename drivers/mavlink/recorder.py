@@ -19,7 +19,7 @@ from drivers.closing import Closing
 from drivers.output_file import output_path
 from estimator.errors import InputError
 
-RETRY_US = 10_000_000  # after a failed write: try again 10 s later, or lose no time on it
+RETRY_US = 10_000_000  # a failed write is tried again then; until then no time is lost on it
 
 _STAMP = Struct(">Q")
 _logger = logging.getLogger(__name__)

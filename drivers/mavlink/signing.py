@@ -119,7 +119,7 @@ class SigningCheck:
         self._heard.add(stream)
         kept = self._kept.accepted.get(stream)
         if kept is None or ticks > kept.ticks:
-            self._keep(self._kept._replace(accepted=self._ahead()))
+            self._keep(self._kept._replace(accepted=self._stamps_ahead()))
         return None
 
     def stamp(self, unix_us: int) -> int:
@@ -133,7 +133,7 @@ class SigningCheck:
         """Write the exact stamps: a vehicle need not wait after a regular restart."""
         self._keep(Stamps(dict(self._last), self._ours))
 
-    def _ahead(self) -> dict[Stream, Heard]:
+    def _stamps_ahead(self) -> dict[Stream, Heard]:
         """The streams' stamps as they will be in two seconds, each at its own pace."""
         ahead = {}
         for stream, last in self._last.items():
@@ -148,7 +148,7 @@ class SigningCheck:
     def _keep(self, stamps: Stamps) -> None:
         self._kept = stamps
         try:
-            _write(self._file, self._with_others(stamps))
+            _write(self._file, self._add_others(stamps))
         except (OSError, InputError) as error:
             if not self._is_failing:
                 _logger.warning(
@@ -160,7 +160,7 @@ class SigningCheck:
         else:
             self._is_failing = False
 
-    def _with_others(self, stamps: Stamps) -> Stamps:
+    def _add_others(self, stamps: Stamps) -> Stamps:
         """And of the streams not heard here what another process may have kept."""
         found = _read(self._file)
         others = {stream: at for stream, at in found.accepted.items() if stream not in self._heard}
@@ -174,8 +174,8 @@ def _ticks(unix_us: int) -> int:
 def _read(file: Path) -> Stamps:
     try:
         content = json.loads(file.read_text("utf-8"))
-        ours = _checked(content.pop(OURS, 0))
-        stamps = {_stream(name): _heard(values) for name, values in content.items()}
+        ours = _check_ticks(content.pop(OURS, 0))
+        stamps = {_parse_stream(name): _parse_heard(values) for name, values in content.items()}
     except FileNotFoundError:
         return Stamps({}, 0)
     except OSError as error:
@@ -187,17 +187,17 @@ def _read(file: Path) -> Stamps:
     return Stamps(stamps, ours)
 
 
-def _stream(name: str) -> Stream:
+def _parse_stream(name: str) -> Stream:
     system, component, link = (int(part) for part in name.split("-"))
     return system, component, link
 
 
-def _heard(values: list[int]) -> Heard:
+def _parse_heard(values: list[int]) -> Heard:
     ticks, lag = values
-    return Heard(_checked(ticks), int(lag))
+    return Heard(_check_ticks(ticks), int(lag))
 
 
-def _checked(ticks: int) -> int:
+def _check_ticks(ticks: int) -> int:
     if not 0 <= int(ticks) < LARGEST_TICKS:
         raise ValueError(ticks)
     return int(ticks)

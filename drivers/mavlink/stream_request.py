@@ -101,7 +101,7 @@ class StreamRequest:
             case CommandAck(vehicle=vehicle, command=command):
                 stream = self._streams.get(vehicle)
                 if stream is not None and command == MAV_CMD_SET_MESSAGE_INTERVAL:
-                    self._answered(stream, event.result, now_us)
+                    self._take_answer(stream, event.result, now_us)
             case ClockReset(vehicle=vehicle, reason=reason):
                 if (stream := self._streams.get(vehicle)) is not None:
                     _restart_measuring(stream)
@@ -169,7 +169,7 @@ class StreamRequest:
         stream.due_us = now_us + ACK_TIMEOUT_US
         return Outgoing(stream.vehicle.system_id, message)
 
-    def _answered(self, stream: _Stream, result: int, now_us: int) -> None:
+    def _take_answer(self, stream: _Stream, result: int, now_us: int) -> None:
         if stream.phase != "asking" or result == MAV_RESULT_IN_PROGRESS:
             return
         if result == MAV_RESULT_ACCEPTED:

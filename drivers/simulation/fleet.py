@@ -138,7 +138,7 @@ class _Link:
             try:
                 self._transport.send(data)
             except LinkError as error:
-                self._lost(error)
+                self._note_loss(error)
 
     def receive(self, timeout_s: float) -> list[tuple[str, bytes]]:
         if self._retry_s is not None:
@@ -147,7 +147,7 @@ class _Link:
         try:
             packets = self._transport.receive(timeout_s)
         except LinkError as error:
-            self._lost(error)
+            self._note_loss(error)
             return []
         if self._reported and self._transport.connected:
             self._report("connected")
@@ -164,9 +164,9 @@ class _Link:
             self._transport.open()
             self._retry_s = None
         except (LinkError, InputError) as error:
-            self._lost(error)
+            self._note_loss(error)
 
-    def _lost(self, error: Exception) -> None:
+    def _note_loss(self, error: Exception) -> None:
         self._transport.close()
         self.errors += 1
         self._retry_s = time.monotonic() + RETRY_S

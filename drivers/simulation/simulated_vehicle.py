@@ -119,7 +119,7 @@ def simulate(
         raise InputError(f"the simulated vehicle needs at least 1 sample, not {samples}")
     truth = _truth(motion, rate_hz, samples)
     normals = _generator(seed).standard_normal((samples, 9))
-    return _measured(truth, normals, _Disturbance(noise, bias, magnet))
+    return _measure(truth, normals, _Disturbance(noise, bias, magnet))
 
 
 class SimulatedVehicle:
@@ -165,7 +165,7 @@ class SimulatedVehicle:
         last_s = self._last.time_us * 1e-6
         first = floor(last_s * rate_hz + 1e-6) + 1
         times = np.array([last_s, first / rate_hz])
-        start: Quaternion = tuple(_integrated(self._motion, times, self._last.q_ned_frd)[-1])
+        start: Quaternion = tuple(_integrate(self._motion, times, self._last.q_ned_frd)[-1])
         self._samples = self._from(first, start, rate_hz)
 
     def _from(self, first: int, start: Quaternion, rate_hz: float) -> Iterator[Sample]:
@@ -215,7 +215,7 @@ def _samples(
     """Samples number ``first``, ``first`` + 1, ..., of which the first has attitude ``start``."""
     while True:
         truth, start = _truth_chunk(motion, rate_hz, first, start)
-        block = _measured(truth, generator.standard_normal((CHUNK_SAMPLES, 9)), disturbance)
+        block = _measure(truth, generator.standard_normal((CHUNK_SAMPLES, 9)), disturbance)
         columns = (
             block.time_us.tolist(),
             map(tuple, block.gyr_rad_s.tolist()),
@@ -228,7 +228,7 @@ def _samples(
         first += CHUNK_SAMPLES
 
 
-def _measured(truth: _Truth, normals: Floats, disturbance: _Disturbance) -> Recording:
+def _measure(truth: _Truth, normals: Floats, disturbance: _Disturbance) -> Recording:
     """Truth plus bias and noise; ``normals`` (N, 9) are gyroscope, v_1, v_2."""
     noise, bias, magnet = disturbance
     # Omega_m = Omega + b + n
@@ -281,15 +281,15 @@ def _truth_chunk(
     """The chunk from sample ``first`` on, whose attitude is ``start``, and the attitude after."""
     k = first + np.arange(CHUNK_SAMPLES + 1)
     time_s = k / rate_hz
-    q = _integrated(motion, time_s, start)
+    q = _integrate(motion, time_s, start)
     after: Quaternion = tuple((q[-1] / np.sqrt(np.sum(q[-1] ** 2))).tolist())
     q = q[:-1]
     truth = _Truth(
         np.rint(time_s[:-1] * 1e6).astype(np.int64),
         q,
         true_rate(motion, time_s[:-1]),
-        _rotated_inverse(q, MAGNETIC_NED),
-        _rotated_inverse(q, GRAVITY_NED),
+        _rotate_inverse(q, MAGNETIC_NED),
+        _rotate_inverse(q, GRAVITY_NED),
     )
     return _read_only(truth), after
 
@@ -300,7 +300,7 @@ def _read_only(truth: _Truth) -> _Truth:
     return truth
 
 
-def _integrated(motion: Motion, time_s: Floats, start: Quaternion) -> Floats:
+def _integrate(motion: Motion, time_s: Floats, start: Quaternion) -> Floats:
     """Attitudes (N, 4) at ``time_s`` (N,), from ``start`` at the first.
 
     Fourth-order Magnus steps: S. Blanes et al., "The Magnus expansion and some
@@ -331,12 +331,12 @@ def _running_product(q: Floats) -> Floats:
     """q_0, q_0 q_1, q_0 q_1 q_2, ... by doubling."""
     product, reach = q, 1
     while reach < len(q):
-        product = np.vstack([product[:reach], _multiplied(product[:-reach], product[reach:])])
+        product = np.vstack([product[:reach], _multiply(product[:-reach], product[reach:])])
         reach *= 2
     return product
 
 
-def _multiplied(p: Floats, q: Floats) -> Floats:
+def _multiply(p: Floats, q: Floats) -> Floats:
     """Hamilton products of two arrays (N, 4)."""
     a, b, c, d = p.T
     e, f, g, h = q.T
@@ -351,8 +351,8 @@ def _multiplied(p: Floats, q: Floats) -> Floats:
     )
 
 
-def _rotated_inverse(q: Floats, v: Vec3) -> Floats:
+def _rotate_inverse(q: Floats, v: Vec3) -> Floats:
     """R^T v for attitudes (N, 4) and one vector: q* v q."""
     vector = np.broadcast_to(np.array([0.0, *v]), q.shape)
     conjugate = q * np.array([1.0, -1.0, -1.0, -1.0])
-    return np.ascontiguousarray(_multiplied(_multiplied(conjugate, vector), q)[:, 1:])
+    return np.ascontiguousarray(_multiply(_multiply(conjugate, vector), q)[:, 1:])

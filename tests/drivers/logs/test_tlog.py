@@ -9,7 +9,7 @@ from statistics import median
 import pytest
 
 from drivers.events import ClockReset, Heartbeat, Imu, Malformed, ReferenceAttitude, Rejected
-from drivers.logs.tlog import Tlog, TlogRecords, believable
+from drivers.logs.tlog import Tlog, TlogRecords, believe
 from drivers.mavlink.constants import RAW_IMU_ID
 from drivers.mavlink.dialect import mavlink
 from estimator.errors import InputError
@@ -189,13 +189,13 @@ YEAR_US = 365 * 86_400 * S
 )
 def test_pauses_and_sessions_are_believed_and_garbled_stamps_are_not(stamps_us, believed_us):
     records = [(stamp_us, number) for number, stamp_us in enumerate(stamps_us)]
-    given = list(believable(records, stamps_us[0]))
+    given = list(believe(records, stamps_us[0]))
     assert [time_us for time_us, _ in given] == list(believed_us)
     assert [number for _, number in given] == list(range(len(stamps_us)))
 
 
 def test_unreadable_records_take_the_last_good_time():
-    assert list(believable([(S, 0), (77, None), (2 * S, 1)], S)) == [(S, 0), (S, None), (2 * S, 1)]
+    assert list(believe([(S, 0), (77, None), (2 * S, 1)], S)) == [(S, 0), (S, None), (2 * S, 1)]
 
 
 @pytest.mark.parametrize("seed", range(6))
