@@ -89,9 +89,9 @@ def modern(seconds=4, start_us=10_000_000):
             log.write("MAG", now_us, 1, 1, 2, 3)
             log.write("ATT", now_us, 10.0, -20.0, 270.0)
             log.write("XKQ", now_us, 0, 0.5, -0.5, 0.5, 0.5)
-            log.write("XKQ", now_us, 1, 1.0, 0.0, 0.0, 0.0)
+            log.write("XKQ", now_us + 7, 1, 1.0, 0.0, 0.0, 0.0)
             log.write("XKF1", now_us, 0, 1.0, -2.0, 0.5)
-            log.write("XKF1", now_us, 1, 9.0, 9.0, 9.0)
+            log.write("XKF1", now_us + 7, 1, 9.0, 9.0, 9.0)
         if k % 10 == 0:
             place = (0, 3, 1_000_000 + 20 * k, 2300, -35.5, 149.25, 580.0, 2.0, 90.0, -0.5)
             log.write("GPS", now_us, *place)

@@ -15,9 +15,11 @@ from drivers.events import (
     Imu,
     Malformed,
     Parameter,
+    Position,
     ReferenceAttitude,
     Rejected,
     VehicleId,
+    Velocity,
 )
 from drivers.logs.open import ULOG_MAGIC, imu_events
 from drivers.logs.ulog import WANTED, Ulog
@@ -156,6 +158,15 @@ class Writer:
     def mag(self, time_us, gauss):
         return self.write(b"D", struct.pack("<HQ3f", 8, time_us, *gauss))
 
+    def topic(self, number, name, fields):
+        """The format and the subscription of any topic."""
+        text = f"{name}:uint64_t timestamp;{fields};"
+        self.write(b"F", text.encode())
+        return self.write(b"A", b"\0" + struct.pack("<H", number) + name.encode())
+
+    def row(self, number, layout, time_us, *values):
+        return self.write(b"D", struct.pack("<HQ" + layout, number, time_us, *values))
+
     def save(self, folder):
         path = folder / "flight.ulg"
         path.write_bytes(self.data)
@@ -164,6 +175,65 @@ class Writer:
 
 def noisy(rng, vector, sigma=0.01):
     return [x + rng.gauss(0.0, sigma) for x in vector]
+
+
+GPS_COMMON = "uint8_t fix_type;float vel_n_m_s;float vel_e_m_s;float vel_d_m_s;float s_variance_m_s"
+GPS_ERAS = {
+    "until 2023": ("int32_t lat;int32_t lon;int32_t alt", "3i", (473977420, 85455940, 488123)),
+    "since": (
+        "double latitude_deg;double longitude_deg;double altitude_msl_m",
+        "3d",
+        (47.397742, 8.545594, 488.123),
+    ),
+}
+
+
+@pytest.mark.parametrize(("fields", "layout", "place"), GPS_ERAS.values(), ids=GPS_ERAS)
+def test_the_receiver_s_place_and_velocity(tmp_path, fields, layout, place):
+    log = Writer().sensors().topic(10, "sensor_gps", f"{GPS_COMMON};{fields}")
+    for k in range(5):
+        now_us = 1_000_000 + 200_000 * k
+        log.sample(now_us, (0.001 * k, 0, 0), (0, 0, -9.8))
+        fix_type, sigma = (3, 0.25) if k else (2, 0.25)
+        sigma = 0.0 if k == 4 else sigma
+        log.row(10, "B4f" + layout, now_us + 1000, fix_type, 1.0, -2.0, 0.5, sigma, *place)
+    events = list(Ulog(log.save(tmp_path)))
+    positions, velocities = of(Position, events), of(Velocity, events)
+    assert len(positions) == len(velocities) == 4
+    assert (positions[0].latitude_deg, positions[0].longitude_deg) == pytest.approx(
+        (47.397742, 8.545594)
+    )
+    assert positions[0].altitude_m == pytest.approx(488.123)
+    sample = velocities[0].sample
+    assert (sample.velocity_ned_m_s, sample.has_vertical) == ((1.0, -2.0, 0.5), True)
+    assert [each.sample.sigma_m_s for each in velocities] == [0.25, 0.25, 0.25, 0.5]
+    assert sample.late_sigma_s == 0.1
+
+
+def test_sums_over_an_interval_become_rates(tmp_path):
+    """vehicle_imu, where there is no sensor_combined; the two intervals differ."""
+    fields = "float[3] delta_angle;float[3] delta_velocity;uint32_t delta_angle_dt;"
+    log = Writer().topic(7, "vehicle_imu", fields + "uint16_t delta_velocity_dt")
+    for k in range(3):
+        sums = (0.002, -0.004, 0.001 * k, 0.0125, 0.0, -0.0490)
+        log.row(7, "6fIH", 1_000_000 + 5000 * k, *sums, 4000, 5000)
+    log.row(7, "6fIH", 1_015_000, *sums, 0, 5000)
+    events = list(Ulog(log.save(tmp_path)))
+    assert [event.reason for event in of(Rejected, events)] == ["no_interval"]
+    samples = [event.sample for event in of(Imu, events)]
+    assert len(samples) == 3
+    assert samples[2].gyr_rad_s == pytest.approx((0.5, -1.0, 0.5), rel=1e-5)
+    assert samples[2].acc_m_s2 == pytest.approx((2.5, 0.0, -9.8), rel=1e-5)
+
+
+def test_the_field_of_the_same_instant_comes_before_its_sample(tmp_path):
+    log = Writer().sensors()
+    for k in range(5):
+        now_us = 1_000_000 + 20_000 * k
+        log.sample(now_us, (0.001 * k, 0, 0), (0, 0, -9.8)).mag(now_us, (0.2, 0.001 * k, 0.4))
+    samples = [event.sample for event in of(Imu, list(Ulog(log.save(tmp_path))))]
+    fields = [sample.mag_gauss[1] for sample in samples]
+    assert fields == pytest.approx([0.0, 0.001, 0.002, 0.003, 0.004])
 
 
 def test_a_clock_that_leaps_is_told(tmp_path):

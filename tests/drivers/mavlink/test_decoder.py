@@ -275,8 +275,10 @@ def test_highres_says_itself_which_fields_are_new():
 
 @pytest.mark.parametrize("factor", [1.0, 1e3, 1e6])
 def test_highres_fields_come_in_gauss_whatever_the_firmware_thinks(factor):
-    (event,) = decode_all([highres(mag=(0.2 * factor, 0.0, -0.4 * factor))])
-    assert event.sample.mag_gauss == pytest.approx((0.2, 0.0, -0.4), rel=1e-6)
+    """From half the Earth's weakest field to eight times its strongest, hard iron included."""
+    for size in (0.11, 0.4, 5.0):
+        (event,) = decode_all([highres(mag=(0.1 * factor, 0.0, -size * factor))])
+        assert event.sample.mag_gauss == pytest.approx((0.1, 0.0, -size), rel=1e-6)
 
 
 # --- notices

@@ -18,7 +18,8 @@ from drivers.events import (
 from drivers.samples.fix import Fix
 from drivers.samples.fresh_field import LoggedField
 from drivers.samples.intake import MOST_STREAMS, Intake, Stamp
-from drivers.samples.vehicle_clock import CUT_STEP_US, TimeField
+from drivers.samples.navigation import FilterStatus
+from drivers.samples.vehicle_clock import TimeField
 from estimator.reasons import Reason
 from estimator.types import IDENTITY, STANDARD_GRAVITY_M_S2, ZERO_VEC3
 
@@ -60,10 +61,11 @@ def test_the_first_reading_of_a_new_boot_waits_and_is_not_lost():
     reset, first, second = imu(intake, 20_250_000, arrival_us + 250_000, mag=(0.1, 0.1, 0.4))
     assert kinds((reset, first, second)) == [ClockReset, Imu, Imu]
     assert (reset.reason, reset.step_s) == ("reboot", pytest.approx(20 - 301.0))
+    assert reset.arrival_us == arrival_us  # of the reading that had to wait
     assert (first.boot_us, second.boot_us) == (20 * S, 20_250_000)
     assert (first.arrival_us, second.arrival_us) == (arrival_us, arrival_us + 250_000)
     assert second.sample.time_us - first.sample.time_us == 250_000
-    assert first.sample.time_us == 301 * S + CUT_STEP_US
+    assert first.sample.time_us == 301 * S + 20_000  # about one period of a fast stream
     assert (first.sample.mag_gauss, second.sample.mag_gauss) == ((0.1, 0.0, 0.4), (0.1, 0.1, 0.4))
 
 
@@ -93,6 +95,17 @@ def test_a_reset_that_another_message_confirms_is_told_with_it(other):
     reset, *rest = other(intake, stamp(20_100_000, arrival_us + 100_000))
     assert (type(reset), reset.reason) == (ClockReset, "reboot")
     assert kinds(rest) in ([ReferenceAttitude], [Velocity], [Position, Velocity])
+
+
+@pytest.mark.parametrize(("raw_us", "believed"), [(20 * S, True), (900 * S, False)])
+def test_a_reboot_voids_what_the_filter_said_of_itself_and_a_leap_does_not(raw_us, believed):
+    intake, arrival_us = running()
+    intake.navigation.hear_status(FilterStatus(has_velocity=False, has_place=False), arrival_us)
+    for k in range(2):
+        reset = imu(intake, raw_us + 250_000 * k, arrival_us + 250_000 * k)
+    assert reset[0].reason == ("reboot" if believed else "jump")
+    at = stamp(raw_us + 600_000, arrival_us + 600_000)
+    assert bool(intake.fix("LOCAL_POSITION_NED", at, Fix((1.0, 0.0, 0.0)))) is believed
 
 
 def test_a_message_that_says_nothing_does_not_touch_the_clock():

@@ -155,6 +155,15 @@ def test_lateness_explains_a_step_of_thirty_seconds_at_most(step_s, is_leap):
     assert bool(resets(after)) is is_leap
 
 
+def test_a_stream_that_was_late_for_minutes_may_catch_up_at_once():
+    """A radio holds all samples back by 12 s for 3 minutes, then none: no leap of the clock."""
+    clock = VehicleClock()
+    before, arrival_us = steady(clock, 10 * S, 40)
+    late, arrival_us = steady(clock, 20 * S, 720, arrival_us=arrival_us + 12 * S)
+    prompt, _ = steady(clock, 200 * S + 12 * S, 5, arrival_us=arrival_us)
+    assert not resets(before + late + prompt)
+
+
 @pytest.mark.parametrize(("step_s", "is_leap"), [(4.9, False), (5.1, True)])
 def test_a_prompt_stream_may_step_by_five_seconds(step_s, is_leap):
     clock = VehicleClock()
