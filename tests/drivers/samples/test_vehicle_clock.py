@@ -192,6 +192,15 @@ def test_a_garbled_time_of_long_ago_confirms_nothing():
     assert not resets(good + after)
 
 
+def test_two_garbled_times_in_a_row_that_disagree_are_no_new_boot():
+    clock = VehicleClock()
+    before, arrival_us = steady(clock, 300 * S, 5)
+    assert imu(clock, 3 * S, arrival_us) == Refused("clock_step")
+    assert imu(clock, 200 * S, arrival_us + 20_000) == Refused("clock_step")
+    after, _ = steady(clock, 301_250_000, 5, arrival_us=arrival_us)
+    assert not resets(before + after)
+
+
 def test_nor_does_it_for_a_clock_beside_the_line():
     """Nor after a step that took the long way through the clock: 3 s without a sample."""
     line = ClockLine(None)
