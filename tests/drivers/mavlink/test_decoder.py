@@ -309,6 +309,14 @@ def test_accelerometer_in_another_unit():
     assert "accelerometer reads 9.8" in notices(still(raw_imu, acc=(0, 0, -9807)))
 
 
+@pytest.mark.parametrize(
+    ("size_g", "is_told"), [(0.45, True), (0.55, False), (1.9, False), (2.1, True)]
+)
+def test_half_a_g_or_two_is_told(size_g, is_told):
+    messages = still(highres, acc=(0.0, 0.0, -size_g * G))
+    assert ("accelerometer reads" in notices(messages)) is is_told
+
+
 def test_gyroscope_in_degrees():
     spinning = still(highres, gyr=(0.0, 0.0, 40.0))
     assert "gyroscope" in notices(spinning, PX4)

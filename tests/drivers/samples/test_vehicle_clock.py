@@ -229,6 +229,14 @@ def test_a_step_of_the_hosts_clock_is_none_of_the_vehicles():
     assert times(results) == [50 * S + 250_000 * k for k in range(15)]
 
 
+def test_after_a_step_of_the_hosts_clock_a_leap_is_told_as_before():
+    clock = VehicleClock()
+    _, arrival_us = steady(clock, 50 * S, 5)
+    _, arrival_us = steady(clock, 51_250_000, 20, arrival_us=arrival_us + 86_400 * S)
+    after, _ = steady(clock, 56_250_000 + 20 * S, 3, arrival_us=arrival_us)
+    assert [reset.reason for reset in resets(after)] == ["jump"]
+
+
 def test_a_single_garbled_time_changes_nothing():
     clock = VehicleClock()
     before, arrival_us = steady(clock, 50 * S, 5)

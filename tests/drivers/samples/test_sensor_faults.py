@@ -1,0 +1,182 @@
+"""When equal readings, rails and leaps are faults, and when they are not: each limit pinned."""
+
+import math
+import random
+
+import pytest
+
+from drivers.samples.sensor_faults import Readings, SensorFaults
+from estimator.reasons import Reason
+from estimator.types import STANDARD_GRAVITY_M_S2, ZERO_VEC3
+
+G = STANDARD_GRAVITY_M_S2
+STEP_US = 20_000
+DOWN, FIELD = (0.0, 0.0, -G), (0.2, 0.0, 0.4)
+
+
+def noisy(rng, vector, sigma):
+    return tuple(x + rng.gauss(0.0, sigma) for x in vector)
+
+
+class Stream:
+    """One IMU at 50 Hz: 2 s of noise at rest, then whatever a test says."""
+
+    def __init__(self, mag=FIELD):
+        self.faults, self.rng, self.now_us = SensorFaults(), random.Random(5), 1_000_000
+        for _ in range(100):
+            assert self.feed(mag=self.noise(mag, 0.002) if mag != ZERO_VEC3 else mag) is None
+
+    def noise(self, vector, sigma=0.01):
+        return noisy(self.rng, vector, sigma)
+
+    def feed(self, gyr=None, acc=None, mag=None, step_us=STEP_US):
+        """Why a reading is refused; what is not given is noise at rest."""
+        self.now_us += step_us
+        gyr = self.noise(ZERO_VEC3) if gyr is None else gyr
+        acc = self.noise(DOWN) if acc is None else acc
+        mag = self.noise(FIELD, 0.002) if mag is None else mag
+        return self.faults.refusal(Readings(gyr, acc, mag), self.now_us)
+
+    def first_refused(self, count, reading, step_us=STEP_US):
+        """(reason, seconds from the first reading) of the first of ``count`` that is refused."""
+        for k in range(count):
+            reason = self.feed(**reading(k), step_us=step_us)
+            if reason is not None:
+                return reason, 1e-6 * k * step_us
+        return None
+
+
+@pytest.mark.parametrize(
+    ("gyr", "acc"), [((0.06, 0.0, 0.0), DOWN), (ZERO_VEC3, (0.0, 0.0, -G - 0.6))]
+)
+@pytest.mark.parametrize(("step_us", "seconds"), [(STEP_US, 0.5), (100_000, 2.0)])
+def test_equal_readings_of_both_that_no_vehicle_at_rest_gives(gyr, acc, step_us, seconds):
+    """Half a second, and 20 of them."""
+    stream = Stream()
+    reason, after_s = stream.first_refused(100, lambda _: {"gyr": gyr, "acc": acc}, step_us)
+    assert reason == Reason.STUCK
+    assert after_s == pytest.approx(seconds, abs=1.01e-6 * step_us)
+
+
+@pytest.mark.parametrize(
+    ("gyr", "acc"), [((0.04, 0.0, 0.0), DOWN), (ZERO_VEC3, (0.0, 0.0, -G - 0.4))]
+)
+def test_equal_readings_at_rest_may_be_true(gyr, acc):
+    """For 3 s at least: longer than that, 0.04 rad/s would show in gravity and field."""
+    assert Stream().first_refused(150, lambda _: {"gyr": gyr, "acc": acc, "mag": FIELD}) is None
+
+
+@pytest.mark.parametrize(("rate_rad_s", "seconds"), [(1.0, 0.5), (0.2, 1.75)])
+def test_a_gravity_that_stays_while_the_gyroscope_turns_by_a_third_of_a_radian(rate_rad_s, seconds):
+    stream = Stream()
+    reason, after_s = stream.first_refused(
+        500, lambda _: {"gyr": stream.noise((rate_rad_s, 0.0, 0.0), 0.001), "acc": DOWN}
+    )
+    assert reason == Reason.ACCELEROMETER_STUCK
+    assert after_s == pytest.approx(seconds, abs=0.05)
+
+
+@pytest.mark.parametrize(
+    ("rate_rad_s", "mag", "seconds"),
+    # 0.17 rad of gravity and field, which is 0.19 rad of a field inclined by 63 degrees;
+    # without a field 0.5 rad of gravity
+    [(0.5, FIELD, 0.5), (0.1, FIELD, 1.9), (0.1, ZERO_VEC3, 5.0)],
+)
+def test_a_rate_that_stays_while_nothing_turns(rate_rad_s, mag, seconds):
+    stream = Stream(mag)
+    gyr = (rate_rad_s, 0.0, 0.0)
+    reason, after_s = stream.first_refused(
+        500, lambda _: {"gyr": gyr, "mag": mag and stream.noise(mag, 2e-4 if any(mag) else 0.0)}
+    )
+    assert reason == Reason.GYROSCOPE_STUCK
+    assert after_s == pytest.approx(seconds, rel=0.05)
+
+
+@pytest.mark.parametrize("rate_rad_s", [0.5, -0.5])
+def test_a_steady_turn_that_the_others_confirm_is_none(rate_rad_s):
+    """v' = v x w: to the last digit the same rate, and gravity and field go round."""
+    stream = Stream()
+
+    def turned(k, vector):
+        x, y, z = vector
+        angle = rate_rad_s * 1e-6 * STEP_US * k
+        sine, cosine = math.sin(angle), math.cos(angle)
+        return stream.noise((x, y * cosine + z * sine, z * cosine - y * sine), 1e-3)
+
+    def reading(k):
+        return {"gyr": (rate_rad_s, 0.0, 0.0), "acc": turned(k, DOWN), "mag": turned(k, FIELD)}
+
+    assert stream.first_refused(1000, reading) is None
+
+
+@pytest.mark.parametrize("sign", [1, -1])
+def test_equal_large_values_are_the_end_of_a_range(sign):
+    """Four in a row; the first one leaps."""
+    stream = Stream()
+    reasons = [stream.feed(gyr=(sign * 34.9, *stream.noise((0.0, 0.0)))) for _ in range(10)]
+    assert reasons[0] in (Reason.GYROSCOPE_SPIKE, Reason.GYROSCOPE_SATURATED)
+    assert set(reasons[4:]) == {Reason.GYROSCOPE_SATURATED}
+    reasons = [stream.feed(acc=(*stream.noise((0.0, 0.0)), sign * 4.0 * G)) for _ in range(10)]
+    assert reasons[:3] == [None] * 3
+    assert set(reasons[4:]) == {Reason.ACCELEROMETER_SATURATED}
+
+
+def test_below_every_range_equal_values_are_no_end():
+    stream = Stream()
+    turn = {"gyr": (4.2, 0.01, 0.0), "acc": (0.0, 0.0, -3.8 * G)}
+    # each axis but one changes, so that nothing else is wrong with it
+    for k in range(15):
+        gyr = (4.2, *stream.noise((0.0, 0.0)))
+        assert stream.feed(gyr=gyr, acc=(*stream.noise((0.0, 0.0)), turn["acc"][2])) is None, k
+
+
+@pytest.mark.parametrize(
+    ("rate_rad_s", "step_us", "is_spike"),
+    [
+        (9.5, 20_000, False),
+        (10.5, 20_000, True),
+        (19.0, 40_000, False),
+        (21.0, 40_000, True),
+        (30.0, 250_000, False),
+    ],
+)
+def test_a_lone_rate_that_nobody_can_reach(rate_rad_s, step_us, is_spike):
+    """10 rad/s, or 500 rad/s^2 since the last good reading."""
+    stream = Stream()
+    gyr = (rate_rad_s, 0.01, 0.02)
+    assert (stream.feed(gyr=gyr, step_us=step_us) == Reason.GYROSCOPE_SPIKE) is is_spike
+    assert stream.feed() is None
+
+
+def test_a_second_reading_like_it_shows_that_it_is_none():
+    stream = Stream()
+    assert stream.feed(gyr=(15.0, 0.1, 0.2)) == Reason.GYROSCOPE_SPIKE
+    assert stream.feed(gyr=(15.5, 0.3, 0.1)) is None
+
+
+@pytest.mark.parametrize(("rate_rad_s", "seconds"), [(1.0, 2.0), (0.1, 5.0)])
+def test_a_field_that_stays_while_the_vehicle_turns(rate_rad_s, seconds):
+    """For 2 s and half a radian."""
+    stream, stuck_after_s = Stream(), None
+    for k in range(500):
+        assert stream.feed(gyr=stream.noise((0.0, 0.0, rate_rad_s), 0.001), mag=FIELD) is None
+        if stream.faults.mag_is_stuck:
+            stuck_after_s = 1e-6 * STEP_US * k
+            break
+    assert stuck_after_s == pytest.approx(seconds, rel=0.05)
+    stream.feed()
+    assert not stream.faults.mag_is_stuck
+
+
+@pytest.mark.parametrize(("readings", "is_blind"), [(1, False), (2, True)])
+def test_blindness_is_told_from_30_ms_on(readings, is_blind):
+    """One saturated reading alone, at 50 Hz, hides 20 ms."""
+    stream = Stream()
+    for _ in range(readings):
+        assert stream.feed(gyr=(32.767, 0.0, 0.0)) == Reason.GYROSCOPE_SATURATED
+    assert stream.feed() is None
+    blindness = stream.faults.take_blindness()
+    assert (blindness is not None) is is_blind
+    assert stream.faults.take_blindness() is None
+    if blindness is not None:
+        assert blindness == (Reason.GYROSCOPE_SATURATED, 40_000)
