@@ -23,11 +23,12 @@ GYR_RAIL_RAD_S = 4.3
 ACC_RAIL_M_S2 = 3.9 * STANDARD_GRAVITY_M_S2
 RAIL_SAMPLES = 4
 
-# No vehicle turns up so fast: a reading that far from the last good one waits for the next to agree
+# No vehicle changes its rate so fast: such a reading is refused unless the next one agrees with it
 SPIKE_RAD_S = 10.0
 SPIKE_RAD_S2 = 500.0
 
-# Readings refused for these reasons hide a rotation, and some were believed before it showed
+# While readings are refused for these reasons the vehicle may turn unseen, and the first of them
+# were believed, until the fault showed
 BLIND_REASONS = frozenset(
     {Reason.STUCK, Reason.GYROSCOPE_STUCK, Reason.ACCELEROMETER_STUCK, Reason.GYROSCOPE_SATURATED}
 )
@@ -37,7 +38,7 @@ STUCK_SAMPLES = 20  # equal readings
 STUCK_US = 500_000
 # Where there is no field, a steady turn explains equal readings for so long; noise ends it earlier
 STEADY_US = 3_000_000
-# A sensor alone is stuck if others have turned against it: by so many radians
+# One sensor alone is stuck once the others say that the vehicle has turned this far, in radians
 STUCK_ACC_RAD = 0.35  # of what the gyroscope says; below MOVING_GYR it may be its bias
 STUCK_GYR_RAD = 0.17  # of both the accelerometer and the magnetometer
 STUCK_GYR_ALONE_RAD = 0.5  # of one of them, where the other cannot tell: no braking does that
@@ -118,7 +119,7 @@ class SensorFaults:
 
     def refusal(self, readings: Readings, raw_us: int) -> Reason | None:
         """Why a reading at ``raw_us`` on the vehicle's clock is no data; None if it is."""
-        refusal = self._saturated(readings) or self._stuck(readings, raw_us)
+        refusal = self._saturation(readings) or self._repetition(readings, raw_us)
         if refusal is None and self._was_large and self._is_spike(readings.gyr_rad_s, raw_us):
             refusal = Reason.GYROSCOPE_SPIKE
         self._follow_mag(readings, raw_us)
@@ -152,7 +153,7 @@ class SensorFaults:
             and self._mag_turn_rad >= MAG_TURN_RAD
         )
 
-    def _stuck(self, readings: Readings, raw_us: int) -> Reason | None:
+    def _repetition(self, readings: Readings, raw_us: int) -> Reason | None:
         gyr_equal = readings.gyr_rad_s == self._last.gyr_rad_s
         acc_equal = readings.acc_m_s2 == self._last.acc_m_s2
         both, gyr, acc = self._both, self._gyr, self._acc
@@ -219,7 +220,7 @@ class SensorFaults:
             return True  # one steady turn feels like another
         return min(acc_rad, mag_rad) > STUCK_GYR_RAD
 
-    def _saturated(self, readings: Readings) -> Reason | None:
+    def _saturation(self, readings: Readings) -> Reason | None:
         gyr, acc = readings.gyr_rad_s, readings.acc_m_s2
         is_small = (
             min(gyr) > -GYR_RAIL_RAD_S
@@ -258,7 +259,8 @@ class SensorFaults:
         if _farthest(gyr, self._good_gyr) <= limit:
             return False
         before = self._last.gyr_rad_s
-        return _farthest(gyr, before) > limit or any(map(eq, gyr, before))  # a rail agrees too well
+        # an axis that agrees to the last digit is at the end of its range, and no witness
+        return _farthest(gyr, before) > limit or any(map(eq, gyr, before))
 
     def _follow_mag(self, readings: Readings, raw_us: int) -> None:
         if readings.mag_gauss != self._last.mag_gauss or readings.mag_gauss == ZERO_VEC3:

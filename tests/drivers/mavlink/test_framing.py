@@ -62,6 +62,14 @@ def test_a_damaged_frame_is_counted_once_and_costs_itself_alone():
     assert reader.take_malformed() == 1
 
 
+def test_each_damaged_stretch_is_counted():
+    damaged = bytearray(GOOD[0])
+    damaged[-1] ^= 0x10
+    reader = FrameReader()
+    reader.feed((bytes(damaged) + GOOD[2]) * 3 + bytes(damaged) * 2 + GOOD[4])
+    assert reader.take_malformed() == 4
+
+
 def test_a_damaged_length_does_not_swallow_what_follows():
     damaged = bytearray(GOOD[0])
     damaged[1] = 255

@@ -8,7 +8,7 @@ import pytest
 from drivers.events import Notice, RefusedFrames, VehicleId
 from drivers.mavlink.encoder import FrameEncoder, heartbeat
 from drivers.mavlink.framing import FrameReader
-from drivers.mavlink.gate import TAKE_OVER_US, FrameGate, Policy
+from drivers.mavlink.gate import FrameGate, Policy
 from drivers.mavlink.signing import AHEAD_TICKS, SigningCheck, state_path
 from estimator.errors import InputError
 
@@ -250,7 +250,8 @@ def test_of_two_senders_with_one_address_the_first_is_used_until_it_falls_silent
     assert not gate.lets_in(signed(), "b", NOW + S // 10)
     assert gate.lets_in(signed(), "a", NOW + S // 5)
     assert refused(gate) == [(ONE, "address_conflict", 1)]
-    silent = NOW + S // 5 + TAKE_OVER_US
+    silent = NOW + S // 5 + S
+    assert not gate.lets_in(signed(), "b", silent - 1)
     assert gate.lets_in(signed(), "b", silent)
     assert not gate.lets_in(signed(), "a", silent + 1)
 
