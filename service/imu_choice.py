@@ -1,8 +1,9 @@
 """Which of a vehicle's IMU messages feeds the estimator.
 
-Messages of one vehicle may come from different IMUs, mounted and calibrated
-differently, so they are never mixed: one is chosen, and another takes over
-only when the chosen one goes silent or a preferred one proves steady.
+Messages of one vehicle may come from different IMUs, mounted and calibrated differently, so
+they are never mixed: one is chosen. Another IMU is a last resort. On a lossy link one message
+may be missing for seconds while another's come through, so the chosen one must have been silent
+for long while the other came; and it must be back for as long before it is used again.
 """
 
 import msgspec
@@ -10,38 +11,91 @@ import msgspec
 from drivers.samples.preference import imu_rank
 from drivers.value import Value
 
-STEADY_SAMPLES = 3  # of a preferred message before it takes over
+STEADY_SAMPLES = 3  # of a preferred message before it takes over for the first time
+SILENT_PERIODS = 20.0  # of the message in use, before another stands in
+# A message has come back after silences; twice the longest must pass before it counts as gone
+SILENCES = 2.0
+LONGEST_SILENCE_US = 15_000_000  # a longer one was the link's, or the vehicle's
+STAND_IN_GAP_US = 2_000_000  # a stand-in that comes less often than this is none
 
 
 class ImuChoice(Value, frozen=True):
-    """The message in use, when it last arrived, and a preferred one that is proving itself."""
+    """The message in use, when it last arrived, and another one that is proving itself.
+
+    ``longest_silence_us`` is what the one in use has come back from, ``has_failed`` says that
+    another IMU has stood in before.
+    """
 
     message: str | None = None
     last_arrival_us: int = 0
-    candidate: str | None = None
-    candidate_samples: int = 0
-    candidate_arrival_us: int = 0
+    longest_silence_us: int = 0
+    has_failed: bool = False
+    rival: str | None = None
+    rival_samples: int = 0
+    rival_since_us: int = 0
+    rival_arrival_us: int = 0
 
 
-def consider(choice: ImuChoice, message: str, arrival_us: int, late_after_us: float) -> ImuChoice:
+def patience_us(choice: ImuChoice, late_after_us: float, period_us: float) -> float:
+    """How long the message in use may be silent, and a returning one must have been back."""
+    return max(late_after_us, SILENT_PERIODS * period_us, SILENCES * choice.longest_silence_us)
+
+
+def consider(
+    choice: ImuChoice, message: str, arrival_us: int, late_after_us: float, period_us: float = 0.0
+) -> ImuChoice:
     """The choice after ``message`` arrived; it is in use if ``.message`` equals it.
 
-    ``late_after_us`` is the silence after which the message in use has failed.
+    ``late_after_us`` is the silence after which the message in use is late, ``period_us`` its
+    median interval.
     """
     if choice.message is None:
         return ImuChoice(message, arrival_us)
     if message == choice.message:
-        return msgspec.structs.replace(choice, last_arrival_us=arrival_us)
-    if arrival_us - choice.last_arrival_us > late_after_us:
-        return ImuChoice(message, arrival_us)
-    if imu_rank(message) >= imu_rank(choice.message):
+        return _after_own(choice, arrival_us)
+    is_preferred = imu_rank(message) < imu_rank(choice.message)
+    longest_gap_us = late_after_us if is_preferred else max(late_after_us, STAND_IN_GAP_US)
+    choice = _after_rival(choice, message, arrival_us, longest_gap_us)
+    if choice.rival != message:
         return choice
-    steady = (
-        choice.candidate == message and arrival_us - choice.candidate_arrival_us <= late_after_us
-    )
-    count = choice.candidate_samples + 1 if steady else 1
-    if count >= STEADY_SAMPLES:
-        return ImuChoice(message, arrival_us)
+    lasts_us = arrival_us - choice.rival_since_us
+    is_long = lasts_us >= patience_us(choice, late_after_us, period_us)
+    is_steady = choice.rival_samples >= STEADY_SAMPLES
+    if is_steady and (is_long or (is_preferred and not choice.has_failed)):
+        return ImuChoice(message, arrival_us, has_failed=choice.has_failed or not is_preferred)
+    return choice
+
+
+def _after_own(choice: ImuChoice, arrival_us: int) -> ImuChoice:
+    """The message in use came: nobody needs to stand in for it."""
+    silence_us = arrival_us - choice.last_arrival_us
+    longest_us = choice.longest_silence_us
+    if longest_us < silence_us <= LONGEST_SILENCE_US:
+        longest_us = silence_us
+    rival = choice.rival
+    if rival is not None and imu_rank(rival) >= imu_rank(choice.message or ""):
+        rival = None
     return msgspec.structs.replace(
-        choice, candidate=message, candidate_samples=count, candidate_arrival_us=arrival_us
+        choice, last_arrival_us=arrival_us, longest_silence_us=longest_us, rival=rival
+    )
+
+
+def _after_rival(
+    choice: ImuChoice, message: str, arrival_us: int, longest_gap_us: float
+) -> ImuChoice:
+    """Another message came: follow it, unless a better one is followed."""
+    goes_on = arrival_us - choice.rival_arrival_us <= longest_gap_us
+    if choice.rival == message and goes_on:
+        return msgspec.structs.replace(
+            choice, rival_samples=choice.rival_samples + 1, rival_arrival_us=arrival_us
+        )
+    is_other = choice.rival not in (None, message)
+    if is_other and goes_on and imu_rank(message) >= imu_rank(choice.rival or ""):
+        return choice
+    return msgspec.structs.replace(
+        choice,
+        rival=message,
+        rival_samples=1,
+        rival_since_us=arrival_us,
+        rival_arrival_us=arrival_us,
     )

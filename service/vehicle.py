@@ -88,7 +88,9 @@ class Vehicle:
         """Feed the estimator, if the message is the chosen one."""
         before = self._choice.message
         late_us = health.late_after_us(self.median_period_us)
-        self._choice = imu_choice.consider(self._choice, event.message, event.arrival_us, late_us)
+        self._choice = imu_choice.consider(
+            self._choice, event.message, event.arrival_us, late_us, self.median_period_us
+        )
         if self._choice.message != event.message:
             return []
         texts = [] if before == event.message else self._change_over(before, event.message)

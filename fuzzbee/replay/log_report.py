@@ -41,11 +41,17 @@ class VehicleSummary(msgspec.Struct, frozen=True):
 
 
 class ImuSummary(msgspec.Struct, frozen=True):
-    """What arrived; the arrival gap is of the log's stamps, the other of the vehicle's clock."""
+    """What arrived; the arrival gap is of the log's stamps, the other of the vehicle's clock.
+
+    ``message`` is the one that was used most, ``messages`` counts the samples used of each. The
+    median rate is that of the stream while it comes, the mean what really came in a second.
+    """
 
     message: str
     samples: int
+    messages: dict[str, int]
     median_rate_hz: float | None
+    mean_rate_hz: float | None
     worst_gap_s: float | None
     worst_arrival_gap_s: float | None
 
@@ -192,9 +198,11 @@ def _imu_summary(trace: VehicleTrace) -> ImuSummary:
     steps = np.diff(trace.times_us) * MICROSECOND
     arrivals = np.diff(np.array(trace.arrivals_us, dtype=np.int64)) * MICROSECOND
     return ImuSummary(
-        message=trace.imu_message or "",
+        message=max(trace.imu_messages, key=lambda name: trace.imu_messages[name], default=""),
         samples=len(trace.attitudes),
+        messages=dict(trace.imu_messages.most_common()),
         median_rate_hz=float(1.0 / np.median(steps)) if len(steps) else None,
+        mean_rate_hz=float(1.0 / np.mean(steps)) if len(steps) else None,
         worst_gap_s=float(steps.max()) if len(steps) else None,
         worst_arrival_gap_s=float(arrivals.max()) if len(arrivals) else None,
     )

@@ -63,7 +63,13 @@ def report_simulation(
         source="sim:",
         vehicle=VehicleSummary(1, 1, None, None),
         imu=ImuSummary(
-            "RAW_IMU", COST_SAMPLES * len(results), COST_RATE_HZ, 1.0 / COST_RATE_HZ, None
+            message="RAW_IMU",
+            samples=COST_SAMPLES * len(results),
+            messages={"RAW_IMU": COST_SAMPLES * len(results)},
+            median_rate_hz=COST_RATE_HZ,
+            mean_rate_hz=COST_RATE_HZ,
+            worst_gap_s=1.0 / COST_RATE_HZ,
+            worst_arrival_gap_s=None,
         ),
         duration_s=(COST_SAMPLES - 1) / COST_RATE_HZ,
         reference="sim",

@@ -38,12 +38,14 @@ def print_simulation(report: "SimulationReport") -> None:
 def _figures(report: "LogReport") -> Table:
     imu, vehicle, errors = report.imu, report.vehicle, report.error_deg
     kind = " ".join(name.lower() for name in (vehicle.autopilot, vehicle.type) if name)
+    samples = ", ".join(f"{count} {name}" for name, count in imu.messages.items())
     grid = _grid()
     grid.add_row("log", Text(printable(report.source)))
     grid.add_row("vehicle", f"{vehicle.system_id} (component {vehicle.component_id}) {kind}")
     grid.add_row(
         "IMU",
-        f"{imu.samples} {imu.message} at {_number(imu.median_rate_hz, 1)} Hz over "
+        f"{samples} at {_number(imu.median_rate_hz, 1)} Hz (median; "
+        f"{_number(imu.mean_rate_hz, 1)} really came a second) over "
         f"{report.duration_s:.0f} s; worst gap {_number(imu.worst_gap_s)} s "
         f"({_number(imu.worst_arrival_gap_s)} s between arrivals)",
     )

@@ -33,7 +33,7 @@ class VehicleTrace:
         self.address = address
         self.autopilot: int | None = None
         self.vehicle_type: int | None = None
-        self.imu_message: str | None = None
+        self.imu_messages: Counter[str] = Counter()  # samples used of each
         self.arrivals_us: list[int] = []
         self.attitudes: list[Attitude] = []
         self.samples: list[ImuSample] = []  # that they were made of
@@ -97,7 +97,6 @@ class Replay:
         for vehicle in self._pipeline.vehicles:
             trace = self._trace(vehicle.address)
             trace.rejected.update(vehicle.rejected)
-            trace.imu_message = vehicle.imu_message
 
     def _take(self, event: Event) -> None:
         for output in self._pipeline.handle(event):
@@ -123,6 +122,7 @@ class Replay:
         attitude = vehicle.estimator.attitude(event.sample.time_us)
         if not is_finite(attitude):
             return  # live it is not published, either; the vehicle counts it and aligns anew
+        trace.imu_messages[event.message] += 1
         trace.arrivals_us.append(event.arrival_us)
         trace.attitudes.append(attitude)
         trace.samples.append(event.sample)

@@ -1,3 +1,7 @@
+import random
+
+import pytest
+
 from service.imu_choice import ImuChoice, consider
 
 LATE_US = 500_000
@@ -31,10 +35,49 @@ def test_a_preferred_message_now_and_then_does_not():
         assert choice.message == "HIGHRES_IMU"
 
 
-def test_change_over_when_the_chosen_one_goes_silent():
+def test_change_over_when_the_chosen_one_is_silent_while_the_other_comes():
+    """At 50 Hz after half a second, and not by what comes first after an outage of both."""
     choice = feed(ImuChoice(), "RAW_IMU")
-    assert feed(choice, "SCALED_IMU2", start_us=LATE_US).message == "RAW_IMU"
-    assert feed(choice, "SCALED_IMU2", start_us=LATE_US + 1).message == "SCALED_IMU2"
+    choice = feed(choice, *["SCALED_IMU2"] * 50, start_us=60_000_000)  # after a minute of nothing
+    assert choice.message == "RAW_IMU"
+    assert feed(choice, "SCALED_IMU2", start_us=60_500_000).message == "SCALED_IMU2"
+
+
+def alternate(drops, period_us, seconds, seed=0):
+    """The changes of message on a link that drops RAW_IMU in ``drops`` (s, s), the other never."""
+    rng, choice, used = random.Random(seed), ImuChoice(), []
+    for k in range(round(seconds * 1e6 / period_us)):
+        now_us = k * period_us
+        lost = any(a <= now_us / 1e6 < b for a, b in drops) or (k > 0 and rng.random() < 0.2)
+        for name in ([] if lost else ["RAW_IMU"]) + ["SCALED_IMU2"]:
+            late_us = max(LATE_US, 3 * period_us)
+            choice = consider(choice, name, now_us, late_us, float(period_us))
+            if not used or used[-1] != choice.message:
+                used.append(choice.message)
+    return used
+
+
+@pytest.mark.parametrize("seed", range(5))
+@pytest.mark.parametrize("period_us", [250_000, 400_000])
+def test_a_lossy_link_does_not_make_two_imus_alternate(period_us, seed):
+    """Holes of 3 to 4.5 s in one message, every 20 s: 21 changes to and fro before."""
+    drops = [(20 * k + 5, 20 * k + 8 + 0.3 * (k % 6)) for k in range(20)]
+    assert alternate(drops, period_us, 400, seed) == ["RAW_IMU"]
+
+
+def test_an_imu_that_is_gone_is_replaced_and_used_again_when_it_is_back_for_good():
+    gone, flicker = (60, 100), [(100 + k, 100.7 + k) for k in range(10)]
+    used = alternate([gone, *flicker], 250_000, 90)
+    assert used == ["RAW_IMU", "SCALED_IMU2"]
+    assert alternate([gone, *flicker], 250_000, 110) == used
+    assert alternate([gone, *flicker], 250_000, 200) == [*used, "RAW_IMU"]
+
+
+def test_the_second_imu_is_the_stand_in_not_the_third():
+    choice = feed(ImuChoice(), "RAW_IMU")
+    for k in range(60):
+        choice = feed(choice, "SCALED_IMU3", "SCALED_IMU2", start_us=20_000 * (k + 1), step_us=10)
+    assert choice.message == "SCALED_IMU2"
 
 
 def test_names_of_log_formats_are_usable():
