@@ -138,11 +138,15 @@ class RefusedFrames(Value, frozen=True):
 
 
 class Notice(Value, frozen=True):
-    """Something a person should be told once, in one line."""
+    """Something a person should be told once, in one line.
+
+    ``section`` names the section of the profile that settles it, if one does.
+    """
 
     vehicle: VehicleId | None
     arrival_us: int
     text: str
+    section: Literal["", "mounting"] = ""
 
 
 class Malformed(Value, frozen=True):

@@ -22,6 +22,7 @@ from estimator.bounds import require_within
 from estimator.conditioning.types import ConditioningParams
 from estimator.errors import InputError
 from estimator.filter import memberships
+from estimator.mounting import Mounting
 from estimator.types import Vec3
 
 SHIPPED = ("paper", "imu", "adaptive")
@@ -106,6 +107,7 @@ class Profile(Struct, frozen=True, forbid_unknown_fields=True):
     reference: Reference = Reference()
     filter: Filter = Filter()
     confidence: Confidence = Confidence()
+    mounting: Mounting = Mounting()
     provenance: Provenance = Provenance()
 
     @property
@@ -202,6 +204,7 @@ def profile_to_json(profile: Profile) -> dict[str, Any]:
         "confidence",
         "conditioning",
         "aiding",
+        "mounting",
         "provenance",
     )
     return {section: tree[section] for section in sections}

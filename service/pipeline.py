@@ -120,7 +120,8 @@ class Pipeline:
             case Malformed(frames=frames):
                 self.malformed += frames
             case Notice(vehicle=address, text=text):
-                if address is None or self._is_wanted(address):
+                is_wanted = address is None or self._is_wanted(address)
+                if is_wanted and not self._is_settled(event):
                     return [Message(text)]
             case LinkUp(endpoint=endpoint):
                 return [Message(f"{endpoint} connected")]
@@ -174,6 +175,12 @@ class Pipeline:
         vehicle = Vehicle(address, self.profile, self._new_estimator(self.profile))
         self._vehicles[address] = vehicle
         return vehicle
+
+    def _is_settled(self, notice: Notice) -> bool:
+        """Whether the vehicle's profile says already what the notice asks for."""
+        vehicle = None if notice.vehicle is None else self._vehicles.get(notice.vehicle)
+        profile = self.profile if vehicle is None else vehicle.profile
+        return notice.section == "mounting" and not profile.mounting.is_plain
 
     def _is_wanted(self, address: VehicleId) -> bool:
         return self._system_id is None or address.system_id == self._system_id

@@ -57,7 +57,8 @@ class Vehicle:
         self._clock = HostClock()
         self._periods_us: deque[int] = deque(maxlen=PERIODS_KEPT)
         self._median_us: float | None = None
-        self._last: Imu | None = None
+        self._last: Imu | None = None  # as the vehicle sent it
+        self._last_sample: ImuSample | None = None  # as it is mounted
         self._talk = Talk(f"vehicle {self.name}")  # of what anybody can make happen at will
         self._silent_since_us: int | None = None  # before a reset: no period will span it
 
@@ -69,7 +70,11 @@ class Vehicle:
     @property
     def last_sample(self) -> ImuSample | None:
         """The sample that the estimator took last."""
-        return None if self._last is None else self._last.sample
+        return None if self._last is None else self._last_sample
+
+    def has_taken(self, event: Imu) -> bool:
+        """Whether the estimator took that event last."""
+        return self._last is event
 
     @property
     def imu_message(self) -> str | None:
@@ -94,11 +99,13 @@ class Vehicle:
         if self._choice.message != event.message:
             return []
         texts = [] if before == event.message else self._change_over(before, event.message)
-        reason = self.estimator.update(event.sample)
+        sample = self.profile.mounting.mounted(event.sample)
+        reason = self.estimator.update(sample)
         if reason is not None:
             self.reject(reason)
             return texts
         self._measure(event)
+        self._last_sample = sample
         if self.samples % CHECKED_EVERY == 0:
             texts += self._align_broken_anew(event)
         after = health.on_sample(self._health, event.arrival_us, aligned=self.estimator.aligned)
@@ -208,8 +215,14 @@ class Vehicle:
         self.rejected[reason] += count
 
     def replace_profile(self, profile: Profile) -> None:
-        """Use another profile from the next sample on; the estimate stays."""
+        """Use another profile from the next sample on; the estimate stays.
+
+        Unless the IMU is mounted otherwise: then the attitude was of other axes.
+        """
         self.estimator.replace_profile(profile)
+        if profile.mounting != self.profile.mounting:
+            self.estimator.restart()
+            self._last = None
         self.profile = profile
 
     def on_profile(self, now_us: int) -> list[str]:

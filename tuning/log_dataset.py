@@ -14,6 +14,7 @@ from drivers.logs.reference_track import ReferenceTrack
 from drivers.samples.preference import imu_rank
 from estimator.aiding.place import Whereabouts, update_whereabouts
 from estimator.errors import InputError
+from estimator.mounting import Mounting
 from estimator.refusal import refusal
 from estimator.types import ImuSample
 
@@ -32,6 +33,9 @@ LEAST_MOTION_S = 10.0
 LEAST_FIELD_RATE_HZ = 0.2
 # Messages that come nearly as often as the most frequent one are as good.
 AS_OFTEN = 0.8
+
+
+PLAIN = Mounting()
 
 
 class LogData(NamedTuple):
@@ -71,7 +75,8 @@ class LogData(NamedTuple):
 class _Stream:
     """What one vehicle sent, sorted by message and source."""
 
-    def __init__(self) -> None:
+    def __init__(self, mounting: Mounting) -> None:
+        self._mounting = mounting
         self.samples: dict[str, list[ImuSample]] = {}
         self.restarts: dict[str, list[int]] = {}
         self.tracks = {name: ReferenceTrack() for name in REFERENCES}
@@ -81,7 +86,7 @@ class _Stream:
     def take(self, event: Event) -> None:
         match event:
             case Imu(message=message, sample=sample):
-                self._take_sample(message, sample)
+                self._take_sample(message, self._mounting.mounted(sample))
             case ReferenceAttitude(source=source):
                 self.tracks[source].add(event)
             case Position():
@@ -115,8 +120,8 @@ class _Stream:
         return min(often, key=lambda name: (imu_rank(name), name))
 
 
-def read_log(path: Path) -> LogData:
-    """The vehicle with most IMU samples.
+def read_log(path: Path, mounting: Mounting = PLAIN) -> LogData:
+    """The vehicle with most IMU samples, as they are mounted.
 
     Raises:
         InputError: the log cannot be read, or is too slow, too short or without motion.
@@ -127,7 +132,7 @@ def read_log(path: Path) -> LogData:
         for event in log:
             address = getattr(event, "vehicle", None)
             if address is not None:
-                streams.setdefault(address, _Stream()).take(event)
+                streams.setdefault(address, _Stream(mounting)).take(event)
     counts = Counter(
         {address: len(s.samples[s.message]) for address, s in streams.items() if s.samples}
     )

@@ -23,7 +23,7 @@ from drivers.events import (
 from drivers.samples.fix import Fix, velocity_sample
 from drivers.samples.fresh_field import FreshField, RepeatedField, finite_or_zero
 from drivers.samples.navigation import Navigation
-from drivers.samples.plausibility import Plausibility
+from drivers.samples.plausibility import AXES_COMPLAINT, Plausibility
 from drivers.samples.preference import is_receiver
 from drivers.samples.sensor_faults import Readings, SensorFaults
 from drivers.samples.vehicle_clock import Placed, Refused, TimeField, VehicleClock
@@ -218,7 +218,9 @@ class Intake:
         sample = ImuSample._make((time_us, reading.gyr_rad_s, reading.acc_m_s2, mag, has_mag))
         events: list[Event] = [Imu(self.vehicle, arrival_us, boot_us, name, sample)]
         complaints = stream.plausibility.look(sample, doubts_axes=self.doubts_axes)
-        events.extend(Notice(self.vehicle, arrival_us, f"{name}: {text}") for text in complaints)
+        for text in complaints:
+            section: Literal["", "mounting"] = "mounting" if text == AXES_COMPLAINT else ""
+            events.append(Notice(self.vehicle, arrival_us, f"{name}: {text}", section))
         return events
 
     def _place(self, name: str, stamp: Stamp) -> Placed | None:

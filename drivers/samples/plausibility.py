@@ -13,6 +13,13 @@ GYR_LIMIT_RAD_S = math.radians(2000.0)  # the range of common MEMS gyroscopes
 MAG_RANGE_GAUSS = (0.05, 5.0)  # the Earth's is 0.25..0.65; scale and hard iron are often off
 
 
+AXES_COMPLAINT = (
+    "accelerometer z is positive: upside down, or axes other than FRD. If it stands level, write "
+    "into the profile: [mounting] acc_sign = -1 (or rotation_deg = [180, 0, 0] if y and z of the "
+    "gyroscope are the other way round, too)"
+)
+
+
 class Plausibility:
     """Says once, in words, when an IMU's magnitudes cannot be right."""
 
@@ -65,7 +72,7 @@ class Plausibility:
     def _axes_complaint(self) -> str:
         if _median(self._acc_z_g) < 0.5:
             return ""
-        return "accelerometer z is positive: upside down, or an axis convention other than FRD"
+        return AXES_COMPLAINT
 
     def _gyr_complaint(self) -> str:
         median = _median(self._gyr_rad_s)

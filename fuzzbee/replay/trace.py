@@ -115,7 +115,8 @@ class Replay:
 
     def _after_imu(self, event: Imu) -> None:
         vehicle = self._pipeline.vehicle(event.vehicle)
-        if vehicle is None or vehicle.last_sample is not event.sample:
+        sample = None if vehicle is None else vehicle.last_sample
+        if vehicle is None or sample is None or not vehicle.has_taken(event):
             return
         trace = self._trace(event.vehicle)
         self._turn_wrong(vehicle, trace)
@@ -125,7 +126,7 @@ class Replay:
         trace.imu_messages[event.message] += 1
         trace.arrivals_us.append(event.arrival_us)
         trace.attitudes.append(attitude)
-        trace.samples.append(event.sample)
+        trace.samples.append(sample)
         trace.fields += event.sample.has_mag
 
     def _turn_wrong(self, vehicle: Vehicle, trace: VehicleTrace) -> None:

@@ -105,7 +105,7 @@ def _log_plan(request: TuneRequest, tell: Callable[[str], None]) -> Plan:
             raise InputError(f"{option} goes with sim: only; a log has its own noise")
     paths = _log_paths(request)
     base = load_profile(request.base or "imu")
-    logs = tuple(read_log(path) for path in paths)
+    logs = tuple(read_log(path, base.mounting) for path in paths)
     _require_distinct(logs)
     slowest = min(logs, key=lambda log: log.rate_hz)
     groups = _groups(request, default_groups(slowest.rate_hz))

@@ -219,6 +219,7 @@ def test_json_names_every_number():
     tree = profile_to_json(load_profile("imu"))
     assert list(tree) == [
         *("reference", "filter", "membership", "confidence", "conditioning", "aiding"),
+        "mounting",
         "provenance",
     ]
     assert list(tree["membership"]) == list(NAMES)

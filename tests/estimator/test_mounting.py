@@ -1,0 +1,180 @@
+"""An IMU mounted otherwise, from the profile's section to the attitude."""
+
+from math import radians
+
+import pytest
+
+from drivers.events import Imu, Notice, VehicleId
+from drivers.mavlink.decoder import MavlinkDecoder
+from drivers.mavlink.dialect import mavlink
+from drivers.mavlink.framing import FrameReader
+from drivers.simulation.simulated_vehicle import SimulatedVehicle
+from estimator.errors import InputError
+from estimator.geometry.frames import from_euler_rad
+from estimator.geometry.metrics import angle_errors
+from estimator.geometry.quaternion import conjugate, rotate, scale
+from estimator.mounting import Mounting
+from estimator.profile import load_profile, merge_profile, parse_profile, profile_to_toml
+from estimator.types import ImuSample
+from fuzzbee.replay.trace import Replay
+from service.pipeline import Pipeline
+from service.records import Message
+from tuning.log_dataset import read_log
+
+ONE = VehicleId(1, 1)
+S = 1_000_000
+ODD = {"rotation_deg": [35.0, -120.0, 77.0], "acc_sign": -1}
+CASES = [
+    {},
+    {"acc_sign": -1},
+    {"rotation_deg": [180.0, 0.0, 0.0]},
+    {"rotation_deg": [0.0, 0.0, -90.0]},
+    ODD,
+]
+
+
+def profile(**mounting):
+    return merge_profile(load_profile("imu"), {"mounting": mounting})
+
+
+def as_sensed(sample, mounting):
+    """What the sensor says of a sample of the body: the way back."""
+    back = conjugate(mounting.q_frd_sensor)
+    return sample._replace(
+        gyr_rad_s=rotate(back, sample.gyr_rad_s),
+        acc_m_s2=scale(mounting.acc_sign, rotate(back, sample.acc_m_s2)),
+        mag_gauss=rotate(back, sample.mag_gauss),
+    )
+
+
+def flight(mounting, seconds=6.0):
+    """(event, truth) of the paper's motion without noise, as a sensor so mounted sends it."""
+    vehicle = SimulatedVehicle(seed=1, rate_hz=50.0, noise=0.0, bias=0.0)
+    for k in range(round(50 * seconds)):
+        s = next(vehicle)
+        body = ImuSample(s.time_us, s.gyr_rad_s, s.acc_m_s2, s.mag_gauss, True)
+        yield Imu(ONE, 20_000 * k, s.time_us, "RAW_IMU", as_sensed(body, mounting)), s.q_ned_frd
+
+
+def test_the_plain_mounting_leaves_samples_as_they_are():
+    sample = ImuSample(1, (0.1, 0.2, 0.3), (1.0, 2.0, -9.0), (0.2, 0.0, 0.4), True)
+    assert Mounting().mounted(sample) is sample
+    assert profile().mounting.is_plain
+
+
+def test_rotations_are_roll_then_pitch_then_yaw():
+    """An IMU yawed right by 90 deg: its forward is the body's right."""
+    sample = ImuSample(1, (1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0), True)
+    turned = Mounting((0.0, 0.0, 90.0)).mounted(sample)
+    assert turned.gyr_rad_s == pytest.approx((0.0, 1.0, 0.0))
+    assert turned.acc_m_s2 == pytest.approx((-1.0, 0.0, 0.0))
+    assert turned.mag_gauss == pytest.approx((0.0, 0.0, 1.0))
+    angles = (10.0, 20.0, 30.0)
+    assert Mounting(angles).q_frd_sensor == from_euler_rad(*map(radians, angles))
+
+
+def errors_rad(events_and_truth, chosen):
+    """The last total error of a replay with that profile, and the samples it kept."""
+    replay = Replay(chosen)
+    pairs = list(events_and_truth)
+    replay.run([event for event, _ in pairs])
+    trace = replay.traces[ONE]
+    return angle_errors(trace.attitudes[-1].q_ned_frd, pairs[-1][1]), trace
+
+
+@pytest.mark.parametrize("mounting", CASES)
+def test_a_mounted_imu_gives_the_attitude_of_one_that_sits_right(mounting):
+    chosen = merge_profile(load_profile("paper"), {"mounting": mounting})
+    errors, trace = errors_rad(flight(chosen.mounting), chosen)
+    right, same = errors_rad(flight(Mounting()), load_profile("paper"))
+    assert max(errors) < radians(1.0)
+    assert errors == pytest.approx(right, abs=1e-6)
+    for axis in range(3):  # what viewers and ROS are given is the body's, too
+        assert trace.samples[-1].acc_m_s2[axis] == pytest.approx(same.samples[-1].acc_m_s2[axis])
+
+
+def test_without_its_section_it_is_upside_down():
+    errors, _ = errors_rad(flight(Mounting(acc_sign=-1)), load_profile("imu"))
+    assert max(errors) > radians(90.0)
+
+
+@pytest.mark.parametrize(
+    ("line", "complaint"),
+    [
+        ("rotation_deg = [0, 0]", "rotation_deg"),
+        ("rotation_deg = [0, 0, 181]", "rotation_deg"),
+        ("rotation_deg = [0, nan, 0]", "rotation_deg"),
+        ("rotation_deg = 90", "rotation_deg"),
+        ("acc_sign = 0", "acc_sign"),
+        ("acc_sign = 2", "acc_sign"),
+        ("sign = -1", "sign"),
+    ],
+)
+def test_what_is_no_mounting_is_refused(line, complaint):
+    text = profile_to_toml(load_profile("imu")).partition("[mounting]")[0]
+    with pytest.raises(InputError, match=complaint):
+        parse_profile(f"{text}\n[mounting]\n{line}\n", "p.toml")
+
+
+def test_it_survives_being_written():
+    chosen = profile(**ODD)
+    assert parse_profile(profile_to_toml(chosen), "p.toml").mounting == chosen.mounting
+
+
+def test_another_mounting_in_flight_aligns_anew():
+    pipeline = Pipeline(load_profile("imu"))
+    pairs = list(flight(Mounting(acc_sign=-1), 4.0))
+    for event, _ in pairs[:100]:
+        pipeline.handle(event)
+    pipeline.replace_profile(ONE, {"mounting": {"acc_sign": -1}})
+    pipeline.handle(pairs[100][0])
+    q = pipeline.vehicle(ONE).estimator.attitude(pairs[100][0].sample.time_us).q_ned_frd
+    assert angle_errors(q, pairs[100][1])[2] < radians(1.0)
+
+
+def z_up(k, link):
+    """A level IMU that gives gravity: z = +1025 mg."""
+    m = mavlink()
+    turn = 300 * (k % 40 < 20)
+    return bytes(
+        m.MAVLink_raw_imu_message(20_000 * k, 5, 3, 1025, 0, 0, turn, 200, 0, 400).pack(link)
+    )
+
+
+def notices(chosen):
+    """What the service tells of an IMU whose z is positive."""
+    link, reader, decoder = mavlink().MAVLink(None, 1, 1), FrameReader(), MavlinkDecoder()
+    pipeline, told = Pipeline(chosen), []
+    heartbeat = mavlink().MAVLink_heartbeat_message(10, 0, 0, 0, 0, 3)
+    for data in [bytes(heartbeat.pack(link)), *(z_up(k, link) for k in range(1, 600))]:
+        for frame in reader.feed(data):
+            for event in decoder.events(frame, S):
+                told += [x.text for x in pipeline.handle(event) if isinstance(x, Message)]
+                if isinstance(event, Notice):
+                    assert event.section == "mounting"
+    return [text for text in told if "z is positive" in text]
+
+
+def test_the_notice_names_the_lines_and_is_not_told_where_they_are_written():
+    (text,) = notices(load_profile("imu"))
+    assert "[mounting] acc_sign = -1" in text
+    assert "rotation_deg = [180, 0, 0]" in text
+    assert notices(profile(acc_sign=-1)) == []
+
+
+def test_tuning_reads_logs_as_they_are_mounted(tmp_path):
+    link = mavlink().MAVLink(None, 1, 1)
+    path = tmp_path / "up.tlog"
+    path.write_bytes(
+        b"".join(
+            (S * 1_700_000_000 + 20_000 * k).to_bytes(8, "big") + z_up(k, link)
+            for k in range(1, 3600)
+        )
+    )
+    plain, mounted = (
+        read_log(path),
+        read_log(path, profile(rotation_deg=[180.0, 0.0, 0.0]).mounting),
+    )
+    assert mounted.acc_m_s2[:, 2] == pytest.approx(-plain.acc_m_s2[:, 2])
+    assert mounted.gyr_rad_s[:, 2] == pytest.approx(-plain.gyr_rad_s[:, 2])
+    assert plain.acc_m_s2[0, 2] > 9.0
