@@ -209,9 +209,16 @@ class AidingState(NamedTuple):
     sigma: Sigmas  # as published
 
 
+class North(NamedTuple):
+    """Magnetic north, as far as it is known."""
+
+    is_known: bool
+    direction: Two  # unit vector (north, east) in NED; counts only where it is known
+
+
 class Surroundings(NamedTuple):
     """What the aiding is told about a sample by others."""
 
     gravity_b: Vec3  # down by the unaided conditioning stage, a unit vector in FRD
     gravity_sigma_rad: float  # of that
-    north: Two  # unit vector to magnetic north, (north, east) in NED; (0, 0): not known
+    north: North

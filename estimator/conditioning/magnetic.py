@@ -39,6 +39,8 @@ def look_at_field(
     v = before.down + share * (seen[1] - before.down)
     h_r, v_r = expected
     n_r = sqrt(h_r * h_r + v_r * v_r)
+    if n_r == 0.0:  # readings of nothing have taught the reference: nothing resembles it
+        return FieldLook(horizontal=h, down=v, confidence=0.0)
     n = max(sqrt(h * h + v * v), LEAST_SHARE * n_r)
     off_norm = (n - n_r) / (norm_scale * n_r)
     off_dip = (v * h_r - h * v_r) / (n * n_r) / dip_scale

@@ -3,7 +3,7 @@
 from math import hypot
 
 from estimator.aiding import AidingState
-from estimator.aiding.types import Two
+from estimator.aiding.types import North
 from estimator.compilation.compiled import inlined
 from estimator.conditioning.magnetic import LEAST_HORIZONTAL
 from estimator.conditioning.rate import following_weight, slow_share
@@ -28,13 +28,13 @@ def confidence(sigma_rad: float, half_rad: float) -> float:
 
 
 @inlined
-def horizontal_north(reference: ReferenceParams, knows_north: bool) -> Two:
-    """Unit vector to magnetic north, (north, east) in NED; (0, 0) where that is not known."""
+def horizontal_north(reference: ReferenceParams, knows_north: bool) -> North:
+    """Magnetic north by the reference, which has none where the field is vertical."""
     m = reference.magnetic_ned
     horizontal = hypot(m[0], m[1])
     if knows_north and horizontal > 0.0:
-        return (m[0] / horizontal, m[1] / horizontal)
-    return (0.0, 0.0)
+        return North(True, (m[0] / horizontal, m[1] / horizontal))
+    return North(False, (1.0, 0.0))
 
 
 @inlined

@@ -17,6 +17,7 @@ from estimator.aiding.types import (
     Array,
     FieldResidual,
     FieldState,
+    North,
     Two,
 )
 from estimator.compilation.compiled import inlined
@@ -83,7 +84,9 @@ def judge_field(
 
 
 @inlined
-def begin_field(state: FieldState, R: Array, F: Vec3, north: Two, P: Array, x: Array) -> FieldState:
+def begin_field(
+    state: FieldState, R: Array, F: Vec3, north: North, P: Array, x: Array
+) -> FieldState:
     """The first sample is taken for the place's field, turned towards ``north`` if that is known.
 
     The vehicle's hard iron is in that sample, so the error of the one is that of the other with
@@ -95,8 +98,8 @@ def begin_field(state: FieldState, R: Array, F: Vec3, north: Two, P: Array, x: A
         return state
     iron = P[HARD_IRON, HARD_IRON]
     along = (FIRST_SIGMA * n) ** 2 + iron
-    c, s = north
-    known = c != 0.0 or s != 0.0
+    known = north.is_known
+    c, s = north.direction
     across = (DECLINATION_SIGMA_RAD * h) ** 2 if known else along
     if not known:
         c, s = (F[0] / h, F[1] / h) if h > 0.0 else (1.0, 0.0)
@@ -140,14 +143,14 @@ def observe_heading(
     field: FieldState,
     estimate: AidingEstimate,
     now: Prediction,
-    north: Two,
+    north: North,
     sample: Sample,
     x: Array,
 ) -> FieldState:
     """Three scalar updates: the field, turned to NED, is the place's own.
 
-    ``north`` is magnetic north as (north, east), (0, 0) where it is not known. The reading is
-    ``lag`` old, so it belongs to the attitude then, q exp(-lag w).
+    The reading is ``lag`` old, so it belongs to the attitude then, q exp(-lag w). Where magnetic
+    north is known, it holds the direction of the place's field, too.
     Across the place's horizontal field the difference tells the heading; where the field dips, an
     error of tilt shows there, too, as the row of the measurement says. Along the horizontal field
     and down it tells the hard iron and the place's field. There the tilt, which velocity knows
@@ -184,8 +187,8 @@ def observe_heading(
         off = -angle
     learn(P, x, across, off, noise)
     learn_place(P, x, R, E, F, dF, noise)
-    if north[0] != 0.0 or north[1] != 0.0:
-        learn_declination(P, x, E, north, wait)
+    if north.is_known:
+        learn_declination(P, x, E, north.direction, wait)
     far = abs(angle) > params.far_heading_rad + 2.0 * sqrt(expected)
     return update_residual(field, off, far, wait)
 

@@ -84,7 +84,7 @@ def observe_velocity(
     noise_scale, innovation, reports = agreement.scatter
     wait = min(agreement.wait_s, 1.0)
     share = wait / (wait + INNOVATION_TAU_S) / 3.0
-    if source.is_receiver and P[source.lag_at, source.lag_at] == 0.0:
+    if source.is_receiver and reports == 0.0:  # the first one says how uncertain its age is
         P[source.lag_at, source.lag_at] = report.late_sigma_s**2
     past = look_back(now.trail, source.age_s)
     gained, a = past.gained_m_s, past.acceleration_m_s2

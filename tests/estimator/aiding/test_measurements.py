@@ -22,6 +22,7 @@ from estimator.aiding.types import (
     TURN,
     VELOCITY,
     AidingParams,
+    North,
 )
 from estimator.conditioning.types import FieldLook
 from estimator.geometry.quaternion import exp, multiply, normalize, rotate, rotate_inverse
@@ -31,6 +32,7 @@ PARAMS = AidingParams()
 BLANK, _, TRAIL = blank_aiding(PARAMS)
 STEP = 1e-5
 NORTH = (np.cos(0.3), np.sin(0.3))
+KNOWN_NORTH = North(is_known=True, direction=NORTH)
 LAG_S = 0.09
 ACROSS, ALONG, DOWN, DECLINATION = range(4)
 
@@ -97,7 +99,7 @@ def field_observation(rng, learnt, variance=1e-6, turned_rad=0.0):
         look = FieldLook(horizontal=0.2, down=0.42, confidence=1.0)
         known = BLANK.field._replace(look=look, samples=10.0, wait_s=0.1)
         sample = Sample(floats(rate), ZERO_VEC3, reading, True, 0.02)
-        field.observe_heading(PARAMS, known, estimate, now, NORTH, sample, np.zeros(SIZE))
+        field.observe_heading(PARAMS, known, estimate, now, KNOWN_NORTH, sample, np.zeros(SIZE))
 
     return observe
 
@@ -220,3 +222,26 @@ def test_unaided_gravity_counts_as_one_measurement_in_its_correlation_time(monke
         unaided.observe_unaided(PARAMS, now, (0.0, 0.0, 1.0), np.zeros(SIZE), dt)
         weight = PARAMS.unaided_tau_s / dt / noises[0]
         assert weight == pytest.approx(1.0 / PARAMS.unaided_sigma_rad**2)
+
+
+@pytest.mark.parametrize("is_known", [True, False])
+def test_the_places_field_begins_towards_north_where_that_is_known(learnt, is_known):
+    """Known, it points there and its direction is sure; unknown, it points as it is seen."""
+    north = North(is_known, (1.0, 0.0))
+    P, x, seen = np.eye(SIZE) * 1e-4, np.zeros(SIZE), (0.12, 0.16, 0.42)
+    known = field.begin_field(BLANK.field, np.eye(3), seen, north, P, x)
+    expected = (0.2, 0.0, 0.42) if is_known else seen
+    assert x[EARTH : EARTH + 3] == pytest.approx(expected)
+    across = np.array((-x[EARTH + 1], x[EARTH])) / 0.2
+    sigma = np.sqrt(across @ P[EARTH : EARTH + 2, EARTH : EARTH + 2] @ across)
+    # 0.01 rad of declination, or a fifth of the field and the hard iron
+    unsure = np.hypot(0.2 * np.linalg.norm(seen), 0.01)
+    assert sigma == pytest.approx(0.002 if is_known else unsure)
+    learnt.clear()
+    look = FieldLook(horizontal=0.2, down=0.42, confidence=1.0)
+    estimate = BLANK.estimate._replace(earth_gauss=expected)
+    now = prediction((1.0, 0.0, 0.0, 0.0))
+    sample = Sample(ZERO_VEC3, ZERO_VEC3, seen, True, 0.02)
+    known = known._replace(look=look, wait_s=0.1)
+    field.observe_heading(PARAMS, known, estimate, now, north, sample, np.zeros(SIZE))
+    assert len(learnt) == (4 if is_known else 3)  # the declination is the fourth

@@ -125,3 +125,12 @@ def test_distances(one, other, km):
 def test_a_flight_of_100_km_changes_the_field_little(other, is_unlike):
     fields = [field_at(*place, 0.0, MICROSECONDS_2025) for place in (ZURICH, other)]
     assert differ(*fields) is is_unlike
+
+
+def test_the_field_falls_off_with_altitude_in_metres():
+    """As a dipole's, with the cube of the distance from the Earth's centre: 0.5 % in 10 km."""
+    ground, high = (
+        field_at(50.0, 10.0, altitude_m, MICROSECONDS_2025) for altitude_m in (0.0, 10_000.0)
+    )
+    expected = (6371.0 / 6381.0) ** 3
+    assert high.strength_gauss / ground.strength_gauss == pytest.approx(expected, abs=3e-4)

@@ -1,0 +1,73 @@
+"""Corrections are added to what they are errors of: true value = estimate + error."""
+
+import numpy as np
+import pytest
+
+from estimator.aiding import blank_aiding
+from estimator.aiding.inertial import Prediction
+from estimator.aiding.step import apply_corrections
+from estimator.aiding.trail import new_trail
+from estimator.aiding.types import ACC_BIAS, SIZE, TURN, AidingParams
+from estimator.geometry.quaternion import exp, multiply, rotate
+from estimator.types import ZERO_VEC3
+from tests.vocabulary import assert_attitude_close
+
+Q = exp((0.4, -0.9, 1.3))
+FORCE = (1.0, 2.0, -9.0)
+
+
+def floats(vector):
+    return tuple(float(v) for v in vector)
+
+
+@pytest.fixture
+def estimate():
+    return blank_aiding(AidingParams())[0].estimate
+
+
+def prediction(estimate):
+    return Prediction(
+        q_ned_frd=Q,
+        velocity_ned_m_s=(5.0, -3.0, 1.0),
+        force_ned_m_s2=FORCE,
+        rate_rad_s=ZERO_VEC3,
+        receiver_error_m_s=estimate.receiver_error_m_s,
+        filter_error_m_s=estimate.filter_error_m_s,
+        trail=new_trail(ZERO_VEC3),
+        covariance=np.zeros((SIZE, SIZE)),
+    )
+
+
+def numbers(estimate):
+    """Everything but the attitude, in the order of the errors."""
+    parts = [np.atleast_1d(np.asarray(part)) for part in estimate[1:]]
+    return np.concatenate(parts)
+
+
+@pytest.mark.parametrize("error", range(3, SIZE))
+def test_each_error_corrects_its_own_number_and_no_other(estimate, error):
+    """The estimate's fields are in the order of the errors, which begin with the turn."""
+    now = prediction(estimate)
+    before, _ = apply_corrections(estimate, now, np.zeros(SIZE))
+    x = np.zeros(SIZE)
+    x[error] = 0.01
+    after, _ = apply_corrections(estimate, now, x)
+    assert after.q_ned_frd == before.q_ned_frd
+    expected = np.zeros(SIZE - 3)
+    expected[error - 3] = 0.01
+    np.testing.assert_allclose(numbers(after) - numbers(before), expected, atol=1e-15)
+
+
+def test_a_turn_is_about_the_axes_of_ned_and_takes_the_force_along(estimate):
+    x = np.zeros(SIZE)
+    x[TURN : TURN + 3] = turn = (0.02, -0.01, 0.03)
+    after, force = apply_corrections(estimate, prediction(estimate), x)
+    assert_attitude_close(after.q_ned_frd, multiply(exp(turn), Q), 1e-12)
+    np.testing.assert_allclose(force, rotate(exp(turn), FORCE), atol=1e-12)
+
+
+def test_a_bias_of_the_accelerometer_comes_off_the_force(estimate):
+    x = np.zeros(SIZE)
+    x[ACC_BIAS : ACC_BIAS + 3] = bias = (0.1, -0.2, 0.3)
+    _, force = apply_corrections(estimate, prediction(estimate), x)
+    np.testing.assert_allclose(force, np.subtract(FORCE, rotate(Q, bias)), atol=1e-12)
