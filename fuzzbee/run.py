@@ -196,12 +196,20 @@ def serve(options: RunOptions, *, verbose: bool) -> None:
         outbox = stack.enter_context(Outbox([*sinks, view]))
         runner = runner_of(pipeline, outbox, requests)
         started_s = time.monotonic()
+        failure = None
         with steady(), stop_on_signals(runner.stop):
-            runner.run(options.seconds)
+            try:
+                runner.run(options.seconds)
+            except InputError:
+                raise  # a log that cannot be read on
+            except Exception as error:  # noqa: BLE001 - raised again when all is said
+                failure = error
         seconds = time.monotonic() - started_s
     if outbox.stuck:
         say(f"not closed in time: {', '.join(outbox.stuck)}")
     _report(summary(options, pipeline, runner, seconds, outbox.dropped), as_json=options.as_json)
+    if failure is not None:
+        raise failure
 
 
 def _compile(profile: "Profile", gain: float | None) -> None:
@@ -213,7 +221,7 @@ def _compile(profile: "Profile", gain: float | None) -> None:
     def work() -> None:
         try:
             warm_up(profile, gain)
-        except Exception as error:  # noqa: BLE001 - raised again below
+        except BaseException as error:  # noqa: BLE001 - raised again below
             done.set_exception(error)
         else:
             done.set_result(None)

@@ -8,6 +8,7 @@ import time
 
 import pytest
 
+from drivers.simulation.source import SimSource
 from fuzzbee.cli import main
 from tests.fuzzbee.processes import default_session, free_port, started
 
@@ -181,3 +182,20 @@ def test_a_disk_that_fills_up_costs_the_rest_of_the_recording_only(tmp_path, cap
     assert main(["replay", str(recorded), "--json"]) == 0
     samples = json.loads(capfd.readouterr().out)["imu"]["samples"]
     assert 50 < samples < 300
+
+
+def test_a_source_that_fails_ends_the_service_with_all_that_there_is_to_say(monkeypatch, capfd):
+    """As a reader's thread that has died: status 1, so that a supervisor starts it again."""
+    drain, calls = SimSource.drain, []
+
+    def fail(self, timeout_s):
+        calls.append(timeout_s)
+        if len(calls) > 100:
+            raise MemoryError("no memory")
+        return drain(self, timeout_s)
+
+    monkeypatch.setattr(SimSource, "drain", fail)
+    assert main(["run", "--no-zenoh", "--json"]) == 1
+    out, err = capfd.readouterr()
+    assert json.loads(out)["vehicles"]["1"]["samples"] > 10
+    assert err.splitlines()[-1] == "fuzzbee: MemoryError: no memory"
