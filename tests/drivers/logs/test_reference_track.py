@@ -40,6 +40,13 @@ def test_a_slow_reference_may_be_interpolated_over_its_own_period():
     assert known.all()
 
 
+@pytest.mark.parametrize(("gap_us", "is_known"), [(2_400_000, True), (2_600_000, False)])
+def test_two_and_a_half_periods_of_a_slow_reference_are_no_gap(gap_us, is_known):
+    times = [*range(0, 5_000_001, 1_000_000), *range(5_000_000 + gap_us, 12_000_000, 1_000_000)]
+    _, known = track_of(times).at(np.array([6_200_000]))
+    assert known.tolist() == [is_known]
+
+
 def test_the_message_that_says_most_is_used_and_messages_do_not_mix():
     track = track_of(range(0, 1_000_001, 100_000), "ATTITUDE")
     for t in range(0, 1_000_001, 20_000):

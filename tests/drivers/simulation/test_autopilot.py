@@ -55,6 +55,17 @@ def test_euler_angles_are_those_of_the_quaternion():
     assert error.max() < 1e-5  # single precision, near the pole worse
 
 
+def test_the_true_specific_force_is_that_of_rest_in_the_true_attitude():
+    from scipy.spatial.transform import Rotation
+
+    messages = parsed(SimulatedAutopilot(VehicleOptions(), 1).advance(10 * SECOND, UNIX_US))
+    sent = of_type(messages, "SIM_STATE")
+    q = [(m.q1, m.q2, m.q3, m.q4) for m in sent]
+    expected = Rotation.from_quat(q, scalar_first=True).inv().apply((0.0, 0.0, -9.80665))
+    np.testing.assert_allclose([(m.xacc, m.yacc, m.zacc) for m in sent], expected, atol=1e-5)
+    assert expected[0] == pytest.approx((0.0, 0.0, -9.80665))
+
+
 def test_advancing_in_steps_gives_the_same_frames():
     whole = SimulatedAutopilot(VehicleOptions(rate_hz=33.0), 2).advance(5 * SECOND, UNIX_US)
     stepped = SimulatedAutopilot(VehicleOptions(rate_hz=33.0), 2)
