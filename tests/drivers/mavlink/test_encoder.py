@@ -157,3 +157,9 @@ def test_key_files():
 
 def test_raw_imu_saturates():
     parsed(encoder.raw_imu(0, (1e9, -1e9, 0), (math.pi, 0, 0), (0, 0, 0)))
+
+
+def test_a_signature_counts_tens_of_microseconds_since_2015():
+    frames = encoder.FrameEncoder(VEHICLE, bytes(32))
+    data = frames.frame(encoder.heartbeat(2, 3), 1_420_070_401_000_000)
+    assert int.from_bytes(data[-12:-6], "little") == 100_000
