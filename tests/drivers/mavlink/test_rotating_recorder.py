@@ -14,11 +14,12 @@ from drivers.events import Heartbeat, VehicleId
 from drivers.logs.open import open_log
 from drivers.mavlink.encoder import FrameEncoder, heartbeat
 from drivers.mavlink.recorder import RETRY_US
-from drivers.mavlink.rotating_recorder import MAX_FILE_US, RotatingRecorder
+from drivers.mavlink.rotating_recorder import RotatingRecorder
 from estimator.errors import InputError
 
 ROOT = Path(drivers.__file__).parents[1]
 UNIX_US = 1_790_000_000_000_000  # 2026-09-21 14:13:20 UTC
+HOUR_US = 3_600_000_000
 
 
 def frame(encoder=FrameEncoder(VehicleId(1, 1))):  # noqa: B008 - one sender, numbered on
@@ -48,7 +49,7 @@ def test_a_new_file_by_size_named_by_its_first_record(tmp_path):
 
 def test_a_new_file_each_hour_and_when_the_clock_was_set(tmp_path):
     with RotatingRecorder(tmp_path) as recorder:
-        for at_us in (0, MAX_FILE_US - 1, MAX_FILE_US, -2 * MAX_FILE_US):
+        for at_us in (0, HOUR_US - 1, HOUR_US, -2 * HOUR_US):
             recorder.write(UNIX_US + at_us, [frame()])
     assert len(list(tmp_path.iterdir())) == 3
 
