@@ -8,7 +8,9 @@ a little faster than that drift, and every prompt message pulls it down again.
 
 A host clock that is set forwards (or a vehicle's, backwards) makes every message late by
 the same amount from then on. Messages that were held back come with less and less delay
-instead, so a second of late messages with one lateness is a step, and the bound follows it.
+instead, so a second of late messages with one lateness is a step, and the bound follows it. So is a
+quarter of a second of messages that come as evenly as the vehicle has stamped them: an
+autopilot's clock that stands still under load is heard of at once.
 """
 
 from drivers.value import Value
@@ -19,10 +21,13 @@ STEP_SPREAD_US = 100_000  # of the latenesses that show a step, at most
 STEP_SPREAD = 0.25  # and at most that part of the step
 WINDOW_US = 1_000_000
 WINDOW_SAMPLES = 3
+EVEN_US = 250_000  # of evenly late messages show a step, too
+EVEN_SPREAD_US = 30_000
+EVEN_SAMPLES = 6
 
 
 class Window(Value, frozen=True):
-    """The offsets seen in the last second, on the vehicle's clock."""
+    """The offsets seen for a while, on the vehicle's clock."""
 
     begin_us: int
     least_us: float
@@ -36,7 +41,8 @@ class HostClock(Value, frozen=True):
     offset_us: float = 0.0
     at_us: int = 0
     known: bool = False
-    window: Window = Window(0, 0.0, 0.0)
+    window: Window = Window(0, 0.0, 0.0)  # of a second
+    even: Window = Window(0, 0.0, 0.0)  # since they last differed much
 
 
 def observe(clock: HostClock, vehicle_us: int, arrival_us: int) -> HostClock:
@@ -44,20 +50,38 @@ def observe(clock: HostClock, vehicle_us: int, arrival_us: int) -> HostClock:
     seen_us = float(arrival_us - vehicle_us)
     fresh = Window(vehicle_us, seen_us, seen_us)
     if not clock.known:
-        return HostClock(seen_us, arrival_us, known=True, window=fresh)
+        return HostClock(seen_us, arrival_us, known=True, window=fresh, even=fresh)
     offset_us = min(_bound_us(clock, arrival_us), seen_us)
+    even = _longer(clock.even, seen_us)
+    if even.most_us - even.least_us > EVEN_SPREAD_US:
+        even = fresh
+    if _is_even_step(even, vehicle_us, offset_us):
+        offset_us = even.least_us
     window = clock.window
     if vehicle_us - window.begin_us >= WINDOW_US:
-        return HostClock(_after_step_us(window, offset_us), arrival_us, known=True, window=fresh)
-    least_us, most_us = min(window.least_us, seen_us), max(window.most_us, seen_us)
-    window = Window(window.begin_us, least_us, most_us, window.samples + 1)
-    return HostClock(offset_us, arrival_us, known=True, window=window)
+        offset_us, window = _after_step_us(window, offset_us), fresh
+    else:
+        window = _longer(window, seen_us)
+    return HostClock(offset_us, arrival_us, known=True, window=window, even=even)
 
 
 def to_vehicle_us(clock: HostClock, host_us: int) -> int:
     """The vehicle's time at host time ``host_us``; needs a known clock."""
     assert clock.known
     return round(host_us - clock.offset_us)
+
+
+def _longer(window: Window, seen_us: float) -> Window:
+    """The window with one more offset in it."""
+    least_us, most_us = min(window.least_us, seen_us), max(window.most_us, seen_us)
+    return Window(window.begin_us, least_us, most_us, window.samples + 1)
+
+
+def _is_even_step(even: Window, vehicle_us: int, offset_us: float) -> bool:
+    """Whether messages have come with one and the same new lateness for a while."""
+    lasts_us = vehicle_us - even.begin_us
+    is_long = lasts_us >= EVEN_US and even.samples >= EVEN_SAMPLES
+    return is_long and even.least_us - offset_us > STEP_US
 
 
 def _after_step_us(window: Window, offset_us: float) -> float:

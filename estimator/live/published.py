@@ -10,12 +10,14 @@ from estimator.compilation.compiled import inlined
 from estimator.conditioning.types import Conditioned
 from estimator.filter.observation import ReferenceParams
 from estimator.filter.types import FilterState
-from estimator.geometry.quaternion import exp, multiply, normalize, scale
+from estimator.geometry.quaternion import exp, multiply, norm, normalize, scale
 from estimator.live.aided import GRAVITY_HALF_RAD, MAGNETIC_HALF_RAD, confidence
 from estimator.types import Quaternion, Vec3
 
 # No estimate from these sensors is better than this; it also keeps sigma above zero.
 LEAST_SIGMA_RAD = radians(0.1)
+# Half of a turn that goes on for so long unseen may not have happened.
+STEADY_TURN_S = 0.1
 
 # Attitude, rate free of bias, bias, e, its rate, K.
 Motion = tuple[Quaternion, Vec3, Vec3, float, float, float]
@@ -57,6 +59,24 @@ def aided_figures(aided: AidingState) -> Figures:
         confidence(heading, MAGNETIC_HALF_RAD),
         at_most_half_turn(at_least(inclination)),
         at_most_half_turn(at_least(heading)),
+    )
+
+
+@inlined
+def widened(figures: Figures, rate_rad_s: Vec3, ahead_s: float) -> Figures:
+    """Both sigmas ``ahead_s`` beyond the last sample: the vehicle may have stopped turning.
+
+    Of the turn since then the share that nobody has seen grows from none to all.
+    """
+    if ahead_s <= 0.0:
+        return figures
+    gravity, magnetic, inclination, heading = figures
+    unseen = norm(rate_rad_s) * ahead_s * ahead_s / (ahead_s + STEADY_TURN_S)
+    return (
+        gravity,
+        magnetic,
+        at_most_half_turn(sqrt(inclination * inclination + unseen * unseen)),
+        at_most_half_turn(sqrt(heading * heading + unseen * unseen)),
     )
 
 

@@ -40,6 +40,7 @@ from estimator.live.published import (
     conditioned_figures,
     motion,
     raw_figures,
+    widened,
 )
 from estimator.live.settings import Settings
 from estimator.types import ZERO_VEC3, Sample, Vec3
@@ -288,6 +289,7 @@ def publish(inside: Any, ahead_s: float, source: int) -> tuple[Motion, Figures, 
     has told a heading. Some twenty numbers: a whole core would cost more to hand over than
     to compute.
     """
+    known_s = ahead_s
     if source == AIDED:
         figures = aided_figures(inside.aided)
         ahead_s += inside.aided.estimate.imu_lag_s  # the samples are that old
@@ -296,4 +298,5 @@ def publish(inside: Any, ahead_s: float, source: int) -> tuple[Motion, Figures, 
     else:
         figures = raw_figures(inside.params.reference, inside.smooth_error)
     rate_rad_s = subtract(inside.sample.gyr_rad_s, inside.filter.gyr_bias_rad_s)
+    figures = widened(figures, rate_rad_s, known_s)
     return motion(inside.filter, rate_rad_s, ahead_s), figures, inside.seen.has_heading

@@ -148,3 +148,25 @@ def test_a_host_clock_set_back_does_not_lower_the_bound_twice():
     assert again.offset_us == pytest.approx(OFFSET_US - 600_000_000, abs=1_000)
     early = observe(clock, -200_000_000, OFFSET_US - 200_000_000 + 100)  # before the first one
     assert early.offset_us == OFFSET_US
+
+
+def test_a_vehicles_clock_that_stands_still_is_followed_within_a_third_of_a_second():
+    """It stalls for 0.3 s under load; the output ran 0.3 s ahead for 2 s."""
+    clock = HostClock()
+    for k in range(100):
+        clock = observe(clock, k * 20_000, k * 20_000 + 2_000 + 500 * (k % 3))
+    for k in range(100, 117):
+        clock = observe(clock, k * 20_000, k * 20_000 + 302_000 + 500 * (k % 3))
+    ahead_us = to_vehicle_us(clock, 116 * 20_000 + 302_000) - 116 * 20_000
+    assert ahead_us == pytest.approx(0, abs=5_000)
+
+
+@pytest.mark.parametrize("unevenness_us", [40_000, 100_000])
+def test_a_quarter_of_a_second_of_uneven_lateness_is_no_stall(unevenness_us):
+    clock = HostClock()
+    for k in range(100):
+        clock = observe(clock, k * 20_000, k * 20_000)
+    for k in range(100, 140):
+        late_us = 200_000 + unevenness_us * (k % 2)
+        clock = observe(clock, k * 20_000, k * 20_000 + late_us)
+    assert clock.offset_us < 10_000
