@@ -80,7 +80,7 @@ class AidingParams(NamedTuple):
 
     # Magnetic field.
     heading_noise: Noise = radians(3.0)  # rad/sqrt(Hz); small: follows magnets, large: slow
-    hard_iron_sigma_gauss: Field = 0.01  # that calibration has left over
+    hard_iron_sigma_gauss: Field = 0.02  # that calibration has left over
     uncalibrated_sigma_gauss: Field = 0.2  # of a compass that nobody has calibrated
     field_norm_scale: Share = 0.05  # relative deviation that halves the confidence, or so
     field_dip_scale_rad: Angle = radians(10.0)  # likewise
@@ -92,16 +92,16 @@ class AidingParams(NamedTuple):
 
     # Published uncertainty, fitted to errors of simulated and recorded flights.
     colour: Share = 1.5  # errors are slower than white: their sigma against white noise's
-    heading_colour: Share = 1.0
+    heading_colour: Share = 0.9
     bare_heading_colour: Share = 1.6  # that much more without a field: only velocity's slow errors
-    least_scale: Share = 0.27  # of the covariance's sigma, however well the reports agree
+    least_scale: Share = 0.2  # of the covariance's sigma, however well the reports agree
     least_heading_scale: Share = 0.36  # likewise
-    scatter_share: Share = 1.1  # of the reports' scatter that is the attitude's, too
+    scatter_share: Share = 1.8  # of the reports' scatter that is the attitude's, too
     iron_share: Share = 1.0  # measured hard iron of calibrated compasses / hard_iron_sigma_gauss
-    field_error_share: Share = 1.1  # of the field's slow disagreement that stays in the heading
-    least_inclination_rad: Angle = radians(0.12)
-    least_heading_rad: Angle = radians(0.12)
-    timing_s: Lag = 0.004  # uncertain age of the IMU sample, times the turn rate
+    field_error_share: Share = 1.0  # of the field's slow disagreement that stays in the heading
+    least_inclination_rad: Angle = radians(0.06)
+    least_heading_rad: Angle = radians(0.09)
+    timing_s: Lag = 0.002  # uncertain age of the IMU sample, times the turn rate
 
 
 class Report(NamedTuple):
