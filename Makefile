@@ -18,7 +18,7 @@ test-python: .venv/developer
 	NUMBA_DISABLE_JIT=1 $(BIN)/python -m pytest -q tests/estimator $(LONG_IN_PYTHON:%=--ignore=tests/estimator/%)
 
 # Whole flights and experiments: minutes in plain Python.
-LONG_IN_PYTHON := aiding/test_compass.py aiding/test_flight.py filter/test_paper_experiment.py test_bounds.py \
+LONG_IN_PYTHON := aiding/test_another_place.py aiding/test_compass.py aiding/test_flight.py filter/test_paper_experiment.py test_bounds.py \
   compilation
 
 ## setup: the environment for development
