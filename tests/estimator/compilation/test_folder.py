@@ -153,6 +153,7 @@ def test_only_our_own_folders_are_forgotten_and_of_them_only_what_we_wrote(tmp_p
               "kernels-0123456789ABCDEF", "my-kernels-0123456789abcdef")  # fmt: skip
     for name in theirs:
         (made(tmp_path, name) / "vmlinuz").write_text("theirs")
+        (tmp_path / name / DATA).write_text("theirs, whatever it is called")
         os.utime(tmp_path / name, (1, 1))
     (tmp_path / "kernels-00000000000000aa").write_text("a file")
     elsewhere = made(tmp_path, "elsewhere")
@@ -177,6 +178,7 @@ def test_only_our_own_folders_are_forgotten_and_of_them_only_what_we_wrote(tmp_p
     assert (elsewhere / DATA).read_text() == "linked"
     for name in theirs:
         assert (tmp_path / name / "vmlinuz").read_text() == "theirs"
+        assert (tmp_path / name / DATA).exists()
 
 
 def test_what_changes_machine_code_changes_the_folder(monkeypatch):
