@@ -25,7 +25,7 @@ from estimator.profile import Profile, load_profile
 from estimator.types import IDENTITY, ZERO_VEC3, ImuSample, VelocitySample
 
 STEP_US = 10_000
-HELPER_S = 120.0  # far longer than it takes; then it is compiled here
+HELPER_S = 600.0  # far longer than it takes, also beside much other work; then we compile it
 HERE: tuple[Any, ...] = (resident.advance, resident.publish)
 ELSEWHERE: tuple[Any, ...] = (
     resident.advance_aided,
