@@ -16,10 +16,11 @@ from estimator.filter.noise_gain import (
     noise_surface,
     observe_noise,
     resting_gain,
+    surprise,
 )
 from estimator.filter.observation import raw_vectors
 from estimator.filter.types import initial_state
-from estimator.geometry.quaternion import exp
+from estimator.geometry.quaternion import exp, rotate_inverse, unit
 from estimator.live.settings import settings_of
 from estimator.profile import load_profile
 from tests.vocabulary import floats
@@ -86,6 +87,16 @@ def test_a_wrong_estimate_is_no_noise():
     )
     assert wrong.vector_variance == pytest.approx(right.vector_variance, rel=1e-2)
     assert wrong.rate_variance == pytest.approx(right.rate_variance, rel=1e-2)
+
+
+def test_turning_is_no_noise():
+    """A body that turns 0.05 rad in a sample sees a vector turn back as far; beyond first order
+    half the square of the angle is left."""
+    turn = (0.03, -0.04, 0.0)
+    before = unit((1.0, 2.0, 3.0))
+    now = rotate_inverse(exp(turn), before)
+    assert surprise(before, now, turn) < (0.5 * 0.05**2) ** 2
+    assert surprise(before, now, (0.0, 0.0, 0.0)) > 0.03**2
 
 
 def test_a_vector_that_is_absent_is_not_measured():
