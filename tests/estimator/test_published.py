@@ -8,6 +8,7 @@ import pytest
 from drivers.simulation.simulated_vehicle import simulate
 from estimator.estimator import Estimator
 from estimator.geometry.quaternion import exp, multiply, scale
+from estimator.live.aided import confidence
 from estimator.live.published import LEAST_SIGMA_RAD
 from estimator.profile import load_profile
 from estimator.types import ImuSample
@@ -83,3 +84,10 @@ def test_a_turn_given_in_ned_turns_the_attitude_in_ned(name):
     estimator.turn(turn)
     after = estimator.attitude(stream[-1].time_us).q_ned_frd
     assert_attitude_close(after, multiply(turn, before), 1e-9)
+
+
+@pytest.mark.parametrize(
+    ("sigmas", "believed"), [(0.0, 1.0), (1.0, 0.5), (2.0, 0.2), (10.0, 0.0099)]
+)
+def test_confidence_falls_with_the_square_of_sigma(sigmas, believed):
+    assert confidence(sigmas * 0.1, 0.1) == pytest.approx(believed, rel=1e-3)

@@ -143,6 +143,16 @@ def test_sequences_have_no_gaps_and_statuses_come_each_second():
     assert status_sequence == list(range(5))
 
 
+def test_late_ticks_do_not_put_off_the_statuses_after_them():
+    """Due each second since the first: at 1.4 s that of 1 s, at 2.1 s that of 2 s."""
+    pipeline = fed(imu_events(10))
+    said = [
+        bool(statuses(pipeline.tick(START_US + round(1e6 * at_s))))
+        for at_s in (0.0, 0.5, 1.4, 1.9, 2.1, 2.9, 3.0, 600.0, 600.5, 601.0)
+    ]
+    assert said == [True, False, True, False, True, False, True, True, False, True]
+
+
 def test_refused_samples_are_counted_by_reason():
     events = imu_events(10)
     broken = events[-1].sample._replace(gyr_rad_s=(math.nan, 0.0, 0.0))

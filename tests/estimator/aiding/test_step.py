@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 
-from estimator.aiding import blank_aiding
+from estimator.aiding import blank_aiding, forget_biases
 from estimator.aiding.inertial import Prediction
 from estimator.aiding.step import apply_corrections
 from estimator.aiding.trail import new_trail
-from estimator.aiding.types import ACC_BIAS, SIZE, TURN, AidingParams
+from estimator.aiding.types import ACC_BIAS, GYR_BIAS, SIZE, TURN, AidingParams
 from estimator.geometry.quaternion import exp, multiply, rotate
 from estimator.types import ZERO_VEC3
 from tests.vocabulary import assert_attitude_close
@@ -71,3 +71,21 @@ def test_a_bias_of_the_accelerometer_comes_off_the_force(estimate):
     x[ACC_BIAS : ACC_BIAS + 3] = bias = (0.1, -0.2, 0.3)
     _, force = apply_corrections(estimate, prediction(estimate), x)
     np.testing.assert_allclose(force, np.subtract(FORCE, rotate(Q, bias)), atol=1e-12)
+
+
+def test_another_imu_has_biases_that_are_not_known(estimate):
+    """Both are zero, uncertain as at the beginning, and tied to nothing; the rest stays."""
+    params = AidingParams()
+    root = np.random.default_rng(5).standard_normal((SIZE, SIZE))
+    P = root @ root.T
+    learnt = estimate._replace(gyr_bias_rad_s=(0.1, 0.2, 0.3), acc_bias_m_s2=(0.4, 0.5, 0.6))
+    state = blank_aiding(params)[0]._replace(estimate=learnt)
+    after, Q = forget_biases(params, state, P)
+    assert after.estimate == estimate
+    biases = slice(GYR_BIAS, ACC_BIAS + 3)
+    sigmas = [params.gyr_bias_sigma] * 3 + [params.acc_bias_sigma] * 3
+    np.testing.assert_allclose(Q[biases, biases], np.diag(np.square(sigmas)))
+    others = np.r_[0:GYR_BIAS, ACC_BIAS + 3 : SIZE]
+    assert np.array_equal(Q[np.ix_(others, others)], P[np.ix_(others, others)])
+    assert not Q[biases, :][:, others].any()
+    assert not Q[others, :][:, biases].any()

@@ -10,7 +10,13 @@ from scipy.spatial.transform import Rotation
 from estimator.filter.alignment import align, nearest_rotation, quaternion_from_matrix
 from estimator.filter.types import Vectors
 from estimator.geometry.frames import euler_rad
-from estimator.geometry.quaternion import normalized_distance, rotate, rotate_inverse, unit
+from estimator.geometry.quaternion import (
+    normalized_distance,
+    rotate,
+    rotate_inverse,
+    shortest_rotation,
+    unit,
+)
 from tests.vocabulary import (
     IDENTITY,
     any_rotation,
@@ -108,6 +114,10 @@ def test_field_alone_points_the_field():
     v = random_unit_vector(np.random.default_rng(53))
     q = align(Vectors(v, NORTH, 1.0, (0.0, 0.0, 0.0), DOWN, 0.0, 1.0))
     np.testing.assert_allclose(rotate(q, v), NORTH, atol=1e-12)
+    # by the smallest turn: what the one direction does not say stays as it was
+    assert_attitude_close(q, shortest_rotation(v, NORTH), 1e-12)
+    unbelieved = align(Vectors(v, NORTH, 1.0, (0.6, 0.0, 0.8), DOWN, 0.0, 1.0))
+    assert_attitude_close(unbelieved, q, 1e-12)  # a confidence of zero takes gravity out
 
 
 def test_no_vector_gives_some_attitude():
