@@ -13,13 +13,16 @@ demo: .venv/installed
 test: .venv/developer
 	$(BIN)/python -m pytest -q
 
-## test-python: the estimator's tests without numba, where 0/0 is an error and lines can be stepped through
+## test-python: what is quick without numba: there 0/0 is an error, and lines can be stepped through
 test-python: .venv/developer
-	NUMBA_DISABLE_JIT=1 $(BIN)/python -m pytest -q tests/estimator $(LONG_IN_PYTHON:%=--ignore=tests/estimator/%)
+	NUMBA_DISABLE_JIT=1 $(BIN)/python -m pytest -q $(QUICK_IN_PYTHON:%=tests/estimator/%)
 
-# Whole flights and experiments: minutes in plain Python.
-LONG_IN_PYTHON := aiding/test_another_place.py aiding/test_compass.py aiding/test_flight.py filter/test_paper_experiment.py test_bounds.py \
-  compilation
+# Not the flights and experiments: those take minutes each in plain Python.
+QUICK_IN_PYTHON := conditioning/test_condition.py conditioning/test_magnetic.py \
+  conditioning/test_rate.py filter/test_filter.py filter/test_alignment.py geometry/test_metrics.py \
+  test_estimator.py test_profile.py test_published.py aiding/test_covariance.py \
+  aiding/test_measurements.py aiding/test_place.py aiding/test_reports.py aiding/test_search.py \
+  aiding/test_step.py aiding/test_late_report.py
 
 ## setup: the environment for development
 setup: .venv/developer
