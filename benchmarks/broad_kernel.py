@@ -11,7 +11,7 @@ from estimator.conditioning.types import ConditioningParams, ConditioningState
 from estimator.filter.observation import ReferenceParams
 from estimator.filter.types import FilterParams, FilterState
 from estimator.live.conditioned import follow_conditioned
-from estimator.types import Sample
+from estimator.types import NOTHING_BETWEEN, Sample
 
 Array = NDArray[np.float64]
 
@@ -48,6 +48,7 @@ def run_conditioned(
             mag=(mag[0], mag[1], mag[2]),
             has_mag=True,
             dt_s=data.dt_s[k],
+            between=NOTHING_BETWEEN,
         )
         memory, seen = condition(params.conditioning, memory, sample)
         state = follow_conditioned(params.filter, params.reference, state, seen, sample.dt_s)

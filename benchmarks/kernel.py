@@ -38,7 +38,7 @@ from estimator.filter.types import FilterState
 from estimator.geometry.quaternion import exp, rotate_inverse, unit
 from estimator.live.settings import settings_of
 from estimator.profile import load_profile
-from estimator.types import Sample
+from estimator.types import NOTHING_BETWEEN, Sample
 
 INPUTS = 2_000
 CONTROL_CALLS = 200
@@ -89,6 +89,7 @@ def step_all(params, reference, states, gyr, acc, mag, gains):
             mag=(mag[i, 0], mag[i, 1], mag[i, 2]),
             has_mag=True,
             dt_s=STEP_S,
+            between=NOTHING_BETWEEN,
         )
         after = kernel.step(params, reference, state, sample)
         gains[i, 0] = after.error

@@ -11,7 +11,7 @@ from typing import Literal, NamedTuple
 
 from drivers.value import Value
 from estimator.reasons import Reason
-from estimator.types import ImuSample, Quaternion, VelocitySample
+from estimator.types import ImuSample, Quaternion, RateSample, VelocitySample
 
 
 class VehicleId(NamedTuple):
@@ -42,6 +42,15 @@ class ReferenceAttitude(Value, frozen=True):
     source: Literal["autopilot", "sim"]
     message: str
     q_ned_frd: Quaternion
+
+
+class BodyRates(Value, frozen=True):
+    """Body rates by another messenger than the IMU's own: ATTITUDE's, less the autopilot's bias."""
+
+    vehicle: VehicleId
+    arrival_us: int
+    message: str
+    sample: RateSample
 
 
 class Velocity(Value, frozen=True):
@@ -174,6 +183,7 @@ class LinkDown(Value, frozen=True):
 Event = (
     Imu
     | ReferenceAttitude
+    | BodyRates
     | Velocity
     | Position
     | Parameter

@@ -1,6 +1,6 @@
 """One vehicle's estimator: samples in, attitude out. No I/O and no clock."""
 
-from math import radians
+from math import isfinite, radians
 
 from estimator.aiding import Report, compass
 from estimator.aiding.phase import Cause, Phase, after
@@ -43,10 +43,19 @@ from estimator.live.resident import (
 )
 from estimator.live.settings import settings_of
 from estimator.live.snapshot import Context, Snapshot
+from estimator.live.turning import Turning, hear_rate, take_between
 from estimator.profile import Profile
 from estimator.reasons import Reason
-from estimator.refusal import refusal, report_in_floats, sample_in_floats
-from estimator.types import Attitude, ImuSample, Quaternion, Sample, VelocitySample
+from estimator.refusal import GYR_LIMIT_RAD_S, refusal, report_in_floats, sample_in_floats
+from estimator.types import (
+    NOTHING_BETWEEN,
+    Attitude,
+    ImuSample,
+    Quaternion,
+    RateSample,
+    Sample,
+    VelocitySample,
+)
 
 # The output is propagated this far beyond the last sample at most, s; then the
 # last rate says nothing about the vehicle any more.
@@ -155,6 +164,23 @@ class Estimator:
             self._context = now._replace(reports=enqueue(now.reports, report))
         return None
 
+    def update_rate(self, rate: RateSample) -> Reason | None:
+        """Take body rates of another messenger; None, or the reason why they were refused.
+
+        They show the turning between the IMU samples around them, if they agree with those.
+        """
+        if not all(isfinite(w) and abs(w) <= GYR_LIMIT_RAD_S for w in rate.rate_rad_s):
+            return Reason.GYROSCOPE_OUT_OF_RANGE
+        now = self._context
+        if self.profile.uses_attitude_rates and rate.time_us > now.time_us:
+            self._context = now._replace(turning=hear_rate(now.turning, rate))
+        return None
+
+    @property
+    def rates(self) -> str:
+        """Whose rates the turning was integrated through: "imu", or "imu+attitude"."""
+        return "imu+attitude" if self._context.turning.used else "imu"
+
     def _enter(self, cause: Cause) -> None:
         """Go on to the phase that follows; what does not come along is made blank."""
         before = self._context.phase
@@ -206,7 +232,7 @@ class Estimator:
         dt_s = 1e-6 * (sample.time_us - now.time_us)
         readings = (sample.gyr_rad_s, sample.acc_m_s2, sample.mag_gauss, sample.has_mag)
         advance_raw(self._core.inside, *readings, dt_s)
-        self._context = _next(now, sample.time_us, now.reports)
+        self._context = _next(now, sample.time_us, now.reports, now.turning)
 
     def _take_conditioned(self, sample: ImuSample) -> None:
         """One sample with the velocity reports up to it; without any, as if there were none."""
@@ -221,8 +247,11 @@ class Estimator:
         report = due[0] if due else NO_REPORT
         readings = (sample.gyr_rad_s, sample.acc_m_s2, sample.mag_gauss, sample.has_mag)
         is_aided = self._context.phase is _AIDED
-        heading = advance(self._core.inside, *readings, dt_s, is_aided)
-        self._context = _next(self._context, sample.time_us, ahead)
+        turning, between = now.turning, NOTHING_BETWEEN
+        if self.profile.uses_attitude_rates:
+            turning, between = take_between(turning, now.time_us, sample.time_us, sample.gyr_rad_s)
+        heading = advance(self._core.inside, *readings, dt_s, between, is_aided)
+        self._context = _next(self._context, sample.time_us, ahead, turning)
         if is_aided:
             if not advance_aided(self._core.inside, report, self._knows_north):
                 self._give_up()
@@ -394,7 +423,7 @@ class Estimator:
         return "true" if known or not self._settings.conditioned else "magnetic"
 
 
-def _next(now: Context, time_us: int, reports: Reports) -> Context:
+def _next(now: Context, time_us: int, reports: Reports, turning: Turning) -> Context:
     """The context after a sample; ``_replace`` takes three times as long, at every sample."""
     return Context(
         phase=now.phase,
@@ -402,4 +431,5 @@ def _next(now: Context, time_us: int, reports: Reports) -> Context:
         reports=reports,
         compass=now.compass,
         whereabouts=now.whereabouts,
+        turning=turning,
     )

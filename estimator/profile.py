@@ -98,7 +98,8 @@ class Profile(Struct, frozen=True, forbid_unknown_fields=True):
     ``membership`` holds k1..k22. ``conditioning`` holds ``enabled`` (False:
     raw vectors, as in the paper) and any of the fields of
     :class:`estimator.conditioning.types.ConditioningParams`, ``aiding`` any of
-    those of :class:`estimator.aiding.types.AidingParams`.
+    those of :class:`estimator.aiding.types.AidingParams`. ``rates`` says whether the body
+    rates of ATTITUDE show the turning between IMU samples; its angles are never used.
     """
 
     membership: dict[str, float]
@@ -108,7 +109,13 @@ class Profile(Struct, frozen=True, forbid_unknown_fields=True):
     filter: Filter = Filter()
     confidence: Confidence = Confidence()
     mounting: Mounting = Mounting()
+    rates: Literal["imu", "imu+attitude"] = "imu+attitude"
     provenance: Provenance = Provenance()
+
+    @property
+    def uses_attitude_rates(self) -> bool:
+        """Whether the body rates that ATTITUDE carries may fill in between IMU samples."""
+        return self.conditioned and self.rates == "imu+attitude"
 
     @property
     def k(self) -> memberships.Memberships:
@@ -205,6 +212,7 @@ def profile_to_json(profile: Profile) -> dict[str, Any]:
         "conditioning",
         "aiding",
         "mounting",
+        "rates",
         "provenance",
     )
     return {section: tree[section] for section in sections}

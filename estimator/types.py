@@ -42,6 +42,25 @@ class ImuSample(NamedTuple):
     has_mag: bool
 
 
+class RateSample(NamedTuple):
+    """Body rates, FRD, by another messenger than the IMU's samples, less somebody's bias."""
+
+    time_us: int
+    rate_rad_s: Vec3
+
+
+class Between(NamedTuple):
+    """What is known of the turning between two samples, beside their own rates."""
+
+    given: bool
+    turn_rad_s: Vec3  # the constant rate that turns as far over the step, with the bias
+    change_rad_s: Vec3  # root mean square of the changes from reading to reading
+    step_s: float  # the longest time between two readings
+
+
+NOTHING_BETWEEN = Between(False, ZERO_VEC3, ZERO_VEC3, 0.0)
+
+
 class Sample(NamedTuple):
     """An :class:`ImuSample` as the filter's steps take it: with an interval in place of its time.
 
@@ -53,6 +72,7 @@ class Sample(NamedTuple):
     mag: Vec3  # magnetic field, FRD; zero where there is none
     has_mag: bool  # whether there is a field
     dt_s: float  # since the sample before; 0 of the first one
+    between: Between = NOTHING_BETWEEN  # compiled code has to name it
 
 
 NO_SAMPLE = Sample(gyr_rad_s=ZERO_VEC3, acc_m_s2=ZERO_VEC3, mag=ZERO_VEC3, has_mag=False, dt_s=0.0)

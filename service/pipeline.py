@@ -10,6 +10,7 @@ from collections.abc import Callable
 from typing import Any, NamedTuple
 
 from drivers.events import (
+    BodyRates,
     ClockReset,
     Event,
     Heartbeat,
@@ -97,6 +98,9 @@ class Pipeline:
             case Position(vehicle=address):
                 if address in self._vehicles:
                     self._vehicles[address].on_position(event)
+            case BodyRates(vehicle=address):
+                if address in self._vehicles:
+                    self._vehicles[address].on_rates(event)
             case Velocity(vehicle=address):
                 if address in self._vehicles:
                     self._vehicles[address].on_velocity(event)

@@ -63,6 +63,7 @@ class StatusRecord(msgspec.Struct, frozen=True):
     overruns: int
     dropped: int
     sequence: int
+    rates: str = "imu"  # "imu+attitude" once ATTITUDE's body rates have shown turning between
 
 
 class Published(Value, frozen=True):

@@ -3,6 +3,7 @@
 from collections import Counter, deque
 
 from drivers.events import (
+    BodyRates,
     ClockReset,
     Imu,
     Parameter,
@@ -32,6 +33,8 @@ MEDIAN_EVERY = 8
 # Whether the estimate is finite is looked at so often (in samples): one that is not stays so,
 # and a look at each sample costs as much as the filter.
 CHECKED_EVERY = 8
+# Messages of one clock arrive as late as each other, to within this.
+OTHER_CLOCK_US = 1_000_000
 
 
 class Vehicle:
@@ -149,6 +152,21 @@ class Vehicle:
         if len(self._compass_offsets) == len(COMPASS_OFFSETS):
             self.estimator.set_field_calibrated(any(self._compass_offsets.values()))
 
+    def on_rates(self, event: BodyRates) -> None:
+        """Feed the estimator, unless the message's clock is another than the IMU's.
+
+        Some autopilots stamp ATTITUDE seconds off: then it shows the turning of another time.
+        """
+        last = self._last
+        if last is None:
+            return
+        age_us = event.arrival_us - event.sample.time_us
+        if abs(age_us - (last.arrival_us - last.sample.time_us)) > OTHER_CLOCK_US:
+            return
+        reason = self.estimator.update_rate(event.sample)
+        if reason is not None:
+            self.reject(reason)
+
     def on_velocity(self, event: Velocity) -> None:
         """Feed the estimator, if the message is the chosen one."""
         is_receiver = event.sample.late_sigma_s > 0.0
@@ -196,6 +214,7 @@ class Vehicle:
             overruns=overruns,
             dropped=dropped,
             sequence=self._statuses,
+            rates=self.estimator.rates,
         )
         self._statuses += 1
         return record

@@ -25,7 +25,7 @@ from estimator.geometry.quaternion import (
     scale,
     unit,
 )
-from estimator.types import IDENTITY, ZERO_VEC3, Quaternion, Sample, Vec3
+from estimator.types import IDENTITY, NOTHING_BETWEEN, ZERO_VEC3, Quaternion, Sample, Vec3
 from tuning.paper_kernel import unpack
 
 Array = NDArray[np.float64]
@@ -123,6 +123,7 @@ def sample_of(data: Recorded, i: int) -> Sample:
         mag=vec3(data.mag, i),
         has_mag=data.has_mag[i],
         dt_s=data.dt_s[i],
+        between=NOTHING_BETWEEN,
     )
 
 

@@ -10,7 +10,7 @@ import math
 from collections.abc import Callable
 from typing import Any
 
-from drivers.events import CommandAck, Event, Heartbeat, Parameter, VehicleId
+from drivers.events import CommandAck, Event, Heartbeat, Parameter, ReferenceAttitude, VehicleId
 from drivers.mavlink.constants import (
     GPS_FIX_TYPE_3D_FIX,
     HIGHRES_IMU_UPDATED_MAG,
@@ -43,7 +43,7 @@ FRD_AUTOPILOTS = (MAV_AUTOPILOT_ARDUPILOTMEGA, MAV_AUTOPILOT_PX4)  # known for s
 MOST_SENDERS = 512  # addresses remembered at once; each takes 11 kB
 
 # Attitudes of others score an estimate afterwards; the live service has no use for them
-REFERENCES = frozenset({"ATTITUDE", "ATTITUDE_QUATERNION", "SIM_STATE", "SIMSTATE"})
+REFERENCES = frozenset({"ATTITUDE_QUATERNION", "SIM_STATE", "SIMSTATE"})
 
 
 class _Sender:
@@ -85,6 +85,7 @@ class MavlinkDecoder:
             "HEARTBEAT": self._heartbeat,
             "COMMAND_ACK": self._command_ack,
         }
+        self._references = references
         names = frozenset(self._handlers) - (frozenset() if references else REFERENCES)
         kinds = mavlink().mavlink_map.items()
         self.wanted = frozenset(number for number, kind in kinds if kind.msgname in names)
@@ -134,7 +135,11 @@ class MavlinkDecoder:
 
     def _attitude(self, sender: _Sender, name: str, m: Any, arrival_us: int) -> list[Event]:
         q = quaternion_from_euler(m.roll, m.pitch, m.yaw)
-        return sender.intake.attitude(name, _boot_ms(m, arrival_us), "autopilot", q)
+        rates = (m.rollspeed, m.pitchspeed, m.yawspeed)
+        events = sender.intake.attitude(name, _boot_ms(m, arrival_us), "autopilot", q, rates)
+        if self._references:
+            return events
+        return [event for event in events if not isinstance(event, ReferenceAttitude)]
 
     def _attitude_quaternion(
         self, sender: _Sender, name: str, m: Any, arrival_us: int

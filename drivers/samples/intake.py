@@ -9,6 +9,7 @@ from collections.abc import Callable
 from typing import Literal, NamedTuple
 
 from drivers.events import (
+    BodyRates,
     ClockReset,
     Event,
     Imu,
@@ -29,7 +30,7 @@ from drivers.samples.sensor_faults import Readings, SensorFaults
 from drivers.samples.vehicle_clock import Placed, Refused, TimeField, VehicleClock
 from drivers.value import Value
 from estimator.reasons import Reason
-from estimator.types import ZERO_VEC3, ImuSample, Quaternion, Vec3, VelocitySample
+from estimator.types import ZERO_VEC3, ImuSample, Quaternion, RateSample, Vec3, VelocitySample
 
 MOST_STREAMS = 16  # IMUs of one vehicle; real ones have three, and four messages for them
 CLOCK_STEP = Refused(Reason.CLOCK_STEP)
@@ -128,17 +129,18 @@ class Intake:
         stamp: Stamp,
         source: Literal["autopilot", "sim"],
         q_ned_frd: Quaternion | None,
+        rate_rad_s: Vec3 | None = None,
     ) -> list[Event]:
-        """Somebody's attitude; None for one that is no rotation."""
+        """Somebody's attitude, None for one that is no rotation, with the body rates beside it."""
         placed = None if q_ned_frd is None else self._place(name, stamp)
         if placed is None or q_ned_frd is None:
             return []
-        return [
-            *self._resets(placed, stamp.arrival_us),
-            ReferenceAttitude(
-                self.vehicle, stamp.arrival_us, placed.time_us, source, name, q_ned_frd
-            ),
-        ]
+        vehicle, arrival_us, time_us = self.vehicle, stamp.arrival_us, placed.time_us
+        events = self._resets(placed, arrival_us)
+        events.append(ReferenceAttitude(vehicle, arrival_us, time_us, source, name, q_ned_frd))
+        if rate_rad_s is not None:
+            events.append(BodyRates(vehicle, arrival_us, name, RateSample(time_us, rate_rad_s)))
+        return events
 
     def truth(self, name: str, arrival_us: int, q_ned_frd: Quaternion | None) -> list[Event]:
         """A simulator's attitude without a time of its own: that of the IMU message before it.

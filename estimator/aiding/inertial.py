@@ -1,6 +1,7 @@
 """Attitude and velocity from one sample to the next, by gyroscope and accelerometer."""
 
 from math import exp as real_exp
+from math import sqrt
 from typing import NamedTuple
 
 from estimator.aiding.covariance import predict_covariance, rotation_matrix
@@ -61,6 +62,9 @@ def predict_motion(
     gyr, dt = sample.gyr_rad_s, sample.dt_s
     before, estimate = state.last, state.estimate
     rate = integration_rate(before.gyr_rad_s, gyr, dt, averaged=False)
+    between = sample.between
+    if between.given:
+        rate = between.turn_rad_s
     rate = subtract(rate, estimate.gyr_bias_rad_s)
     q = normalize(multiply(estimate.q_ned_frd, exp(scale(dt, rate))))
     force = rotate(q, subtract(sample.acc_m_s2, estimate.acc_bias_m_s2))
@@ -72,8 +76,12 @@ def predict_motion(
     P = predict_covariance(P, rotation_matrix(q), gained, dt)
     bent = bend(gyr, before.gyr_rad_s, before.gyr_before_rad_s, dt, before.dt_s)
     missed_turn = rotate(q, scale(dt, bent))
+    seen_s = dt
+    if between.given:
+        seen_s = between.step_s
+        missed_turn = rotate(q, scale(sqrt(dt * seen_s), between.change_rad_s))
     missed_push = scale(dt, trail_bend(trail))
-    add_noise(params, P, state, missed_turn, missed_push, dot(rate, rate), dt)
+    add_noise(params, P, state, missed_turn, missed_push, dot(rate, rate), dt, seen_s)
     return Prediction(
         q_ned_frd=q,
         velocity_ned_m_s=v,
@@ -111,14 +119,16 @@ def add_noise(
     missed_push: Vec3,
     rate_square: float,
     dt: float,
+    seen_s: float,
 ) -> None:
     """What a step adds to the covariance, in place.
 
     Between two samples things happen that neither shows. The more they differ, the more that
-    may have been.
+    may have been. Of the turning something is seen every
+    ``seen_s``.
     """
     missed = params.integration_noise**2
-    relative = params.gyr_scale_noise**2 + (params.gyr_slow_noise_1_s * dt) ** 2
+    relative = params.gyr_scale_noise**2 + (params.gyr_slow_noise_1_s * seen_s) ** 2
     turn = (params.gyr_noise**2 + relative * rate_square) * dt
     push = params.acc_noise**2 * dt
     iron = params.hard_iron_sigma_gauss**2

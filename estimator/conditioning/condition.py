@@ -66,7 +66,7 @@ from estimator.geometry.quaternion import (
     scale,
     subtract,
 )
-from estimator.types import Quaternion, Sample, Vec3
+from estimator.types import Between, Quaternion, Sample, Vec3
 
 __all__ = ["condition", "initial_state"]
 
@@ -128,7 +128,9 @@ def axes_of(gravity: GravityState, heading_rad: float) -> Axes:
 
 
 @inlined
-def learn(params: ConditioningParams, state: ConditioningState, gyr: Vec3) -> ConditioningState:
+def learn(
+    params: ConditioningParams, state: ConditioningState, gyr: Vec3, between: Between
+) -> ConditioningState:
     """One learning step on what was gathered; ``gyr`` is the last sample's."""
     k = state.coefficients
     mean = means(state.gathered)
@@ -137,7 +139,7 @@ def learn(params: ConditioningParams, state: ConditioningState, gyr: Vec3) -> Co
     rate = subtract(mean.gyr, state.estimate.bias_rad_s)
     slow = slowness(params, dt)
     down = rotate_inverse(state.gravity.q_g_frd, state.axes.down_g)
-    noise = step_noise(params, state.tilt, mean.gyr, rate, down, dt)
+    noise = step_noise(params, state.tilt, mean.gyr, rate, down, dt, between)
     least = least_share(params.gravity_tau_s, dt, state.gravity.force.age_s + dt)
     down_g, u = state.gravity.force.down.value, mean.gravity_g
     tilt, share = believe_force(params, state.tilt, noise, mean.gyr, down_g, u, dt, least)
@@ -233,6 +235,8 @@ def condition(
     dt = max(sample.dt_s, LEAST_DT_S) if state.started else STEP_S
     previous = state.previous_gyr_rad_s if state.started else gyr
     turn = integration_rate(previous, gyr, dt, params.averaged_samples)
+    if sample.between.given:
+        turn = sample.between.turn_rad_s
     rate = subtract(turn, state.estimate.bias_rad_s)
     if params.averaged_samples:
         acc = at_interval_end(acc, gyr, dt)
@@ -240,7 +244,14 @@ def condition(
     if sample.has_mag:
         mag = correct_field(mag, rate, state.calibration.learnt)
     gravity = propagate_frame(state.gravity, rate, dt)
-    corrected = Sample(gyr_rad_s=gyr, acc_m_s2=acc, mag=mag, has_mag=sample.has_mag, dt_s=dt)
+    corrected = Sample(
+        gyr_rad_s=gyr,
+        acc_m_s2=acc,
+        mag=mag,
+        has_mag=sample.has_mag,
+        dt_s=dt,
+        between=sample.between,
+    )
     gathered = gather(state.gathered, gravity.q_g_frd, corrected)
     first = not state.started
     k = state.coefficients
@@ -268,7 +279,7 @@ def condition(
         coefficients=k,
     )
     if due:
-        state = learn(params, state, gyr)
+        state = learn(params, state, gyr, sample.between)
         slow = 0.0 if first else slowness(params, dt)
         if slow > 0.0:
             rate = agreed_rate(state, rate, before, slow, dt)

@@ -15,7 +15,7 @@ from estimator.compilation.compiled import inlined
 from estimator.conditioning.rate import slow_share
 from estimator.conditioning.types import ConditioningParams, StepNoise, TiltState
 from estimator.geometry.quaternion import dot, norm, subtract
-from estimator.types import Vec3
+from estimator.types import Between, Vec3
 
 # White noise of a gyroscope and its truncation to mrad/s, rad/s/sqrt(Hz).
 GYR_NOISE = 0.002
@@ -51,7 +51,13 @@ def slowness(params: ConditioningParams, dt_s: float) -> float:
 
 @inlined
 def step_noise(
-    params: ConditioningParams, state: TiltState, gyr: Vec3, rate: Vec3, down: Vec3, dt_s: float
+    params: ConditioningParams,
+    state: TiltState,
+    gyr: Vec3,
+    rate: Vec3,
+    down: Vec3,
+    dt_s: float,
+    between: Between,
 ) -> StepNoise:
     """Variances of the turn that one step has missed, about horizontal axes (both) and down.
 
@@ -59,20 +65,25 @@ def step_noise(
     error of the mean of two instants, which is a fixed share of their difference as
     soon as the motion is faster than the samples. One small difference may be
     chance, so the mean over the last seconds has its part. Fitted to flights,
-    hand-held and driven motion at 1 to 25 Hz against their full rate.
+    hand-held and driven motion at 1 to 25 Hz against their full rate. A step with other
+    readings between its samples is as many shorter ones.
     """
     change = subtract(gyr, state.gyr)
+    part_s, parts = dt_s, 1.0
+    if between.given:
+        change, part_s = between.change_rad_s, between.step_s
+        parts = max(1.0, dt_s / part_s)
     along, all_of_it = dot(change, down) ** 2, dot(change, change)
     tilting = max(0.0, all_of_it - along) + CROSSED * all_of_it
     twisting = along + CROSSED * all_of_it
     about_down = dot(rate, down) ** 2
     turning = dot(rate, rate)
     k = params.step_change_memory
-    share = params.step_change_noise * dt_s / (dt_s + params.step_change_s)
+    share = params.step_change_noise * part_s / (part_s + params.step_change_s)
     if params.averaged_samples:
         share *= AVERAGED_SHARE
-    change_factor = (share * dt_s) ** 2
-    turn_factor = (params.step_turn_noise_1_s * dt_s * dt_s) ** 2
+    change_factor = parts * (share * part_s) ** 2
+    turn_factor = parts * (params.step_turn_noise_1_s * part_s * part_s) ** 2
     tilt = change_factor * max(tilting, (1.0 - k) * tilting + k * state.tilting)
     twist = change_factor * max(twisting, (1.0 - k) * twisting + k * state.twisting)
     hole = HOLE_RAD_S**2 * max(0.0, dt_s - HOLE_S) ** 2

@@ -43,7 +43,7 @@ from estimator.live.published import (
     widened,
 )
 from estimator.live.settings import Settings
-from estimator.types import ZERO_VEC3, Sample, Vec3
+from estimator.types import NOTHING_BETWEEN, ZERO_VEC3, Between, Sample, Vec3
 
 # numba ships no types
 _numba_config: Any = numba.config
@@ -115,7 +115,7 @@ def arguments_of(settings: Settings, core: Core) -> dict[Any, tuple[Any, ...]]:
         resident: tuple(_typeof(value) for value in values),
         contents: (inside,),
         advance_raw: (inside, *readings),
-        advance: (inside, *readings, flag),
+        advance: (inside, *readings, _typeof(NOTHING_BETWEEN), flag),
         advance_aided: (inside, report, flag),
         hear: (inside, report),
         search: (inside, report),
@@ -190,7 +190,14 @@ def advance_raw(
     inside: Any, gyr_rad_s: Vec3, acc_m_s2: Vec3, mag: Vec3, has_mag: bool, dt_s: float
 ) -> None:
     """One sample of raw vectors, ``dt_s`` after the one before."""
-    sample = Sample(gyr_rad_s=gyr_rad_s, acc_m_s2=acc_m_s2, mag=mag, has_mag=has_mag, dt_s=dt_s)
+    sample = Sample(
+        gyr_rad_s=gyr_rad_s,
+        acc_m_s2=acc_m_s2,
+        mag=mag,
+        has_mag=has_mag,
+        dt_s=dt_s,
+        between=NOTHING_BETWEEN,
+    )
     params = inside.params
     state = kernel.step(params.filter, params.reference, inside.filter, sample)
     before = inside.smooth_error
@@ -207,13 +214,21 @@ def advance(
     mag: Vec3,
     has_mag: bool,
     dt_s: float,
+    between: Between,
     is_aided: bool,
 ) -> int:
     """One conditioned sample, ``dt_s`` after the one before; what it says about the heading.
 
     Where it ``is_aided`` the filter waits for :func:`advance_aided`.
     """
-    sample = Sample(gyr_rad_s=gyr_rad_s, acc_m_s2=acc_m_s2, mag=mag, has_mag=has_mag, dt_s=dt_s)
+    sample = Sample(
+        gyr_rad_s=gyr_rad_s,
+        acc_m_s2=acc_m_s2,
+        mag=mag,
+        has_mag=has_mag,
+        dt_s=dt_s,
+        between=between,
+    )
     inside.sample = sample
     had_heading = inside.seen.has_heading
     params = inside.params

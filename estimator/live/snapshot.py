@@ -7,6 +7,7 @@ from estimator.aiding.phase import Phase
 from estimator.aiding.place import Whereabouts
 from estimator.live.core import Core
 from estimator.live.reports import Reports
+from estimator.live.turning import Turning
 
 
 class Context(NamedTuple):
@@ -17,6 +18,7 @@ class Context(NamedTuple):
     reports: Reports = ()  # velocities that the IMU has not reached yet
     compass: Compass = Compass()  # how far the field is trusted
     whereabouts: Whereabouts = Whereabouts()  # and the field of the place
+    turning: Turning = Turning()  # that others have seen between the IMU's samples
 
 
 class Snapshot(NamedTuple):

@@ -54,6 +54,7 @@ class ImuSummary(msgspec.Struct, frozen=True):
     mean_rate_hz: float | None
     worst_gap_s: float | None
     worst_arrival_gap_s: float | None
+    rates: str = "imu"
 
 
 class LogReport(msgspec.Struct, frozen=True):
@@ -205,4 +206,5 @@ def _imu_summary(trace: VehicleTrace) -> ImuSummary:
         mean_rate_hz=float(1.0 / np.mean(steps)) if len(steps) else None,
         worst_gap_s=float(steps.max()) if len(steps) else None,
         worst_arrival_gap_s=float(arrivals.max()) if len(arrivals) else None,
+        rates=trace.rates,
     )

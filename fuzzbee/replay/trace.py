@@ -34,6 +34,7 @@ class VehicleTrace:
         self.autopilot: int | None = None
         self.vehicle_type: int | None = None
         self.imu_messages: Counter[str] = Counter()  # samples used of each
+        self.rates = "imu"
         self.arrivals_us: list[int] = []
         self.attitudes: list[Attitude] = []
         self.samples: list[ImuSample] = []  # that they were made of
@@ -97,6 +98,7 @@ class Replay:
         for vehicle in self._pipeline.vehicles:
             trace = self._trace(vehicle.address)
             trace.rejected.update(vehicle.rejected)
+            trace.rates = vehicle.estimator.rates
 
     def _take(self, event: Event) -> None:
         for output in self._pipeline.handle(event):

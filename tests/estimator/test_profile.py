@@ -220,6 +220,7 @@ def test_json_names_every_number():
     assert list(tree) == [
         *("reference", "filter", "membership", "confidence", "conditioning", "aiding"),
         "mounting",
+        "rates",
         "provenance",
     ]
     assert list(tree["membership"]) == list(NAMES)

@@ -28,7 +28,7 @@ ATTITUDE_KEYS = [
 ]  # fmt: skip
 STATUS_KEYS = [
     "state", "imu_message", "imu_rate_hz", "worst_gap_s", "rejected", "overruns", "dropped",
-    "sequence",
+    "sequence", "rates",
 ]  # fmt: skip
 
 

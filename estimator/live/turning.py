@@ -1,0 +1,141 @@
+"""Body rates by another messenger: what shows the turning between two IMU samples.
+
+An autopilot's ATTITUDE carries the rates of its own gyroscope, less the bias it has learnt.
+Where it comes at other instants than the IMU's samples, the turn over a step is integrated
+through all of them. Where it comes with the samples, nothing is between and nothing changes.
+"""
+
+from itertools import pairwise
+from math import sqrt
+from typing import NamedTuple
+
+from estimator.conditioning.rate import integration_rate
+from estimator.geometry.quaternion import (
+    add,
+    dot,
+    exp,
+    log,
+    multiply,
+    norm,
+    scale,
+    subtract,
+)
+from estimator.types import IDENTITY, NOTHING_BETWEEN, ZERO_VEC3, Between, RateSample, Vec3
+
+# Rates of more time than this are not kept; a hole longer than that stays one.
+MOST_WAITING = 64
+# A rate this near an IMU sample (s) is the sample's own.
+SAME_INSTANT_S = 0.03
+# Two readings further apart than this (s) do not show the turning between them.
+LONGEST_STEP_S = 0.35
+# The samples' bias against the rates is learnt over this time (s), and no larger (rad/s).
+OFFSET_TAU_S = 20.0
+MOST_OFFSET_RAD_S = 0.1
+# Rates and samples agree while their difference has less than this share of the turning's
+# mean square; both are averages over so many seconds. Slower turning than this proves nothing.
+MOST_MISFIT = 0.5
+AGREEMENT_TAU_S = 20.0
+LEAST_TURNING_RAD_S = 0.05
+
+
+class Turning(NamedTuple):
+    """The rates since the last IMU sample, and how well they have agreed with the samples."""
+
+    waiting: tuple[RateSample, ...] = ()
+    before: RateSample | None = None  # the last one that a sample has passed
+    last_gyr_rad_s: Vec3 = ZERO_VEC3
+    offset_rad_s: Vec3 = ZERO_VEC3  # samples less rates
+    misfit: float = 0.0  # mean square of the difference, (rad/s)^2
+    turning: float = 0.0  # of the samples' rate, likewise
+    used: int = 0  # steps that were integrated through rates
+
+    @property
+    def agrees(self) -> bool:
+        """Whether the rates show what the samples show, as far as there was anything to show."""
+        return self.misfit <= MOST_MISFIT * max(self.turning, LEAST_TURNING_RAD_S**2)
+
+
+def hear_rate(state: Turning, rate: RateSample) -> Turning:
+    """One more rate; those that are not later than the one before are dropped."""
+    last = state.waiting[-1] if state.waiting else state.before
+    if last is not None and rate.time_us <= last.time_us:
+        return state
+    return state._replace(waiting=(*state.waiting, rate)[-MOST_WAITING:])
+
+
+def take_between(
+    state: Turning, from_us: int, time_us: int, gyr_rad_s: Vec3
+) -> tuple[Turning, Between]:
+    """What the rates show between the samples of ``from_us`` and ``time_us``, the latter's gyro."""
+    passed = tuple(r for r in state.waiting if r.time_us <= time_us)
+    ahead = state.waiting[len(passed) :]
+    if not passed and not ahead and state.before is None:
+        return state, NOTHING_BETWEEN
+    state = _compare(state, passed, ahead, time_us, gyr_rad_s)
+    shown = NOTHING_BETWEEN
+    if state.agrees:
+        edge_us = round(SAME_INSTANT_S * 1e6)
+        inside = [r for r in passed if from_us + edge_us < r.time_us < time_us - edge_us]
+        shown = _integrate(state, inside, from_us, time_us, gyr_rad_s)
+    state = state._replace(
+        waiting=ahead,
+        before=passed[-1] if passed else state.before,
+        last_gyr_rad_s=gyr_rad_s,
+        used=state.used + shown.given,
+    )
+    return state, shown
+
+
+def _integrate(
+    state: Turning, inside: list[RateSample], from_us: int, time_us: int, gyr_rad_s: Vec3
+) -> Between:
+    """The turn through all readings, if no two of them are too far apart."""
+    if not inside:
+        return NOTHING_BETWEEN
+    points = [(from_us, state.last_gyr_rad_s)]
+    points += [(r.time_us, add(r.rate_rad_s, state.offset_rad_s)) for r in inside]
+    points.append((time_us, gyr_rad_s))
+    turn, longest, squares = IDENTITY, 0.0, ZERO_VEC3
+    for (t0, w0), (t1, w1) in pairwise(points):
+        step_s = 1e-6 * (t1 - t0)
+        turn = multiply(turn, exp(scale(step_s, integration_rate(w0, w1, step_s, averaged=False))))
+        longest = max(longest, step_s)
+        change = subtract(w1, w0)
+        squares = add(squares, (change[0] ** 2, change[1] ** 2, change[2] ** 2))
+    if longest > LONGEST_STEP_S:
+        return NOTHING_BETWEEN
+    n = len(points) - 1
+    x, y, z = (sqrt(s / n) for s in squares)
+    return Between(True, scale(1e6 / (time_us - from_us), log(turn)), (x, y, z), longest)
+
+
+def _compare(
+    state: Turning,
+    passed: tuple[RateSample, ...],
+    ahead: tuple[RateSample, ...],
+    time_us: int,
+    gyr_rad_s: Vec3,
+) -> Turning:
+    """The sample beside the rate interpolated at its time, where two are near enough."""
+    near = passed[-1] if passed else state.before
+    if near is None:
+        return state
+    there = near.rate_rad_s
+    apart_s = 1e-6 * (time_us - near.time_us)
+    if apart_s > SAME_INSTANT_S:
+        if not ahead or 1e-6 * (ahead[0].time_us - near.time_us) > LONGEST_STEP_S:
+            return state
+        share = (time_us - near.time_us) / (ahead[0].time_us - near.time_us)
+        there = add(scale(1.0 - share, near.rate_rad_s), scale(share, ahead[0].rate_rad_s))
+    off = subtract(gyr_rad_s, there)
+    left = subtract(off, state.offset_rad_s)
+    step_s = max(1e-3, apart_s + 0.25)
+    a, b = step_s / (AGREEMENT_TAU_S + step_s), step_s / (OFFSET_TAU_S + step_s)
+    offset = add(state.offset_rad_s, scale(b, left))
+    if norm(offset) > MOST_OFFSET_RAD_S:
+        offset = scale(MOST_OFFSET_RAD_S / norm(offset), offset)
+    return state._replace(
+        offset_rad_s=offset,
+        misfit=state.misfit + a * (dot(left, left) - state.misfit),
+        turning=state.turning + a * (dot(gyr_rad_s, gyr_rad_s) - state.turning),
+    )

@@ -1,0 +1,120 @@
+"""Body rates of another messenger between IMU samples."""
+
+from math import cos, sin
+
+import pytest
+
+from estimator.estimator import Estimator
+from estimator.geometry.quaternion import angle_between, exp, multiply, scale
+from estimator.live.turning import Turning, hear_rate, take_between
+from estimator.profile import load_profile, merge_profile
+from estimator.types import (
+    IDENTITY,
+    NOTHING_BETWEEN,
+    ZERO_VEC3,
+    Between,
+    ImuSample,
+    Quaternion,
+    RateSample,
+    Vec3,
+)
+
+BIAS = 0.01
+STEP_S = 0.5
+SECOND = 1_000_000
+
+
+def rate_at(time_s: float) -> Vec3:
+    """To and fro, three times a second about x and slower about y: 2 Hz sees nothing of it."""
+    x = 18.0 * time_s + 3.0 * sin(0.7 * time_s)
+    y = 5.0 * time_s + 2.0 * cos(0.4 * time_s)
+    return (1.5 * sin(x), 0.8 * cos(y), 0.0)
+
+
+def turn_between(from_s: float, to_s: float) -> Quaternion:
+    n = 400
+    dt = (to_s - from_s) / n
+    q = IDENTITY
+    for k in range(n):
+        q = multiply(q, exp(scale(dt, rate_at(from_s + (k + 0.5) * dt))))
+    return q
+
+
+def gyr_at(time_s: float) -> Vec3:
+    x, y, z = rate_at(time_s)
+    return (x + BIAS, y + BIAS, z + BIAS)
+
+
+def flown(seconds: float, *, late_s: float = 0.0, every_s: float = 0.05) -> list[Between]:
+    """What is between samples 0.5 s apart; the rates' clock is ``late_s`` off."""
+    state, shown = Turning(), []
+    heard, samples = 1, round(seconds / STEP_S)
+    for k in range(1, samples):
+        while heard * every_s <= k * STEP_S:
+            stamp = round((heard * every_s + late_s) * SECOND)
+            state = hear_rate(state, RateSample(stamp, rate_at(heard * every_s)))
+            heard += 1
+        at = round(k * STEP_S * SECOND)
+        state, one = take_between(state, at - SECOND // 2, at, gyr_at(k * STEP_S))
+        shown.append(one)
+    return shown
+
+
+def test_the_turn_is_integrated_through_the_rates_with_the_samples_bias():
+    shown = flown(120.0)
+    assert all(one.given for one in shown[1:])
+    end = STEP_S * len(shown)
+    q = exp(scale(STEP_S, tuple(w - BIAS for w in shown[-1].turn_rad_s)))
+    assert angle_between(q, turn_between(end - STEP_S, end)) < 0.02
+    assert shown[-1].step_s == pytest.approx(0.05)
+
+
+def test_rates_at_the_samples_own_times_change_nothing():
+    assert flown(60.0, every_s=STEP_S) == [NOTHING_BETWEEN] * 119
+
+
+@pytest.mark.parametrize("late_s", [2.4, -2.4, 0.17])
+def test_rates_of_another_time_are_noticed(late_s):
+    shown = flown(120.0, late_s=late_s)
+    assert not any(one.given for one in shown[20:])
+
+
+def test_rates_too_far_apart_show_nothing():
+    state = Turning(last_gyr_rad_s=ZERO_VEC3)
+    state = hear_rate(state, RateSample(SECOND // 10, (0.1, 0.0, 0.0)))
+    _, shown = take_between(state, 0, SECOND, ZERO_VEC3)
+    assert shown == NOTHING_BETWEEN
+
+
+def roll_after(profile_rates: str) -> tuple[float, str]:
+    """The roll error of a vehicle rocked at 2 Hz of samples and 20 Hz of rates, and the word."""
+    profile = merge_profile(load_profile("imu"), {"rates": profile_rates})
+    estimator = Estimator(profile)
+    worst, q = 0.0, 0.0
+    for k in range(1200):
+        time_s = 0.05 * k
+        q = 1.5 / 18.0 * (1.0 - cos(18.0 * time_s))
+        rate = (1.5 * sin(18.0 * time_s), 0.0, 0.0)
+        time_us = round(time_s * SECOND)
+        estimator.update_rate(RateSample(time_us, rate))
+        if k % 10 == 0:
+            push = (0.0, -9.81 * sin(q) + 3.0 * sin(1.7 * time_s), -9.81 * cos(q))
+            estimator.update(ImuSample(time_us, rate, push, ZERO_VEC3, has_mag=False))
+            if k > 400:
+                w, x, _, _ = estimator.attitude(time_us).q_ned_frd
+                worst = max(worst, abs(2.0 * x / w - q))
+    return worst, estimator.rates
+
+
+def test_the_profile_says_whether_they_are_used():
+    with_rates, word = roll_after("imu+attitude")
+    without, alone = roll_after("imu")
+    assert (word, alone) == ("imu+attitude", "imu")
+    assert with_rates < 0.7 * without
+
+
+def test_rates_that_are_none_are_refused():
+    estimator = Estimator(load_profile("imu"))
+    assert estimator.update_rate(RateSample(0, (float("nan"), 0.0, 0.0))) is not None
+    assert estimator.update_rate(RateSample(0, (0.0, 1e9, 0.0))) is not None
+    assert estimator.update_rate(RateSample(0, (0.1, 0.0, 0.0))) is None
