@@ -26,14 +26,13 @@ from estimator.types import IDENTITY, ZERO_VEC3, ImuSample, VelocitySample
 
 STEP_US = 10_000
 HELPER_S = 600.0  # far longer than it takes, also beside much other work; then we compile it
-HERE: tuple[Any, ...] = (resident.advance, resident.publish)
-ELSEWHERE: tuple[Any, ...] = (
-    resident.advance_aided,
+HERE: tuple[Any, ...] = (
+    resident.advance,
+    resident.publish,
     resident.resident,
-    resident.hear,
-    resident.search,
     resident.contents,
 )
+ELSEWHERE: tuple[Any, ...] = (resident.advance_aided, resident.hear, resident.search)
 # What the helper runs. It finds our packages where they are, and nothing in the folder that
 # the command was started in: -P keeps that off the path. It may hold anybody's downloads.
 OUR_FOLDER = Path(__file__).resolve().parents[1]
