@@ -16,7 +16,9 @@ EPILOG = """Examples:
 
 @profile_app.command(epilog=EPILOG)
 def show(
-    profile: Annotated[str, typer.Argument(metavar="NAME|FILE", help="paper, imu or a TOML file.")],
+    profile: Annotated[
+        str, typer.Argument(metavar="NAME|FILE", help="paper, imu, adaptive or a TOML file.")
+    ],
     as_json: Annotated[bool, typer.Option("--json", help="One JSON object.")] = False,
 ) -> None:
     """Print a profile with every value that was left to its default."""
@@ -30,7 +32,9 @@ def show(
 
 @profile_app.command(epilog=EPILOG)
 def check(
-    profile: Annotated[str, typer.Argument(metavar="NAME|FILE", help="paper, imu or a TOML file.")],
+    profile: Annotated[
+        str, typer.Argument(metavar="NAME|FILE", help="paper, imu, adaptive or a TOML file.")
+    ],
     as_json: Annotated[bool, typer.Option("--json", help="One JSON object.")] = False,
 ) -> None:
     """Tell whether a profile can be used; if not, what is wrong and where (exit status 2)."""

@@ -78,7 +78,7 @@ def run(
         typer.Option(
             "--profile",
             metavar="NAME|FILE",
-            help="paper, imu or a TOML file. [default: imu; for sim: paper]",
+            help="paper, imu, adaptive or a TOML file. [default: imu; for sim: paper]",
         ),
     ] = None,
     gain: Annotated[

@@ -39,7 +39,9 @@ def replay(
     ],
     profile: Annotated[
         str | None,
-        typer.Option("--profile", help="paper, imu or a TOML file. [default: imu; for sim: paper]"),
+        typer.Option(
+            "--profile", help="paper, imu, adaptive or a TOML file. [default: imu; for sim: paper]"
+        ),
     ] = None,
     gain: Annotated[
         float | None,
