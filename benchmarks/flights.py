@@ -1,320 +1,205 @@
-"""Simulated flights with an autopilot's stream, with and without velocity.
+"""Simulated flights with an autopilot's stream, through the whole chain as a log goes.
 
-A plane with banks of 60 degrees, loops and rolls, and a copter that is thrown
-about. The stream has what real ones have: an IMU low-passed at 20 Hz and
-truncated, a field averaged to 10 Hz, sample times that miss the grid, and
-velocity with slow errors as an autopilot's filter makes them. Nothing is shared with the
-estimator but quaternion algebra, so it says how the aiding does on flights it
-was not made on.
+Planes, copters, quadplanes and rovers. Each flight is written as a telemetry log with what real
+ones have (``flight_recorder.py``) and replayed through decoder and service. Nothing is shared
+with the estimator but quaternion algebra and the field's model, so it says how the aiding does on
+flights it was not made on. Magnitudes of the faults are drawn anew for each seed.
 
-example: python benchmarks/flights.py --json --seeds 0-2
+``--recording LOG`` takes a recording with the simulator's truth instead, and changes it.
+
+example: python benchmarks/flights.py --json --seeds 100-102 --cases sound,compass
 """
 
 import argparse
 import json
 import sys
+import tempfile
 from collections.abc import Callable
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.signal import butter, lfilter
 
 sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
 
-from estimator.estimator import Estimator
-from estimator.geometry.metrics import batch_angle_errors, rms
-from estimator.geometry.quaternion import exp, multiply, normalize
-from estimator.profile import load_profile, merge_profile
-from estimator.types import STANDARD_GRAVITY_M_S2, ImuSample, VelocitySample
+from flight_changes import CHANGES
+from flight_motions import FINE_HZ, MOTIONS, Motion
+from flight_recorder import (
+    START_UNIX_US,
+    Filter,
+    Flight,
+    Link,
+    Receiver,
+    Sensors,
+    Trouble,
+    record,
+)
+from flight_score import line, score
 
-Floats = NDArray[np.float64]
+from drivers.events import Event, Imu
+from drivers.logs.open import open_log
+from estimator.geometry.metrics import batch_angle_errors
+from estimator.profile import load_profile
+from service.pipeline import Pipeline
+from service.records import AttitudeRecord, Published
 
-FINE_HZ = 400
-DECLINATION_DEG = 12.0
-DIP_DEG = 62.0
-FIELD_GAUSS = 0.5
-REST_S = 30.0
 SKIP_S = 40.0
-DURATION_S = 240.0
+TICK_US = 20_000
+VEHICLES = ("plane", "copter", "calm copter", "quadplane", "rover")
+CLEAN = Sensors(gyr=3e-4, acc=0.01, mag=0.001, hard_iron=0.0, acc_bias=0.0)
+NOISY = Sensors(gyr=0.01, acc=0.5, mag=0.01, hard_iron=0.02, current=0.02)
+PERFECT = Receiver(late_s=0.085, noise_m_s=0.01, slow_m_s=0.02, says_m_s=0.04)
+
+Rng = np.random.Generator
 
 
-class Motion(NamedTuple):
-    """Truth at ``FINE_HZ``: attitude (N, 4), body rate (N, 3), velocity in NED (N, 3)."""
+class Case(NamedTuple):
+    """What is flown, and what goes wrong."""
 
-    attitude: Floats
-    rate: Floats
-    velocity: Floats
-
-
-class Sensors(NamedTuple):
-    """One sigma each, SI and gauss; ``current`` is the field of the motors in a hover."""
-
-    gyr: float
-    gyr_bias: float
-    acc: float
-    acc_bias: float
-    mag: float
-    hard_iron: float
-    current: float
-    velocity: float
-    velocity_tau_s: float
+    motions: tuple[str, ...]
+    change: Callable[[Flight, Rng], Flight]
 
 
-GOOD = Sensors(0.003, 0.003, 0.15, 0.05, 0.004, 0.0, 0.0, 0.15, 5.0)
-NOISY = Sensors(0.01, 0.003, 0.5, 0.05, 0.01, 0.015, 0.03, 0.3, 5.0)
-
-
-def rotations(q: Floats) -> Floats:
-    """(N, 3, 3) of q_ned_frd (N, 4)."""
-    w, x, y, z = q.T
-    rows = [
-        [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
-        [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
-        [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
-    ]
-    return np.moveaxis(np.array(rows), 2, 0)
-
-
-def turned(q: tuple[float, ...], rate: Floats) -> tuple[float, ...]:
-    step = exp(tuple((rate / FINE_HZ).tolist()))
-    return normalize(multiply(q, step))  # type: ignore[arg-type]
-
-
-def roll_and_pitch(R: Floats) -> tuple[float, float]:
-    return float(np.arctan2(R[2, 1], R[2, 2])), float(-np.arcsin(np.clip(R[2, 0], -1.0, 1.0)))
-
-
-PLANE_LEGS = ("bank 60", "loop", "straight", "bank -60", "roll", "bank 30", "bank -45", "climb")
-
-
-def plane(seed: int) -> Motion:
-    """Rest, take-off run, then legs at random; speed falls in climbs, gusts shake it."""
-    rng = np.random.default_rng(seed)
-    n, dt = int(DURATION_S * FINE_HZ), 1.0 / FINE_HZ
-    q = exp((0.0, 0.0, float(rng.uniform(-np.pi, np.pi))))
-    speed, leg, left = 0.0, "rest", REST_S
-    rate, gust, attack = np.zeros(3), np.zeros(3), 0.0
-    out = Motion(np.empty((n, 4)), np.empty((n, 3)), np.empty((n, 3)))
-    for k in range(n):
-        R = rotations(np.array([q]))[0]
-        roll, pitch = roll_and_pitch(R)
-        left -= dt
-        if left <= 0.0:
-            leg = "run" if leg == "rest" else str(rng.choice(PLANE_LEGS))
-            left = {"run": 15.0, "loop": 2.0 * np.pi, "roll": 4.0}.get(leg, rng.uniform(6.0, 20.0))
-        if leg == "run":
-            speed = min(speed + 3.0 * dt, 22.0)
-        elif leg != "rest":
-            pull = -0.35 * STANDARD_GRAVITY_M_S2 * np.sin(pitch) + 0.3 * (24.0 - speed)
-            speed = max(speed + pull * dt, 12.0)
-        if leg not in ("rest", "run"):
-            gust += -gust / 0.7 * dt
-            gust += np.sqrt(2.0 / 0.7 * dt) * rng.standard_normal(3) * (0.15, 0.08, 0.05)
-        rate += (_plane_rate(leg, roll, pitch, speed) - rate) * dt / 0.15
-        turning = rate + gust if leg != "rest" else np.zeros(3)
-        attack += (0.04 + 0.03 * abs(turning[1]) - attack) * dt / 0.3
-        angle = attack * min(1.0, max(0.0, (speed - 12.0) / 4.0))
-        out.attitude[k], out.rate[k] = q, turning
-        out.velocity[k] = R @ (speed * np.array([np.cos(angle), 0.03 * gust[2], np.sin(angle)]))
-        q = turned(q, turning)  # type: ignore[assignment]
-    return out
-
-
-def _plane_rate(leg: str, roll: float, pitch: float, speed: float) -> Floats:
-    """The body rate that the leg asks for: a coordinated turn towards its bank and pitch."""
-    if leg == "loop":
-        return np.array([0.0, 1.0, 0.0])
-    if leg == "roll":
-        return np.array([np.pi / 2.0, 0.0, 0.0])
-    bank = np.radians(float(leg.split()[1])) if leg.startswith("bank") else 0.0
-    climb = np.radians({"climb": 12.0, "run": 4.0}.get(leg, 0.0)) if speed > 15.0 else 0.0
-    up = np.clip(1.5 * (climb - pitch), -0.6, 0.6)
-    steep = np.tan(np.clip(roll, -1.2, 1.2))
-    yaw = STANDARD_GRAVITY_M_S2 * steep / speed if speed > 14.0 else 0.0
-    return np.array(
-        [
-            np.clip(2.0 * (bank - roll), -1.5, 1.5) - yaw * np.sin(pitch),
-            up * np.cos(roll) + yaw * np.sin(roll) * np.cos(pitch),
-            -up * np.sin(roll) + yaw * np.cos(roll) * np.cos(pitch),
-        ]
+def ordinary(rng: Rng, motion: str) -> Flight:
+    """Faults of either source as they may be, drawn at random."""
+    return Flight(
+        filter=Filter(ahead_s=float(rng.uniform(0.0, 0.025))),
+        receiver=Receiver(
+            late_s=float(rng.uniform(0.085, 0.2)),
+            jitter_s=float(rng.choice((0.0, 0.03))),
+            noise_m_s=float(rng.uniform(0.03, 0.15)),
+            slow_m_s=float(rng.choice((0.03, 0.1, 0.2))),
+            says_m_s=float(rng.choice((0.04, 0.3, 0.6))),
+        ),
+        link=Link(mixed=motion.startswith("plane")),
     )
 
 
-def copter(seed: int) -> Motion:
-    """Rest, then tilts of up to 45 degrees and turns at random, braked by drag."""
-    rng = np.random.default_rng(seed)
-    n, dt = int(DURATION_S * FINE_HZ), 1.0 / FINE_HZ
-    q = exp((0.0, 0.0, float(rng.uniform(-np.pi, np.pi))))
-    gravity = np.array([0.0, 0.0, STANDARD_GRAVITY_M_S2])
-    velocity, rate, wanted, left, flying = np.zeros(3), np.zeros(3), np.zeros(3), REST_S, False
-    out = Motion(np.empty((n, 4)), np.empty((n, 3)), np.empty((n, 3)))
-    for k in range(n):
-        R = rotations(np.array([q]))[0]
-        roll, pitch = roll_and_pitch(R)
-        left -= dt
-        if left <= 0.0:
-            flying, left = True, rng.uniform(1.5, 8.0)
-            lean = rng.uniform(-0.8, 0.8, 2) * (rng.random() > 0.25)
-            wanted = np.array([*lean, rng.uniform(-1.5, 1.5) * (rng.random() < 0.5)])
-        if flying:
-            drift = R.T @ velocity
-            asked = np.array(
-                [
-                    np.clip(5.0 * (wanted[0] - 0.02 * drift[1] - roll), -4.0, 4.0),
-                    np.clip(5.0 * (wanted[1] + 0.02 * drift[0] - pitch), -4.0, 4.0),
-                    wanted[2],
-                ]
-            )
-            rate = rate + (asked - rate) * dt / 0.08 + 0.18 * np.sqrt(dt) * rng.standard_normal(3)
-            hover = STANDARD_GRAVITY_M_S2 / max(0.4, np.cos(roll) * np.cos(pitch))
-            force = R @ np.array([0.0, 0.0, -hover - 0.6 * velocity[2]]) - 0.25 * velocity
-            velocity = velocity + (force + gravity) * dt
-        out.attitude[k], out.rate[k], out.velocity[k] = q, rate, velocity
-        q = turned(q, rate)  # type: ignore[assignment]
-    return out
+def bad_compass(flight: Flight, rng: Rng) -> Flight:
+    """10 to 60 mGauss of hard iron, and as much from the motors."""
+    iron, current = rng.uniform(0.01, 0.06, 2)
+    return flight._replace(sensors=Sensors(hard_iron=float(iron), current=float(current)))
 
 
-class Stream(NamedTuple):
-    """IMU samples, reports with the index of the sample before them, truth at the samples."""
-
-    samples: list[ImuSample]
-    reports: list[tuple[int, VelocitySample]]
-    truth: Floats
+def at_4_hz(flight: Flight, _: Rng) -> Flight:
+    """What a ground station asks for."""
+    return flight._replace(link=Link(period_s=0.25))
 
 
-def streamed(motion: Motion, sensors: Sensors, rate_hz: float, seed: int) -> Stream:
-    """What an autopilot makes of a motion."""
-    rng = np.random.default_rng(1000 + seed)
-    R = rotations(motion.attitude)
-    n = len(R)
-    gravity = np.array([0.0, 0.0, STANDARD_GRAVITY_M_S2])
-    force = np.gradient(motion.velocity, 1.0 / FINE_HZ, axis=0) - gravity
-    acc = np.einsum("nji,nj->ni", R, force)
-    noise = np.sqrt(FINE_HZ / 44.0)  # so much is left of it behind the low-pass
-
-    def sensed(signal: Floats, sigma: float, bias: float) -> Floats:
-        raw = signal + bias * rng.standard_normal(3) + sigma * noise * rng.standard_normal((n, 3))
-        b, a = butter(2, 20.0, fs=FINE_HZ)
-        start = raw[:50].mean(axis=0)
-        smooth: Floats = lfilter(b, a, raw - start, axis=0) + start
-        return smooth
-
-    gyr = sensed(motion.rate, sensors.gyr, sensors.gyr_bias)
-    mag = _averaged_field(R, acc, sensors, rng)
-    felt = sensed(acc, sensors.acc, sensors.acc_bias)
-    velocity = motion.velocity + _slow_error(n, sensors, rng)
-    at = np.arange(0.5 * FINE_HZ, n, FINE_HZ / rate_hz).astype(int)
-    taken = at - rng.integers(0, 2, len(at))  # a sample is up to 2.5 ms older than its stamp
-    every = max(1, round(rate_hz / 10.0))
-    samples, reports = [], []
-    last = None
-    for k, (i, j) in enumerate(zip(at.tolist(), taken.tolist(), strict=True)):
-        field = _truncated(mag[j], 1e-3)
-        time_us = round(1e6 * i / FINE_HZ)
-        fresh = field != last
-        last = field
-        turn, push = _truncated(gyr[j], 1e-3), _truncated(felt[j], STANDARD_GRAVITY_M_S2 * 1e-3)
-        samples.append(ImuSample(time_us, turn, push, field if fresh else (0.0, 0.0, 0.0), fresh))
-        if k % every == 0:
-            said = _truncated(velocity[i], 0.01)
-            reports.append((k, VelocitySample(time_us, said, True, 0.3)))
-    return Stream(samples, reports, motion.attitude[at])
+CASES: dict[str, Case] = {
+    "simulator": Case(VEHICLES, lambda f, _: f._replace(sensors=CLEAN, receiver=PERFECT)),
+    "sound": Case(VEHICLES, lambda f, _: f),
+    "noisy": Case(("plane", "copter"), lambda f, _: f._replace(sensors=NOISY)),
+    "compass": Case(VEHICLES, bad_compass),
+    "satellites": Case(
+        ("plane", "copter", "rover"),
+        lambda f, _: f._replace(trouble=Trouble(lost=(90.0, 120.0), wrong=(150.0, 170.0))),
+    ),
+    "4 Hz": Case(VEHICLES, at_4_hz),
+    "slowed down": Case(
+        ("plane", "copter"), lambda f, _: f._replace(link=f.link._replace(bursts=True))
+    ),
+    "rough air at 4 Hz": Case(("plane in rough air",), at_4_hz),
+    "stalls": Case(("copter",), lambda f, _: f._replace(link=f.link._replace(stalls_s=0.3))),
+}
 
 
-def _averaged_field(R: Floats, acc: Floats, sensors: Sensors, rng: np.random.Generator) -> Floats:
-    """Means over 0.1 s, each held over the next."""
-    dip, declination = np.radians(DIP_DEG), np.radians(DECLINATION_DEG)
-    north = (np.cos(dip) * np.cos(declination), np.cos(dip) * np.sin(declination), np.sin(dip))
-    field = np.einsum("nji,j->ni", R, FIELD_GAUSS * np.array(north))
-    field += sensors.hard_iron * rng.standard_normal(3)
-    load = np.clip(-acc[:, 2:] / STANDARD_GRAVITY_M_S2, 0.0, 3.0)
-    field += sensors.current * load * rng.standard_normal(3)
-    block = FINE_HZ // 10
-    means = field[: len(field) // block * block].reshape(-1, block, 3).mean(axis=1)
-    means += sensors.mag * rng.standard_normal(means.shape)
-    return np.repeat(np.vstack([means[:1], means]), block, axis=0)
+def live_error_deg(
+    events: list[Event], motion: Motion, stalls: NDArray[np.float64], stall_s: float
+) -> tuple[float, float]:
+    """99th percentile and maximum of what is published at ticks, against the truth of then."""
+    pipeline, errors = Pipeline(load_profile("imu")), []
+    tick_us = START_UNIX_US + int(SKIP_S * 1e6)
+    for event in events:
+        while isinstance(event, Imu) and event.arrival_us > tick_us:
+            outputs = pipeline.tick(tick_us)
+            t = 1e-6 * (tick_us - START_UNIX_US)
+            for stall in stalls:
+                t = max(min(t, stall), t - stall_s)
+            i = min(round(t * FINE_HZ), len(motion.attitude) - 1)
+            errors += [
+                (output.record.q_ned_frd, tuple(motion.attitude[i]))
+                for output in outputs
+                if isinstance(output, Published) and isinstance(output.record, AttitudeRecord)
+            ]
+            tick_us += TICK_US
+        pipeline.handle(event)
+    published, true = (np.array(each) for each in zip(*errors, strict=True))
+    total = np.degrees(batch_angle_errors(published, true)[:, 0])
+    return float(np.percentile(total, 99.0)), float(total.max())
 
 
-def _slow_error(n: int, sensors: Sensors, rng: np.random.Generator) -> Floats:
-    """First-order noise, smoothed: a filter's velocity has no steps."""
-    keep = np.exp(-1.0 / (FINE_HZ * sensors.velocity_tau_s))
-    white = sensors.velocity * np.sqrt(1.0 - keep * keep) * rng.standard_normal((n, 3))
-    slow = lfilter([1.0], [1.0, -keep], white, axis=0)
-    b, a = butter(1, 0.5, fs=FINE_HZ)
-    return np.asarray(lfilter(b, a, slow, axis=0))
-
-
-def _truncated(vector: Floats, unit: float) -> tuple[float, float, float]:
-    x, y, z = (np.trunc(vector / unit) * unit).tolist()
-    return (x, y, z)
-
-
-def score(stream: Stream, *, with_velocity: bool) -> dict[str, float]:
-    """RMS errors in degrees and coverage, behind ``SKIP_S``."""
-    north = {"reference": {"declination_deg": DECLINATION_DEG}}
-    estimator = Estimator(merge_profile(load_profile("imu"), north))
-    behind = dict(stream.reports) if with_velocity else {}
-    attitudes = []
-    for k, sample in enumerate(stream.samples):
-        estimator.update(sample)
-        attitudes.append(estimator.attitude(sample.time_us))
-        if k in behind:
-            estimator.update_velocity(behind[k])
-    counted = np.array([s.time_us for s in stream.samples]) >= SKIP_S * 1e6
-    errors = batch_angle_errors(np.array([a.q_ned_frd for a in attitudes]), stream.truth)[counted]
-    sigma_i = np.array([a.sigma_inclination_rad for a in attitudes])[counted]
-    sigma_h = np.array([a.sigma_heading_rad for a in attitudes])[counted]
-    total, heading, inclination = (float(np.degrees(rms(errors[:, i]))) for i in range(3))
-    return {
-        "total_deg": total,
-        "heading_deg": heading,
-        "inclination_deg": inclination,
-        "coverage_inclination": float(np.mean(errors[:, 2] <= sigma_i)),
-        "coverage_heading": float(np.mean(errors[:, 1] <= sigma_h)),
+def flown(name: str, motion_name: str, seed: int) -> dict[str, Any]:
+    """One flight, replayed with and without velocity."""
+    rng = np.random.default_rng(77_000 + seed)
+    flight = CASES[name].change(ordinary(rng, motion_name), rng)
+    motion = MOTIONS[motion_name](seed)
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "flight.tlog"
+        stalls = record(path, motion, flight, seed)
+        with open_log(path) as log:
+            events = list(log)
+    unaided = {"aiding": {"enabled": False}}
+    result = {
+        "case": name,
+        "motion": motion_name,
+        "seed": seed,
+        "aided": score(events, skip_s=SKIP_S),
+        "unaided": score(events, skip_s=SKIP_S, profile=unaided),
     }
+    if name == "stalls":
+        result["live_p99_deg"], result["live_max_deg"] = live_error_deg(
+            events, motion, stalls, flight.link.stalls_s
+        )
+    return result
 
 
-MOTIONS: dict[str, Callable[[int], Motion]] = {"plane": plane, "copter": copter}
-SENSORS = {"good": GOOD, "noisy": NOISY}
-RATES_HZ = (50.0, 4.0)
+def simulated(options: argparse.Namespace) -> list[dict[str, Any]]:
+    """All flights that are asked for, a line each."""
+    first, _, last = options.seeds.partition("-")
+    names = options.cases.split(",") if options.cases else list(CASES)
+    results = []
+    for name in names:
+        for motion_name in CASES[name].motions:
+            for seed in range(int(first), int(last or first) + 1):
+                results.append(result := flown(name, motion_name, seed))
+                if not options.json:
+                    text = line(f"{name}, {motion_name} {seed}", result["aided"])
+                    live = result.get("live_max_deg")
+                    text += f"; without velocity {result['unaided'].total:.1f}"
+                    print(text + (f"; live at most {live:.1f}" if live else ""), flush=True)
+    return results
+
+
+def changed(options: argparse.Namespace) -> list[dict[str, Any]]:
+    """All changes of a recording, a line each."""
+    with open_log(Path(options.recording)) as log:
+        events = list(log)
+    results = []
+    for row in CHANGES:
+        of = score(row.change(events), skip_s=row.skip_s)
+        results.append({"change": row.name, "skip_s": row.skip_s, "aided": of})
+        if not options.json:
+            print(line(f"{row.name} (--skip {row.skip_s:.0f})", of), flush=True)
+    return results
 
 
 def main() -> None:
-    """Fly all, print a line or an object each."""
+    """Fly all, or change a recording."""
     parser = argparse.ArgumentParser(description="Simulated flights with and without velocity.")
-    parser.add_argument("--seeds", default="0-2", metavar="A-B")
+    parser.add_argument("--seeds", default="100-102", metavar="A-B")
+    parser.add_argument("--cases", metavar="A,B", help=f"of: {', '.join(CASES)}")
+    parser.add_argument("--recording", metavar="LOG", help="with the simulator's truth, changed")
     parser.add_argument("--json", action="store_true")
     options = parser.parse_args()
-    first, _, last = options.seeds.partition("-")
-    results = []
-    for name, fly in MOTIONS.items():
-        for seed in range(int(first), int(last or first) + 1):
-            motion = fly(seed)
-            for quality, sensors in SENSORS.items():
-                for rate_hz in RATES_HZ:
-                    stream = streamed(motion, sensors, rate_hz, seed)
-                    aided, unaided = (score(stream, with_velocity=v) for v in (True, False))
-                    flight = {"motion": name, "seed": seed, "sensors": quality, "rate_hz": rate_hz}
-                    results.append({**flight, "aided": aided, "unaided": unaided})
-                    if not options.json:
-                        print(_line(results[-1]), flush=True)
+    results = changed(options) if options.recording else simulated(options)
     if options.json:
-        print(json.dumps(results))
+        print(json.dumps([_plain(result) for result in results]))
 
 
-def _line(result: dict[str, object]) -> str:
-    aided, unaided = result["aided"], result["unaided"]
-    assert isinstance(aided, dict)
-    assert isinstance(unaided, dict)
-    flight = f"{result['motion']} {result['seed']} {result['sensors']} {result['rate_hz']:.0f} Hz"
-    return (
-        f"{flight:22s} total {aided['total_deg']:5.2f} heading {aided['heading_deg']:5.2f} "
-        f"inclination {aided['inclination_deg']:5.2f} under sigma "
-        f"{aided['coverage_inclination']:.2f} {aided['coverage_heading']:.2f}; "
-        f"without velocity {unaided['total_deg']:5.1f}"
-    )
+def _plain(result: dict[str, Any]) -> dict[str, Any]:
+    return {k: v._asdict() if isinstance(v, tuple) else v for k, v in result.items()}
 
 
 if __name__ == "__main__":

@@ -1,0 +1,283 @@
+"""True motions of simulated vehicles: planes, copters, quadplanes and rovers.
+
+Each begins with ``REST_S`` of rest and goes on at random. Nothing is shared with the
+estimator but quaternion algebra.
+"""
+
+from collections.abc import Callable
+from math import asin, atan2, cos, hypot, pi, radians, sin, sqrt, tan
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from estimator.geometry.quaternion import add, exp, multiply, normalize, rotate, rotate_inverse
+from estimator.types import STANDARD_GRAVITY_M_S2, Quaternion, Vec3
+
+Floats = NDArray[np.float64]
+
+FINE_HZ = 400
+DT = 1.0 / FINE_HZ
+REST_S = 30.0
+DURATION_S = 240.0
+LEAST_AIRSPEED, MOST_TURN_RAD = 14.0, 1.2
+PLANE_LEGS = ("bank 60", "loop", "straight", "bank -60", "roll", "bank 30", "bank -45", "climb")
+QUADPLANE_LEGS = ("straight", "bank 45", "bank -45", "climb", "hover", "hover")
+
+
+class Motion(NamedTuple):
+    """Truth at ``FINE_HZ``: attitude (N, 4), body rate (N, 3), velocity in NED (N, 3).
+
+    ``throttle`` (N,) is 1 in a hover and in a plane's cruise, about.
+    """
+
+    attitude: Floats
+    rate: Floats
+    velocity: Floats
+    throttle: Floats
+
+
+class Moment(NamedTuple):
+    """What one step of a motion gives."""
+
+    rate: Vec3
+    velocity: Vec3
+    throttle: float
+
+
+def moved(step: Callable[[Quaternion, float], Moment], heading_rad: float) -> Motion:
+    """Integrate a vehicle: ``step`` is given the attitude and the time."""
+    n = int(DURATION_S * FINE_HZ)
+    q = exp((0.0, 0.0, heading_rad))
+    out = Motion(np.empty((n, 4)), np.empty((n, 3)), np.empty((n, 3)), np.empty(n))
+    for k in range(n):
+        now = step(q, k * DT)
+        out.attitude[k], out.rate[k] = q, now.rate
+        out.velocity[k], out.throttle[k] = now.velocity, now.throttle
+        turn = (now.rate[0] * DT, now.rate[1] * DT, now.rate[2] * DT)
+        q = normalize(multiply(q, exp(turn)))
+    return out
+
+
+def roll_and_pitch(q: Quaternion) -> tuple[float, float]:
+    down = rotate_inverse(q, (0.0, 0.0, 1.0))
+    return atan2(down[1], down[2]), -asin(max(-1.0, min(1.0, down[0])))
+
+
+def clipped(value: float, most: float) -> float:
+    return max(-most, min(most, value))
+
+
+class Gusts:
+    """First-order noise of three components."""
+
+    def __init__(self, rng: np.random.Generator, sigmas: Vec3, tau_s: float) -> None:
+        self._rng, self._keep = rng, 1.0 - DT / tau_s
+        self._drive = tuple(s * sqrt(2.0 * DT / tau_s) for s in sigmas)
+        self.now: Vec3 = (0.0, 0.0, 0.0)
+
+    def next(self) -> Vec3:
+        """Those of the next step."""
+        n = self._rng.standard_normal(3)
+        x, y, z = self.now
+        a, b, c = self._drive
+        k = self._keep
+        self.now = (k * x + a * float(n[0]), k * y + b * float(n[1]), k * z + c * float(n[2]))
+        return self.now
+
+
+def plane(seed: int, turbulence_m_s: float = 0.5) -> Motion:
+    """Take-off run, then legs at random; speed falls in climbs, gusts shake it."""
+    return _winged(seed, turbulence_m_s, PLANE_LEGS)
+
+
+def plane_in_rough_air(seed: int) -> Motion:
+    """The same in air that throws it about by more than 1 g (RMS)."""
+    return _winged(seed, 2.2, PLANE_LEGS)
+
+
+def quadplane(seed: int) -> Motion:
+    """A plane without aerobatics that stops in the air and hovers now and then."""
+    return _winged(seed, 0.5, QUADPLANE_LEGS)
+
+
+def _winged(seed: int, turbulence_m_s: float, legs: tuple[str, ...]) -> Motion:
+    rng = np.random.default_rng(seed)
+    heading = float(rng.uniform(-pi, pi))
+    shaken = Gusts(rng, (0.25, 0.13, 0.08), 0.7)
+    wind = Gusts(rng, (turbulence_m_s,) * 3, 0.5)
+    smooth = np.zeros(3)
+    leg, left, speed, rate, attack = "rest", REST_S, 0.0, (0.0, 0.0, 0.0), 0.0
+    drift: Vec3 = (0.0, 0.0, 0.0)
+
+    def step(q: Quaternion, _: float) -> Moment:
+        nonlocal leg, left, speed, rate, attack, smooth, drift
+        roll, pitch = roll_and_pitch(q)
+        left -= DT
+        if left <= 0.0:
+            leg = "run" if leg == "rest" else str(rng.choice(legs))
+            left = {"run": 12.0, "loop": 2.0 * pi, "roll": 4.0}.get(leg, rng.uniform(6.0, 20.0))
+        if leg == "run":
+            speed = min(speed + 3.0 * DT, 22.0)
+        elif leg == "hover":
+            speed = max(speed - 2.5 * DT, 0.0)
+        elif leg != "rest":
+            pull = -0.35 * STANDARD_GRAVITY_M_S2 * sin(pitch) + 0.3 * (24.0 - speed)
+            least = 12.0 if "hover" not in legs else 0.0
+            speed = max(speed + min(pull, 3.0) * DT, least)
+        turning: Vec3 = (0.0, 0.0, 0.0)
+        asked = _winged_rate(leg, roll, pitch, speed)
+        rate = tuple(r + (a - r) * DT / 0.15 for r, a in zip(rate, asked, strict=True))
+        if leg not in ("rest", "run"):
+            turning = add(rate, shaken.next())
+            smooth += (np.array(wind.next()) - smooth) * DT / 0.15
+            lean = (tan(clipped(roll, 0.5)), -tan(clipped(pitch, 0.5)))
+            if speed < 8.0:  # on its rotors it goes where it leans
+                c, s = _heading(q)
+                push = (lean[1] * c - lean[0] * s, lean[1] * s + lean[0] * c)
+                drift = (
+                    drift[0] + (STANDARD_GRAVITY_M_S2 * push[0] - 0.3 * drift[0]) * DT,
+                    drift[1] + (STANDARD_GRAVITY_M_S2 * push[1] - 0.3 * drift[1]) * DT,
+                    0.0,
+                )
+            else:
+                drift = (drift[0] * (1.0 - DT), drift[1] * (1.0 - DT), 0.0)
+        elif leg == "run":
+            turning = rate
+        attack += (0.04 + 0.03 * abs(turning[1]) - attack) * DT / 0.3
+        angle = attack * min(1.0, max(0.0, (speed - 12.0) / 4.0))
+        ahead = (speed * cos(angle), 0.0, speed * sin(angle))
+        blown = (float(smooth[0]), float(smooth[1]), float(smooth[2]))
+        velocity = add(add(rotate(q, ahead), blown), drift)
+        throttle = 0.0 if leg == "rest" else 1.4 if leg in ("run", "climb", "hover") else 0.8
+        return Moment(turning, velocity, throttle)
+
+    return moved(step, heading)
+
+
+def _heading(q: Quaternion) -> tuple[float, float]:
+    x, y, _ = rotate(q, (1.0, 0.0, 0.0))
+    n = max(hypot(x, y), 1e-6)
+    return x / n, y / n
+
+
+def _winged_rate(leg: str, roll: float, pitch: float, speed: float) -> Vec3:
+    """The body rate that the leg asks for: a coordinated turn towards its bank and pitch."""
+    if leg == "loop":
+        return (0.0, 1.0, 0.0)
+    if leg == "roll":
+        return (pi / 2.0, 0.0, 0.0)
+    if leg == "rest":
+        return (0.0, 0.0, 0.0)
+    bank = radians(float(leg.split()[1])) if leg.startswith("bank") else 0.0
+    climb = radians({"climb": 12.0, "run": 4.0}.get(leg, 0.0)) if speed > 15.0 else 0.0
+    up = clipped(1.5 * (climb - pitch), 0.6)
+    steep = tan(clipped(roll, MOST_TURN_RAD))
+    yaw = STANDARD_GRAVITY_M_S2 * steep / speed if speed > LEAST_AIRSPEED else 0.0
+    yaw += 0.4 if leg == "hover" and speed < 1.0 else 0.0
+    return (
+        clipped(2.0 * (bank - roll), 1.5) - yaw * sin(pitch),
+        up * cos(roll) + yaw * sin(roll) * cos(pitch),
+        -up * sin(roll) + yaw * cos(roll) * cos(pitch),
+    )
+
+
+def copter(seed: int) -> Motion:
+    """Tilts of up to 45 degrees and turns at random, braked by drag, and now and then a flip."""
+    return _rotored(seed, most_lean=0.8, shake=0.18, flips=0.03)
+
+
+def calm_copter(seed: int) -> Motion:
+    """What a survey or a delivery asks for: leans of up to 20 degrees, slow turns."""
+    return _rotored(seed, most_lean=0.35, shake=0.05, flips=0.0)
+
+
+def _rotored(seed: int, most_lean: float, shake: float, flips: float) -> Motion:
+    rng = np.random.default_rng(seed)
+    heading = float(rng.uniform(-pi, pi))
+    velocity, rate, wanted = np.zeros(3), (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)
+    left, flying, flip_s = REST_S, False, 0.0
+    down = np.array([0.0, 0.0, STANDARD_GRAVITY_M_S2])
+    rough = shake * sqrt(DT)
+
+    def step(q: Quaternion, _: float) -> Moment:
+        nonlocal velocity, rate, wanted, left, flying, flip_s
+        roll, pitch = roll_and_pitch(q)
+        left -= DT
+        if left <= 0.0:
+            flying, left = True, float(rng.uniform(1.5, 8.0))
+            lean = rng.uniform(-most_lean, most_lean, 2) * (rng.random() > 0.25)
+            yaw = float(rng.uniform(-1.5, 1.5)) * bool(rng.random() < 0.5) * most_lean / 0.8
+            wanted = (float(lean[0]), float(lean[1]), yaw)
+            flip_s = 2.0 * pi / 7.0 if rng.random() < flips else 0.0
+        if not flying:
+            return Moment((0.0, 0.0, 0.0), (0.0, 0.0, 0.0), 0.0)
+        drift = rotate_inverse(q, tuple(velocity.tolist()))
+        flip_s -= DT
+        asked = (
+            clipped(5.0 * (wanted[0] - 0.02 * drift[1] - roll), 4.0),
+            clipped(5.0 * (wanted[1] + 0.02 * drift[0] - pitch), 4.0),
+            wanted[2],
+        )
+        if flip_s > 0.0:
+            asked = (7.0, 0.0, 0.0)
+        n = rng.standard_normal(3).tolist()
+        follow = DT / 0.08
+        rate = tuple(
+            r + (a - r) * follow + rough * e for r, a, e in zip(rate, asked, n, strict=True)
+        )
+        hover = STANDARD_GRAVITY_M_S2 / max(0.4, cos(roll) * cos(pitch))
+        if cos(roll) < 0.0:
+            hover = 0.2 * STANDARD_GRAVITY_M_S2
+        up = hover + 0.6 * float(velocity[2])
+        force = np.array(rotate(q, (0.0, 0.0, -up))) - 0.25 * velocity
+        velocity = velocity + (force + down) * DT
+        return Moment(rate, tuple(velocity.tolist()), up / STANDARD_GRAVITY_M_S2)
+
+    return moved(step, heading)
+
+
+def rover(seed: int) -> Motion:
+    """Drives and reverses at up to 5 m/s over slopes, turning as sharply as its tyres hold."""
+    rng = np.random.default_rng(seed)
+    heading = float(rng.uniform(-pi, pi))
+    bumps = Gusts(rng, (0.12, 0.12, 0.0), 0.15)
+    slope = Gusts(rng, (0.06, 0.06, 0.0), 6.0)
+    speed, wanted, turn, wanted_turn, left, driving = 0.0, 0.0, 0.0, 0.0, REST_S, False
+
+    def step(q: Quaternion, _: float) -> Moment:
+        nonlocal speed, wanted, turn, wanted_turn, left, driving
+        roll, pitch = roll_and_pitch(q)
+        left -= DT
+        if left <= 0.0:
+            driving, left = True, float(rng.uniform(2.0, 9.0))
+            wanted = float(rng.choice((5.0, 3.0, 2.0, 1.0, 0.0, -1.5)))
+            wanted_turn = float(rng.choice((0.0, 0.0, 0.3, -0.3, 0.8, -0.8)))
+        if not driving:
+            return Moment((0.0, 0.0, 0.0), (0.0, 0.0, 0.0), 0.0)
+        before = speed
+        speed += clipped(wanted - speed, 1.0) * 1.5 * DT
+        grip = 4.0 / max(abs(speed), 0.5)
+        turn += (clipped(wanted_turn, grip) - turn) * DT / 0.3
+        moving = min(1.0, abs(speed))
+        shaken, sloped = bumps.next(), slope.next()
+        yaw = turn * moving
+        rate = (
+            moving * shaken[0] + clipped(2.0 * (sloped[0] - roll), 0.5) * moving,
+            moving * shaken[1] + clipped(2.0 * (sloped[1] - pitch), 0.5) * moving,
+            yaw,
+        )
+        load = 0.5 * moving + abs(speed - before) / DT / 3.0
+        return Moment(rate, rotate(q, (speed, 0.0, 0.0)), load)
+
+    return moved(step, heading)
+
+
+MOTIONS: dict[str, Callable[[int], Motion]] = {
+    "plane": plane,
+    "copter": copter,
+    "calm copter": calm_copter,
+    "quadplane": quadplane,
+    "rover": rover,
+    "plane in rough air": plane_in_rough_air,
+}

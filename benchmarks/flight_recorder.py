@@ -1,0 +1,326 @@
+"""What an autopilot makes of a motion, as a telemetry log.
+
+The stream has what real ones have: an IMU low-passed at 20 Hz and truncated toward zero, a field
+averaged to 10 Hz, sample times that miss the grid, velocities from an autopilot's filter and from
+a receiver, each with its own faults, positions before there are any, and what the autopilot says
+about its own filter. The truth comes behind each IMU sample as SIM_STATE.
+"""
+
+import struct
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+from flight_motions import DURATION_S, FINE_HZ, Motion
+from numpy.typing import NDArray
+from scipy.signal import butter, lfilter, lfilter_zi
+
+from drivers.mavlink.decoder import mavlink
+from estimator.aiding.place import field_at
+from estimator.geometry.frames import euler_rad
+from estimator.types import STANDARD_GRAVITY_M_S2
+
+Floats = NDArray[np.float64]
+
+START_UNIX_US = 1_760_000_000_000_000
+LATITUDE_DEG, LONGITUDE_DEG, ALTITUDE_M = -35.363, 149.165, 584.0
+METRES_A_DEGREE = 111_320.0
+FIX_S = 12.0  # then the receiver has its fix
+FILTER_S = 20.0  # then the autopilot's filter has a position
+GOOD_FLAGS = 0x01 | 0x02 | 0x04 | 0x08 | 0x10 | 0x20
+LOST_FLAGS = 0x01 | 0x04 | 0x20 | 0x80  # constant position: no velocity, no position
+BEFORE_FIX_FLAGS = 0x01 | 0x04 | 0x20 | 0x80 | 0x400
+FIX_NONE, FIX_3D = 1, 3
+
+
+class Sensors(NamedTuple):
+    """One sigma each, SI and gauss."""
+
+    gyr: float = 0.003
+    gyr_bias: float = 0.003
+    acc: float = 0.15
+    acc_bias: float = 0.05
+    mag: float = 0.004
+    hard_iron: float = 0.005  # length of the vector
+    current: float = 0.0  # of the motors' field at full throttle
+
+
+class Filter(NamedTuple):
+    """The velocity of an autopilot's filter."""
+
+    ahead_s: float = 0.0125
+    slow_m_s: float = 0.1  # per component, everywhere
+    turning_m_s: float = 0.15  # more of it for each g of horizontal acceleration
+    tau_s: float = 5.0
+
+
+class Receiver(NamedTuple):
+    """A satellite receiver's velocity."""
+
+    late_s: float = 0.12
+    jitter_s: float = 0.0  # up to so much later
+    noise_m_s: float = 0.05
+    slow_m_s: float = 0.1
+    tau_s: float = 20.0
+    says_m_s: float = 0.3  # of its own accuracy
+
+
+class Link(NamedTuple):
+    """When samples are sent, and how they arrive."""
+
+    period_s: float = 0.02
+    mixed: bool = False  # 20 and 40 ms, as planes send them
+    bursts: bool = False  # another ground station slows it down to 4 Hz again and again
+    late_s: float = 0.006  # mean of what comes on top of the way, exponential
+    stalls_s: float = 0.0  # for which the vehicle and its clock stand still, four times
+    drift: float = 1e-3  # by which it runs slow
+
+
+class Trouble(NamedTuple):
+    """With satellites, (from, to) in s: None where there is none."""
+
+    lost: tuple[float, float] | None = None
+    wrong: tuple[float, float] | None = None
+    wrong_m_s: float = 4.0
+    early_position: bool = True  # near (0, 0), before the fix
+
+
+class Flight(NamedTuple):
+    """All that a recording is made of."""
+
+    sensors: Sensors = Sensors()
+    filter: Filter = Filter()
+    receiver: Receiver = Receiver()
+    link: Link = Link()
+    trouble: Trouble = Trouble()
+
+
+class Signals(NamedTuple):
+    """Everything at ``FINE_HZ``."""
+
+    gyr: Floats
+    acc: Floats
+    mag: Floats
+    by_filter: Floats
+    by_receiver: Floats
+    position: Floats
+
+
+def rotations(q: Floats) -> Floats:
+    """(N, 3, 3) of q_ned_frd (N, 4)."""
+    w, x, y, z = q.T
+    rows = [
+        [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
+        [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
+        [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
+    ]
+    return np.moveaxis(np.array(rows), 2, 0)
+
+
+def signals(motion: Motion, flight: Flight, rng: np.random.Generator) -> Signals:
+    """What sensors, filter and receiver make of a motion."""
+    R = rotations(motion.attitude)
+    n, s = len(R), flight.sensors
+    acceleration = np.gradient(motion.velocity, 1.0 / FINE_HZ, axis=0)
+    force = acceleration - (0.0, 0.0, STANDARD_GRAVITY_M_S2)
+    felt = np.einsum("nji,nj->ni", R, force)
+    left_over = np.sqrt(FINE_HZ / 44.0)  # so much noise remains behind the low-pass
+    moving = np.linalg.norm(motion.velocity, axis=1) > 0.1
+
+    def sensed(signal: Floats, sigma: float, bias: float) -> Floats:
+        noise = left_over * sigma * (0.1 + 0.9 * moving[:, None]) * rng.standard_normal((n, 3))
+        return _low_passed(signal + bias * rng.standard_normal(3) + noise)
+
+    return Signals(
+        sensed(motion.rate, s.gyr, s.gyr_bias),
+        sensed(felt, s.acc, s.acc_bias),
+        _averaged_field(R, motion, s, rng),
+        _filters(motion, acceleration, flight.filter, rng),
+        motion.velocity + _slow(n, flight.receiver.slow_m_s, flight.receiver.tau_s, rng),
+        np.cumsum(motion.velocity, axis=0) / FINE_HZ,
+    )
+
+
+def _low_passed(signal: Floats) -> Floats:
+    b, a = butter(2, 20.0, fs=FINE_HZ)
+    start = lfilter_zi(b, a)[:, None] * signal[:1]
+    return np.asarray(lfilter(b, a, signal, axis=0, zi=start)[0])
+
+
+def _averaged_field(R: Floats, motion: Motion, s: Sensors, rng: np.random.Generator) -> Floats:
+    """Means over 0.1 s, each held over the next."""
+    place = field_at(LATITUDE_DEG, LONGITUDE_DEG, ALTITUDE_M, START_UNIX_US)
+    assert place is not None
+    dip, declination = place.dip_rad, place.declination_rad
+    north = (np.cos(dip) * np.cos(declination), np.cos(dip) * np.sin(declination), np.sin(dip))
+    field = np.einsum("nji,j->ni", R, place.strength_gauss * np.array(north))
+    field += s.hard_iron * _direction(rng)
+    field += s.current * motion.throttle[:, None] * _direction(rng)
+    block = FINE_HZ // 10
+    means = field[: len(field) // block * block].reshape(-1, block, 3).mean(axis=1)
+    means += s.mag * rng.standard_normal(means.shape)
+    return np.repeat(np.vstack([means[:1], means]), block, axis=0)
+
+
+def _direction(rng: np.random.Generator) -> Floats:
+    vector = rng.standard_normal(3)
+    return np.asarray(vector / np.linalg.norm(vector))
+
+
+def _filters(
+    motion: Motion, acceleration: Floats, chosen: Filter, rng: np.random.Generator
+) -> Floats:
+    """Ahead of time, and off more where the vehicle turns."""
+    b, a = butter(1, 0.3, fs=FINE_HZ)
+    turning = lfilter(b, a, np.hypot(acceleration[:, 0], acceleration[:, 1]))
+    share = chosen.slow_m_s + chosen.turning_m_s * turning / STANDARD_GRAVITY_M_S2
+    slow = share[:, None] * _slow(len(turning), 1.0, chosen.tau_s, rng)
+    ahead = round(chosen.ahead_s * FINE_HZ)
+    velocity = np.vstack([motion.velocity[ahead:], np.repeat(motion.velocity[-1:], ahead, axis=0)])
+    at_rest = np.linalg.norm(motion.velocity, axis=1) < 0.1
+    return np.asarray(velocity + slow * (0.2 + 0.8 * ~at_rest[:, None]))
+
+
+def _slow(n: int, sigma: float, tau_s: float, rng: np.random.Generator) -> Floats:
+    """First-order noise, smoothed: neither has steps."""
+    keep = np.exp(-1.0 / (FINE_HZ * tau_s))
+    white = np.sqrt(1.0 - keep * keep) * rng.standard_normal((n, 3))
+    slow = lfilter([1.0], [1.0, -keep], white, axis=0)
+    b, a = butter(1, 0.5, fs=FINE_HZ)
+    return np.asarray(sigma * lfilter(b, a, slow, axis=0))
+
+
+def sample_times(link: Link, rng: np.random.Generator) -> Floats:
+    """Seconds at which the IMU is sent."""
+    times, t = [], 0.5
+    while t < DURATION_S - 0.5:
+        times.append(t)
+        period = link.period_s
+        if link.mixed:
+            period = float(rng.choice((0.02, 0.04, 0.1), p=(0.68, 0.31, 0.01)))
+        if link.bursts and t % 2.0 > 0.9 and t % 7.0 > 1.5:
+            period = 0.25
+        t += period
+    return np.array(times)
+
+
+class Tlog:
+    """Frames behind their stamps."""
+
+    def __init__(self, path: Path) -> None:
+        self._file = path.open("wb")
+        self._dialect = mavlink()
+        self._mav = self._dialect.MAVLink(None, srcSystem=1, srcComponent=1)
+
+    def put(self, arrival_us: int, name: str, *fields: Any) -> None:
+        """One message, by the name of its definition."""
+        message = getattr(self._dialect, f"MAVLink_{name}_message")(*fields)
+        self._file.write(struct.pack(">Q", arrival_us & ~3) + message.pack(self._mav))
+
+    def close(self) -> None:
+        """No more messages."""
+        self._file.close()
+
+
+def record(path: Path, motion: Motion, flight: Flight, seed: int) -> Floats:
+    """Write the telemetry log of one flight; returns when the vehicle and its clock stalled, s."""
+    rng = np.random.default_rng(1000 + seed)
+    now = signals(motion, flight, rng)
+    out = Tlog(path)
+    for k, axis in enumerate("XYZ"):
+        out.put(START_UNIX_US, "param_value", f"COMPASS_OFS_{axis}".encode(), 40.0 + k, 9, 3, k)
+    reports = _Reports(flight, now, rng)
+    link = flight.link
+    stalls = np.sort(rng.uniform(60.0, DURATION_S - 20.0, 4)) if link.stalls_s else np.empty(0)
+    mg, mrad, arrival_us, next_beat_s = 1000.0 / STANDARD_GRAVITY_M_S2, 1000.0, 0, 0.0
+    for t in sample_times(link, rng):
+        i = int(t * FINE_HZ)  # up to 2.5 ms older than its stamp
+        stamp_us = round(1e6 * (5.0 + t * (1.0 - link.drift)))
+        late_s = (
+            0.002 + float(rng.exponential(link.late_s)) + link.stalls_s * float(sum(stalls < t))
+        )
+        arrival_us = max(arrival_us, START_UNIX_US + round(1e6 * (t + late_s)))
+        if t >= next_beat_s:
+            next_beat_s = t + 1.0
+            out.put(arrival_us, "heartbeat", 2, 3, 81, 0, 4, 3)
+        for message in reports.until(t, stamp_us):
+            out.put(arrival_us, *message)
+        q = motion.attitude[i].tolist()
+        readings = (*now.acc[i] * mg, *now.gyr[i] * mrad, *now.mag[i] * 1000.0)
+        out.put(arrival_us, "raw_imu", stamp_us, *(int(value) for value in readings))
+        roll, pitch, yaw = euler_rad((q[0], q[1], q[2], q[3]))
+        out.put(arrival_us, "sim_state", *q, roll, pitch, yaw, *(0.0,) * 14)
+    out.close()
+    return stalls
+
+
+class _Reports:
+    """Velocities, positions and the filter's state, each at its own rate."""
+
+    def __init__(self, flight: Flight, now: Signals, rng: np.random.Generator) -> None:
+        self._flight, self._now, self._rng = flight, now, rng
+        self._next_s = dict.fromkeys(("filter", "receiver", "flags"), 0.5)
+        self._drift = np.zeros(3)
+
+    def until(self, t: float, stamp_us: int) -> Iterator[tuple[Any, ...]]:
+        """What is due at ``t``, each a name and its fields."""
+        slow = max(0.1, self._flight.link.period_s)
+        for name, period_s in (("flags", 1.0), ("filter", slow), ("receiver", 0.2)):
+            if t >= self._next_s[name]:
+                self._next_s[name] = max(self._next_s[name] + period_s, t - period_s)
+                yield from getattr(self, "_" + name)(t, stamp_us)
+
+    def _lost(self, t: float) -> bool:
+        lost = self._flight.trouble.lost
+        return t < FILTER_S or (lost is not None and lost[0] <= t < lost[1])
+
+    def _off(self, t: float) -> Floats:
+        """By what satellites say too much."""
+        wrong = self._flight.trouble.wrong
+        is_wrong = wrong is not None and wrong[0] <= t < wrong[1]
+        return np.array([self._flight.trouble.wrong_m_s * is_wrong, 0.0, 0.0])
+
+    def _flags(self, t: float, _: int) -> Iterator[tuple[Any, ...]]:
+        lost = BEFORE_FIX_FLAGS if t < FILTER_S else LOST_FLAGS
+        flags = lost if self._lost(t) else GOOD_FLAGS
+        yield ("ekf_status_report", flags, 0.05, 0.05, 0.05, 0.05, 0.0)
+
+    def _filter(self, t: float, stamp_us: int) -> Iterator[tuple[Any, ...]]:
+        i = int(t * FINE_HZ)
+        said = self._now.by_filter[i] + self._off(t - 2.0)
+        if self._lost(t) and t >= FILTER_S:
+            self._drift += 0.3 * self._rng.standard_normal(3)
+            said = said + self._drift + np.array([3.0, -3.0, 0.0])
+        elif t < FILTER_S:
+            said = 0.02 * self._rng.standard_normal(3)
+        else:
+            self._drift[:] = 0.0
+            yield ("local_position_ned", stamp_us // 1000, 0.0, 0.0, 0.0, *said.tolist())
+        early = t < FIX_S
+        if early and not self._flight.trouble.early_position:
+            return
+        lat, lon = (2081, -732) if early else self._place(i)
+        cm_s = (int(100.0 * v) for v in said)
+        alt = round(1e3 * ALTITUDE_M)
+        yield ("global_position_int", stamp_us // 1000, lat, lon, alt, 0, *cm_s, 0)
+
+    def _receiver(self, t: float, stamp_us: int) -> Iterator[tuple[Any, ...]]:
+        chosen = self._flight.receiver
+        fix = FIX_NONE if t < FIX_S or (self._lost(t) and t > FILTER_S) else FIX_3D
+        age = chosen.late_s + chosen.jitter_s * float(self._rng.random())
+        i = max(0, int((t - age) * FINE_HZ))
+        v = self._now.by_receiver[i] + chosen.noise_m_s * self._rng.standard_normal(3)
+        v = v + self._off(t)
+        speed = min(65534, round(100.0 * float(np.hypot(v[0], v[1]))))
+        course = round(100.0 * float(np.degrees(np.arctan2(v[1], v[0])))) % 36000
+        lat, lon = self._place(i) if fix == FIX_3D else (0, 0)
+        alt, said = round(1e3 * ALTITUDE_M), round(1e3 * chosen.says_m_s)
+        accuracy = (0, 500, 800, said, 0)
+        yield ("gps_raw_int", stamp_us, fix, lat, lon, alt, 90, 90, speed, course, 12, *accuracy)
+
+    def _place(self, i: int) -> tuple[int, int]:
+        north, east, _ = self._now.position[i]
+        lat = LATITUDE_DEG + north / METRES_A_DEGREE
+        lon = LONGITUDE_DEG + east / (METRES_A_DEGREE * float(np.cos(np.radians(LATITUDE_DEG))))
+        return round(1e7 * lat), round(1e7 * lon)
