@@ -150,7 +150,7 @@ def correct(params, switches, rules, state, vectors, truth, dt):
     if switches.bias_by_step:
         f = 0.5 * params.gamma * dt
     b = bound_each(add(state.gyr_bias_rad_s, scale(f, w)), params.bias_bound_rad_s)
-    return FilterState(q, b, e, d, K, True)
+    return FilterState(q, b, e, d, K, True, state.rate_rad_s, state.noise)
 
 
 @compiled
@@ -191,14 +191,15 @@ def costs_of(params, reference, switches, rules, start, signals, rate_hz, candid
     for i in range(costs.size):
         c, s = i // seeds, i % seeds
         own = FilterParams(
-            params.gamma,
-            params.bias_bound_rad_s,
-            params.rate_time_constant_s,
-            params.euler_step_max_s,
-            params.first_step_s,
-            unpack(candidates[c]),
-            params.gain_is_fixed,
-            params.fixed_gain,
+            gamma=params.gamma,
+            bias_bound_rad_s=params.bias_bound_rad_s,
+            rate_time_constant_s=params.rate_time_constant_s,
+            euler_step_max_s=params.euler_step_max_s,
+            first_step_s=params.first_step_s,
+            memberships=unpack(candidates[c]),
+            gain_is_fixed=params.gain_is_fixed,
+            fixed_gain=params.fixed_gain,
+            gain_knows_noise=False,
         )
         e = errors_of(own, reference, switches, rules, start, signals, s, 1.0 / rate_hz)
         costs[c, s] = cost_of(e, rate_hz)
