@@ -52,7 +52,15 @@ from estimator.compilation.compiled import inlined
 from estimator.conditioning.rate import slow_share
 from estimator.conditioning.types import FieldLook
 from estimator.geometry.quaternion import add, exp, multiply, norm, normalize, rotate, subtract
-from estimator.types import IDENTITY, NO_SAMPLE, ZERO_VEC3, Quaternion, Sample, Vec3
+from estimator.types import (
+    IDENTITY,
+    NO_SAMPLE,
+    STANDARD_GRAVITY_M_S2,
+    ZERO_VEC3,
+    Quaternion,
+    Sample,
+    Vec3,
+)
 
 BEGIN_VELOCITY_SIGMA_M_S = 1.0
 # Near the magnetic poles the horizontal field vanishes; less than this does not count as such.
@@ -189,11 +197,13 @@ def sigmas(
     agreement: Agreements,
 ) -> Sigmas:
     """How uncertain the estimate is after a sample."""
-    turning = norm(last.rate_rad_s)
+    force = last.force_ned_m_s2
+    pushed = params.pushed_rad * hypot(force[0], force[1]) / STANDARD_GRAVITY_M_S2
+    moving = hypot(params.timing_s * norm(last.rate_rad_s), pushed)
     iron = iron_angle(params, estimate)
     return Sigmas(
-        inclination_rad=inclination_sigma(params, P, agreement, turning),
-        heading_rad=heading_sigma(params, P, agreement, field, iron, turning, last.dt_s),
+        inclination_rad=inclination_sigma(params, P, agreement, moving),
+        heading_rad=heading_sigma(params, P, agreement, field, iron, moving, last.dt_s),
     )
 
 

@@ -102,6 +102,7 @@ class AidingParams(NamedTuple):
     least_inclination_rad: Angle = radians(0.06)
     least_heading_rad: Angle = radians(0.09)
     timing_s: Lag = 0.002  # uncertain age of the IMU sample, times the turn rate
+    pushed_rad: Angle = radians(0.15)  # for each g of horizontal acceleration: what reports miss
 
 
 class Report(NamedTuple):

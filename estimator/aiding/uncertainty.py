@@ -14,13 +14,19 @@ QUICK_STEP_S = 0.15
 
 @inlined
 def inclination_sigma(
-    params: AidingParams, P: Array, agreement: Agreements, turning_rad_s: float
+    params: AidingParams, P: Array, agreement: Agreements, moving_rad: float
 ) -> float:
-    """From the covariance, as far as the reports' scatter bears it out, and the sample's age."""
+    """From the covariance, as far as the reports' scatter bears it out, and ``moving_rad``.
+
+    That is what comes from turning and being pushed alone.
+    """
     scale = params.colour * scatter_scale(params, agreement, params.least_scale)
     variance = 0.5 * (P[TURN, TURN] + P[TURN + 1, TURN + 1])
-    aged = params.timing_s * turning_rad_s
-    return sqrt((PLANE_68 * scale) ** 2 * variance + params.least_inclination_rad**2 + aged * aged)
+    return sqrt(
+        (PLANE_68 * scale) ** 2 * variance
+        + params.least_inclination_rad**2
+        + moving_rad * moving_rad
+    )
 
 
 @inlined
@@ -30,7 +36,7 @@ def heading_sigma(
     agreement: Agreements,
     field: FieldState,
     iron_rad: float,
-    turning_rad_s: float,
+    moving_rad: float,
     dt: float,
 ) -> float:
     """Likewise, with the field's slow disagreement, which points to a wrong field.
@@ -44,13 +50,12 @@ def heading_sigma(
     disagreement = params.field_error_share**2 * field.residual.square
     if dt > QUICK_STEP_S:
         disagreement *= (QUICK_STEP_S / dt) ** 2
-    aged = params.timing_s * turning_rad_s
     heading = P[TURN + 2, TURN + 2]
     by_field = min(1.0, heading / max(iron_rad * iron_rad, 1e-12))
     square = scale * scale
     square += (1.0 - min(1.0, square)) * params.iron_share**2 * by_field
     variance = square * heading + disagreement
-    return sqrt(variance + params.least_heading_rad**2 + aged * aged)
+    return sqrt(variance + params.least_heading_rad**2 + moving_rad * moving_rad)
 
 
 @inlined
