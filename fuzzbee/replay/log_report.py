@@ -15,6 +15,7 @@ from drivers.mavlink.names import autopilot_name, vehicle_type_name
 from estimator.errors import InputError
 from estimator.profile import Profile
 from fuzzbee.replay.comparison import Comparison, compare
+from fuzzbee.replay.motion import moving
 from fuzzbee.replay.score import (
     Coverage,
     ErrorSummary,
@@ -152,6 +153,7 @@ def score(path: Path, trace: VehicleTrace, compared: Comparison, skip_s: float) 
     source, truth, known, errors = compared
     times_us = trace.times_us
     has_heading = trace.fields > 0
+    told = np.array([a.heading_reference != "none" for a in trace.attitudes], dtype=bool)
     counted = known & (times_us - times_us[0] >= skip_s / MICROSECOND)
     since = known & (times_us >= (trace.turned_at_us or 0))
     return LogReport(
@@ -160,12 +162,14 @@ def score(path: Path, trace: VehicleTrace, compared: Comparison, skip_s: float) 
         imu=_imu_summary(trace),
         duration_s=float(times_us[-1] - times_us[0]) * MICROSECOND,
         reference=source,
-        error_deg=summarize(errors[counted], has_heading=has_heading),
+        error_deg=summarize(errors[counted], has_heading=has_heading, told=told[counted]),
         coverage=coverage(
             errors[counted],
             trace.column(lambda a: a.sigma_inclination_rad)[counted],
             trace.column(lambda a: a.sigma_heading_rad)[counted],
             has_heading=has_heading,
+            told=told[counted],
+            moved=moving(trace.samples)[counted],
         ),
         peers=_peers(trace, source, truth, counted),
         convergence_s=convergence_s(times_us, errors[:, 0], since) if has_heading else None,

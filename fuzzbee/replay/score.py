@@ -28,31 +28,57 @@ class Coverage(msgspec.Struct, frozen=True):
 
     inclination: float | None = None
     heading: float | None = None
+    inclination_moving: float | None = None
+    heading_moving: float | None = None
 
 
-def summarize(errors_rad: Floats, *, has_heading: bool) -> ErrorSummary:
-    """Figures over (N, 3) errors: total, heading, inclination; N may be 0."""
+def summarize(errors_rad: Floats, *, has_heading: bool, told: Bools | None = None) -> ErrorSummary:
+    """Figures over (N, 3) errors: total, heading, inclination; N may be 0.
+
+    Total and heading leave out samples whose heading was not ``told`` (N,): there was none.
+    """
     if len(errors_rad) == 0:
         return ErrorSummary()
     degrees = np.degrees(errors_rad)
+    headed = degrees if told is None else degrees[told]
+    has_heading = has_heading and len(headed) > 0
     return ErrorSummary(
-        total_rms=rms(degrees[:, 0]) if has_heading else None,
-        heading_rms=rms(degrees[:, 1]) if has_heading else None,
+        total_rms=rms(headed[:, 0]) if has_heading else None,
+        heading_rms=rms(headed[:, 1]) if has_heading else None,
         inclination_rms=rms(degrees[:, 2]),
         inclination_p95=float(np.percentile(degrees[:, 2], 95.0)),
     )
 
 
 def coverage(
-    errors_rad: Floats, sigma_inclination: Floats, sigma_heading: Floats, *, has_heading: bool
+    errors_rad: Floats,
+    sigma_inclination: Floats,
+    sigma_heading: Floats,
+    *,
+    has_heading: bool,
+    told: Bools | None = None,
+    moved: Bools | None = None,
 ) -> Coverage:
-    """How often the error stayed under its sigma."""
-    if len(errors_rad) == 0:
-        return Coverage()
+    """How often the error stayed under its sigma, always and while the vehicle ``moved`` (N,).
+
+    Headings that were not ``told`` (N,) are left out.
+    """
+    n = len(errors_rad)
+    everywhere, nowhere = np.ones(n, dtype=bool), np.zeros(n, dtype=bool)
+    headed = (everywhere if told is None else told) & has_heading
+    moved = nowhere if moved is None else moved
+    upright = errors_rad[:, 2] <= sigma_inclination
+    pointed = errors_rad[:, 1] <= sigma_heading
     return Coverage(
-        inclination=float(np.mean(errors_rad[:, 2] <= sigma_inclination)),
-        heading=float(np.mean(errors_rad[:, 1] <= sigma_heading)) if has_heading else None,
+        inclination=_share(upright),
+        heading=_share(pointed[headed]),
+        inclination_moving=_share(upright[moved]),
+        heading_moving=_share(pointed[headed & moved]),
     )
+
+
+def _share(inside: Bools) -> float | None:
+    return float(np.mean(inside)) if len(inside) else None
 
 
 def convergence_s(times_us: NDArray[np.int64], total_rad: Floats, known: Bools) -> float | None:

@@ -53,13 +53,17 @@ def _figures(report: "LogReport") -> Table:
         grid.add_row("reference", "none in this log: nothing to compare with")
     else:
         word = "error" if report.reference == "sim" else "difference"
-        grid.add_row("reference", report.reference)
+        truth = report.reference == "sim"
+        note = "" if truth else ": the autopilot's own estimate, which is no truth"
+        grid.add_row("reference", report.reference + note)
         grid.add_row(f"{word}, RMS", _three(errors))
         grid.add_row("", f"inclination 95 %: {_number(errors.inclination_p95)}°")
         grid.add_row(
             "inside sigma",
             f"inclination {_share(report.coverage.inclination)}, "
-            f"heading {_share(report.coverage.heading)} (honest: 68 %)",
+            f"heading {_share(report.coverage.heading)} (honest: 68 %); in motion "
+            f"{_share(report.coverage.inclination_moving)}, "
+            f"{_share(report.coverage.heading_moving)}",
         )
     for name, peer in report.peers.items():
         grid.add_row(f"{name}'s error", _three(peer))

@@ -48,3 +48,23 @@ def test_convergence_counts_from_the_first_known_sample():
     assert convergence_s(times, total, known) == 2.0
     assert convergence_s(times, total + 1.0, known) is None
     assert convergence_s(times, total, np.zeros(5, bool)) is None
+
+
+def test_a_heading_that_was_not_told_does_not_count():
+    errors = np.radians([[40.0, 40.0, 0.0], [3.0, 3.0, 0.0], [4.0, 4.0, 0.0]])
+    told = np.array([False, True, True])
+    assert summarize(errors, has_heading=True, told=told).heading_rms == pytest.approx(3.5355, 1e-4)
+    assert summarize(errors, has_heading=True, told=~told).heading_rms == pytest.approx(40.0)
+    assert summarize(errors, has_heading=True, told=told & False).total_rms is None
+    three = np.full(3, np.radians(3.5))
+    assert coverage(errors, three, three, has_heading=True, told=told).heading == 0.5
+
+
+def test_coverage_in_motion_stands_apart():
+    errors = np.radians([[0.0, 1.0, 1.0], [0.0, 3.0, 3.0], [0.0, 1.0, 3.0]])
+    two = np.full(3, np.radians(2.0))
+    moved = np.array([False, True, True])
+    found = coverage(errors, two, two, has_heading=True, moved=moved)
+    assert (found.inclination, found.inclination_moving) == (pytest.approx(1 / 3), 0.0)
+    assert (found.heading, found.heading_moving) == (pytest.approx(2 / 3), 0.5)
+    assert coverage(errors, two, two, has_heading=True).inclination_moving is None
