@@ -51,6 +51,9 @@ def profile_change(rng):
     """A partial profile: some keys of some sections, with hostile values."""
     partial = {}
     for section in rng.sample(sorted(WHOLE), rng.randint(1, 3)):
+        if not isinstance(WHOLE[section], dict):  # a key above the sections
+            partial[section] = rng.choice(("imu", "imu+attitude", "", number(rng), None, []))
+            continue
         keys = sorted(WHOLE[section])
         chosen = rng.sample(keys, min(len(keys), rng.choice((1, 1, 1, 2, 5, 40))))
         partial[section] = {key: changed(WHOLE[section][key], rng) for key in chosen}

@@ -217,6 +217,9 @@ def profile_changes(draw):
     partial = {}
     for section in draw(st.lists(st.sampled_from(sorted(whole)), max_size=3)):
         fields = whole[section]
+        if not isinstance(fields, dict):  # a key above the sections
+            partial[section] = draw(st.just(fields) | JSON)
+            continue
         keys = draw(st.lists(st.sampled_from(sorted(fields)), max_size=4)) if fields else []
         partial[section] = {key: draw(st.just(fields[key]) | JSON) for key in keys}
     return partial

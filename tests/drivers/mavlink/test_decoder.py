@@ -327,7 +327,9 @@ def test_field_in_another_unit():
 
 
 def test_a_generic_autopilot_with_z_the_other_way():
-    assert "convention" in notices(still(raw_imu, acc=(0, 0, 1025)), GENERIC)
+    told = notices(still(raw_imu, acc=(0, 0, 1025)), GENERIC)
+    assert "accelerometer z is positive" in told
+    assert "[mounting] acc_sign = -1" in told  # the line to write
 
 
 def test_a_second_of_free_fall_is_no_reason():

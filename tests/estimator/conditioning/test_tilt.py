@@ -10,7 +10,14 @@ from estimator.conditioning.condition import condition, initial_state
 from estimator.conditioning.tilt import initial_tilt, slowness, step_noise
 from estimator.conditioning.types import Conditioned, ConditioningParams
 from estimator.geometry.quaternion import exp, multiply, normalize, rotate_inverse
-from estimator.types import IDENTITY, STANDARD_GRAVITY_M_S2, ZERO_VEC3, Sample, Vec3
+from estimator.types import (
+    IDENTITY,
+    NOTHING_BETWEEN,
+    STANDARD_GRAVITY_M_S2,
+    ZERO_VEC3,
+    Sample,
+    Vec3,
+)
 
 Floats = NDArray[np.float64]
 
@@ -39,7 +46,7 @@ def test_a_step_misses_the_more_the_longer_it_is_and_the_more_the_rate_has_chang
 
     def missed(rate: float, step_s: float) -> float:
         w = (rate, 0.0, 0.0)
-        return step_noise(PARAMS, state, w, w, DOWN, step_s).tilt
+        return step_noise(PARAMS, state, w, w, DOWN, step_s, NOTHING_BETWEEN).tilt
 
     assert missed(1.0, dt) > 3.0 * missed(0.5, dt) > 0.0
     assert missed(0.5, 2.0 * dt) > 4.0 * missed(0.5, dt)
@@ -48,7 +55,7 @@ def test_a_step_misses_the_more_the_longer_it_is_and_the_more_the_rate_has_chang
 def test_turning_about_down_is_missed_by_the_heading():
     state = initial_tilt(ZERO_VEC3, (0.0, 0.0, 9.8))
     w = (0.0, 0.0, 1.0)
-    noise = step_noise(PARAMS, state, w, w, DOWN, 0.5)
+    noise = step_noise(PARAMS, state, w, w, DOWN, 0.5, NOTHING_BETWEEN)
     assert noise.twist > 5.0 * noise.tilt
 
 
