@@ -36,7 +36,7 @@ from tuning.paper_kernel import DT_S
 from tuning.paper_signals import SCORED_SAMPLES
 from tuning.paper_task import PaperTask, midpoint_profile
 from tuning.search import Search, SearchOptions
-from tuning.space import bounds, decode, encode, feasible, random_positions
+from tuning.space import bounds, decode, encode, make_feasible, random_positions
 
 REPETITIONS = 5
 CANDIDATES = 100
@@ -130,7 +130,7 @@ class PygmoProblem:
         self.task = task
 
     def fitness(self, x):  # noqa: D102 - pygmo's name
-        position = feasible(self.task.space, np.asarray(x)[None, :])
+        position = make_feasible(self.task.space, np.asarray(x)[None, :])
         return [float(self.task.objective.serial_costs(decode(self.task.space, position))[0])]
 
     def get_bounds(self):  # noqa: D102 - likewise

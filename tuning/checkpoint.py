@@ -21,7 +21,7 @@ SCHEMA = 1
 
 
 def write_atomically(path: Path, content: bytes) -> None:
-    """Write a neighbour and rename it: a reader sees the old file or the new one.
+    """Write a file beside it and rename that: a reader sees the old content or the new one.
 
     Raises:
         InputError: the folder or the file cannot be written, or is somebody else's link.

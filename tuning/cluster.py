@@ -17,7 +17,7 @@ from tuning.objective import Objective
 Array = NDArray[np.float64]
 
 CONNECT_TIMEOUT_S = 10.0
-# Small enough that a lost worker costs little and a fast one gets more.
+# So many that a lost worker costs little, and a fast worker can take more of them than a slow one.
 CHUNKS_PER_THREAD = 4
 # A batch is sent again this often before the cluster is given up.
 ATTEMPTS = 5
@@ -48,7 +48,7 @@ class ClusterEvaluator(Closing):
         self._wait_for_workers()
 
     def close(self) -> None:
-        """Leave the cluster; it goes on."""
+        """Disconnect; the cluster itself keeps running."""
         self._client.close()
 
     def __call__(self, values: Array) -> Array:
@@ -89,5 +89,5 @@ class ClusterEvaluator(Closing):
 
 
 def chunk_costs(objective: Objective, values: Array) -> Array:
-    """What a worker runs."""
+    """Costs of one chunk, on one thread; this is what a worker runs."""
     return objective.serial_costs(values)

@@ -14,8 +14,8 @@ whole phases asked at once, so that they can be evaluated in parallel:
   ``limit`` times, moves to a random position.
 
 Every random number comes from one generator, drawn when a phase is asked, in
-one order. What is asked therefore depends on the seed and on the costs told
-and on nothing else, such as who computes the costs.
+one order. The candidates therefore depend on the seed and on the costs alone,
+and not on who computes the costs.
 """
 
 from typing import NamedTuple
@@ -23,7 +23,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from tuning.space import Space, feasible, random_positions
+from tuning.space import Space, make_feasible, random_positions
 
 Array = NDArray[np.float64]
 Integers = NDArray[np.int64]
@@ -57,12 +57,16 @@ class Colony:
         self._limit = limit
         self._generator = generator
         fresh = random_positions(space, food_sources - len(first), generator)
-        self._asked = np.concatenate([feasible(space, first), fresh])
+        self._asked = np.concatenate([make_feasible(space, first), fresh])
         self._visited = np.arange(food_sources)
         self._phase = "start"
         self.cycles = 0
         self.scouts = 0
-        self.sources = Sources(self._asked, np.full(food_sources, np.inf), self._no_failures())
+        self.sources = Sources(
+            positions=self._asked,
+            costs=np.full(food_sources, np.inf),
+            failures=self._no_failures(),
+        )
 
     def ask(self) -> Array:
         """The candidates of the next phase, all feasible; the same until :meth:`tell`."""
@@ -77,7 +81,7 @@ class Colony:
         self._advance()
 
     @property
-    def scouting(self) -> bool:
+    def is_scouting(self) -> bool:
         """Whether what is asked is a scout's position."""
         return self._phase == "scout"
 
@@ -87,7 +91,7 @@ class Colony:
             self._send_employed()
         elif self._phase == "employed":
             self._send_onlookers()
-        elif self._exhausted() is None:
+        elif self._exhausted_source() is None:
             self.cycles += 1
             self._send_employed()
         else:
@@ -112,12 +116,12 @@ class Colony:
     def _send_scout(self) -> None:
         self._phase = "scout"
         self.scouts += 1
-        exhausted = self._exhausted()
+        exhausted = self._exhausted_source()
         assert exhausted is not None
         self._visited = np.array([exhausted])
         self._asked = random_positions(self._space, 1, self._generator)
 
-    def _exhausted(self) -> int | None:
+    def _exhausted_source(self) -> int | None:
         worst = int(np.argmax(self.sources.failures))
         return worst if self.sources.failures[worst] > self._limit else None
 
@@ -137,11 +141,11 @@ class Colony:
         old = asked[np.arange(count), j]
         asked[np.arange(count), j] = old + alpha * (old - x[k, j])
         self._visited = visited
-        self._asked = feasible(self._space, asked)
+        self._asked = make_feasible(self._space, asked)
 
     def _settle(self, costs: Array) -> None:
-        """New positions count whatever their cost."""
-        positions, held, failures = self._copied()
+        """Take new positions whatever their cost."""
+        positions, held, failures = self._copy_sources()
         positions[self._visited] = self._asked
         held[self._visited] = costs
         failures[self._visited] = 0
@@ -149,7 +153,7 @@ class Colony:
 
     def _select(self, costs: Array) -> None:
         """A better candidate replaces its source; a source that was not improved fails."""
-        positions, held, failures = self._copied()
+        positions, held, failures = self._copy_sources()
         for i, candidate, cost in zip(self._visited, self._asked, costs, strict=True):
             if cost < held[i]:
                 positions[i], held[i], failures[i] = candidate, cost, 0
@@ -157,7 +161,7 @@ class Colony:
                 failures[i] += 1
         self.sources = Sources(positions, held, failures)
 
-    def _copied(self) -> tuple[Array, Array, Integers]:
+    def _copy_sources(self) -> tuple[Array, Array, Integers]:
         positions, costs, failures = self.sources
         return positions.copy(), costs.copy(), failures.copy()
 

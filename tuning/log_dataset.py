@@ -1,4 +1,4 @@
-"""A recorded flight as arrays: one vehicle's samples, its reference, and where time broke."""
+"""A recorded flight as arrays: one vehicle's samples, its reference, where its clock broke."""
 
 from collections import Counter
 from pathlib import Path
@@ -25,13 +25,13 @@ REFERENCES = ("sim", "autopilot")
 LEAST_RATE_HZ = 1.0
 BETTER_LOG = "record a better log: fuzzbee run URL --request-rate 50 --record FILE"
 LEAST_DURATION_S = 60.0
-# A vehicle that is not turned faster than this for this long says nothing about a filter's answer
-# to motion. At rest, engines running, the rates of recorded vehicles stay below 0.02 rad/s.
+# A vehicle that never turns faster than this, for this long in all, does not show how a filter
+# copes with motion. At rest, engines running, the rates of recorded vehicles stay below 0.02 rad/s.
 MOTION_RAD_S = 0.05
 LEAST_MOTION_S = 10.0
 # A compass that speaks less often than this is as good as none.
 LEAST_FIELD_RATE_HZ = 0.2
-# Messages that come nearly as often as the most frequent one are as good.
+# A message that comes at least this share as often as the most frequent one may be used instead.
 AS_OFTEN = 0.8
 
 
@@ -63,12 +63,12 @@ class LogData(NamedTuple):
 
     @property
     def duration_s(self) -> float:
-        """From the first sample to the last, reboots and jumps cut out."""
+        """From the first sample to the last, without what reboots and jumps of the clock add."""
         return float(self.time_s[-1] - self.time_s[0])
 
     @property
-    def magnetic(self) -> bool:
-        """Whether there is a magnetic field to speak of."""
+    def has_field(self) -> bool:
+        """Whether the log has a magnetic field often enough to be of use."""
         return bool(np.sum(self.has_mag) > LEAST_FIELD_RATE_HZ * self.duration_s)
 
 
@@ -108,13 +108,13 @@ class _Stream:
 
     @property
     def declination_rad(self) -> float:
-        """Of the last place; 0 without one."""
+        """Declination at the last known place; 0 without one."""
         here = self._whereabouts.here
         return 0.0 if here is None else here.field.declination_rad
 
     @property
     def message(self) -> str:
-        """Of the IMU messages that came often, the one that the service would take."""
+        """The IMU message to use: of those that came often, the one that the service would take."""
         most = max(len(samples) for samples in self.samples.values())
         often = [name for name, samples in self.samples.items() if len(samples) >= AS_OFTEN * most]
         return min(often, key=lambda name: (imu_rank(name), name))
@@ -191,6 +191,6 @@ def _require_substance(path: Path, data: LogData) -> None:
 
 
 def motion_s(data: LogData) -> float:
-    """How long it turned, the rate taken from its median, which a bias does not touch."""
+    """For how long the vehicle turned. The median rate, and with it a bias, is taken off first."""
     rate = np.linalg.norm(data.gyr_rad_s - np.median(data.gyr_rad_s, axis=0), axis=1)
     return float(np.mean(rate > MOTION_RAD_S)) * data.duration_s

@@ -1,4 +1,4 @@
-"""The cost of candidates on recorded flights, by the plain kernels' own steps."""
+"""The cost of candidates on recorded flights, by the steps of the live filter's kernels."""
 
 from typing import Any, NamedTuple
 
@@ -34,11 +34,11 @@ Array = NDArray[np.float64]
 START = 1  # a segment begins: the estimate is set wrong
 RESTART = 2  # nothing from before holds
 RESYNC = 4  # a prediction begins anew from the estimate
-# What the error is taken of (bits of ``what``; neither: the whole attitude)
+# Which error counts (bits of ``what``; with neither, that of the whole attitude)
 INCLINATION = 8
 PREDICTION = 16
 
-# Columns of a candidate's row, after k1..k22; the last ones are the same for all
+# Columns of a candidate's row, after k1..k22; from GAMMA on they are the same for all candidates
 TAU = 22
 S_GRAVITY = 23
 S_MAGNETIC = 24
@@ -47,7 +47,7 @@ GAMMA = 26
 BIAS_BOUND = 27
 EULER_STEP_MAX = 28
 GRAVITY_NED = 29
-GAIN_IS_FIXED = 32  # 1 or 0, likewise the last
+GAIN_IS_FIXED = 32  # 1 or 0, as GAIN_KNOWS_NOISE
 FIXED_GAIN = 33
 GAIN_KNOWS_NOISE = 34
 COLUMNS = 35
@@ -89,7 +89,7 @@ class Seen(NamedTuple):
 
 
 class Run(NamedTuple):
-    """The filter, the prediction that runs ahead of it, its last error e, and the cost so far."""
+    """The filter, the gyroscope's prediction ``ahead`` of it, the last error e, the cost so far."""
 
     state: FilterState
     ahead: Quaternion
@@ -205,8 +205,8 @@ def advance(row: Array, data: Recorded, i: int, seen: Seen, run: Run) -> Run:
 
 
 @compiled
-def fresh() -> Run:
-    """Before the first sample of anything."""
+def blank_run() -> Run:
+    """The state before the first sample."""
     return Run(blank_filter(IDENTITY, ZERO_VEC3), IDENTITY, 0.0, 0.0)
 
 
@@ -224,7 +224,7 @@ def filter_input(seen: Conditioned) -> Seen:
 
 @compiled
 def prepared_input(prepared: Prepared, i: int) -> Seen:
-    """The same of a sample that was conditioned beforehand."""
+    """What the filter takes of sample i, which was conditioned beforehand."""
     return Seen(
         rate_rad_s=vec3(prepared.rate_rad_s, i),
         gravity_b=vec3(prepared.gravity_b, i),
@@ -237,7 +237,7 @@ def prepared_input(prepared: Prepared, i: int) -> Seen:
 @compiled
 def conditioned_cost(row: Array, conditioning: Any, data: Recorded) -> float:
     """Cost of a candidate's row with its own conditioning, over all samples."""
-    run = fresh()
+    run = blank_run()
     blank = blank_state(conditioning)
     memory = blank
     for i in range(len(data.dt_s)):
@@ -251,7 +251,7 @@ def conditioned_cost(row: Array, conditioning: Any, data: Recorded) -> float:
 @compiled
 def prepared_cost(row: Array, prepared: Prepared, data: Recorded) -> float:
     """Cost of a candidate's row on vectors that the candidates share."""
-    run = fresh()
+    run = blank_run()
     for i in range(len(data.dt_s)):
         run = advance(row, data, i, prepared_input(prepared, i), run)
     return run.cost
@@ -259,9 +259,9 @@ def prepared_cost(row: Array, prepared: Prepared, data: Recorded) -> float:
 
 @compiled
 def prepared_errors(row: Array, prepared: Prepared, data: Recorded) -> Array:
-    """e (N,) at each sample, for figures."""
+    """e (N,) at each sample, to be drawn."""
     errors = np.empty(len(data.dt_s))
-    run = fresh()
+    run = blank_run()
     for i in range(len(data.dt_s)):
         run = advance(row, data, i, prepared_input(prepared, i), run)
         errors[i] = run.error
@@ -270,7 +270,7 @@ def prepared_errors(row: Array, prepared: Prepared, data: Recorded) -> Array:
 
 @compiled
 def prepare(conditioning: Any, data: Recorded) -> Prepared:
-    """Run the conditioning stage alone."""
+    """Run the conditioning stage alone over all samples."""
     blank = blank_state(conditioning)
     n = len(data.dt_s)
     out = Prepared(
@@ -297,7 +297,7 @@ def prepare(conditioning: Any, data: Recorded) -> Prepared:
 
 @compiled
 def serial_prepared_costs(rows: Array, prepared: Prepared, data: Recorded) -> Array:
-    """Costs (C,) of candidates' rows (C, 32) on shared vectors."""
+    """Costs (C,) of candidates' rows (C, 35) on shared vectors."""
     costs = np.empty(len(rows))
     for c in range(len(rows)):
         costs[c] = prepared_cost(rows[c], prepared, data)
@@ -315,7 +315,7 @@ def parallel_prepared_costs(rows: Array, prepared: Prepared, data: Recorded) -> 
 
 @compiled
 def serial_conditioned_costs(rows: Array, conditioning: Any, data: Recorded) -> Array:
-    """Costs (C,) of rows (C, 32), each with its record (C,) of conditioning parameters."""
+    """Costs (C,) of rows (C, 35), each with its record (C,) of conditioning parameters."""
     costs = np.empty(len(rows))
     for c in range(len(rows)):
         costs[c] = conditioned_cost(rows[c], conditioning[c], data)

@@ -39,8 +39,8 @@ WRONG_START_AXIS: Vec3 = (3**-0.5, 3**-0.5, 3**-0.5)
 # A prediction begins anew from the estimate this often.
 PREDICTION_S = 1.0
 
-# Below this rate the gyroscope is aliased and the gain of the first second is decided by three or
-# four samples: the paper's memberships, made for 100 Hz, cannot be told from it.
+# Below this rate the gyroscope is aliased, and the first second has only a handful of samples: they
+# cannot show which memberships are better, as the paper's are made for 100 Hz.
 MEMBERSHIP_RATE_HZ = 10.0
 
 CONDITIONING = np.dtype(
@@ -52,13 +52,17 @@ CONDITIONING = np.dtype(
 
 
 def default_groups(rate_hz: float) -> tuple[str, ...]:
-    """What a log of that rate allows to tune."""
+    """The groups of parameters that a log of that rate can tune."""
     return ("membership",) if rate_hz >= MEMBERSHIP_RATE_HZ else ("confidence", "conditioning")
 
 
 @dataclass(frozen=True)
 class LogObjective:
-    """Mean cost of the segments. ``prepared`` is None where candidates condition differently."""
+    """Mean cost of the segments.
+
+    ``prepared`` holds the conditioned vectors that all candidates share; it is None where the
+    conditioning itself is tuned, and each candidate conditions the samples anew.
+    """
 
     names: tuple[str, ...]
     conditioning: ConditioningParams
@@ -79,7 +83,7 @@ class LogObjective:
         )
 
     def errors(self) -> Array:
-        """e at each sample with the base's own values, on shared vectors."""
+        """e (N,) at each sample with the values of the base profile, on shared vectors."""
         assert self.prepared is not None
         errors: Array = log_kernel.prepared_errors(self.base_row, self.prepared, self.data)
         return errors
@@ -139,24 +143,24 @@ class LogTask:
     @cached_property
     def objective(self) -> LogObjective:
         """Mean cost of the segments that are not held out."""
-        return self._objective(self.base, self.space, self._tuning)
+        return self._objective(self.base, self.space, self._tuning_segments)
 
     def score(self, profile: Profile) -> Scores:
         """Mean cost of the tuning and of the held-out segments, everything computed anew."""
         nothing = np.empty((1, 0))
         found = [
             self._objective(profile, EMPTY, chosen).serial_costs(nothing)[0]
-            for chosen in (self._tuning, self._held_out)
+            for chosen in (self._tuning_segments, self._held_out_segments)
         ]
         return Scores(float(found[0]), float(found[1]))
 
     def held_out_errors(self, profile: Profile) -> list[tuple[Array, Array]]:
         """Times (n,) since its start and e (n,) of each held-out segment."""
-        objective = self._objective(profile, EMPTY, self._held_out)
+        objective = self._objective(profile, EMPTY, self._held_out_segments)
         errors = objective.errors()
         found = []
         begin = 0
-        for log, picked in zip(self.logs, self._held_out, strict=True):
+        for log, picked in zip(self.logs, self._held_out_segments, strict=True):
             for first, last in picked:
                 end = begin + last - first + 1
                 time_s = log.time_s[first : last + 1] - log.time_s[first]
@@ -176,16 +180,16 @@ class LogTask:
         return splits
 
     @property
-    def _tuning(self) -> list[list[Segment]]:
+    def _tuning_segments(self) -> list[list[Segment]]:
         return [tuning for tuning, _ in self._split]
 
     @property
-    def _held_out(self) -> list[list[Segment]]:
+    def _held_out_segments(self) -> list[list[Segment]]:
         return [held_out for _, held_out in self._split]
 
     def segment_counts(self) -> tuple[int, int]:
         """How many segments are searched on, and how many are held out."""
-        return sum(map(len, self._tuning)), sum(map(len, self._held_out))
+        return sum(map(len, self._tuning_segments)), sum(map(len, self._held_out_segments))
 
     def _objective(
         self, profile: Profile, space: Space, chosen: list[list[Segment]]
@@ -198,21 +202,27 @@ class LogTask:
         row = _row(settings)
         total = sum(map(len, chosen))
         parts = [
-            _recorded(profile, log, picked, total)
+            _kernel_data(profile, log, picked, total)
             for log, picked in zip(self.logs, chosen, strict=True)
         ]
         columns: Any = (np.concatenate(column) for column in zip(*parts, strict=True))
         data = Recorded(*columns)
         if any(name.startswith("conditioning.") for name in space.names):
-            return LogObjective(space.names, settings.conditioning, row, data, None)
-        prepared = _prepared(settings, data)
-        kept = _within(chosen, [len(log.time_s) for log in self.logs])
+            return LogObjective(
+                names=space.names,
+                conditioning=settings.conditioning,
+                base_row=row,
+                data=data,
+                prepared=None,
+            )
+        prepared = _prepare(settings, data)
+        kept = _inside_segments(chosen, [len(log.time_s) for log in self.logs])
         return LogObjective(
-            space.names,
-            settings.conditioning,
-            row,
-            _only(data, kept),
-            _only(prepared, kept),
+            names=space.names,
+            conditioning=settings.conditioning,
+            base_row=row,
+            data=_select(data, kept),
+            prepared=_select(prepared, kept),
         )
 
 
@@ -235,12 +245,12 @@ def _row(settings: Settings) -> Array:
     return row
 
 
-def _only(columns: Any, kept: NDArray[np.bool_]) -> Any:
-    """The same columns with the kept samples alone."""
+def _select(columns: Any, kept: NDArray[np.bool_]) -> Any:
+    """The same columns with the ``kept`` samples alone."""
     return columns._make(np.ascontiguousarray(column[kept]) for column in columns)
 
 
-def _within(chosen: list[list[Segment]], lengths: list[int]) -> NDArray[np.bool_]:
+def _inside_segments(chosen: list[list[Segment]], lengths: list[int]) -> NDArray[np.bool_]:
     """Which samples lie in a segment: on shared vectors the others need not be computed."""
     kept = np.zeros(sum(lengths), dtype=bool)
     offset = 0
@@ -251,13 +261,13 @@ def _within(chosen: list[list[Segment]], lengths: list[int]) -> NDArray[np.bool_
     return kept
 
 
-def _prepared(settings: Settings, data: Recorded) -> Prepared:
+def _prepare(settings: Settings, data: Recorded) -> Prepared:
     record = np.array([tuple(settings.conditioning)], dtype=CONDITIONING)[0]
     prepared: Prepared = log_kernel.prepare(record, data)
     return prepared
 
 
-def _recorded(profile: Profile, log: LogData, chosen: list[Segment], total: int) -> Recorded:
+def _kernel_data(profile: Profile, log: LogData, chosen: list[Segment], total: int) -> Recorded:
     settings = settings_of(profile, declination_rad=log.declination_rad)
     n = len(log.time_s)
     dt_s = np.diff(log.time_s, prepend=log.time_s[0])
@@ -266,7 +276,7 @@ def _recorded(profile: Profile, log: LogData, chosen: list[Segment], total: int)
     dt_s[log.restart] = 0.0
     if log.reference == "none":
         what |= log_kernel.PREDICTION
-    elif not log.magnetic:
+    elif not log.has_field:
         what |= log_kernel.INCLINATION
     data = Recorded(
         what=what,
@@ -280,22 +290,22 @@ def _recorded(profile: Profile, log: LogData, chosen: list[Segment], total: int)
         start=np.tile([1.0, 0.0, 0.0, 0.0], (n, 1)),
         weight=np.zeros(n),
     )
-    own = _aligned(settings, data, chosen) if log.reference == "none" else None
+    own = _start_attitudes(settings, data, chosen) if log.reference == "none" else None
     for segment in chosen:
         data.weight[segment.first : segment.last + 1] = weights(log, segment) / total
         what[segment.first] |= log_kernel.START
         right = own[segment.first] if own is not None else log.truth[segment.first].tolist()
-        data.start[segment.first] = _turned_wrong(tuple(right))
-        _resync(log, segment, what)
+        data.start[segment.first] = _wrong_start(tuple(right))
+        _mark_predictions(log, segment, what)
     return data
 
 
-def _turned_wrong(q_ned_frd: Quaternion) -> Quaternion:
+def _wrong_start(q_ned_frd: Quaternion) -> Quaternion:
     return multiply(exp(scale(WRONG_START_RAD, WRONG_START_AXIS)), q_ned_frd)
 
 
-def _resync(log: LogData, segment: Segment, what: NDArray[np.int64]) -> None:
-    """Predictions of at most ``PREDICTION_S``, one after the other; at least one step each."""
+def _mark_predictions(log: LogData, segment: Segment, what: NDArray[np.int64]) -> None:
+    """Mark where a prediction begins anew: after ``PREDICTION_S``, and after one step at least."""
     begun_s = log.time_s[segment.first]
     for i in range(segment.first + 1, segment.last + 1):
         if log.time_s[i] - begun_s >= PREDICTION_S - 1e-9:
@@ -303,9 +313,11 @@ def _resync(log: LogData, segment: Segment, what: NDArray[np.int64]) -> None:
             begun_s = log.time_s[i]
 
 
-def _aligned(settings: Settings, data: Recorded, chosen: list[Segment]) -> dict[int, Quaternion]:
-    """The attitude of the conditioned vectors where segments start: there is no other."""
-    prepared = _prepared(settings, data)
+def _start_attitudes(
+    settings: Settings, data: Recorded, chosen: list[Segment]
+) -> dict[int, Quaternion]:
+    """By first sample, the attitude that its conditioned vectors show: the log has no reference."""
+    prepared = _prepare(settings, data)
     equal = settings.reference._replace(s_magnetic=1.0, s_gravity=1.0, s_cross=1.0)
     found = {}
     for first, _ in chosen:

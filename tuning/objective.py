@@ -1,4 +1,4 @@
-"""What a search minimises: the cost of candidates, on data prepared once."""
+"""What a search minimises: the cost of candidates, on data that are prepared once."""
 
 from typing import Any, NamedTuple, Protocol
 
@@ -28,7 +28,7 @@ class Objective(Protocol):
 
 
 class Scores(NamedTuple):
-    """Mean costs by the plain kernels: on the data searched on, and on data kept out of it."""
+    """Mean costs by the live filter's kernels, on the data of the search and on held-out data."""
 
     tuning: float
     held_out: float
@@ -75,7 +75,7 @@ def mean_over_runs(costs: Array) -> Array:
 
 def values_of(space: Space, profile: Profile) -> Array:
     """The profile's values (D,) of the space's parameters, clipped to their bounds."""
-    tree = {**profile.membership, **_dotted(profile)}
+    tree = {**profile.membership, **_dotted_values(profile)}
     values = [float(tree[name]) for name in space.names]
     clipped: Array = np.clip(values, space.lower, space.upper)
     return clipped
@@ -91,18 +91,18 @@ def profile_with(space: Space, base: Profile, values: Array) -> Profile:
     for name, value in zip(space.names, values.tolist(), strict=True):
         section, _, key = name.rpartition(".")
         changes.setdefault(section or "membership", {})[key] = value
-    sections = {name: _changed(getattr(base, name), keys) for name, keys in changes.items()}
+    sections = {name: _replace_keys(getattr(base, name), keys) for name, keys in changes.items()}
     changed = msgspec.structs.replace(base, **sections)
     return parse_profile(profile_to_toml(changed), "tuned")
 
 
-def _changed(section: Any, keys: dict[str, float]) -> Any:
+def _replace_keys(section: Any, keys: dict[str, float]) -> Any:
     if isinstance(section, dict):
         return {**section, **keys}
     return msgspec.structs.replace(section, **keys)
 
 
-def _dotted(profile: Profile) -> dict[str, float]:
+def _dotted_values(profile: Profile) -> dict[str, float]:
     tree = profile_to_json(profile)
     return {
         f"{section}.{key}": value

@@ -16,7 +16,8 @@ from tuning.space import bounds, random_positions
 
 Array = NDArray[np.float64]
 
-# Standard deviation of the first generation, of the bounds' width: covers them from the middle.
+# Standard deviation of the first generation, as a share of the width of the bounds: from the
+# middle it covers them all.
 CMA_SIGMA = 0.3
 
 
@@ -37,11 +38,17 @@ def run_search(search: Search, first: Array) -> None:
 def bees(search: Search, first: Array, generator: np.random.Generator) -> None:
     """Artificial bee colony for the given number of cycles; scouts come on top of the budget."""
     options = search.options
-    colony = Colony(search.space, options.food_sources, options.limit, generator, first[None, :])
+    colony = Colony(
+        search.space,
+        food_sources=options.food_sources,
+        limit=options.limit,
+        generator=generator,
+        first=first[None, :],
+    )
     while colony.cycles < options.cycles:
         cycle = colony.cycles
         asked = colony.ask()
-        colony.tell(search.costs(asked, scouts=colony.scouting))
+        colony.tell(search.costs(asked, scouts=colony.is_scouting))
         if colony.cycles > cycle:
             search.end_cycle(*colony.sources)
 
@@ -73,7 +80,7 @@ def cma_es(search: Search, first: Array, generator: np.random.Generator) -> None
 
 
 def differential_evolution(search: Search, first: Array, generator: np.random.Generator) -> None:
-    """SciPy's differential evolution, a generation a batch, N members, never stopping early."""
+    """SciPy's differential evolution with N members; a batch is a generation; no early stop."""
     from scipy import optimize
 
     lower, upper = bounds(search.space)
@@ -82,7 +89,7 @@ def differential_evolution(search: Search, first: Array, generator: np.random.Ge
     held, held_costs = start, np.full(members, np.inf)
     generations = -1  # the first batch is the start
 
-    def vectorized(x: Array) -> Array:
+    def costs_of_columns(x: Array) -> Array:
         nonlocal held, held_costs, generations
         asked = np.ascontiguousarray(x.T)
         costs = search.costs(asked)
@@ -95,7 +102,7 @@ def differential_evolution(search: Search, first: Array, generator: np.random.Ge
 
     try:
         optimize.differential_evolution(
-            vectorized,
+            costs_of_columns,
             list(zip(lower.tolist(), upper.tolist(), strict=True)),
             maxiter=2 * search.options.cycles,
             init=start,

@@ -59,10 +59,10 @@ def run_experiment(
         chosen.filter,
         chosen.reference,
         initial_state(chosen.initial),
-        signals.gyr_rad_s,
-        signals.acc_m_s2,
-        signals.mag_gauss,
-        1.0 / COST_RATE_HZ,
+        gyr_rad_s=signals.gyr_rad_s,
+        acc_m_s2=signals.acc_m_s2,
+        mag=signals.mag_gauss,
+        dt=1.0 / COST_RATE_HZ,
     )
     e = np.array(
         [

@@ -8,9 +8,9 @@ Eight candidates run at a time on one noise seed, in the vector lanes of the pro
 one long chain of operations that wait for each other, but runs know nothing of each other. So
 each quantity of the state is a row of ``LANES`` numbers, and every operation of a step is a loop
 over the row without branches and calls, which the compiler turns into vector instructions. All
-rows lie in one array: of several the compiler would have to ask whether they overlap, and gives
-up. Only the inference goes lane by lane, for its branches differ. No operation mixes lanes, so a
-candidate's cost has the same bits beside any others.
+rows lie in one array: with several arrays the compiler cannot tell whether they overlap, and does
+not use vector instructions at all. Only the inference goes lane by lane, for its branches differ.
+No operation mixes lanes, so a candidate's cost has the same bits beside any others.
 """
 
 from math import expm1, factorial
@@ -51,8 +51,8 @@ class Common(NamedTuple):
 
 
 # (-1)^n / (2n)! and (-1)^n / (2 (2n + 1)!): cos(h) and sin(h)/(2 h) in powers of h^2. A plain
-# step turns by at most 1.6 sum s_i / (sum s_i - lambda_min) <= 2.4 rad, h^2 <= 1.44: after the
-# ninth power 2e-17 is left.
+# step turns by at most 1.6 sum s_i / (sum s_i - lambda_min) <= 2.4 rad, h^2 <= 1.44: what is left
+# out after the ninth power is below 2e-17.
 C = tuple((-1.0) ** n / factorial(2 * n) for n in range(10))
 S = tuple(0.5 * (-1.0) ** n / factorial(2 * n + 1) for n in range(10))
 C1, C2, C3, C4, C5, C6, C7, C8, C9 = C[1:]
@@ -136,7 +136,7 @@ def observe(state: Array, row: Array, is_later: float, weight: float) -> None:
 
 @inlined
 def choose_gains(state: Array, candidates: Array, fastest: float, step_s: float) -> None:
-    """Lane by lane: K by the fuzzy rules, and what it makes of attitude and bias."""
+    """Lane by lane: K by the fuzzy rules, and its factors for the attitude and for the bias."""
     for i in range(LANES):
         K = 1.0 + operating_gain(unpack(candidates[i]), state[ERROR + i], state[RATE + i])
         g = K * step_s

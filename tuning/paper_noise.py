@@ -12,7 +12,7 @@ Floats = NDArray[np.float64]
 
 
 class NoiseScale(NamedTuple):
-    """Times the paper's noise: one number each, or one a sample (N,) for noise that changes."""
+    """Factors on the paper's noise: a number each, or (N,) with one for every sample."""
 
     gyroscope: float | Floats = 1.0
     vectors: float | Floats = 1.0
@@ -24,7 +24,7 @@ PAPER_NOISE = NoiseScale()
 def simulate_scaled(
     seed: int, samples: int, scale: NoiseScale, rate_hz: float = 100.0
 ) -> Recording:
-    """The paper's signals of ``seed`` with its noise times ``scale``; the same random numbers.
+    """The paper's signals of ``seed`` with the same random numbers, their noise scaled.
 
     Raises:
         InputError: a scale is negative or no number, or has another length than the signals.
@@ -34,17 +34,17 @@ def simulate_scaled(
     clean = simulate(seed, samples, rate_hz, noise=0.0)
     gyr, vectors = factors
     return Recording(
-        noisy.time_us,
-        clean.gyr_rad_s + gyr * (noisy.gyr_rad_s - clean.gyr_rad_s),
-        clean.acc_m_s2 + vectors * (noisy.acc_m_s2 - clean.acc_m_s2),
-        clean.mag_gauss + vectors * (noisy.mag_gauss - clean.mag_gauss),
-        noisy.q_ned_frd,
-        noisy.true_rate_rad_s,
+        time_us=noisy.time_us,
+        gyr_rad_s=clean.gyr_rad_s + gyr * (noisy.gyr_rad_s - clean.gyr_rad_s),
+        acc_m_s2=clean.acc_m_s2 + vectors * (noisy.acc_m_s2 - clean.acc_m_s2),
+        mag_gauss=clean.mag_gauss + vectors * (noisy.mag_gauss - clean.mag_gauss),
+        q_ned_frd=noisy.q_ned_frd,
+        true_rate_rad_s=noisy.true_rate_rad_s,
     )
 
 
 def _column(factor: float | Floats, samples: int) -> Floats:
-    """(N, 1) or (1, 1)."""
+    """The factor as a column, (N, 1) or (1, 1)."""
     column = np.asarray(factor, dtype=np.float64).reshape(-1, 1)
     if len(column) not in (1, samples):
         raise InputError(f"the noise has {len(column)} scales, the signals {samples} samples")

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 Array = NDArray[np.float64]
 
-# Seeds from here on belong to those who judge a result.
+# Noise seeds from here on are reserved for judging results; nothing may be tuned on them.
 FIRST_RESERVED_SEED = 5000
 
 
@@ -77,7 +77,7 @@ class PaperObjective:
 
 @dataclass(frozen=True)
 class PaperTask:
-    """The paper's optimisation, on ``noise_seeds``, scored on ``held_out_seeds`` too."""
+    """The paper's optimisation: searched on ``noise_seeds``, scored on ``held_out_seeds``, too."""
 
     base: Profile
     groups: tuple[str, ...]
@@ -93,12 +93,12 @@ class PaperTask:
     def objective(self) -> PaperObjective:
         """Mean J over the noise seeds."""
         return PaperObjective(
-            self.space.names,
-            self.base.filter.gamma,
-            self.base.filter.rate_time_constant_s,
-            self.base.filter.bias_bound_rad_s,
-            self.base.filter.first_step_s,
-            paper_signals(self.base, self.noise_seeds),
+            names=self.space.names,
+            gamma=self.base.filter.gamma,
+            rate_time_constant_s=self.base.filter.rate_time_constant_s,
+            bias_bound_rad_s=self.base.filter.bias_bound_rad_s,
+            first_step_s=self.base.filter.first_step_s,
+            signals=paper_signals(self.base, self.noise_seeds),
         )
 
     def score(self, profile: Profile) -> Scores:

@@ -2,7 +2,7 @@
 
 from estimator.conditioning.types import ConditioningParams
 from estimator.errors import InputError
-from tuning.space import Space, joined, membership_space
+from tuning.space import Space, join_spaces, membership_space
 
 EMPTY = Space((), (), ())
 
@@ -19,18 +19,18 @@ CONDITIONING = (
     "heading_noise_rad2_s",
     "heading_tau_s",
 )
-# Shipped values over and times this much: beyond, a parameter stops to mean what it says.
+# The bounds are the shipped values divided and multiplied by this. Further away a parameter no
+# longer does what its name says.
 CONDITIONING_FACTOR = 5.0
 
 
 def _logarithmic(section: str, ranges: dict[str, tuple[float, float]]) -> Space:
     """Positive scales, searched by their logarithm."""
     return Space(
-        tuple(f"{section}.{name}" for name in ranges),
-        tuple(low for low, _ in ranges.values()),
-        tuple(high for _, high in ranges.values()),
-        (),
-        (True,) * len(ranges),
+        names=tuple(f"{section}.{name}" for name in ranges),
+        lower=tuple(low for low, _ in ranges.values()),
+        upper=tuple(high for _, high in ranges.values()),
+        logarithmic=(True,) * len(ranges),
     )
 
 
@@ -75,5 +75,5 @@ def space_of(groups: tuple[str, ...], known: dict[str, Space]) -> Space:
             raise InputError(f"--parameters {group}: not here; choose from {', '.join(known)}")
         if group in groups[:i]:
             raise InputError(f"--parameters {group}: given twice")
-        space = joined(space, known[group])
+        space = join_spaces(space, known[group])
     return space

@@ -1,4 +1,4 @@
-"""One search: batches out to be evaluated, costs in, the best remembered.
+"""One search: it sends out batches of candidates, takes in their costs and remembers the best.
 
 An algorithm calls :meth:`Search.costs`, as often as it likes, and never sees
 who computes. What it asks depends on its seed and on the costs only. So the
@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimator.errors import InputError
-from tuning.space import Space, decode, feasible
+from tuning.space import Space, decode, make_feasible
 
 Array = NDArray[np.float64]
 Evaluate = Callable[[Array], Array]
@@ -28,7 +28,7 @@ class SearchOptions(NamedTuple):
     """What determines the questions a search asks, besides the costs.
 
     N = ``food_sources`` and ``cycles`` set the budget of every algorithm:
-    N (1 + 2 cycles) evaluations. ``limit`` is the bees' own.
+    N (1 + 2 cycles) evaluations. Only the bee colony uses ``limit``.
     """
 
     algorithm: str
@@ -44,7 +44,7 @@ class SearchOptions(NamedTuple):
 
 
 class Progress(NamedTuple):
-    """After a cycle: how far, how good. Mean and median are the population's."""
+    """Where a search stands after a cycle. Mean and median are over the population."""
 
     evaluations: int
     cycles: int
@@ -54,10 +54,10 @@ class Progress(NamedTuple):
 
 
 class Population(NamedTuple):
-    """What an algorithm goes on from after a cycle, for those who watch it.
+    """The candidates that an algorithm goes on from after a cycle, for whoever watches it.
 
-    Values (N, D) with their costs (N,). ``failures`` (N,) are the bees' own:
-    trials in a row that did not improve a food source.
+    Values (N, D) with their costs (N,). ``failures`` (N,) exist with the bee colony only:
+    how many trials in a row did not improve each food source.
     """
 
     values: Array
@@ -66,7 +66,7 @@ class Population(NamedTuple):
 
 
 class Record(NamedTuple):
-    """Every cost told (E,) and a SHA-256 of everything asked: enough to go on from."""
+    """All costs so far (E,) and a SHA-256 of all candidates: enough to resume a search."""
 
     costs: Array
     asked_sha256: str
@@ -118,7 +118,7 @@ class Search:
 
     @property
     def record(self) -> Record:
-        """What to save."""
+        """What a checkpoint has to hold."""
         costs = np.concatenate([np.empty(0), *self._told])
         return Record(costs, self._asked.hexdigest())
 
@@ -126,15 +126,15 @@ class Search:
         """Costs (C,) of positions (C, D) in search coordinates, made feasible first.
 
         Raises:
-            BudgetSpent: nothing is left to spend; scouts come on top of the budget.
+            BudgetSpent: the budget is used up (scouts do not count).
             InterruptedSearch: the observer asked to stop.
             InputError: the record is not of this search.
         """
         if not scouts and (self.left == 0 or self.left < len(positions)):
             raise BudgetSpent
         self._scouts += len(positions) if scouts else 0
-        values = decode(self.space, feasible(self.space, positions))
-        recorded = self._recorded(len(values))
+        values = decode(self.space, make_feasible(self.space, positions))
+        recorded = self._recorded_costs(len(values))
         self._asked.update(np.ascontiguousarray(values).tobytes())
         costs = self._evaluate(values) if recorded is None else recorded
         self._remember(values, costs)
@@ -147,12 +147,20 @@ class Search:
     ) -> None:
         """Note the end of a cycle (generation), and its population in search coordinates."""
         self.cycles += 1
-        values = decode(self.space, feasible(self.space, positions))
+        values = decode(self.space, make_feasible(self.space, positions))
         self.population = Population(values, costs, failures)
         best, mean, median = float(self.best_cost), float(np.mean(costs)), float(np.median(costs))
-        self.history.append(Progress(self.evaluations, self.cycles, best, mean, median))
+        self.history.append(
+            Progress(
+                evaluations=self.evaluations,
+                cycles=self.cycles,
+                best_cost=best,
+                mean_cost=mean,
+                median_cost=median,
+            )
+        )
 
-    def _recorded(self, count: int) -> Array | None:
+    def _recorded_costs(self, count: int) -> Array | None:
         """The next ``count`` recorded costs, or None where the record has ended."""
         record = self._earlier
         if record is None:

@@ -22,7 +22,7 @@ TRANSIENT_S = (0.0, 1.0)
 STEADY_S = (4.0, 14.0)
 # The conditioning stage learns bias and field for so long before it is judged.
 SETTLE_S = 10.0
-# A segment may hold no silence longer than this, or so many periods.
+# A segment holds no silence longer than this, or than so many sample periods if that is more.
 LONGEST_GAP_S = 1.0
 LONGEST_GAP_PERIODS = 4.0
 # Every third segment is kept out of the search, beginning with the second: of two, one.
@@ -50,7 +50,7 @@ def segments(data: LogData) -> list[Segment]:
             first = begin + int(np.searchsorted(time_s, start_s))
             last = begin + int(np.searchsorted(time_s, data.time_s[first] + SEGMENT_S + 1e-9)) - 1
             segment = Segment(first, last)
-            if _usable(data, segment):
+            if _is_usable(data, segment):
                 found.append(segment)
             start_s = data.time_s[last] + 1e-6
     return found
@@ -86,8 +86,8 @@ def _stretches(data: LogData) -> list[tuple[int, int]]:
     return list(zip(starts, [*starts[1:], len(gap_s)], strict=True))
 
 
-def _usable(data: LogData, segment: Segment) -> bool:
-    """Whether both parts of the cost have something to be taken of, and the start is known."""
+def _is_usable(data: LogData, segment: Segment) -> bool:
+    """Whether the start, and nearly all samples of both parts of the cost, have a reference."""
     if segment.last - segment.first < SEGMENT_S * min(data.rate_hz, 1.0) / 2.0:
         return False
     t = data.time_s[segment.first : segment.last + 1]

@@ -15,7 +15,7 @@ class Space(NamedTuple):
 
     ``chains`` holds the indices of each ascending group; the bounds of a group
     ascend too. A parameter marked ``logarithmic`` (bounds above 0) is searched
-    by its logarithm: it is a scale, of which factors matter.
+    by its logarithm, because a change by a factor means the same at any value.
     """
 
     names: tuple[str, ...]
@@ -26,7 +26,7 @@ class Space(NamedTuple):
 
     @property
     def dimensions(self) -> int:
-        """D."""
+        """The number of parameters, D."""
         return len(self.names)
 
 
@@ -34,19 +34,25 @@ def membership_space() -> Space:
     """k1..k22 within the paper's Eqs. (16) and (17), a <= b <= c inside each triangle."""
     chains = tuple(chain for chain in memberships.CHAINS if len(chain) > 1)
     logarithmic = (False,) * len(memberships.NAMES)
-    return Space(memberships.NAMES, memberships.LOWER, memberships.UPPER, chains, logarithmic)
+    return Space(
+        names=memberships.NAMES,
+        lower=memberships.LOWER,
+        upper=memberships.UPPER,
+        chains=chains,
+        logarithmic=logarithmic,
+    )
 
 
-def joined(first: Space, second: Space) -> Space:
+def join_spaces(first: Space, second: Space) -> Space:
     """Both spaces' parameters, one after the other."""
     shift = first.dimensions
     chains = tuple(tuple(shift + i for i in chain) for chain in second.chains)
     return Space(
-        first.names + second.names,
-        first.lower + second.lower,
-        first.upper + second.upper,
-        first.chains + chains,
-        first.logarithmic + second.logarithmic,
+        names=first.names + second.names,
+        lower=first.lower + second.lower,
+        upper=first.upper + second.upper,
+        chains=first.chains + chains,
+        logarithmic=first.logarithmic + second.logarithmic,
     )
 
 
@@ -71,14 +77,14 @@ def decode(space: Space, positions: Array) -> Array:
     return np.clip(out, space.lower, space.upper)
 
 
-def feasible(space: Space, positions: Array) -> Array:
+def make_feasible(space: Space, positions: Array) -> Array:
     """The feasible positions that any positions (N, D) stand for.
 
     Each coordinate is clipped to its bounds, then each chain is sorted. As a
     chain's lower bounds ascend, and its upper bounds too, sorting cannot leave
     them: the i-th smallest of some values is at least the i-th smallest of
-    their lower bounds. The map keeps what is feasible, reaches all of it, and
-    a corner pushed past its neighbour takes the neighbour's place. Moving the
+    their lower bounds. A feasible position stays as it is, every feasible position
+    can be reached, and a corner pushed past its neighbour takes the neighbour's place. Moving the
     corner onto its neighbour instead would pile the search up on vertical
     edges; rejecting it would waste evaluations where the space is narrow.
     """
@@ -94,4 +100,4 @@ def random_positions(space: Space, count: int, generator: np.random.Generator) -
     """Feasible positions (count, D), uniform within the bounds before ordering."""
     lower, upper = bounds(space)
     drawn = lower + (upper - lower) * generator.random((count, space.dimensions))
-    return feasible(space, drawn)
+    return make_feasible(space, drawn)

@@ -142,7 +142,7 @@ def _measured(log: LogData) -> str:
         "autopilot": "autopilot's attitude",
         "none": "prediction of its own vectors, without a reference",
     }[log.reference]
-    return name if log.magnetic or log.reference == "none" else f"{name}, inclination only"
+    return name if log.has_field or log.reference == "none" else f"{name}, inclination only"
 
 
 def _log_paths(request: TuneRequest) -> list[Path]:

@@ -109,7 +109,7 @@ def test_one_scout_a_cycle_leaves_the_source_that_failed_most():
     bees = started(sources=4, limit=2)
     scouts_seen = 0
     for _ in range(40):
-        if bees.scouting:
+        if bees.is_scouting:
             assert bees.ask().shape == (1, 3)
             left = int(np.argmax(bees.sources.failures))
             assert bees.sources.failures[left] > 2
@@ -131,7 +131,7 @@ def test_a_source_may_fail_as_often_as_the_limit_says():
     for limit in range(3, 15):
         bees = started(sources=4, limit=limit, seed=limit)
         for _ in range(2):
-            while not bees.scouting:
+            while not bees.is_scouting:
                 bees.tell(np.full(len(bees.ask()), 1e9))
                 if bees._phase == "employed":  # a cycle ended without a scout
                     assert bees.sources.failures.max() <= limit
@@ -144,7 +144,7 @@ def test_a_source_may_fail_as_often_as_the_limit_says():
 def test_no_scout_within_the_limit():
     bees = started(sources=4, limit=1000)
     for _ in range(40):
-        assert not bees.scouting
+        assert not bees.is_scouting
         bees.tell(np.full(len(bees.ask()), 1e9))
     assert bees.cycles == 20
 

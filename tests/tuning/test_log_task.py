@@ -19,7 +19,7 @@ from estimator.live.settings import settings_of
 from estimator.profile import load_profile, merge_profile
 from estimator.types import ImuSample
 from tuning.log_dataset import LogData, motion_s, read_log
-from tuning.log_task import LogTask, _recorded, default_groups
+from tuning.log_task import LogTask, _kernel_data, default_groups
 from tuning.objective import profile_with, values_of
 from tuning.segments import SEGMENT_S, SETTLE_S, Segment, segments, split, weights
 from tuning.space import decode, random_positions
@@ -121,7 +121,7 @@ def plain_cost(profile, data, chosen):
     """The same cost by the live estimator, sample by sample, set wrong where a segment starts."""
     estimator = Estimator(profile)
     settings = settings_of(profile)
-    steps = _recorded(profile, data, chosen, len(chosen))
+    steps = _kernel_data(profile, data, chosen, len(chosen))
     starts = {s.first for s in chosen}
     total = 0.0
     for i, time_s in enumerate(data.time_s):
@@ -271,7 +271,7 @@ def test_reads_a_log_with_the_truth_of_a_simulation():
     assert data.known.mean() > 0.95
     assert data.restart[0]
     assert (np.diff(data.time_s) > 0.0).all()
-    assert data.magnetic
+    assert data.has_field
     assert motion_s(data) > 30.0
     assert len(data.sha256) == 64
 

@@ -10,8 +10,8 @@ from tuning.space import (
     Space,
     decode,
     encode,
-    feasible,
-    joined,
+    join_spaces,
+    make_feasible,
     membership_space,
     random_positions,
 )
@@ -22,14 +22,14 @@ anywhere = st.lists(st.floats(-300.0, 300.0), min_size=SPACE.dimensions, max_siz
 
 @given(anywhere)
 def test_any_position_becomes_feasible(x):
-    k = feasible(SPACE, np.array([x]))[0]
+    k = make_feasible(SPACE, np.array([x]))[0]
     require_feasible(tuple(k.tolist()))
 
 
 @given(anywhere)
 def test_a_feasible_position_stays(x):
-    k = feasible(SPACE, np.array([x]))
-    assert np.array_equal(feasible(SPACE, k), k)
+    k = make_feasible(SPACE, np.array([x]))
+    assert np.array_equal(make_feasible(SPACE, k), k)
 
 
 def test_only_broken_chains_and_bounds_change():
@@ -38,7 +38,7 @@ def test_only_broken_chains_and_bounds_change():
     k[1], k[2] = 0.15, 0.05  # in the wrong order
     expected = k.copy()
     expected[0], expected[1], expected[2] = 0.0, 0.05, 0.15
-    assert np.array_equal(feasible(SPACE, k[None, :])[0], expected)
+    assert np.array_equal(make_feasible(SPACE, k[None, :])[0], expected)
 
 
 def test_random_positions_are_feasible_and_fill_the_bounds():
@@ -59,13 +59,13 @@ def test_logarithmic_parameters_are_halved_in_the_middle():
 @given(st.floats(-10.0, 10.0))
 def test_decoded_values_never_leave_the_bounds(x):
     for space in (*RAW_GROUPS.values(), *CONDITIONED_GROUPS.values()):
-        values = decode(space, feasible(space, np.full((1, space.dimensions), x)))
+        values = decode(space, make_feasible(space, np.full((1, space.dimensions), x)))
         assert (values >= space.lower).all()
         assert (values <= space.upper).all()
 
 
 def test_joined_spaces_keep_their_chains():
-    both = joined(RAW_GROUPS["filter"], SPACE)
+    both = join_spaces(RAW_GROUPS["filter"], SPACE)
     shifted = tuple(tuple(i + 2 for i in chain) for chain in SPACE.chains)
     assert both.chains == shifted
     assert both.names[2:] == SPACE.names
