@@ -303,7 +303,7 @@ def _open_player(
         rate_hz=options.rate_hz,
         now_us=player.now_us,
         requests=requests,
-        finished=player.finished,
+        is_finished=player.is_finished,
     )
 
 

@@ -69,5 +69,5 @@ def is_finite(attitude: Attitude) -> bool:
 
 
 def _bound_deg(sigma_rad: float) -> float:
-    """Degrees, at most a half turn: an unknown angle can be no further off."""
+    """The bound in degrees, at most half a turn: no angle can be further off."""
     return math.degrees(sigma_rad) if sigma_rad < math.pi else 180.0

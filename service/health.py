@@ -12,7 +12,7 @@ from drivers.value import Value
 class State(StrEnum):
     """What the published attitude is worth."""
 
-    WAITING = "waiting"  # the vehicle is there, its IMU has said nothing yet
+    WAITING = "waiting"  # the vehicle has been heard, no IMU sample has come yet
     ALIGNING = "aligning"  # IMU data arrive, no attitude yet
     RUNNING = "running"  # attitude from fresh data
     DEGRADED = "degraded"  # attitude, extrapolated: the IMU is silent
@@ -59,8 +59,8 @@ class Health(Value, frozen=True):
     last_arrival_us: int | None = None
 
 
-def after(state: State, signal: Signal) -> State:
-    """The state that follows."""
+def next_state(state: State, signal: Signal) -> State:
+    """The state that follows ``state`` when ``signal`` happens."""
     return TRANSITIONS.get((state, signal), state)
 
 
@@ -79,7 +79,7 @@ def on_sample(health: Health, arrival_us: int, *, aligned: bool) -> Health:
     if aligned and health.state is State.RUNNING:
         return Health(State.RUNNING, arrival_us)  # the usual case, without a look at the table
     signal = Signal.ALIGNED if aligned else Signal.SAMPLE
-    return Health(after(health.state, signal), arrival_us)
+    return Health(next_state(health.state, signal), arrival_us)
 
 
 def on_time(health: Health, now_us: int, median_period_us: float) -> Health:
@@ -90,7 +90,7 @@ def on_time(health: Health, now_us: int, median_period_us: float) -> Health:
     if silence_us < LATE_MINIMUM_US:
         return health
     if silence_us >= lost_after_us(median_period_us):
-        return Health(after(health.state, Signal.SILENT), health.last_arrival_us)
+        return Health(next_state(health.state, Signal.SILENT), health.last_arrival_us)
     if silence_us >= late_after_us(median_period_us):
-        return Health(after(health.state, Signal.LATE), health.last_arrival_us)
+        return Health(next_state(health.state, Signal.LATE), health.last_arrival_us)
     return health

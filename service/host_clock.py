@@ -16,13 +16,13 @@ autopilot's clock that stands still under load is heard of at once.
 from drivers.value import Value
 
 MAX_DRIFT = 3e-3  # s/s; 136 ms a minute is 2.3e-3
-STEP_US = 100_000  # less is lateness; time services set a clock from 128 ms on
-STEP_SPREAD_US = 100_000  # of the latenesses that show a step, at most
+STEP_US = 100_000  # less counts as lateness; time services set a clock that is 128 ms off or more
+STEP_SPREAD_US = 100_000  # the latenesses that show a step differ by this at most
 STEP_SPREAD = 0.25  # and at most that part of the step
 WINDOW_US = 1_000_000
-WINDOW_SAMPLES = 3
-EVEN_US = 250_000  # of evenly late messages show a step, too
-EVEN_SPREAD_US = 30_000
+WINDOW_SAMPLES = 3  # a window of fewer shows nothing
+EVEN_US = 250_000  # evenly late messages for this long show a step, too
+EVEN_SPREAD_US = 30_000  # they count as evenly late while they differ by this at most
 EVEN_SAMPLES = 6
 
 
@@ -36,13 +36,13 @@ class Window(Value, frozen=True):
 
 
 class HostClock(Value, frozen=True):
-    """Offset (host minus vehicle) as it was at ``at_us``, host time; empty before the first."""
+    """Offset (host minus vehicle) at host time ``at_us``; ``known`` from the first message on."""
 
     offset_us: float = 0.0
     at_us: int = 0
     known: bool = False
-    window: Window = Window(0, 0.0, 0.0)  # of a second
-    even: Window = Window(0, 0.0, 0.0)  # since they last differed much
+    window: Window = Window(0, 0.0, 0.0)  # the offsets of the current second
+    even: Window = Window(0, 0.0, 0.0)  # the offsets since two last differed by EVEN_SPREAD_US
 
 
 def observe(clock: HostClock, vehicle_us: int, arrival_us: int) -> HostClock:
@@ -52,16 +52,16 @@ def observe(clock: HostClock, vehicle_us: int, arrival_us: int) -> HostClock:
     if not clock.known:
         return HostClock(seen_us, arrival_us, known=True, window=fresh, even=fresh)
     offset_us = min(_bound_us(clock, arrival_us), seen_us)
-    even = _longer(clock.even, seen_us)
+    even = _lengthen(clock.even, seen_us)
     if even.most_us - even.least_us > EVEN_SPREAD_US:
         even = fresh
     if _is_even_step(even, vehicle_us, offset_us):
         offset_us = even.least_us
     window = clock.window
     if vehicle_us - window.begin_us >= WINDOW_US:
-        offset_us, window = _after_step_us(window, offset_us), fresh
+        offset_us, window = _moved_offset_us(window, offset_us), fresh
     else:
-        window = _longer(window, seen_us)
+        window = _lengthen(window, seen_us)
     return HostClock(offset_us, arrival_us, known=True, window=window, even=even)
 
 
@@ -71,7 +71,7 @@ def to_vehicle_us(clock: HostClock, host_us: int) -> int:
     return round(host_us - clock.offset_us)
 
 
-def _longer(window: Window, seen_us: float) -> Window:
+def _lengthen(window: Window, seen_us: float) -> Window:
     """The window with one more offset in it."""
     least_us, most_us = min(window.least_us, seen_us), max(window.most_us, seen_us)
     return Window(window.begin_us, least_us, most_us, window.samples + 1)
@@ -84,7 +84,7 @@ def _is_even_step(even: Window, vehicle_us: int, offset_us: float) -> bool:
     return is_long and even.least_us - offset_us > STEP_US
 
 
-def _after_step_us(window: Window, offset_us: float) -> float:
+def _moved_offset_us(window: Window, offset_us: float) -> float:
     """The offset, moved if the window shows that the host's clock was set forwards."""
     step_us = window.least_us - offset_us
     is_step = (

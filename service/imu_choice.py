@@ -13,10 +13,10 @@ from drivers.value import Value
 
 STEADY_SAMPLES = 3  # of a preferred message before it takes over for the first time
 SILENT_PERIODS = 20.0  # of the message in use, before another stands in
-# A message has come back after silences; twice the longest must pass before it counts as gone
+# A message that has come back from silences counts as gone after this many of the longest one.
 SILENCES = 2.0
-LONGEST_SILENCE_US = 15_000_000  # a longer one was the link's, or the vehicle's
-STAND_IN_GAP_US = 2_000_000  # a stand-in that comes less often than this is none
+LONGEST_SILENCE_US = 15_000_000  # in a longer one the link or the vehicle was gone, not the message
+STAND_IN_GAP_US = 2_000_000  # a message that pauses for longer cannot stand in
 
 
 class ImuChoice(Value, frozen=True):
@@ -52,10 +52,10 @@ def consider(
     if choice.message is None:
         return ImuChoice(message, arrival_us)
     if message == choice.message:
-        return _after_own(choice, arrival_us)
+        return _follow_own(choice, arrival_us)
     is_preferred = imu_rank(message) < imu_rank(choice.message)
     longest_gap_us = late_after_us if is_preferred else max(late_after_us, STAND_IN_GAP_US)
-    choice = _after_rival(choice, message, arrival_us, longest_gap_us)
+    choice = _follow_rival(choice, message, arrival_us, longest_gap_us)
     if choice.rival != message:
         return choice
     lasts_us = arrival_us - choice.rival_since_us
@@ -66,7 +66,7 @@ def consider(
     return choice
 
 
-def _after_own(choice: ImuChoice, arrival_us: int) -> ImuChoice:
+def _follow_own(choice: ImuChoice, arrival_us: int) -> ImuChoice:
     """The message in use came: nobody needs to stand in for it."""
     silence_us = arrival_us - choice.last_arrival_us
     longest_us = choice.longest_silence_us
@@ -80,10 +80,10 @@ def _after_own(choice: ImuChoice, arrival_us: int) -> ImuChoice:
     )
 
 
-def _after_rival(
+def _follow_rival(
     choice: ImuChoice, message: str, arrival_us: int, longest_gap_us: float
 ) -> ImuChoice:
-    """Another message came: follow it, unless a better one is followed."""
+    """Another message came: make it the rival, unless a better message is the rival already."""
     goes_on = arrival_us - choice.rival_arrival_us <= longest_gap_us
     if choice.rival == message and goes_on:
         return msgspec.structs.replace(

@@ -5,8 +5,8 @@ from collections.abc import Callable, Iterable
 
 from drivers.events import Event
 
-# A stamp further ahead than this, or any back in time, is another session glued to
-# the file or a broken stamp: play on from there without waiting.
+# A stamp further ahead or further back than this is broken, or begins another recording in the same
+# file: the player goes on from there without waiting.
 MAX_GAP_US = 600_000_000
 MAX_BACK_US = 1_000_000
 # When the service cannot keep up with the speed, the log waits rather than rushes: silence
@@ -19,10 +19,10 @@ class LogPlayer:
 
     The player has a clock of its own, ``now_us``, in the log's time: it runs
     ``speed`` times as fast as the host's, so that silence in the log is as long
-    for the service as it was for the recorder. ``finished`` at the end of the log.
+    for the service as it was for the recorder. It ``is_finished`` at the end of the log.
     """
 
-    dropped = 0  # a log waits
+    dropped = 0  # a log waits for the service, so nothing is ever dropped
 
     def __init__(
         self,
@@ -40,7 +40,7 @@ class LogPlayer:
         self._base_s = monotonic_s()
         self._last_us = self._base_us
 
-    def finished(self) -> bool:
+    def is_finished(self) -> bool:
         """Whether all events have been drained."""
         return self._next is None
 
@@ -54,14 +54,14 @@ class LogPlayer:
 
     def drain(self, timeout_s: float) -> list[Event]:
         """All events whose time has come, after waiting at most ``timeout_s`` for the first."""
-        events = self._due()
+        events = self._take_due()
         if events or self._next is None:
             return events
         ahead_s = (self._next.arrival_us - self._running_us()) / (1e6 * self._speed)
         self._sleep(max(0.0, min(timeout_s, ahead_s)))
-        return self._due()
+        return self._take_due()
 
-    def _due(self) -> list[Event]:
+    def _take_due(self) -> list[Event]:
         events: list[Event] = []
         self._wait_for_the_service()
         now_us = self._running_us()

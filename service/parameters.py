@@ -10,7 +10,7 @@ from drivers.events import VehicleId
 from estimator.errors import InputError
 from estimator.profile import Profile
 
-# Replacements are rare and by hand; a flood is refused, not queued.
+# Replacements are rare and made by hand; more waiting requests than this are refused.
 MAX_PENDING = 16
 ANSWER_TIMEOUT_S = 2.0
 
@@ -47,14 +47,14 @@ class ParameterRequests:
         try:
             return answer.result(ANSWER_TIMEOUT_S)
         except TimeoutError:
-            if not answer.cancel():  # it is being done at this moment: that is soon over
+            if not answer.cancel():  # the loop is at work on it, and will soon be done
                 return answer.result()
             raise TimeoutError("the service did not answer in time") from None
         except CancelledError:
             raise TimeoutError("the service is ending") from None
 
     def serve(self, replace: Replace) -> None:
-        """Answer what waits; called by the loop."""
+        """Answer the waiting requests; called by the loop."""
         while True:
             try:
                 request = self._queue.get_nowait()
@@ -66,7 +66,7 @@ class ParameterRequests:
                 profile = replace(request.vehicle, request.partial)
             except InputError as error:
                 request.answer.set_exception(error)
-            except RecursionError:  # what the parser could still read
+            except RecursionError:  # nested deep, but not too deep for the parser
                 request.answer.set_exception(InputError("the profile is nested too deep"))
             except Exception as error:  # noqa: BLE001 - one vehicle's profile ends no service
                 text = f"the profile cannot be used: {type(error).__name__}: {error}"
@@ -75,7 +75,7 @@ class ParameterRequests:
                 request.answer.set_result(profile)
 
     def close(self) -> None:
-        """Refuse what waits and what comes; called when the loop has ended."""
+        """Refuse all waiting and all later requests; called when the loop has ended."""
         self._closed = True
         with suppress(Empty):
             while True:

@@ -42,7 +42,7 @@ STATUS_PERIOD_US = 1_000_000
 
 
 class Load(NamedTuple):
-    """What the loop lost so far: ticks that came late, events and records thrown away."""
+    """What the loop has lost so far: late ticks, and events and records thrown away."""
 
     overruns: int = 0
     dropped: int = 0
@@ -70,7 +70,7 @@ class Pipeline:
         self._new_estimator = new_estimator
         self._vehicles: dict[VehicleId, Vehicle] = {}
         self._next_status_us: int | None = None
-        # the latest since the last tick: they come faster than anybody needs them
+        # the latest since the last tick; they come faster than anybody needs them
         self._peers: dict[tuple[VehicleId, str], Peer] = {}
         self._replaced: dict[VehicleId, Replaced] = {}  # the latest since the last tick
 
@@ -84,7 +84,7 @@ class Pipeline:
         return self._vehicles.get(address)
 
     def handle(self, event: Event) -> list[Output]:
-        """Take one event; what has to be told at once comes back."""
+        """Take one event; returns the lines that a person should see at once."""
         match event:
             case Imu(vehicle=address):
                 vehicle = self._vehicles.get(address) or self._meet(address)
@@ -140,7 +140,7 @@ class Pipeline:
             outputs += _messages(self._vehicles[address].on_profile(now_us))
         self._replaced.clear()
         self._peers.clear()
-        status_due = self._status_due(now_us)
+        status_due = self._take_status_turn(now_us)
         for vehicle in self._vehicles.values():
             outputs += _messages(vehicle.on_time(now_us))
             attitude = vehicle.attitude(now_us)
@@ -181,7 +181,7 @@ class Pipeline:
         return vehicle
 
     def _is_settled(self, notice: Notice) -> bool:
-        """Whether the vehicle's profile says already what the notice asks for."""
+        """Whether the vehicle's profile already sets what the notice asks the user to set."""
         vehicle = None if notice.vehicle is None else self._vehicles.get(notice.vehicle)
         profile = self.profile if vehicle is None else vehicle.profile
         return notice.section == "mounting" and not profile.mounting.is_plain
@@ -189,7 +189,7 @@ class Pipeline:
     def _is_wanted(self, address: VehicleId) -> bool:
         return self._system_id is None or address.system_id == self._system_id
 
-    def _status_due(self, now_us: int) -> bool:
+    def _take_status_turn(self, now_us: int) -> bool:
         due = self._next_status_us
         if due is None or not due - STATUS_PERIOD_US <= now_us < due + STATUS_PERIOD_US:
             self._next_status_us = now_us + STATUS_PERIOD_US  # the first, or the clock was set

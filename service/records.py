@@ -1,4 +1,4 @@
-"""What the service publishes: attitude and status, and nothing that is not finite.
+"""What the service publishes: attitudes and statuses, whose numbers are all finite.
 
 Field names and order are the JSON schema. Angles are in degrees here because
 people and maps read these records; everything inside is in radians.
@@ -18,7 +18,7 @@ SCHEMA = 1
 
 
 class Confidence(Value, frozen=True):
-    """The paper's s_i, as they are now."""
+    """The paper's s_i as they count at this moment."""
 
     gravity: float
     magnetic: float
@@ -63,7 +63,7 @@ class StatusRecord(msgspec.Struct, frozen=True):
     overruns: int
     dropped: int
     sequence: int
-    rates: str = "imu"  # "imu+attitude" once ATTITUDE's body rates have shown turning between
+    rates: str = "imu"  # "imu+attitude" once ATTITUDE has shown turning between IMU samples
 
 
 class Published(Value, frozen=True):
@@ -100,6 +100,6 @@ Output = Published | Peer | Replaced | Message
 
 def vehicle_name(vehicle: VehicleId) -> str:
     """The key's middle part: the system id, or ``S-C`` if the component is not the autopilot."""
-    if vehicle.component_id == MAV_COMP_ID_AUTOPILOT1:  # left out of the name
+    if vehicle.component_id == MAV_COMP_ID_AUTOPILOT1:
         return str(vehicle.system_id)
     return f"{vehicle.system_id}-{vehicle.component_id}"

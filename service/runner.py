@@ -19,7 +19,7 @@ from service.records import Output
 from service.sinks.outbox import Outbox
 
 MAX_CATCH_UP_S = 0.25
-# Events taken between two looks at the schedule: what is behind must not hold up the ticks.
+# At most so many events between two looks at the schedule: a backlog must not delay the ticks.
 MOST_EVENTS = 256
 # Between ticks the loop looks at its stop flag and mailbox this often.
 MAX_WAIT_S = 0.1
@@ -40,7 +40,7 @@ class Runner:
     """Runs a pipeline until stopped.
 
     ``now_us`` is the host time that arrivals are stamped with (Unix time for
-    live sources); ``finished`` tells that nothing will come any more.
+    live sources); ``is_finished`` tells that nothing will come any more.
     """
 
     def __init__(
@@ -52,7 +52,7 @@ class Runner:
         rate_hz: float,
         now_us: Callable[[], int] = lambda: time.time_ns() // 1000,
         requests: ParameterRequests | None = None,
-        finished: Callable[[], bool] = lambda: False,
+        is_finished: Callable[[], bool] = lambda: False,
     ) -> None:
         self.overruns = 0
         self.ticks = 0
@@ -62,7 +62,7 @@ class Runner:
         self._period_s = 1.0 / rate_hz
         self._now_us = now_us
         self._requests = requests
-        self._finished = finished
+        self._is_finished = is_finished
         self._stop = threading.Event()
         self._waiting: deque[Event] = deque()  # bounded by what the source keeps
 
@@ -75,7 +75,7 @@ class Runner:
         start_s = time.monotonic()
         end_s = None if seconds is None else start_s + seconds
         due_s = start_s + self._period_s
-        while not self._stop.is_set() and (self._waiting or not self._finished()):
+        while not self._stop.is_set() and (self._waiting or not self._is_finished()):
             now_s = time.monotonic()
             if end_s is not None and now_s >= end_s:
                 break
@@ -83,7 +83,7 @@ class Runner:
                 self._tick()
                 due_s = self._next_due_s(due_s, now_s)
             self._take(min(MAX_WAIT_S, max(0.0, due_s - time.monotonic())))
-        self._tick()  # what came last is published, too
+        self._tick()  # publishes what the last events have changed
         if self._requests is not None:
             self._requests.close()
 

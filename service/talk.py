@@ -1,6 +1,6 @@
 """Lines about one vehicle, no more than a person can read."""
 
-MOST_LINES = 12  # in a minute; one more says that the rest is left out
+MOST_LINES = 12  # a minute; one further line says that the rest is left out
 MINUTE_US = 60_000_000
 TOO_MANY = f"there were more than {MOST_LINES} within a minute"
 
@@ -17,7 +17,7 @@ class Talk:
         self._lines = 0
 
     def lines(self, texts: list[str], now_us: int) -> list[str]:
-        """What is to be said of ``texts`` at ``now_us``."""
+        """The lines to print for ``texts`` at ``now_us``."""
         if self._since_us is None or not 0 <= now_us - self._since_us < MINUTE_US:
             left_out = max(0, self._lines - MOST_LINES)
             self._since_us, self._lines = now_us, 0

@@ -30,10 +30,10 @@ from service.velocity_choice import VelocityChoice
 # Enough for a steady median, few enough to follow a stream whose rate was changed.
 PERIODS_KEPT = 51
 MEDIAN_EVERY = 8
-# Whether the estimate is finite is looked at so often (in samples): one that is not stays so,
-# and a look at each sample costs as much as the filter.
+# The estimate is checked for not being finite once in so many samples. Once it is not finite it
+# stays so, and a check at each sample would cost as much as the filter.
 CHECKED_EVERY = 8
-# Messages of one clock arrive as late as each other, to within this.
+# The ages of two messages stamped by one clock differ by less than this.
 OTHER_CLOCK_US = 1_000_000
 
 
@@ -62,8 +62,9 @@ class Vehicle:
         self._median_us: float | None = None
         self._last: Imu | None = None  # as the vehicle sent it
         self._last_sample: ImuSample | None = None  # as it is mounted
-        self._talk = Talk(f"vehicle {self.name}")  # of what anybody can make happen at will
-        self._silent_since_us: int | None = None  # before a reset: no period will span it
+        self._talk = Talk(f"vehicle {self.name}")  # limits lines that others can trigger at will
+        # the last arrival before a reboot, until the first sample after it
+        self._silent_since_us: int | None = None
 
     @property
     def state(self) -> State:
@@ -125,7 +126,7 @@ class Vehicle:
         return self._talk.lines([f"vehicle {self.name}: {text}"], event.arrival_us)
 
     def on_track_lost(self, event: TrackLost) -> list[str]:
-        """Nobody knows how far it turned: what was known about its attitude is void."""
+        """The vehicle has turned unseen, nobody knows how far: its attitude is void."""
         if event.message != self.imu_message:
             return []
         self.estimator.restart()
@@ -145,7 +146,7 @@ class Vehicle:
         )
 
     def on_parameter(self, event: Parameter) -> None:
-        """Offsets that are all zero mean a compass that nobody has calibrated."""
+        """Note COMPASS_OFS; all zero means that nobody has calibrated the compass."""
         if event.name not in COMPASS_OFFSETS:
             return
         self._compass_offsets[event.name] = event.value
@@ -155,7 +156,7 @@ class Vehicle:
     def on_rates(self, event: BodyRates) -> None:
         """Feed the estimator, unless the message's clock is another than the IMU's.
 
-        Some autopilots stamp ATTITUDE seconds off: then it shows the turning of another time.
+        Some autopilots stamp ATTITUDE seconds off; its rates are then those of another time.
         """
         last = self._last
         if last is None:
@@ -199,12 +200,12 @@ class Vehicle:
         )
         record = attitude_record(self.estimator.attitude(time_us), stamp)
         if record is None:
-            return None  # on_imu sees to it: a tick changes nothing
+            return None  # a tick changes nothing; on_imu will restart the estimator
         self.attitudes += 1
         return record
 
     def status(self, now_us: int, overruns: int, dropped: int) -> StatusRecord:
-        """How it is doing; the running silence counts as a gap."""
+        """The vehicle's status at ``now_us``; a silence that still lasts counts as a gap, too."""
         record = StatusRecord(
             state=self.state.value,
             imu_message=self.imu_message,
@@ -236,7 +237,7 @@ class Vehicle:
     def replace_profile(self, profile: Profile) -> None:
         """Use another profile from the next sample on; the estimate stays.
 
-        Unless the IMU is mounted otherwise: then the attitude was of other axes.
+        If the mounting changes, the estimate restarts: it was the attitude of other axes.
         """
         self.estimator.replace_profile(profile)
         if profile.mounting != self.profile.mounting:
@@ -245,11 +246,11 @@ class Vehicle:
         self.profile = profile
 
     def on_profile(self, now_us: int) -> list[str]:
-        """Its profile has been replaced: whoever can, may do so a hundred times a second."""
+        """Say that the profile was replaced, but not too often: a program may do it in a loop."""
         return self._talk.lines([f"vehicle {self.name}: new parameters"], now_us)
 
     def _align_broken_anew(self, event: Imu) -> list[str]:
-        """An estimate that is not finite is void: no sample would mend it."""
+        """Restart an estimate that is not finite: no sample would repair it."""
         if is_finite(self.estimator.attitude(event.sample.time_us)):
             return []
         self.reject(Reason.ESTIMATE_NOT_FINITE)
@@ -267,7 +268,7 @@ class Vehicle:
         return [f"vehicle {self.name}: IMU data from {now} now, {before} is given up"]
 
     def _measure(self, event: Imu) -> None:
-        """Interval, gap and clock offset; intervals on the vehicle's clock, free of bursts."""
+        """Measure interval, gap, clock offset; by the vehicle's clock, as arrivals come in bursts."""
         if self._silent_since_us is not None:
             silence_us = event.arrival_us - self._silent_since_us
             self.worst_gap_us = max(self.worst_gap_us, silence_us)
@@ -277,7 +278,7 @@ class Vehicle:
             self.worst_gap_us = max(self.worst_gap_us, period_us)
             if event.message == self._last.message:
                 self._periods_us.append(period_us)
-                # a median of 51 moves little in 8 samples, and costs as much as the filter
+                # a median of 51 changes little in 8 samples, and costs as much as the filter
                 if len(self._periods_us) < PERIODS_KEPT or self.samples % MEDIAN_EVERY == 0:
                     self._median_us = None
         self._clock = host_clock.observe(self._clock, event.sample.time_us, event.arrival_us)

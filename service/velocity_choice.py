@@ -1,8 +1,8 @@
 """Which of a vehicle's velocity messages help the estimator.
 
-There are two sources: the autopilot's filter and a receiver. The estimator knows the errors of
-either; the messages of one are never mixed, for a change looks like an acceleration. The better
-one is used while it comes.
+There are two sources: the autopilot's filter and a receiver. The estimator models the errors of
+each, and takes one message of each: a change from one message to another would look like an
+acceleration. The best message is used as long as it comes.
 """
 
 from drivers.samples.preference import velocity_rank

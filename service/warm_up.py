@@ -1,4 +1,4 @@
-"""Compile before the first sample, not at it.
+"""Compile all kernels before the first sample comes, not when it is there.
 
 The kernels are two halves of about the same size, which two processes compile
 at the same time; what the second one compiles, the first then finds in the
@@ -25,7 +25,7 @@ from estimator.profile import Profile, load_profile
 from estimator.types import IDENTITY, ZERO_VEC3, ImuSample, VelocitySample
 
 STEP_US = 10_000
-HELPER_S = 600.0  # far longer than it takes, also beside much other work; then we compile it
+HELPER_S = 600.0  # longer than it takes on a busy computer; after that we compile its half, too
 HERE: tuple[Any, ...] = (
     resident.advance,
     resident.publish,
@@ -33,8 +33,8 @@ HERE: tuple[Any, ...] = (
     resident.contents,
 )
 ELSEWHERE: tuple[Any, ...] = (resident.advance_aided, resident.hear, resident.search)
-# What the helper runs. It finds our packages where they are, and nothing in the folder that
-# the command was started in: -P keeps that off the path. It may hold anybody's downloads.
+# What the helper runs. It imports our packages from where they are, and nothing from the folder
+# that the command was started in, which may hold anybody's downloads: -P keeps that off the path.
 OUR_FOLDER = Path(__file__).resolve().parents[1]
 HELPER = (
     "import sys; sys.path.insert(0, sys.argv[1]); from service import warm_up; warm_up.help_out()"
@@ -42,11 +42,11 @@ HELPER = (
 
 
 def warm_up(profile: Profile, gain: float | None) -> None:
-    """Compile the kernels now: the first sample must not wait for it, nor the first velocity."""
+    """Compile the kernels now, so that neither the first sample nor the first velocity waits."""
     chosen = settings_of(profile)
     needs_aided = chosen.conditioned and chosen.aiding.enabled
     if needs_aided and is_cached(resident.advance_aided) is False:
-        with _compiled_elsewhere():
+        with _compile_elsewhere():
             compile_ahead(profile, HERE)
     rehearse(Estimator(profile, gain), aided=needs_aided)
 
@@ -59,12 +59,12 @@ def compile_ahead(profile: Profile, kernels: tuple[Any, ...]) -> None:
 
 
 def help_out() -> None:
-    """The helper's half, into the cache."""
+    """Compile the helper's half into the cache."""
     compile_ahead(load_profile("imu"), ELSEWHERE)
 
 
 def rehearse(estimator: Estimator, *, aided: bool) -> None:
-    """A few samples, and a velocity: what still is not compiled is compiled now."""
+    """Run a few samples and velocities, which compiles what is still missing."""
     for number in range(3):
         estimator.update(_sample(number))
         estimator.update_velocity(_report(number))  # heard at the next sample
@@ -74,7 +74,15 @@ def rehearse(estimator: Estimator, *, aided: bool) -> None:
     before = estimator.snapshot
     aiding = settings_of(estimator.profile).aiding
     core = before.core
-    state, covariance, trail = begin(aiding, IDENTITY, ZERO_VEC3, core.sample, NO_REPORT, 0.1, 0.0)
+    state, covariance, trail = begin(
+        aiding,
+        q_ned_frd=IDENTITY,
+        gyr_bias=ZERO_VEC3,
+        sample=core.sample,
+        report=NO_REPORT,
+        heading_sigma_rad=0.1,
+        hard_iron_sigma_gauss=0.0,
+    )
     estimator.snapshot = before._replace(
         core=core._replace(aided=state, covariance=flat(covariance), trail=flat(trail)),
         context=before.context._replace(phase=Phase.AIDED),
@@ -89,12 +97,18 @@ def _report(number: int) -> VelocitySample:
 
 
 def _sample(number: int) -> ImuSample:
-    return ImuSample(number * STEP_US, ZERO_VEC3, (0.0, 0.0, -9.8), (0.2, 0.0, 0.4), True)
+    return ImuSample(
+        time_us=number * STEP_US,
+        gyr_rad_s=ZERO_VEC3,
+        acc_m_s2=(0.0, 0.0, -9.8),
+        mag_gauss=(0.2, 0.0, 0.4),
+        has_mag=True,
+    )
 
 
 @contextmanager
-def _compiled_elsewhere() -> Iterator[None]:
-    """Meanwhile another process compiles the other half into the cache."""
+def _compile_elsewhere() -> Iterator[None]:
+    """Have another process compile the other half into the cache meanwhile."""
     helper = subprocess.Popen(  # noqa: S603 - our own arguments
         [sys.executable, "-P", "-c", HELPER, str(OUR_FOLDER)],
         stdin=subprocess.DEVNULL,

@@ -25,9 +25,10 @@ FREE_ENDPOINT = "tcp/127.0.0.1:0"
 DEFAULT_PREFIX = "fuzzbee"
 MODES = ("peer", "client")
 RETRY = {"period_init_ms": 200, "period_max_ms": 1000, "period_increase_factor": 2}
-CLIENT_TIMEOUT_MS = 2000  # a client is useless without its router
-# Batches of 64 kB that wait for the network, the most Zenoh takes: it drops what finds them full
-# for 1 ms, and with its usual 2 that was now and then some of a tick of 200 vehicles (140 kB)
+CLIENT_TIMEOUT_MS = 2000  # then the command ends: a client is useless without its router
+# Batches of 64 kB that may wait for the network; 16 is the most that Zenoh allows. It drops records
+# that find all of them full for 1 ms. With its usual 2 that sometimes happened to part of a tick of
+# 200 vehicles (140 kB).
 TX_BATCHES = 16
 OPENER_THREAD = "zenoh opener"
 
@@ -63,7 +64,7 @@ def open_session(options: ZenohOptions) -> "zenoh.Session":
 
 
 def _open_interruptibly(config: "zenoh.Config") -> "zenoh.Session":
-    """Open it in a thread: the library holds signals back until a silent peer's time is over."""
+    """Open it in a thread: while the library waits for a silent peer, it lets no signal through."""
     import zenoh
 
     opened: Future[zenoh.Session] = Future()
@@ -131,7 +132,7 @@ def _base(options: ZenohOptions) -> "zenoh.Config":
 
 
 def _set_endpoints(config: "zenoh.Config", options: ZenohOptions) -> None:
-    """Own addresses where given; the default ones unless a file decides."""
+    """The addresses that were given; else the default ones, unless a configuration file is used."""
     default = options.config_file is None
     client = options.mode == "client"
     if options.listen:

@@ -16,8 +16,8 @@ Function = TypeVar("Function", bound=Callable[..., Any])
 _numba_config: Any = numba.config  # numba ships no types
 _event: Any = event
 
-# Divisions without a branch. States of a hundred floats pass by value: inlined
-# they are not copied at each call, which halves the time of a step. And nobody calls from C.
+# No branch at divisions. Inlining spares copying states of a hundred floats at each call, which
+# halves the time of a step. No wrapper for C, as nothing calls a kernel from C.
 _DIVISION: dict[str, Any] = {"error_model": "numpy"}
 _OPTIONS: dict[str, Any] = {**_DIVISION, "forceinline": True, "no_cfunc_wrapper": True}
 
@@ -41,14 +41,14 @@ def compiled(function: Function) -> Function:
 def inlined(function: Function) -> Function:
     """A part of compiled functions: compiled into each that calls it, plain Python elsewhere.
 
-    It saves the code that hands a hundred numbers over from Python and back,
-    half of the time that a kernel takes to compile.
+    It has no code that takes a hundred numbers over from Python and hands them back. That code
+    would be half of what a kernel takes to compile.
     """
     return register_jitable(**_OPTIONS)(function)
 
 
 def plain(function: Function) -> Function:
-    """The Python function behind a compiled one: for a single call it saves the compiling."""
+    """The Python function behind a compiled one; a single call is quicker without compiling."""
     return getattr(function, "py_func", function)
 
 
@@ -77,19 +77,19 @@ def _decorate(function: Function, options: dict[str, Any]) -> Function:
     return dispatcher  # type: ignore[no-any-return]
 
 
-_kernels: set[int] = set()  # they live as long as the process
+_kernels: set[int] = set()  # ids of kernels, which stay unique: kernels are never deleted
 
 
 class _Listener(_event.Listener):  # type: ignore[misc]
-    """Hears of each function that numba compiles; what comes from the cache is none."""
+    """Is told of each function that numba compiles; those from the cache are not compiled."""
 
     def on_start(self, event: Any) -> None:
-        """Pass it on if it is one of our kernels."""
+        """Say so if the function is one of our kernels."""
         if id(event.data["dispatcher"]) in _kernels:
             compiling_begins(is_kept=bool(_FOLDERS))
 
     def on_end(self, event: Any) -> None:
-        """Nothing to say."""
+        """Do nothing: the end of compiling is not announced."""
 
 
 _FOLDERS = () if _numba_config.DISABLE_JIT else kernel_folders(repr(_OPTIONS))

@@ -1,9 +1,10 @@
 """What a compiled function is made of, as a digest.
 
-numba renews a cached function when the file that holds it changes: at each comment, and not
-when a constant or a type of another file does. Here a function is described by what ends up in
-machine code: its instructions and constants, the functions, constants and types that it uses,
-and so on through all of them. Docstrings, comments and line numbers are no part of it.
+numba itself compiles a function anew when the file that holds it changes: after a change of a
+comment, too, but not after one of a constant or a type in another file. Here a function is
+described by what ends up in machine code: its instructions and constants, the functions,
+constants and types that it uses, and so on through all of them. Docstrings, comments and line
+numbers are no part of it.
 """
 
 import hashlib
@@ -11,7 +12,7 @@ from collections.abc import Iterator
 from types import CodeType, FunctionType, ModuleType
 from typing import Annotated, Any, get_args, get_origin
 
-# Their versions are told apart by where kernels are kept; what is inside them is not looked at.
+# What is inside these is not looked at: each of their versions has a cache folder of its own.
 LIBRARIES = ("builtins", "numba", "numpy", "math", "llvmlite", "typing")
 DIGITS = 16
 
@@ -20,13 +21,14 @@ class Fingerprints:
     """Digests of functions. One instance looks at each thing once, which later kernels share."""
 
     def __init__(self) -> None:
-        self._known: dict[int, tuple[Any, str]] = {}  # with the thing itself: an id is used again
+        # by id, with the thing itself: while that is kept, no other gets the same id
+        self._known: dict[int, tuple[Any, str]] = {}
 
     def of(self, function: FunctionType) -> str:
         """A digest of the function and of all that it uses; its module must be complete."""
-        return _digest(self._described(function))
+        return _digest(self._describe(function))
 
-    def _described(self, value: Any) -> str:
+    def _describe(self, value: Any) -> str:
         """A value and what it is made of, as text."""
         value = getattr(value, "py_func", value)  # behind a compiled function
         if isinstance(value, bool | int | str | bytes | None):
@@ -36,24 +38,24 @@ class Fingerprints:
         if isinstance(value, frozenset):
             value = tuple(sorted(value, key=repr))
         if isinstance(value, tuple | list):
-            return f"{_name(type(value))}({', '.join(map(self._described, value))})"
+            return f"{_name(type(value))}({', '.join(map(self._describe, value))})"
         if isinstance(value, ModuleType) or _is_library(value):
             return f"library {_name(value)}"
         if isinstance(value, FunctionType | type) and not get_args(value):
-            return self._once(value)
+            return self._describe_once(value)
         if isinstance(value, CodeType):
             return self._code(value, None)
         if get_origin(value) is Annotated:
-            return self._described(get_args(value)[0])  # bounds are nothing to a kernel
+            return self._describe(get_args(value)[0])  # bounds play no part in a kernel
         if get_args(value):
-            return f"{get_origin(value)}{self._described(get_args(value))}"
+            return f"{get_origin(value)}{self._describe(get_args(value))}"
         if hasattr(value, "tobytes"):  # an array
             return f"{value.dtype} {value.shape} {value.tobytes().hex()}"
         return f"a {_name(type(value))}"
 
-    def _once(self, value: Any) -> str:
+    def _describe_once(self, value: Any) -> str:
         if id(value) not in self._known:
-            self._known[id(value)] = (value, "itself")  # should it use itself
+            self._known[id(value)] = (value, "itself")  # ends the recursion if it uses itself
             text = self._function(value) if isinstance(value, FunctionType) else self._type(value)
             self._known[id(value)] = (value, f"{_name(value)} {_digest(text)}")
         return self._known[id(value)][1]
@@ -61,14 +63,14 @@ class Fingerprints:
     def _function(self, function: FunctionType) -> str:
         cells = tuple(cell.cell_contents for cell in function.__closure__ or ())
         defaults = (function.__defaults__, tuple((function.__kwdefaults__ or {}).items()))
-        parts = [self._described((cells, defaults, tuple(function.__annotations__.items())))]
+        parts = [self._describe((cells, defaults, tuple(function.__annotations__.items())))]
         parts.append(self._code(function.__code__, function.__doc__))
         names = sorted(set(_names(function.__code__)))
         parts += [
-            f"{name} = {self._described(value)}"
+            f"{name} = {self._describe(value)}"
             for name in names
             if name in function.__globals__
-            for value in _meant(function.__globals__[name], names)
+            for value in _used_values(function.__globals__[name], names)
         ]
         return "\n".join(parts)
 
@@ -76,16 +78,16 @@ class Fingerprints:
         first, *others = code.co_consts or (None,)
         constants = (None if first == docstring else first, *others)
         names = (code.co_varnames, code.co_names, code.co_freevars, code.co_flags)
-        return self._described((names, code.co_code, code.co_exceptiontable, constants))
+        return self._describe((names, code.co_code, code.co_exceptiontable, constants))
 
     def _type(self, kind: type) -> str:
         """A named tuple's fields in their order; of another class its name."""
         fields = tuple(getattr(kind, "__annotations__", {}).items())
-        return self._described((fields, tuple(getattr(kind, "_field_defaults", {}).items())))
+        return self._describe((fields, tuple(getattr(kind, "_field_defaults", {}).items())))
 
 
-def _meant(value: Any, names: list[str]) -> list[Any]:
-    """A global's value; of a module of ours what of it may be used."""
+def _used_values(value: Any, names: list[str]) -> list[Any]:
+    """A global's value; of a module of ours also those of its values that ``names`` may mean."""
     if not isinstance(value, ModuleType) or _is_library(value):
         return [value]
     return [value, *(vars(value)[name] for name in names if name in vars(value))]

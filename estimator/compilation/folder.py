@@ -15,10 +15,10 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
-FOLDERS_KEPT = 4  # older ones, for whoever switches between versions of Python or numba
+FOLDERS_KEPT = 4  # for whoever switches between versions of Python or numba
 PREFIX = "kernels-"
 OURS = re.compile(r"kernels-[0-9a-f]{16}")
-# Of a kernel: name, what it is made of, Python's version, and for data a number.
+# A kernel's file: its name, a digest of what it is made of, Python's version; data files a number.
 KERNEL = re.compile(r"[\w.]+-[0-9a-f]{16}\.py3\d+t?\.(?:nbi|\d+\.nbc)")
 UNFINISHED = re.compile(rf"{KERNEL.pattern}\.tmp\.[0-9a-f]{{16}}")  # of a process that was killed
 # numba's switches that change no machine code
@@ -26,7 +26,7 @@ OTHER_SWITCHES = re.compile(
     r"NUMBA_(CACHE_DIR|CACHE_LOCATOR_CLASSES|NUM_THREADS|THREADING_LAYER\w*|DEBUG_CACHE|WARNINGS"
     r"|COLOR_SCHEME|DUMP_\w+|TRACE|HIGHLIGHT_DUMPS|DISABLE_PERFORMANCE_WARNINGS)"
 )
-# What these come to, however they were set
+# Settings that change machine code; their values count, wherever they were set
 SETTINGS = (
     "OPT",
     "CPU_NAME",
@@ -52,7 +52,7 @@ def kernel_folders(options: str) -> tuple[Path, ...]:
     chosen = os.environ.get("NUMBA_CACHE_DIR")
     found: list[Path] = []
     for base in _bases(chosen):
-        folder = _opened(base, name)
+        folder = _open_folder(base, name)
         if folder is None:
             continue
         fault = mistrust(folder)
@@ -68,7 +68,7 @@ def kernel_folders(options: str) -> tuple[Path, ...]:
 
 
 def environment_digest(options: str) -> str:
-    """What changes machine code beside the kernels' sources; numba itself sees to the CPU."""
+    """Digest of what changes machine code beside sources and CPU (numba checks that itself)."""
     import llvmlite  # type: ignore[import-untyped]
     import numba
     import numpy as np
@@ -96,7 +96,7 @@ def _bases(chosen: str | None) -> list[Path]:
     return [first, Path(home_cache) / "fuzzbee"]
 
 
-def _opened(base: Path, name: str) -> Path | None:
+def _open_folder(base: Path, name: str) -> Path | None:
     """The folder by its real name, made if need be; None if it can neither be made nor read."""
     try:
         base.mkdir(mode=0o755, parents=True, exist_ok=True)
@@ -165,9 +165,9 @@ def _is_private_group(gid: int) -> bool:
 
 
 def forget_older(base: Path, name: str) -> None:
-    """Remove all but the latest few folders of ours; of them only what we wrote.
+    """Remove all but the latest few of our folders; in them only the files that we wrote.
 
-    Another process may do so at the same time.
+    It is no error if another process does so at the same time.
     """
     try:
         others = [path for path in base.iterdir() if path.name != name and _is_ours(path)]

@@ -1,7 +1,7 @@
 """Keeps one kernel's machine code on disk: numba's own cache under names of ours.
 
-It stands on numba's classes for an index and its data; only the names are ours. They are
-chosen when the kernel is first called, when all that it uses has been defined.
+Index and data files are read and written by numba's own classes; only their names are ours.
+The names are made at the kernel's first call, when all that it uses has been defined.
 """
 
 # mypy: disable-error-code="no-untyped-call,misc"
@@ -32,9 +32,9 @@ _fingerprints = Fingerprints()
 
 
 class KernelCache(NullCache):
-    """The cache of one kernel, looked for at its first use.
+    """The cache of one kernel, set up at its first use.
 
-    It is looked for in each of the folders, and kept in the last.
+    A compiled form is looked for in all of the folders, and written to the last.
     """
 
     def __init__(self, function: FunctionType, folders: tuple[Path, ...]) -> None:
@@ -48,11 +48,11 @@ class KernelCache(NullCache):
 
     def load_overload(self, signature: Any, target_context: Any) -> Any:
         """The compiled form for a signature, or None."""
-        loaded = (files.loaded(signature, target_context) for files in self._files)
+        loaded = (files.load(signature, target_context) for files in self._files)
         return next((form for form in loaded if form is not None), None)
 
     def save_overload(self, signature: Any, data: Any) -> None:
-        """Keep it; a disk too full costs the next start some seconds, not this one its life."""
+        """Keep it. If the disk is full, the next start has to compile again; this one goes on."""
         try:
             self._files[-1].save_overload(signature, data)
         except OSError as error:
@@ -61,7 +61,7 @@ class KernelCache(NullCache):
             self._files[-1].forget_older()
 
     def holds(self, target_context: Any) -> bool:
-        """Whether it holds a form for this CPU."""
+        """Whether it holds any compiled form for this CPU."""
         return any(files.holds(target_context) for files in self._files)
 
     @functools.cached_property
@@ -85,7 +85,7 @@ class _KernelFiles(FunctionCache):
         self._cache_file = IndexDataCacheFile(self._cache_path, self._base, made_of)
         self.enable()
 
-    def loaded(self, signature: Any, target_context: Any) -> Any:
+    def load(self, signature: Any, target_context: Any) -> Any:
         """The compiled form, or None; files that a crash or a bad disk has damaged are removed."""
         try:
             return self.load_overload(signature, target_context)
@@ -120,7 +120,7 @@ class _KernelFiles(FunctionCache):
 
 
 class _KernelFormat(CompileResultCacheImpl):
-    """How machine code is written down: as numba does it; the place is not for it to choose."""
+    """Machine code as numba writes it, but numba does not choose the place."""
 
     def __init__(self, function: FunctionType) -> None:
         self._lineno = function.__code__.co_firstlineno
@@ -128,16 +128,16 @@ class _KernelFormat(CompileResultCacheImpl):
 
 
 class _Source:
-    """What numba asks of the place; the file is named in a warning of its own."""
+    """The place as numba asks for it; numba names the source file in one of its warnings."""
 
     def __init__(self, file: str) -> None:
         self._py_file = file
 
     def ensure_cache_path(self) -> None:
-        """The folder has been made, and looked at, before."""
+        """Do nothing: the folder has been made and checked before."""
 
 
 @functools.cache
 def _warn_once(text: str) -> None:
-    """numba forgets what has been warned of."""
+    """Warn once only: numba resets Python's own memory of past warnings."""
     warnings.warn(text, RuntimeWarning, stacklevel=2)

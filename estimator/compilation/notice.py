@@ -1,6 +1,6 @@
 """Says that something is being compiled, when it is: half a minute of silence looks like a fault.
 
-It imports nothing, so that a command can ask for it long before numba is needed.
+It imports nothing heavy, so that a command can use it long before numba is needed.
 """
 
 from collections.abc import Callable

@@ -1,8 +1,8 @@
 """Attitudes back to MAVLink: ATTITUDE_QUATERNION from an onboard computer of the vehicle's.
 
 The sender is the vehicle's system with component 191 (MAV_COMP_ID_ONBOARD_COMPUTER),
-never the autopilot: a ground station must not mix the two, and nobody flies by ours
-unasked. A heartbeat each second says what we are.
+never the autopilot: a ground station must not mix the two, and no vehicle should fly by our
+attitude without being told to. A heartbeat each second says what we are.
 """
 
 import time
@@ -48,7 +48,7 @@ class MavlinkSink:
         try:
             self._transport.open()
         except LinkError:
-            self._lost()
+            self._wait_for_retry()
 
     @property
     def address(self) -> str:
@@ -66,12 +66,12 @@ class MavlinkSink:
             self._reopen()
             if self._retry_at_s is not None:
                 return
-            self._transport.receive(0.0)  # who is there to send to; what they say is not for us
+            self._transport.receive(0.0)  # learns whom to send to; what they say is not used
             for frame in frames:
                 self._transport.send(frame)
             self._is_told = self._is_told and not self._transport.connected
         except LinkError as error:
-            self._lost()
+            self._wait_for_retry()
             if not self._is_told:
                 self._is_told = True
                 raise LinkError(f"{self._endpoint}: {error}; trying again") from error
@@ -95,7 +95,7 @@ class MavlinkSink:
         self._transport.open()
         self._retry_at_s = None
 
-    def _lost(self) -> None:
+    def _wait_for_retry(self) -> None:
         self._transport.close()
         self._retry_at_s = self._now_s() + RETRY_S
 

@@ -12,7 +12,7 @@ from service.records import AttitudeRecord, Output, Published, StatusRecord, veh
 if TYPE_CHECKING:
     from prometheus_client.metrics_core import Metric
 
-HOST = "127.0.0.1"  # whoever wants them elsewhere has a proxy or an agent on this computer
+HOST = "127.0.0.1"  # to reach them from elsewhere, run a proxy or an agent on this computer
 
 
 class Gauge(NamedTuple):
@@ -104,7 +104,7 @@ class MetricsBoard:
                 self._statuses[name] = record
 
     def collect(self) -> "Iterator[Metric]":
-        """What a scrape gets. An old attitude is no gauge any more, only its age is."""
+        """All metrics for one scrape. A lost vehicle's attitude is left out but for its age."""
         with self._lock:
             attitudes, statuses = dict(self._attitudes), dict(self._statuses)
         yield from self._attitude_metrics(attitudes, statuses)

@@ -26,7 +26,8 @@ if TYPE_CHECKING:
 NODE = "fuzzbee"
 MAX_DOMAIN = 232  # the largest that ROS 2 allows
 NOT_SET = "%"  # namespace and enclave; also what a slash becomes inside a token
-# reliable, volatile and keep last are rmw_zenoh's defaults and left out; the depth is 10
+# Quality of service: reliable, volatile and keep-last are rmw_zenoh's defaults, which are left out;
+# the depth is 10
 QUALITY = "::,10:,:,:,,"
 
 _ATTACHMENT = Struct("<qqB16s")
@@ -100,7 +101,7 @@ class ImuPublisher:
         self._publisher.put(imu_message(record, acc, self._frame_id), attachment=attachment)
 
     def close(self) -> None:
-        """Withdraw it."""
+        """Withdraw the publisher."""
         self._token.undeclare()
         self._publisher.undeclare()
 

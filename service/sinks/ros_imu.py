@@ -20,9 +20,9 @@ TYPE_HASH = "RIHS01_7d9a00ff131080897a5ec7e26e315954b8eae3353c3f995c55faf7157400
 # The inclination's error has two components. If each is normal with deviation s, their
 # length is Rayleigh distributed: 68 % of it lies under s sqrt(-2 ln 0.32) = 1.51 s.
 INCLINATION_BOUND_PER_AXIS = sqrt(-2.0 * log(0.32))
-# The heading's error has one: 68 % of its size lies under 0.99 s, which is s for our purpose.
+# The heading's error has one component: 68 % of its size lies under 0.99 s, taken as s here.
 
-# As the message's definition has it: no matrix known, and no value at all
+# By the message's definition: a covariance that is unknown, and a quantity without any value
 UNKNOWN_COVARIANCE = (0.0,) * 9
 NO_VALUE = (-1.0, *(0.0,) * 8)
 

@@ -16,7 +16,7 @@ class Sink(Protocol):
         """A word for messages to a person."""
 
     def handle(self, outputs: Sequence[Output]) -> None:
-        """Take the outputs of one turn of the loop. May block or raise: only this sink suffers."""
+        """Take the outputs of one turn of the loop; may block or raise without harm to others."""
 
     def close(self) -> None:
         """Release everything; called once."""
@@ -54,12 +54,12 @@ class Outlet:
             self._changed.notify()
 
     def take_error(self) -> str | None:
-        """The latest error, once: a text that has not been told yet."""
+        """The latest error that has not been returned yet, as a text; None if there is none."""
         error, self._last_error = self._last_error, None
         return error
 
     def begin_close(self) -> None:
-        """Have the sink closed once it took what is pending; does not wait."""
+        """Have the sink closed once it has taken what is pending; does not wait for that."""
         with self._changed:
             self._closing = True
             self._changed.notify()

@@ -5,9 +5,9 @@ from service.health import (
     Health,
     Signal,
     State,
-    after,
     late_after_us,
     lost_after_us,
+    next_state,
     on_sample,
     on_time,
 )
@@ -60,7 +60,7 @@ def test_every_state_can_be_reached_and_left_but_for_waiting():
 
 @pytest.mark.parametrize("state", State)
 def test_an_aligned_sample_always_means_running(state):
-    assert after(state, Signal.ALIGNED) is State.RUNNING
+    assert next_state(state, Signal.ALIGNED) is State.RUNNING
 
 
 @pytest.mark.parametrize("state", [s for s in State if s is not State.ALIGNING])

@@ -26,7 +26,7 @@ def played(stamps_us, speed=1.0, timeout_s=0.05):
     )
     out = []
     for _ in range(100_000):
-        if player.finished():
+        if player.is_finished():
             return out
         out += [(e.arrival_us, clock.now_s - 100.0) for e in player.drain(timeout_s)]
         assert player.now_us() >= (out[-1][0] if out else 0)
@@ -52,7 +52,7 @@ def test_gaps_are_silence_but_broken_stamps_are_skipped():
 
 
 def test_an_empty_log_is_finished_at_once():
-    assert LogPlayer([], 1.0).finished()
+    assert LogPlayer([], 1.0).is_finished()
 
 
 def test_events_are_the_logs_own():
@@ -66,7 +66,7 @@ def test_a_service_that_cannot_keep_up_hears_no_silence():
     events = [Malformed(n * 20_000, 1) for n in range(500)]
     player = LogPlayer(events, 50.0, clock.monotonic_s, clock.sleep)
     last_us = 0
-    while not player.finished():
+    while not player.is_finished():
         for event in player.drain(0.01):
             last_us = event.arrival_us
             clock.now_s += 0.005  # each event takes ten times as long as it may

@@ -57,7 +57,7 @@ def test_the_end_of_a_log_ends_the_loop():
             outbox,
             rate_hz=200.0,
             now_us=player.now_us,
-            finished=player.finished,
+            is_finished=player.is_finished,
         ).run()
     assert pipeline.vehicle(ONE).samples == 50
     assert attitudes(sink)[-1].state == "running"

@@ -127,8 +127,8 @@ def test_every_module_with_kernels_is_described_without_addresses():
 
     marks = Fingerprints()
     described = []
-    real = marks._described
-    marks._described = lambda value: described.append(real(value)) or described[-1]
+    real = marks._describe
+    marks._describe = lambda value: described.append(real(value)) or described[-1]
     kernels = [value for value in vars(resident).values() if hasattr(value, "py_func")]
     for kernel in kernels or [resident.advance]:
         marks.of(getattr(kernel, "py_func", kernel))
