@@ -30,7 +30,7 @@ from estimator.geometry.metrics import rms
 from estimator.profile import Profile, load_profile
 from fuzzbee.replay.comparison import compare
 from fuzzbee.replay.log_report import replay_log
-from fuzzbee.replay.motion import moving
+from fuzzbee.replay.motion import motion_mask
 from fuzzbee.replay.trace import VehicleTrace
 
 Floats = NDArray[np.float64]
@@ -143,7 +143,7 @@ def scored(path: Path, trace: VehicleTrace) -> dict[str, Any] | None:
         source,
         down_in_body(truth[known]),
         np.minimum(steps_s[known], 1.0),
-        moving(trace.samples)[known],
+        motion_mask(trace.samples)[known],
     )
     ours = inclination_errors(down_in_body(trace.estimates)[known], log.downs)
     others = {

@@ -19,21 +19,22 @@ from fuzzbee.say import say
 from service.signals import terminate_like_interrupt
 
 OK, FAILED, BAD_INPUT, INTERRUPTED = 0, 1, 2, 130
-ENDLESS = frozenset({"run", "sim", "watch"})  # verbs that a signal ends well
-# threads that may hang: a sink on a stopped terminal, the compiler, a session with a silent peer
+ENDLESS = frozenset({"run", "sim", "watch"})  # verbs for which a signal is the regular end
+# Names of threads that may hang: a sink on a stopped terminal, the compiler, a session that waits
+# for a silent peer.
 HANGING = ("sink ", "compiler", "zenoh opener")
 
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run one command; returns its exit status and lets no exception out."""
-    arguments = _spelled_out(sys.argv[1:] if argv is None else argv)
+    arguments = _spell_out(sys.argv[1:] if argv is None else argv)
     tell_compiling(say)
     status = _status(arguments)
     return OK if status == INTERRUPTED and _is_endless(arguments) else status
 
 
 def _status(arguments: list[str]) -> int:
-    """Likewise, but ``INTERRUPTED`` after any interrupt."""
+    """Run one command; the status is ``INTERRUPTED`` after any interrupt."""
     try:
         status = _run_verb(arguments)
     except InputError as error:
@@ -53,7 +54,9 @@ def _status(arguments: list[str]) -> int:
         if _is_usage_error(error):
             return _fail(error.format_message(), BAD_INPUT)  # type: ignore[attr-defined]
         if isinstance(error, OSError) and error.errno == errno.ENAMETOOLONG:
-            return _fail(f"{error.filename}: {error.strerror}", BAD_INPUT)  # wherever it is met
+            return _fail(
+                f"{error.filename}: {error.strerror}", BAD_INPUT
+            )  # any option may cause it
         if "-v" in arguments or "--verbose" in arguments:
             import traceback
 
@@ -62,7 +65,7 @@ def _status(arguments: list[str]) -> int:
     return status if isinstance(status, int) else OK  # the parser, too, says INTERRUPTED
 
 
-def _spelled_out(arguments: Sequence[str]) -> list[str]:
+def _spell_out(arguments: Sequence[str]) -> list[str]:
     """``--view`` alone means a window; the parser has no optional values."""
     following = [*arguments[1:], ""]
     return [
@@ -99,9 +102,9 @@ def entry_point() -> None:
 def _end(status: int) -> None:
     """Leave with this status, whatever has been interrupted.
 
-    Python ends by SIGINT if a ``KeyboardInterrupt`` has ever met the ``exec`` of a text, as
-    dataclasses and named tuples are made, even if it was handled: what has to be done at the
-    end is done, and Python's own end left out.
+    Dataclasses and named tuples are made by ``exec`` of a text. If a ``KeyboardInterrupt`` was
+    raised in there, Python ends by SIGINT, even if it was handled. So what has to be done at the
+    end is done here, and Python's own end is left out.
     """
     threading._shutdown()  # type: ignore[attr-defined]  # noqa: SLF001 - joins threads
     atexit._run_exitfuncs()  # noqa: SLF001

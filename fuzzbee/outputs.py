@@ -1,4 +1,4 @@
-"""What ``run`` sends and shows beside its own keys: options, and the sinks they open."""
+"""What ``run`` sends and shows beside its Zenoh keys: the options, and the sinks they open."""
 
 from collections.abc import Iterable
 from importlib.util import find_spec
@@ -88,14 +88,14 @@ class OutputOptions(NamedTuple):
 
     @property
     def shows_peers(self) -> bool:
-        """Whether attitudes of others are shown: only then are they worth decoding."""
+        """Whether attitudes by others are shown; if not, they need not be decoded."""
         return self.view is not None or self.rrd is not None
 
 
 def open_outputs(
     options: OutputOptions, session: "zenoh.Session | None", prefix: str, profile: "Profile"
 ) -> "list[Sink]":
-    """The sinks, open.
+    """Open the sinks that were asked for.
 
     Raises:
         InputError: an address, port or file that cannot be used, or an extra that is missing.
@@ -129,7 +129,7 @@ def open_viewer(view: str | None, rrd: str | None, profile: "Profile") -> "Viewe
 
 
 def viewer_options(view: str | None, rrd: str | None) -> "ViewerOptions | None":
-    """What the options ask for, if anything.
+    """The viewer that the options ask for; None if they ask for none.
 
     Raises:
         InputError: no such view, or the extra is missing.
@@ -148,10 +148,10 @@ def viewer_options(view: str | None, rrd: str | None) -> "ViewerOptions | None":
 
 
 def require_own_file(rrd: str | None, others: Iterable[str | Path]) -> None:
-    """The viewer's file overwrites none of the ``others``.
+    """Refuse a viewer's file that is one of the ``others``.
 
     Raises:
-        InputError: it would.
+        InputError: it would overwrite one of them.
     """
     if rrd is None or not Path(rrd).exists():
         return
@@ -161,7 +161,7 @@ def require_own_file(rrd: str | None, others: Iterable[str | Path]) -> None:
 
 
 def tell_page(stream: "ViewerStream") -> None:
-    """Where a browser finds it."""
+    """Tell a person where a browser finds the page."""
     if stream.page is not None:
         say(f"the viewer is at {stream.page}")
 

@@ -10,24 +10,24 @@ from fuzzbee.say import printable
 from service.health import State
 from service.records import SCHEMA, AttitudeRecord, StatusRecord
 
-# Of 5000 bytes and more is no record of ours, with all reasons for refusal that there are.
+# In bytes. Our largest record, a status with every reason for refusal, has less than 5000.
 LONGEST_PAYLOAD = 16_384
 MOST_VEHICLES = 1000
 NAME = re.compile(r"[0-9]{1,3}(-[0-9]{1,3})?")
 IMU_MESSAGE = re.compile(r"[A-Z0-9_]{1,32}")
 STATES = frozenset(state.value for state in State)
 HEADING_REFERENCES = ("true", "magnetic", "none")
-HALF_TURNS_DEG = 360.0
+MOST_ANGLE_DEG = 360.0
 MOST_GAIN = 1e7
 MOST_RATE_HZ = 1e6
-MOST = 1e12  # of any other number
-SHOWN = 80  # characters of a key
+MOST = 1e12  # limit of every other number
+SHOWN = 80  # so many characters of a key are printed
 
 Record = AttitudeRecord | StatusRecord
 
 
 class Reception:
-    """Turns keys and payloads into records; what cannot be one is told once for each reason."""
+    """Turns keys and payloads into records; says once for each reason why some are refused."""
 
     def __init__(self, say: Callable[[str], None]) -> None:
         self._say = say
@@ -83,7 +83,7 @@ def _fault(record: Record) -> str | None:
     if record.heading_reference not in HEADING_REFERENCES:
         return "its heading_reference is unknown"
     is_sound = (
-        all(abs(angle) <= HALF_TURNS_DEG for angle in record.euler_deg)
+        all(abs(angle) <= MOST_ANGLE_DEG for angle in record.euler_deg)
         and 0.0 <= record.error <= 1.0
         and 0.0 <= record.gain <= MOST_GAIN
         and record.age_ms >= 0.0

@@ -139,28 +139,43 @@ def run(
     if profile is None:
         profile = "paper" if source == "sim:" else "imu"
     zenoh = zenoh_options.zenoh_options(
-        listen, connect, mode, config_file, settings, multicast=multicast, prefix=prefix
+        listen=listen,
+        connect=connect,
+        mode=mode,
+        config_file=config_file,
+        settings=settings,
+        multicast=multicast,
+        prefix=prefix,
     )
     options = RunOptions(
-        source,
-        rate,
-        seconds,
-        profile,
-        gain,
-        as_json,
-        record,
-        request_rate,
-        speed,
-        system_id,
-        None if no_zenoh else zenoh,
-        outputs.OutputOptions(ros, ros_domain, send_attitude, metrics, view, rrd),
-        security.SecurityOptions(security.parse_system_ids(allow_system_ids), signing_key_file),
+        source=source,
+        rate_hz=rate,
+        seconds=seconds,
+        profile=profile,
+        gain=gain,
+        as_json=as_json,
+        record=record,
+        request_rate_hz=request_rate,
+        speed=speed,
+        system_id=system_id,
+        zenoh=None if no_zenoh else zenoh,
+        outputs=outputs.OutputOptions(
+            ros=ros,
+            ros_domain=ros_domain,
+            send_attitude=send_attitude,
+            metrics_port=metrics,
+            view=view,
+            rrd=rrd,
+        ),
+        security=security.SecurityOptions(
+            security.parse_system_ids(allow_system_ids), signing_key_file
+        ),
     )
     serve(options, verbose=verbose)
 
 
 def serve(options: RunOptions, *, verbose: bool) -> None:
-    """Open everything, loop until the end, close everything, and say what it came to.
+    """Open everything, loop until the end, close everything, and report the result.
 
     Raises:
         InputError: a source, profile, file or address that cannot be used.
@@ -201,7 +216,7 @@ def serve(options: RunOptions, *, verbose: bool) -> None:
             try:
                 runner.run(options.seconds)
             except InputError:
-                raise  # a log that cannot be read on
+                raise  # the log cannot be read any further
             except Exception as error:  # noqa: BLE001 - raised again when all is said
                 failure = error
         seconds = time.monotonic() - started_s
@@ -234,7 +249,7 @@ def _compile(profile: "Profile", gain: float | None) -> None:
 def _open_source(
     endpoint: "Endpoint", options: RunOptions, key: bytes | None, stack: ExitStack
 ) -> "Callable[[Pipeline, Any, ParameterRequests], Runner]":
-    """The source, opened, as what makes a runner of it."""
+    """Open the source; returns the function that makes its runner."""
     from service.runner import Runner
 
     if endpoint.kind == "log":
@@ -253,10 +268,10 @@ def _open_source(
     source: LiveSource = stack.enter_context(
         open_live(
             endpoint,
-            recorder,
-            options.request_rate_hz,
-            policy,
-            key,
+            recorder=recorder,
+            request_rate_hz=options.request_rate_hz,
+            policy=policy,
+            key=key,
             references=options.outputs.shows_peers,
         )
     )
@@ -266,7 +281,7 @@ def _open_source(
 
 
 def _recorder(target: str, stack: ExitStack) -> "Recorder":
-    """Into a file, or into a folder: one that is there, or a name without .tlog."""
+    """A recorder into a file; or into a folder, if there is one or the name has no suffix."""
     from pathlib import Path
 
     from drivers.mavlink.recorder import TlogRecorder
@@ -290,7 +305,7 @@ def _open_player(
     for option, value in (
         ("--record", options.record),
         ("--request-rate", options.request_rate_hz),
-        *options.security.given(),
+        *options.security.items(),
     ):
         if value is not None:
             raise InputError(f"{option} is for a live vehicle, {endpoint} is a log")
@@ -350,7 +365,7 @@ def _open_view(options: RunOptions, *, verbose: bool) -> "TerminalView":
 
 
 class _ViewHandler(logging.Handler):
-    """Log lines through the view, so that they do not tear its table."""
+    """Prints log lines through the view, so that they do not break up its table."""
 
     def __init__(self, say: Callable[[str], None]) -> None:
         super().__init__()
@@ -372,7 +387,7 @@ def _show_log(say: Callable[[str], None], *, verbose: bool) -> None:
 def summary(
     options: RunOptions, pipeline: "Pipeline", runner: "Runner", seconds: float, dropped: int
 ) -> dict[str, Any]:
-    """What a run came to, as --json prints it."""
+    """The result of a run, as --json prints it."""
     return {
         "source": options.source,
         "profile": options.profile,

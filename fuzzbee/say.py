@@ -1,9 +1,9 @@
-"""Lines for a person, on standard error: whatever they say, and whoever no longer reads them."""
+"""Lines for a person, on standard error. Neither their text nor a closed stream does harm."""
 
 import sys
 from contextlib import suppress
 
-LONGEST_LINE = 1000  # characters; nobody reads more
+LONGEST_LINE = 1000  # characters
 
 
 def say(text: str, who: str = "fuzzbee: ") -> None:
@@ -15,9 +15,9 @@ def say(text: str, who: str = "fuzzbee: ") -> None:
 def printable(text: str, most: int = LONGEST_LINE) -> str:
     """The text as a terminal may show it: file names, vehicles and publishers choose the words.
 
-    Control characters (escape sequences, line ends), marks that turn the direction of writing
-    and what is no character at all are written as Python would write them; the end of a text
-    that is too long is left out.
+    Control characters (escape sequences, line ends), marks that change the direction of writing
+    and codes that are no character are written as Python escapes them. A text that is too long
+    is cut.
     """
     if len(text) > most:
         text = text[: most - 1] + "…"

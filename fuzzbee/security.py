@@ -1,4 +1,4 @@
-"""Whom ``run`` listens to: options, and what they open."""
+"""Whose messages ``run`` accepts: the options, and the checks that they switch on."""
 
 from contextlib import ExitStack
 from pathlib import Path
@@ -41,8 +41,8 @@ class SecurityOptions(NamedTuple):
     system_ids: frozenset[int] | None = None
     signing_key_file: Path | None = None
 
-    def given(self) -> tuple[tuple[str, object], ...]:
-        """The options with their values."""
+    def items(self) -> tuple[tuple[str, object], ...]:
+        """The options with their values, None where one was not given."""
         return (
             ("--allow-system-ids", self.system_ids),
             ("--signing-key-file", self.signing_key_file),
@@ -75,7 +75,7 @@ def require_link(options: SecurityOptions, endpoint: "Endpoint") -> None:
     Raises:
         InputError: names the option.
     """
-    for option, value in options.given():
+    for option, value in options.items():
         if value is not None and endpoint.kind == "sim":
             raise InputError(f"{option} is for a MAVLink link, sim: has no frames")
 
@@ -94,7 +94,7 @@ def read_key(options: SecurityOptions) -> bytes | None:
 
 
 def open_policy(options: SecurityOptions, key: bytes | None, stack: ExitStack) -> "Policy":
-    """What to let in; with a key, only what is signed with it.
+    """The policy for frames: which systems are let in, and whether frames must be signed.
 
     Raises:
         InputError: the file of time stamps cannot be used.

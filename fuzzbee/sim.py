@@ -23,7 +23,7 @@ EPILOG = """Examples:
   fuzzbee sim --to tcpin:127.0.0.1:5760 --vehicles 3 --rate 50 --motion turn
 """
 
-# One paragraph a form; the help is filled anew, so the columns would only leave holes
+# One paragraph for each form. The help text is wrapped anew, so columns would not stay aligned.
 _LINK_HELP = "\n\n".join(" ".join(row.split()) for row in endpoint_help(LINK_KINDS).splitlines())
 
 

@@ -21,7 +21,7 @@ REFRESH_HZ = 8
 LINE_PERIOD_S = 1.0
 MAX_LINES = 8  # more vehicles than this share one line
 SILENT_AFTER_S = 3.0  # a status comes every second
-FRAME_LINES = 4  # title, header, and below the summary and the cursor
+FRAME_LINES = 4  # title and header above the rows, summary and cursor below them
 BLOCK_GAP = 3
 # Columns as wide as their values can be, so that nothing moves about
 WIDTHS = {"state": 8, "roll": 7, "pitch": 6, "heading": 8, "error": 6, "gain": 5, "age": 6}
@@ -74,7 +74,7 @@ COMPACT = Layout(56)
 NARROW = Layout(0, rates=False)
 
 
-EMPTY = Row("", None, None, 0.0, 0.0)
+EMPTY = Row(name="", attitude=None, status=None, attitude_s=0.0, heard_s=0.0)
 
 
 class Board:
@@ -92,7 +92,7 @@ class Board:
                 attitude, attitude_s = record, now_s
             else:
                 status = record
-            # of a tuple: it is made thousands of times a second
+            # Row._make is the quickest way, and this runs thousands of times a second
             self._rows[name] = Row._make((name, attitude, status, attitude_s, now_s))
 
     def rows(self) -> list[Row]:
@@ -103,10 +103,10 @@ class Board:
 
 
 class PersonConsole(Console):
-    """Output for a person. Whoever has stopped to read it decides over nothing else."""
+    """Output for a person. If nobody reads it any more, everything else goes on."""
 
     def on_broken_pipe(self) -> None:
-        """Be quiet; rich would close standard output, whichever stream is broken, and end."""
+        """Print no more; rich would close standard output, even if another broke, and exit."""
         self.quiet = True
 
 
@@ -147,13 +147,13 @@ class TerminalView:
     def say(self, text: str) -> None:
         """One line for a person, above the table."""
         target = self._messages if self._live is None else self._live.console
-        with suppress(OSError):  # the other stream is told its lines all the same
+        with suppress(OSError):  # a broken stream must not stop the other one
             target.print(
                 printable(text), style="dim", markup=False, highlight=False, soft_wrap=True
             )
 
     def refresh(self) -> None:
-        """Plain lines, when they are due; the table redraws itself."""
+        """Print plain lines when they are due; the table redraws itself."""
         now_s = self._now_s()
         if self._live is not None or now_s < self._next_line_s:
             return
@@ -188,7 +188,7 @@ class TerminalView:
 def table(rows: list[Row], now_s: float, width: int, height: int, title: str) -> RenderableType:
     """The rows that fit into ``height`` lines, those that need attention first if not all do.
 
-    If there are too many for one below the other, they stand side by side.
+    Where one column of rows is not enough, several stand side by side.
     """
     room = max(1, height - FRAME_LINES)
     width -= max([0, *(len(row.name) - NAME_WIDTH for row in rows)])
@@ -260,7 +260,7 @@ def _attention(row: Row) -> int:
 
 def _line(row: Row, now_s: float) -> str:
     start = f"{row.name:>5}  {_state_text(row, now_s):<9}"
-    attitude = _current(row, now_s)
+    attitude = _current_attitude(row, now_s)
     if attitude is None:
         return start
     roll, pitch, yaw = attitude.euler_deg
@@ -276,7 +276,7 @@ def _cells(row: Row, now_s: float, layout: Layout) -> list[str | Text]:
         Text(row.name),
         Text(_state_text(row, now_s), style=COLOURS[row.state]),
     ]
-    attitude = _current(row, now_s)
+    attitude = _current_attitude(row, now_s)
     cells += _attitude_cells(attitude, layout) if attitude else [""] * len(_measures(layout))
     if layout.bar:
         imu = (row.status.imu_message if row.status is not None else None) or ""
@@ -301,8 +301,8 @@ def _attitude_cells(attitude: AttitudeRecord, layout: Layout) -> list[str | Text
     return cells
 
 
-def _current(row: Row, now_s: float) -> AttitudeRecord | None:
-    """The attitude, unless there is none to give any more."""
+def _current_attitude(row: Row, now_s: float) -> AttitudeRecord | None:
+    """The attitude, or None where the state says that it is no longer valid."""
     given = row.state in (State.RUNNING, State.DEGRADED) and not _is_silent(row, now_s)
     return row.attitude if given else None
 

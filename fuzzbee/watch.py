@@ -29,7 +29,7 @@ EPILOG = """Examples:
 
 HINT_AFTER_S = 3.0
 WAIT_S = 0.1
-# 2 s of 50 vehicles at 100 Hz; when full, the oldest goes: the newest is worth most
+# 2 s of 50 vehicles at 100 Hz. When it is full the oldest is dropped: the newest is worth most.
 MAX_PENDING = 10_000
 MOST_BYTES = 100_000
 
@@ -58,7 +58,13 @@ def watch(
     if count is not None and count < 1:
         raise InputError(f"--count {count}: should be at least 1")
     options = zenoh_options.zenoh_options(
-        listen, connect, mode, config_file, settings, multicast=multicast, prefix=prefix
+        listen=listen,
+        connect=connect,
+        mode=mode,
+        config_file=config_file,
+        settings=settings,
+        multicast=multicast,
+        prefix=prefix,
     )
     return follow(options, as_json=as_json, count=count, seconds=seconds)
 
@@ -73,7 +79,7 @@ class Inbox:
     def put(self, sample: "zenoh.Sample") -> None:
         """Take one; called by zenoh."""
         with self._changed:
-            if len(sample.payload) <= MOST_BYTES:  # what is longer is no record; it is not kept
+            if len(sample.payload) <= MOST_BYTES:  # anything longer is no record of ours
                 self._samples.append((str(sample.key_expr), sample.payload.to_bytes()))
                 self._changed.notify()
 
@@ -122,7 +128,7 @@ def _loop(
     count: int | None,
     seconds: float | None,
 ) -> int:
-    """Show until the end; the number of attitudes."""
+    """Show what comes until the end; returns the number of attitudes."""
     started_s = time.monotonic()
     hint_s: float | None = started_s + HINT_AFTER_S
     seen = 0
@@ -182,13 +188,13 @@ class JsonLines:
         say(text)
 
     def refresh(self) -> None:
-        """Nothing waits."""
+        """Do nothing: each line is printed at once."""
 
     def close(self) -> None:
-        """Nothing is open."""
+        """Do nothing: nothing is open."""
 
     def _leave(self) -> None:
-        """The reader has gone: that is an end, not an error; nothing more may be flushed."""
+        """End because the reader is gone, which is no error. Nothing is left to fail at a flush."""
         self.closed = True
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 

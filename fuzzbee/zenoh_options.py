@@ -59,12 +59,12 @@ Prefix = Annotated[
 
 
 def zenoh_options(
+    *,
     listen: list[str] | None,
     connect: list[str] | None,
     mode: str,
     config_file: str | None,
     settings: list[str] | None,
-    *,
     multicast: bool,
     prefix: str,
 ) -> "ZenohOptions":
@@ -72,11 +72,11 @@ def zenoh_options(
     from service.zenoh_session import ZenohOptions
 
     return ZenohOptions(
-        tuple(listen or ()),
-        tuple(connect or ()),
-        mode,
-        config_file,
-        tuple(settings or ()),
-        multicast,
-        prefix,
+        listen=tuple(listen or ()),
+        connect=tuple(connect or ()),
+        mode=mode,
+        config_file=config_file,
+        settings=tuple(settings or ()),
+        multicast=multicast,
+        prefix=prefix,
     )

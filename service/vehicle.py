@@ -268,7 +268,7 @@ class Vehicle:
         return [f"vehicle {self.name}: IMU data from {now} now, {before} is given up"]
 
     def _measure(self, event: Imu) -> None:
-        """Measure interval, gap, clock offset; by the vehicle's clock, as arrivals come in bursts."""
+        """Measure interval, gap, clock offset. By the vehicle's clock: arrivals come in bursts."""
         if self._silent_since_us is not None:
             silence_us = event.arrival_us - self._silent_since_us
             self.worst_gap_us = max(self.worst_gap_us, silence_us)

@@ -15,14 +15,14 @@ from drivers.mavlink.names import autopilot_name, vehicle_type_name
 from estimator.errors import InputError
 from estimator.profile import Profile
 from fuzzbee.replay.comparison import Comparison, compare
-from fuzzbee.replay.motion import moving
+from fuzzbee.replay.motion import motion_mask
 from fuzzbee.replay.score import (
     Coverage,
     ErrorSummary,
     convergence_s,
     coverage,
     errors_against,
-    ordered,
+    sort_counts,
     summarize,
 )
 from fuzzbee.replay.trace import Replay, VehicleTrace
@@ -131,13 +131,13 @@ def replay_log(
     sending = [trace for trace in replay.traces.values() if trace.attitudes]
     if not sending:
         whose = "" if system_id is None else f" of system id {system_id}"
-        seen = _seen(replay, system_id)
+        seen = _seen_text(replay, system_id)
         way_out = advice(log, system_id)
         raise InputError(f"{path}: {way_out or f'no IMU data{whose} that can be used{seen}'}")
     return max(sending, key=lambda trace: (len(trace.attitudes), -trace.address.system_id))
 
 
-def _seen(replay: Replay, system_id: int | None) -> str:
+def _seen_text(replay: Replay, system_id: int | None) -> str:
     """What there was instead."""
     ids = sorted({address.system_id for address in replay.traces})
     refused = sum((trace.rejected for trace in replay.traces.values()), start=Counter[str]())
@@ -169,12 +169,12 @@ def score(path: Path, trace: VehicleTrace, compared: Comparison, skip_s: float) 
             trace.column(lambda a: a.sigma_heading_rad)[counted],
             has_heading=has_heading,
             told=told[counted],
-            moved=moving(trace.samples)[counted],
+            moved=motion_mask(trace.samples)[counted],
         ),
         peers=_peers(trace, source, truth, counted),
         convergence_s=convergence_s(times_us, errors[:, 0], since) if has_heading else None,
         mean_gain=float(trace.column(lambda a: a.gain).mean()),
-        rejected=ordered(trace.rejected),
+        rejected=sort_counts(trace.rejected),
         wall_s=0.0,
     )
 

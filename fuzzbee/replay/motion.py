@@ -15,7 +15,7 @@ MOST_BIAS_RAD_S = np.radians(4.0)
 WINDOW_S = 1.5  # on either side
 
 
-def moving(samples: Sequence[ImuSample]) -> NDArray[np.bool_]:
+def motion_mask(samples: Sequence[ImuSample]) -> NDArray[np.bool_]:
     """(N,): whether anything moved within ``WINDOW_S`` of each sample."""
     times_s = np.array([sample.time_us for sample in samples]) * 1e-6
     gyr = np.array([sample.gyr_rad_s for sample in samples]).reshape(-1, 3)

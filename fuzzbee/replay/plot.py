@@ -58,7 +58,7 @@ def draw(path: Path, title: str, trace: VehicleTrace, compared: Comparison) -> N
         figure.suptitle(title)
         _attitude(axes[:3], time_s, trace, compared, shown)
         _errors(axes[3:5], time_s, trace, compared, shown)
-        _inside(axes[5:], time_s, trace, shown)
+        _internals(axes[5:], time_s, trace, shown)
         for ax in axes:
             _gaps(ax, time_s)
             ax.grid(visible=True, alpha=0.3)
@@ -106,7 +106,7 @@ def _errors(
     axes[0].legend(loc="upper right", ncols=2)
 
 
-def _inside(axes: Any, time_s: Floats, trace: VehicleTrace, shown: slice) -> None:
+def _internals(axes: Any, time_s: Floats, trace: VehicleTrace, shown: slice) -> None:
     """Gain, confidences and bias."""
     axes[0].plot(time_s[shown], trace.column(lambda a: a.gain)[shown], "C2-", lw=0.8)
     axes[0].set_ylabel("gain K")

@@ -95,6 +95,6 @@ def errors_against(estimates: Floats, reference: Floats) -> Floats:
     return np.asarray(batch_angle_errors(estimates, reference))
 
 
-def ordered(counts: Mapping[str, int]) -> dict[str, int]:
+def sort_counts(counts: Mapping[str, int]) -> dict[str, int]:
     """Counts by name, so that equal runs print equal text."""
     return {name: counts[name] for name in sorted(counts)}

@@ -56,7 +56,7 @@ def _figures(report: "LogReport") -> Table:
         truth = report.reference == "sim"
         note = "" if truth else ": the autopilot's own estimate, which is no truth"
         grid.add_row("reference", report.reference + note)
-        grid.add_row(f"{word}, RMS", _three(errors))
+        grid.add_row(f"{word}, RMS", _errors_text(errors))
         grid.add_row("", f"inclination 95 %: {_number(errors.inclination_p95)}°")
         grid.add_row(
             "inside sigma",
@@ -66,7 +66,7 @@ def _figures(report: "LogReport") -> Table:
             f"{_share(report.coverage.heading_moving)}",
         )
     for name, peer in report.peers.items():
-        grid.add_row(f"{name}'s error", _three(peer))
+        grid.add_row(f"{name}'s error", _errors_text(peer))
     grid.add_row("under 5° after", f"{_number(report.convergence_s)} s")
     grid.add_row("gain K", f"{report.mean_gain:.2f}, mean")
     counts = ", ".join(f"{count} {reason}" for reason, count in report.rejected.items())
@@ -102,7 +102,7 @@ def _grid() -> Table:
     return grid
 
 
-def _three(errors: object) -> str:
+def _errors_text(errors: object) -> str:
     total, heading, inclination = (
         _number(getattr(errors, name)) for name in ("total_rms", "heading_rms", "inclination_rms")
     )

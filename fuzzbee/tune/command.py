@@ -137,7 +137,7 @@ def tell(line: str) -> None:
 
 
 def _require_plots(folder: Path) -> None:
-    """Known before the search, not after."""
+    """Refuse, before the search, a folder or a library that drawing would miss after it."""
     from importlib.util import find_spec
 
     if folder.exists() and not folder.is_dir():

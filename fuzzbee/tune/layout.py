@@ -16,9 +16,9 @@ Array = NDArray[np.float64]
 
 CYCLE = "cycle"
 ROWS_ASPECT = 1.75  # width of a parameter's bounds over the height of all rows
-LABEL_DROP = 0.6  # a label hangs below its place
-NAME_SHARE = 0.006  # half a character, of a row's width
-SPREAD = 0.7  # of a row's height, over the members
+LABEL_DROP = 0.6  # Rerun draws a label below its place; this lifts it, in rows
+NAME_SHARE = 0.006  # half the width of a character, as a share of a row's width
+SPREAD = 0.7  # share of a row's height over which the members are spread
 BEST, MEDIAN, MEAN = (230, 60, 90), (80, 150, 255), (130, 110, 200)
 GOOD, BAD = np.array([255, 150, 30]), np.array([70, 110, 220])  # members by rank of cost
 TERM_COLOURS = ((80, 130, 240), (60, 180, 110), (190, 160, 30), (240, 130, 50), (230, 70, 80))
@@ -26,7 +26,7 @@ SETS_WIDTH, SETS_HEIGHT, SETS_GAP = 7.0, 3.0, 1.0
 
 
 def blueprint(space: Space, *, bees: bool) -> Any:
-    """Cost and members on the left; what the best of them means on the right."""
+    """Cost and members on the left; gain and fuzzy sets of the best member on the right."""
     import rerun.blueprint as rrb
 
     members, width = "Food sources" if bees else "Members", row_width(space)
@@ -102,7 +102,7 @@ def name_share(space: Space) -> float:
 
 
 def row_width(space: Space) -> float:
-    """Of a parameter's bounds, where rows are 1 apart."""
+    """Width in which the bounds of a parameter are drawn; rows are 1 apart."""
     return ROWS_ASPECT * space.dimensions
 
 
@@ -160,7 +160,7 @@ def fuzzy_set_lines(k: "Memberships", *, base: bool) -> Any:
 
 
 def fuzzy_set_names(k: "Memberships") -> Any:
-    """The terms, over their peaks; every other one lower, as peaks may meet."""
+    """The terms' names over their peaks; every other one lower, as two peaks may coincide."""
     places = [
         (x0 + SETS_WIDTH * shape[1][0] / full, -SETS_HEIGHT * (1.12 - 0.2 * (n % 2)))
         for n, (x0, full, shape) in enumerate(_triangles(k))
@@ -169,7 +169,7 @@ def fuzzy_set_names(k: "Memberships") -> Any:
 
 
 def fuzzy_set_axes() -> Any:
-    """What the two rows are."""
+    """Labels of the two axes that the sets stand on."""
     texts = ["0", "error e, and its rate", "1", "0", "k_op, where K = 1 + k_op", "100"]
     starts = (0.0, SETS_WIDTH + SETS_GAP)
     places = [(x0 + part * SETS_WIDTH, 0.25) for x0 in starts for part in (0.0, 0.5, 1.0)]
@@ -177,7 +177,7 @@ def fuzzy_set_axes() -> Any:
 
 
 def _triangles(k: "Memberships") -> list[tuple[float, float, tuple[tuple[float, float], ...]]]:
-    """Where its axis begins, the axis's full scale, corners with heights."""
+    """For each triangle: where its axis begins, the axis's full scale, corners with heights."""
 
     def shape(corners: Triangle) -> tuple[tuple[float, float], ...]:
         return tuple(zip(corners, (0.0, SETS_HEIGHT, 0.0), strict=True))

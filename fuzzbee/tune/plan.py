@@ -1,4 +1,4 @@
-"""From the options of ``fuzzbee tune`` to what is searched: every check before any work."""
+"""From the options of ``fuzzbee tune`` to a plan of the search; all checks come before any work."""
 
 import os
 from collections.abc import Callable
@@ -89,11 +89,20 @@ def _simulation_plan(request: TuneRequest) -> Plan:
     inputs = [{"name": SIMULATION}]
     seeds_used: dict[str, Any] = {
         "search": request.seed,
-        "noise": _canonical(noise),
-        "held_out": _canonical(held_out),
+        "noise": _seeds_text(noise),
+        "held_out": _seeds_text(held_out),
     }
-    identity = _identity(request, options, groups, inputs, seeds_used, base)
-    return Plan(task, options, request.output, identity, inputs, "simulated vehicle's truth")
+    identity = _identity(
+        request, options, groups=groups, inputs=inputs, seeds_used=seeds_used, base=base
+    )
+    return Plan(
+        task=task,
+        options=options,
+        output=request.output,
+        identity=identity,
+        inputs=inputs,
+        reference="simulated vehicle's truth",
+    )
 
 
 def _log_plan(request: TuneRequest, tell: Callable[[str], None]) -> Plan:
@@ -126,16 +135,28 @@ def _log_plan(request: TuneRequest, tell: Callable[[str], None]) -> Plan:
     task = LogTask(base, groups, logs)
     counts = task.segment_counts()
     for log in logs:
-        tell(f"{log.name}: {log.message} at {log.rate_hz:.1f} Hz, reference: {_measured(log)}")
+        tell(
+            f"{log.name}: {log.message} at {log.rate_hz:.1f} Hz, reference: {_reference_text(log)}"
+        )
     tell(f"{counts[0]} segments to tune on, {counts[1]} held out")
     options = _search_options(request, task)
     inputs = [{"name": log.name, "sha256": log.sha256} for log in logs]
-    identity = _identity(request, options, groups, inputs, {"search": request.seed}, base)
-    reference = "; ".join(dict.fromkeys(_measured(log) for log in logs))
-    return Plan(task, options, request.output, identity, inputs, reference)
+    seeds_used = {"search": request.seed}
+    identity = _identity(
+        request, options, groups=groups, inputs=inputs, seeds_used=seeds_used, base=base
+    )
+    reference = "; ".join(dict.fromkeys(_reference_text(log) for log in logs))
+    return Plan(
+        task=task,
+        options=options,
+        output=request.output,
+        identity=identity,
+        inputs=inputs,
+        reference=reference,
+    )
 
 
-def _measured(log: LogData) -> str:
+def _reference_text(log: LogData) -> str:
     """What the cost of a log is measured against."""
     name = {
         "sim": "simulator's truth",
@@ -154,7 +175,7 @@ def _log_paths(request: TuneRequest) -> list[Path]:
 
 
 def _require_distinct(logs: tuple[LogData, ...]) -> None:
-    """A log given twice would count twice."""
+    """Refuse a log that is given twice: it would count twice."""
     seen: dict[str, str] = {}
     for log in logs:
         if log.sha256 in seen:
@@ -181,7 +202,7 @@ def seeds(option: str, text: str) -> range:
     return chosen
 
 
-def _canonical(chosen: range) -> str:
+def _seeds_text(chosen: range) -> str:
     return str(chosen[0]) if len(chosen) == 1 else f"{chosen[0]}-{chosen[-1]}"
 
 
@@ -208,7 +229,7 @@ def _require_numbers(request: TuneRequest) -> None:
 
 
 def _require_output(request: TuneRequest) -> None:
-    """A result that cannot be written should be known before the search, not after."""
+    """Refuse, before the search, an output that could not be written after it."""
     output = request.output
     if output.is_dir():
         raise InputError(f"-o {output}: a folder, not a file")
@@ -233,13 +254,18 @@ def _search_options(request: TuneRequest, task: Task) -> SearchOptions:
     if limit is None:
         limit = request.food_sources * task.space.dimensions
     return SearchOptions(
-        request.algorithm, request.food_sources, request.cycles, limit, request.seed
+        algorithm=request.algorithm,
+        food_sources=request.food_sources,
+        cycles=request.cycles,
+        limit=limit,
+        seed=request.seed,
     )
 
 
 def _identity(
     request: TuneRequest,
     options: SearchOptions,
+    *,
     groups: tuple[str, ...],
     inputs: list[dict[str, str]],
     seeds_used: dict[str, Any],

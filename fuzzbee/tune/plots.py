@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
 Floats = NDArray[np.float64]
 
-# The gains that the paper's claim is about: the steadiest, the quickest and between.
+# Fixed gains to compare with, as in the paper: the steadiest, the quickest, and one between.
 FIXED_GAINS = (1.0, 10.0, 100.0)
 DOTS_PER_INCH = 150
 
@@ -146,8 +146,8 @@ def euler_angles(tuned: Profile, seed: int) -> "Figure":
     true, estimated = _euler_deg(run.truth), _euler_deg(run.estimates)
     for i, name in enumerate(("roll", "pitch", "yaw")):
         ax = axes[i, 0]
-        ax.plot(time_s, _unjoined(true[:, i]), "k-", label="true")
-        ax.plot(time_s, _unjoined(estimated[:, i]), "C1--", label="estimated")
+        ax.plot(time_s, _cut(true[:, i]), "k-", label="true")
+        ax.plot(time_s, _cut(estimated[:, i]), "C1--", label="estimated")
         ax.set(ylabel=f"{name} in deg")
         ax.grid(visible=True, alpha=0.3)
     axes[0, 0].set_title(f"Euler angles (noise seed {seed})")
@@ -160,8 +160,8 @@ def _euler_deg(attitudes: Floats) -> Floats:
     return np.degrees([euler_rad(tuple(q)) for q in attitudes.tolist()])
 
 
-def _unjoined(angle_deg: Floats) -> Floats:
-    """No line across the jump from 180 to -180."""
+def _cut(angle_deg: Floats) -> Floats:
+    """The same line, not joined across the jump from 180 to -180."""
     jumps = np.flatnonzero(np.abs(np.diff(angle_deg)) > 180.0) + 1
     shown = angle_deg.copy()
     shown[jumps] = np.nan

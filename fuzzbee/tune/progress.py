@@ -10,7 +10,7 @@ from tuning.search import Search, SearchOptions
 
 
 class ProgressBar:
-    """On standard error; silent where that is no terminal."""
+    """A progress bar on standard error; it shows nothing where that is no terminal."""
 
     def __init__(self, options: SearchOptions) -> None:
         console = Console(stderr=True)
@@ -38,7 +38,7 @@ class ProgressBar:
         self._progress.stop()
 
     def show(self, search: Search) -> None:
-        """Where the search is now."""
+        """Show where the search is now."""
         self._progress.update(
             self._task, completed=search.evaluations, best=f"{search.best_cost:.4f}"
         )

@@ -32,14 +32,14 @@ if TYPE_CHECKING:
     from fuzzbee.tune.view import SearchView
     from fuzzbee.viewer.stream import ViewerOptions
 
-# A power cut costs at most this much of a search.
+# A checkpoint is written this often, so a power cut costs no more of a search.
 CHECKPOINT_PERIOD_S = 20.0
 
 NAMES = {"abc": "artificial bee colony", "cmaes": "CMA-ES", "de": "differential evolution"}
 
 
 class Stop:
-    """Set by SIGINT or SIGTERM; the second one of them has its usual effect."""
+    """Whether SIGINT or SIGTERM has asked for an end; the second signal has its usual effect."""
 
     def __init__(self) -> None:
         self.asked = False
@@ -144,7 +144,7 @@ def _search(
             return not stop.asked
 
         space = plan.task.space
-        search = Search(space, plan.options, evaluate, observe, record)
+        search = Search(space, plan.options, evaluate=evaluate, observe=observe, record=record)
         first = encode(space, values_of(space, plan.task.base))
         try:
             run_search(search, first)
@@ -155,7 +155,7 @@ def _search(
 
 
 def _profile(plan: Plan, search: Search, *, finished: bool) -> Profile:
-    """The base with what was found, and where that came from."""
+    """The base profile with the values that were found, and their provenance."""
     groups = plan.identity["options"]["parameters"]
     description = f"{groups} by {NAMES[plan.options.algorithm]} against the {plan.reference}"
     if not finished:
@@ -170,7 +170,7 @@ def stop_signals() -> Iterator[Stop]:
     """SIGINT and SIGTERM ask the search to stop, while this lasts."""
     stop = Stop()
     if threading.current_thread() is not threading.main_thread():
-        yield stop  # signals are the main thread's business
+        yield stop  # Python lets only the main thread handle signals
         return
     numbers = (signal.SIGINT, signal.SIGTERM)
     before = {number: signal.signal(number, stop) for number in numbers}

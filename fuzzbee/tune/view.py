@@ -1,4 +1,4 @@
-"""A search in the Rerun viewer, while it runs; it looks on and changes nothing."""
+"""A search in the Rerun viewer, while it runs. The view never changes the search."""
 
 import time
 from collections.abc import Callable, Sequence
@@ -18,7 +18,7 @@ from tuning.search import Population, Search
 if TYPE_CHECKING:
     from estimator.filter.memberships import Memberships
 
-PERIOD_S = 0.25  # the eye needs no more, and the cores have work to do
+PERIOD_S = 0.25  # often enough for the eye; drawing more would take time from the search
 CURVES = {"best": layout.BEST, "median": layout.MEDIAN, "mean": layout.MEAN}
 
 
@@ -47,7 +47,7 @@ class SearchView:
         """Draw the latest cycle, if it is due."""
         if self.stream.take_loss():
             say(f"viewer {CLOSED}")
-        if not self.stream.wanted:
+        if not self.stream.is_wanted:
             return
         now_s = self._now_s()
         if search.cycles > self._drawn_cycles and now_s >= self._due_s:
@@ -66,14 +66,14 @@ class SearchView:
         self.stream.close()
 
     def _introduce(self) -> None:
-        """What does not change: names, bounds, the base."""
+        """Draw what does not change: names, bounds, the base profile."""
         space, base = self._space, self._plan.task.base
         self.stream.lines("/cost", list(CURVES), list(CURVES.values()))
         self.stream.static("/members/bounds", layout.bounds_frame(space))
         self.stream.static("/members/names", layout.bounds_names(space))
         start = values_of(space, base)
         self.stream.static("/members/base", layout.position(space, start, GREY, 1.0))
-        if self._shapes:
+        if self._tunes_memberships:
             self.stream.static("/surface", rerun().ViewCoordinates.RIGHT_HAND_Z_UP)
             self.stream.static("/surface/axes", surface_axes())
             self.stream.static("/sets/axes", layout.fuzzy_set_axes())
@@ -82,7 +82,7 @@ class SearchView:
             self._draw_sets(base.k)
 
     @property
-    def _shapes(self) -> bool:
+    def _tunes_memberships(self) -> bool:
         """Whether the memberships are among what is tuned."""
         return "k1" in self._space.names
 
@@ -98,7 +98,7 @@ class SearchView:
         self._drawn_cycles = search.cycles
 
     def _draw_costs(self, search: Search) -> None:
-        """All cycles since the last drawing, and those of an earlier run."""
+        """Draw all cycles since the last drawing; after --resume also those of the earlier run."""
         new = search.history[self._drawn_cycles :]
         if new:
             costs = [[p.best_cost, p.median_cost, p.mean_cost] for p in new]
@@ -113,7 +113,7 @@ class SearchView:
     def _draw_best(self, search: Search) -> None:
         best = layout.position(self._space, search.best_values, layout.BEST, 1.8)
         self.stream.log("/members/best", best)
-        if self._shapes:
+        if self._tunes_memberships:
             self._draw_sets(self._best(search).k)
 
     def _draw_sets(self, k: "Memberships") -> None:
@@ -130,23 +130,25 @@ class SearchView:
 
 
 def _progress(plan: Plan, search: Search) -> list[tuple[str, str]]:
-    """How far, how good."""
+    """Rows that say how far the search is and how good its best is."""
     options = plan.options
-    cycles = _of(search.cycles, options.cycles if options.algorithm == "abc" else None)
+    cycles = _count_text(search.cycles, options.cycles if options.algorithm == "abc" else None)
     rows = [
         ("cycles", cycles),
-        ("trials", _of(search.evaluations, options.budget)),
+        ("trials", _count_text(search.evaluations, options.budget)),
         ("best J", f"{search.best_cost:.4f}"),
     ]
     if search.history:
         rows.append(("median J", f"{search.history[-1].median_cost:.4f}"))
     if search.population is not None and search.population.failures is not None:
-        rows.append(("most in vain", _of(int(search.population.failures.max()), options.limit)))
+        rows.append(
+            ("most in vain", _count_text(int(search.population.failures.max()), options.limit))
+        )
     return rows
 
 
 def _scores(before: Scores, after: Scores) -> list[tuple[str, str]]:
-    """By the plain kernels."""
+    """Rows with the scores before and after, by the live filter's kernels."""
     return [
         ("tuned on", f"{before.tuning:.4f} → {after.tuning:.4f}"),
         ("held out", f"{before.held_out:.4f} → {after.held_out:.4f}"),
@@ -158,6 +160,6 @@ def _table(title: str, rows: Sequence[tuple[str, str]]) -> str:
     return "\n".join(lines) + "\n"
 
 
-def _of(count: int, whole: int | None) -> str:
+def _count_text(count: int, whole: int | None) -> str:
     text = f"{count:,}" if whole is None else f"{count:,} of {whole:,}"
     return text.replace(",", " ")

@@ -11,15 +11,15 @@ if TYPE_CHECKING:
     GainShape = Memberships | float
 
 TIMELINE = "time"
-WINDOW_S = 60.0  # of the curves
+WINDOW_S = 60.0  # so much of the curves is shown
 SURFACE_STEPS = 41
-MAX_SIGMA_DEG = 20.0  # an unknown heading has 180, beside which nothing else would be seen
+MAX_SIGMA_DEG = 20.0  # top of the axis: up to the 180 of an unknown heading, all else would be flat
 FULL_GAIN = 101.0  # K = 1 + k_op, k_op up to 100
 
 OURS, AUTOPILOT, TRUTH = (64, 150, 255), (255, 160, 40), (90, 210, 110)
 SIGMAS = ((110, 110, 230), (190, 90, 200))  # inclination, heading
 AXES = ((240, 80, 80), (90, 200, 90), (90, 130, 250))  # x, y, z
-GREY = (125, 125, 125)  # can be read on light and on dark
+GREY = (125, 125, 125)  # readable on a light and on a dark background
 
 
 def blueprint() -> Any:

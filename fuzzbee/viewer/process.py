@@ -39,7 +39,7 @@ class ViewerProcess:
         if not (web or _has_screen()):
             raise InputError("--view: no screen here; --view web serves a page for a browser")
         self._folder = tempfile.mkdtemp(prefix="fuzzbee-viewer-")
-        # whatever interrupts the start; the child itself goes with us
+        # also if something interrupts the start; the child itself ends with us
         atexit.register(shutil.rmtree, self._folder, ignore_errors=True)
         try:
             try:
@@ -51,17 +51,17 @@ class ViewerProcess:
             raise
 
     @property
-    def ended(self) -> bool:
+    def has_ended(self) -> bool:
         """Whether it has ended by itself: the window was closed."""
         return self._process.poll() is not None
 
     def wait(self, stopped: Callable[[], bool]) -> None:
-        """Until it has ended, or until ``stopped``."""
-        while not self.ended and not stopped():
+        """Wait until it has ended, or until ``stopped``."""
+        while not self.has_ended and not stopped():
             time.sleep(0.1)
 
     def close(self) -> None:
-        """End it."""
+        """End the viewer and remove its folder."""
         self._process.terminate()
         try:
             self._process.wait(STOP_TIMEOUT_S)
@@ -88,7 +88,7 @@ class ViewerProcess:
 
     def _start(self, arguments: list[str]) -> subprocess.Popen[bytes]:
         program = _program()
-        # Nothing leaves this computer: usage figures are off, in a configuration of its own
+        # Rerun must send no usage figures: they are switched off in a configuration made for it
         environment = {**os.environ, "XDG_CONFIG_HOME": self._folder, "RUST_LOG": "error"}
         subprocess.run(  # noqa: S603 - our own arguments
             [program, "analytics", "disable"], env=environment, check=False, capture_output=True
@@ -100,7 +100,7 @@ class ViewerProcess:
                 env=environment,
                 stderr=errors,
                 preexec_fn=_end_with_parent(),  # noqa: PLW1509 - one call into the C library
-                # Ctrl-C is for us: we end it, after the last records
+                # in a group of its own, so that Ctrl-C does not end it before the last records
                 process_group=0,
                 stdin=subprocess.DEVNULL,
                 stdout=subprocess.DEVNULL,
@@ -108,7 +108,7 @@ class ViewerProcess:
 
     def _wait_for(self, ports: list[int]) -> None:
         end_s = time.monotonic() + START_TIMEOUT_S
-        while time.monotonic() < end_s and not self.ended:
+        while time.monotonic() < end_s and not self.has_ended:
             if all(_answers(port) for port in ports):
                 return
             time.sleep(0.05)
@@ -129,7 +129,7 @@ def _program() -> str:
 
 
 def _has_screen() -> bool:
-    """As far as the environment tells."""
+    """Whether there is a screen, as far as environment variables show it."""
     names = ("DISPLAY", "WAYLAND_DISPLAY", "WAYLAND_SOCKET")
     return not sys.platform.startswith("linux") or any(os.environ.get(name) for name in names)
 

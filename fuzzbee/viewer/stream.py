@@ -1,4 +1,4 @@
-"""What is drawn, on its way to Rerun's viewer, to a file, or to both."""
+"""Sends what is drawn to Rerun's viewer, to a file, or to both."""
 
 import os
 from collections.abc import Callable, Sequence
@@ -11,10 +11,10 @@ from fuzzbee.viewer.process import MISSING, ViewerProcess
 from service.signals import terminate_like_interrupt
 
 WEB = "web"
-CLOSE_FLUSH_S = 0.4  # less than the sinks of a run have to close
+CLOSE_FLUSH_S = 0.4  # less than the time that all sinks of a run have to close
 FINISH_FLUSH_S = 60.0
 CLOSED = "closed; the rest goes on without it"
-# What Rerun's library logs by itself: not that the viewer is gone, which we say in our words
+# What Rerun's library logs by itself: errors, but not that the viewer is gone, as we say that.
 RUST_LOG = "error,re_grpc_client=off,re_sdk::recording_stream=off"
 
 
@@ -55,30 +55,30 @@ class ViewerStream:
         return None if self.process is None else self.process.page
 
     @property
-    def wanted(self) -> bool:
+    def is_wanted(self) -> bool:
         """Whether there is still somewhere to draw."""
-        return self._has_file or not self._lost
+        return self._has_file or not self._is_lost
 
     def take_loss(self) -> bool:
-        """Whether the viewer was closed by somebody else; told once."""
-        lost = self._lost and not self._told
+        """Whether somebody else has closed the viewer; True only once."""
+        lost = self._is_lost and not self._told
         self._told = self._told or lost
         return lost
 
     @property
-    def _lost(self) -> bool:
-        return self.process is not None and self.process.ended
+    def _is_lost(self) -> bool:
+        return self.process is not None and self.process.has_ended
 
     def at(self, timeline: str, **time: Any) -> None:
-        """The time of what is logged from now on: ``timestamp`` in s, or ``sequence``."""
+        """Set the time of all that is logged from now on: ``timestamp`` in s, or ``sequence``."""
         self._recording.set_time(timeline, **time)
 
     def log(self, path: str, shape: Any) -> None:
-        """Show it from the present time on."""
+        """Show ``shape`` from the time that was set on."""
         self._recording.log(path, shape)
 
     def static(self, path: str, shape: Any) -> None:
-        """Show it at all times."""
+        """Show ``shape`` at all times."""
         self._recording.log(path, shape, static=True)
 
     def curve(self, path: str, values: Sequence[float]) -> None:
@@ -103,7 +103,7 @@ class ViewerStream:
         self._flush(FINISH_FLUSH_S)
 
     def stay_open(self) -> None:
-        """Until the window is closed or Ctrl-C; without a viewer there is nothing to wait for."""
+        """Wait until the window is closed or Ctrl-C is pressed; not at all without a viewer."""
         with terminate_like_interrupt(), suppress(KeyboardInterrupt):
             if self.process is not None:
                 self.process.wait(lambda: False)

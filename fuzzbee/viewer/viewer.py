@@ -41,7 +41,7 @@ class Heard(NamedTuple):
 
 
 class Seen(NamedTuple):
-    """What is known of a vehicle between two drawings."""
+    """What is kept of a vehicle from one drawing to the next."""
 
     row: int
     due_us: int = 0
@@ -63,11 +63,11 @@ class ViewerSink:
     def __init__(self, options: ViewerOptions, shape: "GainShape") -> None:
         self.stream = ViewerStream(options, layout.blueprint)
         self._vehicles: dict[VehicleId, Seen] = {}
-        self._shared = shape  # of the vehicles without parameters of their own
+        self._shared = shape  # for vehicles without parameters of their own
         self._own: dict[VehicleId, GainShape] = {}
-        # those that are shown; now, as it compiles
+        # the surfaces shown; the first is made here, since making it compiles a kernel
         self._surfaces = {shape: layout.gain_surface(shape)}
-        self._drawn = 0  # surfaces
+        self._drawn = 0  # number of surfaces in the viewer
         self._now_us = 0
         self.stream.static("/surface", rerun().ViewCoordinates.RIGHT_HAND_Z_UP)
         self.stream.static("/surface/axes", layout.surface_axes())
@@ -80,7 +80,7 @@ class ViewerSink:
         """
         if self.stream.take_loss():
             raise ConnectionError(CLOSED)
-        if not self.stream.wanted:
+        if not self.stream.is_wanted:
             return
         for output in outputs:
             match output:
@@ -216,6 +216,6 @@ class ViewerSink:
 
 
 def _angle_deg(q: Quaternion, r: Quaternion) -> float:
-    """Of the turn between two attitudes."""
+    """Angle of the turn between two attitudes, in degrees."""
     w = abs(sum(a * b for a, b in zip(q, r, strict=True)))
     return degrees(2.0 * acos(min(1.0, w)))

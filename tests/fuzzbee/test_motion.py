@@ -4,7 +4,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimator.types import ImuSample
-from fuzzbee.replay.motion import moving
+from fuzzbee.replay.motion import motion_mask
 
 RATE_HZ = 4.0
 
@@ -25,25 +25,25 @@ def still(n: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
 
 
 def test_a_vehicle_at_rest_does_not_move_for_its_bias_or_its_attitude() -> None:
-    assert not moving(samples(*still(40))).any()
+    assert not motion_mask(samples(*still(40))).any()
 
 
 def test_a_turn_counts_with_a_second_and_a_half_around_it() -> None:
     gyr, acc = still(40)
     gyr[20] += 0.5
-    assert np.flatnonzero(moving(samples(gyr, acc))).tolist() == list(range(14, 27))
+    assert np.flatnonzero(motion_mask(samples(gyr, acc))).tolist() == list(range(14, 27))
 
 
 def test_a_steady_turn_counts_although_nothing_changes() -> None:
     gyr, acc = still(40)
-    assert moving(samples(gyr + 0.2, acc)).all()
+    assert motion_mask(samples(gyr + 0.2, acc)).all()
 
 
 def test_shaking_without_turning_counts() -> None:
     gyr, acc = still(40)
     acc[::2] += 1.0
-    assert moving(samples(gyr, acc)).all()
+    assert motion_mask(samples(gyr, acc)).all()
 
 
 def test_no_samples_no_motion() -> None:
-    assert moving([]).shape == (0,)
+    assert motion_mask([]).shape == (0,)
