@@ -1,6 +1,6 @@
 """Which velocity message is used."""
 
-from service.velocity_choice import SILENCE_US, VelocityChoice, consider
+from service.velocity_choice import VelocityChoice, consider
 
 
 def after(*arrivals):
@@ -22,13 +22,23 @@ def test_the_first_is_used_until_a_better_one_comes():
     ) == [True, True, False, True, False]
 
 
-def test_silence_hands_over_to_the_next_best():
+def test_two_seconds_of_silence_hand_over_to_the_next_best():
     assert after(
         ("LOCAL_POSITION_NED", 0),
-        ("GLOBAL_POSITION_INT", SILENCE_US),
-        ("GLOBAL_POSITION_INT", SILENCE_US + 1),
-        ("LOCAL_POSITION_NED", SILENCE_US + 2),
+        ("GLOBAL_POSITION_INT", 2_000_000),
+        ("GLOBAL_POSITION_INT", 2_000_001),
+        ("LOCAL_POSITION_NED", 2_000_002),
     ) == [True, False, True, True]
+
+
+def test_silence_is_counted_from_the_last_of_its_messages():
+    assert after(
+        ("LOCAL_POSITION_NED", 0),
+        ("LOCAL_POSITION_NED", 1_500_000),
+        ("GLOBAL_POSITION_INT", 3_000_000),
+        ("GPS_RAW_INT", 3_600_000),
+        ("GLOBAL_POSITION_INT", 3_700_000),
+    ) == [True, True, False, True, True]
 
 
 def test_an_unknown_message_is_better_than_none():

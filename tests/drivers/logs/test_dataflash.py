@@ -147,9 +147,21 @@ def test_attitudes_velocities_positions_and_truth(events):
     assert {e.sample.velocity_ned_m_s for e in of(Velocity, events, "XKF1")} == {(1.0, -2.0, 0.5)}
     gps = of(Velocity, events, "GPS")[0].sample
     assert gps.velocity_ned_m_s == pytest.approx((0.0, 2.0, -0.5))
+    assert gps.has_vertical
     position = of(Position, events)[0]
     assert (position.latitude_deg, position.longitude_deg) == pytest.approx((-35.5, 149.25))
     assert position.altitude_m == 580.0
+
+
+def test_a_fix_without_vertical_velocity_says_so(tmp_path):
+    """The first firmwares' GPS has no VZ: a zero there would be believed as a level flight."""
+    log = modern(1)
+    log.format("GPS", "QBBIHLLfff", "TimeUS,I,Status,GMS,GWk,Lat,Lng,Alt,Spd,GCrs")
+    log.write("GPS", 11_000_000, 0, 3, 1_001_000, 2300, -35.5, 149.25, 580.0, 2.0, 90.0)
+    first, *_, last = of(Velocity, list(Dataflash(log.save(tmp_path))), "GPS")
+    assert first.sample.has_vertical
+    assert not last.sample.has_vertical
+    assert last.sample.velocity_ned_m_s[:2] == pytest.approx((0.0, 2.0))
 
 
 def test_arrivals_are_unix_times_by_the_gps(events):
