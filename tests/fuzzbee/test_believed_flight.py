@@ -36,16 +36,16 @@ def total_deg(path, skip_s=SKIP_S):
 
 
 def test_what_it_says_near_nowhere_before_its_fix_gives_no_declination():
-    """Measured 1.14 deg; 10.6 with the field of the Gulf of Guinea."""
+    """10.6 deg with the field of the Gulf of Guinea."""
     report = report_log(PLANE, load_profile("imu"), skip_s=SKIP_S)
-    assert report.error_deg.total_rms < 1.4
-    assert 0.5 < report.coverage.inclination < 0.95
+    assert report.error_deg.total_rms == pytest.approx(1.01, rel=0.2)
+    assert report.coverage.inclination == pytest.approx(0.73, abs=0.05)
 
 
 def test_a_fix_that_comes_late(tmp_path):
     """For 70 s near (0, 0) and standing by its own word, in flight already.
 
-    Measured 1.48 deg from 30 s after the fix on; 10.6 with the field of the Gulf of Guinea.
+    From 30 s after the fix on; 10.6 deg with the field of the Gulf of Guinea.
     """
 
     def late(seconds, message):
@@ -60,7 +60,7 @@ def test_a_fix_that_comes_late(tmp_path):
             message.flags = CONST_POS_MODE
         return None if kind == "LOCAL_POSITION_NED" else message
 
-    assert total_deg(changed(tmp_path, late), skip_s=100.0) < 1.8
+    assert total_deg(changed(tmp_path, late), skip_s=100.0) == pytest.approx(1.09, rel=0.2)
 
 
 @pytest.mark.parametrize(
@@ -68,7 +68,7 @@ def test_a_fix_that_comes_late(tmp_path):
 )
 def test_streams_that_lack_one_word_or_both(dropped, tmp_path):
     path = changed(tmp_path, lambda _, m: None if m.get_type() in dropped else m)
-    assert total_deg(path) < 1.4
+    assert total_deg(path) == pytest.approx(1.0, rel=0.2)  # measured 0.98 to 1.01
 
 
 def lost(begin_s, end_s, wrong_m_s):
@@ -100,9 +100,9 @@ def test_velocity_of_a_filter_that_says_that_it_stands_is_left_out(tmp_path):
 
 
 def test_wrong_velocity_left_out_costs_a_copter_little(tmp_path):
-    """Take-off and hover at 50 Hz, 4 m/s wrong for 10 s: measured 0.39, 4.2 if believed.
+    """Take-off and hover at 50 Hz, 4 m/s wrong for 10 s: 0.39 deg, as without any velocity.
 
-    Undisturbed the same clip has 0.15.
+    With velocity all the time it is 0.15, and 1.2 if the wrong one is believed.
     """
     path = changed(tmp_path, lost(15.0, 25.0, 4.0), TAKEOFF)
-    assert 0.31 < total_deg(path, skip_s=5.0) < 0.47
+    assert total_deg(path, skip_s=5.0) == pytest.approx(0.39, rel=0.2)

@@ -22,19 +22,40 @@ def replay(capsys, *arguments):
     return status, json.loads(out) if status == 0 else out, err
 
 
-@pytest.mark.parametrize("log", sorted(DATA.glob("*.tlog")) + sorted(DATA.glob("*.ulg")))
+# Of each recording the samples and the root mean square of the inclination's errors, deg.
+RECORDINGS = {
+    "copter_reboot.tlog": (457, 2.31),
+    "px4_hover.ulg": (3219, 0.611),
+    "rover_no_magnetometer.tlog": (238, 0.819),
+    "sitl_copter_4hz.tlog": (600, 0.818),
+    "sitl_copter_flips.tlog": (1000, 0.210),
+    "sitl_copter_takeoff.tlog": (1750, 0.0980),
+    "sitl_plane_4hz.tlog": (554, 0.806),
+    "sub_bad_data.tlog": (100, 0.0403),
+    "sub_bluerov.tlog": (121, 0.260),
+    "sub_on_its_side.tlog": (84, 1.38),
+}
+
+
+def test_every_recording_is_named():
+    logs = [path.name for path in DATA.iterdir() if path.suffix in (".tlog", ".ulg", ".bin")]
+    assert sorted(logs) == sorted(RECORDINGS)
+
+
+@pytest.mark.parametrize("log", RECORDINGS)
 def test_every_recording_gives_one_object_with_the_whole_schema(capsys, log):
-    status, report, _ = replay(capsys, log, "--json")
+    status, report, _ = replay(capsys, DATA / log, "--json")
+    samples, inclination_deg = RECORDINGS[log]
     assert status == 0
     assert set(report) == LOG_KEYS
-    assert report["imu"]["samples"] > 10
-    assert report["error_deg"]["inclination_rms"] is not None
+    assert report["imu"]["samples"] == samples
+    assert report["error_deg"]["inclination_rms"] == pytest.approx(inclination_deg, rel=0.2)
 
 
 def test_truth_is_preferred_and_the_autopilot_becomes_a_peer(capsys):
     _, report, _ = replay(capsys, DATA / "sitl_copter_takeoff.tlog", "--json")
     assert report["reference"] == "sim"
-    assert 0.0 < report["peers"]["autopilot"]["inclination_rms"] < 1.0  # EKF3: 0.05-0.2 deg
+    assert report["peers"]["autopilot"]["inclination_rms"] == pytest.approx(0.202, rel=0.2)
 
 
 def test_the_autopilot_can_be_asked_for_as_reference(capsys):
@@ -62,7 +83,7 @@ def test_without_a_magnetometer_heading_fields_are_null(capsys):
     _, report, _ = replay(capsys, DATA / "rover_no_magnetometer.tlog", "--json")
     assert report["error_deg"]["heading_rms"] is None
     assert report["coverage"]["heading"] is None
-    assert report["error_deg"]["inclination_rms"] > 0.0
+    assert report["error_deg"]["inclination_rms"] == pytest.approx(0.819, rel=0.2)
 
 
 def test_skip_leaves_the_start_out_of_errors_only(capsys):
@@ -77,7 +98,7 @@ def test_skip_leaves_the_start_out_of_errors_only(capsys):
 def test_a_wrong_start_is_wrong_and_then_recovers(capsys):
     log = DATA / "sitl_copter_takeoff.tlog"
     _, report, _ = replay(capsys, log, "--json", "--start-wrong", 170)
-    assert 0.0 < report["convergence_s"] < 10.0
+    assert report["convergence_s"] == pytest.approx(2.82, rel=0.2)
 
 
 def test_a_fixed_gain_is_the_gain(capsys):
@@ -88,6 +109,7 @@ def test_a_fixed_gain_is_the_gain(capsys):
 def test_the_papers_experiment(capsys):
     _, report, _ = replay(capsys, "sim:", "--seeds", "3-5", "--json")
     assert len(report["cost_per_seed"]) == 3
+    assert report["cost"] == pytest.approx(6.23, rel=0.02)
     assert report["cost"] == pytest.approx(sum(report["cost_per_seed"]) / 3)
     assert set(report) >= LOG_KEYS | {"steady_state_error", "settling_s"}
 

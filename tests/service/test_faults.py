@@ -1,7 +1,7 @@
 """Faults of links, clocks and sensors, one a test, with the expected effect in its name.
 
-The flight is the paper's (it never stops turning) with a tenth of its noise; "the estimate
-holds" means within 5 degrees of the truth.
+The flight is the paper's (it never stops turning) with a tenth of its noise; that "the estimate
+holds" is the largest error in degrees: where nothing is wrong it is 1.4.
 """
 
 import math
@@ -17,7 +17,6 @@ from drivers.mavlink.framing import FrameReader
 from service.health import State
 from tests.service.flight_rig import ONE, Rig, S
 
-HOLDS_DEG = 5.0
 SETTLE_S = 8.0
 
 
@@ -41,7 +40,7 @@ def nothing(_frame):
 
 def test_the_flight_without_faults_holds(rig):
     rig.fly(10.0)
-    assert max(rig.errors_deg) < HOLDS_DEG
+    assert max(rig.errors_deg) == pytest.approx(1.40, rel=0.2)
     assert rig.rejected == {}
     assert states(rig) == ["running"]
 
@@ -53,7 +52,7 @@ def test_a_cut_link_degrades_then_loses_and_a_restored_one_runs_within_2_s(rig):
     rig.fly(2.0)
     assert rig.records[-1].state == "running"
     rig.fly(5.0)
-    assert max(rig.errors_deg) < HOLDS_DEG
+    assert max(rig.errors_deg) == pytest.approx(1.20, rel=0.2)
     assert rig.status().worst_gap_s == pytest.approx(8.0, abs=0.2)
 
 
@@ -65,20 +64,24 @@ def test_a_reboot_aligns_anew_and_the_outage_before_it_is_not_forgotten(rig):
     assert rig.records[-1].state == "running"
     assert rig.status().worst_gap_s == pytest.approx(7.0, abs=0.2)
     rig.fly(5.0)
-    assert max(rig.errors_deg) < HOLDS_DEG
+    assert max(rig.errors_deg) == pytest.approx(1.61, rel=0.2)
 
 
 @pytest.mark.parametrize("silence_s", [0.3, 1.5, 4.0, 30.0])
-@pytest.mark.parametrize("rate_hz", [10.0, 100.0])
-def test_a_reboot_while_the_link_is_cut_runs_within_2_s_of_its_return(rate_hz, silence_s):
+@pytest.mark.parametrize(
+    ("rate_hz", "after_2_s_deg", "later_deg"), [(10.0, 1.9, 2.65), (100.0, 1.46, 1.76)]
+)
+def test_a_reboot_while_the_link_is_cut_runs_within_2_s_of_its_return(
+    rate_hz, after_2_s_deg, later_deg, silence_s
+):
     rig = Rig(rate_hz=rate_hz, seed=31).fly(SETTLE_S)
     rig.fly(silence_s, deliver=nothing)
     rig.boot_shift_us = -int(SETTLE_S + silence_s) * S
     rig.fly(2.0)
     assert rig.records[-1].state == "running"
-    assert max(rig.errors_deg[-3:]) < HOLDS_DEG
+    assert max(rig.errors_deg[-3:]) < after_2_s_deg  # measured up to 1.60 and 1.22
     rig.fly(4.0)
-    assert max(rig.errors_deg) < HOLDS_DEG
+    assert max(rig.errors_deg) < later_deg  # measured up to 2.21 and 1.47
 
 
 def test_a_clock_that_wraps_at_32_bits_goes_on(rig):
@@ -91,13 +94,16 @@ def test_a_clock_that_wraps_at_32_bits_goes_on(rig):
     assert rig.errors_deg == pytest.approx(plain.errors_deg, abs=1e-6)
 
 
-@pytest.mark.parametrize("step_s", [2**32 / S, 86_400, 3, -0.3, -0.7], ids="{:g} s".format)
-def test_other_jumps_of_the_clock_are_followed(rig, step_s):
+@pytest.mark.parametrize(
+    ("step_s", "measured_deg"),
+    [(2**32 / S, 1.05), (86_400, 1.05), (3, 1.27), (-0.3, 0.87), (-0.7, 1.91)],
+)
+def test_other_jumps_of_the_clock_are_followed(rig, step_s, measured_deg):
     rig.boot_shift_us = round(step_s * S)
     rig.fly(4.0)
     rig.fly(4.0)
     assert states(rig) == ["running"]
-    assert max(rig.errors_deg) < HOLDS_DEG
+    assert max(rig.errors_deg) == pytest.approx(measured_deg, rel=0.2)
 
 
 def test_a_clock_that_jumps_all_the_time_does_not_fill_the_screen(rig):
@@ -117,7 +123,7 @@ def test_a_clock_jump_is_told_and_the_estimate_holds_after_it(rig, step_s):
     rig.fly(3.0)
     assert sum("clock" in text for text in rig.messages) == 1
     rig.fly(4.0)
-    assert max(rig.errors_deg) < HOLDS_DEG
+    assert max(rig.errors_deg) == pytest.approx(1.05, rel=0.2)
     assert states(rig) == ["running"]
 
 
@@ -128,7 +134,7 @@ def test_one_garbled_time_stamp_costs_that_sample_only(rig):
     rig.boot_shift_us = 0
     rig.fly(3.0)
     assert rig.rejected == {"clock_step": 1}
-    assert max(rig.errors_deg) < HOLDS_DEG
+    assert max(rig.errors_deg) == pytest.approx(1.37, rel=0.2)
 
 
 def test_duplicated_datagrams_are_refused_and_change_nothing():
@@ -148,13 +154,13 @@ def test_reordered_datagrams_are_refused_and_the_estimate_holds(rig):
 
     rig.fly(10.0, deliver=deliver)
     assert set(rig.rejected) == {"out_of_order"}
-    assert max(rig.errors_deg) < HOLDS_DEG
+    assert max(rig.errors_deg) == pytest.approx(1.52, rel=0.2)
 
 
 def test_a_tenth_of_the_datagrams_lost_and_the_estimate_holds(rig):
     rng = random.Random(2)
     rig.fly(10.0, deliver=lambda frame: [frame] if rng.random() > 0.1 else [])
-    assert max(rig.errors_deg) < HOLDS_DEG
+    assert max(rig.errors_deg) == pytest.approx(1.57, rel=0.2)
 
 
 # --- sensors
@@ -174,7 +180,7 @@ def test_a_stuck_imu_is_refused_and_the_attitude_degraded_then_lost(rig):
     rig.fly(5.0)
     assert rig.records[-1].state == "running"
     rig.fly(3.0)
-    assert max(rig.errors_deg) < HOLDS_DEG
+    assert max(rig.errors_deg) == pytest.approx(0.83, rel=0.2)
 
 
 @pytest.mark.parametrize("seed", [3, 17])
@@ -204,7 +210,7 @@ def test_one_stuck_sensor_is_refused_and_the_attitude_degraded_then_lost(sensor,
     rig.fly(5.0)
     rig.fly(3.0)
     assert rig.rejected[name] < 500
-    assert max(rig.errors_deg) < HOLDS_DEG
+    assert max(rig.errors_deg) == pytest.approx(0.93, rel=0.2)  # measured 0.83 and 1.03
 
 
 @pytest.mark.parametrize("motion", ["rest", "turn"])
@@ -220,10 +226,10 @@ def test_a_simulator_without_noise_is_not_called_stuck(motion):
 
 def test_a_saturated_gyroscope_is_refused_and_the_estimate_recovers(rig):
     rig.fly(0.4, lambda s: s._replace(gyr_rad_s=(34.9, s.gyr_rad_s[1], -34.9)))
-    assert rig.rejected["gyroscope_saturated"] > 10
+    assert rig.rejected["gyroscope_saturated"] == 21  # all of 0.4 s
     rig.fly(2.0)
     rig.fly(3.0)
-    assert max(rig.errors_deg) < HOLDS_DEG
+    assert max(rig.errors_deg) == pytest.approx(0.88, rel=0.2)
 
 
 @pytest.mark.parametrize("limit_rad_s", [4.363, 8.727, 17.45, 34.9])
@@ -237,16 +243,16 @@ def test_after_a_saturated_gyroscope_the_attitude_is_aligned_anew(profile, limit
     quiet.fly(5.0)
     assert sum("aligning anew" in text for text in rig.messages) == 1
     apart = [abs(a - b) for a, b in zip(rig.errors_deg, quiet.errors_deg, strict=True)]
-    assert max(apart[50:]) < HOLDS_DEG
+    assert max(apart[50:]) == pytest.approx(0.89, rel=0.2)  # measured 0.86 and 0.91
 
 
 def test_a_clipped_accelerometer_is_refused_and_the_estimate_recovers(rig):
     limit = 4 * 9.80665
     rig.fly(0.6, lambda s: s._replace(acc_m_s2=(limit, s.acc_m_s2[1], -limit)))
-    assert rig.rejected["accelerometer_saturated"] > 10
+    assert rig.rejected["accelerometer_saturated"] == pytest.approx(27, rel=0.2)
     rig.fly(2.0)
     rig.fly(3.0)
-    assert max(rig.errors_deg) < HOLDS_DEG
+    assert max(rig.errors_deg) == pytest.approx(0.99, rel=0.2)
 
 
 def highres(sample, **fields):
@@ -271,7 +277,7 @@ def test_fields_that_are_not_finite_cost_their_samples_only(field, value):
     rig.fly(SETTLE_S)
     rig.fly(5.0)
     assert set(rig.rejected) == {"not_finite"}
-    assert max(rig.errors_deg) < HOLDS_DEG
+    assert max(rig.errors_deg) == pytest.approx(1.49, rel=0.2)
 
 
 def test_a_magnetic_field_that_is_not_finite_is_absent_and_the_samples_count():
@@ -280,7 +286,7 @@ def test_a_magnetic_field_that_is_not_finite_is_absent_and_the_samples_count():
     rig.fly(SETTLE_S)
     rig.fly(5.0)
     assert rig.rejected == {}
-    assert max(rig.errors_deg) < HOLDS_DEG
+    assert max(rig.errors_deg) == pytest.approx(1.48, rel=0.2)
 
 
 def test_impossible_magnitudes_are_refused():
@@ -294,9 +300,16 @@ def test_impossible_magnitudes_are_refused():
 
 
 @pytest.mark.parametrize("axis", [0, 1, 2])
-@pytest.mark.parametrize("sensor", ["acc_m_s2", "gyr_rad_s", "mag_gauss"])
-def test_spikes_on_one_axis_move_the_estimate_little(sensor, axis):
-    sizes = {"acc_m_s2": 30.0, "gyr_rad_s": 5.0, "mag_gauss": 1.0}
+@pytest.mark.parametrize(
+    ("sensor", "size", "mean_deg", "most_deg"),
+    [
+        ("acc_m_s2", 30.0, 0.062, 0.17),  # measured 0.037 to 0.051, 0.10 to 0.14
+        # one spike of 5 rad/s lasts 20 ms: 6 degrees that have to be forgotten again
+        ("gyr_rad_s", 5.0, 4.1, 11.8),  # 1.7 to 3.4, 5.0 to 9.8
+        ("mag_gauss", 1.0, 0.018, 0.049),  # 0.013 to 0.014, 0.030 to 0.040
+    ],
+)
+def test_spikes_on_one_axis_move_the_estimate_little(sensor, size, mean_deg, most_deg, axis):
     rig, rng = Rig("imu").fly(SETTLE_S), random.Random(5)
     quiet = Rig("imu").fly(SETTLE_S)
     quiet.fly(10.0)
@@ -305,14 +318,13 @@ def test_spikes_on_one_axis_move_the_estimate_little(sensor, axis):
         if rng.random() > 0.01:
             return sample
         values = list(getattr(sample, sensor))
-        values[axis] += rng.choice((-1, 1)) * sizes[sensor]
+        values[axis] += rng.choice((-1, 1)) * size
         return sample._replace(**{sensor: tuple(values)})
 
     rig.fly(10.0, change)
-    # one gyroscope spike of 5 rad/s lasts 20 ms: 6 degrees that have to be forgotten again
     apart = [abs(a - b) for a, b in zip(rig.errors_deg, quiet.errors_deg, strict=True)]
-    assert sum(apart) / len(apart) < HOLDS_DEG
-    assert max(apart) < 3 * HOLDS_DEG
+    assert sum(apart) / len(apart) < mean_deg
+    assert max(apart) < most_deg
 
 
 @pytest.mark.parametrize("rate_hz", [50.0, 100.0, 200.0])
@@ -327,7 +339,7 @@ def test_large_spikes_of_the_gyroscope_are_refused_and_the_estimate_holds(rate_h
 
     rig.fly(10.0, change)
     assert set(rig.rejected) == {"gyroscope_spike"}
-    assert max(rig.errors_deg) < HOLDS_DEG
+    assert max(rig.errors_deg) == pytest.approx(1.06, rel=0.2)  # 1.00 to 1.11
 
 
 def test_a_gyroscope_that_is_turned_up_at_once_is_believed_from_the_second_sample_on(rig):
@@ -342,8 +354,11 @@ def test_without_the_magnetometer_the_heading_goes_on_and_its_bound_grows():
     rig.fly(20.0, lambda s: s._replace(mag_gauss=(0.0, 0.0, 0.0)))
     after = rig.records[-1]
     assert states(rig) == ["running"]
-    assert after.sigma_deg.heading > before.sigma_deg.heading
-    assert after.confidence.magnetic < before.confidence.magnetic
+    assert before.sigma_deg.heading == pytest.approx(2.27, rel=0.2)
+    growth = after.sigma_deg.heading - before.sigma_deg.heading
+    assert growth == pytest.approx(0.183, rel=0.2)
+    assert before.confidence.magnetic == pytest.approx(0.985, abs=0.003)
+    assert after.confidence.magnetic == 0.0
 
 
 def test_a_stuck_magnetometer_is_absent_and_counted(rig):
@@ -354,16 +369,16 @@ def test_a_stuck_magnetometer_is_absent_and_counted(rig):
         return sample._replace(mag_gauss=first[0])
 
     rig.fly(10.0, change)
-    assert rig.rejected["magnetometer_stuck"] > 200
+    assert rig.rejected["magnetometer_stuck"] > 320  # measured 401
     assert states(rig) == ["running"]
 
 
 def test_a_swapped_magnetometer_lowers_the_confidence_and_the_tilt_holds():
     rig = Rig("imu").fly(SETTLE_S)
     rig.fly(1.0)
-    before = rig.records[-1].confidence.magnetic
+    assert rig.records[-1].confidence.magnetic == pytest.approx(0.985, abs=0.003)
     rig.fly(3.0, lambda s: s._replace(mag_gauss=(s.mag_gauss[1], -s.mag_gauss[2], s.mag_gauss[0])))
-    assert min(record.confidence.magnetic for record in rig.records) < 0.7 * before
+    assert min(record.confidence.magnetic for record in rig.records) < 0.00012  # measured 0.000095
     assert states(rig) == ["running"]
 
 
@@ -437,7 +452,7 @@ def test_several_faults_at_once_end_with_them(seed):
     rig.fly(4.0)
     rig.fly(2.0)
     assert states(rig) == ["running"]
-    assert max(rig.errors_deg) < HOLDS_DEG
+    assert max(rig.errors_deg) == pytest.approx(0.93, rel=0.2)  # 0.90 to 0.96
 
 
 def test_on_one_wire_the_second_vehicles_clock_keeps_it_out():
@@ -445,7 +460,7 @@ def test_on_one_wire_the_second_vehicles_clock_keeps_it_out():
     other.boot_shift_us = 77 * S
     rig.fly(10.0, deliver=lambda frame: [frame, other.frame(next(other.samples))])
     assert rig.rejected["clock_step"] > 400
-    assert max(rig.errors_deg[400:]) < HOLDS_DEG
+    assert max(rig.errors_deg[400:]) == pytest.approx(1.36, rel=0.2)
 
 
 @pytest.mark.parametrize("step_s", [3600, -3600, 30, -30, 0.3, -0.3])
@@ -456,8 +471,8 @@ def test_a_stepped_host_clock_leaves_the_estimate_alone(rig, step_s):
     rig.fly(10.0)
     assert rig.vehicle.estimator.snapshot == quiet.vehicle.estimator.snapshot
     assert rig.records[-1].state == "running"
-    assert max(rig.errors_deg[100:]) < HOLDS_DEG
-    assert rig.records[-1].age_ms < 25.0
+    assert max(rig.errors_deg[100:]) == pytest.approx(1.40, rel=0.2)
+    assert rig.records[-1].age_ms == 0.0
 
 
 def test_a_flipped_bit_costs_its_frame_only(rig):
@@ -471,7 +486,7 @@ def test_a_flipped_bit_costs_its_frame_only(rig):
         return [frame]
 
     rig.fly(10.0, deliver=deliver)
-    assert max(rig.errors_deg) < HOLDS_DEG
+    assert max(rig.errors_deg) == pytest.approx(1.47, rel=0.2)
     assert rig.vehicle.address == ONE
     assert len(rig.pipeline.vehicles) == 1
 
@@ -487,4 +502,4 @@ def test_frames_of_an_unknown_dialect_are_passed_over(rig):
     strange = b"\xfd" + body + b"\0\0"
     assert FrameReader().feed(strange)
     rig.fly(3.0, deliver=lambda frame: [strange + frame])
-    assert max(rig.errors_deg) < HOLDS_DEG
+    assert max(rig.errors_deg) == pytest.approx(1.36, rel=0.2)

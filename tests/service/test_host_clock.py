@@ -20,11 +20,11 @@ def observed(count, period_us, drift, latency_us, seed=1):
 
 
 @pytest.mark.parametrize("drift", [0.0, 44e-3 / 60, 136e-3 / 60, -136e-3 / 60])
-@pytest.mark.parametrize("period_us", [10_000, 250_000])
-def test_the_offset_is_found_through_latency_and_drift(drift, period_us):
+@pytest.mark.parametrize(("period_us", "limit_us"), [(10_000, 730), (250_000, 5_200)])
+def test_the_offset_is_found_through_latency_and_drift(drift, period_us, limit_us):
     clock, true = observed(2000, period_us, drift, latency_us=10_000)
     # latency 10 ms: the best of the last few messages is much better than that
-    assert abs(clock.offset_us - true) < 10_000
+    assert abs(clock.offset_us - true) < limit_us  # measured 451 to 609, 943 to 4332
 
 
 def test_a_burst_after_a_gap_does_not_move_the_clock():
@@ -49,7 +49,9 @@ def test_a_host_clock_set_forwards_is_followed_within_two_seconds(step_us):
         clock = observe(clock, k * 20_000, k * 20_000 + 2_000)
     for k in range(100, 205):
         clock = observe(clock, k * 20_000, k * 20_000 + 2_000 + step_us)
-    assert to_vehicle_us(clock, 204 * 20_000 + step_us) == pytest.approx(204 * 20_000, abs=5_000)
+    # all were 2 ms under way, before and behind
+    seen_us = to_vehicle_us(clock, 204 * 20_000 + step_us)
+    assert seen_us == pytest.approx(204 * 20_000 - 2_000, abs=1)
 
 
 def test_lateness_that_varies_is_no_step():
@@ -135,7 +137,7 @@ def test_latenesses_must_be_alike_to_show_a_step(step_us, spread_us, is_step):
 def test_a_step_is_followed_to_the_promptest_of_its_messages():
     """Neither further (the vehicle would seem to be ahead), nor a step where one was prompt."""
     latenesses = [500_000 + (k % 3) * 20_000 for k in range(120)]
-    assert late_by(latenesses).offset_us == pytest.approx(502_000, abs=10_000)
+    assert late_by(latenesses).offset_us == pytest.approx(502_000, abs=290)  # measured 240
     steady = [110_000 if k % 3 else 95_000 for k in range(120)]  # the promptest under 0.1 s
     assert late_by(steady).offset_us < 2_000 + MAX_DRIFT * 2_600_000
 
@@ -145,7 +147,7 @@ def test_a_host_clock_set_back_does_not_lower_the_bound_twice():
     clock = observe(HostClock(), 0, OFFSET_US)
     back = observe(clock, 1_000_000, OFFSET_US + 1_000_000 - 600_000_000)
     again = observe(back, 1_010_000, OFFSET_US + 1_010_000 - 600_000_000)
-    assert again.offset_us == pytest.approx(OFFSET_US - 600_000_000, abs=1_000)
+    assert again.offset_us == pytest.approx(OFFSET_US - 600_000_000, abs=1)
     early = observe(clock, -200_000_000, OFFSET_US - 200_000_000 + 100)  # before the first one
     assert early.offset_us == OFFSET_US
 
@@ -158,15 +160,15 @@ def test_a_vehicles_clock_that_stands_still_is_followed_within_a_third_of_a_seco
     for k in range(100, 117):
         clock = observe(clock, k * 20_000, k * 20_000 + 302_000 + 500 * (k % 3))
     ahead_us = to_vehicle_us(clock, 116 * 20_000 + 302_000) - 116 * 20_000
-    assert ahead_us == pytest.approx(0, abs=5_000)
+    assert ahead_us == pytest.approx(0, abs=150)  # measured -123
 
 
-@pytest.mark.parametrize("unevenness_us", [40_000, 100_000])
-def test_a_quarter_of_a_second_of_uneven_lateness_is_no_stall(unevenness_us):
+@pytest.mark.parametrize(("unevenness_us", "risen_us"), [(40_000, 4_260), (100_000, 7_860)])
+def test_a_quarter_of_a_second_of_uneven_lateness_is_no_stall(unevenness_us, risen_us):
     clock = HostClock()
     for k in range(100):
         clock = observe(clock, k * 20_000, k * 20_000)
     for k in range(100, 140):
         late_us = 200_000 + unevenness_us * (k % 2)
         clock = observe(clock, k * 20_000, k * 20_000 + late_us)
-    assert clock.offset_us < 10_000
+    assert clock.offset_us == pytest.approx(risen_us, rel=0.2)

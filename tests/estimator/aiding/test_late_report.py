@@ -49,5 +49,5 @@ def test_before_or_behind_its_sample(flying, late_sigma_s):
             estimator.update_velocity(report)
         after[when] = numbers(estimator.snapshot)
     learnt = after["before"] - after["never"]
-    assert np.abs(learnt).max() > 1e-3  # m/s at least
+    assert np.abs(learnt).max() == pytest.approx(18.0, rel=0.2)  # m/s; measured 18.3 and 17.4
     np.testing.assert_allclose(after["behind"], after["before"], rtol=1e-12, atol=1e-15)

@@ -66,7 +66,9 @@ def test_it_drifts_with_the_years():
 
 @pytest.mark.parametrize("unix_us", [0, -(10**15), 12_000_000_000_000_000_000])
 def test_a_clock_that_is_far_off_still_gives_an_answer(unix_us):
-    assert abs(degrees(field_at(52.0, 13.0, 50.0, unix_us).declination_rad) - 4.0) < 3.0
+    assert (
+        abs(degrees(field_at(52.0, 13.0, 50.0, unix_us).declination_rad) - 4.0) < 1.8
+    )  # measured 1.47
 
 
 @pytest.mark.parametrize("place", [(90.0, 0.0, 0.0), (nan, 0.0, 0.0), (10.0, inf, 0.0)])

@@ -34,29 +34,29 @@ def vectors(array: Floats) -> list[Vec3]:
 
 def test_a_stream_is_slow_by_its_steps_unless_they_are_averages():
     assert slowness(PARAMS, 1 / 25) == 0.0
-    assert 0.0 < slowness(PARAMS, 1 / 15) < 1.0
+    assert slowness(PARAMS, 1 / 15) == pytest.approx(4 / 9)
     assert slowness(PARAMS, 1 / 4) == 1.0
     assert slowness(PARAMS._replace(averaged_samples=True), 1 / 4) == 0.0
     assert slowness(FIXED, 1 / 4) == 0.0
 
 
-@pytest.mark.parametrize("dt", [0.1, 0.25, 0.5, 1.0])
-def test_a_step_misses_the_more_the_longer_it_is_and_the_more_the_rate_has_changed(dt):
+@pytest.mark.parametrize(("dt", "longer"), [(0.1, 7.85), (0.25, 6.70), (0.5, 7.49), (1.0, 11.2)])
+def test_a_step_misses_the_more_the_longer_it_is_and_the_more_the_rate_has_changed(dt, longer):
     state = initial_tilt(ZERO_VEC3, (0.0, 0.0, 9.8))
 
     def missed(rate: float, step_s: float) -> float:
         w = (rate, 0.0, 0.0)
         return step_noise(PARAMS, state, w, w, DOWN, step_s, NOTHING_BETWEEN).tilt
 
-    assert missed(1.0, dt) > 3.0 * missed(0.5, dt) > 0.0
-    assert missed(0.5, 2.0 * dt) > 4.0 * missed(0.5, dt)
+    assert missed(1.0, dt) == pytest.approx(4.0 * missed(0.5, dt), rel=0.01)  # of squares
+    assert missed(0.5, 2.0 * dt) == pytest.approx(longer * missed(0.5, dt), rel=0.2)
 
 
 def test_turning_about_down_is_missed_by_the_heading():
     state = initial_tilt(ZERO_VEC3, (0.0, 0.0, 9.8))
     w = (0.0, 0.0, 1.0)
     noise = step_noise(PARAMS, state, w, w, DOWN, 0.5, NOTHING_BETWEEN)
-    assert noise.twist > 5.0 * noise.tilt
+    assert noise.twist == pytest.approx(11.0 * noise.tilt, rel=0.2)
 
 
 def shaken(seed: int, rate_rad_s: float) -> tuple[Floats, Floats, Floats]:
@@ -145,7 +145,7 @@ def test_slow_hand_held_motion_beats_the_accelerometer_alone(rate_hz, measured_d
     assert rms(ours) == pytest.approx(measured_deg, rel=0.2)
     assert rms(fixed) == pytest.approx(fixed_deg, rel=0.2)
     assert rms(ours) < 1.02 * rms(np.concatenate(alone))
-    assert 0.55 <= inside.mean() <= 0.86  # measured 0.83 to 0.84
+    assert 0.78 <= inside.mean() <= 0.86  # measured 0.83 to 0.84
 
 
 def test_after_a_hole_with_a_fast_turn_a_vehicle_at_rest_is_upright_within_two_seconds():
@@ -159,9 +159,10 @@ def test_after_a_hole_with_a_fast_turn_a_vehicle_at_rest_is_upright_within_two_s
     off = angles_deg(np.array([s.gravity_b for s in seen]), np.tile(DOWN, (len(times), 1)))
     sigma = np.array([degrees(s.sigma_inclination_rad) for s in seen])
     in_hole = int(np.flatnonzero(times == 21.0)[0])
-    assert sigma[in_hole - 1] < 1.0
-    assert sigma[in_hole] > 10.0
-    assert off[times >= 24.0].max() < 2.0
-    assert sigma[times >= 26.0].max() < 5.0
+    assert sigma[in_hole - 1] == pytest.approx(0.522, rel=0.2)
+    assert sigma[in_hole] == pytest.approx(14.8, rel=0.2)
+    assert off[times >= 24.0].max() < 0.0018  # measured 0.0014
+    assert sigma[times >= 26.0].max() == pytest.approx(2.04, rel=0.2)
     fixed = run(FIXED, gyr, acc, times)
-    assert degrees(np.arccos(fixed[in_hole + 1].gravity_b[2])) > 60.0
+    off_fixed = degrees(np.arccos(fixed[in_hole + 1].gravity_b[2]))
+    assert off_fixed == pytest.approx(119.0, rel=0.2)
