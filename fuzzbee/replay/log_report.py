@@ -59,7 +59,10 @@ class ImuSummary(msgspec.Struct, frozen=True):
 
 
 class LogReport(msgspec.Struct, frozen=True):
-    """Schema of ``replay LOG --json``."""
+    """Schema of ``replay LOG --json``.
+
+    ``heading_references`` counts the scored samples by what their heading is measured from.
+    """
 
     source: str
     vehicle: VehicleSummary
@@ -73,6 +76,7 @@ class LogReport(msgspec.Struct, frozen=True):
     mean_gain: float
     rejected: dict[str, int]
     wall_s: float
+    heading_references: dict[str, int] = {}
 
 
 def report_log(
@@ -153,7 +157,8 @@ def score(path: Path, trace: VehicleTrace, compared: Comparison, skip_s: float) 
     source, truth, known, errors = compared
     times_us = trace.times_us
     has_heading = trace.fields > 0
-    told = np.array([a.heading_reference != "none" for a in trace.attitudes], dtype=bool)
+    norths = np.array([a.heading_reference for a in trace.attitudes])
+    told = norths != "none"
     counted = known & (times_us - times_us[0] >= skip_s / MICROSECOND)
     since = known & (times_us >= (trace.turned_at_us or 0))
     return LogReport(
@@ -176,6 +181,7 @@ def score(path: Path, trace: VehicleTrace, compared: Comparison, skip_s: float) 
         mean_gain=float(trace.column(lambda a: a.gain).mean()),
         rejected=sort_counts(trace.rejected),
         wall_s=0.0,
+        heading_references=sort_counts(Counter(norths[counted].tolist())),
     )
 
 

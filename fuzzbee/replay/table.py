@@ -14,6 +14,10 @@ if TYPE_CHECKING:
     from fuzzbee.replay.simulation_report import SimulationReport
 
 
+# Fewer headings from magnetic north than this do not change a figure's last digit much.
+LEAST_TOLD_SHARE = 0.01
+
+
 def print_reports(reports: "Sequence[LogReport]") -> None:
     """Whatever reads best in 80 columns."""
     console = Console()
@@ -65,6 +69,8 @@ def _figures(report: "LogReport") -> Table:
             f"{_share(report.coverage.inclination_moving)}, "
             f"{_share(report.coverage.heading_moving)}",
         )
+        if errors.heading_rms is not None and _magnetic_share(report) >= LEAST_TOLD_SHARE:
+            grid.add_row("", _magnetic_text(report))
     for name, peer in report.peers.items():
         grid.add_row(f"{name}'s error", _errors_text(peer))
     grid.add_row("under 5° after", f"{_number(report.convergence_s)} s")
@@ -73,6 +79,26 @@ def _figures(report: "LogReport") -> Table:
     grid.add_row("refused", counts or "nothing")
     grid.add_row("took", f"{report.wall_s:.2f} s")
     return grid
+
+
+def _magnetic_share(report: "LogReport") -> float:
+    """Of the scored samples, those whose heading is from magnetic north."""
+    norths = report.heading_references
+    return norths.get("magnetic", 0) / max(1, sum(norths.values()))
+
+
+def _magnetic_text(report: "LogReport") -> str:
+    """Two norths in one comparison leave the declination in the heading's error."""
+    whose = (
+        "the truth's is from true north"
+        if report.reference == "sim"
+        else "an autopilot's is from true north once it has a position"
+    )
+    share = _share(_magnetic_share(report))
+    return (
+        f"{share} of our headings are from magnetic north, {whose}: there the place's "
+        "declination stands in the heading's error"
+    )
 
 
 def _table(reports: "Sequence[LogReport]") -> Table:

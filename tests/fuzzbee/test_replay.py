@@ -47,7 +47,7 @@ def test_every_recording_gives_one_object_with_the_whole_schema(capsys, log):
     status, report, _ = replay(capsys, DATA / log, "--json")
     samples, inclination_deg = RECORDINGS[log]
     assert status == 0
-    assert set(report) == LOG_KEYS
+    assert set(report) == LOG_KEYS | {"heading_references"}
     assert report["imu"]["samples"] == samples
     assert report["error_deg"]["inclination_rms"] == pytest.approx(inclination_deg, rel=0.2)
 
@@ -63,6 +63,25 @@ def test_the_autopilot_can_be_asked_for_as_reference(capsys):
     _, report, _ = replay(capsys, log, "--json", "--reference", "autopilot")
     assert report["reference"] == "autopilot"
     assert report["peers"] == {}
+
+
+def test_headings_from_magnetic_north_are_counted_and_told(capsys):
+    """Beside true north they leave the declination in the heading's error."""
+    log = DATA / "sub_on_its_side.tlog"  # no position
+    _, report, _ = replay(capsys, log, "--json")
+    assert report["heading_references"] == {"magnetic": report["imu"]["samples"]}
+    main(["replay", str(log)])
+    assert "100 % of our headings are from magnetic north" in " ".join(
+        capsys.readouterr().out.split()
+    )
+
+
+def test_of_headings_from_true_north_nothing_is_told(capsys):
+    log = DATA / "sitl_copter_takeoff.tlog"
+    _, report, _ = replay(capsys, log, "--skip", "5", "--json")
+    assert set(report["heading_references"]) == {"true"}
+    main(["replay", str(log), "--skip", "5"])
+    assert "magnetic north" not in capsys.readouterr().out
 
 
 def test_a_log_twice_gives_the_same_figures(capsys):
