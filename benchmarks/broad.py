@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from broad_data import Array, Trial, cropped, decimated, load_trials, undisturbed
+from broad_data import Array, Trial, crop, decimate, is_undisturbed, load_trials
 from broad_filter import Filter
 from broad_scores import Score, first_recovery, score
 
@@ -24,10 +24,10 @@ KICK_AXES_ENU = {
     "y": (0.0, 1.0, 0.0),
     "diagonal": (1.0, 1.0, 1.0),
 }
-KICK_CHUNK_S = 2.0  # rows between two looks at the error, so that slow filters stop early
+KICK_CHUNK_S = 2.0  # the error is checked this often, so that slow filters can stop early
 TIMED_CALLS = 2000
 TIMED_REPEATS = 5
-TIMED_BATCH_S = 0.5  # of computing at most, for one repeat of a slow filter
+TIMED_BATCH_S = 0.5  # one repeat of a slow filter computes for so long at most
 
 
 def _fuzzbee() -> Filter:
@@ -42,7 +42,7 @@ def _vqf() -> Filter:
     return VqfFilter("vqf", 9.0)
 
 
-def _vqf_tuned() -> Filter:
+def _vqf_longer_tau() -> Filter:
     from broad_vqf import VqfFilter
 
     return VqfFilter("vqf_tuned", 20.0)
@@ -69,14 +69,14 @@ def _madgwick() -> Filter:
 FILTERS: dict[str, Callable[[], Filter]] = {
     "fuzzbee": _fuzzbee,
     "vqf": _vqf,
-    "vqf_tuned": _vqf_tuned,
+    "vqf_tuned": _vqf_longer_tau,
     "imufusion": _imufusion,
     "mahony": _mahony,
     "madgwick": _madgwick,
 }
 
 
-def whole(filter_: Filter, trial: Trial) -> Score:
+def score_run(filter_: Filter, trial: Trial) -> Score:
     """Errors of a run over the trial."""
     return score(trial, filter_.start(trial).advance(slice(0, None)))
 
@@ -124,7 +124,7 @@ def kicks(
     result = {}
     for name, axis in KICK_AXES_ENU.items():
         turn = turn_about(axis, angle_deg)
-        times = [recovery_s(filter_, t, turn, time_s) for t in trials if undisturbed(t)]
+        times = [recovery_s(filter_, t, turn, time_s) for t in trials if is_undisturbed(t)]
         failed = sum(t is None for t in times)
         median = statistics.median([float("inf") if t is None else t for t in times])
         result[name] = {
@@ -137,10 +137,10 @@ def kicks(
 
 
 def speed(filters: Sequence[Filter], trial: Trial) -> dict[str, tuple[float, float]]:
-    """Nanoseconds per sample, batch and call by call: the best of rounds taken in turn."""
+    """Nanoseconds a sample, as a batch and call by call; best of rounds, filters taking turns."""
     n = len(trial.gyr_rad_s)
     rows: dict[str, int] = {}
-    for f in filters:  # compiles, and tells how many rows a repeat can have
+    for f in filters:  # compiles, and shows how many rows one repeat can have
         f.call_each(trial, 10)
         f.start(trial).advance(slice(0, 100))
         begin = time.perf_counter()
@@ -164,23 +164,23 @@ def speed(filters: Sequence[Filter], trial: Trial) -> dict[str, tuple[float, flo
 
 
 def measure(trials: Sequence[Trial], names: Sequence[str], args: argparse.Namespace) -> Any:
-    """Everything that was asked for."""
+    """All figures that the options ask for."""
     filters = [FILTERS[name]() for name in names]
     times = speed(filters, trials[0])
     results: dict[str, Any] = {}
     for f in filters:
         print(f"{f.name} ...", file=sys.stderr)
-        entry = summary(trials, [whole(f, t) for t in trials])
+        entry = summary(trials, [score_run(f, t) for t in trials])
         if args.kick:
             entry["kick_s"] = kicks(f, trials, args.kick_deg, args.kick_time)
         if args.rates:
             entry["rates"] = {
-                f"{rate:g}": statistics.fmean(whole(f, decimated(t, rate)).total for t in trials)
+                f"{rate:g}": statistics.fmean(score_run(f, decimate(t, rate)).total for t in trials)
                 for rate in args.rates
             }
         if args.crop:
-            short = [cropped(t) for t in trials]
-            entry["cropped"] = summary(short, [whole(f, t) for t in short])
+            short = [crop(t) for t in trials]
+            entry["cropped"] = summary(short, [score_run(f, t) for t in short])
         entry["ns_per_sample_batch"], entry["ns_per_sample_call"] = times[f.name]
         results[f.name] = entry
     return {"trials": len(trials), "filters": results}

@@ -1,8 +1,8 @@
-"""What each conditioning step is worth on BROAD: all of it, then one step off at a time.
+"""What each conditioning step is worth on BROAD: all steps, then all but one at a time.
 
 python benchmarks/broad_ablation.py DIR [--json]
 
-The settings stay those of the whole; ``difference`` is the mean change of the
+The other settings stay the same; ``difference`` is the mean change of the
 total by trial with its bootstrapped 95 % interval, full trials.
 """
 
@@ -14,8 +14,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from broad import kicks, summary, whole
-from broad_data import Array, cropped, load_trials
+from broad import kicks, score_run, summary
+from broad_data import Array, crop, load_trials
 from broad_fuzzbee import FuzzbeeFilter
 
 STEPS = (
@@ -44,12 +44,12 @@ def interval(differences: Array) -> tuple[float, float, float]:
 def ablation(folder: Path) -> dict[str, Any]:
     """One entry a step switched off, and one with all of them."""
     trials = load_trials(folder)
-    short = [cropped(t) for t in trials]
+    short = [crop(t) for t in trials]
     rows: dict[str, Any] = {}
     for step in ("", *STEPS):
         f = FuzzbeeFilter("fuzzbee", "imu", **({step: False} if step else {}))
-        entry = summary(trials, [whole(f, t) for t in trials])
-        entry["cropped_rms_deg"] = summary(short, [whole(f, t) for t in short])["total_rms_deg"]
+        entry = summary(trials, [score_run(f, t) for t in trials])
+        entry["cropped_rms_deg"] = summary(short, [score_run(f, t) for t in short])["total_rms_deg"]
         entry["kick_s"] = kicks(f, trials, KICK_DEG, KICK_TIME_S)
         rows[step.removeprefix("use_") + "_off" if step else "all"] = entry
     base = np.array(list(rows["all"]["per_trial"].values()))

@@ -32,7 +32,7 @@ class AhrsRun:
         gyr, acc, mag = t.gyr_rad_s[rows], t.acc_m_s2[rows], t.mag_ut[rows]
         out = np.empty((len(gyr), 4))
         if self._q is None:
-            up = aligned(acc[0], mag[0])
+            up = align(acc[0], mag[0])
             self._q = multiply(conjugate(self._q_enu_earth), multiply(Q_ENU_NWU, up))
         q = self._q
         for k in range(len(gyr)):
@@ -49,7 +49,7 @@ class AhrsRun:
         self._q = multiply(self._q, body)
 
 
-def aligned(acc: Array, mag: Array) -> Array:
+def align(acc: Array, mag: Array) -> Array:
     """The attitude from one sample, sensor to north-west-up."""
     from scipy.spatial.transform import Rotation
 

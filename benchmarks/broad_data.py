@@ -62,18 +62,18 @@ def load_trials(folder: Path) -> list[Trial]:
     return trials
 
 
-def undisturbed(trial: Trial) -> bool:
+def is_undisturbed(trial: Trial) -> bool:
     """Whether the trial has no disturbance, by group or by name."""
     return "undisturbed" in trial.groups or "_undisturbed_" in trial.name
 
 
-def cropped(trial: Trial) -> Trial:
+def crop(trial: Trial) -> Trial:
     """The trial from its first movement on: no rest at the start."""
     first = int(np.argmax(trial.moving))
     return _rows(trial, slice(first, None))
 
 
-def decimated(trial: Trial, rate_hz: float) -> Trial:
+def decimate(trial: Trial, rate_hz: float) -> Trial:
     """Block means of round(fs/rate) samples; truth and score are those of the block's end."""
     block = max(1, round(trial.rate_hz / rate_hz))
     if block == 1:

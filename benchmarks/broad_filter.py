@@ -13,7 +13,7 @@ class Run(Protocol):
         ...
 
     def turn(self, turn_enu: Array) -> None:
-        """Turn every attitude-like state by the body rotation q* K q of the present estimate q."""
+        """Turn every attitude inside by the body rotation q* K q, q being the present estimate."""
         ...
 
 

@@ -17,9 +17,9 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from broad import kicks, summary, whole
+from broad import kicks, score_run, summary
 from broad_ablation import interval
-from broad_data import Trial, cropped, decimated, load_trials
+from broad_data import Trial, crop, decimate, load_trials
 from broad_fuzzbee import ENU_SENSOR_OF_NED_FRD, FuzzbeeFilter, sample_of
 from broad_scores import errors_deg
 
@@ -41,7 +41,7 @@ KICKS_DEG = (179.0, 60.0, 30.0, 20.0)
 KICK_TIMES_S = {"rest": 15.0, "motion": 70.0}
 
 
-def covered(trial: Trial, profile: Profile) -> np.ndarray:
+def inside_sigma(trial: Trial, profile: Profile) -> np.ndarray:
     """Whether inclination and heading are inside sigma, (N, 2); NaN without a truth."""
     estimator = Estimator(profile)
     estimates, sigmas = [], []
@@ -60,8 +60,8 @@ def covered(trial: Trial, profile: Profile) -> np.ndarray:
 def coverage(trials: Sequence[Trial], profile: Profile) -> dict[str, float]:
     """Shares inside sigma over all trials."""
     profile = merge_profile(profile, {"conditioning": {"averaged_samples": True}})
-    slow = [decimated(trial, COVERAGE_RATE_HZ) for trial in trials]
-    inside = np.concatenate([covered(trial, profile) for trial in slow])
+    slow = [decimate(trial, COVERAGE_RATE_HZ) for trial in trials]
+    inside = np.concatenate([inside_sigma(trial, profile) for trial in slow])
     moving = np.concatenate([trial.moving for trial in slow])
     return {
         f"{part}_{name}": float(np.nanmean(inside[rows, i]))
@@ -73,14 +73,14 @@ def coverage(trials: Sequence[Trial], profile: Profile) -> dict[str, float]:
 def measure(folder: Path, *, kick: bool) -> dict[str, Any]:
     """One entry a gain."""
     trials = load_trials(folder)
-    short = [cropped(t) for t in trials]
+    short = [crop(t) for t in trials]
     rows: dict[str, Any] = {}
     for name, change in GAINS.items():
         print(f"{name} ...", file=sys.stderr, flush=True)
         profile = merge_profile(load_profile("imu"), {"filter": change})
         f = FuzzbeeFilter(name, profile)
-        entry = summary(trials, [whole(f, t) for t in trials])
-        entry["cropped_rms_deg"] = summary(short, [whole(f, t) for t in short])["total_rms_deg"]
+        entry = summary(trials, [score_run(f, t) for t in trials])
+        entry["cropped_rms_deg"] = summary(short, [score_run(f, t) for t in short])["total_rms_deg"]
         entry["coverage"] = coverage(trials, profile)
         if kick:
             entry["kick_s"] = {

@@ -1,4 +1,4 @@
-"""The same recording, changed: samples left out, noise, sources that stop, jump or are alone."""
+"""Changes of a recording: samples left out, noise, sources that stop, jump or come alone."""
 
 from collections.abc import Callable, Iterator
 from typing import NamedTuple
@@ -16,7 +16,7 @@ GAPS_S = ((60, 0.5), (100, 0.8), (150, 1.1), (200, 1.4), (260, 1.7), (330, 2.1),
 
 
 class Change(NamedTuple):
-    """A row: what is left out of the figures, and what is done to the events."""
+    """One row: its name, how much of the start is not scored, and how the events are changed."""
 
     name: str
     skip_s: float
@@ -29,7 +29,7 @@ def start_us(events: Events) -> int:
 
 
 def velocities(events: Events, keep: Callable[[float, str], bool]) -> Events:
-    """Only the velocities that ``keep`` keeps, told the time in s and the message."""
+    """Leave out velocities for which ``keep`` is False; it is given time in s and message."""
     begin = start_us(events)
     return [
         e
@@ -39,7 +39,7 @@ def velocities(events: Events, keep: Callable[[float, str], bool]) -> Events:
 
 
 def samples(events: Events, keep: Callable[[float, int], bool]) -> Events:
-    """Only the IMU samples that ``keep`` keeps, told the time in s and the number."""
+    """Leave out IMU samples for which ``keep`` is False; it is given time in s and number."""
     begin, kept, number = start_us(events), [], 0
     for event in events:
         if isinstance(event, Imu):
@@ -50,8 +50,8 @@ def samples(events: Events, keep: Callable[[float, int], bool]) -> Events:
     return kept
 
 
-def one_in(events: Events, n: int) -> Events:
-    """Every n-th sample; fields that are dropped are seen at the next one, as a stream has it."""
+def keep_one_in(events: Events, n: int) -> Events:
+    """Keep every n-th sample; the field of a dropped one comes with the next, as in streams."""
     kept: Events = []
     number, mag = 0, None
     for event in events:
@@ -69,19 +69,19 @@ def one_in(events: Events, n: int) -> Events:
     return kept
 
 
-def lossy(events: Events) -> Events:
-    """Three in ten samples lost."""
+def lose_samples(events: Events) -> Events:
+    """Lose three in ten samples at random."""
     rng = np.random.default_rng(SEED)
     return samples(events, lambda _, __: rng.random() > 0.3)
 
 
 def gaps(events: Events) -> Events:
-    """Seven gaps."""
+    """Leave seven gaps."""
     return samples(events, lambda t, _: not any(a <= t < a + s for a, s in GAPS_S))
 
 
-def too_much(events: Events) -> Events:
-    """8 m/s for 5 s, and 3 m/s from 200 s on, whoever reports."""
+def add_velocity(events: Events) -> Events:
+    """Add 8 m/s for 5 s, and 3 m/s from 200 s on, to the velocities of all sources."""
     begin, changed = start_us(events), []
     for event in events:
         if isinstance(event, Velocity):
@@ -95,16 +95,16 @@ def too_much(events: Events) -> Events:
     return changed
 
 
-def noisy(events: Events, times: float) -> Events:
-    """Noise on every sensor, and on velocity an error of first order over 5 s."""
+def add_noise(events: Events, times: float) -> Events:
+    """Add noise to every sensor, and to velocity an error of first order over 5 s."""
     rng = np.random.default_rng(SEED)
-    return list(_noisy(events, times, rng))
+    return list(_noisy_events(events, times, rng))
 
 
-def _noisy(events: Events, times: float, rng: np.random.Generator) -> Iterator[Event]:
+def _noisy_events(events: Events, times: float, rng: np.random.Generator) -> Iterator[Event]:
     slow, last_us = np.zeros(3), 0
 
-    def with_noise(vector: Vec3, sigma: float) -> Vec3:
+    def scatter(vector: Vec3, sigma: float) -> Vec3:
         x, y, z = (np.array(vector) + times * sigma * rng.standard_normal(3)).tolist()
         return (x, y, z)
 
@@ -112,9 +112,9 @@ def _noisy(events: Events, times: float, rng: np.random.Generator) -> Iterator[E
         if isinstance(event, Imu):
             old = event.sample
             sample = old._replace(
-                gyr_rad_s=with_noise(old.gyr_rad_s, 0.005),
-                acc_m_s2=with_noise(old.acc_m_s2, 0.3),
-                mag_gauss=with_noise(old.mag_gauss, 0.005) if old.has_mag else old.mag_gauss,
+                gyr_rad_s=scatter(old.gyr_rad_s, 0.005),
+                acc_m_s2=scatter(old.acc_m_s2, 0.3),
+                mag_gauss=scatter(old.mag_gauss, 0.005) if old.has_mag else old.mag_gauss,
             )
             yield msgspec.structs.replace(event, sample=sample)
         elif isinstance(event, Velocity):
@@ -131,7 +131,7 @@ def _noisy(events: Events, times: float, rng: np.random.Generator) -> Iterator[E
 
 
 def fields(events: Events, change: Callable[[Vec3], Vec3 | None]) -> Events:
-    """Another field in every sample; None: there is none."""
+    """Replace the field in every sample; where the function gives None there is no field."""
     changed: Events = []
     for event in events:
         if isinstance(event, Imu) and event.sample.has_mag:
@@ -143,12 +143,12 @@ def fields(events: Events, change: Callable[[Vec3], Vec3 | None]) -> Events:
     return changed
 
 
-def without_field(events: Events) -> Events:
+def remove_field(events: Events) -> Events:
     """No magnetometer."""
     return fields(events, lambda _: None)
 
 
-def with_iron(events: Events) -> Events:
+def add_iron(events: Events) -> Events:
     """335 mGauss of hard iron."""
     iron = HARD_IRON_GAUSS
     return fields(events, lambda m: (m[0] + iron[0], m[1] + iron[1], m[2] + iron[2]))
@@ -156,22 +156,22 @@ def with_iron(events: Events) -> Events:
 
 CHANGES = (
     Change("as it is", 40.0, lambda events: events),
-    Change("every second sample", 40.0, lambda events: one_in(events, 2)),
-    Change("every fourth", 40.0, lambda events: one_in(events, 4)),
-    Change("every fifth", 40.0, lambda events: one_in(events, 5)),
-    Change("every tenth", 40.0, lambda events: one_in(events, 10)),
-    Change("every 25th", 40.0, lambda events: one_in(events, 25)),
-    Change("30 % of the samples lost", 40.0, lossy),
+    Change("every second sample", 40.0, lambda events: keep_one_in(events, 2)),
+    Change("every fourth", 40.0, lambda events: keep_one_in(events, 4)),
+    Change("every fifth", 40.0, lambda events: keep_one_in(events, 5)),
+    Change("every tenth", 40.0, lambda events: keep_one_in(events, 10)),
+    Change("every 25th", 40.0, lambda events: keep_one_in(events, 25)),
+    Change("30 % of the samples lost", 40.0, lose_samples),
     Change("seven gaps of 0.5 to 2.1 s", 40.0, gaps),
     Change("no velocity for 30 s", 40.0, lambda e: velocities(e, lambda t, _: not 150 < t < 180)),
     Change("no velocity after 200 s", 40.0, lambda e: velocities(e, lambda t, _: t < 200.0)),
-    Change("8 m/s too much for 5 s, 3 from 200 s", 40.0, too_much),
+    Change("8 m/s too much for 5 s, 3 from 200 s", 40.0, add_velocity),
     Change("a receiver alone", 40.0, lambda e: velocities(e, lambda _, m: m.startswith("GPS"))),
     Change("a filter alone", 40.0, lambda e: velocities(e, lambda _, m: not m.startswith("GPS"))),
-    Change("noise on every sensor", 40.0, lambda e: noisy(e, 1.0)),
-    Change("three times that", 40.0, lambda e: noisy(e, 3.0)),
-    Change("no magnetometer", 40.0, without_field),
-    Change("no magnetometer, from 120 s on", 120.0, without_field),
-    Change("335 mGauss of hard iron", 40.0, with_iron),
-    Change("that, from 120 s on", 120.0, with_iron),
+    Change("noise on every sensor", 40.0, lambda e: add_noise(e, 1.0)),
+    Change("three times that", 40.0, lambda e: add_noise(e, 3.0)),
+    Change("no magnetometer", 40.0, remove_field),
+    Change("no magnetometer, from 120 s on", 120.0, remove_field),
+    Change("335 mGauss of hard iron", 40.0, add_iron),
+    Change("that, from 120 s on", 120.0, add_iron),
 )

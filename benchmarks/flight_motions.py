@@ -38,14 +38,14 @@ class Motion(NamedTuple):
 
 
 class Moment(NamedTuple):
-    """What one step of a motion gives."""
+    """The motion at one step."""
 
     rate: Vec3
     velocity: Vec3
     throttle: float
 
 
-def moved(step: Callable[[Quaternion, float], Moment], heading_rad: float) -> Motion:
+def integrate(step: Callable[[Quaternion, float], Moment], heading_rad: float) -> Motion:
     """Integrate a vehicle: ``step`` is given the attitude and the time."""
     n = int(DURATION_S * FINE_HZ)
     q = exp((0.0, 0.0, heading_rad))
@@ -64,7 +64,7 @@ def roll_and_pitch(q: Quaternion) -> tuple[float, float]:
     return atan2(down[1], down[2]), -asin(max(-1.0, min(1.0, down[0])))
 
 
-def clipped(value: float, most: float) -> float:
+def clip(value: float, most: float) -> float:
     return max(-most, min(most, value))
 
 
@@ -77,7 +77,7 @@ class Gusts:
         self.now: Vec3 = (0.0, 0.0, 0.0)
 
     def next(self) -> Vec3:
-        """Those of the next step."""
+        """The three components at the next step."""
         n = self._rng.standard_normal(3)
         x, y, z = self.now
         a, b, c = self._drive
@@ -88,20 +88,20 @@ class Gusts:
 
 def plane(seed: int, turbulence_m_s: float = 0.5) -> Motion:
     """Take-off run, then legs at random; speed falls in climbs, gusts shake it."""
-    return _winged(seed, turbulence_m_s, PLANE_LEGS)
+    return _winged_motion(seed, turbulence_m_s, PLANE_LEGS)
 
 
 def plane_in_rough_air(seed: int) -> Motion:
     """The same in air that throws it about by more than 1 g (RMS)."""
-    return _winged(seed, 2.2, PLANE_LEGS)
+    return _winged_motion(seed, 2.2, PLANE_LEGS)
 
 
 def quadplane(seed: int) -> Motion:
     """A plane without aerobatics that stops in the air and hovers now and then."""
-    return _winged(seed, 0.5, QUADPLANE_LEGS)
+    return _winged_motion(seed, 0.5, QUADPLANE_LEGS)
 
 
-def _winged(seed: int, turbulence_m_s: float, legs: tuple[str, ...]) -> Motion:
+def _winged_motion(seed: int, turbulence_m_s: float, legs: tuple[str, ...]) -> Motion:
     rng = np.random.default_rng(seed)
     heading = float(rng.uniform(-pi, pi))
     shaken = Gusts(rng, (0.25, 0.13, 0.08), 0.7)
@@ -131,7 +131,7 @@ def _winged(seed: int, turbulence_m_s: float, legs: tuple[str, ...]) -> Motion:
         if leg not in ("rest", "run"):
             turning = add(rate, shaken.next())
             smooth += (np.array(wind.next()) - smooth) * DT / 0.15
-            lean = (tan(clipped(roll, 0.5)), -tan(clipped(pitch, 0.5)))
+            lean = (tan(clip(roll, 0.5)), -tan(clip(pitch, 0.5)))
             if speed < 8.0:  # on its rotors it goes where it leans
                 c, s = _heading(q)
                 push = (lean[1] * c - lean[0] * s, lean[1] * s + lean[0] * c)
@@ -152,7 +152,7 @@ def _winged(seed: int, turbulence_m_s: float, legs: tuple[str, ...]) -> Motion:
         throttle = 0.0 if leg == "rest" else 1.4 if leg in ("run", "climb", "hover") else 0.8
         return Moment(turning, velocity, throttle)
 
-    return moved(step, heading)
+    return integrate(step, heading)
 
 
 def _heading(q: Quaternion) -> tuple[float, float]:
@@ -171,12 +171,12 @@ def _winged_rate(leg: str, roll: float, pitch: float, speed: float) -> Vec3:
         return (0.0, 0.0, 0.0)
     bank = radians(float(leg.split()[1])) if leg.startswith("bank") else 0.0
     climb = radians({"climb": 12.0, "run": 4.0}.get(leg, 0.0)) if speed > 15.0 else 0.0
-    up = clipped(1.5 * (climb - pitch), 0.6)
-    steep = tan(clipped(roll, MOST_TURN_RAD))
+    up = clip(1.5 * (climb - pitch), 0.6)
+    steep = tan(clip(roll, MOST_TURN_RAD))
     yaw = STANDARD_GRAVITY_M_S2 * steep / speed if speed > LEAST_AIRSPEED else 0.0
     yaw += 0.4 if leg == "hover" and speed < 1.0 else 0.0
     return (
-        clipped(2.0 * (bank - roll), 1.5) - yaw * sin(pitch),
+        clip(2.0 * (bank - roll), 1.5) - yaw * sin(pitch),
         up * cos(roll) + yaw * sin(roll) * cos(pitch),
         -up * sin(roll) + yaw * cos(roll) * cos(pitch),
     )
@@ -184,15 +184,15 @@ def _winged_rate(leg: str, roll: float, pitch: float, speed: float) -> Vec3:
 
 def copter(seed: int) -> Motion:
     """Tilts of up to 45 degrees and turns at random, braked by drag, and now and then a flip."""
-    return _rotored(seed, most_lean=0.8, shake=0.18, flips=0.03)
+    return _rotor_motion(seed, most_lean=0.8, shake=0.18, flips=0.03)
 
 
 def calm_copter(seed: int) -> Motion:
     """What a survey or a delivery asks for: leans of up to 20 degrees, slow turns."""
-    return _rotored(seed, most_lean=0.35, shake=0.05, flips=0.0)
+    return _rotor_motion(seed, most_lean=0.35, shake=0.05, flips=0.0)
 
 
-def _rotored(seed: int, most_lean: float, shake: float, flips: float) -> Motion:
+def _rotor_motion(seed: int, most_lean: float, shake: float, flips: float) -> Motion:
     rng = np.random.default_rng(seed)
     heading = float(rng.uniform(-pi, pi))
     velocity, rate, wanted = np.zeros(3), (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)
@@ -215,8 +215,8 @@ def _rotored(seed: int, most_lean: float, shake: float, flips: float) -> Motion:
         drift = rotate_inverse(q, tuple(velocity.tolist()))
         flip_s -= DT
         asked = (
-            clipped(5.0 * (wanted[0] - 0.02 * drift[1] - roll), 4.0),
-            clipped(5.0 * (wanted[1] + 0.02 * drift[0] - pitch), 4.0),
+            clip(5.0 * (wanted[0] - 0.02 * drift[1] - roll), 4.0),
+            clip(5.0 * (wanted[1] + 0.02 * drift[0] - pitch), 4.0),
             wanted[2],
         )
         if flip_s > 0.0:
@@ -234,7 +234,7 @@ def _rotored(seed: int, most_lean: float, shake: float, flips: float) -> Motion:
         velocity = velocity + (force + down) * DT
         return Moment(rate, tuple(velocity.tolist()), up / STANDARD_GRAVITY_M_S2)
 
-    return moved(step, heading)
+    return integrate(step, heading)
 
 
 def rover(seed: int) -> Motion:
@@ -256,21 +256,21 @@ def rover(seed: int) -> Motion:
         if not driving:
             return Moment((0.0, 0.0, 0.0), (0.0, 0.0, 0.0), 0.0)
         before = speed
-        speed += clipped(wanted - speed, 1.0) * 1.5 * DT
+        speed += clip(wanted - speed, 1.0) * 1.5 * DT
         grip = 4.0 / max(abs(speed), 0.5)
-        turn += (clipped(wanted_turn, grip) - turn) * DT / 0.3
+        turn += (clip(wanted_turn, grip) - turn) * DT / 0.3
         moving = min(1.0, abs(speed))
         shaken, sloped = bumps.next(), slope.next()
         yaw = turn * moving
         rate = (
-            moving * shaken[0] + clipped(2.0 * (sloped[0] - roll), 0.5) * moving,
-            moving * shaken[1] + clipped(2.0 * (sloped[1] - pitch), 0.5) * moving,
+            moving * shaken[0] + clip(2.0 * (sloped[0] - roll), 0.5) * moving,
+            moving * shaken[1] + clip(2.0 * (sloped[1] - pitch), 0.5) * moving,
             yaw,
         )
         load = 0.5 * moving + abs(speed - before) / DT / 3.0
         return Moment(rate, rotate(q, (speed, 0.0, 0.0)), load)
 
-    return moved(step, heading)
+    return integrate(step, heading)
 
 
 MOTIONS: dict[str, Callable[[int], Motion]] = {

@@ -1,4 +1,4 @@
-"""What an autopilot makes of a motion, as a telemetry log.
+"""The telemetry log that an autopilot would record of a motion.
 
 The stream has what real ones have: an IMU low-passed at 20 Hz and truncated toward zero, a field
 averaged to 10 Hz, sample times that miss the grid, velocities from an autopilot's filter and from
@@ -26,8 +26,8 @@ Floats = NDArray[np.float64]
 START_UNIX_US = 1_760_000_000_000_000
 LATITUDE_DEG, LONGITUDE_DEG, ALTITUDE_M = -35.363, 149.165, 584.0
 METRES_A_DEGREE = 111_320.0
-FIX_S = 12.0  # then the receiver has its fix
-FILTER_S = 20.0  # then the autopilot's filter has a position
+FIX_S = 12.0  # the receiver gets its fix at this time
+FILTER_S = 20.0  # the autopilot's filter has a position from this time on
 GOOD_FLAGS = 0x01 | 0x02 | 0x04 | 0x08 | 0x10 | 0x20
 LOST_FLAGS = 0x01 | 0x04 | 0x20 | 0x80  # constant position: no velocity, no position
 BEFORE_FIX_FLAGS = 0x01 | 0x04 | 0x20 | 0x80 | 0x400
@@ -51,7 +51,7 @@ class Filter(NamedTuple):
 
     ahead_s: float = 0.0125
     slow_m_s: float = 0.1  # per component, everywhere
-    turning_m_s: float = 0.15  # more of it for each g of horizontal acceleration
+    turning_m_s: float = 0.15  # added to that for each g of horizontal acceleration
     tau_s: float = 5.0
 
 
@@ -59,11 +59,11 @@ class Receiver(NamedTuple):
     """A satellite receiver's velocity."""
 
     late_s: float = 0.12
-    jitter_s: float = 0.0  # up to so much later
+    jitter_s: float = 0.0  # a report is later by up to this, at random
     noise_m_s: float = 0.05
     slow_m_s: float = 0.1
     tau_s: float = 20.0
-    says_m_s: float = 0.3  # of its own accuracy
+    says_m_s: float = 0.3  # the accuracy that it reports of itself
 
 
 class Link(NamedTuple):
@@ -72,9 +72,9 @@ class Link(NamedTuple):
     period_s: float = 0.02
     mixed: bool = False  # 20 and 40 ms, as planes send them
     bursts: bool = False  # another ground station slows it down to 4 Hz again and again
-    late_s: float = 0.006  # mean of what comes on top of the way, exponential
-    stalls_s: float = 0.0  # for which the vehicle and its clock stand still, four times
-    drift: float = 1e-3  # by which it runs slow
+    late_s: float = 0.006  # mean delay beyond the shortest one, exponentially distributed
+    stalls_s: float = 0.0  # four times the vehicle and its clock stand still for so long
+    drift: float = 1e-3  # the vehicle's clock runs slow by this share
 
 
 class Trouble(NamedTuple):
@@ -128,13 +128,13 @@ def signals(motion: Motion, flight: Flight, rng: np.random.Generator) -> Signals
     left_over = np.sqrt(FINE_HZ / 44.0)  # so much noise remains behind the low-pass
     moving = np.linalg.norm(motion.velocity, axis=1) > 0.1
 
-    def sensed(signal: Floats, sigma: float, bias: float) -> Floats:
+    def sense(signal: Floats, sigma: float, bias: float) -> Floats:
         noise = left_over * sigma * (0.1 + 0.9 * moving[:, None]) * rng.standard_normal((n, 3))
-        return _low_passed(signal + bias * rng.standard_normal(3) + noise)
+        return _low_pass(signal + bias * rng.standard_normal(3) + noise)
 
     return Signals(
-        sensed(motion.rate, s.gyr, s.gyr_bias),
-        sensed(felt, s.acc, s.acc_bias),
+        sense(motion.rate, s.gyr, s.gyr_bias),
+        sense(felt, s.acc, s.acc_bias),
         _averaged_field(R, motion, s, rng),
         _filters(motion, acceleration, flight.filter, rng),
         motion.velocity + _slow(n, flight.receiver.slow_m_s, flight.receiver.tau_s, rng),
@@ -142,7 +142,7 @@ def signals(motion: Motion, flight: Flight, rng: np.random.Generator) -> Signals
     )
 
 
-def _low_passed(signal: Floats) -> Floats:
+def _low_pass(signal: Floats) -> Floats:
     b, a = butter(2, 20.0, fs=FINE_HZ)
     start = lfilter_zi(b, a)[:, None] * signal[:1]
     return np.asarray(lfilter(b, a, signal, axis=0, zi=start)[0])
@@ -171,7 +171,7 @@ def _direction(rng: np.random.Generator) -> Floats:
 def _filters(
     motion: Motion, acceleration: Floats, chosen: Filter, rng: np.random.Generator
 ) -> Floats:
-    """Ahead of time, and off more where the vehicle turns."""
+    """A filter's velocity: ahead of its time stamp, and further off where the vehicle turns."""
     b, a = butter(1, 0.3, fs=FINE_HZ)
     turning = lfilter(b, a, np.hypot(acceleration[:, 0], acceleration[:, 1]))
     share = chosen.slow_m_s + chosen.turning_m_s * turning / STANDARD_GRAVITY_M_S2
@@ -264,32 +264,32 @@ class _Reports:
         self._drift = np.zeros(3)
 
     def until(self, t: float, stamp_us: int) -> Iterator[tuple[Any, ...]]:
-        """What is due at ``t``, each a name and its fields."""
+        """Messages that are due at ``t``, each as a name and its fields."""
         slow = max(0.1, self._flight.link.period_s)
         for name, period_s in (("flags", 1.0), ("filter", slow), ("receiver", 0.2)):
             if t >= self._next_s[name]:
                 self._next_s[name] = max(self._next_s[name] + period_s, t - period_s)
                 yield from getattr(self, "_" + name)(t, stamp_us)
 
-    def _lost(self, t: float) -> bool:
+    def _are_satellites_lost(self, t: float) -> bool:
         lost = self._flight.trouble.lost
         return t < FILTER_S or (lost is not None and lost[0] <= t < lost[1])
 
-    def _off(self, t: float) -> Floats:
-        """By what satellites say too much."""
+    def _satellite_error(self, t: float) -> Floats:
+        """Error of a velocity (m/s) while the satellites are wrong."""
         wrong = self._flight.trouble.wrong
         is_wrong = wrong is not None and wrong[0] <= t < wrong[1]
         return np.array([self._flight.trouble.wrong_m_s * is_wrong, 0.0, 0.0])
 
     def _flags(self, t: float, _: int) -> Iterator[tuple[Any, ...]]:
         lost = BEFORE_FIX_FLAGS if t < FILTER_S else LOST_FLAGS
-        flags = lost if self._lost(t) else GOOD_FLAGS
+        flags = lost if self._are_satellites_lost(t) else GOOD_FLAGS
         yield ("ekf_status_report", flags, 0.05, 0.05, 0.05, 0.05, 0.0)
 
     def _filter(self, t: float, stamp_us: int) -> Iterator[tuple[Any, ...]]:
         i = int(t * FINE_HZ)
-        said = self._now.by_filter[i] + self._off(t - 2.0)
-        if self._lost(t) and t >= FILTER_S:
+        said = self._now.by_filter[i] + self._satellite_error(t - 2.0)
+        if self._are_satellites_lost(t) and t >= FILTER_S:
             self._drift += 0.3 * self._rng.standard_normal(3)
             said = said + self._drift + np.array([3.0, -3.0, 0.0])
         elif t < FILTER_S:
@@ -307,11 +307,11 @@ class _Reports:
 
     def _receiver(self, t: float, stamp_us: int) -> Iterator[tuple[Any, ...]]:
         chosen = self._flight.receiver
-        fix = FIX_NONE if t < FIX_S or (self._lost(t) and t > FILTER_S) else FIX_3D
+        fix = FIX_NONE if t < FIX_S or (self._are_satellites_lost(t) and t > FILTER_S) else FIX_3D
         age = chosen.late_s + chosen.jitter_s * float(self._rng.random())
         i = max(0, int((t - age) * FINE_HZ))
         v = self._now.by_receiver[i] + chosen.noise_m_s * self._rng.standard_normal(3)
-        v = v + self._off(t)
+        v = v + self._satellite_error(t)
         speed = min(65534, round(100.0 * float(np.hypot(v[0], v[1]))))
         course = round(100.0 * float(np.degrees(np.arctan2(v[1], v[0])))) % 36000
         lat, lon = self._place(i) if fix == FIX_3D else (0, 0)

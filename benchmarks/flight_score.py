@@ -1,4 +1,4 @@
-"""How well a recording is replayed: errors, and whether sigma covers them in every stretch."""
+"""Scores of a replay: its errors, and whether sigma covers them, in every stretch, too."""
 
 from collections.abc import Iterable
 from pathlib import Path

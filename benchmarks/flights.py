@@ -61,8 +61,8 @@ class Case(NamedTuple):
     change: Callable[[Flight, Rng], Flight]
 
 
-def ordinary(rng: Rng, motion: str) -> Flight:
-    """Faults of either source as they may be, drawn at random."""
+def ordinary_flight(rng: Rng, motion: str) -> Flight:
+    """A flight with usual faults of both velocity sources, drawn at random."""
     return Flight(
         filter=Filter(ahead_s=float(rng.uniform(0.0, 0.025))),
         receiver=Receiver(
@@ -83,7 +83,7 @@ def bad_compass(flight: Flight, rng: Rng) -> Flight:
 
 
 def at_4_hz(flight: Flight, _: Rng) -> Flight:
-    """What a ground station asks for."""
+    """The rate that a ground station asks for."""
     return flight._replace(link=Link(period_s=0.25))
 
 
@@ -108,7 +108,7 @@ CASES: dict[str, Case] = {
 def live_error_deg(
     events: list[Event], motion: Motion, stalls: NDArray[np.float64], stall_s: float
 ) -> tuple[float, float]:
-    """99th percentile and maximum of what is published at ticks, against the truth of then."""
+    """Errors of the attitudes published at ticks: their 99th percentile and their maximum."""
     pipeline, errors = Pipeline(load_profile("imu")), []
     tick_us = START_UNIX_US + int(SKIP_S * 1e6)
     for event in events:
@@ -130,10 +130,10 @@ def live_error_deg(
     return float(np.percentile(total, 99.0)), float(total.max())
 
 
-def flown(name: str, motion_name: str, seed: int) -> dict[str, Any]:
+def fly(name: str, motion_name: str, seed: int) -> dict[str, Any]:
     """One flight, replayed with and without velocity."""
     rng = np.random.default_rng(77_000 + seed)
-    flight = CASES[name].change(ordinary(rng, motion_name), rng)
+    flight = CASES[name].change(ordinary_flight(rng, motion_name), rng)
     motion = MOTIONS[motion_name](seed)
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "flight.tlog"
@@ -155,7 +155,7 @@ def flown(name: str, motion_name: str, seed: int) -> dict[str, Any]:
     return result
 
 
-def simulated(options: argparse.Namespace) -> list[dict[str, Any]]:
+def fly_all(options: argparse.Namespace) -> list[dict[str, Any]]:
     """All flights that are asked for, a line each."""
     first, _, last = options.seeds.partition("-")
     names = options.cases.split(",") if options.cases else list(CASES)
@@ -163,7 +163,7 @@ def simulated(options: argparse.Namespace) -> list[dict[str, Any]]:
     for name in names:
         for motion_name in CASES[name].motions:
             for seed in range(int(first), int(last or first) + 1):
-                results.append(result := flown(name, motion_name, seed))
+                results.append(result := fly(name, motion_name, seed))
                 if not options.json:
                     text = line(f"{name}, {motion_name} {seed}", result["aided"])
                     live = result.get("live_max_deg")
@@ -172,7 +172,7 @@ def simulated(options: argparse.Namespace) -> list[dict[str, Any]]:
     return results
 
 
-def changed(options: argparse.Namespace) -> list[dict[str, Any]]:
+def replay_changes(options: argparse.Namespace) -> list[dict[str, Any]]:
     """All changes of a recording, a line each."""
     with open_log(Path(options.recording)) as log:
         events = list(log)
@@ -193,7 +193,7 @@ def main() -> None:
     parser.add_argument("--recording", metavar="LOG", help="with the simulator's truth, changed")
     parser.add_argument("--json", action="store_true")
     options = parser.parse_args()
-    results = changed(options) if options.recording else simulated(options)
+    results = replay_changes(options) if options.recording else fly_all(options)
     if options.json:
         print(json.dumps([_plain(result) for result in results]))
 

@@ -20,13 +20,13 @@ from estimator.types import ZERO_VEC3
 from tuning.paper_kernel import unpack
 
 DT_S = 0.01
-LARGEST = 124.0  # beyond, a plain step of 10 ms would be too long
+LARGEST = 124.0  # with a larger K a plain step of 10 ms would be too long
 
 FIXED, LINEAR, SWITCH, HYSTERESIS, SCHEDULE, FUZZY, NOISE = range(7)
 
 
 class Law(NamedTuple):
-    """A law: its number, its parameters with bounds (None: not tuned), where it starts."""
+    """A law: its number, its parameters with their bounds (None: not tuned), and its start."""
 
     kind: int
     names: tuple[str, ...] = ()

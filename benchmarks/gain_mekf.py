@@ -79,11 +79,11 @@ def column(P, H, i, PH):
         PH[j] = P[j, 0] * H[i, 0] + P[j, 1] * H[i, 1] + P[j, 2] * H[i, 2]
         if size > PLAIN:
             PH[j] += P[j, 6 + i]
-    return applied(H, i, PH)
+    return row_product(H, i, PH)
 
 
 @inlined
-def applied(H, i, x):
+def row_product(H, i, x):
     """H_i x."""
     total = H[i, 0] * x[0] + H[i, 1] * x[1] + H[i, 2] * x[2]
     return total + x[6 + i] if len(x) > PLAIN else total
@@ -105,7 +105,7 @@ def update(P, H, innovation, r, moved):
     PH = np.zeros(size)
     for i in range(6):
         S = column(P, H, i, PH) + r
-        left = innovation[i] - applied(H, i, moved)
+        left = innovation[i] - row_product(H, i, moved)
         for j in range(size):
             moved[j] += PH[j] / S * left
         for j in range(size):

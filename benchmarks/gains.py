@@ -103,7 +103,7 @@ def costs(e):
     return TRANSIENT_WEIGHT * e[..., TRANSIENT].sum(-1) + e[..., STEADY].sum(-1)
 
 
-def tuned(name, law, settings, on, cycles):
+def tune(name, law, settings, on, cycles):
     """The parameters (D,) with the lowest mean J on the signals, and that J."""
     space = membership_space() if law.kind == FUZZY else scales(law)
 
@@ -136,12 +136,12 @@ def figures(e):
 
 
 def contenders(settings, cycles):
-    """Everything that is scored: name to law, parameters and what was found while tuning."""
+    """Everything that is scored: by name its law, parameters and result of tuning."""
     on = signals(settings, TUNING_SEEDS, COST_STOP, NoiseScale())
     rows = {}
     for name, law in {**LAWS, "fuzzy, tuned likewise": Law(FUZZY), **FILTERS}.items():
         print(f"tuning: {name} ...", file=sys.stderr, flush=True)
-        values, cost = tuned(name, law, settings, on, cycles)
+        values, cost = tune(name, law, settings, on, cycles)
         names = law.names or memberships.NAMES
         rows[name] = (
             law,

@@ -16,7 +16,7 @@ no output), in one run on one core:
   and samples is not timed; reading and writing them is. Compilation is not
   timed.
 
-Each is the best of several repetitions, which other programs disturb least.
+Each is the best of several repetitions, the one that other programs disturbed least.
 """
 
 import argparse

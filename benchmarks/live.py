@@ -4,7 +4,7 @@ python benchmarks/live.py --vehicles N --rate HZ --seconds S [--publish-rate HZ]
 
 The vehicles send over UDP on loopback, ``fuzzbee run`` estimates and publishes on Zenoh, a third
 process subscribes. With ``--plain`` a script of pymavlink and ahrs (live_plain.py) has the
-service's place. Latencies of one attitude:
+service's place. Latencies of an attitude:
 
 - ``sample_to_subscriber``: from the sending of its latest sample's datagram to the subscriber's
   callback. The record tells when the service read that sample; its datagram is the vehicle's last
@@ -31,7 +31,7 @@ import numpy as np
 from live_floor import percentiles, pymavlink_parser, udp_echo
 
 HERE = Path(__file__).parent
-WARM_UP_S = 2.0  # vehicles appear, estimators align: counted, but not timed
+WARM_UP_S = 2.0  # vehicles appear and estimators align; records of this time are not timed
 SETTLE_S = 0.5
 TICKS = os.sysconf("SC_CLK_TCK")
 
@@ -133,14 +133,14 @@ def figures(
         "delivered_hz": round(len(timed) / window_s, 1),
         "sequence_gaps": gaps,
         "missing_attitudes": missing,
-        "sample_to_subscriber": percentiles(_joined(latency_ms)),
-        "new_sample_to_subscriber": percentiles(_joined(fresh_ms)),
-        "tick_late": percentiles(_joined(late_ms)),
+        "sample_to_subscriber": percentiles(_join(latency_ms)),
+        "new_sample_to_subscriber": percentiles(_join(fresh_ms)),
+        "tick_late": percentiles(_join(late_ms)),
     }
 
 
 def floor(vehicles: int, rate_hz: float) -> dict[str, Any]:
-    """What UDP, Zenoh and pymavlink's parser take by themselves."""
+    """The times of UDP, Zenoh and pymavlink's parser by themselves."""
     return {
         "udp_one_way": udp_echo(),
         "zenoh_alone": zenoh_alone(vehicles, rate_hz),
@@ -206,16 +206,16 @@ def start_service(port: int, endpoint: str, publish_hz: float) -> subprocess.Pop
     # the address is both: nobody else's session is looked for
     zenoh_options = ["-l", endpoint, "-e", endpoint]
     command = [sys.executable, "-m", "fuzzbee", "run", f"udpin:127.0.0.1:{port}", "--json"]
-    return _connected([*command, "--rate", str(publish_hz), *zenoh_options])
+    return _start_and_await([*command, "--rate", str(publish_hz), *zenoh_options])
 
 
 def start_plain(port: int, endpoint: str, publish_hz: float) -> subprocess.Popen[str]:
     """The plain script in the service's place."""
     arguments = (str(port), endpoint, str(publish_hz))
-    return _connected([sys.executable, str(HERE / "live_plain.py"), *arguments])
+    return _start_and_await([sys.executable, str(HERE / "live_plain.py"), *arguments])
 
 
-def _connected(command: list[str]) -> subprocess.Popen[str]:
+def _start_and_await(command: list[str]) -> subprocess.Popen[str]:
     service = subprocess.Popen(  # noqa: S603
         command,
         stdout=subprocess.PIPE,
@@ -238,7 +238,7 @@ def await_word(stream: IO[str] | None, word: str) -> None:
     raise SystemExit(f"a process ended early: {said.strip()}")
 
 
-def _joined(parts: list[np.ndarray]) -> np.ndarray:
+def _join(parts: list[np.ndarray]) -> np.ndarray:
     return np.concatenate(parts) if parts else np.empty(0)
 
 

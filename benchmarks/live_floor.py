@@ -20,7 +20,7 @@ PARSED_S = 0.5
 
 
 def udp_echo() -> dict[str, float]:
-    """Half the way there and back between two Python processes, raw UDP."""
+    """Half the time of a round trip between two Python processes over plain UDP."""
     with (
         socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sender,
         subprocess.Popen([sys.executable, __file__, "echo"], stdout=subprocess.PIPE) as process,  # noqa: S603

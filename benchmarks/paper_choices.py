@@ -1,10 +1,10 @@
-"""What each place costs where the paper is silent or was left: J with it filled otherwise.
+"""What each choice costs where the paper is silent or was not followed: J with other choices.
 
 The tables of docs/paper.md, each line one change against the profile ``paper`` as it ships:
 
 * ``shipped``: J with the shipped memberships, on the judging seeds.
 * ``retuned``: J there after a bee colony has looked for memberships under that change, on the
-  tuning seeds: a change may only need other memberships. As built is retuned alike.
+  tuning seeds: a change may only need other memberships. The profile as built is retuned, too.
 * ``colony``: J that the search ends at, on both kinds of seeds, with its own rules changed.
 
 Mean over seeds; the error is the standard error of the mean difference to "as built" on the same
@@ -94,7 +94,7 @@ class PositiveAlpha:
         return self._generator.uniform(max(low, 0.0), high, size)
 
 
-def searched(costs, cycles, seed=0, *, positive=False, by_cost=False, limit=None):
+def search_once(costs, cycles, seed=0, *, positive=False, by_cost=False, limit=None):
     """The best memberships (22,) of one search over ``costs(values (C, 22)) -> (C,)``; scouts."""
     space = membership_space()
     colony = OtherColony(space, np.random.default_rng(seed),
@@ -125,7 +125,7 @@ def shipped_table(signals, seeds):
     unprojected = quaternion_from_matrix(raw)
     turned = np.degrees(angle_between(unprojected, settings_of(PAPER).initial))
 
-    def changed(section, **keys):
+    def cost_with(section, **keys):
         return run(signals, profile=merge_profile(PAPER, {section: keys}))
 
     variance = signals_of(seeds, gyro_noise=0.2**-0.5, vector_noise=0.05**-0.5)
@@ -134,19 +134,19 @@ def shipped_table(signals, seeds):
         ("rate: low-passed |de/dt|", run(signals, Switches(rate=RECTIFIED))),
         ("rate: |de/dt| as it is", run(signals, Switches(rate=UNFILTERED))),
         ("rate: none (0)", run(signals, Switches(rate=NO_RATE))),
-        ("tau = 0.1 s", changed("filter", rate_time_constant_s=0.1)),
-        ("tau = 1 s", changed("filter", rate_time_constant_s=1.0)),
+        ("tau = 0.1 s", cost_with("filter", rate_time_constant_s=0.1)),
+        ("tau = 1 s", cost_with("filter", rate_time_constant_s=1.0)),
         ("e from the truth", run(signals, Switches(error_is_true=True))),
         ("e not clipped", run(signals, Switches(error_is_clipped=False))),
         ("v3 not normalised", run(signals, Switches(cross_is_unit=False))),
-        ("without v3", changed("confidence", cross=0.0)),
+        ("without v3", cost_with("confidence", cross=0.0)),
         ('table\'s "V" is VL', run(signals, rules=V_AS_VERY_LARGE)),
         ("rows are e, columns its rate", run(signals, rules=ROWS_AS_ERROR)),
-        ("gamma = 0.2", changed("filter", gamma=0.2)),
-        ("gamma = 5", changed("filter", gamma=5.0)),
-        ("bias bounded at 0.1 rad/s", changed("filter", bias_bound_rad_s=0.1)),
-        ("always the decay", changed("filter", euler_step_max_s=0.0)),
-        ("no correction at t = 0", changed("filter", first_step_s=0.0)),
+        ("gamma = 0.2", cost_with("filter", gamma=0.2)),
+        ("gamma = 5", cost_with("filter", gamma=5.0)),
+        ("bias bounded at 0.1 rad/s", cost_with("filter", bias_bound_rad_s=0.1)),
+        ("always the decay", cost_with("filter", euler_step_max_s=0.0)),
+        ("no correction at t = 0", cost_with("filter", first_step_s=0.0)),
         (f"R_hat(0) not projected ({turned:.4f} deg away)", run(signals, start=unprojected)),
         ("0.2 and 0.05 are variances", run(variance)),
     ]
@@ -189,7 +189,7 @@ def retuned_table(tuning, judging, cycles):
         ('table\'s "V" is VL', Switches(), V_AS_VERY_LARGE),
         ("rows are e, columns its rate", Switches(), ROWS_AS_ERROR),
     ):
-        best, _ = searched(
+        best, _ = search_once(
             lambda k, switches=switches, rules=rules: run(
                 tuning, switches, rules, candidates=k
             ).mean(axis=1),
@@ -211,7 +211,7 @@ def colony_table(judging, cycles, search_seeds):
         ("both as printed", {"positive": True, "by_cost": True}),
         ("a scout after 50 failures", {"limit": 50}),
     ):
-        found = [searched(objective.costs, cycles, seed, **options) for seed in search_seeds]
+        found = [search_once(objective.costs, cycles, seed, **options) for seed in search_seeds]
         best = np.array([k for k, _ in found])
         told, judged = objective.costs(best), run(judging, candidates=best).mean(axis=1)
         rows.append({
@@ -222,7 +222,7 @@ def colony_table(judging, cycles, search_seeds):
     return rows
 
 
-def printed(title, rows):
+def print_table(title, rows):
     print(f"\n{title}")
     for row in rows:
         rest = "  ".join(f"{key} {value:.4g}" for key, value in row.items() if key != "change")
@@ -248,7 +248,7 @@ def main():
         print(json.dumps(tables))
         return
     for title, rows in tables.items():
-        printed(title, rows)
+        print_table(title, rows)
 
 
 if __name__ == "__main__":

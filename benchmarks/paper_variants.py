@@ -1,4 +1,6 @@
-"""The paper's filter with its open places filled otherwise, one switch each; see docs/paper.md.
+"""The paper's filter with other choices where the paper is silent, one switch each.
+
+What each choice is stands in docs/paper.md.
 
 With no switch turned the steps are those of ``estimator/filter/kernel.py``, which
 ``benchmarks/paper_choices.py`` checks before it prints anything.
@@ -47,7 +49,7 @@ ROWS_AS_ERROR = np.ascontiguousarray(AS_BUILT.T)
 
 
 class Switches(NamedTuple):
-    """What is filled otherwise; the defaults are as built."""
+    """Which choices differ; the defaults are as built."""
 
     rate: int = SIGNED
     error_is_true: bool = False  # e for the fuzzy controller from the truth
@@ -74,12 +76,12 @@ def signals_of(seeds, rate_hz=COST_RATE_HZ, gyro_noise=1.0, vector_noise=1.0):
     for seed in seeds:
         one = simulate(seed, samples, rate_hz)
 
-        def louder(name, factor, one=one):
+        def scale_noise(name, factor, one=one):
             quiet = getattr(still, name)
             return quiet + factor * (getattr(one, name) - quiet)
 
-        columns.append((louder("gyr_rad_s", gyro_noise), louder("acc_m_s2", vector_noise),
-                        louder("mag_gauss", vector_noise), one.q_ned_frd))  # fmt: skip
+        columns.append((scale_noise("gyr_rad_s", gyro_noise), scale_noise("acc_m_s2", vector_noise),
+                        scale_noise("mag_gauss", vector_noise), one.q_ned_frd))  # fmt: skip
     return Signals(*(np.array(column) for column in zip(*columns, strict=True)))
 
 
@@ -177,7 +179,7 @@ def errors_of(params, reference, switches, rules, start, signals, seed, dt):
 
 @compiled
 def cost_of(e, rate_hz):
-    """J of Eq. (15), its sums weighted by the step where that is not 0.01 s."""
+    """J of Eq. (15); for steps other than 0.01 s its sums are weighted by the step."""
     per_s = round(rate_hz)
     transient, steady = e[: per_s + 1].sum(), e[4 * per_s : 14 * per_s + 1].sum()
     return (0.3 * transient + steady) * 100.0 / rate_hz

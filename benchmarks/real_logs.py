@@ -39,7 +39,7 @@ Bools = NDArray[np.bool_]
 SUFFIXES = (".tlog", ".log", ".bin", ".ulg")
 COMPLEMENTARY_TAUS_S = (0.5, 1.0, 2.0, 5.0, 10.0, 20.0, 50.0)
 RATE_EDGES_HZ = (2.2, 3.3, 5.0, 25.0)
-FAR_DEG = 30.0  # an error that nobody should publish of a vehicle this near level
+FAR_DEG = 30.0  # no estimate should be this far off while the vehicle is less than that from level
 LEAST_COMPARED = 20  # samples
 # The share of samples in motion from which a log counts as one of a moving vehicle.
 LEAST_MOVING_SHARE = 0.1
@@ -55,7 +55,7 @@ class Log(NamedTuple):
 
 
 class Rival(NamedTuple):
-    """Down in FRD (N, 3) by somebody."""
+    """Down in FRD (N, 3) by one of the estimates."""
 
     name: str
     down: Floats
@@ -116,7 +116,7 @@ def inclination_errors(down: Floats, reference: Floats) -> Floats:
     return np.asarray(np.degrees(np.arctan2(sine, np.sum(aligned * reference, axis=1))))
 
 
-def far_while_level(log: Log, errors_deg: Floats) -> tuple[float, float]:
+def seconds_far_while_level(log: Log, errors_deg: Floats) -> tuple[float, float]:
     """Seconds over ``FAR_DEG`` off while the reference is that near level: all, and in a row."""
     level = log.downs[:, 2] > np.cos(np.radians(FAR_DEG))
     total = longest = run = 0.0
@@ -128,11 +128,11 @@ def far_while_level(log: Log, errors_deg: Floats) -> tuple[float, float]:
 
 
 def share(inside: Bools, which: Bools) -> float | None:
-    """Of the chosen samples, those inside; None of too few."""
+    """Share of the chosen samples that are inside; None if the chosen are too few."""
     return float(np.mean(inside[which])) if np.count_nonzero(which) >= LEAST_COMPARED else None
 
 
-def scored(path: Path, trace: VehicleTrace) -> dict[str, Any] | None:
+def score_log(path: Path, trace: VehicleTrace) -> dict[str, Any] | None:
     """The figures of one log; None if there is too little to compare with."""
     source, truth, known, _ = compare(path, trace, None)
     if source is None or np.count_nonzero(known) < LEAST_COMPARED:
@@ -150,7 +150,7 @@ def scored(path: Path, trace: VehicleTrace) -> dict[str, Any] | None:
         rival.name: rms(inclination_errors(rival.down[known], log.downs)) for rival in rivals(trace)
     }
     sigma = np.degrees(trace.column(lambda a: a.sigma_inclination_rad))[known]
-    far_s, far_longest_s = far_while_level(log, ours)
+    far_s, far_longest_s = seconds_far_while_level(log, ours)
     best = min(others, key=lambda n: others[n])
     return {
         "log": path.name,
@@ -181,7 +181,7 @@ def rate_group(rate_hz: float) -> str:
 
 
 def summary(logs: Sequence[dict[str, Any]]) -> dict[str, Any]:
-    """Medians over the logs of a group; None of no log."""
+    """Medians over the logs of a group; None for a group without logs."""
 
     def median(value: Callable[[dict[str, Any]], float | None]) -> float | None:
         values = [v for v in map(value, logs) if v is not None]
@@ -201,7 +201,7 @@ def summary(logs: Sequence[dict[str, Any]]) -> dict[str, Any]:
     }
 
 
-def grouped(logs: Sequence[dict[str, Any]]) -> dict[str, Any]:
+def group_logs(logs: Sequence[dict[str, Any]]) -> dict[str, Any]:
     """Summaries by motion and rate."""
     groups = {}
     for name, wanted in (("moving", True), ("rest", False)):
@@ -221,7 +221,7 @@ def log_files(folders: Iterable[Path]) -> list[Path]:
     return files
 
 
-def measured(path: Path, profile: Profile) -> dict[str, Any] | None:
+def measure_log(path: Path, profile: Profile) -> dict[str, Any] | None:
     """One log replayed and scored; None where it holds nothing to compare."""
     try:
         trace = replay_log(
@@ -230,7 +230,7 @@ def measured(path: Path, profile: Profile) -> dict[str, Any] | None:
     except InputError as error:
         print(error, file=sys.stderr)
         return None
-    return scored(path, trace)
+    return score_log(path, trace)
 
 
 def _number(value: float | None, digits: int = 2) -> str:
@@ -278,16 +278,16 @@ def main() -> int:
     profile = load_profile(options.profile)
     logs = []
     for path in log_files(options.folders):
-        log = measured(path, profile)
+        log = measure_log(path, profile)
         if log is None:
             continue
         logs.append(log)
         if not options.json:
             print_log(log)
     if options.json:
-        print(json.dumps({"logs": logs, "groups": grouped(logs)}))
+        print(json.dumps({"logs": logs, "groups": group_logs(logs)}))
     else:
-        print_groups(grouped(logs))
+        print_groups(group_logs(logs))
     return 0 if logs else 1
 
 

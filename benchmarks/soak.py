@@ -1,4 +1,4 @@
-"""The live service for long: memory, file descriptors and threads must stay where they are.
+"""The live service over a long time: memory, file descriptors and threads must not grow.
 
 python benchmarks/soak.py [--samples 2000000] [--vehicles 50] [--rate 100] [--json]
 
@@ -27,7 +27,7 @@ PUBLISH_HZ = 10.0
 
 
 class Look(NamedTuple):
-    """What a process holds at one moment."""
+    """The memory, descriptors and threads of a process at one moment."""
 
     at_s: float
     resident_mb: float

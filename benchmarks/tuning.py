@@ -47,7 +47,7 @@ PYGMO_GENERATIONS = 5
 SEED = 1
 
 
-def searched(task, cycles):
+def search_once(task, cycles):
     """One search; its seconds and evaluations."""
     options = SearchOptions("abc", 100, cycles, 2200, 0)
     search = Search(task.space, options, task.objective.costs)
@@ -58,7 +58,7 @@ def searched(task, cycles):
 
 
 def best_of(function, repetitions=REPETITIONS):
-    """Processor time of the quickest call, which other programs disturb least."""
+    """Processor time of the quickest call, the one that other programs disturbed least."""
     times = []
     for _ in range(repetitions):
         started = time.process_time()
@@ -155,8 +155,8 @@ def pygmo_seconds_an_evaluation(task):
 
 def measure(cycles):
     task = PaperTask(midpoint_profile(), ("membership",), (100,), (200,))
-    searched(task, 1)
-    seconds, evaluations = searched(task, cycles)
+    search_once(task, 1)
+    seconds, evaluations = search_once(task, cycles)
     ours_ns = step_ns(task)
     control_ns, plain_ns = skfuzzy_ns()
     pygmo_s = pygmo_seconds_an_evaluation(task)
