@@ -148,7 +148,7 @@ def _replay_logs(
     from fuzzbee.replay.log_report import report_log
     from fuzzbee.replay.table import print_reports
 
-    told: list[str] = []  # kept until all went well: a refusal is one line
+    told: list[str] = []  # printed when all went well only: a refusal must be one single line
     reports = [report_log(path, profile, tell=told.append, **options) for path in paths]
     for line in told:
         _tell(line)
@@ -163,7 +163,7 @@ def _replay_logs(
 def _exports(
     sources: list[str], csv: Path | None, mcap: Path | None, plot: Path | None
 ) -> "list[Export]":
-    """What to write, refused before the replay if it cannot be.
+    """The files to write; what cannot be written is refused before the replay.
 
     Raises:
         InputError: several logs for one file, a suffix that is none, a missing library.
@@ -217,7 +217,7 @@ def _replay_simulation(
 def _simulation_exports(
     profile_name: str, gain: float | None, seeds: str, csv: Path | None, plot: Path | None
 ) -> "list[SimulationExport]":
-    """What to write of the experiment, refused before it runs if it cannot be."""
+    """The files to write of the experiment; what cannot be written is refused before it runs."""
     from functools import partial
 
     from fuzzbee.replay import simulation_files

@@ -1,4 +1,4 @@
-"""A trace beside its reference: what scores, exports and plots are made of."""
+"""A trace beside its reference; scores, exports and plots are made from it."""
 
 from pathlib import Path
 from typing import NamedTuple

@@ -1,7 +1,7 @@
 """Every sample of a replay in a file: CSV for spreadsheets, MCAP for viewers.
 
-Times are on the vehicle's continuous clock, t = 0 at the first IMU sample, and
-nothing else gets in, so a log replayed twice gives the same bytes.
+Times are on the vehicle's continuous clock, t = 0 at the first IMU sample. Nothing
+depends on the computer's own clock, so a log replayed twice gives the same bytes.
 """
 
 import csv
@@ -74,7 +74,7 @@ def write_csv(path: Path, trace: VehicleTrace, compared: Comparison) -> None:
 
 
 def require_mcap(path: Path) -> None:
-    """Refuse early.
+    """Refuse, before the replay, what cannot be written after it.
 
     Raises:
         InputError: the library is missing.

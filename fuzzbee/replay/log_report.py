@@ -142,7 +142,7 @@ def replay_log(
 
 
 def _seen_text(replay: Replay, system_id: int | None) -> str:
-    """What there was instead."""
+    """What the log has instead of usable IMU data, for the error message."""
     ids = sorted({address.system_id for address in replay.traces})
     refused = sum((trace.rejected for trace in replay.traces.values()), start=Counter[str]())
     if refused:

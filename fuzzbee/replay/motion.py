@@ -1,4 +1,4 @@
-"""When the vehicle moved, by its raw IMU samples and nothing that an estimator thinks of them."""
+"""When the vehicle moved, judged by its raw IMU samples and not by any estimate."""
 
 from collections.abc import Sequence
 
@@ -10,9 +10,9 @@ from estimator.types import ImuSample
 # At rest the gyroscope and the accelerometer stay this near their medians over the window.
 REST_GYR_RAD_S = np.radians(2.0)
 REST_ACC_M_S2 = 0.3
-# No gyroscope at rest reads more: biases are smaller.
+# A steady rate above this is a turn: the bias of a gyroscope is smaller.
 MOST_BIAS_RAD_S = np.radians(4.0)
-WINDOW_S = 1.5  # on either side
+WINDOW_S = 1.5  # before a sample, and again behind it
 
 
 def motion_mask(samples: Sequence[ImuSample]) -> NDArray[np.bool_]:

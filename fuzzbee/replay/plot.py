@@ -14,7 +14,7 @@ from fuzzbee.replay.trace import VehicleTrace
 
 Floats = NDArray[np.float64]
 
-# What would make two files of the same figure differ, by suffix.
+# By suffix, the metadata that would make two files of the same figure differ.
 METADATA: dict[str, dict[str, None]] = {
     ".png": {"Software": None},
     ".svg": {"Date": None},
@@ -24,7 +24,7 @@ DOTS_PER_INCH = 120
 # Silence this many median periods long, and this long (s), is a gap to be shown.
 GAP_PERIODS = 5.0
 LEAST_GAP_S = 0.3
-# More points than this a line cannot be told from fewer, and the file grows.
+# With more points a line looks the same and the file only grows.
 MOST_POINTS = 20_000
 
 
@@ -124,7 +124,7 @@ def _internals(axes: Any, time_s: Floats, trace: VehicleTrace, shown: slice) -> 
 
 
 def _gaps(ax: Any, time_s: Floats) -> None:
-    """Silence in grey."""
+    """Mark gaps in the stream in grey."""
     if len(time_s) < 2:
         return
     steps = np.diff(time_s)

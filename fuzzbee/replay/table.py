@@ -19,7 +19,7 @@ LEAST_TOLD_SHARE = 0.01
 
 
 def print_reports(reports: "Sequence[LogReport]") -> None:
-    """Whatever reads best in 80 columns."""
+    """Print a list of figures for one log, a table for several; both fit 80 columns."""
     console = Console()
     if len(reports) == 1:
         console.print(_figures(reports[0]))
@@ -28,7 +28,7 @@ def print_reports(reports: "Sequence[LogReport]") -> None:
 
 
 def print_simulation(report: "SimulationReport") -> None:
-    """The paper's figures."""
+    """Print the figures of the paper's experiment."""
     grid = _grid()
     grid.add_row("seeds", f"{report.seeds[0]}-{report.seeds[1]}")
     grid.add_row("cost J", f"{report.cost:.3f}, mean over seeds")

@@ -1,4 +1,4 @@
-"""What a log's replay leaves behind: estimates at the samples, references, counts."""
+"""The result of replaying a log: estimates at the samples, references, counts."""
 
 from collections import Counter
 from collections.abc import Callable, Iterable
@@ -22,7 +22,7 @@ from service.vehicle import Vehicle
 
 Floats = NDArray[np.float64]
 
-# The axis about which a wrong start is turned, NED: no sensor is blind to it.
+# The axis (NED) of a wrong start: every sensor can see a turn about it.
 WRONG_START_AXIS: Vec3 = (3**-0.5, 3**-0.5, 3**-0.5)
 
 
@@ -66,10 +66,10 @@ class VehicleTrace:
 
 
 class Replay:
-    """Feeds events through the live pipeline and keeps what it did.
+    """Feeds events through the live pipeline and keeps its estimates.
 
-    ``start_wrong_deg`` turns each vehicle's estimate about NED (1,1,1)/sqrt 3
-    at its first sample after a reference is known from ``wrong_from_us``.
+    ``start_wrong_deg`` turns each vehicle's estimate about NED (1,1,1)/sqrt 3, once, at
+    the first sample for which a reference is known.
     """
 
     def __init__(
@@ -124,7 +124,7 @@ class Replay:
         self._turn_wrong(vehicle, trace)
         attitude = vehicle.estimator.attitude(event.sample.time_us)
         if not is_finite(attitude):
-            return  # live it is not published, either; the vehicle counts it and aligns anew
+            return  # as in the live service, where it is not published; the vehicle aligns anew
         trace.imu_messages[event.message] += 1
         trace.arrivals_us.append(event.arrival_us)
         trace.attitudes.append(attitude)

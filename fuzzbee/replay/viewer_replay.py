@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
 
 def show(viewer: "ViewerSink", trace: VehicleTrace, _: "Comparison") -> None:
-    """Draw a trace, at the log's own times; what it has of others is drawn beside."""
+    """Draw a trace at the log's own times, with the attitudes by others beside it."""
     for output in outputs(trace):
         with suppress(ConnectionError):  # the viewer was closed: a file may still be wanted
             viewer.handle([output])
