@@ -21,7 +21,7 @@ PAGE = Path(__file__).with_name("parameters.md")
 TYPES = {"conditioning": ConditioningParams, "aiding": AidingParams}
 HEAD = ("| key | default | from, to | what it does |", "| --- | --- | --- | --- |")
 FIELD = re.compile(r"    (\w+): \w+ = (.*)")
-# Tables that people write; their bounds are filled in. Not each key is a number.
+# Tables that people write; only their bounds are filled in. Not every key in them is a number.
 WRITTEN = {
     "reference": profile.Reference,
     "filter": profile.Filter,
@@ -30,7 +30,7 @@ WRITTEN = {
 
 
 def rows(kind: type) -> list[str]:
-    """A row a parameter; headings where the source has a comment of its own."""
+    """One row for each parameter; a comment line of the source becomes a heading."""
     lines, found = inspect.getsource(kind).splitlines(), []
     defaults = kind._field_defaults  # type: ignore[attr-defined]
     bounds = bounds_of(kind)
@@ -42,20 +42,20 @@ def rows(kind: type) -> list[str]:
             comment = rest.partition("  # ")[2]
             if rest == "(":  # the value has a line of its own, with the comment
                 comment = lines[number + 1].partition("  # ")[2]
-            within = _within(*bounds[name]) if name in bounds else ""
-            found.append(f"| `{name}` | {_value(defaults[name])} | {within} | {comment} |")
+            within = _bounds_text(*bounds[name]) if name in bounds else ""
+            found.append(f"| `{name}` | {_value_text(defaults[name])} | {within} | {comment} |")
     return found
 
 
-def written(text: str) -> str:
-    """The page with the bounds in the tables that people write."""
+def fill_bounds(text: str) -> str:
+    """The page with bounds filled in where people write the rest of a table."""
     for section, kind in WRITTEN.items():
         start = text.index(f"\n## {section}\n")
         end = text.index("\n## ", start + 1)
         table = text[start:end]
         for name, hint in get_type_hints(kind, include_extras=True).items():
             marks = [mark for mark in get_args(hint) if isinstance(mark, Meta)]
-            within = _within(marks[0].ge, marks[0].le) if marks else ""
+            within = _bounds_text(marks[0].ge, marks[0].le) if marks else ""
             table = re.sub(
                 rf"(\| `{name}` \| [^|]* \|)[^|]*\|",
                 lambda found, within=within: f"{found[1]} {within} |",
@@ -67,7 +67,7 @@ def written(text: str) -> str:
 
 def page() -> str:
     """The page with its tables renewed."""
-    text = written(PAGE.read_text("utf-8"))
+    text = fill_bounds(PAGE.read_text("utf-8"))
     for name, kind in TYPES.items():
         table = "\n".join([*HEAD, *rows(kind)])
         text = re.sub(
@@ -79,11 +79,11 @@ def page() -> str:
     return text
 
 
-def _within(low: float | None, high: float | None) -> str:
+def _bounds_text(low: float | None, high: float | None) -> str:
     return f"{low:.5g} to {high:.5g}"
 
 
-def _value(value: float | bool) -> str:
+def _value_text(value: float | bool) -> str:
     return str(value).lower() if isinstance(value, bool) else f"{value:.4g}"
 
 
