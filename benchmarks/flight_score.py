@@ -1,5 +1,6 @@
 """Scores of a replay: its errors, and whether sigma covers them, in every stretch, too."""
 
+import sys
 from collections.abc import Iterable
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -38,6 +39,8 @@ def score(
     compared = compare(Path("events"), trace, "sim")
     time_s = 1e-6 * (trace.times_us - trace.times_us[0])
     counted = compared.known & (time_s >= skip_s)
+    if not counted.any():
+        sys.exit(f"no sample with a truth after {skip_s:g} s: the flight is too short")
     errors = np.degrees(compared.errors_rad[counted])
     covered = [
         errors[:, 2] <= np.degrees(trace.column(lambda a: a.sigma_inclination_rad))[counted],

@@ -26,6 +26,7 @@ from estimator.live.core import (
     without_aiding,
     without_conditioning,
 )
+from estimator.live.refusal import GYR_LIMIT_RAD_S, refusal, report_in_floats, sample_in_floats
 from estimator.live.reports import Reports, enqueue, refusal_of_report, take_due
 from estimator.live.resident import (
     AIDED,
@@ -46,7 +47,6 @@ from estimator.live.snapshot import Context, Snapshot
 from estimator.live.turning import Turning, hear_rate, take_between
 from estimator.profile import Profile
 from estimator.reasons import Reason
-from estimator.refusal import GYR_LIMIT_RAD_S, refusal, report_in_floats, sample_in_floats
 from estimator.types import (
     NOTHING_BETWEEN,
     Attitude,

@@ -14,8 +14,8 @@ from drivers.logs.reference_track import ReferenceTrack
 from drivers.samples.preference import imu_rank
 from estimator.aiding.place import Whereabouts, update_whereabouts
 from estimator.errors import InputError
+from estimator.live.refusal import refusal
 from estimator.mounting import Mounting
-from estimator.refusal import refusal
 from estimator.types import ImuSample
 
 Array = NDArray[np.float64]

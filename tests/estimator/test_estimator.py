@@ -11,9 +11,9 @@ from hypothesis import strategies as st
 from drivers.simulation.simulated_vehicle import simulate
 from estimator.estimator import OUTPUT_HORIZON_S, Estimator
 from estimator.geometry.quaternion import exp, multiply
+from estimator.live.refusal import ACC_LIMIT_M_S2, GYR_LIMIT_RAD_S
 from estimator.live.settings import settings_of
 from estimator.profile import load_profile, merge_profile
-from estimator.refusal import ACC_LIMIT_M_S2, GYR_LIMIT_RAD_S
 from estimator.types import ZERO_VEC3, ImuSample, VelocitySample
 from tests.vocabulary import IDENTITY, assert_attitude_close, assert_attitudes_equal, floats
 

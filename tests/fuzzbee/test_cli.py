@@ -90,6 +90,7 @@ def test_an_interrupted_replay_says_so(monkeypatch):
 
 def test_a_reader_that_leaves_at_once_is_no_failure():
     replay = [sys.executable, "-m", "fuzzbee", "replay", "sim:", "--json"]
+    subprocess.run(replay, capture_output=True, check=True)  # what it compiles, it tells
     with subprocess.Popen(replay, stdout=subprocess.PIPE, stderr=subprocess.PIPE) as process:
         process.stdout.close()
         assert process.wait(120) == 0
