@@ -33,7 +33,7 @@ class Mounting(Struct, frozen=True, forbid_unknown_fields=True):
         roll_deg, pitch_deg, yaw_deg = self.rotation_deg
         return from_euler_rad(radians(roll_deg), radians(pitch_deg), radians(yaw_deg))
 
-    def mounted(self, sample: ImuSample) -> ImuSample:
+    def to_body_axes(self, sample: ImuSample) -> ImuSample:
         """A sample of the sensor as the body would have it."""
         if self.is_plain:
             return sample

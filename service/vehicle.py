@@ -103,7 +103,7 @@ class Vehicle:
         if self._choice.message != event.message:
             return []
         texts = [] if before == event.message else self._change_over(before, event.message)
-        sample = self.profile.mounting.mounted(event.sample)
+        sample = self.profile.mounting.to_body_axes(event.sample)
         reason = self.estimator.update(sample)
         if reason is not None:
             self.reject(reason)

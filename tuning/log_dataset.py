@@ -86,7 +86,7 @@ class _Stream:
     def take(self, event: Event) -> None:
         match event:
             case Imu(message=message, sample=sample):
-                self._take_sample(message, self._mounting.mounted(sample))
+                self._take_sample(message, self._mounting.to_body_axes(sample))
             case ReferenceAttitude(source=source):
                 self.tracks[source].add(event)
             case Position():

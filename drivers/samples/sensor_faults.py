@@ -11,7 +11,7 @@ from math import dist, hypot
 from operator import eq
 from typing import NamedTuple
 
-from drivers.samples.steady_turn import FieldWatch, carries_weight, turned
+from drivers.samples.steady_turn import FieldWatch, carries_weight, vector_after_turn
 from estimator.reasons import Reason
 from estimator.types import STANDARD_GRAVITY_M_S2, ZERO_VEC3, Vec3
 
@@ -188,7 +188,7 @@ class SensorFaults:
         if max(map(abs, gyr)) <= MOVING_GYR_RAD_S or carries_weight(readings.acc_m_s2, gyr):
             return
         step_s = min(max(1e-6 * (raw_us - self._last_us), 0.0), LONGEST_STEP_S)
-        self._turned_acc = turned(self._turned_acc, gyr, step_s)
+        self._turned_acc = vector_after_turn(self._turned_acc, gyr, step_s)
 
     def _repeats_untruly(self, readings: Readings, raw_us: int) -> bool:
         """Whether what gyroscope and accelerometer repeat cannot be true."""
@@ -209,13 +209,13 @@ class SensorFaults:
         """Whether accelerometer and field are not where the repeated rate would have them."""
         begin, span_s = self._gyr.begin, 1e-6 * (raw_us - self._gyr.begin_us)
         gyr = readings.gyr_rad_s
-        acc_rad = _apart_rad(turned(begin.acc_m_s2, gyr, span_s), readings.acc_m_s2)
+        acc_rad = _apart_rad(vector_after_turn(begin.acc_m_s2, gyr, span_s), readings.acc_m_s2)
         is_steady = carries_weight(begin.acc_m_s2, gyr)  # then the force stays as it is
         if is_steady:
             acc_rad = min(acc_rad, _apart_rad(begin.acc_m_s2, readings.acc_m_s2))
         if ZERO_VEC3 in (readings.mag_gauss, begin.mag_gauss):
             return acc_rad > STUCK_GYR_ALONE_RAD
-        mag_rad = _apart_rad(turned(begin.mag_gauss, gyr, span_s), readings.mag_gauss)
+        mag_rad = _apart_rad(vector_after_turn(begin.mag_gauss, gyr, span_s), readings.mag_gauss)
         if is_steady and mag_rad > STUCK_GYR_ALONE_RAD:
             return True  # one steady turn feels like another
         return min(acc_rad, mag_rad) > STUCK_GYR_RAD

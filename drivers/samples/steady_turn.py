@@ -35,7 +35,7 @@ class FieldWatch:
         """Whether the field of a reading is not where the rate ``gyr_rad_s`` has turned it."""
         before, strength = self._mag_gauss, hypot(*self._mag_gauss)
         span_s = 1e-6 * max(raw_us - self._begin_us, 0)  # the clock may have begun anew
-        expected = turned(before, gyr_rad_s, span_s)
+        expected = vector_after_turn(before, gyr_rad_s, span_s)
         way, off = dist(expected, before) / strength, dist(expected, mag_gauss) / strength
         allowed = max(FIELD_OFF + FIELD_LATE_S * hypot(*gyr_rad_s), FIELD_OFF_SHARE * way)
         if off > allowed:
@@ -57,7 +57,7 @@ def carries_weight(acc_m_s2: Vec3, gyr_rad_s: Vec3) -> bool:
     return abs(abs(along) - STANDARD_GRAVITY_M_S2) <= WEIGHT_M_S2
 
 
-def turned(vector: Vec3, gyr_rad_s: Vec3, span_s: float) -> Vec3:
+def vector_after_turn(vector: Vec3, gyr_rad_s: Vec3, span_s: float) -> Vec3:
     """A body vector of something fixed, after turning at that rate (Rodrigues, by -w t)."""
     rate_rad_s = hypot(*gyr_rad_s)
     if rate_rad_s == 0.0:

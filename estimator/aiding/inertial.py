@@ -87,8 +87,8 @@ def predict_motion(
         velocity_ned_m_s=v,
         force_ned_m_s2=force,
         rate_rad_s=rate,
-        receiver_error_m_s=faded(estimate.receiver_error_m_s, dt, params.receiver_error_tau_s),
-        filter_error_m_s=faded(estimate.filter_error_m_s, dt, params.filter_error_tau_s),
+        receiver_error_m_s=fade(estimate.receiver_error_m_s, dt, params.receiver_error_tau_s),
+        filter_error_m_s=fade(estimate.filter_error_m_s, dt, params.filter_error_tau_s),
         trail=trail,
         covariance=P,
     )
@@ -157,7 +157,7 @@ def add_noise(
 
 
 @inlined
-def faded(error: Vec3, dt: float, tau_s: float) -> Vec3:
+def fade(error: Vec3, dt: float, tau_s: float) -> Vec3:
     """What is left of a slow error, as far as it is known."""
     return scale(real_exp(-dt / tau_s), error)
 

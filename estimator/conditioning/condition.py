@@ -212,7 +212,7 @@ def ned_of_g(state: ConditioningState) -> Quaternion:
 
 
 @inlined
-def agreed_rate(
+def rate_by_attitudes(
     state: ConditioningState, rate: Vec3, before: Quaternion, slow: float, dt_s: float
 ) -> Vec3:
     """The rate that makes of the attitude before a slow step the one after it.
@@ -282,7 +282,7 @@ def condition(
         state = learn(params, state, gyr, sample.between)
         slow = 0.0 if first else slowness(params, dt)
         if slow > 0.0:
-            rate = agreed_rate(state, rate, before, slow, dt)
+            rate = rate_by_attitudes(state, rate, before, slow, dt)
     return state, result_of(params, state, rate)
 
 

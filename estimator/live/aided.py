@@ -69,7 +69,7 @@ def is_worse(state: AidingState, seen: Conditioned) -> bool:
 
 
 @inlined
-def agreed_rate(before: Quaternion, state: AidingState, slow: float, dt: float) -> Vec3:
+def rate_by_attitudes(before: Quaternion, state: AidingState, slow: float, dt: float) -> Vec3:
     """The rate that makes of the aided attitude before a slow step the one after it.
 
     exp(w' dt) = exp(w dt) exp(phi), as the unaided stage has it.
@@ -92,7 +92,7 @@ def follow_aided(
     last, bias = aided.last, aided.estimate.gyr_bias_rad_s
     dt = last.dt_s
     slow = slow_share(dt)
-    rate = last.rate_rad_s if slow == 0.0 else agreed_rate(before, aided, slow, dt)
+    rate = last.rate_rad_s if slow == 0.0 else rate_by_attitudes(before, aided, slow, dt)
     state = integrate_rate(state, rate, dt, bias)
     weight = following_weight(slow, dt)
     return correct(params, state, aided_vectors(reference, aided, knows_north, weight), dt)

@@ -63,7 +63,7 @@ def aided_figures(aided: AidingState) -> Figures:
 
 
 @inlined
-def widened(figures: Figures, rate_rad_s: Vec3, ahead_s: float) -> Figures:
+def widen(figures: Figures, rate_rad_s: Vec3, ahead_s: float) -> Figures:
     """Both sigmas ``ahead_s`` beyond the last sample: the vehicle may have stopped turning.
 
     Of the turn since then the share that nobody has seen grows from none to all.

@@ -37,11 +37,11 @@ def take_due(waiting: Reports, time_us: int, oldest_s: float) -> tuple[tuple[Rep
     reached = [report for report in waiting if report.time_us <= time_us]
     ahead = tuple(report for report in waiting if report.time_us > time_us)
     latest = {r.late_sigma_s > 0.0: r for r in sorted(reached, key=lambda r: r.time_us)}
-    due = (aged(report, time_us) for report in latest.values())
+    due = (report_with_age(report, time_us) for report in latest.values())
     return tuple(report for report in due if report.ago_s <= oldest_s), ahead
 
 
-def aged(report: VelocitySample, time_us: int) -> Report:
+def report_with_age(report: VelocitySample, time_us: int) -> Report:
     """A report as it is seen from the IMU sample of ``time_us``."""
     return Report(
         given=True,

@@ -40,7 +40,7 @@ from estimator.live.published import (
     conditioned_figures,
     motion,
     raw_figures,
-    widened,
+    widen,
 )
 from estimator.live.settings import Settings
 from estimator.types import NOTHING_BETWEEN, ZERO_VEC3, Between, Sample, Vec3
@@ -313,5 +313,5 @@ def publish(inside: Any, ahead_s: float, source: int) -> tuple[Motion, Figures, 
     else:
         figures = raw_figures(inside.params.reference, inside.smooth_error)
     rate_rad_s = subtract(inside.sample.gyr_rad_s, inside.filter.gyr_bias_rad_s)
-    figures = widened(figures, rate_rad_s, known_s)
+    figures = widen(figures, rate_rad_s, known_s)
     return motion(inside.filter, rate_rad_s, ahead_s), figures, inside.seen.has_heading
