@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimator.errors import InputError
-from estimator.geometry.frames import euler_rad
+from fuzzbee.angle_curves import cut_at_wraps, euler_curves_deg
 from fuzzbee.replay.comparison import Comparison
 from fuzzbee.replay.trace import VehicleTrace
 
@@ -74,13 +74,13 @@ def _attitude(
     axes: Any, time_s: Floats, trace: VehicleTrace, compared: Comparison, shown: slice
 ) -> None:
     """Roll, pitch and yaw; lines are cut where an angle wraps."""
-    own = _euler_deg(trace.estimates[shown])
-    truth = _euler_deg(compared.truth[shown])
+    own = euler_curves_deg(trace.estimates[shown])
+    truth = euler_curves_deg(compared.truth[shown])
     truth[~compared.known[shown]] = np.nan
     for i, (ax, name) in enumerate(zip(axes, ("roll", "pitch", "yaw"), strict=True)):
         if compared.source is not None:
-            ax.plot(time_s[shown], _cut(truth[:, i]), "k-", lw=1.6, label=compared.source)
-        ax.plot(time_s[shown], _cut(own[:, i]), "C1-", lw=0.8, label="estimate")
+            ax.plot(time_s[shown], cut_at_wraps(truth[:, i]), "k-", lw=1.6, label=compared.source)
+        ax.plot(time_s[shown], cut_at_wraps(own[:, i]), "C1-", lw=0.8, label="estimate")
         ax.set_ylabel(f"{name} in °")
     axes[0].legend(loc="upper right", ncols=2)
 
@@ -137,16 +137,3 @@ def _ceiling(error: Floats, sigma: Floats) -> float:
     """A height that shows nearly all of both; rare peaks are cut off."""
     finite = np.concatenate([error[np.isfinite(error)], sigma[np.isfinite(sigma)]])
     return max(1.0, 1.3 * float(np.percentile(finite, 99.0))) if len(finite) else 1.0
-
-
-def _euler_deg(attitudes: Floats) -> Floats:
-    return np.degrees([euler_rad((q[0], q[1], q[2], q[3])) for q in attitudes.tolist()]).reshape(
-        -1, 3
-    )
-
-
-def _cut(degrees: Floats) -> Floats:
-    """The same line, not joined across a wrap."""
-    cut = degrees.copy()
-    cut[1:][np.abs(np.diff(degrees)) > 180.0] = np.nan
-    return cut

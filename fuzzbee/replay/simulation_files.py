@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimator.errors import InputError
-from estimator.geometry.frames import euler_rad
 from estimator.geometry.metrics import COST_RATE_HZ, batch_angle_errors
+from fuzzbee.angle_curves import cut_at_wraps, euler_curves_deg
 from fuzzbee.replay.plot import METADATA
 from tuning.paper_experiment import SETTLED_ERROR, ExperimentResult
 
@@ -128,24 +128,13 @@ def _finish(axes: Any, end_s: float) -> None:
 
 def _angles(axes: Any, time_s: Floats, seed: int, result: ExperimentResult) -> None:
     """Roll, pitch and yaw of one seed, true and estimated."""
-    true, estimated = _euler_deg(result.truth), _euler_deg(result.estimates)
+    true, estimated = euler_curves_deg(result.truth), euler_curves_deg(result.estimates)
     for i, (ax, name) in enumerate(zip(axes, ("roll", "pitch", "yaw"), strict=True)):
-        ax.plot(time_s, _cut(true[:, i]), color="0.2", lw=1.4, label="true")
-        ax.plot(time_s, _cut(estimated[:, i]), color="C1", lw=0.8, label="estimate")
+        ax.plot(time_s, cut_at_wraps(true[:, i]), color="0.2", lw=1.4, label="true")
+        ax.plot(time_s, cut_at_wraps(estimated[:, i]), color="C1", lw=0.8, label="estimate")
         ax.set_ylabel(f"{name} in °")
         ax.set_xlim(0.0, time_s[-1])
         ax.grid(visible=True, alpha=0.3)
     axes[0].set_title(f"angles, noise seed {seed}")
     axes[0].legend(loc="upper right", ncols=2, fontsize=7)
     axes[2].set_xlabel("time in s")
-
-
-def _euler_deg(attitudes: Floats) -> Floats:
-    return np.degrees([euler_rad((q[0], q[1], q[2], q[3])) for q in attitudes.tolist()])
-
-
-def _cut(degrees_: Floats) -> Floats:
-    """The same line, not joined across a wrap."""
-    cut = degrees_.copy()
-    cut[1:][np.abs(np.diff(degrees_)) > 180.0] = np.nan
-    return cut

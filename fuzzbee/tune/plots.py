@@ -8,9 +8,9 @@ from numpy.typing import NDArray
 
 from estimator.errors import InputError
 from estimator.filter.memberships import TERMS, Triangle, fuzzy_sets
-from estimator.geometry.frames import euler_rad
 from estimator.geometry.metrics import COST_RATE_HZ
 from estimator.profile import Profile
+from fuzzbee.angle_curves import cut_at_wraps, euler_curves_deg
 from tuning.log_task import LogTask
 from tuning.objective import Task
 from tuning.paper_experiment import run_experiment
@@ -143,26 +143,14 @@ def euler_angles(tuned: Profile, seed: int) -> "Figure":
     figure, axes = _figure(3, 1, 8.0, 7.0)
     run = run_experiment(tuned, seed)
     time_s = np.arange(len(run.true_error)) / COST_RATE_HZ
-    true, estimated = _euler_deg(run.truth), _euler_deg(run.estimates)
+    true, estimated = euler_curves_deg(run.truth), euler_curves_deg(run.estimates)
     for i, name in enumerate(("roll", "pitch", "yaw")):
         ax = axes[i, 0]
-        ax.plot(time_s, _cut(true[:, i]), "k-", label="true")
-        ax.plot(time_s, _cut(estimated[:, i]), "C1--", label="estimated")
+        ax.plot(time_s, cut_at_wraps(true[:, i]), "k-", label="true")
+        ax.plot(time_s, cut_at_wraps(estimated[:, i]), "C1--", label="estimated")
         ax.set(ylabel=f"{name} in deg")
         ax.grid(visible=True, alpha=0.3)
     axes[0, 0].set_title(f"Euler angles (noise seed {seed})")
     axes[0, 0].legend(loc="upper right")
     axes[2, 0].set_xlabel("time in s")
     return figure
-
-
-def _euler_deg(attitudes: Floats) -> Floats:
-    return np.degrees([euler_rad(tuple(q)) for q in attitudes.tolist()])
-
-
-def _cut(angle_deg: Floats) -> Floats:
-    """The same line, not joined across the jump from 180 to -180."""
-    jumps = np.flatnonzero(np.abs(np.diff(angle_deg)) > 180.0) + 1
-    shown = angle_deg.copy()
-    shown[jumps] = np.nan
-    return shown
