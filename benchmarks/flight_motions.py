@@ -1,4 +1,4 @@
-"""True motions of simulated vehicles: planes, copters, quadplanes and rovers.
+"""True motions of simulated vehicles: planes, copters, quadplanes, rovers, and one in hands.
 
 Each begins with ``REST_S`` of rest and goes on at random. Nothing is shared with the
 estimator but quaternion algebra.
@@ -273,6 +273,40 @@ def rover(seed: int) -> Motion:
     return integrate(step, heading)
 
 
+def carried(seed: int) -> Motion:
+    """A vehicle in somebody's hands: turned, carried about, put down again and left for a while."""
+    rng = np.random.default_rng(seed)
+    heading = float(rng.uniform(-pi, pi))
+    shaken = Gusts(rng, (0.15, 0.15, 0.1), 0.2)
+    rate, wanted, velocity, walk = (0.0, 0.0, 0.0), (0.0, 0.0, 0.0), np.zeros(3), np.zeros(3)
+    left, held = REST_S, False
+
+    def step(q: Quaternion, _: float) -> Moment:
+        nonlocal rate, wanted, velocity, walk, left, held
+        roll, pitch = roll_and_pitch(q)
+        left -= DT
+        if left <= 0.0:
+            held, left = bool(rng.random() < 0.75), float(rng.uniform(1.0, 6.0))
+            lean = rng.uniform(-0.9, 0.9, 2) * held
+            wanted = (float(lean[0]), float(lean[1]), float(rng.uniform(-1.0, 1.0)) * held)
+            walk = rng.uniform(-1.2, 1.2, 3) * held * (1.0, 1.0, 0.3)
+        moving = held or abs(roll) + abs(pitch) > 0.02 or float(np.linalg.norm(velocity)) > 0.02
+        if not moving:
+            velocity = np.zeros(3)
+            return Moment((0.0, 0.0, 0.0), (0.0, 0.0, 0.0), 0.0)
+        asked = (
+            clip(3.0 * (wanted[0] - roll), 2.0),
+            clip(3.0 * (wanted[1] - pitch), 2.0),
+            wanted[2],
+        )
+        rate = tuple(r + (a - r) * DT / 0.1 for r, a in zip(rate, asked, strict=True))
+        velocity = velocity + (walk - velocity) * DT / 0.25
+        turning = add(rate, shaken.next()) if held else rate
+        return Moment(turning, tuple(velocity.tolist()), 0.0)
+
+    return integrate(step, heading)
+
+
 MOTIONS: dict[str, Callable[[int], Motion]] = {
     "plane": plane,
     "copter": copter,
@@ -280,4 +314,5 @@ MOTIONS: dict[str, Callable[[int], Motion]] = {
     "quadplane": quadplane,
     "rover": rover,
     "plane in rough air": plane_in_rough_air,
+    "carried": carried,
 }

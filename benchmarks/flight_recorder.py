@@ -63,7 +63,8 @@ class Receiver(NamedTuple):
     noise_m_s: float = 0.05
     slow_m_s: float = 0.1
     tau_s: float = 20.0
-    says_m_s: float = 0.3  # the accuracy that it reports of itself
+    says_m_s: float = 0.3  # the accuracy that it reports of itself; 0: none
+    echoes_m_s: float = 0.0  # error for some seconds now and then, as beside walls
 
 
 class Link(NamedTuple):
@@ -75,6 +76,9 @@ class Link(NamedTuple):
     late_s: float = 0.006  # mean delay beyond the shortest one, exponentially distributed
     stalls_s: float = 0.0  # four times the vehicle and its clock stand still for so long
     drift: float = 1e-3  # the vehicle's clock runs slow by this share
+    jitter: float = 0.0  # share of the period by which samples scatter
+    loss: float = 0.0  # share of the samples that do not arrive
+    holes: int = 0  # stretches of 3 to 12 s in which nothing arrives
 
 
 class Trouble(NamedTuple):
@@ -84,6 +88,7 @@ class Trouble(NamedTuple):
     wrong: tuple[float, float] | None = None
     wrong_m_s: float = 4.0
     early_position: bool = True  # near (0, 0), before the fix
+    is_unused: bool = False  # the autopilot's filter does without them, though there is a fix
 
 
 class Flight(NamedTuple):
@@ -137,7 +142,7 @@ def signals(motion: Motion, flight: Flight, rng: np.random.Generator) -> Signals
         sense(felt, s.acc, s.acc_bias),
         _averaged_field(R, motion, s, rng),
         _filters(motion, acceleration, flight.filter, rng),
-        motion.velocity + _slow(n, flight.receiver.slow_m_s, flight.receiver.tau_s, rng),
+        motion.velocity + _receiver_error(n, flight.receiver, rng),
         np.cumsum(motion.velocity, axis=0) / FINE_HZ,
     )
 
@@ -182,6 +187,18 @@ def _filters(
     return np.asarray(velocity + slow * (0.2 + 0.8 * ~at_rest[:, None]))
 
 
+def _receiver_error(n: int, chosen: Receiver, rng: np.random.Generator) -> Floats:
+    """Slow noise, and every 20 s on average an error that comes and goes within seconds."""
+    error = _slow(n, chosen.slow_m_s, chosen.tau_s, rng)
+    if chosen.echoes_m_s > 0.0:
+        t = np.arange(n) / FINE_HZ
+        for centre in rng.uniform(0.0, t[-1], round(t[-1] / 20.0)):
+            size = chosen.echoes_m_s * rng.standard_normal(3)
+            shape = np.exp(-(((t - centre) / rng.uniform(0.5, 3.0)) ** 2))
+            error += shape[:, None] * size
+    return error
+
+
 def _slow(n: int, sigma: float, tau_s: float, rng: np.random.Generator) -> Floats:
     """First-order noise, smoothed: neither has steps."""
     keep = np.exp(-1.0 / (FINE_HZ * tau_s))
@@ -201,8 +218,20 @@ def sample_times(link: Link, rng: np.random.Generator) -> Floats:
             period = float(rng.choice((0.02, 0.04, 0.1), p=(0.68, 0.31, 0.01)))
         if link.bursts and t % 2.0 > 0.9 and t % 7.0 > 1.5:
             period = 0.25
+        if link.jitter > 0.0:
+            period *= 1.0 + link.jitter * float(rng.uniform(-1.0, 1.0))
         t += period
-    return np.array(times)
+    return _arriving(np.array(times), link, rng)
+
+
+def _arriving(times: Floats, link: Link, rng: np.random.Generator) -> Floats:
+    """Those that no radio loses."""
+    kept = np.ones(len(times), bool)
+    if link.loss > 0.0:
+        kept &= rng.random(len(times)) >= link.loss
+    for begin in rng.uniform(40.0, DURATION_S - 20.0, link.holes):
+        kept &= (times < begin) | (times > begin + rng.uniform(3.0, 12.0))
+    return times[kept]
 
 
 class Tlog:
@@ -273,6 +302,8 @@ class _Reports:
 
     def _are_satellites_lost(self, t: float) -> bool:
         lost = self._flight.trouble.lost
+        if self._flight.trouble.is_unused:
+            return True
         return t < FILTER_S or (lost is not None and lost[0] <= t < lost[1])
 
     def _satellite_error(self, t: float) -> Floats:
@@ -307,7 +338,9 @@ class _Reports:
 
     def _receiver(self, t: float, stamp_us: int) -> Iterator[tuple[Any, ...]]:
         chosen = self._flight.receiver
-        fix = FIX_NONE if t < FIX_S or (self._are_satellites_lost(t) and t > FILTER_S) else FIX_3D
+        unused = self._flight.trouble.is_unused
+        lost = self._are_satellites_lost(t) and t > FILTER_S and not unused
+        fix = FIX_NONE if t < FIX_S or lost else FIX_3D
         age = chosen.late_s + chosen.jitter_s * float(self._rng.random())
         i = max(0, int((t - age) * FINE_HZ))
         v = self._now.by_receiver[i] + chosen.noise_m_s * self._rng.standard_normal(3)

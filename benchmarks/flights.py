@@ -87,6 +87,31 @@ def at_4_hz(flight: Flight, _: Rng) -> Flight:
     return flight._replace(link=Link(period_s=0.25))
 
 
+def over_radio(hz: float) -> Callable[[Flight, Rng], Flight]:
+    """A ground station's radio link: uneven, with losses and holes; receivers say no accuracy."""
+
+    def change(flight: Flight, rng: Rng) -> Flight:
+        link = Link(period_s=1.0 / hz, jitter=0.2, loss=0.05, holes=3)
+        receiver = flight.receiver._replace(says_m_s=0.0)
+        current = float(rng.uniform(0.0, 0.03))
+        sensors = Sensors(acc=0.3, hard_iron=0.02, current=current)
+        return flight._replace(link=link, receiver=receiver, sensors=sensors)
+
+    return change
+
+
+def without_filter(hz: float) -> Callable[[Flight, Rng], Flight]:
+    """The same while the autopilot's filter does without the receiver, which is beside walls."""
+
+    def change(flight: Flight, rng: Rng) -> Flight:
+        flight = over_radio(hz)(flight, rng)
+        receiver = flight.receiver._replace(echoes_m_s=float(rng.choice((0.3, 1.0, 3.0))))
+        return flight._replace(receiver=receiver, trouble=Trouble(is_unused=True))
+
+    return change
+
+
+SLOW_VEHICLES = ("plane", "copter", "calm copter", "rover", "carried")
 CASES: dict[str, Case] = {
     "simulator": Case(VEHICLES, lambda f, _: f._replace(sensors=CLEAN, receiver=PERFECT)),
     "sound": Case(VEHICLES, lambda f, _: f),
@@ -101,6 +126,11 @@ CASES: dict[str, Case] = {
         ("plane", "copter"), lambda f, _: f._replace(link=f.link._replace(bursts=True))
     ),
     "rough air at 4 Hz": Case(("plane in rough air",), at_4_hz),
+    **{f"radio at {hz:g} Hz": Case(SLOW_VEHICLES, over_radio(hz)) for hz in (1.0, 2.5, 4.0)},
+    **{
+        f"receiver alone at {hz:g} Hz": Case(SLOW_VEHICLES, without_filter(hz))
+        for hz in (1.0, 2.5, 4.0)
+    },
     "stalls": Case(("copter",), lambda f, _: f._replace(link=f.link._replace(stalls_s=0.3))),
 }
 
