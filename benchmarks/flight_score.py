@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 
 from drivers.events import Event
 from estimator.profile import load_profile, merge_profile
-from fuzzbee.replay.comparison import compare
-from fuzzbee.replay.trace import Replay
+from fuzzbee.replays.comparison import compare
+from fuzzbee.replays.trace import Replay
 
 Floats = NDArray[np.float64]
 STRETCH_S = 20.0

@@ -31,7 +31,7 @@ from estimator.geometry.metrics import STEADY, TRANSIENT, TRANSIENT_WEIGHT
 from estimator.live.settings import settings_of
 from estimator.profile import load_profile
 from estimator.types import STANDARD_GRAVITY_M_S2
-from fuzzbee.replay.command import seed_range
+from fuzzbee.replays.command import seed_range
 from tuning.optimizers import run_search
 from tuning.paper_experiment import SETTLED_ERROR
 from tuning.paper_noise import NoiseScale, simulate_scaled

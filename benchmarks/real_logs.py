@@ -28,10 +28,10 @@ from estimator.compilation.compiled import compiled
 from estimator.errors import InputError
 from estimator.geometry.metrics import rms
 from estimator.profile import Profile, load_profile
-from fuzzbee.replay.comparison import compare
-from fuzzbee.replay.log_report import replay_log
-from fuzzbee.replay.motion import motion_mask
-from fuzzbee.replay.trace import VehicleTrace
+from fuzzbee.replays.comparison import compare
+from fuzzbee.replays.log_report import replay_log
+from fuzzbee.replays.motion import motion_mask
+from fuzzbee.replays.trace import VehicleTrace
 
 Floats = NDArray[np.float64]
 Bools = NDArray[np.bool_]

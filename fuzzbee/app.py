@@ -9,7 +9,7 @@ from typing import Annotated
 import typer
 
 from fuzzbee import profile, run, sim, watch
-from fuzzbee.replay import command as replay
+from fuzzbee.replays import command as replay
 from fuzzbee.tune import command as tune
 from fuzzbee.version import __version__
 

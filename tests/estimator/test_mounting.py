@@ -16,7 +16,7 @@ from estimator.geometry.quaternion import conjugate, rotate, scale
 from estimator.mounting import Mounting
 from estimator.profile import load_profile, merge_profile, parse_profile, profile_to_toml
 from estimator.types import ImuSample
-from fuzzbee.replay.trace import Replay
+from fuzzbee.replays.trace import Replay
 from service.pipeline import Pipeline
 from service.records import Message
 from tuning.log_dataset import read_log

@@ -20,7 +20,7 @@ from drivers.mavlink.framing import FrameReader
 from drivers.mavlink.gate import FrameGate, Policy
 from estimator.errors import InputError
 from estimator.profile import load_profile, parse_profile, profile_to_json
-from fuzzbee.replay.log_report import report_log
+from fuzzbee.replays.log_report import report_log
 from service.pipeline import MAX_VEHICLES, Pipeline
 from service.records import AttitudeRecord, Published
 from service.sinks.zenoh import _json_object

@@ -7,7 +7,7 @@ import pytest
 from drivers.logs.tlog import TlogRecords
 from drivers.mavlink.dialect import Unpacker, mavlink
 from estimator.profile import load_profile
-from fuzzbee.replay.log_report import report_log
+from fuzzbee.replays.log_report import report_log
 
 DATA = Path(__file__).parent.parent / "data"
 PLANE = DATA / "sitl_plane_4hz.tlog"

@@ -83,7 +83,7 @@ def test_a_signal_before_watch_is_ready_ends_it_well(monkeypatch, number):
 
 def test_an_interrupted_replay_says_so(monkeypatch):
     monkeypatch.setattr(
-        "fuzzbee.replay.command._replay_logs", lambda *_, **__: signal.raise_signal(signal.SIGINT)
+        "fuzzbee.replays.command._replay_logs", lambda *_, **__: signal.raise_signal(signal.SIGINT)
     )
     assert main(["replay", "flight.tlog"]) == 130
 

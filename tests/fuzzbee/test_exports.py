@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from fuzzbee.cli import main
-from fuzzbee.replay.exports import ATTITUDE_COLUMNS, COLUMNS
-from fuzzbee.replay.simulation_files import COLUMNS as SIMULATION_COLUMNS
+from fuzzbee.replays.exports import ATTITUDE_COLUMNS, COLUMNS
+from fuzzbee.replays.simulation_files import COLUMNS as SIMULATION_COLUMNS
 
 LOG = Path(__file__).parent.parent / "data" / "sitl_copter_4hz.tlog"
 

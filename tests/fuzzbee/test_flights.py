@@ -10,9 +10,9 @@ from drivers.events import Imu, Parameter, Position, ReferenceAttitude, Velocity
 from drivers.logs.open import open_log
 from estimator.geometry.quaternion import log, multiply
 from estimator.profile import load_profile
-from fuzzbee.replay.comparison import compare
-from fuzzbee.replay.score import coverage, rms
-from fuzzbee.replay.trace import Replay
+from fuzzbee.replays.comparison import compare
+from fuzzbee.replays.score import coverage, rms
+from fuzzbee.replays.trace import Replay
 
 DATA = Path(__file__).parent.parent / "data"
 FAST = DATA / "sitl_copter_flips.tlog"

@@ -4,7 +4,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimator.types import ImuSample
-from fuzzbee.replay.motion import motion_mask
+from fuzzbee.replays.motion import motion_mask
 
 RATE_HZ = 4.0
 

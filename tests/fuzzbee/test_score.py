@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from estimator.geometry.quaternion import exp, multiply
-from fuzzbee.replay.score import convergence_s, coverage, errors_against, summarize
+from fuzzbee.replays.score import convergence_s, coverage, errors_against, summarize
 
 
 def attitudes(vectors):

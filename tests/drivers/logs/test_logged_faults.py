@@ -11,7 +11,7 @@ from drivers.logs.open import open_log
 from drivers.mavlink.dialect import mavlink
 from drivers.simulation.simulated_vehicle import SimulatedVehicle
 from estimator.profile import load_profile
-from fuzzbee.replay.log_report import report_log
+from fuzzbee.replays.log_report import report_log
 from tests.drivers.logs import test_dataflash, test_ulog
 
 S = 1_000_000

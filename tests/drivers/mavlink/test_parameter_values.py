@@ -10,7 +10,7 @@ from drivers.mavlink.dialect import mavlink
 from drivers.mavlink.framing import FrameReader
 from drivers.mavlink.parameter_values import MOST_WAITING, ParameterValue, WaitingParameters
 from estimator.profile import load_profile
-from fuzzbee.replay.trace import Replay
+from fuzzbee.replays.trace import Replay
 from service.pipeline import Pipeline
 
 S = 1_000_000

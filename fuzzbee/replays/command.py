@@ -14,8 +14,8 @@ from fuzzbee.say import say
 
 if TYPE_CHECKING:
     from estimator.profile import Profile
-    from fuzzbee.replay.log_report import Export
-    from fuzzbee.replay.simulation_report import Export as SimulationExport
+    from fuzzbee.replays.log_report import Export
+    from fuzzbee.replays.simulation_report import Export as SimulationExport
 
 SIMULATION = "sim:"
 
@@ -128,7 +128,7 @@ def replay(
     if viewer is not None:
         from functools import partial
 
-        from fuzzbee.replay.viewer_replay import show
+        from fuzzbee.replays.viewer_replay import show
 
         options["exports"].append(partial(show, viewer))
     try:
@@ -145,8 +145,8 @@ def _replay_logs(
 ) -> None:
     import msgspec
 
-    from fuzzbee.replay.log_report import report_log
-    from fuzzbee.replay.table import print_reports
+    from fuzzbee.replays.log_report import report_log
+    from fuzzbee.replays.table import print_reports
 
     told: list[str] = []  # printed when all went well only: a refusal must be one single line
     reports = [report_log(path, profile, tell=told.append, **options) for path in paths]
@@ -170,8 +170,8 @@ def _exports(
     """
     from functools import partial
 
-    from fuzzbee.replay import exports
-    from fuzzbee.replay import plot as replay_plot
+    from fuzzbee.replays import exports
+    from fuzzbee.replays import plot as replay_plot
 
     chosen: list[Export] = []
     for option, file in (("--csv", csv), ("--mcap", mcap), ("--plot", plot)):
@@ -201,8 +201,8 @@ def _replay_simulation(
     import msgspec
 
     from estimator.profile import load_profile
-    from fuzzbee.replay.simulation_report import report_simulation
-    from fuzzbee.replay.table import print_simulation
+    from fuzzbee.replays.simulation_report import report_simulation
+    from fuzzbee.replays.table import print_simulation
 
     started = time.perf_counter()
     exports = _simulation_exports(profile_name, gain, seeds, csv, plot)
@@ -220,8 +220,8 @@ def _simulation_exports(
     """The files to write of the experiment; what cannot be written is refused before it runs."""
     from functools import partial
 
-    from fuzzbee.replay import simulation_files
-    from fuzzbee.replay.plot import require_plot
+    from fuzzbee.replays import simulation_files
+    from fuzzbee.replays.plot import require_plot
 
     chosen: list[SimulationExport] = []
     if csv is not None:

@@ -10,8 +10,8 @@ from rich.text import Text
 from fuzzbee.say import printable
 
 if TYPE_CHECKING:
-    from fuzzbee.replay.log_report import LogReport
-    from fuzzbee.replay.simulation_report import SimulationReport
+    from fuzzbee.replays.log_report import LogReport
+    from fuzzbee.replays.simulation_report import SimulationReport
 
 
 # Fewer headings from magnetic north than this do not change a figure's last digit much.

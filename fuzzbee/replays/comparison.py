@@ -9,8 +9,8 @@ from numpy.typing import NDArray
 from estimator.errors import InputError
 from estimator.geometry.quaternion import multiply
 from estimator.types import IDENTITY
-from fuzzbee.replay.score import errors_against
-from fuzzbee.replay.trace import VehicleTrace
+from fuzzbee.replays.score import errors_against
+from fuzzbee.replays.trace import VehicleTrace
 
 Floats = NDArray[np.float64]
 Bools = NDArray[np.bool_]

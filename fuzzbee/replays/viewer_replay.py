@@ -4,13 +4,13 @@ from collections.abc import Iterator
 from contextlib import suppress
 from typing import TYPE_CHECKING
 
-from fuzzbee.replay.trace import VehicleTrace
+from fuzzbee.replays.trace import VehicleTrace
 from service.attitude_record import Stamp, attitude_record
 from service.health import State
 from service.records import Output, Peer, Published
 
 if TYPE_CHECKING:
-    from fuzzbee.replay.comparison import Comparison
+    from fuzzbee.replays.comparison import Comparison
     from fuzzbee.viewer.viewer import ViewerSink
 
 

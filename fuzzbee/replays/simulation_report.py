@@ -8,8 +8,8 @@ import numpy as np
 
 from estimator.geometry.metrics import COST_RATE_HZ, COST_SAMPLES
 from estimator.profile import Profile
-from fuzzbee.replay.log_report import ImuSummary, VehicleSummary
-from fuzzbee.replay.score import Coverage, ErrorSummary, errors_against, summarize
+from fuzzbee.replays.log_report import ImuSummary, VehicleSummary
+from fuzzbee.replays.score import Coverage, ErrorSummary, errors_against, summarize
 from tuning.paper_experiment import ExperimentResult, run_experiment
 
 

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from estimator.errors import InputError
 from estimator.geometry.metrics import COST_RATE_HZ, batch_angle_errors
 from fuzzbee.angle_curves import cut_at_wraps, euler_curves_deg
-from fuzzbee.replay.plot import METADATA
+from fuzzbee.replays.plot import METADATA
 from tuning.paper_experiment import SETTLED_ERROR, ExperimentResult
 
 Floats = NDArray[np.float64]

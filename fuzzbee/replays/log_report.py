@@ -14,9 +14,9 @@ from drivers.logs.open import open_log
 from drivers.mavlink.names import autopilot_name, vehicle_type_name
 from estimator.errors import InputError
 from estimator.profile import Profile
-from fuzzbee.replay.comparison import Comparison, compare
-from fuzzbee.replay.motion import motion_mask
-from fuzzbee.replay.score import (
+from fuzzbee.replays.comparison import Comparison, compare
+from fuzzbee.replays.motion import motion_mask
+from fuzzbee.replays.score import (
     Coverage,
     ErrorSummary,
     convergence_s,
@@ -25,7 +25,7 @@ from fuzzbee.replay.score import (
     sort_counts,
     summarize,
 )
-from fuzzbee.replay.trace import Replay, VehicleTrace
+from fuzzbee.replays.trace import Replay, VehicleTrace
 
 MICROSECOND = 1e-6
 

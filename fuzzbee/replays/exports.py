@@ -16,8 +16,8 @@ from drivers.output_file import output_path
 from estimator.errors import InputError
 from estimator.geometry.frames import euler_rad
 from estimator.types import Attitude, Quaternion
-from fuzzbee.replay.comparison import Comparison
-from fuzzbee.replay.trace import VehicleTrace
+from fuzzbee.replays.comparison import Comparison
+from fuzzbee.replays.trace import VehicleTrace
 
 Value = float | str | None
 

@@ -9,8 +9,8 @@ from numpy.typing import NDArray
 
 from estimator.errors import InputError
 from fuzzbee.angle_curves import cut_at_wraps, euler_curves_deg
-from fuzzbee.replay.comparison import Comparison
-from fuzzbee.replay.trace import VehicleTrace
+from fuzzbee.replays.comparison import Comparison
+from fuzzbee.replays.trace import VehicleTrace
 
 Floats = NDArray[np.float64]
 
