@@ -16,7 +16,8 @@ from drivers.mavlink.transports.open import open_transport
 from drivers.simulation.autopilot import VehicleOptions
 from drivers.simulation.fleet import Fleet, run_vehicles
 
-SYSTEM_ID = 5  # where a MAVLink 2 header has it
+# where a MAVLink 2 header has them
+SYSTEM_ID, COMPONENT_ID = 5, 6
 
 
 class NotingTransport:
@@ -37,7 +38,7 @@ class NotingTransport:
         return self._transport.address
 
     def send(self, data: bytes) -> None:
-        self.sent.append(data[SYSTEM_ID])
+        self.sent.append(1000 * (data[COMPONENT_ID] - 1) + data[SYSTEM_ID])
         self.sent.append(time.time_ns())
         self._transport.send(data)
 

@@ -40,7 +40,8 @@ def main() -> None:
     def on_attitude(sample: zenoh.Sample) -> None:
         now_ns = time.time_ns()
         seen = decode(sample.payload.to_bytes())
-        vehicle = int(str(sample.key_expr).split("/")[1])
+        system, _, component = str(sample.key_expr).split("/")[1].partition("-")
+        vehicle = 1000 * (int(component or 1) - 1) + int(system)
         rows.extend((vehicle, now_ns, seen.time_unix_us, round(seen.age_ms * 1e3), seen.sequence))
 
     with client(endpoint) as session:

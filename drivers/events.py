@@ -137,6 +137,15 @@ class Rejected(Value, frozen=True):
     message: str = ""
 
 
+class Shed(Value, frozen=True):
+    """Samples of one stream that were left out, since newer ones were there already."""
+
+    vehicle: VehicleId
+    arrival_us: int
+    message: str
+    samples: int
+
+
 class RefusedFrames(Value, frozen=True):
     """Frames that were not let in; the address is what they claim, which nobody has proven."""
 
@@ -192,6 +201,7 @@ Event = (
     | ClockReset
     | TrackLost
     | Rejected
+    | Shed
     | RefusedFrames
     | Notice
     | Malformed

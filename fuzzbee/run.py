@@ -250,6 +250,7 @@ def _open_source(
     endpoint: "Endpoint", options: RunOptions, key: bytes | None, stack: ExitStack
 ) -> "Callable[[Pipeline, Any, ParameterRequests], Runner]":
     """Open the source; returns the function that makes its runner."""
+    from service.overload import Overload
     from service.runner import Runner
 
     if endpoint.kind == "log":
@@ -276,7 +277,12 @@ def _open_source(
         )
     )
     return lambda pipeline, outbox, requests: Runner(
-        source, pipeline, outbox, rate_hz=options.rate_hz, requests=requests
+        source,
+        pipeline,
+        outbox,
+        rate_hz=options.rate_hz,
+        requests=requests,
+        overload=Overload(),
     )
 
 
@@ -405,6 +411,7 @@ def summary(
                 "imu_rate_hz": round(vehicle.median_rate_hz, 3),
                 "worst_gap_s": vehicle.worst_gap_us / 1e6,
                 "samples": vehicle.samples,
+                "shed": vehicle.shed,
                 "attitudes": vehicle.attitudes,
                 "rejected": dict(sorted(vehicle.rejected.items())),
             }

@@ -23,6 +23,7 @@ class LogPlayer:
     """
 
     dropped = 0  # a log waits for the service, so nothing is ever dropped
+    busy = 0.0  # no thread of its own
 
     def __init__(
         self,
@@ -51,6 +52,9 @@ class LogPlayer:
 
     def _running_us(self) -> int:
         return self._base_us + round((self._monotonic_s() - self._base_s) * 1e6 * self._speed)
+
+    def spare(self, interval_s: float) -> None:
+        """A log waits: nothing is left out."""
 
     def drain(self, timeout_s: float) -> list[Event]:
         """All events whose time has come, after waiting at most ``timeout_s`` for the first."""

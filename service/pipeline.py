@@ -7,7 +7,7 @@ when or how often attitudes are published.
 
 from collections import Counter
 from collections.abc import Callable
-from typing import Any, NamedTuple
+from typing import Any
 
 from drivers.events import (
     BodyRates,
@@ -24,6 +24,7 @@ from drivers.events import (
     ReferenceAttitude,
     RefusedFrames,
     Rejected,
+    Shed,
     TrackLost,
     VehicleId,
     Velocity,
@@ -33,19 +34,13 @@ from estimator.errors import InputError
 from estimator.estimator import Estimator
 from estimator.profile import Profile, merge_profile
 from estimator.reasons import Reason
+from service.load import Load
 from service.records import Message, Output, Peer, Published, Replaced
 from service.vehicle import Vehicle
 
 # A system id has one vehicle; more than this on one link is noise or an attack.
-MAX_VEHICLES = 256
+MAX_VEHICLES = 512
 STATUS_PERIOD_US = 1_000_000
-
-
-class Load(NamedTuple):
-    """What the loop has lost so far: late ticks, and events and records thrown away."""
-
-    overruns: int = 0
-    dropped: int = 0
 
 
 class Pipeline:
@@ -70,6 +65,7 @@ class Pipeline:
         self._new_estimator = new_estimator
         self._vehicles: dict[VehicleId, Vehicle] = {}
         self._next_status_us: int | None = None
+        self._turn = 0  # whose turn it is, where not all are published at each tick
         # the latest since the last tick; they come faster than anybody needs them
         self._peers: dict[tuple[VehicleId, str], Peer] = {}
         self._replaced: dict[VehicleId, Replaced] = {}  # the latest since the last tick
@@ -111,6 +107,9 @@ class Pipeline:
                 vehicle = self._meet(address)
                 if vehicle is not None:
                     vehicle.on_rejected(event)
+            case Shed(vehicle=address):
+                if address in self._vehicles:
+                    self._vehicles[address].on_shed(event)
             case RefusedFrames(vehicle=address, reason=reason, frames=frames):
                 self.refused_frames[reason] += frames
                 if address in self._vehicles:  # whoever is refused makes no vehicle appear
@@ -141,13 +140,14 @@ class Pipeline:
         self._replaced.clear()
         self._peers.clear()
         status_due = self._take_status_turn(now_us)
-        for vehicle in self._vehicles.values():
+        self._turn += 1
+        for number, vehicle in enumerate(self._vehicles.values(), start=self._turn):
             outputs += _messages(vehicle.on_time(now_us))
-            attitude = vehicle.attitude(now_us)
+            attitude = vehicle.attitude(now_us) if number % load.share == 0 else None
             if attitude is not None:
                 outputs.append(Published(vehicle.address, attitude, vehicle.last_sample))
             if status_due:
-                outputs.append(Published(vehicle.address, vehicle.status(now_us, *load)))
+                outputs.append(Published(vehicle.address, vehicle.status(now_us, load)))
         return outputs
 
     def replace_profile(self, address: VehicleId, partial: dict[str, Any]) -> Profile:

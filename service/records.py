@@ -64,6 +64,9 @@ class StatusRecord(msgspec.Struct, frozen=True):
     dropped: int
     sequence: int
     rates: str = "imu"  # "imu+attitude" once ATTITUDE has shown turning between IMU samples
+    overloaded: bool = False  # more arrives than can be handled: samples are left out
+    shed: int = 0  # samples of this vehicle left out so far
+    published_hz: float = 0.0  # attitudes a second, less than asked for when overloaded
 
 
 class Published(Value, frozen=True):

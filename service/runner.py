@@ -3,7 +3,7 @@
 Tick n is due at start + n periods, so ticks do not drift. A tick that starts
 more than a period late is an overrun: counted, published, and made up for at
 once, so that the rate holds over a short stall. After a long one (a suspended
-computer) the missed ticks are skipped.
+computer), and while there is more to do than can be done, the missed ticks are skipped.
 """
 
 import threading
@@ -12,15 +12,21 @@ from collections import deque
 from collections.abc import Callable
 from typing import Protocol
 
+from drivers.busy import BusyShare
 from drivers.events import Event
+from service.load import Load
+from service.newest import newest_events
+from service.overload import Overload, Shedding
 from service.parameters import ParameterRequests
-from service.pipeline import Load, Pipeline
-from service.records import Output
+from service.pipeline import Pipeline
+from service.records import Message, Output
 from service.sinks.outbox import Outbox
 
 MAX_CATCH_UP_S = 0.25
 # At most so many events between two looks at the schedule: a backlog must not delay the ticks.
-MOST_EVENTS = 256
+MOST_EVENTS = 64
+# Records that wait this long for their sink mean that there is no time left for it.
+LAG_S = 0.25
 # Between ticks the loop looks at its stop flag and mailbox this often.
 MAX_WAIT_S = 0.1
 
@@ -32,15 +38,23 @@ class LiveSource(Protocol):
     def dropped(self) -> int:
         """Events thrown away because the loop was too slow."""
 
+    @property
+    def busy(self) -> float:
+        """The share of its time that a thread of the source works."""
+
     def drain(self, timeout_s: float) -> list[Event]:
         """All events that wait, after waiting at most ``timeout_s`` for the first."""
+
+    def spare(self, interval_s: float) -> None:
+        """Give each vehicle's newest samples alone, once in ``interval_s``; 0 gives all."""
 
 
 class Runner:
     """Runs a pipeline until stopped.
 
     ``now_us`` is the host time that arrivals are stamped with (Unix time for
-    live sources); ``is_finished`` tells that nothing will come any more.
+    live sources); ``is_finished`` tells that nothing will come any more. With an ``overload``
+    samples and attitudes are left out where there is more to do than can be done.
     """
 
     def __init__(
@@ -53,6 +67,7 @@ class Runner:
         now_us: Callable[[], int] = lambda: time.time_ns() // 1000,
         requests: ParameterRequests | None = None,
         is_finished: Callable[[], bool] = lambda: False,
+        overload: Overload | None = None,
     ) -> None:
         self.overruns = 0
         self.ticks = 0
@@ -63,6 +78,9 @@ class Runner:
         self._now_us = now_us
         self._requests = requests
         self._is_finished = is_finished
+        self._overload = overload
+        self._busy = BusyShare()
+        self._windows = 0  # of the busy share, that were looked at
         self._stop = threading.Event()
         self._waiting: deque[Event] = deque()  # bounded by what the source keeps
 
@@ -82,6 +100,7 @@ class Runner:
             if now_s >= due_s:
                 self._tick()
                 due_s = self._next_due_s(due_s, now_s)
+                self._shed(now_s)
             self._take(min(MAX_WAIT_S, max(0.0, due_s - time.monotonic())))
         self._tick()  # publishes what the last events have changed
         if self._requests is not None:
@@ -89,8 +108,14 @@ class Runner:
 
     def _take(self, timeout_s: float) -> None:
         outputs: list[Output] = []
-        if not self._waiting:
+        if self._waiting:
+            self._busy.go_on()
+        else:
+            self._busy.rest()
             self._waiting.extend(self._source.drain(timeout_s))
+            self._busy.work()
+        if self._overload is not None and self._overload.level > 0 and len(self._waiting) > 1:
+            self._waiting = deque(newest_events(self._waiting))
         for _ in range(min(MOST_EVENTS, len(self._waiting))):
             outputs.extend(self._pipeline.handle(self._waiting.popleft()))
         if self._requests is not None:
@@ -98,15 +123,46 @@ class Runner:
         self._outbox.put(outputs)
 
     def _tick(self) -> None:
-        load = Load(self.overruns, self._source.dropped + self._outbox.dropped)
+        dropped = self._source.dropped + self._outbox.dropped
+        shedding = Shedding() if self._overload is None else self._overload.shedding
+        load = Load(
+            self.overruns,
+            dropped,
+            is_shedding=not shedding.is_none,
+            share=shedding.attitudes,
+            published_hz=1.0 / (shedding.attitudes * self._period_s),
+        )
         self._outbox.put(self._pipeline.tick(self._now_us(), load))
         self.ticks += 1
+
+    def _shed(self, now_s: float) -> None:
+        """Once in a window of time, look whether more or less must be left out."""
+        overload = self._overload
+        if overload is None or self._busy.windows == self._windows:
+            return
+        self._windows = self._busy.windows
+        before = overload.shedding
+        busy = max(self._busy.share, self._source.busy, self._outbox.lag_s / LAG_S)
+        if not overload.observe(busy, now_s):
+            return
+        shedding = overload.shedding
+        self._source.spare(0.0 if shedding.is_none else shedding.samples * self._period_s)
+        if before.is_none or shedding.is_none:
+            self._outbox.put([Message(self._overload_line(shedding))])
+
+    def _overload_line(self, shedding: Shedding) -> str:
+        if shedding.is_none:
+            return "no longer overloaded: every sample counts again"
+        return (
+            "overloaded: more arrives than this computer can handle; "
+            "of each vehicle the newest samples are taken, and the ticks stay on time"
+        )
 
     def _next_due_s(self, due_s: float, now_s: float) -> float:
         late_s = now_s - due_s
         if late_s <= self._period_s:
             return due_s + self._period_s
-        if late_s <= MAX_CATCH_UP_S:
+        if late_s <= MAX_CATCH_UP_S and (self._overload is None or self._overload.level == 0):
             self.overruns += 1
             return due_s + self._period_s
         missed = int(late_s / self._period_s)

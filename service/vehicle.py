@@ -9,6 +9,7 @@ from drivers.events import (
     Parameter,
     Position,
     Rejected,
+    Shed,
     TrackLost,
     VehicleId,
     Velocity,
@@ -23,6 +24,7 @@ from service.attitude_record import Stamp, attitude_record, is_finite
 from service.health import Health, State
 from service.host_clock import HostClock
 from service.imu_choice import ImuChoice
+from service.load import Load
 from service.records import AttitudeRecord, StatusRecord, vehicle_name
 from service.talk import Talk
 from service.velocity_choice import VelocityChoice
@@ -50,6 +52,7 @@ class Vehicle:
         self.estimator = estimator
         self.samples = 0
         self.attitudes = 0
+        self.shed = 0  # samples left out, as newer ones were there already
         self.rejected: Counter[Reason] = Counter()
         self.worst_gap_us = 0
         self._statuses = 0
@@ -139,6 +142,11 @@ class Vehicle:
         if not event.message or self.imu_message in (None, event.message):
             self.reject(event.reason)
 
+    def on_shed(self, event: Shed) -> None:
+        """Count samples that were left out of the stream in use."""
+        if event.message == self.imu_message:
+            self.shed += event.samples
+
     def on_position(self, event: Position) -> None:
         """Tell the estimator where it is, for the declination."""
         self.estimator.set_position(
@@ -204,7 +212,7 @@ class Vehicle:
         self.attitudes += 1
         return record
 
-    def status(self, now_us: int, overruns: int, dropped: int) -> StatusRecord:
+    def status(self, now_us: int, load: Load) -> StatusRecord:
         """The vehicle's status at ``now_us``; a silence that still lasts counts as a gap, too."""
         record = StatusRecord(
             state=self.state.value,
@@ -212,10 +220,13 @@ class Vehicle:
             imu_rate_hz=self.imu_rate_hz,
             worst_gap_s=max(self.worst_gap_us, self._silence_us(now_us)) / 1e6,
             rejected=dict(sorted(self.rejected.items())),
-            overruns=overruns,
-            dropped=dropped,
+            overruns=load.overruns,
+            dropped=load.dropped,
             sequence=self._statuses,
             rates=self.estimator.rates,
+            overloaded=load.is_shedding,
+            shed=self.shed,
+            published_hz=load.published_hz,
         )
         self._statuses += 1
         return record

@@ -84,6 +84,12 @@ _KINDS: dict[int, tuple[str, Struct, Any]] = {
 }
 
 
+def imu_message_name(message_id: int) -> str | None:
+    """The IMU message of that number; None if it is another message's."""
+    kind = _KINDS.get(message_id)
+    return None if kind is None else kind[0]
+
+
 def imu_message(frame: Frame) -> tuple[str, Any] | None:
     """Name and fields of an IMU message; None for every other one.
 

@@ -12,11 +12,15 @@ import time
 from collections import OrderedDict, deque
 from collections.abc import Iterator
 from contextlib import suppress
+from itertools import groupby
+from operator import itemgetter
 from typing import Self
 
+from drivers.busy import BusyShare
 from drivers.closing import Closing
 from drivers.endpoint import Endpoint
 from drivers.events import Event, LinkDown, LinkUp, Malformed, Notice, VehicleId
+from drivers.mavlink.backlog import Backlog, Stamped
 from drivers.mavlink.constants import (
     MAV_AUTOPILOT_INVALID,
     MAV_COMP_ID_ONBOARD_COMPUTER,
@@ -29,8 +33,9 @@ from drivers.mavlink.framing import FrameReader
 from drivers.mavlink.gate import FrameGate, Policy
 from drivers.mavlink.recorder import Recorder
 from drivers.mavlink.stream_request import Outgoing, StreamRequest
+from drivers.mavlink.thinning import Arrived, newest
 from drivers.mavlink.transports.open import open_transport
-from drivers.mavlink.transports.transport import LinkError, Packet
+from drivers.mavlink.transports.transport import LinkError
 from drivers.queue import EventQueue
 from estimator.errors import InputError
 
@@ -91,6 +96,8 @@ class MavlinkLink(Closing):
         self._encoders: dict[int, FrameEncoder] = {}
         self._outgoing: deque[bytes] = deque(maxlen=MOST_UNSENT_FRAMES)
         self._errors = ErrorSummary()
+        self._busy = BusyShare()
+        self._backlog = Backlog()
         self._stop = threading.Event()
         self._thread: threading.Thread | None = None
         self._is_open = False
@@ -135,6 +142,19 @@ class MavlinkLink(Closing):
         """All events that are there, after waiting at most ``timeout_s`` for the first."""
         return self._queue.drain(timeout_s)
 
+    @property
+    def busy(self) -> float:
+        """The share of its time that the reader works."""
+        return self._busy.share
+
+    def spare(self, interval_s: float) -> None:
+        """Look at what has arrived only once in ``interval_s``, and then at the newest alone.
+
+        Of each vehicle's streams, that is. What is left out comes as :class:`~drivers.events.Shed`.
+        0 looks at everything at once again.
+        """
+        self._backlog.interval_s = interval_s
+
     def __iter__(self) -> Iterator[Event]:
         """Events as they come, until the link is closed."""
         while not self._queue.closed:
@@ -165,12 +185,17 @@ class MavlinkLink(Closing):
 
     def _receive(self) -> None:
         try:
+            self._busy.rest()
             packets = self._transport.receive(RECEIVE_S)
+            self._busy.work()
             self._note_state()
-            self._handle(packets, _unix_us())
+            now_us = _unix_us()
+            self._handle(self._backlog.take(packets, now_us), now_us)
             self._send_due()
             if packets:
+                self._busy.rest()
                 time.sleep(GATHER_S)
+                self._busy.work()
         except LinkError as error:
             self._note_loss(str(error))
         except OSError as error:  # no file descriptors left, or no memory
@@ -189,10 +214,10 @@ class MavlinkLink(Closing):
         except OSError as error:
             self._note_loss(error.strerror or str(error))
 
-    def _handle(self, packets: list[Packet], arrival_us: int) -> None:
+    def _handle(self, packets: list[Stamped], now_us: int) -> None:
         events: list[Event] = []
-        frames: list[bytes] = []
-        for packet in packets:
+        arrived: list[Arrived] = []
+        for arrival_us, packet in packets:
             if not packet.data:
                 self._readers.pop(packet.peer, None)
                 self._gate.forget(packet.peer)
@@ -200,21 +225,30 @@ class MavlinkLink(Closing):
             if not self._has_data:
                 self._note_data()
             reader = self._reader(packet.peer)
-            for frame in reader.feed(packet.data):
-                if not self._gate.lets_in(frame, packet.peer, arrival_us):
-                    continue
-                if self._recorder is not None:
-                    frames.append(frame.data)
-                events += self._decoder.events(frame, arrival_us)
+            arrived += [
+                Arrived(arrival_us, frame)
+                for frame in reader.feed(packet.data)
+                if self._gate.lets_in(frame, packet.peer, arrival_us)
+            ]
             if malformed := reader.take_malformed():
                 events.append(Malformed(arrival_us, malformed))
-        events += self._gate.take_refused(arrival_us)
-        if self._recorder is not None:
-            self._recorder.write(arrival_us, frames)
+        self._record(arrived)
+        if self._backlog.interval_s > 0.0:
+            arrived, shed = newest(arrived)
+            events += shed
+        for arrival_us, frame in arrived:
+            events += self._decoder.events(frame, arrival_us)
+        events += self._gate.take_refused(now_us)
         if self._request is not None:
-            events += self._requests(self._request, events, arrival_us)
+            events += self._requests(self._request, events, now_us)
         if events:
             self._queue.put(events)
+
+    def _record(self, arrived: list[Arrived]) -> None:
+        """Record everything that was let in, also what is left out afterwards."""
+        if self._recorder is not None:
+            for arrival_us, each in groupby(arrived, key=itemgetter(0)):
+                self._recorder.write(arrival_us, [one.frame.data for one in each])
 
     def _requests(self, request: StreamRequest, events: list[Event], now_us: int) -> list[Notice]:
         out = request.tick(now_us)

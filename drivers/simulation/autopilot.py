@@ -104,9 +104,14 @@ class SimulatedAutopilot:
         InputError: an option is out of its range.
     """
 
-    def __init__(self, options: VehicleOptions, system_id: int) -> None:
+    def __init__(
+        self,
+        options: VehicleOptions,
+        system_id: int,
+        component_id: int = MAV_COMP_ID_AUTOPILOT1,
+    ) -> None:
         options.check()
-        self.id = VehicleId(system_id, MAV_COMP_ID_AUTOPILOT1)
+        self.id = VehicleId(system_id, component_id)
         self._vehicle = SimulatedVehicle(
             options.seed + system_id - 1,
             options.rate_hz,

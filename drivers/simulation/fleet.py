@@ -16,7 +16,8 @@ from drivers.mavlink.transports.transport import LinkError, Transport
 from drivers.simulation.autopilot import SimulatedAutopilot, VehicleOptions
 from estimator.errors import InputError
 
-MOST_VEHICLES = 250  # MAVLink system ids end at 255, and ground stations use the last
+SYSTEMS = 250  # MAVLink system ids end at 255, and ground stations use the last
+MOST_VEHICLES = 500  # those above 250 are the systems' second components
 LONGEST_BACKLOG_US = 1_000_000  # after a longer stall the vehicle goes on with the present
 MOST_PEERS = 64  # whose half frames are kept
 RECEIVE_S = 0.1  # how often the process looks whether it should end
@@ -32,7 +33,7 @@ class FleetCounts:
 
 
 class Fleet:
-    """Vehicles 1..N on one transport.
+    """Vehicles 1..N on one transport; after 250 of them 1-2, 2-2 and so on.
 
     Raises:
         InputError: an option or the number of vehicles is out of its range.
@@ -43,7 +44,9 @@ class Fleet:
             raise InputError(f"the number of vehicles must be 1 to {MOST_VEHICLES}, not {vehicles}")
         # spread over one sample interval
         spread_us = 1e6 / options.rate_hz / vehicles if options.rate_hz > 0 else 0.0
-        self._vehicles = [SimulatedAutopilot(options, i + 1) for i in range(vehicles)]
+        self._vehicles = [
+            SimulatedAutopilot(options, i % SYSTEMS + 1, i // SYSTEMS + 1) for i in range(vehicles)
+        ]
         self._offsets_us = [i * spread_us for i in range(vehicles)]
         self._due = [(offset, i) for i, offset in enumerate(self._offsets_us)]  # a heap
         self._readers: dict[str, FrameReader] = {}

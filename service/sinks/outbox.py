@@ -27,6 +27,11 @@ class Outbox:
         """How often sinks failed."""
         return sum(outlet.errors for outlet in self._outlets)
 
+    @property
+    def lag_s(self) -> float:
+        """How long records have waited for a sink that waits for nobody."""
+        return max([0.0, *(outlet.lag_s for outlet in self._outlets if outlet.never_waits)])
+
     def put(self, outputs: list[Output]) -> None:
         """Hand outputs to every sink, and one sink's errors to all; never blocks."""
         errors = [error for outlet in self._outlets if (error := outlet.take_error()) is not None]

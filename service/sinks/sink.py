@@ -1,6 +1,7 @@
 """What a sink is: a place where records go, and the thread that keeps it off the loop."""
 
 import threading
+import time
 from collections import deque
 from collections.abc import Sequence
 from typing import Protocol
@@ -9,7 +10,11 @@ from service.records import Output
 
 
 class Sink(Protocol):
-    """Somewhere outputs go. All calls come from one thread, the sink's own."""
+    """Somewhere outputs go. All calls come from one thread, the sink's own.
+
+    One with ``never_waits = True`` is late only for want of computing time, never for somebody
+    else's sake: when it is, there is more to do than can be done.
+    """
 
     @property
     def name(self) -> str:
@@ -24,6 +29,8 @@ class Sink(Protocol):
 
 # Turns of the loop a sink may lag behind: 0.6 s at 100 Hz, after that attitudes are stale.
 MAX_PENDING = 64
+# What has waited longer is stale, at any rate.
+LONGEST_WAIT_S = 0.6
 
 
 class Outlet:
@@ -35,10 +42,11 @@ class Outlet:
 
     def __init__(self, sink: Sink) -> None:
         self.sink = sink
+        self.never_waits: bool = getattr(sink, "never_waits", False)
         self.dropped = 0
         self.errors = 0
         self._last_error: str | None = None
-        self._pending: deque[Sequence[Output]] = deque()
+        self._pending: deque[tuple[float, Sequence[Output]]] = deque()  # and since when, s
         self._closing = False
         self._changed = threading.Condition()
         # a daemon: a sink that blocks for ever must not keep the process alive
@@ -47,11 +55,20 @@ class Outlet:
 
     def put(self, outputs: Sequence[Output]) -> None:
         """Hand over outputs; never blocks."""
+        now_s = time.monotonic()
         with self._changed:
-            if len(self._pending) >= MAX_PENDING:
-                self.dropped += len(self._pending.popleft())
-            self._pending.append(outputs)
+            while len(self._pending) >= MAX_PENDING or (
+                self._pending and now_s - self._pending[0][0] > LONGEST_WAIT_S
+            ):
+                self.dropped += len(self._pending.popleft()[1])
+            self._pending.append((now_s, outputs))
             self._changed.notify()
+
+    @property
+    def lag_s(self) -> float:
+        """How long the oldest outputs have waited."""
+        with self._changed:
+            return time.monotonic() - self._pending[0][0] if self._pending else 0.0
 
     def take_error(self) -> str | None:
         """The latest error that has not been returned yet, as a text; None if there is none."""
@@ -84,7 +101,7 @@ class Outlet:
         with self._changed:
             while not self._pending and not self._closing:
                 self._changed.wait()
-            return self._pending.popleft() if self._pending else None
+            return self._pending.popleft()[1] if self._pending else None
 
     def _note(self, error: BaseException) -> None:
         """Repeated errors are counted; the first and every hundredth are told."""

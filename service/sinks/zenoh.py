@@ -38,6 +38,7 @@ class ZenohSink:
     """Publishes on a session that it owns from then on."""
 
     name = "zenoh"
+    never_waits = True  # what a subscriber does not take is dropped
 
     def __init__(
         self,

@@ -16,6 +16,7 @@ from drivers.mavlink.gate import FrameGate, Policy
 from drivers.simulation.simulated_vehicle import Sample, SimulatedVehicle
 from estimator.geometry.quaternion import conjugate, multiply
 from estimator.profile import load_profile
+from service.load import Load
 from service.pipeline import Pipeline
 from service.records import AttitudeRecord, Message, Published, StatusRecord
 
@@ -52,7 +53,7 @@ class Rig:
         return dict(self.vehicle.rejected)
 
     def status(self) -> StatusRecord:
-        return self.vehicle.status(self.now_us + self.host_shift_us, 0, 0)
+        return self.vehicle.status(self.now_us + self.host_shift_us, Load())
 
     def fly(
         self,

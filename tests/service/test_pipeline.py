@@ -16,7 +16,8 @@ from drivers.events import (
 )
 from estimator.errors import InputError
 from estimator.profile import load_profile
-from service.pipeline import MAX_VEHICLES, Load, Pipeline
+from service.load import Load
+from service.pipeline import MAX_VEHICLES, Pipeline
 from service.records import AttitudeRecord, Message, Peer, Published, Replaced, StatusRecord
 from tests.service.streams import ONE, START_US, imu_events
 
@@ -28,7 +29,7 @@ ATTITUDE_KEYS = [
 ]  # fmt: skip
 STATUS_KEYS = [
     "state", "imu_message", "imu_rate_hz", "worst_gap_s", "rejected", "overruns", "dropped",
-    "sequence", "rates",
+    "sequence", "rates", "overloaded", "shed", "published_hz",
 ]  # fmt: skip
 
 

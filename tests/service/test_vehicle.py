@@ -7,6 +7,7 @@ from estimator.estimator import Estimator
 from estimator.profile import load_profile
 from estimator.types import ZERO_VEC3, ImuSample
 from service.health import State
+from service.load import Load
 from service.vehicle import Vehicle
 from tests.service.streams import ONE, START_US
 
@@ -72,7 +73,7 @@ def test_a_reboots_silence_is_a_gap_and_a_jumps_is_none(vehicle):
     vehicle.on_clock_reset(ClockReset(ONE, START_US + 3_000_000, "reboot", -0.2))
     vehicle.on_imu(imu(260_000, arrival_us=START_US + 3_202_000))
     assert vehicle.worst_gap_us == 3_000_000  # from 0.202 s
-    assert vehicle.status(START_US + 3_202_000, 0, 0).worst_gap_s == 3.0
+    assert vehicle.status(START_US + 3_202_000, Load()).worst_gap_s == 3.0
     vehicle.on_clock_reset(ClockReset(ONE, START_US + 9_000_000, "jump", 60.0))
     vehicle.on_imu(imu(280_000, arrival_us=START_US + 9_002_000))
     assert vehicle.worst_gap_us == 3_000_000
@@ -80,8 +81,8 @@ def test_a_reboots_silence_is_a_gap_and_a_jumps_is_none(vehicle):
 
 def test_a_running_silence_counts_as_a_gap(vehicle):
     feed(vehicle, 1, 10)
-    assert vehicle.status(START_US + 202_000, 0, 0).worst_gap_s == pytest.approx(0.02)
-    assert vehicle.status(START_US + 902_000, 0, 0).worst_gap_s == pytest.approx(0.7)
+    assert vehicle.status(START_US + 202_000, Load()).worst_gap_s == pytest.approx(0.02)
+    assert vehicle.status(START_US + 902_000, Load()).worst_gap_s == pytest.approx(0.7)
 
 
 def test_another_imu_takes_over_after_half_a_second_with_its_own_bias(vehicle):
