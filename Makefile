@@ -7,7 +7,7 @@ BIN := .venv/bin
 
 ## demo: the simulated vehicle through the live service, attitudes in the terminal
 demo: .venv/installed
-	$(BIN)/fuzzbee run sim: --seconds 30
+	$(BIN)/fuzzbee run sim:flight --seconds 60
 
 ## test: the whole test suite
 test: .venv/developer

@@ -19,7 +19,10 @@ LOOPBACK = "127.0.0.1"  # an open port on all interfaces is for whoever asks for
 
 @dataclass(frozen=True, slots=True)
 class Endpoint:
-    """A parsed address. ``host`` and ``port`` belong to sockets, ``path`` to devices and logs."""
+    """A parsed address. ``host`` and ``port`` belong to sockets, ``path`` to devices and logs.
+
+    Of ``sim`` the path is the motion, empty for the usual one.
+    """
 
     kind: Kind
     host: str = ""
@@ -30,7 +33,7 @@ class Endpoint:
     def __str__(self) -> str:
         match self.kind:
             case "sim":
-                return "sim:"
+                return f"sim:{self.path}"
             case "serial":
                 return f"{self.path}:{self.baud}"
             case "log":
@@ -50,7 +53,7 @@ class Form(NamedTuple):
 
 
 FORMS: tuple[Form, ...] = (
-    Form("sim", ("sim",), "sim:", "the built-in simulated vehicle"),
+    Form("sim", ("sim",), "sim:", "the built-in simulated vehicle; sim:flight has it fly"),
     Form(
         "udpin",
         ("udpin", "udp"),
@@ -92,9 +95,7 @@ def parse_endpoint(text: str) -> Endpoint:
         return _device_or_log(address)
     rest = rest.removeprefix("//")
     if form.kind == "sim":
-        if rest:
-            raise InputError(f"{text!r}: 'sim:' takes nothing after the colon")
-        return Endpoint("sim")
+        return Endpoint("sim", path=rest)
     if form.kind == "serial":
         return _serial(rest, text)
     return _socket(form, rest, text)

@@ -92,6 +92,14 @@ class Heartbeat(Value, frozen=True):
     vehicle_type: int
 
 
+class BuiltIn(Value, frozen=True):
+    """The vehicle says that it is fuzzbee's own, and which motion it makes."""
+
+    vehicle: VehicleId
+    arrival_us: int
+    motion: str
+
+
 class CommandAck(Value, frozen=True):
     """The vehicle's answer (MAV_RESULT) to a command of ours."""
 
@@ -197,6 +205,7 @@ Event = (
     | Position
     | Parameter
     | Heartbeat
+    | BuiltIn
     | CommandAck
     | ClockReset
     | TrackLost

@@ -3,13 +3,18 @@
 from collections.abc import Iterator
 from pathlib import Path
 from types import TracebackType
-from typing import Protocol, Self
+from typing import TYPE_CHECKING, Protocol, Self, cast
 
 from drivers.endpoint import Endpoint
 from drivers.events import Event
 from drivers.mavlink.gate import Policy
 from drivers.mavlink.recorder import Recorder
 from estimator.errors import InputError
+
+if TYPE_CHECKING:
+    from drivers.simulation.simulated_vehicle import SimulatedVehicle
+
+SIM_MOTION = "paper"  # of sim: without another word
 
 
 class LiveSource(Protocol):
@@ -53,9 +58,12 @@ def require_openable(endpoint: Endpoint) -> None:
     """Find out early whether a source can be opened, where that disturbs nobody.
 
     Raises:
-        InputError: a port that is taken, a serial device or log that is not there or not usable.
+        InputError: a port that is taken, a serial device or log that is not there or not
+            usable, or a motion that the built-in vehicle does not know.
     """
-    if endpoint.kind == "log":
+    if endpoint.kind == "sim":
+        _simulated(endpoint)
+    elif endpoint.kind == "log":
         from drivers.logs.open import open_log
 
         open_log(Path(endpoint.path))
@@ -96,7 +104,12 @@ def open_live(
         )
     if recorder is not None or request_rate_hz is not None:
         raise InputError("sim: has no MAVLink to record or to ask: start fuzzbee sim --to URL")
-    from drivers.simulation.simulated_vehicle import SimulatedVehicle
     from drivers.simulation.source import SimSource
 
-    return SimSource(SimulatedVehicle(seed=0))
+    return SimSource(_simulated(endpoint))
+
+
+def _simulated(endpoint: Endpoint) -> "SimulatedVehicle":
+    from drivers.simulation.simulated_vehicle import Motion, SimulatedVehicle
+
+    return SimulatedVehicle(seed=0, motion=cast("Motion", endpoint.path or SIM_MOTION))

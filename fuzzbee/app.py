@@ -17,7 +17,7 @@ HELP = "Estimate a vehicle's attitude from its MAVLink stream, live."
 
 EPILOG = """Start here:
 
-  fuzzbee run                    the service on its built-in vehicle
+  fuzzbee run sim:flight         the service on its built-in vehicle
 
   fuzzbee watch                  in another terminal: what it publishes
 

@@ -29,11 +29,12 @@ if TYPE_CHECKING:
     from service.zenoh_session import ZenohOptions
 
 MAX_RATE_HZ = 1000.0
+DEFAULT_PROFILE = "imu"
 COMPILER_THREAD = "compiler"
 
 EPILOG = """Examples:
 
-  fuzzbee run
+  fuzzbee run sim:flight
 
   fuzzbee run udpin:127.0.0.1:14550 --rate 50
 
@@ -50,7 +51,7 @@ class RunOptions(NamedTuple):
     source: str
     rate_hz: float
     seconds: float | None
-    profile: str
+    profile: str | None  # None: the one that fits
     gain: float | None
     as_json: bool
     record: str | None
@@ -66,7 +67,8 @@ def run(
     source: Annotated[
         str,
         typer.Argument(
-            help="sim:, udpin:H:P, udpout:H:P, tcp:H:P, tcpin:H:P, DEVICE:BAUD or a log file."
+            help="sim:, sim:flight, udpin:H:P, udpout:H:P, tcp:H:P, tcpin:H:P, DEVICE:BAUD or a log"
+            " file."
         ),
     ] = "sim:",
     rate: Annotated[
@@ -78,7 +80,8 @@ def run(
         typer.Option(
             "--profile",
             metavar="NAME|FILE",
-            help="paper, imu, adaptive or a TOML file. [default: imu; for sim: paper]",
+            help="paper, imu, adaptive or a TOML file. Default: imu, but for fuzzbee's own"
+            " vehicle with the paper's signals: paper.",
         ),
     ] = None,
     gain: Annotated[
@@ -136,8 +139,6 @@ def run(
     if system_id is not None and not 1 <= system_id <= 255:
         raise InputError(f"--system-id {system_id}: should be 1 to 255")
     outputs.require_own_file(rrd, [source])
-    if profile is None:
-        profile = "paper" if source == "sim:" else "imu"
     zenoh = zenoh_options.zenoh_options(
         listen=listen,
         connect=connect,
@@ -191,15 +192,17 @@ def serve(options: RunOptions, *, verbose: bool) -> None:
     from service.steady import steady
 
     endpoint = parse_endpoint(options.source)
-    profile = load_profile(options.profile)
     require_openable(endpoint)
+    profile = load_profile(options.profile or default_profile(endpoint))
     key = security.read_key(options.security)
     outputs.viewer_options(options.outputs.view, options.outputs.rrd)  # refused before compiling
-    _compile(profile, options.gain)
+    may_meet_built_in = options.profile is None and endpoint.kind not in ("sim", "log")
+    _compile(profile, options.gain, with_raw=may_meet_built_in)
     pipeline = Pipeline(
         profile,
         system_id=options.system_id,
         new_estimator=lambda chosen: Estimator(chosen, options.gain),
+        fits_built_in=options.profile is None,
     )
     requests = ParameterRequests()
     with ExitStack() as stack:
@@ -227,15 +230,30 @@ def serve(options: RunOptions, *, verbose: bool) -> None:
         raise failure
 
 
-def _compile(profile: "Profile", gain: float | None) -> None:
-    """Compile before anything is opened."""
-    from service.warm_up import warm_up
+def default_profile(endpoint: "Endpoint") -> str:
+    """The profile for real IMUs; of the built-in vehicle the one that fits its motion."""
+    if endpoint.kind != "sim":
+        return DEFAULT_PROFILE
+    from drivers.simulation.simulated_vehicle import PROFILES
+    from drivers.source import SIM_MOTION
+
+    return PROFILES[endpoint.path or SIM_MOTION]
+
+
+def _compile(profile: "Profile", gain: float | None, *, with_raw: bool) -> None:
+    """Compile before anything is opened; ``with_raw`` also what the paper's raw vectors take."""
+    from estimator.compilation.compiled import is_cached
+    from estimator.live.resident import advance_raw
+    from estimator.profile import load_profile
+    from service.warm_up import compile_ahead, warm_up
 
     done: Future[None] = Future()
 
     def work() -> None:
         try:
             warm_up(profile, gain)
+            if with_raw and is_cached(advance_raw) is False:
+                compile_ahead(load_profile("paper"), (advance_raw,))
         except BaseException as error:  # noqa: BLE001 - raised again below
             done.set_exception(error)
         else:
@@ -364,7 +382,8 @@ def _open_view(options: RunOptions, *, verbose: bool) -> "TerminalView":
 
     errors = PersonConsole(stderr=True)
     where = "" if options.zenoh is None else f" → {options.zenoh.prefix}/*"
-    title = f"fuzzbee run {options.source}, {options.rate_hz:g} Hz, {options.profile}{where}"
+    profile = "" if options.profile is None else f", {options.profile}"
+    title = f"fuzzbee run {options.source}, {options.rate_hz:g} Hz{profile}{where}"
     view = TerminalView(errors if options.as_json else PersonConsole(), errors, title)
     _show_log(view.say, verbose=verbose)
     return view
@@ -394,9 +413,11 @@ def summary(
     options: RunOptions, pipeline: "Pipeline", runner: "Runner", seconds: float, dropped: int
 ) -> dict[str, Any]:
     """The result of a run, as --json prints it."""
+    from drivers.endpoint import parse_endpoint
+
     return {
         "source": options.source,
-        "profile": options.profile,
+        "profile": options.profile or default_profile(parse_endpoint(options.source)),
         "rate_hz": options.rate_hz,
         "seconds": round(seconds, 3),
         "ticks": runner.ticks,
@@ -407,6 +428,7 @@ def summary(
         "vehicles": {
             vehicle.name: {
                 "state": vehicle.state.value,
+                "motion": vehicle.built_in_motion,
                 "imu_message": vehicle.imu_message,
                 "imu_rate_hz": round(vehicle.median_rate_hz, 3),
                 "worst_gap_s": vehicle.worst_gap_us / 1e6,

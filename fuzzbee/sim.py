@@ -18,7 +18,7 @@ from service.signals import stop_on_signals
 LINK_KINDS: tuple[Kind, ...] = ("udpout", "udpin", "tcp", "tcpin")
 EPILOG = """Examples:
 
-  fuzzbee sim --to udpout:127.0.0.1:14550
+  fuzzbee sim --to udpout:127.0.0.1:14550 --motion flight
 
   fuzzbee sim --to tcpin:127.0.0.1:5760 --vehicles 3 --rate 50 --motion turn
 """
@@ -36,14 +36,21 @@ def sim(
         float | None, typer.Option(help="end after this long instead of on Ctrl-C")
     ] = None,
     motion: Annotated[
-        str, typer.Option(metavar="paper|rest|turn", help="of the vehicle")
+        str,
+        typer.Option(
+            metavar="paper|rest|turn|flight",
+            help="the paper's, none or a level turn, on the paper's signals; or a copter's flight",
+        ),
     ] = "paper",
-    noise: Annotated[float, typer.Option(help="factor on the paper's noise")] = 1.0,
-    bias: Annotated[float, typer.Option(help="factor on the paper's bias")] = 1.0,
+    noise: Annotated[float, typer.Option(help="factor on the motion's noise")] = 1.0,
+    bias: Annotated[float, typer.Option(help="factor on the motion's bias")] = 1.0,
     magnet: Annotated[
         str | None,
         typer.Option(metavar="T0:T1", help="a magnet passes between these times (s)"),
     ] = None,
+    calm: Annotated[
+        bool, typer.Option("--calm", help="a flight without its magnet and its silence")
+    ] = False,
     drop: Annotated[
         float, typer.Option(metavar="P", help="probability that a frame is lost")
     ] = 0.0,
@@ -57,7 +64,8 @@ def sim(
     """Run simulated vehicles that speak MAVLink 2, for any software to connect to.
 
     They send HEARTBEAT, RAW_IMU, SIM_STATE (the truth), ATTITUDE and ATTITUDE_QUATERNION (the
-    truth, too), and answer SET_MESSAGE_INTERVAL and parameter requests.
+    truth, too), in flight GLOBAL_POSITION_INT, and answer SET_MESSAGE_INTERVAL and parameter
+    requests. AUTOPILOT_VERSION tells fuzzbee run whose they are: it takes the profile that fits.
     """
     stop = threading.Event()
     with stop_on_signals(stop.set):
@@ -80,6 +88,7 @@ def sim(
             bias=bias,
             magnet=None if magnet is None else parse_magnet(magnet),
             drop=drop,
+            calm=calm,
             signing_key=key,
         )
         fleet = Fleet(options, vehicles)

@@ -11,6 +11,7 @@ from typing import Any
 
 from drivers.events import (
     BodyRates,
+    BuiltIn,
     ClockReset,
     Event,
     Heartbeat,
@@ -30,9 +31,10 @@ from drivers.events import (
     Velocity,
 )
 from drivers.mavlink.constants import is_autopilot
+from drivers.simulation.simulated_vehicle import PROFILES
 from estimator.errors import InputError
 from estimator.estimator import Estimator
-from estimator.profile import Profile, merge_profile
+from estimator.profile import Profile, load_profile, merge_profile
 from estimator.reasons import Reason
 from service.load import Load
 from service.records import Message, Output, Peer, Published, Replaced
@@ -47,7 +49,8 @@ class Pipeline:
     """One estimator per vehicle, from events to records.
 
     ``new_estimator`` makes an estimator for a profile. ``system_id`` limits the
-    pipeline to one vehicle.
+    pipeline to one vehicle. With ``fits_built_in`` a vehicle that says that it is
+    fuzzbee's own gets the profile that fits its signals; else it is only said.
     """
 
     def __init__(
@@ -56,6 +59,7 @@ class Pipeline:
         *,
         system_id: int | None = None,
         new_estimator: Callable[[Profile], Estimator] = Estimator,
+        fits_built_in: bool = False,
     ) -> None:
         self.profile = profile
         self.malformed = 0
@@ -63,12 +67,14 @@ class Pipeline:
         self.refused_frames: Counter[Reason] = Counter()
         self._system_id = system_id
         self._new_estimator = new_estimator
+        self._fits_built_in = fits_built_in
         self._vehicles: dict[VehicleId, Vehicle] = {}
         self._next_status_us: int | None = None
         self._turn = 0  # whose turn it is, where not all are published at each tick
         # the latest since the last tick; they come faster than anybody needs them
         self._peers: dict[tuple[VehicleId, str], Peer] = {}
         self._replaced: dict[VehicleId, Replaced] = {}  # the latest since the last tick
+        self._fitted: set[VehicleId] = set()  # those of them that nobody asked for
 
     @property
     def vehicles(self) -> tuple[Vehicle, ...]:
@@ -87,7 +93,7 @@ class Pipeline:
                 return [] if vehicle is None else _messages(vehicle.on_imu(event))
             case ClockReset(vehicle=address):
                 vehicle = self._vehicles.get(address)
-                return [] if vehicle is None else _messages(vehicle.on_clock_reset(event))
+                return [] if vehicle is None else self._reset_clock(vehicle, event)
             case TrackLost(vehicle=address):
                 vehicle = self._vehicles.get(address)
                 return [] if vehicle is None else _messages(vehicle.on_track_lost(event))
@@ -117,6 +123,9 @@ class Pipeline:
             case Heartbeat(vehicle=address, autopilot=autopilot, vehicle_type=kind):
                 if is_autopilot(autopilot, kind):
                     self._meet(address)
+            case BuiltIn(vehicle=address):
+                vehicle = self._vehicles.get(address) or self._meet(address)
+                return [] if vehicle is None else self._fit(vehicle, event)
             case ReferenceAttitude(vehicle=address, source=source, q_ned_frd=q):
                 if address in self._vehicles:
                     self._peers[address, source] = Peer(address, source, q)
@@ -135,9 +144,10 @@ class Pipeline:
     def tick(self, now_us: int, load: Load = Load()) -> list[Output]:  # noqa: B008 - immutable
         """The attitudes at ``now_us`` (host time), and each second the statuses."""
         outputs: list[Output] = [*self._replaced.values(), *self._peers.values()]
-        for address in self._replaced:
+        for address in self._replaced.keys() - self._fitted:
             outputs += _messages(self._vehicles[address].on_profile(now_us))
         self._replaced.clear()
+        self._fitted.clear()
         self._peers.clear()
         status_due = self._take_status_turn(now_us)
         self._turn += 1
@@ -167,6 +177,35 @@ class Pipeline:
             raise InputError(f"profile update: cannot be used: {error}") from error
         self._replaced[address] = Replaced(address, profile)
         return profile
+
+    def _fit(self, vehicle: Vehicle, event: BuiltIn) -> list[Output]:
+        """Take the profile that fits fuzzbee's own vehicle, unless another one was asked for."""
+        name = PROFILES.get(event.motion)
+        if name is None or vehicle.built_in_motion == event.motion:
+            return []
+        vehicle.built_in_motion = event.motion
+        who = f"vehicle {vehicle.name}: fuzzbee's own, motion {event.motion}"
+        profile = load_profile(name)
+        if not self._fits_built_in:
+            fits = vehicle.profile.conditioned == profile.conditioned
+            return [] if fits else [Message(f"{who}: profile {name} would fit, this one does not")]
+        if vehicle.profile != profile:
+            self._change_profile(vehicle, profile)
+        return [Message(f"{who}, profile {name}")]
+
+    def _reset_clock(self, vehicle: Vehicle, event: ClockReset) -> list[Output]:
+        """After a reboot another vehicle may have the address of fuzzbee's own."""
+        if vehicle.built_in_motion is not None and event.reason == "reboot":
+            vehicle.built_in_motion = None
+            if self._fits_built_in and vehicle.profile != self.profile:
+                self._change_profile(vehicle, self.profile)
+        return _messages(vehicle.on_clock_reset(event))
+
+    def _change_profile(self, vehicle: Vehicle, profile: Profile) -> None:
+        vehicle.replace_profile(profile)
+        vehicle.estimator.restart()
+        self._replaced[vehicle.address] = Replaced(vehicle.address, profile)
+        self._fitted.add(vehicle.address)
 
     def _meet(self, address: VehicleId) -> Vehicle | None:
         """The vehicle of that address, a new one if need be; None if it is not wanted."""

@@ -55,6 +55,7 @@ class Vehicle:
         self.shed = 0  # samples left out, as newer ones were there already
         self.rejected: Counter[Reason] = Counter()
         self.worst_gap_us = 0
+        self.built_in_motion: str | None = None  # of fuzzbee's own vehicle
         self._statuses = 0
         self._health = Health()
         self._choice = ImuChoice()

@@ -10,7 +10,15 @@ import math
 from collections.abc import Callable
 from typing import Any
 
-from drivers.events import CommandAck, Event, Heartbeat, Parameter, ReferenceAttitude, VehicleId
+from drivers.events import (
+    BuiltIn,
+    CommandAck,
+    Event,
+    Heartbeat,
+    Parameter,
+    ReferenceAttitude,
+    VehicleId,
+)
 from drivers.mavlink.constants import (
     GPS_FIX_TYPE_3D_FIX,
     HIGHRES_IMU_UPDATED_MAG,
@@ -41,6 +49,9 @@ MILLIGAUSS_LIMIT = 20_000.0
 FRD_AUTOPILOTS = (MAV_AUTOPILOT_ARDUPILOTMEGA, MAV_AUTOPILOT_PX4)  # known for sending FRD
 
 MOST_SENDERS = 512  # addresses remembered at once; each takes 11 kB
+
+# What fuzzbee's own vehicle puts where others have a commit
+BUILT_IN = "fuzzbee"
 
 # Attitudes of others score an estimate afterwards; the live service has no use for them
 REFERENCES = frozenset({"ATTITUDE_QUATERNION", "SIM_STATE", "SIMSTATE"})
@@ -84,6 +95,7 @@ class MavlinkDecoder:
             "PARAM_VALUE": self._param_value,
             "HEARTBEAT": self._heartbeat,
             "COMMAND_ACK": self._command_ack,
+            "AUTOPILOT_VERSION": self._autopilot_version,
         }
         self._references = references
         names = frozenset(self._handlers) - (frozenset() if references else REFERENCES)
@@ -223,6 +235,18 @@ class MavlinkDecoder:
 
     def _command_ack(self, sender: _Sender, _name: str, m: Any, arrival_us: int) -> list[Event]:
         return [CommandAck(sender.id, arrival_us, m.command, m.result)]
+
+    def _autopilot_version(
+        self, sender: _Sender, _name: str, m: Any, arrival_us: int
+    ) -> list[Event]:
+        if _text(m.flight_custom_version) != BUILT_IN:
+            return []
+        return [BuiltIn(sender.id, arrival_us, _text(m.middleware_custom_version))]
+
+
+def _text(letters: list[int]) -> str:
+    """What the letters before the first zero say."""
+    return bytes(letters).split(b"\0", 1)[0].decode("ascii", "replace")
 
 
 def _milli_imu(sender: _Sender, stream: str, m: Any, stamp: Stamp) -> list[Event]:

@@ -20,18 +20,22 @@ from drivers.events import VehicleId
 from drivers.mavlink.constants import (
     ATTITUDE_ID,
     ATTITUDE_QUATERNION_ID,
+    AUTOPILOT_VERSION_ID,
     COMMAND_ACK_ID,
     COMMAND_LONG_ID,
+    GLOBAL_POSITION_INT_ID,
     HEARTBEAT_ID,
     MAV_CMD_SET_MESSAGE_INTERVAL,
     MAV_PARAM_TYPE_REAL32,
+    MAV_PROTOCOL_CAPABILITY_MAVLINK2,
     MAV_STATE_ACTIVE,
     PARAM_VALUE_ID,
     RAW_IMU_ID,
     SIM_STATE_ID,
+    UNKNOWN_UINT16,
 )
 from drivers.mavlink.framing import SIGNED_FLAG
-from estimator.types import STANDARD_GRAVITY_M_S2, Quaternion, Vec3
+from estimator.types import STANDARD_GRAVITY_M_S2, ZERO_VEC3, Quaternion, Vec3
 
 SIGNING_EPOCH_US = 1_420_070_400_000_000  # 2015-01-01 00:00 GMT, in Unix time
 SIGNING_TICK_US = 10
@@ -46,6 +50,8 @@ _ATTITUDE_QUATERNION = Struct("<I4f3f4f")
 _COMMAND_LONG = Struct("<fffffffHBBB")
 _COMMAND_ACK = Struct("<HBBiBB")
 _SIM_STATE = Struct("<4f3f3f3f3f2f3fii")
+_GLOBAL_POSITION_INT = Struct("<IiiiihhhH")
+_AUTOPILOT_VERSION = Struct("<QQIIIIHH8s8s8s")
 
 _MG = 1000.0 / STANDARD_GRAVITY_M_S2
 
@@ -150,12 +156,43 @@ def attitude_quaternion(boot_us: int, q_ned_frd: Quaternion, rate_rad_s: Vec3) -
     return Message(ATTITUDE_QUATERNION_ID, 246, payload)
 
 
-def sim_state(q_ned_frd: Quaternion, euler_rad: Vec3, acc_m_s2: Vec3, rate_rad_s: Vec3) -> Message:
-    """SIM_STATE: true attitude, specific force and rate; position and velocity stay zero."""
-    payload = _SIM_STATE.pack(
-        *q_ned_frd, *euler_rad, *acc_m_s2, *rate_rad_s, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0
-    )
+def sim_state(
+    q_ned_frd: Quaternion,
+    euler_rad: Vec3,
+    acc_m_s2: Vec3,
+    rate_rad_s: Vec3,
+    place: Vec3 = ZERO_VEC3,
+    velocity_ned_m_s: Vec3 = ZERO_VEC3,
+) -> Message:
+    """SIM_STATE: true attitude, specific force and rate, place (deg, deg, m) and velocity."""
+    latitude_deg, longitude_deg, altitude_m = place
+    degrees_1e7 = (round(latitude_deg * 1e7), round(longitude_deg * 1e7))
+    motion = (*q_ned_frd, *euler_rad, *acc_m_s2, *rate_rad_s)
+    where = (latitude_deg, longitude_deg, altitude_m, 0.0, 0.0)
+    payload = _SIM_STATE.pack(*motion, *where, *velocity_ned_m_s, *degrees_1e7)
     return Message(SIM_STATE_ID, 32, payload)
+
+
+def global_position(boot_us: int, place: Vec3, height_m: float, velocity_ned_m_s: Vec3) -> Message:
+    """GLOBAL_POSITION_INT: place (deg, deg, m), height above the start, velocity in whole cm/s."""
+    latitude_deg, longitude_deg, altitude_m = place
+    payload = _GLOBAL_POSITION_INT.pack(
+        _boot_ms(boot_us),
+        round(latitude_deg * 1e7),
+        round(longitude_deg * 1e7),
+        round(altitude_m * 1e3),
+        round(height_m * 1e3),
+        *(_int16(v * 100.0) for v in velocity_ned_m_s),
+        UNKNOWN_UINT16,  # the heading
+    )
+    return Message(GLOBAL_POSITION_INT_ID, 104, payload)
+
+
+def autopilot_version(product: str, variant: str) -> Message:
+    """AUTOPILOT_VERSION with two names of at most 8 letters in place of commits."""
+    names = (product.encode(), variant.encode(), b"")
+    payload = _AUTOPILOT_VERSION.pack(MAV_PROTOCOL_CAPABILITY_MAVLINK2, *(7 * (0,)), *names)
+    return Message(AUTOPILOT_VERSION_ID, 178, payload)
 
 
 def param_value(name: str, value: float, count: int, index: int) -> Message:

@@ -1,8 +1,10 @@
 """A simulated vehicle's side of MAVLink, without sockets or clocks.
 
 ATTITUDE and ATTITUDE_QUATERNION carry the truth, like SIM_STATE: the vehicle
-has no estimator whose errors could be told. Position, velocity and battery are
-not simulated, and no message about them is sent.
+has no estimator whose errors could be told. Position and velocity are told by a
+vehicle that flies; those that turn on the spot know of none. AUTOPILOT_VERSION
+says that it is fuzzbee's own, and its motion, ten times a second, ahead of the
+sample: whoever listens knows from the start what signals these are.
 """
 
 from collections.abc import Callable
@@ -17,6 +19,8 @@ from drivers.mavlink.ardupilot import COMPASS_DECLINATION, COMPASS_OFFSETS, ORIE
 from drivers.mavlink.constants import (
     ATTITUDE_ID,
     ATTITUDE_QUATERNION_ID,
+    AUTOPILOT_VERSION_ID,
+    GLOBAL_POSITION_INT_ID,
     HEARTBEAT_ID,
     MAV_AUTOPILOT_ARDUPILOTMEGA,
     MAV_CMD_SET_MESSAGE_INTERVAL,
@@ -29,26 +33,44 @@ from drivers.mavlink.constants import (
     RAW_IMU_ID,
     SIM_STATE_ID,
 )
+from drivers.mavlink.decoder import BUILT_IN
 from drivers.mavlink.encoder import (
     FrameEncoder,
     Message,
     attitude,
     attitude_quaternion,
+    autopilot_version,
     command_ack,
+    global_position,
     heartbeat,
     param_value,
     raw_imu,
     sim_state,
 )
-from drivers.simulation.simulated_vehicle import Motion, Sample, SimulatedVehicle
+from drivers.simulation.flight import geodetic
+from drivers.simulation.simulated_vehicle import (
+    FLIGHT_VELOCITY_NOISE_M_S,
+    Motion,
+    Sample,
+    SimulatedVehicle,
+)
 from estimator.errors import InputError
-from estimator.types import STANDARD_GRAVITY_M_S2, Quaternion, Vec3
+from estimator.types import Quaternion, Vec3
 
 HEARTBEAT_US = 1_000_000
+SLOW_US = 100_000.0  # position and version
 FASTEST_RATE_HZ = 1000.0  # an interval below 1 ms is refused
 
 # The order on the wire. SIM_STATE has no time of its own: it follows its RAW_IMU.
-STREAMS = (RAW_IMU_ID, SIM_STATE_ID, ATTITUDE_ID, ATTITUDE_QUATERNION_ID)
+STREAMS = (
+    AUTOPILOT_VERSION_ID,
+    RAW_IMU_ID,
+    SIM_STATE_ID,
+    ATTITUDE_ID,
+    ATTITUDE_QUATERNION_ID,
+    GLOBAL_POSITION_INT_ID,
+)
+SLOW = (AUTOPILOT_VERSION_ID, GLOBAL_POSITION_INT_ID)
 
 # What a parameter list of a calibrated copter says about its IMU
 PARAMETERS: tuple[tuple[str, float], ...] = (
@@ -70,6 +92,7 @@ class VehicleOptions:
     bias: float = 1.0
     magnet: tuple[float, float] | None = None  # s
     drop: float = 0.0  # probability that a frame is lost
+    calm: bool = False  # a flight without its magnet and its silence
     signing_key: bytes | None = None  # 32 bytes
 
     def check(self) -> None:
@@ -119,15 +142,25 @@ class SimulatedAutopilot:
             options.noise,
             options.bias,
             options.magnet,
+            calm=options.calm,
         )
+        self._noise = options.noise
         self._encoder = FrameEncoder(self.id, options.signing_key)
         self._drop = options.drop
         self._losses = np.random.default_rng([options.seed, system_id])
+        self._receiver = np.random.default_rng([options.seed, system_id, 1])
         self._default_us = 1e6 / options.rate_hz
-        self._streams = {message_id: _Schedule(self._default_us) for message_id in STREAMS}
+        self._streams = {
+            message_id: _Schedule(self._default_interval_us(message_id)) for message_id in STREAMS
+        }
         self._sample_us = self._default_us
         self._heartbeat = _Schedule(HEARTBEAT_US)
         self._next = next(self._vehicle)
+
+    def _default_interval_us(self, message_id: int) -> float:
+        if message_id == GLOBAL_POSITION_INT_ID and not self._vehicle.tells_place:
+            return 0.0
+        return max(SLOW_US, self._default_us) if message_id in SLOW else self._default_us
 
     @property
     def due_us(self) -> float:
@@ -141,11 +174,14 @@ class SimulatedAutopilot:
         messages: list[Message] = []
         while self.due_us <= boot_us:
             now_us = round(self.due_us)
+            due: list[Message] = []
             if self._heartbeat.is_due(now_us):
-                messages.append(heartbeat(MAV_TYPE_QUADROTOR, MAV_AUTOPILOT_ARDUPILOTMEGA))
+                due.append(heartbeat(MAV_TYPE_QUADROTOR, MAV_AUTOPILOT_ARDUPILOTMEGA))
             if self._next.time_us <= now_us:
-                messages += self._sample_messages(self._next)
+                due += self._sample_messages(self._next)
                 self._next = next(self._vehicle)
+            if not self._vehicle.is_silent(now_us):
+                messages += due
         return self._frames(messages, unix_us)
 
     def skip(self, boot_us: float) -> None:
@@ -167,15 +203,32 @@ class SimulatedAutopilot:
         t, q, rate = sample.time_us, sample.q_ned_frd, sample.true_rate_rad_s
         due = {message_id for message_id in STREAMS if self._streams[message_id].is_due(t)}
         messages = []
+        if AUTOPILOT_VERSION_ID in due:
+            messages.append(autopilot_version(BUILT_IN, self._vehicle.motion))
         if RAW_IMU_ID in due:
             messages.append(raw_imu(t, sample.acc_m_s2, sample.gyr_rad_s, sample.mag_gauss))
             if SIM_STATE_ID in due:
-                messages.append(sim_state(q, _euler(q), _specific_force(q), rate))
+                messages.append(self._sim_state(sample))
         if ATTITUDE_ID in due:
             messages.append(attitude(t, _euler(q), rate))
         if ATTITUDE_QUATERNION_ID in due:
             messages.append(attitude_quaternion(t, q, rate))
+        if GLOBAL_POSITION_INT_ID in due and self._vehicle.tells_place:
+            messages.append(self._global_position(sample))
         return messages
+
+    def _sim_state(self, sample: Sample) -> Message:
+        q, rate = sample.q_ned_frd, sample.true_rate_rad_s
+        motion = (q, _euler(q), sample.true_force_m_s2, rate)
+        if not self._vehicle.tells_place:
+            return sim_state(*motion)
+        return sim_state(*motion, geodetic(sample.position_ned_m), sample.velocity_ned_m_s)
+
+    def _global_position(self, sample: Sample) -> Message:
+        place = geodetic(sample.position_ned_m)
+        height_m = -sample.position_ned_m[2]
+        velocity = velocity_told(sample, self._noise, self._receiver)
+        return global_position(sample.time_us, place, height_m, velocity)
 
     def _frames(self, messages: list[Message], unix_us: int) -> bytes:
         frames = [self._encoder.frame(message, unix_us) for message in messages]
@@ -193,9 +246,10 @@ class SimulatedAutopilot:
     def _set_interval(self, message_id: float, interval_us: float) -> int:
         """MAVLink's rule: -1 turns a message off, 0 restores its default."""
         stream = self._heartbeat if message_id == HEARTBEAT_ID else None
-        default_us = HEARTBEAT_US if stream is not None else self._default_us
+        default_us: float = HEARTBEAT_US
         if stream is None and message_id in STREAMS:
             stream = self._streams[int(message_id)]
+            default_us = self._default_interval_us(int(message_id))
         if stream is None:
             return MAV_RESULT_FAILED
         if not isfinite(interval_us) or (interval_us != -1 and interval_us < 0):
@@ -248,8 +302,8 @@ def _euler(q: Quaternion) -> Vec3:
     )
 
 
-def _specific_force(q: Quaternion) -> Vec3:
-    """-g R^T (0, 0, 1): what an accelerometer without errors reads."""
-    w, x, y, z = q
-    g = -STANDARD_GRAVITY_M_S2
-    return (g * 2 * (x * z - w * y), g * 2 * (y * z + w * x), g * (1 - 2 * (x * x + y * y)))
+def velocity_told(sample: Sample, noise: float, generator: np.random.Generator) -> Vec3:
+    """The velocity (m/s, NED) as a vehicle that flies tells it."""
+    errors = noise * FLIGHT_VELOCITY_NOISE_M_S * generator.standard_normal(3)
+    north, east, down = (sample.velocity_ned_m_s + errors).tolist()
+    return (north, east, down)

@@ -1,6 +1,6 @@
-"""The simulated vehicle: the paper's signals with known truth, seeded.
+"""The simulated vehicle: the paper's signals, or a flight's, with known truth, seeded.
 
-Source: section "Attitude Measurements and Initialization" of "Nonlinear
+Source of the paper's signals: section "Attitude Measurements and Initialization" of "Nonlinear
 Attitude Filter on SO(3): Fast Adaptation and Robustness"::
 
     Omega_m = Omega + b + n                   n    ~ N(0, 0.2)   (standard deviation)
@@ -8,9 +8,11 @@ Attitude Filter on SO(3): Fast Adaptation and Robustness"::
     dR/dt   = R [Omega]x,   R(0) = I
 
 as an IMU reads them: acc = -g v_2^B and mag = 0.5 gauss v_1^B, neither
-normalised. A block (:func:`simulate`) and a stream (:class:`SimulatedVehicle`)
-give the same numbers bit for bit: the truth comes in chunks that start at fixed
-samples, and each sample takes nine normal numbers in one order.
+normalised. The flight (:mod:`drivers.simulation.flight`) has the errors of a
+small MEMS unit instead, and knows where it is and how fast. A block
+(:func:`simulate`) and a stream (:class:`SimulatedVehicle`) give the same
+numbers bit for bit: the truth comes in chunks that start at fixed samples, and
+each sample takes nine normal numbers in one order.
 """
 
 from collections.abc import Iterator
@@ -22,12 +24,21 @@ from typing import Literal, NamedTuple, get_args
 import numpy as np
 import numpy.typing as npt
 
+from drivers.simulation import flight
+from drivers.simulation.rotations import Floats, exponential, rotate_inverse, running_product
 from estimator.errors import InputError
-from estimator.types import IDENTITY, STANDARD_GRAVITY_M_S2, Quaternion, Vec3
+from estimator.types import (
+    IDENTITY,
+    STANDARD_GRAVITY_M_S2,
+    ZERO_VEC3,
+    Quaternion,
+    Vec3,
+)
 
-Floats = npt.NDArray[np.float64]
-Motion = Literal["paper", "rest", "turn"]
+Motion = Literal["paper", "rest", "turn", "flight"]
 MOTIONS: tuple[str, ...] = get_args(Motion)
+# The shipped profile that fits the signals of each
+PROFILES = {"paper": "paper", "rest": "paper", "turn": "paper", "flight": "imu"}
 
 # The paper's inertial vectors (NED, unit length)
 MAGNETIC_NED: Vec3 = (1 / 3**0.5, -1 / 3**0.5, 1 / 3**0.5)
@@ -39,6 +50,16 @@ MAGNETIC_BIAS: Vec3 = (0.1, -0.1, 0.1)
 GRAVITY_BIAS: Vec3 = (0.0, 0.0, 0.1)
 GYRO_NOISE_RAD_S = 0.2
 VECTOR_NOISE = 0.05
+
+# The flight's: a small MEMS unit after the calibration that autopilots do
+FLIGHT_GYRO_BIAS_RAD_S: Vec3 = (0.003, -0.004, 0.002)
+FLIGHT_GYRO_NOISE_RAD_S = 0.003
+FLIGHT_ACC_BIAS_M_S2: Vec3 = (0.03, -0.025, 0.05)
+FLIGHT_ACC_NOISE_M_S2 = 0.1
+FLIGHT_MAG_BIAS_GAUSS: Vec3 = (0.004, -0.003, 0.005)
+FLIGHT_MAG_NOISE_GAUSS = 0.003
+# of the velocity and position that it tells
+FLIGHT_VELOCITY_NOISE_M_S = 0.05
 
 FIELD_GAUSS = 0.5  # a typical strength of the Earth's field
 TURN_RATE_RAD_S = 0.5  # "turn": level, to the right, one round in 12.6 s
@@ -56,7 +77,7 @@ class Sample(NamedTuple):
     """One instant of the simulated vehicle; measured values are in FRD.
 
     ``time_us`` counts from the vehicle's start. ``q_ned_frd`` and
-    ``true_rate_rad_s`` are the truth.
+    all behind it are the truth.
     """
 
     time_us: int
@@ -65,6 +86,9 @@ class Sample(NamedTuple):
     mag_gauss: Vec3
     q_ned_frd: Quaternion
     true_rate_rad_s: Vec3
+    true_force_m_s2: Vec3 = ZERO_VEC3  # specific force, FRD
+    velocity_ned_m_s: Vec3 = ZERO_VEC3  # true; zero of a motion that stays where it is
+    position_ned_m: Vec3 = ZERO_VEC3  # true, from the place of start
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -80,21 +104,60 @@ class Recording:
 
 
 class _Truth(NamedTuple):
-    """What the noise is added to: times, attitude, rate and the two true body vectors."""
+    """What the noise is added to: times, attitude, rate and the two true body vectors.
+
+    ``magnetic_frd`` is the field over ``FIELD_GAUSS``, ``gravity_frd`` what an accelerometer
+    takes for gravity: the specific force over -g.
+    """
 
     time_us: npt.NDArray[np.int64]
     q_ned_frd: Floats
     rate_rad_s: Floats
     magnetic_frd: Floats
     gravity_frd: Floats
+    velocity_ned_m_s: Floats
+    position_ned_m: Floats
+
+
+class _Sensors(NamedTuple):
+    """Biases and noises: of the gyroscope in rad/s, of the vectors as parts of their length."""
+
+    gyro_bias_rad_s: Vec3
+    magnetic_bias: Vec3
+    gravity_bias: Vec3
+    gyro_noise_rad_s: float
+    magnetic_noise: float
+    gravity_noise: float
+
+
+def _parts(vector: Vec3, of: float) -> Vec3:
+    return (vector[0] / of, vector[1] / of, vector[2] / of)
+
+
+PAPER_SENSORS = _Sensors(
+    GYRO_BIAS_RAD_S, MAGNETIC_BIAS, GRAVITY_BIAS, GYRO_NOISE_RAD_S, VECTOR_NOISE, VECTOR_NOISE
+)
+FLIGHT_SENSORS = _Sensors(
+    FLIGHT_GYRO_BIAS_RAD_S,
+    _parts(FLIGHT_MAG_BIAS_GAUSS, FIELD_GAUSS),
+    _parts(FLIGHT_ACC_BIAS_M_S2, -STANDARD_GRAVITY_M_S2),
+    FLIGHT_GYRO_NOISE_RAD_S,
+    FLIGHT_MAG_NOISE_GAUSS / FIELD_GAUSS,
+    FLIGHT_ACC_NOISE_M_S2 / STANDARD_GRAVITY_M_S2,
+)
 
 
 class _Disturbance(NamedTuple):
-    """Scale factors of the paper's noise and bias, and the magnet's times in s."""
+    """The sensors, scale factors of their noise and bias, and the magnet's times in s.
 
+    With ``round_s`` the magnet passes once in each round.
+    """
+
+    sensors: _Sensors
     noise: float
     bias: float
     magnet: tuple[float, float] | None
+    round_s: float | None = None
 
 
 def simulate(
@@ -119,11 +182,13 @@ def simulate(
         raise InputError(f"the simulated vehicle needs at least 1 sample, not {samples}")
     truth = _truth(motion, rate_hz, samples)
     normals = _generator(seed).standard_normal((samples, 9))
-    return _measure(truth, normals, _Disturbance(noise, bias, magnet))
+    return _measure(truth, normals, _disturbance(motion, noise, bias, magnet, calm=False))
 
 
 class SimulatedVehicle:
     """The same samples as :func:`simulate`, one at a time and forever.
+
+    A ``calm`` flight has no magnet and no silence, unless asked for.
 
     Raises:
         InputError: a value is out of its range, or the motion is unknown.
@@ -137,10 +202,13 @@ class SimulatedVehicle:
         noise: float = 1.0,
         bias: float = 1.0,
         magnet: tuple[float, float] | None = None,
+        *,
+        calm: bool = False,
     ) -> None:
         _check(rate_hz, motion, noise, bias, magnet)
-        self._motion = motion
-        self._disturbance = _Disturbance(noise, bias, magnet)
+        self.motion = motion
+        self._disturbance = _disturbance(motion, noise, bias, magnet, calm=calm)
+        self._falls_silent = motion == "flight" and not calm
         self._generator = _generator(seed)
         self._last: Sample | None = None
         self._samples = self._from(0, IDENTITY, rate_hz)
@@ -152,24 +220,35 @@ class SimulatedVehicle:
         self._last = next(self._samples)
         return self._last
 
+    @property
+    def tells_place(self) -> bool:
+        """Whether it knows where it is and how fast: the paper's vehicle turns on the spot."""
+        return self.motion == "flight"
+
+    def is_silent(self, time_us: int) -> bool:
+        """Whether nothing of this time reaches anybody."""
+        return self._falls_silent and flight.is_silent(time_us)
+
     def change_rate(self, rate_hz: float) -> None:
         """Go on with the same motion at another rate, at t = k / ``rate_hz`` after the last sample.
 
         Raises:
             InputError: the rate is not positive.
         """
-        _check(rate_hz, self._motion, self._disturbance.noise, self._disturbance.bias, None)
+        _check(rate_hz, self.motion, self._disturbance.noise, self._disturbance.bias, None)
         if self._last is None:
             self._samples = self._from(0, IDENTITY, rate_hz)
             return
         last_s = self._last.time_us * 1e-6
         first = floor(last_s * rate_hz + 1e-6) + 1
-        times = np.array([last_s, first / rate_hz])
-        start: Quaternion = tuple(_integrate(self._motion, times, self._last.q_ned_frd)[-1])
+        start = IDENTITY
+        if self.motion != "flight":
+            times = np.array([last_s, first / rate_hz])
+            start = tuple(_integrate(self.motion, times, self._last.q_ned_frd)[-1])
         self._samples = self._from(first, start, rate_hz)
 
     def _from(self, first: int, start: Quaternion, rate_hz: float) -> Iterator[Sample]:
-        return _samples(self._generator, rate_hz, self._motion, self._disturbance, first, start)
+        return _samples(self._generator, rate_hz, self.motion, self._disturbance, first, start)
 
 
 def true_rate(motion: Motion, time_s: Floats) -> Floats:
@@ -223,25 +302,39 @@ def _samples(
             map(tuple, block.mag_gauss.tolist()),
             map(tuple, block.q_ned_frd.tolist()),
             map(tuple, block.true_rate_rad_s.tolist()),
+            map(tuple, (-STANDARD_GRAVITY_M_S2 * truth.gravity_frd).tolist()),
+            map(tuple, truth.velocity_ned_m_s.tolist()),
+            map(tuple, truth.position_ned_m.tolist()),
         )
         yield from map(Sample._make, zip(*columns, strict=True))
         first += CHUNK_SAMPLES
 
 
+def _disturbance(
+    motion: Motion, noise: float, bias: float, magnet: tuple[float, float] | None, *, calm: bool
+) -> _Disturbance:
+    if motion != "flight":
+        return _Disturbance(PAPER_SENSORS, noise, bias, magnet)
+    if magnet is None and not calm:
+        return _Disturbance(FLIGHT_SENSORS, noise, bias, flight.MAGNET_S, flight.ROUND_S)
+    return _Disturbance(FLIGHT_SENSORS, noise, bias, magnet)
+
+
 def _measure(truth: _Truth, normals: Floats, disturbance: _Disturbance) -> Recording:
     """Truth plus bias and noise; ``normals`` (N, 9) are gyroscope, v_1, v_2."""
-    noise, bias, magnet = disturbance
+    sensors, noise, bias, magnet, round_s = disturbance
     # Omega_m = Omega + b + n
-    gyr = truth.rate_rad_s + bias * np.array(GYRO_BIAS_RAD_S)
-    gyr += noise * GYRO_NOISE_RAD_S * normals[:, 0:3]
+    gyr = truth.rate_rad_s + bias * np.array(sensors.gyro_bias_rad_s)
+    gyr += noise * sensors.gyro_noise_rad_s * normals[:, 0:3]
     # v_i^B = R^T v_i^I + b_i^B + n_i^B
-    v_1 = truth.magnetic_frd + bias * np.array(MAGNETIC_BIAS)
-    v_1 += noise * VECTOR_NOISE * normals[:, 3:6]
-    v_2 = truth.gravity_frd + bias * np.array(GRAVITY_BIAS)
-    v_2 += noise * VECTOR_NOISE * normals[:, 6:9]
+    v_1 = truth.magnetic_frd + bias * np.array(sensors.magnetic_bias)
+    v_1 += noise * sensors.magnetic_noise * normals[:, 3:6]
+    v_2 = truth.gravity_frd + bias * np.array(sensors.gravity_bias)
+    v_2 += noise * sensors.gravity_noise * normals[:, 6:9]
     mag = FIELD_GAUSS * v_1
     if magnet is not None:
-        mag[:, 1] += _magnet_gauss(truth.time_us.astype(np.float64) * 1e-6, magnet)
+        time_s = truth.time_us.astype(np.float64) * 1e-6
+        mag[:, 1] += _magnet_gauss(time_s if round_s is None else time_s % round_s, magnet)
     recording = Recording(
         truth.time_us,
         gyr,
@@ -281,6 +374,8 @@ def _truth_chunk(
     """The chunk from sample ``first`` on, whose attitude is ``start``, and the attitude after."""
     k = first + np.arange(CHUNK_SAMPLES + 1)
     time_s = k / rate_hz
+    if motion == "flight":
+        return _flight_chunk(time_s[:-1]), IDENTITY
     q = _integrate(motion, time_s, start)
     after: Quaternion = tuple((q[-1] / np.sqrt(np.sum(q[-1] ** 2))).tolist())
     q = q[:-1]
@@ -288,10 +383,26 @@ def _truth_chunk(
         np.rint(time_s[:-1] * 1e6).astype(np.int64),
         q,
         true_rate(motion, time_s[:-1]),
-        _rotate_inverse(q, MAGNETIC_NED),
-        _rotate_inverse(q, GRAVITY_NED),
+        rotate_inverse(q, MAGNETIC_NED),
+        rotate_inverse(q, GRAVITY_NED),
+        np.zeros((len(q), 3)),
+        np.zeros((len(q), 3)),
     )
     return _read_only(truth), after
+
+
+def _flight_chunk(time_s: Floats) -> _Truth:
+    true = flight.flight_truth(time_s)
+    truth = _Truth(
+        np.rint(time_s * 1e6).astype(np.int64),
+        true.q_ned_frd,
+        true.rate_rad_s,
+        rotate_inverse(true.q_ned_frd, flight.FIELD_NED_GAUSS) / FIELD_GAUSS,
+        true.force_frd_m_s2 / -STANDARD_GRAVITY_M_S2,
+        true.velocity_ned_m_s,
+        true.position_ned_m,
+    )
+    return _read_only(truth)
 
 
 def _read_only(truth: _Truth) -> _Truth:
@@ -314,45 +425,5 @@ def _integrate(motion: Motion, time_s: Floats, start: Quaternion) -> Floats:
     w_2 = true_rate(motion, begin + h * (0.5 + 3**0.5 / 6))
     # R_k+1 = R_k exp([h/2 (w_1 + w_2) + sqrt(3)/12 h^2 (w_1 x w_2)]x)
     phi = h / 2 * (w_1 + w_2) + 3**0.5 / 12 * h**2 * np.cross(w_1, w_2)
-    products = _running_product(np.vstack([[start], _exponential(phi)]))
+    products = running_product(np.vstack([[start], exponential(phi)]))
     return products[::steps]
-
-
-def _exponential(phi: Floats) -> Floats:
-    """Rotation vectors (N, 3) to unit quaternions (N, 4)."""
-    half = 0.5 * np.sqrt(np.sum(phi**2, axis=1))
-    q = np.empty((len(phi), 4))
-    q[:, 0] = np.cos(half)
-    q[:, 1:] = 0.5 * np.sinc(half / np.pi)[:, None] * phi
-    return q
-
-
-def _running_product(q: Floats) -> Floats:
-    """q_0, q_0 q_1, q_0 q_1 q_2, ... by doubling."""
-    product, reach = q, 1
-    while reach < len(q):
-        product = np.vstack([product[:reach], _multiply(product[:-reach], product[reach:])])
-        reach *= 2
-    return product
-
-
-def _multiply(p: Floats, q: Floats) -> Floats:
-    """Hamilton products of two arrays (N, 4)."""
-    a, b, c, d = p.T
-    e, f, g, h = q.T
-    return np.stack(
-        [
-            a * e - b * f - c * g - d * h,
-            a * f + b * e + c * h - d * g,
-            a * g - b * h + c * e + d * f,
-            a * h + b * g - c * f + d * e,
-        ],
-        axis=1,
-    )
-
-
-def _rotate_inverse(q: Floats, v: Vec3) -> Floats:
-    """R^T v for attitudes (N, 4) and one vector: q* v q."""
-    vector = np.broadcast_to(np.array([0.0, *v]), q.shape)
-    conjugate = q * np.array([1.0, -1.0, -1.0, -1.0])
-    return np.ascontiguousarray(_multiply(_multiply(conjugate, vector), q)[:, 1:])

@@ -1,21 +1,36 @@
-"""``sim:``, the built-in vehicle in process: the paper's exact numbers in real time."""
+"""``sim:``, the built-in vehicle in process: its exact numbers in real time."""
 
 import threading
 import time
 from collections.abc import Callable, Iterator
 from typing import Self
 
+import numpy as np
+
 from drivers.closing import Closing
-from drivers.events import Event, Heartbeat, Imu, LinkUp, ReferenceAttitude, VehicleId
+from drivers.events import (
+    BuiltIn,
+    Event,
+    Heartbeat,
+    Imu,
+    LinkUp,
+    Parameter,
+    Position,
+    ReferenceAttitude,
+    VehicleId,
+    Velocity,
+)
 from drivers.mavlink.constants import (
     MAV_AUTOPILOT_ARDUPILOTMEGA,
     MAV_COMP_ID_AUTOPILOT1,
     MAV_TYPE_QUADROTOR,
 )
+from drivers.samples.fix import Fix, velocity_sample
+from drivers.simulation.autopilot import HEARTBEAT_US, PARAMETERS, SLOW_US, velocity_told
+from drivers.simulation.flight import geodetic
 from drivers.simulation.simulated_vehicle import Sample, SimulatedVehicle
 from estimator.types import ImuSample
 
-HEARTBEAT_US = 1_000_000
 LONGEST_BACKLOG_US = 1_000_000  # a computer that slept goes on with the present
 ITERATION_S = 0.1
 
@@ -41,6 +56,8 @@ class SimSource(Closing):
         self._closed = threading.Event()
         self._next = next(vehicle)
         self._heartbeat_due_us = 0
+        self._place_due_us = 0.0
+        self._receiver = np.random.default_rng([0, 1, 1])
         self._start_us = 0
         self._start_unix_us = 0
         self._announced = False
@@ -91,7 +108,7 @@ class SimSource(Closing):
         while self._next.time_us <= now_us:
             if now_us - self._next.time_us > LONGEST_BACKLOG_US:
                 self.dropped += 1
-            else:
+            elif not self._vehicle.is_silent(self._next.time_us):
                 events += self._events(self._next)
             self._next = next(self._vehicle)
         return events
@@ -101,10 +118,25 @@ class SimSource(Closing):
         if sample.time_us >= self._heartbeat_due_us:
             self._heartbeat_due_us = sample.time_us + HEARTBEAT_US
             yield Heartbeat(self._id, arrival_us, MAV_AUTOPILOT_ARDUPILOTMEGA, MAV_TYPE_QUADROTOR)
+            yield BuiltIn(self._id, arrival_us, self._vehicle.motion)
+            for name, value in PARAMETERS:
+                yield Parameter(self._id, arrival_us, name, value)
         yield Imu(self._id, arrival_us, sample.time_us, "RAW_IMU", imu_sample(sample))
         yield ReferenceAttitude(
             self._id, arrival_us, sample.time_us, "sim", "SIM_STATE", sample.q_ned_frd
         )
+        if self._vehicle.tells_place and sample.time_us >= self._place_due_us:
+            self._place_due_us = sample.time_us + SLOW_US
+            yield from self._place(sample, arrival_us)
+
+    def _place(self, sample: Sample, arrival_us: int) -> Iterator[Event]:
+        name, time_us = "GLOBAL_POSITION_INT", sample.time_us
+        place = geodetic(sample.position_ned_m)
+        yield Position(self._id, arrival_us, time_us, name, *place)
+        fix = Fix(velocity_told(sample, 1.0, self._receiver))
+        velocity = velocity_sample(name, fix, time_us)
+        if velocity is not None:
+            yield Velocity(self._id, arrival_us, name, velocity)
 
 
 def imu_sample(sample: Sample) -> ImuSample:

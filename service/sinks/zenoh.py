@@ -15,7 +15,14 @@ from drivers.events import VehicleId
 from estimator.errors import InputError
 from estimator.profile import Profile, profile_to_json
 from service.parameters import ParameterRequests
-from service.records import AttitudeRecord, Output, Published, StatusRecord, vehicle_name
+from service.records import (
+    AttitudeRecord,
+    Output,
+    Published,
+    Replaced,
+    StatusRecord,
+    vehicle_name,
+)
 from service.zenoh_session import close_session
 
 if TYPE_CHECKING:
@@ -64,6 +71,8 @@ class ZenohSink:
         for output in outputs:
             if isinstance(output, Published):
                 self._publish(output)
+            elif isinstance(output, Replaced):
+                self._profiles[vehicle_name(output.vehicle)] = output.profile
 
     def close(self) -> None:
         """Close the session, which withdraws everything declared on it."""

@@ -13,6 +13,7 @@ from estimator.errors import InputError
     [
         ("sim:", Endpoint("sim")),
         ("sim://", Endpoint("sim")),
+        ("sim:flight", Endpoint("sim", path="flight")),
         ("udpin:0.0.0.0:14550", Endpoint("udpin", "0.0.0.0", 14550)),
         ("udpin://0.0.0.0:14550", Endpoint("udpin", "0.0.0.0", 14550)),
         ("udpin:14550", Endpoint("udpin", "127.0.0.1", 14550)),
@@ -44,7 +45,6 @@ def test_spellings(text, expected):
     ("text", "said"),
     [
         ("", "empty"),
-        ("sim:7", "nothing after"),
         ("udpin:127.0.0.1", "no port|port must be"),
         ("udpin:127.0.0.1:", "port must be"),
         ("udpin:127.0.0.1:99999", "99999"),

@@ -37,7 +37,8 @@ def test_ten_seconds_of_frames():
         sent = [(m.q1, m.q2, m.q3, m.q4) for m in of_type(messages, kind)]
         np.testing.assert_allclose(sent, expected.q_ned_frd, atol=1e-7)  # single precision
     assert len(of_type(messages, "HEARTBEAT")) == 10
-    kinds = [m.get_type() for m in messages if m.get_type() != "HEARTBEAT"]
+    rare = ("HEARTBEAT", "AUTOPILOT_VERSION")
+    kinds = [m.get_type() for m in messages if m.get_type() not in rare]
     assert kinds == 1000 * ["RAW_IMU", "SIM_STATE", "ATTITUDE", "ATTITUDE_QUATERNION"]
     assert {m.get_srcSystem() for m in messages} == {1}
     sequence = [m.get_seq() for m in messages]
@@ -160,3 +161,39 @@ def test_parameters():
 
 def test_identity_of_a_vehicle():
     assert SimulatedAutopilot(VehicleOptions(), 9).id == VehicleId(9, 1)
+
+
+def test_it_says_whose_it_is_ahead_of_the_first_sample():
+    for motion in ("paper", "flight"):
+        autopilot = SimulatedAutopilot(VehicleOptions(motion=motion), 1)
+        messages = parsed(autopilot.advance(SECOND - 1, UNIX_US))
+        kinds = [m.get_type() for m in messages]
+        assert kinds.index("AUTOPILOT_VERSION") < kinds.index("RAW_IMU")
+        said = of_type(messages, "AUTOPILOT_VERSION")
+        assert len(said) == 10
+        assert bytes(said[0].flight_custom_version) == b"fuzzbee\0"
+        assert bytes(said[0].middleware_custom_version).rstrip(b"\0") == motion.encode()
+
+
+def test_a_flight_tells_its_place_and_velocity_and_falls_silent():
+    options = VehicleOptions(motion="flight", rate_hz=50, seed=2)
+    messages = parsed(SimulatedAutopilot(options, 1).advance(100 * SECOND - 1, UNIX_US))
+    told = of_type(messages, "GLOBAL_POSITION_INT")
+    true = of_type(messages, "SIM_STATE")
+    assert len(told) == 985  # 10 Hz but in the silence
+    speed = np.array([(m.vx, m.vy, m.vz) for m in told]) / 100
+    expected = np.array([(m.vn, m.ve, m.vd) for m in true])[::5][: len(speed)]
+    # before the silence both are in step; the velocity's own noise is 0.05 m/s
+    assert (speed - expected)[:700].std() == pytest.approx(0.05, rel=0.1)
+    assert {m.lat // 10_000 for m in told} <= set(range(47_390, 47_410))
+    assert abs(true[0].zacc + 9.80665) < 1e-4
+    times = np.array([m.time_usec for m in of_type(messages, "RAW_IMU")])
+    assert np.diff(times).max() == 1_520_000
+    calm = SimulatedAutopilot(VehicleOptions(motion="flight", rate_hz=50, calm=True), 1)
+    calm_times = of_type(parsed(calm.advance(100 * SECOND - 1, UNIX_US)), "RAW_IMU")
+    assert gaps(calm_times) == {20_000}
+
+
+def test_what_turns_on_the_spot_tells_no_place():
+    messages = parsed(SimulatedAutopilot(VehicleOptions(), 1).advance(2 * SECOND, UNIX_US))
+    assert not of_type(messages, "GLOBAL_POSITION_INT")

@@ -4,10 +4,23 @@ import numpy as np
 import pytest
 
 from drivers.endpoint import Endpoint, parse_endpoint
-from drivers.events import Heartbeat, Imu, LinkUp, ReferenceAttitude
-from drivers.simulation.simulated_vehicle import SimulatedVehicle, simulate
+from drivers.events import (
+    BuiltIn,
+    Heartbeat,
+    Imu,
+    LinkUp,
+    Position,
+    ReferenceAttitude,
+    Velocity,
+)
+from drivers.simulation.flight import SILENCE_S, flight_truth
+from drivers.simulation.simulated_vehicle import (
+    FLIGHT_VELOCITY_NOISE_M_S,
+    SimulatedVehicle,
+    simulate,
+)
 from drivers.simulation.source import SimSource
-from drivers.source import open_live
+from drivers.source import open_live, require_openable
 from estimator.errors import InputError
 
 
@@ -73,6 +86,30 @@ def test_in_real_time_it_waits_for_the_next_sample():
                 break
     assert [imu.boot_us for imu in imus] == [10_000 * k for k in range(30)]
     assert source.drain(10) == []  # closed: no waiting
+
+
+def test_a_flight_in_process_tells_its_place_and_falls_silent():
+    source, clock = source_and_clock(motion="flight", rate_hz=50.0)
+    events = []
+    with source:
+        for _ in range(200):
+            clock.us += 500_000
+            events += source.drain(0)
+    begin, end = SILENCE_S
+    imu_s = np.array([event.boot_us for event in of_type(events, Imu)]) * 1e-6
+    assert np.diff(imu_s).max() == pytest.approx(end - begin + 0.02)
+    assert imu_s[np.diff(imu_s).argmax()] == pytest.approx(begin - 0.02)
+    velocities = of_type(events, Velocity)
+    assert len(velocities) == len(of_type(events, Position)) == 986  # 10 Hz but in the silence
+    truth = flight_truth(np.array([v.sample.time_us * 1e-6 for v in velocities])).velocity_ned_m_s
+    noise = np.array([v.sample.velocity_ned_m_s for v in velocities]) - truth
+    assert noise.std() == pytest.approx(FLIGHT_VELOCITY_NOISE_M_S, rel=0.1)
+    assert {event.motion for event in of_type(events, BuiltIn)} == {"flight"}
+
+
+def test_an_unknown_motion_is_refused_before_anything_is_opened():
+    with pytest.raises(InputError, match=r"'loop'.*paper, rest, turn, flight"):
+        require_openable(parse_endpoint("sim:loop"))
 
 
 def test_what_has_no_live_source(tmp_path):
