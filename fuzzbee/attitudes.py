@@ -1,0 +1,104 @@
+"""Attitudes as arrays, a row for each: what programs are given for many samples."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from math import nan
+
+import numpy as np
+from numpy.typing import NDArray
+
+from estimator.geometry.frames import enu_flu_from_ned_frd
+from estimator.types import IDENTITY, Attitude
+from fuzzbee.angle_curves import euler_curves_deg
+
+Floats = NDArray[np.float64]
+
+NO_ATTITUDE = Attitude(
+    time_us=0,
+    q_ned_frd=(nan, nan, nan, nan),
+    rate_rad_s=(nan, nan, nan),
+    gyro_bias_rad_s=(nan, nan, nan),
+    error=nan,
+    error_rate_1_s=nan,
+    gain=nan,
+    confidence_gravity=nan,
+    confidence_magnetic=nan,
+    sigma_inclination_rad=nan,
+    sigma_heading_rad=nan,
+    heading_reference="none",
+)
+
+
+@dataclass(frozen=True)
+class Attitudes:
+    """N attitudes in time; NaN where there is none, as before the first sample that can be used.
+
+    ``q_ned_frd`` (N, 4) is Hamilton, scalar first, and takes body vectors (forward, right, down)
+    to north, east, down. The sigmas (N,) are the angles that 68 % of the errors lie under,
+    of the inclination and of the heading. ``heading_reference`` (N,) says what the heading is
+    measured from: "true" or "magnetic" north, or "none". ``error`` is the paper's e(R~) from the
+    measurements, ``gain`` its K.
+    """
+
+    time_s: Floats
+    q_ned_frd: Floats
+    rate_rad_s: Floats
+    gyro_bias_rad_s: Floats
+    sigma_inclination_rad: Floats
+    sigma_heading_rad: Floats
+    confidence_gravity: Floats
+    confidence_magnetic: Floats
+    error: Floats
+    gain: Floats
+    heading_reference: NDArray[np.str_]
+
+    def __len__(self) -> int:
+        return len(self.time_s)
+
+    @property
+    def euler_deg(self) -> Floats:
+        """Roll, pitch and yaw (N, 3) in degrees, yaw from 0 to 360; to be looked at only."""
+        return _where_known(self.q_ned_frd, euler_curves_deg(_known(self.q_ned_frd)))
+
+    @property
+    def q_enu_flu(self) -> Floats:
+        """The attitudes (N, 4) as ROS has them: forward, left, up to east, north, up."""
+        turned = [
+            enu_flu_from_ned_frd((q[0], q[1], q[2], q[3])) for q in _known(self.q_ned_frd).tolist()
+        ]
+        return _where_known(self.q_ned_frd, np.array(turned).reshape(-1, 4))
+
+
+def attitude_arrays(attitudes: Sequence[Attitude], start_us: int = 0) -> Attitudes:
+    """The arrays of these attitudes; ``time_s`` counts from ``start_us``."""
+
+    def rows(name: str, width: int) -> Floats:
+        return np.array([getattr(a, name) for a in attitudes], dtype=float).reshape(-1, width)
+
+    def column(name: str) -> Floats:
+        return np.array([getattr(a, name) for a in attitudes], dtype=float)
+
+    times_us = np.array([a.time_us for a in attitudes], dtype=np.int64)
+    return Attitudes(
+        time_s=np.array(1e-6 * (times_us - start_us), dtype=float),
+        q_ned_frd=rows("q_ned_frd", 4),
+        rate_rad_s=rows("rate_rad_s", 3),
+        gyro_bias_rad_s=rows("gyro_bias_rad_s", 3),
+        sigma_inclination_rad=column("sigma_inclination_rad"),
+        sigma_heading_rad=column("sigma_heading_rad"),
+        confidence_gravity=column("confidence_gravity"),
+        confidence_magnetic=column("confidence_magnetic"),
+        error=column("error"),
+        gain=column("gain"),
+        heading_reference=np.array([a.heading_reference for a in attitudes], dtype=np.str_),
+    )
+
+
+def _known(attitudes: Floats) -> Floats:
+    """The attitudes with the identity in place of what is unknown."""
+    return np.where(np.isnan(attitudes), IDENTITY, attitudes)
+
+
+def _where_known(attitudes: Floats, values: Floats) -> Floats:
+    """The values (N, M) with NaN where there is no attitude."""
+    return np.where(np.isnan(attitudes[:, :1]), nan, values)

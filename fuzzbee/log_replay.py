@@ -1,0 +1,76 @@
+"""A log replayed for a program: the figures of ``fuzzbee replay``, the attitudes as arrays."""
+
+from dataclasses import dataclass
+from math import nan
+from os import PathLike
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from estimator.profile import Profile, load_profile
+from fuzzbee.attitudes import Attitudes, attitude_arrays
+from fuzzbee.replays.comparison import Comparison
+from fuzzbee.replays.log_report import LogReport, report_log
+from fuzzbee.replays.trace import VehicleTrace
+
+Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class LogReplay:
+    """The estimates of a log beside its reference, N rows, one for each sample that was used.
+
+    ``reference_q_ned_frd`` (N, 4) is the simulator's truth or the autopilot's estimate, as
+    ``report.reference`` says; ``error_rad`` (N, 3) the difference to it: total, heading and
+    inclination. Both are NaN where the log has none. Times count from the first sample.
+    """
+
+    attitudes: Attitudes
+    reference_q_ned_frd: Floats
+    error_rad: Floats
+    report: LogReport
+
+
+def replay(
+    log: str | PathLike[str],
+    profile: Profile | str = "imu",
+    *,
+    reference: str | None = None,
+    skip_s: float = 0.0,
+    system_id: int | None = None,
+    gain: float | None = None,
+) -> LogReplay:
+    """Run the filter over a log (.tlog, .bin, .ulg) as fast as it goes, and score it.
+
+    Args:
+        log: the file.
+        profile: what ``load_profile`` gives, or the name or file it would be given.
+        reference: "sim" or "autopilot"; without it the truth, if the log has one.
+        skip_s: the first seconds, which are left out of the report's errors.
+        system_id: the vehicle; without it the one with most IMU samples.
+        gain: fixes K.
+
+    Raises:
+        InputError: the log cannot be read, holds no IMU data of that vehicle, or lacks that
+            reference.
+    """
+    chosen = load_profile(profile) if isinstance(profile, str) else profile
+    found: list[tuple[VehicleTrace, Comparison]] = []
+    report = report_log(
+        Path(log),
+        chosen,
+        fixed_gain=gain,
+        reference=reference,
+        skip_s=skip_s,
+        system_id=system_id,
+        exports=[lambda trace, compared: found.append((trace, compared))],
+    )
+    trace, compared = found[0]
+    known = compared.known[:, None]
+    return LogReplay(
+        attitudes=attitude_arrays(trace.attitudes, trace.attitudes[0].time_us),
+        reference_q_ned_frd=np.where(known, compared.truth, nan),
+        error_rad=np.where(known, compared.errors_rad, nan),
+        report=report,
+    )
