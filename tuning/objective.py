@@ -106,6 +106,6 @@ def _dotted_values(profile: Profile) -> dict[str, float]:
     tree = profile_to_json(profile)
     return {
         f"{section}.{key}": value
-        for section in ("filter", "confidence", "conditioning")
+        for section in ("filter", "confidence", "conditioning", "aiding")
         for key, value in tree[section].items()
     }

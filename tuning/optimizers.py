@@ -1,4 +1,4 @@
-"""The algorithms, all on one budget and one generator: bees, CMA-ES, differential evolution.
+"""The algorithms, all on one budget: bees, CMA-ES, differential evolution, and chance.
 
 Each begins with the base profile's values among its first candidates (CMA-ES:
 as its first mean), and each asks for the same number of evaluations.
@@ -119,8 +119,18 @@ def differential_evolution(search: Search, first: Array, generator: np.random.Ge
         raise
 
 
+def random_search(search: Search, first: Array, generator: np.random.Generator) -> None:
+    """Positions drawn evenly within the bounds: what every search has to beat."""
+    count = search.options.food_sources
+    asked = np.concatenate([first[None, :], random_positions(search.space, count - 1, generator)])
+    while True:
+        search.end_cycle(asked, search.costs(asked))
+        asked = random_positions(search.space, 2 * count, generator)
+
+
 RUNNERS: dict[str, Callable[[Search, Array, np.random.Generator], None]] = {
     "abc": bees,
     "cmaes": cma_es,
     "de": differential_evolution,
+    "random": random_search,
 }

@@ -1,5 +1,8 @@
 """The groups of parameters that can be tuned, with their bounds."""
 
+from typing import Any
+
+from estimator.aiding.types import AidingParams
 from estimator.conditioning.types import ConditioningParams
 from estimator.errors import InputError
 from tuning.space import Space, join_spaces, membership_space
@@ -21,7 +24,20 @@ CONDITIONING = (
 )
 # The bounds are the shipped values divided and multiplied by this. Further away a parameter no
 # longer does what its name says.
-CONDITIONING_FACTOR = 5.0
+SHIPPED_FACTOR = 5.0
+# How noisy the vehicle's sensors and velocity reports are, and how far sigma says so: few numbers
+# that differ from vehicle to vehicle, without a velocity and with one.
+NOISE_UNAIDED = ("gravity_tau_s", "heading_noise_rad2_s")
+NOISE_AIDED = (
+    "gyr_noise",
+    "gyr_slow_noise_1_s",
+    "acc_noise",
+    "heading_noise",
+    "filter_error_m_s",
+    "receiver_error_m_s",
+    "colour",
+    "heading_colour",
+)
 
 
 def _logarithmic(section: str, ranges: dict[str, tuple[float, float]]) -> Space:
@@ -34,13 +50,27 @@ def _logarithmic(section: str, ranges: dict[str, tuple[float, float]]) -> Space:
     )
 
 
-def _conditioning() -> Space:
-    defaults = ConditioningParams._field_defaults
-    shipped = {name: float(defaults[name]) for name in CONDITIONING if name in defaults}
-    return _logarithmic(
-        "conditioning",
-        {n: (x / CONDITIONING_FACTOR, x * CONDITIONING_FACTOR) for n, x in shipped.items()},
-    )
+def _around_shipped(section: str, kind: Any, names: tuple[str, ...]) -> Space:
+    """Shipped values, divided and multiplied by ``SHIPPED_FACTOR``."""
+    defaults = kind._field_defaults
+    shipped = {name: float(defaults[name]) for name in names}
+    ranges = {n: (x / SHIPPED_FACTOR, x * SHIPPED_FACTOR) for n, x in shipped.items()}
+    return _logarithmic(section, ranges)
+
+
+def _conditioning(names: tuple[str, ...] = CONDITIONING) -> Space:
+    return _around_shipped("conditioning", ConditioningParams, names)
+
+
+def _aiding(names: tuple[str, ...]) -> Space:
+    return _around_shipped("aiding", AidingParams, names)
+
+
+def _joined(*spaces: Space) -> Space:
+    whole = EMPTY
+    for space in spaces:
+        whole = join_spaces(whole, space)
+    return whole
 
 
 RATE_TIME_CONSTANT_S = (0.05, 3.0)
@@ -58,6 +88,8 @@ CONDITIONED_GROUPS: dict[str, Space] = {
     "filter": _logarithmic("filter", {"rate_time_constant_s": RATE_TIME_CONSTANT_S}),
     "confidence": _logarithmic("confidence", {"gravity": (0.25, 25.0), "magnetic": (0.25, 25.0)}),
     "conditioning": _conditioning(),
+    "noise": _joined(_conditioning(NOISE_UNAIDED), _aiding(NOISE_AIDED)),
+    "gain": _logarithmic("filter", {"fixed_gain": (1.0, 200.0)}),
 }
 
 

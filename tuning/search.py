@@ -21,7 +21,7 @@ from tuning.space import Space, decode, make_feasible
 Array = NDArray[np.float64]
 Evaluate = Callable[[Array], Array]
 
-ALGORITHMS = ("abc", "cmaes", "de")
+ALGORITHMS = ("abc", "cmaes", "de", "random")
 
 
 class SearchOptions(NamedTuple):

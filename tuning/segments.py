@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimator.geometry.metrics import STEADY, TRANSIENT, TRANSIENT_WEIGHT
-from tuning.log_dataset import LogData
+from tuning.flight import Flight, Part
 
 Array = NDArray[np.float64]
 Integers = NDArray[np.int64]
@@ -25,9 +25,6 @@ SETTLE_S = 10.0
 # A segment holds no silence longer than this, or than so many sample periods if that is more.
 LONGEST_GAP_S = 1.0
 LONGEST_GAP_PERIODS = 4.0
-# Every third segment is kept out of the search, beginning with the second: of two, one.
-HELD_OUT_EVERY = 3
-HELD_OUT_FIRST = 1
 
 
 class Segment(NamedTuple):
@@ -37,36 +34,26 @@ class Segment(NamedTuple):
     last: int
 
 
-def segments(data: LogData) -> list[Segment]:
-    """Segments one after the other, none across a restart or a long silence.
-
-    Without a reference every sample counts as known: the vectors are compared.
-    """
+def segments(part: Part) -> list[Segment]:
+    """Segments of a part one after the other, none across a restart or a long silence."""
+    flight = part.flight
+    time_s = flight.time_s
     found = []
-    for begin, end in _stretches(data):
-        time_s = data.time_s[begin:end]
-        start_s = time_s[0] + SETTLE_S
-        while start_s + SEGMENT_S <= time_s[-1]:
-            first = begin + int(np.searchsorted(time_s, start_s))
-            last = begin + int(np.searchsorted(time_s, data.time_s[first] + SEGMENT_S + 1e-9)) - 1
-            segment = Segment(first, last)
-            if _is_usable(data, segment):
+    for begin, end in _stretches(part):
+        start_s = time_s[begin] + SETTLE_S
+        while start_s + SEGMENT_S <= time_s[end - 1]:
+            first = begin + int(np.searchsorted(time_s[begin:end], start_s))
+            last = begin + int(np.searchsorted(time_s[begin:end], time_s[first] + SEGMENT_S + 1e-9))
+            segment = Segment(first, last - 1)
+            if _is_usable(flight, segment):
                 found.append(segment)
-            start_s = data.time_s[last] + 1e-6
+            start_s = time_s[last - 1] + 1e-6
     return found
 
 
-def split(found: list[Segment]) -> tuple[list[Segment], list[Segment]]:
-    """Segments to search on, and segments kept out of it."""
-    held_out = found[HELD_OUT_FIRST::HELD_OUT_EVERY]
-    return [s for s in found if s not in held_out], held_out
-
-
-def weights(data: LogData, segment: Segment) -> Array:
+def weights(flight: Flight, segment: Segment) -> Array:
     """Weight of each of the segment's samples; their sum is the paper's."""
-    t = data.time_s[segment.first : segment.last + 1]
-    t = t - t[0]
-    known = data.known[segment.first : segment.last + 1] | (data.reference == "none")
+    t, known = _since_start(flight, segment)
     share = np.diff(t, prepend=-np.median(np.diff(t))) * known
     weight = np.zeros(len(t))
     for (low, high), total in (
@@ -78,20 +65,28 @@ def weights(data: LogData, segment: Segment) -> Array:
     return weight
 
 
-def _stretches(data: LogData) -> list[tuple[int, int]]:
+def _stretches(part: Part) -> list[tuple[int, int]]:
     """Ranges of samples without a restart or a long silence inside."""
-    gap_s = np.diff(data.time_s, prepend=data.time_s[0])
-    longest_s = max(LONGEST_GAP_S, LONGEST_GAP_PERIODS / data.rate_hz)
-    starts = np.flatnonzero(data.restart | (gap_s > longest_s)).tolist()
-    return list(zip(starts, [*starts[1:], len(gap_s)], strict=True))
+    flight = part.flight
+    gap_s = np.diff(flight.time_s, prepend=flight.time_s[0])
+    longest_s = max(LONGEST_GAP_S, LONGEST_GAP_PERIODS / flight.rate_hz)
+    breaks = flight.restart | (gap_s > longest_s)
+    starts = [part.first, *(k for k in np.flatnonzero(breaks).tolist() if k > part.first)]
+    starts = [k for k in starts if k < part.last]
+    return list(zip(starts, [*starts[1:], part.last], strict=True))
 
 
-def _is_usable(data: LogData, segment: Segment) -> bool:
+def _is_usable(flight: Flight, segment: Segment) -> bool:
     """Whether the start, and nearly all samples of both parts of the cost, have a reference."""
-    if segment.last - segment.first < SEGMENT_S * min(data.rate_hz, 1.0) / 2.0:
+    if segment.last - segment.first < SEGMENT_S * min(flight.rate_hz, 1.0) / 2.0:
         return False
-    t = data.time_s[segment.first : segment.last + 1]
-    t = t - t[0]
-    known = data.known[segment.first : segment.last + 1] | (data.reference == "none")
+    t, known = _since_start(flight, segment)
     parts = [(t >= low) & (t <= high) for low, high in (TRANSIENT_S, STEADY_S)]
     return bool(known[0]) and all(part.any() and known[part].mean() > 0.9 for part in parts)
+
+
+def _since_start(flight: Flight, segment: Segment) -> tuple[Array, NDArray[np.bool_]]:
+    """Time since the segment's first sample, and where the reference is known."""
+    inside = slice(segment.first, segment.last + 1)
+    t = flight.time_s[inside]
+    return t - t[0], flight.known[inside]

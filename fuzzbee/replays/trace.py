@@ -69,7 +69,7 @@ class Replay:
     """Feeds events through the live pipeline and keeps its estimates.
 
     ``start_wrong_deg`` turns each vehicle's estimate about NED (1,1,1)/sqrt 3, once, at
-    the first sample for which a reference is known.
+    the first sample for which a reference is known. ``new_estimator`` makes the estimators.
     """
 
     def __init__(
@@ -80,11 +80,12 @@ class Replay:
         system_id: int | None = None,
         start_wrong_deg: float = 0.0,
         tell: Callable[[str], None] = lambda _: None,
+        new_estimator: Callable[[Profile], Estimator] | None = None,
     ) -> None:
         self._pipeline = Pipeline(
             profile,
             system_id=system_id,
-            new_estimator=lambda chosen: Estimator(chosen, fixed_gain),
+            new_estimator=new_estimator or (lambda chosen: Estimator(chosen, fixed_gain)),
         )
         self._wrong_turn = exp(scale(radians(start_wrong_deg), WRONG_START_AXIS))
         self._start_wrong = start_wrong_deg != 0.0
@@ -99,6 +100,11 @@ class Replay:
             trace = self._trace(vehicle.address)
             trace.rejected.update(vehicle.rejected)
             trace.rates = vehicle.estimator.rates
+
+    def estimator(self, address: VehicleId) -> Estimator | None:
+        """That vehicle's estimator."""
+        vehicle = self._pipeline.vehicle(address)
+        return None if vehicle is None else vehicle.estimator
 
     def _take(self, event: Event) -> None:
         for output in self._pipeline.handle(event):

@@ -16,11 +16,11 @@ EPILOG = """Examples:
 
   fuzzbee tune sim: -o tuned.toml --resume --view
 
-  fuzzbee tune flight.tlog other.tlog -o copter.toml --base imu --plot figures
+  fuzzbee tune monday.tlog tuesday.tlog --hold-out wednesday.tlog -o copter.toml
+
+  fuzzbee tune flight.bin -o copter.toml --objective recovery --plot figures
 
   fuzzbee tune sim: -o tuned.toml --cluster tcp://127.0.0.1:8786"""
-
-INTERRUPTED = 130
 
 
 def tune(
@@ -40,13 +40,41 @@ def tune(
             " [default: imu; for sim: the middle of the paper's bounds]",
         ),
     ] = None,
+    objective: Annotated[
+        str | None,
+        typer.Option(
+            "--objective",
+            help="Logs: flight, the errors that one sees; recovery, the paper's J from wrong"
+            " starts. [default: flight]",
+        ),
+    ] = None,
+    hold_out: Annotated[
+        list[Path] | None,
+        typer.Option(
+            "--hold-out",
+            metavar="LOG",
+            help="A log to judge by, not to search on; repeatable. [default: every third log;"
+            " of one log its later part]",
+        ),
+    ] = None,
+    force: Annotated[
+        bool, typer.Option("--force", help="Write a profile also if it gains nothing held out.")
+    ] = False,
     algorithm: Annotated[
-        str, typer.Option("--algorithm", help="abc, cmaes or de, on the same budget.")
+        str, typer.Option("--algorithm", help="abc, cmaes, de or random, on the same budget.")
     ] = "abc",
     food_sources: Annotated[
-        int, typer.Option("--sources", metavar="N", help="Food sources, half of the colony.")
-    ] = 100,
-    cycles: Annotated[int, typer.Option("--cycles", metavar="N", help="Cycles.")] = 300,
+        int | None,
+        typer.Option(
+            "--sources",
+            metavar="N",
+            help="Food sources, half of the colony. [default: 10; for sim: 100]",
+        ),
+    ] = None,
+    cycles: Annotated[
+        int | None,
+        typer.Option("--cycles", metavar="N", help="Cycles. [default: 15; for sim: 300]"),
+    ] = None,
     limit: Annotated[
         int | None,
         typer.Option(
@@ -61,7 +89,8 @@ def tune(
         typer.Option(
             "--parameters",
             metavar="GROUP,...",
-            help="membership, filter, confidence, conditioning. [default: by source and rate]",
+            help="membership, filter; for logs also noise, gain, confidence, conditioning."
+            " [default: by source, objective and rate]",
         ),
     ] = None,
     noise_seeds: Annotated[
@@ -92,7 +121,8 @@ def tune(
     """Find a profile's parameters with an artificial bee colony, on logs or on the paper's signals.
 
     The same options give the same file. Ctrl-C writes the best so far, and
-    --resume goes on to the same result as an unbroken run.
+    --resume goes on to the same result as an unbroken run. On logs a profile that gains nothing
+    on what was held out is not written (exit status 1), unless with --force.
     """
     from fuzzbee.tune.plan import TuneRequest, plan
     from fuzzbee.tune.run import run_plan
@@ -101,6 +131,8 @@ def tune(
         sources=tuple(sources),
         output=output,
         base=base,
+        objective=objective,
+        hold_out=tuple(hold_out or ()),
         algorithm=algorithm,
         food_sources=food_sources,
         cycles=cycles,
@@ -118,17 +150,18 @@ def tune(
         _require_plots(plot)
     viewer = outputs.viewer_options(view, rrd)
     outputs.require_own_file(rrd, [*sources, output])
-    finished = run_plan(
+    status = run_plan(
         plan(request, tell),
         threads=threads,
         cluster=cluster,
         resume=resume,
+        force=force,
         plot=plot,
         viewer=viewer,
         as_json=as_json,
     )
-    if not finished:
-        raise typer.Exit(INTERRUPTED)
+    if status:
+        raise typer.Exit(status)
 
 
 def tell(line: str) -> None:

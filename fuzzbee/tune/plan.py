@@ -8,11 +8,13 @@ from typing import Any, NamedTuple
 
 from estimator.errors import InputError
 from estimator.profile import SHIPPED, Profile, load_profile, merge_profile
+from fuzzbee.tune.read_flight import read_flight
 from fuzzbee.version import __version__
-from tuning.log_dataset import BETTER_LOG, LogData, read_log
-from tuning.log_task import MEMBERSHIP_RATE_HZ, LogTask, default_groups
+from tuning.flight import BETTER_LOG, Flight, Part, require_substance
+from tuning.log_task import GOALS, MEMBERSHIP_RATE_HZ, LogTask, Split, default_groups, split
 from tuning.objective import Task
 from tuning.paper_task import FIRST_RESERVED_SEED, PaperTask, midpoint_profile
+from tuning.recovery_cost import require_segments
 from tuning.search import ALGORITHMS, SearchOptions
 
 SIMULATION = "sim:"
@@ -20,7 +22,10 @@ MIDPOINT = "midpoint"
 DEFAULT_NOISE_SEEDS = "100-107"
 DEFAULT_HELD_OUT_SEEDS = "200-219"
 # SciPy's differential evolution mixes three other members with two more.
-FEWEST_SOURCES = {"abc": 2, "cmaes": 1, "de": 5}
+FEWEST_SOURCES = {"abc": 2, "cmaes": 1, "de": 5, "random": 1}
+# A candidate is a flight flown again: a tenth of a second and more, on the paper's signals 50 us.
+SIMULATION_BUDGET = (100, 300)
+LOG_BUDGET = (10, 15)
 
 
 class TuneRequest(NamedTuple):
@@ -28,15 +33,26 @@ class TuneRequest(NamedTuple):
 
     sources: tuple[str, ...]
     output: Path
-    base: str | None
-    algorithm: str
-    food_sources: int
-    cycles: int
-    limit: int | None
-    seed: int
-    parameters: str | None
-    noise_seeds: str | None
-    held_out_seeds: str | None
+    base: str | None = None
+    objective: str | None = None
+    hold_out: tuple[Path, ...] = ()
+    algorithm: str = "abc"
+    food_sources: int | None = None
+    cycles: int | None = None
+    limit: int | None = None
+    seed: int = 0
+    parameters: str | None = None
+    noise_seeds: str | None = None
+    held_out_seeds: str | None = None
+
+    @property
+    def budget(self) -> tuple[int, int]:
+        """Food sources and cycles."""
+        sources, cycles = SIMULATION_BUDGET if SIMULATION in self.sources else LOG_BUDGET
+        return (
+            sources if self.food_sources is None else self.food_sources,
+            cycles if self.cycles is None else self.cycles,
+        )
 
 
 class Plan(NamedTuple):
@@ -69,8 +85,10 @@ def plan(request: TuneRequest, tell: Callable[[str], None]) -> Plan:
 
 
 def _simulation_plan(request: TuneRequest) -> Plan:
-    if len(request.sources) > 1:
+    if len(request.sources) > 1 or request.hold_out:
         raise InputError("tune: sim: stands alone, not beside logs")
+    if request.objective is not None:
+        raise InputError("--objective goes with logs only; sim: has the paper's J")
     noise = seeds("--noise-seeds", request.noise_seeds or DEFAULT_NOISE_SEEDS)
     held_out = seeds("--held-out-seeds", request.held_out_seeds or DEFAULT_HELD_OUT_SEEDS)
     common = sorted({*noise} & {*held_out})
@@ -112,40 +130,42 @@ def _log_plan(request: TuneRequest, tell: Callable[[str], None]) -> Plan:
     ):
         if value is not None:
             raise InputError(f"{option} goes with sim: only; a log has its own noise")
-    paths = _log_paths(request)
+    goal = request.objective or "flight"
+    if goal not in GOALS:
+        raise InputError(f"--objective {goal}: unknown; choose from {', '.join(GOALS)}")
     base = load_profile(request.base or "imu")
-    logs = tuple(read_log(path, base.mounting) for path in paths)
-    _require_distinct(logs)
-    slowest = min(logs, key=lambda log: log.rate_hz)
-    groups = _groups(request, default_groups(slowest.rate_hz))
-    if slowest.rate_hz < MEMBERSHIP_RATE_HZ:
-        if {"membership", "filter"} & {*groups}:
-            raise InputError(
-                f"--parameters {request.parameters}: {slowest.name} has IMU data at "
-                f"{slowest.rate_hz:.1f} Hz; the fuzzy controller is tuned from "
-                f"{MEMBERSHIP_RATE_HZ:g} Hz on ({BETTER_LOG})"
-            )
-        tell(
-            f"{slowest.name}: {slowest.message} at {slowest.rate_hz:.1f} Hz allows to tune "
-            f"confidences, bias and conditioning, not the memberships ({BETTER_LOG})"
-        )
-    if "membership" in groups and base.filter.gain != "fuzzy":
+    if not base.conditioned:
+        raise InputError("base profile: logs are tuned with conditioning.enabled = true")
+    flights, held_out = _read_flights(request, base)
+    slowest = min(flights, key=lambda flight: flight.rate_hz)
+    groups = _groups(request, default_groups(goal, slowest.rate_hz))
+    _require_rate(request, groups, slowest)
+    if {"membership", "filter"} & {*groups} and base.filter.gain != "fuzzy":
         tell('the fuzzy gain\'s rules are tuned: the result has filter.gain = "fuzzy"')
         base = merge_profile(base, {"filter": {"gain": "fuzzy"}})
-    task = LogTask(base, groups, logs)
-    counts = task.segment_counts()
-    for log in logs:
+    chosen = split(flights, held_out)
+    _require_references(goal, chosen)
+    for flight in flights:
         tell(
-            f"{log.name}: {log.message} at {log.rate_hz:.1f} Hz, reference: {_reference_text(log)}"
+            f"{flight.name}: {flight.message} at {flight.rate_hz:.1f} Hz, "
+            f"reference: {_reference_text(flight)}, {_use(chosen, flight)}"
         )
-    tell(f"{counts[0]} segments to tune on, {counts[1]} held out")
+    task = LogTask(base, groups, chosen, goal)
     options = _search_options(request, task)
-    inputs = [{"name": log.name, "sha256": log.sha256} for log in logs]
-    seeds_used = {"search": request.seed}
+    inputs = [
+        {"name": flight.name, "sha256": flight.sha256, "use": _use(chosen, flight)}
+        for flight in flights
+    ]
     identity = _identity(
-        request, options, groups=groups, inputs=inputs, seeds_used=seeds_used, base=base
+        request,
+        options,
+        groups=groups,
+        inputs=inputs,
+        seeds_used={"search": request.seed},
+        base=base,
     )
-    reference = "; ".join(dict.fromkeys(_reference_text(log) for log in logs))
+    identity["options"]["objective"] = goal
+    reference = "; ".join(dict.fromkeys(_reference_text(flight) for flight in flights))
     return Plan(
         task=task,
         options=options,
@@ -156,7 +176,57 @@ def _log_plan(request: TuneRequest, tell: Callable[[str], None]) -> Plan:
     )
 
 
-def _reference_text(log: LogData) -> str:
+def _read_flights(request: TuneRequest, base: Profile) -> tuple[tuple[Flight, ...], frozenset[str]]:
+    """All flights in the order given, and the SHA-256 of those that are asked to be held out.
+
+    A log that is held out may stand among the sources, too.
+    """
+    paths = _log_paths(request)
+    apart = {path.resolve() for path in request.hold_out}
+    searched = [path for path in paths if path.resolve() not in apart]
+    if not searched:
+        raise InputError("--hold-out: nothing is left to tune on")
+    flights = tuple(read_flight(path, base) for path in (*searched, *request.hold_out))
+    for flight in flights:
+        require_substance(flight)
+    _require_distinct(flights)
+    return flights, frozenset(flight.sha256 for flight in flights[len(searched) :])
+
+
+def _require_rate(request: TuneRequest, groups: tuple[str, ...], slowest: Flight) -> None:
+    if slowest.rate_hz < MEMBERSHIP_RATE_HZ and {"membership", "filter"} & {*groups}:
+        raise InputError(
+            f"--parameters {request.parameters}: {slowest.name} has IMU data at "
+            f"{slowest.rate_hz:.1f} Hz; the fuzzy controller is tuned from "
+            f"{MEMBERSHIP_RATE_HZ:g} Hz on ({BETTER_LOG})"
+        )
+
+
+def _require_references(goal: str, chosen: Split) -> None:
+    """Refuse a part that has nothing to be scored by."""
+    for part in (*chosen.tuning, *chosen.held_out):
+        flight = part.flight
+        if flight.reference == "none":
+            if goal == "recovery":
+                raise InputError(f"{flight.name}: --objective recovery needs a reference attitude")
+        elif not flight.known[part.window].any():
+            raise InputError(f"{flight.name}: no reference attitude where it would be scored")
+        elif goal == "recovery":
+            require_segments(part)
+
+
+def _use(chosen: Split, flight: Flight) -> str:
+    """What a flight is for."""
+
+    def has(parts: tuple[Part, ...]) -> bool:
+        return any(part.flight is flight for part in parts)
+
+    if has(chosen.tuning) and has(chosen.held_out):
+        return "its later part held out"
+    return "tuned on" if has(chosen.tuning) else "held out"
+
+
+def _reference_text(log: Flight) -> str:
     """What the cost of a log is measured against."""
     name = {
         "sim": "simulator's truth",
@@ -168,13 +238,13 @@ def _reference_text(log: LogData) -> str:
 
 def _log_paths(request: TuneRequest) -> list[Path]:
     paths = [Path(source) for source in request.sources]
-    for source, path in zip(request.sources, paths, strict=True):
+    for path in (*paths, *request.hold_out):
         if not path.exists():
-            raise InputError(f"{source}: no such file")
+            raise InputError(f"{path}: no such file")
     return paths
 
 
-def _require_distinct(logs: tuple[LogData, ...]) -> None:
+def _require_distinct(logs: tuple[Flight, ...]) -> None:
     """Refuse a log that is given twice: it would count twice."""
     seen: dict[str, str] = {}
     for log in logs:
@@ -214,12 +284,11 @@ def _require_numbers(request: TuneRequest) -> None:
     if request.algorithm == "cmaes" and find_spec("cmaes") is None:
         raise InputError("--algorithm cmaes: needs the package cmaes (the extra 'optimizers')")
     fewest = FEWEST_SOURCES[request.algorithm]
-    if request.food_sources < fewest:
-        raise InputError(
-            f"--sources {request.food_sources}: {request.algorithm} needs at least {fewest}"
-        )
-    if request.cycles < 1:
-        raise InputError(f"--cycles {request.cycles}: at least 1 is needed")
+    sources, cycles = request.budget
+    if sources < fewest:
+        raise InputError(f"--sources {sources}: {request.algorithm} needs at least {fewest}")
+    if cycles < 1:
+        raise InputError(f"--cycles {cycles}: at least 1 is needed")
     if request.limit is not None and request.limit < 1:
         raise InputError(f"--limit {request.limit}: at least 1 is needed")
     if request.limit is not None and request.algorithm != "abc":
@@ -237,7 +306,7 @@ def _require_output(request: TuneRequest) -> None:
         raise InputError(f"-o {output}: no such folder: {output.parent}")
     if not os.access(output.parent, os.W_OK):
         raise InputError(f"-o {output}: the folder cannot be written to")
-    for source in request.sources:
+    for source in (*request.sources, *map(str, request.hold_out)):
         log = source != SIMULATION and Path(source).exists()
         if log and output.exists() and output.samefile(source):
             raise InputError(f"-o {output}: is also a source")
@@ -250,13 +319,13 @@ def _groups(request: TuneRequest, default: tuple[str, ...]) -> tuple[str, ...]:
 
 
 def _search_options(request: TuneRequest, task: Task) -> SearchOptions:
-    limit = request.limit
+    limit, (sources, cycles) = request.limit, request.budget
     if limit is None:
-        limit = request.food_sources * task.space.dimensions
+        limit = sources * task.space.dimensions
     return SearchOptions(
         algorithm=request.algorithm,
-        food_sources=request.food_sources,
-        cycles=request.cycles,
+        food_sources=sources,
+        cycles=cycles,
         limit=limit,
         seed=request.seed,
     )

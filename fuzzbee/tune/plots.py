@@ -8,15 +8,15 @@ from numpy.typing import NDArray
 
 from estimator.errors import InputError
 from estimator.filter.memberships import TERMS, Triangle, fuzzy_sets
-from estimator.geometry.metrics import COST_RATE_HZ
+from estimator.geometry.metrics import COST_RATE_HZ, batch_angle_errors
 from estimator.profile import Profile
 from fuzzbee.angle_curves import cut_at_wraps, euler_curves_deg
+from tuning.flight import fly
 from tuning.log_task import LogTask
 from tuning.objective import Task
 from tuning.paper_experiment import run_experiment
 from tuning.paper_task import PaperTask
 from tuning.search import Search
-from tuning.segments import SEGMENT_S
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -26,6 +26,7 @@ Floats = NDArray[np.float64]
 # Fixed gains to compare with, as in the paper: the steadiest, the quickest, and one between.
 FIXED_GAINS = (1.0, 10.0, 100.0)
 DOTS_PER_INCH = 150
+MOST_FLIGHTS = 6  # in one figure
 
 
 def draw(folder: Path, task: Task, tuned: Profile, search: Search) -> list[Path]:
@@ -119,22 +120,19 @@ def error_over_time(before: Profile, after: Profile, seed: int) -> "Figure":
 
 
 def error_on_logs(task: LogTask, tuned: Profile) -> "Figure":
-    """e on every held-out segment, before and after, and their median."""
-    figure, axes = _figure(1, 2, 11.0, 4.2)
-    for name, profile, colour in (("before", task.base, "C0"), ("tuned", tuned, "C1")):
-        found = task.held_out_errors(profile)
-        grid_s = np.arange(0.0, SEGMENT_S, 0.02)
-        each = np.array([np.interp(grid_s, time_s, e) for time_s, e in found])
-        for ax in axes[0]:
-            ax.plot(grid_s, each.T, color=colour, alpha=0.25, linewidth=0.7)
-            ax.plot(grid_s, np.median(each, axis=0), color=colour, linewidth=2.0, label=name)
-    for ax, end_s in zip(axes[0], (2.0, SEGMENT_S), strict=True):
-        ax.set(xlim=(0.0, end_s), xlabel="time in s", ylabel="e(R~)", yscale="log")
-        ax.set_ylim(1e-6, 1.5)
+    """Inclination error over time on the held-out flights, before and after."""
+    parts = task.split.held_out[:MOST_FLIGHTS]
+    figure, axes = _figure(len(parts), 1, 11.0, 1.0 + 2.4 * len(parts))
+    for ax, part in zip(axes[:, 0], parts, strict=True):
+        flight, known = part.flight, part.flight.known[part.window]
+        time_s = flight.time_s[part.window][known]
+        for name, profile, colour in (("before", task.base, "C0"), ("tuned", tuned, "C1")):
+            course = fly(flight, profile, part.last)
+            errors = batch_angle_errors(course.q_ned_frd[part.window], flight.truth[part.window])
+            ax.plot(time_s, np.degrees(errors[known, 2]), color=colour, linewidth=0.9, label=name)
+        ax.set(title=flight.name, ylabel="inclination error in deg", xlabel="time in s")
         ax.grid(visible=True, alpha=0.3)
-    axes[0, 0].set_title("Held-out segments from a wrong start")
-    axes[0, 1].set_title("the whole segments, and their median")
-    axes[0, 1].legend(loc="upper right")
+        ax.legend(loc="upper right")
     return figure
 
 

@@ -23,10 +23,12 @@ from tuning.checkpoint import (
     write_atomically,
     write_checkpoint,
 )
+from tuning.log_task import GOALS, LogTask
 from tuning.objective import Scores, profile_with, values_of
 from tuning.optimizers import run_search
 from tuning.search import Evaluate, InterruptedSearch, Record, Search
 from tuning.space import encode
+from tuning.workers import Workers, available_cores
 
 if TYPE_CHECKING:
     from fuzzbee.tune.view import SearchView
@@ -35,7 +37,16 @@ if TYPE_CHECKING:
 # A checkpoint is written this often, so a power cut costs no more of a search.
 CHECKPOINT_PERIOD_S = 20.0
 
-NAMES = {"abc": "artificial bee colony", "cmaes": "CMA-ES", "de": "differential evolution"}
+NAMES = {
+    "abc": "artificial bee colony",
+    "cmaes": "CMA-ES",
+    "de": "differential evolution",
+    "random": "random search",
+}
+# A profile gains if the held-out cost falls by this share at least: less is chance.
+LEAST_GAIN = 0.01
+NO_GAIN = 1
+INTERRUPTED = 130
 
 
 class Stop:
@@ -58,17 +69,33 @@ class Outcome(NamedTuple):
     profile: Profile
 
 
+class Verdict(NamedTuple):
+    """The scores of base and result; and, on logs, what chance found with the same budget."""
+
+    before: Scores
+    after: Scores
+    rival: Scores | None
+
+    @property
+    def gains(self) -> bool:
+        """Whether the result is better on what the search did not see."""
+        return self.after.held_out < (1.0 - LEAST_GAIN) * self.before.held_out
+
+
 def run_plan(
     plan: Plan,
     *,
     threads: int | None,
     cluster: str | None,
     resume: bool,
+    force: bool,
     plot: Path | None,
     viewer: "ViewerOptions | None",
     as_json: bool,
-) -> bool:
-    """Search, write the profile, report. False if it was interrupted.
+) -> int:
+    """Search, write the profile, report; the exit status.
+
+    On logs a profile that gains nothing on what was held out is written with ``force`` only.
 
     Raises:
         InputError: nothing to resume, no cluster, no viewer, or a file that cannot be written.
@@ -82,29 +109,63 @@ def run_plan(
         view = _open_view(viewer, plan, stack)
         with stop_signals() as stop, evaluator(plan, threads, cluster) as evaluate:
             outcome = _search(plan, evaluate, record, stop, view)
-        write_atomically(plan.output, profile_to_toml(outcome.profile).encode())
+            verdict = _judge(plan, evaluate, outcome, stop)
+        written = verdict.gains or force or not isinstance(plan.task, LogTask)
+        if written:
+            write_atomically(plan.output, profile_to_toml(outcome.profile).encode())
         if outcome.finished:
             checkpoint.unlink(missing_ok=True)
-        before, after = plan.task.score(plan.task.base), plan.task.score(outcome.profile)
         if plot is not None:
             from fuzzbee.tune.plots import draw
 
             draw(plot, plan.task, outcome.profile, outcome.search)
-        if after.held_out > before.held_out:
-            _tell(
-                f"the held-out cost rose from {before.held_out:.4f} to {after.held_out:.4f}: "
-                "the result fits what it was tuned on only; use more data, or keep the base"
-            )
-        report = _report(plan, outcome, before, after, time.perf_counter() - started)
+        report = _report(plan, outcome, verdict, time.perf_counter() - started)
+        report["file"] = str(plan.output) if written else None
         if as_json:
             print(json.dumps(report), flush=True)
         else:
-            _print_report(report, checkpoint)
+            _print_report(plan, outcome, report)
+        _tell_gain(plan, verdict, written=written)
         if view is not None:
-            view.finish(outcome.search, before, after)
+            view.finish(outcome.search, verdict.before, verdict.after)
             if outcome.finished:
                 view.stream.stay_open()
-    return outcome.finished
+    if not outcome.finished:
+        return INTERRUPTED
+    return 0 if written else NO_GAIN
+
+
+def _judge(plan: Plan, evaluate: Evaluate, outcome: Outcome, stop: Stop) -> Verdict:
+    """Score base and result, and let chance search with the same budget."""
+    before, after = plan.task.score(plan.task.base), plan.task.score(outcome.profile)
+    rival = None
+    if isinstance(plan.task, LogTask) and outcome.finished:
+        options = plan.options._replace(algorithm="random")
+        search = Search(plan.task.space, options, evaluate, observe=lambda _: not stop.asked)
+        with contextlib.suppress(InterruptedSearch):  # the result stands without it
+            run_search(search, encode(plan.task.space, values_of(plan.task.space, plan.task.base)))
+            rival = plan.task.score(profile_with(search.space, plan.task.base, search.best_values))
+    return Verdict(before, after, rival)
+
+
+def _tell_gain(plan: Plan, verdict: Verdict, *, written: bool) -> None:
+    before, after = verdict.before.held_out, verdict.after.held_out
+    if verdict.gains or not isinstance(plan.task, LogTask):
+        if after > before:
+            _tell(
+                f"the held-out cost rose from {before:.4f} to {after:.4f}: the result fits what it "
+                "was tuned on only; use more data, or keep the base"
+            )
+        return
+    _tell(
+        f"nothing gained on what was held out ({before:.4f} -> {after:.4f}, "
+        f"{100.0 * LEAST_GAIN:g} % less is needed): "
+        + (
+            f"{plan.output} is written all the same"
+            if written
+            else "not written; --force writes it"
+        )
+    )
 
 
 def _open_view(
@@ -190,6 +251,11 @@ def evaluator(plan: Plan, threads: int | None, cluster: str | None) -> Iterator[
         with ClusterEvaluator(cluster, plan.task.objective) as evaluate:
             yield evaluate
         return
+    if isinstance(plan.task, LogTask):
+        count = available_cores() if threads is None else threads
+        with Workers(plan.task.objective, count) as evaluate:
+            yield evaluate
+        return
     # Threads that wait for the next batch should sleep: spinning takes a third of a shared core.
     os.environ.setdefault("OMP_WAIT_POLICY", "passive")
     import numba
@@ -206,11 +272,9 @@ def evaluator(plan: Plan, threads: int | None, cluster: str | None) -> Iterator[
         numba.set_num_threads(before)
 
 
-def _report(
-    plan: Plan, outcome: Outcome, before: Scores, after: Scores, wall_s: float
-) -> dict[str, Any]:
-    search = outcome.search
-    return {
+def _report(plan: Plan, outcome: Outcome, verdict: Verdict, wall_s: float) -> dict[str, Any]:
+    search, (before, after, rival) = outcome.search, verdict
+    report = {
         "evaluations": search.evaluations,
         "cycles": search.cycles,
         "food_sources": plan.options.food_sources,
@@ -223,18 +287,69 @@ def _report(
         "held_out_before": before.held_out,
         "held_out_after": after.held_out,
         "wall_s": wall_s,
-        "file": str(plan.output),
         "interrupted": not outcome.finished,
     }
+    if isinstance(plan.task, LogTask):
+        report["objective"] = plan.task.goal
+        report["random_search"] = (
+            None if rival is None else {"cost": rival.tuning, "held_out": rival.held_out}
+        )
+        report["held_out_flights"] = _flights_report(plan.task, outcome.profile)
+    return report
 
 
-def _print_report(report: dict[str, Any], checkpoint: Path) -> None:
+def _flights_report(task: LogTask, tuned: Profile) -> list[dict[str, Any]]:
+    """What a user sees on each held-out flight, before and after."""
+    both = zip(task.held_out_figures(task.base), task.held_out_figures(tuned), strict=True)
+    return [
+        {"name": name, "before": before.as_json(), "after": after.as_json()}
+        for (name, before), (_, after) in both
+    ]
+
+
+def _print_report(plan: Plan, outcome: Outcome, report: dict[str, Any]) -> None:
     print(f"measured against the {report['reference']}")
-    print(f"tuned on:  J {report['cost_before']:.4f} -> {report['cost_after']:.4f}")
-    print(f"held out:  J {report['held_out_before']:.4f} -> {report['held_out_after']:.4f}")
-    print(f"{report['evaluations']} evaluations in {report['wall_s']:.1f} s: {report['file']}")
+    unit = GOALS[plan.task.goal].unit if isinstance(plan.task, LogTask) else ""
+    print(f"tuned on:  J {report['cost_before']:.4f} -> {report['cost_after']:.4f}{unit}")
+    print(f"held out:  J {report['held_out_before']:.4f} -> {report['held_out_after']:.4f}{unit}")
+    rival = report.get("random_search")
+    if rival is not None:
+        print(
+            f"random search, same budget: J {rival['cost']:.4f}, held out {rival['held_out']:.4f}"
+        )
+    for flight in report.get("held_out_flights", []):
+        print(f"  {flight['name']}: {_change(flight['before'], flight['after'])}")
+    if outcome.finished:
+        for name, value in _changes(plan, outcome):
+            print(f"  {name} {value}")
+    file = report["file"] or "not written"
+    print(f"{report['evaluations']} evaluations in {report['wall_s']:.1f} s: {file}")
     if report["interrupted"]:
+        checkpoint = checkpoint_path(plan.output)
         _tell(f"interrupted: the best so far is written; --resume goes on from {checkpoint}")
+
+
+def _change(before: dict[str, Any], after: dict[str, Any]) -> str:
+    """RMS before and after, with the share of errors under sigma."""
+    return ", ".join(
+        f"{name} {_figure(before[name])} -> {_figure(after[name])}"
+        for name in before
+        if before[name] is not None and after[name] is not None
+    )
+
+
+def _figure(figure: dict[str, Any]) -> str:
+    share = figure["coverage"]
+    return f"{figure['rms_deg']:.2f} deg" + ("" if share is None else f" ({share:.2f} in sigma)")
+
+
+def _changes(plan: Plan, outcome: Outcome) -> list[tuple[str, str]]:
+    """The few numbers of a log's search, before and after; the 22 memberships are no reading."""
+    space = plan.task.space
+    if not isinstance(plan.task, LogTask) or "k1" in space.names:
+        return []
+    old, new = values_of(space, plan.task.base), outcome.search.best_values
+    return [(name, f"{x:.3g} -> {y:.3g}") for name, x, y in zip(space.names, old, new, strict=True)]
 
 
 def _tell(line: str) -> None:

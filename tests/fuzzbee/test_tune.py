@@ -12,7 +12,7 @@ import pytest
 import typer
 
 from estimator.errors import InputError
-from estimator.profile import load_profile
+from estimator.profile import load_profile, merge_profile, profile_to_toml
 from fuzzbee.tune.command import tune
 from tuning.checkpoint import write_checkpoint
 from tuning.paper_experiment import run_experiment
@@ -148,6 +148,8 @@ REFUSED = [
     (["--base", "no-such-profile"], "no such file"),
     (["--resume"], "nothing to resume"),
     (["--plot", __file__], "not a folder"),
+    (["--objective", "flight"], "goes with logs only"),
+    (["--hold-out", __file__], "stands alone"),
 ]
 
 
@@ -192,42 +194,93 @@ def test_figures(tmp_path):
 
 
 SLOW_LOG = Path(__file__).resolve().parents[1] / "data" / "sitl_copter_4hz.tlog"
-FEW = ["--sources", "8", "--cycles", "5"]
+FEW = ["--sources", "3", "--cycles", "2", "--threads", "1"]
+EVALUATIONS = 3 * (1 + 2 * 2)
 
 
-def test_a_slow_log_with_truth_is_tuned_where_its_rate_allows(tmp_path, capsys):
+@pytest.fixture
+def bad_base(tmp_path):
+    """A profile whose sigma is ten times too large in flight: whatever is found is better."""
+    file = tmp_path / "bad.toml"
+    bad = merge_profile(load_profile("imu"), {"aiding": {"colour": 7.5, "heading_colour": 4.5}})
+    file.write_text(profile_to_toml(bad))
+    return file
+
+
+def test_a_log_is_tuned_where_its_rate_allows(tmp_path, bad_base, capsys):
     file = tmp_path / "x.toml"
-    command(SLOW_LOG, "-o", file, *FEW, "--json")
-    printed = capsys.readouterr()
-    said = json.loads(printed.out)
-    assert said["parameters"] == ["confidence", "conditioning"]
+    assert command(SLOW_LOG, "-o", file, *FEW, "--base", bad_base, "--json") == 0
+    said = json.loads(capsys.readouterr().out)
+    assert said["objective"] == "flight"
+    assert said["parameters"] == ["noise"]
     assert said["reference"] == "simulator's truth"
+    assert said["evaluations"] == EVALUATIONS
+    assert said["file"] == str(file)
     assert said["cost_after"] < said["cost_before"]
     assert said["held_out_after"] < said["held_out_before"]
-    assert [i["name"] for i in said["inputs"]] == [SLOW_LOG.name]
-    assert "not the memberships" in printed.err
-    assert "--request-rate" in printed.err
-    assert "--record" in printed.err
-    tuned, base = load_profile(str(file)), load_profile("imu")
+    assert said["random_search"]["cost"] < said["cost_before"]
+    [flight] = said["held_out_flights"]
+    assert flight["before"]["inclination"]["coverage"] == 1.0
+    assert flight["after"]["inclination"]["rms_deg"] > 0.0
+    assert [(i["name"], i["use"]) for i in said["inputs"]] == [
+        (SLOW_LOG.name, "its later part held out")
+    ]
+    tuned, base = load_profile(str(file)), load_profile(str(bad_base))
     assert tuned.membership == base.membership
-    assert tuned.conditioning != base.conditioning
+    assert tuned.aiding != base.aiding
     assert tuned.provenance.inputs == said["inputs"]
     assert tuned.provenance.seeds == {"search": 0}
+
+
+def test_what_gains_nothing_is_not_written_unless_forced(tmp_path, capsys):
+    """Two cycles do not better the shipped profile on what they never saw of a short flight."""
+    file = tmp_path / "x.toml"
+    assert command(SLOW_LOG, "-o", file, *FEW, "--json") == 1
+    printed = capsys.readouterr()
+    said = json.loads(printed.out)
+    assert said["file"] is None
+    assert said["held_out_after"] > 0.99 * said["held_out_before"]
+    assert "nothing gained on what was held out" in printed.err
+    assert not list(tmp_path.iterdir())
+    assert command(SLOW_LOG, "-o", file, *FEW, "--json", "--force") == 0
+    assert json.loads(capsys.readouterr().out)["file"] == str(file)
+    assert load_profile(str(file)).aiding != {}
+
+
+def test_a_log_that_is_held_out_is_not_searched_on(tmp_path, bad_base, capsys):
+    other = tmp_path / "other.tlog"
+    other.write_bytes(SLOW_LOG.read_bytes()[:-100_000])
+    options = ["--hold-out", other, "-o", tmp_path / "x.toml", "--base", bad_base]
+    assert command(SLOW_LOG, other, *options, *FEW, "--json") == 0
+    said = json.loads(capsys.readouterr().out)
+    assert [(i["name"], i["use"]) for i in said["inputs"]] == [
+        (SLOW_LOG.name, "tuned on"),
+        ("other.tlog", "held out"),
+    ]
+    assert [flight["name"] for flight in said["held_out_flights"]] == ["other.tlog"]
+
+
+def test_recovery_has_the_papers_cost(tmp_path, capsys):
+    options = ["--objective", "recovery", "--force", "--sources", "2", "--cycles", "1"]
+    assert command(SLOW_LOG, "-o", tmp_path / "x.toml", *options, "--json", "--threads", "1") == 0
+    said = json.loads(capsys.readouterr().out)
+    assert said["parameters"] == ["confidence", "conditioning"]
+    assert said["cost_before"] > 3.0  # J of 170 deg at 4 Hz
 
 
 def test_figures_of_a_log(tmp_path):
     pytest.importorskip("matplotlib")
     folder = tmp_path / "figures"
-    command(SLOW_LOG, "-o", tmp_path / "x.toml", *FEW, "--plot", folder)
+    command(SLOW_LOG, "-o", tmp_path / "x.toml", *FEW, "--plot", folder, "--force")
     assert {path.name for path in folder.iterdir()} == {"convergence.png", "error.png"}
 
 
-def test_a_log_gives_the_same_file_wherever_it_lies(tmp_path):
+def test_a_log_gives_the_same_file_wherever_it_lies_and_whoever_computes(tmp_path):
     other = tmp_path / "moved"
     other.mkdir()
     (other / SLOW_LOG.name).write_bytes(SLOW_LOG.read_bytes())
-    command(SLOW_LOG, "-o", tmp_path / "a.toml", *FEW)
-    command(other / SLOW_LOG.name, "-o", tmp_path / "b.toml", *FEW, "--threads", "1")
+    command(SLOW_LOG, "-o", tmp_path / "a.toml", *FEW, "--force")
+    command(other / SLOW_LOG.name, "-o", tmp_path / "b.toml", *FEW[:-1], "2", "--force")
     assert (tmp_path / "a.toml").read_bytes() == (tmp_path / "b.toml").read_bytes()
 
 
@@ -235,6 +288,9 @@ def test_a_log_gives_the_same_file_wherever_it_lies(tmp_path):
     ("options", "told"),
     [
         (["--parameters", "membership"], "fuzzy controller is tuned from 10 Hz"),
+        (["--objective", "speed"], "--objective speed"),
+        (["--hold-out", "no-such.tlog"], "no such file"),
+        (["--hold-out", str(SLOW_LOG)], "nothing is left to tune on"),
         (["--noise-seeds", "100-101"], "goes with sim: only"),
         (["--held-out-seeds", "1-2"], "goes with sim: only"),
         (["--base", "paper"], "conditioning.enabled"),

@@ -47,7 +47,8 @@ def test_it_shows_every_cycle_and_changes_nothing(tmp_path, algorithm):
 
 def test_parameters_of_a_log_are_shown_without_fuzzy_sets(tmp_path):
     file = tmp_path / "w.rrd"
-    assert main(["tune", str(SLOW_LOG), *SMALL, "-o", str(tmp_path / "w"), "--rrd", str(file)]) == 0
+    options = ["--sources", "3", "--cycles", "1", "--threads", "1", "--force", "--rrd", str(file)]
+    assert main(["tune", str(SLOW_LOG), *options, "-o", str(tmp_path / "w")]) == 0
     text = listing(file)
     for entity in ENTITIES:
         assert f" {entity} " in text, entity
@@ -55,8 +56,8 @@ def test_parameters_of_a_log_are_shown_without_fuzzy_sets(tmp_path):
 
 
 def planned(output):
-    request = ("sim:",), output, None, "abc", 6, 4, None, 0, None, "100-101", "200"
-    return plan(TuneRequest(*request), print)
+    seeds = {"noise_seeds": "100-101", "held_out_seeds": "200"}
+    return plan(TuneRequest(("sim:",), output, food_sources=6, cycles=4, **seeds), print)
 
 
 def search(planned, observe):

@@ -1,0 +1,162 @@
+"""A recorded flight as what an estimator was told, and the replay of it with any profile.
+
+What the service does with a log before its estimator (which message, which clock, what is refused)
+does not depend on the numbers that are tuned. So it is done once and written down as calls; a
+candidate's whole estimator, aiding included, then takes the same calls.
+"""
+
+from collections.abc import Callable, Mapping
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from estimator.errors import InputError
+from estimator.estimator import Estimator
+from estimator.live.core import with_attitude
+from estimator.profile import Profile
+from estimator.types import ImuSample, Quaternion
+
+Array = NDArray[np.float64]
+Bools = NDArray[np.bool_]
+Integers = NDArray[np.int64]
+Call = Callable[[Estimator], object]
+
+LEAST_RATE_HZ = 1.0
+BETTER_LOG = "record a better log: fuzzbee run URL --request-rate 50 --record FILE"
+LEAST_DURATION_S = 60.0
+# A vehicle that never turns faster than this, for this long in all, does not show how a filter
+# copes with motion. At rest, engines running, the rates of recorded vehicles stay below 0.02 rad/s.
+MOTION_RAD_S = 0.05
+LEAST_MOTION_S = 10.0
+# A compass that speaks less often than this is as good as none.
+LEAST_FIELD_RATE_HZ = 0.2
+
+
+class Flight(NamedTuple):
+    """N samples of one vehicle, as its estimator was told of them.
+
+    ``calls[k]`` are all calls up to and including the one with sample k. ``restart`` marks samples
+    after which nothing from before holds (the first, a reboot, a jump of the clock). ``truth``
+    (N, 4) is the reference's ``q_ned_frd`` where ``known``; ``reference`` is "sim", "autopilot" or
+    "none". ``headed`` marks where the base profile told a heading.
+    """
+
+    name: str
+    sha256: str
+    message: str
+    reference: str
+    samples: tuple[ImuSample, ...]
+    calls: tuple[tuple[Call, ...], ...]
+    restart: Bools
+    truth: Array
+    known: Bools
+    headed: Bools
+
+    @property
+    def time_s(self) -> Array:
+        """Time (N,) since the first sample, on the vehicle's continuous clock."""
+        times_us = np.array([sample.time_us for sample in self.samples], dtype=np.int64)
+        time_s: Array = 1e-6 * (times_us - times_us[0])
+        return time_s
+
+    @property
+    def rate_hz(self) -> float:
+        """Median rate of the samples."""
+        steps_s = np.diff(self.time_s)[~self.restart[1:]]
+        return float(1.0 / np.median(steps_s)) if len(steps_s) else 0.0
+
+    @property
+    def gyr_rad_s(self) -> Array:
+        """The gyroscope's readings (N, 3), FRD."""
+        return np.array([sample.gyr_rad_s for sample in self.samples])
+
+    @property
+    def has_field(self) -> bool:
+        """Whether there is a magnetic field often enough to be of use."""
+        fields = sum(sample.has_mag for sample in self.samples)
+        return bool(fields > LEAST_FIELD_RATE_HZ * self.time_s[-1])
+
+
+class Part(NamedTuple):
+    """Samples first..last-1 of a flight: what is scored; the estimator runs from the beginning."""
+
+    flight: Flight
+    first: int
+    last: int
+
+    @property
+    def window(self) -> slice:
+        """The samples that are scored."""
+        return slice(self.first, self.last)
+
+
+class Course(NamedTuple):
+    """What an estimator said at its samples: attitudes (N, 4), sigmas and biases.
+
+    ``sigma_rad`` (N, 2) of inclination and heading; ``bias_rad_s`` (N, 3).
+    """
+
+    q_ned_frd: Array
+    sigma_rad: Array
+    bias_rad_s: Array
+
+
+NOTHING_WRONG: Mapping[int, Quaternion] = {}
+
+
+def fly(
+    flight: Flight,
+    profile: Profile,
+    last: int,
+    wrong_ned_frd: Mapping[int, Quaternion] = NOTHING_WRONG,
+) -> Course:
+    """The first ``last`` samples with the whole estimator of ``profile``.
+
+    Behind each sample in ``wrong_ned_frd`` the filter is given that attitude; what conditions its
+    vectors goes on.
+    """
+    estimator = Estimator(profile)
+    rows = np.empty((last, 9))
+    for k in range(last):
+        for call in flight.calls[k]:
+            call(estimator)
+        if k in wrong_ned_frd:
+            now = estimator.snapshot
+            estimator.snapshot = now._replace(core=with_attitude(now.core, wrong_ned_frd[k]))
+        said = estimator.attitude(flight.samples[k].time_us)
+        rows[k, :4] = said.q_ned_frd
+        rows[k, 4], rows[k, 5] = said.sigma_inclination_rad, said.sigma_heading_rad
+        rows[k, 6:] = said.gyro_bias_rad_s
+    return Course(rows[:, :4], rows[:, 4:6], rows[:, 6:])
+
+
+def motion_s(flight: Flight) -> float:
+    """For how long the vehicle turned. The median rate, and with it a bias, is taken off first."""
+    gyr = flight.gyr_rad_s
+    rate = np.linalg.norm(gyr - np.median(gyr, axis=0), axis=1)
+    return float(np.mean(rate > MOTION_RAD_S)) * float(flight.time_s[-1])
+
+
+def require_substance(flight: Flight) -> None:
+    """Refuse a flight that cannot show which numbers are better.
+
+    Raises:
+        InputError: it is too slow, too short or without motion.
+    """
+    name, rate_hz, duration_s = flight.name, flight.rate_hz, float(flight.time_s[-1])
+    if rate_hz < LEAST_RATE_HZ:
+        raise InputError(
+            f"{name}: {flight.message} at {rate_hz:.2f} Hz; nothing can be tuned below "
+            f"{LEAST_RATE_HZ:g} Hz ({BETTER_LOG})"
+        )
+    if duration_s < LEAST_DURATION_S:
+        raise InputError(
+            f"{name}: {duration_s:.0f} s of IMU data; at least {LEAST_DURATION_S:g} s are needed"
+        )
+    moving_s = motion_s(flight)
+    if moving_s < LEAST_MOTION_S:
+        raise InputError(
+            f"{name}: no motion: it turns faster than {MOTION_RAD_S:g} rad/s for {moving_s:.0f} s, "
+            f"at least {LEAST_MOTION_S:g} s are needed"
+        )

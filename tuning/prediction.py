@@ -1,0 +1,98 @@
+"""How well an estimate foretells its own vectors by the gyroscope alone: a cost without truth.
+
+From each sample on, the attitude is turned for half a second by the gyroscope less the bias that
+the estimate names, and what it then says of gravity and of north is compared with what is
+measured. An attitude or a bias that is off is off in its prediction, too.
+"""
+
+from math import atan2, pi, sqrt
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from estimator.compilation.compiled import compiled
+from estimator.geometry.quaternion import (
+    exp,
+    multiply,
+    normalize,
+    rotate,
+    unit,
+)
+
+Array = NDArray[np.float64]
+Bools = NDArray[np.bool_]
+
+AHEAD_S = 0.5
+# A prediction over a longer silence tells of the silence.
+LONGEST_S = 1.5
+
+
+class Readings(NamedTuple):
+    """N samples as arrays: times (N,), readings (N, 3) in FRD, and where there is a field (N,)."""
+
+    time_s: Array
+    gyr_rad_s: Array
+    acc_m_s2: Array
+    mag: Array
+    has_mag: Bools
+
+
+@compiled
+def predicted_vectors(
+    readings: Readings, q_ned_frd: Array, bias_rad_s: Array, first: int
+) -> tuple[Array, Array]:
+    """Minus the force, and the field, in NED by the prediction that ends at each sample.
+
+    Unit vectors (N, 3), not numbers where there is no prediction or no field. Predictions begin
+    at sample ``first`` or later.
+    """
+    time_s, gyr, acc, mag, has_mag = readings
+    n = len(time_s)
+    down, field = np.full((n, 3), np.nan), np.full((n, 3), np.nan)
+    for k in range(first, n):
+        q = (q_ned_frd[k, 0], q_ned_frd[k, 1], q_ned_frd[k, 2], q_ned_frd[k, 3])
+        j = k
+        while j + 1 < n and time_s[j] - time_s[k] < AHEAD_S - 1e-6:
+            j += 1
+            dt = time_s[j] - time_s[j - 1]
+            turn = (
+                (gyr[j, 0] - bias_rad_s[k, 0]) * dt,
+                (gyr[j, 1] - bias_rad_s[k, 1]) * dt,
+                (gyr[j, 2] - bias_rad_s[k, 2]) * dt,
+            )
+            q = multiply(q, exp(turn))
+        ahead_s = time_s[j] - time_s[k]
+        if ahead_s < AHEAD_S - 1e-6 or ahead_s > LONGEST_S:
+            continue
+        q = normalize(q)
+        g = rotate(q, unit((-acc[j, 0], -acc[j, 1], -acc[j, 2])))
+        down[j, 0], down[j, 1], down[j, 2] = g
+        if has_mag[j]:
+            m = rotate(q, unit((mag[j, 0], mag[j, 1], mag[j, 2])))
+            field[j, 0], field[j, 1], field[j, 2] = m
+    return down, field
+
+
+def levelling_errors(down: Array) -> Array:
+    """Angle (N,) between predicted and measured vertical, rad."""
+    errors: Array = np.arctan2(np.hypot(down[:, 0], down[:, 1]), down[:, 2])
+    return errors
+
+
+def heading_errors(field: Array) -> Array:
+    """Angle (N,) of the field's horizontal part from its mean direction, rad.
+
+    Where north is does not matter: only that it stays.
+    """
+    angles = np.arctan2(field[:, 1], field[:, 0])
+    seen = angles[np.isfinite(angles)]
+    mean = atan2(float(np.sin(seen).sum()), float(np.cos(seen).sum())) if len(seen) else 0.0
+    errors: Array = np.abs((angles - mean + pi) % (2.0 * pi) - pi)
+    return errors
+
+
+def rms_known(errors: Array) -> float | None:
+    """Root mean square of those that are numbers; None without any."""
+    known = errors[np.isfinite(errors)]
+    return sqrt(float(np.mean(np.square(known)))) if len(known) else None
