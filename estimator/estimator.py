@@ -4,7 +4,7 @@ from math import isfinite, radians
 
 from estimator.aiding import Report, compass
 from estimator.aiding.phase import Cause, Phase, after
-from estimator.aiding.place import differ, resembles, update_whereabouts
+from estimator.aiding.place import PlaceField, differ, resembles, update_whereabouts
 from estimator.aiding.types import NO_REPORT
 from estimator.compilation.compiled import plain
 from estimator.conditioning.condition import condition
@@ -322,6 +322,12 @@ class Estimator:
     def _declination_rad(self) -> float | None:
         place = self._context.whereabouts.here
         return None if place is None else place.field.declination_rad
+
+    @property
+    def place_field(self) -> PlaceField | None:
+        """The Earth's field where the vehicle is, None if nobody has said where."""
+        place = self._context.whereabouts.here
+        return None if place is None else place.field
 
     @property
     def _knows_north(self) -> bool:

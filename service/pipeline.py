@@ -157,7 +157,9 @@ class Pipeline:
             if attitude is not None:
                 outputs.append(Published(vehicle.address, attitude, vehicle.last_sample))
             if status_due:
-                outputs.append(Published(vehicle.address, vehicle.status(now_us, load)))
+                outputs.append(
+                    Published(vehicle.address, vehicle.status(now_us, load, self.malformed))
+                )
         return outputs
 
     def replace_profile(self, address: VehicleId, partial: dict[str, Any]) -> Profile:
@@ -188,6 +190,7 @@ class Pipeline:
         profile = load_profile(name)
         if not self._fits_built_in:
             fits = vehicle.profile.conditioned == profile.conditioned
+            vehicle.has_unfit_profile = not fits
             return [] if fits else [Message(f"{who}: profile {name} would fit, this one does not")]
         if vehicle.profile != profile:
             self._change_profile(vehicle, profile)
@@ -203,7 +206,7 @@ class Pipeline:
 
     def _change_profile(self, vehicle: Vehicle, profile: Profile) -> None:
         vehicle.replace_profile(profile)
-        vehicle.estimator.restart()
+        vehicle.restart()
         self._replaced[vehicle.address] = Replaced(vehicle.address, profile)
         self._fitted.add(vehicle.address)
 

@@ -67,6 +67,8 @@ class StatusRecord(msgspec.Struct, frozen=True):
     overloaded: bool = False  # more arrives than can be handled: samples are left out
     shed: int = 0  # samples of this vehicle left out so far
     published_hz: float = 0.0  # attitudes a second, less than asked for when overloaded
+    malformed: int = 0  # unreadable frames on the vehicle's link so far, whoever sent them
+    warnings: tuple[str, ...] = ()  # words of service.alarms.Alarm
 
 
 class Published(Value, frozen=True):

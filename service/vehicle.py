@@ -20,6 +20,7 @@ from estimator.profile import Profile
 from estimator.reasons import Reason
 from estimator.types import ImuSample
 from service import health, host_clock, imu_choice, velocity_choice
+from service.alarms import MEANINGS, Alarm, Alarms
 from service.attitude_record import Stamp, attitude_record, is_finite
 from service.health import Health, State
 from service.host_clock import HostClock
@@ -56,6 +57,9 @@ class Vehicle:
         self.rejected: Counter[Reason] = Counter()
         self.worst_gap_us = 0
         self.built_in_motion: str | None = None  # of fuzzbee's own vehicle
+        self.has_unfit_profile = False  # by the vehicle's own word
+        self._alarms = Alarms()
+        self._alarms_told: frozenset[Alarm] = frozenset()
         self._statuses = 0
         self._health = Health()
         self._choice = ImuChoice()
@@ -115,13 +119,13 @@ class Vehicle:
         self._measure(event)
         self._last_sample = sample
         if self.samples % CHECKED_EVERY == 0:
-            texts += self._align_broken_anew(event)
+            texts += self._check(event, sample)
         after = health.on_sample(self._health, event.arrival_us, aligned=self.estimator.aligned)
         return texts + self._become(after)
 
     def on_clock_reset(self, event: ClockReset) -> list[str]:
         """The vehicle's clock began anew: what was known about its time and attitude is void."""
-        self.estimator.restart()
+        self.restart()
         self._clock = HostClock()
         self._last = None
         if event.reason == "reboot":
@@ -133,7 +137,7 @@ class Vehicle:
         """The vehicle has turned unseen, nobody knows how far: its attitude is void."""
         if event.message != self.imu_message:
             return []
-        self.estimator.restart()
+        self.restart()
         self._last = None
         text = f"{event.reason} for {event.blind_s:.1f} s, aligning anew"
         return self._talk.lines([f"vehicle {self.name}: {text}"], event.arrival_us)
@@ -213,8 +217,9 @@ class Vehicle:
         self.attitudes += 1
         return record
 
-    def status(self, now_us: int, load: Load) -> StatusRecord:
+    def status(self, now_us: int, load: Load, malformed: int = 0) -> StatusRecord:
         """The vehicle's status at ``now_us``; a silence that still lasts counts as a gap, too."""
+        unfit = {Alarm.PROFILE_UNFIT} if self.has_unfit_profile else set()
         record = StatusRecord(
             state=self.state.value,
             imu_message=self.imu_message,
@@ -228,6 +233,8 @@ class Vehicle:
             overloaded=load.is_shedding,
             shed=self.shed,
             published_hz=load.published_hz,
+            malformed=malformed,
+            warnings=tuple(sorted(self._alarms.words | unfit)),
         )
         self._statuses += 1
         return record
@@ -252,21 +259,48 @@ class Vehicle:
         If the mounting changes, the estimate restarts: it was the attitude of other axes.
         """
         self.estimator.replace_profile(profile)
+        self._alarms = Alarms()
         if profile.mounting != self.profile.mounting:
-            self.estimator.restart()
+            self.restart()
             self._last = None
         self.profile = profile
+        self.has_unfit_profile = False
 
     def on_profile(self, now_us: int) -> list[str]:
         """Say that the profile was replaced, but not too often: a program may do it in a loop."""
         return self._talk.lines([f"vehicle {self.name}: new parameters"], now_us)
 
+    def restart(self) -> None:
+        """Align anew; what was remembered of the attitude before says nothing of the next."""
+        self.estimator.restart()
+        self._alarms = Alarms()
+
+    def _check(self, event: Imu, sample: ImuSample) -> list[str]:
+        """See whether the estimate can be what it says."""
+        if self.estimator.aligned and self._alarms.is_due(sample.time_us):
+            attitude = self.estimator.attitude(sample.time_us)
+            if not is_finite(attitude):
+                return self._align_broken_anew(event)
+            self._alarms.look(sample, attitude, self.profile, self.estimator.place_field)
+            return self._tell_alarms(event.arrival_us)
+        if is_finite(self.estimator.attitude(sample.time_us)):
+            return []
+        return self._align_broken_anew(event)
+
+    def _tell_alarms(self, now_us: int) -> list[str]:
+        """The alarms that have begun or ended since they were told last."""
+        before, now = self._alarms_told, self._alarms.words
+        if now == before:
+            return []
+        self._alarms_told = now
+        begun = [f"vehicle {self.name}: warning: {MEANINGS[word]}" for word in sorted(now - before)]
+        ended = [f"vehicle {self.name}: no more: {MEANINGS[word]}" for word in sorted(before - now)]
+        return self._talk.lines([*begun, *ended], now_us)
+
     def _align_broken_anew(self, event: Imu) -> list[str]:
         """Restart an estimate that is not finite: no sample would repair it."""
-        if is_finite(self.estimator.attitude(event.sample.time_us)):
-            return []
         self.reject(Reason.ESTIMATE_NOT_FINITE)
-        self.estimator.restart()
+        self.restart()
         self._last = None
         text = f"vehicle {self.name}: the estimate is not finite, aligning anew"
         return self._talk.lines([text], event.arrival_us)

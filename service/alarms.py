@@ -1,0 +1,162 @@
+"""What tells that an attitude is not what it claims to be, though nothing is missing.
+
+Three things that must hold over half a minute, whatever the vehicle does, by its own sensors seen
+from the published attitude: on average the specific force points up, since nothing accelerates for
+ever; the Earth's field keeps its direction, and is that of the place; and a gyroscope's bias is
+within what the profile allows. Where one does not hold, the profile, the axes or a sensor are
+wrong, and sigma knows nothing of it. No clock is read; times are the vehicle's.
+"""
+
+from enum import StrEnum
+from math import atan2, degrees, hypot, sqrt
+
+from estimator.aiding.place import PlaceField, resembles
+from estimator.geometry.quaternion import rotate
+from estimator.profile import CONDITIONING_DEFAULTS, Profile
+from estimator.types import Attitude, ImuSample, Vec3
+
+LOOK_EVERY_US = 500_000
+MEMORY_S = 20.0  # of the averages
+AT_LIMIT = 0.99  # share of the bound
+# A plane that turns round changes its velocity by 50 m/s within the memory, which is 14 deg.
+TILT_DEG = 15.0
+# A magnet that passes within two seconds leaves 18 deg, which fades; vehicles in flight have 5.
+SCATTER_DEG = 12.0
+SIGMAS = 2.0
+# A heading by velocity and one by the field differ by the compass's offsets, up to 11 deg seen.
+HEADING_OFF_DEG = 20.0
+UNKNOWN_HEADING_DEG = 40.0  # a sigma beyond this claims nothing
+# The Earth's field is 0.22 to 0.67 gauss; compasses are off in scale by a factor.
+WEAKEST_GAUSS, STRONGEST_GAUSS = 0.1, 1.0
+
+
+class Alarm(StrEnum):
+    """One word for each; docs/troubleshooting.md says what a person can do about it."""
+
+    BIAS_AT_LIMIT = "bias_at_limit"
+    FIELD_IMPOSSIBLE = "field_impossible"
+    SIGMA_TOO_SMALL = "sigma_too_small"
+    PROFILE_UNFIT = "profile_unfit"
+
+
+# Time constants of the share of time for which something is so. It is said from 0.6 on, so after
+# as long if it is so all the time, until 0.3: a start or a magnet that passes says nothing.
+PATIENCE_S = {
+    Alarm.BIAS_AT_LIMIT: 5.0,
+    Alarm.FIELD_IMPOSSIBLE: 20.0,
+    Alarm.SIGMA_TOO_SMALL: 20.0,
+}
+BEGIN_SHARE, END_SHARE = 0.6, 0.3
+MEANINGS = {
+    Alarm.BIAS_AT_LIMIT: "the gyroscope's bias stands at its limit",
+    Alarm.FIELD_IMPOSSIBLE: "the magnetic field is none of this place",
+    Alarm.SIGMA_TOO_SMALL: "force and field contradict the attitude by more than sigma allows",
+    Alarm.PROFILE_UNFIT: "the profile does not fit these signals",
+}
+
+
+class Alarms:
+    """Looks at one vehicle's estimate twice a second of its time; a new one for a new attitude."""
+
+    def __init__(self) -> None:
+        self.words: frozenset[Alarm] = frozenset()
+        self._next_us: int | None = None
+        self._last_us = 0
+        self._shares = dict.fromkeys(PATIENCE_S, 0.0)
+        self._force: Vec3 | None = None  # mean specific force, NED
+        self._field: Vec3 | None = None  # mean field, NED, and its mean square
+        self._field_square = 0.0
+
+    def is_due(self, time_us: int) -> bool:
+        """Whether it is time to look again."""
+        return self._next_us is None or time_us >= self._next_us
+
+    def look(
+        self, sample: ImuSample, attitude: Attitude, profile: Profile, place: PlaceField | None
+    ) -> None:
+        """Compare a sample with the attitude at its time; the field of the place if it is known."""
+        time_us = sample.time_us
+        if self._next_us is None:
+            self._last_us = time_us
+        self._next_us = time_us + LOOK_EVERY_US
+        dt_s = min(1e-6 * (time_us - self._last_us), MEMORY_S)
+        self._last_us = time_us
+        self._remember(sample, attitude, dt_s / (MEMORY_S + dt_s))
+        seen = {
+            Alarm.BIAS_AT_LIMIT: _is_at_limit(attitude, profile),
+            Alarm.FIELD_IMPOSSIBLE: self._is_field_impossible(attitude, place),
+            Alarm.SIGMA_TOO_SMALL: self._is_sigma_too_small(attitude),
+        }
+        for word, is_so in seen.items():
+            share = dt_s / (PATIENCE_S[word] + dt_s)
+            self._shares[word] += share * (is_so - self._shares[word])
+        self.words = frozenset(
+            word
+            for word, share in self._shares.items()
+            if share > (END_SHARE if word in self.words else BEGIN_SHARE)
+        )
+
+    def _remember(self, sample: ImuSample, attitude: Attitude, share: float) -> None:
+        q = attitude.q_ned_frd
+        self._force = _towards(self._force, rotate(q, sample.acc_m_s2), share)
+        if not sample.has_mag:
+            return
+        square = sum(b * b for b in sample.mag_gauss)
+        first = self._field is None
+        self._field = _towards(self._field, rotate(q, sample.mag_gauss), share)
+        self._field_square += (1.0 if first else share) * (square - self._field_square)
+
+    def _is_field_impossible(self, attitude: Attitude, place: PlaceField | None) -> bool:
+        if self._field is None or _claims_no_heading(attitude):
+            return False
+        north, east, down = self._field
+        horizontal = hypot(north, east)
+        if place is None:
+            return not WEAKEST_GAUSS <= hypot(horizontal, down) <= STRONGEST_GAUSS
+        if not resembles(place, horizontal, down):
+            return True
+        off = degrees(atan2(east, north) - place.declination_rad)
+        off = abs((off + 180.0) % 360.0 - 180.0)
+        sigma = degrees(attitude.sigma_heading_rad)
+        return off > SIGMAS * sigma + HEADING_OFF_DEG
+
+    def _is_sigma_too_small(self, attitude: Attitude) -> bool:
+        assert self._force is not None
+        inclination = degrees(attitude.sigma_inclination_rad)
+        north, east, down = self._force
+        tilt = degrees(atan2(hypot(north, east), -down))
+        if tilt > SIGMAS * inclination + TILT_DEG:
+            return True
+        if self._field is None or _claims_no_heading(attitude):
+            return False
+        mean_square = sum(b * b for b in self._field)
+        scatter = degrees(sqrt(max(0.0, self._field_square / max(mean_square, 1e-12) - 1.0)))
+        sigma = hypot(inclination, degrees(attitude.sigma_heading_rad))
+        return scatter > SIGMAS * sigma + SCATTER_DEG
+
+
+def bias_limit_rad_s(profile: Profile) -> float:
+    """How large a bias the profile allows on an axis; 0 if it estimates none."""
+    if not profile.conditioned:
+        return profile.filter.bias_bound_rad_s
+    given = profile.conditioning.get("bias_limit_rad_s", CONDITIONING_DEFAULTS["bias_limit_rad_s"])
+    return float(given)
+
+
+def _is_at_limit(attitude: Attitude, profile: Profile) -> bool:
+    limit = AT_LIMIT * bias_limit_rad_s(profile)
+    return limit > 0.0 and max(map(abs, attitude.gyro_bias_rad_s)) >= limit
+
+
+def _claims_no_heading(attitude: Attitude) -> bool:
+    return degrees(attitude.sigma_heading_rad) > UNKNOWN_HEADING_DEG
+
+
+def _towards(mean: Vec3 | None, value: Vec3, share: float) -> Vec3:
+    if mean is None:
+        return value
+    return (
+        mean[0] + share * (value[0] - mean[0]),
+        mean[1] + share * (value[1] - mean[1]),
+        mean[2] + share * (value[2] - mean[2]),
+    )

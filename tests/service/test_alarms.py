@@ -1,0 +1,132 @@
+"""Alarms: what contradicts an attitude is told, and nothing else is."""
+
+from math import radians
+
+import pytest
+
+from drivers.events import BuiltIn, Imu
+from drivers.simulation.simulated_vehicle import SimulatedVehicle
+from drivers.simulation.source import imu_sample
+from estimator.aiding.place import PlaceField
+from estimator.profile import load_profile
+from estimator.types import Attitude, ImuSample
+from service.alarms import Alarm, Alarms, bias_limit_rad_s
+from service.pipeline import Pipeline
+from service.records import Message, Published, StatusRecord
+from tests.service.streams import ONE, START_US, imu_events
+
+IMU, PAPER = load_profile("imu"), load_profile("paper")
+LEVEL = (1.0, 0.0, 0.0, 0.0)
+HERE = PlaceField(0.0, radians(63.0), 0.48)
+FIELD = (0.218, 0.0, 0.428)
+
+
+def attitude(bias=(0.0, 0.0, 0.0), sigma_deg=1.0, heading_deg=1.0):
+    return Attitude(
+        time_us=0,
+        q_ned_frd=LEVEL,
+        rate_rad_s=(0.0, 0.0, 0.0),
+        gyro_bias_rad_s=bias,
+        error=0.0,
+        error_rate_1_s=0.0,
+        gain=1.0,
+        confidence_gravity=1.0,
+        confidence_magnetic=1.0,
+        sigma_inclination_rad=radians(sigma_deg),
+        sigma_heading_rad=radians(heading_deg),
+        heading_reference="true",
+    )
+
+
+def words(seconds, acc=(0.0, 0.0, -9.8), mag=FIELD, place=HERE, profile=IMU, **claims):
+    """After so long of the same; ``acc`` and ``mag`` may be functions of the time."""
+    alarms = Alarms()
+    for half in range(2 * seconds):
+        given = [value(half / 2) if callable(value) else value for value in (acc, mag)]
+        sample = ImuSample(half * 500_000, (0.0, 0.0, 0.0), *given, has_mag=True)
+        alarms.look(sample, attitude(**claims), profile, place)
+    return alarms.words
+
+
+def test_what_agrees_says_nothing():
+    assert words(60) == frozenset()
+
+
+@pytest.mark.parametrize(("seconds", "said"), [(4, set()), (7, {Alarm.BIAS_AT_LIMIT})])
+def test_a_bias_at_its_limit_is_told_after_five_seconds(seconds, said):
+    limit = bias_limit_rad_s(IMU)
+    assert limit == pytest.approx(radians(2.0))
+    assert words(seconds, bias=(0.0, -limit, 0.0)) == said
+    assert words(60, bias=(0.0, -0.98 * limit, 0.0)) == set()
+    assert words(60, bias=(0.0, -limit, 0.0), profile=PAPER) == set()  # its bound is 2 rad/s
+
+
+@pytest.mark.parametrize(
+    ("mag", "place", "said"),
+    [
+        ((0.218, 0.0, -0.428), HERE, {Alarm.FIELD_IMPOSSIBLE}),  # of the other hemisphere
+        ((0.428, 0.0, 0.218), HERE, {Alarm.FIELD_IMPOSSIBLE}),  # 36 deg too flat
+        ((1.5, 0.0, 3.0), None, {Alarm.FIELD_IMPOSSIBLE}),  # of no place on Earth
+        ((0.1, 0.19, 0.428), HERE, {Alarm.FIELD_IMPOSSIBLE}),  # 62 deg off the heading
+        ((0.21, 0.05, 0.428), HERE, set()),
+        ((-0.218, 0.0, 0.428), None, set()),  # nobody knows where north is
+    ],
+)
+def test_a_field_that_cannot_be(mag, place, said):
+    assert words(30, mag=mag, place=place) == said
+
+
+def test_a_heading_that_claims_nothing_is_not_contradicted():
+    assert words(30, mag=(-0.218, 0.0, 0.428), heading_deg=45.0) == set()
+
+
+def test_a_force_that_leans_for_long_contradicts_sigma():
+    assert words(40, acc=(0.0, -4.0, -9.0)) == {Alarm.SIGMA_TOO_SMALL}  # 24 deg
+    assert words(40, acc=(0.0, -4.0, -9.0), sigma_deg=6.0) == set()
+    assert words(40, acc=(0.0, -2.0, -9.6)) == set()  # a turning plane
+
+
+def test_a_field_that_wanders_contradicts_sigma_and_a_magnet_that_passes_does_not():
+    def swinging(time_s):
+        return (0.218, 0.3 if time_s % 2 < 1 else -0.3, 0.428)
+
+    def passing(time_s):
+        return (0.218, 0.5, 0.428) if 30 <= time_s < 32 else FIELD
+
+    assert words(60, mag=swinging) == {Alarm.SIGMA_TOO_SMALL}
+    for seconds in range(30, 60, 3):
+        assert words(seconds, mag=passing) == set()
+
+
+def statuses(outputs):
+    return [o.record for o in outputs if isinstance(o, Published)
+            and isinstance(o.record, StatusRecord)]  # fmt: skip
+
+
+def test_the_paper_s_signals_under_imu_are_told():
+    """42 deg off with a small sigma; the bias of 5.7 deg/s is beyond what imu allows."""
+    pipeline = Pipeline(IMU)
+    said = [o.text for event in imu_events(2000) for o in pipeline.handle(event)
+            if isinstance(o, Message)]  # fmt: skip
+    assert "vehicle 1: warning: the gyroscope's bias stands at its limit" in said
+    (status,) = statuses(pipeline.tick(START_US + 20_000_000))
+    assert status.warnings == ("bias_at_limit",)
+
+
+@pytest.mark.parametrize(("profile", "motion"), [("paper", "paper"), ("imu", "flight")])
+def test_a_fitting_profile_is_not_accused(profile, motion):
+    pipeline = Pipeline(load_profile(profile))
+    vehicle = SimulatedVehicle(5, 50.0, motion)
+    for _ in range(3000):
+        sample = imu_sample(next(vehicle))
+        time_us = sample.time_us
+        pipeline.handle(Imu(ONE, START_US + time_us, time_us, "RAW_IMU", sample))
+    (status,) = statuses(pipeline.tick(START_US + 60_000_000))
+    assert status.warnings == ()
+
+
+def test_a_profile_that_the_vehicle_contradicts_is_told_in_the_status():
+    pipeline = Pipeline(IMU)
+    pipeline.handle(BuiltIn(ONE, START_US, "paper"))
+    (status,) = statuses(pipeline.tick(START_US))
+    assert status.warnings == ("profile_unfit",)
