@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimator.geometry.frames import enu_flu_from_ned_frd
-from estimator.types import IDENTITY, Attitude
+from estimator.types import Attitude
 from fuzzbee.angle_curves import euler_curves_deg
 
 Floats = NDArray[np.float64]
@@ -58,14 +58,13 @@ class Attitudes:
     @property
     def euler_deg(self) -> Floats:
         """Roll, pitch and yaw (N, 3) in degrees, yaw from 0 to 360; to be looked at only."""
-        return _where_known(self.q_ned_frd, euler_curves_deg(_known(self.q_ned_frd)))
+        return _where_known(self.q_ned_frd, euler_curves_deg(self.q_ned_frd))
 
     @property
     def q_enu_flu(self) -> Floats:
         """The attitudes (N, 4) as ROS has them: forward, left, up to east, north, up."""
-        turned = [
-            enu_flu_from_ned_frd((q[0], q[1], q[2], q[3])) for q in _known(self.q_ned_frd).tolist()
-        ]
+        rows = self.q_ned_frd.tolist()
+        turned = [enu_flu_from_ned_frd((q[0], q[1], q[2], q[3])) for q in rows]
         return _where_known(self.q_ned_frd, np.array(turned).reshape(-1, 4))
 
 
@@ -92,11 +91,6 @@ def attitude_arrays(attitudes: Sequence[Attitude], start_us: int = 0) -> Attitud
         gain=column("gain"),
         heading_reference=np.array([a.heading_reference for a in attitudes], dtype=np.str_),
     )
-
-
-def _known(attitudes: Floats) -> Floats:
-    """The attitudes with the identity in place of what is unknown."""
-    return np.where(np.isnan(attitudes), IDENTITY, attitudes)
 
 
 def _where_known(attitudes: Floats, values: Floats) -> Floats:
