@@ -3,7 +3,7 @@
 PYTHON ?= $(shell command -v python3.11 || command -v python3.12 || command -v python3.13 || command -v python3)
 BIN := .venv/bin
 
-.PHONY: demo test test-python setup style types build clean
+.PHONY: demo test test-python setup style types build docs clean
 
 ## demo: the simulated vehicle through the live service, attitudes in the terminal
 demo: .venv/installed
@@ -34,12 +34,16 @@ style: .venv/developer
 types: .venv/developer
 	$(BIN)/mypy
 
+## docs: the documentation as a site, in build/site
+docs: .venv/developer
+	$(BIN)/mkdocs build --strict -q
+
 build: .venv/developer
 	rm -rf dist
 	$(BIN)/python -m build --wheel
 
 clean:
-	rm -rf .venv dist
+	rm -rf .venv dist build
 
 .venv/bin/python:
 	$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || \

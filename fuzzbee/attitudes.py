@@ -58,7 +58,7 @@ class Attitudes:
     @property
     def euler_deg(self) -> Floats:
         """Roll, pitch and yaw (N, 3) in degrees, yaw from 0 to 360; to be looked at only."""
-        return _where_known(self.q_ned_frd, euler_curves_deg(self.q_ned_frd))
+        return known_euler_deg(self.q_ned_frd)
 
     @property
     def q_enu_flu(self) -> Floats:
@@ -91,6 +91,11 @@ def attitude_arrays(attitudes: Sequence[Attitude], start_us: int = 0) -> Attitud
         gain=column("gain"),
         heading_reference=np.array([a.heading_reference for a in attitudes], dtype=np.str_),
     )
+
+
+def known_euler_deg(q_ned_frd: Floats) -> Floats:
+    """Roll, pitch and yaw (N, 3) in degrees; NaN where there is no attitude (N, 4)."""
+    return _where_known(q_ned_frd, euler_curves_deg(q_ned_frd))
 
 
 def _where_known(attitudes: Floats, values: Floats) -> Floats:

@@ -1,0 +1,105 @@
+"""The documentation as a site: its generated pages, the tour, and that nothing is fetched."""
+
+import importlib.util
+import re
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from typer.main import get_command
+
+import fuzzbee
+from fuzzbee.app import build_app
+
+ROOT = Path(__file__).parents[2]
+DOCS = ROOT / "docs"
+
+pytestmark = pytest.mark.checkout
+
+
+def script(name):
+    """A script of docs/ as a module."""
+    spec = importlib.util.spec_from_file_location(f"docs_{name}", DOCS / f"{name}.py")
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+def test_the_page_of_commands_has_every_option_with_its_help():
+    page = script("site").commands_page()
+    rows = re.findall(r"^\| `(.+?)` \| .*? \| (.*) \|$", page, re.MULTILINE)
+    app = get_command(build_app(decorated=False))
+    sections = page.split("\n## ")[1:]
+    assert [section.split("\n")[0].split()[1] for section in sections] == [
+        *[name for name in app.commands if name != "profile"],
+        *["profile"] * len(app.commands["profile"].commands),
+    ]
+    for name, command in app.commands.items():
+        for parameter in getattr(command, "params", []):
+            if parameter.param_type_name == "option" and name != "profile":
+                assert f"`{parameter.opts[0]}" in page or f", {parameter.opts[0]}" in page
+    assert len(rows) > 60
+    unexplained = [names for names, text in rows if not text]
+    assert unexplained in ([], ["--threads N"])  # its default says it
+    assert "| `--rate HZ` | `100.0` |" in page
+
+
+def test_the_page_for_programs_has_every_name():
+    page = script("site").programs_page()
+    for name in set(fuzzbee.__all__) - {"__version__"}:
+        assert f"\n## {name}\n" in page
+    assert "mag_gauss: ArrayLike | None = None" in page
+    assert "\n## Estimator.update_batch\n" in page
+
+
+def test_links_to_the_repositorys_root_become_links_between_pages():
+    links = script("site").site_links
+    assert links("[a](docs/python.md#x) [b](../README.md)") == "[a](python.md#x) [b](index.md)"
+    assert links("[c](CONTRIBUTING.md), [d](../CONTRIBUTING.md)").count("(contributing.md)") == 2
+
+
+@pytest.mark.slow
+def test_the_tour_says_what_its_blocks_print(tmp_path):
+    """Digits may differ by a fifth: they are measured."""
+    pytest.importorskip("matplotlib")
+    page = (DOCS / "tour.md").read_text("utf-8")
+    again = script("tour").run_page(page, tmp_path)
+    number = re.compile(r"-?\d+\.\d+")
+    assert number.sub("#", again) == number.sub("#", page)
+    measured = [float(each) for each in number.findall(again)]
+    shown = [float(each) for each in number.findall(page)]
+    assert measured == pytest.approx(shown, rel=0.2, abs=0.11)
+    for picture in re.findall(r"\]\((tour-\w+\.png)\)", page):
+        drawn, kept = ((folder / picture).stat().st_size for folder in (tmp_path, DOCS))
+        assert drawn == pytest.approx(kept, rel=0.2)
+
+
+@pytest.mark.slow
+def test_the_site_is_built_without_a_warning_and_fetches_nothing(tmp_path):
+    pytest.importorskip("material")
+    for name in ("docs", "mkdocs.yml", "README.md", "CONTRIBUTING.md", "CHANGELOG.md"):
+        source = ROOT / name
+        copy = shutil.copytree if source.is_dir() else shutil.copyfile
+        copy(source, tmp_path / name)
+    site = tmp_path / "site"
+    done = subprocess.run(
+        [sys.executable, "-m", "mkdocs", "build", "--strict", "-q", "-d", str(site)],
+        cwd=tmp_path,
+        capture_output=True,
+        text=True,
+        check=False,
+        timeout=300,
+    )
+    assert done.returncode == 0, done.stderr
+    pages = list(site.glob("*.html"))
+    assert len(pages) >= 20
+    fetched = re.compile(
+        r"<(?:script|img|iframe)[^>]*\ssrc=\"?(https?:)?//|<link[^>]*rel=\"?"
+        r"(?:stylesheet|preconnect|preload)[^>]*href=\"?(https?:)?//"
+    )
+    for page in pages:
+        assert not fetched.search(page.read_text("utf-8")), page.name
+    for style in site.rglob("*.css"):
+        assert not re.search(r"url\([\"']?(https?:)?//|@import", style.read_text("utf-8")), style
