@@ -250,11 +250,21 @@ def _text(letters: list[int]) -> str:
 
 
 def _milli_imu(sender: _Sender, stream: str, m: Any, stamp: Stamp) -> list[Event]:
-    """mg, mrad/s, mGauss: MAVLink's units for SCALED_IMU, and RAW_IMU's from ArduPilot."""
-    gyr = (m.xgyro * MILLI, m.ygyro * MILLI, m.zgyro * MILLI)
-    acc = (m.xacc * MG_M_S2, m.yacc * MG_M_S2, m.zacc * MG_M_S2)
-    mag = (m.xmag * MILLI, m.ymag * MILLI, m.zmag * MILLI)
+    """mg, mrad/s, mGauss: MAVLink's units for SCALED_IMU, and RAW_IMU's from ArduPilot.
+
+    Autopilots cut the digits behind the point off, which is half a unit towards zero in the
+    mean: a bias that changes its sign with the reading, of 0.5 mrad/s for a gyroscope. So a
+    reading stands for the middle of what it may have been.
+    """
+    gyr = (_middle(m.xgyro) * MILLI, _middle(m.ygyro) * MILLI, _middle(m.zgyro) * MILLI)
+    acc = (_middle(m.xacc) * MG_M_S2, _middle(m.yacc) * MG_M_S2, _middle(m.zacc) * MG_M_S2)
+    mag = (_middle(m.xmag) * MILLI, _middle(m.ymag) * MILLI, _middle(m.zmag) * MILLI)
     return sender.intake.imu(stream, stamp, gyr, acc, mag)
+
+
+def _middle(cut: int) -> float:
+    """The middle of all numbers that are ``cut`` without the digits behind their point."""
+    return cut + 0.5 if cut > 0 else cut - 0.5 if cut < 0 else 0.0
 
 
 def _stream_name(name: str, m: Any) -> str:

@@ -11,6 +11,7 @@ CRC_EXTRA from the message definitions common.xml and ardupilotmega.xml.
 
 import hashlib
 from collections.abc import Callable, Sequence
+from math import copysign
 from struct import Struct
 from typing import NamedTuple
 
@@ -54,6 +55,7 @@ _GLOBAL_POSITION_INT = Struct("<IiiiihhhH")
 _AUTOPILOT_VERSION = Struct("<QQIIIIHH8s8s8s")
 
 _MG = 1000.0 / STANDARD_GRAVITY_M_S2
+LAST_BITS = 1e-9  # of a unit, by which scaling may miss a whole number
 
 
 class Message(NamedTuple):
@@ -240,7 +242,11 @@ def signing_key(content: bytes) -> bytes:
 
 
 def _int16(value: float) -> int:
-    return max(-32768, min(32767, round(value)))
+    """Without the digits behind the point, as autopilots make whole numbers of their readings.
+
+    A number that is whole but for its last bits stays what it is.
+    """
+    return max(-32768, min(32767, int(value + copysign(LAST_BITS, value))))
 
 
 def _boot_ms(boot_us: int) -> int:

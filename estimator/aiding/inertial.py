@@ -37,6 +37,24 @@ from estimator.types import STANDARD_GRAVITY_M_S2, Quaternion, Sample, Vec3
 GRAVITY_NED: Vec3 = (0.0, 0.0, STANDARD_GRAVITY_M_S2)
 # The time in which what calibration has left of the hard iron may have become another field.
 HARD_IRON_WALK_S = 2500.0
+# A slow error of a source beyond so many of its sigmas is one of a jump, and lasts the longer the
+# larger it is, up to so many times as long.
+USUAL_SIGMAS = 3.0
+MOST_PERSISTENCE = 20.0
+
+
+class ErrorVariances(NamedTuple):
+    """Of the sources' slow errors, (m/s)^2."""
+
+    by_filter: float
+    by_receiver: float
+
+
+class ErrorTimes(NamedTuple):
+    """For how long the sources' slow errors stay the same, s."""
+
+    filter_s: float
+    receiver_s: float
 
 
 class Prediction(NamedTuple):
@@ -81,14 +99,15 @@ def predict_motion(
         seen_s = between.step_s
         missed_turn = rotate(q, scale(sqrt(dt * seen_s), between.change_rad_s))
     missed_push = scale(dt, trail_bend(trail))
-    add_noise(params, P, state, missed_turn, missed_push, dot(rate, rate), dt, seen_s)
+    lasts = lasting_times(params, state)
+    add_noise(params, P, state, lasts, missed_turn, missed_push, dot(rate, rate), dt, seen_s)
     return Prediction(
         q_ned_frd=q,
         velocity_ned_m_s=v,
         force_ned_m_s2=force,
         rate_rad_s=rate,
-        receiver_error_m_s=fade(estimate.receiver_error_m_s, dt, params.receiver_error_tau_s),
-        filter_error_m_s=fade(estimate.filter_error_m_s, dt, params.filter_error_tau_s),
+        receiver_error_m_s=fade(estimate.receiver_error_m_s, dt, lasts.receiver_s),
+        filter_error_m_s=fade(estimate.filter_error_m_s, dt, lasts.filter_s),
         trail=trail,
         covariance=P,
     )
@@ -115,6 +134,7 @@ def add_noise(
     params: AidingParams,
     P: Array,
     state: AidingState,
+    lasts: ErrorTimes,
     missed_turn: Vec3,
     missed_push: Vec3,
     rate_square: float,
@@ -139,14 +159,11 @@ def add_noise(
         P[ACC_BIAS + i, ACC_BIAS + i] += params.acc_bias_walk**2 * dt
         if P[HARD_IRON + i, HARD_IRON + i] < iron:
             P[HARD_IRON + i, HARD_IRON + i] += iron * dt / HARD_IRON_WALK_S
-    scatter = state.agreement.by_filter.scatter
-    pushed = state.last.force_ned_m_s2
-    turning = params.filter_turning_s**2 * (pushed[0] ** 2 + pushed[1] ** 2)
-    variance = (params.filter_error_m_s**2 + turning) * max(1.0, scatter.noise_scale)
-    renew_error(P, FILTER_ERROR, variance, dt / params.filter_error_tau_s)
-    scatter = state.agreement.by_receiver.scatter
-    variance = params.receiver_error_m_s**2 * max(1.0, scatter.noise_scale)
-    renew_error(P, RECEIVER_ERROR, variance, dt / params.receiver_error_tau_s)
+    usual = usual_variances(params, state)
+    keep = real_exp(-dt / lasts.filter_s)
+    renew_error(P, FILTER_ERROR, usual.by_filter, dt / params.filter_error_tau_s, keep)
+    keep = real_exp(-dt / lasts.receiver_s)
+    renew_error(P, RECEIVER_ERROR, usual.by_receiver, dt / params.receiver_error_tau_s, keep)
     E = state.estimate.earth_gauss
     field = params.field_walk**2 * dt
     horizontal = field * (1.0 + E[2] * E[2] / max(E[0] * E[0] + E[1] * E[1], 1e-12))
@@ -157,17 +174,53 @@ def add_noise(
 
 
 @inlined
+def usual_variances(params: AidingParams, state: AidingState) -> ErrorVariances:
+    """Of either source's slow error, per component, as long as nothing has happened to it."""
+    pushed = state.last.force_ned_m_s2
+    turning = params.filter_turning_s**2 * (pushed[0] ** 2 + pushed[1] ** 2)
+    by_filter, by_receiver = state.agreement
+    return ErrorVariances(
+        by_filter=(params.filter_error_m_s**2 + turning) * max(1.0, by_filter.scatter.noise_scale),
+        by_receiver=params.receiver_error_m_s**2 * max(1.0, by_receiver.scatter.noise_scale),
+    )
+
+
+@inlined
+def lasting_times(params: AidingParams, state: AidingState) -> ErrorTimes:
+    """For how long either source's error lasts: one that is large has jumped, and lasts long.
+
+    Were it taken to fade as usual errors do, the attitude would have to explain that it stays.
+    """
+    usual = usual_variances(params, state)
+    estimate = state.estimate
+    return ErrorTimes(
+        filter_s=params.filter_error_tau_s
+        * persistence(estimate.filter_error_m_s, usual.by_filter),
+        receiver_s=params.receiver_error_tau_s
+        * persistence(estimate.receiver_error_m_s, usual.by_receiver),
+    )
+
+
+@inlined
+def persistence(error: Vec3, variance: float) -> float:
+    """How many times as long as usual an error lasts: 1 up to ``USUAL_SIGMAS``, then its square."""
+    return min(MOST_PERSISTENCE, max(1.0, dot(error, error) / (USUAL_SIGMAS**2 * variance)))
+
+
+@inlined
 def fade(error: Vec3, dt: float, tau_s: float) -> Vec3:
     """What is left of a slow error, as far as it is known."""
     return scale(real_exp(-dt / tau_s), error)
 
 
 @inlined
-def renew_error(P: Array, first: int, variance: float, share: float) -> None:
-    """A slow error over ``share`` of the time it lasts, in place: first-order noise."""
-    keep = real_exp(-share)
+def renew_error(P: Array, first: int, variance: float, share: float, keep: float) -> None:
+    """A slow error over ``share`` of the time it usually lasts, in place: first-order noise.
+
+    ``keep`` is the part of it that stays; of usual errors that is exp(-share).
+    """
     for i in range(first, first + 3):
         for j in range(SIZE):
             P[i, j] *= keep
             P[j, i] *= keep
-        P[i, i] += variance * (1.0 - keep * keep)
+        P[i, i] += variance * (1.0 - real_exp(-2.0 * share))

@@ -3,6 +3,7 @@
 import math
 import struct
 
+import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -69,6 +70,19 @@ def only(kind, events):
     return [event for event in events if isinstance(event, kind)]
 
 
+def test_whole_numbers_have_no_bias():
+    """Numbers cut towards zero are 0.5 mrad/s off as they are; the middle is off by 0.005."""
+    rng = np.random.default_rng(3)
+    rates = np.stack([rng.uniform(0.001, 0.1, 4000), -rng.uniform(0.001, 0.1, 4000)], axis=1)
+    messages = [
+        raw_imu(S + 20_000 * k, (k % 7, 0, -1000), (int(1000.0 * x), int(1000.0 * y), 0))
+        for k, (x, y) in enumerate(rates.tolist())
+    ]
+    read = [each.sample.gyr_rad_s for each in only(Imu, decode_all(messages))]
+    error = (np.array(read)[:, :2] - rates).mean(axis=0)
+    assert np.abs(error).max() < 2e-5
+
+
 # --- one table: message, the events it becomes behind an IMU message at 1 s
 
 TABLE = [
@@ -81,9 +95,9 @@ TABLE = [
             "RAW_IMU",
             ImuSample(
                 2 * S,
-                (0.001, -0.002, 0.003),
-                (0.1 * G, -0.2 * G, -G),
-                (0.2, -0.1, 0.4),
+                (0.0015, -0.0025, 0.0035),  # the middle of what is cut to 1, -2 and 3 mrad/s
+                (0.1005 * G, -0.2005 * G, -1.0005 * G),
+                (0.2005, -0.1005, 0.4005),
                 True,
             ),
         ),
@@ -95,7 +109,7 @@ TABLE = [
             UNIX,
             1_500_000,
             "SCALED_IMU2",
-            ImuSample(1_500_000, (1.0, 0.0, 0.0), (0.0, 0.0, -0.844 * G), ZERO_VEC3, False),
+            ImuSample(1_500_000, (1.0005, 0.0, 0.0), (0.0, 0.0, -0.8445 * G), ZERO_VEC3, False),
         ),
     ),
     (
