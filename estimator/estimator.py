@@ -9,6 +9,7 @@ from estimator.aiding.types import NO_REPORT
 from estimator.compilation.compiled import plain
 from estimator.conditioning.condition import condition
 from estimator.conditioning.condition import initial_state as initial_conditioning
+from estimator.conditioning.rate import slow_share
 from estimator.filter import kernel
 from estimator.filter.alignment import align
 from estimator.filter.observation import raw_vectors
@@ -26,6 +27,7 @@ from estimator.live.core import (
     without_aiding,
     without_conditioning,
 )
+from estimator.live.interval import is_gap, usual_interval
 from estimator.live.refusal import GYR_LIMIT_RAD_S, refusal, report_in_floats, sample_in_floats
 from estimator.live.reports import Reports, enqueue, refusal_of_report, take_due
 from estimator.live.resident import (
@@ -232,7 +234,7 @@ class Estimator:
         dt_s = 1e-6 * (sample.time_us - now.time_us)
         readings = (sample.gyr_rad_s, sample.acc_m_s2, sample.mag_gauss, sample.has_mag)
         advance_raw(self._core.inside, *readings, dt_s)
-        self._context = _next(now, sample.time_us, now.reports, now.turning)
+        self._context = _next(now, sample.time_us, dt_s, now.reports, now.turning)
 
     def _take_conditioned(self, sample: ImuSample) -> None:
         """One sample with the velocity reports up to it; without any, as if there were none."""
@@ -243,7 +245,9 @@ class Estimator:
         due: tuple[Report, ...] = ()
         ahead = now.reports
         if ahead:
-            due, ahead = take_due(ahead, sample.time_us, aiding.oldest_report_s)
+            # one that came behind a slow stream's last sample is as old as the step is long
+            oldest_s = max(aiding.oldest_report_s, dt_s)
+            due, ahead = take_due(ahead, sample.time_us, oldest_s)
         report = due[0] if due else NO_REPORT
         readings = (sample.gyr_rad_s, sample.acc_m_s2, sample.mag_gauss, sample.has_mag)
         is_aided = self._context.phase is _AIDED
@@ -251,7 +255,7 @@ class Estimator:
         if self.profile.uses_attitude_rates:
             turning, between = take_between(turning, now.time_us, sample.time_us, sample.gyr_rad_s)
         heading = advance(self._core.inside, *readings, dt_s, between, is_aided)
-        self._context = _next(self._context, sample.time_us, ahead, turning)
+        self._context = _next(self._context, sample.time_us, dt_s, ahead, turning)
         if is_aided:
             if not advance_aided(self._core.inside, report, self._knows_north):
                 self._give_up()
@@ -271,7 +275,8 @@ class Estimator:
             return Cause.SAMPLE
         if not aiding.enabled:
             return Cause.SWITCH_OFF
-        return Cause.GAP if dt_s > aiding.gap_s else Cause.SAMPLE
+        is_long = is_gap(aiding.gap_s, self._context.usual_s, dt_s)
+        return Cause.GAP if is_long else Cause.SAMPLE
 
     def _give_up(self) -> None:
         """Velocity does not help any more; the compass may be the reason."""
@@ -279,6 +284,9 @@ class Estimator:
         known = compass.record_giving_up(now.compass, now.time_us)
         self._context = now._replace(compass=known)
         self._enter(Cause.GIVE_UP)
+        core = self._core.core
+        if core.seen.has_heading and slow_share(core.sample.dt_s) > 0.0:
+            self._align()
 
     def _align(self) -> None:
         """The first heading ever is alignment, not correction: there was none to correct."""
@@ -303,7 +311,8 @@ class Estimator:
             self._enter(Cause.REPORT)
             return
         core = begin_aiding(settings, self.snapshot, start, report)
-        if not has_heading:  # there was none to correct
+        if not has_heading or slow_share(core.sample.dt_s) > 0.0:
+            # there was none to correct, or correcting it would take many slow steps
             core = with_attitude(core, start.q_ned_frd)
         self._set_core(core)
         self._enter(Cause.BEGIN)
@@ -429,11 +438,12 @@ class Estimator:
         return "true" if known or not self._settings.conditioned else "magnetic"
 
 
-def _next(now: Context, time_us: int, reports: Reports, turning: Turning) -> Context:
+def _next(now: Context, time_us: int, dt_s: float, reports: Reports, turning: Turning) -> Context:
     """The context after a sample; ``_replace`` takes three times as long, at every sample."""
     return Context(
         phase=now.phase,
         time_us=time_us,
+        usual_s=usual_interval(now.usual_s, dt_s),
         reports=reports,
         compass=now.compass,
         whereabouts=now.whereabouts,

@@ -80,6 +80,7 @@ def rehearse(estimator: Estimator, *, aided: bool) -> None:
         gyr_bias=ZERO_VEC3,
         sample=core.sample,
         report=NO_REPORT,
+        tilt_sigma_rad=0.1,
         heading_sigma_rad=0.1,
         hard_iron_sigma_gauss=0.0,
     )

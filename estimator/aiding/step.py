@@ -13,7 +13,8 @@ from math import hypot
 
 import numpy as np
 
-from estimator.aiding.inertial import GRAVITY_NED, Prediction, predict_motion
+from estimator.aiding.inertial import GRAVITY_NED, Prediction, bend, predict_motion
+from estimator.aiding.lean import hear_report, lean_angle, watch_lean
 from estimator.aiding.sources.field import observe_heading, wait_for_field
 from estimator.aiding.sources.unaided import observe_slow_unaided, observe_unaided
 from estimator.aiding.sources.velocity import Source, observe_velocity, wait_for_report
@@ -42,12 +43,15 @@ from estimator.aiding.types import (
     FieldResidual,
     FieldState,
     LastStep,
+    Lean,
     Report,
+    Roughness,
     Scatter,
     Sigmas,
     Surroundings,
 )
 from estimator.aiding.uncertainty import heading_sigma, inclination_sigma
+from estimator.aiding.unseen import add_hole, add_unseen_turn, watch_roughness
 from estimator.compilation.compiled import inlined
 from estimator.conditioning.rate import slow_share
 from estimator.conditioning.types import FieldLook
@@ -78,12 +82,13 @@ def begin(
     gyr_bias: Vec3,
     sample: Sample,
     report: Report,
+    tilt_sigma_rad: float,
     heading_sigma_rad: float,
     hard_iron_sigma_gauss: float,
 ) -> tuple[AidingState, Array, Array]:
     """State, covariance and trail at a first velocity report, from an attitude and a bias."""
     P = np.zeros((SIZE, SIZE))
-    tilt, heading = params.begin_tilt_sigma_rad**2, heading_sigma_rad**2
+    tilt, heading = tilt_sigma_rad**2, heading_sigma_rad**2
     diagonal = np.einsum("ii->i", P)
     diagonal[TURN : TURN + 3] = (tilt, tilt, heading)
     diagonal[VELOCITY : VELOCITY + 3] = BEGIN_VELOCITY_SIGMA_M_S**2
@@ -126,16 +131,18 @@ def begin(
         ),
         agreement=Agreements(by_filter=UNHEARD, by_receiver=UNHEARD),
         sigma=Sigmas(
-            inclination_rad=params.begin_tilt_sigma_rad,
+            inclination_rad=tilt_sigma_rad,
             heading_rad=heading_sigma_rad,
         ),
+        rough=Roughness(bent=0.0, changed=0.0),
+        lean=Lean(ZERO_VEC3, report.velocity_ned_m_s, report.velocity_ned_m_s),
     )
     return state, P, new_trail(add(state.last.force_ned_m_s2, GRAVITY_NED))
 
 
 def blank_aiding(params: AidingParams) -> tuple[AidingState, Array, Array]:
     """The place of state, covariance and trail while there is no aiding."""
-    state, P, trail = begin(params, IDENTITY, ZERO_VEC3, NO_SAMPLE, NO_REPORT, 0.0, 0.0)
+    state, P, trail = begin(params, IDENTITY, ZERO_VEC3, NO_SAMPLE, NO_REPORT, 0.0, 0.0, 0.0)
     return state, np.zeros_like(P), trail
 
 
@@ -185,6 +192,24 @@ def apply_corrections(
         filter_error_m_s=add(now.filter_error_m_s, part(x, FILTER_ERROR)),
     )
     return corrected, subtract(rotate(turn, now.force_ned_m_s2), rotate(q, change))
+
+
+@inlined
+def settle(
+    estimate: AidingEstimate, now: Prediction, x: Array
+) -> tuple[AidingEstimate, Prediction]:
+    """Estimate and prediction with the corrections so far."""
+    corrected, force = apply_corrections(estimate, now, x)
+    return corrected, Prediction(
+        q_ned_frd=corrected.q_ned_frd,
+        velocity_ned_m_s=corrected.velocity_ned_m_s,
+        force_ned_m_s2=force,
+        rate_rad_s=now.rate_rad_s,
+        receiver_error_m_s=corrected.receiver_error_m_s,
+        filter_error_m_s=corrected.filter_error_m_s,
+        trail=now.trail,
+        covariance=now.covariance,
+    )
 
 
 @inlined
@@ -251,6 +276,23 @@ def take_report(
 
 
 @inlined
+def watch_turning(
+    params: AidingParams, state: AidingState, now: Prediction, sample: Sample
+) -> Roughness:
+    """What the step of a slow stream has missed goes into the covariance, in place."""
+    last, dt, between = state.last, sample.dt_s, sample.between
+    change = subtract(sample.gyr_rad_s, last.gyr_rad_s)
+    bent = bend(sample.gyr_rad_s, last.gyr_rad_s, last.gyr_before_rad_s, dt, last.dt_s)
+    seen_s = dt
+    if between.given:
+        change = bent = between.change_rad_s
+        seen_s = between.step_s
+    add_unseen_turn(params, now.covariance, state.rough, bent, dt, seen_s)
+    add_hole(now.covariance, dt)
+    return watch_roughness(state.rough, bent, change, dt)
+
+
+@inlined
 def aid(
     params: AidingParams,
     state: AidingState,
@@ -272,9 +314,18 @@ def aid(
         by_filter=wait_for_report(state.agreement.by_filter, dt),
         by_receiver=wait_for_report(state.agreement.by_receiver, dt),
     )
+    rough, lean = state.rough, state.lean
     slow = slow_share(dt)
     if slow > 0.0:
-        observe_slow_unaided(now, others.gravity_b, others.gravity_sigma_rad, x, slow, dt)
+        rough = watch_turning(params, state, now, sample)
+        wait_s = min(agreement.by_filter.wait_s, agreement.by_receiver.wait_s)
+        is_silent = not report.given and wait_s > params.silence_s + dt
+        sigma_rad = others.gravity_sigma_rad
+        lean_rad = lean_angle(lean, is_silent)
+        observe_slow_unaided(now, others.gravity_b, sigma_rad, lean_rad, x, slow, dt)
+        # large turns do not add up, so this one is made before the next is looked for
+        before, now = settle(before, now, x)
+        x = np.zeros(SIZE)
     if report.given:
         agreement = take_report(params, agreement, before, now, dt, report, others.gravity_b, x)
     elif min(agreement.by_filter.wait_s, agreement.by_receiver.wait_s) > params.silence_s:
@@ -291,7 +342,19 @@ def aid(
         dt_s=dt,
     )
     sigma = sigmas(params, now.covariance, estimate, last, field, agreement)
-    state = AidingState(estimate=estimate, last=last, field=field, agreement=agreement, sigma=sigma)
+    if slow > 0.0:
+        lean = watch_lean(lean, force, dt)
+    if report.given:
+        lean = hear_report(lean, report.velocity_ned_m_s)
+    state = AidingState(
+        estimate=estimate,
+        last=last,
+        field=field,
+        agreement=agreement,
+        sigma=sigma,
+        rough=rough,
+        lean=lean,
+    )
     return state, now.covariance, now.trail
 
 
@@ -327,6 +390,12 @@ def take_late_report(
         dt_s=last.dt_s,
     )
     state = AidingState(
-        estimate=estimate, last=last, field=state.field, agreement=agreement, sigma=state.sigma
+        estimate=estimate,
+        last=last,
+        field=state.field,
+        agreement=agreement,
+        sigma=state.sigma,
+        rough=state.rough,
+        lean=hear_report(state.lean, report.velocity_ned_m_s),
     )
     return state, now.covariance

@@ -45,6 +45,9 @@ class AidingParams(NamedTuple):
     acc_noise: Noise = 0.02  # m/s^2/sqrt(Hz); vibration; small: stiff, large: slow
     # Share of how far a reading lies off the line through the two before that integration misses.
     integration_noise: Noise = 0.1  # small: believes 4 Hz samples, large: distrusts them
+    # Likewise of a slow stream's readings that are as good as independent; small: the gyroscope
+    # counts between them, large: the unaided vertical does.
+    unseen_turn_noise: Noise = 0.3  # of readings a second apart without a line through them
     gyr_bias_walk: Noise = 3e-4  # rad/s/sqrt(s); samples truncated to mrad/s wander, too
     acc_bias_walk: Noise = 5e-4  # m/s^2/sqrt(s)
     gyr_bias_sigma: Rate = 0.01  # rad/s, at the beginning
@@ -200,6 +203,21 @@ class Sigmas(NamedTuple):
     heading_rad: float  # of the error about down
 
 
+class Roughness(NamedTuple):
+    """Mean squares over the gyroscope's latest readings, (rad/s)^2."""
+
+    bent: float  # of how far each lies off the line through the two before
+    changed: float  # of the differences of two
+
+
+class Lean(NamedTuple):
+    """How the vehicle has accelerated over the last seconds, by two witnesses; NED."""
+
+    felt_m_s2: Vec3  # mean acceleration by the IMU, seen through the attitude
+    reported_m_s: Vec3  # mean of the reported velocities
+    latest_m_s: Vec3  # the last report
+
+
 class AidingState(NamedTuple):
     """Everything that changes but the errors' covariance, which the kernels take as an array."""
 
@@ -208,6 +226,8 @@ class AidingState(NamedTuple):
     field: FieldState  # how the magnetometer agrees
     agreement: Agreements  # how the velocity reports agree
     sigma: Sigmas  # as published
+    rough: Roughness  # the gyroscope's readings
+    lean: Lean  # what deceives the unaided vertical
 
 
 class North(NamedTuple):

@@ -52,6 +52,7 @@ def begin_aiding(settings: Settings, now: Snapshot, start: Start, report: Report
         core.seen.bias_rad_s,
         core.sample,
         report,
+        max(aiding.begin_tilt_sigma_rad, core.seen.sigma_inclination_rad),
         start.sigma_heading_rad,
         aiding.hard_iron_sigma_gauss if is_calibrated else aiding.uncalibrated_sigma_gauss,
     )

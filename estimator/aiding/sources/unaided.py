@@ -11,11 +11,9 @@ from estimator.compilation.compiled import inlined
 from estimator.geometry.quaternion import rotate
 from estimator.types import Vec3
 
-# Of slow streams the unaided gravity's error lasts for so long (s), and may be that many sigmas.
+# Of slow streams the unaided gravity's own error lasts for so long (s), an acceleration's for that.
 SLOW_UNAIDED_TAU_S = 1.0
-UNAIDED_DOUBT = 1.5
-# An attitude this uncertain is one that velocity has not found, or has lost.
-UNKNOWN_TILT_RAD = 0.1
+LEAN_LASTS_S = 3.0
 
 
 @inlined
@@ -39,21 +37,26 @@ def observe_unaided(
 
 @inlined
 def observe_slow_unaided(
-    now: Prediction, gravity_b: Vec3, sigma_rad: float, x: Array, slow: float, dt: float
+    now: Prediction,
+    gravity_b: Vec3,
+    sigma_rad: float,
+    lean_rad: float,
+    x: Array,
+    slow: float,
+    dt: float,
 ) -> None:
     """The same at every step of a slow stream: it holds an attitude that velocity has lost.
 
-    The better velocity knows the attitude, the less this counts: a lasting acceleration
-    deceives it. The lean counts as a whole turn, so an attitude that is upside down is not
-    taken for a level one.
+    A lasting acceleration deceives it: by ``lean_rad``, so that in a banked turn it hardly
+    counts. Its distance counts as a whole turn, so an attitude that is upside down is not taken
+    for a level one.
     """
     P = now.covariance
     d = rotate(now.q_ned_frd, gravity_b)
-    lean = hypot(d[0], d[1])
-    turn = atan2(lean, d[2]) / lean if lean > 0.0 else 1.0
-    known = 0.5 * (P[TURN, TURN] + P[TURN + 1, TURN + 1])
-    noise = (UNAIDED_DOUBT * sigma_rad) ** 2 * max(1.0, SLOW_UNAIDED_TAU_S / dt) / slow
-    noise *= 1.0 + (UNKNOWN_TILT_RAD**2 / known) ** 2
+    level = hypot(d[0], d[1])
+    turn = atan2(level, d[2]) / level if level > 0.0 else 1.0
+    noise = sigma_rad**2 * max(1.0, SLOW_UNAIDED_TAU_S / dt)
+    noise = (noise + lean_rad**2 * max(1.0, LEAN_LASTS_S / dt)) / slow
     h = np.zeros(SIZE)
     h[TURN + 1] = 1.0
     learn(P, x, h, -turn * d[0], noise)

@@ -1,0 +1,47 @@
+"""How far a lasting acceleration may have drawn the unaided stage's vertical.
+
+That vertical is a mean of the specific force over seconds, so it leans by the mean acceleration
+over gravity. The acceleration shows twice: felt by the IMU, seen through the aided attitude,
+and in how the reported velocity changes. A wrong attitude feels an acceleration that no report
+shows, and a receiver beside walls reports one that nothing feels. So the lesser of the two counts.
+"""
+
+from math import hypot
+
+from estimator.aiding.inertial import GRAVITY_NED
+from estimator.aiding.types import Lean
+from estimator.compilation.compiled import inlined
+from estimator.geometry.quaternion import add, scale, subtract
+from estimator.types import STANDARD_GRAVITY_M_S2, Vec3
+
+# For so long (s) the unaided stage averages.
+LEAN_TAU_S = 2.5
+
+
+@inlined
+def watch_lean(lean: Lean, force_ned_m_s2: Vec3, dt: float) -> Lean:
+    """With one more sample."""
+    share = dt / (LEAN_TAU_S + dt)
+    felt = subtract(add(force_ned_m_s2, GRAVITY_NED), lean.felt_m_s2)
+    ahead = subtract(lean.latest_m_s, lean.reported_m_s)
+    return Lean(
+        felt_m_s2=add(lean.felt_m_s2, scale(share, felt)),
+        reported_m_s=add(lean.reported_m_s, scale(share, ahead)),
+        latest_m_s=lean.latest_m_s,
+    )
+
+
+@inlined
+def hear_report(lean: Lean, velocity_ned_m_s: Vec3) -> Lean:
+    """With one more report."""
+    return Lean(lean.felt_m_s2, lean.reported_m_s, velocity_ned_m_s)
+
+
+@inlined
+def lean_angle(lean: Lean, is_silent: bool) -> float:
+    """The lean, rad; without reports by what is felt alone."""
+    felt, gained = lean.felt_m_s2, subtract(lean.latest_m_s, lean.reported_m_s)
+    push = hypot(felt[0], felt[1])
+    if not is_silent:
+        push = min(push, hypot(gained[0], gained[1]) / LEAN_TAU_S)
+    return push / STANDARD_GRAVITY_M_S2

@@ -1,0 +1,72 @@
+"""What a slow stream's gyroscope hides between two samples, by how rough its readings are.
+
+Readings that lie on a line are those of a motion that the samples show, and what integration
+misses of it is a small share of how far they lie off the line. Readings as good as independent of
+one another, of a vehicle that shakes or is shaken faster than it is sampled, show hardly anything
+of the turning between them. The two are told apart by the mean squares of second and first
+differences: of independent readings the former is three times the latter, of a smooth motion
+much less.
+"""
+
+from estimator.aiding.types import TURN, VELOCITY, AidingParams, Array, Roughness
+from estimator.compilation.compiled import inlined
+from estimator.conditioning.rate import slow_share
+from estimator.conditioning.tilt import HOLE_RAD_S, HOLE_S
+from estimator.geometry.quaternion import dot
+from estimator.types import Vec3
+
+# For so long (s) readings count.
+MEMORY_TAU_S = 3.0
+# Their part beside the latest one's: one even pair may be chance.
+MEMORY = 0.8
+# The step (s) at which half of what can be missed is missed.
+HALF_MISSED_S = 0.12
+# Second differences' mean square over the first ones', of independent readings.
+INDEPENDENT = 3.0
+# A smooth motion's readings have half of that and more at turns; the power leaves them out.
+SHARPNESS = 3
+LEAST_SQUARE = 1e-9  # (rad/s)^2
+# What a vehicle may gain in a hole beyond what the readings at its ends say, m/s^2.
+HOLE_M_S2 = 3.0
+
+
+@inlined
+def add_unseen_turn(
+    params: AidingParams, P: Array, rough: Roughness, bent: Vec3, dt: float, seen_s: float
+) -> None:
+    """Variance of the turn that a step has missed, in place; ``bent``: off the line, rad/s.
+
+    The mean of two independent instants is off the mean over the step by 0.29 of the second
+    difference, about all axes alike. Of the turning something is seen every ``seen_s``.
+    """
+    slow = slow_share(seen_s)
+    if slow <= 0.0:
+        return
+    share = params.unseen_turn_noise * seen_s / (seen_s + HALF_MISSED_S)
+    now = dot(bent, bent)
+    square = max(now, (1.0 - MEMORY) * now + MEMORY * rough.bent)
+    likeness = min(1.0, rough.bent / (INDEPENDENT * rough.changed + LEAST_SQUARE))
+    variance = slow * share * share * likeness**SHARPNESS * square * dt * seen_s / 3.0
+    for i in range(TURN, TURN + 3):
+        P[i, i] += variance
+
+
+@inlined
+def add_hole(P: Array, dt: float) -> None:
+    """Likewise of a hole: in it a vehicle may have turned and gained speed anyhow, in place."""
+    hole_s = dt - HOLE_S
+    if hole_s <= 0.0:
+        return
+    for i in range(3):
+        P[TURN + i, TURN + i] += (HOLE_RAD_S * hole_s) ** 2
+        P[VELOCITY + i, VELOCITY + i] += (HOLE_M_S2 * hole_s) ** 2
+
+
+@inlined
+def watch_roughness(rough: Roughness, bent: Vec3, change: Vec3, dt: float) -> Roughness:
+    """With one more reading."""
+    share = dt / (MEMORY_TAU_S + dt)
+    return Roughness(
+        bent=rough.bent + share * (dot(bent, bent) - rough.bent),
+        changed=rough.changed + share * (dot(change, change) - rough.changed),
+    )
