@@ -1,16 +1,18 @@
 """The live view of attitudes: a table on a terminal, plain lines elsewhere."""
 
+import os
 import threading
 import time
 from collections.abc import Callable, Sequence
 from contextlib import suppress
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 from rich.console import Console, Group, RenderableType
 from rich.table import Table
 from rich.text import Text
 
 from fuzzbee.say import printable
+from service.alarms import MEANINGS, Alarm
 from service.health import State
 from service.records import AttitudeRecord, Message, Output, Published, StatusRecord, vehicle_name
 
@@ -21,11 +23,22 @@ REFRESH_HZ = 8
 LINE_PERIOD_S = 1.0
 MAX_LINES = 8  # more vehicles than this share one line
 SILENT_AFTER_S = 3.0  # a status comes every second
+MOST_WARNINGS = 3  # lines below the table
 FRAME_LINES = 4  # title and header above the rows, summary and cursor below them
 BLOCK_GAP = 3
 # Columns as wide as their values can be, so that nothing moves about
-WIDTHS = {"state": 8, "roll": 7, "pitch": 6, "heading": 8, "error": 6, "gain": 5, "age": 6}
-RATE_WIDTH = 5
+WIDTHS = {
+    "state": 9,
+    "roll": 7,
+    "pitch": 6,
+    "tilt ±": 6,
+    "heading": 8,
+    "head ±": 6,
+    "gain": 5,
+    "age": 6,
+}
+RATE_WIDTH = 6
+IMU_WIDTH = 11  # HIGHRES_IMU
 NAME_WIDTH = 3  # a system id; with a component the name is longer
 
 COLOURS = {
@@ -62,16 +75,16 @@ class Layout(NamedTuple):
     """How much of a vehicle is shown, where a line has at least ``width`` columns."""
 
     width: int
-    error: bool = False
+    sigma: bool = True
     rates: bool = True  # gain and IMU rate
     bar: bool = False  # with the name of the IMU message
     gap: int = 1
 
 
-WIDE = Layout(96, error=True, bar=True, gap=2)
-NORMAL = Layout(74, error=True, gap=2)
-COMPACT = Layout(56)
-NARROW = Layout(0, rates=False)
+WIDE = Layout(105, bar=True, gap=2)
+NORMAL = Layout(72)
+COMPACT = Layout(58, rates=False)
+NARROW = Layout(0, sigma=False, rates=False)
 
 
 EMPTY = Row(name="", attitude=None, status=None, attitude_s=0.0, heard_s=0.0)
@@ -103,7 +116,14 @@ class Board:
 
 
 class PersonConsole(Console):
-    """Output for a person. If nobody reads it any more, everything else goes on."""
+    """Output for a person. If nobody reads it any more, everything else goes on.
+
+    ``NO_COLOR`` in the environment means no style at all: bold is drawn as a colour by many.
+    """
+
+    def __init__(self, *, stderr: bool = False) -> None:
+        colours: Any = {"color_system": None} if os.environ.get("NO_COLOR") else {}
+        super().__init__(stderr=stderr, **colours)
 
     def on_broken_pipe(self) -> None:
         """Print no more; rich would close standard output, even if another broke, and exit."""
@@ -127,6 +147,10 @@ class TerminalView:
         now_s: Callable[[], float] = time.monotonic,
     ) -> None:
         self.board = Board()
+        self.order = BY_NAME
+        self.one: str | None = None  # the vehicle that is shown alone
+        self.cursor: str | None = None  # the vehicle that Enter shows alone
+        self.keys = ""  # what the keys do, if there are any
         self._console = console
         self._messages = messages
         self._title = title
@@ -182,15 +206,38 @@ class TerminalView:
 
     def _table(self) -> RenderableType:
         size = self._console.size
-        return table(self.board.rows(), self._now_s(), size.width, size.height, self._title)
+        rows = self.rows()
+        if self.one is not None:
+            rows = [row for row in rows if row.name == self.one]
+        look = Look(self._title, self.keys, self.cursor)
+        return table(rows, self._now_s(), size.width, size.height, look)
+
+    @property
+    def is_live(self) -> bool:
+        """Whether a table is redrawn in place."""
+        return self._live is not None
+
+    def rows(self) -> list[Row]:
+        """All rows in the order chosen."""
+        rows = self.board.rows()
+        return rows if self.order == BY_NAME else sorted(rows, key=ORDERS[self.order])
 
 
-def table(rows: list[Row], now_s: float, width: int, height: int, title: str) -> RenderableType:
+class Look(NamedTuple):
+    """What stands around the rows: a title, what keys do, and which row they are about."""
+
+    title: str
+    keys: str = ""
+    cursor: str | None = None
+
+
+def table(rows: list[Row], now_s: float, width: int, height: int, look: Look) -> RenderableType:
     """The rows that fit into ``height`` lines, those that need attention first if not all do.
 
     Where one column of rows is not enough, several stand side by side.
     """
-    room = max(1, height - FRAME_LINES)
+    warned = _warnings(rows, MOST_WARNINGS)
+    room = max(1, height - FRAME_LINES - len(warned) - bool(look.keys))
     width -= max([0, *(len(row.name) - NAME_WIDTH for row in rows)])
     most = (width + BLOCK_GAP) // (COMPACT.width + BLOCK_GAP)
     across = min(most, -(-len(rows) // room))
@@ -199,45 +246,77 @@ def table(rows: list[Row], now_s: float, width: int, height: int, title: str) ->
     else:
         across = 1
         layout = next(fits for fits in (WIDE, NORMAL, COMPACT, NARROW) if fits.width <= width)
-    shown = rows if len(rows) <= room * across else sorted(rows, key=_attention)[: room * across]
+    shown = rows
+    if len(rows) > room * across:
+        chosen = {row.name for row in sorted(rows, key=_attention)[: room * across]}
+        shown = [row for row in rows if row.name in chosen]  # in their order: nothing jumps
     each = max(1, -(-len(shown) // across))
     blocks = Table.grid(padding=(0, BLOCK_GAP, 0, 0))
-    blocks.add_row(*(_block(shown[n : n + each], now_s, layout) for n in _starts(shown, each)))
-    parts: list[RenderableType] = [Text(title, style="bold", no_wrap=True), blocks]
+    blocks.add_row(
+        *(_block(shown[n : n + each], now_s, layout, look.cursor) for n in _starts(shown, each))
+    )
+    parts: list[RenderableType] = [Text(look.title, style="bold", no_wrap=True), blocks]
     if not rows:
         parts.append(Text("waiting for a vehicle", style="dim italic"))
     if len(shown) < len(rows):
         names = {row.name for row in shown}
         hidden = [row for row in rows if row.name not in names]
         parts.append(Text(f"… {summary(hidden, 'more')}", style="dim italic"))
+    if look.keys:
+        parts.append(Text(look.keys, style="dim", no_wrap=True))
+    parts += [Text(text, style="yellow", no_wrap=True, overflow="ellipsis") for text in warned]
     return Group(*parts)
+
+
+def _warnings(rows: list[Row], most: int) -> list[str]:
+    """Lines on what contradicts an attitude; the last one counts those that have no room."""
+    texts = [
+        f"! vehicle {row.name}: {meaning(word)}"
+        for row in rows
+        if row.status is not None
+        for word in row.status.warnings
+    ]
+    if len(texts) <= most:
+        return texts
+    return [*texts[: most - 1], f"! and {len(texts) - most + 1} more warnings"]
+
+
+def meaning(word: str) -> str:
+    """What a warning says; the word itself if it is of another version."""
+    try:
+        return MEANINGS[Alarm(word)]
+    except ValueError:
+        return printable(word, 40)
 
 
 def _starts(shown: list[Row], each: int) -> range:
     return range(0, max(1, len(shown)), each)
 
 
-def _block(rows: list[Row], now_s: float, layout: Layout) -> Table:
+def _block(rows: list[Row], now_s: float, layout: Layout, cursor: str | None) -> Table:
     view = Table(box=None, header_style="bold", padding=(0, layout.gap, 0, 0), pad_edge=False)
-    view.add_column("vehicle" if layout.error else "id", no_wrap=True)
+    view.add_column("vehicle" if layout.bar else "id", no_wrap=True, min_width=NAME_WIDTH)
     view.add_column("state", no_wrap=True, min_width=WIDTHS["state"])
     for name in _measures(layout):
         view.add_column(name, justify="right", no_wrap=True, min_width=WIDTHS[name])
     if layout.bar:
         view.add_column("", no_wrap=True, min_width=BAR_WIDTH)
-        view.add_column("IMU", no_wrap=True)
+        view.add_column("IMU", no_wrap=True, min_width=IMU_WIDTH)
     if layout.rates:
-        rate = "IMU Hz" if layout.error else "Hz"
-        view.add_column(rate, justify="right", no_wrap=True, min_width=RATE_WIDTH)
+        view.add_column("IMU Hz", justify="right", no_wrap=True, min_width=RATE_WIDTH)
     view.add_column("age", justify="right", no_wrap=True, min_width=WIDTHS["age"])
     for row in rows:
-        view.add_row(*_cells(row, now_s, layout))
+        view.add_row(*_cells(row, now_s, layout), style="reverse" if row.name == cursor else None)
     return view
 
 
 def _measures(layout: Layout) -> list[str]:
-    names = ["roll", "pitch", "heading"]
-    return names + ["error"] * layout.error + ["gain"] * layout.rates
+    names = [name for name in WIDTHS if name not in ("state", "age")]
+    return [
+        name
+        for name in names
+        if (layout.sigma or "±" not in name) and (layout.rates or name != "gain")
+    ]
 
 
 def lines(rows: list[Row], now_s: float) -> list[str]:
@@ -255,7 +334,17 @@ def summary(rows: list[Row], noun: str) -> str:
 
 
 def _attention(row: Row) -> int:
-    return ATTENTION.index(row.state)
+    is_warned = row.status is not None and bool(row.status.warnings)
+    return 2 * ATTENTION.index(row.state) - is_warned
+
+
+def _doubt(row: Row) -> float:
+    sigma = None if row.attitude is None else row.attitude.sigma_deg
+    return 0.0 if sigma is None else -max(sigma.inclination, sigma.heading)
+
+
+BY_NAME = "name"
+ORDERS: dict[str, Callable[[Row], float]] = {"attention": _attention, "sigma": _doubt}
 
 
 def _line(row: Row, now_s: float) -> str:
@@ -264,17 +353,24 @@ def _line(row: Row, now_s: float) -> str:
     if attitude is None:
         return start
     roll, pitch, yaw = attitude.euler_deg
+    sigma = attitude.sigma_deg
     return (
-        f"{start} roll {roll:+7.1f}  pitch {pitch:+6.1f}  heading {_heading(attitude, yaw)}"
-        f"  error {attitude.error:.4f}  K {attitude.gain:5.1f}  {_rate(row):>6} Hz"
-        f"  age {_age_text(row, now_s)}"
+        f"{start} roll {roll:+7.1f}  pitch {pitch:+6.1f} {_sigma(sigma.inclination):<6}"
+        f"  heading {_heading(attitude, yaw)} {_sigma(sigma.heading):<6}"
+        f"  K {attitude.gain:5.1f}  {_rate(row):>6} Hz  age {_age_text(row, now_s)}{_words(row)}"
     )
+
+
+def _words(row: Row) -> str:
+    """The warnings, for the end of a line."""
+    words = () if row.status is None else row.status.warnings
+    return "".join(f"  ! {printable(word, 40)}" for word in words)
 
 
 def _cells(row: Row, now_s: float, layout: Layout) -> list[str | Text]:
     cells: list[str | Text] = [
         Text(row.name),
-        Text(_state_text(row, now_s), style=COLOURS[row.state]),
+        _state_cell(row, now_s),
     ]
     attitude = _current_attitude(row, now_s)
     cells += _attitude_cells(attitude, layout) if attitude else [""] * len(_measures(layout))
@@ -288,17 +384,17 @@ def _cells(row: Row, now_s: float, layout: Layout) -> list[str | Text]:
 
 def _attitude_cells(attitude: AttitudeRecord, layout: Layout) -> list[str | Text]:
     roll, pitch, yaw = attitude.euler_deg
-    arrow = ARROWS[round(yaw / 45.0) % 8] if attitude.heading_reference != "none" else " "
-    cells: list[str | Text] = [
-        f"{roll:+.1f}°",
-        f"{pitch:+.1f}°",
-        f"{_heading(attitude, yaw)}° {arrow}",
-    ]
-    if layout.error:
-        cells.append(f"{attitude.error:.4f}")
-    if layout.rates:
-        cells.append(f"{attitude.gain:.1f}")
-    return cells
+    arrow = f" {ARROWS[round(yaw / 45.0) % 8]}" if attitude.heading_reference != "none" else ""
+    sigma = attitude.sigma_deg
+    measures = {
+        "roll": f"{roll:+.1f}°",
+        "pitch": f"{pitch:+.1f}°",
+        "tilt ±": _sigma(sigma.inclination),
+        "heading": f"{_heading(attitude, yaw)}°{arrow}".rjust(WIDTHS["heading"]),
+        "head ±": _sigma(sigma.heading),
+        "gain": f"{attitude.gain:.1f}",
+    }
+    return [measures[name] for name in _measures(layout)]
 
 
 def _current_attitude(row: Row, now_s: float) -> AttitudeRecord | None:
@@ -314,6 +410,19 @@ def _is_silent(row: Row, now_s: float) -> bool:
 
 def _state_text(row: Row, now_s: float) -> str:
     return "silent" if _is_silent(row, now_s) else row.state.value
+
+
+def _state_cell(row: Row, now_s: float) -> Text:
+    """The state; with a mark and in the colour of doubt where something contradicts it."""
+    is_doubtful = row.status is not None and row.status.warnings and not _is_silent(row, now_s)
+    if is_doubtful:
+        return Text(f"{_state_text(row, now_s)}!", style="bold yellow")
+    return Text(_state_text(row, now_s), style=COLOURS[row.state])
+
+
+def _sigma(sigma_deg: float) -> str:
+    """The bound that 68 % of the errors lie under."""
+    return f"±{sigma_deg:.1f}°" if sigma_deg < 99.95 else f"±{sigma_deg:.0f}°"
 
 
 def _heading(attitude: AttitudeRecord, yaw_deg: float) -> str:

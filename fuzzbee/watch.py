@@ -4,6 +4,7 @@ import os
 import sys
 import time
 from collections import deque
+from contextlib import nullcontext
 from threading import Condition, Event
 from typing import TYPE_CHECKING, Annotated
 
@@ -17,6 +18,7 @@ from fuzzbee.say import say
 if TYPE_CHECKING:
     import zenoh
 
+    from fuzzbee.keys import Keys
     from service.zenoh_session import ZenohOptions
 
 EPILOG = """Examples:
@@ -33,6 +35,8 @@ WAIT_S = 0.1
 MAX_PENDING = 10_000
 MOST_BYTES = 100_000
 
+KEYS = "q quit   s sort by {order}   ↑ ↓ Enter one vehicle"
+KEYS_OF_ONE = "q quit   Esc all vehicles   ↑ ↓ the next one"
 FAILED = 1
 
 
@@ -53,7 +57,10 @@ def watch(
     prefix: zenoh_options.Prefix = "fuzzbee",
     verbose: Verbose = False,  # noqa: ARG001 - read by the command line itself
 ) -> int:
-    """Show the attitudes that a running service publishes."""
+    """Show the attitudes that a running service publishes.
+
+    On a terminal q quits, s sorts, the arrows choose a vehicle and Enter shows it alone.
+    """
     require_positive("--seconds", seconds)
     if count is not None and count < 1:
         raise InputError(f"--count {count}: should be at least 1")
@@ -101,6 +108,7 @@ def follow(
     Raises:
         InputError: a Zenoh option that cannot be used.
     """
+    from fuzzbee.keys import terminal_keys
     from service.signals import stop_on_signals
     from service.zenoh_session import open_session
 
@@ -111,10 +119,13 @@ def follow(
         if not as_json:
             session.declare_subscriber(f"{options.prefix}/*/status", inbox.put)
         display = JsonLines() if as_json else Table(options.prefix)
-        try:
-            seen = _loop(inbox, stop, display, options, count, seconds)
-        finally:
-            display.close()
+        with nullcontext() if as_json else terminal_keys() as keys:
+            try:
+                seen = _loop(inbox, stop, display, options, count, seconds, keys)
+            finally:
+                display.close()
+    if display.closed:
+        return 0
     if stop.is_set():
         return 0
     return 0 if seen >= (count or 1) else FAILED
@@ -127,6 +138,7 @@ def _loop(
     options: "ZenohOptions",
     count: int | None,
     seconds: float | None,
+    keys: "Keys | None",
 ) -> int:
     """Show what comes until the end; returns the number of attitudes."""
     started_s = time.monotonic()
@@ -138,6 +150,8 @@ def _loop(
             if count is not None and seen >= count:
                 break
             seen += display.show(key, payload)
+        if keys is not None:
+            display.press(keys.pressed())
         display.refresh()
         now_s = time.monotonic()
         if (count is not None and seen >= count) or display.closed:
@@ -148,6 +162,11 @@ def _loop(
             hint_s = None
             display.say(_hint(options))
     return seen
+
+
+def _after(current: str | None, names: list[str]) -> str:
+    """The name after the current one, in a ring; the first if there is none."""
+    return names[(names.index(current) + 1) % len(names)] if current in names else names[0]
 
 
 def _hint(options: "ZenohOptions") -> str:
@@ -187,6 +206,9 @@ class JsonLines:
         """One line for a person."""
         say(text)
 
+    def press(self, keys: list[str]) -> None:
+        """Do nothing: there are none."""
+
     def refresh(self) -> None:
         """Do nothing: each line is printed at once."""
 
@@ -206,8 +228,9 @@ class Table:
 
     def __init__(self, prefix: str) -> None:
         from fuzzbee.reception import Reception
-        from fuzzbee.terminal import PersonConsole, TerminalView
+        from fuzzbee.terminal import BY_NAME, ORDERS, PersonConsole, TerminalView
 
+        self._orders = [BY_NAME, *ORDERS]
         title = f"fuzzbee watch {prefix}/*"
         self._view = TerminalView(PersonConsole(), PersonConsole(stderr=True), title)
         self._reception = Reception(self.say)
@@ -224,6 +247,33 @@ class Table:
     def say(self, text: str) -> None:
         """One line for a person."""
         self._view.say(text)
+
+    def press(self, keys: list[str]) -> None:
+        """Quit, sort, choose a vehicle, show it alone or all again."""
+        view = self._view
+        for key in keys:
+            names = [row.name for row in view.rows()]
+            match key:
+                case "q":
+                    self.closed = True
+                case "s":
+                    view.order = _after(view.order, self._orders)
+                case "up" | "k" if names:
+                    self._choose(_after(view.cursor, names[::-1]))
+                case "down" | "j" if names:
+                    self._choose(_after(view.cursor, names))
+                case "enter" if names:
+                    view.one = view.cursor = view.cursor or names[0]
+                case "escape" | "a":
+                    view.one = view.cursor = None
+        if view.is_live:
+            following = _after(view.order, self._orders)
+            view.keys = KEYS.format(order=following) if view.one is None else KEYS_OF_ONE
+
+    def _choose(self, name: str) -> None:
+        self._view.cursor = name
+        if self._view.one is not None:
+            self._view.one = name
 
     def refresh(self) -> None:
         """Print the lines that are due."""

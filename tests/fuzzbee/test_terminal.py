@@ -1,10 +1,11 @@
 import io
 
+import msgspec
 import pytest
 from rich.console import Console
 
 from drivers.events import VehicleId
-from fuzzbee.terminal import Board, Row, TerminalView, lines, summary, table
+from fuzzbee.terminal import Board, Look, PersonConsole, Row, TerminalView, lines, summary, table
 from service.records import AttitudeRecord, Confidence, Message, Published, Sigma, StatusRecord
 
 STATUS = StatusRecord("running", "RAW_IMU", 100.0, 0.01, {}, 0, 0, 0)
@@ -23,7 +24,7 @@ def row(name="1", state="running", heard_s=10.0, **kwargs):
 
 def drawn(rows, width, height, now_s=10.0):
     console = Console(file=io.StringIO(), width=width, height=height, force_terminal=False)
-    console.print(table(rows, now_s, width, height, "title"))
+    console.print(table(rows, now_s, width, height, Look("title")))
     return console.file.getvalue()
 
 
@@ -31,18 +32,29 @@ def drawn(rows, width, height, now_s=10.0):
 def test_a_vehicle_fits_a_line_and_nothing_is_cut(width):
     text = drawn([row("255-190", "degraded", gain=101.0)], width, 24)
     assert "…" not in text
-    for part in ("255-190", "degraded", "-12.3°", "+5.0°", "000.0° ↑", "0.0123", "101.0", "4 ms"):
+    for part in (
+        "255-190",
+        "degraded",
+        "-12.3°",
+        "+5.0°",
+        "000.0° ↑",
+        "±1.0°",
+        "±2.0°",
+        "101.0",
+        "4 ms",
+    ):
         assert part in text
     assert all(len(line.rstrip()) <= width for line in text.splitlines())
 
 
-@pytest.mark.parametrize("width", [50, 56, 63, 70])
+@pytest.mark.parametrize("width", [50, 56, 63, 70, 76])
 def test_in_a_narrow_window_columns_are_left_out_not_cut(width):
     text = drawn([row("255-190", "degraded", gain=101.0)], width, 24)
     assert "…" not in text
     for part in ("255-190", "degraded", "-12.3°", "+5.0°", "000.0° ↑", "4 ms"):
         assert part in text
-    assert ("101.0" in text) == (width >= 60)
+    assert ("101.0" in text) == (width >= 76)
+    assert ("±1.0°" in text) == (width >= 62)
 
 
 @pytest.mark.parametrize(("width", "across"), [(80, 1), (120, 2), (180, 3)])
@@ -122,3 +134,70 @@ def test_on_a_terminal_the_table_is_redrawn_in_place():
     view.close()
     assert "above the table" in out.getvalue()
     assert "running" in out.getvalue()
+
+
+def warned(name, *words):
+    return row(name)._replace(status=msgspec.structs.replace(STATUS, warnings=words))
+
+
+def test_warnings_stand_below_the_table_and_mark_the_state():
+    text = drawn([row("1"), warned("2", "bias_at_limit", "of another version")], 80, 24)
+    assert "running!" in text
+    assert text.count("running!") == 1
+    assert "! vehicle 2: the gyroscope's bias stands at its limit" in text
+    assert "! vehicle 2: of another version" in text
+    assert lines([warned("2", "bias_at_limit")], 10.0)[0].endswith("! bias_at_limit")
+    many = drawn([warned(str(n), "sigma_too_small") for n in range(1, 20)], 80, 24)
+    assert "! and 17 more warnings" in many
+    assert len(many.rstrip().splitlines()) <= 23
+
+
+def test_columns_stay_where_they_are_whatever_they_hold():
+    """Of the header's line, for every width, from nothing known to the largest numbers."""
+    empty = Row("1", None, None, 0.0, 10.0)
+    large = row("1", "degraded", reference="none", gain=101.0)
+    status = msgspec.structs.replace(STATUS, imu_message="HIGHRES_IMU", imu_rate_hz=1000.0)
+    record = msgspec.structs.replace(large.attitude, sigma_deg=Sigma(180.0, 180.0))
+    large = large._replace(status=status, attitude=record)
+    for width in (50, 60, 80, 120):
+        heads = {drawn([each], width, 24).splitlines()[1] for each in (empty, row("1"), large)}
+        assert len(heads) == 1, width
+
+
+def test_where_not_all_fit_they_keep_their_order():
+    rows = [row(str(n), "lost" if n in (7, 30) else "running") for n in range(1, 51)]
+    shown = drawn(rows, 80, 12).splitlines()[2:-1]
+    names = [int(line.split()[0]) for line in shown if line[0].isdigit()]
+    assert names == sorted(names)
+    assert {7, 30} <= set(names)
+
+
+def test_no_color_means_no_style_at_all(monkeypatch):
+    monkeypatch.setenv("TERM", "xterm-256color")
+    monkeypatch.setenv("FORCE_COLOR", "1")
+    assert PersonConsole().color_system is not None
+    monkeypatch.setenv("NO_COLOR", "1")
+    assert PersonConsole().color_system is None
+
+
+def test_keys_sort_choose_and_quit():
+    from fuzzbee.watch import Table
+
+    display = Table("fuzzbee")
+    view = display._view
+    for name, state in (("1", "running"), ("2", "degraded"), ("3", "running")):
+        view.board.update(name, attitude(state), 10.0)
+    assert [r.name for r in view.rows()] == ["1", "2", "3"]
+    display.press(["s"])
+    assert [r.name for r in view.rows()] == ["2", "1", "3"]
+    display.press(["s", "s"])
+    assert [r.name for r in view.rows()] == ["1", "2", "3"]
+    display.press(["down", "down", "enter"])
+    assert view.one == "2"
+    display.press(["down"])
+    assert view.one == "3"
+    display.press(["escape"])
+    assert view.one is None
+    assert not display.closed
+    display.press(["x", "q"])
+    assert display.closed
