@@ -170,7 +170,7 @@ def _exports(
     """
     from functools import partial
 
-    from fuzzbee.replays import exports
+    from fuzzbee.replays import exports, mcap_file
     from fuzzbee.replays import plot as replay_plot
 
     chosen: list[Export] = []
@@ -180,8 +180,8 @@ def _exports(
     if csv is not None:
         chosen.append(partial(exports.write_csv, csv))
     if mcap is not None:
-        exports.require_mcap(mcap)
-        chosen.append(partial(exports.write_mcap, mcap))
+        mcap_file.require_mcap(mcap)
+        chosen.append(partial(mcap_file.write_mcap, mcap))
     if plot is not None:
         replay_plot.require_plot(plot)
         title = Path(sources[0]).name

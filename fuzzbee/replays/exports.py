@@ -1,28 +1,29 @@
-"""Every sample of a replay in a file: CSV for spreadsheets, MCAP for viewers.
+"""Every sample of a replay as a row of a table: CSV for spreadsheets.
 
-Times are on the vehicle's continuous clock, t = 0 at the first IMU sample. Nothing
-depends on the computer's own clock, so a log replayed twice gives the same bytes.
+``time_s`` is on the vehicle's continuous clock, 0 at the first IMU sample, ``time_unix_s`` by the
+log's own stamps. Nothing depends on the computer's clock, so a log replayed twice gives the same
+bytes.
 """
 
 import csv
-import json
-from collections.abc import Iterator, Sequence
-from importlib.util import find_spec
+from collections.abc import Iterator
 from math import degrees
 from pathlib import Path
-from typing import Any
 
 from drivers.output_file import output_path
 from estimator.errors import InputError
 from estimator.geometry.frames import euler_rad
 from estimator.types import Attitude, Quaternion
 from fuzzbee.replays.comparison import Comparison
+from fuzzbee.replays.log_clock import unix_times_us
 from fuzzbee.replays.trace import VehicleTrace
 
 Value = float | str | None
 
+LARGE = 1e8  # a date in seconds, to the microsecond
+
 ATTITUDE_COLUMNS = (
-    "time_s",
+    *("time_s", "time_unix_s"),
     *("q_w", "q_x", "q_y", "q_z"),
     *("roll_deg", "pitch_deg", "yaw_deg"),
     *("rate_x_rad_s", "rate_y_rad_s", "rate_z_rad_s"),
@@ -38,7 +39,6 @@ REFERENCE_COLUMNS = (
     *("error_total_deg", "error_heading_deg", "error_inclination_deg"),
 )
 COLUMNS = ATTITUDE_COLUMNS + REFERENCE_COLUMNS
-TOPICS = (("/attitude", ATTITUDE_COLUMNS), ("/reference", ("time_s", *REFERENCE_COLUMNS)))
 
 
 def rows(trace: VehicleTrace, compared: Comparison) -> Iterator[tuple[Value, ...]]:
@@ -50,12 +50,19 @@ def rows(trace: VehicleTrace, compared: Comparison) -> Iterator[tuple[Value, ...
         compared.errors_rad.tolist(),
         strict=True,
     )
-    for attitude, (known, truth, errors) in zip(trace.attitudes, reference, strict=True):
+    unix_us = unix_times_us(trace)
+    dates: list[float | None] = [None] * len(trace.attitudes)
+    if unix_us is not None:
+        dates = (1e-6 * unix_us).tolist()
+    for attitude, date_s, (known, truth, errors) in zip(
+        trace.attitudes, dates, reference, strict=True
+    ):
         beside: tuple[Value, ...] = (None,) * len(REFERENCE_COLUMNS)
         if known:
             q = (truth[0], truth[1], truth[2], truth[3])
             beside = (*q, *_euler_deg(q), *map(degrees, errors))
-        yield (*_attitude_values(attitude, start_us), *beside)
+        time_s = 1e-6 * (attitude.time_us - start_us)
+        yield (time_s, date_s, *_attitude_values(attitude), *beside)
 
 
 def write_csv(path: Path, trace: VehicleTrace, compared: Comparison) -> None:
@@ -73,62 +80,8 @@ def write_csv(path: Path, trace: VehicleTrace, compared: Comparison) -> None:
         raise InputError(f"--csv {path}: {error.strerror}") from None
 
 
-def require_mcap(path: Path) -> None:
-    """Refuse, before the replay, what cannot be written after it.
-
-    Raises:
-        InputError: the library is missing.
-    """
-    if find_spec("mcap") is None:
-        raise InputError(f"--mcap {path}: needs mcap (the extra 'mcap')")
-
-
-def write_mcap(path: Path, trace: VehicleTrace, compared: Comparison) -> None:
-    """The topics /attitude and /reference as JSON messages with their schema.
-
-    Raises:
-        InputError: the file cannot be written.
-    """
-    try:
-        with output_path(path).open("wb") as file:
-            _write_messages(file, trace, compared)
-    except OSError as error:
-        raise InputError(f"--mcap {path}: {error.strerror}") from None
-
-
-def _write_messages(file: Any, trace: VehicleTrace, compared: Comparison) -> None:
-    from mcap.writer import CompressionType, Writer
-
-    writer = Writer(file, compression=CompressionType.NONE)
-    writer.start(profile="", library="fuzzbee")
-    channels = [_channel(writer, topic, columns) for topic, columns in TOPICS]
-    start_us = trace.attitudes[0].time_us
-    first = len(ATTITUDE_COLUMNS)
-    for number, row in enumerate(rows(trace, compared)):
-        time_ns = 1000 * (trace.attitudes[number].time_us - start_us)
-        parts = (row[:first], (row[0], *row[first:]))
-        for channel, (_, columns), values in zip(channels, TOPICS, parts, strict=True):
-            if values[-1] is None:
-                continue  # no reference at this sample
-            data = json.dumps(dict(zip(columns, values, strict=True))).encode()
-            writer.add_message(channel, time_ns, data, time_ns, number)
-    finish: Any = writer.finish  # untyped in the library
-    finish()
-
-
-def _channel(writer: Any, topic: str, columns: Sequence[str]) -> int:
-    kinds = {name: {"type": "number"} for name in columns}
-    if "heading_reference" in kinds:
-        kinds["heading_reference"] = {"type": "string"}
-    schema = json.dumps({"type": "object", "properties": kinds}).encode()
-    number = writer.register_schema(f"fuzzbee{topic.replace('/', '.')}", "jsonschema", schema)
-    channel: int = writer.register_channel(topic, "json", number)
-    return channel
-
-
-def _attitude_values(attitude: Attitude, start_us: int) -> tuple[Value, ...]:
+def _attitude_values(attitude: Attitude) -> tuple[Value, ...]:
     return (
-        1e-6 * (attitude.time_us - start_us),
         *attitude.q_ned_frd,
         *_euler_deg(attitude.q_ned_frd),
         *attitude.rate_rad_s,
@@ -152,4 +105,6 @@ def _euler_deg(q: Quaternion) -> tuple[float, float, float]:
 def _text(value: Value) -> str:
     if value is None:
         return ""
-    return value if isinstance(value, str) else f"{value:.9g}"
+    if isinstance(value, str):
+        return value
+    return f"{value:.6f}" if value > LARGE else f"{value:.9g}"

@@ -104,7 +104,8 @@ def tune(
         ),
     ] = None,
     threads: Annotated[
-        int | None, typer.Option("--threads", metavar="N", help="[default: all cores]")
+        int | None,
+        typer.Option("--threads", metavar="N", help="Processor cores to use. [default: all cores]"),
     ] = None,
     cluster: Annotated[
         str | None,

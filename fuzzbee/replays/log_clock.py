@@ -1,0 +1,26 @@
+"""When a log's samples were taken, on the clock of whoever wrote the log."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fuzzbee.replays.trace import VehicleTrace
+from service.host_clock import HostClock, observe
+
+# Stamps before September 2001 count from the vehicle's start: it knew no date.
+EARLIEST_UNIX_US = 10**15
+
+
+def unix_times_us(trace: VehicleTrace) -> NDArray[np.int64] | None:
+    """Unix time (N,) of the samples; None if the log's stamps are no dates.
+
+    A message is stamped when it arrives, now soon, now late: the vehicle's own clock is carried
+    over as in the live service. Times never go back.
+    """
+    if not trace.arrivals_us or trace.arrivals_us[0] < EARLIEST_UNIX_US:
+        return None
+    clock, found = HostClock(), np.empty(len(trace.arrivals_us), dtype=np.int64)
+    times_us = trace.times_us.tolist()
+    for k, (time_us, arrival_us) in enumerate(zip(times_us, trace.arrivals_us, strict=True)):
+        clock = observe(clock, time_us, arrival_us)
+        found[k] = round(time_us + clock.offset_us)
+    return np.maximum.accumulate(found)
