@@ -107,11 +107,13 @@ def open_outputs(
         sinks.append(_mavlink(options.send_attitude))
     if options.metrics_port is not None:
         sinks.append(_metrics(options.metrics_port))
-    viewer = open_viewer(options.view, options.rrd, profile)
+    viewer = open_viewer(options.view, options.rrd, profile, live=True)
     return sinks if viewer is None else [*sinks, viewer]
 
 
-def open_viewer(view: str | None, rrd: str | None, profile: "Profile") -> "ViewerSink | None":
+def open_viewer(
+    view: str | None, rrd: str | None, profile: "Profile", *, live: bool = False
+) -> "ViewerSink | None":
     """The viewer that was asked for, if any; says where its page is.
 
     Raises:
@@ -120,10 +122,9 @@ def open_viewer(view: str | None, rrd: str | None, profile: "Profile") -> "Viewe
     options = viewer_options(view, rrd)
     if options is None:
         return None
-    from fuzzbee.viewer.layout import gain_shape
     from fuzzbee.viewer.viewer import ViewerSink
 
-    sink = ViewerSink(options, gain_shape(profile))
+    sink = ViewerSink(options._replace(live=live), profile)
     tell_page(sink.stream)
     return sink
 

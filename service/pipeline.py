@@ -157,9 +157,8 @@ class Pipeline:
             if attitude is not None:
                 outputs.append(Published(vehicle.address, attitude, vehicle.last_sample))
             if status_due:
-                outputs.append(
-                    Published(vehicle.address, vehicle.status(now_us, load, self.malformed))
-                )
+                status = vehicle.status(now_us, load, self.malformed)
+                outputs.append(Published(vehicle.address, status, time_unix_us=now_us))
         return outputs
 
     def replace_profile(self, address: VehicleId, partial: dict[str, Any]) -> Profile:

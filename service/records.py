@@ -72,11 +72,15 @@ class StatusRecord(msgspec.Struct, frozen=True):
 
 
 class Published(Value, frozen=True):
-    """A record and the vehicle it is about; with an attitude, the sample it comes from."""
+    """A record and the vehicle it is about; with an attitude, the sample it comes from.
+
+    ``time_unix_us`` is when a status was made, which does not say it itself.
+    """
 
     vehicle: VehicleId
     record: AttitudeRecord | StatusRecord
     sample: ImuSample | None = None
+    time_unix_us: int = 0
 
 
 class Peer(Value, frozen=True):

@@ -19,7 +19,7 @@ def show(viewer: "ViewerSink", trace: VehicleTrace, _: "Comparison") -> None:
     for output in outputs(trace):
         with suppress(ConnectionError):  # the viewer was closed: a file may still be wanted
             viewer.handle([output])
-    viewer.stream.finish()
+    viewer.finish()
 
 
 def outputs(trace: VehicleTrace) -> Iterator[Output]:
@@ -45,4 +45,4 @@ def outputs(trace: VehicleTrace) -> Iterator[Output]:
             if known[number]:
                 w, x, y, z = attitudes[number].tolist()
                 yield Peer(trace.address, "sim" if source == "sim" else "autopilot", (w, x, y, z))
-        yield Published(trace.address, record)
+        yield Published(trace.address, record, trace.samples[number])

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimator.filter.memberships import TERMS, Triangle, fuzzy_sets
-from fuzzbee.viewer.layout import GREY, gain_view
+from fuzzbee.viewer.gain_surface import GREY, gain_view
 from tuning.space import Space, bounds, encode
 
 if TYPE_CHECKING:

@@ -10,7 +10,7 @@ from estimator.profile import Profile
 from fuzzbee.say import say
 from fuzzbee.tune import layout
 from fuzzbee.tune.plan import Plan
-from fuzzbee.viewer.layout import GREY, gain_surface, surface_axes
+from fuzzbee.viewer.gain_surface import GREY, gain_surface, surface_axes
 from fuzzbee.viewer.stream import CLOSED, ViewerOptions, ViewerStream, rerun
 from tuning.objective import Scores, profile_with, values_of
 from tuning.search import Population, Search

@@ -21,6 +21,7 @@ HOST = "127.0.0.1"
 WEB_PORT = 9090  # Rerun's own; a free one if it is taken
 START_TIMEOUT_S = 10.0
 STOP_TIMEOUT_S = 2.0
+LIVE_HISTORY = "1MB"  # half a minute of one vehicle
 PR_SET_PDEATHSIG = 1  # from linux/prctl.h
 MISSING = "the viewer needs the extra: pip install 'fuzzbee[viewer]'"
 
@@ -29,13 +30,15 @@ class ViewerProcess:
     """A child that ends with us, also when we are killed (on Linux).
 
     ``url`` is where records go; ``page`` is what a browser opens, None with a window.
+    With ``live`` a page that is opened late is not sent all that was before: it would show the past
+    until it has taken it in.
     Start it from the main thread: the kernel ties the child to the thread that started it.
 
     Raises:
         InputError: no screen for a window; Rerun is not installed, or does not start.
     """
 
-    def __init__(self, *, web: bool) -> None:
+    def __init__(self, *, web: bool, live: bool = False) -> None:
         if not (web or _has_screen()):
             raise InputError("--view: no screen here; --view web serves a page for a browser")
         self._folder = tempfile.mkdtemp(prefix="fuzzbee-viewer-")
@@ -43,9 +46,9 @@ class ViewerProcess:
         atexit.register(shutil.rmtree, self._folder, ignore_errors=True)
         try:
             try:
-                self.url, self.page = self._open(WEB_PORT if web else None)
+                self.url, self.page = self._open(WEB_PORT if web else None, live=live)
             except InputError:  # two that start at the same moment find the same ports free
-                self.url, self.page = self._open(0 if web else None)
+                self.url, self.page = self._open(0 if web else None, live=live)
         except InputError:
             shutil.rmtree(self._folder, ignore_errors=True)
             raise
@@ -70,7 +73,7 @@ class ViewerProcess:
             self._process.wait()
         shutil.rmtree(self._folder, ignore_errors=True)
 
-    def _open(self, web_port: int | None) -> tuple[str, str | None]:
+    def _open(self, web_port: int | None, *, live: bool) -> tuple[str, str | None]:
         """Start it on free ports; where records go, and the page."""
         port = _free_port(0)
         url, page, ports = f"rerun+http://{HOST}:{port}/proxy", None, [port]
@@ -80,6 +83,8 @@ class ViewerProcess:
         else:
             web_port = _free_port(web_port)
             arguments += ["--serve-web", "--web-viewer-port", str(web_port)]
+            if live:
+                arguments += ["--server-memory-limit", LIVE_HISTORY]
             page = f"http://{HOST}:{web_port}/?url={quote(url, safe='')}"
             ports.append(web_port)
         self._process = self._start(arguments)

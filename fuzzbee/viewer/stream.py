@@ -19,10 +19,11 @@ RUST_LOG = "error,re_grpc_client=off,re_sdk::recording_stream=off"
 
 
 class ViewerOptions(NamedTuple):
-    """What was asked for: a window or "web", or None; a file, or None."""
+    """What was asked for: a window or "web", or None; a file, or None. Live, the past is less."""
 
     view: str | None = None
     rrd: str | None = None
+    live: bool = False
 
 
 class ViewerStream:
@@ -45,7 +46,7 @@ class ViewerStream:
         self._told = False
         sinks = [] if options.rrd is None else [_file_sink(options.rrd)]
         if options.view is not None:
-            self.process = ViewerProcess(web=options.view == WEB)
+            self.process = ViewerProcess(web=options.view == WEB, live=options.live)
             sinks.append(rr.GrpcSink(self.process.url))
         self._recording.set_sinks(*sinks, default_blueprint=blueprint())
 
@@ -93,6 +94,21 @@ class ViewerStream:
             indexes=[rr.TimeColumn(timeline, sequence=steps)],
             columns=rr.Scalars.columns(scalars=values),
         )
+
+    def points(
+        self, path: str, timeline: str, times_s: list[float], values: list[list[float]]
+    ) -> None:
+        """Points (T, lines) of several lines at Unix times (T,), in one piece."""
+        rr = rerun()
+        self._recording.send_columns(
+            path,
+            indexes=[rr.TimeColumn(timeline, timestamp=times_s)],
+            columns=rr.Scalars.columns(scalars=values),
+        )
+
+    def show(self, blueprint: Any) -> None:
+        """Arrange the views anew."""
+        self._recording.send_blueprint(blueprint)
 
     def lines(self, path: str, names: list[str], colours: list[Any]) -> None:
         """Names and colours of lines."""

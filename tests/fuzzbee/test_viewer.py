@@ -25,25 +25,30 @@ pytest.importorskip("rerun", reason="the extra viewer is not installed")
 
 from estimator.profile import load_profile, merge_profile
 from fuzzbee.viewer import process as viewer_process
-from fuzzbee.viewer.layout import gain_shape, gain_surface
-from fuzzbee.viewer.viewer import ViewerOptions, ViewerSink
+from fuzzbee.viewer.gain_surface import gain_shape, gain_surface
+from fuzzbee.viewer.layout import LINES, MOST_VEHICLES
+from fuzzbee.viewer.stream import ViewerOptions
+from fuzzbee.viewer.viewer import ViewerSink
 from tests.fuzzbee.rrd import listing, rows
 
 ONE, TWO = VehicleId(1, 1), VehicleId(2, 1)
 LOG = Path(__file__).parents[1] / "data" / "sitl_copter_flips.tlog"
 PAPER = load_profile("paper")
-K = PAPER.k
 
 
-def attitudes(vehicle, count, period_us):
+def attitudes(vehicle, count, period_us, yaw_from=0.0, yaw_step=1.0):
     for n in range(count):
-        moved = msgspec.structs.replace(record(yaw_deg=n), time_unix_us=UNIX_US + n * period_us)
-        yield Published(vehicle, moved)
+        turned = record(yaw_deg=(yaw_from + n * yaw_step) % 360.0)
+        yield Published(vehicle, at_time(turned, n * period_us))
+
+
+def at_time(attitude, after_us):
+    return msgspec.structs.replace(attitude, time_unix_us=UNIX_US + after_us)
 
 
 def test_a_file_holds_every_curve_and_shape(tmp_path):
     file = tmp_path / "flight.rrd"
-    sink = ViewerSink(ViewerOptions(rrd=str(file)), K)
+    sink = ViewerSink(ViewerOptions(rrd=str(file)), PAPER)
     sink.handle([Message("before the first attitude")])
     for number, output in enumerate(attitudes(ONE, 200, 10_000)):
         sink.handle([output, Peer(ONE, "autopilot", output.record.q_ned_frd)])
@@ -54,23 +59,95 @@ def test_a_file_holds_every_curve_and_shape(tmp_path):
     sink.close()
     text = listing(file)
     for entity in (
-        "/attitude/1/fuzzbee",
-        "/attitude/1/autopilot",
-        "/attitude/1/fuzzbee/body",
-        "/angles/1/fuzzbee",
-        "/off/1/sigma",
-        "/off/1/autopilot",
-        "/error/1",
-        "/gain/1",
-        "/confidence/1",
-        "/rate/1",
-        "/bias/1",
+        "/1/horizon/frame",
+        "/1/horizon/world",
+        "/1/horizon/words",
+        "/1/horizon/figures",
+        "/1/bodies",
+        "/1/bodies/compass",
+        *(f"/1/{curve}" for curve in LINES),
+        "/1/state",
         "/surface/gain",
         "/surface/1",
-        "/state",
+        "/messages",
     ):
-        assert entity in text, entity
-    assert "/attitude/1/sim" not in text
+        assert f"{entity} " in text or f"{entity}/" in text, entity
+    assert "/2/" not in text  # somebody else's attitude makes no vehicle appear
+
+
+def test_every_curve_has_an_axis_of_its_own_and_no_legend_over_it(tmp_path):
+    file = tmp_path / "axes.rrd"
+    sink = ViewerSink(ViewerOptions(rrd=str(file)), PAPER)
+    sink.handle(list(attitudes(ONE, 2, 100_000)))
+    sink.close()
+    text = listing(file)
+    for part in ("ScalarAxis", "PlotLegend"):
+        views = set(re.findall(rf"/view/([0-9a-f-]+)/{part}", text))
+        assert len(views) == len(LINES), part
+
+
+def test_curves_come_in_batches_with_every_point_and_gaps_where_angles_wrap(tmp_path):
+    """20 s at 10 points a second; the heading passes north once."""
+    sink = Recorded(ViewerOptions(rrd=str(tmp_path / "curves.rrd")), PAPER)
+    for output in attitudes(ONE, 2000, 10_000, yaw_from=-100, yaw_step=0.1):
+        sink.handle([output])
+    sink.close()
+    headings = sink.points["/1/heading"]
+    assert sum(len(times) for times, _ in headings) == pytest.approx(200, abs=2)
+    assert len(headings) == pytest.approx(5, abs=1)  # batches of 4 s
+    ours = [values[0] for _, batch in headings for values in batch]
+    assert sum(np.isnan(ours)) == 1
+    assert max(np.abs(np.diff(np.array(ours)[~np.isnan(ours)]))) > 180.0
+
+
+def test_what_stays_the_same_is_not_sent_again(tmp_path):
+    """10 s of a vehicle that stands still: all at the start, and again every 5 s."""
+    file = tmp_path / "still.rrd"
+    sink = ViewerSink(ViewerOptions(rrd=str(file)), PAPER)
+    for output in attitudes(ONE, 1000, 10_000, yaw_step=0.0):
+        sink.handle([output])
+    sink.close()
+    for layer in ("world", "words", "figures"):
+        assert rows(file, f"/1/horizon/{layer}") == 2, layer
+
+
+def test_four_pictures_a_second_and_digits_half_as_often(tmp_path):
+    file = tmp_path / "moving.rrd"
+    sink = ViewerSink(ViewerOptions(rrd=str(file)), PAPER)
+    for n in range(1000):
+        moved = record(roll_deg=0.05 * n, yaw_deg=0.3 * n)
+        sink.handle([Published(ONE, at_time(moved, n * 10_000))])
+    sink.close()
+    assert rows(file, "/1/horizon/world") == pytest.approx(40, abs=1)
+    assert rows(file, "/1/horizon/figures") == pytest.approx(20, abs=1)
+    assert rows(file, "/1/bodies") == pytest.approx(20, abs=1)
+
+
+def test_a_lost_vehicle_is_drawn_although_it_has_no_attitude(tmp_path):
+    """And one that has been heard but has never had any IMU data."""
+    sink = Recorded(ViewerOptions(rrd=str(tmp_path / "lost.rrd")), PAPER)
+    sink.handle([Published(TWO, WAITING, time_unix_us=UNIX_US)])
+    assert sink.scenes[-1].attitude is None
+    sink.handle(list(attitudes(ONE, 1, 10_000)))
+    assert sink.scenes[-1].attitude is not None
+    lost = msgspec.structs.replace(STATUS, state="lost")
+    sink.handle([Published(ONE, lost, time_unix_us=UNIX_US + 6_000_000)])
+    assert sink.scenes[-1].attitude is None
+    sink.close()
+
+
+def test_only_so_many_vehicles_are_drawn_as_can_be_read(tmp_path):
+    file = tmp_path / "fleet.rrd"
+    sink = Recorded(ViewerOptions(rrd=str(file)), PAPER)
+    for number in range(1, 20):
+        sink.handle(list(attitudes(VehicleId(number, 1), 2, 10_000)))
+    sink.close()
+    text = listing(file)
+    assert f"/{MOST_VEHICLES}/horizon" in text
+    assert f"/{MOST_VEHICLES + 1}/horizon" not in text
+    assert [text for text in sink.said if "only the first" in text] == [
+        f"only the first {MOST_VEHICLES} vehicles are drawn"
+    ]
 
 
 @pytest.mark.parametrize(("gain", "height"), [("fixed", 0.19), ("noise", 0.0)])
@@ -85,8 +162,8 @@ def test_a_gain_without_rules_over_e_is_a_plane(gain, height):
 def test_replaced_parameters_redraw_the_surface(tmp_path):
     file = tmp_path / "replaced.rrd"
     other = msgspec.structs.replace(PAPER, membership={**PAPER.membership, "k22": 45.0})
-    assert other.k != K
-    sink = ViewerSink(ViewerOptions(rrd=str(file)), K)
+    assert other.k != PAPER.k
+    sink = ViewerSink(ViewerOptions(rrd=str(file)), PAPER)
     sink.handle([*attitudes(ONE, 2, 100_000), *attitudes(TWO, 2, 100_000)])
     sink.handle([Replaced(ONE, other)])  # now there are two
     sink.handle([Replaced(ONE, other)])  # nothing new
@@ -99,6 +176,9 @@ def test_replaced_parameters_redraw_the_surface(tmp_path):
 STATUS = StatusRecord("running", "RAW_IMU", 100.0, 0.01, {}, 0, 0, 0)
 
 
+WAITING = StatusRecord("waiting", None, 0.0, 0.0, {}, 0, 0, 0)
+
+
 class Counting(ViewerSink):
     """Counts what it draws."""
 
@@ -106,18 +186,41 @@ class Counting(ViewerSink):
 
     def _draw(self, *arguments):
         self.drawn += 1
-        super()._draw(*arguments)
+        return super()._draw(*arguments)
 
 
-@pytest.mark.parametrize(("vehicles", "expected_hz"), [(1, 20), (2, 40), (3, 60), (50, 60)])
+class Recorded(ViewerSink):
+    """Keeps what it sends."""
+
+    def __init__(self, *arguments):
+        self.scenes, self.said, self.points = [], [], {}
+        super().__init__(*arguments)
+        send = self.stream.points
+
+        def points(path, timeline, times_s, values):
+            self.points.setdefault(path, []).append((list(times_s), list(values)))
+            send(path, timeline, times_s, values)
+
+        self.stream.points = points
+
+    def _draw_scene(self, vehicle, seen, scene):
+        self.scenes.append(scene)
+        super()._draw_scene(vehicle, seen, scene)
+
+    def _say(self, text):
+        self.said.append(text)
+        super()._say(text)
+
+
+@pytest.mark.parametrize(("vehicles", "expected_hz"), [(1, 4), (2, 6), (9, 6), (50, 6)])
 def test_it_draws_a_bounded_number_however_much_comes(tmp_path, vehicles, expected_hz):
-    sink = Counting(ViewerOptions(rrd=str(tmp_path / "many.rrd")), K)
+    sink = Counting(ViewerOptions(rrd=str(tmp_path / "many.rrd")), PAPER)
     streams = [attitudes(VehicleId(n + 1, 1), 200, 10_000) for n in range(vehicles)]
     for outputs in zip(*streams, strict=True):
         sink.handle(outputs)
     sink.close()
     # two seconds; the first record of each vehicle comes on top
-    assert sink.drawn == pytest.approx(2 * expected_hz, abs=max(3, 1.5 * vehicles))
+    assert sink.drawn == pytest.approx(2 * expected_hz, abs=max(2, 1.5 * min(vehicles, 9)))
 
 
 def test_a_file_that_cannot_be_written_is_status_2(tmp_path, capfd):
@@ -138,9 +241,8 @@ def test_a_log_is_replayed_into_a_file(tmp_path, capfd):
     file = tmp_path / "flips.rrd"
     assert main(["replay", str(LOG), "--rrd", str(file), "--json"]) == 0
     text = listing(file)
-    assert "/attitude/1/fuzzbee" in text
-    assert "/attitude/1/autopilot" in text
-    assert "/attitude/1/sim" in text
+    assert "/1/horizon/world" in text
+    assert "/1/bodies" in text
 
 
 def page_of(process):
@@ -169,7 +271,7 @@ def wait_until_closed(port):
 
 
 def test_a_viewer_that_is_closed_is_told_once_and_drawn_no_more():
-    sink = Counting(ViewerOptions(view="web"), K)
+    sink = Counting(ViewerOptions(view="web"), PAPER)
     try:
         first, *rest = attitudes(ONE, 3, 100_000)
         sink.handle([first])

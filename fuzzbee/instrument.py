@@ -1,0 +1,295 @@
+"""One vehicle on a terminal: an artificial horizon in characters, with numbers and sigma.
+
+Nothing is said by colour alone: sky, ground, haze and the horizon's line have characters of their
+own, and every sigma and doubt is written out. The haze is where the horizon may be as well.
+"""
+
+from collections.abc import Iterator
+from math import cos, radians, sin
+from typing import NamedTuple
+
+from rich.text import Text
+
+from fuzzbee.trust import Level, Trust, plus_minus, trust
+from service.health import HAS_ATTITUDE, State
+from service.records import AttitudeRecord, StatusRecord
+
+LEAST_WIDTH, LEAST_HEIGHT = 40, 12  # of a window that has room for it
+PITCH_SPAN_DEG = 60.0  # shown from top to bottom
+CELL_RATIO = 2.0  # a cell is so much higher than wide
+TAPE_DEG_PER_CELL = 2.5
+RUNG_DEG = 10
+SILENT = "the service is silent"
+POINTS = {0: "N", 45: "NE", 90: "E", 135: "SE", 180: "S", 225: "SW", 270: "W", 315: "NW"}
+
+SKY, GROUND, HAZE, LINE = range(4)
+PAINT = ("rgb(38,98,168)", "rgb(116,78,40)", "rgb(150,160,166)", "bright_white")
+PAINTED_HAZE = {Level.CARE: "rgb(205,150,60)", Level.BAD: "rgb(170,80,70)"}
+LEVEL_STYLE = {
+    Level.GOOD: "black on green",
+    Level.CARE: "black on yellow",
+    Level.BAD: "white on red",
+    Level.NONE: "white on red",
+}
+LEVEL_COLOUR = {
+    Level.GOOD: "green",
+    Level.CARE: "yellow",
+    Level.BAD: "red",
+    Level.NONE: "red",
+}
+
+
+class Ink(NamedTuple):
+    """What the terminal can show."""
+
+    colour: bool = True
+    unicode: bool = True
+
+
+class Seen(NamedTuple):
+    """What there is to show of one vehicle; ``attitude`` is None if none is valid."""
+
+    name: str
+    state: State
+    attitude: AttitudeRecord | None
+    status: StatusRecord | None = None
+    before: StatusRecord | None = None
+    age: str = ""
+    is_silent: bool = False
+
+    @property
+    def trust(self) -> Trust:
+        """What to think of it."""
+        if self.is_silent:
+            return trust(State.LOST, None)
+        return trust(self.state, self.attitude, self.status, self.before)
+
+
+def screen(seen: Seen, width: int, height: int, ink: Ink, message: str = "") -> list[Text]:
+    """``height`` lines of ``width`` cells: state, heading, horizon, figures, doubts."""
+    judged = seen.trust
+    is_valid = seen.attitude is not None and not seen.is_silent and seen.state in HAS_ATTITUDE
+    attitude = seen.attitude if is_valid else None
+    tail = [
+        *_figures(attitude, judged, width),
+        _doubts(seen, judged, width),
+        _bottom(message, width),
+    ]
+    head = [_bar(seen, judged, width)]
+    if attitude is None:
+        rows = height - len(head) - len(tail)
+        return [*head, *_cross(seen, judged, width, rows, ink), *tail]
+    head += _tape(attitude, judged, width, ink)
+    rows = height - len(head) - len(tail)
+    return [*head, *_horizon(attitude, judged, width, rows, ink), *tail]
+
+
+def _bar(seen: Seen, judged: Trust, width: int) -> Text:
+    """State at the left, the word that sums up in the middle, the IMU at the right."""
+    state = "silent" if seen.is_silent else seen.state.value
+    left = f" vehicle {seen.name}  {state}"
+    right = f"{_imu(seen.status)}  {seen.age} " if width >= 60 else f"{seen.age} "
+    line = [" "] * width
+    _write(line, 0, left)
+    _write(line, width - len(right), right)
+    word = f" {judged.word.upper()} "
+    _write(line, (width - len(word)) // 2, word)
+    return Text("".join(line), style=f"bold {LEVEL_STYLE[judged.overall]}")
+
+
+def _imu(status: StatusRecord | None) -> str:
+    if status is None or status.imu_message is None:
+        return ""
+    return f"{status.imu_message} {status.imu_rate_hz:.3g} Hz"
+
+
+def _tape(attitude: AttitudeRecord, judged: Trust, width: int, ink: Ink) -> list[Text]:
+    """Directions as they pass under the middle; below them the range of sigma."""
+    yaw, middle = attitude.euler_deg[2], width // 2
+    names, marks = [" "] * width, [" "] * width
+    has_north = attitude.heading_reference != "none"
+    low = int(yaw - middle * TAPE_DEG_PER_CELL) // 15 * 15
+    for degree in range(low, low + int(width * TAPE_DEG_PER_CELL) + 30, 15):
+        point = POINTS.get(degree % 360) if has_north else None
+        name = point or f"{degree % 360:03}"
+        cell = middle + round((degree - yaw) / TAPE_DEG_PER_CELL)
+        if degree % 45 == 0 or degree % 30 == 0:
+            _write(names, cell - len(name) // 2, name)
+    reach = round(min(attitude.sigma_deg.heading, 180.0) / TAPE_DEG_PER_CELL)
+    for cell in range(max(0, middle - reach), min(width, middle + reach + 1)):
+        marks[cell] = ("━" if ink.unicode else "=") if has_north else "?"
+    marks[middle] = "▲" if ink.unicode else "^"
+    number = f" {heading_text(attitude)} "
+    _write(names, middle - len(number) // 2, number)
+    line = Text("".join(names))
+    line.stylize("bold", middle - len(number) // 2, middle - len(number) // 2 + len(number))
+    return [line, Text("".join(marks), style=LEVEL_COLOUR[judged.heading])]
+
+
+def heading_text(attitude: AttitudeRecord) -> str:
+    """Three digits; in brackets if they refer to nothing."""
+    text = f"{round(attitude.euler_deg[2]) % 360:03}°"
+    return f"({text})" if attitude.heading_reference == "none" else text
+
+
+def _horizon(
+    attitude: AttitudeRecord, judged: Trust, width: int, rows: int, ink: Ink
+) -> list[Text]:
+    """Sky and ground, the haze of sigma, the line, the ladder and the vehicle itself."""
+    halves = [_half_row(attitude, half, width, rows) for half in range(2 * rows)]
+    over = dict(_ladder(attitude, width, rows, ink))
+    over |= _own_symbol(width, rows, ink)
+    haze = PAINTED_HAZE.get(judged.horizon, PAINT[HAZE])
+    lines = []
+    for row in range(rows):
+        line = Text()
+        upper, lower = halves[2 * row], halves[2 * row + 1]
+        for column in range(width):
+            mark = over.get((column, row))
+            line.append(*_cell(upper[column], lower[column], mark, haze, ink))
+        lines.append(line)
+    return lines
+
+
+def _half_row(attitude: AttitudeRecord, half: int, width: int, rows: int) -> list[int]:
+    """What each half of a cell shows, from left to right."""
+    roll, pitch, _ = attitude.euler_deg
+    per_deg = 2.0 * rows / PITCH_SPAN_DEG  # half rows to a degree
+    c, s = cos(radians(roll)), sin(radians(roll))
+    y = half + 0.5 - rows
+    sigma = attitude.sigma_deg.inclination * per_deg
+    # the line stays in sight, however steep the vehicle
+    shift = max(1.0 - rows, min(rows - 1.0, pitch * per_deg))
+    row = []
+    for column in range(width):
+        x = (column + 0.5 - width / 2) * 2.0 / CELL_RATIO
+        below = y * c + x * s - shift
+        if abs(below) <= 0.5 * (abs(c) + abs(s)):
+            row.append(LINE)
+        elif abs(below) <= sigma:
+            row.append(HAZE)
+        else:
+            row.append(GROUND if below > 0.0 else SKY)
+    return row
+
+
+def _cell(upper: int, lower: int, mark: str | None, haze: str, ink: Ink) -> tuple[str, str]:
+    """The character and style of one cell."""
+    if not ink.colour:
+        return mark or _plain(upper, lower, ink), ""
+    paint = [*PAINT]
+    paint[HAZE] = haze
+    if mark is not None:
+        seen = lower if upper == LINE else upper
+        back = PAINT[GROUND] if seen == LINE else paint[seen]
+        return mark, f"bold {'black' if seen == HAZE else 'bright_white'} on {back}"
+    if upper == lower:
+        return " ", f"on {paint[upper]}"
+    return "▀" if ink.unicode else " ", f"{paint[upper]} on {paint[lower]}"
+
+
+def _plain(upper: int, lower: int, ink: Ink) -> str:
+    """Without colours: the line, else haze, else sky or ground."""
+    if LINE in (upper, lower):
+        if not ink.unicode:
+            return "-"
+        return "█" if upper == lower else "▀" if upper == LINE else "▄"
+    if HAZE in (upper, lower):
+        return "▒" if ink.unicode else "~"
+    if lower == GROUND and upper == GROUND:
+        return "░" if ink.unicode else ":"
+    return " "
+
+
+def _ladder(
+    attitude: AttitudeRecord, width: int, rows: int, ink: Ink
+) -> Iterator[tuple[tuple[int, int], str]]:
+    """The pitch every ten degrees, with its number, where it lies level enough to be written."""
+    roll, pitch, _ = attitude.euler_deg
+    per_deg = rows / PITCH_SPAN_DEG  # rows to a degree
+    c, s = cos(radians(roll)), sin(radians(roll))
+    for rung in range(-90, 91, RUNG_DEG):
+        off = (pitch - rung) * per_deg
+        column = width / 2 + off * s * CELL_RATIO
+        row = int(rows / 2 + off * c)
+        text = f"{'─' if ink.unicode else '-'}{abs(rung)}{'─' if ink.unicode else '-'}"
+        if rung == 0 or not 0 <= row < rows:
+            continue
+        for n, letter in enumerate(text):
+            yield (int(column - len(text) / 2) + n, row), letter
+
+
+def _own_symbol(width: int, rows: int, ink: Ink) -> dict[tuple[int, int], str]:
+    """The vehicle, which stands still in the middle."""
+    text = "━━━━━┓  ●  ┏━━━━━" if ink.unicode else "=====.  o  .====="
+    left, row = width // 2 - len(text) // 2, rows // 2
+    return {(left + n, row): letter for n, letter in enumerate(text) if letter != " "}
+
+
+def _cross(seen: Seen, judged: Trust, width: int, rows: int, ink: Ink) -> list[Text]:
+    """No horizon at all: a cross, and why."""
+    rows += 0
+    reach = max(1, (rows - 5) // 2)
+    grid = [[" "] * width for _ in range(rows)]
+    middle_row, middle = rows // 2, width // 2
+    for step in range(-reach, reach + 1):
+        for side in (-1, 1):
+            column = middle + round(side * step * CELL_RATIO)
+            if 0 <= column < width:
+                grid[middle_row + step][column] = "╳" if ink.unicode else "X"
+    why = SILENT if seen.is_silent else judged.doubts[0].text
+    text = f"  {judged.word}: {why}  "
+    _write(grid[middle_row], middle - len(text) // 2, text)
+    return [Text("".join(row), style=f"bold {LEVEL_COLOUR[judged.overall]}") for row in grid]
+
+
+def _figures(attitude: AttitudeRecord | None, judged: Trust, width: int) -> list[Text]:
+    """Roll, pitch and heading, and the sigmas under them."""
+    third = width // 3
+    if attitude is None:
+        empty = "".join(f"{name} ---".center(third) for name in ("roll", "pitch", "heading"))
+        return [Text(empty), Text("")]
+    roll, pitch, _ = attitude.euler_deg
+    shown = (f"roll {roll:+.1f}°", f"pitch {pitch:+.1f}°", f"heading {heading_text(attitude)}")
+    line = Text("".join(text.center(third) for text in shown), style="bold")
+    reference = attitude.heading_reference
+    north = (
+        "no north"
+        if reference == "none"
+        else f"{plus_minus(attitude.sigma_deg.heading)} {reference}"
+    )
+    below = Text(
+        f"horizon {plus_minus(attitude.sigma_deg.inclination)}".center(2 * third),
+        style=LEVEL_COLOUR[judged.horizon],
+    )
+    return [line, below + Text(north.center(third), style=LEVEL_COLOUR[judged.heading])]
+
+
+def _doubts(seen: Seen, judged: Trust, width: int) -> Text:
+    """The reasons, the worst first, as many as fit."""
+    line = Text()
+    if seen.is_silent:
+        return line
+    for doubt in judged.doubts:
+        if len(line) + len(doubt.text) + 3 > width:
+            break
+        line.append(f" {doubt.text} ", LEVEL_STYLE[doubt.level])
+        line.append(" ")
+    if (
+        seen.attitude is not None
+        and abs(seen.attitude.euler_deg[0]) > 90.0
+        and len(line) + 13 < width
+    ):
+        line.append(" upside down ", "reverse")
+    return line
+
+
+def _bottom(message: str, width: int) -> Text:
+    return Text(message[:width], style="dim")
+
+
+def _write(line: list[str], at: int, text: str) -> None:
+    """Put a text into a line, as much of it as fits."""
+    for n, letter in enumerate(text):
+        if 0 <= at + n < len(line):
+            line[at + n] = letter

@@ -1,0 +1,170 @@
+"""How far to trust an attitude: one word, one colour, and the reasons, alike in every view."""
+
+from enum import IntEnum
+from typing import NamedTuple
+
+from service.alarms import Alarm
+from service.health import HAS_ATTITUDE, State
+from service.records import AttitudeRecord, StatusRecord
+
+# Bounds of sigma in degrees. An eye sees 3 degrees on an artificial horizon; at 10 a climb can be
+# a descent. A heading 10 off still points to the right field, one 30 off does not.
+HORIZON_DEG = (3.0, 10.0)
+HEADING_DEG = (10.0, 30.0)
+# A few refused samples, late ticks or lost records a second are no reason to worry.
+MUCH_REFUSED = 0.2  # of those that come
+MUCH_LOST = 5
+
+
+# What the service warns of, in few words; a field that is none of the place says nothing against
+# the horizon.
+WARNINGS: dict[str, str] = {
+    Alarm.BIAS_AT_LIMIT: "bias at limit",
+    Alarm.FIELD_IMPOSSIBLE: "field impossible",
+    Alarm.SIGMA_TOO_SMALL: "sigma too small",
+    Alarm.PROFILE_UNFIT: "profile unfit",
+}
+
+
+class Level(IntEnum):
+    """From harmless to harmful."""
+
+    GOOD = 0
+    CARE = 1
+    BAD = 2
+    NONE = 3  # there is nothing to trust
+
+
+WORDS = {
+    Level.GOOD: "trust",
+    Level.CARE: "care",
+    Level.BAD: "do not trust",
+    Level.NONE: "no attitude",
+}
+
+
+class Doubt(NamedTuple):
+    """A reason, short."""
+
+    level: Level
+    text: str
+
+
+class Trust(NamedTuple):
+    """What to think of the horizon, of the heading, and of all together."""
+
+    overall: Level
+    horizon: Level
+    heading: Level
+    doubts: tuple[Doubt, ...]  # the worst first
+
+    @property
+    def word(self) -> str:
+        """One word for a person in a hurry."""
+        return WORDS[self.overall]
+
+
+def trust(
+    state: State,
+    attitude: AttitudeRecord | None,
+    status: StatusRecord | None = None,
+    before: StatusRecord | None = None,
+) -> Trust:
+    """What to think of a vehicle's ``attitude``, None if it is not valid any more.
+
+    ``before`` is the status before ``status``: what grows between them is happening now.
+    """
+    service = _of_service(status, before)
+    if attitude is None or state not in HAS_ATTITUDE:
+        doubts = _sorted([Doubt(Level.NONE, _why_none(state)), *service])
+        return Trust(Level.NONE, Level.NONE, Level.NONE, doubts)
+    horizon = _level(attitude.sigma_deg.inclination, HORIZON_DEG)
+    is_relative = attitude.heading_reference == "none"
+    heading = Level.BAD if is_relative else _level(attitude.sigma_deg.heading, HEADING_DEG)
+    warnings = [] if status is None else _of_warnings(status)
+    if warnings:
+        heading = Level.BAD
+    if any(doubt.level is Level.BAD for doubt in warnings):
+        horizon = Level.BAD
+    doubts = _sorted(
+        [
+            *_of_state(state, attitude),
+            *_of_sigma("horizon", attitude.sigma_deg.inclination, HORIZON_DEG),
+            *_of_heading(attitude, is_relative=is_relative),
+            *warnings,
+            *service,
+        ]
+    )
+    overall = max([horizon, *(doubt.level for doubt in doubts)])
+    return Trust(overall, horizon, heading, doubts)
+
+
+def _level(sigma_deg: float, bounds_deg: tuple[float, float]) -> Level:
+    return Level(sum(sigma_deg > bound for bound in bounds_deg))
+
+
+def _of_state(state: State, attitude: AttitudeRecord) -> list[Doubt]:
+    if state is not State.DEGRADED:
+        return []
+    return [Doubt(Level.CARE, f"IMU silent {1e-3 * attitude.age_ms:.1f} s")]
+
+
+def _of_sigma(what: str, sigma_deg: float, bounds_deg: tuple[float, float]) -> list[Doubt]:
+    level = _level(sigma_deg, bounds_deg)
+    return [] if level is Level.GOOD else [Doubt(level, f"{what} {plus_minus(sigma_deg)}")]
+
+
+def _of_heading(attitude: AttitudeRecord, *, is_relative: bool) -> list[Doubt]:
+    """A horizon can be trusted without its heading: no heading is a matter of care."""
+    if is_relative:
+        return [Doubt(Level.CARE, "no north")]
+    doubts = _of_sigma("heading", attitude.sigma_deg.heading, HEADING_DEG)
+    return [doubt._replace(level=Level.CARE) for doubt in doubts]
+
+
+def _of_warnings(status: StatusRecord) -> list[Doubt]:
+    """What contradicts the attitude whatever sigma says; words of other versions are counted."""
+    known = [word for word in status.warnings if word in WARNINGS]
+    doubts = [
+        Doubt(Level.CARE if word == Alarm.FIELD_IMPOSSIBLE else Level.BAD, WARNINGS[word])
+        for word in known
+    ]
+    unknown = len(status.warnings) - len(known)
+    return [*doubts, Doubt(Level.CARE, f"{unknown} unknown warnings")] if unknown else doubts
+
+
+def _of_service(status: StatusRecord | None, before: StatusRecord | None) -> list[Doubt]:
+    """What the service itself says, and what it has lost since its last status."""
+    if status is None or before is None:
+        return []
+    doubts = []
+    if status.overloaded:
+        shed = status.shed - before.shed
+        doubts.append(Doubt(Level.CARE, f"overloaded, {shed} left out" if shed else "overloaded"))
+    late = status.overruns - before.overruns
+    if late > MUCH_LOST:
+        doubts.append(Doubt(Level.CARE, f"{late} late ticks"))
+    dropped = status.dropped - before.dropped
+    if dropped > MUCH_LOST:
+        doubts.append(Doubt(Level.CARE, f"{dropped} records lost"))
+    refused = sum(status.rejected.values()) - sum(before.rejected.values())
+    if refused > max(1.0, MUCH_REFUSED * status.imu_rate_hz):
+        doubts.append(Doubt(Level.CARE, f"{refused} refused"))
+    return doubts
+
+
+def _why_none(state: State) -> str:
+    return {State.WAITING: "waiting for IMU data", State.ALIGNING: "aligning"}.get(
+        state, "IMU silent"
+    )
+
+
+def _sorted(doubts: list[Doubt]) -> tuple[Doubt, ...]:
+    return tuple(sorted(doubts, key=lambda doubt: -doubt.level))
+
+
+def plus_minus(sigma_deg: float) -> str:
+    """A sigma with as many digits as it deserves; the largest says nothing at all."""
+    if sigma_deg >= 180.0:
+        return "unknown"
+    return f"±{sigma_deg:.1f}°" if sigma_deg < 10.0 else f"±{sigma_deg:.0f}°"
