@@ -5,7 +5,7 @@ does not depend on the numbers that are tuned. So it is done once and written do
 candidate's whole estimator, aiding included, then takes the same calls.
 """
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from typing import NamedTuple
 
 import numpy as np
@@ -16,11 +16,11 @@ from estimator.estimator import Estimator
 from estimator.live.core import with_attitude
 from estimator.profile import Profile
 from estimator.types import ImuSample, Quaternion
+from tuning.told import Call
 
 Array = NDArray[np.float64]
 Bools = NDArray[np.bool_]
 Integers = NDArray[np.int64]
-Call = Callable[[Estimator], object]
 
 LEAST_RATE_HZ = 1.0
 BETTER_LOG = "record a better log: fuzzbee run URL --request-rate 50 --record FILE"

@@ -65,6 +65,10 @@ def replay(
         int | None,
         typer.Option("--system-id", help="Which vehicle. [default: the one with most IMU samples]"),
     ] = None,
+    retune: Annotated[
+        bool,
+        typer.Option("--retune", help="Retune a few numbers whenever the sensors' noise changes."),
+    ] = False,
     seeds: Annotated[
         str | None,
         typer.Option("--seeds", metavar="A-B", help="Noise seeds for sim:, both included."),
@@ -98,6 +102,8 @@ def replay(
     if SIMULATION in sources:
         if len(sources) > 1:
             raise InputError("replay: sim: stands alone, not beside logs")
+        if retune:
+            raise InputError("--retune is for logs: the paper's experiment ends after 15 s")
         for option, value in (("--skip", skip), ("--start-wrong", start_wrong)):
             if value:
                 raise InputError(f"{option} is for logs; sim: starts wrong by itself")
@@ -114,6 +120,7 @@ def replay(
         "skip_s": skip,
         "start_wrong_deg": start_wrong,
         "system_id": system_id,
+        "retune": retune,
         "exports": _exports(sources, csv, mcap, plot),
     }
     if len(sources) > 1:

@@ -58,6 +58,22 @@ class ImuSummary(msgspec.Struct, frozen=True):
     rates: str = "imu"
 
 
+class Retuning(msgspec.Struct, frozen=True):
+    """A change of the profile while it ran: when, to what, why, and the share of the cost saved."""
+
+    time_s: float
+    reason: str
+    gain: float
+    update: dict[str, dict[str, float]]
+
+
+class RetunedSummary(msgspec.Struct, frozen=True):
+    """All changes while it ran."""
+
+    count: int
+    changes: list[Retuning]
+
+
 class LogReport(msgspec.Struct, frozen=True):
     """Schema of ``replay LOG --json``.
 
@@ -77,6 +93,7 @@ class LogReport(msgspec.Struct, frozen=True):
     rejected: dict[str, int]
     wall_s: float
     heading_references: dict[str, int] = {}
+    retuned: RetunedSummary | msgspec.UnsetType = msgspec.UNSET  # with --retune only
 
 
 def report_log(
@@ -88,6 +105,7 @@ def report_log(
     skip_s: float = 0.0,
     start_wrong_deg: float = 0.0,
     system_id: int | None = None,
+    retune: bool = False,
     tell: Callable[[str], None] = lambda _: None,
     exports: Sequence[Export] = (),
 ) -> LogReport:
@@ -104,6 +122,7 @@ def report_log(
         fixed_gain=fixed_gain,
         start_wrong_deg=start_wrong_deg,
         system_id=system_id,
+        retune=retune,
         tell=tell,
     )
     compared = compare(path, trace, reference)
@@ -120,6 +139,7 @@ def replay_log(
     fixed_gain: float | None,
     start_wrong_deg: float,
     system_id: int | None,
+    retune: bool = False,
     tell: Callable[[str], None],
 ) -> VehicleTrace:
     """The trace of the vehicle with most IMU samples, or of the one with ``system_id``."""
@@ -128,6 +148,7 @@ def replay_log(
         fixed_gain=fixed_gain,
         system_id=system_id,
         start_wrong_deg=start_wrong_deg,
+        retune=retune,
         tell=lambda text: tell(f"{path.name}: {text}"),
     )
     with open_log(path) as log:
@@ -182,7 +203,24 @@ def score(path: Path, trace: VehicleTrace, compared: Comparison, skip_s: float) 
         rejected=sort_counts(trace.rejected),
         wall_s=0.0,
         heading_references=sort_counts(Counter(norths[counted].tolist())),
+        retuned=_retuned_summary(trace),
     )
+
+
+def _retuned_summary(trace: VehicleTrace) -> RetunedSummary | msgspec.UnsetType:
+    if trace.decisions is None:
+        return msgspec.UNSET
+    begun_us = trace.attitudes[0].time_us
+    changes = [
+        Retuning(
+            time_s=(time_us - begun_us) * MICROSECOND,
+            reason=decision.reason,
+            gain=decision.gain,
+            update=decision.update,
+        )
+        for time_us, decision in trace.decisions
+    ]
+    return RetunedSummary(len(changes), changes)
 
 
 def _peers(

@@ -19,6 +19,8 @@ from service.attitude_record import is_finite
 from service.pipeline import Pipeline
 from service.records import Message
 from service.vehicle import Vehicle
+from tuning.online.retuned_estimator import RetunedEstimator
+from tuning.online.retuner import Decision
 
 Floats = NDArray[np.float64]
 
@@ -42,6 +44,7 @@ class VehicleTrace:
         self.references = {"sim": ReferenceTrack(), "autopilot": ReferenceTrack()}
         self.rejected: Counter[str] = Counter()
         self.turned_at_us: int | None = None
+        self.decisions: list[tuple[int, Decision]] | None = None  # where it was retuned
         self.trim_rad = dict.fromkeys(TRIM, 0.0)
 
     @property
@@ -69,7 +72,8 @@ class Replay:
     """Feeds events through the live pipeline and keeps its estimates.
 
     ``start_wrong_deg`` turns each vehicle's estimate about NED (1,1,1)/sqrt 3, once, at
-    the first sample for which a reference is known. ``new_estimator`` makes the estimators.
+    the first sample for which a reference is known. With ``retune`` a few numbers of the profile
+    are retuned on the way. ``new_estimator`` makes the estimators.
     """
 
     def __init__(
@@ -80,12 +84,14 @@ class Replay:
         system_id: int | None = None,
         start_wrong_deg: float = 0.0,
         tell: Callable[[str], None] = lambda _: None,
+        retune: bool = False,
         new_estimator: Callable[[Profile], Estimator] | None = None,
     ) -> None:
+        kind = RetunedEstimator if retune else Estimator
         self._pipeline = Pipeline(
             profile,
             system_id=system_id,
-            new_estimator=new_estimator or (lambda chosen: Estimator(chosen, fixed_gain)),
+            new_estimator=new_estimator or (lambda chosen: kind(chosen, fixed_gain)),
         )
         self._wrong_turn = exp(scale(radians(start_wrong_deg), WRONG_START_AXIS))
         self._start_wrong = start_wrong_deg != 0.0
@@ -100,6 +106,8 @@ class Replay:
             trace = self._trace(vehicle.address)
             trace.rejected.update(vehicle.rejected)
             trace.rates = vehicle.estimator.rates
+            if isinstance(vehicle.estimator, RetunedEstimator):
+                trace.decisions = vehicle.estimator.decisions
 
     def estimator(self, address: VehicleId) -> Estimator | None:
         """That vehicle's estimator."""

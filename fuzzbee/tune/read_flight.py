@@ -1,6 +1,5 @@
 """A log as a flight to tune on: what the service tells its estimator is written down."""
 
-from operator import methodcaller
 from pathlib import Path
 
 import numpy as np
@@ -8,16 +7,15 @@ import numpy as np
 from drivers.logs.missing_imu import advice
 from drivers.logs.open import open_log
 from estimator.errors import InputError
-from estimator.estimator import Estimator
 from estimator.profile import Profile
-from estimator.reasons import Reason
-from estimator.types import ImuSample, RateSample, VelocitySample
+from estimator.types import ImuSample
 from fuzzbee.replays.comparison import compare
 from fuzzbee.replays.trace import Replay, VehicleTrace
-from tuning.flight import Call, Flight
+from tuning.flight import Flight
+from tuning.told import Call, ToldEstimator
 
 
-class RecordingEstimator(Estimator):
+class RecordingEstimator(ToldEstimator):
     """An estimator that remembers what it is told, and the samples that it took."""
 
     def __init__(self, profile: Profile) -> None:
@@ -27,48 +25,19 @@ class RecordingEstimator(Estimator):
         self.restarts: list[int] = [0]
         self._calls: list[Call] = []
 
-    def update(self, sample: ImuSample) -> Reason | None:
-        """See :class:`Estimator`."""
-        reason = super().update(sample)
-        if reason is None:
-            self.calls.append((*self._calls, methodcaller("update", sample)))
-            self.samples.append(sample)
-            self._calls.clear()
-        return reason
+    def note(self, call: Call) -> None:
+        """See :class:`ToldEstimator`."""
+        self._calls.append(call)
 
-    def update_velocity(self, report: VelocitySample) -> Reason | None:
-        """See :class:`Estimator`."""
-        self._calls.append(methodcaller("update_velocity", report))
-        return super().update_velocity(report)
+    def note_sample(self, sample: ImuSample, call: Call) -> None:
+        """See :class:`ToldEstimator`."""
+        self.calls.append((*self._calls, call))
+        self.samples.append(sample)
+        self._calls.clear()
 
-    def update_rate(self, rate: RateSample) -> Reason | None:
-        """See :class:`Estimator`."""
-        self._calls.append(methodcaller("update_rate", rate))
-        return super().update_rate(rate)
-
-    def restart(self) -> None:
-        """See :class:`Estimator`."""
-        self._calls.append(methodcaller("restart"))
+    def note_restart(self) -> None:
+        """See :class:`ToldEstimator`."""
         self.restarts.append(len(self.samples))
-        super().restart()
-
-    def set_position(
-        self, latitude_deg: float, longitude_deg: float, altitude_m: float, unix_us: int
-    ) -> None:
-        """See :class:`Estimator`."""
-        place = (latitude_deg, longitude_deg, altitude_m, unix_us)
-        self._calls.append(methodcaller("set_position", *place))
-        super().set_position(*place)
-
-    def set_field_calibrated(self, calibrated: bool) -> None:
-        """See :class:`Estimator`."""
-        self._calls.append(methodcaller("set_field_calibrated", calibrated))
-        super().set_field_calibrated(calibrated)
-
-    def change_imu(self) -> None:
-        """See :class:`Estimator`."""
-        self._calls.append(methodcaller("change_imu"))
-        super().change_imu()
 
 
 def read_flight(path: Path, profile: Profile) -> Flight:

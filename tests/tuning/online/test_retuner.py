@@ -1,0 +1,120 @@
+"""Retuning while it runs: by what proof, how far, and when not; on the paper's signals, 100 Hz."""
+
+import numpy as np
+import pytest
+
+from estimator.geometry.metrics import batch_angle_errors
+from estimator.profile import load_profile
+from estimator.types import ImuSample
+from tuning.online.numbers import MOST_MOVE, RAW, numbers_of, update_of, with_factors
+from tuning.online.retuned_estimator import RetunedEstimator, SegmentingEstimator
+from tuning.online.retuner import Retuner
+from tuning.online.segment import SEGMENT_S
+from tuning.paper_noise import NoiseScale, simulate_scaled
+
+PAPER = load_profile("paper")
+CHANGE_S = 20.0
+
+
+def flown(duration_s, vectors=1.0, until_s=np.inf, seed=400, gap_at_s=None, look=None):
+    """A retuned estimator after the paper's signals, and the mean of e since the change."""
+    n = int(100 * duration_s)
+    time_s = 0.01 * np.arange(n)
+    scale = np.where((time_s >= CHANGE_S) & (time_s < until_s), vectors, 1.0)
+    made = simulate_scaled(seed, n, NoiseScale(vectors=scale))
+    retuner = Retuner(PAPER, seed) if look is None else Retuner(PAPER, seed, look)
+    estimator, q = RetunedEstimator(PAPER, retuner=retuner), np.empty((n, 4))
+    plain, p = SegmentingEstimator(PAPER), np.empty((n, 4))
+    for k in range(n):
+        late_us = 800_000 if gap_at_s is not None and time_s[k] >= gap_at_s else 0
+        columns = (made.gyr_rad_s[k], made.acc_m_s2[k], made.mag_gauss[k])
+        readings = [tuple(column.tolist()) for column in columns]
+        sample = ImuSample(int(made.time_us[k]) + late_us, *readings, True)
+        for one, rows in ((estimator, q), (plain, p)):
+            one.update(sample)
+            rows[k] = one.attitude(sample.time_us).q_ned_frd
+    since = time_s >= CHANGE_S
+    e, base = (np.sin(0.5 * batch_angle_errors(a, made.q_ned_frd)[since, 0]) ** 2 for a in (q, p))
+    return estimator, q, float(e.mean()), float(base.mean())
+
+
+def times_s(estimator):
+    return [round(1e-6 * time_us, 1) for time_us, _ in estimator.decisions]
+
+
+def test_more_noise_is_answered_within_reach_and_again_alike():
+    """Vectors x5: -42 % of e here; the first move once ten seconds have shown it."""
+    estimator, q, e, base = flown(60.0, vectors=5.0)
+    assert e < 0.67 * base
+    first_s, (_, first) = times_s(estimator)[0], estimator.decisions[0]
+    assert CHANGE_S + 2 * SEGMENT_S <= first_s < CHANGE_S + 3 * SEGMENT_S
+    assert first.gain > 0.05
+    gravity = first.update["confidence"]["gravity"] / PAPER.confidence.gravity
+    assert 1.0 / MOST_MOVE - 1e-9 <= gravity < 0.7
+    assert first.update["confidence"]["cross"] == pytest.approx(gravity)
+    again, same, *_ = flown(60.0, vectors=5.0)
+    assert again.decisions == estimator.decisions
+    assert np.array_equal(same, q)
+
+
+def test_where_nothing_changes_nothing_is_changed():
+    """To the last bit."""
+    estimator, _, e, base = flown(45.0)
+    assert estimator.decisions == []
+    assert e == base
+
+
+def test_what_does_not_hold_is_taken_back():
+    """The noise is over just when the profile has been fitted to it."""
+    estimator, *_ = flown(50.0, vectors=5.0, until_s=30.2)
+    reasons = [decision.reason for _, decision in estimator.decisions]
+    assert reasons[:2] == ["noise has changed", "taken back"]
+    back = estimator.decisions[1][1].update
+    assert back["confidence"] == {"gravity": 1.0, "magnetic": 1.0, "cross": 1.0}
+
+
+def test_nothing_is_changed_across_a_silence():
+    """A silence of 0.8 s: its window is not used, the first whole one behind it is."""
+    estimator, *_ = flown(46.0, vectors=5.0, gap_at_s=27.0)
+    assert times_s(estimator)[0] >= 27.0 + 2 * SEGMENT_S
+
+
+def test_a_bad_candidate_does_not_win():
+    def worst(space, kept, evaluate, generator):
+        return np.array([space.upper]), np.zeros(1), kept
+
+    estimator, _, e, base = flown(45.0, vectors=5.0, look=worst)
+    assert estimator.decisions == []
+    assert e == base
+
+
+def test_somebody_elses_profile_becomes_the_base():
+    retuner = Retuner(PAPER)
+    mine = with_factors(PAPER, np.array([2.0, 1.0]))
+    parts = []
+    other = SegmentingEstimator(mine, None, parts.append)
+    made = simulate_scaled(1, 3000, NoiseScale())
+    for k in range(3000):
+        columns = (made.gyr_rad_s[k], made.acc_m_s2[k], made.mag_gauss[k])
+        readings = [tuple(column.tolist()) for column in columns]
+        other.update(ImuSample(int(made.time_us[k]), *readings, True))
+    assert len(parts) == 5
+    for part in parts:
+        assert retuner.take(part) is None
+    assert retuner.profile.confidence.gravity == 2.0
+
+
+def test_factors_go_by_their_powers_and_leave_the_rest():
+    assert [number.name for number in RAW] == ["gain", "gamma"]
+    update = update_of(PAPER, np.array([0.5, 3.0]))
+    assert update == {
+        "confidence": {"gravity": 0.5, "magnetic": 0.5, "cross": 0.5},
+        "filter": {"gamma": 3.0},
+    }
+    imu = load_profile("imu")
+    names = [number.name for number in numbers_of(imu)]
+    ones = np.ones(len(names))
+    twice = np.where(np.array(names) == "heading", 2.0, ones)
+    before = update_of(imu, ones)["conditioning"]["heading_noise_rad2_s"]
+    after = update_of(imu, twice)["conditioning"]["heading_noise_rad2_s"]
+    assert after == pytest.approx(4.0 * before)  # a variance

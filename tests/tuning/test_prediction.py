@@ -1,0 +1,87 @@
+"""Vectors foretold by the gyroscope alone."""
+
+import numpy as np
+import pytest
+
+from drivers.simulation.simulated_vehicle import simulate
+from tuning.online.noise import has_moved, is_disturbed, noise_of
+from tuning.prediction import (
+    AHEAD_S,
+    Readings,
+    heading_errors,
+    levelling_errors,
+    predicted_vectors,
+    rms_known,
+)
+
+RATE_HZ = 100.0
+N = 1000
+
+
+def flight(noise=0.0, bias=0.0):
+    flown = simulate(5, N, RATE_HZ, noise=noise, bias=bias)
+    time_s = np.arange(N) / RATE_HZ
+    mag = np.ones(N, dtype=bool)
+    return Readings(time_s, flown.gyr_rad_s, flown.acc_m_s2, flown.mag_gauss, mag), flown.q_ned_frd
+
+
+def turned(q, angle_rad, axis):
+    """exp(angle axis) q, the turn seen from NED."""
+    a, (x, y, z) = np.cos(angle_rad / 2), np.sin(angle_rad / 2) * np.array(axis)
+    turn = np.array([[a, -x, -y, -z], [x, a, -z, y], [y, z, a, -x], [z, -y, x, a]])
+    return q @ turn.T
+
+
+def test_the_truth_foretells_its_vectors():
+    """Up to what 100 Hz integration misses of the turn in half a second."""
+    readings, q = flight()
+    down, field = predicted_vectors(readings, q, np.zeros((N, 3)), 0)
+    known = np.isfinite(down[:, 0])
+    assert known.sum() == N - round(AHEAD_S * RATE_HZ)
+    assert rms_known(levelling_errors(down)) < 0.01
+    assert rms_known(heading_errors(field)) < 0.01
+
+
+@pytest.mark.parametrize("angle_deg", [2.0, 10.0, 40.0])
+def test_a_tilted_estimate_is_off_by_its_tilt(angle_deg):
+    readings, q = flight()
+    off = turned(q, np.radians(angle_deg), (1.0, 0.0, 0.0))
+    down, _ = predicted_vectors(readings, off, np.zeros((N, 3)), 0)
+    assert np.degrees(rms_known(levelling_errors(down))) == pytest.approx(angle_deg, rel=0.02)
+
+
+def test_a_bias_that_is_not_named_shows_by_half_a_second_of_it():
+    readings, q = flight()
+    bias = np.tile([0.2, 0.0, 0.0], (N, 1))
+    wrong = readings._replace(gyr_rad_s=readings.gyr_rad_s + bias)
+    unnamed, _ = predicted_vectors(wrong, q, np.zeros((N, 3)), 0)
+    named, _ = predicted_vectors(wrong, q, bias, 0)
+    assert rms_known(levelling_errors(named)) < 0.01
+    assert 0.03 < rms_known(levelling_errors(unnamed)) <= 0.2 * AHEAD_S
+
+
+def test_noise_is_what_was_put_in():
+    """The paper's: 0.05 of each component of a unit vector, 0.2 rad/s; also while it turns."""
+    readings, _ = flight(noise=1.0)
+    found = noise_of(readings)
+    # across the vector; along it a unit vector has no noise
+    assert found.gravity == pytest.approx(2 * 0.05**2, rel=0.15)
+    assert found.magnetic == pytest.approx(2 * 0.05**2, rel=0.15)
+    assert found.gyroscope == pytest.approx(3 * 0.2**2, rel=0.1)
+    assert noise_of(flight()[0]).gravity < 1e-5
+
+
+def test_a_magnet_is_no_noise():
+    readings, _ = flight(noise=1.0)
+    strong = readings._replace(mag=1.4 * readings.mag)
+    level = readings._replace(mag=readings.mag + 0.03 * readings.acc_m_s2)
+    learnt = noise_of(readings)
+    assert is_disturbed(learnt, noise_of(strong))
+    assert is_disturbed(learnt, noise_of(level))
+    assert not has_moved(learnt, noise_of(strong))
+    assert not is_disturbed(learnt, learnt)
+
+
+def test_a_slow_stream_tells_no_noise():
+    readings, _ = flight()
+    assert noise_of(readings._replace(time_s=np.arange(N) / 4.0)) is None

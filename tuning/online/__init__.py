@@ -1,0 +1,1 @@
+"""Retuning while it runs: the colony on the last ten seconds, without a truth."""

@@ -1,0 +1,82 @@
+"""The few numbers that are retuned, as factors on the base profile's."""
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from estimator.profile import Profile, merge_profile, profile_to_json
+from tuning.space import Space
+
+Array = NDArray[np.float64]
+
+# In all, and in one move.
+MOST_FACTOR = 30.0
+MOST_MOVE = 3.0
+
+
+class Number(NamedTuple):
+    """Keys of the profile that go by a power of one factor."""
+
+    name: str
+    keys: tuple[tuple[str, str, float], ...]
+
+
+# With raw vectors the confidences scale the gain, floor and all. How they share it out is
+# not searched: what the vectors' own biases do is in no prediction.
+RAW = (
+    Number(
+        "gain",
+        (
+            ("confidence", "gravity", 1.0),
+            ("confidence", "magnetic", 1.0),
+            ("confidence", "cross", 1.0),
+        ),
+    ),
+    Number("gamma", (("filter", "gamma", 1.0),)),
+)
+CONDITIONED = (
+    Number("gyroscope", (("aiding", "gyr_noise", 1.0), ("aiding", "gyr_slow_noise_1_s", 1.0))),
+    Number("accelerometer", (("aiding", "acc_noise", 1.0),)),
+    Number("gravity time", (("conditioning", "gravity_tau_s", 1.0),)),
+    Number(
+        "heading",
+        (("aiding", "heading_noise", 1.0), ("conditioning", "heading_noise_rad2_s", 2.0)),
+    ),
+)
+
+
+def numbers_of(base: Profile) -> tuple[Number, ...]:
+    """What is retuned of a profile; a number that is 0 has no factor."""
+    tree = profile_to_json(base)
+    chosen = CONDITIONED if base.conditioned else RAW
+    return tuple(n for n in chosen if all(tree[section][key] > 0.0 for section, key, _ in n.keys))
+
+
+def update_of(base: Profile, factors: Array) -> dict[str, dict[str, float]]:
+    """The partial profile that ``factors`` (D,) on the base's numbers mean."""
+    tree = profile_to_json(base)
+    update: dict[str, dict[str, float]] = {}
+    for number, factor in zip(numbers_of(base), factors.tolist(), strict=True):
+        for section, key, power in number.keys:
+            values = update.setdefault(section, {})
+            values[key] = values.get(key, tree[section][key]) * factor**power
+    return update
+
+
+def with_factors(base: Profile, factors: Array) -> Profile:
+    """The base with its numbers changed by ``factors`` (D,)."""
+    return merge_profile(base, update_of(base, factors))
+
+
+def space_around(base: Profile, factors: Array) -> Space:
+    """What can be reached in one move from ``factors`` (D,), by their logarithm."""
+    names = tuple(number.name for number in numbers_of(base))
+    low = np.maximum(factors / MOST_MOVE, 1.0 / MOST_FACTOR)
+    high = np.minimum(factors * MOST_MOVE, MOST_FACTOR)
+    return Space(
+        names=names,
+        lower=tuple(low.tolist()),
+        upper=tuple(high.tolist()),
+        logarithmic=(True,) * len(names),
+    )

@@ -1,0 +1,87 @@
+"""An estimator that cuts what it is told into segments, and hands them on."""
+
+from collections.abc import Callable
+
+from estimator.profile import Profile
+from estimator.types import ImuSample
+from tuning.online.retuner import Decision, Retuner
+from tuning.online.segment import LONGEST_GAP_S, SEGMENT_S, Segment
+from tuning.told import Call, ToldEstimator
+
+
+class SegmentingEstimator(ToldEstimator):
+    """Calls ``on_segment`` every five seconds of the vehicle's time.
+
+    A segment ends early, and is dropped, when somebody replaces the profile.
+    """
+
+    def __init__(
+        self,
+        profile: Profile,
+        fixed_gain: float | None = None,
+        on_segment: Callable[[Segment], None] = lambda _: None,
+    ) -> None:
+        super().__init__(profile, fixed_gain)
+        self.on_segment = on_segment
+        self._gain = fixed_gain
+        self._waiting: list[Call] = []
+        self._begin()
+
+    def _begin(self) -> None:
+        self._start = self.snapshot
+        self._told: list[tuple[Call, ...]] = []
+        self._samples: list[ImuSample] = []
+        self._silent = not self.aligned
+        self._waiting.clear()
+
+    def note(self, call: Call) -> None:
+        """See :class:`ToldEstimator`."""
+        self._waiting.append(call)
+
+    def note_restart(self) -> None:
+        """See :class:`ToldEstimator`."""
+        self._silent = True
+
+    def note_sample(self, sample: ImuSample, call: Call) -> None:
+        """See :class:`ToldEstimator`."""
+        last_us = self._samples[-1].time_us if self._samples else sample.time_us
+        self._silent |= sample.time_us - last_us > 1e6 * LONGEST_GAP_S
+        self._told.append((*self._waiting, call))
+        self._samples.append(sample)
+        self._waiting.clear()
+        if sample.time_us - self._samples[0].time_us >= 1e6 * SEGMENT_S:
+            segment = Segment(
+                before=self._start,
+                profile=self.profile,
+                samples=tuple(self._samples),
+                calls=tuple(self._told),
+                silent=self._silent,
+                fixed_gain=self._gain,
+            )
+            self._begin()
+            self.on_segment(segment)
+
+    def replace_profile(self, profile: Profile) -> None:
+        """See :class:`Estimator`."""
+        super().replace_profile(profile)
+        self._begin()
+
+
+class RetunedEstimator(SegmentingEstimator):
+    """Retuned on the spot, at fixed times of the vehicle's: for replay, where time stands still."""
+
+    def __init__(
+        self,
+        profile: Profile,
+        fixed_gain: float | None = None,
+        retuner: Retuner | None = None,
+    ) -> None:
+        self._retuner = Retuner(profile) if retuner is None else retuner
+        self.decisions: list[tuple[int, Decision]] = []
+        super().__init__(profile, fixed_gain, self._take)
+
+    def _take(self, segment: Segment) -> None:
+        decision = self._retuner.take(segment)
+        if decision is not None:
+            self.decisions.append((segment.samples[-1].time_us, decision))
+            self.replace_profile(self._retuner.profile)

@@ -1,0 +1,208 @@
+"""When a profile is retuned, by what proof, and when that is taken back.
+
+A pure machine: segments in, decisions out, no clock. The same segments give the same decisions, so
+a log that is replayed is retuned as it would be again.
+
+* It rests while the readings' noise is what was learnt. It starts when that has moved, and both
+  segments of the window agree on what it is now; never during a silence, a pull-in or while the
+  field is disturbed.
+* The colony searches on the earlier segment. Its best, and the base profile, are judged on the
+  later: a winner is at least 5 % cheaper than what is in force, and beyond chance.
+* The next window shows whether that holds. If not, what was before is in force again.
+"""
+
+from math import sqrt
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from estimator.profile import Profile, profile_to_json
+from tuning.online.cost import Cost, cost_on
+from tuning.online.noise import Noise, has_moved, is_disturbed, noise_of
+from tuning.online.numbers import numbers_of, space_around, update_of, with_factors
+from tuning.online.search import FOOD_SOURCES, Look, colony_search
+from tuning.online.segment import Segment, Window, readings_of
+
+Array = NDArray[np.float64]
+
+LEAST_GAIN = 0.05
+# Student's t of the paired half seconds; chance exceeds it once in a hundred.
+LEAST_T = 2.5
+# A candidate that seems to win is judged on so many segments at most, until it does beyond chance.
+MOST_SEGMENTS = 4
+# Half a second in which the vectors are 60 deg from what was foretold is an event, and no noise.
+EVENT = 0.25
+# Segments that a decision may take until it is in force.
+MOST_FOREIGN = 2
+# Windows without a search behind one that found nothing, and after a move that was taken back.
+PATIENCE = 6
+
+
+class Decision(NamedTuple):
+    """A change of the profile in force: what it becomes, as a partial profile, and why."""
+
+    update: dict[str, dict[str, float]]
+    reason: str
+    gain: float  # share of the cost that it saved where it was judged
+
+
+class Trial(NamedTuple):
+    """A candidate beside what is in force, on segments that it was not searched on."""
+
+    factors: Array
+    old: tuple[Cost, ...] = ()
+    new: tuple[Cost, ...] = ()
+
+    def with_costs(self, old: Cost, new: Cost) -> "Trial":
+        """The same with another segment."""
+        return Trial(self.factors, (*self.old, old), (*self.new, new))
+
+    @property
+    def share(self) -> float:
+        """The share of the cost that it saves."""
+        old, new = (sum(cost.total for cost in costs) for costs in (self.old, self.new))
+        return (old - new) / old if old > 0.0 else 0.0
+
+    @property
+    def _t(self) -> float:
+        """Student's t over the half seconds, each with itself; pull-ins differ by no chance."""
+        old, new = (np.concatenate([c.blocks for c in costs]) for costs in (self.old, self.new))
+        off = old - new
+        won = float(np.mean([o.total - n.total for o, n in zip(self.old, self.new, strict=True)]))
+        spread = float(np.std(off, ddof=1)) / sqrt(len(off)) if len(off) > 1 else 0.0
+        return won / spread if spread > 0.0 else 0.0
+
+    @property
+    def has_won(self) -> bool:
+        """Whether it is cheaper by enough, and beyond chance."""
+        return self.share > LEAST_GAIN and self._t > LEAST_T
+
+    @property
+    def is_open(self) -> bool:
+        """Whether more segments may decide."""
+        return len(self.old) < MOST_SEGMENTS and self.share > LEAST_GAIN
+
+
+class Retuner:
+    """The decisions about one vehicle, from segment to segment."""
+
+    def __init__(self, base: Profile, seed: int = 0, look: Look = colony_search) -> None:
+        self._look = look
+        self._generator = np.random.default_rng(seed)
+        self._begin(base)
+
+    def _begin(self, base: Profile) -> None:
+        """Nothing is known beside the base profile."""
+        self._base = base
+        ones = np.ones(len(numbers_of(base)))
+        self._now = ones  # factors in force
+        self._before: Array | None = None  # of a move that is still to be checked
+        self._kept = ones[None, :]
+        self._learnt: Noise | None = None
+        self._last: Segment | None = None
+        self._foreign = 0  # segments in a row that another profile was in force in
+        self._wait = 0
+        self._trials: list[Trial] = []
+
+    @property
+    def profile(self) -> Profile:
+        """What should be in force."""
+        return with_factors(self._base, self._now)
+
+    def take(self, segment: Segment) -> Decision | None:
+        """The next segment; what follows from it."""
+        if profile_to_json(segment.profile) != profile_to_json(self.profile):
+            self._follow(segment.profile)
+            return None
+        earlier, self._last = self._last, None if segment.silent else segment
+        self._foreign = 0
+        if earlier is None or segment.silent or not len(self._now):
+            return None
+        window = Window(earlier, segment)
+        noises = [noise_of(readings_of(part.samples)) for part in window]
+        if noises[0] is None or noises[1] is None:
+            return None
+        if self._learnt is None:
+            self._learnt = noises[1]
+            return None
+        if any(is_disturbed(self._learnt, noise) for noise in noises if noise is not None):
+            return None
+        return self._consider(window, noises[0], noises[1])
+
+    def _follow(self, profile: Profile) -> None:
+        """Another profile is in force: a decision has not arrived yet, or somebody has replaced it.
+
+        Somebody's own profile is the base from now on.
+        """
+        self._last = None
+        self._foreign += 1
+        if self._foreign > MOST_FOREIGN:
+            self._begin(profile)
+
+    def _consider(self, window: Window, earlier: Noise, later: Noise) -> Decision | None:
+        assert self._learnt is not None
+        is_busy = self._before is not None or self._trials
+        if not is_busy:
+            self._wait = max(0, self._wait - 1)
+            if self._wait or not has_moved(self._learnt, later) or has_moved(earlier, later):
+                return None
+        self._old = self._cost(self._now, window, judged=True)
+        if self._old.blocks.max() > EVENT:
+            return None
+        if self._before is not None:
+            return self._check(window)
+        if self._trials:
+            return self._judge(window)
+        self._learnt = later
+        return self._search(window)
+
+    def _search(self, window: Window) -> Decision | None:
+        """Find a candidate on the earlier segment; the later one is the first that judges it."""
+        space = space_around(self._base, self._now)
+
+        def evaluate(factors: Array) -> Array:
+            return np.array([self._cost(row, window, judged=False).total for row in factors])
+
+        first = np.concatenate([self._now[None, :], self._kept])[:FOOD_SOURCES]
+        tried, costs, self._kept = self._look(space, first, evaluate, self._generator)
+        rivals = (tried[int(np.argmin(costs))], np.ones(len(self._now)))
+        self._trials = [Trial(rival) for rival in rivals if np.any(rival != self._now)]
+        return self._judge(window)
+
+    def _judge(self, window: Window) -> Decision | None:
+        """Compare each rival with what is in force, on all that it was not searched on."""
+        self._trials = [
+            trial.with_costs(self._old, self._cost(trial.factors, window, judged=True))
+            for trial in self._trials
+        ]
+        won = [trial for trial in self._trials if trial.has_won]
+        if won:
+            best = max(won, key=lambda trial: trial.share)
+            self._trials = []
+            return self._move(best.factors, "noise has changed", best.share)
+        self._trials = [trial for trial in self._trials if trial.is_open]
+        if not self._trials:
+            self._wait = PATIENCE
+        return None
+
+    def _check(self, window: Window) -> Decision | None:
+        """Whether the last move holds on a window that it has not seen."""
+        assert self._before is not None
+        old = self._cost(self._before, window, judged=True)
+        before, self._before = self._before, None
+        share = Trial(self._now, (old,), (self._old,)).share
+        if share <= 0.0:
+            self._wait = PATIENCE
+            decision = self._move(before, "taken back", -share)
+            self._before = None
+            return decision
+        return self._search(window)  # it may not have been far enough
+
+    def _move(self, factors: Array, reason: str, gain: float) -> Decision:
+        self._before, self._now = self._now, factors
+        self._last = None
+        return Decision(update_of(self._base, factors), reason, gain)
+
+    def _cost(self, factors: Array, window: Window, *, judged: bool) -> Cost:
+        return cost_on(with_factors(self._base, factors), window, judged=judged)
