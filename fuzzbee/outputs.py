@@ -25,7 +25,9 @@ WINDOW, WEB = "window", "web"
 Ros = Annotated[
     bool,
     typer.Option(
-        "--ros", help="Publish sensor_msgs/Imu for ROS 2 (rmw_zenoh), too.", rich_help_panel=PANEL
+        "--ros",
+        help="Publish IMU, tf and diagnostics for ROS 2 (rmw_zenoh), too.",
+        rich_help_panel=PANEL,
     ),
 ]
 RosDomain = Annotated[

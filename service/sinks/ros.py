@@ -10,15 +10,16 @@ knows them.
 
 import hashlib
 import re
-from collections.abc import Sequence
+import time
+from collections.abc import Callable, Sequence
 from contextlib import suppress
 from struct import Struct
 from typing import TYPE_CHECKING, Any
 
 from drivers.events import VehicleId
 from estimator.types import ImuSample
-from service.records import AttitudeRecord, Output, Published, vehicle_name
-from service.sinks.ros_imu import TYPE_HASH, TYPE_NAME, imu_message
+from service.records import AttitudeRecord, Output, Published, StatusRecord, vehicle_name
+from service.sinks import ros_diagnostics, ros_imu, ros_tf
 
 if TYPE_CHECKING:
     import zenoh
@@ -35,22 +36,55 @@ _NOT_ALLOWED = re.compile(r"[^A-Za-z0-9_]+")
 
 
 class RosSink:
-    """Publishes ``/{prefix}/vehicle_{name}/imu`` on a session that stays its owner's."""
+    """Publishes on a session that stays its owner's: what nodes, tf2 and diagnostics listen to.
+
+    ``/{prefix}/vehicle_{name}/imu`` for each vehicle, and for all of them ``/tf`` and
+    ``/diagnostics``.
+    """
 
     name = "ros"
 
-    def __init__(self, session: "zenoh.Session", prefix: str, domain: int = 0) -> None:
+    def __init__(
+        self,
+        session: "zenoh.Session",
+        prefix: str,
+        domain: int = 0,
+        unix_us: Callable[[], int] = lambda: time.time_ns() // 1000,
+    ) -> None:
         self._session = session
         self._prefix = prefix
         self._domain = domain
-        self._publishers: dict[VehicleId, ImuPublisher] = {}
+        self._unix_us = unix_us  # a status carries no time of its own
+        self._publishers: dict[str, Publisher] = {}  # by topic
         self._node: Any = session.liveliness().declare_token(self._token("NN", 0))
 
     def handle(self, outputs: Sequence[Output]) -> None:
-        """Publish the attitudes among the outputs."""
+        """Publish the attitudes and statuses among the outputs."""
         for output in outputs:
-            if isinstance(output, Published) and isinstance(output.record, AttitudeRecord):
-                self._publisher(output.vehicle).put(output.record, output.sample)
+            match output:
+                case Published(vehicle=vehicle, record=AttitudeRecord() as record):
+                    self._put_attitude(vehicle, record, output.sample)
+                case Published(vehicle=vehicle, record=StatusRecord() as status):
+                    self._put_status(vehicle, status)
+
+    def _put_attitude(
+        self, vehicle: VehicleId, record: AttitudeRecord, sample: ImuSample | None
+    ) -> None:
+        """The attitude, with the specific force of the last sample, and as a transform."""
+        acc = None if sample is None else sample.acc_m_s2
+        topic, body = imu_topic(self._prefix, vehicle), f"{_hardware(vehicle)}/base_link"
+        imu = self._publisher(topic, ros_imu.TYPE_NAME, ros_imu.TYPE_HASH)
+        imu.put(ros_imu.imu_message(record, acc, body), record.time_unix_us)
+        tf = self._publisher(ros_tf.TOPIC, ros_tf.TYPE_NAME, ros_tf.TYPE_HASH)
+        tf.put(ros_tf.tf_message(record, body), record.time_unix_us)
+
+    def _put_status(self, vehicle: VehicleId, record: StatusRecord) -> None:
+        now_us = self._unix_us()
+        publisher = self._publisher(
+            ros_diagnostics.TOPIC, ros_diagnostics.TYPE_NAME, ros_diagnostics.TYPE_HASH
+        )
+        message = ros_diagnostics.diagnostics_message(record, now_us, _hardware(vehicle))
+        publisher.put(message, now_us)
 
     def close(self) -> None:
         """Withdraw the publishers and the node."""
@@ -61,27 +95,28 @@ class RosSink:
                 publisher.close()
             self._node.undeclare()
 
-    def _publisher(self, vehicle: VehicleId) -> "ImuPublisher":
-        if vehicle not in self._publishers:
-            topic = imu_topic(self._prefix, vehicle)
-            key = f"{self._domain}{topic}/{TYPE_NAME}/{TYPE_HASH}"
-            token = self._token("MP", 1 + len(self._publishers), topic)
-            frame = _word(f"vehicle_{vehicle_name(vehicle)}") + "/base_link"
-            self._publishers[vehicle] = ImuPublisher(self._session, key, token, frame)
-        return self._publishers[vehicle]
+    def _publisher(self, topic: str, type_name: str, type_hash: str) -> "Publisher":
+        if topic not in self._publishers:
+            kind = f"{type_name}/{type_hash}"
+            token = self._token("MP", 1 + len(self._publishers), f"{topic}/{kind}")
+            key = f"{self._domain}{topic}/{kind}"
+            self._publishers[topic] = Publisher(self._session, key, token)
+        return self._publishers[topic]
 
-    def _token(self, kind: str, number: int, topic: str | None = None) -> str:
+    def _token(self, kind: str, number: int, what: str | None = None) -> str:
+        """The liveliness token of the node, or of a publisher of ``what``: topic, type and hash."""
         entity = f"@ros2_lv/{self._domain}/{self._session.zid()}/0/{number}/{kind}"
         node = f"{entity}/{NOT_SET}/{NOT_SET}/{NODE}"
-        if topic is None:
+        if what is None:
             return node
-        return f"{node}/{topic.replace('/', '%')}/{TYPE_NAME}/{TYPE_HASH}/{QUALITY}"
+        topic, type_name, type_hash = what.rsplit("/", 2)
+        return f"{node}/{topic.replace('/', '%')}/{type_name}/{type_hash}/{QUALITY}"
 
 
-class ImuPublisher:
-    """One vehicle's topic."""
+class Publisher:
+    """One topic."""
 
-    def __init__(self, session: "zenoh.Session", key: str, token: str, frame_id: str) -> None:
+    def __init__(self, session: "zenoh.Session", key: str, token: str) -> None:
         import zenoh
 
         self._publisher: Any = session.declare_publisher(
@@ -90,20 +125,23 @@ class ImuPublisher:
         self._token: Any = session.liveliness().declare_token(token)
         # Subscribers tell publishers apart by it; rmw_zenoh hashes the token, too
         self._id = hashlib.blake2b(token.encode(), digest_size=16).digest()
-        self._frame_id = frame_id
         self._sequence = 1
 
-    def put(self, record: AttitudeRecord, sample: ImuSample | None) -> None:
-        """Publish one message, with the specific force of the last sample."""
-        acc = None if sample is None else sample.acc_m_s2
-        attachment = _ATTACHMENT.pack(self._sequence, record.time_unix_us * 1000, 16, self._id)
+    def put(self, message: bytes, unix_us: int) -> None:
+        """Publish one message of that time."""
+        attachment = _ATTACHMENT.pack(self._sequence, unix_us * 1000, 16, self._id)
         self._sequence += 1
-        self._publisher.put(imu_message(record, acc, self._frame_id), attachment=attachment)
+        self._publisher.put(message, attachment=attachment)
 
     def close(self) -> None:
         """Withdraw the publisher."""
         self._token.undeclare()
         self._publisher.undeclare()
+
+
+def _hardware(vehicle: VehicleId) -> str:
+    """A vehicle's name in frames and diagnostics."""
+    return _word(f"vehicle_{vehicle_name(vehicle)}")
 
 
 def imu_topic(prefix: str, vehicle: VehicleId) -> str:

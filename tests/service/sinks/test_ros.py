@@ -9,7 +9,8 @@ from scipy.spatial.transform import Rotation
 
 from drivers.events import VehicleId
 from estimator.types import ImuSample
-from service.records import Published
+from service.records import Published, StatusRecord
+from service.sinks import ros_diagnostics, ros_imu, ros_tf
 from service.sinks.ros import RosSink, imu_topic
 from service.sinks.ros_imu import TYPE_HASH, imu_message
 from service.zenoh_session import close_session, open_session
@@ -24,8 +25,11 @@ ENU_FROM_NED = np.array([[0, 1, 0], [1, 0, 0], [0, 0, -1]])
 FRD_FROM_FLU = np.diag([1, -1, -1])
 
 
-def decode(data):
-    return TYPES.deserialize_cdr(bytes(data), "sensor_msgs/msg/Imu")
+TF = f"tf2_msgs::msg::dds_::TFMessage_/{ros_tf.TYPE_HASH}"
+
+
+def decode(data, kind="sensor_msgs/msg/Imu"):
+    return TYPES.deserialize_cdr(bytes(data), kind)
 
 
 def orientation(message):
@@ -38,8 +42,18 @@ def xyz(vector):
 
 
 @pytest.mark.parametrize("store", [Stores.ROS2_HUMBLE, Stores.ROS2_JAZZY, Stores.ROS2_KILTED])
-def test_the_type_hash_is_the_one_of_ros(store):
-    assert get_typestore(store).hash_rihs01("sensor_msgs/msg/Imu") == TYPE_HASH
+@pytest.mark.parametrize(
+    ("kind", "module"),
+    [
+        ("sensor_msgs/msg/Imu", ros_imu),
+        ("tf2_msgs/msg/TFMessage", ros_tf),
+        ("diagnostic_msgs/msg/DiagnosticArray", ros_diagnostics),
+    ],
+)
+def test_the_type_is_the_one_of_ros(store, kind, module):
+    assert get_typestore(store).hash_rihs01(kind) == module.TYPE_HASH
+    package, _, name = kind.split("/")
+    assert f"{package}::msg::dds_::{name}_" == module.TYPE_NAME
 
 
 @pytest.mark.parametrize("frame", ["", "a", "base_link", "vehicle_1/base_link"])
@@ -110,6 +124,84 @@ def test_the_covariance_holds_what_the_sigmas_promise():
     assert np.mean(heading < 7.0) == pytest.approx(0.68, abs=0.01)
 
 
+@pytest.mark.parametrize("child", ["a", "ab", "abc", "vehicle_1/base_link"])
+def test_a_transform_is_the_attitude_of_the_imus_message(child):
+    made = record(20, -30, 123)
+    message = decode(ros_tf.tf_message(made, child), "tf2_msgs/msg/TFMessage")
+    (transform,) = message.transforms
+    assert (transform.header.frame_id, transform.child_frame_id) == ("map", child)
+    assert transform.header.stamp.sec == UNIX_US // 1_000_000
+    assert transform.header.stamp.nanosec == 123_456_000
+    assert transform.transform.rotation == decode(imu_message(made, None, child)).orientation
+    assert xyz(transform.transform.translation) == (0.0, 0.0, 0.0)
+    kept = TYPES.serialize_cdr(message, "tf2_msgs/msg/TFMessage")
+    assert bytes(kept) == ros_tf.tf_message(made, child)
+
+
+def status(state="running", **changes):
+    return StatusRecord(
+        **{
+            "state": state,
+            "imu_message": "RAW_IMU",
+            "imu_rate_hz": 49.96,
+            "worst_gap_s": 0.5,
+            "rejected": {"not_later": 3},
+            "overruns": 0,
+            "dropped": 0,
+            "sequence": 7,
+            **changes,
+        }
+    )
+
+
+@pytest.mark.parametrize(
+    ("record", "level"),
+    [
+        (status("running"), 0),
+        (status("aligning"), 1),
+        (status("degraded"), 1),
+        (status("lost"), 2),
+        (status("waiting", imu_message=None), 3),
+        (status("running", warnings=("a_word",)), 1),
+        (status("running", overloaded=True), 1),
+        (status("lost", warnings=("a_word",)), 2),
+    ],
+)
+def test_a_status_is_a_diagnosis(record, level):
+    kind = "diagnostic_msgs/msg/DiagnosticArray"
+    data = ros_diagnostics.diagnostics_message(record, UNIX_US, "vehicle_1")
+    message = decode(data, kind)
+    (one,) = message.status
+    assert message.header.stamp.nanosec == 123_456_000
+    assert one.level == level
+    assert one.name == "vehicle_1: attitude"
+    assert one.hardware_id == "vehicle_1"
+    assert one.message.split(", ") == [record.state, *record.warnings]
+    values = {each.key: each.value for each in one.values}
+    assert values["imu_rate_hz"] == "50.0"
+    assert values["imu_message"] == (record.imu_message or "none")
+    assert values["rejected.not_later"] == "3"
+    assert bytes(TYPES.serialize_cdr(message, kind)) == data
+
+
+def test_a_status_is_published_with_the_time_of_the_host(endpoint):  # noqa: F811
+    session, got = open_session(options(endpoint)), []
+    sink = RosSink(session, "fuzzbee", unix_us=lambda: UNIX_US)
+    with plain_client(endpoint) as client:
+        client.declare_subscriber("0/diagnostics/**", got.append)
+
+        def received():
+            sink.handle([Published(VehicleId(7, 154), status())])
+            return got
+
+        wait_for(received)
+    sink.close()
+    close_session(session)
+    message = decode(got[0].payload.to_bytes(), "diagnostic_msgs/msg/DiagnosticArray")
+    assert message.header.stamp.sec == UNIX_US // 1_000_000
+    assert message.status[0].hardware_id == "vehicle_7_154"
+
+
 def test_topics_are_names_that_ros_allows():
     assert imu_topic("fuzzbee", VehicleId(1, 1)) == "/fuzzbee/vehicle_1/imu"
     assert imu_topic("fleet/2nd-boat", VehicleId(7, 154)) == "/fleet/_2nd_boat/vehicle_7_154/imu"
@@ -125,14 +217,15 @@ def test_keys_attachments_and_tokens_are_rmw_zenohs(endpoint):  # noqa: F811
 
         def received():
             sink.handle([Published(VehicleId(1, 1), record(), sample)])
-            return len(got) >= 3
+            return len(got) >= 6
 
         wait_for(received)
         tokens = [str(reply.ok.key_expr) for reply in client.liveliness().get("@ros2_lv/3/**")]
         sink.close()
         wait_for(lambda: not list(client.liveliness().get("@ros2_lv/3/**")))
     key = f"fuzzbee/vehicle_1/imu/sensor_msgs::msg::dds_::Imu_/{TYPE_HASH}"
-    assert {str(each.key_expr) for each in got} == {f"3/{key}"}
+    assert {str(each.key_expr) for each in got} == {f"3/{key}", f"3/tf/{TF}"}
+    got = [each for each in got if "imu" in str(each.key_expr)]
     attachments = [each.attachment.to_bytes() for each in got]
     assert {len(each) for each in attachments} == {33}
     sequence, stamps, lengths, ids = zip(
@@ -146,9 +239,10 @@ def test_keys_attachments_and_tokens_are_rmw_zenohs(endpoint):  # noqa: F811
     assert message.header.frame_id == "vehicle_1/base_link"
     assert xyz(message.linear_acceleration) == (0.0, 0.0, 9.8)
 
-    node, publisher = sorted(tokens, key=len)
+    node, tf, publisher = sorted(tokens, key=len)
     start = f"@ros2_lv/3/{session.zid()}/0"
     assert node == f"{start}/0/NN/%/%/fuzzbee"
+    assert tf == f"{start}/2/MP/%/%/fuzzbee/%tf/{TF}/::,10:,:,:,,"
     mangled = "%fuzzbee%vehicle_1%imu/" + key.split("/imu/")[1]
     assert publisher == f"{start}/1/MP/%/%/fuzzbee/{mangled}/::,10:,:,:,,"
     close_session(session)
