@@ -103,17 +103,20 @@ class Solution(NamedTuple):
 @inlined
 def add_sample(search: Search, q_g_frd: Quaternion, acc: Vec3, dt: float) -> Search:
     """Integrate one sample's specific force by the trapezoid."""
-    window = search.window
-    force = rotate(q_g_frd, acc)
-    longer = Window(
-        pushed_m_s=add(window.pushed_m_s, scale(0.5 * dt, add(force, window.force_m_s2))),
-        force_m_s2=force,
+    return Search(extend_window(search.window, rotate(q_g_frd, acc), dt), search.evidence)
+
+
+@inlined
+def extend_window(window: Window, force_g: Vec3, dt: float) -> Window:
+    """The window one sample longer, whose specific force is given in G."""
+    return Window(
+        pushed_m_s=add(window.pushed_m_s, scale(0.5 * dt, add(force_g, window.force_m_s2))),
+        force_m_s2=force_g,
         first_force_m_s2=window.first_force_m_s2,
         time_s=window.time_s + dt,
         velocity_ned_m_s=window.velocity_ned_m_s,
         is_open=window.is_open,
     )
-    return Search(longer, search.evidence)
 
 
 @inlined

@@ -8,6 +8,7 @@ from estimator.aiding import AidingState, blank_aiding, forget_biases
 from estimator.aiding.search import EMPTY_SEARCH, Search
 from estimator.aiding.trail import COLUMNS
 from estimator.aiding.types import SIZE, Array
+from estimator.aiding.witness import NEW_WITNESS, Witness
 from estimator.conditioning import apply_turn as turn_memory
 from estimator.conditioning import forget_bias
 from estimator.conditioning import initial_state as initial_conditioning
@@ -42,6 +43,7 @@ class Core(NamedTuple):
     seen: Conditioned  # of the last sample; blank while the vectors are raw
     search: Search  # for an attitude from velocity alone; empty while velocity helps
     aided: AidingState  # blank while velocity does not help
+    witness: Witness  # whether measurements bear the aided attitude out; blank likewise
     covariance: Any  # of the aiding's errors: (SIZE, SIZE), in a snapshot row by row
     trail: Any  # of the velocity that it has gained lately, likewise: (ROWS, COLUMNS)
 
@@ -57,6 +59,7 @@ def initial_core(settings: Settings) -> Core:
         seen=UNSEEN,
         search=EMPTY_SEARCH,
         aided=aided,
+        witness=NEW_WITNESS,
         covariance=flat(covariance),
         trail=flat(trail),
     )
@@ -80,7 +83,9 @@ def flat(covariance: Array) -> tuple[float, ...]:
 def without_aiding(settings: Settings, now: Core) -> Core:
     """The same, while velocity does not help."""
     aided, covariance, trail = blank_aiding(settings.aiding)
-    return now._replace(aided=aided, covariance=flat(covariance), trail=flat(trail))
+    return now._replace(
+        aided=aided, witness=NEW_WITNESS, covariance=flat(covariance), trail=flat(trail)
+    )
 
 
 def without_conditioning(settings: Settings, now: Core) -> Core:
@@ -97,13 +102,14 @@ def apply_turn(now: Core, turn_ned: Quaternion, *, is_aided: bool) -> Core:
     """Every attitude inside turned by the same body rotation: q* K q of the filter's q."""
     q = now.filter.q_ned_frd
     turn_frd = multiply(conjugate(q), multiply(turn_ned, q))
-    aided = now.aided
+    aided, witness = now.aided, now.witness
     if is_aided:
         estimate = aided.estimate
         aided_q = normalize(multiply(estimate.q_ned_frd, turn_frd))
         aided = aided._replace(estimate=estimate._replace(q_ned_frd=aided_q))
+        witness = witness._replace(q_g_frd=normalize(multiply(witness.q_g_frd, turn_frd)))
     return with_attitude(now, normalize(multiply(q, turn_frd)))._replace(
-        conditioning=turn_memory(now.conditioning, turn_frd), aided=aided
+        conditioning=turn_memory(now.conditioning, turn_frd), aided=aided, witness=witness
     )
 
 

@@ -6,6 +6,7 @@ Plain tuples, not named ones: compiled code hands those to Python several times 
 from math import asin, pi, radians, sqrt
 
 from estimator.aiding import AidingState
+from estimator.aiding.witness import Witness, doubted
 from estimator.compilation.compiled import inlined
 from estimator.conditioning.types import Conditioned
 from estimator.filter.observation import ReferenceParams
@@ -26,10 +27,12 @@ Figures = tuple[float, float, float, float]
 
 
 @inlined
-def motion(state: FilterState, rate_rad_s: Vec3, ahead_s: float) -> Motion:
-    """The filter's part, turned by the last rate for ``ahead_s``."""
+def motion(
+    state: FilterState, rate_rad_s: Vec3, ahead_s: float, error: float, error_rate_1_s: float
+) -> Motion:
+    """The filter's part, turned by the last rate for ``ahead_s``, and e with its rate."""
     q = normalize(multiply(state.q_ned_frd, exp(scale(ahead_s, rate_rad_s))))
-    return q, rate_rad_s, state.gyr_bias_rad_s, state.error, state.error_rate_1_s, state.gain
+    return q, rate_rad_s, state.gyr_bias_rad_s, error, error_rate_1_s, state.gain
 
 
 @inlined
@@ -51,14 +54,15 @@ def conditioned_figures(seen: Conditioned) -> Figures:
 
 
 @inlined
-def aided_figures(aided: AidingState) -> Figures:
-    """What the velocity aiding knows."""
-    inclination, heading = aided.sigma.inclination_rad, aided.sigma.heading_rad
+def aided_figures(aided: AidingState, witness: Witness) -> Figures:
+    """What the velocity aiding knows, and what measurements say against it."""
+    sigma = aided.sigma
+    wide = doubted(sigma, witness)
     return (
-        confidence(inclination, GRAVITY_HALF_RAD),
-        confidence(heading, MAGNETIC_HALF_RAD),
-        at_most_half_turn(at_least(inclination)),
-        at_most_half_turn(at_least(heading)),
+        confidence(sigma.inclination_rad, GRAVITY_HALF_RAD),
+        confidence(sigma.heading_rad, MAGNETIC_HALF_RAD),
+        at_most_half_turn(at_least(wide.inclination_rad)),
+        at_most_half_turn(at_least(wide.heading_rad)),
     )
 
 

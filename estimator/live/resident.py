@@ -22,6 +22,7 @@ from estimator.aiding import (
 )
 from estimator.aiding.search import EMPTY_SEARCH, add_report, add_sample
 from estimator.aiding.types import NO_REPORT
+from estimator.aiding.witness import compare, hear_report, watch
 from estimator.compilation.compiled import compiled
 from estimator.conditioning.condition import condition
 from estimator.conditioning.rate import slow_share
@@ -164,6 +165,7 @@ def resident(params: Params, core: Core) -> Any:
         core.seen,
         core.search,
         core.aided,
+        core.witness,
         core.covariance,
         core.trail,
     )
@@ -180,6 +182,7 @@ def contents(inside: Any) -> Core:
         seen=inside.seen,
         search=inside.search,
         aided=inside.aided,
+        witness=inside.witness,
         covariance=inside.covariance.copy(),
         trail=inside.trail.copy(),
     )
@@ -269,6 +272,9 @@ def advance_aided(inside: Any, report: Report, knows_north: bool) -> bool:
     inside.aided = aided
     inside.covariance = covariance
     inside.trail = trail
+    witness = watch(inside.witness, aided, inside.sample, report)
+    tau_s = params.filter.rate_time_constant_s
+    inside.witness = compare(witness, state.q_ned_frd, inside.sample.dt_s, tau_s)
     lost = slow_share(inside.sample.dt_s) > 0.0 and is_worse(aided, seen)
     return bool(is_credible(params.aiding, aided)) and not lost
 
@@ -286,6 +292,7 @@ def hear(inside: Any, report: Report) -> None:
     )
     inside.aided = aided
     inside.covariance = covariance
+    inside.witness = hear_report(inside.witness, aided.estimate, report)
 
 
 @compiled
@@ -305,8 +312,11 @@ def publish(inside: Any, ahead_s: float, source: int) -> tuple[Motion, Figures, 
     to compute.
     """
     known_s = ahead_s
+    error, error_rate_1_s = inside.filter.error, inside.filter.error_rate_1_s
     if source == AIDED:
-        figures = aided_figures(inside.aided)
+        witness = inside.witness
+        error, error_rate_1_s = witness.error, witness.error_rate_1_s
+        figures = aided_figures(inside.aided, witness)
         ahead_s += inside.aided.estimate.imu_lag_s  # the samples are that old
     elif source == CONDITIONED:
         figures = conditioned_figures(inside.seen)
@@ -314,4 +324,5 @@ def publish(inside: Any, ahead_s: float, source: int) -> tuple[Motion, Figures, 
         figures = raw_figures(inside.params.reference, inside.smooth_error)
     rate_rad_s = subtract(inside.sample.gyr_rad_s, inside.filter.gyr_bias_rad_s)
     figures = widen(figures, rate_rad_s, known_s)
-    return motion(inside.filter, rate_rad_s, ahead_s), figures, inside.seen.has_heading
+    moved = motion(inside.filter, rate_rad_s, ahead_s, error, error_rate_1_s)
+    return moved, figures, inside.seen.has_heading

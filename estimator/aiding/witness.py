@@ -1,0 +1,324 @@
+"""Whether what is measured bears the aided attitude out: e from measured vectors, and a doubt.
+
+The paper's filter follows the aided attitude, so its own e says nothing. Here the vectors are
+measured ones: the specific force of the last second against the change of velocity that was
+reported over it, and the field free of the learnt hard iron against the place's. Neither takes
+part in the estimate a second time. A turn that the gyroscope has not felt, a bias that steps, a
+magnet, velocities that are wrong: whatever draws the attitude and the measurements apart shows
+here before the covariance knows of it.
+
+How far they usually lie apart is learnt, because it is mostly noise, and the better part of what
+slow streams miss. Only what goes far beyond that counts as doubt of the attitude.
+"""
+
+from math import atan2, hypot
+from math import exp as real_exp
+from typing import NamedTuple
+
+from estimator.aiding.search import (
+    EMPTY_SEARCH,
+    LONGEST_WINDOW_S,
+    WINDOW_S,
+    Window,
+    extend_window,
+    open_window,
+)
+from estimator.aiding.types import AidingEstimate, AidingState, Report, Sigmas
+from estimator.compilation.compiled import inlined
+from estimator.conditioning.magnetic import LEAST_HORIZONTAL
+from estimator.geometry.quaternion import (
+    conjugate,
+    cross,
+    dot,
+    exp,
+    multiply,
+    norm,
+    normalize,
+    rotate,
+    scale,
+    subtract,
+    unit,
+)
+from estimator.types import IDENTITY, STANDARD_GRAVITY_M_S2, ZERO_VEC3, Quaternion, Sample, Vec3
+
+# The turns that the measurements ask for are averaged over these times (s). Small: noise stands
+# out; large: a fault is noticed late.
+TILT_TAU_S = 1.0
+HEADING_TAU_S = 2.0
+# How far they usually lie apart is learnt over this time (s); one average counts for at most so
+# many times what was usual before, in squares: a fault is nothing usual.
+USUAL_TAU_S = 120.0
+MOST_UNUSUAL = 4.0
+# What a window's change of velocity may be off (m/s): always; for each m/s^2 by which the force is
+# another one at its end (a delay in s); and of the push itself for each radian turned (scale
+# errors). A window counts as far as that is little beside a second of gravity.
+REPORTS_M_S = 0.2
+TIMING_S = 0.02
+TURNED_SHARE = 0.01
+FIRST_TILT_RAD = 0.009  # usual at the beginning
+FIRST_HEADING_RAD = 0.017
+# Beyond this many times the usual (squared) the attitude is doubted, and by this share of the
+# square beyond it: an average lags behind an error that grows.
+DOUBTFUL = 6.0
+DOUBT_SHARE = 4.0
+
+
+class Direction(NamedTuple):
+    """A direction that was measured, in the gyro-propagated frame G, and where it should point."""
+
+    g: Vec3  # unit vector in G
+    ned: Vec3  # unit vector in NED
+    share: float  # confidence, 0 to 1; 0 while there is none
+
+
+class Apart(NamedTuple):
+    """How far measurements turn the attitude away from where it is."""
+
+    mean_north_rad: float  # averaged turn about north; of the field: about down
+    mean_east_rad: float  # about east; of the field: 0
+    usual_square: float  # mean square of that average, rad^2
+
+
+class Witness(NamedTuple):
+    """What was measured lately, and how far from the attitude it lies."""
+
+    q_g_frd: Quaternion  # body to G, by the gyroscope free of the bias that the aiding knows
+    window: Window  # of the force, since a report opened it
+    turned_rad: float  # since then, every way
+    by_receiver: bool  # whose reports open and close the window
+    report_wait_s: float  # since the last one of theirs
+    force_wait_s: float  # since a window was closed
+    field_wait_s: float  # since the last sample of the field
+    force: Direction
+    field: Direction
+    tilt: Apart
+    heading: Apart
+    error: float  # e of the published attitude against both directions, 0 to 1
+    error_rate_1_s: float  # its low-passed derivative
+
+
+NOWHERE = Direction(g=(0.0, 0.0, 1.0), ned=(0.0, 0.0, 1.0), share=0.0)
+NEW_WITNESS = Witness(
+    q_g_frd=IDENTITY,
+    window=EMPTY_SEARCH.window,
+    turned_rad=0.0,
+    by_receiver=False,
+    report_wait_s=0.0,
+    force_wait_s=0.0,
+    field_wait_s=0.0,
+    force=NOWHERE,
+    field=NOWHERE,
+    tilt=Apart(0.0, 0.0, FIRST_TILT_RAD**2),
+    heading=Apart(0.0, 0.0, FIRST_HEADING_RAD**2),
+    error=0.0,
+    error_rate_1_s=0.0,
+)
+
+
+@inlined
+def average(apart: Apart, north_rad: float, east_rad: float, time_s: float, tau_s: float) -> Apart:
+    """One more turn that was asked for, over ``time_s``."""
+    share = time_s / (tau_s + time_s)
+    north = apart.mean_north_rad + share * (north_rad - apart.mean_north_rad)
+    east = apart.mean_east_rad + share * (east_rad - apart.mean_east_rad)
+    usual = apart.usual_square
+    square = min(north * north + east * east, MOST_UNUSUAL * usual)
+    usual += time_s / (USUAL_TAU_S + time_s) * (square - usual)
+    return Apart(north, east, usual)
+
+
+@inlined
+def doubt(apart: Apart) -> float:
+    """The mean square (rad^2) that the unusual part adds to the attitude's."""
+    square = apart.mean_north_rad**2 + apart.mean_east_rad**2
+    return DOUBT_SHARE * max(0.0, square - DOUBTFUL * apart.usual_square)
+
+
+@inlined
+def doubted(sigma: Sigmas, witness: Witness) -> Sigmas:
+    """The sigmas with what speaks against the attitude."""
+    inclination, heading = sigma.inclination_rad, sigma.heading_rad
+    return Sigmas(
+        inclination_rad=(inclination * inclination + doubt(witness.tilt)) ** 0.5,
+        heading_rad=(heading * heading + doubt(witness.heading)) ** 0.5,
+    )
+
+
+@inlined
+def hear_sample(witness: Witness, aided: AidingState, sample: Sample) -> Witness:
+    """One sample's force added to the window; a doubt that nobody renews fades."""
+    dt = sample.dt_s
+    turn = exp(scale(dt, aided.last.rate_rad_s))
+    q_g_frd = normalize(multiply(witness.q_g_frd, turn))
+    force_g = rotate(q_g_frd, subtract(sample.acc_m_s2, aided.estimate.acc_bias_m_s2))
+    tilt, force = witness.tilt, witness.force
+    force_wait_s = witness.force_wait_s + dt
+    if force_wait_s > LONGEST_WINDOW_S:
+        keep = real_exp(-dt / TILT_TAU_S)
+        tilt = Apart(keep * tilt.mean_north_rad, keep * tilt.mean_east_rad, tilt.usual_square)
+        force = Direction(force.g, force.ned, 0.0)
+    return Witness(
+        q_g_frd=q_g_frd,
+        window=extend_window(witness.window, force_g, dt),
+        turned_rad=witness.turned_rad + dt * norm(aided.last.rate_rad_s),
+        by_receiver=witness.by_receiver,
+        report_wait_s=witness.report_wait_s + dt,
+        force_wait_s=force_wait_s,
+        field_wait_s=witness.field_wait_s + dt,
+        force=force,
+        field=witness.field,
+        tilt=tilt,
+        heading=witness.heading,
+        error=witness.error,
+        error_rate_1_s=witness.error_rate_1_s,
+    )
+
+
+@inlined
+def hear_report(witness: Witness, estimate: AidingEstimate, report: Report) -> Witness:
+    """A report may close a window of the force, and opens the next.
+
+    A receiver's reports go first, since they know nothing of the IMU; an autopilot's filter is
+    heard while there are none.
+    """
+    is_receiver = report.late_sigma_s > 0.0
+    window = witness.window
+    is_silent = witness.report_wait_s > LONGEST_WINDOW_S
+    if window.is_open and is_receiver != witness.by_receiver and not (is_receiver or is_silent):
+        return witness
+    lag_s = estimate.receiver_lag_s if is_receiver else estimate.filter_lag_s
+    behind_s = report.ago_s + lag_s - estimate.imu_lag_s
+    time_s = window.time_s - behind_s
+    opened = open_window(window, report, behind_s)
+    continues = window.is_open and is_receiver == witness.by_receiver
+    force, tilt, force_wait_s = witness.force, witness.tilt, witness.force_wait_s
+    turned_rad = 0.0
+    if continues and time_s < WINDOW_S:
+        opened, turned_rad = window, witness.turned_rad
+    elif continues and time_s <= LONGEST_WINDOW_S:
+        pushed = subtract(window.pushed_m_s, opened.pushed_m_s)
+        q_ned_g = multiply(estimate.q_ned_frd, conjugate(witness.q_g_frd))
+        seen = rotate(q_ned_g, pushed)
+        change = subtract(report.velocity_ned_m_s, window.velocity_ned_m_s)
+        down = change[2] - STANDARD_GRAVITY_M_S2 * time_s if report.has_vertical else seen[2]
+        expected = (change[0], change[1], down)
+        share = share_of(window, norm(pushed), time_s, witness.turned_rad)
+        turn = scale(share, turn_between(seen, expected))
+        force = Direction(unit(pushed), unit(expected), share)
+        tilt = average(tilt, turn[0], turn[1], time_s, TILT_TAU_S)
+        force_wait_s = 0.0
+    return Witness(
+        q_g_frd=witness.q_g_frd,
+        window=opened,
+        turned_rad=turned_rad,
+        by_receiver=is_receiver,
+        report_wait_s=0.0,
+        force_wait_s=force_wait_s,
+        field_wait_s=witness.field_wait_s,
+        force=force,
+        field=witness.field,
+        tilt=tilt,
+        heading=witness.heading,
+        error=witness.error,
+        error_rate_1_s=witness.error_rate_1_s,
+    )
+
+
+@inlined
+def share_of(window: Window, pushed_m_s: float, time_s: float, turned_rad: float) -> float:
+    """How far a window counts: 1 at rest, little for one full of loops, where |force| is small."""
+    swing = norm(subtract(window.force_m_s2, window.first_force_m_s2))
+    square = (
+        REPORTS_M_S**2 + (TIMING_S * swing) ** 2 + (TURNED_SHARE * turned_rad * pushed_m_s) ** 2
+    )
+    usual = REPORTS_M_S * pushed_m_s / (STANDARD_GRAVITY_M_S2 * time_s)
+    return min(1.0, usual * usual / square)
+
+
+@inlined
+def turn_between(a: Vec3, b: Vec3) -> Vec3:
+    """The shortest turn (rad) that takes the direction of a to that of b."""
+    axis = cross(a, b)
+    sine = norm(axis)
+    if sine <= 0.0:
+        return ZERO_VEC3
+    return scale(atan2(sine, dot(a, b)) / sine, axis)
+
+
+@inlined
+def hear_field(witness: Witness, aided: AidingState, sample: Sample) -> Witness:
+    """A sample of the field, turned on by its age: it should point as the place's does.
+
+    It counts as far as its strength and dip are those of the place.
+    """
+    estimate = aided.estimate
+    E = estimate.earth_gauss
+    horizontal = hypot(E[0], E[1])
+    if horizontal <= LEAST_HORIZONTAL * abs(E[2]):
+        return witness
+    rate = subtract(sample.gyr_rad_s, estimate.gyr_bias_rad_s)
+    then = exp(scale(-estimate.field_lag_s, rate))
+    m = rotate(then, subtract(sample.mag, estimate.hard_iron_gauss))
+    F = rotate(estimate.q_ned_frd, m)
+    share = aided.field.look.confidence
+    off = share * atan2(F[0] * E[1] - F[1] * E[0], F[0] * E[0] + F[1] * E[1])
+    wait = min(witness.field_wait_s, 1.0)
+    return Witness(
+        q_g_frd=witness.q_g_frd,
+        window=witness.window,
+        turned_rad=witness.turned_rad,
+        by_receiver=witness.by_receiver,
+        report_wait_s=witness.report_wait_s,
+        force_wait_s=witness.force_wait_s,
+        field_wait_s=0.0,
+        force=witness.force,
+        field=Direction(unit(rotate(witness.q_g_frd, m)), unit(E), share),
+        tilt=witness.tilt,
+        heading=average(witness.heading, off, 0.0, wait, HEADING_TAU_S),
+        error=witness.error,
+        error_rate_1_s=witness.error_rate_1_s,
+    )
+
+
+@inlined
+def compare(witness: Witness, q_ned_frd: Quaternion, dt: float, tau_s: float) -> Witness:
+    """With e of this attitude: sin^2 of half the angle to both directions, by their confidence.
+
+    Its rate is low-passed with ``tau_s``, as the filter does it.
+    """
+    field, force = witness.field, witness.force
+    total = field.share + force.share
+    e = 0.0
+    if total > 0.0:
+        q_ned_g = multiply(q_ned_frd, conjugate(witness.q_g_frd))
+        by_field = field.share * (1.0 - dot(rotate(q_ned_g, field.g), field.ned))
+        by_force = force.share * (1.0 - dot(rotate(q_ned_g, force.g), force.ned))
+        e = min(1.0, max(0.0, 0.5 * (by_field + by_force) / total))
+    rate = witness.error_rate_1_s
+    rate += dt / (tau_s + dt) * ((e - witness.error) / dt - rate)
+    return Witness(
+        q_g_frd=witness.q_g_frd,
+        window=witness.window,
+        turned_rad=witness.turned_rad,
+        by_receiver=witness.by_receiver,
+        report_wait_s=witness.report_wait_s,
+        force_wait_s=witness.force_wait_s,
+        field_wait_s=witness.field_wait_s,
+        force=force,
+        field=field,
+        tilt=witness.tilt,
+        heading=witness.heading,
+        error=e,
+        error_rate_1_s=rate,
+    )
+
+
+@inlined
+def watch(witness: Witness, aided: AidingState, sample: Sample, report: Report) -> Witness:
+    """One sample with the report that belongs to it, after the aiding has learnt from both."""
+    witness = hear_sample(witness, aided, sample)
+    if report.given:
+        witness = hear_report(witness, aided.estimate, report)
+    if sample.has_mag:
+        witness = hear_field(witness, aided, sample)
+    return witness

@@ -1,0 +1,161 @@
+"""What measured vectors say of an aided attitude that is right, turned, noisy or in the dark."""
+
+from math import degrees, radians, sin
+
+import numpy as np
+import pytest
+
+from estimator.aiding import AidingParams, Report, begin
+from estimator.aiding.types import NO_REPORT, Sigmas
+from estimator.aiding.witness import (
+    FIRST_TILT_RAD,
+    NEW_WITNESS,
+    compare,
+    doubted,
+    hear_report,
+    watch,
+)
+from estimator.estimator import Estimator
+from estimator.geometry.metrics import batch_angle_errors
+from estimator.geometry.quaternion import exp, multiply, rotate_inverse
+from estimator.profile import load_profile, merge_profile
+from estimator.types import NO_SAMPLE, STANDARD_GRAVITY_M_S2, ZERO_VEC3
+from tests.flight import banked_flight, flown
+
+DT = 0.02
+REPORT_EVERY = 5  # samples
+EARTH_GAUSS = (0.22, 0.0, 0.42)
+IRON_GAUSS = (0.05, -0.03, 0.02)
+TRUTH = exp((0.3, -0.2, 2.0))
+SIGMAS = Sigmas(inclination_rad=radians(0.2), heading_rad=radians(0.3))
+PUSHED_M_S2 = 2.0
+
+
+def aided(q_ned_frd):
+    """An aiding that knows everything but, perhaps, the attitude."""
+    state, _, _ = begin(AidingParams(), q_ned_frd, ZERO_VEC3, NO_SAMPLE, NO_REPORT, 0.0, 0.0, 0.0)
+    estimate = state.estimate._replace(
+        hard_iron_gauss=IRON_GAUSS,
+        earth_gauss=EARTH_GAUSS,
+        imu_lag_s=0.0,
+        receiver_lag_s=0.0,
+        field_lag_s=0.0,
+    )
+    return state._replace(estimate=estimate, last=state.last._replace(rate_rad_s=ZERO_VEC3))
+
+
+def watched(state, *, seconds=12.0, noise_m_s=0.0, with_mag=True, silent_from=1e9, receiver=False):
+    """A witness that has seen a vehicle, held at ``TRUTH``, pushed to and fro."""
+    rng = np.random.default_rng(5)
+    witness, velocity = NEW_WITNESS, np.zeros(3)
+    mag = np.array(rotate_inverse(TRUTH, EARTH_GAUSS)) + IRON_GAUSS
+    for k in range(round(seconds / DT)):
+        push = PUSHED_M_S2 * np.array([sin(0.9 * k * DT), sin(0.4 * k * DT), 0.0])
+        force = push - (0.0, 0.0, STANDARD_GRAVITY_M_S2)
+        velocity += push * DT
+        sample = NO_SAMPLE._replace(
+            acc_m_s2=rotate_inverse(TRUTH, tuple(force)), mag=tuple(mag), has_mag=with_mag, dt_s=DT
+        )
+        report = NO_REPORT
+        if k % REPORT_EVERY == 0 and k * DT < silent_from:
+            said = velocity + noise_m_s * rng.standard_normal(3)
+            report = Report(True, tuple(said), not receiver, 0.3, 0.0, 0.1 if receiver else 0.0)
+        witness = watch(witness, state, sample, report)
+        witness = compare(witness, state.estimate.q_ned_frd, DT, 0.3)
+    return witness
+
+
+@pytest.mark.parametrize("receiver", [False, True])
+def test_the_right_attitude_is_borne_out(receiver):
+    witness = watched(aided(TRUTH), receiver=receiver)
+    assert witness.error < 1e-6
+    assert witness.force.share > 0.9
+    assert witness.field.share == 1.0
+    assert doubted(SIGMAS, witness) == pytest.approx(SIGMAS)
+
+
+@pytest.mark.parametrize("receiver", [False, True])
+@pytest.mark.parametrize(
+    # e is sin^2 of half of 5 deg, and less for a heading, which a field that dips hardly shows
+    ("turn_deg", "measured_e"),
+    [((4.0, -3.0, 0.0), 0.0016), ((0.0, 0.0, 8.0), 0.00059)],
+)
+def test_a_turned_attitude_is_doubted_by_as_much(receiver, turn_deg, measured_e):
+    """R_true = exp(turn) R: the mean turn is the one that is missing, sigma about twice that."""
+    wrong = multiply(exp(tuple(-radians(a) for a in turn_deg)), TRUTH)
+    witness = watched(aided(wrong), receiver=receiver)
+    found = np.degrees((witness.tilt.mean_north_rad, witness.tilt.mean_east_rad))
+    # pushes of 2 m/s^2 let a heading of 8 deg show as 1.5 deg of tilt
+    assert np.abs(found - turn_deg[:2]).max() < 1.6
+    angle = np.linalg.norm(turn_deg)
+    sigma = doubted(SIGMAS, witness)
+    widened = sigma.heading_rad if turn_deg[2] else sigma.inclination_rad
+    assert degrees(widened) == pytest.approx(1.8 * angle, rel=0.2)
+    assert witness.error == pytest.approx(measured_e, rel=0.2)
+
+
+def test_noise_of_reports_is_not_doubt():
+    """0.1 m/s makes 0.8 deg of a second of gravity: usual, after a minute."""
+    witness = watched(aided(TRUTH), seconds=60.0, noise_m_s=0.1)
+    assert degrees(witness.tilt.usual_square**0.5) == pytest.approx(0.5, rel=0.2)
+    assert doubted(SIGMAS, witness).inclination_rad == pytest.approx(SIGMAS.inclination_rad)
+    assert witness.error > 1e-6
+
+
+def test_without_reports_and_field_nothing_is_said():
+    """What the last window has shown fades, and e is 0 where nothing is measured."""
+    wrong = multiply(exp((radians(10.0), 0.0, 0.0)), TRUTH)
+    witness = watched(aided(wrong), seconds=30.0, with_mag=False, silent_from=6.0)
+    assert witness.error == 0.0
+    assert doubted(SIGMAS, witness) == pytest.approx(SIGMAS)
+
+
+def test_an_autopilots_filter_is_heard_only_while_there_is_no_receiver():
+    state = aided(TRUTH)
+    by_receiver = Report(True, ZERO_VEC3, False, 0.3, 0.0, 0.1)
+    by_filter = by_receiver._replace(late_sigma_s=0.0)
+    witness = hear_report(NEW_WITNESS, state.estimate, by_filter)
+    assert not witness.by_receiver
+    witness = hear_report(witness, state.estimate, by_receiver)
+    assert witness.by_receiver
+    assert hear_report(witness, state.estimate, by_filter) is witness
+    silent = witness._replace(report_wait_s=4.0)
+    assert not hear_report(silent, state.estimate, by_filter).by_receiver
+
+
+def test_what_is_usual_is_learnt_slowly():
+    """A fault of 10 deg for 12 s is not usual: it counts for twice what was so before."""
+    wrong = multiply(exp((radians(10.0), 0.0, 0.0)), TRUTH)
+    witness = watched(aided(wrong))
+    assert witness.tilt.usual_square**0.5 == pytest.approx(FIRST_TILT_RAD * 1.15, rel=0.1)
+
+
+def test_a_step_of_the_gyroscopes_bias_widens_sigma():
+    """0.02 rad/s more on every axis in a banked turn: by the covariance alone sigma knows nothing.
+
+    The attitude itself is the same as without a witness.
+    """
+    flight = banked_flight()
+    step = [
+        s._replace(gyr_rad_s=tuple(w + 0.02 for w in s.gyr_rad_s)) if s.time_us > 30e6 else s
+        for s in flight.samples
+    ]
+    flight = type(flight)(step, flight.reports, flight.truth)
+    north = {"reference": {"declination_deg": 0.01}}
+    one = Estimator(merge_profile(load_profile("imu"), north))
+    certain = []
+    attitudes = flown(
+        one, flight, after=lambda _: certain.append(one.snapshot.core.aided.sigma.heading_rad)
+    )
+    times_s = np.array([s.time_us for s in step]) * 1e-6
+    truth = np.array(flight.truth)
+    heading = batch_angle_errors(np.array([a.q_ned_frd for a in attitudes]), truth)[:, 1]
+    sigma = np.array([a.sigma_heading_rad for a in attitudes])
+    e = np.array([a.error for a in attitudes])
+    before, after = (times_s > 20.0) & (times_s < 30.0), (times_s > 32.0) & (times_s < 40.0)
+    assert np.degrees(heading[after].max()) == pytest.approx(7.16, rel=0.2)
+    assert not np.any((heading <= certain)[after])
+    assert np.mean((heading <= sigma)[after]) == pytest.approx(0.409, rel=0.2)
+    assert np.array_equal(sigma[before], np.array(certain)[before])
+    assert np.median(e[before]) == pytest.approx(3.1e-6, rel=0.2)
+    assert np.median(e[after]) == pytest.approx(6.1e-4, rel=0.2)
