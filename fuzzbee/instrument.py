@@ -5,6 +5,7 @@ own, and every sigma and doubt is written out. The haze is where the horizon may
 """
 
 from collections.abc import Iterator
+from itertools import groupby
 from math import cos, radians, sin
 from typing import NamedTuple
 
@@ -19,12 +20,16 @@ PITCH_SPAN_DEG = 60.0  # shown from top to bottom
 CELL_RATIO = 2.0  # a cell is so much higher than wide
 TAPE_DEG_PER_CELL = 2.5
 RUNG_DEG = 10
+STEEP = 0.7  # sine of the roll
 SILENT = "the service is silent"
 POINTS = {0: "N", 45: "NE", 90: "E", 135: "SE", 180: "S", 225: "SW", 270: "W", 315: "NW"}
 
 SKY, GROUND, HAZE, LINE = range(4)
-PAINT = ("rgb(38,98,168)", "rgb(116,78,40)", "rgb(150,160,166)", "bright_white")
-PAINTED_HAZE = {Level.CARE: "rgb(205,150,60)", Level.BAD: "rgb(170,80,70)"}
+# Sky, ground, haze by its level, and the line
+PAINT = ("rgb(38,98,168)", "rgb(116,78,40)", "rgb(160,172,178)", "bright_white")
+PAINTED_HAZE = {Level.CARE: "rgb(214,160,64)", Level.BAD: "rgb(178,84,74)"}
+PAINT_16 = ("blue", "yellow", "bright_black", "bright_white")  # yellow is brown on many
+PAINTED_HAZE_16 = {Level.CARE: "bright_yellow", Level.BAD: "red"}
 LEVEL_STYLE = {
     Level.GOOD: "black on green",
     Level.CARE: "black on yellow",
@@ -40,9 +45,9 @@ LEVEL_COLOUR = {
 
 
 class Ink(NamedTuple):
-    """What the terminal can show."""
+    """What the terminal can show; 0, 16 or more colours."""
 
-    colour: bool = True
+    colours: int = 256
     unicode: bool = True
 
 
@@ -63,6 +68,11 @@ class Seen(NamedTuple):
         if self.is_silent:
             return trust(State.LOST, None)
         return trust(self.state, self.attitude, self.status, self.before)
+
+
+def has_room(width: int, height: int) -> bool:
+    """Whether a window is large enough."""
+    return width >= LEAST_WIDTH and height >= LEAST_HEIGHT
 
 
 def screen(seen: Seen, width: int, height: int, ink: Ink, message: str = "") -> list[Text]:
@@ -94,13 +104,13 @@ def _bar(seen: Seen, judged: Trust, width: int) -> Text:
     _write(line, width - len(right), right)
     word = f" {judged.word.upper()} "
     _write(line, (width - len(word)) // 2, word)
-    return Text("".join(line), style=f"bold {LEVEL_STYLE[judged.overall]}")
+    return Text("".join(line), f"bold {LEVEL_STYLE[judged.overall]}", no_wrap=True)
 
 
 def _imu(status: StatusRecord | None) -> str:
     if status is None or status.imu_message is None:
         return ""
-    return f"{status.imu_message} {status.imu_rate_hz:.3g} Hz"
+    return f"{status.imu_message} {status.imu_rate_hz:.1f} Hz"
 
 
 def _tape(attitude: AttitudeRecord, judged: Trust, width: int, ink: Ink) -> list[Text]:
@@ -136,19 +146,28 @@ def _horizon(
     attitude: AttitudeRecord, judged: Trust, width: int, rows: int, ink: Ink
 ) -> list[Text]:
     """Sky and ground, the haze of sigma, the line, the ladder and the vehicle itself."""
-    halves = [_half_row(attitude, half, width, rows) for half in range(2 * rows)]
-    over = dict(_ladder(attitude, width, rows, ink))
-    over |= _own_symbol(width, rows, ink)
-    haze = PAINTED_HAZE.get(judged.horizon, PAINT[HAZE])
+    marks = dict(_ladder(attitude, width, rows, ink)) | _own_symbol(width, rows, ink)
+    paint = _paint(judged.horizon, ink)
     lines = []
     for row in range(rows):
-        line = Text()
-        upper, lower = halves[2 * row], halves[2 * row + 1]
-        for column in range(width):
-            mark = over.get((column, row))
-            line.append(*_cell(upper[column], lower[column], mark, haze, ink))
+        upper = _half_row(attitude, 2 * row, width, rows)
+        lower = _half_row(attitude, 2 * row + 1, width, rows)
+        cells = [
+            _cell(upper[column], lower[column], marks.get((column, row)), paint, ink)
+            for column in range(width)
+        ]
+        line = Text(no_wrap=True)
+        for style, alike in groupby(cells, key=lambda cell: cell[1]):
+            line.append("".join(letter for letter, _ in alike), style)
         lines.append(line)
     return lines
+
+
+def _paint(level: Level, ink: Ink) -> tuple[str, ...]:
+    """Colours of sky, ground, haze and line."""
+    few = ink.colours <= 16
+    sky, ground, haze, line = PAINT_16 if few else PAINT
+    return (sky, ground, (PAINTED_HAZE_16 if few else PAINTED_HAZE).get(level, haze), line)
 
 
 def _half_row(attitude: AttitudeRecord, half: int, width: int, rows: int) -> list[int]:
@@ -162,7 +181,7 @@ def _half_row(attitude: AttitudeRecord, half: int, width: int, rows: int) -> lis
     shift = max(1.0 - rows, min(rows - 1.0, pitch * per_deg))
     row = []
     for column in range(width):
-        x = (column + 0.5 - width / 2) * 2.0 / CELL_RATIO
+        x = column + 0.5 - width / 2  # a cell is as wide as half of it is high
         below = y * c + x * s - shift
         if abs(below) <= 0.5 * (abs(c) + abs(s)):
             row.append(LINE)
@@ -173,19 +192,18 @@ def _half_row(attitude: AttitudeRecord, half: int, width: int, rows: int) -> lis
     return row
 
 
-def _cell(upper: int, lower: int, mark: str | None, haze: str, ink: Ink) -> tuple[str, str]:
-    """The character and style of one cell."""
-    if not ink.colour:
+def _cell(
+    upper: int, lower: int, mark: str | None, paint: tuple[str, ...], ink: Ink
+) -> tuple[str, str]:
+    """The character and style of one cell; a mark hides what is under it."""
+    if not ink.colours:
         return mark or _plain(upper, lower, ink), ""
-    paint = [*PAINT]
-    paint[HAZE] = haze
     if mark is not None:
-        seen = lower if upper == LINE else upper
-        back = PAINT[GROUND] if seen == LINE else paint[seen]
-        return mark, f"bold {'black' if seen == HAZE else 'bright_white'} on {back}"
+        seen = min(upper, lower)  # of line and haze the world behind
+        return mark, f"bold {'black' if seen == HAZE else 'bright_white'} on {paint[seen]}"
     if upper == lower:
         return " ", f"on {paint[upper]}"
-    return "▀" if ink.unicode else " ", f"{paint[upper]} on {paint[lower]}"
+    return ("▀" if ink.unicode else "-"), f"{paint[upper]} on {paint[lower]}"
 
 
 def _plain(upper: int, lower: int, ink: Ink) -> str:
@@ -208,7 +226,8 @@ def _ladder(
     roll, pitch, _ = attitude.euler_deg
     per_deg = rows / PITCH_SPAN_DEG  # rows to a degree
     c, s = cos(radians(roll)), sin(radians(roll))
-    for rung in range(-90, 91, RUNG_DEG):
+    # on its side there is less room from one to the next
+    for rung in range(-80, 81, RUNG_DEG * (2 if abs(s) > STEEP else 1)):
         off = (pitch - rung) * per_deg
         column = width / 2 + off * s * CELL_RATIO
         row = int(rows / 2 + off * c)
@@ -228,7 +247,6 @@ def _own_symbol(width: int, rows: int, ink: Ink) -> dict[tuple[int, int], str]:
 
 def _cross(seen: Seen, judged: Trust, width: int, rows: int, ink: Ink) -> list[Text]:
     """No horizon at all: a cross, and why."""
-    rows += 0
     reach = max(1, (rows - 5) // 2)
     grid = [[" "] * width for _ in range(rows)]
     middle_row, middle = rows // 2, width // 2

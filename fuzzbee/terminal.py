@@ -11,6 +11,7 @@ from rich.console import Console, Group, RenderableType
 from rich.table import Table
 from rich.text import Text
 
+from fuzzbee.instrument import Ink, Seen, has_room, screen
 from fuzzbee.say import printable
 from service.alarms import MEANINGS, Alarm
 from service.health import State
@@ -24,6 +25,8 @@ LINE_PERIOD_S = 1.0
 MAX_LINES = 8  # more vehicles than this share one line
 SILENT_AFTER_S = 3.0  # a status comes every second
 MOST_WARNINGS = 3  # lines below the table
+MESSAGE_S = 8.0  # so long a message stands at the foot of one vehicle's screen
+COLOURS_OF = {None: 0, "standard": 16, "windows": 16}
 FRAME_LINES = 4  # title and header above the rows, summary and cursor below them
 BLOCK_GAP = 3
 # Columns as wide as their values can be, so that nothing moves about
@@ -62,6 +65,7 @@ class Row(NamedTuple):
     status: StatusRecord | None
     attitude_s: float
     heard_s: float
+    before: StatusRecord | None = None  # the status before
 
     @property
     def state(self) -> State:
@@ -100,13 +104,13 @@ class Board:
     def update(self, name: str, record: AttitudeRecord | StatusRecord, now_s: float) -> None:
         """Remember a record."""
         with self._lock:
-            _, attitude, status, attitude_s, _ = self._rows.get(name, EMPTY)
+            _, attitude, status, attitude_s, _, before = self._rows.get(name, EMPTY)
             if isinstance(record, AttitudeRecord):
                 attitude, attitude_s = record, now_s
             else:
-                status = record
+                status, before = record, status
             # Row._make is the quickest way, and this runs thousands of times a second
-            self._rows[name] = Row._make((name, attitude, status, attitude_s, now_s))
+            self._rows[name] = Row._make((name, attitude, status, attitude_s, now_s, before))
 
     def rows(self) -> list[Row]:
         """All rows by name, numbers in their order."""
@@ -156,7 +160,10 @@ class TerminalView:
         self._title = title
         self._now_s = now_s
         self._next_line_s = 0.0
-        self._live = self._start() if console.is_terminal else None
+        self._said, self._said_s = "", -MESSAGE_S
+        self._size = console.size
+        is_live = console.is_terminal and not console.is_dumb_terminal
+        self._live = self._start() if is_live else None
 
     def handle(self, outputs: Sequence[Output]) -> None:
         """Show outputs of the service."""
@@ -169,7 +176,8 @@ class TerminalView:
         self.refresh()
 
     def say(self, text: str) -> None:
-        """One line for a person, above the table."""
+        """One line for a person, above the table; on the screen of one vehicle at its foot."""
+        self._said, self._said_s = printable(text), self._now_s()
         target = self._messages if self._live is None else self._live.console
         with suppress(OSError):  # a broken stream must not stop the other one
             target.print(
@@ -179,9 +187,12 @@ class TerminalView:
     def refresh(self) -> None:
         """Print plain lines when they are due; the table redraws itself."""
         now_s = self._now_s()
-        if self._live is not None or now_s < self._next_line_s:
+        if self._live is not None:
+            self._start_anew_after_resizing()
             return
-        rows = self.board.rows()
+        if now_s < self._next_line_s:
+            return
+        rows = [row for row in self.board.rows() if self.one in (None, row.name)]
         if rows:
             self._next_line_s = now_s + LINE_PERIOD_S
             for text in lines(rows, now_s):
@@ -204,13 +215,31 @@ class TerminalView:
         live.start()
         return live
 
+    def _start_anew_after_resizing(self) -> None:
+        """What was drawn is broken up by the terminal: it cannot be drawn over."""
+        if self._live is not None and self._console.size != self._size:
+            self._live.stop()
+            self._size = self._console.size
+            self._console.clear()
+            self._live = self._start()
+
     def _table(self) -> RenderableType:
         size = self._console.size
         rows = self.rows()
         if self.one is not None:
             rows = [row for row in rows if row.name == self.one]
+            if rows and has_room(size.width, size.height):
+                return self._one_vehicle(rows[0], size.width, size.height - 1)
         look = Look(self._title, self.keys, self.cursor)
         return table(rows, self._now_s(), size.width, size.height, look)
+
+    def _one_vehicle(self, row: Row, width: int, height: int) -> RenderableType:
+        now_s = self._now_s()
+        colours = COLOURS_OF.get(self._console.color_system, 256)
+        ink = Ink(colours, self._console.encoding.startswith("utf"))
+        is_said = now_s - self._said_s < MESSAGE_S
+        foot = self._said if is_said else self.keys
+        return Group(*screen(_seen(row, now_s), width, height, ink, foot))
 
     @property
     def is_live(self) -> bool:
@@ -221,6 +250,19 @@ class TerminalView:
         """All rows in the order chosen."""
         rows = self.board.rows()
         return rows if self.order == BY_NAME else sorted(rows, key=ORDERS[self.order])
+
+
+def _seen(row: Row, now_s: float) -> Seen:
+    """What the screen of one vehicle shows of a row."""
+    return Seen(
+        name=row.name,
+        state=row.state,
+        attitude=_current_attitude(row, now_s),
+        status=row.status,
+        before=row.before,
+        age=_age_text(row, now_s),
+        is_silent=_is_silent(row, now_s),
+    )
 
 
 class Look(NamedTuple):

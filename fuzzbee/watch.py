@@ -1,6 +1,7 @@
 """``fuzzbee watch``: subscribe and show attitudes."""
 
 import os
+import re
 import sys
 import time
 from collections import deque
@@ -25,10 +26,13 @@ EPILOG = """Examples:
 
   fuzzbee watch
 
+  fuzzbee watch 1
+
   fuzzbee watch --json -n 100 > attitudes.jsonl
 
   fuzzbee watch -m client -e tcp/192.168.1.10:7447"""
 
+VEHICLE = re.compile(r"[0-9]{1,3}(-[0-9]{1,3})?")
 HINT_AFTER_S = 3.0
 WAIT_S = 0.1
 # 2 s of 50 vehicles at 100 Hz. When it is full the oldest is dropped: the newest is worth most.
@@ -41,6 +45,13 @@ FAILED = 1
 
 
 def watch(
+    vehicle: Annotated[
+        str | None,
+        typer.Argument(
+            help="Only this vehicle (system id, or S-C): on a terminal an artificial horizon.",
+            show_default=False,
+        ),
+    ] = None,
     as_json: Annotated[
         bool, typer.Option("--json", help="One JSON object a line, for each attitude.")
     ] = False,
@@ -64,6 +75,8 @@ def watch(
     require_positive("--seconds", seconds)
     if count is not None and count < 1:
         raise InputError(f"--count {count}: should be at least 1")
+    if vehicle is not None and not VEHICLE.fullmatch(vehicle):
+        raise InputError(f"{vehicle}: should be a vehicle, such as 1 or 1-154")
     options = zenoh_options.zenoh_options(
         listen=listen,
         connect=connect,
@@ -73,7 +86,7 @@ def watch(
         multicast=multicast,
         prefix=prefix,
     )
-    return follow(options, as_json=as_json, count=count, seconds=seconds)
+    return follow(options, vehicle, as_json=as_json, count=count, seconds=seconds)
 
 
 class Inbox:
@@ -101,7 +114,12 @@ class Inbox:
 
 
 def follow(
-    options: "ZenohOptions", *, as_json: bool, count: int | None, seconds: float | None
+    options: "ZenohOptions",
+    vehicle: str | None,
+    *,
+    as_json: bool,
+    count: int | None,
+    seconds: float | None,
 ) -> int:
     """Show what comes until stopped; 1 if a bounded watch got less than was asked for.
 
@@ -115,13 +133,15 @@ def follow(
     inbox = Inbox()
     stop = Event()
     with open_session(options) as session, stop_on_signals(stop.set):
-        session.declare_subscriber(f"{options.prefix}/*/attitude", inbox.put)
+        display = JsonLines() if as_json else Table(options.prefix, vehicle)
+        # a person may go back from one vehicle to all
+        name = "*" if vehicle is None or display.shows_others else vehicle
+        session.declare_subscriber(f"{options.prefix}/{name}/attitude", inbox.put)
         if not as_json:
-            session.declare_subscriber(f"{options.prefix}/*/status", inbox.put)
-        display = JsonLines() if as_json else Table(options.prefix)
+            session.declare_subscriber(f"{options.prefix}/{name}/status", inbox.put)
         with nullcontext() if as_json else terminal_keys() as keys:
             try:
-                seen = _loop(inbox, stop, display, options, count, seconds, keys)
+                seen = _loop(inbox, stop, display, _hint(options, vehicle), count, seconds, keys)
             finally:
                 display.close()
     if display.closed:
@@ -135,7 +155,7 @@ def _loop(
     inbox: Inbox,
     stop: Event,
     display: "JsonLines | Table",
-    options: "ZenohOptions",
+    hint: str,
     count: int | None,
     seconds: float | None,
     keys: "Keys | None",
@@ -160,7 +180,7 @@ def _loop(
             break
         if hint_s is not None and now_s >= hint_s:
             hint_s = None
-            display.say(_hint(options))
+            display.say(hint)
     return seen
 
 
@@ -169,9 +189,10 @@ def _after(current: str | None, names: list[str]) -> str:
     return names[(names.index(current) + 1) % len(names)] if current in names else names[0]
 
 
-def _hint(options: "ZenohOptions") -> str:
+def _hint(options: "ZenohOptions", vehicle: str | None) -> str:
+    key = f"{options.prefix}/{vehicle or '*'}/attitude"
     return (
-        f"nothing on {options.prefix}/*/attitude yet: is fuzzbee run started, with a vehicle"
+        f"nothing on {key} yet: is fuzzbee run started, with a vehicle"
         " and the same Zenoh options? (waiting; Ctrl-C ends)"
     )
 
@@ -180,6 +201,7 @@ class JsonLines:
     """Attitudes as JSON, one a line, with the vehicle's name first."""
 
     closed = False
+    shows_others = False
 
     def __init__(self) -> None:
         from fuzzbee.reception import Reception
@@ -226,14 +248,20 @@ class Table:
 
     closed = False
 
-    def __init__(self, prefix: str) -> None:
+    def __init__(self, prefix: str, vehicle: str | None = None) -> None:
         from fuzzbee.reception import Reception
         from fuzzbee.terminal import BY_NAME, ORDERS, PersonConsole, TerminalView
 
         self._orders = [BY_NAME, *ORDERS]
         title = f"fuzzbee watch {prefix}/*"
         self._view = TerminalView(PersonConsole(), PersonConsole(stderr=True), title)
+        self._view.one = self._view.cursor = self._vehicle = vehicle
         self._reception = Reception(self.say)
+
+    @property
+    def shows_others(self) -> bool:
+        """Whether a key leads from one vehicle to all."""
+        return self._view.is_live
 
     def show(self, key: str, payload: bytes) -> int:
         """Take one record; 1 if it was an attitude."""
@@ -242,7 +270,7 @@ class Table:
             return 0
         name, record = received
         self._view.board.update(name, record, time.monotonic())
-        return int(key.endswith("/attitude"))
+        return int(key.endswith("/attitude") and self._vehicle in (None, name))
 
     def say(self, text: str) -> None:
         """One line for a person."""

@@ -96,6 +96,12 @@ def test_the_haze_is_as_wide_as_sigma_and_has_the_colour_of_its_trust():
         assert colour_at(drawn, (x, Y_RANGE[0] + 3.0)) == COLOURS[level]
 
 
+def test_a_doubtful_heading_leaves_the_haze_alone():
+    attitude = record(sigma_deg=(2.0, 20.0))
+    assert trust(State.RUNNING, attitude).overall is Level.CARE
+    assert colour_at(strips(scene(attitude)), (130.0, MIDDLE_Y + 2.0)) == HAZE[Level.GOOD]
+
+
 def test_without_an_attitude_there_is_no_horizon_to_be_believed():
     attitude = record(20.0, 5.0, 90.0)
     for state in (State.LOST, State.WAITING, State.ALIGNING):
