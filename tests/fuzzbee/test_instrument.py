@@ -212,7 +212,8 @@ def test_a_flight_in_a_real_terminal():
         started("run", str(FLIPS), *session),
         emulator.terminal("watch", "1", *session) as terminal,
     ):
-        terminal.wait_for(lambda lines: any("TRUST" in line for line in lines))
+        # it may have to compile first
+        terminal.wait_for(lambda lines: any("TRUST" in line for line in lines), 180.0)
         terminal.wait_for(lambda lines: any("horizon ±" in line for line in lines))
         for columns, rows in ((80, 24), (60, 16), (100, 30)):
             terminal.resize(columns, rows)
