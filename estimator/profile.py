@@ -1,6 +1,8 @@
 """The profile: everything chosen about the estimator, as one strict TOML file.
 
-Unknown keys are errors, in files as in partial updates. Three profiles ship:
+Unknown keys are errors, in files as in partial updates. A file without
+memberships changes ``imu``, or ``paper`` if it switches conditioning off: what
+it leaves out is theirs. Three profiles ship:
 ``paper`` (the paper's system exactly), ``imu`` (real IMUs) and ``adaptive``
 (the paper's vectors with a gain that knows their noise).
 """
@@ -166,7 +168,7 @@ def _content(path: Path) -> bytes:
 
 
 def parse_profile(text: str, where: str) -> Profile:
-    """A profile from TOML text; ``where`` names it in errors.
+    """A profile from TOML text, whole or without memberships; ``where`` names it in errors.
 
     Raises:
         InputError: not TOML, unknown keys, wrong types, values out of bounds.
@@ -181,7 +183,29 @@ def parse_profile(text: str, where: str) -> Profile:
     if tree is None:
         msg = f"profile {where}: nested too deep"
         raise InputError(msg)
-    return _from_tree(tree, where)
+    if not tree:
+        msg = f"profile {where}: says nothing"
+        raise InputError(msg)
+    return _from_tree(tree if "membership" in tree else _completed(tree), where)
+
+
+def _completed(tree: Mapping[str, Any]) -> dict[str, Any]:
+    """A file without memberships changes a shipped profile: that of its kind of vectors."""
+    conditioning = tree.get("conditioning")
+    is_raw = isinstance(conditioning, Mapping) and conditioning.get("enabled") is False
+    base = load_profile("paper" if is_raw else "imu")
+    return _merged(base, {"provenance": {}, **tree})
+
+
+def _merged(base: Profile, partial: Mapping[str, Any]) -> dict[str, Any]:
+    tree = profile_to_json(base)
+    for section, values in partial.items():
+        is_section = isinstance(values, Mapping) and isinstance(tree.get(section), dict)
+        if is_section and section != "provenance":
+            tree[section] = {**tree[section], **values}
+        else:
+            tree[section] = values
+    return tree
 
 
 def merge_profile(base: Profile, partial: Mapping[str, Any]) -> Profile:
@@ -190,13 +214,7 @@ def merge_profile(base: Profile, partial: Mapping[str, Any]) -> Profile:
     Raises:
         InputError: unknown keys, wrong types, values out of bounds.
     """
-    tree = profile_to_json(base)
-    for section, values in partial.items():
-        if isinstance(values, Mapping) and isinstance(tree.get(section), dict):
-            tree[section] = {**tree[section], **values}
-        else:
-            tree[section] = values
-    return _from_tree(tree, "update")
+    return _from_tree(_merged(base, partial), "update")
 
 
 def profile_to_json(profile: Profile) -> dict[str, Any]:
@@ -249,12 +267,19 @@ def _from_tree(tree: Mapping[str, Any], where: str) -> Profile:
         _require_numbers("aiding", profile.aiding, AIDING_DEFAULTS, AidingParams)
         _require_directions(profile)
     except (msgspec.ValidationError, InputError) as error:
-        msg = f"profile {where}: {str(error).replace('`$.', '`').replace('`', chr(39))}"
+        msg = f"profile {where}: {_in_toml_s_words(str(error))}"
         raise InputError(msg) from None
     except RecursionError:
         msg = f"profile {where}: nested too deep"
         raise InputError(msg) from None
     return profile
+
+
+def _in_toml_s_words(text: str) -> str:
+    """The decoder's message in the words of the file that it read."""
+    text = text.replace("Object contains unknown field", "unknown key")
+    text = text.replace("Expected `object`", "expected a section of keys")
+    return text.replace("`$.", "`").replace("`", "'")
 
 
 def _require_finite(node: object, name: str) -> None:

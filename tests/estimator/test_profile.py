@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from msgspec import structs
 
 from estimator.errors import InputError
 from estimator.estimator import Estimator
@@ -14,6 +15,7 @@ from estimator.geometry.quaternion import exp, multiply
 from estimator.live.settings import settings_of
 from estimator.profile import (
     SHIPPED,
+    Provenance,
     load_profile,
     merge_profile,
     parse_profile,
@@ -161,8 +163,24 @@ def test_wrong_memberships_and_conditioning_are_refused(old, new, word):
 
 def test_missing_sections_are_refused():
     refused(MEMBERSHIP, "conditioning")
-    refused("[conditioning]\nenabled = true\n", "membership")
-    refused("", "membership")
+    refused("", "says nothing")
+    refused("# [mounting]\n", "says nothing")
+
+
+@pytest.mark.parametrize("base", ["imu", "paper"])
+def test_a_file_without_memberships_changes_a_shipped_profile(base):
+    """Of the kind of vectors that it asks for; what it says not is theirs, to the last key."""
+    enabled = "true" if base == "imu" else "false"
+    text = f"[conditioning]\nenabled = {enabled}\n[filter]\nfixed_gain = 7.0\n"
+    changed = parse_profile(text, "x")
+    expected = load_profile(base)
+    assert changed.filter == structs.replace(expected.filter, fixed_gain=7.0)
+    for section in ("membership", "confidence", "reference", "mounting", "rates"):
+        assert getattr(changed, section) == getattr(expected, section)
+    assert changed.provenance == Provenance()  # nobody has tuned this one
+    only = parse_profile("[mounting]\nrotation_deg = [0, 0, 90]\n", "x")
+    assert only.filter == load_profile("imu").filter
+    assert only.mounting.rotation_deg == (0.0, 0.0, 90.0)
 
 
 @pytest.mark.parametrize("text", ["[filter", "a = = 1", "k1 = 0.1\nk1 = 0.2", "\x00"])
