@@ -4,7 +4,7 @@ This file and the verbs import nothing heavy: that happens inside the
 functions, so that ``--help`` and ``--version`` are quick.
 """
 
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
@@ -45,6 +45,18 @@ def build_app(*, decorated: bool) -> typer.Typer:
     app.command(epilog=tune.EPILOG)(tune.tune)
     app.add_typer(profile.profile_app, name="profile")
     return app
+
+
+def escape_markup(command: Any) -> None:
+    """Have brackets in help texts printed: Rich takes ``[default: imu]`` for a style."""
+    from rich.markup import escape
+
+    command.epilog = escape(command.epilog or "")
+    for parameter in command.params:
+        if getattr(parameter, "help", None):
+            parameter.help = escape(parameter.help)
+    for verb in getattr(command, "commands", {}).values():
+        escape_markup(verb)
 
 
 def _main_options(

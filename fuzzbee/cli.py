@@ -66,12 +66,19 @@ def _status(arguments: list[str]) -> int:
 
 
 def _spell_out(arguments: Sequence[str]) -> list[str]:
-    """``--view`` alone means a window; the parser has no optional values."""
+    """``--view`` alone means a window; the parser has no optional values.
+
+    A word behind it is its value, unless it may be a source or a log that comes after it.
+    """
     following = [*arguments[1:], ""]
     return [
-        "--view=window" if word == "--view" and after not in ("window", "web") else word
+        "--view=window" if word == "--view" and not _may_be_view(after) else word
         for word, after in zip(arguments, following, strict=False)
     ]
+
+
+def _may_be_view(word: str) -> bool:
+    return word.isalpha() and not Path(word).exists()
 
 
 def _run_verb(arguments: list[str]) -> object:
@@ -79,9 +86,12 @@ def _run_verb(arguments: list[str]) -> object:
     with terminate_like_interrupt() if _is_endless(arguments) else nullcontext():
         from typer.main import get_command
 
-        from fuzzbee.app import build_app
+        from fuzzbee.app import build_app, escape_markup
 
-        command = get_command(build_app(decorated=sys.stdout.isatty()))
+        decorated = sys.stdout.isatty() and not os.environ.get("NO_COLOR")
+        command = get_command(build_app(decorated=decorated))
+        if decorated:
+            escape_markup(command)
         return command.main(args=arguments, prog_name="fuzzbee", standalone_mode=False)
 
 

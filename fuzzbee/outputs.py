@@ -95,14 +95,17 @@ class OutputOptions(NamedTuple):
 
 
 def open_outputs(
-    options: OutputOptions, session: "zenoh.Session | None", prefix: str, profile: "Profile"
-) -> "list[Sink]":
-    """Open the sinks that were asked for.
+    sinks: "list[Sink]",
+    options: OutputOptions,
+    session: "zenoh.Session | None",
+    prefix: str,
+    profile: "Profile",
+) -> None:
+    """Open the sinks that were asked for, and add each to ``sinks`` once it is open.
 
     Raises:
         InputError: an address, port or file that cannot be used, or an extra that is missing.
     """
-    sinks: list[Sink] = []
     if options.ros:
         sinks.append(_ros(options, session, prefix))
     if options.send_attitude is not None:
@@ -110,7 +113,8 @@ def open_outputs(
     if options.metrics_port is not None:
         sinks.append(_metrics(options.metrics_port))
     viewer = open_viewer(options.view, options.rrd, profile, live=True)
-    return sinks if viewer is None else [*sinks, viewer]
+    if viewer is not None:
+        sinks.append(viewer)
 
 
 def open_viewer(

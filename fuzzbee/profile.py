@@ -5,6 +5,8 @@ from typing import Annotated
 
 import typer
 
+from estimator.errors import InputError
+
 profile_app = typer.Typer(help="Show or check a profile.", no_args_is_help=True)
 
 EPILOG = """Examples:
@@ -40,7 +42,12 @@ def check(
     """Tell whether a profile can be used; if not, what is wrong and where (exit status 2)."""
     from estimator.profile import load_profile
 
-    checked = load_profile(profile)
+    try:
+        checked = load_profile(profile)
+    except InputError as error:
+        if as_json:
+            print(json.dumps({"file": profile, "valid": False, "error": str(error)}))
+        raise
     text = "conditioned vectors" if checked.conditioned else "raw vectors"
     if as_json:
         print(json.dumps({"file": profile, "valid": True, "conditioned": checked.conditioned}))

@@ -3,9 +3,9 @@
 import logging
 import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from concurrent.futures import Future
-from contextlib import ExitStack
+from contextlib import ExitStack, contextmanager, suppress
 from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
 
 import typer
@@ -28,6 +28,7 @@ if TYPE_CHECKING:
     from service.sinks.sink import Sink
     from service.zenoh_session import ZenohOptions
 
+OK, FAILED = 0, 1
 MAX_RATE_HZ = 1000.0
 DEFAULT_PROFILE = "imu"
 COMPILER_THREAD = "compiler"
@@ -61,6 +62,7 @@ class RunOptions(NamedTuple):
     zenoh: "ZenohOptions | None"
     outputs: outputs.OutputOptions
     security: security.SecurityOptions
+    second: bool = False
 
 
 def run(
@@ -123,8 +125,16 @@ def run(
     settings: zenoh_options.Settings = None,
     multicast: zenoh_options.Multicast = False,
     prefix: zenoh_options.Prefix = "fuzzbee",
+    second: Annotated[
+        bool,
+        typer.Option(
+            "--second",
+            help="Publish even if another service publishes the same vehicle.",
+            rich_help_panel=zenoh_options.PANEL,
+        ),
+    ] = False,
     verbose: Verbose = False,
-) -> None:
+) -> int:
     """Estimate attitudes live and publish them on Zenoh."""
     require_positive("--rate", rate)
     if rate > MAX_RATE_HZ:
@@ -171,12 +181,15 @@ def run(
         security=security.SecurityOptions(
             security.parse_system_ids(allow_system_ids), signing_key_file
         ),
+        second=second,
     )
-    serve(options, verbose=verbose)
+    return serve(options, verbose=verbose)
 
 
-def serve(options: RunOptions, *, verbose: bool) -> None:
+def serve(options: RunOptions, *, verbose: bool) -> int:
     """Open everything, loop until the end, close everything, and report the result.
+
+    Returns 1 if no vehicle was heard in the time given, else 0.
 
     Raises:
         InputError: a source, profile, file or address that cannot be used.
@@ -195,9 +208,9 @@ def serve(options: RunOptions, *, verbose: bool) -> None:
     require_openable(endpoint)
     profile = load_profile(options.profile or default_profile(endpoint))
     key = security.read_key(options.security)
+    _require_fitting(options, endpoint)
     outputs.viewer_options(options.outputs.view, options.outputs.rrd)  # refused before compiling
     may_meet_built_in = options.profile is None and endpoint.kind not in ("sim", "log")
-    _compile(profile, options.gain, with_raw=may_meet_built_in)
     pipeline = Pipeline(
         profile,
         system_id=options.system_id,
@@ -205,19 +218,25 @@ def serve(options: RunOptions, *, verbose: bool) -> None:
         fits_built_in=options.profile is None,
     )
     requests = ParameterRequests()
+    conflicts: list[InputError] = []
     with ExitStack() as stack:
+        # whatever can be refused is opened before the compiler starts, and the source behind it
         session = _open_zenoh(options.zenoh, stack)
-        runner_of = _open_source(endpoint, options, key, stack)
-        sinks = _zenoh_sinks(session, options, profile, requests)
-        sinks += outputs.open_outputs(options.outputs, session, _prefix(options), profile)
-        view = _open_view(options, verbose=verbose)
-        outbox = stack.enter_context(Outbox([*sinks, view]))
+        recorder = None if options.record is None else _recorder(options.record, stack)
+        with _closed_if_unused() as sinks:
+            sinks.extend(_zenoh_sinks(session, options, profile, requests, conflicts))
+            outputs.open_outputs(sinks, options.outputs, session, _prefix(options), profile)
+            _compile(profile, options.gain, with_raw=may_meet_built_in)
+            sinks.append(_open_view(options, verbose=verbose))  # which prints what the source says
+            runner_of = _open_source(endpoint, options, key, recorder, stack)
+            outbox = stack.enter_context(Outbox(sinks))
+            sinks.clear()
         runner = runner_of(pipeline, outbox, requests)
         started_s = time.monotonic()
-        failure = None
+        failure: Exception | None = None
         with steady(), stop_on_signals(runner.stop):
             try:
-                runner.run(options.seconds)
+                runner.run(options.seconds, lambda: bool(conflicts))
             except InputError:
                 raise  # the log cannot be read any further
             except Exception as error:  # noqa: BLE001 - raised again when all is said
@@ -226,8 +245,50 @@ def serve(options: RunOptions, *, verbose: bool) -> None:
     if outbox.stuck:
         say(f"not closed in time: {', '.join(outbox.stuck)}")
     _report(summary(options, pipeline, runner, seconds, outbox.dropped), as_json=options.as_json)
-    if failure is not None:
-        raise failure
+    for problem in (failure, *conflicts):
+        if problem is not None:
+            raise problem
+    heard_nobody = not pipeline.vehicles and not runner.was_stopped
+    return FAILED if heard_nobody and options.seconds is not None else OK
+
+
+def _require_fitting(options: RunOptions, endpoint: "Endpoint") -> None:
+    """Refuse options that the source has no use for.
+
+    Raises:
+        InputError: names the option.
+    """
+    live_only = (
+        ("--record", options.record),
+        ("--request-rate", options.request_rate_hz),
+        *options.security.items(),
+    )
+    if endpoint.kind == "log":
+        for option, value in live_only:
+            if value is not None:
+                raise InputError(f"{option} is for a live vehicle, {endpoint} is a log")
+        return
+    if options.speed != 1.0:
+        raise InputError(f"--speed is for logs, {endpoint} comes at its own pace")
+    if endpoint.kind == "sim":
+        for option, value in live_only[:2]:
+            if value is not None:
+                raise InputError(
+                    f"{option}: sim: has no MAVLink to record or to ask; start fuzzbee sim --to URL"
+                )
+    security.require_link(options.security, endpoint)
+
+
+@contextmanager
+def _closed_if_unused() -> "Iterator[list[Sink]]":
+    """A list of sinks, of which those that are still in it at an error are closed."""
+    sinks: list[Sink] = []
+    try:
+        yield sinks
+    finally:
+        for sink in sinks:
+            with suppress(Exception):
+                sink.close()
 
 
 def default_profile(endpoint: "Endpoint") -> str:
@@ -265,7 +326,11 @@ def _compile(profile: "Profile", gain: float | None, *, with_raw: bool) -> None:
 
 
 def _open_source(
-    endpoint: "Endpoint", options: RunOptions, key: bytes | None, stack: ExitStack
+    endpoint: "Endpoint",
+    options: RunOptions,
+    key: bytes | None,
+    recorder: "Recorder | None",
+    stack: ExitStack,
 ) -> "Callable[[Pipeline, Any, ParameterRequests], Runner]":
     """Open the source; returns the function that makes its runner."""
     from service.overload import Overload
@@ -275,14 +340,6 @@ def _open_source(
         return _open_player(endpoint, options, stack)
     from drivers.source import open_live
 
-    if options.speed != 1.0:
-        raise InputError(f"--speed is for logs, {endpoint} comes at its own pace")
-    recorder = None
-    if options.record is not None:
-        if endpoint.kind == "sim":
-            raise InputError("--record: sim: has no MAVLink to record; start fuzzbee sim --to URL")
-        recorder = _recorder(options.record, stack)
-    security.require_link(options.security, endpoint)
     policy = security.open_policy(options.security, key, stack)
     source: LiveSource = stack.enter_context(
         open_live(
@@ -326,13 +383,6 @@ def _open_player(
     from service.log_player import LogPlayer
     from service.runner import Runner
 
-    for option, value in (
-        ("--record", options.record),
-        ("--request-rate", options.request_rate_hz),
-        *options.security.items(),
-    ):
-        if value is not None:
-            raise InputError(f"{option} is for a live vehicle, {endpoint} is a log")
     log = stack.enter_context(open_log(Path(endpoint.path)))
     player = LogPlayer(imu_events(log), options.speed)
     return lambda pipeline, outbox, requests: Runner(
@@ -362,12 +412,21 @@ def _zenoh_sinks(
     options: RunOptions,
     profile: "Profile",
     requests: "ParameterRequests",
+    conflicts: list[InputError],
 ) -> "list[Sink]":
     if session is None or options.zenoh is None:
         return []
     from service.sinks.zenoh import ZenohSink
 
-    return [ZenohSink(session, options.zenoh.prefix, profile, requests)]
+    def end(key: str) -> None:
+        text = f"another service publishes {key} already: stop it, give one of them another"
+        conflicts.append(InputError(f"{text} --prefix, or publish beside it with --second"))
+
+    def tell(key: str) -> None:
+        say(f"another service publishes {key}, too")
+
+    on_conflict = tell if options.second else end
+    return [ZenohSink(session, options.zenoh.prefix, profile, requests, on_conflict)]
 
 
 def _prefix(options: RunOptions) -> str:
@@ -449,6 +508,9 @@ def _report(result: dict[str, Any], *, as_json: bool) -> None:
         print(json.dumps(result), flush=True)
         return
     vehicles = result["vehicles"]
+    if not vehicles:
+        say(f"no vehicle was heard on {result['source']} in {result['seconds']:.1f} s")
+        return
     attitudes = sum(vehicle["attitudes"] for vehicle in vehicles.values())
     say(
         f"{attitudes} attitudes of {len(vehicles)} vehicle{'s' * (len(vehicles) != 1)}"

@@ -9,13 +9,14 @@ from typing import Annotated, cast
 
 import typer
 
-from drivers.endpoint import Endpoint, Kind, endpoint_help, parse_endpoint
+from drivers.endpoint import FORMS, Endpoint, Kind, endpoint_help, parse_endpoint
 from estimator.errors import InputError
 from fuzzbee.say import say
 from fuzzbee.security import key_content
 from service.signals import stop_on_signals
 
 LINK_KINDS: tuple[Kind, ...] = ("udpout", "udpin", "tcp", "tcpin")
+LINK_NAMES = frozenset(name for form in FORMS if form.kind in LINK_KINDS for name in form.names)
 EPILOG = """Examples:
 
   fuzzbee sim --to udpout:127.0.0.1:14550 --motion flight
@@ -116,9 +117,12 @@ def parse_magnet(text: str) -> tuple[float, float]:
 
 
 def _link(text: str) -> Endpoint:
-    endpoint = parse_endpoint(text)
-    if endpoint.kind not in LINK_KINDS:
-        raise InputError(f"--to {text}: the vehicle speaks over {', '.join(LINK_KINDS)}")
+    name, colon, _ = text.partition(":")
+    is_link = bool(colon) and name.strip().lower() in LINK_NAMES
+    endpoint = parse_endpoint(text) if is_link else None
+    if endpoint is None or endpoint.kind not in LINK_KINDS:
+        choices = ", ".join(form.example for form in FORMS if form.kind in LINK_KINDS)
+        raise InputError(f"--to {text!r}: no address to send to; choose {choices}")
     return endpoint
 
 

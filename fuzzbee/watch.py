@@ -41,6 +41,7 @@ MOST_BYTES = 100_000
 
 KEYS = "q quit   s sort by {order}   ↑ ↓ Enter one vehicle"
 KEYS_OF_ONE = "q quit   Esc all vehicles   ↑ ↓ the next one"
+NOBODY = ": is fuzzbee run started, with a vehicle and the same Zenoh options?"
 FAILED = 1
 
 
@@ -144,11 +145,14 @@ def follow(
                 seen = _loop(inbox, stop, display, _hint(options, vehicle), count, seconds, keys)
             finally:
                 display.close()
-    if display.closed:
+    if display.closed or stop.is_set():
         return 0
-    if stop.is_set():
+    if seen >= (count or 1):
         return 0
-    return 0 if seen >= (count or 1) else FAILED
+    said = f"{seen} attitudes" if seen else "no attitude"
+    key = f"{options.prefix}/{vehicle or '*'}/attitude"
+    say(f"{said} on {key} in {seconds:g} s{'' if seen else NOBODY}")
+    return FAILED
 
 
 def _loop(
@@ -191,10 +195,7 @@ def _after(current: str | None, names: list[str]) -> str:
 
 def _hint(options: "ZenohOptions", vehicle: str | None) -> str:
     key = f"{options.prefix}/{vehicle or '*'}/attitude"
-    return (
-        f"nothing on {key} yet: is fuzzbee run started, with a vehicle"
-        " and the same Zenoh options? (waiting; Ctrl-C ends)"
-    )
+    return f"nothing on {key} yet{NOBODY} (waiting; Ctrl-C ends)"
 
 
 class JsonLines:

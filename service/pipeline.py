@@ -63,6 +63,7 @@ class Pipeline:
     ) -> None:
         self.profile = profile
         self.malformed = 0
+        self._links_up: set[str] = set()
         self.refused_vehicles = 0
         self.refused_frames: Counter[Reason] = Counter()
         self._system_id = system_id
@@ -136,9 +137,13 @@ class Pipeline:
                 if is_wanted and not self._is_settled(event):
                     return [Message(text)]
             case LinkUp(endpoint=endpoint):
-                return [Message(f"{endpoint} connected")]
+                self._links_up.add(endpoint)
+                return [Message(_link_text(endpoint))]
             case LinkDown(endpoint=endpoint, reason=reason):
-                return [Message(f"{endpoint} lost: {reason}")]
+                if endpoint not in self._links_up:
+                    return [Message(f"{endpoint}: {reason}; trying again")]
+                self._links_up.discard(endpoint)
+                return [Message(f"{endpoint} lost: {reason}; trying again")]
         return []
 
     def tick(self, now_us: int, load: Load = Load()) -> list[Output]:  # noqa: B008 - immutable
@@ -239,6 +244,21 @@ class Pipeline:
             return False
         self._next_status_us = due + STATUS_PERIOD_US
         return True
+
+
+def _link_text(endpoint: str) -> str:
+    """What is known of a link that works: of UDP and a device only that our end of it is open."""
+    kind, _, _ = endpoint.partition(":")
+    match kind:
+        case "udpin":
+            return f"listening on {endpoint}"
+        case "udpout":
+            return f"sending to {endpoint}"
+        case "sim":
+            return f"{endpoint} started"
+        case "tcp" | "tcpin":
+            return f"{endpoint} connected"
+    return f"{endpoint} open"
 
 
 def _messages(texts: list[str]) -> list[Output]:

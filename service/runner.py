@@ -88,14 +88,24 @@ class Runner:
         """End the loop at its next turn; from any thread or signal handler."""
         self._stop.set()
 
-    def run(self, seconds: float | None = None) -> None:
-        """Loop until stopped, for ``seconds`` if given, or to the end of a finite source."""
+    @property
+    def was_stopped(self) -> bool:
+        """Whether somebody asked for the end."""
+        return self._stop.is_set()
+
+    def run(
+        self, seconds: float | None = None, is_over: Callable[[], bool] = lambda: False
+    ) -> None:
+        """Loop until stopped or over, for ``seconds`` if given, or to the end of a finite source.
+
+        ``is_over`` is asked at every turn.
+        """
         start_s = time.monotonic()
         end_s = None if seconds is None else start_s + seconds
         due_s = start_s + self._period_s
         while not self._stop.is_set() and (self._waiting or not self._is_finished()):
             now_s = time.monotonic()
-            if end_s is not None and now_s >= end_s:
+            if (end_s is not None and now_s >= end_s) or is_over():
                 break
             if now_s >= due_s:
                 self._tick()

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drivers.closing import Closing
-from estimator.errors import InputError
+from estimator.errors import InputError, missing_extra
 from tuning.objective import Objective
 
 Array = NDArray[np.float64]
@@ -35,7 +35,7 @@ class ClusterEvaluator(Closing):
         try:
             import distributed
         except ImportError:
-            raise InputError("--cluster: needs dask.distributed (the extra 'cluster')") from None
+            raise missing_extra("--cluster", "cluster") from None
         client: Any = distributed.Client
         try:
             self._client = client(address, timeout=CONNECT_TIMEOUT_S, set_as_default=False)

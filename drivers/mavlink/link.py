@@ -31,6 +31,7 @@ from drivers.mavlink.encoder import FrameEncoder, heartbeat
 from drivers.mavlink.error_summary import ErrorSummary
 from drivers.mavlink.framing import FrameReader
 from drivers.mavlink.gate import FrameGate, Policy
+from drivers.mavlink.hearing import Hearing
 from drivers.mavlink.recorder import Recorder
 from drivers.mavlink.stream_request import Outgoing, StreamRequest
 from drivers.mavlink.thinning import Arrived, newest
@@ -96,6 +97,7 @@ class MavlinkLink(Closing):
         self._encoders: dict[int, FrameEncoder] = {}
         self._outgoing: deque[bytes] = deque(maxlen=MOST_UNSENT_FRAMES)
         self._errors = ErrorSummary()
+        self._hearing = Hearing(endpoint)
         self._busy = BusyShare()
         self._backlog = Backlog()
         self._stop = threading.Event()
@@ -191,6 +193,10 @@ class MavlinkLink(Closing):
             self._note_state()
             now_us = _unix_us()
             self._handle(self._backlog.take(packets, now_us), now_us)
+            self._tell(
+                self._hearing.silence(time.monotonic(), is_up=self._is_up, has_data=self._has_data),
+                now_us,
+            )
             self._send_due()
             if packets:
                 self._busy.rest()
@@ -225,9 +231,12 @@ class MavlinkLink(Closing):
             if not self._has_data:
                 self._note_data()
             reader = self._reader(packet.peer)
+            frames = reader.feed(packet.data)
+            noise = self._hearing.bytes_read(len(packet.data), len(frames), time.monotonic())
+            self._tell(noise, arrival_us)
             arrived += [
                 Arrived(arrival_us, frame)
-                for frame in reader.feed(packet.data)
+                for frame in frames
                 if self._gate.lets_in(frame, packet.peer, arrival_us)
             ]
             if malformed := reader.take_malformed():
@@ -243,6 +252,10 @@ class MavlinkLink(Closing):
             events += self._requests(self._request, events, now_us)
         if events:
             self._queue.put(events)
+
+    def _tell(self, text: str | None, now_us: int) -> None:
+        if text is not None:
+            self._queue.put([Notice(None, now_us, text)])
 
     def _record(self, arrived: list[Arrived]) -> None:
         """Record everything that was let in, also what is left out afterwards."""

@@ -78,7 +78,7 @@ class SimSource(Closing):
             return []
         if not self._announced:
             self._announced = True
-            return [LinkUp(self._start_unix_us, "sim:"), *self._due_events()]
+            return [LinkUp(self._start_unix_us, f"sim:{self._vehicle.motion}"), *self._due_events()]
         events = self._due_events()
         if not events and timeout_s > 0:
             wait_s = (self._next.time_us - self._now_us()) * 1e-6

@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from drivers.output_file import output_path
-from estimator.errors import InputError
+from estimator.errors import InputError, missing_extra
 from estimator.geometry.frames import enu_flu_from_ned_frd
 from estimator.types import Quaternion
 from fuzzbee.replays import mcap_schemas
@@ -69,7 +69,7 @@ def require_mcap(path: Path) -> None:
         InputError: the library is missing.
     """
     if find_spec("mcap") is None:
-        raise InputError(f"--mcap {path}: needs mcap (the extra 'mcap')")
+        raise missing_extra(f"--mcap {path}", "mcap")
 
 
 def write_mcap(path: Path, trace: VehicleTrace, compared: Comparison) -> None:

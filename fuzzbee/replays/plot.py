@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from estimator.errors import InputError
+from estimator.errors import InputError, missing_extra
 from fuzzbee.angle_curves import cut_at_wraps, euler_curves_deg
 from fuzzbee.replays.comparison import Comparison
 from fuzzbee.replays.trace import VehicleTrace
@@ -37,7 +37,7 @@ def require_plot(path: Path) -> None:
     if path.suffix.lower() not in METADATA:
         raise InputError(f"--plot {path}: should end in {', '.join(METADATA)}")
     if find_spec("matplotlib") is None:
-        raise InputError(f"--plot {path}: needs matplotlib (the extra 'plot')")
+        raise missing_extra(f"--plot {path}", "plot")
 
 
 def draw(path: Path, title: str, trace: VehicleTrace, compared: Comparison) -> None:

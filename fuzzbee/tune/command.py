@@ -5,7 +5,7 @@ from typing import Annotated
 
 import typer
 
-from estimator.errors import InputError
+from estimator.errors import InputError, missing_extra
 from fuzzbee import outputs
 from fuzzbee.options import Json
 from fuzzbee.say import say
@@ -177,4 +177,4 @@ def _require_plots(folder: Path) -> None:
     if folder.exists() and not folder.is_dir():
         raise InputError(f"--plot {folder}: not a folder")
     if find_spec("matplotlib") is None:
-        raise InputError("--plot: needs matplotlib (the extra 'plot')")
+        raise missing_extra("--plot", "plot")

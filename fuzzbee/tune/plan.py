@@ -6,7 +6,7 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from estimator.errors import InputError
+from estimator.errors import InputError, missing_extra
 from estimator.profile import SHIPPED, Profile, load_profile, merge_profile
 from fuzzbee.tune.read_flight import read_flight
 from fuzzbee.version import __version__
@@ -282,7 +282,7 @@ def _require_numbers(request: TuneRequest) -> None:
             f"--algorithm {request.algorithm}: unknown; choose from {', '.join(ALGORITHMS)}"
         )
     if request.algorithm == "cmaes" and find_spec("cmaes") is None:
-        raise InputError("--algorithm cmaes: needs the package cmaes (the extra 'optimizers')")
+        raise missing_extra("--algorithm cmaes", "optimizers")
     fewest = FEWEST_SOURCES[request.algorithm]
     sources, cycles = request.budget
     if sources < fewest:

@@ -15,7 +15,7 @@ from importlib.util import find_spec
 from pathlib import Path
 from urllib.parse import quote
 
-from estimator.errors import InputError
+from estimator.errors import InputError, missing_extra
 
 HOST = "127.0.0.1"
 WEB_PORT = 9090  # Rerun's own; a free one if it is taken
@@ -23,7 +23,7 @@ START_TIMEOUT_S = 10.0
 STOP_TIMEOUT_S = 2.0
 LIVE_HISTORY = "1MB"  # half a minute of one vehicle
 PR_SET_PDEATHSIG = 1  # from linux/prctl.h
-MISSING = "the viewer needs the extra: pip install 'fuzzbee[viewer]'"
+MISSING = str(missing_extra("the viewer", "viewer"))
 
 
 class ViewerProcess:

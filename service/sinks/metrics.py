@@ -5,7 +5,7 @@ import time
 from collections.abc import Callable, Iterator, Sequence
 from typing import TYPE_CHECKING, Any, NamedTuple
 
-from estimator.errors import InputError
+from estimator.errors import InputError, missing_extra
 from service.health import State
 from service.records import AttitudeRecord, Output, Published, StatusRecord, vehicle_name
 
@@ -57,7 +57,7 @@ class MetricsSink:
         try:
             from prometheus_client import CollectorRegistry, start_http_server
         except ImportError:
-            raise InputError("--metrics needs the extra: pip install 'fuzzbee[metrics]'") from None
+            raise missing_extra("--metrics", "metrics") from None
         self._board = MetricsBoard(now_s)
         registry = CollectorRegistry(auto_describe=False)
         registry.register(self._board)

@@ -6,7 +6,7 @@ last record; ``parameters`` answers with the profile, after replacing it if the
 query has a payload.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING, Any
 
 import msgspec
@@ -29,6 +29,7 @@ if TYPE_CHECKING:
     import zenoh
 
 JSON = "application/json"
+LIVELINESS_S = 0.5  # to hear of other services; those known to the session answer at once
 LONGEST_PAYLOAD = 65_536  # bytes; a whole profile has some 4,000
 
 
@@ -42,7 +43,10 @@ class _Topic:
 
 
 class ZenohSink:
-    """Publishes on a session that it owns from then on."""
+    """Publishes on a session that it owns from then on.
+
+    ``on_conflict`` is called with the key of a vehicle that another service publishes already.
+    """
 
     name = "zenoh"
     never_waits = True  # what a subscriber does not take is dropped
@@ -53,10 +57,12 @@ class ZenohSink:
         prefix: str,
         profile: Profile,
         requests: ParameterRequests,
+        on_conflict: Callable[[str], None] | None = None,
     ) -> None:
         self._session = session
         self._prefix = prefix
         self._requests = requests
+        self._on_conflict = on_conflict
         self._profile = profile
         self._profiles: dict[str, Profile] = {}
         self._addresses: dict[str, VehicleId] = {}
@@ -106,7 +112,14 @@ class ZenohSink:
     def _appear(self, name: str, vehicle: VehicleId) -> None:
         self._addresses[name] = vehicle
         alive = f"{self._prefix}/{name}/alive"
+        if self._on_conflict is not None and self._is_alive(alive):
+            self._on_conflict(f"{self._prefix}/{name}")
         self._tokens.append(self._session.liveliness().declare_token(alive))
+
+    def _is_alive(self, key: str) -> bool:
+        """Whether somebody else holds the token of a vehicle."""
+        replies = self._session.liveliness().get(key, timeout=LIVELINESS_S)
+        return any(reply.ok is not None for reply in replies)
 
     def _on_query(self, query: "zenoh.Query") -> None:
         """Answer a get; on a thread of zenoh's, where an exception would vanish unseen."""

@@ -1,5 +1,6 @@
 """What UDP and TCP have in common: names looked up, sockets made, reasons in words."""
 
+import errno
 import os
 import socket
 from typing import Any
@@ -51,8 +52,21 @@ def listening_socket(endpoint: Endpoint, kind: int) -> socket.socket:
         created.bind(local)
     except OSError as error:
         created.close()
-        raise InputError(f"cannot listen on {endpoint}: {reason(error.errno)}") from error
+        what = f"cannot listen on {endpoint}: {reason(error.errno)}"
+        raise InputError(what + _way_out(endpoint, error.errno)) from error
     return created
+
+
+def _way_out(endpoint: Endpoint, number: int | None) -> str:
+    """What to do about a port that cannot be had, to stand behind the reason."""
+    if number == errno.EADDRINUSE:
+        tool = f"ss -{'u' if endpoint.kind == 'udpin' else 't'}lpn sport = :{endpoint.port}"
+        return f" (a ground station has it? {tool} names the program; or choose another port)"
+    if number == errno.EADDRNOTAVAIL:
+        return " (no address of this computer; 0.0.0.0 listens on all of them)"
+    if number == errno.EACCES:
+        return " (ports below 1024 are for root; choose a higher one)"
+    return ""
 
 
 def local_address(kind: str, bound: socket.socket | None) -> str | None:

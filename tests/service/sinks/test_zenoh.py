@@ -249,5 +249,22 @@ def test_components_other_than_the_autopilot_have_keys_of_their_own(endpoint):
     with plain_client(endpoint) as client:
         replies = dict(get(client, "test/*/status"))
     assert replies.keys() == {"test/1-154/status", "test/7/status"}
-    assert replies["test/7/status"] == msgspec.to_builtins(status)
+    assert replies["test/7/status"] == msgspec.json.decode(msgspec.json.encode(status))
     sink.close()
+
+
+def test_a_second_service_for_the_same_vehicle_is_noticed(endpoint):
+    told = []
+    first = ZenohSink(open_session(options(endpoint)), "test", PAPER, ParameterRequests())
+    status = StatusRecord("waiting", None, 0.0, 0.0, {}, 0, 0, 0)
+    first.handle([Published(VehicleId(7, 1), status)])
+    other = open_session(options(endpoint))
+    second = ZenohSink(other, "test", PAPER, ParameterRequests(), told.append)
+    second.handle([Published(VehicleId(8, 1), status)])
+    assert told == []
+    second.handle([Published(VehicleId(7, 1), status)])
+    assert told == ["test/7"]
+    second.handle([Published(VehicleId(7, 1), status)])  # told once
+    assert told == ["test/7"]
+    for sink in (second, first):
+        sink.close()
