@@ -312,7 +312,7 @@ def table(rows: list[Row], now_s: float, width: int, height: int, look: Look) ->
 
 def _warnings(rows: list[Row], most: int) -> list[str]:
     """Lines on what contradicts an attitude; the last one counts those that have no room."""
-    texts = [
+    texts = _overload(rows) + [
         f"! vehicle {row.name}: {meaning(word)}"
         for row in rows
         if row.status is not None
@@ -321,6 +321,16 @@ def _warnings(rows: list[Row], most: int) -> list[str]:
     if len(texts) <= most:
         return texts
     return [*texts[: most - 1], f"! and {len(texts) - most + 1} more warnings"]
+
+
+def _overload(rows: list[Row]) -> list[str]:
+    """A line on what an overloaded service leaves out."""
+    statuses = [row.status for row in rows if row.status is not None and row.status.overloaded]
+    if not statuses:
+        return []
+    shed = sum(status.shed for status in statuses)
+    slowest_hz = min(status.published_hz for status in statuses)
+    return [f"! overloaded: {shed} samples left out so far, attitudes at {slowest_hz:.1f} Hz"]
 
 
 def meaning(word: str) -> str:
@@ -406,6 +416,8 @@ def _line(row: Row, now_s: float) -> str:
 def _words(row: Row) -> str:
     """The warnings, for the end of a line."""
     words = () if row.status is None else row.status.warnings
+    if row.status is not None and row.status.overloaded:
+        words = ("overloaded", *words)
     return "".join(f"  ! {printable(word, 40)}" for word in words)
 
 

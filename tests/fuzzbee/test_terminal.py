@@ -201,3 +201,14 @@ def test_keys_sort_choose_and_quit():
     assert not display.closed
     display.press(["x", "q"])
     assert display.closed
+
+
+def test_an_overloaded_service_says_what_it_leaves_out():
+    def busy(name, shed):
+        status = msgspec.structs.replace(STATUS, overloaded=True, shed=shed, published_hz=12.5)
+        return row(name)._replace(status=status)
+
+    text = drawn([busy("1", 30), busy("2", 12)], 90, 24)
+    assert "! overloaded: 42 samples left out so far, attitudes at 12.5 Hz" in text
+    assert "! overloaded" in lines([busy("1", 30)], 10.0)[0]
+    assert "overloaded" not in drawn([row("1")], 90, 24)
