@@ -91,13 +91,11 @@ def learn_bias(
     step: Two,
     unseen: float,
 ) -> Estimate:
-    """The bias from rest, or from levelling."""
+    """The bias from rest, or from levelling once the vertical is known."""
     k = state.coefficients
-    if state.gravity.force.age_s <= params.gravity_tau_s:
-        return estimate
     if rest.resting and params.use_rest:
         return learn_at_rest(params, k, estimate, rest)
-    if params.use_motion_bias:
+    if params.use_motion_bias and state.gravity.force.age_s > params.gravity_tau_s:
         return learn_in_motion(params, k, estimate, lagged, step, unseen)
     return estimate
 

@@ -108,6 +108,13 @@ def test_motion_bias_is_learnt_without_any_rest():
     assert state.estimate.bias_rad_s == pytest.approx(bias, abs=radians(0.044))
 
 
+def test_rest_teaches_the_bias_before_the_vertical_is_known():
+    bias = (radians(0.4), radians(-0.3), radians(0.2))
+    state, _ = run(fly(resting, 2.5, 0.01, bias=bias), 0.01)
+    off = np.subtract(state.estimate.bias_rad_s, bias)
+    assert np.abs(off).max() == pytest.approx(radians(0.0125), rel=0.2)  # of 0.4 deg/s
+
+
 def test_heading_turns_the_field_about_down():
     north, east = north_east(radians(30.0), (cos(radians(30.0)), -sin(radians(30.0)), 5.0))
     assert (north, east) == pytest.approx((1.0, 0.0), abs=1e-12)
