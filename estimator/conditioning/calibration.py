@@ -87,20 +87,20 @@ def learn_calibration(
     state: CalibrationState,
     rows: Rows,
     gyr: Vec3,
-    field_6d: Vec3,
+    field_g: Vec3,
     norm: float,
     dt_s: float,
 ) -> CalibrationState:
-    """Recursive least squares of field = F + R6 offset + lag R6 (w x m), all over ``norm``.
+    """Recursive least squares of field = F + R offset + lag R (w x m), all over ``norm``.
 
-    In 6D the field F of the place stands still. What of it moves with the body
-    is the vehicle's own field (hard iron), what moves with the turn rate is
-    the sensor's age. All is high-passed alike, so that F and slow drift vanish
-    and the model stays. ``field_6d`` is corrected already: its residual is
-    that of the present estimate. While a body hardly turns, its own field looks
-    like the place's, so it teaches the lag only.
+    R turns body to G; ``rows`` are its rows. In G the field F of the place stands still but for
+    the gyroscope's drift, where 6D turns with every levelling, by degrees at a start. What of
+    it moves with the body is the vehicle's own field (hard iron), what moves with the turn rate
+    is the sensor's age. All is high-passed alike, so that F and slow drift vanish and the model
+    stays. ``field_g`` is corrected already: its residual is that of the present estimate.
+    While a body hardly turns, its own field looks like the place's, so it teaches the lag only.
     """
-    y = scale(1.0 / norm, field_6d)
+    y = scale(1.0 / norm, field_g)
     m = (
         rows.north[0] * y[0] + rows.east[0] * y[1] + rows.down[0] * y[2],
         rows.north[1] * y[0] + rows.east[1] * y[1] + rows.down[1] * y[2],

@@ -167,7 +167,9 @@ def learn(
         field = observe_field(params, field, field_6d, since)
         n = reference_norm(field)
         if n > 0.0:
-            calibration = learn_calibration(params, calibration, rows, rate, field_6d, n, since)
+            calibration = learn_calibration(
+                params, calibration, rows_of(gravity.q_g_frd), rate, mean.field_g, n, since
+            )
         if has_heading(field):
             horizontal = north_east(estimate.heading_rad, field_6d)
             heading_signs = watch_heading(params, heading_signs, estimate, field, horizontal, since)
@@ -180,8 +182,7 @@ def learn(
     signs = TurnSigns(heading_signs, gravity_signs)
     alarm = alarm_of(params, signs)
     gravity, estimate = react(alarm, gravity, rest, estimate, horizontal)
-    unsettled = gravity.force.age_s < min(params.gravity_tau_s, field.reference.age_s - dt)
-    if unsettled or alarm.heading or alarm.quiet or alarm.levelling:
+    if alarm.heading or alarm.quiet or alarm.moving or alarm.levelling:
         calibration = restart_means(calibration)
     if alarm.quiet or alarm.moving:
         tilt = lose_tilt(tilt)

@@ -70,7 +70,7 @@ class ConditioningParams(NamedTuple):
     calibration_high_pass_s: Time = 3.0  # small: noise, large: the place's gradients count
     calibration_noise_s: Lag = 0.005  # of the relative field, squared; small: jumpy, large: slow
     calibration_reach: Share = 0.5  # relative residual that is no matter of calibration any more
-    calibration_turn: Share = 1.5  # squared distance of R6 from its mean that tells an offset
+    calibration_turn: Share = 1.5  # squared distance of R from its mean that tells an offset
     calibration_walk_s: Time = 300.0  # time to forget; small: noisy, large: stiff
 
     # The field's confidence.
@@ -196,11 +196,14 @@ class TiltState(NamedTuple):
 
 
 class Rows(NamedTuple):
-    """North, east and down of the 6D frame, seen from the body: the rows of R6."""
+    """The axes of G or of 6D, seen from the body: the rows of R, body to that frame.
 
-    north: Vec3  # unit vector, FRD
-    east: Vec3  # likewise
-    down: Vec3  # likewise
+    Those of 6D are level: north (of an arbitrary heading), east and down. Those of G are not.
+    """
+
+    north: Vec3  # first axis, a unit vector in FRD
+    east: Vec3  # second, likewise
+    down: Vec3  # third, likewise
 
 
 class Estimate(NamedTuple):
@@ -232,9 +235,9 @@ class Calibration(NamedTuple):
 class CalibrationMeans(NamedTuple):
     """Slow means of the field over ``scale``, and of what the calibration explains it by."""
 
-    field: Vec3  # in 6D
-    turning: Vec3  # R6 (w x m), in 6D, 1/s
-    rows: Rows  # of R6
+    field: Vec3  # in G
+    turning: Vec3  # R (w x m), in G, 1/s; R turns body to G
+    rows: Rows  # of R
 
 
 class CalibrationState(NamedTuple):
