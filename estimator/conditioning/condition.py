@@ -1,11 +1,20 @@
 """The conditioning stage: from one IMU sample to the paper's vectors."""
 
 from math import atan2, cos, inf, sin, sqrt
+from typing import NamedTuple
 
 from estimator.compilation.compiled import compiled, inlined
 from estimator.conditioning.bias import lag, learn_at_rest, learn_in_motion, predict
 from estimator.conditioning.calibration import correct_field, learn_calibration, restart_means
+from estimator.conditioning.clipping import forget_missed, missed_turn, watch_clipping
 from estimator.conditioning.coefficients import coefficients
+from estimator.conditioning.doubt import (
+    doubt_tilt,
+    raise_doubt,
+    release_doubt,
+    share_of_force,
+    steepness_of,
+)
 from estimator.conditioning.gather import NOTHING, STEP_S, gather, means
 from estimator.conditioning.gravity import (
     DOWN,
@@ -37,13 +46,21 @@ from estimator.conditioning.tilt import (
 from estimator.conditioning.types import (
     Alarm,
     Axes,
+    CalibrationState,
     Conditioned,
     ConditioningParams,
     ConditioningState,
+    Doubt,
     Estimate,
+    Gathered,
     GravityState,
+    HeadingSigns,
+    JumpSigns,
     Lagged,
+    MagneticState,
     RestState,
+    StepNoise,
+    TiltState,
     TurnSigns,
     Two,
 )
@@ -53,11 +70,13 @@ from estimator.conditioning.unsensed_turn import (
     doubt_heading,
     gravity_at_rest,
     reset_signs,
+    watch_field,
     watch_gravity,
     watch_heading,
 )
 from estimator.geometry.quaternion import (
     conjugate,
+    dot,
     exp,
     log,
     multiply,
@@ -79,6 +98,29 @@ SIGMA_UNSTEADY_RAD = 0.03
 SIGMA_SWING = 0.5
 # Weight of a field turned by a vertical that has just begun.
 LEAST_SETTLED = 0.1
+
+
+class Vertical(NamedTuple):
+    """What a step's gyroscope and accelerometer have taught."""
+
+    gravity: GravityState
+    tilt: TiltState
+    doubt: Doubt
+    lagged: Lagged
+    estimate: Estimate
+    swing: Two  # what levelling turned about north and east, rad
+    turning: float  # squared rate, (rad/s)^2
+
+
+class FieldStep(NamedTuple):
+    """What a step's field has taught."""
+
+    magnetic: MagneticState
+    calibration: CalibrationState
+    estimate: Estimate
+    heading: HeadingSigns
+    jump: JumpSigns
+    horizontal: Two  # its north and east part, in its own unit
 
 
 @inlined
@@ -126,6 +168,75 @@ def axes_of(gravity: GravityState, heading_rad: float) -> Axes:
 
 
 @inlined
+def learn_vertical(
+    params: ConditioningParams,
+    state: ConditioningState,
+    mean: Gathered,
+    rest: RestState,
+    noise: StepNoise,
+    clipped: Two,
+) -> Vertical:
+    """Gravity, the heading's prediction and the bias by one step's mean readings."""
+    k = state.coefficients
+    dt = mean.time_s
+    slow = slowness(params, dt)
+    least = least_share(params.gravity_tau_s, dt, state.gravity.force.age_s + dt)
+    down_g, u = state.gravity.force.down.value, mean.gravity_g
+    tilt, share = believe_force(params, state.tilt, noise, mean.gyr, down_g, u, dt, least)
+    doubt, following = doubt_tilt(state.doubt, clipped[0]), slow
+    if doubt.tilt > 0.0:
+        doubt, doubt_share = share_of_force(params, doubt, state.signs.gravity.wander, dt)
+        if doubt_share > max(least, slow * share):
+            share, following = doubt_share, 1.0
+    gravity = observe_gravity(params, k, state.gravity, u, share, following)
+    gravity, step = level(gravity)
+    rows = rows_of(multiply(gravity.q_6d_g, gravity.q_g_frd))
+    rate = subtract(mean.gyr, state.estimate.bias_rad_s)
+    turning = dot(rate, rate)
+    missed = slow * noise.twist + clipped[1]
+    estimate = predict(params, k, state.estimate, rows.down, turning, missed)
+    b, age_s = estimate.bias_rad_s, gravity.force.age_s
+    lagged = lag(params, k, state.lagged, rows, b, age_s, share, following)
+    if following == slow:
+        unseen = slow * noise.tilt / (dt * dt)
+        estimate = learn_bias(params, state, estimate, rest, lagged, step, unseen)
+    # what levelling corrects of a slow step, or after a turn that was found, counts in variances
+    swing = ((1.0 - following) * step[0], (1.0 - following) * step[1])
+    return Vertical(gravity, tilt, doubt, lagged, estimate, swing, turning)
+
+
+@inlined
+def learn_field(
+    params: ConditioningParams,
+    state: ConditioningState,
+    mean: Gathered,
+    missed: float,
+    vertical: Vertical,
+) -> FieldStep:
+    """Calibration, confidence and heading by one step's mean field."""
+    gravity, estimate = vertical.gravity, vertical.estimate
+    rate = subtract(mean.gyr, state.estimate.bias_rad_s)
+    signs, calibration = state.signs.heading, state.calibration
+    since = state.magnetic.wait_s + mean.time_s
+    field_6d = rotate(gravity.q_6d_g, mean.field_g)
+    field = observe_field(params, state.magnetic, field_6d, since)
+    jump = watch_field(state.signs.jump, mean.field_g, vertical.turning, missed, since)
+    n = reference_norm(field)
+    if n > 0.0:
+        rows = rows_of(gravity.q_g_frd)
+        calibration = learn_calibration(params, calibration, rows, rate, mean.field_g, n, since)
+    horizontal = (1.0, 0.0)
+    if has_heading(field):
+        horizontal = north_east(estimate.heading_rad, field_6d)
+        signs = watch_heading(params, signs, estimate, field, horizontal, since)
+        settled = max(LEAST_SETTLED, min(1.0, gravity.force.age_s / params.gravity_tau_s) ** 2)
+        slow = slowness(params, mean.time_s)
+        leaning = 0.5 * (slow * vertical.tilt.variance + vertical.doubt.tilt)
+        estimate = learn_heading(params, estimate, field, horizontal, settled, since, leaning)
+    return FieldStep(field, calibration, estimate, signs, jump, horizontal)
+
+
+@inlined
 def learn(
     params: ConditioningParams, state: ConditioningState, gyr: Vec3, between: Between
 ) -> ConditioningState:
@@ -135,54 +246,46 @@ def learn(
     dt = mean.time_s
     rest = observe_rest(params, k.rest, state.rest, mean.gyr, mean.acc, dt)
     rate = subtract(mean.gyr, state.estimate.bias_rad_s)
-    slow = slowness(params, dt)
     down = rotate_inverse(state.gravity.q_g_frd, state.axes.down_g)
     noise = step_noise(params, state.tilt, mean.gyr, rate, down, dt, between)
-    least = least_share(params.gravity_tau_s, dt, state.gravity.force.age_s + dt)
-    down_g, u = state.gravity.force.down.value, mean.gravity_g
-    tilt, share = believe_force(params, state.tilt, noise, mean.gyr, down_g, u, dt, least)
-    gravity = observe_gravity(params, k, state.gravity, u, share, slow)
-    gravity, step = level(gravity)
-    rows = rows_of(multiply(gravity.q_6d_g, gravity.q_g_frd))
-
-    turning = rate[0] * rate[0] + rate[1] * rate[1] + rate[2] * rate[2]
-    age_s = gravity.force.age_s
-    estimate = predict(params, k, state.estimate, rows.down, turning, slow * noise.twist)
-    lagged = lag(params, k, state.lagged, rows, estimate.bias_rad_s, age_s, share, slow)
-    unseen = slow * noise.tilt / (dt * dt)
-    estimate = learn_bias(params, state, estimate, rest, lagged, step, unseen)
-    # what levelling corrects of a slow step is its missed turn, and counts in the variances
-    swing = ((1.0 - slow) * step[0], (1.0 - slow) * step[1])
-    heading_signs = state.signs.heading
-    gravity_signs = watch_gravity(
-        params, state.signs.gravity, rest, gravity, swing, k.levelling_decay, dt
+    clipped = missed_turn(state.clipping, down)
+    vertical = learn_vertical(params, state, mean, rest, noise, clipped)
+    tilt = vertical.tilt
+    seen = FieldStep(
+        magnetic=wait_for_field(state.magnetic, dt),
+        calibration=state.calibration,
+        estimate=vertical.estimate,
+        heading=state.signs.heading,
+        jump=state.signs.jump,
+        horizontal=(1.0, 0.0),
     )
-
-    field = state.magnetic
-    calibration = state.calibration
-    horizontal = (1.0, 0.0)
     if mean.field_s > 0.0:
-        since = field.wait_s + dt
-        field_6d = rotate(gravity.q_6d_g, mean.field_g)
-        field = observe_field(params, field, field_6d, since)
-        n = reference_norm(field)
-        if n > 0.0:
-            calibration = learn_calibration(
-                params, calibration, rows_of(gravity.q_g_frd), rate, mean.field_g, n, since
-            )
-        if has_heading(field):
-            horizontal = north_east(estimate.heading_rad, field_6d)
-            heading_signs = watch_heading(params, heading_signs, estimate, field, horizontal, since)
-            settled = max(LEAST_SETTLED, min(1.0, age_s / params.gravity_tau_s) ** 2)
-            leaning = 0.5 * slow * tilt.variance
-            estimate = learn_heading(params, estimate, field, horizontal, settled, since, leaning)
-    else:
-        field = wait_for_field(field, dt)
-
-    signs = TurnSigns(heading_signs, gravity_signs)
-    alarm = alarm_of(params, signs)
-    gravity, estimate = react(alarm, gravity, rest, estimate, horizontal)
-    if alarm.heading or alarm.quiet or alarm.moving or alarm.levelling:
+        missed = noise.tilt + noise.twist + clipped[0] + clipped[1]
+        seen = learn_field(params, state, mean, missed, vertical)
+    calibration = seen.calibration
+    signs = TurnSigns(
+        heading=seen.heading,
+        gravity=watch_gravity(
+            params,
+            state.signs.gravity,
+            rest,
+            vertical.gravity,
+            vertical.swing,
+            k.levelling_decay,
+            dt,
+            vertical.doubt.tilt,
+        ),
+        jump=seen.jump,
+    )
+    alarm, seen_rad = alarm_of(params, signs, calibration.learnt, reference_norm(seen.magnetic))
+    gravity, estimate = react(alarm, vertical.gravity, rest, seen.estimate, seen.horizontal)
+    doubt = vertical.doubt
+    if alarm.jump > 0.0:
+        doubt = raise_doubt(doubt, seen.jump, alarm.jump, steepness_of(seen.magnetic))
+    if mean.field_s > 0.0 and (doubt.heading > 0.0 or doubt.tilt > 0.0):
+        doubt, estimate = release_doubt(params, doubt, estimate, seen.magnetic, seen.jump, dt)
+    turned = alarm.heading or alarm.quiet or alarm.moving or alarm.levelling
+    if turned or alarm.jump > 0.0 or clipped[0] + clipped[1] > 0.0:
         calibration = restart_means(calibration)
     if alarm.quiet or alarm.moving:
         tilt = lose_tilt(tilt)
@@ -190,14 +293,16 @@ def learn(
         started=True,
         previous_gyr_rad_s=gyr,
         gathered=NOTHING,
+        clipping=forget_missed(state.clipping),
         gravity=gravity,
         tilt=tilt,
         rest=rest,
         estimate=estimate,
-        lagged=lagged,
-        magnetic=field,
+        lagged=vertical.lagged,
+        magnetic=seen.magnetic,
         calibration=calibration,
-        signs=reset_signs(signs, alarm),
+        signs=reset_signs(signs, alarm, seen_rad),
+        doubt=doubt,
         axes=axes_of(gravity, estimate.heading_rad),
         coefficients=k,
     )
@@ -255,6 +360,7 @@ def condition(
     first = not state.started
     k = state.coefficients
     due = first or gathered.time_s >= STEP_S
+    clipping = watch_clipping(state.clipping, state.previous_gyr_rad_s, gyr, dt)
     if due and gathered.time_s != k.dt_s:
         k = coefficients(params, gathered.time_s)
     rest, tilt = state.rest, state.tilt
@@ -266,6 +372,7 @@ def condition(
         started=True,
         previous_gyr_rad_s=gyr,
         gathered=gathered,
+        clipping=clipping,
         gravity=gravity,
         tilt=tilt,
         rest=rest,
@@ -274,6 +381,7 @@ def condition(
         magnetic=state.magnetic,
         calibration=state.calibration,
         signs=state.signs,
+        doubt=state.doubt,
         axes=state.axes,
         coefficients=k,
     )

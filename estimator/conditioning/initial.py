@@ -6,9 +6,11 @@ from estimator.conditioning.types import (
     Calibration,
     CalibrationMeans,
     CalibrationState,
+    Clipping,
     Coefficients,
     ConditioningParams,
     ConditioningState,
+    Doubt,
     Estimate,
     FieldLook,
     FieldReference,
@@ -16,6 +18,7 @@ from estimator.conditioning.types import (
     GravitySigns,
     GravityState,
     HeadingSigns,
+    JumpSigns,
     Lagged,
     LowPass,
     MagneticState,
@@ -30,6 +33,7 @@ from estimator.types import IDENTITY, Quaternion
 
 ZERO = (0.0, 0.0, 0.0)
 SIX = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+UNKNOWN_WANDER = 0.03  # rad^2: accelerations that tilt the mean force of a second by ten degrees
 UNKNOWN_HEADING_VARIANCE = 1e4  # rad^2, beyond any angle: the first field sets the heading
 
 
@@ -43,6 +47,7 @@ def initial_state(params: ConditioningParams) -> ConditioningState:
         started=False,
         previous_gyr_rad_s=ZERO,
         gathered=NOTHING,
+        clipping=Clipping(peak_rad_s=ZERO, run_s=ZERO, missed=ZERO),
         gravity=GravityState(
             q_g_frd=IDENTITY,
             q_6d_g=IDENTITY,
@@ -94,8 +99,20 @@ def initial_state(params: ConditioningParams) -> ConditioningState:
             heading=HeadingSigns(
                 mean_north=0.0, mean_east=0.0, mean_confidence=0.0, off_s=0.0, large_s=0.0
             ),
-            gravity=GravitySigns(quiet_s=0.0, moving_s=0.0, levelled=(0.0, 0.0)),
+            gravity=GravitySigns(
+                quiet_s=0.0, moving_s=0.0, levelled=(0.0, 0.0), wander=UNKNOWN_WANDER
+            ),
+            jump=JumpSigns(
+                quick=ZERO,
+                slow=ZERO,
+                usual=0.0,
+                turning=0.0,
+                unseen=0.0,
+                seen_rad=0.0,
+                age_s=0.0,
+            ),
         ),
+        doubt=Doubt(tilt=0.0, heading=0.0, usual_s=0.0, norm=0.0),
         axes=Axes(down_g=(0.0, 0.0, 1.0), north_g=(1.0, 0.0, 0.0)),
         coefficients=Coefficients(
             dt_s=0.0,

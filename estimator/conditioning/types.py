@@ -103,6 +103,10 @@ class ConditioningParams(NamedTuple):
     turn_moving_time_s: Time = 0.25
     turn_levelling_rad: Angle = radians(30.0)  # levelling that must have swung the heading too
     turn_levelling_tau_s: Time = 3.0
+    turn_jump_rad: Angle = radians(2.5)  # turn of the field in G that is no noise
+    turn_jump_usual: Noise = 16.0  # squared, times its usual square; small: false alarms
+    turn_jump_own: Noise = 0.25  # likewise, times that of an unknown lag and own field
+    turn_jump_norm: Share = 0.03  # change of its norm that tells a magnet; likewise
 
     # Source.
     averaged_samples: bool = False  # samples are means over their interval, not instants
@@ -290,6 +294,19 @@ class GravitySigns(NamedTuple):
     quiet_s: float  # for how long a quiet vehicle's gravity has been off
     moving_s: float  # for how long that of a moving vehicle has
     levelled: Two  # what levelling has turned lately about north and east, rad
+    wander: float  # mean square angle between quick and slow gravity, rad^2
+
+
+class JumpSigns(NamedTuple):
+    """Whether the field turns in G, where it stands still."""
+
+    quick: Vec3  # the field in G, low-passed a little, in its own unit
+    slow: Vec3  # the same, low-passed more
+    usual: float  # mean square angle between the two, rad^2
+    turning: float  # mean square rate of the vehicle lately, (rad/s)^2
+    unseen: float  # variance of turns missed between samples lately, rad^2
+    seen_rad: float  # largest angle of the jump at hand that has raised doubts already
+    age_s: float  # since the first field
 
 
 class TurnSigns(NamedTuple):
@@ -297,6 +314,24 @@ class TurnSigns(NamedTuple):
 
     heading: HeadingSigns  # of the field
     gravity: GravitySigns  # of the specific force
+    jump: JumpSigns  # of the field in G
+
+
+class Doubt(NamedTuple):
+    """What an unsensed turn leaves to be found anew."""
+
+    tilt: float  # variance of the vertical that the force has not taken off yet, rad^2
+    heading: float  # variance that the heading gets once the field looks as usual, rad^2
+    usual_s: float  # for how long it has
+    norm: float  # of the field before the turn, in its own unit
+
+
+class Clipping(NamedTuple):
+    """Where the gyroscope ends, and what it has missed there."""
+
+    peak_rad_s: Vec3  # largest reading of each axis so far, either way, FRD
+    run_s: Vec3  # for how long each axis has stood at its peak
+    missed: Vec3  # variance of the turn missed since the last learning step, rad^2, FRD
 
 
 class Axes(NamedTuple):
@@ -313,6 +348,7 @@ class Alarm(NamedTuple):
     quiet: bool  # the gravity of a quiet vehicle does
     moving: bool  # that of a moving one does
     levelling: bool  # levelling has turned so far that the heading is wrong
+    jump: float  # variance (rad^2) of the turn by which the field has jumped; 0: it has not
 
 
 class ConditioningState(NamedTuple):
@@ -321,6 +357,7 @@ class ConditioningState(NamedTuple):
     started: bool  # whether there has been a sample
     previous_gyr_rad_s: Vec3  # the last sample's, FRD
     gathered: Gathered  # since the last learning step
+    clipping: Clipping  # of the gyroscope
     gravity: GravityState  # frame G, and down in it
     tilt: TiltState  # how well down is known
     rest: RestState  # whether the vehicle rests
@@ -329,6 +366,7 @@ class ConditioningState(NamedTuple):
     magnetic: MagneticState  # the field and its reference
     calibration: CalibrationState  # of the magnetometer
     signs: TurnSigns  # of an unsensed turn
+    doubt: Doubt  # after one
     axes: Axes  # down and north, as the last learning step has them
     coefficients: Coefficients  # for the last step's length
 

@@ -5,17 +5,26 @@ from math import atan2, pi, sqrt
 from estimator.compilation.compiled import inlined
 from estimator.conditioning.types import (
     Alarm,
+    Calibration,
     ConditioningParams,
     Estimate,
     GravitySigns,
     GravityState,
     HeadingSigns,
+    JumpSigns,
     MagneticState,
     RestState,
     TurnSigns,
     Two,
 )
-from estimator.geometry.quaternion import angle_between_vectors, norm, rotate, scale
+from estimator.geometry.quaternion import (
+    add,
+    angle_between_vectors,
+    norm,
+    rotate,
+    scale,
+    subtract,
+)
 from estimator.types import Vec3
 
 HALF_TURN_VARIANCE = pi**2  # after a turn of gravity any heading is possible
@@ -25,6 +34,15 @@ UNKNOWN_HEADING_SIGMA = pi / 2.0
 # in the middle of a turn: the force has no direction to compare.
 LEAST_GRAVITY_SHARE = 0.4
 
+
+# The two low-passes of the field in G (s), and the largest part of a jump that lies between them.
+JUMP_QUICK_S = 0.1
+JUMP_SLOW_S = 0.5
+JUMP_SHARE = 0.535
+# Averaging (s) of how far a second's mean force usually is off the vertical.
+WANDER_TAU_S = 10.0
+# Averaging (s) of how far they differ usually.
+JUMP_USUAL_S = 10.0
 
 # A single sample is a sign of no more than this (s), however long its step: of slow streams
 # several in a row have to agree.
@@ -81,6 +99,7 @@ def watch_gravity(
     step: Two,
     decay: float,
     dt_s: float,
+    doubt: float,
 ) -> GravitySigns:
     """Look for gravity that keeps pulling elsewhere than the low-passed one in G.
 
@@ -95,20 +114,104 @@ def watch_gravity(
         now = rotate(gravity.q_g_frd, scale(-1.0, rest.acc.value))
         quiet = angle_between_vectors(now, f) > params.turn_quiet_rad
     quick = gravity.force.quick
-    moving = norm(quick) > LEAST_GRAVITY_SHARE * norm(f)
-    moving = moving and angle_between_vectors(quick, f) > params.turn_moving_rad
+    off = angle_between_vectors(quick, f) if norm(quick) > LEAST_GRAVITY_SHARE * norm(f) else 0.0
+    moving = off > params.turn_moving_rad
+    a = dt_s / (WANDER_TAU_S + dt_s) if doubt == 0.0 else 0.0
     return GravitySigns(
         quiet_s=duration_s(quiet, state.quiet_s, dt_s),
         moving_s=duration_s(moving, state.moving_s, dt_s),
         levelled=(decay * state.levelled[0] + step[0], decay * state.levelled[1] + step[1]),
+        wander=state.wander + a * (off * off - state.wander),
     )
 
 
 @inlined
-def alarm_of(params: ConditioningParams, state: TurnSigns) -> Alarm:
-    """Which signs have lasted for long enough."""
+def watch_field(
+    state: JumpSigns,
+    field_g: Vec3,
+    turning: float,
+    unseen: float,
+    dt_s: float,
+) -> JumpSigns:
+    """Follow the field in G twice, quickly and slowly, and how far the two usually differ.
+
+    In G the field of a place stands still, whatever the vehicle does and however it
+    accelerates; beside steel it changes by a few degrees a second. A turn that the
+    gyroscope has not shown turns it at once.
+    """
+    if state.age_s == 0.0:
+        return JumpSigns(field_g, field_g, 0.0, turning, unseen, 0.0, dt_s)
+    a, b = dt_s / (JUMP_QUICK_S + dt_s), dt_s / (JUMP_SLOW_S + dt_s)
+    quick = add(state.quick, scale(a, subtract(field_g, state.quick)))
+    slow = add(state.slow, scale(b, subtract(field_g, state.slow)))
+    turned = turn_of(quick, slow)
+    c = dt_s / (min(JUMP_USUAL_S, state.age_s) + dt_s)
+    return JumpSigns(
+        quick=quick,
+        slow=slow,
+        usual=state.usual + c * (turned**2 - state.usual),
+        turning=max(turning, state.turning + b * (turning - state.turning)),
+        unseen=(1.0 - b) * state.unseen + unseen,
+        seen_rad=state.seen_rad,
+        age_s=min(state.age_s + dt_s, 1e6),
+    )
+
+
+@inlined
+def jump_variance(
+    params: ConditioningParams, state: JumpSigns, learnt: Calibration
+) -> tuple[float, float]:
+    """Variance (rad^2) to be added for a jump of the field, and the angle that it now accounts for.
+
+    A jump is more than noise, than what the field usually does here, than what an unknown lag
+    and own field make of turning, and than what slow samples miss. A magnet that turns the
+    field changes its norm, too.
+    """
+    p = learnt.covariance
+    own = p[9] + JUMP_SLOW_S**2 * (p[0] + p[4] + p[7])
+
+    turned = turn_of(state.quick, state.slow)
+    least = params.turn_jump_rad**2 + params.turn_jump_usual * (state.usual + state.unseen)
+    least += params.turn_jump_own * own * state.turning
+    if turned**2 < 0.25 * least:
+        return 0.0, 0.0
+    same = is_same_norm(params, state)
+    if turned**2 < least or not same or turned <= state.seen_rad:
+        return 0.0, state.seen_rad
+    return (turned**2 - state.seen_rad**2) / JUMP_SHARE**2, turned
+
+
+@inlined
+def is_same_norm(params: ConditioningParams, state: JumpSigns) -> bool:
+    """Whether the field has its norm, as a magnet would not leave it."""
+    n, m = norm(state.quick), norm(state.slow)
+    return abs(n - m) < params.turn_jump_norm * m
+
+
+@inlined
+def is_near(params: ConditioningParams, field_norm: float, usual_norm: float) -> bool:
+    """Whether the norm of a field is that of the place."""
+    return abs(field_norm - usual_norm) < params.field_norm_scale * usual_norm
+
+
+@inlined
+def turn_of(u: Vec3, v: Vec3) -> float:
+    """The angle between two vectors, rad; 0 where one has no direction."""
+    return angle_between_vectors(u, v) if norm(u) > 0.0 and norm(v) > 0.0 else 0.0
+
+
+@inlined
+def alarm_of(
+    params: ConditioningParams, state: TurnSigns, learnt: Calibration, usual_norm: float
+) -> tuple[Alarm, float]:
+    """Which signs have lasted for long enough, and the part of a jump that is told by now."""
     if not params.use_events:
-        return Alarm(False, False, False, False)
+        return Alarm(False, False, False, False, 0.0), 0.0
+    jump, seen_rad = jump_variance(params, state.jump, learnt)
+    if state.heading.mean_confidence < params.turn_large_confidence or not is_near(
+        params, norm(state.jump.quick), usual_norm
+    ):
+        jump = 0.0
     heading = state.heading.off_s > params.turn_heading_time_s
     heading = heading or state.heading.large_s > params.turn_large_time_s
     gravity = state.gravity
@@ -118,12 +221,23 @@ def alarm_of(params: ConditioningParams, state: TurnSigns) -> Alarm:
         quiet=gravity.quiet_s > params.turn_quiet_time_s,
         moving=gravity.moving_s > params.turn_moving_time_s,
         levelling=swing > params.turn_levelling_rad,
-    )
+        jump=jump,
+    ), seen_rad
 
 
 @inlined
-def reset_signs(state: TurnSigns, alarm: Alarm) -> TurnSigns:
+def reset_signs(state: TurnSigns, alarm: Alarm, seen_rad: float) -> TurnSigns:
     """After an alarm the signs start anew."""
+    before = state.jump
+    jump = JumpSigns(
+        before.quick,
+        before.slow,
+        before.usual,
+        before.turning,
+        before.unseen,
+        seen_rad,
+        before.age_s,
+    )
     heading, gravity = state.heading, state.gravity
     levelled = gravity.levelled
     if alarm.heading or alarm.quiet or alarm.moving or alarm.levelling:
@@ -133,7 +247,7 @@ def reset_signs(state: TurnSigns, alarm: Alarm) -> TurnSigns:
         levelled = (0.0, 0.0)
     quiet_s = 0.0 if alarm.quiet else gravity.quiet_s
     moving_s = 0.0 if alarm.quiet or alarm.moving else gravity.moving_s
-    return TurnSigns(heading, GravitySigns(quiet_s, moving_s, levelled))
+    return TurnSigns(heading, GravitySigns(quiet_s, moving_s, levelled, gravity.wander), jump)
 
 
 @inlined

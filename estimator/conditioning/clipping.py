@@ -1,0 +1,53 @@
+"""A gyroscope at its end: a reading that stands still at its largest value hides a faster turn."""
+
+from estimator.compilation.compiled import inlined
+from estimator.conditioning.types import Clipping, Two
+from estimator.types import ZERO_VEC3, Vec3
+
+# Slower readings (rad/s) are at no sensor's end: 115 deg/s.
+LEAST_PEAK_RAD_S = 2.0
+# How far the rate goes beyond the end, as a share of it (sigma). With 0.3 a fast rotation is
+# doubted so much that accelerations tilt the vertical, with 0.05 the heading comes back too late.
+BEYOND = 0.1
+
+
+@inlined
+def watch_axis(
+    peak: float, run_s: float, missed: float, previous: float, now: float, dt_s: float
+) -> tuple[float, float, float]:
+    """The peak, the time at it and the variance missed of one axis.
+
+    Only a sensor at its end repeats its largest reading to the last digit. The rate beyond it is
+    taken as constant for that run, so the turn missed has the variance (beyond T)^2: a peak that
+    rounding repeats once or twice costs next to nothing.
+    """
+    at_peak = abs(now) >= max(peak, LEAST_PEAK_RAD_S) and now == previous
+    peak = max(peak, abs(now))
+    if not at_peak:
+        return peak, 0.0, missed
+    beyond = BEYOND * peak
+    return peak, run_s + dt_s, missed + beyond * beyond * (2.0 * run_s + dt_s) * dt_s
+
+
+@inlined
+def watch_clipping(state: Clipping, previous: Vec3, gyr: Vec3, dt_s: float) -> Clipping:
+    """Follow each axis by one sample."""
+    p, r, m = state.peak_rad_s, state.run_s, state.missed
+    p0, r0, m0 = watch_axis(p[0], r[0], m[0], previous[0], gyr[0], dt_s)
+    p1, r1, m1 = watch_axis(p[1], r[1], m[1], previous[1], gyr[1], dt_s)
+    p2, r2, m2 = watch_axis(p[2], r[2], m[2], previous[2], gyr[2], dt_s)
+    return Clipping((p0, p1, p2), (r0, r1, r2), (m0, m1, m2))
+
+
+@inlined
+def missed_turn(state: Clipping, down: Vec3) -> Two:
+    """Variance (rad^2) of the turn missed: about horizontal axes, both together, and about down."""
+    m = state.missed
+    about = m[0] * down[0] ** 2 + m[1] * down[1] ** 2 + m[2] * down[2] ** 2
+    return max(0.0, m[0] + m[1] + m[2] - about), about
+
+
+@inlined
+def forget_missed(state: Clipping) -> Clipping:
+    """The same, once the missed turn is accounted for."""
+    return Clipping(state.peak_rad_s, state.run_s, ZERO_VEC3)

@@ -1,0 +1,90 @@
+"""What an unsensed turn leaves to be found anew: the vertical by the force, then the heading."""
+
+from estimator.compilation.compiled import inlined
+from estimator.conditioning.types import (
+    ConditioningParams,
+    Doubt,
+    Estimate,
+    JumpSigns,
+    MagneticState,
+)
+from estimator.conditioning.unsensed_turn import (
+    HALF_TURN_VARIANCE,
+    doubt_heading,
+    duration_s,
+    turn_of,
+)
+from estimator.geometry.quaternion import norm
+
+# The least error of a second's mean force, rad^2, of an accelerometer at rest.
+LEAST_WANDER = 0.009**2
+
+
+@inlined
+def doubt_tilt(doubt: Doubt, variance: float) -> Doubt:
+    """More of it about the vertical."""
+    tilt = min(doubt.tilt + variance, HALF_TURN_VARIANCE)
+    return Doubt(tilt, doubt.heading, doubt.usual_s, doubt.norm)
+
+
+@inlined
+def raise_doubt(doubt: Doubt, jump: JumpSigns, variance: float, steepness: float) -> Doubt:
+    """After a turn by an angle of that variance: of the vertical, and of a heading by the field."""
+    return Doubt(
+        tilt=min(doubt.tilt + variance, HALF_TURN_VARIANCE),
+        heading=min(doubt.heading + variance * (1.0 + steepness), HALF_TURN_VARIANCE),
+        usual_s=0.0,
+        norm=norm(jump.slow) if doubt.heading == 0.0 else doubt.norm,
+    )
+
+
+@inlined
+def steepness_of(field: MagneticState) -> float:
+    """Squared tangent of the dip: a tilt of the vertical bends the heading by the tangent."""
+    reference = field.reference
+    h = max(reference.horizontal, 0.1 * abs(reference.down))
+    return (reference.down / h) ** 2 if h > 0.0 else 0.0
+
+
+@inlined
+def share_of_force(
+    params: ConditioningParams, doubt: Doubt, wander: float, dt_s: float
+) -> tuple[Doubt, float]:
+    """A Kalman filter's share of the next reading of the force, and the doubt that is left.
+
+    ``wander`` is how far the mean of ``turn_moving_tau_s`` usually is off, so a reading's
+    noise, were it white, is R = wander 2 tau/dt: it holds for a hand's quick accelerations and
+    a vehicle's slow ones alike. K = D/(D + R), D <- (1 - K) D.
+    """
+    noise = (wander + LEAST_WANDER) * 2.0 * params.turn_moving_tau_s / dt_s
+    share = doubt.tilt / (doubt.tilt + noise)
+    if share <= dt_s / params.gravity_tau_s:  # the low-pass is as quick
+        return Doubt(0.0, doubt.heading, doubt.usual_s, doubt.norm), 0.0
+    return Doubt((1.0 - share) * doubt.tilt, doubt.heading, doubt.usual_s, doubt.norm), share
+
+
+@inlined
+def release_doubt(
+    params: ConditioningParams,
+    doubt: Doubt,
+    estimate: Estimate,
+    field: MagneticState,
+    jump: JumpSigns,
+    dt_s: float,
+) -> tuple[Doubt, Estimate]:
+    """Hand the heading its doubt once the field has looked as usual for a while.
+
+    A magnet that has turned the field shows in norm or dip, now or soon, and must not draw the
+    heading: the field has to stand still again, and nothing is left of the doubt if its norm is
+    another. And a heading by the field is never better than the vertical it was taken with.
+    """
+    usual = field.look.confidence > params.turn_confidence
+    still = turn_of(jump.quick, jump.slow) < params.turn_jump_rad
+    usual_s = duration_s(usual and still, doubt.usual_s, dt_s)
+    same = abs(norm(jump.quick) - doubt.norm) < params.turn_jump_norm * doubt.norm
+    left = doubt.heading if same else 0.0
+    if usual_s <= params.turn_large_time_s:
+        return Doubt(doubt.tilt, left, usual_s, doubt.norm), estimate
+    now = estimate.covariance[9]
+    raised = max(now + left, 0.5 * doubt.tilt * steepness_of(field)) - now
+    return Doubt(doubt.tilt, 0.0, usual_s, doubt.norm), doubt_heading(estimate, raised)
