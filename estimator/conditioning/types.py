@@ -104,9 +104,9 @@ class ConditioningParams(NamedTuple):
     turn_levelling_rad: Angle = radians(30.0)  # levelling that must have swung the heading too
     turn_levelling_tau_s: Time = 3.0
     turn_jump_rad: Angle = radians(2.5)  # turn of the field in G that is no noise
-    turn_jump_usual: Noise = 16.0  # squared, times its usual square; small: false alarms
-    turn_jump_own: Noise = 0.25  # likewise, times that of an unknown lag and own field
-    turn_jump_norm: Share = 0.03  # change of its norm that tells a magnet; likewise
+    turn_jump_usual: Share = 4.0  # and no more of what it usually turns; small: false alarms
+    turn_jump_own: Share = 0.5  # likewise, of what an unknown lag and own field turn it
+    turn_jump_norm: Share = 0.03  # change of its norm that tells a magnet; large: false alarms
 
     # Source.
     averaged_samples: bool = False  # samples are means over their interval, not instants

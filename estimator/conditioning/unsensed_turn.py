@@ -171,8 +171,8 @@ def jump_variance(
     own = p[9] + JUMP_SLOW_S**2 * (p[0] + p[4] + p[7])
 
     turned = turn_of(state.quick, state.slow)
-    least = params.turn_jump_rad**2 + params.turn_jump_usual * (state.usual + state.unseen)
-    least += params.turn_jump_own * own * state.turning
+    least = params.turn_jump_rad**2 + params.turn_jump_usual**2 * (state.usual + state.unseen)
+    least += params.turn_jump_own**2 * own * state.turning
     if turned**2 < 0.25 * least:
         return 0.0, 0.0
     same = is_same_norm(params, state)
