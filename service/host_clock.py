@@ -71,6 +71,12 @@ def to_vehicle_us(clock: HostClock, host_us: int) -> int:
     return round(host_us - clock.offset_us)
 
 
+def lateness_us(clock: HostClock, vehicle_us: int, arrival_us: int) -> float:
+    """By how much a message came later than prompt ones do; needs a known clock."""
+    assert clock.known
+    return arrival_us - vehicle_us - clock.offset_us
+
+
 def _lengthen(window: Window, seen_us: float) -> Window:
     """The window with one more offset in it."""
     least_us, most_us = min(window.least_us, seen_us), max(window.most_us, seen_us)

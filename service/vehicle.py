@@ -36,6 +36,8 @@ MEDIAN_EVERY = 8
 # The estimate is checked for not being finite once in so many samples. Once it is not finite it
 # stays so, and a check at each sample would cost as much as the filter.
 CHECKED_EVERY = 8
+# A sample later than so many periods (and than host_clock.STEP_US) is not made up for.
+HELD_PERIODS = 2
 # The ages of two messages stamped by one clock differ by less than this.
 OTHER_CLOCK_US = 1_000_000
 
@@ -203,12 +205,16 @@ class Vehicle:
         last = self._last
         if last is None or self.state not in health.HAS_ATTITUDE:
             return None
-        time_us = max(last.sample.time_us, host_clock.to_vehicle_us(self._clock, now_us))
+        since_us, late_us = now_us - last.arrival_us, self._held_us(last)
+        time_us = host_clock.to_vehicle_us(self._clock, now_us)
+        if late_us > 0:
+            time_us = last.sample.time_us + since_us
+        time_us = max(last.sample.time_us, time_us)
         stamp = Stamp(
             time_unix_us=now_us,
             time_boot_us=last.boot_us + time_us - last.sample.time_us,
             state=self.state,
-            age_us=now_us - last.arrival_us,
+            age_us=since_us + late_us,
             sequence=self.attitudes,
         )
         record = attitude_record(self.estimator.attitude(time_us), stamp)
@@ -216,6 +222,15 @@ class Vehicle:
             return None  # a tick changes nothing; on_imu will restart the estimator
         self.attitudes += 1
         return record
+
+    def _held_us(self, last: Imu) -> int:
+        """How late the last sample came, if so late that the vehicle's clock may have stood still.
+
+        Then the attitude is not turned on by that time: nobody knows whether it has passed.
+        """
+        late_us = round(host_clock.lateness_us(self._clock, last.sample.time_us, last.arrival_us))
+        least_us = max(host_clock.STEP_US, HELD_PERIODS * self.median_period_us)
+        return late_us if late_us > least_us else 0
 
     def status(self, now_us: int, load: Load, malformed: int = 0) -> StatusRecord:
         """The vehicle's status at ``now_us``; a silence that still lasts counts as a gap, too."""

@@ -95,11 +95,11 @@ class AidingParams(NamedTuple):
 
     # Published uncertainty, fitted to errors of simulated and recorded flights.
     colour: Share = 1.5  # errors are slower than white: their sigma against white noise's
-    heading_colour: Share = 0.9
+    heading_colour: Share = 1.0
     bare_heading_colour: Share = 1.6  # that much more without a field: only velocity's slow errors
-    least_scale: Share = 0.2  # of the covariance's sigma, however well the reports agree
-    least_heading_scale: Share = 0.36  # likewise
-    scatter_share: Share = 1.8  # of the reports' scatter that is the attitude's, too
+    least_scale: Share = 0.23  # of the covariance's sigma, however well the reports agree
+    least_heading_scale: Share = 0.34  # likewise
+    scatter_share: Share = 2.3  # of the reports' scatter that is the attitude's, too
     iron_share: Share = 1.0  # measured hard iron of calibrated compasses / hard_iron_sigma_gauss
     field_error_share: Share = 1.0  # of the field's slow disagreement that stays in the heading
     least_inclination_rad: Angle = radians(0.06)

@@ -24,8 +24,12 @@ from estimator.types import IDENTITY, NOTHING_BETWEEN, ZERO_VEC3, Between, RateS
 
 # Rates of more time than this are not kept; a hole longer than that stays one.
 MOST_WAITING = 64
-# A rate this near an IMU sample (s) is the sample's own.
+# A rate this near an IMU sample (s) is the sample's own. Of short steps it is that share of the
+# step, so that a rate half-way between two samples 40 ms apart counts, but no less than messages
+# of one moment are apart.
 SAME_INSTANT_S = 0.03
+SAME_INSTANT = 0.15
+ONE_MOMENT_S = 0.012
 # Two readings further apart than this (s) do not show the turning between them.
 LONGEST_STEP_S = 0.35
 # The samples' bias against the rates is learnt over this time (s), and no larger (rad/s).
@@ -74,7 +78,7 @@ def take_between(
     state = _compare(state, passed, ahead, time_us, gyr_rad_s)
     shown = NOTHING_BETWEEN
     if state.agrees:
-        edge_us = round(SAME_INSTANT_S * 1e6)
+        edge_us = _edge_us(time_us - from_us)
         inside = [r for r in passed if from_us + edge_us < r.time_us < time_us - edge_us]
         shown = _integrate(state, inside, from_us, time_us, gyr_rad_s)
     state = state._replace(
@@ -84,6 +88,12 @@ def take_between(
         used=state.used + shown.given,
     )
     return state, shown
+
+
+def _edge_us(step_us: int) -> int:
+    """How near the ends of a step a rate is a sample's own."""
+    of_step_us = max(1e6 * ONE_MOMENT_S, SAME_INSTANT * step_us)
+    return round(min(1e6 * SAME_INSTANT_S, of_step_us))
 
 
 def _integrate(

@@ -154,3 +154,33 @@ def test_an_attitude_is_never_older_than_its_sample(vehicle):
     assert record.time_boot_us == 200_000
     assert record.age_ms == 0.0
     assert vehicle.attitude(START_US + 250_000).time_boot_us == 248_000  # 2 ms on the way
+
+
+def test_while_a_clock_may_have_stood_still_the_attitude_does_not_run_ahead(vehicle):
+    """The vehicle stops for 0.3 s, its clock too: what comes then is as late as a lost third.
+
+    Until that shows (0.25 s of evenly late samples) the attitude is the last sample's, and its age
+    tells; from then on both are as before.
+    """
+    stall_us = 300_000
+    feed(vehicle, 1, 100)
+    ages_ms, ahead_us = [], []
+    for number in range(101, 131):
+        arrival_us = START_US + number * PERIOD_US + 2_000 + stall_us
+        vehicle.on_imu(imu(number * PERIOD_US, arrival_us=arrival_us))
+        record = vehicle.attitude(arrival_us + 5_000)
+        ages_ms.append(record.age_ms)
+        ahead_us.append(record.time_boot_us - number * PERIOD_US)
+    assert ages_ms[:12] == pytest.approx([305.0] * 12, abs=3.0)
+    assert ages_ms[15:] == pytest.approx([5.0] * 15)
+    assert ahead_us == pytest.approx([5_000] * 30, abs=1_000)
+
+
+def test_samples_a_little_late_are_made_up_for(vehicle):
+    """90 ms are jitter: the attitude is turned on to the present, as ever."""
+    feed(vehicle, 1, 100)
+    arrival_us = START_US + 101 * PERIOD_US + 2_000 + 90_000
+    vehicle.on_imu(imu(101 * PERIOD_US, arrival_us=arrival_us))
+    record = vehicle.attitude(arrival_us)
+    assert record.time_boot_us == pytest.approx(101 * PERIOD_US + 90_000, abs=1_000)
+    assert record.age_ms == 0.0

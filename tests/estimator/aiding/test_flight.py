@@ -101,7 +101,7 @@ def test_silence_of_the_reports_is_admitted(flight):
     attitudes = flown(estimator(), flight, reports=heard)
     by_time = dict(zip([s.time_us for s in flight.samples], attitudes, strict=True))
     before, late = by_time[29_000_000], by_time[40_000_000]
-    assert degrees(before.sigma_inclination_rad) == pytest.approx(0.314, rel=0.2)
+    assert degrees(before.sigma_inclination_rad) == pytest.approx(0.338, rel=0.2)
     assert degrees(late.sigma_inclination_rad) == pytest.approx(0.921, rel=0.2)
     assert 1.0 - before.confidence_gravity == pytest.approx(0.0030, rel=0.2)
     assert 1.0 - late.confidence_gravity == pytest.approx(0.0252, rel=0.2)
@@ -127,8 +127,8 @@ def test_sigma_covers_most_errors(flight):
     sigma = after_start(flight, np.array([degrees(a.sigma_inclination_rad) for a in attitudes]))
     covered = float(np.mean(errors[:, INCLINATION] <= sigma))
     # reports without slow errors: sigma, which counts on them, is too large
-    assert 0.999 < covered < 1.0  # measured 0.9996
-    assert np.mean(sigma) == pytest.approx(0.443, rel=0.2)
+    assert covered > 0.999  # measured 1.0
+    assert np.mean(sigma) == pytest.approx(0.489, rel=0.2)
 
 
 def test_a_report_ahead_of_the_imu_waits(flight):

@@ -1,6 +1,6 @@
 """Body rates of another messenger between IMU samples."""
 
-from math import cos, sin
+from math import cos, pi, sin
 
 import pytest
 
@@ -118,3 +118,21 @@ def test_rates_that_are_none_are_refused():
     assert estimator.update_rate(RateSample(0, (float("nan"), 0.0, 0.0))) is not None
     assert estimator.update_rate(RateSample(0, (0.0, 1e9, 0.0))) is not None
     assert estimator.update_rate(RateSample(0, (0.1, 0.0, 0.0))) is None
+
+
+@pytest.mark.parametrize(("samples_hz", "most_rad_s"), [(10, 0.06), (25, 0.02)])
+def test_a_vibration_at_the_samples_own_rate_is_no_turn(samples_hz, most_rad_s):
+    """Each sample sees the same phase, a turn of 1 rad/s; rates at 50 Hz between show that it ends.
+
+    Only those in the middle of a step, and the turn would be 0.09 to 1.0 rad/s.
+    """
+    step_us = SECOND // samples_hz
+    state, turns = Turning(), []
+    for k in range(1, 50):
+        for inside in range(SECOND // 50, step_us + 1, SECOND // 50):
+            at_us = (k - 1) * step_us + inside
+            phase = 2.0 * pi * samples_hz * at_us / SECOND
+            state = hear_rate(state, RateSample(at_us, (cos(phase), 0.0, 0.0)))
+        state, shown = take_between(state, (k - 1) * step_us, k * step_us, (1.0, 0.0, 0.0))
+        turns.append(shown.turn_rad_s[0] if shown.given else 1.0)
+    assert abs(turns[-1]) < most_rad_s
