@@ -2,14 +2,16 @@
 
 from importlib.util import find_spec
 from pathlib import Path
-from typing import Any
+from textwrap import wrap
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from estimator.errors import InputError, missing_extra
 from fuzzbee.angle_curves import cut_at_wraps, euler_curves_deg
-from fuzzbee.replays.comparison import Comparison
+from fuzzbee.replays.comparison import Comparison, reference_attitudes
+from fuzzbee.replays.score import errors_against
 from fuzzbee.replays.trace import VehicleTrace
 
 Floats = NDArray[np.float64]
@@ -20,12 +22,37 @@ METADATA: dict[str, dict[str, None]] = {
     ".svg": {"Date": None},
     ".pdf": {"CreationDate": None, "Producer": None, "Creator": None},
 }
-DOTS_PER_INCH = 120
+# A page between its margins, and dots enough to print.
+FIGURE_INCHES = (7.1, 9.8)
+DOTS_PER_INCH = 150
+STYLE: Any = {
+    "font.size": 8.0,
+    "legend.frameon": False,
+    "legend.fontsize": 7.0,
+    "legend.borderaxespad": 0.2,
+    "path.simplify": True,
+    "pdf.fonttype": 42,  # text stays text
+    "svg.hashsalt": "fuzzbee",  # stands for the random names that SVG elements would get
+}
+LAYOUT_DIGITS = 5
+# The letters that a line of the title takes at most
+TITLE_WIDTH = 84
 # Silence this many median periods long, and this long (s), is a gap to be shown.
 GAP_PERIODS = 5.0
 LEAST_GAP_S = 0.3
 # With more points a line looks the same and the file only grows.
 MOST_POINTS = 20_000
+# Told apart in print without colours, too: thick, dashed, thin.
+REFERENCE: dict[str, Any] = {"color": "0.15", "lw": 1.6}
+AUTOPILOT: dict[str, Any] = {"color": "C2", "lw": 0.9, "ls": (0, (4, 2))}
+ESTIMATE: dict[str, Any] = {"color": "C1", "lw": 0.8}
+
+
+class Peer(NamedTuple):
+    """The autopilot's attitudes (N, 4) and errors (N, 3), NaN where it has none."""
+
+    q_ned_frd: Floats
+    errors_rad: Floats
 
 
 def require_plot(path: Path) -> None:
@@ -51,76 +78,133 @@ def draw(path: Path, title: str, trace: VehicleTrace, compared: Comparison) -> N
 
     time_s = 1e-6 * (trace.times_us - trace.times_us[0])
     shown = slice(None, None, 1 + len(time_s) // MOST_POINTS)
-    # the salt stands for the random names that SVG elements would get
-    with mpl.rc_context({"svg.hashsalt": "fuzzbee", "path.simplify": True}):
-        figure = Figure(figsize=(11.0, 13.0), layout="constrained")
+    peer = _autopilot(trace, compared)
+    with mpl.rc_context(STYLE):
+        figure = Figure(figsize=FIGURE_INCHES, layout="constrained")
         axes = figure.subplots(8, 1, sharex=True)
-        figure.suptitle(title)
-        _attitude(axes[:3], time_s, trace, compared, shown)
-        _errors(axes[3:5], time_s, trace, compared, shown)
+        figure.suptitle(title_lines(title))
+        _attitude(axes[:3], time_s, trace, compared, peer, shown)
+        _errors(axes[3:5], time_s, trace, compared, peer, shown)
         _internals(axes[5:], time_s, trace, shown)
         for ax in axes:
             _gaps(ax, time_s)
             ax.grid(visible=True, alpha=0.3)
+        figure.align_ylabels(axes)
         axes[-1].set_xlabel("time in s")
-        suffix = path.suffix.lower()
-        try:
-            figure.savefig(path, format=suffix[1:], dpi=DOTS_PER_INCH, metadata=METADATA[suffix])
-        except OSError as error:
-            raise InputError(f"--plot {path}: {error.strerror}") from None
+        axes[-1].set_xlim(time_s[0], max(time_s[-1], time_s[0] + 1e-3))
+        save(figure, path)
+
+
+def save(figure: Any, path: Path) -> None:
+    """Write the figure as the file's suffix says, the same bytes each time.
+
+    Raises:
+        InputError: the file cannot be written.
+    """
+    _settle(figure)
+    suffix = path.suffix.lower()
+    try:
+        figure.savefig(path, format=suffix[1:], dpi=DOTS_PER_INCH, metadata=METADATA[suffix])
+    except OSError as error:
+        raise InputError(f"--plot {path}: {error.strerror}") from None
+
+
+def _settle(figure: Any) -> None:
+    """Round where the axes stand: their layout is solved anew each time, to other last digits."""
+    figure.draw_without_rendering()
+    figure.set_layout_engine("none")
+    for ax in figure.axes:
+        ax.set_position([round(part, LAYOUT_DIGITS) for part in ax.get_position().bounds])
+
+
+def title_lines(title: str) -> str:
+    """The title in lines that the page is wide enough for; a file's name may have no blanks."""
+    return "\n".join(wrap(title, TITLE_WIDTH))
+
+
+def legend_above(ax: Any, ncols: int) -> None:
+    """A legend beside the data, not on them."""
+    ax.legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=ncols)
+
+
+def _autopilot(trace: VehicleTrace, compared: Comparison) -> Peer | None:
+    """The autopilot's own estimate, where there is a truth to hold both against."""
+    if compared.source != "sim" or trace.references["autopilot"].message is None:
+        return None
+    attitudes, known = reference_attitudes(trace, "autopilot")
+    errors = errors_against(attitudes, compared.truth)
+    both = (known & compared.known)[:, None]
+    return Peer(np.where(known[:, None], attitudes, np.nan), np.where(both, errors, np.nan))
 
 
 def _attitude(
-    axes: Any, time_s: Floats, trace: VehicleTrace, compared: Comparison, shown: slice
+    axes: Any,
+    time_s: Floats,
+    trace: VehicleTrace,
+    compared: Comparison,
+    peer: Peer | None,
+    shown: slice,
 ) -> None:
     """Roll, pitch and yaw; lines are cut where an angle wraps."""
-    own = euler_curves_deg(trace.estimates[shown])
-    truth = euler_curves_deg(compared.truth[shown])
-    truth[~compared.known[shown]] = np.nan
-    for i, (ax, name) in enumerate(zip(axes, ("roll", "pitch", "yaw"), strict=True)):
-        if compared.source is not None:
-            ax.plot(time_s[shown], cut_at_wraps(truth[:, i]), "k-", lw=1.6, label=compared.source)
-        ax.plot(time_s[shown], cut_at_wraps(own[:, i]), "C1-", lw=0.8, label="estimate")
+    truth = np.where(compared.known[:, None], compared.truth, np.nan)
+    curves = [(trace.estimates, ESTIMATE, "estimate")]
+    if peer is not None:
+        curves.insert(0, (peer.q_ned_frd, AUTOPILOT, "autopilot"))
+    if compared.source is not None:
+        curves.insert(0, (truth, REFERENCE, compared.source))
+    for attitudes, line, name in curves:
+        angles = euler_curves_deg(attitudes[shown])
+        angles[np.isnan(attitudes[shown, 0])] = np.nan
+        for i, ax in enumerate(axes):
+            ax.plot(time_s[shown], cut_at_wraps(angles[:, i]), **line, label=name)
+    for ax, name in zip(axes, ("roll", "pitch", "yaw"), strict=True):
         ax.set_ylabel(f"{name} in °")
-    axes[0].legend(loc="upper right", ncols=2)
+    legend_above(axes[0], len(curves))
 
 
 def _errors(
-    axes: Any, time_s: Floats, trace: VehicleTrace, compared: Comparison, shown: slice
+    axes: Any,
+    time_s: Floats,
+    trace: VehicleTrace,
+    compared: Comparison,
+    peer: Peer | None,
+    shown: slice,
 ) -> None:
-    """Inclination and heading error with the published sigma."""
+    """Inclination and heading error with the published sigma, and the autopilot's error."""
     sigmas = (
         trace.column(lambda a: a.sigma_inclination_rad),
         trace.column(lambda a: a.sigma_heading_rad),
     )
-    errors = np.where(compared.known[:, None], compared.errors_rad, np.nan)
-    columns = (errors[:, 2], errors[:, 1])
-    names = ("inclination", "heading")
-    for ax, name, error, sigma in zip(axes, names, columns, sigmas, strict=True):
-        ax.fill_between(
-            time_s[shown], np.degrees(sigma[shown]), color="C0", alpha=0.25, lw=0, label="sigma"
-        )
-        ax.plot(time_s[shown], np.degrees(error[shown]), "C3-", lw=0.8, label="error")
+    errors = np.degrees(np.where(compared.known[:, None], compared.errors_rad, np.nan))
+    for ax, name, i, sigma in zip(axes, ("inclination", "heading"), (2, 1), sigmas, strict=True):
+        within = np.degrees(sigma[shown])
+        ax.fill_between(time_s[shown], within, color="C0", alpha=0.25, lw=0, label="sigma")
+        if peer is not None:
+            theirs = np.degrees(peer.errors_rad[shown, i])
+            ax.plot(time_s[shown], theirs, **AUTOPILOT, label="autopilot's error")
+        ax.plot(time_s[shown], errors[shown, i], "C3-", lw=0.8, label="error")
         ax.set_ylabel(f"{name}\nerror in °")
-        ax.set_ylim(0.0, _ceiling(np.degrees(error), np.degrees(sigma)))
-    axes[0].legend(loc="upper right", ncols=2)
+        ax.set_ylim(0.0, _ceiling(errors[:, i], np.degrees(sigma)))
+    legend_above(axes[0], 3)
 
 
 def _internals(axes: Any, time_s: Floats, trace: VehicleTrace, shown: slice) -> None:
     """Gain, confidences and bias."""
     axes[0].plot(time_s[shown], trace.column(lambda a: a.gain)[shown], "C2-", lw=0.8)
     axes[0].set_ylabel("gain K")
+    axes[0].set_ylim(bottom=0.0)
     gravity = trace.column(lambda a: a.confidence_gravity)
     magnetic = trace.column(lambda a: a.confidence_magnetic)
     axes[1].plot(time_s[shown], gravity[shown], "C0-", lw=0.8, label="gravity")
     axes[1].plot(time_s[shown], magnetic[shown], "C4-", lw=0.8, label="magnetic")
     axes[1].set_ylabel("confidence")
-    axes[1].legend(loc="lower right", ncols=2)
+    axes[1].set_ylim(0.0, None)
+    legend_above(axes[1], 2)
     bias = np.degrees(np.array([a.gyro_bias_rad_s for a in trace.attitudes[shown]]))
     for i, name in enumerate("xyz"):
         axes[2].plot(time_s[shown], bias[:, i], lw=0.8, label=name)
     axes[2].set_ylabel("gyro bias\nin °/s")
-    axes[2].legend(loc="upper right", ncols=3)
+    legend_above(axes[2], 3)
 
 
 def _gaps(ax: Any, time_s: Floats) -> None:

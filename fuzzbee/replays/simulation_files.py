@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from estimator.errors import InputError
 from estimator.geometry.metrics import COST_RATE_HZ, batch_angle_errors
 from fuzzbee.angle_curves import cut_at_wraps, euler_curves_deg
-from fuzzbee.replays.plot import METADATA
+from fuzzbee.replays.plot import STYLE, legend_above, save, title_lines
 from tuning.paper_experiment import SETTLED_ERROR, ExperimentResult
 
 Floats = NDArray[np.float64]
@@ -24,9 +24,7 @@ COLUMNS = (
     *("reference_q_w", "reference_q_x", "reference_q_y", "reference_q_z"),
     *("error_total_deg", "error_heading_deg", "error_inclination_deg"),
 )
-# The width of a page's text in inches, and dots enough to print.
-FIGURE_INCHES = (7.1, 7.6)
-DOTS_PER_INCH = 200
+FIGURE_INCHES = (7.1, 7.6)  # the width of a page's text
 TRANSIENT_S = 1.0
 # What is drawn of the seeds: the middle one, the middle half, nine in ten.
 MEDIAN, BANDS = 50.0, ((5.0, 95.0, 0.18), (25.0, 75.0, 0.35))
@@ -76,24 +74,19 @@ def draw(path: Path, title: str, seeds: Sequence[int], results: Results) -> None
         ("$e(\\tilde R)$", np.array([r.true_error for r in results])),
         ("gain $K$", np.array([r.gains for r in results])),
     )
-    # the salt stands for the random names that SVG elements would get
-    with mpl.rc_context({"svg.hashsalt": "fuzzbee", "font.size": 8.0, "pdf.fonttype": 42}):
+    with mpl.rc_context(STYLE):
         figure = Figure(figsize=FIGURE_INCHES, layout="constrained")
-        parts: Any = figure.subfigures(2, 1, height_ratios=(1.25, 1.0))
-        upper, lower = parts
-        figure.suptitle(title)
-        axes = upper.subplots(2, 2, sharey="row", width_ratios=(1.0, 1.6))
+        halves: Any = figure.add_gridspec(2, 1, height_ratios=(1.25, 1.0))
+        figure.suptitle(title_lines(title))
+        grid = halves[0].subgridspec(2, 2, width_ratios=(1.0, 1.6))
+        axes: Any = grid.subplots(sharey="row")
         for row, (name, values) in zip(axes, quantities, strict=True):
             row[0].set_ylabel(name)
             for ax, end_s in zip(row, (TRANSIENT_S, time_s[-1]), strict=True):
                 _band(ax, time_s, values, end_s)
         _finish(axes, time_s[-1])
-        _angles(lower.subplots(3, 1, sharex=True), time_s, seeds[0], results[0])
-        suffix = path.suffix.lower()
-        try:
-            figure.savefig(path, format=suffix[1:], dpi=DOTS_PER_INCH, metadata=METADATA[suffix])
-        except OSError as error:
-            raise InputError(f"--plot {path}: {error.strerror}") from None
+        _angles(halves[1].subgridspec(3, 1).subplots(sharex=True), time_s, seeds[0], results[0])
+        save(figure, path)
 
 
 def _band(ax: Any, time_s: Floats, values: Floats, end_s: float) -> None:
@@ -102,10 +95,10 @@ def _band(ax: Any, time_s: Floats, values: Floats, end_s: float) -> None:
     if len(values) > 1:
         for low, high, alpha in BANDS:
             edges = np.percentile(values[:, shown], (low, high), axis=0)
-            label = f"{low:g} to {high:g} % of the seeds"
+            label = f"{low:g} to {high:g} %"
             ax.fill_between(time_s[shown], *edges, color="C0", alpha=alpha, lw=0, label=label)
     middle = np.percentile(values[:, shown], MEDIAN, axis=0)
-    legend = {"label": "median"} if len(values) > 1 else {}
+    legend = {"label": "median of the seeds"} if len(values) > 1 else {}
     ax.plot(time_s[shown], middle, color="C0", lw=0.9, **legend)
     ax.set_xlim(0.0, end_s)
     ax.grid(visible=True, alpha=0.3)
@@ -118,10 +111,10 @@ def _finish(axes: Any, end_s: float) -> None:
         ax.set_yscale("log")
         ax.set_ylim(LEAST_SHOWN_ERROR, 1.5)
     axes[1, 0].set_ylim(bottom=0.0)
-    axes[0, 0].set_title("the first second")
-    axes[0, 1].set_title(f"all {end_s:g} s")
-    if axes[0, 1].get_legend_handles_labels()[0]:
-        axes[0, 1].legend(loc="upper right", fontsize=7)
+    axes[0, 0].set_title("the first second", loc="left")
+    axes[0, 1].set_title(f"all {end_s:g} s", loc="left")
+    if axes[1, 1].get_legend_handles_labels()[0]:
+        legend_above(axes[1, 1], 3)
     for ax in axes[1]:
         ax.set_xlabel("time in s")
 
@@ -135,6 +128,6 @@ def _angles(axes: Any, time_s: Floats, seed: int, result: ExperimentResult) -> N
         ax.set_ylabel(f"{name} in °")
         ax.set_xlim(0.0, time_s[-1])
         ax.grid(visible=True, alpha=0.3)
-    axes[0].set_title(f"angles, noise seed {seed}")
-    axes[0].legend(loc="upper right", ncols=2, fontsize=7)
+    axes[0].set_title(f"angles, noise seed {seed}", loc="left")
+    legend_above(axes[0], 2)
     axes[2].set_xlabel("time in s")

@@ -2,6 +2,7 @@
 
 import csv
 import json
+import re
 from pathlib import Path
 
 import numpy as np
@@ -177,3 +178,73 @@ def test_what_cannot_be_written_is_one_line(capsys, tmp_path, monkeypatch, argum
     assert out == ""
     assert expected in err
     assert err.count("\n") == 1
+
+
+@pytest.fixture
+def drawn(monkeypatch):
+    """The figures that are written."""
+    figure_type = pytest.importorskip("matplotlib.figure").Figure
+    figures, save = [], figure_type.savefig
+
+    def keep(figure, *arguments, **options):
+        figures.append(figure)
+        save(figure, *arguments, **options)
+
+    monkeypatch.setattr(figure_type, "savefig", keep)
+    return figures
+
+
+def test_a_plots_curves_are_the_reports_figures(capsys, tmp_path, drawn):
+    _, out, _ = replay(capsys, LOG, "--plot", tmp_path / "a.png", "--json")
+    report = json.loads(out)
+    lines = {line.get_label(): line for line in drawn[0].axes[3].lines}
+    for name, errors in (
+        ("error", report["error_deg"]),
+        ("autopilot's error", report["peers"]["autopilot"]),
+    ):
+        rms = np.sqrt(np.nanmean(np.square(lines[name].get_ydata())))
+        assert rms == pytest.approx(errors["inclination_rms"])
+
+
+def svg_texts(path):
+    """The words in a figure, which the SVG spells out where told to."""
+    return set(re.findall(r"<!-- (.+?) -->", path.read_text("utf-8")))
+
+
+def test_a_plot_has_the_autopilots_curve_beside_the_truth_and_the_whole_title(capsys, tmp_path):
+    pytest.importorskip("matplotlib", reason="the extra 'plot' is not installed")
+    name = "a_long_name_" * 12 + "of_a_flight"
+    (tmp_path / f"{name}.tlog").write_bytes(LOG.read_bytes())
+    assert replay(capsys, tmp_path / f"{name}.tlog", "--plot", tmp_path / "a.svg", "--json")[0] == 0
+    texts = svg_texts(tmp_path / "a.svg")
+    assert {"sim", "autopilot", "estimate", "autopilot's error", "error", "sigma"} <= texts
+    lines = [text for text in texts if "a_long_name_" in text]
+    assert len(lines) > 1
+    assert max(map(len, lines)) <= 84
+
+
+def test_a_plot_without_a_truth_has_no_peer(capsys, tmp_path):
+    pytest.importorskip("matplotlib", reason="the extra 'plot' is not installed")
+    log = LOG.with_name("sub_bluerov.tlog")
+    assert replay(capsys, log, "--plot", tmp_path / "a.svg", "--json")[0] == 0
+    texts = svg_texts(tmp_path / "a.svg")
+    assert {"autopilot", "estimate", "error"} <= texts
+    assert not {"sim", "autopilot's error"} & texts
+
+
+@pytest.mark.parametrize("which", ["log", "experiment"])
+def test_no_legend_lies_on_its_data(capsys, tmp_path, drawn, which):
+    """Every legend's box ends where its axes begin, and all is within the page."""
+    pytest.importorskip("matplotlib", reason="the extra 'plot' is not installed")
+    source = (LOG,) if which == "log" else ("sim:", "--seeds", "300-302")
+    assert replay(capsys, *source, "--plot", tmp_path / "a.png", "--json")[0] == 0
+    (figure,) = drawn
+    legends = [ax.get_legend() for ax in figure.axes if ax.get_legend() is not None]
+    assert len(legends) == (4 if which == "log" else 2)
+    for legend in legends:
+        box = legend.get_window_extent().padded(-1.0)  # they may touch
+        assert not any(box.overlaps(ax.get_window_extent()) for ax in figure.axes)
+        titles = [ax.title for ax in figure.axes] + [ax._left_title for ax in figure.axes]
+        drawn = [title.get_window_extent() for title in titles if title.get_text()]
+        assert not any(box.overlaps(each) for each in drawn)
+        assert figure.bbox.x0 <= box.x0 < box.x1 <= figure.bbox.x1
