@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from drivers.endpoint import Endpoint
     from drivers.mavlink.recorder import Recorder
     from estimator.profile import Profile
+    from fuzzbee.retuning import Retuning
     from fuzzbee.terminal import TerminalView
     from service.parameters import ParameterRequests
     from service.pipeline import Pipeline
@@ -59,6 +60,7 @@ class RunOptions(NamedTuple):
     request_rate_hz: float | None
     speed: float
     system_id: int | None
+    retune: bool
     zenoh: "ZenohOptions | None"
     outputs: outputs.OutputOptions
     security: security.SecurityOptions
@@ -109,6 +111,10 @@ def run(
     system_id: Annotated[
         int | None, typer.Option("--system-id", metavar="ID", help="Only this vehicle.")
     ] = None,
+    retune: Annotated[
+        bool,
+        typer.Option("--retune", help="Retune a few numbers whenever the sensors' noise changes."),
+    ] = False,
     allow_system_ids: security.AllowSystemIds = None,
     signing_key_file: security.SigningKeyFile = None,
     no_zenoh: Annotated[bool, typer.Option("--no-zenoh", help="Publish nothing.")] = False,
@@ -169,6 +175,7 @@ def run(
         request_rate_hz=request_rate,
         speed=speed,
         system_id=system_id,
+        retune=retune,
         zenoh=None if no_zenoh else zenoh,
         outputs=outputs.OutputOptions(
             ros=ros,
@@ -202,6 +209,7 @@ def serve(options: RunOptions, *, verbose: bool) -> int:
     from service.pipeline import Pipeline
     from service.signals import stop_on_signals
     from service.sinks.outbox import Outbox
+    from service.sinks.recording import RecordingSink
     from service.steady import steady
 
     endpoint = parse_endpoint(options.source)
@@ -211,24 +219,31 @@ def serve(options: RunOptions, *, verbose: bool) -> int:
     _require_fitting(options, endpoint)
     outputs.viewer_options(options.outputs.view, options.outputs.rrd)  # refused before compiling
     may_meet_built_in = options.profile is None and endpoint.kind not in ("sim", "log")
-    pipeline = Pipeline(
-        profile,
-        system_id=options.system_id,
-        new_estimator=lambda chosen: Estimator(chosen, options.gain),
-        fits_built_in=options.profile is None,
-    )
     requests = ParameterRequests()
     conflicts: list[InputError] = []
     with ExitStack() as stack:
         # whatever can be refused is opened before the compiler starts, and the source behind it
         session = _open_zenoh(options.zenoh, stack)
         recorder = None if options.record is None else _recorder(options.record, stack)
+        retuning = _open_retuning(options, requests, stack)
+        pipeline = Pipeline(
+            profile,
+            system_id=options.system_id,
+            new_estimator=lambda chosen: (
+                Estimator(chosen, options.gain) if retuning is None else retuning.estimator(chosen)
+            ),
+            fits_built_in=options.profile is None,
+        )
+        if retuning is not None:
+            retuning.watch(pipeline)
         with _closed_if_unused() as sinks:
             sinks.extend(_zenoh_sinks(session, options, profile, requests, conflicts))
             outputs.open_outputs(sinks, options.outputs, session, _prefix(options), profile)
             _compile(profile, options.gain, with_raw=may_meet_built_in)
             sinks.append(_open_view(options, verbose=verbose))  # which prints what the source says
             runner_of = _open_source(endpoint, options, key, recorder, stack)
+            if recorder is not None and retuning is not None:
+                sinks.append(RecordingSink(recorder))
             outbox = stack.enter_context(Outbox(sinks))
             sinks.clear()
         runner = runner_of(pipeline, outbox, requests)
@@ -250,6 +265,17 @@ def serve(options: RunOptions, *, verbose: bool) -> int:
             raise problem
     heard_nobody = not pipeline.vehicles and not runner.was_stopped
     return FAILED if heard_nobody and options.seconds is not None else OK
+
+
+def _open_retuning(
+    options: RunOptions, requests: "ParameterRequests", stack: ExitStack
+) -> "Retuning | None":
+    """The process that retunes, if it is asked for."""
+    if not options.retune:
+        return None
+    from fuzzbee.retuning import Retuning
+
+    return stack.enter_context(Retuning(requests, options.gain))
 
 
 def _require_fitting(options: RunOptions, endpoint: "Endpoint") -> None:
@@ -365,13 +391,13 @@ def _recorder(target: str, stack: ExitStack) -> "Recorder":
     """A recorder into a file; or into a folder, if there is one or the name has no suffix."""
     from pathlib import Path
 
-    from drivers.mavlink.recorder import TlogRecorder
+    from drivers.mavlink.recorder import SharedRecorder, TlogRecorder
     from drivers.mavlink.rotating_recorder import RotatingRecorder
 
     is_file = Path(target).suffix or Path(target).exists()
     if target.endswith("/") or Path(target).is_dir() or not is_file:
-        return stack.enter_context(RotatingRecorder(target))
-    return stack.enter_context(TlogRecorder(target))
+        return SharedRecorder(stack.enter_context(RotatingRecorder(target)))
+    return SharedRecorder(stack.enter_context(TlogRecorder(target)))
 
 
 def _open_player(

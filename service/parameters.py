@@ -14,12 +14,14 @@ from estimator.profile import Profile
 MAX_PENDING = 16
 ANSWER_TIMEOUT_S = 2.0
 
-Replace = Callable[[VehicleId, dict[str, Any]], Profile]
+# The last is why, if it was retuned and nobody has asked for it
+Replace = Callable[[VehicleId, dict[str, Any], str | None], Profile]
 
 
 class _Request(NamedTuple):
     vehicle: VehicleId
     partial: dict[str, Any]
+    retuned: str | None
     answer: "Future[Profile]"
 
 
@@ -30,8 +32,10 @@ class ParameterRequests:
         self._queue: Queue[_Request] = Queue(MAX_PENDING)
         self._closed = False
 
-    def ask(self, vehicle: VehicleId, partial: dict[str, Any]) -> Profile:
-        """Have the loop replace a profile; blocks until it did.
+    def ask(
+        self, vehicle: VehicleId, partial: dict[str, Any], retuned: str | None = None
+    ) -> Profile:
+        """Have the loop replace a profile; blocks until it did. ``retuned`` says why, if by itself.
 
         Raises:
             InputError: the loop refused it.
@@ -41,7 +45,7 @@ class ParameterRequests:
             raise TimeoutError("the service is ending")
         answer: Future[Profile] = Future()
         try:
-            self._queue.put_nowait(_Request(vehicle, partial, answer))
+            self._queue.put_nowait(_Request(vehicle, partial, retuned, answer))
         except Full:
             raise TimeoutError("too many requests") from None
         try:
@@ -63,7 +67,7 @@ class ParameterRequests:
             if not request.answer.set_running_or_notify_cancel():
                 continue
             try:
-                profile = replace(request.vehicle, request.partial)
+                profile = replace(request.vehicle, request.partial, request.retuned)
             except InputError as error:
                 request.answer.set_exception(error)
             except RecursionError:  # nested deep, but not too deep for the parser

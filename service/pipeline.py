@@ -150,7 +150,8 @@ class Pipeline:
         """The attitudes at ``now_us`` (host time), and each second the statuses."""
         outputs: list[Output] = [*self._replaced.values(), *self._peers.values()]
         for address in self._replaced.keys() - self._fitted:
-            outputs += _messages(self._vehicles[address].on_profile(now_us))
+            vehicle, why = self._vehicles[address], self._replaced[address].retuned
+            outputs += _messages(vehicle.on_profile(now_us, why))
         self._replaced.clear()
         self._fitted.clear()
         self._peers.clear()
@@ -166,8 +167,12 @@ class Pipeline:
                 outputs.append(Published(vehicle.address, status, time_unix_us=now_us))
         return outputs
 
-    def replace_profile(self, address: VehicleId, partial: dict[str, Any]) -> Profile:
+    def replace_profile(
+        self, address: VehicleId, partial: dict[str, Any], retuned: str | None = None
+    ) -> Profile:
         """Use a vehicle's profile with the keys of ``partial`` replaced; returns it.
+
+        ``retuned`` says why, if it was retuned by itself.
 
         Raises:
             InputError: no such vehicle, unknown keys, values out of bounds or of no use
@@ -181,7 +186,9 @@ class Pipeline:
             vehicle.replace_profile(profile)
         except (ArithmeticError, ValueError, TypeError) as error:
             raise InputError(f"profile update: cannot be used: {error}") from error
-        self._replaced[address] = Replaced(address, profile)
+        if retuned is not None:
+            vehicle.note_retuned(retuned)
+        self._replaced[address] = Replaced(address, profile, retuned)
         return profile
 
     def _fit(self, vehicle: Vehicle, event: BuiltIn) -> list[Output]:

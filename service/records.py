@@ -52,6 +52,13 @@ class AttitudeRecord(Value, frozen=True):
     sequence: int
 
 
+class Retuned(Value, frozen=True):
+    """How often a profile has been retuned by itself, and the last change."""
+
+    count: int
+    last: str
+
+
 class StatusRecord(msgspec.Struct, frozen=True):
     """How the estimate of one vehicle is doing, once a second."""
 
@@ -69,6 +76,7 @@ class StatusRecord(msgspec.Struct, frozen=True):
     published_hz: float = 0.0  # attitudes a second, less than asked for when overloaded
     malformed: int = 0  # unreadable frames on the vehicle's link so far, whoever sent them
     warnings: tuple[str, ...] = ()  # words of service.alarms.Alarm
+    retuned: Retuned | None = None  # by itself, with --retune
 
 
 class Published(Value, frozen=True):
@@ -92,10 +100,11 @@ class Peer(Value, frozen=True):
 
 
 class Replaced(Value, frozen=True):
-    """A vehicle's parameters have been replaced, by these."""
+    """A vehicle's parameters have been replaced, by these; ``retuned`` says why, if by itself."""
 
     vehicle: VehicleId
     profile: Profile
+    retuned: str | None = None
 
 
 class Message(Value, frozen=True):

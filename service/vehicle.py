@@ -26,7 +26,7 @@ from service.health import Health, State
 from service.host_clock import HostClock
 from service.imu_choice import ImuChoice
 from service.load import Load
-from service.records import AttitudeRecord, StatusRecord, vehicle_name
+from service.records import AttitudeRecord, Retuned, StatusRecord, vehicle_name
 from service.talk import Talk
 from service.velocity_choice import VelocityChoice
 
@@ -63,6 +63,7 @@ class Vehicle:
         self._alarms = Alarms()
         self._alarms_told: frozenset[Alarm] = frozenset()
         self._statuses = 0
+        self._retuned: Retuned | None = None
         self._health = Health()
         self._choice = ImuChoice()
         self._velocity_choices = {True: VelocityChoice(), False: VelocityChoice()}
@@ -250,6 +251,7 @@ class Vehicle:
             published_hz=load.published_hz,
             malformed=malformed,
             warnings=tuple(sorted(self._alarms.words | unfit)),
+            retuned=self._retuned,
         )
         self._statuses += 1
         return record
@@ -281,9 +283,15 @@ class Vehicle:
         self.profile = profile
         self.has_unfit_profile = False
 
-    def on_profile(self, now_us: int) -> list[str]:
+    def note_retuned(self, summary: str) -> None:
+        """Count a change that the service has made by itself."""
+        count = 0 if self._retuned is None else self._retuned.count
+        self._retuned = Retuned(count + 1, summary)
+
+    def on_profile(self, now_us: int, retuned: str | None = None) -> list[str]:
         """Say that the profile was replaced, but not too often: a program may do it in a loop."""
-        return self._talk.lines([f"vehicle {self.name}: new parameters"], now_us)
+        what = "new parameters" if retuned is None else f"retuned: {retuned}"
+        return self._talk.lines([f"vehicle {self.name}: {what}"], now_us)
 
     def restart(self) -> None:
         """Align anew; what was remembered of the attitude before says nothing of the next."""

@@ -29,10 +29,12 @@ from drivers.mavlink.constants import (
     MAV_CMD_SET_MESSAGE_INTERVAL,
     MAV_PARAM_TYPE_REAL32,
     MAV_PROTOCOL_CAPABILITY_MAVLINK2,
+    MAV_SEVERITY_INFO,
     MAV_STATE_ACTIVE,
     PARAM_VALUE_ID,
     RAW_IMU_ID,
     SIM_STATE_ID,
+    STATUSTEXT_ID,
     UNKNOWN_UINT16,
 )
 from drivers.mavlink.framing import SIGNED_FLAG
@@ -52,6 +54,7 @@ _COMMAND_LONG = Struct("<fffffffHBBB")
 _COMMAND_ACK = Struct("<HBBiBB")
 _SIM_STATE = Struct("<4f3f3f3f3f2f3fii")
 _GLOBAL_POSITION_INT = Struct("<IiiiihhhH")
+_STATUSTEXT = Struct("<B50s")
 _AUTOPILOT_VERSION = Struct("<QQIIIIHH8s8s8s")
 
 _MG = 1000.0 / STANDARD_GRAVITY_M_S2
@@ -195,6 +198,15 @@ def autopilot_version(product: str, variant: str) -> Message:
     names = (product.encode(), variant.encode(), b"")
     payload = _AUTOPILOT_VERSION.pack(MAV_PROTOCOL_CAPABILITY_MAVLINK2, *(7 * (0,)), *names)
     return Message(AUTOPILOT_VERSION_ID, 178, payload)
+
+
+def statustext(text: str) -> Message:
+    """STATUSTEXT of severity INFO; what is beyond 50 characters is cut off.
+
+    Source: https://mavlink.io/en/messages/common.html#STATUSTEXT
+    """
+    payload = _STATUSTEXT.pack(MAV_SEVERITY_INFO, text.encode("ascii", "replace")[:50])
+    return Message(STATUSTEXT_ID, 83, payload)
 
 
 def param_value(name: str, value: float, count: int, index: int) -> Message:

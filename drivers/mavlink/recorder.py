@@ -9,6 +9,7 @@ file. An existing file is continued.
 import logging
 import os
 import stat
+import threading
 from collections.abc import Iterable
 from contextlib import suppress
 from pathlib import Path
@@ -30,6 +31,19 @@ class Recorder(Protocol):
 
     def write(self, arrival_us: int, frames: Iterable[bytes]) -> None:
         """Keep ``frames``, all of which arrived at ``arrival_us``; never raises."""
+
+
+class SharedRecorder:
+    """A recorder that several threads write to."""
+
+    def __init__(self, recorder: Recorder) -> None:
+        self._recorder = recorder
+        self._lock = threading.Lock()
+
+    def write(self, arrival_us: int, frames: Iterable[bytes]) -> None:
+        """See :class:`Recorder`."""
+        with self._lock:
+            self._recorder.write(arrival_us, frames)
 
 
 class TlogRecorder(Closing):

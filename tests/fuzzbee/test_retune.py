@@ -1,13 +1,28 @@
 """``replay --retune`` and ``run --retune`` from the command line."""
 
 import json
+import time
 from pathlib import Path
 
+import numpy as np
 import pytest
+from pymavlink import mavutil
 
+from drivers.events import Imu
+from drivers.mavlink.recorder import TlogRecorder
 from estimator.errors import InputError
+from estimator.profile import load_profile
+from estimator.types import ImuSample
 from fuzzbee.cli import main
 from fuzzbee.replays.command import replay
+from fuzzbee.retuning import Retuning
+from service.load import Load
+from service.parameters import ParameterRequests
+from service.pipeline import Pipeline
+from service.records import Message
+from service.sinks.recording import RecordingSink
+from tests.service.streams import ONE, START_US
+from tuning.paper_noise import NoiseScale, simulate_scaled
 
 LOG = Path(__file__).resolve().parents[1] / "data" / "px4_hover.ulg"
 
@@ -29,3 +44,59 @@ def _report(capsys, *options):
 def test_the_papers_experiment_is_too_short():
     with pytest.raises(InputError, match="--retune is for logs"):
         replay(["sim:"], retune=True)
+
+
+def noisy_events(seconds, noisy_from_s):
+    """The paper's signals at 100 Hz as a vehicle's events; then its vectors' noise times five."""
+    n = round(100 * seconds)
+    vectors = np.where(np.arange(n) < 100 * noisy_from_s, 1.0, 5.0)
+    made = simulate_scaled(400, n, NoiseScale(vectors=vectors))
+    for k in range(n):
+        columns = (made.gyr_rad_s[k], made.acc_m_s2[k], made.mag_gauss[k])
+        readings = [tuple(column.tolist()) for column in columns]
+        time_us = int(made.time_us[k])
+        sample = ImuSample(time_us, *readings, True)
+        yield Imu(ONE, START_US + time_us, time_us, "RAW_IMU", sample)
+
+
+@pytest.mark.slow
+def test_a_live_vehicle_is_retuned_by_a_process_beside_it(tmp_path):
+    """A real process; the loop's part is done here. Its decision comes by the mailbox."""
+    requests, said = ParameterRequests(), []
+    with Retuning(requests, None) as retuning, TlogRecorder(tmp_path / "x.tlog") as recorder:
+        pipeline = Pipeline(load_profile("paper"), new_estimator=retuning.estimator)
+        retuning.watch(pipeline)
+        sink = RecordingSink(recorder, lambda: START_US)
+        for event in noisy_events(30.2, 20.0):
+            pipeline.handle(event)
+        vehicle = pipeline.vehicle(ONE)
+        deadline_s = time.monotonic() + 120.0
+        while vehicle.profile.confidence.gravity == 1.0 and time.monotonic() < deadline_s:
+            requests.serve(pipeline.replace_profile)
+            time.sleep(0.02)
+        outputs = pipeline.tick(START_US + 30_200_000)
+        sink.handle(outputs)
+        said = [o.text for o in outputs if isinstance(o, Message)]
+        status = vehicle.status(START_US, Load())
+    requests.close()
+    assert 1.0 / 3.0 <= vehicle.profile.confidence.gravity < 0.7
+    assert status.retuned.count == 1
+    assert status.retuned.last.startswith("gain x0.")
+    assert any("retuned: gain x0." in line for line in said)
+    log = mavutil.mavlink_connection(str(tmp_path / "x.tlog"))
+    frame = log.recv_match()
+    log.close()
+    assert frame.get_type() == "STATUSTEXT"
+    assert (frame.get_srcSystem(), frame.get_srcComponent()) == (1, 191)
+    assert frame.text.startswith("retuned: gain x0.")
+
+
+def test_the_service_goes_on_without_the_process():
+    requests = ParameterRequests()
+    with Retuning(requests, None) as retuning:
+        pipeline = Pipeline(load_profile("paper"), new_estimator=retuning.estimator)
+        retuning.watch(pipeline)
+        retuning._process.kill()
+        for event in noisy_events(12.0, 20.0):
+            pipeline.handle(event)
+        assert pipeline.vehicle(ONE).samples == 1200

@@ -94,7 +94,7 @@ def test_whatever_goes_wrong_in_the_loop_is_an_answer():
             requests.ask(ONE, {})
         answers.append(str(raised.value))
 
-    def replace(vehicle, partial):
+    def replace(vehicle, partial, retuned):
         raise OverflowError("out of range")
 
     thread = threading.Thread(target=ask)

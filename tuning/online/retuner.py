@@ -40,11 +40,22 @@ PATIENCE = 6
 
 
 class Decision(NamedTuple):
-    """A change of the profile in force: what it becomes, as a partial profile, and why."""
+    """A change of the profile in force: what it becomes, as a partial profile, and why.
+
+    ``factors`` are what that means, by name, on the base profile's numbers; ``gain`` is the share
+    of the cost that it saved where it was judged.
+    """
 
     update: dict[str, dict[str, float]]
     reason: str
-    gain: float  # share of the cost that it saved where it was judged
+    gain: float
+    factors: dict[str, float]
+
+    @property
+    def summary(self) -> str:
+        """One line for a person."""
+        numbers = ", ".join(f"{name} x{factor:.2f}" for name, factor in self.factors.items())
+        return f"{numbers} ({self.reason})"
 
 
 class Trial(NamedTuple):
@@ -202,7 +213,13 @@ class Retuner:
     def _move(self, factors: Array, reason: str, gain: float) -> Decision:
         self._before, self._now = self._now, factors
         self._last = None
-        return Decision(update_of(self._base, factors), reason, gain)
+        names = [number.name for number in numbers_of(self._base)]
+        return Decision(
+            update=update_of(self._base, factors),
+            reason=reason,
+            gain=gain,
+            factors=dict(zip(names, factors.tolist(), strict=True)),
+        )
 
     def _cost(self, factors: Array, window: Window, *, judged: bool) -> Cost:
         return cost_on(with_factors(self._base, factors), window, judged=judged)

@@ -1,0 +1,74 @@
+"""Retuning beside a live service: a process of low priority that is sent segments and decides.
+
+It reads pickled questions from standard input and writes pickled answers to standard output; its
+parent is the only one it listens to.
+"""
+
+import os
+import pickle
+import signal
+import sys
+import time
+from typing import NamedTuple
+
+from tuning.online.retuner import Decision, Retuner
+from tuning.online.segment import Segment
+
+NICENESS = 15
+# Of a core, in the mean since the beginning; loading and the first searches come on top.
+MOST_SHARE = 0.03
+ALLOWANCE_S = 10.0
+
+
+class Question(NamedTuple):
+    """A vehicle's next segment; ``vehicle`` is anything that tells vehicles apart."""
+
+    vehicle: object
+    segment: Segment
+
+
+class Answer(NamedTuple):
+    """What follows for that vehicle."""
+
+    vehicle: object
+    decision: Decision
+
+
+class Deciders:
+    """A retuner a vehicle, within a share of one core's time."""
+
+    def __init__(self) -> None:
+        self._retuners: dict[object, Retuner] = {}
+        self._begun_s = time.monotonic()
+        self._used_s = time.process_time()
+
+    def answer(self, question: Question) -> Answer | None:
+        """Take a segment. While there is no time for more it counts as silence."""
+        segment = question.segment
+        retuner = self._retuners.setdefault(question.vehicle, Retuner(segment.profile))
+        decision = retuner.take(segment._replace(silent=segment.silent or self._is_late()))
+        return None if decision is None else Answer(question.vehicle, decision)
+
+    def _is_late(self) -> bool:
+        elapsed_s = time.monotonic() - self._begun_s
+        used_s = time.process_time() - self._used_s
+        return used_s > ALLOWANCE_S + MOST_SHARE * elapsed_s
+
+
+def serve() -> None:
+    """Answer questions until there are no more; a signal to stop is for the parent."""
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, signal.SIG_IGN)
+    os.nice(NICENESS)
+    questions, answers = sys.stdin.buffer, os.fdopen(os.dup(sys.stdout.fileno()), "wb")
+    os.dup2(sys.stderr.fileno(), sys.stdout.fileno())  # a stray print must not look like an answer
+    deciders = Deciders()
+    while True:
+        try:
+            question = pickle.load(questions)  # noqa: S301 - of the process that started this
+        except EOFError:
+            return
+        found = deciders.answer(question)
+        if found is not None:
+            pickle.dump(found, answers)
+            answers.flush()
