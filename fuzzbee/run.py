@@ -203,13 +203,10 @@ def serve(options: RunOptions, *, verbose: bool) -> int:
     """
     from drivers.endpoint import parse_endpoint
     from drivers.source import require_openable
-    from estimator.estimator import Estimator
     from estimator.profile import load_profile
     from service.parameters import ParameterRequests
-    from service.pipeline import Pipeline
     from service.signals import stop_on_signals
     from service.sinks.outbox import Outbox
-    from service.sinks.recording import RecordingSink
     from service.steady import steady
 
     endpoint = parse_endpoint(options.source)
@@ -226,24 +223,14 @@ def serve(options: RunOptions, *, verbose: bool) -> int:
         session = _open_zenoh(options.zenoh, stack)
         recorder = None if options.record is None else _recorder(options.record, stack)
         retuning = _open_retuning(options, requests, stack)
-        pipeline = Pipeline(
-            profile,
-            system_id=options.system_id,
-            new_estimator=lambda chosen: (
-                Estimator(chosen, options.gain) if retuning is None else retuning.estimator(chosen)
-            ),
-            fits_built_in=options.profile is None,
-        )
-        if retuning is not None:
-            retuning.watch(pipeline)
+        pipeline = _pipeline(profile, options, retuning)
         with _closed_if_unused() as sinks:
             sinks.extend(_zenoh_sinks(session, options, profile, requests, conflicts))
             outputs.open_outputs(sinks, options.outputs, session, _prefix(options), profile)
             _compile(profile, options.gain, with_raw=may_meet_built_in)
             sinks.append(_open_view(options, verbose=verbose))  # which prints what the source says
             runner_of = _open_source(endpoint, options, key, recorder, stack)
-            if recorder is not None and retuning is not None:
-                sinks.append(RecordingSink(recorder))
+            sinks.extend(_recording_sinks(recorder, retuning))
             outbox = stack.enter_context(Outbox(sinks))
             sinks.clear()
         runner = runner_of(pipeline, outbox, requests)
@@ -276,6 +263,31 @@ def _open_retuning(
     from fuzzbee.retuning import Retuning
 
     return stack.enter_context(Retuning(requests, options.gain))
+
+
+def _pipeline(profile: "Profile", options: RunOptions, retuning: "Retuning | None") -> "Pipeline":
+    """The pipeline, whose estimators speak with the process that retunes."""
+    from estimator.estimator import Estimator
+    from service.pipeline import Pipeline
+
+    pipeline = Pipeline(
+        profile,
+        system_id=options.system_id,
+        new_estimator=lambda chosen: (
+            Estimator(chosen, options.gain) if retuning is None else retuning.estimator(chosen)
+        ),
+        fits_built_in=options.profile is None,
+    )
+    if retuning is not None:
+        retuning.watch(pipeline)
+    return pipeline
+
+
+def _recording_sinks(recorder: "Recorder | None", retuning: "Retuning | None") -> "list[Sink]":
+    """What keeps the changes beside what arrives."""
+    from service.sinks.recording import RecordingSink
+
+    return [] if recorder is None or retuning is None else [RecordingSink(recorder)]
 
 
 def _require_fitting(options: RunOptions, endpoint: "Endpoint") -> None:
