@@ -4,10 +4,10 @@ The names are imported when they are first used: the command answers before numb
 """
 
 from importlib import import_module
-from typing import TYPE_CHECKING, Any
 
 from fuzzbee.version import __version__
 
+TYPE_CHECKING = False  # as typing has it, whose import takes longer than all others here
 if TYPE_CHECKING:
     from estimator.errors import InputError
     from estimator.profile import load_profile
@@ -24,7 +24,7 @@ _HOMES = {
 }
 
 
-def __getattr__(name: str) -> Any:
+def __getattr__(name: str) -> object:
     if name not in _HOMES:
         raise AttributeError(f"module 'fuzzbee' has no attribute {name!r}")
     value = getattr(import_module(_HOMES[name]), name)

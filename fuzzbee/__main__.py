@@ -1,5 +1,7 @@
 """``python -m fuzzbee``."""
 
+from fuzzbee import quiet_start  # noqa: F401, I001 - before all others
+
 import sys
 from pathlib import Path
 

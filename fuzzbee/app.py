@@ -32,7 +32,7 @@ def build_app(*, decorated: bool) -> typer.Typer:
         epilog=EPILOG,
         no_args_is_help=False,
         invoke_without_command=True,
-        add_completion=False,
+        add_completion=True,
         rich_markup_mode="rich" if decorated else None,
         pretty_exceptions_enable=False,
         context_settings={"help_option_names": ["--help", "-h"]},

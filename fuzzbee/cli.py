@@ -4,6 +4,8 @@ It imports next to nothing, so that a signal is answered as promised from the
 first moment on; the verbs are imported inside.
 """
 
+from fuzzbee import quiet_start  # noqa: I001 - before all others
+
 import atexit
 import errno
 import os
@@ -17,6 +19,8 @@ from estimator.compilation.notice import tell_compiling
 from estimator.errors import InputError
 from fuzzbee.say import say
 from service.signals import terminate_like_interrupt
+
+quiet_start.end()
 
 OK, FAILED, BAD_INPUT, INTERRUPTED = 0, 1, 2, 130
 ENDLESS = frozenset({"run", "sim", "watch"})  # verbs for which a signal is the regular end

@@ -86,6 +86,7 @@ def run(
             metavar="NAME|FILE",
             help="paper, imu, adaptive or a TOML file. Default: imu, but for fuzzbee's own"
             " vehicle with the paper's signals: paper.",
+            autocompletion=lambda: ["paper", "imu", "adaptive"],
         ),
     ] = None,
     gain: Annotated[

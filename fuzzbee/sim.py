@@ -4,16 +4,22 @@ Options that cannot be used raise ``InputError``, as everywhere.
 """
 
 import threading
+import time
 from pathlib import Path
-from typing import Annotated, cast
+from typing import TYPE_CHECKING, Annotated, cast
 
 import typer
 
 from drivers.endpoint import FORMS, Endpoint, Kind, endpoint_help, parse_endpoint
 from estimator.errors import InputError
+from fuzzbee.options import Json
 from fuzzbee.say import say
 from fuzzbee.security import key_content
 from service.signals import stop_on_signals
+
+if TYPE_CHECKING:
+    from drivers.simulation.autopilot import VehicleOptions
+    from drivers.simulation.fleet import Fleet
 
 LINK_KINDS: tuple[Kind, ...] = ("udpout", "udpin", "tcp", "tcpin")
 LINK_NAMES = frozenset(name for form in FORMS if form.kind in LINK_KINDS for name in form.names)
@@ -41,6 +47,7 @@ def sim(
         typer.Option(
             metavar="paper|rest|turn|flight",
             help="the paper's, none or a level turn, on the paper's signals; or a copter's flight",
+            autocompletion=lambda: ["paper", "rest", "turn", "flight"],
         ),
     ] = "paper",
     noise: Annotated[float, typer.Option(help="factor on the motion's noise")] = 1.0,
@@ -61,6 +68,7 @@ def sim(
             help="sign with the key (32 bytes, 64 hex digits) or pass phrase in this file"
         ),
     ] = None,
+    as_json: Json = False,
 ) -> None:
     """Run simulated vehicles that speak MAVLink 2, for any software to connect to.
 
@@ -100,7 +108,29 @@ def sim(
             transport.close()
             raise InputError(f"{endpoint}: {error}") from error
         _say(f"{vehicles} vehicle{'s' * (vehicles > 1)} at {rate:g} Hz, {transport.address}")
+        begun_s = time.monotonic()
         run_vehicles(fleet, transport, stop.is_set, seconds, _say)
+        if as_json:
+            _print_json(str(endpoint), vehicles, options, fleet, time.monotonic() - begun_s)
+
+
+def _print_json(
+    to: str, vehicles: int, options: "VehicleOptions", fleet: "Fleet", seconds: float
+) -> None:
+    """What was done, as one object."""
+    import json
+
+    result = {
+        "to": to,
+        "vehicles": vehicles,
+        "rate_hz": options.rate_hz,
+        "motion": options.motion,
+        "seed": options.seed,
+        "seconds": round(seconds, 3),
+        "bytes_sent": fleet.counts.bytes_sent,
+        "link_errors": fleet.counts.link_errors,
+    }
+    print(json.dumps(result), flush=True)
 
 
 def parse_magnet(text: str) -> tuple[float, float]:

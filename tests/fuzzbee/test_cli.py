@@ -138,3 +138,47 @@ def test_what_is_left_for_the_end_is_done():
     )
     assert ended.returncode == 0
     assert ended.stdout.splitlines()[-1] == "the end"
+
+
+def test_an_interrupt_during_the_first_imports_is_no_traceback():
+    """Of the handler that stands while the command's modules are imported."""
+    script = (
+        "import sys, os, signal; sys.argv = ['fuzzbee', *sys.argv[1:]];"
+        "from fuzzbee import quiet_start; os.kill(os.getpid(), signal.SIGINT); print('went on')"
+    )
+    for verb, status in (("watch", 0), ("replay", 130)):
+        done = subprocess.run(
+            [sys.executable, "-c", script, verb],
+            check=False,
+            capture_output=True,
+            text=True,
+            timeout=60,
+        )
+        assert (done.returncode, done.stdout, done.stderr) == (status, "", "")
+
+
+def test_after_the_imports_an_interrupt_is_an_exception_again():
+    script = (
+        "import os, signal, fuzzbee.cli\n"
+        "try:\n    os.kill(os.getpid(), signal.SIGINT)\nexcept KeyboardInterrupt:\n    print('yes')"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", script],
+        check=False,
+        capture_output=True,
+        text=True,
+        timeout=60,
+    )
+    assert done.stdout == "yes\n"
+
+
+def test_help_on_a_terminal_keeps_its_defaults():
+    """Rich takes brackets for styles."""
+    from typer.main import get_command
+
+    from fuzzbee.app import build_app, escape_markup
+
+    command = get_command(build_app(decorated=True))
+    escape_markup(command)
+    option = next(p for p in command.commands["tune"].params if p.name == "cycles")
+    assert r"\[default: 15" in option.help
