@@ -3,7 +3,9 @@
 PYTHON ?= $(shell command -v python3.11 || command -v python3.12 || command -v python3.13 || command -v python3)
 BIN := .venv/bin
 
-.PHONY: demo test test-python setup style types build docs clean
+VERSION = $(shell sed -n 's/^__version__ = "\(.*\)"$$/\1/p' fuzzbee/version.py)
+
+.PHONY: demo test test-python setup style types release build docs clean
 
 ## demo: the simulated vehicle through the live service, attitudes in the terminal
 demo: .venv/installed
@@ -42,19 +44,34 @@ build: .venv/developer
 	rm -rf dist
 	$(BIN)/python -m build --wheel
 
+## release: build wheel and sdist, check them, and tag the version that fuzzbee/version.py and CHANGELOG.md name
+release: .venv/developer
+	@test -z "$$(git status --porcelain)" || { echo "release: commit or remove what git status shows" >&2; exit 1; }
+	@grep -q '^## $(VERSION)\b' CHANGELOG.md || { echo "release: CHANGELOG.md has no heading '## $(VERSION)'" >&2; exit 1; }
+	@! git rev-parse -q --verify 'refs/tags/v$(VERSION)' >/dev/null || { echo "release: v$(VERSION) is tagged already" >&2; exit 1; }
+	rm -rf dist
+	$(BIN)/python -m build
+	$(BIN)/python -m pip install -q 'twine>=6.1'
+	$(BIN)/python -m twine check --strict dist/*
+	git tag -a 'v$(VERSION)' -m 'fuzzbee $(VERSION)'
+	@echo "v$(VERSION) is tagged, dist/ is checked; git push origin v$(VERSION) and an upload are yours"
+
 clean:
 	rm -rf .venv dist build
 
 .venv/bin/python:
 	$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || \
 	  { echo "fuzzbee needs Python 3.11 or later (set PYTHON=...)" >&2; exit 1; }
+	@echo "making .venv"
 	$(PYTHON) -m venv .venv
 	$(BIN)/python -m pip install -q --upgrade 'pip>=25.1'
 
 .venv/installed: .venv/bin/python pyproject.toml constraints.txt
-	$(BIN)/python -m pip install -q -c constraints.txt -e '.[plot]'
+	@echo "installing what fuzzbee needs: 150 MB to fetch, 600 MB in .venv, a minute or two"
+	$(BIN)/python -m pip install -q --progress-bar=on -c constraints.txt -e .
 	touch $@
 
 .venv/developer: .venv/installed
+	@echo "installing every extra and the developer's tools: 1.5 GB more in .venv, some minutes"
 	$(BIN)/python -m pip install -q -c constraints.txt -e '.[plot,mcap,metrics,viewer,cluster,optimizers]' --group dev
 	touch $@
