@@ -63,6 +63,7 @@ FLIGHTS = (
     ("4 Hz", "plane"),
     ("4 Hz", "copter"),
 )
+BROKEN = (("sound", "plane"), ("sound", "copter"), ("sound", "rover"))
 GAINS: tuple[float | str, ...] = (0.2, 1.0, 3.5, 20.0, "fuzzy", "noise")
 WINDOW_S = 1.0
 BLEND = 0.3
@@ -90,7 +91,7 @@ def by_reports(of: AidedRecording) -> Directions:
     """The force of the last window between two reports, as the witness has it."""
     c = of.columns
     frd = turn_rows(rotate_inverse, c["q_g_frd"], c["force_g"])
-    return Directions(frd, c["force_ned"], (c["force_share"] > 0.0).astype(float))
+    return Directions(frd, c["force_ned"], c["force_share"])
 
 
 def by_aiding(of: AidedRecording) -> Directions:
@@ -225,7 +226,7 @@ def flights(options: argparse.Namespace) -> Iterator[tuple[str, list[Event]]]:
     if not options.seeds:
         return
     first, _, last = options.seeds.partition("-")
-    for case, motion in FLIGHTS:
+    for case, motion in BROKEN if options.faults else FLIGHTS:
         for seed in range(int(first), int(last or first) + 1):
             yield f"{case}, {motion} {seed}", simulated_events(case, motion, seed)
 
