@@ -240,8 +240,11 @@ class Estimator:
         """One sample with the velocity reports up to it; without any, as if there were none."""
         now, aiding = self._context, self._settings.aiding
         dt_s = 1e-6 * (sample.time_us - now.time_us)
+        turning, between = now.turning, NOTHING_BETWEEN
+        if self.profile.uses_attitude_rates:
+            turning, between = take_between(turning, now.time_us, sample.time_us, sample.gyr_rad_s)
         if now.phase is not _UNAIDED:
-            self._enter(self._cause_at(dt_s))
+            self._enter(self._cause_at(dt_s, is_seen=between.given))
         due: tuple[Report, ...] = ()
         ahead = now.reports
         if ahead:
@@ -251,9 +254,6 @@ class Estimator:
         report = due[0] if due else NO_REPORT
         readings = (sample.gyr_rad_s, sample.acc_m_s2, sample.mag_gauss, sample.has_mag)
         is_aided = self._context.phase is _AIDED
-        turning, between = now.turning, NOTHING_BETWEEN
-        if self.profile.uses_attitude_rates:
-            turning, between = take_between(turning, now.time_us, sample.time_us, sample.gyr_rad_s)
         heading = advance(self._core.inside, *readings, dt_s, between, is_aided)
         self._context = _next(self._context, sample.time_us, dt_s, ahead, turning)
         if is_aided:
@@ -268,14 +268,17 @@ class Estimator:
         if report.given and aiding.enabled:
             self._begin_aided(report, has_heading=heading != NO_HEADING)
 
-    def _cause_at(self, dt_s: float) -> Cause:
-        """What a sample means that comes ``dt_s`` after the one before."""
+    def _cause_at(self, dt_s: float, *, is_seen: bool) -> Cause:
+        """What a sample means that comes ``dt_s`` after the one before.
+
+        ``is_seen``: others have seen the turning between the two.
+        """
         aiding = self._settings.aiding
         if self._context.phase is _RAW:
             return Cause.SAMPLE
         if not aiding.enabled:
             return Cause.SWITCH_OFF
-        is_long = is_gap(aiding.gap_s, self._context.usual_s, dt_s)
+        is_long = not is_seen and is_gap(aiding.gap_s, self._context.usual_s, dt_s)
         return Cause.GAP if is_long else Cause.SAMPLE
 
     def _give_up(self) -> None:
@@ -303,7 +306,7 @@ class Estimator:
         """
         settings = self._settings
         start: Start | None = None
-        if has_heading and self._knows_north and self._trusts_field():
+        if has_heading and self._knows_north and self._trusts_field() and self._is_settled():
             start = start_by_field(settings, self._core.core)
         elif search(self._core.inside, report):
             start = start_by_velocity(self._core.core)
@@ -316,6 +319,11 @@ class Estimator:
             core = with_attitude(core, start.q_ned_frd)
         self._set_core(core)
         self._enter(Cause.BEGIN)
+
+    def _is_settled(self) -> bool:
+        """Whether the unaided vertical has gone through its averaging time since it began."""
+        age_s = self._core.core.conditioning.gravity.force.age_s
+        return age_s >= self._settings.conditioning.gravity_tau_s
 
     def _trusts_field(self) -> bool:
         """Whether the field may give the first heading: calibrated, and like the place's own."""

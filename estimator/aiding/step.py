@@ -342,8 +342,7 @@ def aid(
         dt_s=dt,
     )
     sigma = sigmas(params, now.covariance, estimate, last, field, agreement)
-    if slow > 0.0:
-        lean = watch_lean(lean, force, dt)
+    lean = watch_lean(lean, force, dt)
     if report.given:
         lean = hear_report(lean, report.velocity_ned_m_s)
     state = AidingState(

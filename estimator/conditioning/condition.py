@@ -18,6 +18,7 @@ from estimator.conditioning.doubt import (
 from estimator.conditioning.gather import NOTHING, STEP_S, gather, means
 from estimator.conditioning.gravity import (
     DOWN,
+    age_after_hole,
     level,
     observe_gravity,
     propagate_frame,
@@ -33,7 +34,11 @@ from estimator.conditioning.magnetic import (
     reference_norm,
     wait_for_field,
 )
-from estimator.conditioning.rate import at_interval_end, following_weight, integration_rate
+from estimator.conditioning.rate import (
+    at_interval_end,
+    following_weight,
+    integration_rate,
+)
 from estimator.conditioning.rest import initial_rest, observe_rest
 from estimator.conditioning.tilt import (
     believe_force,
@@ -175,6 +180,7 @@ def learn_vertical(
     rest: RestState,
     noise: StepNoise,
     clipped: Two,
+    usual_s: float,
 ) -> Vertical:
     """Gravity, the heading's prediction and the bias by one step's mean readings."""
     k = state.coefficients
@@ -189,6 +195,7 @@ def learn_vertical(
         if doubt_share > max(least, slow * share):
             share, following = doubt_share, 1.0
     gravity = observe_gravity(params, k, state.gravity, u, share, following)
+    gravity = age_after_hole(gravity, share, slow, dt, usual_s)
     gravity, step = level(gravity)
     rows = rows_of(multiply(gravity.q_6d_g, gravity.q_g_frd))
     rate = subtract(mean.gyr, state.estimate.bias_rad_s)
@@ -238,9 +245,16 @@ def learn_field(
 
 @inlined
 def learn(
-    params: ConditioningParams, state: ConditioningState, gyr: Vec3, between: Between
+    params: ConditioningParams,
+    state: ConditioningState,
+    gyr: Vec3,
+    between: Between,
+    usual_s: float,
 ) -> ConditioningState:
-    """One learning step on what was gathered; ``gyr`` is the last sample's."""
+    """One learning step on what was gathered; ``gyr`` is the last sample's.
+
+    The step before was ``usual_s`` long.
+    """
     k = state.coefficients
     mean = means(state.gathered)
     dt = mean.time_s
@@ -249,7 +263,7 @@ def learn(
     down = rotate_inverse(state.gravity.q_g_frd, state.axes.down_g)
     noise = step_noise(params, state.tilt, mean.gyr, rate, down, dt, between)
     clipped = missed_turn(state.clipping, down)
-    vertical = learn_vertical(params, state, mean, rest, noise, clipped)
+    vertical = learn_vertical(params, state, mean, rest, noise, clipped, usual_s)
     tilt = vertical.tilt
     seen = FieldStep(
         magnetic=wait_for_field(state.magnetic, dt),
@@ -359,6 +373,7 @@ def condition(
     gathered = gather(state.gathered, gravity.q_g_frd, corrected)
     first = not state.started
     k = state.coefficients
+    usual_s = k.dt_s
     due = first or gathered.time_s >= STEP_S
     clipping = watch_clipping(state.clipping, state.previous_gyr_rad_s, gyr, dt)
     if due and gathered.time_s != k.dt_s:
@@ -386,7 +401,7 @@ def condition(
         coefficients=k,
     )
     if due:
-        state = learn(params, state, gyr, sample.between)
+        state = learn(params, state, gyr, sample.between, usual_s)
         slow = 0.0 if first else slowness(params, dt)
         if slow > 0.0:
             rate = rate_by_attitudes(state, rate, before, slow, dt)

@@ -5,6 +5,8 @@ from math import sqrt
 
 from estimator.compilation.compiled import inlined
 from estimator.conditioning.lowpass import running_mean, smooth
+from estimator.conditioning.rate import FAST_STEP_S
+from estimator.conditioning.tilt import HOLE_S
 from estimator.conditioning.types import (
     Coefficients,
     ConditioningParams,
@@ -81,6 +83,24 @@ def observe_gravity(
     share = off / square if square > LEAST_FORCE_M_S2**2 else 1.0
     unsteady = before.unsteady + min(1.0, dt / UNSTEADY_TAU_S) * (share - before.unsteady)
     force = Force(down=down, quick=quick, unsteady=unsteady, age_s=age)
+    return GravityState(state.q_g_frd, state.q_6d_g, force)
+
+
+@inlined
+def age_after_hole(
+    state: GravityState, share: float, slow: float, dt: float, usual_s: float
+) -> GravityState:
+    """What a hole in a fast stream leaves of the vertical's age.
+
+    The first reading behind it, worth ``usual_s``, has made up ``share`` of the vertical. So the
+    next ones count as much as that says, and not as little as after seconds of averaging.
+    """
+    before = state.force
+    is_fast = 0.0 < usual_s < FAST_STEP_S
+    if slow <= 0.0 or dt <= HOLE_S or not is_fast:
+        return state
+    age_s = min(before.age_s, usual_s / max(share, usual_s / before.age_s))
+    force = Force(before.down, before.quick, before.unsteady, age_s)
     return GravityState(state.q_g_frd, state.q_6d_g, force)
 
 

@@ -22,8 +22,8 @@ from estimator.geometry.quaternion import (
 )
 from estimator.types import IDENTITY, NOTHING_BETWEEN, ZERO_VEC3, Between, RateSample, Vec3
 
-# Rates of more time than this are not kept; a hole longer than that stays one.
-MOST_WAITING = 64
+# More rates than this are not kept: 5 s of 50 a second; a longer hole stays one.
+MOST_WAITING = 256
 # A rate this near an IMU sample (s) is the sample's own. Of short steps it is that share of the
 # step, so that a rate half-way between two samples 40 ms apart counts, but no less than messages
 # of one moment are apart.

@@ -10,7 +10,7 @@ from estimator.geometry.quaternion import exp
 from estimator.live.core import UNSEEN, flat
 from estimator.live.settings import settings_of
 from estimator.profile import load_profile, merge_profile
-from estimator.types import ZERO_VEC3, VelocitySample
+from estimator.types import ZERO_VEC3, RateSample, VelocitySample
 from tests.flight import banked_flight
 
 TRUE_NORTH = merge_profile(load_profile("imu"), {"reference": {"declination_deg": 0.01}})
@@ -74,8 +74,9 @@ def require_nothing_stale(estimator, now):
 
 def test_the_field_gives_the_heading_and_a_gap_takes_it(flight):
     pilot = Pilot(Estimator(TRUE_NORTH), flight).fly(4.0).pause(2.0).fly(0.04, reports=False)
-    assert pilot.phases == [Phase.EMPTY, Phase.UNAIDED, Phase.AIDED, Phase.UNAIDED]
-    assert pilot.fly(1.0).phases[-1] is Phase.AIDED
+    begun = [Phase.EMPTY, Phase.UNAIDED, Phase.SEARCHING, Phase.AIDED]
+    assert pilot.phases == [*begun, Phase.UNAIDED]
+    assert pilot.fly(3.0).phases[-1] is Phase.AIDED
 
 
 def test_without_a_field_it_is_searched_for(flight):
@@ -167,3 +168,29 @@ def test_a_snapshot_taken_then_goes_on_to_the_last_bit(flight, profile, name, ai
         assert resumed.snapshot == straight.snapshot
         time_us = straight.snapshot.context.time_us + 7_000
         assert resumed.attitude(time_us) == straight.attitude(time_us)
+
+
+def test_the_field_does_not_begin_it_on_a_vertical_that_has_just_begun(flight):
+    """The unaided vertical is a mean over ``gravity_tau_s`` (2.5 s)."""
+    pilot = Pilot(Estimator(TRUE_NORTH), flight).fly(2.4)
+    assert Phase.AIDED not in pilot.phases
+    assert pilot.fly(0.4).phases[-1] is Phase.AIDED
+
+
+def test_nor_on_one_that_a_hole_has_made_void(flight):
+    pilot = Pilot(Estimator(TRUE_NORTH), flight).fly(4.0).pause(20.0).fly(2.0)
+    assert pilot.phases[-1] is not Phase.AIDED
+    assert pilot.fly(1.0).phases[-1] is Phase.AIDED
+
+
+@pytest.mark.parametrize(("others_hz", "follows"), [(10.0, Phase.AIDED), (1.0, Phase.UNAIDED)])
+def test_a_gap_whose_turning_others_have_seen_is_none(flight, others_hz, follows):
+    """Body rates of ATTITUDE, not more than 0.35 s apart."""
+    one = Estimator(TRUE_NORTH)
+    pilot = Pilot(one, flight).fly(4.0)
+    now_us = one.snapshot.context.time_us
+    for k in range(1, round(2.0 * others_hz)):
+        rate = flight.samples[pilot.k - 1].gyr_rad_s
+        one.update_rate(RateSample(now_us + round(1e6 * k / others_hz), rate))
+    pilot.pause(2.0).fly(0.02, reports=False)
+    assert pilot.phases[-1] is follows
