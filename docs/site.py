@@ -101,12 +101,12 @@ def _options(command: Any, context: Any) -> str:
     for parameter in command.get_params(context):
         record = parameter.get_help_record(context)
         if record is not None:
-            names, text = (" ".join(part.split()).replace("|", "\\|") for part in record)
+            names, text = (" ".join(part.split()) for part in record)
             found = MARKS.search(text)
             marks = found[1].split("; ") if found else []
             default = next((m[9:] for m in marks if m.startswith("default: ")), "")
             others = [f"({m})" for m in marks if not m.startswith("default: ")]
-            text = " ".join([MARKS.sub("", text), *others])
+            text = " ".join([MARKS.sub("", text), *others]).replace("|", "\\|")
             lines.append(f"| `{names}` | {f'`{default}`' if default else ''} | {text} |")
     return "\n".join(lines) + "\n"
 

@@ -56,6 +56,7 @@ class Estimator:
         self._inner = estimator.Estimator(self.profile, gain)
         self._rate_hz = rate_hz
         self._number = 0  # of the next sample
+        self._last_us = 0  # the time of the last one
         self._field = RepeatedField()
 
     def update(
@@ -157,20 +158,15 @@ class Estimator:
         return None
 
     def _next_us(self, time_s: float | None) -> int:
-        """The time of the next sample."""
+        """The time of the next sample, given or by its number."""
         if time_s is not None:
-            return _microseconds(time_s)
-        if self._rate_hz is None:
+            self._last_us = _microseconds(time_s)
+        elif self._rate_hz is None:
             raise InputError(NO_TIME)
+        else:
+            self._last_us = round(MICROSECONDS * self._number / self._rate_hz)
         self._number += 1
         return self._last_us
-
-    @property
-    def _last_us(self) -> int:
-        """The time of the last sample by its number, or of the last that was taken."""
-        if self._rate_hz is None:
-            return self._inner.snapshot.context.time_us
-        return round(MICROSECONDS * (self._number - 1) / self._rate_hz)
 
     def _count(self, reason: Reason | None) -> None:
         if reason is not None:

@@ -153,6 +153,24 @@ def test_one_call_refuses_what_is_no_vector_and_asks_for_a_time():
         Estimator(gain=-1.0)
 
 
+def test_a_velocity_without_a_time_is_that_of_the_last_sample():
+    """By number or by time, the estimate is that of a report with that time."""
+    time_s, gyr, acc, mag, velocity, _ = recorded(FLIPS)
+    timed, plain, counted = Estimator(), Estimator(), Estimator(rate_hz=50.0)
+    plain.update_velocity((0.0, 0.0, 0.0))  # of no sample yet: nothing to be said
+    rows = zip(time_s[:200] - time_s[0], gyr, acc, mag, velocity, strict=False)
+    for k, (at_s, *readings, report) in enumerate(rows):
+        given = [timed.update(*readings, at_s), plain.update(*readings, at_s)]
+        by_number = counted.update(*readings)
+        if np.isfinite(report[0]):
+            timed.update_velocity(report, at_s)
+            plain.update_velocity(report)
+            counted.update_velocity(report)
+        assert given[0].q_ned_frd == given[1].q_ned_frd
+        assert by_number.time_us == 20_000 * k
+    assert not timed.rejected + plain.rejected + counted.rejected
+
+
 def test_before_the_first_sample_that_can_be_used_there_is_no_attitude():
     gyr, acc, mag, _ = turning_level(4, 100.0)
     acc[0] = np.nan
