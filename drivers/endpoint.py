@@ -152,7 +152,13 @@ def _is_device(path: str) -> bool:
 
 def _unknown(address: str) -> str:
     name, colon, rest = address.partition(":")
+    if address.isdecimal() or (rest.isdecimal() and re.fullmatch(r"[\d.]+|localhost", name)):
+        port, host = (rest, name) if colon else (address, LOOPBACK)
+        choice = f"'udpin:{host}:{port}', 'udpout:{host}:{port}' or 'tcp:{host}:{port}'"
+        return f"unknown source {address!r}: did you mean {choice}?"
     near = get_close_matches(name.lower(), _NAMES, n=1)
+    if near and not rest and near[0] != "sim" and name.lower() in _NAMES:
+        return f"unknown source {address!r}: write it like {_NAMES[near[0]].example}"
     if near and (colon or name.lower() in _NAMES):
         return f"unknown source {address!r}: did you mean '{near[0]}:{rest}'?"
     if colon and "/" not in name and "\\" not in name and len(name) > 1:

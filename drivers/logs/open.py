@@ -3,11 +3,12 @@
 import re
 import stat
 from collections.abc import Iterator
+from contextlib import closing
 from pathlib import Path
 from types import TracebackType
 from typing import Protocol, Self
 
-from drivers.events import Event, Imu
+from drivers.events import BuiltIn, Event, Imu
 from drivers.logs.tlog import Tlog
 from estimator.errors import InputError
 
@@ -16,6 +17,7 @@ DATAFLASH_FORMAT = re.compile(rb"\xa3\x95\x80")  # head of a FMT message, which 
 DATAFLASH_TEXT = re.compile(rb"^FMT, ?\d+, ?\d+, ?", re.MULTILINE)
 COMPRESSED = (b"\x1f\x8b", b"PK\x03\x04", b"7z\xbc\xaf", b"\xfd7zXZ", b"BZh", b"\x28\xb5\x2f\xfd")
 HEAD_SIZE = 65_536
+BEGINNING_SAMPLES = 300
 
 
 class LogSource(Protocol):
@@ -74,6 +76,22 @@ def imu_events(log: LogSource) -> Iterator[Event]:
         yield event
     if not found:
         raise InputError(f"{log.path}: no usable IMU message in this log")
+
+
+def built_in_motion(log: LogSource) -> str | None:
+    """The motion in a log of fuzzbee's own vehicle; None of any other log.
+
+    The vehicle says ten times a second whose it is, so the log's beginning tells.
+    """
+    samples = 0
+    with closing(iter(log)) as events:  # type: ignore[type-var]
+        for event in events:
+            if isinstance(event, BuiltIn):
+                return event.motion
+            samples += isinstance(event, Imu)
+            if samples >= BEGINNING_SAMPLES:
+                break
+    return None
 
 
 def _head(path: Path) -> bytes:

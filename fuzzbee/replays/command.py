@@ -99,6 +99,12 @@ def replay(
         raise InputError(f"--start-wrong {start_wrong:g}: must be an angle in degrees")
     if reference not in (None, "sim", "autopilot"):
         raise InputError(f"--reference {reference}: must be sim or autopilot")
+    for source in sources:
+        if source.startswith(SIMULATION) and source != SIMULATION:
+            raise InputError(
+                f"{source}: replay takes sim: (the paper's experiment) or a log;"
+                " fuzzbee run URL --record FILE makes one of fuzzbee sim"
+            )
     if SIMULATION in sources:
         if len(sources) > 1:
             raise InputError("replay: sim: stands alone, not beside logs")
@@ -139,7 +145,9 @@ def replay(
 
         options["exports"].append(partial(show, viewer))
     try:
-        _replay_logs([Path(source) for source in sources], chosen, options, as_json=as_json)
+        paths = [Path(source) for source in sources]
+        profiles = [chosen if profile else _fitting(path, chosen) for path in paths]
+        _replay_logs(paths, profiles, options, as_json=as_json)
         if viewer is not None:
             viewer.stream.stay_open()
     finally:
@@ -147,8 +155,19 @@ def replay(
             viewer.close()
 
 
+def _fitting(path: Path, usual: "Profile") -> "Profile":
+    """The profile of a log for which none was chosen: fuzzbee's own vehicle says which fits."""
+    from drivers.logs.open import built_in_motion, open_log
+    from drivers.simulation.simulated_vehicle import PROFILES
+    from estimator.profile import load_profile
+
+    with open_log(path) as log:
+        name = PROFILES.get(built_in_motion(log) or "")
+    return usual if name is None else load_profile(name)
+
+
 def _replay_logs(
-    paths: list[Path], profile: "Profile", options: dict[str, Any], *, as_json: bool
+    paths: list[Path], profiles: "list[Profile]", options: dict[str, Any], *, as_json: bool
 ) -> None:
     import msgspec
 
@@ -156,7 +175,10 @@ def _replay_logs(
     from fuzzbee.replays.table import print_reports
 
     told: list[str] = []  # printed when all went well only: a refusal must be one single line
-    reports = [report_log(path, profile, tell=told.append, **options) for path in paths]
+    reports = [
+        report_log(path, profile, tell=told.append, **options)
+        for path, profile in zip(paths, profiles, strict=True)
+    ]
     for line in told:
         _tell(line)
     if not as_json:

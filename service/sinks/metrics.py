@@ -66,7 +66,7 @@ class MetricsSink:
             self._server, self._thread = start_http_server(port, HOST, registry)
         except (OSError, OverflowError) as error:
             reason = getattr(error, "strerror", None) or str(error)
-            raise InputError(f"--metrics {port}: {reason}") from error
+            raise InputError(f"--metrics {port}: {reason}; choose another port") from error
 
     @property
     def port(self) -> int:
