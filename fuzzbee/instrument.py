@@ -21,6 +21,7 @@ CELL_RATIO = 2.0  # a cell is so much higher than wide
 TAPE_DEG_PER_CELL = 2.5
 RUNG_DEG = 10
 STEEP = 0.7  # sine of the roll
+OWN = "━┓┏●=.o"  # the vehicle's own symbol is made of these
 SILENT = "the service is silent"
 POINTS = {0: "N", 45: "NE", 90: "E", 135: "SE", 180: "S", 225: "SW", 270: "W", 315: "NW"}
 
@@ -200,7 +201,8 @@ def _cell(
         return mark or _plain(upper, lower, ink), ""
     if mark is not None:
         seen = min(upper, lower)  # of line and haze the world behind
-        return mark, f"bold {'black' if seen == HAZE else 'bright_white'} on {paint[seen]}"
+        ink_of = "bright_yellow" if mark in OWN else "bright_white"
+        return mark, f"bold {'black' if seen == HAZE else ink_of} on {paint[seen]}"
     if upper == lower:
         return " ", f"on {paint[upper]}"
     return ("▀" if ink.unicode else "-"), f"{paint[upper]} on {paint[lower]}"

@@ -13,6 +13,7 @@ from rich.text import Text
 
 from fuzzbee.instrument import Ink, Seen, has_room, screen
 from fuzzbee.say import printable
+from fuzzbee.trust import Level, trust
 from service.alarms import MEANINGS, Alarm
 from service.health import State
 from service.records import AttitudeRecord, Message, Output, Published, StatusRecord, vehicle_name
@@ -51,6 +52,8 @@ COLOURS = {
     State.DEGRADED: "yellow",
     State.LOST: "red",
 }
+# Of a sigma, by how far the attitude can be trusted with it
+DOUBT_COLOURS = {Level.GOOD: "", Level.CARE: "yellow", Level.BAD: "red", Level.NONE: "red"}
 ATTENTION = (State.LOST, State.DEGRADED, State.WAITING, State.ALIGNING, State.RUNNING)
 ARROWS = "↑↗→↘↓↙←↖"  # the heading, north up
 BAR_FULL_GAIN = 101.0  # K = 1 + k_op, k_op up to 100
@@ -229,17 +232,12 @@ class TerminalView:
         if self.one is not None:
             rows = [row for row in rows if row.name == self.one]
             if rows and has_room(size.width, size.height):
-                return self._one_vehicle(rows[0], size.width, size.height - 1)
+                is_said = self._now_s() - self._said_s < MESSAGE_S
+                foot = self._said if is_said else self.keys
+                width, height = size.width, size.height - 1
+                return one_vehicle(rows[0], self._now_s(), width, height, self._console, foot)
         look = Look(self._title, self.keys, self.cursor)
         return table(rows, self._now_s(), size.width, size.height, look)
-
-    def _one_vehicle(self, row: Row, width: int, height: int) -> RenderableType:
-        now_s = self._now_s()
-        colours = COLOURS_OF.get(self._console.color_system, 256)
-        ink = Ink(colours, self._console.encoding.startswith("utf"))
-        is_said = now_s - self._said_s < MESSAGE_S
-        foot = self._said if is_said else self.keys
-        return Group(*screen(_seen(row, now_s), width, height, ink, foot))
 
     @property
     def is_live(self) -> bool:
@@ -250,6 +248,15 @@ class TerminalView:
         """All rows in the order chosen."""
         rows = self.board.rows()
         return rows if self.order == BY_NAME else sorted(rows, key=ORDERS[self.order])
+
+
+def one_vehicle(
+    row: Row, now_s: float, width: int, height: int, console: Console, foot: str
+) -> RenderableType:
+    """One vehicle as an artificial horizon, in the characters and colours of the console."""
+    colours = COLOURS_OF.get(console.color_system, 256)
+    ink = Ink(colours, console.encoding.startswith("utf"))
+    return Group(*screen(_seen(row, now_s), width, height, ink, foot))
 
 
 def _seen(row: Row, now_s: float) -> Seen:
@@ -440,12 +447,13 @@ def _attitude_cells(attitude: AttitudeRecord, layout: Layout) -> list[str | Text
     roll, pitch, yaw = attitude.euler_deg
     arrow = f" {ARROWS[round(yaw / 45.0) % 8]}" if attitude.heading_reference != "none" else ""
     sigma = attitude.sigma_deg
-    measures = {
+    judged = trust(State(attitude.state), attitude)
+    measures: dict[str, str | Text] = {
         "roll": f"{roll:+.1f}°",
         "pitch": f"{pitch:+.1f}°",
-        "tilt ±": _sigma(sigma.inclination),
+        "tilt ±": Text(_sigma(sigma.inclination), style=DOUBT_COLOURS[judged.horizon]),
         "heading": f"{_heading(attitude, yaw)}°{arrow}".rjust(WIDTHS["heading"]),
-        "head ±": _sigma(sigma.heading),
+        "head ±": Text(_sigma(sigma.heading), style=DOUBT_COLOURS[judged.heading]),
         "gain": f"{attitude.gain:.1f}",
     }
     return [measures[name] for name in _measures(layout)]

@@ -6,7 +6,7 @@ at (0, 0); what lies beyond the bounds is filled, too, since a window is seldom 
 """
 
 from collections.abc import Iterator
-from math import cos, radians, sin
+from math import cos, isnan, radians, sin
 from typing import NamedTuple
 
 from fuzzbee.trust import Level, Trust, plus_minus
@@ -66,7 +66,7 @@ class Strip(NamedTuple):
 
 
 class Scene(NamedTuple):
-    """What the instrument shows of one vehicle; ``peers`` with their turn to it in degrees."""
+    """What the instrument shows of one vehicle; peers with how far off they are (deg, or NaN)."""
 
     name: str
     state: State
@@ -326,7 +326,8 @@ def _turns_to_peers(scene: Scene) -> Iterator[Strip]:
     """How far the others are off, in their colours, at the right under the tape."""
     for number, (peer, turn_deg) in enumerate(scene.peers if scene.attitude is not None else ()):
         y, right = TAPE_Y + 10.0 + PLATE_STEP * number, X_RANGE[1] - 8.0
-        text = f"{PEER_NAMES[peer.source]} {turn_deg:.1f}°"
+        name = PEER_NAMES[peer.source]
+        text = name if isnan(turn_deg) else f"{name} {turn_deg:.1f}°"
         yield Strip([(right - width(text, 6.0), y), (right, y)], 5.6, PANEL)
         yield from _text(text, (right, y), 6.0, PEERS[peer.source], 0.7, "right")
 

@@ -6,11 +6,11 @@ curves go in batches, and what stands still is sent once.
 """
 
 from collections.abc import Sequence
-from math import acos, degrees, nan
+from math import acos, degrees, hypot, nan
 from typing import TYPE_CHECKING, Literal, NamedTuple
 
 from drivers.events import VehicleId
-from estimator.geometry.quaternion import rotate
+from estimator.geometry.quaternion import exp, multiply, rotate
 from estimator.types import ImuSample, Quaternion, Vec3
 from fuzzbee.trust import WORDS, Level, trust
 from fuzzbee.viewer import bodies, layout
@@ -43,6 +43,7 @@ FIGURES_EVERY = 2  # pictures: digits that change more often cannot be read; the
 WORDS_EVERY = 4  # pictures; at once if the state or the trust has changed
 POINTS_HZ = 10.0  # of a curve; they go in batches
 PEER_SILENT_US = 2_000_000  # an older attitude of somebody else's is not drawn any more
+FAST_RAD_S = 0.9  # 50 deg/s: a degree in the 20 ms that two messages are apart
 FIELD_SILENT_US = 1_000_000
 TOLD_EVERY_US = 1_000_000  # how trust changes is told once a second at most
 PEERS: tuple[Literal["autopilot"], Literal["sim"]] = ("autopilot", "sim")
@@ -57,10 +58,10 @@ STATE_COLOURS = {
 
 
 class Heard(NamedTuple):
-    """The latest attitude by somebody else, and when it came."""
+    """The latest attitude by somebody else, and when it was one: None until the next of ours."""
 
     peer: Peer
-    at_us: int
+    at_us: int | None = None
 
 
 class Seen(NamedTuple):
@@ -70,6 +71,7 @@ class Seen(NamedTuple):
     point_due_us: int = 0
     state: State | None = None
     heard: tuple[Heard, ...] = ()
+    rate_rad_s: Vec3 = (0.0, 0.0, 0.0)
     status: StatusRecord | None = None
     before: StatusRecord | None = None
     field: ImuSample | None = None  # the latest with a field
@@ -80,8 +82,9 @@ class Seen(NamedTuple):
     told_us: int = 0
 
     def peers(self, now_us: int) -> tuple[Peer, ...]:
-        """Those that are fresh."""
-        return tuple(h.peer for h in self.heard if abs(now_us - h.at_us) <= PEER_SILENT_US)
+        """Those that are fresh, turned by the vehicle's rate since they came."""
+        fresh = [h for h in self.heard if abs(now_us - (h.at_us or now_us)) <= PEER_SILENT_US]
+        return tuple(_turned(h, self.rate_rad_s, now_us) for h in fresh)
 
 
 class VehicleLayers:
@@ -117,6 +120,7 @@ class ViewerSink:
         self._surfaces: dict[GainShape, object] = {shape: gain_surface(shape)}
         self._drawn = 0  # number of surfaces in the viewer
         self._now_us = 0
+        self._is_live = options.live
         self.stream.static("/surface", rerun().ViewCoordinates.RIGHT_HAND_Z_UP)
         self.stream.static("/surface/axes", surface_axes())
 
@@ -157,7 +161,7 @@ class ViewerSink:
         seen = self._vehicles.get(vehicle)
         if seen is not None:
             others = tuple(h for h in seen.heard if h.peer.source != peer.source)
-            heard = (*others, Heard(peer, self._now_us))
+            heard = (*others, Heard(peer))
             self._vehicles[vehicle] = seen._replace(heard=heard)
 
     def _on_attitude(
@@ -167,6 +171,8 @@ class ViewerSink:
         if not self._is_met(vehicle):
             return
         seen = self._vehicles[vehicle]
+        heard = tuple(Heard(h.peer, now_us if h.at_us is None else h.at_us) for h in seen.heard)
+        seen = seen._replace(heard=heard, rate_rad_s=record.rate_rad_s)
         if sample is not None and sample.has_mag and sample is not seen.field:
             field_ned = rotate(record.q_ned_frd, sample.mag_gauss)
             mean = bodies.observe_field(seen.mean, field_ned, now_us)
@@ -244,7 +250,7 @@ class ViewerSink:
         name, now_us = vehicle_name(vehicle), self._now_us
         self._at_now()
         now = trust(state, record, seen.status, seen.before)
-        peers = () if record is None else _with_turns(record, seen.peers(now_us))
+        peers = () if record is None else self._with_turns(record, seen.peers(now_us))
         scene = Scene(name, state, record, now, peers, _note(seen.status))
         self._draw_scene(vehicle, seen, scene)
         seen = seen._replace(pictures=seen.pictures + 1)
@@ -271,6 +277,20 @@ class ViewerSink:
         if seen.pictures % WORDS_EVERY == 0 or is_news:
             drawn.words.draw(self.stream, parts.words, now_us)
 
+    def _with_turns(
+        self, record: AttitudeRecord, peers: tuple[Peer, ...]
+    ) -> tuple[tuple[Peer, float], ...]:
+        return tuple((peer, self._turn_deg(record, peer.q_ned_frd)) for peer in peers)
+
+    def _turn_deg(self, record: AttitudeRecord, other: Quaternion) -> float:
+        """How far somebody else's attitude is off; NaN live in a fast turn.
+
+        Then the time between two messages is a larger angle than what they differ by.
+        """
+        if self._is_live and hypot(*record.rate_rad_s) > FAST_RAD_S:
+            return nan
+        return _angle_deg(record.q_ned_frd, other)
+
     def _vectors(
         self, vehicle: VehicleId, seen: Seen, record: AttitudeRecord, sample: ImuSample
     ) -> bodies.Vectors:
@@ -287,7 +307,7 @@ class ViewerSink:
         curves.begin(1e-6 * record.time_unix_us)
         sigma = record.sigma_deg
         others = {peer.source: peer.q_ned_frd for peer in seen.peers(record.time_unix_us)}
-        off = [_angle_deg(record.q_ned_frd, others[s]) if s in others else nan for s in PEERS]
+        off = [self._turn_deg(record, others[s]) if s in others else nan for s in PEERS]
         curves.add("off", [sigma.inclination, sigma.heading, *off])
         angles = [euler_deg(others[s]) if s in others else UNKNOWN for s in PEERS]
         curves.add_angles([record.euler_deg, *angles])
@@ -373,8 +393,12 @@ def _note(status: StatusRecord | None) -> str:
     )
 
 
-def _with_turns(record: AttitudeRecord, peers: tuple[Peer, ...]) -> tuple[tuple[Peer, float], ...]:
-    return tuple((peer, _angle_deg(record.q_ned_frd, peer.q_ned_frd)) for peer in peers)
+def _turned(heard: Heard, rate_rad_s: Vec3, now_us: int) -> Peer:
+    """Somebody else's attitude as it has become since it came."""
+    age_s = 1e-6 * (now_us - (heard.at_us or now_us))
+    turn = exp((age_s * rate_rad_s[0], age_s * rate_rad_s[1], age_s * rate_rad_s[2]))
+    peer = heard.peer
+    return Peer(peer.vehicle, peer.source, multiply(peer.q_ned_frd, turn))
 
 
 def _angle_deg(q: Quaternion, r: Quaternion) -> float:
