@@ -109,9 +109,13 @@ def lag_s(shown_deg: float, now_s: float) -> float:
     return age_s - TURN_S if age_s > TURN_S - 2.0 else age_s  # decoded to 0.3 s: it may look young
 
 
-def measure(vehicles: int, rate_hz: float, seconds: float) -> dict[str, float]:
+def measure(
+    vehicles: int, rate_hz: float, seconds: float, window: str = "1600,1000"
+) -> dict[str, float]:
     """Lags of the page while the vehicles fly."""
-    sink = ViewerSink(ViewerOptions(view="web"), load_profile("imu"))
+    flags = [flag for flag in browser.FLAGS if not flag.startswith("--window-size")]
+    browser.FLAGS = (*flags, f"--window-size={window}")
+    sink = ViewerSink(ViewerOptions(view="web", live=True), load_profile("imu"))
     stop = threading.Event()
     flying = threading.Thread(target=publish, args=(sink, vehicles, rate_hz, stop))
     lags = []
@@ -132,6 +136,7 @@ def measure(vehicles: int, rate_hz: float, seconds: float) -> dict[str, float]:
     return {
         "vehicles": vehicles,
         "rate_hz": rate_hz,
+        "window": window,
         "pictures_per_s": round(len(lags) / seconds, 2),
         "lag_median_s": round(float(np.median(lags)), 2) if lags else None,
         "lag_p95_s": round(float(np.percentile(lags, 95)), 2) if lags else None,
@@ -145,9 +150,10 @@ def main() -> None:
     parser.add_argument("--vehicles", type=int, default=1)
     parser.add_argument("--rate", type=float, default=100.0, help="attitudes a second")
     parser.add_argument("--seconds", type=float, default=60.0)
+    parser.add_argument("--window", default="1600,1000", help="width and height in pixels")
     parser.add_argument("--json", action="store_true")
     options = parser.parse_args()
-    result = measure(options.vehicles, options.rate, options.seconds)
+    result = measure(options.vehicles, options.rate, options.seconds, options.window)
     if options.json:
         print(msgspec.json.encode(result).decode())
         return
