@@ -3,6 +3,7 @@
 from math import isfinite, radians
 
 from estimator.aiding import Report, compass
+from estimator.aiding.lean import bears_out
 from estimator.aiding.phase import Cause, Phase, after
 from estimator.aiding.place import PlaceField, differ, resembles, update_whereabouts
 from estimator.aiding.types import NO_REPORT
@@ -15,7 +16,13 @@ from estimator.filter.alignment import align
 from estimator.filter.observation import raw_vectors
 from estimator.filter.types import initial_state
 from estimator.geometry.quaternion import exp, multiply
-from estimator.live.aiding_start import Start, begin_aiding, start_by_field, start_by_velocity
+from estimator.live.aiding_start import (
+    Start,
+    begin_again,
+    begin_aiding,
+    start_by_field,
+    start_by_velocity,
+)
 from estimator.live.conditioned import conditioned_vectors
 from estimator.live.core import (
     UNSEEN,
@@ -282,12 +289,18 @@ class Estimator:
         return Cause.GAP if is_long else Cause.SAMPLE
 
     def _give_up(self) -> None:
-        """Velocity does not help any more; the compass may be the reason."""
-        now = self._context
+        """Velocity does not help any more; the compass may be the reason.
+
+        An attitude that the reports' acceleration bears out is no reason to fall back on the
+        unaided one: then the aiding begins anew from its own.
+        """
+        now, core = self._context, self._core.core
+        if bears_out(core.aided.lean):
+            self._set_core(begin_again(self._settings, self.snapshot))
+            return
         known = compass.record_giving_up(now.compass, now.time_us)
         self._context = now._replace(compass=known)
         self._enter(Cause.GIVE_UP)
-        core = self._core.core
         if core.seen.has_heading and slow_share(core.sample.dt_s) > 0.0:
             self._align()
 
@@ -313,7 +326,9 @@ class Estimator:
         if start is None:
             self._enter(Cause.REPORT)
             return
-        core = begin_aiding(settings, self.snapshot, start, report)
+        now = self._context
+        is_calibrated = compass.is_trusted(now.compass, now.time_us)
+        core = begin_aiding(settings, self.snapshot, start, report, is_calibrated=is_calibrated)
         if not has_heading or slow_share(core.sample.dt_s) > 0.0:
             # there was none to correct, or correcting it would take many slow steps
             core = with_attitude(core, start.q_ned_frd)

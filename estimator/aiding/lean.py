@@ -16,6 +16,10 @@ from estimator.types import STANDARD_GRAVITY_M_S2, Vec3
 
 # For so long (s) the unaided stage averages.
 LEAN_TAU_S = 2.5
+# An acceleration of less than this (m/s^2) tells no attitude from another.
+TELLING_M_S2 = 1.0
+# What the aided attitude leaves of it unexplained, to be believed rather than the unaided one.
+UNEXPLAINED = 0.5
 
 
 @inlined
@@ -45,3 +49,17 @@ def lean_angle(lean: Lean, is_silent: bool) -> float:
     if not is_silent:
         push = min(push, hypot(gained[0], gained[1]) / LEAN_TAU_S)
     return push / STANDARD_GRAVITY_M_S2
+
+
+def bears_out(lean: Lean) -> bool:
+    """Whether the reports have accelerated as the aided attitude feels it, and clearly so.
+
+    The unaided vertical is the mean force, so by it a vehicle has not accelerated at all over the
+    last seconds. Where the reports say that it has, the attitude that explains it is the better
+    one, however far off a report's speed or the field may be. One that is not a number explains
+    nothing.
+    """
+    seen = scale(1.0 / LEAN_TAU_S, subtract(lean.latest_m_s, lean.reported_m_s))
+    left = subtract(lean.felt_m_s2, seen)
+    push = hypot(seen[0], seen[1])
+    return push > TELLING_M_S2 and hypot(left[0], left[1]) < UNEXPLAINED * push

@@ -3,8 +3,9 @@
 from math import radians, sqrt
 from typing import NamedTuple
 
-from estimator.aiding import Report, begin, compass
+from estimator.aiding import Report, begin
 from estimator.aiding.search import EMPTY_SEARCH, solve
+from estimator.aiding.types import NO_REPORT
 from estimator.conditioning.types import ConditioningState
 from estimator.filter.alignment import align
 from estimator.geometry.quaternion import multiply
@@ -42,10 +43,24 @@ def start_by_velocity(now: Core) -> Start | None:
     return Start(q, max(of_g.sigma_heading_rad, LEAST_HEADING_SIGMA_RAD))
 
 
-def begin_aiding(settings: Settings, now: Snapshot, start: Start, report: Report) -> Core:
-    """The core with the aiding at its beginning."""
+def begin_again(settings: Settings, now: Snapshot) -> Core:
+    """The core with the aiding at its beginning, from its own attitude and the last report.
+
+    Velocity has borne that attitude out, so what contradicts it is the field, whose iron may be
+    any, or the reports' past.
+    """
+    aided = now.core.aided
+    report = NO_REPORT._replace(given=True, velocity_ned_m_s=aided.lean.latest_m_s)
+    start = Start(aided.estimate.q_ned_frd, settings.aiding.begin_heading_sigma_rad)
+    again = begin_aiding(settings, now, start, report, is_calibrated=False)
+    return again._replace(aided=again.aided._replace(lean=aided.lean))
+
+
+def begin_aiding(
+    settings: Settings, now: Snapshot, start: Start, report: Report, *, is_calibrated: bool
+) -> Core:
+    """The core with the aiding at its beginning; iron may be small if the compass is calibrated."""
     core, aiding = now.core, settings.aiding
-    is_calibrated = compass.is_trusted(now.context.compass, now.context.time_us)
     aided, covariance, trail = begin(
         aiding,
         start.q_ned_frd,

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from estimator.aiding.inertial import Prediction
-from estimator.aiding.lean import hear_report, lean_angle, watch_lean
+from estimator.aiding.lean import bears_out, hear_report, lean_angle, watch_lean
 from estimator.aiding.sources.unaided import observe_slow_unaided
 from estimator.aiding.types import SIZE, TURN, VELOCITY, AidingParams, Lean, Roughness
 from estimator.aiding.unseen import add_hole, add_unseen_turn, watch_roughness
@@ -96,3 +96,21 @@ def test_only_an_acceleration_that_both_witnesses_show_deceives_the_unaided_vert
     assert lean_deg(5.0, 0.0) == 0.0  # a wrong attitude
     assert lean_deg(0.0, 5.0) == 0.0  # a wrong receiver
     assert lean_deg(5.0, 0.0, is_silent=True) == pytest.approx(28.0, rel=0.1)
+
+
+def borne_out(felt: float, reported: float) -> bool:
+    """Of a vehicle that has felt the one and reported the other for 10 s, m/s^2 to the north."""
+    lean = Lean(ZERO_VEC3, ZERO_VEC3, ZERO_VEC3)
+    for k in range(40):
+        lean = watch_lean(lean, (felt, 0.0, -STANDARD_GRAVITY_M_S2), 0.25)
+        lean = hear_report(lean, (reported * 0.25 * k, 0.0, 0.0))
+    return bears_out(lean)
+
+
+def test_an_attitude_is_borne_out_by_a_clear_acceleration_that_it_explains():
+    assert borne_out(5.0, 5.0)
+    assert borne_out(3.0, 5.0)
+    assert not borne_out(2.0, 5.0)  # explains too little of it
+    assert not borne_out(-5.0, 5.0)  # has it the wrong way round
+    assert not borne_out(0.5, 0.5)  # too little to tell
+    assert not borne_out(float("nan"), 5.0)
