@@ -153,8 +153,7 @@ def observe_heading(
     north is known, it holds the direction of the place's field, too.
     Across the place's horizontal field the difference tells the heading; where the field dips, an
     error of tilt shows there, too, as the row of the measurement says. Along the horizontal field
-    and down it tells the hard iron and the place's field. There the tilt, which velocity knows
-    better, is not corrected: it only adds to the noise.
+    and down it tells the tilt across itself, the hard iron and the place's field.
     """
     P = now.covariance
     rate = subtract(sample.gyr_rad_s, estimate.gyr_bias_rad_s)
@@ -182,11 +181,12 @@ def observe_heading(
     off = -F_across / H
     angle = atan2(F_across, F_along)
     expected = expected_variance(P, across, 0.0)
-    if F_along < 0.5 * abs(F_across) and P[TURN + 2, TURN + 2] > LINEAR_SIGMA_RAD**2:
+    is_near = F_along >= 0.5 * abs(F_across)
+    if not is_near and P[TURN + 2, TURN + 2] > LINEAR_SIGMA_RAD**2:
         across = angle_row(R, F, dF, E)
         off = -angle
     learn(P, x, across, off, noise)
-    learn_place(P, x, R, E, F, dF, noise)
+    learn_place(P, x, R, E, F, dF, noise, is_near)
     if north.is_known:
         learn_declination(P, x, E, north.direction, wait)
     far = abs(angle) > params.far_heading_rad + 2.0 * sqrt(expected)
@@ -222,19 +222,38 @@ def angle_row(R: Array, F: Vec3, dF: Vec3, E: Vec3) -> Array:
 
 
 @inlined
-def learn_place(P: Array, x: Array, R: Array, E: Vec3, F: Vec3, dF: Vec3, noise: float) -> None:
-    """The horizontal field along itself, and the one down."""
+def learn_place(
+    P: Array, x: Array, R: Array, E: Vec3, F: Vec3, dF: Vec3, noise: float, is_near: bool
+) -> None:
+    """The horizontal field along itself, and the one down; what they tell of the tilt, too.
+
+    Where the field seen is not near the place's, the turn between them is no small one: then a
+    tilt is not learnt and only adds to the noise.
+    """
     square = dot(E, E)
     n = sqrt(square)
     H = sqrt(E[0] * E[0] + E[1] * E[1])
-    tilt = 0.5 * (P[TURN, TURN] + P[TURN + 1, TURN + 1])
     along = (E[0] / (H * n), E[1] / (H * n), 0.0)
     down = (0.0, 0.0, 1.0 / n)
     difference = subtract(E, F)
+    tilt = 0.0 if is_near else 0.5 * (P[TURN, TURN] + P[TURN + 1, TURN + 1])
     h = field_row(R, dF, along)
+    if is_near:
+        add_turn(h, F, along)
     learn(P, x, h, dot(along, difference), noise + tilt * E[2] * E[2] / square)
     h = field_row(R, dF, down)
+    if is_near:
+        add_turn(h, F, down)
     learn(P, x, h, dot(down, difference), noise + tilt * H * H / square)
+
+
+@inlined
+def add_turn(h: Array, F: Vec3, axis: Vec3) -> None:
+    """How a turn t shows on an axis, in place: axis . (t x F) = t . (F x axis)."""
+    t = cross(F, axis)
+    h[TURN] = t[0]
+    h[TURN + 1] = t[1]
+    h[TURN + 2] = t[2]
 
 
 @inlined

@@ -106,7 +106,7 @@ def test_a_vehicle_that_reboots_elsewhere_gets_the_new_places_north():
         reports=[(k, r._replace(time_us=r.time_us + begin_us)) for k, r in second.reports],
     )
     errors = errors_deg(moved, flown(one, moved, after=placing(one, (10, SEATTLE))), 20.0)
-    assert rms(errors[:, TOTAL]) == pytest.approx(0.161, rel=0.2)
+    assert rms(errors[:, TOTAL]) == pytest.approx(0.172, rel=0.2)
 
 
 def test_a_flight_of_some_hundred_kilometres_takes_nothing_back():
