@@ -68,7 +68,7 @@ def test_sigma_is_honest_at_a_ground_stations_rate():
         trace.column(lambda a: a.sigma_heading_rad)[compared.known],
         has_heading=True,
     )
-    assert covered.inclination == pytest.approx(0.835, abs=0.03)
+    assert covered.inclination == pytest.approx(0.895, abs=0.03)
     assert covered.heading == pytest.approx(0.87, abs=0.03)
 
 
@@ -78,7 +78,7 @@ def test_sigma_is_larger_where_errors_are_larger():
     error = compared.errors_rad[compared.known, INCLINATION]
     order = np.argsort(sigma, kind="stable")
     third = len(order) // 3
-    assert np.degrees(rms(error[order[:third]])) == pytest.approx(0.06, rel=0.2)
+    assert np.degrees(rms(error[order[:third]])) == pytest.approx(0.102, rel=0.2)
     assert np.degrees(rms(error[order[-third:]])) == pytest.approx(1.27, rel=0.2)
 
 
