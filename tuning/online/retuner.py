@@ -27,8 +27,8 @@ from tuning.online.segment import Segment, Window, readings_of
 Array = NDArray[np.float64]
 
 LEAST_GAIN = 0.05
-# Student's t of the paired half seconds; chance exceeds it once in a hundred.
-LEAST_T = 2.5
+# Student's t of the paired half seconds; chance exceeds it once in thirty.
+LEAST_T = 2.0
 # A candidate that seems to win is judged on so many segments at most, until it does beyond chance.
 MOST_SEGMENTS = 4
 # Half a second in which the vectors are 60 deg from what was foretold is an event, and no noise.
@@ -109,7 +109,7 @@ class Retuner:
         ones = np.ones(len(numbers_of(base)))
         self._now = ones  # factors in force
         self._before: Array | None = None  # of a move that is still to be checked
-        self._kept = ones[None, :]
+        self._kept = ones[None, :]  # the colony's food sources
         self._learnt: Noise | None = None
         self._last: Segment | None = None
         self._foreign = 0  # segments in a row that another profile was in force in
@@ -175,7 +175,8 @@ class Retuner:
         def evaluate(factors: Array) -> Array:
             return np.array([self._cost(row, window, judged=False).total for row in factors])
 
-        first = np.concatenate([self._now[None, :], self._kept])[:FOOD_SOURCES]
+        known = (self._now, np.ones(len(self._now)), *self._kept)
+        first = np.array(list({tuple(row.tolist()): row for row in known}.values()))[:FOOD_SOURCES]
         tried, costs, self._kept = self._look(space, first, evaluate, self._generator)
         rivals = (tried[int(np.argmin(costs))], np.ones(len(self._now)))
         self._trials = [Trial(rival) for rival in rivals if np.any(rival != self._now)]
