@@ -193,9 +193,8 @@ def show(scenario, rows):
                 f" worst seed {100 * each.max():+6.1f} %"
             )
         changes = np.mean(row["changes"])
-        print(
-            f"{scenario:13} {name:16} e {e:.5f} {late:.5f}{more}  changes {changes:.1f}", flush=True
-        )
+        line = f"{scenario:13} {name:16} e {e:.5f} {late:.5f}{more}  changes {changes:.1f}"
+        print(line, file=sys.stderr, flush=True)
 
 
 def main():
