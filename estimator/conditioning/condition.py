@@ -29,6 +29,7 @@ from estimator.conditioning.gravity import (
 from estimator.conditioning.heading import learn_heading, north_east
 from estimator.conditioning.initial import initial_state
 from estimator.conditioning.magnetic import (
+    LEAST_HORIZONTAL,
     has_heading,
     observe_field,
     reference_norm,
@@ -97,10 +98,21 @@ __all__ = ["condition", "initial_state"]
 LEAST_DT_S = 1e-6
 # Without a field for so long (s) there is no confidence in it any more.
 FIELD_PATIENCE_S = 2.0
-# Parts of the inclination's sigma: at rest, for a force that varies by 1 g, and per swing.
-SIGMA_STEADY_RAD = 0.006
+# Parts of the inclination's sigma (rad): at rest, for a force that varies by 1 g, per swing.
+SIGMA_STEADY_RAD = 0.0052
 SIGMA_UNSTEADY_RAD = 0.03
 SIGMA_SWING = 0.5
+# Squares of what the size of the force, off by a share of gravity, tells about the inclination and,
+# times the dip's tangent, about the heading; and of what the field's scatter tells.
+SIGMA_UNEVEN_SQUARE = 2.0
+SIGMA_BENT_SQUARE = 0.6
+SIGMA_SCATTER_SQUARE = 0.7
+# The least, of a field that is a little bent everywhere.
+SIGMA_FIELD_RAD = 0.01
+# A heading whose own sigma is under this is known better than it says.
+SIGMA_SETTLED_RAD = 0.1
+# A turn missed in one step beyond which the calibration's means are of another attitude, rad.
+MISSED_RAD = 0.01
 # Weight of a field turned by a vertical that has just begun.
 LEAST_SETTLED = 0.1
 
@@ -299,7 +311,7 @@ def learn(
     if mean.field_s > 0.0 and (doubt.heading > 0.0 or doubt.tilt > 0.0):
         doubt, estimate = release_doubt(params, doubt, estimate, seen.magnetic, seen.jump, dt)
     turned = alarm.heading or alarm.quiet or alarm.moving or alarm.levelling
-    if turned or alarm.jump > 0.0 or clipped[0] + clipped[1] > 0.0:
+    if turned or alarm.jump > 0.0 or clipped[0] + clipped[1] > MISSED_RAD**2:
         calibration = restart_means(calibration)
     if alarm.quiet or alarm.moving:
         tilt = lose_tilt(tilt)
@@ -412,16 +424,43 @@ def condition(
 def sigma_inclination(params: ConditioningParams, state: ConditioningState) -> float:
     """Angle (rad) that 68 % of the inclination errors lie under.
 
-    A sensor's own, what unsteady force adds, and how far levelling has moved
-    the vertical lately, which tells a lasting acceleration. The first two were
-    fitted to BROAD, where 0.69 of the errors lie under it. Of slow streams it is
-    the variance that the vertical has by its own reckoning.
+    A sensor's own, what unsteady force adds, how far levelling has moved the vertical lately,
+    which tells a lasting acceleration, and how far the low-passed force has another size than
+    gravity: what an accelerometer's error or an acceleration adds along the vertical it adds
+    across as well, about both axes. Of slow streams it is the variance that the vertical has by
+    its own reckoning.
     """
-    swing_north, swing_east = state.signs.gravity.levelled
+    signs = state.signs.gravity
+    swing_north, swing_east = signs.levelled
     swing = swing_north * swing_north + swing_east * swing_east
     fast = SIGMA_UNSTEADY_RAD**2 * state.gravity.force.unsteady + SIGMA_SWING**2 * swing
     slow = slowness(params, state.coefficients.dt_s)
-    return sqrt(SIGMA_STEADY_RAD**2 + (1.0 - slow) * fast + slow * state.tilt.variance)
+    fast += SIGMA_UNEVEN_SQUARE * signs.uneven
+    known = SIGMA_STEADY_RAD**2 + state.doubt.tilt
+    return sqrt(known + (1.0 - slow) * fast + slow * state.tilt.variance)
+
+
+@inlined
+def sigma_heading(params: ConditioningParams, state: ConditioningState) -> float:
+    """Angle (rad) that 68 % of the heading errors lie under.
+
+    The variance P takes the field's error for white: it is larger than the error of a good
+    sensor and too small beside steel, where the error lasts. So what little of P is left
+    after long counts as P^2/(P + P_1) only, but for slow streams, whose P is what they miss. To
+    it comes what the field is seen to scatter, and what the accelerometer's error, seen
+    likewise, bends a steep field.
+    """
+    p = state.estimate.covariance[9]
+    reference = state.magnetic.reference
+    h = max(reference.horizontal, LEAST_HORIZONTAL * abs(reference.down))
+    steep = (reference.down / h) ** 2 if h > 0.0 else 0.0
+    signs = state.signs
+    lasting = SIGMA_SCATTER_SQUARE * signs.heading.scatter
+    bent = steep * (SIGMA_BENT_SQUARE * signs.gravity.uneven + 0.5 * state.doubt.tilt)
+    lasting += SIGMA_FIELD_RAD**2 + bent + state.doubt.heading
+    slow = slowness(params, state.coefficients.dt_s)
+    own = p * (slow + (1.0 - slow) * p / (p + SIGMA_SETTLED_RAD**2))
+    return sqrt(own + lasting)
 
 
 @inlined
@@ -441,5 +480,5 @@ def result_of(params: ConditioningParams, state: ConditioningState, rate: Vec3) 
         gravity_confidence=1.0 / (1.0 + state.gravity.force.unsteady),
         magnetic_confidence=field.look.confidence if field.wait_s < FIELD_PATIENCE_S else 0.0,
         sigma_inclination_rad=sigma_inclination(params, state),
-        sigma_heading_rad=sqrt(state.estimate.covariance[9]) if known else inf,
+        sigma_heading_rad=sigma_heading(params, state) if known else inf,
     )

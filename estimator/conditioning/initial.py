@@ -33,6 +33,7 @@ from estimator.types import IDENTITY, Quaternion
 
 ZERO = (0.0, 0.0, 0.0)
 SIX = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+USUAL_SCATTER = 1.5e-4  # rad^2: a field that points 0.7 degrees off
 UNKNOWN_WANDER = 0.03  # rad^2: accelerations that tilt the mean force of a second by ten degrees
 UNKNOWN_HEADING_VARIANCE = 1e4  # rad^2, beyond any angle: the first field sets the heading
 
@@ -97,10 +98,15 @@ def initial_state(params: ConditioningParams) -> ConditioningState:
         ),
         signs=TurnSigns(
             heading=HeadingSigns(
-                mean_north=0.0, mean_east=0.0, mean_confidence=0.0, off_s=0.0, large_s=0.0
+                mean_north=0.0,
+                mean_east=0.0,
+                mean_confidence=0.0,
+                off_s=0.0,
+                large_s=0.0,
+                scatter=USUAL_SCATTER,
             ),
             gravity=GravitySigns(
-                quiet_s=0.0, moving_s=0.0, levelled=(0.0, 0.0), wander=UNKNOWN_WANDER
+                quiet_s=0.0, moving_s=0.0, levelled=(0.0, 0.0), wander=UNKNOWN_WANDER, uneven=0.0
             ),
             jump=JumpSigns(
                 quick=ZERO,

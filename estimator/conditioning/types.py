@@ -286,6 +286,7 @@ class HeadingSigns(NamedTuple):
     mean_confidence: float  # of the field, averaged alike
     off_s: float  # for how long the mean field has pointed elsewhere
     large_s: float  # for how long the field itself has pointed far away
+    scatter: float  # mean square of how far the mean field points elsewhere, rad^2
 
 
 class GravitySigns(NamedTuple):
@@ -295,6 +296,7 @@ class GravitySigns(NamedTuple):
     moving_s: float  # for how long that of a moving vehicle has
     levelled: Two  # what levelling has turned lately about north and east, rad
     wander: float  # mean square angle between quick and slow gravity, rad^2
+    uneven: float  # mean square of how far the size of gravity is off, as a share
 
 
 class JumpSigns(NamedTuple):

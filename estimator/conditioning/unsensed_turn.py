@@ -44,6 +44,13 @@ WANDER_TAU_S = 10.0
 # Averaging (s) of how far they differ usually.
 JUMP_USUAL_S = 10.0
 
+# Averaging (s) of how far the field points elsewhere, for headings known this well (rad, sigma).
+SCATTER_TAU_S = 20.0
+KNOWN_HEADING_SIGMA = 0.2
+# Averaging (s) of how far the low-passed force has another size than gravity.
+UNEVEN_TAU_S = 15.0
+STANDARD_GRAVITY_M_S2 = 9.80665
+
 # A single sample is a sign of no more than this (s), however long its step: of slow streams
 # several in a row have to agree.
 LONGEST_SIGN_S = 0.15
@@ -78,7 +85,9 @@ def watch_heading(
     e = state.mean_east + a * (c * east - state.mean_east)
     w = state.mean_confidence + a * (c - state.mean_confidence)
     known = estimate.covariance[9] < UNKNOWN_HEADING_SIGMA**2
-    off = known and abs(atan2(e, n)) > params.turn_heading_rad and w > params.turn_confidence
+    away = atan2(e, n)
+    off = known and abs(away) > params.turn_heading_rad and w > params.turn_confidence
+    b = dt_s / (SCATTER_TAU_S + dt_s) if estimate.covariance[9] < KNOWN_HEADING_SIGMA**2 else 0.0
     far = known and abs(atan2(east, north)) > params.turn_large_rad
     far = far and c > params.turn_large_confidence
     return HeadingSigns(
@@ -87,6 +96,7 @@ def watch_heading(
         mean_confidence=w,
         off_s=duration_s(off, state.off_s, dt_s),
         large_s=duration_s(far, state.large_s, dt_s),
+        scatter=state.scatter + b * (away * away - state.scatter),
     )
 
 
@@ -117,11 +127,14 @@ def watch_gravity(
     off = angle_between_vectors(quick, f) if norm(quick) > LEAST_GRAVITY_SHARE * norm(f) else 0.0
     moving = off > params.turn_moving_rad
     a = dt_s / (WANDER_TAU_S + dt_s) if doubt == 0.0 else 0.0
+    size = norm(f) / STANDARD_GRAVITY_M_S2 - 1.0
+    b = dt_s / (min(UNEVEN_TAU_S, gravity.force.age_s) + dt_s)
     return GravitySigns(
         quiet_s=duration_s(quiet, state.quiet_s, dt_s),
         moving_s=duration_s(moving, state.moving_s, dt_s),
         levelled=(decay * state.levelled[0] + step[0], decay * state.levelled[1] + step[1]),
         wander=state.wander + a * (off * off - state.wander),
+        uneven=state.uneven + b * (size * size - state.uneven),
     )
 
 
@@ -242,12 +255,19 @@ def reset_signs(state: TurnSigns, alarm: Alarm, seen_rad: float) -> TurnSigns:
     levelled = gravity.levelled
     if alarm.heading or alarm.quiet or alarm.moving or alarm.levelling:
         heading = HeadingSigns(
-            mean_north=0.0, mean_east=0.0, mean_confidence=0.0, off_s=0.0, large_s=0.0
+            mean_north=0.0,
+            mean_east=0.0,
+            mean_confidence=0.0,
+            off_s=0.0,
+            large_s=0.0,
+            scatter=heading.scatter,
         )
         levelled = (0.0, 0.0)
     quiet_s = 0.0 if alarm.quiet else gravity.quiet_s
     moving_s = 0.0 if alarm.quiet or alarm.moving else gravity.moving_s
-    return TurnSigns(heading, GravitySigns(quiet_s, moving_s, levelled, gravity.wander), jump)
+    return TurnSigns(
+        heading, GravitySigns(quiet_s, moving_s, levelled, gravity.wander, gravity.uneven), jump
+    )
 
 
 @inlined

@@ -1,0 +1,57 @@
+"""What the published sigmas know of sensors that are not as good as they look."""
+
+from math import degrees, radians, sin
+
+import numpy as np
+import pytest
+
+from estimator.conditioning import ConditioningParams, condition, initial_state
+from estimator.geometry.quaternion import exp, rotate, rotate_inverse
+from estimator.types import Sample
+from tests.estimator.conditioning.motion import fly, tumbling
+
+PARAMS = ConditioningParams()
+DT = 0.01
+REST = (0.0, 0.0, 0.0)
+
+
+def sigmas_deg(samples):
+    """Inclination's and heading's after the samples (gyr, acc, mag)."""
+    state = initial_state(PARAMS)
+    for gyr, acc, mag in samples:
+        state, out = condition(PARAMS, state, Sample(gyr, acc, mag, True, DT))
+    return degrees(out.sigma_inclination_rad), degrees(out.sigma_heading_rad)
+
+
+@pytest.mark.parametrize(
+    ("size_m_s2", "inclination_deg", "heading_deg"),
+    [(9.80665, 0.298, 0.68), (9.95, 1.22, 1.52), (9.60, 1.73, 2.08)],
+)
+def test_a_force_of_another_size_than_gravity_tells_an_accelerometers_error(
+    size_m_s2, inclination_deg, heading_deg
+):
+    """At rest for half a minute, the dip 65 degrees."""
+    found = sigmas_deg([(REST, (0.0, 0.0, -size_m_s2), (0.2, 0.0, 0.42))] * 3000)
+    assert found == (
+        pytest.approx(inclination_deg, rel=0.2),
+        pytest.approx(heading_deg, rel=0.2),
+    )
+
+
+@pytest.mark.parametrize(("bend_deg", "heading_deg"), [(0.0, 0.67), (6.0, 3.09)])
+def test_a_field_that_bends_to_and_fro_widens_the_headings_sigma(bend_deg, heading_deg):
+    """By so much, at 0.03 Hz, on a tumbling vehicle: as beside steel."""
+
+    def bent():
+        for i, s in enumerate(fly(tumbling, 90.0, DT)):
+            angle = radians(bend_deg) * sin(2.0 * np.pi * 0.03 * DT * i)
+            m = rotate_about_down(s, angle)
+            yield s.gyr, s.acc, m
+
+    assert sigmas_deg(bent())[1] == pytest.approx(heading_deg, rel=0.2)
+
+
+def rotate_about_down(s, angle):
+    """The sample's field, turned about the vertical."""
+    field = rotate(s.q_ned_frd, s.mag)
+    return rotate_inverse(s.q_ned_frd, rotate(exp((0.0, 0.0, angle)), field))
