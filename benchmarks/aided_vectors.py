@@ -32,7 +32,7 @@ from flights import CASES, SKIP_S, ordinary_flight
 from numpy.typing import NDArray
 from real_logs import log_files
 
-from drivers.events import Event
+from drivers.events import Event, ReferenceAttitude
 from drivers.logs.open import open_log
 from estimator.compilation.compiled import compiled
 from estimator.filter.kernel import correct, integrate_rate
@@ -274,13 +274,16 @@ def print_faults(results: list[dict[str, Any]]) -> None:
 def main() -> int:
     """Replay all, print a table or one object."""
     parser = argparse.ArgumentParser(description="Measured vectors in aided flight.")
-    parser.add_argument("logs", nargs="*", type=Path, help="with the simulator's truth, or folders")
+    parser.add_argument("logs", nargs="*", type=Path, help="with a simulator's truth")
     parser.add_argument("--seeds", metavar="A-B", help="simulated flights, too")
     parser.add_argument("--faults", action="store_true", help="break them, and look at sigma")
     parser.add_argument("--json", action="store_true", help="one JSON object on standard output")
     options = parser.parse_args()
     results = []
     for name, events in flights(options):
+        if not any(isinstance(e, ReferenceAttitude) and e.source == "sim" for e in events):
+            print(f"{name}: no truth in it, left out", file=sys.stderr)
+            continue
         result: dict[str, Any] = {"flight": name}
         if options.faults:
             broken = {fault.name: break_flight(events, fault) for fault in FAULTS}
