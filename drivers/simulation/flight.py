@@ -29,7 +29,7 @@ ALOFT_S = (7.0, 99.0)  # off the ground
 EIGHTS_S = ((12.0, 46.0), (56.0, 92.0))
 TURNS_S = (12.0, 94.0)  # the nose looks around
 MAGNET_S = (50.0, 52.0)  # in the hover
-SILENCE_S = (76.0, 77.5)  # nothing is sent: behind a hill
+SILENCE_S = (76.0, 76.9)  # nothing is sent: behind a hill
 
 # Zurich, where PX4's simulator starts, too; World Magnetic Model 2025 at 2026.0, gauss NED
 LATITUDE_DEG, LONGITUDE_DEG, ALTITUDE_M = 47.397742, 8.545594, 488.0
@@ -75,7 +75,7 @@ def flight_truth(time_s: Floats) -> FlightTruth:
 def is_silent(time_us: int) -> bool:
     """Whether nothing is sent at this time of the flight."""
     begin, end = SILENCE_S
-    return begin <= time_us * 1e-6 % ROUND_S < end
+    return round(1e6 * begin) <= time_us % round(1e6 * ROUND_S) < round(1e6 * end)
 
 
 def geodetic(position_ned_m: Vec3) -> Vec3:

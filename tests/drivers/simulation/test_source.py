@@ -100,7 +100,7 @@ def test_a_flight_in_process_tells_its_place_and_falls_silent():
     assert np.diff(imu_s).max() == pytest.approx(end - begin + 0.02)
     assert imu_s[np.diff(imu_s).argmax()] == pytest.approx(begin - 0.02)
     velocities = of_type(events, Velocity)
-    assert len(velocities) == len(of_type(events, Position)) == 986  # 10 Hz but in the silence
+    assert len(velocities) == len(of_type(events, Position)) == 992  # 10 Hz but in the silence
     truth = flight_truth(np.array([v.sample.time_us * 1e-6 for v in velocities])).velocity_ned_m_s
     noise = np.array([v.sample.velocity_ned_m_s for v in velocities]) - truth
     assert noise.std() == pytest.approx(FLIGHT_VELOCITY_NOISE_M_S, rel=0.1)

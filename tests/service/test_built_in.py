@@ -1,0 +1,73 @@
+"""The built-in vehicle's frames through decoder and service, as ``run`` without options has them.
+
+Every motion must be right, and known to be: error and coverage beside what was measured.
+"""
+
+import math
+
+import numpy as np
+import pytest
+
+from drivers.events import Imu, ReferenceAttitude
+from drivers.mavlink.decoder import MavlinkDecoder
+from drivers.mavlink.framing import FrameReader
+from drivers.simulation.autopilot import SimulatedAutopilot, VehicleOptions
+from estimator.geometry.quaternion import conjugate, multiply
+from estimator.profile import load_profile
+from service.pipeline import Pipeline
+from tests.service.streams import ONE, START_US
+
+RATE_HZ = 50.0
+
+
+def flown(motion, seconds, seed, **options):
+    """Times, total errors, inclination and heading errors and both sigmas (s, deg) at samples."""
+    vehicle = SimulatedAutopilot(VehicleOptions(seed, RATE_HZ, motion, **options), 1)
+    pipeline = Pipeline(load_profile("imu"), fits_built_in=True)
+    reader, decoder, rows = FrameReader(), MavlinkDecoder(), []
+    for step in range(round(seconds * RATE_HZ)):
+        boot_us = step * 20_000
+        for frame in reader.feed(vehicle.advance(boot_us, 0)):
+            for event in decoder.events(frame, START_US + boot_us):
+                pipeline.handle(event)
+                if isinstance(event, Imu):
+                    time_us = event.sample.time_us
+                elif isinstance(event, ReferenceAttitude) and event.source == "sim":
+                    attitude = pipeline.vehicle(ONE).estimator.attitude(time_us)
+                    rows.append((boot_us * 1e-6, *errors(attitude, event.q_ned_frd)))
+    return np.array(rows)
+
+
+def errors(attitude, truth):
+    w, _, _, z = multiply(attitude.q_ned_frd, conjugate(truth))
+    inclination = 2 * math.acos(min(1.0, math.hypot(w, z)))
+    sigmas = (attitude.sigma_inclination_rad, attitude.sigma_heading_rad)
+    angles = (2 * math.acos(min(1.0, abs(w))), inclination, 2 * math.atan2(abs(z), abs(w)), *sigmas)
+    return tuple(map(math.degrees, angles))
+
+
+def rms(values):
+    return float(np.sqrt(np.mean(values**2)))
+
+
+@pytest.mark.parametrize(
+    ("motion", "error_deg", "least", "most"),
+    [("paper", 6.6, 0.55, 0.95), ("rest", 2.2, 0.9, 1.0), ("turn", 8.7, 0.5, 0.9)],
+)
+def test_the_paper_s_signals_are_read_with_the_paper_s_profile(motion, error_deg, least, most):
+    """Under imu they were 42 deg off, and 4 % of the errors under sigma."""
+    rows = np.concatenate([flown(motion, 15.0, seed)[200:] for seed in (1, 2)])
+    assert rms(rows[:, 1]) == pytest.approx(error_deg, rel=0.2)
+    for error, sigma in ((2, 4), (3, 5)):
+        assert least <= np.mean(rows[:, error] <= rows[:, sigma]) <= most
+
+
+def test_the_flight_is_right_from_start_to_landing():
+    """Through a wrong start, a magnet and a silence, none of which it may fall for."""
+    rows = flown("flight", 100.0, seed=1)
+    after_start = rows[rows[:, 0] >= 2.0]
+    assert rms(after_start[:, 1]) == pytest.approx(0.62, rel=0.2)
+    assert after_start[:, 1].max() < 5.7  # 4.8, in the climb
+    assert rows[rows[:, 0] < 0.5][:, 2].max() > 8.0  # the wrong start is one
+    for error, sigma in ((2, 4), (3, 5)):
+        assert np.mean(after_start[:, error] <= after_start[:, sigma]) > 0.8
