@@ -21,7 +21,8 @@ HOST = "127.0.0.1"
 WEB_PORT = 9090  # Rerun's own; a free one if it is taken
 START_TIMEOUT_S = 10.0
 STOP_TIMEOUT_S = 2.0
-LIVE_HISTORY = "500kB"  # some 20 s of one vehicle
+# A minute or two. What it drops must be older than what is sent again now and then (layer.py).
+LIVE_HISTORY = "2MB"
 PR_SET_PDEATHSIG = 1  # from linux/prctl.h
 MISSING = str(missing_extra("the viewer", "viewer"))
 
