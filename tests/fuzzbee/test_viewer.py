@@ -158,7 +158,7 @@ def test_an_attitude_of_somebody_elses_turns_on_until_the_next_comes(tmp_path):
     sink = Recorded(ViewerOptions(rrd=str(tmp_path / "slow.rrd")), PAPER)
     rate_deg_s = np.degrees(0.5)
     for n in range(100):
-        ours = record(yaw_deg=rate_deg_s * 0.05 * n, rate_rad_s=(0.0, 0.0, 0.5))
+        ours = record(rate_deg_s * 0.05 * n, 30.0, 90.0, rate_rad_s=(0.5, 0.0, 0.0))
         turn = [Published(ONE, at_time(ours, n * 50_000))]
         if n % 10 == 0:
             turn.insert(0, Peer(ONE, "sim", ours.q_ned_frd))
