@@ -27,6 +27,7 @@ class Score(NamedTuple):
     covered_heading: float
     worst_inclination: float
     worst_heading: float
+    accelerometer: float  # inclination by the accelerometer alone, degrees RMS
 
 
 def score(
@@ -49,7 +50,18 @@ def score(
     rms = np.sqrt(np.mean(errors**2, axis=0))
     shares = [float(np.mean(c)) for c in covered]
     worst = [worst_stretch(time_s[counted], c) for c in covered]
-    return Score(float(rms[0]), float(rms[1]), float(rms[2]), *shares, *worst)
+    force = np.array([sample.acc_m_s2 for sample in trace.samples])[counted]
+    alone = accelerometer_rms_deg(force, compared.truth[counted])
+    return Score(float(rms[0]), float(rms[1]), float(rms[2]), *shares, *worst, alone)
+
+
+def accelerometer_rms_deg(force: Floats, truth: Floats) -> float:
+    """RMS angle between minus the force (N, 3) and the true down of q_ned_frd (N, 4)."""
+    w, x, y, z = truth.T
+    down = np.stack([2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)], axis=1)
+    up = force / np.maximum(np.linalg.norm(force, axis=1, keepdims=True), 1e-6)
+    angles = np.arccos(np.clip(-np.sum(up * down, axis=1), -1.0, 1.0))
+    return float(np.degrees(np.sqrt(np.mean(angles**2))))
 
 
 def worst_stretch(time_s: Floats, covered: NDArray[np.bool_]) -> float:
@@ -66,5 +78,6 @@ def line(name: str, of: Score) -> str:
     return (
         f"{name:34s} total {of.total:6.2f} heading {of.heading:6.2f} inclination "
         f"{of.inclination:6.2f} under sigma {of.covered_inclination:.2f} {of.covered_heading:.2f} "
-        f"worst 20 s {of.worst_inclination:.2f} {of.worst_heading:.2f}"
+        f"worst 20 s {of.worst_inclination:.2f} {of.worst_heading:.2f} "
+        f"accelerometer {of.accelerometer:.2f}"
     )

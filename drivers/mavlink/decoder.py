@@ -29,7 +29,7 @@ from drivers.mavlink.constants import (
 )
 from drivers.mavlink.dialect import Unpacker, mavlink
 from drivers.mavlink.framing import Frame
-from drivers.mavlink.imu_messages import imu_message
+from drivers.mavlink.imu_messages import frequent_message
 from drivers.mavlink.parameter_values import ParameterValue, WaitingParameters, owner
 from drivers.samples.fix import Fix
 from drivers.samples.intake import Intake, Stamp
@@ -109,9 +109,9 @@ class MavlinkDecoder:
         sender = self._sender((frame.system_id, frame.component_id))
         if sender is None:
             return []
-        imu = imu_message(frame)
-        if imu is not None:
-            name, fields = imu
+        frequent = frequent_message(frame)
+        if frequent is not None:
+            name, fields = frequent
             return self._handlers[name](sender, name, fields, arrival_us)
         message = self._unpacker.message(frame.data)
         if message is None:

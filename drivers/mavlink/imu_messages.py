@@ -1,4 +1,4 @@
-"""The IMU messages, unpacked straight from their frames.
+"""The IMU messages and ATTITUDE, unpacked straight from their frames.
 
 pymavlink builds a large object of every message; these are the few that come hundreds
 of times a second. The classes answer like pymavlink's for the fields that are there.
@@ -9,6 +9,7 @@ from struct import Struct
 from typing import Any, NamedTuple
 
 from drivers.mavlink.constants import (
+    ATTITUDE_ID,
     HIGHRES_IMU_ID,
     RAW_IMU_ID,
     SCALED_IMU2_ID,
@@ -72,9 +73,22 @@ class HighresImu(NamedTuple):
     id: int
 
 
+class AttitudeMessage(NamedTuple):
+    """ATTITUDE."""
+
+    time_boot_ms: int
+    roll: float
+    pitch: float
+    yaw: float
+    rollspeed: float
+    pitchspeed: float
+    yawspeed: float
+
+
 _RAW = Struct("<Q9hBh")
 _SCALED = Struct("<I9hh")
 _HIGHRES = Struct("<Q13fHB")
+_ATTITUDE = Struct("<I6f")
 _KINDS: dict[int, tuple[str, Struct, Any]] = {
     RAW_IMU_ID: ("RAW_IMU", _RAW, RawImu._make),
     SCALED_IMU_ID: ("SCALED_IMU", _SCALED, ScaledImu._make),
@@ -82,6 +96,7 @@ _KINDS: dict[int, tuple[str, Struct, Any]] = {
     SCALED_IMU3_ID: ("SCALED_IMU3", _SCALED, ScaledImu._make),
     HIGHRES_IMU_ID: ("HIGHRES_IMU", _HIGHRES, HighresImu._make),
 }
+_FREQUENT = {**_KINDS, ATTITUDE_ID: ("ATTITUDE", _ATTITUDE, AttitudeMessage._make)}
 
 
 def imu_message_name(message_id: int) -> str | None:
@@ -90,13 +105,13 @@ def imu_message_name(message_id: int) -> str | None:
     return None if kind is None else kind[0]
 
 
-def imu_message(frame: Frame) -> tuple[str, Any] | None:
-    """Name and fields of an IMU message; None for every other one.
+def frequent_message(frame: Frame) -> tuple[str, Any] | None:
+    """Name and fields of an IMU message or ATTITUDE; None for every other one.
 
     Zeros at a payload's end are not sent, nor fields that the sender does not know;
     what is longer than we know comes from a newer definition.
     """
-    kind = _KINDS.get(frame.message_id)
+    kind = _FREQUENT.get(frame.message_id)
     if kind is None:
         return None
     name, layout, make = kind

@@ -8,7 +8,7 @@ from drivers.mavlink.decoder import MavlinkDecoder
 from drivers.mavlink.dialect import Unpacker, mavlink
 from drivers.mavlink.encoder import FrameEncoder, raw_imu
 from drivers.mavlink.framing import Frame, FrameFormat, FrameReader, frame_end
-from drivers.mavlink.imu_messages import imu_message
+from drivers.mavlink.imu_messages import frequent_message
 from tests.drivers.mavlink.pymavlink_parser import PymavlinkParser
 from tests.drivers.mavlink.test_decoder import TABLE, UNIX, S, frame
 from tests.drivers.mavlink.test_decoder import raw_imu as packed_raw_imu
@@ -142,7 +142,7 @@ def test_a_signed_frame_knows_where_its_payload_ends():
     assert each.data[each.payload_at : each.payload_end].rstrip(b"\0") == data[10:-15]
 
 
-IMU_MESSAGES = st.one_of(
+FREQUENT = st.one_of(
     st.builds(
         m.MAVLink_raw_imu_message,
         st.integers(0, 2**64 - 1),
@@ -165,14 +165,15 @@ IMU_MESSAGES = st.one_of(
         st.integers(0, 65535),
         st.integers(0, 255),
     ),
+    st.builds(m.MAVLink_attitude_message, st.integers(0, 2**32 - 1), *[float32] * 6),
 )
 
 
-@given(IMU_MESSAGES, st.booleans())
-def test_imu_fields_are_pymavlinks(message, v1):
+@given(FREQUENT, st.booleans())
+def test_fields_of_frequent_messages_are_pymavlinks(message, v1):
     data = frame(message, force_mavlink1=v1)
     (each,) = read(data)
-    name, fields = imu_message(each)
+    name, fields = frequent_message(each)
     expected = Unpacker().message(data)
     assert name == expected.get_type()
     for field in fields._fields:
