@@ -23,6 +23,7 @@ if TYPE_CHECKING:
 
 LINK_KINDS: tuple[Kind, ...] = ("udpout", "udpin", "tcp", "tcpin")
 LINK_NAMES = frozenset(name for form in FORMS if form.kind in LINK_KINDS for name in form.names)
+EXAMPLE = "--to udpout:127.0.0.1:14550"
 EPILOG = """Examples:
 
   fuzzbee sim --to udpout:127.0.0.1:14550 --motion flight
@@ -69,7 +70,7 @@ def sim(
         ),
     ] = None,
     as_json: Json = False,
-) -> None:
+) -> int:
     """Run simulated vehicles that speak MAVLink 2, for any software to connect to.
 
     They send HEARTBEAT, RAW_IMU, SIM_STATE (the truth), ATTITUDE and ATTITUDE_QUATERNION (the
@@ -112,6 +113,10 @@ def sim(
         run_vehicles(fleet, transport, stop.is_set, seconds, _say)
         if as_json:
             _print_json(str(endpoint), vehicles, options, fleet, time.monotonic() - begun_s)
+        if seconds is not None and not fleet.counts.was_connected and not stop.is_set():
+            _say(f"{endpoint}: nobody was connected in {seconds:g} s")
+            return 1
+        return 0
 
 
 def _print_json(
@@ -151,8 +156,8 @@ def _link(text: str) -> Endpoint:
     is_link = bool(colon) and name.strip().lower() in LINK_NAMES
     endpoint = parse_endpoint(text) if is_link else None
     if endpoint is None or endpoint.kind not in LINK_KINDS:
-        choices = ", ".join(form.example for form in FORMS if form.kind in LINK_KINDS)
-        raise InputError(f"--to {text!r}: no address to send to; choose {choices}")
+        kinds = ", ".join(LINK_KINDS)
+        raise InputError(f"--to {text}: the vehicle speaks over {kinds}, as in {EXAMPLE}")
     return endpoint
 
 

@@ -26,10 +26,11 @@ RETRY_S = 0.5
 
 @dataclass(slots=True)
 class FleetCounts:
-    """What a run did: bytes sent, and how often the link broke or could not be made."""
+    """What a run did: bytes sent, how often the link broke or could not be made, if it ever was."""
 
     bytes_sent: int = 0
     link_errors: int = 0
+    was_connected: bool = False
 
 
 class Fleet:
@@ -122,7 +123,9 @@ def run_vehicles(
             for peer, data in link.receive(min(RECEIVE_S, max(0.0, wait_us * 1e-6))):
                 fleet.receive(peer, data, _unix_us(), link.send)
     finally:
-        fleet.counts = replace(fleet.counts, link_errors=link.errors)
+        fleet.counts = replace(
+            fleet.counts, link_errors=link.errors, was_connected=link.was_connected
+        )
         transport.close()
 
 
@@ -135,6 +138,7 @@ class _Link:
         self._reported = ""
         self._retry_s: float | None = None  # monotonic; None while open
         self.errors = 0
+        self.was_connected = False
 
     def send(self, data: bytes) -> None:
         if self._retry_s is None:
@@ -152,6 +156,7 @@ class _Link:
         except LinkError as error:
             self._note_loss(error)
             return []
+        self.was_connected |= self._transport.connected
         if self._reported and self._transport.connected:
             self._report("connected")
             self._reported = ""

@@ -222,3 +222,9 @@ def test_help_names_every_link():
 
 def test_magnet_times():
     assert parse_magnet("5:8.5") == (5.0, 8.5)
+
+
+def test_a_bounded_run_that_nobody_heard_is_a_failure(capsys):
+    port = free_port(socket.SOCK_STREAM)
+    assert sim(to=f"tcp:{HOST}:{port}", seconds=0.5) == 1
+    assert "nobody was connected in 0.5 s" in capsys.readouterr().err
