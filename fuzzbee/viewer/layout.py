@@ -10,6 +10,8 @@ TIMELINE = "time"
 WINDOW_S = 60.0  # so much of the curves is shown
 MOST_VEHICLES = 9  # shown side by side; more are too small to read
 
+MOST_PLOTS = 2  # on a page of one vehicle among several
+
 OURS, AUTOPILOT, TRUTH = (64, 150, 255), (255, 140, 40), (70, 200, 100)
 HORIZON, HEADING = (150, 90, 235), (225, 70, 150)  # their sigmas
 AXES = ((235, 70, 70), (70, 180, 80), (80, 120, 250))  # x, y, z; or roll, pitch, heading
@@ -52,7 +54,7 @@ def blueprint(vehicles: Sequence[str] = ()) -> Any:
     """A page for each vehicle; if there are several, all their horizons come first."""
     import rerun.blueprint as rrb
 
-    pages = [_page(name) for name in vehicles]
+    pages = [_page(name, is_alone=len(vehicles) == 1) for name in vehicles]
     if len(pages) > 1:
         everything = rrb.Grid(
             *(_horizon(name) for name in vehicles),
@@ -71,16 +73,22 @@ def blueprint(vehicles: Sequence[str] = ()) -> Any:
     )
 
 
-def _page(name: str) -> Any:
-    """The horizon large; beside it the bodies, how far to trust them, and all else in tabs."""
+def _page(name: str, *, is_alone: bool) -> Any:
+    """The horizon large; beside it the bodies, how far to trust them, and all else in tabs.
+
+    One of several has few tabs: the more views there are, the longer a browser takes them in.
+    """
     import rerun.blueprint as rrb
 
-    rest = [_curves(f"/{name}/{origin}", title, span) for origin, title, span in PLOTS]
+    plots = PLOTS if is_alone else PLOTS[:MOST_PLOTS]
+    rest = [_curves(f"/{name}/{origin}", title, span) for origin, title, span in plots]
+    if is_alone:
+        rest += [gain_view("Surface"), _states(name), _messages()]
     origin, title, span = SIGMA
     right = rrb.Vertical(
         _bodies(name),
         _curves(f"/{name}/{origin}", title, span),
-        rrb.Tabs(*rest, gain_view("Surface"), _states(name), _messages()),
+        rrb.Tabs(*rest),
         row_shares=[4, 3, 3],
     )
     return rrb.Horizontal(_horizon(name), right, column_shares=[3, 2], name=f"vehicle {name}")

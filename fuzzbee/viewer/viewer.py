@@ -44,6 +44,7 @@ WORDS_EVERY = 4  # pictures; at once if the state or the trust has changed
 POINTS_HZ = 10.0  # of a curve; they go in batches
 PEER_SILENT_US = 2_000_000  # an older attitude of somebody else's is not drawn any more
 FAST_RAD_S = 0.9  # 50 deg/s: a degree in the 20 ms that two messages are apart
+PAGES_WAIT_US = 1_000_000  # a fleet appears within so long
 FIELD_SILENT_US = 1_000_000
 TOLD_EVERY_US = 1_000_000  # how trust changes is told once a second at most
 PEERS: tuple[Literal["autopilot"], Literal["sim"]] = ("autopilot", "sim")
@@ -120,6 +121,7 @@ class ViewerSink:
         self._surfaces: dict[GainShape, object] = {shape: gain_surface(shape)}
         self._drawn = 0  # number of surfaces in the viewer
         self._now_us = 0
+        self._pages_due_us: int | None = None  # vehicles wait for pages of their own
         self._is_live = options.live
         self.stream.static("/surface", rerun().ViewCoordinates.RIGHT_HAND_Z_UP)
         self.stream.static("/surface/axes", surface_axes())
@@ -149,12 +151,12 @@ class ViewerSink:
 
     def finish(self) -> None:
         """Send what is pending and leave the viewer open."""
-        self._flush_curves()
+        self._flush()
         self.stream.finish()
 
     def close(self) -> None:
         """Send what is pending, and end the viewer."""
-        self._flush_curves()
+        self._flush()
         self.stream.close()
 
     def _on_peer(self, vehicle: VehicleId, peer: Peer) -> None:
@@ -170,6 +172,7 @@ class ViewerSink:
         now_us = self._now_us = record.time_unix_us
         if not self._is_met(vehicle):
             return
+        self._show_pages_if_due()
         seen = self._vehicles[vehicle]
         heard = tuple(Heard(h.peer, now_us if h.at_us is None else h.at_us) for h in seen.heard)
         seen = seen._replace(heard=heard, rate_rad_s=record.rate_rad_s)
@@ -191,6 +194,7 @@ class ViewerSink:
         self._now_us = now_us or self._now_us
         if not self._now_us or not self._is_met(vehicle):
             return
+        self._show_pages_if_due()
         seen = self._vehicles[vehicle]
         seen = seen._replace(status=status, before=seen.status)
         if State(status.state) not in HAS_ATTITUDE:
@@ -208,10 +212,23 @@ class ViewerSink:
         self._curves[vehicle] = Curves(f"/{vehicle_name(vehicle)}")
         self._layers[vehicle] = VehicleLayers(vehicle_name(vehicle))
         self._introduce(vehicle_name(vehicle))
-        self.stream.show(layout.blueprint([vehicle_name(v) for v in self._vehicles]))
+        if len(self._vehicles) == 1:
+            self._show_pages()
+        else:  # more may follow: a page for each takes a browser a while to take in
+            self._pages_due_us = self._now_us + PAGES_WAIT_US
         self._at_now()
         self._draw_surfaces()
         return True
+
+    def _show_pages(self) -> None:
+        """Arrange a page for each vehicle."""
+        self._pages_due_us = None
+        self.stream.show(layout.blueprint([vehicle_name(v) for v in self._vehicles]))
+
+    def _show_pages_if_due(self) -> None:
+        due_us = self._pages_due_us
+        if due_us is not None and not 0 < due_us - self._now_us <= PAGES_WAIT_US:
+            self._show_pages()
 
     def _leave_out(self, vehicle: VehicleId) -> None:
         if not self._left_out:
@@ -319,9 +336,12 @@ class ViewerSink:
         if curves.is_full(len(self._vehicles)):
             curves.flush(self.stream)
 
-    def _flush_curves(self) -> None:
+    def _flush(self) -> None:
+        """Send what waits: curves, and pages of the latest vehicles."""
         for curves in self._curves.values():
             curves.flush(self.stream)
+        if self._pages_due_us is not None:
+            self._show_pages()
 
     def _introduce(self, name: str) -> None:
         """Shapes, names and colours of a vehicle, once."""

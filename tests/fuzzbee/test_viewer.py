@@ -136,6 +136,18 @@ def test_a_lost_vehicle_is_drawn_although_it_has_no_attitude(tmp_path):
     sink.close()
 
 
+def test_a_fleet_that_appears_gets_its_pages_at_once(tmp_path):
+    """One page for the first vehicle, then one arrangement for all; at the end nothing waits."""
+    sink = Recorded(ViewerOptions(rrd=str(tmp_path / "pages.rrd")), PAPER)
+    streams = [attitudes(VehicleId(n, 1), 30, 100_000) for n in range(1, 6)]
+    for turn in zip(*streams, strict=True):
+        sink.handle(turn)
+    assert sink.pages == [1, 5]
+    sink.handle(list(attitudes(VehicleId(6, 1), 1, 100_000)))
+    sink.close()
+    assert sink.pages == [1, 5, 6]
+
+
 @pytest.mark.parametrize(
     ("rate_rad_s", "live", "off_deg"),
     [((0.0, 0.0, 0.5), True, 10.0), ((0.0, 0.0, 2.0), True, None), ((0.0, 0.0, 2.0), False, 10.0)],
@@ -226,7 +238,7 @@ class Recorded(ViewerSink):
     """Keeps what it sends."""
 
     def __init__(self, *arguments):
-        self.scenes, self.said, self.points = [], [], {}
+        self.scenes, self.said, self.points, self.pages = [], [], {}, []
         super().__init__(*arguments)
         send = self.stream.points
 
@@ -235,6 +247,10 @@ class Recorded(ViewerSink):
             send(path, timeline, times_s, values)
 
         self.stream.points = points
+
+    def _show_pages(self):
+        self.pages.append(len(self._vehicles))
+        super()._show_pages()
 
     def _draw_scene(self, vehicle, seen, scene):
         self.scenes.append(scene)
