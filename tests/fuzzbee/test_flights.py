@@ -69,7 +69,7 @@ def test_sigma_is_honest_at_a_ground_stations_rate():
         has_heading=True,
     )
     assert covered.inclination == pytest.approx(0.895, abs=0.03)
-    assert covered.heading == pytest.approx(0.87, abs=0.03)
+    assert covered.heading == pytest.approx(0.955, abs=0.03)
 
 
 def test_sigma_is_larger_where_errors_are_larger():
