@@ -233,18 +233,19 @@ def test_a_log_is_tuned_where_its_rate_allows(tmp_path, bad_base, capsys):
 
 
 def test_what_gains_nothing_is_not_written_unless_forced(tmp_path, capsys):
-    """Two cycles do not better the shipped profile on what they never saw of a short flight."""
+    """K alone is worth less than 0.1 % of this cost, as it only follows conditioned vectors."""
     file = tmp_path / "x.toml"
-    assert command(SLOW_LOG, "-o", file, *FEW, "--json") == 1
+    few = [*FEW, "--parameters", "gain", "--json"]
+    assert command(SLOW_LOG, "-o", file, *few) == 1
     printed = capsys.readouterr()
     said = json.loads(printed.out)
     assert said["file"] is None
     assert said["held_out_after"] > 0.99 * said["held_out_before"]
     assert "nothing gained on what was held out" in printed.err
     assert not list(tmp_path.iterdir())
-    assert command(SLOW_LOG, "-o", file, *FEW, "--json", "--force") == 0
+    assert command(SLOW_LOG, "-o", file, *few, "--force") == 0
     assert json.loads(capsys.readouterr().out)["file"] == str(file)
-    assert load_profile(str(file)).aiding != {}
+    assert load_profile(str(file)).provenance.options["parameters"] == "gain"
 
 
 def test_a_log_that_is_held_out_is_not_searched_on(tmp_path, bad_base, capsys):
