@@ -294,7 +294,10 @@ def _bar(scene: Scene) -> Iterator[Strip]:
     yield Strip([(-FAR, BAR_Y - FAR / 2.0), (FAR, BAR_Y - FAR / 2.0)], FAR / 2.0, colour)
     y = (Y_RANGE[0] + BAR_Y) / 2.0
     yield from _text(scene.trust.word, (0.0, y), 11.0, PANEL, 1.2)
-    yield from _text(f"{scene.name} {scene.state}", (X_RANGE[0] + 4.0, y), 5.5, PANEL, 0.6, "left")
+    left = X_RANGE[0] + 4.0
+    yield from _text(scene.name, (left, y), 7.5, PANEL, 1.0, "left")
+    left += width(scene.name, 7.5) + 5.0
+    yield from _text(scene.state.value, (left, y), 5.0, PANEL, 0.5, "left")
     yield from _text(scene.note, (X_RANGE[1] - 4.0, y), 5.0, PANEL, 0.5, "right")
 
 
