@@ -6,7 +6,7 @@ from typing import NamedTuple
 import msgspec
 import numpy as np
 
-from drivers.events import Event, Imu, Velocity
+from drivers.events import BodyRates, Event, Imu, Velocity
 from estimator.types import ZERO_VEC3, Vec3
 
 Events = list[Event]
@@ -66,6 +66,21 @@ def keep_one_in(events: Events, n: int) -> Events:
             kept.append(msgspec.structs.replace(event, sample=sample))
             mag = None
         number += 1
+    return kept
+
+
+def slow_down(events: Events) -> Events:
+    """Another ground station slows IMU and ATTITUDE down to 4 Hz again and again."""
+    begin, kept = start_us(events), []
+    last_s: dict[tuple[type, str], float] = {}
+    for event in events:
+        if isinstance(event, Imu | BodyRates):
+            t, stream = 1e-6 * (event.sample.time_us - begin), (type(event), event.message)
+            is_slow = t % 2.0 > 0.9 and t % 7.0 > 1.5
+            if is_slow and t - last_s.get(stream, -1.0) < 0.245:
+                continue
+            last_s[stream] = t
+        kept.append(event)
     return kept
 
 
@@ -161,6 +176,7 @@ CHANGES = (
     Change("every fifth", 40.0, lambda events: keep_one_in(events, 5)),
     Change("every tenth", 40.0, lambda events: keep_one_in(events, 10)),
     Change("every 25th", 40.0, lambda events: keep_one_in(events, 25)),
+    Change("slowed down to 4 Hz in bursts", 40.0, slow_down),
     Change("30 % of the samples lost", 40.0, lose_samples),
     Change("seven gaps of 0.5 to 2.1 s", 40.0, gaps),
     Change("no velocity for 30 s", 40.0, lambda e: velocities(e, lambda t, _: not 150 < t < 180)),

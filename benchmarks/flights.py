@@ -82,6 +82,16 @@ def bad_compass(flight: Flight, rng: Rng) -> Flight:
     return flight._replace(sensors=Sensors(hard_iron=float(iron), current=float(current)))
 
 
+def worse_compass(flight: Flight, _: Rng) -> Flight:
+    """59 mGauss of hard iron, and half as much from the motors."""
+    return flight._replace(sensors=Sensors(hard_iron=0.059, current=0.03))
+
+
+def noisy_at_100_hz(flight: Flight, _: Rng) -> Flight:
+    """Three times the sensors' noise, iron and current, in a companion's fast stream."""
+    return flight._replace(sensors=NOISY, link=Link(period_s=0.01))
+
+
 def at_4_hz(flight: Flight, _: Rng) -> Flight:
     """The rate that a ground station asks for."""
     return flight._replace(link=Link(period_s=0.25))
@@ -117,6 +127,8 @@ CASES: dict[str, Case] = {
     "sound": Case(VEHICLES, lambda f, _: f),
     "noisy": Case(("plane", "copter"), lambda f, _: f._replace(sensors=NOISY)),
     "compass": Case(VEHICLES, bad_compass),
+    "59 mGauss": Case(("copter", "calm copter"), worse_compass),
+    "noisy at 100 Hz": Case(("copter",), noisy_at_100_hz),
     "satellites": Case(
         ("plane", "copter", "rover"),
         lambda f, _: f._replace(trouble=Trouble(lost=(90.0, 120.0), wrong=(150.0, 170.0))),
