@@ -251,7 +251,8 @@ def serve(options: RunOptions, *, verbose: bool) -> int:
     for problem in (failure, *conflicts):
         if problem is not None:
             raise problem
-    heard_nobody = not pipeline.vehicles and not runner.was_stopped
+    heard = pipeline.vehicles or pipeline.refused_frames  # what is refused has been heard, too
+    heard_nobody = not heard and not runner.was_stopped
     return FAILED if heard_nobody and options.seconds is not None else OK
 
 

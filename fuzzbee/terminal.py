@@ -128,9 +128,9 @@ class PersonConsole(Console):
     ``NO_COLOR`` in the environment means no style at all: bold is drawn as a colour by many.
     """
 
-    def __init__(self, *, stderr: bool = False) -> None:
-        colours: Any = {"color_system": None} if os.environ.get("NO_COLOR") else {}
-        super().__init__(stderr=stderr, **colours)
+    def __init__(self, **options: Any) -> None:
+        colours = {"color_system": None} if os.environ.get("NO_COLOR") else {}
+        super().__init__(**{**options, **colours})
 
     def on_broken_pipe(self) -> None:
         """Print no more; rich would close standard output, even if another broke, and exit."""

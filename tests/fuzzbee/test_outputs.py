@@ -8,7 +8,7 @@ from fuzzbee import outputs
 
 def test_a_viewer_without_its_extra_is_refused(monkeypatch):
     monkeypatch.setattr(outputs, "find_spec", lambda _: None)
-    with pytest.raises(InputError, match=r"fuzzbee\[viewer\]"):
+    with pytest.raises(InputError, match=r"\[viewer\]"):
         outputs.viewer_options("web", None)
 
 

@@ -108,6 +108,7 @@ def test_whatever_is_published_neither_ends_watch_nor_reaches_the_terminal(rng):
     for width, is_terminal in ((100, True), (60, False)):
         out, err = io.StringIO(), io.StringIO()
         table = Table.__new__(Table)
+        table._vehicle = None
         consoles = [
             Console(file=file, force_terminal=is_terminal, color_system=None, width=width)
             for file in (out, err)
