@@ -20,7 +20,9 @@ from rich.terminal_theme import MONOKAI
 from drivers.events import Imu
 from drivers.logs.open import open_log
 from estimator.profile import load_profile
-from fuzzbee.terminal import Board, Look, one_vehicle, table
+from fuzzbee.board import Board
+from fuzzbee.terminal import one_vehicle
+from fuzzbee.vehicle_table import Look, table
 from service.pipeline import Pipeline
 from service.records import Output, Published
 

@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     import zenoh
 
     from fuzzbee.keys import Keys
+    from fuzzbee.terminal import TerminalView
     from service.zenoh_session import ZenohOptions
 
 EPILOG = """Examples:
@@ -249,13 +250,16 @@ class Table:
 
     closed = False
 
-    def __init__(self, prefix: str, vehicle: str | None = None) -> None:
+    def __init__(
+        self, prefix: str, vehicle: str | None = None, view: "TerminalView | None" = None
+    ) -> None:
         from fuzzbee.reception import Reception
-        from fuzzbee.terminal import BY_NAME, ORDERS, PersonConsole, TerminalView
+        from fuzzbee.terminal import PersonConsole, TerminalView
+        from fuzzbee.vehicle_table import BY_NAME, ORDERS
 
         self._orders = [BY_NAME, *ORDERS]
         title = f"fuzzbee watch {prefix}/*"
-        self._view = TerminalView(PersonConsole(), PersonConsole(stderr=True), title)
+        self._view = view or TerminalView(PersonConsole(), PersonConsole(stderr=True), title)
         self._view.one = self._view.cursor = self._vehicle = vehicle
         self._reception = Reception(self.say)
 

@@ -81,11 +81,13 @@ def test_a_signal_before_watch_is_ready_ends_it_well(monkeypatch, number):
     assert main(["watch"]) == 0
 
 
-def test_an_interrupted_replay_says_so(monkeypatch):
+def test_an_interrupted_replay_says_so(monkeypatch, tmp_path):
     monkeypatch.setattr(
         "fuzzbee.replays.command._replay_logs", lambda *_, **__: signal.raise_signal(signal.SIGINT)
     )
-    assert main(["replay", "flight.tlog"]) == 130
+    flight = tmp_path / "flight.tlog"
+    flight.touch()
+    assert main(["replay", str(flight)]) == 130
 
 
 def test_a_reader_that_leaves_at_once_is_no_failure():

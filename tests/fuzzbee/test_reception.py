@@ -11,7 +11,7 @@ from rich.console import Console
 
 from fuzzbee.reception import MOST_VEHICLES, Reception
 from fuzzbee.say import printable, say
-from fuzzbee.terminal import PersonConsole, TerminalView
+from fuzzbee.terminal import TerminalView
 from fuzzbee.watch import JsonLines, Table
 from tests.fuzz.cases import built, fuzzed
 from tests.service.records import record as attitude_record
@@ -107,14 +107,12 @@ def test_whatever_is_published_neither_ends_watch_nor_reaches_the_terminal(rng):
     samples = [changed(rng) for _ in range(12)]
     for width, is_terminal in ((100, True), (60, False)):
         out, err = io.StringIO(), io.StringIO()
-        table = Table.__new__(Table)
-        table._vehicle = None
         consoles = [
             Console(file=file, force_terminal=is_terminal, color_system=None, width=width)
             for file in (out, err)
         ]
-        table._view = TerminalView(consoles[0], consoles[1], "watch", now_s=lambda: 1.0)
-        table._reception = Reception(table.say)
+        view = TerminalView(consoles[0], consoles[1], "watch", now_s=lambda: 1.0)
+        table = Table("fuzzbee", view=view)
         try:
             for key, payload in samples:
                 table.show(key, payload)
@@ -159,6 +157,6 @@ def test_lines_for_a_person_are_printable_and_bounded(capsys):
     assert all(line.isprintable() and len(line) < 1200 for line in lines)
     assert r"log \x1b[2J\x1b]0;owned\x07.tlog" in lines[0]
     view_out = io.StringIO()
-    view = TerminalView(PersonConsole(file=view_out), PersonConsole(file=view_out), "run")
+    view = TerminalView(Console(file=view_out), Console(file=view_out), "run")
     view.say("vehicle 1: \x1b[2J[red]STATUSTEXT\nfuzzbee: forged")
     assert view_out.getvalue() == "vehicle 1: \\x1b[2J[red]STATUSTEXT\\nfuzzbee: forged\n"

@@ -5,7 +5,9 @@ import pytest
 from rich.console import Console
 
 from drivers.events import VehicleId
-from fuzzbee.terminal import Board, Look, PersonConsole, Row, TerminalView, lines, summary, table
+from fuzzbee.board import Board, Row
+from fuzzbee.terminal import PersonConsole, TerminalView
+from fuzzbee.vehicle_table import Look, lines, summary, table
 from service.records import AttitudeRecord, Confidence, Message, Published, Sigma, StatusRecord
 
 STATUS = StatusRecord("running", "RAW_IMU", 100.0, 0.01, {}, 0, 0, 0)

@@ -1,0 +1,83 @@
+"""The latest of all vehicles, as views show it."""
+
+import threading
+from typing import NamedTuple
+
+from service.health import State
+from service.records import AttitudeRecord, StatusRecord
+
+SILENT_AFTER_S = 3.0  # a status comes every second
+
+
+class Row(NamedTuple):
+    """The latest of one vehicle; ``heard_s`` is when (monotonic)."""
+
+    name: str
+    attitude: AttitudeRecord | None
+    status: StatusRecord | None
+    attitude_s: float
+    heard_s: float
+    before: StatusRecord | None = None  # the status before
+
+    @property
+    def state(self) -> State:
+        """The state that was published last."""
+        if self.attitude is not None and self.attitude_s >= self.heard_s:
+            return State(self.attitude.state)
+        return State(self.status.state) if self.status is not None else State.WAITING
+
+
+EMPTY = Row(name="", attitude=None, status=None, attitude_s=0.0, heard_s=0.0)
+
+
+class Board:
+    """The latest records of all vehicles; written by one thread, read by another."""
+
+    def __init__(self) -> None:
+        self._rows: dict[str, Row] = {}
+        self._lock = threading.Lock()
+
+    def update(self, name: str, record: AttitudeRecord | StatusRecord, now_s: float) -> None:
+        """Remember a record."""
+        with self._lock:
+            _, attitude, status, attitude_s, _, before = self._rows.get(name, EMPTY)
+            if isinstance(record, AttitudeRecord):
+                attitude, attitude_s = record, now_s
+            else:
+                status, before = record, status
+            # Row._make is the quickest way, and this runs thousands of times a second
+            self._rows[name] = Row._make((name, attitude, status, attitude_s, now_s, before))
+
+    def rows(self) -> list[Row]:
+        """All rows by name, numbers in their order."""
+        with self._lock:
+            rows = list(self._rows.values())
+        return sorted(rows, key=lambda row: [int(part) for part in row.name.split("-")])
+
+
+def current_attitude(row: Row, now_s: float) -> AttitudeRecord | None:
+    """The attitude, or None where the state says that it is no longer valid."""
+    given = row.state in (State.RUNNING, State.DEGRADED) and not is_silent(row, now_s)
+    return row.attitude if given else None
+
+
+def is_silent(row: Row, now_s: float) -> bool:
+    """Whether the service says nothing about it any more."""
+    return now_s - row.heard_s > SILENT_AFTER_S
+
+
+def state_text(row: Row, now_s: float) -> str:
+    """The state in a word, "silent" if the service says nothing about it any more."""
+    return "silent" if is_silent(row, now_s) else row.state.value
+
+
+def age_text(row: Row, now_s: float) -> str:
+    """How old the attitude is by now; nothing without one."""
+    if row.attitude is None:
+        return ""
+    age_ms = row.attitude.age_ms + 1e3 * max(0.0, now_s - row.attitude_s)
+    if age_ms < 1e3:
+        return f"{age_ms:.0f} ms"
+    if age_ms < 100e3:
+        return f"{age_ms / 1e3:.1f} s"
+    return f"{age_ms / 60e3:.0f} min"

@@ -1,0 +1,281 @@
+"""Vehicles as a table that fits a terminal, and as plain lines."""
+
+from collections.abc import Callable
+from typing import NamedTuple
+
+from rich.console import Group, RenderableType
+from rich.table import Table
+from rich.text import Text
+
+from fuzzbee.board import Row, age_text, current_attitude, is_silent, state_text
+from fuzzbee.say import printable
+from fuzzbee.trust import Level, trust
+from service.alarms import MEANINGS, Alarm
+from service.health import State
+from service.records import AttitudeRecord
+
+MAX_LINES = 8  # more vehicles than this share one line
+MOST_WARNINGS = 3  # lines below the table
+FRAME_LINES = 4  # title and header above the rows, summary and cursor below them
+BLOCK_GAP = 3
+# Columns as wide as their values can be, so that nothing moves about
+WIDTHS = {
+    "state": 9,
+    "roll": 7,
+    "pitch": 6,
+    "tilt ±": 6,
+    "heading": 8,
+    "head ±": 6,
+    "gain": 5,
+    "age": 6,
+}
+RATE_WIDTH = 6
+IMU_WIDTH = 11  # HIGHRES_IMU
+NAME_WIDTH = 3  # a system id; with a component the name is longer
+COLOURS = {
+    State.WAITING: "dim",
+    State.ALIGNING: "cyan",
+    State.RUNNING: "green",
+    State.DEGRADED: "yellow",
+    State.LOST: "red",
+}
+# Of a sigma, by how far the attitude can be trusted with it
+DOUBT_COLOURS = {Level.GOOD: "", Level.CARE: "yellow", Level.BAD: "red", Level.NONE: "red"}
+ATTENTION = (State.LOST, State.DEGRADED, State.WAITING, State.ALIGNING, State.RUNNING)
+ARROWS = "↑↗→↘↓↙←↖"  # the heading, north up
+BAR_FULL_GAIN = 101.0  # K = 1 + k_op, k_op up to 100
+BAR_WIDTH = 8
+
+
+class Layout(NamedTuple):
+    """How much of a vehicle is shown, where a line has at least ``width`` columns."""
+
+    width: int
+    sigma: bool = True
+    rates: bool = True  # gain and IMU rate
+    bar: bool = False  # with the name of the IMU message
+    gap: int = 1
+
+
+WIDE = Layout(105, bar=True, gap=2)
+NORMAL = Layout(72)
+COMPACT = Layout(58, rates=False)
+NARROW = Layout(0, sigma=False, rates=False)
+
+
+class Look(NamedTuple):
+    """What stands around the rows: a title, what keys do, and which row they are about."""
+
+    title: str
+    keys: str = ""
+    cursor: str | None = None
+
+
+def table(rows: list[Row], now_s: float, width: int, height: int, look: Look) -> RenderableType:
+    """The rows that fit into ``height`` lines, those that need attention first if not all do.
+
+    Where one column of rows is not enough, several stand side by side.
+    """
+    warned = _warnings(rows, MOST_WARNINGS)
+    room = max(1, height - FRAME_LINES - len(warned) - bool(look.keys))
+    width -= max([0, *(len(row.name) - NAME_WIDTH for row in rows)])
+    most = (width + BLOCK_GAP) // (COMPACT.width + BLOCK_GAP)
+    across = min(most, -(-len(rows) // room))
+    if across > 1:
+        layout = COMPACT
+    else:
+        across = 1
+        layout = next(fits for fits in (WIDE, NORMAL, COMPACT, NARROW) if fits.width <= width)
+    shown = rows
+    if len(rows) > room * across:
+        chosen = {row.name for row in sorted(rows, key=_attention)[: room * across]}
+        shown = [row for row in rows if row.name in chosen]  # in their order: nothing jumps
+    each = max(1, -(-len(shown) // across))
+    blocks = Table.grid(padding=(0, BLOCK_GAP, 0, 0))
+    blocks.add_row(
+        *(_block(shown[n : n + each], now_s, layout, look.cursor) for n in _starts(shown, each))
+    )
+    parts: list[RenderableType] = [Text(look.title, style="bold", no_wrap=True), blocks]
+    if not rows:
+        parts.append(Text("waiting for a vehicle", style="dim italic"))
+    if len(shown) < len(rows):
+        names = {row.name for row in shown}
+        hidden = [row for row in rows if row.name not in names]
+        parts.append(Text(f"… {summary(hidden, 'more')}", style="dim italic"))
+    if look.keys:
+        parts.append(Text(look.keys, style="dim", no_wrap=True))
+    parts += [Text(text, style="yellow", no_wrap=True, overflow="ellipsis") for text in warned]
+    return Group(*parts)
+
+
+def _warnings(rows: list[Row], most: int) -> list[str]:
+    """Lines on what contradicts an attitude; the last one counts those that have no room."""
+    texts = _overload(rows) + [
+        f"! vehicle {row.name}: {meaning(word)}"
+        for row in rows
+        if row.status is not None
+        for word in row.status.warnings
+    ]
+    if len(texts) <= most:
+        return texts
+    return [*texts[: most - 1], f"! and {len(texts) - most + 1} more warnings"]
+
+
+def _overload(rows: list[Row]) -> list[str]:
+    """A line on what an overloaded service leaves out."""
+    statuses = [row.status for row in rows if row.status is not None and row.status.overloaded]
+    if not statuses:
+        return []
+    shed = sum(status.shed for status in statuses)
+    slowest_hz = min(status.published_hz for status in statuses)
+    return [f"! overloaded: {shed} samples left out so far, attitudes at {slowest_hz:.1f} Hz"]
+
+
+def meaning(word: str) -> str:
+    """What a warning says; the word itself if it is of another version."""
+    try:
+        return MEANINGS[Alarm(word)]
+    except ValueError:
+        return printable(word, 40)
+
+
+def _starts(shown: list[Row], each: int) -> range:
+    return range(0, max(1, len(shown)), each)
+
+
+def _block(rows: list[Row], now_s: float, layout: Layout, cursor: str | None) -> Table:
+    view = Table(box=None, header_style="bold", padding=(0, layout.gap, 0, 0), pad_edge=False)
+    view.add_column("vehicle" if layout.bar else "id", no_wrap=True, min_width=NAME_WIDTH)
+    view.add_column("state", no_wrap=True, min_width=WIDTHS["state"])
+    for name in _measures(layout):
+        view.add_column(name, justify="right", no_wrap=True, min_width=WIDTHS[name])
+    if layout.bar:
+        view.add_column("", no_wrap=True, min_width=BAR_WIDTH)
+        view.add_column("IMU", no_wrap=True, min_width=IMU_WIDTH)
+    if layout.rates:
+        view.add_column("IMU Hz", justify="right", no_wrap=True, min_width=RATE_WIDTH)
+    view.add_column("age", justify="right", no_wrap=True, min_width=WIDTHS["age"])
+    for row in rows:
+        view.add_row(*_cells(row, now_s, layout), style="reverse" if row.name == cursor else None)
+    return view
+
+
+def _measures(layout: Layout) -> list[str]:
+    names = [name for name in WIDTHS if name not in ("state", "age")]
+    return [
+        name
+        for name in names
+        if (layout.sigma or "±" not in name) and (layout.rates or name != "gain")
+    ]
+
+
+def lines(rows: list[Row], now_s: float) -> list[str]:
+    """A line a vehicle, or one line for many."""
+    if len(rows) > MAX_LINES:
+        return [summary(rows, "vehicles")]
+    return [_line(row, now_s) for row in rows]
+
+
+def summary(rows: list[Row], noun: str) -> str:
+    """How many there are in which state."""
+    counts = {state: sum(row.state is state for row in rows) for state in ATTENTION}
+    parts = [f"{count} {state}" for state, count in counts.items() if count]
+    return f"{len(rows)} {noun}: {', '.join(parts)}"
+
+
+def _attention(row: Row) -> int:
+    is_warned = row.status is not None and bool(row.status.warnings)
+    return 2 * ATTENTION.index(row.state) - is_warned
+
+
+def _doubt(row: Row) -> float:
+    sigma = None if row.attitude is None else row.attitude.sigma_deg
+    return 0.0 if sigma is None else -max(sigma.inclination, sigma.heading)
+
+
+BY_NAME = "name"
+ORDERS: dict[str, Callable[[Row], float]] = {"attention": _attention, "sigma": _doubt}
+
+
+def _line(row: Row, now_s: float) -> str:
+    start = f"{row.name:>5}  {state_text(row, now_s):<9}"
+    attitude = current_attitude(row, now_s)
+    if attitude is None:
+        return start
+    roll, pitch, yaw = attitude.euler_deg
+    sigma = attitude.sigma_deg
+    return (
+        f"{start} roll {roll:+7.1f}  pitch {pitch:+6.1f} {_sigma(sigma.inclination):<6}"
+        f"  heading {_heading(attitude, yaw)} {_sigma(sigma.heading):<6}"
+        f"  K {attitude.gain:5.1f}  {_rate(row):>6} Hz  age {age_text(row, now_s)}{_words(row)}"
+    )
+
+
+def _words(row: Row) -> str:
+    """The warnings, for the end of a line."""
+    words = () if row.status is None else row.status.warnings
+    if row.status is not None and row.status.overloaded:
+        words = ("overloaded", *words)
+    return "".join(f"  ! {printable(word, 40)}" for word in words)
+
+
+def _cells(row: Row, now_s: float, layout: Layout) -> list[str | Text]:
+    cells: list[str | Text] = [
+        Text(row.name),
+        _state_cell(row, now_s),
+    ]
+    attitude = current_attitude(row, now_s)
+    cells += _attitude_cells(attitude, layout) if attitude else [""] * len(_measures(layout))
+    if layout.bar:
+        imu = (row.status.imu_message if row.status is not None else None) or ""
+        cells += [_bar(attitude.gain) if attitude else "", Text(imu)]
+    if layout.rates:
+        cells.append(_rate(row))
+    return [*cells, age_text(row, now_s)]
+
+
+def _attitude_cells(attitude: AttitudeRecord, layout: Layout) -> list[str | Text]:
+    roll, pitch, yaw = attitude.euler_deg
+    arrow = f" {ARROWS[round(yaw / 45.0) % 8]}" if attitude.heading_reference != "none" else ""
+    sigma = attitude.sigma_deg
+    judged = trust(State(attitude.state), attitude)
+    measures: dict[str, str | Text] = {
+        "roll": f"{roll:+.1f}°",
+        "pitch": f"{pitch:+.1f}°",
+        "tilt ±": Text(_sigma(sigma.inclination), style=DOUBT_COLOURS[judged.horizon]),
+        "heading": f"{_heading(attitude, yaw)}°{arrow}".rjust(WIDTHS["heading"]),
+        "head ±": Text(_sigma(sigma.heading), style=DOUBT_COLOURS[judged.heading]),
+        "gain": f"{attitude.gain:.1f}",
+    }
+    return [measures[name] for name in _measures(layout)]
+
+
+def _state_cell(row: Row, now_s: float) -> Text:
+    """The state; with a mark and in the colour of doubt where something contradicts it."""
+    is_doubtful = row.status is not None and row.status.warnings and not is_silent(row, now_s)
+    if is_doubtful:
+        return Text(f"{state_text(row, now_s)}!", style="bold yellow")
+    return Text(state_text(row, now_s), style=COLOURS[row.state])
+
+
+def _sigma(sigma_deg: float) -> str:
+    """The bound that 68 % of the errors lie under."""
+    return f"±{sigma_deg:.1f}°" if sigma_deg < 99.95 else f"±{sigma_deg:.0f}°"
+
+
+def _heading(attitude: AttitudeRecord, yaw_deg: float) -> str:
+    """Three digits before the point; in brackets if it refers to nothing."""
+    text = f"{yaw_deg % 360:05.1f}"
+    text = "000.0" if text == "360.0" else text
+    return f"({text})" if attitude.heading_reference == "none" else text
+
+
+def _bar(gain: float) -> str:
+    """The gain as a bar, in eighths of a character."""
+    eighths = round(max(0.0, min(1.0, gain / BAR_FULL_GAIN)) * BAR_WIDTH * 8)
+    full, part = divmod(eighths, 8)
+    return ("█" * full + (" ▏▎▍▌▋▊▉"[part] if part else "")).ljust(BAR_WIDTH)
+
+
+def _rate(row: Row) -> str:
+    return f"{row.status.imu_rate_hz:.1f}" if row.status is not None else "?"
