@@ -70,7 +70,7 @@ class AidingParams(NamedTuple):
     give_up_s: Time = 300.0  # after so long without one, velocity is given up
     doubt_s: Time = 1.5  # after so long with reports or field far off, too
     far_heading_rad: Angle = radians(40.0)  # a field this far off is far off
-    gap_s: Time = 1.0  # after so long without IMU samples it begins anew
+    gap_s: Time = 5.0  # after so long without samples (1 s of a slow stream) it begins anew
     unaided_sigma_rad: Angle = radians(5.0)  # of the unaided gravity
     unaided_tau_s: Time = 3.0  # for so long its error stays the same
 

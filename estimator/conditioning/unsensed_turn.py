@@ -39,6 +39,9 @@ LEAST_GRAVITY_SHARE = 0.4
 JUMP_QUICK_S = 0.1
 JUMP_SLOW_S = 0.5
 JUMP_SHARE = 0.535
+# A reading whose norm is off by more than this share shows no turn: a spike, or a magnet. Both
+# low-passes take it slowly, so that they part no further, and follow a field that stays another.
+SPIKE_SHARE = 0.2
 # Averaging (s) of how far a second's mean force usually is off the vertical.
 WANDER_TAU_S = 10.0
 # Averaging (s) of how far they differ usually.
@@ -155,7 +158,9 @@ def watch_field(
     if state.age_s == 0.0:
         return JumpSigns(field_g, field_g, 0.0, turning, unseen, 0.0, dt_s)
     a, b = dt_s / (JUMP_QUICK_S + dt_s), dt_s / (JUMP_SLOW_S + dt_s)
-    quick = add(state.quick, scale(a, subtract(field_g, state.quick)))
+    usual = norm(state.slow)
+    is_other = abs(norm(field_g) - usual) > SPIKE_SHARE * usual
+    quick = add(state.quick, scale(b if is_other else a, subtract(field_g, state.quick)))
     slow = add(state.slow, scale(b, subtract(field_g, state.slow)))
     turned = turn_of(quick, slow)
     c = dt_s / (min(JUMP_USUAL_S, state.age_s) + dt_s)

@@ -1,11 +1,16 @@
 """The stream's usual interval, and what is a gap for it."""
 
+from estimator.conditioning.rate import FAST_STEP_S
+
 # The mean goes back over about this many samples.
 SAMPLES = 10.0
 # One gap is no new rate: an interval counts up to this many usual ones.
 MOST_USUAL = 2.0
-# After so many usual intervals without a sample something is missing, but not before ``gap_s``.
+# After so many usual intervals without a sample something is missing.
 GAP_INTERVALS = 3.0
+# Of a fast stream the readings at the ends of a hole tell how the vehicle was turning there, and
+# velocity corrects within a second what they miss; a slow stream's readings tell less.
+SLOW_GAP_S = 1.0
 
 
 def usual_interval(usual_s: float, dt_s: float) -> float:
@@ -16,5 +21,6 @@ def usual_interval(usual_s: float, dt_s: float) -> float:
 
 
 def is_gap(gap_s: float, usual_s: float, dt_s: float) -> bool:
-    """Whether the vehicle has been out of sight for longer than the stream's rate explains."""
-    return dt_s > gap_s and dt_s > GAP_INTERVALS * usual_s
+    """Whether the vehicle has been out of sight for longer than the estimate goes on through."""
+    longest_s = gap_s if usual_s < FAST_STEP_S else min(gap_s, SLOW_GAP_S)
+    return dt_s > longest_s and dt_s > GAP_INTERVALS * usual_s

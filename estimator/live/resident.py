@@ -26,6 +26,7 @@ from estimator.aiding.witness import compare, hear_report, watch
 from estimator.compilation.compiled import compiled
 from estimator.conditioning.condition import condition
 from estimator.conditioning.rate import slow_share
+from estimator.conditioning.tilt import HOLE_S
 from estimator.conditioning.types import ConditioningParams
 from estimator.filter import kernel
 from estimator.filter.observation import ReferenceParams
@@ -242,7 +243,7 @@ def advance(
         state = follow_conditioned(params.filter, params.reference, inside.filter, seen, dt_s)
         inside.filter = state
         inside.smooth_error = state.error
-        if dt_s > params.aiding.gap_s:  # how the vehicle has turned meanwhile is not known
+        if dt_s > HOLE_S:  # how the vehicle has turned meanwhile is not known
             inside.search = EMPTY_SEARCH
         else:
             inside.search = add_sample(inside.search, memory.gravity.q_g_frd, acc_m_s2, dt_s)
