@@ -1,6 +1,7 @@
 import signal
 import subprocess
 import sys
+from pathlib import Path
 
 import pytest
 
@@ -81,12 +82,11 @@ def test_a_signal_before_watch_is_ready_ends_it_well(monkeypatch, number):
     assert main(["watch"]) == 0
 
 
-def test_an_interrupted_replay_says_so(monkeypatch, tmp_path):
+def test_an_interrupted_replay_says_so(monkeypatch):
     monkeypatch.setattr(
         "fuzzbee.replays.command._replay_logs", lambda *_, **__: signal.raise_signal(signal.SIGINT)
     )
-    flight = tmp_path / "flight.tlog"
-    flight.touch()
+    flight = Path(__file__).parents[1] / "data" / "sub_bluerov.tlog"
     assert main(["replay", str(flight)]) == 130
 
 

@@ -147,7 +147,7 @@ def test_a_gap_begins_anew(flight):
     gapped = estimator()
     flown(gapped, flight)
     assert gapped.snapshot.context.phase is Phase.AIDED
-    later = flight.samples[-1].time_us + 3_000_000
+    later = flight.samples[-1].time_us + 6_000_000
     assert gapped.update(flight.samples[-1]._replace(time_us=later)) is None
     assert gapped.snapshot.context.phase is not Phase.AIDED
 

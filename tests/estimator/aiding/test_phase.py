@@ -8,6 +8,7 @@ from estimator.aiding.search import EMPTY_SEARCH
 from estimator.estimator import Estimator
 from estimator.geometry.quaternion import exp
 from estimator.live.core import UNSEEN, flat
+from estimator.live.interval import is_gap
 from estimator.live.settings import settings_of
 from estimator.profile import load_profile, merge_profile
 from estimator.types import ZERO_VEC3, RateSample, VelocitySample
@@ -73,10 +74,29 @@ def require_nothing_stale(estimator, now):
 
 
 def test_the_field_gives_the_heading_and_a_gap_takes_it(flight):
-    pilot = Pilot(Estimator(TRUE_NORTH), flight).fly(4.0).pause(2.0).fly(0.04, reports=False)
+    pilot = Pilot(Estimator(TRUE_NORTH), flight).fly(4.0).pause(6.0).fly(0.04, reports=False)
     begun = [Phase.EMPTY, Phase.UNAIDED, Phase.SEARCHING, Phase.AIDED]
     assert pilot.phases == [*begun, Phase.UNAIDED]
     assert pilot.fly(3.0).phases[-1] is Phase.AIDED
+
+
+def test_a_fast_stream_is_aided_through_a_hole_of_seconds(flight):
+    pilot = Pilot(Estimator(TRUE_NORTH), flight).fly(4.0).pause(4.0).fly(1.0)
+    assert pilot.phases[-1] is Phase.AIDED
+
+
+@pytest.mark.parametrize(
+    ("usual_s", "hole_s", "is_one"),
+    [
+        (0.02, 4.0, False),
+        (0.02, 6.0, True),
+        (0.25, 0.9, False),
+        (0.25, 1.1, True),
+        (1.0, 2.0, False),
+    ],
+)
+def test_what_is_a_gap_goes_by_the_streams_rate(usual_s, hole_s, is_one):
+    assert is_gap(TRUE_NORTH.aiding.gap_s, usual_s, hole_s) == is_one
 
 
 def test_without_a_field_it_is_searched_for(flight):
@@ -86,7 +106,7 @@ def test_without_a_field_it_is_searched_for(flight):
 
 def test_a_gap_ends_the_search(flight):
     pilot = Pilot(Estimator(TRUE_NORTH), flight, field=False).fly(4.0)
-    pilot.pause(2.0).fly(0.04, reports=False)
+    pilot.pause(6.0).fly(0.04, reports=False)
     assert pilot.phases[-2:] == [Phase.SEARCHING, Phase.UNAIDED]
 
 
@@ -189,8 +209,8 @@ def test_a_gap_whose_turning_others_have_seen_is_none(flight, others_hz, follows
     one = Estimator(TRUE_NORTH)
     pilot = Pilot(one, flight).fly(4.0)
     now_us = one.snapshot.context.time_us
-    for k in range(1, round(2.0 * others_hz)):
+    for k in range(1, round(6.0 * others_hz)):
         rate = flight.samples[pilot.k - 1].gyr_rad_s
         one.update_rate(RateSample(now_us + round(1e6 * k / others_hz), rate))
-    pilot.pause(2.0).fly(0.02, reports=False)
+    pilot.pause(6.0).fly(0.02, reports=False)
     assert pilot.phases[-1] is follows
