@@ -96,7 +96,7 @@ def test_a_fast_stream_is_aided_through_a_hole_of_seconds(flight):
     ],
 )
 def test_what_is_a_gap_goes_by_the_streams_rate(usual_s, hole_s, is_one):
-    assert is_gap(TRUE_NORTH.aiding.gap_s, usual_s, hole_s) == is_one
+    assert is_gap(settings_of(TRUE_NORTH).aiding.gap_s, usual_s, hole_s) == is_one
 
 
 def test_without_a_field_it_is_searched_for(flight):
