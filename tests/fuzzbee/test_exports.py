@@ -3,6 +3,7 @@
 import csv
 import json
 import re
+from contextlib import closing
 from pathlib import Path
 
 import numpy as np
@@ -60,8 +61,9 @@ def test_dates_are_those_of_the_log(capsys, tmp_path):
     """The log's own stamps, read by pymavlink, carried over to a clock that is steady."""
     from pymavlink import mavutil
 
-    log = mavutil.mavlink_connection(str(LOG))
-    stamps = [message._timestamp for message in iter(lambda: log.recv_match(type="RAW_IMU"), None)]
+    with closing(mavutil.mavlink_connection(str(LOG))) as log:
+        messages = iter(lambda: log.recv_match(type="RAW_IMU"), None)
+        stamps = [message._timestamp for message in messages]
     replay(capsys, LOG, "--csv", tmp_path / "a.csv", "--json")
     with (tmp_path / "a.csv").open(newline="") as file:
         rows = list(csv.DictReader(file))
