@@ -279,7 +279,7 @@ def _start_and_await(command: list[str]) -> subprocess.Popen[str]:
         text=True,
         env={**os.environ, "COLUMNS": "500"},
     )
-    await_word(service.stderr, "connected")
+    await_word(service.stderr, "listening")
     return service
 
 

@@ -96,7 +96,7 @@ def main() -> None:
     vehicles: dict[int, Vehicle] = {}
     period_s, overruns = 1.0 / float(rate_hz), 0
     with zenoh.open(config) as session:
-        print("connected", file=sys.stderr, flush=True)
+        print("listening", file=sys.stderr, flush=True)
         due_s = time.monotonic() + period_s
         while not stopped:
             left_s = due_s - time.monotonic()

@@ -95,7 +95,7 @@ def play(frames: list[tuple[float, bytes]], record: Path, rate_hz: float) -> Liv
     service = subprocess.Popen(  # noqa: S603
         command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
     )
-    await_word(service.stderr, "connected")
+    await_word(service.stderr, "listening")
     published: list[AttitudeRecord] = []
     decode = msgspec.json.Decoder(AttitudeRecord).decode
 
