@@ -4,6 +4,22 @@ from collections import Counter
 from typing import NamedTuple
 
 from drivers.events import Shed, VehicleId
+from drivers.mavlink.constants import (
+    ATTITUDE_ID,
+    ATTITUDE_QUATERNION_ID,
+    EKF_STATUS_REPORT_ID,
+    ESTIMATOR_STATUS_ID,
+    GLOBAL_POSITION_INT_ID,
+    GPS_RAW_INT_ID,
+    HIGHRES_IMU_ID,
+    LOCAL_POSITION_NED_ID,
+    RAW_IMU_ID,
+    SCALED_IMU2_ID,
+    SCALED_IMU3_ID,
+    SCALED_IMU_ID,
+    SIM_STATE_ID,
+    SIMSTATE_ID,
+)
 from drivers.mavlink.framing import Frame
 from drivers.mavlink.imu_messages import imu_message_name
 
@@ -11,20 +27,20 @@ from drivers.mavlink.imu_messages import imu_message_name
 # who is there (HEARTBEAT) is never left out.
 STREAMS = frozenset(
     {
-        26,  # SCALED_IMU
-        27,  # RAW_IMU
-        105,  # HIGHRES_IMU
-        116,  # SCALED_IMU2
-        129,  # SCALED_IMU3
-        24,  # GPS_RAW_INT
-        30,  # ATTITUDE
-        31,  # ATTITUDE_QUATERNION
-        32,  # LOCAL_POSITION_NED
-        33,  # GLOBAL_POSITION_INT
-        108,  # SIM_STATE
-        164,  # SIMSTATE
-        193,  # EKF_STATUS_REPORT
-        230,  # ESTIMATOR_STATUS
+        SCALED_IMU_ID,
+        RAW_IMU_ID,
+        HIGHRES_IMU_ID,
+        SCALED_IMU2_ID,
+        SCALED_IMU3_ID,
+        GPS_RAW_INT_ID,
+        ATTITUDE_ID,
+        ATTITUDE_QUATERNION_ID,
+        LOCAL_POSITION_NED_ID,
+        GLOBAL_POSITION_INT_ID,
+        SIM_STATE_ID,
+        SIMSTATE_ID,
+        EKF_STATUS_REPORT_ID,
+        ESTIMATOR_STATUS_ID,
     }
 )
 

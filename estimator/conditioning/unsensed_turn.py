@@ -25,7 +25,7 @@ from estimator.geometry.quaternion import (
     scale,
     subtract,
 )
-from estimator.types import Vec3
+from estimator.types import STANDARD_GRAVITY_M_S2, Vec3
 
 HALF_TURN_VARIANCE = pi**2  # after a turn of gravity any heading is possible
 # A heading this uncertain (rad, sigma) follows the field anyway: no alarm is needed.
@@ -52,7 +52,6 @@ SCATTER_TAU_S = 20.0
 KNOWN_HEADING_SIGMA = 0.2
 # Averaging (s) of how far the low-passed force has another size than gravity.
 UNEVEN_TAU_S = 15.0
-STANDARD_GRAVITY_M_S2 = 9.80665
 
 # A single sample is a sign of no more than this (s), however long its step: of slow streams
 # several in a row have to agree.
