@@ -9,6 +9,7 @@ from drivers.endpoint import Endpoint
 from drivers.events import Event
 from drivers.mavlink.gate import Policy
 from drivers.mavlink.recorder import Recorder
+from drivers.mavlink.taker import FrameTaker
 from estimator.errors import InputError
 
 if TYPE_CHECKING:
@@ -85,11 +86,13 @@ def open_live(
     key: bytes | None = None,
     *,
     references: bool = True,
+    taker: FrameTaker | None = None,
 ) -> LiveSource:
     """The source for ``endpoint``, to be entered by the caller.
 
     ``policy`` says which frames a link lets in; ``key`` signs what it sends. Without
-    ``references`` attitudes of others are left out, which spares most of the decoding.
+    ``references`` attitudes of others are left out, which spares most of the decoding. A link's
+    frames go to the ``taker``, if there is one, instead of being decoded.
 
     Raises:
         InputError: the endpoint is a log, or ``sim:`` is to be recorded or asked for a rate.
@@ -100,7 +103,13 @@ def open_live(
         from drivers.mavlink.link import MavlinkLink
 
         return MavlinkLink(
-            endpoint, recorder, request_rate_hz, policy=policy, key=key, references=references
+            endpoint,
+            recorder,
+            request_rate_hz,
+            policy=policy,
+            key=key,
+            references=references,
+            taker=taker,
         )
     if recorder is not None or request_rate_hz is not None:
         raise InputError("sim: has no MAVLink to record or to ask: start fuzzbee sim --to URL")

@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from estimator.profile import Profile
     from fuzzbee.retuning import Retuning
     from fuzzbee.terminal import TerminalView
+    from service.counts import Counts
     from service.parameters import ParameterRequests
     from service.pipeline import Pipeline
     from service.runner import Runner
@@ -255,19 +256,23 @@ def summary(
         "malformed": pipeline.malformed,
         "refused": dict(sorted(pipeline.refused_frames.items())),
         "vehicles": {
-            vehicle.name: {
-                "state": vehicle.state.value,
-                "motion": vehicle.built_in_motion,
-                "imu_message": vehicle.imu_message,
-                "imu_rate_hz": round(vehicle.median_rate_hz, 3),
-                "worst_gap_s": vehicle.worst_gap_us / 1e6,
-                "samples": vehicle.samples,
-                "shed": vehicle.shed,
-                "attitudes": vehicle.attitudes,
-                "rejected": dict(sorted(vehicle.rejected.items())),
-            }
-            for vehicle in pipeline.vehicles
+            vehicle.name: vehicle_summary(vehicle.counts) for vehicle in pipeline.vehicles
         },
+    }
+
+
+def vehicle_summary(counts: "Counts") -> dict[str, Any]:
+    """One vehicle's part of the result."""
+    return {
+        "state": counts.state,
+        "motion": counts.motion,
+        "imu_message": counts.imu_message,
+        "imu_rate_hz": round(counts.imu_rate_hz, 3),
+        "worst_gap_s": counts.worst_gap_us / 1e6,
+        "samples": counts.samples,
+        "shed": counts.shed,
+        "attitudes": counts.attitudes,
+        "rejected": counts.rejected,
     }
 
 

@@ -41,13 +41,7 @@ class ParameterRequests:
             InputError: the loop refused it.
             TimeoutError: the loop is too busy, or not running.
         """
-        if self._closed:
-            raise TimeoutError("the service is ending")
-        answer: Future[Profile] = Future()
-        try:
-            self._queue.put_nowait(_Request(vehicle, partial, retuned, answer))
-        except Full:
-            raise TimeoutError("too many requests") from None
+        answer = self.post(vehicle, partial, retuned)
         try:
             return answer.result(ANSWER_TIMEOUT_S)
         except TimeoutError:
@@ -56,6 +50,23 @@ class ParameterRequests:
             raise TimeoutError("the service did not answer in time") from None
         except CancelledError:
             raise TimeoutError("the service is ending") from None
+
+    def post(
+        self, vehicle: VehicleId, partial: dict[str, Any], retuned: str | None = None
+    ) -> "Future[Profile]":
+        """The same without waiting; the answer comes, or is cancelled.
+
+        Raises:
+            TimeoutError: too many wait already, or nobody will answer any more.
+        """
+        if self._closed:
+            raise TimeoutError("the service is ending")
+        answer: Future[Profile] = Future()
+        try:
+            self._queue.put_nowait(_Request(vehicle, partial, retuned, answer))
+        except Full:
+            raise TimeoutError("too many requests") from None
+        return answer
 
     def serve(self, replace: Replace) -> None:
         """Answer the waiting requests; called by the loop."""

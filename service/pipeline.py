@@ -36,6 +36,8 @@ from estimator.errors import InputError
 from estimator.estimator import Estimator
 from estimator.profile import Profile, load_profile, merge_profile
 from estimator.reasons import Reason
+from service.counts import Counts
+from service.link_lines import LinkLines
 from service.load import Load
 from service.records import Message, Output, Peer, Published, Replaced
 from service.vehicle import Vehicle
@@ -63,7 +65,7 @@ class Pipeline:
     ) -> None:
         self.profile = profile
         self.malformed = 0
-        self._links_up: set[str] = set()
+        self._links = LinkLines()
         self.refused_vehicles = 0
         self.refused_frames: Counter[Reason] = Counter()
         self._system_id = system_id
@@ -85,6 +87,14 @@ class Pipeline:
     def vehicle(self, address: VehicleId) -> Vehicle | None:
         """The vehicle of that address, if it has been seen."""
         return self._vehicles.get(address)
+
+    def inherit(self, address: VehicleId, profile: Profile | None, counts: Counts) -> None:
+        """Go on for another pipeline that had this vehicle, with its profile and counts."""
+        vehicle = self._meet(address)
+        if vehicle is not None:
+            vehicle.inherit(counts)
+            if profile is not None:
+                vehicle.replace_profile(profile)
 
     def handle(self, event: Event) -> list[Output]:
         """Take one event; returns the lines that a person should see at once."""
@@ -136,14 +146,8 @@ class Pipeline:
                 is_wanted = address is None or self._is_wanted(address)
                 if is_wanted and not self._is_settled(event):
                     return [Message(text)]
-            case LinkUp(endpoint=endpoint):
-                self._links_up.add(endpoint)
-                return [Message(_link_text(endpoint))]
-            case LinkDown(endpoint=endpoint, reason=reason):
-                if endpoint not in self._links_up:
-                    return [Message(f"{endpoint}: {reason}; trying again")]
-                self._links_up.discard(endpoint)
-                return [Message(f"{endpoint} lost: {reason}; trying again")]
+            case LinkUp() | LinkDown():
+                return [Message(self._links.line(event))]
         return []
 
     def tick(self, now_us: int, load: Load = Load()) -> list[Output]:  # noqa: B008 - immutable
@@ -251,21 +255,6 @@ class Pipeline:
             return False
         self._next_status_us = due + STATUS_PERIOD_US
         return True
-
-
-def _link_text(endpoint: str) -> str:
-    """What is known of a link that works: of UDP and a device only that our end of it is open."""
-    kind, _, _ = endpoint.partition(":")
-    match kind:
-        case "udpin":
-            return f"listening on {endpoint}"
-        case "udpout":
-            return f"sending to {endpoint}"
-        case "sim":
-            return f"{endpoint} started"
-        case "tcp" | "tcpin":
-            return f"{endpoint} connected"
-    return f"{endpoint} open"
 
 
 def _messages(texts: list[str]) -> list[Output]:

@@ -20,7 +20,7 @@ from service.overload import Overload, Shedding
 from service.parameters import ParameterRequests
 from service.pipeline import Pipeline
 from service.records import Message, Output
-from service.sinks.outbox import Outbox
+from service.sinks.outbox import OutputTaker
 
 MAX_CATCH_UP_S = 0.25
 # At most so many events between two looks at the schedule: a backlog must not delay the ticks.
@@ -61,7 +61,7 @@ class Runner:
         self,
         source: LiveSource,
         pipeline: Pipeline,
-        outbox: Outbox,
+        outbox: OutputTaker,
         *,
         rate_hz: float,
         now_us: Callable[[], int] = lambda: time.time_ns() // 1000,

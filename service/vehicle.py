@@ -22,6 +22,7 @@ from estimator.types import ImuSample
 from service import health, host_clock, imu_choice, velocity_choice
 from service.alarms import MEANINGS, Alarm, Alarms
 from service.attitude_record import Stamp, attitude_record, is_finite
+from service.counts import Counts
 from service.health import Health, State
 from service.host_clock import HostClock
 from service.imu_choice import ImuChoice
@@ -255,6 +256,31 @@ class Vehicle:
         )
         self._statuses += 1
         return record
+
+    @property
+    def counts(self) -> Counts:
+        """What was counted so far."""
+        return Counts(
+            state=self.state.value,
+            motion=self.built_in_motion,
+            imu_message=self.imu_message,
+            imu_rate_hz=self.median_rate_hz,
+            worst_gap_us=self.worst_gap_us,
+            samples=self.samples,
+            shed=self.shed,
+            attitudes=self.attitudes,
+            statuses=self._statuses,
+            rejected=dict(sorted(self.rejected.items())),
+        )
+
+    def inherit(self, counts: Counts) -> None:
+        """Go on counting for a service that had this vehicle before."""
+        self.worst_gap_us = counts.worst_gap_us
+        self.samples = counts.samples
+        self.shed = counts.shed
+        self.attitudes = counts.attitudes
+        self._statuses = counts.statuses
+        self.rejected.update({Reason(word): count for word, count in counts.rejected.items()})
 
     @property
     def imu_rate_hz(self) -> float:

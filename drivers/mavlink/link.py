@@ -34,6 +34,7 @@ from drivers.mavlink.gate import FrameGate, Policy
 from drivers.mavlink.hearing import Hearing
 from drivers.mavlink.recorder import Recorder
 from drivers.mavlink.stream_request import Outgoing, StreamRequest
+from drivers.mavlink.taker import FrameTaker
 from drivers.mavlink.thinning import Arrived, newest
 from drivers.mavlink.transports.open import open_transport
 from drivers.mavlink.transports.transport import LinkError
@@ -65,7 +66,7 @@ class MavlinkLink(Closing):
     frame that is let in; it stays the caller's to close. ``dropped`` counts the
     events lost because nobody drained them (the oldest go first). ``policy`` says
     what is let in, ``key`` signs what we send, and without ``references`` attitudes
-    of others are not decoded.
+    of others are not decoded. A ``taker`` gets the frames in the decoder's place.
 
     Raises:
         InputError: on entering, when the port is taken, the device missing or
@@ -83,6 +84,7 @@ class MavlinkLink(Closing):
         policy: Policy = Policy(),  # noqa: B008 - immutable
         key: bytes | None = None,
         references: bool = True,
+        taker: FrameTaker | None = None,
     ) -> None:
         self._endpoint = endpoint
         self._transport = open_transport(endpoint)
@@ -90,6 +92,7 @@ class MavlinkLink(Closing):
         self._request = None if request_rate_hz is None else StreamRequest(request_rate_hz)
         self._queue = EventQueue(queue_events)
         self._decoder = MavlinkDecoder(references=references)
+        self._taker = taker
         self._gate = FrameGate(policy)
         self._key = key
         self._stamp = None if policy.signing is None else policy.signing.stamp
@@ -245,8 +248,11 @@ class MavlinkLink(Closing):
         if self._backlog.interval_s > 0.0:
             arrived, shed = newest(arrived)
             events += shed
-        for arrival_us, frame in arrived:
-            events += self._decoder.events(frame, arrival_us)
+        if self._taker is not None:
+            self._hand_over(arrived, self._taker, now_us)
+        else:
+            for arrival_us, frame in arrived:
+                events += self._decoder.events(frame, arrival_us)
         events += self._gate.take_refused(now_us)
         if self._request is not None:
             events += self._requests(self._request, events, now_us)
@@ -267,11 +273,18 @@ class MavlinkLink(Closing):
         out = request.tick(now_us)
         for event in events:
             out += request.handle(event, now_us)
-        for each in out:
-            if isinstance(each, Outgoing):
-                encoder = self._encoder(each.system_id)
-                self._outgoing.append(encoder.frame(each.message, now_us))
+        self._queue_messages([each for each in out if isinstance(each, Outgoing)], now_us)
         return [each for each in out if isinstance(each, Notice)]
+
+    def _hand_over(self, arrived: list[Arrived], taker: FrameTaker, now_us: int) -> None:
+        """Give the frames away; what has to be sent because of them comes back."""
+        taker.take(arrived)
+        self._queue_messages(taker.outgoing(), now_us)
+
+    def _queue_messages(self, messages: list[Outgoing], now_us: int) -> None:
+        for each in messages:
+            encoder = self._encoder(each.system_id)
+            self._outgoing.append(encoder.frame(each.message, now_us))
 
     def _send_due(self) -> None:
         now_s = time.monotonic()

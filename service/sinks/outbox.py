@@ -2,12 +2,27 @@
 
 import time
 from collections.abc import Sequence
-from typing import Self
+from typing import Protocol, Self
 
 from service.records import Message, Output
 from service.sinks.sink import Outlet, Sink
 
 CLOSE_TIMEOUT_S = 0.7  # for all sinks together: the command ends within a second
+
+
+class OutputTaker(Protocol):
+    """Where the loop puts what it has made."""
+
+    @property
+    def dropped(self) -> int:
+        """Records that were lost because nobody took them in time."""
+
+    @property
+    def lag_s(self) -> float:
+        """How long records have waited for want of computing time."""
+
+    def put(self, outputs: list[Output]) -> None:
+        """Take outputs; never blocks."""
 
 
 class Outbox:

@@ -1,0 +1,16 @@
+"""Who may take a link's frames in the decoder's place."""
+
+from typing import Protocol
+
+from drivers.mavlink.stream_request import Outgoing
+from drivers.mavlink.thinning import Arrived
+
+
+class FrameTaker(Protocol):
+    """Takes the frames that were let in, and recorded. The reader's thread calls it."""
+
+    def take(self, arrived: list[Arrived]) -> None:
+        """All frames of one look at the link, perhaps none; must not block."""
+
+    def outgoing(self) -> list[Outgoing]:
+        """The messages for vehicles that have come together since the last call."""
