@@ -154,6 +154,16 @@ class Shed(Value, frozen=True):
     samples: int
 
 
+class Forgotten(Value, frozen=True):
+    """A silent sender's place was given to another: its clock is not known any more.
+
+    Whatever else is remembered of it belongs to that clock. If it comes back it is a new one.
+    """
+
+    vehicle: VehicleId
+    arrival_us: int
+
+
 class RefusedFrames(Value, frozen=True):
     """Frames that were not let in; the address is what they claim, which nobody has proven."""
 
@@ -211,6 +221,7 @@ Event = (
     | TrackLost
     | Rejected
     | Shed
+    | Forgotten
     | RefusedFrames
     | Notice
     | Malformed

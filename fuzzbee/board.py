@@ -7,6 +7,7 @@ from service.health import State
 from service.records import AttitudeRecord, StatusRecord
 
 SILENT_AFTER_S = 3.0  # a status comes every second
+MOST_ROWS = 512  # then the one that has been silent for longest makes room
 
 
 class Row(NamedTuple):
@@ -40,6 +41,8 @@ class Board:
     def update(self, name: str, record: AttitudeRecord | StatusRecord, now_s: float) -> None:
         """Remember a record."""
         with self._lock:
+            if name not in self._rows and len(self._rows) >= MOST_ROWS:
+                del self._rows[min(self._rows.values(), key=lambda row: row.heard_s).name]
             _, attitude, status, attitude_s, _, before = self._rows.get(name, EMPTY)
             if isinstance(record, AttitudeRecord):
                 attitude, attitude_s = record, now_s
@@ -47,6 +50,11 @@ class Board:
                 status, before = record, status
             # Row._make is the quickest way, and this runs thousands of times a second
             self._rows[name] = Row._make((name, attitude, status, attitude_s, now_s, before))
+
+    def remove(self, name: str) -> None:
+        """Forget a vehicle."""
+        with self._lock:
+            self._rows.pop(name, None)
 
     def rows(self) -> list[Row]:
         """All rows by name, numbers in their order."""

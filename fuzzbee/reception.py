@@ -1,6 +1,7 @@
 """What ``watch`` takes from the network: records that can be shown, of vehicles that can be."""
 
 import re
+import time
 from collections.abc import Callable, Iterator
 from typing import Any
 
@@ -12,7 +13,8 @@ from service.records import SCHEMA, AttitudeRecord, StatusRecord
 
 # In bytes. Our largest record, a status with every reason for refusal, has less than 5000.
 LONGEST_PAYLOAD = 16_384
-MOST_VEHICLES = 1000
+MOST_VEHICLES = 1000  # at once
+SILENT_S = 10.0  # who says nothing for so long makes room for others
 NAME = re.compile(r"[0-9]{1,3}(-[0-9]{1,3})?")
 IMU_MESSAGE = re.compile(r"[A-Z0-9_]{1,32}")
 STATES = frozenset(state.value for state in State)
@@ -29,10 +31,14 @@ Record = AttitudeRecord | StatusRecord
 class Reception:
     """Turns keys and payloads into records; says once for each reason why some are refused."""
 
-    def __init__(self, say: Callable[[str], None]) -> None:
+    def __init__(
+        self, say: Callable[[str], None], now_s: Callable[[], float] = time.monotonic
+    ) -> None:
         self._say = say
+        self._now_s = now_s
         self._told: set[str] = set()
-        self._names: set[str] = set()
+        self._heard_s: dict[str, float] = {}  # by name
+        self._full_s: float | None = None  # nobody made room then
 
     def record(self, key: str, payload: bytes) -> tuple[str, Record] | None:
         """The vehicle's name and its record, or None."""
@@ -47,7 +53,7 @@ class Reception:
     def _record(self, name: str, kind: str, payload: bytes) -> Record:
         if not NAME.fullmatch(name):
             raise ValueError("its key names no vehicle")
-        if name not in self._names and len(self._names) >= MOST_VEHICLES:
+        if name not in self._heard_s and not self._has_room():
             raise ValueError(f"there are more than {MOST_VEHICLES} vehicles")
         if len(payload) > LONGEST_PAYLOAD:
             raise ValueError(f"it has more than {LONGEST_PAYLOAD} bytes")
@@ -59,8 +65,19 @@ class Reception:
         fault = _fault(record)
         if fault is not None:
             raise ValueError(fault)
-        self._names.add(name)
+        self._heard_s[name] = self._now_s()
         return record
+
+    def _has_room(self) -> bool:
+        """Whether one more can be shown; the silent are looked for once in a while."""
+        if len(self._heard_s) < MOST_VEHICLES:
+            return True
+        now_s = self._now_s()
+        if self._full_s is not None and now_s - self._full_s < SILENT_S:
+            return False
+        self._heard_s = {name: at for name, at in self._heard_s.items() if now_s - at < SILENT_S}
+        self._full_s = now_s if len(self._heard_s) >= MOST_VEHICLES else None
+        return self._full_s is None
 
     def _tell(self, reason: str, key: str) -> None:
         if reason not in self._told:

@@ -90,7 +90,8 @@ def serve(options: RunOptions, *, verbose: bool) -> int:
     for problem in (failure, *conflicts):
         if problem is not None:
             raise problem
-    heard = pipeline.vehicles or pipeline.refused_frames  # what is refused has been heard, too
+    # what is refused has been heard, too
+    heard = pipeline.vehicles or pipeline.departures.vehicles or pipeline.refused_frames
     heard_nobody = not heard and not runner.was_stopped
     return FAILED if heard_nobody and options.seconds is not None else OK
 
@@ -255,6 +256,11 @@ def summary(
         "dropped": dropped,
         "malformed": pipeline.malformed,
         "refused": dict(sorted(pipeline.refused_frames.items())),
+        "departed": {
+            "vehicles": pipeline.departures.vehicles,
+            "samples": pipeline.departures.samples,
+            "attitudes": pipeline.departures.attitudes,
+        },
         "vehicles": {
             vehicle.name: vehicle_summary(vehicle.counts) for vehicle in pipeline.vehicles
         },
@@ -283,11 +289,13 @@ def _report(result: dict[str, Any], *, as_json: bool) -> None:
         print(json.dumps(result), flush=True)
         return
     vehicles = result["vehicles"]
-    if not vehicles:
+    departed = result["departed"]
+    number = len(vehicles) + departed["vehicles"]
+    if not number:
         say(f"no vehicle was heard on {result['source']} in {result['seconds']:.1f} s")
         return
-    attitudes = sum(vehicle["attitudes"] for vehicle in vehicles.values())
+    attitudes = sum(vehicle["attitudes"] for vehicle in vehicles.values()) + departed["attitudes"]
     say(
-        f"{attitudes} attitudes of {len(vehicles)} vehicle{'s' * (len(vehicles) != 1)}"
+        f"{attitudes} attitudes of {number} vehicle{'s' * (number != 1)}"
         f" in {result['seconds']:.1f} s, {result['overruns']} overruns"
     )

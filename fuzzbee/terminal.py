@@ -12,7 +12,7 @@ from fuzzbee.board import Board, Row, age_text, current_attitude, is_silent
 from fuzzbee.instrument import Ink, Seen, has_room, screen
 from fuzzbee.say import printable
 from fuzzbee.vehicle_table import BY_NAME, ORDERS, Look, lines, table
-from service.records import Message, Output, Published, vehicle_name
+from service.records import Departed, Message, Output, Published, vehicle_name
 
 if TYPE_CHECKING:
     from rich.live import Live
@@ -77,6 +77,8 @@ class TerminalView:
                     self.say(text)
                 case Published(vehicle=vehicle, record=record):
                     self.board.update(vehicle_name(vehicle), record, self._now_s())
+                case Departed(vehicle=vehicle):
+                    self.board.remove(vehicle_name(vehicle))
         self.refresh()
 
     def say(self, text: str) -> None:

@@ -14,6 +14,7 @@ from drivers.events import (
     BuiltIn,
     ClockReset,
     Event,
+    Forgotten,
     Heartbeat,
     Imu,
     LinkDown,
@@ -37,9 +38,11 @@ from estimator.estimator import Estimator
 from estimator.profile import Profile, load_profile, merge_profile
 from estimator.reasons import Reason
 from service.counts import Counts
+from service.departures import Departures
 from service.link_lines import LinkLines
 from service.load import Load
-from service.records import Message, Output, Peer, Published, Replaced
+from service.records import Departed, Message, Output, Peer, Published, Replaced, vehicle_name
+from service.talk import Talk
 from service.vehicle import Vehicle
 
 # A system id has one vehicle; more than this on one link is noise or an attack.
@@ -72,6 +75,9 @@ class Pipeline:
         self._new_estimator = new_estimator
         self._fits_built_in = fits_built_in
         self._vehicles: dict[VehicleId, Vehicle] = {}
+        self.departures = Departures()
+        self._departed: list[VehicleId] = []  # since the last tick
+        self._departure_talk = Talk("vehicles")
         self._next_status_us: int | None = None
         self._turn = 0  # whose turn it is, where not all are published at each tick
         # the latest since the last tick; they come faster than anybody needs them
@@ -81,7 +87,7 @@ class Pipeline:
 
     @property
     def vehicles(self) -> tuple[Vehicle, ...]:
-        """All vehicles so far, in the order of their appearance."""
+        """All vehicles but those that are forgotten, in the order of their appearance."""
         return tuple(self._vehicles.values())
 
     def vehicle(self, address: VehicleId) -> Vehicle | None:
@@ -127,13 +133,12 @@ class Pipeline:
             case Shed(vehicle=address):
                 if address in self._vehicles:
                     self._vehicles[address].on_shed(event)
-            case RefusedFrames(vehicle=address, reason=reason, frames=frames):
-                self.refused_frames[reason] += frames
-                if address in self._vehicles:  # whoever is refused makes no vehicle appear
-                    self._vehicles[address].reject(reason, frames)
-            case Heartbeat(vehicle=address, autopilot=autopilot, vehicle_type=kind):
-                if is_autopilot(autopilot, kind):
-                    self._meet(address)
+            case Forgotten(vehicle=address):
+                self._forget(address)
+            case RefusedFrames():
+                self._on_refused(event)
+            case Heartbeat():
+                self._on_heartbeat(event)
             case BuiltIn(vehicle=address):
                 vehicle = self._vehicles.get(address) or self._meet(address)
                 return [] if vehicle is None else self._fit(vehicle, event)
@@ -152,14 +157,17 @@ class Pipeline:
 
     def tick(self, now_us: int, load: Load = Load()) -> list[Output]:  # noqa: B008 - immutable
         """The attitudes at ``now_us`` (host time), and each second the statuses."""
-        outputs: list[Output] = [*self._replaced.values(), *self._peers.values()]
+        status_due = self._take_status_turn(now_us)
+        if status_due:
+            self._forget_silent(now_us)
+        outputs = self._take_departed(now_us)
+        outputs += [*self._replaced.values(), *self._peers.values()]
         for address in self._replaced.keys() - self._fitted:
             vehicle, why = self._vehicles[address], self._replaced[address].retuned
             outputs += _messages(vehicle.on_profile(now_us, why))
         self._replaced.clear()
         self._fitted.clear()
         self._peers.clear()
-        status_due = self._take_status_turn(now_us)
         self._turn += 1
         for number, vehicle in enumerate(self._vehicles.values(), start=self._turn):
             outputs += _messages(vehicle.on_time(now_us))
@@ -194,6 +202,18 @@ class Pipeline:
             vehicle.note_retuned(retuned)
         self._replaced[address] = Replaced(address, profile, retuned)
         return profile
+
+    def _on_heartbeat(self, event: Heartbeat) -> None:
+        if not is_autopilot(event.autopilot, event.vehicle_type):
+            return
+        vehicle = self._meet(event.vehicle)
+        if vehicle is not None:
+            vehicle.heard_us = event.arrival_us
+
+    def _on_refused(self, event: RefusedFrames) -> None:
+        self.refused_frames[event.reason] += event.frames
+        if event.vehicle in self._vehicles:  # whoever is refused makes no vehicle appear
+            self._vehicles[event.vehicle].reject(event.reason, event.frames)
 
     def _fit(self, vehicle: Vehicle, event: BuiltIn) -> list[Output]:
         """Take the profile that fits fuzzbee's own vehicle, unless another one was asked for."""
@@ -233,9 +253,39 @@ class Pipeline:
         if len(self._vehicles) >= MAX_VEHICLES:
             self.refused_vehicles += 1
             return None
-        vehicle = Vehicle(address, self.profile, self._new_estimator(self.profile))
+        kept = self.departures.take_profile(address)
+        profile = kept or self.profile
+        vehicle = Vehicle(address, profile, self._new_estimator(profile))
         self._vehicles[address] = vehicle
+        if kept is not None:
+            self._replaced[address] = Replaced(address, kept)
         return vehicle
+
+    def _forget_silent(self, now_us: int) -> None:
+        heard_us = {address: vehicle.heard_us for address, vehicle in self._vehicles.items()}
+        for address in self.departures.look(heard_us, now_us):
+            self._forget(address)
+
+    def _take_departed(self, now_us: int) -> list[Output]:
+        """Who was forgotten since the last tick."""
+        gone, self._departed = self._departed, []
+        if not gone:
+            return []
+        texts = [f"vehicle {vehicle_name(address)}: gone, and forgotten" for address in gone]
+        lines = self._departure_talk.lines(texts, now_us)
+        return [*map(Departed, gone), *map(Message, lines)]
+
+    def _forget(self, address: VehicleId) -> None:
+        """Forget a vehicle, all but the parameters that somebody gave it."""
+        vehicle = self._vehicles.pop(address, None)
+        if vehicle is None:
+            return
+        self.departures.count(vehicle.samples, vehicle.attitudes)
+        if vehicle.profile != self.profile and vehicle.built_in_motion is None:
+            self.departures.keep(address, vehicle.profile)
+        self._replaced.pop(address, None)
+        self._fitted.discard(address)
+        self._departed.append(address)
 
     def _is_settled(self, notice: Notice) -> bool:
         """Whether the vehicle's profile already sets what the notice asks the user to set."""

@@ -107,13 +107,19 @@ class Replaced(Value, frozen=True):
     retuned: str | None = None
 
 
+class Departed(Value, frozen=True):
+    """A vehicle is forgotten: nothing of it is published any more, unless it comes back."""
+
+    vehicle: VehicleId
+
+
 class Message(Value, frozen=True):
     """One line for a person."""
 
     text: str
 
 
-Output = Published | Peer | Replaced | Message
+Output = Published | Peer | Replaced | Departed | Message
 
 
 def vehicle_name(vehicle: VehicleId) -> str:

@@ -56,6 +56,7 @@ class Vehicle:
         self.estimator = estimator
         self.samples = 0
         self.attitudes = 0
+        self.heard_us = 0  # the latest arrival of anything that is a vehicle's own
         self.shed = 0  # samples left out, as newer ones were there already
         self.rejected: Counter[Reason] = Counter()
         self.worst_gap_us = 0
@@ -107,6 +108,7 @@ class Vehicle:
 
     def on_imu(self, event: Imu) -> list[str]:
         """Feed the estimator, if the message is the chosen one."""
+        self.heard_us = event.arrival_us
         before = self._choice.message
         late_us = health.late_after_us(self.median_period_us)
         self._choice = imu_choice.consider(
@@ -148,6 +150,7 @@ class Vehicle:
 
     def on_rejected(self, event: Rejected) -> None:
         """Count a refused sample, unless it is of another IMU than the one in use."""
+        self.heard_us = event.arrival_us
         if not event.message or self.imu_message in (None, event.message):
             self.reject(event.reason)
 

@@ -14,6 +14,7 @@ from drivers.events import (
     BuiltIn,
     CommandAck,
     Event,
+    Forgotten,
     Heartbeat,
     Parameter,
     ReferenceAttitude,
@@ -49,6 +50,9 @@ MILLIGAUSS_LIMIT = 20_000.0
 FRD_AUTOPILOTS = (MAV_AUTOPILOT_ARDUPILOTMEGA, MAV_AUTOPILOT_PX4)  # known for sending FRD
 
 MOST_SENDERS = 512  # addresses remembered at once; each takes 11 kB
+# When all places are taken, one that has been silent for so long may lose its own to a new one
+SILENT_US = 5_000_000
+LOOK_US = 1_000_000  # and if there is none, it is not looked for again before that
 
 # What fuzzbee's own vehicle puts where others have a commit
 BUILT_IN = "fuzzbee"
@@ -64,6 +68,7 @@ class _Sender:
         self.id = address
         self.autopilot: int | None = None
         self.intake = Intake(address)
+        self.heard_us = 0  # host's Unix time
 
 
 class MavlinkDecoder:
@@ -76,6 +81,7 @@ class MavlinkDecoder:
     def __init__(self, *, references: bool = True) -> None:
         self._unpacker = Unpacker()
         self._senders: dict[tuple[int, int], _Sender] = {}
+        self._full_since_us: int | None = None  # nobody was silent then
         self._parameters = WaitingParameters()
         self._handlers: dict[str, Callable[[_Sender, str, Any, int], list[Event]]] = {
             "RAW_IMU": self._raw_imu,
@@ -106,9 +112,13 @@ class MavlinkDecoder:
         """The events in one frame that arrived at ``arrival_us`` (Unix time, us)."""
         if frame.message_id not in self.wanted:
             return []
-        sender = self._sender((frame.system_id, frame.component_id))
+        sender = self._senders.get((frame.system_id, frame.component_id))
         if sender is None:
-            return []
+            return self._meet(frame, arrival_us)
+        sender.heard_us = arrival_us
+        return self._events(sender, frame, arrival_us)
+
+    def _events(self, sender: _Sender, frame: Frame, arrival_us: int) -> list[Event]:
         frequent = frequent_message(frame)
         if frequent is not None:
             name, fields = frequent
@@ -119,12 +129,33 @@ class MavlinkDecoder:
         name = message.get_type()
         return self._handlers[name](sender, name, message, arrival_us)
 
-    def _sender(self, address: tuple[int, int]) -> _Sender | None:
-        """What is known of a sender; None if there are too many for a link of real ones."""
-        sender = self._senders.get(address)
-        if sender is None and len(self._senders) < MOST_SENDERS:
-            sender = self._senders[address] = _Sender(VehicleId(*address))
-        return sender
+    def _meet(self, frame: Frame, arrival_us: int) -> list[Event]:
+        """The events of a new sender; none if there are too many for a link of real ones."""
+        gone: list[Event] = []
+        if len(self._senders) >= MOST_SENDERS:
+            silent = self._longest_silent(arrival_us)
+            if silent is None:
+                return []
+            del self._senders[silent]
+            gone = [Forgotten(silent, arrival_us)]
+        address = VehicleId(frame.system_id, frame.component_id)
+        sender = self._senders[address] = _Sender(address)
+        sender.heard_us = arrival_us
+        return gone + self._events(sender, frame, arrival_us)
+
+    def _longest_silent(self, now_us: int) -> VehicleId | None:
+        """Who may lose its place; first those without an IMU: no flood takes a vehicle's.
+
+        Silence is looked for once a second at most: a flood must not cost a search a frame.
+        """
+        full_since_us = self._full_since_us
+        if full_since_us is not None and 0 <= now_us - full_since_us < LOOK_US:
+            return None
+        silent = [each for each in self._senders.values() if now_us - each.heard_us >= SILENT_US]
+        self._full_since_us = None if silent else now_us
+        if not silent:
+            return None
+        return min(silent, key=lambda each: (each.intake.has_imu, each.heard_us)).id
 
     # --- IMU
 

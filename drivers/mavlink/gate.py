@@ -11,6 +11,7 @@ from estimator.reasons import Reason
 
 # Another sender of the same address may take over once the first has been silent for so long
 TAKE_OVER_US = 1_000_000
+MOST_SENDERS = 1024  # before those are dropped that have been silent for longer than that
 MOST_TOLD = 64  # a flood of addresses does not fill memory or the screen
 
 EXPLANATIONS = {
@@ -41,6 +42,7 @@ class FrameGate:
     def __init__(self, policy: Policy) -> None:
         self._policy = policy
         self._senders: dict[tuple[int, int], _Sender] = {}
+        self._most_senders = MOST_SENDERS
         self._refused: Counter[tuple[VehicleId, Reason]] = Counter()
         self._told: set[tuple[VehicleId, Reason]] = set()
 
@@ -91,4 +93,15 @@ class FrameGate:
             sender = None
         if sender is None or sender.last_us != arrival_us:  # once for all frames of a datagram
             self._senders[address] = _Sender(peer, arrival_us)
+            if sender is None and len(self._senders) > self._most_senders:
+                self._drop_silent(arrival_us)
         return None
+
+    def _drop_silent(self, now_us: int) -> None:
+        """Drop what means nothing any more; a flood is looked through each time it has doubled."""
+        self._senders = {
+            address: sender
+            for address, sender in self._senders.items()
+            if 0 <= now_us - sender.last_us < TAKE_OVER_US
+        }
+        self._most_senders = max(MOST_SENDERS, 2 * len(self._senders))

@@ -18,6 +18,7 @@ from drivers.events import (
     ClockReset,
     CommandAck,
     Event,
+    Forgotten,
     Heartbeat,
     Imu,
     Notice,
@@ -46,7 +47,7 @@ SHORTFALL = 0.7  # a stream slower than this part of what was asked for is asked
 FIRST_PAUSE_US = 5_000_000
 LONGEST_PAUSE_US = 80_000_000
 MOST_REQUESTS = 6  # in a row without success
-MOST_STREAMS = 256  # more senders of heartbeats than that are noise or an attack
+MOST_STREAMS = 512  # more senders of heartbeats than that are noise or an attack
 HEARTBEAT_US = 1_000_000
 
 _Phase = Literal["asking", "measuring", "pausing", "given_up"]
@@ -102,6 +103,8 @@ class StreamRequest:
                 stream = self._streams.get(vehicle)
                 if stream is not None and command == MAV_CMD_SET_MESSAGE_INTERVAL:
                     self._take_answer(stream, event.result, now_us)
+            case Forgotten(vehicle=vehicle):
+                self._streams.pop(vehicle, None)
             case ClockReset(vehicle=vehicle, reason=reason):
                 if (stream := self._streams.get(vehicle)) is not None:
                     _restart_measuring(stream)

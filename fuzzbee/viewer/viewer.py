@@ -23,6 +23,7 @@ from service.attitude_record import euler_deg
 from service.health import HAS_ATTITUDE, State
 from service.records import (
     AttitudeRecord,
+    Departed,
     Message,
     Output,
     Peer,
@@ -113,7 +114,7 @@ class ViewerSink:
         self._vehicles: dict[VehicleId, Seen] = {}
         self._curves: dict[VehicleId, Curves] = {}
         self._layers: dict[VehicleId, VehicleLayers] = {}
-        self._left_out: set[VehicleId] = set()
+        self._has_left_out = False
         self._shared = profile  # for vehicles without parameters of their own
         self._own: dict[VehicleId, Profile] = {}
         shape = gain_shape(profile)
@@ -146,6 +147,8 @@ class ViewerSink:
                     self._on_peer(vehicle, output)
                 case Replaced(vehicle=vehicle, profile=profile):
                     self._on_replaced(vehicle, profile)
+                case Departed(vehicle=vehicle):
+                    self._on_departed(vehicle)
                 case Message(text=text):
                     self._say(text)
 
@@ -206,7 +209,7 @@ class ViewerSink:
         if vehicle in self._vehicles:
             return True
         if len(self._vehicles) >= layout.MOST_VEHICLES:
-            self._leave_out(vehicle)
+            self._leave_out()
             return False
         self._vehicles[vehicle] = Seen()
         self._curves[vehicle] = Curves(f"/{vehicle_name(vehicle)}")
@@ -230,10 +233,19 @@ class ViewerSink:
         if due_us is not None and not 0 < due_us - self._now_us <= PAGES_WAIT_US:
             self._show_pages()
 
-    def _leave_out(self, vehicle: VehicleId) -> None:
-        if not self._left_out:
+    def _leave_out(self) -> None:
+        if not self._has_left_out:
             self._say(f"only the first {layout.MOST_VEHICLES} vehicles are drawn")
-        self._left_out.add(vehicle)
+        self._has_left_out = True
+
+    def _on_departed(self, vehicle: VehicleId) -> None:
+        """Give its page to the next one; what was drawn of it stays in the recording."""
+        self._own.pop(vehicle, None)
+        if self._vehicles.pop(vehicle, None) is None:
+            return
+        self._curves.pop(vehicle).flush(self.stream)
+        del self._layers[vehicle]
+        self._pages_due_us = self._now_us + PAGES_WAIT_US
 
     def _draw(
         self, vehicle: VehicleId, seen: Seen, record: AttitudeRecord, sample: ImuSample | None

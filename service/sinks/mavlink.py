@@ -18,7 +18,7 @@ from drivers.mavlink.constants import (
 from drivers.mavlink.encoder import FrameEncoder, attitude_quaternion, heartbeat
 from drivers.mavlink.transports.open import open_transport
 from drivers.mavlink.transports.transport import LinkError
-from service.records import AttitudeRecord, Output, Published
+from service.records import AttitudeRecord, Departed, Output, Published
 
 MAX_RATE_HZ = 50.0  # of attitudes per vehicle: 2.6 kB/s, which a 57600 baud radio can take
 HEARTBEAT_US = 1_000_000
@@ -80,7 +80,15 @@ class MavlinkSink:
         """Release the link."""
         self._transport.close()
 
+    def _forget(self, vehicle: VehicleId) -> None:
+        """Let another component speak for the system."""
+        sender = self._senders.get(vehicle.system_id)
+        if sender is not None and sender.vehicle == vehicle:
+            del self._senders[vehicle.system_id]
+
     def _frames(self, output: Output) -> list[bytes]:
+        if isinstance(output, Departed):
+            self._forget(output.vehicle)
         if not isinstance(output, Published) or not isinstance(output.record, AttitudeRecord):
             return []
         system, component = output.vehicle

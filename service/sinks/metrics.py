@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 from estimator.errors import InputError, missing_extra
 from service.health import State
-from service.records import AttitudeRecord, Output, Published, StatusRecord, vehicle_name
+from service.records import AttitudeRecord, Departed, Output, Published, StatusRecord, vehicle_name
 
 if TYPE_CHECKING:
     from prometheus_client.metrics_core import Metric
@@ -78,6 +78,8 @@ class MetricsSink:
         for output in outputs:
             if isinstance(output, Published):
                 self._board.update(vehicle_name(output.vehicle), output.record)
+            elif isinstance(output, Departed):
+                self._board.remove(vehicle_name(output.vehicle))
 
     def close(self) -> None:
         """End the server."""
@@ -102,6 +104,12 @@ class MetricsBoard:
                 self._attitudes[name] = (record, self._now_s())
             else:
                 self._statuses[name] = record
+
+    def remove(self, name: str) -> None:
+        """Forget a vehicle."""
+        with self._lock:
+            self._attitudes.pop(name, None)
+            self._statuses.pop(name, None)
 
     def collect(self) -> "Iterator[Metric]":
         """All metrics for one scrape. A lost vehicle's attitude is left out but for its age."""

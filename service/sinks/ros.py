@@ -18,7 +18,14 @@ from typing import TYPE_CHECKING, Any
 
 from drivers.events import VehicleId
 from estimator.types import ImuSample
-from service.records import AttitudeRecord, Output, Published, StatusRecord, vehicle_name
+from service.records import (
+    AttitudeRecord,
+    Departed,
+    Output,
+    Published,
+    StatusRecord,
+    vehicle_name,
+)
 from service.sinks import ros_diagnostics, ros_imu, ros_tf
 
 if TYPE_CHECKING:
@@ -56,6 +63,7 @@ class RosSink:
         self._domain = domain
         self._unix_us = unix_us  # a status carries no time of its own
         self._publishers: dict[str, Publisher] = {}  # by topic
+        self._declared = 0  # so far: entities are numbered
         self._node: Any = session.liveliness().declare_token(self._token("NN", 0))
 
     def handle(self, outputs: Sequence[Output]) -> None:
@@ -66,6 +74,10 @@ class RosSink:
                     self._put_attitude(vehicle, record, output.sample)
                 case Published(vehicle=vehicle, record=StatusRecord() as status):
                     self._put_status(vehicle, status)
+                case Departed(vehicle=vehicle):
+                    publisher = self._publishers.pop(imu_topic(self._prefix, vehicle), None)
+                    if publisher is not None:
+                        publisher.close()
 
     def _put_attitude(
         self, vehicle: VehicleId, record: AttitudeRecord, sample: ImuSample | None
@@ -98,7 +110,8 @@ class RosSink:
     def _publisher(self, topic: str, type_name: str, type_hash: str) -> "Publisher":
         if topic not in self._publishers:
             kind = f"{type_name}/{type_hash}"
-            token = self._token("MP", 1 + len(self._publishers), f"{topic}/{kind}")
+            self._declared += 1
+            token = self._token("MP", self._declared, f"{topic}/{kind}")
             key = f"{self._domain}{topic}/{kind}"
             self._publishers[topic] = Publisher(self._session, key, token)
         return self._publishers[topic]

@@ -17,6 +17,7 @@ from estimator.profile import Profile, profile_to_json
 from service.parameters import ParameterRequests
 from service.records import (
     AttitudeRecord,
+    Departed,
     Output,
     Published,
     Replaced,
@@ -39,6 +40,7 @@ class _Topic:
     def __init__(self, key: str, publisher: "zenoh.Publisher") -> None:
         self.key = key
         self.put = publisher.put
+        self.publisher = publisher
         self.last = b""
 
 
@@ -67,7 +69,7 @@ class ZenohSink:
         self._profiles: dict[str, Profile] = {}
         self._addresses: dict[str, VehicleId] = {}
         self._topics: dict[tuple[VehicleId, type], _Topic] = {}
-        self._tokens: list[zenoh.LivelinessToken] = []
+        self._tokens: dict[str, zenoh.LivelinessToken] = {}
         self._encode = msgspec.json.Encoder().encode
         # one for all keys: zenoh runs a thread for each
         self._queryable = session.declare_queryable(f"{prefix}/*/*", self._on_query)
@@ -79,6 +81,8 @@ class ZenohSink:
                 self._publish(output)
             elif isinstance(output, Replaced):
                 self._profiles[vehicle_name(output.vehicle)] = output.profile
+            elif isinstance(output, Departed):
+                self._disappear(output.vehicle)
 
     def close(self) -> None:
         """Close the session, which withdraws everything declared on it."""
@@ -114,7 +118,20 @@ class ZenohSink:
         alive = f"{self._prefix}/{name}/alive"
         if self._on_conflict is not None and self._is_alive(alive):
             self._on_conflict(f"{self._prefix}/{name}")
-        self._tokens.append(self._session.liveliness().declare_token(alive))
+        self._tokens[name] = self._session.liveliness().declare_token(alive)
+
+    def _disappear(self, vehicle: VehicleId) -> None:
+        """Withdraw everything of a vehicle."""
+        name = vehicle_name(vehicle)
+        for kind in (AttitudeRecord, StatusRecord):
+            topic = self._topics.pop((vehicle, kind), None)
+            if topic is not None:
+                _withdraw(topic.publisher)
+        self._addresses.pop(name, None)
+        self._profiles.pop(name, None)
+        token = self._tokens.pop(name, None)
+        if token is not None:
+            _withdraw(token)
 
     def _is_alive(self, key: str) -> bool:
         """Whether somebody else holds the token of a vehicle."""
@@ -127,21 +144,26 @@ class ZenohSink:
             for topic in list(self._topics.values()):
                 if topic.last and query.key_expr.intersects(_key_expr(topic.key)):
                     query.reply(topic.key, topic.last, encoding=JSON)
-            for name in list(self._addresses):
+            for name, vehicle in list(self._addresses.items()):
                 key = f"{self._prefix}/{name}/parameters"
                 if query.key_expr.intersects(_key_expr(key)):
-                    self._answer_parameters(query, key, name)
+                    self._answer_parameters(query, key, vehicle)
 
-    def _answer_parameters(self, query: "zenoh.Query", key: str, name: str) -> None:
+    def _answer_parameters(self, query: "zenoh.Query", key: str, vehicle: VehicleId) -> None:
+        name = vehicle_name(vehicle)
         try:
             if query.payload is not None and len(query.payload) > 0:
                 partial = _json_object(query.payload.to_bytes())
-                self._profiles[name] = self._requests.ask(self._addresses[name], partial)
+                self._profiles[name] = self._requests.ask(vehicle, partial)
         except (InputError, TimeoutError) as error:
             query.reply_err(self._encode({"error": str(error)}), encoding=JSON)
             return
         profile = self._profiles.get(name, self._profile)
         query.reply(key, self._encode(profile_to_json(profile)), encoding=JSON)
+
+
+def _withdraw(declared: Any) -> None:
+    declared.undeclare()
 
 
 def _json_object(payload: bytes) -> dict[str, Any]:

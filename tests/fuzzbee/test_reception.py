@@ -77,7 +77,7 @@ def test_it_is_said_once_and_the_vehicles_are_bounded():
     for number in range(3 * MOST_VEHICLES):
         reception.record(f"fuzzbee/{number % 250}-{number // 250}/status", payload)
         reception.record(f"fuzzbee/no{number}/status", payload)
-    assert len(reception._names) == MOST_VEHICLES
+    assert len(reception._heard_s) == MOST_VEHICLES
     assert len(told) == 2
 
 

@@ -16,7 +16,7 @@ import pytest
 
 from drivers.events import VehicleId
 from fuzzbee.cli import main
-from service.records import Message, Peer, Published, Replaced, StatusRecord
+from service.records import Departed, Message, Peer, Published, Replaced, StatusRecord
 from tests.fuzzbee import browser
 from tests.fuzzbee.processes import started
 from tests.service.records import UNIX_US, record
@@ -134,6 +134,18 @@ def test_a_lost_vehicle_is_drawn_although_it_has_no_attitude(tmp_path):
     sink.handle([Published(ONE, lost, time_unix_us=UNIX_US + 6_000_000)])
     assert sink.scenes[-1].attitude is None
     sink.close()
+
+
+def test_the_page_of_a_vehicle_that_is_forgotten_is_free(tmp_path):
+    """Many more than there are pages, one after the other."""
+    sink = Recorded(ViewerOptions(rrd=str(tmp_path / "day.rrd")), PAPER)
+    for number in range(1, 3 * MOST_VEHICLES):
+        sink.handle(list(attitudes(VehicleId(number, 1), 20, 100_000)))
+        sink.handle([Departed(VehicleId(number, 1))])
+    sink.handle(list(attitudes(VehicleId(200, 1), 20, 100_000)))
+    assert list(sink._vehicles) == list(sink._curves) == list(sink._layers) == [VehicleId(200, 1)]
+    sink.close()
+    assert sink.pages[-1] == 1
 
 
 def test_a_fleet_that_appears_gets_its_pages_at_once(tmp_path):

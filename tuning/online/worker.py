@@ -18,6 +18,7 @@ NICENESS = 15
 # Of a core, in the mean since the beginning; loading and the first searches come on top.
 MOST_SHARE = 0.03
 ALLOWANCE_S = 10.0
+MOST_VEHICLES = 512  # then the one whose last segment is oldest is forgotten
 
 
 class Question(NamedTuple):
@@ -45,7 +46,10 @@ class Deciders:
     def answer(self, question: Question) -> Answer | None:
         """Take a segment. While there is no time for more it counts as silence."""
         segment = question.segment
-        retuner = self._retuners.setdefault(question.vehicle, Retuner(segment.profile))
+        retuner = self._retuners.pop(question.vehicle, None) or Retuner(segment.profile)
+        self._retuners[question.vehicle] = retuner  # the latest last
+        if len(self._retuners) > MOST_VEHICLES:
+            del self._retuners[next(iter(self._retuners))]
         decision = retuner.take(segment._replace(silent=segment.silent or self._is_late()))
         return None if decision is None else Answer(question.vehicle, decision)
 

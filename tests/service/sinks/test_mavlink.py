@@ -10,7 +10,7 @@ from drivers.endpoint import parse_endpoint
 from drivers.events import VehicleId
 from drivers.mavlink.transports.transport import LinkError
 from estimator.errors import InputError
-from service.records import Published
+from service.records import Departed, Published
 from service.sinks.mavlink import MavlinkSink
 from tests.service.records import UNIX_US, record
 
@@ -139,3 +139,14 @@ def test_what_is_no_link_is_refused(tmp_path):
     for address in ("sim:", str(log)):
         with pytest.raises(InputError, match="no MAVLink link"):
             MavlinkSink(parse_endpoint(address))
+
+
+def test_another_component_speaks_for_the_system_once_the_first_is_forgotten(receiver):
+    sink, other = sink_to(receiver), VehicleId(7, 2)
+    sink.handle(attitudes(1, 0) + attitudes(1, 0, other))
+    assert len(messages(receiver)) == 2
+    sink.handle([Departed(other), *attitudes(1, 0, other)])
+    assert messages(receiver) == []
+    sink.handle([Departed(VEHICLE), *attitudes(1, 0, other)])
+    assert [m.get_type() for m in messages(receiver)] == ["HEARTBEAT", "ATTITUDE_QUATERNION"]
+    sink.close()

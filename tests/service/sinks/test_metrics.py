@@ -4,7 +4,7 @@ import pytest
 
 from drivers.events import VehicleId
 from estimator.errors import InputError
-from service.records import Message, Published, StatusRecord
+from service.records import Departed, Message, Published, StatusRecord
 from tests.service.records import record
 
 pytest.importorskip("prometheus_client", reason="the extra metrics is not installed")
@@ -80,3 +80,12 @@ def test_it_listens_on_loopback_only(sink):
 def test_a_taken_port_is_named(sink):
     with pytest.raises(InputError, match=str(sink.port)):
         MetricsSink(sink.port)
+
+
+def test_a_vehicle_that_is_forgotten_leaves_no_metric(sink):
+    one, other = VehicleId(1, 1), VehicleId(2, 1)
+    for vehicle in (one, other):
+        sink.handle([Published(vehicle, record()), Published(vehicle, status())])
+    sink.handle([Departed(one)])
+    named = {dict(labels).get("vehicle") for _, labels in scrape(sink)}
+    assert named == {None, "2"}

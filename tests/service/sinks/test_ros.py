@@ -9,7 +9,7 @@ from scipy.spatial.transform import Rotation
 
 from drivers.events import VehicleId
 from estimator.types import ImuSample
-from service.records import Published, StatusRecord
+from service.records import Departed, Published, StatusRecord
 from service.sinks import ros_diagnostics, ros_imu, ros_tf
 from service.sinks.ros import RosSink, imu_topic
 from service.sinks.ros_imu import TYPE_HASH, imu_message
@@ -253,3 +253,25 @@ def test_closing_after_the_session_is_no_error(endpoint):  # noqa: F811
     sink = RosSink(session, "fuzzbee")
     close_session(session)
     sink.close()
+
+
+def test_the_topic_of_a_vehicle_that_is_forgotten_is_withdrawn(endpoint):  # noqa: F811
+    """And the numbers of entities stay different."""
+    session = open_session(options(endpoint))
+    sink = RosSink(session, "fuzzbee", domain=4)
+
+    def topics(client):
+        tokens = [str(r.ok.key_expr) for r in client.liveliness().get("@ros2_lv/4/**/MP/**")]
+        assert len({token.split("/")[4] for token in tokens}) == len(tokens)
+        return {token.split("/")[9] for token in tokens}
+
+    with plain_client(endpoint) as client:
+        for number in (1, 2):
+            sink.handle([Published(VehicleId(number, 1), record())])
+        first = {"%fuzzbee%vehicle_1%imu", "%fuzzbee%vehicle_2%imu", "%tf"}
+        wait_for(lambda: topics(client) == first)
+        sink.handle([Departed(VehicleId(1, 1)), Published(VehicleId(3, 1), record())])
+        after = {"%fuzzbee%vehicle_3%imu", "%fuzzbee%vehicle_2%imu", "%tf"}
+        wait_for(lambda: topics(client) == after)
+    sink.close()
+    close_session(session)

@@ -16,7 +16,7 @@ from estimator.errors import InputError
 from estimator.profile import load_profile
 from service.parameters import ParameterRequests
 from service.pipeline import Pipeline
-from service.records import Published, StatusRecord
+from service.records import Departed, Published, StatusRecord
 from service.runner import Runner
 from service.sinks.outbox import Outbox
 from service.sinks.zenoh import ZenohSink
@@ -267,4 +267,29 @@ def test_a_second_service_for_the_same_vehicle_is_noticed(endpoint):
     second.handle([Published(VehicleId(7, 1), status)])  # told once
     assert told == ["test/7"]
     for sink in (second, first):
+        sink.close()
+
+
+def test_a_vehicle_that_is_forgotten_is_withdrawn_and_may_come_back(endpoint):
+    one, other = VehicleId(1, 1), VehicleId(2, 1)
+    sink = ZenohSink(
+        open_session(options(endpoint)), "test", PAPER, ParameterRequests(), pytest.fail
+    )
+    status = StatusRecord("lost", None, 0.0, 0.0, {}, 0, 0, 0)
+
+    def alive(client):
+        return {str(reply.ok.key_expr) for reply in client.liveliness().get("test/*/alive")}
+
+    try:
+        with plain_client(endpoint) as client:
+            sink.handle([Published(vehicle, status) for vehicle in (one, other)])
+            wait_for(lambda: alive(client) == {"test/1/alive", "test/2/alive"})
+            sink.handle([Departed(one), Departed(one)])
+            wait_for(lambda: alive(client) == {"test/2/alive"})
+            assert [key for key, _ in get(client, "test/*/status")] == ["test/2/status"]
+            assert get(client, "test/1/parameters") == []
+            sink.handle([Published(one, status)])
+            wait_for(lambda: alive(client) == {"test/1/alive", "test/2/alive"})
+            assert [key for key, _ in get(client, "test/1/status")] == ["test/1/status"]
+    finally:
         sink.close()

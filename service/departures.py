@@ -1,0 +1,55 @@
+"""Which vehicles have been silent for so long that they are forgotten, and what is kept of them."""
+
+from collections import OrderedDict
+
+from drivers.events import VehicleId
+from estimator.profile import Profile
+
+# A battery is changed, a flight goes out of reach and comes back: that is still the same vehicle.
+FORGOTTEN_US = 3_600_000_000
+# Between two looks no more than this counts as silence: the host's clock may have been set.
+LONGEST_LOOK_US = 60_000_000
+MOST_PROFILES = 512  # of vehicles that are gone; the one that left first goes
+
+
+class Departures:
+    """Counts silence by the time between looks. Times are given."""
+
+    def __init__(self) -> None:
+        self.vehicles = 0  # forgotten so far
+        self.samples = 0  # theirs
+        self.attitudes = 0
+        self._silence_us: dict[VehicleId, int] = {}
+        self._heard_us: dict[VehicleId, int] = {}
+        self._looked_us: int | None = None
+        self._profiles: OrderedDict[VehicleId, Profile] = OrderedDict()
+
+    def look(self, heard_us: dict[VehicleId, int], now_us: int) -> list[VehicleId]:
+        """Who is to be forgotten, given when each was heard last."""
+        step_us = 0 if self._looked_us is None else now_us - self._looked_us
+        step_us = min(max(step_us, 0), LONGEST_LOOK_US)
+        self._looked_us = now_us
+        before, silence_us = self._heard_us, self._silence_us
+        self._silence_us = {
+            address: silence_us.get(address, 0) + step_us
+            for address, last_us in heard_us.items()
+            if before.get(address) == last_us
+        }
+        self._heard_us = heard_us
+        return [each for each, us in self._silence_us.items() if us >= FORGOTTEN_US]
+
+    def count(self, samples: int, attitudes: int) -> None:
+        """Add a vehicle to those that are forgotten."""
+        self.vehicles += 1
+        self.samples += samples
+        self.attitudes += attitudes
+
+    def keep(self, address: VehicleId, profile: Profile) -> None:
+        """Keep the parameters that somebody gave a vehicle, for when it comes back."""
+        self._profiles[address] = profile
+        if len(self._profiles) > MOST_PROFILES:
+            self._profiles.popitem(last=False)
+
+    def take_profile(self, address: VehicleId) -> Profile | None:
+        """The parameters that were kept for a vehicle, once."""
+        return self._profiles.pop(address, None)

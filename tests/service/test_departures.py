@@ -1,0 +1,200 @@
+"""Vehicles that come and go: what is remembered of them stays bounded, from frames to sinks."""
+
+import msgspec
+import pytest
+
+from drivers.events import Forgotten, Heartbeat, Imu, VehicleId
+from drivers.mavlink.decoder import MOST_SENDERS, SILENT_US, MavlinkDecoder
+from drivers.mavlink.encoder import FrameEncoder, command_ack, raw_imu
+from drivers.mavlink.framing import Frame, FrameReader
+from drivers.mavlink.gate import MOST_SENDERS as MOST_GATED
+from drivers.mavlink.gate import TAKE_OVER_US, FrameGate, Policy
+from drivers.mavlink.stream_request import StreamRequest
+from estimator.profile import load_profile
+from fuzzbee.board import MOST_ROWS, Board
+from fuzzbee.reception import MOST_VEHICLES as MOST_SHOWN
+from fuzzbee.reception import SILENT_S, Reception
+from service.departures import FORGOTTEN_US
+from service.pipeline import Pipeline
+from service.records import Departed, Message, Published, Replaced
+from tests.service.records import record
+from tests.service.streams import ONE, START_US, imu_events
+from tuning.online.worker import MOST_VEHICLES as MOST_RETUNED
+
+PAPER = load_profile("paper")
+SECOND_US = 1_000_000
+READER = FrameReader()
+
+
+def addresses(count):
+    """Different ones, none of them ``ONE``."""
+    return [VehicleId(2 + n % 250, 1 + n // 250) for n in range(count)]
+
+
+def imu_frame(vehicle, boot_us) -> Frame:
+    message = raw_imu(boot_us, (0.0, 0.0, -9.8), (0.0, 0.0, 0.0), (0.2, 0.0, 0.4))
+    return sent(vehicle, message)
+
+
+def sent(vehicle, message) -> Frame:
+    (frame,) = READER.feed(FrameEncoder(vehicle).frame(message, 0))
+    return frame
+
+
+def day(vehicles):
+    """Frames and arrivals: ``ONE`` flies all the time, each other for one sample, 50 a second."""
+    for number, vehicle in enumerate(vehicles):
+        arrival_us = START_US + 20_000 * number
+        yield imu_frame(ONE, SECOND_US + 20_000 * number), arrival_us
+        yield imu_frame(vehicle, SECOND_US), arrival_us
+
+
+def test_thousands_of_ids_in_a_row_each_find_a_place():
+    decoder, pipeline = MavlinkDecoder(), Pipeline(PAPER)
+    met, gone, most = set(), [], 0
+    for frame, arrival_us in day(addresses(1200)):
+        for event in decoder.events(frame, arrival_us):
+            pipeline.handle(event)
+            if isinstance(event, Imu):
+                met.add(event.vehicle)
+            if isinstance(event, Forgotten):
+                gone.append(event.vehicle)
+        most = max(most, len(pipeline.vehicles))
+    assert len(met) == 1201
+    assert most == MOST_SENDERS
+    assert ONE not in gone
+    assert gone == addresses(1200)[: len(gone)]  # who left first goes first
+    assert pipeline.vehicle(ONE).samples == 1200
+    assert pipeline.departures.vehicles == len(gone) == 1201 - MOST_SENDERS
+    outputs = pipeline.tick(arrival_us)
+    assert departed(outputs) == gone
+    said = [each.text for each in outputs if isinstance(each, Message) and "gone" in each.text]
+    assert len(said) < 15  # not a line for each
+    assert departed(pipeline.tick(arrival_us + SECOND_US)) == []  # told once
+
+
+def test_a_flood_of_addresses_takes_no_place_of_a_vehicle_that_is_silent():
+    decoder = MavlinkDecoder()
+    others = addresses(5000)
+    for vehicle in (ONE, *others[:9]):
+        decoder.events(imu_frame(vehicle, SECOND_US), START_US)
+    gone, arrival_us = [], START_US
+    for number, vehicle in enumerate(others[10:]):
+        arrival_us = START_US + SILENT_US + 10_000 * number
+        frame = sent(vehicle, command_ack(ONE, 1, 0))
+        gone += [e for e in decoder.events(frame, arrival_us) if isinstance(e, Forgotten)]
+    assert len(gone) > 1000
+    assert not {each.vehicle for each in gone} & {ONE, *others[:9]}
+    events = decoder.events(imu_frame(ONE, 2 * SECOND_US), arrival_us)
+    assert [type(each) for each in events][-1] is Imu  # its clock went on
+
+
+def silence(pipeline, seconds, now_us):
+    outputs = []
+    for _ in range(seconds):
+        now_us += SECOND_US
+        outputs += pipeline.tick(now_us)
+    return outputs, now_us
+
+
+def departed(outputs):
+    return [each.vehicle for each in outputs if isinstance(each, Departed)]
+
+
+def test_a_vehicle_is_forgotten_after_an_hour_and_its_parameters_are_not():
+    events = imu_events(100)
+    pipeline = Pipeline(PAPER)
+    for event in events:
+        pipeline.handle(event)
+    changed = pipeline.replace_profile(ONE, {"filter": {"gamma": 0.5}})
+    hour_s = FORGOTTEN_US // SECOND_US
+    outputs, now_us = silence(pipeline, hour_s - 2, events[-1].arrival_us)
+    assert departed(outputs) == []
+    outputs, now_us = silence(pipeline, 5, now_us)
+    assert departed(outputs) == [ONE]
+    assert not any(isinstance(each, Published) for each in outputs[-2:])
+    assert pipeline.vehicles == ()
+    assert pipeline.departures.samples == 100
+    back = msgspec.structs.replace(events[0], arrival_us=now_us)
+    pipeline.handle(back)
+    assert pipeline.vehicle(ONE).profile == changed
+    (replaced,) = [e for e in pipeline.tick(now_us) if isinstance(e, Replaced)]
+    assert replaced.profile == changed
+
+
+def test_heartbeats_alone_keep_a_vehicle():
+    pipeline, now_us, outputs = Pipeline(PAPER), START_US, []
+    for _ in range(FORGOTTEN_US // SECOND_US + 10):
+        now_us += SECOND_US
+        pipeline.handle(Heartbeat(ONE, now_us, 3, 2))
+        outputs += pipeline.tick(now_us)
+    assert departed(outputs) == []
+
+
+@pytest.mark.parametrize("step_s", [3700, -3700, 86_400])
+def test_a_set_clock_is_no_silence(step_s):
+    pipeline = Pipeline(PAPER)
+    for event in imu_events(100):
+        pipeline.handle(event)
+    now_us = START_US + SECOND_US
+    outputs = pipeline.tick(now_us) + pipeline.tick(now_us + step_s * SECOND_US)
+    assert departed(outputs) == []
+
+
+def test_what_a_sender_was_is_forgotten_by_the_gate_and_the_requests():
+    gate, request = FrameGate(Policy()), StreamRequest(50.0)
+    for number, vehicle in enumerate(addresses(10_000)):
+        arrival_us = START_US + 2_000 * number
+        assert gate.lets_in(imu_frame(vehicle, 0), "a", arrival_us)
+    assert len(gate._senders) <= MOST_GATED
+    assert not gate.lets_in(imu_frame(vehicle, 1), "b", arrival_us + TAKE_OVER_US // 2)
+    request.handle(Heartbeat(ONE, 0, 3, 2), 0)
+    assert request.tick(SECOND_US)
+    request.handle(Forgotten(ONE, 0), 0)
+    assert request.tick(10 * SECOND_US) == []
+
+
+def test_a_table_and_what_watch_takes_stay_bounded():
+    now_s, told = [0.0], []
+    board, reception = Board(), Reception(told.append, lambda: now_s[0])
+    payload = msgspec.json.encode(record())
+    names = [f"{vehicle.system_id}-{vehicle.component_id}" for vehicle in addresses(3000)]
+    for name in names:
+        now_s[0] += 2.0 * SILENT_S / MOST_SHOWN
+        received = reception.record(f"fuzzbee/{name}/attitude", payload)
+        assert received is not None, name
+        board.update(name, received[1], now_s[0])
+    assert told == []
+    assert sorted(row.name for row in board.rows()) == sorted(names[-MOST_ROWS:])
+    board.remove(names[-1])
+    assert names[-1] not in {row.name for row in board.rows()}
+    for name in names[:MOST_SHOWN]:  # all at once are too many, beside those of before
+        reception.record(f"fuzzbee/{name}/attitude", payload)
+    (line,) = told
+    assert f"there are more than {MOST_SHOWN} vehicles" in line
+
+
+def test_the_retuning_process_remembers_the_latest(monkeypatch):
+    from tuning.online import worker
+
+    class Quiet:
+        def __init__(self, _profile):
+            self.taken = 0
+
+        def take(self, _segment):
+            self.taken += 1
+
+    class Piece(msgspec.Struct):
+        profile: str = ""
+        silent: bool = False
+
+        def _replace(self, **_):
+            return self
+
+    monkeypatch.setattr(worker, "Retuner", Quiet)
+    deciders = worker.Deciders()
+    for number in range(3 * MOST_RETUNED):
+        deciders.answer(worker.Question(number, Piece()))
+        deciders.answer(worker.Question(0, Piece()))
+    assert len(deciders._retuners) == MOST_RETUNED
+    assert deciders._retuners[0].taken == 3 * MOST_RETUNED + 1
