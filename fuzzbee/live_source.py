@@ -11,9 +11,11 @@ from fuzzbee.run_options import RunOptions
 if TYPE_CHECKING:
     from drivers.endpoint import Endpoint
     from drivers.mavlink.recorder import Recorder
+    from drivers.mavlink.taker import FrameTaker
+    from drivers.source import LiveSource
     from service.parameters import ParameterRequests
     from service.pipeline import Pipeline
-    from service.runner import LiveSource, Runner
+    from service.runner import Runner
 
 DEFAULT_PROFILE = "imu"
 
@@ -68,19 +70,7 @@ def open_source(
 
     if endpoint.kind == "log":
         return _open_player(endpoint, options, stack)
-    from drivers.source import open_live
-
-    policy = security.open_policy(options.security, key, stack)
-    source: LiveSource = stack.enter_context(
-        open_live(
-            endpoint,
-            recorder=recorder,
-            request_rate_hz=options.request_rate_hz,
-            policy=policy,
-            key=key,
-            references=options.outputs.shows_peers,
-        )
-    )
+    source = open_link(endpoint, options, key, recorder, stack)
     return lambda pipeline, outbox, requests: Runner(
         source,
         pipeline,
@@ -88,6 +78,31 @@ def open_source(
         rate_hz=options.rate_hz,
         requests=requests,
         overload=Overload(),
+    )
+
+
+def open_link(
+    endpoint: "Endpoint",
+    options: RunOptions,
+    key: bytes | None,
+    recorder: "Recorder | None",
+    stack: ExitStack,
+    taker: "FrameTaker | None" = None,
+) -> "LiveSource":
+    """Open a link, or ``sim:``. With a ``taker`` the frames are its own, and what is asked for."""
+    from drivers.source import open_live
+
+    policy = security.open_policy(options.security, key, stack)
+    return stack.enter_context(
+        open_live(
+            endpoint,
+            recorder=recorder,
+            request_rate_hz=options.request_rate_hz if taker is None else None,
+            policy=policy,
+            key=key,
+            references=options.outputs.shows_peers,
+            taker=taker,
+        )
     )
 
 

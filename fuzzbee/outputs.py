@@ -93,6 +93,11 @@ class OutputOptions(NamedTuple):
         """Whether attitudes by others are shown; if not, they need not be decoded."""
         return self.view is not None or self.rrd is not None
 
+    @property
+    def needs_records(self) -> bool:
+        """Whether somebody takes every attitude apart, rather than a few a second or none."""
+        return self.ros or self.send_attitude is not None or self.shows_peers
+
 
 def open_outputs(
     sinks: "list[Sink]",

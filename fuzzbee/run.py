@@ -8,6 +8,7 @@ from estimator.errors import InputError
 from fuzzbee import outputs, security, zenoh_options
 from fuzzbee.options import Json, Seconds, Verbose, require_gain, require_positive
 from fuzzbee.run_options import RunOptions
+from fuzzbee.worker_options import require_workers
 
 if TYPE_CHECKING:
     pass
@@ -76,6 +77,10 @@ def run(
         bool,
         typer.Option("--retune", help="Retune a few numbers whenever the sensors' noise changes."),
     ] = False,
+    workers: Annotated[
+        int,
+        typer.Option("--workers", metavar="N", help="Share the vehicles out to N processes."),
+    ] = 1,
     allow_system_ids: security.AllowSystemIds = None,
     signing_key_file: security.SigningKeyFile = None,
     no_zenoh: Annotated[bool, typer.Option("--no-zenoh", help="Publish nothing.")] = False,
@@ -115,6 +120,7 @@ def run(
     require_gain(gain)
     if system_id is not None and not 1 <= system_id <= 255:
         raise InputError(f"--system-id {system_id}: should be 1 to 255")
+    require_workers(workers)
     outputs.require_own_file(rrd, [source])
     zenoh = zenoh_options.zenoh_options(
         listen=listen,
@@ -150,7 +156,12 @@ def run(
             security.parse_system_ids(allow_system_ids), signing_key_file
         ),
         second=second,
+        workers=workers,
     )
+    if workers > 1:
+        from fuzzbee.serve_workers import serve_workers
+
+        return serve_workers(options, verbose=verbose)
     from fuzzbee.serve import serve
 
     return serve(options, verbose=verbose)

@@ -26,3 +26,4 @@ class RunOptions(NamedTuple):
     outputs: outputs.OutputOptions
     security: security.SecurityOptions
     second: bool = False
+    workers: int = 1

@@ -60,15 +60,15 @@ def serve(options: RunOptions, *, verbose: bool) -> int:
     conflicts: list[InputError] = []
     with ExitStack() as stack:
         # whatever can be refused is opened before the compiler starts, and the source behind it
-        session = _open_zenoh(options.zenoh, stack)
+        session = open_zenoh(options.zenoh, stack)
         recorder = None if options.record is None else open_recorder(options.record, stack)
         retuning = _open_retuning(options, requests, stack)
         pipeline = _pipeline(profile, options, retuning)
-        with _closed_if_unused() as sinks:
-            sinks.extend(_zenoh_sinks(session, options, profile, requests, conflicts))
-            outputs.open_outputs(sinks, options.outputs, session, _prefix(options), profile)
+        with closed_if_unused() as sinks:
+            sinks.extend(zenoh_sinks(session, options, profile, requests, conflicts))
+            outputs.open_outputs(sinks, options.outputs, session, prefix_of(options), profile)
             _compile(profile, options.gain, with_raw=may_meet_built_in)
-            sinks.append(_open_view(options, verbose=verbose))  # which prints what the source says
+            sinks.append(open_view(options, verbose=verbose))  # which prints what the source says
             runner_of = open_source(endpoint, options, key, recorder, stack)
             sinks.extend(_recording_sinks(recorder, retuning))
             outbox = stack.enter_context(Outbox(sinks))
@@ -86,7 +86,7 @@ def serve(options: RunOptions, *, verbose: bool) -> int:
         seconds = time.monotonic() - started_s
     if outbox.stuck:
         say(f"not closed in time: {', '.join(outbox.stuck)}")
-    _report(summary(options, pipeline, runner, seconds, outbox.dropped), as_json=options.as_json)
+    report(summary(options, pipeline, runner, seconds, outbox.dropped), as_json=options.as_json)
     for problem in (failure, *conflicts):
         if problem is not None:
             raise problem
@@ -133,7 +133,7 @@ def _recording_sinks(recorder: "Recorder | None", retuning: "Retuning | None") -
 
 
 @contextmanager
-def _closed_if_unused() -> "Iterator[list[Sink]]":
+def closed_if_unused() -> "Iterator[list[Sink]]":
     """A list of sinks, of which those that are still in it at an error are closed."""
     sinks: list[Sink] = []
     try:
@@ -168,7 +168,7 @@ def _compile(profile: "Profile", gain: float | None, *, with_raw: bool) -> None:
     done.result()
 
 
-def _open_zenoh(options: "ZenohOptions | None", stack: ExitStack) -> "zenoh.Session | None":
+def open_zenoh(options: "ZenohOptions | None", stack: ExitStack) -> "zenoh.Session | None":
     """A session that is closed whatever happens."""
     if options is None:
         return None
@@ -179,13 +179,16 @@ def _open_zenoh(options: "ZenohOptions | None", stack: ExitStack) -> "zenoh.Sess
     return session
 
 
-def _zenoh_sinks(
+def zenoh_sinks(
     session: "zenoh.Session | None",
     options: RunOptions,
     profile: "Profile",
     requests: "ParameterRequests",
     conflicts: list[InputError],
+    *,
+    takes_encoded: bool = False,
 ) -> "list[Sink]":
+    """The sink for the session, if there is one; ends the run if somebody else publishes there."""
     if session is None or options.zenoh is None:
         return []
     from service.sinks.zenoh import ZenohSink
@@ -198,16 +201,19 @@ def _zenoh_sinks(
         say(f"another service publishes {key}, too")
 
     on_conflict = tell if options.second else end
-    return [ZenohSink(session, options.zenoh.prefix, profile, requests, on_conflict)]
+    prefix = options.zenoh.prefix
+    sink = ZenohSink(session, prefix, profile, requests, on_conflict, takes_encoded=takes_encoded)
+    return [sink]
 
 
-def _prefix(options: RunOptions) -> str:
+def prefix_of(options: RunOptions) -> str:
+    """What the keys begin with."""
     from service.zenoh_session import DEFAULT_PREFIX
 
     return DEFAULT_PREFIX if options.zenoh is None else options.zenoh.prefix
 
 
-def _open_view(options: RunOptions, *, verbose: bool) -> "TerminalView":
+def open_view(options: RunOptions, *, verbose: bool) -> "TerminalView":
     """The view on standard output; with --json messages only, on standard error."""
     from fuzzbee.terminal import PersonConsole, TerminalView
 
@@ -282,7 +288,8 @@ def vehicle_summary(counts: "Counts") -> dict[str, Any]:
     }
 
 
-def _report(result: dict[str, Any], *, as_json: bool) -> None:
+def report(result: dict[str, Any], *, as_json: bool) -> None:
+    """Tell the result of a run."""
     if as_json:
         import json
 

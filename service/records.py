@@ -77,6 +77,8 @@ class StatusRecord(msgspec.Struct, frozen=True):
     malformed: int = 0  # unreadable frames on the vehicle's link so far, whoever sent them
     warnings: tuple[str, ...] = ()  # words of service.alarms.Alarm
     retuned: Retuned | None = None  # by itself, with --retune
+    worker: int | None = None  # which one has the vehicle, with --workers; from 1
+    restarts: int = 0  # of workers, so far
 
 
 class Published(Value, frozen=True):
@@ -89,6 +91,13 @@ class Published(Value, frozen=True):
     record: AttitudeRecord | StatusRecord
     sample: ImuSample | None = None
     time_unix_us: int = 0
+
+
+class Encoded(Value, frozen=True):
+    """An attitude as it is published; made by another process."""
+
+    vehicle: VehicleId
+    payload: bytes
 
 
 class Peer(Value, frozen=True):
@@ -119,7 +128,7 @@ class Message(Value, frozen=True):
     text: str
 
 
-Output = Published | Peer | Replaced | Departed | Message
+Output = Published | Encoded | Peer | Replaced | Departed | Message
 
 
 def vehicle_name(vehicle: VehicleId) -> str:

@@ -132,12 +132,16 @@ class Runner:
             self._requests.serve(self._pipeline.replace_profile)
         self._outbox.put(outputs)
 
+    @property
+    def dropped(self) -> int:
+        """Events and records lost so far."""
+        return self._source.dropped + self._outbox.dropped
+
     def _tick(self) -> None:
-        dropped = self._source.dropped + self._outbox.dropped
         shedding = Shedding() if self._overload is None else self._overload.shedding
         load = Load(
             self.overruns,
-            dropped,
+            self.dropped,
             is_shedding=not shedding.is_none,
             share=shedding.attitudes,
             published_hz=1.0 / (shedding.attitudes * self._period_s),

@@ -278,6 +278,7 @@ class Vehicle:
 
     def inherit(self, counts: Counts) -> None:
         """Go on counting for a service that had this vehicle before."""
+        self.built_in_motion = counts.motion
         self.worst_gap_us = counts.worst_gap_us
         self.samples = counts.samples
         self.shed = counts.shed

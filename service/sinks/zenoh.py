@@ -18,6 +18,7 @@ from service.parameters import ParameterRequests
 from service.records import (
     AttitudeRecord,
     Departed,
+    Encoded,
     Output,
     Published,
     Replaced,
@@ -48,6 +49,7 @@ class ZenohSink:
     """Publishes on a session that it owns from then on.
 
     ``on_conflict`` is called with the key of a vehicle that another service publishes already.
+    With ``takes_encoded`` attitudes come as :class:`~service.records.Encoded` alone.
     """
 
     name = "zenoh"
@@ -60,11 +62,14 @@ class ZenohSink:
         profile: Profile,
         requests: ParameterRequests,
         on_conflict: Callable[[str], None] | None = None,
+        *,
+        takes_encoded: bool = False,
     ) -> None:
         self._session = session
         self._prefix = prefix
         self._requests = requests
         self._on_conflict = on_conflict
+        self._takes_encoded = takes_encoded
         self._profile = profile
         self._profiles: dict[str, Profile] = {}
         self._addresses: dict[str, VehicleId] = {}
@@ -78,7 +83,9 @@ class ZenohSink:
         """Publish the records among the outputs."""
         for output in outputs:
             if isinstance(output, Published):
-                self._publish(output)
+                self._publish(output.vehicle, output.record)
+            elif isinstance(output, Encoded):
+                self._put(output.vehicle, AttitudeRecord, output.payload)
             elif isinstance(output, Replaced):
                 self._profiles[vehicle_name(output.vehicle)] = output.profile
             elif isinstance(output, Departed):
@@ -88,21 +95,25 @@ class ZenohSink:
         """Close the session, which withdraws everything declared on it."""
         close_session(self._session)
 
-    def _publish(self, output: Published) -> None:
-        record = output.record
-        topic = self._topics.get((output.vehicle, record.__class__))
+    def _publish(self, vehicle: VehicleId, record: AttitudeRecord | StatusRecord) -> None:
+        if self._takes_encoded and isinstance(record, AttitudeRecord):
+            return  # for those who show it; it has come encoded, too
+        self._put(vehicle, record.__class__, self._encode(record))
+
+    def _put(self, vehicle: VehicleId, form: type, payload: bytes) -> None:
+        topic = self._topics.get((vehicle, form))
         if topic is None:
-            topic = self._new_topic(output.vehicle, record)
-        topic.last = payload = self._encode(record)
+            topic = self._new_topic(vehicle, form)
+        topic.last = payload
         topic.put(payload)
 
-    def _new_topic(self, vehicle: VehicleId, record: AttitudeRecord | StatusRecord) -> _Topic:
+    def _new_topic(self, vehicle: VehicleId, form: type) -> _Topic:
         import zenoh
 
         name = vehicle_name(vehicle)
         if name not in self._addresses:
             self._appear(name, vehicle)
-        kind = "attitude" if isinstance(record, AttitudeRecord) else "status"
+        kind = "attitude" if form is AttitudeRecord else "status"
         key = f"{self._prefix}/{name}/{kind}"
         publisher = self._session.declare_publisher(
             key,
@@ -110,7 +121,7 @@ class ZenohSink:
             congestion_control=zenoh.CongestionControl.DROP,
             express=False,
         )
-        topic = self._topics[vehicle, record.__class__] = _Topic(key, publisher)
+        topic = self._topics[vehicle, form] = _Topic(key, publisher)
         return topic
 
     def _appear(self, name: str, vehicle: VehicleId) -> None:

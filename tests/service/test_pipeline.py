@@ -31,6 +31,7 @@ ATTITUDE_KEYS = [
 STATUS_KEYS = [
     "state", "imu_message", "imu_rate_hz", "worst_gap_s", "rejected", "overruns", "dropped",
     "sequence", "rates", "overloaded", "shed", "published_hz", "malformed", "warnings", "retuned",
+    "worker", "restarts",
 ]  # fmt: skip
 
 

@@ -1,0 +1,109 @@
+"""One status of a vehicle, from its worker's and from what the service itself has counted."""
+
+from collections import Counter, defaultdict
+
+import msgspec
+
+from drivers.events import RefusedFrames, Shed, VehicleId
+from service.records import StatusRecord
+from service.workers.job import Tally
+
+
+class CommonStatus:
+    """Adds to a worker's status what only the service knows.
+
+    ``overruns``, ``dropped`` and ``malformed`` are those of all workers and of the link together;
+    ``overloaded`` is said of the vehicles of the worker that is, and of all if the link is.
+    """
+
+    def __init__(self) -> None:
+        self.malformed = 0
+        self.restarts = 0
+        self.dropped = 0  # by the link, the handout and the sinks
+        self.is_overloaded = False  # the link
+        self.refused: Counter[str] = Counter()
+        self._refused_of: defaultdict[VehicleId, Counter[str]] = defaultdict(Counter)
+        self._shed_of: Counter[VehicleId] = Counter()
+        self._tallies: dict[int, Tally] = {}
+        self._dead = Tally()
+
+    def refuse(self, event: RefusedFrames) -> None:
+        """Count frames that were not let in."""
+        self.refused[event.reason] += event.frames
+        # whoever is refused may claim any address
+        if any(event.vehicle in each.vehicles for each in self._tallies.values()):
+            self._refused_of[event.vehicle][event.reason] += event.frames
+
+    def shed(self, event: Shed) -> None:
+        """Count samples that were left out before anybody was handed them."""
+        self._shed_of[event.vehicle] += event.samples
+
+    def note(self, worker: int, tally: Tally) -> None:
+        """A worker's latest counts."""
+        self._tallies[worker] = tally
+
+    def forget(self, worker: int) -> Tally:
+        """A worker has died: its late ticks and losses still count. Returns its last counts."""
+        last = self._tallies.pop(worker, Tally())
+        self._dead = Tally(
+            max(self._dead.ticks, last.ticks),
+            self._dead.overruns + last.overruns,
+            self._dead.dropped + last.dropped,
+            _sum([self._dead.departures, last.departures]),
+        )
+        return last
+
+    def depart(self, vehicle: VehicleId) -> None:
+        """A vehicle is forgotten."""
+        self._refused_of.pop(vehicle, None)
+        self._shed_of.pop(vehicle, None)
+
+    @property
+    def tally(self) -> Tally:
+        """All workers' counts together; ``ticks`` are those of the one that has made most."""
+        tallies = [self._dead, *self._tallies.values()]
+        vehicles = {}
+        for each in tallies:
+            vehicles.update(each.vehicles)
+        return Tally(
+            max(each.ticks for each in tallies),
+            sum(each.overruns for each in tallies),
+            self.dropped + sum(each.dropped for each in tallies),
+            _sum([each.departures for each in tallies]),
+            {
+                vehicle: msgspec.structs.replace(
+                    counts,
+                    shed=counts.shed + self._shed_of[vehicle],
+                    rejected=self._rejected(vehicle, counts.rejected),
+                )
+                for vehicle, counts in vehicles.items()
+            },
+        )
+
+    def status(self, worker: int, vehicle: VehicleId, record: StatusRecord) -> StatusRecord:
+        """The status to publish for one of a worker's vehicles."""
+        others = [tally for of, tally in self._tallies.items() if of != worker]
+        others.append(self._dead)
+        return msgspec.structs.replace(
+            record,
+            rejected=self._rejected(vehicle, record.rejected),
+            overruns=record.overruns + sum(each.overruns for each in others),
+            dropped=record.dropped + self.dropped + sum(each.dropped for each in others),
+            malformed=self.malformed,
+            overloaded=record.overloaded or self.is_overloaded,
+            shed=record.shed + self._shed_of[vehicle],
+            worker=worker + 1,
+            restarts=self.restarts,
+        )
+
+    def _rejected(self, vehicle: VehicleId, by_worker: dict[str, int]) -> dict[str, int]:
+        if vehicle not in self._refused_of:
+            return by_worker
+        total = Counter(by_worker)
+        total.update({str(reason): count for reason, count in self._refused_of[vehicle].items()})
+        return dict(sorted(total.items()))
+
+
+def _sum(counts: list[tuple[int, int, int]]) -> tuple[int, int, int]:
+    vehicles, samples, attitudes = map(sum, zip(*counts, strict=True))
+    return vehicles, samples, attitudes

@@ -1,0 +1,272 @@
+"""The workers of a service: begun, listened to, replaced when they die, ended.
+
+One thread, the service's loop, calls everything here but ``send``.
+"""
+
+import os
+import pickle
+import selectors
+import signal
+import socket
+import time
+from contextlib import suppress
+
+import msgspec
+
+from drivers.closing import Closing
+from drivers.events import VehicleId
+from service.records import AttitudeRecord, Departed, Encoded, Message, Output, Published, Replaced
+from service.workers import nursery_words as words
+from service.workers.common_status import CommonStatus
+from service.workers.connection import Connection, Kind
+from service.workers.connection import Message as Told
+from service.workers.handout import Handout
+from service.workers.job import Inheritance, Job, Tally
+from service.workers.nursery_process import NurseryProcess
+from service.workers.place import MOST_QUICK_DEATHS, QUICK_S, Place
+from service.workers.profile_requests import ProfileRequests
+from service.workers.report import attitudes_of
+
+MOST_QUICK_NURSERIES = 3
+# Workers tell something every second. One that says nothing for so long hangs, and is killed.
+SILENT_S = 5.0
+# So much of a silence counts at a turn: when the service itself stood, nobody else is to blame.
+LONGEST_STEP_S = 0.2
+ENDING_S = 1.0
+
+
+class CrewError(RuntimeError):
+    """Raised when processes die again and again."""
+
+
+class Crew(Closing):
+    """``count`` workers that do ``job``, on the frames of ``handout``.
+
+    Raises:
+        CrewError: from :meth:`turn` and :meth:`begin`, when workers, or the process that they
+            come from, end at once each time.
+    """
+
+    def __init__(self, count: int, job: Job, handout: Handout, *, with_raw: bool) -> None:
+        self.status = CommonStatus()
+        self.requests = ProfileRequests(self.send)
+        self.payloads: dict[VehicleId, bytes] = {}  # each vehicle's last attitude, as published
+        self._job = job
+        self._handout = handout
+        self._setup = words.Setup(job.profile, job.gain, with_raw)
+        self._profiles: dict[VehicleId, Replaced] = {}
+        self._sequences: dict[VehicleId, int] = {}  # the next ones, of attitudes that are records
+        self._selector = selectors.DefaultSelector()
+        self._retired: list[NurseryProcess] = []
+        self._quick_nurseries = 0
+        self._ready_s: float | None = None
+        self._nursery = self._open_nursery()
+        self._places = [self._new_place(number) for number in range(count)]
+        self._turn_s = time.monotonic()
+
+    def begin(self) -> None:
+        """Wait until all is compiled and the workers are there."""
+        while not all(place.process for place in self._places):
+            self.turn(0.1)
+
+    @property
+    def processes(self) -> list[int | None]:
+        """The processes of the workers, in their order."""
+        return [place.process for place in self._places]
+
+    def send(self, vehicle: VehicleId, body: bytes) -> bool:
+        """Send a request for another profile to a vehicle's worker; False if it has none."""
+        number = self._handout.worker(vehicle.system_id)
+        if number is None:
+            return False
+        self._places[number].connection.put(Kind.PROFILE, body)
+        return True
+
+    def turn(self, timeout_s: float) -> list[Output]:
+        """Wait for what workers tell, and return it; replace those that have died."""
+        outputs: list[Output] = []
+        for key, _ in self._selector.select(timeout_s):
+            if isinstance(key.data, Place):
+                self._listen(key.data, outputs)
+        self._hear_nursery()
+        for place in self._places:
+            place.connection.flush()
+            # the birth of one that has died at once may still have to be told
+            if place.connection.is_ended and place.process is not None:
+                self._replace(place)
+            if (line := place.take_line()) is not None:
+                systems = len(self._handout.systems(place.number))
+                outputs.append(Message(f"{line} goes on with its {systems} systems"))
+        self._kill_silent()
+        return outputs
+
+    def end(self) -> list[Output]:
+        """Have the workers end, and return what they still had to tell."""
+        outputs: list[Output] = []
+        for place in self._places:
+            place.connection.flush_all(0.1)
+            place.connection.end_sending()
+        end_s = time.monotonic() + ENDING_S
+        while time.monotonic() < end_s and not all(p.connection.is_ended for p in self._places):
+            for key, _ in self._selector.select(0.05):
+                if isinstance(key.data, Place):
+                    self._listen(key.data, outputs)
+                    if key.data.connection.is_ended:
+                        self._selector.unregister(key.fileobj)
+        return outputs
+
+    def close(self) -> None:
+        """End all processes."""
+        for place in self._places:
+            place.connection.close()
+        for nursery in (*self._retired, self._nursery):
+            nursery.close()
+        self._selector.close()
+
+    # --- what workers tell
+
+    def _listen(self, place: Place, outputs: list[Output]) -> None:
+        for message in place.connection.receive():
+            place.silent_s = 0.0
+            self._take(place, message, outputs)
+
+    def _take(self, place: Place, message: Told, outputs: list[Output]) -> None:
+        match message.kind:
+            case Kind.ATTITUDES:
+                for vehicle, payload in attitudes_of(message.body):
+                    self.payloads[vehicle] = payload
+                    outputs.append(Encoded(vehicle, payload))
+            case Kind.OUTPUTS:
+                told = pickle.loads(message.body)  # noqa: S301 - of our own process
+                outputs += [self._completed(place, output) for output in told]
+            case Kind.COUNTS:
+                self.status.note(place.number, pickle.loads(message.body))  # noqa: S301
+            case Kind.OUTGOING:
+                self._handout.send(pickle.loads(message.body))  # noqa: S301
+            case Kind.PROFILE:
+                self.requests.take(pickle.loads(message.body))  # noqa: S301
+            case Kind.FAILURE:
+                place.failure = message.body.decode(errors="replace")
+
+    def _completed(self, place: Place, output: Output) -> Output:
+        """The output, with the service's part of a status; what a successor needs is kept."""
+        match output:
+            case Replaced(vehicle=vehicle):
+                self._profiles[vehicle] = output
+            case Departed(vehicle=vehicle):
+                for known in (self._profiles, self._sequences, self.payloads):
+                    known.pop(vehicle, None)
+                self.status.depart(vehicle)
+            case Published(vehicle=vehicle, record=AttitudeRecord(sequence=sequence)):
+                self._sequences[vehicle] = sequence + 1
+            case Published(vehicle=vehicle, record=record):
+                assert not isinstance(record, AttitudeRecord)
+                common = self.status.status(place.number, vehicle, record)
+                return msgspec.structs.replace(output, record=common)
+        return output
+
+    # --- deaths
+
+    def _new_place(self, number: int) -> Place:
+        place = Place(number, self._connect(number, {}))
+        self._selector.register(place.connection.socket, selectors.EVENT_READ, place)
+        return place
+
+    def _replace(self, place: Place) -> None:
+        """Have another process go on for one that has died; its frames wait meanwhile."""
+        failure = place.failure
+        self.status.restarts += place.process is not None
+        self._selector.unregister(place.connection.socket)
+        place.connection.close()
+        inherited = self._inheritance(self.status.forget(place.number))
+        connection = self._connect(place.number, inherited)
+        place.note_death(connection, time.monotonic())
+        self._selector.register(connection.socket, selectors.EVENT_READ, place)
+        if place.quick_deaths >= MOST_QUICK_DEATHS:
+            why = f": {failure}" if failure else ""
+            raise CrewError(
+                f"{place.name} has died {MOST_QUICK_DEATHS} times in a row,"
+                f" each time within {QUICK_S:g} s{why}"
+            )
+
+    def _connect(self, number: int, inherited: dict[VehicleId, Inheritance]) -> Connection:
+        """A connection to a worker that is asked for."""
+        ours, theirs = socket.socketpair()
+        connection = Connection(ours)
+        job = self._job._replace(inherited=inherited)
+        self._handout.connect(number, connection, pickle.dumps(job))
+        with theirs:
+            self._nursery.request(number, theirs)
+        counts = {vehicle: each.counts for vehicle, each in inherited.items()}
+        self.status.note(number, Tally(vehicles=counts))
+        return connection
+
+    def _inheritance(self, last: Tally) -> dict[VehicleId, Inheritance]:
+        """What a successor takes over; the numbers of records go on where they were."""
+        inherited = {}
+        for vehicle, counts in last.vehicles.items():
+            replaced = self._profiles.get(vehicle)
+            attitudes = max(counts.attitudes, self._next_sequence(vehicle))
+            inherited[vehicle] = Inheritance(
+                None if replaced is None else replaced.profile,
+                msgspec.structs.replace(counts, attitudes=attitudes),
+            )
+        return inherited
+
+    def _next_sequence(self, vehicle: VehicleId) -> int:
+        payload = self.payloads.get(vehicle)
+        if payload is None:
+            return self._sequences.get(vehicle, 0)
+        return msgspec.json.decode(payload, type=AttitudeRecord).sequence + 1
+
+    def _kill_silent(self) -> None:
+        """End workers that hang, so that they are replaced."""
+        now_s = time.monotonic()
+        step_s, self._turn_s = min(now_s - self._turn_s, LONGEST_STEP_S), now_s
+        for place in self._places:
+            place.silent_s += step_s
+            if place.silent_s > SILENT_S and place.process is not None:
+                place.failure = f"has said nothing for {SILENT_S:g} s and is killed"
+                place.silent_s = 0.0
+                with suppress(ProcessLookupError):
+                    os.kill(place.process, signal.SIGKILL)
+
+    # --- the process that workers come from
+
+    def _open_nursery(self) -> NurseryProcess:
+        nursery = NurseryProcess(self._setup)
+        self._selector.register(nursery.control, selectors.EVENT_READ, nursery)
+        self._ready_s = None
+        return nursery
+
+    def _hear_nursery(self) -> None:
+        now_s = time.monotonic()
+        for what, process, number in self._nursery.news():
+            if what == words.READY:
+                self._ready_s = now_s
+            elif what == words.BORN:
+                self._places[number].note_birth(process, now_s)
+            elif what == words.DEAD:
+                self._note_end(process, number)
+        if self._nursery.is_ended:
+            self._replace_nursery(now_s)
+
+    def _note_end(self, process: int, exit_code: int) -> None:
+        for place in self._places:
+            if place.death is not None and place.death.process == process:
+                place.death = place.death._replace(exit_code=exit_code)
+
+    def _replace_nursery(self, now_s: float) -> None:
+        """Start another one, and ask it for the workers that were not born yet."""
+        if self._ready_s is None:
+            raise CrewError("the process that workers come from has ended before it was ready")
+        is_quick = now_s - self._ready_s < QUICK_S
+        self._quick_nurseries = self._quick_nurseries + 1 if is_quick else 0
+        if self._quick_nurseries >= MOST_QUICK_NURSERIES:
+            raise CrewError("the process that workers come from ends again and again")
+        self._selector.unregister(self._nursery.control)
+        self._retired.append(self._nursery)
+        self._nursery = self._open_nursery()
+        for place in self._places:
+            if place.process is None:
+                self._replace(place)

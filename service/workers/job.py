@@ -1,0 +1,59 @@
+"""What a worker is told when it begins, and what it tells while it works."""
+
+from typing import NamedTuple
+
+from drivers.events import VehicleId
+from estimator.profile import Profile
+from service.counts import Counts
+
+
+class Inheritance(NamedTuple):
+    """What a worker takes over of a vehicle from one that has died."""
+
+    profile: Profile | None  # None: the one in the job
+    counts: Counts
+
+
+class Job(NamedTuple):
+    """How to work. All workers tick at ``begin_s`` (monotonic clock) and whole periods after it.
+
+    With ``as_records`` attitudes are handed back as records, with their samples, else as they are
+    published.
+    """
+
+    profile: Profile
+    gain: float | None
+    rate_hz: float
+    system_id: int | None
+    fits_built_in: bool
+    request_rate_hz: float | None
+    references: bool
+    as_records: bool
+    begin_s: float
+    inherited: dict[VehicleId, Inheritance]
+
+
+class Tally(NamedTuple):
+    """What a worker has counted so far."""
+
+    ticks: int = 0
+    overruns: int = 0
+    dropped: int = 0
+    departures: tuple[int, int, int] = (0, 0, 0)  # vehicles forgotten, their samples, attitudes
+    vehicles: dict[VehicleId, Counts] = {}  # noqa: RUF012 - never changed
+
+
+class ProfileRequest(NamedTuple):
+    """A partial profile for a vehicle."""
+
+    number: int
+    vehicle: VehicleId
+    partial: dict[str, object]
+
+
+class ProfileAnswer(NamedTuple):
+    """The whole profile, or why it stays what it was; neither: the worker is ending."""
+
+    number: int
+    profile: Profile | None
+    refusal: str = ""

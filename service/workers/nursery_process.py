@@ -1,0 +1,92 @@
+"""The service's side of the nursery: started, asked for workers, heard, ended."""
+
+import os
+import pickle
+import signal
+import socket
+import subprocess
+import sys
+import time
+from contextlib import suppress
+from typing import NamedTuple
+
+from drivers.closing import Closing
+from service.workers import nursery_words as words
+
+# What the process runs: our own modules, from wherever this process has them.
+PROGRAM = (
+    "import sys; sys.path[:] = {path!r}; "
+    "from service.workers.nursery import serve; serve({control})"
+)
+# Libraries for matrices start a thread for each core, of which a fork would copy none.
+ENVIRONMENT = {"OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1"}
+ENDING_S = 2.0
+
+
+class News(NamedTuple):
+    """Something that the nursery tells; ``what`` is one of the words of nursery_words."""
+
+    what: bytes
+    process: int
+    number: int
+
+
+class NurseryProcess(Closing):
+    """A nursery in a session of its own: what a terminal signals does not reach it."""
+
+    def __init__(self, setup: words.Setup) -> None:
+        self.is_ready = False
+        self.is_ended = False
+        self._received = b""
+        self.control, theirs = socket.socketpair()
+        with theirs:
+            program = PROGRAM.format(path=sys.path, control=theirs.fileno())
+            self._process = subprocess.Popen(  # noqa: S603 - our own program
+                [sys.executable, "-P", "-c", program],
+                stdin=subprocess.PIPE,
+                stdout=subprocess.DEVNULL,
+                pass_fds=[theirs.fileno()],
+                start_new_session=True,
+                env={**os.environ, **ENVIRONMENT},
+            )
+        assert self._process.stdin is not None
+        with suppress(OSError), self._process.stdin as pipe:
+            pickle.dump(setup, pipe)
+        self.control.setblocking(False)
+
+    def request(self, number: int, end: socket.socket) -> bool:
+        """Have a worker forked that has this end of a connection; False if nobody is there."""
+        try:
+            socket.send_fds(self.control, [words.REQUEST.pack(number)], [end.fileno()])
+        except OSError:
+            self.is_ended = True
+        return not self.is_ended
+
+    def news(self) -> list[News]:
+        """What it has told since the last call."""
+        while not self.is_ended:
+            try:
+                data = self.control.recv(4096)
+            except (BlockingIOError, InterruptedError):
+                break
+            except OSError:
+                data = b""
+            self.is_ended = not data
+            self._received += data
+        whole = len(self._received) // words.NEWS.size * words.NEWS.size
+        news = [News(*each) for each in words.NEWS.iter_unpack(self._received[:whole])]
+        self._received = self._received[whole:]
+        self.is_ready = self.is_ready or any(each.what == words.READY for each in news)
+        return news
+
+    def close(self) -> None:
+        """End it; whoever is left of its session is killed."""
+        self.control.close()
+        end_s = time.monotonic() + ENDING_S
+        with suppress(subprocess.TimeoutExpired):
+            # before it is ready it does not listen
+            self._process.wait(ENDING_S if self.is_ready else 0.0)
+        with suppress(ProcessLookupError, PermissionError):
+            os.killpg(self._process.pid, signal.SIGKILL)
+        with suppress(subprocess.TimeoutExpired):
+            self._process.wait(max(0.1, end_s - time.monotonic()))

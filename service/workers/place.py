@@ -1,0 +1,76 @@
+"""One of the places of a crew, and the process that has it now."""
+
+import signal
+from dataclasses import dataclass
+from typing import NamedTuple
+
+from service.workers.connection import Connection
+
+# A worker that lives no longer than this has died quickly; after so many in a row the service ends.
+QUICK_S = 5.0
+MOST_QUICK_DEATHS = 4
+
+
+class Death(NamedTuple):
+    """A worker that is gone; ``exit_code`` is known a little later, negative for a signal."""
+
+    process: int | None
+    failure: str
+    exit_code: int | None = None
+
+    @property
+    def cause(self) -> str:
+        """Why, for a person."""
+        if self.failure:
+            return self.failure
+        if self.exit_code is None:
+            return "has ended"
+        if self.exit_code < 0:
+            return f"was killed by {_signal_name(-self.exit_code)}"
+        return f"ended with status {self.exit_code}"
+
+
+@dataclass(slots=True)
+class Place:
+    """A worker's place. ``process`` is None until its process has been born."""
+
+    number: int
+    connection: Connection
+    process: int | None = None
+    born_s: float = 0.0
+    silent_s: float = 0.0
+    quick_deaths: int = 0
+    failure: str = ""
+    death: Death | None = None  # of the one before, until it has been told
+
+    @property
+    def name(self) -> str:
+        """For a person."""
+        return f"worker {self.number + 1}"
+
+    def note_birth(self, process: int, now_s: float) -> None:
+        """A process has the place now."""
+        self.process, self.born_s, self.silent_s = process, now_s, 0.0
+
+    def note_death(self, connection: Connection, now_s: float) -> None:
+        """Its process is gone; another one is to have this connection."""
+        if self.process is not None:
+            is_quick = now_s - self.born_s < QUICK_S
+            self.quick_deaths = self.quick_deaths + 1 if is_quick else 0
+            self.death = Death(self.process, self.failure)
+        self.connection, self.process, self.failure = connection, None, ""
+
+    def take_line(self) -> str | None:
+        """The line about a death, once it is known how it came and who goes on."""
+        death = self.death
+        if death is None or self.process is None or not (death.failure or death.exit_code):
+            return None
+        self.death = None
+        return f"{self.name} (process {death.process}) {death.cause}; process {self.process}"
+
+
+def _signal_name(number: int) -> str:
+    try:
+        return signal.Signals(number).name
+    except ValueError:
+        return f"signal {number}"

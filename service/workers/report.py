@@ -1,0 +1,83 @@
+"""What a worker hands back: attitudes and statuses, lines for a person, and counts."""
+
+import pickle
+import time
+from collections.abc import Callable
+from struct import Struct
+
+import msgspec
+
+from drivers.events import VehicleId
+from service.records import AttitudeRecord, Message, Output, Published
+from service.workers.connection import Connection, Kind
+from service.workers.job import Tally
+
+_HEAD = Struct("<BBH")  # system, component, size
+TALLY_S = 1.0
+_PREFIX = "vehicle "  # of lines that say themselves whom they are about
+
+
+class Report:
+    """A worker's :class:`~service.sinks.outbox.OutputTaker`: all that its loop makes."""
+
+    def __init__(
+        self, connection: Connection, name: str, tally: Callable[[], Tally], *, as_records: bool
+    ) -> None:
+        self.dropped = 0
+        self._connection = connection
+        self._name = name
+        self._tally = tally
+        self._as_records = as_records
+        self._tally_due_s = 0.0
+        self._encode = msgspec.json.Encoder().encode
+
+    @property
+    def lag_s(self) -> float:
+        """How long the oldest record has waited for the service."""
+        return self._connection.lag_s
+
+    def put(self, outputs: list[Output]) -> None:
+        """Hand outputs back; never blocks."""
+        attitudes: list[bytes] = []
+        others: list[Output] = []
+        for output in outputs:
+            if isinstance(output, Published):
+                record = output.record
+                if isinstance(record, AttitudeRecord) and not self._as_records:
+                    attitudes += self._as_published(output.vehicle, record)
+                    continue
+            others.append(self._named(output) if isinstance(output, Message) else output)
+        if attitudes:
+            for dropped in self._connection.put(Kind.ATTITUDES, b"".join(attitudes)):
+                self.dropped += len(attitudes_of(dropped))
+        if others:
+            self._connection.put(Kind.OUTPUTS, pickle.dumps(others))
+        if time.monotonic() >= self._tally_due_s:
+            self.put_tally()
+        if not outputs:
+            self._connection.flush()
+
+    def put_tally(self) -> None:
+        """Hand the counts back, which also says that the worker is alive."""
+        self._tally_due_s = time.monotonic() + TALLY_S
+        self._connection.put(Kind.COUNTS, pickle.dumps(self._tally()))
+
+    def _as_published(self, vehicle: VehicleId, record: AttitudeRecord) -> tuple[bytes, bytes]:
+        payload = self._encode(record)
+        return _HEAD.pack(vehicle.system_id, vehicle.component_id, len(payload)), payload
+
+    def _named(self, message: Message) -> Message:
+        """A line about the worker itself begins with its name."""
+        is_of_vehicle = message.text.startswith(_PREFIX)
+        return message if is_of_vehicle else Message(f"{self._name}: {message.text}")
+
+
+def attitudes_of(body: bytes) -> list[tuple[VehicleId, bytes]]:
+    """The attitudes in a message, as they are published."""
+    attitudes = []
+    at = 0
+    while at < len(body):
+        system_id, component_id, size = _HEAD.unpack_from(body, at)
+        begin, at = at + _HEAD.size, at + _HEAD.size + size
+        attitudes.append((VehicleId(system_id, component_id), body[begin:at]))
+    return attitudes
