@@ -36,14 +36,15 @@ class LiveSource(Protocol):
         """Events lost so far because nobody drained them."""
 
     @property
-    def busy(self) -> float:
-        """The share of its time that a thread of the source works; 0 without one."""
+    def shed(self) -> int:
+        """Samples left out so far, since newer ones were there already."""
+
+    @property
+    def lost(self) -> int:
+        """Datagrams that the system threw away before they could be read."""
 
     def drain(self, timeout_s: float) -> list[Event]:
-        """All events that are there, after waiting at most ``timeout_s`` for the first."""
-
-    def spare(self, interval_s: float) -> None:
-        """Give each vehicle's newest samples alone, once in ``interval_s``; 0 gives all."""
+        """Events that are there, after waiting at most ``timeout_s`` for the first."""
 
     def __iter__(self) -> Iterator[Event]: ...
 

@@ -260,6 +260,7 @@ def summary(
         "ticks": runner.ticks,
         "overruns": runner.overruns,
         "dropped": dropped,
+        "lost": runner.lost,
         "malformed": pipeline.malformed,
         "refused": dict(sorted(pipeline.refused_frames.items())),
         "departed": {

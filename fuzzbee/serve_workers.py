@@ -160,6 +160,7 @@ def summary(options: RunOptions, crew: "Crew", seconds: float) -> dict[str, Any]
         "ticks": tally.ticks,
         "overruns": tally.overruns,
         "dropped": tally.dropped,
+        "lost": crew.status.lost,
         "malformed": status.malformed,
         "refused": dict(sorted(status.refused.items())),
         "departed": {"vehicles": gone, "samples": gone_samples, "attitudes": gone_attitudes},

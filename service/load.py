@@ -4,14 +4,17 @@ from typing import NamedTuple
 
 
 class Load(NamedTuple):
-    """What the loop has lost so far: late ticks, and events and records thrown away.
+    """What the loop has lost so far, and whether it leaves anything out now.
 
-    Of the vehicles one in ``share`` gets its attitude published at a tick, ``published_hz`` times
-    a second each; 0 where the ticks are not those of a clock.
+    ``overruns`` are late ticks, ``dropped`` events and records thrown away, ``lost`` datagrams that
+    the system threw away. ``rate_hz`` is how often attitudes are published where there is time for
+    it, 0 where the ticks are not those of a clock. While it ``is_shedding``, and right
+    after a stop (``has_just_woken``), only vehicles with a new sample have theirs published.
     """
 
     overruns: int = 0
     dropped: int = 0
+    lost: int = 0
     is_shedding: bool = False
-    share: int = 1
-    published_hz: float = 0.0
+    has_just_woken: bool = False
+    rate_hz: float = 0.0

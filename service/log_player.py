@@ -22,8 +22,9 @@ class LogPlayer:
     for the service as it was for the recorder. It ``is_finished`` at the end of the log.
     """
 
-    dropped = 0  # a log waits for the service, so nothing is ever dropped
-    busy = 0.0  # no thread of its own
+    # a log waits for the service, so nothing is ever dropped
+    dropped = 0
+    shed = lost = 0
 
     def __init__(
         self,
@@ -52,9 +53,6 @@ class LogPlayer:
 
     def _running_us(self) -> int:
         return self._base_us + round((self._monotonic_s() - self._base_s) * 1e6 * self._speed)
-
-    def spare(self, interval_s: float) -> None:
-        """A log waits: nothing is left out."""
 
     def drain(self, timeout_s: float) -> list[Event]:
         """All events whose time has come, after waiting at most ``timeout_s`` for the first."""

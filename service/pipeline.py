@@ -79,7 +79,6 @@ class Pipeline:
         self._departed: list[VehicleId] = []  # since the last tick
         self._departure_talk = Talk("vehicles")
         self._next_status_us: int | None = None
-        self._turn = 0  # whose turn it is, where not all are published at each tick
         # the latest since the last tick; they come faster than anybody needs them
         self._peers: dict[tuple[VehicleId, str], Peer] = {}
         self._replaced: dict[VehicleId, Replaced] = {}  # the latest since the last tick
@@ -168,10 +167,12 @@ class Pipeline:
         self._replaced.clear()
         self._fitted.clear()
         self._peers.clear()
-        self._turn += 1
-        for number, vehicle in enumerate(self._vehicles.values(), start=self._turn):
-            outputs += _messages(vehicle.on_time(now_us))
-            attitude = vehicle.attitude(now_us) if number % load.share == 0 else None
+        takes_all = not (load.is_shedding or load.has_just_woken)
+        for vehicle in self._vehicles.values():
+            if not load.has_just_woken:
+                outputs += _messages(vehicle.on_time(now_us))
+            is_wanted = takes_all or vehicle.is_due(now_us)
+            attitude = vehicle.attitude(now_us) if is_wanted else None
             if attitude is not None:
                 outputs.append(Published(vehicle.address, attitude, vehicle.last_sample))
             if status_due:

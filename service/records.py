@@ -73,6 +73,7 @@ class StatusRecord(msgspec.Struct, frozen=True):
     rates: str = "imu"  # "imu+attitude" once ATTITUDE has shown turning between IMU samples
     overloaded: bool = False  # more arrives than can be handled: samples are left out
     shed: int = 0  # samples of this vehicle left out so far
+    lost: int = 0  # datagrams of all vehicles that the system threw away before they could be read
     published_hz: float = 0.0  # attitudes a second, less than asked for when overloaded
     malformed: int = 0  # unreadable frames on the vehicle's link so far, whoever sent them
     warnings: tuple[str, ...] = ()  # words of service.alarms.Alarm

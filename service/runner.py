@@ -12,21 +12,22 @@ from collections import deque
 from collections.abc import Callable
 from typing import Protocol
 
-from drivers.busy import BusyShare
 from drivers.events import Event
 from service.load import Load
-from service.newest import newest_events
-from service.overload import Overload, Shedding
+from service.overload import Overload
 from service.parameters import ParameterRequests
 from service.pipeline import Pipeline
 from service.records import Message, Output
 from service.sinks.outbox import OutputTaker
 
 MAX_CATCH_UP_S = 0.25
+# So long after a stop nobody can say yet whose silence is his own.
+WAKING_S = 0.5
 # At most so many events between two looks at the schedule: a backlog must not delay the ticks.
 MOST_EVENTS = 64
-# Records that wait this long for their sink mean that there is no time left for it.
-LAG_S = 0.25
+# The loop waits for its records to be published, for this share of a period at most: meanwhile it
+# would only keep Python's lock from the thread that does it.
+SETTLING = 0.5
 # Between ticks the loop looks at its stop flag and mailbox this often.
 MAX_WAIT_S = 0.1
 
@@ -39,14 +40,15 @@ class LiveSource(Protocol):
         """Events thrown away because the loop was too slow."""
 
     @property
-    def busy(self) -> float:
-        """The share of its time that a thread of the source works."""
+    def shed(self) -> int:
+        """Samples left out so far, since newer ones were there already."""
+
+    @property
+    def lost(self) -> int:
+        """Datagrams that the system threw away before they could be read."""
 
     def drain(self, timeout_s: float) -> list[Event]:
-        """All events that wait, after waiting at most ``timeout_s`` for the first."""
-
-    def spare(self, interval_s: float) -> None:
-        """Give each vehicle's newest samples alone, once in ``interval_s``; 0 gives all."""
+        """Events that wait, after waiting at most ``timeout_s`` for the first."""
 
 
 class Runner:
@@ -54,7 +56,7 @@ class Runner:
 
     ``now_us`` is the host time that arrivals are stamped with (Unix time for
     live sources); ``is_finished`` tells that nothing will come any more. With an ``overload``
-    samples and attitudes are left out where there is more to do than can be done.
+    attitudes are left out, too, while the source leaves samples out.
     """
 
     def __init__(
@@ -79,14 +81,18 @@ class Runner:
         self._requests = requests
         self._is_finished = is_finished
         self._overload = overload
-        self._busy = BusyShare()
-        self._windows = 0  # of the busy share, that were looked at
+        self._woken_s: float | None = None  # when the loop went on after a stop
         self._stop = threading.Event()
         self._waiting: deque[Event] = deque()  # bounded by what the source keeps
 
     def stop(self) -> None:
         """End the loop at its next turn; from any thread or signal handler."""
         self._stop.set()
+
+    @property
+    def lost(self) -> int:
+        """Datagrams that the system threw away before they could be read."""
+        return self._source.lost
 
     @property
     def was_stopped(self) -> bool:
@@ -108,26 +114,24 @@ class Runner:
             if (end_s is not None and now_s >= end_s) or is_over():
                 break
             if now_s >= due_s:
-                self._tick()
+                if now_s - due_s > MAX_CATCH_UP_S:
+                    self._woken_s = now_s
+                    self._take(0.0)  # before anybody is said to be silent
+                self._tick(now_s)
                 due_s = self._next_due_s(due_s, now_s)
-                self._shed(now_s)
             self._take(min(MAX_WAIT_S, max(0.0, due_s - time.monotonic())))
-        self._tick()  # publishes what the last events have changed
+        self._tick(time.monotonic())  # publishes what the last events have changed
         if self._requests is not None:
             self._requests.close()
 
     def _take(self, timeout_s: float) -> None:
+        """Handle some of what has arrived, after waiting for it."""
+        waiting = self._waiting
+        if not waiting:
+            waiting.extend(self._source.drain(timeout_s))
         outputs: list[Output] = []
-        if self._waiting:
-            self._busy.go_on()
-        else:
-            self._busy.rest()
-            self._waiting.extend(self._source.drain(timeout_s))
-            self._busy.work()
-        if self._overload is not None and self._overload.level > 0 and len(self._waiting) > 1:
-            self._waiting = deque(newest_events(self._waiting))
-        for _ in range(min(MOST_EVENTS, len(self._waiting))):
-            outputs.extend(self._pipeline.handle(self._waiting.popleft()))
+        for _ in range(min(MOST_EVENTS, len(waiting))):
+            outputs += self._pipeline.handle(waiting.popleft())
         if self._requests is not None:
             self._requests.serve(self._pipeline.replace_profile)
         self._outbox.put(outputs)
@@ -137,35 +141,31 @@ class Runner:
         """Events and records lost so far."""
         return self._source.dropped + self._outbox.dropped
 
-    def _tick(self) -> None:
-        shedding = Shedding() if self._overload is None else self._overload.shedding
+    def _tick(self, now_s: float) -> None:
+        is_shedding = self._observe_load(now_s)
         load = Load(
             self.overruns,
             self.dropped,
-            is_shedding=not shedding.is_none,
-            share=shedding.attitudes,
-            published_hz=1.0 / (shedding.attitudes * self._period_s),
+            self._source.lost,
+            is_shedding=is_shedding,
+            has_just_woken=self._woken_s is not None and now_s - self._woken_s < WAKING_S,
+            rate_hz=1.0 / self._period_s,
         )
         self._outbox.put(self._pipeline.tick(self._now_us(), load))
+        self._outbox.settle(SETTLING * self._period_s)
         self.ticks += 1
 
-    def _shed(self, now_s: float) -> None:
-        """Once in a window of time, look whether more or less must be left out."""
+    def _observe_load(self, now_s: float) -> bool:
+        """Whether there is more to do than can be done; told when it begins and ends."""
         overload = self._overload
-        if overload is None or self._busy.windows == self._windows:
-            return
-        self._windows = self._busy.windows
-        before = overload.shedding
-        busy = max(self._busy.share, self._source.busy, self._outbox.lag_s / LAG_S)
-        if not overload.observe(busy, now_s):
-            return
-        shedding = overload.shedding
-        self._source.spare(0.0 if shedding.is_none else shedding.samples * self._period_s)
-        if before.is_none or shedding.is_none:
-            self._outbox.put([Message(self._overload_line(shedding))])
+        if overload is None:
+            return False
+        if overload.observe(self._source.shed + self._source.lost, now_s):
+            self._outbox.put([Message(self._overload_line(overload))])
+        return overload.is_on
 
-    def _overload_line(self, shedding: Shedding) -> str:
-        if shedding.is_none:
+    def _overload_line(self, overload: Overload) -> str:
+        if not overload.is_on:
             return "no longer overloaded: every sample counts again"
         return (
             "overloaded: more arrives than this computer can handle; "
@@ -176,7 +176,7 @@ class Runner:
         late_s = now_s - due_s
         if late_s <= self._period_s:
             return due_s + self._period_s
-        if late_s <= MAX_CATCH_UP_S and (self._overload is None or self._overload.level == 0):
+        if late_s <= MAX_CATCH_UP_S and (self._overload is None or not self._overload.is_on):
             self.overruns += 1
             return due_s + self._period_s
         missed = int(late_s / self._period_s)

@@ -31,6 +31,8 @@ from service.records import AttitudeRecord, Retuned, StatusRecord, vehicle_name
 from service.talk import Talk
 from service.velocity_choice import VelocityChoice
 
+# While not all attitudes are published at each tick, one of an old sample still is this often.
+REPEATED_US = 250_000
 # Enough for a steady median, few enough to follow a stream whose rate was changed.
 PERIODS_KEPT = 51
 MEDIAN_EVERY = 8
@@ -75,6 +77,10 @@ class Vehicle:
         self._median_us: float | None = None
         self._last: Imu | None = None  # as the vehicle sent it
         self._last_sample: ImuSample | None = None  # as it is mounted
+        self._published_samples = -1  # of the last attitude
+        self._published_us = 0
+        self._status_us: int | None = None
+        self._attitudes_then = 0  # at the last status
         self._talk = Talk(f"vehicle {self.name}")  # limits lines that others can trigger at will
         # the last arrival before a reboot, until the first sample after it
         self._silent_since_us: int | None = None
@@ -205,6 +211,11 @@ class Vehicle:
         """Notice silence."""
         return self._become(health.on_time(self._health, now_us, self.median_period_us))
 
+    def is_due(self, now_us: int) -> bool:
+        """Whether there is a new sample to publish an attitude of, or none for long."""
+        is_new = self.samples != self._published_samples
+        return is_new or not 0 <= now_us - self._published_us < REPEATED_US
+
     def attitude(self, now_us: int) -> AttitudeRecord | None:
         """The attitude propagated to ``now_us``, for output only; None if there is none to give."""
         last = self._last
@@ -226,6 +237,7 @@ class Vehicle:
         if record is None:
             return None  # a tick changes nothing; on_imu will restart the estimator
         self.attitudes += 1
+        self._published_samples, self._published_us = self.samples, now_us
         return record
 
     def _held_us(self, last: Imu) -> int:
@@ -252,13 +264,23 @@ class Vehicle:
             rates=self.estimator.rates,
             overloaded=load.is_shedding,
             shed=self.shed,
-            published_hz=load.published_hz,
+            lost=load.lost,
+            published_hz=self._published_hz(now_us, load),
             malformed=malformed,
             warnings=tuple(sorted(self._alarms.words | unfit)),
             retuned=self._retuned,
         )
         self._statuses += 1
         return record
+
+    def _published_hz(self, now_us: int, load: Load) -> float:
+        """Attitudes a second: as the loop says, or counted since the last status."""
+        since_us = None if self._status_us is None else now_us - self._status_us
+        count = self.attitudes - self._attitudes_then
+        self._status_us, self._attitudes_then = now_us, self.attitudes
+        if not load.is_shedding or since_us is None or since_us <= 0:
+            return load.rate_hz
+        return min(load.rate_hz, round(1e6 * count / since_us, 1))
 
     @property
     def counts(self) -> Counts:

@@ -1,40 +1,174 @@
-"""What has arrived and waits to be looked at, while not everything can be."""
+"""Frames that wait to be decoded, and what of them is left out when they wait for too long.
 
-import time
-from collections import deque
-from collections.abc import Callable
+Where more arrives than can be handled, a newer sample of a vehicle is worth more than an older
+one. So once frames have waited for longer than :data:`PATIENCE_S`, only the newest of each sender's
+streams stays, in the place of the oldest: whoever has waited longest is next, nobody starves, and
+nothing that is taken is older than the interval at which its sender sends. No load has to be
+measured for that, and nothing is left out while there is time for all of it.
+"""
 
-from drivers.mavlink.transports.transport import Packet
+from collections import Counter, deque
+from collections.abc import Iterable
+from typing import NamedTuple
 
-# Datagrams or pieces of a stream, the newest. The system has room for some hundred datagrams, and
-# keeps the oldest: they are taken from it at once.
-MOST_WAITING = 20_000
+from drivers.events import Shed, VehicleId
+from drivers.mavlink.constants import (
+    ATTITUDE_ID,
+    ATTITUDE_QUATERNION_ID,
+    EKF_STATUS_REPORT_ID,
+    ESTIMATOR_STATUS_ID,
+    GLOBAL_POSITION_INT_ID,
+    GPS_RAW_INT_ID,
+    HIGHRES_IMU_ID,
+    LOCAL_POSITION_NED_ID,
+    RAW_IMU_ID,
+    SCALED_IMU2_ID,
+    SCALED_IMU3_ID,
+    SCALED_IMU_ID,
+    SIM_STATE_ID,
+    SIMSTATE_ID,
+)
+from drivers.mavlink.framing import Frame
+from drivers.mavlink.imu_messages import imu_message_name, imu_number, imu_stream_name
 
-Stamped = tuple[int, Packet]  # with its arrival, host's Unix time, us
+# Each of these makes the one before it old. What is said once (a parameter, an answer) or tells
+# who is there (HEARTBEAT) is never left out.
+STREAMS = frozenset(
+    {
+        SCALED_IMU_ID,
+        RAW_IMU_ID,
+        HIGHRES_IMU_ID,
+        SCALED_IMU2_ID,
+        SCALED_IMU3_ID,
+        GPS_RAW_INT_ID,
+        ATTITUDE_ID,
+        ATTITUDE_QUATERNION_ID,
+        LOCAL_POSITION_NED_ID,
+        GLOBAL_POSITION_INT_ID,
+        SIM_STATE_ID,
+        SIMSTATE_ID,
+        EKF_STATUS_REPORT_ID,
+        ESTIMATOR_STATUS_ID,
+    }
+)
+# One period of a common stream, 50 Hz: with the wait for the next tick, attitudes stay younger
+# than two.
+PATIENCE_S = 0.02
+# Whoever has not looked for so long was stopped: what has piled up is not gone through one by one.
+STOPPED_S = 0.25
+# So many frames are decoded at one go, before whoever takes them can do something else: 1 ms or so.
+MOST_AT_ONCE = 32
+# What cannot be left out is bounded, too: the oldest goes, and is counted.
+MOST_WAITING = 50_000
+
+
+class Arrived(NamedTuple):
+    """A frame and when it arrived (host's Unix time)."""
+
+    arrival_us: int
+    frame: Frame
+
+
+class _Turn:
+    """A frame that waits for its turn, and since when."""
+
+    __slots__ = ("arrived", "since_s")
+
+    def __init__(self, arrived: Arrived, since_s: float) -> None:
+        self.arrived = arrived
+        self.since_s = since_s
 
 
 class Backlog:
-    """Gives everything at once, or all that came in an interval together.
+    """Frames in the order of their turn. Times in s are those of one steady clock, given.
 
-    ``interval_s`` may be set by any thread; 0 means at once.
+    ``dropped`` counts frames that were too many, ``shed`` IMU samples that were left out.
     """
 
-    def __init__(self, now_s: Callable[[], float] = time.monotonic) -> None:
-        self.interval_s = 0.0
-        self._now_s = now_s
-        self._due_s = 0.0
-        self._waiting: deque[Stamped] = deque(maxlen=MOST_WAITING)
+    def __init__(self, most_waiting: int = MOST_WAITING) -> None:
+        self.dropped = 0
+        self.shed = 0
+        self._most_waiting = most_waiting
+        self._turns: deque[_Turn] = deque()
+        # the newest turn of each stream, while there is more than can be done; else None
+        self._streams: dict[tuple[int, ...], _Turn] | None = None
+        self._uncounted: Counter[tuple[VehicleId, str]] = Counter()
+        self._looked_s: float | None = None
 
-    def take(self, packets: list[Packet], now_us: int) -> list[Stamped]:
-        """What is to be looked at now that ``packets`` have arrived."""
-        stamped = [(now_us, packet) for packet in packets]
-        if self.interval_s <= 0.0 and not self._waiting:
-            return stamped
-        self._waiting.extend(stamped)
-        now_s = self._now_s()
-        if self.interval_s > 0.0 and now_s < self._due_s:
+    def __len__(self) -> int:
+        return len(self._turns)
+
+    def add(self, arrived: Iterable[Arrived], now_s: float) -> None:
+        """Put frames at the end, or in the place of older ones of their streams."""
+        turns = self._turns
+        if self._streams is None and turns and now_s - turns[0].since_s > PATIENCE_S:
+            self.fold()
+        if self._streams is None:
+            turns.extend([_Turn(each, now_s) for each in arrived])
+        else:
+            for each in arrived:
+                self._put(each, now_s, self._streams)
+        while len(turns) > self._most_waiting:
+            self._remove_first()
+            self.dropped += 1
+
+    def note_look(self, now_s: float) -> None:
+        """All that has arrived is here now; to be called again and again, if nothing has, too."""
+        if self._looked_s is not None and now_s - self._looked_s > STOPPED_S:
+            self.fold()
+        self._looked_s = now_s
+
+    def take(self) -> list[Arrived]:
+        """The next frames."""
+        taken = [self._remove_first() for _ in range(min(MOST_AT_ONCE, len(self._turns)))]
+        if not self._turns:
+            self._streams = None  # all is done: what comes now can be handled, too
+        return taken
+
+    def fold(self) -> None:
+        """Leave out all but the newest of each sender's streams, until nothing waits any more."""
+        turns, self._turns, self._streams = self._turns, deque(), {}
+        for turn in turns:
+            self._put(turn.arrived, turn.since_s, self._streams)
+
+    def take_shed(self, arrival_us: int) -> list[Shed]:
+        """What has been left out since the last call: IMU samples, which estimates are made of."""
+        if not self._uncounted:
             return []
-        self._due_s = now_s + self.interval_s
-        waiting = list(self._waiting)
-        self._waiting.clear()
-        return waiting
+        shed = [
+            Shed(vehicle, arrival_us, message, samples)
+            for (vehicle, message), samples in self._uncounted.items()
+        ]
+        self._uncounted.clear()
+        return shed
+
+    def _put(self, arrived: Arrived, now_s: float, streams: dict[tuple[int, ...], _Turn]) -> None:
+        key = _stream(arrived.frame)
+        turn = streams.get(key)
+        if turn is not None:
+            self._count(turn.arrived.frame)
+            turn.arrived, turn.since_s = arrived, now_s
+            return
+        turn = _Turn(arrived, now_s)
+        self._turns.append(turn)
+        if arrived.frame.message_id in STREAMS:
+            streams[key] = turn
+
+    def _remove_first(self) -> Arrived:
+        arrived = self._turns.popleft().arrived
+        if self._streams is not None:
+            self._streams.pop(_stream(arrived.frame), None)
+        return arrived
+
+    def _count(self, frame: Frame) -> None:
+        """Count a frame that is left out."""
+        name = imu_message_name(frame.message_id)
+        if name is not None:
+            vehicle = VehicleId(frame.system_id, frame.component_id)
+            self._uncounted[vehicle, imu_stream_name(name, imu_number(frame))] += 1
+            self.shed += 1
+
+
+def _stream(frame: Frame) -> tuple[int, ...]:
+    """Whose stream it is, and which."""
+    return frame.system_id, frame.component_id, frame.message_id, imu_number(frame)

@@ -30,7 +30,7 @@ from drivers.mavlink.constants import (
 )
 from drivers.mavlink.dialect import Unpacker, mavlink
 from drivers.mavlink.framing import Frame
-from drivers.mavlink.imu_messages import frequent_message
+from drivers.mavlink.imu_messages import frequent_message, imu_stream_name
 from drivers.mavlink.parameter_values import ParameterValue, WaitingParameters, owner
 from drivers.samples.fix import Fix
 from drivers.samples.intake import Intake, Stamp
@@ -161,7 +161,7 @@ class MavlinkDecoder:
 
     def _raw_imu(self, sender: _Sender, name: str, m: Any, arrival_us: int) -> list[Event]:
         stamp = Stamp(TimeField.TIME_USEC, m.time_usec, arrival_us)
-        return _milli_imu(sender, _stream_name(name, m), m, stamp)
+        return _milli_imu(sender, imu_stream_name(name, m.id), m, stamp)
 
     def _scaled_imu(self, sender: _Sender, name: str, m: Any, arrival_us: int) -> list[Event]:
         return _milli_imu(sender, name, m, _boot_ms(m, arrival_us))
@@ -172,7 +172,7 @@ class MavlinkDecoder:
         if m.fields_updated and not m.fields_updated & HIGHRES_IMU_UPDATED_MAG:
             mag = ZERO_VEC3
         stamp = Stamp(TimeField.TIME_USEC, m.time_usec, arrival_us)
-        return sender.intake.imu(_stream_name(name, m), stamp, gyr, acc, mag)
+        return sender.intake.imu(imu_stream_name(name, m.id), stamp, gyr, acc, mag)
 
     # --- attitudes of others
 
@@ -296,11 +296,6 @@ def _milli_imu(sender: _Sender, stream: str, m: Any, stamp: Stamp) -> list[Event
 def _middle(cut: int) -> float:
     """The middle of all numbers that are ``cut`` without the digits behind their point."""
     return cut + 0.5 if cut > 0 else cut - 0.5 if cut < 0 else 0.0
-
-
-def _stream_name(name: str, m: Any) -> str:
-    """The message's name; a second IMU in the same message (field ``id``) is another stream."""
-    return f"{name}:{m.id}" if m.id else name
 
 
 def _boot_ms(m: Any, arrival_us: int) -> Stamp:

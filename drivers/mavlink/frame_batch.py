@@ -5,8 +5,8 @@ A batch is the number of frames, a head of fixed size for each, and the frames' 
 
 from struct import Struct
 
+from drivers.mavlink.backlog import Arrived
 from drivers.mavlink.framing import Frame
-from drivers.mavlink.thinning import Arrived
 
 _COUNT = Struct("<I")
 # arrival (us), message, begin and end of the payload, size, system, component, signed

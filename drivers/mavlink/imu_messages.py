@@ -99,6 +99,24 @@ _KINDS: dict[int, tuple[str, Struct, Any]] = {
 _FREQUENT = {**_KINDS, ATTITUDE_ID: ("ATTITUDE", _ATTITUDE, AttitudeMessage._make)}
 
 
+# Where the number of the IMU stands in the payload; other messages have one number an IMU
+_ID_AT = {RAW_IMU_ID: 26, HIGHRES_IMU_ID: 62}
+
+
+def imu_number(frame: Frame) -> int:
+    """Which of the vehicle's IMUs the frame is of, where its message is of several; else 0."""
+    at = _ID_AT.get(frame.message_id)
+    if at is None:
+        return 0
+    at += frame.payload_at
+    return frame.data[at] if at < frame.payload_end else 0
+
+
+def imu_stream_name(name: str, number: int) -> str:
+    """The message's name; a second IMU in the same message (field ``id``) is another stream."""
+    return f"{name}:{number}" if number else name
+
+
 def imu_message_name(message_id: int) -> str | None:
     """The IMU message of that number; None if it is another message's."""
     kind = _KINDS.get(message_id)

@@ -1,4 +1,4 @@
-"""A live MAVLink link: one thread reads and decodes; the consumer drains.
+"""A live MAVLink link, read by whoever drains it.
 
 Listen-only, with two exceptions that a person asks for: ``request_rate_hz``
 sends requests and heartbeats, and ``udpout`` sends heartbeats, since nobody
@@ -7,20 +7,16 @@ onboard computer; never from a ground station.
 """
 
 import logging
-import threading
 import time
 from collections import OrderedDict, deque
 from collections.abc import Iterator
-from contextlib import suppress
-from itertools import groupby
-from operator import itemgetter
 from typing import Self
 
-from drivers.busy import BusyShare
 from drivers.closing import Closing
 from drivers.endpoint import Endpoint
 from drivers.events import Event, LinkDown, LinkUp, Malformed, Notice, VehicleId
-from drivers.mavlink.backlog import Backlog, Stamped
+from drivers.mavlink.background_recorder import BackgroundRecorder
+from drivers.mavlink.backlog import MOST_WAITING, Arrived, Backlog
 from drivers.mavlink.constants import (
     MAV_AUTOPILOT_INVALID,
     MAV_COMP_ID_ONBOARD_COMPUTER,
@@ -32,29 +28,27 @@ from drivers.mavlink.error_summary import ErrorSummary
 from drivers.mavlink.framing import FrameReader
 from drivers.mavlink.gate import FrameGate, Policy
 from drivers.mavlink.hearing import Hearing
+from drivers.mavlink.opening import Opening
 from drivers.mavlink.recorder import Recorder
 from drivers.mavlink.stream_request import Outgoing, StreamRequest
 from drivers.mavlink.taker import FrameTaker
-from drivers.mavlink.thinning import Arrived, newest
 from drivers.mavlink.transports.open import open_transport
-from drivers.mavlink.transports.transport import LinkError
-from drivers.queue import EventQueue
+from drivers.mavlink.transports.sockets import SOCKET_BUFFER_BYTES
+from drivers.mavlink.transports.transport import LinkError, Packet
 from estimator.errors import InputError
 
-QUEUE_EVENTS = 50_000  # 100 s of one vehicle at 100 Hz, 1 s of 200 vehicles at 50 Hz
 MOST_UNSENT_FRAMES = 64  # requests wait here for the reader; new ones replace the oldest
-MOST_READERS = 64  # half-read frames of that many senders; the one silent for longest goes
-RECEIVE_S = 0.1  # the reader looks this often whether it should end
-# After each look the reader rests, and what comes meanwhile is handled at one go: to wake a thread
-# costs as much as several samples, and hundreds of vehicles would wake it at each of theirs.
-# Arrivals are stamped that much late at most; what comes after a longer pause is stamped at once.
+MOST_READERS = 512  # half-read frames of that many senders; the one silent for longest goes
+ITERATION_S = 0.1
+# After each look the link rests, and what comes meanwhile is handled at one go: to wake up costs
+# as much as several samples, and hundreds of vehicles would do so at each of theirs.
 GATHER_S = 0.001
 CLOSE_S = 0.5
 # back-off between attempts; a vehicle that returns is read again within 1 s
 FIRST_RETRY_S = 0.1
 LONGEST_RETRY_S = 1.0
 HEARTBEAT_S = 1.0
-DROP_LOG_S = 60.0
+LOSS_TOLD_S = 60.0
 
 _logger = logging.getLogger(__name__)
 
@@ -63,10 +57,12 @@ class MavlinkLink(Closing):
     """A socket or serial endpoint as a source of events.
 
     Entering the context opens the endpoint. ``recorder`` gets every readable
-    frame that is let in; it stays the caller's to close. ``dropped`` counts the
-    events lost because nobody drained them (the oldest go first). ``policy`` says
+    frame that is let in; it stays the caller's to close. ``policy`` says
     what is let in, ``key`` signs what we send, and without ``references`` attitudes
     of others are not decoded. A ``taker`` gets the frames in the decoder's place.
+
+    Everything is done by the thread that drains. A thread for reading alone would have to wait
+    for Python's lock at each datagram, half a millisecond where the other thread has much to do.
 
     Raises:
         InputError: on entering, when the port is taken, the device missing or
@@ -79,7 +75,7 @@ class MavlinkLink(Closing):
         endpoint: Endpoint,
         recorder: Recorder | None = None,
         request_rate_hz: float | None = None,
-        queue_events: int = QUEUE_EVENTS,
+        most_waiting: int = MOST_WAITING,
         *,
         policy: Policy = Policy(),  # noqa: B008 - immutable
         key: bytes | None = None,
@@ -89,8 +85,10 @@ class MavlinkLink(Closing):
         self._endpoint = endpoint
         self._transport = open_transport(endpoint)
         self._recorder = recorder
+        self._background: BackgroundRecorder | None = None
         self._request = None if request_rate_hz is None else StreamRequest(request_rate_hz)
-        self._queue = EventQueue(queue_events)
+        self._backlog = Backlog(most_waiting)
+        self._events: list[Event] = []  # to be drained next
         self._decoder = MavlinkDecoder(references=references)
         self._taker = taker
         self._gate = FrameGate(policy)
@@ -101,23 +99,34 @@ class MavlinkLink(Closing):
         self._outgoing: deque[bytes] = deque(maxlen=MOST_UNSENT_FRAMES)
         self._errors = ErrorSummary()
         self._hearing = Hearing(endpoint)
-        self._busy = BusyShare()
-        self._backlog = Backlog()
-        self._stop = threading.Event()
-        self._thread: threading.Thread | None = None
+        self._opening: Opening | None = None
+        self._is_closed = False
         self._is_open = False
         self._is_up = False
         self._is_down_told = False
         self._has_data = False
+        self._has_just_read = False
         self._retry_s = FIRST_RETRY_S
+        self._retry_due_s = 0.0
         self._announce_due_s = 0.0
-        self._drops_told = 0
-        self._drops_due_s = 0.0
+        self._lost_before = 0  # by transports that are closed
+        self._lost_told = 0
+        self._lost_due_s = 0.0
 
     @property
     def dropped(self) -> int:
-        """Events lost so far because the queue was full."""
-        return self._queue.dropped
+        """Frames thrown away so far because nobody drained them; the oldest go first."""
+        return self._backlog.dropped
+
+    @property
+    def shed(self) -> int:
+        """IMU samples left out so far, since newer ones were there already."""
+        return self._backlog.shed
+
+    @property
+    def lost(self) -> int:
+        """Datagrams that the system threw away before they could be read."""
+        return self._lost_before + (self._transport.lost if self._is_open else 0)
 
     @property
     def address(self) -> str:
@@ -133,141 +142,135 @@ class MavlinkLink(Closing):
         except InputError:
             self._transport.close()
             raise
-        self._thread = threading.Thread(target=self._run, name="mavlink-link", daemon=True)
-        self._thread.start()
+        if self._recorder is not None:
+            self._background = BackgroundRecorder(self._recorder)
         return self
 
     def close(self) -> None:
-        """End the thread and release the endpoint, within half a second."""
-        self._stop.set()
-        if self._thread is not None:
-            self._thread.join(CLOSE_S)
+        """Release the endpoint, within half a second."""
+        if self._is_closed:
+            return
+        self._lost_before, self._is_closed, self._is_open = self.lost, True, False
+        if self._opening is not None:
+            self._opening.give_up(CLOSE_S)
+        else:
+            self._transport.close()
+        if self._background is not None:
+            self._background.close()
 
     def drain(self, timeout_s: float) -> list[Event]:
-        """All events that are there, after waiting at most ``timeout_s`` for the first."""
-        return self._queue.drain(timeout_s)
+        """Events of some of the frames that are there, after waiting at most ``timeout_s``.
 
-    @property
-    def busy(self) -> float:
-        """The share of its time that the reader works."""
-        return self._busy.share
-
-    def spare(self, interval_s: float) -> None:
-        """Look at what has arrived only once in ``interval_s``, and then at the newest alone.
-
-        Of each vehicle's streams, that is. What is left out comes as :class:`~drivers.events.Shed`.
-        0 looks at everything at once again.
+        What waits for too long is folded: of each vehicle's streams the newest alone, and
+        :class:`~drivers.events.Shed` for what is left out.
         """
-        self._backlog.interval_s = interval_s
+        if self._is_closed:
+            return []
+        wait_s = 0.0 if self._backlog or self._events else max(0.0, timeout_s)
+        if self._is_open:
+            self._receive(wait_s)
+        else:
+            self._reopen(wait_s)
+        now_us = _unix_us()
+        events, self._events = self._events, []
+        for arrival_us, frame in self._backlog.take():
+            events += self._decoder.events(frame, arrival_us)
+        events += self._backlog.take_shed(now_us)
+        if self._request is not None:
+            events += self._requests(self._request, events, now_us)
+        return events
 
     def __iter__(self) -> Iterator[Event]:
         """Events as they come, until the link is closed."""
-        while not self._queue.closed:
-            yield from self._queue.drain(RECEIVE_S)
-        yield from self._queue.drain(0.0)
+        while not self._is_closed:
+            yield from self.drain(ITERATION_S)
 
     def send(self, data: bytes) -> None:
-        """Queue whole frames for every peer; they leave within 0.1 s, or with the next packet."""
+        """Queue whole frames for every peer; they leave when somebody drains."""
         self._outgoing.append(data)
 
-    # What follows runs in the reader thread
-
-    def _run(self) -> None:
-        failure: BaseException | None = None
+    def _receive(self, wait_s: float) -> None:
         try:
-            while not self._stop.is_set():
-                if self._is_open:
-                    self._receive()
-                else:
-                    self._reopen()
-        except BaseException as error:
-            failure = error  # before anything else can fail, such as to tell it
-            with suppress(Exception):
-                _logger.exception("the reader of %s failed", self._endpoint)
-        finally:
-            self._queue.close(failure)
-            self._transport.close()
-
-    def _receive(self) -> None:
-        try:
-            self._busy.rest()
-            packets = self._transport.receive(RECEIVE_S)
-            self._busy.work()
+            packets = self._read(wait_s)
             self._note_state()
-            now_us = _unix_us()
-            self._handle(self._backlog.take(packets, now_us), now_us)
-            self._tell(
-                self._hearing.silence(time.monotonic(), is_up=self._is_up, has_data=self._has_data),
-                now_us,
-            )
+            now_s = time.monotonic()
+            self._handle(packets, now_s)
+            self._backlog.note_look(now_s)
+            silence = self._hearing.silence(now_s, is_up=self._is_up, has_data=self._has_data)
+            self._tell(silence, _unix_us())
             self._send_due()
-            if packets:
-                self._busy.rest()
-                time.sleep(GATHER_S)
-                self._busy.work()
+            self._report_loss(now_s)
         except LinkError as error:
             self._note_loss(str(error))
         except OSError as error:  # no file descriptors left, or no memory
             self._note_loss(error.strerror or str(error))
-        self._report_drops()
 
-    def _reopen(self) -> None:
-        if self._stop.wait(self._retry_s):
+    def _read(self, wait_s: float) -> list[Packet]:
+        """What has arrived; at once, only the rest in between is taken in any case."""
+        if self._has_just_read and wait_s > 0.0:
+            rest_s = min(GATHER_S, wait_s)
+            time.sleep(rest_s)
+            wait_s -= rest_s
+        packets = self._transport.receive(wait_s)
+        self._has_just_read = bool(packets)
+        return packets
+
+    def _reopen(self, wait_s: float) -> None:
+        """Open again, some time after the last attempt."""
+        opening = self._opening
+        if opening is None:
+            left_s = self._retry_due_s - time.monotonic()
+            if left_s > 0.0:
+                time.sleep(min(left_s, wait_s))
+                return
+            self._retry_s = min(2 * self._retry_s, LONGEST_RETRY_S)
+            opening = self._opening = Opening(self._transport)
+        if not opening.is_done(wait_s):
             return
-        self._retry_s = min(2 * self._retry_s, LONGEST_RETRY_S)
-        try:
-            self._transport.open()
+        self._opening = None
+        error = opening.error
+        if error is None:
             self._is_open = True
-        except (LinkError, InputError) as error:
-            self._note_loss(str(error))
-        except OSError as error:
+        elif isinstance(error, OSError) and not isinstance(error, LinkError):
             self._note_loss(error.strerror or str(error))
+        elif isinstance(error, LinkError | InputError):
+            self._note_loss(str(error))
+        else:
+            raise error
 
-    def _handle(self, packets: list[Stamped], now_us: int) -> None:
-        events: list[Event] = []
-        arrived: list[Arrived] = []
-        for arrival_us, packet in packets:
-            if not packet.data:
-                self._readers.pop(packet.peer, None)
-                self._gate.forget(packet.peer)
+    def _handle(self, packets: list[Packet], now_s: float) -> None:
+        """Put the good frames of ``packets`` into the backlog, and all of them on record."""
+        if not packets and self._taker is None:
+            return
+        now_us = _unix_us()
+        wanted = self._decoder.wanted
+        waiting: list[Arrived] = []
+        for peer, data, stamp_us in packets:
+            arrival_us = stamp_us or now_us
+            if not data:
+                self._readers.pop(peer, None)
+                self._gate.forget(peer)
                 continue
             if not self._has_data:
                 self._note_data()
-            reader = self._reader(packet.peer)
-            frames = reader.feed(packet.data)
-            noise = self._hearing.bytes_read(len(packet.data), len(frames), time.monotonic())
-            self._tell(noise, arrival_us)
-            arrived += [
-                Arrived(arrival_us, frame)
-                for frame in frames
-                if self._gate.lets_in(frame, packet.peer, arrival_us)
-            ]
+            reader = self._reader(peer)
+            frames = reader.feed(data)
+            self._tell(self._hearing.bytes_read(len(data), len(frames), now_s), arrival_us)
+            frames = [frame for frame in frames if self._gate.lets_in(frame, peer, arrival_us)]
+            if self._background is not None and frames:
+                self._background.write(arrival_us, [frame.data for frame in frames])
+            waiting += [Arrived(arrival_us, each) for each in frames if each.message_id in wanted]
             if malformed := reader.take_malformed():
-                events.append(Malformed(arrival_us, malformed))
-        self._record(arrived)
-        if self._backlog.interval_s > 0.0:
-            arrived, shed = newest(arrived)
-            events += shed
+                self._events.append(Malformed(arrival_us, malformed))
         if self._taker is not None:
-            self._hand_over(arrived, self._taker, now_us)
+            self._hand_over(waiting, self._taker, now_us)
         else:
-            for arrival_us, frame in arrived:
-                events += self._decoder.events(frame, arrival_us)
-        events += self._gate.take_refused(now_us)
-        if self._request is not None:
-            events += self._requests(self._request, events, now_us)
-        if events:
-            self._queue.put(events)
+            self._backlog.add(waiting, now_s)
+        self._events += self._gate.take_refused(now_us)
 
     def _tell(self, text: str | None, now_us: int) -> None:
         if text is not None:
-            self._queue.put([Notice(None, now_us, text)])
-
-    def _record(self, arrived: list[Arrived]) -> None:
-        """Record everything that was let in, also what is left out afterwards."""
-        if self._recorder is not None:
-            for arrival_us, each in groupby(arrived, key=itemgetter(0)):
-                self._recorder.write(arrival_us, [one.frame.data for one in each])
+            self._events.append(Notice(None, now_us, text))
 
     def _requests(self, request: StreamRequest, events: list[Event], now_us: int) -> list[Notice]:
         out = request.tick(now_us)
@@ -321,7 +324,7 @@ class MavlinkLink(Closing):
             self._tell_down("the last client has left")
             return
         self._is_up, self._is_down_told = True, False
-        self._queue.put([LinkUp(_unix_us(), str(self._endpoint))])
+        self._events.append(LinkUp(_unix_us(), str(self._endpoint)))
 
     def _note_data(self) -> None:
         """Only bytes show that a link works: a server may accept and close at once."""
@@ -331,6 +334,8 @@ class MavlinkLink(Closing):
         _logger.info("%s: data arrives%s", self._endpoint, after)
 
     def _note_loss(self, reason: str) -> None:
+        self._lost_before = self.lost
+        self._retry_due_s = time.monotonic() + self._retry_s
         self._transport.close()
         self._readers.clear()
         self._gate.forget()
@@ -343,13 +348,20 @@ class MavlinkLink(Closing):
 
     def _tell_down(self, reason: str) -> None:
         self._is_up, self._is_down_told = False, True
-        self._queue.put([LinkDown(_unix_us(), str(self._endpoint), reason)])
+        self._events.append(LinkDown(_unix_us(), str(self._endpoint), reason))
 
-    def _report_drops(self) -> None:
-        dropped, now_s = self._queue.dropped, time.monotonic()
-        if dropped > self._drops_told and now_s >= self._drops_due_s:
-            _logger.warning("%s: %d events dropped: the queue is full", self._endpoint, dropped)
-            self._drops_told, self._drops_due_s = dropped, now_s + DROP_LOG_S
+    def _report_loss(self, now_s: float) -> None:
+        """Say that the system throws datagrams away, and what helps, once a minute at most."""
+        lost = self.lost
+        if lost == self._lost_told or now_s < self._lost_due_s:
+            return
+        self._lost_due_s = now_s + LOSS_TOLD_S
+        count, self._lost_told = lost - self._lost_told, lost
+        text = (
+            f"{self._endpoint}: {count} datagrams were lost, the system had no room for them; "
+            f"sysctl net.core.rmem_max={SOCKET_BUFFER_BYTES} gives it more"
+        )
+        self._events.append(Notice(None, _unix_us(), text))
 
 
 def _unix_us() -> int:

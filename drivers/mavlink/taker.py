@@ -2,12 +2,12 @@
 
 from typing import Protocol
 
+from drivers.mavlink.backlog import Arrived
 from drivers.mavlink.stream_request import Outgoing
-from drivers.mavlink.thinning import Arrived
 
 
 class FrameTaker(Protocol):
-    """Takes the frames that were let in, and recorded. The reader's thread calls it."""
+    """Takes the frames that were let in, and recorded. Whoever drains the link calls it."""
 
     def take(self, arrived: list[Arrived]) -> None:
         """All frames of one look at the link, perhaps none; must not block."""

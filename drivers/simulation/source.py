@@ -86,10 +86,7 @@ class SimSource(Closing):
                 events = self._due_events()
         return events
 
-    busy = 0.0  # no thread of its own
-
-    def spare(self, interval_s: float) -> None:
-        """One vehicle is never too much."""
+    shed = lost = 0  # one vehicle is never too much
 
     def __iter__(self) -> Iterator[Event]:
         """Events as they come, until the source is closed."""

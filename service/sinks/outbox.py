@@ -17,12 +17,11 @@ class OutputTaker(Protocol):
     def dropped(self) -> int:
         """Records that were lost because nobody took them in time."""
 
-    @property
-    def lag_s(self) -> float:
-        """How long records have waited for want of computing time."""
-
     def put(self, outputs: list[Output]) -> None:
         """Take outputs; never blocks."""
+
+    def settle(self, timeout_s: float) -> None:
+        """Wait until they are published, if that only takes computing; at most so long."""
 
 
 class Outbox:
@@ -42,11 +41,6 @@ class Outbox:
         """How often sinks failed."""
         return sum(outlet.errors for outlet in self._outlets)
 
-    @property
-    def lag_s(self) -> float:
-        """How long records have waited for a sink that waits for nobody."""
-        return max([0.0, *(outlet.lag_s for outlet in self._outlets if outlet.never_waits)])
-
     def put(self, outputs: list[Output]) -> None:
         """Hand outputs to every sink, and one sink's errors to all; never blocks."""
         errors = [error for outlet in self._outlets if (error := outlet.take_error()) is not None]
@@ -54,6 +48,13 @@ class Outbox:
         if outputs:
             for outlet in self._outlets:
                 outlet.put(outputs)
+
+    def settle(self, timeout_s: float) -> None:
+        """Wait until the sinks that wait for nobody have taken everything; at most so long."""
+        end_s = time.monotonic() + timeout_s
+        for outlet in self._outlets:
+            if outlet.never_waits:
+                outlet.settle(end_s - time.monotonic())
 
     def close(self) -> None:
         """Deliver what is pending and close every sink; ``stuck`` names those that hang."""

@@ -47,6 +47,8 @@ class Outlet:
         self.errors = 0
         self._last_error: str | None = None
         self._pending: deque[tuple[float, Sequence[Output]]] = deque()  # and since when, s
+        self._is_busy = False  # something is pending, or in hand
+        self._is_late = False
         self._closing = False
         self._changed = threading.Condition()
         # a daemon: a sink that blocks for ever must not keep the process alive
@@ -62,13 +64,15 @@ class Outlet:
             ):
                 self.dropped += len(self._pending.popleft()[1])
             self._pending.append((now_s, outputs))
+            self._is_busy = True
             self._changed.notify()
 
-    @property
-    def lag_s(self) -> float:
-        """How long the oldest outputs have waited."""
+    def settle(self, timeout_s: float) -> None:
+        """Wait until nothing is pending, unless it already took too long the last time."""
         with self._changed:
-            return time.monotonic() - self._pending[0][0] if self._pending else 0.0
+            if self._is_late and self._is_busy:
+                return
+            self._is_late = not self._changed.wait_for(lambda: not self._is_busy, timeout_s)
 
     def take_error(self) -> str | None:
         """The latest error that has not been returned yet, as a text; None if there is none."""
@@ -99,6 +103,9 @@ class Outlet:
 
     def _next(self) -> Sequence[Output] | None:
         with self._changed:
+            if not self._pending and self._is_busy:
+                self._is_busy = False
+                self._changed.notify_all()  # whoever waits for that
             while not self._pending and not self._closing:
                 self._changed.wait()
             return self._pending.popleft()[1] if self._pending else None

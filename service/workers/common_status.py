@@ -20,6 +20,7 @@ class CommonStatus:
         self.malformed = 0
         self.restarts = 0
         self.dropped = 0  # by the link, the handout and the sinks
+        self.lost = 0  # datagrams, by the system
         self.is_overloaded = False  # the link
         self.refused: Counter[str] = Counter()
         self._refused_of: defaultdict[VehicleId, Counter[str]] = defaultdict(Counter)
@@ -90,6 +91,7 @@ class CommonStatus:
             overruns=record.overruns + sum(each.overruns for each in others),
             dropped=record.dropped + self.dropped + sum(each.dropped for each in others),
             malformed=self.malformed,
+            lost=self.lost,
             overloaded=record.overloaded or self.is_overloaded,
             shed=record.shed + self._shed_of[vehicle],
             worker=worker + 1,

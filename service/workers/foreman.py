@@ -104,6 +104,7 @@ class Foreman:
     def _put(self, outputs: list[Output]) -> None:
         status = self._crew.status
         status.dropped = self._source.dropped + self._handout.dropped + self._outbox.dropped
+        status.lost = self._source.lost
         now_s = time.monotonic()
         if self._shows and now_s >= self._show_due_s:
             self._show_due_s = now_s + SHOW_S

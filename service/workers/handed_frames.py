@@ -5,10 +5,10 @@ import time
 from collections.abc import Callable
 
 from drivers.events import Event
+from drivers.mavlink.backlog import Backlog
 from drivers.mavlink.decoder import MavlinkDecoder
 from drivers.mavlink.frame_batch import unpack_frames
 from drivers.mavlink.stream_request import Outgoing, StreamRequest
-from drivers.mavlink.thinning import Arrived, newest
 from service.workers.connection import Connection, Kind, Message
 
 
@@ -19,8 +19,7 @@ class HandedFrames:
     connection, or is gone.
     """
 
-    dropped = 0  # the service counts what the connection has no room for
-    busy = 0.0
+    lost = 0  # the service counts what the system and the connection had no room for
 
     def __init__(
         self,
@@ -34,45 +33,44 @@ class HandedFrames:
         self._on_message = on_message
         self._decoder = MavlinkDecoder(references=references)
         self._request = None if request_rate_hz is None else StreamRequest(request_rate_hz)
-        self._interval_s = 0.0
-        self._due_s = 0.0
-        self._held: list[Arrived] = []
+        self._backlog = Backlog()
 
     def is_finished(self) -> bool:
         """Whether nothing can come any more."""
         return self._connection.is_ended
 
-    def spare(self, interval_s: float) -> None:
-        """Look at what has come only once in ``interval_s``, at the newest alone; 0 at all."""
-        self._interval_s = interval_s
+    @property
+    def dropped(self) -> int:
+        """Frames thrown away because there were too many."""
+        return self._backlog.dropped
+
+    @property
+    def shed(self) -> int:
+        """Samples left out so far, since newer ones were there already."""
+        return self._backlog.shed
 
     def drain(self, timeout_s: float) -> list[Event]:
-        """The events of what has come, after waiting at most ``timeout_s`` for the first."""
-        if not self._receive():
+        """Events of some of what has come, after waiting at most ``timeout_s`` for the first."""
+        if not self._receive() and not self._backlog:
             self._connection.wait(timeout_s)
             self._receive()
         events: list[Event] = []
-        if self._interval_s > 0.0:
-            if time.monotonic() < self._due_s:
-                return []
-            self._due_s = time.monotonic() + self._interval_s
-            self._held, shed = newest(self._held)
-            events += shed
-        held, self._held = self._held, []
-        for arrival_us, frame in held:
+        for arrival_us, frame in self._backlog.take():
             events += self._decoder.events(frame, arrival_us)
+        events += self._backlog.take_shed(time.time_ns() // 1000)
         if self._request is not None:
             events += self._requests(self._request, events)
         return events
 
     def _receive(self) -> bool:
         """Take what is there; True if there was something."""
-        messages = self._connection.receive()
+        messages, now_s = self._connection.receive(), time.monotonic()
         for message in messages:
             if message.kind is Kind.FRAMES:
-                self._held += unpack_frames(message.body)
+                self._backlog.add(unpack_frames(message.body), now_s)
             else:
                 self._on_message(message)
+        self._backlog.note_look(now_s)
         return bool(messages)
 
     def _requests(self, request: StreamRequest, events: list[Event]) -> list[Event]:

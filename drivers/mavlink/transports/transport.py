@@ -15,10 +15,14 @@ class LinkError(OSError):
 
 
 class Packet(NamedTuple):
-    """Bytes from one peer; no bytes at all mean that the peer has left."""
+    """Bytes from one peer; no bytes at all mean that the peer has left.
+
+    ``arrival_us`` is when the system received them (Unix time), 0 where it does not tell.
+    """
 
     peer: str
     data: bytes
+    arrival_us: int = 0
 
 
 class Transport(Protocol):
@@ -31,6 +35,10 @@ class Transport(Protocol):
     @property
     def address(self) -> str:
         """The address in use, once open."""
+
+    @property
+    def lost(self) -> int:
+        """Datagrams that the system has thrown away since ``open``, for want of room."""
 
     def open(self) -> None:
         """Bind, begin to connect, or open the device.

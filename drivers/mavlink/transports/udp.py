@@ -4,7 +4,10 @@
 import errno
 import selectors
 import socket
+import sys
+import time
 from collections import OrderedDict
+from struct import Struct
 from typing import Any
 
 from drivers.endpoint import Endpoint
@@ -18,12 +21,25 @@ from drivers.mavlink.transports.sockets import (
 )
 from drivers.mavlink.transports.transport import LinkError, Packet
 
-# Reads in one call before the owner gets them: a flood cannot keep it from anything else
-RECEIVE_READS = 256
+# Reads in one call before the owner gets them: a flood cannot keep it from anything else. Some
+# more than the system's buffer holds, so that a backlog is seen whole.
+RECEIVE_READS = 16_384
 # Senders to answer on one UDP port; the one silent for longest is forgotten first
 MOST_UDP_PEERS = 32
 # A datagram that could not be delivered is like a lost one
 LOST_DATAGRAM = (errno.ECONNREFUSED, errno.ENOBUFS, errno.EMSGSIZE, errno.ECONNRESET)
+
+# Linux tells with each datagram when it arrived, which may be long before it is read
+# (socket(7), SO_TIMESTAMPNS), and how many it has thrown away (SO_MEMINFO, linux/sock_diag.h).
+# Python has no names for these numbers, which are those of all processors but a few old ones.
+IS_LINUX = sys.platform == "linux"
+SO_TIMESTAMPNS = 35
+SO_MEMINFO = 55
+TIMESPEC = Struct("@ll")  # s, ns
+MEMINFO = Struct("@9I")
+MEMINFO_DROPS = 8
+ANCILLARY_BYTES = 64
+LOST_LOOK_S = 0.25
 
 
 class UdpIn:
@@ -49,7 +65,11 @@ class UdpIn:
     def receive(self, timeout_s: float) -> list[Packet]:
         assert self._socket is not None
         datagrams = self._socket.receive(timeout_s)
-        return [Packet(self._peer(sender), data) for data, sender in datagrams]
+        return [Packet(self._peer(sender), data, us) for data, sender, us in datagrams]
+
+    @property
+    def lost(self) -> int:
+        return 0 if self._socket is None else self._socket.lost
 
     def send(self, data: bytes) -> None:
         assert self._socket is not None
@@ -97,10 +117,14 @@ class UdpOut:
     def receive(self, timeout_s: float) -> list[Packet]:
         assert self._socket is not None
         return [
-            Packet(f"{sender[0]}:{sender[1]}", data)
-            for data, sender in self._socket.receive(timeout_s)
+            Packet(f"{sender[0]}:{sender[1]}", data, us)
+            for data, sender, us in self._socket.receive(timeout_s)
             if sender[0] == self._target[0]
         ]
+
+    @property
+    def lost(self) -> int:
+        return 0 if self._socket is None else self._socket.lost
 
     def send(self, data: bytes) -> None:
         assert self._socket is not None
@@ -119,18 +143,36 @@ class _UdpSocket:
         self.socket = created
         self._selector = selectors.DefaultSelector()
         self._selector.register(created, selectors.EVENT_READ)
+        self._lost = 0
+        self._lost_look_s = 0.0
+        if IS_LINUX:
+            created.setsockopt(socket.SOL_SOCKET, SO_TIMESTAMPNS, 1)
+        self._read = _read_stamped if IS_LINUX else _read
 
-    def receive(self, timeout_s: float) -> list[tuple[bytes, Any]]:
-        """Data and sender of all datagrams that are there, after at most ``timeout_s``.
+    @property
+    def lost(self) -> int:
+        """Datagrams that the system has thrown away; asked for a few times a second."""
+        now_s = time.monotonic()
+        if IS_LINUX and now_s >= self._lost_look_s:
+            self._lost_look_s = now_s + LOST_LOOK_S
+            info = self.socket.getsockopt(socket.SOL_SOCKET, SO_MEMINFO, MEMINFO.size)
+            if len(info) == MEMINFO.size:  # old kernels tell less
+                self._lost = MEMINFO.unpack(info)[MEMINFO_DROPS]
+        return self._lost
+
+    def receive(self, timeout_s: float) -> list[tuple[bytes, Any, int]]:
+        """Data, sender and arrival of all datagrams that are there, after at most ``timeout_s``.
 
         Raises:
             LinkError: the socket broke.
         """
-        self._selector.select(max(0.0, timeout_s))
-        datagrams: list[tuple[bytes, Any]] = []
+        if timeout_s > 0.0:
+            self._selector.select(timeout_s)
+        datagrams: list[tuple[bytes, Any, int]] = []
+        read, own = self._read, self.socket
         while len(datagrams) < RECEIVE_READS:
             try:
-                datagrams.append(self.socket.recvfrom(RECEIVE_BYTES))
+                datagrams.append(read(own))
             except (BlockingIOError, InterruptedError):
                 break
             except OSError as error:
@@ -157,3 +199,18 @@ class _UdpSocket:
         """Release both."""
         self._selector.close()
         self.socket.close()
+
+
+def _read(own: socket.socket) -> tuple[bytes, Any, int]:
+    data, sender = own.recvfrom(RECEIVE_BYTES)
+    return data, sender, 0
+
+
+def _read_stamped(own: socket.socket) -> tuple[bytes, Any, int]:
+    data, ancillary, _flags, sender = own.recvmsg(RECEIVE_BYTES, ANCILLARY_BYTES)
+    if len(ancillary) == 1:
+        ((level, kind, stamp),) = ancillary
+        if level == socket.SOL_SOCKET and kind == SO_TIMESTAMPNS and len(stamp) == TIMESPEC.size:
+            s, ns = TIMESPEC.unpack(stamp)
+            return data, sender, s * 1_000_000 + ns // 1000
+    return data, sender, 0

@@ -2,10 +2,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from drivers.events import VehicleId
+from drivers.mavlink.backlog import Arrived
 from drivers.mavlink.encoder import FrameEncoder, heartbeat, param_value, raw_imu
 from drivers.mavlink.frame_batch import frame_count, pack_frames, unpack_frames
 from drivers.mavlink.framing import FrameReader
-from drivers.mavlink.thinning import Arrived
 from estimator.types import ZERO_VEC3
 
 MESSAGES = [

@@ -3,6 +3,7 @@ import socket
 import pytest
 
 from drivers.events import VehicleId
+from drivers.mavlink.backlog import Arrived
 from drivers.mavlink.decoder import MavlinkDecoder
 from drivers.mavlink.encoder import (
     FrameEncoder,
@@ -13,7 +14,6 @@ from drivers.mavlink.encoder import (
 )
 from drivers.mavlink.frame_batch import unpack_frames
 from drivers.mavlink.framing import FrameReader
-from drivers.mavlink.thinning import Arrived
 from estimator.types import ZERO_VEC3
 from service.workers.connection import Connection, Kind
 from service.workers.handout import Handout

@@ -1,0 +1,64 @@
+"""A recorder that keeps nobody waiting: a slow disk must not make attitudes late."""
+
+import threading
+from collections import deque
+from collections.abc import Iterable
+
+from drivers.closing import Closing
+from drivers.mavlink.recorder import Recorder
+
+MOST_WAITING_BYTES = 32_000_000  # a disk that stands still for longer costs frames
+CLOSE_S = 2.0
+
+
+class BackgroundRecorder(Closing):
+    """Hands frames to a recorder in a thread of its own. Policy when full: new ones are lost.
+
+    ``lost`` counts those; what the recorder itself could not write it counts itself.
+    """
+
+    def __init__(self, recorder: Recorder) -> None:
+        self.lost = 0
+        self._recorder = recorder
+        self._waiting: deque[tuple[int, list[bytes]]] = deque()
+        self._waiting_bytes = 0
+        self._is_closing = False
+        self._changed = threading.Condition()
+        self._thread = threading.Thread(target=self._work, name="mavlink-recorder", daemon=True)
+        self._thread.start()
+
+    def write(self, arrival_us: int, frames: Iterable[bytes]) -> None:
+        """See :class:`~drivers.mavlink.recorder.Recorder`."""
+        kept = list(frames)
+        size = sum(map(len, kept))
+        with self._changed:
+            if self._waiting_bytes + size > MOST_WAITING_BYTES:
+                self.lost += len(kept)
+                return
+            self._waiting.append((arrival_us, kept))
+            self._waiting_bytes += size
+            self._changed.notify()
+
+    def close(self) -> None:
+        """Write what waits, for at most two seconds, and end."""
+        with self._changed:
+            self._is_closing = True
+            self._changed.notify()
+        self._thread.join(CLOSE_S)
+
+    def _work(self) -> None:
+        while (waiting := self._next()) is not None:
+            for arrival_us, frames in waiting:
+                self._recorder.write(arrival_us, frames)
+
+    def _next(self) -> list[tuple[int, list[bytes]]] | None:
+        """All that waits; None at the end."""
+        with self._changed:
+            while not self._waiting and not self._is_closing:
+                self._changed.wait()
+            if not self._waiting:
+                return None
+            waiting = list(self._waiting)
+            self._waiting.clear()
+            self._waiting_bytes = 0
+            return waiting
