@@ -3,6 +3,9 @@
 PYTHON ?= $(shell command -v python3.11 || command -v python3.12 || command -v python3.13 || command -v python3)
 BIN := .venv/bin
 
+# Files of tests side by side: half of the suite waits for sockets and processes.
+AT_ONCE := -n auto --maxprocesses 4 --dist loadfile
+
 VERSION = $(shell sed -n 's/^__version__ = "\(.*\)"$$/\1/p' fuzzbee/version.py)
 
 .PHONY: demo test test-python setup style types release build docs clean
@@ -13,11 +16,11 @@ demo: .venv/installed
 
 ## test: the whole test suite
 test: .venv/developer
-	$(BIN)/python -m pytest -q
+	$(BIN)/python -m pytest -q $(AT_ONCE)
 
 ## test-python: what is quick without numba: there 0/0 is an error, and lines can be stepped through
 test-python: .venv/developer
-	NUMBA_DISABLE_JIT=1 $(BIN)/python -m pytest -q $(QUICK_IN_PYTHON:%=tests/estimator/%)
+	NUMBA_DISABLE_JIT=1 $(BIN)/python -m pytest -q $(AT_ONCE) $(QUICK_IN_PYTHON:%=tests/estimator/%)
 
 # Not the flights and experiments: those take minutes each in plain Python.
 QUICK_IN_PYTHON := conditioning geometry filter/test_filter.py filter/test_alignment.py \
