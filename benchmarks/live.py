@@ -258,14 +258,14 @@ def resident_mb(pid: int) -> float:
 
 
 def start_service(
-    port: int, endpoint: str, publish_hz: float, workers: int = 1
+    port: int, endpoint: str, publish_hz: float, *options: str, workers: int = 1
 ) -> subprocess.Popen[str]:
     """A service on that UDP port, connected to nobody but at ``endpoint``."""
     # the address is both: nobody else's session is looked for
     zenoh_options = ["-l", endpoint, "-e", endpoint]
     command = [sys.executable, "-m", "fuzzbee", "run", f"udpin:127.0.0.1:{port}", "--json"]
     rates = ["--rate", str(publish_hz), "--workers", str(workers)]
-    return _start_and_await([*command, *rates, *zenoh_options])
+    return _start_and_await([*command, *rates, *zenoh_options, *options])
 
 
 def start_plain(port: int, endpoint: str, publish_hz: float) -> subprocess.Popen[str]:

@@ -74,7 +74,7 @@ class Notes:
 def main() -> None:
     options = _options()
     port, endpoint = free_port(socket.SOCK_DGRAM), f"tcp/127.0.0.1:{free_port()}"
-    service = start_service(port, endpoint, options.rate, options.workers)
+    service = start_service(port, endpoint, options.rate, workers=options.workers)
     seconds = (SETTLE_S + 3.0) * (options.deaths + 1)
     shape = (str(port), str(options.vehicles), str(options.rate), str(seconds))
     notes, gaps = Notes(), []

@@ -14,6 +14,7 @@ class Reason(StrEnum):
     NO_INTERVAL = "no_interval"
     TOO_MANY_STREAMS = "too_many_streams"
     # a sensor at fault
+    REPEATED = "repeated"
     STUCK = "stuck"
     GYROSCOPE_STUCK = "gyroscope_stuck"
     ACCELEROMETER_STUCK = "accelerometer_stuck"

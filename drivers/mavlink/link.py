@@ -30,6 +30,7 @@ from drivers.mavlink.gate import FrameGate, Policy
 from drivers.mavlink.hearing import Hearing
 from drivers.mavlink.opening import Opening
 from drivers.mavlink.recorder import Recorder
+from drivers.mavlink.sequences import SequenceWatch
 from drivers.mavlink.stream_request import Outgoing, StreamRequest
 from drivers.mavlink.taker import FrameTaker
 from drivers.mavlink.transports.open import open_transport
@@ -99,6 +100,7 @@ class MavlinkLink(Closing):
         self._outgoing: deque[bytes] = deque(maxlen=MOST_UNSENT_FRAMES)
         self._errors = ErrorSummary()
         self._hearing = Hearing(endpoint)
+        self._sequences = SequenceWatch()
         self._opening: Opening | None = None
         self._is_closed = False
         self._is_open = False
@@ -255,6 +257,7 @@ class MavlinkLink(Closing):
                 self._note_data()
             reader = self._reader(peer)
             frames = reader.feed(data)
+            self._events += self._sequences.look(peer, frames, arrival_us)
             self._tell(self._hearing.bytes_read(len(data), len(frames), now_s), arrival_us)
             frames = [frame for frame in frames if self._gate.lets_in(frame, peer, arrival_us)]
             if self._background is not None and frames:

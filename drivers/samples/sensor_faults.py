@@ -7,7 +7,7 @@ simulators know rest without noise: so equal readings are refused only if what t
 other sensors say cannot be true beside them.
 """
 
-from math import dist, hypot
+from math import dist, hypot, log
 from operator import eq
 from typing import NamedTuple
 
@@ -33,6 +33,13 @@ BLIND_REASONS = frozenset(
     {Reason.STUCK, Reason.GYROSCOPE_STUCK, Reason.ACCELEROMETER_STUCK, Reason.GYROSCOPE_SATURATED}
 )
 BLIND_US = 30_000  # from the first refused reading on
+
+# Of a sensor that hardly ever repeats itself, equal readings are held back at once, as if none had
+# come: when chance would bring so many in a row less than once in ten thousand times.
+BY_CHANCE = 1e-4
+HELD_SAMPLES = 3  # at least
+HELD_US = 2_000_000  # at most; by then it is known whether it is stuck
+SHARE_CHANGES = 200  # the share of equal readings goes back over so many changes
 
 STUCK_SAMPLES = 20  # equal readings
 STUCK_US = 500_000
@@ -76,11 +83,14 @@ class _Repetition:
         self.is_proven = False  # it is stuck, until it changes
         self._changes = 0
         self._equal = 0
+        self._changed = 1.0  # of the pairs of late, those that changed, and those that did not
+        self._repeated = 1.0
 
     def follow(self, is_equal: bool, readings: Readings, raw_us: int) -> bool:
         """Whether a noisy sensor has repeated itself for long enough to look closer."""
         if not is_equal:
             self._changes += 1
+            self._count(self._equal)
             self._equal, self.begin, self.begin_us = 0, readings, raw_us
             self.is_proven = False
             return False
@@ -91,6 +101,23 @@ class _Repetition:
             and self._changes >= NOISY_SAMPLES
             and raw_us - self.begin_us >= STUCK_US
         )
+
+    def is_unlikely(self, raw_us: int) -> bool:
+        """Whether chance does not explain the equal readings, before it is known what does."""
+        lasts_us = raw_us - self.begin_us
+        if self._equal < HELD_SAMPLES or self._changes < NOISY_SAMPLES or lasts_us > HELD_US:
+            return False
+        if self._equal >= STUCK_SAMPLES and lasts_us >= STUCK_US:
+            return False
+        share = self._repeated / (self._repeated + self._changed)
+        return self._equal * log(share) < log(BY_CHANCE)
+
+    def _count(self, equal: int) -> None:
+        if self._changed >= SHARE_CHANGES:
+            self._changed *= 0.5
+            self._repeated *= 0.5
+        self._changed += 1.0
+        self._repeated += equal
 
 
 class SensorFaults:
@@ -174,7 +201,9 @@ class SensorFaults:
             return Reason.STUCK
         if acc.is_proven:
             return Reason.ACCELEROMETER_STUCK
-        return Reason.GYROSCOPE_STUCK if gyr.is_proven else None
+        if gyr.is_proven:
+            return Reason.GYROSCOPE_STUCK
+        return Reason.REPEATED if gyr.is_unlikely(raw_us) else None
 
     def _follow_turned_acc(self, is_equal: bool, readings: Readings, raw_us: int) -> None:
         """Turn the repeated specific force as the gyroscope says (dv/dt = v x w).

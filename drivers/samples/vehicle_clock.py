@@ -28,6 +28,9 @@ LATENESS_LIMIT_US = 30 * SECOND_US  # a sample may be held back this long; seen:
 LOST_TIME_US = 60 * SECOND_US  # arrivals say that much more time passed: another session
 ORDINARY_STEP_US = 2 * SECOND_US  # a step this short is the same session, whatever arrivals say
 CLOCK_DRIFT = 0.005  # boot clocks ran up to 136 ms a minute slow
+# Two vehicles with one address: a line that another one comes back to while it goes on itself.
+ALIVE_US = 1 * SECOND_US
+BESIDE_US = SECOND_US // 2
 CUT_STEP_US = 20_000  # put in the place of what a reboot or a jump cut out
 
 OFFSET_SAMPLES = 64  # enough for a median through 0.4 s of jitter
@@ -92,6 +95,8 @@ class ClockLine:
         self._wrapped_us = 0
         self._started = False
         self._candidate: tuple[int, int] | None = None
+        self._beside: tuple[int, int] | None = None  # the last of another line
+        self.is_beside = False  # the message that was not taken goes on with that other line
         self._floor_us = 0  # smallest arrival - boot, with drift
         self.boot_us = 0
         self.arrival_us = 0
@@ -104,8 +109,12 @@ class ClockLine:
             return Reading(raw_us, None)
         boot_us = self._unwrap(raw_us, arrival_us)
         reason = self._judge(boot_us - self.boot_us, arrival_us - self.arrival_us)
+        self.is_beside = self._beside is not None and self._goes_on_beside(boot_us, arrival_us)
+        if self.is_beside:
+            self._beside, self._candidate = (boot_us, arrival_us), None
+            return None
         if reason is None:
-            self._candidate = None
+            self._drop_candidate()
             self._accept(boot_us, arrival_us)
             return Reading(boot_us, None)
         candidate = self._candidate
@@ -113,6 +122,7 @@ class ClockLine:
             self._candidate = (boot_us, arrival_us)
             return None
         reset = Reset(reason, candidate[0] - self.boot_us)
+        self._beside = (self.boot_us, self.arrival_us)
         self._restart(*candidate)
         self._accept(boot_us, arrival_us)
         return Reading(boot_us, reset, boot_us - candidate[0])
@@ -125,9 +135,30 @@ class ClockLine:
         boot_us = raw_us + self._wrapped_us
         if not (self._started and 0 < boot_us - self.boot_us <= ORDINARY_STEP_US):
             return False
-        self._candidate = None
+        if self._beside is not None and boot_us - self.boot_us > BESIDE_US:
+            return False
+        if self._candidate is not None:
+            self._drop_candidate()
         self._accept(boot_us, arrival_us)
         return True
+
+    def _drop_candidate(self) -> None:
+        """The line goes on: what stepped away from it was garbled, or is somebody else's."""
+        if self._candidate is not None:
+            self._beside, self._candidate = self._candidate, None
+
+    def _goes_on_beside(self, boot_us: int, arrival_us: int) -> bool:
+        """Whether a message goes on with another line that keeps this one's pace, not with this.
+
+        A clock that began anew or leapt never comes back to where it was, while it goes on here.
+        """
+        here_us = arrival_us - self.arrival_us
+        if self._beside is None or not 0 <= here_us < ALIVE_US:
+            return False
+        if abs(boot_us - self.boot_us - here_us) < BESIDE_US:
+            return False
+        step_us, elapsed_us = boot_us - self._beside[0], arrival_us - self._beside[1]
+        return step_us > 0 and abs(step_us - elapsed_us) < BESIDE_US
 
     def _unwrap(self, raw_us: int, arrival_us: int) -> int:
         boot_us = raw_us + self._wrapped_us
@@ -244,7 +275,8 @@ class VehicleClock:
     def _place(self, field: TimeField, raw_us: int, arrival_us: int) -> Placed | Refused:
         reading = self._lines[field].advance(raw_us, arrival_us)
         if reading is None:
-            return Refused(Reason.CLOCK_STEP)
+            is_other = self._lines[field].is_beside
+            return Refused(Reason.ADDRESS_CONFLICT if is_other else Reason.CLOCK_STEP)
         if reading.reset is not None:
             self._forget(field)
         if field is self._primary:

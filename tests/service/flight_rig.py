@@ -14,7 +14,7 @@ from drivers.mavlink.encoder import FrameEncoder, raw_imu
 from drivers.mavlink.framing import FrameReader
 from drivers.mavlink.gate import FrameGate, Policy
 from drivers.simulation.simulated_vehicle import Sample, SimulatedVehicle
-from estimator.geometry.quaternion import conjugate, multiply
+from estimator.geometry.quaternion import conjugate, multiply, rotate_inverse
 from estimator.profile import load_profile
 from service.load import Load
 from service.pipeline import Pipeline
@@ -39,6 +39,7 @@ class Rig:
         self.messages: list[str] = []
         self.records: list[AttitudeRecord] = []
         self.errors_deg: list[float] = []
+        self.tilt_errors_deg: list[float] = []
         self.boot_shift_us = 0
         self.host_shift_us = 0  # a host clock that was set
         self.now_us = START_US
@@ -62,7 +63,7 @@ class Rig:
         deliver: Callable[[bytes], list[bytes]] = lambda frame: [frame],
     ) -> "Rig":
         """Fly on; returns self. ``records`` and ``errors_deg`` are those of this stretch."""
-        self.records, self.errors_deg, self.messages = [], [], []
+        self.records, self.errors_deg, self.tilt_errors_deg, self.messages = [], [], [], []
         first = next(self.samples)
         end_us = first.time_us + seconds * S
         sample = first
@@ -108,11 +109,18 @@ class Rig:
                 )
                 self.records.append(output.record)
                 self.errors_deg.append(_angle_deg(output.record.q_ned_frd, self.truth))
+                self.tilt_errors_deg.append(_tilt_deg(output.record.q_ned_frd, self.truth))
 
 
 def _angle_deg(q, truth):
     w = abs(multiply(conjugate(truth), q)[0])
     return math.degrees(2 * math.acos(min(1.0, w)))
+
+
+def _tilt_deg(q, truth):
+    seen, true = (rotate_inverse(each, (0.0, 0.0, 1.0)) for each in (q, truth))
+    cosine = sum(x * y for x, y in zip(seen, true, strict=True))
+    return math.degrees(math.acos(max(-1.0, min(1.0, cosine))))
 
 
 def _finite(vector):

@@ -113,8 +113,8 @@ def duplicated(samples):
 
 
 FAULTS = {
-    "stuck": (stuck, {"stuck"}),
-    "stuck gyroscope": (stuck_gyroscope, {"gyroscope_stuck"}),
+    "stuck": (stuck, {"repeated", "stuck"}),
+    "stuck gyroscope": (stuck_gyroscope, {"repeated", "gyroscope_stuck"}),
     "stuck accelerometer": (stuck_accelerometer, {"accelerometer_stuck"}),
     "saturated": (saturated, {"gyroscope_saturated", "gyroscope_spike"}),
     "clipped": (clipped, {"accelerometer_saturated"}),

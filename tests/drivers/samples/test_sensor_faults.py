@@ -38,10 +38,13 @@ class Stream:
         return self.faults.refusal(Readings(gyr, acc, mag), self.now_us)
 
     def first_refused(self, count, reading, step_us=STEP_US):
-        """(reason, seconds from the first reading) of the first of ``count`` that is refused."""
+        """(reason, seconds from the first reading) of the first of ``count`` that is refused.
+
+        Those that are held back until it is known are not.
+        """
         for k in range(count):
             reason = self.feed(**reading(k), step_us=step_us)
-            if reason is not None:
+            if reason not in (None, Reason.REPEATED):
                 return reason, 1e-6 * k * step_us
         return None
 
@@ -107,6 +110,42 @@ def test_a_steady_turn_that_the_others_confirm_is_none(rate_rad_s):
         return {"gyr": (rate_rad_s, 0.0, 0.0), "acc": turned(k, DOWN), "mag": turned(k, FIELD)}
 
     assert stream.first_refused(1000, reading) is None
+
+
+@pytest.mark.parametrize("step_us", [10_000, STEP_US, 100_000])
+@pytest.mark.parametrize("is_both", [True, False])
+def test_what_chance_does_not_repeat_is_held_back_at_once(step_us, is_both):
+    """From the third repetition on, until 0.5 s and 20 readings show what it is."""
+    stream = Stream()
+    gyr, acc = stream.noise(ZERO_VEC3), stream.noise(DOWN)
+    readings = max(20, 500_000 // step_us)
+    same = {"gyr": gyr, **({"acc": acc} if is_both else {})}
+    reasons = [stream.feed(**same, step_us=step_us) for _ in range(readings)]
+    assert reasons == [None] * 3 + [Reason.REPEATED] * (readings - 3)
+    assert stream.feed(**same, step_us=step_us) is None  # at rest it may be true
+    assert stream.feed() is None
+    assert stream.faults.take_blindness() is None  # no longer than a gap
+
+
+@pytest.mark.parametrize("times", [2, 3, 5])
+def test_a_stream_that_repeats_every_reading_loses_none_of_them(times):
+    """Sent faster than it is measured."""
+    faults, rng, now_us = SensorFaults(), random.Random(6), 0
+    for k in range(1000):
+        if k % times == 0:
+            reading = Readings(noisy(rng, ZERO_VEC3, 0.01), noisy(rng, DOWN, 0.01), FIELD)
+        now_us += STEP_US
+        assert faults.refusal(reading, now_us) is None
+
+
+def test_coarse_readings_at_rest_are_held_back_for_seconds_at_most():
+    """After a flight with noise: of whole mrad/s, where noise is half of one, many are equal."""
+    stream, held = Stream(), []
+    for _ in range(1500):
+        gyr = tuple(1e-3 * round(1e3 * x) for x in stream.noise(ZERO_VEC3, 3e-4))
+        held.append(stream.feed(gyr=gyr) is not None)
+    assert sum(held[:250]) < 60  # measured 41
+    assert sum(held[500:]) < 15  # measured 11 of 1000
 
 
 @pytest.mark.parametrize("sign", [1, -1])
