@@ -1,7 +1,7 @@
 """The live service under load: simulated vehicles, service and subscriber as real processes.
 
 python benchmarks/live.py --vehicles N --rate HZ --seconds S [--publish-rate HZ] [--plain]
-    [--capacity] [--no-floor] [--json]
+    [--workers N] [--capacity] [--no-floor] [--json]
 
 The vehicles send over UDP on loopback, ``fuzzbee run`` estimates and publishes on Zenoh, a third
 process subscribes. With ``--plain`` a script of pymavlink and ahrs (live_plain.py) has the
@@ -17,7 +17,10 @@ service's place. Latencies of an attitude:
 
 ``shed_samples`` are those that an overloaded service left out, and counted; ``lost_samples`` those
 that nobody counted: the system threw their datagrams away. ``yardstick`` is pymavlink's parser
-alone on the same datagrams, which tells machines apart. With ``--capacity`` the number of
+alone on the same datagrams, which tells machines apart. With ``--workers`` the service has that
+many; processor time and memory (``resident_mb``: of each process its own and its part of what
+they share) are then those of all its processes, ``process_cores`` those of the service, the
+process that workers come from, and the workers. With ``--capacity`` the number of
 vehicles is searched that is carried with less than 0.1 % of either.
 """
 
@@ -31,6 +34,7 @@ import sys
 import tempfile
 import time
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import IO, Any
 
@@ -50,7 +54,9 @@ TICKS = os.sysconf("SC_CLK_TCK")
 
 def main() -> None:
     options = _options()
-    begin_service = start_plain if options.plain else start_service
+    begin_service: BeginService = partial(start_service, workers=options.workers)
+    if options.plain:
+        begin_service = start_plain
     if options.capacity:
         result = capacity(options.rate, options.seconds, options.publish_rate, begin_service)
     else:
@@ -83,12 +89,14 @@ def measure(
             "live_fleet.py", str(port), str(vehicles), str(rate_hz), str(seconds), str(sent_file)
         )
         time.sleep(WARM_UP_S)
-        begin_ns, before = time.time_ns(), [cpu_s(p.pid) for p in (service, subscriber, fleet)]
+        processes = [service.pid, *family(service.pid)]
+        others = [subscriber.pid, fleet.pid]
+        begin_ns, before = time.time_ns(), [cpu_s(pid) for pid in processes + others]
         time.sleep(seconds - WARM_UP_S)
-        end_ns, after = time.time_ns(), [cpu_s(p.pid) for p in (service, subscriber, fleet)]
+        end_ns, after = time.time_ns(), [cpu_s(pid) for pid in processes + others]
         fleet.wait()
         time.sleep(SETTLE_S)
-        memory_mb = resident_mb(service.pid)
+        memory_mb = resident_mb(service.pid) if len(processes) == 1 else sum(map(pss_mb, processes))
         subscriber.communicate()
         if fleet.returncode:
             raise SystemExit("the vehicles ended early")
@@ -96,13 +104,13 @@ def measure(
         summary = json.loads(service.communicate()[0])
         sent, seen = np.load(sent_file), np.load(seen_file)
     window = (begin_ns, min(end_ns, int(sent[-1, 1])))
-    cpu = dict(
-        zip(
-            ("service", "subscriber", "fleet"),
-            (round(b - a, 2) for a, b in zip(before, after, strict=True)),
-            strict=True,
-        )
-    )
+    spent = [round(b - a, 2) for a, b in zip(before, after, strict=True)]
+    cpu = {
+        "service": round(sum(spent[: len(processes)]), 2),
+        "subscriber": spent[-2],
+        "fleet": spent[-1],
+    }
+    window_s = (end_ns - begin_ns) / 1e9
     samples = sum(vehicle["samples"] for vehicle in summary["vehicles"].values())
     shed = sum(vehicle.get("shed", 0) for vehicle in summary["vehicles"].values())
     rejected = sum(sum(v["rejected"].values()) for v in summary["vehicles"].values())
@@ -118,7 +126,8 @@ def measure(
         "overruns": summary["overruns"],
         "dropped": summary["dropped"],
         "cpu_s": cpu,
-        "service_cores": round(cpu["service"] / ((end_ns - begin_ns) / 1e9), 3),
+        "service_cores": round(cpu["service"] / window_s, 3),
+        "process_cores": [round(each / window_s, 3) for each in spent[: len(processes)]],
         "resident_mb": memory_mb,
         "load_average": round(os.getloadavg()[0], 2),
     }
@@ -257,6 +266,30 @@ def resident_mb(pid: int) -> float:
     return 0.0
 
 
+def children(process: int) -> list[int]:
+    """The processes whose parent this is, the oldest first."""
+    found = [
+        int(child)
+        for task in Path(f"/proc/{process}/task").iterdir()
+        for child in (task / "children").read_text().split()
+    ]
+    return sorted(found)
+
+
+def family(process: int) -> list[int]:
+    """All processes below this one."""
+    below = children(process)
+    return below + [each for child in below for each in family(child)]
+
+
+def pss_mb(process: int) -> float:
+    """Memory of a process alone, and its part of what it shares with others."""
+    for line in Path(f"/proc/{process}/smaps_rollup").read_text().splitlines():
+        if line.startswith("Pss:"):
+            return round(int(line.split()[1]) / 1024, 1)
+    return 0.0
+
+
 def start_service(
     port: int, endpoint: str, publish_hz: float, *options: str, workers: int = 1
 ) -> subprocess.Popen[str]:
@@ -317,6 +350,7 @@ def _options() -> argparse.Namespace:
     parser.add_argument("--seconds", type=float, default=10.0)
     parser.add_argument("--publish-rate", type=float, help="attitudes a second [as --rate]")
     parser.add_argument("--plain", action="store_true", help="pymavlink and ahrs instead")
+    parser.add_argument("--workers", type=int, default=1, help="of the service")
     parser.add_argument("--capacity", action="store_true", help="search the most vehicles")
     parser.add_argument("--no-floor", dest="floor", action="store_false")
     parser.add_argument("--json", action="store_true")

@@ -26,7 +26,7 @@ from typing import Any
 
 import msgspec
 import numpy as np
-from live import free_port, start, start_service
+from live import children, family, free_port, pss_mb, start, start_service
 from live_floor import percentiles
 from live_subscriber import client
 
@@ -133,32 +133,6 @@ def killed(service: int, notes: Notes, worker: int, with_nursery: bool) -> list[
     theirs = [name for name, of in before.items() if of == before[number]]
     print(f"{len(theirs)} vehicles of worker {before[number]}: {longest:.3f} s", file=sys.stderr)
     return [first.get(name, LONGEST_S) for name in theirs]
-
-
-def children(process: int) -> list[int]:
-    """The processes whose parent this is, the oldest first."""
-    found = Path(f"/proc/{process}/task/{process}/children").read_text().split()
-    others = [
-        each
-        for task in Path(f"/proc/{process}/task").iterdir()
-        if task.name != str(process)
-        for each in (task / "children").read_text().split()
-    ]
-    return sorted(int(each) for each in found + others)
-
-
-def family(process: int) -> list[int]:
-    """All processes below this one."""
-    below = children(process)
-    return below + [each for child in below for each in family(child)]
-
-
-def pss_mb(process: int) -> float:
-    """Memory of a process, what it shares with others by halves."""
-    for line in Path(f"/proc/{process}/smaps_rollup").read_text().splitlines():
-        if line.startswith("Pss:"):
-            return round(int(line.split()[1]) / 1024, 1)
-    return 0.0
 
 
 def _options() -> argparse.Namespace:

@@ -20,6 +20,7 @@ from drivers.events import (
 )
 from drivers.source import LiveSource
 from service.link_lines import LinkLines
+from service.overload import Overload
 from service.records import AttitudeRecord, Departed, Message, Output, Published
 from service.sinks.outbox import OutputTaker
 from service.workers.crew import Crew
@@ -27,6 +28,8 @@ from service.workers.handout import Handout
 
 TURN_S = 0.1
 READ_S = 0.1
+OVERLOADED = "overloaded: more arrives than can be read and handed out; some of it is lost"
+NO_LONGER = "no longer overloaded: all that arrives is handed out"
 SHOW_S = 0.1  # attitudes are decoded so often for those who look at them
 
 
@@ -47,6 +50,7 @@ class Foreman:
         self._show_due_s = 0.0
         self._shown: dict[VehicleId, bytes] = {}
         self._lines = LinkLines()
+        self._overload = Overload()
         self._stop = threading.Event()
         self._events: deque[Event] = deque()  # few: everything about vehicles is handed out
         self._failure: BaseException | None = None
@@ -106,6 +110,9 @@ class Foreman:
         status.dropped = self._source.dropped + self._handout.dropped + self._outbox.dropped
         status.lost = self._source.lost
         now_s = time.monotonic()
+        if self._overload.observe(status.lost + self._handout.dropped, now_s):
+            status.is_overloaded = self._overload.is_on
+            outputs = [*outputs, Message(OVERLOADED if self._overload.is_on else NO_LONGER)]
         if self._shows and now_s >= self._show_due_s:
             self._show_due_s = now_s + SHOW_S
             outputs = outputs + self._fresh()

@@ -37,7 +37,7 @@ class HandedFrames:
 
     def is_finished(self) -> bool:
         """Whether nothing can come any more."""
-        return self._connection.is_ended
+        return self._connection.is_ended and not self._backlog
 
     @property
     def dropped(self) -> int:
