@@ -28,6 +28,7 @@ from service.workers.handout import Handout
 
 TURN_S = 0.1
 READ_S = 0.1
+GATHER_S = 0.002  # to hand out one by one what arrives one by one would cost more than to read it
 OVERLOADED = "overloaded: more arrives than can be read and handed out; some of it is lost"
 NO_LONGER = "no longer overloaded: all that arrives is handed out"
 SHOW_S = 0.1  # attitudes are decoded so often for those who look at them
@@ -83,8 +84,12 @@ class Foreman:
 
         def read() -> None:
             try:
+                handed = self._handout.handed
                 while not ended.is_set():
                     self._events.extend(self._source.drain(READ_S))
+                    if self._handout.handed != handed:
+                        handed = self._handout.handed
+                        time.sleep(GATHER_S)
             except BaseException as error:  # noqa: BLE001 - raised again by the loop
                 self._failure = error
 

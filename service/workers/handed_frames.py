@@ -11,6 +11,10 @@ from drivers.mavlink.frame_batch import unpack_frames
 from drivers.mavlink.stream_request import Outgoing, StreamRequest
 from service.workers.connection import Connection, Kind, Message
 
+# After each look the worker rests, never beyond a tick: to wake up costs as much as some samples.
+# The frames have the time of their arrival with them.
+GATHER_S = 0.003
+
 
 class HandedFrames:
     """A live source without a thread: what has come is decoded when the loop asks for it.
@@ -34,6 +38,7 @@ class HandedFrames:
         self._decoder = MavlinkDecoder(references=references)
         self._request = None if request_rate_hz is None else StreamRequest(request_rate_hz)
         self._backlog = Backlog()
+        self._has_just_received = False
 
     def is_finished(self) -> bool:
         """Whether nothing can come any more."""
@@ -51,9 +56,15 @@ class HandedFrames:
 
     def drain(self, timeout_s: float) -> list[Event]:
         """Events of some of what has come, after waiting at most ``timeout_s`` for the first."""
-        if not self._receive() and not self._backlog:
-            self._connection.wait(timeout_s)
-            self._receive()
+        wait_s = 0.0 if self._backlog else timeout_s
+        if self._has_just_received and wait_s > 0.0:
+            rest_s = min(GATHER_S, wait_s)
+            time.sleep(rest_s)
+            wait_s -= rest_s
+        self._has_just_received = self._receive()
+        if not self._has_just_received and wait_s > 0.0:
+            self._connection.wait(wait_s)
+            self._has_just_received = self._receive()
         events: list[Event] = []
         for arrival_us, frame in self._backlog.take():
             events += self._decoder.events(frame, arrival_us)

@@ -36,6 +36,7 @@ class Handout:
     """
 
     def __init__(self, workers: int, wanted: frozenset[int]) -> None:
+        self.handed = 0  # frames so far
         self.dropped = 0  # frames that a worker did not take in time
         self._wanted = wanted
         self._lock = threading.Lock()
@@ -62,6 +63,7 @@ class Handout:
                     batches[worker] = [each]
                 else:
                     batch.append(each)
+            self.handed += len(arrived)
             for worker, batch in batches.items():
                 self._send(worker, batch)
             if arrived:
