@@ -77,6 +77,11 @@ def service(port, *options):
             wait_for(lambda: not any(map(is_alive, family)), 10.0)
 
 
+def only(endpoint):
+    """The options of a session that has this address and looks for no other."""
+    return "-l", endpoint, "-e", endpoint
+
+
 def await_line(process, words):
     said = ""
     for line in process.stderr:
@@ -162,7 +167,7 @@ def test_workers_publish_and_record_what_one_process_does(tmp_path):
     endpoint = f"tcp/127.0.0.1:{free_port()}"
     logs = tmp_path / "shared.tlog", tmp_path / "alone.tlog"
     with (
-        service(shared, "--workers", "2", "--record", str(logs[0]), "-l", endpoint) as process,
+        service(shared, "--workers", "2", "--record", str(logs[0]), *only(endpoint)) as process,
         service(alone, "--no-zenoh", "--record", str(logs[1])) as single,
         plain_client(endpoint) as session,
     ):
@@ -216,7 +221,7 @@ def test_a_worker_that_is_killed_is_replaced_with_all_that_its_vehicles_had(tmp_
     port, endpoint = free_port(socket.SOCK_DGRAM), f"tcp/127.0.0.1:{free_port()}"
     log = tmp_path / "flight.tlog"
     with (
-        service(port, "--workers", "2", "--record", str(log), "-l", endpoint) as process,
+        service(port, "--workers", "2", "--record", str(log), *only(endpoint)) as process,
         plain_client(endpoint) as session,
         flight(4, port) as sent,
     ):
