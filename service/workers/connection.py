@@ -15,6 +15,7 @@ from struct import Struct
 from typing import NamedTuple
 
 MOST_WAITING_BYTES = 4 << 20  # some 0.7 s of 400 vehicles' frames at 50 Hz, beside the system's own
+STALE_S = 0.6
 RECEIVE_BYTES = 1 << 18
 SOCKET_BYTES = 1 << 20  # the system may give less
 _HEAD = Struct("<IB")  # size of the body, kind
@@ -76,7 +77,7 @@ class Connection:
         with self._lock:
             self._waiting.append(_Waiting(kind, data, time.monotonic()))
             self._waiting_bytes += len(data)
-            dropped = self._drop_old()
+            dropped = self._drop_old() + self._drop_stale()
             self._send()
         return dropped
 
@@ -165,6 +166,19 @@ class Connection:
                 self.is_ended = self._is_broken = True
                 return
             self._begun = self._begun[sent:] if sent < len(self._begun) else None
+
+    def _drop_stale(self) -> list[bytes]:
+        """Attitudes that nobody has taken for so long are of no use to anybody."""
+        dropped: list[bytes] = []
+        since_s = time.monotonic() - STALE_S
+        while self._waiting and self._waiting[0].since_s < since_s:
+            if self._waiting[0].kind is not Kind.ATTITUDES:
+                break
+            stale = self._waiting.popleft()
+            self._waiting_bytes -= len(stale.data)
+            dropped.append(bytes(stale.data[_HEAD.size :]))
+        self.dropped += len(dropped)
+        return dropped
 
     def _drop_old(self) -> list[bytes]:
         if self._waiting_bytes <= MOST_WAITING_BYTES:

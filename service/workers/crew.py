@@ -32,6 +32,8 @@ MOST_QUICK_NURSERIES = 3
 SILENT_S = 5.0
 # So much of a silence counts at a turn: when the service itself stood, nobody else is to blame.
 LONGEST_STEP_S = 0.2
+# A service that has not looked for so long was stopped: old attitudes are of no use to anybody.
+STOPPED_S = 0.5
 ENDING_S = 1.0
 
 
@@ -50,6 +52,7 @@ class Crew(Closing):
     def __init__(self, count: int, job: Job, handout: Handout, *, with_raw: bool) -> None:
         self.status = CommonStatus()
         self.requests = ProfileRequests(self.send)
+        self.dropped = 0  # attitudes
         self.payloads: dict[VehicleId, bytes] = {}  # each vehicle's last attitude, as published
         self._job = job
         self._handout = handout
@@ -88,6 +91,10 @@ class Crew(Closing):
         for key, _ in self._selector.select(timeout_s):
             if isinstance(key.data, Place):
                 self._listen(key.data, outputs)
+        if time.monotonic() - self._turn_s > STOPPED_S:
+            while sum(self._listen(place, outputs) for place in self._places):
+                pass
+            outputs = self._newest(outputs)
         self._hear_nursery()
         for place in self._places:
             place.connection.flush()
@@ -125,10 +132,13 @@ class Crew(Closing):
 
     # --- what workers tell
 
-    def _listen(self, place: Place, outputs: list[Output]) -> None:
-        for message in place.connection.receive():
+    def _listen(self, place: Place, outputs: list[Output]) -> bool:
+        """Take what has come from a worker; whether there was something."""
+        messages = place.connection.receive()
+        for message in messages:
             place.silent_s = 0.0
             self._take(place, message, outputs)
+        return bool(messages)
 
     def _take(self, place: Place, message: Told, outputs: list[Output]) -> None:
         match message.kind:
@@ -164,6 +174,17 @@ class Crew(Closing):
                 common = self.status.status(place.number, vehicle, record)
                 return msgspec.structs.replace(output, record=common)
         return output
+
+    def _newest(self, outputs: list[Output]) -> list[Output]:
+        """What is left when the service itself was stopped: of each vehicle the last attitude."""
+        newest = [
+            output
+            for output in outputs
+            if not isinstance(output, Encoded)
+            or self.payloads.get(output.vehicle) is output.payload
+        ]
+        self.dropped += len(outputs) - len(newest)
+        return newest
 
     # --- deaths
 

@@ -112,7 +112,9 @@ class Foreman:
 
     def _put(self, outputs: list[Output]) -> None:
         status = self._crew.status
-        status.dropped = self._source.dropped + self._handout.dropped + self._outbox.dropped
+        status.dropped = sum(
+            each.dropped for each in (self._source, self._handout, self._crew, self._outbox)
+        )
         status.lost = self._source.lost
         now_s = time.monotonic()
         if self._overload.observe(status.lost + self._handout.dropped, now_s):

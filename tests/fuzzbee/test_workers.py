@@ -261,6 +261,33 @@ def test_a_worker_that_is_killed_is_replaced_with_all_that_its_vehicles_had(tmp_
     assert len(b"".join(frames)) > 0.5 * len(stream)
 
 
+def test_a_service_that_was_stopped_publishes_nothing_old(tmp_path):
+    """Its workers have gone on meanwhile: of each vehicle only what is newest still counts."""
+    port, endpoint = free_port(socket.SOCK_DGRAM), f"tcp/127.0.0.1:{free_port()}"
+    with (
+        service(port, "--workers", "2", *only(endpoint)) as process,
+        plain_client(endpoint) as session,
+        flight(4, port),
+    ):
+        lines = keep_reading(process)
+        seen = Subscriber(session)
+        wait_for(lambda: all(seen.count(str(n)) > 30 for n in range(1, 5)), 30.0)
+        process.send_signal(signal.SIGSTOP)
+        time.sleep(2.0)
+        seen.attitudes.clear()
+        process.send_signal(signal.SIGCONT)
+        wait_for(lambda: all(seen.count(str(n)) > 30 for n in range(1, 5)), 30.0)
+        ages_s = [
+            arrival_s - 1e-6 * record["time_unix_us"]
+            for rows in seen.attitudes.values()
+            for arrival_s, record in rows
+        ]
+        # each vehicle's last; a hundred more of each waited before the others were left out
+        assert len([age for age in ages_s if age > 1.0]) <= 2 * 4
+        result = end(process, lines)
+    assert result["dropped"] > 4 * 50
+
+
 def put_profile(session, name, partial):
     """The profile by which the service answers a put."""
     key = f"fuzzbee/{name}/parameters"

@@ -47,14 +47,14 @@ def test_the_first_alone_leaves_the_rest_for_later(ends):
 
 def test_when_nobody_takes_them_the_oldest_frames_go_and_nothing_else(ends):
     ours, theirs = ends
-    ours.put(Kind.PROFILE, b"profile")
     dropped = []
     size = MOST_WAITING_BYTES // 16
     for number in range(64):
         dropped += ours.put(Kind.FRAMES, number.to_bytes(2, "big") + bytes(size))
+        if number == 10:
+            ours.put(Kind.PROFILE, b"profile")
     ours.put(Kind.JOB, b"job")
     assert ours.lag_s > 0.0
-    assert dropped
     assert ours.dropped == len(dropped)
     got = []
     while not got or got[-1].kind is not Kind.JOB:
@@ -62,10 +62,27 @@ def test_when_nobody_takes_them_the_oldest_frames_go_and_nothing_else(ends):
         got += theirs.receive()
     numbers = [int.from_bytes(m.body[:2], "big") for m in got if m.kind is Kind.FRAMES]
     gone = [int.from_bytes(body[:2], "big") for body in dropped]
-    assert sorted(numbers + gone) == list(range(64))
-    assert numbers[-1] == 63
-    assert max(gone) < 62  # the newest stay
-    assert got[0] == Message(Kind.PROFILE, b"profile")
+    # what the system had taken already, and the newest
+    assert gone == list(range(gone[0], gone[-1] + 1))
+    assert numbers == [*range(gone[0]), *range(gone[-1] + 1, 64)]
+    assert 1 <= gone[0] < 10 < 48 < gone[-1]
+    assert Message(Kind.PROFILE, b"profile") in got
+
+
+def test_attitudes_that_nobody_takes_go_when_they_are_old(ends, monkeypatch):
+    ours, theirs = ends
+    body = bytes(100_000)
+    while ours.flush():
+        ours.put(Kind.ATTITUDES, body)
+    ours.put(Kind.ATTITUDES, body)
+    monkeypatch.setattr("service.workers.connection.STALE_S", -1.0)
+    assert ours.put(Kind.FRAMES, b"frames") == [body]
+    assert ours.put(Kind.ATTITUDES, b"behind frames, which do not go") == []
+    got = []
+    while not got or got[-1].body != b"behind frames, which do not go":
+        ours.flush()
+        got += theirs.receive()
+    assert Message(Kind.FRAMES, b"frames") in got
 
 
 def test_what_was_put_before_the_end_still_comes_and_answers_can_be_sent(ends):
