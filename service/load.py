@@ -8,7 +8,8 @@ class Load(NamedTuple):
 
     ``overruns`` are late ticks, ``dropped`` events and records thrown away, ``lost`` datagrams that
     the system threw away. ``rate_hz`` is how often attitudes are published where there is time for
-    it, 0 where the ticks are not those of a clock. While it ``is_shedding``, and right
+    it, 0 where the ticks are not those of a clock; none are while the last ones are
+    still in hand (``is_behind``). While it ``is_shedding``, and right
     after a stop (``has_just_woken``), only vehicles with a new sample have theirs published.
     """
 
@@ -16,5 +17,6 @@ class Load(NamedTuple):
     dropped: int = 0
     lost: int = 0
     is_shedding: bool = False
+    is_behind: bool = False
     has_just_woken: bool = False
     rate_hz: float = 0.0

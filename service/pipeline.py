@@ -172,7 +172,7 @@ class Pipeline:
             if not load.has_just_woken:
                 outputs += _messages(vehicle.on_time(now_us))
             is_wanted = takes_all or vehicle.is_due(now_us)
-            attitude = vehicle.attitude(now_us) if is_wanted else None
+            attitude = vehicle.attitude(now_us) if is_wanted and not load.is_behind else None
             if attitude is not None:
                 outputs.append(Published(vehicle.address, attitude, vehicle.last_sample))
             if status_due:

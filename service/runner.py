@@ -148,6 +148,7 @@ class Runner:
             self.dropped,
             self._source.lost,
             is_shedding=is_shedding,
+            is_behind=not self._outbox.settle(0.0),
             has_just_woken=self._woken_s is not None and now_s - self._woken_s < WAKING_S,
             rate_hz=1.0 / self._period_s,
         )

@@ -29,6 +29,8 @@ class Sink(Protocol):
 
 # Turns of the loop a sink may lag behind: 0.6 s at 100 Hz, after that attitudes are stale.
 MAX_PENDING = 64
+# A sink that has been busy for so long without a pause is not slow for want of computing time.
+STUCK_S = 1.0
 # What has waited longer is stale, at any rate.
 LONGEST_WAIT_S = 0.6
 
@@ -48,7 +50,7 @@ class Outlet:
         self._last_error: str | None = None
         self._pending: deque[tuple[float, Sequence[Output]]] = deque()  # and since when, s
         self._is_busy = False  # something is pending, or in hand
-        self._is_late = False
+        self._busy_since_s = 0.0
         self._closing = False
         self._changed = threading.Condition()
         # a daemon: a sink that blocks for ever must not keep the process alive
@@ -64,15 +66,19 @@ class Outlet:
             ):
                 self.dropped += len(self._pending.popleft()[1])
             self._pending.append((now_s, outputs))
-            self._is_busy = True
+            if not self._is_busy:
+                self._is_busy, self._busy_since_s = True, now_s
             self._changed.notify()
 
-    def settle(self, timeout_s: float) -> None:
-        """Wait until nothing is pending, unless it already took too long the last time."""
+    def settle(self, timeout_s: float) -> bool:
+        """Wait until nothing is pending or in hand; at most so long. Whether that is so.
+
+        Of a sink that has had more than enough time it is said, too: nobody waits for it.
+        """
         with self._changed:
-            if self._is_late and self._is_busy:
-                return
-            self._is_late = not self._changed.wait_for(lambda: not self._is_busy, timeout_s)
+            if self._is_busy and time.monotonic() - self._busy_since_s > STUCK_S:
+                return True
+            return self._changed.wait_for(lambda: not self._is_busy, max(0.0, timeout_s))
 
     def take_error(self) -> str | None:
         """The latest error that has not been returned yet, as a text; None if there is none."""
