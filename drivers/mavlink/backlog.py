@@ -15,10 +15,12 @@ from drivers.events import Shed, VehicleId
 from drivers.mavlink.constants import (
     ATTITUDE_ID,
     ATTITUDE_QUATERNION_ID,
+    AUTOPILOT_VERSION_ID,
     EKF_STATUS_REPORT_ID,
     ESTIMATOR_STATUS_ID,
     GLOBAL_POSITION_INT_ID,
     GPS_RAW_INT_ID,
+    HEARTBEAT_ID,
     HIGHRES_IMU_ID,
     LOCAL_POSITION_NED_ID,
     RAW_IMU_ID,
@@ -31,10 +33,12 @@ from drivers.mavlink.constants import (
 from drivers.mavlink.framing import Frame
 from drivers.mavlink.imu_messages import imu_message_name, imu_number, imu_stream_name
 
-# Each of these makes the one before it old. What is said once (a parameter, an answer) or tells
-# who is there (HEARTBEAT) is never left out.
+# Each of these makes the one before it old. What is said once (a parameter, an answer) is never
+# left out, and of what tells who is there (HEARTBEAT, AUTOPILOT_VERSION) the newest stays.
 STREAMS = frozenset(
     {
+        HEARTBEAT_ID,
+        AUTOPILOT_VERSION_ID,
         SCALED_IMU_ID,
         RAW_IMU_ID,
         HIGHRES_IMU_ID,

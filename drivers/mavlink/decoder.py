@@ -8,6 +8,7 @@ FRD on both sides.
 
 import math
 from collections.abc import Callable
+from math import isfinite
 from typing import Any
 
 from drivers.events import (
@@ -17,10 +18,10 @@ from drivers.events import (
     Forgotten,
     Heartbeat,
     Parameter,
-    ReferenceAttitude,
     VehicleId,
 )
 from drivers.mavlink.constants import (
+    AUTOPILOT_VERSION_ID,
     GPS_FIX_TYPE_3D_FIX,
     HIGHRES_IMU_UPDATED_MAG,
     MAV_AUTOPILOT_ARDUPILOTMEGA,
@@ -67,6 +68,8 @@ class _Sender:
     def __init__(self, address: VehicleId) -> None:
         self.id = address
         self.autopilot: int | None = None
+        self.version = b""  # the payload of its last AUTOPILOT_VERSION, and what that says
+        self.motion: str | None = None
         self.intake = Intake(address)
         self.heard_us = 0  # host's Unix time
 
@@ -101,10 +104,9 @@ class MavlinkDecoder:
             "PARAM_VALUE": self._param_value,
             "HEARTBEAT": self._heartbeat,
             "COMMAND_ACK": self._command_ack,
-            "AUTOPILOT_VERSION": self._autopilot_version,
         }
         self._references = references
-        names = frozenset(self._handlers) - (frozenset() if references else REFERENCES)
+        names = {*self._handlers, "AUTOPILOT_VERSION"} - (frozenset() if references else REFERENCES)
         kinds = mavlink().mavlink_map.items()
         self.wanted = frozenset(number for number, kind in kinds if kind.msgname in names)
 
@@ -123,11 +125,21 @@ class MavlinkDecoder:
         if frequent is not None:
             name, fields = frequent
             return self._handlers[name](sender, name, fields, arrival_us)
+        if frame.message_id == AUTOPILOT_VERSION_ID:
+            return self._repeated_version(sender, frame, arrival_us)
         message = self._unpacker.message(frame.data)
         if message is None:
             return []
         name = message.get_type()
         return self._handlers[name](sender, name, message, arrival_us)
+
+    def _repeated_version(self, sender: _Sender, frame: Frame, arrival_us: int) -> list[Event]:
+        """What an AUTOPILOT_VERSION says, which is unpacked only if it has not just been said."""
+        payload = frame.data[frame.payload_at : frame.payload_end]
+        if payload != sender.version:
+            message = self._unpacker.message(frame.data)
+            sender.version, sender.motion = payload, None if message is None else _motion(message)
+        return [] if sender.motion is None else [BuiltIn(sender.id, arrival_us, sender.motion)]
 
     def _meet(self, frame: Frame, arrival_us: int) -> list[Event]:
         """The events of a new sender; none if there are too many for a link of real ones."""
@@ -177,12 +189,15 @@ class MavlinkDecoder:
     # --- attitudes of others
 
     def _attitude(self, sender: _Sender, name: str, m: Any, arrival_us: int) -> list[Event]:
-        q = quaternion_from_euler(m.roll, m.pitch, m.yaw)
+        roll, pitch, yaw = m.roll, m.pitch, m.yaw
         rates = (m.rollspeed, m.pitchspeed, m.yawspeed)
-        events = sender.intake.attitude(name, _boot_ms(m, arrival_us), "autopilot", q, rates)
+        stamp = _boot_ms(m, arrival_us)
         if self._references:
-            return events
-        return [event for event in events if not isinstance(event, ReferenceAttitude)]
+            q = quaternion_from_euler(roll, pitch, yaw)
+            return sender.intake.attitude(name, stamp, "autopilot", q, rates)
+        if not (isfinite(roll) and isfinite(pitch) and isfinite(yaw)):
+            return []  # as little believed as the angles beside it
+        return sender.intake.rates(name, stamp, rates)
 
     def _attitude_quaternion(
         self, sender: _Sender, name: str, m: Any, arrival_us: int
@@ -267,12 +282,12 @@ class MavlinkDecoder:
     def _command_ack(self, sender: _Sender, _name: str, m: Any, arrival_us: int) -> list[Event]:
         return [CommandAck(sender.id, arrival_us, m.command, m.result)]
 
-    def _autopilot_version(
-        self, sender: _Sender, _name: str, m: Any, arrival_us: int
-    ) -> list[Event]:
-        if _text(m.flight_custom_version) != BUILT_IN:
-            return []
-        return [BuiltIn(sender.id, arrival_us, _text(m.middleware_custom_version))]
+
+def _motion(m: Any) -> str | None:
+    """The motion of fuzzbee's own vehicle, by its AUTOPILOT_VERSION; None if it is another's."""
+    if _text(m.flight_custom_version) != BUILT_IN:
+        return None
+    return _text(m.middleware_custom_version)
 
 
 def _text(letters: list[int]) -> str:

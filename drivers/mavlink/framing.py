@@ -16,11 +16,14 @@ from drivers.mavlink.dialect import mavlink
 MAGIC_V1, MAGIC_V2 = 0xFE, 0xFD
 HEADER_V1, HEADER_V2 = 6, 10  # bytes, the marker included
 CHECKSUM_SIZE, SIGNATURE_SIZE = 2, 13
+UNSIGNED_V2 = HEADER_V2 + CHECKSUM_SIZE
 SIGNED_FLAG = 0x01  # the only incompatibility flag there is; frames with others are not for us
 _MAGIC = re.compile(rb"[\xfd\xfe]")
 _MAGICS = (MAGIC_V1, MAGIC_V2)
 
 Data = mmap.mmap | bytes
+
+_new_tuple = tuple.__new__
 
 
 class Frame(NamedTuple):
@@ -66,8 +69,9 @@ class FrameFormat:
             data[crc_at + 1] << 8
         ):
             return None
-        # made of a tuple: a third of the time of a call with the fields
-        return Frame._make(
+        # made of a tuple, without its class's own Python code: a quarter of the time
+        return _new_tuple(
+            Frame,
             (
                 message_id,
                 data[sender],
@@ -76,7 +80,7 @@ class FrameFormat:
                 header,
                 crc_at - start,
                 is_signed,
-            )
+            ),
         )
 
     def is_followed(self, data: Data, end: int) -> bool:
@@ -119,7 +123,14 @@ class FrameReader:
         frames: list[Frame] = []
         position, size = 0, len(data)
         while position < size:
-            end = frame_end(data, position)
+            if (
+                data[position] == MAGIC_V2
+                and position + HEADER_V2 <= size
+                and not data[position + 2]
+            ):
+                end: int | None = position + data[position + 1] + UNSIGNED_V2  # nearly always
+            else:
+                end = frame_end(data, position)
             if end is not None and end > size:
                 following = None
                 if self._in_bad_stretch:

@@ -1,4 +1,4 @@
-"""The IMU messages and ATTITUDE, unpacked straight from their frames.
+"""The IMU messages, ATTITUDE and HEARTBEAT, unpacked straight from their frames.
 
 pymavlink builds a large object of every message; these are the few that come hundreds
 of times a second. The classes answer like pymavlink's for the fields that are there.
@@ -10,6 +10,7 @@ from typing import Any, NamedTuple
 
 from drivers.mavlink.constants import (
     ATTITUDE_ID,
+    HEARTBEAT_ID,
     HIGHRES_IMU_ID,
     RAW_IMU_ID,
     SCALED_IMU2_ID,
@@ -85,10 +86,19 @@ class AttitudeMessage(NamedTuple):
     yawspeed: float
 
 
+class HeartbeatMessage(NamedTuple):
+    """HEARTBEAT, the fields that somebody wants."""
+
+    custom_mode: int
+    type: int
+    autopilot: int
+
+
 _RAW = Struct("<Q9hBh")
 _SCALED = Struct("<I9hh")
 _HIGHRES = Struct("<Q13fHB")
 _ATTITUDE = Struct("<I6f")
+_HEARTBEAT = Struct("<IBB3x")
 _KINDS: dict[int, tuple[str, Struct, Any]] = {
     RAW_IMU_ID: ("RAW_IMU", _RAW, RawImu._make),
     SCALED_IMU_ID: ("SCALED_IMU", _SCALED, ScaledImu._make),
@@ -96,7 +106,11 @@ _KINDS: dict[int, tuple[str, Struct, Any]] = {
     SCALED_IMU3_ID: ("SCALED_IMU3", _SCALED, ScaledImu._make),
     HIGHRES_IMU_ID: ("HIGHRES_IMU", _HIGHRES, HighresImu._make),
 }
-_FREQUENT = {**_KINDS, ATTITUDE_ID: ("ATTITUDE", _ATTITUDE, AttitudeMessage._make)}
+_FREQUENT = {
+    **_KINDS,
+    ATTITUDE_ID: ("ATTITUDE", _ATTITUDE, AttitudeMessage._make),
+    HEARTBEAT_ID: ("HEARTBEAT", _HEARTBEAT, HeartbeatMessage._make),
+}
 
 
 # Where the number of the IMU stands in the payload; other messages have one number an IMU
@@ -124,7 +138,7 @@ def imu_message_name(message_id: int) -> str | None:
 
 
 def frequent_message(frame: Frame) -> tuple[str, Any] | None:
-    """Name and fields of an IMU message or ATTITUDE; None for every other one.
+    """Name and fields of an IMU message, ATTITUDE or HEARTBEAT; None for every other one.
 
     Zeros at a payload's end are not sent, nor fields that the sender does not know;
     what is longer than we know comes from a newer definition.

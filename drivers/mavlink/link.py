@@ -259,7 +259,7 @@ class MavlinkLink(Closing):
             frames = reader.feed(data)
             self._events += self._sequences.look(peer, frames, arrival_us)
             self._tell(self._hearing.bytes_read(len(data), len(frames), now_s), arrival_us)
-            frames = [frame for frame in frames if self._gate.lets_in(frame, peer, arrival_us)]
+            frames = self._gate.let_in(frames, peer, arrival_us)
             if self._background is not None and frames:
                 self._background.write(arrival_us, [frame.data for frame in frames])
             waiting += [Arrived(arrival_us, each) for each in frames if each.message_id in wanted]

@@ -142,6 +142,15 @@ class Intake:
             events.append(BodyRates(vehicle, arrival_us, name, RateSample(time_us, rate_rad_s)))
         return events
 
+    def rates(self, name: str, stamp: Stamp, rate_rad_s: Vec3) -> list[Event]:
+        """Body rates beside somebody's attitude that nobody wants."""
+        placed = self._place(name, stamp)
+        if placed is None:
+            return []
+        rates = RateSample(placed.time_us, rate_rad_s)
+        event = BodyRates(self.vehicle, stamp.arrival_us, name, rates)
+        return [event] if placed.reset is None else [*self._resets(placed, stamp.arrival_us), event]
+
     def truth(self, name: str, arrival_us: int, q_ned_frd: Quaternion | None) -> list[Event]:
         """A simulator's attitude without a time of its own: that of the IMU message before it.
 
