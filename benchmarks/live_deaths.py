@@ -7,8 +7,8 @@ Simulated vehicles send over UDP on loopback to ``fuzzbee run --workers N``; a s
 process notes each attitude. Every few seconds a worker is killed (SIGKILL); ``gap`` is from that
 moment to the callback with the first attitude made afterwards, of each vehicle that the worker had.
 ``steps`` are how often a vehicle's sequence did not go on by one meanwhile. With ``--nursery`` the
-process that workers come from is killed right before, so that all is loaded anew. ``memory`` is
-what the processes have to themselves, and their parts of what they share (PSS), in MB.
+process that workers come from is killed right before, once, so that all is loaded anew. ``memory``
+is what the processes have to themselves, and their parts of what they share (PSS), in MB.
 """
 
 import argparse
@@ -143,7 +143,10 @@ def _options() -> argparse.Namespace:
     parser.add_argument("--deaths", type=int, default=4)
     parser.add_argument("--nursery", action="store_true")
     parser.add_argument("--json", action="store_true")
-    return parser.parse_args()
+    options = parser.parse_args()
+    if options.nursery:
+        options.deaths = 1  # afterwards the workers are nobody's children
+    return options
 
 
 if __name__ == "__main__":
