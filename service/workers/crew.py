@@ -60,7 +60,6 @@ class Crew(Closing):
         self._profiles: dict[VehicleId, Replaced] = {}
         self._sequences: dict[VehicleId, int] = {}  # the next ones, of attitudes that are records
         self._selector = selectors.DefaultSelector()
-        self._retired: list[NurseryProcess] = []
         self._quick_nurseries = 0
         self._ready_s: float | None = None
         self._nursery = self._open_nursery()
@@ -110,24 +109,28 @@ class Crew(Closing):
     def end(self) -> list[Output]:
         """Have the workers end, and return what they still had to tell."""
         outputs: list[Output] = []
-        for place in self._places:
+        born = [place for place in self._places if place.process is not None]
+        for place in born:
             place.connection.flush_all(0.1)
             place.connection.end_sending()
         end_s = time.monotonic() + ENDING_S
-        while time.monotonic() < end_s and not all(p.connection.is_ended for p in self._places):
-            for key, _ in self._selector.select(0.05):
-                if isinstance(key.data, Place):
-                    self._listen(key.data, outputs)
-                    if key.data.connection.is_ended:
-                        self._selector.unregister(key.fileobj)
+        while time.monotonic() < end_s:
+            waiting = [place for place in born if not place.connection.is_ended]
+            if not waiting:
+                break
+            waiting[0].connection.wait(0.02)
+            for place in waiting:
+                self._listen(place, outputs)
         return outputs
 
     def close(self) -> None:
         """End all processes."""
+        self.end()
         for place in self._places:
+            if place.process is not None and not place.connection.is_ended:
+                _kill(place.process)  # it hangs
             place.connection.close()
-        for nursery in (*self._retired, self._nursery):
-            nursery.close()
+        self._nursery.close()
         self._selector.close()
 
     # --- what workers tell
@@ -249,8 +252,7 @@ class Crew(Closing):
             if place.silent_s > SILENT_S and place.process is not None:
                 place.failure = f"has said nothing for {SILENT_S:g} s and is killed"
                 place.silent_s = 0.0
-                with suppress(ProcessLookupError):
-                    os.kill(place.process, signal.SIGKILL)
+                _kill(place.process)
 
     # --- the process that workers come from
 
@@ -286,8 +288,13 @@ class Crew(Closing):
         if self._quick_nurseries >= MOST_QUICK_NURSERIES:
             raise CrewError("the process that workers come from ends again and again")
         self._selector.unregister(self._nursery.control)
-        self._retired.append(self._nursery)
+        self._nursery.close()
         self._nursery = self._open_nursery()
         for place in self._places:
             if place.process is None:
                 self._replace(place)
+
+
+def _kill(process: int) -> None:
+    with suppress(ProcessLookupError):
+        os.kill(process, signal.SIGKILL)

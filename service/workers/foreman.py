@@ -28,6 +28,7 @@ from service.workers.handout import Handout
 
 TURN_S = 0.1
 READ_S = 0.1
+SETTLE_S = 0.05
 GATHER_S = 0.002  # to hand out one by one what arrives one by one would cost more than to read it
 OVERLOADED = "overloaded: more arrives than can be read and handed out; some of it is lost"
 NO_LONGER = "no longer overloaded: all that arrives is handed out"
@@ -75,6 +76,8 @@ class Foreman:
                 if end_s is not None and time.monotonic() >= end_s:
                     break
                 self._put(self._crew.turn(TURN_S) + self._heard())
+                # until these are published there is no use in taking more: workers then make fewer
+                self._outbox.settle(SETTLE_S)
         self._put(self._heard() + self._crew.end())
 
     @contextmanager

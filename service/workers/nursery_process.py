@@ -6,7 +6,6 @@ import signal
 import socket
 import subprocess
 import sys
-import time
 from contextlib import suppress
 from typing import NamedTuple
 
@@ -80,13 +79,13 @@ class NurseryProcess(Closing):
         return news
 
     def close(self) -> None:
-        """End it; whoever is left of its session is killed."""
+        """End it, with those who compile for it; its workers may go on, if it was killed."""
         self.control.close()
-        end_s = time.monotonic() + ENDING_S
-        with suppress(subprocess.TimeoutExpired):
-            # before it is ready it does not listen
-            self._process.wait(ENDING_S if self.is_ready else 0.0)
-        with suppress(ProcessLookupError, PermissionError):
+        if self.is_ready:
+            with suppress(subprocess.TimeoutExpired):
+                self._process.wait(ENDING_S)
+        elif self._process.poll() is None:  # it does not listen yet
             os.killpg(self._process.pid, signal.SIGKILL)
-        with suppress(subprocess.TimeoutExpired):
-            self._process.wait(max(0.1, end_s - time.monotonic()))
+        if self._process.poll() is None:
+            self._process.kill()
+            self._process.wait()
