@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from service.pipeline import Pipeline
     from service.runner import Runner
     from service.sinks.sink import Sink
-    from service.zenoh_session import ZenohOptions
+    from service.zenoh_session import OpeningSession, ZenohOptions
 
 
 OK, FAILED = 0, 1
@@ -41,6 +41,15 @@ def serve(options: RunOptions, *, verbose: bool) -> int:
     Raises:
         InputError: a source, profile, file or address that cannot be used.
     """
+    opening = _begin_zenoh(options.zenoh)  # half a second's wait, in which all else is loaded
+    try:
+        return _serve(options, opening, verbose=verbose)
+    finally:
+        if opening is not None:
+            opening.close()
+
+
+def _serve(options: RunOptions, opening: "OpeningSession | None", *, verbose: bool) -> int:
     from drivers.endpoint import parse_endpoint
     from drivers.source import require_openable
     from estimator.profile import load_profile
@@ -58,9 +67,11 @@ def serve(options: RunOptions, *, verbose: bool) -> int:
     may_meet_built_in = options.profile is None and endpoint.kind not in ("sim", "log")
     requests = ParameterRequests()
     conflicts: list[InputError] = []
+    if opening is not None:
+        _compile(profile, options.gain, with_raw=False, only_loads=True)
     with ExitStack() as stack:
         # whatever can be refused is opened before the compiler starts, and the source behind it
-        session = open_zenoh(options.zenoh, stack)
+        session = _opened(opening, stack)
         recorder = None if options.record is None else open_recorder(options.record, stack)
         retuning = _open_retuning(options, requests, stack)
         pipeline = _pipeline(profile, options, retuning)
@@ -90,10 +101,13 @@ def serve(options: RunOptions, *, verbose: bool) -> int:
     for problem in (failure, *conflicts):
         if problem is not None:
             raise problem
-    # what is refused has been heard, too
-    heard = pipeline.vehicles or pipeline.departures.vehicles or pipeline.refused_frames
-    heard_nobody = not heard and not runner.was_stopped
+    heard_nobody = not _has_heard(pipeline) and not runner.was_stopped
     return FAILED if heard_nobody and options.seconds is not None else OK
+
+
+def _has_heard(pipeline: "Pipeline") -> bool:
+    """Whether there was a vehicle; what is refused has been heard, too."""
+    return bool(pipeline.vehicles or pipeline.departures.vehicles or pipeline.refused_frames)
 
 
 def _open_retuning(
@@ -144,28 +158,55 @@ def closed_if_unused() -> "Iterator[list[Sink]]":
                 sink.close()
 
 
-def _compile(profile: "Profile", gain: float | None, *, with_raw: bool) -> None:
-    """Compile before anything is opened; ``with_raw`` also what the paper's raw vectors take."""
+def _compile(
+    profile: "Profile", gain: float | None, *, with_raw: bool, only_loads: bool = False
+) -> None:
+    """Compile before anything is opened; ``with_raw`` also what the paper's raw vectors take.
+
+    With ``only_loads`` nothing is done if something would have to be compiled.
+    """
     from estimator.compilation.compiled import is_cached
     from estimator.live.resident import advance_raw
     from estimator.profile import load_profile
-    from service.warm_up import compile_ahead, warm_up
+    from service.warm_up import compile_ahead, is_compiled, warm_up
 
     done: Future[None] = Future()
 
     def work() -> None:
         try:
+            if only_loads and not is_compiled(profile):
+                return
             warm_up(profile, gain)
             if with_raw and is_cached(advance_raw) is False:
                 compile_ahead(load_profile("paper"), (advance_raw,))
         except BaseException as error:  # noqa: BLE001 - raised again below
             done.set_exception(error)
-        else:
-            done.set_result(None)
+        finally:
+            if not done.done():
+                done.set_result(None)
 
     # in a thread: the compiler's callbacks swallow what a signal raises in them
     threading.Thread(target=work, name=COMPILER_THREAD, daemon=True).start()
     done.result()
+
+
+def _begin_zenoh(options: "ZenohOptions | None") -> "OpeningSession | None":
+    if options is None:
+        return None
+    from service.zenoh_session import OpeningSession
+
+    return OpeningSession(options)
+
+
+def _opened(opening: "OpeningSession | None", stack: ExitStack) -> "zenoh.Session | None":
+    """The session, which is closed whatever happens."""
+    if opening is None:
+        return None
+    from service.zenoh_session import close_session
+
+    session = opening.session()
+    stack.callback(close_session, session)
+    return session
 
 
 def open_zenoh(options: "ZenohOptions | None", stack: ExitStack) -> "zenoh.Session | None":

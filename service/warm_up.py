@@ -6,6 +6,7 @@ cache.
 """
 
 import atexit
+import importlib
 import subprocess
 import sys
 from collections.abc import Iterator
@@ -25,6 +26,7 @@ from estimator.profile import Profile, load_profile
 from estimator.types import IDENTITY, ZERO_VEC3, ImuSample, VelocitySample
 
 STEP_US = 10_000
+BLAS = "scipy.linalg.cython_blas"
 HELPER_S = 600.0  # longer than it takes on a busy computer; after that we compile its half, too
 HERE: tuple[Any, ...] = (
     resident.advance,
@@ -42,13 +44,42 @@ HELPER = (
 
 
 def warm_up(profile: Profile, gain: float | None) -> None:
-    """Compile the kernels now, so that neither the first sample nor the first velocity waits."""
-    chosen = settings_of(profile)
-    needs_aided = chosen.conditioned and chosen.aiding.enabled
+    """Compile the kernels now, so that neither the first sample nor the first velocity waits.
+
+    For a process of the service's own: its kernels cannot use SciPy's linear algebra afterwards.
+    """
+    _leave_out_scipy()
+    needs_aided = _needs_aided(profile)
     if needs_aided and is_cached(resident.advance_aided) is False:
         with _compile_elsewhere():
             compile_ahead(profile, HERE)
     rehearse(Estimator(profile, gain), aided=needs_aided)
+
+
+def is_compiled(profile: Profile) -> bool:
+    """Whether nothing is left to be compiled for the profile's samples: all lies in the cache."""
+    _leave_out_scipy()
+    kernels = HERE + (ELSEWHERE if _needs_aided(profile) else ())
+    return all(is_cached(kernel) for kernel in kernels)
+
+
+def _needs_aided(profile: Profile) -> bool:
+    chosen = settings_of(profile)
+    return chosen.conditioned and chosen.aiding.enabled
+
+
+def _leave_out_scipy() -> None:
+    """Have numba begin without SciPy's BLAS, which no kernel of ours uses.
+
+    To load it takes as long as loading all kernels, and on a cold disk longer.
+    """
+    if BLAS in sys.modules:
+        return
+    sys.modules[BLAS] = None  # type: ignore[assignment] # to import it fails, and numba goes on
+    try:
+        importlib.import_module("numba.np.arraymath")
+    finally:
+        del sys.modules[BLAS]
 
 
 def compile_ahead(profile: Profile, kernels: tuple[Any, ...]) -> None:

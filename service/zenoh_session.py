@@ -52,31 +52,55 @@ def open_session(options: ZenohOptions) -> "zenoh.Session":
         InputError: an address or setting that cannot be used, a listening address
             that was asked for and is taken, or a client's router that is not there.
     """
-    import zenoh
-
-    check_prefix(options.prefix)
-    config = _config(options)
-    try:
-        return _open_interruptibly(config)
-    except zenoh.ZError as error:
-        where = ", ".join(options.listen + options.connect) or DEFAULT_ENDPOINT
-        raise InputError(f"zenoh: {where}: {_one_line(error)}") from None
+    return OpeningSession(options).session()
 
 
-def _open_interruptibly(config: "zenoh.Config") -> "zenoh.Session":
-    """Open it in a thread: while the library waits for a silent peer, it lets no signal through."""
-    import zenoh
+class OpeningSession:
+    """A session that is opened while something else is done: it looks for others for half a second.
 
-    opened: Future[zenoh.Session] = Future()
+    In a thread of its own: while the library waits for a silent peer, it lets no signal through.
 
-    def work() -> None:
+    Raises:
+        InputError: an address or setting that cannot be used.
+    """
+
+    def __init__(self, options: ZenohOptions) -> None:
+        check_prefix(options.prefix)
+        self._where = ", ".join(options.listen + options.connect) or DEFAULT_ENDPOINT
+        self._config = _config(options)
+        self._opened: Future[zenoh.Session] = Future()
+        threading.Thread(target=self._open, name=OPENER_THREAD, daemon=True).start()
+
+    def session(self) -> "zenoh.Session":
+        """The session, once it is open.
+
+        Raises:
+            InputError: a listening address that was asked for and is taken, or a client's
+                router that is not there.
+        """
+        import zenoh
+
         try:
-            opened.set_result(zenoh.open(config))
-        except BaseException as error:  # noqa: BLE001 - raised again by whoever waits
-            opened.set_exception(error)
+            return self._opened.result()
+        except zenoh.ZError as error:
+            raise InputError(f"zenoh: {self._where}: {_one_line(error)}") from None
 
-    threading.Thread(target=work, name=OPENER_THREAD, daemon=True).start()
-    return opened.result()
+    def close(self) -> None:
+        """Close the session as soon as it is open; does not wait for that."""
+        self._opened.add_done_callback(_close_opened)
+
+    def _open(self) -> None:
+        import zenoh
+
+        try:
+            self._opened.set_result(zenoh.open(self._config))
+        except BaseException as error:  # noqa: BLE001 - raised again by whoever waits
+            self._opened.set_exception(error)
+
+
+def _close_opened(opened: "Future[zenoh.Session]") -> None:
+    if opened.exception() is None:
+        close_session(opened.result())
 
 
 def close_session(session: "zenoh.Session") -> None:

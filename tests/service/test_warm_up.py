@@ -48,8 +48,36 @@ def test_a_cold_start_compiles_one_half_and_finds_the_other(tmp_path):
         capture_output=True,
         text=True,
         check=True,
-        timeout=120,
+        timeout=900,
     )
     assert done.stdout.split("\n")[:2] == ["{1}", "{0}"]
     assert done.stderr == ""
     assert not (trap / "sprung").exists()
+
+
+NO_SCIPY = """
+import sys
+from estimator.profile import load_profile
+from service.warm_up import is_compiled, warm_up
+
+profile = load_profile("imu")
+warm_up(profile, None)
+print(is_compiled(profile), any(name.partition(".")[0] == "scipy" and "linalg" in name
+                                for name in sys.modules))
+import scipy.linalg.cython_blas
+"""
+
+
+def test_the_service_loads_no_linear_algebra_of_scipys():
+    """It takes as long as all kernels; whoever wants it afterwards can import it."""
+    root = str(Path(next(iter(service.__path__))).parent)
+    path = os.pathsep.join(filter(None, [root, os.environ.get("PYTHONPATH", "")]))
+    done = subprocess.run(
+        [sys.executable, "-P", "-c", NO_SCIPY],
+        env={**os.environ, "PYTHONPATH": path},
+        capture_output=True,
+        text=True,
+        check=True,
+        timeout=900,
+    )
+    assert done.stdout.split() == ["True", "False"]
