@@ -41,6 +41,7 @@ from estimator.conditioning.rate import (
     integration_rate,
 )
 from estimator.conditioning.rest import initial_rest, observe_rest
+from estimator.conditioning.spin import follow_spin
 from estimator.conditioning.tilt import (
     believe_force,
     initial_tilt,
@@ -65,6 +66,7 @@ from estimator.conditioning.types import (
     Lagged,
     MagneticState,
     RestState,
+    Spin,
     StepNoise,
     TiltState,
     TurnSigns,
@@ -125,6 +127,7 @@ class Vertical(NamedTuple):
     doubt: Doubt
     lagged: Lagged
     estimate: Estimate
+    spin: Spin  # and the gyroscope's scale error
     swing: Two  # what levelling turned about north and east, rad
     turning: float  # squared rate, (rad/s)^2
 
@@ -219,9 +222,11 @@ def learn_vertical(
     if following == slow:
         unseen = slow * noise.tilt / (dt * dt)
         estimate = learn_bias(params, state, estimate, rest, lagged, step, unseen)
+    steady = following == 0.0 and age_s > params.gravity_tau_s and clipped[0] == 0.0
+    spin = follow_spin(params, k, state.spin, gravity, rate, step, steady)
     # what levelling corrects of a slow step, or after a turn that was found, counts in variances
     swing = ((1.0 - following) * step[0], (1.0 - following) * step[1])
-    return Vertical(gravity, tilt, doubt, lagged, estimate, swing, turning)
+    return Vertical(gravity, tilt, doubt, lagged, estimate, spin, swing, turning)
 
 
 @inlined
@@ -320,6 +325,7 @@ def learn(
         previous_gyr_rad_s=gyr,
         gathered=NOTHING,
         clipping=forget_missed(state.clipping),
+        spin=vertical.spin,
         gravity=gravity,
         tilt=tilt,
         rest=rest,
@@ -367,7 +373,7 @@ def condition(
     turn = integration_rate(previous, gyr, dt, params.averaged_samples)
     if sample.between.given:
         turn = sample.between.turn_rad_s
-    rate = subtract(turn, state.estimate.bias_rad_s)
+    rate = subtract(subtract(turn, state.estimate.bias_rad_s), state.spin.drift_rad_s)
     if params.averaged_samples:
         acc = at_interval_end(acc, gyr, dt)
         mag = at_interval_end(mag, gyr, dt)
@@ -400,6 +406,7 @@ def condition(
         previous_gyr_rad_s=gyr,
         gathered=gathered,
         clipping=clipping,
+        spin=state.spin,
         gravity=gravity,
         tilt=tilt,
         rest=rest,

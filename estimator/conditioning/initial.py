@@ -1,6 +1,7 @@
 """The stage before its first sample, and after a turn no sensor has felt."""
 
 from estimator.conditioning.gather import NOTHING
+from estimator.conditioning.spin import SCALE_SIGMA
 from estimator.conditioning.types import (
     Axes,
     Calibration,
@@ -25,6 +26,7 @@ from estimator.conditioning.types import (
     RestState,
     Rows,
     Smooth,
+    Spin,
     TiltState,
     TurnSigns,
 )
@@ -35,6 +37,7 @@ ZERO = (0.0, 0.0, 0.0)
 SIX = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
 USUAL_SCATTER = 1.5e-4  # rad^2: a field that points 0.7 degrees off
 UNKNOWN_WANDER = 0.03  # rad^2: accelerations that tilt the mean force of a second by ten degrees
+NO_SPIN = Spin(turn=Smooth(ZERO, ZERO), scale_error=0.0, variance=SCALE_SIGMA**2, drift_rad_s=ZERO)
 UNKNOWN_HEADING_VARIANCE = 1e4  # rad^2, beyond any angle: the first field sets the heading
 
 
@@ -49,6 +52,7 @@ def initial_state(params: ConditioningParams) -> ConditioningState:
         previous_gyr_rad_s=ZERO,
         gathered=NOTHING,
         clipping=Clipping(peak_rad_s=ZERO, run_s=ZERO, missed=ZERO),
+        spin=NO_SPIN,
         gravity=GravityState(
             q_g_frd=IDENTITY,
             q_6d_g=IDENTITY,
@@ -134,16 +138,17 @@ def initial_state(params: ConditioningParams) -> ConditioningState:
 
 
 def forget_bias(params: ConditioningParams, state: ConditioningState) -> ConditioningState:
-    """The same attitude, from another gyroscope: its bias is as at the beginning."""
+    """The same attitude, from another gyroscope: its errors are as at the beginning."""
     bias = params.bias_initial_sigma_rad_s**2
     estimate = state.estimate
     heading = estimate.covariance[9]
     return state._replace(
+        spin=NO_SPIN,
         estimate=Estimate(
             bias_rad_s=ZERO,
             heading_rad=estimate.heading_rad,
             covariance=(bias, 0.0, 0.0, 0.0, bias, 0.0, 0.0, bias, 0.0, heading),
-        )
+        ),
     )
 
 

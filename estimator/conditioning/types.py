@@ -31,6 +31,7 @@ class ConditioningParams(NamedTuple):
     use_gravity_filter: bool = True  # low-pass the specific force in G; off: each mean as it is
     use_rest: bool = True  # bias from rest
     use_motion_bias: bool = True  # bias from levelling while moving
+    use_scale_error: bool = True  # the gyroscope's, from levelling in a steady turn
     use_joint_covariance: bool = True  # heading residuals also teach the bias
     use_lag: bool = True  # undo the magnetometer's lag, learnt while turning
     use_field_offset: bool = True  # take off the vehicle's own field, likewise
@@ -328,6 +329,15 @@ class Doubt(NamedTuple):
     norm: float  # of the field before the turn, in its own unit
 
 
+class Spin(NamedTuple):
+    """A steady turn, and the gyroscope's error of scale that shows in it."""
+
+    turn: Smooth  # low-passed rate, in G, rad/s
+    scale_error: float  # of the reading, as a share
+    variance: float  # of that share
+    drift_rad_s: Vec3  # what the error makes of the steady turn about level axes, FRD
+
+
 class Clipping(NamedTuple):
     """Where the gyroscope ends, and what it has missed there."""
 
@@ -360,6 +370,7 @@ class ConditioningState(NamedTuple):
     previous_gyr_rad_s: Vec3  # the last sample's, FRD
     gathered: Gathered  # since the last learning step
     clipping: Clipping  # of the gyroscope
+    spin: Spin  # the gyroscope's scale error
     gravity: GravityState  # frame G, and down in it
     tilt: TiltState  # how well down is known
     rest: RestState  # whether the vehicle rests
