@@ -97,7 +97,9 @@ def learn_calibration(
     the gyroscope's drift, where 6D turns with every levelling, by degrees at a start. What of
     it moves with the body is the vehicle's own field (hard iron), what moves with the turn rate
     is the sensor's age. All is high-passed alike, so that F and slow drift vanish and the model
-    stays. ``field_g`` is corrected already: its residual is that of the present estimate.
+    stays: less its mean over ``calibration_high_pass_s``, or over the time since the start. (Less
+    the first reading instead, that one's error would be in every residual.) ``field_g`` is
+    corrected already: its residual is that of the present estimate.
     While a body hardly turns, its own field looks like the place's, so it teaches the lag only.
     """
     y = scale(1.0 / norm, field_g)
@@ -109,13 +111,16 @@ def learn_calibration(
     t = cross(gyr, m)
     x = (dot(rows.north, t), dot(rows.east, t), dot(rows.down, t))
     before = state.learnt
+    # of another norm all is another share
+    ratio = before.scale / norm if before.scale > 0.0 else 1.0
+    before = Calibration(before.lag_s, scale(ratio, before.offset), before.covariance, norm)
     if not state.started:
-        learnt = Calibration(before.lag_s, before.offset, before.covariance, norm)
-        return CalibrationState(learnt, CalibrationMeans(y, x, rows), True)
-    a = min(1.0, dt_s / params.calibration_high_pass_s)
+        return CalibrationState(before, CalibrationMeans(y, x, rows), dt_s, True)
+    age_s = min(state.age_s + dt_s, params.calibration_high_pass_s)
+    a = min(1.0, dt_s / age_s)
     means = CalibrationMeans(
-        field=update_mean(a, state.means.field, y),
-        turning=update_mean(a, state.means.turning, x),
+        field=update_mean(a, scale(ratio, state.means.field), y),
+        turning=update_mean(a, scale(ratio, state.means.turning), x),
         rows=Rows(
             north=update_mean(a, state.means.rows.north, rows.north),
             east=update_mean(a, state.means.rows.east, rows.east),
@@ -138,10 +143,10 @@ def learn_calibration(
         offset, lag_s, p = learn_axis(params, offset, lag_s, p, r2, dx[1], e, noise)
         e = dy[2] - dot(r3, subtract(offset, offset0)) - dx[2] * (lag_s - lag0)
         offset, lag_s, p = learn_axis(params, offset, lag_s, p, r3, dx[2], e, noise)
-    return CalibrationState(Calibration(lag_s, offset, p, norm), means, True)
+    return CalibrationState(Calibration(lag_s, offset, p, norm), means, age_s, True)
 
 
 @inlined
 def restart_means(state: CalibrationState) -> CalibrationState:
     """After an unsensed turn: keep what was learnt, forget the means of the old attitude."""
-    return CalibrationState(state.learnt, state.means, False)
+    return CalibrationState(state.learnt, state.means, 0.0, False)

@@ -243,7 +243,8 @@ def learn_field(
     signs, calibration = state.signs.heading, state.calibration
     since = state.magnetic.wait_s + mean.time_s
     field_6d = rotate(gravity.q_6d_g, mean.field_g)
-    field = observe_field(params, state.magnetic, field_6d, since)
+    settled = max(LEAST_SETTLED, min(1.0, gravity.force.age_s / params.gravity_tau_s) ** 2)
+    field = observe_field(params, state.magnetic, field_6d, since, settled)
     jump = watch_field(state.signs.jump, mean.field_g, vertical.turning, missed, since)
     n = reference_norm(field)
     if n > 0.0:
@@ -253,7 +254,6 @@ def learn_field(
     if has_heading(field):
         horizontal = north_east(estimate.heading_rad, field_6d)
         signs = watch_heading(params, signs, estimate, field, horizontal, since)
-        settled = max(LEAST_SETTLED, min(1.0, gravity.force.age_s / params.gravity_tau_s) ** 2)
         slow = slowness(params, mean.time_s)
         leaning = 0.5 * (slow * vertical.tilt.variance + vertical.doubt.tilt)
         estimate = learn_heading(params, estimate, field, horizontal, settled, since, leaning)

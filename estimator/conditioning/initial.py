@@ -98,6 +98,7 @@ def initial_state(params: ConditioningParams) -> ConditioningState:
                 turning=ZERO,
                 rows=Rows(ZERO, ZERO, ZERO),
             ),
+            age_s=0.0,
             started=False,
         ),
         signs=TurnSigns(

@@ -50,16 +50,18 @@ def look_at_field(
 
 @inlined
 def observe_field(
-    params: ConditioningParams, state: MagneticState, field_6d: Vec3, dt_s: float
+    params: ConditioningParams, state: MagneticState, field_6d: Vec3, dt_s: float, settled: float
 ) -> MagneticState:
     """Confidence of the field in the level frame, and what it teaches the reference.
 
     The reference follows with the weight c dt/tau, during the first tau as a
-    running mean, so that a magnet passing later teaches it nothing.
+    running mean, so that a magnet passing later teaches it nothing. What was seen
+    while the vertical was new counts little in that mean: ``settled`` is 1 once it is known.
     """
     before = state.reference
     age = before.age_s + dt_s
-    samples = before.samples + 1.0
+    weight = settled * settled
+    samples = before.samples + weight
     h, v = horizontal_down(field_6d)
     if not state.known:
         look = FieldLook(horizontal=h, down=v, confidence=1.0)
@@ -70,7 +72,7 @@ def observe_field(
     look = look_at_field(state.look, (h, v), a, expected, norm_scale, dip_scale)
     learn = min(1.0, dt_s / params.field_reference_tau_s) * look.confidence
     if age < params.field_reference_tau_s:
-        learn = max(learn, 1.0 / samples)
+        learn = max(learn, weight / samples)
     reference = FieldReference(
         horizontal=before.horizontal + learn * (look.horizontal - before.horizontal),
         down=before.down + learn * (look.down - before.down),

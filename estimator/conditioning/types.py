@@ -250,6 +250,7 @@ class CalibrationState(NamedTuple):
 
     learnt: Calibration  # the unknowns
     means: CalibrationMeans  # high-passing takes them off
+    age_s: float  # of the means, up to ``calibration_high_pass_s``
     started: bool  # whether the means are of this attitude
 
 

@@ -7,7 +7,7 @@ import pytest
 from estimator.conditioning import ConditioningParams, condition, initial_state
 from estimator.geometry.quaternion import angle_between_vectors, rotate_inverse
 from estimator.types import Sample
-from tests.estimator.conditioning.motion import fly, tumbling
+from tests.estimator.conditioning.motion import fly
 
 PARAMS = ConditioningParams()
 DT = 0.01
@@ -45,9 +45,8 @@ def test_a_vertical_that_is_learnt_so_leans_less():
     """0.4 % of 180 deg/s, 2.5 s behind, are 1.8 deg."""
     _, with_it = run(rolling, 0.004)
     _, without = run(rolling, 0.004, PARAMS._replace(use_scale_error=False))
-    print('lean', with_it, without)
-    assert without == pytest.approx(1.8, rel=0.2)
-    assert with_it < 0.3
+    assert without == pytest.approx(1.54, rel=0.2)
+    assert with_it == pytest.approx(0.24, rel=0.2)
 
 
 def test_a_shaken_vehicle_with_a_good_gyroscope_learns_next_to_none():
@@ -57,5 +56,4 @@ def test_a_shaken_vehicle_with_a_good_gyroscope_learns_next_to_none():
         push = (3.0 * sin(1.4 * pi * DT * i), 3.0 * cos(1.4 * pi * DT * i), 0.0)
         acc = tuple(a + b for a, b in zip(s.acc, rotate_inverse(s.q_ned_frd, push), strict=True))
         state, _ = condition(PARAMS, state, Sample(s.gyr, acc, s.mag, True, DT))
-    print(state.spin)
-    assert abs(state.spin.scale_error) < 0.0004
+    assert abs(state.spin.scale_error) < 0.0004  # measured 0.00033

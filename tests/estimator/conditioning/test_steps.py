@@ -1,14 +1,15 @@
 """Each step by itself."""
 
-from math import cos, degrees, pi, radians, sin
+from math import atan2, cos, degrees, pi, radians, sin
 
 import numpy as np
 import pytest
 
 from estimator.conditioning import ConditioningParams, apply_turn, condition, initial_state
 from estimator.conditioning.bias import update
+from estimator.conditioning.calibration import learn_calibration
 from estimator.conditioning.coefficients import coefficients
-from estimator.conditioning.gravity import level, observe_gravity
+from estimator.conditioning.gravity import level, observe_gravity, rows_of
 from estimator.conditioning.heading import north_east
 from estimator.conditioning.magnetic import observe_field
 from estimator.conditioning.rate import integration_rate
@@ -123,11 +124,11 @@ def test_heading_turns_the_field_about_down():
 def test_confidence_falls_beside_a_magnet_and_the_references_stay():
     state = initial_state(PARAMS).magnetic
     for _ in range(3000):
-        state = observe_field(PARAMS, state, (0.2, 0.0, 0.42), 0.01)
+        state = observe_field(PARAMS, state, (0.2, 0.0, 0.42), 0.01, 1.0)
     assert state.look.confidence == pytest.approx(1.0)
     before = state.reference.horizontal
     for _ in range(1000):
-        state = observe_field(PARAMS, state, (0.5, 0.1, 0.42), 0.01)
+        state = observe_field(PARAMS, state, (0.5, 0.1, 0.42), 0.01, 1.0)
     assert state.look.confidence == pytest.approx(0.00075, rel=0.2)
     assert state.reference.horizontal == pytest.approx(before, rel=0.0013)  # measured 0.0010
 
@@ -137,7 +138,7 @@ def test_lag_and_own_field_are_learnt_while_turning():
     state, _ = run(fly(tumbling, 60.0, 0.005, lag_s=0.03, offset=own), 0.005)
     learnt = [state.calibration.learnt.scale * x for x in state.calibration.learnt.offset]
     assert state.calibration.learnt.lag_s == pytest.approx(0.03, abs=0.00073)  # measured 0.0294
-    assert learnt == pytest.approx(own, abs=9e-5)  # measured within 7.6e-5
+    assert learnt == pytest.approx(own, abs=1.7e-4)  # measured within 1.4e-4
 
 
 def test_a_late_magnetometer_bends_the_heading_only_where_the_step_is_off():
@@ -150,18 +151,18 @@ def test_a_late_magnetometer_bends_the_heading_only_where_the_step_is_off():
             angle_between_vectors(out.magnetic_b, rotate_inverse(s.q_ned_frd, (1.0, 0.0, 0.0)))
             for s, out, _ in late
         )
-    assert degrees(worst[True]) == pytest.approx(0.372, rel=0.2)
+    assert degrees(worst[True]) == pytest.approx(0.515, rel=0.2)
     assert degrees(worst[False]) == pytest.approx(3.35, rel=0.2)
 
 
-def shaken(seed):
-    """A hand that turns quickly and accelerates by 3 m/s^2 along each axis from the start on."""
+def shaken(seed, push_m_s2=3.0, rates_hz=(0.5, 0.7, 0.9)):
+    """A hand that turns quickly and accelerates along each axis from the start on."""
     phases = np.random.default_rng(seed).uniform(0.0, 2.0 * pi, 3)
     dt = 0.01
     for i, s in enumerate(fly(lambda t: hand(t + 10.0 * seed), 10.0, dt)):
         push = [
-            3.0 * cos(2.0 * pi * rate * dt * i + phase)
-            for rate, phase in zip((0.5, 0.7, 0.9), phases, strict=True)
+            push_m_s2 * cos(2.0 * pi * rate * dt * i + phase)
+            for rate, phase in zip(rates_hz, phases, strict=True)
         ]
         pushed = rotate_inverse(s.q_ned_frd, tuple(push))
         yield s._replace(acc=tuple(a + b for a, b in zip(s.acc, pushed, strict=True)))
@@ -180,6 +181,34 @@ def test_a_start_in_motion_teaches_no_lag_and_no_own_field(seed):
         learnt = state.calibration.learnt
         assert abs(learnt.lag_s) < 0.0024  # measured 0.0020; learnt in the level frame 0.054
         assert np.linalg.norm(learnt.offset) < 0.0084  # measured 0.0070; 0.25
+
+
+@pytest.mark.parametrize("seed", [0, 4, 5])
+def test_a_start_in_motion_teaches_no_dip_of_a_vertical_that_is_not_known_yet(seed):
+    """Accelerations of 1 g let the first verticals lie anywhere; the true dip is 64.54 degrees."""
+    state, seen = initial_state(PARAMS), []
+    for s in shaken(seed, 10.0, (1.0, 1.4, 1.8)):
+        state, out = condition(PARAMS, state, Sample(s.gyr, s.acc, s.mag, True, 0.01))
+        seen.append(out.magnetic_confidence)
+    reference = state.magnetic.reference
+    dip = degrees(atan2(reference.down, reference.horizontal))
+    assert dip == pytest.approx(64.54, abs=1.6)  # measured within 1.3; 3.8, all counted alike
+    assert np.mean(seen[400:]) > 0.55  # measured 0.66; 0.23
+
+
+def test_a_calibration_stays_while_the_reference_norm_is_learnt():
+    """The own field is kept in the field's own unit, and the means are of the same readings."""
+    rows = rows_of((1.0, 0.0, 0.0, 0.0))
+    state = initial_state(PARAMS).calibration
+    for norm in (0.3, 0.4, 0.46):
+        for _ in range(10):
+            state = learn_calibration(
+                PARAMS, state, rows, (0.0, 0.0, 0.0), (0.2, 0.0, 0.42), norm, 0.01
+            )
+    assert state.means.field == pytest.approx((0.2 / 0.46, 0.0, 0.42 / 0.46))
+    state = state._replace(learnt=state.learnt._replace(offset=(0.1, 0.0, 0.0)))
+    state = learn_calibration(PARAMS, state, rows, (0.0, 0.0, 0.0), (0.2, 0.0, 0.42), 0.23, 0.01)
+    assert state.learnt.scale * state.learnt.offset[0] == pytest.approx(0.046)
 
 
 def test_a_vehicle_that_hardly_turns_learns_no_own_field():
@@ -292,4 +321,4 @@ def test_magnetometer_at_a_quarter_of_the_rate():
         state, out = condition(PARAMS, state, Sample(s.gyr, s.acc, mag, has_mag, dt))
     north = rotate_inverse(s.q_ned_frd, (1.0, 0.0, 0.0))
     assert angle_between_vectors(out.magnetic_b, north) < radians(1.66)  # measured 1.39
-    assert 1.0 - out.magnetic_confidence == pytest.approx(8.8e-6, rel=0.2)
+    assert 1.0 - out.magnetic_confidence == pytest.approx(4.1e-5, rel=0.2)
