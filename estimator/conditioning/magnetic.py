@@ -57,11 +57,14 @@ def observe_field(
     The reference follows with the weight c dt/tau, during the first tau as a
     running mean, so that a magnet passing later teaches it nothing. What was seen
     while the vertical was new counts little in that mean: ``settled`` is 1 once it is known.
+    Soon after, the mean counts its readings as if there had been no such time: a magnet that
+    passes in the first tau shall not teach it more.
     """
     before = state.reference
     age = before.age_s + dt_s
     weight = settled * settled
-    samples = before.samples + weight
+    catches_up = age > 2.0 * params.gravity_tau_s and before.samples * dt_s < age
+    samples = before.samples + (2.0 * weight if catches_up else weight)
     h, v = horizontal_down(field_6d)
     if not state.known:
         look = FieldLook(horizontal=h, down=v, confidence=1.0)
