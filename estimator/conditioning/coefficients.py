@@ -19,6 +19,8 @@ def coefficients(params: ConditioningParams, dt_s: float) -> Coefficients:
         dt_s=dt_s,
         rest=low_pass(params.rest_tau_s, dt_s),
         gravity=low_pass(params.gravity_tau_s, dt_s),
+        gravity_share=1.0 - exp(-dt_s / params.gravity_tau_s),
+        quick_share=1.0 - exp(-dt_s / params.turn_moving_tau_s),
         levelling_decay=exp(-dt_s / params.turn_levelling_tau_s),
         bias_growth=walk,
         rest_noise=at_rest * at_rest / walk + at_rest,

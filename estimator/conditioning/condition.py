@@ -17,8 +17,8 @@ from estimator.conditioning.doubt import (
 )
 from estimator.conditioning.gather import NOTHING, STEP_S, gather, means
 from estimator.conditioning.gravity import (
-    DOWN,
     age_after_hole,
+    down_of,
     level,
     observe_gravity,
     propagate_frame,
@@ -182,9 +182,8 @@ def react(
 def axes_of(gravity: GravityState, heading_rad: float) -> Axes:
     """Down and magnetic north in G."""
     q = gravity.q_6d_g
-    return Axes(
-        rotate_inverse(q, DOWN), rotate_inverse(q, (cos(heading_rad), -sin(heading_rad), 0.0))
-    )
+    north_6d = (cos(heading_rad), -sin(heading_rad), 0.0)
+    return Axes(down_of(q), rotate_inverse(q, north_6d))
 
 
 @inlined
@@ -201,7 +200,7 @@ def learn_vertical(
     k = state.coefficients
     dt = mean.time_s
     slow = slowness(params, dt)
-    least = least_share(params.gravity_tau_s, dt, state.gravity.force.age_s + dt)
+    least = least_share(params, k, state.gravity.force.age_s + dt)
     down_g, u = state.gravity.force.down.value, mean.gravity_g
     tilt, share = believe_force(params, state.tilt, noise, mean.gyr, down_g, u, dt, least)
     doubt, following = doubt_tilt(state.doubt, clipped[0]), slow
@@ -400,7 +399,6 @@ def condition(
     if first:
         rest = initial_rest(gyr, acc)
         tilt = initial_tilt(gyr, scale(-1.0, rotate(gravity.q_g_frd, acc)))
-    before = ned_of_g(state)
     state = ConditioningState(
         started=True,
         previous_gyr_rad_s=gyr,
@@ -420,10 +418,11 @@ def condition(
         coefficients=k,
     )
     if due:
-        state = learn(params, state, gyr, sample.between, usual_s)
+        before = state
+        state = learn(params, before, gyr, sample.between, usual_s)
         slow = 0.0 if first else slowness(params, dt)
         if slow > 0.0:
-            rate = rate_by_attitudes(state, rate, before, slow, dt)
+            rate = rate_by_attitudes(state, rate, ned_of_g(before), slow, dt)
     return state, result_of(params, state, rate)
 
 

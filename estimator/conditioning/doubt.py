@@ -12,7 +12,6 @@ from estimator.conditioning.unsensed_turn import (
     HALF_TURN_VARIANCE,
     doubt_heading,
     duration_s,
-    turn_of,
 )
 from estimator.geometry.quaternion import norm
 
@@ -79,7 +78,7 @@ def release_doubt(
     another. And a heading by the field is never better than the vertical it was taken with.
     """
     usual = field.look.confidence > params.turn_confidence
-    still = turn_of(jump.quick, jump.slow) < params.turn_jump_rad
+    still = jump.apart_rad < params.turn_jump_rad
     usual_s = duration_s(usual and still, doubt.usual_s, dt_s)
     same = abs(norm(jump.quick) - doubt.norm) < params.turn_jump_norm * doubt.norm
     left = doubt.heading if same else 0.0

@@ -1,6 +1,5 @@
 """Where down is: specific force low-passed in the gyro-propagated frame G."""
 
-from math import exp as real_exp
 from math import sqrt
 
 from estimator.compilation.compiled import inlined
@@ -22,14 +21,11 @@ from estimator.geometry.quaternion import (
     norm,
     normalize,
     rotate,
-    rotate_inverse,
     scale,
     shortest_rotation,
 )
 from estimator.types import Quaternion, Vec3
 
-NORTH: Vec3 = (1.0, 0.0, 0.0)
-EAST: Vec3 = (0.0, 1.0, 0.0)
 DOWN: Vec3 = (0.0, 0.0, 1.0)
 # Less smoothed force than this (m/s^2) has no direction: free fall.
 LEAST_FORCE_M_S2 = 0.5
@@ -74,7 +70,7 @@ def observe_gravity(
         down = running_mean(before.down, u, share)
     else:
         down = smooth(k.gravity, before.down, u)
-    a = max(1.0 - real_exp(-dt / params.turn_moving_tau_s), dt / age)
+    a = max(k.quick_share, dt / age)
     q = before.quick
     quick = (q[0] + a * (u[0] - q[0]), q[1] + a * (u[1] - q[1]), q[2] + a * (u[2] - q[2]))
     f = down.value
@@ -137,9 +133,17 @@ def restart_gravity(state: GravityState) -> GravityState:
 
 @inlined
 def rows_of(q_6d_frd: Quaternion) -> Rows:
-    """The rows of R6."""
+    """The rows of R6, by the quaternion's products."""
+    w, x, y, z = q_6d_frd
     return Rows(
-        rotate_inverse(q_6d_frd, NORTH),
-        rotate_inverse(q_6d_frd, EAST),
-        rotate_inverse(q_6d_frd, DOWN),
+        north=(1.0 - 2.0 * y * y - 2.0 * z * z, 2.0 * (x * y - w * z), 2.0 * (w * y + x * z)),
+        east=(2.0 * (w * z + x * y), 1.0 - 2.0 * z * z - 2.0 * x * x, 2.0 * (y * z - w * x)),
+        down=down_of(q_6d_frd),
     )
+
+
+@inlined
+def down_of(q_6d_g: Quaternion) -> Vec3:
+    """The vertical of 6D in the frame that the quaternion comes from: R6's last row."""
+    w, x, y, z = q_6d_g
+    return (2.0 * (x * z - w * y), 2.0 * (w * x + y * z), 1.0 - 2.0 * x * x - 2.0 * y * y)

@@ -116,6 +116,7 @@ def initial_state(params: ConditioningParams) -> ConditioningState:
             jump=JumpSigns(
                 quick=ZERO,
                 slow=ZERO,
+                apart_rad=0.0,
                 usual=0.0,
                 turning=0.0,
                 unseen=0.0,
@@ -129,6 +130,8 @@ def initial_state(params: ConditioningParams) -> ConditioningState:
             dt_s=0.0,
             rest=still,
             gravity=still,
+            gravity_share=0.0,
+            quick_share=0.0,
             levelling_decay=0.0,
             bias_growth=0.0,
             rest_noise=0.0,

@@ -9,12 +9,15 @@ nearly all of it after a second in which nobody looked. Its root is the
 published uncertainty of slow streams.
 """
 
-from math import acos, exp
-
 from estimator.compilation.compiled import inlined
 from estimator.conditioning.rate import slow_share
-from estimator.conditioning.types import ConditioningParams, StepNoise, TiltState
-from estimator.geometry.quaternion import dot, norm, subtract
+from estimator.conditioning.types import (
+    Coefficients,
+    ConditioningParams,
+    StepNoise,
+    TiltState,
+)
+from estimator.geometry.quaternion import angle_of_cosine, dot, norm, subtract
 from estimator.types import Between, Vec3
 
 # White noise of a gyroscope and its truncation to mrad/s, rad/s/sqrt(Hz).
@@ -150,20 +153,26 @@ def innovation(down_g: Vec3, u: Vec3) -> float:
     n = norm(down_g) * norm(u)
     if n <= 0.0:
         return MOST_INNOVATION_RAD
-    return min(acos(max(-1.0, min(1.0, dot(down_g, u) / n))), MOST_INNOVATION_RAD)
+    return min(angle_of_cosine(dot(down_g, u) / n), MOST_INNOVATION_RAD)
 
 
 @inlined
 def calm(
     params: ConditioningParams, state: TiltState, gyr: Vec3, u: Vec3, unusual: float, dt_s: float
 ) -> float:
-    """1 for a vehicle that does not turn, and whose force neither changes nor has another size."""
+    """1 for a vehicle that does not turn, and whose force neither changes nor has another size.
+
+    0 in fast streams, which need no such help.
+    """
+    slow = slowness(params, dt_s)
+    if slow == 0.0:
+        return 0.0
     change = subtract(gyr, state.gyr)
     moved = subtract(u, state.force_g)
     force = max(state.force, 1.0)
     signs = (dot(gyr, gyr) + dot(change, change)) / CALM_RAD_S**2
     signs += dot(moved, moved) / (CALM_FORCE * force) ** 2 + (unusual / CALM_FORCE) ** 2
-    return slowness(params, dt_s) / (1.0 + signs) ** 2
+    return slow / (1.0 + signs) ** 2
 
 
 @inlined
@@ -174,9 +183,9 @@ def forgetting(tau_s: float, at_rest: float, dt_s: float) -> float:
 
 
 @inlined
-def least_share(tau_s: float, dt_s: float, age_s: float) -> float:
-    """The share of a low-pass with ``tau_s``; of a running mean while it is younger than that."""
-    return dt_s / age_s if age_s <= tau_s else 1.0 - exp(-dt_s / tau_s)
+def least_share(params: ConditioningParams, k: Coefficients, age_s: float) -> float:
+    """The share of a low-pass with gravity's; of a running mean while it is younger than that."""
+    return k.dt_s / age_s if age_s <= params.gravity_tau_s else k.gravity_share
 
 
 @inlined

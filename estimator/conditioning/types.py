@@ -127,6 +127,8 @@ class Coefficients(NamedTuple):
     dt_s: float  # the time step
     rest: LowPass  # of gyroscope and accelerometer, with ``rest_tau_s``
     gravity: LowPass  # with ``gravity_tau_s``
+    gravity_share: float  # of a step in a mean over ``gravity_tau_s``
+    quick_share: float  # likewise over ``turn_moving_tau_s``
     levelling_decay: float  # what a step leaves of past levelling
     bias_growth: float  # of a bias's variance in a step, (rad/s)^2
     rest_noise: float  # variance of a bias seen at rest, (rad/s)^2
@@ -306,7 +308,8 @@ class JumpSigns(NamedTuple):
 
     quick: Vec3  # the field in G, low-passed a little, in its own unit
     slow: Vec3  # the same, low-passed more
-    usual: float  # mean square angle between the two, rad^2
+    apart_rad: float  # angle between the two
+    usual: float  # its mean square, rad^2
     turning: float  # mean square rate of the vehicle lately, (rad/s)^2
     unseen: float  # variance of turns missed between samples lately, rad^2
     seen_rad: float  # largest angle of the jump at hand that has raised doubts already

@@ -65,6 +65,15 @@ def duration_s(holds: bool, lasted_s: float, dt_s: float) -> float:
 
 
 @inlined
+def points_beyond(params: ConditioningParams, horizontal: Two) -> bool:
+    """Whether a field points further from north than ``turn_large_rad``."""
+    north, east = horizontal
+    if north > abs(east) and params.turn_large_rad >= 0.25 * pi:  # as nearly always
+        return False
+    return abs(atan2(east, north)) > params.turn_large_rad
+
+
+@inlined
 def watch_heading(
     params: ConditioningParams,
     state: HeadingSigns,
@@ -90,8 +99,7 @@ def watch_heading(
     away = atan2(e, n)
     off = known and abs(away) > params.turn_heading_rad and w > params.turn_confidence
     b = dt_s / (SCATTER_TAU_S + dt_s) if estimate.covariance[9] < KNOWN_HEADING_SIGMA**2 else 0.0
-    far = known and abs(atan2(east, north)) > params.turn_large_rad
-    far = far and c > params.turn_large_confidence
+    far = known and c > params.turn_large_confidence and points_beyond(params, horizontal)
     return HeadingSigns(
         mean_north=n,
         mean_east=e,
@@ -155,7 +163,7 @@ def watch_field(
     gyroscope has not shown turns it at once.
     """
     if state.age_s == 0.0:
-        return JumpSigns(field_g, field_g, 0.0, turning, unseen, 0.0, dt_s)
+        return JumpSigns(field_g, field_g, 0.0, 0.0, turning, unseen, 0.0, dt_s)
     a, b = dt_s / (JUMP_QUICK_S + dt_s), dt_s / (JUMP_SLOW_S + dt_s)
     usual = norm(state.slow)
     is_other = abs(norm(field_g) - usual) > SPIKE_SHARE * usual
@@ -166,6 +174,7 @@ def watch_field(
     return JumpSigns(
         quick=quick,
         slow=slow,
+        apart_rad=turned,
         usual=state.usual + c * (turned**2 - state.usual),
         turning=max(turning, state.turning + b * (turning - state.turning)),
         unseen=(1.0 - b) * state.unseen + unseen,
@@ -187,7 +196,7 @@ def jump_variance(
     p = learnt.covariance
     own = p[9] + JUMP_SLOW_S**2 * (p[0] + p[4] + p[7])
 
-    turned = turn_of(state.quick, state.slow)
+    turned = state.apart_rad
     least = params.turn_jump_rad**2 + params.turn_jump_usual**2 * (state.usual + state.unseen)
     least += params.turn_jump_own**2 * own * state.turning
     if turned**2 < 0.25 * least:
@@ -249,6 +258,7 @@ def reset_signs(state: TurnSigns, alarm: Alarm, seen_rad: float) -> TurnSigns:
     jump = JumpSigns(
         before.quick,
         before.slow,
+        before.apart_rad,
         before.usual,
         before.turning,
         before.unseen,

@@ -111,6 +111,8 @@ def bias_gain(params: FilterParams, K: float, g: float, fastest: float, dt: floa
     At most 1/(lambda dt), with which the bias alone would explain the error:
     more, as after a gap of many seconds, would overshoot.
     """
+    if params.gamma == 0.0:
+        return 0.0
     gain = 0.5 * params.gamma * g / K
     reach = fastest * dt
     return gain if gain * reach <= 1.0 else 1.0 / reach
