@@ -1,6 +1,7 @@
 """One vehicle's estimator: samples in, attitude out. No I/O and no clock."""
 
 from math import isfinite, radians
+from typing import Any
 
 from estimator.aiding import Report, compass
 from estimator.aiding.lean import bears_out
@@ -34,35 +35,40 @@ from estimator.live.core import (
     without_aiding,
     without_conditioning,
 )
+from estimator.live.holder import Holder
 from estimator.live.interval import is_gap, usual_interval
-from estimator.live.refusal import GYR_LIMIT_RAD_S, refusal, report_in_floats, sample_in_floats
-from estimator.live.reports import Reports, enqueue, refusal_of_report, take_due
+from estimator.live.published import NOTHING_SAID, Said, write
+from estimator.live.refusal import (
+    GYR_LIMIT_RAD_S,
+    REASONS,
+    refusal,
+    report_in_floats,
+    sample_in_floats,
+)
+from estimator.live.reports import enqueue, refusal_of_report, take_due
 from estimator.live.resident import (
     AIDED,
     CONDITIONED,
     FIRST_HEADING,
-    NO_HEADING,
+    NO_ROWS,
+    NOT_FINITE_NOW,
+    NOT_LATER,
     RAW,
-    Holder,
-    advance,
-    advance_aided,
-    advance_raw,
-    hear,
-    publish,
-    search,
+    TAKEN,
 )
+from estimator.live.rows import Floats, Times
 from estimator.live.settings import settings_of
 from estimator.live.snapshot import Context, Snapshot
-from estimator.live.turning import Turning, hear_rate, take_between
+from estimator.live.turning import STILL, hear_rate, take_between
 from estimator.profile import Profile
 from estimator.reasons import Reason
 from estimator.types import (
-    NOTHING_BETWEEN,
     Attitude,
     ImuSample,
     Quaternion,
     RateSample,
     Sample,
+    Vec3,
     VelocitySample,
 )
 
@@ -79,8 +85,12 @@ SOURCE = {
     Phase.SEARCHING: CONDITIONED,
     Phase.AIDED: AIDED,
 }
+# In place of a sample, where rows of them are laid.
+NO_SAMPLE_ITSELF = (0, *(0.0,) * 9, False)
 # Looked up in its class, a member of an enumeration takes longer than a comparison.
 _EMPTY, _RAW, _UNAIDED, _AIDED = Phase.EMPTY, Phase.RAW, Phase.UNAIDED, Phase.AIDED
+
+_new: Any = tuple.__new__
 
 
 class Estimator:
@@ -94,22 +104,31 @@ class Estimator:
         self._fixed_gain = fixed_gain
         self.profile = profile
         self._settings = settings_of(profile, fixed_gain)
-        self._context = Context()
+        self._set_context(Context())
         self._set_core(initial_core(self._settings))
 
     @property
     def snapshot(self) -> Snapshot:
         """The whole state. Set it to resume from it."""
-        return Snapshot(self._core.core, self._context)
+        context = self._context._replace(time_us=self._time_us, usual_s=self._usual_s)
+        return Snapshot(self._core.core, context)
 
     @snapshot.setter
     def snapshot(self, snapshot: Snapshot) -> None:
-        self._context = snapshot.context
+        self._set_context(snapshot.context)
         self._settings = settings_of(self.profile, self._fixed_gain, self._declination_rad)
         self._set_core(snapshot.core)
 
     def _set_core(self, core: Core) -> None:
         self._core = Holder(self._settings, core)
+        self._said: Said = NOTHING_SAID  # what the last sample's step has said
+        self._said_us: int | None = None  # when, if it still holds
+        self._looked_at: Context | None = None
+
+    def _set_context(self, context: Context) -> None:
+        """A new context. What changes at each sample is kept beside it until somebody asks."""
+        self._context = context
+        self._time_us, self._usual_s = context.time_us, context.usual_s
 
     def replace_profile(self, profile: Profile) -> None:
         """Use other parameters from the next sample on; the estimate stays.
@@ -127,8 +146,8 @@ class Estimator:
     def restart(self) -> None:
         """Forget the attitude and align anew, as after the vehicle's reboot."""
         known = self._context
-        self._context = Context(
-            compass=compass.restart(known.compass), whereabouts=known.whereabouts
+        self._set_context(
+            Context(compass=compass.restart(known.compass), whereabouts=known.whereabouts)
         )
         self._set_core(initial_core(self._settings))
 
@@ -139,13 +158,89 @@ class Estimator:
 
     def update(self, sample: ImuSample) -> Reason | None:
         """Take one sample; None, or the reason why it was refused."""
+        return self.take(*sample)
+
+    def take(
+        self, time_us: int, gyr_rad_s: Vec3, acc_m_s2: Vec3, mag_gauss: Vec3, has_mag: bool
+    ) -> Reason | None:
+        """Take the fields of an :class:`ImuSample`, as :meth:`update` does: it is one call less."""
+        if self._looked_at is not self._context:
+            self._look()
+        if not self._needs_samples_only:
+            return self._take_any(ImuSample(time_us, gyr_rad_s, acc_m_s2, mag_gauss, has_mag))
+        _, end, _, self._time_us, self._usual_s, self._said = self._core.advance(
+            time_us,
+            *gyr_rad_s,
+            *acc_m_s2,
+            *mag_gauss,
+            has_mag,
+            self._time_us,
+            self._usual_s,
+            False,
+            0,
+        )
+        if end == TAKEN:
+            self._said_us = time_us
+            return None
+        self._said_us = None
+        return self._end_rows(end)
+
+    def update_rows(self, times_us: Times, readings: Floats, said: Floats) -> int:
+        """Take rows as long as there is nothing to do but to take them.
+
+        ``times_us`` (N,), ``readings`` and ``said`` (N, columns as in :mod:`estimator.live.rows`),
+        to which the attitude after each row is written. Returns the first row that was not taken:
+        one for :meth:`update`, which knows what to do with it, or N. Behind a row whose attitude is
+        not finite nothing is taken either.
+        """
+        taken, end = 0, FIRST_HEADING
+        while end == FIRST_HEADING and taken < len(times_us):
+            if self._looked_at is not self._context:
+                self._look()
+            if not self._needs_samples_only or not self._trusts_compass:
+                break
+            self._core.lay(times_us[taken:], readings[taken:], said[taken:])
+            rows, end, _, self._time_us, self._usual_s, _ = self._core.advance(
+                *NO_SAMPLE_ITSELF, self._time_us, self._usual_s, False, len(times_us) - taken
+            )
+            self._core.lay(*NO_ROWS)
+            self._said_us = None
+            taken += rows
+            if end == FIRST_HEADING:
+                self._align()
+                write(said[taken - 1], self._core.publish(0.0, CONDITIONED))
+        return taken
+
+    def _look(self) -> None:
+        """What follows from the context, once for each: it is asked for at each sample."""
+        now = self._looked_at = self._context
+        self._source = SOURCE[now.phase]
+        self._needs_samples_only = (
+            self._settings.conditioned
+            and now.phase is _UNAIDED
+            and not now.reports
+            and now.turning is STILL
+        )
+        self._norths = self.norths
+
+    def _end_rows(self, end: int) -> Reason | None:
+        """What a row has come to that was not simply taken."""
+        if end == FIRST_HEADING:
+            self._align()
+            return None
+        if end == NOT_FINITE_NOW:
+            return None
+        return Reason.NOT_LATER if end == NOT_LATER else REASONS[end]
+
+    def _take_any(self, sample: ImuSample) -> Reason | None:
+        """One sample in any phase."""
         reason = refusal(sample)
         if reason is not None:
             return reason
         sample = sample_in_floats(sample)
         if not self.aligned:
             self._take_first(sample)
-        elif sample.time_us <= self._context.time_us:
+        elif sample.time_us <= self._time_us:
             return Reason.NOT_LATER
         elif self._settings.conditioned:
             self._take_conditioned(sample)
@@ -164,11 +259,11 @@ class Estimator:
             return reason
         report = report_in_floats(report)
         now = self._context
-        if now.phase is _AIDED and report.time_us <= now.time_us:
+        if now.phase is _AIDED and report.time_us <= self._time_us:
             # it belongs to the last sample or to one just before it
-            due, _ = take_due((report,), now.time_us, self._settings.aiding.oldest_report_s)
+            due, _ = take_due((report,), self._time_us, self._settings.aiding.oldest_report_s)
             for late in due:
-                hear(self._core.inside, late)
+                self._core.hear(late)
         else:
             self._context = now._replace(reports=enqueue(now.reports, report))
         return None
@@ -181,7 +276,7 @@ class Estimator:
         if not all(isfinite(w) and abs(w) <= GYR_LIMIT_RAD_S for w in rate.rate_rad_s):
             return Reason.GYROSCOPE_OUT_OF_RANGE
         now = self._context
-        if self.profile.uses_attitude_rates and rate.time_us > now.time_us:
+        if self.profile.uses_attitude_rates and rate.time_us > self._time_us:
             self._context = now._replace(turning=hear_rate(now.turning, rate))
         return None
 
@@ -231,49 +326,70 @@ class Estimator:
             )
         )
         self._enter(Cause.SAMPLE if settings.conditioned else Cause.RAW_SAMPLE)
-        self._context = self._context._replace(time_us=sample.time_us, reports=())
+        self._context = self._context._replace(reports=())
+        self._time_us = sample.time_us
 
     def _take_raw(self, sample: ImuSample) -> None:
         """One sample of the paper's vectors."""
         if self._context.phase is not _RAW:
             self._enter(Cause.RAW_SAMPLE)
-        now = self._context
-        dt_s = 1e-6 * (sample.time_us - now.time_us)
+        dt_s = 1e-6 * (sample.time_us - self._time_us)
         readings = (sample.gyr_rad_s, sample.acc_m_s2, sample.mag_gauss, sample.has_mag)
-        advance_raw(self._core.inside, *readings, dt_s)
-        self._context = _next(now, sample.time_us, dt_s, now.reports, now.turning)
+        self._core.advance_raw(*readings, dt_s)
+        self._time_us, self._usual_s = sample.time_us, usual_interval(self._usual_s, dt_s)
+        self._said_us = None
 
     def _take_conditioned(self, sample: ImuSample) -> None:
         """One sample with the velocity reports up to it; without any, as if there were none."""
         now, aiding = self._context, self._settings.aiding
-        dt_s = 1e-6 * (sample.time_us - now.time_us)
-        turning, between = now.turning, NOTHING_BETWEEN
-        if self.profile.uses_attitude_rates:
-            turning, between = take_between(turning, now.time_us, sample.time_us, sample.gyr_rad_s)
+        time_us = sample.time_us
+        dt_s = 1e-6 * (time_us - self._time_us)
+        is_seen = False
+        if now.turning is not STILL and self.profile.uses_attitude_rates:
+            is_seen = self._take_turning(time_us, sample)
         if now.phase is not _UNAIDED:
-            self._enter(self._cause_at(dt_s, is_seen=between.given))
+            self._enter(self._cause_at(dt_s, is_seen=is_seen))
         due: tuple[Report, ...] = ()
-        ahead = now.reports
-        if ahead:
+        if now.reports:
             # one that came behind a slow stream's last sample is as old as the step is long
             oldest_s = max(aiding.oldest_report_s, dt_s)
-            due, ahead = take_due(ahead, sample.time_us, oldest_s)
+            due, ahead = take_due(now.reports, time_us, oldest_s)
+            self._context = self._context._replace(reports=ahead)
         report = due[0] if due else NO_REPORT
-        readings = (sample.gyr_rad_s, sample.acc_m_s2, sample.mag_gauss, sample.has_mag)
         is_aided = self._context.phase is _AIDED
-        heading = advance(self._core.inside, *readings, dt_s, between, is_aided)
-        self._context = _next(self._context, sample.time_us, dt_s, ahead, turning)
+        _, end, has_heading, self._time_us, self._usual_s, _ = self._core.advance(
+            time_us,
+            *sample.gyr_rad_s,
+            *sample.acc_m_s2,
+            *sample.mag_gauss,
+            sample.has_mag,
+            self._time_us,
+            self._usual_s,
+            is_aided,
+            0,
+        )
+        self._said_us = None
         if is_aided:
-            if not advance_aided(self._core.inside, report, self._knows_north):
+            if not self._core.advance_aided(report, self._knows_north):
                 self._give_up()
                 return
             for other in due[1:]:
-                hear(self._core.inside, other)
+                self._core.hear(other)
             return
-        if heading == FIRST_HEADING and now.phase is not _RAW:
+        if end == FIRST_HEADING and now.phase is not _RAW:
             self._align()
         if report.given and aiding.enabled:
-            self._begin_aided(report, has_heading=heading != NO_HEADING)
+            self._begin_aided(report, has_heading=has_heading)
+
+    def _take_turning(self, time_us: int, sample: ImuSample) -> bool:
+        """Hand over what others have seen of the turning up to a sample; whether they have."""
+        turning, between = take_between(
+            self._context.turning, self._time_us, time_us, sample.gyr_rad_s
+        )
+        self._context = self._context._replace(turning=turning)
+        if between.given:
+            self._core.see_between(between)
+        return between.given
 
     def _cause_at(self, dt_s: float, *, is_seen: bool) -> Cause:
         """What a sample means that comes ``dt_s`` after the one before.
@@ -285,7 +401,7 @@ class Estimator:
             return Cause.SAMPLE
         if not aiding.enabled:
             return Cause.SWITCH_OFF
-        is_long = not is_seen and is_gap(aiding.gap_s, self._context.usual_s, dt_s)
+        is_long = not is_seen and is_gap(aiding.gap_s, self._usual_s, dt_s)
         return Cause.GAP if is_long else Cause.SAMPLE
 
     def _give_up(self) -> None:
@@ -298,7 +414,7 @@ class Estimator:
         if bears_out(core.aided.lean):
             self._set_core(begin_again(self._settings, self.snapshot))
             return
-        known = compass.record_giving_up(now.compass, now.time_us)
+        known = compass.record_giving_up(now.compass, self._time_us)
         self._context = now._replace(compass=known)
         self._enter(Cause.GIVE_UP)
         if core.seen.has_heading and slow_share(core.sample.dt_s) > 0.0:
@@ -321,13 +437,13 @@ class Estimator:
         start: Start | None = None
         if has_heading and self._knows_north and self._trusts_field() and self._is_settled():
             start = start_by_field(settings, self._core.core)
-        elif search(self._core.inside, report):
+        elif self._core.search(report):
             start = start_by_velocity(self._core.core)
         if start is None:
             self._enter(Cause.REPORT)
             return
         now = self._context
-        is_calibrated = compass.is_trusted(now.compass, now.time_us)
+        is_calibrated = compass.is_trusted(now.compass, self._time_us)
         core = begin_aiding(settings, self.snapshot, start, report, is_calibrated=is_calibrated)
         if not has_heading or slow_share(core.sample.dt_s) > 0.0:
             # there was none to correct, or correcting it would take many slow steps
@@ -346,9 +462,9 @@ class Estimator:
         if place is not None:
             learnt = self._core.core.conditioning.magnetic.reference
             if not resembles(place.field, learnt.horizontal, learnt.down):
-                known = now.compass._replace(unlike_us=now.time_us)
+                known = now.compass._replace(unlike_us=self._time_us)
                 self._context = now = now._replace(compass=known)
-        return compass.is_trusted(now.compass, now.time_us)
+        return compass.is_trusted(now.compass, self._time_us)
 
     @property
     def _declination_rad(self) -> float | None:
@@ -409,7 +525,7 @@ class Estimator:
         """
         before = self._context
         self._context = before._replace(compass=compass.declare(before.compass, calibrated))
-        if compass.is_trusted(before.compass, before.time_us) and not calibrated:
+        if compass.is_trusted(before.compass, self._time_us) and not calibrated:
             self._enter(Cause.MISLED)
 
     def change_imu(self) -> None:
@@ -427,48 +543,33 @@ class Estimator:
 
     def attitude(self, time_us: int) -> Attitude:
         """The attitude at ``time_us``, propagated from the last sample for output only."""
-        now = self._context
-        ahead_s = min(max(1e-6 * (time_us - now.time_us), 0.0), OUTPUT_HORIZON_S)
-        source = SOURCE[now.phase]
-        moved, figures, has_heading = publish(self._core.inside, ahead_s, source)
-        q, rate, bias, error, error_rate, gain = moved
-        gravity, magnetic, inclination, heading = figures
-        if source != AIDED and not compass.is_trusted(now.compass, now.time_us):
-            heading = max(heading, UNCALIBRATED_SIGMA_RAD)
-        return Attitude(
-            time_us=time_us,
-            q_ned_frd=q,
-            rate_rad_s=rate,
-            gyro_bias_rad_s=bias,
-            error=error,
-            error_rate_1_s=error_rate,
-            gain=gain,
-            confidence_gravity=gravity,
-            confidence_magnetic=magnetic,
-            sigma_inclination_rad=inclination,
-            sigma_heading_rad=heading,
-            heading_reference=self._north(source, has_heading),
-        )
+        if self._looked_at is not self._context:
+            self._look()
+        said = self._said
+        if time_us != self._said_us:
+            ahead_s = min(max(1e-6 * (time_us - self._time_us), 0.0), OUTPUT_HORIZON_S)
+            said = self._core.publish(ahead_s, self._source)
+        moved, figures, has_heading = said
+        if self._source != AIDED and not self._trusts_compass:
+            gravity, magnetic, inclination, heading = figures
+            figures = (gravity, magnetic, inclination, max(heading, UNCALIBRATED_SIGMA_RAD))
+        # an Attitude's own constructor takes three times as long
+        values = (time_us, *moved, *figures, self._norths[not has_heading])
+        attitude: Attitude = _new(Attitude, values)
+        return attitude
 
-    def _north(self, source: int, has_field_heading: bool) -> str:
-        """What the heading is measured from; without a field it is the reports' true north."""
-        if source == CONDITIONED and not has_field_heading:
-            return "none"
-        if source == AIDED and not has_field_heading:
-            return "true"
+    @property
+    def _trusts_compass(self) -> bool:
+        known = self._context.compass
+        return known is compass.UNTOUCHED or compass.is_trusted(known, self._time_us)
+
+    @property
+    def norths(self) -> tuple[str, str]:
+        """What the heading is measured from: with a field that has told one, and without."""
+        source = SOURCE[self._context.phase]
         given = self.profile.reference.declination_deg != "position"
         known = given or self._context.whereabouts.here is not None
-        return "true" if known or not self._settings.conditioned else "magnetic"
-
-
-def _next(now: Context, time_us: int, dt_s: float, reports: Reports, turning: Turning) -> Context:
-    """The context after a sample; ``_replace`` takes three times as long, at every sample."""
-    return Context(
-        phase=now.phase,
-        time_us=time_us,
-        usual_s=usual_interval(now.usual_s, dt_s),
-        reports=reports,
-        compass=now.compass,
-        whereabouts=now.whereabouts,
-        turning=turning,
-    )
+        north = "true" if known or not self._settings.conditioned else "magnetic"
+        if source == RAW:
+            return north, north
+        return north, "none" if source == CONDITIONED else "true"  # by the reports' velocity

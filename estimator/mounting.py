@@ -5,14 +5,17 @@ An accelerometer that gives gravity instead of the specific force has the other 
 """
 
 from math import radians
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
+import numpy as np
 from msgspec import Meta, Struct
+from numpy.typing import NDArray
 
 from estimator.geometry.frames import from_euler_rad
 from estimator.geometry.quaternion import rotate, scale
 from estimator.types import ImuSample, Quaternion
 
+Floats = NDArray[np.float64]
 Angle = Annotated[float, Meta(ge=-180.0, le=180.0)]
 
 
@@ -43,3 +46,19 @@ class Mounting(Struct, frozen=True, forbid_unknown_fields=True):
             acc_m_s2=rotate(q, acc),
             mag_gauss=rotate(q, sample.mag_gauss),
         )
+
+    def to_body_rows(self, gyr: Floats, acc: Floats, mag: Floats) -> tuple[Floats, Floats, Floats]:
+        """Readings (N, 3) likewise."""
+        if self.is_plain:
+            return gyr, acc, mag
+        q = self.q_frd_sensor
+        return (
+            _rotate_rows(q, gyr),
+            _rotate_rows(q, float(self.acc_sign) * acc),
+            _rotate_rows(q, mag),
+        )
+
+
+def _rotate_rows(q: Quaternion, v: Floats) -> Floats:
+    columns: Any = (v[:, 0], v[:, 1], v[:, 2])
+    return np.column_stack(rotate(q, columns))

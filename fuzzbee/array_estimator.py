@@ -1,12 +1,10 @@
 """The estimator as programs use it: readings as arrays, one sample a call or all at once."""
 
 from collections import Counter
-from collections.abc import Sequence
-from math import isfinite
-from typing import Any
+from math import isfinite, nan
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from drivers.samples.fresh_field import RepeatedField, finite_or_zero
 from estimator import estimator
@@ -14,11 +12,10 @@ from estimator.errors import InputError
 from estimator.profile import Profile, load_profile
 from estimator.reasons import Reason
 from estimator.types import ZERO_VEC3, Attitude, ImuSample, Vec3, VelocitySample
-from fuzzbee.attitudes import NO_ATTITUDE, Attitudes, attitude_arrays
+from fuzzbee.arguments import MICROSECONDS, matrix, microseconds, microseconds_of_rows, vector
+from fuzzbee.attitudes import Attitudes, attitudes_of_rows
+from fuzzbee.batch import Batch, Times
 
-Floats = NDArray[np.float64]
-
-MICROSECONDS = 1e6
 # What a satellite receiver's or an autopilot's velocity is good for if nobody says.
 VELOCITY_SIGMA_M_S = 0.3
 NO_TIME = "an estimator without rate_hz needs time_s with every sample"
@@ -54,6 +51,7 @@ class Estimator:
         self.profile = load_profile(profile) if isinstance(profile, str) else profile
         self.rejected: Counter[str] = Counter()  # samples and reports that were refused, by reason
         self._inner = estimator.Estimator(self.profile, gain)
+        self._is_plain = self.profile.mounting.is_plain
         self._rate_hz = rate_hz
         self._number = 0  # of the next sample
         self._last_us = 0  # the time of the last one
@@ -75,9 +73,14 @@ class Estimator:
         Raises:
             InputError: neither ``time_s`` nor a rate is given, or a reading has not three numbers.
         """
-        readings = (_vector("gyr_rad_s", gyr_rad_s), _vector("acc_m_s2", acc_m_s2))
-        mag = ZERO_VEC3 if mag_gauss is None else _vector("mag_gauss", mag_gauss)
-        return self._take(self._next_us(time_s), *readings, mag)
+        gyr, acc = vector("gyr_rad_s", gyr_rad_s), vector("acc_m_s2", acc_m_s2)
+        mag = ZERO_VEC3 if mag_gauss is None else vector("mag_gauss", mag_gauss)
+        time_us = self._next_us(time_s)
+        field = self._field.fresh(finite_or_zero(mag), time_us, time_us)
+        if self._is_plain:
+            return self._take(time_us, gyr, acc, field or ZERO_VEC3, field is not None)
+        sample = ImuSample(time_us, gyr, acc, field or ZERO_VEC3, field is not None)
+        return self._take(*self.profile.mounting.to_body_axes(sample))
 
     def update_velocity(
         self,
@@ -94,8 +97,8 @@ class Estimator:
         Raises:
             InputError: it has not three numbers.
         """
-        north, east, down = _vector("velocity_ned_m_s", velocity_ned_m_s)
-        time_us = self._last_us if time_s is None else _microseconds(time_s)
+        north, east, down = vector("velocity_ned_m_s", velocity_ned_m_s)
+        time_us = self._last_us if time_s is None else microseconds(time_s)
         has_down = isfinite(down)
         velocity = (north, east, down if has_down else 0.0)
         reason = self._inner.update_velocity(VelocitySample(time_us, velocity, has_down, sigma_m_s))
@@ -118,21 +121,21 @@ class Estimator:
         Raises:
             InputError: arrays of other shapes, or no times.
         """
-        gyr = _matrix("gyr_rad_s", gyr_rad_s)
+        gyr = matrix("gyr_rad_s", gyr_rad_s)
         n = len(gyr)
-        acc = _matrix("acc_m_s2", acc_m_s2, n)
-        mag = np.zeros((n, 3)) if mag_gauss is None else _matrix("mag_gauss", mag_gauss, n)
-        reports = _reports(velocity_ned_m_s, n)
-        times: Sequence[float | None] = [None] * n if time_s is None else _times(time_s, n)
-        found: list[Attitude] = []
-        rows = zip(times, _tuples(gyr), _tuples(acc), _tuples(mag), reports, strict=True)
-        for time, gyr_row, acc_row, mag_row, report in rows:
-            time_us = self._next_us(time)
-            if report is not None:
-                self.update_velocity(report, time_us / MICROSECONDS)
-            attitude = self._take(time_us, gyr_row, acc_row, mag_row)
-            found.append(attitude or NO_ATTITUDE._replace(time_us=time_us))
-        return attitude_arrays(found)
+        acc = matrix("acc_m_s2", acc_m_s2, n)
+        mag = np.zeros((n, 3)) if mag_gauss is None else matrix("mag_gauss", mag_gauss, n)
+        velocity = np.full((n, 3), nan)
+        if velocity_ned_m_s is not None:
+            velocity = matrix("velocity_ned_m_s", velocity_ned_m_s, n)
+        times_us = self._next_times_us(time_s, n)
+        has_mag = self._field.fresh_rows(mag, times_us)
+        readings = self.profile.mounting.to_body_rows(
+            gyr, acc, np.where(has_mag[:, None], mag, 0.0)
+        )
+        batch = Batch(times_us, np.column_stack([*readings, has_mag]), velocity)
+        self._take_batch(batch)
+        return attitudes_of_rows(times_us, batch.said, batch.norths)
 
     def set_position(
         self, latitude_deg: float, longitude_deg: float, altitude_m: float, unix_s: float
@@ -142,25 +145,53 @@ class Estimator:
             latitude_deg, longitude_deg, altitude_m, round(MICROSECONDS * unix_s)
         )
 
-    def _take(self, time_us: int, gyr: Vec3, acc: Vec3, mag: Vec3) -> Attitude | None:
-        """One sample; the attitude after it, if there is any yet."""
+    def _take(
+        self, time_us: int, gyr: Vec3, acc: Vec3, mag: Vec3, has_mag: bool
+    ) -> Attitude | None:
+        """One sample in body axes; the attitude after it, if there is any yet."""
         inner = self._inner
-        field = self._field.fresh(finite_or_zero(mag), time_us, time_us)
-        sample = ImuSample(time_us, gyr, acc, field or ZERO_VEC3, field is not None)
-        self._count(inner.update(self.profile.mounting.to_body_axes(sample)))
+        reason = inner.take(time_us, gyr, acc, mag, has_mag)
+        if reason is not None:
+            self.rejected[reason.value] += 1
         if not inner.aligned:
             return None
         attitude = inner.attitude(time_us)
-        if all(map(isfinite, attitude.q_ned_frd)):
+        w, x, y, z = attitude.q_ned_frd
+        if isfinite(w + x + y + z):
             return attitude
-        self._count(Reason.ESTIMATE_NOT_FINITE)  # no sample would repair it: it aligns anew
-        inner.restart()
+        self._begin_anew()
         return None
+
+    def _take_batch(self, batch: Batch) -> None:
+        """Rows by the run where nothing else comes between, otherwise one by one."""
+        inner, k = self._inner, 0
+        for report in (*batch.reports(), len(batch)):
+            while k < report:
+                done = batch.take_run(inner, k, report)
+                if done > k and not batch.is_finite(done - 1):
+                    batch.put(done - 1, None)
+                    self._begin_anew()
+                k = done
+                if k < report:
+                    self._take_row(batch, k)
+                    k += 1
+            if k < len(batch):
+                self.update_velocity(batch.velocity[k], batch.times_us[k] / MICROSECONDS)
+                self._take_row(batch, k)
+                k += 1
+
+    def _take_row(self, batch: Batch, k: int) -> None:
+        batch.put(k, self._take(*batch.sample(k)))
+
+    def _begin_anew(self) -> None:
+        """An attitude that is not finite no sample would repair."""
+        self._count(Reason.ESTIMATE_NOT_FINITE)
+        self._inner.restart()
 
     def _next_us(self, time_s: float | None) -> int:
         """The time of the next sample, given or by its number."""
         if time_s is not None:
-            self._last_us = _microseconds(time_s)
+            self._last_us = microseconds(time_s)
         elif self._rate_hz is None:
             raise InputError(NO_TIME)
         else:
@@ -168,56 +199,19 @@ class Estimator:
         self._number += 1
         return self._last_us
 
+    def _next_times_us(self, time_s: ArrayLike | None, n: int) -> Times:
+        """Those of the next ``n``."""
+        if time_s is not None:
+            times_us = microseconds_of_rows(time_s, n)
+        elif self._rate_hz is None:
+            raise InputError(NO_TIME)
+        else:
+            numbers = np.arange(self._number, self._number + n)
+            times_us = np.rint(MICROSECONDS * numbers / self._rate_hz).astype(np.int64)
+        self._number += n
+        self._last_us = int(times_us[-1]) if n else self._last_us
+        return times_us
+
     def _count(self, reason: Reason | None) -> None:
         if reason is not None:
             self.rejected[reason.value] += 1
-
-
-def _microseconds(time_s: float) -> int:
-    if not isfinite(time_s):
-        raise InputError(f"time_s {time_s}: must be a number of seconds")
-    return round(MICROSECONDS * time_s)
-
-
-def _vector(name: str, given: ArrayLike) -> Vec3:
-    """Three numbers, not necessarily finite."""
-    values: Any = given.tolist() if isinstance(given, np.ndarray) else given
-    try:
-        x, y, z = values
-        return (float(x), float(y), float(z))
-    except (TypeError, ValueError):
-        raise InputError(f"{name}: must be three numbers, not {given!r:.60}") from None
-
-
-def _matrix(name: str, given: ArrayLike, rows: int | None = None) -> Floats:
-    """(N, 3) numbers."""
-    try:
-        values = np.asarray(given, dtype=float)
-    except (TypeError, ValueError):
-        raise InputError(f"{name}: must be an array of numbers") from None
-    if values.ndim != 2 or values.shape[1] != 3 or rows not in (None, len(values)):
-        wanted = "N" if rows is None else rows
-        raise InputError(f"{name}: must have the shape ({wanted}, 3), not {values.shape}")
-    return values
-
-
-def _times(given: ArrayLike, rows: int) -> list[float]:
-    values = np.asarray(given, dtype=float)
-    if values.shape != (rows,):
-        raise InputError(f"time_s: must have the shape ({rows},), not {values.shape}")
-    times: list[float] = values.tolist()
-    return times
-
-
-def _tuples(matrix: Floats) -> list[Vec3]:
-    return [(x, y, z) for x, y, z in matrix.tolist()]
-
-
-def _reports(given: ArrayLike | None, rows: int) -> Sequence[Vec3 | None]:
-    """A velocity for each row, None where its horizontal part is not known."""
-    if given is None:
-        return [None] * rows
-    return [
-        velocity if isfinite(velocity[0]) and isfinite(velocity[1]) else None
-        for velocity in _tuples(_matrix("velocity_ned_m_s", given, rows))
-    ]

@@ -12,6 +12,7 @@ from estimator.types import Attitude
 from fuzzbee.angle_curves import euler_curves_deg
 
 Floats = NDArray[np.float64]
+Times = NDArray[np.int64]
 
 NO_ATTITUDE = Attitude(
     time_us=0,
@@ -90,6 +91,26 @@ def attitude_arrays(attitudes: Sequence[Attitude], start_us: int = 0) -> Attitud
         error=column("error"),
         gain=column("gain"),
         heading_reference=np.array([a.heading_reference for a in attitudes], dtype=np.str_),
+    )
+
+
+def attitudes_of_rows(times_us: Times, said: Floats, norths: NDArray[np.str_]) -> Attitudes:
+    """The arrays of rows as :mod:`estimator.live.rows` has them, each an array of its own."""
+    q, rate, bias, error, _, gain, gravity, magnetic, inclination, heading, _ = (
+        part.copy() for part in np.split(said, [4, 7, 10, 11, 12, 13, 14, 15, 16, 17], axis=1)
+    )
+    return Attitudes(
+        time_s=np.array(1e-6 * times_us, dtype=float),
+        q_ned_frd=q,
+        rate_rad_s=rate,
+        gyro_bias_rad_s=bias,
+        sigma_inclination_rad=inclination.ravel(),
+        sigma_heading_rad=heading.ravel(),
+        confidence_gravity=gravity.ravel(),
+        confidence_magnetic=magnetic.ravel(),
+        error=error.ravel(),
+        gain=gain.ravel(),
+        heading_reference=norths,
     )
 
 

@@ -1,7 +1,10 @@
 """Which magnetic readings are new: autopilots repeat a slow magnetometer's in every IMU message."""
 
 import math
-from typing import Protocol
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
 
 from estimator.types import ZERO_VEC3, Vec3
 
@@ -34,6 +37,22 @@ class RepeatedField:
             return None
         self._last, self._last_us = mag_gauss, time_us
         return mag_gauss
+
+    def fresh_rows(self, mag_gauss: NDArray[np.float64], times_us: NDArray[np.int64]) -> Any:
+        """Which of N fields (N, 3) are: finite, not zero, and not repeated; (N,) of bool."""
+        fresh = np.isfinite(mag_gauss).all(axis=1) & (mag_gauss != 0.0).any(axis=1)
+        rows = np.flatnonzero(fresh)
+        if not rows.size:
+            return fresh
+        fields = mag_gauss[rows]
+        if (fields == np.vstack([self._last, fields[:-1]])).all(axis=1).any():
+            for k in rows.tolist():
+                x, y, z = mag_gauss[k].tolist()
+                fresh[k] = self.fresh((x, y, z), 0, int(times_us[k])) is not None
+            return fresh
+        x, y, z = fields[-1].tolist()
+        self._last, self._last_us = (x, y, z), int(times_us[rows[-1]])
+        return fresh
 
 
 class LoggedField:

@@ -25,6 +25,9 @@ class Compass(NamedTuple):
     misled_us: int | None = None  # when it last gave up for the second time in a row
 
 
+UNTOUCHED = Compass()  # nothing speaks against it
+
+
 def is_trusted(compass: Compass, time_us: int) -> bool:
     """Whether its field is trusted at ``time_us``."""
     return (

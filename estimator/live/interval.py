@@ -1,5 +1,6 @@
 """The stream's usual interval, and what is a gap for it."""
 
+from estimator.compilation.compiled import inlined
 from estimator.conditioning.rate import FAST_STEP_S
 
 # The mean goes back over about this many samples.
@@ -13,6 +14,7 @@ GAP_INTERVALS = 3.0
 SLOW_GAP_S = 1.0
 
 
+@inlined
 def usual_interval(usual_s: float, dt_s: float) -> float:
     """With one more interval; 0 stands for none before."""
     if usual_s <= 0.0:

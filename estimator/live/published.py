@@ -4,6 +4,7 @@ Plain tuples, not named ones: compiled code hands those to Python several times 
 """
 
 from math import asin, pi, radians, sqrt
+from typing import Any
 
 from estimator.aiding import AidingState
 from estimator.aiding.witness import Witness, doubted
@@ -13,7 +14,7 @@ from estimator.filter.observation import ReferenceParams
 from estimator.filter.types import FilterState
 from estimator.geometry.quaternion import exp, multiply, norm, normalize, scale
 from estimator.live.aided import GRAVITY_HALF_RAD, MAGNETIC_HALF_RAD, confidence
-from estimator.types import Quaternion, Vec3
+from estimator.types import IDENTITY, ZERO_VEC3, Quaternion, Vec3
 
 # No estimate from these sensors is better than this; it also keeps sigma above zero.
 LEAST_SIGMA_RAD = radians(0.1)
@@ -24,6 +25,10 @@ STEADY_TURN_S = 0.1
 Motion = tuple[Quaternion, Vec3, Vec3, float, float, float]
 # Confidences of gravity and field, sigmas (rad) of inclination and heading.
 Figures = tuple[float, float, float, float]
+# Both, and whether the field has told a heading.
+Said = tuple[Motion, Figures, bool]
+
+NOTHING_SAID: Said = ((IDENTITY, ZERO_VEC3, ZERO_VEC3, 0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 0.0), False)
 
 
 @inlined
@@ -82,6 +87,21 @@ def widen(figures: Figures, rate_rad_s: Vec3, ahead_s: float) -> Figures:
         at_most_half_turn(sqrt(inclination * inclination + unseen * unseen)),
         at_most_half_turn(sqrt(heading * heading + unseen * unseen)),
     )
+
+
+@inlined
+def write(row: Any, said: Said) -> None:
+    """All of it as the numbers of a row, in the order of :data:`estimator.live.rows.SAID`."""
+    (q, rate, bias, error, error_rate, gain), figures, has_heading = said
+    for i in range(4):
+        row[i] = q[i]
+    for i in range(3):
+        row[4 + i] = rate[i]
+        row[7 + i] = bias[i]
+    row[10], row[11], row[12] = error, error_rate, gain
+    for i in range(4):
+        row[13 + i] = figures[i]
+    row[17] = 1.0 if has_heading else 0.0
 
 
 @inlined

@@ -2,6 +2,7 @@
 
 from math import isfinite
 
+from estimator.compilation.compiled import inlined
 from estimator.reasons import Reason
 from estimator.types import ImuSample, Vec3, VelocitySample
 
@@ -11,29 +12,37 @@ GYR_LIMIT_RAD_S = 70.0
 ACC_LIMIT_M_S2 = 400.0
 
 
+# What is wrong with a sample, as compiled code says it.
+FINE = 0
+NOT_FINITE = 1
+GYROSCOPE_OUT_OF_RANGE = 2
+ACCELEROMETER_OUT_OF_RANGE = 3
+
+REASONS = {
+    NOT_FINITE: Reason.NOT_FINITE,
+    GYROSCOPE_OUT_OF_RANGE: Reason.GYROSCOPE_OUT_OF_RANGE,
+    ACCELEROMETER_OUT_OF_RANGE: Reason.ACCELEROMETER_OUT_OF_RANGE,
+}
+
+
+@inlined
+def fault_of(gyr: Vec3, acc: Vec3, mag: Vec3) -> int:
+    """What is wrong with a sample, :data:`FINE` if it can be used."""
+    gyr_is_finite = isfinite(gyr[0]) and isfinite(gyr[1]) and isfinite(gyr[2])
+    acc_is_finite = isfinite(acc[0]) and isfinite(acc[1]) and isfinite(acc[2])
+    mag_is_finite = isfinite(mag[0]) and isfinite(mag[1]) and isfinite(mag[2])
+    if not (gyr_is_finite and acc_is_finite and mag_is_finite):
+        return NOT_FINITE
+    if max(abs(gyr[0]), abs(gyr[1]), abs(gyr[2])) > GYR_LIMIT_RAD_S:
+        return GYROSCOPE_OUT_OF_RANGE
+    if max(abs(acc[0]), abs(acc[1]), abs(acc[2])) > ACC_LIMIT_M_S2:
+        return ACCELEROMETER_OUT_OF_RANGE
+    return FINE
+
+
 def refusal(sample: ImuSample) -> Reason | None:
     """Why a sample cannot be used, None if it can."""
-    gx, gy, gz = sample.gyr_rad_s
-    ax, ay, az = sample.acc_m_s2
-    mx, my, mz = sample.mag_gauss
-    # all samples come through here: one chain of comparisons, which no NaN passes
-    if (
-        -GYR_LIMIT_RAD_S <= gx <= GYR_LIMIT_RAD_S
-        and -GYR_LIMIT_RAD_S <= gy <= GYR_LIMIT_RAD_S
-        and -GYR_LIMIT_RAD_S <= gz <= GYR_LIMIT_RAD_S
-        and -ACC_LIMIT_M_S2 <= ax <= ACC_LIMIT_M_S2
-        and -ACC_LIMIT_M_S2 <= ay <= ACC_LIMIT_M_S2
-        and -ACC_LIMIT_M_S2 <= az <= ACC_LIMIT_M_S2
-        and isfinite(mx)
-        and isfinite(my)
-        and isfinite(mz)
-    ):
-        return None
-    if not all(map(isfinite, (gx, gy, gz, ax, ay, az, mx, my, mz))):
-        return Reason.NOT_FINITE
-    if max(abs(gx), abs(gy), abs(gz)) > GYR_LIMIT_RAD_S:
-        return Reason.GYROSCOPE_OUT_OF_RANGE
-    return Reason.ACCELEROMETER_OUT_OF_RANGE
+    return REASONS.get(fault_of(sample.gyr_rad_s, sample.acc_m_s2, sample.mag_gauss))
 
 
 def sample_in_floats(sample: ImuSample) -> ImuSample:

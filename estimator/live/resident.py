@@ -6,9 +6,12 @@ and more, the step itself about one. So an estimator leaves them inside and
 hands over samples only; all of it can be taken out and put back at any time.
 """
 
+import functools
+from math import isfinite
 from typing import Any, NamedTuple
 
 import numba
+import numpy as np
 from numba.core import types
 from numba.experimental import structref
 
@@ -34,16 +37,20 @@ from estimator.filter.types import FilterParams
 from estimator.geometry.quaternion import subtract
 from estimator.live.aided import follow_aided, horizontal_north, is_worse
 from estimator.live.conditioned import follow_conditioned
-from estimator.live.core import Core, flat, in_rows, square
+from estimator.live.core import Core, in_rows, square
+from estimator.live.interval import usual_interval
 from estimator.live.published import (
-    Figures,
-    Motion,
+    NOTHING_SAID,
+    Said,
     aided_figures,
     conditioned_figures,
     motion,
     raw_figures,
     widen,
+    write,
 )
+from estimator.live.refusal import FINE, fault_of
+from estimator.live.rows import READINGS, SAID, Floats, Times
 from estimator.live.settings import Settings
 from estimator.types import NOTHING_BETWEEN, ZERO_VEC3, Between, Sample, Vec3
 
@@ -54,10 +61,12 @@ _typeof: Any = numba.typeof
 # Time over which e is averaged for the sigma of raw vectors: one sample's e is mostly its noise.
 SIGMA_TIME_S = 1.0
 
-# What a sample has said about the heading by the field.
-NO_HEADING = 0
-HEADING = 1
-FIRST_HEADING = 2
+# Why rows of samples end: there are no more; one is refused, by :mod:`estimator.live.refusal` or as
+# not later than the one before; one has told the first heading, or left no finite attitude.
+TAKEN = FINE
+NOT_LATER = 10
+FIRST_HEADING = 11
+NOT_FINITE_NOW = 12
 
 # What the filter's vectors come from.
 RAW = 0
@@ -74,7 +83,9 @@ class Params(NamedTuple):
     aiding: AidingParams
 
 
-FIELDS = ("params", *Core._fields)
+FIELDS = ("params", "between", "times_us", "readings", "said", *Core._fields)
+# No arrays are laid.
+NO_ROWS = (np.zeros(0, np.int64), np.zeros((0, READINGS)), np.zeros((0, SAID)))
 
 if _numba_config.DISABLE_JIT:
 
@@ -108,20 +119,29 @@ def params_of(settings: Settings) -> Params:
 def arguments_of(settings: Settings, core: Core) -> dict[Any, tuple[Any, ...]]:
     """What numba calls the types that each kernel here is called with; not in plain Python."""
     values = (params_of(settings), in_arrays(core))
-    fields = zip(FIELDS, (values[0], *values[1]), strict=True)
+    fields = zip(FIELDS, (values[0], NOTHING_BETWEEN, *NO_ROWS, *values[1]), strict=True)
     inside = _resident_type([(name, _typeof(value)) for name, value in fields])
+    given = (*values, *NO_ROWS)
+    return {resident: tuple(_typeof(value) for value in given), **arguments_with(inside)}
+
+
+@functools.cache
+def arguments_with(inside: Any) -> dict[Any, tuple[Any, ...]]:
+    """Likewise of those that take a handle, by what numba calls its type."""
     vector, number, flag = _typeof(ZERO_VEC3), types.float64, types.boolean
-    readings = (vector, vector, vector, flag, number)
-    report = _typeof(NO_REPORT)
+    whole = types.int64
+    report, between = _typeof(NO_REPORT), _typeof(NOTHING_BETWEEN)
+    readings = (number,) * 9
     return {
-        resident: tuple(_typeof(value) for value in values),
         contents: (inside,),
-        advance_raw: (inside, *readings),
-        advance: (inside, *readings, _typeof(NOTHING_BETWEEN), flag),
+        advance_raw: (inside, vector, vector, vector, flag, number),
+        advance: (inside, whole, *readings, flag, whole, number, flag, whole),
+        lay: (inside, *(_typeof(array) for array in NO_ROWS)),
+        see_between: (inside, between),
         advance_aided: (inside, report, flag),
         hear: (inside, report),
         search: (inside, report),
-        publish: (inside, number, types.intp),
+        publish: (inside, number, whole),
     }
 
 
@@ -130,35 +150,15 @@ def in_arrays(core: Core) -> Core:
     return core._replace(covariance=square(core.covariance), trail=in_rows(core.trail))
 
 
-class Holder:
-    """A core: in compiled memory from its first step on, a tuple whenever it is asked for."""
-
-    def __init__(self, settings: Settings, core: Core) -> None:
-        self._params = params_of(settings)
-        self._core = core
-        self._inside: Any = None
-
-    @property
-    def core(self) -> Core:
-        """The core as it is now."""
-        if self._inside is None:
-            return self._core
-        core: Core = contents(self._inside)
-        return core._replace(covariance=flat(core.covariance), trail=flat(core.trail))
-
-    @property
-    def inside(self) -> Any:
-        """The handle that the compiled steps take."""
-        if self._inside is None:
-            self._inside = resident(self._params, in_arrays(self._core))
-        return self._inside
-
-
 @compiled
-def resident(params: Params, core: Core) -> Any:
-    """Put everything inside."""
+def resident(params: Params, core: Core, times_us: Times, readings: Floats, said: Floats) -> Any:
+    """Put everything inside; the arrays as in :func:`lay`."""
     return Resident(
         params,
+        NOTHING_BETWEEN,
+        times_us,
+        readings,
+        said,
         core.sample,
         core.filter,
         core.smooth_error,
@@ -213,43 +213,97 @@ def advance_raw(
 @compiled
 def advance(
     inside: Any,
-    gyr_rad_s: Vec3,
-    acc_m_s2: Vec3,
-    mag: Vec3,
+    time_us: int,
+    gx: float,
+    gy: float,
+    gz: float,
+    ax: float,
+    ay: float,
+    az: float,
+    mx: float,
+    my: float,
+    mz: float,
     has_mag: bool,
-    dt_s: float,
-    between: Between,
+    last_us: int,
+    usual_s: float,
     is_aided: bool,
-) -> int:
-    """One conditioned sample, ``dt_s`` after the one before; what it says about the heading.
+    rows: int,
+) -> tuple[int, int, bool, int, float, Said]:
+    """One conditioned sample, or as many ``rows`` of those that :func:`lay` has laid.
 
-    Where it ``is_aided`` the filter waits for :func:`advance_aided`.
+    A sample is plain numbers because those cost the least to hand over. ``last_us`` is the time
+    of the sample before, ``usual_s`` the interval that they usually come at. Where it ``is_aided``
+    the filter waits for :func:`advance_aided`.
+
+    Returns how many were taken, what has ended it there, whether there is a heading by the field,
+    time and usual interval after the last one, and what there is to publish.
     """
-    sample = Sample(
-        gyr_rad_s=gyr_rad_s,
-        acc_m_s2=acc_m_s2,
-        mag=mag,
-        has_mag=has_mag,
-        dt_s=dt_s,
-        between=between,
-    )
-    inside.sample = sample
-    had_heading = inside.seen.has_heading
     params = inside.params
-    memory, seen = condition(params.conditioning, inside.conditioning, sample)
+    memory, seen, state, search = inside.conditioning, inside.seen, inside.filter, inside.search
+    sample, between = inside.sample, inside.between
+    times_us, readings, said = inside.times_us, inside.readings, inside.said
+    told = NOTHING_SAID
+    k, end = 0, TAKEN
+    while end == TAKEN and k < max(1, rows):
+        if rows > 0:
+            row = readings[k]
+            time_us, has_mag = times_us[k], row[9] != 0.0
+            gx, gy, gz, ax, ay, az = row[0], row[1], row[2], row[3], row[4], row[5]
+            mx, my, mz = row[6], row[7], row[8]
+        gyr, acc, mag = (gx, gy, gz), (ax, ay, az), (mx, my, mz)
+        end = fault_of(gyr, acc, mag)
+        if end == FINE and time_us <= last_us:
+            end = NOT_LATER
+        if end != FINE:
+            break
+        dt_s = 1e-6 * (time_us - last_us)
+        sample = Sample(
+            gyr_rad_s=gyr, acc_m_s2=acc, mag=mag, has_mag=has_mag, dt_s=dt_s, between=between
+        )
+        between = NOTHING_BETWEEN
+        had_heading = seen.has_heading
+        memory, seen = condition(params.conditioning, memory, sample)
+        if seen.has_heading and not had_heading:
+            end = FIRST_HEADING
+        if not is_aided:
+            state = follow_conditioned(params.filter, params.reference, state, seen, dt_s)
+            if dt_s > HOLE_S:  # how the vehicle has turned meanwhile is not known
+                search = EMPTY_SEARCH
+            else:
+                search = add_sample(search, memory.gravity.q_g_frd, acc, dt_s)
+            rate = subtract(gyr, state.gyr_bias_rad_s)
+            moved = motion(state, rate, 0.0, state.error, state.error_rate_1_s)
+            told = (moved, conditioned_figures(seen), seen.has_heading)
+            q = moved[0]
+            if not isfinite(q[0] + q[1] + q[2] + q[3]):
+                end = NOT_FINITE_NOW
+            if rows > 0:
+                write(said[k], told)
+        last_us, usual_s = time_us, usual_interval(usual_s, dt_s)
+        k += 1
     inside.conditioning = memory
     inside.seen = seen
-    if not is_aided:
-        state = follow_conditioned(params.filter, params.reference, inside.filter, seen, dt_s)
+    inside.sample = sample
+    inside.between = between
+    if not is_aided and k > 0:
         inside.filter = state
         inside.smooth_error = state.error
-        if dt_s > HOLE_S:  # how the vehicle has turned meanwhile is not known
-            inside.search = EMPTY_SEARCH
-        else:
-            inside.search = add_sample(inside.search, memory.gravity.q_g_frd, acc_m_s2, dt_s)
-    if not seen.has_heading:
-        return NO_HEADING
-    return HEADING if had_heading else FIRST_HEADING
+        inside.search = search
+    return k, end, seen.has_heading, last_us, usual_s, told
+
+
+@compiled
+def lay(inside: Any, times_us: Times, readings: Floats, said: Floats) -> None:
+    """Lay arrays for :func:`advance`, of columns as in :mod:`estimator.live.rows`."""
+    inside.times_us = times_us
+    inside.readings = readings
+    inside.said = said
+
+
+@compiled
+def see_between(inside: Any, between: Between) -> None:
+    """What others have seen of the turning up to the next sample."""
+    inside.between = between
 
 
 @compiled
@@ -305,12 +359,10 @@ def search(inside: Any, report: Report) -> bool:
 
 
 @compiled
-def publish(inside: Any, ahead_s: float, source: int) -> tuple[Motion, Figures, bool]:
+def publish(inside: Any, ahead_s: float, source: int) -> Said:
     """What there is to publish, turned ``ahead_s`` beyond the last sample.
 
-    ``source`` is what the filter's vectors come from. The last value tells whether the field
-    has told a heading. Some twenty numbers: a whole core would cost more to hand over than
-    to compute.
+    ``source`` is what the filter's vectors come from.
     """
     known_s = ahead_s
     error, error_rate_1_s = inside.filter.error, inside.filter.error_rate_1_s

@@ -2,12 +2,12 @@
 
 from typing import NamedTuple
 
-from estimator.aiding.compass import Compass
+from estimator.aiding.compass import UNTOUCHED, Compass
 from estimator.aiding.phase import Phase
 from estimator.aiding.place import Whereabouts
 from estimator.live.core import Core
 from estimator.live.reports import Reports
-from estimator.live.turning import Turning
+from estimator.live.turning import STILL, Turning
 
 
 class Context(NamedTuple):
@@ -17,9 +17,9 @@ class Context(NamedTuple):
     time_us: int = 0  # of the last sample, on the vehicle's clock
     usual_s: float = 0.0  # the interval that samples usually come at; 0 before the second one
     reports: Reports = ()  # velocities that the IMU has not reached yet
-    compass: Compass = Compass()  # how far the field is trusted
+    compass: Compass = UNTOUCHED  # how far the field is trusted
     whereabouts: Whereabouts = Whereabouts()  # and the field of the place
-    turning: Turning = Turning()  # that others have seen between the IMU's samples
+    turning: Turning = STILL  # that others have seen between the IMU's samples
 
 
 class Snapshot(NamedTuple):

@@ -59,6 +59,9 @@ class Turning(NamedTuple):
         return self.misfit <= MOST_MISFIT * max(self.turning, LEAST_TURNING_RAD_S**2)
 
 
+STILL = Turning()  # nobody has told any
+
+
 def hear_rate(state: Turning, rate: RateSample) -> Turning:
     """One more rate; those that are not later than the one before are dropped."""
     last = state.waiting[-1] if state.waiting else state.before

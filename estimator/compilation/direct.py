@@ -1,0 +1,16 @@
+"""Compiled code called with arguments whose types are known: nobody looks at them at each call.
+
+numba's dispatcher finds out at every call which types it has been given. For a handful of numbers
+and a handle on compiled memory that takes longer than a step of the filter.
+"""
+
+from collections.abc import Callable
+from typing import Any
+
+
+def direct(kernel: Any, types: tuple[Any, ...]) -> Callable[..., Any]:
+    """The form of a kernel that takes arguments of these types (numba's), and checks no more.
+
+    It is compiled now, unless that has been done.
+    """
+    return kernel.compile(types)  # type: ignore[no-any-return]
