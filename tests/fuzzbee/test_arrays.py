@@ -1,0 +1,140 @@
+"""One call a sample and all samples at once are the same estimator, whatever the samples are."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from estimator.live.rows import HAS_HEADING
+from estimator.types import ImuSample
+from fuzzbee import Estimator, InputError, load_profile
+from fuzzbee.attitudes import attitude_arrays
+from tests.fuzzbee.recording import recorded
+
+FLIPS = Path(__file__).parents[1] / "data" / "sitl_copter_flips.tlog"
+ROWS = 250  # 5 s
+FIELDS = ("q_ned_frd", "rate_rad_s", "gyro_bias_rad_s", "sigma_inclination_rad", "error", "gain")
+MORE = ("sigma_heading_rad", "confidence_gravity", "confidence_magnetic", "heading_reference")
+
+
+@pytest.fixture(scope="module")
+def flight():
+    """Times, readings and velocities of a flight with flips, at 50 Hz."""
+    return [values[:ROWS].copy() for values in recorded(FLIPS)[:5]]
+
+
+def lose_field(time_s, _gyr, _acc, mag, _velocity, rows):
+    mag[rows] = np.nan
+
+
+def zero_field(time_s, _gyr, _acc, mag, _velocity, rows):
+    mag[rows] = 0.0
+
+
+def repeat_field(time_s, _gyr, _acc, mag, _velocity, rows):
+    mag[rows] = mag[rows.start]
+
+
+def wild_rate(time_s, gyr, _acc, _mag, _velocity, rows):
+    gyr[rows] = 1000.0
+
+
+def no_number(time_s, _gyr, acc, _mag, _velocity, rows):
+    acc[rows, 1] = np.inf
+
+
+def gap(time_s, _gyr, _acc, _mag, _velocity, rows):
+    time_s[rows.start :] += 0.1 * (rows.stop - rows.start)
+
+
+def time_back(time_s, _gyr, _acc, _mag, _velocity, rows):
+    time_s[rows] = time_s[rows.start]
+
+
+def no_velocity(time_s, _gyr, _acc, _mag, velocity, rows):
+    velocity[rows.start :] = np.nan
+
+
+DAMAGES = (
+    *(lose_field, zero_field, repeat_field, wild_rate),
+    *(no_number, gap, time_back, no_velocity),
+)
+damages = st.lists(
+    st.tuples(st.sampled_from(DAMAGES), st.integers(0, ROWS - 1), st.integers(1, 60)), max_size=5
+)
+
+
+@settings(max_examples=15, deadline=None)
+@given(damages=damages, has_velocity=st.booleans(), cut=st.integers(0, ROWS))
+def test_a_batch_is_the_same_as_calls_to_the_last_digit(flight, damages, has_velocity, cut):
+    """In two batches, so that the second goes on from the first's end."""
+    time_s, gyr, acc, mag, velocity = (values.copy() for values in flight)
+    if not has_velocity:
+        velocity[:] = np.nan
+    for damage, begin, length in damages:
+        damage(time_s, gyr, acc, mag, velocity, slice(begin, min(begin + length, ROWS)))
+    calls = Estimator()
+    told = []
+    for k in range(ROWS):
+        if np.isfinite(velocity[k, :2]).all():
+            calls.update_velocity(velocity[k], round(1e6 * time_s[k]) / 1e6)
+        told.append(calls.update(gyr[k], acc[k], mag[k], time_s[k]))
+    batches = Estimator()
+    first, second = (
+        batches.update_batch(gyr[rows], acc[rows], mag[rows], time_s[rows], velocity[rows])
+        for rows in (slice(0, cut), slice(cut, ROWS))
+    )
+    assert batches.rejected == calls.rejected
+    known = [k for k in range(ROWS) if told[k] is not None]
+    expected = attitude_arrays([told[k] for k in known])
+    for name in FIELDS + MORE:
+        found = np.concatenate([getattr(first, name), getattr(second, name)])
+        assert np.array_equal(found[known], getattr(expected, name)), name
+    unknown = sorted(set(range(ROWS)) - set(known))
+    assert np.isnan(np.concatenate([first.q_ned_frd, second.q_ned_frd])[unknown]).all()
+
+
+def test_a_batch_of_calls_that_nothing_disturbs_is_compiled_in_runs(flight, monkeypatch):
+    """Of 250 rows without velocity two are taken by a call: the first, which aligns, and a bad one.
+
+    Were they all taken so, the batch would cost what calls cost, and no other test would see it.
+    """
+    time_s, gyr, acc, mag, _ = (values.copy() for values in flight)
+    gyr[100] = np.nan
+    estimator = Estimator()
+    inner, taken = estimator._inner, []
+    take = inner.take
+    monkeypatch.setattr(inner, "take", lambda *sample: (taken.append(sample[0]), take(*sample))[1])
+    estimator.update_batch(gyr, acc, mag, time_s)
+    assert taken == [round(1e6 * time_s[k]) for k in (0, 100)]
+
+
+def test_the_rows_of_an_estimator_that_has_to_be_asked_are_left_to_calls(flight):
+    """Of one that has not begun, or whose compass nobody has calibrated."""
+    time_s, gyr, acc, mag, _ = flight
+    times_us = np.rint(1e6 * time_s).astype(np.int64)
+    readings = np.column_stack([gyr, acc, mag, np.ones(ROWS)])
+    said = np.zeros((ROWS, HAS_HEADING + 1))
+    inner = Estimator(load_profile("imu"))._inner
+    assert inner.update_rows(times_us, readings, said) == 0
+    inner.update(ImuSample(int(times_us[0]), tuple(gyr[0]), tuple(acc[0]), tuple(mag[0]), True))
+    inner.set_field_calibrated(False)
+    assert inner.update_rows(times_us[1:], readings[1:], said) == 0
+    inner.set_field_calibrated(True)
+    assert inner.update_rows(times_us[1:], readings[1:], said[1:]) == ROWS - 1
+    last = inner.attitude(int(times_us[-1]))
+    assert tuple(said[-1, :4]) == last.q_ned_frd
+    assert said[-1, 16] == last.sigma_heading_rad
+
+
+@pytest.mark.parametrize("time_s", [1e300, -np.inf, np.nan])
+def test_a_time_that_no_clock_shows_is_refused_before_anything_is_taken(time_s):
+    estimator = Estimator()
+    level = (np.zeros((2, 3)), np.tile((0.0, 0.0, -9.8), (2, 1)))
+    with pytest.raises(InputError, match="time_s"):
+        estimator.update_batch(*level, time_s=[0.0, time_s])
+    with pytest.raises(InputError, match="time_s"):
+        estimator.update((0.0,) * 3, (0.0, 0.0, -9.8), time_s=time_s)
+    assert estimator.update_batch(*level, time_s=[0.0, 0.1]).q_ned_frd[0, 0] == 1.0
