@@ -54,7 +54,7 @@ class Crew(Closing):
         self.requests = ProfileRequests(self.send)
         self.dropped = 0  # attitudes
         self.payloads: dict[VehicleId, bytes] = {}  # each vehicle's last attitude, as published
-        self._job = job
+        self.job = job
         self._handout = handout
         self._setup = words.Setup(job.profile, job.gain, with_raw)
         self._profiles: dict[VehicleId, Replaced] = {}
@@ -217,7 +217,7 @@ class Crew(Closing):
         """A connection to a worker that is asked for."""
         ours, theirs = socket.socketpair()
         connection = Connection(ours)
-        job = self._job._replace(inherited=inherited)
+        job = self.job._replace(inherited=inherited)
         self._handout.connect(number, connection, pickle.dumps(job))
         with theirs:
             self._nursery.request(number, theirs)

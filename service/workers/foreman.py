@@ -29,7 +29,6 @@ from service.workers.handout import Handout
 TURN_S = 0.1
 READ_S = 0.1
 SETTLE_S = 0.05
-GATHER_S = 0.002  # to hand out one by one what arrives one by one would cost more than to read it
 OVERLOADED = "overloaded: more arrives than can be read and handed out; some of it is lost"
 NO_LONGER = "no longer overloaded: all that arrives is handed out"
 SHOW_S = 0.1  # attitudes are decoded so often for those who look at them
@@ -92,7 +91,7 @@ class Foreman:
                     self._events.extend(self._source.drain(READ_S))
                     if self._handout.handed != handed:
                         handed = self._handout.handed
-                        time.sleep(GATHER_S)
+                        time.sleep(self._crew.job.gather_s)
             except BaseException as error:  # noqa: BLE001 - raised again by the loop
                 self._failure = error
 

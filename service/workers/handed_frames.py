@@ -11,15 +11,13 @@ from drivers.mavlink.frame_batch import unpack_frames
 from drivers.mavlink.stream_request import Outgoing, StreamRequest
 from service.workers.connection import Connection, Kind, Message
 
-# After each look the worker rests, never beyond a tick: to wake up costs as much as some samples.
-# The frames have the time of their arrival with them.
-GATHER_S = 0.003
-
 
 class HandedFrames:
     """A live source without a thread: what has come is decoded when the loop asks for it.
 
-    ``on_message`` gets what is not about frames. It is finished when the service has closed the
+    ``on_message`` gets what is not about frames. After each look it rests for ``gather_s``, never
+    beyond the time that the loop gives it: to wake up costs as much as some samples, and frames
+    have the time of their arrival with them. It is finished when the service has closed the
     connection, or is gone.
     """
 
@@ -32,12 +30,14 @@ class HandedFrames:
         *,
         request_rate_hz: float | None,
         references: bool,
+        gather_s: float,
     ) -> None:
         self._connection = connection
         self._on_message = on_message
         self._decoder = MavlinkDecoder(references=references)
         self._request = None if request_rate_hz is None else StreamRequest(request_rate_hz)
         self._backlog = Backlog()
+        self._gather_s = gather_s
         self._has_just_received = False
 
     def is_finished(self) -> bool:
@@ -58,7 +58,7 @@ class HandedFrames:
         """Events of some of what has come, after waiting at most ``timeout_s`` for the first."""
         wait_s = 0.0 if self._backlog else timeout_s
         if self._has_just_received and wait_s > 0.0:
-            rest_s = min(GATHER_S, wait_s)
+            rest_s = min(self._gather_s, wait_s)
             time.sleep(rest_s)
             wait_s -= rest_s
         self._has_just_received = self._receive()

@@ -6,6 +6,11 @@ from drivers.events import VehicleId
 from estimator.profile import Profile
 from service.counts import Counts
 
+# What comes between two ticks counts at the next one: a fifth of a period's delay costs little age,
+# and a fleet's frames come a few times a tick instead of one by one.
+GATHERED_SHARE = 0.2
+LONGEST_GATHER_S = 0.008
+
 
 class Inheritance(NamedTuple):
     """What a worker takes over of a vehicle from one that has died."""
@@ -31,6 +36,11 @@ class Job(NamedTuple):
     as_records: bool
     begin_s: float
     inherited: dict[VehicleId, Inheritance]
+
+    @property
+    def gather_s(self) -> float:
+        """So long service and workers let frames come together, each of them."""
+        return min(LONGEST_GATHER_S, GATHERED_SHARE / self.rate_hz)
 
 
 class Tally(NamedTuple):

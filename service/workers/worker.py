@@ -72,6 +72,7 @@ def _serve(connection: Connection, job: Job, name: str) -> None:
         lambda message: _on_message(message, requests, connection),
         request_rate_hz=job.request_rate_hz,
         references=job.references,
+        gather_s=job.gather_s,
     )
     report = Report(connection, name, lambda: _tally(runner, pipeline), as_records=job.as_records)
     runner = Runner(
