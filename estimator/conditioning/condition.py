@@ -26,7 +26,7 @@ from estimator.conditioning.gravity import (
     restart_gravity,
     rows_of,
 )
-from estimator.conditioning.heading import learn_heading, north_east
+from estimator.conditioning.heading import learn_heading, north_east, wrap_angle
 from estimator.conditioning.initial import initial_state
 from estimator.conditioning.magnetic import (
     LEAST_HORIZONTAL,
@@ -74,6 +74,7 @@ from estimator.conditioning.types import (
 )
 from estimator.conditioning.unsensed_turn import (
     HALF_TURN_VARIANCE,
+    OTHER_HEADING_S,
     alarm_of,
     doubt_heading,
     gravity_at_rest,
@@ -109,6 +110,8 @@ SIGMA_SWING = 0.5
 SIGMA_UNEVEN_SQUARE = 2.0
 SIGMA_BENT_SQUARE = 0.6
 SIGMA_SCATTER_SQUARE = 0.7
+# The share by which a heading given up may still be right once another has been borne out.
+STILL_RIVAL = 0.15
 # The least, of a field that is a little bent everywhere.
 SIGMA_FIELD_RAD = 0.01
 # A heading whose own sigma is under this is known better than it says.
@@ -309,11 +312,14 @@ def learn(
     )
     alarm, seen_rad = alarm_of(params, signs, calibration.learnt, reference_norm(seen.magnetic))
     gravity, estimate = react(alarm, vertical.gravity, rest, seen.estimate, seen.horizontal)
-    doubt = vertical.doubt
+    doubt, released = vertical.doubt, False
+    heading_rad = estimate.heading_rad
     if alarm.jump > 0.0:
         doubt = raise_doubt(doubt, seen.jump, alarm.jump, steepness_of(seen.magnetic))
     if mean.field_s > 0.0 and (doubt.heading > 0.0 or doubt.tilt > 0.0):
-        doubt, estimate = release_doubt(params, doubt, estimate, seen.magnetic, seen.jump, dt)
+        doubt, estimate, released = release_doubt(
+            params, doubt, estimate, seen.magnetic, seen.jump, dt
+        )
     turned = alarm.heading or alarm.quiet or alarm.moving or alarm.levelling
     if turned or alarm.jump > 0.0 or clipped[0] + clipped[1] > MISSED_RAD**2:
         calibration = restart_means(calibration)
@@ -332,7 +338,7 @@ def learn(
         lagged=vertical.lagged,
         magnetic=seen.magnetic,
         calibration=calibration,
-        signs=reset_signs(signs, alarm, seen_rad),
+        signs=reset_signs(signs, alarm, seen_rad, heading_rad, alarm.heading or released),
         doubt=doubt,
         axes=axes_of(gravity, estimate.heading_rad),
         coefficients=k,
@@ -447,6 +453,29 @@ def sigma_inclination(params: ConditioningParams, state: ConditioningState) -> f
 
 
 @inlined
+def rival(params: ConditioningParams, state: ConditioningState) -> float:
+    """Variance (rad^2) for another heading that may be the right one.
+
+    Before a field is believed that is where it points, as one that looks as expected, or another
+    one that lasts; afterwards it is the heading given up.
+    """
+    signs, reference = state.signs.heading, state.magnetic.reference
+    seen_s = reference.other.seen_s
+    by_other = 0.0
+    if seen_s > 0.0:
+        field_6d = rotate(state.gravity.q_6d_g, state.signs.jump.slow)
+        north, east = north_east(state.estimate.heading_rad, field_6d)
+        by_other = seen_s / (seen_s + reference.borne_s) * atan2(east, north) ** 2
+    unborne = 1.0 - signs.borne_s / params.heading_borne_s
+    if signs.off_s > 0.0:
+        away = atan2(signs.mean_east, signs.mean_north)
+        return max(unborne * away * away, by_other)
+    away = wrap_angle(signs.other_rad - state.estimate.heading_rad)
+    share = max(unborne, STILL_RIVAL) * signs.other_s / OTHER_HEADING_S
+    return max(share * away * away, by_other)
+
+
+@inlined
 def sigma_heading(params: ConditioningParams, state: ConditioningState) -> float:
     """Angle (rad) that 68 % of the heading errors lie under.
 
@@ -461,7 +490,7 @@ def sigma_heading(params: ConditioningParams, state: ConditioningState) -> float
     h = max(reference.horizontal, LEAST_HORIZONTAL * abs(reference.down))
     steep = (reference.down / h) ** 2 if h > 0.0 else 0.0
     signs = state.signs
-    lasting = SIGMA_SCATTER_SQUARE * signs.heading.scatter
+    lasting = SIGMA_SCATTER_SQUARE * signs.heading.scatter + rival(params, state)
     bent = steep * (SIGMA_BENT_SQUARE * signs.gravity.uneven + 0.5 * state.doubt.tilt)
     lasting += SIGMA_FIELD_RAD**2 + bent + state.doubt.heading
     slow = slowness(params, state.coefficients.dt_s)

@@ -70,7 +70,7 @@ def release_doubt(
     field: MagneticState,
     jump: JumpSigns,
     dt_s: float,
-) -> tuple[Doubt, Estimate]:
+) -> tuple[Doubt, Estimate, bool]:
     """Hand the heading its doubt once the field has looked as usual for a while.
 
     A magnet that has turned the field shows in norm or dip, now or soon, and must not draw the
@@ -81,9 +81,9 @@ def release_doubt(
     still = jump.apart_rad < params.turn_jump_rad
     usual_s = duration_s(usual and still, doubt.usual_s, dt_s)
     same = abs(norm(jump.quick) - doubt.norm) < params.turn_jump_norm * doubt.norm
-    left = doubt.heading if same else 0.0
-    if usual_s <= params.turn_large_time_s:
-        return Doubt(doubt.tilt, left, usual_s, doubt.norm), estimate
+    left = 0.0 if still and not same else doubt.heading  # between two directions a mean is shorter
+    if usual_s <= params.turn_jump_time_s:
+        return Doubt(doubt.tilt, left, usual_s, doubt.norm), estimate, False
     now = estimate.covariance[9]
     raised = max(now + left, 0.5 * doubt.tilt * steepness_of(field)) - now
-    return Doubt(doubt.tilt, 0.0, usual_s, doubt.norm), doubt_heading(estimate, raised)
+    return Doubt(doubt.tilt, 0.0, usual_s, doubt.norm), doubt_heading(estimate, raised), left > 0.0

@@ -8,6 +8,8 @@ from estimator.conditioning.types import ConditioningParams, Estimate, MagneticS
 from estimator.types import Vec3
 
 LEAST_CONFIDENCE = 1e-6
+# A residual within so many sigmas (squared) of the heading is none too far.
+REACH_SQUARE = 9.0
 
 
 @inlined
@@ -62,6 +64,8 @@ def learn_heading(
     noise = params.heading_noise_rad2_s / (dt_s * confidence)
     noise += leaning * (field.reference.down / field.reference.horizontal) ** 2
     off = residual(field, horizontal)
+    variance = estimate.covariance[9]
+    noise *= (1.0 + off * off / (params.heading_reach_rad**2 + REACH_SQUARE * variance)) ** 2
     b, d, p = update(
         estimate.bias_rad_s,
         estimate.heading_rad,

@@ -15,6 +15,7 @@ from estimator.conditioning.types import (
     Estimate,
     FieldLook,
     FieldReference,
+    FieldRival,
     Force,
     GravitySigns,
     GravityState,
@@ -82,7 +83,15 @@ def initial_state(params: ConditioningParams) -> ConditioningState:
         lagged=Lagged(rows=SIX, rows_slope=SIX, drift=(0.0, 0.0), drift_slope=(0.0, 0.0)),
         magnetic=MagneticState(
             look=FieldLook(horizontal=0.0, down=0.0, confidence=0.0),
-            reference=FieldReference(horizontal=0.0, down=0.0, samples=0.0, age_s=0.0),
+            reference=FieldReference(
+                horizontal=0.0,
+                down=0.0,
+                samples=0.0,
+                age_s=0.0,
+                borne_s=0.0,
+                other=FieldRival(horizontal=0.0, down=0.0, seen_s=0.0),
+                is_new=False,
+            ),
             wait_s=0.0,
             known=False,
         ),
@@ -109,6 +118,9 @@ def initial_state(params: ConditioningParams) -> ConditioningState:
                 off_s=0.0,
                 large_s=0.0,
                 scatter=USUAL_SCATTER,
+                borne_s=0.0,
+                other_rad=0.0,
+                other_s=0.0,
             ),
             gravity=GravitySigns(
                 quiet_s=0.0, moving_s=0.0, levelled=(0.0, 0.0), wander=UNKNOWN_WANDER, uneven=0.0

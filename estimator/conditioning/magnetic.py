@@ -7,6 +7,7 @@ from estimator.conditioning.types import (
     ConditioningParams,
     FieldLook,
     FieldReference,
+    FieldRival,
     MagneticState,
     Two,
 )
@@ -14,6 +15,8 @@ from estimator.types import Vec3
 
 # A field with less than this share of the downward part in the horizontal has no heading.
 LEAST_HORIZONTAL = 0.02
+# A field that neither the expected nor the other one resembles by this much is a third one.
+LEAST_ALIKE = 0.3
 # A field weaker than this share of the expected one is no field, and has no dip.
 LEAST_SHARE = 1e-6
 
@@ -68,7 +71,9 @@ def observe_field(
     h, v = horizontal_down(field_6d)
     if not state.known:
         look = FieldLook(horizontal=h, down=v, confidence=1.0)
-        return MagneticState(look, FieldReference(h, v, samples, age), 0.0, True)
+        nothing = FieldRival(horizontal=h, down=v, seen_s=0.0)
+        reference = FieldReference(h, v, samples, age, dt_s, nothing, is_new=False)
+        return MagneticState(look, reference, 0.0, True)
     a = dt_s / (params.field_tau_s + dt_s)
     expected = (before.horizontal, before.down)
     norm_scale, dip_scale = params.field_norm_scale, params.field_dip_scale_rad
@@ -76,15 +81,65 @@ def observe_field(
     learn = min(1.0, dt_s / params.field_reference_tau_s) * look.confidence
     if age < params.field_reference_tau_s:
         learn = max(learn, weight / samples)
+    other, borne_s = watch_rival(params, before, look, dt_s)
     reference = FieldReference(
         horizontal=before.horizontal + learn * (look.horizontal - before.horizontal),
         down=before.down + learn * (look.down - before.down),
         samples=samples,
         age_s=age,
+        borne_s=borne_s,
+        other=other,
+        is_new=False,
     )
+    if other.seen_s > borne_s:
+        reference = believe_rival(reference)
     if not params.use_confidence:
         look = FieldLook(horizontal=look.horizontal, down=look.down, confidence=1.0)
     return MagneticState(look, reference, 0.0, True)
+
+
+@inlined
+def watch_rival(
+    params: ConditioningParams, reference: FieldReference, look: FieldLook, dt_s: float
+) -> tuple[FieldRival, float]:
+    """The other field that is seen, and for how long the expected one has been borne out.
+
+    What one gains the other loses, so that a field has to last for as long as the one before it
+    has, half of ``field_borne_s`` at most. A field that changes is none.
+    """
+    other, most = reference.other, params.field_borne_s
+    norm_scale, dip_scale = params.field_norm_scale, params.field_dip_scale_rad
+    seen = (look.horizontal, look.down)
+    expected = (other.horizontal, other.down)
+    alike = look_at_field(look, seen, 0.0, expected, norm_scale, dip_scale).confidence
+    gain = dt_s * (alike - look.confidence)
+    borne_s = max(0.0, min(reference.borne_s + dt_s * look.confidence - max(gain, 0.0), most))
+    seen_s = min(other.seen_s + gain, most)
+    if seen_s <= 0.0 or alike + look.confidence < LEAST_ALIKE:
+        if alike + look.confidence < LEAST_ALIKE and seen_s > dt_s:
+            return FieldRival(other.horizontal, other.down, seen_s - dt_s), borne_s
+        return FieldRival(look.horizontal, look.down, 0.0), borne_s
+    share = alike * min(1.0, dt_s / (seen_s + dt_s))
+    return FieldRival(
+        horizontal=other.horizontal + share * (look.horizontal - other.horizontal),
+        down=other.down + share * (look.down - other.down),
+        seen_s=seen_s,
+    ), borne_s
+
+
+@inlined
+def believe_rival(reference: FieldReference) -> FieldReference:
+    """The two change places."""
+    other = reference.other
+    return FieldReference(
+        horizontal=other.horizontal,
+        down=other.down,
+        samples=reference.samples,
+        age_s=reference.age_s,
+        borne_s=other.seen_s,
+        other=FieldRival(reference.horizontal, reference.down, reference.borne_s),
+        is_new=True,
+    )
 
 
 @inlined

@@ -79,6 +79,7 @@ class ConditioningParams(NamedTuple):
     field_norm_scale: Share = 0.1  # relative deviation that counts as one; small: strict
     field_dip_scale_rad: Angle = 0.1  # likewise for the dip
     field_reference_tau_s: Time = 15.0  # small: learns the magnet, large: keeps the old place
+    field_borne_s: Time = 40.0  # half of it another field has to last; likewise
 
     # Heading.
     heading_noise_rad2_s: Noise = (
@@ -87,6 +88,10 @@ class ConditioningParams(NamedTuple):
     heading_tau_s: Time = 40.0  # what it makes of a constant drift; likewise
     heading_turning_noise_s: Noise = (
         1e-5  # drift variance per squared rate: scale errors of the gyro
+    )
+    heading_reach_rad: Angle = radians(25.0)  # residual that counts a quarter; small: never returns
+    heading_borne_s: Time = (
+        4.0  # for so long a field that looks usual must point elsewhere, at most
     )
 
     # Events.
@@ -108,6 +113,9 @@ class ConditioningParams(NamedTuple):
     turn_jump_usual: Share = 4.0  # and no more of what it usually turns; small: false alarms
     turn_jump_own: Share = 0.5  # likewise, of what an unknown lag and own field turn it
     turn_jump_norm: Share = 0.03  # change of its norm that tells a magnet; large: false alarms
+    turn_jump_time_s: Time = (
+        1.0  # for so long a field that jumped must stay; small: follows magnets
+    )
 
     # Source.
     averaged_samples: bool = False  # samples are means over their interval, not instants
@@ -264,6 +272,14 @@ class FieldLook(NamedTuple):
     confidence: float  # 0..1, from norm and dip
 
 
+class FieldRival(NamedTuple):
+    """A field that is seen in place of the one expected."""
+
+    horizontal: float  # in the field's own unit
+    down: float  # likewise
+    seen_s: float  # for how long it has been seen, less the time it has not
+
+
 class FieldReference(NamedTuple):
     """The field that the place and the vehicle are taken to have."""
 
@@ -271,6 +287,9 @@ class FieldReference(NamedTuple):
     down: float  # likewise
     samples: float  # how many have taught it
     age_s: float  # the time that they stand for
+    borne_s: float  # for how long the field has looked so, less the time it has looked like other
+    other: FieldRival  # another one that it may have
+    is_new: bool  # whether this step has taken the other for it
 
 
 class MagneticState(NamedTuple):
@@ -291,6 +310,9 @@ class HeadingSigns(NamedTuple):
     off_s: float  # for how long the mean field has pointed elsewhere
     large_s: float  # for how long the field itself has pointed far away
     scatter: float  # mean square of how far the mean field points elsewhere, rad^2
+    borne_s: float  # for how long, less the time against it, the field has borne the heading out
+    other_rad: float  # the heading that was given up last
+    other_s: float  # for how much longer that is remembered
 
 
 class GravitySigns(NamedTuple):

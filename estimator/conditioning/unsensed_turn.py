@@ -1,6 +1,6 @@
 """What tells an unsensed turn of the vehicle from noise, acceleration and magnets."""
 
-from math import atan2, pi, sqrt
+from math import atan2, cos, pi, sqrt
 
 from estimator.compilation.compiled import inlined
 from estimator.conditioning.types import (
@@ -53,6 +53,11 @@ KNOWN_HEADING_SIGMA = 0.2
 # Averaging (s) of how far the low-passed force has another size than gravity.
 UNEVEN_TAU_S = 15.0
 
+# A heading that was given up is remembered for so long (s); the field points to it again within
+# ten degrees.
+OTHER_HEADING_S = 60.0
+SAME_HEADING_COS = 0.985
+
 # A single sample is a sign of no more than this (s), however long its step: of slow streams
 # several in a row have to agree.
 LONGEST_SIGN_S = 0.15
@@ -98,6 +103,9 @@ def watch_heading(
     known = estimate.covariance[9] < UNKNOWN_HEADING_SIGMA**2
     away = atan2(e, n)
     off = known and abs(away) > params.turn_heading_rad and w > params.turn_confidence
+    borne_s = borne_out(params, state, estimate.heading_rad - away, off, c, dt_s)
+    if field.reference.is_new:  # the heading was that of a field that is not believed any more
+        borne_s = 0.0
     b = dt_s / (SCATTER_TAU_S + dt_s) if estimate.covariance[9] < KNOWN_HEADING_SIGMA**2 else 0.0
     far = known and c > params.turn_large_confidence and points_beyond(params, horizontal)
     return HeadingSigns(
@@ -107,7 +115,29 @@ def watch_heading(
         off_s=duration_s(off, state.off_s, dt_s),
         large_s=duration_s(far, state.large_s, dt_s),
         scatter=state.scatter + b * (away * away - state.scatter),
+        borne_s=borne_s,
+        other_rad=state.other_rad,
+        other_s=max(0.0, state.other_s - dt_s),
     )
+
+
+@inlined
+def borne_out(
+    params: ConditioningParams,
+    state: HeadingSigns,
+    by_field_rad: float,
+    off: bool,
+    confidence: float,
+    dt_s: float,
+) -> float:
+    """For how long (s) the field has borne the heading out, less the time for which it has not.
+
+    A heading that was given up lately and that the field points to again needs no more proof.
+    """
+    if not off:
+        return min(state.borne_s + confidence * dt_s, params.heading_borne_s)
+    again = state.other_s > 0.0 and cos(by_field_rad - state.other_rad) > SAME_HEADING_COS
+    return 0.0 if again else max(0.0, state.borne_s - dt_s)
 
 
 @inlined
@@ -240,6 +270,7 @@ def alarm_of(
         jump = 0.0
     heading = state.heading.off_s > params.turn_heading_time_s
     heading = heading or state.heading.large_s > params.turn_large_time_s
+    heading = heading and state.heading.borne_s <= 0.0
     gravity = state.gravity
     swing = sqrt(gravity.levelled[0] ** 2 + gravity.levelled[1] ** 2)
     return Alarm(
@@ -252,8 +283,10 @@ def alarm_of(
 
 
 @inlined
-def reset_signs(state: TurnSigns, alarm: Alarm, seen_rad: float) -> TurnSigns:
-    """After an alarm the signs start anew."""
+def reset_signs(
+    state: TurnSigns, alarm: Alarm, seen_rad: float, heading_rad: float, given_up: bool
+) -> TurnSigns:
+    """After an alarm the signs start anew; the heading ``given_up`` is remembered."""
     before = state.jump
     jump = JumpSigns(
         before.quick,
@@ -275,8 +308,23 @@ def reset_signs(state: TurnSigns, alarm: Alarm, seen_rad: float) -> TurnSigns:
             off_s=0.0,
             large_s=0.0,
             scatter=heading.scatter,
+            borne_s=heading.borne_s,
+            other_rad=heading.other_rad,
+            other_s=heading.other_s,
         )
         levelled = (0.0, 0.0)
+    if given_up:
+        heading = HeadingSigns(
+            mean_north=0.0,
+            mean_east=0.0,
+            mean_confidence=0.0,
+            off_s=0.0,
+            large_s=0.0,
+            scatter=heading.scatter,
+            borne_s=0.0,
+            other_rad=heading_rad,
+            other_s=OTHER_HEADING_S,
+        )
     quiet_s = 0.0 if alarm.quiet else gravity.quiet_s
     moving_s = 0.0 if alarm.quiet or alarm.moving else gravity.moving_s
     return TurnSigns(
