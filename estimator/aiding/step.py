@@ -332,7 +332,7 @@ def aid(
         observe_unaided(params, now, others.gravity_b, x, dt)
     field = wait_for_field(state.field, dt)
     if sample.has_mag:
-        field = observe_heading(params, field, before, now, others.north, sample, x)
+        field = observe_heading(params, field, before, now, others, sample, x)
     estimate, force = apply_corrections(before, now, x)
     last = LastStep(
         gyr_rad_s=sample.gyr_rad_s,

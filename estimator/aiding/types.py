@@ -68,8 +68,10 @@ class AidingParams(NamedTuple):
     oldest_report_s: Time = 0.5  # older ones come too late
     silence_s: Time = 1.0  # after so long without one, the unaided gravity helps
     give_up_s: Time = 300.0  # after so long without one, velocity is given up
-    doubt_s: Time = 1.5  # after so long with reports or field far off, too
+    doubt_s: Time = 1.5  # after so long with reports far off, too
+    field_doubt_s: Time = 4.0  # or a field that looks as usual; small: a magnet that passes ends it
     far_heading_rad: Angle = radians(40.0)  # a field this far off is far off
+    heading_reach_rad: Angle = radians(25.0)  # residual that counts a quarter; small: stubborn
     gap_s: Time = 5.0  # after so long without samples (1 s of a slow stream) it begins anew
     unaided_sigma_rad: Angle = radians(5.0)  # of the unaided gravity
     unaided_tau_s: Time = 3.0  # for so long its error stays the same
@@ -243,3 +245,4 @@ class Surroundings(NamedTuple):
     gravity_b: Vec3  # down by the unaided conditioning stage, a unit vector in FRD
     gravity_sigma_rad: float  # of that
     north: North
+    field_gauss: float  # norm of the field that the unaided stage expects; 0: it knows none

@@ -318,7 +318,7 @@ def learn(
         doubt = raise_doubt(doubt, seen.jump, alarm.jump, steepness_of(seen.magnetic))
     if mean.field_s > 0.0 and (doubt.heading > 0.0 or doubt.tilt > 0.0):
         doubt, estimate, released = release_doubt(
-            params, doubt, estimate, seen.magnetic, seen.jump, dt
+            params, doubt, estimate, seen.magnetic, seen.jump, seen.horizontal, dt
         )
     turned = alarm.heading or alarm.quiet or alarm.moving or alarm.levelling
     if turned or alarm.jump > 0.0 or clipped[0] + clipped[1] > MISSED_RAD**2:

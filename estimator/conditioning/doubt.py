@@ -1,5 +1,7 @@
 """What an unsensed turn leaves to be found anew: the vertical by the force, then the heading."""
 
+from math import asin, atan2, sin, sqrt
+
 from estimator.compilation.compiled import inlined
 from estimator.conditioning.types import (
     ConditioningParams,
@@ -7,6 +9,7 @@ from estimator.conditioning.types import (
     Estimate,
     JumpSigns,
     MagneticState,
+    Two,
 )
 from estimator.conditioning.unsensed_turn import (
     HALF_TURN_VARIANCE,
@@ -17,6 +20,9 @@ from estimator.geometry.quaternion import norm
 
 # The least error of a second's mean force, rad^2, of an accelerometer at rest.
 LEAST_WANDER = 0.009**2
+# The share of a turn that its jump shows, and what noise adds to either (rad).
+SUDDEN_SHARE = 0.85
+SUDDEN_RAD = 0.05
 
 
 @inlined
@@ -63,12 +69,26 @@ def share_of_force(
 
 
 @inlined
+def is_sudden(variance: float, field: MagneticState, horizontal: Two) -> bool:
+    """Whether most of the angle by which the field is off by now came in the jump at once.
+
+    A magnet that passes takes its time. A heading off by h turns a field of dip d by
+    2 asin(cos d sin h/2).
+    """
+    steepness = steepness_of(field)
+    off = abs(atan2(horizontal[1], horizontal[0]))
+    turned = 2.0 * asin(sin(0.5 * off) / sqrt(1.0 + steepness))
+    return SUDDEN_SHARE * turned - SUDDEN_RAD < sqrt(variance / (1.0 + steepness))
+
+
+@inlined
 def release_doubt(
     params: ConditioningParams,
     doubt: Doubt,
     estimate: Estimate,
     field: MagneticState,
     jump: JumpSigns,
+    horizontal: Two,
     dt_s: float,
 ) -> tuple[Doubt, Estimate, bool]:
     """Hand the heading its doubt once the field has looked as usual for a while.
@@ -84,6 +104,8 @@ def release_doubt(
     left = 0.0 if still and not same else doubt.heading  # between two directions a mean is shorter
     if usual_s <= params.turn_jump_time_s:
         return Doubt(doubt.tilt, left, usual_s, doubt.norm), estimate, False
+    if not is_sudden(left, field, horizontal):
+        left = 0.0
     now = estimate.covariance[9]
     raised = max(now + left, 0.5 * doubt.tilt * steepness_of(field)) - now
     return Doubt(doubt.tilt, 0.0, usual_s, doubt.norm), doubt_heading(estimate, raised), left > 0.0

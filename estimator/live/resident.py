@@ -28,6 +28,7 @@ from estimator.aiding.types import NO_REPORT
 from estimator.aiding.witness import compare, hear_report, watch
 from estimator.compilation.compiled import compiled
 from estimator.conditioning.condition import condition
+from estimator.conditioning.magnetic import reference_norm
 from estimator.conditioning.rate import slow_share
 from estimator.conditioning.tilt import HOLE_S
 from estimator.conditioning.types import ConditioningParams
@@ -316,7 +317,12 @@ def advance_aided(inside: Any, report: Report, knows_north: bool) -> bool:
     reference = params.reference
     seen = inside.seen
     north = horizontal_north(reference, knows_north)
-    others = Surroundings(seen.gravity_b, seen.sigma_inclination_rad, north)
+    others = Surroundings(
+        gravity_b=seen.gravity_b,
+        gravity_sigma_rad=seen.sigma_inclination_rad,
+        north=north,
+        field_gauss=reference_norm(inside.conditioning.magnetic),
+    )
     aided, covariance, trail = aid(
         params.aiding, inside.aided, inside.covariance, inside.trail, inside.sample, report, others
     )

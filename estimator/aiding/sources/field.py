@@ -18,6 +18,7 @@ from estimator.aiding.types import (
     FieldResidual,
     FieldState,
     North,
+    Surroundings,
     Two,
 )
 from estimator.compilation.compiled import inlined
@@ -27,7 +28,7 @@ from estimator.conditioning.magnetic import (
     look_at_field,
 )
 from estimator.conditioning.types import FieldLook
-from estimator.geometry.quaternion import cross, dot, exp, multiply, rotate, scale, subtract
+from estimator.geometry.quaternion import cross, dot, exp, multiply, norm, rotate, scale, subtract
 from estimator.types import Sample, Vec3
 
 FIELD_TAU_S = 0.05  # low-pass of norm and dip
@@ -37,6 +38,11 @@ RESIDUAL_TAU_S = 5.0
 RESIDUAL_MEMORY_S = 60.0
 RESIDUAL_CLIP_RAD = 0.2
 LEAST_CONFIDENCE = 1e-6  # keeps the noise of a field that nobody believes finite
+# How far the norm of the first sample, which is taken for the place's field, may be off the one
+# that the unaided stage has learnt, as a share of it.
+FIRST_NORM_SHARE = 0.3
+# A residual within so many sigmas (squared) of what is expected is none too far.
+REACH_SQUARE = 9.0
 # Before anything is known about the place's field its parts are uncertain by this share of it.
 FIRST_SIGMA = 0.2
 # How well a model knows a declination, rad. Its error is the same all the time, so the samples of
@@ -143,7 +149,7 @@ def observe_heading(
     field: FieldState,
     estimate: AidingEstimate,
     now: Prediction,
-    north: North,
+    others: Surroundings,
     sample: Sample,
     x: Array,
 ) -> FieldState:
@@ -162,7 +168,10 @@ def observe_heading(
     F = rotate(q_then, m)
     dF = rotate(q_then, cross(rate, m))
     R = rotation_matrix(q_then)
+    north = others.north
     if field.samples == 0.0:
+        if abs(norm(m) - others.field_gauss) > FIRST_NORM_SHARE * others.field_gauss > 0.0:
+            return field
         return begin_field(field, R, F, north, P, x)
     E = estimate.earth_gauss
     wait = min(field.wait_s, 1.0)
@@ -181,6 +190,8 @@ def observe_heading(
     off = -F_across / H
     angle = atan2(F_across, F_along)
     expected = expected_variance(P, across, 0.0)
+    reach = params.heading_reach_rad**2 + REACH_SQUARE * expected
+    noise *= (1.0 + angle * angle / reach) ** 2
     is_near = F_along >= 0.5 * abs(F_across)
     if not is_near and P[TURN + 2, TURN + 2] > LINEAR_SIGMA_RAD**2:
         across = angle_row(R, F, dF, E)
@@ -277,7 +288,9 @@ def update_residual(field: FieldState, off: float, far: bool, wait: float) -> Fi
     share = max(wait / (wait + RESIDUAL_MEMORY_S), 1.0 / field.samples)
     square = field.residual.square
     square += share * (slow * slow - square)
-    doubt_s = field.doubt_s + wait if far else max(0.0, field.doubt_s - wait)
+    doubt_s = max(0.0, field.doubt_s - wait)
+    if far:  # one that does not look as usual says nothing about the attitude
+        doubt_s = field.doubt_s + wait * field.look.confidence
     return FieldState(
         look=field.look,
         residual=FieldResidual(slow_rad=slow, square=square),

@@ -143,4 +143,6 @@ def is_credible(params: AidingParams, state: AidingState) -> bool:
         doubt_s = by_filter.doubt_s
     else:
         doubt_s = by_receiver.doubt_s
-    return wait_s <= params.give_up_s and max(doubt_s, state.field.doubt_s) <= params.doubt_s
+    if state.field.doubt_s > params.field_doubt_s:
+        return False
+    return wait_s <= params.give_up_s and doubt_s <= params.doubt_s

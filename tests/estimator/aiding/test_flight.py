@@ -60,7 +60,7 @@ def test_four_samples_a_second_are_some_degrees_off_with_velocity_and_lost_witho
     aided = after_start(slow, errors_deg(slow, flown(estimator(), slow)))
     unaided = after_start(slow, errors_deg(slow, flown(estimator(), slow, reports=[])))
     assert rms(aided[:, TOTAL]) == pytest.approx(4.06, rel=0.2)
-    assert rms(unaided[:, TOTAL]) == pytest.approx(129.0, rel=0.2)
+    assert rms(unaided[:, TOTAL]) == pytest.approx(45.1, rel=0.2)
 
 
 def test_switched_off_velocity_changes_nothing(flight):
@@ -110,8 +110,11 @@ def test_silence_of_the_reports_is_admitted(flight):
     assert rms(errors[:, INCLINATION]) == pytest.approx(0.329, rel=0.2)  # 34.9 unaided
 
 
-@pytest.mark.parametrize("axis", [(0.0, 0.0, 1.0), (1.0, 0.0, 0.0), (0.6, 0.0, 0.8)])
-def test_an_unsensed_turn_is_recovered_from(axis):
+@pytest.mark.parametrize(
+    ("axis", "left_deg"),
+    [((0.0, 0.0, 1.0), 0.149), ((1.0, 0.0, 0.0), 0.255), ((0.6, 0.0, 0.8), 0.255)],
+)
+def test_an_unsensed_turn_is_recovered_from(axis, left_deg):
     """179 deg while level and aided: under 0.3 deg again within 10 s."""
     flight = banked_flight(seconds=20.0, bank_rad=0.0)
     kicked = estimator()
@@ -119,7 +122,7 @@ def test_an_unsensed_turn_is_recovered_from(axis):
     attitudes = flown(kicked, flight, after=lambda k: kicked.turn(kick) if k == 250 else None)
     errors = errors_deg(flight, attitudes)
     assert errors[252, TOTAL] > 178.0  # measured 178.9
-    assert errors[750:, TOTAL].max() == pytest.approx(0.255, rel=0.2)  # measured 0.231 to 0.281
+    assert errors[750:, TOTAL].max() == pytest.approx(left_deg, rel=0.2)
 
 
 def test_sigma_covers_most_errors(flight):
@@ -200,5 +203,5 @@ def test_a_magnet_in_a_banked_turn_is_no_reason_to_fall_back_on_the_unaided_atti
     one = estimator()
     errors = errors_deg(flight, flown(one, replace(flight, samples=samples)))
     assert one.snapshot.context.phase is Phase.AIDED
-    assert errors[1000:, TOTAL].max() == pytest.approx(5.03, rel=0.2)
+    assert errors[1000:, TOTAL].max() == pytest.approx(3.64, rel=0.2)
     assert rms(errors[2000:, TOTAL]) == pytest.approx(0.147, rel=0.2)

@@ -23,6 +23,7 @@ from estimator.aiding.types import (
     VELOCITY,
     AidingParams,
     North,
+    Surroundings,
 )
 from estimator.conditioning.types import FieldLook
 from estimator.geometry.quaternion import exp, multiply, normalize, rotate, rotate_inverse
@@ -33,6 +34,7 @@ BLANK, _, TRAIL = blank_aiding(PARAMS)
 STEP = 1e-5
 NORTH = (np.cos(0.3), np.sin(0.3))
 KNOWN_NORTH = North(is_known=True, direction=NORTH)
+BESIDE = Surroundings((0.0, 0.0, 1.0), 0.1, KNOWN_NORTH, field_gauss=0.0)
 LAG_S = 0.09
 ACROSS, ALONG, DOWN, DECLINATION = range(4)
 
@@ -99,7 +101,7 @@ def field_observation(rng, learnt, variance=1e-6, turned_rad=0.0):
         look = FieldLook(horizontal=0.2, down=0.42, confidence=1.0)
         known = BLANK.field._replace(look=look, samples=10.0, wait_s=0.1)
         sample = Sample(floats(rate), ZERO_VEC3, reading, True, 0.02)
-        field.observe_heading(PARAMS, known, estimate, now, KNOWN_NORTH, sample, np.zeros(SIZE))
+        field.observe_heading(PARAMS, known, estimate, now, BESIDE, sample, np.zeros(SIZE))
 
     return observe
 
@@ -243,5 +245,6 @@ def test_the_places_field_begins_towards_north_where_that_is_known(learnt, is_kn
     now = prediction((1.0, 0.0, 0.0, 0.0))
     sample = Sample(ZERO_VEC3, ZERO_VEC3, seen, True, 0.02)
     known = known._replace(look=look, wait_s=0.1)
-    field.observe_heading(PARAMS, known, estimate, now, north, sample, np.zeros(SIZE))
+    others = BESIDE._replace(north=north)
+    field.observe_heading(PARAMS, known, estimate, now, others, sample, np.zeros(SIZE))
     assert len(learnt) == (4 if is_known else 3)  # the declination is the fourth

@@ -44,12 +44,12 @@ AXES = {"down": (0.0, 0.0, 1.0), "east": (0.0, 1.0, 0.0), "diagonal": (0.577, 0.
 @pytest.mark.parametrize(
     ("motion", "axis", "measured_s", "unseen_s"),
     [
-        (resting, "down", 1.36, 3.26),
+        (resting, "down", 1.89, 6.17),
         (resting, "east", 0.14, 3.68),
-        (resting, "diagonal", 1.37, None),
-        (tumbling, "down", 1.36, 3.99),
+        (resting, "diagonal", 1.87, None),
+        (tumbling, "down", 1.89, 6.57),
         (tumbling, "east", 0.15, 3.75),
-        (tumbling, "diagonal", 1.37, 18.71),
+        (tumbling, "diagonal", 1.87, None),
     ],
 )
 def test_a_turn_of_20_degrees_is_found_by_the_jump_of_the_field(motion, axis, measured_s, unseen_s):

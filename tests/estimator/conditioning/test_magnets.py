@@ -1,0 +1,99 @@
+"""Fields that are not the place's: what they do to the heading, and whether sigma knows."""
+
+from math import cos, degrees, radians, sin
+from typing import NamedTuple
+
+import numpy as np
+import pytest
+
+from estimator.conditioning import ConditioningParams, condition, initial_state
+from estimator.geometry.quaternion import rotate, rotate_inverse
+from estimator.types import Sample
+from tests.estimator.conditioning.motion import fly, resting, tumbling
+
+PARAMS = ConditioningParams()
+DT = 0.01
+
+
+class Headings(NamedTuple):
+    """Each sample's error and sigma, degrees."""
+
+    error: np.ndarray
+    sigma: np.ndarray
+
+    def lies(self):
+        """Share of the time with an error beyond 10 degrees and three sigmas."""
+        return float(np.mean((self.error > 10.0) & (self.error > 3.0 * self.sigma)))
+
+
+def headings(motion, seconds, disturb, params=PARAMS):
+    """With the field in NED as ``disturb(field, time)`` makes it."""
+    state, error, sigma = initial_state(params), [], []
+    for i, s in enumerate(fly(motion, seconds, DT)):
+        field = disturb(rotate(s.q_ned_frd, s.mag), i * DT)
+        mag = rotate_inverse(s.q_ned_frd, field)
+        state, out = condition(params, state, Sample(s.gyr, s.acc, mag, True, DT))
+        north = rotate(s.q_ned_frd, out.magnetic_b)
+        error.append(abs(degrees(np.arctan2(north[1], north[0]))))
+        sigma.append(degrees(out.sigma_heading_rad))
+    return Headings(np.array(error), np.array(sigma))
+
+
+def turned(begin_s, lasts_s, ramp_s):
+    """A magnet that turns the field by 60 degrees about down: norm and dip stay the same."""
+
+    def disturb(field, t):
+        share = min(
+            1.0, max(0.0, (t - begin_s) / ramp_s), max(0.0, (begin_s + lasts_s - t) / ramp_s)
+        )
+        c, s = cos(radians(60.0) * share), sin(radians(60.0) * share)
+        return (c * field[0] - s * field[1], s * field[0] + c * field[1], field[2])
+
+    return disturb
+
+
+def beside(seconds):
+    """A magnet of half the place's field that the vehicle starts beside."""
+
+    def disturb(field, t):
+        share = min(1.0, max(0.0, seconds + 1.0 - t))
+        return (field[0], field[1] + 0.23 * share, field[2] - 0.1 * share)
+
+    return disturb
+
+
+@pytest.mark.parametrize("motion", [resting, tumbling])
+@pytest.mark.parametrize(("lasts_s", "ramp_s", "most_deg"), [(1.8, 0.01, 0.4), (4.5, 1.0, 3.8)])
+def test_a_passing_magnet_that_leaves_norm_and_dip_turns_no_heading(
+    motion, lasts_s, ramp_s, most_deg
+):
+    """At once and gone again, or within a second as something that passes: 0.3 and 3.1 deg."""
+    seen = headings(motion, 60.0, turned(30.0, lasts_s, ramp_s))
+    assert seen.error[3000:].max() < most_deg
+    assert seen.sigma[3000:].max() > 40.0  # measured 86 and 49
+    assert seen.lies() == 0.0
+
+
+@pytest.mark.parametrize("motion", [resting, tumbling])
+def test_a_magnet_that_stays_is_followed_with_doubt_and_left_at_once(motion):
+    """Nothing tells its step from an unsensed turn; its end is known by the heading given up."""
+    seen = headings(motion, 75.0, turned(30.0, 20.0, 0.01))
+    assert seen.error[4500] == pytest.approx(60.0, rel=0.05)
+    assert seen.sigma[4500] == pytest.approx(21.4, rel=0.2)
+    back_s = DT * int(np.flatnonzero(seen.error[5000:] < 5.0)[0])
+    assert back_s == pytest.approx(2.28, rel=0.2)
+    assert seen.lies() == 0.0
+
+
+@pytest.mark.parametrize(("seconds", "measured_s"), [(3.0, 4.49), (10.0, 9.26)])
+def test_a_start_beside_a_magnet_is_made_good_once_it_has_been_left_for_as_long(
+    seconds, measured_s
+):
+    seen = headings(tumbling, 45.0, beside(seconds))
+    first = round((seconds + 1.0) / DT)
+    assert seen.error[first] == pytest.approx(48.5, rel=0.2)
+    wrong_s = DT * int(np.flatnonzero(seen.error[first:] > 5.0).max())
+    assert wrong_s == pytest.approx(measured_s, rel=0.2)
+    left = Headings(seen.error[first:], seen.sigma[first:])
+    assert left.lies() < 0.03  # measured 0.024: the first second
+    assert seen.error[-1] < 0.2
