@@ -112,6 +112,8 @@ SIGMA_BENT_SQUARE = 0.6
 SIGMA_SCATTER_SQUARE = 0.7
 # The share by which a heading given up may still be right once another has been borne out.
 STILL_RIVAL = 0.15
+# Mean square of how far norm and dip are off, as shares and angles, even in an even field.
+EVEN_SQUARE = 0.04**2
 # The least, of a field that is a little bent everywhere.
 SIGMA_FIELD_RAD = 0.01
 # A heading whose own sigma is under this is known better than it says.
@@ -325,6 +327,8 @@ def learn(
         calibration = restart_means(calibration)
     if alarm.quiet or alarm.moving:
         tilt = lose_tilt(tilt)
+    given_up = alarm.heading or released
+    signs = reset_signs(signs, alarm, seen_rad, heading_rad, given_up)
     return ConditioningState(
         started=True,
         previous_gyr_rad_s=gyr,
@@ -338,7 +342,7 @@ def learn(
         lagged=vertical.lagged,
         magnetic=seen.magnetic,
         calibration=calibration,
-        signs=reset_signs(signs, alarm, seen_rad, heading_rad, alarm.heading or released),
+        signs=signs,
         doubt=doubt,
         axes=axes_of(gravity, estimate.heading_rad),
         coefficients=k,
@@ -483,7 +487,8 @@ def sigma_heading(params: ConditioningParams, state: ConditioningState) -> float
     sensor and too small beside steel, where the error lasts. So what little of P is left
     after long counts as P^2/(P + P_1) only, but for slow streams, whose P is what they miss. To
     it comes what the field is seen to scatter, and what the accelerometer's error, seen
-    likewise, bends a steep field.
+    likewise, bends a steep field. A field whose norm and dip are off by more than is usual is off
+    across, too.
     """
     p = state.estimate.covariance[9]
     reference = state.magnetic.reference
@@ -493,6 +498,7 @@ def sigma_heading(params: ConditioningParams, state: ConditioningState) -> float
     lasting = SIGMA_SCATTER_SQUARE * signs.heading.scatter + rival(params, state)
     bent = steep * (SIGMA_BENT_SQUARE * signs.gravity.uneven + 0.5 * state.doubt.tilt)
     lasting += SIGMA_FIELD_RAD**2 + bent + state.doubt.heading
+    lasting += (1.0 + steep) * max(0.0, reference.uneven - EVEN_SQUARE)
     slow = slowness(params, state.coefficients.dt_s)
     own = p * (slow + (1.0 - slow) * p / (p + SIGMA_SETTLED_RAD**2))
     return sqrt(own + lasting)

@@ -91,6 +91,7 @@ def initial_state(params: ConditioningParams) -> ConditioningState:
                 borne_s=0.0,
                 other=FieldRival(horizontal=0.0, down=0.0, seen_s=0.0),
                 is_new=False,
+                uneven=0.0,
             ),
             wait_s=0.0,
             known=False,

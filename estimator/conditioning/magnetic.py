@@ -15,6 +15,9 @@ from estimator.types import Vec3
 
 # A field with less than this share of the downward part in the horizontal has no heading.
 LEAST_HORIZONTAL = 0.02
+# Averaging (s) of how uneven the field is, and the most that one look counts for.
+UNEVEN_TAU_S = 20.0
+MOST_UNEVEN = 0.15
 # A field that neither the expected nor the other one resembles by this much is a third one.
 LEAST_ALIKE = 0.3
 # A field weaker than this share of the expected one is no field, and has no dip.
@@ -72,7 +75,7 @@ def observe_field(
     if not state.known:
         look = FieldLook(horizontal=h, down=v, confidence=1.0)
         nothing = FieldRival(horizontal=h, down=v, seen_s=0.0)
-        reference = FieldReference(h, v, samples, age, dt_s, nothing, is_new=False)
+        reference = FieldReference(h, v, samples, age, dt_s, nothing, is_new=False, uneven=0.0)
         return MagneticState(look, reference, 0.0, True)
     a = dt_s / (params.field_tau_s + dt_s)
     expected = (before.horizontal, before.down)
@@ -90,12 +93,27 @@ def observe_field(
         borne_s=borne_s,
         other=other,
         is_new=False,
+        uneven=unevenness(before, look, dt_s),
     )
     if other.seen_s > borne_s:
         reference = believe_rival(reference)
     if not params.use_confidence:
         look = FieldLook(horizontal=look.horizontal, down=look.down, confidence=1.0)
     return MagneticState(look, reference, 0.0, True)
+
+
+@inlined
+def unevenness(reference: FieldReference, look: FieldLook, dt_s: float) -> float:
+    """Mean square of how far norm and dip are off the expected ones, a magnet's clipped."""
+    h, v, h_r, v_r = look.horizontal, look.down, reference.horizontal, reference.down
+    n_r = sqrt(h_r * h_r + v_r * v_r)
+    if n_r == 0.0:
+        return reference.uneven
+    n = max(sqrt(h * h + v * v), LEAST_SHARE * n_r)
+    off_norm = min(abs(n / n_r - 1.0), MOST_UNEVEN)
+    off_dip = min(abs(v * h_r - h * v_r) / (n * n_r), MOST_UNEVEN)
+    share = dt_s / (min(UNEVEN_TAU_S, reference.age_s) + dt_s)
+    return reference.uneven + share * (off_norm**2 + off_dip**2 - reference.uneven)
 
 
 @inlined
@@ -139,6 +157,7 @@ def believe_rival(reference: FieldReference) -> FieldReference:
         borne_s=other.seen_s,
         other=FieldRival(reference.horizontal, reference.down, reference.borne_s),
         is_new=True,
+        uneven=reference.uneven,
     )
 
 

@@ -290,6 +290,7 @@ class FieldReference(NamedTuple):
     borne_s: float  # for how long the field has looked so, less the time it has looked like other
     other: FieldRival  # another one that it may have
     is_new: bool  # whether this step has taken the other for it
+    uneven: float  # mean square of how far norm and dip are off, as shares and angles
 
 
 class MagneticState(NamedTuple):
