@@ -117,7 +117,7 @@ def test_the_commands_are_ours_and_name_each_other():
     assert hosts == {"0.0.0.0", "sim", "service"}
 
 
-def health(endpoint, timeout_s=30):
+def health(endpoint, timeout_s=120):
     return subprocess.run(
         [sys.executable, str(HEALTHCHECK)],
         capture_output=True,

@@ -35,7 +35,10 @@ LARGEST_TICKS = 1 << 48
 AHEAD_TICKS = 2 * TICKS_PER_S
 SHORTEST_TICKS = TICKS_PER_S // 100  # a pace is judged over at least that
 
-OURS = "ours"  # in the file, beside the streams' names
+OURS, FLOOR = "ours", "floor"  # in the file, beside the streams' names
+# Above that many streams, those whose stamps are too old to fit are kept as one: the latest of
+# their stamps is a floor for streams that are not known (any more).
+MOST_STREAMS = 1024
 
 Stream = tuple[int, int, int]  # system, component, link
 
@@ -67,6 +70,7 @@ class Stamps(NamedTuple):
 
     accepted: dict[Stream, Heard]
     ours: int
+    floor: int = 0  # at or under it nothing of a stream that is not in ``accepted`` is new
 
 
 class SigningCheck:
@@ -85,6 +89,8 @@ class SigningCheck:
         self._kept = _read(file)  # as in the file: no accepted stamp is above it, and none of ours
         self._last = dict(self._kept.accepted)
         self._ours = self._kept.ours
+        self._floor = self._kept.floor
+        self._most_streams = MOST_STREAMS
         self._heard: set[Stream] = set()  # by this process
         self._written: dict[Stream, Heard] = {}  # what was heard when the file was written
         self._is_failing = False
@@ -108,7 +114,7 @@ class SigningCheck:
         stream = (frame.system_id, frame.component_id, block[0])
         ticks = int.from_bytes(block[1:7], "little")
         last = self._last.get(stream)
-        if last is not None and ticks <= last.ticks:
+        if ticks <= (self._floor if last is None else last.ticks):
             return Reason.REPLAYED
         lag = _ticks(unix_us) - ticks
         if -lag > AHEAD_LIMIT_TICKS:
@@ -117,9 +123,11 @@ class SigningCheck:
             return Reason.SIGNATURE_TOO_OLD
         self._last[stream] = Heard(ticks, lag)
         self._heard.add(stream)
+        if len(self._last) > self._most_streams:
+            self._merge_old(_ticks(unix_us))
         kept = self._kept.accepted.get(stream)
         if kept is None or ticks > kept.ticks:
-            self._keep(self._kept._replace(accepted=self._stamps_ahead()))
+            self._keep(Stamps(self._stamps_ahead(), self._kept.ours, self._floor))
         return None
 
     def stamp(self, unix_us: int) -> int:
@@ -131,7 +139,23 @@ class SigningCheck:
 
     def close(self) -> None:
         """Write the exact stamps: a vehicle need not wait after a regular restart."""
-        self._keep(Stamps(dict(self._last), self._ours))
+        self._keep(Stamps(dict(self._last), self._ours, self._floor))
+
+    def _merge_old(self, now: int) -> None:
+        """Keep one floor for all streams that would be too old to be taken as new ones.
+
+        One whose clock is off would be taken, or refused, otherwise: it is kept by itself.
+        """
+        old = {
+            stream: heard.ticks
+            for stream, heard in self._last.items()
+            if abs(heard.lag) <= FITTING_TICKS < now - heard.ticks
+        }
+        self._floor = max([self._floor, *old.values()])
+        for stream in old:
+            del self._last[stream]
+            self._heard.discard(stream)
+        self._most_streams = max(MOST_STREAMS, 2 * len(self._last))
 
     def _stamps_ahead(self) -> dict[Stream, Heard]:
         """The streams' stamps as they will be in two seconds, each at its own pace."""
@@ -163,8 +187,13 @@ class SigningCheck:
     def _add_others(self, stamps: Stamps) -> Stamps:
         """And of the streams not heard here what another process may have kept."""
         found = _read(self._file)
-        others = {stream: at for stream, at in found.accepted.items() if stream not in self._heard}
-        return Stamps({**stamps.accepted, **others}, max(stamps.ours, found.ours))
+        floor = max(stamps.floor, found.floor)
+        others = {
+            stream: at
+            for stream, at in found.accepted.items()
+            if stream not in self._heard and (at.ticks > floor or abs(at.lag) > FITTING_TICKS)
+        }
+        return Stamps({**stamps.accepted, **others}, max(stamps.ours, found.ours), floor)
 
 
 def _ticks(unix_us: int) -> int:
@@ -175,6 +204,7 @@ def _read(file: Path) -> Stamps:
     try:
         content = json.loads(file.read_text("utf-8"))
         ours = _check_ticks(content.pop(OURS, 0))
+        floor = _check_ticks(content.pop(FLOOR, 0))
         stamps = {_parse_stream(name): _parse_heard(values) for name, values in content.items()}
     except FileNotFoundError:
         return Stamps({}, 0)
@@ -184,7 +214,7 @@ def _read(file: Path) -> Stamps:
         raise InputError(
             f"{file} is damaged: remove it if no frame of before can be replayed"
         ) from None
-    return Stamps(stamps, ours)
+    return Stamps(stamps, ours, floor)
 
 
 def _parse_stream(name: str) -> Stream:
@@ -206,7 +236,7 @@ def _check_ticks(ticks: int) -> int:
 def _write(file: Path, stamps: Stamps) -> None:
     """All or nothing: a crash in between leaves the old file."""
     named = {"-".join(map(str, stream)): heard for stream, heard in stamps.accepted.items()}
-    text = json.dumps({**named, OURS: stamps.ours})
+    text = json.dumps({**named, OURS: stamps.ours, FLOOR: stamps.floor})
     fresh = file.with_name(f"{file.name}.{os.getpid()}")
     try:
         with fresh.open("w", encoding="utf-8") as out:

@@ -128,7 +128,7 @@ cli.entry_point()
 @pytest.mark.parametrize(("verb", "status"), [("run", 0), ("tune", 130)])
 def test_an_interrupt_inside_an_exec_ends_with_our_status(verb, status):
     """Python would end by SIGINT, although the interrupt has been handled."""
-    ended = subprocess.run([sys.executable, "-c", IN_A_TEXT, verb], timeout=60, check=False)
+    ended = subprocess.run([sys.executable, "-c", IN_A_TEXT, verb], timeout=900, check=False)
     assert ended.returncode == status
 
 
@@ -136,7 +136,7 @@ def test_what_is_left_for_the_end_is_done():
     program = "import atexit, sys; from fuzzbee import cli; sys.argv = ['fuzzbee', '--version']\n"
     program += "atexit.register(print, 'the end'); cli.entry_point()"
     ended = subprocess.run(
-        [sys.executable, "-c", program], capture_output=True, text=True, timeout=60, check=False
+        [sys.executable, "-c", program], capture_output=True, text=True, timeout=900, check=False
     )
     assert ended.returncode == 0
     assert ended.stdout.splitlines()[-1] == "the end"
@@ -154,7 +154,7 @@ def test_an_interrupt_during_the_first_imports_is_no_traceback():
             check=False,
             capture_output=True,
             text=True,
-            timeout=60,
+            timeout=900,
         )
         assert (done.returncode, done.stdout, done.stderr) == (status, "", "")
 
@@ -169,7 +169,7 @@ def test_after_the_imports_an_interrupt_is_an_exception_again():
         check=False,
         capture_output=True,
         text=True,
-        timeout=60,
+        timeout=900,
     )
     assert done.stdout == "yes\n"
 

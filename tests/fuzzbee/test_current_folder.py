@@ -24,7 +24,7 @@ def run(folder, *command):
         capture_output=True,
         text=True,
         check=False,
-        timeout=120,
+        timeout=900,
     )
 
 

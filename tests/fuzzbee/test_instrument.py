@@ -224,7 +224,7 @@ def test_a_flight_in_a_real_terminal():
         terminal.wait_for(lambda lines: any("tilt ±" in line for line in lines), 10.0)
         terminal.press("q")
         terminal.read(5.0)
-        assert terminal.process.wait(10) == 0
+        assert terminal.process.wait(60) == 0
 
 
 def is_whole(lines, columns):

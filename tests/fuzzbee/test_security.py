@@ -43,7 +43,7 @@ def run_service(port, *options, seconds=2.5):
         ],
         capture_output=True,
         text=True,
-        timeout=120,
+        timeout=900,
         check=False,
     )
     assert done.returncode == 0, done.stderr

@@ -89,7 +89,7 @@ def test_the_site_is_built_without_a_warning_and_fetches_nothing(tmp_path):
         capture_output=True,
         text=True,
         check=False,
-        timeout=300,
+        timeout=900,
     )
     assert done.returncode == 0, done.stderr
     pages = list(site.glob("*.html"))

@@ -55,7 +55,7 @@ def test_standard_output_that_is_closed_leaves_the_messages():
             stdout=stdout,
             stderr=subprocess.PIPE,
             check=False,
-            timeout=120,
+            timeout=900,
             text=True,
         )
     assert done.returncode == 0
@@ -71,7 +71,7 @@ def test_a_result_that_cannot_be_written_is_a_failure():
             stdout=stdout,
             stderr=subprocess.PIPE,
             check=False,
-            timeout=120,
+            timeout=900,
             text=True,
         )
     assert done.returncode == 1
@@ -89,5 +89,5 @@ def test_a_reader_that_leaves_in_the_middle():
         assert process.poll() is None
         process.send_signal(signal.SIGTERM)
         out = process.stdout.read()
-        assert process.wait(10) == 0
+        assert process.wait(60) == 0
     assert json.loads(out)["vehicles"]["1"]["attitudes"] > 50

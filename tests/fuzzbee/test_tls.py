@@ -76,7 +76,7 @@ def client(folder, port, name):
         yield session
 
 
-def first_attitude(session, timeout_s=20.0):
+def first_attitude(session, timeout_s=120.0):
     seen = []
     subscriber = session.declare_subscriber("fuzzbee/*/attitude", seen.append)
     end_s = time.monotonic() + timeout_s

@@ -377,7 +377,7 @@ def test_the_viewer_ends_with_us_and_listens_on_loopback_only(number):
         assert hosts
         assert all(host.startswith("0100007F") for host in hosts)
         process.send_signal(number)
-        status = process.wait(10)
+        status = process.wait(60)
         assert status == (-9 if number == signal.SIGKILL else 0), process.stderr.read()
         wait_until_closed(port)
 
@@ -400,7 +400,7 @@ def test_the_page_shows_the_attitude_moving(tmp_path):
                     (folder / f"viewer-{len(shots)}.png").write_bytes(data)
                     shots.append(attitude_view(picture))
         service.send_signal(signal.SIGINT)
-        assert service.wait(10) == 0
+        assert service.wait(60) == 0
     assert len(shots) == 3
     for before, after in pairwise(shots):
         assert changed(before, after) > 200  # pixels: the vehicle turns

@@ -6,6 +6,7 @@ from itertools import pairwise
 import pytest
 
 from drivers.events import Notice, RefusedFrames, VehicleId
+from drivers.mavlink import signing
 from drivers.mavlink.encoder import FrameEncoder, heartbeat
 from drivers.mavlink.framing import FrameReader
 from drivers.mavlink.gate import FrameGate, Policy
@@ -165,7 +166,7 @@ def test_the_file_is_written_rarely_and_holds_no_secret(file, monkeypatch):
     assert len(writes) <= 6
     text = file.read_text()
     assert KEY.hex() not in text
-    assert set(json.loads(text)) == {"1-1-0", "ours"}
+    assert set(json.loads(text)) == {"1-1-0", "ours", "floor"}
 
 
 def test_a_damaged_state_is_refused_at_the_start(file):
@@ -263,3 +264,27 @@ def test_a_sender_that_has_left_frees_its_addresses_at_once():
     assert gate.lets_in(signed(), "b", NOW + 1)
     gate.forget()
     assert gate.lets_in(signed(), "c", NOW + 2)
+
+
+def test_many_streams_are_kept_as_one_floor_and_none_can_be_replayed(file, monkeypatch):
+    """Not even by a host whose clock was set back by a day, before or after a restart."""
+    monkeypatch.setattr(signing, "MOST_STREAMS", 40)
+    check, heard, now_us = SigningCheck(KEY, file), [], NOW
+    slow = VehicleId(200, 1)  # it counts a third of the time
+    for number in range(200):
+        now_us += S
+        frame = signed(now_us, vehicle=VehicleId(1 + number, 7))
+        assert check.refusal(frame, now_us) is None
+        heard.append(frame)
+        assert check.refusal(signed(NOW + number * S // 3, vehicle=slow), now_us) is None
+    assert len(check._last) < 140  # the last minute's, and as many again
+    assert json.loads(file.read_text())["floor"] > 0
+    day_before_us = now_us - 86_400 * S
+    for _ in range(2):
+        for at_us in (now_us, day_before_us):
+            found = {check.refusal(frame, at_us) for frame in heard}
+            assert found <= {"replayed", "signature_too_old"}, at_us
+        check.close()
+        check = SigningCheck(KEY, file)
+    assert check.refusal(signed(now_us + S, vehicle=ONE), now_us + S) is None
+    assert check.refusal(signed(NOW + 67 * S, vehicle=slow), now_us + S) is None
