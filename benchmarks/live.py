@@ -16,11 +16,11 @@ service's place. Latencies of an attitude:
   a whole period late shows in ``tick_interval``, from one tick to the next.
 
 ``shed_samples`` are those that an overloaded service left out, and counted; ``lost_samples`` those
-that nobody counted: the system threw their datagrams away. ``yardstick`` is pymavlink's parser
-alone on the same datagrams, which tells machines apart. With ``--workers`` the service has that
-many; processor time and memory (``resident_mb``: of each process its own and its part of what
-they share) are then those of all its processes, ``process_cores`` those of the service, the
-process that workers come from, and the workers. With ``--capacity`` the number of
+that the system threw away, of which the service has counted ``lost_counted``. ``yardstick`` is
+pymavlink's parser alone on the same datagrams, which tells machines apart. With ``--workers`` the
+service has that many; processor time and memory (``resident_mb``: of each process its own and its
+part of what they share) are then those of all its processes, ``process_cores`` those of the
+service, the process that workers come from, and the workers. With ``--capacity`` the number of
 vehicles is searched that is carried with less than 0.1 % of either.
 """
 
@@ -122,6 +122,7 @@ def measure(
         "sent_samples": len(sent),
         "shed_samples": shed,
         "lost_samples": len(sent) - samples - rejected - shed,
+        "lost_counted": summary.get("lost", 0),
         "rejected_samples": rejected,
         "overruns": summary["overruns"],
         "dropped": summary["dropped"],

@@ -130,8 +130,9 @@ class Pipeline:
                 if vehicle is not None:
                     vehicle.on_rejected(event)
             case Shed(vehicle=address):
-                if address in self._vehicles:
-                    self._vehicles[address].on_shed(event)
+                vehicle = self._vehicles.get(address) or self._meet(address)
+                if vehicle is not None:
+                    vehicle.on_shed(event)
             case Forgotten(vehicle=address):
                 self._forget(address)
             case RefusedFrames():

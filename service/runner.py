@@ -81,6 +81,7 @@ class Runner:
         self._requests = requests
         self._is_finished = is_finished
         self._overload = overload
+        self._due_s = float("inf")
         self._woken_s: float | None = None  # when the loop went on after a stop
         self._stop = threading.Event()
         self._waiting: deque[Event] = deque()  # bounded by what the source keeps
@@ -108,7 +109,7 @@ class Runner:
         """
         start_s = time.monotonic()
         end_s = None if seconds is None else start_s + seconds
-        due_s = start_s + self._period_s
+        due_s = self._due_s = start_s + self._period_s
         while not self._stop.is_set() and (self._waiting or not self._is_finished()):
             now_s = time.monotonic()
             if (end_s is not None and now_s >= end_s) or is_over():
@@ -118,7 +119,7 @@ class Runner:
                     self._woken_s = now_s
                     self._take(0.0)  # before anybody is said to be silent
                 self._tick(now_s)
-                due_s = self._next_due_s(due_s, now_s)
+                due_s = self._due_s = self._next_due_s(due_s, now_s)
             self._take(min(MAX_WAIT_S, max(0.0, due_s - time.monotonic())))
         self._tick(time.monotonic())  # publishes what the last events have changed
         if self._requests is not None:
@@ -132,6 +133,8 @@ class Runner:
         outputs: list[Output] = []
         for _ in range(min(MOST_EVENTS, len(waiting))):
             outputs += self._pipeline.handle(waiting.popleft())
+            if time.monotonic() >= self._due_s:
+                break
         if self._requests is not None:
             self._requests.serve(self._pipeline.replace_profile)
         self._outbox.put(outputs)
@@ -173,11 +176,17 @@ class Runner:
             "of each vehicle the newest samples are taken, and the ticks stay on time"
         )
 
+    def _most_catch_up_s(self) -> float:
+        """How late ticks may be that are made up for; live, there is little time for it."""
+        if self._overload is None:
+            return MAX_CATCH_UP_S
+        return 0.0 if self._overload.is_on else min(MAX_CATCH_UP_S, 2.0 * self._period_s)
+
     def _next_due_s(self, due_s: float, now_s: float) -> float:
         late_s = now_s - due_s
         if late_s <= self._period_s:
             return due_s + self._period_s
-        if late_s <= MAX_CATCH_UP_S and (self._overload is None or not self._overload.is_on):
+        if late_s <= self._most_catch_up_s():
             self.overruns += 1
             return due_s + self._period_s
         missed = int(late_s / self._period_s)

@@ -161,8 +161,8 @@ class Vehicle:
             self.reject(event.reason)
 
     def on_shed(self, event: Shed) -> None:
-        """Count samples that were left out of the stream in use."""
-        if event.message == self.imu_message:
+        """Count samples that were left out of the stream in use, or of one that may become it."""
+        if self.imu_message in (None, event.message):
             self.shed += event.samples
 
     def on_position(self, event: Position) -> None:

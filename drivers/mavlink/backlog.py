@@ -9,6 +9,7 @@ measured for that, and nothing is left out while there is time for all of it.
 
 from collections import Counter, deque
 from collections.abc import Iterable
+from itertools import islice
 from typing import NamedTuple
 
 from drivers.events import Shed, VehicleId
@@ -62,6 +63,9 @@ PATIENCE_S = 0.02
 STOPPED_S = 0.25
 # So many frames are decoded at one go, before whoever takes them can do something else: 1 ms or so.
 MOST_AT_ONCE = 32
+# A sender's first IMU sample costs as much as a hundred later ones (an estimator begins): so many
+# senders begin at one go, so that they do not make everybody else wait.
+MOST_NEWCOMERS = 1
 # What cannot be left out is bounded, too: the oldest goes, and is counted.
 MOST_WAITING = 50_000
 
@@ -96,14 +100,20 @@ class Backlog:
         self._turns: deque[_Turn] = deque()
         # the newest turn of each stream, while there is more than can be done; else None
         self._streams: dict[tuple[int, ...], _Turn] | None = None
+        self._newcomers: dict[int, list[_Turn]] = {}  # by address: from the first IMU sample on
+        self._has_come = bytearray(1 << 16)  # by address: whether an IMU sample was taken
         self._uncounted: Counter[tuple[VehicleId, str]] = Counter()
         self._looked_s: float | None = None
 
     def __len__(self) -> int:
-        return len(self._turns)
+        return len(self._turns) + sum(map(len, self._newcomers.values()))
+
+    def __bool__(self) -> bool:
+        return bool(self._turns or self._newcomers)
 
     def add(self, arrived: Iterable[Arrived], now_s: float) -> None:
         """Put frames at the end, or in the place of older ones of their streams."""
+        arrived = [each for each in arrived if not self._is_newcomers(each, now_s)]
         turns = self._turns
         if self._streams is None and turns and now_s - turns[0].since_s > PATIENCE_S:
             self.fold()
@@ -112,7 +122,7 @@ class Backlog:
         else:
             for each in arrived:
                 self._put(each, now_s, self._streams)
-        while len(turns) > self._most_waiting:
+        while len(self._turns) > self._most_waiting:
             self._remove_first()
             self.dropped += 1
 
@@ -127,6 +137,9 @@ class Backlog:
         taken = [self._remove_first() for _ in range(min(MOST_AT_ONCE, len(self._turns)))]
         if not self._turns:
             self._streams = None  # all is done: what comes now can be handled, too
+        for address in list(islice(self._newcomers, MOST_NEWCOMERS)):
+            taken += [turn.arrived for turn in self._newcomers.pop(address)]
+            self._has_come[address] = True
         return taken
 
     def fold(self) -> None:
@@ -145,6 +158,34 @@ class Backlog:
         ]
         self._uncounted.clear()
         return shed
+
+    def _is_newcomers(self, arrived: Arrived, now_s: float) -> bool:
+        """Keep a frame of who has an IMU of which no sample was taken yet; False for all else."""
+        frame = arrived.frame
+        address = frame.system_id << 8 | frame.component_id
+        if self._has_come[address]:
+            return False
+        turns = self._newcomers.get(address)
+        if turns is None:
+            if imu_message_name(frame.message_id) is None:
+                return False
+            turns = self._newcomers[address] = []
+        turns.append(_Turn(arrived, now_s))
+        if now_s - turns[0].since_s > PATIENCE_S:
+            self._newcomers[address] = self._newest(turns)
+        return True
+
+    def _newest(self, turns: list[_Turn]) -> list[_Turn]:
+        """Of a newcomer's streams the newest frames, of all else everything."""
+        newest: dict[tuple[int, ...], _Turn] = {}
+        for number, turn in enumerate(turns):
+            frame = turn.arrived.frame
+            key = _stream(frame) if frame.message_id in STREAMS else (number,)
+            before = newest.pop(key, None)
+            if before is not None:
+                self._count(before.arrived.frame)
+            newest[key] = turn
+        return list(newest.values())
 
     def _put(self, arrived: Arrived, now_s: float, streams: dict[tuple[int, ...], _Turn]) -> None:
         key = _stream(arrived.frame)

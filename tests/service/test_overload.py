@@ -11,7 +11,7 @@ import time
 import pytest
 
 from drivers.endpoint import parse_endpoint
-from drivers.events import Imu
+from drivers.events import Imu, Shed
 from drivers.mavlink.link import MavlinkLink
 from drivers.mavlink.transports.open import open_transport
 from drivers.simulation.autopilot import VehicleOptions
@@ -78,6 +78,13 @@ def test_after_a_stop_of_ours_nobody_is_said_to_be_silent():
     assert texts(pipeline.tick(later_us, Load(has_just_woken=True))) == []
     assert pipeline.vehicle(ONE).state == "running"
     assert any("lost" in text for text in texts(pipeline.tick(later_us)))
+
+
+def test_samples_are_counted_that_were_left_out_before_the_first_was_taken():
+    pipeline = Pipeline(load_profile("paper"))
+    for message, samples in (("RAW_IMU", 3), ("RAW_IMU", 4)):
+        pipeline.handle(Shed(ONE, 0, message, samples))
+    assert pipeline.vehicle(ONE).shed == 7
 
 
 def attitudes(outputs):

@@ -1,0 +1,140 @@
+"""Whose turn it is, and what is left out when there is too much."""
+
+from drivers.events import Shed, VehicleId
+from drivers.mavlink.backlog import MOST_AT_ONCE, PATIENCE_S, STOPPED_S, Arrived, Backlog
+from drivers.mavlink.constants import (
+    ATTITUDE_ID,
+    HEARTBEAT_ID,
+    PARAM_VALUE_ID,
+    RAW_IMU_ID,
+    SCALED_IMU_ID,
+)
+from drivers.mavlink.framing import Frame
+
+LONG_S = 1.1 * PATIENCE_S
+
+
+def arrived(system, number, message=RAW_IMU_ID, imu=0):
+    payload = bytes(26) + bytes([imu])
+    frame = Frame(message, system, 1, payload, 0, len(payload), False)
+    return Arrived(number, frame)
+
+
+def known(backlog, *systems):
+    """Have the first samples of these systems taken."""
+    for system in systems:
+        backlog.add([arrived(system, 0)], 0.0)
+        backlog.take()
+    return backlog
+
+
+def taken(backlog):
+    return [(each.frame.system_id, each.arrival_us) for each in backlog.take()]
+
+
+def test_what_does_not_wait_for_long_is_all_taken_in_order():
+    backlog = known(Backlog(), 1, 2)
+    backlog.add([arrived(1, 1), arrived(2, 1)], 1.0)
+    backlog.add([arrived(1, 2), arrived(2, 2)], 1.0 + 0.9 * PATIENCE_S)
+    assert taken(backlog) == [(1, 1), (2, 1), (1, 2), (2, 2)]
+    assert backlog.take_shed(9) == []
+
+
+def test_of_what_waits_for_too_long_the_newest_has_the_oldests_turn():
+    backlog = known(Backlog(), 1, 2)
+    backlog.add([arrived(1, 1), arrived(2, 1), arrived(1, 2), arrived(1, 3, ATTITUDE_ID)], 1.0)
+    backlog.add([arrived(2, 4), arrived(1, 5)], 1.0 + LONG_S)
+    assert taken(backlog) == [(1, 5), (2, 4), (1, 3)]
+    one, two = VehicleId(1, 1), VehicleId(2, 1)
+    assert backlog.take_shed(9) == [Shed(one, 9, "RAW_IMU", 2), Shed(two, 9, "RAW_IMU", 1)]
+    assert backlog.take_shed(9) == []
+    assert backlog.shed == 3
+
+
+def test_nobody_starves_while_there_is_too_much():
+    systems = range(1, 101)
+    backlog = known(Backlog(), *systems)
+    count = dict.fromkeys(systems, 0)
+    ages = []
+    for k in range(200):  # each sends at 50 Hz, of all a third can be taken
+        now_s = 1.0 + 0.02 * k
+        backlog.add([arrived(system, k) for system in systems], now_s)
+        for system, number in taken(backlog):
+            count[system] += 1
+            ages.append(k - number)
+    assert min(count.values()) > 0.7 * max(count.values()) > 0  # measured 0.75
+    assert sum(count.values()) == 200 * MOST_AT_ONCE
+    assert max(ages[MOST_AT_ONCE * 3 :]) == 0  # all that is taken is the newest
+
+
+def test_as_soon_as_nothing_waits_everything_counts_again():
+    backlog = known(Backlog(), 1)
+    backlog.add([arrived(1, 1), arrived(1, 2)], 1.0)
+    backlog.add([arrived(1, 3)], 1.0 + LONG_S)
+    assert taken(backlog) == [(1, 3)]
+    backlog.add([arrived(1, 4), arrived(1, 5)], 1.1)
+    assert taken(backlog) == [(1, 4), (1, 5)]
+
+
+def test_what_is_said_once_stays_and_of_heartbeats_the_newest():
+    backlog = known(Backlog(), 1)
+    once = [arrived(1, k, PARAM_VALUE_ID) for k in range(3)]
+    beats = [arrived(1, k, HEARTBEAT_ID) for k in range(3)]
+    backlog.add([*once, *beats], 1.0)
+    backlog.fold()
+    assert backlog.take() == [*once, beats[-1]]
+    assert backlog.take_shed(9) == []
+
+
+def test_two_imus_in_one_message_are_two_streams():
+    backlog = known(Backlog(), 1)
+    both = [arrived(1, k, imu=k % 2) for k in range(4)]
+    backlog.add(both, 1.0)
+    backlog.fold()
+    assert backlog.take() == both[2:]
+    names = {each.message: each.samples for each in backlog.take_shed(9)}
+    assert names == {"RAW_IMU": 1, "RAW_IMU:1": 1}
+
+
+def test_newcomers_begin_one_by_one_and_others_do_not_wait_for_them():
+    backlog = known(Backlog(), 1)
+    newcomers = range(2, 12)
+    backlog.add([arrived(system, 1) for system in newcomers], 1.0)
+    for number in newcomers:
+        backlog.add([arrived(1, number)], 1.0)
+        assert taken(backlog) == [(1, number), (number, 1)]
+    assert len(backlog) == 0
+
+
+def test_a_newcomers_newest_sample_waits():
+    backlog = Backlog()
+    backlog.add([arrived(1, 1), arrived(1, 2), arrived(1, 3, PARAM_VALUE_ID)], 1.0)
+    backlog.add([arrived(1, 4), arrived(2, 4), arrived(1, 5, SCALED_IMU_ID)], 1.0 + LONG_S)
+    assert taken(backlog) == [(1, 3), (1, 4), (1, 5)]
+    assert backlog.take_shed(9) == [Shed(VehicleId(1, 1), 9, "RAW_IMU", 2)]
+    assert taken(backlog) == [(2, 4)]
+    assert not backlog
+
+
+def test_a_newcomer_who_is_not_late_is_taken_whole():
+    backlog, own = Backlog(), [arrived(1, k, (RAW_IMU_ID, ATTITUDE_ID)[k % 2]) for k in range(60)]
+    backlog.add(own, 1.0)
+    assert backlog.take() == own
+
+
+def test_after_a_stop_the_newest_alone_counts():
+    backlog = known(Backlog(), 1)
+    backlog.note_look(1.0)
+    backlog.add([arrived(1, k) for k in range(5)], 1.0 + 0.9 * STOPPED_S)
+    backlog.note_look(1.0 + 0.9 * STOPPED_S)
+    assert len(backlog) == 5
+    backlog.add([arrived(1, 5)], 1.0 + 2.0 * STOPPED_S)
+    backlog.note_look(1.0 + 2.0 * STOPPED_S)
+    assert taken(backlog) == [(1, 5)]
+
+
+def test_what_cannot_be_left_out_is_bounded():
+    backlog = Backlog(most_waiting=10)
+    backlog.add([arrived(1, k, PARAM_VALUE_ID) for k in range(25)], 1.0)
+    assert [number for _, number in taken(backlog)] == list(range(15, 25))
+    assert backlog.dropped == 15
