@@ -4,10 +4,10 @@ python benchmarks/live_overload.py [--vehicles N] [--rate HZ] [--seconds S] [--w
 
 ``burst``: ten times as many vehicles for a third of the time. ``stopped``: the service stands still
 (SIGSTOP) for 9 s, then goes on. ``busy``: two processes that do nothing but compute run beside it.
-Of each the time before, during and after: attitudes a second, ``age``, from the sending of the
-sample that an attitude is of to the subscriber's callback, and ``tick_interval``. At the end of a
-trial: samples that were ``sent``, ``taken``, ``shed``, ``lost`` by the system as the service has
-counted, and those that nobody has counted.
+Of each the time before, during and after, of the vehicles that are there all the time: attitudes a
+second, ``age``, from the sending of the sample that an attitude is of to the subscriber's callback,
+and ``tick_interval``. At the end of a trial: samples that were ``sent``, ``taken``, ``shed``,
+``lost`` by the system as the service has counted, and those that nobody has counted.
 """
 
 import argparse
@@ -82,6 +82,7 @@ def trial(
         summary = json.loads(service.stdout.read())
         service.wait()
         sent, seen = np.load(sent_file), np.load(seen_file)
+    seen = seen[seen[:, 0] <= vehicles]  # who is there all the time
     marks_s = (WARM_UP_S, *span_s, span_s[1] + RECOVERY_S, seconds)
     marks_ns = [start_ns + int(mark_s * 1e9) for mark_s in marks_s]
     before, during, _, after = (

@@ -25,6 +25,8 @@ MAX_CATCH_UP_S = 0.25
 WAKING_S = 0.5
 # At most so many events between two looks at the schedule: a backlog must not delay the ticks.
 MOST_EVENTS = 64
+# Between two ticks events are handled for this share of a period at least, if there are any.
+LEAST_WORK = 0.5
 # The loop waits for its records to be published, for this share of a period at most: meanwhile it
 # would only keep Python's lock from the thread that does it.
 SETTLING = 0.5
@@ -131,9 +133,11 @@ class Runner:
         if not waiting:
             waiting.extend(self._source.drain(timeout_s))
         outputs: list[Output] = []
+        # a loop that is always late must not do nothing but tick
+        end_s = max(self._due_s, time.monotonic() + LEAST_WORK * self._period_s)
         for _ in range(min(MOST_EVENTS, len(waiting))):
             outputs += self._pipeline.handle(waiting.popleft())
-            if time.monotonic() >= self._due_s:
+            if time.monotonic() >= end_s:
                 break
         if self._requests is not None:
             self._requests.serve(self._pipeline.replace_profile)
