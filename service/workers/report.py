@@ -52,9 +52,9 @@ class Report:
         if not outputs:
             self._connection.flush()
 
-    def settle(self, timeout_s: float) -> bool:  # noqa: ARG002 - others wait
-        """All is with the system already, or waits for the service to take it."""
-        return True
+    def settle(self, timeout_s: float) -> bool:  # noqa: ARG002 - the loop has better to do
+        """Whether all is on its way; while it is not, the service has no use for more."""
+        return self._connection.flush()
 
     def put_tally(self) -> None:
         """Hand the counts back, which also says that the worker is alive."""
