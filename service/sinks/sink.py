@@ -29,7 +29,9 @@ class Sink(Protocol):
 
 # Turns of the loop a sink may lag behind: 0.6 s at 100 Hz, after that attitudes are stale.
 MAX_PENDING = 64
-# A sink that has been busy for so long without a pause is not slow for want of computing time.
+# A sink that waits for nobody gets so many outputs at one go; one that does not get through them in
+# this time is not slow for want of computing time.
+PIECE = 16
 STUCK_S = 1.0
 # What has waited longer is stale, at any rate.
 LONGEST_WAIT_S = 0.6
@@ -50,7 +52,7 @@ class Outlet:
         self._last_error: str | None = None
         self._pending: deque[tuple[float, Sequence[Output]]] = deque()  # and since when, s
         self._is_busy = False  # something is pending, or in hand
-        self._busy_since_s = 0.0
+        self._progress_s = 0.0  # when it began, or got on with something
         self._closing = False
         self._changed = threading.Condition()
         # a daemon: a sink that blocks for ever must not keep the process alive
@@ -67,16 +69,16 @@ class Outlet:
                 self.dropped += len(self._pending.popleft()[1])
             self._pending.append((now_s, outputs))
             if not self._is_busy:
-                self._is_busy, self._busy_since_s = True, now_s
+                self._is_busy, self._progress_s = True, now_s
             self._changed.notify()
 
     def settle(self, timeout_s: float) -> bool:
         """Wait until nothing is pending or in hand; at most so long. Whether that is so.
 
-        Of a sink that has had more than enough time it is said, too: nobody waits for it.
+        Of a sink that gets on with nothing it is said, too: nobody waits for it.
         """
         with self._changed:
-            if self._is_busy and time.monotonic() - self._busy_since_s > STUCK_S:
+            if self._is_busy and time.monotonic() - self._progress_s > STUCK_S:
                 return True
             return self._changed.wait_for(lambda: not self._is_busy, max(0.0, timeout_s))
 
@@ -98,10 +100,13 @@ class Outlet:
 
     def _work(self) -> None:
         while (outputs := self._next()) is not None:
-            try:
-                self.sink.handle(outputs)
-            except BaseException as error:  # noqa: BLE001 - whatever a sink does, the others go on
-                self._note(error)
+            size = PIECE if self.never_waits else max(1, len(outputs))
+            for begin in range(0, len(outputs), size):
+                try:
+                    self.sink.handle(outputs[begin : begin + size])
+                except BaseException as error:  # noqa: BLE001 - whatever it does, the others go on
+                    self._note(error)
+                self._progress_s = time.monotonic()
         try:
             self.sink.close()
         except BaseException as error:  # noqa: BLE001
