@@ -34,7 +34,7 @@ LOOK_S = 1.0
 MOST_GROWTH_MB = 5.0  # between the second third and the last: noise of the allocator
 PUBLISH_HZ = 10.0
 KEY = "a pass phrase for the soak"
-DAY = Plan(at_a_time=4, stay_s=30.0, rate_hz=10.0)
+DAY = Plan(at_a_time=3, stay_s=30.0, rate_hz=5.0)
 
 
 class Look(NamedTuple):

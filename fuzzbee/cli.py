@@ -26,7 +26,7 @@ OK, FAILED, BAD_INPUT, INTERRUPTED = 0, 1, 2, 130
 ENDLESS = frozenset({"run", "sim", "watch"})  # verbs for which a signal is the regular end
 # Names of threads that may hang: a sink on a stopped terminal, the compiler, a session that waits
 # for a silent peer.
-HANGING = ("sink ", "compiler", "zenoh opener")
+HANGING = ("sink ", "compiler", "zenoh opener", "zenoh closer")
 
 
 def main(argv: Sequence[str] | None = None) -> int:

@@ -5,7 +5,7 @@ import re
 import sys
 import time
 from collections import deque
-from contextlib import nullcontext
+from contextlib import ExitStack, nullcontext
 from threading import Condition, Event
 from typing import TYPE_CHECKING, Annotated
 
@@ -130,11 +130,14 @@ def follow(
     """
     from fuzzbee.keys import terminal_keys
     from service.signals import stop_on_signals
-    from service.zenoh_session import open_session
+    from service.zenoh_session import close_session, open_session
 
     inbox = Inbox()
     stop = Event()
-    with open_session(options) as session, stop_on_signals(stop.set):
+    with ExitStack() as stack:
+        session = open_session(options)
+        stack.callback(close_session, session)
+        stack.enter_context(stop_on_signals(stop.set))
         display = JsonLines() if as_json else Table(options.prefix, vehicle)
         # a person may go back from one vehicle to all
         name = "*" if vehicle is None or display.shows_others else vehicle

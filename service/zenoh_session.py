@@ -30,7 +30,9 @@ CLIENT_TIMEOUT_MS = 2000  # then the command ends: a client is useless without i
 # that find all of them full for 1 ms. With its usual 2 that sometimes happened to part of a tick of
 # 200 vehicles (140 kB).
 TX_BATCHES = 16
-OPENER_THREAD = "zenoh opener"
+OPENER_THREAD, CLOSER_THREAD = "zenoh opener", "zenoh closer"
+# The library waits for a peer that accepts and never says a word, some 8 s. Nobody else has to.
+CLOSE_S = 0.6
 
 
 class ZenohOptions(NamedTuple):
@@ -104,9 +106,15 @@ def _close_opened(opened: "Future[zenoh.Session]") -> None:
 
 
 def close_session(session: "zenoh.Session") -> None:
-    """Close a session; a closed one stays closed."""
-    if not session.is_closed():
-        session.close()  # type: ignore[no-untyped-call] # the library's stub lacks the None
+    """Close a session, or leave it to a thread that hangs; a closed one stays closed."""
+
+    def close() -> None:
+        if not session.is_closed():
+            session.close()  # type: ignore[no-untyped-call] # the library's stub lacks the None
+
+    closer = threading.Thread(target=close, name=CLOSER_THREAD, daemon=True)
+    closer.start()
+    closer.join(CLOSE_S)
 
 
 def check_prefix(prefix: str) -> None:

@@ -33,6 +33,22 @@ def test_while_the_session_waits_for_a_silent_peer(verb, number):
                 assert time.monotonic() - begun_s < 2.0
 
 
+@pytest.mark.parametrize("verb", ["run", "watch"])
+def test_while_a_session_of_peers_tries_a_silent_one(verb):
+    """It is open, and its library waits for the peer when it is closed."""
+    with socket.create_server(("127.0.0.1", 0)) as peer:
+        options = ["-e", f"tcp/127.0.0.1:{peer.getsockname()[1]}", "-l", "tcp/127.0.0.1:0"]
+        with started(verb, *options) as process:
+            peer.settimeout(60.0)
+            connection, _ = peer.accept()
+            with connection:
+                time.sleep(4.0)
+                begun_s = time.monotonic()
+                process.send_signal(signal.SIGTERM)
+                assert process.wait(60) == 0
+                assert time.monotonic() - begun_s < 4.0  # of 8
+
+
 def test_a_closed_terminal_leaves_a_summary():
     with started("run", "--no-zenoh", "--json", "-v") as process:
         process.stderr.readline()
