@@ -1,5 +1,7 @@
 """One call a sample and all samples at once are the same estimator, whatever the samples are."""
 
+import dataclasses
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -10,13 +12,12 @@ from hypothesis import strategies as st
 from estimator.live.rows import HAS_HEADING
 from estimator.types import ImuSample
 from fuzzbee import Estimator, InputError, load_profile
-from fuzzbee.attitudes import attitude_arrays
+from fuzzbee.attitudes import Attitudes, attitude_arrays
 from tests.fuzzbee.recording import recorded
 
 FLIPS = Path(__file__).parents[1] / "data" / "sitl_copter_flips.tlog"
 ROWS = 250  # 5 s
-FIELDS = ("q_ned_frd", "rate_rad_s", "gyro_bias_rad_s", "sigma_inclination_rad", "error", "gain")
-MORE = ("sigma_heading_rad", "confidence_gravity", "confidence_magnetic", "heading_reference")
+FIELDS = [field.name for field in dataclasses.fields(Attitudes) if field.name != "time_s"]
 
 
 @pytest.fixture(scope="module")
@@ -61,15 +62,31 @@ DAMAGES = (
     *(lose_field, zero_field, repeat_field, wild_rate),
     *(no_number, gap, time_back, no_velocity),
 )
-damages = st.lists(
-    st.tuples(st.sampled_from(DAMAGES), st.integers(0, ROWS - 1), st.integers(1, 60)), max_size=5
+
+
+@pytest.mark.parametrize("has_velocity", [False, True])
+@pytest.mark.parametrize("damage", DAMAGES)
+def test_a_batch_is_the_same_as_calls_to_the_last_digit(flight, damage, has_velocity):
+    """Of a flight that is damaged twice, in three batches."""
+    damages = [(damage, 30, 20), (damage, 120, 5)]
+    assert_batches_equal_calls(flight, damages, has_velocity, (40, 200))
+
+
+@settings(max_examples=10, deadline=None)
+@given(
+    damages=st.lists(
+        st.tuples(st.sampled_from(DAMAGES), st.integers(0, ROWS - 1), st.integers(1, 60)),
+        max_size=5,
+    ),
+    has_velocity=st.booleans(),
+    cut=st.integers(0, ROWS),
 )
+def test_so_it_is_whatever_comes_together(flight, damages, has_velocity, cut):
+    assert_batches_equal_calls(flight, damages, has_velocity, (cut,))
 
 
-@settings(max_examples=15, deadline=None)
-@given(damages=damages, has_velocity=st.booleans(), cut=st.integers(0, ROWS))
-def test_a_batch_is_the_same_as_calls_to_the_last_digit(flight, damages, has_velocity, cut):
-    """In two batches, so that the second goes on from the first's end."""
+def assert_batches_equal_calls(flight, damages, has_velocity, cuts):
+    """Batches that go on from each other at the cuts."""
     time_s, gyr, acc, mag, velocity = (values.copy() for values in flight)
     if not has_velocity:
         velocity[:] = np.nan
@@ -82,18 +99,19 @@ def test_a_batch_is_the_same_as_calls_to_the_last_digit(flight, damages, has_vel
             calls.update_velocity(velocity[k], round(1e6 * time_s[k]) / 1e6)
         told.append(calls.update(gyr[k], acc[k], mag[k], time_s[k]))
     batches = Estimator()
-    first, second = (
-        batches.update_batch(gyr[rows], acc[rows], mag[rows], time_s[rows], velocity[rows])
-        for rows in (slice(0, cut), slice(cut, ROWS))
-    )
+    edges = (0, *cuts, ROWS)
+    parts = [
+        batches.update_batch(gyr[a:b], acc[a:b], mag[a:b], time_s[a:b], velocity[a:b])
+        for a, b in pairwise(edges)
+    ]
     assert batches.rejected == calls.rejected
     known = [k for k in range(ROWS) if told[k] is not None]
     expected = attitude_arrays([told[k] for k in known])
-    for name in FIELDS + MORE:
-        found = np.concatenate([getattr(first, name), getattr(second, name)])
+    for name in FIELDS:
+        found = np.concatenate([getattr(part, name) for part in parts])
         assert np.array_equal(found[known], getattr(expected, name)), name
     unknown = sorted(set(range(ROWS)) - set(known))
-    assert np.isnan(np.concatenate([first.q_ned_frd, second.q_ned_frd])[unknown]).all()
+    assert np.isnan(np.concatenate([part.q_ned_frd for part in parts])[unknown]).all()
 
 
 def test_a_batch_of_calls_that_nothing_disturbs_is_compiled_in_runs(flight, monkeypatch):
