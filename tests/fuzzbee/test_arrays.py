@@ -9,6 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from estimator.live.core import with_attitude
 from estimator.live.rows import HAS_HEADING
 from estimator.types import ImuSample
 from fuzzbee import Estimator, InputError, load_profile
@@ -22,8 +23,17 @@ FIELDS = [field.name for field in dataclasses.fields(Attitudes) if field.name !=
 
 @pytest.fixture(scope="module")
 def flight():
-    """Times, readings and velocities of a flight with flips, at 50 Hz."""
-    return [values[:ROWS].copy() for values in recorded(FLIPS)[:5]]
+    """Times, readings and velocities of a flight with flips, at 50 Hz.
+
+    The field, which came ten times a second, is there at every sample from the seventh on, as of a
+    quick magnetometer with noise.
+    """
+    time_s, gyr, acc, mag, velocity = (values[:ROWS].copy() for values in recorded(FLIPS)[:5])
+    known = np.flatnonzero(mag.any(axis=1))
+    latest = known[np.maximum(np.searchsorted(known, np.arange(ROWS), side="right") - 1, 0)]
+    mag = mag[latest] + np.random.default_rng(3).normal(0.0, 0.002, (ROWS, 3))
+    mag[:6] = 0.0
+    return time_s, gyr, acc, mag, velocity
 
 
 def lose_field(time_s, _gyr, _acc, mag, _velocity, rows):
@@ -141,10 +151,29 @@ def test_the_rows_of_an_estimator_that_has_to_be_asked_are_left_to_calls(flight)
     inner.set_field_calibrated(False)
     assert inner.update_rows(times_us[1:], readings[1:], said) == 0
     inner.set_field_calibrated(True)
-    assert inner.update_rows(times_us[1:], readings[1:], said[1:]) == ROWS - 1
-    last = inner.attitude(int(times_us[-1]))
-    assert tuple(said[-1, :4]) == last.q_ned_frd
-    assert said[-1, 16] == last.sigma_heading_rad
+    assert inner.update_rows(times_us[1:9], readings[1:9], said[1:9]) == 8
+    inner.update(ImuSample(int(times_us[9]), tuple(gyr[9]), tuple(acc[9]), tuple(mag[9]), True))
+    assert inner.update_rows(times_us[10:], readings[10:], said[10:]) == ROWS - 10
+    for time_us in (times_us[-1], times_us[9]):  # what was said at an earlier sample is forgotten
+        last = inner.attitude(int(time_us))
+        assert tuple(said[-1, :4]) == last.q_ned_frd
+        assert said[-1, 16] == last.sigma_heading_rad
+
+
+def test_an_estimate_that_is_not_finite_begins_anew_in_a_batch_too(flight):
+    time_s, gyr, acc, mag, _ = flight
+    batch, calls = Estimator(), Estimator()
+    for estimator in (batch, calls):
+        estimator.update_batch(gyr[:50], acc[:50], mag[:50], time_s[:50])
+        inner = estimator._inner
+        poisoned = with_attitude(inner.snapshot.core, (np.nan,) * 4)
+        inner.snapshot = inner.snapshot._replace(core=poisoned)
+    found = batch.update_batch(gyr[50:60], acc[50:60], mag[50:60], time_s[50:60])
+    told = [calls.update(gyr[k], acc[k], mag[k], time_s[k]) for k in range(50, 60)]
+    assert told[0] is None
+    assert np.isnan([*found.q_ned_frd[0], *found.rate_rad_s[0], found.gain[0]]).all()
+    assert [tuple(q) for q in found.q_ned_frd[1:]] == [attitude.q_ned_frd for attitude in told[1:]]
+    assert batch.rejected == calls.rejected == {"estimate_not_finite": 1}
 
 
 @pytest.mark.parametrize("time_s", [1e300, -np.inf, np.nan])
