@@ -166,6 +166,7 @@ def _at(blank: FilterState, q: tuple[float, float, float, float]) -> FilterState
         has_error=False,
         rate_rad_s=blank.rate_rad_s,
         noise=blank.noise,
+        decay=blank.decay,
     )
 
 

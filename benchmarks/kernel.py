@@ -34,7 +34,7 @@ from estimator.filter import kernel
 from estimator.filter.fuzzy import RULES, fuzzy_gain
 from estimator.filter.memberships import TERMS, fuzzy_sets, midpoint
 from estimator.filter.noise_gain import NO_NOISE
-from estimator.filter.types import FilterState
+from estimator.filter.types import NO_DECAY, FilterState
 from estimator.geometry.quaternion import exp, rotate_inverse, unit
 from estimator.live.settings import settings_of
 from estimator.profile import load_profile
@@ -82,7 +82,7 @@ def step_all(params, reference, states, gyr, acc, mag, gains):
     for i in range(len(states)):
         s = states[i]
         q, zero = (s[0], s[1], s[2], s[3]), (0.0, 0.0, 0.0)
-        state = FilterState(q, zero, s[4], s[5], 1.0, True, zero, NO_NOISE)
+        state = FilterState(q, zero, s[4], s[5], 1.0, True, zero, NO_NOISE, NO_DECAY)
         sample = Sample(
             gyr_rad_s=(gyr[i, 0], gyr[i, 1], gyr[i, 2]),
             acc_m_s2=(acc[i, 0], acc[i, 1], acc[i, 2]),

@@ -152,7 +152,7 @@ def correct(params, switches, rules, state, vectors, truth, dt):
     if switches.bias_by_step:
         f = 0.5 * params.gamma * dt
     b = bound_each(add(state.gyr_bias_rad_s, scale(f, w)), params.bias_bound_rad_s)
-    return FilterState(q, b, e, d, K, True, state.rate_rad_s, state.noise)
+    return FilterState(q, b, e, d, K, True, state.rate_rad_s, state.noise, state.decay)
 
 
 @compiled

@@ -95,21 +95,19 @@ def attitude_arrays(attitudes: Sequence[Attitude], start_us: int = 0) -> Attitud
 
 
 def attitudes_of_rows(times_us: Times, said: Floats, norths: NDArray[np.str_]) -> Attitudes:
-    """The arrays of rows as :mod:`estimator.live.rows` has them, each an array of its own."""
-    q, rate, bias, error, _, gain, gravity, magnetic, inclination, heading, _ = (
-        part.copy() for part in np.split(said, [4, 7, 10, 11, 12, 13, 14, 15, 16, 17], axis=1)
-    )
+    """The columns of rows as :mod:`estimator.live.rows` has them."""
+    error, _, gain, gravity, magnetic, inclination, heading = said[:, 10:17].T
     return Attitudes(
         time_s=np.array(1e-6 * times_us, dtype=float),
-        q_ned_frd=q,
-        rate_rad_s=rate,
-        gyro_bias_rad_s=bias,
-        sigma_inclination_rad=inclination.ravel(),
-        sigma_heading_rad=heading.ravel(),
-        confidence_gravity=gravity.ravel(),
-        confidence_magnetic=magnetic.ravel(),
-        error=error.ravel(),
-        gain=gain.ravel(),
+        q_ned_frd=said[:, :4],
+        rate_rad_s=said[:, 4:7],
+        gyro_bias_rad_s=said[:, 7:10],
+        sigma_inclination_rad=inclination,
+        sigma_heading_rad=heading,
+        confidence_gravity=gravity,
+        confidence_magnetic=magnetic,
+        error=error,
+        gain=gain,
         heading_reference=norths,
     )
 

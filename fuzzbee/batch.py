@@ -35,7 +35,8 @@ class Batch:
 
     def reports(self) -> Sequence[int]:
         """The rows before which there is a velocity."""
-        rows: list[int] = np.flatnonzero(np.isfinite(self.velocity[:, :2]).all(axis=1)).tolist()
+        known = np.isfinite(self.velocity)
+        rows: list[int] = np.flatnonzero(known[:, 0] & known[:, 1]).tolist()
         return rows
 
     def sample(self, k: int) -> ImuSample:

@@ -1,12 +1,16 @@
 """Which magnetic readings are new: autopilots repeat a slow magnetometer's in every IMU message."""
 
 import math
-from typing import Any, Protocol
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from estimator.types import ZERO_VEC3, Vec3
+
+Floats = NDArray[np.float64]
+Times = NDArray[np.int64]
+Flags = NDArray[np.bool_]
 
 REPEAT_US = 240_000  # autopilots repeat a 10 Hz field; equal values in a 4 Hz stream are data
 STALE_US = 200_000  # an older field that was logged beside no longer belongs to the sample after it
@@ -38,20 +42,29 @@ class RepeatedField:
         self._last, self._last_us = mag_gauss, time_us
         return mag_gauss
 
-    def fresh_rows(self, mag_gauss: NDArray[np.float64], times_us: NDArray[np.int64]) -> Any:
-        """Which of N fields (N, 3) are: finite, not zero, and not repeated; (N,) of bool."""
-        fresh = np.isfinite(mag_gauss).all(axis=1) & (mag_gauss != 0.0).any(axis=1)
+    def fresh_rows(self, mag_gauss: Floats, times_us: Times) -> Flags:
+        """Which of N fields (N, 3) are: finite, not zero, and not repeated; (N,)."""
+        finite, other = np.isfinite(mag_gauss), mag_gauss != 0.0
+        fresh = finite[:, 0] & finite[:, 1] & finite[:, 2]
+        fresh &= other[:, 0] | other[:, 1] | other[:, 2]
         rows = np.flatnonzero(fresh)
         if not rows.size:
             return fresh
-        fields = mag_gauss[rows]
-        if (fields == np.vstack([self._last, fields[:-1]])).all(axis=1).any():
+        # each field beside the one before, the last of earlier ones first
+        fields = np.vstack([self._last, mag_gauss[rows]])
+        changed = fields[1:] != fields[:-1]
+        is_new = changed[:, 0] | changed[:, 1] | changed[:, 2]
+        known_us = np.concatenate([[self._last_us], times_us[rows]])
+        since = np.maximum.accumulate(np.where(is_new, np.arange(1, rows.size + 1), 0))
+        age_us = known_us[1:] - known_us[since]
+        if ((age_us < 0) | (age_us >= REPEAT_US)).any():  # a repetition may count as new
             for k in rows.tolist():
                 x, y, z = mag_gauss[k].tolist()
                 fresh[k] = self.fresh((x, y, z), 0, int(times_us[k])) is not None
             return fresh
         x, y, z = fields[-1].tolist()
-        self._last, self._last_us = (x, y, z), int(times_us[rows[-1]])
+        self._last, self._last_us = (x, y, z), int(known_us[since[-1]])
+        fresh[rows] = is_new
         return fresh
 
 

@@ -14,8 +14,10 @@ from estimator.filter.fuzzy import operating_gain
 from estimator.filter.noise_gain import noise_gain, observe_floor, observe_noise
 from estimator.filter.observation import ReferenceParams, raw_vectors
 from estimator.filter.types import (
+    NO_DECAY,
     PLAIN_STEP_LIMIT,
     STEP_TOLERANCE,
+    Decay,
     FilterParams,
     FilterState,
     Vectors,
@@ -97,11 +99,22 @@ def largest_rate(cosine: float, s1: float, s2: float, s3: float) -> float:
 @inlined
 def step_gain(params: FilterParams, K: float, fastest: float, dt: float) -> float:
     """K dt for short steps; beyond, (1 - exp(-K lambda dt))/lambda, which never overshoots."""
+    return decaying_gain(params, K, fastest, dt, NO_DECAY)[0]
+
+
+@inlined
+def decaying_gain(
+    params: FilterParams, K: float, fastest: float, dt: float, decay: Decay
+) -> tuple[float, Decay]:
+    """:func:`step_gain` by the decay of the step before where that was the same, and the decay."""
     is_short = dt <= STEP_TOLERANCE * params.euler_step_max_s
     plain = is_short and K * fastest * dt <= PLAIN_STEP_LIMIT
     if plain or fastest <= 0.0:
-        return K * dt
-    return -expm1(-K * fastest * dt) / fastest
+        return K * dt, decay
+    exponent = K * fastest * dt
+    if exponent != decay[0]:
+        decay = (exponent, -expm1(-exponent))
+    return decay[1] / fastest, decay
 
 
 @inlined
@@ -143,6 +156,7 @@ def integrate_rate(
         has_error=state.has_error,
         rate_rad_s=rate_rad_s,
         noise=state.noise,
+        decay=state.decay,
     )
 
 
@@ -173,7 +187,8 @@ def correct(params: FilterParams, state: FilterState, vectors: Vectors, dt: floa
         v3 = scale(1.0 / sine, v3)
         u3 = scale(1.0 / inertial_sine, u3)
         s3 = vectors.s3
-        w = add(w, scale(0.5 * s3, cross(u3, v3)))
+        if s3 > 0.0:
+            w = add(w, scale(0.5 * s3, cross(u3, v3)))
     else:
         s3 = 0.0
     knows_noise = params.gain_knows_noise and not params.gain_is_fixed
@@ -190,7 +205,7 @@ def correct(params: FilterParams, state: FilterState, vectors: Vectors, dt: floa
     else:
         K = adaptive_gain(params, e, d)
     fastest = largest_rate(dot(v1, v2), s1, s2, s3)
-    g = step_gain(params, K, fastest, dt)
+    g, decay = decaying_gain(params, K, fastest, dt, state.decay)
     q = normalize(multiply(state.q_ned_frd, exp(scale(-g, w))))
     b = add(state.gyr_bias_rad_s, scale(bias_gain(params, K, g, fastest, dt), w))
     return FilterState(
@@ -202,6 +217,7 @@ def correct(params: FilterParams, state: FilterState, vectors: Vectors, dt: floa
         has_error=True,
         rate_rad_s=state.rate_rad_s,
         noise=noise,
+        decay=decay,
     )
 
 

@@ -41,11 +41,16 @@ class FilterParams(NamedTuple):
     gain_knows_noise: bool
 
 
+# An exponent and 1 - exp(-exponent).
+Decay = tuple[float, float]
+NO_DECAY: Decay = (0.0, 0.0)
+
+
 class FilterState(NamedTuple):
     """What changes. ``has_error`` tells that ``error`` is of an earlier sample, not a blank.
 
     ``rate_rad_s`` is the rate that the last propagation turned the attitude with. ``noise`` is
-    measured only for a gain that knows it.
+    measured only for a gain that knows it. ``decay`` is the last step's: even steps share it.
     """
 
     q_ned_frd: Quaternion
@@ -56,6 +61,7 @@ class FilterState(NamedTuple):
     has_error: bool
     rate_rad_s: Vec3
     noise: NoiseState
+    decay: Decay = NO_DECAY  # compiled code has to name it
 
 
 class Vectors(NamedTuple):
