@@ -29,12 +29,13 @@ pytestmark = pytest.mark.skipif(
 )
 
 RATE_HZ = 50.0
+SLOW_HZ = 20.0  # a short stall of a busy computer leaves no sample out
 
 
 @contextmanager
-def flight(vehicles, *ports, seconds=60.0):
+def flight(vehicles, *ports, rate_hz=RATE_HZ, seconds=60.0):
     """The same datagrams to each port, in real time; yields how many datagrams have been sent."""
-    fleet = Fleet(VehicleOptions(rate_hz=RATE_HZ), vehicles)
+    fleet = Fleet(VehicleOptions(rate_hz=rate_hz), vehicles)
     ended = threading.Event()
     sent = []
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sender:
@@ -174,7 +175,7 @@ def test_workers_publish_and_record_what_one_process_does(tmp_path):
         lines, others = keep_reading(process), keep_reading(single)
         seen = Subscriber(session)
         time.sleep(0.3)
-        with flight(4, shared, alone) as sent:
+        with flight(4, shared, alone, rate_hz=SLOW_HZ) as sent:
             wait_for(lambda: all(seen.count(str(n)) > 100 for n in range(1, 5)), 30.0)
         time.sleep(0.3)
         family = descendants(process.pid)
@@ -183,11 +184,18 @@ def test_workers_publish_and_record_what_one_process_does(tmp_path):
     frames = [frame for _, frame in recorded(logs[0])]
     assert frames == [frame for _, frame in recorded(logs[1])]
     assert b"".join(frames) == b"".join(sent)
-    for name, vehicle in expected["vehicles"].items():
-        assert result["vehicles"][name]["samples"] == vehicle["samples"]
-        assert result["vehicles"][name]["rejected"] == vehicle["rejected"]
+    whole = [
+        number
+        for number in range(1, 5)
+        if not any(each["vehicles"][str(number)]["shed"] for each in (result, expected))
+    ]
     assert {status["worker"] for status in seen.statuses.values()} == {1, 2}
-    for number in range(1, 5):
+    if not whole:
+        pytest.skip("a long stall: samples of all were left out, and nobody knows which")
+    for number in whole:
+        vehicle, alike = (each["vehicles"][str(number)] for each in (result, expected))
+        assert vehicle["samples"] == alike["samples"]
+        assert vehicle["rejected"] == alike["rejected"]
         records = [record for _, record in seen.attitudes[str(number)]]
         assert_one_pipeline_says(records, recorded(logs[0]), number)
 
@@ -301,12 +309,16 @@ def test_a_vehicle_that_nobody_can_replace_a_worker_for_ends_the_service():
     with service(port, "--workers", "2", "--no-zenoh") as process:
         lines = keep_reading(process)
         first = workers_of(process)[1][0]
-        known = set(workers_of(process)[1]) - {first}
-        for _ in range(4):
-            wait_for(lambda: set(workers_of(process)[1]) - known, 10.0)
-            for worker in set(workers_of(process)[1]) - known:
-                known.add(worker)
+        known = set(descendants(process.pid)) - {first}
+        deaths = 0
+        while process.poll() is None and deaths < 12:  # slow ones do not count
+            fresh = set(descendants(process.pid)) - known
+            known |= fresh
+            for worker in fresh:
                 os.kill(worker, signal.SIGKILL)
+            deaths += len(fresh)
+            time.sleep(0.01)
+        assert deaths >= 4
         assert process.wait(10) == 1
     wait_for(lambda: any("4 times in a row, each time within 5 s" in line for line in lines), 5.0)
 
