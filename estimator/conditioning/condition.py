@@ -78,6 +78,7 @@ from estimator.conditioning.unsensed_turn import (
     alarm_of,
     doubt_heading,
     gravity_at_rest,
+    looks_turned,
     reset_signs,
     watch_field,
     watch_gravity,
@@ -323,7 +324,8 @@ def learn(
             params, doubt, estimate, seen.magnetic, seen.jump, seen.horizontal, dt
         )
     turned = alarm.heading or alarm.quiet or alarm.moving or alarm.levelling
-    if turned or alarm.jump > 0.0 or clipped[0] + clipped[1] > MISSED_RAD**2:
+    turned = turned or alarm.jump > 0.0 or (mean.field_s > 0.0 and looks_turned(params, seen.jump))
+    if turned or clipped[0] + clipped[1] > MISSED_RAD**2:
         calibration = restart_means(calibration)
     if alarm.quiet or alarm.moving:
         tilt = lose_tilt(tilt)

@@ -44,6 +44,8 @@ JUMP_SHARE = 0.535
 SPIKE_SHARE = 0.2
 # Averaging (s) of how far a second's mean force usually is off the vertical.
 WANDER_TAU_S = 10.0
+# A field that turns by so many times what it usually does teaches no calibration.
+SUSPECT_USUAL = 2.5
 # Averaging (s) of how far they differ usually.
 JUMP_USUAL_S = 10.0
 
@@ -235,6 +237,18 @@ def jump_variance(
     if turned**2 < least or not same or turned <= state.seen_rad:
         return 0.0, state.seen_rad
     return (turned**2 - state.seen_rad**2) / JUMP_SHARE**2, turned
+
+
+@inlined
+def looks_turned(params: ConditioningParams, state: JumpSigns) -> bool:
+    """Whether the field in G turns more than it usually does, by whatever it may be.
+
+    What an unknown lag or own field makes of turning is part of the usual. After a turn that
+    nobody has felt the calibration's means are of another attitude, and what has jumped would
+    pass for the vehicle's own field along an axis that has told nothing of it before.
+    """
+    usual = state.usual + state.unseen
+    return state.apart_rad**2 > params.turn_jump_rad**2 + SUSPECT_USUAL**2 * usual
 
 
 @inlined
