@@ -5,6 +5,7 @@ from broad_data import Array, Trial
 from broad_kernel import Parameters, Recording, run_conditioned
 from broad_scores import multiply
 
+import fuzzbee
 from estimator.conditioning import apply_turn
 from estimator.estimator import Estimator
 from estimator.geometry.quaternion import conjugate as conjugate_one
@@ -84,10 +85,12 @@ class FuzzbeeFilter:
         return FuzzbeeRun(trial, self._profile, self._changes)
 
     def call_each(self, trial: Trial, rows: int) -> None:
-        """One call a sample."""
-        estimator = Estimator(self._profile)
-        for k in range(rows):
-            estimator.update(sample_of(trial, k))
+        """One call a sample, as programs make it."""
+        estimator = fuzzbee.Estimator(self._profile, trial.rate_hz)
+        gyr, acc = trial.gyr_rad_s[:rows] * FRD_OF_SENSOR, trial.acc_m_s2[:rows] * FRD_OF_SENSOR
+        mag = trial.mag_ut[:rows] * FRD_OF_SENSOR / MICRO_TESLA_PER_GAUSS
+        for g, a, m in zip(gyr, acc, mag, strict=True):
+            estimator.update(g, a, m)
 
 
 def sample_of(trial: Trial, k: int) -> ImuSample:

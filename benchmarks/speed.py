@@ -2,10 +2,11 @@
 
     python benchmarks/speed.py FOLDER [--json]
 
-Both by what they offer programs: ``fuzzbee.Estimator`` with its defaults, checks and sigmas, and
-``vqf.VQF``. Microseconds a sample by the clock; the best of rounds in which both take turns, the
-one that other programs disturbed least. Compiling, and building an estimator, are not timed.
-``ratio`` is fuzzbee's over VQF's in the same run.
+``batch`` and ``call`` are what both offer programs: ``fuzzbee.Estimator`` with its defaults, checks
+and sigmas, and ``vqf.VQF``. ``filter`` is the filter alone, a recording in one compiled loop, as
+``broad.py`` times it. Microseconds a sample by the clock; the best of rounds in which both take
+turns, the one that other programs disturbed least. Compiling, and building an estimator, are not
+timed. ``ratio`` is fuzzbee's over VQF's in the same run.
 """
 
 import argparse
@@ -13,10 +14,14 @@ import json
 import sys
 import time
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 from broad_data import Trial, load_trials
+from broad_filter import Filter
+from broad_fuzzbee import FuzzbeeFilter
+from broad_vqf import VqfFilter
 from vqf import VQF
 
 from fuzzbee import Estimator, load_profile
@@ -26,6 +31,7 @@ GAUSS_PER_MICRO_TESLA = 0.01
 ROWS = slice(1000, 4000)  # past the rest that trials begin with
 CALLS = 600  # of them: what takes longer than a few ms, other programs always interrupt
 ROUNDS = 100
+READINGS = ("gyr_rad_s", "acc_m_s2", "mag_ut", "q_enu_sensor", "scored", "moving")
 Run = Callable[[], object]
 
 
@@ -55,7 +61,7 @@ def fuzzbee_runs(trial: Trial) -> dict[str, Callable[[], Run]]:
 
         return run
 
-    return {"batch": batch, "call": call}
+    return {"filter": lambda: filter_run(FuzzbeeFilter(), trial), "batch": batch, "call": call}
 
 
 def vqf_runs(trial: Trial) -> dict[str, Callable[[], Run]]:
@@ -80,14 +86,26 @@ def vqf_runs(trial: Trial) -> dict[str, Callable[[], Run]]:
 
         return run
 
-    return {"batch": batch, "call": call}
+    return {
+        "filter": lambda: filter_run(VqfFilter("vqf", 9.0), trial),
+        "batch": batch,
+        "call": call,
+    }
+
+
+def filter_run(filter_: Filter, trial: Trial) -> Run:
+    """What ``broad.py`` times: for fuzzbee the compiled loop alone, for VQF its batch again."""
+    cut = replace(trial, **{name: getattr(trial, name)[ROWS] for name in READINGS})
+    run = filter_.start(cut)
+    return lambda: run.advance(slice(0, len(cut.gyr_rad_s)))
 
 
 def measure(trial: Trial) -> dict[str, dict[str, float]]:
     """Microseconds a sample and their ratio, of each way."""
     filters = {"fuzzbee": fuzzbee_runs(trial), "vqf": vqf_runs(trial)}
+    rows = len(trial.gyr_rad_s[ROWS])
     result = {}
-    for way, samples in (("batch", len(trial.gyr_rad_s[ROWS])), ("call", CALLS)):
+    for way, samples in (("filter", rows), ("batch", rows), ("call", CALLS)):
         best = dict.fromkeys(filters, np.inf)
         for _ in range(ROUNDS):
             for name, runs in filters.items():

@@ -8,14 +8,9 @@ from estimator.aiding.lean import bears_out
 from estimator.aiding.phase import Cause, Phase, after
 from estimator.aiding.place import PlaceField, differ, resembles, update_whereabouts
 from estimator.aiding.types import NO_REPORT
-from estimator.compilation.compiled import plain
-from estimator.conditioning.condition import condition
 from estimator.conditioning.condition import initial_state as initial_conditioning
 from estimator.conditioning.rate import slow_share
-from estimator.filter import kernel
 from estimator.filter.alignment import align
-from estimator.filter.observation import raw_vectors
-from estimator.filter.types import initial_state
 from estimator.geometry.quaternion import exp, multiply
 from estimator.live.aiding_start import (
     Start,
@@ -26,7 +21,6 @@ from estimator.live.aiding_start import (
 )
 from estimator.live.conditioned import conditioned_vectors
 from estimator.live.core import (
-    UNSEEN,
     Core,
     apply_turn,
     change_imu,
@@ -35,6 +29,7 @@ from estimator.live.core import (
     without_aiding,
     without_conditioning,
 )
+from estimator.live.first_sample import first_core
 from estimator.live.holder import Holder
 from estimator.live.interval import is_gap, usual_interval
 from estimator.live.published import NOTHING_SAID, Said, write
@@ -63,11 +58,11 @@ from estimator.live.turning import STILL, hear_rate, take_between
 from estimator.profile import Profile
 from estimator.reasons import Reason
 from estimator.types import (
+    NOTHING_BETWEEN,
     Attitude,
     ImuSample,
     Quaternion,
     RateSample,
-    Sample,
     Vec3,
     VelocitySample,
 )
@@ -299,33 +294,9 @@ class Estimator:
 
     def _take_first(self, sample: ImuSample) -> None:
         """Align on the first sample, or correct the given attitude; nothing has turned yet."""
-        settings, now = self._settings, self._core.core
-        first = Sample(
-            gyr_rad_s=sample.gyr_rad_s,
-            acc_m_s2=sample.acc_m_s2,
-            mag=sample.mag_gauss,
-            has_mag=sample.has_mag,
-            dt_s=0.0,
-        )
-        memory, seen = now.conditioning, UNSEEN
-        if settings.conditioned:
-            memory, seen = plain(condition)(settings.conditioning, memory, first)
-            vectors = conditioned_vectors(settings.reference, seen)
-        else:
-            vectors = raw_vectors(settings.reference, first.acc_m_s2, first.mag, first.has_mag)
-        q = align(vectors) if settings.initial is None else settings.initial
-        first_step_s = settings.filter.first_step_s
-        state = plain(kernel.correct)(settings.filter, initial_state(q), vectors, first_step_s)
-        self._set_core(
-            now._replace(
-                sample=first,
-                filter=state,
-                smooth_error=state.error,
-                conditioning=memory,
-                seen=seen,
-            )
-        )
-        self._enter(Cause.SAMPLE if settings.conditioned else Cause.RAW_SAMPLE)
+        self._set_core(first_core(self._settings, self._core.core, sample))
+        is_conditioned = self._settings.conditioned
+        self._enter(Cause.SAMPLE if is_conditioned else Cause.RAW_SAMPLE)
         self._context = self._context._replace(reports=())
         self._time_us = sample.time_us
 
@@ -344,11 +315,14 @@ class Estimator:
         now, aiding = self._context, self._settings.aiding
         time_us = sample.time_us
         dt_s = 1e-6 * (time_us - self._time_us)
-        is_seen = False
+        between = NOTHING_BETWEEN
         if now.turning is not STILL and self.profile.uses_attitude_rates:
-            is_seen = self._take_turning(time_us, sample)
+            turning, between = take_between(now.turning, self._time_us, time_us, sample.gyr_rad_s)
+            self._context = now._replace(turning=turning)
         if now.phase is not _UNAIDED:
-            self._enter(self._cause_at(dt_s, is_seen=is_seen))
+            self._enter(self._cause_at(dt_s, is_seen=between.given))
+        if between.given:  # to the core that the phase has left
+            self._core.see_between(between)
         due: tuple[Report, ...] = ()
         if now.reports:
             # one that came behind a slow stream's last sample is as old as the step is long
@@ -380,16 +354,6 @@ class Estimator:
             self._align()
         if report.given and aiding.enabled:
             self._begin_aided(report, has_heading=has_heading)
-
-    def _take_turning(self, time_us: int, sample: ImuSample) -> bool:
-        """Hand over what others have seen of the turning up to a sample; whether they have."""
-        turning, between = take_between(
-            self._context.turning, self._time_us, time_us, sample.gyr_rad_s
-        )
-        self._context = self._context._replace(turning=turning)
-        if between.given:
-            self._core.see_between(between)
-        return between.given
 
     def _cause_at(self, dt_s: float, *, is_seen: bool) -> Cause:
         """What a sample means that comes ``dt_s`` after the one before.
