@@ -28,7 +28,7 @@ from fuzzbee import Estimator, load_profile
 
 FRD_OF_SENSOR = np.array([1.0, -1.0, -1.0])
 GAUSS_PER_MICRO_TESLA = 0.01
-ROWS = slice(1000, 4000)  # past the rest that trials begin with
+ROWS = slice(1000, 7000)  # past the rest that trials begin with
 CALLS = 600  # of them: what takes longer than a few ms, other programs always interrupt
 ROUNDS = 100
 READINGS = ("gyr_rad_s", "acc_m_s2", "mag_ut", "q_enu_sensor", "scored", "moving")
