@@ -49,10 +49,9 @@ class Batch:
         """Have the estimator take rows; the first of them that it has left to one call."""
         said = self.said[begin:end]
         taken = inner.update_rows(self.times_us[begin:end], self.readings[begin:end], said)
-        with_field, without = inner.norths
-        self.norths[begin : begin + taken] = np.where(
-            said[:taken, HAS_HEADING] > 0.0, with_field, without
-        )
+        norths = self.norths[begin : begin + taken]
+        norths[:], without = inner.norths
+        norths[said[:taken, HAS_HEADING] == 0.0] = without
         return begin + taken
 
     def is_finite(self, k: int) -> bool:

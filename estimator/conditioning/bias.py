@@ -15,6 +15,8 @@ from estimator.conditioning.types import (
 from estimator.geometry.quaternion import dot
 from estimator.types import Vec3
 
+Four = tuple[float, float, float, float]
+
 
 @inlined
 def clip(x: float, limit: float) -> float:
@@ -80,6 +82,25 @@ def update(
     m2 = p02 * h[0] + p12 * h[1] + p22 * h[2] + p23 * h3
     m3 = p03 * h[0] + p13 * h[1] + p23 * h[2] + p33 * h3
     w = 1.0 / (h[0] * m0 + h[1] * m1 + h[2] * m2 + h3 * m3 + noise)
+    return corrected(x, x3, p, (m0, m1, m2, m3), w, innovation)
+
+
+@inlined
+def update_last(
+    x: Vec3, x3: float, p: Covariance, innovation: float, noise: float
+) -> tuple[Vec3, float, Covariance]:
+    """The same by x3 alone."""
+    m = (p[3], p[6], p[8], p[9])
+    return corrected(x, x3, p, m, 1.0 / (p[9] + noise), innovation)
+
+
+@inlined
+def corrected(
+    x: Vec3, x3: float, p: Covariance, m: Four, w: float, innovation: float
+) -> tuple[Vec3, float, Covariance]:
+    """The update's second half: m = P h, and w the inverse of the innovation's variance."""
+    p00, p01, p02, p03, p11, p12, p13, p22, p23, p33 = p
+    m0, m1, m2, m3 = m
     s = w * innovation
     k0 = w * m0
     k1 = w * m1

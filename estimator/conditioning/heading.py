@@ -3,7 +3,7 @@
 from math import atan2, cos, pi, sin
 
 from estimator.compilation.compiled import inlined
-from estimator.conditioning.bias import clip_each, update
+from estimator.conditioning.bias import clip_each, update_last
 from estimator.conditioning.types import ConditioningParams, Estimate, MagneticState, Two
 from estimator.types import Vec3
 
@@ -66,13 +66,7 @@ def learn_heading(
     off = residual(field, horizontal)
     variance = estimate.covariance[9]
     noise *= (1.0 + off * off / (params.heading_reach_rad**2 + REACH_SQUARE * variance)) ** 2
-    b, d, p = update(
-        estimate.bias_rad_s,
-        estimate.heading_rad,
-        estimate.covariance,
-        (0.0, 0.0, 0.0),
-        1.0,
-        -off,
-        noise,
+    b, d, p = update_last(
+        estimate.bias_rad_s, estimate.heading_rad, estimate.covariance, -off, noise
     )
     return Estimate(clip_each(b, params.bias_limit_rad_s), wrap_angle(d), p)

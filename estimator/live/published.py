@@ -36,7 +36,9 @@ def motion(
     state: FilterState, rate_rad_s: Vec3, ahead_s: float, error: float, error_rate_1_s: float
 ) -> Motion:
     """The filter's part, turned by the last rate for ``ahead_s``, and e with its rate."""
-    q = normalize(multiply(state.q_ned_frd, exp(scale(ahead_s, rate_rad_s))))
+    q = state.q_ned_frd
+    if ahead_s != 0.0:
+        q = normalize(multiply(q, exp(scale(ahead_s, rate_rad_s))))
     return q, rate_rad_s, state.gyr_bias_rad_s, error, error_rate_1_s, state.gain
 
 
