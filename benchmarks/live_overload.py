@@ -6,8 +6,9 @@ python benchmarks/live_overload.py [--vehicles N] [--rate HZ] [--seconds S] [--w
 (SIGSTOP) for 9 s, then goes on. ``busy``: two processes that do nothing but compute run beside it.
 Of each the time before, during and after, of the vehicles that are there all the time: attitudes a
 second, ``age``, from the sending of the sample that an attitude is of to the subscriber's callback,
-and ``tick_interval``. At the end of a trial: samples that were ``sent``, ``taken``, ``shed``,
-``lost`` by the system as the service has counted, and those that nobody has counted.
+``age_at_tick`` of it when the attitude was made, and ``tick_interval``. At the end of a trial:
+samples that were ``sent``, ``taken``, ``shed``, ``lost`` by the system as the service has counted,
+and those that nobody has counted.
 """
 
 import argparse
@@ -27,6 +28,7 @@ from typing import Any
 
 import numpy as np
 from live import SETTLE_S, WARM_UP_S, await_word, figures, free_port, start, start_service
+from live_floor import percentiles
 
 STOP_S = 9.0
 RECOVERY_S = 1.0  # after a trouble, before what comes counts as after it
@@ -107,6 +109,7 @@ def _part(
     sent: np.ndarray, seen: np.ndarray, window: tuple[int, int], rate_hz: float
 ) -> dict[str, Any]:
     found = figures(sent, seen, window, rate_hz)
+    during = seen[(seen[:, 2] * 1000 >= window[0]) & (seen[:, 2] * 1000 < window[1])]
     return {
         "sent_hz": round(
             1e9
@@ -116,6 +119,7 @@ def _part(
         ),
         "delivered_hz": found["delivered_hz"],
         "age": found["sample_to_subscriber"],
+        "age_at_tick": percentiles(during[:, 3] / 1e3),
         "tick_interval": found.get("tick_interval", {}),
     }
 

@@ -7,6 +7,7 @@ nothing that is taken is older than the interval at which its sender sends. No l
 measured for that, and nothing is left out while there is time for all of it.
 """
 
+import time
 from collections import Counter, deque
 from collections.abc import Iterable
 from itertools import islice
@@ -70,6 +71,18 @@ MOST_NEWCOMERS = 1
 MOST_WAITING = 50_000
 
 
+# Of the time in which this process does not get the processor such a share counts.
+IDLE_SHARE = 1.0 / 3.0
+
+
+def waiting_clock_s() -> float:
+    """A clock for waiting: while this process does not get the processor, it runs slower.
+
+    Then nothing may be too much, and it may catch up; but not for long, or nothing is fresh.
+    """
+    return time.process_time() * (1.0 - IDLE_SHARE) + time.monotonic() * IDLE_SHARE
+
+
 class Arrived(NamedTuple):
     """A frame and when it arrived (host's Unix time)."""
 
@@ -88,7 +101,9 @@ class _Turn:
 
 
 class Backlog:
-    """Frames in the order of their turn. Times in s are those of one steady clock, given.
+    """Frames in the order of their turn. Times are given, in s.
+
+    How long frames have waited is told by :func:`waiting_clock_s`, looks by the wall's clock.
 
     ``dropped`` counts frames that were too many, ``shed`` IMU samples that were left out.
     """

@@ -16,7 +16,7 @@ from drivers.closing import Closing
 from drivers.endpoint import Endpoint
 from drivers.events import Event, LinkDown, LinkUp, Malformed, Notice, VehicleId
 from drivers.mavlink.background_recorder import BackgroundRecorder
-from drivers.mavlink.backlog import MOST_WAITING, Arrived, Backlog
+from drivers.mavlink.backlog import MOST_WAITING, Arrived, Backlog, waiting_clock_s
 from drivers.mavlink.constants import (
     MAV_AUTOPILOT_INVALID,
     MAV_COMP_ID_ONBOARD_COMPUTER,
@@ -268,7 +268,7 @@ class MavlinkLink(Closing):
         if self._taker is not None:
             self._hand_over(waiting, self._taker, now_us)
         else:
-            self._backlog.add(waiting, now_s)
+            self._backlog.add(waiting, waiting_clock_s())
         self._events += self._gate.take_refused(now_us)
 
     def _tell(self, text: str | None, now_us: int) -> None:

@@ -5,7 +5,7 @@ import time
 from collections.abc import Callable
 
 from drivers.events import Event
-from drivers.mavlink.backlog import Backlog
+from drivers.mavlink.backlog import Backlog, waiting_clock_s
 from drivers.mavlink.decoder import MavlinkDecoder
 from drivers.mavlink.frame_batch import unpack_frames
 from drivers.mavlink.stream_request import Outgoing, StreamRequest
@@ -78,7 +78,7 @@ class HandedFrames:
         messages, now_s = self._connection.receive(), time.monotonic()
         for message in messages:
             if message.kind is Kind.FRAMES:
-                self._backlog.add(unpack_frames(message.body), now_s)
+                self._backlog.add(unpack_frames(message.body), waiting_clock_s())
             else:
                 self._on_message(message)
         self._backlog.note_look(now_s)

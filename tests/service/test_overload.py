@@ -97,11 +97,12 @@ def texts(outputs):
 
 
 class SlowPipeline(Pipeline):
-    """A computer on which a sample takes 3 ms."""
+    """A computer on which a sample takes 3 ms of computing."""
 
     def handle(self, event):
-        if isinstance(event, Imu):
-            time.sleep(0.003)
+        end_s = time.thread_time() + (0.003 if isinstance(event, Imu) else 0.0)
+        while time.thread_time() < end_s:
+            pass
         return super().handle(event)
 
 
@@ -157,9 +158,9 @@ def test_a_computer_that_is_too_slow_keeps_its_ticks_and_says_so():
     counted = sum(each.samples + each.shed for each in pipeline.vehicles)
     refused = sum(sum(each.rejected.values()) for each in pipeline.vehicles)
     assert counted + refused + link.dropped + link.lost == pytest.approx(transport.sent, rel=0.01)
-    # every vehicle has its turn: a third of the samples is taken, of each about as many
+    # every vehicle has its turn: of a third of the samples, on a busy computer of fewer
     taken = [vehicle.samples for vehicle in pipeline.vehicles]
-    assert min(taken) > 0.5 * max(taken)
+    assert min(taken) > 0.25 * max(taken)
     # attitudes are of fresh samples all the time; without leaving any out they would be 8 s old
     begin_us = min(attitude.time_unix_us for attitude in seen)
     during = [a for a in seen if a.time_unix_us - begin_us < load_s * 1e6]
