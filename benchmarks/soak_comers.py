@@ -1,7 +1,7 @@
 """Vehicles that come and go with new ids, for soak.py: over UDP, or a day of them in a log.
 
 python benchmarks/soak_comers.py PORT SECONDS KEY_FILE sends as many as twenty at a time at 10 Hz,
-signed, each for two seconds.
+signed, each for ten seconds.
 """
 
 import itertools
@@ -27,7 +27,7 @@ class Plan(NamedTuple):
     """How many fly at a time, for how long each, and their samples a second."""
 
     at_a_time: int = 20
-    stay_s: float = 2.0
+    stay_s: float = 10.0
     rate_hz: float = 10.0
 
 

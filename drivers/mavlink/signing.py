@@ -11,6 +11,8 @@ import hmac
 import json
 import logging
 import os
+import threading
+from concurrent.futures import Future
 from contextlib import suppress
 from pathlib import Path
 from typing import NamedTuple
@@ -91,6 +93,7 @@ class SigningCheck:
         self._ours = self._kept.ours
         self._floor = self._kept.floor
         self._most_streams = MOST_STREAMS
+        self._writing: Future[Stamps] | None = None  # by a thread of its own
         self._heard: set[Stream] = set()  # by this process
         self._written: dict[Stream, Heard] = {}  # what was heard when the file was written
         self._is_failing = False
@@ -125,20 +128,51 @@ class SigningCheck:
         self._heard.add(stream)
         if len(self._last) > self._most_streams:
             self._merge_old(_ticks(unix_us))
-        kept = self._kept.accepted.get(stream)
-        if kept is None or ticks > kept.ticks:
-            self._keep(Stamps(self._stamps_ahead(), self._kept.ours, self._floor))
+        if ticks > self._early(stream):
+            self._keep_ahead(stream, ticks)
         return None
+
+    def _early(self, stream: Stream) -> int:
+        """The stamp from which on the file is written anew: half-way to the one that it keeps."""
+        kept, written = self._kept.accepted.get(stream), self._written.get(stream)
+        if kept is None or written is None:
+            return -1
+        return (kept.ticks + written.ticks) // 2
+
+    def _keep_ahead(self, stream: Stream, ticks: int) -> None:
+        """Have the file be ahead of what is accepted; the disk is waited for only if it is late."""
+        if self._writing is not None and (self._writing.done() or self._is_new(stream, ticks)):
+            self._settle()
+        if self._writing is not None or ticks <= self._early(stream):
+            return
+        stamps = Stamps(self._stamps_ahead(), self._kept.ours, self._floor)
+        if self._is_new(stream, ticks):
+            self._keep(stamps)
+            return
+        self._writing = writing = Future[Stamps]()
+
+        def work() -> None:
+            self._write(stamps)
+            writing.set_result(stamps)
+
+        threading.Thread(target=work, name="signing stamps", daemon=True).start()
+
+    def _is_new(self, stream: Stream, ticks: int) -> bool:
+        """Whether the file does not say yet that this stamp is an old one."""
+        kept = self._kept.accepted.get(stream)
+        return kept is None or ticks > kept.ticks
 
     def stamp(self, unix_us: int) -> int:
         """The stamp for a frame of ours: above all before it, also those before a restart."""
         self._ours = max(self._ours + 1, _ticks(unix_us))
         if self._ours > self._kept.ours:
+            self._settle()
             self._keep(self._kept._replace(ours=self._ours + AHEAD_TICKS))
         return self._ours
 
     def close(self) -> None:
         """Write the exact stamps: a vehicle need not wait after a regular restart."""
+        self._settle()
         self._keep(Stamps(dict(self._last), self._ours, self._floor))
 
     def _merge_old(self, now: int) -> None:
@@ -169,8 +203,17 @@ class SigningCheck:
         self._written = dict(self._last)
         return ahead
 
+    def _settle(self) -> None:
+        """Wait for what is being written."""
+        if self._writing is not None:
+            self._kept = self._writing.result()
+            self._writing = None
+
     def _keep(self, stamps: Stamps) -> None:
         self._kept = stamps
+        self._write(stamps)
+
+    def _write(self, stamps: Stamps) -> None:
         try:
             _write(self._file, self._add_others(stamps))
         except (OSError, InputError) as error:
@@ -191,7 +234,7 @@ class SigningCheck:
         others = {
             stream: at
             for stream, at in found.accepted.items()
-            if stream not in self._heard and (at.ticks > floor or abs(at.lag) > FITTING_TICKS)
+            if stream not in self._heard and (at.ticks > self._floor or abs(at.lag) > FITTING_TICKS)
         }
         return Stamps({**stamps.accepted, **others}, max(stamps.ours, found.ours), floor)
 
@@ -237,7 +280,7 @@ def _write(file: Path, stamps: Stamps) -> None:
     """All or nothing: a crash in between leaves the old file."""
     named = {"-".join(map(str, stream)): heard for stream, heard in stamps.accepted.items()}
     text = json.dumps({**named, OURS: stamps.ours, FLOOR: stamps.floor})
-    fresh = file.with_name(f"{file.name}.{os.getpid()}")
+    fresh = file.with_name(f"{file.name}.{os.getpid()}-{threading.get_ident()}")
     try:
         with fresh.open("w", encoding="utf-8") as out:
             out.write(text)

@@ -163,7 +163,8 @@ def test_the_file_is_written_rarely_and_holds_no_secret(file, monkeypatch):
     monkeypatch.setattr(type(file), "replace", lambda *a: (writes.append(1), replace(*a)))
     for now in range(NOW, NOW + 10 * S, S // 100):
         assert check.refusal(signed(now), now) is None
-    assert len(writes) <= 6
+    check.close()
+    assert len(writes) <= 14  # one a second, before it has to be
     text = file.read_text()
     assert KEY.hex() not in text
     assert set(json.loads(text)) == {"1-1-0", "ours", "floor"}
