@@ -241,14 +241,15 @@ def jump_variance(
 
 @inlined
 def looks_turned(params: ConditioningParams, state: JumpSigns) -> bool:
-    """Whether the field in G turns more than it usually does, by whatever it may be.
+    """Whether the field in G turns more than it usually does.
 
     What an unknown lag or own field makes of turning is part of the usual. After a turn that
     nobody has felt the calibration's means are of another attitude, and what has jumped would
-    pass for the vehicle's own field along an axis that has told nothing of it before.
+    pass for the vehicle's own field along an axis that has told nothing of it before. A spike
+    or a magnet, which change the norm, are no turn.
     """
-    usual = state.usual + state.unseen
-    return state.apart_rad**2 > params.turn_jump_rad**2 + SUSPECT_USUAL**2 * usual
+    least = params.turn_jump_rad**2 + SUSPECT_USUAL**2 * (state.usual + state.unseen)
+    return state.apart_rad**2 > least and is_same_norm(params, state)
 
 
 @inlined

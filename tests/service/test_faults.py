@@ -275,7 +275,7 @@ def test_after_a_saturated_gyroscope_the_attitude_is_aligned_anew(profile, limit
     quiet.fly(5.0)
     assert sum("aligning anew" in text for text in rig.messages) == 1
     apart = [abs(a - b) for a, b in zip(rig.errors_deg, quiet.errors_deg, strict=True)]
-    assert max(apart[50:]) == pytest.approx(0.89, rel=0.2)  # measured 0.86 and 0.91
+    assert max(apart[50:]) == pytest.approx({"paper": 0.89, "imu": 0.62}[profile], rel=0.2)
 
 
 def test_a_clipped_accelerometer_is_refused_and_the_estimate_recovers(rig):
@@ -389,7 +389,7 @@ def test_without_the_magnetometer_the_heading_goes_on_and_its_bound_grows():
     assert before.sigma_deg.heading == pytest.approx(1.15, rel=0.2)
     growth = after.sigma_deg.heading - before.sigma_deg.heading
     assert growth == pytest.approx(0.096, rel=0.2)
-    assert before.confidence.magnetic == pytest.approx(0.960, abs=0.005)
+    assert before.confidence.magnetic == pytest.approx(0.981, abs=0.005)
     assert after.confidence.magnetic == 0.0
 
 
@@ -408,7 +408,7 @@ def test_a_stuck_magnetometer_is_absent_and_counted(rig):
 def test_a_swapped_magnetometer_lowers_the_confidence_and_the_tilt_holds():
     rig = Rig("imu").fly(SETTLE_S)
     rig.fly(1.0)
-    assert rig.records[-1].confidence.magnetic == pytest.approx(0.960, abs=0.005)
+    assert rig.records[-1].confidence.magnetic == pytest.approx(0.981, abs=0.005)
     rig.fly(3.0, lambda s: s._replace(mag_gauss=(s.mag_gauss[1], -s.mag_gauss[2], s.mag_gauss[0])))
     assert min(record.confidence.magnetic for record in rig.records) < 0.00012  # measured 0.000095
     assert states(rig) == ["running"]
