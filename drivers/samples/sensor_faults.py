@@ -35,8 +35,9 @@ BLIND_REASONS = frozenset(
 BLIND_US = 30_000  # from the first refused reading on
 
 # Of a sensor that hardly ever repeats itself, equal readings are held back at once, as if none had
-# come: when chance would bring so many in a row less than once in ten thousand times.
-BY_CHANCE = 1e-4
+# come: when chance would bring so many in a row less than once in 1e8 times. So rarely, since a
+# smooth motion in coarse digits repeats itself more often than chance does.
+BY_CHANCE = 1e-8
 HELD_SAMPLES = 3  # at least
 HELD_US = 2_000_000  # at most; by then it is known whether it is stuck
 SHARE_CHANGES = 200  # the share of equal readings goes back over so many changes

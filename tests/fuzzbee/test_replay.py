@@ -29,7 +29,7 @@ RECORDINGS = {
     "rover_no_magnetometer.tlog": (238, 0.819),
     "sitl_copter_4hz.tlog": (600, 0.818),
     "sitl_copter_flips.tlog": (1000, 0.210),
-    "sitl_copter_takeoff.tlog": (1750, 0.0980),
+    "sitl_copter_takeoff.tlog": (1745, 0.0980),
     "sitl_plane_4hz.tlog": (554, 0.806),
     "sub_bad_data.tlog": (100, 0.0403),
     "sub_bluerov.tlog": (121, 0.700),

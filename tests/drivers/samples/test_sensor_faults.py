@@ -115,13 +115,13 @@ def test_a_steady_turn_that_the_others_confirm_is_none(rate_rad_s):
 @pytest.mark.parametrize("step_us", [10_000, STEP_US, 100_000])
 @pytest.mark.parametrize("is_both", [True, False])
 def test_what_chance_does_not_repeat_is_held_back_at_once(step_us, is_both):
-    """From the third repetition on, until 0.5 s and 20 readings show what it is."""
+    """From the fourth repetition on, until 0.5 s and 20 readings show what it is."""
     stream = Stream()
     gyr, acc = stream.noise(ZERO_VEC3), stream.noise(DOWN)
     readings = max(20, 500_000 // step_us)
     same = {"gyr": gyr, **({"acc": acc} if is_both else {})}
     reasons = [stream.feed(**same, step_us=step_us) for _ in range(readings)]
-    assert reasons == [None] * 3 + [Reason.REPEATED] * (readings - 3)
+    assert reasons == [None] * 4 + [Reason.REPEATED] * (readings - 4)
     assert stream.feed(**same, step_us=step_us) is None  # at rest it may be true
     assert stream.feed() is None
     assert stream.faults.take_blindness() is None  # no longer than a gap
