@@ -32,7 +32,7 @@ RECORDINGS = [
     ("copter_reboot.tlog", "RAW_IMU", 457, 2.93, 0.58, 18.79, 457),
     ("rover_no_magnetometer.tlog", "RAW_IMU", 238, 3.85, 0.50, 0.55, 0),
     ("sitl_copter_4hz.tlog", "RAW_IMU", 600, 4.00, 0.25, 0.33, 600),
-    ("sitl_copter_takeoff.tlog", "RAW_IMU", 1750, 50.0, 0.024, 0.13, 149),
+    ("sitl_copter_takeoff.tlog", "RAW_IMU", 1745, 50.0, 0.120, 0.13, 149),  # 5 repeated
     ("sub_bad_data.tlog", "RAW_IMU", 100, 2.00, 0.78, 1.28, 100),
     ("sub_bluerov.tlog", "RAW_IMU", 121, 2.00, 0.76, 1.06, 121),
     ("sub_on_its_side.tlog", "RAW_IMU", 84, 2.00, 3.50, 6.36, 84),
