@@ -1,12 +1,13 @@
 """Frames that wait to be decoded, and what of them is left out when they wait for too long.
 
 Where more arrives than can be handled, a newer sample of a vehicle is worth more than an older
-one. So once frames have waited for longer than :data:`PATIENCE_S`, only the newest of each sender's
-streams stays, in the place of the oldest: whoever has waited longest is next, nobody starves, and
-nothing that is taken is older than the interval at which its sender sends. No load has to be
-measured for that, and nothing is left out while there is time for all of it.
+one. So once frames have waited for longer than :data:`PATIENCE_S`, and not for a moment alone, only
+the newest of each sender's streams stays, in the place of the oldest: whoever has waited longest is
+next, nobody starves, and nothing that is taken is older than the interval at which its sender
+sends. No load has to be measured for that, and nothing is left out while there is time for it.
 """
 
+import math
 import time
 from collections import Counter, deque
 from collections.abc import Iterable
@@ -60,6 +61,12 @@ STREAMS = frozenset(
 # One period of a common stream, 50 Hz: with the wait for the next tick, attitudes stay younger
 # than two.
 PATIENCE_S = 0.02
+# A stall that comes alone is caught up with, and costs nothing but this delay. Where something was
+# left out shortly before, it is no stall but too much.
+STALL_S = 0.15
+ALONE_S = 2.0
+# A newcomer's frames wait for longer: nobody has an attitude of it yet that could grow old.
+NEWCOMER_PATIENCE_S = 0.5
 # Whoever has not looked for so long was stopped: what has piled up is not gone through one by one.
 STOPPED_S = 0.25
 # So many frames are decoded at one go, before whoever takes them can do something else: 1 ms or so.
@@ -119,6 +126,8 @@ class Backlog:
         self._has_come = bytearray(1 << 16)  # by address: whether an IMU sample was taken
         self._uncounted: Counter[tuple[VehicleId, str]] = Counter()
         self._looked_s: float | None = None
+        self._short_s = -math.inf  # when nothing had waited for long
+        self._folded_s = -math.inf  # when something was left out
 
     def __len__(self) -> int:
         return len(self._turns) + sum(map(len, self._newcomers.values()))
@@ -130,11 +139,12 @@ class Backlog:
         """Put frames at the end, or in the place of older ones of their streams."""
         arrived = [each for each in arrived if not self._is_newcomers(each, now_s)]
         turns = self._turns
-        if self._streams is None and turns and now_s - turns[0].since_s > PATIENCE_S:
+        if self._is_too_much(now_s):
             self.fold()
         if self._streams is None:
             turns.extend([_Turn(each, now_s) for each in arrived])
         else:
+            self._folded_s = now_s
             for each in arrived:
                 self._put(each, now_s, self._streams)
         while len(self._turns) > self._most_waiting:
@@ -174,6 +184,15 @@ class Backlog:
         self._uncounted.clear()
         return shed
 
+    def _is_too_much(self, now_s: float) -> bool:
+        """Whether frames have waited for so long that some are to be left out."""
+        turns = self._turns
+        if not turns or now_s - turns[0].since_s <= PATIENCE_S:
+            self._short_s = now_s
+            return False
+        is_alone = now_s - self._folded_s > ALONE_S
+        return self._streams is None and (not is_alone or now_s - self._short_s > STALL_S)
+
     def _is_newcomers(self, arrived: Arrived, now_s: float) -> bool:
         """Keep a frame of who has an IMU of which no sample was taken yet; False for all else."""
         frame = arrived.frame
@@ -186,7 +205,7 @@ class Backlog:
                 return False
             turns = self._newcomers[address] = []
         turns.append(_Turn(arrived, now_s))
-        if now_s - turns[0].since_s > PATIENCE_S:
+        if now_s - turns[0].since_s > NEWCOMER_PATIENCE_S:
             self._newcomers[address] = self._newest(turns)
         return True
 

@@ -1,7 +1,16 @@
 """Whose turn it is, and what is left out when there is too much."""
 
 from drivers.events import Shed, VehicleId
-from drivers.mavlink.backlog import MOST_AT_ONCE, PATIENCE_S, STOPPED_S, Arrived, Backlog
+from drivers.mavlink.backlog import (
+    ALONE_S,
+    MOST_AT_ONCE,
+    NEWCOMER_PATIENCE_S,
+    PATIENCE_S,
+    STALL_S,
+    STOPPED_S,
+    Arrived,
+    Backlog,
+)
 from drivers.mavlink.constants import (
     ATTITUDE_ID,
     HEARTBEAT_ID,
@@ -11,7 +20,8 @@ from drivers.mavlink.constants import (
 )
 from drivers.mavlink.framing import Frame
 
-LONG_S = 1.1 * PATIENCE_S
+LONG_S = 1.1 * STALL_S
+LATE_S = 1.0 + 1.1 * NEWCOMER_PATIENCE_S
 
 
 def arrived(system, number, message=RAW_IMU_ID, imu=0):
@@ -51,6 +61,20 @@ def test_of_what_waits_for_too_long_the_newest_has_the_oldests_turn():
     assert backlog.shed == 3
 
 
+def test_a_stall_alone_costs_nothing_and_one_soon_after_another_does():
+    backlog = known(Backlog(), 1)
+
+    def stall(begin_s, duration_s):
+        backlog.add([arrived(1, 1)], begin_s)
+        backlog.add([arrived(1, 2)], begin_s + duration_s)
+        return len(taken(backlog))
+
+    assert stall(1.0, 0.9 * STALL_S) == 2
+    assert stall(1.5, LONG_S) == 1
+    assert stall(2.0, 1.1 * PATIENCE_S) == 1
+    assert stall(2.1 + ALONE_S, 0.9 * STALL_S) == 2
+
+
 def test_nobody_starves_while_there_is_too_much():
     systems = range(1, 101)
     backlog = known(Backlog(), *systems)
@@ -64,7 +88,7 @@ def test_nobody_starves_while_there_is_too_much():
             ages.append(k - number)
     assert min(count.values()) > 0.7 * max(count.values()) > 0  # measured 0.75
     assert sum(count.values()) == 200 * MOST_AT_ONCE
-    assert max(ages[MOST_AT_ONCE * 3 :]) == 0  # all that is taken is the newest
+    assert max(ages[MOST_AT_ONCE * 12 :]) == 0  # all that is taken is the newest
 
 
 def test_as_soon_as_nothing_waits_everything_counts_again():
@@ -72,7 +96,7 @@ def test_as_soon_as_nothing_waits_everything_counts_again():
     backlog.add([arrived(1, 1), arrived(1, 2)], 1.0)
     backlog.add([arrived(1, 3)], 1.0 + LONG_S)
     assert taken(backlog) == [(1, 3)]
-    backlog.add([arrived(1, 4), arrived(1, 5)], 1.1)
+    backlog.add([arrived(1, 4), arrived(1, 5)], 1.3)
     assert taken(backlog) == [(1, 4), (1, 5)]
 
 
@@ -109,7 +133,10 @@ def test_newcomers_begin_one_by_one_and_others_do_not_wait_for_them():
 def test_a_newcomers_newest_sample_waits():
     backlog = Backlog()
     backlog.add([arrived(1, 1), arrived(1, 2), arrived(1, 3, PARAM_VALUE_ID)], 1.0)
-    backlog.add([arrived(1, 4), arrived(2, 4), arrived(1, 5, SCALED_IMU_ID)], 1.0 + LONG_S)
+    backlog.add(
+        [arrived(1, 4), arrived(2, 4), arrived(1, 5, SCALED_IMU_ID)],
+        1.0 + 1.1 * NEWCOMER_PATIENCE_S,
+    )
     assert taken(backlog) == [(1, 3), (1, 4), (1, 5)]
     assert backlog.take_shed(9) == [Shed(VehicleId(1, 1), 9, "RAW_IMU", 2)]
     assert taken(backlog) == [(2, 4)]
