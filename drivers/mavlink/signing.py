@@ -188,19 +188,27 @@ class SigningCheck:
         self._floor = max([self._floor, *old.values()])
         for stream in old:
             del self._last[stream]
+            self._written.pop(stream, None)
             self._heard.discard(stream)
         self._most_streams = max(MOST_STREAMS, 2 * len(self._last))
 
     def _stamps_ahead(self) -> dict[Stream, Heard]:
-        """The streams' stamps as they will be in two seconds, each at its own pace."""
-        ahead = {}
+        """The streams' stamps as they will be in two seconds, each at its own pace.
+
+        One that was written too short a time ago to tell its pace keeps its stamp: else each new
+        stream would take the others' lead away, and the file were written at every frame.
+        """
+        kept, ahead = self._kept.accepted, {}
         for stream, last in self._last.items():
             written = self._written.get(stream, last)
             ticks = last.ticks - written.ticks
             host_ticks = ticks + last.lag - written.lag
+            if host_ticks < SHORTEST_TICKS and stream in self._written and stream in kept:
+                ahead[stream] = last._replace(ticks=max(last.ticks, kept[stream].ticks))
+                continue
             lead = AHEAD_TICKS * ticks // max(host_ticks, SHORTEST_TICKS)
             ahead[stream] = last._replace(ticks=last.ticks + min(lead, AHEAD_TICKS))
-        self._written = dict(self._last)
+            self._written[stream] = last
         return ahead
 
     def _settle(self) -> None:

@@ -170,6 +170,24 @@ def test_the_file_is_written_rarely_and_holds_no_secret(file, monkeypatch):
     assert set(json.loads(text)) == {"1-1-0", "ours", "floor"}
 
 
+def test_many_streams_that_begin_one_after_another_write_rarely(file, monkeypatch):
+    """Each write is fsync'd: one at every frame would leave no time for anything else."""
+    check, writes = SigningCheck(KEY, file), []
+    replace = type(file).replace
+    monkeypatch.setattr(type(file), "replace", lambda *a: (writes.append(1), replace(*a)))
+    frames = 0
+    for k in range(200):  # a fleet at 50 Hz, all at once, and every 0.1 s one more
+        for number in range(5, min(5 + k // 5, 45)):
+            now = NOW + k * S // 50 + 100 * (number * 7 % 45)
+            for frame in (0, 1, 2):  # of one datagram
+                frames += 1
+                one = signed(now + 10 * frame, vehicle=VehicleId(1 + number, 1))
+                assert check.refusal(one, now) is None
+    check.close()
+    assert frames == 11_700
+    assert len(writes) < 190  # measured 157; it was 3,936
+
+
 def test_a_damaged_state_is_refused_at_the_start(file):
     file.parent.mkdir()
     damaged = (
