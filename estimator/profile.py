@@ -12,6 +12,7 @@ import re
 import stat
 import tomllib
 from collections.abc import Mapping
+from functools import cache
 from importlib import resources
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -137,8 +138,7 @@ def load_profile(name_or_path: str) -> Profile:
         InputError: no such name or file, or anything wrong inside it.
     """
     if name_or_path in SHIPPED:
-        resource = resources.files("estimator").joinpath("profiles", f"{name_or_path}.toml")
-        return parse_profile(resource.read_text("utf-8"), name_or_path)
+        return _shipped(name_or_path)
     try:
         content = _content(Path(name_or_path))
         text = content.decode("utf-8")
@@ -152,6 +152,13 @@ def load_profile(name_or_path: str) -> Profile:
         msg = f"profile {name_or_path}: not a text file (UTF-8)"
         raise InputError(msg) from None
     return parse_profile(text.replace("\r\n", "\n"), name_or_path)
+
+
+@cache
+def _shipped(name: str) -> Profile:
+    """Read once: a vehicle that is met while others fly must not cost them a file to be parsed."""
+    resource = resources.files("estimator").joinpath("profiles", f"{name}.toml")
+    return parse_profile(resource.read_text("utf-8"), name)
 
 
 def _content(path: Path) -> bytes:
