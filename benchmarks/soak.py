@@ -102,16 +102,18 @@ def day(hours: float, speed: float) -> dict[str, Any]:
         samples = write_day(log, hours, DAY)
         command = [sys.executable, "-m", "fuzzbee", "run", str(log), "--speed", str(speed)]
         command += ["--json", "-l", endpoint, "-e", endpoint, *_watched(folder, metrics)]
-        with subprocess.Popen(  # noqa: S603
-            command, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True
-        ) as service:
+        # into a file: a pipe is full before the summary of so many vehicles is written
+        with (
+            (folder / "summary.json").open("w+") as out,
+            subprocess.Popen(command, stdout=out, stderr=subprocess.DEVNULL) as service,  # noqa: S603
+        ):
             begin_s = time.monotonic()
             time.sleep(LOOK_S)
             while service.poll() is None:
                 looks.append(look(service.pid, begin_s, metrics))
                 time.sleep(LOOK_S)
-            assert service.stdout is not None
-            summary = json.loads(service.stdout.read())
+            out.seek(0)
+            summary = json.loads(out.read())
     return {"hours": hours, "samples_in_log": samples, **_told(summary), **verdict(looks)}
 
 
