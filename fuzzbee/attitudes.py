@@ -14,21 +14,6 @@ from fuzzbee.angle_curves import euler_curves_deg
 Floats = NDArray[np.float64]
 Times = NDArray[np.int64]
 
-NO_ATTITUDE = Attitude(
-    time_us=0,
-    q_ned_frd=(nan, nan, nan, nan),
-    rate_rad_s=(nan, nan, nan),
-    gyro_bias_rad_s=(nan, nan, nan),
-    error=nan,
-    error_rate_1_s=nan,
-    gain=nan,
-    confidence_gravity=nan,
-    confidence_magnetic=nan,
-    sigma_inclination_rad=nan,
-    sigma_heading_rad=nan,
-    heading_reference="none",
-)
-
 
 @dataclass(frozen=True)
 class Attitudes:
