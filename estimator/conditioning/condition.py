@@ -1,19 +1,18 @@
 """The conditioning stage: from one IMU sample to the paper's vectors."""
 
-from math import cos, inf, sin
+from math import cos, sin
 
 from estimator.compilation.compiled import compiled, inlined
 from estimator.conditioning.calibration import correct_field
+from estimator.conditioning.certainty import certainty_of, with_certainty
 from estimator.conditioning.clipping import watch_clipping
 from estimator.conditioning.coefficients import coefficients
 from estimator.conditioning.gather import STEP_S, gather
 from estimator.conditioning.gravity import propagate_frame
 from estimator.conditioning.initial import initial_state
 from estimator.conditioning.learning import learn
-from estimator.conditioning.magnetic import has_heading
-from estimator.conditioning.rate import at_interval_end, following_weight, integration_rate
+from estimator.conditioning.rate import at_interval_end, integration_rate
 from estimator.conditioning.rest import initial_rest
-from estimator.conditioning.sigma import sigma_heading, sigma_inclination
 from estimator.conditioning.tilt import initial_tilt, slowness
 from estimator.conditioning.types import Conditioned, ConditioningParams, ConditioningState
 from estimator.geometry.quaternion import (
@@ -31,8 +30,6 @@ from estimator.types import Quaternion, Sample, Vec3
 __all__ = ["condition", "initial_state"]
 
 LEAST_DT_S = 1e-6
-# Without a field for so long (s) there is no confidence in it any more.
-FIELD_PATIENCE_S = 2.0
 
 
 @inlined
@@ -111,33 +108,32 @@ def condition(
         signs=state.signs,
         doubt=state.doubt,
         axes=state.axes,
+        certainty=state.certainty,
         coefficients=k,
     )
     if due:
         before = state
         state = learn(params, before, gyr, sample.between, usual_s)
+        state = with_certainty(state, certainty_of(params, state))
         slow = 0.0 if first else slowness(params, dt)
         if slow > 0.0:
             rate = rate_by_attitudes(state, rate, ned_of_g(before), slow, dt)
-    return state, result_of(params, state, rate)
+    return state, result_of(state, rate)
 
 
 @inlined
-def result_of(params: ConditioningParams, state: ConditioningState, rate: Vec3) -> Conditioned:
+def result_of(state: ConditioningState, rate: Vec3) -> Conditioned:
     """The result for the filter and the publisher."""
-    q = state.gravity.q_g_frd
-    field = state.magnetic
-    known = has_heading(field)
-    weight = following_weight(slowness(params, state.coefficients.dt_s), state.coefficients.dt_s)
+    q, known = state.gravity.q_g_frd, state.certainty
     return Conditioned(
         rate_rad_s=rate,
         bias_rad_s=state.estimate.bias_rad_s,
         gravity_b=rotate_inverse(q, state.axes.down_g),
         magnetic_b=rotate_inverse(q, state.axes.north_g),
-        weight=weight,
-        has_heading=known,
-        gravity_confidence=1.0 / (1.0 + state.gravity.force.unsteady),
-        magnetic_confidence=field.look.confidence if field.wait_s < FIELD_PATIENCE_S else 0.0,
-        sigma_inclination_rad=sigma_inclination(params, state),
-        sigma_heading_rad=sigma_heading(params, state) if known else inf,
+        weight=known.weight,
+        has_heading=known.has_heading,
+        gravity_confidence=known.gravity_confidence,
+        magnetic_confidence=known.magnetic_confidence,
+        sigma_inclination_rad=known.sigma_inclination_rad,
+        sigma_heading_rad=known.sigma_heading_rad,
     )

@@ -1,5 +1,7 @@
 """The stage before its first sample, and after a turn no sensor has felt."""
 
+from math import inf
+
 from estimator.conditioning.gather import NOTHING
 from estimator.conditioning.spin import SCALE_SIGMA
 from estimator.conditioning.types import (
@@ -7,6 +9,7 @@ from estimator.conditioning.types import (
     Calibration,
     CalibrationMeans,
     CalibrationState,
+    Certainty,
     Clipping,
     Coefficients,
     ConditioningParams,
@@ -139,6 +142,14 @@ def initial_state(params: ConditioningParams) -> ConditioningState:
         ),
         doubt=Doubt(tilt=0.0, heading=0.0, usual_s=0.0, norm=0.0),
         axes=Axes(down_g=(0.0, 0.0, 1.0), north_g=(1.0, 0.0, 0.0)),
+        certainty=Certainty(
+            weight=1.0,
+            has_heading=False,
+            gravity_confidence=0.0,
+            magnetic_confidence=0.0,
+            sigma_inclination_rad=0.0,
+            sigma_heading_rad=inf,
+        ),
         coefficients=Coefficients(
             dt_s=0.0,
             rest=still,

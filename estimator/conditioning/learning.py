@@ -297,5 +297,6 @@ def learn(
         signs=signs,
         doubt=doubt,
         axes=axes_of(gravity, estimate.heading_rad),
+        certainty=state.certainty,
         coefficients=k,
     )

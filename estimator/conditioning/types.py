@@ -380,6 +380,17 @@ class Axes(NamedTuple):
     north_g: Vec3  # likewise, horizontal
 
 
+class Certainty(NamedTuple):
+    """How far the vectors can be trusted, and how well inclination and heading are known."""
+
+    weight: float  # of both vectors against the gyroscope; 1 for fast streams
+    has_heading: bool  # whether a field has told it
+    gravity_confidence: float  # 0..1, falls with unsteady force
+    magnetic_confidence: float  # 0..1, of the present field; 0 without one
+    sigma_inclination_rad: float  # angle that 68 % of the errors lie under
+    sigma_heading_rad: float  # likewise; infinite without a heading
+
+
 class Alarm(NamedTuple):
     """Which sign of an unsensed turn went off."""
 
@@ -408,6 +419,7 @@ class ConditioningState(NamedTuple):
     signs: TurnSigns  # of an unsensed turn
     doubt: Doubt  # after one
     axes: Axes  # down and north, as the last learning step has them
+    certainty: Certainty  # likewise
     coefficients: Coefficients  # for the last step's length
 
 
