@@ -26,7 +26,7 @@ from broad_fuzzbee import (
 from broad_scores import conjugate, errors_deg, multiply
 
 from estimator.estimator import Estimator
-from estimator.live.rows import SAID
+from estimator.live.rows import SAID, cut, rows_of
 from estimator.profile import load_profile
 
 DURATIONS_S = (1.0, 2.5, 4.0, 8.0, 16.0)
@@ -131,10 +131,10 @@ def headings(trial: Trial) -> tuple[Array, Array]:
     n = len(trial.gyr_rad_s)
     times = np.round(np.arange(n) * trial.dt_s * 1e6).astype(np.int64)
     vectors = [trial.gyr_rad_s, trial.acc_m_s2, trial.mag_ut / MICRO_TESLA_PER_GAUSS]
-    frd = np.concatenate([v * FRD_OF_SENSOR for v in vectors], axis=1)
-    readings = np.concatenate([frd, np.ones((n, 1))], axis=1)
+    frd = [v * FRD_OF_SENSOR for v in vectors]
+    rows = rows_of(times, *frd, np.ones(n, np.bool_))
     said = np.full((n, SAID), np.nan)
-    taken = 1 + estimator.update_rows(times[1:], readings[1:], said[1:])
+    taken = 1 + estimator.update_rows(cut(rows, 1), said[1:])
     if taken < n:
         msg = f"{trial.name}: row {taken} was not taken"
         raise ValueError(msg)

@@ -45,13 +45,13 @@ from estimator.live.resident import (
     AIDED,
     CONDITIONED,
     FIRST_HEADING,
-    NO_ROWS,
     NOT_FINITE_NOW,
     NOT_LATER,
+    NOTHING_LAID,
     RAW,
     TAKEN,
 )
-from estimator.live.rows import Floats, Times
+from estimator.live.rows import Floats, Rows, cut
 from estimator.live.settings import settings_of
 from estimator.live.snapshot import Context, Snapshot
 from estimator.live.turning import STILL, hear_rate, take_between
@@ -180,27 +180,26 @@ class Estimator:
         self._said_us = None
         return self._end_rows(end)
 
-    def update_rows(self, times_us: Times, readings: Floats, said: Floats) -> int:
+    def update_rows(self, rows: Rows, said: Floats) -> int:
         """Take rows as long as there is nothing to do but to take them.
 
-        ``times_us`` (N,), ``readings`` and ``said`` (N, columns as in :mod:`estimator.live.rows`),
-        to which the attitude after each row is written. Returns the first row that was not taken:
-        one for :meth:`update`, which knows what to do with it, or N. Behind a row whose attitude is
-        not finite nothing is taken either.
+        To ``said`` (N, columns as in :mod:`estimator.live.rows`) the attitude after each row is
+        written. Returns the first row that was not taken: one for :meth:`update`, which knows what
+        to do with it, or N. Behind a row whose attitude is not finite nothing is taken either.
         """
-        taken, end = 0, FIRST_HEADING
-        while end == FIRST_HEADING and taken < len(times_us):
+        taken, end, n = 0, FIRST_HEADING, len(said)
+        while end == FIRST_HEADING and taken < n:
             if self._looked_at is not self._context:
                 self._look()
             if not self._needs_samples_only or not self._trusts_compass:
                 break
-            self._core.lay(times_us[taken:], readings[taken:], said[taken:])
-            rows, end, _, self._time_us, self._usual_s, _ = self._core.advance(
-                *NO_SAMPLE_ITSELF, self._time_us, self._usual_s, False, len(times_us) - taken
+            self._core.lay(cut(rows, taken), said[taken:])
+            done, end, _, self._time_us, self._usual_s, _ = self._core.advance(
+                *NO_SAMPLE_ITSELF, self._time_us, self._usual_s, False, n - taken
             )
-            self._core.lay(*NO_ROWS)
+            self._core.lay(*NOTHING_LAID)
             self._said_us = None
-            taken += rows
+            taken += done
             if end == FIRST_HEADING:
                 self._align()
                 write(said[taken - 1], self._core.publish(0.0, CONDITIONED))

@@ -1,7 +1,7 @@
 """The estimator as programs use it: readings as arrays, one sample a call or all at once."""
 
 from collections import Counter
-from math import isfinite, nan
+from math import isfinite
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -9,12 +9,20 @@ from numpy.typing import ArrayLike
 from drivers.samples.fresh_field import RepeatedField, finite_or_zero
 from estimator import estimator
 from estimator.errors import InputError
+from estimator.live.rows import rows_of
 from estimator.profile import Profile, load_profile
 from estimator.reasons import Reason
 from estimator.types import ZERO_VEC3, Attitude, ImuSample, Vec3, VelocitySample
-from fuzzbee.arguments import MICROSECONDS, matrix, microseconds, microseconds_of_rows, vector
+from fuzzbee.arguments import (
+    MICROSECONDS,
+    Times,
+    matrix,
+    microseconds,
+    microseconds_of_rows,
+    vector,
+)
 from fuzzbee.attitudes import Attitudes, attitudes_of_rows
-from fuzzbee.batch import Batch, Times
+from fuzzbee.batch import Batch
 
 # What a satellite receiver's or an autopilot's velocity is good for if nobody says.
 VELOCITY_SIGMA_M_S = 0.3
@@ -125,15 +133,16 @@ class Estimator:
         n = len(gyr)
         acc = matrix("acc_m_s2", acc_m_s2, n)
         mag = np.zeros((n, 3)) if mag_gauss is None else matrix("mag_gauss", mag_gauss, n)
-        velocity = np.full((n, 3), nan)
+        velocity = None
         if velocity_ned_m_s is not None:
             velocity = matrix("velocity_ned_m_s", velocity_ned_m_s, n)
         times_us = self._next_times_us(time_s, n)
         has_mag = self._field.fresh_rows(mag, times_us)
-        readings = self.profile.mounting.to_body_rows(
-            gyr, acc, np.where(has_mag[:, None], mag, 0.0)
-        )
-        batch = Batch(times_us, np.column_stack([*readings, has_mag]), velocity)
+        readings = (gyr, acc, mag)
+        if not self._is_plain:
+            mag = np.where(has_mag[:, None], mag, 0.0)
+            readings = self.profile.mounting.to_body_rows(gyr, acc, mag)
+        batch = Batch(rows_of(times_us, *readings, has_mag), velocity)
         self._take_batch(batch)
         return attitudes_of_rows(times_us, batch.said, batch.norths)
 
@@ -176,9 +185,13 @@ class Estimator:
                     self._take_row(batch, k)
                     k += 1
             if k < len(batch):
-                self.update_velocity(batch.velocity[k], batch.times_us[k] / MICROSECONDS)
+                self._take_report(batch, k)
                 self._take_row(batch, k)
                 k += 1
+
+    def _take_report(self, batch: Batch, k: int) -> None:
+        assert batch.velocity is not None
+        self.update_velocity(batch.velocity[k], batch.rows.times_us[k] / MICROSECONDS)
 
     def _take_row(self, batch: Batch, k: int) -> None:
         batch.put(k, self._take(*batch.sample(k)))

@@ -83,7 +83,7 @@ def attitudes_of_rows(times_us: Times, said: Floats, norths: NDArray[np.str_]) -
     """The columns of rows as :mod:`estimator.live.rows` has them."""
     error, _, gain, gravity, magnetic, inclination, heading = said[:, 10:17].T
     return Attitudes(
-        time_s=np.array(1e-6 * times_us, dtype=float),
+        time_s=1e-6 * times_us.astype(np.float64),
         q_ned_frd=said[:, :4],
         rate_rad_s=said[:, 4:7],
         gyro_bias_rad_s=said[:, 7:10],

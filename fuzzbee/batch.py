@@ -7,48 +7,54 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimator.estimator import Estimator
-from estimator.live.rows import HAS_HEADING, SAID
-from estimator.types import Attitude, ImuSample
-from fuzzbee.arguments import Floats, Times
-
-__all__ = ["Batch", "Times"]
+from estimator.live.rows import HAS_HEADING, SAID, Rows, cut
+from estimator.types import ZERO_VEC3, Attitude, ImuSample
+from fuzzbee.arguments import Floats
 
 NORTHS = "<U8"  # "magnetic" is the longest of what a heading is measured from
 
 
 class Batch:
-    """Rows of readings in body axes as :mod:`estimator.live.rows` has them.
+    """Rows of readings as :mod:`estimator.live.rows` has them.
 
     ``said`` (N, :data:`SAID`) takes the attitudes, ``norths`` (N,) what their headings are measured
-    from. Rows of ``velocity`` (N, 3) whose horizontal part is not known are no reports.
+    from. Rows of ``velocity`` (N, 3) whose horizontal part is not known are no reports, and there
+    are none without it.
     """
 
-    def __init__(self, times_us: Times, readings: Floats, velocity: Floats) -> None:
-        self.times_us = times_us
-        self.readings = readings
+    def __init__(self, rows: Rows, velocity: Floats | None) -> None:
+        self.rows = rows
         self.velocity = velocity
-        self.said: Floats = np.empty((len(times_us), SAID))
-        self.norths: NDArray[np.str_] = np.full(len(times_us), "none", NORTHS)
+        self.said: Floats = np.empty((len(self), SAID))
+        self.norths: NDArray[np.str_] = np.zeros(len(self), NORTHS)
 
     def __len__(self) -> int:
-        return len(self.times_us)
+        return len(self.rows.times_us)
 
     def reports(self) -> Sequence[int]:
         """The rows before which there is a velocity."""
+        if self.velocity is None:
+            return ()
         known = np.isfinite(self.velocity)
         rows: list[int] = np.flatnonzero(known[:, 0] & known[:, 1]).tolist()
         return rows
 
     def sample(self, k: int) -> ImuSample:
         """A row as one call takes it."""
-        gx, gy, gz, ax, ay, az, mx, my, mz, has_mag = self.readings[k].tolist()
-        time_us = int(self.times_us[k])
-        return ImuSample(time_us, (gx, gy, gz), (ax, ay, az), (mx, my, mz), bool(has_mag))
+        rows = self.rows
+        gx, gy, gz = rows.gyr_rad_s[k].tolist()
+        ax, ay, az = rows.acc_m_s2[k].tolist()
+        time_us, mag = int(rows.times_us[k]), ZERO_VEC3
+        has_mag = bool(rows.has_mag[k])
+        if has_mag:
+            mx, my, mz = rows.mag_gauss[k].tolist()
+            mag = (mx, my, mz)
+        return ImuSample(time_us, (gx, gy, gz), (ax, ay, az), mag, has_mag)
 
     def take_run(self, inner: Estimator, begin: int, end: int) -> int:
         """Have the estimator take rows; the first of them that it has left to one call."""
         said = self.said[begin:end]
-        taken = inner.update_rows(self.times_us[begin:end], self.readings[begin:end], said)
+        taken = inner.update_rows(cut(self.rows, begin, end), said)
         norths = self.norths[begin : begin + taken]
         norths[:], without = inner.norths
         norths[said[:taken, HAS_HEADING] == 0.0] = without

@@ -6,6 +6,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from estimator.compilation.compiled import compiled
 from estimator.types import ZERO_VEC3, Vec3
 
 Floats = NDArray[np.float64]
@@ -44,28 +45,25 @@ class RepeatedField:
 
     def fresh_rows(self, mag_gauss: Floats, times_us: Times) -> Flags:
         """Which of N fields (N, 3) are: finite, not zero, and not repeated; (N,)."""
-        finite, other = np.isfinite(mag_gauss), mag_gauss != 0.0
-        fresh = finite[:, 0] & finite[:, 1] & finite[:, 2]
-        fresh &= other[:, 0] | other[:, 1] | other[:, 2]
-        rows = np.flatnonzero(fresh)
-        if not rows.size:
-            return fresh
-        # each field beside the one before, the last of earlier ones first
-        fields = np.vstack([self._last, mag_gauss[rows]])
-        changed = fields[1:] != fields[:-1]
-        is_new = changed[:, 0] | changed[:, 1] | changed[:, 2]
-        known_us = np.concatenate([[self._last_us], times_us[rows]])
-        since = np.maximum.accumulate(np.where(is_new, np.arange(1, rows.size + 1), 0))
-        age_us = known_us[1:] - known_us[since]
-        if ((age_us < 0) | (age_us >= REPEAT_US)).any():  # a repetition may count as new
-            for k in rows.tolist():
-                x, y, z = mag_gauss[k].tolist()
-                fresh[k] = self.fresh((x, y, z), 0, int(times_us[k])) is not None
-            return fresh
-        x, y, z = fields[-1].tolist()
-        self._last, self._last_us = (x, y, z), int(known_us[since[-1]])
-        fresh[rows] = is_new
+        fresh, self._last, self._last_us = fresh_of_rows(
+            mag_gauss, times_us, self._last, self._last_us
+        )
         return fresh
+
+
+@compiled
+def fresh_of_rows(
+    mag_gauss: Floats, times_us: Times, last: Vec3, last_us: int
+) -> tuple[Flags, Vec3, int]:
+    """What :meth:`RepeatedField.fresh` says of each row, and the last fresh field with its time."""
+    fresh = np.zeros(len(times_us), np.bool_)
+    for k in range(len(times_us)):
+        field, time_us = (mag_gauss[k, 0], mag_gauss[k, 1], mag_gauss[k, 2]), times_us[k]
+        finite = math.isfinite(field[0]) and math.isfinite(field[1]) and math.isfinite(field[2])
+        repeated = field == last and 0 <= time_us - last_us < REPEAT_US
+        if finite and field != ZERO_VEC3 and not repeated:
+            fresh[k], last, last_us = True, field, time_us
+    return fresh, last, last_us
 
 
 class LoggedField:

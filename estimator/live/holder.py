@@ -48,7 +48,7 @@ class Holder:
         """A step that knows what it works on."""
         if self._inside is None:
             self._inside = resident.resident(
-                self._params, resident.in_arrays(self._core), *resident.NO_ROWS
+                self._params, resident.in_arrays(self._core), *resident.NOTHING_LAID
             )
         if _numba_config.DISABLE_JIT:
             return partial(kernel, self._inside)

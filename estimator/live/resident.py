@@ -11,7 +11,6 @@ from math import isfinite
 from typing import Any, NamedTuple
 
 import numba
-import numpy as np
 from numba.core import types
 from numba.experimental import structref
 
@@ -51,7 +50,7 @@ from estimator.live.published import (
     write,
 )
 from estimator.live.refusal import FINE, fault_of
-from estimator.live.rows import READINGS, SAID, Floats, Times
+from estimator.live.rows import NO_ROWS, NOTHING_TO_SAY, Floats, Rows, reading_of
 from estimator.live.settings import Settings
 from estimator.types import NOTHING_BETWEEN, ZERO_VEC3, Between, Sample, Vec3
 
@@ -84,9 +83,9 @@ class Params(NamedTuple):
     aiding: AidingParams
 
 
-FIELDS = ("params", "between", "times_us", "readings", "said", *Core._fields)
+FIELDS = ("params", "between", "rows", "said", *Core._fields)
 # No arrays are laid.
-NO_ROWS = (np.zeros(0, np.int64), np.zeros((0, READINGS)), np.zeros((0, SAID)))
+NOTHING_LAID = (NO_ROWS, NOTHING_TO_SAY)
 
 if _numba_config.DISABLE_JIT:
 
@@ -120,9 +119,9 @@ def params_of(settings: Settings) -> Params:
 def arguments_of(settings: Settings, core: Core) -> dict[Any, tuple[Any, ...]]:
     """What numba calls the types that each kernel here is called with; not in plain Python."""
     values = (params_of(settings), in_arrays(core))
-    fields = zip(FIELDS, (values[0], NOTHING_BETWEEN, *NO_ROWS, *values[1]), strict=True)
+    fields = zip(FIELDS, (values[0], NOTHING_BETWEEN, *NOTHING_LAID, *values[1]), strict=True)
     inside = _resident_type([(name, _typeof(value)) for name, value in fields])
-    given = (*values, *NO_ROWS)
+    given = (*values, *NOTHING_LAID)
     return {resident: tuple(_typeof(value) for value in given), **arguments_with(inside)}
 
 
@@ -137,7 +136,7 @@ def arguments_with(inside: Any) -> dict[Any, tuple[Any, ...]]:
         contents: (inside,),
         advance_raw: (inside, vector, vector, vector, flag, number),
         advance: (inside, whole, *readings, flag, whole, number, flag, whole),
-        lay: (inside, *(_typeof(array) for array in NO_ROWS)),
+        lay: (inside, *(_typeof(value) for value in NOTHING_LAID)),
         see_between: (inside, between),
         advance_aided: (inside, report, flag),
         hear: (inside, report),
@@ -152,13 +151,12 @@ def in_arrays(core: Core) -> Core:
 
 
 @compiled
-def resident(params: Params, core: Core, times_us: Times, readings: Floats, said: Floats) -> Any:
+def resident(params: Params, core: Core, rows: Rows, said: Floats) -> Any:
     """Put everything inside; the arrays as in :func:`lay`."""
     return Resident(
         params,
         NOTHING_BETWEEN,
-        times_us,
-        readings,
+        rows,
         said,
         core.sample,
         core.filter,
@@ -242,16 +240,13 @@ def advance(
     params = inside.params
     memory, seen, state, search = inside.conditioning, inside.seen, inside.filter, inside.search
     sample, between = inside.sample, inside.between
-    times_us, readings, said = inside.times_us, inside.readings, inside.said
+    laid, said = inside.rows, inside.said
     told = NOTHING_SAID
+    gyr, acc, mag = (gx, gy, gz), (ax, ay, az), (mx, my, mz)
     k, end = 0, TAKEN
     while end == TAKEN and k < max(1, rows):
         if rows > 0:
-            row = readings[k]
-            time_us, has_mag = times_us[k], row[9] != 0.0
-            gx, gy, gz, ax, ay, az = row[0], row[1], row[2], row[3], row[4], row[5]
-            mx, my, mz = row[6], row[7], row[8]
-        gyr, acc, mag = (gx, gy, gz), (ax, ay, az), (mx, my, mz)
+            time_us, gyr, acc, mag, has_mag = reading_of(laid, k)
         end = fault_of(gyr, acc, mag)
         if end == FINE and time_us <= last_us:
             end = NOT_LATER
@@ -294,10 +289,9 @@ def advance(
 
 
 @compiled
-def lay(inside: Any, times_us: Times, readings: Floats, said: Floats) -> None:
-    """Lay arrays for :func:`advance`, of columns as in :mod:`estimator.live.rows`."""
-    inside.times_us = times_us
-    inside.readings = readings
+def lay(inside: Any, rows: Rows, said: Floats) -> None:
+    """Lay arrays for :func:`advance`, as in :mod:`estimator.live.rows`."""
+    inside.rows = rows
     inside.said = said
 
 

@@ -1,14 +1,70 @@
-"""Many samples and what is said about them, as rows of numbers in arrays."""
+"""Many samples and what is said about them, as rows of arrays."""
+
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from estimator.compilation.compiled import inlined
+from estimator.types import ZERO_VEC3, Vec3
+
 Floats = NDArray[np.float64]
 Times = NDArray[np.int64]
+Flags = NDArray[np.bool_]
 
-# Columns of a row of readings: rate, specific force, field (FRD), and 1 where there is a field.
-READINGS = 10
 # Columns of a row that tells an attitude: q_ned_frd, rate, bias, e, its rate, K, the confidences
 # of gravity and field, the sigmas of inclination and heading, and 1 where a field has told one.
 SAID = 18
 HAS_HEADING = 17
+
+
+class Rows(NamedTuple):
+    """N samples, FRD. Arrays as compiled code takes them: C-contiguous and aligned.
+
+    A field counts where ``has_mag`` says so; elsewhere its row may hold anything.
+    """
+
+    times_us: Times  # (N,)
+    gyr_rad_s: Floats  # (N, 3)
+    acc_m_s2: Floats  # (N, 3)
+    mag_gauss: Floats  # (N, 3)
+    has_mag: Flags  # (N,)
+
+
+NO_SAMPLES = np.zeros((0, 3))
+NO_ROWS = Rows(np.zeros(0, np.int64), NO_SAMPLES, NO_SAMPLES, NO_SAMPLES, np.zeros(0, np.bool_))
+NOTHING_TO_SAY = np.zeros((0, SAID))
+
+
+def rows_of(
+    times_us: Times, gyr_rad_s: Floats, acc_m_s2: Floats, mag_gauss: Floats, has_mag: Flags
+) -> Rows:
+    """The arrays as they are, or copies of those that are laid out otherwise."""
+    return Rows(
+        _plain(times_us), _plain(gyr_rad_s), _plain(acc_m_s2), _plain(mag_gauss), _plain(has_mag)
+    )
+
+
+def _plain(values: Any) -> Any:
+    return np.require(values, requirements=("C", "A"))
+
+
+@inlined
+def reading_of(rows: Rows, k: int) -> tuple[int, Vec3, Vec3, Vec3, bool]:
+    """One row: time, rate, specific force, field, and whether there is one; zero if not."""
+    gyr, acc, mag = rows.gyr_rad_s, rows.acc_m_s2, rows.mag_gauss
+    has_mag = rows.has_mag[k]
+    field = (mag[k, 0], mag[k, 1], mag[k, 2]) if has_mag else ZERO_VEC3
+    return (
+        rows.times_us[k],
+        (gyr[k, 0], gyr[k, 1], gyr[k, 2]),
+        (acc[k, 0], acc[k, 1], acc[k, 2]),
+        field,
+        has_mag,
+    )
+
+
+def cut(rows: Rows, begin: int, end: int | None = None) -> Rows:
+    """The rows from ``begin`` up to ``end``."""
+    t, g, a, m, has = rows
+    return Rows(t[begin:end], g[begin:end], a[begin:end], m[begin:end], has[begin:end])

@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from estimator.live.core import with_attitude
-from estimator.live.rows import HAS_HEADING
+from estimator.live.rows import HAS_HEADING, cut, rows_of
 from estimator.types import ImuSample
 from fuzzbee import Estimator, InputError, load_profile
 from fuzzbee.attitudes import Attitudes, attitude_arrays
@@ -143,17 +143,17 @@ def test_the_rows_of_an_estimator_that_has_to_be_asked_are_left_to_calls(flight)
     """Of one that has not begun, or whose compass nobody has calibrated."""
     time_s, gyr, acc, mag, _ = flight
     times_us = np.rint(1e6 * time_s).astype(np.int64)
-    readings = np.column_stack([gyr, acc, mag, np.ones(ROWS)])
+    rows = rows_of(times_us, gyr, acc, mag, np.ones(ROWS, np.bool_))
     said = np.zeros((ROWS, HAS_HEADING + 1))
     inner = Estimator(load_profile("imu"))._inner
-    assert inner.update_rows(times_us, readings, said) == 0
+    assert inner.update_rows(rows, said) == 0
     inner.update(ImuSample(int(times_us[0]), tuple(gyr[0]), tuple(acc[0]), tuple(mag[0]), True))
     inner.set_field_calibrated(False)
-    assert inner.update_rows(times_us[1:], readings[1:], said) == 0
+    assert inner.update_rows(cut(rows, 1), said[1:]) == 0
     inner.set_field_calibrated(True)
-    assert inner.update_rows(times_us[1:9], readings[1:9], said[1:9]) == 8
+    assert inner.update_rows(cut(rows, 1, 9), said[1:9]) == 8
     inner.update(ImuSample(int(times_us[9]), tuple(gyr[9]), tuple(acc[9]), tuple(mag[9]), True))
-    assert inner.update_rows(times_us[10:], readings[10:], said[10:]) == ROWS - 10
+    assert inner.update_rows(cut(rows, 10), said[10:]) == ROWS - 10
     for time_us in (times_us[-1], times_us[9]):  # what was said at an earlier sample is forgotten
         last = inner.attitude(int(time_us))
         assert tuple(said[-1, :4]) == last.q_ned_frd
