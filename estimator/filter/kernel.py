@@ -28,7 +28,6 @@ from estimator.geometry.quaternion import (
     dot,
     exp,
     multiply,
-    norm,
     normalize,
     rotate_inverse,
     scale,
@@ -44,15 +43,16 @@ COLLINEAR_SINE = 1e-6
 
 @inlined
 def attitude_error(
-    v1: Vec3, v2: Vec3, u1: Vec3, u2: Vec3, v3: Vec3, sine: float, u3: Vec3
+    v1: Vec3, v2: Vec3, u1: Vec3, u2: Vec3, across: Vec3, square: float, cosine: float
 ) -> float:
     """e = (3 - Tr R~)/4, clipped to [0, 1], without the matrix inverse.
 
     With V = [v1 v2 v3] and U = [u1 u2 u3] the estimates, the paper's trace is
     Tr(V^-T U^T): each u_i against the dual vector of v_i. As v3 is the unit
-    normal of v1 and v2, the duals are (v2 x v3)/sine, (v3 x v1)/sine and v3.
+    normal of v1 and v2, the duals are (v2 x c)/c^2, (c x v1)/c^2 and v3, with
+    ``across`` c = v1 x v2 and ``square`` c^2. ``cosine`` is that of v3 and u3.
     """
-    trace = (dot(cross(v2, v3), u1) + dot(cross(v3, v1), u2)) / sine + dot(v3, u3)
+    trace = (dot(cross(v2, across), u1) + dot(cross(across, v1), u2)) / square + cosine
     return min(1.0, max(0.0, 0.25 * (3.0 - trace)))
 
 
@@ -68,11 +68,11 @@ def single_vector_error(v1: Vec3, v2: Vec3, u1: Vec3, u2: Vec3, s1: float, s2: f
 
 @inlined
 def error_rate(params: FilterParams, state: FilterState, error: float, dt: float) -> float:
-    """d_k = d_(k-1) + dt/(tau + dt) ((e_k - e_(k-1))/dt - d_(k-1)); 1/s, signed."""
+    """d_k = d_(k-1) + (e_k - e_(k-1) - dt d_(k-1))/(tau + dt); 1/s, signed."""
     if not state.has_error or dt <= 0.0:
         return state.error_rate_1_s
     d = state.error_rate_1_s
-    return d + dt / (params.rate_time_constant_s + dt) * ((error - state.error) / dt - d)
+    return d + (error - state.error - dt * d) / (params.rate_time_constant_s + dt)
 
 
 @inlined
@@ -91,6 +91,8 @@ def largest_rate(cosine: float, s1: float, s2: float, s3: float) -> float:
     ((s1 + s2) +- sqrt((s1 - s2)^2 + 4 s1 s2 cos^2))/2.
     """
     total = s1 + s2
+    if s3 <= 0.0:
+        return 0.5 * total
     difference = s1 - s2
     in_plane = 0.5 * (total - sqrt(difference * difference + 4.0 * s1 * s2 * cosine * cosine))
     return 0.5 * (total + s3 - min(s3, in_plane))
@@ -176,24 +178,21 @@ def correct(params: FilterParams, state: FilterState, vectors: Vectors, dt: floa
     v1, v2 = vectors.v1_frd, vectors.v2_frd
     u1 = rotate_inverse(state.q_ned_frd, vectors.v1_ned)
     u2 = rotate_inverse(state.q_ned_frd, vectors.v2_ned)
-    v3 = cross(v1, v2)
-    u3 = cross(u1, u2)
-    sine = norm(v3)
-    inertial_sine = norm(u3)
-    s1, s2 = vectors.s1, vectors.s2
+    v_across, u_across = cross(v1, v2), cross(u1, u2)
+    v_square, u_square = dot(v_across, v_across), dot(u_across, u_across)
+    s1, s2, s3 = vectors.s1, vectors.s2, 0.0
     w = add(scale(0.5 * s1, cross(u1, v1)), scale(0.5 * s2, cross(u2, v2)))
-    spans = min(s1, s2) > 0.0 and min(sine, inertial_sine) > COLLINEAR_SINE
+    spans = min(s1, s2) > 0.0 and min(v_square, u_square) > COLLINEAR_SINE**2
+    share = 0.0
     if spans:
-        v3 = scale(1.0 / sine, v3)
-        u3 = scale(1.0 / inertial_sine, u3)
         s3 = vectors.s3
+        share = 1.0 / sqrt(v_square * u_square)  # v3 and u3 are the unit normals
         if s3 > 0.0:
-            w = add(w, scale(0.5 * s3, cross(u3, v3)))
-    else:
-        s3 = 0.0
+            w = add(w, scale(0.5 * s3 * share, cross(u_across, v_across)))
     knows_noise = params.gain_knows_noise and not params.gain_is_fixed
     if spans and not knows_noise:
-        e = attitude_error(v1, v2, u1, u2, v3, sine, u3)
+        cosine = share * dot(v_across, u_across)
+        e = attitude_error(v1, v2, u1, u2, v_across, v_square, cosine)
     else:
         e = single_vector_error(v1, v2, u1, u2, s1, s2)
     d = error_rate(params, state, e, dt)

@@ -19,6 +19,8 @@ SERIES_HALF_ANGLE_RAD = 0.05
 SMALL_HALF_ANGLE_RAD = 1e-4
 # Below this squared sine of half an angle the eighth term of the arcsine's series is under 1e-17.
 SERIES_HALF_SINE_SQUARE = 0.01
+# A squared norm this near to one differs by rounding only: its inverse root is a straight line.
+NEARLY_UNIT = 1e-8
 # asin(s)/s = 1 + k1 s^2 + k2 s^4 + ..., k_n = (2n)! / (4^n (n!)^2 (2n + 1)).
 ARCSINE = (1 / 6, 3 / 40, 5 / 112, 35 / 1152, 63 / 2816, 231 / 13312, 143 / 10240)
 # Factors of the exponential's series; a multiplication takes a quarter of a division's time.
@@ -71,7 +73,7 @@ def unit(v: Vec3) -> Vec3:
     n = norm(v)
     if n == 0.0:
         return (0.0, 0.0, 0.0)
-    return (v[0] / n, v[1] / n, v[2] / n)
+    return scale(1.0 / n, v)
 
 
 @inlined
@@ -93,11 +95,19 @@ def conjugate(q: Quaternion) -> Quaternion:
 
 @inlined
 def normalize(q: Quaternion) -> Quaternion:
-    """q / |q|; the zero quaternion becomes the identity."""
-    n = sqrt(q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + q[3] * q[3])
-    if n == 0.0:
+    """q / |q|; the zero quaternion becomes the identity.
+
+    After a turn only rounding is to be undone: 1/sqrt(1 + x) = 1 - x/2, and the next term is
+    3/8 x^2.
+    """
+    square = q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + q[3] * q[3]
+    if abs(square - 1.0) < NEARLY_UNIT:
+        k = 1.5 - 0.5 * square
+    elif square == 0.0:
         return (1.0, 0.0, 0.0, 0.0)
-    return (q[0] / n, q[1] / n, q[2] / n, q[3] / n)
+    else:
+        k = 1.0 / sqrt(square)
+    return (k * q[0], k * q[1], k * q[2], k * q[3])
 
 
 @inlined

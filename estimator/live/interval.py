@@ -3,8 +3,8 @@
 from estimator.compilation.compiled import inlined
 from estimator.conditioning.rate import FAST_STEP_S
 
-# The mean goes back over about this many samples.
-SAMPLES = 10.0
+# Of a new interval in the mean, which so goes back over about ten samples.
+SHARE = 0.1
 # One gap is no new rate: an interval counts up to this many usual ones.
 MOST_USUAL = 2.0
 # After so many usual intervals without a sample something is missing.
@@ -19,7 +19,7 @@ def usual_interval(usual_s: float, dt_s: float) -> float:
     """With one more interval; 0 stands for none before."""
     if usual_s <= 0.0:
         return dt_s
-    return usual_s + (min(dt_s, MOST_USUAL * usual_s) - usual_s) / SAMPLES
+    return usual_s + (min(dt_s, MOST_USUAL * usual_s) - usual_s) * SHARE
 
 
 def is_gap(gap_s: float, usual_s: float, dt_s: float) -> bool:

@@ -183,6 +183,17 @@ def test_zero_is_refused_nowhere_and_stays_harmless():
     assert qn.normalize((0.0, 0.0, 0.0, 0.0)) == IDENTITY
 
 
+@pytest.mark.parametrize("off", [0.0, 1e-15, -1e-12, 1e-9, -4.9e-9, 5.1e-9, -1e-7, 1e-3, 1.0, 1e6])
+def test_normalize_is_exact_on_both_sides_of_its_series(off):
+    """Beside extended precision: to two units in the last place of the largest component."""
+    rng = np.random.default_rng(5)
+    for values in rng.standard_normal((200, 4)):
+        q = (1.0 + off) / np.linalg.norm(values) * values
+        exact = q.astype(np.longdouble)
+        exact /= np.sqrt(np.sum(exact**2))
+        assert np.abs(np.array(qn.normalize(tuple(q.tolist()))) - exact).max() < 4.5e-16
+
+
 @given(vectors, vectors)
 def test_vector_algebra_agrees_with_numpy(u, v):
     assert qn.dot(u, v) == pytest.approx(np.dot(u, v), abs=1e-10)
