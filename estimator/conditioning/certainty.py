@@ -37,6 +37,7 @@ def with_certainty(state: ConditioningState, certainty: Certainty) -> Conditioni
         gathered=state.gathered,
         clipping=state.clipping,
         spin=state.spin,
+        averaging=state.averaging,
         gravity=state.gravity,
         tilt=state.tilt,
         rest=state.rest,

@@ -86,8 +86,8 @@ def condition(
     usual_s = k.dt_s
     due = first or gathered.time_s >= STEP_S
     clipping = watch_clipping(state.clipping, state.previous_gyr_rad_s, gyr, dt)
-    if due and gathered.time_s != k.dt_s:
-        k = coefficients(params, gathered.time_s)
+    if due and (gathered.time_s != k.dt_s or state.averaging.factor != k.factor):
+        k = coefficients(params, gathered.time_s, state.averaging.factor)
     rest, tilt = state.rest, state.tilt
     if first:
         rest = initial_rest(gyr, acc)
@@ -98,6 +98,7 @@ def condition(
         gathered=gathered,
         clipping=clipping,
         spin=state.spin,
+        averaging=state.averaging,
         gravity=gravity,
         tilt=tilt,
         rest=rest,

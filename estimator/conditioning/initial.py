@@ -2,6 +2,7 @@
 
 from math import inf
 
+from estimator.conditioning.averaging import USUAL_AVERAGING
 from estimator.conditioning.gather import NOTHING
 from estimator.conditioning.spin import SCALE_SIGMA
 from estimator.conditioning.types import (
@@ -50,7 +51,7 @@ def initial_state(params: ConditioningParams) -> ConditioningState:
     bias = params.bias_initial_sigma_rad_s**2
     offset = params.field_offset_sigma**2 if params.use_field_offset else 0.0
     lag = params.field_lag_sigma_s**2 if params.use_lag else 0.0
-    still = LowPass(0.0, 0.0, 0.0)
+    still = LowPass(0.0, 0.0, 0.0, 0.0)
     return ConditioningState(
         started=False,
         previous_gyr_rad_s=ZERO,
@@ -84,6 +85,7 @@ def initial_state(params: ConditioningParams) -> ConditioningState:
             covariance=(bias, 0.0, 0.0, 0.0, bias, 0.0, 0.0, bias, 0.0, UNKNOWN_HEADING_VARIANCE),
         ),
         lagged=Lagged(rows=SIX, rows_slope=SIX, drift=(0.0, 0.0), drift_slope=(0.0, 0.0)),
+        averaging=USUAL_AVERAGING,
         magnetic=MagneticState(
             look=FieldLook(horizontal=0.0, down=0.0, confidence=0.0),
             reference=FieldReference(
@@ -152,6 +154,7 @@ def initial_state(params: ConditioningParams) -> ConditioningState:
         ),
         coefficients=Coefficients(
             dt_s=0.0,
+            factor=1.0,
             rest=still,
             gravity=still,
             gravity_share=0.0,

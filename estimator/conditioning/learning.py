@@ -4,6 +4,7 @@ from math import atan2, cos, sin
 from typing import NamedTuple
 
 from estimator.compilation.compiled import inlined
+from estimator.conditioning.averaging import follow_averaging
 from estimator.conditioning.bias import lag, learn_at_rest, learn_in_motion, predict
 from estimator.conditioning.calibration import learn_calibration, restart_means
 from estimator.conditioning.clipping import forget_missed, missed_turn
@@ -281,12 +282,24 @@ def learn(
         tilt = lose_tilt(tilt)
     given_up = alarm.heading or released
     signs = reset_signs(signs, alarm, seen_rad, heading_rad, given_up)
+    tells = not rest.resting and slowness(params, dt) == 0.0
+    tells = tells and vertical.gravity.force.age_s > params.gravity_tau_s
+    averaging = follow_averaging(
+        params,
+        state.averaging,
+        vertical.gravity.force,
+        vertical.spin,
+        estimate,
+        tells,
+        dt,
+    )
     return ConditioningState(
         started=True,
         previous_gyr_rad_s=gyr,
         gathered=NOTHING,
         clipping=forget_missed(state.clipping),
         spin=vertical.spin,
+        averaging=averaging,
         gravity=gravity,
         tilt=tilt,
         rest=rest,

@@ -15,20 +15,22 @@ def low_pass(tau_s: float, dt_s: float) -> LowPass:
     sqrt(2)/(2 pi tau), VQF's choice (Laidig and Seel 2023,
     doi 10.1016/j.inffus.2022.10.014). With x = y - u, w = tau y', a = dt/tau:
     x' = e^-a ((cos a + sin a) x + sin a w), w' = e^-a (-2 sin a x + (cos a - sin a) w).
+    The state holds tau w instead of w: of an input that goes to and fro, tau^2 y' stays the
+    same when tau changes, and y' or w would leave a swing behind.
     The step is the solution itself, so no time step is unstable.
     """
     a = dt_s / tau_s
     e = exp(-a)
     c = e * cos(a)
     s = e * sin(a)
-    return LowPass(c + s, s, c - s)
+    return LowPass(c + s, s / tau_s, -2.0 * s * tau_s, c - s)
 
 
 @inlined
 def smooth_scalar(k: LowPass, y: float, w: float, u: float) -> tuple[float, float]:
     """One step for one channel: value and slope."""
     x = y - u
-    return (u + k.own * x + k.cross * w, k.rate * w - 2.0 * k.cross * x)
+    return (u + k.own * x + k.cross * w, k.rate * w + k.pull * x)
 
 
 @inlined

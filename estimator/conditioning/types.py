@@ -31,6 +31,7 @@ class ConditioningParams(NamedTuple):
     use_gravity_filter: bool = True  # low-pass the specific force in G; off: each mean as it is
     use_rest: bool = True  # bias from rest
     use_motion_bias: bool = True  # bias from levelling while moving
+    use_averaging: bool = True  # gravity, for as long as shaking and turning ask for
     use_scale_error: bool = True  # the gyroscope's, from levelling in a steady turn
     use_joint_covariance: bool = True  # heading residuals also teach the bias
     use_lag: bool = True  # undo the magnetometer's lag, learnt while turning
@@ -125,7 +126,8 @@ class LowPass(NamedTuple):
     """Coefficients of the second-order Butterworth low-pass for one time step."""
 
     own: float  # of the value in the new value
-    cross: float  # of the slope in the new value; of the value in the new slope by -2
+    cross: float  # of the slope in the new value, 1/s
+    pull: float  # of the value in the new slope, s
     rate: float  # of the slope in the new slope
 
 
@@ -133,9 +135,10 @@ class Coefficients(NamedTuple):
     """What follows from the parameters and the time step, kept until that changes."""
 
     dt_s: float  # the time step
+    factor: float  # of the averaging time of gravity
     rest: LowPass  # of gyroscope and accelerometer, with ``rest_tau_s``
-    gravity: LowPass  # with ``gravity_tau_s``
-    gravity_share: float  # of a step in a mean over ``gravity_tau_s``
+    gravity: LowPass  # with ``gravity_tau_s`` times the factor
+    gravity_share: float  # of a step in a mean over that time
     quick_share: float  # likewise over ``turn_moving_tau_s``
     levelling_decay: float  # what a step leaves of past levelling
     bias_growth: float  # of a bias's variance in a step, (rad/s)^2
@@ -145,7 +148,7 @@ class Coefficients(NamedTuple):
 
 
 class Smooth(NamedTuple):
-    """A low-passed vector and its scaled derivative (tau times d/dt)."""
+    """A low-passed vector and its scaled derivative (tau^2 times d/dt)."""
 
     value: Vec3  # in the input's unit and frame
     slope: Vec3  # likewise
@@ -365,6 +368,14 @@ class Spin(NamedTuple):
     drift_rad_s: Vec3  # what the error makes of the steady turn about level axes, FRD
 
 
+class Averaging(NamedTuple):
+    """How much longer than ``gravity_tau_s`` gravity is averaged, and what that follows from."""
+
+    shaking: float  # mean square of how far accelerations tilt the force of a second, rad^2
+    turning: float  # mean square of the rate that lets G drift, (rad/s)^2
+    factor: float
+
+
 class Clipping(NamedTuple):
     """Where the gyroscope ends, and what it has missed there."""
 
@@ -409,6 +420,7 @@ class ConditioningState(NamedTuple):
     gathered: Gathered  # since the last learning step
     clipping: Clipping  # of the gyroscope
     spin: Spin  # the gyroscope's scale error
+    averaging: Averaging  # of gravity
     gravity: GravityState  # frame G, and down in it
     tilt: TiltState  # how well down is known
     rest: RestState  # whether the vehicle rests

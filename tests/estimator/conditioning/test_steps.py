@@ -47,7 +47,7 @@ def has_noticed_a_turn(before, after):
 
 def test_slow_turn_is_rest_and_fast_turn_is_not():
     dt = 0.01
-    k = coefficients(PARAMS, dt).rest
+    k = coefficients(PARAMS, dt, 1.0).rest
     for rate, expected in ((radians(0.5), True), (radians(30.0), False)):
         state = initial_rest((rate, 0.0, 0.0), (0.0, 0.0, -9.8))
         for _ in range(300):
@@ -56,7 +56,7 @@ def test_slow_turn_is_rest_and_fast_turn_is_not():
 
 
 def test_shaking_is_no_rest_at_one_sample_a_second():
-    k = coefficients(PARAMS, 1.0).rest
+    k = coefficients(PARAMS, 1.0, 1.0).rest
     state = initial_rest((0.0, 0.0, 0.0), (0.0, 0.0, -9.8))
     for i in range(20):
         acc = (0.8 * (-1) ** i, 0.0, -9.8)
@@ -67,7 +67,7 @@ def test_shaking_is_no_rest_at_one_sample_a_second():
 def test_gravity_ignores_shaking_and_any_norm():
     """To and fro at 0.5 g, of a sensor whose g is 0.85 of the true one."""
     dt = 0.01
-    k = coefficients(PARAMS, dt)
+    k = coefficients(PARAMS, dt, 1.0)
     gravity = initial_state(PARAMS).gravity
     for i in range(1500):
         u = (4.9 * sin(9.0 * i * dt), 0.0, 0.85 * 9.81)
@@ -78,7 +78,9 @@ def test_gravity_ignores_shaking_and_any_norm():
 
 def test_levelling_takes_the_shortest_way():
     gravity = initial_state(PARAMS).gravity
-    tilted = observe_gravity(PARAMS, coefficients(PARAMS, 0.01), gravity, (0.0, 2.0, 9.0), 0.0, 0.0)
+    tilted = observe_gravity(
+        PARAMS, coefficients(PARAMS, 0.01, 1.0), gravity, (0.0, 2.0, 9.0), 0.0, 0.0
+    )
     levelled, step = level(tilted)
     assert rotate(levelled.q_6d_g, tilted.force.down.value)[:2] == pytest.approx(
         (0.0, 0.0), abs=1e-12
@@ -314,11 +316,12 @@ def test_every_step_can_be_switched_off(step):
 
 def test_magnetometer_at_a_quarter_of_the_rate():
     dt = 0.02
-    state = initial_state(PARAMS)
+    state, doubts = initial_state(PARAMS), []
     for i, s in enumerate(fly(tumbling, 30.0, dt)):
         has_mag = i % 4 == 0
         mag = s.mag if has_mag else (0.0, 0.0, 0.0)
         state, out = condition(PARAMS, state, Sample(s.gyr, s.acc, mag, has_mag, dt))
+        doubts.append(1.0 - out.magnetic_confidence)
     north = rotate_inverse(s.q_ned_frd, (1.0, 0.0, 0.0))
     assert angle_between_vectors(out.magnetic_b, north) < radians(1.66)  # measured 1.39
-    assert 1.0 - out.magnetic_confidence == pytest.approx(4.1e-5, rel=0.2)
+    assert max(doubts) == pytest.approx(0.024, rel=0.2)

@@ -22,7 +22,7 @@ from estimator.types import (
 Floats = NDArray[np.float64]
 
 PARAMS = ConditioningParams()
-FIXED = PARAMS._replace(use_step_noise=False)
+FIXED = PARAMS._replace(use_step_noise=False, use_averaging=False)
 LEVEL: Vec3 = (0.0, 0.0, -STANDARD_GRAVITY_M_S2)
 FINE_HZ = 100
 DOWN: Vec3 = (0.0, 0.0, 1.0)

@@ -48,7 +48,7 @@ AXES = {"down": (0.0, 0.0, 1.0), "east": (0.0, 1.0, 0.0), "diagonal": (0.577, 0.
         (resting, "east", 0.14, 3.68),
         (resting, "diagonal", 1.87, None),
         (tumbling, "down", 1.89, 6.57),
-        (tumbling, "east", 0.15, 3.75),
+        (tumbling, "east", 0.15, 2.81),
         (tumbling, "diagonal", 1.87, None),
     ],
 )

@@ -1,0 +1,77 @@
+"""For how long gravity is averaged: the longer, the more shaking there is and the less turning.
+
+Accelerations leave the more of an error in a low-passed force the shorter it is averaged; an error
+of the gyroscope's scale lets frame G drift, in a turn that goes on, and the low-pass follows the
+later the longer it averages. With errors that go as A/tau and W tau the best time is as the root
+of A/W. A vehicle that is carried about asks for 4 s, one that turns slowly for 2.
+"""
+
+from estimator.compilation.compiled import inlined
+from estimator.conditioning.types import Averaging, ConditioningParams, Estimate, Force, Spin
+from estimator.geometry.quaternion import dot, scale, subtract
+from estimator.types import Vec3
+
+# A/W (s) that asks for ``gravity_tau_s``: how far the force of a second is tilted, over the rate
+# of a turn that goes on, to which comes what stands for all other errors of a gyroscope (rad/s).
+USUAL_RATIO_S = 0.04
+LEAST_RATE_RAD_S = 0.21
+# Time (s) of the means of both, and the shares of ``gravity_tau_s`` that it stays between.
+MEMORY_S = 30.0
+LEAST_FACTOR = 0.76
+MOST_FACTOR = 1.35
+# The fourth power of the factor may be off by this share before it is changed: changing it costs
+# the low-passes' coefficients.
+TOLERANCE = 0.2
+# A bias's uncertainty counts as a scale error's drift in a turn: this share of it.
+SCALE_ERROR = 0.005
+# Less force than this (m/s^2)^2 is free fall.
+LEAST_SQUARE = 0.25
+
+# Before anything is known: shaking of 2 deg, and the turning at which that asks for the usual time.
+USUAL_SHAKING = 0.03**2
+USUAL_AVERAGING = Averaging(
+    shaking=USUAL_SHAKING,
+    turning=USUAL_SHAKING / USUAL_RATIO_S**2 - LEAST_RATE_RAD_S**2,
+    factor=1.0,
+)
+
+
+@inlined
+def tilting(force: Force) -> float:
+    """Squared angle (rad^2) between the force of a second and the low-passed one, if small."""
+    f, q = force.down.value, force.quick
+    square = dot(f, f)
+    across = subtract(q, scale(dot(f, q) / square, f))
+    return dot(across, across) / square
+
+
+@inlined
+def follow_averaging(
+    params: ConditioningParams,
+    state: Averaging,
+    force: Force,
+    spin: Spin,
+    estimate: Estimate,
+    learns: bool,
+    dt_s: float,
+) -> Averaging:
+    """The averaging time after a learning step.
+
+    Not to be learnt from: a vehicle at rest, and a stream so slow that a second is one reading.
+    """
+    if not learns or not params.use_averaging:
+        return state
+    if dot(force.down.value, force.down.value) < LEAST_SQUARE:
+        return state
+    share = min(1.0, dt_s / MEMORY_S)
+    shaking = state.shaking + share * (tilting(force) - state.shaking)
+    turn: Vec3 = spin.turn.value
+    turning = state.turning + share * (dot(turn, turn) - state.turning)
+    p = estimate.covariance
+    unknown = (p[0] + p[4] + p[7]) / (3.0 * SCALE_ERROR**2)
+    drifting = turning + unknown + LEAST_RATE_RAD_S**2
+    ratio = shaking / (drifting * USUAL_RATIO_S**2)
+    if abs(ratio - state.factor**4) < TOLERANCE * ratio:
+        return Averaging(shaking, turning, state.factor)
+    factor = max(LEAST_FACTOR, min(MOST_FACTOR, ratio**0.25))
+    return Averaging(shaking, turning, factor)
