@@ -1,7 +1,7 @@
 """BROAD trials: an IMU with optical ground truth (doi 10.3390/data6070072, CC BY 4.0)."""
 
 import json
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -70,7 +70,7 @@ def is_undisturbed(trial: Trial) -> bool:
 def crop(trial: Trial) -> Trial:
     """The trial from its first movement on: no rest at the start."""
     first = int(np.argmax(trial.moving))
-    return _rows(trial, slice(first, None))
+    return cut(trial, slice(first, None))
 
 
 def decimate(trial: Trial, rate_hz: float) -> Trial:
@@ -98,16 +98,11 @@ def decimate(trial: Trial, rate_hz: float) -> Trial:
     )
 
 
-def _rows(trial: Trial, rows: slice) -> Trial:
-    return Trial(
-        trial.name,
-        trial.groups,
-        trial.rate_hz,
-        trial.gyr_rad_s[rows],
-        trial.acc_m_s2[rows],
-        trial.mag_ut[rows],
-        trial.q_enu_sensor[rows],
-        trial.scored[rows],
-        trial.moving[rows],
-        trial.averaged,
-    )
+def cut(trial: Trial, rows: slice) -> Trial:
+    """The trial's rows; with a step, its rate is that much lower."""
+    step = rows.step or 1
+    readings = {
+        name: np.ascontiguousarray(getattr(trial, name)[rows])
+        for name in ("gyr_rad_s", "acc_m_s2", "mag_ut", "q_enu_sensor", "scored", "moving")
+    }
+    return replace(trial, rate_hz=trial.rate_hz / step, **readings)

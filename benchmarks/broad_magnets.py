@@ -17,17 +17,8 @@ from typing import NamedTuple
 
 import numpy as np
 from broad_data import Array, Trial, load_trials
-from broad_fuzzbee import (
-    ENU_SENSOR_OF_NED_FRD,
-    FRD_OF_SENSOR,
-    MICRO_TESLA_PER_GAUSS,
-    sample_of,
-)
+from broad_live import run_live
 from broad_scores import conjugate, errors_deg, multiply
-
-from estimator.estimator import Estimator
-from estimator.live.rows import SAID, cut, rows_of
-from estimator.profile import load_profile
 
 DURATIONS_S = (1.0, 2.5, 4.0, 8.0, 16.0)
 STARTS_S = (3.0, 8.0, 20.0)
@@ -41,7 +32,6 @@ LEAST_ROWS = 100
 # An error beyond both, in degrees and in sigmas, is one that nobody is told of.
 UNAWARE_DEG = 10.0
 UNAWARE_SIGMAS = 3.0
-SIGMA_HEADING = 16  # the column of a row that tells an attitude
 
 
 class Case(NamedTuple):
@@ -125,22 +115,9 @@ def cases(trial: Trial, rng: np.random.Generator) -> Iterator[Case]:
 
 
 def headings(trial: Trial) -> tuple[Array, Array]:
-    """Errors and sigmas of the heading, degrees; the first row has no sigma yet."""
-    estimator = Estimator(load_profile("imu"))
-    estimator.update(sample_of(trial, 0))
-    n = len(trial.gyr_rad_s)
-    times = np.round(np.arange(n) * trial.dt_s * 1e6).astype(np.int64)
-    vectors = [trial.gyr_rad_s, trial.acc_m_s2, trial.mag_ut / MICRO_TESLA_PER_GAUSS]
-    frd = [v * FRD_OF_SENSOR for v in vectors]
-    rows = rows_of(times, *frd, np.ones(n, np.bool_))
-    said = np.full((n, SAID), np.nan)
-    taken = 1 + estimator.update_rows(cut(rows, 1), said[1:])
-    if taken < n:
-        msg = f"{trial.name}: row {taken} was not taken"
-        raise ValueError(msg)
-    said[0, :4] = said[1, :4]
-    error = errors_deg(said[:, :4] @ ENU_SENSOR_OF_NED_FRD, trial.q_enu_sensor)[1]
-    return error, np.degrees(said[:, SIGMA_HEADING])
+    """Errors and sigmas of the heading, degrees."""
+    said = run_live(trial)
+    return errors_deg(said.q_enu_sensor, trial.q_enu_sensor)[1], said.sigma_heading_deg
 
 
 def judge(trial: Trial, rng: np.random.Generator) -> Iterator[tuple[str, Figures]]:

@@ -52,6 +52,14 @@ def score(trial: Trial, estimate: Array) -> Score:
     return Score(*(float(np.sqrt(np.mean(part**2))) for part in parts))
 
 
+def constant_turn(trial: Trial, estimate: Array) -> Array:
+    """Quaternion that turns the estimates so that their mean heading error vanishes."""
+    w, _, _, z = multiply(estimate, conjugate(trial.q_enu_sensor))[trial.scored].T
+    error = 2.0 * np.arctan2(z, w)
+    half = 0.5 * np.arctan2(np.sin(error).mean(), np.cos(error).mean())
+    return np.array([np.cos(half), 0.0, 0.0, -np.sin(half)])
+
+
 def first_recovery(trial: Trial, estimate: Array, first_row: int) -> int | None:
     """Row, counted from ``first_row``, at which the total error is first under 5 degrees."""
     rows = slice(first_row, first_row + len(estimate))

@@ -14,11 +14,10 @@ import json
 import sys
 import time
 from collections.abc import Callable
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-from broad_data import Trial, load_trials
+from broad_data import Trial, cut, load_trials
 from broad_filter import Filter
 from broad_fuzzbee import FuzzbeeFilter
 from broad_vqf import VqfFilter
@@ -31,7 +30,6 @@ GAUSS_PER_MICRO_TESLA = 0.01
 ROWS = slice(1000, 7000)  # past the rest that trials begin with
 CALLS = 600  # of them: what takes longer than a few ms, other programs always interrupt
 ROUNDS = 100
-READINGS = ("gyr_rad_s", "acc_m_s2", "mag_ut", "q_enu_sensor", "scored", "moving")
 Run = Callable[[], object]
 
 
@@ -95,9 +93,9 @@ def vqf_runs(trial: Trial) -> dict[str, Callable[[], Run]]:
 
 def filter_run(filter_: Filter, trial: Trial) -> Run:
     """What ``broad.py`` times: for fuzzbee the compiled loop alone, for VQF its batch again."""
-    cut = replace(trial, **{name: getattr(trial, name)[ROWS] for name in READINGS})
-    run = filter_.start(cut)
-    return lambda: run.advance(slice(0, len(cut.gyr_rad_s)))
+    short = cut(trial, ROWS)
+    run = filter_.start(short)
+    return lambda: run.advance(slice(0, len(short.gyr_rad_s)))
 
 
 def measure(trial: Trial) -> dict[str, dict[str, float]]:
