@@ -77,7 +77,7 @@ def learn_axis(
     noise: float,
 ) -> tuple[Vec3, float, Covariance]:
     """One axis: residual = row . (offset error) + turning (lag error); far ones count less."""
-    far = residual / params.calibration_reach
+    far = residual * (1.0 / params.calibration_reach)
     return update(offset, lag_s, p, row, turning, residual, noise * (1.0 + far * far) ** 2)
 
 

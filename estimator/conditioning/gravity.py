@@ -1,7 +1,5 @@
 """Where down is: specific force low-passed in the gyro-propagated frame G."""
 
-from math import sqrt
-
 from estimator.compilation.compiled import inlined
 from estimator.conditioning.lowpass import running_mean, smooth
 from estimator.conditioning.rate import FAST_STEP_S
@@ -18,11 +16,13 @@ from estimator.conditioning.types import (
 from estimator.geometry.quaternion import (
     exp,
     multiply,
-    norm,
     normalize,
     rotate,
     scale,
     shortest_rotation,
+    square,
+    subtract,
+    unit,
 )
 from estimator.types import Quaternion, Vec3
 
@@ -74,9 +74,8 @@ def observe_gravity(
     q = before.quick
     quick = (q[0] + a * (u[0] - q[0]), q[1] + a * (u[1] - q[1]), q[2] + a * (u[2] - q[2]))
     f = down.value
-    square = f[0] * f[0] + f[1] * f[1] + f[2] * f[2]
-    off = (u[0] - f[0]) ** 2 + (u[1] - f[1]) ** 2 + (u[2] - f[2]) ** 2
-    share = off / square if square > LEAST_FORCE_M_S2**2 else 1.0
+    size, off = square(f), square(subtract(u, f))
+    share = off / size if size > LEAST_FORCE_M_S2**2 else 1.0
     unsteady = before.unsteady + min(1.0, dt / UNSTEADY_TAU_S) * (share - before.unsteady)
     force = Force(down=down, quick=quick, unsteady=unsteady, age_s=age)
     return GravityState(state.q_g_frd, state.q_6d_g, force)
@@ -103,14 +102,13 @@ def age_after_hole(
 @inlined
 def level(state: GravityState) -> tuple[GravityState, Two]:
     """C <- (shortest rotation of C f to the vertical) C; also the step about north and east."""
-    f = state.force.down.value
-    if norm(f) < LEAST_FORCE_M_S2:
+    f = rotate(state.q_6d_g, state.force.down.value)
+    if square(f) < LEAST_FORCE_M_S2**2:
         return state, (0.0, 0.0)
-    z = rotate(state.q_6d_g, f)
-    n = sqrt(z[0] * z[0] + z[1] * z[1] + z[2] * z[2])
+    z = unit(f)
     q = normalize(multiply(shortest_rotation(z, DOWN), state.q_6d_g))
     # z x DOWN = (z_y, -z_x, 0), the rotation vector of a small step
-    return GravityState(state.q_g_frd, q, state.force), (z[1] / n, -z[0] / n)
+    return GravityState(state.q_g_frd, q, state.force), (z[1], -z[0])
 
 
 @inlined

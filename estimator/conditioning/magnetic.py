@@ -48,8 +48,9 @@ def look_at_field(
     if n_r == 0.0:  # readings of nothing have taught the reference: nothing resembles it
         return FieldLook(horizontal=h, down=v, confidence=0.0)
     n = max(sqrt(h * h + v * v), LEAST_SHARE * n_r)
-    off_norm = (n - n_r) / (norm_scale * n_r)
-    off_dip = (v * h_r - h * v_r) / (n * n_r) / dip_scale
+    inverse = 1.0 / (n * n_r)
+    off_norm = (n - n_r) * n * inverse * (1.0 / norm_scale)
+    off_dip = (v * h_r - h * v_r) * inverse * (1.0 / dip_scale)
     confidence = 1.0 / (1.0 + off_norm * off_norm + off_dip * off_dip) ** 2
     return FieldLook(horizontal=h, down=v, confidence=confidence)
 
@@ -110,8 +111,9 @@ def unevenness(reference: FieldReference, look: FieldLook, dt_s: float) -> float
     if n_r == 0.0:
         return reference.uneven
     n = max(sqrt(h * h + v * v), LEAST_SHARE * n_r)
-    off_norm = min(abs(n / n_r - 1.0), MOST_UNEVEN)
-    off_dip = min(abs(v * h_r - h * v_r) / (n * n_r), MOST_UNEVEN)
+    inverse = 1.0 / (n * n_r)
+    off_norm = min(abs(n - n_r) * n * inverse, MOST_UNEVEN)
+    off_dip = min(abs(v * h_r - h * v_r) * inverse, MOST_UNEVEN)
     share = dt_s / (min(UNEVEN_TAU_S, reference.age_s) + dt_s)
     return reference.uneven + share * (off_norm**2 + off_dip**2 - reference.uneven)
 

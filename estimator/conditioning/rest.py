@@ -3,7 +3,7 @@
 from estimator.compilation.compiled import inlined
 from estimator.conditioning.lowpass import smooth
 from estimator.conditioning.types import ConditioningParams, LowPass, RestState, Smooth
-from estimator.geometry.quaternion import norm, subtract
+from estimator.geometry.quaternion import square, subtract
 from estimator.types import Vec3
 
 
@@ -19,8 +19,8 @@ def observe_rest(
     the test keeps its meaning at a few samples a second. A vehicle turning
     steadily and slower than the largest bias cannot be told from rest.
     """
-    steady_gyr = norm(subtract(gyr, state.gyr.value)) < params.rest_gyr_rad_s
-    steady_acc = norm(subtract(acc, state.acc.value)) < params.rest_acc_m_s2
+    steady_gyr = square(subtract(gyr, state.gyr.value)) < params.rest_gyr_rad_s**2
+    steady_acc = square(subtract(acc, state.acc.value)) < params.rest_acc_m_s2**2
     gyr_smooth = smooth(k, state.gyr, gyr)
     acc_smooth = smooth(k, state.acc, acc)
     g = gyr_smooth.value

@@ -17,7 +17,7 @@ from estimator.conditioning.types import (
     StepNoise,
     TiltState,
 )
-from estimator.geometry.quaternion import angle_of_cosine, dot, norm, subtract
+from estimator.geometry.quaternion import angle_between_vectors, dot, norm, square, subtract
 from estimator.types import Between, Vec3
 
 # White noise of a gyroscope and its truncation to mrad/s, rad/s/sqrt(Hz).
@@ -128,7 +128,8 @@ def believe_force(
     lasting = r * max(1.0, 2.0 * params.force_lasts_s / dt_s)
     share = max(least_share, p / (p + lasting))
     off = innovation(down_g, u)
-    expected = (r / (p + r)) ** 2 * off * off + p * r / (p + r)
+    of_force = r / (p + r)
+    expected = (of_force * off) ** 2 + p * of_force
     at_rest = calm(params, state, gyr, u, unusual, dt_s)
     a = forgetting(params.scatter_tau_s, at_rest, dt_s)
     b = dt_s / (FORCE_TAU_S + dt_s) if abs(unusual) < 0.2 else 0.1 * dt_s / (FORCE_TAU_S + dt_s)
@@ -150,10 +151,9 @@ def believe_force(
 @inlined
 def innovation(down_g: Vec3, u: Vec3) -> float:
     """Angle (rad) between the vertical and the force, at most ``MOST_INNOVATION_RAD``."""
-    n = norm(down_g) * norm(u)
-    if n <= 0.0:
+    if square(down_g) * square(u) <= 0.0:
         return MOST_INNOVATION_RAD
-    return min(angle_of_cosine(dot(down_g, u) / n), MOST_INNOVATION_RAD)
+    return min(angle_between_vectors(down_g, u), MOST_INNOVATION_RAD)
 
 
 @inlined

@@ -1,6 +1,6 @@
 """What tells an unsensed turn of the vehicle from noise, acceleration and magnets."""
 
-from math import atan2, cos, pi, sqrt
+from math import atan2, cos, pi
 
 from estimator.compilation.compiled import inlined
 from estimator.conditioning.types import (
@@ -23,6 +23,7 @@ from estimator.geometry.quaternion import (
     norm,
     rotate,
     scale,
+    square,
     subtract,
 )
 from estimator.types import STANDARD_GRAVITY_M_S2, Vec3
@@ -166,7 +167,8 @@ def watch_gravity(
         now = rotate(gravity.q_g_frd, scale(-1.0, rest.acc.value))
         quiet = angle_between_vectors(now, f) > params.turn_quiet_rad
     quick = gravity.force.quick
-    off = angle_between_vectors(quick, f) if norm(quick) > LEAST_GRAVITY_SHARE * norm(f) else 0.0
+    falls = square(quick) <= LEAST_GRAVITY_SHARE**2 * square(f)
+    off = 0.0 if falls else angle_between_vectors(quick, f)
     moving = off > params.turn_moving_rad
     a = dt_s / (WANDER_TAU_S + dt_s) if doubt == 0.0 else 0.0
     size = norm(f) / STANDARD_GRAVITY_M_S2 - 1.0
@@ -268,7 +270,7 @@ def is_near(params: ConditioningParams, field_norm: float, usual_norm: float) ->
 @inlined
 def turn_of(u: Vec3, v: Vec3) -> float:
     """The angle between two vectors, rad; 0 where one has no direction."""
-    return angle_between_vectors(u, v) if norm(u) > 0.0 and norm(v) > 0.0 else 0.0
+    return angle_between_vectors(u, v) if square(u) > 0.0 and square(v) > 0.0 else 0.0
 
 
 @inlined
@@ -287,12 +289,12 @@ def alarm_of(
     heading = heading or state.heading.large_s > params.turn_large_time_s
     heading = heading and state.heading.borne_s <= 0.0
     gravity = state.gravity
-    swing = sqrt(gravity.levelled[0] ** 2 + gravity.levelled[1] ** 2)
+    swing = gravity.levelled[0] ** 2 + gravity.levelled[1] ** 2
     return Alarm(
         heading=heading,
         quiet=gravity.quiet_s > params.turn_quiet_time_s,
         moving=gravity.moving_s > params.turn_moving_time_s,
-        levelling=swing > params.turn_levelling_rad,
+        levelling=swing > params.turn_levelling_rad**2,
         jump=jump,
     ), seen_rad
 

@@ -27,6 +27,7 @@ from estimator.geometry.quaternion import (
     cross,
     dot,
     exp,
+    inverse_root,
     multiply,
     normalize,
     rotate_inverse,
@@ -43,16 +44,17 @@ COLLINEAR_SINE = 1e-6
 
 @inlined
 def attitude_error(
-    v1: Vec3, v2: Vec3, u1: Vec3, u2: Vec3, across: Vec3, square: float, cosine: float
+    v1: Vec3, v2: Vec3, u1: Vec3, u2: Vec3, across: Vec3, inverse: float, cosine: float
 ) -> float:
     """e = (3 - Tr R~)/4, clipped to [0, 1], without the matrix inverse.
 
     With V = [v1 v2 v3] and U = [u1 u2 u3] the estimates, the paper's trace is
     Tr(V^-T U^T): each u_i against the dual vector of v_i. As v3 is the unit
     normal of v1 and v2, the duals are (v2 x c)/c^2, (c x v1)/c^2 and v3, with
-    ``across`` c = v1 x v2 and ``square`` c^2. ``cosine`` is that of v3 and u3.
+    ``across`` c = v1 x v2 and ``inverse`` 1/|c|. ``cosine`` is that of v3 and u3.
     """
-    trace = (dot(cross(v2, across), u1) + dot(cross(across, v1), u2)) / square + cosine
+    plane = dot(cross(v2, across), u1) + dot(cross(across, v1), u2)
+    trace = inverse * inverse * plane + cosine
     return min(1.0, max(0.0, 0.25 * (3.0 - trace)))
 
 
@@ -72,7 +74,7 @@ def error_rate(params: FilterParams, state: FilterState, error: float, dt: float
     if not state.has_error or dt <= 0.0:
         return state.error_rate_1_s
     d = state.error_rate_1_s
-    return d + (error - state.error - dt * d) / (params.rate_time_constant_s + dt)
+    return d + 1.0 / (params.rate_time_constant_s + dt) * (error - state.error - dt * d)
 
 
 @inlined
@@ -183,16 +185,17 @@ def correct(params: FilterParams, state: FilterState, vectors: Vectors, dt: floa
     s1, s2, s3 = vectors.s1, vectors.s2, 0.0
     w = add(scale(0.5 * s1, cross(u1, v1)), scale(0.5 * s2, cross(u2, v2)))
     spans = min(s1, s2) > 0.0 and min(v_square, u_square) > COLLINEAR_SINE**2
-    share = 0.0
+    inverse, cosine = 0.0, 0.0
     if spans:
         s3 = vectors.s3
-        share = 1.0 / sqrt(v_square * u_square)  # v3 and u3 are the unit normals
+        inverse = inverse_root(v_square)
+        share = inverse * inverse_root(u_square)  # v3 and u3 are the unit normals
+        cosine = share * dot(v_across, u_across)
         if s3 > 0.0:
             w = add(w, scale(0.5 * s3 * share, cross(u_across, v_across)))
     knows_noise = params.gain_knows_noise and not params.gain_is_fixed
     if spans and not knows_noise:
-        cosine = share * dot(v_across, u_across)
-        e = attitude_error(v1, v2, u1, u2, v_across, v_square, cosine)
+        e = attitude_error(v1, v2, u1, u2, v_across, inverse, cosine)
     else:
         e = single_vector_error(v1, v2, u1, u2, s1, s2)
     d = error_rate(params, state, e, dt)

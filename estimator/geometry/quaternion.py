@@ -62,6 +62,12 @@ def scale(a: float, v: Vec3) -> Vec3:
 
 
 @inlined
+def square(v: Vec3) -> float:
+    """v . v, which compares lengths without a root."""
+    return dot(v, v)
+
+
+@inlined
 def norm(v: Vec3) -> float:
     """|v|."""
     return sqrt(v[0] * v[0] + v[1] * v[1] + v[2] * v[2])
@@ -70,10 +76,8 @@ def norm(v: Vec3) -> float:
 @inlined
 def unit(v: Vec3) -> Vec3:
     """v / |v|; the zero vector stays zero."""
-    n = norm(v)
-    if n == 0.0:
-        return (0.0, 0.0, 0.0)
-    return scale(1.0 / n, v)
+    n2 = dot(v, v)
+    return scale(inverse_root(n2), v) if n2 > 0.0 else (0.0, 0.0, 0.0)
 
 
 @inlined
@@ -94,19 +98,23 @@ def conjugate(q: Quaternion) -> Quaternion:
 
 
 @inlined
-def normalize(q: Quaternion) -> Quaternion:
-    """q / |q|; the zero quaternion becomes the identity.
+def inverse_root(n2: float) -> float:
+    """1/sqrt(n2), of a number above zero.
 
-    After a turn only rounding is to be undone: 1/sqrt(1 + x) = 1 - x/2, and the next term is
-    3/8 x^2.
+    Of what rounding alone keeps from one: 1/sqrt(1 + x) = 1 - x/2, and the next term is 3/8 x^2.
     """
-    square = q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + q[3] * q[3]
-    if abs(square - 1.0) < NEARLY_UNIT:
-        k = 1.5 - 0.5 * square
-    elif square == 0.0:
+    if abs(n2 - 1.0) < NEARLY_UNIT:
+        return 1.5 - 0.5 * n2
+    return 1.0 / sqrt(n2)
+
+
+@inlined
+def normalize(q: Quaternion) -> Quaternion:
+    """q / |q|; the zero quaternion becomes the identity."""
+    n2 = q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + q[3] * q[3]
+    if n2 == 0.0:
         return (1.0, 0.0, 0.0, 0.0)
-    else:
-        k = 1.0 / sqrt(square)
+    k = inverse_root(n2)
     return (k * q[0], k * q[1], k * q[2], k * q[3])
 
 
@@ -220,4 +228,5 @@ def angle_of_cosine(x: float) -> float:
 @inlined
 def angle_between_vectors(u: Vec3, v: Vec3) -> float:
     """Angle (rad, 0..pi) between two non-zero vectors."""
-    return angle_of_cosine(dot(unit(u), unit(v)))
+    n2 = square(u) * square(v)
+    return angle_of_cosine(dot(u, v) / sqrt(n2) if n2 > 0.0 else 0.0)

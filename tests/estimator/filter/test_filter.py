@@ -286,7 +286,7 @@ def test_closed_error_is_the_matrix_formula_for_vectors_that_do_not_fit():
         v3, u3 = cross(v1, v2), cross(u1, u2)
         sine = sqrt(dot(v3, v3))
         n3, m3 = unit(v3), unit(u3)
-        closed = kernel.attitude_error(v1, v2, u1, u2, v3, sine**2, dot(n3, m3))
+        closed = kernel.attitude_error(v1, v2, u1, u2, v3, 1.0 / sine, dot(n3, m3))
         s = rng.uniform(0.1, 5.0, 3)
         M = sum(w * np.outer(x, x) for w, x in zip(s, (v1, v2, n3), strict=True))
         right = zip(s, (v1, v2, n3), (u1, u2, m3), strict=True)
