@@ -25,22 +25,21 @@ from estimator.aiding import (
 from estimator.aiding.search import EMPTY_SEARCH, add_report, add_sample
 from estimator.aiding.types import NO_REPORT
 from estimator.aiding.witness import compare, hear_report, watch
-from estimator.compilation.compiled import compiled
+from estimator.compilation.compiled import compiled, inlined
 from estimator.conditioning.condition import condition
 from estimator.conditioning.magnetic import reference_norm
 from estimator.conditioning.rate import slow_share
 from estimator.conditioning.tilt import HOLE_S
-from estimator.conditioning.types import ConditioningParams
+from estimator.conditioning.types import Conditioned, ConditioningParams
 from estimator.filter import kernel
 from estimator.filter.observation import ReferenceParams
-from estimator.filter.types import FilterParams
+from estimator.filter.types import FilterParams, FilterState
 from estimator.geometry.quaternion import subtract
 from estimator.live.aided import follow_aided, horizontal_north, is_worse
 from estimator.live.conditioned import follow_conditioned
 from estimator.live.core import Core, in_rows, square
 from estimator.live.interval import usual_interval
 from estimator.live.published import (
-    NOTHING_SAID,
     Said,
     aided_figures,
     conditioned_figures,
@@ -238,10 +237,9 @@ def advance(
     time and usual interval after the last one, and what there is to publish.
     """
     params = inside.params
-    memory, seen, state, search = inside.conditioning, inside.seen, inside.filter, inside.search
+    memory, seen, state = inside.conditioning, inside.seen, inside.filter
     sample, between = inside.sample, inside.between
     laid, said = inside.rows, inside.said
-    told = NOTHING_SAID
     gyr, acc, mag = (gx, gy, gz), (ax, ay, az), (mx, my, mz)
     k, end = 0, TAKEN
     while end == TAKEN and k < max(1, rows):
@@ -264,17 +262,14 @@ def advance(
         if not is_aided:
             state = follow_conditioned(params.filter, params.reference, state, seen, dt_s)
             if dt_s > HOLE_S:  # how the vehicle has turned meanwhile is not known
-                search = EMPTY_SEARCH
+                inside.search = EMPTY_SEARCH
             else:
-                search = add_sample(search, memory.gravity.q_g_frd, acc, dt_s)
-            rate = subtract(gyr, state.gyr_bias_rad_s)
-            moved = motion(state, rate, 0.0, state.error, state.error_rate_1_s)
-            told = (moved, conditioned_figures(seen), seen.has_heading)
-            q = moved[0]
+                inside.search = add_sample(inside.search, memory.gravity.q_g_frd, acc, dt_s)
+            q = state.q_ned_frd
             if not isfinite(q[0] + q[1] + q[2] + q[3]):
                 end = NOT_FINITE_NOW
             if rows > 0:
-                write(said[k], told)
+                write(said[k], said_now(state, seen, gyr))
         last_us, usual_s = time_us, usual_interval(usual_s, dt_s)
         k += 1
     inside.conditioning = memory
@@ -284,8 +279,16 @@ def advance(
     if not is_aided and k > 0:
         inside.filter = state
         inside.smooth_error = state.error
-        inside.search = search
+    told = said_now(state, seen, sample.gyr_rad_s)
     return k, end, seen.has_heading, last_us, usual_s, told
+
+
+@inlined
+def said_now(state: FilterState, seen: Conditioned, gyr: Vec3) -> Said:
+    """What a conditioned sample without velocity leaves to be published."""
+    rate = subtract(gyr, state.gyr_bias_rad_s)
+    moved = motion(state, rate, 0.0, state.error, state.error_rate_1_s)
+    return moved, conditioned_figures(seen), seen.has_heading
 
 
 @compiled
