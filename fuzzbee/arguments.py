@@ -39,7 +39,7 @@ def matrix(name: str, given: ArrayLike, rows: int | None = None) -> Floats:
         InputError: another shape, or something else than numbers.
     """
     try:
-        values = np.asarray(given, dtype=float)
+        values = np.asarray(given, dtype=float, order="C")
     except (TypeError, ValueError):
         raise InputError(f"{name}: must be an array of numbers") from None
     if values.ndim != 2 or values.shape[1] != 3 or rows not in (None, len(values)):

@@ -219,8 +219,10 @@ class Estimator:
         elif self._rate_hz is None:
             raise InputError(NO_TIME)
         else:
-            numbers = np.arange(self._number, self._number + n)
-            times_us = np.rint(MICROSECONDS * numbers / self._rate_hz).astype(np.int64)
+            numbers = np.arange(self._number, self._number + n, dtype=float)
+            numbers *= MICROSECONDS
+            numbers /= self._rate_hz
+            times_us = np.rint(numbers, out=numbers).astype(np.int64)
         self._number += n
         self._last_us = int(times_us[-1]) if n else self._last_us
         return times_us

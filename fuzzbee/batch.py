@@ -11,25 +11,31 @@ from estimator.live.rows import HAS_HEADING, SAID, Rows, cut
 from estimator.types import ZERO_VEC3, Attitude, ImuSample
 from fuzzbee.arguments import Floats
 
-NORTHS = "<U8"  # "magnetic" is the longest of what a heading is measured from
+# What a heading is measured from, which rows tell by its place here: a word takes 32 bytes.
+NORTHS = ("none", "magnetic", "true")
+PLACE = {north: place for place, north in enumerate(NORTHS)}
 
 
 class Batch:
     """Rows of readings as :mod:`estimator.live.rows` has them.
 
-    ``said`` (N, :data:`SAID`) takes the attitudes, ``norths`` (N,) what their headings are measured
-    from. Rows of ``velocity`` (N, 3) whose horizontal part is not known are no reports, and there
-    are none without it.
+    ``said`` (N, :data:`SAID`) takes the attitudes. Rows of ``velocity`` (N, 3) whose horizontal
+    part is not known are no reports, and there are none without it.
     """
 
     def __init__(self, rows: Rows, velocity: Floats | None) -> None:
         self.rows = rows
         self.velocity = velocity
         self.said: Floats = np.empty((len(self), SAID))
-        self.norths: NDArray[np.str_] = np.zeros(len(self), NORTHS)
+        self._norths: NDArray[np.uint8] = np.zeros(len(self), np.uint8)
 
     def __len__(self) -> int:
         return len(self.rows.times_us)
+
+    @property
+    def norths(self) -> NDArray[np.str_]:
+        """What the heading of each row is measured from (N,)."""
+        return np.array(NORTHS)[self._norths]
 
     def reports(self) -> Sequence[int]:
         """The rows before which there is a velocity."""
@@ -55,9 +61,10 @@ class Batch:
         """Have the estimator take rows; the first of them that it has left to one call."""
         said = self.said[begin:end]
         taken = inner.update_rows(cut(self.rows, begin, end), said)
-        norths = self.norths[begin : begin + taken]
-        norths[:], without = inner.norths
-        norths[said[:taken, HAS_HEADING] == 0.0] = without
+        north, without = inner.norths
+        norths = self._norths[begin : begin + taken]
+        norths[:] = PLACE[north]
+        norths[said[:taken, HAS_HEADING] == 0.0] = PLACE[without]
         return begin + taken
 
     def is_finite(self, k: int) -> bool:
@@ -68,8 +75,8 @@ class Batch:
         """The attitude after a row that was taken by one call; NaN if there is none."""
         if attitude is None:
             self.said[k] = nan
-            self.norths[k] = "none"
+            self._norths[k] = PLACE["none"]
             return
         q, rate, bias = attitude[1:4]
         self.said[k] = (*q, *rate, *bias, *attitude[4:11], nan)
-        self.norths[k] = attitude.heading_reference
+        self._norths[k] = PLACE[attitude.heading_reference]

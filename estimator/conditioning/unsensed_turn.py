@@ -20,6 +20,7 @@ from estimator.conditioning.types import (
 from estimator.geometry.quaternion import (
     add,
     angle_between_vectors,
+    direction,
     norm,
     rotate,
     scale,
@@ -104,7 +105,7 @@ def watch_heading(
     e = state.mean_east + a * (c * east - state.mean_east)
     w = state.mean_confidence + a * (c - state.mean_confidence)
     known = estimate.covariance[9] < UNKNOWN_HEADING_SIGMA**2
-    away = atan2(e, n)
+    away = direction(n, e)
     off = known and abs(away) > params.turn_heading_rad and w > params.turn_confidence
     borne_s = borne_out(params, state, estimate.heading_rad - away, off, c, dt_s)
     if field.reference.is_new:  # the heading was that of a field that is not believed any more

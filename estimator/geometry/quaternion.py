@@ -23,6 +23,10 @@ SERIES_HALF_SINE_SQUARE = 0.01
 NEARLY_UNIT = 1e-8
 # asin(s)/s = 1 + k1 s^2 + k2 s^4 + ..., k_n = (2n)! / (4^n (n!)^2 (2n + 1)).
 ARCSINE = (1 / 6, 3 / 40, 5 / 112, 35 / 1152, 63 / 2816, 231 / 13312, 143 / 10240)
+# Below this tangent the seventh term of the arctangent's series is under 1e-18 of the angle:
+# atan(t)/t = 1 - t^2/3 + t^4/5 - ...
+SERIES_TANGENT = 0.05
+ARCTANGENT = (1 / 3, 1 / 5, 1 / 7, 1 / 9, 1 / 11, 1 / 13)
 # Factors of the exponential's series; a multiplication takes a quarter of a division's time.
 SIXTH, TWELFTH, TWENTIETH, THIRTIETH, FORTY_SECOND = 1 / 6, 1 / 12, 1 / 20, 1 / 30, 1 / 42
 
@@ -165,6 +169,19 @@ def log(q: Quaternion) -> Vec3:
     else:
         k = 2.0 * atan2(n, w) / n
     return (s * k * q[1], s * k * q[2], s * k * q[3])
+
+
+@inlined
+def direction(x: float, y: float) -> float:
+    """The angle (rad, -pi..pi) of (x, y) from the first axis; of a small one by its series."""
+    if abs(y) >= SERIES_TANGENT * x:
+        return atan2(y, x)
+    t = y / x
+    z = t * t
+    k1, k2, k3, k4, k5, k6 = ARCTANGENT
+    z2 = z * z
+    low = 1.0 - z * k1 + z2 * (k2 - z * k3)
+    return t * (low + z2 * z2 * (k4 - z * k5 + z2 * k6))
 
 
 @inlined

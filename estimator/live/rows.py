@@ -19,7 +19,7 @@ HAS_HEADING = 17
 
 
 class Rows(NamedTuple):
-    """N samples, FRD. Arrays as compiled code takes them: C-contiguous and aligned.
+    """N samples, FRD. Arrays as compiled code takes them: C-contiguous.
 
     A field counts where ``has_mag`` says so; elsewhere its row may hold anything.
     """
@@ -46,7 +46,7 @@ def rows_of(
 
 
 def _plain(values: Any) -> Any:
-    return np.require(values, requirements=("C", "A"))
+    return np.asarray(values, order="C")
 
 
 @inlined

@@ -194,6 +194,16 @@ def test_normalize_is_exact_on_both_sides_of_its_series(off):
         assert np.abs(np.array(qn.normalize(tuple(q.tolist()))) - exact).max() < 4.5e-16
 
 
+@pytest.mark.parametrize("tangent", [0.0, 1e-300, 1e-9, 1e-3, 0.02, 0.0499, 0.0501, 0.3, 2.0, 1e9])
+def test_direction_is_exact_on_both_sides_of_its_series(tangent):
+    """Beside extended precision, to two units in the last place; in all four quadrants."""
+    for x, y in ((1.0, tangent), (0.3, -0.3 * tangent), (-7.0, 7.0 * tangent), (-1.0, -tangent)):
+        exact = np.arctan2(np.longdouble(y), np.longdouble(x))
+        assert abs(qn.direction(x, y) - exact) <= 4.5e-16 * abs(exact)
+    assert qn.direction(0.0, 0.0) == 0.0
+    assert qn.direction(0.0, -2.0) == -0.5 * np.pi
+
+
 @given(vectors, vectors)
 def test_vector_algebra_agrees_with_numpy(u, v):
     assert qn.dot(u, v) == pytest.approx(np.dot(u, v), abs=1e-10)
