@@ -8,6 +8,8 @@ from estimator.conditioning.types import ConditioningParams, Estimate, MagneticS
 from estimator.types import Vec3
 
 LEAST_CONFIDENCE = 1e-6
+# A field's age (s) in its first second: what is early is bounded.
+EARLIEST_S = 1.0
 # A residual within so many sigmas (squared) of the heading is none too far.
 REACH_SQUARE = 9.0
 
@@ -45,6 +47,21 @@ def residual(field: MagneticState, horizontal: Two) -> float:
 
 
 @inlined
+def heading_noise(params: ConditioningParams, field: MagneticState, settled: float) -> float:
+    """Density R (rad^2 s) of the error of the field's heading.
+
+    R = R_0 (1 + T/(1 s + age)) + R_c (1/c - 1). Under optical truth the error of good
+    magnetometers decorrelates within a second or two, so it counts as white: its means of 3 to
+    20 s scatter as a density of 1e-4 to 5e-3 does. It is larger while an own field and a lag are
+    being learnt, T, and where norm and dip are off, c < 1.
+    """
+    confidence = max(field.look.confidence * settled, LEAST_CONFIDENCE)
+    early = 1.0 + params.heading_early_s / (EARLIEST_S + field.reference.age_s)
+    doubtful = params.heading_doubt_noise_rad2_s * (1.0 / confidence - 1.0)
+    return params.heading_noise_rad2_s * early + doubtful
+
+
+@inlined
 def learn_heading(
     params: ConditioningParams,
     estimate: Estimate,
@@ -54,14 +71,13 @@ def learn_heading(
     dt_s: float,
     leaning: float,
 ) -> Estimate:
-    """Scalar update of heading and bias by minus the residual, of variance R/(dt c).
+    """Scalar update of heading and bias by minus the residual, of variance R/dt.
 
-    ``settled`` lowers c while the vertical itself is new: a tilted 6D turns the
+    ``settled`` lowers the confidence while the vertical itself is new: a tilted 6D turns the
     horizontal field. So does one that is uncertain by ``leaning`` (rad^2), the more the
     steeper the field.
     """
-    confidence = max(field.look.confidence * settled, LEAST_CONFIDENCE)
-    noise = params.heading_noise_rad2_s / (dt_s * confidence)
+    noise = heading_noise(params, field, settled) / dt_s
     noise += leaning * (field.reference.down / field.reference.horizontal) ** 2
     off = residual(field, horizontal)
     variance = estimate.covariance[9]

@@ -18,15 +18,17 @@ SIGMA_SWING = 0.5
 # times the dip's tangent, about the heading; and of what the field's scatter tells.
 SIGMA_UNEVEN_SQUARE = 2.0
 SIGMA_BENT_SQUARE = 0.6
-SIGMA_SCATTER_SQUARE = 0.7
+SIGMA_SCATTER_SQUARE = 2.0
 # The share by which a heading given up may still be right once another has been borne out.
 STILL_RIVAL = 0.15
-# Mean square of how far norm and dip are off, as shares and angles, even in an even field.
-EVEN_SQUARE = 0.04**2
+# Mean square of how far norm and dip are off, as shares and angles, by noise alone; and the
+# square of what more than that tells.
+EVEN_SQUARE = 0.03**2
+SIGMA_FIELD_SQUARE = 2.0
 # The least, of a field that is a little bent everywhere.
-SIGMA_FIELD_RAD = 0.01
-# A heading whose own sigma is under this is known better than it says.
-SIGMA_SETTLED_RAD = 0.1
+SIGMA_FIELD_RAD = 0.005
+# A heading whose own sigma is under this (rad) is as good as the field that it was learnt from.
+SIGMA_SETTLED_RAD = 0.3
 
 
 @inlined
@@ -76,12 +78,12 @@ def rival(params: ConditioningParams, state: ConditioningState) -> float:
 def sigma_heading(params: ConditioningParams, state: ConditioningState) -> float:
     """Angle (rad) that 68 % of the heading errors lie under.
 
-    The variance P takes the field's error for white: it is larger than the error of a good
-    sensor and too small beside steel, where the error lasts. So what little of P is left
-    after long counts as P^2/(P + P_1) only, but for slow streams, whose P is what they miss. To
-    it comes what the field is seen to scatter, and what the accelerometer's error, seen
-    likewise, bends a steep field. A field whose norm and dip are off by more than is usual is off
-    across, too.
+    The variance P takes the field's error for white, which it is for an uncertain heading. What
+    is left of it after long is little beside errors that last: an own field that is not learnt
+    yet, steel, a place's gradient, a leaning vertical. They have no model here but are
+    measured: by what the field's mean of ``turn_heading_tau_s`` scatters, by how far norm and
+    dip are off by more than noise, and by the size of gravity, whose error bends a steep
+    field. So P counts as P^2/(P + P_1) only, but for slow streams, whose P is what they miss.
     """
     p = state.estimate.covariance[9]
     reference = state.magnetic.reference
@@ -91,7 +93,8 @@ def sigma_heading(params: ConditioningParams, state: ConditioningState) -> float
     lasting = SIGMA_SCATTER_SQUARE * signs.heading.scatter + rival(params, state)
     bent = steep * (SIGMA_BENT_SQUARE * signs.gravity.uneven + 0.5 * state.doubt.tilt)
     lasting += SIGMA_FIELD_RAD**2 + bent + state.doubt.heading
-    lasting += (1.0 + steep) * max(0.0, reference.uneven - EVEN_SQUARE)
+    bend = max(0.0, reference.uneven - EVEN_SQUARE)
+    lasting += SIGMA_FIELD_SQUARE * (1.0 + steep) * bend
     slow = slowness(params, state.coefficients.dt_s)
     own = p * (slow + (1.0 - slow) * p / (p + SIGMA_SETTLED_RAD**2))
     return sqrt(own + lasting)

@@ -84,11 +84,13 @@ class ConditioningParams(NamedTuple):
 
     # Heading.
     heading_noise_rad2_s: Noise = (
-        0.01  # of the field's heading; small: follows magnets, large: slow
+        0.003  # of the field's heading; small: follows magnets, large: slow
     )
-    heading_tau_s: Time = 40.0  # what it makes of a constant drift; likewise
+    heading_early_s: Time = 30.0  # for so long it is larger; small: trusts a field that is new
+    heading_doubt_noise_rad2_s: Noise = 0.015  # what a doubtful field adds; small: follows magnets
+    heading_tau_s: Time = 22.0  # what the heading makes of a constant drift; likewise
     heading_turning_noise_s: Noise = (
-        1e-5  # drift variance per squared rate: scale errors of the gyro
+        5e-6  # drift variance per squared rate: scale errors of the gyro
     )
     heading_reach_rad: Angle = radians(25.0)  # residual that counts a quarter; small: never returns
     heading_borne_s: Time = (

@@ -49,7 +49,7 @@ AXES = {"down": (0.0, 0.0, 1.0), "east": (0.0, 1.0, 0.0), "diagonal": (0.577, 0.
         (resting, "diagonal", 1.87, None),
         (tumbling, "down", 1.89, 6.57),
         (tumbling, "east", 0.15, 2.81),
-        (tumbling, "diagonal", 1.87, None),
+        (tumbling, "diagonal", 1.87, 18.2),
     ],
 )
 def test_a_turn_of_20_degrees_is_found_by_the_jump_of_the_field(motion, axis, measured_s, unseen_s):
