@@ -48,7 +48,7 @@ def test_noise_is_larger_for_a_new_field_and_a_doubtful_one(confidence):
 def test_learning_is_a_kalman_filter_of_bias_and_heading():
     """Ten seconds of a turning body; the plain filter has matrices and no packed covariance."""
     rng = np.random.default_rng(3)
-    k = coefficients(PARAMS, DT)
+    k = coefficients(PARAMS, DT, 1.0)
     estimate = estimate_of(0.3)
     x, p = np.zeros(4), square(estimate.covariance)
     field = field_of(0.8, OLD_S)
@@ -85,7 +85,7 @@ def test_variance_is_that_of_the_errors_of_a_field_that_wanders(lasts_s, sigma_d
     """
     rng = np.random.default_rng(7)
     step_s = 0.05
-    k = coefficients(PARAMS, step_s)
+    k = coefficients(PARAMS, step_s, 1.0)
     field = field_of(1.0, OLD_S)
     sigma, left = radians(sigma_deg), exp(-step_s / lasts_s)
     ratios = []

@@ -55,3 +55,12 @@ def rotate_about_down(s, angle):
     """The sample's field, turned about the vertical."""
     field = rotate(s.q_ned_frd, s.mag)
     return rotate_inverse(s.q_ned_frd, rotate(exp((0.0, 0.0, angle)), field))
+
+
+@pytest.mark.parametrize(("scale", "heading_deg"), [(1.0, 0.315), (1.25, 18.4)])
+def test_a_magnetometer_with_axes_of_different_scales_widens_the_headings_sigma(scale, heading_deg):
+    """On a tumbling vehicle norm and dip vary with the attitude, and so does the heading."""
+    samples = [
+        (s.gyr, s.acc, (s.mag[0], scale * s.mag[1], s.mag[2])) for s in fly(tumbling, 60.0, DT)
+    ]
+    assert sigmas_deg(samples)[1] == pytest.approx(heading_deg, rel=0.2)
