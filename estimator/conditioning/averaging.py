@@ -9,7 +9,6 @@ of A/W. A vehicle that is carried about asks for 4 s, one that turns slowly for 
 from estimator.compilation.compiled import inlined
 from estimator.conditioning.types import Averaging, ConditioningParams, Estimate, Force, Spin
 from estimator.geometry.quaternion import dot, scale, subtract
-from estimator.types import Vec3
 
 # A/W (s) that asks for ``gravity_tau_s``: how far the force of a second is tilted, over the rate
 # of a turn that goes on, to which comes what stands for all other errors of a gyroscope (rad/s).
@@ -22,7 +21,8 @@ MOST_FACTOR = 1.35
 # The fourth power of the factor may be off by this share before it is changed: changing it costs
 # the low-passes' coefficients.
 TOLERANCE = 0.2
-# A bias's uncertainty counts as a scale error's drift in a turn: this share of it.
+# A bias's uncertainty, and what the gyroscope misses, count as a scale error's drift in a turn:
+# this share of it.
 SCALE_ERROR = 0.005
 # Less force than this (m/s^2)^2 is free fall.
 LEAST_SQUARE = 0.25
@@ -52,12 +52,14 @@ def follow_averaging(
     force: Force,
     spin: Spin,
     estimate: Estimate,
+    missed: float,
     learns: bool,
     dt_s: float,
 ) -> Averaging:
     """The averaging time after a learning step.
 
-    Not to be learnt from: a vehicle at rest, and a stream so slow that a second is one reading.
+    ``missed`` (rad^2) is the variance of a turn beyond the gyroscope's end. Not to be learnt
+    from: a vehicle at rest, and a stream so slow that a second is one reading.
     """
     if not learns or not params.use_averaging:
         return state
@@ -65,8 +67,9 @@ def follow_averaging(
         return state
     share = min(1.0, dt_s / MEMORY_S)
     shaking = state.shaking + share * (tilting(force) - state.shaking)
-    turn: Vec3 = spin.turn.value
-    turning = state.turning + share * (dot(turn, turn) - state.turning)
+    turn = spin.turn.value
+    drift = dot(turn, turn) + missed / (SCALE_ERROR * dt_s) ** 2
+    turning = state.turning + share * (drift - state.turning)
     p = estimate.covariance
     unknown = (p[0] + p[4] + p[7]) / (3.0 * SCALE_ERROR**2)
     drifting = turning + unknown + LEAST_RATE_RAD_S**2

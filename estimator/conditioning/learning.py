@@ -290,6 +290,7 @@ def learn(
         vertical.gravity.force,
         vertical.spin,
         estimate,
+        clipped[0] + clipped[1],
         tells,
         dt,
     )

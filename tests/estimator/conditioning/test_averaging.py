@@ -28,11 +28,15 @@ def force(tilt_deg):
     return Force(down=Smooth((0.0, 0.0, 9.8), STILL), quick=quick, unsteady=0.0, age_s=60.0)
 
 
-def factor_after(shaking_deg, turning_deg_s, *, estimate=KNOWN_BIAS, learns=True, time_s=120.0):
+def factor_after(
+    shaking_deg, turning_deg_s, *, estimate=KNOWN_BIAS, missed=0.0, learns=True, time_s=120.0
+):
     state = USUAL_AVERAGING
     spin = NO_SPIN._replace(turn=Smooth((0.0, radians(turning_deg_s), 0.0), STILL))
     for _ in range(round(time_s / 0.1)):
-        state = follow_averaging(PARAMS, state, force(shaking_deg), spin, estimate, learns, 0.1)
+        state = follow_averaging(
+            PARAMS, state, force(shaking_deg), spin, estimate, missed, learns, 0.1
+        )
     return state.factor
 
 
@@ -51,6 +55,11 @@ def test_an_unknown_bias_drifts_as_a_turn_does():
     assert factor_after(3.0, 2.0, estimate=UNKNOWN_BIAS) < 1.0
 
 
+def test_a_turn_beyond_the_gyroscopes_end_drifts_likewise():
+    """A tenth of a degree a step of 0.1 s."""
+    assert factor_after(3.0, 2.0, missed=radians(0.1) ** 2) == LEAST_FACTOR
+
+
 @pytest.mark.parametrize("tilt_deg", [0.0, 1.0, 8.0])
 def test_tilting_is_the_angle_for_small_ones(tilt_deg):
     down, quick = force(tilt_deg).down.value, force(tilt_deg).quick
@@ -60,5 +69,7 @@ def test_tilting_is_the_angle_for_small_ones(tilt_deg):
 
 def test_it_may_be_switched_off():
     params = PARAMS._replace(use_averaging=False)
-    state = follow_averaging(params, USUAL_AVERAGING, force(9.0), NO_SPIN, KNOWN_BIAS, True, 1.0)
+    state = follow_averaging(
+        params, USUAL_AVERAGING, force(9.0), NO_SPIN, KNOWN_BIAS, 0.0, True, 1.0
+    )
     assert state is USUAL_AVERAGING
