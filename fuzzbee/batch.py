@@ -35,7 +35,7 @@ class Batch:
     @property
     def norths(self) -> NDArray[np.str_]:
         """What the heading of each row is measured from (N,)."""
-        return np.array(NORTHS)[self._norths]
+        return np.array(NORTHS).take(self._norths)
 
     def reports(self) -> Sequence[int]:
         """The rows before which there is a velocity."""

@@ -4,13 +4,15 @@ numba's dispatcher finds out at every call which types it has been given. For a 
 and a handle on compiled memory that takes longer than a step of the filter.
 """
 
+import functools
 from collections.abc import Callable
 from typing import Any
 
 
+@functools.cache
 def direct(kernel: Any, types: tuple[Any, ...]) -> Callable[..., Any]:
     """The form of a kernel that takes arguments of these types (numba's), and checks no more.
 
-    It is compiled now, unless that has been done.
+    It is compiled now, unless that has been done; to ask numba for it takes 20 us even then.
     """
     return kernel.compile(types)  # type: ignore[no-any-return]

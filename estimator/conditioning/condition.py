@@ -8,19 +8,18 @@ from estimator.conditioning.certainty import certainty_of, with_certainty
 from estimator.conditioning.clipping import watch_clipping
 from estimator.conditioning.coefficients import coefficients
 from estimator.conditioning.gather import STEP_S, gather
-from estimator.conditioning.gravity import propagate_frame
+from estimator.conditioning.gravity import propagate_frame, rows_of, to_body, to_frame
 from estimator.conditioning.initial import initial_state
 from estimator.conditioning.learning import learn
 from estimator.conditioning.rate import at_interval_end, integration_rate
 from estimator.conditioning.rest import initial_rest
 from estimator.conditioning.tilt import initial_tilt, slowness
-from estimator.conditioning.types import Conditioned, ConditioningParams, ConditioningState
+from estimator.conditioning.types import Conditioned, ConditioningParams, ConditioningState, Rows
 from estimator.geometry.quaternion import (
     conjugate,
     exp,
     log,
     multiply,
-    rotate,
     rotate_inverse,
     scale,
     subtract,
@@ -62,16 +61,18 @@ def condition(
     # Before the first sample there was no interval; what it tells counts as one step's.
     dt = max(sample.dt_s, LEAST_DT_S) if state.started else STEP_S
     previous = state.previous_gyr_rad_s if state.started else gyr
-    turn = integration_rate(previous, gyr, dt, params.averaged_samples)
+    rate = integration_rate(previous, gyr, dt, params.averaged_samples)
     if sample.between.given:
-        turn = sample.between.turn_rad_s
-    rate = subtract(subtract(turn, state.estimate.bias_rad_s), state.spin.drift_rad_s)
+        rate = sample.between.turn_rad_s
+    rate = subtract(subtract(rate, state.estimate.bias_rad_s), state.spin.drift_rad_s)
     if params.averaged_samples:
         acc = at_interval_end(acc, gyr, dt)
         mag = at_interval_end(mag, gyr, dt)
     if sample.has_mag:
         mag = correct_field(mag, rate, state.calibration.learnt)
-    gravity = propagate_frame(state.gravity, rate, dt)
+    turn = exp(scale(dt, rate))
+    gravity = propagate_frame(state.gravity, turn)
+    rows_g = rows_of(gravity.q_g_frd)
     corrected = Sample(
         gyr_rad_s=gyr,
         acc_m_s2=acc,
@@ -80,7 +81,7 @@ def condition(
         dt_s=dt,
         between=sample.between,
     )
-    gathered = gather(state.gathered, gravity.q_g_frd, corrected)
+    gathered = gather(state.gathered, rows_g, corrected)
     first = not state.started
     k = state.coefficients
     usual_s = k.dt_s
@@ -91,7 +92,7 @@ def condition(
     rest, tilt = state.rest, state.tilt
     if first:
         rest = initial_rest(gyr, acc)
-        tilt = initial_tilt(gyr, scale(-1.0, rotate(gravity.q_g_frd, acc)))
+        tilt = initial_tilt(gyr, scale(-1.0, to_frame(rows_g, acc)))
     state = ConditioningState(
         started=True,
         previous_gyr_rad_s=gyr,
@@ -119,18 +120,20 @@ def condition(
         slow = 0.0 if first else slowness(params, dt)
         if slow > 0.0:
             rate = rate_by_attitudes(state, rate, ned_of_g(before), slow, dt)
-    return state, result_of(state, rate)
+            turn = exp(scale(dt, rate))
+    return state, result_of(state, rows_g, rate, turn)
 
 
 @inlined
-def result_of(state: ConditioningState, rate: Vec3) -> Conditioned:
+def result_of(state: ConditioningState, rows_g: Rows, rate: Vec3, turn: Quaternion) -> Conditioned:
     """The result for the filter and the publisher."""
-    q, known = state.gravity.q_g_frd, state.certainty
+    axes, known = state.axes, state.certainty
     return Conditioned(
         rate_rad_s=rate,
+        turn=turn,
         bias_rad_s=state.estimate.bias_rad_s,
-        gravity_b=rotate_inverse(q, state.axes.down_g),
-        magnetic_b=rotate_inverse(q, state.axes.north_g),
+        gravity_b=to_body(rows_g, axes.down_g),
+        magnetic_b=to_body(rows_g, axes.north_g),
         weight=known.weight,
         has_heading=known.has_heading,
         gravity_confidence=known.gravity_confidence,

@@ -1,9 +1,10 @@
 """Means over a few samples, so that learning need not run at the sensor's rate."""
 
 from estimator.compilation.compiled import inlined
-from estimator.conditioning.types import Gathered
-from estimator.geometry.quaternion import rotate, scale
-from estimator.types import ZERO_VEC3, Quaternion, Sample, Vec3
+from estimator.conditioning.gravity import to_frame
+from estimator.conditioning.types import Gathered, Rows
+from estimator.geometry.quaternion import scale
+from estimator.types import ZERO_VEC3, Sample, Vec3
 
 # Learning runs on the mean of samples over at least this time (s): a hundred
 # times a second is plenty for values that change within seconds.
@@ -26,19 +27,19 @@ def accumulate(sum_: Vec3, v: Vec3, dt_s: float) -> Vec3:
 
 
 @inlined
-def gather(sums: Gathered, q_g_frd: Quaternion, sample: Sample) -> Gathered:
+def gather(sums: Gathered, rows_g: Rows, sample: Sample) -> Gathered:
     """Add one sample. Its vectors are turned to G, so that a mean is not blurred by turning."""
     gyr, acc, dt_s = sample.gyr_rad_s, sample.acc_m_s2, sample.dt_s
     field_g = sums.field_g
     field_s = sums.field_s
     if sample.has_mag:
-        field_g = accumulate(field_g, rotate(q_g_frd, sample.mag), dt_s)
+        field_g = accumulate(field_g, to_frame(rows_g, sample.mag), dt_s)
         field_s += dt_s
     return Gathered(
         time_s=sums.time_s + dt_s,
         gyr=accumulate(sums.gyr, gyr, dt_s),
         acc=accumulate(sums.acc, acc, dt_s),
-        gravity_g=accumulate(sums.gravity_g, rotate(q_g_frd, acc), -dt_s),
+        gravity_g=accumulate(sums.gravity_g, to_frame(rows_g, acc), -dt_s),
         field_g=field_g,
         field_s=field_s,
     )

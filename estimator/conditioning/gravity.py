@@ -14,11 +14,10 @@ from estimator.conditioning.types import (
     Two,
 )
 from estimator.geometry.quaternion import (
-    exp,
+    dot,
     multiply,
     normalize,
     rotate,
-    scale,
     shortest_rotation,
     square,
     subtract,
@@ -34,9 +33,9 @@ UNSTEADY_TAU_S = 5.0
 
 
 @inlined
-def propagate_frame(state: GravityState, rate: Vec3, dt_s: float) -> GravityState:
-    """q_G <- q_G exp((w - b) dt): body to G, which only gyro errors move."""
-    q = normalize(multiply(state.q_g_frd, exp(scale(dt_s, rate))))
+def propagate_frame(state: GravityState, turn: Quaternion) -> GravityState:
+    """q_G <- q_G exp((w - b) dt), the ``turn``: body to G, which only gyro errors move."""
+    q = normalize(multiply(state.q_g_frd, turn))
     return GravityState(q, state.q_6d_g, state.force)
 
 
@@ -137,6 +136,23 @@ def rows_of(q_6d_frd: Quaternion) -> Rows:
         north=(1.0 - 2.0 * y * y - 2.0 * z * z, 2.0 * (x * y - w * z), 2.0 * (w * y + x * z)),
         east=(2.0 * (w * z + x * y), 1.0 - 2.0 * z * z - 2.0 * x * x, 2.0 * (y * z - w * x)),
         down=down_of(q_6d_frd),
+    )
+
+
+@inlined
+def to_frame(rows: Rows, v: Vec3) -> Vec3:
+    """A body's vector in the frame of the rows: R v."""
+    return (dot(rows.north, v), dot(rows.east, v), dot(rows.down, v))
+
+
+@inlined
+def to_body(rows: Rows, v: Vec3) -> Vec3:
+    """A vector of that frame as the body sees it: R^T v."""
+    x, y, z = rows
+    return (
+        x[0] * v[0] + y[0] * v[1] + z[0] * v[2],
+        x[1] * v[0] + y[1] * v[1] + z[1] * v[2],
+        x[2] * v[0] + y[2] * v[1] + z[2] * v[2],
     )
 
 

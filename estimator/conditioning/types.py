@@ -441,6 +441,7 @@ class Conditioned(NamedTuple):
     """The paper's vectors, and what else the filter and the publisher need."""
 
     rate_rad_s: Vec3  # free of bias, and the one that integrates best over the step; FRD
+    turn: Quaternion  # by that rate over the step: the body's attitude after it in that before
     bias_rad_s: Vec3  # of the gyroscope, FRD
     gravity_b: Vec3  # down, a unit vector in FRD
     magnetic_b: Vec3  # magnetic north, horizontal, a unit vector in FRD

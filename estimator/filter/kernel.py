@@ -34,7 +34,7 @@ from estimator.geometry.quaternion import (
     scale,
     subtract,
 )
-from estimator.types import Sample, Vec3
+from estimator.types import Quaternion, Sample, Vec3
 
 Array = NDArray[np.float64]
 
@@ -150,9 +150,16 @@ def integrate_rate(
     state: FilterState, rate_rad_s: Vec3, dt: float, gyr_bias_rad_s: Vec3
 ) -> FilterState:
     """The attitude turned on by a rate that is free of bias; the bias only recorded."""
-    q = normalize(multiply(state.q_ned_frd, exp(scale(dt, rate_rad_s))))
+    return turn_on(state, exp(scale(dt, rate_rad_s)), rate_rad_s, gyr_bias_rad_s)
+
+
+@inlined
+def turn_on(
+    state: FilterState, turn: Quaternion, rate_rad_s: Vec3, gyr_bias_rad_s: Vec3
+) -> FilterState:
+    """The attitude turned on by what a rate has turned the body; rate and bias only recorded."""
     return FilterState(
-        q_ned_frd=q,
+        q_ned_frd=normalize(multiply(state.q_ned_frd, turn)),
         gyr_bias_rad_s=gyr_bias_rad_s,
         error=state.error,
         error_rate_1_s=state.error_rate_1_s,

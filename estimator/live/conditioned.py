@@ -2,7 +2,7 @@
 
 from estimator.compilation.compiled import inlined
 from estimator.conditioning.types import Conditioned
-from estimator.filter.kernel import correct, integrate_rate
+from estimator.filter.kernel import correct, turn_on
 from estimator.filter.observation import ReferenceParams, weighted_vectors
 from estimator.filter.types import FilterParams, FilterState, Vectors
 
@@ -33,5 +33,5 @@ def follow_conditioned(
     dt: float,
 ) -> FilterState:
     """The filter propagated free of bias and corrected with the conditioned vectors."""
-    state = integrate_rate(state, seen.rate_rad_s, dt, seen.bias_rad_s)
+    state = turn_on(state, seen.turn, seen.rate_rad_s, seen.bias_rad_s)
     return correct(params, state, conditioned_vectors(reference, seen), dt)

@@ -16,11 +16,12 @@ from estimator.conditioning.types import Conditioned, ConditioningState
 from estimator.filter.types import FilterState, initial_state
 from estimator.geometry.quaternion import conjugate, multiply, normalize
 from estimator.live.settings import Settings
-from estimator.types import NO_SAMPLE, ZERO_VEC3, Quaternion, Sample
+from estimator.types import IDENTITY, NO_SAMPLE, ZERO_VEC3, Quaternion, Sample
 
 # What the conditioning stage has said before it was asked.
 UNSEEN = Conditioned(
     rate_rad_s=ZERO_VEC3,
+    turn=IDENTITY,
     bias_rad_s=ZERO_VEC3,
     gravity_b=(0.0, 0.0, 1.0),
     magnetic_b=(1.0, 0.0, 0.0),

@@ -263,7 +263,7 @@ def advance(
             state = follow_conditioned(params.filter, params.reference, state, seen, dt_s)
             if dt_s > HOLE_S:  # how the vehicle has turned meanwhile is not known
                 inside.search = EMPTY_SEARCH
-            else:
+            elif inside.search.window.is_open:
                 inside.search = add_sample(inside.search, memory.gravity.q_g_frd, acc, dt_s)
             q = state.q_ned_frd
             if not isfinite(q[0] + q[1] + q[2] + q[3]):
@@ -356,7 +356,11 @@ def hear(inside: Any, report: Report) -> None:
 @compiled
 def search(inside: Any, report: Report) -> bool:
     """A report while there is no aiding; whether it may have shown the attitude."""
-    found, closed = add_report(inside.search, report, inside.params.aiding.receiver_lag_s)
+    found, last = inside.search, inside.sample
+    if not found.window.is_open:  # nobody has followed the force until now
+        q_g_frd = inside.conditioning.gravity.q_g_frd
+        found = add_sample(found, q_g_frd, last.acc_m_s2, last.dt_s)
+    found, closed = add_report(found, report, inside.params.aiding.receiver_lag_s)
     inside.search = found
     return closed
 
