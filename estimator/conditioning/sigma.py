@@ -29,6 +29,8 @@ SIGMA_FIELD_SQUARE = 2.0
 SIGMA_FIELD_RAD = 0.005
 # A heading whose own sigma is under this (rad) is as good as the field that it was learnt from.
 SIGMA_SETTLED_RAD = 0.3
+# Without a field for so long (s) it is as good as the gyroscope, which P knows.
+ABSENT_S = 2.0
 
 
 @inlined
@@ -83,7 +85,8 @@ def sigma_heading(params: ConditioningParams, state: ConditioningState) -> float
     yet, steel, a place's gradient, a leaning vertical. They have no model here but are
     measured: by what the field's mean of ``turn_heading_tau_s`` scatters, by how far norm and
     dip are off by more than noise, and by the size of gravity, whose error bends a steep
-    field. So P counts as P^2/(P + P_1) only, but for slow streams, whose P is what they miss.
+    field. So P counts as P^2/(P + P_1) only, but for slow streams, whose P is what they miss,
+    and without a field.
     """
     p = state.estimate.covariance[9]
     reference = state.magnetic.reference
@@ -95,6 +98,7 @@ def sigma_heading(params: ConditioningParams, state: ConditioningState) -> float
     lasting += SIGMA_FIELD_RAD**2 + bent + state.doubt.heading
     bend = max(0.0, reference.uneven - EVEN_SQUARE)
     lasting += SIGMA_FIELD_SQUARE * (1.0 + steep) * bend
-    slow = slowness(params, state.coefficients.dt_s)
-    own = p * (slow + (1.0 - slow) * p / (p + SIGMA_SETTLED_RAD**2))
+    counts = slowness(params, state.coefficients.dt_s)
+    counts = max(counts, min(1.0, state.magnetic.wait_s / ABSENT_S))
+    own = p * (counts + (1.0 - counts) * p / (p + SIGMA_SETTLED_RAD**2))
     return sqrt(own + lasting)

@@ -275,7 +275,7 @@ def test_after_a_saturated_gyroscope_the_attitude_is_aligned_anew(profile, limit
     quiet.fly(5.0)
     assert sum("aligning anew" in text for text in rig.messages) == 1
     apart = [abs(a - b) for a, b in zip(rig.errors_deg, quiet.errors_deg, strict=True)]
-    assert max(apart[50:]) == pytest.approx({"paper": 0.89, "imu": 0.62}[profile], rel=0.2)
+    assert max(apart[50:]) == pytest.approx({"paper": 0.89, "imu": 0.47}[profile], rel=0.2)
 
 
 def test_a_clipped_accelerometer_is_refused_and_the_estimate_recovers(rig):
@@ -335,7 +335,7 @@ def test_impossible_magnitudes_are_refused():
 @pytest.mark.parametrize(
     ("sensor", "size", "mean_deg", "most_deg"),
     [
-        ("acc_m_s2", 30.0, 0.062, 0.17),  # measured 0.037 to 0.051, 0.10 to 0.14
+        ("acc_m_s2", 30.0, 0.112, 0.28),  # measured 0.064 to 0.093, 0.15 to 0.23
         # one spike of 5 rad/s lasts 20 ms: 6 degrees that have to be forgotten again
         ("gyr_rad_s", 5.0, 4.1, 11.8),  # 1.7 to 3.4, 5.0 to 9.8
         ("mag_gauss", 1.0, 0.018, 0.049),  # 0.013 to 0.014, 0.030 to 0.040
@@ -388,7 +388,7 @@ def test_without_the_magnetometer_the_heading_goes_on_and_its_bound_grows():
     assert states(rig) == ["running"]
     assert before.sigma_deg.heading == pytest.approx(1.15, rel=0.2)
     growth = after.sigma_deg.heading - before.sigma_deg.heading
-    assert growth == pytest.approx(0.096, rel=0.2)
+    assert growth == pytest.approx(2.08, rel=0.2)
     assert before.confidence.magnetic == pytest.approx(0.981, abs=0.005)
     assert after.confidence.magnetic == 0.0
 
