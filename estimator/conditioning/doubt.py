@@ -7,16 +7,17 @@ from estimator.conditioning.types import (
     ConditioningParams,
     Doubt,
     Estimate,
+    FieldBefore,
     JumpSigns,
     MagneticState,
+    TurnSigns,
     Two,
 )
 from estimator.conditioning.unsensed_turn import (
     HALF_TURN_VARIANCE,
+    LONGEST_SIGN_S,
     doubt_heading,
-    duration_s,
 )
-from estimator.geometry.quaternion import norm
 
 # The least error of a second's mean force, rad^2, of an accelerometer at rest.
 LEAST_WANDER = 0.009**2
@@ -29,17 +30,19 @@ SUDDEN_RAD = 0.05
 def doubt_tilt(doubt: Doubt, variance: float) -> Doubt:
     """More of it about the vertical."""
     tilt = min(doubt.tilt + variance, HALF_TURN_VARIANCE)
-    return Doubt(tilt, doubt.heading, doubt.usual_s, doubt.norm)
+    return Doubt(tilt, doubt.heading, doubt.usual_s, doubt.before)
 
 
 @inlined
-def raise_doubt(doubt: Doubt, jump: JumpSigns, variance: float, steepness: float) -> Doubt:
+def raise_doubt(doubt: Doubt, signs: TurnSigns, variance: float, steepness: float) -> Doubt:
     """After a turn by an angle of that variance: of the vertical, and of a heading by the field."""
+    is_first = doubt.heading == 0.0
+    before = FieldBefore(signs.jump.slow_norm, signs.heading.mean_confidence)
     return Doubt(
         tilt=min(doubt.tilt + variance, HALF_TURN_VARIANCE),
         heading=min(doubt.heading + variance * (1.0 + steepness), HALF_TURN_VARIANCE),
         usual_s=0.0,
-        norm=norm(jump.slow) if doubt.heading == 0.0 else doubt.norm,
+        before=before if is_first else doubt.before,
     )
 
 
@@ -64,8 +67,8 @@ def share_of_force(
     noise = (wander + LEAST_WANDER) * 2.0 * params.turn_moving_tau_s / dt_s
     share = doubt.tilt / (doubt.tilt + noise)
     if share <= dt_s / params.gravity_tau_s:  # the low-pass is as quick
-        return Doubt(0.0, doubt.heading, doubt.usual_s, doubt.norm), 0.0
-    return Doubt((1.0 - share) * doubt.tilt, doubt.heading, doubt.usual_s, doubt.norm), share
+        return Doubt(0.0, doubt.heading, doubt.usual_s, doubt.before), 0.0
+    return Doubt((1.0 - share) * doubt.tilt, doubt.heading, doubt.usual_s, doubt.before), share
 
 
 @inlined
@@ -94,18 +97,25 @@ def release_doubt(
     """Hand the heading its doubt once the field has looked as usual for a while.
 
     A magnet that has turned the field shows in norm or dip, now or soon, and must not draw the
-    heading: the field has to stand still again, and nothing is left of the doubt if its norm is
-    another. And a heading by the field is never better than the vertical it was taken with.
+    heading: the field has to stand still again, and nothing is left of either doubt if its norm
+    is another. And a heading by the field is never better than the vertical it was taken with.
     """
-    usual = field.look.confidence > params.turn_confidence
+    usual = field.look.confidence > params.turn_confidence * doubt.before.confidence
     still = jump.apart_rad < params.turn_jump_rad
-    usual_s = duration_s(usual and still, doubt.usual_s, dt_s)
-    same = abs(norm(jump.quick) - doubt.norm) < params.turn_jump_norm * doubt.norm
-    left = 0.0 if still and not same else doubt.heading  # between two directions a mean is shorter
+    step_s = min(dt_s, LONGEST_SIGN_S)
+    usual_s = max(0.0, doubt.usual_s + (step_s if usual and still else -step_s))
+    most = params.turn_jump_norm + sqrt(field.reference.uneven)
+    if doubt.heading > 0.0 and abs(jump.quick_norm - doubt.before.norm) > most * doubt.before.norm:
+        return Doubt(0.0, 0.0, usual_s, doubt.before), estimate, False
+    left = doubt.heading
     if usual_s <= params.turn_jump_time_s:
-        return Doubt(doubt.tilt, left, usual_s, doubt.norm), estimate, False
+        return Doubt(doubt.tilt, left, usual_s, doubt.before), estimate, False
     if not is_sudden(left, field, horizontal):
         left = 0.0
     now = estimate.covariance[9]
     raised = max(now + left, 0.5 * doubt.tilt * steepness_of(field)) - now
-    return Doubt(doubt.tilt, 0.0, usual_s, doubt.norm), doubt_heading(estimate, raised), left > 0.0
+    return (
+        Doubt(doubt.tilt, 0.0, usual_s, doubt.before),
+        doubt_heading(estimate, raised),
+        left > 0.0,
+    )

@@ -1,6 +1,6 @@
 """What the mean readings of one learning step teach: vertical, bias, field and signs."""
 
-from math import atan2, cos, sin
+from math import atan2, cos, pi, sin
 from typing import NamedTuple
 
 from estimator.compilation.compiled import inlined
@@ -264,16 +264,19 @@ def learn(
         ),
         jump=seen.jump,
     )
-    alarm, seen_rad = alarm_of(params, signs, calibration.learnt, reference_norm(seen.magnetic))
+    usual_norm, is_doubted = reference_norm(seen.magnetic), vertical.doubt.heading > 0.0
+    alarm, seen_rad = alarm_of(params, signs, calibration.learnt, usual_norm, is_doubted)
     gravity, estimate = react(alarm, vertical.gravity, rest, seen.estimate, seen.horizontal)
     doubt, released = vertical.doubt, False
     heading_rad = estimate.heading_rad
     if alarm.jump > 0.0:
-        doubt = raise_doubt(doubt, seen.jump, alarm.jump, steepness_of(seen.magnetic))
+        doubt = raise_doubt(doubt, signs, alarm.jump, steepness_of(seen.magnetic))
     if mean.field_s > 0.0 and (doubt.heading > 0.0 or doubt.tilt > 0.0):
         doubt, estimate, released = release_doubt(
             params, doubt, estimate, seen.magnetic, seen.jump, seen.horizontal, dt
         )
+    if is_doubted and doubt.heading == 0.0 and not released:
+        seen_rad = pi  # the rest of that jump is a magnet's, too
     turned = alarm.heading or alarm.quiet or alarm.moving or alarm.levelling
     turned = turned or alarm.jump > 0.0 or (mean.field_s > 0.0 and looks_turned(params, seen.jump))
     if turned or clipped[0] + clipped[1] > MISSED_RAD**2:

@@ -98,7 +98,7 @@ class ConditioningParams(NamedTuple):
     )
 
     # Events.
-    turn_heading_rad: Angle = radians(14.0)  # residual no honest drift reaches; small: false alarms
+    turn_heading_rad: Angle = radians(10.0)  # residual no honest drift reaches; small: false alarms
     turn_heading_tau_s: Time = 1.5  # averaging of that residual; likewise
     turn_heading_time_s: Time = 1.0  # and for so long
     turn_confidence: Share = 0.6  # of the field, averaged likewise
@@ -116,6 +116,7 @@ class ConditioningParams(NamedTuple):
     turn_jump_usual: Share = 4.0  # and no more of what it usually turns; small: false alarms
     turn_jump_own: Share = 0.5  # likewise, of what an unknown lag and own field turn it
     turn_jump_norm: Share = 0.03  # change of its norm that tells a magnet; large: false alarms
+    turn_jump_confidence: Share = 0.3  # of the field before one that comes within a step
     turn_jump_time_s: Time = (
         1.0  # for so long a field that jumped must stay; small: follows magnets
     )
@@ -336,11 +337,15 @@ class JumpSigns(NamedTuple):
 
     quick: Vec3  # the field in G, low-passed a little, in its own unit
     slow: Vec3  # the same, low-passed more
+    quick_norm: float  # its norm, low-passed as ``quick``: the mean of two directions is shorter
+    slow_norm: float  # likewise as ``slow``
     apart_rad: float  # angle between the two
     usual: float  # its mean square, rad^2
+    usual_turning: float  # mean square rate of the vehicle meanwhile, (rad/s)^2
     turning: float  # mean square rate of the vehicle lately, (rad/s)^2
     unseen: float  # variance of turns missed between samples lately, rad^2
     seen_rad: float  # largest angle of the jump at hand that has raised doubts already
+    ahead_rad: float  # by how much the last reading is off ``quick``, as a share of its norm
     age_s: float  # since the first field
 
 
@@ -352,13 +357,20 @@ class TurnSigns(NamedTuple):
     jump: JumpSigns  # of the field in G
 
 
+class FieldBefore(NamedTuple):
+    """The field before a turn that no sensor has felt."""
+
+    norm: float  # in its own unit
+    confidence: float  # averaged
+
+
 class Doubt(NamedTuple):
     """What an unsensed turn leaves to be found anew."""
 
     tilt: float  # variance of the vertical that the force has not taken off yet, rad^2
     heading: float  # variance that the heading gets once the field looks as usual, rad^2
-    usual_s: float  # for how long it has
-    norm: float  # of the field before the turn, in its own unit
+    usual_s: float  # for how long it has, less the time it has not
+    before: FieldBefore  # the turn
 
 
 class Spin(NamedTuple):

@@ -48,8 +48,16 @@ SPIKE_SHARE = 0.2
 WANDER_TAU_S = 10.0
 # A field that turns by so many times what it usually does teaches no calibration.
 SUSPECT_USUAL = 2.5
-# Averaging (s) of how far they differ usually.
+# Averaging (s) of how far they differ usually, in which a moment counts as no more than so many
+# times that, and noise (rad): a jump is not usual because it has come.
 JUMP_USUAL_S = 10.0
+MOST_USUAL = 3.0
+LEAST_USUAL_RAD = 0.005
+
+# A field that is ahead of its low-pass by so many times what that is ahead of the slow one has
+# come there at once.
+SUDDEN_AHEAD = 2.0
+SUDDEN_STILL = 0.5
 
 # Averaging (s) of how far the field points elsewhere, for headings known this well (rad, sigma).
 SCATTER_TAU_S = 20.0
@@ -57,9 +65,16 @@ KNOWN_HEADING_SIGMA = 0.2
 # Averaging (s) of how far the low-passed force has another size than gravity.
 UNEVEN_TAU_S = 15.0
 
+# A mean field that has pointed elsewhere does so still until it is within this share of the angle
+# that told it: meanwhile the heading creeps towards it.
+STILL_OFF = 0.5
+
 # A heading that was given up is remembered for so long (s); the field points to it again within
 # ten degrees.
 OTHER_HEADING_S = 60.0
+# Of headings that are given up within so long (s) the first is remembered: a field that keeps
+# turning takes the heading along in steps.
+SAME_TURN_S = 10.0
 SAME_HEADING_COS = 0.985
 
 # A single sample is a sign of no more than this (s), however long its step: of slow streams
@@ -106,7 +121,8 @@ def watch_heading(
     w = state.mean_confidence + a * (c - state.mean_confidence)
     known = estimate.covariance[9] < UNKNOWN_HEADING_SIGMA**2
     away = direction(n, e)
-    off = known and abs(away) > params.turn_heading_rad and w > params.turn_confidence
+    least = params.turn_heading_rad * (STILL_OFF if state.off_s > 0.0 else 1.0)
+    off = known and abs(away) > least and w > params.turn_confidence
     borne_s = borne_out(params, state, estimate.heading_rad - away, off, c, dt_s)
     if field.reference.is_new:  # the heading was that of a field that is not believed any more
         borne_s = 0.0
@@ -197,23 +213,31 @@ def watch_field(
     accelerates; beside steel it changes by a few degrees a second. A turn that the
     gyroscope has not shown turns it at once.
     """
+    n = norm(field_g)
     if state.age_s == 0.0:
-        return JumpSigns(field_g, field_g, 0.0, 0.0, turning, unseen, 0.0, dt_s)
+        return JumpSigns(field_g, field_g, n, n, 0.0, 0.0, turning, turning, unseen, 0.0, 0.0, dt_s)
     a, b = dt_s / (JUMP_QUICK_S + dt_s), dt_s / (JUMP_SLOW_S + dt_s)
-    usual = norm(state.slow)
-    is_other = abs(norm(field_g) - usual) > SPIKE_SHARE * usual
-    quick = add(state.quick, scale(b if is_other else a, subtract(field_g, state.quick)))
+    if abs(n - state.slow_norm) > SPIKE_SHARE * state.slow_norm:
+        a = b
+    quick = add(state.quick, scale(a, subtract(field_g, state.quick)))
     slow = add(state.slow, scale(b, subtract(field_g, state.slow)))
     turned = turn_of(quick, slow)
     c = dt_s / (min(JUMP_USUAL_S, state.age_s) + dt_s)
+    square = turned**2
+    if state.age_s > JUMP_USUAL_S:
+        square = min(square, MOST_USUAL**2 * (state.usual + LEAST_USUAL_RAD**2))
     return JumpSigns(
         quick=quick,
         slow=slow,
+        quick_norm=state.quick_norm + a * (n - state.quick_norm),
+        slow_norm=state.slow_norm + b * (n - state.slow_norm),
         apart_rad=turned,
-        usual=state.usual + c * (turned**2 - state.usual),
+        usual=state.usual + c * (square - state.usual),
+        usual_turning=state.usual_turning + c * (turning - state.usual_turning),
         turning=max(turning, state.turning + b * (turning - state.turning)),
         unseen=(1.0 - b) * state.unseen + unseen,
         seen_rad=state.seen_rad,
+        ahead_rad=norm(subtract(field_g, state.quick)) / n if n > 0.0 else 0.0,
         age_s=min(state.age_s + dt_s, 1e6),
     )
 
@@ -233,7 +257,12 @@ def jump_variance(
 
     turned = state.apart_rad
     least = params.turn_jump_rad**2 + params.turn_jump_usual**2 * (state.usual + state.unseen)
-    least += params.turn_jump_own**2 * own * state.turning
+    more = max(0.0, state.turning - state.usual_turning)
+    by_turning = params.turn_jump_own**2 * own * state.turning
+    if state.usual_turning > 0.0:
+        seen = params.turn_jump_usual**2 * state.usual * more / state.usual_turning
+        by_turning = min(by_turning, seen)
+    least += by_turning
     if turned**2 < 0.25 * least:
         return 0.0, 0.0
     same = is_same_norm(params, state)
@@ -258,8 +287,7 @@ def looks_turned(params: ConditioningParams, state: JumpSigns) -> bool:
 @inlined
 def is_same_norm(params: ConditioningParams, state: JumpSigns) -> bool:
     """Whether the field has its norm, as a magnet would not leave it."""
-    n, m = norm(state.quick), norm(state.slow)
-    return abs(n - m) < params.turn_jump_norm * m
+    return abs(state.quick_norm - state.slow_norm) < params.turn_jump_norm * state.slow_norm
 
 
 @inlined
@@ -276,14 +304,22 @@ def turn_of(u: Vec3, v: Vec3) -> float:
 
 @inlined
 def alarm_of(
-    params: ConditioningParams, state: TurnSigns, learnt: Calibration, usual_norm: float
+    params: ConditioningParams,
+    state: TurnSigns,
+    learnt: Calibration,
+    usual_norm: float,
+    is_doubted: bool,
 ) -> tuple[Alarm, float]:
     """Which signs have lasted for long enough, and the part of a jump that is told by now."""
     if not params.use_events:
         return Alarm(False, False, False, False, 0.0), 0.0
     jump, seen_rad = jump_variance(params, state.jump, learnt)
-    if state.heading.mean_confidence < params.turn_large_confidence or not is_near(
-        params, norm(state.jump.quick), usual_norm
+    least = params.turn_large_confidence
+    ahead = SUDDEN_STILL if is_doubted else SUDDEN_AHEAD
+    if state.jump.ahead_rad > ahead * state.jump.apart_rad:
+        least = params.turn_jump_confidence
+    if state.heading.mean_confidence < least or not is_near(
+        params, state.jump.quick_norm, usual_norm
     ):
         jump = 0.0
     heading = state.heading.off_s > params.turn_heading_time_s
@@ -309,11 +345,15 @@ def reset_signs(
     jump = JumpSigns(
         before.quick,
         before.slow,
+        before.quick_norm,
+        before.slow_norm,
         before.apart_rad,
         before.usual,
+        before.usual_turning,
         before.turning,
         before.unseen,
         seen_rad,
+        before.ahead_rad,
         before.age_s,
     )
     heading, gravity = state.heading, state.gravity
@@ -332,6 +372,7 @@ def reset_signs(
         )
         levelled = (0.0, 0.0)
     if given_up:
+        is_same = heading.other_s > OTHER_HEADING_S - SAME_TURN_S
         heading = HeadingSigns(
             mean_north=0.0,
             mean_east=0.0,
@@ -340,7 +381,7 @@ def reset_signs(
             large_s=0.0,
             scatter=heading.scatter,
             borne_s=0.0,
-            other_rad=heading_rad,
+            other_rad=heading.other_rad if is_same else heading_rad,
             other_s=OTHER_HEADING_S,
         )
     quiet_s = 0.0 if alarm.quiet else gravity.quiet_s
