@@ -1,7 +1,7 @@
 """N samples on their way through an estimator, and the attitudes after them."""
 
 from collections.abc import Sequence
-from math import nan
+from math import isfinite, nan
 
 import numpy as np
 from numpy.typing import NDArray
@@ -69,7 +69,8 @@ class Batch:
 
     def is_finite(self, k: int) -> bool:
         """Whether the attitude after a row is one."""
-        return bool(np.isfinite(self.said[k, :4]).all())
+        w, x, y, z = self.said[k, :4].tolist()
+        return isfinite(w + x + y + z)
 
     def put(self, k: int, attitude: Attitude | None) -> None:
         """The attitude after a row that was taken by one call; NaN if there is none."""
