@@ -6,7 +6,7 @@ from estimator.aiding import blank_aiding
 from estimator.aiding.phase import Cause, Phase, after
 from estimator.aiding.search import EMPTY_SEARCH
 from estimator.estimator import Estimator
-from estimator.geometry.quaternion import exp
+from estimator.geometry.quaternion import exp, rotate
 from estimator.live.core import UNSEEN, flat
 from estimator.live.interval import is_gap
 from estimator.live.settings import settings_of
@@ -214,3 +214,19 @@ def test_a_gap_whose_turning_others_have_seen_is_none(flight, others_hz, follows
         one.update_rate(RateSample(now_us + round(1e6 * k / others_hz), rate))
     pilot.pause(6.0).fly(0.02, reports=False)
     assert pilot.phases[-1] is follows
+
+
+def test_a_search_begins_with_the_force_of_the_sample_that_its_first_report_comes_with(flight):
+    """Until then nobody follows the force; afterwards each sample adds to the window."""
+    pilot = Pilot(Estimator(load_profile("imu")), flight, field=False).fly(3, reports=False)
+    assert pilot.estimator.snapshot.core.search == EMPTY_SEARCH
+    then = pilot.estimator.snapshot.core
+    while not then.search.window.is_open:
+        then = pilot.fly(1 / SECOND).estimator.snapshot.core
+    force = rotate(then.conditioning.gravity.q_g_frd, then.sample.acc_m_s2)
+    assert then.search.window.first_force_m_s2 == pytest.approx(force, abs=1e-12)
+    now = pilot.fly(10 / SECOND, reports=False).estimator.snapshot.core
+    force = rotate(now.conditioning.gravity.q_g_frd, now.sample.acc_m_s2)
+    assert now.search.window.force_m_s2 == pytest.approx(force, abs=1e-12)
+    passed_s = now.search.window.time_s - then.search.window.time_s
+    assert passed_s == pytest.approx(10 / SECOND, abs=1e-9)
