@@ -2,6 +2,7 @@
 
 from estimator.compilation.compiled import inlined
 from estimator.conditioning.bias import update
+from estimator.conditioning.gravity import to_frame
 from estimator.conditioning.types import (
     Calibration,
     CalibrationMeans,
@@ -91,7 +92,7 @@ def learn_calibration(
     norm: float,
     dt_s: float,
 ) -> CalibrationState:
-    """Recursive least squares of field = F + R offset + lag R (w x m), all over ``norm``.
+    """Recursive least squares of field = F + R offset + lag (R w) x field, all over ``norm``.
 
     R turns body to G; ``rows`` are its rows. In G the field F of the place stands still but for
     the gyroscope's drift, where 6D turns with every levelling, by degrees at a start. What of
@@ -103,13 +104,7 @@ def learn_calibration(
     While a body hardly turns, its own field looks like the place's, so it teaches the lag only.
     """
     y = scale(1.0 / norm, field_g)
-    m = (
-        rows.north[0] * y[0] + rows.east[0] * y[1] + rows.down[0] * y[2],
-        rows.north[1] * y[0] + rows.east[1] * y[1] + rows.down[1] * y[2],
-        rows.north[2] * y[0] + rows.east[2] * y[1] + rows.down[2] * y[2],
-    )
-    t = cross(gyr, m)
-    x = (dot(rows.north, t), dot(rows.east, t), dot(rows.down, t))
+    x = cross(to_frame(rows, gyr), y)
     before = state.learnt
     # of another norm all is another share
     ratio = before.scale / norm if before.scale > 0.0 else 1.0
