@@ -22,6 +22,7 @@ STEPS = (
     "use_gravity_filter",
     "use_rest",
     "use_motion_bias",
+    "use_averaging",
     "use_scale_error",
     "use_joint_covariance",
     "use_lag",

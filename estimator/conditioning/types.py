@@ -116,7 +116,7 @@ class ConditioningParams(NamedTuple):
     turn_jump_usual: Share = 4.0  # and no more of what it usually turns; small: false alarms
     turn_jump_own: Share = 0.5  # likewise, of what an unknown lag and own field turn it
     turn_jump_norm: Share = 0.03  # change of its norm that tells a magnet; large: false alarms
-    turn_jump_confidence: Share = 0.3  # of the field before one that comes within a step
+    turn_jump_confidence: Share = 0.45  # of the field before one that comes within a step
     turn_jump_time_s: Time = (
         1.0  # for so long a field that jumped must stay; small: follows magnets
     )
