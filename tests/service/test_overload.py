@@ -120,6 +120,20 @@ class CountingTransport:
         self._transport.send(data)
 
 
+class Settled:
+    """Whether the vehicles are gone and what they have left waiting is done, 3 s after the last."""
+
+    def __init__(self, pipeline, vehicles):
+        self._pipeline, self._vehicles = pipeline, vehicles
+        self._count, self._since_s = 0, time.monotonic()
+
+    def __call__(self):
+        count = sum(each.samples + each.shed for each in self._pipeline.vehicles)
+        if self._vehicles.is_alive() or count != self._count:
+            self._count, self._since_s = count, time.monotonic()
+        return time.monotonic() - self._since_s > 3.0
+
+
 def free_port():
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
         probe.bind(("127.0.0.1", 0))
@@ -142,7 +156,7 @@ def test_a_computer_that_is_too_slow_keeps_its_ticks_and_says_so():
             target=run_vehicles, args=(fleet, transport, lambda: False, load_s)
         )
         vehicles.start()
-        runner.run(load_s + 3.0)
+        runner.run(60.0, is_over=Settled(pipeline, vehicles))
         vehicles.join()
     records = [each for each in sink.got if isinstance(each, Published)]
     seen = [each.record for each in records if isinstance(each.record, AttitudeRecord)]
