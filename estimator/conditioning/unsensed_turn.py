@@ -223,16 +223,16 @@ def watch_field(
     slow = add(state.slow, scale(b, subtract(field_g, state.slow)))
     turned = turn_of(quick, slow)
     c = dt_s / (min(JUMP_USUAL_S, state.age_s) + dt_s)
-    square = turned**2
+    apart = turned**2
     if state.age_s > JUMP_USUAL_S:
-        square = min(square, MOST_USUAL**2 * (state.usual + LEAST_USUAL_RAD**2))
+        apart = min(apart, MOST_USUAL**2 * (state.usual + LEAST_USUAL_RAD**2))
     return JumpSigns(
         quick=quick,
         slow=slow,
         quick_norm=state.quick_norm + a * (n - state.quick_norm),
         slow_norm=state.slow_norm + b * (n - state.slow_norm),
         apart_rad=turned,
-        usual=state.usual + c * (square - state.usual),
+        usual=state.usual + c * (apart - state.usual),
         usual_turning=state.usual_turning + c * (turning - state.usual_turning),
         turning=max(turning, state.turning + b * (turning - state.turning)),
         unseen=(1.0 - b) * state.unseen + unseen,
