@@ -1,6 +1,7 @@
 """BROAD trials: an IMU with optical ground truth (doi 10.3390/data6070072, CC BY 4.0)."""
 
 import json
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -65,6 +66,12 @@ def load_trials(folder: Path) -> list[Trial]:
 def is_undisturbed(trial: Trial) -> bool:
     """Whether the trial has no disturbance, by group or by name."""
     return "undisturbed" in trial.groups or "_undisturbed_" in trial.name
+
+
+def load_untroubled(folders: Iterable[Path]) -> list[Trial]:
+    """The trials of all folders whose names tell of no disturbance; other sets name none."""
+    trials = (trial for folder in folders for trial in load_trials(folder))
+    return [trial for trial in trials if "_disturbed_" not in trial.name]
 
 
 def crop(trial: Trial) -> Trial:

@@ -16,7 +16,7 @@ from statistics import fmean
 from typing import NamedTuple
 
 import numpy as np
-from broad_data import Array, Trial, load_trials
+from broad_data import Array, Trial, load_untroubled
 from broad_live import run_live
 from broad_scores import conjugate, errors_deg, multiply
 
@@ -150,8 +150,7 @@ def main(argv: Sequence[str]) -> int:
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--half", choices=("even", "odd"), help="every other recording only")
     args = parser.parse_args(argv)
-    trials = [t for folder in args.folders for t in load_trials(folder)]
-    trials = [t for t in trials if "_disturbed_" not in t.name]
+    trials = load_untroubled(args.folders)
     if args.half:
         trials = trials[1 if args.half == "odd" else 0 :: 2]
     found: dict[str, list[Figures]] = {}

@@ -45,3 +45,8 @@ class VqfFilter:
         gyr, acc, mag = trial.gyr_rad_s[:rows], trial.acc_m_s2[:rows], trial.mag_ut[:rows]
         for g, a, m in zip(gyr, acc, mag, strict=True):
             vqf.update(g, a, m)
+
+
+def run_vqf(trial: Trial) -> Array:
+    """VQF with its defaults over the whole trial."""
+    return VqfFilter("vqf", 9.0).start(trial).advance(slice(0, None))

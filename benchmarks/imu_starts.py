@@ -14,10 +14,10 @@ from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 
 import numpy as np
-from broad_data import Array, Trial, cut, load_trials
+from broad_data import Array, Trial, cut, load_untroubled
 from broad_live import run_live
 from broad_scores import constant_turn, errors_deg, multiply
-from broad_vqf import VqfFilter
+from broad_vqf import run_vqf
 
 BEGIN_S, END_S = 10.0, 30.0
 LEAST_S = 15.0  # of a recording behind a start
@@ -29,10 +29,6 @@ Run = Callable[[Trial], Array]
 
 def fuzzbee(trial: Trial) -> Array:
     return run_live(trial).q_enu_sensor
-
-
-def vqf(trial: Trial) -> Array:
-    return VqfFilter("vqf", 9.0).start(trial).advance(slice(0, None))
 
 
 def beginnings(trial: Trial, starts: int, shift: float) -> Iterator[Trial]:
@@ -71,11 +67,11 @@ def main(argv: Sequence[str]) -> int:
     parser.add_argument("--free", action="store_true", help="take a constant heading off")
     args = parser.parse_args(argv)
     for folder in args.folders:
-        trials = [t for t in load_trials(folder) if "_disturbed_" not in t.name]
+        trials = load_untroubled([folder])
         if not trials:
             print(f"{folder}: no undisturbed *.mat files", file=sys.stderr)
             return 2
-        for name, run in (("fuzzbee", fuzzbee), ("vqf", vqf)):
+        for name, run in (("fuzzbee", fuzzbee), ("vqf", run_vqf)):
             errors = [e for t in trials for e in judge(t, run, args)]
             over = sum(e > BAD_DEG for e in errors)
             mean, worst = np.mean(errors), max(errors)

@@ -18,7 +18,7 @@ from typing import NamedTuple
 
 import numpy as np
 from broad import KICK_AXES_ENU, turn_about
-from broad_data import Trial, load_trials
+from broad_data import Trial, load_untroubled
 from broad_live import LiveRun, Said
 from broad_scores import RECOVERED_DEG, errors_deg
 
@@ -112,8 +112,7 @@ def main(argv: Sequence[str]) -> int:
         angles = [float(x) for x in args.angles.split(",")]
     except ValueError:
         parser.error("--times and --angles are numbers with commas between them")
-    trials = [t for folder in args.folders for t in load_trials(folder)]
-    trials = [t for t in trials if "_disturbed_" not in t.name]
+    trials = load_untroubled(args.folders)
     if not trials:
         print("no undisturbed *.mat files", file=sys.stderr)
         return 2

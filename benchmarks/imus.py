@@ -18,7 +18,7 @@ import numpy as np
 from broad_data import Array, Trial, load_trials
 from broad_live import Said, run_live
 from broad_scores import Score, constant_turn, errors_deg, multiply, score
-from broad_vqf import VqfFilter
+from broad_vqf import run_vqf
 from imu_worse import WORSE
 
 SETTLED_S = 5.0
@@ -49,7 +49,7 @@ def coverage(trial: Trial, said: Said, rows: Array) -> tuple[float, float]:
 def judge(trial: Trial) -> Figures:
     """Both filters on the trial."""
     said = run_live(trial)
-    theirs = VqfFilter("vqf", 9.0).start(trial).advance(slice(0, None))
+    theirs = run_vqf(trial)
     times = np.arange(len(trial.moving)) * trial.dt_s
     known = ~np.isnan(trial.q_enu_sensor).any(axis=1) & (times > SETTLED_S)
     free = [
