@@ -8,7 +8,7 @@ for long while the other came; and it must be back for as long before it is used
 
 import msgspec
 
-from drivers.samples.preference import imu_rank
+from drivers.mavlink.imu_messages import imu_rank
 from drivers.value import Value
 
 STEADY_SAMPLES = 3  # of a preferred message before it takes over for the first time

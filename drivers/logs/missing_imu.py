@@ -9,26 +9,12 @@ from drivers.mavlink.constants import (
     ATTITUDE_ID,
     ATTITUDE_QUATERNION_ID,
     HEARTBEAT_ID,
-    HIGHRES_IMU_ID,
-    MAV_AUTOPILOT_PX4,
-    RAW_IMU_ID,
-    SCALED_IMU2_ID,
-    SCALED_IMU3_ID,
-    SCALED_IMU_ID,
     is_autopilot,
 )
 from drivers.mavlink.dialect import Unpacker
+from drivers.mavlink.imu_messages import IMU_MESSAGES, message_to_ask_for
 
 ATTITUDES = {ATTITUDE_ID: "ATTITUDE", ATTITUDE_QUATERNION_ID: "ATTITUDE_QUATERNION"}
-IMUS = frozenset({RAW_IMU_ID, SCALED_IMU_ID, SCALED_IMU2_ID, SCALED_IMU3_ID, HIGHRES_IMU_ID})
-ARDUPILOT = (
-    "RAW_IMU: SR*_RAW_SENS = 50, MAV_CMD_SET_MESSAGE_INTERVAL of message 27, or fuzzbee run URL "
-    "--request-rate 50 --record FILE"
-)
-PX4 = (
-    "HIGHRES_IMU: mavlink stream -r 50 -s HIGHRES_IMU, MAV_CMD_SET_MESSAGE_INTERVAL of message "
-    "105, or fuzzbee run URL --request-rate 50 --record FILE"
-)
 
 
 def advice(log: LogSource, system_id: int | None = None) -> str | None:
@@ -48,17 +34,23 @@ def advice(log: LogSource, system_id: int | None = None) -> str | None:
 
 
 def _of_telemetry(log: Tlog, system_id: int | None) -> str | None:
-    attitude, is_px4, unpacker = None, False, Unpacker()
+    attitude, autopilot, unpacker = None, None, Unpacker()
     with whole_file(log.path) as data:
-        for _, frame in TlogRecords(data, IMUS.union(ATTITUDES, {HEARTBEAT_ID})).readable():
+        wanted = frozenset({HEARTBEAT_ID, *IMU_MESSAGES, *ATTITUDES})
+        for _, frame in TlogRecords(data, wanted).readable():
             if system_id not in (None, frame.system_id):
                 continue
-            if frame.message_id in IMUS:
+            if frame.message_id in IMU_MESSAGES:
                 return None
             attitude = ATTITUDES.get(frame.message_id, attitude)
             beat = unpacker.message(frame.data) if frame.message_id == HEARTBEAT_ID else None
             if beat is not None and is_autopilot(beat.autopilot, beat.type):
-                is_px4 = beat.autopilot == MAV_AUTOPILOT_PX4
+                autopilot = beat.autopilot
     if attitude is None:
         return None
-    return f"{attitude} but no IMU message: ask for {PX4 if is_px4 else ARDUPILOT}"
+    message = message_to_ask_for(autopilot)
+    return (
+        f"{attitude} but no IMU message: ask for {message.name}: {message.setting}, "
+        f"MAV_CMD_SET_MESSAGE_INTERVAL of message {message.number}, or fuzzbee run URL "
+        "--request-rate 50 --record FILE"
+    )

@@ -15,49 +15,13 @@ from itertools import islice
 from typing import NamedTuple
 
 from drivers.events import Shed, VehicleId
-from drivers.mavlink.constants import (
-    ATTITUDE_ID,
-    ATTITUDE_QUATERNION_ID,
-    AUTOPILOT_VERSION_ID,
-    EKF_STATUS_REPORT_ID,
-    ESTIMATOR_STATUS_ID,
-    GLOBAL_POSITION_INT_ID,
-    GPS_RAW_INT_ID,
-    HEARTBEAT_ID,
-    HIGHRES_IMU_ID,
-    LOCAL_POSITION_NED_ID,
-    RAW_IMU_ID,
-    SCALED_IMU2_ID,
-    SCALED_IMU3_ID,
-    SCALED_IMU_ID,
-    SIM_STATE_ID,
-    SIMSTATE_ID,
-)
+from drivers.mavlink.constants import AUTOPILOT_VERSION_ID, HEARTBEAT_ID
 from drivers.mavlink.framing import Frame
-from drivers.mavlink.imu_messages import imu_message_name, imu_number, imu_stream_name
+from drivers.mavlink.imu_messages import IMU_MESSAGES, imu_number, imu_stream_name
+from drivers.mavlink.messages import MESSAGES
 
-# Each of these makes the one before it old. What is said once (a parameter, an answer) is never
-# left out, and of what tells who is there (HEARTBEAT, AUTOPILOT_VERSION) the newest stays.
-STREAMS = frozenset(
-    {
-        HEARTBEAT_ID,
-        AUTOPILOT_VERSION_ID,
-        SCALED_IMU_ID,
-        RAW_IMU_ID,
-        HIGHRES_IMU_ID,
-        SCALED_IMU2_ID,
-        SCALED_IMU3_ID,
-        GPS_RAW_INT_ID,
-        ATTITUDE_ID,
-        ATTITUDE_QUATERNION_ID,
-        LOCAL_POSITION_NED_ID,
-        GLOBAL_POSITION_INT_ID,
-        SIM_STATE_ID,
-        SIMSTATE_ID,
-        EKF_STATUS_REPORT_ID,
-        ESTIMATOR_STATUS_ID,
-    }
-)
+# Of what tells who is there the newest stays.
+WHO_IS_THERE = frozenset({HEARTBEAT_ID, AUTOPILOT_VERSION_ID})
 # One period of a common stream, 50 Hz: with the wait for the next tick, attitudes stay younger
 # than two.
 PATIENCE_S = 0.02
@@ -201,7 +165,7 @@ class Backlog:
             return False
         turns = self._newcomers.get(address)
         if turns is None:
-            if imu_message_name(frame.message_id) is None:
+            if frame.message_id not in IMU_MESSAGES:
                 return False
             turns = self._newcomers[address] = []
         turns.append(_Turn(arrived, now_s))
@@ -214,7 +178,7 @@ class Backlog:
         newest: dict[tuple[int, ...], _Turn] = {}
         for number, turn in enumerate(turns):
             frame = turn.arrived.frame
-            key = _stream(frame) if frame.message_id in STREAMS else (number,)
+            key = _stream(frame) if _is_in_stream(frame) else (number,)
             before = newest.pop(key, None)
             if before is not None:
                 self._count(before.arrived.frame)
@@ -230,7 +194,7 @@ class Backlog:
             return
         turn = _Turn(arrived, now_s)
         self._turns.append(turn)
-        if arrived.frame.message_id in STREAMS:
+        if _is_in_stream(arrived.frame):
             streams[key] = turn
 
     def _remove_first(self) -> Arrived:
@@ -241,13 +205,22 @@ class Backlog:
 
     def _count(self, frame: Frame) -> None:
         """Count a frame that is left out."""
-        name = imu_message_name(frame.message_id)
-        if name is not None:
+        message = IMU_MESSAGES.get(frame.message_id)
+        if message is not None:
             vehicle = VehicleId(frame.system_id, frame.component_id)
-            self._uncounted[vehicle, imu_stream_name(name, imu_number(frame))] += 1
+            self._uncounted[vehicle, imu_stream_name(message.name, imu_number(frame))] += 1
             self.shed += 1
 
 
 def _stream(frame: Frame) -> tuple[int, ...]:
     """Whose stream it is, and which."""
     return frame.system_id, frame.component_id, frame.message_id, imu_number(frame)
+
+
+def _is_in_stream(frame: Frame) -> bool:
+    """Whether a newer frame of its kind makes this one old.
+
+    What is said once (a parameter, an answer) is never left out.
+    """
+    number = frame.message_id
+    return number in IMU_MESSAGES or number in MESSAGES or number in WHO_IS_THERE

@@ -1,129 +1,127 @@
-"""The IMU messages, ATTITUDE and HEARTBEAT, unpacked straight from their frames.
+"""The table of IMU messages: one entry is all that is known of a message, and all else follows.
 
-pymavlink builds a large object of every message; these are the few that come hundreds
-of times a second. The classes answer like pymavlink's for the fields that are there.
-Fields in wire order from the message definitions in common.xml.
+Decoder, backlog, choice among several messages, requests for a rate and the advice about logs
+without IMU data ask this table. A further message is one more entry.
 """
 
-from struct import Struct
+from collections.abc import Callable
+from functools import cache
+from struct import calcsize
 from typing import Any, NamedTuple
 
 from drivers.mavlink.constants import (
-    ATTITUDE_ID,
-    HEARTBEAT_ID,
     HIGHRES_IMU_ID,
+    HIGHRES_IMU_UPDATED_MAG,
+    MAV_AUTOPILOT_PX4,
     RAW_IMU_ID,
     SCALED_IMU2_ID,
     SCALED_IMU3_ID,
     SCALED_IMU_ID,
 )
+from drivers.mavlink.fields import layout
 from drivers.mavlink.framing import Frame
+from drivers.samples.vehicle_clock import TimeField
+from estimator.types import STANDARD_GRAVITY_M_S2, ZERO_VEC3, Vec3
+
+MG_M_S2 = STANDARD_GRAVITY_M_S2 / 1000.0
+MILLI = 1e-3
+GAUSS_LIMIT = 20.0  # the Earth's field is 0.25..0.65 gauss; more is another unit
+MILLIGAUSS_LIMIT = 20_000.0
+
+Vectors = tuple[Vec3, Vec3, Vec3]
 
 
-class RawImu(NamedTuple):
-    """RAW_IMU."""
+def milli_vectors(m: Any) -> Vectors:
+    """The vectors of a message in mrad/s, mg and mGauss: SCALED_IMU, and RAW_IMU of ArduPilot.
 
-    time_usec: int
-    xacc: int
-    yacc: int
-    zacc: int
-    xgyro: int
-    ygyro: int
-    zgyro: int
-    xmag: int
-    ymag: int
-    zmag: int
-    id: int
-    temperature: int
+    Autopilots cut the digits behind the point off, which is half a unit towards zero in the
+    mean: a bias that changes its sign with the reading, of 0.5 mrad/s for a gyroscope. So a
+    reading stands for the middle of what it may have been.
+    """
+    gyr = (_middle(m.xgyro) * MILLI, _middle(m.ygyro) * MILLI, _middle(m.zgyro) * MILLI)
+    acc = (_middle(m.xacc) * MG_M_S2, _middle(m.yacc) * MG_M_S2, _middle(m.zacc) * MG_M_S2)
+    mag = (_middle(m.xmag) * MILLI, _middle(m.ymag) * MILLI, _middle(m.zmag) * MILLI)
+    return gyr, acc, mag
 
 
-class ScaledImu(NamedTuple):
-    """SCALED_IMU, SCALED_IMU2 and SCALED_IMU3."""
-
-    time_boot_ms: int
-    xacc: int
-    yacc: int
-    zacc: int
-    xgyro: int
-    ygyro: int
-    zgyro: int
-    xmag: int
-    ymag: int
-    zmag: int
-    temperature: int
+def _middle(cut: int) -> float:
+    """The middle of all numbers that are ``cut`` without the digits behind their point."""
+    return cut + 0.5 if cut > 0 else cut - 0.5 if cut < 0 else 0.0
 
 
-class HighresImu(NamedTuple):
-    """HIGHRES_IMU."""
-
-    time_usec: int
-    xacc: float
-    yacc: float
-    zacc: float
-    xgyro: float
-    ygyro: float
-    zgyro: float
-    xmag: float
-    ymag: float
-    zmag: float
-    abs_pressure: float
-    diff_pressure: float
-    pressure_alt: float
-    temperature: float
-    fields_updated: int
-    id: int
+def highres_vectors(m: Any) -> Vectors:
+    """The vectors of HIGHRES_IMU: rad/s, m/s^2, gauss; a field that was not updated is zero."""
+    gyr, acc = (m.xgyro, m.ygyro, m.zgyro), (m.xacc, m.yacc, m.zacc)
+    if m.fields_updated and not m.fields_updated & HIGHRES_IMU_UPDATED_MAG:
+        return gyr, acc, ZERO_VEC3
+    return gyr, acc, _in_gauss((m.xmag, m.ymag, m.zmag))
 
 
-class AttitudeMessage(NamedTuple):
-    """ATTITUDE."""
-
-    time_boot_ms: int
-    roll: float
-    pitch: float
-    yaw: float
-    rollspeed: float
-    pitchspeed: float
-    yawspeed: float
+def _in_gauss(mag: Vec3) -> Vec3:
+    """ArduPilot's HIGHRES_IMU was 10^6 too large until early 2026; others send mGauss."""
+    largest = max(map(abs, mag))
+    if largest > MILLIGAUSS_LIMIT:
+        return (mag[0] * 1e-6, mag[1] * 1e-6, mag[2] * 1e-6)
+    if largest > GAUSS_LIMIT:
+        return (mag[0] * 1e-3, mag[1] * 1e-3, mag[2] * 1e-3)
+    return mag
 
 
-class HeartbeatMessage(NamedTuple):
-    """HEARTBEAT, the fields that somebody wants."""
+class ImuMessage(NamedTuple):
+    """One IMU message of pymavlink's ardupilotmega dialect.
 
-    custom_mode: int
-    type: int
-    autopilot: int
+    ``clock`` says what its time is: TIME_USEC of a field ``time_usec``, BOOT_MS of a field
+    ``time_boot_ms``. ``vectors`` makes of its fields (as attributes, by their names in the
+    dialect) angular rate (rad/s), specific force (m/s^2) and magnetic field (gauss; zero where it
+    has none), all FRD. A field ``id`` is the number of the IMU. The autopilots in ``asked_of``
+    (MAV_AUTOPILOT) are asked for this message, and ``setting`` is what makes them send it.
+    """
+
+    number: int
+    name: str
+    clock: TimeField
+    vectors: Callable[[Any], Vectors]
+    asked_of: tuple[int, ...] = ()
+    setting: str = ""
 
 
-_RAW = Struct("<Q9hBh")
-_SCALED = Struct("<I9hh")
-_HIGHRES = Struct("<Q13fHB")
-_ATTITUDE = Struct("<I6f")
-_HEARTBEAT = Struct("<IBB3x")
-_KINDS: dict[int, tuple[str, Struct, Any]] = {
-    RAW_IMU_ID: ("RAW_IMU", _RAW, RawImu._make),
-    SCALED_IMU_ID: ("SCALED_IMU", _SCALED, ScaledImu._make),
-    SCALED_IMU2_ID: ("SCALED_IMU2", _SCALED, ScaledImu._make),
-    SCALED_IMU3_ID: ("SCALED_IMU3", _SCALED, ScaledImu._make),
-    HIGHRES_IMU_ID: ("HIGHRES_IMU", _HIGHRES, HighresImu._make),
-}
-_FREQUENT = {
-    **_KINDS,
-    ATTITUDE_ID: ("ATTITUDE", _ATTITUDE, AttitudeMessage._make),
-    HEARTBEAT_ID: ("HEARTBEAT", _HEARTBEAT, HeartbeatMessage._make),
+# In the order of preference: RAW_IMU and HIGHRES_IMU keep the finest clock; the numbered ones are
+# the second and third IMU.
+IMU_MESSAGES: dict[int, ImuMessage] = {
+    each.number: each
+    for each in (
+        ImuMessage(
+            RAW_IMU_ID,
+            "RAW_IMU",
+            TimeField.TIME_USEC,
+            milli_vectors,
+            setting="SR*_RAW_SENS = 50",
+        ),
+        ImuMessage(
+            HIGHRES_IMU_ID,
+            "HIGHRES_IMU",
+            TimeField.TIME_USEC,
+            highres_vectors,
+            asked_of=(MAV_AUTOPILOT_PX4,),
+            setting="mavlink stream -r 50 -s HIGHRES_IMU",
+        ),
+        ImuMessage(SCALED_IMU_ID, "SCALED_IMU", TimeField.BOOT_MS, milli_vectors),
+        ImuMessage(SCALED_IMU2_ID, "SCALED_IMU2", TimeField.BOOT_MS, milli_vectors),
+        ImuMessage(SCALED_IMU3_ID, "SCALED_IMU3", TimeField.BOOT_MS, milli_vectors),
+    )
 }
 
 
-# Where the number of the IMU stands in the payload; other messages have one number an IMU
-_ID_AT = {RAW_IMU_ID: 26, HIGHRES_IMU_ID: 62}
+def imu_rank(message: str) -> int:
+    """Place of an IMU message in the order of preference; logs' own names come last, all alike."""
+    names = [each.name for each in IMU_MESSAGES.values()]
+    return names.index(message) if message in names else len(names)
 
 
-def imu_number(frame: Frame) -> int:
-    """Which of the vehicle's IMUs the frame is of, where its message is of several; else 0."""
-    at = _ID_AT.get(frame.message_id)
-    if at is None:
-        return 0
-    at += frame.payload_at
-    return frame.data[at] if at < frame.payload_end else 0
+def message_to_ask_for(autopilot: int | None) -> ImuMessage:
+    """The message that a vehicle of that MAV_AUTOPILOT is asked for: RAW_IMU, if no other is."""
+    asked = (each for each in IMU_MESSAGES.values() if autopilot in each.asked_of)
+    return next(asked, IMU_MESSAGES[RAW_IMU_ID])
 
 
 def imu_stream_name(name: str, number: int) -> str:
@@ -131,24 +129,22 @@ def imu_stream_name(name: str, number: int) -> str:
     return f"{name}:{number}" if number else name
 
 
-def imu_message_name(message_id: int) -> str | None:
-    """The IMU message of that number; None if it is another message's."""
-    kind = _KINDS.get(message_id)
-    return None if kind is None else kind[0]
+def imu_number(frame: Frame) -> int:
+    """Which of the vehicle's IMUs the frame is of, where its message is of several; else 0."""
+    if frame.message_id not in IMU_MESSAGES:
+        return 0
+    at = _number_at(frame.message_id)
+    if at is None:
+        return 0
+    at += frame.payload_at
+    return frame.data[at] if at < frame.payload_end else 0
 
 
-def frequent_message(frame: Frame) -> tuple[str, Any] | None:
-    """Name and fields of an IMU message, ATTITUDE or HEARTBEAT; None for every other one.
-
-    Zeros at a payload's end are not sent, nor fields that the sender does not know;
-    what is longer than we know comes from a newer definition.
-    """
-    kind = _FREQUENT.get(frame.message_id)
-    if kind is None:
+@cache
+def _number_at(message_id: int) -> int | None:
+    """Where the number of the IMU stands in the payload; None of a message of one IMU."""
+    known = layout(message_id)
+    if known is None or "id" not in known.names:
         return None
-    name, layout, make = kind
-    payload = frame.data[frame.payload_at : frame.payload_end]
-    missing = layout.size - len(payload)
-    if missing > 0:
-        payload += bytes(missing)
-    return name, make(layout.unpack_from(payload))
+    codes = known.struct.format.lstrip("<")
+    return calcsize("<" + codes[: known.names.index("id")])

@@ -25,17 +25,15 @@ from drivers.events import (
     VehicleId,
 )
 from drivers.mavlink.constants import (
-    HIGHRES_IMU_ID,
     MAV_AUTOPILOT_INVALID,
-    MAV_AUTOPILOT_PX4,
     MAV_CMD_SET_MESSAGE_INTERVAL,
     MAV_RESULT_ACCEPTED,
     MAV_RESULT_IN_PROGRESS,
     MAV_RESULT_TEMPORARILY_REJECTED,
     MAV_TYPE_ONBOARD_CONTROLLER,
-    RAW_IMU_ID,
 )
 from drivers.mavlink.encoder import Message, heartbeat, message_interval_request
+from drivers.mavlink.imu_messages import ImuMessage, message_to_ask_for
 from estimator.errors import InputError
 
 ACK_TIMEOUT_US = 1_500_000
@@ -65,8 +63,7 @@ class _Stream:
     """What we know about one vehicle's stream, and when to act next."""
 
     vehicle: VehicleId
-    message_id: int
-    message_name: str
+    message: ImuMessage
     phase: _Phase
     due_us: int
     repeats: int = 0
@@ -128,14 +125,8 @@ class StreamRequest:
     def _meet(self, event: Heartbeat, now_us: int) -> None:
         if event.vehicle in self._streams or len(self._streams) >= MOST_STREAMS:
             return
-        px4 = event.autopilot == MAV_AUTOPILOT_PX4
-        self._streams[event.vehicle] = _Stream(
-            event.vehicle,
-            HIGHRES_IMU_ID if px4 else RAW_IMU_ID,
-            "HIGHRES_IMU" if px4 else "RAW_IMU",
-            "asking",
-            now_us,
-        )
+        message = message_to_ask_for(event.autopilot)
+        self._streams[event.vehicle] = _Stream(event.vehicle, message, "asking", now_us)
 
     def _heartbeats(self, now_us: int) -> list[Outgoing | Notice]:
         if not self._streams:
@@ -155,7 +146,7 @@ class StreamRequest:
             case "asking":
                 return [self._request(stream, now_us)]
             case "measuring":  # no sample came to be judged
-                self._fail(stream, f"accepted, but sends no {stream.message_name}", now_us)
+                self._fail(stream, f"accepted, but sends no {stream.message.name}", now_us)
                 return []
             case "pausing":
                 _ask(stream, now_us)
@@ -166,7 +157,7 @@ class StreamRequest:
     def _request(self, stream: _Stream, now_us: int) -> Outgoing:
         interval_us = 1e6 / self._rate_hz
         message = message_interval_request(
-            stream.vehicle, stream.message_id, interval_us, stream.repeats
+            stream.vehicle, stream.message.number, interval_us, stream.repeats
         )
         stream.repeats += 1
         stream.due_us = now_us + ACK_TIMEOUT_US
@@ -186,7 +177,7 @@ class StreamRequest:
             self._fail(stream, f"refuses (MAV_RESULT {result})", now_us)
 
     def _measure(self, stream: _Stream, imu: Imu, now_us: int) -> None:
-        if stream.phase != "measuring" or imu.message != stream.message_name:
+        if stream.phase != "measuring" or imu.message != stream.message.name:
             return
         stream.due_us = now_us + SILENCE_US
         if stream.first_boot_us is None:
@@ -202,7 +193,7 @@ class StreamRequest:
         if rate_hz >= SHORTFALL * self._rate_hz:
             stream.failures = 0
         else:
-            self._fail(stream, f"sends {stream.message_name} at {rate_hz:.1f} Hz", now_us)
+            self._fail(stream, f"sends {stream.message.name} at {rate_hz:.1f} Hz", now_us)
 
     def _fail(self, stream: _Stream, problem: str, now_us: int) -> None:
         stream.failures += 1
@@ -218,7 +209,7 @@ class StreamRequest:
         stream.due_us = now_us + min(pause_us, LONGEST_PAUSE_US)
 
     def _notice(self, stream: _Stream, problem: str, now_us: int) -> Notice:
-        asked = f"asked for {stream.message_name} at {self._rate_hz:g} Hz, the vehicle {problem}"
+        asked = f"asked for {stream.message.name} at {self._rate_hz:g} Hz, the vehicle {problem}"
         return Notice(stream.vehicle, now_us, asked)
 
 

@@ -70,7 +70,8 @@ class Intake:
 
     ``new_field`` makes what tells an IMU stream's fresh fields from the others. ``heard_us``
     is the arrival that tells a gap from a leap of the clock; a log that knows no arrivals has
-    something else for it. ``doubts_axes`` says that the axes may be others than FRD.
+    something else for it. ``doubts_axes`` says that the axes may be others than FRD,
+    ``takes_references`` that attitudes of others are wanted.
     """
 
     def __init__(
@@ -81,6 +82,7 @@ class Intake:
     ) -> None:
         self.vehicle = vehicle
         self.doubts_axes = False
+        self.takes_references = True
         self._new_field = new_field
         self._heard_us = heard_us
         self.navigation = Navigation()

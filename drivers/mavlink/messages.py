@@ -1,0 +1,172 @@
+"""The table of what vehicles say beside their IMU messages: attitudes, velocity, position, status.
+
+Each entry makes events of a message's fields. Units change here and in ``imu_messages`` and nowhere
+else: cm/s and degrees come in, SI and radians go out.
+"""
+
+import math
+from collections.abc import Callable
+from math import isfinite
+from typing import Any, NamedTuple
+
+from drivers.events import Event
+from drivers.mavlink.constants import (
+    ATTITUDE_ID,
+    ATTITUDE_QUATERNION_ID,
+    EKF_STATUS_REPORT_ID,
+    ESTIMATOR_STATUS_ID,
+    GLOBAL_POSITION_INT_ID,
+    GPS_FIX_TYPE_3D_FIX,
+    GPS_RAW_INT_ID,
+    LOCAL_POSITION_NED_ID,
+    SIM_STATE_ID,
+    SIMSTATE_ID,
+    UNKNOWN_UINT16,
+)
+from drivers.samples.fix import Fix
+from drivers.samples.intake import Intake, Stamp
+from drivers.samples.navigation import filter_status
+from drivers.samples.rotation import quaternion_from_euler, unit_or_none
+from drivers.samples.vehicle_clock import TimeField
+from estimator.types import Quaternion, Vec3
+
+MILLI = 1e-3
+CENTI = 1e-2
+DEGREES_1E7 = 1e-7
+
+
+class Said(NamedTuple):
+    """A message's name, its fields as attributes, and when it arrived (host's Unix time)."""
+
+    name: str
+    fields: Any
+    arrival_us: int
+
+    @property
+    def boot_stamp(self) -> Stamp:
+        """The time of a message that has ``time_boot_ms``."""
+        return Stamp(TimeField.BOOT_MS, self.fields.time_boot_ms * 1000, self.arrival_us)
+
+
+class MessageKind(NamedTuple):
+    """A message that becomes events.
+
+    ``events`` takes the sender's intake, which judges readings and places them in time, and what
+    was said. A message with ``is_reference`` is for nothing but the comparison with an attitude of
+    somebody else, and left out where nobody wants that. Each message makes the one before it old:
+    under overload only the newest is handled.
+    """
+
+    number: int
+    name: str
+    events: Callable[[Intake, Said], list[Event]]
+    is_reference: bool = False
+
+
+# --- attitudes of others
+
+
+def _attitude(intake: Intake, said: Said) -> list[Event]:
+    m, stamp = said.fields, said.boot_stamp
+    rates = (m.rollspeed, m.pitchspeed, m.yawspeed)
+    if intake.takes_references:
+        q = quaternion_from_euler(m.roll, m.pitch, m.yaw)
+        return intake.attitude(said.name, stamp, "autopilot", q, rates)
+    if not (isfinite(m.roll) and isfinite(m.pitch) and isfinite(m.yaw)):
+        return []  # as little believed as the angles beside it
+    return intake.rates(said.name, stamp, rates)
+
+
+def _attitude_quaternion(intake: Intake, said: Said) -> list[Event]:
+    return intake.attitude(said.name, said.boot_stamp, "autopilot", _quaternion(said.fields))
+
+
+def _sim_state(intake: Intake, said: Said) -> list[Event]:
+    return intake.truth(said.name, said.arrival_us, _quaternion(said.fields))
+
+
+def _simstate(intake: Intake, said: Said) -> list[Event]:
+    m = said.fields
+    return intake.truth(said.name, said.arrival_us, quaternion_from_euler(m.roll, m.pitch, m.yaw))
+
+
+def _quaternion(m: Any) -> Quaternion | None:
+    return unit_or_none((m.q1, m.q2, m.q3, m.q4))
+
+
+# --- position and velocity
+
+
+def _global_position(intake: Intake, said: Said) -> list[Event]:
+    m = said.fields
+    velocity = (m.vx * CENTI, m.vy * CENTI, m.vz * CENTI)
+    return intake.fix(said.name, said.boot_stamp, Fix(velocity, position=_position(m)))
+
+
+def _local_position(intake: Intake, said: Said) -> list[Event]:
+    m = said.fields
+    velocity = (m.vx, m.vy, m.vz)
+    if not all(map(isfinite, velocity)):
+        return []
+    return intake.fix(said.name, said.boot_stamp, Fix(velocity))
+
+
+def _gps_raw(intake: Intake, said: Said) -> list[Event]:
+    m = said.fields
+    has_fix = m.fix_type >= GPS_FIX_TYPE_3D_FIX
+    intake.navigation.hear_fix(has_fix, said.arrival_us)
+    if not has_fix:
+        return []
+    fix = Fix(position=_position(m))
+    if UNKNOWN_UINT16 not in (m.vel, m.cog):
+        # vel_acc is an extension of MAVLink 2, zero where it is unknown
+        sigma_m_s = m.vel_acc * MILLI if m.vel_acc else None
+        fix = fix._replace(
+            velocity_ned_m_s=_course_velocity(m), has_vertical=False, sigma_m_s=sigma_m_s
+        )
+    return intake.fix(said.name, Stamp(TimeField.GPS, m.time_usec, said.arrival_us), fix)
+
+
+def _position(m: Any) -> Vec3:
+    """Latitude and longitude in degrees, altitude in m."""
+    return (m.lat * DEGREES_1E7, m.lon * DEGREES_1E7, m.alt * MILLI)
+
+
+def _course_velocity(m: Any) -> Vec3:
+    """NED velocity in m/s from speed (cm/s) and course over ground (0.01 degrees)."""
+    speed_m_s, course_rad = m.vel * CENTI, math.radians(m.cog * CENTI)
+    return (speed_m_s * math.cos(course_rad), speed_m_s * math.sin(course_rad), 0.0)
+
+
+# --- what the autopilot's filter says of itself
+
+
+def _ekf_status(intake: Intake, said: Said) -> list[Event]:
+    m = said.fields
+    status = filter_status(m.flags, m.velocity_variance)  # a test ratio, whatever its name
+    intake.navigation.hear_status(status, said.arrival_us)
+    return []
+
+
+def _estimator_status(intake: Intake, said: Said) -> list[Event]:
+    m = said.fields
+    intake.navigation.hear_status(filter_status(m.flags, m.vel_ratio), said.arrival_us)
+    return []
+
+
+MESSAGES: dict[int, MessageKind] = {
+    each.number: each
+    for each in (
+        MessageKind(ATTITUDE_ID, "ATTITUDE", _attitude),
+        MessageKind(
+            ATTITUDE_QUATERNION_ID, "ATTITUDE_QUATERNION", _attitude_quaternion, is_reference=True
+        ),
+        MessageKind(SIM_STATE_ID, "SIM_STATE", _sim_state, is_reference=True),
+        MessageKind(SIMSTATE_ID, "SIMSTATE", _simstate, is_reference=True),
+        MessageKind(GLOBAL_POSITION_INT_ID, "GLOBAL_POSITION_INT", _global_position),
+        MessageKind(LOCAL_POSITION_NED_ID, "LOCAL_POSITION_NED", _local_position),
+        MessageKind(GPS_RAW_INT_ID, "GPS_RAW_INT", _gps_raw),
+        MessageKind(EKF_STATUS_REPORT_ID, "EKF_STATUS_REPORT", _ekf_status),
+        MessageKind(ESTIMATOR_STATUS_ID, "ESTIMATOR_STATUS", _estimator_status),
+    )
+}
