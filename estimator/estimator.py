@@ -7,6 +7,8 @@ from estimator.aiding import Report, compass
 from estimator.aiding.lean import bears_out
 from estimator.aiding.phase import Cause, Phase, after
 from estimator.aiding.place import PlaceField, differ, resembles, update_whereabouts
+from estimator.aiding.sources.source import in_types_of
+from estimator.aiding.sources.table import source_of
 from estimator.aiding.types import NO_REPORT
 from estimator.conditioning.condition import initial_state as initial_conditioning
 from estimator.conditioning.rate import slow_share
@@ -37,10 +39,9 @@ from estimator.live.refusal import (
     GYR_LIMIT_RAD_S,
     REASONS,
     refusal,
-    report_in_floats,
     sample_in_floats,
 )
-from estimator.live.reports import enqueue, refusal_of_report, take_due
+from estimator.live.reports import age_s, enqueue, report_with_age, take_due
 from estimator.live.resident import (
     AIDED,
     CONDITIONED,
@@ -243,30 +244,43 @@ class Estimator:
         return None
 
     def update_velocity(self, report: VelocitySample) -> Reason | None:
-        """Take a velocity report; None, or the reason why it was refused.
+        """Take a velocity report, see :meth:`update_report`."""
+        return self.update_report(report)
 
-        One that is ahead of the IMU waits for the sample that reaches it. The
-        paper's raw vectors have no use for velocity.
+    def update_rate(self, rate: RateSample) -> Reason | None:
+        """Take body rates of another messenger, see :meth:`update_report`."""
+        return self.update_report(rate)
+
+    def update_report(self, report: Any) -> Reason | None:
+        """Take what something beside the IMU has measured; None, or why it was refused.
+
+        A report of a source of aiding (:mod:`estimator.aiding.sources.table`), such as a
+        :class:`VelocitySample`, waits for the sample that reaches its time. All but velocity
+        count only while velocity helps. The paper's raw vectors have no use for any. A
+        :class:`RateSample` shows the turning between the IMU samples around it, if it agrees
+        with those.
+
+        Raises:
+            InputError: no source makes reports of this type, or one of its fields is no number.
         """
-        reason = refusal_of_report(report)
+        if isinstance(report, RateSample):
+            return self._take_rate(report)
+        source = source_of(report)
+        report = in_types_of(source.blank, report)
+        reason = source.refusal(report)
         if reason is not None or not self._settings.conditioned:
             return reason
-        report = report_in_floats(report)
         now = self._context
-        if now.phase is _AIDED and report.time_us <= self._time_us:
+        is_aided = now.phase is _AIDED
+        if is_aided and report.time_us <= self._time_us:
             # it belongs to the last sample or to one just before it
-            due, _ = take_due((report,), self._time_us, self._settings.aiding.oldest_report_s)
-            for late in due:
-                self._core.hear(late)
-        else:
+            if age_s(report, self._time_us) <= self._settings.aiding.oldest_report_s:
+                self._core.hear(report, self._time_us)
+        elif is_aided or isinstance(report, VelocitySample):
             self._context = now._replace(reports=enqueue(now.reports, report))
         return None
 
-    def update_rate(self, rate: RateSample) -> Reason | None:
-        """Take body rates of another messenger; None, or the reason why they were refused.
-
-        They show the turning between the IMU samples around them, if they agree with those.
-        """
+    def _take_rate(self, rate: RateSample) -> Reason | None:
         if not all(isfinite(w) and abs(w) <= GYR_LIMIT_RAD_S for w in rate.rate_rad_s):
             return Reason.GYROSCOPE_OUT_OF_RANGE
         now = self._context
@@ -304,8 +318,8 @@ class Estimator:
         if self._context.phase is not _RAW:
             self._enter(Cause.RAW_SAMPLE)
         dt_s = 1e-6 * (sample.time_us - self._time_us)
-        readings = (sample.gyr_rad_s, sample.acc_m_s2, sample.mag_gauss, sample.has_mag)
-        self._core.advance_raw(*readings, dt_s)
+        readings = (*sample.gyr_rad_s, *sample.acc_m_s2, *sample.mag_gauss)
+        self._core.advance_raw(*readings, sample.has_mag, dt_s)
         self._time_us, self._usual_s = sample.time_us, usual_interval(self._usual_s, dt_s)
         self._said_us = None
 
@@ -322,13 +336,14 @@ class Estimator:
             self._enter(self._cause_at(dt_s, is_seen=between.given))
         if between.given:  # to the core that the phase has left
             self._core.see_between(between)
-        due: tuple[Report, ...] = ()
+        due: tuple[Any, ...] = ()
         if now.reports:
             # one that came behind a slow stream's last sample is as old as the step is long
             oldest_s = max(aiding.oldest_report_s, dt_s)
             due, ahead = take_due(now.reports, time_us, oldest_s)
             self._context = self._context._replace(reports=ahead)
-        report = due[0] if due else NO_REPORT
+        velocity = next((r for r in due if isinstance(r, VelocitySample)), None)
+        report = NO_REPORT if velocity is None else report_with_age(velocity, time_us)
         is_aided = self._context.phase is _AIDED
         _, end, has_heading, self._time_us, self._usual_s, _ = self._core.advance(
             time_us,
@@ -346,8 +361,9 @@ class Estimator:
             if not self._core.advance_aided(report, self._knows_north):
                 self._give_up()
                 return
-            for other in due[1:]:
-                self._core.hear(other)
+            for other in due:
+                if other is not velocity:
+                    self._core.hear(other, time_us)
             return
         if end == FIRST_HEADING and now.phase is not _RAW:
             self._align()

@@ -34,7 +34,12 @@ HERE: tuple[Any, ...] = (
     resident.resident,
     resident.contents,
 )
-ELSEWHERE: tuple[Any, ...] = (resident.advance_aided, resident.hear, resident.search)
+ELSEWHERE: tuple[Any, ...] = (
+    resident.advance_aided,
+    resident.hear,
+    resident.search,
+    *resident.hearings(),
+)
 # What the helper runs. It imports our packages from where they are, and nothing from the folder
 # that the command was started in, which may hold anybody's downloads: -P keeps that off the path.
 OUR_FOLDER = Path(__file__).resolve().parents[1]

@@ -2,10 +2,11 @@
 
 from collections.abc import Callable
 from operator import methodcaller
+from typing import Any
 
 from estimator.estimator import Estimator
 from estimator.reasons import Reason
-from estimator.types import ImuSample, Quaternion, RateSample, VelocitySample
+from estimator.types import ImuSample, Quaternion
 
 Call = Callable[[Estimator], object]
 
@@ -29,15 +30,10 @@ class ToldEstimator(Estimator):
             self.note_sample(sample, methodcaller("update", sample))
         return reason
 
-    def update_velocity(self, report: VelocitySample) -> Reason | None:
-        """See :class:`Estimator`."""
-        self.note(methodcaller("update_velocity", report))
-        return super().update_velocity(report)
-
-    def update_rate(self, rate: RateSample) -> Reason | None:
-        """See :class:`Estimator`."""
-        self.note(methodcaller("update_rate", rate))
-        return super().update_rate(rate)
+    def update_report(self, report: Any) -> Reason | None:
+        """See :class:`Estimator`; velocities and rates come this way, too."""
+        self.note(methodcaller("update_report", report))
+        return super().update_report(report)
 
     def restart(self) -> None:
         """See :class:`Estimator`."""

@@ -1,7 +1,8 @@
 """Velocity beside the IMU: the attitude of a vehicle that accelerates."""
 
+from estimator.aiding.beginning import begin, blank_aiding, forget_biases
 from estimator.aiding.sources.velocity import is_credible
-from estimator.aiding.step import aid, begin, blank_aiding, forget_biases, take_late_report
+from estimator.aiding.step import aid, take_late_report
 from estimator.aiding.types import AidingParams, AidingState, Report, Surroundings
 
 __all__ = [

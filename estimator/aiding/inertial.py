@@ -16,11 +16,13 @@ from estimator.aiding.types import (
     SIZE,
     TURN,
     VELOCITY,
+    AidingEstimate,
     AidingParams,
     AidingState,
     Array,
 )
 from estimator.compilation.compiled import inlined
+from estimator.compilation.replacing import replacer
 from estimator.conditioning.rate import integration_rate
 from estimator.geometry.quaternion import (
     add,
@@ -32,7 +34,7 @@ from estimator.geometry.quaternion import (
     scale,
     subtract,
 )
-from estimator.types import STANDARD_GRAVITY_M_S2, Quaternion, Sample, Vec3
+from estimator.types import STANDARD_GRAVITY_M_S2, Sample, Vec3
 
 GRAVITY_NED: Vec3 = (0.0, 0.0, STANDARD_GRAVITY_M_S2)
 # The time in which what calibration has left of the hard iron may have become another field.
@@ -41,6 +43,11 @@ HARD_IRON_WALK_S = 2500.0
 # larger it is, up to so many times as long.
 USUAL_SIGMAS = 3.0
 MOST_PERSISTENCE = 20.0
+
+moved = replacer(
+    AidingEstimate,
+    *("q_ned_frd", "velocity_ned_m_s", "receiver_error_m_s", "filter_error_m_s"),
+)
 
 
 class ErrorVariances(NamedTuple):
@@ -60,12 +67,9 @@ class ErrorTimes(NamedTuple):
 class Prediction(NamedTuple):
     """What is expected at a sample, before anything but the IMU has been looked at."""
 
-    q_ned_frd: Quaternion  # body to NED
-    velocity_ned_m_s: Vec3  # over ground
+    estimate: AidingEstimate
     force_ned_m_s2: Vec3  # specific force, NED
     rate_rad_s: Vec3  # free of bias, FRD
-    receiver_error_m_s: Vec3  # slow errors of reports, NED
-    filter_error_m_s: Vec3
     trail: Array  # of the velocity gained lately
     covariance: (
         Array  # (SIZE, SIZE) of the errors; what is learnt at the sample changes it in place
@@ -101,13 +105,12 @@ def predict_motion(
     missed_push = scale(dt, trail_bend(trail))
     lasts = lasting_times(params, state)
     add_noise(params, P, state, lasts, missed_turn, missed_push, dot(rate, rate), dt, seen_s)
+    by_receiver = fade(estimate.receiver_error_m_s, dt, lasts.receiver_s)
+    by_filter = fade(estimate.filter_error_m_s, dt, lasts.filter_s)
     return Prediction(
-        q_ned_frd=q,
-        velocity_ned_m_s=v,
+        estimate=moved(estimate, q, v, by_receiver, by_filter),
         force_ned_m_s2=force,
         rate_rad_s=rate,
-        receiver_error_m_s=fade(estimate.receiver_error_m_s, dt, lasts.receiver_s),
-        filter_error_m_s=fade(estimate.filter_error_m_s, dt, lasts.filter_s),
         trail=trail,
         covariance=P,
     )
@@ -123,7 +126,7 @@ def bend(third: Vec3, second: Vec3, first: Vec3, dt: float, before_s: float) -> 
 
 @inlined
 def trail_bend(trail: Array) -> Vec3:
-    """Likewise of the force, (NED)."""
+    """How far the newest force (NED) lies off the line through the two before, by the trail."""
     second = row(trail, 1, ACCELERATION)
     step_s, before_s = trail[0, TIME] - trail[1, TIME], trail[1, TIME] - trail[2, TIME]
     return bend(row(trail, 0, ACCELERATION), second, row(trail, 2, ACCELERATION), step_s, before_s)

@@ -1,15 +1,48 @@
 """How far off the aided attitude may be: the angle that 68 % of the errors lie under."""
 
-from math import sqrt
+from math import hypot, sqrt
 
-from estimator.aiding.types import TURN, Agreements, AidingParams, Array, FieldState
+from estimator.aiding.inertial import Prediction
+from estimator.aiding.types import (
+    TURN,
+    Agreements,
+    AidingParams,
+    Array,
+    FieldState,
+    LastStep,
+    Sigmas,
+)
 from estimator.compilation.compiled import inlined
+from estimator.geometry.quaternion import norm
+from estimator.types import STANDARD_GRAVITY_M_S2
 
 # 68 % of a plane normal distribution lie within this many of its sigmas.
 PLANE_68 = 1.515
 LARGEST_SCALE = 4.0
 # Of samples slower than this (s) the field's residual is mostly the missed turns between them.
 QUICK_STEP_S = 0.15
+# Near the magnetic poles the horizontal field vanishes; less than this does not count as such.
+LEAST_HORIZONTAL_GAUSS = 0.02
+
+
+@inlined
+def sigmas(
+    params: AidingParams,
+    now: Prediction,
+    last: LastStep,
+    field: FieldState,
+    agreement: Agreements,
+) -> Sigmas:
+    """How uncertain the estimate is after a sample."""
+    P, E, force = now.covariance, now.estimate.earth_gauss, last.force_ned_m_s2
+    pushed = params.pushed_rad * hypot(force[0], force[1]) / STANDARD_GRAVITY_M_S2
+    moving = hypot(params.timing_s * norm(last.rate_rad_s), pushed)
+    # how far the hard iron of a calibrated compass may turn the field
+    iron = params.hard_iron_sigma_gauss / max(hypot(E[0], E[1]), LEAST_HORIZONTAL_GAUSS)
+    return Sigmas(
+        inclination_rad=inclination_sigma(params, P, agreement, moving),
+        heading_rad=heading_sigma(params, P, agreement, field, iron, moving, last.dt_s),
+    )
 
 
 @inlined
@@ -39,7 +72,7 @@ def heading_sigma(
     moving_rad: float,
     dt: float,
 ) -> float:
-    """Likewise, with the field's slow disagreement, which points to a wrong field.
+    """From the covariance, too, with the field's slow disagreement: that points to a wrong field.
 
     ``iron_rad`` is how far hard iron may turn the field. A heading that is no more certain than
     that comes from the field, and how well the reports agree says nothing about it.

@@ -8,12 +8,13 @@ differences: of independent readings the former is three times the latter, of a 
 much less.
 """
 
-from estimator.aiding.types import TURN, VELOCITY, AidingParams, Array, Roughness
+from estimator.aiding.inertial import bend
+from estimator.aiding.types import TURN, VELOCITY, AidingParams, AidingState, Array, Roughness
 from estimator.compilation.compiled import inlined
 from estimator.conditioning.rate import slow_share
 from estimator.conditioning.tilt import HOLE_RAD_S, HOLE_S
-from estimator.geometry.quaternion import dot
-from estimator.types import Vec3
+from estimator.geometry.quaternion import dot, subtract
+from estimator.types import Sample, Vec3
 
 # For so long (s) readings count.
 MEMORY_TAU_S = 3.0
@@ -28,6 +29,21 @@ SHARPNESS = 3
 LEAST_SQUARE = 1e-9  # (rad/s)^2
 # What a vehicle may gain in a hole beyond what the readings at its ends say, m/s^2.
 HOLE_M_S2 = 3.0
+
+
+@inlined
+def watch_turning(params: AidingParams, state: AidingState, P: Array, sample: Sample) -> Roughness:
+    """What the step of a slow stream has missed goes into the covariance, in place."""
+    last, dt, between = state.last, sample.dt_s, sample.between
+    change = subtract(sample.gyr_rad_s, last.gyr_rad_s)
+    bent = bend(sample.gyr_rad_s, last.gyr_rad_s, last.gyr_before_rad_s, dt, last.dt_s)
+    seen_s = dt
+    if between.given:
+        change = bent = between.change_rad_s
+        seen_s = between.step_s
+    add_unseen_turn(params, P, state.rough, bent, dt, seen_s)
+    add_hole(P, dt)
+    return watch_roughness(state.rough, bent, change, dt)
 
 
 @inlined
@@ -53,7 +69,7 @@ def add_unseen_turn(
 
 @inlined
 def add_hole(P: Array, dt: float) -> None:
-    """Likewise of a hole: in it a vehicle may have turned and gained speed anyhow, in place."""
+    """Variance of a hole, in place: in it a vehicle may have turned and gained speed anyhow."""
     hole_s = dt - HOLE_S
     if hole_s <= 0.0:
         return

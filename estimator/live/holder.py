@@ -1,40 +1,56 @@
 """A core: in compiled memory from its first step on, a tuple whenever somebody asks for it."""
 
+from collections.abc import Callable
 from functools import cached_property, partial
-from typing import Any
+from typing import Any, Concatenate, ParamSpec, TypeVar
 
 import numba
 
+from estimator.aiding.sources.source import in_types_of
+from estimator.aiding.sources.table import source_of
+from estimator.aiding.types import NO_REPORT, Report
 from estimator.compilation.direct import direct
 from estimator.live import resident
 from estimator.live.core import Core, flat
+from estimator.live.reports import age_s, report_with_age
+from estimator.live.rows import Floats, Rows, require_writable, rows_of
 from estimator.live.settings import Settings
+from estimator.types import NOTHING_BETWEEN, Between, VelocitySample
+
+P = ParamSpec("P")
+R = TypeVar("R")
 
 _numba_config: Any = numba.config  # numba ships no types
 _typeof: Any = numba.typeof
 
 
-def _step(kernel: Any) -> Any:
+def _step(kernel: "Callable[Concatenate[Any, P], R]") -> "cached_property[Callable[P, R]]":
     """A kernel of :mod:`estimator.live.resident` as a function of all but its handle."""
     return cached_property(lambda holder: holder.bind(kernel))
 
 
 class Holder:
-    """A core and the steps that change it."""
+    """A core and the steps that change it.
+
+    Compiled code is called without a look at its arguments. It takes plain numbers by their
+    values and raises TypeError for anything else, so the steps of each sample take only those.
+    Tuples and arrays are looked at here first: InputError is raised for those that do not fit.
+    """
 
     advance = _step(resident.advance)
-    lay = _step(resident.lay)
     advance_raw = _step(resident.advance_raw)
-    advance_aided = _step(resident.advance_aided)
-    see_between = _step(resident.see_between)
-    hear = _step(resident.hear)
-    search = _step(resident.search)
     publish = _step(resident.publish)
+    _lay = _step(resident.lay)
+    _see_between = _step(resident.see_between)
+    _advance_aided = _step(resident.advance_aided)
+    _search = _step(resident.search)
+    _hear_velocity = _step(resident.hear)
 
     def __init__(self, settings: Settings, core: Core) -> None:
         self._params = resident.params_of(settings)
         self._core = core
         self._inside: Any = None
+        self._hearing: dict[type, Callable[[Any, float], None]] = {}
 
     @property
     def core(self) -> Core:
@@ -44,13 +60,50 @@ class Holder:
         core: Core = resident.contents(self._inside)
         return core._replace(covariance=flat(core.covariance), trail=flat(core.trail))
 
-    def bind(self, kernel: Any) -> Any:
-        """A step that knows what it works on."""
+    def lay(self, rows: Rows, said: Floats) -> None:
+        """See :func:`estimator.live.resident.lay`; rows of another type or layout are copied."""
+        rows = rows_of(*rows)
+        require_writable(said, len(rows.times_us))
+        self._lay(rows, said)
+
+    def see_between(self, between: Between) -> None:
+        """See :func:`estimator.live.resident.see_between`."""
+        self._see_between(in_types_of(NOTHING_BETWEEN, between))
+
+    def advance_aided(self, report: Report, knows_north: bool) -> bool:
+        """See :func:`estimator.live.resident.advance_aided`."""
+        return self._advance_aided(in_types_of(NO_REPORT, report), knows_north)
+
+    def search(self, report: Report) -> bool:
+        """See :func:`estimator.live.resident.search`."""
+        return self._search(in_types_of(NO_REPORT, report))
+
+    def hear(self, report: Any, time_us: int) -> None:
+        """Take a source's report that belongs to the last sample, of ``time_us``, or before it."""
+        source = source_of(report)
+        report = in_types_of(source.blank, report)
+        if isinstance(report, VelocitySample):
+            self._hear_velocity(report_with_age(report, time_us))
+            return
+        kind = type(report)
+        if kind not in self._hearing:
+            kernel = resident.hearing(source.observe)
+            self._hearing[kind] = self.bind(kernel, source.blank, 0.0)
+        self._hearing[kind](report, age_s(report, time_us))
+
+    def bind(self, kernel: Any, *arguments: Any) -> Any:
+        """A step that knows what it works on.
+
+        ``arguments`` are examples of its others; of the kernels in ``arguments_with`` none.
+        """
         if self._inside is None:
             self._inside = resident.resident(
                 self._params, resident.in_arrays(self._core), *resident.NOTHING_LAID
             )
         if _numba_config.DISABLE_JIT:
             return partial(kernel, self._inside)
-        types = resident.arguments_with(_typeof(self._inside))[kernel]
+        inside = _typeof(self._inside)
+        types = (inside, *map(_typeof, arguments))
+        if not arguments:
+            types = resident.arguments_with(inside)[kernel]
         return partial(direct(kernel, types), self._inside)

@@ -4,7 +4,7 @@ from math import isfinite
 
 from estimator.compilation.compiled import inlined
 from estimator.reasons import Reason
-from estimator.types import ImuSample, Vec3, VelocitySample
+from estimator.types import ImuSample, Vec3
 
 # A rate beyond this is no vehicle's: 70 rad/s is 4000 deg/s, twice the range of common gyroscopes.
 GYR_LIMIT_RAD_S = 70.0
@@ -55,16 +55,6 @@ def sample_in_floats(sample: ImuSample) -> ImuSample:
     ):  # as nearly always
         return sample
     return ImuSample(sample.time_us, _floats(gyr), _floats(acc), _floats(mag), bool(sample.has_mag))
-
-
-def report_in_floats(report: VelocitySample) -> VelocitySample:
-    """Likewise of a velocity report."""
-    return report._replace(
-        velocity_ned_m_s=_floats(report.velocity_ned_m_s),
-        has_vertical=bool(report.has_vertical),
-        sigma_m_s=float(report.sigma_m_s),
-        late_sigma_s=float(report.late_sigma_s),
-    )
 
 
 def _floats(v: Vec3) -> Vec3:

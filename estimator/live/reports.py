@@ -1,53 +1,53 @@
-"""Velocity reports that wait for the IMU sample behind them."""
+"""Reports of aiding sources that wait for the IMU sample behind them."""
 
-from math import isfinite
+from typing import Any
 
 from estimator.aiding.types import Report
-from estimator.reasons import Reason
 from estimator.types import VelocitySample
 
-Reports = tuple[VelocitySample, ...]
-
-# Reports come about as often as IMU samples do; of more than this the oldest are dropped.
+# Reports come about as often as IMU samples do; of more than this of one type the oldest go.
 MOST_WAITING = 8
-# Faster than sound in air: no vehicle this is for.
-SPEED_LIMIT_M_S = 400.0
 
 
-def refusal_of_report(report: VelocitySample) -> Reason | None:
-    """Why a report cannot be used, None if it can."""
-    if not all(isfinite(v) for v in (*report.velocity_ned_m_s, report.sigma_m_s)):
-        return Reason.VELOCITY_NOT_FINITE
-    if max(abs(v) for v in report.velocity_ned_m_s) > SPEED_LIMIT_M_S:
-        return Reason.VELOCITY_OUT_OF_RANGE
-    return None
+def enqueue(waiting: tuple[Any, ...], report: Any) -> tuple[Any, ...]:
+    """The waiting reports with a new one; the oldest of its type gives way to one too many."""
+    alike = [k for k, other in enumerate(waiting) if type(other) is type(report)]
+    if len(alike) >= MOST_WAITING:
+        waiting = (*waiting[: alike[0]], *waiting[alike[0] + 1 :])
+    return (*waiting, report)
 
 
-def enqueue(waiting: Reports, report: VelocitySample) -> Reports:
-    """The waiting reports with a new one; the oldest gives way when there are too many."""
-    return (*waiting, report)[-MOST_WAITING:]
-
-
-def take_due(waiting: Reports, time_us: int, oldest_s: float) -> tuple[tuple[Report, ...], Reports]:
-    """The latest of either source that the IMU has reached by ``time_us``, and those ahead of it.
+def take_due(
+    waiting: tuple[Any, ...], time_us: int, oldest_s: float
+) -> tuple[tuple[Any, ...], tuple[Any, ...]]:
+    """The latest of each source that the IMU has reached by ``time_us``, and those ahead of it.
 
     A report waits for the first IMU sample that is not before it. Only the
     latest of several counts: their errors are the same for a second or more.
     """
     reached = [report for report in waiting if report.time_us <= time_us]
     ahead = tuple(report for report in waiting if report.time_us > time_us)
-    latest = {r.late_sigma_s > 0.0: r for r in sorted(reached, key=lambda r: r.time_us)}
-    due = (report_with_age(report, time_us) for report in latest.values())
-    return tuple(report for report in due if report.ago_s <= oldest_s), ahead
+    latest = {_origin(report): report for report in sorted(reached, key=lambda r: r.time_us)}
+    return tuple(r for r in latest.values() if age_s(r, time_us) <= oldest_s), ahead
+
+
+def _origin(report: Any) -> tuple[type, bool]:
+    """Velocity comes from two sources: a receiver, whose age is uncertain, and a filter."""
+    return type(report), isinstance(report, VelocitySample) and report.late_sigma_s > 0.0
+
+
+def age_s(report: Any, time_us: int) -> float:
+    """How long before ``time_us`` it was measured."""
+    return 1e-6 * (time_us - int(report.time_us))
 
 
 def report_with_age(report: VelocitySample, time_us: int) -> Report:
-    """A report as it is seen from the IMU sample of ``time_us``."""
+    """A velocity report as it is seen from the IMU sample of ``time_us``."""
     return Report(
         given=True,
         velocity_ned_m_s=report.velocity_ned_m_s,
         has_vertical=report.has_vertical,
         sigma_m_s=report.sigma_m_s,
-        ago_s=1e-6 * (time_us - report.time_us),
+        ago_s=age_s(report, time_us),
         late_sigma_s=report.late_sigma_s,
     )

@@ -11,6 +11,7 @@ from math import isfinite
 from typing import Any, NamedTuple
 
 import numba
+import numpy as np
 from numba.core import types
 from numba.experimental import structref
 
@@ -22,8 +23,10 @@ from estimator.aiding import (
     is_credible,
     take_late_report,
 )
+from estimator.aiding.correction import correct_last, prediction_at
 from estimator.aiding.search import EMPTY_SEARCH, add_report, add_sample
-from estimator.aiding.types import NO_REPORT
+from estimator.aiding.sources.table import SOURCES
+from estimator.aiding.types import NO_REPORT, SIZE
 from estimator.aiding.witness import compare, hear_report, watch
 from estimator.compilation.compiled import compiled, inlined
 from estimator.conditioning.condition import condition
@@ -51,7 +54,7 @@ from estimator.live.published import (
 from estimator.live.refusal import FINE, fault_of
 from estimator.live.rows import NO_ROWS, NOTHING_TO_SAY, Floats, Rows, reading_of
 from estimator.live.settings import Settings
-from estimator.types import NOTHING_BETWEEN, ZERO_VEC3, Between, Sample, Vec3
+from estimator.types import NOTHING_BETWEEN, Between, Sample, Vec3
 
 # numba ships no types
 _numba_config: Any = numba.config
@@ -120,20 +123,23 @@ def arguments_of(settings: Settings, core: Core) -> dict[Any, tuple[Any, ...]]:
     values = (params_of(settings), in_arrays(core))
     fields = zip(FIELDS, (values[0], NOTHING_BETWEEN, *NOTHING_LAID, *values[1]), strict=True)
     inside = _resident_type([(name, _typeof(value)) for name, value in fields])
+    others = {
+        kernel: (inside, _typeof(blank), types.float64) for kernel, blank in hearings().items()
+    }
     given = (*values, *NOTHING_LAID)
-    return {resident: tuple(_typeof(value) for value in given), **arguments_with(inside)}
+    return {resident: tuple(map(_typeof, given)), **arguments_with(inside), **others}
 
 
 @functools.cache
 def arguments_with(inside: Any) -> dict[Any, tuple[Any, ...]]:
-    """Likewise of those that take a handle, by what numba calls its type."""
-    vector, number, flag = _typeof(ZERO_VEC3), types.float64, types.boolean
+    """The types of the arguments of all kernels that take a handle, which is of type ``inside``."""
+    number, flag = types.float64, types.boolean
     whole = types.int64
     report, between = _typeof(NO_REPORT), _typeof(NOTHING_BETWEEN)
     readings = (number,) * 9
     return {
         contents: (inside,),
-        advance_raw: (inside, vector, vector, vector, flag, number),
+        advance_raw: (inside, *readings, flag, number),
         advance: (inside, whole, *readings, flag, whole, number, flag, whole),
         lay: (inside, *(_typeof(value) for value in NOTHING_LAID)),
         see_between: (inside, between),
@@ -189,13 +195,24 @@ def contents(inside: Any) -> Core:
 
 @compiled
 def advance_raw(
-    inside: Any, gyr_rad_s: Vec3, acc_m_s2: Vec3, mag: Vec3, has_mag: bool, dt_s: float
+    inside: Any,
+    gx: float,
+    gy: float,
+    gz: float,
+    ax: float,
+    ay: float,
+    az: float,
+    mx: float,
+    my: float,
+    mz: float,
+    has_mag: bool,
+    dt_s: float,
 ) -> None:
     """One sample of raw vectors, ``dt_s`` after the one before."""
     sample = Sample(
-        gyr_rad_s=gyr_rad_s,
-        acc_m_s2=acc_m_s2,
-        mag=mag,
+        gyr_rad_s=(gx, gy, gz),
+        acc_m_s2=(ax, ay, az),
+        mag=(mx, my, mz),
         has_mag=has_mag,
         dt_s=dt_s,
         between=NOTHING_BETWEEN,
@@ -351,6 +368,32 @@ def hear(inside: Any, report: Report) -> None:
     inside.aided = aided
     inside.covariance = covariance
     inside.witness = hear_report(inside.witness, aided.estimate, report)
+
+
+@functools.cache
+def hearing(observe: Any) -> Any:
+    """The step that takes a late report of one source, by what its report teaches.
+
+    See :class:`estimator.aiding.sources.source.Source`.
+    """
+
+    def hear_other(inside: Any, report: Any, ago_s: float) -> None:
+        """A report measured ``ago_s`` before the last sample."""
+        now = prediction_at(inside.aided, inside.covariance, inside.trail)
+        x = np.zeros(SIZE)
+        observe(inside.params.aiding, now, report, ago_s, x)
+        inside.aided = correct_last(inside.aided, now, x)
+        inside.covariance = now.covariance
+
+    # the name of its file in the cache
+    hear_other.__qualname__ = f"hear_other.{observe.__module__}.{observe.__qualname__}"
+    return compiled(hear_other)
+
+
+def hearings() -> dict[Any, Any]:
+    """The steps of :func:`hearing` of all sources in the table but velocity, with their blanks."""
+    sources = [source for source in SOURCES.values() if source.observe is not None]
+    return {hearing(source.observe): source.blank for source in sources}
 
 
 @compiled

@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimator.compilation.compiled import inlined
+from estimator.errors import InputError
 from estimator.types import ZERO_VEC3, Vec3
 
 Floats = NDArray[np.float64]
@@ -39,14 +40,42 @@ NOTHING_TO_SAY = np.zeros((0, SAID))
 def rows_of(
     times_us: Times, gyr_rad_s: Floats, acc_m_s2: Floats, mag_gauss: Floats, has_mag: Flags
 ) -> Rows:
-    """The arrays as they are, or copies of those that are laid out otherwise."""
+    """The arrays as they are, or copies of those that are of another type or laid out otherwise.
+
+    Raises:
+        InputError: they do not hold N samples each, or no numbers.
+    """
+    n = len(times_us)
     return Rows(
-        _plain(times_us), _plain(gyr_rad_s), _plain(acc_m_s2), _plain(mag_gauss), _plain(has_mag)
+        _plain(times_us, np.int64, (n,)),
+        _plain(gyr_rad_s, np.float64, (n, 3)),
+        _plain(acc_m_s2, np.float64, (n, 3)),
+        _plain(mag_gauss, np.float64, (n, 3)),
+        _plain(has_mag, np.bool_, (n,)),
     )
 
 
-def _plain(values: Any) -> Any:
-    return np.asarray(values, order="C")
+def _plain(values: Any, kind: type, shape: tuple[int, ...]) -> Any:
+    try:
+        plain: Any = np.asarray(values, kind, order="C")
+    except (TypeError, ValueError):
+        plain = None
+    if plain is None or plain.shape != shape:
+        msg = f"rows of samples take numbers of shape {shape}, not {np.shape(values)}"
+        raise InputError(msg)
+    return plain
+
+
+def require_writable(said: Any, n: int) -> None:
+    """Check that compiled code can write what it says about n samples into an array.
+
+    Raises:
+        InputError: it is not C-contiguous float64 of shape (n, SAID), or read only.
+    """
+    is_plain = isinstance(said, np.ndarray) and said.flags.carray and said.dtype == np.float64
+    if not is_plain or said.shape != (n, SAID):
+        msg = f"what is said about rows takes a writable C-contiguous float64 array ({n}, {SAID})"
+        raise InputError(msg)
 
 
 @inlined

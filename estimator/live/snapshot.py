@@ -1,12 +1,11 @@
 """The whole state of an estimator: what compiled steps change, and what Python keeps beside it."""
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from estimator.aiding.compass import UNTOUCHED, Compass
 from estimator.aiding.phase import Phase
 from estimator.aiding.place import Whereabouts
 from estimator.live.core import Core
-from estimator.live.reports import Reports
 from estimator.live.turning import STILL, Turning
 
 
@@ -16,7 +15,7 @@ class Context(NamedTuple):
     phase: Phase = Phase.EMPTY
     time_us: int = 0  # of the last sample, on the vehicle's clock
     usual_s: float = 0.0  # the interval that samples usually come at; 0 before the second one
-    reports: Reports = ()  # velocities that the IMU has not reached yet
+    reports: tuple[Any, ...] = ()  # of aiding sources, that the IMU has not reached yet
     compass: Compass = UNTOUCHED  # how far the field is trusted
     whereabouts: Whereabouts = Whereabouts()  # and the field of the place
     turning: Turning = STILL  # that others have seen between the IMU's samples

@@ -76,7 +76,7 @@ def test_a_flight_is_scored_as_replay_scores_it(recorded):
     assert figures.heading.coverage == report.coverage.heading
     assert {call.__reduce__()[1][0] for calls in recorded.calls for call in calls} >= {
         "update",
-        "update_velocity",
+        "update_report",
         "set_position",
     }
 

@@ -12,7 +12,6 @@ from estimator.aiding.types import (
     HARD_IRON,
     SIZE,
     TURN,
-    AidingEstimate,
     AidingParams,
     Array,
     FieldResidual,
@@ -147,7 +146,6 @@ def correlate(P: Array, i: int, j: int, covariance: float) -> None:
 def observe_heading(
     params: AidingParams,
     field: FieldState,
-    estimate: AidingEstimate,
     now: Prediction,
     others: Surroundings,
     sample: Sample,
@@ -161,10 +159,10 @@ def observe_heading(
     error of tilt shows there, too, as the row of the measurement says. Along the horizontal field
     and down it tells the tilt across itself, the hard iron and the place's field.
     """
-    P = now.covariance
+    P, estimate = now.covariance, now.estimate
     rate = subtract(sample.gyr_rad_s, estimate.gyr_bias_rad_s)
     m = subtract(sample.mag, estimate.hard_iron_gauss)
-    q_then = multiply(now.q_ned_frd, exp(scale(-estimate.field_lag_s, rate)))
+    q_then = multiply(estimate.q_ned_frd, exp(scale(-estimate.field_lag_s, rate)))
     F = rotate(q_then, m)
     dF = rotate(q_then, cross(rate, m))
     R = rotation_matrix(q_then)

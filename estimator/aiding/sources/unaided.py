@@ -25,7 +25,7 @@ def observe_unaided(
     R_true gravity_b = z gives turn_east = -d_north and turn_north = d_east with d = R gravity_b.
     """
     P = now.covariance
-    d = rotate(now.q_ned_frd, gravity_b)
+    d = rotate(now.estimate.q_ned_frd, gravity_b)
     noise = params.unaided_sigma_rad**2 * params.unaided_tau_s / dt
     h = np.zeros(SIZE)
     h[TURN + 1] = 1.0
@@ -52,7 +52,7 @@ def observe_slow_unaided(
     for a level one.
     """
     P = now.covariance
-    d = rotate(now.q_ned_frd, gravity_b)
+    d = rotate(now.estimate.q_ned_frd, gravity_b)
     level = hypot(d[0], d[1])
     turn = atan2(level, d[2]) / level if level > 0.0 else 1.0
     noise = sigma_rad**2 * max(1.0, SLOW_UNAIDED_TAU_S / dt)

@@ -7,13 +7,19 @@ import numpy as np
 
 from estimator.aiding.covariance import expected_variance, learn, residual
 from estimator.aiding.inertial import GRAVITY_NED, Prediction, trail_bend
+from estimator.aiding.sources.source import Source
 from estimator.aiding.trail import look_back
 from estimator.aiding.types import (
+    FILTER_ERROR,
+    FILTER_LAG,
     IMU_LAG,
+    RECEIVER_ERROR,
+    RECEIVER_LAG,
     SIZE,
     TURN,
     VELOCITY,
     Agreement,
+    Agreements,
     AidingParams,
     AidingState,
     Array,
@@ -21,9 +27,13 @@ from estimator.aiding.types import (
     Scatter,
 )
 from estimator.compilation.compiled import inlined
+from estimator.compilation.replacing import replacer
 from estimator.geometry.quaternion import rotate, scale, subtract
-from estimator.types import Vec3
+from estimator.reasons import Reason
+from estimator.types import ZERO_VEC3, Vec3, VelocitySample
 
+# Faster than sound in air: no vehicle this is for.
+SPEED_LIMIT_M_S = 400.0
 # A squared innovation this many times its variance (4 sigma) is no noise: the origin has jumped.
 FAR = 16.0
 # A squared innovation over its variance teaches the noise scale up to this value; a wild report
@@ -44,7 +54,7 @@ COSINE_ELSEWHERE = 0.7
 INNOVATION_TAU_S = 15.0
 
 
-class Source(NamedTuple):
+class Reporter(NamedTuple):
     """Where a report comes from, what is known about its errors and their places among all."""
 
     is_receiver: bool  # otherwise an autopilot's filter
@@ -55,10 +65,63 @@ class Source(NamedTuple):
     is_alone: bool  # no report of the other source has come lately
 
 
+with_wait = replacer(Agreement, "wait_s")
+
+
+def refusal_of_velocity(report: VelocitySample) -> Reason | None:
+    """Why a report cannot be used, None if it can."""
+    if not all(isfinite(v) for v in (*report.velocity_ned_m_s, report.sigma_m_s)):
+        return Reason.VELOCITY_NOT_FINITE
+    if max(abs(v) for v in report.velocity_ned_m_s) > SPEED_LIMIT_M_S:
+        return Reason.VELOCITY_OUT_OF_RANGE
+    return None
+
+
+VELOCITY_SOURCE = Source(
+    blank=VelocitySample(0, ZERO_VEC3, True, 0.0), observe=None, refusal=refusal_of_velocity
+)
+
+
 @inlined
-def wait_for_report(state: Agreement, dt: float) -> Agreement:
-    """Only time passes."""
-    return Agreement(state.scatter, state.wait_s + dt, state.doubt_s)
+def wait_for_reports(agreement: Agreements, dt: float) -> Agreements:
+    """The agreements ``dt`` later, without a report since."""
+    by_filter, by_receiver = agreement
+    return Agreements(
+        by_filter=with_wait(by_filter, by_filter.wait_s + dt),
+        by_receiver=with_wait(by_receiver, by_receiver.wait_s + dt),
+    )
+
+
+@inlined
+def take_report(
+    params: AidingParams,
+    agreement: Agreements,
+    now: Prediction,
+    dt: float,
+    report: Report,
+    gravity_b: Vec3,
+    x: Array,
+) -> Agreements:
+    """Learn from a report as of the source that it comes from."""
+    by_filter, by_receiver = agreement
+    estimate = now.estimate
+    is_receiver = report.late_sigma_s > 0.0
+    if is_receiver:
+        own, other, error_m_s = by_receiver, by_filter, estimate.receiver_error_m_s
+        lag_s, error_at, lag_at = estimate.receiver_lag_s, RECEIVER_ERROR, RECEIVER_LAG
+    else:
+        own, other, error_m_s = by_filter, by_receiver, estimate.filter_error_m_s
+        lag_s, error_at, lag_at = estimate.filter_lag_s, FILTER_ERROR, FILTER_LAG
+    reporter = Reporter(
+        is_receiver=is_receiver,
+        error_m_s=error_m_s,
+        age_s=report.ago_s + lag_s - estimate.imu_lag_s,
+        error_at=error_at,
+        lag_at=lag_at,
+        is_alone=other.wait_s >= params.silence_s,
+    )
+    own = observe_velocity(params, own, now, reporter, dt, report, gravity_b, x)
+    return Agreements(by_filter, own) if is_receiver else Agreements(own, by_receiver)
 
 
 @inlined
@@ -66,7 +129,7 @@ def observe_velocity(
     params: AidingParams,
     agreement: Agreement,
     now: Prediction,
-    source: Source,
+    reporter: Reporter,
     dt: float,
     report: Report,
     gravity_b: Vec3,
@@ -84,32 +147,32 @@ def observe_velocity(
     noise_scale, innovation, reports = agreement.scatter
     wait = min(agreement.wait_s, 1.0)
     share = wait / (wait + INNOVATION_TAU_S) / 3.0
-    if source.is_receiver and reports == 0.0:  # the first one says how uncertain its age is
-        P[source.lag_at, source.lag_at] = report.late_sigma_s**2
-    past = look_back(now.trail, source.age_s)
+    if reporter.is_receiver and reports == 0.0:  # the first one says how uncertain its age is
+        P[reporter.lag_at, reporter.lag_at] = report.late_sigma_s**2
+    past = look_back(now.trail, reporter.age_s)
     gained, a = past.gained_m_s, past.acceleration_m_s2
-    pushed = subtract(gained, scale(source.age_s, GRAVITY_NED))
+    pushed = subtract(gained, scale(reporter.age_s, GRAVITY_NED))
     behind = min(1.0, report.ago_s / dt)
     missed = scale(params.integration_noise * dt * behind, trail_bend(now.trail))
-    sigma = params.receiver_noise_m_s if source.is_receiver else params.filter_noise_m_s
+    sigma = params.receiver_noise_m_s if reporter.is_receiver else params.filter_noise_m_s
     sigma *= max(1.0, report.sigma_m_s / params.report_sigma_m_s)
-    jitter = params.receiver_jitter_s if source.is_receiver else 0.0
-    least = LEAST_RECEIVER_SCALE if source.is_receiver else 1.0
-    loose_at = VELOCITY if source.is_alone else source.error_at
-    elsewhere = rotate(now.q_ned_frd, gravity_b)[2] < COSINE_ELSEWHERE
+    jitter = params.receiver_jitter_s if reporter.is_receiver else 0.0
+    least = LEAST_RECEIVER_SCALE if reporter.is_receiver else 1.0
+    loose_at = VELOCITY if reporter.is_alone else reporter.error_at
+    elsewhere = rotate(now.estimate.q_ned_frd, gravity_b)[2] < COSINE_ELSEWHERE
     far = noise_scale > DOUBTFUL_SCALE and elsewhere
     for i in range(3 if report.has_vertical else 2):
         h = np.zeros(SIZE)
         h[VELOCITY + i] = 1.0
-        h[source.error_at + i] = 1.0
+        h[reporter.error_at + i] = 1.0
         j, k = (i + 1) % 3, (i + 2) % 3
         h[TURN + j] = -pushed[k]  # minus the component of turn x pushed
         h[TURN + k] = pushed[j]
         if dt < params.lag_step_s:
             h[IMU_LAG] = a[i]
-        h[source.lag_at] = -a[i]
-        then = now.velocity_ned_m_s[i] - gained[i]
-        off = report.velocity_ned_m_s[i] - source.error_m_s[i] - then
+        h[reporter.lag_at] = -a[i]
+        then = now.estimate.velocity_ned_m_s[i] - gained[i]
+        off = report.velocity_ned_m_s[i] - reporter.error_m_s[i] - then
         noise = noise_scale * (sigma * sigma + (jitter * a[i]) ** 2) + missed[i] * missed[i]
         left = residual(x, h, off)
         unit = left / sqrt(expected_variance(P, h, noise))

@@ -26,8 +26,11 @@ from estimator.aiding.types import (
     Surroundings,
 )
 from estimator.conditioning.types import FieldLook
+from estimator.geometry.frames import from_euler_rad
 from estimator.geometry.quaternion import exp, multiply, normalize, rotate, rotate_inverse
 from estimator.types import ZERO_VEC3, Sample
+from tests.estimator.aiding import heading_source
+from tests.estimator.aiding.heading_source import HeadingSample
 
 PARAMS = AidingParams()
 BLANK, _, TRAIL = blank_aiding(PARAMS)
@@ -54,6 +57,7 @@ def learnt(monkeypatch):
     monkeypatch.setattr(field, "learn", kept)
     monkeypatch.setattr(velocity, "learn", kept)
     monkeypatch.setattr(unaided, "learn", kept)
+    monkeypatch.setattr(heading_source, "learn", kept)
     return rows
 
 
@@ -87,21 +91,13 @@ def field_observation(rng, learnt, variance=1e-6, turned_rad=0.0):
             hard_iron_gauss=floats(iron + change[HARD_IRON : HARD_IRON + 3]),
             earth_gauss=floats(place + change[EARTH : EARTH + 3]),
             field_lag_s=LAG_S + change[FIELD_LAG],
-        )
-        now = Prediction(
             q_ned_frd=multiply(exp(floats(change[TURN : TURN + 3])), q),
-            velocity_ned_m_s=ZERO_VEC3,
-            force_ned_m_s2=ZERO_VEC3,
-            rate_rad_s=ZERO_VEC3,
-            receiver_error_m_s=ZERO_VEC3,
-            filter_error_m_s=ZERO_VEC3,
-            trail=TRAIL,
-            covariance=np.eye(SIZE) * variance,
         )
+        now = Prediction(estimate, ZERO_VEC3, ZERO_VEC3, TRAIL, np.eye(SIZE) * variance)
         look = FieldLook(horizontal=0.2, down=0.42, confidence=1.0)
         known = BLANK.field._replace(look=look, samples=10.0, wait_s=0.1)
         sample = Sample(floats(rate), ZERO_VEC3, reading, True, 0.02)
-        field.observe_heading(PARAMS, known, estimate, now, BESIDE, sample, np.zeros(SIZE))
+        field.observe_heading(PARAMS, known, now, BESIDE, sample, np.zeros(SIZE))
 
     return observe
 
@@ -156,17 +152,11 @@ def test_velocity(learnt, late_sigma_s):
         for before, now in itertools.pairwise(turned):
             gained = 0.01 * (np.array(before) + now) + 0.02 * np.array(GRAVITY_NED)
             trail = extend_trail(trail, floats(gained), floats(np.array(now) + GRAVITY_NED), 0.02)
-        now = Prediction(
-            q_ned_frd=q,
-            velocity_ned_m_s=floats(v + change[VELOCITY : VELOCITY + 3]),
-            force_ned_m_s2=turned[-1],
-            rate_rad_s=ZERO_VEC3,
-            receiver_error_m_s=ZERO_VEC3,
-            filter_error_m_s=ZERO_VEC3,
-            trail=trail,
-            covariance=np.eye(SIZE) * 1e-6,
+        estimate = BLANK.estimate._replace(
+            q_ned_frd=q, velocity_ned_m_s=floats(v + change[VELOCITY : VELOCITY + 3])
         )
-        source = velocity.Source(
+        now = Prediction(estimate, turned[-1], ZERO_VEC3, trail, np.eye(SIZE) * 1e-6)
+        reporter = velocity.Reporter(
             is_receiver=is_receiver,
             error_m_s=floats(slow + change[error_at : error_at + 3]),
             age_s=report.ago_s + change[lag_at] - change[IMU_LAG],
@@ -175,7 +165,9 @@ def test_velocity(learnt, late_sigma_s):
             is_alone=False,
         )
         x = np.zeros(SIZE)
-        velocity.observe_velocity(PARAMS, agreement, now, source, 0.02, report, (0.0, 0.0, 1.0), x)
+        velocity.observe_velocity(
+            PARAMS, agreement, now, reporter, 0.02, report, (0.0, 0.0, 1.0), x
+        )
 
     errors = (*range(TURN, VELOCITY + 3), IMU_LAG, lag_at, *range(error_at, error_at + 3))
     rows, slopes = rows_and_slopes(learnt, observe, errors)
@@ -184,16 +176,8 @@ def test_velocity(learnt, late_sigma_s):
 
 def prediction(q_ned_frd):
     """At rest with that attitude, of which nothing is known."""
-    return Prediction(
-        q_ned_frd=q_ned_frd,
-        velocity_ned_m_s=ZERO_VEC3,
-        force_ned_m_s2=ZERO_VEC3,
-        rate_rad_s=ZERO_VEC3,
-        receiver_error_m_s=ZERO_VEC3,
-        filter_error_m_s=ZERO_VEC3,
-        trail=new_trail(ZERO_VEC3),
-        covariance=np.eye(SIZE),
-    )
+    estimate = BLANK.estimate._replace(q_ned_frd=q_ned_frd)
+    return Prediction(estimate, ZERO_VEC3, ZERO_VEC3, new_trail(ZERO_VEC3), np.eye(SIZE))
 
 
 @pytest.mark.parametrize("seed", range(5))
@@ -212,6 +196,23 @@ def test_unaided_gravity(learnt, seed):
     rows, slopes = rows_and_slopes(learnt, observe, range(TURN, TURN + 3))
     assert rows == pytest.approx(slopes, abs=1e-10)  # measured 4e-11
     assert np.abs(rows).sum(axis=1) == pytest.approx([1.0, 1.0])
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_a_heading_from_outside(learnt, seed):
+    """Of a vehicle that is tilted no more than it flies: its heading turns about down alone."""
+    rng = np.random.default_rng(seed)
+    q = from_euler_rad(*floats(rng.uniform((-0.01, -0.01, -3.0), (0.01, 0.01, 3.0))))
+    report = HeadingSample(0, float(rng.uniform(0.0, 6.0)), 0.1)
+
+    def observe(change):
+        learnt.clear()
+        turned = multiply(exp(floats(change[TURN : TURN + 3])), q)
+        heading_source.observe_heading(PARAMS, prediction(turned), report, 0.0, np.zeros(SIZE))
+
+    rows, slopes = rows_and_slopes(learnt, observe, range(TURN, TURN + 3))
+    assert rows == pytest.approx(slopes, abs=0.01)  # what the row leaves out: the tilt
+    assert rows[0, TURN + 2] == pytest.approx(slopes[0, TURN + 2], abs=1e-4)
 
 
 def test_unaided_gravity_counts_as_one_measurement_in_its_correlation_time(monkeypatch):
@@ -241,10 +242,10 @@ def test_the_places_field_begins_towards_north_where_that_is_known(learnt, is_kn
     assert sigma == pytest.approx(0.002 if is_known else unsure)
     learnt.clear()
     look = FieldLook(horizontal=0.2, down=0.42, confidence=1.0)
-    estimate = BLANK.estimate._replace(earth_gauss=expected)
     now = prediction((1.0, 0.0, 0.0, 0.0))
+    now = now._replace(estimate=now.estimate._replace(earth_gauss=expected))
     sample = Sample(ZERO_VEC3, ZERO_VEC3, seen, True, 0.02)
     known = known._replace(look=look, wait_s=0.1)
     others = BESIDE._replace(north=north)
-    field.observe_heading(PARAMS, known, estimate, now, others, sample, np.zeros(SIZE))
+    field.observe_heading(PARAMS, known, now, others, sample, np.zeros(SIZE))
     assert len(learnt) == (4 if is_known else 3)  # the declination is the fourth

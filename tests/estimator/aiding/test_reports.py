@@ -4,13 +4,8 @@ from math import inf, nan
 
 import pytest
 
-from estimator.live.reports import (
-    MOST_WAITING,
-    SPEED_LIMIT_M_S,
-    enqueue,
-    refusal_of_report,
-    take_due,
-)
+from estimator.aiding.sources.velocity import SPEED_LIMIT_M_S, refusal_of_velocity
+from estimator.live.reports import MOST_WAITING, age_s, enqueue, report_with_age, take_due
 from estimator.types import VelocitySample
 
 
@@ -22,7 +17,7 @@ def test_the_latest_that_the_imu_has_reached_counts_and_the_others_ahead_wait():
     waiting = (report(10, 1.0), report(30, 3.0), report(20, 2.0), report(50, 5.0))
     chosen, ahead = take_due(waiting, 40, 1.0)
     assert [report.velocity_ned_m_s[0] for report in chosen] == [3.0]
-    assert chosen[0].ago_s == pytest.approx(10e-6)
+    assert age_s(chosen[0], 40) == report_with_age(chosen[0], 40).ago_s == pytest.approx(10e-6)
     assert ahead == (report(50, 5.0),)
 
 
@@ -57,4 +52,4 @@ def test_when_too_many_wait_the_oldest_gives_way():
     ],
 )
 def test_what_cannot_be_a_velocity_is_refused(velocity, sigma, reason):
-    assert refusal_of_report(VelocitySample(0, velocity, True, sigma)) == reason
+    assert refusal_of_velocity(VelocitySample(0, velocity, True, sigma)) == reason

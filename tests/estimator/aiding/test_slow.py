@@ -5,6 +5,7 @@ from math import degrees, radians
 import numpy as np
 import pytest
 
+from estimator.aiding import blank_aiding
 from estimator.aiding.inertial import Prediction
 from estimator.aiding.lean import bears_out, hear_report, lean_angle, watch_lean
 from estimator.aiding.sources.unaided import observe_slow_unaided
@@ -24,7 +25,8 @@ def corrected(
     P = radians(sigma_deg) ** 2 * np.eye(SIZE)
     x = np.zeros(SIZE)
     trail = np.zeros((1, 1))
-    now = Prediction(q, *(ZERO_VEC3,) * 5, trail, P)
+    estimate = blank_aiding(AidingParams())[0].estimate._replace(q_ned_frd=q)
+    now = Prediction(estimate, ZERO_VEC3, ZERO_VEC3, trail, P)
     observe_slow_unaided(now, UP, radians(unaided_sigma_deg), radians(lean_deg), x, 1.0, 0.4)
     down = rotate(exp((x[TURN], x[TURN + 1], x[TURN + 2])), rotate(q, UP))
     return degrees(np.arctan2(np.hypot(down[0], down[1]), down[2]))

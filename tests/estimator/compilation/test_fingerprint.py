@@ -107,15 +107,15 @@ def test_what_ends_up_in_machine_code_is(monkeypatch, change):
 
 def test_a_constant_of_a_real_kernel(monkeypatch):
     """And one that only the Python around the kernels uses is no part of it."""
+    from estimator.aiding.sources import velocity
     from estimator.compilation.compiled import plain
     from estimator.filter import kernel
-    from estimator.live import reports
 
     def of_step():
         return Fingerprints().of(plain(kernel.step))
 
     before = of_step()
-    monkeypatch.setattr(reports, "SPEED_LIMIT_M_S", 1.0)
+    monkeypatch.setattr(velocity, "SPEED_LIMIT_M_S", 1.0)
     assert of_step() == before
     monkeypatch.setattr(kernel, "PLAIN_STEP_LIMIT", 1.7)
     assert of_step() != before

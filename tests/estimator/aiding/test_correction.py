@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from estimator.aiding import blank_aiding, forget_biases
+from estimator.aiding.correction import apply_corrections
 from estimator.aiding.inertial import Prediction
-from estimator.aiding.step import apply_corrections
 from estimator.aiding.trail import new_trail
 from estimator.aiding.types import ACC_BIAS, GYR_BIAS, SIZE, TURN, AidingParams
 from estimator.geometry.quaternion import exp, multiply, rotate
@@ -26,16 +26,8 @@ def estimate():
 
 
 def prediction(estimate):
-    return Prediction(
-        q_ned_frd=Q,
-        velocity_ned_m_s=(5.0, -3.0, 1.0),
-        force_ned_m_s2=FORCE,
-        rate_rad_s=ZERO_VEC3,
-        receiver_error_m_s=estimate.receiver_error_m_s,
-        filter_error_m_s=estimate.filter_error_m_s,
-        trail=new_trail(ZERO_VEC3),
-        covariance=np.zeros((SIZE, SIZE)),
-    )
+    estimate = estimate._replace(q_ned_frd=Q, velocity_ned_m_s=(5.0, -3.0, 1.0))
+    return Prediction(estimate, FORCE, ZERO_VEC3, new_trail(ZERO_VEC3), np.zeros((SIZE, SIZE)))
 
 
 def numbers(estimate):
@@ -48,10 +40,10 @@ def numbers(estimate):
 def test_each_error_corrects_its_own_number_and_no_other(estimate, error):
     """The estimate's fields are in the order of the errors, which begin with the turn."""
     now = prediction(estimate)
-    before, _ = apply_corrections(estimate, now, np.zeros(SIZE))
+    before = apply_corrections(now, np.zeros(SIZE)).estimate
     x = np.zeros(SIZE)
     x[error] = 0.01
-    after, _ = apply_corrections(estimate, now, x)
+    after = apply_corrections(now, x).estimate
     assert after.q_ned_frd == before.q_ned_frd
     expected = np.zeros(SIZE - 3)
     expected[error - 3] = 0.01
@@ -61,16 +53,18 @@ def test_each_error_corrects_its_own_number_and_no_other(estimate, error):
 def test_a_turn_is_about_the_axes_of_ned_and_takes_the_force_along(estimate):
     x = np.zeros(SIZE)
     x[TURN : TURN + 3] = turn = (0.02, -0.01, 0.03)
-    after, force = apply_corrections(estimate, prediction(estimate), x)
-    assert_attitude_close(after.q_ned_frd, multiply(exp(turn), Q), 1e-12)
-    np.testing.assert_allclose(force, rotate(exp(turn), FORCE), atol=1e-12)
+    after = apply_corrections(prediction(estimate), x)
+    assert_attitude_close(after.estimate.q_ned_frd, multiply(exp(turn), Q), 1e-12)
+    np.testing.assert_allclose(after.force_ned_m_s2, rotate(exp(turn), FORCE), atol=1e-12)
 
 
 def test_a_bias_of_the_accelerometer_comes_off_the_force(estimate):
     x = np.zeros(SIZE)
     x[ACC_BIAS : ACC_BIAS + 3] = bias = (0.1, -0.2, 0.3)
-    _, force = apply_corrections(estimate, prediction(estimate), x)
-    np.testing.assert_allclose(force, np.subtract(FORCE, rotate(Q, bias)), atol=1e-12)
+    after = apply_corrections(prediction(estimate), x)
+    np.testing.assert_allclose(
+        after.force_ned_m_s2, np.subtract(FORCE, rotate(Q, bias)), atol=1e-12
+    )
 
 
 def test_another_imu_has_biases_that_are_not_known(estimate):

@@ -1,0 +1,131 @@
+"""Where the aiding begins: its state, the covariance of its errors and the trail behind it."""
+
+import numpy as np
+
+from estimator.aiding.inertial import GRAVITY_NED
+from estimator.aiding.trail import new_trail
+from estimator.aiding.types import (
+    ACC_BIAS,
+    FIELD_LAG,
+    FILTER_ERROR,
+    FILTER_LAG,
+    GYR_BIAS,
+    HARD_IRON,
+    IMU_LAG,
+    NO_REPORT,
+    RECEIVER_ERROR,
+    SIZE,
+    TURN,
+    VELOCITY,
+    Agreement,
+    Agreements,
+    AidingEstimate,
+    AidingParams,
+    AidingState,
+    Array,
+    FieldResidual,
+    FieldState,
+    LastStep,
+    Lean,
+    Report,
+    Roughness,
+    Scatter,
+    Sigmas,
+)
+from estimator.conditioning.types import FieldLook
+from estimator.geometry.quaternion import add, rotate, subtract
+from estimator.types import IDENTITY, NO_SAMPLE, ZERO_VEC3, Quaternion, Sample, Vec3
+
+BEGIN_VELOCITY_SIGMA_M_S = 1.0
+UNHEARD = Agreement(
+    scatter=Scatter(noise_scale=1.0, innovation=1.0, reports=0.0), wait_s=0.0, doubt_s=0.0
+)
+# Stands for the step before the first one: steps this long teach nothing about lags.
+FIRST_STEP_S = 1.0
+
+
+def begin(
+    params: AidingParams,
+    q_ned_frd: Quaternion,
+    gyr_bias: Vec3,
+    sample: Sample,
+    report: Report,
+    tilt_sigma_rad: float,
+    heading_sigma_rad: float,
+    hard_iron_sigma_gauss: float,
+) -> tuple[AidingState, Array, Array]:
+    """State, covariance and trail at a first velocity report, from an attitude and a bias."""
+    P = np.zeros((SIZE, SIZE))
+    tilt, heading = tilt_sigma_rad**2, heading_sigma_rad**2
+    diagonal = np.einsum("ii->i", P)
+    diagonal[TURN : TURN + 3] = (tilt, tilt, heading)
+    diagonal[VELOCITY : VELOCITY + 3] = BEGIN_VELOCITY_SIGMA_M_S**2
+    diagonal[GYR_BIAS : GYR_BIAS + 3] = params.gyr_bias_sigma**2
+    diagonal[ACC_BIAS : ACC_BIAS + 3] = params.acc_bias_sigma**2
+    diagonal[IMU_LAG] = params.imu_lag_sigma_s**2
+    diagonal[FILTER_LAG] = params.filter_lag_sigma_s**2
+    diagonal[FILTER_ERROR : FILTER_ERROR + 3] = params.filter_error_m_s**2
+    diagonal[RECEIVER_ERROR : RECEIVER_ERROR + 3] = params.receiver_error_m_s**2
+    diagonal[FIELD_LAG] = params.field_lag_sigma_s**2
+    diagonal[HARD_IRON : HARD_IRON + 3] = hard_iron_sigma_gauss**2
+    state = AidingState(
+        estimate=AidingEstimate(
+            q_ned_frd=q_ned_frd,
+            velocity_ned_m_s=report.velocity_ned_m_s,
+            gyr_bias_rad_s=gyr_bias,
+            acc_bias_m_s2=ZERO_VEC3,
+            imu_lag_s=params.imu_lag_s,
+            field_lag_s=params.field_lag_s,
+            hard_iron_gauss=ZERO_VEC3,
+            earth_gauss=ZERO_VEC3,
+            receiver_lag_s=params.receiver_lag_s,
+            filter_lag_s=0.0,
+            receiver_error_m_s=ZERO_VEC3,
+            filter_error_m_s=ZERO_VEC3,
+        ),
+        last=LastStep(
+            gyr_rad_s=sample.gyr_rad_s,
+            gyr_before_rad_s=sample.gyr_rad_s,
+            force_ned_m_s2=rotate(q_ned_frd, sample.acc_m_s2),
+            rate_rad_s=subtract(sample.gyr_rad_s, gyr_bias),
+            dt_s=FIRST_STEP_S,
+        ),
+        field=FieldState(
+            look=FieldLook(horizontal=0.0, down=0.0, confidence=1.0),
+            residual=FieldResidual(slow_rad=0.0, square=0.0),
+            samples=0.0,
+            wait_s=0.0,
+            doubt_s=0.0,
+        ),
+        agreement=Agreements(by_filter=UNHEARD, by_receiver=UNHEARD),
+        sigma=Sigmas(
+            inclination_rad=tilt_sigma_rad,
+            heading_rad=heading_sigma_rad,
+        ),
+        rough=Roughness(bent=0.0, changed=0.0),
+        lean=Lean(ZERO_VEC3, report.velocity_ned_m_s, report.velocity_ned_m_s),
+    )
+    return state, P, new_trail(add(state.last.force_ned_m_s2, GRAVITY_NED))
+
+
+def blank_aiding(params: AidingParams) -> tuple[AidingState, Array, Array]:
+    """The place of state, covariance and trail while there is no aiding."""
+    state, P, trail = begin(params, IDENTITY, ZERO_VEC3, NO_SAMPLE, NO_REPORT, 0.0, 0.0, 0.0)
+    return state, np.zeros_like(P), trail
+
+
+def forget_biases(
+    params: AidingParams, state: AidingState, covariance: Array
+) -> tuple[AidingState, Array]:
+    """The same attitude and velocity, from another IMU: its biases are as at the beginning."""
+    P = covariance.copy()
+    for first, sigma in (
+        (GYR_BIAS, params.gyr_bias_sigma),
+        (ACC_BIAS, params.acc_bias_sigma),
+    ):
+        P[first : first + 3, :] = 0.0
+        P[:, first : first + 3] = 0.0
+        for i in range(first, first + 3):
+            P[i, i] = sigma**2
+    estimate = state.estimate._replace(gyr_bias_rad_s=ZERO_VEC3, acc_bias_m_s2=ZERO_VEC3)
+    return state._replace(estimate=estimate), P

@@ -1,0 +1,55 @@
+"""What a source of aiding has to say about itself, to be one line of the table of sources."""
+
+from collections.abc import Callable
+from math import isfinite
+from typing import Any, NamedTuple
+
+from estimator.errors import InputError
+from estimator.reasons import Reason
+
+
+class Source(NamedTuple):
+    """A kind of measurement beside the IMU. Its reports are named tuples of numbers.
+
+    ``blank`` is one of them with any values: it tells the type of each field. The first one is
+    ``time_us: int``, the vehicle's own clock when it was measured. The others may be numbers,
+    flags, and tuples of them.
+
+    ``observe(params, now, report, ago_s, x)`` is inlined compiled code. It calls
+    :func:`~estimator.aiding.covariance.learn` once for each scalar that was measured ``ago_s``
+    before the last sample; ``now`` is what the aiding knows at that sample. Only velocity has
+    none: the aiding begins with it and takes it together with a sample.
+    """
+
+    blank: Any
+    observe: Callable[..., None] | None
+    refusal: "Callable[[Any], Reason | None]"
+
+
+def refusal_of_numbers(report: Any) -> Reason | None:
+    """Why a report cannot be used: a number in it is not finite. For sources without limits."""
+    return None if all(map(isfinite, numbers_of(report))) else Reason.NOT_FINITE
+
+
+def numbers_of(value: Any) -> list[float]:
+    """All numbers of a report, one after the other."""
+    if not isinstance(value, tuple):
+        return [value]
+    return [number for part in value for number in numbers_of(part)]
+
+
+def in_types_of(blank: Any, value: Any) -> Any:
+    """A value with every number of the type that compiled code takes in its place.
+
+    Raises:
+        InputError: it is built otherwise than ``blank``, or holds something that is no number.
+    """
+    kind = type(blank)
+    try:
+        if not isinstance(blank, tuple):
+            return kind(value)
+        parts = [in_types_of(a, b) for a, b in zip(blank, value, strict=True)]
+    except (TypeError, ValueError, OverflowError):
+        msg = f"{value!r} stands where compiled code takes {blank!r}"
+        raise InputError(msg) from None
+    return kind(parts) if kind is tuple else kind(*parts)
