@@ -1,6 +1,5 @@
 """What ``fuzzbee run`` takes its events from: checked, opened, and its recorder."""
 
-from collections.abc import Callable
 from contextlib import ExitStack
 from typing import TYPE_CHECKING, Any
 
@@ -13,11 +12,25 @@ if TYPE_CHECKING:
     from drivers.mavlink.recorder import Recorder
     from drivers.mavlink.taker import FrameTaker
     from drivers.source import LiveSource
+    from service.log_player import LogPlayer
     from service.parameters import ParameterRequests
     from service.pipeline import Pipeline
     from service.runner import Runner
+    from service.sinks.outbox import Outbox
 
 DEFAULT_PROFILE = "imu"
+
+
+def require_shareable(options: RunOptions, endpoint: "Endpoint") -> None:
+    """Refuse what cannot be shared out to workers.
+
+    Raises:
+        InputError: names the option.
+    """
+    if endpoint.kind in ("sim", "log"):
+        raise InputError(f"--workers shares out the vehicles of a MAVLink link; {endpoint} is none")
+    if options.retune:
+        raise InputError("--retune cannot be used with --workers")
 
 
 def require_fitting(options: RunOptions, endpoint: "Endpoint") -> None:
@@ -26,25 +39,22 @@ def require_fitting(options: RunOptions, endpoint: "Endpoint") -> None:
     Raises:
         InputError: names the option.
     """
-    live_only = (
-        ("--record", options.record),
-        ("--request-rate", options.request_rate_hz),
-        *options.security.items(),
-    )
+    of_link = {"--record": options.record, "--request-rate": options.request_rate_hz}
+    asked = [option for option, value in of_link.items() if value is not None]
+    checks = options.security.given
     if endpoint.kind == "log":
-        for option, value in live_only:
-            if value is not None:
-                raise InputError(f"{option} is for a live vehicle, {endpoint} is a log")
+        for option in (*asked, *checks):
+            raise InputError(f"{option} is for a live vehicle, {endpoint} is a log")
         return
     if options.speed != 1.0:
         raise InputError(f"--speed is for logs, {endpoint} comes at its own pace")
     if endpoint.kind == "sim":
-        for option, value in live_only[:2]:
-            if value is not None:
-                raise InputError(
-                    f"{option}: sim: has no MAVLink to record or to ask; start fuzzbee sim --to URL"
-                )
-    security.require_link(options.security, endpoint)
+        for option in asked:
+            raise InputError(
+                f"{option}: sim: has no MAVLink to record or to ask; start fuzzbee sim --to URL"
+            )
+        for option in checks:
+            raise InputError(f"{option} is for a MAVLink link, sim: has no frames")
 
 
 def default_profile(endpoint: "Endpoint") -> str:
@@ -63,22 +73,35 @@ def open_source(
     key: bytes | None,
     recorder: "Recorder | None",
     stack: ExitStack,
-) -> "Callable[[Pipeline, Any, ParameterRequests], Runner]":
-    """Open the source; returns the function that makes its runner."""
+) -> "LiveSource | LogPlayer":
+    """Open a link, ``sim:``, or a log that is played at its own pace or faster."""
+    if endpoint.kind != "log":
+        return open_link(endpoint, options, key, recorder, stack)
+    from pathlib import Path
+
+    from drivers.logs.open import imu_events, open_log
+    from service.log_player import LogPlayer
+
+    log = stack.enter_context(open_log(Path(endpoint.path)))
+    return LogPlayer(imu_events(log), options.speed)
+
+
+def make_runner(
+    source: "LiveSource | LogPlayer",
+    pipeline: "Pipeline",
+    outbox: "Outbox",
+    requests: "ParameterRequests",
+    rate_hz: float,
+) -> "Runner":
+    """The loop over a source: a log has a clock and an end of its own."""
+    from service.log_player import LogPlayer
     from service.overload import Overload
     from service.runner import Runner
 
-    if endpoint.kind == "log":
-        return _open_player(endpoint, options, stack)
-    source = open_link(endpoint, options, key, recorder, stack)
-    return lambda pipeline, outbox, requests: Runner(
-        source,
-        pipeline,
-        outbox,
-        rate_hz=options.rate_hz,
-        requests=requests,
-        overload=Overload(),
-    )
+    options: dict[str, Any] = {"overload": Overload()}
+    if isinstance(source, LogPlayer):
+        options = {"now_us": source.now_us, "is_finished": source.is_finished}
+    return Runner(source, pipeline, outbox, rate_hz=rate_hz, requests=requests, **options)
 
 
 def open_link(
@@ -106,8 +129,10 @@ def open_link(
     )
 
 
-def open_recorder(target: str, stack: ExitStack) -> "Recorder":
+def open_recorder(target: str | None, stack: ExitStack) -> "Recorder | None":
     """A recorder into a file; or into a folder, if there is one or the name has no suffix."""
+    if target is None:
+        return None
     from pathlib import Path
 
     from drivers.mavlink.recorder import SharedRecorder, TlogRecorder
@@ -117,25 +142,3 @@ def open_recorder(target: str, stack: ExitStack) -> "Recorder":
     if target.endswith("/") or Path(target).is_dir() or not is_file:
         return SharedRecorder(stack.enter_context(RotatingRecorder(target)))
     return SharedRecorder(stack.enter_context(TlogRecorder(target)))
-
-
-def _open_player(
-    endpoint: "Endpoint", options: RunOptions, stack: ExitStack
-) -> "Callable[[Pipeline, Any, ParameterRequests], Runner]":
-    from pathlib import Path
-
-    from drivers.logs.open import imu_events, open_log
-    from service.log_player import LogPlayer
-    from service.runner import Runner
-
-    log = stack.enter_context(open_log(Path(endpoint.path)))
-    player = LogPlayer(imu_events(log), options.speed)
-    return lambda pipeline, outbox, requests: Runner(
-        player,
-        pipeline,
-        outbox,
-        rate_hz=options.rate_hz,
-        now_us=player.now_us,
-        requests=requests,
-        is_finished=player.is_finished,
-    )

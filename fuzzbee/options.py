@@ -1,20 +1,99 @@
-"""Options and checks that several verbs share."""
+"""Options as fields: a verb takes one named tuple, whose fields are its arguments and options."""
 
+import inspect
+from collections.abc import Callable, Iterator
+from copy import copy
+from functools import wraps
 from math import isfinite
-from typing import Annotated
+from typing import Annotated, Any, NamedTuple, TypeVar, get_args, get_type_hints
 
 import typer
+from typer.models import OptionInfo
 
 from estimator.errors import InputError
 
-Verbose = Annotated[bool, typer.Option("--verbose", "-v", help="Say more on standard error.")]
-Json = Annotated[bool, typer.Option("--json", help="JSON on standard output, nothing else there.")]
-Seconds = Annotated[
-    float | None, typer.Option("--seconds", metavar="N", help="End after N seconds.")
-]
-
-
 MAX_GAIN = 1e6
+PROFILES = ("paper", "imu", "adaptive")
+
+Form = TypeVar("Form", bound=NamedTuple)
+Result = TypeVar("Result")
+
+
+def option(
+    text: str, *names: str, metavar: str | None = None, words: tuple[str, ...] = (), **more: Any
+) -> OptionInfo:
+    """An option with its help; named as its field is unless ``names`` are given.
+
+    ``words`` are what a shell may complete; ``more`` goes to typer.
+    """
+    if words:
+        more["autocompletion"] = lambda: list(words)
+    made: OptionInfo = typer.Option(*names, help=text, metavar=metavar, **more)
+    return made
+
+
+def panel(name: str) -> Callable[..., OptionInfo]:
+    """Options as :func:`option` makes them, which stand together in the help under a name."""
+
+    def option_there(text: str, *names: str, metavar: str | None = None, **more: Any) -> OptionInfo:
+        return option(text, *names, metavar=metavar, rich_help_panel=name, **more)
+
+    return option_there
+
+
+Verbose = Annotated[bool, option("Say more on standard error.", "--verbose", "-v")]
+Json = Annotated[bool, option("JSON on standard output, nothing else there.", "--json")]
+Seconds = Annotated[float | None, option("End after N seconds.", metavar="N")]
+
+
+def command(verb: Callable[[Form], Result]) -> Callable[..., Result]:
+    """The verb as typer takes it: a parameter for each field of the named tuple that it takes.
+
+    A field that is a named tuple itself stands for that one's fields.
+    """
+    form = next(iter(get_type_hints(verb).values()))
+    parameters = [*_parameters(form)]
+
+    @wraps(verb)
+    def parsed(**given: Any) -> Result:
+        return verb(_made(form, given))
+
+    call: Any = parsed
+    call.__annotations__ = {each.name: each.annotation for each in parameters}
+    call.__signature__ = inspect.Signature(parameters)
+    del call.__wrapped__
+    return parsed
+
+
+def _parameters(form: Any) -> Iterator[inspect.Parameter]:
+    for name, kind in get_type_hints(form, include_extras=True).items():
+        if hasattr(kind, "_fields"):
+            yield from _parameters(kind)
+            continue
+        default = form._field_defaults.get(name, inspect.Parameter.empty)
+        yield inspect.Parameter(
+            name, inspect.Parameter.KEYWORD_ONLY, default=default, annotation=_named(name, kind)
+        )
+
+
+def _named(name: str, kind: Any) -> Any:
+    """The field's type, with the option's name: typer's own would give flags a second one."""
+    base, info = get_args(kind)
+    if isinstance(info, OptionInfo) and info.default is ...:
+        info = copy(info)
+        info.default = f"--{name.replace('_', '-')}"
+    return Annotated[base, info]
+
+
+def _made(form: Any, given: dict[str, Any]) -> Any:
+    """The named tuple, and those in it, of the values that were given; the rest by default."""
+    values = {}
+    for name, kind in get_type_hints(form).items():
+        if hasattr(kind, "_fields"):
+            values[name] = _made(kind, given)
+        elif name in given:
+            values[name] = given[name]
+    return form(**values)
 
 
 def require_gain(gain: float | None) -> None:
@@ -27,11 +106,26 @@ def require_gain(gain: float | None) -> None:
         raise InputError(f"--gain {gain:g}: K should be above 0 and at most {MAX_GAIN:g}")
 
 
-def require_positive(option: str, value: float | None) -> None:
+def require_positive(name: str, value: float | None) -> None:
     """Refuse zero, negative numbers, infinity and NaN.
 
     Raises:
         InputError: names the option and the value.
     """
     if value is not None and not (isfinite(value) and value > 0.0):
-        raise InputError(f"{option} {value:g}: should be a number above 0")
+        raise InputError(f"{name} {value:g}: should be a number above 0")
+
+
+def seed_range(text: str, name: str = "--seeds") -> range:
+    """``A-B``, both included, or a single ``A``.
+
+    Raises:
+        InputError: not of that form, or empty; names the option.
+    """
+    first, dash, last = text.partition("-")
+    if not first.isdecimal() or (dash and not last.isdecimal()):
+        raise InputError(f"{name} {text}: must be A-B with whole numbers, such as 0-19")
+    seeds = range(int(first), int(last or first) + 1)
+    if not seeds:
+        raise InputError(f"{name} {text}: the range is empty")
+    return seeds

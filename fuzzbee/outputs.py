@@ -5,9 +5,8 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, NamedTuple
 
-import typer
-
 from estimator.errors import InputError
+from fuzzbee.options import panel
 from fuzzbee.say import say
 
 if TYPE_CHECKING:
@@ -18,75 +17,30 @@ if TYPE_CHECKING:
     from fuzzbee.viewer.viewer import ViewerSink
     from service.sinks.sink import Sink
 
-PANEL = "Outputs"
 MAX_PORT = 65535
 WINDOW, WEB = "window", "web"
 
-Ros = Annotated[
-    bool,
-    typer.Option(
-        "--ros",
-        help="Publish IMU, tf and diagnostics for ROS 2 (rmw_zenoh), too.",
-        rich_help_panel=PANEL,
-    ),
-]
-RosDomain = Annotated[
-    int,
-    typer.Option(
-        "--ros-domain",
-        metavar="ID",
-        envvar="ROS_DOMAIN_ID",
-        help="The ROS 2 domain of --ros.",
-        rich_help_panel=PANEL,
-    ),
-]
-SendAttitude = Annotated[
-    str | None,
-    typer.Option(
-        "--send-attitude",
-        metavar="URL",
-        help="Send ATTITUDE_QUATERNION there, as component 191 (not the autopilot).",
-        rich_help_panel=PANEL,
-    ),
-]
-Metrics = Annotated[
-    int | None,
-    typer.Option(
-        "--metrics",
-        metavar="PORT",
-        help="Serve Prometheus metrics on 127.0.0.1 (extra: metrics).",
-        rich_help_panel=PANEL,
-    ),
-]
-View = Annotated[
-    str | None,
-    typer.Option(
-        "--view",
-        metavar="window|web",
-        help="Show it in Rerun: a window, or a page for a browser (extra: viewer).",
-        rich_help_panel=PANEL,
-    ),
-]
-Rrd = Annotated[
-    str | None,
-    typer.Option(
-        "--rrd",
-        metavar="FILE",
-        help="Save what the viewer shows, for rerun FILE (extra: viewer).",
-        rich_help_panel=PANEL,
-    ),
-]
+option = panel("Outputs")
+_VIEW = "Show it in Rerun: a window, or a page for a browser (extra: viewer)."
+_RRD = "Save what the viewer shows, for rerun FILE (extra: viewer)."
+View = Annotated[str | None, option(_VIEW, metavar="window|web")]
+Rrd = Annotated[str | None, option(_RRD, metavar="FILE")]
+_ROS = "Publish IMU, tf and diagnostics for ROS 2 (rmw_zenoh), too."
+_SEND_ATTITUDE = "Send ATTITUDE_QUATERNION there, as component 191 (not the autopilot)."
+_METRICS = "Serve Prometheus metrics on 127.0.0.1 (extra: metrics)."
 
 
 class OutputOptions(NamedTuple):
     """What was asked for."""
 
-    ros: bool = False
-    ros_domain: int = 0
-    send_attitude: str | None = None
-    metrics_port: int | None = None
-    view: str | None = None
-    rrd: str | None = None
+    ros: Annotated[bool, option(_ROS)] = False
+    ros_domain: Annotated[
+        int, option("The ROS 2 domain of --ros.", metavar="ID", envvar="ROS_DOMAIN_ID")
+    ] = 0
+    send_attitude: Annotated[str | None, option(_SEND_ATTITUDE, metavar="URL")] = None
+    metrics: Annotated[int | None, option(_METRICS, metavar="PORT")] = None  # the port
+    view: View = None
+    rrd: Rrd = None
 
     @property
     def shows_peers(self) -> bool:
@@ -115,8 +69,8 @@ def open_outputs(
         sinks.append(_ros(options, session, prefix))
     if options.send_attitude is not None:
         sinks.append(_mavlink(options.send_attitude))
-    if options.metrics_port is not None:
-        sinks.append(_metrics(options.metrics_port))
+    if options.metrics is not None:
+        sinks.append(_metrics(options.metrics))
     viewer = open_viewer(options.view, options.rrd, profile, live=True)
     if viewer is not None:
         sinks.append(viewer)

@@ -6,6 +6,12 @@ from typing import Annotated
 import typer
 
 from estimator.errors import InputError
+from fuzzbee.options import option
+
+Name = Annotated[
+    str, typer.Argument(metavar="NAME|FILE", help="paper, imu, adaptive or a TOML file.")
+]
+AsJson = Annotated[bool, option("One JSON object.", "--json")]
 
 profile_app = typer.Typer(help="Show or check a profile.", no_args_is_help=True)
 
@@ -17,12 +23,7 @@ EPILOG = """Examples:
 
 
 @profile_app.command(epilog=EPILOG)
-def show(
-    profile: Annotated[
-        str, typer.Argument(metavar="NAME|FILE", help="paper, imu, adaptive or a TOML file.")
-    ],
-    as_json: Annotated[bool, typer.Option("--json", help="One JSON object.")] = False,
-) -> None:
+def show(profile: Name, as_json: AsJson = False) -> None:
     """Print a profile with every value that was left to its default."""
     import tomli_w
 
@@ -33,12 +34,7 @@ def show(
 
 
 @profile_app.command(epilog=EPILOG)
-def check(
-    profile: Annotated[
-        str, typer.Argument(metavar="NAME|FILE", help="paper, imu, adaptive or a TOML file.")
-    ],
-    as_json: Annotated[bool, typer.Option("--json", help="One JSON object.")] = False,
-) -> None:
+def check(profile: Name, as_json: AsJson = False) -> None:
     """Tell whether a profile can be used; if not, what is wrong and where (exit status 2)."""
     from estimator.profile import load_profile
 

@@ -8,6 +8,7 @@ from typing import Any
 import msgspec
 
 from fuzzbee.say import printable
+from fuzzbee.watch import VEHICLE
 from service.health import State
 from service.records import SCHEMA, AttitudeRecord, StatusRecord
 
@@ -15,7 +16,6 @@ from service.records import SCHEMA, AttitudeRecord, StatusRecord
 LONGEST_PAYLOAD = 16_384
 MOST_VEHICLES = 1000  # at once
 SILENT_S = 10.0  # who says nothing for so long makes room for others
-NAME = re.compile(r"[0-9]{1,3}(-[0-9]{1,3})?")
 IMU_MESSAGE = re.compile(r"[A-Z0-9_]{1,32}")
 STATES = frozenset(state.value for state in State)
 HEADING_REFERENCES = ("true", "magnetic", "none")
@@ -51,7 +51,7 @@ class Reception:
         return name, record
 
     def _record(self, name: str, kind: str, payload: bytes) -> Record:
-        if not NAME.fullmatch(name):
+        if not VEHICLE.fullmatch(name):
             raise ValueError("its key names no vehicle")
         if name not in self._heard_s and not self._has_room():
             raise ValueError(f"there are more than {MOST_VEHICLES} vehicles")

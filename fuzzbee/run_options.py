@@ -1,29 +1,50 @@
-"""What ``fuzzbee run`` was asked for."""
+"""What ``fuzzbee run`` is asked for."""
 
-from typing import TYPE_CHECKING, NamedTuple
+from typing import Annotated, NamedTuple
 
-from fuzzbee import outputs, security
+import typer
 
-if TYPE_CHECKING:
-    from service.zenoh_session import ZenohOptions
+from fuzzbee import zenoh_options
+from fuzzbee.options import PROFILES, Json, Seconds, Verbose, option
+from fuzzbee.outputs import OutputOptions
+from fuzzbee.security import SecurityOptions
+from fuzzbee.zenoh_options import ZenohArguments
+
+_SOURCE = "sim:, sim:flight, udpin:H:P, udpout:H:P, tcp:H:P, tcpin:H:P, DEVICE:BAUD or a log file."
+_PROFILE = (
+    "paper, imu, adaptive or a TOML file. Default: imu, but for fuzzbee's own vehicle with the"
+    " paper's signals: paper."
+)
+_RECORD = "Record what arrives: FILE.tlog, or a folder for a file an hour."
+RETUNE = "Retune a few numbers whenever the sensors' noise changes."
 
 
 class RunOptions(NamedTuple):
-    """What was asked for, checked as far as it can be without opening anything."""
+    """The arguments and options of the verb, in the order of its help."""
 
-    source: str
-    rate_hz: float
-    seconds: float | None
-    profile: str | None  # None: the one that fits
-    gain: float | None
-    as_json: bool
-    record: str | None
-    request_rate_hz: float | None
-    speed: float
-    system_id: int | None
-    retune: bool
-    zenoh: "ZenohOptions | None"
-    outputs: outputs.OutputOptions
-    security: security.SecurityOptions
-    second: bool = False
-    workers: int = 1
+    source: Annotated[str, typer.Argument(help=_SOURCE)] = "sim:"
+    rate_hz: Annotated[float, option("Attitudes a second.", "--rate", metavar="HZ")] = 100.0
+    seconds: Seconds = None
+    profile: Annotated[  # None: the one that fits
+        str | None, option(_PROFILE, metavar="NAME|FILE", words=PROFILES)
+    ] = None
+    gain: Annotated[float | None, option("A fixed gain instead of the fuzzy one.", metavar="K")] = (
+        None
+    )
+    as_json: Json = False
+    record: Annotated[str | None, option(_RECORD, metavar="FILE|DIR")] = None
+    request_rate_hz: Annotated[
+        float | None, option("Ask the vehicle for this IMU rate.", "--request-rate", metavar="HZ")
+    ] = None
+    speed: Annotated[float, option("Play a log X times as fast.", metavar="X")] = 1.0
+    system_id: Annotated[int | None, option("Only this vehicle.", metavar="ID")] = None
+    retune: Annotated[bool, option(RETUNE)] = False
+    workers: Annotated[int, option("Share the vehicles out to N processes.", metavar="N")] = 1
+    security: SecurityOptions = SecurityOptions()
+    no_zenoh: Annotated[bool, option("Publish nothing.")] = False
+    outputs: OutputOptions = OutputOptions()
+    zenoh: ZenohArguments = ZenohArguments()
+    second: Annotated[
+        bool, zenoh_options.option("Publish even if another service publishes the same vehicle.")
+    ] = False
+    verbose: Verbose = False

@@ -12,6 +12,11 @@ def say(text: str, who: str = "fuzzbee: ") -> None:
         print(f"{who}{printable(text)}", file=sys.stderr, flush=True)
 
 
+def tell(text: str) -> None:
+    """Print one line that does not say who speaks."""
+    say(text, "")
+
+
 def printable(text: str, most: int = LONGEST_LINE) -> str:
     """The text as a terminal may show it: file names, vehicles and publishers choose the words.
 

@@ -4,49 +4,31 @@ from contextlib import ExitStack
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, NamedTuple
 
-import typer
-
 from estimator.errors import InputError
+from fuzzbee.options import panel
 
 if TYPE_CHECKING:
-    from drivers.endpoint import Endpoint
     from drivers.mavlink.gate import Policy
 
-PANEL = "Security"
 LONGEST_KEY_FILE = 4096  # bytes
 
-AllowSystemIds = Annotated[
-    str | None,
-    typer.Option(
-        "--allow-system-ids",
-        metavar="IDS",
-        help="Refuse frames of all other systems: 1,2,10-19.",
-        rich_help_panel=PANEL,
-    ),
-]
-SigningKeyFile = Annotated[
-    Path | None,
-    typer.Option(
-        "--signing-key-file",
-        metavar="FILE",
-        help="Refuse frames not signed with the key (32 bytes, 64 hex digits) or phrase there.",
-        rich_help_panel=PANEL,
-    ),
-]
+option = panel("Security")
+_IDS = "Refuse frames of all other systems: 1,2,10-19."
+_KEY = "Refuse frames not signed with the key (32 bytes, 64 hex digits) or phrase there."
 
 
 class SecurityOptions(NamedTuple):
     """What was asked for. The key stays in its file until it is needed."""
 
-    system_ids: frozenset[int] | None = None
-    signing_key_file: Path | None = None
+    allow_system_ids: Annotated[str | None, option(_IDS, metavar="IDS")] = None
+    signing_key_file: Annotated[Path | None, option(_KEY, metavar="FILE")] = None
 
-    def items(self) -> tuple[tuple[str, object], ...]:
-        """The options with their values, None where one was not given."""
-        return (
-            ("--allow-system-ids", self.system_ids),
-            ("--signing-key-file", self.signing_key_file),
-        )
+    @property
+    def given(self) -> list[str]:
+        """The options that were given, by their names on the command line."""
+        return [
+            f"--{name.replace('_', '-')}" for name, v in self._asdict().items() if v is not None
+        ]
 
 
 def parse_system_ids(text: str | None) -> frozenset[int] | None:
@@ -67,17 +49,6 @@ def parse_system_ids(text: str | None) -> frozenset[int] | None:
             raise InputError(f"--allow-system-ids {text!r}: ids are 1 to 255")
         ids.update(range(low, high + 1))
     return frozenset(ids)
-
-
-def require_link(options: SecurityOptions, endpoint: "Endpoint") -> None:
-    """Refuse options that the built-in vehicle has no use for.
-
-    Raises:
-        InputError: names the option.
-    """
-    for option, value in options.items():
-        if value is not None and endpoint.kind == "sim":
-            raise InputError(f"{option} is for a MAVLink link, sim: has no frames")
 
 
 def read_key(options: SecurityOptions) -> bytes | None:
@@ -101,13 +72,14 @@ def open_policy(options: SecurityOptions, key: bytes | None, stack: ExitStack) -
     """
     from drivers.mavlink.gate import Policy
 
+    system_ids = parse_system_ids(options.allow_system_ids)
     if key is None:
-        return Policy(options.system_ids)
+        return Policy(system_ids)
     from drivers.mavlink.signing import SigningCheck, state_path
 
     check = SigningCheck(key, state_path())
     stack.callback(check.close)
-    return Policy(options.system_ids, check)
+    return Policy(system_ids, check)
 
 
 def key_content(path: Path) -> bytes:

@@ -6,13 +6,11 @@ Options that cannot be used raise ``InputError``, as everywhere.
 import threading
 import time
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, cast
-
-import typer
+from typing import TYPE_CHECKING, Annotated, NamedTuple, cast
 
 from drivers.endpoint import FORMS, Endpoint, Kind, endpoint_help, parse_endpoint
 from estimator.errors import InputError
-from fuzzbee.options import Json
+from fuzzbee.options import Json, command, option
 from fuzzbee.say import say
 from fuzzbee.security import key_content
 from service.signals import stop_on_signals
@@ -31,46 +29,35 @@ EPILOG = """Examples:
   fuzzbee sim --to tcpin:127.0.0.1:5760 --vehicles 3 --rate 50 --motion turn
 """
 
+MOTIONS = ("paper", "rest", "turn", "flight")
+_MOTION = "the paper's, none or a level turn, on the paper's signals; or a copter's flight"
+_KEY = "sign with the key (32 bytes, 64 hex digits) or pass phrase in this file"
 # One paragraph for each form. The help text is wrapped anew, so columns would not stay aligned.
 _LINK_HELP = "\n\n".join(" ".join(row.split()) for row in endpoint_help(LINK_KINDS).splitlines())
 
 
-def sim(
-    to: Annotated[str, typer.Option("--to", metavar="URL", help=_LINK_HELP)],
-    vehicles: Annotated[int, typer.Option(help="system ids 1 to N on one link")] = 1,
-    rate: Annotated[float, typer.Option(metavar="HZ", help="samples a second")] = 100.0,
-    seed: Annotated[int, typer.Option(help="of the noise; vehicle i has seed + i - 1")] = 0,
-    seconds: Annotated[
-        float | None, typer.Option(help="end after this long instead of on Ctrl-C")
-    ] = None,
-    motion: Annotated[
-        str,
-        typer.Option(
-            metavar="paper|rest|turn|flight",
-            help="the paper's, none or a level turn, on the paper's signals; or a copter's flight",
-            autocompletion=lambda: ["paper", "rest", "turn", "flight"],
-        ),
-    ] = "paper",
-    noise: Annotated[float, typer.Option(help="factor on the motion's noise")] = 1.0,
-    bias: Annotated[float, typer.Option(help="factor on the motion's bias")] = 1.0,
+class SimOptions(NamedTuple):
+    """The options of the verb, in the order of its help."""
+
+    to: Annotated[str, option(_LINK_HELP, metavar="URL")]
+    vehicles: Annotated[int, option("system ids 1 to N on one link")] = 1
+    rate: Annotated[float, option("samples a second", metavar="HZ")] = 100.0
+    seed: Annotated[int, option("of the noise; vehicle i has seed + i - 1")] = 0
+    seconds: Annotated[float | None, option("end after this long instead of on Ctrl-C")] = None
+    motion: Annotated[str, option(_MOTION, metavar="|".join(MOTIONS), words=MOTIONS)] = "paper"
+    noise: Annotated[float, option("factor on the motion's noise")] = 1.0
+    bias: Annotated[float, option("factor on the motion's bias")] = 1.0
     magnet: Annotated[
-        str | None,
-        typer.Option(metavar="T0:T1", help="a magnet passes between these times (s)"),
-    ] = None,
-    calm: Annotated[
-        bool, typer.Option("--calm", help="a flight without its magnet and its silence")
-    ] = False,
-    drop: Annotated[
-        float, typer.Option(metavar="P", help="probability that a frame is lost")
-    ] = 0.0,
-    signing_key_file: Annotated[
-        Path | None,
-        typer.Option(
-            help="sign with the key (32 bytes, 64 hex digits) or pass phrase in this file"
-        ),
-    ] = None,
-    as_json: Json = False,
-) -> int:
+        str | None, option("a magnet passes between these times (s)", metavar="T0:T1")
+    ] = None
+    calm: Annotated[bool, option("a flight without its magnet and its silence")] = False
+    drop: Annotated[float, option("probability that a frame is lost", metavar="P")] = 0.0
+    signing_key_file: Annotated[Path | None, option(_KEY)] = None
+    as_json: Json = False
+
+
+@command
+def sim(options: SimOptions) -> int:
     """Run simulated vehicles that speak MAVLink 2, for any software to connect to.
 
     They send HEARTBEAT, RAW_IMU, SIM_STATE (the truth), ATTITUDE and ATTITUDE_QUATERNION (the
@@ -79,56 +66,61 @@ def sim(
     """
     stop = threading.Event()
     with stop_on_signals(stop.set):
-        from drivers.mavlink.encoder import signing_key
         from drivers.mavlink.transports.open import open_transport
         from drivers.mavlink.transports.transport import LinkError
-        from drivers.simulation.autopilot import VehicleOptions
         from drivers.simulation.fleet import Fleet, run_vehicles
-        from drivers.simulation.simulated_vehicle import Motion
 
-        endpoint = _link(to)
+        endpoint = _link(options.to)
+        seconds, vehicles = options.seconds, options.vehicles
         if seconds is not None and not seconds > 0:
             raise InputError(f"--seconds must be positive, not {seconds:g}")
-        key = None if signing_key_file is None else signing_key(key_content(signing_key_file))
-        options = VehicleOptions(
-            seed=seed,
-            rate_hz=rate,
-            motion=cast("Motion", motion),
-            noise=noise,
-            bias=bias,
-            magnet=None if magnet is None else parse_magnet(magnet),
-            drop=drop,
-            calm=calm,
-            signing_key=key,
-        )
-        fleet = Fleet(options, vehicles)
+        fleet = Fleet(_vehicle_options(options), vehicles)
         transport = open_transport(endpoint)
         try:
             transport.open()
         except LinkError as error:
             transport.close()
             raise InputError(f"{endpoint}: {error}") from error
-        _say(f"{vehicles} vehicle{'s' * (vehicles > 1)} at {rate:g} Hz, {transport.address}")
+        _say(
+            f"{vehicles} vehicle{'s' * (vehicles > 1)} at {options.rate:g} Hz, {transport.address}"
+        )
         begun_s = time.monotonic()
         run_vehicles(fleet, transport, stop.is_set, seconds, _say)
-        if as_json:
-            _print_json(str(endpoint), vehicles, options, fleet, time.monotonic() - begun_s)
+        if options.as_json:
+            _print_json(str(endpoint), options, fleet, time.monotonic() - begun_s)
         if seconds is not None and not fleet.counts.was_connected and not stop.is_set():
             _say(f"{endpoint}: nobody was connected in {seconds:g} s")
             return 1
         return 0
 
 
-def _print_json(
-    to: str, vehicles: int, options: "VehicleOptions", fleet: "Fleet", seconds: float
-) -> None:
+def _vehicle_options(options: SimOptions) -> "VehicleOptions":
+    from drivers.mavlink.encoder import signing_key
+    from drivers.simulation.autopilot import VehicleOptions
+    from drivers.simulation.simulated_vehicle import Motion
+
+    key_file, magnet = options.signing_key_file, options.magnet
+    return VehicleOptions(
+        seed=options.seed,
+        rate_hz=options.rate,
+        motion=cast("Motion", options.motion),
+        noise=options.noise,
+        bias=options.bias,
+        magnet=None if magnet is None else parse_magnet(magnet),
+        drop=options.drop,
+        calm=options.calm,
+        signing_key=None if key_file is None else signing_key(key_content(key_file)),
+    )
+
+
+def _print_json(to: str, options: SimOptions, fleet: "Fleet", seconds: float) -> None:
     """What was done, as one object."""
     import json
 
     result = {
         "to": to,
-        "vehicles": vehicles,
-        "rate_hz": options.rate_hz,
+        "vehicles": options.vehicles,
+        "rate_hz": options.rate,
         "motion": options.motion,
         "seed": options.seed,
         "seconds": round(seconds, 3),

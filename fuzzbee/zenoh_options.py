@@ -1,82 +1,54 @@
 """The Zenoh options that run and watch share."""
 
-from typing import TYPE_CHECKING, Annotated
+from contextlib import ExitStack
+from typing import TYPE_CHECKING, Annotated, NamedTuple
 
-import typer
+from fuzzbee.options import panel
 
 if TYPE_CHECKING:
-    from service.zenoh_session import ZenohOptions
+    import zenoh
 
-PANEL = "Zenoh"
+    from service.zenoh_session import OpeningSession, ZenohOptions
 
-Listen = Annotated[
-    list[str] | None,
-    typer.Option(
-        "--listen",
-        "-l",
-        metavar="ENDPOINT",
-        help="Listen here instead of tcp/127.0.0.1:7447 (repeatable).",
-        rich_help_panel=PANEL,
-    ),
-]
-Connect = Annotated[
-    list[str] | None,
-    typer.Option(
-        "--connect",
-        "-e",
-        metavar="ENDPOINT",
-        help="Connect there instead of to tcp/127.0.0.1:7447 (repeatable).",
-        rich_help_panel=PANEL,
-    ),
-]
-Mode = Annotated[str, typer.Option("--mode", "-m", help="peer or client.", rich_help_panel=PANEL)]
-ConfigFile = Annotated[
-    str | None,
-    typer.Option(
-        "--config",
-        "-c",
-        metavar="FILE",
-        help="A Zenoh configuration (JSON5) instead of the default session.",
-        rich_help_panel=PANEL,
-    ),
-]
-Settings = Annotated[
-    list[str] | None,
-    typer.Option(
-        "--cfg",
-        metavar="KEY:JSON5",
-        help="One Zenoh setting, applied last (repeatable).",
-        rich_help_panel=PANEL,
-    ),
-]
-Multicast = Annotated[
-    bool,
-    typer.Option("--multicast", help="Look for peers by multicast.", rich_help_panel=PANEL),
-]
-Prefix = Annotated[
-    str, typer.Option("--prefix", help="What all keys begin with.", rich_help_panel=PANEL)
-]
+PREFIX = "fuzzbee"
+
+option = panel("Zenoh")
+_LISTEN = "Listen here instead of tcp/127.0.0.1:7447 (repeatable)."
+_CONNECT = "Connect there instead of to tcp/127.0.0.1:7447 (repeatable)."
+_CONFIG = "A Zenoh configuration (JSON5) instead of the default session."
+_SETTING = "One Zenoh setting, applied last (repeatable)."
 
 
-def zenoh_options(
-    *,
-    listen: list[str] | None,
-    connect: list[str] | None,
-    mode: str,
-    config_file: str | None,
-    settings: list[str] | None,
-    multicast: bool,
-    prefix: str,
-) -> "ZenohOptions":
-    """The options as one value."""
-    from service.zenoh_session import ZenohOptions
+class ZenohArguments(NamedTuple):
+    """What was asked for on the command line."""
 
-    return ZenohOptions(
-        listen=tuple(listen or ()),
-        connect=tuple(connect or ()),
-        mode=mode,
-        config_file=config_file,
-        settings=tuple(settings or ()),
-        multicast=multicast,
-        prefix=prefix,
+    listen: Annotated[list[str] | None, option(_LISTEN, "--listen", "-l", metavar="ENDPOINT")] = (
+        None
     )
+    connect: Annotated[
+        list[str] | None, option(_CONNECT, "--connect", "-e", metavar="ENDPOINT")
+    ] = None
+    mode: Annotated[str, option("peer or client.", "--mode", "-m")] = "peer"
+    config_file: Annotated[str | None, option(_CONFIG, "--config", "-c", metavar="FILE")] = None
+    settings: Annotated[list[str] | None, option(_SETTING, "--cfg", metavar="KEY:JSON5")] = None
+    multicast: Annotated[bool, option("Look for peers by multicast.")] = False
+    prefix: Annotated[str, option("What all keys begin with.")] = PREFIX
+
+    def options(self) -> "ZenohOptions":
+        """The options as a session takes them."""
+        from service.zenoh_session import ZenohOptions
+
+        several = (self.listen, self.connect, self.settings)
+        listen, connect, settings = (tuple(given or ()) for given in several)
+        return ZenohOptions(
+            listen, connect, self.mode, self.config_file, settings, self.multicast, self.prefix
+        )
+
+
+def opened(opening: "OpeningSession", stack: ExitStack) -> "zenoh.Session":
+    """The session, once it is open; it is closed with the stack, whatever happens."""
+    from service.zenoh_session import close_session
+
+    session = opening.session()
+    stack.callback(close_session, session)
+    return session

@@ -1,58 +1,28 @@
 """From the options of ``fuzzbee tune`` to a plan of the search; all checks come before any work."""
 
 import os
-from collections.abc import Callable
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Any, NamedTuple
 
 from estimator.errors import InputError, missing_extra
 from estimator.profile import SHIPPED, Profile, load_profile, merge_profile
+from fuzzbee.options import seed_range
+from fuzzbee.say import tell
 from fuzzbee.tune.read_flight import read_flight
+from fuzzbee.tune.request import SIMULATION, TuneRequest
 from fuzzbee.version import __version__
 from tuning.flight import BETTER_LOG, Flight, Part, require_substance
 from tuning.log_task import GOALS, MEMBERSHIP_RATE_HZ, LogTask, Split, default_groups, split
-from tuning.objective import Task
 from tuning.paper_task import FIRST_RESERVED_SEED, PaperTask, midpoint_profile
 from tuning.recovery_cost import require_segments
 from tuning.search import ALGORITHMS, SearchOptions
 
-SIMULATION = "sim:"
 MIDPOINT = "midpoint"
 DEFAULT_NOISE_SEEDS = "100-107"
 DEFAULT_HELD_OUT_SEEDS = "200-219"
 # SciPy's differential evolution mixes three other members with two more.
 FEWEST_SOURCES = {"abc": 2, "cmaes": 1, "de": 5, "random": 1}
-# A candidate is a flight flown again: a tenth of a second and more, on the paper's signals 50 us.
-SIMULATION_BUDGET = (100, 300)
-LOG_BUDGET = (10, 15)
-
-
-class TuneRequest(NamedTuple):
-    """The options that determine the result, as given."""
-
-    sources: tuple[str, ...]
-    output: Path
-    base: str | None = None
-    objective: str | None = None
-    hold_out: tuple[Path, ...] = ()
-    algorithm: str = "abc"
-    food_sources: int | None = None
-    cycles: int | None = None
-    limit: int | None = None
-    seed: int = 0
-    parameters: str | None = None
-    noise_seeds: str | None = None
-    held_out_seeds: str | None = None
-
-    @property
-    def budget(self) -> tuple[int, int]:
-        """Food sources and cycles."""
-        sources, cycles = SIMULATION_BUDGET if SIMULATION in self.sources else LOG_BUDGET
-        return (
-            sources if self.food_sources is None else self.food_sources,
-            cycles if self.cycles is None else self.cycles,
-        )
 
 
 class Plan(NamedTuple):
@@ -62,7 +32,7 @@ class Plan(NamedTuple):
     ``reference`` says what the cost is measured against.
     """
 
-    task: Task
+    task: PaperTask | LogTask
     options: SearchOptions
     output: Path
     identity: dict[str, Any]
@@ -70,8 +40,8 @@ class Plan(NamedTuple):
     reference: str
 
 
-def plan(request: TuneRequest, tell: Callable[[str], None]) -> Plan:
-    """Check everything and prepare the search; ``tell`` takes lines for a person.
+def plan(request: TuneRequest) -> Plan:
+    """Check everything and prepare the search; says what each log is for.
 
     Raises:
         InputError: options that are infeasible, empty or contradict each other,
@@ -79,18 +49,16 @@ def plan(request: TuneRequest, tell: Callable[[str], None]) -> Plan:
     """
     _require_numbers(request)
     _require_output(request)
-    if SIMULATION in request.sources:
-        return _simulation_plan(request)
-    return _log_plan(request, tell)
+    return _simulation_plan(request) if request.is_simulated else _log_plan(request)
 
 
 def _simulation_plan(request: TuneRequest) -> Plan:
-    if len(request.sources) > 1 or request.hold_out:
+    if len(request.sources) > 1 or request.held_out:
         raise InputError("tune: sim: stands alone, not beside logs")
     if request.objective is not None:
         raise InputError("--objective goes with logs only; sim: has the paper's J")
-    noise = seeds("--noise-seeds", request.noise_seeds or DEFAULT_NOISE_SEEDS)
-    held_out = seeds("--held-out-seeds", request.held_out_seeds or DEFAULT_HELD_OUT_SEEDS)
+    noise = _seeds("--noise-seeds", request.noise_seeds or DEFAULT_NOISE_SEEDS)
+    held_out = _seeds("--held-out-seeds", request.held_out_seeds or DEFAULT_HELD_OUT_SEEDS)
     common = sorted({*noise} & {*held_out})
     if common:
         raise InputError(
@@ -103,27 +71,11 @@ def _simulation_plan(request: TuneRequest) -> Plan:
             f"--parameters {request.parameters}: sim: is tuned on membership, or membership,filter"
         )
     task = PaperTask(base, groups, tuple(noise), tuple(held_out))
-    options = _search_options(request, task)
-    inputs = [{"name": SIMULATION}]
-    seeds_used: dict[str, Any] = {
-        "search": request.seed,
-        "noise": _seeds_text(noise),
-        "held_out": _seeds_text(held_out),
-    }
-    identity = _identity(
-        request, options, groups=groups, inputs=inputs, seeds_used=seeds_used, base=base
-    )
-    return Plan(
-        task=task,
-        options=options,
-        output=request.output,
-        identity=identity,
-        inputs=inputs,
-        reference="simulated vehicle's truth",
-    )
+    seeds = {"noise": _seeds_text(noise), "held_out": _seeds_text(held_out)}
+    return _plan(request, task, [{"name": SIMULATION}], "simulated vehicle's truth", seeds)
 
 
-def _log_plan(request: TuneRequest, tell: Callable[[str], None]) -> Plan:
+def _log_plan(request: TuneRequest) -> Plan:
     for option, value in (
         ("--noise-seeds", request.noise_seeds),
         ("--held-out-seeds", request.held_out_seeds),
@@ -150,30 +102,44 @@ def _log_plan(request: TuneRequest, tell: Callable[[str], None]) -> Plan:
             f"{flight.name}: {flight.message} at {flight.rate_hz:.1f} Hz, "
             f"reference: {_reference_text(flight)}, {_use(chosen, flight)}"
         )
-    task = LogTask(base, groups, chosen, goal)
-    options = _search_options(request, task)
     inputs = [
         {"name": flight.name, "sha256": flight.sha256, "use": _use(chosen, flight)}
         for flight in flights
     ]
-    identity = _identity(
-        request,
-        options,
-        groups=groups,
-        inputs=inputs,
-        seeds_used={"search": request.seed},
-        base=base,
-    )
-    identity["options"]["objective"] = goal
     reference = "; ".join(dict.fromkeys(_reference_text(flight) for flight in flights))
-    return Plan(
-        task=task,
-        options=options,
-        output=request.output,
-        identity=identity,
-        inputs=inputs,
-        reference=reference,
-    )
+    return _plan(request, LogTask(base, groups, chosen, goal), inputs, reference, {})
+
+
+def _plan(
+    request: TuneRequest,
+    task: PaperTask | LogTask,
+    inputs: list[dict[str, str]],
+    reference: str,
+    seeds: dict[str, str],
+) -> Plan:
+    """The plan; in its identity, what was left to a default counts as if it had been given."""
+    sources, cycles = request.budget
+    limit = sources * task.space.dimensions if request.limit is None else request.limit
+    search = SearchOptions(request.algorithm, sources, cycles, limit, request.seed)
+    options: dict[str, Any] = {
+        "command": "tune",
+        "algorithm": request.algorithm,
+        "sources": sources,
+        "cycles": cycles,
+        "parameters": ",".join(task.groups),
+        "base": _base_identity(request, task.base),
+    }
+    if request.algorithm == "abc":
+        options["limit"] = limit
+    if isinstance(task, LogTask):
+        options["objective"] = task.goal
+    identity = {
+        "options": options,
+        "inputs": inputs,
+        "seeds": {"search": request.seed, **seeds},
+        "version": __version__,
+    }
+    return Plan(task, search, request.output, identity, inputs, reference)
 
 
 def _read_flights(request: TuneRequest, base: Profile) -> tuple[tuple[Flight, ...], frozenset[str]]:
@@ -182,11 +148,11 @@ def _read_flights(request: TuneRequest, base: Profile) -> tuple[tuple[Flight, ..
     A log that is held out may stand among the sources, too.
     """
     paths = _log_paths(request)
-    apart = {path.resolve() for path in request.hold_out}
+    apart = {path.resolve() for path in request.held_out}
     searched = [path for path in paths if path.resolve() not in apart]
     if not searched:
         raise InputError("--hold-out: nothing is left to tune on")
-    flights = tuple(read_flight(path, base) for path in (*searched, *request.hold_out))
+    flights = tuple(read_flight(path, base) for path in (*searched, *request.held_out))
     for flight in flights:
         require_substance(flight)
     _require_distinct(flights)
@@ -238,7 +204,7 @@ def _reference_text(log: Flight) -> str:
 
 def _log_paths(request: TuneRequest) -> list[Path]:
     paths = [Path(source) for source in request.sources]
-    for path in (*paths, *request.hold_out):
+    for path in (*paths, *request.held_out):
         if not path.exists():
             raise InputError(f"{path}: no such file")
     return paths
@@ -253,18 +219,9 @@ def _require_distinct(logs: tuple[Flight, ...]) -> None:
         seen[log.sha256] = log.name
 
 
-def seeds(option: str, text: str) -> range:
-    """``A-B``, both included, or a single ``A``, below the reserved seeds.
-
-    Raises:
-        InputError: not of that form, empty, or reserved.
-    """
-    first, dash, last = text.partition("-")
-    if not first.isdecimal() or (dash and not last.isdecimal()):
-        raise InputError(f"{option} {text}: must be A-B with whole numbers, such as 100-107")
-    chosen = range(int(first), int(last or first) + 1)
-    if not chosen:
-        raise InputError(f"{option} {text}: the range is empty")
+def _seeds(option: str, text: str) -> range:
+    """``A-B``, both included, or a single ``A``, below the reserved seeds."""
+    chosen = seed_range(text, option)
     if chosen[-1] >= FIRST_RESERVED_SEED:
         raise InputError(
             f"{option} {text}: seeds from {FIRST_RESERVED_SEED} on are kept for judging results"
@@ -306,7 +263,7 @@ def _require_output(request: TuneRequest) -> None:
         raise InputError(f"-o {output}: no such folder: {output.parent}")
     if not os.access(output.parent, os.W_OK):
         raise InputError(f"-o {output}: the folder cannot be written to")
-    for source in (*request.sources, *map(str, request.hold_out)):
+    for source in (*request.sources, *map(str, request.held_out)):
         log = source != SIMULATION and Path(source).exists()
         if log and output.exists() and output.samefile(source):
             raise InputError(f"-o {output}: is also a source")
@@ -318,49 +275,13 @@ def _groups(request: TuneRequest, default: tuple[str, ...]) -> tuple[str, ...]:
     return tuple(name.strip() for name in request.parameters.split(",") if name.strip())
 
 
-def _search_options(request: TuneRequest, task: Task) -> SearchOptions:
-    limit, (sources, cycles) = request.limit, request.budget
-    if limit is None:
-        limit = sources * task.space.dimensions
-    return SearchOptions(
-        algorithm=request.algorithm,
-        food_sources=sources,
-        cycles=cycles,
-        limit=limit,
-        seed=request.seed,
-    )
-
-
-def _identity(
-    request: TuneRequest,
-    options: SearchOptions,
-    *,
-    groups: tuple[str, ...],
-    inputs: list[dict[str, str]],
-    seeds_used: dict[str, Any],
-    base: Profile,
-) -> dict[str, Any]:
-    """Canonical options: what was left to a default counts as if it had been given."""
-    canonical: dict[str, Any] = {
-        "command": "tune",
-        "algorithm": options.algorithm,
-        "sources": options.food_sources,
-        "cycles": options.cycles,
-        "parameters": ",".join(groups),
-        "base": _base_identity(request, base),
-    }
-    if options.algorithm == "abc":
-        canonical["limit"] = options.limit
-    return {"options": canonical, "inputs": inputs, "seeds": seeds_used, "version": __version__}
-
-
 def _base_identity(request: TuneRequest, base: Profile) -> str:
     """The base's name; for a file the SHA-256 of what it says, which its name does not fix."""
     from hashlib import sha256
 
     from estimator.profile import profile_to_toml
 
-    name = request.base or (MIDPOINT if SIMULATION in request.sources else "imu")
+    name = request.base or (MIDPOINT if request.is_simulated else "imu")
     if name in (*SHIPPED, MIDPOINT):
         return name
     return f"sha256:{sha256(profile_to_toml(base).encode()).hexdigest()}"

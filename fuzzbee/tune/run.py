@@ -3,20 +3,20 @@
 import contextlib
 import json
 import os
-import signal
 import threading
 import time
 from collections.abc import Iterator
 from pathlib import Path
-from types import FrameType
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import msgspec
 
 from estimator.profile import Profile, Provenance, profile_to_toml
-from fuzzbee.say import say
+from fuzzbee.say import tell
 from fuzzbee.tune.plan import Plan
 from fuzzbee.tune.progress import ProgressBar
+from fuzzbee.tune.request import TuneRequest
+from service.signals import stop_on_signals
 from tuning.checkpoint import (
     checkpoint_path,
     read_checkpoint,
@@ -49,18 +49,6 @@ NO_GAIN = 1
 INTERRUPTED = 130
 
 
-class Stop:
-    """Whether SIGINT or SIGTERM has asked for an end; the second signal has its usual effect."""
-
-    def __init__(self) -> None:
-        self.asked = False
-
-    def __call__(self, number: int, _frame: FrameType | None) -> None:
-        """Take the signal."""
-        self.asked = True
-        signal.signal(number, signal.SIG_DFL)
-
-
 class Outcome(NamedTuple):
     """A search that ran to its end or was interrupted, and the profile it found."""
 
@@ -82,17 +70,7 @@ class Verdict(NamedTuple):
         return self.after.held_out < (1.0 - LEAST_GAIN) * self.before.held_out
 
 
-def run_plan(
-    plan: Plan,
-    *,
-    threads: int | None,
-    cluster: str | None,
-    resume: bool,
-    force: bool,
-    plot: Path | None,
-    viewer: "ViewerOptions | None",
-    as_json: bool,
-) -> int:
+def run_plan(plan: Plan, request: TuneRequest, viewer: "ViewerOptions | None") -> int:
     """Search, write the profile, report; the exit status.
 
     On logs a profile that gains nothing on what was held out is written with ``force`` only.
@@ -102,26 +80,20 @@ def run_plan(
     """
     started = time.perf_counter()
     checkpoint = checkpoint_path(plan.output)
-    record = read_checkpoint(checkpoint, plan.identity) if resume else None
+    record = read_checkpoint(checkpoint, plan.identity) if request.resume else None
     if record is None and checkpoint.exists():
-        _tell(f"{checkpoint}: an unfinished search, not resumed; it will be replaced")
+        tell(f"{checkpoint}: an unfinished search, not resumed; it will be replaced")
+    stop = threading.Event()
     with contextlib.ExitStack() as stack:
         view = _open_view(viewer, plan, stack)
-        with stop_signals() as stop, evaluator(plan, threads, cluster) as evaluate:
+        with stop_on_signals(stop.set), evaluator(plan, request) as evaluate:
             outcome = _search(plan, evaluate, record, stop, view)
             verdict = _judge(plan, evaluate, outcome, stop)
-        written = verdict.gains or force or not isinstance(plan.task, LogTask)
-        if written:
-            write_atomically(plan.output, profile_to_toml(outcome.profile).encode())
-        if outcome.finished:
-            checkpoint.unlink(missing_ok=True)
-        if plot is not None:
-            from fuzzbee.tune.plots import draw
-
-            draw(plot, plan.task, outcome.profile, outcome.search)
+        written = verdict.gains or request.force or not isinstance(plan.task, LogTask)
+        _write(plan, outcome, checkpoint, request.plot, written=written)
         report = _report(plan, outcome, verdict, time.perf_counter() - started)
         report["file"] = str(plan.output) if written else None
-        if as_json:
+        if request.as_json:
             print(json.dumps(report), flush=True)
         else:
             _print_report(plan, outcome, report)
@@ -135,13 +107,27 @@ def run_plan(
     return 0 if written else NO_GAIN
 
 
-def _judge(plan: Plan, evaluate: Evaluate, outcome: Outcome, stop: Stop) -> Verdict:
+def _write(
+    plan: Plan, outcome: Outcome, checkpoint: Path, figures: Path | None, *, written: bool
+) -> None:
+    """The profile and figures, if they are wanted; a finished search needs no checkpoint."""
+    if written:
+        write_atomically(plan.output, profile_to_toml(outcome.profile).encode())
+    if outcome.finished:
+        checkpoint.unlink(missing_ok=True)
+    if figures is not None:
+        from fuzzbee.tune.plots import draw
+
+        draw(figures, plan.task, outcome.profile, outcome.search)
+
+
+def _judge(plan: Plan, evaluate: Evaluate, outcome: Outcome, stop: threading.Event) -> Verdict:
     """Score base and result, and let chance search with the same budget."""
     before, after = plan.task.score(plan.task.base), plan.task.score(outcome.profile)
     rival = None
     if isinstance(plan.task, LogTask) and outcome.finished:
         options = plan.options._replace(algorithm="random")
-        search = Search(plan.task.space, options, evaluate, observe=lambda _: not stop.asked)
+        search = Search(plan.task.space, options, evaluate, observe=lambda _: not stop.is_set())
         with contextlib.suppress(InterruptedSearch):  # the result stands without it
             run_search(search, encode(plan.task.space, values_of(plan.task.space, plan.task.base)))
             rival = plan.task.score(profile_with(search.space, plan.task.base, search.best_values))
@@ -152,12 +138,12 @@ def _tell_gain(plan: Plan, verdict: Verdict, *, written: bool) -> None:
     before, after = verdict.before.held_out, verdict.after.held_out
     if verdict.gains or not isinstance(plan.task, LogTask):
         if after > before:
-            _tell(
+            tell(
                 f"the held-out cost rose from {before:.4f} to {after:.4f}: the result fits what it "
                 "was tuned on only; use more data, or keep the base"
             )
         return
-    _tell(
+    tell(
         f"nothing gained on what was held out ({before:.4f} -> {after:.4f}, "
         f"{100.0 * LEAST_GAIN:g} % less is needed): "
         + (
@@ -186,7 +172,7 @@ def _search(
     plan: Plan,
     evaluate: Evaluate,
     record: Record | None,
-    stop: Stop,
+    stop: threading.Event,
     view: "SearchView | None",
 ) -> Outcome:
     checkpoint = checkpoint_path(plan.output)
@@ -202,7 +188,7 @@ def _search(
             if now_s - saved_s > CHECKPOINT_PERIOD_S:
                 write_checkpoint(checkpoint, plan.identity, search.record)
                 saved_s = now_s
-            return not stop.asked
+            return not stop.is_set()
 
         space = plan.task.space
         search = Search(space, plan.options, evaluate=evaluate, observe=observe, record=record)
@@ -227,35 +213,25 @@ def _profile(plan: Plan, search: Search, *, finished: bool) -> Profile:
 
 
 @contextlib.contextmanager
-def stop_signals() -> Iterator[Stop]:
-    """SIGINT and SIGTERM ask the search to stop, while this lasts."""
-    stop = Stop()
-    if threading.current_thread() is not threading.main_thread():
-        yield stop  # Python lets only the main thread handle signals
-        return
-    numbers = (signal.SIGINT, signal.SIGTERM)
-    before = {number: signal.signal(number, stop) for number in numbers}
-    try:
-        yield stop
-    finally:
-        for number, handler in before.items():
-            signal.signal(number, handler)
+def evaluator(plan: Plan, request: TuneRequest) -> Iterator[Evaluate]:
+    """Who computes costs: a cluster, this machine's processes, or for sim: its threads."""
+    objective, threads = plan.task.objective, request.threads
+    if request.cluster is not None:
+        from tuning.cluster import ClusterEvaluator
+
+        with ClusterEvaluator(request.cluster, objective) as evaluate:
+            yield evaluate
+    elif isinstance(plan.task, LogTask):
+        with Workers(objective, available_cores() if threads is None else threads) as evaluate:
+            yield evaluate
+    else:
+        with _numba_threads(threads):
+            yield objective.costs
 
 
 @contextlib.contextmanager
-def evaluator(plan: Plan, threads: int | None, cluster: str | None) -> Iterator[Evaluate]:
-    """Who computes costs: this machine's threads, or a cluster's workers."""
-    if cluster is not None:
-        from tuning.cluster import ClusterEvaluator
-
-        with ClusterEvaluator(cluster, plan.task.objective) as evaluate:
-            yield evaluate
-        return
-    if isinstance(plan.task, LogTask):
-        count = available_cores() if threads is None else threads
-        with Workers(plan.task.objective, count) as evaluate:
-            yield evaluate
-        return
+def _numba_threads(threads: int | None) -> Iterator[None]:
+    """So many threads of numba's, at most those that there are."""
     # Threads that wait for the next batch should sleep: spinning takes a third of a shared core.
     os.environ.setdefault("OMP_WAIT_POLICY", "passive")
     import numba
@@ -264,10 +240,10 @@ def evaluator(plan: Plan, threads: int | None, cluster: str | None) -> Iterator[
     available = numba.config.NUMBA_NUM_THREADS  # type: ignore[attr-defined]
     if threads is not None:
         if threads > available:
-            _tell(f"--threads {threads}: this machine has {available}, which are used")
+            tell(f"--threads {threads}: this machine has {available}, which are used")
         numba.set_num_threads(min(threads, available))
     try:
-        yield plan.task.objective.costs
+        yield
     finally:
         numba.set_num_threads(before)
 
@@ -326,7 +302,7 @@ def _print_report(plan: Plan, outcome: Outcome, report: dict[str, Any]) -> None:
     print(f"{report['evaluations']} evaluations in {report['wall_s']:.1f} s: {file}")
     if report["interrupted"]:
         checkpoint = checkpoint_path(plan.output)
-        _tell(f"interrupted: the best so far is written; --resume goes on from {checkpoint}")
+        tell(f"interrupted: the best so far is written; --resume goes on from {checkpoint}")
 
 
 def _change(before: dict[str, Any], after: dict[str, Any]) -> str:
@@ -350,7 +326,3 @@ def _changes(plan: Plan, outcome: Outcome) -> list[tuple[str, str]]:
         return []
     old, new = values_of(space, plan.task.base), outcome.search.best_values
     return [(name, f"{x:.3g} -> {y:.3g}") for name, x, y in zip(space.names, old, new, strict=True)]
-
-
-def _tell(line: str) -> None:
-    say(line, "")

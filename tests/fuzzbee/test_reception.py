@@ -9,10 +9,10 @@ import pytest
 from hypothesis import given
 from rich.console import Console
 
+from fuzzbee.displays import JsonLines, Table
 from fuzzbee.reception import MOST_VEHICLES, Reception
 from fuzzbee.say import printable, say
 from fuzzbee.terminal import TerminalView
-from fuzzbee.watch import JsonLines, Table
 from tests.fuzz.cases import built, fuzzed
 from tests.service.records import record as attitude_record
 

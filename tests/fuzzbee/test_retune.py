@@ -43,7 +43,7 @@ def _report(capsys, *options):
 
 def test_the_papers_experiment_is_too_short():
     with pytest.raises(InputError, match="--retune is for logs"):
-        replay(["sim:"], retune=True)
+        replay(sources=["sim:"], retune=True)
 
 
 def noisy_events(seconds, noisy_from_s):

@@ -183,7 +183,7 @@ def test_no_color_means_no_style_at_all(monkeypatch):
 
 
 def test_keys_sort_choose_and_quit():
-    from fuzzbee.watch import Table
+    from fuzzbee.displays import Table
 
     display = Table("fuzzbee")
     view = display._view

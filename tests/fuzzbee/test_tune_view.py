@@ -57,7 +57,7 @@ def test_parameters_of_a_log_are_shown_without_fuzzy_sets(tmp_path):
 
 def planned(output):
     seeds = {"noise_seeds": "100-101", "held_out_seeds": "200"}
-    return plan(TuneRequest(("sim:",), output, food_sources=6, cycles=4, **seeds), print)
+    return plan(TuneRequest(["sim:"], output, food_sources=6, cycles=4, **seeds))
 
 
 def search(planned, observe):

@@ -1,0 +1,262 @@
+"""What the live service does alike in one process and in several: prepare, show, loop, tell."""
+
+import logging
+import time
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from contextlib import contextmanager, suppress
+from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
+
+from estimator.errors import InputError
+from estimator.reasons import Reason
+from fuzzbee import outputs, security
+from fuzzbee.live_source import default_profile, require_fitting, require_shareable
+from fuzzbee.run_options import RunOptions
+from fuzzbee.say import say
+
+if TYPE_CHECKING:
+    import zenoh
+
+    from drivers.endpoint import Endpoint
+    from estimator.profile import Profile
+    from fuzzbee.terminal import TerminalView
+    from service.parameters import ParameterRequests
+    from service.sinks.outbox import Outbox
+    from service.sinks.sink import Sink
+    from service.workers.job import Tally
+
+OK, FAILED = 0, 1
+
+
+class Prepared(NamedTuple):
+    """What the options name, checked as far as it can be without opening anything."""
+
+    endpoint: "Endpoint"
+    profile_name: str
+    profile: "Profile"
+    key: bytes | None  # that frames must be signed with
+
+
+class Loop(Protocol):
+    """The service's loop, in one process or as the foreman of several."""
+
+    @property
+    def was_stopped(self) -> bool:
+        """Whether somebody asked for the end."""
+
+    def run(self, seconds: float | None, is_over: Callable[[], bool]) -> None:
+        """Loop until the end."""
+
+    def stop(self) -> None:
+        """Ask for the end."""
+
+
+def prepare(options: RunOptions) -> Prepared:
+    """Check the source, profile, key and outputs.
+
+    Raises:
+        InputError: one of them cannot be used, or options contradict each other.
+    """
+    from drivers.endpoint import parse_endpoint
+    from drivers.source import require_openable
+    from estimator.profile import load_profile
+
+    endpoint = parse_endpoint(options.source)
+    if options.workers > 1:
+        require_shareable(options, endpoint)
+    require_openable(endpoint)
+    name = options.profile or default_profile(endpoint)
+    profile = load_profile(name)
+    key = security.read_key(options.security)
+    require_fitting(options, endpoint)
+    outputs.viewer_options(options.outputs.view, options.outputs.rrd)
+    return Prepared(endpoint, name, profile, key)
+
+
+@contextmanager
+def closed_if_unused() -> "Iterator[list[Sink]]":
+    """A list of sinks, of which those that are still in it at an error are closed."""
+    sinks: list[Sink] = []
+    try:
+        yield sinks
+    finally:
+        for sink in sinks:
+            with suppress(Exception):
+                sink.close()
+
+
+def open_zenoh_sink(
+    sinks: "list[Sink]",
+    session: "zenoh.Session | None",
+    options: RunOptions,
+    profile: "Profile",
+    requests: "ParameterRequests",
+    conflicts: list[InputError],
+    *,
+    takes_encoded: bool = False,
+) -> None:
+    """Add the sink for the session, if there is one.
+
+    If another service publishes there, ``conflicts`` get an error that ends the run.
+    """
+    if session is None:
+        return
+    from service.sinks.zenoh import ZenohSink
+
+    def on_conflict(key: str) -> None:
+        if options.second:
+            say(f"another service publishes {key}, too")
+            return
+        text = f"another service publishes {key} already: stop it, give one of them another"
+        conflicts.append(InputError(f"{text} --prefix, or publish beside it with --second"))
+
+    sinks.append(
+        ZenohSink(
+            session,
+            options.zenoh.prefix,
+            profile,
+            requests,
+            on_conflict,
+            takes_encoded=takes_encoded,
+        )
+    )
+
+
+def open_view(options: RunOptions) -> "TerminalView":
+    """The view on standard output; with --json messages only, on standard error."""
+    from fuzzbee.terminal import PersonConsole, TerminalView
+
+    errors = PersonConsole(stderr=True)
+    where = "" if options.no_zenoh else f" → {options.zenoh.prefix}/*"
+    profile = "" if options.profile is None else f", {options.profile}"
+    title = f"fuzzbee run {options.source}, {options.rate_hz:g} Hz{profile}{where}"
+    view = TerminalView(errors if options.as_json else PersonConsole(), errors, title)
+    _show_log(view.say, verbose=options.verbose)
+    return view
+
+
+class _ViewHandler(logging.Handler):
+    """Prints log lines through the view, so that they do not break up its table."""
+
+    def __init__(self, say: Callable[[str], None]) -> None:
+        super().__init__()
+        self._say = say
+
+    def emit(self, record: logging.LogRecord) -> None:
+        self._say(self.format(record))
+
+
+def _show_log(say: Callable[[str], None], *, verbose: bool) -> None:
+    logger = logging.getLogger("drivers")
+    logger.handlers = [_ViewHandler(say)]
+    logger.propagate = False
+    logger.setLevel(logging.INFO if verbose else logging.WARNING)
+    # what happens to the link comes as events, once each; the log repeats it in detail
+    logging.getLogger("drivers.mavlink.link").setLevel(logging.NOTSET if verbose else logging.ERROR)
+
+
+def run_loop(
+    loop: Loop, seconds: float | None, conflicts: list[InputError]
+) -> tuple[float, Exception | None]:
+    """Loop until the end; returns how long (s), and what went wrong.
+
+    Raises:
+        InputError: a log that cannot be read any further.
+    """
+    from service.signals import stop_on_signals
+    from service.steady import steady
+
+    started_s = time.monotonic()
+    failure: Exception | None = None
+    with steady(), stop_on_signals(loop.stop):
+        try:
+            loop.run(seconds, lambda: bool(conflicts))
+        except InputError:
+            raise
+        except Exception as error:  # noqa: BLE001 - raised again when all is said
+            failure = error
+    return time.monotonic() - started_s, failure
+
+
+def summary(
+    options: RunOptions,
+    profile_name: str,
+    seconds: float,
+    tally: "Tally",
+    *,
+    lost: int,
+    malformed: int,
+    refused: Mapping[Reason, int] | Mapping[str, int],
+    workers: dict[str, int] | None = None,
+) -> dict[str, Any]:
+    """The result of a run, as --json prints it; ``workers`` is what is said of them."""
+    from service.records import vehicle_name
+
+    return {
+        "source": options.source,
+        "profile": profile_name,
+        "rate_hz": options.rate_hz,
+        "seconds": round(seconds, 3),
+        **(workers or {}),
+        "ticks": tally.ticks,
+        "overruns": tally.overruns,
+        "dropped": tally.dropped,
+        "lost": lost,
+        "malformed": malformed,
+        "refused": dict(sorted(refused.items())),
+        "departed": dict(zip(("vehicles", "samples", "attitudes"), tally.departures, strict=True)),
+        "vehicles": {
+            vehicle_name(vehicle): {
+                "state": counts.state,
+                "motion": counts.motion,
+                "imu_message": counts.imu_message,
+                "imu_rate_hz": round(counts.imu_rate_hz, 3),
+                "worst_gap_s": counts.worst_gap_us / 1e6,
+                "samples": counts.samples,
+                "shed": counts.shed,
+                "attitudes": counts.attitudes,
+                "rejected": counts.rejected,
+            }
+            for vehicle, counts in tally.vehicles.items()
+        },
+    }
+
+
+def conclude(
+    options: RunOptions,
+    result: dict[str, Any],
+    outbox: "Outbox",
+    problems: Iterable[Exception | None],
+    *,
+    was_stopped: bool,
+) -> int:
+    """Tell the result and raise what went wrong; 1 if nobody was heard in the time given, else 0.
+
+    Who was refused has been heard, too.
+    """
+    if outbox.stuck:
+        say(f"not closed in time: {', '.join(outbox.stuck)}")
+    _report(result, as_json=options.as_json)
+    for problem in problems:
+        if problem is not None:
+            raise problem
+    heard = result["vehicles"] or result["departed"]["vehicles"] or result["refused"]
+    return OK if heard or was_stopped or options.seconds is None else FAILED
+
+
+def _report(result: dict[str, Any], *, as_json: bool) -> None:
+    if as_json:
+        import json
+
+        print(json.dumps(result), flush=True)
+        return
+    vehicles = result["vehicles"]
+    departed = result["departed"]
+    number = len(vehicles) + departed["vehicles"]
+    if not number:
+        say(f"no vehicle was heard on {result['source']} in {result['seconds']:.1f} s")
+        return
+    attitudes = sum(vehicle["attitudes"] for vehicle in vehicles.values()) + departed["attitudes"]
+    say(
+        f"{attitudes} attitudes of {number} vehicle{'s' * (number != 1)}"
+        f" in {result['seconds']:.1f} s, {result['overruns']} overruns"
+    )
