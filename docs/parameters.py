@@ -80,7 +80,7 @@ def page() -> str:
 
 
 def _bounds_text(low: float | None, high: float | None) -> str:
-    return f"{low:.5g} to {high:.5g}"
+    return f"{low:.5g}–{high:.5g}"
 
 
 def _value_text(value: float | bool) -> str:
