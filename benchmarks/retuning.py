@@ -31,8 +31,9 @@ from tuning.online.numbers import numbers_of, with_factors
 from tuning.online.retuned_estimator import RetunedEstimator, SegmentingEstimator
 from tuning.online.retuner import Retuner
 from tuning.online.search import random_look
-from tuning.online.segment import Window, readings_of
+from tuning.online.segment import Window
 from tuning.paper_noise import NoiseScale, simulate_scaled
+from tuning.prediction import readings_of
 
 RATE_HZ = 100.0
 SAMPLES = 6001

@@ -8,13 +8,11 @@ died with the last worker that held it, it is sent again.
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from drivers.closing import Closing
 from estimator.errors import InputError, missing_extra
+from tuning.arrays import Array
 from tuning.objective import Objective
-
-Array = NDArray[np.float64]
 
 CONNECT_TIMEOUT_S = 10.0
 # So many that a lost worker costs little, and a fast worker can take more of them than a slow one.

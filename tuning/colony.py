@@ -21,12 +21,9 @@ and not on who computes the costs.
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from tuning.arrays import Array, Integers
 from tuning.space import Space, make_feasible, random_positions
-
-Array = NDArray[np.float64]
-Integers = NDArray[np.int64]
 
 
 class Sources(NamedTuple):

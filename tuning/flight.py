@@ -9,18 +9,14 @@ from collections.abc import Mapping
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from estimator.errors import InputError
 from estimator.estimator import Estimator
-from estimator.live.core import with_attitude
 from estimator.profile import Profile
 from estimator.types import ImuSample, Quaternion
+from tuning.arrays import Array, Bools
+from tuning.course import NOTHING_WRONG, Course, course_of
 from tuning.told import Call
-
-Array = NDArray[np.float64]
-Bools = NDArray[np.bool_]
-Integers = NDArray[np.int64]
 
 LEAST_RATE_HZ = 1.0
 BETTER_LOG = "record a better log: fuzzbee run URL --request-rate 50 --record FILE"
@@ -91,44 +87,15 @@ class Part(NamedTuple):
         return slice(self.first, self.last)
 
 
-class Course(NamedTuple):
-    """What an estimator said at its samples: attitudes (N, 4), sigmas and biases.
-
-    ``sigma_rad`` (N, 2) of inclination and heading; ``bias_rad_s`` (N, 3).
-    """
-
-    q_ned_frd: Array
-    sigma_rad: Array
-    bias_rad_s: Array
-
-
-NOTHING_WRONG: Mapping[int, Quaternion] = {}
-
-
 def fly(
     flight: Flight,
     profile: Profile,
     last: int,
     wrong_ned_frd: Mapping[int, Quaternion] = NOTHING_WRONG,
 ) -> Course:
-    """The first ``last`` samples with the whole estimator of ``profile``.
-
-    Behind each sample in ``wrong_ned_frd`` the filter is given that attitude; what conditions its
-    vectors goes on.
-    """
+    """The first ``last`` samples with the whole estimator of ``profile``; see :func:`course_of`."""
     estimator = Estimator(profile)
-    rows = np.empty((last, 9))
-    for k in range(last):
-        for call in flight.calls[k]:
-            call(estimator)
-        if k in wrong_ned_frd:
-            now = estimator.snapshot
-            estimator.snapshot = now._replace(core=with_attitude(now.core, wrong_ned_frd[k]))
-        said = estimator.attitude(flight.samples[k].time_us)
-        rows[k, :4] = said.q_ned_frd
-        rows[k, 4], rows[k, 5] = said.sigma_inclination_rad, said.sigma_heading_rad
-        rows[k, 6:] = said.gyro_bias_rad_s
-    return Course(rows[:, :4], rows[:, 4:6], rows[:, 6:])
+    return course_of(estimator, flight.samples[:last], flight.calls[:last], wrong_ned_frd)
 
 
 def motion_s(flight: Flight) -> float:

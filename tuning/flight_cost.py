@@ -4,20 +4,19 @@ from math import exp, log
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from estimator.geometry.metrics import batch_angle_errors, rms
 from estimator.profile import Profile
-from tuning.flight import Course, Part, fly
+from tuning.arrays import Array
+from tuning.course import Course
+from tuning.flight import Part, fly
 from tuning.prediction import (
-    Readings,
     heading_errors,
     levelling_errors,
     predicted_vectors,
+    readings_of,
     rms_known,
 )
-
-Array = NDArray[np.float64]
 
 # Sigma is the angle that this share of the errors lies under.
 SHARE = 0.68
@@ -100,7 +99,7 @@ def score_errors(errors: Array, sigma: Array) -> Figure:
 
 def _figures_without_truth(part: Part, course: Course) -> FlightFigures:
     """How well the estimate foretells its own vectors; its sigma is of other errors than those."""
-    readings = readings_of(part)
+    readings = readings_of(part.flight.samples[: part.last])
     down, field = predicted_vectors(readings, course.q_ned_frd, course.bias_rad_s, part.first)
     level, north = rms_known(levelling_errors(down)), rms_known(heading_errors(field))
     figures = [
@@ -108,15 +107,3 @@ def _figures_without_truth(part: Part, course: Course) -> FlightFigures:
         for error in (level, north)
     ]
     return FlightFigures(figures[0] or Figure(180.0, 0.0, None), figures[1])
-
-
-def readings_of(part: Part) -> Readings:
-    """The part's samples, from the flight's beginning on, as arrays."""
-    samples = part.flight.samples[: part.last]
-    return Readings(
-        time_s=part.flight.time_s[: part.last],
-        gyr_rad_s=np.array([sample.gyr_rad_s for sample in samples]),
-        acc_m_s2=np.array([sample.acc_m_s2 for sample in samples]),
-        mag=np.array([sample.mag_gauss for sample in samples]),
-        has_mag=np.array([sample.has_mag for sample in samples]),
-    )

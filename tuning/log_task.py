@@ -10,18 +10,16 @@ from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from estimator.errors import InputError
 from estimator.profile import Profile
+from tuning.arrays import Array
 from tuning.flight import Flight, Part
 from tuning.flight_cost import FlightFigures, geometric_mean, measure
 from tuning.objective import Scores, profile_with, require_fuzzy_gain
 from tuning.parameters import CONDITIONED_GROUPS, space_of
-from tuning.recovery_cost import recovery_cost
+from tuning.recovery import recovery_cost
 from tuning.space import Space
-
-Array = NDArray[np.float64]
 
 # Below this rate the gyroscope is aliased, and the first second has only a handful of samples: they
 # cannot show which memberships are better, as the paper's are made for 100 Hz.

@@ -4,13 +4,11 @@ from typing import Any, NamedTuple, Protocol
 
 import msgspec
 import numpy as np
-from numpy.typing import NDArray
 
 from estimator.errors import InputError
 from estimator.profile import Profile, parse_profile, profile_to_json, profile_to_toml
+from tuning.arrays import Array
 from tuning.space import Space
-
-Array = NDArray[np.float64]
 
 
 class Objective(Protocol):

@@ -7,14 +7,12 @@ as its first mean), and each asks for the same number of evaluations.
 from collections.abc import Callable
 
 import numpy as np
-from numpy.typing import NDArray
 
 from estimator.errors import InputError
+from tuning.arrays import Array
 from tuning.colony import Colony
 from tuning.search import BudgetSpent, Search
 from tuning.space import bounds, random_positions
-
-Array = NDArray[np.float64]
 
 # Standard deviation of the first generation, as a share of the width of the bounds: from the
 # middle it covers them all.

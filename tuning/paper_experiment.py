@@ -3,7 +3,6 @@
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from drivers.simulation.simulated_vehicle import simulate
 from estimator.errors import InputError
@@ -13,9 +12,8 @@ from estimator.geometry.metrics import COST_RATE_HZ, COST_SAMPLES, STEADY, paper
 from estimator.geometry.quaternion import normalized_distance
 from estimator.live.settings import settings_of
 from estimator.profile import Profile
+from tuning.arrays import Array
 from tuning.paper_noise import PAPER_NOISE, NoiseScale, simulate_scaled
-
-Floats = NDArray[np.float64]
 
 SETTLED_ERROR = 0.01
 
@@ -27,10 +25,10 @@ class ExperimentResult(NamedTuple):
     steady_state_error: float
     settling_s: float
     mean_gain: float
-    true_error: Floats  # e at t = 0.01 k, k = 0..1500
-    estimates: Floats  # (1501, 4) q_ned_frd before each correction
-    truth: Floats  # (1501, 4)
-    gains: Floats  # K (1501,)
+    true_error: Array  # e at t = 0.01 k, k = 0..1500
+    estimates: Array  # (1501, 4) q_ned_frd before each correction
+    truth: Array  # (1501, 4)
+    gains: Array  # K (1501,)
 
 
 def run_experiment(

@@ -3,19 +3,17 @@
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from drivers.simulation.simulated_vehicle import Recording, simulate
 from estimator.errors import InputError
-
-Floats = NDArray[np.float64]
+from tuning.arrays import Array
 
 
 class NoiseScale(NamedTuple):
     """Factors on the paper's noise: a number each, or (N,) with one for every sample."""
 
-    gyroscope: float | Floats = 1.0
-    vectors: float | Floats = 1.0
+    gyroscope: float | Array = 1.0
+    vectors: float | Array = 1.0
 
 
 PAPER_NOISE = NoiseScale()
@@ -43,7 +41,7 @@ def simulate_scaled(
     )
 
 
-def _column(factor: float | Floats, samples: int) -> Floats:
+def _column(factor: float | Array, samples: int) -> Array:
     """The factor as a column, (N, 1) or (1, 1)."""
     column = np.asarray(factor, dtype=np.float64).reshape(-1, 1)
     if len(column) not in (1, samples):

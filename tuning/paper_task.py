@@ -6,10 +6,10 @@ from typing import TYPE_CHECKING
 
 import msgspec
 import numpy as np
-from numpy.typing import NDArray
 
 from estimator.filter import memberships
 from estimator.profile import Profile, Provenance, load_profile
+from tuning.arrays import Array
 from tuning.objective import Scores, mean_over_runs
 from tuning.paper_experiment import run_experiment
 from tuning.paper_signals import PaperSignals, paper_signals
@@ -19,7 +19,6 @@ from tuning.space import Space
 if TYPE_CHECKING:
     from tuning.paper_kernel import Common
 
-Array = NDArray[np.float64]
 
 # Noise seeds from here on are reserved for judging results; nothing may be tuned on them.
 FIRST_RESERVED_SEED = 5000

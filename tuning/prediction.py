@@ -5,23 +5,16 @@ the estimate names, and what it then says of gravity and of north is compared wi
 measured. An attitude or a bias that is off is off in its prediction, too.
 """
 
+from collections.abc import Sequence
 from math import atan2, pi, sqrt
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from estimator.compilation.compiled import compiled
-from estimator.geometry.quaternion import (
-    exp,
-    multiply,
-    normalize,
-    rotate,
-    unit,
-)
-
-Array = NDArray[np.float64]
-Bools = NDArray[np.bool_]
+from estimator.geometry.quaternion import exp, multiply, normalize, rotate, unit
+from estimator.types import ImuSample
+from tuning.arrays import Array, Bools
 
 AHEAD_S = 0.5
 # A prediction over a longer silence tells of the silence.
@@ -36,6 +29,18 @@ class Readings(NamedTuple):
     acc_m_s2: Array
     mag: Array
     has_mag: Bools
+
+
+def readings_of(samples: Sequence[ImuSample]) -> Readings:
+    """Samples as arrays; times from the first."""
+    times_us = np.array([sample.time_us for sample in samples], dtype=np.int64)
+    return Readings(
+        time_s=1e-6 * (times_us - times_us[0]),
+        gyr_rad_s=np.array([sample.gyr_rad_s for sample in samples]),
+        acc_m_s2=np.array([sample.acc_m_s2 for sample in samples]),
+        mag=np.array([sample.mag_gauss for sample in samples]),
+        has_mag=np.array([sample.has_mag for sample in samples]),
+    )
 
 
 @compiled

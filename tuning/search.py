@@ -13,12 +13,11 @@ from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from estimator.errors import InputError
+from tuning.arrays import Array, Integers
 from tuning.space import Space, decode, make_feasible
 
-Array = NDArray[np.float64]
 Evaluate = Callable[[Array], Array]
 
 ALGORITHMS = ("abc", "cmaes", "de", "random")
@@ -62,7 +61,7 @@ class Population(NamedTuple):
 
     values: Array
     costs: Array
-    failures: NDArray[np.int64] | None = None
+    failures: Integers | None = None
 
 
 class Record(NamedTuple):
@@ -142,9 +141,7 @@ class Search:
             raise InterruptedSearch
         return costs
 
-    def end_cycle(
-        self, positions: Array, costs: Array, failures: NDArray[np.int64] | None = None
-    ) -> None:
+    def end_cycle(self, positions: Array, costs: Array, failures: Integers | None = None) -> None:
         """Note the end of a cycle (generation), and its population in search coordinates."""
         self.cycles += 1
         values = decode(self.space, make_feasible(self.space, positions))

@@ -3,11 +3,9 @@
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from estimator.filter import memberships
-
-Array = NDArray[np.float64]
+from tuning.arrays import Array
 
 
 class Space(NamedTuple):

@@ -10,12 +10,10 @@ from queue import SimpleQueue
 from typing import IO, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from drivers.closing import Closing
+from tuning.arrays import Array
 from tuning.objective import Objective
-
-Array = NDArray[np.float64]
 
 # What a worker runs: our own modules, from wherever this process has them.
 PROGRAM = f"import sys; sys.path[:] = {{path!r}}; from {__name__} import serve; serve()"

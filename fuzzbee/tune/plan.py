@@ -15,7 +15,7 @@ from fuzzbee.version import __version__
 from tuning.flight import BETTER_LOG, Flight, Part, require_substance
 from tuning.log_task import GOALS, MEMBERSHIP_RATE_HZ, LogTask, Split, default_groups, split
 from tuning.paper_task import FIRST_RESERVED_SEED, PaperTask, midpoint_profile
-from tuning.recovery_cost import require_segments
+from tuning.recovery import require_recoveries
 from tuning.search import ALGORITHMS, SearchOptions
 
 MIDPOINT = "midpoint"
@@ -178,7 +178,7 @@ def _require_references(goal: str, chosen: Split) -> None:
         elif not flight.known[part.window].any():
             raise InputError(f"{flight.name}: no reference attitude where it would be scored")
         elif goal == "recovery":
-            require_segments(part)
+            require_recoveries(part)
 
 
 def _use(chosen: Split, flight: Flight) -> str:

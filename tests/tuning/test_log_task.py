@@ -16,8 +16,14 @@ from fuzzbee.tune.read_flight import read_flight
 from tuning.flight import Flight, Part, motion_s, require_substance
 from tuning.flight_cost import FLOOR_DEG, geometric_mean, measure, score_errors
 from tuning.log_task import LATER_PART, LogTask, default_groups, split
-from tuning.recovery_cost import recovery_cost, require_segments
-from tuning.segments import SEGMENT_S, SETTLE_S, segments, weights
+from tuning.recovery import (
+    RECOVERY_S,
+    SETTLE_S,
+    recoveries,
+    recovery_cost,
+    require_recoveries,
+    weights,
+)
 from tuning.space import decode, random_positions
 from tuning.workers import Workers
 
@@ -160,20 +166,20 @@ def test_recovery_is_dear_where_the_gain_is_small():
     assert quick > 0.3 * 10  # at least a tenth of the first second is lost
 
 
-def test_segments_follow_each_other_after_the_settling():
+def test_recoveries_follow_each_other_after_the_settling():
     made = flight()
-    time_s, found = made.time_s, segments(whole(made))
+    time_s, found = made.time_s, recoveries(whole(made))
     assert time_s[found[0].first] == pytest.approx(SETTLE_S)
-    for segment, following in pairwise(found):
-        assert following.first == segment.last + 1
+    for recovery, following in pairwise(found):
+        assert following.first == recovery.last + 1
     for first, last in found:
-        assert time_s[last] - time_s[first] == pytest.approx(SEGMENT_S)
+        assert time_s[last] - time_s[first] == pytest.approx(RECOVERY_S)
     assert len(found) == 4  # of 701 samples each, in 70 s
-    later = segments(Part(made, 2000, 4000))
+    later = recoveries(Part(made, 2000, 4000))
     assert time_s[later[0].first] == pytest.approx(time_s[2000] + SETTLE_S)
 
 
-def test_no_segment_crosses_a_restart_or_a_silence():
+def test_no_recovery_crosses_a_restart_or_a_silence():
     made = flight()
     restart = made.restart.copy()
     restart[1200] = True
@@ -181,28 +187,28 @@ def test_no_segment_crosses_a_restart_or_a_silence():
         s._replace(time_us=s.time_us + 5_000_000 * (k >= 3000)) for k, s in enumerate(made.samples)
     ]
     made = made._replace(restart=restart, samples=tuple(late))
-    found = segments(whole(made))
+    found = recoveries(whole(made))
     for first, last in found:
         assert not restart[first + 1 : last + 1].any()
         assert np.diff(made.time_s[first : last + 1]).max() < 1.0
     assert any(made.time_s[s.first] == pytest.approx(made.time_s[1200] + SETTLE_S) for s in found)
 
 
-def test_a_segment_needs_its_reference():
+def test_a_recovery_needs_its_reference():
     made = flight()
     known = made.known.copy()
     known[700:900] = False
-    without = segments(whole(made._replace(known=known)))
-    assert len(without) == len(segments(whole(made))) - 1
+    without = recoveries(whole(made._replace(known=known)))
+    assert len(without) == len(recoveries(whole(made))) - 1
 
 
 @pytest.mark.parametrize("rate_hz", [2.0, 4.0, 50.0, 100.0])
 def test_weights_sum_to_the_papers_at_any_rate(rate_hz):
     """0.3 x 101 samples of the first second and 1001 of 4..14 s."""
     made = flight(rate_hz=rate_hz)
-    segment = segments(whole(made))[0]
-    w = weights(made, segment)
-    t = made.time_s[segment.first : segment.last + 1] - made.time_s[segment.first]
+    recovery = recoveries(whole(made))[0]
+    w = weights(made, recovery)
+    t = made.time_s[recovery.first : recovery.last + 1] - made.time_s[recovery.first]
     assert w.sum() == pytest.approx(0.3 * 101 + 1001)
     assert w[t < 1.0 + 1e-9].sum() == pytest.approx(0.3 * 101)
     assert (w[(t > 1.01) & (t < 3.99)] == 0.0).all()
@@ -210,7 +216,7 @@ def test_weights_sum_to_the_papers_at_any_rate(rate_hz):
 
 def test_recovery_needs_a_stretch():
     with pytest.raises(InputError, match="no stretch of 14 s"):
-        require_segments(whole(flight(duration_s=20.0)))
+        require_recoveries(whole(flight(duration_s=20.0)))
 
 
 def test_needs_conditioning():

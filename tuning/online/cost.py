@@ -8,16 +8,15 @@ mean of e over the second behind a wrong start, as if there were one each five m
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from estimator.geometry.metrics import batch_angle_errors
 from estimator.geometry.quaternion import unit
 from estimator.profile import Profile
+from tuning.arrays import Array
+from tuning.course import WRONG_TURN
 from tuning.online.noise import Noise, noise_of
-from tuning.online.segment import WRONG_TURN, Segment, Window, fly_segments, readings_of
-from tuning.prediction import AHEAD_S, Readings, predicted_vectors
-
-Array = NDArray[np.float64]
+from tuning.online.segment import Segment, Window, fly_segments
+from tuning.prediction import AHEAD_S, Readings, predicted_vectors, readings_of
 
 PULL_IN_S = 1.0
 PULL_IN_WEIGHT = 1.0 / 300.0
@@ -47,7 +46,7 @@ def cost_on(profile: Profile, window: Window, *, judged: bool) -> Cost:
     flown = fly_segments(profile, segments)
     first = len(window.earlier.samples) if judged else 0
     blocks = _blocks(profile, readings, flown.q_ned_frd, flown.bias_rad_s, first)
-    noise = noise_of(_from(readings, first))
+    noise = noise_of(readings, first)
     floor = 0.0 if noise is None else _floor(noise, readings)
     return Cost(blocks, floor, _pull_in(profile, segments[-1]))
 
@@ -62,16 +61,6 @@ def _floor(noise: Noise, readings: Readings) -> float:
         vector = 0.5 * (noise.gravity + noise.magnetic)
     turn = noise.gyroscope * 2.0 / 3.0 * float(np.median(np.diff(readings.time_s))) * AHEAD_S
     return 0.25 * (vector + turn)
-
-
-def _from(readings: Readings, first: int) -> Readings:
-    return Readings(
-        time_s=readings.time_s[first:],
-        gyr_rad_s=readings.gyr_rad_s[first:],
-        acc_m_s2=readings.acc_m_s2[first:],
-        mag=readings.mag[first:],
-        has_mag=readings.has_mag[first:],
-    )
 
 
 def _blocks(profile: Profile, readings: Readings, q: Array, bias: Array, first: int) -> Array:

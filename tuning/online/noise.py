@@ -37,12 +37,12 @@ class Noise(NamedTuple):
 
 
 @compiled
-def _sums(readings: Readings) -> tuple[float, float, float, float, float, int, int]:
+def _sums(readings: Readings, first: int) -> tuple[float, float, float, float, float, int, int]:
     time_s, gyr, acc, mag, has_mag = readings
     gravity = magnetic = gyroscope = strength = cosine = 0.0
     steps = fields = 0
     last = -1  # with a field
-    for k in range(1, len(time_s)):
+    for k in range(first + 1, len(time_s)):
         dt = time_s[k] - time_s[k - 1]
         if dt > LONGEST_STEP_S:
             last = -1
@@ -69,10 +69,10 @@ def _sums(readings: Readings) -> tuple[float, float, float, float, float, int, i
     return gravity, magnetic, gyroscope, strength, cosine, steps, fields
 
 
-def noise_of(readings: Readings) -> Noise | None:
-    """The noise of some seconds of readings; None if they come too slowly to tell."""
-    gravity, magnetic, gyroscope, strength, cosine, steps, fields = _sums(readings)
-    if steps < len(readings.time_s) // 2:
+def noise_of(readings: Readings, first: int = 0) -> Noise | None:
+    """The noise of the readings from ``first`` on; None if they come too slowly to tell."""
+    gravity, magnetic, gyroscope, strength, cosine, steps, fields = _sums(readings, first)
+    if steps < (len(readings.time_s) - first) // 2:
         return None
     seen = max(fields, 1)
     return Noise(

@@ -3,12 +3,10 @@
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from estimator.profile import Profile, merge_profile, profile_to_json
+from tuning.arrays import Array
 from tuning.space import Space
-
-Array = NDArray[np.float64]
 
 # In all, and in one move.
 MOST_FACTOR = 30.0

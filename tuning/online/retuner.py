@@ -15,16 +15,15 @@ from math import sqrt
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from estimator.profile import Profile, profile_to_json
+from tuning.arrays import Array
 from tuning.online.cost import Cost, cost_on
 from tuning.online.noise import Noise, has_moved, is_disturbed, noise_of
 from tuning.online.numbers import numbers_of, space_around, update_of, with_factors
 from tuning.online.search import FOOD_SOURCES, Look, colony_search
-from tuning.online.segment import Segment, Window, readings_of
-
-Array = NDArray[np.float64]
+from tuning.online.segment import Segment, Window
+from tuning.prediction import readings_of
 
 LEAST_GAIN = 0.05
 # Student's t of the paired half seconds; chance exceeds it once in thirty.

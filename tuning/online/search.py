@@ -3,12 +3,11 @@
 from collections.abc import Callable
 
 import numpy as np
-from numpy.typing import NDArray
 
+from tuning.arrays import Array
 from tuning.colony import Colony
 from tuning.space import Space, decode, encode, random_positions
 
-Array = NDArray[np.float64]
 Evaluate = Callable[[Array], Array]  # factors (C, D) to costs (C,)
 # Search in a space, from kept factors (M, D): what was tried, its costs, what to keep
 Look = Callable[[Space, Array, Evaluate, np.random.Generator], tuple[Array, Array, Array]]

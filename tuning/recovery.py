@@ -1,0 +1,142 @@
+"""The paper's cost on a flight: how an estimate that is suddenly wrong comes back.
+
+Every 14 s the filter is given the true attitude turned by 170 deg about NED (1,1,1)/sqrt 3, next
+to the unstable equilibrium; the conditioning stage and the aiding go on.
+
+The paper's J weighs the errors of the first second with 0.3 and those from 4 to 14 s with 1, at
+100 Hz. On a log each sample stands for the time since the one before, so the weights of a recovery
+sum to what the paper's sum to, and costs compare from one rate to another.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from estimator.errors import InputError
+from estimator.geometry.metrics import STEADY, TRANSIENT, TRANSIENT_WEIGHT, batch_angle_errors
+from estimator.geometry.quaternion import multiply
+from estimator.profile import Profile
+from estimator.types import Quaternion
+from tuning.arrays import Array, Bools
+from tuning.course import WRONG_TURN
+from tuning.flight import Flight, Part, fly
+
+RECOVERY_S = 14.0
+TRANSIENT_S = (0.0, 1.0)
+STEADY_S = (4.0, 14.0)
+# The conditioning stage learns bias and field for so long before it is judged.
+SETTLE_S = 10.0
+# A recovery holds no silence longer than this, or than so many sample periods if that is more.
+LONGEST_GAP_S = 1.0
+LONGEST_GAP_PERIODS = 4.0
+# An estimate that is no number is as wrong as can be.
+WORST_ERROR = 1.0
+
+
+class Recovery(NamedTuple):
+    """Samples first..last (both included); the estimate is set wrong at the first."""
+
+    first: int
+    last: int
+
+
+def recovery_cost(profile: Profile, part: Part) -> float:
+    """Mean J over the part's recoveries; without a magnetic field the inclination alone counts.
+
+    Raises:
+        InputError: the part has no recovery.
+    """
+    found = require_recoveries(part)
+    errors = _errors(profile, part, found)
+    costs = [
+        float(weights(part.flight, each) @ errors[each.first : each.last + 1]) for each in found
+    ]
+    return sum(costs) / len(costs)
+
+
+def _errors(profile: Profile, part: Part, found: list[Recovery]) -> Array:
+    """e (N,) at each sample up to the part's end: sin^2 of half the error."""
+    flight = part.flight
+    wrong = {first: multiply(WRONG_TURN, _row(flight.truth[first])) for first, _ in found}
+    course = fly(flight, profile, part.last, wrong)
+    angles = batch_angle_errors(course.q_ned_frd, flight.truth[: part.last])
+    e = np.sin(0.5 * angles[:, 0 if flight.has_field else 2]) ** 2
+    return np.where(np.isfinite(e), e, WORST_ERROR)
+
+
+def _row(q: Array) -> Quaternion:
+    w, x, y, z = q.tolist()
+    return w, x, y, z
+
+
+def require_recoveries(part: Part) -> list[Recovery]:
+    """The part's recoveries.
+
+    Raises:
+        InputError: there is none.
+    """
+    found = recoveries(part)
+    if not found:
+        raise InputError(
+            f"{part.flight.name}: no stretch of 14 s without gaps and with a reference "
+            "in what is to be tuned on or held out"
+        )
+    return found
+
+
+def recoveries(part: Part) -> list[Recovery]:
+    """Stretches of 14 s of a part, one after the other, none across a restart or a long silence."""
+    flight = part.flight
+    time_s = flight.time_s
+    found = []
+    for begin, end in _stretches(part):
+        start_s = time_s[begin] + SETTLE_S
+        while start_s + RECOVERY_S <= time_s[end - 1]:
+            first = begin + int(np.searchsorted(time_s[begin:end], start_s))
+            end_s = time_s[first] + RECOVERY_S + 1e-9
+            last = begin + int(np.searchsorted(time_s[begin:end], end_s)) - 1
+            if _is_usable(flight, Recovery(first, last)):
+                found.append(Recovery(first, last))
+            start_s = time_s[last] + 1e-6
+    return found
+
+
+def weights(flight: Flight, recovery: Recovery) -> Array:
+    """Weight of each of the recovery's samples; their sum is the paper's."""
+    t, known = _since_start(flight, recovery)
+    share = np.diff(t, prepend=-np.median(np.diff(t))) * known
+    weight = np.zeros(len(t))
+    for (low, high), total in (
+        (TRANSIENT_S, TRANSIENT_WEIGHT * (TRANSIENT.stop - TRANSIENT.start)),
+        (STEADY_S, float(STEADY.stop - STEADY.start)),
+    ):
+        part = np.where((t >= low) & (t <= high), share, 0.0)
+        weight += part * total / part.sum() if part.sum() > 0.0 else 0.0
+    return weight
+
+
+def _stretches(part: Part) -> list[tuple[int, int]]:
+    """Ranges of samples without a restart or a long silence inside."""
+    flight = part.flight
+    gap_s = np.diff(flight.time_s, prepend=flight.time_s[0])
+    longest_s = max(LONGEST_GAP_S, LONGEST_GAP_PERIODS / flight.rate_hz)
+    breaks = flight.restart | (gap_s > longest_s)
+    starts = [part.first, *(k for k in np.flatnonzero(breaks).tolist() if k > part.first)]
+    starts = [k for k in starts if k < part.last]
+    return list(zip(starts, [*starts[1:], part.last], strict=True))
+
+
+def _is_usable(flight: Flight, recovery: Recovery) -> bool:
+    """Whether the start, and nearly all samples of both parts of the cost, have a reference."""
+    if recovery.last - recovery.first < RECOVERY_S * min(flight.rate_hz, 1.0) / 2.0:
+        return False
+    t, known = _since_start(flight, recovery)
+    parts = [(t >= low) & (t <= high) for low, high in (TRANSIENT_S, STEADY_S)]
+    return bool(known[0]) and all(part.any() and known[part].mean() > 0.9 for part in parts)
+
+
+def _since_start(flight: Flight, recovery: Recovery) -> tuple[Array, Bools]:
+    """Time since the recovery's first sample, and where the reference is known."""
+    inside = slice(recovery.first, recovery.last + 1)
+    t = flight.time_s[inside]
+    return t - t[0], flight.known[inside]
