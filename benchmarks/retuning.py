@@ -30,10 +30,11 @@ from tuning.online.noise import noise_of
 from tuning.online.numbers import numbers_of, with_factors
 from tuning.online.retuned_estimator import RetunedEstimator, SegmentingEstimator
 from tuning.online.retuner import Retuner
-from tuning.online.search import random_look
+from tuning.online.search import CYCLES, FOOD_SOURCES
 from tuning.online.segment import Window
 from tuning.paper_noise import NoiseScale, simulate_scaled
 from tuning.prediction import readings_of
+from tuning.space import decode, random_positions
 
 RATE_HZ = 100.0
 SAMPLES = 6001
@@ -92,6 +93,13 @@ def shipped(samples, _seed):
 
 def retuned(samples, seed):
     return _with(Retuner(BASE, seed), samples)
+
+
+def random_look(space, kept, evaluate, generator):
+    """As many candidates as the colony tries, drawn evenly."""
+    drawn = random_positions(space, FOOD_SOURCES * (1 + 2 * CYCLES) - 1, generator)
+    factors = np.concatenate([kept[:1].clip(space.lower, space.upper), decode(space, drawn)])
+    return factors, evaluate(factors), kept
 
 
 def by_chance(samples, seed):

@@ -1,13 +1,10 @@
 """``run --retune``: segments to a process of low priority, its decisions to the mailbox."""
 
 import pickle
-import subprocess
-import sys
 import threading
 from collections.abc import Callable
 from contextlib import suppress
 from queue import Full, Queue
-from typing import Any
 
 from drivers.closing import Closing
 from drivers.events import VehicleId
@@ -17,13 +14,12 @@ from estimator.profile import Profile
 from fuzzbee.say import say
 from service.parameters import ParameterRequests
 from service.pipeline import Pipeline
+from tuning import child
 from tuning.online import worker
 from tuning.online.retuned_estimator import SegmentingEstimator
 from tuning.online.segment import Segment
 from tuning.online.worker import Answer, Question
 
-# What the process runs: our own modules, from wherever this process has them.
-PROGRAM = "import sys; sys.path[:] = {path!r}; from {module} import serve; serve()"
 # Segments that wait for the process; one that comes when it is full is left out.
 MOST_WAITING = 8
 ENDING_S = 2.0
@@ -43,11 +39,7 @@ class Retuning(Closing):
         self._questions: Queue[Question | None] = Queue(MOST_WAITING)
         self._skipped: set[VehicleId] = set()
         self._is_closing = False
-        self._process = subprocess.Popen(  # noqa: S603 - our own program
-            [sys.executable, "-P", "-c", PROGRAM.format(path=sys.path, module=worker.__name__)],
-            stdin=subprocess.PIPE,
-            stdout=subprocess.PIPE,
-        )
+        self._process = child.start(worker.__name__)
         self._threads = [
             threading.Thread(target=self._guarded, args=(work,), name=f"retune {name}", daemon=True)
             for name, work in (("questions", self._ask), ("answers", self._listen))
@@ -100,18 +92,12 @@ class Retuning(Closing):
                 say(f"--retune has ended: {type(error).__name__}; the profiles in force stay")
 
     def _ask(self) -> None:
-        pipe: Any = self._process.stdin
-        while True:
-            question = self._questions.get()
-            if question is None:
-                return
-            pickle.dump(question, pipe)
-            pipe.flush()
+        while (question := self._questions.get()) is not None:
+            child.send(self._process, question)
 
     def _listen(self) -> None:
-        pipe: Any = self._process.stdout
         while True:
-            answer: Answer = pickle.load(pipe)  # noqa: S301 - of our own process
+            answer: Answer = child.receive(self._process)
             assert isinstance(answer.vehicle, VehicleId)
             decision = answer.decision
             try:

@@ -4,13 +4,13 @@ A checkpoint is one line of JSON, then the recorded costs as little-endian
 doubles.
 """
 
-import json
 import os
 import tempfile
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+import msgspec
 import numpy as np
 
 from drivers.output_file import output_path
@@ -18,6 +18,15 @@ from estimator.errors import InputError
 from tuning.search import Record
 
 SCHEMA = 1
+
+
+class Header(msgspec.Struct):
+    """A checkpoint's first line; ``asked_sha256`` is of all candidates that were asked for."""
+
+    schema: int
+    identity: Mapping[str, Any]
+    evaluations: int
+    asked_sha256: str
 
 
 def write_atomically(path: Path, content: bytes) -> None:
@@ -56,13 +65,8 @@ def write_checkpoint(path: Path, identity: Mapping[str, Any], record: Record) ->
     Raises:
         InputError: the file cannot be written.
     """
-    header = {
-        "schema": SCHEMA,
-        "identity": identity,
-        "evaluations": len(record.costs),
-        "asked_sha256": record.asked_sha256,
-    }
-    content = json.dumps(header, sort_keys=True).encode() + b"\n"
+    header = Header(SCHEMA, identity, len(record.costs), record.asked_sha256)
+    content = msgspec.json.encode(header, order="sorted") + b"\n"
     write_atomically(path, content + record.costs.astype("<f8").tobytes())
 
 
@@ -80,19 +84,16 @@ def read_checkpoint(path: Path, identity: Mapping[str, Any]) -> Record:
         raise InputError(f"{path}: cannot be read: {error.strerror}") from None
     line, _, costs = content.partition(b"\n")
     try:
-        header = json.loads(line)
-        saved, evaluations, asked = (header[k] for k in ("identity", "evaluations", "asked_sha256"))
-        schema = header["schema"]
-        is_sound = isinstance(evaluations, int) and isinstance(asked, str)
-    except (ValueError, KeyError, TypeError, RecursionError):
+        header = msgspec.json.decode(line, type=Header)
+    except (ValueError, RecursionError):
         raise InputError(f"{path}: not a checkpoint") from None
-    if schema != SCHEMA or not is_sound or len(costs) != 8 * evaluations:
+    if header.schema != SCHEMA or len(costs) != 8 * header.evaluations:
         raise InputError(f"{path}: damaged, or of another version")
-    plain = json.loads(json.dumps(identity))
-    different = _differences(plain, saved)
+    plain = msgspec.json.decode(msgspec.json.encode(identity))
+    different = _differences(plain, header.identity)
     if different:
         raise InputError(f"--resume: {path} is of other options: {', '.join(different)}")
-    return Record(np.frombuffer(costs, "<f8"), asked)
+    return Record(np.frombuffer(costs, "<f8"), header.asked_sha256)
 
 
 def _differences(wanted: Any, saved: Any, name: str = "") -> list[str]:

@@ -34,9 +34,10 @@ class ClusterEvaluator(Closing):
             import distributed
         except ImportError:
             raise missing_extra("--cluster", "cluster") from None
-        client: Any = distributed.Client
         try:
-            self._client = client(address, timeout=CONNECT_TIMEOUT_S, set_as_default=False)
+            self._client: Any = distributed.Client(  # type: ignore[no-untyped-call]
+                address, timeout=CONNECT_TIMEOUT_S, set_as_default=False
+            )
         except (OSError, ValueError, TypeError) as error:
             reason = str(error).splitlines()[0] if str(error) else type(error).__name__
             raise InputError(f"--cluster {address}: no scheduler answers: {reason}") from None

@@ -62,7 +62,7 @@ class Colony:
         self.sources = Sources(
             positions=self._asked,
             costs=np.full(food_sources, np.inf),
-            failures=self._no_failures(),
+            failures=np.zeros(food_sources, dtype=np.int64),
         )
 
     def ask(self) -> Array:
@@ -71,32 +71,35 @@ class Colony:
 
     def tell(self, costs: Array) -> None:
         """Take the costs of what was asked, and begin the next phase."""
-        if self._phase in {"start", "scout"}:
-            self._settle(costs)
+        self._take(costs)
+        if self._phase == "employed":
+            self._send_onlookers()
+        elif self._phase == "onlookers" and self.sources.failures.max() > self._limit:
+            self._send_scout()
         else:
-            self._select(costs)
-        self._advance()
+            self.cycles += self._phase != "start"
+            self._phase = "employed"
+            self._visit(np.arange(len(self.sources.costs)))
 
     @property
     def is_scouting(self) -> bool:
         """Whether what is asked is a scout's position."""
         return self._phase == "scout"
 
-    def _advance(self) -> None:
-        if self._phase in {"start", "scout"}:
-            self.cycles += self._phase == "scout"
-            self._send_employed()
-        elif self._phase == "employed":
-            self._send_onlookers()
-        elif self._exhausted_source() is None:
-            self.cycles += 1
-            self._send_employed()
-        else:
-            self._send_scout()
+    def _take(self, costs: Array) -> None:
+        """A better candidate replaces its source; a source that was not improved fails.
 
-    def _send_employed(self) -> None:
-        self._phase = "employed"
-        self._visit(np.arange(len(self.sources.costs)))
+        The first positions and a scout's are taken whatever their cost.
+        """
+        is_new = self._phase in {"start", "scout"}
+        now = self.sources
+        positions, held, failures = now.positions.copy(), now.costs.copy(), now.failures.copy()
+        for i, candidate, cost in zip(self._visited, self._asked, costs, strict=True):
+            if is_new or cost < held[i]:
+                positions[i], held[i], failures[i] = candidate, cost, 0
+            else:
+                failures[i] += 1
+        self.sources = Sources(positions, held, failures)
 
     def _send_onlookers(self) -> None:
         """P_i = fitness_i / sum of fitness, Eq. (14) "ABC_Probability", with Karaboga's 1/(1 + J).
@@ -113,14 +116,8 @@ class Colony:
     def _send_scout(self) -> None:
         self._phase = "scout"
         self.scouts += 1
-        exhausted = self._exhausted_source()
-        assert exhausted is not None
-        self._visited = np.array([exhausted])
+        self._visited = np.array([int(np.argmax(self.sources.failures))])
         self._asked = random_positions(self._space, 1, self._generator)
-
-    def _exhausted_source(self) -> int | None:
-        worst = int(np.argmax(self.sources.failures))
-        return worst if self.sources.failures[worst] > self._limit else None
 
     def _visit(self, visited: Integers) -> None:
         """x_ij + alpha (x_ij - x_kj), Eq. (13) "ABC_Position", in one coordinate j of each source.
@@ -139,28 +136,3 @@ class Colony:
         asked[np.arange(count), j] = old + alpha * (old - x[k, j])
         self._visited = visited
         self._asked = make_feasible(self._space, asked)
-
-    def _settle(self, costs: Array) -> None:
-        """Take new positions whatever their cost."""
-        positions, held, failures = self._copy_sources()
-        positions[self._visited] = self._asked
-        held[self._visited] = costs
-        failures[self._visited] = 0
-        self.sources = Sources(positions, held, failures)
-
-    def _select(self, costs: Array) -> None:
-        """A better candidate replaces its source; a source that was not improved fails."""
-        positions, held, failures = self._copy_sources()
-        for i, candidate, cost in zip(self._visited, self._asked, costs, strict=True):
-            if cost < held[i]:
-                positions[i], held[i], failures[i] = candidate, cost, 0
-            else:
-                failures[i] += 1
-        self.sources = Sources(positions, held, failures)
-
-    def _copy_sources(self) -> tuple[Array, Array, Integers]:
-        positions, costs, failures = self.sources
-        return positions.copy(), costs.copy(), failures.copy()
-
-    def _no_failures(self) -> Integers:
-        return np.zeros(len(self._visited), dtype=np.int64)

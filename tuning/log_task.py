@@ -93,11 +93,9 @@ class LogObjective:
 
     def costs(self, values: Array) -> Array:
         """See :class:`tuning.objective.Objective`."""
-        return self.serial_costs(values)
-
-    def serial_costs(self, values: Array) -> Array:
-        """See :class:`tuning.objective.Objective`."""
         return np.array([self.cost(profile_with(self.space, self.base, row)) for row in values])
+
+    serial_costs = costs
 
     def cost(self, profile: Profile) -> float:
         """The cost of one profile."""

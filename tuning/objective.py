@@ -62,19 +62,10 @@ def require_fuzzy_gain(profile: Profile) -> None:
         raise InputError(msg)
 
 
-def mean_over_runs(costs: Array) -> Array:
-    """Mean (C,) of (C, S), summed in the order of the runs: the same for any batch."""
-    total = np.zeros(len(costs))
-    for run in range(costs.shape[1]):
-        total += costs[:, run]
-    mean: Array = total / costs.shape[1]
-    return mean
-
-
 def values_of(space: Space, profile: Profile) -> Array:
     """The profile's values (D,) of the space's parameters, clipped to their bounds."""
-    tree = {**profile.membership, **_dotted_values(profile)}
-    values = [float(tree[name]) for name in space.names]
+    tree = profile_to_json(profile)
+    values = [float(tree[section][key]) for section, key in map(_address, space.names)]
     clipped: Array = np.clip(values, space.lower, space.upper)
     return clipped
 
@@ -87,8 +78,8 @@ def profile_with(space: Space, base: Profile, values: Array) -> Profile:
     """
     changes: dict[str, dict[str, float]] = {}
     for name, value in zip(space.names, values.tolist(), strict=True):
-        section, _, key = name.rpartition(".")
-        changes.setdefault(section or "membership", {})[key] = value
+        section, key = _address(name)
+        changes.setdefault(section, {})[key] = value
     sections = {name: _replace_keys(getattr(base, name), keys) for name, keys in changes.items()}
     changed = msgspec.structs.replace(base, **sections)
     return parse_profile(profile_to_toml(changed), "tuned")
@@ -100,10 +91,7 @@ def _replace_keys(section: Any, keys: dict[str, float]) -> Any:
     return msgspec.structs.replace(section, **keys)
 
 
-def _dotted_values(profile: Profile) -> dict[str, float]:
-    tree = profile_to_json(profile)
-    return {
-        f"{section}.{key}": value
-        for section in ("filter", "confidence", "conditioning", "aiding")
-        for key, value in tree[section].items()
-    }
+def _address(name: str) -> tuple[str, str]:
+    """Section and key of the profile; k1..k22 have no section in their name."""
+    section, _, key = name.rpartition(".")
+    return section or "membership", key

@@ -1,24 +1,20 @@
 """Tuning on the paper's signals: J of Eq. (15) "Cost_function", averaged over noise seeds."""
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING
 
 import msgspec
 import numpy as np
 
 from estimator.filter import memberships
-from estimator.profile import Profile, Provenance, load_profile
+from estimator.profile import Filter, Profile, Provenance, load_profile
 from tuning.arrays import Array
-from tuning.objective import Scores, mean_over_runs
+from tuning.objective import Scores
 from tuning.paper_experiment import run_experiment
 from tuning.paper_signals import PaperSignals, paper_signals
 from tuning.parameters import RAW_GROUPS, space_of
 from tuning.space import Space
-
-if TYPE_CHECKING:
-    from tuning.paper_kernel import Common
-
 
 # Noise seeds from here on are reserved for judging results; nothing may be tuned on them.
 FIRST_RESERVED_SEED = 5000
@@ -35,42 +31,42 @@ def midpoint_profile() -> Profile:
 
 @dataclass(frozen=True)
 class PaperObjective:
-    """Mean J over the prepared signals, of candidates that give k1..k22 and maybe gamma and tau."""
+    """Mean J over the prepared signals, of candidates that give k1..k22 and maybe gamma and tau.
+
+    ``names`` are those of the candidates' columns; what they leave out is the base's.
+    """
 
     names: tuple[str, ...]
-    gamma: float
-    rate_time_constant_s: float
-    bias_bound_rad_s: float
-    first_step_s: float
+    base: Filter
     signals: PaperSignals
 
     def costs(self, values: Array) -> Array:
         """See :class:`tuning.objective.Objective`."""
         from tuning.paper_kernel import parallel_costs
 
-        return mean_over_runs(parallel_costs(self._common, self._candidates(values), *self._data()))
+        return self._mean_costs(parallel_costs, values)
 
     def serial_costs(self, values: Array) -> Array:
         """See :class:`tuning.objective.Objective`."""
         from tuning.paper_kernel import serial_costs
 
-        return mean_over_runs(serial_costs(self._common, self._candidates(values), *self._data()))
+        return self._mean_costs(serial_costs, values)
 
-    @property
-    def _common(self) -> "Common":
+    def _mean_costs(self, kernel: Callable[..., Array], values: Array) -> Array:
+        """Mean J (C,) over the seeds, summed in their order: the same bits for any batch."""
         from tuning.paper_kernel import Common
 
-        return Common(self.bias_bound_rad_s, self.first_step_s)
-
-    def _data(self) -> tuple[Array, Array]:
-        return self.signals.start, self.signals.steps
+        common = Common(self.base.bias_bound_rad_s, self.base.first_step_s)
+        costs = kernel(common, self._candidates(values), self.signals.start, self.signals.steps)
+        mean: Array = np.cumsum(costs, axis=1)[:, -1] / costs.shape[1]
+        return mean
 
     def _candidates(self, values: Array) -> Array:
         """Rows of k1..k22, gamma, tau as the kernel takes them."""
         columns = {name: values[:, i] for i, name in enumerate(self.names)}
         rest = np.ones(len(values))
-        gamma = columns.get("filter.gamma", self.gamma * rest)
-        tau = columns.get("filter.rate_time_constant_s", self.rate_time_constant_s * rest)
+        gamma = columns.get("filter.gamma", self.base.gamma * rest)
+        tau = columns.get("filter.rate_time_constant_s", self.base.rate_time_constant_s * rest)
         return np.stack([*(columns[name] for name in memberships.NAMES), gamma, tau], axis=1)
 
 
@@ -91,14 +87,8 @@ class PaperTask:
     @cached_property
     def objective(self) -> PaperObjective:
         """Mean J over the noise seeds."""
-        return PaperObjective(
-            names=self.space.names,
-            gamma=self.base.filter.gamma,
-            rate_time_constant_s=self.base.filter.rate_time_constant_s,
-            bias_bound_rad_s=self.base.filter.bias_bound_rad_s,
-            first_step_s=self.base.filter.first_step_s,
-            signals=paper_signals(self.base, self.noise_seeds),
-        )
+        signals = paper_signals(self.base, self.noise_seeds)
+        return PaperObjective(self.space.names, self.base.filter, signals)
 
     def score(self, profile: Profile) -> Scores:
         """Mean J by the plain kernel."""

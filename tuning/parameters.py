@@ -7,8 +7,6 @@ from estimator.conditioning.types import ConditioningParams
 from estimator.errors import InputError
 from tuning.space import Space, join_spaces, membership_space
 
-EMPTY = Space((), (), ())
-
 # What decides how fast the conditioning stage believes which sensor; the rest of it
 # describes vehicles and events, which one log does not show.
 CONDITIONING = (
@@ -58,21 +56,6 @@ def _around_shipped(section: str, kind: Any, names: tuple[str, ...]) -> Space:
     return _logarithmic(section, ranges)
 
 
-def _conditioning(names: tuple[str, ...] = CONDITIONING) -> Space:
-    return _around_shipped("conditioning", ConditioningParams, names)
-
-
-def _aiding(names: tuple[str, ...]) -> Space:
-    return _around_shipped("aiding", AidingParams, names)
-
-
-def _joined(*spaces: Space) -> Space:
-    whole = EMPTY
-    for space in spaces:
-        whole = join_spaces(whole, space)
-    return whole
-
-
 RATE_TIME_CONSTANT_S = (0.05, 3.0)
 
 # With raw vectors, as in the paper: gamma has a meaning, the confidences are the paper's 1.
@@ -87,8 +70,11 @@ CONDITIONED_GROUPS: dict[str, Space] = {
     "membership": membership_space(),
     "filter": _logarithmic("filter", {"rate_time_constant_s": RATE_TIME_CONSTANT_S}),
     "confidence": _logarithmic("confidence", {"gravity": (0.25, 25.0), "magnetic": (0.25, 25.0)}),
-    "conditioning": _conditioning(),
-    "noise": _joined(_conditioning(NOISE_UNAIDED), _aiding(NOISE_AIDED)),
+    "conditioning": _around_shipped("conditioning", ConditioningParams, CONDITIONING),
+    "noise": join_spaces(
+        _around_shipped("conditioning", ConditioningParams, NOISE_UNAIDED),
+        _around_shipped("aiding", AidingParams, NOISE_AIDED),
+    ),
     "gain": _logarithmic("filter", {"fixed_gain": (1.0, 200.0)}),
 }
 
@@ -101,11 +87,9 @@ def space_of(groups: tuple[str, ...], known: dict[str, Space]) -> Space:
     """
     if not groups:
         raise InputError(f"--parameters: nothing to tune; choose from {', '.join(known)}")
-    space = EMPTY
     for i, group in enumerate(groups):
         if group not in known:
             raise InputError(f"--parameters {group}: not here; choose from {', '.join(known)}")
         if group in groups[:i]:
             raise InputError(f"--parameters {group}: given twice")
-        space = join_spaces(space, known[group])
-    return space
+    return join_spaces(*(known[group] for group in groups))

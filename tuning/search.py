@@ -146,29 +146,22 @@ class Search:
         self.cycles += 1
         values = decode(self.space, make_feasible(self.space, positions))
         self.population = Population(values, costs, failures)
-        best, mean, median = float(self.best_cost), float(np.mean(costs)), float(np.median(costs))
-        self.history.append(
-            Progress(
-                evaluations=self.evaluations,
-                cycles=self.cycles,
-                best_cost=best,
-                mean_cost=mean,
-                median_cost=median,
-            )
-        )
+        mean, median = float(np.mean(costs)), float(np.median(costs))
+        best = float(self.best_cost)
+        self.history.append(Progress(self.evaluations, self.cycles, best, mean, median))
 
     def _recorded_costs(self, count: int) -> Array | None:
         """The next ``count`` recorded costs, or None where the record has ended."""
         record = self._earlier
         if record is None:
             return None
-        if self.evaluations == len(record.costs):
-            if self._asked.hexdigest() != record.asked_sha256:
-                raise InputError("the checkpoint does not belong to this search")
+        left = len(record.costs) - self.evaluations
+        is_over = left == 0
+        if count > left > 0 or (is_over and self._asked.hexdigest() != record.asked_sha256):
+            raise InputError("the checkpoint does not belong to this search")
+        if is_over:
             self._earlier = None
             return None
-        if self.evaluations + count > len(record.costs):
-            raise InputError("the checkpoint does not belong to this search")
         return record.costs[self.evaluations : self.evaluations + count]
 
     def _remember(self, values: Array, costs: Array) -> None:

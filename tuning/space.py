@@ -30,28 +30,29 @@ class Space(NamedTuple):
 
 def membership_space() -> Space:
     """k1..k22 within the paper's Eqs. (16) and (17), a <= b <= c inside each triangle."""
-    chains = tuple(chain for chain in memberships.CHAINS if len(chain) > 1)
-    logarithmic = (False,) * len(memberships.NAMES)
     return Space(
         names=memberships.NAMES,
         lower=memberships.LOWER,
         upper=memberships.UPPER,
-        chains=chains,
-        logarithmic=logarithmic,
+        chains=tuple(chain for chain in memberships.CHAINS if len(chain) > 1),
+        logarithmic=(False,) * len(memberships.NAMES),
     )
 
 
-def join_spaces(first: Space, second: Space) -> Space:
-    """Both spaces' parameters, one after the other."""
-    shift = first.dimensions
-    chains = tuple(tuple(shift + i for i in chain) for chain in second.chains)
-    return Space(
-        names=first.names + second.names,
-        lower=first.lower + second.lower,
-        upper=first.upper + second.upper,
-        chains=first.chains + chains,
-        logarithmic=first.logarithmic + second.logarithmic,
-    )
+def join_spaces(*spaces: Space) -> Space:
+    """The parameters of all spaces, one space after the other."""
+    joined = Space((), (), ())
+    for space in spaces:
+        shift = joined.dimensions
+        chains = tuple(tuple(shift + i for i in chain) for chain in space.chains)
+        joined = Space(
+            names=joined.names + space.names,
+            lower=joined.lower + space.lower,
+            upper=joined.upper + space.upper,
+            chains=joined.chains + chains,
+            logarithmic=joined.logarithmic + space.logarithmic,
+        )
+    return joined
 
 
 def bounds(space: Space) -> tuple[Array, Array]:

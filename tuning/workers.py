@@ -1,22 +1,16 @@
 """Costs computed by several processes of this machine, for objectives that run in plain Python."""
 
 import os
-import pickle
-import signal
 import subprocess
-import sys
 from concurrent.futures import ThreadPoolExecutor
 from queue import SimpleQueue
-from typing import IO, Any
 
 import numpy as np
 
 from drivers.closing import Closing
+from tuning import child
 from tuning.arrays import Array
 from tuning.objective import Objective
-
-# What a worker runs: our own modules, from wherever this process has them.
-PROGRAM = f"import sys; sys.path[:] = {{path!r}}; from {__name__} import serve; serve()"
 
 
 def available_cores() -> int:
@@ -34,9 +28,10 @@ class Workers(Closing):
 
     def __init__(self, objective: Objective, count: int) -> None:
         self._objective = objective
-        self._processes = [_start(objective) for _ in range(count if count > 1 else 0)]
+        self._processes = [child.start(__name__) for _ in range(count if count > 1 else 0)]
         self._free: SimpleQueue[subprocess.Popen[bytes]] = SimpleQueue()
         for process in self._processes:
+            child.send(process, objective)
             self._free.put(process)
         self._threads = ThreadPoolExecutor(max(count, 1))
 
@@ -57,42 +52,15 @@ class Workers(Closing):
     def _ask(self, row: Array) -> float:
         process = self._free.get()
         try:
-            assert process.stdin is not None
-            assert process.stdout is not None
-            _send(process.stdin, row)
-            return float(pickle.load(process.stdout))  # noqa: S301 - of our own process
+            child.send(process, row)
+            return float(child.receive(process))
         finally:
             self._free.put(process)
 
 
-def _start(objective: Objective) -> subprocess.Popen[bytes]:
-    process = subprocess.Popen(  # noqa: S603 - our own program
-        [sys.executable, "-P", "-c", PROGRAM.format(path=sys.path)],
-        stdin=subprocess.PIPE,
-        stdout=subprocess.PIPE,
-    )
-    assert process.stdin is not None
-    _send(process.stdin, objective)
-    return process
-
-
-def _send(pipe: IO[bytes], value: Any) -> None:
-    pickle.dump(value, pipe)
-    pipe.flush()
-
-
 def serve() -> None:
-    """A worker: an objective from standard input, then rows of values; costs to standard output.
-
-    Ctrl-C is for the search, which ends its workers.
-    """
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
-    questions, answers = sys.stdin.buffer, os.fdopen(os.dup(sys.stdout.fileno()), "wb")
-    os.dup2(sys.stderr.fileno(), sys.stdout.fileno())  # a stray print must not look like a cost
-    objective: Objective = pickle.load(questions)  # noqa: S301 - of the process that started this
-    while True:
-        try:
-            row = pickle.load(questions)  # noqa: S301 - likewise
-        except EOFError:
-            return
-        _send(answers, float(objective.serial_costs(row[None, :])[0]))
+    """A worker: an objective from its parent, then rows of values; answers with their costs."""
+    questions, answer = child.channel()
+    objective: Objective = next(questions)
+    for row in questions:
+        answer(float(objective.serial_costs(row[None, :])[0]))

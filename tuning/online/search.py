@@ -1,4 +1,4 @@
-"""Which candidates are tried on a window: the colony that is kept, or chance, its rival."""
+"""Which candidates are tried on a window, by the colony that is kept from one to the next."""
 
 from collections.abc import Callable
 
@@ -6,7 +6,7 @@ import numpy as np
 
 from tuning.arrays import Array
 from tuning.colony import Colony
-from tuning.space import Space, decode, encode, random_positions
+from tuning.space import Space, decode, encode
 
 Evaluate = Callable[[Array], Array]  # factors (C, D) to costs (C,)
 # Search in a space, from kept factors (M, D): what was tried, its costs, what to keep
@@ -14,7 +14,6 @@ Look = Callable[[Space, Array, Evaluate, np.random.Generator], tuple[Array, Arra
 
 FOOD_SOURCES = 6
 CYCLES = 2
-EVALUATIONS = FOOD_SOURCES * (1 + 2 * CYCLES)
 
 
 def colony_search(
@@ -36,12 +35,3 @@ def colony_search(
         costs.append(found)
         colony.tell(found)
     return np.concatenate(tried), np.concatenate(costs), decode(space, colony.sources.positions)
-
-
-def random_look(
-    space: Space, kept: Array, evaluate: Evaluate, generator: np.random.Generator
-) -> tuple[Array, Array, Array]:
-    """As many candidates, drawn evenly."""
-    drawn = random_positions(space, EVALUATIONS - 1, generator)
-    factors = np.concatenate([kept[:1].clip(space.lower, space.upper), decode(space, drawn)])
-    return factors, evaluate(factors), kept

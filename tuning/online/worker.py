@@ -1,16 +1,10 @@
-"""Retuning beside a live service: a process of low priority that is sent segments and decides.
-
-It reads pickled questions from standard input and writes pickled answers to standard output; its
-parent is the only one it listens to.
-"""
+"""Retuning beside a live service: a process of low priority that is sent segments and decides."""
 
 import os
-import pickle
-import signal
-import sys
 import time
 from typing import NamedTuple
 
+from tuning import child
 from tuning.online.retuner import Decision, Retuner
 from tuning.online.segment import Segment
 
@@ -60,19 +54,11 @@ class Deciders:
 
 
 def serve() -> None:
-    """Answer questions until there are no more; a signal to stop is for the parent."""
-    for number in (signal.SIGINT, signal.SIGTERM):
-        signal.signal(number, signal.SIG_IGN)
+    """Answer questions until there are no more."""
     os.nice(NICENESS)
-    questions, answers = sys.stdin.buffer, os.fdopen(os.dup(sys.stdout.fileno()), "wb")
-    os.dup2(sys.stderr.fileno(), sys.stdout.fileno())  # a stray print must not look like an answer
+    questions, answer = child.channel()
     deciders = Deciders()
-    while True:
-        try:
-            question = pickle.load(questions)  # noqa: S301 - of the process that started this
-        except EOFError:
-            return
+    for question in questions:
         found = deciders.answer(question)
         if found is not None:
-            pickle.dump(found, answers)
-            answers.flush()
+            answer(found)
