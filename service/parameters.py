@@ -1,6 +1,6 @@
 """Requests to replace a profile: asked on other threads, answered by the loop's."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from concurrent.futures import CancelledError, Future
 from contextlib import suppress
 from queue import Empty, Full, Queue
@@ -18,7 +18,9 @@ ANSWER_TIMEOUT_S = 2.0
 Replace = Callable[[VehicleId, dict[str, Any], str | None], Profile]
 
 
-class _Request(NamedTuple):
+class Request(NamedTuple):
+    """A change that somebody waits for."""
+
     vehicle: VehicleId
     partial: dict[str, Any]
     retuned: str | None
@@ -29,7 +31,7 @@ class ParameterRequests:
     """A mailbox between the threads that ask and the loop that owns the estimators."""
 
     def __init__(self) -> None:
-        self._queue: Queue[_Request] = Queue(MAX_PENDING)
+        self._queue: Queue[Request] = Queue(MAX_PENDING)
         self._closed = False
 
     def ask(
@@ -63,35 +65,50 @@ class ParameterRequests:
             raise TimeoutError("the service is ending")
         answer: Future[Profile] = Future()
         try:
-            self._queue.put_nowait(_Request(vehicle, partial, retuned, answer))
+            self._queue.put_nowait(Request(vehicle, partial, retuned, answer))
         except Full:
             raise TimeoutError("too many requests") from None
         return answer
 
+    def waiting(self) -> Iterator[Request]:
+        """Take the requests that wait, one after the other."""
+        with suppress(Empty):
+            while True:
+                yield self._queue.get_nowait()
+
     def serve(self, replace: Replace) -> None:
         """Answer the waiting requests; called by the loop."""
-        while True:
-            try:
-                request = self._queue.get_nowait()
-            except Empty:
-                return
-            if not request.answer.set_running_or_notify_cancel():
+        for vehicle, partial, retuned, answer in self.waiting():
+            if not answer.set_running_or_notify_cancel():
                 continue
             try:
-                profile = replace(request.vehicle, request.partial, request.retuned)
+                profile = replace_or_refuse(replace, vehicle, partial, retuned)
             except InputError as error:
-                request.answer.set_exception(error)
-            except RecursionError:  # nested deep, but not too deep for the parser
-                request.answer.set_exception(InputError("the profile is nested too deep"))
-            except Exception as error:  # noqa: BLE001 - one vehicle's profile ends no service
-                text = f"the profile cannot be used: {type(error).__name__}: {error}"
-                request.answer.set_exception(InputError(text))
+                answer.set_exception(error)
             else:
-                request.answer.set_result(profile)
+                answer.set_result(profile)
 
     def close(self) -> None:
         """Refuse all waiting and all later requests; called when the loop has ended."""
         self._closed = True
-        with suppress(Empty):
-            while True:
-                self._queue.get_nowait().answer.cancel()
+        for request in self.waiting():
+            request.answer.cancel()
+
+
+def replace_or_refuse(
+    replace: Replace, vehicle: VehicleId, partial: dict[str, Any], retuned: str | None = None
+) -> Profile:
+    """Replace a vehicle's profile.
+
+    Raises:
+        InputError: whatever went wrong: one vehicle's profile ends no service.
+    """
+    try:
+        return replace(vehicle, partial, retuned)
+    except InputError:
+        raise
+    except RecursionError:  # nested deep, but not too deep for the parser
+        raise InputError("the profile is nested too deep") from None
+    except Exception as error:
+        text = f"the profile cannot be used: {type(error).__name__}: {error}"
+        raise InputError(text) from error

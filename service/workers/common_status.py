@@ -1,6 +1,7 @@
 """One status of a vehicle, from its worker's and from what the service itself has counted."""
 
 from collections import Counter, defaultdict
+from functools import reduce
 
 import msgspec
 
@@ -46,12 +47,7 @@ class CommonStatus:
     def forget(self, worker: int) -> Tally:
         """A worker has died: its late ticks and losses still count. Returns its last counts."""
         last = self._tallies.pop(worker, Tally())
-        self._dead = Tally(
-            max(self._dead.ticks, last.ticks),
-            self._dead.overruns + last.overruns,
-            self._dead.dropped + last.dropped,
-            _sum([self._dead.departures, last.departures]),
-        )
+        self._dead = self._dead.plus(last._replace(vehicles={}))
         return last
 
     def depart(self, vehicle: VehicleId) -> None:
@@ -62,34 +58,26 @@ class CommonStatus:
     @property
     def tally(self) -> Tally:
         """All workers' counts together; ``ticks`` are those of the one that has made most."""
-        tallies = [self._dead, *self._tallies.values()]
-        vehicles = {}
-        for each in tallies:
-            vehicles.update(each.vehicles)
-        return Tally(
-            max(each.ticks for each in tallies),
-            sum(each.overruns for each in tallies),
-            self.dropped + sum(each.dropped for each in tallies),
-            _sum([each.departures for each in tallies]),
-            {
-                vehicle: msgspec.structs.replace(
-                    counts,
-                    shed=counts.shed + self._shed_of[vehicle],
-                    rejected=self._rejected(vehicle, counts.rejected),
-                )
-                for vehicle, counts in vehicles.items()
-            },
-        )
+        total = reduce(Tally.plus, self._tallies.values(), self._dead)
+        vehicles = {
+            vehicle: msgspec.structs.replace(
+                counts,
+                shed=counts.shed + self._shed_of[vehicle],
+                rejected=self._rejected(vehicle, counts.rejected),
+            )
+            for vehicle, counts in total.vehicles.items()
+        }
+        return total._replace(dropped=total.dropped + self.dropped, vehicles=vehicles)
 
     def status(self, worker: int, vehicle: VehicleId, record: StatusRecord) -> StatusRecord:
         """The status to publish for one of a worker's vehicles."""
-        others = [tally for of, tally in self._tallies.items() if of != worker]
-        others.append(self._dead)
+        tallies = (tally for of, tally in self._tallies.items() if of != worker)
+        others = reduce(Tally.plus, tallies, self._dead)
         return msgspec.structs.replace(
             record,
             rejected=self._rejected(vehicle, record.rejected),
-            overruns=record.overruns + sum(each.overruns for each in others),
-            dropped=record.dropped + self.dropped + sum(each.dropped for each in others),
+            overruns=record.overruns + others.overruns,
+            dropped=record.dropped + others.dropped + self.dropped,
             malformed=self.malformed,
             lost=self.lost,
             overloaded=record.overloaded or self.is_overloaded,
@@ -102,10 +90,5 @@ class CommonStatus:
         if vehicle not in self._refused_of:
             return by_worker
         total = Counter(by_worker)
-        total.update({str(reason): count for reason, count in self._refused_of[vehicle].items()})
+        total.update(self._refused_of[vehicle])
         return dict(sorted(total.items()))
-
-
-def _sum(counts: list[tuple[int, int, int]]) -> tuple[int, int, int]:
-    vehicles, samples, attitudes = map(sum, zip(*counts, strict=True))
-    return vehicles, samples, attitudes

@@ -77,7 +77,7 @@ class Connection:
         with self._lock:
             self._waiting.append(_Waiting(kind, data, time.monotonic()))
             self._waiting_bytes += len(data)
-            dropped = self._drop_old() + self._drop_stale()
+            dropped = self._drop()
             self._send()
         return dropped
 
@@ -167,27 +167,18 @@ class Connection:
                 return
             self._begun = self._begun[sent:] if sent < len(self._begun) else None
 
-    def _drop_stale(self) -> list[bytes]:
-        """Attitudes that nobody has taken for so long are of no use to anybody."""
-        dropped: list[bytes] = []
+    def _drop(self) -> list[bytes]:
+        """Drop attitudes that nobody has taken for so long, and of too much the oldest."""
         since_s = time.monotonic() - STALE_S
-        while self._waiting and self._waiting[0].since_s < since_s:
-            if self._waiting[0].kind is not Kind.ATTITUDES:
-                break
-            stale = self._waiting.popleft()
-            self._waiting_bytes -= len(stale.data)
-            dropped.append(bytes(stale.data[_HEAD.size :]))
-        self.dropped += len(dropped)
-        return dropped
-
-    def _drop_old(self) -> list[bytes]:
-        if self._waiting_bytes <= MOST_WAITING_BYTES:
+        is_full = self._waiting_bytes > MOST_WAITING_BYTES
+        if not is_full and self._waiting[0].since_s >= since_s:
             return []
         dropped: list[bytes] = []
         kept: deque[_Waiting] = deque()
         for each in self._waiting:
-            is_old = each.kind <= Kind.LAST_DROPPABLE
-            if is_old and self._waiting_bytes > MOST_WAITING_BYTES // 2:
+            is_stale = each.kind is Kind.ATTITUDES and each.since_s < since_s
+            is_old = is_full and self._waiting_bytes > MOST_WAITING_BYTES // 2
+            if is_stale or (is_old and each.kind <= Kind.LAST_DROPPABLE):
                 self._waiting_bytes -= len(each.data)
                 dropped.append(bytes(each.data[_HEAD.size :]))
             else:

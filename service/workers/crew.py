@@ -1,6 +1,6 @@
 """The workers of a service: begun, listened to, replaced when they die, ended.
 
-One thread, the service's loop, calls everything here but ``send``.
+One thread, the service's loop, calls everything here; ``requests`` may be asked from any.
 """
 
 import os
@@ -9,23 +9,25 @@ import selectors
 import signal
 import socket
 import time
+from concurrent.futures import Future
 from contextlib import suppress
 
 import msgspec
 
 from drivers.closing import Closing
 from drivers.events import VehicleId
+from estimator.errors import InputError
+from estimator.profile import Profile
+from service.parameters import MAX_PENDING, ParameterRequests
 from service.records import AttitudeRecord, Departed, Encoded, Message, Output, Published, Replaced
-from service.workers import nursery_words as words
 from service.workers.common_status import CommonStatus
 from service.workers.connection import Connection, Kind
 from service.workers.connection import Message as Told
 from service.workers.handout import Handout
-from service.workers.job import Inheritance, Job, Tally
-from service.workers.nursery_process import NurseryProcess
+from service.workers.job import Inheritance, Job, ProfileAnswer, ProfileRequest, Tally
+from service.workers.nursery_process import BORN, DEAD, READY, NurseryProcess, Setup
 from service.workers.place import MOST_QUICK_DEATHS, QUICK_S, Place
-from service.workers.profile_requests import ProfileRequests
-from service.workers.report import attitudes_of
+from service.workers.report import attitudes_of, record_of
 
 MOST_QUICK_NURSERIES = 3
 # Workers tell something every second. One that says nothing for so long hangs, and is killed.
@@ -51,12 +53,14 @@ class Crew(Closing):
 
     def __init__(self, count: int, job: Job, handout: Handout, *, with_raw: bool) -> None:
         self.status = CommonStatus()
-        self.requests = ProfileRequests(self.send)
+        self.requests = ParameterRequests()
         self.dropped = 0  # attitudes
         self.payloads: dict[VehicleId, bytes] = {}  # each vehicle's last attitude, as published
         self.job = job
+        self._asked: dict[int, Future[Profile]] = {}  # profiles that workers are to replace
+        self._last_asked = 0
         self._handout = handout
-        self._setup = words.Setup(job.profile, job.gain, with_raw)
+        self._setup = Setup(job.profile, job.gain, with_raw)
         self._profiles: dict[VehicleId, Replaced] = {}
         self._sequences: dict[VehicleId, int] = {}  # the next ones, of attitudes that are records
         self._selector = selectors.DefaultSelector()
@@ -76,14 +80,6 @@ class Crew(Closing):
         """The processes of the workers, in their order."""
         return [place.process for place in self._places]
 
-    def send(self, vehicle: VehicleId, body: bytes) -> bool:
-        """Send a request for another profile to a vehicle's worker; False if it has none."""
-        number = self._handout.worker(vehicle.system_id)
-        if number is None:
-            return False
-        self._places[number].connection.put(Kind.PROFILE, body)
-        return True
-
     def turn(self, timeout_s: float) -> list[Output]:
         """Wait for what workers tell, and return it; replace those that have died."""
         outputs: list[Output] = []
@@ -95,6 +91,7 @@ class Crew(Closing):
                 pass
             outputs = self._newest(outputs)
         self._hear_nursery()
+        self._ask_workers()
         for place in self._places:
             place.connection.flush()
             # the birth of one that has died at once may still have to be told
@@ -108,6 +105,9 @@ class Crew(Closing):
 
     def end(self) -> list[Output]:
         """Have the workers end, and return what they still had to tell."""
+        self.requests.close()
+        for answer in self._asked.values():
+            answer.cancel()
         outputs: list[Output] = []
         born = [place for place in self._places if place.process is not None]
         for place in born:
@@ -157,7 +157,7 @@ class Crew(Closing):
             case Kind.OUTGOING:
                 self._handout.send(pickle.loads(message.body))  # noqa: S301
             case Kind.PROFILE:
-                self.requests.take(pickle.loads(message.body))  # noqa: S301
+                self._answer(pickle.loads(message.body))  # noqa: S301
             case Kind.FAILURE:
                 place.failure = message.body.decode(errors="replace")
 
@@ -177,6 +177,31 @@ class Crew(Closing):
                 common = self.status.status(place.number, vehicle, record)
                 return msgspec.structs.replace(output, record=common)
         return output
+
+    def _ask_workers(self) -> None:
+        """Pass requests for other profiles on to the workers that have the vehicles."""
+        self._asked = {k: answer for k, answer in self._asked.items() if not answer.cancelled()}
+        for vehicle, partial, _, answer in self.requests.waiting():
+            number = self._handout.worker(vehicle.system_id)
+            if number is None:
+                text = f"no vehicle {vehicle.system_id}-{vehicle.component_id}"
+                answer.set_exception(InputError(text))
+            elif len(self._asked) >= MAX_PENDING:
+                answer.set_exception(TimeoutError("too many requests"))
+            else:
+                self._last_asked += 1
+                self._asked[self._last_asked] = answer
+                request = ProfileRequest(self._last_asked, vehicle, partial)
+                self._places[number].connection.put(Kind.PROFILE, pickle.dumps(request))
+
+    def _answer(self, told: ProfileAnswer) -> None:
+        answer = self._asked.pop(told.number, None)
+        if answer is None or not answer.set_running_or_notify_cancel():
+            return  # whoever asked waits no more
+        if told.profile is None:
+            answer.set_exception(InputError(told.refusal))
+        else:
+            answer.set_result(told.profile)
 
     def _newest(self, outputs: list[Output]) -> list[Output]:
         """What is left when the service itself was stopped: of each vehicle the last attitude."""
@@ -241,7 +266,7 @@ class Crew(Closing):
         payload = self.payloads.get(vehicle)
         if payload is None:
             return self._sequences.get(vehicle, 0)
-        return msgspec.json.decode(payload, type=AttitudeRecord).sequence + 1
+        return record_of(payload).sequence + 1
 
     def _kill_silent(self) -> None:
         """End workers that hang, so that they are replaced."""
@@ -265,11 +290,11 @@ class Crew(Closing):
     def _hear_nursery(self) -> None:
         now_s = time.monotonic()
         for what, process, number in self._nursery.news():
-            if what == words.READY:
+            if what == READY:
                 self._ready_s = now_s
-            elif what == words.BORN:
+            elif what == BORN:
                 self._places[number].note_birth(process, now_s)
-            elif what == words.DEAD:
+            elif what == DEAD:
                 self._note_end(process, number)
         if self._nursery.is_ended:
             self._replace_nursery(now_s)

@@ -6,8 +6,6 @@ from collections import deque
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
-import msgspec
-
 from drivers.events import (
     Event,
     LinkDown,
@@ -21,10 +19,11 @@ from drivers.events import (
 from drivers.source import LiveSource
 from service.link_lines import LinkLines
 from service.overload import Overload
-from service.records import AttitudeRecord, Departed, Message, Output, Published
+from service.records import Departed, Message, Output, Published
 from service.sinks.outbox import OutputTaker
 from service.workers.crew import Crew
 from service.workers.handout import Handout
+from service.workers.report import record_of
 
 TURN_S = 0.1
 READ_S = 0.1
@@ -136,8 +135,7 @@ class Foreman:
         for vehicle, payload in self._crew.payloads.items():
             if self._shown.get(vehicle) is not payload:
                 self._shown[vehicle] = payload
-                record = msgspec.json.decode(payload, type=AttitudeRecord)
-                fresh.append(Published(vehicle, record))
+                fresh.append(Published(vehicle, record_of(payload)))
         return fresh
 
     def _handle(self, event: Event) -> list[Output]:

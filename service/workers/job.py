@@ -1,5 +1,6 @@
 """What a worker is told when it begins, and what it tells while it works."""
 
+from operator import add
 from typing import NamedTuple
 
 from drivers.events import VehicleId
@@ -49,8 +50,18 @@ class Tally(NamedTuple):
     ticks: int = 0
     overruns: int = 0
     dropped: int = 0
-    departures: tuple[int, int, int] = (0, 0, 0)  # vehicles forgotten, their samples, attitudes
+    departures: tuple[int, ...] = (0, 0, 0)  # vehicles forgotten, their samples, attitudes
     vehicles: dict[VehicleId, Counts] = {}  # noqa: RUF012 - never changed
+
+    def plus(self, other: "Tally") -> "Tally":
+        """Both together; ``ticks`` are those of the one that has made more."""
+        return Tally(
+            max(self.ticks, other.ticks),
+            self.overruns + other.overruns,
+            self.dropped + other.dropped,
+            tuple(map(add, self.departures, other.departures)),
+            self.vehicles | other.vehicles,
+        )
 
 
 class ProfileRequest(NamedTuple):
@@ -62,7 +73,7 @@ class ProfileRequest(NamedTuple):
 
 
 class ProfileAnswer(NamedTuple):
-    """The whole profile, or why it stays what it was; neither: the worker is ending."""
+    """The whole profile, or None and why it stays what it was."""
 
     number: int
     profile: Profile | None

@@ -22,7 +22,7 @@ from estimator.live.resident import advance_raw
 from estimator.profile import load_profile
 from service.warm_up import compile_ahead, warm_up
 from service.workers import worker
-from service.workers.nursery_words import BORN, DEAD, NEWS, READY, REQUEST, Setup
+from service.workers.nursery_process import BORN, DEAD, NEWS, READY, REQUEST, Setup
 
 GRACE_S = 1.5  # workers end by themselves when the service closes their connections
 LOOK_S = 0.1

@@ -7,10 +7,11 @@ import socket
 import subprocess
 import sys
 from contextlib import suppress
+from struct import Struct
 from typing import NamedTuple
 
 from drivers.closing import Closing
-from service.workers import nursery_words as words
+from estimator.profile import Profile
 
 # What the process runs: our own modules, from wherever this process has them.
 PROGRAM = (
@@ -22,8 +23,22 @@ ENVIRONMENT = {"OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1"}
 ENDING_S = 2.0
 
 
+# What both say to each other
+REQUEST = Struct("<I")  # the number of a worker; its end of a connection comes along
+NEWS = Struct("<cii")  # what, process, number of the worker or exit status
+READY, BORN, DEAD = b"R", b"B", b"D"
+
+
+class Setup(NamedTuple):
+    """What to compile before the first worker."""
+
+    profile: Profile
+    gain: float | None
+    with_raw: bool
+
+
 class News(NamedTuple):
-    """Something that the nursery tells; ``what`` is one of the words of nursery_words."""
+    """Something that the nursery tells; ``what`` is READY, BORN or DEAD."""
 
     what: bytes
     process: int
@@ -33,7 +48,7 @@ class News(NamedTuple):
 class NurseryProcess(Closing):
     """A nursery in a session of its own: what a terminal signals does not reach it."""
 
-    def __init__(self, setup: words.Setup) -> None:
+    def __init__(self, setup: Setup) -> None:
         self.is_ready = False
         self.is_ended = False
         self._received = b""
@@ -56,7 +71,7 @@ class NurseryProcess(Closing):
     def request(self, number: int, end: socket.socket) -> bool:
         """Have a worker forked that has this end of a connection; False if nobody is there."""
         try:
-            socket.send_fds(self.control, [words.REQUEST.pack(number)], [end.fileno()])
+            socket.send_fds(self.control, [REQUEST.pack(number)], [end.fileno()])
         except OSError:
             self.is_ended = True
         return not self.is_ended
@@ -72,10 +87,10 @@ class NurseryProcess(Closing):
                 data = b""
             self.is_ended = not data
             self._received += data
-        whole = len(self._received) // words.NEWS.size * words.NEWS.size
-        news = [News(*each) for each in words.NEWS.iter_unpack(self._received[:whole])]
+        whole = len(self._received) // NEWS.size * NEWS.size
+        news = [News(*each) for each in NEWS.iter_unpack(self._received[:whole])]
         self._received = self._received[whole:]
-        self.is_ready = self.is_ready or any(each.what == words.READY for each in news)
+        self.is_ready = self.is_ready or any(each.what == READY for each in news)
         return news
 
     def close(self) -> None:

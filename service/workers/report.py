@@ -71,6 +71,11 @@ class Report:
         return message if is_of_vehicle else Message(f"{self._name}: {message.text}")
 
 
+def record_of(payload: bytes) -> AttitudeRecord:
+    """An attitude as it is published, read back."""
+    return msgspec.json.decode(payload, type=AttitudeRecord)
+
+
 def attitudes_of(body: bytes) -> list[tuple[VehicleId, bytes]]:
     """The attitudes in a message, as they are published."""
     attitudes = []

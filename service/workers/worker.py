@@ -9,13 +9,11 @@ import pickle
 import signal
 import socket
 import time
-from concurrent.futures import CancelledError, Future
 
 from estimator.errors import InputError
 from estimator.estimator import Estimator
-from estimator.profile import Profile
 from service.overload import Overload
-from service.parameters import ParameterRequests
+from service.parameters import replace_or_refuse
 from service.pipeline import Pipeline
 from service.runner import Runner
 from service.signals import ending_signals
@@ -66,10 +64,9 @@ def _job(connection: Connection) -> Job | None:
 def _serve(connection: Connection, job: Job, name: str) -> None:
     """The loop of a service, on handed frames."""
     pipeline = _pipeline(job)
-    requests = ParameterRequests()
     source = HandedFrames(
         connection,
-        lambda message: _on_message(message, requests, connection),
+        lambda message: _on_message(message, pipeline, connection),
         request_rate_hz=job.request_rate_hz,
         references=job.references,
         gather_s=job.gather_s,
@@ -80,7 +77,6 @@ def _serve(connection: Connection, job: Job, name: str) -> None:
         pipeline,
         report,
         rate_hz=job.rate_hz,
-        requests=requests,
         is_finished=source.is_finished,
         overload=Overload(),
     )
@@ -115,27 +111,16 @@ def _await_tick(job: Job) -> None:
     time.sleep((job.begin_s - time.monotonic()) % period_s)
 
 
-def _on_message(message: Message, requests: ParameterRequests, connection: Connection) -> None:
+def _on_message(message: Message, pipeline: Pipeline, connection: Connection) -> None:
     if message.kind is not Kind.PROFILE:
         return
     number, vehicle, partial = ProfileRequest(*pickle.loads(message.body))  # noqa: S301
     try:
-        answer = requests.post(vehicle, partial)
-    except TimeoutError as error:
-        connection.put(Kind.PROFILE, pickle.dumps(ProfileAnswer(number, None, str(error))))
-        return
-    answer.add_done_callback(
-        lambda done: connection.put(Kind.PROFILE, pickle.dumps(_answer(number, done))) and None
-    )
-
-
-def _answer(number: int, done: "Future[Profile]") -> ProfileAnswer:
-    try:
-        return ProfileAnswer(number, done.result())
+        profile = replace_or_refuse(pipeline.replace_profile, vehicle, partial)
+        answer = ProfileAnswer(number, profile)
     except InputError as error:
-        return ProfileAnswer(number, None, str(error))
-    except CancelledError:
-        return ProfileAnswer(number, None)
+        answer = ProfileAnswer(number, None, str(error))
+    connection.put(Kind.PROFILE, pickle.dumps(answer))
 
 
 def exit_status(end: socket.socket, number: int) -> None:

@@ -77,6 +77,7 @@ def test_attitudes_that_nobody_takes_go_when_they_are_old(ends, monkeypatch):
     ours.put(Kind.ATTITUDES, body)
     monkeypatch.setattr("service.workers.connection.STALE_S", -1.0)
     assert ours.put(Kind.FRAMES, b"frames") == [body]
+    monkeypatch.setattr("service.workers.connection.STALE_S", 60.0)
     assert ours.put(Kind.ATTITUDES, b"behind frames, which do not go") == []
     got = []
     while not got or got[-1].body != b"behind frames, which do not go":
