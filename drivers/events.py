@@ -7,7 +7,7 @@ Every event but the link's own names the vehicle it came from and carries
 ``estimator.types``.
 """
 
-from typing import Literal, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 from drivers.value import Value
 from estimator.reasons import Reason
@@ -21,11 +21,16 @@ class VehicleId(NamedTuple):
     component_id: int
 
 
-class Imu(Value, frozen=True):
-    """One IMU message. ``boot_us`` is the vehicle's own unwrapped boot clock."""
+class VehicleEvent(Value, frozen=True):
+    """Something of one vehicle; ``arrival_us`` is when its bytes arrived."""
 
     vehicle: VehicleId
     arrival_us: int
+
+
+class Imu(VehicleEvent, frozen=True):
+    """One IMU message. ``boot_us`` is the vehicle's own unwrapped boot clock."""
+
     boot_us: int
     message: (
         str  # "RAW_IMU", "SCALED_IMU2", "HIGHRES_IMU", "IMU" (DataFlash), "sensor_combined" ...
@@ -33,40 +38,41 @@ class Imu(Value, frozen=True):
     sample: ImuSample
 
 
-class ReferenceAttitude(Value, frozen=True):
+class ReferenceAttitude(VehicleEvent, frozen=True):
     """Somebody else's attitude: the autopilot's estimate, or a simulator's truth."""
 
-    vehicle: VehicleId
-    arrival_us: int
     time_us: int
     source: Literal["autopilot", "sim"]
     message: str
     q_ned_frd: Quaternion
 
 
-class BodyRates(Value, frozen=True):
+class Report(VehicleEvent, frozen=True):
+    """What something beside the IMU has measured, to help the estimate.
+
+    ``sample`` is of a type that :meth:`estimator.estimator.Estimator.update_report` takes. A new
+    type needs no event of its own.
+    """
+
+    message: str
+    sample: Any
+
+
+class BodyRates(Report, frozen=True):
     """Body rates by another messenger than the IMU's own: ATTITUDE's, less the autopilot's bias."""
 
-    vehicle: VehicleId
-    arrival_us: int
-    message: str
     sample: RateSample
 
 
-class Velocity(Value, frozen=True):
+class Velocity(Report, frozen=True):
     """Velocity over ground, from the message named."""
 
-    vehicle: VehicleId
-    arrival_us: int
-    message: str
     sample: VelocitySample
 
 
-class Position(Value, frozen=True):
+class Position(VehicleEvent, frozen=True):
     """Geodetic position (WGS 84) from a fix that the message itself calls valid."""
 
-    vehicle: VehicleId
-    arrival_us: int
     time_us: int
     message: str
     latitude_deg: float
@@ -74,101 +80,80 @@ class Position(Value, frozen=True):
     altitude_m: float
 
 
-class Parameter(Value, frozen=True):
+class Parameter(VehicleEvent, frozen=True):
     """One PARAM_VALUE."""
 
-    vehicle: VehicleId
-    arrival_us: int
     name: str
     value: float
 
 
-class Heartbeat(Value, frozen=True):
+class Heartbeat(VehicleEvent, frozen=True):
     """A HEARTBEAT with MAV_AUTOPILOT and MAV_TYPE as numbers."""
 
-    vehicle: VehicleId
-    arrival_us: int
     autopilot: int
     vehicle_type: int
 
 
-class BuiltIn(Value, frozen=True):
+class BuiltIn(VehicleEvent, frozen=True):
     """The vehicle says that it is fuzzbee's own, and which motion it makes."""
 
-    vehicle: VehicleId
-    arrival_us: int
     motion: str
 
 
-class CommandAck(Value, frozen=True):
+class CommandAck(VehicleEvent, frozen=True):
     """The vehicle's answer (MAV_RESULT) to a command of ours."""
 
-    vehicle: VehicleId
-    arrival_us: int
     command: int
     result: int
 
 
-class ClockReset(Value, frozen=True):
+class ClockReset(VehicleEvent, frozen=True):
     """The vehicle's clock began anew; the samples after it belong to another stretch of time."""
 
-    vehicle: VehicleId
-    arrival_us: int
     reason: Literal["reboot", "jump"]
     step_s: float  # how far the vehicle's own clock moved, signed
 
 
-class TrackLost(Value, frozen=True):
+class TrackLost(VehicleEvent, frozen=True):
     """A sensor was blind for so long that nobody knows how far the vehicle turned meanwhile.
 
     ``message`` names its stream, ``reason`` is the word its samples were refused with. The
     next sample of that stream is good again.
     """
 
-    vehicle: VehicleId
-    arrival_us: int
     message: str
     reason: Reason
     blind_s: float
 
 
-class Rejected(Value, frozen=True):
+class Rejected(VehicleEvent, frozen=True):
     """A sample that a check refused; counted under its ``reason``.
 
     ``message`` names the stream it came in, as in ``Imu``: a zero second IMU
     says nothing about the first.
     """
 
-    vehicle: VehicleId
-    arrival_us: int
     reason: Reason
     message: str = ""
 
 
-class Shed(Value, frozen=True):
+class Shed(VehicleEvent, frozen=True):
     """Samples of one stream that were left out, since newer ones were there already."""
 
-    vehicle: VehicleId
-    arrival_us: int
     message: str
     samples: int
 
 
-class Forgotten(Value, frozen=True):
+class Forgotten(VehicleEvent, frozen=True):
     """A silent sender's place was given to another: its clock is not known any more.
 
     Whatever else is remembered of it belongs to that clock. If it comes back it is a new one.
     """
 
-    vehicle: VehicleId
-    arrival_us: int
 
-
-class RefusedFrames(Value, frozen=True):
+class RefusedFrames(VehicleEvent, frozen=True):
     """Frames that were not let in; the address is what they claim, which nobody has proven."""
 
-    vehicle: VehicleId
-    arrival_us: int
     reason: Reason
     frames: int
 
@@ -210,8 +195,7 @@ class LinkDown(Value, frozen=True):
 Event = (
     Imu
     | ReferenceAttitude
-    | BodyRates
-    | Velocity
+    | Report
     | Position
     | Parameter
     | Heartbeat

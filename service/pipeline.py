@@ -10,7 +10,6 @@ from collections.abc import Callable
 from typing import Any
 
 from drivers.events import (
-    BodyRates,
     BuiltIn,
     ClockReset,
     Event,
@@ -26,10 +25,10 @@ from drivers.events import (
     ReferenceAttitude,
     RefusedFrames,
     Rejected,
+    Report,
     Shed,
     TrackLost,
     VehicleId,
-    Velocity,
 )
 from drivers.mavlink.constants import is_autopilot
 from drivers.simulation.simulated_vehicle import PROFILES
@@ -116,12 +115,9 @@ class Pipeline:
             case Position(vehicle=address):
                 if address in self._vehicles:
                     self._vehicles[address].on_position(event)
-            case BodyRates(vehicle=address):
+            case Report(vehicle=address):
                 if address in self._vehicles:
-                    self._vehicles[address].on_rates(event)
-            case Velocity(vehicle=address):
-                if address in self._vehicles:
-                    self._vehicles[address].on_velocity(event)
+                    self._vehicles[address].on_report(event)
             case Parameter(vehicle=address):
                 if address in self._vehicles:
                     self._vehicles[address].on_parameter(event)

@@ -9,17 +9,17 @@ from drivers.events import (
     Parameter,
     Position,
     Rejected,
+    Report,
     Shed,
     TrackLost,
     VehicleId,
-    Velocity,
 )
 from drivers.mavlink.ardupilot import COMPASS_OFFSETS
 from estimator.estimator import Estimator
 from estimator.profile import Profile
 from estimator.reasons import Reason
 from estimator.types import ImuSample
-from service import health, host_clock, imu_choice, velocity_choice
+from service import health, host_clock, imu_choice, report_choice
 from service.alarms import MEANINGS, Alarm, Alarms
 from service.attitude_record import Stamp, attitude_record, is_finite
 from service.counts import Counts
@@ -28,8 +28,8 @@ from service.host_clock import HostClock
 from service.imu_choice import ImuChoice
 from service.load import Load
 from service.records import AttitudeRecord, Retuned, StatusRecord, vehicle_name
+from service.report_choice import Kind, ReportChoice, kind_of
 from service.talk import Talk
-from service.velocity_choice import VelocityChoice
 
 # While not all attitudes are published at each tick, one of an old sample still is this often.
 REPEATED_US = 250_000
@@ -70,7 +70,7 @@ class Vehicle:
         self._retuned: Retuned | None = None
         self._health = Health()
         self._choice = ImuChoice()
-        self._velocity_choices = {True: VelocityChoice(), False: VelocityChoice()}
+        self._report_choices: dict[Kind, ReportChoice] = {}
         self._compass_offsets: dict[str, float] = {}
         self._clock = HostClock()
         self._periods_us: deque[int] = deque(maxlen=PERIODS_KEPT)
@@ -179,33 +179,35 @@ class Vehicle:
         if len(self._compass_offsets) == len(COMPASS_OFFSETS):
             self.estimator.set_field_calibrated(any(self._compass_offsets.values()))
 
-    def on_rates(self, event: BodyRates) -> None:
-        """Feed the estimator, unless the message's clock is another than the IMU's.
+    def on_report(self, event: Report) -> None:
+        """Feed the estimator with what something beside the IMU has measured.
+
+        Of several messages that report the same, only with the chosen one.
+        """
+        if isinstance(event, BodyRates) and self._has_other_clock(event):
+            return
+        kind = kind_of(event)
+        before = self._report_choices.get(kind, ReportChoice())
+        choice = report_choice.consider(before, event.message, event.arrival_us)
+        self._report_choices[kind] = choice
+        if choice.message != event.message:
+            return
+        is_rate = isinstance(event, BodyRates)
+        update = self.estimator.update_rate if is_rate else self.estimator.update_velocity
+        reason = update(event.sample)
+        if reason is not None:
+            self.reject(reason)
+
+    def _has_other_clock(self, event: BodyRates) -> bool:
+        """Whether the message's clock is another than the IMU's, or there is no IMU yet.
 
         Some autopilots stamp ATTITUDE seconds off; its rates are then those of another time.
         """
         last = self._last
         if last is None:
-            return
+            return True
         age_us = event.arrival_us - event.sample.time_us
-        if abs(age_us - (last.arrival_us - last.sample.time_us)) > OTHER_CLOCK_US:
-            return
-        reason = self.estimator.update_rate(event.sample)
-        if reason is not None:
-            self.reject(reason)
-
-    def on_velocity(self, event: Velocity) -> None:
-        """Feed the estimator, if the message is the chosen one."""
-        is_receiver = event.sample.late_sigma_s > 0.0
-        choice = velocity_choice.consider(
-            self._velocity_choices[is_receiver], event.message, event.arrival_us
-        )
-        self._velocity_choices[is_receiver] = choice
-        if choice.message != event.message:
-            return
-        reason = self.estimator.update_velocity(event.sample)
-        if reason is not None:
-            self.reject(reason)
+        return abs(age_us - (last.arrival_us - last.sample.time_us)) > OTHER_CLOCK_US
 
     def on_time(self, now_us: int) -> list[str]:
         """Notice silence."""

@@ -1,13 +1,15 @@
 """What all logs have in common."""
 
+import hashlib
 import logging
 import mmap
+from abc import abstractmethod
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
 from drivers.closing import Closing
-from drivers.logs.file_digest import file_sha256
+from drivers.events import Event
 from estimator.errors import InputError
 
 Buffer = mmap.mmap | bytes
@@ -18,17 +20,25 @@ _log = logging.getLogger(__name__)
 
 
 class LogFile(Closing):
-    """A log's file: open only while it is iterated, so that there is nothing to close."""
+    """A recording as the events of a live link, for as often as it is iterated.
+
+    The file is open only while it is iterated, so that there is nothing to close.
+    """
 
     def __init__(self, path: Path) -> None:
         self.path = path
+
+    @abstractmethod
+    def __iter__(self) -> Iterator[Event]:
+        """The events from the file's start."""
 
     def close(self) -> None:
         """Nothing is held between one reading and the next."""
 
     def sha256(self) -> str:
         """The file's SHA-256, as hexadecimal digits."""
-        return file_sha256(self.path)
+        with self.path.open("rb") as file:
+            return hashlib.file_digest(file, "sha256").hexdigest()
 
 
 @contextmanager

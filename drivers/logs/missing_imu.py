@@ -2,8 +2,7 @@
 
 from drivers.logs.dataflash import Dataflash
 from drivers.logs.dataflash_format import messages
-from drivers.logs.log_file import whole_file
-from drivers.logs.open import LogSource
+from drivers.logs.log_file import LogFile, whole_file
 from drivers.logs.tlog import Tlog, TlogRecords
 from drivers.mavlink.constants import (
     ATTITUDE_ID,
@@ -17,7 +16,7 @@ from drivers.mavlink.imu_messages import IMU_MESSAGES, message_to_ask_for
 ATTITUDES = {ATTITUDE_ID: "ATTITUDE", ATTITUDE_QUATERNION_ID: "ATTITUDE_QUATERNION"}
 
 
-def advice(log: LogSource, system_id: int | None = None) -> str | None:
+def advice(log: LogFile, system_id: int | None = None) -> str | None:
     """One line for a log without IMU data: what there is instead, and how to get a better one.
 
     None if there is not even an attitude (of that system), or an IMU message that is of no use.

@@ -5,10 +5,9 @@ import stat
 from collections.abc import Iterator
 from contextlib import closing
 from pathlib import Path
-from types import TracebackType
-from typing import Protocol, Self
 
 from drivers.events import BuiltIn, Event, Imu
+from drivers.logs.log_file import LogFile
 from drivers.logs.tlog import Tlog
 from estimator.errors import InputError
 
@@ -20,28 +19,7 @@ HEAD_SIZE = 65_536
 BEGINNING_SAMPLES = 300
 
 
-class LogSource(Protocol):
-    """A recording as the events of a live link, for as often as it is iterated."""
-
-    path: Path
-
-    def __enter__(self) -> Self: ...
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        traceback: TracebackType | None,
-    ) -> None: ...
-
-    def __iter__(self) -> Iterator[Event]: ...
-
-    def sha256(self) -> str:
-        """The file's SHA-256, as hexadecimal digits."""
-        ...
-
-
-def open_log(path: Path) -> LogSource:
+def open_log(path: Path) -> LogFile:
     """The log in ``path``: telemetry log, DataFlash or ULog.
 
     Raises:
@@ -64,7 +42,7 @@ def open_log(path: Path) -> LogSource:
     return Tlog(path)
 
 
-def imu_events(log: LogSource) -> Iterator[Event]:
+def imu_events(log: LogFile) -> Iterator[Event]:
     """The log's events, insisting on IMU data.
 
     Raises:
@@ -78,7 +56,7 @@ def imu_events(log: LogSource) -> Iterator[Event]:
         raise InputError(f"{log.path}: no usable IMU message in this log")
 
 
-def built_in_motion(log: LogSource) -> str | None:
+def built_in_motion(log: LogFile) -> str | None:
     """The motion in a log of fuzzbee's own vehicle; None of any other log.
 
     The vehicle says ten times a second whose it is, so the log's beginning tells.

@@ -6,7 +6,7 @@ vehicle's continuous clock and becomes events.
 
 import math
 from collections.abc import Callable
-from typing import Literal, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 from drivers.events import (
     BodyRates,
@@ -17,6 +17,7 @@ from drivers.events import (
     Position,
     ReferenceAttitude,
     Rejected,
+    Report,
     TrackLost,
     VehicleId,
     Velocity,
@@ -146,12 +147,24 @@ class Intake:
 
     def rates(self, name: str, stamp: Stamp, rate_rad_s: Vec3) -> list[Event]:
         """Body rates beside somebody's attitude that nobody wants."""
+        return self.report(name, stamp, lambda us: RateSample(us, rate_rad_s), BodyRates)
+
+    def report(
+        self,
+        name: str,
+        stamp: Stamp,
+        sample_at: Callable[[int], Any],
+        kind: type[Report] = Report,
+    ) -> list[Event]:
+        """What something beside the IMU has measured.
+
+        ``sample_at`` makes the sample of its time (us) on the vehicle's continuous clock.
+        """
         placed = self._place(name, stamp)
         if placed is None:
             return []
-        rates = RateSample(placed.time_us, rate_rad_s)
-        event = BodyRates(self.vehicle, stamp.arrival_us, name, rates)
-        return [event] if placed.reset is None else [*self._resets(placed, stamp.arrival_us), event]
+        event = kind(self.vehicle, stamp.arrival_us, name, sample_at(placed.time_us))
+        return [*self._resets(placed, stamp.arrival_us), event]
 
     def truth(self, name: str, arrival_us: int, q_ned_frd: Quaternion | None) -> list[Event]:
         """A simulator's attitude without a time of its own: that of the IMU message before it.

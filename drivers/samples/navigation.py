@@ -27,7 +27,7 @@ MOST_DOUBT = 20.0
 WORD_HOLDS_US = 30_000_000
 # A place this near to (0, 0) is a displacement from nowhere, unless its sender vouches for it.
 NOWHERE_M = 10_000.0
-METRES_A_DEGREE = 111_320.0
+METRES_A_DEGREE = 111_194.9  # of latitude, on a sphere of 6371 km
 
 
 class FilterStatus(Value, frozen=True):

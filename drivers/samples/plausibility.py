@@ -9,10 +9,11 @@ SPACING_US = 200_000  # a window must outlast a flip or a fall, at any rate
 WINDOW_SAMPLES = 50  # magnitudes are judged by their median over this many
 FIRST_LOOK_SAMPLES = 20
 ACC_AT_REST_G = (0.5, 2.0)
-GYR_LIMIT_RAD_S = math.radians(2000.0)  # the range of common MEMS gyroscopes
+GYR_RANGE_RAD_S = math.radians(2000.0)  # the range of common MEMS gyroscopes
 MAG_RANGE_GAUSS = (0.05, 5.0)  # the Earth's is 0.25..0.65; scale and hard iron are often off
+UPWARD_G = 0.5  # of an accelerometer's z, which is about -1 g where axes are FRD
 
-
+WRONG_UNIT = "wrong unit or scale?"
 AXES_COMPLAINT = (
     "accelerometer z is positive: upside down, or axes other than FRD. If it stands level, write "
     "into the profile: [mounting] acc_sign = -1 (or rotation_deg = [180, 0, 0] if y and z of the "
@@ -52,42 +53,29 @@ class Plausibility:
         return self._new_complaints(doubts_axes=doubts_axes)
 
     def _new_complaints(self, *, doubts_axes: bool) -> list[str]:
-        complaints = {
-            "acc": self._acc_complaint(),
-            "axes": self._axes_complaint() if doubts_axes else "",
-            "gyr": self._gyr_complaint(),
-            "mag": self._mag_complaint(),
-        }
-        new = {key: text for key, text in complaints.items() if text and key not in self._told}
-        self._told.update(new)
-        return list(new.values())
+        acc_g, gyr_rad_s = _median(self._acc_g), _median(self._gyr_rad_s)
+        complaints = []
+        if not _is_within(acc_g, ACC_AT_REST_G):
+            complaints.append(
+                ("acc", f"accelerometer reads {acc_g:.3g} g, expected about 1 g: {WRONG_UNIT}")
+            )
+        if doubts_axes and not _median(self._acc_z_g) < UPWARD_G:
+            complaints.append(("axes", AXES_COMPLAINT))
+        if not gyr_rad_s <= GYR_RANGE_RAD_S:
+            rate_deg_s = math.degrees(gyr_rad_s)
+            complaints.append(("gyr", f"gyroscope reads {rate_deg_s:.3g} deg/s: {WRONG_UNIT}"))
+        if len(self._mag_gauss) >= FIRST_LOOK_SAMPLES // 4:
+            mag_gauss = _median(self._mag_gauss)
+            if not _is_within(mag_gauss, MAG_RANGE_GAUSS):
+                text = f"magnetometer reads {mag_gauss:.3g} gauss, expected about 0.5: {WRONG_UNIT}"
+                complaints.append(("mag", text))
+        new = [(sensor, text) for sensor, text in complaints if sensor not in self._told]
+        self._told.update(sensor for sensor, _ in new)
+        return [text for _, text in new]
 
-    def _acc_complaint(self) -> str:
-        low, high = ACC_AT_REST_G
-        median = _median(self._acc_g)
-        if low <= median <= high:
-            return ""
-        return f"accelerometer reads {median:.3g} g, expected about 1 g: wrong unit or scale?"
 
-    def _axes_complaint(self) -> str:
-        if _median(self._acc_z_g) < 0.5:
-            return ""
-        return AXES_COMPLAINT
-
-    def _gyr_complaint(self) -> str:
-        median = _median(self._gyr_rad_s)
-        if median <= GYR_LIMIT_RAD_S:
-            return ""
-        return f"gyroscope reads {math.degrees(median):.3g} deg/s: wrong unit or scale?"
-
-    def _mag_complaint(self) -> str:
-        low, high = MAG_RANGE_GAUSS
-        if len(self._mag_gauss) < FIRST_LOOK_SAMPLES // 4:
-            return ""
-        median = _median(self._mag_gauss)
-        if low <= median <= high:
-            return ""
-        return f"magnetometer reads {median:.3g} gauss, expected about 0.5: wrong unit or scale?"
+def _is_within(value: float, span: tuple[float, float]) -> bool:
+    return span[0] <= value <= span[1]
 
 
 def _median(values: deque[float]) -> float:

@@ -56,7 +56,7 @@ class Reset(NamedTuple):
     step_us: int
 
 
-class Reading(Value, frozen=True):
+class Unwrapped(Value, frozen=True):
     """An unwrapped clock value; a reset was ``since_reset_us`` ago, at the message before."""
 
     boot_us: int
@@ -101,12 +101,12 @@ class ClockLine:
         self.boot_us = 0
         self.arrival_us = 0
 
-    def advance(self, raw_us: int, arrival_us: int) -> Reading | None:
+    def advance(self, raw_us: int, arrival_us: int) -> Unwrapped | None:
         """The unwrapped time of a message, or None while a large step is unconfirmed."""
         if not self._started:
             self._started = True
             self._restart(raw_us, arrival_us)
-            return Reading(raw_us, None)
+            return Unwrapped(raw_us, None)
         boot_us = self._unwrap(raw_us, arrival_us)
         reason = self._judge(boot_us - self.boot_us, arrival_us - self.arrival_us)
         self.is_beside = self._beside is not None and self._goes_on_beside(boot_us, arrival_us)
@@ -116,7 +116,7 @@ class ClockLine:
         if reason is None:
             self._drop_candidate()
             self._accept(boot_us, arrival_us)
-            return Reading(boot_us, None)
+            return Unwrapped(boot_us, None)
         candidate = self._candidate
         if candidate is None or not self._confirms(boot_us, arrival_us):
             self._candidate = (boot_us, arrival_us)
@@ -125,7 +125,7 @@ class ClockLine:
         self._beside = (self.boot_us, self.arrival_us)
         self._restart(*candidate)
         self._accept(boot_us, arrival_us)
-        return Reading(boot_us, reset, boot_us - candidate[0])
+        return Unwrapped(boot_us, reset, boot_us - candidate[0])
 
     def goes_on(self, raw_us: int, arrival_us: int) -> bool:
         """Take a message that just goes on in time; False, and nothing done, for any other.
@@ -295,7 +295,7 @@ class VehicleClock:
         self._latest_us = max(self._latest_us, time_us)
         return Placed(time_us, boot_us, reset, since_reset_us)
 
-    def _beside_line(self, field: TimeField, reading: Reading, arrival_us: int) -> Placed:
+    def _beside_line(self, field: TimeField, reading: Unwrapped, arrival_us: int) -> Placed:
         assert self._primary is not None
         line = self._lines[self._primary]
         line_now_us = line.boot_us + max(arrival_us - line.arrival_us, 0)

@@ -12,6 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from drivers.samples.navigation import METRES_A_DEGREE
 from drivers.simulation.rotations import (
     CONJUGATE,
     Floats,
@@ -34,7 +35,6 @@ SILENCE_S = (76.0, 76.9)  # nothing is sent: behind a hill
 # Zurich, where PX4's simulator starts, too; World Magnetic Model 2025 at 2026.0, gauss NED
 LATITUDE_DEG, LONGITUDE_DEG, ALTITUDE_M = 47.397742, 8.545594, 488.0
 FIELD_NED_GAUSS: Vec3 = (0.2152, 0.0133, 0.4329)
-METRES_A_DEGREE = 111_194.9  # of latitude, on a sphere of 6371 km
 
 EIGHT_M = (45.0, 16.0)  # half the length and half the width of the figure
 EIGHT_S = 20.0  # once around it

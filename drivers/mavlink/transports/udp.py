@@ -42,17 +42,33 @@ ANCILLARY_BYTES = 64
 LOST_LOOK_S = 0.25
 
 
-class UdpIn:
-    """Listens on a UDP port and answers whoever has sent something."""
+class _Udp:
+    """What both have in common."""
 
     def __init__(self, endpoint: Endpoint) -> None:
         self._endpoint = endpoint
         self._socket: _UdpSocket | None = None
-        self._peers: OrderedDict[Any, str] = OrderedDict()  # names by address
 
     @property
     def connected(self) -> bool:
         return self._socket is not None
+
+    @property
+    def lost(self) -> int:
+        return 0 if self._socket is None else self._socket.lost
+
+    def close(self) -> None:
+        if self._socket is not None:
+            self._socket.close()
+        self._socket = None
+
+
+class UdpIn(_Udp):
+    """Listens on a UDP port and answers whoever has sent something."""
+
+    def __init__(self, endpoint: Endpoint) -> None:
+        super().__init__(endpoint)
+        self._peers: OrderedDict[Any, str] = OrderedDict()  # names by address
 
     @property
     def address(self) -> str:
@@ -60,6 +76,7 @@ class UdpIn:
         return local_address("udpin", bound) or str(self._endpoint)
 
     def open(self) -> None:
+        self._peers.clear()
         self._socket = _UdpSocket(listening_socket(self._endpoint, socket.SOCK_DGRAM))
 
     def receive(self, timeout_s: float) -> list[Packet]:
@@ -67,20 +84,10 @@ class UdpIn:
         datagrams = self._socket.receive(timeout_s)
         return [Packet(self._peer(sender), data, us) for data, sender, us in datagrams]
 
-    @property
-    def lost(self) -> int:
-        return 0 if self._socket is None else self._socket.lost
-
     def send(self, data: bytes) -> None:
         assert self._socket is not None
         for sender in self._peers:
             self._socket.send(data, sender)
-
-    def close(self) -> None:
-        if self._socket is not None:
-            self._socket.close()
-        self._socket = None
-        self._peers.clear()
 
     def _peer(self, sender: Any) -> str:
         """The name of a sender, who is remembered."""
@@ -94,17 +101,10 @@ class UdpIn:
         return name
 
 
-class UdpOut:
+class UdpOut(_Udp):
     """Sends to one UDP address and takes what that host sends back."""
 
-    def __init__(self, endpoint: Endpoint) -> None:
-        self._endpoint = endpoint
-        self._socket: _UdpSocket | None = None
-        self._target: Any = None
-
-    @property
-    def connected(self) -> bool:
-        return self._socket is not None
+    _target: Any = None
 
     @property
     def address(self) -> str:
@@ -122,18 +122,9 @@ class UdpOut:
             if sender[0] == self._target[0]
         ]
 
-    @property
-    def lost(self) -> int:
-        return 0 if self._socket is None else self._socket.lost
-
     def send(self, data: bytes) -> None:
         assert self._socket is not None
         self._socket.send(data, self._target)
-
-    def close(self) -> None:
-        if self._socket is not None:
-            self._socket.close()
-        self._socket = None
 
 
 class _UdpSocket:

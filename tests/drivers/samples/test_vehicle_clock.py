@@ -10,10 +10,10 @@ from drivers.samples.vehicle_clock import (
     CUT_STEP_US,
     ClockLine,
     Placed,
-    Reading,
     Refused,
     Reset,
     TimeField,
+    Unwrapped,
     VehicleClock,
 )
 
@@ -207,7 +207,7 @@ def test_nor_does_it_for_a_clock_beside_the_line():
     for raw_us in (50 * S, 51 * S):
         line.advance(raw_us, UNIX + raw_us)
     assert line.advance(3 * S, UNIX + 52 * S) is None
-    assert line.advance(54 * S, UNIX + 54 * S) == Reading(54 * S, None)
+    assert line.advance(54 * S, UNIX + 54 * S) == Unwrapped(54 * S, None)
     assert line.advance(3 * S + 20_000, UNIX + 55 * S) is None
 
 
@@ -376,7 +376,7 @@ def test_the_short_way_through_a_clock_is_the_long_one(steps):
         raw_us, arrival_us = max(0, raw_us + step_us), arrival_us + elapsed_us
         reading = long.advance(raw_us, arrival_us)
         if short.goes_on(raw_us, arrival_us):
-            assert reading == Reading(short.boot_us, None)
+            assert reading == Unwrapped(short.boot_us, None)
         else:
             assert short.advance(raw_us, arrival_us) == reading
         assert vars(short) == vars(long)

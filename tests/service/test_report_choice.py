@@ -1,10 +1,10 @@
-"""Which velocity message is used."""
+"""Which of several messages that report the same is used."""
 
-from service.velocity_choice import VelocityChoice, consider
+from service.report_choice import ReportChoice, consider
 
 
 def after(*arrivals):
-    choice = VelocityChoice()
+    choice = ReportChoice()
     used = []
     for message, arrival_us in arrivals:
         choice = consider(choice, message, arrival_us)

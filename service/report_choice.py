@@ -1,0 +1,37 @@
+"""Which of a vehicle's messages that report the same helps the estimator.
+
+The best one is used as long as it comes: a change from one message to another would look like a
+change of what they report. Velocity has two sources, the autopilot's filter and a receiver; the
+estimator models the errors of each, and takes one message of each.
+"""
+
+from drivers.events import Report
+from drivers.samples.preference import velocity_rank
+from drivers.value import Value
+from estimator.types import VelocitySample
+
+SILENCE_US = 2_000_000  # after which the next best takes over
+
+Kind = tuple[type, bool]
+
+
+class ReportChoice(Value, frozen=True):
+    """The message in use and when it last arrived."""
+
+    message: str | None = None
+    last_arrival_us: int = 0
+
+
+def kind_of(event: Report) -> Kind:
+    """What one message is chosen of: the type of the report, and whether it is a receiver's."""
+    sample = event.sample
+    return type(sample), isinstance(sample, VelocitySample) and sample.late_sigma_s > 0.0
+
+
+def consider(choice: ReportChoice, message: str, arrival_us: int) -> ReportChoice:
+    """The choice after ``message`` arrived; it is in use if ``.message`` equals it."""
+    better = choice.message is None or velocity_rank(message) < velocity_rank(choice.message)
+    silent = arrival_us - choice.last_arrival_us > SILENCE_US
+    if better or silent or message == choice.message:
+        return ReportChoice(message, arrival_us)
+    return choice
