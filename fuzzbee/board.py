@@ -3,7 +3,7 @@
 import threading
 from typing import NamedTuple
 
-from service.health import State
+from service.health import HAS_ATTITUDE, State
 from service.records import AttitudeRecord, StatusRecord
 
 SILENT_AFTER_S = 3.0  # a status comes every second
@@ -65,7 +65,7 @@ class Board:
 
 def current_attitude(row: Row, now_s: float) -> AttitudeRecord | None:
     """The attitude, or None where the state says that it is no longer valid."""
-    given = row.state in (State.RUNNING, State.DEGRADED) and not is_silent(row, now_s)
+    given = row.state in HAS_ATTITUDE and not is_silent(row, now_s)
     return row.attitude if given else None
 
 

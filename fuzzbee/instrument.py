@@ -11,8 +11,18 @@ from typing import NamedTuple
 
 from rich.text import Text
 
-from fuzzbee.trust import Level, Trust, plus_minus, trust
-from service.health import HAS_ATTITUDE, State
+from fuzzbee.board import Row, age_text, current_attitude, is_silent, state_text
+from fuzzbee.trust import (
+    POINTS,
+    Level,
+    Trust,
+    heading_text,
+    is_on_its_back,
+    north_text,
+    plus_minus,
+    trust,
+)
+from service.health import State
 from service.records import AttitudeRecord, StatusRecord
 
 LEAST_WIDTH, LEAST_HEIGHT = 40, 12  # of a window that has room for it
@@ -23,7 +33,6 @@ RUNG_DEG = 10
 STEEP = 0.7  # sine of the roll
 OWN = "━┓┏●=.o"  # the vehicle's own symbol is made of these
 SILENT = "the service is silent"
-POINTS = {0: "N", 45: "NE", 90: "E", 135: "SE", 180: "S", 225: "SW", 270: "W", 315: "NW"}
 
 SKY, GROUND, HAZE, LINE = range(4)
 # Sky, ground, haze by its level, and the line
@@ -37,12 +46,7 @@ LEVEL_STYLE = {
     Level.BAD: "white on red",
     Level.NONE: "white on red",
 }
-LEVEL_COLOUR = {
-    Level.GOOD: "green",
-    Level.CARE: "yellow",
-    Level.BAD: "red",
-    Level.NONE: "red",
-}
+LEVEL_COLOUR = dict(zip(Level, ("green", "yellow", "red", "red"), strict=True))
 
 
 class Ink(NamedTuple):
@@ -52,54 +56,39 @@ class Ink(NamedTuple):
     unicode: bool = True
 
 
-class Seen(NamedTuple):
-    """What there is to show of one vehicle; ``attitude`` is None if none is valid."""
-
-    name: str
-    state: State
-    attitude: AttitudeRecord | None
-    status: StatusRecord | None = None
-    before: StatusRecord | None = None
-    age: str = ""
-    is_silent: bool = False
-
-    @property
-    def trust(self) -> Trust:
-        """What to think of it."""
-        if self.is_silent:
-            return trust(State.LOST, None)
-        return trust(self.state, self.attitude, self.status, self.before)
-
-
 def has_room(width: int, height: int) -> bool:
     """Whether a window is large enough."""
     return width >= LEAST_WIDTH and height >= LEAST_HEIGHT
 
 
-def screen(seen: Seen, width: int, height: int, ink: Ink, message: str = "") -> list[Text]:
+def screen(
+    row: Row, now_s: float, width: int, height: int, ink: Ink, message: str = ""
+) -> list[Text]:
     """``height`` lines of ``width`` cells: state, heading, horizon, figures, doubts."""
-    judged = seen.trust
-    is_valid = seen.attitude is not None and not seen.is_silent and seen.state in HAS_ATTITUDE
-    attitude = seen.attitude if is_valid else None
+    attitude = current_attitude(row, now_s)
+    if is_silent(row, now_s):
+        judged = trust(State.LOST, None)._replace(doubts=())
+    else:
+        judged = trust(row.state, attitude, row.status, row.before)
     tail = [
         *_figures(attitude, judged, width),
-        _doubts(seen, judged, width),
-        _bottom(message, width),
+        _doubts(attitude, judged, width),
+        Text(message[:width], style="dim"),
     ]
-    head = [_bar(seen, judged, width)]
+    head = [_bar(row, now_s, judged, width)]
     if attitude is None:
         rows = height - len(head) - len(tail)
-        return [*head, *_cross(seen, judged, width, rows, ink), *tail]
+        return [*head, *_cross(judged, width, rows, ink), *tail]
     head += _tape(attitude, judged, width, ink)
     rows = height - len(head) - len(tail)
     return [*head, *_horizon(attitude, judged, width, rows, ink), *tail]
 
 
-def _bar(seen: Seen, judged: Trust, width: int) -> Text:
+def _bar(row: Row, now_s: float, judged: Trust, width: int) -> Text:
     """State at the left, the word that sums up in the middle, the IMU at the right."""
-    state = "silent" if seen.is_silent else seen.state.value
-    left = f" vehicle {seen.name}  {state}"
-    right = f"{_imu(seen.status)}  {seen.age} " if width >= 60 else f"{seen.age} "
+    left = f" vehicle {row.name}  {state_text(row, now_s)}"
+    age = age_text(row, now_s)
+    right = f"{_imu(row.status)}  {age} " if width >= 60 else f"{age} "
     line = [" "] * width
     _write(line, 0, left)
     _write(line, width - len(right), right)
@@ -135,12 +124,6 @@ def _tape(attitude: AttitudeRecord, judged: Trust, width: int, ink: Ink) -> list
     line = Text("".join(names))
     line.stylize("bold", middle - len(number) // 2, middle - len(number) // 2 + len(number))
     return [line, Text("".join(marks), style=LEVEL_COLOUR[judged.heading])]
-
-
-def heading_text(attitude: AttitudeRecord) -> str:
-    """Three digits; in brackets if they refer to nothing."""
-    text = f"{round(attitude.euler_deg[2]) % 360:03}°"
-    return f"({text})" if attitude.heading_reference == "none" else text
 
 
 def _horizon(
@@ -247,7 +230,7 @@ def _own_symbol(width: int, rows: int, ink: Ink) -> dict[tuple[int, int], str]:
     return {(left + n, row): letter for n, letter in enumerate(text) if letter != " "}
 
 
-def _cross(seen: Seen, judged: Trust, width: int, rows: int, ink: Ink) -> list[Text]:
+def _cross(judged: Trust, width: int, rows: int, ink: Ink) -> list[Text]:
     """No horizon at all: a cross, and why."""
     reach = max(1, (rows - 5) // 2)
     grid = [[" "] * width for _ in range(rows)]
@@ -257,7 +240,7 @@ def _cross(seen: Seen, judged: Trust, width: int, rows: int, ink: Ink) -> list[T
             column = middle + round(side * step * CELL_RATIO)
             if 0 <= column < width:
                 grid[middle_row + step][column] = "╳" if ink.unicode else "X"
-    why = SILENT if seen.is_silent else judged.doubts[0].text
+    why = judged.doubts[0].text if judged.doubts else SILENT
     text = f"  {judged.word}: {why}  "
     _write(grid[middle_row], middle - len(text) // 2, text)
     return [Text("".join(row), style=f"bold {LEVEL_COLOUR[judged.overall]}") for row in grid]
@@ -272,12 +255,7 @@ def _figures(attitude: AttitudeRecord | None, judged: Trust, width: int) -> list
     roll, pitch, _ = attitude.euler_deg
     shown = (f"roll {roll:+.1f}°", f"pitch {pitch:+.1f}°", f"heading {heading_text(attitude)}")
     line = Text("".join(text.center(third) for text in shown), style="bold")
-    reference = attitude.heading_reference
-    north = (
-        "no north"
-        if reference == "none"
-        else f"{plus_minus(attitude.sigma_deg.heading)} {reference}"
-    )
+    north = north_text(attitude)
     below = Text(
         f"horizon {plus_minus(attitude.sigma_deg.inclination)}".center(2 * third),
         style=LEVEL_COLOUR[judged.horizon],
@@ -285,27 +263,17 @@ def _figures(attitude: AttitudeRecord | None, judged: Trust, width: int) -> list
     return [line, below + Text(north.center(third), style=LEVEL_COLOUR[judged.heading])]
 
 
-def _doubts(seen: Seen, judged: Trust, width: int) -> Text:
+def _doubts(attitude: AttitudeRecord | None, judged: Trust, width: int) -> Text:
     """The reasons, the worst first, as many as fit."""
     line = Text()
-    if seen.is_silent:
-        return line
     for doubt in judged.doubts:
         if len(line) + len(doubt.text) + 3 > width:
             break
         line.append(f" {doubt.text} ", LEVEL_STYLE[doubt.level])
         line.append(" ")
-    if (
-        seen.attitude is not None
-        and abs(seen.attitude.euler_deg[0]) > 90.0
-        and len(line) + 13 < width
-    ):
+    if is_on_its_back(attitude) and len(line) + 13 < width:
         line.append(" upside down ", "reverse")
     return line
-
-
-def _bottom(message: str, width: int) -> Text:
-    return Text(message[:width], style="dim")
 
 
 def _write(line: list[str], at: int, text: str) -> None:

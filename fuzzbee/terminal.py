@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Any
 
 from rich.console import Console, Group, RenderableType
 
-from fuzzbee.board import Board, Row, age_text, current_attitude, is_silent
-from fuzzbee.instrument import Ink, Seen, has_room, screen
+from fuzzbee.board import Board, Row
+from fuzzbee.instrument import Ink, has_room, screen
 from fuzzbee.say import printable
 from fuzzbee.vehicle_table import BY_NAME, ORDERS, Look, lines, table
 from service.records import Departed, Message, Output, Published, vehicle_name
@@ -159,17 +159,4 @@ def one_vehicle(
     """One vehicle as an artificial horizon, in the characters and colours of the console."""
     colours = COLOURS_OF.get(console.color_system, 256)
     ink = Ink(colours, console.encoding.startswith("utf"))
-    return Group(*screen(_seen(row, now_s), width, height, ink, foot))
-
-
-def _seen(row: Row, now_s: float) -> Seen:
-    """What the screen of one vehicle shows of a row."""
-    return Seen(
-        name=row.name,
-        state=row.state,
-        attitude=current_attitude(row, now_s),
-        status=row.status,
-        before=row.before,
-        age=age_text(row, now_s),
-        is_silent=is_silent(row, now_s),
-    )
+    return Group(*screen(row, now_s, width, height, ink, foot))

@@ -11,6 +11,8 @@ from service.records import AttitudeRecord, StatusRecord
 # a descent. A heading 10 off still points to the right field, one 30 off does not.
 HORIZON_DEG = (3.0, 10.0)
 HEADING_DEG = (10.0, 30.0)
+UPSIDE_DOWN_DEG = 90.0  # of roll
+POINTS = {0: "N", 45: "NE", 90: "E", 135: "SE", 180: "S", 225: "SW", 270: "W", 315: "NW"}
 # A few refused samples, late ticks or lost records a second are no reason to worry.
 MUCH_REFUSED = 0.2  # of those that come
 MUCH_LOST = 5
@@ -168,3 +170,22 @@ def plus_minus(sigma_deg: float) -> str:
     if sigma_deg >= 180.0:
         return "unknown"
     return f"±{sigma_deg:.1f}°" if sigma_deg < 10.0 else f"±{sigma_deg:.0f}°"
+
+
+def heading_text(attitude: AttitudeRecord) -> str:
+    """Three digits; in brackets if they refer to nothing."""
+    text = f"{round(attitude.euler_deg[2]) % 360:03}°"
+    return f"({text})" if attitude.heading_reference == "none" else text
+
+
+def north_text(attitude: AttitudeRecord) -> str:
+    """Which north the heading is from, with its sigma."""
+    reference = attitude.heading_reference
+    if reference == "none":
+        return "no north"
+    return f"{plus_minus(attitude.sigma_deg.heading)} {reference}"
+
+
+def is_on_its_back(attitude: AttitudeRecord | None) -> bool:
+    """Whether the vehicle flies upside down."""
+    return attitude is not None and abs(attitude.euler_deg[0]) > UPSIDE_DOWN_DEG

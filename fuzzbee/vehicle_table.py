@@ -18,8 +18,10 @@ MAX_LINES = 8  # more vehicles than this share one line
 MOST_WARNINGS = 3  # lines below the table
 FRAME_LINES = 4  # title and header above the rows, summary and cursor below them
 BLOCK_GAP = 3
-# Columns as wide as their values can be, so that nothing moves about
+# Columns as wide as their values can be, so that nothing moves about. An id may be longer: with a
+# component; the longest IMU is HIGHRES_IMU.
 WIDTHS = {
+    "id": 3,
     "state": 9,
     "roll": 7,
     "pitch": 6,
@@ -27,11 +29,12 @@ WIDTHS = {
     "heading": 8,
     "head ±": 6,
     "gain": 5,
+    "bar": 8,  # the gain as a bar
+    "IMU": 11,
+    "IMU Hz": 6,
     "age": 6,
 }
-RATE_WIDTH = 6
-IMU_WIDTH = 11  # HIGHRES_IMU
-NAME_WIDTH = 3  # a system id; with a component the name is longer
+AT_THE_LEFT = ("id", "state", "bar", "IMU")  # of their columns
 COLOURS = {
     State.WAITING: "dim",
     State.ALIGNING: "cyan",
@@ -44,23 +47,20 @@ DOUBT_COLOURS = {Level.GOOD: "", Level.CARE: "yellow", Level.BAD: "red", Level.N
 ATTENTION = (State.LOST, State.DEGRADED, State.WAITING, State.ALIGNING, State.RUNNING)
 ARROWS = "↑↗→↘↓↙←↖"  # the heading, north up
 BAR_FULL_GAIN = 101.0  # K = 1 + k_op, k_op up to 100
-BAR_WIDTH = 8
 
 
 class Layout(NamedTuple):
-    """How much of a vehicle is shown, where a line has at least ``width`` columns."""
+    """Which columns are left out where a line has at least ``width`` cells."""
 
     width: int
-    sigma: bool = True
-    rates: bool = True  # gain and IMU rate
-    bar: bool = False  # with the name of the IMU message
+    left_out: tuple[str, ...] = ()
     gap: int = 1
 
 
-WIDE = Layout(105, bar=True, gap=2)
-NORMAL = Layout(72)
-COMPACT = Layout(58, rates=False)
-NARROW = Layout(0, sigma=False, rates=False)
+WIDE = Layout(105, gap=2)
+NORMAL = Layout(72, ("bar", "IMU"))
+COMPACT = Layout(58, (*NORMAL.left_out, "gain", "IMU Hz"))
+NARROW = Layout(0, (*COMPACT.left_out, "tilt ±", "head ±"))
 
 
 class Look(NamedTuple):
@@ -78,7 +78,7 @@ def table(rows: list[Row], now_s: float, width: int, height: int, look: Look) ->
     """
     warned = _warnings(rows, MOST_WARNINGS)
     room = max(1, height - FRAME_LINES - len(warned) - bool(look.keys))
-    width -= max([0, *(len(row.name) - NAME_WIDTH for row in rows)])
+    width -= max([0, *(len(row.name) - WIDTHS["id"] for row in rows)])
     most = (width + BLOCK_GAP) // (COMPACT.width + BLOCK_GAP)
     across = min(most, -(-len(rows) // room))
     if across > 1:
@@ -92,9 +92,8 @@ def table(rows: list[Row], now_s: float, width: int, height: int, look: Look) ->
         shown = [row for row in rows if row.name in chosen]  # in their order: nothing jumps
     each = max(1, -(-len(shown) // across))
     blocks = Table.grid(padding=(0, BLOCK_GAP, 0, 0))
-    blocks.add_row(
-        *(_block(shown[n : n + each], now_s, layout, look.cursor) for n in _starts(shown, each))
-    )
+    starts = range(0, max(1, len(shown)), each)
+    blocks.add_row(*(_block(shown[n : n + each], now_s, layout, look.cursor) for n in starts))
     parts: list[RenderableType] = [Text(look.title, style="bold", no_wrap=True), blocks]
     if not rows:
         parts.append(Text("waiting for a vehicle", style="dim italic"))
@@ -139,34 +138,22 @@ def meaning(word: str) -> str:
         return printable(word, 40)
 
 
-def _starts(shown: list[Row], each: int) -> range:
-    return range(0, max(1, len(shown)), each)
-
-
 def _block(rows: list[Row], now_s: float, layout: Layout, cursor: str | None) -> Table:
     view = Table(box=None, header_style="bold", padding=(0, layout.gap, 0, 0), pad_edge=False)
-    view.add_column("vehicle" if layout.bar else "id", no_wrap=True, min_width=NAME_WIDTH)
-    view.add_column("state", no_wrap=True, min_width=WIDTHS["state"])
-    for name in _measures(layout):
-        view.add_column(name, justify="right", no_wrap=True, min_width=WIDTHS[name])
-    if layout.bar:
-        view.add_column("", no_wrap=True, min_width=BAR_WIDTH)
-        view.add_column("IMU", no_wrap=True, min_width=IMU_WIDTH)
-    if layout.rates:
-        view.add_column("IMU Hz", justify="right", no_wrap=True, min_width=RATE_WIDTH)
-    view.add_column("age", justify="right", no_wrap=True, min_width=WIDTHS["age"])
+    columns = [name for name in WIDTHS if name not in layout.left_out]
+    headings = {"bar": "", "id": "vehicle" if layout is WIDE else "id"}
+    for name in columns:
+        view.add_column(
+            headings.get(name, name),
+            justify="left" if name in AT_THE_LEFT else "right",
+            no_wrap=True,
+            min_width=WIDTHS[name],
+        )
     for row in rows:
-        view.add_row(*_cells(row, now_s, layout), style="reverse" if row.name == cursor else None)
+        cells = _cells(row, now_s)
+        style = "reverse" if row.name == cursor else None
+        view.add_row(*(cells.get(name, "") for name in columns), style=style)
     return view
-
-
-def _measures(layout: Layout) -> list[str]:
-    names = [name for name in WIDTHS if name not in ("state", "age")]
-    return [
-        name
-        for name in names
-        if (layout.sigma or "±" not in name) and (layout.rates or name != "gain")
-    ]
 
 
 def lines(rows: list[Row], now_s: float) -> list[str]:
@@ -219,35 +206,34 @@ def _words(row: Row) -> str:
     return "".join(f"  ! {printable(word, 40)}" for word in words)
 
 
-def _cells(row: Row, now_s: float, layout: Layout) -> list[str | Text]:
-    cells: list[str | Text] = [
-        Text(row.name),
-        _state_cell(row, now_s),
-    ]
+def _cells(row: Row, now_s: float) -> dict[str, str | Text]:
+    """What stands in the columns; nothing where there is no attitude."""
+    imu = (row.status.imu_message if row.status is not None else None) or ""
     attitude = current_attitude(row, now_s)
-    cells += _attitude_cells(attitude, layout) if attitude else [""] * len(_measures(layout))
-    if layout.bar:
-        imu = (row.status.imu_message if row.status is not None else None) or ""
-        cells += [_bar(attitude.gain) if attitude else "", Text(imu)]
-    if layout.rates:
-        cells.append(_rate(row))
-    return [*cells, age_text(row, now_s)]
+    return {
+        "id": Text(row.name),
+        "state": _state_cell(row, now_s),
+        **({} if attitude is None else _attitude_cells(attitude)),
+        "IMU": Text(imu),
+        "IMU Hz": _rate(row),
+        "age": age_text(row, now_s),
+    }
 
 
-def _attitude_cells(attitude: AttitudeRecord, layout: Layout) -> list[str | Text]:
+def _attitude_cells(attitude: AttitudeRecord) -> dict[str, str | Text]:
     roll, pitch, yaw = attitude.euler_deg
     arrow = f" {ARROWS[round(yaw / 45.0) % 8]}" if attitude.heading_reference != "none" else ""
     sigma = attitude.sigma_deg
     judged = trust(State(attitude.state), attitude)
-    measures: dict[str, str | Text] = {
+    return {
         "roll": f"{roll:+.1f}°",
         "pitch": f"{pitch:+.1f}°",
         "tilt ±": Text(_sigma(sigma.inclination), style=DOUBT_COLOURS[judged.horizon]),
         "heading": f"{_heading(attitude, yaw)}°{arrow}".rjust(WIDTHS["heading"]),
         "head ±": Text(_sigma(sigma.heading), style=DOUBT_COLOURS[judged.heading]),
         "gain": f"{attitude.gain:.1f}",
+        "bar": _bar(attitude.gain),
     }
-    return [measures[name] for name in _measures(layout)]
 
 
 def _state_cell(row: Row, now_s: float) -> Text:
@@ -272,9 +258,9 @@ def _heading(attitude: AttitudeRecord, yaw_deg: float) -> str:
 
 def _bar(gain: float) -> str:
     """The gain as a bar, in eighths of a character."""
-    eighths = round(max(0.0, min(1.0, gain / BAR_FULL_GAIN)) * BAR_WIDTH * 8)
+    eighths = round(max(0.0, min(1.0, gain / BAR_FULL_GAIN)) * WIDTHS["bar"] * 8)
     full, part = divmod(eighths, 8)
-    return ("█" * full + (" ▏▎▍▌▋▊▉"[part] if part else "")).ljust(BAR_WIDTH)
+    return ("█" * full + (" ▏▎▍▌▋▊▉"[part] if part else "")).ljust(WIDTHS["bar"])
 
 
 def _rate(row: Row) -> str:

@@ -7,6 +7,7 @@ from numpy.typing import NDArray
 
 from estimator.filter.memberships import TERMS, Triangle, fuzzy_sets
 from fuzzbee.viewer.gain_surface import GREY, gain_view
+from fuzzbee.viewer.sdk import rr, rrb
 from tuning.space import Space, bounds, encode
 
 if TYPE_CHECKING:
@@ -27,8 +28,6 @@ SETS_WIDTH, SETS_HEIGHT, SETS_GAP = 7.0, 3.0, 1.0
 
 def blueprint(space: Space, *, bees: bool) -> Any:
     """Cost and members on the left; gain and fuzzy sets of the best member on the right."""
-    import rerun.blueprint as rrb
-
     members, width = "Food sources" if bees else "Members", row_width(space)
     left = rrb.Vertical(
         rrb.TimeSeriesView(
@@ -66,8 +65,6 @@ def blueprint(space: Space, *, bees: bool) -> Any:
 
 
 def _sets_view() -> Any:
-    import rerun.blueprint as rrb
-
     return rrb.Spatial2DView(
         origin="/sets",
         name="Fuzzy sets of the best so far (base grey)",
@@ -79,8 +76,6 @@ def _sets_view() -> Any:
 
 def bounds_frame(space: Space) -> Any:
     """A line for each parameter, from its lower to its upper bound."""
-    import rerun as rr
-
     width = row_width(space)
     rows = [[(0.0, float(i)), (width, float(i))] for i in range(space.dimensions)]
     return rr.LineStrips2D(rows, colors=[GREY], radii=rr.Radius.ui_points(0.3))
@@ -108,8 +103,6 @@ def row_width(space: Space) -> float:
 
 def labels(places: list[Any], texts: list[str], colours: list[Any]) -> Any:
     """Text at places, without a point."""
-    import rerun as rr
-
     return rr.Points2D(
         places, labels=texts, colors=colours, radii=rr.Radius.ui_points(0.0), show_labels=True
     )
@@ -117,8 +110,6 @@ def labels(places: list[Any], texts: list[str], colours: list[Any]) -> Any:
 
 def members(space: Space, values: Array, costs: Array) -> Any:
     """A dot for each member and parameter; the cheaper, the higher in its row and the brighter."""
-    import rerun as rr
-
     rank = np.argsort(np.argsort(costs)) / max(1, len(costs) - 1)
     x = row_width(space) * shares(space, values)
     y = np.arange(space.dimensions)[None, :] + SPREAD * (rank[:, None] - 0.5)
@@ -133,8 +124,6 @@ def members(space: Space, values: Array, costs: Array) -> Any:
 
 def position(space: Space, values: Array, colour: tuple[int, int, int], width: float) -> Any:
     """One set of values (D,) as a line from row to row."""
-    import rerun as rr
-
     x = row_width(space) * shares(space, values[None, :])[0]
     strip = np.stack([x, np.arange(space.dimensions)], axis=-1)
     return rr.LineStrips2D([strip], colors=[colour], radii=rr.Radius.ui_points(width))
@@ -149,8 +138,6 @@ def shares(space: Space, values: Array) -> Array:
 
 def fuzzy_set_lines(k: "Memberships", *, base: bool) -> Any:
     """The triangles of both inputs, and beside them those of the output."""
-    import rerun as rr
-
     strips = [
         [(x0 + SETS_WIDTH * corner / full, -height) for corner, height in shape]
         for x0, full, shape in _triangles(k)

@@ -11,7 +11,8 @@ from fuzzbee.say import say
 from fuzzbee.tune import layout
 from fuzzbee.tune.plan import Plan
 from fuzzbee.viewer.gain_surface import GREY, gain_surface, surface_axes
-from fuzzbee.viewer.stream import CLOSED, ViewerOptions, ViewerStream, rerun
+from fuzzbee.viewer.sdk import rr
+from fuzzbee.viewer.stream import CLOSED, ViewerOptions, ViewerStream
 from tuning.objective import Scores, profile_with, values_of
 from tuning.search import Population, Search
 
@@ -74,7 +75,7 @@ class SearchView:
         start = values_of(space, base)
         self.stream.static("/members/base", layout.position(space, start, GREY, 1.0))
         if self._tunes_memberships:
-            self.stream.static("/surface", rerun().ViewCoordinates.RIGHT_HAND_Z_UP)
+            self.stream.static("/surface", rr.ViewCoordinates.RIGHT_HAND_Z_UP)
             self.stream.static("/surface/axes", surface_axes())
             self.stream.static("/sets/axes", layout.fuzzy_set_axes())
             self.stream.static("/sets/base", layout.fuzzy_set_lines(base.k, base=True))
@@ -102,13 +103,14 @@ class SearchView:
         new = search.history[self._drawn_cycles :]
         if new:
             costs = [[p.best_cost, p.median_cost, p.mean_cost] for p in new]
-            self.stream.curves("/cost", layout.CYCLE, [p.cycles for p in new], costs)
+            cycles = rr.TimeColumn(layout.CYCLE, sequence=[p.cycles for p in new])
+            self.stream.curves("/cost", cycles, costs)
 
     def _draw_members(self, population: Population) -> None:
         values, costs, failures = population
         self.stream.log("/members/all", layout.members(self._space, values, costs))
         bars = costs if failures is None else failures
-        self.stream.log("/trials", rerun().BarChart(bars, color=layout.MEDIAN))
+        self.stream.log("/trials", rr.BarChart(bars, color=layout.MEDIAN))
 
     def _draw_best(self, search: Search) -> None:
         best = layout.position(self._space, search.best_values, layout.BEST, 1.8)
@@ -126,7 +128,7 @@ class SearchView:
 
     def _tell(self, search: Search, scores: Sequence[tuple[str, str]] = ()) -> None:
         text = _table(self._plan.options.algorithm, [*_progress(self._plan, search), *scores])
-        self.stream.log("/progress", rerun().TextDocument(text, media_type="text/markdown"))
+        self.stream.log("/progress", rr.TextDocument(text, media_type="text/markdown"))
 
 
 def _progress(plan: Plan, search: Search) -> list[tuple[str, str]]:

@@ -9,6 +9,7 @@ from fuzzbee.trust import Level
 from fuzzbee.viewer.gain_surface import GREY
 from fuzzbee.viewer.horizon import COLOURS, Colour
 from fuzzbee.viewer.layout import AUTOPILOT, OURS, TRUTH
+from fuzzbee.viewer.sdk import rr
 from service.records import AttitudeRecord
 
 if TYPE_CHECKING:
@@ -35,8 +36,6 @@ GRAVITY_COLOUR, FIELD_COLOUR = (200, 60, 200), (0, 175, 190)
 
 def compass() -> Any:
     """A level ring with north, east, south and west."""
-    import rerun as rr
-
     turn = [2.0 * pi * n / 48 for n in range(49)]
     ring = [(RING * cos(a), RING * sin(a), 0.0) for a in turn]
     marks = [
@@ -48,8 +47,6 @@ def compass() -> Any:
 
 def compass_names() -> Any:
     """Names of its four points."""
-    import rerun as rr
-
     far = 1.08 * RING
     places = [(far, 0.0, 0.0), (0.0, far, 0.0), (-far, 0.0, 0.0), (0.0, -far, 0.0)]
     return rr.Points3D(

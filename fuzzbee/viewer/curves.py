@@ -1,18 +1,16 @@
 """Curves of one vehicle, sent in batches: a viewer takes in a batch as fast as a point."""
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
+from math import nan
 
 from estimator.types import Vec3
 from fuzzbee.viewer.layout import TIMELINE
-
-if TYPE_CHECKING:
-    from fuzzbee.viewer.stream import ViewerStream
+from fuzzbee.viewer.sdk import rr
+from fuzzbee.viewer.stream import ViewerStream
 
 # A curve ends so much before the present at most; more where there are many vehicles.
 BATCH_S, LONGEST_BATCH_S = 4.0, 10.0
 GAP_DEG = 180.0  # an angle that jumps by more has wrapped round
-NAN = float("nan")
 
 
 class Curves:
@@ -46,17 +44,18 @@ class Curves:
         last = self._last.get(name, angles_deg)
         self._last[name] = angles_deg
         pairs = zip(last, angles_deg, strict=True)
-        self.add(name, [NAN if abs(now - was) > GAP_DEG else now for was, now in pairs])
+        self.add(name, [nan if abs(now - was) > GAP_DEG else now for was, now in pairs])
 
     def is_full(self, vehicles: int) -> bool:
         """Whether it is time to send, with so many vehicles; also if the clock was set back."""
         batch_s = min(LONGEST_BATCH_S, BATCH_S * vehicles)
         return self._since_s is not None and not 0.0 <= self._time_s - self._since_s < batch_s
 
-    def flush(self, stream: "ViewerStream") -> None:
+    def flush(self, stream: ViewerStream) -> None:
         """Send all that wait."""
         for name, times in self._times.items():
-            stream.points(f"{self._path}/{name}", TIMELINE, times, self._values[name])
+            column = rr.TimeColumn(TIMELINE, timestamp=times)
+            stream.curves(f"{self._path}/{name}", column, self._values[name])
         self._times.clear()
         self._values.clear()
         self._since_s = None

@@ -4,6 +4,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from fuzzbee.viewer.sdk import rr, rrb
+
 if TYPE_CHECKING:
     from estimator.filter.memberships import Memberships
     from estimator.profile import Profile
@@ -17,8 +19,6 @@ GREY = (125, 125, 125)  # readable on a light and on a dark background
 
 def gain_view(name: str) -> Any:
     """The gain's surface, from the corner where error and rate are 0."""
-    import rerun.blueprint as rrb
-
     return rrb.Spatial3DView(
         origin="/surface",
         name=name,
@@ -41,8 +41,6 @@ def gain_shape(profile: "Profile") -> "GainShape":
 
 def gain_surface(shape: "GainShape") -> Any:
     """K over (e, its rate) on [0, 1]^2 as a mesh in a unit cube."""
-    import rerun as rr
-
     from estimator.filter.fuzzy import fuzzy_gain
 
     grid = np.linspace(0.0, 1.0, SURFACE_STEPS)
@@ -69,8 +67,6 @@ def _triangles() -> Any:
 
 def surface_axes() -> Any:
     """What the surface's directions mean."""
-    import rerun as rr
-
     return rr.Arrows3D(
         vectors=[(1.1, 0, 0), (0, 1.1, 0), (0, 0, 1.1)],
         colors=GREY,

@@ -9,7 +9,7 @@ from collections.abc import Iterator
 from math import cos, isnan, radians, sin
 from typing import NamedTuple
 
-from fuzzbee.trust import Level, Trust, plus_minus
+from fuzzbee.trust import POINTS, Level, Trust, heading_text, is_on_its_back, north_text, plus_minus
 from fuzzbee.viewer.strokes import Point, text_strokes, width
 from service.attitude_record import euler_deg
 from service.health import State
@@ -31,8 +31,6 @@ FIGURES_X = (-110.0, 0.0, 110.0)
 RUNG_DEG, RUNGS = 10, 3  # of the ladder: so many above and below the middle
 PLATE_STEP = 13.0  # from one doubt to the next
 MOST_DOUBTS = 5
-UPSIDE_DOWN_DEG = 90.0  # of roll
-NAMES = {0: "N", 45: "NE", 90: "E", 135: "SE", 180: "S", 225: "SW", 270: "W", 315: "NW"}
 
 SKY: Colour = (46, 108, 178)
 GROUND: Colour = (116, 78, 40)
@@ -241,7 +239,7 @@ def _tape(scene: Scene) -> Iterator[Strip]:
             continue
         yield Strip([(x, TAPE_Y - 4.0), (x, TAPE_Y - 8.0)], FIGURES_RADIUS, WHITE)
         if degree % 30 == 0:
-            name = NAMES.get(degree % 360) if has_north else None
+            name = POINTS.get(degree % 360) if has_north else None
             yield from _text(
                 name or f"{degree % 360:03}", (x, BAR_Y + 6.5), 6.0, WHITE, FIGURES_RADIUS
             )
@@ -265,9 +263,7 @@ def _judgement(scene: Scene) -> Iterator[Strip]:
     y = FIGURES_Y + 32.0
     horizon = f"horizon {plus_minus(sigma.inclination)}"
     yield from _text(horizon, (-55.0, y), 6.5, COLOURS[scene.trust.horizon], 0.75)
-    reference = attitude.heading_reference
-    text = "no north" if reference == "none" else f"{plus_minus(sigma.heading)} {reference}"
-    yield from _text(text, (FIGURES_X[2], y), 6.5, colour, 0.75)
+    yield from _text(north_text(attitude), (FIGURES_X[2], y), 6.5, colour, 0.75)
 
 
 def _other_heading(peer: Peer, yaw_deg: float) -> Strip:
@@ -275,17 +271,6 @@ def _other_heading(peer: Peer, yaw_deg: float) -> Strip:
     x = max(-150.0, min(150.0, off * TAPE_PER_DEG))
     points = [(x - 2.5, TAPE_Y + 4.0), (x, TAPE_Y), (x + 2.5, TAPE_Y + 4.0)]
     return Strip(points, 0.8, PEERS[peer.source])
-
-
-def is_on_its_back(attitude: AttitudeRecord | None) -> bool:
-    """Whether the vehicle flies upside down."""
-    return attitude is not None and abs(attitude.euler_deg[0]) > UPSIDE_DOWN_DEG
-
-
-def heading_text(attitude: AttitudeRecord) -> str:
-    """Three digits; in brackets if they refer to nothing."""
-    text = f"{round(attitude.euler_deg[2]) % 360:03}°"
-    return f"({text})" if attitude.heading_reference == "none" else text
 
 
 def _bar(scene: Scene) -> Iterator[Strip]:

@@ -5,6 +5,7 @@ from typing import Any
 
 from fuzzbee.viewer.gain_surface import FULL_GAIN, gain_view
 from fuzzbee.viewer.horizon import SKY, X_RANGE, Y_RANGE
+from fuzzbee.viewer.sdk import rrb
 
 TIMELINE = "time"
 WINDOW_S = 60.0  # so much of the curves is shown
@@ -52,8 +53,6 @@ LINES: dict[str, tuple[tuple[str, ...], tuple[tuple[int, ...], ...]]] = {
 
 def blueprint(vehicles: Sequence[str] = ()) -> Any:
     """A page for each vehicle; if there are several, all their horizons come first."""
-    import rerun.blueprint as rrb
-
     pages = [_page(name, is_alone=len(vehicles) == 1) for name in vehicles]
     if len(pages) > 1:
         everything = rrb.Grid(
@@ -78,8 +77,6 @@ def _page(name: str, *, is_alone: bool) -> Any:
 
     One of several has few tabs: the more views there are, the longer a browser takes them in.
     """
-    import rerun.blueprint as rrb
-
     plots = PLOTS if is_alone else PLOTS[:MOST_PLOTS]
     rest = [_curves(f"/{name}/{origin}", title, span) for origin, title, span in plots]
     if is_alone:
@@ -95,8 +92,6 @@ def _page(name: str, *, is_alone: bool) -> Any:
 
 
 def _horizon(name: str) -> Any:
-    import rerun.blueprint as rrb
-
     return rrb.Spatial2DView(
         origin=f"/{name}/horizon",
         name=f"Vehicle {name}",
@@ -107,8 +102,6 @@ def _horizon(name: str) -> Any:
 
 
 def _bodies(name: str) -> Any:
-    import rerun.blueprint as rrb
-
     return rrb.Spatial3DView(
         origin=f"/{name}/bodies",
         name="fuzzbee blue, autopilot orange, truth green. Gravity purple, field cyan, due grey",
@@ -121,21 +114,15 @@ def _bodies(name: str) -> Any:
 
 
 def _states(name: str) -> Any:
-    import rerun.blueprint as rrb
-
     return rrb.StateTimelineView(origin=f"/{name}/state", name="States")
 
 
 def _messages() -> Any:
-    import rerun.blueprint as rrb
-
     return rrb.TextLogView(origin="/messages", name="Messages")
 
 
 def _curves(origin: str, name: str, span: tuple[float, float]) -> Any:
     """Curves without a legend, which would cover them: the title says the colours."""
-    import rerun.blueprint as rrb
-
     window = rrb.VisibleTimeRange(
         TIMELINE,
         start=rrb.TimeRangeBoundary.cursor_relative(seconds=-WINDOW_S),

@@ -1,21 +1,19 @@
 """Sends what is drawn to Rerun's viewer, to a file, or to both."""
 
-import os
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
 from typing import Any, NamedTuple
 
 from estimator.errors import InputError
-from fuzzbee.viewer.process import MISSING, ViewerProcess
+from fuzzbee.viewer.process import ViewerProcess
+from fuzzbee.viewer.sdk import rr
 from service.signals import terminate_like_interrupt
 
 WEB = "web"
 CLOSE_FLUSH_S = 0.4  # less than the time that all sinks of a run have to close
 FINISH_FLUSH_S = 60.0
 CLOSED = "closed; the rest goes on without it"
-# What Rerun's library logs by itself: errors, but not that the viewer is gone, as we say that.
-RUST_LOG = "error,re_grpc_client=off,re_sdk::recording_stream=off"
 
 
 class ViewerOptions(NamedTuple):
@@ -37,7 +35,6 @@ class ViewerStream:
     """
 
     def __init__(self, options: ViewerOptions, blueprint: Callable[[], Any]) -> None:
-        rr = rerun()
         self._recording: Any = rr.RecordingStream("fuzzbee", send_properties=False)
         self._recording.set_log_time_enabled(False)  # what is drawn has a time of its own
         self._recording.set_log_tick_enabled(False)
@@ -82,29 +79,10 @@ class ViewerStream:
         """Show ``shape`` at all times."""
         self._recording.log(path, shape, static=True)
 
-    def curve(self, path: str, values: Sequence[float]) -> None:
-        """The next point of one or several lines."""
-        self.log(path, rerun().Scalars(list(values)))
-
-    def curves(self, path: str, timeline: str, steps: list[int], values: list[list[float]]) -> None:
-        """Points (T, lines) of several lines, at steps (T,) of a sequence."""
-        rr = rerun()
-        self._recording.send_columns(
-            path,
-            indexes=[rr.TimeColumn(timeline, sequence=steps)],
-            columns=rr.Scalars.columns(scalars=values),
-        )
-
-    def points(
-        self, path: str, timeline: str, times_s: list[float], values: list[list[float]]
-    ) -> None:
-        """Points (T, lines) of several lines at Unix times (T,), in one piece."""
-        rr = rerun()
-        self._recording.send_columns(
-            path,
-            indexes=[rr.TimeColumn(timeline, timestamp=times_s)],
-            columns=rr.Scalars.columns(scalars=values),
-        )
+    def curves(self, path: str, column: Any, values: list[list[float]]) -> None:
+        """Points (T, lines) of several lines in one piece, at the times of a column (T,)."""
+        columns = rr.Scalars.columns(scalars=values)
+        self._recording.send_columns(path, indexes=[column], columns=columns)
 
     def show(self, blueprint: Any) -> None:
         """Arrange the views anew."""
@@ -112,7 +90,7 @@ class ViewerStream:
 
     def lines(self, path: str, names: list[str], colours: list[Any]) -> None:
         """Names and colours of lines."""
-        self.static(path, rerun().SeriesLines(names=names, colors=colours))
+        self.static(path, rr.SeriesLines(names=names, colors=colours))
 
     def finish(self) -> None:
         """Send what is pending and leave the viewer open."""
@@ -137,24 +115,9 @@ class ViewerStream:
             self._recording.flush(timeout_sec=timeout_s)
 
 
-def rerun() -> Any:
-    """The library, imported when it is needed.
-
-    Raises:
-        InputError: the extra is not installed.
-    """
-    os.environ.setdefault("RUST_LOG", RUST_LOG)
-    try:
-        import rerun
-    except ImportError:
-        raise InputError(MISSING) from None
-    return rerun
-
-
 def _file_sink(path: str) -> Any:
     try:
-        with Path(path).open("wb"):  # Rerun would only log an error
-            pass
+        Path(path).write_bytes(b"")  # Rerun would only log an error
     except OSError as error:
         raise InputError(f"--rrd {path}: {error.strerror}") from error
-    return rerun().FileSink(path)
+    return rr.FileSink(path)

@@ -11,8 +11,9 @@ from rich.console import Console, Group
 
 from estimator.geometry.frames import from_euler_rad
 from estimator.geometry.quaternion import rotate_inverse
+from fuzzbee.board import Row
 from fuzzbee.cli import main
-from fuzzbee.instrument import Ink, Seen, screen
+from fuzzbee.instrument import Ink, screen
 from fuzzbee.terminal import PersonConsole, TerminalView
 from service.health import State
 from service.records import Message, Published, StatusRecord
@@ -25,12 +26,17 @@ PLAIN = Ink(colours=0)
 SKY, GROUND, HAZE, LINE = " ", "░", "▒", "█▀▄"
 
 
-def seen(attitude, state=State.RUNNING, status=STATUS, **kwargs):
-    return Seen("1", state, attitude, status, status, "4 ms", **kwargs)
+def seen(attitude, state=State.RUNNING, status=STATUS, *, is_silent=False):
+    """A row of the board, and the time when it is looked at."""
+    now_s = 104.0 if is_silent else 100.0
+    said = status and msgspec.structs.replace(status, state=state.value)
+    if attitude is not None:
+        attitude = msgspec.structs.replace(attitude, state=state.value)
+    return Row("1", attitude, said, 100.0, 100.0, status), now_s
 
 
 def plain(shown, width=80, height=23, ink=PLAIN):
-    return [line.plain for line in screen(shown, width, height, ink)]
+    return [line.plain for line in screen(*shown, width, height, ink)]
 
 
 def at(lines, right, down, height=23):
@@ -191,7 +197,7 @@ def test_a_dumb_terminal_gets_lines(monkeypatch):
 
 
 def test_colours_are_as_many_as_the_terminal_has():
-    lines = screen(seen(record(10.0, sigma_deg=(6.0, 1.0))), 80, 23, Ink(16))
+    lines = screen(*seen(record(10.0, sigma_deg=(6.0, 1.0))), 80, 23, Ink(16))
     console = Console(file=io.StringIO(), force_terminal=True, color_system="standard", width=80)
     console.print(Group(*lines))
     assert "\x1b[48" not in console.file.getvalue()

@@ -27,6 +27,7 @@ from estimator.profile import load_profile, merge_profile
 from fuzzbee.viewer import process as viewer_process
 from fuzzbee.viewer.gain_surface import gain_shape, gain_surface
 from fuzzbee.viewer.layout import LINES, MOST_VEHICLES
+from fuzzbee.viewer.page import Page
 from fuzzbee.viewer.stream import ViewerOptions
 from fuzzbee.viewer.viewer import ViewerSink
 from tests.fuzzbee.rrd import listing, rows
@@ -93,7 +94,7 @@ def test_curves_come_in_batches_with_every_point_and_gaps_where_angles_wrap(tmp_
         sink.handle([output])
     sink.close()
     headings = sink.points["/1/heading"]
-    assert sum(len(times) for times, _ in headings) == pytest.approx(200, abs=2)
+    assert sum(len(values) for _, values in headings) == pytest.approx(200, abs=2)
     assert len(headings) == pytest.approx(5, abs=1)  # batches of 4 s
     ours = [values[0] for _, batch in headings for values in batch]
     assert sum(np.isnan(ours)) == 1
@@ -143,7 +144,7 @@ def test_the_page_of_a_vehicle_that_is_forgotten_is_free(tmp_path):
         sink.handle(list(attitudes(VehicleId(number, 1), 20, 100_000)))
         sink.handle([Departed(VehicleId(number, 1))])
     sink.handle(list(attitudes(VehicleId(200, 1), 20, 100_000)))
-    assert list(sink._vehicles) == list(sink._curves) == list(sink._layers) == [VehicleId(200, 1)]
+    assert list(sink._pages) == [VehicleId(200, 1)]
     sink.close()
     assert sink.pages[-1] == 1
 
@@ -236,14 +237,17 @@ STATUS = StatusRecord("running", "RAW_IMU", 100.0, 0.01, {}, 0, 0, 0)
 WAITING = StatusRecord("waiting", None, 0.0, 0.0, {}, 0, 0, 0)
 
 
-class Counting(ViewerSink):
-    """Counts what it draws."""
+@pytest.fixture
+def drawn(monkeypatch):
+    """What pictures were drawn of, one after the other."""
+    draw, arguments = Page._draw, []
 
-    drawn = 0
+    def counted(*given):
+        arguments.append(given)
+        draw(*given)
 
-    def _draw(self, *arguments):
-        self.drawn += 1
-        return super()._draw(*arguments)
+    monkeypatch.setattr(Page, "_draw", counted)
+    return arguments
 
 
 class Recorded(ViewerSink):
@@ -252,21 +256,30 @@ class Recorded(ViewerSink):
     def __init__(self, *arguments):
         self.scenes, self.said, self.points, self.pages = [], [], {}, []
         super().__init__(*arguments)
-        send = self.stream.points
+        send = self.stream.curves
 
-        def points(path, timeline, times_s, values):
-            self.points.setdefault(path, []).append((list(times_s), list(values)))
-            send(path, timeline, times_s, values)
+        def curves(path, column, values):
+            self.points.setdefault(path, []).append((column, list(values)))
+            send(path, column, values)
 
-        self.stream.points = points
+        self.stream.curves = curves
 
     def _show_pages(self):
-        self.pages.append(len(self._vehicles))
+        self.pages.append(len(self._pages))
         super()._show_pages()
 
-    def _draw_scene(self, vehicle, seen, scene):
-        self.scenes.append(scene)
-        super()._draw_scene(vehicle, seen, scene)
+    def _page(self, vehicle):
+        is_new = vehicle not in self._pages
+        page = super()._page(vehicle)
+        if is_new and page is not None:
+            draw = page._draw_scene
+
+            def recorded(scene, now_us):
+                self.scenes.append(scene)
+                draw(scene, now_us)
+
+            page._draw_scene = recorded
+        return page
 
     def _say(self, text):
         self.said.append(text)
@@ -274,14 +287,21 @@ class Recorded(ViewerSink):
 
 
 @pytest.mark.parametrize(("vehicles", "expected_hz"), [(1, 4), (2, 6), (9, 6), (50, 6)])
-def test_it_draws_a_bounded_number_however_much_comes(tmp_path, vehicles, expected_hz):
-    sink = Counting(ViewerOptions(rrd=str(tmp_path / "many.rrd")), PAPER)
+def test_it_draws_a_bounded_number_however_much_comes(tmp_path, monkeypatch, vehicles, expected_hz):
+    draw, drawn = Page._draw, []
+
+    def counted(*arguments):
+        drawn.append(arguments)
+        draw(*arguments)
+
+    monkeypatch.setattr(Page, "_draw", counted)
+    sink = ViewerSink(ViewerOptions(rrd=str(tmp_path / "many.rrd")), PAPER)
     streams = [attitudes(VehicleId(n + 1, 1), 200, 10_000) for n in range(vehicles)]
     for outputs in zip(*streams, strict=True):
         sink.handle(outputs)
     sink.close()
     # two seconds; the first record of each vehicle comes on top
-    assert sink.drawn == pytest.approx(2 * expected_hz, abs=max(2, 1.5 * min(vehicles, 9)))
+    assert len(drawn) == pytest.approx(2 * expected_hz, abs=max(2, 1.5 * min(vehicles, 9)))
 
 
 def test_a_file_that_cannot_be_written_is_status_2(tmp_path, capfd):
@@ -331,8 +351,8 @@ def wait_until_closed(port):
     assert not is_open(port)
 
 
-def test_a_viewer_that_is_closed_is_told_once_and_drawn_no_more():
-    sink = Counting(ViewerOptions(view="web"), PAPER)
+def test_a_viewer_that_is_closed_is_told_once_and_drawn_no_more(drawn):
+    sink = ViewerSink(ViewerOptions(view="web"), PAPER)
     try:
         first, *rest = attitudes(ONE, 3, 100_000)
         sink.handle([first])
@@ -341,7 +361,7 @@ def test_a_viewer_that_is_closed_is_told_once_and_drawn_no_more():
         with pytest.raises(ConnectionError, match="closed"):
             sink.handle(rest)
         sink.handle(rest)
-        assert sink.drawn == 1
+        assert len(drawn) == 1
     finally:
         sink.close()
 

@@ -1,0 +1,16 @@
+"""Rerun's library, for all that draw: imported here only, and only where a viewer is asked for."""
+
+import os
+from importlib import import_module
+from typing import Any
+
+from estimator.errors import InputError
+from fuzzbee.viewer.process import MISSING
+
+# What the library logs by itself: errors, but not that the viewer is gone, as we say that.
+os.environ.setdefault("RUST_LOG", "error,re_grpc_client=off,re_sdk::recording_stream=off")
+try:
+    rr: Any = import_module("rerun")
+    rrb: Any = import_module("rerun.blueprint")
+except ImportError:
+    raise InputError(MISSING) from None
