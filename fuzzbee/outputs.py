@@ -1,13 +1,14 @@
 """What ``run`` sends and shows beside its Zenoh keys: the options, and the sinks they open."""
 
+from collections import namedtuple
 from collections.abc import Iterable
 from importlib.util import find_spec
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, NamedTuple
+from typing import TYPE_CHECKING, Annotated, Any
 
 from estimator.errors import InputError
-from fuzzbee.options import panel
 from fuzzbee.say import say
+from fuzzbee.sinks import SINKS, Opening, option
 
 if TYPE_CHECKING:
     import zenoh
@@ -17,30 +18,28 @@ if TYPE_CHECKING:
     from fuzzbee.viewer.viewer import ViewerSink
     from service.sinks.sink import Sink
 
-MAX_PORT = 65535
 WINDOW, WEB = "window", "web"
 
-option = panel("Outputs")
 _VIEW = "Show it in Rerun: a window, or a page for a browser (extra: viewer)."
 _RRD = "Save what the viewer shows, for rerun FILE (extra: viewer)."
 View = Annotated[str | None, option(_VIEW, metavar="window|web")]
 Rrd = Annotated[str | None, option(_RRD, metavar="FILE")]
-_ROS = "Publish IMU, tf and diagnostics for ROS 2 (rmw_zenoh), too."
-_SEND_ATTITUDE = "Send ATTITUDE_QUATERNION there, as component 191 (not the autopilot)."
-_METRICS = "Serve Prometheus metrics on 127.0.0.1 (extra: metrics)."
 
 
-class OutputOptions(NamedTuple):
-    """What was asked for."""
+def _options_of_sinks() -> Any:
+    """A named tuple of the options of all sinks and of the viewer."""
+    options = {name: kind for entry in SINKS for name, kind in entry.options.items()}
+    options |= {"view": (View, None), "rrd": (Rrd, None)}
+    new: Any = namedtuple  # noqa: PYI024 - the names are those of a table
+    form = new("Options", options, defaults=[default for _, default in options.values()])
+    form.__annotations__ = {name: kind for name, (kind, _) in options.items()}
+    return form
 
-    ros: Annotated[bool, option(_ROS)] = False
-    ros_domain: Annotated[
-        int, option("The ROS 2 domain of --ros.", metavar="ID", envvar="ROS_DOMAIN_ID")
-    ] = 0
-    send_attitude: Annotated[str | None, option(_SEND_ATTITUDE, metavar="URL")] = None
-    metrics: Annotated[int | None, option(_METRICS, metavar="PORT")] = None  # the port
-    view: View = None
-    rrd: Rrd = None
+
+class OutputOptions(_options_of_sinks()):  # type: ignore[misc] # its fields are the table's
+    """What was asked for: a field for each option of :data:`fuzzbee.sinks.SINKS`, and two more."""
+
+    __slots__ = ()
 
     @property
     def shows_peers(self) -> bool:
@@ -50,7 +49,9 @@ class OutputOptions(NamedTuple):
     @property
     def needs_records(self) -> bool:
         """Whether somebody takes every attitude apart, rather than a few a second or none."""
-        return self.ros or self.send_attitude is not None or self.shows_peers
+        return self.shows_peers or any(
+            entry.takes_attitudes and entry.is_wanted(self) for entry in SINKS
+        )
 
 
 def open_outputs(
@@ -65,12 +66,10 @@ def open_outputs(
     Raises:
         InputError: an address, port or file that cannot be used, or an extra that is missing.
     """
-    if options.ros:
-        sinks.append(_ros(options, session, prefix))
-    if options.send_attitude is not None:
-        sinks.append(_mavlink(options.send_attitude))
-    if options.metrics is not None:
-        sinks.append(_metrics(options.metrics))
+    for entry in SINKS:
+        if entry.is_wanted(options):
+            values = {name: getattr(options, name) for name in entry.options}
+            sinks.append(entry.open(Opening(values, session, prefix)))
     viewer = open_viewer(options.view, options.rrd, profile, live=True)
     if viewer is not None:
         sinks.append(viewer)
@@ -130,31 +129,3 @@ def tell_page(stream: "ViewerStream") -> None:
     """Tell a person where a browser finds the page."""
     if stream.page is not None:
         say(f"the viewer is at {stream.page}")
-
-
-def _ros(options: OutputOptions, session: "zenoh.Session | None", prefix: str) -> "Sink":
-    from service.sinks.ros import MAX_DOMAIN, RosSink
-
-    if session is None:
-        raise InputError("--ros needs Zenoh: leave out --no-zenoh")
-    if not 0 <= options.ros_domain <= MAX_DOMAIN:
-        raise InputError(f"--ros-domain {options.ros_domain}: should be 0 to {MAX_DOMAIN}")
-    return RosSink(session, prefix, options.ros_domain)
-
-
-def _mavlink(address: str) -> "Sink":
-    from drivers.endpoint import parse_endpoint
-    from service.sinks.mavlink import MavlinkSink
-
-    try:
-        return MavlinkSink(parse_endpoint(address))
-    except InputError as error:
-        raise InputError(f"--send-attitude: {error}") from error
-
-
-def _metrics(port: int) -> "Sink":
-    from service.sinks.metrics import MetricsSink
-
-    if not 1 <= port <= MAX_PORT:
-        raise InputError(f"--metrics {port}: the port must be 1 to {MAX_PORT}")
-    return MetricsSink(port)

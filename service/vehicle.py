@@ -192,9 +192,7 @@ class Vehicle:
         self._report_choices[kind] = choice
         if choice.message != event.message:
             return
-        is_rate = isinstance(event, BodyRates)
-        update = self.estimator.update_rate if is_rate else self.estimator.update_velocity
-        reason = update(event.sample)
+        reason = self.estimator.update_report(event.sample)
         if reason is not None:
             self.reject(reason)
 

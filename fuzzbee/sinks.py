@@ -1,0 +1,106 @@
+"""The table of sinks that ``run`` opens when it is asked to: an entry each, options included."""
+
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
+
+from estimator.errors import InputError
+from fuzzbee.options import panel
+
+if TYPE_CHECKING:
+    import zenoh
+
+    from service.sinks.sink import Sink
+
+MAX_PORT = 65535
+
+option = panel("Outputs")
+_ROS = "Publish IMU, tf and diagnostics for ROS 2 (rmw_zenoh), too."
+_SEND_ATTITUDE = "Send ATTITUDE_QUATERNION there, as component 191 (not the autopilot)."
+_METRICS = "Serve Prometheus metrics on 127.0.0.1 (extra: metrics)."
+
+
+class Opening(NamedTuple):
+    """What a sink is opened with: the values of all its options, and the session, if there is one.
+
+    ``prefix`` is the first part of the service's Zenoh keys.
+    """
+
+    options: dict[str, Any]
+    session: "zenoh.Session | None"
+    prefix: str
+
+
+class SinkEntry(NamedTuple):
+    """A sink's options and what opens it.
+
+    ``options`` has the type (annotated with its option) and the default of each, by the name of its
+    parameter: ``send_attitude`` is ``--send-attitude``. The sink is opened if the first of them has
+    another value than its default. ``takes_attitudes`` says that the sink looks into each attitude;
+    with ``--workers`` others get them as finished JSON (:class:`service.records.Encoded`).
+    """
+
+    options: dict[str, tuple[Any, Any]]
+    open: "Callable[[Opening], Sink]"
+    takes_attitudes: bool
+
+    def is_wanted(self, values: Any) -> bool:
+        """Whether the values (by attribute) of all options ask for this sink."""
+        name, (_, default) = next(iter(self.options.items()))
+        return bool(getattr(values, name) != default)
+
+
+def _ros(opening: Opening) -> "Sink":
+    from service.sinks.ros import MAX_DOMAIN, RosSink
+
+    domain = opening.options["ros_domain"]
+    if opening.session is None:
+        raise InputError("--ros needs Zenoh: leave out --no-zenoh")
+    if not 0 <= domain <= MAX_DOMAIN:
+        raise InputError(f"--ros-domain {domain}: should be 0 to {MAX_DOMAIN}")
+    return RosSink(opening.session, opening.prefix, domain)
+
+
+def _mavlink(opening: Opening) -> "Sink":
+    from drivers.endpoint import parse_endpoint
+    from service.sinks.mavlink import MavlinkSink
+
+    try:
+        return MavlinkSink(parse_endpoint(opening.options["send_attitude"]))
+    except InputError as error:
+        raise InputError(f"--send-attitude: {error}") from error
+
+
+def _metrics(opening: Opening) -> "Sink":
+    from service.sinks.metrics import MetricsSink
+
+    port = opening.options["metrics"]
+    if not 1 <= port <= MAX_PORT:
+        raise InputError(f"--metrics {port}: the port must be 1 to {MAX_PORT}")
+    return MetricsSink(port)
+
+
+SINKS: list[SinkEntry] = [
+    SinkEntry(
+        {
+            "ros": (Annotated[bool, option(_ROS)], False),
+            "ros_domain": (
+                Annotated[
+                    int, option("The ROS 2 domain of --ros.", metavar="ID", envvar="ROS_DOMAIN_ID")
+                ],
+                0,
+            ),
+        },
+        _ros,
+        takes_attitudes=True,
+    ),
+    SinkEntry(
+        {"send_attitude": (Annotated[str | None, option(_SEND_ATTITUDE, metavar="URL")], None)},
+        _mavlink,
+        takes_attitudes=True,
+    ),
+    SinkEntry(
+        {"metrics": (Annotated[int | None, option(_METRICS, metavar="PORT")], None)},
+        _metrics,
+        takes_attitudes=False,
+    ),
+]
