@@ -3,7 +3,8 @@
 Such a log knows no arrivals. Its own times, on Unix time where a GPS gave it, stand in for them.
 """
 
-from typing import Literal
+from collections.abc import Callable
+from typing import Any, Literal
 
 from drivers.events import Event, VehicleId
 from drivers.samples.fix import Fix
@@ -93,6 +94,12 @@ class LoggedVehicle:
             position=None if position is None else _floats(position),
         )
         return self._intake.fix(name, self._stamp(clock, raw_us), of_floats)
+
+    def report(
+        self, name: str, clock: TimeField, raw_us: int, sample_at: Callable[[int], Any]
+    ) -> list[Event]:
+        """What something beside the IMU has measured; see :meth:`Intake.report`."""
+        return self._intake.report(name, self._stamp(clock, raw_us), sample_at)
 
     def _stamp(self, clock: TimeField, raw_us: int) -> Stamp:
         return Stamp(clock, raw_us, self.arrival_us(raw_us))

@@ -1,0 +1,86 @@
+"""An IMU message, a source of aiding and a sink that the product does not have.
+
+Each is what docs/design.md asks for under *How to add*: a file of its own and its entry in a table.
+Here the entries are made from outside: ``add`` puts them into the tables of this process.
+"""
+
+import math
+from pathlib import Path
+from typing import Annotated
+
+from drivers.mavlink.imu_messages import IMU_MESSAGES, ImuMessage
+from drivers.mavlink.messages import MESSAGES, MessageKind
+from drivers.samples.intake import Stamp
+from drivers.samples.vehicle_clock import TimeField
+from estimator.aiding.sources.table import SOURCES
+from fuzzbee.sinks import SINKS, SinkEntry, option
+from service.records import AttitudeRecord, Published
+from tests.estimator.aiding.heading_source import HEADING_SOURCE, HeadingSample
+
+HEADING_SIGMA_RAD = math.radians(0.1)
+NO_YAW = 0
+
+
+def hil_vectors(m):
+    """HIL_SENSOR: rad/s, m/s^2 and gauss, FRD."""
+    return (m.xgyro, m.ygyro, m.zgyro), (m.xacc, m.yacc, m.zacc), (m.xmag, m.ymag, m.zmag)
+
+
+HIL_SENSOR = ImuMessage(
+    107, "HIL_SENSOR", TimeField.TIME_USEC, hil_vectors, setting="a simulator in the loop"
+)
+
+
+def gps2_heading(intake, said):
+    """GPS2_RAW of a receiver with two antennas: its yaw is in 0.01 degrees."""
+    m = said.fields
+    if m.yaw == NO_YAW:
+        return []
+    stamp = Stamp(TimeField.GPS, m.time_usec, said.arrival_us)
+    heading_rad = math.radians(0.01 * m.yaw)
+    return intake.report(
+        said.name, stamp, lambda time_us: HeadingSample(time_us, heading_rad, HEADING_SIGMA_RAD)
+    )
+
+
+GPS2_RAW = MessageKind(124, "GPS2_RAW", gps2_heading)
+
+
+class HeadingsFile:
+    """A sink that writes system and heading of each attitude as a line."""
+
+    name = "headings"
+
+    def __init__(self, path):
+        self._file = Path(path).open("w", encoding="utf-8")  # noqa: SIM115 - until close
+
+    def handle(self, outputs):
+        """See :class:`service.sinks.sink.Sink`."""
+        for output in outputs:
+            if isinstance(output, Published) and isinstance(output.record, AttitudeRecord):
+                print(output.vehicle.system_id, output.record.euler_deg[2], file=self._file)
+        self._file.flush()
+
+    def close(self):
+        """See :class:`service.sinks.sink.Sink`."""
+        self._file.close()
+
+
+HEADINGS = SinkEntry(
+    {
+        "headings": (
+            Annotated[str | None, option("Write each heading into a file.", metavar="FILE")],
+            None,
+        )
+    },
+    lambda opening: HeadingsFile(opening.options["headings"]),
+    takes_attitudes=True,
+)
+
+
+def add():
+    """Put all three into the tables."""
+    IMU_MESSAGES[HIL_SENSOR.number] = HIL_SENSOR
+    MESSAGES[GPS2_RAW.number] = GPS2_RAW
+    SOURCES[HeadingSample] = HEADING_SOURCE
+    SINKS.append(HEADINGS)

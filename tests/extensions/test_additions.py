@@ -1,0 +1,257 @@
+"""One IMU message, one source of aiding and one sink, added from outside: see additions.py.
+
+The vehicle flies banked turns and sends HIL_SENSOR, LOCAL_POSITION_NED and GPS2_RAW, whose heading
+is 0.3 rad to the right of the true one: whatever uses it shows that. Nothing of the product is
+changed for it but the tables.
+"""
+
+import json
+import math
+import os
+import socket
+import subprocess
+import sys
+import threading
+import time
+from operator import itemgetter
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from drivers.events import Imu, Report, VehicleId
+from drivers.logs.missing_imu import advice
+from drivers.logs.open import open_log
+from drivers.mavlink.backlog import Arrived, Backlog
+from drivers.mavlink.decoder import MavlinkDecoder
+from drivers.mavlink.dialect import mavlink
+from drivers.mavlink.framing import FrameReader
+from drivers.mavlink.imu_messages import IMU_MESSAGES
+from drivers.mavlink.messages import MESSAGES
+from estimator.aiding.sources.table import SOURCES
+from estimator.geometry.frames import euler_rad
+from estimator.profile import load_profile, merge_profile, profile_to_toml
+from estimator.types import VelocitySample
+from fuzzbee.log_replay import replay
+from fuzzbee.tune.read_flight import read_flight
+from tests.estimator.aiding.heading_source import HEADING_SOURCE, HeadingSample
+from tests.extensions.additions import GPS2_RAW, HIL_SENSOR
+from tests.flight import banked_flight
+from tests.fuzzbee.processes import free_port
+from tests.service.sinks.test_zenoh import plain_client, wait_for
+from tuning.flight import fly
+from tuning.online.retuned_estimator import SegmentingEstimator
+from tuning.online.segment import fly_segments
+
+ROOT = Path(__file__).resolve().parents[2]
+UNIX_US = 1_700_000_000_000_000
+BEGIN_US = 1_000_000
+TURNED_RAD = 0.3
+SECONDS = 30.0
+PX4 = 12
+# The field of the flight has no declination, and the profile says so.
+PROFILE = merge_profile(load_profile("imu"), {"reference": {"declination_deg": 0.0}})
+m = mavlink()
+
+
+def messages(heading=True):
+    """(time in us, message) of the flight, by pymavlink's own classes."""
+    flight = banked_flight(seconds=SECONDS)
+    behind = dict(flight.reports)
+    for k, (sample, q) in enumerate(zip(flight.samples, flight.truth, strict=True)):
+        us = BEGIN_US + sample.time_us
+        if k % 50 == 0:
+            yield us, m.MAVLink_heartbeat_message(2, PX4, 0, 0, 0, 3)
+        vectors = (*sample.acc_m_s2, *sample.gyr_rad_s, *sample.mag_gauss)
+        yield us, m.MAVLink_hil_sensor_message(us, *vectors, 0, 0, 0, 0, 0b111111111)
+        if k in behind:
+            velocity = behind[k].velocity_ned_m_s
+            yield us, m.MAVLink_local_position_ned_message(us // 1000, 0, 0, 0, *velocity)
+        if heading and k % 10 == 0:
+            yaw = round(np.degrees(euler_rad(q)[2] + TURNED_RAD) * 100) % 36000 or 36000
+            yield us, m.MAVLink_gps2_raw_message(us, 3, *(0,) * 9, 0, yaw=yaw)
+
+
+def frames(heading=True):
+    link = m.MAVLink(None, srcSystem=1, srcComponent=1)
+    return [(us, bytes(each.pack(link))) for us, each in messages(heading)]
+
+
+def tlog(path, heading=True):
+    records = ((UNIX_US + us).to_bytes(8, "big") + data for us, data in frames(heading))
+    path.write_bytes(b"".join(records))
+    return path
+
+
+@pytest.fixture
+def added(monkeypatch):
+    """The tables of this process, with what is added."""
+    monkeypatch.setitem(IMU_MESSAGES, HIL_SENSOR.number, HIL_SENSOR)
+    monkeypatch.setitem(MESSAGES, GPS2_RAW.number, GPS2_RAW)
+    monkeypatch.setitem(SOURCES, HeadingSample, HEADING_SOURCE)
+
+
+def decoded():
+    decoder, reader, events = MavlinkDecoder(references=False), FrameReader(), []
+    for us, data in frames():
+        for frame in reader.feed(data):
+            events += decoder.events(frame, UNIX_US + us)
+    return events
+
+
+def yaw_difference(q, other):
+    """How far right the headings of the one are of those of the other, rad, in the mean."""
+    apart = [
+        math.remainder(euler_rad(tuple(a))[2] - euler_rad(tuple(b))[2], math.tau)
+        for a, b in zip(q, other, strict=True)
+    ]
+    return float(np.mean(apart))
+
+
+def test_without_the_entries_nothing_is_known_of_them():
+    assert {type(event).__name__ for event in decoded()} == {"Heartbeat"}
+
+
+@pytest.mark.usefixtures("added")
+def test_both_messages_are_decoded():
+    flight, events = banked_flight(seconds=SECONDS), decoded()
+    samples = [event for event in events if isinstance(event, Imu)]
+    assert {event.message for event in samples} == {"HIL_SENSOR"}
+    assert len(samples) == len(flight.samples)
+    for event, sample in zip(samples, flight.samples, strict=True):
+        assert event.sample.time_us == event.boot_us == BEGIN_US + sample.time_us
+        assert event.sample.gyr_rad_s == pytest.approx(sample.gyr_rad_s, rel=1e-6)
+        assert event.sample.acc_m_s2 == pytest.approx(sample.acc_m_s2, rel=1e-6)
+        assert event.sample.mag_gauss == pytest.approx(sample.mag_gauss, rel=1e-6)
+    reports = [event.sample for event in events if isinstance(event, Report)]
+    headings = [each for each in reports if isinstance(each, HeadingSample)]
+    assert len(headings) == len(flight.samples[::10])
+    for report, q in zip(headings, flight.truth[::10], strict=True):
+        off = report.heading_rad - TURNED_RAD - euler_rad(q)[2]
+        assert abs(math.remainder(off, math.tau)) < 1e-4
+    assert sum(isinstance(each, VelocitySample) for each in reports) == len(flight.reports)
+
+
+@pytest.mark.usefixtures("added")
+def test_under_overload_the_newest_of_each_stays():
+    backlog, reader = Backlog(), FrameReader()
+    every = [frame for _, data in frames() for frame in reader.feed(data)]
+    address = VehicleId(1, 1)
+    backlog.add([Arrived(UNIX_US, every[1])], 0.0)  # a first one: it is no newcomer any more
+    backlog.take()
+    backlog.add([Arrived(UNIX_US, frame) for frame in every], 0.0)
+    backlog.fold()
+    kept = [arrived.frame for arrived in backlog.take()]
+    numbers = [frame.message_id for frame in kept]
+    assert sorted(numbers) == [0, 32, 107, 124]
+    (shed,) = backlog.take_shed(UNIX_US)
+    flight = banked_flight(seconds=SECONDS)
+    assert (shed.vehicle, shed.message) == (address, "HIL_SENSOR")
+    assert shed.samples == len(flight.samples) - 1
+
+
+@pytest.mark.usefixtures("added")
+def test_a_log_with_the_message_is_none_without_imu(tmp_path):
+    with open_log(tlog(tmp_path / "x.tlog")) as log:
+        assert advice(log) is None
+
+
+@pytest.mark.usefixtures("added")
+def test_a_log_is_replayed_and_the_source_turns_the_estimate(tmp_path):
+    with_it = replay(tlog(tmp_path / "with.tlog"), PROFILE)
+    without = replay(tlog(tmp_path / "without.tlog", heading=False), PROFILE)
+    assert [*with_it.report.imu.messages] == ["HIL_SENSOR"]
+    late = slice(len(with_it.attitudes.time_s) // 2, None)
+    turned = yaw_difference(with_it.attitudes.q_ned_frd[late], without.attitudes.q_ned_frd[late])
+    assert turned == pytest.approx(TURNED_RAD, abs=0.03)
+
+
+@pytest.mark.usefixtures("added")
+def test_tuning_and_retuning_repeat_the_reports(tmp_path):
+    path = tlog(tmp_path / "with.tlog")
+    flight = read_flight(path, PROFILE)
+    told = [call.__reduce__()[1] for calls in flight.calls for call in calls]
+    headings = [what[1] for what in told if isinstance(what[-1], HeadingSample)]
+    assert len(headings) == len(banked_flight(seconds=SECONDS).samples[::10])
+    course = fly(flight, PROFILE, len(flight.samples))
+    assert np.array_equal(course.q_ned_frd, replay(path, PROFILE).attitudes.q_ned_frd)
+
+    segments = []
+    estimator = SegmentingEstimator(PROFILE, None, segments.append)
+    said = []
+    for calls, sample in zip(flight.calls, flight.samples, strict=True):
+        for call in calls:
+            call(estimator)
+        said.append(estimator.attitude(sample.time_us).q_ned_frd)
+    last = segments[-1]
+    repeated = fly_segments(PROFILE, (last,)).q_ned_frd
+    end = flight.samples.index(last.samples[-1]) + 1
+    assert np.array_equal(repeated, said[end - len(last.samples) : end])
+    deaf = last._replace(
+        calls=tuple(
+            tuple(c for c in calls if not isinstance(c.__reduce__()[1][-1], HeadingSample))
+            for calls in last.calls
+        )
+    )
+    assert not np.array_equal(fly_segments(PROFILE, (deaf,)).q_ned_frd, repeated)
+
+
+SITECUSTOMIZE = "from tests.extensions.additions import add\nadd()\n"
+
+
+@pytest.mark.skipif(not hasattr(socket, "send_fds"), reason="workers need POSIX")
+def test_workers_publish_what_they_make_of_all_three(tmp_path):
+    """Real processes, UDP and Zenoh: each Python that starts has the entries in its tables."""
+    (tmp_path / "sitecustomize.py").write_text(SITECUSTOMIZE)
+    port, endpoint = free_port(socket.SOCK_DGRAM), f"tcp/127.0.0.1:{free_port()}"
+    headings, profile = tmp_path / "headings", tmp_path / "north.toml"
+    profile.write_text(profile_to_toml(PROFILE))
+    command = ["run", f"udpin:127.0.0.1:{port}", "--json", "--profile", str(profile)]
+    more = ["--workers", "2", "--headings", str(headings), "-l", endpoint, "-e", endpoint]
+    process = subprocess.Popen(
+        [sys.executable, "-m", "fuzzbee", *command, *more],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        env={**os.environ, "PYTHONPATH": os.pathsep.join([str(tmp_path), str(ROOT)])},
+    )
+    published = []
+    try:
+        for line in process.stderr:
+            if "listening" in line:
+                break
+        threading.Thread(target=process.stderr.read, daemon=True).start()
+        with plain_client(endpoint) as session:
+            session.declare_subscriber(
+                "fuzzbee/1/attitude", lambda each: published.append(json.loads(bytes(each.payload)))
+            )
+            time.sleep(0.3)
+            fly_in_real_time(port)
+            wait_for(lambda: published and headings.read_text().count("\n") > 100, 10.0)
+        process.terminate()
+        out, _ = process.communicate(timeout=20)
+    finally:
+        if process.poll() is None:
+            process.kill()
+            process.wait()
+    vehicle = json.loads(out)["vehicles"]["1"]
+    assert vehicle["imu_message"] == "HIL_SENSOR"
+    written = [line.split() for line in headings.read_text().splitlines()]
+    assert {system for system, _ in written} == {"1"}
+    last = max(
+        (each for each in published if each["age_ms"] < 20.0), key=itemgetter("time_boot_us")
+    )
+    yaw_deg = last["euler_deg"][2]
+    assert yaw_deg in {float(yaw) for _, yaw in written}
+    flight = banked_flight(seconds=SECONDS)
+    k = round((last["time_boot_us"] - BEGIN_US) / flight.samples[1].time_us)
+    turned = math.radians(yaw_deg) - euler_rad(flight.truth[k])[2]
+    assert math.remainder(turned, math.tau) == pytest.approx(TURNED_RAD, abs=0.05)
+
+
+def fly_in_real_time(port):
+    begin_s = time.monotonic()
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sender:
+        for us, data in frames():
+            time.sleep(max(0.0, begin_s + 1e-6 * (us - BEGIN_US) - time.monotonic()))
+            sender.sendto(data, ("127.0.0.1", port))
