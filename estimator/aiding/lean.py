@@ -11,6 +11,7 @@ from math import hypot
 from estimator.aiding.inertial import GRAVITY_NED
 from estimator.aiding.types import Lean
 from estimator.compilation.compiled import inlined
+from estimator.compilation.replacing import replacer
 from estimator.geometry.quaternion import add, scale, subtract
 from estimator.types import STANDARD_GRAVITY_M_S2, Vec3
 
@@ -21,6 +22,9 @@ TELLING_M_S2 = 1.0
 # What the aided attitude leaves of it unexplained, to be believed rather than the unaided one.
 UNEXPLAINED = 0.5
 
+with_means = replacer(Lean, "felt_m_s2", "reported_m_s")
+with_latest = replacer(Lean, "latest_m_s")
+
 
 @inlined
 def watch_lean(lean: Lean, force_ned_m_s2: Vec3, dt: float) -> Lean:
@@ -28,17 +32,14 @@ def watch_lean(lean: Lean, force_ned_m_s2: Vec3, dt: float) -> Lean:
     share = dt / (LEAN_TAU_S + dt)
     felt = subtract(add(force_ned_m_s2, GRAVITY_NED), lean.felt_m_s2)
     ahead = subtract(lean.latest_m_s, lean.reported_m_s)
-    return Lean(
-        felt_m_s2=add(lean.felt_m_s2, scale(share, felt)),
-        reported_m_s=add(lean.reported_m_s, scale(share, ahead)),
-        latest_m_s=lean.latest_m_s,
-    )
+    felt_m_s2 = add(lean.felt_m_s2, scale(share, felt))
+    return with_means(lean, felt_m_s2, add(lean.reported_m_s, scale(share, ahead)))
 
 
 @inlined
 def hear_report(lean: Lean, velocity_ned_m_s: Vec3) -> Lean:
     """With one more report."""
-    return Lean(lean.felt_m_s2, lean.reported_m_s, velocity_ned_m_s)
+    return with_latest(lean, velocity_ned_m_s)
 
 
 @inlined

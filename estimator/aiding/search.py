@@ -17,6 +17,7 @@ import numpy as np
 
 from estimator.aiding.types import Array, Report
 from estimator.compilation.compiled import inlined
+from estimator.compilation.replacing import replacer
 from estimator.filter.alignment import nearest_rotation, quaternion_from_matrix
 from estimator.geometry.quaternion import add, cross, dot, rotate, scale, subtract
 from estimator.types import STANDARD_GRAVITY_M_S2, ZERO_VEC3, Quaternion, Vec3
@@ -49,6 +50,9 @@ class Window(NamedTuple):
     time_s: float  # since the window began
     velocity_ned_m_s: Vec3  # by the report that opened it
     is_open: bool  # False until the first report
+
+
+with_sample = replacer(Window, "pushed_m_s", "force_m_s2", "time_s")
 
 
 class Evidence(NamedTuple):
@@ -109,14 +113,8 @@ def add_sample(search: Search, q_g_frd: Quaternion, acc: Vec3, dt: float) -> Sea
 @inlined
 def extend_window(window: Window, force_g: Vec3, dt: float) -> Window:
     """The window one sample longer, whose specific force is given in G."""
-    return Window(
-        pushed_m_s=add(window.pushed_m_s, scale(0.5 * dt, add(force_g, window.force_m_s2))),
-        force_m_s2=force_g,
-        first_force_m_s2=window.first_force_m_s2,
-        time_s=window.time_s + dt,
-        velocity_ned_m_s=window.velocity_ned_m_s,
-        is_open=window.is_open,
-    )
+    pushed = add(window.pushed_m_s, scale(0.5 * dt, add(force_g, window.force_m_s2)))
+    return with_sample(window, pushed, force_g, window.time_s + dt)
 
 
 @inlined

@@ -25,7 +25,9 @@ from estimator.aiding.search import (
 )
 from estimator.aiding.types import AidingEstimate, AidingState, Report, Sigmas
 from estimator.compilation.compiled import inlined
+from estimator.compilation.replacing import replacer
 from estimator.conditioning.magnetic import LEAST_HORIZONTAL
+from estimator.filter.kernel import follow_rate
 from estimator.geometry.quaternion import (
     conjugate,
     cross,
@@ -114,6 +116,13 @@ NEW_WITNESS = Witness(
     error_rate_1_s=0.0,
 )
 
+with_motion = replacer(Witness, "q_g_frd", "window", "turned_rad")
+with_time = replacer(Witness, "report_wait_s", "field_wait_s")
+with_reporter = replacer(Witness, "by_receiver", "report_wait_s")
+with_force = replacer(Witness, "force_wait_s", "force", "tilt")
+with_field = replacer(Witness, "field_wait_s", "field", "heading")
+with_error = replacer(Witness, "error", "error_rate_1_s")
+
 
 @inlined
 def average(apart: Apart, north_rad: float, east_rad: float, time_s: float, tau_s: float) -> Apart:
@@ -157,21 +166,10 @@ def hear_sample(witness: Witness, aided: AidingState, sample: Sample) -> Witness
         keep = real_exp(-dt / TILT_TAU_S)
         tilt = Apart(keep * tilt.mean_north_rad, keep * tilt.mean_east_rad, tilt.usual_square)
         force = Direction(force.g, force.ned, 0.0)
-    return Witness(
-        q_g_frd=q_g_frd,
-        window=extend_window(witness.window, force_g, dt),
-        turned_rad=witness.turned_rad + dt * norm(aided.last.rate_rad_s),
-        by_receiver=witness.by_receiver,
-        report_wait_s=witness.report_wait_s + dt,
-        force_wait_s=force_wait_s,
-        field_wait_s=witness.field_wait_s + dt,
-        force=force,
-        field=witness.field,
-        tilt=tilt,
-        heading=witness.heading,
-        error=witness.error,
-        error_rate_1_s=witness.error_rate_1_s,
-    )
+    turned_rad = witness.turned_rad + dt * norm(aided.last.rate_rad_s)
+    window = extend_window(witness.window, force_g, dt)
+    witness = with_time(witness, witness.report_wait_s + dt, witness.field_wait_s + dt)
+    return with_force(with_motion(witness, q_g_frd, window, turned_rad), force_wait_s, force, tilt)
 
 
 @inlined
@@ -207,21 +205,9 @@ def hear_report(witness: Witness, estimate: AidingEstimate, report: Report) -> W
         force = Direction(unit(pushed), unit(expected), share)
         tilt = average(tilt, turn[0], turn[1], time_s, TILT_TAU_S)
         force_wait_s = 0.0
-    return Witness(
-        q_g_frd=witness.q_g_frd,
-        window=opened,
-        turned_rad=turned_rad,
-        by_receiver=is_receiver,
-        report_wait_s=0.0,
-        force_wait_s=force_wait_s,
-        field_wait_s=witness.field_wait_s,
-        force=force,
-        field=witness.field,
-        tilt=tilt,
-        heading=witness.heading,
-        error=witness.error,
-        error_rate_1_s=witness.error_rate_1_s,
-    )
+    witness = with_motion(witness, witness.q_g_frd, opened, turned_rad)
+    witness = with_force(witness, force_wait_s, force, tilt)
+    return with_reporter(witness, is_receiver, 0.0)
 
 
 @inlined
@@ -263,28 +249,15 @@ def hear_field(witness: Witness, aided: AidingState, sample: Sample) -> Witness:
     share = aided.field.look.confidence
     off = share * atan2(F[0] * E[1] - F[1] * E[0], F[0] * E[0] + F[1] * E[1])
     wait = min(witness.field_wait_s, 1.0)
-    return Witness(
-        q_g_frd=witness.q_g_frd,
-        window=witness.window,
-        turned_rad=witness.turned_rad,
-        by_receiver=witness.by_receiver,
-        report_wait_s=witness.report_wait_s,
-        force_wait_s=witness.force_wait_s,
-        field_wait_s=0.0,
-        force=witness.force,
-        field=Direction(unit(rotate(witness.q_g_frd, m)), unit(E), share),
-        tilt=witness.tilt,
-        heading=average(witness.heading, off, 0.0, wait, HEADING_TAU_S),
-        error=witness.error,
-        error_rate_1_s=witness.error_rate_1_s,
-    )
+    seen = Direction(unit(rotate(witness.q_g_frd, m)), unit(E), share)
+    return with_field(witness, 0.0, seen, average(witness.heading, off, 0.0, wait, HEADING_TAU_S))
 
 
 @inlined
 def compare(witness: Witness, q_ned_frd: Quaternion, dt: float, tau_s: float) -> Witness:
     """With e of this attitude: sin^2 of half the angle to both directions, by their confidence.
 
-    Its rate is low-passed with ``tau_s``, as the filter does it.
+    Its rate is low-passed with ``tau_s``.
     """
     field, force = witness.field, witness.force
     total = field.share + force.share
@@ -294,23 +267,8 @@ def compare(witness: Witness, q_ned_frd: Quaternion, dt: float, tau_s: float) ->
         by_field = field.share * (1.0 - dot(rotate(q_ned_g, field.g), field.ned))
         by_force = force.share * (1.0 - dot(rotate(q_ned_g, force.g), force.ned))
         e = min(1.0, max(0.0, 0.5 * (by_field + by_force) / total))
-    rate = witness.error_rate_1_s
-    rate += dt / (tau_s + dt) * ((e - witness.error) / dt - rate)
-    return Witness(
-        q_g_frd=witness.q_g_frd,
-        window=witness.window,
-        turned_rad=witness.turned_rad,
-        by_receiver=witness.by_receiver,
-        report_wait_s=witness.report_wait_s,
-        force_wait_s=witness.force_wait_s,
-        field_wait_s=witness.field_wait_s,
-        force=force,
-        field=field,
-        tilt=witness.tilt,
-        heading=witness.heading,
-        error=e,
-        error_rate_1_s=rate,
-    )
+    change = e - witness.error
+    return with_error(witness, e, follow_rate(witness.error_rate_1_s, change, dt, tau_s))
 
 
 @inlined

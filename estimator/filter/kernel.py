@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimator.compilation.compiled import compiled, inlined
+from estimator.compilation.replacing import replacer
 from estimator.filter.fuzzy import operating_gain
 from estimator.filter.noise_gain import noise_gain, observe_floor, observe_noise
 from estimator.filter.observation import ReferenceParams, raw_vectors
@@ -37,6 +38,10 @@ from estimator.geometry.quaternion import (
 from estimator.types import Quaternion, Sample, Vec3
 
 Array = NDArray[np.float64]
+
+with_motion = replacer(FilterState, "q_ned_frd", "gyr_bias_rad_s", "rate_rad_s")
+with_correction = replacer(FilterState, "q_ned_frd", "gyr_bias_rad_s", "decay")
+with_gain = replacer(FilterState, "error", "error_rate_1_s", "gain", "has_error", "noise")
 
 # Sine of the angle between v1 and v2 below which they fix no attitude.
 COLLINEAR_SINE = 1e-6
@@ -69,12 +74,18 @@ def single_vector_error(v1: Vec3, v2: Vec3, u1: Vec3, u2: Vec3, s1: float, s2: f
 
 
 @inlined
-def error_rate(params: FilterParams, state: FilterState, error: float, dt: float) -> float:
+def follow_rate(rate_1_s: float, change: float, dt: float, tau_s: float) -> float:
     """d_k = d_(k-1) + (e_k - e_(k-1) - dt d_(k-1))/(tau + dt); 1/s, signed."""
-    if not state.has_error or dt <= 0.0:
-        return state.error_rate_1_s
+    return rate_1_s + 1.0 / (tau_s + dt) * (change - dt * rate_1_s)
+
+
+@inlined
+def error_rate(params: FilterParams, state: FilterState, error: float, dt: float) -> float:
+    """The low-passed derivative of e, as before where there was no e or no time has passed."""
     d = state.error_rate_1_s
-    return d + 1.0 / (params.rate_time_constant_s + dt) * (error - state.error - dt * d)
+    if not state.has_error or dt <= 0.0:
+        return d
+    return follow_rate(d, error - state.error, dt, params.rate_time_constant_s)
 
 
 @inlined
@@ -158,17 +169,8 @@ def turn_on(
     state: FilterState, turn: Quaternion, rate_rad_s: Vec3, gyr_bias_rad_s: Vec3
 ) -> FilterState:
     """The attitude turned on by what a rate has turned the body; rate and bias only recorded."""
-    return FilterState(
-        q_ned_frd=normalize(multiply(state.q_ned_frd, turn)),
-        gyr_bias_rad_s=gyr_bias_rad_s,
-        error=state.error,
-        error_rate_1_s=state.error_rate_1_s,
-        gain=state.gain,
-        has_error=state.has_error,
-        rate_rad_s=rate_rad_s,
-        noise=state.noise,
-        decay=state.decay,
-    )
+    q = normalize(multiply(state.q_ned_frd, turn))
+    return with_motion(state, q, gyr_bias_rad_s, rate_rad_s)
 
 
 @compiled
@@ -217,17 +219,8 @@ def correct(params: FilterParams, state: FilterState, vectors: Vectors, dt: floa
     g, decay = decaying_gain(params, K, fastest, dt, state.decay)
     q = normalize(multiply(state.q_ned_frd, exp(scale(-g, w))))
     b = add(state.gyr_bias_rad_s, scale(bias_gain(params, K, g, fastest, dt), w))
-    return FilterState(
-        q_ned_frd=q,
-        gyr_bias_rad_s=bound_each(b, params.bias_bound_rad_s),
-        error=e,
-        error_rate_1_s=d,
-        gain=K,
-        has_error=True,
-        rate_rad_s=state.rate_rad_s,
-        noise=noise,
-        decay=decay,
-    )
+    state = with_correction(state, q, bound_each(b, params.bias_bound_rad_s), decay)
+    return with_gain(state, e, d, K, True, noise)
 
 
 @compiled

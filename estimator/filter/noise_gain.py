@@ -31,6 +31,7 @@ from math import log, sqrt
 from typing import NamedTuple
 
 from estimator.compilation.compiled import compiled, inlined
+from estimator.compilation.replacing import replacer
 from estimator.filter.fuzzy import RULES
 from estimator.geometry.quaternion import add, cross, dot, scale, subtract
 from estimator.types import ZERO_VEC3, Vec3
@@ -76,11 +77,12 @@ class NoiseState(NamedTuple):
     rate_rad_s: Vec3
     samples: float
     vector_variance: float  # of each component, squared unit vectors
-    rate_variance: float  # likewise, (rad/s)^2
+    rate_variance: float  # of each component of the rate, (rad/s)^2
     error_floor: float
 
 
 NO_NOISE = NoiseState(ZERO_VEC3, False, ZERO_VEC3, False, ZERO_VEC3, 0.0, 0.0, 0.0, 0.0)
+with_floor = replacer(NoiseState, "error_floor")
 
 
 @inlined
@@ -119,17 +121,7 @@ def observe_floor(noise: NoiseState, error: float, dt: float) -> NoiseState:
     least = 0.5 * max(noise.vector_variance, LEAST_VARIANCE)
     floor = max(noise.error_floor, least)
     floor += dt / (FLOOR_TIME_S + dt) * (min(error, FLOOR_CAP * floor) - floor)
-    return NoiseState(
-        noise.v1_frd,
-        noise.has_v1,
-        noise.v2_frd,
-        noise.has_v2,
-        noise.rate_rad_s,
-        noise.samples,
-        noise.vector_variance,
-        noise.rate_variance,
-        max(floor, least),
-    )
+    return with_floor(noise, max(floor, least))
 
 
 @inlined

@@ -37,6 +37,8 @@ UNSEEN = Conditioned(
 class Core(NamedTuple):
     """All that the compiled steps change."""
 
+    time_us: int  # of the last sample, on the vehicle's clock
+    usual_s: float  # the interval that samples usually come at; 0 before the second one
     sample: Sample  # the last one
     filter: FilterState  # the paper's: attitude, bias, e, gain
     smooth_error: float  # e averaged over a second while the vectors are raw, otherwise e
@@ -53,6 +55,8 @@ def initial_core(settings: Settings) -> Core:
     """Before the first sample."""
     aided, covariance, trail = blank_aiding(settings.aiding)
     return Core(
+        time_us=0,
+        usual_s=0.0,
         sample=NO_SAMPLE,
         filter=initial_state(),
         smooth_error=0.0,

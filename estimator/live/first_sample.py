@@ -31,6 +31,7 @@ def first_core(settings: Settings, before: Core, sample: ImuSample) -> Core:
     first_step_s = settings.filter.first_step_s
     state = plain(kernel.correct)(settings.filter, initial_state(q), vectors, first_step_s)
     return before._replace(
+        time_us=sample.time_us,
         sample=first,
         filter=state,
         smooth_error=state.error,

@@ -40,6 +40,7 @@ class Holder:
     advance = _step(resident.advance)
     advance_raw = _step(resident.advance_raw)
     publish = _step(resident.publish)
+    _clock = _step(resident.clock)
     _lay = _step(resident.lay)
     _see_between = _step(resident.see_between)
     _advance_aided = _step(resident.advance_aided)
@@ -60,6 +61,18 @@ class Holder:
         core: Core = resident.contents(self._inside)
         return core._replace(covariance=flat(core.covariance), trail=flat(core.trail))
 
+    @property
+    def clock(self) -> tuple[int, float]:
+        """Time (us) of the last sample, and the interval (s) that samples usually come at."""
+        if self._inside is None:
+            return self._core.time_us, self._core.usual_s
+        return self._clock()
+
+    @property
+    def time_us(self) -> int:
+        """Time of the last sample."""
+        return self.clock[0]
+
     def lay(self, rows: Rows, said: Floats) -> None:
         """See :func:`estimator.live.resident.lay`; rows of another type or layout are copied."""
         rows = rows_of(*rows)
@@ -72,7 +85,9 @@ class Holder:
 
     def advance_aided(self, report: Report, knows_north: bool) -> bool:
         """See :func:`estimator.live.resident.advance_aided`."""
-        return self._advance_aided(in_types_of(NO_REPORT, report), knows_north)
+        if report is not NO_REPORT:
+            report = in_types_of(NO_REPORT, report)
+        return self._advance_aided(report, knows_north)
 
     def search(self, report: Report) -> bool:
         """See :func:`estimator.live.resident.search`."""

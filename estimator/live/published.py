@@ -14,7 +14,7 @@ from estimator.filter.observation import ReferenceParams
 from estimator.filter.types import FilterState
 from estimator.geometry.quaternion import exp, multiply, norm, normalize, scale
 from estimator.live.aided import GRAVITY_HALF_RAD, MAGNETIC_HALF_RAD, confidence
-from estimator.types import IDENTITY, ZERO_VEC3, Quaternion, Vec3
+from estimator.types import Quaternion, Vec3
 
 # No estimate from these sensors is better than this; it also keeps sigma above zero.
 LEAST_SIGMA_RAD = radians(0.1)
@@ -25,10 +25,12 @@ STEADY_TURN_S = 0.1
 Motion = tuple[Quaternion, Vec3, Vec3, float, float, float]
 # Confidences of gravity and field, sigmas (rad) of inclination and heading.
 Figures = tuple[float, float, float, float]
-# Both, and whether the field has told a heading.
-Said = tuple[Motion, Figures, bool]
+# The time (us) that they are for, both, and whether the field has told a heading.
+Said = tuple[int, Motion, Figures, bool]
 
-NOTHING_SAID: Said = ((IDENTITY, ZERO_VEC3, ZERO_VEC3, 0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 0.0), False)
+# The output is propagated this far beyond the last sample at most, s; then the
+# last rate says nothing about the vehicle any more.
+OUTPUT_HORIZON_S = 1.0
 
 
 @inlined
@@ -94,7 +96,7 @@ def widen(figures: Figures, rate_rad_s: Vec3, ahead_s: float) -> Figures:
 @inlined
 def write(row: Any, said: Said) -> None:
     """All of it as the numbers of a row, in the order of :data:`estimator.live.rows.SAID`."""
-    (q, rate, bias, error, error_rate, gain), figures, has_heading = said
+    _, (q, rate, bias, error, error_rate, gain), figures, has_heading = said
     for i in range(4):
         row[i] = q[i]
     for i in range(3):

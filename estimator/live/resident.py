@@ -43,6 +43,7 @@ from estimator.live.conditioned import follow_conditioned
 from estimator.live.core import Core, in_rows, square
 from estimator.live.interval import usual_interval
 from estimator.live.published import (
+    OUTPUT_HORIZON_S,
     Said,
     aided_figures,
     conditioned_figures,
@@ -51,7 +52,7 @@ from estimator.live.published import (
     widen,
     write,
 )
-from estimator.live.refusal import FINE, fault_of
+from estimator.live.refusal import FINE, NOT_LATER, fault_of
 from estimator.live.rows import NO_ROWS, NOTHING_TO_SAY, Floats, Rows, reading_of
 from estimator.live.settings import Settings
 from estimator.types import NOTHING_BETWEEN, Between, Sample, Vec3
@@ -63,10 +64,9 @@ _typeof: Any = numba.typeof
 # Time over which e is averaged for the sigma of raw vectors: one sample's e is mostly its noise.
 SIGMA_TIME_S = 1.0
 
-# Why rows of samples end: there are no more; one is refused, by :mod:`estimator.live.refusal` or as
-# not later than the one before; one has told the first heading, or left no finite attitude.
+# Why rows of samples end: there are no more; one is refused, see :mod:`estimator.live.refusal`;
+# one has told the first heading, or left no finite attitude.
 TAKEN = FINE
-NOT_LATER = 10
 FIRST_HEADING = 11
 NOT_FINITE_NOW = 12
 
@@ -139,14 +139,15 @@ def arguments_with(inside: Any) -> dict[Any, tuple[Any, ...]]:
     readings = (number,) * 9
     return {
         contents: (inside,),
-        advance_raw: (inside, *readings, flag, number),
-        advance: (inside, whole, *readings, flag, whole, number, flag, whole),
+        clock: (inside,),
+        advance_raw: (inside, whole, *readings, flag),
+        advance: (inside, whole, *readings, flag, flag, whole),
         lay: (inside, *(_typeof(value) for value in NOTHING_LAID)),
         see_between: (inside, between),
         advance_aided: (inside, report, flag),
         hear: (inside, report),
         search: (inside, report),
-        publish: (inside, number, whole),
+        publish: (inside, whole, whole),
     }
 
 
@@ -163,6 +164,8 @@ def resident(params: Params, core: Core, rows: Rows, said: Floats) -> Any:
         NOTHING_BETWEEN,
         rows,
         said,
+        core.time_us,
+        core.usual_s,
         core.sample,
         core.filter,
         core.smooth_error,
@@ -180,6 +183,8 @@ def resident(params: Params, core: Core, rows: Rows, said: Floats) -> Any:
 def contents(inside: Any) -> Core:
     """Take the core out; the covariance is a copy."""
     return Core(
+        time_us=inside.time_us,
+        usual_s=inside.usual_s,
         sample=inside.sample,
         filter=inside.filter,
         smooth_error=inside.smooth_error,
@@ -194,8 +199,15 @@ def contents(inside: Any) -> Core:
 
 
 @compiled
+def clock(inside: Any) -> tuple[int, float]:
+    """Time (us) of the last sample, and the interval (s) that samples usually come at."""
+    return inside.time_us, inside.usual_s
+
+
+@compiled
 def advance_raw(
     inside: Any,
+    time_us: int,
     gx: float,
     gy: float,
     gz: float,
@@ -206,9 +218,9 @@ def advance_raw(
     my: float,
     mz: float,
     has_mag: bool,
-    dt_s: float,
 ) -> None:
-    """One sample of raw vectors, ``dt_s`` after the one before."""
+    """One sample of raw vectors, later than the one before."""
+    dt_s = 1e-6 * (time_us - inside.time_us)
     sample = Sample(
         gyr_rad_s=(gx, gy, gz),
         acc_m_s2=(ax, ay, az),
@@ -223,6 +235,8 @@ def advance_raw(
     inside.smooth_error = before + dt_s / (SIGMA_TIME_S + dt_s) * (state.error - before)
     inside.filter = state
     inside.sample = sample
+    inside.time_us = time_us
+    inside.usual_s = usual_interval(inside.usual_s, dt_s)
 
 
 @compiled
@@ -239,24 +253,22 @@ def advance(
     my: float,
     mz: float,
     has_mag: bool,
-    last_us: int,
-    usual_s: float,
     is_aided: bool,
     rows: int,
-) -> tuple[int, int, bool, int, float, Said]:
+) -> tuple[int, int, bool, Said]:
     """One conditioned sample, or as many ``rows`` of those that :func:`lay` has laid.
 
-    A sample is plain numbers because those cost the least to hand over. ``last_us`` is the time
-    of the sample before, ``usual_s`` the interval that they usually come at. Where it ``is_aided``
+    A sample is plain numbers because those cost the least to hand over. Where it ``is_aided``
     the filter waits for :func:`advance_aided`.
 
     Returns how many were taken, what has ended it there, whether there is a heading by the field,
-    time and usual interval after the last one, and what there is to publish.
+    and what there is to publish.
     """
     params = inside.params
     memory, seen, state = inside.conditioning, inside.seen, inside.filter
     sample, between = inside.sample, inside.between
     laid, said = inside.rows, inside.said
+    last_us, usual_s = inside.time_us, inside.usual_s
     gyr, acc, mag = (gx, gy, gz), (ax, ay, az), (mx, my, mz)
     k, end = 0, TAKEN
     while end == TAKEN and k < max(1, rows):
@@ -286,26 +298,27 @@ def advance(
             if not isfinite(q[0] + q[1] + q[2] + q[3]):
                 end = NOT_FINITE_NOW
             if rows > 0:
-                write(said[k], said_now(state, seen, gyr))
+                write(said[k], said_now(time_us, state, seen, gyr))
         last_us, usual_s = time_us, usual_interval(usual_s, dt_s)
         k += 1
     inside.conditioning = memory
     inside.seen = seen
     inside.sample = sample
+    inside.time_us = last_us
+    inside.usual_s = usual_s
     inside.between = between
     if not is_aided and k > 0:
         inside.filter = state
         inside.smooth_error = state.error
-    told = said_now(state, seen, sample.gyr_rad_s)
-    return k, end, seen.has_heading, last_us, usual_s, told
+    return k, end, seen.has_heading, said_now(last_us, state, seen, sample.gyr_rad_s)
 
 
 @inlined
-def said_now(state: FilterState, seen: Conditioned, gyr: Vec3) -> Said:
+def said_now(time_us: int, state: FilterState, seen: Conditioned, gyr: Vec3) -> Said:
     """What a conditioned sample without velocity leaves to be published."""
     rate = subtract(gyr, state.gyr_bias_rad_s)
     moved = motion(state, rate, 0.0, state.error, state.error_rate_1_s)
-    return moved, conditioned_figures(seen), seen.has_heading
+    return time_us, moved, conditioned_figures(seen), seen.has_heading
 
 
 @compiled
@@ -409,12 +422,13 @@ def search(inside: Any, report: Report) -> bool:
 
 
 @compiled
-def publish(inside: Any, ahead_s: float, source: int) -> Said:
-    """What there is to publish, turned ``ahead_s`` beyond the last sample.
+def publish(inside: Any, time_us: int, source: int) -> Said:
+    """What there is to publish at a time, turned on from the last sample if that is before it.
 
     ``source`` is what the filter's vectors come from.
     """
-    known_s = ahead_s
+    known_s = min(max(1e-6 * (time_us - inside.time_us), 0.0), OUTPUT_HORIZON_S)
+    ahead_s = known_s
     error, error_rate_1_s = inside.filter.error, inside.filter.error_rate_1_s
     if source == AIDED:
         witness = inside.witness
@@ -428,4 +442,4 @@ def publish(inside: Any, ahead_s: float, source: int) -> Said:
     rate_rad_s = subtract(inside.sample.gyr_rad_s, inside.filter.gyr_bias_rad_s)
     figures = widen(figures, rate_rad_s, known_s)
     moved = motion(inside.filter, rate_rad_s, ahead_s, error, error_rate_1_s)
-    return moved, figures, inside.seen.has_heading
+    return time_us, moved, figures, inside.seen.has_heading

@@ -13,8 +13,6 @@ class Context(NamedTuple):
     """What Python keeps beside the core."""
 
     phase: Phase = Phase.EMPTY
-    time_us: int = 0  # of the last sample, on the vehicle's clock
-    usual_s: float = 0.0  # the interval that samples usually come at; 0 before the second one
     reports: tuple[Any, ...] = ()  # of aiding sources, that the IMU has not reached yet
     compass: Compass = UNTOUCHED  # how far the field is trusted
     whereabouts: Whereabouts = Whereabouts()  # and the field of the place

@@ -151,7 +151,7 @@ class Replay:
             return
         if any(track.message is not None for track in trace.references.values()):
             vehicle.estimator.turn(self._wrong_turn)
-            trace.turned_at_us = vehicle.estimator.snapshot.context.time_us
+            trace.turned_at_us = vehicle.estimator.snapshot.core.time_us
 
     def _trace(self, address: VehicleId) -> VehicleTrace:
         return self.traces.setdefault(address, VehicleTrace(address))

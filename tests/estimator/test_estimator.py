@@ -9,8 +9,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from drivers.simulation.simulated_vehicle import simulate
-from estimator.estimator import OUTPUT_HORIZON_S, Estimator
+from estimator.estimator import Estimator
 from estimator.geometry.quaternion import exp, multiply
+from estimator.live.published import OUTPUT_HORIZON_S
 from estimator.live.refusal import ACC_LIMIT_M_S2, GYR_LIMIT_RAD_S
 from estimator.live.settings import settings_of
 from estimator.profile import load_profile, merge_profile
@@ -137,7 +138,7 @@ def test_a_restored_snapshot_publishes_the_same(profile):
     estimator = fed(profile, samples(100))
     restored = Estimator(profile)
     restored.snapshot = estimator.snapshot
-    time_us = estimator.snapshot.context.time_us + 4_000
+    time_us = estimator.snapshot.core.time_us + 4_000
     assert_attitudes_equal(restored.attitude(time_us), estimator.attitude(time_us))
 
 
@@ -221,7 +222,7 @@ def test_output_propagation_never_enters_the_state(asked):
 def test_output_is_propagated_with_the_last_rate_up_to_the_horizon():
     turning = LEVEL._replace(gyr_rad_s=(0.0, 0.0, 0.5))
     estimator = fed(load_profile("imu"), [LEVEL, turning._replace(time_us=1_010_000)])
-    at = estimator.snapshot.context.time_us
+    at = estimator.snapshot.core.time_us
     now = estimator.attitude(at)
     for ahead_s in (0.0, 0.01, 0.5, OUTPUT_HORIZON_S):
         later = estimator.attitude(at + round(1e6 * ahead_s))

@@ -44,7 +44,7 @@ def predicted(estimator, sample):
     if not estimator.aligned:
         return settings_of(PAPER).initial
     now = estimator.snapshot
-    dt = 1e-6 * (sample.time_us - now.context.time_us)
+    dt = 1e-6 * (sample.time_us - now.core.time_us)
     return kernel.propagate(now.core.filter, sample.gyr_rad_s, dt).q_ned_frd
 
 

@@ -21,6 +21,7 @@ from estimator.aiding.types import (
     Two,
 )
 from estimator.compilation.compiled import inlined
+from estimator.compilation.replacing import replacer
 from estimator.conditioning.magnetic import (
     LEAST_HORIZONTAL,
     horizontal_down,
@@ -51,17 +52,15 @@ DECLINATION_TAU_S = 100.0
 # A heading this uncertain (rad, 1 sigma) is taken from the field as an angle, not linearly.
 LINEAR_SIGMA_RAD = 0.35
 
+with_wait = replacer(FieldState, "wait_s")
+with_look = replacer(FieldState, "look", "samples", "wait_s")
+with_residual = replacer(FieldState, "residual", "doubt_s")
+
 
 @inlined
 def wait_for_field(state: FieldState, dt: float) -> FieldState:
-    """Only time passes."""
-    return FieldState(
-        look=state.look,
-        residual=state.residual,
-        samples=state.samples,
-        wait_s=state.wait_s + dt,
-        doubt_s=state.doubt_s,
-    )
+    """The state ``dt`` later, without a sample of the field since."""
+    return with_wait(state, state.wait_s + dt)
 
 
 @inlined
@@ -79,13 +78,7 @@ def judge_field(
     unsure = sqrt(variance) / sqrt(place[0] * place[0] + place[1] * place[1])
     norm_scale, dip_scale = params.field_norm_scale + unsure, params.field_dip_scale_rad + unsure
     look = look_at_field(state.look, horizontal_down(seen), share, place, norm_scale, dip_scale)
-    return FieldState(
-        look=look,
-        residual=state.residual,
-        samples=state.samples + 1.0,
-        wait_s=0.0,
-        doubt_s=state.doubt_s,
-    )
+    return with_look(state, look, state.samples + 1.0, 0.0)
 
 
 @inlined
@@ -126,13 +119,8 @@ def begin_field(
     x[EARTH] = h * c
     x[EARTH + 1] = h * s
     x[EARTH + 2] = F[2]
-    return FieldState(
-        look=FieldLook(horizontal=h, down=F[2], confidence=1.0),
-        residual=FieldResidual(slow_rad=0.0, square=0.0),
-        samples=1.0,
-        wait_s=0.0,
-        doubt_s=state.doubt_s,
-    )
+    state = with_look(state, FieldLook(h, F[2], confidence=1.0), 1.0, 0.0)
+    return with_residual(state, FieldResidual(slow_rad=0.0, square=0.0), state.doubt_s)
 
 
 @inlined
@@ -289,10 +277,4 @@ def update_residual(field: FieldState, off: float, far: bool, wait: float) -> Fi
     doubt_s = max(0.0, field.doubt_s - wait)
     if far:  # one that does not look as usual says nothing about the attitude
         doubt_s = field.doubt_s + wait * field.look.confidence
-    return FieldState(
-        look=field.look,
-        residual=FieldResidual(slow_rad=slow, square=square),
-        samples=field.samples,
-        wait_s=field.wait_s,
-        doubt_s=doubt_s,
-    )
+    return with_residual(field, FieldResidual(slow_rad=slow, square=square), doubt_s)

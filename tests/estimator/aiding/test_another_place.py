@@ -68,9 +68,9 @@ def test_what_was_concluded_from_a_wrong_place_is_taken_back(place, late_deg):
     def look(k):
         placing(one, (0, GUINEA), (20, place))(k)
         if k == 19 * SECOND:
-            seen["before"] = is_trusted(one.snapshot.context.compass, one.snapshot.context.time_us)
+            seen["before"] = is_trusted(one.snapshot.context.compass, one.snapshot.core.time_us)
         if k == 21 * SECOND:
-            seen["after"] = is_trusted(one.snapshot.context.compass, one.snapshot.context.time_us)
+            seen["after"] = is_trusted(one.snapshot.context.compass, one.snapshot.core.time_us)
 
     late = errors_deg(flight, flown(one, flight, after=look), 35.0)
     same = errors_deg(flight, flown(right, flight, after=placing(right, (0, place))), 35.0)

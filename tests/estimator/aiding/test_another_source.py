@@ -84,7 +84,7 @@ def test_integers_are_taken_as_floats(flying):
     one, other = Estimator(profile), Estimator(profile)
     for estimator, number in ((one, 1), (other, 1.0)):
         estimator.snapshot = state
-        estimator.update_report(HeadingSample(state.context.time_us, number, number))
+        estimator.update_report(HeadingSample(state.core.time_us, number, number))
     assert one.snapshot == other.snapshot
 
 
@@ -115,7 +115,7 @@ def test_whoever_repeats_what_was_told_repeats_it_too(flying):
 
     one, other = Noting(profile), Estimator(profile)
     one.snapshot = other.snapshot = state
-    time_us = state.context.time_us
+    time_us = state.core.time_us
     one.update_report(HeadingSample(time_us, 0.2, 0.01))
     one.update_velocity(VelocitySample(time_us, (19.0, 1.0, 0.0), True, 0.3))
     one.update_rate(RateSample(time_us + 5_000, (0.1, 0.0, 0.0)))

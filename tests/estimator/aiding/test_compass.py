@@ -231,7 +231,7 @@ def test_a_log_that_begins_in_a_turn_does_not_condemn_the_compass(flight):
     flown(one, late)
     known = one.snapshot.context.compass
     assert known.unlike_us is not None
-    assert is_trusted(known, one.snapshot.context.time_us + 60_000_000)
+    assert is_trusted(known, one.snapshot.core.time_us + 60_000_000)
 
 
 @pytest.mark.parametrize("word", [True, False])

@@ -176,14 +176,14 @@ def test_a_restored_snapshot_publishes_the_same(flight):
     restored = estimator()
     restored.snapshot = straight.snapshot
     assert restored.snapshot.context.phase is Phase.AIDED
-    time_us = straight.snapshot.context.time_us + 4_000
+    time_us = straight.snapshot.core.time_us + 4_000
     assert_attitudes_equal(restored.attitude(time_us), straight.attitude(time_us))
 
 
 def test_beyond_the_last_sample_sigma_grows_with_the_turn_that_nobody_has_seen(flight):
     """Published 0.3 s ahead, in a turn of 0.6 rad/s: three quarters of 10 deg may not be true."""
     flown(one := estimator(), flight)
-    time_us = one.snapshot.context.time_us
+    time_us = one.snapshot.core.time_us
     now, ahead = one.attitude(time_us), one.attitude(time_us + 300_000)
     turn = norm(now.rate_rad_s) * 0.3
     for name in ("sigma_inclination_rad", "sigma_heading_rad"):

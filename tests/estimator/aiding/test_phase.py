@@ -153,7 +153,7 @@ def test_only_a_sample_leaves_the_beginning_and_nothing_but_a_restart_returns_to
 
 def waiting(one):
     """A report ahead of the IMU."""
-    ahead_us = one.snapshot.context.time_us + 30_000
+    ahead_us = one.snapshot.core.time_us + 30_000
     one.update_velocity(VelocitySample(ahead_us, (15.0, 1.0, 0.0), True, 0.3))
     assert len(one.snapshot.context.reports) == 1
 
@@ -186,7 +186,7 @@ def test_a_snapshot_taken_then_goes_on_to_the_last_bit(flight, profile, name, ai
         one.fly(0.2, reports=aided)
         other.fly(0.2, reports=aided)
         assert resumed.snapshot == straight.snapshot
-        time_us = straight.snapshot.context.time_us + 7_000
+        time_us = straight.snapshot.core.time_us + 7_000
         assert resumed.attitude(time_us) == straight.attitude(time_us)
 
 
@@ -208,7 +208,7 @@ def test_a_gap_whose_turning_others_have_seen_is_none(flight, others_hz, follows
     """Body rates of ATTITUDE, not more than 0.35 s apart."""
     one = Estimator(TRUE_NORTH)
     pilot = Pilot(one, flight).fly(4.0)
-    now_us = one.snapshot.context.time_us
+    now_us = one.snapshot.core.time_us
     for k in range(1, round(6.0 * others_hz)):
         rate = flight.samples[pilot.k - 1].gyr_rad_s
         one.update_rate(RateSample(now_us + round(1e6 * k / others_hz), rate))

@@ -1,0 +1,44 @@
+"""What others than the IMU measure, into the state."""
+
+from math import isfinite
+from typing import Any
+
+from estimator.aiding.phase import Phase
+from estimator.aiding.sources.source import in_types_of
+from estimator.aiding.sources.table import source_of
+from estimator.live.refusal import GYR_LIMIT_RAD_S
+from estimator.live.reports import age_s, enqueue
+from estimator.live.state import State
+from estimator.live.turning import hear_rate
+from estimator.reasons import Reason
+from estimator.types import RateSample, VelocitySample
+
+
+def take_report(state: State, report: Any) -> Reason | None:
+    """Take a report of a source of aiding; None, or why it was refused.
+
+    Raises:
+        InputError: no source makes such reports, or a field is no number.
+    """
+    source = source_of(report)
+    report = in_types_of(source.blank, report)
+    reason = source.refusal(report)
+    if reason is not None or not state.settings.conditioned:
+        return reason
+    is_aided, time_us = state.context.phase is Phase.AIDED, state.core.time_us
+    if is_aided and report.time_us <= time_us:
+        # it belongs to the last sample or to one just before it
+        if age_s(report, time_us) <= state.settings.aiding.oldest_report_s:
+            state.core.hear(report, time_us)
+    elif is_aided or isinstance(report, VelocitySample):
+        state.change_context(reports=enqueue(state.context.reports, report))
+    return None
+
+
+def take_rate(state: State, rate: RateSample) -> Reason | None:
+    """Take body rates of another messenger; None, or why they were refused."""
+    if not all(isfinite(w) and abs(w) <= GYR_LIMIT_RAD_S for w in rate.rate_rad_s):
+        return Reason.GYROSCOPE_OUT_OF_RANGE
+    if state.profile.uses_attitude_rates and rate.time_us > state.core.time_us:
+        state.change_context(turning=hear_rate(state.context.turning, rate))
+    return None

@@ -1,0 +1,154 @@
+"""The state of one vehicle's estimator: what compiled steps change, and the context beside it."""
+
+from estimator.aiding import compass
+from estimator.aiding.phase import Cause, Phase, after
+from estimator.aiding.place import PlaceField
+from estimator.conditioning.condition import initial_state as initial_conditioning
+from estimator.filter.alignment import align
+from estimator.live.conditioned import conditioned_vectors
+from estimator.live.core import (
+    Core,
+    initial_core,
+    with_attitude,
+    without_aiding,
+    without_conditioning,
+)
+from estimator.live.holder import Holder
+from estimator.live.published import Said
+from estimator.live.resident import AIDED, CONDITIONED, RAW
+from estimator.live.settings import settings_of
+from estimator.live.snapshot import Context, Snapshot
+from estimator.live.turning import STILL
+from estimator.profile import Profile
+
+# What the filter's vectors come from, as the compiled output takes it.
+SOURCE = {
+    Phase.EMPTY: RAW,
+    Phase.RAW: RAW,
+    Phase.UNAIDED: CONDITIONED,
+    Phase.SEARCHING: CONDITIONED,
+    Phase.AIDED: AIDED,
+}
+
+
+class State:
+    """A core, which lives in compiled memory, and its context, under a profile's settings.
+
+    ``core`` and ``context`` are read freely and replaced as a whole, by :meth:`set_core`,
+    :meth:`set_context` and :meth:`change_context`: what follows from them is derived there, once.
+    """
+
+    core: Holder
+    context: Context
+    said: Said | None  # what the last sample's step has said, while that holds
+    source: int  # RAW, CONDITIONED or AIDED
+    needs_samples_only: bool  # nothing but samples matters: no velocity, no other's rates
+    norths: tuple[str, str]  # see Estimator.norths
+
+    def __init__(self, profile: Profile, fixed_gain: float | None) -> None:
+        self.fixed_gain = fixed_gain
+        self.profile = profile
+        self.settings = settings_of(profile, fixed_gain)
+        self.set_context(Context())
+        self.set_core(initial_core(self.settings))
+
+    @property
+    def snapshot(self) -> Snapshot:
+        """All of it as a value."""
+        return Snapshot(self.core.core, self.context)
+
+    def resume(self, snapshot: Snapshot) -> None:
+        """Go on from a snapshot, under the same profile."""
+        self.context = snapshot.context
+        self.settings = settings_of(self.profile, self.fixed_gain, self.declination_rad)
+        self.set_context(snapshot.context)
+        self.set_core(snapshot.core)
+
+    def set_core(self, core: Core) -> None:
+        """Replace what the compiled steps work on."""
+        self.core = Holder(self.settings, core)
+        self.said = None
+
+    def change_context(self, **changes: object) -> None:
+        """Replace some fields of the context."""
+        self.set_context(self.context._replace(**changes))  # type: ignore[arg-type]
+
+    def set_context(self, context: Context) -> None:
+        """Replace the context, and derive what each sample asks of it."""
+        self.context = context
+        self.source = SOURCE[context.phase]
+        self.needs_samples_only = (
+            self.settings.conditioned
+            and context.phase is Phase.UNAIDED
+            and not context.reports
+            and context.turning is STILL
+        )
+        given = self.profile.reference.declination_deg != "position"
+        known = given or context.whereabouts.here is not None
+        north = "true" if known or not self.settings.conditioned else "magnetic"
+        without_field = {RAW: north, CONDITIONED: "none", AIDED: "true"}  # by reports' velocity
+        self.norths = (north, without_field[self.source])
+
+    def replace_profile(self, profile: Profile) -> None:
+        """Use other parameters from the next sample on; the estimate stays.
+
+        All or nothing: what a profile raises, it raises before anything has changed.
+        """
+        settings = settings_of(profile, self.fixed_gain, self.declination_rad)
+        derived = initial_conditioning(settings.conditioning).coefficients
+        now = self.core.core
+        self.profile, self.settings = profile, settings
+        self.set_context(self.context)
+        # what the memory has derived from the other parameters
+        memory = now.conditioning._replace(coefficients=derived)
+        self.set_core(now._replace(conditioning=memory))
+
+    def restart(self) -> None:
+        """Forget the attitude. What is known of the compass by word, and of the place, stays."""
+        known = self.context
+        self.set_context(
+            Context(compass=compass.restart(known.compass), whereabouts=known.whereabouts)
+        )
+        self.set_core(initial_core(self.settings))
+
+    def enter(self, cause: Cause) -> None:
+        """Go on to the phase that follows; what does not come along is made blank."""
+        before = self.context.phase
+        phase = after(before, cause)
+        if phase is before:
+            return
+        if phase is Phase.RAW:
+            self.set_core(without_conditioning(self.settings, self.core.core))
+        elif before is Phase.AIDED:
+            self.set_core(without_aiding(self.settings, self.core.core))
+        self.change_context(phase=phase)
+
+    def align(self) -> None:
+        """The first heading ever is alignment, not correction: there was none to correct."""
+        if self.settings.initial is None:
+            now = self.core.core
+            q = align(conditioned_vectors(self.settings.reference, now.seen))
+            self.set_core(with_attitude(now, q))
+
+    @property
+    def trusts_compass(self) -> bool:
+        """Whether nothing speaks against the compass now."""
+        known = self.context.compass
+        return known is compass.UNTOUCHED or compass.is_trusted(known, self.core.time_us)
+
+    @property
+    def place_field(self) -> PlaceField | None:
+        """The Earth's field where the vehicle is, None if nobody has said where."""
+        place = self.context.whereabouts.here
+        return None if place is None else place.field
+
+    @property
+    def declination_rad(self) -> float | None:
+        """Of the vehicle's place, if that is known."""
+        field = self.place_field
+        return None if field is None else field.declination_rad
+
+    @property
+    def knows_north(self) -> bool:
+        """Whether true north is known: by the profile or by a position."""
+        return self.place_field is not None or not self.settings.learns_north
