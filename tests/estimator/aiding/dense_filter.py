@@ -1,0 +1,124 @@
+"""The aiding's Kalman filter once more, in dense matrices and from its models alone.
+
+Rows of the velocity are numerical derivatives of what a report should say. Nothing here is
+called by the product, and nothing of the product's filter is called here but its constants.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from estimator.aiding.types import (
+    ACC_BIAS,
+    EARTH,
+    FIELD_LAG,
+    FILTER_ERROR,
+    FILTER_LAG,
+    GYR_BIAS,
+    HARD_IRON,
+    IMU_LAG,
+    RECEIVER_ERROR,
+    RECEIVER_LAG,
+    SIZE,
+    TURN,
+    VELOCITY,
+)
+
+G_NED = np.array([0.0, 0.0, 9.80665])
+STEP = 1e-6
+
+
+def skew(v):
+    return np.array([[0.0, -v[2], v[1]], [v[2], 0.0, -v[0]], [-v[1], v[0], 0.0]])
+
+
+def matrix_of(q):
+    """(3, 3) of a quaternion, scalar first."""
+    return Rotation.from_quat([*q[1:], q[0]]).as_matrix()
+
+
+def turned(t):
+    """(3, 3) of a rotation vector."""
+    return Rotation.from_rotvec(t).as_matrix()
+
+
+def three(first):
+    return slice(first, first + 3)
+
+
+@dataclass
+class Dense:
+    """Covariance (SIZE, SIZE) and corrections (SIZE,) within one step."""
+
+    P: np.ndarray
+    x: np.ndarray
+
+    def learn(self, h, innovation, noise):
+        """One Kalman update by a scalar = h . errors + noise, Joseph's form."""
+        S = h @ self.P @ h + noise
+        K = self.P @ h / S
+        left = np.eye(SIZE) - np.outer(K, h)
+        self.x = self.x + K * (innovation - h @ self.x)
+        self.P = left @ self.P @ left.T + noise * np.outer(K, K)
+
+
+def predicted(P, R, gained, dt, keep_receiver, keep_filter):
+    """F P F' of one step, with the share of the slow errors that stays."""
+    F = np.eye(SIZE)
+    F[three(TURN), three(GYR_BIAS)] = -R * dt
+    F[three(VELOCITY), three(ACC_BIAS)] = -R * dt
+    F[three(VELOCITY), three(TURN)] = -skew(gained)
+    F[three(RECEIVER_ERROR), three(RECEIVER_ERROR)] *= keep_receiver
+    F[three(FILTER_ERROR), three(FILTER_ERROR)] *= keep_filter
+    return F @ P @ F.T
+
+
+def velocity_then(times_s, accelerations, age_s, now_m_s, turn):
+    """The velocity ``age_s`` ago, if the attitude is turned by ``turn`` from what it was taken for.
+
+    Accelerations (N, 3) at ``times_s`` (N,), which end at 0, are straight lines in between.
+    """
+    inside = times_s[times_s > -age_s]
+    at = np.concatenate([[-age_s], inside])
+    forces = np.array(
+        [
+            [np.interp(t, times_s, accelerations[:, i]) for i in range(3)] - G_NED
+            for t in at  # what was felt: without gravity
+        ]
+    )
+    pushed = np.trapezoid(forces, at, axis=0)
+    return now_m_s - turned(turn) @ pushed - G_NED * age_s
+
+
+def velocity_row(times_s, accelerations, age_s, v, slow, i, error_at, lag_at, knows_lag):
+    """What a report says of component i, and how that changes with each error."""
+
+    def said(e):
+        age = age_s + e[lag_at] - (e[IMU_LAG] if knows_lag else 0.0)
+        then = velocity_then(times_s, accelerations, age, v + e[three(VELOCITY)], e[three(TURN)])
+        return then[i] + slow[i] + e[error_at + i]
+
+    h = np.zeros(SIZE)
+    for k in range(SIZE):
+        e = np.zeros(SIZE)
+        e[k] = STEP
+        h[k] = (said(e) - said(-e)) / (2.0 * STEP)
+    return said(np.zeros(SIZE)), h
+
+
+def field_rows(q_then, rate, m, E):
+    """F and the rows of (E - F) in NED: (3,), (3, SIZE)."""
+    R = matrix_of(q_then)
+    F = R @ m
+    rows = np.zeros((3, SIZE))
+    rows[:, three(TURN)] = -skew(F)  # turn x F
+    rows[:, three(HARD_IRON)] = -R
+    rows[:, FIELD_LAG] = -R @ np.cross(rate, m)
+    rows[:, three(EARTH)] = -np.eye(3)
+    return F, rows
+
+
+def sources():
+    """Where each reporter's error and lag stand among the errors: receiver, filter."""
+    return {True: (RECEIVER_ERROR, RECEIVER_LAG), False: (FILTER_ERROR, FILTER_LAG)}

@@ -1,0 +1,382 @@
+"""Every step of the aiding against the same filter in dense matrices, on data without symmetry."""
+
+from math import exp, sqrt
+
+import numpy as np
+import pytest
+
+from estimator.aiding import Report, blank_aiding
+from estimator.aiding.inertial import Prediction, predict_motion
+from estimator.aiding.sources import field, unaided, velocity
+from estimator.aiding.trail import ROWS, new_trail
+from estimator.aiding.types import (
+    ACC_BIAS,
+    EARTH,
+    GYR_BIAS,
+    HARD_IRON,
+    RECEIVER_ERROR,
+    SIZE,
+    TURN,
+    VELOCITY,
+    Agreement,
+    Agreements,
+    AidingParams,
+    FieldResidual,
+    FieldState,
+    LastStep,
+    North,
+    Scatter,
+    Surroundings,
+)
+from estimator.aiding.uncertainty import sigmas
+from estimator.conditioning.types import FieldLook
+from estimator.geometry.quaternion import multiply, normalize
+from estimator.types import NOTHING_BETWEEN, ZERO_VEC3, Between, Sample
+from tests.estimator.aiding.dense_filter import (
+    G_NED,
+    Dense,
+    field_rows,
+    matrix_of,
+    predicted,
+    sources,
+    three,
+    turned,
+    velocity_row,
+)
+
+PARAMS = AidingParams()
+BLANK, _, _ = blank_aiding(PARAMS)
+SEEDS = range(4)
+# Of each error, in its own unit: what a flight leaves unknown, all different.
+SIGMAS = np.array(
+    [
+        *(0.05, 0.08, 0.3, 0.4, 0.6, 0.2, 0.004, 0.007, 0.003, 0.04, 0.06, 0.03, 0.004, 0.02),
+        *(0.01, 0.03, 0.02, 0.02, 0.04, 0.03, 0.05, 0.012, 0.15, 0.25, 0.1, 0.3, 0.2, 0.15),
+    ]
+)
+
+
+def floats(vector):
+    return tuple(float(v) for v in vector)
+
+
+def covariance(rng):
+    """Every error tied to every other."""
+    root = np.eye(SIZE) + 0.15 * rng.standard_normal((SIZE, SIZE))
+    return SIGMAS[:, None] * (root @ root.T) * SIGMAS
+
+
+def estimate(rng):
+    return BLANK.estimate._replace(
+        q_ned_frd=normalize(floats(rng.standard_normal(4))),
+        velocity_ned_m_s=floats(10.0 * rng.standard_normal(3)),
+        gyr_bias_rad_s=floats(0.01 * rng.standard_normal(3)),
+        acc_bias_m_s2=floats(0.1 * rng.standard_normal(3)),
+        imu_lag_s=0.013,
+        field_lag_s=0.05,
+        hard_iron_gauss=floats(0.03 * rng.standard_normal(3)),
+        earth_gauss=(0.17, 0.08, 0.41),
+        receiver_lag_s=0.11,
+        filter_lag_s=0.006,
+        receiver_error_m_s=floats(0.2 * rng.standard_normal(3)),
+        filter_error_m_s=floats(0.3 * rng.standard_normal(3)),
+    )
+
+
+def agreement(rng):
+    return Agreement(Scatter(*floats(rng.uniform((0.5, 0.5, 20), (3.0, 3.0, 50)))), 0.2, 0.1)
+
+
+def trail_of(rng, step_s):
+    """A trail of random accelerations, each step's gain by the trapezoid, newest first."""
+    trail = new_trail(ZERO_VEC3)
+    trail[:, 0] = 5.0 - step_s * np.arange(ROWS)
+    trail[:, 4:] = 4.0 * rng.standard_normal((ROWS, 3))
+    steps = 0.5 * step_s * (trail[:-1, 4:] + trail[1:, 4:])
+    trail[:, 1:4] = np.cumsum(np.vstack([np.zeros(3), steps[::-1]]), axis=0)[::-1]
+    return trail
+
+
+def trail_bend(trail):
+    """How far the newest acceleration lies off the line through the two before."""
+    (t0, t1, t2), (a0, a1, a2) = trail[:3, 0], trail[:3, 4:]
+    return a0 - a1 - min(1.0, (t0 - t1) / (t1 - t2)) * (a1 - a2)
+
+
+@pytest.mark.parametrize("seed", SEEDS)
+@pytest.mark.parametrize("error_m_s", [0.2, 3.0])
+@pytest.mark.parametrize("seen", [False, True])
+def test_prediction(seed, error_m_s, seen):
+    """One step; ``seen``: others have seen the turning, and large errors last longer."""
+    rng = np.random.default_rng(seed)
+    P, before, dt = covariance(rng), estimate(rng), 0.03
+    before = before._replace(
+        receiver_error_m_s=(error_m_s, -0.1, 0.2), filter_error_m_s=(0.1, 2.0 * error_m_s, 0.0)
+    )
+    gyr, earlier = rng.standard_normal(3), rng.standard_normal(3)
+    force = np.array([1.0, -2.5, -9.0])
+    last = LastStep(floats(gyr), floats(earlier), floats(force), ZERO_VEC3, 0.05)
+    known = Agreements(by_filter=agreement(rng), by_receiver=agreement(rng))
+    state = BLANK._replace(estimate=before, last=last, agreement=known)
+    turn, change = rng.standard_normal(3), rng.standard_normal(3)
+    between = Between(True, floats(turn), floats(change), 0.01) if seen else NOTHING_BETWEEN
+    acc = floats(3.0 * rng.standard_normal(3))
+    sample = Sample(floats(gyr), acc, ZERO_VEC3, False, dt, between)
+    trail = trail_of(rng, 0.04)
+    now = predict_motion(PARAMS, state, P, trail, sample)
+
+    w = (turn if seen else gyr) - np.array(before.gyr_bias_rad_s)
+    R = matrix_of(before.q_ned_frd) @ turned(w * dt)
+    felt = R @ (np.array(acc) - before.acc_bias_m_s2)
+    gained = 0.5 * dt * (felt + force)
+    assert matrix_of(now.estimate.q_ned_frd) == pytest.approx(R, abs=1e-12)
+    v = np.array(before.velocity_ned_m_s) + gained + dt * G_NED
+    assert now.estimate.velocity_ned_m_s == pytest.approx(v)
+    assert now.force_ned_m_s2 == pytest.approx(felt)
+
+    p, seen_s = PARAMS, 0.01 if seen else dt
+    bent = dt * (-(dt / 0.05) * (gyr - earlier))
+    missed_turn = R @ (sqrt(dt * seen_s) * change if seen else bent)
+    new_trail_ = np.vstack([[trail[0, 0] + dt, *np.zeros(3), *(felt + G_NED)], trail[:2]])
+    missed_push = dt * trail_bend(new_trail_)
+    Q = np.zeros((SIZE, SIZE))
+    d = np.einsum("ii->i", Q)
+    scale_noise = p.gyr_scale_noise**2 + (p.gyr_slow_noise_1_s * seen_s) ** 2
+    d[three(TURN)] = (p.gyr_noise**2 + scale_noise * (w @ w)) * dt
+    d[three(TURN)] += (p.integration_noise * missed_turn) ** 2
+    d[three(VELOCITY)] = p.acc_noise**2 * dt + (p.integration_noise * missed_push) ** 2
+    d[three(GYR_BIAS)] = p.gyr_bias_walk**2 * dt
+    d[three(ACC_BIAS)] = p.acc_bias_walk**2 * dt
+    iron = p.hard_iron_sigma_gauss**2
+    d[three(HARD_IRON)] = np.where(np.diag(P)[three(HARD_IRON)] < iron, iron * dt / 2500.0, 0.0)
+    E = np.array(before.earth_gauss)
+    H = E[:2] @ E[:2]
+    Q[EARTH : EARTH + 2, EARTH : EARTH + 2] = (
+        p.field_walk**2 * dt * (1.0 + E[2] ** 2 / H) * np.outer(E[:2], E[:2])
+    )
+    d[EARTH + 2] = p.field_walk**2 * dt * (E @ E)
+    push = p.filter_turning_s**2 * (force[0] ** 2 + force[1] ** 2)
+    keeps = []
+    for at, error, usual, scatter, tau_s in (
+        (22, before.receiver_error_m_s, p.receiver_error_m_s**2, known.by_receiver.scatter, 5.0),
+        (25, before.filter_error_m_s, p.filter_error_m_s**2 + push, known.by_filter.scatter, 5.0),
+    ):
+        variance = usual * max(1.0, scatter.noise_scale)
+        longer = min(20.0, max(1.0, np.dot(error, error) / (9.0 * variance)))
+        keeps.append(exp(-dt / (tau_s * longer)))
+        d[three(at)] = variance * (1.0 - exp(-dt / tau_s) ** 2)
+    fades = np.array([now.estimate.receiver_error_m_s, now.estimate.filter_error_m_s])
+    slow = np.array([before.receiver_error_m_s, before.filter_error_m_s])
+    assert fades == pytest.approx(slow * np.array(keeps)[:, None])
+    wanted = predicted(P, R, gained, dt, *keeps) + Q
+    np.testing.assert_allclose(now.covariance, wanted, rtol=1e-9, atol=1e-14)
+
+
+@pytest.mark.parametrize("step_s", [0.01, 0.4, 3.0])
+def test_a_usual_slow_error_stays_as_uncertain_as_it_is(step_s):
+    """However the time is cut into steps: what fades is made up for by what is new."""
+    agreements = Agreements(BLANK.agreement.by_filter, BLANK.agreement.by_receiver)
+    last = BLANK.last._replace(force_ned_m_s2=(0.0, 0.0, -9.8))
+    state = BLANK._replace(agreement=agreements, last=last)
+    P = np.eye(SIZE) * 1e-6
+    d = np.einsum("ii->i", P)
+    d[three(RECEIVER_ERROR)] = PARAMS.receiver_error_m_s**2
+    d[three(25)] = PARAMS.filter_error_m_s**2
+    sample = Sample(ZERO_VEC3, (0.0, 0.0, -9.8), ZERO_VEC3, False, step_s)
+    after = predict_motion(PARAMS, state, P, trail_of(np.random.default_rng(0), 0.04), sample)
+    np.testing.assert_allclose(np.diag(after.covariance)[22:], d[22:], rtol=1e-12)
+
+
+@pytest.mark.parametrize("seed", SEEDS)
+@pytest.mark.parametrize("is_receiver", [True, False])
+@pytest.mark.parametrize(("off_m_s", "is_alone"), [(0.3, False), (12.0, False), (12.0, True)])
+@pytest.mark.parametrize("dt", [0.04, 0.25])
+def test_velocity(seed, is_receiver, off_m_s, is_alone, dt):
+    """Three updates in a row, each with what the one before has left; some reports are far off."""
+    rng = np.random.default_rng(seed)
+    known, P = estimate(rng), covariance(rng)
+    trail, q = trail_of(rng, 0.04), known.q_ned_frd
+    now = Prediction(known, ZERO_VEC3, ZERO_VEC3, trail, P.copy())
+    off = off_m_s * rng.standard_normal(3)
+    report = Report(True, floats(known.velocity_ned_m_s + off), True, 0.5, 0.07, 0.1 * is_receiver)
+    before, other = agreement(rng), agreement(rng)._replace(wait_s=9.0 if is_alone else 0.0)
+    both = Agreements(other, before) if is_receiver else Agreements(before, other)
+    x0 = SIGMAS * rng.standard_normal(SIZE) * 0.1
+    x = x0.copy()
+    after = velocity.take_report(PARAMS, both, now, dt, report, (0.0, 0.0, 1.0), x)
+
+    error_at, lag_at = sources()[is_receiver]
+    slow = known.receiver_error_m_s if is_receiver else known.filter_error_m_s
+    age = 0.07 + (known.receiver_lag_s if is_receiver else known.filter_lag_s) - known.imu_lag_s
+    times, accelerations = trail[::-1, 0] - trail[0, 0], trail[::-1, 4:]
+    then = np.array([np.interp(-age, times, accelerations[:, i]) for i in range(3)])
+    p = PARAMS
+    sigma = p.receiver_noise_m_s if is_receiver else p.filter_noise_m_s
+    sigma *= max(1.0, 0.5 / p.report_sigma_m_s)
+    jitter = p.receiver_jitter_s if is_receiver else 0.0
+    missed = p.integration_noise * dt * min(1.0, 0.07 / dt) * trail_bend(trail)
+    dense = Dense(P.copy(), x0.copy())
+    noise_scale, innovation, reports = before.scatter
+    share = 0.2 / (0.2 + 15.0) / 3.0
+    far = noise_scale > 30.0 and matrix_of(q)[2, 2] < 0.7
+    for i in range(3):
+        v = np.array(known.velocity_ned_m_s)
+        said, h = velocity_row(
+            times, accelerations, age, v, slow, i, error_at, lag_at, knows_lag=dt < p.lag_step_s
+        )
+        innovation_m_s = report.velocity_ned_m_s[i] - said
+        noise = noise_scale * (sigma**2 + (jitter * then[i]) ** 2) + missed[i] ** 2
+        left = innovation_m_s - h @ dense.x
+        square = left**2 / (h @ dense.P @ h + noise)
+        reports += 1.0
+        innovation += max(share, 1.0 / reports) * (min(square, 9.0) - innovation)
+        noise_scale *= 1.0 + (min(square, 25.0) - 1.0) / 300.0
+        noise_scale = min(max(noise_scale, 0.1 if is_receiver else 1.0), 100.0)
+        if square > 16.0:
+            far = True
+            loose = (VELOCITY if is_alone else error_at) + i
+            dense.P[loose, loose] += left**2
+        dense.learn(h, innovation_m_s, noise)
+    np.testing.assert_allclose(x, dense.x, rtol=1e-6, atol=1e-8 * off_m_s)
+    np.testing.assert_allclose(now.covariance, dense.P, rtol=1e-5, atol=1e-8)
+    assert np.linalg.eigvalsh(now.covariance).min() > 0.0
+    mine, untouched = (after.by_receiver, after.by_filter)[:: 1 if is_receiver else -1]
+    assert untouched == other
+    assert mine.scatter == pytest.approx((noise_scale, innovation, reports), rel=1e-6)
+    assert (mine.wait_s, mine.doubt_s) == (0.0, pytest.approx(0.3 if far else 0.0))
+    assert far == (off_m_s > 1.0)
+
+
+@pytest.mark.parametrize("seed", SEEDS)
+@pytest.mark.parametrize("is_known", [True, False])
+@pytest.mark.parametrize("unfelt_rad", [0.1, -0.9, 2.0])
+def test_field(seed, is_known, unfelt_rad):
+    """Across, along and down, and the declination: up to four updates in a row."""
+    rng = np.random.default_rng(seed)
+    known, P, p = estimate(rng), covariance(rng), PARAMS
+    rate, dt = 2.0 * rng.standard_normal(3), 0.1
+    E = np.array(known.earth_gauss)
+    w = rate - np.array(known.gyr_bias_rad_s)
+    t = -known.field_lag_s * w
+    angle = np.linalg.norm(t)
+    back = floats([np.cos(angle / 2), *(np.sin(angle / 2) / angle * t)])
+    q_then = multiply(known.q_ned_frd, back)
+    R = matrix_of(q_then)
+    seen = turned([0.02, -0.03, unfelt_rad]) @ E * 1.02
+    m = R.T @ seen
+    sample = Sample(floats(rate), ZERO_VEC3, floats(m + known.hard_iron_gauss), True, dt)
+    look = FieldLook(horizontal=0.2, down=0.38, confidence=0.7)
+    state = FieldState(look, FieldResidual(0.02, 0.001), 30.0, dt, 0.4)
+    now = Prediction(known, ZERO_VEC3, ZERO_VEC3, new_trail(ZERO_VEC3), P.copy())
+    north = North(is_known, floats((np.cos(0.4), np.sin(0.4))))
+    others = Surroundings((0.0, 0.0, 1.0), 0.1, north, 0.0)
+    x0 = SIGMAS * rng.standard_normal(SIZE) * 0.1
+    x = x0.copy()
+    after = field.observe_heading(p, state, now, others, sample, x)
+
+    F, rows = field_rows(q_then, w, m, E)
+    H, n = np.hypot(E[0], E[1]), np.linalg.norm(E)
+    c, s = E[:2] / H
+    across, along = np.array([-s, c, 0.0]), np.array([c, s, 0.0])
+    angle = np.arctan2(across @ F, along @ F)
+    h = across / H @ rows
+    h[three(TURN)] = [-c * F[2] / H, -s * F[2] / H, 1.0]
+    noise = p.heading_noise**2 / (dt * after.look.confidence)
+    heading = h @ P @ h
+    noise *= (1.0 + angle**2 / (p.heading_reach_rad**2 + 9.0 * heading)) ** 2
+    is_near = along @ F >= 0.5 * abs(across @ F)
+    dense, off = Dense(P.copy(), x0.copy()), -(across @ F) / H
+    if not is_near and P[TURN + 2, TURN + 2] > 0.35**2:
+        flat = np.array([-F[1], F[0], 0.0]) / (F[0] ** 2 + F[1] ** 2)
+        h = flat @ rows
+        h[EARTH : EARTH + 2] = np.array([E[1], -E[0]]) / H**2
+        off = -angle
+    dense.learn(h, off, noise)
+    tilt = 0.0 if is_near else 0.5 * (dense.P[0, 0] + dense.P[1, 1])
+    for axis, shows in ((along, E[2]), (np.array([0.0, 0.0, 1.0]), H)):
+        h = axis / n @ rows
+        if not is_near:
+            h[three(TURN)] = 0.0
+        dense.learn(h, axis @ (E - F) / n, noise + tilt * (shows / n) ** 2)
+    if is_known:
+        h = np.zeros(SIZE)
+        h[EARTH : EARTH + 2] = np.array([-E[1], E[0]]) / H**2
+        wanted_rad = 0.4 - np.arctan2(E[1], E[0])
+        dense.learn(h, wanted_rad, 0.01**2 * 100.0 / dt)
+    np.testing.assert_allclose(x, dense.x, rtol=1e-8, atol=1e-12)
+    np.testing.assert_allclose(now.covariance, dense.P, rtol=1e-7, atol=1e-12)
+    is_far = abs(angle) > p.far_heading_rad + 2.0 * sqrt(heading)
+    doubt_s = 0.4 + dt * after.look.confidence if is_far else 0.4 - dt
+    assert after.doubt_s == pytest.approx(doubt_s)
+    slow = 0.02 + dt / (dt + 5.0) * (max(-0.2, min(0.2, off)) - 0.02)
+    assert after.residual.slow_rad == pytest.approx(slow)
+    share = max(dt / (dt + 60.0), 1.0 / 31.0)
+    assert after.residual.square == pytest.approx(0.001 + share * (slow**2 - 0.001))
+
+
+@pytest.mark.parametrize("seed", SEEDS)
+@pytest.mark.parametrize("slow", [False, True])
+def test_unaided_gravity(seed, slow):
+    """Both updates, of an attitude whose errors about north and east are tied."""
+    rng = np.random.default_rng(seed)
+    known, P, dt = estimate(rng), covariance(rng), 0.3
+    R = matrix_of(known.q_ned_frd)
+    d = turned([0.3, -0.5, 0.0]) @ [0.0, 0.0, 1.0]
+    gravity_b = floats(R.T @ d)
+    now = Prediction(known, ZERO_VEC3, ZERO_VEC3, new_trail(ZERO_VEC3), P.copy())
+    x0 = SIGMAS * rng.standard_normal(SIZE) * 0.1
+    x = x0.copy()
+    level = np.hypot(d[0], d[1])
+    if slow:
+        unaided.observe_slow_unaided(now, gravity_b, 0.1, 0.2, x, 0.6, dt)
+        turn = np.arctan2(level, d[2]) / level
+        noise = (0.1**2 * (1.0 / dt) + 0.2**2 * (3.0 / dt)) / 0.6
+    else:
+        unaided.observe_unaided(PARAMS, now, gravity_b, x, dt)
+        turn, noise = 1.0, PARAMS.unaided_sigma_rad**2 * PARAMS.unaided_tau_s / dt
+    dense = Dense(P.copy(), x0.copy())
+    # the turn that takes down to where it was seen points along d x down
+    for axis, innovation in ((1, -turn * d[0]), (0, turn * d[1])):
+        dense.learn(np.eye(SIZE)[TURN + axis], innovation, noise)
+    np.testing.assert_allclose(x, dense.x, rtol=1e-9, atol=1e-13)
+    np.testing.assert_allclose(now.covariance, dense.P, rtol=1e-8, atol=1e-13)
+
+
+@pytest.mark.parametrize("heading_rad", [0.01, 0.3])
+@pytest.mark.parametrize(("innovation", "wait_s"), [(0.05, 0.0), (3.0, 0.0), (0.05, 2.0)])
+@pytest.mark.parametrize(("samples", "dt"), [(0.0, 0.02), (5.0, 0.02), (5.0, 0.5)])
+def test_published_sigmas(heading_rad, innovation, wait_s, samples, dt):
+    """Of tilts that differ, with a field or without, by reports that agree or do not."""
+    p = PARAMS
+    P = np.eye(SIZE)
+    P[0, 0], P[1, 1], P[2, 2] = 0.03**2, 0.07**2, heading_rad**2
+    E = (0.15, -0.12, 0.4)
+    now = Prediction(
+        BLANK.estimate._replace(earth_gauss=E), ZERO_VEC3, ZERO_VEC3, new_trail(ZERO_VEC3), P
+    )
+    last = LastStep(ZERO_VEC3, ZERO_VEC3, (2.0, -1.0, -9.0), (0.5, -0.3, 0.8), dt)
+    look = BLANK.field.look
+    state = FieldState(look, FieldResidual(0.0, 0.04**2), samples, 0.0, 0.0)
+    heard = Agreement(Scatter(1.0, innovation, 50.0), wait_s, 0.0)
+    silent = Agreement(Scatter(1.0, 99.0, 50.0), wait_s + 1.0, 0.0)
+    got = sigmas(p, now, last, state, Agreements(silent, heard))
+
+    def scatter(least):
+        square = least**2 + p.scatter_share * innovation
+        return min(4.0, sqrt(max(square, 1.0) if wait_s > p.silence_s else square))
+
+    pushed = p.pushed_rad * np.hypot(2.0, 1.0) / 9.80665
+    moving = (p.timing_s * np.linalg.norm(last.rate_rad_s)) ** 2 + pushed**2
+    tilt = 0.5 * (0.03**2 + 0.07**2)
+    inclination = (1.515 * p.colour * scatter(p.least_scale)) ** 2 * tilt
+    inclination += p.least_inclination_rad**2 + moving
+    assert got.inclination_rad == pytest.approx(sqrt(inclination))
+    scale = p.heading_colour * scatter(p.least_heading_scale)
+    scale *= p.bare_heading_colour if samples == 0.0 else 1.0
+    iron = p.hard_iron_sigma_gauss / np.hypot(E[0], E[1])
+    # a heading no more certain than the iron lets it be is the field's: reports do not prove it
+    by_field = min(1.0, (heading_rad / iron) ** 2)
+    square = scale**2 + max(0.0, 1.0 - scale**2) * p.iron_share**2 * by_field
+    slow = p.field_error_share**2 * 0.04**2 * (min(1.0, 0.15 / dt)) ** 2
+    heading = square * heading_rad**2 + slow + p.least_heading_rad**2 + moving
+    assert got.heading_rad == pytest.approx(sqrt(heading))
