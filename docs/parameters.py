@@ -1,5 +1,5 @@
 # ruff: noqa: INP001 - a script for the documents, not of a package
-"""Writes the tables of parameters.md from the types that hold the parameters.
+"""Writes the lists of parameters.md from the types that hold the parameters.
 
 ``python docs/parameters.py`` renews the page, ``--check`` only tells whether it is up to date.
 """
@@ -19,7 +19,6 @@ from estimator.conditioning.types import ConditioningParams
 
 PAGE = Path(__file__).with_name("parameters.md")
 TYPES = {"conditioning": ConditioningParams, "aiding": AidingParams}
-HEAD = ("| key | default | from, to | what it does |", "| --- | --- | --- | --- |")
 FIELD = re.compile(r"    (\w+): \w+ = (.*)")
 # Tables that people write; only their bounds are filled in. Not every key in them is a number.
 WRITTEN = {
@@ -29,21 +28,27 @@ WRITTEN = {
 }
 
 
-def rows(kind: type) -> list[str]:
-    """One row for each parameter; a comment line of the source becomes a heading."""
+def lines_of(kind: type) -> list[str]:
+    """One line for each parameter; a comment of its own in the source becomes a heading."""
     lines, found = inspect.getsource(kind).splitlines(), []
     defaults = kind._field_defaults  # type: ignore[attr-defined]
     bounds = bounds_of(kind)
+    heading: list[str] = []
     for number, line in enumerate(lines):
-        if heading := re.fullmatch(r"    # (.*)", line):
-            found.append(f"| **{heading[1].rstrip('.')}** | | | |")
+        if comment := re.fullmatch(r"    # (.*)", line):
+            heading.append(comment[1])
         elif field := FIELD.fullmatch(line):
+            if heading:
+                found += ["", f"**{' '.join(heading).rstrip('.')}**", ""]
+                heading = []
             name, rest = field.groups()
-            comment = rest.partition("  # ")[2]
+            text = rest.partition("  # ")[2]
             if rest == "(":  # the value has a line of its own, with the comment
-                comment = lines[number + 1].partition("  # ")[2]
-            within = _bounds_text(*bounds[name]) if name in bounds else ""
-            found.append(f"| `{name}` | {_value_text(defaults[name])} | {within} | {comment} |")
+                text = lines[number + 1].partition("  # ")[2]
+            values = _value_text(defaults[name])
+            if name in bounds:
+                values += f"; {_bounds_text(*bounds[name])}"
+            found.append(f"- `{name}` ({values})" + (f": {text}" if text else ""))
     return found
 
 
@@ -66,13 +71,13 @@ def fill_bounds(text: str) -> str:
 
 
 def page() -> str:
-    """The page with its tables renewed."""
+    """The page with its lists and bounds renewed."""
     text = fill_bounds(PAGE.read_text("utf-8"))
     for name, kind in TYPES.items():
-        table = "\n".join([*HEAD, *rows(kind)])
+        listed = "\n".join(lines_of(kind)).strip("\n")
         text = re.sub(
             rf"(<!-- {name} -->\n).*?(\n<!-- end -->)",
-            lambda found, table=table: found[1] + table + found[2],
+            lambda found, listed=listed: f"{found[1]}\n{listed}\n{found[2]}",
             text,
             flags=re.DOTALL,
         )
