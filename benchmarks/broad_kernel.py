@@ -6,8 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimator.compilation.compiled import compiled
-from estimator.conditioning.condition import condition
-from estimator.conditioning.types import ConditioningParams, ConditioningState
+from estimator.conditioning import ConditioningParams, ConditioningState, condition
 from estimator.filter.observation import ReferenceParams
 from estimator.filter.types import FilterParams, FilterState
 from estimator.live.conditioned import follow_conditioned

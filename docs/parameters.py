@@ -15,7 +15,7 @@ from msgspec import Meta
 from estimator import profile
 from estimator.aiding.types import AidingParams
 from estimator.bounds import bounds_of
-from estimator.conditioning.types import ConditioningParams
+from estimator.conditioning import ConditioningParams
 
 PAGE = Path(__file__).with_name("parameters.md")
 TYPES = {"conditioning": ConditioningParams, "aiding": AidingParams}

@@ -22,7 +22,7 @@ from msgspec import Meta, Struct
 
 from estimator.aiding.types import AidingParams
 from estimator.bounds import require_within
-from estimator.conditioning.types import ConditioningParams
+from estimator.conditioning import ConditioningParams
 from estimator.errors import InputError
 from estimator.filter import memberships
 from estimator.mounting import Mounting
@@ -100,7 +100,7 @@ class Profile(Struct, frozen=True, forbid_unknown_fields=True):
 
     ``membership`` holds k1..k22. ``conditioning`` holds ``enabled`` (False:
     raw vectors, as in the paper) and any of the fields of
-    :class:`estimator.conditioning.types.ConditioningParams`, ``aiding`` any of
+    :class:`estimator.conditioning.params.ConditioningParams`, ``aiding`` any of
     those of :class:`estimator.aiding.types.AidingParams`. ``rates`` says whether the body
     rates of ATTITUDE show the turning between IMU samples; its angles are never used.
     """

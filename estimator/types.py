@@ -18,6 +18,7 @@ comparable, and readable by field name inside a compiled kernel.
 
 from typing import NamedTuple
 
+Vec2 = tuple[float, float]
 Vec3 = tuple[float, float, float]
 Quaternion = tuple[float, float, float, float]
 

@@ -32,7 +32,7 @@ from estimator.aiding.types import (
     Scatter,
     Sigmas,
 )
-from estimator.conditioning.types import FieldLook
+from estimator.conditioning.field.magnetic import FieldLook
 from estimator.geometry.quaternion import add, rotate, subtract
 from estimator.types import IDENTITY, NO_SAMPLE, ZERO_VEC3, Quaternion, Sample, Vec3
 

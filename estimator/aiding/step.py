@@ -30,7 +30,7 @@ from estimator.aiding.uncertainty import sigmas
 from estimator.aiding.unseen import watch_turning
 from estimator.compilation.compiled import inlined
 from estimator.compilation.replacing import replacer
-from estimator.conditioning.rate import slow_share
+from estimator.conditioning.vertical.rate import slow_share
 from estimator.types import Sample, Vec3
 
 with_report = replacer(AidingState, "agreement", "lean")

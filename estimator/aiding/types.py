@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimator.bounds import Acceleration, Angle, Field, Lag, Noise, Rate, Share, Speed, Time
-from estimator.conditioning.types import FieldLook
+from estimator.conditioning.field.magnetic import FieldLook
 from estimator.types import ZERO_VEC3, Quaternion, Vec3
 
 Array = NDArray[np.float64]

@@ -11,8 +11,8 @@ much less.
 from estimator.aiding.inertial import bend
 from estimator.aiding.types import TURN, VELOCITY, AidingParams, AidingState, Array, Roughness
 from estimator.compilation.compiled import inlined
-from estimator.conditioning.rate import slow_share
-from estimator.conditioning.tilt import HOLE_RAD_S, HOLE_S
+from estimator.conditioning.vertical.rate import slow_share
+from estimator.conditioning.vertical.tilt import HOLE_RAD_S, HOLE_S
 from estimator.geometry.quaternion import dot, subtract
 from estimator.types import Sample, Vec3
 

@@ -26,7 +26,7 @@ from estimator.aiding.search import (
 from estimator.aiding.types import AidingEstimate, AidingState, Report, Sigmas
 from estimator.compilation.compiled import inlined
 from estimator.compilation.replacing import replacer
-from estimator.conditioning.magnetic import LEAST_HORIZONTAL
+from estimator.conditioning.field.magnetic import LEAST_HORIZONTAL
 from estimator.filter.kernel import follow_rate
 from estimator.geometry.quaternion import (
     conjugate,

@@ -1,11 +1,13 @@
 """From a real IMU to the paper's vectors with confidences."""
 
-from estimator.conditioning.condition import condition
-from estimator.conditioning.initial import apply_turn, forget_bias, initial_state
-from estimator.conditioning.types import (
-    Conditioned,
-    ConditioningParams,
+from estimator.conditioning.condition import Conditioned, condition
+from estimator.conditioning.params import ConditioningParams
+from estimator.conditioning.state import (
     ConditioningState,
+    apply_turn,
+    forget_bias,
+    forget_coefficients,
+    initial_state,
 )
 
 __all__ = [
@@ -15,5 +17,6 @@ __all__ = [
     "apply_turn",
     "condition",
     "forget_bias",
+    "forget_coefficients",
     "initial_state",
 ]

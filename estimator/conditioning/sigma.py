@@ -1,40 +1,76 @@
-"""The angles that 68 % of the errors of inclination and heading lie under."""
+"""How far the directions can be trusted: confidences, and angles that 68 % of errors lie under."""
 
-from math import atan2, sqrt
+from math import atan2, inf, sqrt
+from typing import NamedTuple
 
 from estimator.compilation.compiled import inlined
-from estimator.conditioning.heading import north_east, wrap_angle
-from estimator.conditioning.magnetic import LEAST_HORIZONTAL
-from estimator.conditioning.tilt import slowness
-from estimator.conditioning.types import ConditioningParams, ConditioningState
-from estimator.conditioning.unsensed_turn import OTHER_HEADING_S
+from estimator.conditioning.events.heading_signs import OTHER_HEADING_S
+from estimator.conditioning.events.step import EventsState
+from estimator.conditioning.field.heading import north_east, wrap_angle
+from estimator.conditioning.field.magnetic import MagneticState, has_heading, steepness
+from estimator.conditioning.params import ConditioningParams
+from estimator.conditioning.vertical.rate import following_weight
+from estimator.conditioning.vertical.step import VerticalState
+from estimator.conditioning.vertical.tilt import slowness
 from estimator.geometry.quaternion import rotate
 
 # Parts of the inclination's sigma (rad): at rest, for a force that varies by 1 g, per swing.
 SIGMA_STEADY_RAD = 0.0052
 SIGMA_UNSTEADY_RAD = 0.03
 SIGMA_SWING = 0.5
-# Squares of what the size of the force, off by a share of gravity, tells about the inclination and,
-# times the dip's tangent, about the heading; and of what the field's scatter tells.
-SIGMA_UNEVEN_SQUARE = 2.0
+# What a measured mean square counts as a variance: of the force's size, as a share of gravity,
+# about the inclination; of the field's scatter, and of its norm and dip, about the heading.
+MEASURED_SQUARE = 2.0
+# What the size of the force tells about the heading, times the squared tangent of the dip.
 SIGMA_BENT_SQUARE = 0.6
-SIGMA_SCATTER_SQUARE = 2.0
 # The share by which a heading given up may still be right once another has been borne out.
 STILL_RIVAL = 0.15
-# Mean square of how far norm and dip are off, as shares and angles, by noise alone; and the
-# square of what more than that tells.
+# Mean square of how far norm and dip are off, as shares and angles, by noise alone.
 EVEN_SQUARE = 0.03**2
-SIGMA_FIELD_SQUARE = 2.0
 # The least, of a field that is a little bent everywhere.
 SIGMA_FIELD_RAD = 0.005
 # A heading whose own sigma is under this (rad) is as good as the field that it was learnt from.
 SIGMA_SETTLED_RAD = 0.3
-# Without a field for so long (s) it is as good as the gyroscope, which P knows.
+# Without a field for so long (s) there is no confidence in it any more, and the heading is as good
+# as the gyroscope, which P knows.
 ABSENT_S = 2.0
 
 
+class Certainty(NamedTuple):
+    """How far the vectors can be trusted, and how well inclination and heading are known."""
+
+    weight: float = 1.0  # of both vectors against the gyroscope; 1 for fast streams
+    has_heading: bool = False  # whether a field has told it
+    gravity_confidence: float = 0.0  # 0..1, falls with unsteady force
+    magnetic_confidence: float = 0.0  # 0..1, of the present field; 0 without one
+    sigma_inclination_rad: float = 0.0  # angle that 68 % of the errors lie under
+    sigma_heading_rad: float = inf  # angle that 68 % of the errors lie under, if there is a heading
+
+
 @inlined
-def sigma_inclination(params: ConditioningParams, state: ConditioningState) -> float:
+def certainty_of(
+    params: ConditioningParams,
+    vertical: VerticalState,
+    magnetic: MagneticState,
+    events: EventsState,
+) -> Certainty:
+    """The certainty after a learning step; until the next one nothing changes it."""
+    dt_s = vertical.coefficients.dt_s
+    known = has_heading(magnetic)
+    return Certainty(
+        weight=following_weight(slowness(params, dt_s), dt_s),
+        has_heading=known,
+        gravity_confidence=1.0 / (1.0 + vertical.gravity.force.unsteady),
+        magnetic_confidence=magnetic.look.confidence if magnetic.wait_s < ABSENT_S else 0.0,
+        sigma_inclination_rad=sigma_inclination(params, vertical, events),
+        sigma_heading_rad=sigma_heading(params, vertical, magnetic, events) if known else inf,
+    )
+
+
+@inlined
+def sigma_inclination(
+    params: ConditioningParams, vertical: VerticalState, events: EventsState
+) -> float:
     """Angle (rad) that 68 % of the inclination errors lie under.
 
     A sensor's own, what unsteady force adds, how far levelling has moved the vertical lately,
@@ -43,41 +79,51 @@ def sigma_inclination(params: ConditioningParams, state: ConditioningState) -> f
     across as well, about both axes. Of slow streams it is the variance that the vertical has by
     its own reckoning.
     """
-    signs = state.signs.gravity
+    signs = events.signs.gravity
     swing_north, swing_east = signs.levelled
     swing = swing_north * swing_north + swing_east * swing_east
-    fast = SIGMA_UNSTEADY_RAD**2 * state.gravity.force.unsteady + SIGMA_SWING**2 * swing
-    slow = slowness(params, state.coefficients.dt_s)
-    fast += SIGMA_UNEVEN_SQUARE * signs.uneven
-    known = SIGMA_STEADY_RAD**2 + state.doubt.tilt
-    return sqrt(known + (1.0 - slow) * fast + slow * state.tilt.variance)
+    fast = SIGMA_UNSTEADY_RAD**2 * vertical.gravity.force.unsteady + SIGMA_SWING**2 * swing
+    fast += MEASURED_SQUARE * signs.uneven
+    slow = slowness(params, vertical.coefficients.dt_s)
+    known = SIGMA_STEADY_RAD**2 + vertical.doubt
+    return sqrt(known + (1.0 - slow) * fast + slow * vertical.tilt.variance)
 
 
 @inlined
-def rival(params: ConditioningParams, state: ConditioningState) -> float:
+def rival(
+    params: ConditioningParams,
+    vertical: VerticalState,
+    magnetic: MagneticState,
+    events: EventsState,
+) -> float:
     """Variance (rad^2) for another heading that may be the right one.
 
     Before a field is believed that is where it points, as one that looks as expected, or another
     one that lasts; afterwards it is the heading given up.
     """
-    signs, reference = state.signs.heading, state.magnetic.reference
-    seen_s = reference.other.seen_s
+    signs, reference = events.signs.heading, magnetic.reference
+    heading_rad, seen_s = vertical.estimate.heading_rad, reference.other.seen_s
     by_other = 0.0
     if seen_s > 0.0:
-        field_6d = rotate(state.gravity.q_6d_g, state.signs.jump.slow)
-        north, east = north_east(state.estimate.heading_rad, field_6d)
+        field_6d = rotate(vertical.gravity.q_6d_g, events.signs.jump.slow)
+        north, east = north_east(heading_rad, field_6d)
         by_other = seen_s / (seen_s + reference.borne_s) * atan2(east, north) ** 2
     unborne = 1.0 - signs.borne_s / params.heading_borne_s
     if signs.off_s > 0.0:
         away = atan2(signs.mean_east, signs.mean_north)
         return max(unborne * away * away, by_other)
-    away = wrap_angle(signs.other_rad - state.estimate.heading_rad)
+    away = wrap_angle(signs.other_rad - heading_rad)
     share = max(unborne, STILL_RIVAL) * signs.other_s / OTHER_HEADING_S
     return max(share * away * away, by_other)
 
 
 @inlined
-def sigma_heading(params: ConditioningParams, state: ConditioningState) -> float:
+def sigma_heading(
+    params: ConditioningParams,
+    vertical: VerticalState,
+    magnetic: MagneticState,
+    events: EventsState,
+) -> float:
     """Angle (rad) that 68 % of the heading errors lie under.
 
     The variance P takes the field's error for white, which it is for an uncertain heading. What
@@ -88,17 +134,15 @@ def sigma_heading(params: ConditioningParams, state: ConditioningState) -> float
     field. So P counts as P^2/(P + P_1) only, but for slow streams, whose P is what they miss,
     and without a field.
     """
-    p = state.estimate.covariance[9]
-    reference = state.magnetic.reference
-    h = max(reference.horizontal, LEAST_HORIZONTAL * abs(reference.down))
-    steep = (reference.down / h) ** 2 if h > 0.0 else 0.0
-    signs = state.signs
-    lasting = SIGMA_SCATTER_SQUARE * signs.heading.scatter + rival(params, state)
-    bent = steep * (SIGMA_BENT_SQUARE * signs.gravity.uneven + 0.5 * state.doubt.tilt)
-    lasting += SIGMA_FIELD_RAD**2 + bent + state.doubt.heading
-    bend = max(0.0, reference.uneven - EVEN_SQUARE)
-    lasting += SIGMA_FIELD_SQUARE * (1.0 + steep) * bend
-    counts = slowness(params, state.coefficients.dt_s)
-    counts = max(counts, min(1.0, state.magnetic.wait_s / ABSENT_S))
+    p = vertical.estimate.covariance[9]
+    steep = steepness(magnetic.reference)
+    signs = events.signs
+    lasting = MEASURED_SQUARE * signs.heading.scatter + rival(params, vertical, magnetic, events)
+    bent = steep * (SIGMA_BENT_SQUARE * signs.gravity.uneven + 0.5 * vertical.doubt)
+    lasting += SIGMA_FIELD_RAD**2 + bent + events.doubt.variance
+    uneven = max(0.0, magnetic.reference.uneven - EVEN_SQUARE)
+    lasting += MEASURED_SQUARE * (1.0 + steep) * uneven
+    counts = slowness(params, vertical.coefficients.dt_s)
+    counts = max(counts, min(1.0, magnetic.wait_s / ABSENT_S))
     own = p * (counts + (1.0 - counts) * p / (p + SIGMA_SETTLED_RAD**2))
     return sqrt(own + lasting)

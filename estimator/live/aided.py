@@ -5,9 +5,9 @@ from math import hypot
 from estimator.aiding import AidingState
 from estimator.aiding.types import North
 from estimator.compilation.compiled import inlined
-from estimator.conditioning.magnetic import LEAST_HORIZONTAL
-from estimator.conditioning.rate import following_weight, slow_share
-from estimator.conditioning.types import Conditioned
+from estimator.conditioning import Conditioned
+from estimator.conditioning.field.magnetic import LEAST_HORIZONTAL
+from estimator.conditioning.vertical.rate import following_weight, slow_share
 from estimator.filter.kernel import correct, integrate_rate
 from estimator.filter.observation import ReferenceParams, weighted_vectors
 from estimator.filter.types import FilterParams, FilterState, Vectors

@@ -12,8 +12,8 @@ from estimator.aiding.phase import Cause
 from estimator.aiding.place import resembles
 from estimator.aiding.search import EMPTY_SEARCH, solve
 from estimator.aiding.types import NO_REPORT
-from estimator.conditioning.rate import slow_share
-from estimator.conditioning.types import ConditioningState
+from estimator.conditioning import ConditioningState
+from estimator.conditioning.vertical.rate import slow_share
 from estimator.filter.alignment import align
 from estimator.geometry.quaternion import multiply
 from estimator.live.conditioned import conditioned_vectors
@@ -53,15 +53,15 @@ def begin_aided(state: State, report: Report, *, has_heading: bool) -> None:
 
 def is_settled(state: State) -> bool:
     """Whether the unaided vertical has gone through its averaging time since it began."""
-    age_s = state.core.core.conditioning.gravity.force.age_s
-    return age_s >= state.settings.conditioning.gravity_tau_s
+    age_s = state.core.core.conditioning.vertical.gravity.force.age_s
+    return age_s >= state.settings.conditioning.vertical.gravity_tau_s
 
 
 def trusts_field(state: State) -> bool:
     """Whether the field may give the first heading: calibrated, and like the place's own."""
     place = state.place_field
     if place is not None:
-        learnt = state.core.core.conditioning.magnetic.reference
+        learnt = state.core.core.conditioning.field.magnetic.reference
         if not resembles(place, learnt.horizontal, learnt.down):
             known = state.context.compass._replace(unlike_us=state.core.time_us)
             state.change_context(compass=known)
@@ -103,7 +103,7 @@ def start_by_velocity(now: Core) -> Start | None:
     of_g = solve(now.search, _bias_sigma_rad_s(now.conditioning))
     if of_g is None:
         return None
-    q = multiply(of_g.q_ned_g, now.conditioning.gravity.q_g_frd)
+    q = multiply(of_g.q_ned_g, now.conditioning.vertical.gravity.q_g_frd)
     return Start(q, max(of_g.sigma_heading_rad, LEAST_HEADING_SIGMA_RAD))
 
 
@@ -142,6 +142,6 @@ def begin_aiding(
 
 def _bias_sigma_rad_s(memory: ConditioningState) -> float:
     """How uncertain the conditioning stage's bias is, about the axis it knows least."""
-    covariance = memory.estimate.covariance
+    covariance = memory.vertical.estimate.covariance
     x, y, z = covariance[0], covariance[4], covariance[7]  # of the upper triangle of 4 by 4
     return max(sqrt(max(x, y, z)), LEAST_BIAS_SIGMA_RAD_S)

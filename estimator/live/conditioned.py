@@ -1,7 +1,7 @@
 """The filter on conditioned vectors: what the ``imu`` profile runs without velocity, compiled."""
 
 from estimator.compilation.compiled import inlined
-from estimator.conditioning.types import Conditioned
+from estimator.conditioning import Conditioned
 from estimator.filter.kernel import correct, turn_on
 from estimator.filter.observation import ReferenceParams, weighted_vectors
 from estimator.filter.types import FilterParams, FilterState, Vectors

@@ -9,10 +9,9 @@ from estimator.aiding.search import EMPTY_SEARCH, Search
 from estimator.aiding.trail import COLUMNS
 from estimator.aiding.types import SIZE, Array
 from estimator.aiding.witness import NEW_WITNESS, Witness
+from estimator.conditioning import Conditioned, ConditioningState, forget_bias
 from estimator.conditioning import apply_turn as turn_memory
-from estimator.conditioning import forget_bias
 from estimator.conditioning import initial_state as initial_conditioning
-from estimator.conditioning.types import Conditioned, ConditioningState
 from estimator.filter.types import FilterState, initial_state
 from estimator.geometry.quaternion import conjugate, multiply, normalize
 from estimator.live.settings import Settings

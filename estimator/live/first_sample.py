@@ -1,7 +1,7 @@
 """The core after the first sample: aligned on it, or the given attitude corrected by it."""
 
 from estimator.compilation.compiled import plain
-from estimator.conditioning.condition import condition
+from estimator.conditioning import condition
 from estimator.filter import kernel
 from estimator.filter.alignment import align
 from estimator.filter.observation import raw_vectors

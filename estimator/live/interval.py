@@ -1,7 +1,7 @@
 """The stream's usual interval, and what is a gap for it."""
 
 from estimator.compilation.compiled import inlined
-from estimator.conditioning.rate import FAST_STEP_S
+from estimator.conditioning.vertical.rate import FAST_STEP_S
 
 # Of a new interval in the mean, which so goes back over about ten samples.
 SHARE = 0.1

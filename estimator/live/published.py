@@ -9,7 +9,7 @@ from typing import Any
 from estimator.aiding import AidingState
 from estimator.aiding.witness import Witness, doubted
 from estimator.compilation.compiled import inlined
-from estimator.conditioning.types import Conditioned
+from estimator.conditioning import Conditioned
 from estimator.filter.observation import ReferenceParams
 from estimator.filter.types import FilterState
 from estimator.geometry.quaternion import exp, multiply, norm, normalize, scale

@@ -29,11 +29,10 @@ from estimator.aiding.sources.table import SOURCES
 from estimator.aiding.types import NO_REPORT, SIZE
 from estimator.aiding.witness import compare, hear_report, watch
 from estimator.compilation.compiled import compiled, inlined
-from estimator.conditioning.condition import condition
-from estimator.conditioning.magnetic import reference_norm
-from estimator.conditioning.rate import slow_share
-from estimator.conditioning.tilt import HOLE_S
-from estimator.conditioning.types import Conditioned, ConditioningParams
+from estimator.conditioning import Conditioned, ConditioningParams, condition
+from estimator.conditioning.field.magnetic import reference_norm
+from estimator.conditioning.vertical.rate import slow_share
+from estimator.conditioning.vertical.tilt import HOLE_S
 from estimator.filter import kernel
 from estimator.filter.observation import ReferenceParams
 from estimator.filter.types import FilterParams, FilterState
@@ -293,7 +292,9 @@ def advance(
             if dt_s > HOLE_S:  # how the vehicle has turned meanwhile is not known
                 inside.search = EMPTY_SEARCH
             elif inside.search.window.is_open:
-                inside.search = add_sample(inside.search, memory.gravity.q_g_frd, acc, dt_s)
+                inside.search = add_sample(
+                    inside.search, memory.vertical.gravity.q_g_frd, acc, dt_s
+                )
             q = state.q_ned_frd
             if not isfinite(q[0] + q[1] + q[2] + q[3]):
                 end = NOT_FINITE_NOW
@@ -348,7 +349,7 @@ def advance_aided(inside: Any, report: Report, knows_north: bool) -> bool:
         gravity_b=seen.gravity_b,
         gravity_sigma_rad=seen.sigma_inclination_rad,
         north=north,
-        field_gauss=reference_norm(inside.conditioning.magnetic),
+        field_gauss=reference_norm(inside.conditioning.field.magnetic),
     )
     aided, covariance, trail = aid(
         params.aiding, inside.aided, inside.covariance, inside.trail, inside.sample, report, others
@@ -414,7 +415,7 @@ def search(inside: Any, report: Report) -> bool:
     """A report while there is no aiding; whether it may have shown the attitude."""
     found, last = inside.search, inside.sample
     if not found.window.is_open:  # nobody has followed the force until now
-        q_g_frd = inside.conditioning.gravity.q_g_frd
+        q_g_frd = inside.conditioning.vertical.gravity.q_g_frd
         found = add_sample(found, q_g_frd, last.acc_m_s2, last.dt_s)
     found, closed = add_report(found, report, inside.params.aiding.receiver_lag_s)
     inside.search = found

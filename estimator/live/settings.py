@@ -6,7 +6,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from estimator.aiding import AidingParams
-from estimator.conditioning.types import ConditioningParams
+from estimator.conditioning import ConditioningParams
 from estimator.errors import InputError
 from estimator.filter.alignment import nearest_rotation, quaternion_from_matrix
 from estimator.filter.observation import ReferenceParams

@@ -3,7 +3,7 @@
 from estimator.aiding import compass
 from estimator.aiding.phase import Cause, Phase, after
 from estimator.aiding.place import PlaceField
-from estimator.conditioning.condition import initial_state as initial_conditioning
+from estimator.conditioning import forget_coefficients
 from estimator.filter.alignment import align
 from estimator.live.conditioned import conditioned_vectors
 from estimator.live.core import (
@@ -95,13 +95,10 @@ class State:
         All or nothing: what a profile raises, it raises before anything has changed.
         """
         settings = settings_of(profile, self.fixed_gain, self.declination_rad)
-        derived = initial_conditioning(settings.conditioning).coefficients
         now = self.core.core
         self.profile, self.settings = profile, settings
         self.set_context(self.context)
-        # what the memory has derived from the other parameters
-        memory = now.conditioning._replace(coefficients=derived)
-        self.set_core(now._replace(conditioning=memory))
+        self.set_core(now._replace(conditioning=forget_coefficients(now.conditioning)))
 
     def restart(self) -> None:
         """Forget the attitude. What is known of the compass by word, and of the place, stays."""

@@ -9,7 +9,7 @@ from itertools import pairwise
 from math import sqrt
 from typing import NamedTuple
 
-from estimator.conditioning.rate import integration_rate
+from estimator.conditioning.vertical.rate import integration_rate
 from estimator.geometry.quaternion import (
     add,
     dot,

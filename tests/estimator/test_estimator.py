@@ -149,9 +149,10 @@ def test_replacing_the_profile_keeps_the_estimate(profile):
     slower = merge_profile(profile, {"filter": {"rate_time_constant_s": 0.6}})
     estimator.replace_profile(slower)
     assert estimator.profile is slower
-    derived = before.core.conditioning.coefficients  # of the parameters, no estimate
+    derived = before.core.conditioning.vertical.coefficients  # of the parameters, no estimate
     now = estimator.snapshot
-    memory = now.core.conditioning._replace(coefficients=derived)
+    memory = now.core.conditioning
+    memory = memory._replace(vertical=memory.vertical._replace(coefficients=derived))
     assert now._replace(core=now.core._replace(conditioning=memory)) == before
     differs = False
     for sample in stream[200:]:
@@ -170,9 +171,8 @@ def test_new_conditioning_parameters_count_at_once_though_the_rate_stays():
     for sample in stream[200:210]:
         changed.update(sample)
         untouched.update(sample)
-    assert (
-        changed.snapshot.core.conditioning.gravity != untouched.snapshot.core.conditioning.gravity
-    )
+    gravity = [e.snapshot.core.conditioning.vertical.gravity for e in (changed, untouched)]
+    assert gravity[0] != gravity[1]
 
 
 def test_replacing_by_the_same_profile_changes_nothing(profile):

@@ -241,10 +241,10 @@ def test_a_profile_that_raises_while_it_is_installed_changes_nothing(monkeypatch
     pipeline, alone = fed(imu_events(100)), fed(imu_events(100))
     before = pipeline.vehicle(ONE).profile
 
-    def overflow(params):
+    def overflow(*_settings):
         raise OverflowError("(34, 'Numerical result out of range')")
 
-    monkeypatch.setattr("estimator.estimator.initial_conditioning", overflow)
+    monkeypatch.setattr("estimator.live.state.settings_of", overflow)
     with pytest.raises(InputError, match="out of range"):
         pipeline.replace_profile(ONE, {"filter": {"gamma": 0.25}})
     monkeypatch.undo()

@@ -22,12 +22,13 @@ from estimator.aiding.types import (
 )
 from estimator.compilation.compiled import inlined
 from estimator.compilation.replacing import replacer
-from estimator.conditioning.magnetic import (
+from estimator.conditioning.field.magnetic import (
     LEAST_HORIZONTAL,
+    FieldLook,
     horizontal_down,
     look_at_field,
 )
-from estimator.conditioning.types import FieldLook
+from estimator.conditioning.field.robust import LEAST_CONFIDENCE, residual_weight
 from estimator.geometry.quaternion import cross, dot, exp, multiply, norm, rotate, scale, subtract
 from estimator.types import Sample, Vec3
 
@@ -37,12 +38,9 @@ FIELD_TAU_S = 0.05  # low-pass of norm and dip
 RESIDUAL_TAU_S = 5.0
 RESIDUAL_MEMORY_S = 60.0
 RESIDUAL_CLIP_RAD = 0.2
-LEAST_CONFIDENCE = 1e-6  # keeps the noise of a field that nobody believes finite
 # How far the norm of the first sample, which is taken for the place's field, may be off the one
 # that the unaided stage has learnt, as a share of it.
 FIRST_NORM_SHARE = 0.3
-# A residual within so many sigmas (squared) of what is expected is none too far.
-REACH_SQUARE = 9.0
 # Before anything is known about the place's field its parts are uncertain by this share of it.
 FIRST_SIGMA = 0.2
 # How well a model knows a declination, rad. Its error is the same all the time, so the samples of
@@ -176,8 +174,7 @@ def observe_heading(
     off = -F_across / H
     angle = atan2(F_across, F_along)
     expected = expected_variance(P, across, 0.0)
-    reach = params.heading_reach_rad**2 + REACH_SQUARE * expected
-    noise *= (1.0 + angle * angle / reach) ** 2
+    noise /= residual_weight(angle, params.heading_reach_rad, expected)
     is_near = F_along >= 0.5 * abs(F_across)
     if not is_near and P[TURN + 2, TURN + 2] > LINEAR_SIGMA_RAD**2:
         across = angle_row(R, F, dF, E)

@@ -29,7 +29,7 @@ from estimator.aiding.types import (
     Surroundings,
 )
 from estimator.aiding.uncertainty import sigmas
-from estimator.conditioning.types import FieldLook
+from estimator.conditioning.field.magnetic import FieldLook
 from estimator.geometry.quaternion import multiply, normalize
 from estimator.types import NOTHING_BETWEEN, ZERO_VEC3, Between, Sample
 from tests.estimator.aiding.dense_filter import (

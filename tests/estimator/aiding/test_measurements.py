@@ -25,7 +25,7 @@ from estimator.aiding.types import (
     North,
     Surroundings,
 )
-from estimator.conditioning.types import FieldLook
+from estimator.conditioning.field.magnetic import FieldLook
 from estimator.geometry.frames import from_euler_rad
 from estimator.geometry.quaternion import exp, multiply, normalize, rotate, rotate_inverse
 from estimator.types import ZERO_VEC3, Sample

@@ -5,20 +5,22 @@ from math import radians
 import numpy as np
 import pytest
 
-from estimator.conditioning.averaging import (
+from estimator.conditioning import ConditioningParams, initial_state
+from estimator.conditioning.vertical.averaging import (
     LEAST_FACTOR,
     MOST_FACTOR,
-    USUAL_AVERAGING,
+    Averaging,
     follow_averaging,
     tilting,
 )
-from estimator.conditioning.initial import NO_SPIN, initial_state
-from estimator.conditioning.types import ConditioningParams, Force, Smooth
+from estimator.conditioning.vertical.gravity import Force
+from estimator.conditioning.vertical.lowpass import Smooth
+from estimator.conditioning.vertical.spin import Spin
 from estimator.geometry.quaternion import angle_between_vectors
 
 PARAMS = ConditioningParams()
-KNOWN_BIAS = initial_state(PARAMS).estimate._replace(covariance=(0.0,) * 10)
-UNKNOWN_BIAS = initial_state(PARAMS).estimate
+KNOWN_BIAS = initial_state(PARAMS).vertical.estimate._replace(covariance=(0.0,) * 10)
+UNKNOWN_BIAS = initial_state(PARAMS).vertical.estimate
 STILL = (0.0, 0.0, 0.0)
 
 
@@ -31,8 +33,8 @@ def force(tilt_deg):
 def factor_after(
     shaking_deg, turning_deg_s, *, estimate=KNOWN_BIAS, missed=0.0, learns=True, time_s=120.0
 ):
-    state = USUAL_AVERAGING
-    spin = NO_SPIN._replace(turn=Smooth((0.0, radians(turning_deg_s), 0.0), STILL))
+    state = Averaging()
+    spin = Spin()._replace(turn=Smooth((0.0, radians(turning_deg_s), 0.0), STILL))
     for _ in range(round(time_s / 0.1)):
         state = follow_averaging(
             PARAMS, state, force(shaking_deg), spin, estimate, missed, learns, 0.1
@@ -69,7 +71,6 @@ def test_tilting_is_the_angle_for_small_ones(tilt_deg):
 
 def test_it_may_be_switched_off():
     params = PARAMS._replace(use_averaging=False)
-    state = follow_averaging(
-        params, USUAL_AVERAGING, force(9.0), NO_SPIN, KNOWN_BIAS, 0.0, True, 1.0
-    )
-    assert state is USUAL_AVERAGING
+    usual = Averaging()
+    state = follow_averaging(params, usual, force(9.0), Spin(), KNOWN_BIAS, 0.0, True, 1.0)
+    assert state is usual

@@ -65,7 +65,7 @@ def test_bias_is_learnt_at_rest(dt):
     state, out = run(ATTITUDES[3], 40.0, dt, gyr=bias)
     # measured 0.00012 deg/s; with noise 0.03 deg/s is the steady sigma at rest
     assert out.bias_rad_s == pytest.approx(bias, abs=radians(0.00015))
-    assert state.rest.resting
+    assert state.vertical.rest.resting
 
 
 def test_without_a_field_there_is_gravity_and_no_heading():
@@ -104,4 +104,4 @@ def test_turning_vehicle_keeps_its_vectors():
         acc, mag = observe(q)
         state, out = condition(params, state, Sample(gyr, acc, mag, True, dt))
     assert_vectors_close(out, q, 1e-7)  # measured 3e-8
-    assert not state.rest.resting
+    assert not state.vertical.rest.resting

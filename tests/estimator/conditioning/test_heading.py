@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from estimator.conditioning import ConditioningParams, initial_state
-from estimator.conditioning.bias import predict
-from estimator.conditioning.coefficients import coefficients
-from estimator.conditioning.heading import heading_noise, learn_heading
-from estimator.conditioning.types import FieldLook
+from estimator.conditioning.field.heading import heading_noise, learn_heading
+from estimator.conditioning.field.magnetic import FieldLook
+from estimator.conditioning.vertical.bias import predict
+from estimator.conditioning.vertical.coefficients import coefficients
 
 PARAMS = ConditioningParams()
 DT = 0.01
@@ -18,7 +18,7 @@ ROWS = ((0, 0), (0, 1), (0, 2), (0, 3), (1, 1), (1, 2), (1, 3), (2, 2), (2, 3), 
 
 
 def field_of(confidence, age_s, horizontal=0.2, down=0.4):
-    field = initial_state(PARAMS).magnetic
+    field = initial_state(PARAMS).field.magnetic
     reference = field.reference._replace(horizontal=horizontal, down=down, age_s=age_s)
     return field._replace(look=FieldLook(horizontal, down, confidence), reference=reference)
 
@@ -31,7 +31,7 @@ def square(packed):
 
 
 def estimate_of(heading_sigma):
-    estimate = initial_state(PARAMS).estimate
+    estimate = initial_state(PARAMS).vertical.estimate
     return estimate._replace(covariance=(*estimate.covariance[:9], heading_sigma**2))
 
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from estimator.conditioning.lowpass import low_pass, smooth_scalar
+from estimator.conditioning.vertical.lowpass import low_pass, smooth_scalar
 
 
 @pytest.mark.parametrize("dt", [0.0025, 0.1, 0.7])

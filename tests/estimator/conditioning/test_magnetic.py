@@ -4,8 +4,7 @@ from math import cos, radians, sin
 
 import pytest
 
-from estimator.conditioning.magnetic import look_at_field
-from estimator.conditioning.types import FieldLook
+from estimator.conditioning.field.magnetic import FieldLook, look_at_field
 
 DIP = radians(60.0)
 EXPECTED = (0.5 * cos(DIP), 0.5 * sin(DIP))

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from estimator.conditioning.rate import at_interval_end, following_weight, slow_share
+from estimator.conditioning.vertical.rate import at_interval_end, following_weight, slow_share
 from estimator.geometry.quaternion import angle_between, exp, multiply, rotate_inverse, scale
 
 RATE = (1.5, -2.0, 0.7)  # rad/s
@@ -42,7 +42,7 @@ def test_vectors_count_more_the_slower_the_stream():
 
 def test_integration_of_a_turning_axis_has_the_cones_sign():
     """Half a second of two rates, the axis moving from x to y: the exact turn by small pieces."""
-    from estimator.conditioning.rate import integration_rate
+    from estimator.conditioning.vertical.rate import integration_rate
 
     before, after, dt = (1.0, 0.0, 0.0), (0.0, 1.0, 0.0), 0.5
     q, pieces = (1.0, 0.0, 0.0, 0.0), 2000

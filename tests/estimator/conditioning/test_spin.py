@@ -38,7 +38,7 @@ def run(rate, error, params=PARAMS, seconds=80.0):
 
 def test_a_steady_turn_shows_the_scale_error():
     state, _ = run(rolling, 0.004)
-    assert state.spin.scale_error == pytest.approx(0.004, rel=0.2)
+    assert state.vertical.spin.scale_error == pytest.approx(0.004, rel=0.2)
 
 
 def test_a_vertical_that_is_learnt_so_leans_less():
@@ -56,4 +56,4 @@ def test_a_shaken_vehicle_with_a_good_gyroscope_learns_next_to_none():
         push = (3.0 * sin(1.4 * pi * DT * i), 3.0 * cos(1.4 * pi * DT * i), 0.0)
         acc = tuple(a + b for a, b in zip(s.acc, rotate_inverse(s.q_ned_frd, push), strict=True))
         state, _ = condition(PARAMS, state, Sample(s.gyr, acc, s.mag, True, DT))
-    assert abs(state.spin.scale_error) < 0.0004  # measured 0.00033
+    assert abs(state.vertical.spin.scale_error) < 0.0004  # measured 0.00033

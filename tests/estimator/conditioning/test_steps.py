@@ -6,14 +6,15 @@ import numpy as np
 import pytest
 
 from estimator.conditioning import ConditioningParams, apply_turn, condition, initial_state
-from estimator.conditioning.bias import update
-from estimator.conditioning.calibration import learn_calibration
-from estimator.conditioning.coefficients import coefficients
-from estimator.conditioning.gravity import level, observe_gravity, rows_of
-from estimator.conditioning.heading import north_east
-from estimator.conditioning.magnetic import observe_field
-from estimator.conditioning.rate import integration_rate
-from estimator.conditioning.rest import initial_rest, observe_rest
+from estimator.conditioning.field.calibration import learn_calibration
+from estimator.conditioning.field.heading import north_east
+from estimator.conditioning.field.magnetic import observe_field
+from estimator.conditioning.vertical.coefficients import coefficients
+from estimator.conditioning.vertical.gravity import level, observe_gravity
+from estimator.conditioning.vertical.kalman import update
+from estimator.conditioning.vertical.rate import integration_rate
+from estimator.conditioning.vertical.rest import initial_rest, observe_rest
+from estimator.geometry.axes import axes_of
 from estimator.geometry.quaternion import (
     angle_between,
     angle_between_vectors,
@@ -41,7 +42,7 @@ def run(samples, dt, params=PARAMS, state=None):
 
 def has_noticed_a_turn(before, after):
     """Whether the heading became uncertain at once, by more than any bias or motion makes it."""
-    variance = [state.estimate.covariance[9] for state in (before, after)]
+    variance = [state.vertical.estimate.covariance[9] for state in (before, after)]
     return variance[1] - variance[0] > radians(10.0) ** 2
 
 
@@ -68,7 +69,7 @@ def test_gravity_ignores_shaking_and_any_norm():
     """To and fro at 0.5 g, of a sensor whose g is 0.85 of the true one."""
     dt = 0.01
     k = coefficients(PARAMS, dt, 1.0)
-    gravity = initial_state(PARAMS).gravity
+    gravity = initial_state(PARAMS).vertical.gravity
     for i in range(1500):
         u = (4.9 * sin(9.0 * i * dt), 0.0, 0.85 * 9.81)
         gravity, _ = level(observe_gravity(PARAMS, k, gravity, u, 0.0, 0.0))
@@ -77,7 +78,7 @@ def test_gravity_ignores_shaking_and_any_norm():
 
 
 def test_levelling_takes_the_shortest_way():
-    gravity = initial_state(PARAMS).gravity
+    gravity = initial_state(PARAMS).vertical.gravity
     tilted = observe_gravity(
         PARAMS, coefficients(PARAMS, 0.01, 1.0), gravity, (0.0, 2.0, 9.0), 0.0, 0.0
     )
@@ -108,13 +109,13 @@ def test_motion_bias_is_learnt_without_any_rest():
     bias = (radians(0.4), radians(-0.3), radians(0.2))
     state, _ = run(fly(tumbling, 180.0, 0.01, bias=bias), 0.01)
     # measured 0.037 deg/s; 0.1 is the steady sigma in motion
-    assert state.estimate.bias_rad_s == pytest.approx(bias, abs=radians(0.044))
+    assert state.vertical.estimate.bias_rad_s == pytest.approx(bias, abs=radians(0.044))
 
 
 def test_rest_teaches_the_bias_before_the_vertical_is_known():
     bias = (radians(0.4), radians(-0.3), radians(0.2))
     state, _ = run(fly(resting, 2.5, 0.01, bias=bias), 0.01)
-    off = np.subtract(state.estimate.bias_rad_s, bias)
+    off = np.subtract(state.vertical.estimate.bias_rad_s, bias)
     assert np.abs(off).max() == pytest.approx(radians(0.0125), rel=0.2)  # of 0.4 deg/s
 
 
@@ -124,7 +125,7 @@ def test_heading_turns_the_field_about_down():
 
 
 def test_confidence_falls_beside_a_magnet_and_the_references_stay():
-    state = initial_state(PARAMS).magnetic
+    state = initial_state(PARAMS).field.magnetic
     for _ in range(3000):
         state = observe_field(PARAMS, state, (0.2, 0.0, 0.42), 0.01, 1.0)
     assert state.look.confidence == pytest.approx(1.0)
@@ -138,9 +139,11 @@ def test_confidence_falls_beside_a_magnet_and_the_references_stay():
 def test_lag_and_own_field_are_learnt_while_turning():
     own = (0.05, -0.03, 0.04)
     state, _ = run(fly(tumbling, 60.0, 0.005, lag_s=0.03, offset=own), 0.005)
-    learnt = [state.calibration.learnt.scale * x for x in state.calibration.learnt.offset]
-    assert state.calibration.learnt.lag_s == pytest.approx(0.03, abs=0.00073)  # measured 0.0294
-    assert learnt == pytest.approx(own, abs=1.7e-4)  # measured within 1.4e-4
+    learnt = state.field.calibration.learnt
+    assert learnt.lag_s == pytest.approx(0.03, abs=0.00073)  # measured 0.0294
+    assert [learnt.scale * x for x in learnt.offset] == pytest.approx(
+        own, abs=1.7e-4
+    )  # measured within 1.4e-4
 
 
 def test_a_late_magnetometer_bends_the_heading_only_where_the_step_is_off():
@@ -180,7 +183,7 @@ def test_a_start_in_motion_teaches_no_lag_and_no_own_field(seed):
     state = initial_state(PARAMS)
     for s in shaken(seed):
         state, _ = condition(PARAMS, state, Sample(s.gyr, s.acc, s.mag, True, 0.01))
-        learnt = state.calibration.learnt
+        learnt = state.field.calibration.learnt
         assert abs(learnt.lag_s) < 0.0024  # measured 0.0020; learnt in the level frame 0.054
         assert np.linalg.norm(learnt.offset) < 0.0084  # measured 0.0070; 0.25
 
@@ -192,7 +195,7 @@ def test_a_start_in_motion_teaches_no_dip_of_a_vertical_that_is_not_known_yet(se
     for s in shaken(seed, 10.0, (1.0, 1.4, 1.8)):
         state, out = condition(PARAMS, state, Sample(s.gyr, s.acc, s.mag, True, 0.01))
         seen.append(out.magnetic_confidence)
-    reference = state.magnetic.reference
+    reference = state.field.magnetic.reference
     dip = degrees(atan2(reference.down, reference.horizontal))
     assert dip == pytest.approx(64.54, abs=2.3)  # measured within 1.9; 3.4, all counted alike
     assert np.mean(seen[400:]) > 0.55  # measured 0.66; 0.23
@@ -200,16 +203,16 @@ def test_a_start_in_motion_teaches_no_dip_of_a_vertical_that_is_not_known_yet(se
 
 def test_a_calibration_stays_while_the_reference_norm_is_learnt():
     """The own field is kept in the field's own unit, and the means are of the same readings."""
-    rows = rows_of((1.0, 0.0, 0.0, 0.0))
-    state = initial_state(PARAMS).calibration
+    axes = axes_of((1.0, 0.0, 0.0, 0.0))
+    state = initial_state(PARAMS).field.calibration
     for norm in (0.3, 0.4, 0.46):
         for _ in range(10):
             state = learn_calibration(
-                PARAMS, state, rows, (0.0, 0.0, 0.0), (0.2, 0.0, 0.42), norm, 0.01
+                PARAMS, state, axes, (0.0, 0.0, 0.0), (0.2, 0.0, 0.42), norm, 0.01
             )
     assert state.means.field == pytest.approx((0.2 / 0.46, 0.0, 0.42 / 0.46))
     state = state._replace(learnt=state.learnt._replace(offset=(0.1, 0.0, 0.0)))
-    state = learn_calibration(PARAMS, state, rows, (0.0, 0.0, 0.0), (0.2, 0.0, 0.42), 0.23, 0.01)
+    state = learn_calibration(PARAMS, state, axes, (0.0, 0.0, 0.0), (0.2, 0.0, 0.42), 0.23, 0.01)
     assert state.learnt.scale * state.learnt.offset[0] == pytest.approx(0.046)
 
 
@@ -223,7 +226,7 @@ def test_a_vehicle_that_hardly_turns_learns_no_own_field():
         gyr = (0.1 * cos(t), 0.0, 0.0)
         acc = (0.0, -9.81 * sin(0.1 * sin(t)), -9.81 * cos(0.1 * sin(t)))
         state, _ = condition(params, state, Sample(gyr, acc, field, True, 0.01))
-    assert np.linalg.norm(state.calibration.learnt.offset) == 0.0
+    assert np.linalg.norm(state.field.calibration.learnt.offset) == 0.0
 
 
 @pytest.mark.parametrize(

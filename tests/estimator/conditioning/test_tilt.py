@@ -6,9 +6,8 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from estimator.conditioning.condition import condition, initial_state
-from estimator.conditioning.tilt import initial_tilt, slowness, step_noise
-from estimator.conditioning.types import Conditioned, ConditioningParams
+from estimator.conditioning import Conditioned, ConditioningParams, condition, initial_state
+from estimator.conditioning.vertical.tilt import initial_tilt, slowness, step_noise
 from estimator.geometry.quaternion import exp, multiply, normalize, rotate_inverse
 from estimator.types import (
     IDENTITY,

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from estimator.conditioning import ConditioningParams, apply_turn, condition, initial_state
-from estimator.conditioning.clipping import missed_turn, watch_clipping
-from estimator.conditioning.doubt import share_of_force
-from estimator.conditioning.types import Alarm, Clipping, Doubt, FieldBefore
-from estimator.conditioning.unsensed_turn import reset_signs, watch_field
+from estimator.conditioning.events.jump_signs import watch_field
+from estimator.conditioning.events.proof import TurnProof, reset_signs
+from estimator.conditioning.vertical.clipping import Clipping, missed_turn, watch_clipping
+from estimator.conditioning.vertical.tilt import force_after_turn
 from estimator.geometry.quaternion import add, angle_between_vectors, exp, rotate, rotate_inverse
 from estimator.types import Sample
 from tests.estimator.conditioning.motion import fly, resting, tumbling
@@ -113,7 +113,7 @@ def test_a_heading_that_is_off_is_given_up_though_it_creeps_towards_the_field():
 def test_a_jump_is_not_usual_because_it_has_come():
     """A field that turns by 20 degrees after half a minute of 0.3 degrees of noise."""
     rng = np.random.default_rng(3)
-    jump = initial_state(PARAMS).signs.jump
+    jump = initial_state(PARAMS).events.signs.jump
     for i in range(3100):
         angle = radians(20.0 * (i >= 3000) + 0.3 * rng.normal())
         jump = watch_field(jump, (cos(angle), sin(angle), 0.0), 0.0, 0.0, DT)
@@ -123,13 +123,13 @@ def test_a_jump_is_not_usual_because_it_has_come():
 
 def test_of_headings_that_are_given_up_in_steps_the_first_is_remembered():
     """A field that keeps turning takes the heading along: none of the steps was borne out."""
-    signs = initial_state(PARAMS).signs
-    alarm = Alarm(heading=True, quiet=False, moving=False, levelling=False, jump=0.0)
-    signs = reset_signs(signs, alarm, 0.0, 0.3, given_up=True)
-    signs = reset_signs(signs, alarm, 0.0, 0.9, given_up=True)
+    signs = initial_state(PARAMS).events.signs
+    proof = TurnProof(heading=True, quiet=False, moving=False, levelling=False, jump=0.0)
+    signs = reset_signs(signs, proof, 0.0, 0.3, given_up=True)
+    signs = reset_signs(signs, proof, 0.0, 0.9, given_up=True)
     assert signs.heading.other_rad == 0.3
     later = signs.heading._replace(other_s=signs.heading.other_s - 11.0)
-    signs = reset_signs(signs._replace(heading=later), alarm, 0.0, 0.9, given_up=True)
+    signs = reset_signs(signs._replace(heading=later), proof, 0.0, 0.9, given_up=True)
     assert signs.heading.other_rad == 0.9
 
 
@@ -144,7 +144,7 @@ def test_a_sudden_turn_is_found_where_the_field_is_not_as_learnt():
     """Its confidence is 0.5 by then."""
     samples = [beside_iron(s, DT * i) for i, s in enumerate(fly(tumbling, 50.0, DT))]
     state, _ = advance(initial_state(PARAMS), samples[:3200])
-    assert state.magnetic.look.confidence == pytest.approx(0.46, rel=0.2)
+    assert state.field.magnetic.look.confidence == pytest.approx(0.46, rel=0.2)
     turn = tuple(radians(60.0) * x for x in rotate_inverse(samples[3199].q_ned_frd, AXES["down"]))
     state, errors = advance(apply_turn(state, exp(turn)), samples[3200:])
     found_s = DT * (1 + int(np.flatnonzero(errors < 5.0)[0]))
@@ -194,12 +194,12 @@ def test_a_magnet_put_on_and_taken_off_is_no_turn(seed, worst_deg):
 
 def test_a_doubted_vertical_takes_the_force_as_a_kalman_filter_does():
     """With 0.04 rad^2 of doubt and 0.0004 of wander a second's mean leaves that mean's."""
-    doubt, left = Doubt(0.04, 0.0, 0.0, FieldBefore(0.0, 0.0)), 1.0
+    doubt, left = 0.04, 1.0
     for _ in range(100):
-        doubt, share = share_of_force(PARAMS, doubt, 0.0004, DT)
+        doubt, share = force_after_turn(PARAMS, doubt, 0.0004, DT)
         left *= 1.0 - share
     noise = (0.0004 + 0.009**2) * 2.0  # of a mean over a second, rad^2
-    assert doubt.tilt == pytest.approx(0.04 * noise / (0.04 + noise))
+    assert doubt == pytest.approx(0.04 * noise / (0.04 + noise))
     assert left == pytest.approx(noise / (0.04 + noise))
 
 
@@ -250,6 +250,6 @@ def test_what_jumps_in_a_turn_passes_for_no_own_field(angle_deg):
         radians(angle_deg) * x for x in rotate_inverse(samples[999].q_ned_frd, AXES["down"])
     )
     state, errors = advance(apply_turn(state, exp(turn)), samples[1000:])
-    own = np.linalg.norm(state.calibration.learnt.offset)
+    own = np.linalg.norm(state.field.calibration.learnt.offset)
     assert own < 0.013  # measured 0.011; 0.30 when the means stay those of the old attitude
     assert errors[700] < 2.4  # measured 2.0; 63

@@ -1,24 +1,66 @@
 """The magnetometer's lag and the vehicle's own field, learnt while turning."""
 
+from typing import NamedTuple
+
 from estimator.compilation.compiled import inlined
-from estimator.conditioning.bias import update
-from estimator.conditioning.gravity import to_frame
-from estimator.conditioning.types import (
-    Calibration,
-    CalibrationMeans,
-    CalibrationState,
-    ConditioningParams,
-    Covariance,
-    Rows,
-)
+from estimator.compilation.replacing import replacer
+from estimator.conditioning.field.robust import robust_weight
+from estimator.conditioning.params import ConditioningParams
+from estimator.conditioning.vertical.kalman import Covariance, update
+from estimator.conditioning.vertical.lowpass import approach
+from estimator.geometry.axes import FrameAxes, to_frame
 from estimator.geometry.quaternion import add, cross, dot, scale, subtract
-from estimator.types import Vec3
+from estimator.types import ZERO_VEC3, Vec2, Vec3
 
 # Over longer steps (s) the rate between two samples is unknown.
 LONGEST_STEP_S = 0.15
 # A field that is off its mean by this share of its norm has been turned, not measured badly.
 MOST_DEVIATION = 0.6
-NOTHING: Vec3 = (0.0, 0.0, 0.0)
+
+
+class Calibration(NamedTuple):
+    """The magnetometer's age and the vehicle's own field, with their covariance."""
+
+    lag_s: float  # age of a reading
+    offset: Vec3  # the vehicle's own field in FRD, as a share of ``scale``
+    covariance: Covariance  # of (offset, lag)
+    scale: float  # norm of the place's field, in the field's own unit
+
+
+class CalibrationMeans(NamedTuple):
+    """Slow means of the field over ``scale``, and of what the calibration explains it by."""
+
+    field: Vec3 = ZERO_VEC3  # in G
+    turning: Vec3 = ZERO_VEC3  # R (w x m), in G, 1/s; R turns body to G
+    axes: FrameAxes = FrameAxes(ZERO_VEC3, ZERO_VEC3, ZERO_VEC3)  # of G, the rows of R
+
+
+class CalibrationState(NamedTuple):
+    """The calibration and the means that its learning takes off."""
+
+    learnt: Calibration  # the unknowns
+    means: CalibrationMeans = CalibrationMeans()  # high-passing takes them off
+    age_s: float = 0.0  # of the means, up to ``calibration_high_pass_s``
+    started: bool = False  # whether the means are of this attitude
+
+
+with_age = replacer(CalibrationState, "age_s", "started")
+
+
+def first_calibration(params: ConditioningParams) -> CalibrationState:
+    """Before the first sample: no lag and no own field, as uncertain as the parameters say."""
+    offset, lag = most_variances(params)
+    covariance = (offset, 0.0, 0.0, 0.0, offset, 0.0, 0.0, offset, 0.0, lag)
+    return CalibrationState(Calibration(0.0, ZERO_VEC3, covariance, 0.0))
+
+
+@inlined
+def most_variances(params: ConditioningParams) -> Vec2:
+    """Variances of an unknown offset and of an unknown lag (s^2); 0 of what is switched off."""
+    return (
+        params.field_offset_sigma**2 if params.use_field_offset else 0.0,
+        params.field_lag_sigma_s**2 if params.use_lag else 0.0,
+    )
 
 
 @inlined
@@ -37,20 +79,9 @@ def correct_field(field: Vec3, gyr: Vec3, state: Calibration) -> Vec3:
 
 
 @inlined
-def update_mean(a: float, mean: Vec3, v: Vec3) -> Vec3:
-    """The mean moved by the share ``a`` of its way to ``v``."""
-    return (
-        mean[0] + a * (v[0] - mean[0]),
-        mean[1] + a * (v[1] - mean[1]),
-        mean[2] + a * (v[2] - mean[2]),
-    )
-
-
-@inlined
 def walk(params: ConditioningParams, p: Covariance, dt_s: float) -> Covariance:
     """Let the variances grow, up to their first values: the vehicle's field may change."""
-    most = params.field_offset_sigma**2 if params.use_field_offset else 0.0
-    most_lag = params.field_lag_sigma_s**2 if params.use_lag else 0.0
+    most, most_lag = most_variances(params)
     share = dt_s / params.calibration_walk_s
     return (
         min(p[0] + share * most, most),
@@ -78,15 +109,15 @@ def learn_axis(
     noise: float,
 ) -> tuple[Vec3, float, Covariance]:
     """One axis: residual = row . (offset error) + turning (lag error); far ones count less."""
-    far = residual * (1.0 / params.calibration_reach)
-    return update(offset, lag_s, p, row, turning, residual, noise * (1.0 + far * far) ** 2)
+    weight = robust_weight((residual / params.calibration_reach) ** 2)
+    return update(offset, lag_s, p, row, turning, residual, noise / weight)
 
 
 @inlined
 def learn_calibration(
     params: ConditioningParams,
     state: CalibrationState,
-    rows: Rows,
+    axes: FrameAxes,
     gyr: Vec3,
     field_g: Vec3,
     norm: float,
@@ -94,7 +125,7 @@ def learn_calibration(
 ) -> CalibrationState:
     """Recursive least squares of field = F + R offset + lag (R w) x field, all over ``norm``.
 
-    R turns body to G; ``rows`` are its rows. In G the field F of the place stands still but for
+    R turns body to G; ``axes`` are its axes. In G the field F of the place stands still but for
     the gyroscope's drift, where 6D turns with every levelling, by degrees at a start. What of
     it moves with the body is the vehicle's own field (hard iron), what moves with the turn rate
     is the sensor's age. All is high-passed alike, so that F and slow drift vanish and the model
@@ -104,33 +135,33 @@ def learn_calibration(
     While a body hardly turns, its own field looks like the place's, so it teaches the lag only.
     """
     y = scale(1.0 / norm, field_g)
-    x = cross(to_frame(rows, gyr), y)
+    x = cross(to_frame(axes, gyr), y)
     before = state.learnt
     # of another norm all is another share
     ratio = before.scale / norm if before.scale > 0.0 else 1.0
     before = Calibration(before.lag_s, scale(ratio, before.offset), before.covariance, norm)
     if not state.started:
-        return CalibrationState(before, CalibrationMeans(y, x, rows), dt_s, True)
+        return CalibrationState(before, CalibrationMeans(y, x, axes), dt_s, True)
     age_s = min(state.age_s + dt_s, params.calibration_high_pass_s)
     a = min(1.0, dt_s / age_s)
     means = CalibrationMeans(
-        field=update_mean(a, scale(ratio, state.means.field), y),
-        turning=update_mean(a, scale(ratio, state.means.turning), x),
-        rows=Rows(
-            north=update_mean(a, state.means.rows.north, rows.north),
-            east=update_mean(a, state.means.rows.east, rows.east),
-            down=update_mean(a, state.means.rows.down, rows.down),
+        field=approach(scale(ratio, state.means.field), y, a),
+        turning=approach(scale(ratio, state.means.turning), x, a),
+        axes=FrameAxes(
+            north=approach(state.means.axes.north, axes.north, a),
+            east=approach(state.means.axes.east, axes.east, a),
+            down=approach(state.means.axes.down, axes.down, a),
         ),
     )
     offset, lag_s, p = before.offset, before.lag_s, walk(params, before.covariance, dt_s)
     dy = subtract(y, means.field)
     if dt_s <= LONGEST_STEP_S and dot(dy, dy) < MOST_DEVIATION**2:
         dx = subtract(x, means.turning)
-        r1 = subtract(rows.north, means.rows.north)
-        r2 = subtract(rows.east, means.rows.east)
-        r3 = subtract(rows.down, means.rows.down)
+        r1 = subtract(axes.north, means.axes.north)
+        r2 = subtract(axes.east, means.axes.east)
+        r3 = subtract(axes.down, means.axes.down)
         if dot(r1, r1) + dot(r2, r2) + dot(r3, r3) < params.calibration_turn:
-            r1 = r2 = r3 = NOTHING
+            r1 = r2 = r3 = ZERO_VEC3
         noise = params.calibration_noise_s / dt_s
         offset0, lag0 = offset, lag_s
         offset, lag_s, p = learn_axis(params, offset, lag_s, p, r1, dx[0], dy[0], noise)
@@ -144,4 +175,4 @@ def learn_calibration(
 @inlined
 def restart_means(state: CalibrationState) -> CalibrationState:
     """After an unsensed turn: keep what was learnt, forget the means of the old attitude."""
-    return CalibrationState(state.learnt, state.means, 0.0, False)
+    return with_age(state, 0.0, False)

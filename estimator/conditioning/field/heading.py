@@ -3,20 +3,20 @@
 from math import atan2, cos, pi, sin
 
 from estimator.compilation.compiled import inlined
-from estimator.conditioning.bias import clip_each, update_last
-from estimator.conditioning.types import ConditioningParams, Estimate, MagneticState, Two
-from estimator.types import Vec3
+from estimator.conditioning.field.magnetic import MagneticState, steepness
+from estimator.conditioning.field.robust import LEAST_CONFIDENCE, residual_weight
+from estimator.conditioning.params import ConditioningParams
+from estimator.conditioning.vertical.bias import Estimate, clip_each
+from estimator.conditioning.vertical.kalman import update_last
+from estimator.types import Vec2, Vec3
 
-LEAST_CONFIDENCE = 1e-6
 # A field's age (s) in its first second: what is early is bounded.
 EARLIEST_S = 1.0
-# A residual within so many sigmas (squared) of the heading is none too far.
-REACH_SQUARE = 9.0
 
 
 @inlined
 def wrap_angle(angle: float) -> float:
-    """The same angle in [-pi, pi]."""
+    """An angle of at most one and a half turns, brought into [-pi, pi]."""
     if angle > pi:
         return angle - 2.0 * pi
     if angle < -pi:
@@ -25,7 +25,7 @@ def wrap_angle(angle: float) -> float:
 
 
 @inlined
-def north_east(heading: float, field_6d: Vec3) -> Two:
+def north_east(heading: float, field_6d: Vec3) -> Vec2:
     """North and east part of the field, 6D turned about down by ``heading``."""
     c = cos(heading)
     s = sin(heading)
@@ -33,7 +33,7 @@ def north_east(heading: float, field_6d: Vec3) -> Two:
 
 
 @inlined
-def residual(field: MagneticState, horizontal: Two) -> float:
+def residual(field: MagneticState, horizontal: Vec2) -> float:
     """How far the field points east of north: linear in its east part, an angle when large.
 
     A disturbance adds to the field, so its effect on east/reference is linear
@@ -66,7 +66,7 @@ def learn_heading(
     params: ConditioningParams,
     estimate: Estimate,
     field: MagneticState,
-    horizontal: Two,
+    horizontal: Vec2,
     settled: float,
     dt_s: float,
     leaning: float,
@@ -78,11 +78,9 @@ def learn_heading(
     steeper the field.
     """
     noise = heading_noise(params, field, settled) / dt_s
-    noise += leaning * (field.reference.down / field.reference.horizontal) ** 2
+    noise += leaning * steepness(field.reference)
     off = residual(field, horizontal)
-    variance = estimate.covariance[9]
-    noise *= (1.0 + off * off / (params.heading_reach_rad**2 + REACH_SQUARE * variance)) ** 2
-    b, d, p = update_last(
-        estimate.bias_rad_s, estimate.heading_rad, estimate.covariance, -off, noise
-    )
+    b, d, p = estimate
+    noise /= residual_weight(off, params.heading_reach_rad, p[9])
+    b, d, p = update_last(b, d, p, -off, noise)
     return Estimate(clip_each(b, params.bias_limit_rad_s), wrap_angle(d), p)

@@ -1,14 +1,27 @@
 """A gyroscope at its end: a reading that stands still at its largest value hides a faster turn."""
 
+from typing import NamedTuple
+
 from estimator.compilation.compiled import inlined
-from estimator.conditioning.types import Clipping, Two
-from estimator.types import ZERO_VEC3, Vec3
+from estimator.compilation.replacing import replacer
+from estimator.types import ZERO_VEC3, Vec2, Vec3
 
 # Slower readings (rad/s) are at no sensor's end: 115 deg/s.
 LEAST_PEAK_RAD_S = 2.0
 # How far the rate goes beyond the end, as a share of it (sigma). With 0.3 a fast rotation is
 # doubted so much that accelerations tilt the vertical, with 0.05 the heading comes back too late.
 BEYOND = 0.1
+
+
+class Clipping(NamedTuple):
+    """Where the gyroscope ends, and what it has missed there; one number for each axis, FRD."""
+
+    peak_rad_s: Vec3 = ZERO_VEC3  # largest reading so far, either way
+    run_s: Vec3 = ZERO_VEC3  # for how long the axis has stood at its peak
+    missed: Vec3 = ZERO_VEC3  # variance of the turn missed since the last learning step, rad^2
+
+
+with_missed = replacer(Clipping, "missed")
 
 
 @inlined
@@ -40,14 +53,8 @@ def watch_clipping(state: Clipping, previous: Vec3, gyr: Vec3, dt_s: float) -> C
 
 
 @inlined
-def missed_turn(state: Clipping, down: Vec3) -> Two:
+def missed_turn(state: Clipping, down: Vec3) -> Vec2:
     """Variance (rad^2) of the turn missed: about horizontal axes, both together, and about down."""
     m = state.missed
     about = m[0] * down[0] ** 2 + m[1] * down[1] ** 2 + m[2] * down[2] ** 2
     return max(0.0, m[0] + m[1] + m[2] - about), about
-
-
-@inlined
-def forget_missed(state: Clipping) -> Clipping:
-    """The same, once the missed turn is accounted for."""
-    return Clipping(state.peak_rad_s, state.run_s, ZERO_VEC3)

@@ -1,17 +1,16 @@
-"""How far the field can be trusted: its norm and dip against a reference."""
+"""How far the field can be trusted: its norm and dip against a reference.
+
+The field may be in any unit: only its direction and its relative changes are used.
+"""
 
 from math import sqrt
+from typing import NamedTuple
 
 from estimator.compilation.compiled import inlined
-from estimator.conditioning.types import (
-    ConditioningParams,
-    FieldLook,
-    FieldReference,
-    FieldRival,
-    MagneticState,
-    Two,
-)
-from estimator.types import Vec3
+from estimator.compilation.replacing import replacer
+from estimator.conditioning.field.robust import robust_weight
+from estimator.conditioning.params import ConditioningParams
+from estimator.types import Vec2, Vec3
 
 # A field with less than this share of the downward part in the horizontal has no heading.
 LEAST_HORIZONTAL = 0.02
@@ -24,35 +23,91 @@ LEAST_ALIKE = 0.3
 LEAST_SHARE = 1e-6
 
 
+class FieldLook(NamedTuple):
+    """The field as it was seen lately, and how far it resembles its reference."""
+
+    horizontal: float = 0.0  # low-passed, in the field's own unit
+    down: float = 0.0  # low-passed, in the field's own unit
+    confidence: float = 0.0  # 0..1, from norm and dip
+
+
+class FieldRival(NamedTuple):
+    """A field that is seen in place of the one expected."""
+
+    horizontal: float = 0.0  # in the field's own unit
+    down: float = 0.0  # in the field's own unit
+    seen_s: float = 0.0  # for how long it has been seen, less the time it has not
+
+
+class FieldReference(NamedTuple):
+    """The field that the place and the vehicle are taken to have."""
+
+    horizontal: float = 0.0  # in the field's own unit
+    down: float = 0.0  # in the field's own unit
+    samples: float = 0.0  # how many have taught it
+    age_s: float = 0.0  # the time that they stand for
+    borne_s: float = 0.0  # for how long the field has looked so, less the time it has not
+    other: FieldRival = FieldRival()  # another one that it may have
+    is_new: bool = False  # whether this step has taken the other for it
+    uneven: float = 0.0  # mean square of how far norm and dip are off, as shares and angles
+
+
+class MagneticState(NamedTuple):
+    """What is known about the field in the level frame 6D."""
+
+    look: FieldLook = FieldLook()  # lately
+    reference: FieldReference = FieldReference()  # usually
+    wait_s: float = 0.0  # since the last sample of the field
+    known: bool = False  # whether there has been one
+
+
+with_confidence = replacer(FieldLook, "confidence")
+with_seen = replacer(FieldRival, "seen_s")
+with_rival = replacer(FieldReference, "horizontal", "down", "borne_s", "other", "is_new")
+with_wait = replacer(MagneticState, "wait_s")
+
+
 @inlined
-def horizontal_down(field: Vec3) -> Two:
+def horizontal_down(field: Vec3) -> Vec2:
     """Horizontal part and downward part of a field in a level frame."""
     return (sqrt(field[0] * field[0] + field[1] * field[1]), field[2])
 
 
 @inlined
+def norm_of(field: Vec2) -> float:
+    """Norm of a field by its horizontal and downward part."""
+    return sqrt(field[0] * field[0] + field[1] * field[1])
+
+
+@inlined
+def deviation(seen: Vec2, expected: Vec2) -> Vec2:
+    """How far a field is off the expected one: the norm as a share, the dip as its sine.
+
+    Both are (horizontal, down). The sine stands for the angle: both dips come from two parts.
+    """
+    n_r = norm_of(expected)
+    n = max(norm_of(seen), LEAST_SHARE * n_r)
+    inverse = 1.0 / (n * n_r)
+    return (n - n_r) * n * inverse, (seen[1] * expected[0] - seen[0] * expected[1]) * inverse
+
+
+@inlined
 def look_at_field(
-    before: FieldLook, seen: Two, share: float, expected: Two, norm_scale: float, dip_scale: float
+    before: FieldLook, seen: Vec2, share: float, expected: Vec2, norm_scale: float, dip_scale: float
 ) -> FieldLook:
     """The look moved by ``share`` of its way to a sample, and its confidence.
 
     ``seen`` and ``expected`` are (horizontal, down). Norm n and dip d say without any heading
     whether the field is the expected one: D^2 = ((n - n_r)/(s_n n_r))^2 + (sin(d - d_r)/s_d)^2,
-    c = 1/(1 + D^2)^2, the weight of a robust estimator whose loss saturates (Geman and McClure
-    1987). The sine stands for the angle: both dips come from a horizontal and a downward part.
+    of which the confidence is the robust weight.
     """
     h = before.horizontal + share * (seen[0] - before.horizontal)
     v = before.down + share * (seen[1] - before.down)
-    h_r, v_r = expected
-    n_r = sqrt(h_r * h_r + v_r * v_r)
-    if n_r == 0.0:  # readings of nothing have taught the reference: nothing resembles it
-        return FieldLook(horizontal=h, down=v, confidence=0.0)
-    n = max(sqrt(h * h + v * v), LEAST_SHARE * n_r)
-    inverse = 1.0 / (n * n_r)
-    off_norm = (n - n_r) * n * inverse * (1.0 / norm_scale)
-    off_dip = (v * h_r - h * v_r) * inverse * (1.0 / dip_scale)
-    confidence = 1.0 / (1.0 + off_norm * off_norm + off_dip * off_dip) ** 2
-    return FieldLook(horizontal=h, down=v, confidence=confidence)
+    if norm_of(expected) == 0.0:  # readings of nothing have taught it: nothing resembles it
+        return FieldLook(h, v, 0.0)
+    off_norm, off_dip = deviation((h, v), expected)
+    square = (off_norm * (1.0 / norm_scale)) ** 2 + (off_dip * (1.0 / dip_scale)) ** 2
+    return FieldLook(h, v, robust_weight(square))
 
 
 @inlined
@@ -74,10 +129,9 @@ def observe_field(
     samples = before.samples + (2.0 * weight if catches_up else weight)
     h, v = horizontal_down(field_6d)
     if not state.known:
-        look = FieldLook(horizontal=h, down=v, confidence=1.0)
-        nothing = FieldRival(horizontal=h, down=v, seen_s=0.0)
-        reference = FieldReference(h, v, samples, age, dt_s, nothing, is_new=False, uneven=0.0)
-        return MagneticState(look, reference, 0.0, True)
+        rival = FieldRival(h, v, 0.0)
+        reference = FieldReference(h, v, samples, age, dt_s, rival, is_new=False, uneven=0.0)
+        return MagneticState(FieldLook(h, v, 1.0), reference, 0.0, True)
     a = dt_s / (params.field_tau_s + dt_s)
     expected = (before.horizontal, before.down)
     norm_scale, dip_scale = params.field_norm_scale, params.field_dip_scale_rad
@@ -99,21 +153,18 @@ def observe_field(
     if other.seen_s > borne_s:
         reference = believe_rival(reference)
     if not params.use_confidence:
-        look = FieldLook(horizontal=look.horizontal, down=look.down, confidence=1.0)
+        look = with_confidence(look, 1.0)
     return MagneticState(look, reference, 0.0, True)
 
 
 @inlined
 def unevenness(reference: FieldReference, look: FieldLook, dt_s: float) -> float:
     """Mean square of how far norm and dip are off the expected ones, a magnet's clipped."""
-    h, v, h_r, v_r = look.horizontal, look.down, reference.horizontal, reference.down
-    n_r = sqrt(h_r * h_r + v_r * v_r)
-    if n_r == 0.0:
+    expected = (reference.horizontal, reference.down)
+    if norm_of(expected) == 0.0:
         return reference.uneven
-    n = max(sqrt(h * h + v * v), LEAST_SHARE * n_r)
-    inverse = 1.0 / (n * n_r)
-    off_norm = min(abs(n - n_r) * n * inverse, MOST_UNEVEN)
-    off_dip = min(abs(v * h_r - h * v_r) * inverse, MOST_UNEVEN)
+    off_norm, off_dip = deviation((look.horizontal, look.down), expected)
+    off_norm, off_dip = min(abs(off_norm), MOST_UNEVEN), min(abs(off_dip), MOST_UNEVEN)
     share = dt_s / (min(UNEVEN_TAU_S, reference.age_s) + dt_s)
     return reference.uneven + share * (off_norm**2 + off_dip**2 - reference.uneven)
 
@@ -135,9 +186,10 @@ def watch_rival(
     gain = dt_s * (alike - look.confidence)
     borne_s = max(0.0, min(reference.borne_s + dt_s * look.confidence - max(gain, 0.0), most))
     seen_s = min(other.seen_s + gain, most)
-    if seen_s <= 0.0 or alike + look.confidence < LEAST_ALIKE:
-        if alike + look.confidence < LEAST_ALIKE and seen_s > dt_s:
-            return FieldRival(other.horizontal, other.down, seen_s - dt_s), borne_s
+    is_third = alike + look.confidence < LEAST_ALIKE
+    if is_third and seen_s > dt_s:
+        return with_seen(other, seen_s - dt_s), borne_s
+    if is_third or seen_s <= 0.0:
         return FieldRival(look.horizontal, look.down, 0.0), borne_s
     share = alike * min(1.0, dt_s / (seen_s + dt_s))
     return FieldRival(
@@ -151,28 +203,14 @@ def watch_rival(
 def believe_rival(reference: FieldReference) -> FieldReference:
     """The two change places."""
     other = reference.other
-    return FieldReference(
-        horizontal=other.horizontal,
-        down=other.down,
-        samples=reference.samples,
-        age_s=reference.age_s,
-        borne_s=other.seen_s,
-        other=FieldRival(reference.horizontal, reference.down, reference.borne_s),
-        is_new=True,
-        uneven=reference.uneven,
-    )
-
-
-@inlined
-def wait_for_field(state: MagneticState, dt_s: float) -> MagneticState:
-    """A step with no field sample: only time passes."""
-    return MagneticState(state.look, state.reference, state.wait_s + dt_s, state.known)
+    given_up = FieldRival(reference.horizontal, reference.down, reference.borne_s)
+    return with_rival(reference, other.horizontal, other.down, other.seen_s, given_up, True)
 
 
 @inlined
 def reference_norm(state: MagneticState) -> float:
     """Norm of the learnt field."""
-    return sqrt(state.reference.horizontal**2 + state.reference.down**2)
+    return norm_of((state.reference.horizontal, state.reference.down))
 
 
 @inlined
@@ -180,3 +218,14 @@ def has_heading(state: MagneticState) -> bool:
     """Whether the learnt field has a horizontal part that can tell a heading."""
     reference = state.reference
     return state.known and reference.horizontal > LEAST_HORIZONTAL * abs(reference.down)
+
+
+@inlined
+def steepness(reference: FieldReference) -> float:
+    """Squared tangent of the learnt field's dip, 0 without a field.
+
+    A tilt of the vertical bends the heading by that tangent. It is bounded by the steepest field
+    that still tells a heading.
+    """
+    h = max(reference.horizontal, LEAST_HORIZONTAL * abs(reference.down))
+    return (reference.down / h) ** 2 if h > 0.0 else 0.0

@@ -5,12 +5,16 @@ that axis. The low-passed gravity follows 2.5 s behind, so the vertical leans by
 steep field makes a heading error of some degrees of that. Turning to and fro averages out.
 """
 
+from typing import NamedTuple
+
 from estimator.compilation.compiled import inlined
-from estimator.conditioning.bias import clip
-from estimator.conditioning.lowpass import smooth
-from estimator.conditioning.types import Coefficients, ConditioningParams, GravityState, Spin, Two
+from estimator.conditioning.params import ConditioningParams
+from estimator.conditioning.vertical.bias import clip
+from estimator.conditioning.vertical.coefficients import Coefficients
+from estimator.conditioning.vertical.gravity import GravityState
+from estimator.conditioning.vertical.lowpass import Smooth, smooth
 from estimator.geometry.quaternion import rotate, rotate_inverse, scale
-from estimator.types import ZERO_VEC3, Vec3
+from estimator.types import ZERO_VEC3, Vec2, Vec3
 
 # The scale error of a small gyroscope, and the largest that is believed.
 SCALE_SIGMA = 0.005
@@ -21,6 +25,15 @@ WALK_S = 100.0
 LEVELLING_NOISE = 3e-3
 
 
+class Spin(NamedTuple):
+    """A steady turn, and the gyroscope's error of scale that shows in it."""
+
+    turn: Smooth = Smooth()  # low-passed rate, in G, rad/s
+    scale_error: float = 0.0  # of the reading, as a share
+    variance: float = SCALE_SIGMA**2  # of that share
+    drift_rad_s: Vec3 = ZERO_VEC3  # what the error makes of the steady turn about level axes, FRD
+
+
 @inlined
 def follow_spin(
     params: ConditioningParams,
@@ -28,7 +41,7 @@ def follow_spin(
     state: Spin,
     gravity: GravityState,
     rate: Vec3,
-    step: Two,
+    step: Vec2,
     learns: bool,
 ) -> Spin:
     """The steady turn after a learning step, the scale error that levelling shows, and its drift.

@@ -1,10 +1,26 @@
 """Second-order Butterworth low-pass, exact for the time step at hand."""
 
 from math import cos, exp, sin
+from typing import NamedTuple
 
 from estimator.compilation.compiled import inlined
-from estimator.conditioning.types import LowPass, Smooth
-from estimator.types import Vec3
+from estimator.types import ZERO_VEC3, Vec3
+
+
+class LowPass(NamedTuple):
+    """Coefficients for one time step."""
+
+    own: float = 0.0  # of the value in the new value
+    cross: float = 0.0  # of the slope in the new value, 1/s
+    pull: float = 0.0  # of the value in the new slope, s
+    rate: float = 0.0  # of the slope in the new slope
+
+
+class Smooth(NamedTuple):
+    """A low-passed vector and its scaled derivative, in the input's unit and frame."""
+
+    value: Vec3 = ZERO_VEC3
+    slope: Vec3 = ZERO_VEC3  # tau^2 times d/dt, unit times s
 
 
 @inlined
@@ -15,8 +31,8 @@ def low_pass(tau_s: float, dt_s: float) -> LowPass:
     sqrt(2)/(2 pi tau), VQF's choice (Laidig and Seel 2023,
     doi 10.1016/j.inffus.2022.10.014). With x = y - u, w = tau y', a = dt/tau:
     x' = e^-a ((cos a + sin a) x + sin a w), w' = e^-a (-2 sin a x + (cos a - sin a) w).
-    The state holds tau w instead of w: of an input that goes to and fro, tau^2 y' stays the
-    same when tau changes, and y' or w would leave a swing behind.
+    The state holds tau w instead of w: of an input that goes to and fro, tau^2 y' stays as it
+    is when tau changes, and y' or w would leave a swing behind.
     The step is the solution itself, so no time step is unstable.
     """
     a = dt_s / tau_s
@@ -43,14 +59,10 @@ def smooth(k: LowPass, state: Smooth, u: Vec3) -> Smooth:
 
 
 @inlined
-def running_mean(state: Smooth, u: Vec3, weight: float) -> Smooth:
-    """The value moved by ``weight`` of the way to ``u``, at no slope."""
-    y = state.value
-    return Smooth(
-        (
-            y[0] + weight * (u[0] - y[0]),
-            y[1] + weight * (u[1] - y[1]),
-            y[2] + weight * (u[2] - y[2]),
-        ),
-        (0.0, 0.0, 0.0),
+def approach(mean: Vec3, v: Vec3, share: float) -> Vec3:
+    """The mean moved by the share of its way to ``v``."""
+    return (
+        mean[0] + share * (v[0] - mean[0]),
+        mean[1] + share * (v[1] - mean[1]),
+        mean[2] + share * (v[2] - mean[2]),
     )

@@ -6,9 +6,14 @@ later the longer it averages. With errors that go as A/tau and W tau the best ti
 of A/W. A vehicle that is carried about asks for 4 s, one that turns slowly for 2.
 """
 
+from typing import NamedTuple
+
 from estimator.compilation.compiled import inlined
-from estimator.conditioning.types import Averaging, ConditioningParams, Estimate, Force, Spin
-from estimator.geometry.quaternion import dot, scale, subtract
+from estimator.conditioning.params import ConditioningParams
+from estimator.conditioning.vertical.bias import Estimate
+from estimator.conditioning.vertical.gravity import LEAST_FORCE_M_S2, Force
+from estimator.conditioning.vertical.spin import SCALE_SIGMA, Spin
+from estimator.geometry.quaternion import dot, scale, square, subtract
 
 # A/W (s) that asks for ``gravity_tau_s``: how far the force of a second is tilted, over the rate
 # of a turn that goes on, to which comes what stands for all other errors of a gyroscope (rad/s).
@@ -21,28 +26,25 @@ MOST_FACTOR = 1.35
 # The fourth power of the factor may be off by this share before it is changed: changing it costs
 # the low-passes' coefficients.
 TOLERANCE = 0.2
-# A bias's uncertainty, and what the gyroscope misses, count as a scale error's drift in a turn:
-# this share of it.
-SCALE_ERROR = 0.005
-# Less force than this (m/s^2)^2 is free fall.
-LEAST_SQUARE = 0.25
-
 # Before anything is known: shaking of 2 deg, and the turning at which that asks for the usual time.
 USUAL_SHAKING = 0.03**2
-USUAL_AVERAGING = Averaging(
-    shaking=USUAL_SHAKING,
-    turning=USUAL_SHAKING / USUAL_RATIO_S**2 - LEAST_RATE_RAD_S**2,
-    factor=1.0,
-)
+USUAL_TURNING = USUAL_SHAKING / USUAL_RATIO_S**2 - LEAST_RATE_RAD_S**2
+
+
+class Averaging(NamedTuple):
+    """How much longer than ``gravity_tau_s`` gravity is averaged, and what that follows from."""
+
+    shaking: float = USUAL_SHAKING  # mean square tilt of the force of a second, rad^2
+    turning: float = USUAL_TURNING  # mean square of the rate that lets G drift, (rad/s)^2
+    factor: float = 1.0  # of ``gravity_tau_s``
 
 
 @inlined
 def tilting(force: Force) -> float:
     """Squared angle (rad^2) between the force of a second and the low-passed one, if small."""
     f, q = force.down.value, force.quick
-    square = dot(f, f)
-    across = subtract(q, scale(dot(f, q) / square, f))
-    return dot(across, across) / square
+    across = subtract(q, scale(dot(f, q) / square(f), f))
+    return square(across) / square(f)
 
 
 @inlined
@@ -58,20 +60,21 @@ def follow_averaging(
 ) -> Averaging:
     """The averaging time after a learning step.
 
-    ``missed`` (rad^2) is the variance of a turn beyond the gyroscope's end. Not to be learnt
-    from: a vehicle at rest, and a stream so slow that a second is one reading.
+    ``missed`` (rad^2) is the variance of a turn beyond the gyroscope's end. What a vehicle at rest
+    shows, and a stream so slow that a second is one reading, shall not be learnt.
     """
     if not learns or not params.use_averaging:
         return state
-    if dot(force.down.value, force.down.value) < LEAST_SQUARE:
+    if square(force.down.value) < LEAST_FORCE_M_S2**2:
         return state
     share = min(1.0, dt_s / MEMORY_S)
     shaking = state.shaking + share * (tilting(force) - state.shaking)
     turn = spin.turn.value
-    drift = dot(turn, turn) + missed / (SCALE_ERROR * dt_s) ** 2
+    # a missed turn, and an uncertain bias, count as what a scale error makes of a turn
+    drift = square(turn) + missed / (SCALE_SIGMA * dt_s) ** 2
     turning = state.turning + share * (drift - state.turning)
     p = estimate.covariance
-    unknown = (p[0] + p[4] + p[7]) / (3.0 * SCALE_ERROR**2)
+    unknown = (p[0] + p[4] + p[7]) / (3.0 * SCALE_SIGMA**2)
     drifting = turning + unknown + LEAST_RATE_RAD_S**2
     ratio = shaking / (drifting * USUAL_RATIO_S**2)
     if abs(ratio - state.factor**4) < TOLERANCE * ratio:

@@ -9,16 +9,15 @@ nearly all of it after a second in which nobody looked. Its root is the
 published uncertainty of slow streams.
 """
 
+from typing import NamedTuple
+
 from estimator.compilation.compiled import inlined
-from estimator.conditioning.rate import slow_share
-from estimator.conditioning.types import (
-    Coefficients,
-    ConditioningParams,
-    StepNoise,
-    TiltState,
-)
+from estimator.compilation.replacing import replacer
+from estimator.conditioning.params import ConditioningParams
+from estimator.conditioning.vertical.coefficients import Coefficients
+from estimator.conditioning.vertical.rate import slow_share
 from estimator.geometry.quaternion import angle_between_vectors, dot, norm, square, subtract
-from estimator.types import Between, Vec3
+from estimator.types import ZERO_VEC3, Between, Vec2, Vec3
 
 # White noise of a gyroscope and its truncation to mrad/s, rad/s/sqrt(Hz).
 GYR_NOISE = 0.002
@@ -42,6 +41,32 @@ CALM_FORCE = 0.04
 CALM_TAU_S = 0.5
 # An innovation counts up to this angle, rad: further ones are no scatter but a lost vertical.
 MOST_INNOVATION_RAD = 1.0
+# The least error of a second's mean force, rad^2, of an accelerometer at rest.
+LEAST_WANDER = 0.009**2
+
+
+class StepNoise(NamedTuple):
+    """Variances (rad^2) of the turn that a step missed, and the changes of rate that tell them."""
+
+    tilt: float  # about both horizontal axes together
+    twist: float  # about down
+    tilting: float  # squared change of rate about horizontal axes, (rad/s)^2
+    twisting: float  # squared change of rate about down, (rad/s)^2
+
+
+class TiltState(NamedTuple):
+    """How well the vertical is known in G."""
+
+    variance: float = 0.0  # of its direction, rad^2
+    scatter: float = 0.0  # mean square angle of the specific force about it, rad^2
+    tilting: float = 0.0  # mean square change of rate about horizontal axes, (rad/s)^2
+    twisting: float = 0.0  # mean square change of rate about down, (rad/s)^2
+    gyr: Vec3 = ZERO_VEC3  # mean rate of the last step, rad/s, FRD
+    force_g: Vec3 = ZERO_VEC3  # minus the mean specific force of the last step, m/s^2, in G
+    force: float = 0.0  # usual size of the specific force, m/s^2
+
+
+with_variance = replacer(TiltState, "variance")
 
 
 @inlined
@@ -192,26 +217,27 @@ def least_share(params: ConditioningParams, k: Coefficients, age_s: float) -> fl
 def initial_tilt(gyr: Vec3, u: Vec3) -> TiltState:
     """Before the first step: nothing is known but that reading."""
     scatter = (2.0 * LEAST_SCATTER_RAD) ** 2
-    return TiltState(
-        variance=MOST_VARIANCE,
-        scatter=scatter,
-        tilting=0.0,
-        twisting=0.0,
-        gyr=gyr,
-        force_g=u,
-        force=norm(u),
-    )
+    return TiltState(MOST_VARIANCE, scatter, 0.0, 0.0, gyr, u, norm(u))
 
 
 @inlined
 def lose_tilt(state: TiltState) -> TiltState:
     """After an unsensed turn: the vertical is not known."""
-    return TiltState(
-        variance=MOST_VARIANCE,
-        scatter=state.scatter,
-        tilting=state.tilting,
-        twisting=state.twisting,
-        gyr=state.gyr,
-        force_g=state.force_g,
-        force=state.force,
-    )
+    return with_variance(state, MOST_VARIANCE)
+
+
+@inlined
+def force_after_turn(params: ConditioningParams, doubt: float, wander: float, dt_s: float) -> Vec2:
+    """The doubt that a reading of the force leaves, and a Kalman filter's share of that reading.
+
+    ``doubt`` (rad^2) is the variance that an unsensed turn has given the vertical. ``wander`` is
+    how far the mean of ``turn_moving_tau_s`` usually is off, so a reading's
+    noise, were it white, is R = wander 2 tau/dt: it holds for a hand's quick accelerations and
+    a vehicle's slow ones alike. K = D/(D + R), D <- (1 - K) D. Once the low-pass is as quick,
+    both are zero.
+    """
+    noise = (wander + LEAST_WANDER) * 2.0 * params.turn_moving_tau_s / dt_s
+    share = doubt / (doubt + noise)
+    if share <= dt_s / params.gravity_tau_s:
+        return 0.0, 0.0
+    return (1.0 - share) * doubt, share

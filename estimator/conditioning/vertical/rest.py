@@ -1,10 +1,22 @@
 """Rest detection: the gyroscope and the accelerometer stay near their own low-pass."""
 
+from typing import NamedTuple
+
 from estimator.compilation.compiled import inlined
-from estimator.conditioning.lowpass import smooth
-from estimator.conditioning.types import ConditioningParams, LowPass, RestState, Smooth
+from estimator.conditioning.params import ConditioningParams
+from estimator.conditioning.vertical.lowpass import LowPass, Smooth, smooth
 from estimator.geometry.quaternion import square, subtract
 from estimator.types import Vec3
+
+
+class RestState(NamedTuple):
+    """Quiet is the instant's verdict, resting that of the last ``rest_time_s``."""
+
+    gyr: Smooth = Smooth()  # rad/s, FRD
+    acc: Smooth = Smooth()  # m/s^2, FRD
+    quiet: bool = False  # whether both are near their low-pass now
+    quiet_s: float = 0.0  # for how long they have been
+    resting: bool = False  # whether that is long enough
 
 
 @inlined
@@ -22,7 +34,6 @@ def observe_rest(
     steady_gyr = square(subtract(gyr, state.gyr.value)) < params.rest_gyr_rad_s**2
     steady_acc = square(subtract(acc, state.acc.value)) < params.rest_acc_m_s2**2
     gyr_smooth = smooth(k, state.gyr, gyr)
-    acc_smooth = smooth(k, state.acc, acc)
     g = gyr_smooth.value
     limit = params.bias_limit_rad_s
     slow = abs(g[0]) < limit and abs(g[1]) < limit and abs(g[2]) < limit
@@ -30,7 +41,7 @@ def observe_rest(
     quiet_s = min(state.quiet_s + dt_s, 1e6) if quiet else 0.0
     return RestState(
         gyr=gyr_smooth,
-        acc=acc_smooth,
+        acc=smooth(k, state.acc, acc),
         quiet=quiet,
         quiet_s=quiet_s,
         resting=quiet_s >= params.rest_time_s,
@@ -41,6 +52,4 @@ def observe_rest(
 def initial_rest(gyr: Vec3, acc: Vec3) -> RestState:
     """The low-passes begin where the sensors are."""
     zero = (0.0, 0.0, 0.0)
-    return RestState(
-        gyr=Smooth(gyr, zero), acc=Smooth(acc, zero), quiet=False, quiet_s=0.0, resting=False
-    )
+    return RestState(Smooth(gyr, zero), Smooth(acc, zero), False, 0.0, False)

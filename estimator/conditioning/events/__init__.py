@@ -1,0 +1,1 @@
+"""Turns of the vehicle that the gyroscope has not shown."""

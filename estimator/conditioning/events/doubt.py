@@ -1,0 +1,98 @@
+"""What a jump of the field leaves in doubt: the vertical until the force tells, then the heading.
+
+The doubt in the vertical is one variance, which the vertical wing keeps and takes down.
+"""
+
+from math import asin, atan2, sin, sqrt
+from typing import NamedTuple
+
+from estimator.compilation.compiled import inlined
+from estimator.conditioning.events.duration import LONGEST_SIGN_S
+from estimator.conditioning.events.jump_signs import JumpSigns
+from estimator.conditioning.events.proof import TurnSigns
+from estimator.conditioning.field.magnetic import MagneticState, steepness
+from estimator.conditioning.params import ConditioningParams
+from estimator.conditioning.vertical.bias import HALF_TURN_VARIANCE, Estimate, doubt_heading
+from estimator.types import Vec2
+
+# The share of a turn that its jump shows, and what noise adds to either (rad).
+SUDDEN_SHARE = 0.85
+SUDDEN_RAD = 0.05
+
+
+class FieldBefore(NamedTuple):
+    """The field before a turn that no sensor has felt."""
+
+    norm: float = 0.0  # in its own unit
+    confidence: float = 0.0  # averaged
+
+
+class HeadingDoubt(NamedTuple):
+    """What the heading shall be doubted by once the field looks as usual again."""
+
+    variance: float = 0.0  # rad^2
+    usual_s: float = 0.0  # for how long it has looked so, less the time it has not
+    before: FieldBefore = FieldBefore()  # the turn
+
+
+@inlined
+def raise_doubt(
+    doubt: HeadingDoubt, signs: TurnSigns, variance: float, steepness: float
+) -> HeadingDoubt:
+    """After a turn by an angle of that variance, of which a steep field makes more."""
+    before = FieldBefore(signs.jump.slow_norm, signs.heading.mean_confidence)
+    return HeadingDoubt(
+        variance=min(doubt.variance + variance * (1.0 + steepness), HALF_TURN_VARIANCE),
+        usual_s=0.0,
+        before=before if doubt.variance == 0.0 else doubt.before,
+    )
+
+
+@inlined
+def is_sudden(variance: float, steepness: float, horizontal: Vec2) -> bool:
+    """Whether most of the angle by which the field is off by now came in the jump at once.
+
+    A magnet that passes takes its time. A heading off by h turns a field of dip d by
+    2 asin(cos d sin h/2).
+    """
+    off = abs(atan2(horizontal[1], horizontal[0]))
+    turned = 2.0 * asin(sin(0.5 * off) / sqrt(1.0 + steepness))
+    return SUDDEN_SHARE * turned - SUDDEN_RAD < sqrt(variance / (1.0 + steepness))
+
+
+@inlined
+def release_doubt(
+    params: ConditioningParams,
+    doubt: HeadingDoubt,
+    tilt: float,
+    estimate: Estimate,
+    field: MagneticState,
+    jump: JumpSigns,
+    horizontal: Vec2,
+    dt_s: float,
+) -> tuple[HeadingDoubt, float, Estimate, bool]:
+    """Hand the heading its doubt once the field has looked as usual for a while.
+
+    A magnet that has turned the field shows in norm or dip, now or soon, and must not draw the
+    heading: the field has to stand still again, and nothing is left of either doubt if its norm
+    is another. And a heading by the field is never better than the vertical it was taken with,
+    whose doubt is ``tilt`` (rad^2).
+
+    Returns both doubts, the estimate and whether the heading was given up.
+    """
+    usual = field.look.confidence > params.turn_confidence * doubt.before.confidence
+    still = jump.apart_rad < params.turn_jump_rad
+    step_s = min(dt_s, LONGEST_SIGN_S)
+    usual_s = max(0.0, doubt.usual_s + (step_s if usual and still else -step_s))
+    most = params.turn_jump_norm + sqrt(field.reference.uneven)
+    left, before = doubt.variance, doubt.before
+    if left > 0.0 and abs(jump.quick_norm - before.norm) > most * before.norm:
+        return HeadingDoubt(0.0, usual_s, before), 0.0, estimate, False
+    if usual_s <= params.turn_jump_time_s:
+        return HeadingDoubt(left, usual_s, before), tilt, estimate, False
+    steep = steepness(field.reference)
+    if not is_sudden(left, steep, horizontal):
+        left = 0.0
+    now = estimate.covariance[9]
+    raised = max(now + left, 0.5 * tilt * steep) - now
+    return HeadingDoubt(0.0, usual_s, before), tilt, doubt_heading(estimate, raised), left > 0.0

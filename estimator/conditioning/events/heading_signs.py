@@ -1,0 +1,137 @@
+"""A field that looks as usual and points elsewhere: a turn about the vertical, or steel."""
+
+from math import atan2, cos, pi
+from typing import NamedTuple
+
+from estimator.compilation.compiled import inlined
+from estimator.compilation.replacing import replacer
+from estimator.conditioning.events.duration import duration_s
+from estimator.conditioning.field.magnetic import MagneticState
+from estimator.conditioning.params import ConditioningParams
+from estimator.conditioning.vertical.bias import Estimate
+from estimator.geometry.quaternion import direction
+from estimator.types import Vec2
+
+# A heading this uncertain (rad, sigma) follows the field anyway: no sign is needed.
+UNKNOWN_HEADING_SIGMA = pi / 2.0
+# Before anything is known: a field that points 0.7 degrees off, rad^2.
+USUAL_SCATTER = 1.5e-4
+# Averaging (s) of how far the field points elsewhere, for headings known this well (rad, sigma).
+SCATTER_TAU_S = 20.0
+KNOWN_HEADING_SIGMA = 0.2
+# A mean field that has pointed elsewhere does so still until it is within this share of the angle
+# that told it: meanwhile the heading creeps towards it.
+STILL_OFF = 0.5
+# A heading that was given up is remembered for so long (s); the field points to it again within
+# ten degrees.
+OTHER_HEADING_S = 60.0
+SAME_HEADING_COS = 0.985
+# Of headings that are given up within so long (s) the first is remembered: a field that keeps
+# turning takes the heading along in steps.
+SAME_TURN_S = 10.0
+
+
+class HeadingSigns(NamedTuple):
+    """What the field says about an unsensed turn about the vertical."""
+
+    mean_north: float = 0.0  # of the field weighted by its confidence, in the field's own unit
+    mean_east: float = 0.0  # of that field, too
+    mean_confidence: float = 0.0  # of the field, averaged over the same time
+    off_s: float = 0.0  # for how long the mean field has pointed elsewhere
+    large_s: float = 0.0  # for how long the field itself has pointed far away
+    scatter: float = USUAL_SCATTER  # mean square of how far the mean field points elsewhere, rad^2
+    borne_s: float = 0.0  # for how long, less the time against it, the field has agreed
+    other_rad: float = 0.0  # the heading that was given up last
+    other_s: float = 0.0  # for how much longer that is remembered
+
+
+with_means = replacer(
+    HeadingSigns, "mean_north", "mean_east", "mean_confidence", "off_s", "large_s"
+)
+with_other = replacer(HeadingSigns, "borne_s", "other_rad", "other_s")
+
+
+@inlined
+def points_beyond(params: ConditioningParams, horizontal: Vec2) -> bool:
+    """Whether a field points further from north than ``turn_large_rad``."""
+    north, east = horizontal
+    if north > abs(east) and params.turn_large_rad >= 0.25 * pi:  # as nearly always
+        return False
+    return abs(atan2(east, north)) > params.turn_large_rad
+
+
+@inlined
+def watch_heading(
+    params: ConditioningParams,
+    state: HeadingSigns,
+    estimate: Estimate,
+    field: MagneticState,
+    horizontal: Vec2,
+    dt_s: float,
+) -> HeadingSigns:
+    """Look for a field that has its usual norm and dip, and keeps pointing elsewhere.
+
+    A magnet that turns the field nearly always changes its norm or dip too, so
+    its confidence falls; after a turn of the vehicle about the vertical both
+    are as learnt. The means over time are of the field weighted by its
+    confidence; a large residual at high confidence needs less time.
+    """
+    north, east = horizontal
+    c = field.look.confidence
+    a = dt_s / (params.turn_heading_tau_s + dt_s)
+    n = state.mean_north + a * (c * north - state.mean_north)
+    e = state.mean_east + a * (c * east - state.mean_east)
+    w = state.mean_confidence + a * (c - state.mean_confidence)
+    known = estimate.covariance[9] < UNKNOWN_HEADING_SIGMA**2
+    away = direction(n, e)
+    least = params.turn_heading_rad * (STILL_OFF if state.off_s > 0.0 else 1.0)
+    off = known and abs(away) > least and w > params.turn_confidence
+    borne_s = borne_out(params, state, estimate.heading_rad - away, off, c, dt_s)
+    if field.reference.is_new:  # the heading was that of a field that is not believed any more
+        borne_s = 0.0
+    b = dt_s / (SCATTER_TAU_S + dt_s) if estimate.covariance[9] < KNOWN_HEADING_SIGMA**2 else 0.0
+    far = known and c > params.turn_large_confidence and points_beyond(params, horizontal)
+    return HeadingSigns(
+        mean_north=n,
+        mean_east=e,
+        mean_confidence=w,
+        off_s=duration_s(off, state.off_s, dt_s),
+        large_s=duration_s(far, state.large_s, dt_s),
+        scatter=state.scatter + b * (away * away - state.scatter),
+        borne_s=borne_s,
+        other_rad=state.other_rad,
+        other_s=max(0.0, state.other_s - dt_s),
+    )
+
+
+@inlined
+def borne_out(
+    params: ConditioningParams,
+    state: HeadingSigns,
+    by_field_rad: float,
+    off: bool,
+    confidence: float,
+    dt_s: float,
+) -> float:
+    """For how long (s) the field has borne the heading out, less the time for which it has not.
+
+    A heading that was given up lately and that the field points to again needs no more proof.
+    """
+    if not off:
+        return min(state.borne_s + confidence * dt_s, params.heading_borne_s)
+    again = state.other_s > 0.0 and cos(by_field_rad - state.other_rad) > SAME_HEADING_COS
+    return 0.0 if again else max(0.0, state.borne_s - dt_s)
+
+
+@inlined
+def begin_anew(state: HeadingSigns) -> HeadingSigns:
+    """After a turn was found: the means and times start at nothing."""
+    return with_means(state, 0.0, 0.0, 0.0, 0.0, 0.0)
+
+
+@inlined
+def give_up(state: HeadingSigns, heading_rad: float) -> HeadingSigns:
+    """After a heading was given up, which is remembered."""
+    is_same = state.other_s > OTHER_HEADING_S - SAME_TURN_S
+    other_rad = state.other_rad if is_same else heading_rad
+    return with_other(begin_anew(state), 0.0, other_rad, OTHER_HEADING_S)

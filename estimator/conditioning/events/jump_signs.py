@@ -1,0 +1,145 @@
+"""The field in G, where it stands still: what turns it there at once is an unsensed turn."""
+
+from typing import NamedTuple
+
+from estimator.compilation.compiled import inlined
+from estimator.compilation.replacing import replacer
+from estimator.conditioning.field.calibration import Calibration
+from estimator.conditioning.params import ConditioningParams
+from estimator.conditioning.vertical.lowpass import approach
+from estimator.geometry.quaternion import angle_between_vectors, norm, square, subtract
+from estimator.types import ZERO_VEC3, Vec2, Vec3
+
+# The two low-passes of the field in G (s), and the largest part of a jump that lies between them.
+JUMP_QUICK_S = 0.1
+JUMP_SLOW_S = 0.5
+JUMP_SHARE = 0.535
+# A reading whose norm is off by more than this share shows no turn: a spike, or a magnet. Both
+# low-passes take it slowly, so that they part no further, and follow a field that stays another.
+SPIKE_SHARE = 0.2
+# Averaging (s) of how far they differ usually, in which a moment counts as no more than so many
+# times that, and noise (rad): a jump is not usual because it has come.
+JUMP_USUAL_S = 10.0
+MOST_USUAL = 3.0
+LEAST_USUAL_RAD = 0.005
+# A field that turns by so many times what it usually does teaches no calibration.
+SUSPECT_USUAL = 2.5
+
+
+class JumpSigns(NamedTuple):
+    """Whether the field turns in G, where it stands still."""
+
+    quick: Vec3 = ZERO_VEC3  # the field in G, low-passed a little, in its own unit
+    slow: Vec3 = ZERO_VEC3  # the field in G, low-passed more
+    quick_norm: float = 0.0  # its norm, low-passed as ``quick``: a mean of directions is shorter
+    slow_norm: float = 0.0  # its norm, low-passed as ``slow``
+    apart_rad: float = 0.0  # angle between the two
+    usual: float = 0.0  # its mean square, rad^2
+    usual_turning: float = 0.0  # mean square rate of the vehicle meanwhile, (rad/s)^2
+    turning: float = 0.0  # mean square rate of the vehicle lately, (rad/s)^2
+    unseen: float = 0.0  # variance of turns missed between samples lately, rad^2
+    seen_rad: float = 0.0  # largest angle of the jump at hand that has raised doubts already
+    ahead_rad: float = 0.0  # by how much the last reading is off ``quick``, as a share of its norm
+    age_s: float = 0.0  # since the first field
+
+
+with_first = replacer(
+    JumpSigns,
+    *("quick", "slow", "quick_norm", "slow_norm", "usual_turning", "turning", "unseen", "age_s"),
+)
+with_seen = replacer(JumpSigns, "seen_rad")
+
+
+@inlined
+def watch_field(
+    state: JumpSigns,
+    field_g: Vec3,
+    turning: float,
+    unseen: float,
+    dt_s: float,
+) -> JumpSigns:
+    """Follow the field in G twice, quickly and slowly, and how far the two usually differ.
+
+    In G the field of a place stands still, whatever the vehicle does and however it
+    accelerates; beside steel it changes by a few degrees a second. A turn that the
+    gyroscope has not shown turns it at once.
+    """
+    n = norm(field_g)
+    if state.age_s == 0.0:
+        return with_first(state, field_g, field_g, n, n, turning, turning, unseen, dt_s)
+    a, b = dt_s / (JUMP_QUICK_S + dt_s), dt_s / (JUMP_SLOW_S + dt_s)
+    if abs(n - state.slow_norm) > SPIKE_SHARE * state.slow_norm:
+        a = b
+    quick = approach(state.quick, field_g, a)
+    slow = approach(state.slow, field_g, b)
+    turned = turn_of(quick, slow)
+    c = dt_s / (min(JUMP_USUAL_S, state.age_s) + dt_s)
+    apart = turned**2
+    if state.age_s > JUMP_USUAL_S:
+        apart = min(apart, MOST_USUAL**2 * (state.usual + LEAST_USUAL_RAD**2))
+    return JumpSigns(
+        quick=quick,
+        slow=slow,
+        quick_norm=state.quick_norm + a * (n - state.quick_norm),
+        slow_norm=state.slow_norm + b * (n - state.slow_norm),
+        apart_rad=turned,
+        usual=state.usual + c * (apart - state.usual),
+        usual_turning=state.usual_turning + c * (turning - state.usual_turning),
+        turning=max(turning, state.turning + b * (turning - state.turning)),
+        unseen=(1.0 - b) * state.unseen + unseen,
+        seen_rad=state.seen_rad,
+        ahead_rad=norm(subtract(field_g, state.quick)) / n if n > 0.0 else 0.0,
+        age_s=min(state.age_s + dt_s, 1e6),
+    )
+
+
+@inlined
+def turn_of(u: Vec3, v: Vec3) -> float:
+    """The angle between two vectors, rad; 0 where one has no direction."""
+    return angle_between_vectors(u, v) if square(u) > 0.0 and square(v) > 0.0 else 0.0
+
+
+@inlined
+def jump_variance(params: ConditioningParams, state: JumpSigns, learnt: Calibration) -> Vec2:
+    """Variance (rad^2) to be added for a jump of the field, and the angle that it now accounts for.
+
+    A jump is more than noise, than what the field usually does here, than what an unknown lag
+    and own field make of turning, and than what slow samples miss. A magnet that turns the
+    field changes its norm, too.
+    """
+    p = learnt.covariance
+    own = p[9] + JUMP_SLOW_S**2 * (p[0] + p[4] + p[7])
+
+    turned = state.apart_rad
+    least = params.turn_jump_rad**2 + params.turn_jump_usual**2 * (state.usual + state.unseen)
+    more = max(0.0, state.turning - state.usual_turning)
+    by_turning = params.turn_jump_own**2 * own * state.turning
+    if state.usual_turning > 0.0:
+        seen = params.turn_jump_usual**2 * state.usual * more / state.usual_turning
+        by_turning = min(by_turning, seen)
+    least += by_turning
+    if turned**2 < 0.25 * least:
+        return 0.0, 0.0
+    same = is_same_norm(params, state)
+    if turned**2 < least or not same or turned <= state.seen_rad:
+        return 0.0, state.seen_rad
+    return (turned**2 - state.seen_rad**2) / JUMP_SHARE**2, turned
+
+
+@inlined
+def looks_turned(params: ConditioningParams, state: JumpSigns) -> bool:
+    """Whether the field in G turns more than it usually does.
+
+    What an unknown lag or own field makes of turning is part of the usual. After a turn that
+    nobody has felt the calibration's means are of another attitude, and what has jumped would
+    pass for the vehicle's own field along an axis that has told nothing of it before. A spike
+    or a magnet, which change the norm, are no turn.
+    """
+    least = params.turn_jump_rad**2 + SUSPECT_USUAL**2 * (state.usual + state.unseen)
+    return state.apart_rad**2 > least and is_same_norm(params, state)
+
+
+@inlined
+def is_same_norm(params: ConditioningParams, state: JumpSigns) -> bool:
+    """Whether the field has its norm, as a magnet would not leave it."""
+    return abs(state.quick_norm - state.slow_norm) < params.turn_jump_norm * state.slow_norm

@@ -1,0 +1,104 @@
+"""What tells an unsensed turn of the vehicle from noise, acceleration and magnets."""
+
+from typing import NamedTuple
+
+from estimator.compilation.compiled import inlined
+from estimator.conditioning.events.gravity_signs import GravitySigns, with_times
+from estimator.conditioning.events.heading_signs import HeadingSigns, begin_anew, give_up
+from estimator.conditioning.events.jump_signs import JumpSigns, jump_variance, with_seen
+from estimator.conditioning.field.calibration import Calibration
+from estimator.conditioning.params import ConditioningParams
+
+# A field that is ahead of its low-pass by so many times what that is ahead of the slow one has
+# come there at once; while a turn is in doubt already, less will do.
+SUDDEN_AHEAD = 2.0
+SUDDEN_STILL = 0.5
+
+
+class TurnSigns(NamedTuple):
+    """How strong each sign of an unsensed turn is, and how long it has lasted."""
+
+    heading: HeadingSigns = HeadingSigns()  # of the field
+    gravity: GravitySigns = GravitySigns()  # of the specific force
+    jump: JumpSigns = JumpSigns()  # of the field in G
+
+
+class TurnProof(NamedTuple):
+    """Which signs of an unsensed turn have lasted for long enough."""
+
+    heading: bool  # the field keeps pointing elsewhere
+    quiet: bool  # the gravity of a quiet vehicle does
+    moving: bool  # that of a moving one does
+    levelling: bool  # levelling has turned so far that the heading is wrong
+    jump: float  # variance (rad^2) of the turn by which the field has jumped; 0: it has not
+
+
+@inlined
+def is_near(params: ConditioningParams, field_norm: float, usual_norm: float) -> bool:
+    """Whether the norm of a field is that of the place."""
+    return abs(field_norm - usual_norm) < params.field_norm_scale * usual_norm
+
+
+@inlined
+def is_settled(proof: TurnProof) -> bool:
+    """Whether anything but a jump tells a turn."""
+    return proof.heading or proof.quiet or proof.moving or proof.levelling
+
+
+@inlined
+def proof_of(
+    params: ConditioningParams,
+    signs: TurnSigns,
+    learnt: Calibration,
+    usual_norm: float,
+    is_doubted: bool,
+) -> tuple[TurnProof, float]:
+    """Which signs have lasted for long enough, and the part (rad) of a jump that is told by now.
+
+    ``usual_norm`` is that of the place's field; ``is_doubted`` tells that a jump has raised doubt
+    in the heading before.
+    """
+    if not params.use_events:
+        return TurnProof(False, False, False, False, 0.0), 0.0
+    heading, gravity = signs.heading, signs.gravity
+    jump, seen_rad = jump_variance(params, signs.jump, learnt)
+    least = params.turn_large_confidence
+    ahead = SUDDEN_STILL if is_doubted else SUDDEN_AHEAD
+    if signs.jump.ahead_rad > ahead * signs.jump.apart_rad:
+        least = params.turn_jump_confidence
+    if heading.mean_confidence < least or not is_near(params, signs.jump.quick_norm, usual_norm):
+        jump = 0.0
+    lasts = heading.off_s > params.turn_heading_time_s or heading.large_s > params.turn_large_time_s
+    swing = gravity.levelled[0] ** 2 + gravity.levelled[1] ** 2
+    return TurnProof(
+        heading=lasts and heading.borne_s <= 0.0,
+        quiet=gravity.quiet_s > params.turn_quiet_time_s,
+        moving=gravity.moving_s > params.turn_moving_time_s,
+        levelling=swing > params.turn_levelling_rad**2,
+        jump=jump,
+    ), seen_rad
+
+
+@inlined
+def reset_signs(
+    signs: TurnSigns, proof: TurnProof, seen_rad: float, heading_rad: float, given_up: bool
+) -> TurnSigns:
+    """The signs after a step: those that were proof enough start anew.
+
+    ``seen_rad`` is the part of a jump that is told by now, ``heading_rad`` the heading, which is
+    remembered where it was ``given_up``.
+    """
+    heading, gravity = signs.heading, signs.gravity
+    levelled = gravity.levelled
+    if is_settled(proof):
+        heading = begin_anew(heading)
+        levelled = (0.0, 0.0)
+    if given_up:
+        heading = give_up(heading, heading_rad)
+    quiet_s = 0.0 if proof.quiet else gravity.quiet_s
+    moving_s = 0.0 if proof.quiet or proof.moving else gravity.moving_s
+    return TurnSigns(
+        heading=heading,
+        gravity=with_times(gravity, quiet_s, moving_s, levelled),
+        jump=with_seen(signs.jump, seen_rad),
+    )

@@ -1,0 +1,134 @@
+"""A learning step of the events: whether the vehicle was turned unseen, and what follows."""
+
+from math import atan2, pi
+from typing import NamedTuple
+
+from estimator.compilation.compiled import inlined
+from estimator.compilation.replacing import replacer
+from estimator.conditioning.events.doubt import HeadingDoubt, raise_doubt, release_doubt
+from estimator.conditioning.events.gravity_signs import gravity_at_rest, watch_gravity
+from estimator.conditioning.events.heading_signs import watch_heading
+from estimator.conditioning.events.jump_signs import looks_turned, watch_field
+from estimator.conditioning.events.proof import (
+    TurnProof,
+    TurnSigns,
+    is_settled,
+    proof_of,
+    reset_signs,
+)
+from estimator.conditioning.field.calibration import restart_means
+from estimator.conditioning.field.magnetic import has_heading, reference_norm, steepness
+from estimator.conditioning.field.step import FieldStep, MagnetometerState
+from estimator.conditioning.gather import Gathered
+from estimator.conditioning.params import ConditioningParams
+from estimator.conditioning.vertical.bias import HALF_TURN_VARIANCE, doubt_heading
+from estimator.conditioning.vertical.gravity import level, reseed_gravity, restart_gravity
+from estimator.conditioning.vertical.step import VerticalState, VerticalStep
+from estimator.conditioning.vertical.tilt import lose_tilt
+from estimator.geometry.quaternion import dot
+from estimator.types import Vec2
+
+# A turn missed in one step beyond which the calibration's means are of another attitude, rad.
+MISSED_RAD = 0.01
+
+
+class EventsState(NamedTuple):
+    """What speaks for an unsensed turn, and what is in doubt after one."""
+
+    signs: TurnSigns = TurnSigns()
+    doubt: HeadingDoubt = HeadingDoubt()
+
+
+class EventsStep(NamedTuple):
+    """The three wings' states after a learning step."""
+
+    vertical: VerticalState
+    field: MagnetometerState
+    events: EventsState
+
+
+with_turn = replacer(VerticalState, "estimate", "gravity", "tilt")
+with_estimate = replacer(VerticalState, "estimate")
+with_doubt = replacer(VerticalState, "estimate", "doubt")
+with_calibration = replacer(MagnetometerState, "calibration")
+
+
+@inlined
+def follow_signs(
+    params: ConditioningParams,
+    before: TurnSigns,
+    mean: Gathered,
+    vertical: VerticalStep,
+    field: FieldStep,
+) -> TurnSigns:
+    """Each sign followed by one step's mean readings."""
+    now, magnetic, since_s = vertical.state, field.state.magnetic, field.since_s
+    heading, jump = before.heading, before.jump
+    if field.seen:
+        turning = dot(vertical.rate, vertical.rate)
+        jump = watch_field(jump, mean.field_g, turning, vertical.missed, since_s)
+    if field.seen and has_heading(magnetic):
+        heading = watch_heading(params, heading, now.estimate, magnetic, field.horizontal, since_s)
+    decay, dt = now.coefficients.levelling_decay, mean.time_s
+    gravity = watch_gravity(
+        params, before.gravity, now.rest, now.gravity, vertical.swing, decay, dt, now.doubt
+    )
+    return TurnSigns(heading, gravity, jump)
+
+
+@inlined
+def react(proof: TurnProof, before: VerticalState, horizontal: Vec2) -> VerticalState:
+    """After an unsensed turn: gravity anew, and as much doubt in the heading as it needs.
+
+    ``horizontal`` is the field's north and east part.
+    """
+    gravity, tilt, estimate = before.gravity, before.tilt, before.estimate
+    if proof.quiet:
+        gravity = level(reseed_gravity(gravity, gravity_at_rest(before.rest, gravity)))[0]
+    elif proof.moving:
+        gravity = restart_gravity(gravity)
+    if proof.quiet or proof.moving:
+        tilt = lose_tilt(tilt)
+    if proof.quiet or proof.moving or proof.levelling:
+        estimate = doubt_heading(estimate, HALF_TURN_VARIANCE)
+    elif proof.heading:
+        estimate = doubt_heading(estimate, atan2(horizontal[1], horizontal[0]) ** 2)
+    return with_turn(before, estimate, gravity, tilt)
+
+
+@inlined
+def learn_events(
+    params: ConditioningParams,
+    before: EventsState,
+    mean: Gathered,
+    vertical: VerticalStep,
+    field: FieldStep,
+) -> EventsStep:
+    """Look for a turn that the gyroscope has not shown, and undo what it has spoilt."""
+    magnetic, calibration = field.state.magnetic, field.state.calibration
+    signs = follow_signs(params, before.signs, mean, vertical, field)
+    doubt, was_doubted, released = before.doubt, before.doubt.variance > 0.0, False
+    proof, seen_rad = proof_of(
+        params, signs, calibration.learnt, reference_norm(magnetic), was_doubted
+    )
+    now = react(proof, with_estimate(vertical.state, field.estimate), field.horizontal)
+    heading_rad, estimate, tilt = now.estimate.heading_rad, now.estimate, now.doubt
+    if proof.jump > 0.0:
+        doubt = raise_doubt(doubt, signs, proof.jump, steepness(magnetic.reference))
+        tilt = min(tilt + proof.jump, HALF_TURN_VARIANCE)
+    if field.seen and (doubt.variance > 0.0 or tilt > 0.0):
+        doubt, tilt, estimate, released = release_doubt(
+            params, doubt, tilt, estimate, magnetic, signs.jump, field.horizontal, mean.time_s
+        )
+    if was_doubted and doubt.variance == 0.0 and not released:
+        seen_rad = pi  # the rest of that jump is a magnet's, too
+    turned = is_settled(proof) or proof.jump > 0.0
+    turned = turned or (field.seen and looks_turned(params, signs.jump))
+    if turned or vertical.clipped > MISSED_RAD**2:
+        calibration = restart_means(calibration)
+    signs = reset_signs(signs, proof, seen_rad, heading_rad, proof.heading or released)
+    return EventsStep(
+        vertical=with_doubt(now, estimate, tilt),
+        field=with_calibration(field.state, calibration),
+        events=EventsState(signs, doubt),
+    )

@@ -1,0 +1,114 @@
+"""What is chosen about the conditioning stage.
+
+Angles are in rad, rates in rad/s, accelerations in m/s^2, times in s.
+"""
+
+from math import radians
+from typing import NamedTuple
+
+from estimator.bounds import Acceleration, Angle, Lag, Noise, Rate, Share, Time
+
+
+class ConditioningParams(NamedTuple):
+    """What is chosen; every step has its own switch.
+
+    Each line says: meaning; effect of a small and of a large value. Units are
+    in the names.
+    """
+
+    # Switches, one a step.
+    use_gravity_filter: bool = True  # low-pass the specific force in G; off: each mean as it is
+    use_rest: bool = True  # bias from rest
+    use_motion_bias: bool = True  # bias from levelling while moving
+    use_averaging: bool = True  # gravity, for as long as shaking and turning ask for
+    use_scale_error: bool = True  # the gyroscope's, from levelling in a steady turn
+    use_joint_covariance: bool = True  # heading residuals also teach the bias
+    use_lag: bool = True  # undo the magnetometer's lag, learnt while turning
+    use_field_offset: bool = True  # take off the vehicle's own field, learnt while turning
+    use_confidence: bool = True  # off: every field sample counts in full
+    use_events: bool = True  # off: no reaction to an unsensed turn
+    use_step_noise: bool = True  # off: slow streams are treated as fast ones
+
+    # Rest: how long things must be how quiet.
+    rest_tau_s: Time = 0.5  # low-pass of gyro and acc; small: noise, large: late
+    rest_gyr_rad_s: Rate = radians(2.0)  # small: rest is missed, large: slow motion passes for it
+    rest_acc_m_s2: Acceleration = 0.5  # small: rest is missed, large: slow motion passes for it
+    rest_time_s: Time = 1.5  # small: pauses in motion pass for rest, large: late
+
+    # Gravity.
+    gravity_tau_s: Time = 2.5  # small: acceleration tilts the vertical, large: gyro drift does
+
+    # What a slow step misses of a turn, and how a force's direction scatters.
+    step_change_noise: Share = 0.45  # share of a change of rate; small: trusts the gyroscope
+    step_change_s: Time = 0.12  # step at which it is half of that; small: doubts the gyroscope
+    step_change_tau_s: Time = 3.0  # for so long past changes count; small: forgets motion
+    step_change_memory: Share = 0.8  # their part; small: one even pair passes for calm
+    step_turn_noise_1_s: Share = 0.4  # share of the rate itself, for each second of the step
+    force_lasts_s: Time = 0.35  # of accelerations; small: believes the force, large: the gyroscope
+    force_size_noise: Share = 1.0  # rad for a force of twice its size; small: believes the force
+    scatter_tau_s: Time = 7.0  # averaging of the scatter; small: jumpy, large: late
+
+    # Bias.
+    bias_limit_rad_s: Rate = radians(2.0)  # of the bias and of one innovation
+    bias_initial_sigma_rad_s: Rate = radians(0.5)  # small: slow start, large: jumpy start
+    bias_walk_rad_s: Rate = radians(0.1)  # sigma's growth in 100 s; small: stiff, large: noisy
+    bias_rest_sigma_rad_s: Rate = radians(0.03)  # steady sigma at rest; small: follows noise
+    bias_motion_sigma_rad_s: Rate = radians(0.1)  # steady sigma while moving; small: follows noise
+
+    # The field's calibration.
+    field_lag_sigma_s: Lag = 0.05  # of the unknown lag; small: believes in none
+    field_offset_sigma: Share = 0.15  # vehicle's own field / the place's; small: believes in none
+    calibration_high_pass_s: Time = 3.0  # small: noise, large: the place's gradients count
+    calibration_noise_s: Lag = 0.005  # of the relative field, squared; small: jumpy, large: slow
+    calibration_reach: Share = 0.5  # relative residual that is no matter of calibration any more
+    calibration_turn: Share = 1.5  # squared distance of R from its mean that tells an offset
+    calibration_walk_s: Time = 300.0  # time to forget; small: noisy, large: stiff
+
+    # The field's confidence.
+    field_tau_s: Time = 0.05  # low-pass of norm and dip; small: noise counts, large: late
+    field_norm_scale: Share = 0.1  # relative deviation that counts as one; small: strict
+    field_dip_scale_rad: Angle = 0.1  # deviation of the dip that counts as one; small: strict
+    field_reference_tau_s: Time = 15.0  # small: learns the magnet, large: keeps the old place
+    field_borne_s: Time = 40.0  # half of it another field has to last; small: learns magnets
+
+    # Heading.
+    heading_noise_rad2_s: Noise = (
+        0.003  # of the field's heading; small: follows magnets, large: slow
+    )
+    heading_early_s: Time = 30.0  # for so long it is larger; small: trusts a field that is new
+    heading_doubt_noise_rad2_s: Noise = 0.015  # what a doubtful field adds; small: follows magnets
+    heading_tau_s: Time = 22.0  # what the heading makes of a constant drift; small: follows magnets
+    heading_turning_noise_s: Noise = (
+        5e-6  # drift variance per squared rate: scale errors of the gyro
+    )
+    heading_reach_rad: Angle = radians(25.0)  # residual that counts a quarter; small: never returns
+    heading_borne_s: Time = (
+        4.0  # for so long a field that looks usual must point elsewhere, at most
+    )
+
+    # Events.
+    turn_heading_rad: Angle = radians(10.0)  # residual no honest drift reaches; small: false alarms
+    turn_heading_tau_s: Time = 1.5  # averaging of that residual; small: false alarms
+    turn_heading_time_s: Time = 1.0  # and for so long
+    turn_confidence: Share = 0.6  # least confidence of the field, averaged over the same time
+    turn_large_rad: Angle = radians(60.0)  # residual that needs less proof
+    turn_large_time_s: Time = 0.5
+    turn_large_confidence: Share = 0.8
+    turn_quiet_rad: Angle = radians(20.0)  # gravity of a quiet vehicle off by so much
+    turn_quiet_time_s: Time = 0.25
+    turn_moving_rad: Angle = radians(60.0)  # of a moving one
+    turn_moving_tau_s: Time = 1.0
+    turn_moving_time_s: Time = 0.25
+    turn_levelling_rad: Angle = radians(30.0)  # levelling that must have swung the heading too
+    turn_levelling_tau_s: Time = 3.0
+    turn_jump_rad: Angle = radians(2.5)  # turn of the field in G that is no noise
+    turn_jump_usual: Share = 4.0  # and no more of what it usually turns; small: false alarms
+    turn_jump_own: Share = 0.5  # nor of what an unknown lag and own field do; small: false alarms
+    turn_jump_norm: Share = 0.03  # change of its norm that tells a magnet; large: false alarms
+    turn_jump_confidence: Share = 0.45  # of the field before one that comes within a step
+    turn_jump_time_s: Time = (
+        1.0  # for so long a field that jumped must stay; small: follows magnets
+    )
+
+    # Source.
+    averaged_samples: bool = False  # samples are means over their interval, not instants

@@ -1,0 +1,80 @@
+"""Everything that the conditioning stage remembers, and what can be done to it from outside."""
+
+from typing import NamedTuple
+
+from estimator.conditioning.events.step import EventsState
+from estimator.conditioning.field.calibration import first_calibration
+from estimator.conditioning.field.step import MagnetometerState
+from estimator.conditioning.gather import NOTHING, Gathered
+from estimator.conditioning.params import ConditioningParams
+from estimator.conditioning.sigma import Certainty
+from estimator.conditioning.vertical.bias import first_estimate
+from estimator.conditioning.vertical.coefficients import Coefficients
+from estimator.conditioning.vertical.lowpass import Smooth
+from estimator.conditioning.vertical.spin import Spin
+from estimator.conditioning.vertical.step import VerticalState
+from estimator.geometry.axes import FrameAxes
+from estimator.geometry.quaternion import multiply, normalize, rotate_inverse
+from estimator.types import ZERO_VEC3, Quaternion, Vec3
+
+
+class Directions(NamedTuple):
+    """Down and magnetic north in G, as the last learning step has found them."""
+
+    down_g: Vec3 = (0.0, 0.0, 1.0)  # unit vector
+    north_g: Vec3 = (1.0, 0.0, 0.0)  # unit vector, horizontal
+
+
+class ConditioningState(NamedTuple):
+    """Everything that changes."""
+
+    vertical: VerticalState  # the vertical and the gyroscope
+    field: MagnetometerState  # the magnetic field
+    events: EventsState = EventsState()  # turns that were not seen
+    started: bool = False  # whether there has been a sample
+    previous_gyr_rad_s: Vec3 = ZERO_VEC3  # the last sample's, FRD
+    gathered: Gathered = NOTHING  # since the last learning step
+    directions: Directions = Directions()  # for the next samples
+    certainty: Certainty = Certainty()  # of these directions
+
+
+def initial_state(params: ConditioningParams) -> ConditioningState:
+    """The state before the first sample."""
+    return ConditioningState(
+        vertical=VerticalState(first_estimate(params)),
+        field=MagnetometerState(first_calibration(params)),
+    )
+
+
+def forget_coefficients(state: ConditioningState) -> ConditioningState:
+    """The state as other parameters can go on with."""
+    return state._replace(vertical=state.vertical._replace(coefficients=Coefficients()))
+
+
+def forget_bias(params: ConditioningParams, state: ConditioningState) -> ConditioningState:
+    """The state with its attitude but another gyroscope, whose errors are as at the beginning."""
+    _, heading_rad, covariance = state.vertical.estimate
+    estimate = first_estimate(params, heading_rad, covariance[9])
+    return state._replace(vertical=state.vertical._replace(spin=Spin(), estimate=estimate))
+
+
+def apply_turn(state: ConditioningState, turn_frd: Quaternion) -> ConditioningState:
+    """Every attitude inside turned by one body rotation, as if the vehicle had turned unfelt."""
+    vertical, calibration = state.vertical, state.field.calibration
+    q = normalize(multiply(vertical.gravity.q_g_frd, turn_frd))
+    lagged, means = vertical.lagged, calibration.means
+    turned = [rotate_inverse(turn_frd, axis) for axis in means.axes]
+    means = means._replace(axes=FrameAxes(*turned))
+    return state._replace(
+        vertical=vertical._replace(
+            gravity=vertical.gravity._replace(q_g_frd=q),
+            lagged=lagged._replace(
+                north=_turned(lagged.north, turn_frd), east=_turned(lagged.east, turn_frd)
+            ),
+        ),
+        field=state.field._replace(calibration=calibration._replace(means=means)),
+    )
+
+
+def _turned(axis: Smooth, turn_frd: Quaternion) -> Smooth:
+    return axis._replace(value=rotate_inverse(turn_frd, axis.value))

@@ -1,0 +1,1 @@
+"""The vertical: gravity in a gyro-propagated frame, and the errors of the gyroscope."""

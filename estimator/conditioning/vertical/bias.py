@@ -1,0 +1,182 @@
+"""Gyroscope bias and heading, estimated with one covariance."""
+
+from math import pi
+from typing import NamedTuple
+
+from estimator.compilation.compiled import inlined
+from estimator.compilation.replacing import replacer
+from estimator.conditioning.params import ConditioningParams
+from estimator.conditioning.vertical.coefficients import Coefficients
+from estimator.conditioning.vertical.kalman import Covariance, update
+from estimator.conditioning.vertical.lowpass import Smooth, approach, smooth
+from estimator.conditioning.vertical.rest import RestState
+from estimator.geometry.axes import FrameAxes
+from estimator.geometry.quaternion import dot
+from estimator.types import ZERO_VEC3, Vec2, Vec3
+
+UNKNOWN_HEADING_VARIANCE = 1e4  # rad^2, beyond any angle: the first field sets the heading
+HALF_TURN_VARIANCE = pi**2  # rad^2: after a turn of gravity any heading is possible
+
+
+class Estimate(NamedTuple):
+    """Gyro bias and heading of 6D, with the covariance of (bias, heading)."""
+
+    bias_rad_s: Vec3  # of the gyroscope, FRD
+    heading_rad: float  # by which 6D is turned about down to north
+    covariance: Covariance  # (rad/s)^2 and rad^2
+
+
+class Lagged(NamedTuple):
+    """What levelling in motion is compared with, low-passed as gravity is."""
+
+    north: Smooth = Smooth()  # 6D's first axis u, seen from the body
+    east: Smooth = Smooth()  # 6D's second axis v
+    drift: Smooth = Smooth()  # (u . b, v . b, 0) with the bias b, rad/s
+
+
+with_covariance = replacer(Estimate, "covariance")
+
+
+def first_estimate(
+    params: ConditioningParams,
+    heading_rad: float = 0.0,
+    variance: float = UNKNOWN_HEADING_VARIANCE,
+) -> Estimate:
+    """Of a gyroscope that nothing is known about yet, with a heading and its variance (rad^2)."""
+    bias = params.bias_initial_sigma_rad_s**2
+    covariance = (bias, 0.0, 0.0, 0.0, bias, 0.0, 0.0, bias, 0.0, variance)
+    return Estimate(ZERO_VEC3, heading_rad, covariance)
+
+
+@inlined
+def doubt_heading(estimate: Estimate, variance: float) -> Estimate:
+    """Raise the heading's variance (rad^2), so that the next residuals correct it."""
+    p = estimate.covariance
+    return with_covariance(estimate, (*p[:9], p[9] + variance))
+
+
+@inlined
+def clip(x: float, limit: float) -> float:
+    """X limited to [-limit, limit]."""
+    return max(-limit, min(limit, x))
+
+
+@inlined
+def clip_each(b: Vec3, limit: float) -> Vec3:
+    """Each component within the limit."""
+    return (clip(b[0], limit), clip(b[1], limit), clip(b[2], limit))
+
+
+@inlined
+def predict(
+    params: ConditioningParams,
+    k: Coefficients,
+    estimate: Estimate,
+    down: Vec3,
+    turning: float,
+    unseen: float,
+) -> Estimate:
+    """Covariance over one step: F P F' + Q with heading' = heading - dt down . (b_true - b).
+
+    The heading correction has to undo the turn that a bias error gives to the
+    6D frame about ``down``, its third axis seen from the body. So the field's heading, over time
+    and attitudes, also says what the bias is, with the right weight. The bias
+    walks until its variance is back at the initial one. Q has a constant part
+    and one that grows with the squared rate ``turning``: a gyroscope's scale
+    errors turn motion into drift. ``unseen`` (rad^2) is what a slow step adds.
+    """
+    p00, p01, p02, p03, p11, p12, p13, p22, p23, p33 = estimate.covariance
+    dt = k.dt_s
+    g0 = -dt * down[0]
+    g1 = -dt * down[1]
+    g2 = -dt * down[2]
+    # P_bb g
+    b0 = p00 * g0 + p01 * g1 + p02 * g2
+    b1 = p01 * g0 + p11 * g1 + p12 * g2
+    b2 = p02 * g0 + p12 * g1 + p22 * g2
+    p33 += 2.0 * (g0 * p03 + g1 * p13 + g2 * p23) + g0 * b0 + g1 * b1 + g2 * b2
+    p33 += k.heading_growth + params.heading_turning_noise_s * turning * dt + unseen
+    if params.use_joint_covariance:
+        p03 += b0
+        p13 += b1
+        p23 += b2
+    most = params.bias_initial_sigma_rad_s**2
+    p00 += k.bias_growth if p00 < most else 0.0
+    p11 += k.bias_growth if p11 < most else 0.0
+    p22 += k.bias_growth if p22 < most else 0.0
+    return with_covariance(estimate, (p00, p01, p02, p03, p11, p12, p13, p22, p23, p33))
+
+
+@inlined
+def learn_at_rest(
+    params: ConditioningParams, k: Coefficients, estimate: Estimate, rest: RestState
+) -> Estimate:
+    """At rest the low-passed gyro is the bias: three updates with innovation g_lp - b."""
+    g = rest.gyr.value
+    b, d, p = estimate
+    most = params.bias_limit_rad_s
+    b, d, p = update(b, d, p, (1.0, 0.0, 0.0), 0.0, clip(g[0] - b[0], most), k.rest_noise)
+    b, d, p = update(b, d, p, (0.0, 1.0, 0.0), 0.0, clip(g[1] - b[1], most), k.rest_noise)
+    b, d, p = update(b, d, p, (0.0, 0.0, 1.0), 0.0, clip(g[2] - b[2], most), k.rest_noise)
+    return Estimate(clip_each(b, most), d, p)
+
+
+@inlined
+def lag(
+    params: ConditioningParams,
+    k: Coefficients,
+    state: Lagged,
+    axes: FrameAxes,
+    b: Vec3,
+    age_s: float,
+    share: float,
+    slow: float,
+) -> Lagged:
+    """Low-pass 6D's level ``axes``, and the bias along them, as gravity was low-passed.
+
+    Levelling belongs to what they were then. As gravity's, the low-pass begins with a running
+    mean, and moves by ``share`` of its way in a slow stream.
+    """
+    u, v = axes.north, axes.east
+    drift = (dot(u, b), dot(v, b), 0.0)
+    young = age_s <= params.gravity_tau_s
+    if young or slow > 0.0:
+        a = max(k.dt_s / age_s, slow * share) if young else share
+        return Lagged(
+            Smooth(approach(state.north.value, u, a), state.north.slope),
+            Smooth(approach(state.east.value, v, a), state.east.slope),
+            Smooth(approach(state.drift.value, drift, a), state.drift.slope),
+        )
+    return Lagged(
+        smooth(k.gravity, state.north, u),
+        smooth(k.gravity, state.east, v),
+        smooth(k.gravity, state.drift, drift),
+    )
+
+
+@inlined
+def learn_in_motion(
+    params: ConditioningParams,
+    k: Coefficients,
+    estimate: Estimate,
+    lagged: Lagged,
+    step: Vec2,
+    unseen: float,
+) -> Estimate:
+    """While moving, what levelling keeps undoing is the bias.
+
+    Two updates with 6D's level axes u: -step/dt + (u . b)_lp - u_lp . b, since a
+    bias error turns the 6D frame by R6 (b_true - b) and levelling turns it
+    back. ``unseen``, (rad/s)^2, is what a slow step's missed turn adds to their
+    noise. Source: Laidig and Seel 2023, doi 10.1016/j.inffus.2022.10.014.
+    """
+    north, east, drift = lagged.north.value, lagged.east.value, lagged.drift.value
+    b, d, p = estimate
+    most = params.bias_limit_rad_s
+    e1 = clip(-step[0] / k.dt_s + drift[0] - dot(north, b), most)
+    e2 = clip(-step[1] / k.dt_s + drift[1] - dot(east, b), most)
+    b1, d1, p1 = update(b, d, p, north, 0.0, e1, k.motion_noise + unseen)
+    # the second innovation is still that of b: take off what the first update changed
+    e2 -= dot(east, b1) - dot(east, b)
+    b2, d2, p2 = update(b1, d1, p1, east, 0.0, e2, k.motion_noise + unseen)
+    return Estimate(clip_each(b2, most), d2, p2)

@@ -1,0 +1,48 @@
+"""What follows from the parameters and the time step, and is kept until the step changes."""
+
+from math import exp
+from typing import NamedTuple
+
+from estimator.compilation.compiled import inlined
+from estimator.conditioning.params import ConditioningParams
+from estimator.conditioning.vertical.lowpass import LowPass, low_pass
+
+BIAS_WALK_TIME_S = 100.0  # the time that ``bias_walk_rad_s`` refers to
+
+
+class Coefficients(NamedTuple):
+    """All zero before the first step."""
+
+    dt_s: float = 0.0  # the time step
+    factor: float = 1.0  # of the averaging time of gravity
+    rest: LowPass = LowPass()  # of gyroscope and accelerometer, with ``rest_tau_s``
+    gravity: LowPass = LowPass()  # with ``gravity_tau_s`` times the factor
+    gravity_share: float = 0.0  # of a step in a mean over that time
+    quick_share: float = 0.0  # of a step in a mean over ``turn_moving_tau_s``
+    levelling_decay: float = 0.0  # what a step leaves of past levelling
+    bias_growth: float = 0.0  # of a bias's variance in a step, (rad/s)^2
+    rest_noise: float = 0.0  # variance of a bias seen at rest, (rad/s)^2
+    motion_noise: float = 0.0  # variance of a bias seen by levelling, (rad/s)^2
+    heading_growth: float = 0.0  # of the heading's variance in a step, rad^2
+
+
+@inlined
+def coefficients(params: ConditioningParams, dt_s: float, factor: float) -> Coefficients:
+    """Coefficients of a step; with a random walk of V a step, noise P^2/V + P keeps variance P."""
+    walk = params.bias_walk_rad_s**2 * dt_s / BIAS_WALK_TIME_S
+    tau_s = params.gravity_tau_s * factor
+    at_rest = params.bias_rest_sigma_rad_s**2
+    moving = params.bias_motion_sigma_rad_s**2
+    return Coefficients(
+        dt_s=dt_s,
+        factor=factor,
+        rest=low_pass(params.rest_tau_s, dt_s),
+        gravity=low_pass(tau_s, dt_s),
+        gravity_share=1.0 - exp(-dt_s / tau_s),
+        quick_share=1.0 - exp(-dt_s / params.turn_moving_tau_s),
+        levelling_decay=exp(-dt_s / params.turn_levelling_tau_s),
+        bias_growth=walk,
+        rest_noise=at_rest * at_rest / walk + at_rest,
+        motion_noise=moving * moving / walk + moving,
+        heading_growth=params.heading_noise_rad2_s * dt_s / params.heading_tau_s**2,
+    )

@@ -1,0 +1,136 @@
+"""Where down is: specific force low-passed in the gyro-propagated frame G.
+
+G is carried along from the body by the gyroscope alone, so it is almost inertial and drifts
+slowly against the earth. 6D is G made level by the correction C, with an arbitrary heading.
+"""
+
+from typing import NamedTuple
+
+from estimator.compilation.compiled import inlined
+from estimator.compilation.replacing import replacer
+from estimator.conditioning.params import ConditioningParams
+from estimator.conditioning.vertical.coefficients import Coefficients
+from estimator.conditioning.vertical.lowpass import Smooth, approach, smooth
+from estimator.conditioning.vertical.rate import FAST_STEP_S
+from estimator.conditioning.vertical.tilt import HOLE_S
+from estimator.geometry.quaternion import (
+    multiply,
+    normalize,
+    rotate,
+    shortest_rotation,
+    square,
+    subtract,
+    unit,
+)
+from estimator.types import IDENTITY, ZERO_VEC3, Quaternion, Vec2, Vec3
+
+DOWN: Vec3 = (0.0, 0.0, 1.0)
+# Less smoothed force than this (m/s^2) has no direction: free fall.
+LEAST_FORCE_M_S2 = 0.5
+# Averaging time (s) of how unsteady the force is.
+UNSTEADY_TAU_S = 5.0
+
+
+class Force(NamedTuple):
+    """Minus the specific force, seen in G: gravity, once accelerations have averaged out."""
+
+    down: Smooth = Smooth()  # low-passed over ``gravity_tau_s``, m/s^2
+    quick: Vec3 = ZERO_VEC3  # followed faster, m/s^2
+    unsteady: float = 0.0  # mean square of what comes and goes, over the square of ``down``
+    age_s: float = 0.0  # since the low-pass began
+
+
+class GravityState(NamedTuple):
+    """Frame G, gravity low-passed in it, and the correction C that levels it."""
+
+    q_g_frd: Quaternion = IDENTITY  # body to G
+    q_6d_g: Quaternion = IDENTITY  # C, G to 6D
+    force: Force = Force()  # in G
+
+
+with_frame = replacer(GravityState, "q_g_frd")
+with_level = replacer(GravityState, "q_6d_g")
+with_force = replacer(GravityState, "force")
+with_age = replacer(Force, "age_s")
+with_down = replacer(Force, "down", "quick", "age_s")
+
+
+@inlined
+def observe_gravity(
+    params: ConditioningParams,
+    k: Coefficients,
+    state: GravityState,
+    u: Vec3,
+    share: float,
+    slow: float,
+) -> GravityState:
+    """Low-pass ``u``, minus the specific force in G.
+
+    In G gravity stands still while accelerations come and go (what moves to
+    and fro ends where it began, so their mean vanishes), and turning causes no
+    lag. The force is not normalised first: the mean of directions is tilted
+    where the mean of forces is not. A running mean over the first
+    ``gravity_tau_s`` starts it. Of slow streams the vertical moves by ``share`` of
+    its way, which :mod:`estimator.conditioning.vertical.tilt` has weighed.
+    Source: Laidig and Seel 2023, doi 10.1016/j.inffus.2022.10.014.
+    """
+    before = state.force
+    dt = k.dt_s
+    age = before.age_s + dt
+    if not params.use_gravity_filter:
+        down = Smooth(u, ZERO_VEC3)
+    elif age <= params.gravity_tau_s or before.age_s == 0.0:
+        down = Smooth(approach(before.down.value, u, max(dt / age, slow * share)), ZERO_VEC3)
+    elif slow > 0.0:
+        down = Smooth(approach(before.down.value, u, share), ZERO_VEC3)
+    else:
+        down = smooth(k.gravity, before.down, u)
+    quick = approach(before.quick, u, max(k.quick_share, dt / age))
+    f = down.value
+    size, off = square(f), square(subtract(u, f))
+    ratio = off / size if size > LEAST_FORCE_M_S2**2 else 1.0
+    unsteady = before.unsteady + min(1.0, dt / UNSTEADY_TAU_S) * (ratio - before.unsteady)
+    return with_force(state, Force(down=down, quick=quick, unsteady=unsteady, age_s=age))
+
+
+@inlined
+def age_after_hole(
+    state: GravityState, share: float, slow: float, dt: float, usual_s: float
+) -> GravityState:
+    """What a hole in a fast stream leaves of the vertical's age.
+
+    The first reading behind it, worth ``usual_s``, has made up ``share`` of the vertical. So the
+    next ones count as much as that says, and not as little as after seconds of averaging.
+    """
+    is_fast = 0.0 < usual_s < FAST_STEP_S
+    if slow <= 0.0 or dt <= HOLE_S or not is_fast:
+        return state
+    before_s = state.force.age_s
+    age_s = min(before_s, usual_s / max(share, usual_s / before_s))
+    return with_force(state, with_age(state.force, age_s))
+
+
+@inlined
+def level(state: GravityState) -> tuple[GravityState, Vec2]:
+    """C <- (shortest rotation of C f to the vertical) C; also the step about north and east."""
+    f = rotate(state.q_6d_g, state.force.down.value)
+    if square(f) < LEAST_FORCE_M_S2**2:
+        return state, (0.0, 0.0)
+    z = unit(f)
+    q = normalize(multiply(shortest_rotation(z, DOWN), state.q_6d_g))
+    # z x DOWN = (z_y, -z_x, 0), the rotation vector of a small step
+    return with_level(state, q), (z[1], -z[0])
+
+
+@inlined
+def reseed_gravity(state: GravityState, u: Vec3) -> GravityState:
+    """Start the low-pass anew at ``u``."""
+    force = state.force
+    return with_force(state, with_down(force, Smooth(u, ZERO_VEC3), u, force.age_s))
+
+
+@inlined
+def restart_gravity(state: GravityState) -> GravityState:
+    """Start the low-pass anew, as at the first sample."""
+    still = Smooth(ZERO_VEC3, ZERO_VEC3)
+    return with_force(state, with_down(state.force, still, ZERO_VEC3, 0.0))

@@ -1,0 +1,222 @@
+"""A learning step of the vertical wing: what mean gyroscope and accelerometer readings teach."""
+
+from typing import NamedTuple
+
+from estimator.compilation.compiled import inlined
+from estimator.compilation.replacing import replacer
+from estimator.conditioning.gather import Gathered
+from estimator.conditioning.params import ConditioningParams
+from estimator.conditioning.vertical.averaging import Averaging, follow_averaging
+from estimator.conditioning.vertical.bias import (
+    HALF_TURN_VARIANCE,
+    Estimate,
+    Lagged,
+    lag,
+    learn_at_rest,
+    learn_in_motion,
+    predict,
+)
+from estimator.conditioning.vertical.clipping import (
+    Clipping,
+    missed_turn,
+    watch_clipping,
+    with_missed,
+)
+from estimator.conditioning.vertical.coefficients import Coefficients, coefficients
+from estimator.conditioning.vertical.gravity import (
+    GravityState,
+    age_after_hole,
+    level,
+    observe_gravity,
+    with_frame,
+)
+from estimator.conditioning.vertical.rate import integration_rate
+from estimator.conditioning.vertical.rest import RestState, initial_rest, observe_rest
+from estimator.conditioning.vertical.spin import Spin, follow_spin
+from estimator.conditioning.vertical.tilt import (
+    StepNoise,
+    TiltState,
+    believe_force,
+    force_after_turn,
+    initial_tilt,
+    least_share,
+    slowness,
+    step_noise,
+)
+from estimator.geometry.axes import axes_of, down_of
+from estimator.geometry.quaternion import (
+    dot,
+    multiply,
+    normalize,
+    rotate,
+    rotate_inverse,
+    scale,
+    subtract,
+)
+from estimator.types import ZERO_VEC3, Between, Quaternion, Sample, Vec2, Vec3
+
+
+class VerticalState(NamedTuple):
+    """What is known of the vertical and of the gyroscope."""
+
+    estimate: Estimate  # bias, and the heading, whose errors hang together
+    clipping: Clipping = Clipping()  # of the gyroscope
+    spin: Spin = Spin()  # the gyroscope's scale error
+    averaging: Averaging = Averaging()  # of gravity
+    gravity: GravityState = GravityState()  # frame G, and down in it
+    tilt: TiltState = TiltState()  # how well down is known
+    doubt: float = 0.0  # variance that an unsensed turn has given it, until the force tells, rad^2
+    rest: RestState = RestState()  # whether the vehicle rests
+    lagged: Lagged = Lagged()  # what bias learning in motion compares with
+    coefficients: Coefficients = Coefficients()  # for the last step's length
+
+
+class VerticalStep(NamedTuple):
+    """What a learning step has taught the vertical wing, and what it tells the other two."""
+
+    state: VerticalState
+    rate: Vec3  # mean, less the bias as it was before, rad/s, FRD
+    swing: Vec2  # what levelling turned about north and east, unless a variance has told it, rad
+    missed: float  # variance of the turn that the gyroscope missed, rad^2
+    clipped: float  # part of it that was beyond the gyroscope's end, rad^2
+
+
+class Belief(NamedTuple):
+    """How far a step's specific force is believed."""
+
+    tilt: TiltState  # after the step
+    doubt: float  # after the step, rad^2
+    share: float  # by which the vertical moves towards the force
+    slow: float  # 1 if it moves by that share, 0 if the low-pass says by how much
+
+
+with_turn = replacer(VerticalState, "gravity", "clipping")
+with_first = replacer(VerticalState, "rest", "tilt")
+
+
+@inlined
+def free_rate(
+    params: ConditioningParams, state: VerticalState, previous: Vec3, sample: Sample, dt_s: float
+) -> Vec3:
+    """The rate (rad/s, FRD) over one sample's interval, less the gyroscope's known errors."""
+    rate = integration_rate(previous, sample.gyr_rad_s, dt_s, params.averaged_samples)
+    if sample.between.given:
+        rate = sample.between.turn_rad_s
+    return subtract(subtract(rate, state.estimate.bias_rad_s), state.spin.drift_rad_s)
+
+
+@inlined
+def carry(
+    state: VerticalState, turn: Quaternion, previous: Vec3, gyr: Vec3, dt_s: float
+) -> VerticalState:
+    """Turn the body in G by one sample's ``turn``, and see whether the gyroscope was at its end."""
+    q_g_frd = normalize(multiply(state.gravity.q_g_frd, turn))
+    clipping = watch_clipping(state.clipping, previous, gyr, dt_s)
+    return with_turn(state, with_frame(state.gravity, q_g_frd), clipping)
+
+
+@inlined
+def begin_vertical(state: VerticalState, gyr: Vec3, acc: Vec3) -> VerticalState:
+    """The low-passes begin at the first sample."""
+    u = scale(-1.0, rotate(state.gravity.q_g_frd, acc))
+    return with_first(state, initial_rest(gyr, acc), initial_tilt(gyr, u))
+
+
+@inlined
+def learn_vertical(
+    params: ConditioningParams,
+    before: VerticalState,
+    mean: Gathered,
+    between: Between,
+    wander: float,
+) -> VerticalStep:
+    """Rest, gravity, the heading's prediction and the bias by one step's mean readings.
+
+    ``wander`` (rad^2) is how far the force of a second usually is off the vertical.
+    """
+    dt = mean.time_s
+    k = before.coefficients
+    usual_s = k.dt_s
+    if dt != usual_s or before.averaging.factor != k.factor:
+        k = coefficients(params, dt, before.averaging.factor)
+    rest = observe_rest(params, k.rest, before.rest, mean.gyr, mean.acc, dt)
+    rate = subtract(mean.gyr, before.estimate.bias_rad_s)
+    down = rotate_inverse(before.gravity.q_g_frd, down_of(before.gravity.q_6d_g))
+    noise = step_noise(params, before.tilt, mean.gyr, rate, down, dt, between)
+    clipped = missed_turn(before.clipping, down)
+    belief = weigh_force(params, k, before, mean, noise, clipped[0], wander)
+    share, slow = belief.share, slowness(params, dt)
+    gravity = observe_gravity(params, k, before.gravity, mean.gravity_g, share, belief.slow)
+    gravity = age_after_hole(gravity, share, slow, dt, usual_s)
+    gravity, step = level(gravity)
+    age_s = gravity.force.age_s
+    axes = axes_of(multiply(gravity.q_6d_g, gravity.q_g_frd))
+    twist = slow * noise.twist + clipped[1]
+    estimate = predict(params, k, before.estimate, axes.down, dot(rate, rate), twist)
+    b = estimate.bias_rad_s
+    lagged = lag(params, k, before.lagged, axes, b, age_s, share, belief.slow)
+    if rest.resting and params.use_rest and belief.slow == slow:
+        estimate = learn_at_rest(params, k, estimate, rest)
+    elif params.use_motion_bias and age_s > params.gravity_tau_s and belief.slow == slow:
+        estimate = learn_in_motion(params, k, estimate, lagged, step, slow * noise.tilt / dt**2)
+    steady = belief.slow == 0.0 and age_s > params.gravity_tau_s and clipped[0] == 0.0
+    spin = follow_spin(params, k, before.spin, gravity, rate, step, steady)
+    state = VerticalState(
+        estimate=estimate,
+        clipping=with_missed(before.clipping, ZERO_VEC3),
+        spin=spin,
+        averaging=before.averaging,
+        gravity=gravity,
+        tilt=belief.tilt,
+        doubt=belief.doubt,
+        rest=rest,
+        lagged=lagged,
+        coefficients=k,
+    )
+    swing = (1.0 - belief.slow) * step[0], (1.0 - belief.slow) * step[1]
+    beyond = clipped[0] + clipped[1]
+    return VerticalStep(state, rate, swing, noise.tilt + noise.twist + beyond, beyond)
+
+
+@inlined
+def weigh_force(
+    params: ConditioningParams,
+    k: Coefficients,
+    before: VerticalState,
+    mean: Gathered,
+    noise: StepNoise,
+    clipped: float,
+    wander: float,
+) -> Belief:
+    """How far the step's mean force is believed, against what was known of the vertical.
+
+    ``clipped`` (rad^2) is the variance of a turn beyond the gyroscope's end. After such a turn, and
+    after one that no sensor has felt, the force may tell more than the low-pass would take from it.
+    """
+    dt = mean.time_s
+    slow = slowness(params, dt)
+    down_g, age_s = before.gravity.force.down.value, before.gravity.force.age_s + dt
+    least = least_share(params, k, age_s)
+    tilt, share = believe_force(
+        params, before.tilt, noise, mean.gyr, down_g, mean.gravity_g, dt, least
+    )
+    doubt = min(before.doubt + clipped, HALF_TURN_VARIANCE)
+    if doubt > 0.0:
+        doubt, anew = force_after_turn(params, doubt, wander, dt)
+        if anew > max(least, slow * share):
+            return Belief(tilt, doubt, anew, 1.0)
+    return Belief(tilt, doubt, share, slow)
+
+
+@inlined
+def averaging_after(
+    params: ConditioningParams, step: VerticalStep, estimate: Estimate
+) -> Averaging:
+    """For how long gravity is averaged from here on; ``estimate`` is that after the whole step."""
+    now, dt = step.state, step.state.coefficients.dt_s
+    force = now.gravity.force
+    tells = not now.rest.resting and slowness(params, dt) == 0.0
+    tells = tells and force.age_s > params.gravity_tau_s
+    return follow_averaging(
+        params, now.averaging, force, now.spin, estimate, step.clipped, tells, dt
+    )
