@@ -155,10 +155,13 @@ def learn_vertical(
     estimate = predict(params, k, before.estimate, axes.down, dot(rate, rate), twist)
     b = estimate.bias_rad_s
     lagged = lag(params, k, before.lagged, axes, b, age_s, share, belief.slow)
-    if rest.resting and params.use_rest and belief.slow == slow:
-        estimate = learn_at_rest(params, k, estimate, rest)
-    elif params.use_motion_bias and age_s > params.gravity_tau_s and belief.slow == slow:
-        estimate = learn_in_motion(params, k, estimate, lagged, step, slow * noise.tilt / dt**2)
+    if belief.slow == slow:
+        was_known = before.gravity.force.age_s > params.gravity_tau_s
+        if rest.resting and params.use_rest:
+            estimate = learn_at_rest(params, k, estimate, rest)
+        elif params.use_motion_bias and was_known:
+            unseen = slow * noise.tilt / dt**2
+            estimate = learn_in_motion(params, k, estimate, lagged, step, unseen)
     steady = belief.slow == 0.0 and age_s > params.gravity_tau_s and clipped[0] == 0.0
     spin = follow_spin(params, k, before.spin, gravity, rate, step, steady)
     state = VerticalState(
