@@ -54,7 +54,7 @@ def begin_aided(state: State, report: Report, *, has_heading: bool) -> None:
 def is_settled(state: State) -> bool:
     """Whether the unaided vertical has gone through its averaging time since it began."""
     age_s = state.core.core.conditioning.vertical.gravity.force.age_s
-    return age_s >= state.settings.conditioning.vertical.gravity_tau_s
+    return age_s >= state.settings.conditioning.gravity_tau_s
 
 
 def trusts_field(state: State) -> bool:
