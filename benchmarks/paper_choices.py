@@ -1,255 +1,277 @@
-"""What each choice costs where the paper is silent or was not followed: J with other choices.
+"""What does each choice cost where the paper is silent or was not followed?
+
+    python benchmarks/paper_choices.py
 
 The tables of docs/paper.md, each line one change against the profile ``paper`` as it ships:
 
-* ``shipped``: J with the shipped memberships, on the judging seeds.
+* ``shipped``: J with the shipped memberships, on the judging seeds (3000-3039).
+* ``long steps``: fixed gains at other rates, with a plain step and with the plain bias.
 * ``retuned``: J there after a bee colony has looked for memberships under that change, on the
-  tuning seeds: a change may only need other memberships. The profile as built is retuned, too.
+  tuning seeds (100-107): a change may only need other memberships.
 * ``colony``: J that the search ends at, on both kinds of seeds, with its own rules changed.
 
-Mean over seeds; the error is the standard error of the mean difference to "as built" on the same
-seeds. ``--quick`` makes everything small, to see that it runs.
+Mean over seeds; ``error`` is the standard error of the mean difference to "as built", paired by
+seed. ``--tables`` chooses; all of them take the better part of an hour, shipped half a minute.
 """
 
-import argparse
-import json
 import sys
-from pathlib import Path
+from argparse import Namespace
+from typing import Any
 
 import numpy as np
-
-sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
-
-from benchmarks.paper_variants import (
+from common.paper_filter import (
     AS_BUILT,
     NO_RATE,
     RECTIFIED,
-    ROWS_AS_ERROR,
     UNFILTERED,
-    V_AS_VERY_LARGE,
-    Switches,
-    costs_of,
+    Choices,
+    Signals,
+    errors_of,
+    matrices,
+    require_equal,
     signals_of,
 )
+from common.paper_laws import TABLE, fixed, fuzzy
+from common.recordings import Array
+from common.report import Row, names, parser, show
+
 from estimator.filter.alignment import quaternion_from_matrix
 from estimator.filter.memberships import midpoint
-from estimator.filter.types import initial_state
-from estimator.geometry.quaternion import angle_between
+from estimator.geometry.metrics import COST_RATE_HZ, COST_SAMPLES, TRANSIENT_WEIGHT
 from estimator.live.settings import settings_of
-from estimator.profile import load_profile, merge_profile
+from estimator.profile import Profile, load_profile, merge_profile
 from tuning.colony import Colony
-from tuning.paper_experiment import run_experiment
+from tuning.paper_noise import PAPER_NOISE, NoiseScale
 from tuning.paper_task import PaperTask, midpoint_profile
 from tuning.space import decode, encode, membership_space
 
-TUNING_SEEDS = range(100, 108)
-JUDGING_SEEDS = range(3000, 3040)
+TUNING_SEEDS, JUDGING_SEEDS, SEARCH_SEEDS = range(100, 108), range(3000, 3040), range(5)
 FOOD_SOURCES, CYCLES = 40, 100
-SEARCH_SEEDS = range(5)
 PAPER = load_profile("paper")
+# The table's "V" (L, as built) read as VL: a misprint of the other neighbour.
+V_AS_VERY_LARGE = np.where(TABLE == 3, 4, TABLE)
+# Rows read as the error and columns as its rate.
+ROWS_AS_ERROR = np.ascontiguousarray(TABLE.T)
+# Changes that other memberships might make up for.
+RETUNED = {
+    "as built": (AS_BUILT, TABLE),
+    "rate: low-passed |de/dt|": (Choices(rate=RECTIFIED), TABLE),
+    "rate: |de/dt| as it is": (Choices(rate=UNFILTERED), TABLE),
+    "rate: none (0)": (Choices(rate=NO_RATE), TABLE),
+    "e from the truth": (Choices(error_is_true=True), TABLE),
+    "v3 not normalised": (Choices(cross_is_unit=False), TABLE),
+    'table\'s "V" is VL': (AS_BUILT, V_AS_VERY_LARGE),
+    "rows are e, columns its rate": (AS_BUILT, ROWS_AS_ERROR),
+}
+PROFILES: dict[str, dict[str, Any]] = {
+    "tau = 0.1 s": {"filter": {"rate_time_constant_s": 0.1}},
+    "tau = 1 s": {"filter": {"rate_time_constant_s": 1.0}},
+    "without v3": {"confidence": {"cross": 0.0}},
+    "gamma = 0.2": {"filter": {"gamma": 0.2}},
+    "gamma = 5": {"filter": {"gamma": 5.0}},
+    "bias bounded at 0.1 rad/s": {"filter": {"bias_bound_rad_s": 0.1}},
+    "always the decay": {"filter": {"euler_step_max_s": 0.0}},
+    "no correction at t = 0": {"filter": {"first_step_s": 0.0}},
+}
+LONG_STEPS = ((100, 100), (50, 20), (50, 100), (20, 50), (10, 20), (2, 20), (1, 100))  # Hz, K
 
 
-def run(signals, switches=Switches(), rules=AS_BUILT, *, profile=PAPER, rate_hz=100.0,  # noqa: B008
-        start=None, candidates=None, fixed_gain=None):  # fmt: skip
-    """J (C, S) of the candidates, or (S,) of the profile's own memberships."""
-    settings = settings_of(profile, fixed_gain)
-    first = initial_state(settings.initial if start is None else start)
-    own = np.array([profile.k]) if candidates is None else candidates
-    costs = costs_of(
-        settings.filter, settings.reference, switches, rules, first, signals, rate_hz, own
-    )
-    return costs[0] if candidates is None else costs
+def signals(
+    seeds: range, rate_hz: float = COST_RATE_HZ, noise: NoiseScale | None = None
+) -> Signals:
+    """The 15 s of the paper's experiment."""
+    samples = round((COST_SAMPLES - 1) * rate_hz / COST_RATE_HZ) + 1
+    return signals_of(seeds, samples, noise or PAPER_NOISE, rate_hz)
 
 
-class OtherColony(Colony):
-    """The bees with alpha from [0, 1], or with onlookers drawn by J itself, as printed."""
-
-    def __init__(self, space, generator, limit, *, positive, by_cost):
-        self._by_cost = by_cost
-        draws = PositiveAlpha(generator) if positive else generator
-        first = encode(space, np.array([midpoint()]))
-        super().__init__(space, FOOD_SOURCES, limit, draws, first)
-
-    def _send_onlookers(self):
-        if not self._by_cost:
-            super()._send_onlookers()
-            return
-        self._phase = "onlookers"
-        chance = np.cumsum(self.sources.costs) / np.sum(self.sources.costs)
-        drawn = self._generator.random(len(chance))
-        self._visit(np.minimum(np.searchsorted(chance, drawn, side="right"), len(chance) - 1))
+def cost(e: Array, rate_hz: float) -> Array:
+    """J of Eq. (15) of e (..., N); sums of steps other than 0.01 s are weighted by the step."""
+    s = round(rate_hz)
+    parts = TRANSIENT_WEIGHT * e[..., : s + 1].sum(-1) + e[..., 4 * s : 14 * s + 1].sum(-1)
+    return np.asarray(parts * 100.0 / rate_hz)
 
 
-class PositiveAlpha:
-    """A generator whose uniform numbers from [-1, 1] are from [0, 1]."""
-
-    def __init__(self, generator):
-        self._generator = generator
-
-    def __getattr__(self, name):
-        return getattr(self._generator, name)
-
-    def uniform(self, low, high, size):
-        """As numpy's, from 0 on."""
-        return self._generator.uniform(max(low, 0.0), high, size)
-
-
-def search_once(costs, cycles, seed=0, *, positive=False, by_cost=False, limit=None):
-    """The best memberships (22,) of one search over ``costs(values (C, 22)) -> (C,)``; scouts."""
-    space = membership_space()
-    colony = OtherColony(space, np.random.default_rng(seed),
-                         limit or FOOD_SOURCES * space.dimensions,
-                         positive=positive, by_cost=by_cost)  # fmt: skip
-    best, best_cost = None, np.inf
-    while colony.cycles < cycles:
-        asked = colony.ask()
-        told = costs(decode(space, asked))
-        if told.min() < best_cost:
-            best, best_cost = decode(space, asked)[np.argmin(told)], told.min()
-        colony.tell(told)
-    return best, colony.scouts
+def run(
+    on: Signals,
+    choices: Choices = AS_BUILT,
+    rules: Array = TABLE,
+    *,
+    k: Array | None = None,
+    profile: Profile = PAPER,
+    start: Array | None = None,
+    gain: float | None = None,
+) -> Array:
+    """J (C, S) of memberships (C, 22), or (S,) of the profile's own or of a fixed gain."""
+    own = np.array([profile.k]) if k is None else k
+    law = fuzzy(own, rules) if gain is None else fixed(np.array([gain]))
+    e = errors_of(settings_of(profile), on, law, choices, start, len(own))
+    costs = cost(e, on.rate_hz)
+    return costs if k is not None else costs[0]
 
 
-def line(name, costs, base):
+def line(name: str, costs: Array, base: Array) -> Row:
     """Mean J and its difference to ``base`` with the standard error, paired by seed."""
     difference = costs - base
-    error = difference.std(ddof=1) / np.sqrt(len(difference))
-    return {"change": name, "J": costs.mean(), "difference": difference.mean(), "error": error}
+    error = difference.std(ddof=1) / np.sqrt(len(difference)) if len(difference) > 1 else None
+    return {
+        "change": name,
+        "J": float(costs.mean()),
+        "difference": float(difference.mean()),
+        "error": error,
+    }
 
 
-def shipped_table(signals, seeds):
-    base = run(signals)
-    same = [run_experiment(PAPER, seed).cost for seed in seeds]
-    assert np.allclose(base, same, rtol=1e-9), "the variants' kernel is not the filter"
-    raw = np.array(PAPER.filter.initial_attitude)
-    unprojected = quaternion_from_matrix(raw)
-    turned = np.degrees(angle_between(unprojected, settings_of(PAPER).initial))
-
-    def cost_with(section, **keys):
-        return run(signals, profile=merge_profile(PAPER, {section: keys}))
-
-    variance = signals_of(seeds, gyro_noise=0.2**-0.5, vector_noise=0.05**-0.5)
-    rows = [
-        ("as built", base),
-        ("rate: low-passed |de/dt|", run(signals, Switches(rate=RECTIFIED))),
-        ("rate: |de/dt| as it is", run(signals, Switches(rate=UNFILTERED))),
-        ("rate: none (0)", run(signals, Switches(rate=NO_RATE))),
-        ("tau = 0.1 s", cost_with("filter", rate_time_constant_s=0.1)),
-        ("tau = 1 s", cost_with("filter", rate_time_constant_s=1.0)),
-        ("e from the truth", run(signals, Switches(error_is_true=True))),
-        ("e not clipped", run(signals, Switches(error_is_clipped=False))),
-        ("v3 not normalised", run(signals, Switches(cross_is_unit=False))),
-        ("without v3", cost_with("confidence", cross=0.0)),
-        ('table\'s "V" is VL', run(signals, rules=V_AS_VERY_LARGE)),
-        ("rows are e, columns its rate", run(signals, rules=ROWS_AS_ERROR)),
-        ("gamma = 0.2", cost_with("filter", gamma=0.2)),
-        ("gamma = 5", cost_with("filter", gamma=5.0)),
-        ("bias bounded at 0.1 rad/s", cost_with("filter", bias_bound_rad_s=0.1)),
-        ("always the decay", cost_with("filter", euler_step_max_s=0.0)),
-        ("no correction at t = 0", cost_with("filter", first_step_s=0.0)),
-        (f"R_hat(0) not projected ({turned:.4f} deg away)", run(signals, start=unprojected)),
-        ("0.2 and 0.05 are variances", run(variance)),
-    ]
-    return [line(name, costs, base) for name, costs in rows]
+def shipped_table(options: Namespace) -> list[Row]:
+    on = signals(options.judging)
+    base = run(on)
+    given = quaternion_from_matrix(np.array(PAPER.filter.initial_attitude))
+    variances = NoiseScale(0.2**-0.5, 0.05**-0.5)  # 0.2 and 0.05 as squares
+    rows = [line(name, run(on, *changed), base) for name, changed in RETUNED.items()]
+    rows += [line("e not clipped", run(on, Choices(error_is_clipped=False)), base)]
+    for name, change in PROFILES.items():
+        rows.append(line(name, run(on, profile=merge_profile(PAPER, change)), base))
+    rows.append(line("R_hat(0) not projected", run(on, start=matrices(np.array(given))), base))
+    noisy = signals(options.judging, noise=variances)
+    return [*rows, line("0.2 and 0.05 are variances", run(noisy), base)]
 
 
-def long_step_table(seeds):
-    """The plain step and the plain bias where steps are long; fixed gains, J with e by time."""
+def long_steps_table(options: Namespace) -> list[Row]:
+    """J with e by time; what is built stands beside."""
     rows = []
-    for rate_hz, gain in (
-        (100.0, 100.0),
-        (50.0, 20.0),
-        (50.0, 100.0),
-        (20.0, 50.0),
-        (10.0, 20.0),
-        (2.0, 20.0),
-        (1.0, 100.0),
-    ):
-        signals = signals_of(seeds, rate_hz)
-        base = run(signals, rate_hz=rate_hz, fixed_gain=gain)
-        for name, switches in (
-            ("plain step K dt", Switches(step_is_plain=True, bias_by_step=True)),
-            ("bias by gamma/2 dt", Switches(bias_by_step=True)),
-        ):
-            costs = run(signals, switches, rate_hz=rate_hz, fixed_gain=gain)
-            where = f"{rate_hz:g} Hz, K = {gain:g}"
-            rows.append({**line(f"{where}: {name}", costs, base), "as_built": base.mean()})
+    plain = Choices(step_is_plain=True, bias_by_step=True)
+    for rate_hz, gain in LONG_STEPS[:2] if options.smoke else LONG_STEPS:
+        on = signals(options.judging, rate_hz)
+        base = run(on, gain=gain)
+        row = {"Hz": rate_hz, "K": gain, "J as built": float(base.mean())}
+        row["J with K dt"] = float(run(on, plain, gain=gain).mean())
+        row["J with bias by dt"] = float(run(on, Choices(bias_by_step=True), gain=gain).mean())
+        rows.append(row)
     return rows
 
 
-def retuned_table(tuning, judging, cycles):
-    rows, base = [], None
-    for name, switches, rules in (
-        ("as built", Switches(), AS_BUILT),
-        ("rate: low-passed |de/dt|", Switches(rate=RECTIFIED), AS_BUILT),
-        ("rate: |de/dt| as it is", Switches(rate=UNFILTERED), AS_BUILT),
-        ("rate: none (0)", Switches(rate=NO_RATE), AS_BUILT),
-        ("e from the truth", Switches(error_is_true=True), AS_BUILT),
-        ("v3 not normalised", Switches(cross_is_unit=False), AS_BUILT),
-        ('table\'s "V" is VL', Switches(), V_AS_VERY_LARGE),
-        ("rows are e, columns its rate", Switches(), ROWS_AS_ERROR),
-    ):
-        best, _ = search_once(
-            lambda k, switches=switches, rules=rules: run(
-                tuning, switches, rules, candidates=k
-            ).mean(axis=1),
-            cycles,
-        )
-        costs = run(judging, switches, rules, candidates=best[None, :])[0]
-        base = costs if base is None else base
-        rows.append(line(name, costs, base))
+def retuned_table(options: Namespace) -> list[Row]:
+    rows: list[Row] = []
+    tuning, judging, base = signals(options.tuning), signals(options.judging), None
+    for name, (choices, rules) in list(RETUNED.items())[: 1 if options.smoke else None]:
+        print(f"retuning: {name} ...", file=sys.stderr, flush=True)
+
+        def costs(k: Array, choices: Choices = choices, rules: Array = rules) -> Array:
+            return np.asarray(run(tuning, choices, rules, k=k).mean(axis=1))
+
+        best, _ = search_once(costs, options.cycles)
+        found = run(judging, choices, rules, k=best[None])[0]
+        base = found if base is None else base
+        rows.append(line(name, found, base))
     return rows
 
 
-def colony_table(judging, cycles, search_seeds):
-    objective = PaperTask(midpoint_profile(), ("membership",), tuple(TUNING_SEEDS), ()).objective
-    rows = []
-    for name, options in (
+def colony_table(options: Namespace) -> list[Row]:
+    objective = PaperTask(midpoint_profile(), ("membership",), tuple(options.tuning), ()).objective
+    judging, rows = signals(options.judging), []
+    for name, rules in (
         ("as built: alpha in [-1, 1], by 1/(1 + J)", {}),
         ("alpha in [0, 1]", {"positive": True}),
         ("onlookers by J", {"by_cost": True}),
         ("both as printed", {"positive": True, "by_cost": True}),
         ("a scout after 50 failures", {"limit": 50}),
     ):
-        found = [search_once(objective.costs, cycles, seed, **options) for seed in search_seeds]
+        found = [
+            search_once(objective.costs, options.cycles, seed, **rules) for seed in options.search
+        ]
         best = np.array([k for k, _ in found])
-        told, judged = objective.costs(best), run(judging, candidates=best).mean(axis=1)
-        rows.append({
-            "change": name, "tuning": told.mean(), "tuning_spread": np.ptp(told),
-            "judging": judged.mean(), "judging_spread": np.ptp(judged),
-            "scouts": float(np.mean([scouts for _, scouts in found])),
-        })  # fmt: skip
+        told, judged = objective.costs(best), run(judging, k=best).mean(axis=1)
+        rows.append(
+            {
+                "change": name,
+                "J tuned on": float(told.mean()),
+                "spread": float(np.ptp(told)),
+                "J judged": float(judged.mean()),
+                "its spread": float(np.ptp(judged)),
+                "scouts": float(np.mean([scouts for _, scouts in found])),
+            }
+        )
     return rows
 
 
-def print_table(title, rows):
-    print(f"\n{title}")
-    for row in rows:
-        rest = "  ".join(f"{key} {value:.4g}" for key, value in row.items() if key != "change")
-        print(f"  {row['change']:<44} {rest}")
+class OtherColony(Colony):
+    """The bees with alpha from [0, 1], or with onlookers drawn by J itself, as printed."""
+
+    def __init__(self, seed: int, limit: int | None, *, positive: bool, by_cost: bool) -> None:
+        self._by_cost = by_cost
+        space, generator = membership_space(), np.random.default_rng(seed)
+        draws: Any = PositiveAlpha(generator) if positive else generator
+        first = encode(space, np.array([midpoint()]))
+        super().__init__(
+            space, FOOD_SOURCES, limit or FOOD_SOURCES * space.dimensions, draws, first
+        )
+
+    def _send_onlookers(self) -> None:
+        if not self._by_cost:
+            super()._send_onlookers()
+            return
+        self._phase = "onlookers"
+        chance = np.cumsum(self.sources.costs) / np.sum(self.sources.costs)
+        drawn = np.searchsorted(chance, self._generator.random(len(chance)), side="right")
+        self._visit(np.minimum(drawn, len(chance) - 1))
 
 
-def main():
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--quick", action="store_true")
-    parser.add_argument("--json", action="store_true")
-    options = parser.parse_args()
-    cycles = 3 if options.quick else CYCLES
-    seeds = JUDGING_SEEDS[:4] if options.quick else JUDGING_SEEDS
-    search_seeds = SEARCH_SEEDS[:1] if options.quick else SEARCH_SEEDS
-    judging, tuning = signals_of(seeds), signals_of(TUNING_SEEDS)
-    tables = {
-        "shipped": shipped_table(judging, seeds),
-        "long_steps": long_step_table(seeds),
-        "retuned": retuned_table(tuning, judging, cycles),
-        "colony": colony_table(judging, cycles, search_seeds),
-    }
-    if options.json:
-        print(json.dumps(tables))
-        return
-    for title, rows in tables.items():
-        print_table(title, rows)
+class PositiveAlpha:
+    """A generator whose uniform numbers from [-1, 1] are from [0, 1]."""
+
+    def __init__(self, generator: np.random.Generator) -> None:
+        self._generator = generator
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._generator, name)
+
+    def uniform(self, low: float, high: float, size: int) -> Any:
+        """As numpy's, from 0 on."""
+        return self._generator.uniform(max(low, 0.0), high, size)
+
+
+def search_once(
+    costs: Any,
+    cycles: int,
+    seed: int = 0,
+    *,
+    positive: bool = False,
+    by_cost: bool = False,
+    limit: int | None = None,
+) -> tuple[Array, int]:
+    """The best memberships (22,) of one search over ``costs(values (C, 22)) -> (C,)``; scouts."""
+    colony, space = OtherColony(seed, limit, positive=positive, by_cost=by_cost), membership_space()
+    best, best_cost = np.array(midpoint()), np.inf
+    while colony.cycles < cycles:
+        values = decode(space, colony.ask())
+        told = costs(values)
+        if told.min() < best_cost:
+            best, best_cost = values[np.argmin(told)], told.min()
+        colony.tell(told)
+    return best, colony.scouts
+
+
+TABLES = {
+    "shipped": shipped_table,
+    "long steps": long_steps_table,
+    "retuned": retuned_table,
+    "colony": colony_table,
+}
+
+
+def main() -> int:
+    made = parser(__doc__)
+    made.add_argument("--tables", default=",".join(TABLES), help="which, with commas between them")
+    options = made.parse_args()
+    options.tuning, options.judging = TUNING_SEEDS, JUDGING_SEEDS
+    options.search, options.cycles = SEARCH_SEEDS, CYCLES
+    if options.smoke:
+        options.tuning, options.judging = TUNING_SEEDS[:1], JUDGING_SEEDS[:1]
+        options.search, options.cycles = SEARCH_SEEDS[:1], 1
+    require_equal(PAPER, fuzzy(np.array(PAPER.k)))
+    tables = {name: TABLES[name](options) for name in names(TABLES, options.tables)}
+    show(tables, as_json=options.json)
+    return 0
 
 
 if __name__ == "__main__":
-    main()
+    sys.exit(main())

@@ -1,137 +1,134 @@
-"""What a sample costs a program, as a batch and call by call, beside VQF's own binding (BROAD).
+"""What does a sample cost a program, as a batch and call by call, beside other filters?
 
-    python benchmarks/speed.py FOLDER [--json]
+    python benchmarks/speed.py [DIR]
 
-``batch`` and ``call`` are what both offer programs: ``fuzzbee.Estimator`` with its defaults, checks
-and sigmas, and ``vqf.VQF``. ``filter`` is the filter alone, a recording in one compiled loop, as
-``broad.py`` times it. Microseconds a sample by the clock; the best of rounds in which both take
-turns, the one that other programs disturbed least. Compiling, and building an estimator, are not
-timed. ``ratio`` is fuzzbee's over VQF's in the same run.
+``fuzzbee.Estimator`` with its defaults, checks and sigmas against ``vqf.VQF``'s own binding and
+imufusion: microseconds a sample by the clock, the best of rounds in which all take turns, the one
+that other programs disturbed least. Compiling, and building a filter, are not timed. ``ratio`` is
+fuzzbee's time over the other's in the same run: it is the figure that holds on other machines.
 """
 
-import argparse
-import json
 import sys
 import time
 from collections.abc import Callable
-from pathlib import Path
+from math import inf
 
-import numpy as np
-from broad_data import Trial, cut, load_trials
-from broad_filter import Filter
-from broad_fuzzbee import FuzzbeeFilter
-from broad_vqf import VqfFilter
-from vqf import VQF
+from common.filters import body_readings, is_installed
+from common.recordings import Trial, add_folders, chosen_sets, made_up
+from common.report import MISSING, Row, parser, show
 
-from fuzzbee import Estimator, load_profile
+from fuzzbee import Estimator
 
-FRD_OF_SENSOR = np.array([1.0, -1.0, -1.0])
-GAUSS_PER_MICRO_TESLA = 0.01
-ROWS = slice(1000, 7000)  # past the rest that trials begin with
+ROWS = slice(1000, 7000)  # past the rest that recordings begin with
 CALLS = 600  # of them: what takes longer than a few ms, other programs always interrupt
-ROUNDS = 100
-Run = Callable[[], object]
+ROUNDS, SMOKE_ROUNDS = 100, 3
+Start = Callable[[], Callable[[], object]]  # builds a filter and gives what is to be timed
 
 
-def fuzzbee_runs(trial: Trial) -> dict[str, Callable[[], Run]]:
-    """What starts an estimator and gives what is to be timed."""
-    profile = load_profile("imu")
-    gyr = trial.gyr_rad_s[ROWS] * FRD_OF_SENSOR
-    acc = trial.acc_m_s2[ROWS] * FRD_OF_SENSOR
-    mag = trial.mag_ut[ROWS] * FRD_OF_SENSOR * GAUSS_PER_MICRO_TESLA
+def fuzzbee_batch(trial: Trial) -> Start:
+    rows = [column[ROWS] for column in body_readings(trial)]
 
-    def start() -> Estimator:
-        estimator = Estimator(profile, trial.rate_hz)
-        for k in range(10):  # aligns it
-            estimator.update(gyr[0], acc[0], mag[0] * (1.0 + 1e-6 * k))
-        return estimator
+    def start() -> Callable[[], object]:
+        estimator = begun(trial)
+        return lambda: estimator.update_batch(*rows)
 
-    def batch() -> Run:
-        estimator = start()
-        return lambda: estimator.update_batch(gyr, acc, mag)
-
-    def call() -> Run:
-        update, rows = start().update, list(zip(gyr, acc, mag, strict=True))[:CALLS]
-
-        def run() -> None:
-            for g, a, m in rows:
-                update(g, a, m)
-
-        return run
-
-    return {"filter": lambda: filter_run(FuzzbeeFilter(), trial), "batch": batch, "call": call}
+    return start
 
 
-def vqf_runs(trial: Trial) -> dict[str, Callable[[], Run]]:
-    """The same of VQF; its call gives no attitude, which is asked for beside."""
-    gyr, acc, mag = (
-        np.ascontiguousarray(v[ROWS]) for v in (trial.gyr_rad_s, trial.acc_m_s2, trial.mag_ut)
-    )
+def fuzzbee_call(trial: Trial) -> Start:
+    rows = list(zip(*(column[ROWS][:CALLS] for column in body_readings(trial)), strict=True))
 
-    def batch() -> Run:
+    def start() -> Callable[[], object]:
+        update = begun(trial).update
+        return lambda: [update(*row) for row in rows]
+
+    return start
+
+
+def begun(trial: Trial) -> Estimator:
+    """An estimator that is aligned."""
+    estimator = Estimator("imu", trial.rate_hz)
+    estimator.update_batch(*(column[:10] for column in body_readings(trial)))
+    return estimator
+
+
+def vqf_batch(trial: Trial) -> Start:
+    from vqf import VQF
+
+    rows = [column[ROWS].copy() for column in (trial.gyr_rad_s, trial.acc_m_s2, trial.mag_ut)]
+
+    def start() -> Callable[[], object]:
         vqf = VQF(trial.dt_s)
-        return lambda: vqf.updateBatch(gyr, acc, mag)
+        return lambda: vqf.updateBatch(*rows)
 
-    def call() -> Run:
+    return start
+
+
+def vqf_call(trial: Trial) -> Start:
+    """Its call gives no attitude, which is asked for beside."""
+    from vqf import VQF
+
+    columns = (trial.gyr_rad_s, trial.acc_m_s2, trial.mag_ut)
+    rows = list(zip(*(column[ROWS][:CALLS].copy() for column in columns), strict=True))
+
+    def start() -> Callable[[], object]:
         vqf = VQF(trial.dt_s)
         update, attitude = vqf.update, vqf.getQuat9D
-        rows = list(zip(gyr, acc, mag, strict=True))[:CALLS]
+        return lambda: [(update(*row), attitude()) for row in rows]
 
-        def run() -> None:
-            for g, a, m in rows:
-                update(g, a, m)
-                attitude()
-
-        return run
-
-    return {
-        "filter": lambda: filter_run(VqfFilter("vqf", 9.0), trial),
-        "batch": batch,
-        "call": call,
-    }
+    return start
 
 
-def filter_run(filter_: Filter, trial: Trial) -> Run:
-    """What ``broad.py`` times: for fuzzbee the compiled loop alone, for VQF its batch again."""
-    short = cut(trial, ROWS)
-    run = filter_.start(short)
-    return lambda: run.advance(slice(0, len(short.gyr_rad_s)))
+def imufusion_call(trial: Trial) -> Start:
+    from common.filters import ImufusionRun
+
+    short = trial.cut(slice(ROWS.start, ROWS.start + CALLS))
+
+    def start() -> Callable[[], object]:
+        run = ImufusionRun(short)
+        return lambda: run.advance(slice(0, None))
+
+    return start
 
 
-def measure(trial: Trial) -> dict[str, dict[str, float]]:
-    """Microseconds a sample and their ratio, of each way."""
-    filters = {"fuzzbee": fuzzbee_runs(trial), "vqf": vqf_runs(trial)}
-    rows = len(trial.gyr_rad_s[ROWS])
-    result = {}
-    for way, samples in (("filter", rows), ("batch", rows), ("call", CALLS)):
-        best = dict.fromkeys(filters, np.inf)
-        for _ in range(ROUNDS):
-            for name, runs in filters.items():
-                run = runs[way]()
-                begin = time.perf_counter()
-                run()
-                best[name] = min(best[name], 1e6 * (time.perf_counter() - begin) / samples)
-        result[way] = {**best, "ratio": best["fuzzbee"] / best["vqf"]}
-    return result
+WAYS = {
+    "batch": {"fuzzbee": fuzzbee_batch, "vqf": vqf_batch},
+    "call": {"fuzzbee": fuzzbee_call, "vqf": vqf_call, "imufusion": imufusion_call},
+}
 
 
-def main() -> None:
-    """The first trial of the folder."""
-    parser = argparse.ArgumentParser(description="What a sample costs, beside VQF.")
-    parser.add_argument("folder", type=Path, help="BROAD's *.mat files, with trials.json")
-    parser.add_argument("--json", action="store_true", help="one JSON object on standard output")
-    args = parser.parse_args()
-    trials = load_trials(args.folder)
-    if not trials:
-        print(f"{args.folder}: no *.mat files", file=sys.stderr)
-        raise SystemExit(2)
-    result = measure(trials[0])
-    if args.json:
-        print(json.dumps(result))
-        return
-    for way, row in result.items():
-        print(f"{way:6} " + "  ".join(f"{name} {value:.2f}" for name, value in row.items()))
+def measure(trial: Trial, way: str, rounds: int) -> list[Row]:
+    """Microseconds a sample of each, and fuzzbee's over it."""
+    samples = min(
+        len(trial.moving) - ROWS.start, ROWS.stop - ROWS.start if way == "batch" else CALLS
+    )
+    starts = {name: of(trial) for name, of in WAYS[way].items() if is_installed(name)}
+    best = dict.fromkeys(starts, inf)
+    for _ in range(rounds):
+        for name, start in starts.items():
+            run = start()
+            begin = time.perf_counter()
+            run()
+            best[name] = min(best[name], 1e6 * (time.perf_counter() - begin) / samples)
+    ours = best["fuzzbee"]
+    rows: list[Row] = [
+        {"way": way, "filter": name, "us a sample": us, "ratio": ours / us}
+        for name, us in best.items()
+    ]
+    missing = [name for name in WAYS[way] if name not in starts]
+    return rows + [{"way": way, "filter": f"{name}: {MISSING}"} for name in missing]
+
+
+def main() -> int:
+    made = parser(__doc__)
+    add_folders(made)
+    options = made.parse_args()
+    trial = next(iter(chosen_sets(options).values()))[0] if options.folders else made_up()
+    rounds = SMOKE_ROUNDS if options.smoke else ROUNDS
+    rows = [row for way in WAYS for row in measure(trial, way, rounds)]
+    show({f"time a sample, {trial.name}": rows}, as_json=options.json)
+    return 0
 
 
 if __name__ == "__main__":
-    main()
+    sys.exit(main())

@@ -92,8 +92,9 @@ def shown_roll_deg(picture: bytes) -> float | None:
         return None
     middle = np.array([(columns.min() + columns.max()) / 2, (rows.min() + rows.max()) / 2])
     reach = 0.48 * min(np.ptp(columns), np.ptp(rows))
-    far = np.hypot(*np.meshgrid(np.arange(pixels.shape[1]) - middle[0],
-                                np.arange(pixels.shape[0]) - middle[1]))  # fmt: skip
+    far = np.hypot(
+        *np.meshgrid(np.arange(pixels.shape[1]) - middle[0], np.arange(pixels.shape[0]) - middle[1])
+    )
     down = _centre(ground & (far < reach)) - _centre(sky & (far < reach))
     return degrees(atan2(down[0], down[1]))
 

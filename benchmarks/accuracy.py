@@ -1,0 +1,101 @@
+"""How accurate are fuzzbee, its variants and other filters on recordings with optical truth?
+
+    python benchmarks/accuracy.py DIR [DIR ...] [--filters rivals] [--ways all] [--plot FILE]
+
+A row a folder, way of recording and filter: RMS errors in motion in degrees (BROAD's protocol),
+mean over the recordings; ``free`` is the total with a constant heading per recording taken off,
+``worst`` the largest total. ``under sigma`` is the share of errors of inclination and heading under
+the published sigma (0.68 is honest). ``change`` is the mean change of the total against the first
+filter, by recording, with its bootstrapped 95 % interval.
+
+Filters are names with commas between them, or ``rivals``, ``gains`` (the profile imu with other
+gains) or ``steps`` (one step of the conditioning off at a time). Ways are those of common/ways.py,
+or ``all``. ``--by group`` and ``--by name`` have rows for each group and recording.
+"""
+
+import sys
+from collections.abc import Sequence
+
+import numpy as np
+from common.filters import Filter, chosen_filters
+from common.recordings import Trial, add_folders, chosen_sets
+from common.report import MISSING, Point, Row, draw, parser, show
+from common.scores import by, change, mean_of, score
+from common.ways import WAYS
+
+
+def judge(filter_: Filter, trials: Sequence[Trial]) -> list[Row]:
+    """The scores of each recording."""
+    rows = []
+    for trial in trials:
+        said = filter_(trial).advance(slice(0, None))
+        rows.append({"name": trial.name, "groups": trial.groups, **score(trial, *said)})
+    return rows
+
+
+def worse(trials: Sequence[Trial], way: str, seed: int) -> list[Trial]:
+    """The recordings in that way, each from a seed of its own."""
+    rngs = [np.random.default_rng([seed, k, len(way)]) for k in range(len(trials))]
+    return [made for t, rng in zip(trials, rngs, strict=True) for made in WAYS[way](t, rng)]
+
+
+def summary(rows: Sequence[Row], base: Sequence[Row]) -> Row:
+    """Means over the recordings."""
+    totals = [row["total"] for row in rows]
+    means = mean_of([{k: v for k, v in row.items() if k not in {"name", "groups"}} for row in rows])
+    found = {"n": len(rows), **means, "worst": max(totals)}
+    return {**found, "change": change(totals, [row["total"] for row in base])}
+
+
+def summaries(rows: Sequence[Row], base: Sequence[Row], key: str) -> dict[str, Row]:
+    """By all, by group or by name."""
+    if key == "all":
+        return {"": summary(rows, base)}
+    if key == "name":
+        return {row["name"]: summary([row], [was]) for row, was in zip(rows, base, strict=True)}
+    pairs = [
+        {"group": group, "row": row, "base": was}
+        for row, was in zip(rows, base, strict=True)
+        for group in row["groups"]
+    ]
+    return {
+        str(group): summary([p["row"] for p in some], [p["base"] for p in some])
+        for group, some in sorted(by(pairs, lambda p: p["group"]).items(), key=str)
+    }
+
+
+def main() -> int:
+    options = arguments()
+    table: list[Row] = []
+    points: list[Point] = []
+    for folder, trials in chosen_sets(options).items():
+        for way in list(WAYS) if options.ways == ["all"] else options.ways:
+            made, base = worse(trials, way, options.seed), None
+            for name, filter_ in chosen_filters(options.filters):
+                head = {"set": folder, "way": way, "filter": name}
+                if filter_ is None:
+                    table.append({**head, "n": MISSING})
+                    continue
+                rows = judge(filter_, made)
+                base = rows if base is None else base
+                for of, means in summaries(rows, base, options.by).items():
+                    table.append({**head, **({"of": of} if of else {}), **means})
+                points += [Point(f"{folder}, {way}", r["name"], name, r["total"]) for r in rows]
+    if options.plot:
+        draw(options.plot, points, "total RMS error, degrees", is_log=True)
+    show({"accuracy, degrees": table}, as_json=options.json)
+    return 0
+
+
+def arguments():
+    made = parser(__doc__, plots=True)
+    add_folders(made)
+    made.add_argument("--filters", default="rivals", help="names, rivals, gains or steps")
+    made.add_argument("--ways", nargs="+", choices=[*WAYS, "all"], default=["as recorded"])
+    made.add_argument("--by", choices=("all", "group", "name"), default="all")
+    made.add_argument("--seed", type=int, default=0)
+    return made.parse_args()
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,248 @@
+"""Fuzzbee, its variants and its rivals behind one face: rows in, attitudes out."""
+
+from collections.abc import Callable, Iterator
+from functools import partial
+from typing import Any, NamedTuple, Protocol
+
+import numpy as np
+from common.recordings import Array, Trial
+from common.report import names
+from common.scores import conjugate, multiply
+
+from estimator.profile import Profile, merge_profile, profile_to_json
+from fuzzbee import Estimator, load_profile
+
+HALF_ROOT = np.sqrt(0.5)
+# Body axes are forward, right, down; the recordings' forward, left, up.
+FRD_OF_SENSOR = np.array([1.0, -1.0, -1.0])
+GAUSS_PER_MICRO_TESLA = 0.01
+# q -> Q_ENU_NED q Q_FRD_SENSOR is linear: the images of 1, i, j, k as rows.
+Q_ENU_NED, Q_FRD_SENSOR = np.array([0.0, HALF_ROOT, HALF_ROOT, 0.0]), np.array([0.0, 1.0, 0.0, 0.0])
+ENU_SENSOR_OF_NED_FRD = multiply(Q_ENU_NED, multiply(np.eye(4), Q_FRD_SENSOR))
+STANDARD_GRAVITY_M_S2 = 9.80665
+# Of the rivals: the best common settings over the trials this was developed on.
+IMUFUSION = {
+    "gain": 0.2,
+    "gyroscope_range": 0.0,
+    "acceleration_rejection": 10.0,
+    "magnetic_rejection": 10.0,
+    "rejection_timeout": 10.0,
+}
+MAHONY = {"k_P": 0.3, "k_I": 1e-6}  # ahrs refuses zero
+MADGWICK = {"gain": 0.1}
+# Madgwick's earth frame in ahrs is north-west-up: ENU turned by 90 deg. Mahony's is ENU.
+Q_ENU_EARTH = {
+    "Mahony": np.array([1.0, 0.0, 0.0, 0.0]),
+    "Madgwick": np.array([HALF_ROOT, 0.0, 0.0, HALF_ROOT]),
+}
+
+
+class Said(NamedTuple):
+    """N attitudes, sensor to ENU, w first; sigmas (N, 2) of inclination and heading, degrees."""
+
+    q_enu_sensor: Array
+    sigma_deg: Array | None = None
+
+
+class Run(Protocol):
+    """A filter at work on one trial."""
+
+    def advance(self, rows: slice) -> Said:
+        """Take the rows, in order."""
+        ...
+
+    def turn(self, turn_enu: Array) -> None:
+        """Turn every attitude inside by a rotation given in ENU that no sensor has felt."""
+        ...
+
+
+Filter = Callable[[Trial], Run]
+
+
+class FuzzbeeRun:
+    """The estimator as programs have it."""
+
+    def __init__(self, trial: Trial, profile: Profile) -> None:
+        averaged = {"conditioning": {"averaged_samples": trial.averaged}}
+        self._estimator = Estimator(merge_profile(profile, averaged), trial.rate_hz)
+        self._readings = body_readings(trial)
+
+    def advance(self, rows: slice) -> Said:
+        """See :class:`Run`."""
+        said = self._estimator.update_batch(*(column[rows] for column in self._readings))
+        sigma = np.stack([said.sigma_inclination_rad, said.sigma_heading_rad], axis=1)
+        return Said(said.q_ned_frd @ ENU_SENSOR_OF_NED_FRD, np.degrees(sigma))
+
+    def turn(self, turn_enu: Array) -> None:
+        """See :class:`Run`; only tests do this, so the public class has no name for it."""
+        w, east, north, up = turn_enu.tolist()
+        self._estimator._inner.turn((w, north, east, -up))  # noqa: SLF001
+
+
+def body_readings(trial: Trial) -> tuple[Array, Array, Array]:
+    """Rad/s, m/s^2 and gauss, forward, right, down."""
+    mag = trial.mag_ut * GAUSS_PER_MICRO_TESLA
+    gyr, acc, mag = (column * FRD_OF_SENSOR for column in (trial.gyr_rad_s, trial.acc_m_s2, mag))
+    return gyr, acc, mag
+
+
+class VqfRun:
+    """VQF (Laidig and Seel 2023), its own package, with its defaults but tauMag."""
+
+    def __init__(self, trial: Trial, tau_mag_s: float) -> None:
+        from vqf import VQF
+
+        self._trial, self._vqf = trial, VQF(trial.dt_s, tauMag=tau_mag_s)
+        self._attitude = self._vqf.getQuat9D if trial.has_mag else self._vqf.getQuat6D
+
+    def advance(self, rows: slice) -> Said:
+        """See :class:`Run`."""
+        t = self._trial
+        if t.has_mag:
+            result = self._vqf.updateBatch(t.gyr_rad_s[rows], t.acc_m_s2[rows], t.mag_ut[rows])
+            return Said(np.asarray(result["quat9D"]))
+        return Said(
+            np.asarray(self._vqf.updateBatch(t.gyr_rad_s[rows], t.acc_m_s2[rows])["quat6D"])
+        )
+
+    def turn(self, turn_enu: Array) -> None:
+        """See :class:`Run`."""
+        state = self._vqf.state
+        body = body_turn(self._attitude(), turn_enu)
+        state["gyrQuat"] = list(multiply(np.array(state["gyrQuat"]), body))
+        self._vqf.state = state
+
+
+def body_turn(q: Array, turn_enu: Array) -> Array:
+    """The turn as the body at ``q`` makes it."""
+    return multiply(conjugate(q), multiply(turn_enu, q))
+
+
+class ImufusionRun:
+    """imufusion (x-io), with its own gyroscope bias filter."""
+
+    def __init__(self, trial: Trial) -> None:
+        import imufusion
+
+        settings, bias = imufusion.AhrsSettings(), imufusion.BiasSettings()
+        settings.sample_rate = bias.sample_rate = trial.rate_hz
+        settings.convention = imufusion.CONVENTION_ENU
+        for name, value in IMUFUSION.items():  # the constructor ignores its arguments
+            setattr(settings, name, value)
+        self._trial, self._ahrs, self._bias = trial, imufusion.Ahrs(), imufusion.Bias()
+        self._ahrs.set_settings(settings)
+        self._bias.set_settings(bias)
+
+    def advance(self, rows: slice) -> Said:
+        """See :class:`Run`."""
+        t, ahrs = self._trial, self._ahrs
+        gyr, acc = np.degrees(t.gyr_rad_s[rows]), t.acc_m_s2[rows] / STANDARD_GRAVITY_M_S2
+        mag = np.nan_to_num(t.mag_ut[rows])
+        out = np.empty((len(gyr), 4))
+        for k in range(len(gyr)):
+            ahrs.update(self._bias.update(gyr[k]), acc[k], mag[k])
+            out[k] = ahrs.get_quaternion()
+        return Said(out)
+
+    def turn(self, turn_enu: Array) -> None:
+        """See :class:`Run`."""
+        q = np.array(self._ahrs.get_quaternion(), dtype=float)
+        self._ahrs.set_quaternion(multiply(q, body_turn(q, turn_enu)))
+
+
+class AhrsRun:
+    """Mahony's or Madgwick's filter of the ahrs package; its attitude is kept here."""
+
+    def __init__(self, trial: Trial, name: str, settings: dict[str, float]) -> None:
+        import ahrs.filters
+
+        self._trial, self._q_enu_earth = trial, Q_ENU_EARTH[name]
+        self._filter: Any = getattr(ahrs.filters, name)(frequency=trial.rate_hz, **settings)
+        self._q = multiply(conjugate(self._q_enu_earth), first_attitude(trial))
+
+    def advance(self, rows: slice) -> Said:
+        """See :class:`Run`."""
+        t, q = self._trial, self._q
+        gyr, acc, mag = t.gyr_rad_s[rows], t.acc_m_s2[rows], t.mag_ut[rows]
+        out = np.empty((len(gyr), 4))
+        for k in range(len(gyr)):
+            if t.has_mag:
+                q = self._filter.updateMARG(q, gyr[k], acc[k], mag[k], t.dt_s)
+            else:
+                q = self._filter.updateIMU(q, gyr[k], acc[k], t.dt_s)
+            out[k] = q
+        self._q = q
+        return Said(multiply(self._q_enu_earth, out))
+
+    def turn(self, turn_enu: Array) -> None:
+        """See :class:`Run`."""
+        q = multiply(self._q_enu_earth, self._q)
+        self._q = multiply(self._q, body_turn(q, turn_enu))
+
+
+def first_attitude(trial: Trial) -> Array:
+    """The attitude, sensor to ENU, that gravity and the field of the first sample show."""
+    from scipy.spatial.transform import Rotation
+
+    up = trial.acc_m_s2[0] / np.linalg.norm(trial.acc_m_s2[0])
+    east = np.cross(trial.mag_ut[0] if trial.has_mag else np.array([1.0, 0.0, 0.0]), up)
+    east /= np.linalg.norm(east)
+    rows = np.array([east, np.cross(up, east), up])
+    return np.roll(Rotation.from_matrix(rows).as_quat(), 1)
+
+
+RIVALS: dict[str, Filter] = {
+    "vqf": partial(VqfRun, tau_mag_s=9.0),
+    "vqf tauMag 20": partial(VqfRun, tau_mag_s=20.0),
+    "imufusion": ImufusionRun,
+    "mahony": partial(AhrsRun, name="Mahony", settings=MAHONY),
+    "madgwick": partial(AhrsRun, name="Madgwick", settings=MADGWICK),
+}
+GAINS: dict[str, dict[str, Any]] = {
+    "fuzzy gain": {"gain": "fuzzy"},
+    **{f"K = {K:g}": {"gain": "fixed", "fixed_gain": K} for K in (1.0, 5.0, 20.0, 50.0, 200.0)},
+    "knows the noise": {"gain": "noise"},
+}
+
+
+def fuzzbee(changes: dict[str, Any]) -> Filter:
+    """With a profile that differs from the shipped one."""
+    return partial(FuzzbeeRun, profile=merge_profile(load_profile("imu"), changes))
+
+
+def step_names() -> list[str]:
+    """The switches of the conditioning's steps, as the profile has them."""
+    section = profile_to_json(load_profile("imu"))["conditioning"]
+    return [name for name, value in section.items() if name.startswith("use_") and value is True]
+
+
+def known() -> dict[str, Filter]:
+    """Every filter by its name."""
+    without = {name: fuzzbee({"conditioning": {name: False}}) for name in step_names()}
+    gains = {name: fuzzbee({"filter": change}) for name, change in GAINS.items()}
+    return {
+        "fuzzbee": fuzzbee({}),
+        **RIVALS,
+        **gains,
+        **{f"without {name.removeprefix('use_')}": made for name, made in without.items()},
+    }
+
+
+SETS = {"rivals": ("fuzzbee", *RIVALS), "gains": ("fuzzbee", *GAINS)}
+
+
+def chosen_filters(text: str) -> Iterator[tuple[str, Filter | None]]:
+    """The filters of names, or of a set's name, with commas; None for one that is not installed."""
+    all_of_them = known()
+    sets = {**SETS, "steps": ("fuzzbee", *(n for n in all_of_them if n.startswith("without ")))}
+    for name in names([*all_of_them, *sets], text):
+        for each in sets.get(name, (name,)):
+            yield each, all_of_them[each] if is_installed(each) else None
+
+
+def is_installed(name: str) -> bool:
+    """Whether a rival's package is there."""
+    from importlib.util import find_spec
+
+    package = {"mahony": "ahrs", "madgwick": "ahrs"}.get(name, name.split(maxsplit=1)[0])
+    return name not in RIVALS or find_spec(package) is not None

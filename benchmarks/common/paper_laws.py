@@ -1,0 +1,115 @@
+"""What may set the paper's gain: the fuzzy controller by any table of rules, and simpler laws."""
+
+from collections.abc import Callable
+from typing import NamedTuple
+
+import numpy as np
+from common.paper_filter import Law
+from common.recordings import Array
+
+from estimator.compilation.compiled import compiled
+from estimator.filter.fuzzy import RULES, centroid, fuzzify
+from tuning.paper_kernel import unpack
+from tuning.space import Space, membership_space
+
+TABLE = np.array(RULES)
+LARGEST = 124.0  # with a larger K a plain step of 10 ms would be too long
+
+
+@compiled
+def fuzzy_gains(k, rules, error, rate):
+    """k_op (C, S) of memberships (C, 22), by a table of 25 rules: min, max, centroid."""
+    gains = np.empty(error.shape)
+    for c in range(error.shape[0]):
+        own = unpack(k[c])
+        sets = (
+            (0.0, 0.0, own[11]),
+            (own[12], own[13], own[14]),
+            (own[15], own[16], own[17]),
+            (own[18], own[19], own[20]),
+            (own[21], 100.0, 100.0),
+        )
+        for s in range(error.shape[1]):
+            e = fuzzify(own, min(max(error[c, s], 0.0), 1.0))
+            d = fuzzify(own, min(abs(rate[c, s]), 1.0))
+            fired = np.zeros(5)
+            for row in range(5):
+                for column in range(5):
+                    term = rules[row, column]
+                    fired[term] = max(fired[term], min(d[row], e[column]))
+            strengths = (fired[0], fired[1], fired[2], fired[3], fired[4])
+            gains[c, s] = centroid(strengths, sets)
+    return gains
+
+
+def fuzzy(k: Array, rules: Array = TABLE) -> Law:
+    """The paper's K = 1 + k_op with memberships (C, 22)."""
+    k = np.ascontiguousarray(np.atleast_2d(k))
+    return lambda e, d, _: 1.0 + fuzzy_gains(k, rules, e, d)
+
+
+def fixed(p: Array) -> Law:
+    """One gain."""
+    return lambda e, _d, _t: 0.0 * e + p[0]
+
+
+def linear(p: Array) -> Law:
+    """K = a + b e."""
+    return lambda e, _d, _t: p[0] + p[1] * e
+
+
+def two_levels(p: Array) -> Law:
+    """High where the error or its rate is large."""
+    return lambda e, d, _: np.where((e > p[2]) | (abs(d) > p[3]), p[1] + 0.0 * e, p[0])
+
+
+def hysteresis(p: Array) -> Law:
+    """High from one error on, until it is below another."""
+    high = np.array(True)
+
+    def law(e: Array, _d: Array, _t: float) -> Array:
+        nonlocal high
+        high = np.where(high, e > p[2], e > np.maximum(p[2], p[3]))
+        return np.where(high, p[1] + 0.0 * e, p[0])
+
+    return law
+
+
+def schedule(p: Array) -> Law:
+    """From a large gain to a small one over time."""
+    return lambda e, _d, t: 0.0 * e + p[0] + (p[1] - p[0]) * np.exp(-t / p[2])
+
+
+class Kind(NamedTuple):
+    """A law with what is tuned of it; ``make`` takes parameters (D, C, 1), or (C, 22) if fuzzy."""
+
+    make: Callable[[Array], Law]
+    space: Space
+    aligned: bool = False  # starts from what the first sample shows
+
+    def law(self, values: Array) -> Law:
+        """Of candidates (C, D)."""
+        return self.make(values if self.make is fuzzy else np.asarray(values).T[:, :, None])
+
+
+def scales(names: str, lower: tuple[float, ...], upper: tuple[float, ...]) -> Space:
+    """Parameters that are searched by their logarithm."""
+    of = tuple(names.split())
+    return Space(of, lower, upper, (), (True,) * len(of))
+
+
+KINDS = {
+    "fixed K": Kind(fixed, scales("K", (0.5,), (LARGEST,))),
+    "linear, K = a + b e": Kind(linear, scales("a b", (0.5, 1.0), (50.0, 1000.0))),
+    "two levels, on e or |de/dt|": Kind(
+        two_levels, scales("low high e rate", (0.5, 20.0, 0.005, 0.02), (20.0, LARGEST, 0.9, 5.0))
+    ),
+    "two levels with hysteresis": Kind(
+        hysteresis, scales("low high off on", (0.5, 20.0, 0.001, 0.01), (20.0, LARGEST, 0.2, 0.9))
+    ),
+    "schedule over time": Kind(
+        schedule, scales("last first time_s", (0.5, 20.0, 0.02), (20.0, LARGEST, 5.0))
+    ),
+    "aligned at the first sample, fixed K": Kind(fixed, scales("K", (0.5,), (LARGEST,)), True),
+    "fuzzy, same budget": Kind(fuzzy, membership_space()),
+}

@@ -1,0 +1,142 @@
+"""Recordings of an IMU beside optical truth, in the format of BROAD (doi 10.3390/data6070072)."""
+
+import json
+from argparse import ArgumentParser, Namespace
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.io import loadmat
+from scipy.spatial.transform import Rotation
+
+Array = NDArray[np.float64]
+Bools = NDArray[np.bool_]
+
+MADE_UP_HZ, MADE_UP_S, REST_S = 100.0, 60.0, 12.0
+SMOKE_S = 60.0
+COLUMNS = ("gyr_rad_s", "acc_m_s2", "mag_ut", "q_enu_sensor", "scored", "moving")
+
+
+@dataclass(frozen=True)
+class Trial:
+    """One recording, rows in time. Sensor frame x, y, z up; truth from sensor to ENU, w first.
+
+    ``scored`` marks the rows that count: motion, and the markers in sight. A sensor without a
+    magnetometer has NaN in ``mag_ut``. ``averaged`` tells that a row is the mean over its interval.
+    """
+
+    name: str
+    groups: tuple[str, ...]
+    rate_hz: float
+    gyr_rad_s: Array
+    acc_m_s2: Array
+    mag_ut: Array
+    q_enu_sensor: Array
+    scored: Bools
+    moving: Bools
+    averaged: bool = False
+
+    @property
+    def dt_s(self) -> float:
+        """Sample interval."""
+        return 1.0 / self.rate_hz
+
+    @property
+    def times_s(self) -> Array:
+        """(N,), from 0 on."""
+        return np.arange(len(self.moving)) * self.dt_s
+
+    @property
+    def has_mag(self) -> bool:
+        """Whether there is a magnetometer."""
+        return bool(np.isfinite(self.mag_ut).any())
+
+    @property
+    def field_ut(self) -> float:
+        """The usual norm of the field."""
+        return float(np.median(np.linalg.norm(self.mag_ut, axis=1)))
+
+    def cut(self, rows: slice) -> "Trial":
+        """These rows; with a step, the rate is that much lower."""
+        columns = {name: np.ascontiguousarray(getattr(self, name)[rows]) for name in COLUMNS}
+        return replace(self, rate_hz=self.rate_hz / (rows.step or 1), **columns)
+
+
+def add_folders(parser: ArgumentParser) -> None:
+    """The folders with recordings, as arguments of a script."""
+    parser.add_argument("folders", type=Path, nargs="*", metavar="DIR", help="with *.mat files")
+    parser.add_argument("--undisturbed", action="store_true", help="leave out what is disturbed")
+
+
+def chosen_sets(options: Namespace) -> dict[str, list[Trial]]:
+    """The recordings by folder; for a smoke test a part of the first one, or made up without any.
+
+    Raises:
+        SystemExit: there is no recording.
+    """
+    if options.smoke and not options.folders:
+        return {"made up": [made_up()]}
+    sets = {folder.name: load_trials(folder) for folder in options.folders}
+    if options.undisturbed:
+        sets = {name: [t for t in trials if is_undisturbed(t)] for name, trials in sets.items()}
+    if not sets or not all(sets.values()):
+        raise SystemExit("give folders with BROAD's *.mat files, or --smoke")
+    if options.smoke:
+        return {
+            n: [t.cut(slice(0, round(SMOKE_S * t.rate_hz))) for t in s[:1]] for n, s in sets.items()
+        }
+    return sets
+
+
+def load_trials(folder: Path) -> list[Trial]:
+    """Read every ``*.mat`` of the folder; groups come from its ``trials.json``, if there is one."""
+    file = folder / "trials.json"
+    index = json.loads(file.read_text())["trials"] if file.exists() else {}
+    return [
+        load_trial(path, index.get(path.stem, {}).get("groups", ()))
+        for path in sorted(folder.glob("*.mat"))
+    ]
+
+
+def load_trial(path: Path, groups: Iterable[str]) -> Trial:
+    """One file."""
+    data = loadmat(path, squeeze_me=True)
+    q, moving = np.array(data["opt_quat"], float), np.array(data["movement"], bool)
+    readings = (np.ascontiguousarray(data[f"imu_{name}"], float) for name in ("gyr", "acc", "mag"))
+    scored = moving & ~np.isnan(q).any(axis=1)
+    return Trial(
+        path.stem, tuple(groups), float(data["sampling_rate"]), *readings, q, scored, moving
+    )
+
+
+def is_undisturbed(trial: Trial) -> bool:
+    """Whether the name tells of no disturbance; sets other than BROAD name none."""
+    return "_disturbed_" not in trial.name
+
+
+def made_up(seed: int = 0) -> Trial:
+    """A minute of an IMU that rests and is then turned and shaken, for where no folder is."""
+    rng = np.random.default_rng(seed)
+    n, dt_s = round(MADE_UP_S * MADE_UP_HZ), 1.0 / MADE_UP_HZ
+    t = np.arange(n) * dt_s
+    moving = t >= REST_S
+    tones = rng.uniform(0.2, 0.7, (3, 3))
+    phases = rng.uniform(0.0, 6.0, (3, 3))
+    waves = (
+        np.sin(2.0 * np.pi * tones[:, :, None] * (t - REST_S) + phases[:, :, None]).sum(axis=1).T
+    )
+    near = np.clip((t - REST_S) / 2.0, 0.0, 1.0)[:, None]
+    rate, pushed = near * waves, near * waves[:, ::-1]
+    steps = Rotation.from_rotvec(rate * dt_s)
+    attitude, attitudes = Rotation.identity(), []
+    for k in range(n):
+        attitudes.append(attitude.as_quat())
+        attitude = attitude * steps[k]
+    q = Rotation.from_quat(np.array(attitudes))
+    gyr = rate + 0.005 + rng.normal(0.0, 0.005, (n, 3))
+    acc = q.inv().apply(pushed + np.array([0.0, 0.0, 9.81])) + rng.normal(0.0, 0.03, (n, 3))
+    mag = q.inv().apply((0.0, 20.0, -42.0)) + rng.normal(0.0, 0.3, (n, 3))
+    truth = np.roll(q.as_quat(), 1, axis=1)
+    return Trial("made up", ("made up",), MADE_UP_HZ, gyr, acc, mag, truth, moving, moving)

@@ -1,0 +1,119 @@
+"""What every benchmark has: its options, its tables, and a picture of one."""
+
+import argparse
+import json
+from collections.abc import Iterable, Mapping, Sequence
+from pathlib import Path
+from typing import Any, NamedTuple
+
+Row = dict[str, Any]
+MISSING = "not installed"
+
+
+class Point(NamedTuple):
+    """A mark of a picture: which panel, which line of it, whose mark, and where."""
+
+    panel: str
+    line: str
+    series: str
+    value: float
+
+
+def parser(text: str | None, *, plots: bool = False) -> argparse.ArgumentParser:
+    """Options that all benchmarks share; ``text`` is the script's docstring."""
+    made = argparse.ArgumentParser(
+        description=text, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    made.add_argument("--json", action="store_true", help="one JSON object on standard output")
+    made.add_argument("--smoke", action="store_true", help="a few seconds, to see that it runs")
+    if plots:
+        made.add_argument("--plot", type=Path, metavar="FILE", help="a picture; needs matplotlib")
+    return made
+
+
+def numbers(text: str) -> list[float]:
+    """Numbers with commas between them, as an option's type."""
+    return [float(each) for each in text.split(",") if each]
+
+
+def seeds(text: str) -> range:
+    """``A-B``, both included, or one number, as an option's type."""
+    first, _, last = text.partition("-")
+    return range(int(first), int(last or first) + 1)
+
+
+def names(known: Iterable[str], text: str) -> list[str]:
+    """Names with commas between them.
+
+    Raises:
+        SystemExit: one of them is not known.
+    """
+    chosen, known = text.split(","), list(known)
+    unknown = [name for name in chosen if name not in known]
+    if unknown:
+        raise SystemExit(f"{unknown[0]!r} is none of {', '.join(known)}")
+    return chosen
+
+
+def show(tables: Mapping[str, Sequence[Row]], *, as_json: bool) -> None:
+    """Print tables by their titles, for people or as one JSON object."""
+    if as_json:
+        print(json.dumps(tables))
+        return
+    for title, rows in tables.items():
+        print(f"\n{title}")
+        print_rows(rows)
+
+
+def print_rows(rows: Sequence[Row]) -> None:
+    """Columns under their names; what a row does not have is a dash."""
+    columns = list(dict.fromkeys(name for row in rows for name in row))
+    cells = [columns, *([text(row.get(name)) for name in columns] for row in rows)]
+    widths = [max(len(line[i]) for line in cells) for i in range(len(columns))]
+    for line in cells:
+        padded = [cell.ljust(width) for cell, width in zip(line, widths, strict=True)]
+        print("  ".join(padded).rstrip(), flush=True)
+
+
+def text(value: Any) -> str:
+    """A cell."""
+    match value:
+        case None:
+            return "-"
+        case bool() | int() | str():
+            return str(value)
+        case float():
+            return f"{value:.3f}" if 0.1 <= abs(value) < 1e4 or value == 0.0 else f"{value:.3g}"
+        case Mapping():
+            return ", ".join(f"{name} {text(each)}" for name, each in value.items())
+    return ", ".join(text(each) for each in value)
+
+
+def draw(path: Path, points: Iterable[Point], label: str, *, is_log: bool = False) -> None:
+    """Panels side by side, a line each for the same things, a mark for each value."""
+    from matplotlib.figure import Figure
+
+    points = list(points)
+    panels, lines, series = (
+        list(dict.fromkeys(column)) for column in list(zip(*points, strict=True))[:3]
+    )
+    size = (4.0 + 2.5 * len(panels), 0.3 * len(lines) + 1.6)
+    figure = Figure(figsize=size, layout="constrained")
+    axes = figure.subplots(1, len(panels), sharey=True, squeeze=False)[0]
+    for ax, panel in zip(axes, panels, strict=True):
+        for i, name in enumerate(series):
+            marks = [p for p in points if (p.panel, p.series) == (panel, name)]
+            height = 0.5 * (i - 0.5 * (len(series) - 1)) / len(series)
+            ax.plot(
+                [p.value for p in marks],
+                [lines.index(p.line) + height for p in marks],
+                "o",
+                markersize=4.5,
+                label=name,
+            )
+        ax.set(title=panel, xlabel=label, xscale="log" if is_log else "linear")
+        ax.grid(visible=True, axis="x", which="both", alpha=0.25)
+    axes[0].set_yticks(range(len(lines)), lines)
+    axes[0].invert_yaxis()
+    figure.legend(*axes[0].get_legend_handles_labels(), loc="outside lower center", ncols=5)
+    figure.savefig(path, dpi=130)
