@@ -8,7 +8,7 @@ AT_ONCE := -n auto --maxprocesses 4 --dist loadfile
 
 VERSION = $(shell sed -n 's/^__version__ = "\(.*\)"$$/\1/p' fuzzbee/version.py)
 
-.PHONY: demo test test-python setup style types release build docs clean
+.PHONY: demo test smoke test-python setup style types release build docs clean
 
 ## demo: the simulated vehicle through the live service, attitudes in the terminal
 demo: .venv/installed
@@ -27,6 +27,10 @@ QUICK_IN_PYTHON := conditioning geometry filter/test_filter.py filter/test_align
   test_estimator.py test_profile.py test_published.py aiding/test_covariance.py \
   aiding/test_measurements.py aiding/test_place.py aiding/test_reports.py aiding/test_search.py \
   aiding/test_step.py aiding/test_late_report.py
+
+## smoke: every benchmark for some seconds, to see that it runs; `make test` does so, too
+smoke: .venv/developer
+	$(BIN)/python -m pytest -q -n 2 tests/test_benchmarks.py
 
 ## setup: the environment for development
 setup: .venv/developer

@@ -1,22 +1,17 @@
-"""The live service against the replay of its own record: the same attitudes?
+"""Are the attitudes that the live service publishes those of its record's replay?
 
-python benchmarks/live_replay.py LOG [--rate HZ] [--from S] [--seconds S] [--json]
+    python benchmarks/live_replay.py LOG [--rate HZ] [--from S] [--seconds S]
 
 A telemetry log goes over UDP on loopback, at the pace it was recorded at, into ``fuzzbee run
 --record``; a Zenoh subscriber keeps the attitudes that are published. The record is then handled
-twice. With a tick wherever the service had one, which tells whether live and replay have the same
-state: what they differ by is *state*. And as ``fuzzbee replay`` does it, attitudes at the samples:
-a published one is propagated up to its tick with the last rate, the replayed one is known at the
-samples around it. What they differ by, with the vehicle's turning since, is *ahead*.
-
-Degrees: RMS, the 99th percentile, and the largest.
+with a tick wherever the service had one, which tells whether live and replay have the same state:
+what they differ by is ``state``. ``ahead`` is the difference to the replay's attitudes at the
+samples: a published one is propagated up to its tick with the last rate, the replayed one is known
+at the samples around it, and the vehicle's turning since is in it. Degrees: RMS, 99th percentile,
+largest; from 20 s after the beginning on.
 """
 
-import argparse
-import json
-import signal
 import socket
-import subprocess
 import sys
 import tempfile
 import time
@@ -27,54 +22,31 @@ from typing import Any, NamedTuple
 import msgspec
 import numpy as np
 import zenoh
-from live import await_word, free_port
-from live_subscriber import client
-from numpy.typing import NDArray
+from common.recordings import Array
+from common.report import Row, parser, show
+from common.scores import errors_deg, rms
+from processes.subscriber import client
+from processes.trial import end, free_port, fuzzbee
 
-sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
-
-from drivers.events import Event, Imu
+from drivers.events import Imu
 from drivers.logs.open import open_log
 from drivers.logs.tlog import TlogRecords
-from estimator.geometry.metrics import batch_angle_errors
 from estimator.profile import load_profile
 from service.pipeline import Pipeline
 from service.records import AttitudeRecord, Published
 
-Floats = NDArray[np.float64]
 SETTLE_S = 1.0
 LATE_S = 0.002  # a datagram this late is sent at once, and counted
+SHORT_LOG = Path(__file__).parents[1] / "tests" / "data" / "sitl_copter_flips.tlog"
+Frames = list[tuple[float, bytes]]
 
 
-class Live(NamedTuple):
-    """What the service did."""
+class Replayed(NamedTuple):
+    """The record's replay: what is published at each tick (us), and attitudes at the samples."""
 
-    published: list[AttitudeRecord]
-    summary: dict[str, Any]
-    late: int  # datagrams that this machine sent late
-
-
-def main() -> None:
-    parser = argparse.ArgumentParser(description="The live service against its record's replay.")
-    parser.add_argument("log")
-    parser.add_argument("--rate", type=float, default=100.0, metavar="HZ")
-    parser.add_argument("--from", dest="begin_s", type=float, default=0.0, metavar="S")
-    parser.add_argument("--seconds", type=float, default=1e9, metavar="S")
-    parser.add_argument("--skip", type=float, default=20.0, metavar="S", help="of the beginning")
-    parser.add_argument("--json", action="store_true")
-    options = parser.parse_args()
-    frames = list(chosen_frames(Path(options.log), options.begin_s, options.seconds))
-    with tempfile.TemporaryDirectory() as folder:
-        record = Path(folder, "record.tlog")
-        live = play(frames, record, options.rate)
-        with open_log(record) as log:
-            events = list(log)
-    result = compare(live, events, options.skip)
-    if options.json:
-        print(json.dumps(result))
-        return
-    for name, value in result.items():
-        print(f"{name:16s} {value}")
+    at_ticks: dict[int, AttitudeRecord]
+    sampled_us: list[int]  # since boot
+    q_ned_frd: list[Any]
 
 
 def chosen_frames(path: Path, begin_s: float, seconds: float) -> Iterator[tuple[float, bytes]]:
@@ -87,15 +59,10 @@ def chosen_frames(path: Path, begin_s: float, seconds: float) -> Iterator[tuple[
             yield at_s, bytes(frame.data)
 
 
-def play(frames: list[tuple[float, bytes]], record: Path, rate_hz: float) -> Live:
-    """Send the frames to a service that records them; what it published."""
+def play(frames: Frames, record: Path, rate_hz: float) -> tuple[list[AttitudeRecord], Row]:
+    """Send the frames to a service that records them; what it published, and counts."""
     port, endpoint = free_port(socket.SOCK_DGRAM), f"tcp/127.0.0.1:{free_port()}"
-    command = [sys.executable, "-m", "fuzzbee", "run", f"udpin:127.0.0.1:{port}", "--json"]
-    command += ["--rate", str(rate_hz), "--record", str(record), "-l", endpoint, "-e", endpoint]
-    service = subprocess.Popen(  # noqa: S603
-        command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
-    )
-    await_word(service.stderr, "listening")
+    service = fuzzbee(port, endpoint, rate_hz, "--record", str(record))
     published: list[AttitudeRecord] = []
     decode = msgspec.json.Decoder(AttitudeRecord).decode
 
@@ -107,84 +74,46 @@ def play(frames: list[tuple[float, bytes]], record: Path, rate_hz: float) -> Liv
         time.sleep(SETTLE_S)
         late = send(link, port, frames)
         time.sleep(SETTLE_S)
-        service.send_signal(signal.SIGINT)
-        summary = json.loads(service.communicate()[0])
-    return Live(published, summary, late)
+        summary = end(service)
+    samples = sum(vehicle["samples"] for vehicle in summary["vehicles"].values())
+    return published, {"samples": samples, "sent late": late, "overruns": summary["overruns"]}
 
 
-def send(link: socket.socket, port: int, frames: list[tuple[float, bytes]]) -> int:
+def send(link: socket.socket, port: int, frames: Frames) -> int:
     """Each frame at its time; how many went later than that."""
     begin_s, late = time.monotonic() - frames[0][0], 0
     for at_s, data in frames:
         ahead_s = begin_s + at_s - time.monotonic()
         late += ahead_s < -LATE_S
-        if ahead_s > 0.0:
-            time.sleep(ahead_s)
+        time.sleep(max(0.0, ahead_s))
         link.sendto(data, ("127.0.0.1", port))
     return late
 
 
-def compare(live: Live, events: list[Event], skip_s: float) -> dict[str, Any]:
-    """How far what was published is off the replay of what was recorded."""
-    published = sorted(live.published, key=lambda each: each.time_unix_us)
-    begin_us = published[0].time_unix_us + round(1e6 * skip_s)
-    published = [each for each in published if each.time_unix_us >= begin_us]
-    again, at_samples = replay_with_ticks(events, [each.time_unix_us for each in published])
-    pairs = [(each, again[each.time_unix_us]) for each in published if each.time_unix_us in again]
-    mine = np.array([a.q_ned_frd for a, _ in pairs])
-    theirs = np.array([b.q_ned_frd for _, b in pairs])
-    boot_us = np.array([a.time_boot_us for a, _ in pairs])
-    sampled_us = np.array([us for us, _ in at_samples])
-    between = np.searchsorted(sampled_us, boot_us)
-    inside = (between > 0) & (between < len(sampled_us))
-    expected = interpolate(at_samples, boot_us[inside])
-    age_ms = np.array([a.age_ms - b.age_ms for a, b in pairs])
-    shown_us = np.array([a.time_boot_us - b.time_boot_us for a, b in pairs])
-    return {
-        "published": len(published),
-        "compared": len(pairs),
-        "samples": sum(v["samples"] for v in live.summary["vehicles"].values()),
-        "samples_replayed": len(at_samples),
-        "sent_late": live.late,
-        "overruns": live.summary["overruns"],
-        "state_deg": figures(mine, theirs),
-        "ahead_deg": figures(mine[inside], expected),
-        "same_sample": round(float(np.mean(np.abs(age_ms) < 0.01)), 4),
-        "time_differs_ms": round(float(np.abs(shown_us).max()) / 1e3, 3),
-    }
-
-
-def replay_with_ticks(
-    events: list[Event], ticks_us: list[int]
-) -> tuple[dict[int, AttitudeRecord], list[tuple[int, Any]]]:
-    """The record through the pipeline with the service's ticks: what it publishes at each.
-
-    And the attitudes at the samples, (time since boot in us, q_ned_frd), as a replay has them.
-    """
-    pipeline = Pipeline(load_profile("imu"))
-    again: dict[int, AttitudeRecord] = {}
-    at_samples: list[tuple[int, Any]] = []
+def replay_with_ticks(record: Path, ticks_us: list[int]) -> Replayed:
+    """The record through the pipeline with the service's ticks."""
+    pipeline, found = Pipeline(load_profile("imu")), Replayed({}, [], [])
     due = iter(ticks_us)
     tick_us = next(due, None)
-    for event in events:
-        while tick_us is not None and event.arrival_us > tick_us:
-            for output in pipeline.tick(tick_us):
-                if isinstance(output, Published) and isinstance(output.record, AttitudeRecord):
-                    again[tick_us] = output.record
-            tick_us = next(due, None)
-        pipeline.handle(event)
-        if isinstance(event, Imu):
-            vehicle = pipeline.vehicle(event.vehicle)
-            if vehicle is not None and vehicle.has_taken(event):
+    with open_log(record) as log:
+        for event in log:
+            while tick_us is not None and event.arrival_us > tick_us:
+                for output in pipeline.tick(tick_us):
+                    if isinstance(output, Published) and isinstance(output.record, AttitudeRecord):
+                        found.at_ticks[tick_us] = output.record
+                tick_us = next(due, None)
+            pipeline.handle(event)
+            vehicle = pipeline.vehicle(event.vehicle) if isinstance(event, Imu) else None
+            if isinstance(event, Imu) and vehicle is not None and vehicle.has_taken(event):
                 attitude = vehicle.estimator.attitude(event.sample.time_us)
-                at_samples.append((event.boot_us, attitude.q_ned_frd))
-    return again, at_samples
+                found.sampled_us.append(event.boot_us)
+                found.q_ned_frd.append(attitude.q_ned_frd)
+    return found
 
 
-def interpolate(at_samples: list[tuple[int, Any]], times_us: NDArray[np.int64]) -> Floats:
-    """``q_ned_frd`` (N, 4) at times between samples, by the straight line on the sphere."""
-    sampled_us = np.array([us for us, _ in at_samples], dtype=float)
-    q = np.array([each for _, each in at_samples])
+def interpolated(replayed: Replayed, times_us: Array) -> Array:
+    """Attitudes (N, 4) at times between samples, by the straight line on the sphere."""
+    sampled_us, q = np.array(replayed.sampled_us, dtype=float), np.array(replayed.q_ned_frd)
     after = np.clip(np.searchsorted(sampled_us, times_us), 1, len(q) - 1)
     before = after - 1
     share = (times_us - sampled_us[before]) / (sampled_us[after] - sampled_us[before])
@@ -193,15 +122,58 @@ def interpolate(at_samples: list[tuple[int, Any]], times_us: NDArray[np.int64]) 
     return np.asarray(mixed / np.linalg.norm(mixed, axis=1)[:, None])
 
 
-def figures(some: Floats, others: Floats) -> dict[str, float]:
-    """Angles between attitudes, degrees."""
-    angles = np.degrees(batch_angle_errors(some, others)[:, 0])
+def compared(published: list[AttitudeRecord], record: Path, skip_s: float) -> Row:
+    """How far what was published is off the replay of what was recorded."""
+    published = sorted(published, key=lambda each: each.time_unix_us)
+    begin_us = published[0].time_unix_us + round(1e6 * skip_s)
+    published = [each for each in published if each.time_unix_us >= begin_us]
+    replayed = replay_with_ticks(record, [each.time_unix_us for each in published])
+    again = replayed.at_ticks
+    pairs = [(each, again[each.time_unix_us]) for each in published if each.time_unix_us in again]
+    mine, theirs = (
+        np.array([one.q_ned_frd for one in column]) for column in zip(*pairs, strict=True)
+    )
+    boot_us = np.array([a.time_boot_us for a, _ in pairs], dtype=float)
+    inside = (boot_us > replayed.sampled_us[0]) & (boot_us < replayed.sampled_us[-1])
+    age_ms = np.array([a.age_ms - b.age_ms for a, b in pairs])
+    times_us = np.array([a.time_boot_us - b.time_boot_us for a, b in pairs])
     return {
-        "rms": round(float(np.sqrt(np.mean(angles**2))), 4),
-        "p99": round(float(np.percentile(angles, 99.0)), 4),
-        "max": round(float(angles.max()), 4),
+        "published": len(published),
+        "compared": len(pairs),
+        "samples replayed": len(replayed.sampled_us),
+        "state": figures(mine, theirs),
+        "ahead": figures(mine[inside], interpolated(replayed, boot_us[inside])),
+        "of one sample": float(np.mean(np.abs(age_ms) < 0.01)),
+        "times differ ms": float(np.abs(times_us).max()) / 1e3,
     }
 
 
+def figures(some: Array, others: Array) -> list[float]:
+    """Angles between attitudes: RMS, 99th percentile, largest."""
+    angles = errors_deg(some, others)[:, 0]
+    return [*np.atleast_1d(rms(angles)), *np.percentile(angles, (99, 100)).tolist()]
+
+
+def main() -> int:
+    made = parser(__doc__)
+    made.add_argument("log", type=Path, nargs="?")
+    made.add_argument("--rate", type=float, default=100.0, metavar="HZ")
+    made.add_argument("--from", dest="begin_s", type=float, default=0.0, metavar="S")
+    made.add_argument("--seconds", type=float, default=1e9, metavar="S")
+    made.add_argument("--skip", type=float, default=20.0, metavar="S", help="of the beginning")
+    options = made.parse_args()
+    if options.smoke:
+        options.log, options.seconds, options.skip = options.log or SHORT_LOG, 6.0, 2.0
+    if options.log is None:
+        made.error("give a LOG, or --smoke")
+    frames = list(chosen_frames(options.log, options.begin_s, options.seconds))
+    with tempfile.TemporaryDirectory() as folder:
+        record = Path(folder, "record.tlog")
+        published, counts = play(frames, record, options.rate)
+        row = {**compared(published, record, options.skip), **counts}
+    show({"live against the replay of its record, degrees": [row]}, as_json=options.json)
+    return 0
+
+
 if __name__ == "__main__":
-    main()
+    sys.exit(main())

@@ -1,5 +1,5 @@
 # ruff: noqa: D102 - what each method does is written at Transport
-"""The vehicles of the live benchmark: ``live_fleet.py PORT VEHICLES HZ SECONDS OUT [FEW FROM TO]``.
+"""The vehicles of the live benchmark: ``fleet.py PORT VEHICLES HZ SECONDS OUT [FEW FROM TO]``.
 
 The simulated vehicles of ``fuzzbee sim``, on UDP; beside it, OUT (.npy) gets the sender and the
 Unix time in ns of every datagram, taken right before it was sent. With FEW only so many send, but

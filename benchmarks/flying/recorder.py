@@ -12,11 +12,11 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
-from flight_motions import DURATION_S, FINE_HZ, Motion
+from flying.motions import FINE_HZ, Motion
 from numpy.typing import NDArray
+from pymavlink.dialects.v20 import ardupilotmega
 from scipy.signal import butter, lfilter, lfilter_zi
 
-from drivers.mavlink.decoder import mavlink
 from estimator.aiding.place import field_at
 from estimator.geometry.frames import euler_rad
 from estimator.types import STANDARD_GRAVITY_M_S2
@@ -208,10 +208,10 @@ def _slow(n: int, sigma: float, tau_s: float, rng: np.random.Generator) -> Float
     return np.asarray(sigma * lfilter(b, a, slow, axis=0))
 
 
-def sample_times(link: Link, rng: np.random.Generator) -> Floats:
+def sample_times(link: Link, end_s: float, rng: np.random.Generator) -> Floats:
     """Seconds at which the IMU is sent."""
     times, t = [], 0.5
-    while t < DURATION_S - 0.5:
+    while t < end_s - 0.5:
         times.append(t)
         period = link.period_s
         if link.mixed:
@@ -221,15 +221,15 @@ def sample_times(link: Link, rng: np.random.Generator) -> Floats:
         if link.jitter > 0.0:
             period *= 1.0 + link.jitter * float(rng.uniform(-1.0, 1.0))
         t += period
-    return _arriving(np.array(times), link, rng)
+    return _arriving(np.array(times), link, end_s, rng)
 
 
-def _arriving(times: Floats, link: Link, rng: np.random.Generator) -> Floats:
+def _arriving(times: Floats, link: Link, end_s: float, rng: np.random.Generator) -> Floats:
     """Those that no radio loses."""
     kept = np.ones(len(times), bool)
     if link.loss > 0.0:
         kept &= rng.random(len(times)) >= link.loss
-    for begin in rng.uniform(40.0, DURATION_S - 20.0, link.holes):
+    for begin in rng.uniform(40.0, end_s - 20.0, link.holes):
         kept &= (times < begin) | (times > begin + rng.uniform(3.0, 12.0))
     return times[kept]
 
@@ -239,12 +239,11 @@ class Tlog:
 
     def __init__(self, path: Path) -> None:
         self._file = path.open("wb")
-        self._dialect = mavlink()
-        self._mav = self._dialect.MAVLink(None, srcSystem=1, srcComponent=1)
+        self._mav = ardupilotmega.MAVLink(None, srcSystem=1, srcComponent=1)
 
     def put(self, arrival_us: int, name: str, *fields: Any) -> None:
         """One message, by the name of its definition."""
-        message = getattr(self._dialect, f"MAVLink_{name}_message")(*fields)
+        message = getattr(ardupilotmega, f"MAVLink_{name}_message")(*fields)
         self._file.write(struct.pack(">Q", arrival_us & ~3) + message.pack(self._mav))
 
     def close(self) -> None:
@@ -261,9 +260,10 @@ def record(path: Path, motion: Motion, flight: Flight, seed: int) -> Floats:
         out.put(START_UNIX_US, "param_value", f"COMPASS_OFS_{axis}".encode(), 40.0 + k, 9, 3, k)
     reports = _Reports(flight, now, rng)
     link = flight.link
-    stalls = np.sort(rng.uniform(60.0, DURATION_S - 20.0, 4)) if link.stalls_s else np.empty(0)
+    end_s = len(motion.attitude) / FINE_HZ
+    stalls = np.sort(rng.uniform(60.0, end_s - 20.0, 4)) if link.stalls_s else np.empty(0)
     mg, mrad, arrival_us, next_beat_s = 1000.0 / STANDARD_GRAVITY_M_S2, 1000.0, 0, 0.0
-    for t in sample_times(link, rng):
+    for t in sample_times(link, end_s, rng):
         i = int(t * FINE_HZ)  # up to 2.5 ms older than its stamp
         stamp_us = round(1e6 * (5.0 + t * (1.0 - link.drift)))
         late_s = (

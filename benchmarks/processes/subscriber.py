@@ -1,4 +1,4 @@
-"""The subscriber of the live benchmark, as a process: ``live_subscriber.py ENDPOINT OUT``.
+"""The subscriber of the live benchmark, as a process: ``subscriber.py ENDPOINT OUT``.
 
 Prints "ready" once subscribed and ends with its standard input. OUT (.npy) gets, for each
 attitude: vehicle, Unix time of the callback in ns, time of the tick in us, the age of its

@@ -19,7 +19,6 @@ Floats = NDArray[np.float64]
 FINE_HZ = 400
 DT = 1.0 / FINE_HZ
 REST_S = 30.0
-DURATION_S = 240.0
 LEAST_AIRSPEED, MOST_TURN_RAD = 14.0, 1.2
 PLANE_LEGS = ("bank 60", "loop", "straight", "bank -60", "roll", "bank 30", "bank -45", "climb")
 QUADPLANE_LEGS = ("straight", "bank 45", "bank -45", "climb", "hover", "hover")
@@ -45,9 +44,14 @@ class Moment(NamedTuple):
     throttle: float
 
 
-def integrate(step: Callable[[Quaternion, float], Moment], heading_rad: float) -> Motion:
-    """Integrate a vehicle: ``step`` is given the attitude and the time."""
-    n = int(DURATION_S * FINE_HZ)
+# What a vehicle does at an attitude and a time, and its first heading in rad.
+Vehicle = tuple[Callable[[Quaternion, float], Moment], float]
+
+
+def integrate(vehicle: Vehicle, duration_s: float) -> Motion:
+    """The motion of a vehicle over so long."""
+    step, heading_rad = vehicle
+    n = int(duration_s * FINE_HZ)
     q = exp((0.0, 0.0, heading_rad))
     out = Motion(np.empty((n, 4)), np.empty((n, 3)), np.empty((n, 3)), np.empty(n))
     for k in range(n):
@@ -86,22 +90,22 @@ class Gusts:
         return self.now
 
 
-def plane(seed: int, turbulence_m_s: float = 0.5) -> Motion:
+def plane(seed: int) -> Vehicle:
     """Take-off run, then legs at random; speed falls in climbs, gusts shake it."""
-    return _winged_motion(seed, turbulence_m_s, PLANE_LEGS)
+    return _winged_motion(seed, 0.5, PLANE_LEGS)
 
 
-def plane_in_rough_air(seed: int) -> Motion:
-    """The same in air that throws it about by more than 1 g (RMS)."""
+def plane_in_rough_air(seed: int) -> Vehicle:
+    """A plane in air that throws it about by more than 1 g (RMS)."""
     return _winged_motion(seed, 2.2, PLANE_LEGS)
 
 
-def quadplane(seed: int) -> Motion:
+def quadplane(seed: int) -> Vehicle:
     """A plane without aerobatics that stops in the air and hovers now and then."""
     return _winged_motion(seed, 0.5, QUADPLANE_LEGS)
 
 
-def _winged_motion(seed: int, turbulence_m_s: float, legs: tuple[str, ...]) -> Motion:
+def _winged_motion(seed: int, turbulence_m_s: float, legs: tuple[str, ...]) -> Vehicle:
     rng = np.random.default_rng(seed)
     heading = float(rng.uniform(-pi, pi))
     shaken = Gusts(rng, (0.25, 0.13, 0.08), 0.7)
@@ -152,7 +156,7 @@ def _winged_motion(seed: int, turbulence_m_s: float, legs: tuple[str, ...]) -> M
         throttle = 0.0 if leg == "rest" else 1.4 if leg in ("run", "climb", "hover") else 0.8
         return Moment(turning, velocity, throttle)
 
-    return integrate(step, heading)
+    return step, heading
 
 
 def _heading(q: Quaternion) -> tuple[float, float]:
@@ -182,17 +186,17 @@ def _winged_rate(leg: str, roll: float, pitch: float, speed: float) -> Vec3:
     )
 
 
-def copter(seed: int) -> Motion:
+def copter(seed: int) -> Vehicle:
     """Tilts of up to 45 degrees and turns at random, braked by drag, and now and then a flip."""
     return _rotor_motion(seed, most_lean=0.8, shake=0.18, flips=0.03)
 
 
-def calm_copter(seed: int) -> Motion:
+def calm_copter(seed: int) -> Vehicle:
     """What a survey or a delivery asks for: leans of up to 20 degrees, slow turns."""
     return _rotor_motion(seed, most_lean=0.35, shake=0.05, flips=0.0)
 
 
-def _rotor_motion(seed: int, most_lean: float, shake: float, flips: float) -> Motion:
+def _rotor_motion(seed: int, most_lean: float, shake: float, flips: float) -> Vehicle:
     rng = np.random.default_rng(seed)
     heading = float(rng.uniform(-pi, pi))
     velocity, rate, wanted = np.zeros(3), (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)
@@ -234,10 +238,10 @@ def _rotor_motion(seed: int, most_lean: float, shake: float, flips: float) -> Mo
         velocity = velocity + (force + down) * DT
         return Moment(rate, tuple(velocity.tolist()), up / STANDARD_GRAVITY_M_S2)
 
-    return integrate(step, heading)
+    return step, heading
 
 
-def rover(seed: int) -> Motion:
+def rover(seed: int) -> Vehicle:
     """Drives and reverses at up to 5 m/s over slopes, turning as sharply as its tyres hold."""
     rng = np.random.default_rng(seed)
     heading = float(rng.uniform(-pi, pi))
@@ -270,10 +274,10 @@ def rover(seed: int) -> Motion:
         load = 0.5 * moving + abs(speed - before) / DT / 3.0
         return Moment(rate, rotate(q, (speed, 0.0, 0.0)), load)
 
-    return integrate(step, heading)
+    return step, heading
 
 
-def carried(seed: int) -> Motion:
+def carried(seed: int) -> Vehicle:
     """A vehicle in somebody's hands: turned, carried about, put down again and left for a while."""
     rng = np.random.default_rng(seed)
     heading = float(rng.uniform(-pi, pi))
@@ -304,10 +308,10 @@ def carried(seed: int) -> Motion:
         turning = add(rate, shaken.next()) if held else rate
         return Moment(turning, tuple(velocity.tolist()), 0.0)
 
-    return integrate(step, heading)
+    return step, heading
 
 
-MOTIONS: dict[str, Callable[[int], Motion]] = {
+MOTIONS: dict[str, Callable[[int], Vehicle]] = {
     "plane": plane,
     "copter": copter,
     "calm copter": calm_copter,

@@ -1,6 +1,6 @@
 """Vehicles that come and go with new ids, for soak.py: over UDP, or a day of them in a log.
 
-python benchmarks/soak_comers.py PORT SECONDS KEY_FILE sends as many as twenty at a time at 10 Hz,
+``comers.py PORT SECONDS KEY_FILE`` sends as many as twenty at a time at 10 Hz,
 signed, each for ten seconds.
 """
 

@@ -1,6 +1,6 @@
 """The same job as a plain script: pymavlink reads, ahrs estimates, Zenoh publishes JSON.
 
-``live_plain.py PORT ENDPOINT HZ`` is the live benchmark's comparison partner: one loop around
+``plain.py PORT ENDPOINT HZ`` is the live benchmark's comparison partner: one loop around
 ``recv_match``, Mahony's filter of ahrs for each vehicle, and at each tick one record a vehicle
 under the keys of the service. It checks nothing, knows no health, and does not propagate the
 attitude to the tick. It ends with SIGINT and prints a result like the service's.

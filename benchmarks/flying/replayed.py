@@ -1,0 +1,137 @@
+"""A flight's events, changed or not, through the live pipeline, and their scores."""
+
+from collections.abc import Callable, Iterable
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import msgspec
+import numpy as np
+from common.recordings import Array, Bools
+from common.report import Row
+from common.scores import rms
+
+from drivers.events import Event, Imu, Velocity
+from drivers.logs.open import open_log
+from estimator.estimator import Estimator
+from estimator.profile import Profile, load_profile, merge_profile
+from estimator.types import ImuSample, VelocitySample
+from fuzzbee.replays.comparison import compare
+from fuzzbee.replays.trace import Replay, VehicleTrace
+
+Events = list[Event]
+# What becomes of a sample at a time in s since the first one; None leaves it out.
+ChangeImu = Callable[[float, ImuSample], ImuSample | None]
+ChangeVelocity = Callable[[float, VelocitySample, str], VelocitySample | None]
+UNAIDED = {"aiding": {"enabled": False}}
+STRETCH_S = 20.0
+
+
+class Flown(NamedTuple):
+    """A replay beside the truth; rows are samples, errors total, heading, inclination, degrees."""
+
+    trace: VehicleTrace
+    time_s: Array
+    known: Bools
+    truth: Array
+    errors_deg: Array
+    sigma_deg: Array  # (N, 2) inclination, heading
+
+
+def read(path: Path) -> Events:
+    """All events of a log."""
+    with open_log(path) as log:
+        return list(log)
+
+
+def start_us(events: Events) -> int:
+    """The first IMU sample's time."""
+    return next(e.sample.time_us for e in events if isinstance(e, Imu))
+
+
+def changed(
+    events: Events,
+    imu: ChangeImu = lambda _, sample: sample,
+    velocity: ChangeVelocity = lambda _, sample, _message: sample,
+) -> Events:
+    """The events with other samples and velocities; ``velocity`` is told the message, too."""
+    begin_us, kept = start_us(events), []
+    for event in events:
+        if not isinstance(event, Imu | Velocity):
+            kept.append(event)
+            continue
+        time_s, sample = 1e-6 * (event.sample.time_us - begin_us), None
+        if isinstance(event, Imu):
+            sample = imu(time_s, event.sample)
+        else:
+            sample = velocity(time_s, event.sample, event.message)
+        if sample is not None:
+            kept.append(msgspec.structs.replace(event, sample=sample))
+    return kept
+
+
+def fly(
+    events: Iterable[Event],
+    changes: dict[str, Any] | None = None,
+    new_estimator: Callable[[Profile], Estimator] | None = None,
+) -> Flown:
+    """Replay the events as the service would, with changes of the profile ``imu``."""
+    replay = Replay(merge_profile(load_profile("imu"), changes or {}), new_estimator=new_estimator)
+    replay.run(events)
+    trace = max(replay.traces.values(), key=lambda each: len(each.attitudes))
+    compared = compare(Path("events"), trace, "sim")
+    sigma = [(a.sigma_inclination_rad, a.sigma_heading_rad) for a in trace.attitudes]
+    return Flown(
+        trace,
+        1e-6 * (trace.times_us - trace.times_us[0]),
+        compared.known,
+        compared.truth,
+        np.degrees(compared.errors_rad),
+        np.degrees(sigma),
+    )
+
+
+def score(flown: Flown, skip_s: float) -> Row:
+    """Degrees RMS, shares of the errors under sigma: of all, and of the worst stretch.
+
+    ``accelerometer`` is the inclination by the accelerometer alone.
+
+    Raises:
+        SystemExit: the flight is shorter than what is left out.
+    """
+    counted = flown.known & (flown.time_s >= skip_s)
+    if not counted.any():
+        raise SystemExit(f"no sample with a truth after {skip_s:g} s: the flight is too short")
+    errors = flown.errors_deg[counted]
+    total, heading, inclination = rms(errors)
+    covered = errors[:, [2, 1]] <= flown.sigma_deg[counted]
+    force = np.array([sample.acc_m_s2 for sample in flown.trace.samples])[counted]
+    return {
+        "total": total,
+        "heading": heading,
+        "inclination": inclination,
+        "under sigma": np.mean(covered, axis=0).tolist(),
+        "worst 20 s": worst_stretch(flown.time_s[counted], covered),
+        "accelerometer": rms(tilt_deg(-force, down_in_body(flown.truth[counted]))),
+    }
+
+
+def worst_stretch(time_s: Array, covered: Bools) -> list[float]:
+    """The least share of each column in any ``STRETCH_S``, begun at whole seconds."""
+    shares = []
+    for begin in np.arange(time_s[0], max(time_s[-1] - STRETCH_S, time_s[0]) + 1e-6, 1.0):
+        first, last = np.searchsorted(time_s, (begin, begin + STRETCH_S))
+        shares.append(np.mean(covered[first:last], axis=0))
+    least: list[float] = np.min(shares, axis=0).tolist()
+    return least
+
+
+def down_in_body(q_ned_frd: Array) -> Array:
+    """(N, 3): the third row of the rotation matrix of each (N, 4) quaternion."""
+    w, x, y, z = q_ned_frd.T
+    return np.stack([2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)], axis=1)
+
+
+def tilt_deg(some: Array, others: Array) -> Array:
+    """Angles between vectors (N, 3)."""
+    sine = np.linalg.norm(np.cross(some, others), axis=1)
+    return np.degrees(np.arctan2(sine, np.sum(some * others, axis=1)))

@@ -1,0 +1,190 @@
+"""How far is the inclination off on recorded logs, beside what plain rivals do?
+
+    python benchmarks/logs.py DIR|LOG...
+
+Every log goes through the same reading and pipeline as ``fuzzbee replay``. The rivals see the same
+samples: the accelerometer alone and complementary filters of several time constants. The best of
+them is chosen in hindsight, log by log: a filter tuned on the answer. All are compared with the
+simulator's truth where the log has it, else with the autopilot's own attitude, which is no truth.
+From each one constant rotation is taken off, since IMU and autopilot may be mounted apart. Degrees
+RMS; the share of errors under sigma in motion and at rest; seconds spent over 30 deg off while less
+than that from level, in all and in a row. Then medians by motion and rate.
+"""
+
+import sys
+from collections.abc import Iterable, Sequence
+from pathlib import Path
+from statistics import median
+
+import numpy as np
+from common.recordings import Array, Bools
+from common.report import Row, parser, show
+from common.scores import by, rms
+from flying.replayed import down_in_body, tilt_deg
+from scipy.spatial.transform import Rotation
+
+from estimator.errors import InputError
+from estimator.profile import Profile, load_profile
+from fuzzbee.replays.comparison import compare
+from fuzzbee.replays.log_report import replay_log
+from fuzzbee.replays.motion import motion_mask
+from fuzzbee.replays.trace import VehicleTrace
+
+SUFFIXES = (".tlog", ".log", ".bin", ".ulg")
+TAUS_S = (0.5, 1.0, 2.0, 5.0, 10.0, 20.0, 50.0)
+RATE_EDGES_HZ = (2.2, 3.3, 5.0, 25.0)
+FAR_DEG = 30.0  # no estimate should be this far off while the vehicle is less than that from level
+LEAST_COMPARED = 20  # samples
+# The share of samples in motion from which a log counts as one of a moving vehicle.
+LEAST_MOVING_SHARE = 0.1
+DATA = Path(__file__).parents[1] / "tests" / "data"
+
+
+def complementary(gyr: Array, up: Array, dt_s: Array, tau_s: float) -> Array:
+    """Down (N, 3) turned by the gyroscope and pulled to the accelerometer's with ``tau_s``.
+
+    d <- exp(-[w]x dt) d, then d <- d + (1 - exp(-dt/tau)) (-up - d). The rate is the mean of both
+    ends of the step.
+    """
+    rate = gyr.copy()
+    rate[1:] = 0.5 * (gyr[1:] + gyr[:-1])
+    turns = Rotation.from_rotvec(-rate * dt_s[:, None]).as_matrix()
+    pulls = 1.0 - np.exp(-dt_s / tau_s)
+    down, d = np.empty_like(up), -up[0]
+    for k, (turn, pull) in enumerate(zip(turns, pulls, strict=True)):
+        d = turn @ d
+        d += pull * (-up[k] - d)
+        d /= np.sqrt(d @ d) + 1e-12
+        down[k] = d
+    return down
+
+
+def rivals(trace: VehicleTrace) -> dict[str, Array]:
+    """Down (N, 3) by the accelerometer alone and by complementary filters."""
+    gyr = np.array([sample.gyr_rad_s for sample in trace.samples])
+    acc = np.array([sample.acc_m_s2 for sample in trace.samples])
+    up = acc / np.maximum(np.linalg.norm(acc, axis=1, keepdims=True), 1e-6)
+    dt = np.diff(trace.times_us, prepend=trace.times_us[0]) * 1e-6
+    filters = {f"complementary {tau:g} s": complementary(gyr, up, dt, tau) for tau in TAUS_S}
+    return {"accelerometer": -up, **filters}
+
+
+def errors_deg(down: Array, reference: Array) -> Array:
+    """Angles (N,) between two downs once one constant rotation is taken off (Wahba, SVD)."""
+    u, _, vt = np.linalg.svd(down.T @ reference)
+    return tilt_deg(down @ (u @ np.diag([1.0, 1.0, np.linalg.det(u @ vt)]) @ vt), reference)
+
+
+def far_s(far: Bools, steps_s: Array) -> list[float]:
+    """Seconds that are far off: all, and the most in a row."""
+    longest = run = 0.0
+    for is_far, step_s in zip(far, steps_s, strict=True):
+        run = run + float(step_s) if is_far else 0.0
+        longest = max(longest, run)
+    return [float(steps_s[far].sum()), longest]
+
+
+def share(inside: Bools, which: Bools) -> float | None:
+    """Share of the chosen samples that are inside; None if the chosen are too few."""
+    return float(np.mean(inside[which])) if np.count_nonzero(which) >= LEAST_COMPARED else None
+
+
+def score(path: Path, trace: VehicleTrace) -> Row | None:
+    """The figures of one log; None if there is too little to compare with."""
+    source, truth, known, _ = compare(path, trace, None)
+    if source is None or np.count_nonzero(known) < LEAST_COMPARED:
+        return None
+    steps_s = np.diff(trace.times_us, append=trace.times_us[-1]) * 1e-6
+    downs, moving = down_in_body(truth[known]), motion_mask(trace.samples)[known]
+    ours = errors_deg(down_in_body(trace.estimates)[known], downs)
+    others = {name: rms(errors_deg(down[known], downs)) for name, down in rivals(trace).items()}
+    sigma = np.degrees(trace.column(lambda a: a.sigma_inclination_rad))[known]
+    far = (downs[:, 2] > np.cos(np.radians(FAR_DEG))) & (ours > FAR_DEG)
+    best = min(others, key=lambda name: others[name])
+    return {
+        "log": path.name,
+        "against": source,
+        "Hz": float(1.0 / np.median(steps_s[:-1])),
+        "s": round(float(steps_s.sum())),
+        "moving": float(np.mean(moving)),
+        "fuzzbee": rms(ours),
+        "accelerometer": others["accelerometer"],
+        "best": others[best],
+        "which": best,
+        "under sigma moving": share(ours <= sigma, moving),
+        "at rest": share(ours <= sigma, ~moving),
+        "sigma": float(np.median(sigma)),
+        "far s": far_s(far, np.minimum(steps_s[known], 1.0)),
+    }
+
+
+def rate_group(rate_hz: float) -> str:
+    """The name of the group that a rate belongs to."""
+    edges = ["", *(f"{edge:g}" for edge in RATE_EDGES_HZ), ""]
+    k = sum(rate_hz >= edge for edge in RATE_EDGES_HZ)
+    return f"{edges[k]}-{edges[k + 1]}"
+
+
+def group(logs: Sequence[Row]) -> Row:
+    """Medians over the logs of a group."""
+    columns = ("fuzzbee", "accelerometer", "best", "under sigma moving", "at rest")
+    found: Row = {"logs": len(logs)}
+    for name in columns:
+        values = [log[name] for log in logs if log[name] is not None]
+        found[name] = median(values) if values else None
+    ratios = [log["fuzzbee"] / max(log["accelerometer"], 1e-9) for log in logs]
+    found["worst over the accelerometer"] = max(ratios)
+    return {**found, "far over 2 s": sum(log["far s"][1] > 2.0 for log in logs)}
+
+
+def groups(logs: Sequence[Row]) -> list[Row]:
+    """By motion and rate."""
+    rows = []
+    for moving in (True, False):
+        chosen = sorted(
+            (log for log in logs if (log["moving"] >= LEAST_MOVING_SHARE) is moving),
+            key=lambda log: log["Hz"],
+        )
+        for name, those in by(chosen, lambda log: rate_group(log["Hz"])).items():
+            rows.append({"": "moving" if moving else "at rest", "Hz": name, **group(those)})
+    return rows
+
+
+def log_files(folders: Iterable[Path]) -> list[Path]:
+    """The logs in folders, and files given as such."""
+    files: list[Path] = []
+    for folder in folders:
+        inside = sorted(folder.iterdir()) if folder.is_dir() else [folder]
+        files += [path for path in inside if path.suffix in SUFFIXES]
+    return files
+
+
+def measure(path: Path, profile: Profile) -> Row | None:
+    """One log replayed and scored; None where it holds nothing to compare."""
+    try:
+        trace = replay_log(
+            path, profile, fixed_gain=None, start_wrong_deg=0.0, system_id=None, tell=lambda _: None
+        )
+    except InputError as error:
+        print(error, file=sys.stderr)
+        return None
+    return score(path, trace)
+
+
+def main() -> int:
+    made = parser(__doc__)
+    made.add_argument("folders", nargs="*", type=Path, metavar="DIR|LOG")
+    made.add_argument("--profile", default="imu", help="imu or a TOML file [default: imu]")
+    options = made.parse_args()
+    if options.smoke:
+        options.folders = options.folders or [DATA / "sub_bluerov.tlog", DATA / "px4_hover.ulg"]
+    profile = load_profile(options.profile)
+    logs = [row for path in log_files(options.folders) if (row := measure(path, profile))]
+    if not logs:
+        made.error("give logs with a reference or folders of them, or --smoke")
+    show({"logs, degrees": logs, "medians": groups(logs)}, as_json=options.json)
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,60 @@
+"""Every benchmark starts, on a machine without recordings and rivals too, and prints its table."""
+
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+FOLDER = Path(__file__).parents[1] / "benchmarks"
+SCRIPTS = sorted(path.stem for path in FOLDER.glob("*.py"))
+
+pytestmark = [pytest.mark.checkout, pytest.mark.slow]
+
+
+def run(name, *arguments):
+    done = subprocess.run(
+        [sys.executable, str(FOLDER / f"{name}.py"), *arguments],
+        capture_output=True,
+        text=True,
+        check=False,
+        timeout=600,
+        env={**os.environ, "PYTHONWARNINGS": "default"},
+    )
+    assert done.returncode == 0, done.stderr
+    assert "Traceback" not in done.stderr
+    return done.stdout
+
+
+def numbers_in(value):
+    """Every number of a table's cells, however deep."""
+    if isinstance(value, dict):
+        value = list(value.values())
+    if isinstance(value, list):
+        return [each for one in value for each in numbers_in(one)]
+    return [value] if isinstance(value, int | float) else []
+
+
+def test_there_are_benchmarks():
+    assert len(SCRIPTS) > 10
+
+
+@pytest.mark.parametrize("name", SCRIPTS)
+def test_a_benchmark_runs(name):
+    tables = json.loads(run(name, "--smoke", "--json"))
+    assert tables
+    for title, rows in tables.items():
+        assert rows, title
+        # a row without a number says what it lacks
+        lacking = [row for row in rows if not numbers_in(row) and "not installed" not in str(row)]
+        assert not lacking, title
+
+
+def test_a_table_is_for_people():
+    """Columns under their names, each row with as many cells."""
+    title, head, *rows = run("speed", "--smoke").strip().splitlines()
+    assert title.startswith("time a sample")
+    assert head.split()[:2] == ["way", "filter"]
+    assert [row.split()[:2] for row in rows][:1] == [["batch", "fuzzbee"]]
