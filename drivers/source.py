@@ -18,18 +18,8 @@ if TYPE_CHECKING:
 SIM_MOTION = "paper"  # of sim: without another word
 
 
-class LiveSource(Protocol):
-    """A context manager whose events are drained as they arrive in real time."""
-
-    def __enter__(self) -> Self: ...
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-        /,
-    ) -> None: ...
+class EventSource(Protocol):
+    """Events that are drained as they arrive in real time, and what was lost of them."""
 
     @property
     def dropped(self) -> int:
@@ -45,6 +35,20 @@ class LiveSource(Protocol):
 
     def drain(self, timeout_s: float) -> list[Event]:
         """Events that are there, after waiting at most ``timeout_s`` for the first."""
+
+
+class LiveSource(EventSource, Protocol):
+    """A context manager whose events are drained as they arrive in real time."""
+
+    def __enter__(self) -> Self: ...
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+        /,
+    ) -> None: ...
 
     def __iter__(self) -> Iterator[Event]: ...
 

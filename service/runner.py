@@ -10,9 +10,9 @@ import threading
 import time
 from collections import deque
 from collections.abc import Callable
-from typing import Protocol
 
 from drivers.events import Event
+from drivers.source import EventSource
 from service.load import Load
 from service.overload import Overload
 from service.parameters import ParameterRequests
@@ -34,41 +34,24 @@ SETTLING = 0.5
 MAX_WAIT_S = 0.1
 
 
-class LiveSource(Protocol):
-    """What the loop needs of a source."""
-
-    @property
-    def dropped(self) -> int:
-        """Events thrown away because the loop was too slow."""
-
-    @property
-    def shed(self) -> int:
-        """Samples left out so far, since newer ones were there already."""
-
-    @property
-    def lost(self) -> int:
-        """Datagrams that the system threw away before they could be read."""
-
-    def drain(self, timeout_s: float) -> list[Event]:
-        """Events that wait, after waiting at most ``timeout_s`` for the first."""
-
-
 class Runner:
     """Runs a pipeline until stopped.
 
     ``now_us`` is the host time that arrivals are stamped with (Unix time for
-    live sources); ``is_finished`` tells that nothing will come any more. With an ``overload``
-    attitudes are left out, too, while the source leaves samples out.
+    live sources), ``monotonic_s`` the clock of the schedule; ``is_finished`` tells that nothing
+    will come any more. With an ``overload`` attitudes are left out, too, while the source leaves
+    samples out.
     """
 
     def __init__(
         self,
-        source: LiveSource,
+        source: EventSource,
         pipeline: Pipeline,
         outbox: OutputTaker,
         *,
         rate_hz: float,
         now_us: Callable[[], int] = lambda: time.time_ns() // 1000,
+        monotonic_s: Callable[[], float] = time.monotonic,
         requests: ParameterRequests | None = None,
         is_finished: Callable[[], bool] = lambda: False,
         overload: Overload | None = None,
@@ -80,6 +63,7 @@ class Runner:
         self._outbox = outbox
         self._period_s = 1.0 / rate_hz
         self._now_us = now_us
+        self._monotonic_s = monotonic_s
         self._requests = requests
         self._is_finished = is_finished
         self._overload = overload
@@ -109,11 +93,11 @@ class Runner:
 
         ``is_over`` is asked at every turn.
         """
-        start_s = time.monotonic()
+        start_s = self._monotonic_s()
         end_s = None if seconds is None else start_s + seconds
         due_s = self._due_s = start_s + self._period_s
         while not self._stop.is_set() and (self._waiting or not self._is_finished()):
-            now_s = time.monotonic()
+            now_s = self._monotonic_s()
             if (end_s is not None and now_s >= end_s) or is_over():
                 break
             if now_s >= due_s:
@@ -122,8 +106,8 @@ class Runner:
                     self._take(0.0)  # before anybody is said to be silent
                 self._tick(now_s)
                 due_s = self._due_s = self._next_due_s(due_s, now_s)
-            self._take(min(MAX_WAIT_S, max(0.0, due_s - time.monotonic())))
-        self._tick(time.monotonic())  # publishes what the last events have changed
+            self._take(min(MAX_WAIT_S, max(0.0, due_s - self._monotonic_s())))
+        self._tick(self._monotonic_s())  # publishes what the last events have changed
         if self._requests is not None:
             self._requests.close()
 
@@ -134,10 +118,10 @@ class Runner:
             waiting.extend(self._source.drain(timeout_s))
         outputs: list[Output] = []
         # a loop that is always late must not do nothing but tick
-        end_s = max(self._due_s, time.monotonic() + LEAST_WORK * self._period_s)
+        end_s = max(self._due_s, self._monotonic_s() + LEAST_WORK * self._period_s)
         for _ in range(min(MOST_EVENTS, len(waiting))):
             outputs += self._pipeline.handle(waiting.popleft())
-            if time.monotonic() >= end_s:
+            if self._monotonic_s() >= end_s:
                 break
         if self._requests is not None:
             self._requests.serve(self._pipeline.replace_profile)

@@ -1,6 +1,6 @@
 """Alarms: what contradicts an attitude is told, and nothing else is."""
 
-from math import radians
+from math import cos, radians, sin
 
 import pytest
 
@@ -8,6 +8,7 @@ from drivers.events import BuiltIn, Imu
 from drivers.simulation.simulated_vehicle import SimulatedVehicle
 from drivers.simulation.source import imu_sample
 from estimator.aiding.place import PlaceField
+from estimator.geometry.quaternion import exp, multiply, rotate_inverse, scale
 from estimator.profile import load_profile
 from estimator.types import Attitude, ImuSample
 from service.alarms import Alarm, Alarms, bias_limit_rad_s
@@ -21,10 +22,10 @@ HERE = PlaceField(0.0, radians(63.0), 0.48)
 FIELD = (0.218, 0.0, 0.428)
 
 
-def attitude(bias=(0.0, 0.0, 0.0), sigma_deg=1.0, heading_deg=1.0):
+def attitude(bias=(0.0, 0.0, 0.0), sigma_deg=1.0, heading_deg=1.0, q=LEVEL):
     return Attitude(
         time_us=0,
-        q_ned_frd=LEVEL,
+        q_ned_frd=q,
         rate_rad_s=(0.0, 0.0, 0.0),
         gyro_bias_rad_s=bias,
         error=0.0,
@@ -74,6 +75,51 @@ def test_a_bias_at_its_limit_is_told_after_five_seconds(seconds, said):
 )
 def test_a_field_that_cannot_be(mag, place, said):
     assert words(30, mag=mag, place=place) == said
+
+
+def turned(roll_deg, pitch_deg, yaw_deg):
+    """q_ned_frd of these Euler angles."""
+    turns = zip((yaw_deg, pitch_deg, roll_deg), ((0, 0, 1), (0, 1, 0), (1, 0, 0)), strict=True)
+    q = LEVEL
+    for angle_deg, axis in turns:
+        q = multiply(q, exp(scale(radians(angle_deg), axis)))
+    return q
+
+
+@pytest.mark.parametrize("true_deg", [(20.0, -35.0, 110.0), (-50.0, 10.0, -160.0)])
+@pytest.mark.parametrize("declination_deg", [12.0, -15.0])
+@pytest.mark.parametrize(
+    ("off_deg", "said"),
+    [(0.0, set()), (19.0, set()), (-19.0, set())]
+    + [(each, {Alarm.FIELD_IMPOSSIBLE}) for each in (25.0, -25.0, 100.0, -100.0)],
+)
+def test_a_heading_is_held_against_the_declination_of_the_place(
+    true_deg, declination_deg, off_deg, said
+):
+    """In any attitude; beyond 20 deg and two sigmas (2 deg) to either side it is wrong."""
+    east = radians(declination_deg)
+    field_ned = (0.218 * cos(east), 0.218 * sin(east), 0.428)
+    roll, pitch, yaw = true_deg
+    true = turned(roll, pitch, yaw)
+    found = words(
+        30,
+        acc=rotate_inverse(true, (0.0, 0.0, -9.8)),
+        mag=rotate_inverse(true, field_ned),
+        place=PlaceField(east, radians(63.0), 0.48),
+        q=turned(roll, pitch, yaw + off_deg),
+    )
+    assert found == said
+
+
+@pytest.mark.parametrize(("off_deg", "said"), [(14.0, set()), (21.0, {Alarm.SIGMA_TOO_SMALL})])
+def test_a_tilt_is_held_against_the_force_in_any_attitude(off_deg, said):
+    """Beyond 15 deg and two sigmas of 2 deg."""
+    true = turned(30.0, -20.0, 75.0)
+    force = rotate_inverse(true, (0.0, 0.0, -9.8))
+    leaning = multiply(exp(scale(radians(off_deg), (0.6, 0.8, 0.0))), true)
+    found = words(40, acc=force, mag=(0.0, 0.0, 0.0), place=None, q=leaning, sigma_deg=2.0,
+                  heading_deg=90.0)  # fmt: skip
+    assert found == said
 
 
 def test_a_heading_that_claims_nothing_is_not_contradicted():

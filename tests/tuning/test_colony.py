@@ -45,6 +45,31 @@ def test_employed_bees_move_one_coordinate_towards_or_away_from_another_source()
         assert abs(asked[i, j] - x[i, j]) <= reach
 
 
+def test_no_bee_takes_its_own_source_for_the_other_one():
+    """It would stay where it is: of any three sources, whoever is visited, employed or onlooker."""
+    for seed in range(200):
+        bees = started(sources=3, seed=seed)
+        for _ in range(2):
+            moved = (bees.ask() != bees.sources.positions[bees._visited]).any(axis=1)
+            at_bound = (np.abs(bees.sources.positions[bees._visited]) == 5.0).any(axis=1)
+            assert (moved | at_bound).all()
+            bees.tell(np.full(3, 1e9))
+
+
+def test_every_other_source_is_taken_equally_often():
+    """Read off from a move along one coordinate, of sources that lie 1, 10 and 100 apart."""
+    space = Space(("a",), (-1000.0,), (1000.0,), (), (False,))
+    places = np.array([[0.0], [1.0], [11.0], [111.0]])
+    far = 0
+    for seed in range(600):
+        bees = colony(sources=4, seed=seed, space=space, first=places)
+        bees.tell(np.ones(4))
+        far += abs(bees.ask()[3, 0] - 111.0) > 100.5  # only from the first two, with alpha near 1
+    # alpha > 100.5/111 or 100.5/110, each of them taken once in three
+    expected = 600 * ((1 - 100.5 / 111) + (1 - 100.5 / 110)) / 3
+    assert abs(far - expected) < 4 * expected**0.5
+
+
 def test_alpha_takes_both_signs_and_fills_its_interval():
     """With two sources k is the other one, so alpha can be read off."""
     alphas = []
