@@ -47,16 +47,6 @@ class ZenohOptions(NamedTuple):
     prefix: str = DEFAULT_PREFIX
 
 
-def open_session(options: ZenohOptions) -> "zenoh.Session":
-    """An open session.
-
-    Raises:
-        InputError: an address or setting that cannot be used, a listening address
-            that was asked for and is taken, or a client's router that is not there.
-    """
-    return OpeningSession(options).session()
-
-
 class OpeningSession:
     """A session that is opened while something else is done: it looks for others for half a second.
 

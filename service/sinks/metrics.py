@@ -10,6 +10,7 @@ from service.health import State
 from service.records import AttitudeRecord, Departed, Output, Published, StatusRecord, vehicle_name
 
 if TYPE_CHECKING:
+    from prometheus_client.core import CounterMetricFamily, GaugeMetricFamily
     from prometheus_client.metrics_core import Metric
 
 HOST = "127.0.0.1"  # to reach them from elsewhere, run a proxy or an agent on this computer
@@ -47,6 +48,8 @@ GAUGES = (
 class MetricsSink:
     """Serves ``http://127.0.0.1:PORT/metrics``; ``now_s`` is a monotonic clock, for the ages.
 
+    The latest of each vehicle is written by the sink's thread and read by the server's.
+
     Raises:
         InputError: the extra is not installed, or the port is taken.
     """
@@ -58,9 +61,12 @@ class MetricsSink:
             from prometheus_client import CollectorRegistry, start_http_server
         except ImportError:
             raise missing_extra("--metrics", "metrics") from None
-        self._board = MetricsBoard(now_s)
+        self._now_s = now_s
+        self._lock = threading.Lock()
+        self._attitudes: dict[str, tuple[AttitudeRecord, float]] = {}
+        self._statuses: dict[str, StatusRecord] = {}
         registry = CollectorRegistry(auto_describe=False)
-        registry.register(self._board)
+        registry.register(self)
         try:
             self._server: Any
             self._server, self._thread = start_http_server(port, HOST, registry)
@@ -75,11 +81,16 @@ class MetricsSink:
 
     def handle(self, outputs: Sequence[Output]) -> None:
         """Remember the latest records."""
-        for output in outputs:
-            if isinstance(output, Published):
-                self._board.update(vehicle_name(output.vehicle), output.record)
-            elif isinstance(output, Departed):
-                self._board.remove(vehicle_name(output.vehicle))
+        with self._lock:
+            for output in outputs:
+                match output:
+                    case Published(vehicle=vehicle, record=AttitudeRecord() as record):
+                        self._attitudes[vehicle_name(vehicle)] = (record, self._now_s())
+                    case Published(vehicle=vehicle, record=StatusRecord() as status):
+                        self._statuses[vehicle_name(vehicle)] = status
+                    case Departed(vehicle=vehicle):
+                        self._attitudes.pop(vehicle_name(vehicle), None)
+                        self._statuses.pop(vehicle_name(vehicle), None)
 
     def close(self) -> None:
         """End the server."""
@@ -87,61 +98,40 @@ class MetricsSink:
         self._server.server_close()
         self._thread.join()
 
-
-class MetricsBoard:
-    """The latest of each vehicle; written by the sink, read by the server's threads."""
-
-    def __init__(self, now_s: Callable[[], float]) -> None:
-        self._now_s = now_s
-        self._lock = threading.Lock()
-        self._attitudes: dict[str, tuple[AttitudeRecord, float]] = {}
-        self._statuses: dict[str, StatusRecord] = {}
-
-    def update(self, name: str, record: AttitudeRecord | StatusRecord) -> None:
-        """Remember a record."""
-        with self._lock:
-            if isinstance(record, AttitudeRecord):
-                self._attitudes[name] = (record, self._now_s())
-            else:
-                self._statuses[name] = record
-
-    def remove(self, name: str) -> None:
-        """Forget a vehicle."""
-        with self._lock:
-            self._attitudes.pop(name, None)
-            self._statuses.pop(name, None)
-
     def collect(self) -> "Iterator[Metric]":
         """All metrics for one scrape. A lost vehicle's attitude is left out but for its age."""
         with self._lock:
             attitudes, statuses = dict(self._attitudes), dict(self._statuses)
-        yield from self._attitude_metrics(attitudes, statuses)
-        yield from _status_metrics(statuses)
-
-    def _attitude_metrics(
-        self, attitudes: dict[str, tuple[AttitudeRecord, float]], statuses: dict[str, StatusRecord]
-    ) -> "Iterator[Metric]":
-        from prometheus_client.core import CounterMetricFamily, GaugeMetricFamily
-
-        count = CounterMetricFamily("fuzzbee_attitudes", "Attitudes published.", labels=["vehicle"])
-        age = GaugeMetricFamily(
-            "fuzzbee_imu_age_seconds", "Age of the last IMU sample.", labels=["vehicle"]
-        )
-        for name, (record, heard_s) in attitudes.items():
-            count.add_metric([name], record.sequence + 1)
-            age.add_metric([name], record.age_ms / 1e3 + max(0.0, self._now_s() - heard_s))
-        yield count
-        yield age
+        now_s = self._now_s()
+        counts = {name: record.sequence + 1.0 for name, (record, _) in attitudes.items()}
+        yield _metric("attitudes", "Attitudes published.", counts, is_count=True)
+        ages_s = {
+            name: record.age_ms / 1e3 + max(0.0, now_s - heard_s)
+            for name, (record, heard_s) in attitudes.items()
+        }
+        yield _metric("imu_age_seconds", "Age of the last IMU sample.", ages_s)
         current = {
             name: record
             for name, (record, _) in attitudes.items()
             if name not in statuses or statuses[name].state != State.LOST
         }
         for gauge in GAUGES:
-            family = GaugeMetricFamily(f"fuzzbee_{gauge.name}", gauge.help, labels=["vehicle"])
-            for name, record in current.items():
-                family.add_metric([name], gauge.value(record))
-            yield family
+            values = {name: gauge.value(record) for name, record in current.items()}
+            yield _metric(gauge.name, gauge.help, values)
+        yield from _status_metrics(statuses)
+
+
+def _metric(
+    name: str, text: str, values: dict[str, float], *, is_count: bool = False
+) -> "GaugeMetricFamily | CounterMetricFamily":
+    """A number of each vehicle."""
+    from prometheus_client.core import CounterMetricFamily, GaugeMetricFamily
+
+    kind = CounterMetricFamily if is_count else GaugeMetricFamily
+    family = kind(f"fuzzbee_{name}", text, labels=["vehicle"])
+    for vehicle, value in values.items():
+        family.add_metric([vehicle], value)
+    return family
 
 
 def _status_metrics(statuses: dict[str, StatusRecord]) -> "Iterator[Metric]":
@@ -150,19 +140,20 @@ def _status_metrics(statuses: dict[str, StatusRecord]) -> "Iterator[Metric]":
     state = GaugeMetricFamily(
         "fuzzbee_state", "1 for the state it is in.", labels=["vehicle", "state"]
     )
-    rate = GaugeMetricFamily("fuzzbee_imu_rate_hertz", "IMU samples a second.", labels=["vehicle"])
-    gap = GaugeMetricFamily("fuzzbee_worst_gap_seconds", "Worst gap so far.", labels=["vehicle"])
     rejected = CounterMetricFamily(
         "fuzzbee_rejected", "Samples refused.", labels=["vehicle", "reason"]
     )
     for name, status in statuses.items():
         for each in State:
             state.add_metric([name, each.value], float(status.state == each))
-        rate.add_metric([name], status.imu_rate_hz)
-        gap.add_metric([name], status.worst_gap_s)
         for reason, number in status.rejected.items():
             rejected.add_metric([name, reason], number)
-    yield from (state, rate, gap, rejected)
+    yield state
+    rates = {name: status.imu_rate_hz for name, status in statuses.items()}
+    yield _metric("imu_rate_hertz", "IMU samples a second.", rates)
+    gaps = {name: status.worst_gap_s for name, status in statuses.items()}
+    yield _metric("worst_gap_seconds", "Worst gap so far.", gaps)
+    yield rejected
     overruns = max((status.overruns for status in statuses.values()), default=0)
     dropped = max((status.dropped for status in statuses.values()), default=0)
     yield CounterMetricFamily("fuzzbee_overruns", "Ticks that came late.", value=overruns)

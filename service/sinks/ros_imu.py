@@ -1,17 +1,15 @@
 """A published attitude as the bytes of a ROS 2 ``sensor_msgs/msg/Imu``. No I/O and no clock.
 
 Frames change from NED/FRD to ENU/FLU (REP 103) through ``estimator/geometry/frames.py``.
-The encoding is CDR, little endian: https://www.omg.org/spec/DDSI-RTPS, section
-10 (a header of four bytes; numbers aligned to their size, counted from behind it). The fields:
-https://docs.ros.org/en/jazzy/p/sensor_msgs/msg/Imu.html.
+The fields: https://docs.ros.org/en/jazzy/p/sensor_msgs/msg/Imu.html.
 """
 
 from math import log, radians, sqrt
-from struct import Struct
 
 from estimator.geometry.frames import enu_flu_from_ned_frd, flu_from_frd
 from estimator.types import ZERO_VEC3, Vec3
 from service.records import AttitudeRecord
+from service.sinks.cdr import CdrWriter
 
 TYPE_NAME = "sensor_msgs::msg::dds_::Imu_"
 # REP 2016's hash of the type's definition; the same in Humble, Jazzy and Kilted
@@ -26,10 +24,6 @@ INCLINATION_BOUND_PER_AXIS = sqrt(-2.0 * log(0.32))
 UNKNOWN_COVARIANCE = (0.0,) * 9
 NO_VALUE = (-1.0, *(0.0,) * 8)
 
-_HEADER = b"\x00\x01\x00\x00"
-_STAMP = Struct("<iII")  # seconds, nanoseconds, length of the frame's name
-_NUMBERS = Struct("<4d9d3d9d3d9d")
-
 
 def imu_message(record: AttitudeRecord, acc_frd_m_s2: Vec3 | None, frame_id: str) -> bytes:
     """The message at the record's time.
@@ -37,21 +31,19 @@ def imu_message(record: AttitudeRecord, acc_frd_m_s2: Vec3 | None, frame_id: str
     ``acc_frd_m_s2`` is the specific force, which ROS calls linear acceleration
     (at rest it points up); without it the message says so.
     """
-    seconds, micros = divmod(record.time_unix_us, 1_000_000)
-    name = frame_id.encode() + b"\0"
-    start = _STAMP.pack(seconds, micros * 1000, len(name)) + name
-    padding = bytes(-len(start) % 8)
     w, x, y, z = enu_flu_from_ned_frd(record.q_ned_frd)
-    acc = ZERO_VEC3 if acc_frd_m_s2 is None else acc_frd_m_s2
-    numbers = _NUMBERS.pack(
+    out = CdrWriter()
+    out.put_stamp(record.time_unix_us)
+    out.put_text(frame_id)
+    out.put_numbers(
         *(x, y, z, w),
         *orientation_covariance(record),
         *flu_from_frd(record.rate_rad_s),
         *UNKNOWN_COVARIANCE,
-        *flu_from_frd(acc),
+        *flu_from_frd(ZERO_VEC3 if acc_frd_m_s2 is None else acc_frd_m_s2),
         *(NO_VALUE if acc_frd_m_s2 is None else UNKNOWN_COVARIANCE),
     )
-    return _HEADER + start + padding + numbers
+    return out.message
 
 
 def orientation_covariance(record: AttitudeRecord) -> tuple[float, ...]:

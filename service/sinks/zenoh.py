@@ -83,7 +83,10 @@ class ZenohSink:
         """Publish the records among the outputs."""
         for output in outputs:
             if isinstance(output, Published):
-                self._publish(output.vehicle, output.record)
+                form = output.record.__class__
+                # with workers an attitude has come encoded, too; this one is for those who show it
+                if not (self._takes_encoded and form is AttitudeRecord):
+                    self._put(output.vehicle, form, self._encode(output.record))
             elif isinstance(output, Encoded):
                 self._put(output.vehicle, AttitudeRecord, output.payload)
             elif isinstance(output, Replaced):
@@ -94,11 +97,6 @@ class ZenohSink:
     def close(self) -> None:
         """Close the session, which withdraws everything declared on it."""
         close_session(self._session)
-
-    def _publish(self, vehicle: VehicleId, record: AttitudeRecord | StatusRecord) -> None:
-        if self._takes_encoded and isinstance(record, AttitudeRecord):
-            return  # for those who show it; it has come encoded, too
-        self._put(vehicle, record.__class__, self._encode(record))
 
     def _put(self, vehicle: VehicleId, form: type, payload: bytes) -> None:
         topic = self._topics.get((vehicle, form))
@@ -137,12 +135,12 @@ class ZenohSink:
         for kind in (AttitudeRecord, StatusRecord):
             topic = self._topics.pop((vehicle, kind), None)
             if topic is not None:
-                _withdraw(topic.publisher)
+                topic.publisher.undeclare()  # type: ignore[no-untyped-call]
         self._addresses.pop(name, None)
         self._profiles.pop(name, None)
         token = self._tokens.pop(name, None)
         if token is not None:
-            _withdraw(token)
+            token.undeclare()  # type: ignore[no-untyped-call]
 
     def _is_alive(self, key: str) -> bool:
         """Whether somebody else holds the token of a vehicle."""
@@ -151,13 +149,15 @@ class ZenohSink:
 
     def _on_query(self, query: "zenoh.Query") -> None:
         """Answer a get; on a thread of zenoh's, where an exception would vanish unseen."""
+        import zenoh
+
         with query:
             for topic in list(self._topics.values()):
-                if topic.last and query.key_expr.intersects(_key_expr(topic.key)):
+                if topic.last and query.key_expr.intersects(zenoh.KeyExpr(topic.key)):
                     query.reply(topic.key, topic.last, encoding=JSON)
             for name, vehicle in list(self._addresses.items()):
                 key = f"{self._prefix}/{name}/parameters"
-                if query.key_expr.intersects(_key_expr(key)):
+                if query.key_expr.intersects(zenoh.KeyExpr(key)):
                     self._answer_parameters(query, key, vehicle)
 
     def _answer_parameters(self, query: "zenoh.Query", key: str, vehicle: VehicleId) -> None:
@@ -173,10 +173,6 @@ class ZenohSink:
         query.reply(key, self._encode(profile_to_json(profile)), encoding=JSON)
 
 
-def _withdraw(declared: Any) -> None:
-    declared.undeclare()
-
-
 def _json_object(payload: bytes) -> dict[str, Any]:
     if len(payload) > LONGEST_PAYLOAD:
         raise InputError(f"the payload has {len(payload)} bytes, more than {LONGEST_PAYLOAD}")
@@ -184,9 +180,3 @@ def _json_object(payload: bytes) -> dict[str, Any]:
         return msgspec.json.decode(payload, type=dict[str, Any])
     except (msgspec.DecodeError, UnicodeDecodeError, RecursionError) as error:
         raise InputError(f"the payload is no JSON object: {error}") from None
-
-
-def _key_expr(key: str) -> "zenoh.KeyExpr":
-    import zenoh
-
-    return zenoh.KeyExpr(key)

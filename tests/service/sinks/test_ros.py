@@ -13,8 +13,9 @@ from service.records import Departed, Published, StatusRecord
 from service.sinks import ros_diagnostics, ros_imu, ros_tf
 from service.sinks.ros import RosSink, imu_topic
 from service.sinks.ros_imu import TYPE_HASH, imu_message
-from service.zenoh_session import close_session, open_session
+from service.zenoh_session import close_session
 from tests.service.records import UNIX_US, record
+from tests.service.sessions import open_session
 from tests.service.sinks.test_zenoh import endpoint, options, plain_client, wait_for  # noqa: F401
 from tests.vocabulary import random_quaternion
 

@@ -20,7 +20,8 @@ from service.records import Departed, Published, StatusRecord
 from service.runner import Runner
 from service.sinks.outbox import Outbox
 from service.sinks.zenoh import ZenohSink
-from service.zenoh_session import ZenohOptions, close_session, open_session
+from service.zenoh_session import ZenohOptions, close_session
+from tests.service.sessions import open_session
 
 PAPER = load_profile("paper")
 
@@ -91,7 +92,7 @@ def test_a_plain_subscriber_receives_every_attitude(endpoint):
     assert str(got[0].encoding) == "application/json"
     assert got[0].congestion_control == zenoh.CongestionControl.DROP
     assert not got[0].express
-    assert json.loads(statuses[0].payload.to_bytes())["imu_message"] == "RAW_IMU"
+    assert json.loads(statuses[-1].payload.to_bytes())["imu_message"] == "RAW_IMU"
 
 
 def get(session, selector, payload=None):
