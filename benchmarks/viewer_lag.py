@@ -28,8 +28,7 @@ from estimator.types import Attitude, ImuSample
 from fuzzbee.viewer.horizon import GROUND, SKY
 from fuzzbee.viewer.stream import ViewerOptions
 from fuzzbee.viewer.viewer import ViewerSink
-from service.attitude_record import Stamp, attitude_record
-from service.health import State
+from service.attitude_record import attitude_record
 from service.records import Peer, Published
 from tests.fuzzbee import browser
 
@@ -62,7 +61,9 @@ def published(number: int, time_s: float, sequence: int) -> list[Published | Pee
         sigma_heading_rad=0.03,
         heading_reference="true",
     )
-    record = attitude_record(attitude, Stamp(time_us, time_us, State.RUNNING, 0, sequence))
+    record = attitude_record(
+        attitude, time_unix_us=time_us, time_boot_us=time_us, sequence=sequence
+    )
     sample = ImuSample(time_us, (0.0,) * 3, (0.0, 0.0, -9.8), (0.2, 0.0, 0.4), True)
     return [
         Peer(vehicle, "autopilot", q),

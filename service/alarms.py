@@ -31,7 +31,7 @@ WEAKEST_GAUSS, STRONGEST_GAUSS = 0.1, 1.0
 
 
 class Alarm(StrEnum):
-    """One word for each; docs/troubleshooting.md says what a person can do about it."""
+    """The words of a status's warnings; docs/troubleshooting.md says what a person can do."""
 
     BIAS_AT_LIMIT = "bias_at_limit"
     FIELD_IMPOSSIBLE = "field_impossible"

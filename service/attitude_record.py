@@ -2,31 +2,28 @@
 
 import math
 
-from drivers.value import Value
 from estimator.geometry.frames import euler_rad
 from estimator.types import Attitude, Quaternion, Vec3
 from service.health import State
 from service.records import SCHEMA, AttitudeRecord, Confidence, Sigma
 
 
-class Stamp(Value, frozen=True):
-    """What the service adds to an attitude."""
-
-    time_unix_us: int
-    time_boot_us: int
-    state: State
-    age_us: int
-    sequence: int
-
-
-def attitude_record(attitude: Attitude, stamp: Stamp) -> AttitudeRecord | None:
-    """The record, or None if the attitude is not finite throughout."""
+def attitude_record(
+    attitude: Attitude,
+    *,
+    time_unix_us: int,
+    time_boot_us: int,
+    state: State = State.RUNNING,
+    age_us: int = 0,
+    sequence: int,
+) -> AttitudeRecord | None:
+    """The record of an attitude whose sample is ``age_us`` old; None if it is not finite."""
     if not is_finite(attitude):
         return None
     return AttitudeRecord(
         schema=SCHEMA,
-        time_unix_us=stamp.time_unix_us,
-        time_boot_us=stamp.time_boot_us,
+        time_unix_us=time_unix_us,
+        time_boot_us=time_boot_us,
         q_ned_frd=attitude.q_ned_frd,
         euler_deg=euler_deg(attitude.q_ned_frd),
         rate_rad_s=attitude.rate_rad_s,
@@ -39,9 +36,9 @@ def attitude_record(attitude: Attitude, stamp: Stamp) -> AttitudeRecord | None:
             _bound_deg(attitude.sigma_inclination_rad), _bound_deg(attitude.sigma_heading_rad)
         ),
         heading_reference=attitude.heading_reference,
-        state=stamp.state.value,
-        age_ms=max(0, stamp.age_us) / 1e3,
-        sequence=stamp.sequence,
+        state=state.value,
+        age_ms=max(0, age_us) / 1e3,
+        sequence=sequence,
     )
 
 

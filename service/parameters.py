@@ -56,7 +56,7 @@ class ParameterRequests:
     def post(
         self, vehicle: VehicleId, partial: dict[str, Any], retuned: str | None = None
     ) -> "Future[Profile]":
-        """The same without waiting; the answer comes, or is cancelled.
+        """Ask without waiting: the result holds the new profile later, or is cancelled.
 
         Raises:
             TimeoutError: too many wait already, or nobody will answer any more.

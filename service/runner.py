@@ -6,7 +6,6 @@ once, so that the rate holds over a short stall. After a long one (a suspended
 computer), and while there is more to do than can be done, the missed ticks are skipped.
 """
 
-import threading
 import time
 from collections import deque
 from collections.abc import Callable
@@ -18,6 +17,7 @@ from service.overload import Overload
 from service.parameters import ParameterRequests
 from service.pipeline import Pipeline
 from service.records import Message, Output
+from service.signals import Stoppable
 from service.sinks.outbox import OutputTaker
 
 MAX_CATCH_UP_S = 0.25
@@ -34,7 +34,7 @@ SETTLING = 0.5
 MAX_WAIT_S = 0.1
 
 
-class Runner:
+class Runner(Stoppable):
     """Runs a pipeline until stopped.
 
     ``now_us`` is the host time that arrivals are stamped with (Unix time for
@@ -56,6 +56,7 @@ class Runner:
         is_finished: Callable[[], bool] = lambda: False,
         overload: Overload | None = None,
     ) -> None:
+        super().__init__()
         self.overruns = 0
         self.ticks = 0
         self._source = source
@@ -69,22 +70,12 @@ class Runner:
         self._overload = overload
         self._due_s = float("inf")
         self._woken_s: float | None = None  # when the loop went on after a stop
-        self._stop = threading.Event()
         self._waiting: deque[Event] = deque()  # bounded by what the source keeps
-
-    def stop(self) -> None:
-        """End the loop at its next turn; from any thread or signal handler."""
-        self._stop.set()
 
     @property
     def lost(self) -> int:
         """Datagrams that the system threw away before they could be read."""
         return self._source.lost
-
-    @property
-    def was_stopped(self) -> bool:
-        """Whether somebody asked for the end."""
-        return self._stop.is_set()
 
     def run(
         self, seconds: float | None = None, is_over: Callable[[], bool] = lambda: False
@@ -96,7 +87,7 @@ class Runner:
         start_s = self._monotonic_s()
         end_s = None if seconds is None else start_s + seconds
         due_s = self._due_s = start_s + self._period_s
-        while not self._stop.is_set() and (self._waiting or not self._is_finished()):
+        while not self.was_stopped and (self._waiting or not self._is_finished()):
             now_s = self._monotonic_s()
             if (end_s is not None and now_s >= end_s) or is_over():
                 break

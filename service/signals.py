@@ -7,6 +7,22 @@ from contextlib import contextmanager
 from types import FrameType
 
 
+class Stoppable:
+    """A loop that ends at its next turn once somebody has asked for it."""
+
+    def __init__(self) -> None:
+        self._stop = threading.Event()
+
+    def stop(self) -> None:
+        """Ask for the end; from any thread or signal handler."""
+        self._stop.set()
+
+    @property
+    def was_stopped(self) -> bool:
+        """Whether somebody asked for the end."""
+        return self._stop.is_set()
+
+
 def ending_signals() -> tuple[signal.Signals, ...]:
     """The signals that end a command; without SIGHUP where ``nohup`` has it ignored."""
     ending = (signal.SIGINT, signal.SIGTERM)

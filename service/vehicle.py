@@ -21,7 +21,7 @@ from estimator.reasons import Reason
 from estimator.types import ImuSample
 from service import health, host_clock, imu_choice, report_choice
 from service.alarms import MEANINGS, Alarm, Alarms
-from service.attitude_record import Stamp, attitude_record, is_finite
+from service.attitude_record import attitude_record, is_finite
 from service.counts import Counts
 from service.health import Health, State
 from service.host_clock import HostClock
@@ -139,20 +139,19 @@ class Vehicle:
         """The vehicle's clock began anew: what was known about its time and attitude is void."""
         self.restart()
         self._clock = HostClock()
-        self._last = None
         if event.reason == "reboot":
             self._silent_since_us = self._health.last_arrival_us
         text = f"clock {event.reason} by {event.step_s:+.1f} s, aligning anew"
-        return self._talk.lines([f"vehicle {self.name}: {text}"], event.arrival_us)
+        return self._say([text], event.arrival_us)
 
     def on_track_lost(self, event: TrackLost) -> list[str]:
         """The vehicle has turned unseen, nobody knows how far: its attitude is void."""
         if event.message != self.imu_message:
             return []
         self.restart()
-        self._last = None
-        text = f"{event.reason} for {event.blind_s:.1f} s, aligning anew"
-        return self._talk.lines([f"vehicle {self.name}: {text}"], event.arrival_us)
+        return self._say(
+            [f"{event.reason} for {event.blind_s:.1f} s, aligning anew"], event.arrival_us
+        )
 
     def on_rejected(self, event: Rejected) -> None:
         """Count a refused sample, unless it is of another IMU than the one in use."""
@@ -208,7 +207,7 @@ class Vehicle:
         return abs(age_us - (last.arrival_us - last.sample.time_us)) > OTHER_CLOCK_US
 
     def on_time(self, now_us: int) -> list[str]:
-        """Notice silence."""
+        """Change the state of health if the IMU has been silent for long."""
         return self._become(health.on_time(self._health, now_us, self.median_period_us))
 
     def is_due(self, now_us: int) -> bool:
@@ -226,14 +225,14 @@ class Vehicle:
         if late_us > 0:
             time_us = last.sample.time_us + since_us
         time_us = max(last.sample.time_us, time_us)
-        stamp = Stamp(
+        record = attitude_record(
+            self.estimator.attitude(time_us),
             time_unix_us=now_us,
             time_boot_us=last.boot_us + time_us - last.sample.time_us,
             state=self.state,
             age_us=since_us + late_us,
             sequence=self.attitudes,
         )
-        record = attitude_record(self.estimator.attitude(time_us), stamp)
         if record is None:
             return None  # a tick changes nothing; on_imu will restart the estimator
         self.attitudes += 1
@@ -331,7 +330,6 @@ class Vehicle:
         self._alarms = Alarms()
         if profile.mounting != self.profile.mounting:
             self.restart()
-            self._last = None
         self.profile = profile
         self.has_unfit_profile = False
 
@@ -343,24 +341,23 @@ class Vehicle:
     def on_profile(self, now_us: int, retuned: str | None = None) -> list[str]:
         """Say that the profile was replaced, but not too often: a program may do it in a loop."""
         what = "new parameters" if retuned is None else f"retuned: {retuned}"
-        return self._talk.lines([f"vehicle {self.name}: {what}"], now_us)
+        return self._say([what], now_us)
 
     def restart(self) -> None:
         """Align anew; what was remembered of the attitude before says nothing of the next."""
         self.estimator.restart()
         self._alarms = Alarms()
+        self._last = None
 
     def _check(self, event: Imu, sample: ImuSample) -> list[str]:
-        """See whether the estimate can be what it says."""
-        if self.estimator.aligned and self._alarms.is_due(sample.time_us):
-            attitude = self.estimator.attitude(sample.time_us)
-            if not is_finite(attitude):
-                return self._align_broken_anew(event)
-            self._alarms.look(sample, attitude, self.profile, self.estimator.place_field)
-            return self._tell_alarms(event.arrival_us)
-        if is_finite(self.estimator.attitude(sample.time_us)):
+        """Check that the estimate is finite and, twice a second, that nothing contradicts it."""
+        attitude = self.estimator.attitude(sample.time_us)
+        if not is_finite(attitude):
+            return self._align_broken_anew(event)
+        if not self.estimator.aligned or not self._alarms.is_due(sample.time_us):
             return []
-        return self._align_broken_anew(event)
+        self._alarms.look(sample, attitude, self.profile, self.estimator.place_field)
+        return self._tell_alarms(event.arrival_us)
 
     def _tell_alarms(self, now_us: int) -> list[str]:
         """The alarms that have begun or ended since they were told last."""
@@ -368,17 +365,19 @@ class Vehicle:
         if now == before:
             return []
         self._alarms_told = now
-        begun = [f"vehicle {self.name}: warning: {MEANINGS[word]}" for word in sorted(now - before)]
-        ended = [f"vehicle {self.name}: no more: {MEANINGS[word]}" for word in sorted(before - now)]
-        return self._talk.lines([*begun, *ended], now_us)
+        begun = [f"warning: {MEANINGS[word]}" for word in sorted(now - before)]
+        ended = [f"no more: {MEANINGS[word]}" for word in sorted(before - now)]
+        return self._say([*begun, *ended], now_us)
 
     def _align_broken_anew(self, event: Imu) -> list[str]:
         """Restart an estimate that is not finite: no sample would repair it."""
         self.reject(Reason.ESTIMATE_NOT_FINITE)
         self.restart()
-        self._last = None
-        text = f"vehicle {self.name}: the estimate is not finite, aligning anew"
-        return self._talk.lines([text], event.arrival_us)
+        return self._say(["the estimate is not finite, aligning anew"], event.arrival_us)
+
+    def _say(self, texts: list[str], now_us: int) -> list[str]:
+        """Lines about this vehicle, fewer of them where there are too many."""
+        return self._talk.lines([f"vehicle {self.name}: {text}" for text in texts], now_us)
 
     def _change_over(self, before: str | None, now: str) -> list[str]:
         self._periods_us.clear()

@@ -59,7 +59,10 @@ class FlightFigures(NamedTuple):
 
 
 def geometric_mean(costs: list[float]) -> float:
-    """So that no bad flight hides what happens to the good ones; each is at least the floor."""
+    """The geometric mean, deg: a bad flight does not hide what happens to the good ones.
+
+    The floor is added to each cost and taken off the mean, so that a cost near 0 decides nothing.
+    """
     return exp(sum(log(FLOOR_DEG + cost) for cost in costs) / len(costs)) - FLOOR_DEG
 
 
@@ -98,7 +101,7 @@ def score_errors(errors: Array, sigma: Array) -> Figure:
 
 
 def _figures_without_truth(part: Part, course: Course) -> FlightFigures:
-    """How well the estimate foretells its own vectors; its sigma is of other errors than those."""
+    """Errors of the vectors that the estimate foretells; no sigma is said of these."""
     readings = readings_of(part.flight.samples[: part.last])
     down, field = predicted_vectors(readings, course.q_ned_frd, course.bias_rad_s, part.first)
     level, north = rms_known(levelling_errors(down)), rms_known(heading_errors(field))

@@ -19,8 +19,7 @@ from fuzzbee.replays.comparison import Comparison
 from fuzzbee.replays.exports import ATTITUDE_COLUMNS, REFERENCE_COLUMNS, rows
 from fuzzbee.replays.log_clock import unix_times_us
 from fuzzbee.replays.trace import VehicleTrace
-from service.attitude_record import Stamp, attitude_record
-from service.health import State
+from service.attitude_record import attitude_record
 from service.sinks.ros_imu import imu_message
 
 # East, north, up; the vehicle's body; and the same body as the reference has it.
@@ -138,8 +137,9 @@ def _put_poses(put: Put, trace: VehicleTrace, compared: Comparison) -> None:
         if known[k]:
             w, x, y, z = truth[k]
             put("/tf", time_us, _transform(time_us, REFERENCE_BODY, (w, x, y, z)))
-        stamp = Stamp(time_us, attitude.time_us, State.RUNNING, age_us=0, sequence=k)
-        record = attitude_record(attitude, stamp)
+        record = attitude_record(
+            attitude, time_unix_us=time_us, time_boot_us=attitude.time_us, sequence=k
+        )
         if record is not None:
             put("/imu", time_us, imu_message(record, trace.samples[k].acc_m_s2, BODY))
 

@@ -5,8 +5,7 @@ from contextlib import suppress
 from typing import TYPE_CHECKING
 
 from fuzzbee.replays.trace import VehicleTrace
-from service.attitude_record import Stamp, attitude_record
-from service.health import State
+from service.attitude_record import attitude_record
 from service.records import Output, Peer, Published
 
 if TYPE_CHECKING:
@@ -31,14 +30,12 @@ def outputs(trace: VehicleTrace) -> Iterator[Output]:
         if track.message is not None
     }
     for number, attitude in enumerate(trace.attitudes):
-        stamp = Stamp(
+        record = attitude_record(
+            attitude,
             time_unix_us=trace.arrivals_us[number],
             time_boot_us=attitude.time_us,
-            state=State.RUNNING,
-            age_us=0,
             sequence=number,
         )
-        record = attitude_record(attitude, stamp)
         if record is None:
             continue
         for source, (attitudes, known) in peers.items():

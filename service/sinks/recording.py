@@ -35,7 +35,7 @@ class RecordingSink:
                 self._write(output.vehicle.system_id, f"retuned: {output.retuned}")
 
     def close(self) -> None:
-        """Nothing is left to be done."""
+        """Do nothing: the recorder is closed by its owner."""
 
     def _write(self, system_id: int, text: str) -> None:
         sender = VehicleId(system_id, MAV_COMP_ID_ONBOARD_COMPUTER)

@@ -18,7 +18,7 @@ class Sink(Protocol):
 
     @property
     def name(self) -> str:
-        """A word for messages to a person."""
+        """What lines for a person call it."""
 
     def handle(self, outputs: Sequence[Output]) -> None:
         """Take the outputs of one turn of the loop; may block or raise without harm to others."""

@@ -36,7 +36,7 @@ LONGEST_PAYLOAD = 65_536  # bytes; a whole profile has some 4,000
 
 
 class _Topic:
-    """One vehicle's records of one kind: where they go, and the last one."""
+    """One vehicle's key for one kind of record, its publisher, and the last record."""
 
     def __init__(self, key: str, publisher: "zenoh.Publisher") -> None:
         self.key = key

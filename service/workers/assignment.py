@@ -35,7 +35,7 @@ class Assignment:
         return sorted(system for system, of in self._of.items() if of == worker)
 
     def close_window(self) -> None:
-        """Once a second: what each system has sent since the last call is what it usually sends."""
+        """Take what each system has sent since the last call as its usual rate; once a second."""
         self._usual = {system: self._frames[system] for system in self._of}
         self._frames.clear()
 

@@ -98,7 +98,7 @@ class Connection:
         return True
 
     def receive(self) -> list[Message]:
-        """All whole messages that are there; none is no end, see ``is_ended``."""
+        """All whole messages that are there; the end is told by ``is_ended`` alone."""
         self._read()
         return self._take_whole()
 

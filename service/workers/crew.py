@@ -239,7 +239,7 @@ class Crew(Closing):
             )
 
     def _connect(self, number: int, inherited: dict[VehicleId, Inheritance]) -> Connection:
-        """A connection to a worker that is asked for."""
+        """Ask for a worker; returns the connection to it."""
         ours, theirs = socket.socketpair()
         connection = Connection(ours)
         job = self.job._replace(inherited=inherited)

@@ -20,6 +20,7 @@ from drivers.source import LiveSource
 from service.link_lines import LinkLines
 from service.overload import Overload
 from service.records import Departed, Message, Output, Published
+from service.signals import Stoppable
 from service.sinks.outbox import OutputTaker
 from service.workers.crew import Crew
 from service.workers.handout import Handout
@@ -33,7 +34,7 @@ NO_LONGER = "no longer overloaded: all that arrives is handed out"
 SHOW_S = 0.1  # attitudes are decoded so often for those who look at them
 
 
-class Foreman:
+class Foreman(Stoppable):
     """Runs until stopped. With ``shows`` attitudes that came encoded are shown to all sinks, too.
 
     Of each vehicle the last one, a few times a second: as often as a person or a scrape looks.
@@ -42,6 +43,7 @@ class Foreman:
     def __init__(
         self, source: LiveSource, crew: Crew, handout: Handout, outbox: OutputTaker, *, shows: bool
     ) -> None:
+        super().__init__()
         self._source = source
         self._crew = crew
         self._handout = handout
@@ -51,18 +53,8 @@ class Foreman:
         self._shown: dict[VehicleId, bytes] = {}
         self._lines = LinkLines()
         self._overload = Overload()
-        self._stop = threading.Event()
         self._events: deque[Event] = deque()  # few: everything about vehicles is handed out
         self._failure: BaseException | None = None
-
-    def stop(self) -> None:
-        """End the loop at its next turn; from any thread or signal handler."""
-        self._stop.set()
-
-    @property
-    def was_stopped(self) -> bool:
-        """Whether somebody asked for the end."""
-        return self._stop.is_set()
 
     def run(
         self, seconds: float | None = None, is_over: Callable[[], bool] = lambda: False
@@ -70,7 +62,7 @@ class Foreman:
         """Loop until stopped or over, or for ``seconds`` if given."""
         end_s = None if seconds is None else time.monotonic() + seconds
         with self._reading():
-            while not self._stop.is_set() and not is_over():
+            while not self.was_stopped and not is_over():
                 if end_s is not None and time.monotonic() >= end_s:
                     break
                 self._put(self._crew.turn(TURN_S) + self._heard())

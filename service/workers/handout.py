@@ -71,10 +71,7 @@ class Handout:
 
     def outgoing(self) -> list[Outgoing]:
         """The messages of workers for vehicles since the last call."""
-        messages = []
-        while self._outgoing:
-            messages.append(self._outgoing.popleft())
-        return messages
+        return [self._outgoing.popleft() for _ in range(len(self._outgoing))]
 
     def send(self, messages: Sequence[Outgoing]) -> None:
         """Have messages sent at the reader's next look, 0.1 s from now at the latest."""

@@ -40,7 +40,7 @@ class Job(NamedTuple):
 
     @property
     def gather_s(self) -> float:
-        """So long service and workers let frames come together, each of them."""
+        """How long the service, and each worker again, collects frames before handling them."""
         return min(LONGEST_GATHER_S, GATHERED_SHARE / self.rate_hz)
 
 

@@ -88,7 +88,7 @@ class _Children:
         _tell(self._control, BORN, process, number)
 
     def reap(self) -> None:
-        """Tell which have ended, and how."""
+        """Tell the service which workers have ended, and with which exit code."""
         for process in list(self._alive):
             ended, status = os.waitpid(process, os.WNOHANG)
             if ended:

@@ -94,7 +94,7 @@ class NurseryProcess(Closing):
         return news
 
     def close(self) -> None:
-        """End it, with those who compile for it; its workers may go on, if it was killed."""
+        """End the process and its compiling helper. If it was killed, its workers may go on."""
         self.control.close()
         if self.is_ready:
             with suppress(subprocess.TimeoutExpired):

@@ -45,15 +45,15 @@ class Place:
 
     @property
     def name(self) -> str:
-        """For a person."""
+        """What lines for a person call it."""
         return f"worker {self.number + 1}"
 
     def note_birth(self, process: int, now_s: float) -> None:
-        """A process has the place now."""
+        """A process has been forked for this place."""
         self.process, self.born_s, self.silent_s = process, now_s, 0.0
 
     def note_death(self, connection: Connection, now_s: float) -> None:
-        """Its process is gone; another one is to have this connection."""
+        """Its process is gone; the next one gets ``connection``."""
         if self.process is not None:
             is_quick = now_s - self.born_s < QUICK_S
             self.quick_deaths = self.quick_deaths + 1 if is_quick else 0

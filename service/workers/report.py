@@ -39,9 +39,13 @@ class Report:
             if isinstance(output, Published):
                 record = output.record
                 if isinstance(record, AttitudeRecord) and not self._as_records:
-                    attitudes += self._as_published(output.vehicle, record)
+                    payload, (system, component) = self._encode(record), output.vehicle
+                    attitudes += (_HEAD.pack(system, component, len(payload)), payload)
                     continue
-            others.append(self._named(output) if isinstance(output, Message) else output)
+            if isinstance(output, Message) and not output.text.startswith(_PREFIX):
+                others.append(Message(f"{self._name}: {output.text}"))  # about the worker itself
+            else:
+                others.append(output)
         if attitudes:
             for dropped in self._connection.put(Kind.ATTITUDES, b"".join(attitudes)):
                 self.dropped += len(attitudes_of(dropped))
@@ -60,15 +64,6 @@ class Report:
         """Hand the counts back, which also says that the worker is alive."""
         self._tally_due_s = time.monotonic() + TALLY_S
         self._connection.put(Kind.COUNTS, pickle.dumps(self._tally()))
-
-    def _as_published(self, vehicle: VehicleId, record: AttitudeRecord) -> tuple[bytes, bytes]:
-        payload = self._encode(record)
-        return _HEAD.pack(vehicle.system_id, vehicle.component_id, len(payload)), payload
-
-    def _named(self, message: Message) -> Message:
-        """A line about the worker itself begins with its name."""
-        is_of_vehicle = message.text.startswith(_PREFIX)
-        return message if is_of_vehicle else Message(f"{self._name}: {message.text}")
 
 
 def record_of(payload: bytes) -> AttitudeRecord:

@@ -4,7 +4,7 @@ from math import radians
 
 from estimator.geometry.frames import from_euler_rad
 from estimator.types import Attitude
-from service.attitude_record import Stamp, attitude_record
+from service.attitude_record import attitude_record
 from service.health import State
 
 UNIX_US = 1_700_000_000_123_456
@@ -35,6 +35,13 @@ def record(
         sigma_heading_rad=radians(sigma_deg[1]),
         heading_reference="true",
     )
-    made = attitude_record(attitude, Stamp(UNIX_US, time_boot_us, state, 5_000, sequence))
+    made = attitude_record(
+        attitude,
+        time_unix_us=UNIX_US,
+        time_boot_us=time_boot_us,
+        state=state,
+        age_us=5_000,
+        sequence=sequence,
+    )
     assert made is not None
     return made

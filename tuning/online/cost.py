@@ -39,7 +39,7 @@ class Cost(NamedTuple):
 
 
 def cost_on(profile: Profile, window: Window, *, judged: bool) -> Cost:
-    """The cost on the earlier segment; where ``judged`` on the later, flown from the earlier on."""
+    """The cost on the earlier segment; if ``judged``, on the later, flown from the earlier on."""
     segments = (window.earlier, window.later) if judged else (window.earlier,)
     samples = tuple(sample for segment in segments for sample in segment.samples)
     readings = readings_of(samples)
@@ -78,7 +78,7 @@ def _blocks(profile: Profile, readings: Readings, q: Array, bias: Array, first: 
 
 
 def _comparable(profile: Profile, field: Array) -> Array:
-    """The field, or where its direction is learnt its horizontal part."""
+    """Fields (N, 3) as they are compared: where the direction is learnt, the horizontal part."""
     if profile.reference.magnetic != "learn":
         return field
     level = field * np.array([1.0, 1.0, 0.0])
@@ -87,7 +87,7 @@ def _comparable(profile: Profile, field: Array) -> Array:
 
 
 def _north(profile: Profile, field: Array) -> Array | None:
-    """The field's direction that is known; where it is learnt, its mean. None without a field."""
+    """The field's known direction (3,), or its mean where the profile learns it; None without."""
     seen = np.isfinite(field[:, 0])
     if not seen.any():
         return None

@@ -14,7 +14,7 @@ MOST_MOVE = 3.0
 
 
 class Number(NamedTuple):
-    """Keys of the profile that go by a power of one factor."""
+    """Keys of the profile that are multiplied by a power of one factor."""
 
     name: str
     keys: tuple[tuple[str, str, float], ...]

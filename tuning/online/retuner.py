@@ -65,7 +65,7 @@ class Trial(NamedTuple):
     new: tuple[Cost, ...] = ()
 
     def with_costs(self, old: Cost, new: Cost) -> "Trial":
-        """The same with another segment."""
+        """The trial with the costs of one more segment: in force (old) and candidate (new)."""
         return Trial(self.factors, (*self.old, old), (*self.new, new))
 
     @property
@@ -76,7 +76,10 @@ class Trial(NamedTuple):
 
     @property
     def _t(self) -> float:
-        """Student's t over the half seconds, each with itself; pull-ins differ by no chance."""
+        """Student's t of what the candidate saves, each half second compared with itself.
+
+        The spread is that of the half seconds alone: chance does not move noise and pull-in.
+        """
         old, new = (np.concatenate([c.blocks for c in costs]) for costs in (self.old, self.new))
         off = old - new
         won = float(np.mean([o.total - n.total for o, n in zip(self.old, self.new, strict=True)]))
@@ -103,7 +106,7 @@ class Retuner:
         self._begin(base)
 
     def _begin(self, base: Profile) -> None:
-        """Nothing is known beside the base profile."""
+        """Forget all but the base profile."""
         self._base = base
         ones = np.ones(len(numbers_of(base)))
         self._now = ones  # factors in force

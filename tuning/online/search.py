@@ -19,7 +19,7 @@ CYCLES = 2
 def colony_search(
     space: Space, kept: Array, evaluate: Evaluate, generator: np.random.Generator
 ) -> tuple[Array, Array, Array]:
-    """The kept food sources, evaluated anew on what is there now, and two cycles from them."""
+    """Evaluate the kept food sources on the present window, and go on from them for two cycles."""
     colony = Colony(
         space,
         food_sources=FOOD_SOURCES,

@@ -1,4 +1,4 @@
-"""The last seconds of a vehicle, as its estimator was told of them, to be flown again."""
+"""The last seconds of a vehicle, as calls to its estimator that can be repeated."""
 
 from typing import NamedTuple
 
