@@ -2,7 +2,7 @@ import random
 
 import pytest
 
-from service.imu_choice import ImuChoice, consider
+from service.imu_choice import LONGEST_SILENCE_US, ImuChoice, consider, patience_us
 
 LATE_US = 500_000
 
@@ -99,3 +99,14 @@ def test_one_that_pauses_begins_anew():
     for k in range(5):
         choice = feed(choice, "SCALED_IMU2", start_us=300_000 * (k + 1))
     assert feed(choice, "RAW_IMU", start_us=1_510_000).message == "SCALED_IMU2"
+
+
+@pytest.mark.parametrize(
+    ("silence_us", "patience"),
+    [(LONGEST_SILENCE_US, 2 * LONGEST_SILENCE_US), (LONGEST_SILENCE_US + 1, LATE_US)],
+)
+def test_a_silence_so_long_that_the_vehicle_was_gone_says_nothing_of_the_message(
+    silence_us, patience
+):
+    choice = feed(feed(ImuChoice(), "RAW_IMU"), "RAW_IMU", start_us=silence_us)
+    assert patience_us(choice, LATE_US, 0.0) == patience

@@ -2,10 +2,10 @@
 
 import pytest
 
-from drivers.events import ClockReset, Imu, Parameter, Rejected, TrackLost
+from drivers.events import BodyRates, ClockReset, Imu, Parameter, Rejected, TrackLost
 from estimator.estimator import Estimator
 from estimator.profile import load_profile
-from estimator.types import ZERO_VEC3, ImuSample
+from estimator.types import ZERO_VEC3, ImuSample, RateSample
 from service.health import State
 from service.load import Load
 from service.vehicle import Vehicle
@@ -32,6 +32,10 @@ class Watched(Estimator):
     def set_field_calibrated(self, calibrated):
         self.calls.append(calibrated)
         super().set_field_calibrated(calibrated)
+
+    def update_report(self, report):
+        self.calls.append(report)
+        return super().update_report(report)
 
 
 @pytest.fixture
@@ -184,3 +188,29 @@ def test_samples_a_little_late_are_made_up_for(vehicle):
     record = vehicle.attitude(arrival_us)
     assert record.time_boot_us == pytest.approx(101 * PERIOD_US + 90_000, abs=1_000)
     assert record.age_ms == 0.0
+
+
+@pytest.mark.parametrize(
+    ("off_us", "taken"),
+    [(0, True), (900_000, True), (-900_000, True), (5_000_000, False), (-5_000_000, False)],
+)
+def test_rates_stamped_by_another_clock_than_the_imu_s_are_not_used(vehicle, off_us, taken):
+    """Some autopilots stamp ATTITUDE seconds early or late."""
+    feed(vehicle, 1, 10)
+    arrival_us = START_US + 10 * PERIOD_US + 3_000
+    sample = RateSample(10 * PERIOD_US + 1_000 + off_us, (0.1, 0.2, 0.3))
+    vehicle.on_report(BodyRates(ONE, arrival_us, "ATTITUDE", sample))
+    assert (sample in vehicle.estimator.calls) == taken
+
+
+def test_rates_before_the_first_imu_sample_are_not_used(vehicle):
+    vehicle.on_report(BodyRates(ONE, START_US, "ATTITUDE", RateSample(0, (0.1, 0.2, 0.3))))
+    assert vehicle.estimator.calls == []
+
+
+def test_the_worst_gap_stays_when_a_shorter_one_comes_with_a_reboot(vehicle):
+    feed(vehicle, 1, 3)
+    vehicle.on_imu(imu(4_000_000))
+    vehicle.on_clock_reset(ClockReset(ONE, START_US + 4_100_000, "reboot", -4.0))
+    vehicle.on_imu(imu(20_000, arrival_us=START_US + 5_000_000))
+    assert vehicle.worst_gap_us == 4_000_000 - 3 * PERIOD_US
