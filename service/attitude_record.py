@@ -52,12 +52,9 @@ def euler_deg(q_ned_frd: Quaternion) -> Vec3:
 
 def is_finite(attitude: Attitude) -> bool:
     """Whether every number that must be finite is; an infinite sigma just means "unknown"."""
-    w, x, y, z = attitude.q_ned_frd
-    p, q, r = attitude.rate_rad_s
-    bp, bq, br = attitude.gyro_bias_rad_s
     # one that is not finite makes the sum so; none is large enough for the sum of the others
     total = (
-        (w + x + y + z + p + q + r + bp + bq + br)
+        sum((*attitude.q_ned_frd, *attitude.rate_rad_s, *attitude.gyro_bias_rad_s))
         + attitude.error
         + attitude.error_rate_1_s
         + attitude.gain

@@ -144,16 +144,8 @@ class Runner(Stoppable):
         if overload is None:
             return False
         if overload.observe(self._source.shed + self._source.lost, now_s):
-            self._outbox.put([Message(self._overload_line(overload))])
+            self._outbox.put([Message(overload.line)])
         return overload.is_on
-
-    def _overload_line(self, overload: Overload) -> str:
-        if not overload.is_on:
-            return "no longer overloaded: every sample counts again"
-        return (
-            "overloaded: more arrives than this computer can handle; "
-            "of each vehicle the newest samples are taken, and the ticks stay on time"
-        )
 
     def _most_catch_up_s(self) -> float:
         """How late ticks may be that are made up for; live, there is little time for it."""

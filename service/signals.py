@@ -5,6 +5,7 @@ import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from types import FrameType
+from typing import Any
 
 
 class Stoppable:
@@ -34,35 +35,35 @@ def ending_signals() -> tuple[signal.Signals, ...]:
 @contextmanager
 def terminate_like_interrupt() -> Iterator[None]:
     """Have SIGTERM and SIGHUP raise ``KeyboardInterrupt``, too: for a start that takes long."""
-    if threading.current_thread() is not threading.main_thread():
+    with _handled(ending_signals(), signal.default_int_handler):
         yield
-        return
-    others = [number for number in ending_signals() if number != signal.SIGINT]
-    before = {number: signal.signal(number, signal.default_int_handler) for number in others}
-    try:
-        yield
-    finally:
-        for number, handler in before.items():
-            signal.signal(number, handler)
 
 
 @contextmanager
 def stop_on_signals(stop: Callable[[], None]) -> Iterator[None]:
     """Call ``stop`` at the first signal that ends a command; a second one has its usual effect."""
     chosen = ending_signals()
-    if threading.current_thread() is not threading.main_thread():
-        yield  # only the main thread may set handlers; elsewhere the owner calls stop
-        return
     before = {number: signal.getsignal(number) for number in chosen}
 
     def on_signal(number: int, _frame: FrameType | None) -> None:
         signal.signal(number, before[signal.Signals(number)])
         stop()
 
-    for number in chosen:
-        signal.signal(number, on_signal)
+    with _handled(chosen, on_signal):
+        yield
+
+
+@contextmanager
+def _handled(
+    numbers: tuple[signal.Signals, ...], handler: Callable[[int, FrameType | None], Any]
+) -> Iterator[None]:
+    """Handle signals; outside the main thread, which alone may do so, their owner has to."""
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    before = {number: signal.signal(number, handler) for number in numbers}
     try:
         yield
     finally:
-        for number in chosen:
-            signal.signal(number, before[number])
+        for number, former in before.items():
+            signal.signal(number, former)

@@ -75,7 +75,8 @@ class ClusterEvaluator(Closing):
         threads = sum(self._client.nthreads().values())
         chunks = np.array_split(values, min(len(values), max(1, CHUNKS_PER_THREAD * threads)))
         futures = [
-            self._client.submit(chunk_costs, self._sent, chunk, pure=False) for chunk in chunks
+            self._client.submit(type(self._objective).serial_costs, self._sent, chunk, pure=False)
+            for chunk in chunks
         ]
         return np.concatenate(self._client.gather(futures))
 
@@ -85,8 +86,3 @@ class ClusterEvaluator(Closing):
         except TimeoutError:
             self.close()
             raise InputError(f"--cluster {self._address}: no workers") from None
-
-
-def chunk_costs(objective: Objective, values: Array) -> Array:
-    """Costs of one chunk, on one thread; this is what a worker runs."""
-    return objective.serial_costs(values)

@@ -52,7 +52,7 @@ class Foreman(Stoppable):
         self._show_due_s = 0.0
         self._shown: dict[VehicleId, bytes] = {}
         self._lines = LinkLines()
-        self._overload = Overload()
+        self._overload = Overload(OVERLOADED, NO_LONGER)
         self._events: deque[Event] = deque()  # few: everything about vehicles is handed out
         self._failure: BaseException | None = None
 
@@ -112,7 +112,7 @@ class Foreman(Stoppable):
         now_s = time.monotonic()
         if self._overload.observe(status.lost + self._handout.dropped, now_s):
             status.is_overloaded = self._overload.is_on
-            outputs = [*outputs, Message(OVERLOADED if self._overload.is_on else NO_LONGER)]
+            outputs = [*outputs, Message(self._overload.line)]
         if self._shows and now_s >= self._show_due_s:
             self._show_due_s = now_s + SHOW_S
             outputs = outputs + self._fresh()

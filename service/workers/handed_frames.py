@@ -10,15 +10,16 @@ from drivers.mavlink.decoder import MavlinkDecoder
 from drivers.mavlink.frame_batch import unpack_frames
 from drivers.mavlink.stream_request import Outgoing, StreamRequest
 from service.workers.connection import Connection, Kind, Message
+from service.workers.job import Job
 
 
 class HandedFrames:
     """A live source without a thread: what has come is decoded when the loop asks for it.
 
-    ``on_message`` gets what is not about frames. After each look it rests for ``gather_s``, never
-    beyond the time that the loop gives it: to wake up costs as much as some samples, and frames
-    have the time of their arrival with them. It is finished when the service has closed the
-    connection, or is gone.
+    ``on_message`` gets what is not about frames. After each look it rests for the job's
+    ``gather_s``, never beyond the time that the loop gives it: to wake up costs as much as some
+    samples, and frames have the time of their arrival with them. It is finished when the service
+    has closed the connection, or is gone.
     """
 
     lost = 0  # the service counts what the system and the connection had no room for
@@ -27,17 +28,15 @@ class HandedFrames:
         self,
         connection: Connection,
         on_message: Callable[[Message], None],
-        *,
-        request_rate_hz: float | None,
-        references: bool,
-        gather_s: float,
+        job: Job,
     ) -> None:
         self._connection = connection
         self._on_message = on_message
-        self._decoder = MavlinkDecoder(references=references)
-        self._request = None if request_rate_hz is None else StreamRequest(request_rate_hz)
+        self._decoder = MavlinkDecoder(references=job.references)
+        rate_hz = job.request_rate_hz
+        self._request = None if rate_hz is None else StreamRequest(rate_hz)
         self._backlog = Backlog()
-        self._gather_s = gather_s
+        self._gather_s = job.gather_s
         self._has_just_received = False
 
     def is_finished(self) -> bool:

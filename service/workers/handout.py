@@ -48,7 +48,7 @@ class Handout:
 
     def take(self, arrived: list[Arrived]) -> None:
         """Hand each frame to the worker of its system."""
-        batches: dict[int, list[Arrived]] = {}
+        batches: defaultdict[int, list[Arrived]] = defaultdict(list)
         worker_of = self._assignment.worker
         with self._lock:
             for each in arrived:
@@ -57,12 +57,7 @@ class Handout:
                     continue
                 if frame.message_id in _SAID_ONCE:
                     self._keep(each)
-                worker = worker_of(frame.system_id)
-                batch = batches.get(worker)
-                if batch is None:
-                    batches[worker] = [each]
-                else:
-                    batch.append(each)
+                batches[worker_of(frame.system_id)].append(each)
             self.handed += len(arrived)
             for worker, batch in batches.items():
                 self._send(worker, batch)

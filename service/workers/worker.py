@@ -65,11 +65,7 @@ def _serve(connection: Connection, job: Job, name: str) -> None:
     """The loop of a service, on handed frames."""
     pipeline = _pipeline(job)
     source = HandedFrames(
-        connection,
-        lambda message: _on_message(message, pipeline, connection),
-        request_rate_hz=job.request_rate_hz,
-        references=job.references,
-        gather_s=job.gather_s,
+        connection, lambda message: _on_message(message, pipeline, connection), job
     )
     report = Report(connection, name, lambda: _tally(runner, pipeline), as_records=job.as_records)
     runner = Runner(
