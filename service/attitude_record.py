@@ -45,9 +45,7 @@ def attitude_record(
 def euler_deg(q_ned_frd: Quaternion) -> Vec3:
     """Roll, pitch and yaw in degrees, yaw in [0, 360)."""
     roll_rad, pitch_rad, yaw_rad = euler_rad(q_ned_frd)
-    yaw = math.degrees(yaw_rad)
-    yaw = 0.0 if yaw >= 360.0 else yaw  # the largest yaw may round up
-    return (math.degrees(roll_rad), math.degrees(pitch_rad), yaw)
+    return (math.degrees(roll_rad), math.degrees(pitch_rad), math.degrees(yaw_rad))
 
 
 def is_finite(attitude: Attitude) -> bool:
