@@ -12,9 +12,8 @@ from typing import get_args, get_type_hints
 
 from msgspec import Meta
 
-from estimator import profile
+from estimator import bounds, profile
 from estimator.aiding.types import AidingParams
-from estimator.bounds import bounds_of
 from estimator.conditioning import ConditioningParams
 
 PAGE = Path(__file__).with_name("parameters.md")
@@ -32,7 +31,6 @@ def lines_of(kind: type) -> list[str]:
     """One line for each parameter; a comment of its own in the source becomes a heading."""
     lines, found = inspect.getsource(kind).splitlines(), []
     defaults = kind._field_defaults  # type: ignore[attr-defined]
-    bounds = bounds_of(kind)
     heading: list[str] = []
     for number, line in enumerate(lines):
         if comment := re.fullmatch(r"    # (.*)", line):
@@ -45,11 +43,20 @@ def lines_of(kind: type) -> list[str]:
             text = rest.partition("  # ")[2]
             if rest == "(":  # the value has a line of its own, with the comment
                 text = lines[number + 1].partition("  # ")[2]
-            values = _value_text(defaults[name])
-            if name in bounds:
-                values += f"; {_bounds_text(*bounds[name])}"
-            found.append(f"- `{name}` ({values})" + (f": {text}" if text else ""))
+            value = _value_text(defaults[name])
+            found.append(f"- `{name}` ({value})" + (f": {text}" if text else ""))
     return found
+
+
+def bounds_of_kinds() -> str:
+    """What each kind of number may be, in one sentence."""
+    kinds = {name: get_args(hint) for name, hint in vars(bounds).items()}
+    told = [
+        f"{name.lower()} {_bounds_text(*marks[1])}"
+        for name, marks in kinds.items()
+        if len(marks) == 2 and isinstance(marks[1], bounds.Within)
+    ]
+    return f"Bounds by the kind of number, in its unit: {', '.join(told)}."
 
 
 def fill_bounds(text: str) -> str:
@@ -73,8 +80,8 @@ def fill_bounds(text: str) -> str:
 def page() -> str:
     """The page with its lists and bounds renewed."""
     text = fill_bounds(PAGE.read_text("utf-8"))
-    for name, kind in TYPES.items():
-        listed = "\n".join(lines_of(kind)).strip("\n")
+    lists = {name: "\n".join(lines_of(kind)).strip("\n") for name, kind in TYPES.items()}
+    for name, listed in (lists | {"bounds": bounds_of_kinds()}).items():
         text = re.sub(
             rf"(<!-- {name} -->\n).*?(\n<!-- end -->)",
             lambda found, listed=listed: f"{found[1]}\n{listed}\n{found[2]}",
