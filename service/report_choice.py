@@ -6,7 +6,7 @@ estimator models the errors of each, and takes one message of each.
 """
 
 from drivers.events import Report
-from drivers.samples.preference import velocity_rank
+from drivers.samples.preference import report_rank
 from drivers.value import Value
 from estimator.types import VelocitySample
 
@@ -30,7 +30,7 @@ def kind_of(event: Report) -> Kind:
 
 def consider(choice: ReportChoice, message: str, arrival_us: int) -> ReportChoice:
     """The choice after ``message`` arrived; it is in use if ``.message`` equals it."""
-    better = choice.message is None or velocity_rank(message) < velocity_rank(choice.message)
+    better = choice.message is None or report_rank(message) < report_rank(choice.message)
     silent = arrival_us - choice.last_arrival_us > SILENCE_US
     if better or silent or message == choice.message:
         return ReportChoice(message, arrival_us)

@@ -7,7 +7,7 @@ whether it has a fix. A filter is believed as far as it believes itself; one tha
 anything of itself is believed as it stands.
 """
 
-from math import cos, hypot, isfinite, radians
+from math import hypot, isfinite
 
 from drivers.value import Value
 
@@ -96,8 +96,7 @@ class Navigation:
 
 def is_nowhere(latitude_deg: float, longitude_deg: float) -> bool:
     """Whether a place is so near to (0, 0) that it is none, in all likelihood."""
-    east_deg = longitude_deg * cos(radians(latitude_deg))
-    return METRES_A_DEGREE * hypot(latitude_deg, east_deg) < NOWHERE_M
+    return METRES_A_DEGREE * hypot(latitude_deg, longitude_deg) < NOWHERE_M
 
 
 def _holds(said_us: int, now_us: int) -> bool:

@@ -1,4 +1,4 @@
-"""Of velocity messages that tell the same, the one to prefer. They are never mixed.
+"""Of messages that report the same, the one to prefer. They are never mixed.
 
 Velocities differ in errors and delays, and a change of source looks like an acceleration. The order
 of IMU messages is that of ``drivers.mavlink.imu_messages``.
@@ -19,12 +19,12 @@ RECEIVER_VELOCITY = (
     "GPS",
     "GPS_RAW_INT",  # horizontal only
 )
-VELOCITY = FILTER_VELOCITY + RECEIVER_VELOCITY
+REPORTS = FILTER_VELOCITY + RECEIVER_VELOCITY
 
 
-def velocity_rank(message: str) -> int:
-    """Place of a velocity message in the order of preference; unknown ones come last, all alike."""
-    return VELOCITY.index(message) if message in VELOCITY else len(VELOCITY)
+def report_rank(message: str) -> int:
+    """Place of a message in the order of preference; those not named come last, all alike."""
+    return REPORTS.index(message) if message in REPORTS else len(REPORTS)
 
 
 def is_receiver(message: str) -> bool:

@@ -163,3 +163,11 @@ def test_a_signature_counts_tens_of_microseconds_since_2015():
     frames = encoder.FrameEncoder(VEHICLE, bytes(32))
     data = frames.frame(encoder.heartbeat(2, 3), 1_420_070_401_000_000)
     assert int.from_bytes(data[-12:-6], "little") == 100_000
+
+
+def test_a_global_position_has_heights_upwards_and_velocity_in_ned():
+    place = (47.3977419, -8.5455938, 488.25)
+    read = parsed(encoder.global_position(3_000_000, place, 12.5, (1.25, -2.5, 0.75)))
+    assert fields(read, "time_boot_ms", "lat", "lon") == (3000, 473977419, -85455938)
+    assert fields(read, "alt", "relative_alt") == (488_250, 12_500)
+    assert fields(read, "vx", "vy", "vz", "hdg") == (125, -250, 75, 65535)

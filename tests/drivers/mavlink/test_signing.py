@@ -17,6 +17,7 @@ S = 1_000_000
 NOW = 1_700_000_000 * S
 KEY, OTHER_KEY = bytes(range(32)), bytes(32)
 ONE = VehicleId(1, 1)
+TOO_OLD = "signature_too_old"
 
 
 def signed(now_us=NOW, key=KEY, vehicle=ONE, link=0):
@@ -99,6 +100,18 @@ def test_a_sender_that_counts_frames_instead_of_time_goes_on(file, crash_s):
             refused_s.append(second)
     # the file is ahead by as many frames as came in two seconds
     assert refused_s in ([], *([*range(crash_s or 0, (crash_s or 0) + n)] for n in (1, 2, 3)))
+
+
+@pytest.mark.parametrize(
+    ("lag_s", "reason"), [(205, None), (215, TOO_OLD), (95, None), (85, TOO_OLD)]
+)
+def test_a_late_stream_may_leap_neither_way_by_more_than_a_minute(file, lag_s, reason):
+    check, now_us = SigningCheck(KEY, file), NOW
+    for late_s in (0, 50, 100, 150):
+        now_us += 100 * S
+        assert check.refusal(signed(now_us - late_s * S), now_us) is None
+    now_us += 100 * S
+    assert check.refusal(signed(now_us - lag_s * S), now_us) == reason
 
 
 def test_frames_nobody_heard_are_too_old_after_a_minute(file):
@@ -274,6 +287,13 @@ def test_of_two_senders_with_one_address_the_first_is_used_until_it_falls_silent
     assert not gate.lets_in(signed(), "b", silent - 1)
     assert gate.lets_in(signed(), "b", silent)
     assert not gate.lets_in(signed(), "a", silent + 1)
+
+
+def test_who_was_heard_in_the_future_keeps_no_address():
+    """The host's clock was set back: nobody waits until it is that time again."""
+    gate = FrameGate(Policy())
+    assert gate.lets_in(signed(), "a", NOW)
+    assert gate.lets_in(signed(), "b", NOW - S // 2)
 
 
 def test_a_sender_that_has_left_frees_its_addresses_at_once():

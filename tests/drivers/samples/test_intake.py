@@ -255,7 +255,9 @@ def test_a_logged_field_is_given_once_to_each_stream():
     assert other.sample.has_mag
 
 
-@pytest.mark.parametrize(("age_us", "expected"), [(200_000, True), (200_001, False)])
+@pytest.mark.parametrize(
+    ("age_us", "expected"), [(200_000, True), (200_001, False), (-200_000, True), (-200_001, False)]
+)
 def test_a_logged_field_gets_stale(age_us, expected):
     _, (event,), _ = logged(stale_us=age_us)
     assert event.sample.has_mag is expected

@@ -50,7 +50,12 @@ class Stream:
 
 
 @pytest.mark.parametrize(
-    ("gyr", "acc"), [((0.06, 0.0, 0.0), DOWN), (ZERO_VEC3, (0.0, 0.0, -G - 0.6))]
+    ("gyr", "acc"),
+    [
+        ((0.06, 0.0, 0.0), DOWN),
+        (ZERO_VEC3, (0.0, 0.0, -G - 0.6)),
+        (ZERO_VEC3, (0.0, 0.0, -G + 0.6)),
+    ],
 )
 @pytest.mark.parametrize(("step_us", "seconds"), [(STEP_US, 0.5), (100_000, 2.0)])
 def test_equal_readings_of_both_that_no_vehicle_at_rest_gives(gyr, acc, step_us, seconds):
@@ -62,7 +67,12 @@ def test_equal_readings_of_both_that_no_vehicle_at_rest_gives(gyr, acc, step_us,
 
 
 @pytest.mark.parametrize(
-    ("gyr", "acc"), [((0.04, 0.0, 0.0), DOWN), (ZERO_VEC3, (0.0, 0.0, -G - 0.4))]
+    ("gyr", "acc"),
+    [
+        ((0.04, 0.0, 0.0), DOWN),
+        (ZERO_VEC3, (0.0, 0.0, -G - 0.4)),
+        (ZERO_VEC3, (0.0, 0.0, -G + 0.4)),
+    ],
 )
 def test_equal_readings_at_rest_may_be_true(gyr, acc):
     """For 3 s at least: longer than that, 0.04 rad/s would show in gravity and field."""

@@ -197,3 +197,13 @@ def test_a_flight_tells_its_place_and_velocity_and_falls_silent():
 def test_what_turns_on_the_spot_tells_no_place():
     messages = parsed(SimulatedAutopilot(VehicleOptions(), 1).advance(2 * SECOND, UNIX_US))
     assert not of_type(messages, "GLOBAL_POSITION_INT")
+
+
+def test_after_a_pause_slow_messages_keep_their_interval():
+    """What was due meanwhile is not made up for, one a sample."""
+    autopilot = SimulatedAutopilot(VehicleOptions(motion="flight", calm=True), 1)
+    autopilot.advance(SECOND, UNIX_US)
+    autopilot.skip(11 * SECOND)
+    messages = parsed(autopilot.advance(12 * SECOND, UNIX_US))
+    assert len(of_type(messages, "RAW_IMU")) == pytest.approx(100, abs=1)
+    assert len(of_type(messages, "GLOBAL_POSITION_INT")) == pytest.approx(10, abs=2)
