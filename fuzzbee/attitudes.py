@@ -2,14 +2,18 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from math import nan
 
 import numpy as np
 from numpy.typing import NDArray
 
 from estimator.geometry.frames import enu_flu_from_ned_frd
 from estimator.types import Attitude
-from fuzzbee.angle_curves import euler_curves_deg
+from fuzzbee.angle_curves import euler_curves_deg, where_known
+
+NUMBERS = (
+    *("sigma_inclination_rad", "sigma_heading_rad", "confidence_gravity", "confidence_magnetic"),
+    *("error", "gain"),
+)
 
 Floats = NDArray[np.float64]
 Times = NDArray[np.int64]
@@ -44,37 +48,27 @@ class Attitudes:
     @property
     def euler_deg(self) -> Floats:
         """Roll, pitch and yaw (N, 3) in degrees, yaw from 0 to 360; to be looked at only."""
-        return known_euler_deg(self.q_ned_frd)
+        return euler_curves_deg(self.q_ned_frd)
 
     @property
     def q_enu_flu(self) -> Floats:
         """The attitudes (N, 4) as ROS has them: forward, left, up to east, north, up."""
-        rows = self.q_ned_frd.tolist()
-        turned = [enu_flu_from_ned_frd((q[0], q[1], q[2], q[3])) for q in rows]
-        return _where_known(self.q_ned_frd, np.array(turned).reshape(-1, 4))
+        turned = [enu_flu_from_ned_frd((w, x, y, z)) for w, x, y, z in self.q_ned_frd.tolist()]
+        return where_known(self.q_ned_frd, np.array(turned).reshape(-1, 4))
 
 
 def attitude_arrays(attitudes: Sequence[Attitude], start_us: int = 0) -> Attitudes:
     """The arrays of these attitudes; ``time_s`` counts from ``start_us``."""
 
-    def rows(name: str, width: int) -> Floats:
-        return np.array([getattr(a, name) for a in attitudes], dtype=float).reshape(-1, width)
-
-    def column(name: str) -> Floats:
-        return np.array([getattr(a, name) for a in attitudes], dtype=float)
+    def numbers(name: str, *width: int) -> Floats:
+        return np.array([getattr(a, name) for a in attitudes], dtype=float).reshape(-1, *width)
 
     times_us = np.array([a.time_us for a in attitudes], dtype=np.int64)
+    wide = {"q_ned_frd": 4, "rate_rad_s": 3, "gyro_bias_rad_s": 3}
     return Attitudes(
         time_s=np.array(1e-6 * (times_us - start_us), dtype=float),
-        q_ned_frd=rows("q_ned_frd", 4),
-        rate_rad_s=rows("rate_rad_s", 3),
-        gyro_bias_rad_s=rows("gyro_bias_rad_s", 3),
-        sigma_inclination_rad=column("sigma_inclination_rad"),
-        sigma_heading_rad=column("sigma_heading_rad"),
-        confidence_gravity=column("confidence_gravity"),
-        confidence_magnetic=column("confidence_magnetic"),
-        error=column("error"),
-        gain=column("gain"),
+        **{name: numbers(name, width) for name, width in wide.items()},
+        **{name: numbers(name) for name in NUMBERS},
         heading_reference=np.array([a.heading_reference for a in attitudes], dtype=np.str_),
     )
 
@@ -95,13 +89,3 @@ def attitudes_of_rows(times_us: Times, said: Floats, norths: NDArray[np.str_]) -
         gain=gain,
         heading_reference=norths,
     )
-
-
-def known_euler_deg(q_ned_frd: Floats) -> Floats:
-    """Roll, pitch and yaw (N, 3) in degrees; NaN where there is no attitude (N, 4)."""
-    return _where_known(q_ned_frd, euler_curves_deg(q_ned_frd))
-
-
-def _where_known(attitudes: Floats, values: Floats) -> Floats:
-    """The values (N, M) with NaN where there is no attitude."""
-    return np.where(np.isnan(attitudes[:, :1]), nan, values)

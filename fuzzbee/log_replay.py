@@ -9,7 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimator.profile import Profile, load_profile
-from fuzzbee.attitudes import Attitudes, attitude_arrays, known_euler_deg
+from fuzzbee.angle_curves import euler_curves_deg
+from fuzzbee.attitudes import Attitudes, attitude_arrays
 from fuzzbee.replays.comparison import Comparison
 from fuzzbee.replays.log_report import LogReport, report_log
 from fuzzbee.replays.trace import VehicleTrace
@@ -34,7 +35,7 @@ class LogReplay:
     @property
     def reference_euler_deg(self) -> Floats:
         """The reference as roll, pitch and yaw (N, 3) in degrees, yaw from 0 to 360."""
-        return known_euler_deg(self.reference_q_ned_frd)
+        return euler_curves_deg(self.reference_q_ned_frd)
 
 
 def replay(

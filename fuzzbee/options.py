@@ -41,6 +41,11 @@ def panel(name: str) -> Callable[..., OptionInfo]:
     return option_there
 
 
+def examples(*lines: str) -> str:
+    """What stands below a verb's help."""
+    return "\n\n".join(["Examples:", *(f"  {line}" for line in lines)])
+
+
 Verbose = Annotated[bool, option("Say more on standard error.", "--verbose", "-v")]
 Json = Annotated[bool, option("JSON on standard output, nothing else there.", "--json")]
 Seconds = Annotated[float | None, option("End after N seconds.", metavar="N")]

@@ -6,7 +6,7 @@ from typing import Annotated
 import typer
 
 from estimator.errors import InputError
-from fuzzbee.options import option
+from fuzzbee.options import examples, option
 
 Name = Annotated[
     str, typer.Argument(metavar="NAME|FILE", help="paper, imu, adaptive or a TOML file.")
@@ -15,11 +15,10 @@ AsJson = Annotated[bool, option("One JSON object.", "--json")]
 
 profile_app = typer.Typer(help="Show or check a profile.", no_args_is_help=True)
 
-EPILOG = """Examples:
-
-  fuzzbee profile show imu
-
-  fuzzbee profile check tuned.toml"""
+EPILOG = examples(
+    "fuzzbee profile show imu",
+    "fuzzbee profile check tuned.toml",
+)
 
 
 @profile_app.command(epilog=EPILOG)

@@ -4,7 +4,7 @@ import os
 
 from estimator.errors import InputError
 from fuzzbee import outputs
-from fuzzbee.options import command, require_gain, require_positive
+from fuzzbee.options import command, examples, require_gain, require_positive
 from fuzzbee.run_options import RunOptions
 from fuzzbee.say import say
 from fuzzbee.security import parse_system_ids
@@ -12,17 +12,13 @@ from fuzzbee.security import parse_system_ids
 MAX_RATE_HZ = 1000.0
 MOST_WORKERS = 64
 
-EPILOG = """Examples:
-
-  fuzzbee run sim:flight
-
-  fuzzbee run udpin:127.0.0.1:14550 --rate 50
-
-  fuzzbee run /dev/ttyUSB0:57600 --request-rate 50 --record flight.tlog
-
-  fuzzbee run flight.tlog --speed 4
-
-  fuzzbee run tcp:127.0.0.1:5760 -m client -e tcp/192.168.1.10:7447"""
+EPILOG = examples(
+    "fuzzbee run sim:flight",
+    "fuzzbee run udpin:127.0.0.1:14550 --rate 50",
+    "fuzzbee run /dev/ttyUSB0:57600 --request-rate 50 --record flight.tlog",
+    "fuzzbee run flight.tlog --speed 4",
+    "fuzzbee run tcp:127.0.0.1:5760 -m client -e tcp/192.168.1.10:7447",
+)
 
 
 @command

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, NamedTuple, cast
 
 from drivers.endpoint import FORMS, Endpoint, Kind, endpoint_help, parse_endpoint
 from estimator.errors import InputError
-from fuzzbee.options import Json, command, option
+from fuzzbee.options import Json, command, examples, option
 from fuzzbee.say import say
 from fuzzbee.security import key_content
 from service.signals import stop_on_signals
@@ -22,12 +22,10 @@ if TYPE_CHECKING:
 LINK_KINDS: tuple[Kind, ...] = ("udpout", "udpin", "tcp", "tcpin")
 LINK_NAMES = frozenset(name for form in FORMS if form.kind in LINK_KINDS for name in form.names)
 EXAMPLE = "--to udpout:127.0.0.1:14550"
-EPILOG = """Examples:
-
-  fuzzbee sim --to udpout:127.0.0.1:14550 --motion flight
-
-  fuzzbee sim --to tcpin:127.0.0.1:5760 --vehicles 3 --rate 50 --motion turn
-"""
+EPILOG = examples(
+    "fuzzbee sim --to udpout:127.0.0.1:14550 --motion flight",
+    "fuzzbee sim --to tcpin:127.0.0.1:5760 --vehicles 3 --rate 50 --motion turn",
+)
 
 MOTIONS = ("paper", "rest", "turn", "flight")
 _MOTION = "the paper's, none or a level turn, on the paper's signals; or a copter's flight"

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated, NamedTuple
 import typer
 
 from estimator.errors import InputError
-from fuzzbee.options import Seconds, Verbose, command, option, require_positive
+from fuzzbee.options import Seconds, Verbose, command, examples, option, require_positive
 from fuzzbee.say import say
 from fuzzbee.zenoh_options import ZenohArguments, opened
 
@@ -21,15 +21,12 @@ if TYPE_CHECKING:
     from fuzzbee.displays import Display
     from fuzzbee.keys import Keys
 
-EPILOG = """Examples:
-
-  fuzzbee watch
-
-  fuzzbee watch 1
-
-  fuzzbee watch --json -n 100 > attitudes.jsonl
-
-  fuzzbee watch -m client -e tcp/192.168.1.10:7447"""
+EPILOG = examples(
+    "fuzzbee watch",
+    "fuzzbee watch 1",
+    "fuzzbee watch --json -n 100 > attitudes.jsonl",
+    "fuzzbee watch -m client -e tcp/192.168.1.10:7447",
+)
 
 VEHICLE = re.compile(r"[0-9]{1,3}(-[0-9]{1,3})?")
 HINT_AFTER_S = 3.0

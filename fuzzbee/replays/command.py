@@ -11,7 +11,7 @@ import typer
 
 from estimator.errors import InputError
 from fuzzbee import outputs
-from fuzzbee.options import command, option, require_gain, seed_range
+from fuzzbee.options import command, examples, option, require_gain, seed_range
 from fuzzbee.run_options import RETUNE
 from fuzzbee.say import tell
 
@@ -27,17 +27,13 @@ _START_WRONG = "Turn the first estimate by DEG degrees."
 _SYSTEM_ID = "Which vehicle. [default: the one with most IMU samples]"
 _MCAP = "Write them as MCAP, for Foxglove and others."
 
-EPILOG = """Examples:
-
-  fuzzbee replay flight.tlog
-
-  fuzzbee replay flight.tlog flight.bin --reference autopilot --skip 40 --json
-
-  fuzzbee replay flight.tlog --plot flight.png --csv flight.csv
-
-  fuzzbee replay sim: --profile paper --seeds 0-19
-
-  fuzzbee replay sim: --profile adaptive --seeds 0-99 --plot gain.pdf --csv gain.csv"""
+EPILOG = examples(
+    "fuzzbee replay flight.tlog",
+    "fuzzbee replay flight.tlog flight.bin --reference autopilot --skip 40 --json",
+    "fuzzbee replay flight.tlog --plot flight.png --csv flight.csv",
+    "fuzzbee replay sim: --profile paper --seeds 0-19",
+    "fuzzbee replay sim: --profile adaptive --seeds 0-99 --plot gain.pdf --csv gain.csv",
+)
 
 
 class ReplayOptions(NamedTuple):

@@ -6,18 +6,22 @@ bytes.
 """
 
 import csv
-from collections.abc import Iterator
-from math import degrees
+from collections.abc import Iterable, Iterator, Sequence
+from math import isnan
 from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
 
 from drivers.output_file import output_path
 from estimator.errors import InputError
-from estimator.geometry.frames import euler_rad
-from estimator.types import Attitude, Quaternion
+from fuzzbee.angle_curves import euler_curves_deg
+from fuzzbee.attitudes import attitude_arrays
 from fuzzbee.replays.comparison import Comparison
 from fuzzbee.replays.log_clock import unix_times_us
 from fuzzbee.replays.trace import VehicleTrace
 
+Floats = NDArray[np.float64]
 Value = float | str | None
 
 LARGE = 1e8  # a date in seconds, to the microsecond
@@ -43,26 +47,33 @@ COLUMNS = ATTITUDE_COLUMNS + REFERENCE_COLUMNS
 
 def rows(trace: VehicleTrace, compared: Comparison) -> Iterator[tuple[Value, ...]]:
     """One row a sample, in the order of :data:`COLUMNS`; None where there is no reference."""
-    start_us = trace.attitudes[0].time_us
-    reference = zip(
-        compared.known.tolist(),
-        compared.truth.tolist(),
-        compared.errors_rad.tolist(),
-        strict=True,
-    )
+    attitudes = attitude_arrays(trace.attitudes, trace.attitudes[0].time_us)
     unix_us = unix_times_us(trace)
-    dates: list[float | None] = [None] * len(trace.attitudes)
-    if unix_us is not None:
-        dates = (1e-6 * unix_us).tolist()
-    for attitude, date_s, (known, truth, errors) in zip(
-        trace.attitudes, dates, reference, strict=True
-    ):
-        beside: tuple[Value, ...] = (None,) * len(REFERENCE_COLUMNS)
-        if known:
-            q = (truth[0], truth[1], truth[2], truth[3])
-            beside = (*q, *_euler_deg(q), *map(degrees, errors))
-        time_s = 1e-6 * (attitude.time_us - start_us)
-        yield (time_s, date_s, *_attitude_values(attitude), *beside)
+    columns = [
+        attitudes.time_s,
+        np.full(len(attitudes), np.nan) if unix_us is None else 1e-6 * unix_us,
+        attitudes.q_ned_frd,
+        attitudes.euler_deg,
+        attitudes.rate_rad_s,
+        attitudes.gyro_bias_rad_s,
+        attitudes.error,
+        trace.column(lambda a: a.error_rate_1_s),
+        attitudes.gain,
+        attitudes.confidence_gravity,
+        attitudes.confidence_magnetic,
+        np.degrees(attitudes.sigma_inclination_rad),
+        np.degrees(attitudes.sigma_heading_rad),
+    ]
+    truth = compared.truth
+    reference = np.column_stack([truth, euler_curves_deg(truth), np.degrees(compared.errors_rad)])
+    reference[~compared.known] = np.nan
+    parts = (np.column_stack(columns), attitudes.heading_reference, reference)
+    for own, north, beside in zip(*(part.tolist() for part in parts), strict=True):
+        yield (*map(_known, own), north, *map(_known, beside))
+
+
+def _known(value: float) -> float | None:
+    return None if isnan(value) else value
 
 
 def write_csv(path: Path, trace: VehicleTrace, compared: Comparison) -> None:
@@ -71,35 +82,22 @@ def write_csv(path: Path, trace: VehicleTrace, compared: Comparison) -> None:
     Raises:
         InputError: the file cannot be written.
     """
+    write_rows(path, COLUMNS, rows(trace, compared))
+
+
+def write_rows(path: Path, columns: Sequence[str], values: Iterable[Iterable[Value]]) -> None:
+    """A heading and rows as CSV.
+
+    Raises:
+        InputError: the file cannot be written.
+    """
     try:
         with output_path(path).open("w", encoding="utf-8", newline="") as file:
             out = csv.writer(file, lineterminator="\n")
-            out.writerow(COLUMNS)
-            out.writerows(map(_text, row) for row in rows(trace, compared))
+            out.writerow(columns)
+            out.writerows(map(_text, row) for row in values)
     except OSError as error:
         raise InputError(f"--csv {path}: {error.strerror}") from None
-
-
-def _attitude_values(attitude: Attitude) -> tuple[Value, ...]:
-    return (
-        *attitude.q_ned_frd,
-        *_euler_deg(attitude.q_ned_frd),
-        *attitude.rate_rad_s,
-        *attitude.gyro_bias_rad_s,
-        attitude.error,
-        attitude.error_rate_1_s,
-        attitude.gain,
-        attitude.confidence_gravity,
-        attitude.confidence_magnetic,
-        degrees(attitude.sigma_inclination_rad),
-        degrees(attitude.sigma_heading_rad),
-        attitude.heading_reference,
-    )
-
-
-def _euler_deg(q: Quaternion) -> tuple[float, float, float]:
-    roll, pitch, yaw = euler_rad(q)
-    return (degrees(roll), degrees(pitch), degrees(yaw))
 
 
 def _text(value: Value) -> str:

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimator.errors import InputError, missing_extra
-from fuzzbee.angle_curves import cut_at_wraps, euler_curves_deg
+from fuzzbee.angle_curves import draw_angles
 from fuzzbee.replays.comparison import Comparison, reference_attitudes
 from fuzzbee.replays.score import errors_against
 from fuzzbee.replays.trace import VehicleTrace
@@ -48,11 +48,25 @@ AUTOPILOT: dict[str, Any] = {"color": "C2", "lw": 0.9, "ls": (0, (4, 2))}
 ESTIMATE: dict[str, Any] = {"color": "C1", "lw": 0.8}
 
 
-class Peer(NamedTuple):
-    """The autopilot's attitudes (N, 4) and errors (N, 3), NaN where it has none."""
+class Drawn(NamedTuple):
+    """What is drawn: every so many samples, with what the autopilot has beside a truth.
 
-    q_ned_frd: Floats
-    errors_rad: Floats
+    ``autopilot`` are its attitudes (N, 4) and errors (N, 3), NaN where it has none.
+    """
+
+    time_s: Floats
+    trace: VehicleTrace
+    compared: Comparison
+    autopilot: tuple[Floats, Floats] | None
+
+    @property
+    def shown(self) -> slice:
+        """The samples that are drawn."""
+        return slice(None, None, 1 + len(self.time_s) // MOST_POINTS)
+
+    def plot(self, ax: Any, values: Floats, *style: str, **line: Any) -> None:
+        """A line of values (N,) over time."""
+        ax.plot(self.time_s[self.shown], values[self.shown], *style, **line)
 
 
 def require_plot(path: Path) -> None:
@@ -77,15 +91,14 @@ def draw(path: Path, title: str, trace: VehicleTrace, compared: Comparison) -> N
     from matplotlib.figure import Figure
 
     time_s = 1e-6 * (trace.times_us - trace.times_us[0])
-    shown = slice(None, None, 1 + len(time_s) // MOST_POINTS)
-    peer = _autopilot(trace, compared)
+    drawn = Drawn(time_s, trace, compared, _autopilot(trace, compared))
     with mpl.rc_context(STYLE):
         figure = Figure(figsize=FIGURE_INCHES, layout="constrained")
         axes = figure.subplots(8, 1, sharex=True)
         figure.suptitle(title_lines(title))
-        _attitude(axes[:3], time_s, trace, compared, peer, shown)
-        _errors(axes[3:5], time_s, trace, compared, peer, shown)
-        _internals(axes[5:], time_s, trace, shown)
+        _attitude(axes[:3], drawn)
+        _errors(axes[3:5], drawn)
+        _internals(axes[5:], drawn)
         for ax in axes:
             _gaps(ax, time_s)
             ax.grid(visible=True, alpha=0.3)
@@ -127,82 +140,63 @@ def legend_above(ax: Any, ncols: int) -> None:
     ax.legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=ncols)
 
 
-def _autopilot(trace: VehicleTrace, compared: Comparison) -> Peer | None:
+def _autopilot(trace: VehicleTrace, compared: Comparison) -> tuple[Floats, Floats] | None:
     """The autopilot's own estimate, where there is a truth to hold both against."""
     if compared.source != "sim" or trace.references["autopilot"].message is None:
         return None
     attitudes, known = reference_attitudes(trace, "autopilot")
     errors = errors_against(attitudes, compared.truth)
     both = (known & compared.known)[:, None]
-    return Peer(np.where(known[:, None], attitudes, np.nan), np.where(both, errors, np.nan))
+    return np.where(known[:, None], attitudes, np.nan), np.where(both, errors, np.nan)
 
 
-def _attitude(
-    axes: Any,
-    time_s: Floats,
-    trace: VehicleTrace,
-    compared: Comparison,
-    peer: Peer | None,
-    shown: slice,
-) -> None:
-    """Roll, pitch and yaw; lines are cut where an angle wraps."""
+def _attitude(axes: Any, drawn: Drawn) -> None:
+    """Roll, pitch and yaw."""
+    compared, shown = drawn.compared, drawn.shown
     truth = np.where(compared.known[:, None], compared.truth, np.nan)
-    curves = [(trace.estimates, ESTIMATE, "estimate")]
-    if peer is not None:
-        curves.insert(0, (peer.q_ned_frd, AUTOPILOT, "autopilot"))
+    curves = [(drawn.trace.estimates, ESTIMATE, "estimate")]
+    if drawn.autopilot is not None:
+        curves.insert(0, (drawn.autopilot[0], AUTOPILOT, "autopilot"))
     if compared.source is not None:
         curves.insert(0, (truth, REFERENCE, compared.source))
-    for attitudes, line, name in curves:
-        angles = euler_curves_deg(attitudes[shown])
-        angles[np.isnan(attitudes[shown, 0])] = np.nan
-        for i, ax in enumerate(axes):
-            ax.plot(time_s[shown], cut_at_wraps(angles[:, i]), **line, label=name)
-    for ax, name in zip(axes, ("roll", "pitch", "yaw"), strict=True):
-        ax.set_ylabel(f"{name} in °")
+    draw_angles(axes, drawn.time_s[shown], [(q[shown], line, label) for q, line, label in curves])
     legend_above(axes[0], len(curves))
 
 
-def _errors(
-    axes: Any,
-    time_s: Floats,
-    trace: VehicleTrace,
-    compared: Comparison,
-    peer: Peer | None,
-    shown: slice,
-) -> None:
+def _errors(axes: Any, drawn: Drawn) -> None:
     """Inclination and heading error with the published sigma, and the autopilot's error."""
+    compared, shown = drawn.compared, drawn.shown
     sigmas = (
-        trace.column(lambda a: a.sigma_inclination_rad),
-        trace.column(lambda a: a.sigma_heading_rad),
+        drawn.trace.column(lambda a: a.sigma_inclination_rad),
+        drawn.trace.column(lambda a: a.sigma_heading_rad),
     )
     errors = np.degrees(np.where(compared.known[:, None], compared.errors_rad, np.nan))
     for ax, name, i, sigma in zip(axes, ("inclination", "heading"), (2, 1), sigmas, strict=True):
         within = np.degrees(sigma[shown])
-        ax.fill_between(time_s[shown], within, color="C0", alpha=0.25, lw=0, label="sigma")
-        if peer is not None:
-            theirs = np.degrees(peer.errors_rad[shown, i])
-            ax.plot(time_s[shown], theirs, **AUTOPILOT, label="autopilot's error")
-        ax.plot(time_s[shown], errors[shown, i], "C3-", lw=0.8, label="error")
+        ax.fill_between(drawn.time_s[shown], within, color="C0", alpha=0.25, lw=0, label="sigma")
+        if drawn.autopilot is not None:
+            theirs = np.degrees(drawn.autopilot[1][:, i])
+            drawn.plot(ax, theirs, **AUTOPILOT, label="autopilot's error")
+        drawn.plot(ax, errors[:, i], "C3-", lw=0.8, label="error")
         ax.set_ylabel(f"{name}\nerror in °")
         ax.set_ylim(0.0, _ceiling(errors[:, i], np.degrees(sigma)))
     legend_above(axes[0], 3)
 
 
-def _internals(axes: Any, time_s: Floats, trace: VehicleTrace, shown: slice) -> None:
+def _internals(axes: Any, drawn: Drawn) -> None:
     """Gain, confidences and bias."""
-    axes[0].plot(time_s[shown], trace.column(lambda a: a.gain)[shown], "C2-", lw=0.8)
+    column = drawn.trace.column
+    drawn.plot(axes[0], column(lambda a: a.gain), "C2-", lw=0.8)
     axes[0].set_ylabel("gain K")
     axes[0].set_ylim(bottom=0.0)
-    gravity = trace.column(lambda a: a.confidence_gravity)
-    magnetic = trace.column(lambda a: a.confidence_magnetic)
-    axes[1].plot(time_s[shown], gravity[shown], "C0-", lw=0.8, label="gravity")
-    axes[1].plot(time_s[shown], magnetic[shown], "C4-", lw=0.8, label="magnetic")
+    drawn.plot(axes[1], column(lambda a: a.confidence_gravity), "C0-", lw=0.8, label="gravity")
+    drawn.plot(axes[1], column(lambda a: a.confidence_magnetic), "C4-", lw=0.8, label="magnetic")
     axes[1].set_ylabel("confidence")
     axes[1].set_ylim(0.0, None)
     legend_above(axes[1], 2)
-    bias = np.degrees(np.array([a.gyro_bias_rad_s for a in trace.attitudes[shown]]))
+    bias = np.degrees(np.array([a.gyro_bias_rad_s for a in drawn.trace.attitudes]))
     for i, name in enumerate("xyz"):
-        axes[2].plot(time_s[shown], bias[:, i], lw=0.8, label=name)
+        drawn.plot(axes[2], bias[:, i], lw=0.8, label=name)
     axes[2].set_ylabel("gyro bias\nin °/s")
     legend_above(axes[2], 3)
 

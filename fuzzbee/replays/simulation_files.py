@@ -1,17 +1,15 @@
 """The paper's experiment in files: every sample as CSV, the paper's figures to print."""
 
-import csv
 from collections.abc import Iterator, Sequence
-from math import degrees
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from estimator.errors import InputError
 from estimator.geometry.metrics import COST_RATE_HZ, batch_angle_errors
-from fuzzbee.angle_curves import cut_at_wraps, euler_curves_deg
+from fuzzbee.angle_curves import draw_angles
+from fuzzbee.replays.exports import write_rows
 from fuzzbee.replays.plot import STYLE, legend_above, save, title_lines
 from tuning.paper_experiment import SETTLED_ERROR, ExperimentResult
 
@@ -40,24 +38,16 @@ def write_csv(path: Path, seeds: Sequence[int], results: Results) -> None:
     Raises:
         InputError: the file cannot be written.
     """
-    try:
-        with path.open("w", encoding="utf-8", newline="") as file:
-            out = csv.writer(file, lineterminator="\n")
-            out.writerow(COLUMNS)
-            for seed, result in zip(seeds, results, strict=True):
-                out.writerows(_rows(seed, result))
-    except OSError as error:
-        raise InputError(f"--csv {path}: {error.strerror}") from None
+    each = zip(seeds, results, strict=True)
+    write_rows(path, COLUMNS, (row for seed, result in each for row in _rows(seed, result)))
 
 
-def _rows(seed: int, result: ExperimentResult) -> Iterator[list[str]]:
-    angles = batch_angle_errors(result.estimates, result.truth)
-    columns = (result.true_error, result.gains, result.estimates, result.truth, angles)
-    for k, (e, gain, q, truth, errors) in enumerate(
-        zip(*(column.tolist() for column in columns), strict=True)
-    ):
-        values = (k / COST_RATE_HZ, e, gain, *q, *truth, *map(degrees, errors))
-        yield [str(seed), *(f"{value:.9g}" for value in values)]
+def _rows(seed: int, result: ExperimentResult) -> Iterator[list[float]]:
+    angles = np.degrees(batch_angle_errors(result.estimates, result.truth))
+    time_s = np.arange(len(angles)) / COST_RATE_HZ
+    columns = (time_s, result.true_error, result.gains, result.estimates, result.truth, angles)
+    for row in np.column_stack(columns).tolist():
+        yield [seed, *row]
 
 
 def draw(path: Path, title: str, seeds: Sequence[int], results: Results) -> None:
@@ -121,11 +111,10 @@ def _finish(axes: Any, end_s: float) -> None:
 
 def _angles(axes: Any, time_s: Floats, seed: int, result: ExperimentResult) -> None:
     """Roll, pitch and yaw of one seed, true and estimated."""
-    true, estimated = euler_curves_deg(result.truth), euler_curves_deg(result.estimates)
-    for i, (ax, name) in enumerate(zip(axes, ("roll", "pitch", "yaw"), strict=True)):
-        ax.plot(time_s, cut_at_wraps(true[:, i]), color="0.2", lw=1.4, label="true")
-        ax.plot(time_s, cut_at_wraps(estimated[:, i]), color="C1", lw=0.8, label="estimate")
-        ax.set_ylabel(f"{name} in °")
+    true = (result.truth, {"color": "0.2", "lw": 1.4}, "true")
+    estimate = (result.estimates, {"color": "C1", "lw": 0.8}, "estimate")
+    draw_angles(axes, time_s, (true, estimate))
+    for ax in axes:
         ax.set_xlim(0.0, time_s[-1])
         ax.grid(visible=True, alpha=0.3)
     axes[0].set_title(f"angles, noise seed {seed}", loc="left")

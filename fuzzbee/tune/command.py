@@ -4,20 +4,16 @@ import typer
 
 from estimator.errors import InputError, missing_extra
 from fuzzbee import outputs
-from fuzzbee.options import command
+from fuzzbee.options import command, examples
 from fuzzbee.tune.request import TuneRequest
 
-EPILOG = """Examples:
-
-  fuzzbee tune sim: -o tuned.toml
-
-  fuzzbee tune sim: -o tuned.toml --resume --view
-
-  fuzzbee tune monday.tlog tuesday.tlog --hold-out wednesday.tlog -o copter.toml
-
-  fuzzbee tune flight.bin -o copter.toml --objective recovery --plot figures
-
-  fuzzbee tune sim: -o tuned.toml --cluster tcp://127.0.0.1:8786"""
+EPILOG = examples(
+    "fuzzbee tune sim: -o tuned.toml",
+    "fuzzbee tune sim: -o tuned.toml --resume --view",
+    "fuzzbee tune monday.tlog tuesday.tlog --hold-out wednesday.tlog -o copter.toml",
+    "fuzzbee tune flight.bin -o copter.toml --objective recovery --plot figures",
+    "fuzzbee tune sim: -o tuned.toml --cluster tcp://127.0.0.1:8786",
+)
 
 
 @command

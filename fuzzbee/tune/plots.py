@@ -10,7 +10,7 @@ from estimator.errors import InputError
 from estimator.filter.memberships import TERMS, Triangle, fuzzy_sets
 from estimator.geometry.metrics import COST_RATE_HZ, batch_angle_errors
 from estimator.profile import Profile
-from fuzzbee.angle_curves import cut_at_wraps, euler_curves_deg
+from fuzzbee.angle_curves import draw_angles
 from tuning.flight import fly
 from tuning.log_task import LogTask
 from tuning.objective import Task
@@ -26,6 +26,7 @@ Floats = NDArray[np.float64]
 # Fixed gains to compare with, as in the paper: the steadiest, the quickest, and one between.
 FIXED_GAINS = (1.0, 10.0, 100.0)
 DOTS_PER_INCH = 150
+ESTIMATED = {"color": "C1", "ls": "--"}
 MOST_FLIGHTS = 6  # in one figure
 
 
@@ -141,12 +142,9 @@ def euler_angles(tuned: Profile, seed: int) -> "Figure":
     figure, axes = _figure(3, 1, 8.0, 7.0)
     run = run_experiment(tuned, seed)
     time_s = np.arange(len(run.true_error)) / COST_RATE_HZ
-    true, estimated = euler_curves_deg(run.truth), euler_curves_deg(run.estimates)
-    for i, name in enumerate(("roll", "pitch", "yaw")):
-        ax = axes[i, 0]
-        ax.plot(time_s, cut_at_wraps(true[:, i]), "k-", label="true")
-        ax.plot(time_s, cut_at_wraps(estimated[:, i]), "C1--", label="estimated")
-        ax.set(ylabel=f"{name} in deg")
+    true, estimated = (run.truth, {"color": "k"}, "true"), (run.estimates, ESTIMATED, "estimated")
+    draw_angles(axes[:, 0], time_s, (true, estimated))
+    for ax in axes[:, 0]:
         ax.grid(visible=True, alpha=0.3)
     axes[0, 0].set_title(f"Euler angles (noise seed {seed})")
     axes[0, 0].legend(loc="upper right")
