@@ -1,27 +1,30 @@
 """What ``fuzzbee run`` takes its events from: checked, opened, and its recorder."""
 
 from contextlib import ExitStack
-from typing import TYPE_CHECKING, Any
+from pathlib import Path
+from typing import Any
 
+from drivers.endpoint import Endpoint
+from drivers.logs.open import imu_events, open_log
+from drivers.mavlink.recorder import Recorder, SharedRecorder, TlogRecorder
+from drivers.mavlink.rotating_recorder import RotatingRecorder
+from drivers.mavlink.taker import FrameTaker
+from drivers.simulation.simulated_vehicle import PROFILES
+from drivers.source import SIM_MOTION, LiveSource, open_live
 from estimator.errors import InputError
 from fuzzbee import security
 from fuzzbee.run_options import RunOptions
-
-if TYPE_CHECKING:
-    from drivers.endpoint import Endpoint
-    from drivers.mavlink.recorder import Recorder
-    from drivers.mavlink.taker import FrameTaker
-    from drivers.source import LiveSource
-    from service.log_player import LogPlayer
-    from service.parameters import ParameterRequests
-    from service.pipeline import Pipeline
-    from service.runner import Runner
-    from service.sinks.outbox import Outbox
+from service.log_player import LogPlayer
+from service.overload import Overload
+from service.parameters import ParameterRequests
+from service.pipeline import Pipeline
+from service.runner import Runner
+from service.sinks.outbox import Outbox
 
 DEFAULT_PROFILE = "imu"
 
 
-def require_shareable(options: RunOptions, endpoint: "Endpoint") -> None:
+def require_shareable(options: RunOptions, endpoint: Endpoint) -> None:
     """Refuse what cannot be shared out to workers.
 
     Raises:
@@ -33,7 +36,7 @@ def require_shareable(options: RunOptions, endpoint: "Endpoint") -> None:
         raise InputError("--retune cannot be used with --workers")
 
 
-def require_fitting(options: RunOptions, endpoint: "Endpoint") -> None:
+def require_fitting(options: RunOptions, endpoint: Endpoint) -> None:
     """Refuse options that the source has no use for.
 
     Raises:
@@ -57,47 +60,35 @@ def require_fitting(options: RunOptions, endpoint: "Endpoint") -> None:
             raise InputError(f"{option} is for a MAVLink link, sim: has no frames")
 
 
-def default_profile(endpoint: "Endpoint") -> str:
+def default_profile(endpoint: Endpoint) -> str:
     """The profile for real IMUs; of the built-in vehicle the one that fits its motion."""
     if endpoint.kind != "sim":
         return DEFAULT_PROFILE
-    from drivers.simulation.simulated_vehicle import PROFILES
-    from drivers.source import SIM_MOTION
-
     return PROFILES[endpoint.path or SIM_MOTION]
 
 
 def open_source(
-    endpoint: "Endpoint",
+    endpoint: Endpoint,
     options: RunOptions,
     key: bytes | None,
-    recorder: "Recorder | None",
+    recorder: Recorder | None,
     stack: ExitStack,
-) -> "LiveSource | LogPlayer":
+) -> LiveSource | LogPlayer:
     """Open a link, ``sim:``, or a log that is played at its own pace or faster."""
     if endpoint.kind != "log":
         return open_link(endpoint, options, key, recorder, stack)
-    from pathlib import Path
-
-    from drivers.logs.open import imu_events, open_log
-    from service.log_player import LogPlayer
-
     log = stack.enter_context(open_log(Path(endpoint.path)))
     return LogPlayer(imu_events(log), options.speed)
 
 
 def make_runner(
-    source: "LiveSource | LogPlayer",
-    pipeline: "Pipeline",
-    outbox: "Outbox",
-    requests: "ParameterRequests",
+    source: LiveSource | LogPlayer,
+    pipeline: Pipeline,
+    outbox: Outbox,
+    requests: ParameterRequests,
     rate_hz: float,
-) -> "Runner":
+) -> Runner:
     """The loop over a source: a log has a clock and an end of its own."""
-    from service.log_player import LogPlayer
-    from service.overload import Overload
-    from service.runner import Runner
-
     options: dict[str, Any] = {"overload": Overload()}
     if isinstance(source, LogPlayer):
         options = {"now_us": source.now_us, "is_finished": source.is_finished}
@@ -105,16 +96,14 @@ def make_runner(
 
 
 def open_link(
-    endpoint: "Endpoint",
+    endpoint: Endpoint,
     options: RunOptions,
     key: bytes | None,
-    recorder: "Recorder | None",
+    recorder: Recorder | None,
     stack: ExitStack,
-    taker: "FrameTaker | None" = None,
-) -> "LiveSource":
+    taker: FrameTaker | None = None,
+) -> LiveSource:
     """Open a link, or ``sim:``. With a ``taker`` the frames are its own, and what is asked for."""
-    from drivers.source import open_live
-
     policy = security.open_policy(options.security, key, stack)
     return stack.enter_context(
         open_live(
@@ -129,15 +118,10 @@ def open_link(
     )
 
 
-def open_recorder(target: str | None, stack: ExitStack) -> "Recorder | None":
+def open_recorder(target: str | None, stack: ExitStack) -> Recorder | None:
     """A recorder into a file; or into a folder, if there is one or the name has no suffix."""
     if target is None:
         return None
-    from pathlib import Path
-
-    from drivers.mavlink.recorder import SharedRecorder, TlogRecorder
-    from drivers.mavlink.rotating_recorder import RotatingRecorder
-
     is_file = Path(target).suffix or Path(target).exists()
     if target.endswith("/") or Path(target).is_dir() or not is_file:
         return SharedRecorder(stack.enter_context(RotatingRecorder(target)))

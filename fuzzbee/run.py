@@ -8,6 +8,7 @@ from fuzzbee.options import command, examples, require_gain, require_positive
 from fuzzbee.run_options import RunOptions
 from fuzzbee.say import say
 from fuzzbee.security import parse_system_ids
+from fuzzbee.zenoh_options import opening
 
 MAX_RATE_HZ = 1000.0
 MOST_WORKERS = 64
@@ -32,9 +33,10 @@ def run(options: RunOptions) -> int:
         from fuzzbee.serve_workers import serve_workers
 
         return serve_workers(options)
-    from fuzzbee.serve import serve
+    with opening(None if options.no_zenoh else options.zenoh) as session:
+        from fuzzbee.serve import serve
 
-    return serve(options)
+        return serve(options, session)
 
 
 def _require_numbers(options: RunOptions) -> None:

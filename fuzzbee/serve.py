@@ -5,7 +5,11 @@ from concurrent.futures import Future
 from contextlib import ExitStack
 from typing import TYPE_CHECKING
 
+from estimator.compilation.compiled import is_cached
 from estimator.errors import InputError
+from estimator.estimator import Estimator
+from estimator.live.resident import advance_raw
+from estimator.profile import Profile, load_profile
 from fuzzbee import outputs
 from fuzzbee.live_source import make_runner, open_recorder, open_source
 from fuzzbee.run_options import RunOptions
@@ -20,20 +24,22 @@ from fuzzbee.serving import (
     summary,
 )
 from fuzzbee.zenoh_options import opened
+from service.parameters import ParameterRequests
+from service.pipeline import Pipeline
+from service.runner import Runner
+from service.sinks.outbox import Outbox
+from service.sinks.recording import RecordingSink
+from service.warm_up import compile_ahead, is_compiled, warm_up
+from service.workers.job import Tally
+from service.zenoh_session import OpeningSession
 
 if TYPE_CHECKING:
-    from estimator.profile import Profile
     from fuzzbee.retuning import Retuning
-    from service.parameters import ParameterRequests
-    from service.pipeline import Pipeline
-    from service.runner import Runner
-    from service.workers.job import Tally
-    from service.zenoh_session import OpeningSession
 
 COMPILER_THREAD = "compiler"
 
 
-def serve(options: RunOptions) -> int:
+def serve(options: RunOptions, opening: OpeningSession | None) -> int:
     """Open everything, loop until the end, close everything, and report the result.
 
     Returns 1 if no vehicle was heard in the time given, else 0.
@@ -41,21 +47,6 @@ def serve(options: RunOptions) -> int:
     Raises:
         InputError: a source, profile, file or address that cannot be used.
     """
-    if options.no_zenoh:
-        return _serve(options, None)
-    from service.zenoh_session import OpeningSession
-
-    opening = OpeningSession(options.zenoh.options())  # half a second, in which all else is loaded
-    try:
-        return _serve(options, opening)
-    finally:
-        opening.close()
-
-
-def _serve(options: RunOptions, opening: "OpeningSession | None") -> int:
-    from service.parameters import ParameterRequests
-    from service.sinks.outbox import Outbox
-
     prepared = prepare(options)
     profile = prepared.profile
     requests = ParameterRequests()
@@ -75,8 +66,6 @@ def _serve(options: RunOptions, opening: "OpeningSession | None") -> int:
             sinks.append(open_view(options))  # which prints what the source says
             source = open_source(prepared.endpoint, options, prepared.key, recorder, stack)
             if recorder is not None and retuning is not None:
-                from service.sinks.recording import RecordingSink
-
                 sinks.append(RecordingSink(recorder))
             outbox = stack.enter_context(Outbox(sinks))
             sinks.clear()
@@ -101,21 +90,18 @@ def _may_meet_built_in(options: RunOptions, prepared: Prepared) -> bool:
 
 
 def _open_retuning(
-    options: RunOptions, requests: "ParameterRequests", stack: ExitStack
+    options: RunOptions, requests: ParameterRequests, stack: ExitStack
 ) -> "Retuning | None":
     """The process that retunes, if it is asked for."""
     if not options.retune:
         return None
-    from fuzzbee.retuning import Retuning
+    from fuzzbee.retuning import Retuning  # which loads what searches
 
     return stack.enter_context(Retuning(requests, options.gain))
 
 
-def _pipeline(profile: "Profile", options: RunOptions, retuning: "Retuning | None") -> "Pipeline":
+def _pipeline(profile: Profile, options: RunOptions, retuning: "Retuning | None") -> Pipeline:
     """The pipeline, whose estimators speak with the process that retunes."""
-    from estimator.estimator import Estimator
-    from service.pipeline import Pipeline
-
     pipeline = Pipeline(
         profile,
         system_id=options.system_id,
@@ -130,17 +116,12 @@ def _pipeline(profile: "Profile", options: RunOptions, retuning: "Retuning | Non
 
 
 def _compile(
-    profile: "Profile", gain: float | None, *, with_raw: bool, only_loads: bool = False
+    profile: Profile, gain: float | None, *, with_raw: bool, only_loads: bool = False
 ) -> None:
     """Compile before anything is opened; ``with_raw`` also what the paper's raw vectors take.
 
     With ``only_loads`` nothing is done if something would have to be compiled.
     """
-    from estimator.compilation.compiled import is_cached
-    from estimator.live.resident import advance_raw
-    from estimator.profile import load_profile
-    from service.warm_up import compile_ahead, is_compiled, warm_up
-
     done: Future[None] = Future()
 
     def work() -> None:
@@ -161,9 +142,7 @@ def _compile(
     done.result()
 
 
-def _tally(runner: "Runner", pipeline: "Pipeline", dropped: int) -> "Tally":
-    from service.workers.job import Tally
-
+def _tally(runner: Runner, pipeline: Pipeline, dropped: int) -> Tally:
     gone = pipeline.departures
     return Tally(
         runner.ticks,

@@ -2,9 +2,10 @@
 
 import time
 from contextlib import ExitStack
-from typing import TYPE_CHECKING
 
+from drivers.mavlink.decoder import MavlinkDecoder
 from estimator.errors import InputError
+from estimator.profile import Profile
 from fuzzbee import outputs
 from fuzzbee.live_source import open_link, open_recorder
 from fuzzbee.run_options import RunOptions
@@ -20,12 +21,12 @@ from fuzzbee.serving import (
     run_loop,
     summary,
 )
-from fuzzbee.zenoh_options import opened
-
-if TYPE_CHECKING:
-    from estimator.profile import Profile
-    from service.workers.crew import Crew
-    from service.workers.handout import Handout
+from fuzzbee.zenoh_options import opened, opening
+from service.sinks.outbox import Outbox
+from service.workers.crew import Crew, CrewError
+from service.workers.foreman import Foreman
+from service.workers.handout import Handout
+from service.workers.job import Job
 
 
 def serve_workers(options: RunOptions) -> int:
@@ -36,8 +37,6 @@ def serve_workers(options: RunOptions) -> int:
     Raises:
         InputError: a source, profile, file or address that cannot be used.
     """
-    from service.workers.crew import CrewError
-
     try:
         return _serve(options, prepare(options))
     except CrewError as error:
@@ -46,12 +45,6 @@ def serve_workers(options: RunOptions) -> int:
 
 
 def _serve(options: RunOptions, prepared: Prepared) -> int:
-    from drivers.mavlink.decoder import MavlinkDecoder
-    from service.sinks.outbox import Outbox
-    from service.workers.foreman import Foreman
-    from service.workers.handout import Handout
-    from service.zenoh_session import OpeningSession
-
     profile = prepared.profile
     conflicts: list[InputError] = []
     as_records = options.outputs.needs_records
@@ -60,9 +53,8 @@ def _serve(options: RunOptions, prepared: Prepared) -> int:
         handout = Handout(options.workers, wanted)
         # before anything else: it loads and compiles while the rest is opened
         crew = stack.enter_context(_crew(options, profile, handout))
-        session = None
-        if not options.no_zenoh:
-            session = opened(OpeningSession(options.zenoh.options()), stack)
+        awaited = stack.enter_context(opening(None if options.no_zenoh else options.zenoh))
+        session = None if awaited is None else opened(awaited, stack)
         recorder = open_recorder(options.record, stack)
         with closed_if_unused() as sinks:
             open_zenoh_sink(
@@ -98,10 +90,7 @@ def _serve(options: RunOptions, prepared: Prepared) -> int:
     return conclude(options, result, outbox, problems, was_stopped=foreman.was_stopped)
 
 
-def _crew(options: RunOptions, profile: "Profile", handout: "Handout") -> "Crew":
-    from service.workers.crew import Crew
-    from service.workers.job import Job
-
+def _crew(options: RunOptions, profile: Profile, handout: Handout) -> Crew:
     job = Job(
         profile=profile,
         gain=options.gain,

@@ -1,28 +1,32 @@
 """What the live service does alike in one process and in several: prepare, show, loop, tell."""
 
+import json
 import logging
 import time
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager, suppress
-from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
+from typing import Any, NamedTuple, Protocol
 
+import zenoh
+
+from drivers.endpoint import Endpoint, parse_endpoint
+from drivers.source import require_openable
 from estimator.errors import InputError
+from estimator.profile import Profile, load_profile
 from estimator.reasons import Reason
 from fuzzbee import outputs, security
 from fuzzbee.live_source import default_profile, require_fitting, require_shareable
 from fuzzbee.run_options import RunOptions
 from fuzzbee.say import say
-
-if TYPE_CHECKING:
-    import zenoh
-
-    from drivers.endpoint import Endpoint
-    from estimator.profile import Profile
-    from fuzzbee.terminal import TerminalView
-    from service.parameters import ParameterRequests
-    from service.sinks.outbox import Outbox
-    from service.sinks.sink import Sink
-    from service.workers.job import Tally
+from fuzzbee.terminal import PersonConsole, TerminalView
+from service.parameters import ParameterRequests
+from service.records import vehicle_name
+from service.signals import stop_on_signals
+from service.sinks.outbox import Outbox
+from service.sinks.sink import Sink
+from service.sinks.zenoh import ZenohSink
+from service.steady import steady
+from service.workers.job import Tally
 
 OK, FAILED = 0, 1
 
@@ -30,9 +34,9 @@ OK, FAILED = 0, 1
 class Prepared(NamedTuple):
     """What the options name, checked as far as it can be without opening anything."""
 
-    endpoint: "Endpoint"
+    endpoint: Endpoint
     profile_name: str
-    profile: "Profile"
+    profile: Profile
     key: bytes | None  # that frames must be signed with
 
 
@@ -56,10 +60,6 @@ def prepare(options: RunOptions) -> Prepared:
     Raises:
         InputError: one of them cannot be used, or options contradict each other.
     """
-    from drivers.endpoint import parse_endpoint
-    from drivers.source import require_openable
-    from estimator.profile import load_profile
-
     endpoint = parse_endpoint(options.source)
     if options.workers > 1:
         require_shareable(options, endpoint)
@@ -73,7 +73,7 @@ def prepare(options: RunOptions) -> Prepared:
 
 
 @contextmanager
-def closed_if_unused() -> "Iterator[list[Sink]]":
+def closed_if_unused() -> Iterator[list[Sink]]:
     """A list of sinks, of which those that are still in it at an error are closed."""
     sinks: list[Sink] = []
     try:
@@ -85,11 +85,11 @@ def closed_if_unused() -> "Iterator[list[Sink]]":
 
 
 def open_zenoh_sink(
-    sinks: "list[Sink]",
-    session: "zenoh.Session | None",
+    sinks: list[Sink],
+    session: zenoh.Session | None,
     options: RunOptions,
-    profile: "Profile",
-    requests: "ParameterRequests",
+    profile: Profile,
+    requests: ParameterRequests,
     conflicts: list[InputError],
     *,
     takes_encoded: bool = False,
@@ -100,7 +100,6 @@ def open_zenoh_sink(
     """
     if session is None:
         return
-    from service.sinks.zenoh import ZenohSink
 
     def on_conflict(key: str) -> None:
         if options.second:
@@ -121,10 +120,8 @@ def open_zenoh_sink(
     )
 
 
-def open_view(options: RunOptions) -> "TerminalView":
+def open_view(options: RunOptions) -> TerminalView:
     """The view on standard output; with --json messages only, on standard error."""
-    from fuzzbee.terminal import PersonConsole, TerminalView
-
     errors = PersonConsole(stderr=True)
     where = "" if options.no_zenoh else f" → {options.zenoh.prefix}/*"
     profile = "" if options.profile is None else f", {options.profile}"
@@ -162,9 +159,6 @@ def run_loop(
     Raises:
         InputError: a log that cannot be read any further.
     """
-    from service.signals import stop_on_signals
-    from service.steady import steady
-
     started_s = time.monotonic()
     failure: Exception | None = None
     with steady(), stop_on_signals(loop.stop):
@@ -181,7 +175,7 @@ def summary(
     options: RunOptions,
     profile_name: str,
     seconds: float,
-    tally: "Tally",
+    tally: Tally,
     *,
     lost: int,
     malformed: int,
@@ -189,8 +183,6 @@ def summary(
     workers: dict[str, int] | None = None,
 ) -> dict[str, Any]:
     """The result of a run, as --json prints it; ``workers`` is what is said of them."""
-    from service.records import vehicle_name
-
     return {
         "source": options.source,
         "profile": profile_name,
@@ -224,7 +216,7 @@ def summary(
 def conclude(
     options: RunOptions,
     result: dict[str, Any],
-    outbox: "Outbox",
+    outbox: Outbox,
     problems: Iterable[Exception | None],
     *,
     was_stopped: bool,
@@ -245,8 +237,6 @@ def conclude(
 
 def _report(result: dict[str, Any], *, as_json: bool) -> None:
     if as_json:
-        import json
-
         print(json.dumps(result), flush=True)
         return
     vehicles = result["vehicles"]

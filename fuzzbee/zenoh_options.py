@@ -1,6 +1,7 @@
 """The Zenoh options that run and watch share."""
 
-from contextlib import ExitStack
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager
 from typing import TYPE_CHECKING, Annotated, NamedTuple
 
 from fuzzbee.options import panel
@@ -45,10 +46,29 @@ class ZenohArguments(NamedTuple):
         )
 
 
-def opened(opening: "OpeningSession", stack: ExitStack) -> "zenoh.Session":
+def opened(awaited: "OpeningSession", stack: ExitStack) -> "zenoh.Session":
     """The session, once it is open; it is closed with the stack, whatever happens."""
     from service.zenoh_session import close_session
 
-    session = opening.session()
+    session = awaited.session()
     stack.callback(close_session, session)
     return session
+
+
+@contextmanager
+def opening(arguments: ZenohArguments | None) -> "Iterator[OpeningSession | None]":
+    """A session on its way, half a second, in which all else is loaded; None without arguments.
+
+    Raises:
+        InputError: an address or setting that cannot be used.
+    """
+    if arguments is None:
+        yield None
+        return
+    from service.zenoh_session import OpeningSession
+
+    session = OpeningSession(arguments.options())
+    try:
+        yield session
+    finally:
+        session.close()
