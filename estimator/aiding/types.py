@@ -29,7 +29,7 @@ EARTH = 17  # gauss, the place's field in NED
 RECEIVER_LAG = 20  # s, of a receiver's reports
 FILTER_LAG = 21  # s, of those of an autopilot's filter
 RECEIVER_ERROR = 22  # m/s, the slow error of a receiver's reports
-FILTER_ERROR = 25  # m/s, likewise of an autopilot's filter
+FILTER_ERROR = 25  # m/s, the slow error of an autopilot's filter
 SIZE = 28
 
 
@@ -41,11 +41,11 @@ class AidingParams(NamedTuple):
     # Noise of the IMU, as densities.
     gyr_noise: Noise = 3e-4  # rad/s/sqrt(Hz); small: stiff, large: the attitude follows velocity
     gyr_scale_noise: Noise = 0.001  # per rad/s turned, same; scale errors, crossed axes
-    gyr_slow_noise_1_s: Noise = 0.04  # likewise, for each second of the IMU's step
+    gyr_slow_noise_1_s: Noise = 0.04  # that much more for each second of the IMU's step
     acc_noise: Noise = 0.02  # m/s^2/sqrt(Hz); vibration; small: stiff, large: slow
     # Share of how far a reading lies off the line through the two before that integration misses.
     integration_noise: Noise = 0.1  # small: believes 4 Hz samples, large: distrusts them
-    # Likewise of a slow stream's readings that are as good as independent; small: the gyroscope
+    # Such a share where a slow stream's readings are as good as independent; small: the gyroscope
     # counts between them, large: the unaided vertical does.
     unseen_turn_noise: Noise = 0.3  # of readings a second apart without a line through them
     gyr_bias_walk: Noise = 3e-4  # rad/s/sqrt(s); samples truncated to mrad/s wander, too
@@ -88,7 +88,7 @@ class AidingParams(NamedTuple):
     hard_iron_sigma_gauss: Field = 0.02  # that calibration has left over
     uncalibrated_sigma_gauss: Field = 0.2  # of a compass that nobody has calibrated
     field_norm_scale: Share = 0.05  # relative deviation that halves the confidence, or so
-    field_dip_scale_rad: Angle = radians(10.0)  # likewise
+    field_dip_scale_rad: Angle = radians(10.0)  # deviation of the dip that halves it, or so
     field_walk: Noise = 0.005  # share/sqrt(s) by which the place's field may change its strength
 
     # Beginning.
@@ -100,7 +100,7 @@ class AidingParams(NamedTuple):
     heading_colour: Share = 1.0
     bare_heading_colour: Share = 1.6  # that much more without a field: only velocity's slow errors
     least_scale: Share = 0.23  # of the covariance's sigma, however well the reports agree
-    least_heading_scale: Share = 0.34  # likewise
+    least_heading_scale: Share = 0.34  # the same for the heading
     scatter_share: Share = 2.3  # of the reports' scatter that is the attitude's, too
     iron_share: Share = 1.0  # measured hard iron of calibrated compasses / hard_iron_sigma_gauss
     field_error_share: Share = 1.0  # of the field's slow disagreement that stays in the heading
