@@ -9,6 +9,7 @@ FRD/NED already, fields in gauss, times in us since boot.
 """
 
 from collections.abc import Callable, Iterator
+from typing import Literal
 
 from drivers.events import Event, Heartbeat, Malformed, Parameter, Rejected, VehicleId
 from drivers.logs.log_file import Buffer, LogFile, whole_file
@@ -25,6 +26,7 @@ from estimator.types import Quaternion, Vec3
 
 IMU_TOPICS = ("sensor_combined", "vehicle_imu")  # the first that is there is used
 MAG_TOPICS = ("vehicle_magnetometer", "sensor_mag")
+TRUTH_TOPIC = "vehicle_attitude_groundtruth"
 GPS_TOPICS = ("vehicle_gps_position", "sensor_gps")
 GPS_FIELDS = (
     *("fix_type", "time_utc_usec", "vel_n_m_s", "vel_e_m_s", "vel_d_m_s", "s_variance_m_s"),
@@ -37,7 +39,7 @@ FIELDS = {
     "vehicle_magnetometer": ("magnetometer_ga",),
     "sensor_mag": ("x", "y", "z"),
     "vehicle_attitude": ("q",),
-    "vehicle_attitude_groundtruth": ("q",),
+    TRUTH_TOPIC: ("q",),
     "vehicle_local_position": ("vx", "vy", "vz", "v_xy_valid", "v_z_valid", "dead_reckoning"),
     "estimator_status": ("solution_status_flags", "vel_test_ratio"),
     "estimator_selector_status": ("primary_instance",),
@@ -85,7 +87,7 @@ class _Decoder:
             "vehicle_magnetometer": self._vehicle_magnetometer,
             "sensor_mag": self._sensor_mag,
             "vehicle_attitude": self._attitude,
-            "vehicle_attitude_groundtruth": self._truth,
+            TRUTH_TOPIC: self._attitude,
             "vehicle_local_position": self._local_position,
             "estimator_status": self._estimator_status,
             "estimator_selector_status": self._selector_status,
@@ -134,12 +136,9 @@ class _Decoder:
         return []
 
     def _attitude(self, topic: str, raw_us: int, row: Row) -> list[Event]:
+        source: Literal["autopilot", "sim"] = "sim" if topic == TRUTH_TOPIC else "autopilot"
         q = _quaternion(row)
-        return self._vehicle.attitude(topic, TimeField.TIME_USEC, raw_us, "autopilot", q)
-
-    def _truth(self, topic: str, raw_us: int, row: Row) -> list[Event]:
-        q = _quaternion(row)
-        return self._vehicle.attitude(topic, TimeField.TIME_USEC, raw_us, "sim", q)
+        return self._vehicle.attitude(topic, TimeField.TIME_USEC, raw_us, source, q)
 
     def _local_position(self, topic: str, raw_us: int, row: Row) -> list[Event]:
         if not row["v_xy_valid"] or row.get("dead_reckoning"):

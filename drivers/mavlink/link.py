@@ -179,7 +179,9 @@ class MavlinkLink(Closing):
             events += self._decoder.events(frame, arrival_us)
         events += self._backlog.take_shed(now_us)
         if self._request is not None:
-            events += self._requests(self._request, events, now_us)
+            outgoing, notices = self._request.take(events, now_us)
+            self._queue_messages(outgoing, now_us)
+            events += notices
         return events
 
     def __iter__(self) -> Iterator[Event]:
@@ -274,13 +276,6 @@ class MavlinkLink(Closing):
     def _tell(self, text: str | None, now_us: int) -> None:
         if text is not None:
             self._events.append(Notice(None, now_us, text))
-
-    def _requests(self, request: StreamRequest, events: list[Event], now_us: int) -> list[Notice]:
-        out = request.tick(now_us)
-        for event in events:
-            out += request.handle(event, now_us)
-        self._queue_messages([each for each in out if isinstance(each, Outgoing)], now_us)
-        return [each for each in out if isinstance(each, Notice)]
 
     def _hand_over(self, arrived: list[Arrived], taker: FrameTaker, now_us: int) -> None:
         """Give the frames away; what has to be sent because of them comes back."""

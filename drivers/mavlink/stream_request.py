@@ -88,6 +88,14 @@ class StreamRequest:
         self._streams: dict[VehicleId, _Stream] = {}
         self._heartbeat_due_us: int | None = None
 
+    def take(self, events: list[Event], now_us: int) -> tuple[list[Outgoing], list[Notice]]:
+        """What to send and to say by now, and because of the events."""
+        out = self.tick(now_us)
+        for event in events:
+            out += self.handle(event, now_us)
+        notices = [each for each in out if isinstance(each, Notice)]
+        return [each for each in out if isinstance(each, Outgoing)], notices
+
     def handle(self, event: Event, now_us: int) -> list[Outgoing | Notice]:
         """What to send and to say because of ``event``."""
         match event:

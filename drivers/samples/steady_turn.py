@@ -11,7 +11,7 @@ from estimator.types import STANDARD_GRAVITY_M_S2, ZERO_VEC3, Vec3
 
 WEIGHT_M_S2 = 0.5  # from 1 g, of the force along the axis of a steady turn
 FIELD_OFF = 0.17  # of the field's strength, that it may be elsewhere than the rate says
-FIELD_OFF_SHARE = 0.5  # likewise, of the way that the rate says: hard iron bends it
+FIELD_OFF_SHARE = 0.5  # or so much of the way that the rate says: hard iron bends it
 FIELD_LATE_S = 0.15  # magnetometers follow 0.1 s late, in steps
 FIELD_WAY = 0.5  # of the field's strength: having gone so far as the rate says, it begins anew
 

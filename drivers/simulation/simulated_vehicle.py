@@ -44,22 +44,9 @@ PROFILES = {"paper": "paper", "rest": "paper", "turn": "paper", "flight": "imu"}
 MAGNETIC_NED: Vec3 = (1 / 3**0.5, -1 / 3**0.5, 1 / 3**0.5)
 GRAVITY_NED: Vec3 = (0.0, 0.0, 1.0)
 
-# The paper's biases and noises: rad/s for the gyroscope, unit vectors for the others
-GYRO_BIAS_RAD_S: Vec3 = (-0.1, 0.1, 0.05)
-MAGNETIC_BIAS: Vec3 = (0.1, -0.1, 0.1)
-GRAVITY_BIAS: Vec3 = (0.0, 0.0, 0.1)
-GYRO_NOISE_RAD_S = 0.2
-VECTOR_NOISE = 0.05
-
-# The flight's: a small MEMS unit after the calibration that autopilots do
-FLIGHT_GYRO_BIAS_RAD_S: Vec3 = (0.003, -0.004, 0.002)
-FLIGHT_GYRO_NOISE_RAD_S = 0.003
-FLIGHT_ACC_BIAS_M_S2: Vec3 = (0.03, -0.025, 0.05)
-FLIGHT_ACC_NOISE_M_S2 = 0.1
-FLIGHT_MAG_BIAS_GAUSS: Vec3 = (0.004, -0.003, 0.005)
-FLIGHT_MAG_NOISE_GAUSS = 0.003
-# of the velocity and position that it tells
-FLIGHT_VELOCITY_NOISE_M_S = 0.05
+GYRO_NOISE_RAD_S = 0.2  # the paper's
+VECTOR_NOISE = 0.05  # the paper's, of a unit vector
+FLIGHT_VELOCITY_NOISE_M_S = 0.05  # of the velocity that a vehicle that flies tells
 
 FIELD_GAUSS = 0.5  # a typical strength of the Earth's field
 TURN_RATE_RAD_S = 0.5  # "turn": level, to the right, one round in 12.6 s
@@ -135,15 +122,21 @@ def _parts(vector: Vec3, of: float) -> Vec3:
 
 
 PAPER_SENSORS = _Sensors(
-    GYRO_BIAS_RAD_S, MAGNETIC_BIAS, GRAVITY_BIAS, GYRO_NOISE_RAD_S, VECTOR_NOISE, VECTOR_NOISE
+    gyro_bias_rad_s=(-0.1, 0.1, 0.05),
+    magnetic_bias=(0.1, -0.1, 0.1),
+    gravity_bias=(0.0, 0.0, 0.1),
+    gyro_noise_rad_s=GYRO_NOISE_RAD_S,
+    magnetic_noise=VECTOR_NOISE,
+    gravity_noise=VECTOR_NOISE,
 )
+# A small MEMS unit after the calibration that autopilots do; the field in gauss, the force in m/s^2
 FLIGHT_SENSORS = _Sensors(
-    FLIGHT_GYRO_BIAS_RAD_S,
-    _parts(FLIGHT_MAG_BIAS_GAUSS, FIELD_GAUSS),
-    _parts(FLIGHT_ACC_BIAS_M_S2, -STANDARD_GRAVITY_M_S2),
-    FLIGHT_GYRO_NOISE_RAD_S,
-    FLIGHT_MAG_NOISE_GAUSS / FIELD_GAUSS,
-    FLIGHT_ACC_NOISE_M_S2 / STANDARD_GRAVITY_M_S2,
+    gyro_bias_rad_s=(0.003, -0.004, 0.002),
+    magnetic_bias=_parts((0.004, -0.003, 0.005), FIELD_GAUSS),
+    gravity_bias=_parts((0.03, -0.025, 0.05), -STANDARD_GRAVITY_M_S2),
+    gyro_noise_rad_s=0.003,
+    magnetic_noise=0.003 / FIELD_GAUSS,
+    gravity_noise=0.1 / STANDARD_GRAVITY_M_S2,
 )
 
 

@@ -8,7 +8,7 @@ from drivers.events import Event
 from drivers.mavlink.backlog import Backlog, waiting_clock_s
 from drivers.mavlink.decoder import MavlinkDecoder
 from drivers.mavlink.frame_batch import unpack_frames
-from drivers.mavlink.stream_request import Outgoing, StreamRequest
+from drivers.mavlink.stream_request import StreamRequest
 from service.workers.connection import Connection, Kind, Message
 from service.workers.job import Job
 
@@ -69,7 +69,10 @@ class HandedFrames:
             events += self._decoder.events(frame, arrival_us)
         events += self._backlog.take_shed(time.time_ns() // 1000)
         if self._request is not None:
-            events += self._requests(self._request, events)
+            outgoing, notices = self._request.take(events, time.time_ns() // 1000)
+            if outgoing:
+                self._connection.put(Kind.OUTGOING, pickle.dumps(outgoing))
+            events += notices
         return events
 
     def _receive(self) -> bool:
@@ -82,13 +85,3 @@ class HandedFrames:
                 self._on_message(message)
         self._backlog.note_look(now_s)
         return bool(messages)
-
-    def _requests(self, request: StreamRequest, events: list[Event]) -> list[Event]:
-        """What is to be told because of the events; what is to be sent goes to the service."""
-        now_us = time.time_ns() // 1000
-        out = request.tick(now_us)
-        for event in events:
-            out += request.handle(event, now_us)
-        if outgoing := [each for each in out if isinstance(each, Outgoing)]:
-            self._connection.put(Kind.OUTGOING, pickle.dumps(outgoing))
-        return [each for each in out if not isinstance(each, Outgoing)]

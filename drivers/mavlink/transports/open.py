@@ -1,11 +1,21 @@
 """The table from an endpoint to its transport."""
 
+from collections.abc import Callable
+
 from drivers.endpoint import Endpoint
 from drivers.mavlink.transports.serial import SerialLine
 from drivers.mavlink.transports.tcp import TcpClient, TcpServer
 from drivers.mavlink.transports.transport import Transport
 from drivers.mavlink.transports.udp import UdpIn, UdpOut
 from estimator.errors import InputError
+
+TRANSPORTS: dict[str, Callable[[Endpoint], Transport]] = {
+    "udpin": UdpIn,
+    "udpout": UdpOut,
+    "tcp": TcpClient,
+    "tcpin": TcpServer,
+    "serial": SerialLine,
+}
 
 
 def open_transport(endpoint: Endpoint) -> Transport:
@@ -14,16 +24,7 @@ def open_transport(endpoint: Endpoint) -> Transport:
     Raises:
         InputError: the endpoint is neither.
     """
-    match endpoint.kind:
-        case "udpin":
-            return UdpIn(endpoint)
-        case "udpout":
-            return UdpOut(endpoint)
-        case "tcp":
-            return TcpClient(endpoint)
-        case "tcpin":
-            return TcpServer(endpoint)
-        case "serial":
-            return SerialLine(endpoint)
-        case _:
-            raise InputError(f"{endpoint} is no MAVLink link: use udpin, udpout, tcp or tcpin")
+    transport = TRANSPORTS.get(endpoint.kind)
+    if transport is None:
+        raise InputError(f"{endpoint} is no MAVLink link: use udpin, udpout, tcp or tcpin")
+    return transport(endpoint)

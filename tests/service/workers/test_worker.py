@@ -132,4 +132,4 @@ def test_a_worker_that_fails_says_why(worker):
     statuses, messages = end()
     assert statuses == [FAILED]
     [failure] = [m.body.decode() for m in messages if m.kind is Kind.FAILURE]
-    assert "unpacking requires a buffer" in failure
+    assert "Expected `array`" in failure
