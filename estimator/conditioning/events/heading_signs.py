@@ -1,6 +1,6 @@
 """A field that looks as usual and points elsewhere: a turn about the vertical, or steel."""
 
-from math import atan2, cos, pi
+from math import cos, pi
 from typing import NamedTuple
 
 from estimator.compilation.compiled import inlined
@@ -52,15 +52,6 @@ with_other = replacer(HeadingSigns, "borne_s", "other_rad", "other_s")
 
 
 @inlined
-def points_beyond(params: ConditioningParams, horizontal: Vec2) -> bool:
-    """Whether a field points further from north than ``turn_large_rad``."""
-    north, east = horizontal
-    if north > abs(east) and params.turn_large_rad >= 0.25 * pi:  # as nearly always
-        return False
-    return abs(atan2(east, north)) > params.turn_large_rad
-
-
-@inlined
 def watch_heading(
     params: ConditioningParams,
     state: HeadingSigns,
@@ -90,7 +81,11 @@ def watch_heading(
     if field.reference.is_new:  # the heading was that of a field that is not believed any more
         borne_s = 0.0
     b = dt_s / (SCATTER_TAU_S + dt_s) if estimate.covariance[9] < KNOWN_HEADING_SIGMA**2 else 0.0
-    far = known and c > params.turn_large_confidence and points_beyond(params, horizontal)
+    far = (
+        known
+        and c > params.turn_large_confidence
+        and abs(direction(north, east)) > params.turn_large_rad
+    )
     return HeadingSigns(
         mean_north=n,
         mean_east=e,

@@ -34,12 +34,6 @@ class TurnProof(NamedTuple):
 
 
 @inlined
-def is_near(params: ConditioningParams, field_norm: float, usual_norm: float) -> bool:
-    """Whether the norm of a field is that of the place."""
-    return abs(field_norm - usual_norm) < params.field_norm_scale * usual_norm
-
-
-@inlined
 def is_settled(proof: TurnProof) -> bool:
     """Whether anything but a jump tells a turn."""
     return proof.heading or proof.quiet or proof.moving or proof.levelling
@@ -66,7 +60,8 @@ def proof_of(
     ahead = SUDDEN_STILL if is_doubted else SUDDEN_AHEAD
     if signs.jump.ahead_rad > ahead * signs.jump.apart_rad:
         least = params.turn_jump_confidence
-    if heading.mean_confidence < least or not is_near(params, signs.jump.quick_norm, usual_norm):
+    off = abs(signs.jump.quick_norm - usual_norm)
+    if heading.mean_confidence < least or off >= params.field_norm_scale * usual_norm:
         jump = 0.0
     lasts = heading.off_s > params.turn_heading_time_s or heading.large_s > params.turn_large_time_s
     swing = gravity.levelled[0] ** 2 + gravity.levelled[1] ** 2

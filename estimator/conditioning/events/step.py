@@ -22,11 +22,11 @@ from estimator.conditioning.field.step import FieldStep, MagnetometerState
 from estimator.conditioning.gather import Gathered
 from estimator.conditioning.params import ConditioningParams
 from estimator.conditioning.vertical.bias import HALF_TURN_VARIANCE, doubt_heading
-from estimator.conditioning.vertical.gravity import level, reseed_gravity, restart_gravity
+from estimator.conditioning.vertical.gravity import level, restart_gravity
 from estimator.conditioning.vertical.step import VerticalState, VerticalStep
-from estimator.conditioning.vertical.tilt import lose_tilt
+from estimator.conditioning.vertical.tilt import MOST_VARIANCE, with_variance
 from estimator.geometry.quaternion import dot
-from estimator.types import Vec2
+from estimator.types import ZERO_VEC3, Vec2
 
 # A turn missed in one step beyond which the calibration's means are of another attitude, rad.
 MISSED_RAD = 0.01
@@ -84,11 +84,12 @@ def react(proof: TurnProof, before: VerticalState, horizontal: Vec2) -> Vertical
     """
     gravity, tilt, estimate = before.gravity, before.tilt, before.estimate
     if proof.quiet:
-        gravity = level(reseed_gravity(gravity, gravity_at_rest(before.rest, gravity)))[0]
+        u = gravity_at_rest(before.rest, gravity)
+        gravity = level(restart_gravity(gravity, u, gravity.force.age_s))[0]
     elif proof.moving:
-        gravity = restart_gravity(gravity)
+        gravity = restart_gravity(gravity, ZERO_VEC3, 0.0)
     if proof.quiet or proof.moving:
-        tilt = lose_tilt(tilt)
+        tilt = with_variance(tilt, MOST_VARIANCE)
     if proof.quiet or proof.moving or proof.levelling:
         estimate = doubt_heading(estimate, HALF_TURN_VARIANCE)
     elif proof.heading:

@@ -98,22 +98,6 @@ def walk(params: ConditioningParams, p: Covariance, dt_s: float) -> Covariance:
 
 
 @inlined
-def learn_axis(
-    params: ConditioningParams,
-    offset: Vec3,
-    lag_s: float,
-    p: Covariance,
-    row: Vec3,
-    turning: float,
-    residual: float,
-    noise: float,
-) -> tuple[Vec3, float, Covariance]:
-    """One axis: residual = row . (offset error) + turning (lag error); far ones count less."""
-    weight = robust_weight((residual / params.calibration_reach) ** 2)
-    return update(offset, lag_s, p, row, turning, residual, noise / weight)
-
-
-@inlined
 def learn_calibration(
     params: ConditioningParams,
     state: CalibrationState,
@@ -157,18 +141,19 @@ def learn_calibration(
     dy = subtract(y, means.field)
     if dt_s <= LONGEST_STEP_S and dot(dy, dy) < MOST_DEVIATION**2:
         dx = subtract(x, means.turning)
-        r1 = subtract(axes.north, means.axes.north)
-        r2 = subtract(axes.east, means.axes.east)
-        r3 = subtract(axes.down, means.axes.down)
-        if dot(r1, r1) + dot(r2, r2) + dot(r3, r3) < params.calibration_turn:
-            r1 = r2 = r3 = ZERO_VEC3
-        noise = params.calibration_noise_s / dt_s
-        offset0, lag0 = offset, lag_s
-        offset, lag_s, p = learn_axis(params, offset, lag_s, p, r1, dx[0], dy[0], noise)
-        e = dy[1] - dot(r2, subtract(offset, offset0)) - dx[1] * (lag_s - lag0)
-        offset, lag_s, p = learn_axis(params, offset, lag_s, p, r2, dx[1], e, noise)
-        e = dy[2] - dot(r3, subtract(offset, offset0)) - dx[2] * (lag_s - lag0)
-        offset, lag_s, p = learn_axis(params, offset, lag_s, p, r3, dx[2], e, noise)
+        r = (
+            subtract(axes.north, means.axes.north),
+            subtract(axes.east, means.axes.east),
+            subtract(axes.down, means.axes.down),
+        )
+        tells = dot(r[0], r[0]) + dot(r[1], r[1]) + dot(r[2], r[2]) >= params.calibration_turn
+        for i in range(3):
+            row = r[i] if tells else ZERO_VEC3
+            # the residual of the estimate before the step: less what the other axes have changed
+            e = dy[i] - dot(row, subtract(offset, before.offset)) - dx[i] * (lag_s - before.lag_s)
+            weight = robust_weight((e / params.calibration_reach) ** 2)
+            noise = params.calibration_noise_s / (dt_s * weight)
+            offset, lag_s, p = update(offset, lag_s, p, row, dx[i], e, noise)
     return CalibrationState(Calibration(lag_s, offset, p, norm), means, age_s, True)
 
 

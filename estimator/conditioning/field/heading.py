@@ -7,8 +7,8 @@ from estimator.conditioning.field.magnetic import MagneticState, steepness
 from estimator.conditioning.field.robust import LEAST_CONFIDENCE, residual_weight
 from estimator.conditioning.params import ConditioningParams
 from estimator.conditioning.vertical.bias import Estimate, clip_each
-from estimator.conditioning.vertical.kalman import update_last
-from estimator.types import Vec2, Vec3
+from estimator.conditioning.vertical.kalman import update
+from estimator.types import ZERO_VEC3, Vec2, Vec3
 
 # A field's age (s) in its first second: what is early is bounded.
 EARLIEST_S = 1.0
@@ -82,5 +82,5 @@ def learn_heading(
     off = residual(field, horizontal)
     b, d, p = estimate
     noise /= residual_weight(off, params.heading_reach_rad, p[9])
-    b, d, p = update_last(b, d, p, -off, noise)
+    b, d, p = update(b, d, p, ZERO_VEC3, 1.0, -off, noise)
     return Estimate(clip_each(b, params.bias_limit_rad_s), wrap_angle(d), p)

@@ -11,10 +11,11 @@ from estimator.conditioning.vertical.kalman import Covariance, update
 from estimator.conditioning.vertical.lowpass import Smooth, approach, smooth
 from estimator.conditioning.vertical.rest import RestState
 from estimator.geometry.axes import FrameAxes
-from estimator.geometry.quaternion import dot
+from estimator.geometry.quaternion import dot, subtract
 from estimator.types import ZERO_VEC3, Vec2, Vec3
 
 UNKNOWN_HEADING_VARIANCE = 1e4  # rad^2, beyond any angle: the first field sets the heading
+AXES = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
 HALF_TURN_VARIANCE = pi**2  # rad^2: after a turn of gravity any heading is possible
 
 
@@ -115,9 +116,8 @@ def learn_at_rest(
     g = rest.gyr.value
     b, d, p = estimate
     most = params.bias_limit_rad_s
-    b, d, p = update(b, d, p, (1.0, 0.0, 0.0), 0.0, clip(g[0] - b[0], most), k.rest_noise)
-    b, d, p = update(b, d, p, (0.0, 1.0, 0.0), 0.0, clip(g[1] - b[1], most), k.rest_noise)
-    b, d, p = update(b, d, p, (0.0, 0.0, 1.0), 0.0, clip(g[2] - b[2], most), k.rest_noise)
+    for i in range(3):
+        b, d, p = update(b, d, p, AXES[i], 0.0, clip(g[i] - b[i], most), k.rest_noise)
     return Estimate(clip_each(b, most), d, p)
 
 
@@ -170,13 +170,12 @@ def learn_in_motion(
     back. ``unseen``, (rad/s)^2, is what a slow step's missed turn adds to their
     noise. Source: Laidig and Seel 2023, doi 10.1016/j.inffus.2022.10.014.
     """
-    north, east, drift = lagged.north.value, lagged.east.value, lagged.drift.value
+    axes, drift = (lagged.north.value, lagged.east.value), lagged.drift.value
     b, d, p = estimate
     most = params.bias_limit_rad_s
-    e1 = clip(-step[0] / k.dt_s + drift[0] - dot(north, b), most)
-    e2 = clip(-step[1] / k.dt_s + drift[1] - dot(east, b), most)
-    b1, d1, p1 = update(b, d, p, north, 0.0, e1, k.motion_noise + unseen)
-    # the second innovation is still that of b: take off what the first update changed
-    e2 -= dot(east, b1) - dot(east, b)
-    b2, d2, p2 = update(b1, d1, p1, east, 0.0, e2, k.motion_noise + unseen)
-    return Estimate(clip_each(b2, most), d2, p2)
+    for i in range(2):
+        e = clip(-step[i] / k.dt_s + drift[i] - dot(axes[i], estimate.bias_rad_s), most)
+        # that is the innovation of the bias before the step: less what the other axis has changed
+        e -= dot(axes[i], subtract(b, estimate.bias_rad_s))
+        b, d, p = update(b, d, p, axes[i], 0.0, e, k.motion_noise + unseen)
+    return Estimate(clip_each(b, most), d, p)

@@ -123,14 +123,6 @@ def level(state: GravityState) -> tuple[GravityState, Vec2]:
 
 
 @inlined
-def reseed_gravity(state: GravityState, u: Vec3) -> GravityState:
-    """Start the low-pass anew at ``u``."""
-    force = state.force
-    return with_force(state, with_down(force, Smooth(u, ZERO_VEC3), u, force.age_s))
-
-
-@inlined
-def restart_gravity(state: GravityState) -> GravityState:
-    """Start the low-pass anew, as at the first sample."""
-    still = Smooth(ZERO_VEC3, ZERO_VEC3)
-    return with_force(state, with_down(state.force, still, ZERO_VEC3, 0.0))
+def restart_gravity(state: GravityState, u: Vec3, age_s: float) -> GravityState:
+    """Start the low-pass anew at ``u``, minus the specific force in G, as if ``age_s`` old."""
+    return with_force(state, with_down(state.force, Smooth(u, ZERO_VEC3), u, age_s))

@@ -5,39 +5,22 @@ from estimator.types import Vec3
 
 # Upper triangle, row by row, of the covariance of three values and a fourth.
 Covariance = tuple[float, float, float, float, float, float, float, float, float, float]
-Four = tuple[float, float, float, float]
 
 
 @inlined
 def update(
     x: Vec3, x3: float, p: Covariance, h: Vec3, h3: float, innovation: float, noise: float
 ) -> tuple[Vec3, float, Covariance]:
-    """The values and their covariance after a measurement h . x + h3 x3 of variance ``noise``."""
+    """The values and their covariance after a measurement h . x + h3 x3 of variance ``noise``.
+
+    With m = P h: x <- x + m innovation/(h . m + noise), P <- P - m m'/(h . m + noise).
+    """
     p00, p01, p02, p03, p11, p12, p13, p22, p23, p33 = p
     m0 = p00 * h[0] + p01 * h[1] + p02 * h[2] + p03 * h3
     m1 = p01 * h[0] + p11 * h[1] + p12 * h[2] + p13 * h3
     m2 = p02 * h[0] + p12 * h[1] + p22 * h[2] + p23 * h3
     m3 = p03 * h[0] + p13 * h[1] + p23 * h[2] + p33 * h3
     w = 1.0 / (h[0] * m0 + h[1] * m1 + h[2] * m2 + h3 * m3 + noise)
-    return corrected(x, x3, p, (m0, m1, m2, m3), w, innovation)
-
-
-@inlined
-def update_last(
-    x: Vec3, x3: float, p: Covariance, innovation: float, noise: float
-) -> tuple[Vec3, float, Covariance]:
-    """The values and their covariance after a measurement of x3 alone."""
-    m = (p[3], p[6], p[8], p[9])
-    return corrected(x, x3, p, m, 1.0 / (p[9] + noise), innovation)
-
-
-@inlined
-def corrected(
-    x: Vec3, x3: float, p: Covariance, m: Four, w: float, innovation: float
-) -> tuple[Vec3, float, Covariance]:
-    """The update's second half: m = P h, and w the inverse of the innovation's variance."""
-    p00, p01, p02, p03, p11, p12, p13, p22, p23, p33 = p
-    m0, m1, m2, m3 = m
     s = w * innovation
     k0 = w * m0
     k1 = w * m1

@@ -221,12 +221,6 @@ def initial_tilt(gyr: Vec3, u: Vec3) -> TiltState:
 
 
 @inlined
-def lose_tilt(state: TiltState) -> TiltState:
-    """After an unsensed turn: the vertical is not known."""
-    return with_variance(state, MOST_VARIANCE)
-
-
-@inlined
 def force_after_turn(params: ConditioningParams, doubt: float, wander: float, dt_s: float) -> Vec2:
     """The doubt that a reading of the force leaves, and a Kalman filter's share of that reading.
 
