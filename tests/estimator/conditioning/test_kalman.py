@@ -1,0 +1,206 @@
+"""Every update of conditioning beside a dense Kalman filter, which takes all measurements at once.
+
+Nothing here is symmetric: each value has another sigma, all hang together, no axis is along
+another. So an update that is right for the first of two measurements only shows.
+"""
+
+import numpy as np
+import pytest
+
+from estimator.conditioning import ConditioningParams, initial_state
+from estimator.conditioning.field.calibration import learn_calibration
+from estimator.conditioning.field.heading import heading_noise, learn_heading
+from estimator.conditioning.field.magnetic import FieldLook
+from estimator.conditioning.vertical.bias import (
+    Estimate,
+    Lagged,
+    doubt_heading,
+    learn_at_rest,
+    learn_in_motion,
+    predict,
+)
+from estimator.conditioning.vertical.coefficients import coefficients
+from estimator.conditioning.vertical.gravity import GravityState
+from estimator.conditioning.vertical.lowpass import Smooth, smooth
+from estimator.conditioning.vertical.rest import RestState
+from estimator.conditioning.vertical.spin import LEVELLING_NOISE, SCALE_SIGMA, Spin, follow_spin
+from estimator.geometry.axes import FrameAxes, axes_of
+from estimator.geometry.quaternion import normalize, rotate
+
+PARAMS = ConditioningParams()
+DT = 0.02
+SEEDS = range(12)
+STILL = (0.0, 0.0, 0.0)
+UPPER = np.triu_indices(4)
+
+
+def packed(p):
+    return tuple(p[UPPER].tolist())
+
+
+def square(covariance):
+    p = np.zeros((4, 4))
+    p[UPPER] = covariance
+    return p + np.triu(p, 1).T
+
+
+def hanging_together(rng, sigmas):
+    """A covariance with these sigmas, all of whose values are correlated."""
+    a = rng.normal(size=(len(sigmas), 2)) @ rng.normal(size=(2, len(sigmas)))
+    p = a @ a.T + np.diag(rng.uniform(0.5, 1.0, len(sigmas)) * np.trace(a @ a.T))
+    scale = np.array(sigmas) / np.sqrt(np.diag(p))
+    return p * np.outer(scale, scale)
+
+
+def updated(x, p, h, innovation, noises):
+    """The dense filter: all rows of ``h`` at once, with the innovations of the same ``x``."""
+    s = h @ p @ h.T + np.diag(noises)
+    gain = np.linalg.solve(s, h @ p).T
+    return x + gain @ innovation, p - gain @ h @ p
+
+
+def estimate_of(rng):
+    p = hanging_together(rng, rng.uniform(0.3, 1.0, 4) * (0.004, 0.007, 0.002, 0.3))
+    return Estimate(tuple(rng.normal(0.0, 0.004, 3)), float(rng.uniform(-1.0, 1.0)), packed(p))
+
+
+def vector_of(estimate):
+    return np.array([*estimate.bias_rad_s, estimate.heading_rad]), square(estimate.covariance)
+
+
+def assert_is(estimate, x, p):
+    now, covariance = vector_of(estimate)
+    assert now == pytest.approx(x, rel=1e-9, abs=1e-13)
+    assert covariance / np.sqrt(np.outer(np.diag(p), np.diag(p))) == pytest.approx(
+        p / np.sqrt(np.outer(np.diag(p), np.diag(p))), abs=1e-9
+    )
+
+
+@pytest.mark.parametrize("seed", SEEDS)
+def test_time_passes_as_in_matrices(seed):
+    """The heading gathers what the bias's error turns about down, and takes its covariance."""
+    rng = np.random.default_rng(seed)
+    k, before = coefficients(PARAMS, DT, 1.0), estimate_of(rng)
+    down = rng.normal(size=3)
+    x, p = vector_of(before)
+    f = np.eye(4)
+    f[3, :3] = -DT * down
+    turning, unseen = rng.uniform(0.1, 2.0), rng.uniform(0.0, 1e-4)
+    heading = k.heading_growth + PARAMS.heading_turning_noise_s * turning * DT + unseen
+    grown = f @ p @ f.T + np.diag([k.bias_growth] * 3 + [heading])
+    assert_is(predict(PARAMS, k, before, tuple(down), turning, unseen), x, grown)
+
+
+@pytest.mark.parametrize("seed", SEEDS)
+def test_rest_tells_the_bias(seed):
+    rng = np.random.default_rng(seed)
+    k, before = coefficients(PARAMS, DT, 1.0), estimate_of(rng)
+    gyr = rng.normal(0.0, 0.004, 3)
+    x, p = vector_of(before)
+    after = learn_at_rest(PARAMS, k, before, RestState(gyr=Smooth(tuple(gyr), STILL)))
+    assert_is(after, *updated(x, p, np.eye(3, 4), gyr - x[:3], [k.rest_noise] * 3))
+
+
+@pytest.mark.parametrize("seed", SEEDS)
+def test_levelling_in_motion_tells_the_bias(seed):
+    """Low-passed axes are neither unit vectors nor across each other."""
+    rng = np.random.default_rng(seed)
+    k, before = coefficients(PARAMS, DT, 1.0), estimate_of(rng)
+    axes = rng.normal(0.0, 0.5, (2, 3))
+    drift, step = rng.normal(0.0, 0.003, 2), rng.normal(0.0, 1e-4, 2)
+    lagged = Lagged(*(Smooth(tuple(v), STILL) for v in (*axes, (*drift, 0.0))))
+    x, p = vector_of(before)
+    # as uncertain as the bias is, so that the second axis has much to take off
+    unseen = float(rng.uniform(1e-6, 1e-5))
+    h = np.column_stack([axes, np.zeros(2)])
+    after = learn_in_motion(PARAMS, k, before, lagged, tuple(step), unseen)
+    noises = [k.motion_noise + unseen] * 2
+    assert_is(after, *updated(x, p, h, -step / DT + drift - axes @ x[:3], noises))
+
+
+@pytest.mark.parametrize("seed", SEEDS)
+def test_the_fields_heading_tells_heading_and_bias(seed):
+    rng = np.random.default_rng(seed)
+    before = estimate_of(rng)
+    field = initial_state(PARAMS).field.magnetic
+    reference = field.reference._replace(horizontal=0.2, down=0.42, age_s=30.0)
+    field = field._replace(look=FieldLook(0.2, 0.42, 0.7), reference=reference)
+    off, leaning = float(rng.uniform(-0.4, 0.4)), float(rng.uniform(0.0, 0.01))
+    x, p = vector_of(before)
+    noise = heading_noise(PARAMS, field, 0.8) / DT + leaning * (0.42 / 0.2) ** 2
+    noise *= (1.0 + off**2 / (PARAMS.heading_reach_rad**2 + 9.0 * p[3, 3])) ** 2
+    after = learn_heading(PARAMS, before, field, (0.2, 0.2 * off), 0.8, DT, leaning)
+    h = np.array([[0.0, 0.0, 0.0, 1.0]])
+    assert_is(after, *updated(x, p, h, np.array([-off]), [noise]))
+
+
+def test_doubt_in_the_heading_leaves_the_bias_as_it_is():
+    before = estimate_of(np.random.default_rng(1))
+    x, p = vector_of(before)
+    assert_is(doubt_heading(before, 0.3), x, p + np.diag([0.0, 0.0, 0.0, 0.3]))
+
+
+def body_that_has_turned(rng):
+    """A calibration's state of 2 s, whose means are of other attitudes, and the axes of G now."""
+    q = normalize(tuple(rng.normal(size=4)))
+    past = FrameAxes(*(tuple(v) for v in rng.normal(0.0, 0.2, (3, 3))))
+    p = hanging_together(rng, (0.03, 0.05, 0.08, 0.02))
+    state = initial_state(PARAMS).field.calibration
+    learnt = state.learnt._replace(
+        lag_s=0.01, offset=tuple(rng.normal(0.0, 0.02, 3)), covariance=packed(p), scale=0.46
+    )
+    turning = tuple(rng.normal(0.0, 1.0, 3))
+    means = state.means._replace(axes=past, turning=turning)
+    return state._replace(learnt=learnt, means=means, age_s=2.0, started=True), axes_of(q)
+
+
+@pytest.mark.parametrize("seed", SEEDS)
+@pytest.mark.parametrize("turned", [True, False])
+def test_a_turning_body_tells_lag_and_own_field(seed, turned):
+    """Where no residual is far, the three axes are one measurement of four unknowns.
+
+    Of a body that has not ``turned`` enough they tell the lag only.
+    """
+    rng = np.random.default_rng(seed)
+    params = PARAMS._replace(
+        calibration_reach=1e9, calibration_turn=0.0 if turned else 1e9, calibration_noise_s=0.0002
+    )
+    state, axes = body_that_has_turned(rng)
+    norm, gyr = 0.46, rng.normal(0.0, 2.0, 3)
+    y = rng.normal((0.4, 0.1, 0.7), 0.1)
+    state = state._replace(means=state.means._replace(field=tuple(y - rng.normal(0.0, 0.1, 3))))
+    after = learn_calibration(
+        params, state, axes, tuple(gyr), tuple((norm * y).tolist()), norm, DT
+    ).learnt
+
+    share = 1.0 - DT / (2.0 + DT)  # what is left of a difference once the mean has taken it
+    R, means = np.array(axes), state.means
+    dx = share * (np.cross(R @ gyr, y) - means.turning)
+    dy = share * (y - means.field)
+    rows = share * (R - np.array(means.axes)) * turned
+    walk = DT / PARAMS.calibration_walk_s
+    grown = [PARAMS.field_offset_sigma**2 * walk] * 3 + [PARAMS.field_lag_sigma_s**2 * walk]
+    x, p = np.array([*state.learnt.offset, 0.01]), square(state.learnt.covariance)
+    h = np.column_stack([rows, dx])
+    x, p = updated(x, p + np.diag(grown), h, dy, [0.0002 / DT] * 3)
+    assert [*after.offset, after.lag_s] == pytest.approx(x, rel=1e-9, abs=1e-12)
+    assert square(after.covariance) == pytest.approx(p, rel=1e-8, abs=1e-14)
+
+
+@pytest.mark.parametrize("seed", SEEDS)
+def test_levelling_in_a_turn_tells_the_scale_error(seed):
+    """Both axes are one measurement of one unknown, of a rate that is not along either."""
+    rng = np.random.default_rng(seed)
+    k = coefficients(PARAMS, DT, 1.0)
+    gravity = GravityState(
+        q_g_frd=normalize(tuple(rng.normal(size=4))), q_6d_g=normalize(tuple(rng.normal(size=4)))
+    )
+    state = Spin(Smooth(tuple(rng.normal(0.0, 2.0, 3)), STILL), 0.003, (0.4 * SCALE_SIGMA) ** 2)
+    rate, step = tuple(rng.normal(0.0, 2.0, 3)), rng.normal(0.0, 1e-4, 2)
+    after = follow_spin(PARAMS, k, state, gravity, rate, tuple(step), learns=True)
+    turn = smooth(k.gravity, state.turn, rotate(gravity.q_g_frd, rate)).value
+    h = np.array(rotate(gravity.q_6d_g, turn))[:2, None]
+    p = np.array([[state.variance + SCALE_SIGMA**2 * DT / 100.0]])
+    error, p = updated(np.array([0.003]), p, h, -step / DT, [LEVELLING_NOISE / DT] * 2)
+    assert after.scale_error == pytest.approx(error[0], rel=1e-9)
+    assert after.variance == pytest.approx(p[0, 0], rel=1e-9)
