@@ -28,7 +28,7 @@ from estimator.conditioning.field.magnetic import (
     horizontal_down,
     look_at_field,
 )
-from estimator.conditioning.field.robust import LEAST_CONFIDENCE, residual_weight
+from estimator.conditioning.field.robust import LEAST_CONFIDENCE, residual_factor
 from estimator.geometry.quaternion import cross, dot, exp, multiply, norm, rotate, scale, subtract
 from estimator.types import Sample, Vec3
 
@@ -174,7 +174,7 @@ def observe_heading(
     off = -F_across / H
     angle = atan2(F_across, F_along)
     expected = expected_variance(P, across, 0.0)
-    noise /= residual_weight(angle, params.heading_reach_rad, expected)
+    noise *= residual_factor(angle, params.heading_reach_rad, expected)
     is_near = F_along >= 0.5 * abs(F_across)
     if not is_near and P[TURN + 2, TURN + 2] > LINEAR_SIGMA_RAD**2:
         across = angle_row(R, F, dF, E)

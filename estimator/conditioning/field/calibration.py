@@ -4,7 +4,7 @@ from typing import NamedTuple
 
 from estimator.compilation.compiled import inlined
 from estimator.compilation.replacing import replacer
-from estimator.conditioning.field.robust import robust_weight
+from estimator.conditioning.field.robust import robust_factor
 from estimator.conditioning.params import ConditioningParams
 from estimator.conditioning.vertical.kalman import Covariance, update
 from estimator.conditioning.vertical.lowpass import approach
@@ -147,12 +147,12 @@ def learn_calibration(
             subtract(axes.down, means.axes.down),
         )
         tells = dot(r[0], r[0]) + dot(r[1], r[1]) + dot(r[2], r[2]) >= params.calibration_turn
+        least = params.calibration_noise_s / dt_s
         for i in range(3):
             row = r[i] if tells else ZERO_VEC3
             # the residual of the estimate before the step: less what the other axes have changed
             e = dy[i] - dot(row, subtract(offset, before.offset)) - dx[i] * (lag_s - before.lag_s)
-            weight = robust_weight((e / params.calibration_reach) ** 2)
-            noise = params.calibration_noise_s / (dt_s * weight)
+            noise = least * robust_factor((e * (1.0 / params.calibration_reach)) ** 2)
             offset, lag_s, p = update(offset, lag_s, p, row, dx[i], e, noise)
     return CalibrationState(Calibration(lag_s, offset, p, norm), means, age_s, True)
 

@@ -4,7 +4,7 @@ from math import atan2, cos, pi, sin
 
 from estimator.compilation.compiled import inlined
 from estimator.conditioning.field.magnetic import MagneticState, steepness
-from estimator.conditioning.field.robust import LEAST_CONFIDENCE, residual_weight
+from estimator.conditioning.field.robust import LEAST_CONFIDENCE, residual_factor
 from estimator.conditioning.params import ConditioningParams
 from estimator.conditioning.vertical.bias import Estimate, clip_each
 from estimator.conditioning.vertical.kalman import update
@@ -81,6 +81,6 @@ def learn_heading(
     noise += leaning * steepness(field.reference)
     off = residual(field, horizontal)
     b, d, p = estimate
-    noise /= residual_weight(off, params.heading_reach_rad, p[9])
+    noise *= residual_factor(off, params.heading_reach_rad, p[9])
     b, d, p = update(b, d, p, ZERO_VEC3, 1.0, -off, noise)
     return Estimate(clip_each(b, params.bias_limit_rad_s), wrap_angle(d), p)

@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 from estimator.compilation.compiled import inlined
 from estimator.compilation.replacing import replacer
-from estimator.conditioning.field.robust import robust_weight
+from estimator.conditioning.field.robust import robust_factor
 from estimator.conditioning.params import ConditioningParams
 from estimator.types import Vec2, Vec3
 
@@ -99,7 +99,7 @@ def look_at_field(
 
     ``seen`` and ``expected`` are (horizontal, down). Norm n and dip d say without any heading
     whether the field is the expected one: D^2 = ((n - n_r)/(s_n n_r))^2 + (sin(d - d_r)/s_d)^2,
-    of which the confidence is the robust weight.
+    of which the confidence is the robust estimator's weight.
     """
     h = before.horizontal + share * (seen[0] - before.horizontal)
     v = before.down + share * (seen[1] - before.down)
@@ -107,7 +107,7 @@ def look_at_field(
         return FieldLook(h, v, 0.0)
     off_norm, off_dip = deviation((h, v), expected)
     square = (off_norm * (1.0 / norm_scale)) ** 2 + (off_dip * (1.0 / dip_scale)) ** 2
-    return FieldLook(h, v, robust_weight(square))
+    return FieldLook(h, v, 1.0 / robust_factor(square))
 
 
 @inlined

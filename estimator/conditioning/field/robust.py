@@ -9,15 +9,19 @@ REACH_SQUARE = 9.0
 
 
 @inlined
-def robust_weight(square: float) -> float:
-    """The weight 1/(1 + x^2)^2 of a deviation x, by its square.
+def robust_factor(square: float) -> float:
+    """By what (1 + x^2)^2 the noise's variance of a deviation x grows, from the square of x.
 
-    That of a robust estimator whose loss saturates (Geman and McClure 1987): far ones do not count.
+    The inverse is the weight of a robust estimator whose loss saturates (Geman and McClure 1987):
+    deviations that are far off do not count.
     """
-    return 1.0 / (1.0 + square) ** 2
+    return (1.0 + square) ** 2
 
 
 @inlined
-def residual_weight(residual: float, reach: float, variance: float) -> float:
-    """The weight of a residual: a quarter at ``reach``, further out the larger its ``variance``."""
-    return robust_weight(residual * residual / (reach * reach + REACH_SQUARE * variance))
+def residual_factor(residual: float, reach: float, variance: float) -> float:
+    """By what a residual's noise grows: 4 times at ``reach``, further out the larger ``variance``.
+
+    ``variance`` is that of the value itself: a residual that its error explains is none too far.
+    """
+    return robust_factor(residual * residual / (reach * reach + REACH_SQUARE * variance))
