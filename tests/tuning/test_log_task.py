@@ -13,12 +13,14 @@ from estimator.profile import load_profile, merge_profile
 from estimator.types import ImuSample
 from fuzzbee.replays.log_report import report_log
 from fuzzbee.tune.read_flight import read_flight
+from tuning.course import WRONG_TURN
 from tuning.flight import Flight, Part, motion_s, require_substance
 from tuning.flight_cost import FLOOR_DEG, geometric_mean, measure, score_errors
 from tuning.log_task import LATER_PART, LogTask, default_groups, split
 from tuning.recovery import (
     RECOVERY_S,
     SETTLE_S,
+    _errors,
     recoveries,
     recovery_cost,
     require_recoveries,
@@ -164,6 +166,18 @@ def test_recovery_is_dear_where_the_gain_is_small():
     )
     assert slow > 1.5 * quick
     assert quick > 0.3 * 10  # at least a tenth of the first second is lost
+
+
+def test_the_estimate_is_set_wrong_by_a_turn_seen_from_ned():
+    """Without a field the inclination counts: that of the turn itself, however the vehicle lies."""
+    made = flight()
+    made = made._replace(samples=tuple(s._replace(has_mag=False) for s in made.samples))
+    made = made._replace(calls=tuple((methodcaller("update", s),) for s in made.samples))
+    found = recoveries(whole(made))
+    w, _, _, z = WRONG_TURN
+    expected = 1.0 - (w * w + z * z)  # sin^2 of half the angle between down and down turned
+    errors = _errors(imu(), whole(made), found)[[first for first, _ in found]]
+    assert errors == pytest.approx(expected, rel=1e-6)
 
 
 def test_recoveries_follow_each_other_after_the_settling():

@@ -50,14 +50,16 @@ def test_a_tilted_estimate_is_off_by_its_tilt(angle_deg):
     assert np.degrees(rms_known(levelling_errors(down))) == pytest.approx(angle_deg, rel=0.02)
 
 
-def test_a_bias_that_is_not_named_shows_by_half_a_second_of_it():
+@pytest.mark.parametrize("bias_rad_s", [(0.2, 0.0, 0.0), (0.0, -0.2, 0.0), (0.12, 0.1, -0.15)])
+def test_a_bias_that_is_not_named_shows_by_half_a_second_of_it(bias_rad_s):
     readings, q = flight()
-    bias = np.tile([0.2, 0.0, 0.0], (N, 1))
+    bias = np.tile(bias_rad_s, (N, 1))
     wrong = readings._replace(gyr_rad_s=readings.gyr_rad_s + bias)
     unnamed, _ = predicted_vectors(wrong, q, np.zeros((N, 3)), 0)
-    named, _ = predicted_vectors(wrong, q, bias, 0)
+    named, field = predicted_vectors(wrong, q, bias, 0)
     assert rms_known(levelling_errors(named)) < 0.01
-    assert 0.03 < rms_known(levelling_errors(unnamed)) <= 0.2 * AHEAD_S
+    assert rms_known(heading_errors(field)) < 0.01
+    assert 0.03 < rms_known(levelling_errors(unnamed)) <= np.linalg.norm(bias_rad_s) * AHEAD_S
 
 
 def test_noise_is_what_was_put_in():
@@ -71,12 +73,30 @@ def test_noise_is_what_was_put_in():
     assert noise_of(flight()[0]).gravity < 1e-5
 
 
+def test_the_field_is_told_by_its_strength_and_its_angle_to_gravity():
+    readings, _ = flight()
+    found = noise_of(readings)
+    strengths = np.linalg.norm(readings.mag, axis=1)
+    down = -readings.acc_m_s2 / np.linalg.norm(readings.acc_m_s2, axis=1)[:, None]
+    cosines = np.sum(readings.mag * down, axis=1) / strengths
+    assert found.strength == pytest.approx(strengths.mean(), rel=1e-3)
+    assert found.angle_rad == pytest.approx(np.arccos(cosines.mean()), abs=1e-3)
+
+
+def test_noise_that_has_doubled_or_halved_has_moved():
+    usual, half, twice = (noise_of(flight(noise=scale)[0]) for scale in (1.0, 0.5, 2.0))
+    assert has_moved(usual, twice)
+    assert has_moved(usual, half)
+    assert not has_moved(usual, noise_of(flight(noise=1.2)[0]))
+
+
 def test_a_magnet_is_no_noise():
     readings, _ = flight(noise=1.0)
     strong = readings._replace(mag=1.4 * readings.mag)
     level = readings._replace(mag=readings.mag + 0.03 * readings.acc_m_s2)
     learnt = noise_of(readings)
     assert is_disturbed(learnt, noise_of(strong))
+    assert is_disturbed(learnt, noise_of(readings._replace(mag=0.6 * readings.mag)))
     assert is_disturbed(learnt, noise_of(level))
     assert not has_moved(learnt, noise_of(strong))
     assert not is_disturbed(learnt, learnt)

@@ -6,7 +6,7 @@ import pytest
 from estimator.errors import InputError
 from tuning.optimizers import run_search
 from tuning.search import ALGORITHMS, InterruptedSearch, Record, Search, SearchOptions
-from tuning.space import bounds, membership_space
+from tuning.space import Space, bounds, membership_space
 
 SPACE = membership_space()
 LOWER, UPPER = bounds(SPACE)
@@ -36,6 +36,22 @@ def test_improves_and_keeps_the_best(options):
     assert search.best_cost < bowl(FIRST[None, :])[0]
     assert bowl(search.best_values[None, :])[0] == search.best_cost
     assert search.best_cost == search.record.costs.min()
+
+
+def test_cma_es_that_has_converged_begins_again_with_twice_the_population():
+    pytest.importorskip("cmaes")
+    space = Space(("a", "b"), (-1.0, -1.0), (1.0, 1.0), (), (False, False))
+    sizes = []
+
+    def sphere(values):
+        sizes.append(len(values))
+        return np.sum(values**2, axis=1)
+
+    options = SearchOptions("cmaes", food_sources=40, cycles=60, limit=5, seed=4)
+    run_search(Search(space, options, sphere), np.array([0.5, -0.3]))
+    assert sizes[0] == 4 + int(3 * np.log(2))
+    assert list(dict.fromkeys(sizes[:-1])) == [sizes[0] * 2**k for k in range(len(set(sizes[:-1])))]
+    assert 2 * sizes[0] in sizes
 
 
 def test_the_population_can_be_watched(options):
