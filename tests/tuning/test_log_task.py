@@ -233,6 +233,18 @@ def test_recovery_needs_a_stretch():
         require_recoveries(whole(flight(duration_s=20.0)))
 
 
+def test_motion_is_turning_beyond_the_bias():
+    """Of 80 s it turns for 20, at 0.2 rad/s; the gyroscope shows 0.1 rad/s all the time."""
+    made, bias = flight(), np.array([0.06, -0.08, 0.0])
+    turning = np.arange(len(made.samples)) < 1000
+    rates = bias + np.outer(turning, [0.0, 0.12, 0.16])
+    samples = tuple(
+        sample._replace(gyr_rad_s=tuple(rate.tolist()))
+        for sample, rate in zip(made.samples, rates, strict=True)
+    )
+    assert motion_s(made._replace(samples=samples)) == pytest.approx(20.0, abs=0.1)
+
+
 def test_needs_conditioning():
     task = LogTask(load_profile("paper"), ("noise",), split((flight(rate_hz=5.0),)))
     with pytest.raises(InputError, match=r"conditioning\.enabled"):

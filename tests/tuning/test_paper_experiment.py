@@ -30,6 +30,13 @@ def test_the_cost_is_the_papers_sum(result):
     assert result.cost == pytest.approx(expected, rel=1e-12)
 
 
+def test_it_has_settled_when_the_error_is_first_below_one_percent(result):
+    first = next(k for k, e in enumerate(result.true_error) if e < 0.01)
+    assert 0 < first < 1000
+    assert result.settling_s == pytest.approx(0.01 * first)
+    assert result.mean_gain == pytest.approx(result.gains.mean())
+
+
 def test_one_seed_one_result(result):
     again = run_experiment(load_profile("paper"), seed=7)
     other = run_experiment(load_profile("paper"), seed=8)

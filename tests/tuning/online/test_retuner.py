@@ -16,7 +16,9 @@ PAPER = load_profile("paper")
 CHANGE_S = 20.0
 
 
-def flown(duration_s, vectors=1.0, until_s=np.inf, seed=400, gap_at_s=None, look=None):
+def flown(
+    duration_s, vectors=1.0, until_s=np.inf, seed=400, gap_at_s=None, event_at_s=None, look=None
+):
     """A retuned estimator after the paper's signals, and the mean of e since the change."""
     n = int(100 * duration_s)
     time_s = 0.01 * np.arange(n)
@@ -29,6 +31,8 @@ def flown(duration_s, vectors=1.0, until_s=np.inf, seed=400, gap_at_s=None, look
         late_us = 800_000 if gap_at_s is not None and time_s[k] >= gap_at_s else 0
         columns = (made.gyr_rad_s[k], made.acc_m_s2[k], made.mag_gauss[k])
         readings = [tuple(column.tolist()) for column in columns]
+        if event_at_s is not None and event_at_s <= time_s[k] < event_at_s + 1.0:
+            readings[1] = tuple(-a for a in readings[1])
         sample = ImuSample(int(made.time_us[k]) + late_us, *readings, True)
         for one, rows in ((estimator, q), (plain, p)):
             one.update(sample)
@@ -77,6 +81,12 @@ def test_nothing_is_changed_across_a_silence():
     """A silence of 0.8 s: its window is not used, the first whole one behind it is."""
     estimator, *_ = flown(46.0, vectors=5.0, gap_at_s=27.0)
     assert times_s(estimator)[0] >= 27.0 + 2 * SEGMENT_S
+
+
+def test_nothing_is_changed_across_an_event_that_is_no_noise():
+    """A second in which the force points the other way; without it the first move is at 30 s."""
+    estimator, *_ = flown(42.0, vectors=5.0, event_at_s=27.0)
+    assert all(time_s > 35.0 for time_s in times_s(estimator))
 
 
 def test_a_bad_candidate_does_not_win():
