@@ -53,11 +53,11 @@ def plain(function: Function) -> Function:
 
 
 def is_cached(kernel: Any) -> bool | None:
-    """Whether a kernel lies in the cache; None where nothing is cached."""
-    cache = getattr(kernel, "_cache", None)
-    if not _FOLDERS or cache is None:
+    """Whether a kernel lies in our cache; None where there is none."""
+    holds = getattr(getattr(kernel, "_cache", None), "holds", None)
+    if not _FOLDERS or holds is None:
         return None
-    return bool(cache.holds(kernel.targetctx))
+    return bool(holds(kernel.targetctx))
 
 
 def compiled_parallel(function: Function) -> Function:
@@ -71,10 +71,20 @@ def _decorate(function: Function, options: dict[str, Any]) -> Function:
     dispatcher: Any = numba.njit(**options)(function)
     _kernels.add(id(dispatcher))
     if _FOLDERS:
-        from estimator.compilation.kernel_cache import KernelCache
-
-        dispatcher._cache = KernelCache(dispatcher.py_func, _FOLDERS)  # noqa: SLF001
+        _keep(dispatcher)
     return dispatcher  # type: ignore[no-any-return]
+
+
+def _keep(dispatcher: Any) -> None:
+    """Keep what is compiled in the folders."""
+    try:
+        from estimator.compilation.kernel_cache import KernelCache
+    except ImportError:  # a later numba, which has changed what is private there
+        from estimator.compilation.numba_cache import keep_by_numba
+
+        keep_by_numba(dispatcher, _FOLDERS[-1])
+    else:
+        dispatcher._cache = KernelCache(dispatcher.py_func, _FOLDERS)  # noqa: SLF001
 
 
 _kernels: set[int] = set()  # ids of kernels, which stay unique: kernels are never deleted
