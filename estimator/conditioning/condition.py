@@ -10,7 +10,7 @@ from estimator.conditioning.gather import STEP_S, gather
 from estimator.conditioning.learning import learn
 from estimator.conditioning.params import ConditioningParams
 from estimator.conditioning.state import ConditioningState
-from estimator.conditioning.vertical.rate import at_interval_end
+from estimator.conditioning.vertical.rate import at_interval_end, corrected_rate
 from estimator.conditioning.vertical.step import VerticalState, begin_vertical, carry, free_rate
 from estimator.conditioning.vertical.tilt import slowness
 from estimator.geometry.axes import FrameAxes, axes_of, to_body
@@ -77,12 +77,10 @@ def rate_by_attitudes(
 ) -> Vec3:
     """The rate that makes of the attitude before a slow step the one after it.
 
-    exp(w' dt) = exp(w dt) exp(phi) with phi the step's correction seen from the
-    body: what gyroscope and vectors together say the vehicle has turned.
+    It is what gyroscope and vectors together say the vehicle has turned.
     """
     correction = log(multiply(conjugate(ned_of_g(before)), ned_of_g(after)))
-    phi = scale(slow, rotate_inverse(after.gravity.q_g_frd, correction))
-    return scale(1.0 / dt_s, log(multiply(exp(scale(dt_s, rate)), exp(phi))))
+    return corrected_rate(rate, rotate_inverse(after.gravity.q_g_frd, correction), slow, dt_s)
 
 
 @inlined

@@ -7,7 +7,7 @@ from estimator.aiding.types import North
 from estimator.compilation.compiled import inlined
 from estimator.conditioning import Conditioned
 from estimator.conditioning.field.magnetic import LEAST_HORIZONTAL
-from estimator.conditioning.vertical.rate import following_weight, slow_share
+from estimator.conditioning.vertical.rate import corrected_rate, following_weight, slow_share
 from estimator.filter.kernel import correct, integrate_rate
 from estimator.filter.observation import ReferenceParams, weighted_vectors
 from estimator.filter.types import FilterParams, FilterState, Vectors
@@ -69,14 +69,12 @@ def is_worse(state: AidingState, seen: Conditioned) -> bool:
 
 
 @inlined
-def rate_by_attitudes(before: Quaternion, state: AidingState, slow: float, dt: float) -> Vec3:
-    """The rate that makes of the aided attitude before a slow step the one after it.
-
-    exp(w' dt) = exp(w dt) exp(phi), as the unaided stage has it.
-    """
-    turn = exp(scale(dt, state.last.rate_rad_s))
-    phi = log(multiply(conjugate(multiply(before, turn)), state.estimate.q_ned_frd))
-    return scale(1.0 / dt, log(multiply(turn, exp(scale(slow, phi)))))
+def rate_of_aided(before: Quaternion, state: AidingState, slow: float, dt: float) -> Vec3:
+    """The rate that makes of the aided attitude before a slow step the one after it."""
+    rate = state.last.rate_rad_s
+    expected = multiply(before, exp(scale(dt, rate)))
+    correction = log(multiply(conjugate(expected), state.estimate.q_ned_frd))
+    return corrected_rate(rate, correction, slow, dt)
 
 
 @inlined
@@ -92,7 +90,7 @@ def follow_aided(
     last, bias = aided.last, aided.estimate.gyr_bias_rad_s
     dt = last.dt_s
     slow = slow_share(dt)
-    rate = last.rate_rad_s if slow == 0.0 else rate_by_attitudes(before, aided, slow, dt)
+    rate = last.rate_rad_s if slow == 0.0 else rate_of_aided(before, aided, slow, dt)
     state = integrate_rate(state, rate, dt, bias)
     weight = following_weight(slow, dt)
     return correct(params, state, aided_vectors(reference, aided, knows_north, weight), dt)

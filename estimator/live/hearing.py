@@ -6,7 +6,7 @@ from typing import Any
 from estimator.aiding.phase import Phase
 from estimator.aiding.sources.source import in_types_of
 from estimator.aiding.sources.table import source_of
-from estimator.live.refusal import GYR_LIMIT_RAD_S
+from estimator.live.refusal import RATE_LIMIT_RAD_S
 from estimator.live.reports import age_s, enqueue
 from estimator.live.state import State
 from estimator.live.turning import hear_rate
@@ -37,7 +37,7 @@ def take_report(state: State, report: Any) -> Reason | None:
 
 def take_rate(state: State, rate: RateSample) -> Reason | None:
     """Take body rates of another messenger; None, or why they were refused."""
-    if not all(isfinite(w) and abs(w) <= GYR_LIMIT_RAD_S for w in rate.rate_rad_s):
+    if not all(isfinite(w) and abs(w) <= RATE_LIMIT_RAD_S for w in rate.rate_rad_s):
         return Reason.GYROSCOPE_OUT_OF_RANGE
     if state.profile.uses_attitude_rates and rate.time_us > state.core.time_us:
         state.change_context(turning=hear_rate(state.context.turning, rate))

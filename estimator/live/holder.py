@@ -33,7 +33,8 @@ class Holder:
     """A core and the steps that change it.
 
     Compiled code is called without a look at its arguments. It takes plain numbers by their
-    values and raises TypeError for anything else, so the steps of each sample take only those.
+    values and raises TypeError or ValueError for what has none, so the steps of each sample take
+    only those.
     Tuples and arrays are looked at here first: InputError is raised for those that do not fit.
     """
 

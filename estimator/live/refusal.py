@@ -7,7 +7,7 @@ from estimator.reasons import Reason
 from estimator.types import ImuSample, Vec3
 
 # A rate beyond this is no vehicle's: 70 rad/s is 4000 deg/s, twice the range of common gyroscopes.
-GYR_LIMIT_RAD_S = 70.0
+RATE_LIMIT_RAD_S = 70.0
 # 40 g, well beyond the range of common accelerometers.
 ACC_LIMIT_M_S2 = 400.0
 
@@ -35,7 +35,7 @@ def fault_of(gyr: Vec3, acc: Vec3, mag: Vec3) -> int:
     mag_is_finite = isfinite(mag[0]) and isfinite(mag[1]) and isfinite(mag[2])
     if not (gyr_is_finite and acc_is_finite and mag_is_finite):
         return NOT_FINITE
-    if max(abs(gyr[0]), abs(gyr[1]), abs(gyr[2])) > GYR_LIMIT_RAD_S:
+    if max(abs(gyr[0]), abs(gyr[1]), abs(gyr[2])) > RATE_LIMIT_RAD_S:
         return GYROSCOPE_OUT_OF_RANGE
     if max(abs(acc[0]), abs(acc[1]), abs(acc[2])) > ACC_LIMIT_M_S2:
         return ACCELEROMETER_OUT_OF_RANGE

@@ -12,7 +12,7 @@ from drivers.simulation.simulated_vehicle import simulate
 from estimator.estimator import Estimator
 from estimator.geometry.quaternion import exp, multiply
 from estimator.live.published import OUTPUT_HORIZON_S
-from estimator.live.refusal import ACC_LIMIT_M_S2, GYR_LIMIT_RAD_S
+from estimator.live.refusal import ACC_LIMIT_M_S2, RATE_LIMIT_RAD_S
 from estimator.live.settings import settings_of
 from estimator.profile import load_profile, merge_profile
 from estimator.types import ZERO_VEC3, ImuSample, VelocitySample
@@ -53,7 +53,7 @@ def fed(profile, stream):
         ({"gyr_rad_s": (nan, 0.0, 0.0)}, "not_finite"),
         ({"acc_m_s2": (0.0, inf, 0.0)}, "not_finite"),
         ({"mag_gauss": (0.0, 0.0, -inf)}, "not_finite"),
-        ({"gyr_rad_s": (0.0, -GYR_LIMIT_RAD_S - 1e-9, 0.0)}, "gyroscope_out_of_range"),
+        ({"gyr_rad_s": (0.0, -RATE_LIMIT_RAD_S - 1e-9, 0.0)}, "gyroscope_out_of_range"),
         ({"acc_m_s2": (0.0, 0.0, ACC_LIMIT_M_S2 + 1e-9)}, "accelerometer_out_of_range"),
         ({"time_us": LEVEL.time_us}, "not_later"),
         ({"time_us": LEVEL.time_us - 1}, "not_later"),
@@ -71,7 +71,7 @@ def test_the_limits_themselves_are_let_through(profile):
     estimator = fed(profile, [LEVEL])
     hard = LEVEL._replace(
         time_us=2_000_000,
-        gyr_rad_s=(GYR_LIMIT_RAD_S,) * 3,
+        gyr_rad_s=(RATE_LIMIT_RAD_S,) * 3,
         acc_m_s2=(-ACC_LIMIT_M_S2,) * 3,
     )
     assert estimator.update(hard) is None

@@ -1,7 +1,7 @@
 """The angular rate that integrates best over one step."""
 
 from estimator.compilation.compiled import inlined
-from estimator.geometry.quaternion import cross
+from estimator.geometry.quaternion import cross, exp, log, multiply, scale
 from estimator.types import Vec3
 
 # Plain samples closer than this (s) need no correction, and the mean of two
@@ -36,6 +36,16 @@ def integration_rate(previous: Vec3, gyr: Vec3, dt_s: float, averaged: bool) -> 
         0.5 * (previous[1] + gyr[1]) + k * cone[1],
         0.5 * (previous[2] + gyr[2]) + k * cone[2],
     )
+
+
+@inlined
+def corrected_rate(rate: Vec3, correction: Vec3, share: float, dt_s: float) -> Vec3:
+    """The rate w' of a step that is turned by w and then by a share of a correction phi (rad).
+
+    exp(w' dt) = exp(w dt) exp(share phi), all in the body's axes.
+    """
+    turn = multiply(exp(scale(dt_s, rate)), exp(scale(share, correction)))
+    return scale(1.0 / dt_s, log(turn))
 
 
 @inlined

@@ -1,0 +1,118 @@
+"""Compiled steps trust their arguments: wrong ones end in an error here, not in memory."""
+
+import numba
+import numpy as np
+import pytest
+
+from estimator.aiding.types import NO_REPORT
+from estimator.errors import InputError
+from estimator.live.core import initial_core
+from estimator.live.holder import Holder
+from estimator.live.resident import CONDITIONED
+from estimator.live.rows import SAID, Rows
+from estimator.live.settings import settings_of
+from estimator.profile import load_profile
+from estimator.types import NOTHING_BETWEEN, VelocitySample
+
+READINGS = (0.0, 0.0, 0.1, 0.0, 0.0, -9.8, 0.2, 0.0, 0.4)
+REPORT = VelocitySample(0, (1.0, 2.0, 3.0), True, 0.3)
+compiled_only = pytest.mark.skipif(
+    bool(numba.config.DISABLE_JIT), reason="plain Python minds by itself"
+)
+
+
+@pytest.fixture
+def holder():
+    settings = settings_of(load_profile("imu"))
+    holder = Holder(settings, initial_core(settings))
+    holder.advance(1, *READINGS, True, False, 0)
+    return holder
+
+
+@pytest.mark.parametrize("wrong", [None, "1", (1.0, 2.0), [], REPORT._replace(sigma_m_s=None)])
+@pytest.mark.parametrize("step", ["hear", "search", "advance_aided", "see_between"])
+def test_what_is_no_report(holder, step, wrong):
+    others = {"hear": (0,), "advance_aided": (True,)}.get(step, ())
+    before = holder.core
+    with pytest.raises(InputError, match=r"stands where|no source of aiding"):
+        getattr(holder, step)(wrong, *others)
+    assert holder.core == before
+
+
+@compiled_only
+@pytest.mark.parametrize("wrong", [None, "x", (1.0,), np.zeros(3)])
+def test_what_is_no_number(holder, wrong):
+    before = holder.core
+    for at in range(len(READINGS)):
+        with pytest.raises((TypeError, ValueError)):
+            holder.advance(2, *READINGS[:at], wrong, *READINGS[at + 1 :], True, False, 0)
+    with pytest.raises((TypeError, ValueError)):
+        holder.publish(wrong, CONDITIONED)
+    assert holder.core == before
+
+
+@compiled_only
+@pytest.mark.parametrize("count", [0, 5, 30])
+def test_another_number_of_arguments(holder, count):
+    for step in (holder.advance, holder.advance_raw, holder.publish):
+        with pytest.raises(TypeError):
+            step(*(1,) * count)
+
+
+def rows(kind=np.float64, spread=1, n=4):
+    """Samples a tenth of a second apart, of numbers that float32 and float64 both hold."""
+    vectors = [np.tile(v, (n, spread)).astype(kind)[:, :3] for v in np.reshape(READINGS, (3, 3))]
+    vectors = [np.round(v * 1024) / 1024 for v in vectors]
+    times = np.arange(1, n + 1) * 100_000
+    return Rows(times, *vectors, np.ones(n, np.bool_))
+
+
+@pytest.mark.parametrize(("kind", "spread"), [(np.float32, 1), (np.float64, 2), (np.float32, 3)])
+def test_rows_of_another_type_or_layout_are_converted(holder, kind, spread):
+    settings = settings_of(load_profile("imu"))
+    other = Holder(settings, holder.core)
+    said, wanted = np.zeros((4, SAID)), np.zeros((4, SAID))
+    for one, given, out in ((holder, rows(), wanted), (other, rows(kind, spread), said)):
+        one.lay(given, out)
+        assert one.advance(0, *(0.0,) * 9, False, False, 4)[0] == 4
+    assert np.array_equal(said, wanted)
+    assert said.any()
+
+
+@pytest.mark.parametrize(
+    "wrong",
+    [
+        {"gyr_rad_s": np.zeros((3, 3))},
+        {"acc_m_s2": np.zeros((4, 2))},
+        {"mag_gauss": None},
+        {"has_mag": np.ones(3, np.bool_)},
+        {"acc_m_s2": np.full((4, 3), "x")},
+    ],
+)
+def test_rows_that_do_not_fit_each_other(holder, wrong):
+    with pytest.raises(InputError, match="rows of samples take"):
+        holder.lay(rows()._replace(**wrong), np.zeros((4, SAID)))
+
+
+@pytest.mark.parametrize(
+    "said",
+    [
+        np.zeros((4, SAID), np.float32),
+        np.zeros((3, SAID)),
+        np.zeros((4, SAID + 1))[:, 1:],
+        np.zeros((SAID, 4)).T,
+        [[0.0] * SAID] * 4,
+        None,
+    ],
+)
+def test_where_nothing_can_be_written(holder, said):
+    with pytest.raises(InputError, match="writable"):
+        holder.lay(rows(), said)
+
+
+def test_a_report_of_whole_numbers_is_taken(holder):
+    """As compiled code takes it: with floats in their places."""
+    whole = NO_REPORT._replace(given=1, velocity_ned_m_s=(1, 2, 3), sigma_m_s=1)
+    assert not holder.search(whole)
+    assert holder.core.search.window.velocity_ned_m_s == (1.0, 2.0, 3.0)
+    holder.see_between(NOTHING_BETWEEN._replace(step_s=1))
