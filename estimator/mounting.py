@@ -48,7 +48,7 @@ class Mounting(Struct, frozen=True, forbid_unknown_fields=True):
         )
 
     def to_body_rows(self, gyr: Floats, acc: Floats, mag: Floats) -> tuple[Floats, Floats, Floats]:
-        """Readings (N, 3) likewise."""
+        """Readings (N, 3) of the sensor as the body would have them."""
         if self.is_plain:
             return gyr, acc, mag
         q = self.q_frd_sensor

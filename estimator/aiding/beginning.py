@@ -117,7 +117,7 @@ def blank_aiding(params: AidingParams) -> tuple[AidingState, Array, Array]:
 def forget_biases(
     params: AidingParams, state: AidingState, covariance: Array
 ) -> tuple[AidingState, Array]:
-    """The same attitude and velocity, from another IMU: its biases are as at the beginning."""
+    """State and covariance after a change of the IMU: its biases are as at the beginning."""
     P = covariance.copy()
     for first, sigma in (
         (GYR_BIAS, params.gyr_bias_sigma),

@@ -9,7 +9,7 @@ class Phase(StrEnum):
     EMPTY = "empty"  # there has been no sample yet
     RAW = "raw"  # from the sensors as they are: the paper's system, which velocity does not help
     UNAIDED = "unaided"  # from conditioned sensors; no velocity has come
-    SEARCHING = "searching"  # likewise; velocity comes, but no heading or vertical to begin with
+    SEARCHING = "searching"  # from conditioned sensors; velocity comes, but no heading yet
     AIDED = "aided"  # from the attitude that velocity and the sensors agree on
 
 

@@ -22,7 +22,7 @@ from estimator.filter.alignment import nearest_rotation, quaternion_from_matrix
 from estimator.geometry.quaternion import add, cross, dot, rotate, scale, subtract
 from estimator.types import STANDARD_GRAVITY_M_S2, ZERO_VEC3, Quaternion, Vec3
 
-Nine = tuple[float, float, float, float, float, float, float, float, float]
+Matrix = tuple[Vec3, Vec3, Vec3]  # row by row
 
 # A shorter window has mostly the reports' noise, in a longer one the gyroscope drifts.
 WINDOW_S = 1.0
@@ -61,8 +61,8 @@ class Evidence(NamedTuple):
     b is the integrated specific force. Older windows count less.
     """
 
-    correlation: Nine  # B = sum a b', row by row, (m/s)^2
-    aged: Nine  # sum of a b' times the window's age, (m/s)^2 s
+    correlation: Matrix  # B = sum a b', (m/s)^2
+    aged: Matrix  # sum of a b' times the window's age, (m/s)^2 s
     lagging: Vec3  # sum of b x (change of force): how B turns per second of delay, (m/s)^2/s
     squares: float  # sum of |a|^2 + |b|^2, (m/s)^2
     windows: float  # how many, older ones in part
@@ -76,7 +76,7 @@ class Search(NamedTuple):
     evidence: Evidence
 
 
-NOTHING: Nine = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+NOTHING: Matrix = (ZERO_VEC3, ZERO_VEC3, ZERO_VEC3)
 EMPTY_SEARCH = Search(
     window=Window(
         pushed_m_s=ZERO_VEC3,
@@ -155,8 +155,8 @@ def add_report(search: Search, report: Report, report_lag_s: float) -> tuple[Sea
     swing = subtract(window.force_m_s2, window.first_force_m_s2)
     before = fade(search.evidence, time_s)
     evidence = Evidence(
-        correlation=add_outer(before.correlation, 1.0, a, b),
-        aged=add_outer(before.aged, 0.5 * time_s, a, b),
+        correlation=add_scaled(before.correlation, 1.0, outer(a, b)),
+        aged=add_scaled(before.aged, 0.5 * time_s, outer(a, b)),
         lagging=add(before.lagging, cross(b, swing)),
         squares=before.squares + dot(a, a) + dot(b, b),
         windows=before.windows + 1.0,
@@ -170,8 +170,10 @@ def fade(evidence: Evidence, time_s: float) -> Evidence:
     """The evidence ``time_s`` later: it counts less, and what is left is older."""
     keep = real_exp(-time_s / MEMORY_S)
     return Evidence(
-        correlation=weighted_sum(keep, evidence.correlation, 0.0, evidence.correlation),
-        aged=weighted_sum(keep, evidence.aged, keep * time_s, evidence.correlation),
+        correlation=add_scaled(NOTHING, keep, evidence.correlation),
+        aged=add_scaled(
+            add_scaled(NOTHING, keep, evidence.aged), keep * time_s, evidence.correlation
+        ),
         lagging=scale(keep, evidence.lagging),
         squares=keep * evidence.squares,
         windows=keep * evidence.windows,
@@ -180,35 +182,15 @@ def fade(evidence: Evidence, time_s: float) -> Evidence:
 
 
 @inlined
-def weighted_sum(x: float, A: Nine, y: float, B: Nine) -> Nine:
-    """x A + y B."""
-    return (
-        x * A[0] + y * B[0],
-        x * A[1] + y * B[1],
-        x * A[2] + y * B[2],
-        x * A[3] + y * B[3],
-        x * A[4] + y * B[4],
-        x * A[5] + y * B[5],
-        x * A[6] + y * B[6],
-        x * A[7] + y * B[7],
-        x * A[8] + y * B[8],
-    )
+def add_scaled(A: Matrix, x: float, B: Matrix) -> Matrix:
+    """A + x B."""
+    return add(A[0], scale(x, B[0])), add(A[1], scale(x, B[1])), add(A[2], scale(x, B[2]))
 
 
 @inlined
-def add_outer(A: Nine, x: float, a: Vec3, b: Vec3) -> Nine:
-    """A + x a b'."""
-    return (
-        A[0] + x * a[0] * b[0],
-        A[1] + x * a[0] * b[1],
-        A[2] + x * a[0] * b[2],
-        A[3] + x * a[1] * b[0],
-        A[4] + x * a[1] * b[1],
-        A[5] + x * a[1] * b[2],
-        A[6] + x * a[2] * b[0],
-        A[7] + x * a[2] * b[1],
-        A[8] + x * a[2] * b[2],
-    )
+def outer(a: Vec3, b: Vec3) -> Matrix:
+    """a b'."""
+    return scale(a[0], b), scale(a[1], b), scale(a[2], b)
 
 
 def solve(search: Search, bias_sigma_rad_s: float) -> Solution | None:
@@ -223,7 +205,7 @@ def solve(search: Search, bias_sigma_rad_s: float) -> Solution | None:
     evidence = search.evidence
     if evidence.windows < LEAST_WINDOWS:
         return None
-    B = np.array(evidence.correlation).reshape(3, 3)
+    B = np.array(evidence.correlation)
     R = nearest_rotation(B)
     together = B @ R.T
     M = _information(together)
@@ -232,7 +214,7 @@ def solve(search: Search, bias_sigma_rad_s: float) -> Solution | None:
     loss = max(0.0, evidence.squares - 2.0 * float(np.trace(together)))
     heading = np.linalg.inv(M)[2]  # how the heading follows M t
     by_age = evidence.late_sigma_s * float(heading @ R @ np.array(evidence.lagging))
-    aged = np.array(evidence.aged).reshape(3, 3) @ R.T
+    aged = np.array(evidence.aged) @ R.T
     by_bias = bias_sigma_rad_s * float(np.linalg.norm(heading @ _information(aged)))
     by_noise = CORRELATED * loss / (3.0 * evidence.windows) * float(heading[2])
     sigma = sqrt(by_noise + by_age**2 + by_bias**2)

@@ -100,7 +100,7 @@ class _KernelFiles(FunctionCache):
         cpu = target_context.codegen().magic_tuple()
         try:
             return any(key[1] == cpu for key in self._cache_file._load_index())  # noqa: SLF001
-        except Exception:  # noqa: BLE001 - likewise
+        except Exception:  # noqa: BLE001 - whatever reading damaged data may raise
             return False
 
     def forget_older(self) -> None:

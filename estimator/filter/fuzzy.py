@@ -10,7 +10,7 @@ built on scikit-fuzzy is ``estimator/filter/fuzzy_reference.py``; the two agree 
 import numpy as np
 
 from estimator.compilation.compiled import compiled, inlined
-from estimator.filter.memberships import Memberships, Triangle
+from estimator.filter.memberships import Five, Memberships, Triangle, fuzzy_sets
 
 # An area below this is computed again with the strengths times FAINT_LIFT: numbers next to the
 # smallest lose their digits. So faint a clipping leaves the knees at the corners either way.
@@ -45,12 +45,13 @@ def triangle(x: float, a: float, b: float, c: float) -> float:
 @inlined
 def fuzzify(k: Memberships, x: float) -> Strengths:
     """Membership of ``x`` in [0, 1] in the five input sets."""
+    vs, s, m, large, vl = fuzzy_sets(k).inputs
     return (
-        triangle(x, 0.0, 0.0, k[0]),
-        triangle(x, k[1], k[2], k[3]),
-        triangle(x, k[4], k[5], k[6]),
-        triangle(x, k[7], k[8], k[9]),
-        triangle(x, k[10], 1.0, 1.0),
+        triangle(x, *vs),
+        triangle(x, *s),
+        triangle(x, *m),
+        triangle(x, *large),
+        triangle(x, *vl),
     )
 
 
@@ -98,7 +99,7 @@ def clipped_line(x: float, h: float, corners: Triangle, middle: float) -> float:
 
 
 @inlined
-def centroid(strengths: Strengths, sets: tuple[Triangle, ...]) -> float:
+def centroid(strengths: Strengths, sets: Five) -> float:
     """Centroid of max_i min(h_i, triangle_i), exact; 0 where no set has strength.
 
     A zero area (all strong sets are single points; k12 = 0 is a likely optimum)
@@ -157,7 +158,7 @@ def lift(strengths: Strengths) -> Strengths:
 
 
 @inlined
-def area_and_moment(strengths: Strengths, sets: tuple[Triangle, ...]) -> tuple[float, float]:
+def area_and_moment(strengths: Strengths, sets: Five) -> tuple[float, float]:
     """Area and first moment of the aggregate, the quick way where the sets allow it."""
     if are_ascending(strengths, sets):
         return sum_of_levels(strengths, sets)
@@ -165,7 +166,7 @@ def area_and_moment(strengths: Strengths, sets: tuple[Triangle, ...]) -> tuple[f
 
 
 @inlined
-def are_ascending(strengths: Strengths, sets: tuple[Triangle, ...]) -> bool:
+def are_ascending(strengths: Strengths, sets: Five) -> bool:
     """Whether each corner of the strong sets is at or right of the previous strong set's."""
     a0, b0, c0 = sets[0]
     for i in range(5):
@@ -178,7 +179,7 @@ def are_ascending(strengths: Strengths, sets: tuple[Triangle, ...]) -> bool:
 
 
 @inlined
-def sum_of_levels(strengths: Strengths, sets: tuple[Triangle, ...]) -> tuple[float, float]:
+def sum_of_levels(strengths: Strengths, sets: Five) -> tuple[float, float]:
     """Area and first moment of the aggregate, level by level: the quick way.
 
     At level y the aggregate is the union of the intervals [a + y (b - a),
@@ -241,7 +242,7 @@ def strip_moment(dy: float, left0: float, left1: float, right0: float, right1: f
 
 
 @inlined
-def sum_along_envelope(strengths: Strengths, sets: tuple[Triangle, ...]) -> tuple[float, float]:
+def sum_along_envelope(strengths: Strengths, sets: Five) -> tuple[float, float]:
     """Area and first moment of the aggregate for sets in any order.
 
     Between two neighbouring knees every clipped triangle is a straight line,
@@ -314,14 +315,7 @@ def operating_gain(k: Memberships, error: float, error_rate_1_s: float) -> float
     """
     e = fuzzify(k, min(max(error, 0.0), 1.0))
     d = fuzzify(k, min(abs(error_rate_1_s), 1.0))
-    sets = (
-        (0.0, 0.0, k[11]),
-        (k[12], k[13], k[14]),
-        (k[15], k[16], k[17]),
-        (k[18], k[19], k[20]),
-        (k[21], 100.0, 100.0),
-    )
-    return centroid(fire(e, d), sets)
+    return centroid(fire(e, d), fuzzy_sets(k).output)
 
 
 @compiled

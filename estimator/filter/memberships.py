@@ -8,9 +8,11 @@ the order VS, S, M, L, VL (very small ... very large).
 from itertools import pairwise
 from typing import NamedTuple
 
+from estimator.compilation.compiled import inlined
 from estimator.errors import InputError
 
 Triangle = tuple[float, float, float]
+Five = tuple[Triangle, Triangle, Triangle, Triangle, Triangle]
 Memberships = tuple[float, ...]  # k1 .. k22
 
 NAMES = tuple(f"k{i}" for i in range(1, 23))
@@ -36,10 +38,11 @@ CHAINS: tuple[tuple[int, ...], ...] = (
 class FuzzySets(NamedTuple):
     """Five triangles (a, b, c) for both inputs and five for the output."""
 
-    inputs: tuple[Triangle, Triangle, Triangle, Triangle, Triangle]
-    output: tuple[Triangle, Triangle, Triangle, Triangle, Triangle]
+    inputs: Five
+    output: Five
 
 
+@inlined
 def fuzzy_sets(k: Memberships) -> FuzzySets:
     """Lay k1..k22 out as triangles, as the paper's constraint blocks do."""
     return FuzzySets(

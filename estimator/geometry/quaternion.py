@@ -147,7 +147,7 @@ def exp(phi: Vec3) -> Quaternion:
     """Rotation vector (rad) to quaternion: (cos |phi|/2, sin(|phi|/2) phi/|phi|)."""
     x2 = 0.25 * (phi[0] * phi[0] + phi[1] * phi[1] + phi[2] * phi[2])
     if x2 < SERIES_HALF_ANGLE_RAD**2:
-        # x the half angle: sin(x)/x = 1 - x^2/3! + x^4/5! - x^6/7!, and the cosine likewise
+        # x the half angle: sin(x)/x = 1 - x^2/3! + x^4/5! - x^6/7!, and the cosine by its series
         k = 0.5 * (1.0 - x2 * SIXTH * (1.0 - x2 * TWENTIETH * (1.0 - x2 * FORTY_SECOND)))
         w = 1.0 - 0.5 * x2 * (1.0 - x2 * TWELFTH * (1.0 - x2 * THIRTIETH))
     else:

@@ -45,9 +45,9 @@ class Core(NamedTuple):
     seen: Conditioned  # of the last sample; blank while the vectors are raw
     search: Search  # for an attitude from velocity alone; empty while velocity helps
     aided: AidingState  # blank while velocity does not help
-    witness: Witness  # whether measurements bear the aided attitude out; blank likewise
+    witness: Witness  # whether measurements bear the aided attitude out; blank without velocity
     covariance: Any  # of the aiding's errors: (SIZE, SIZE), in a snapshot row by row
-    trail: Any  # of the velocity that it has gained lately, likewise: (ROWS, COLUMNS)
+    trail: Any  # of the velocity that it has gained lately: (ROWS, COLUMNS), or row by row
 
 
 def initial_core(settings: Settings) -> Core:
@@ -85,7 +85,7 @@ def flat(covariance: Array) -> tuple[float, ...]:
 
 
 def without_aiding(settings: Settings, now: Core) -> Core:
-    """The same, while velocity does not help."""
+    """The core with the aiding blank, for when velocity does not help."""
     aided, covariance, trail = blank_aiding(settings.aiding)
     return now._replace(
         aided=aided, witness=NEW_WITNESS, covariance=flat(covariance), trail=flat(trail)
@@ -93,12 +93,12 @@ def without_aiding(settings: Settings, now: Core) -> Core:
 
 
 def without_conditioning(settings: Settings, now: Core) -> Core:
-    """The same for raw vectors, to which nothing that conditioning has shown belongs."""
+    """The core for raw vectors, to which nothing that conditioning has shown belongs."""
     return without_aiding(settings, now)._replace(seen=UNSEEN, search=EMPTY_SEARCH)
 
 
 def with_attitude(now: Core, q_ned_frd: Quaternion) -> Core:
-    """The same with another attitude of the filter."""
+    """The core with another attitude of the filter."""
     return now._replace(filter=now.filter._replace(q_ned_frd=q_ned_frd))
 
 
@@ -118,7 +118,7 @@ def apply_turn(now: Core, turn_ned: Quaternion, *, is_aided: bool) -> Core:
 
 
 def change_imu(settings: Settings, now: Core, *, is_aided: bool) -> Core:
-    """The same attitude and velocity; the biases of the new sensors are not known yet."""
+    """The core with its attitude and velocity; the new sensors' biases are not known yet."""
     memory = forget_bias(settings.conditioning, now.conditioning)
     now = now._replace(conditioning=memory)
     if not is_aided:

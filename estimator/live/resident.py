@@ -91,7 +91,7 @@ NOTHING_LAID = (NO_ROWS, NOTHING_TO_SAY)
 if _numba_config.DISABLE_JIT:
 
     class Resident:
-        """The same in plain Python."""
+        """What compiled memory is in plain Python: an object with these fields."""
 
         def __init__(self, *values: Any) -> None:
             for name, value in zip(FIELDS, values, strict=True):

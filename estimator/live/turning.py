@@ -50,7 +50,7 @@ class Turning(NamedTuple):
     last_gyr_rad_s: Vec3 = ZERO_VEC3
     offset_rad_s: Vec3 = ZERO_VEC3  # samples less rates
     misfit: float = 0.0  # mean square of the difference, (rad/s)^2
-    turning: float = 0.0  # of the samples' rate, likewise
+    turning: float = 0.0  # mean square of the samples' rate, (rad/s)^2
     used: int = 0  # steps that were integrated through rates
 
     @property

@@ -45,11 +45,11 @@ def observe_slow_unaided(
     slow: float,
     dt: float,
 ) -> None:
-    """The same at every step of a slow stream: it holds an attitude that velocity has lost.
+    """Two scalar updates at every step of a slow stream: down by the unaided stage.
 
-    A lasting acceleration deceives it: by ``lean_rad``, so that in a banked turn it hardly
-    counts. Its distance counts as a whole turn, so an attitude that is upside down is not taken
-    for a level one.
+    It holds an attitude that velocity has lost. A lasting acceleration deceives it by
+    ``lean_rad``, so that in a banked turn it hardly counts. Its distance counts as a whole turn,
+    so an attitude that is upside down is not taken for a level one.
     """
     P = now.covariance
     d = rotate(now.estimate.q_ned_frd, gravity_b)
