@@ -60,7 +60,7 @@ def microseconds(time_s: float) -> int:
 
 
 def microseconds_of_rows(given: ArrayLike, rows: int) -> Times:
-    """Times (N,) likewise.
+    """Times (N,) of so many rows, in microseconds.
 
     Raises:
         InputError: another shape, or something else than numbers of seconds.

@@ -122,9 +122,9 @@ class Estimator:
     ) -> Attitudes:
         """Take N samples, (N, 3) each; the attitude after each of them.
 
-        The same as N calls of ``update``, each after one of ``update_velocity`` where that row of
-        ``velocity_ned_m_s`` is known: rows of NaN stand for no report, and for no field.
-        ``time_s`` (N,) is needed without a rate.
+        The result is that of N calls of ``update``. Where a row of ``velocity_ned_m_s`` is known,
+        ``update_velocity`` comes before it; a row of NaN is no report. A row of ``mag_gauss`` that
+        is NaN is no field. ``time_s`` (N,) is needed without a rate.
 
         Raises:
             InputError: arrays of other shapes, or no times.
@@ -159,9 +159,7 @@ class Estimator:
     ) -> Attitude | None:
         """One sample in body axes; the attitude after it, if there is any yet."""
         inner = self._inner
-        reason = inner.take(time_us, gyr, acc, mag, has_mag)
-        if reason is not None:
-            self.rejected[reason.value] += 1
+        self._count(inner.take(time_us, gyr, acc, mag, has_mag))
         if not inner.aligned:
             return None
         attitude = inner.attitude(time_us)
@@ -197,7 +195,7 @@ class Estimator:
         batch.put(k, self._take(*batch.sample(k)))
 
     def _begin_anew(self) -> None:
-        """An attitude that is not finite no sample would repair."""
+        """Restart after an attitude that is not finite: no later sample would repair it."""
         self._count(Reason.ESTIMATE_NOT_FINITE)
         self._inner.restart()
 
@@ -213,7 +211,7 @@ class Estimator:
         return self._last_us
 
     def _next_times_us(self, time_s: ArrayLike | None, n: int) -> Times:
-        """Those of the next ``n``."""
+        """The times (N,) of the next ``n`` samples, given or by their numbers."""
         if time_s is not None:
             times_us = microseconds_of_rows(time_s, n)
         elif self._rate_hz is None:

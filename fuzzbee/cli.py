@@ -17,13 +17,13 @@ from pathlib import Path
 
 from estimator.compilation.notice import tell_compiling
 from estimator.errors import InputError
+from fuzzbee.quiet_start import ENDLESS, INTERRUPTED
 from fuzzbee.say import say
 from service.signals import terminate_like_interrupt
 
 quiet_start.end()
 
-OK, FAILED, BAD_INPUT, INTERRUPTED = 0, 1, 2, 130
-ENDLESS = frozenset({"run", "sim", "watch"})  # verbs for which a signal is the regular end
+OK, FAILED, BAD_INPUT = 0, 1, 2
 # Names of threads that may hang: a sink on a stopped terminal, the compiler, a session that waits
 # for a silent peer.
 HANGING = ("sink ", "compiler", "zenoh opener", "zenoh closer")

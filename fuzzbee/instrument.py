@@ -1,7 +1,7 @@
 """One vehicle on a terminal: an artificial horizon in characters, with numbers and sigma.
 
 Nothing is said by colour alone: sky, ground, haze and the horizon's line have characters of their
-own, and every sigma and doubt is written out. The haze is where the horizon may be as well.
+own, and every sigma and caveat is written out. The haze around the line is as high as sigma.
 """
 
 from collections.abc import Iterator
@@ -64,15 +64,15 @@ def has_room(width: int, height: int) -> bool:
 def screen(
     row: Row, now_s: float, width: int, height: int, ink: Ink, message: str = ""
 ) -> list[Text]:
-    """``height`` lines of ``width`` cells: state, heading, horizon, figures, doubts."""
+    """``height`` lines of ``width`` cells: state, heading, horizon, figures, caveats."""
     attitude = current_attitude(row, now_s)
     if is_silent(row, now_s):
-        judged = trust(State.LOST, None)._replace(doubts=())
+        judged = trust(State.LOST, None)._replace(caveats=())
     else:
         judged = trust(row.state, attitude, row.status, row.before)
     tail = [
         *_figures(attitude, judged, width),
-        _doubts(attitude, judged, width),
+        _caveats(attitude, judged, width),
         Text(message[:width], style="dim"),
     ]
     head = [_bar(row, now_s, judged, width)]
@@ -240,7 +240,7 @@ def _cross(judged: Trust, width: int, rows: int, ink: Ink) -> list[Text]:
             column = middle + round(side * step * CELL_RATIO)
             if 0 <= column < width:
                 grid[middle_row + step][column] = "╳" if ink.unicode else "X"
-    why = judged.doubts[0].text if judged.doubts else SILENT
+    why = judged.caveats[0].text if judged.caveats else SILENT
     text = f"  {judged.word}: {why}  "
     _write(grid[middle_row], middle - len(text) // 2, text)
     return [Text("".join(row), style=f"bold {LEVEL_COLOUR[judged.overall]}") for row in grid]
@@ -263,13 +263,13 @@ def _figures(attitude: AttitudeRecord | None, judged: Trust, width: int) -> list
     return [line, below + Text(north.center(third), style=LEVEL_COLOUR[judged.heading])]
 
 
-def _doubts(attitude: AttitudeRecord | None, judged: Trust, width: int) -> Text:
+def _caveats(attitude: AttitudeRecord | None, judged: Trust, width: int) -> Text:
     """The reasons, the worst first, as many as fit."""
     line = Text()
-    for doubt in judged.doubts:
-        if len(line) + len(doubt.text) + 3 > width:
+    for caveat in judged.caveats:
+        if len(line) + len(caveat.text) + 3 > width:
             break
-        line.append(f" {doubt.text} ", LEVEL_STYLE[doubt.level])
+        line.append(f" {caveat.text} ", LEVEL_STYLE[caveat.level])
         line.append(" ")
     if is_on_its_back(attitude) and len(line) + 13 < width:
         line.append(" upside down ", "reverse")

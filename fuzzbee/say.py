@@ -1,4 +1,4 @@
-"""Lines for a person, on standard error. Neither their text nor a closed stream does harm."""
+"""Lines for a person, on standard error: printable whatever they hold, and never an error."""
 
 import sys
 from contextlib import suppress

@@ -1,4 +1,4 @@
-"""What the live service does alike in one process and in several: prepare, show, loop, tell."""
+"""The steps of the live service, in one process or several: prepare, show, loop, report."""
 
 import json
 import logging

@@ -45,8 +45,8 @@ WORDS = {
 }
 
 
-class Doubt(NamedTuple):
-    """A reason, short."""
+class Caveat(NamedTuple):
+    """A reason to trust an attitude less, in few words."""
 
     level: Level
     text: str
@@ -58,7 +58,7 @@ class Trust(NamedTuple):
     overall: Level
     horizon: Level
     heading: Level
-    doubts: tuple[Doubt, ...]  # the worst first
+    caveats: tuple[Caveat, ...]  # the worst first
 
     @property
     def word(self) -> str:
@@ -78,17 +78,17 @@ def trust(
     """
     service = _of_service(status, before)
     if attitude is None or state not in HAS_ATTITUDE:
-        doubts = _sorted([Doubt(Level.NONE, _why_none(state)), *service])
-        return Trust(Level.NONE, Level.NONE, Level.NONE, doubts)
+        caveats = _sorted([Caveat(Level.NONE, _why_none(state)), *service])
+        return Trust(Level.NONE, Level.NONE, Level.NONE, caveats)
     horizon = _level(attitude.sigma_deg.inclination, HORIZON_DEG)
     is_relative = attitude.heading_reference == "none"
     heading = Level.BAD if is_relative else _level(attitude.sigma_deg.heading, HEADING_DEG)
     warnings = [] if status is None else _of_warnings(status)
     if warnings:
         heading = Level.BAD
-    if any(doubt.level is Level.BAD for doubt in warnings):
+    if any(caveat.level is Level.BAD for caveat in warnings):
         horizon = Level.BAD
-    doubts = _sorted(
+    caveats = _sorted(
         [
             *_of_state(state, attitude),
             *_of_sigma("horizon", attitude.sigma_deg.inclination, HORIZON_DEG),
@@ -97,62 +97,62 @@ def trust(
             *service,
         ]
     )
-    overall = max([horizon, *(doubt.level for doubt in doubts)])
-    return Trust(overall, horizon, heading, doubts)
+    overall = max([horizon, *(caveat.level for caveat in caveats)])
+    return Trust(overall, horizon, heading, caveats)
 
 
 def _level(sigma_deg: float, bounds_deg: tuple[float, float]) -> Level:
     return Level(sum(sigma_deg > bound for bound in bounds_deg))
 
 
-def _of_state(state: State, attitude: AttitudeRecord) -> list[Doubt]:
+def _of_state(state: State, attitude: AttitudeRecord) -> list[Caveat]:
     if state is not State.DEGRADED:
         return []
-    return [Doubt(Level.CARE, f"IMU silent {1e-3 * attitude.age_ms:.1f} s")]
+    return [Caveat(Level.CARE, f"IMU silent {1e-3 * attitude.age_ms:.1f} s")]
 
 
-def _of_sigma(what: str, sigma_deg: float, bounds_deg: tuple[float, float]) -> list[Doubt]:
+def _of_sigma(what: str, sigma_deg: float, bounds_deg: tuple[float, float]) -> list[Caveat]:
     level = _level(sigma_deg, bounds_deg)
-    return [] if level is Level.GOOD else [Doubt(level, f"{what} {plus_minus(sigma_deg)}")]
+    return [] if level is Level.GOOD else [Caveat(level, f"{what} {plus_minus(sigma_deg)}")]
 
 
-def _of_heading(attitude: AttitudeRecord, *, is_relative: bool) -> list[Doubt]:
+def _of_heading(attitude: AttitudeRecord, *, is_relative: bool) -> list[Caveat]:
     """A horizon can be trusted without its heading: no heading is a matter of care."""
     if is_relative:
-        return [Doubt(Level.CARE, "no north")]
-    doubts = _of_sigma("heading", attitude.sigma_deg.heading, HEADING_DEG)
-    return [doubt._replace(level=Level.CARE) for doubt in doubts]
+        return [Caveat(Level.CARE, "no north")]
+    caveats = _of_sigma("heading", attitude.sigma_deg.heading, HEADING_DEG)
+    return [caveat._replace(level=Level.CARE) for caveat in caveats]
 
 
-def _of_warnings(status: StatusRecord) -> list[Doubt]:
+def _of_warnings(status: StatusRecord) -> list[Caveat]:
     """What contradicts the attitude whatever sigma says; words of other versions are counted."""
     known = [word for word in status.warnings if word in WARNINGS]
-    doubts = [
-        Doubt(Level.CARE if word == Alarm.FIELD_IMPOSSIBLE else Level.BAD, WARNINGS[word])
+    caveats = [
+        Caveat(Level.CARE if word == Alarm.FIELD_IMPOSSIBLE else Level.BAD, WARNINGS[word])
         for word in known
     ]
     unknown = len(status.warnings) - len(known)
-    return [*doubts, Doubt(Level.CARE, f"{unknown} unknown warnings")] if unknown else doubts
+    return [*caveats, Caveat(Level.CARE, f"{unknown} unknown warnings")] if unknown else caveats
 
 
-def _of_service(status: StatusRecord | None, before: StatusRecord | None) -> list[Doubt]:
+def _of_service(status: StatusRecord | None, before: StatusRecord | None) -> list[Caveat]:
     """What the service itself says, and what it has lost since its last status."""
     if status is None or before is None:
         return []
-    doubts = []
+    caveats = []
     if status.overloaded:
         shed = status.shed - before.shed
-        doubts.append(Doubt(Level.CARE, f"overloaded, {shed} left out" if shed else "overloaded"))
+        caveats.append(Caveat(Level.CARE, f"overloaded, {shed} left out" if shed else "overloaded"))
     late = status.overruns - before.overruns
     if late > MUCH_LOST:
-        doubts.append(Doubt(Level.CARE, f"{late} late ticks"))
+        caveats.append(Caveat(Level.CARE, f"{late} late ticks"))
     dropped = status.dropped - before.dropped
     if dropped > MUCH_LOST:
-        doubts.append(Doubt(Level.CARE, f"{dropped} records lost"))
+        caveats.append(Caveat(Level.CARE, f"{dropped} records lost"))
     refused = sum(status.rejected.values()) - sum(before.rejected.values())
     if refused > max(1.0, MUCH_REFUSED * status.imu_rate_hz):
-        doubts.append(Doubt(Level.CARE, f"{refused} refused"))
-    return doubts
+        caveats.append(Caveat(Level.CARE, f"{refused} refused"))
+    return caveats
 
 
 def _why_none(state: State) -> str:
@@ -161,8 +161,8 @@ def _why_none(state: State) -> str:
     )
 
 
-def _sorted(doubts: list[Doubt]) -> tuple[Doubt, ...]:
-    return tuple(sorted(doubts, key=lambda doubt: -doubt.level))
+def _sorted(caveats: list[Caveat]) -> tuple[Caveat, ...]:
+    return tuple(sorted(caveats, key=lambda caveat: -caveat.level))
 
 
 def plus_minus(sigma_deg: float) -> str:

@@ -43,7 +43,7 @@ COLOURS = {
     State.LOST: "red",
 }
 # Of a sigma, by how far the attitude can be trusted with it
-DOUBT_COLOURS = {Level.GOOD: "", Level.CARE: "yellow", Level.BAD: "red", Level.NONE: "red"}
+TRUST_COLOURS = {Level.GOOD: "", Level.CARE: "yellow", Level.BAD: "red", Level.NONE: "red"}
 ATTENTION = (State.LOST, State.DEGRADED, State.WAITING, State.ALIGNING, State.RUNNING)
 ARROWS = "↑↗→↘↓↙←↖"  # the heading, north up
 BAR_FULL_GAIN = 101.0  # K = 1 + k_op, k_op up to 100
@@ -175,13 +175,13 @@ def _attention(row: Row) -> int:
     return 2 * ATTENTION.index(row.state) - is_warned
 
 
-def _doubt(row: Row) -> float:
+def _worst_sigma(row: Row) -> float:
     sigma = None if row.attitude is None else row.attitude.sigma_deg
     return 0.0 if sigma is None else -max(sigma.inclination, sigma.heading)
 
 
 BY_NAME = "name"
-ORDERS: dict[str, Callable[[Row], float]] = {"attention": _attention, "sigma": _doubt}
+ORDERS: dict[str, Callable[[Row], float]] = {"attention": _attention, "sigma": _worst_sigma}
 
 
 def _line(row: Row, now_s: float) -> str:
@@ -228,18 +228,18 @@ def _attitude_cells(attitude: AttitudeRecord) -> dict[str, str | Text]:
     return {
         "roll": f"{roll:+.1f}°",
         "pitch": f"{pitch:+.1f}°",
-        "tilt ±": Text(_sigma(sigma.inclination), style=DOUBT_COLOURS[judged.horizon]),
+        "tilt ±": Text(_sigma(sigma.inclination), style=TRUST_COLOURS[judged.horizon]),
         "heading": f"{_heading(attitude, yaw)}°{arrow}".rjust(WIDTHS["heading"]),
-        "head ±": Text(_sigma(sigma.heading), style=DOUBT_COLOURS[judged.heading]),
+        "head ±": Text(_sigma(sigma.heading), style=TRUST_COLOURS[judged.heading]),
         "gain": f"{attitude.gain:.1f}",
         "bar": _bar(attitude.gain),
     }
 
 
 def _state_cell(row: Row, now_s: float) -> Text:
-    """The state; with a mark and in the colour of doubt where something contradicts it."""
-    is_doubtful = row.status is not None and row.status.warnings and not is_silent(row, now_s)
-    if is_doubtful:
+    """The state; with a mark and in yellow where something contradicts it."""
+    is_contradicted = row.status is not None and row.status.warnings and not is_silent(row, now_s)
+    if is_contradicted:
         return Text(f"{state_text(row, now_s)}!", style="bold yellow")
     return Text(state_text(row, now_s), style=COLOURS[row.state])
 

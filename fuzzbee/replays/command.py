@@ -60,7 +60,7 @@ class ReplayOptions(NamedTuple):
     as_json: Annotated[bool, option("One JSON object on standard output.", "--json")] = False
 
     def given(self, *names: str) -> "Iterable[tuple[str, object]]":
-        """Those of the options that were given, by their names on the command line."""
+        """Name on the command line and value of those of these options that were given."""
         pairs = ((name, getattr(self, name)) for name in names)
         return [(f"--{name.replace('_', '-')}", value) for name, value in pairs if value]
 

@@ -1,24 +1,20 @@
 """Replay reports for a person: one log as a list of figures, several as a table."""
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
 
 from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
+from fuzzbee.replays.log_report import LogReport
+from fuzzbee.replays.simulation_report import SimulationReport
 from fuzzbee.say import printable
-
-if TYPE_CHECKING:
-    from fuzzbee.replays.log_report import LogReport
-    from fuzzbee.replays.simulation_report import SimulationReport
-
 
 # Fewer headings from magnetic north than this do not change a figure's last digit much.
 LEAST_TOLD_SHARE = 0.01
 
 
-def print_reports(reports: "Sequence[LogReport]") -> None:
+def print_reports(reports: Sequence[LogReport]) -> None:
     """Print a list of figures for one log, a table for several; both fit 80 columns."""
     console = Console()
     if len(reports) == 1:
@@ -27,7 +23,7 @@ def print_reports(reports: "Sequence[LogReport]") -> None:
         console.print(_table(reports))
 
 
-def print_simulation(report: "SimulationReport") -> None:
+def print_simulation(report: SimulationReport) -> None:
     """Print the figures of the paper's experiment."""
     grid = _grid()
     grid.add_row("seeds", f"{report.seeds[0]}-{report.seeds[1]}")
@@ -39,7 +35,7 @@ def print_simulation(report: "SimulationReport") -> None:
     Console().print(grid)
 
 
-def _figures(report: "LogReport") -> Table:
+def _figures(report: LogReport) -> Table:
     imu, vehicle, errors = report.imu, report.vehicle, report.error_deg
     kind = " ".join(name.lower() for name in (vehicle.autopilot, vehicle.type) if name)
     samples = ", ".join(f"{count} {name}" for name, count in imu.messages.items())
@@ -81,13 +77,13 @@ def _figures(report: "LogReport") -> Table:
     return grid
 
 
-def _magnetic_share(report: "LogReport") -> float:
-    """Of the scored samples, those whose heading is from magnetic north."""
+def _magnetic_share(report: LogReport) -> float:
+    """The share of the scored samples whose heading is from magnetic north."""
     norths = report.heading_references
     return norths.get("magnetic", 0) / max(1, sum(norths.values()))
 
 
-def _magnetic_text(report: "LogReport") -> str:
+def _magnetic_text(report: LogReport) -> str:
     """Two norths in one comparison leave the declination in the heading's error."""
     whose = (
         "the truth's is from true north"
@@ -101,7 +97,7 @@ def _magnetic_text(report: "LogReport") -> str:
     )
 
 
-def _table(reports: "Sequence[LogReport]") -> Table:
+def _table(reports: Sequence[LogReport]) -> Table:
     table = Table(header_style="bold", caption="degrees RMS; p95 is of the inclination")
     table.add_column("log", overflow="fold", min_width=18)
     for heading in ("Hz", "s", "against", "total", "head.", "incl.", "p95"):

@@ -59,7 +59,7 @@ class VehicleTrace:
 
     @property
     def trim(self) -> Quaternion:
-        """From the IMU's axes to those of the vehicle that the autopilot reports on."""
+        """The rotation from the IMU's axes to the axes that the autopilot reports."""
         roll, pitch, yaw = (self.trim_rad[name] for name in TRIM)
         return quaternion_from_euler(roll, pitch, yaw) or IDENTITY
 

@@ -1,17 +1,14 @@
 """A search in the viewer: what is shown where, and the shapes in it."""
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from estimator.filter.memberships import TERMS, Triangle, fuzzy_sets
+from estimator.filter.memberships import TERMS, Memberships, Triangle, fuzzy_sets
 from fuzzbee.viewer.gain_surface import GREY, gain_view
 from fuzzbee.viewer.sdk import rr, rrb
 from tuning.space import Space, bounds, encode
-
-if TYPE_CHECKING:
-    from estimator.filter.memberships import Memberships
 
 Array = NDArray[np.float64]
 
@@ -136,7 +133,7 @@ def shares(space: Space, values: Array) -> Array:
     return found
 
 
-def fuzzy_set_lines(k: "Memberships", *, base: bool) -> Any:
+def fuzzy_set_lines(k: Memberships, *, base: bool) -> Any:
     """The triangles of both inputs, and beside them those of the output."""
     strips = [
         [(x0 + SETS_WIDTH * corner / full, -height) for corner, height in shape]
@@ -146,7 +143,7 @@ def fuzzy_set_lines(k: "Memberships", *, base: bool) -> Any:
     return rr.LineStrips2D(strips, colors=colours, radii=rr.Radius.ui_points(0.6 if base else 1.5))
 
 
-def fuzzy_set_names(k: "Memberships") -> Any:
+def fuzzy_set_names(k: Memberships) -> Any:
     """The terms' names over their peaks; every other one lower, as two peaks may coincide."""
     places = [
         (x0 + SETS_WIDTH * shape[1][0] / full, -SETS_HEIGHT * (1.12 - 0.2 * (n % 2)))
@@ -163,7 +160,7 @@ def fuzzy_set_axes() -> Any:
     return labels(places, texts, [GREY] * 6)
 
 
-def _triangles(k: "Memberships") -> list[tuple[float, float, tuple[tuple[float, float], ...]]]:
+def _triangles(k: Memberships) -> list[tuple[float, float, tuple[tuple[float, float], ...]]]:
     """For each triangle: where its axis begins, the axis's full scale, corners with heights."""
 
     def shape(corners: Triangle) -> tuple[tuple[float, float], ...]:

@@ -231,7 +231,7 @@ def evaluator(plan: Plan, request: TuneRequest) -> Iterator[Evaluate]:
 
 @contextlib.contextmanager
 def _numba_threads(threads: int | None) -> Iterator[None]:
-    """So many threads of numba's, at most those that there are."""
+    """Have numba use this number of threads, or all that there are if there are fewer."""
     # Threads that wait for the next batch should sleep: spinning takes a third of a shared core.
     os.environ.setdefault("OMP_WAIT_POLICY", "passive")
     import numba

@@ -2,10 +2,10 @@
 
 import time
 from collections.abc import Callable, Sequence
-from typing import TYPE_CHECKING
 
 import numpy as np
 
+from estimator.filter.memberships import Memberships
 from estimator.profile import Profile
 from fuzzbee.say import say
 from fuzzbee.tune import layout
@@ -15,9 +15,6 @@ from fuzzbee.viewer.sdk import rr
 from fuzzbee.viewer.stream import CLOSED, ViewerOptions, ViewerStream
 from tuning.objective import Scores, profile_with, values_of
 from tuning.search import Population, Search
-
-if TYPE_CHECKING:
-    from estimator.filter.memberships import Memberships
 
 PERIOD_S = 0.25  # often enough for the eye; drawing more would take time from the search
 CURVES = {"best": layout.BEST, "median": layout.MEDIAN, "mean": layout.MEAN}
@@ -118,7 +115,7 @@ class SearchView:
         if self._tunes_memberships:
             self._draw_sets(self._best(search).k)
 
-    def _draw_sets(self, k: "Memberships") -> None:
+    def _draw_sets(self, k: Memberships) -> None:
         self.stream.log("/surface/gain", gain_surface(k))
         self.stream.log("/sets/best", layout.fuzzy_set_lines(k, base=False))
         self.stream.log("/sets/names", layout.fuzzy_set_names(k))

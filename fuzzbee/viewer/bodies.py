@@ -1,9 +1,10 @@
 """Bodies of a vehicle by several estimates in one place, sigma at the nose, and the vectors."""
 
 from math import cos, hypot, pi, radians, sin
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
-from estimator.geometry.quaternion import rotate
+from estimator.geometry.quaternion import add, norm, rotate, scale
+from estimator.profile import Reference
 from estimator.types import STANDARD_GRAVITY_M_S2, ImuSample, Quaternion, Vec3
 from fuzzbee.trust import Level
 from fuzzbee.viewer.gain_surface import GREY
@@ -11,9 +12,6 @@ from fuzzbee.viewer.horizon import COLOURS, Colour
 from fuzzbee.viewer.layout import AUTOPILOT, OURS, TRUTH
 from fuzzbee.viewer.sdk import rr
 from service.records import AttitudeRecord
-
-if TYPE_CHECKING:
-    from estimator.profile import Reference
 
 OWN = "fuzzbee"
 SOURCES: dict[str, Colour] = {OWN: OURS, "autopilot": AUTOPILOT, "sim": TRUTH}
@@ -76,7 +74,7 @@ def outline(q_ned_frd: Quaternion, colour: Colour) -> list[Line]:
 
 
 def nose_range(attitude: AttitudeRecord, level: Level) -> Line:
-    """Where the nose may point as well: an ellipse of both sigmas around it."""
+    """An ellipse around the nose: heading's sigma wide and inclination's sigma high."""
     x, y, z = rotate(attitude.q_ned_frd, NOSE)
     flat, length = hypot(x, y), hypot(x, y, z)
     side = (-y / flat, x / flat, 0.0) if flat > 0.0 else (0.0, 1.0, 0.0)
@@ -87,7 +85,7 @@ def nose_range(attitude: AttitudeRecord, level: Level) -> Line:
     for n in range(RING_POINTS + 1):
         a = wide * cos(2.0 * pi * n / RING_POINTS)
         b = high * sin(2.0 * pi * n / RING_POINTS)
-        points.append((x + a * side[0] + b * up[0], y + a * side[1] + b * up[1], z + b * up[2]))
+        points.append(add((x, y, z), add(scale(a, side), scale(b, up))))
     return Line(points, 0.008, COLOURS[level])
 
 
@@ -114,8 +112,7 @@ class Vectors(NamedTuple):
 
 def _arrow(v: Vec3, colour: Colour) -> list[Line]:
     """A thin line with a thick end."""
-    neck = (0.93 * v[0], 0.93 * v[1], 0.93 * v[2])
-    return [Line([ORIGIN, v], 0.013, colour), Line([neck, v], 0.03, colour)]
+    return [Line([ORIGIN, v], 0.013, colour), Line([scale(0.93, v), v], 0.03, colour)]
 
 
 class FieldMean(NamedTuple):
@@ -136,27 +133,16 @@ def observe_field(state: FieldMean, field_ned_gauss: Vec3, now_us: int) -> Field
 
 
 def vectors(
-    q_ned_frd: Quaternion, sample: ImuSample, reference: "Reference", mean: FieldMean
+    q_ned_frd: Quaternion, sample: ImuSample, reference: Reference, mean: FieldMean
 ) -> Vectors:
     """What a sample measures, turned by the attitude, beside what the filter expects.
 
     Where the profile learns the field, its mean stands for what is expected.
     """
-    scale = -1.0 / STANDARD_GRAVITY_M_S2
-    x, y, z = rotate(q_ned_frd, sample.acc_m_s2)
-    gravity = (scale * x, scale * y, scale * z)
+    gravity = scale(-1.0 / STANDARD_GRAVITY_M_S2, rotate(q_ned_frd, sample.acc_m_s2))
     fixed = None if reference.magnetic == "learn" else reference.magnetic
-    size = _length(mean.mean_gauss or (0.0, 0.0, 0.0))
-    if size <= 0.0:
+    size = norm(mean.mean_gauss or ORIGIN)
+    if mean.mean_gauss is None or size <= 0.0:
         return Vectors(gravity, None, fixed)
-    expected = fixed if fixed is not None else _scaled(mean.mean_gauss, size)
-    field = rotate(q_ned_frd, sample.mag_gauss) if sample.has_mag else None
-    return Vectors(gravity, None if field is None else _scaled(field, size), expected)
-
-
-def _length(v: Vec3) -> float:
-    return hypot(*v)
-
-
-def _scaled(v: Vec3 | None, size: float) -> Vec3 | None:
-    return None if v is None else (v[0] / size, v[1] / size, v[2] / size)
+    field = scale(1.0 / size, rotate(q_ned_frd, sample.mag_gauss)) if sample.has_mag else None
+    return Vectors(gravity, field, fixed or scale(1.0 / size, mean.mean_gauss))

@@ -1,16 +1,15 @@
 """The gain over error and its rate, as a surface; where a vehicle stands on it is a point."""
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
+from estimator.filter.memberships import Memberships
+from estimator.profile import Profile
 from fuzzbee.viewer.sdk import rr, rrb
 
-if TYPE_CHECKING:
-    from estimator.filter.memberships import Memberships
-    from estimator.profile import Profile
+GainShape = Memberships | float
 
-    GainShape = Memberships | float
 
 SURFACE_STEPS = 41
 FULL_GAIN = 101.0  # K = 1 + k_op, k_op up to 100
@@ -29,7 +28,7 @@ def gain_view(name: str) -> Any:
     )
 
 
-def gain_shape(profile: "Profile") -> "GainShape":
+def gain_shape(profile: Profile) -> GainShape:
     """What the surface shows: k1..k22, or the K of a plane.
 
     A gain that knows the noise has no surface over e itself: the plane lies at the bottom.
@@ -39,7 +38,7 @@ def gain_shape(profile: "Profile") -> "GainShape":
     return profile.filter.fixed_gain if profile.filter.gain == "fixed" else 1.0
 
 
-def gain_surface(shape: "GainShape") -> Any:
+def gain_surface(shape: GainShape) -> Any:
     """K over (e, its rate) on [0, 1]^2 as a mesh in a unit cube."""
     from estimator.filter.fuzzy import fuzzy_gain
 

@@ -1,4 +1,4 @@
-"""An artificial horizon with numbers, heading tape, sigma, state and doubts, as plain strips.
+"""An artificial horizon with numbers, heading tape, sigma, state and caveats, as plain strips.
 
 A strip is a line with a radius and a colour; a thick one fills an area. Later strips cover
 earlier ones. The unit is the instrument's own, x to the right, y down, the middle of the window
@@ -26,11 +26,11 @@ REACH = 78.0  # so far the ladder reaches from the middle
 SLIVER = 84.0  # the horizon's line is kept in sight, however steep the vehicle
 BAR_Y, TAPE_Y, FIGURES_Y = -118.0, -96.0, 98.0  # where bar and tape end, and the figures begin
 ARC = 84.0  # radius of the roll's scale
-FIGURES_RADIUS = 0.8  # one for all, so that radii need not be sent
+FIGURES_RADIUS = 0.8  # the same for all lines of the figures, so that radii need not be sent anew
 FIGURES_X = (-110.0, 0.0, 110.0)
 RUNG_DEG, RUNGS = 10, 3  # of the ladder: so many above and below the middle
-PLATE_STEP = 13.0  # from one doubt to the next
-MOST_DOUBTS = 5
+PLATE_STEP = 13.0  # from one caveat to the next
+MOST_CAVEATS = 5
 
 SKY: Colour = (46, 108, 178)
 GROUND: Colour = (116, 78, 40)
@@ -94,7 +94,7 @@ def layers(scene: Scene) -> Layers:
             *_nothing(scene),
             *_bar(scene),
             *_judgement(scene),
-            *_doubts(scene),
+            *_caveats(scene),
             *_turns_to_peers(scene),
         ],
         figures=[*_tape(scene), *_numbers(scene)],
@@ -189,7 +189,7 @@ def _roll_scale() -> Iterator[Strip]:
 
 
 def _on_arc(angle_deg: float, radius: float) -> Point:
-    """From the zenith clockwise."""
+    """The point of the roll's scale at an angle from its top, clockwise, in degrees."""
     return (radius * sin(radians(angle_deg)), MIDDLE_Y - radius * cos(radians(angle_deg)))
 
 
@@ -213,7 +213,7 @@ def _other_horizon(peer: Peer) -> list[Strip]:
 
 
 def _nothing(scene: Scene) -> list[Strip]:
-    """Where there is no horizon: a cross on grey."""
+    """A cross on grey, where there is no valid attitude."""
     if scene.attitude is not None:
         return []
     reach, middle = 58.0, (TAPE_Y + FIGURES_Y) / 2.0
@@ -299,9 +299,9 @@ def _numbers(scene: Scene) -> Iterator[Strip]:
         yield from _text(text, (x, FIGURES_Y + 18.0), 12.0, WHITE, FIGURES_RADIUS)
 
 
-def _doubts(scene: Scene) -> Iterator[Strip]:
+def _caveats(scene: Scene) -> Iterator[Strip]:
     """The reasons, each on a plate of its own, at the left under the tape."""
-    plates = [(doubt.text, COLOURS[doubt.level]) for doubt in scene.trust.doubts[:MOST_DOUBTS]]
+    plates = [(caveat.text, COLOURS[caveat.level]) for caveat in scene.trust.caveats[:MOST_CAVEATS]]
     if is_on_its_back(scene.attitude):
         plates.append(("upside down", WHITE))
     for number, (text, colour) in enumerate(plates):

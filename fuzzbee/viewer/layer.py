@@ -39,7 +39,7 @@ class Layer:
 
 
 def _style(lines: Lines) -> dict[str, Any]:
-    """Radii and colours; one for all where they are equal, however many lines there will be."""
+    """Radii and colours of the lines; a single one where all have the same."""
     radii = [line.radius for line in lines]
     colours = [line.colour for line in lines]
     return {

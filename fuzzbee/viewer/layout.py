@@ -80,7 +80,8 @@ def _page(name: str, *, is_alone: bool) -> Any:
     plots = PLOTS if is_alone else PLOTS[:MOST_PLOTS]
     rest = [_curves(f"/{name}/{origin}", title, span) for origin, title, span in plots]
     if is_alone:
-        rest += [gain_view("Surface"), _states(name), _messages()]
+        states = rrb.StateTimelineView(origin=f"/{name}/state", name="States")
+        rest += [gain_view("Surface"), states, _messages()]
     origin, title, span = SIGMA
     right = rrb.Vertical(
         _bodies(name),
@@ -111,10 +112,6 @@ def _bodies(name: str) -> Any:
         ),
         line_grid=False,
     )
-
-
-def _states(name: str) -> Any:
-    return rrb.StateTimelineView(origin=f"/{name}/state", name="States")
 
 
 def _messages() -> Any:

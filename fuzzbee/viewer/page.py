@@ -5,9 +5,10 @@ Of what is given, only what is due is drawn: see the rates below.
 
 from collections.abc import Callable
 from math import degrees, hypot, nan
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 from estimator.geometry.quaternion import angle_between, exp, multiply, rotate, scale
+from estimator.profile import Profile
 from estimator.types import ImuSample, Quaternion, Vec3
 from fuzzbee.trust import WORDS, Level, is_on_its_back, trust
 from fuzzbee.viewer import bodies, layout
@@ -20,9 +21,6 @@ from fuzzbee.viewer.stream import ViewerStream
 from service.attitude_record import euler_deg
 from service.health import HAS_ATTITUDE, State
 from service.records import AttitudeRecord, Peer, StatusRecord
-
-if TYPE_CHECKING:
-    from estimator.profile import Profile
 
 # Pictures a second: of one vehicle, and of all together.
 PICTURES_HZ = 4.0
@@ -63,7 +61,7 @@ class Page:
         name: str,
         stream: ViewerStream,
         say: Callable[[str], None],
-        profile: "Profile",
+        profile: Profile,
         *,
         is_live: bool,
     ) -> None:
@@ -193,7 +191,7 @@ class Page:
             self._say(f"vehicle {self._name}: {state}")
             self._stream.log(f"/{self._name}/state", rr.StateChange(state=[state.value]))
         if now.overall is not self._level and now_us - self._told_us >= TOLD_EVERY_US:
-            why = ", ".join(doubt.text for doubt in now.doubts)
+            why = ", ".join(caveat.text for caveat in now.caveats)
             self._say(f"vehicle {self._name}: {WORDS[now.overall]}" + f" ({why})" * bool(why))
             self._level, self._told_us = now.overall, now_us
         self._state, self._was_on_its_back = state, is_on_its_back(record)
@@ -213,7 +211,7 @@ class Page:
             self._words.draw(stream, parts.words, now_us)
 
     def _vectors(self, record: AttitudeRecord, sample: ImuSample) -> bodies.Vectors:
-        """Of the sample, with the field of an earlier one if it has none of its own."""
+        """The sample's measured directions; without a field, with that of an earlier sample."""
         field = self._field
         if field is not None and 0 <= sample.time_us - field.time_us <= FIELD_SILENT_US:
             sample = sample._replace(mag_gauss=field.mag_gauss, has_mag=True)

@@ -6,11 +6,11 @@ curves go in batches, and what stands still is sent once.
 """
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
 
 from drivers.events import VehicleId
+from estimator.profile import Profile
 from fuzzbee.viewer import layout
-from fuzzbee.viewer.gain_surface import gain_shape, gain_surface, surface_axes
+from fuzzbee.viewer.gain_surface import GainShape, gain_shape, gain_surface, surface_axes
 from fuzzbee.viewer.page import Page
 from fuzzbee.viewer.sdk import rr
 from fuzzbee.viewer.stream import CLOSED, ViewerOptions, ViewerStream
@@ -26,10 +26,6 @@ from service.records import (
     vehicle_name,
 )
 
-if TYPE_CHECKING:
-    from estimator.profile import Profile
-    from fuzzbee.viewer.gain_surface import GainShape
-
 PAGES_WAIT_US = 1_000_000  # a fleet appears within so long
 
 
@@ -43,7 +39,7 @@ class ViewerSink:
 
     name = "viewer"
 
-    def __init__(self, options: ViewerOptions, profile: "Profile") -> None:
+    def __init__(self, options: ViewerOptions, profile: Profile) -> None:
         self.stream = ViewerStream(options, layout.blueprint)
         self._pages: dict[VehicleId, Page] = {}
         self._has_left_out = False
@@ -145,7 +141,7 @@ class ViewerSink:
             page.curves.flush(self.stream)
             self._pages_due_us = self._now_us + PAGES_WAIT_US
 
-    def _on_replaced(self, vehicle: VehicleId, profile: "Profile") -> None:
+    def _on_replaced(self, vehicle: VehicleId, profile: Profile) -> None:
         self._own[vehicle] = profile
         if vehicle in self._pages:
             self._pages[vehicle].profile = profile

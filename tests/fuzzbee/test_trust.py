@@ -33,14 +33,14 @@ def changed(**kwargs):
 def test_trust_follows_sigma(sigma_deg, horizon, heading, overall):
     judged = trust(State.RUNNING, record(sigma_deg=sigma_deg))
     assert (judged.horizon, judged.heading, judged.overall) == (horizon, heading, overall)
-    assert bool(judged.doubts) == (overall is not Level.GOOD)
+    assert bool(judged.caveats) == (overall is not Level.GOOD)
 
 
 def test_a_heading_that_refers_to_nothing_is_an_alarm_however_small_its_sigma():
     judged = trust(State.RUNNING, relative(sigma_deg=(0.5, 1.0)))
     assert judged.heading is Level.BAD
     assert judged.overall is Level.CARE
-    assert judged.doubts[0].text == "no north"
+    assert judged.caveats[0].text == "no north"
 
 
 @pytest.mark.parametrize("state", [State.WAITING, State.ALIGNING, State.LOST])
@@ -49,13 +49,13 @@ def test_where_there_is_no_valid_attitude_nothing_is_trusted(state):
         judged = trust(state, attitude)
         assert judged.overall is judged.horizon is judged.heading is Level.NONE
         assert judged.word == "no attitude"
-        assert judged.doubts
+        assert judged.caveats
 
 
 def test_an_extrapolated_attitude_calls_for_care():
     judged = trust(State.DEGRADED, msgspec.structs.replace(record(), age_ms=1700.0))
     assert judged.overall is Level.CARE
-    assert judged.doubts[0].text == "IMU silent 1.7 s"
+    assert judged.caveats[0].text == "IMU silent 1.7 s"
 
 
 @pytest.mark.parametrize("word", [*Alarm])
@@ -66,13 +66,13 @@ def test_a_warning_counts_whatever_sigma_says(word):
     assert judged.horizon is horizon
     assert judged.heading is Level.BAD
     assert judged.overall is max(Level.CARE, horizon)
-    assert judged.doubts[0].text == word.value.replace("_", " ")
+    assert judged.caveats[0].text == word.value.replace("_", " ")
 
 
 def test_a_warning_of_another_version_is_counted_and_its_words_are_not_shown():
     judged = trust(State.RUNNING, record(), changed(warnings=("\x1b[31m[bold]",)))
     assert judged.overall is Level.CARE
-    assert [doubt.text for doubt in judged.doubts] == ["1 unknown warnings"]
+    assert [caveat.text for caveat in judged.caveats] == ["1 unknown warnings"]
 
 
 @pytest.mark.parametrize(
@@ -87,7 +87,7 @@ def test_a_warning_of_another_version_is_counted_and_its_words_are_not_shown():
 def test_what_the_service_loses_now_calls_for_care(after, text):
     judged = trust(State.RUNNING, record(), after, STATUS)
     assert judged.overall is Level.CARE
-    assert [doubt.text for doubt in judged.doubts] == [text]
+    assert [caveat.text for caveat in judged.caveats] == [text]
     if not after.overloaded:  # a state, not a count
         assert trust(State.RUNNING, record(), after, after).overall is Level.GOOD
 
@@ -101,9 +101,9 @@ def test_the_worst_alarm_comes_first():
     judged = trust(
         State.RUNNING, relative(sigma_deg=(20.0, 45.0)), changed(overloaded=True), STATUS
     )
-    levels = [doubt.level for doubt in judged.doubts]
+    levels = [caveat.level for caveat in judged.caveats]
     assert levels == sorted(levels, reverse=True)
-    assert judged.doubts[0].text == "horizon ±20°"
+    assert judged.caveats[0].text == "horizon ±20°"
 
 
 @pytest.mark.parametrize(
