@@ -186,3 +186,14 @@ def test_every_word_of_the_instrument_has_its_glyphs():
     assert set("ABCDEFGHIJKLMNOPQRSTUVWXYZ0123456789") <= GLYPHS.keys()
     shapes = [GLYPHS[c] for c in "ABCDEFGHIJKLMNPQRSTUVWXYZ123456789"]
     assert len(set(shapes)) == len(shapes)  # no two look alike but O and 0
+
+
+@pytest.mark.parametrize("roll_deg", [-50.0, 25.0])
+def test_the_mark_on_the_rolls_scale_is_where_the_zenith_is(roll_deg):
+    """Up in the body's own axes: to the left of a vehicle that rolls to the right."""
+    attitude = record(roll_deg, 0.0, 40.0)
+    _, right, down = rotate_inverse(attitude.q_ned_frd, (0.0, 0.0, -1.0))
+    tip = layers(scene(attitude)).world[-1].points[0]
+    far = math.hypot(tip[0], tip[1] - MIDDLE_Y)
+    assert tip == pytest.approx((far * right, MIDDLE_Y + far * down))
+    assert right * roll_deg < 0.0

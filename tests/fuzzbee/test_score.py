@@ -68,3 +68,12 @@ def test_coverage_in_motion_stands_apart():
     assert (found.inclination, found.inclination_moving) == (pytest.approx(1 / 3), 0.0)
     assert (found.heading, found.heading_moving) == (pytest.approx(2 / 3), 0.5)
     assert coverage(errors, two, two, has_heading=True).inclination_moving is None
+
+
+def test_a_heading_that_was_not_told_does_not_count_in_motion_either():
+    errors = np.radians([[0.0, 9.0, 1.0], [0.0, 1.0, 3.0], [0.0, 3.0, 1.0]])
+    two = np.full(3, np.radians(2.0))
+    told, moved = np.array([False, True, True]), np.array([True, True, False])
+    found = coverage(errors, two, two, has_heading=True, told=told, moved=moved)
+    assert (found.heading, found.heading_moving) == (0.5, 1.0)
+    assert found.inclination_moving == 0.5
