@@ -47,7 +47,7 @@ def initial_state(params: ConditioningParams) -> ConditioningState:
 
 
 def forget_coefficients(state: ConditioningState) -> ConditioningState:
-    """The state as other parameters can go on with."""
+    """The state without what follows from the parameters: it can go on with others."""
     return state._replace(vertical=state.vertical._replace(coefficients=Coefficients()))
 
 

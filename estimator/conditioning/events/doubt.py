@@ -28,7 +28,7 @@ class FieldBefore(NamedTuple):
 
 
 class HeadingDoubt(NamedTuple):
-    """What the heading shall be doubted by once the field looks as usual again."""
+    """How far the heading is in doubt; it hears of that once the field looks as usual again."""
 
     variance: float = 0.0  # rad^2
     usual_s: float = 0.0  # for how long it has looked so, less the time it has not
@@ -39,7 +39,10 @@ class HeadingDoubt(NamedTuple):
 def raise_doubt(
     doubt: HeadingDoubt, signs: TurnSigns, variance: float, steepness: float
 ) -> HeadingDoubt:
-    """After a turn by an angle of that variance, of which a steep field makes more."""
+    """The doubt after the field has jumped, by a turn whose angle has the ``variance`` (rad^2).
+
+    A steep field makes more of it: ``steepness`` is the squared tangent of the dip.
+    """
     before = FieldBefore(signs.jump.slow_norm, signs.heading.mean_confidence)
     return HeadingDoubt(
         variance=min(doubt.variance + variance * (1.0 + steepness), HALF_TURN_VARIANCE),

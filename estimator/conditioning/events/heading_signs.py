@@ -120,13 +120,13 @@ def borne_out(
 
 @inlined
 def begin_anew(state: HeadingSigns) -> HeadingSigns:
-    """After a turn was found: the means and times start at nothing."""
+    """The signs after a turn was found: means and times start at nothing."""
     return with_means(state, 0.0, 0.0, 0.0, 0.0, 0.0)
 
 
 @inlined
 def give_up(state: HeadingSigns, heading_rad: float) -> HeadingSigns:
-    """After a heading was given up, which is remembered."""
+    """The signs after ``heading_rad`` was given up, which is remembered for a while."""
     is_same = state.other_s > OTHER_HEADING_S - SAME_TURN_S
     other_rad = state.other_rad if is_same else heading_rad
     return with_other(begin_anew(state), 0.0, other_rad, OTHER_HEADING_S)

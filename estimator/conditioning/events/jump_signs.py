@@ -101,7 +101,7 @@ def turn_of(u: Vec3, v: Vec3) -> float:
 
 @inlined
 def jump_variance(params: ConditioningParams, state: JumpSigns, learnt: Calibration) -> Vec2:
-    """Variance (rad^2) to be added for a jump of the field, and the angle that it now accounts for.
+    """The variance (rad^2) of a turn that the field's jump tells, and the angle (rad) told by now.
 
     A jump is more than noise, than what the field usually does here, than what an unknown lag
     and own field make of turning, and than what slow samples miss. A magnet that turns the
@@ -141,5 +141,5 @@ def looks_turned(params: ConditioningParams, state: JumpSigns) -> bool:
 
 @inlined
 def is_same_norm(params: ConditioningParams, state: JumpSigns) -> bool:
-    """Whether the field has its norm, as a magnet would not leave it."""
+    """Whether the field's norm has stayed, which a magnet would change."""
     return abs(state.quick_norm - state.slow_norm) < params.turn_jump_norm * state.slow_norm

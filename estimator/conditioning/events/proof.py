@@ -34,8 +34,8 @@ class TurnProof(NamedTuple):
 
 
 @inlined
-def is_settled(proof: TurnProof) -> bool:
-    """Whether anything but a jump tells a turn."""
+def tells_turn(proof: TurnProof) -> bool:
+    """Whether anything but a jump of the field proves a turn."""
     return proof.heading or proof.quiet or proof.moving or proof.levelling
 
 
@@ -85,7 +85,7 @@ def reset_signs(
     """
     heading, gravity = signs.heading, signs.gravity
     levelled = gravity.levelled
-    if is_settled(proof):
+    if tells_turn(proof):
         heading = begin_anew(heading)
         levelled = (0.0, 0.0)
     if given_up:

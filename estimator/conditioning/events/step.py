@@ -12,9 +12,9 @@ from estimator.conditioning.events.jump_signs import looks_turned, watch_field
 from estimator.conditioning.events.proof import (
     TurnProof,
     TurnSigns,
-    is_settled,
     proof_of,
     reset_signs,
+    tells_turn,
 )
 from estimator.conditioning.field.calibration import restart_means
 from estimator.conditioning.field.magnetic import has_heading, reference_norm, steepness
@@ -123,7 +123,7 @@ def learn_events(
         )
     if was_doubted and doubt.variance == 0.0 and not released:
         seen_rad = pi  # the rest of that jump is a magnet's, too
-    turned = is_settled(proof) or proof.jump > 0.0
+    turned = tells_turn(proof) or proof.jump > 0.0
     turned = turned or (field.seen and looks_turned(params, signs.jump))
     if turned or vertical.clipped > MISSED_RAD**2:
         calibration = restart_means(calibration)

@@ -28,7 +28,7 @@ class Calibration(NamedTuple):
 
 
 class CalibrationMeans(NamedTuple):
-    """Slow means of the field over ``scale``, and of what the calibration explains it by."""
+    """Slow means of the field, as a share of ``scale``, and of what the calibration makes of it."""
 
     field: Vec3 = ZERO_VEC3  # in G
     turning: Vec3 = ZERO_VEC3  # R (w x m), in G, 1/s; R turns body to G
@@ -80,7 +80,10 @@ def correct_field(field: Vec3, gyr: Vec3, state: Calibration) -> Vec3:
 
 @inlined
 def walk(params: ConditioningParams, p: Covariance, dt_s: float) -> Covariance:
-    """Let the variances grow, up to their first values: the vehicle's field may change."""
+    """The covariance after a step, with variances grown up to their first values at most.
+
+    The vehicle's own field may change.
+    """
     most, most_lag = most_variances(params)
     share = dt_s / params.calibration_walk_s
     return (

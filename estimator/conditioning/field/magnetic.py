@@ -159,7 +159,7 @@ def observe_field(
 
 @inlined
 def unevenness(reference: FieldReference, look: FieldLook, dt_s: float) -> float:
-    """Mean square of how far norm and dip are off the expected ones, a magnet's clipped."""
+    """Mean square of how far norm and dip are off the expected ones; one look counts little."""
     expected = (reference.horizontal, reference.down)
     if norm_of(expected) == 0.0:
         return reference.uneven
@@ -175,8 +175,9 @@ def watch_rival(
 ) -> tuple[FieldRival, float]:
     """The other field that is seen, and for how long the expected one has been borne out.
 
-    What one gains the other loses, so that a field has to last for as long as the one before it
-    has, half of ``field_borne_s`` at most. A field that changes is none.
+    Both times are in s. What one field gains the other loses, so the other has to last for as long
+    as the expected one has, half of ``field_borne_s`` at most. A field that keeps changing is no
+    such field: it starts anew each time.
     """
     other, most = reference.other, params.field_borne_s
     norm_scale, dip_scale = params.field_norm_scale, params.field_dip_scale_rad
@@ -201,7 +202,7 @@ def watch_rival(
 
 @inlined
 def believe_rival(reference: FieldReference) -> FieldReference:
-    """The two change places."""
+    """The reference once the other field has lasted longer: the two fields change places."""
     other = reference.other
     given_up = FieldRival(reference.horizontal, reference.down, reference.borne_s)
     return with_rival(reference, other.horizontal, other.down, other.seen_s, given_up, True)

@@ -26,16 +26,16 @@ MOST_FACTOR = 1.35
 # The fourth power of the factor may be off by this share before it is changed: changing it costs
 # the low-passes' coefficients.
 TOLERANCE = 0.2
-# Before anything is known: shaking of 2 deg, and the turning at which that asks for the usual time.
+# Before anything is known: shaking of 2 deg, and the turning at which it asks for the usual time.
 USUAL_SHAKING = 0.03**2
-USUAL_TURNING = USUAL_SHAKING / USUAL_RATIO_S**2 - LEAST_RATE_RAD_S**2
 
 
 class Averaging(NamedTuple):
     """How much longer than ``gravity_tau_s`` gravity is averaged, and what that follows from."""
 
     shaking: float = USUAL_SHAKING  # mean square tilt of the force of a second, rad^2
-    turning: float = USUAL_TURNING  # mean square of the rate that lets G drift, (rad/s)^2
+    # mean square of the rate that lets G drift, (rad/s)^2
+    turning: float = USUAL_SHAKING / USUAL_RATIO_S**2 - LEAST_RATE_RAD_S**2
     factor: float = 1.0  # of ``gravity_tau_s``
 
 
@@ -58,7 +58,7 @@ def follow_averaging(
     learns: bool,
     dt_s: float,
 ) -> Averaging:
-    """The averaging time after a learning step.
+    """The averaging time after a learning step; ``learns`` says whether the step may change it.
 
     ``missed`` (rad^2) is the variance of a turn beyond the gyroscope's end. What a vehicle at rest
     shows, and a stream so slow that a second is one reading, shall not be learnt.

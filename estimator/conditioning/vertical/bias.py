@@ -15,7 +15,6 @@ from estimator.geometry.quaternion import dot, subtract
 from estimator.types import ZERO_VEC3, Vec2, Vec3
 
 UNKNOWN_HEADING_VARIANCE = 1e4  # rad^2, beyond any angle: the first field sets the heading
-AXES = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
 HALF_TURN_VARIANCE = pi**2  # rad^2: after a turn of gravity any heading is possible
 
 
@@ -28,7 +27,7 @@ class Estimate(NamedTuple):
 
 
 class Lagged(NamedTuple):
-    """What levelling in motion is compared with, low-passed as gravity is."""
+    """6D's level axes and the bias along them, low-passed as the gravity that levels 6D is."""
 
     north: Smooth = Smooth()  # 6D's first axis u, seen from the body
     east: Smooth = Smooth()  # 6D's second axis v
@@ -43,7 +42,7 @@ def first_estimate(
     heading_rad: float = 0.0,
     variance: float = UNKNOWN_HEADING_VARIANCE,
 ) -> Estimate:
-    """Of a gyroscope that nothing is known about yet, with a heading and its variance (rad^2)."""
+    """The estimate for an unknown gyroscope, with a heading and that one's variance (rad^2)."""
     bias = params.bias_initial_sigma_rad_s**2
     covariance = (bias, 0.0, 0.0, 0.0, bias, 0.0, 0.0, bias, 0.0, variance)
     return Estimate(ZERO_VEC3, heading_rad, covariance)
@@ -58,7 +57,7 @@ def doubt_heading(estimate: Estimate, variance: float) -> Estimate:
 
 @inlined
 def clip(x: float, limit: float) -> float:
-    """X limited to [-limit, limit]."""
+    """``x`` limited to [-limit, limit]."""
     return max(-limit, min(limit, x))
 
 
@@ -116,8 +115,9 @@ def learn_at_rest(
     g = rest.gyr.value
     b, d, p = estimate
     most = params.bias_limit_rad_s
+    axes = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
     for i in range(3):
-        b, d, p = update(b, d, p, AXES[i], 0.0, clip(g[i] - b[i], most), k.rest_noise)
+        b, d, p = update(b, d, p, axes[i], 0.0, clip(g[i] - b[i], most), k.rest_noise)
     return Estimate(clip_each(b, most), d, p)
 
 
@@ -134,8 +134,9 @@ def lag(
 ) -> Lagged:
     """Low-pass 6D's level ``axes``, and the bias along them, as gravity was low-passed.
 
-    Levelling belongs to what they were then. As gravity's, the low-pass begins with a running
-    mean, and moves by ``share`` of its way in a slow stream.
+    A levelling step undoes what the bias did while the present gravity was averaged. Like that of
+    gravity, whose age is ``age_s``, the low-pass begins with a running mean, and moves by ``share``
+    of its way where ``slow`` is above 0.
     """
     u, v = axes.north, axes.east
     drift = (dot(u, b), dot(v, b), 0.0)

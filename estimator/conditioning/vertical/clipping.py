@@ -44,7 +44,7 @@ def watch_axis(
 
 @inlined
 def watch_clipping(state: Clipping, previous: Vec3, gyr: Vec3, dt_s: float) -> Clipping:
-    """Follow each axis by one sample."""
+    """The state after a reading ``gyr`` (rad/s, FRD), ``dt_s`` after the ``previous`` one."""
     p, r, m = state.peak_rad_s, state.run_s, state.missed
     p0, r0, m0 = watch_axis(p[0], r[0], m[0], previous[0], gyr[0], dt_s)
     p1, r1, m1 = watch_axis(p[1], r[1], m[1], previous[1], gyr[1], dt_s)

@@ -11,7 +11,7 @@ BIAS_WALK_TIME_S = 100.0  # the time that ``bias_walk_rad_s`` refers to
 
 
 class Coefficients(NamedTuple):
-    """All zero before the first step."""
+    """The coefficients of steps of one length; none before the first step."""
 
     dt_s: float = 0.0  # the time step
     factor: float = 1.0  # of the averaging time of gravity
@@ -28,7 +28,11 @@ class Coefficients(NamedTuple):
 
 @inlined
 def coefficients(params: ConditioningParams, dt_s: float, factor: float) -> Coefficients:
-    """Coefficients of a step; with a random walk of V a step, noise P^2/V + P keeps variance P."""
+    """The coefficients of steps of ``dt_s``, with gravity averaged ``factor`` times as long.
+
+    The noises are those that keep a variance where it shall be: with a random walk of variance V
+    a step, a measurement of the noise P^2/V + P makes P the steady variance.
+    """
     walk = params.bias_walk_rad_s**2 * dt_s / BIAS_WALK_TIME_S
     tau_s = params.gravity_tau_s * factor
     at_rest = params.bias_rest_sigma_rad_s**2

@@ -10,7 +10,7 @@ from estimator.types import Vec3
 
 
 class RestState(NamedTuple):
-    """Quiet is the instant's verdict, resting that of the last ``rest_time_s``."""
+    """Whether the vehicle is quiet now, and whether it has been for ``rest_time_s``: at rest."""
 
     gyr: Smooth = Smooth()  # rad/s, FRD
     acc: Smooth = Smooth()  # m/s^2, FRD
@@ -50,6 +50,6 @@ def observe_rest(
 
 @inlined
 def initial_rest(gyr: Vec3, acc: Vec3) -> RestState:
-    """The low-passes begin where the sensors are."""
+    """The state at the first reading, where both low-passes begin."""
     zero = (0.0, 0.0, 0.0)
     return RestState(Smooth(gyr, zero), Smooth(acc, zero), False, 0.0, False)

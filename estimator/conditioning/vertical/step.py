@@ -117,7 +117,7 @@ def carry(
 
 @inlined
 def begin_vertical(state: VerticalState, gyr: Vec3, acc: Vec3) -> VerticalState:
-    """The low-passes begin at the first sample."""
+    """The state at the first sample (FRD), where rest's low-passes and the tilt begin."""
     u = scale(-1.0, rotate(state.gravity.q_g_frd, acc))
     return with_first(state, initial_rest(gyr, acc), initial_tilt(gyr, u))
 
@@ -215,7 +215,7 @@ def weigh_force(
 def averaging_after(
     params: ConditioningParams, step: VerticalStep, estimate: Estimate
 ) -> Averaging:
-    """For how long gravity is averaged from here on; ``estimate`` is that after the whole step."""
+    """For how long gravity is averaged after a step, at the end of which ``estimate`` is known."""
     now, dt = step.state, step.state.coefficients.dt_s
     force = now.gravity.force
     tells = not now.rest.resting and slowness(params, dt) == 0.0

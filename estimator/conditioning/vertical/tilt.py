@@ -185,7 +185,7 @@ def innovation(down_g: Vec3, u: Vec3) -> float:
 def calm(
     params: ConditioningParams, state: TiltState, gyr: Vec3, u: Vec3, unusual: float, dt_s: float
 ) -> float:
-    """1 for a vehicle that does not turn, and whose force neither changes nor has another size.
+    """How calm a vehicle is: 1 if it does not turn and its force has its usual size and direction.
 
     0 in fast streams, which need no such help.
     """
@@ -209,13 +209,17 @@ def forgetting(tau_s: float, at_rest: float, dt_s: float) -> float:
 
 @inlined
 def least_share(params: ConditioningParams, k: Coefficients, age_s: float) -> float:
-    """The share of a low-pass with gravity's; of a running mean while it is younger than that."""
+    """The least share by which the vertical follows a reading of the force.
+
+    It is that of a low-pass with gravity's time constant, and while the vertical is younger than
+    that (``age_s``) that of a running mean.
+    """
     return k.dt_s / age_s if age_s <= params.gravity_tau_s else k.gravity_share
 
 
 @inlined
 def initial_tilt(gyr: Vec3, u: Vec3) -> TiltState:
-    """Before the first step: nothing is known but that reading."""
+    """The state at the first reading: the direction of the force ``u`` is as good as unknown."""
     scatter = (2.0 * LEAST_SCATTER_RAD) ** 2
     return TiltState(MOST_VARIANCE, scatter, 0.0, 0.0, gyr, u, norm(u))
 
