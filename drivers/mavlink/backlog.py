@@ -47,9 +47,10 @@ IDLE_SHARE = 1.0 / 3.0
 
 
 def waiting_clock_s() -> float:
-    """A clock for waiting: while this process does not get the processor, it runs slower.
+    """A clock that runs at a third of its speed while this process does not get the processor, s.
 
-    Then nothing may be too much, and it may catch up; but not for long, or nothing is fresh.
+    Frames that wait because others had the processor are no sign of too much to do, and may be
+    caught up with. But they must not wait for long, either: attitudes would be old.
     """
     return time.process_time() * (1.0 - IDLE_SHARE) + time.monotonic() * IDLE_SHARE
 

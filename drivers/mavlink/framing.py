@@ -164,7 +164,8 @@ class FrameReader:
 def frame_end(data: Data, start: int) -> int | None:
     """Where the frame at ``start`` ends by its own header; None if none begins there.
 
-    With a header that is not there whole, the least that it could mean, beyond the data.
+    If the data end within the header, the shortest frame that it may be the beginning of is
+    assumed; its end is beyond the data.
     """
     size = len(data)
     if start >= size:

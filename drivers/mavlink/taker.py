@@ -1,4 +1,4 @@
-"""Who may take a link's frames in the decoder's place."""
+"""What a link needs from whoever gets its frames undecoded: the service with workers."""
 
 from typing import Protocol
 

@@ -36,7 +36,7 @@ class Fix(NamedTuple):
 def velocity_sample(message: str, fix: Fix, time_us: int) -> VelocitySample | None:
     """The velocity that ``message`` tells, at ``time_us``; None if it tells none.
 
-    A receiver's is late, whatever else it tells; an autopilot's filter has undone that.
+    A receiver's velocity is late; an autopilot's filter has corrected for that.
     """
     velocity, sigma_m_s = fix.velocity_ned_m_s, fix.sigma_m_s
     if velocity is None or not all(map(math.isfinite, velocity)):

@@ -1,4 +1,4 @@
-"""One vehicle's readings, judged and placed in time: the same for links and for logs.
+"""One vehicle's readings, judged and placed in time, for links and for logs.
 
 What is no data is refused with a word to count it under. What is gets its place on the
 vehicle's continuous clock and becomes events.
@@ -169,7 +169,7 @@ class Intake:
     def truth(self, name: str, arrival_us: int, q_ned_frd: Quaternion | None) -> list[Event]:
         """A simulator's attitude without a time of its own: that of the IMU message before it.
 
-        A second one behind the same IMU message belongs to one that was lost.
+        A second one behind the same IMU message is left out: its own IMU message was lost.
         """
         time_us = self._last_imu_us
         if q_ned_frd is None or time_us is None or self._truth_given_us.get(name) == time_us:

@@ -84,8 +84,8 @@ class _Repetition:
         self.is_proven = False  # it is stuck, until it changes
         self._changes = 0
         self._equal = 0
-        self._changed = 1.0  # of the pairs of late, those that changed, and those that did not
-        self._repeated = 1.0
+        self._changed = 1.0  # of the latest pairs of readings, how many differ,
+        self._repeated = 1.0  # and how many are equal
 
     def follow(self, is_equal: bool, readings: Readings, raw_us: int) -> bool:
         """Whether a noisy sensor has repeated itself for long enough to look closer."""

@@ -1,4 +1,4 @@
-"""A vehicle that turns steadily repeats itself truthfully.
+"""In a steady turn equal readings may be true.
 
 In a circle flown without noise gyroscope and accelerometer read the same again and again. Equal
 readings are those of a stuck sensor only where others contradict them: the field must turn as the

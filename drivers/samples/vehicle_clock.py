@@ -28,7 +28,7 @@ LATENESS_LIMIT_US = 30 * SECOND_US  # a sample may be held back this long; seen:
 LOST_TIME_US = 60 * SECOND_US  # arrivals say that much more time passed: another session
 ORDINARY_STEP_US = 2 * SECOND_US  # a step this short is the same session, whatever arrivals say
 CLOCK_DRIFT = 0.005  # boot clocks ran up to 136 ms a minute slow
-# Two vehicles with one address: a line that another one comes back to while it goes on itself.
+# Two vehicles with one address send in turns: their times are two lines, each of which goes on.
 ALIVE_US = 1 * SECOND_US
 BESIDE_US = SECOND_US // 2
 CUT_STEP_US = 20_000  # put in the place of what a reboot or a jump cut out
@@ -130,7 +130,7 @@ class ClockLine:
     def goes_on(self, raw_us: int, arrival_us: int) -> bool:
         """Take a message that just goes on in time; False, and nothing done, for any other.
 
-        What :meth:`advance` makes of nearly all messages, without its questions.
+        Nearly all messages do. It is what :meth:`advance` does with them, in less time.
         """
         boot_us = raw_us + self._wrapped_us
         if not (self._started and 0 < boot_us - self.boot_us <= ORDINARY_STEP_US):

@@ -179,7 +179,7 @@ def simulate(
 
 
 class SimulatedVehicle:
-    """The same samples as :func:`simulate`, one at a time and forever.
+    """An endless stream of the samples that :func:`simulate` gives as a block.
 
     A ``calm`` flight has no magnet and no silence, unless asked for.
 

@@ -168,7 +168,7 @@ class TcpServer:
         return True
 
     def _tell(self, text: str) -> None:
-        """Anybody can make it happen, as often as he likes."""
+        """Log a line, once a minute at most: any client can cause it at will."""
         now_s = time.monotonic()
         if now_s >= self._tell_due_s:
             self._tell_due_s = now_s + TELL_S
