@@ -26,8 +26,8 @@ EVEN_SPREAD_US = 30_000  # they count as evenly late while they differ by this a
 EVEN_SAMPLES = 6
 
 
-class Window(Value, frozen=True):
-    """The offsets seen for a while, on the vehicle's clock."""
+class Offsets(Value, frozen=True):
+    """Least and most offset (host minus vehicle) since ``begin_us`` of the vehicle's clock."""
 
     begin_us: int
     least_us: float
@@ -41,14 +41,14 @@ class HostClock(Value, frozen=True):
     offset_us: float = 0.0
     at_us: int = 0
     known: bool = False
-    window: Window = Window(0, 0.0, 0.0)  # the offsets of the current second
-    even: Window = Window(0, 0.0, 0.0)  # the offsets since two last differed by EVEN_SPREAD_US
+    window: Offsets = Offsets(0, 0.0, 0.0)  # the offsets of the current second
+    even: Offsets = Offsets(0, 0.0, 0.0)  # the offsets since two last differed by EVEN_SPREAD_US
 
 
 def observe(clock: HostClock, vehicle_us: int, arrival_us: int) -> HostClock:
     """The clock after a message of ``vehicle_us`` arrived at ``arrival_us``."""
     seen_us = float(arrival_us - vehicle_us)
-    fresh = Window(vehicle_us, seen_us, seen_us)
+    fresh = Offsets(vehicle_us, seen_us, seen_us)
     if not clock.known:
         return HostClock(seen_us, arrival_us, known=True, window=fresh, even=fresh)
     offset_us = min(_bound_us(clock, arrival_us), seen_us)
@@ -77,20 +77,20 @@ def lateness_us(clock: HostClock, vehicle_us: int, arrival_us: int) -> float:
     return arrival_us - vehicle_us - clock.offset_us
 
 
-def _lengthen(window: Window, seen_us: float) -> Window:
+def _lengthen(window: Offsets, seen_us: float) -> Offsets:
     """The window with one more offset in it."""
     least_us, most_us = min(window.least_us, seen_us), max(window.most_us, seen_us)
-    return Window(window.begin_us, least_us, most_us, window.samples + 1)
+    return Offsets(window.begin_us, least_us, most_us, window.samples + 1)
 
 
-def _is_even_step(even: Window, vehicle_us: int, offset_us: float) -> bool:
+def _is_even_step(even: Offsets, vehicle_us: int, offset_us: float) -> bool:
     """Whether messages have come with one and the same new lateness for a while."""
     lasts_us = vehicle_us - even.begin_us
     is_long = lasts_us >= EVEN_US and even.samples >= EVEN_SAMPLES
     return is_long and even.least_us - offset_us > STEP_US
 
 
-def _moved_offset_us(window: Window, offset_us: float) -> float:
+def _moved_offset_us(window: Offsets, offset_us: float) -> float:
     """The offset, moved if the window shows that the host's clock was set forwards."""
     step_us = window.least_us - offset_us
     is_step = (
