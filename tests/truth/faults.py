@@ -1,0 +1,251 @@
+"""Sensors' readings of a true motion, and what can go wrong with them.
+
+The readings have the errors of ordinary MEMS sensors and a compass with some iron left over.
+A fault changes them from ``begin_s`` to ``end_s``; one of no length lasts to the end.
+"""
+
+from collections.abc import Callable
+from math import cos, radians, sin
+from typing import NamedTuple
+
+import numpy as np
+from pygeomag import GeoMag
+
+from drivers.simulation.rotations import Floats, rotate_inverse
+from tests.truth.motions import DURATION_S, FINE_HZ, TIME_S, Motion
+
+YEAR = 2025.8
+VIBRATION_HZ = 73.3  # beside every multiple of the streams' rates
+
+
+class Place(NamedTuple):
+    """Where it happens."""
+
+    latitude_deg: float = 47.3977
+    longitude_deg: float = 8.5456
+    altitude_m: float = 488.0
+
+
+class EarthField(NamedTuple):
+    """The magnetic field of a place."""
+
+    declination_rad: float
+    ned_gauss: tuple[float, float, float]
+
+
+class Readings(NamedTuple):
+    """What one stream of IMU messages says, and the velocities beside it; N samples."""
+
+    time_s: Floats  # true time
+    boot_s: Floats  # by the vehicle's clock
+    stamp_s: Floats  # by the IMU message's own stamp
+    gyr_rad_s: Floats  # (N, 3), FRD
+    acc_m_s2: Floats  # (N, 3), FRD
+    mag_gauss: Floats  # (N, 3), FRD
+    velocity_m_s: Floats  # (N, 3), NED
+
+
+class Fault(NamedTuple):
+    """What goes wrong. ``size`` is in the kind's own unit; ``axis`` 0, 1, 2 is x, y, z."""
+
+    kind: str = "none"
+    axis: int = 0
+    size: float = 0.0
+    begin_s: float = 40.0
+    end_s: float = DURATION_S
+
+    def __str__(self) -> str:
+        if self.kind == "none":
+            return self.kind
+        axis = (
+            " xyz"[1 + self.axis] if self.kind.split()[0] in ("gyroscope", "magnetometer") else ""
+        )
+        return f"{self.kind} {axis} {self.size:g}".replace("  ", " ")
+
+
+def earth_field(place: Place) -> EarthField:
+    """The World Magnetic Model's field at a place."""
+    model = GeoMag(coefficients_file="wmm/WMM_2025.COF")
+    found = model.calculate(place.latitude_deg, place.longitude_deg, 1e-3 * place.altitude_m, YEAR)
+    declination, dip, strength = radians(found.d), radians(found.i), 1e-5 * found.f
+    level = strength * cos(dip)
+    ned = (level * cos(declination), level * sin(declination), strength * sin(dip))
+    return EarthField(declination, ned)
+
+
+def sense(motion: Motion, rate_hz: float, field: EarthField, seed: int) -> Readings:
+    """Healthy readings at ``rate_hz``."""
+    rng = np.random.default_rng([seed, 1])
+    at = np.round(np.arange(0.0, DURATION_S, 1.0 / rate_hz) * FINE_HZ).astype(int)
+    at = at[at < len(TIME_S)]
+    moving = np.linalg.norm(motion.velocity_m_s[at], axis=1) > 0.05
+
+    def with_errors(signal: Floats, noise: float, bias: float, shaken: float) -> Floats:
+        sigma = np.hypot(noise, shaken * moving)[:, None]
+        scale = 1.0 + 0.003 * rng.standard_normal(3)
+        errors = bias * rng.standard_normal(3) + sigma * rng.standard_normal(signal.shape)
+        return np.asarray(scale * signal + errors)
+
+    gyr = with_errors(motion.rate_rad_s[at], 0.002, 0.005, motion.gyr_vibration_rad_s)
+    acc = with_errors(motion.force_m_s2[at], 0.03, 0.05, motion.acc_vibration_m_s2)
+    mag = with_errors(rotate_inverse(motion.q_ned_frd[at], field.ned_gauss), 0.003, 0.003, 0.0)
+    keep = np.exp(-1.0 / (5.0 * rate_hz))  # a filter's velocity drifts about within seconds
+    slow = np.zeros((len(at), 3))
+    for k in range(1, len(at)):
+        slow[k] = keep * slow[k - 1] + 0.1 * np.sqrt(1.0 - keep**2) * rng.standard_normal(3)
+    velocity = motion.velocity_m_s[at] + slow * (0.2 + 0.8 * moving[:, None])
+    boot_s = 5.0 + TIME_S[at]
+    return Readings(TIME_S[at], boot_s, boot_s, gyr, acc, mag, velocity)
+
+
+def impair(healthy: Readings, fault: Fault, seed: int) -> Readings:
+    """The readings with the fault."""
+    is_wrong = (healthy.time_s >= fault.begin_s) & (healthy.time_s < fault.end_s)
+    rng = np.random.default_rng([seed, 2])
+    if fault.kind == "none" or not is_wrong.any():
+        return healthy
+    return KINDS[fault.kind](healthy, fault, is_wrong, rng)
+
+
+Wrong = np.ndarray[tuple[int], np.dtype[np.bool_]]
+Kind = Callable[[Readings, Fault, Wrong, np.random.Generator], Readings]
+
+
+def _on_axis(sensor: str, change: Callable[[Floats, float, np.random.Generator], Floats]) -> Kind:
+    """A fault of one axis: ``change`` is given its readings from begin to end, and the size."""
+
+    def apply(r: Readings, fault: Fault, wrong: Wrong, rng: np.random.Generator) -> Readings:
+        values = getattr(r, sensor).copy()
+        values[wrong, fault.axis] = change(values[wrong, fault.axis], fault.size, rng)
+        return r._replace(**{sensor: values})
+
+    return apply
+
+
+def _clip_to_share(values: Floats, share: float, _: np.random.Generator) -> Floats:
+    """The end of the range is a share of the largest reading."""
+    end = share * float(np.max(np.abs(values)))
+    return np.clip(values, -end, end)
+
+
+def _acc_ramp(r: Readings, fault: Fault, wrong: Wrong, _: np.random.Generator) -> Readings:
+    acc = r.acc_m_s2.copy()
+    acc[wrong, fault.axis] += fault.size * (r.time_s[wrong] - fault.begin_s)
+    return r._replace(acc_m_s2=acc)
+
+
+def _acc_vibration(r: Readings, fault: Fault, wrong: Wrong, rng: np.random.Generator) -> Readings:
+    acc = r.acc_m_s2.copy()
+    swing = np.sin(2 * np.pi * VIBRATION_HZ * r.time_s[wrong][:, None] + rng.uniform(0, 6.3, 3))
+    acc[wrong] += fault.size * rng.uniform(0.5, 1.5, swing.shape) * swing * (0.5, 0.5, 1.0)
+    return r._replace(acc_m_s2=acc)
+
+
+def _mag_frozen(r: Readings, _: Fault, wrong: Wrong, __: np.random.Generator) -> Readings:
+    mag = r.mag_gauss.copy()
+    mag[wrong] = mag[wrong][0]
+    return r._replace(mag_gauss=mag)
+
+
+def _velocity_scale(r: Readings, fault: Fault, wrong: Wrong, _: np.random.Generator) -> Readings:
+    velocity = r.velocity_m_s.copy()
+    velocity[wrong] *= fault.size
+    return r._replace(velocity_m_s=velocity)
+
+
+def _velocity_turned(r: Readings, fault: Fault, wrong: Wrong, _: np.random.Generator) -> Readings:
+    velocity, angle = r.velocity_m_s.copy(), radians(fault.size)
+    north, east = r.velocity_m_s[wrong, 0], r.velocity_m_s[wrong, 1]
+    velocity[wrong, 0] = cos(angle) * north - sin(angle) * east
+    velocity[wrong, 1] = sin(angle) * north + cos(angle) * east
+    return r._replace(velocity_m_s=velocity)
+
+
+def _clock_unit(r: Readings, fault: Fault, wrong: Wrong, _: np.random.Generator) -> Readings:
+    """The IMU's own stamp is counted in another unit, all others are right."""
+    return r._replace(stamp_s=np.where(wrong, fault.size * r.stamp_s, r.stamp_s))
+
+
+def _clock_pace(r: Readings, fault: Fault, wrong: Wrong, _: np.random.Generator) -> Readings:
+    """The vehicle's whole clock runs at another pace."""
+    pace = np.where(wrong, fault.size, 1.0)
+    steps = np.diff(r.boot_s, prepend=r.boot_s[0]) * pace
+    boot_s = r.boot_s[0] + np.cumsum(steps)
+    return r._replace(boot_s=boot_s, stamp_s=boot_s)
+
+
+KINDS: dict[str, Kind] = {
+    "gyroscope stuck": _on_axis("gyr_rad_s", lambda v, _, __: np.full_like(v, v[0])),
+    "gyroscope offset": _on_axis("gyr_rad_s", lambda v, size, _: v + size),
+    "gyroscope scale": _on_axis("gyr_rad_s", lambda v, size, _: v * size),
+    "gyroscope noise": _on_axis(
+        "gyr_rad_s", lambda v, size, rng: v + size * rng.standard_normal(len(v))
+    ),
+    "gyroscope saturated": _on_axis("gyr_rad_s", _clip_to_share),
+    "accelerometer offset": _on_axis("acc_m_s2", lambda v, size, _: v + size),
+    "accelerometer growing": _acc_ramp,
+    "accelerometer vibration": _acc_vibration,
+    "magnetometer offset": _on_axis("mag_gauss", lambda v, size, _: v + size),
+    "magnetometer frozen": _mag_frozen,
+    "velocity scale": _velocity_scale,
+    "velocity turned": _velocity_turned,
+    "clock unit": _clock_unit,
+    "clock pace": _clock_pace,
+}
+
+
+def listed_faults() -> list[Fault]:
+    """One of each kind and axis."""
+    axes = [
+        Fault(f"gyroscope {kind}", axis, size)
+        for kind, size in (
+            ("stuck", 0.0),
+            ("offset", 0.1),
+            ("offset", 0.5),
+            ("scale", 2.0),
+            ("noise", 0.3),
+            ("saturated", 0.5),
+        )
+        for axis in range(3)
+    ]
+    return [
+        Fault(begin_s=0.0),
+        *axes,
+        Fault("accelerometer offset", 0, 3.0, end_s=60.0),
+        Fault("accelerometer growing", 1, 0.3, end_s=60.0),
+        Fault("accelerometer vibration", 0, 80.0, end_s=60.0),
+        Fault("magnetometer offset", 1, 0.2, end_s=60.0),
+        Fault("magnetometer frozen"),
+        Fault("velocity scale", 0, 2.0),
+        Fault("velocity turned", 0, 90.0),
+        Fault("clock unit", 0, 1e-3, begin_s=0.0),
+        Fault("clock pace", 0, 1e-3),
+        Fault("clock pace", 0, 1.03, begin_s=0.0),
+    ]
+
+
+def drawn_fault(rng: np.random.Generator) -> Fault:
+    """Any kind on any axis, its size and time at random."""
+    sizes = {
+        "gyroscope offset": rng.uniform(0.1, 0.5),
+        "gyroscope scale": rng.uniform(0.3, 3.0),
+        "gyroscope noise": rng.uniform(0.05, 0.5),
+        "gyroscope saturated": rng.uniform(0.2, 0.8),
+        "accelerometer offset": rng.uniform(1.0, 5.0),
+        "accelerometer growing": rng.uniform(0.1, 0.5),
+        "accelerometer vibration": rng.uniform(20.0, 120.0),
+        "magnetometer offset": rng.uniform(0.05, 0.4),
+        "velocity scale": rng.uniform(0.3, 3.0),
+        "velocity turned": rng.uniform(20.0, 180.0),
+        "clock unit": 1e-3,
+        "clock pace": rng.choice((1e-3, 0.1, 0.95, 1.05, 10.0)),
+    }
+    kind = str(rng.choice([*KINDS, "none"]))
+    begin_s = 0.0 if kind == "clock unit" else float(rng.uniform(15.0, 50.0))
+    end_s = begin_s + float(rng.uniform(10.0, 30.0)) if rng.random() < 0.5 else DURATION_S
+    size = float(sizes.get(kind, 0.0)) * (rng.choice((-1.0, 1.0)) if "offset" in kind else 1.0)
+    if kind == "clock unit":
+        end_s = DURATION_S
+    return Fault(
+        kind, int(rng.integers(3)), float(f"{size:.2g}"), round(begin_s, 1), round(end_s, 1)
+    )
