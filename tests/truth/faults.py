@@ -16,6 +16,7 @@ from tests.truth.motions import DURATION_S, FINE_HZ, TIME_S, Motion
 
 YEAR = 2025.8
 VIBRATION_HZ = 73.3  # beside every multiple of the streams' rates
+Flags = np.ndarray[tuple[int, ...], np.dtype[np.bool_]]
 
 
 class Place(NamedTuple):
@@ -55,12 +56,12 @@ class Fault(NamedTuple):
     end_s: float = DURATION_S
 
     def __str__(self) -> str:
-        if self.kind == "none":
-            return self.kind
-        axis = (
-            " xyz"[1 + self.axis] if self.kind.split()[0] in ("gyroscope", "magnetometer") else ""
-        )
-        return f"{self.kind} {axis} {self.size:g}".replace("  ", " ")
+        axis = "xyz"[self.axis] if self.kind.startswith(("gyroscope", "magnetometer o")) else ""
+        size = f"{self.size:g}" if self.size else ""
+        return " ".join(filter(None, (self.kind, axis, size)))
+
+
+HEALTHY = Fault(begin_s=0.0)
 
 
 def earth_field(place: Place) -> EarthField:
@@ -107,14 +108,13 @@ def impair(healthy: Readings, fault: Fault, seed: int) -> Readings:
     return KINDS[fault.kind](healthy, fault, is_wrong, rng)
 
 
-Wrong = np.ndarray[tuple[int], np.dtype[np.bool_]]
-Kind = Callable[[Readings, Fault, Wrong, np.random.Generator], Readings]
+Kind = Callable[[Readings, Fault, Flags, np.random.Generator], Readings]
 
 
 def _on_axis(sensor: str, change: Callable[[Floats, float, np.random.Generator], Floats]) -> Kind:
     """A fault of one axis: ``change`` is given its readings from begin to end, and the size."""
 
-    def apply(r: Readings, fault: Fault, wrong: Wrong, rng: np.random.Generator) -> Readings:
+    def apply(r: Readings, fault: Fault, wrong: Flags, rng: np.random.Generator) -> Readings:
         values = getattr(r, sensor).copy()
         values[wrong, fault.axis] = change(values[wrong, fault.axis], fault.size, rng)
         return r._replace(**{sensor: values})
@@ -122,54 +122,51 @@ def _on_axis(sensor: str, change: Callable[[Floats, float, np.random.Generator],
     return apply
 
 
-def _clip_to_share(values: Floats, share: float, _: np.random.Generator) -> Floats:
+def _saturated(values: Floats, share: float, _: np.random.Generator) -> Floats:
     """The end of the range is a share of the largest reading."""
     end = share * float(np.max(np.abs(values)))
     return np.clip(values, -end, end)
 
 
-def _acc_ramp(r: Readings, fault: Fault, wrong: Wrong, _: np.random.Generator) -> Readings:
+def _growing(r: Readings, fault: Fault, wrong: Flags, _: np.random.Generator) -> Readings:
     acc = r.acc_m_s2.copy()
     acc[wrong, fault.axis] += fault.size * (r.time_s[wrong] - fault.begin_s)
     return r._replace(acc_m_s2=acc)
 
 
-def _acc_vibration(r: Readings, fault: Fault, wrong: Wrong, rng: np.random.Generator) -> Readings:
+def _vibrating(r: Readings, fault: Fault, wrong: Flags, rng: np.random.Generator) -> Readings:
     acc = r.acc_m_s2.copy()
     swing = np.sin(2 * np.pi * VIBRATION_HZ * r.time_s[wrong][:, None] + rng.uniform(0, 6.3, 3))
     acc[wrong] += fault.size * rng.uniform(0.5, 1.5, swing.shape) * swing * (0.5, 0.5, 1.0)
     return r._replace(acc_m_s2=acc)
 
 
-def _mag_frozen(r: Readings, _: Fault, wrong: Wrong, __: np.random.Generator) -> Readings:
+def _frozen(r: Readings, _: Fault, wrong: Flags, __: np.random.Generator) -> Readings:
     mag = r.mag_gauss.copy()
     mag[wrong] = mag[wrong][0]
     return r._replace(mag_gauss=mag)
 
 
-def _velocity_scale(r: Readings, fault: Fault, wrong: Wrong, _: np.random.Generator) -> Readings:
-    velocity = r.velocity_m_s.copy()
-    velocity[wrong] *= fault.size
+def _larger(r: Readings, fault: Fault, wrong: Flags, _: np.random.Generator) -> Readings:
+    factor = np.where(wrong, fault.size, 1.0)[:, None]
+    return r._replace(velocity_m_s=factor * r.velocity_m_s)
+
+
+def _turned(r: Readings, fault: Fault, wrong: Flags, _: np.random.Generator) -> Readings:
+    c, s = cos(radians(fault.size)), sin(radians(fault.size))
+    R = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
+    velocity = np.where(wrong[:, None], r.velocity_m_s @ R.T, r.velocity_m_s)
     return r._replace(velocity_m_s=velocity)
 
 
-def _velocity_turned(r: Readings, fault: Fault, wrong: Wrong, _: np.random.Generator) -> Readings:
-    velocity, angle = r.velocity_m_s.copy(), radians(fault.size)
-    north, east = r.velocity_m_s[wrong, 0], r.velocity_m_s[wrong, 1]
-    velocity[wrong, 0] = cos(angle) * north - sin(angle) * east
-    velocity[wrong, 1] = sin(angle) * north + cos(angle) * east
-    return r._replace(velocity_m_s=velocity)
-
-
-def _clock_unit(r: Readings, fault: Fault, wrong: Wrong, _: np.random.Generator) -> Readings:
+def _other_unit(r: Readings, fault: Fault, wrong: Flags, _: np.random.Generator) -> Readings:
     """The IMU's own stamp is counted in another unit, all others are right."""
     return r._replace(stamp_s=np.where(wrong, fault.size * r.stamp_s, r.stamp_s))
 
 
-def _clock_pace(r: Readings, fault: Fault, wrong: Wrong, _: np.random.Generator) -> Readings:
+def _other_pace(r: Readings, fault: Fault, wrong: Flags, _: np.random.Generator) -> Readings:
     """The vehicle's whole clock runs at another pace."""
-    pace = np.where(wrong, fault.size, 1.0)
-    steps = np.diff(r.boot_s, prepend=r.boot_s[0]) * pace
+    steps = np.diff(r.boot_s, prepend=r.boot_s[0]) * np.where(wrong, fault.size, 1.0)
     boot_s = r.boot_s[0] + np.cumsum(steps)
     return r._replace(boot_s=boot_s, stamp_s=boot_s)
 
@@ -181,16 +178,16 @@ KINDS: dict[str, Kind] = {
     "gyroscope noise": _on_axis(
         "gyr_rad_s", lambda v, size, rng: v + size * rng.standard_normal(len(v))
     ),
-    "gyroscope saturated": _on_axis("gyr_rad_s", _clip_to_share),
+    "gyroscope saturated": _on_axis("gyr_rad_s", _saturated),
     "accelerometer offset": _on_axis("acc_m_s2", lambda v, size, _: v + size),
-    "accelerometer growing": _acc_ramp,
-    "accelerometer vibration": _acc_vibration,
+    "accelerometer growing": _growing,
+    "accelerometer vibration": _vibrating,
     "magnetometer offset": _on_axis("mag_gauss", lambda v, size, _: v + size),
-    "magnetometer frozen": _mag_frozen,
-    "velocity scale": _velocity_scale,
-    "velocity turned": _velocity_turned,
-    "clock unit": _clock_unit,
-    "clock pace": _clock_pace,
+    "magnetometer frozen": _frozen,
+    "velocity scale": _larger,
+    "velocity turned": _turned,
+    "clock unit": _other_unit,
+    "clock pace": _other_pace,
 }
 
 
@@ -209,7 +206,7 @@ def listed_faults() -> list[Fault]:
         for axis in range(3)
     ]
     return [
-        Fault(begin_s=0.0),
+        HEALTHY,
         *axes,
         Fault("accelerometer offset", 0, 3.0, end_s=60.0),
         Fault("accelerometer growing", 1, 0.3, end_s=60.0),
