@@ -170,7 +170,7 @@ def aerobatics(draw: Draw) -> Motion:
             # a smooth pulse whose integral is one whole turn
             rate[:, 1 - kind % 2] += turn * np.gradient(_step((TIME_S - t_s) / span_s), TIME_S)
             t_s += span_s + draw.size(3.0)
-    q = _integrated(rate, draw.angle())
+    q = integrated(rate, draw.angle())
     nose = rotate_inverse(q * CONJUGATE, (1.0, 0.0, 0.0))
     speeds = speed * _step((TIME_S - REST_S) / (speed / 3.0)) * (1.0 + 0.25 * nose[:, 2])
     motion = _motion(PLANE, q, speeds[:, None] * nose)
@@ -241,7 +241,8 @@ def _from_euler(roll: Floats, pitch: Floats, yaw: Floats) -> Floats:
     return multiply(multiply(by_yaw, by_pitch), by_roll)
 
 
-def _integrated(rate: Floats, heading_rad: float) -> Floats:
+def integrated(rate: Floats, heading_rad: float) -> Floats:
+    """Attitudes (N, 4) of a body rate (N, 3), level at first."""
     turns = np.vstack([[[0.0, 0.0, heading_rad]], 0.5 * (rate[1:] + rate[:-1]) / FINE_HZ])
     return running_product(exponential(turns))
 
