@@ -244,5 +244,5 @@ def drawn_fault(rng: np.random.Generator) -> Fault:
     if kind == "clock unit":
         end_s = DURATION_S
     return Fault(
-        kind, int(rng.integers(3)), float(f"{size:.2g}"), round(begin_s, 1), round(end_s, 1)
+        kind, int(rng.integers(3)), float(f"{size:.3g}"), round(begin_s, 1), round(end_s, 1)
     )
