@@ -10,7 +10,7 @@ filter, by recording, with its bootstrapped 95 % interval.
 
 Filters are names with commas between them, or ``rivals``, ``gains`` (the profile imu with other
 gains) or ``steps`` (one step of the conditioning off at a time). Ways are those of common/ways.py,
-or ``all``. ``--by group`` and ``--by name`` have rows for each group and recording.
+or ``all``.
 """
 
 import sys
@@ -20,7 +20,7 @@ import numpy as np
 from common.filters import Filter, chosen_filters
 from common.recordings import Trial, add_folders, chosen_sets
 from common.report import MISSING, Point, Row, draw, parser, show
-from common.scores import by, change, mean_of, score
+from common.scores import change, mean_of, score
 from common.ways import WAYS
 
 
@@ -29,7 +29,7 @@ def judge(filter_: Filter, trials: Sequence[Trial]) -> list[Row]:
     rows = []
     for trial in trials:
         said = filter_(trial).advance(slice(0, None))
-        rows.append({"name": trial.name, "groups": trial.groups, **score(trial, *said)})
+        rows.append({"name": trial.name, **score(trial, *said)})
     return rows
 
 
@@ -42,26 +42,9 @@ def worse(trials: Sequence[Trial], way: str, seed: int) -> list[Trial]:
 def summary(rows: Sequence[Row], base: Sequence[Row]) -> Row:
     """Means over the recordings."""
     totals = [row["total"] for row in rows]
-    means = mean_of([{k: v for k, v in row.items() if k not in {"name", "groups"}} for row in rows])
+    means = mean_of([{k: v for k, v in row.items() if k != "name"} for row in rows])
     found = {"n": len(rows), **means, "worst": max(totals)}
     return {**found, "change": change(totals, [row["total"] for row in base])}
-
-
-def summaries(rows: Sequence[Row], base: Sequence[Row], key: str) -> dict[str, Row]:
-    """By all, by group or by name."""
-    if key == "all":
-        return {"": summary(rows, base)}
-    if key == "name":
-        return {row["name"]: summary([row], [was]) for row, was in zip(rows, base, strict=True)}
-    pairs = [
-        {"group": group, "row": row, "base": was}
-        for row, was in zip(rows, base, strict=True)
-        for group in row["groups"]
-    ]
-    return {
-        str(group): summary([p["row"] for p in some], [p["base"] for p in some])
-        for group, some in sorted(by(pairs, lambda p: p["group"]).items(), key=str)
-    }
 
 
 def main() -> int:
@@ -78,8 +61,7 @@ def main() -> int:
                     continue
                 rows = judge(filter_, made)
                 base = rows if base is None else base
-                for of, means in summaries(rows, base, options.by).items():
-                    table.append({**head, **({"of": of} if of else {}), **means})
+                table.append({**head, **summary(rows, base)})
                 points += [Point(f"{folder}, {way}", r["name"], name, r["total"]) for r in rows]
     if options.plot:
         draw(options.plot, points, "total RMS error, degrees", is_log=True)
@@ -92,7 +74,6 @@ def arguments():
     add_folders(made)
     made.add_argument("--filters", default="rivals", help="names, rivals, gains or steps")
     made.add_argument("--ways", nargs="+", choices=[*WAYS, "all"], default=["as recorded"])
-    made.add_argument("--by", choices=("all", "group", "name"), default="all")
     made.add_argument("--seed", type=int, default=0)
     return made.parse_args()
 

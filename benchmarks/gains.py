@@ -17,18 +17,15 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from common.mekf import FILTERS, mekf_errors
 from common.paper_filter import Signals, errors_of, kernel_errors, require_equal, signals_of
-from common.paper_laws import KINDS, Kind, fuzzy
+from common.paper_laws import KINDS, Kind, fuzzy, tune
 from common.recordings import Array
 from common.report import Point, Row, draw, parser, seeds, show
 
 from estimator.geometry.metrics import STEADY, TRANSIENT, TRANSIENT_WEIGHT
 from estimator.live.settings import Settings, settings_of
 from estimator.profile import load_profile
-from tuning.optimizers import run_search
 from tuning.paper_experiment import SETTLED_ERROR
 from tuning.paper_noise import NoiseScale
-from tuning.search import Search, SearchOptions
-from tuning.space import Space, bounds
 
 TUNING_SEEDS = range(100, 108)
 FOOD_SOURCES, CYCLES = 20, 50
@@ -61,20 +58,6 @@ def aligned(settings: Settings, on: Signals) -> Array:
 def costs(e: Array) -> Array:
     """J of e (..., N)."""
     return TRANSIENT_WEIGHT * e[..., TRANSIENT].sum(-1) + e[..., STEADY].sum(-1)
-
-
-def tune(
-    name: str, space: Space, settings: Settings, on: Signals, cycles: int
-) -> tuple[Array, float]:
-    """The parameters (D,) with the lowest mean J on the signals, and that J."""
-
-    def evaluate(values: Array) -> Array:
-        return np.asarray(costs(law_errors(name, values, settings, on)).mean(axis=1))
-
-    limit = FOOD_SOURCES * space.dimensions
-    search = Search(space, SearchOptions("abc", FOOD_SOURCES, cycles, limit, 0), evaluate)
-    run_search(search, np.mean(bounds(space), axis=0))
-    return search.best_values, search.best_cost
 
 
 def figures(e: Array, rate_hz: float) -> Row:
@@ -121,7 +104,11 @@ def tuned_contenders(options: Namespace) -> tuple[dict[str, Array], list[Row]]:
         spaces = {name: spaces[name] for name in list(spaces)[:1]}
     for name, space in spaces.items():
         print(f"tuning: {name} ...", file=sys.stderr, flush=True)
-        tuned[name], cost = tune(name, space, settings, on, options.cycles)
+
+        def evaluate(values: Array, name: str = name) -> Array:
+            return np.asarray(costs(law_errors(name, values, settings, on)).mean(axis=1))
+
+        tuned[name], cost = tune(space, evaluate, FOOD_SOURCES, options.cycles)
         values = dict(zip(space.names, tuned[name].tolist(), strict=True))
         rows.append({"gain": name, "J there": cost, "parameters": values})
     return tuned, rows

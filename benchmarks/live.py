@@ -13,16 +13,13 @@ service's place. Times are median, 99th percentile and worst in ms, of an attitu
 
 ``shed`` samples are those that an overloaded service left out and counted, ``lost`` those that the
 system threw away, as the service has counted, ``uncounted`` the others that were not taken.
-``parser alone`` is pymavlink's on the same datagrams, in microseconds a datagram, which tells
-machines apart, and the share of a core that it would take. Cores and memory are those of all
-processes of the service. With ``--capacity`` the number of vehicles is searched that is carried
-with less than 0.1 % not taken.
+Cores and memory are those of all processes of the service. With ``--capacity`` the number of
+vehicles is searched that is carried with less than 0.1 % not taken.
 """
 
 import sys
 import time
 from argparse import Namespace
-from functools import partial
 
 from common.filters import is_installed
 from common.report import MISSING, Row, parser, show
@@ -44,7 +41,6 @@ from processes.trial import (
 # A number of vehicles is carried if less than this share of the samples is lost or left out.
 CARRIED = 0.001
 FIRST_VEHICLES, MOST_VEHICLES, FINENESS = 64, 500, 0.1
-PARSED_S = 0.5
 
 
 def measure(shape: Shape, begin_service: BeginService) -> Row:
@@ -99,25 +95,6 @@ def shape_of(options: Namespace, vehicles: int) -> Shape:
     return Shape(vehicles, options.rate, options.seconds, publish_hz)
 
 
-def parser_alone(vehicles: int, rate_hz: float) -> dict[str, float]:
-    """pymavlink's parser over the same datagrams."""
-    from pymavlink.dialects.v20 import ardupilotmega
-
-    from drivers.simulation.autopilot import SimulatedAutopilot, VehicleOptions
-
-    autopilot = SimulatedAutopilot(VehicleOptions(rate_hz=rate_hz), 1)
-    datagrams = [autopilot.advance(autopilot.due_us, 0) for _ in range(500)]
-    mav = ardupilotmega.MAVLink(None)
-    mav.robust_parsing = True
-    parsed, begin_s = 0, time.process_time()
-    while (spent_s := time.process_time() - begin_s) < PARSED_S:
-        for datagram in datagrams:
-            mav.parse_buffer(datagram)
-        parsed += len(datagrams)
-    each_s = spent_s / parsed
-    return {"us": round(each_s * 1e6, 2), "cores": round(each_s * vehicles * rate_hz, 3)}
-
-
 def main() -> int:
     made = parser(__doc__)
     made.add_argument("--vehicles", type=int, default=1)
@@ -133,7 +110,7 @@ def main() -> int:
     if options.seconds <= WARM_UP_S:
         made.error(f"--seconds: more than {WARM_UP_S:g}")
     rivals: dict[str, BeginService | None] = {
-        "fuzzbee": partial(fuzzbee_of, workers=options.workers),
+        "fuzzbee": lambda *where: fuzzbee(*where, "--workers", str(options.workers)),
         "plain script": plain if is_installed("mahony") else None,
     }
     chosen = ["plain script"] if options.plain else ["fuzzbee"]
@@ -147,14 +124,9 @@ def main() -> int:
             found = capacity(options, begin_service)
         else:
             found = measure(shape_of(options, options.vehicles), begin_service)
-        alone = parser_alone(found["vehicles"], options.rate)
-        rows.append({"service": name, **found, "parser alone": alone})
+        rows.append({"service": name, **found})
     show({"live": rows}, as_json=options.json)
     return 0
-
-
-def fuzzbee_of(port: int, endpoint: str, publish_hz: float, workers: int) -> Process:
-    return fuzzbee(port, endpoint, publish_hz, "--workers", str(workers))
 
 
 if __name__ == "__main__":

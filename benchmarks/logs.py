@@ -7,8 +7,7 @@ samples: the accelerometer alone and complementary filters of several time const
 them is chosen in hindsight, log by log: a filter tuned on the answer. All are compared with the
 simulator's truth where the log has it, else with the autopilot's own attitude, which is no truth.
 From each one constant rotation is taken off, since IMU and autopilot may be mounted apart. Degrees
-RMS; the share of errors under sigma in motion and at rest; seconds spent over 30 deg off while less
-than that from level, in all and in a row. Then medians by motion and rate.
+RMS; the share of errors under sigma in motion and at rest. Then medians by motion and rate.
 """
 
 import sys
@@ -33,7 +32,6 @@ from fuzzbee.replays.trace import VehicleTrace
 SUFFIXES = (".tlog", ".log", ".bin", ".ulg")
 TAUS_S = (0.5, 1.0, 2.0, 5.0, 10.0, 20.0, 50.0)
 RATE_EDGES_HZ = (2.2, 3.3, 5.0, 25.0)
-FAR_DEG = 30.0  # no estimate should be this far off while the vehicle is less than that from level
 LEAST_COMPARED = 20  # samples
 # The share of samples in motion from which a log counts as one of a moving vehicle.
 LEAST_MOVING_SHARE = 0.1
@@ -75,15 +73,6 @@ def errors_deg(down: Array, reference: Array) -> Array:
     return tilt_deg(down @ (u @ np.diag([1.0, 1.0, np.linalg.det(u @ vt)]) @ vt), reference)
 
 
-def far_s(far: Bools, steps_s: Array) -> list[float]:
-    """Seconds that are far off: all, and the most in a row."""
-    longest = run = 0.0
-    for is_far, step_s in zip(far, steps_s, strict=True):
-        run = run + float(step_s) if is_far else 0.0
-        longest = max(longest, run)
-    return [float(steps_s[far].sum()), longest]
-
-
 def share(inside: Bools, which: Bools) -> float | None:
     """Share of the chosen samples that are inside; None if the chosen are too few."""
     return float(np.mean(inside[which])) if np.count_nonzero(which) >= LEAST_COMPARED else None
@@ -99,7 +88,6 @@ def score(path: Path, trace: VehicleTrace) -> Row | None:
     ours = errors_deg(down_in_body(trace.estimates)[known], downs)
     others = {name: rms(errors_deg(down[known], downs)) for name, down in rivals(trace).items()}
     sigma = np.degrees(trace.column(lambda a: a.sigma_inclination_rad))[known]
-    far = (downs[:, 2] > np.cos(np.radians(FAR_DEG))) & (ours > FAR_DEG)
     best = min(others, key=lambda name: others[name])
     return {
         "log": path.name,
@@ -114,7 +102,6 @@ def score(path: Path, trace: VehicleTrace) -> Row | None:
         "under sigma moving": share(ours <= sigma, moving),
         "at rest": share(ours <= sigma, ~moving),
         "sigma": float(np.median(sigma)),
-        "far s": far_s(far, np.minimum(steps_s[known], 1.0)),
     }
 
 
@@ -134,7 +121,7 @@ def group(logs: Sequence[Row]) -> Row:
         found[name] = median(values) if values else None
     ratios = [log["fuzzbee"] / max(log["accelerometer"], 1e-9) for log in logs]
     found["worst over the accelerometer"] = max(ratios)
-    return {**found, "far over 2 s": sum(log["far s"][1] > 2.0 for log in logs)}
+    return found
 
 
 def groups(logs: Sequence[Row]) -> list[Row]:

@@ -8,7 +8,6 @@ The tables of docs/paper.md, each line one change against the profile ``paper`` 
 * ``long steps``: fixed gains at other rates, with a plain step and with the plain bias.
 * ``retuned``: J there after a bee colony has looked for memberships under that change, on the
   tuning seeds (100-107): a change may only need other memberships.
-* ``colony``: J that the search ends at, on both kinds of seeds, with its own rules changed.
 
 Mean over seeds; ``error`` is the standard error of the mean difference to "as built", paired by
 seed. ``--tables`` chooses; all of them take the better part of an hour, shipped half a minute.
@@ -31,19 +30,16 @@ from common.paper_filter import (
     require_equal,
     signals_of,
 )
-from common.paper_laws import TABLE, fixed, fuzzy
+from common.paper_laws import TABLE, fixed, fuzzy, tune
 from common.recordings import Array
 from common.report import Row, names, parser, show
 
 from estimator.filter.alignment import quaternion_from_matrix
-from estimator.filter.memberships import midpoint
 from estimator.geometry.metrics import COST_RATE_HZ, COST_SAMPLES, TRANSIENT_WEIGHT
 from estimator.live.settings import settings_of
 from estimator.profile import Profile, load_profile, merge_profile
-from tuning.colony import Colony
 from tuning.paper_noise import PAPER_NOISE, NoiseScale
-from tuning.paper_task import PaperTask, midpoint_profile
-from tuning.space import decode, encode, membership_space
+from tuning.space import membership_space
 
 TUNING_SEEDS, JUDGING_SEEDS, SEARCH_SEEDS = range(100, 108), range(3000, 3040), range(5)
 FOOD_SOURCES, CYCLES = 40, 100
@@ -158,104 +154,14 @@ def retuned_table(options: Namespace) -> list[Row]:
         def costs(k: Array, choices: Choices = choices, rules: Array = rules) -> Array:
             return np.asarray(run(tuning, choices, rules, k=k).mean(axis=1))
 
-        best, _ = search_once(costs, options.cycles)
+        best, _ = tune(membership_space(), costs, FOOD_SOURCES, options.cycles)
         found = run(judging, choices, rules, k=best[None])[0]
         base = found if base is None else base
         rows.append(line(name, found, base))
     return rows
 
 
-def colony_table(options: Namespace) -> list[Row]:
-    objective = PaperTask(midpoint_profile(), ("membership",), tuple(options.tuning), ()).objective
-    judging, rows = signals(options.judging), []
-    for name, rules in (
-        ("as built: alpha in [-1, 1], by 1/(1 + J)", {}),
-        ("alpha in [0, 1]", {"positive": True}),
-        ("onlookers by J", {"by_cost": True}),
-        ("both as printed", {"positive": True, "by_cost": True}),
-        ("a scout after 50 failures", {"limit": 50}),
-    ):
-        found = [
-            search_once(objective.costs, options.cycles, seed, **rules) for seed in options.search
-        ]
-        best = np.array([k for k, _ in found])
-        told, judged = objective.costs(best), run(judging, k=best).mean(axis=1)
-        rows.append(
-            {
-                "change": name,
-                "J tuned on": float(told.mean()),
-                "spread": float(np.ptp(told)),
-                "J judged": float(judged.mean()),
-                "its spread": float(np.ptp(judged)),
-                "scouts": float(np.mean([scouts for _, scouts in found])),
-            }
-        )
-    return rows
-
-
-class OtherColony(Colony):
-    """The bees with alpha from [0, 1], or with onlookers drawn by J itself, as printed."""
-
-    def __init__(self, seed: int, limit: int | None, *, positive: bool, by_cost: bool) -> None:
-        self._by_cost = by_cost
-        space, generator = membership_space(), np.random.default_rng(seed)
-        draws: Any = PositiveAlpha(generator) if positive else generator
-        first = encode(space, np.array([midpoint()]))
-        super().__init__(
-            space, FOOD_SOURCES, limit or FOOD_SOURCES * space.dimensions, draws, first
-        )
-
-    def _send_onlookers(self) -> None:
-        if not self._by_cost:
-            super()._send_onlookers()
-            return
-        self._phase = "onlookers"
-        chance = np.cumsum(self.sources.costs) / np.sum(self.sources.costs)
-        drawn = np.searchsorted(chance, self._generator.random(len(chance)), side="right")
-        self._visit(np.minimum(drawn, len(chance) - 1))
-
-
-class PositiveAlpha:
-    """A generator whose uniform numbers from [-1, 1] are from [0, 1]."""
-
-    def __init__(self, generator: np.random.Generator) -> None:
-        self._generator = generator
-
-    def __getattr__(self, name: str) -> Any:
-        return getattr(self._generator, name)
-
-    def uniform(self, low: float, high: float, size: int) -> Any:
-        """As numpy's, from 0 on."""
-        return self._generator.uniform(max(low, 0.0), high, size)
-
-
-def search_once(
-    costs: Any,
-    cycles: int,
-    seed: int = 0,
-    *,
-    positive: bool = False,
-    by_cost: bool = False,
-    limit: int | None = None,
-) -> tuple[Array, int]:
-    """The best memberships (22,) of one search over ``costs(values (C, 22)) -> (C,)``; scouts."""
-    colony, space = OtherColony(seed, limit, positive=positive, by_cost=by_cost), membership_space()
-    best, best_cost = np.array(midpoint()), np.inf
-    while colony.cycles < cycles:
-        values = decode(space, colony.ask())
-        told = costs(values)
-        if told.min() < best_cost:
-            best, best_cost = values[np.argmin(told)], told.min()
-        colony.tell(told)
-    return best, colony.scouts
-
-
-TABLES = {
-    "shipped": shipped_table,
-    "long steps": long_steps_table,
-    "retuned": retuned_table,
-    "colony": colony_table,
-}
+TABLES = {"shipped": shipped_table, "long steps": long_steps_table, "retuned": retuned_table}
 
 
 def main() -> int:

@@ -10,8 +10,6 @@ from 40 s on; ``change`` and ``late change`` are against the profile as it is sh
 
 * rule of two: noise twice as large in the vectors halves their confidences, in the gyroscope
   doubles them;
-* multiple models: five filters side by side, confidences times 1/9 to 9; each five seconds the one
-  that foretells its vectors best is taken;
 * random search in place of the colony, with as many candidates.
 """
 
@@ -28,20 +26,18 @@ from estimator.estimator import Estimator
 from estimator.geometry.metrics import batch_angle_errors
 from estimator.profile import Profile, load_profile
 from estimator.types import ImuSample
-from tuning.online.cost import cost_on
 from tuning.online.noise import noise_of
 from tuning.online.numbers import numbers_of, with_factors
 from tuning.online.retuned_estimator import RetunedEstimator, SegmentingEstimator
 from tuning.online.retuner import Retuner
 from tuning.online.search import CYCLES, FOOD_SOURCES
-from tuning.online.segment import Segment, Window
+from tuning.online.segment import Segment
 from tuning.paper_noise import NoiseScale, simulate_scaled
 from tuning.prediction import readings_of
 from tuning.space import Space, decode, random_positions
 
 RATE_HZ, SAMPLES, CHANGE, LATE = 100.0, 6001, 2000, 4000
 BASE = load_profile("paper")
-MODELS = (1 / 9, 1 / 3, 1.0, 3.0, 9.0)
 MAGNET_GAUSS = (0.15, 0.1, 0.0)  # along body forward and right
 BIAS_STEP_RAD_S = (0.1, -0.1, 0.1)
 NOISES = {
@@ -133,29 +129,11 @@ def rule_of_two(samples: Samples, _seed: int) -> tuple[Array, int]:
     return fly(estimator, samples), changes[0]
 
 
-def multiple_models(samples: Samples, _seed: int) -> tuple[Array, int]:
-    """What foretells best over a segment is taken for the next one."""
-    attitudes = [fly(SegmentingEstimator(times(gain)), samples) for gain in MODELS]
-    parts: list[Segment] = []
-    fly(SegmentingEstimator(BASE, None, parts.append), samples)
-    q, taken, begin, changes = attitudes[2].copy(), 2, 0, 0
-    for part in parts:
-        end = begin + len(part.samples)
-        q[begin:end] = attitudes[taken][begin:end]
-        costs = [cost_on(times(gain), Window(part, part), judged=False) for gain in MODELS]
-        best = int(np.argmin([np.mean(each.blocks) for each in costs]))
-        changes += best != taken
-        taken, begin = best, end
-    q[begin:] = attitudes[taken][begin:]
-    return q, changes
-
-
 METHODS: dict[str, Callable[[Samples, int], tuple[Array, int]]] = {
     "shipped": shipped,
     "retuned": retuned,
     "random search": by_chance,
     "rule of two": rule_of_two,
-    "multiple models": multiple_models,
 }
 
 

@@ -10,10 +10,13 @@ fuzzbee's time over the other's in the same run: it is the figure that holds on 
 
 import sys
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from functools import partial
 from math import inf
+from typing import Any
 
-from common.filters import body_readings, is_installed
+import numpy as np
+from common.filters import ImufusionRun, body_readings, is_installed
 from common.recordings import Trial, add_folders, chosen_sets, made_up
 from common.report import MISSING, Row, parser, show
 
@@ -23,26 +26,14 @@ ROWS = slice(1000, 7000)  # past the rest that recordings begin with
 CALLS = 600  # of them: what takes longer than a few ms, other programs always interrupt
 ROUNDS, SMOKE_ROUNDS = 100, 3
 Start = Callable[[], Callable[[], object]]  # builds a filter and gives what is to be timed
-
-
-def fuzzbee_batch(trial: Trial) -> Start:
-    rows = [column[ROWS] for column in body_readings(trial)]
-
-    def start() -> Callable[[], object]:
-        estimator = begun(trial)
-        return lambda: estimator.update_batch(*rows)
-
-    return start
-
-
-def fuzzbee_call(trial: Trial) -> Start:
-    rows = list(zip(*(column[ROWS][:CALLS] for column in body_readings(trial)), strict=True))
-
-    def start() -> Callable[[], object]:
-        update = begun(trial).update
-        return lambda: [update(*row) for row in rows]
-
-    return start
+Rows = list[tuple[Any, ...]]
+WAYS = (
+    ("batch", "fuzzbee"),
+    ("batch", "vqf"),
+    ("call", "fuzzbee"),
+    ("call", "vqf"),
+    ("call", "imufusion"),
+)
 
 
 def begun(trial: Trial) -> Estimator:
@@ -52,71 +43,59 @@ def begun(trial: Trial) -> Estimator:
     return estimator
 
 
-def vqf_batch(trial: Trial) -> Start:
-    from vqf import VQF
+def starts(trial: Trial) -> Iterator[tuple[str, str, Start]]:
+    """Each way and filter that is installed."""
+    ours = [column[ROWS] for column in body_readings(trial)]
+    calls = list(zip(*(column[:CALLS] for column in ours), strict=True))
+    yield "batch", "fuzzbee", lambda: partial(begun(trial).update_batch, *ours)
+    yield "call", "fuzzbee", lambda: partial(each, begun(trial).update, calls)
+    if is_installed("vqf"):
+        from vqf import VQF
 
-    rows = [column[ROWS].copy() for column in (trial.gyr_rad_s, trial.acc_m_s2, trial.mag_ut)]
-
-    def start() -> Callable[[], object]:
-        vqf = VQF(trial.dt_s)
-        return lambda: vqf.updateBatch(*rows)
-
-    return start
-
-
-def vqf_call(trial: Trial) -> Start:
-    """Its call gives no attitude, which is asked for beside."""
-    from vqf import VQF
-
-    columns = (trial.gyr_rad_s, trial.acc_m_s2, trial.mag_ut)
-    rows = list(zip(*(column[ROWS][:CALLS].copy() for column in columns), strict=True))
-
-    def start() -> Callable[[], object]:
-        vqf = VQF(trial.dt_s)
-        update, attitude = vqf.update, vqf.getQuat9D
-        return lambda: [(update(*row), attitude()) for row in rows]
-
-    return start
+        columns = (trial.gyr_rad_s, trial.acc_m_s2, trial.mag_ut)
+        theirs = [np.ascontiguousarray(column[ROWS]) for column in columns]
+        rows = list(zip(*(column[:CALLS] for column in theirs), strict=True))
+        yield "batch", "vqf", lambda: partial(VQF(trial.dt_s).updateBatch, *theirs)
+        yield "call", "vqf", lambda: partial(each_asked, VQF(trial.dt_s), rows)
+    if is_installed("imufusion"):
+        short = trial.cut(slice(ROWS.start, ROWS.start + CALLS))
+        yield "call", "imufusion", lambda: partial(ImufusionRun(short).advance, slice(0, None))
 
 
-def imufusion_call(trial: Trial) -> Start:
-    from common.filters import ImufusionRun
-
-    short = trial.cut(slice(ROWS.start, ROWS.start + CALLS))
-
-    def start() -> Callable[[], object]:
-        run = ImufusionRun(short)
-        return lambda: run.advance(slice(0, None))
-
-    return start
+def each(update: Callable[..., object], rows: Rows) -> None:
+    for row in rows:
+        update(*row)
 
 
-WAYS = {
-    "batch": {"fuzzbee": fuzzbee_batch, "vqf": vqf_batch},
-    "call": {"fuzzbee": fuzzbee_call, "vqf": vqf_call, "imufusion": imufusion_call},
-}
+def each_asked(vqf: Any, rows: Rows) -> None:
+    """VQF's call gives no attitude, which is asked for beside."""
+    update, attitude = vqf.update, vqf.getQuat9D
+    for row in rows:
+        update(*row)
+        attitude()
 
 
-def measure(trial: Trial, way: str, rounds: int) -> list[Row]:
-    """Microseconds a sample of each, and fuzzbee's over it."""
-    samples = min(
-        len(trial.moving) - ROWS.start, ROWS.stop - ROWS.start if way == "batch" else CALLS
-    )
-    starts = {name: of(trial) for name, of in WAYS[way].items() if is_installed(name)}
-    best = dict.fromkeys(starts, inf)
+def measure(trial: Trial, rounds: int) -> list[Row]:
+    """Microseconds a sample of each, and fuzzbee's over it; what is not there says so."""
+    found = {(way, name): start for way, name, start in starts(trial)}
+    batch = min(len(trial.moving), ROWS.stop) - ROWS.start
+    best = dict.fromkeys(found, inf)
     for _ in range(rounds):
-        for name, start in starts.items():
+        for (way, name), start in found.items():
             run = start()
             begin = time.perf_counter()
             run()
-            best[name] = min(best[name], 1e6 * (time.perf_counter() - begin) / samples)
-    ours = best["fuzzbee"]
-    rows: list[Row] = [
-        {"way": way, "filter": name, "us a sample": us, "ratio": ours / us}
-        for name, us in best.items()
-    ]
-    missing = [name for name in WAYS[way] if name not in starts]
-    return rows + [{"way": way, "filter": f"{name}: {MISSING}"} for name in missing]
+            us = 1e6 * (time.perf_counter() - begin) / (batch if way == "batch" else CALLS)
+            best[way, name] = min(best[way, name], us)
+    rows: list[Row] = []
+    for way, name in WAYS:
+        row: Row = {"way": way, "filter": name}
+        if (way, name) in best:
+            us = best[way, name]
+            rows.append({**row, "us a sample": us, "ratio": best[way, "fuzzbee"] / us})
+        else:
+            rows.append({**row, "us a sample": MISSING})
+    return rows
 
 
 def main() -> int:
@@ -125,8 +104,7 @@ def main() -> int:
     options = made.parse_args()
     trial = next(iter(chosen_sets(options).values()))[0] if options.folders else made_up()
     rounds = SMOKE_ROUNDS if options.smoke else ROUNDS
-    rows = [row for way in WAYS for row in measure(trial, way, rounds)]
-    show({f"time a sample, {trial.name}": rows}, as_json=options.json)
+    show({f"time a sample, {trial.name}": measure(trial, rounds)}, as_json=options.json)
     return 0
 
 

@@ -4,12 +4,10 @@
 
 ``burst``: ten times as many vehicles for a third of the time. ``stopped``: the service stands still
 (SIGSTOP) for 9 s, then goes on. ``busy``: two processes that do nothing but compute run beside it.
-``death``: a worker is killed (SIGKILL; two workers at least), ``nursery death`` with the process
-that workers come from, so that all is loaded anew. Rows are the time before, during and after, of
-the vehicles that are there all the time; times are median, 99th percentile and worst in ms, as in
-live.py. ``longest gap s`` is the longest time that a vehicle was without an attitude, of the
-vehicles that had one of more than 0.2 s: median and worst. ``in all`` has what became of the
-samples.
+``death``: a worker is killed (SIGKILL; two workers at least). Rows are the time before, during and
+after, of the vehicles that are there all the time; times are median, 99th percentile and worst in
+ms, as in live.py. ``longest gap s`` is the longest time that a vehicle was without an attitude, of
+those that had one of more than 0.2 s: median and worst. ``in all`` has what became of the samples.
 """
 
 import itertools
@@ -19,7 +17,6 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable
-from functools import partial
 
 import numpy as np
 from common.report import Row, names, parser, show
@@ -61,11 +58,9 @@ def compete(_service: int, seconds: float) -> None:
         process.wait()
 
 
-def kill_worker(service: int, seconds: float, *, with_nursery: bool) -> None:
-    nursery = children(service)[-1]
+def kill_worker(service: int, seconds: float) -> None:
+    nursery = children(service)[-1]  # that workers come from
     victim = children(nursery)[0]
-    if with_nursery:
-        os.kill(nursery, signal.SIGKILL)
     os.kill(victim, signal.SIGKILL)
     time.sleep(seconds)
 
@@ -74,8 +69,7 @@ TROUBLES: dict[str, Trouble] = {
     "burst": nothing,
     "stopped": stop,
     "busy": compete,
-    "death": partial(kill_worker, with_nursery=False),
-    "nursery death": partial(kill_worker, with_nursery=True),
+    "death": kill_worker,
 }
 
 
@@ -86,10 +80,8 @@ def trial(name: str, shape: Shape, span_s: tuple[float, float], workers: int) ->
         time.sleep(span_s[0])
         TROUBLES[name](service.pid, span_s[1] - span_s[0])
 
-    def begin_service(port: int, endpoint: str, publish_hz: float) -> Process:
-        return fuzzbee(port, endpoint, publish_hz, "--workers", str(workers))
-
-    seen = run(shape, begin_service, meanwhile)
+    workers_option = ("--workers", str(workers))
+    seen = run(shape, lambda *where: fuzzbee(*where, *workers_option), meanwhile)
     always = seen._replace(attitudes=seen.attitudes[seen.attitudes[:, 0] <= shape.few])
     marks_s = (WARM_UP_S, *span_s, span_s[1] + RECOVERY_S, shape.seconds)
     marks_ns = [seen.start_ns + int(mark_s * 1e9) for mark_s in marks_s]
@@ -137,7 +129,7 @@ def main() -> int:
         shape = Shape(
             vehicles, options.rate, options.seconds, options.rate, options.vehicles, span_s
         )
-        workers = max(2, options.workers) if "death" in name else options.workers
+        workers = max(2, options.workers) if name == "death" else options.workers
         rows += trial(name, shape, span_s, workers)
     show({"troubles of the live service": rows}, as_json=options.json)
     return 0

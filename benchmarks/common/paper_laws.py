@@ -9,8 +9,10 @@ from common.recordings import Array
 
 from estimator.compilation.compiled import compiled
 from estimator.filter.fuzzy import RULES, centroid, fuzzify
+from tuning.optimizers import run_search
 from tuning.paper_kernel import unpack
-from tuning.space import Space, membership_space
+from tuning.search import Search, SearchOptions
+from tuning.space import Space, bounds, membership_space
 
 TABLE = np.array(RULES)
 LARGEST = 124.0  # with a larger K a plain step of 10 ms would be too long
@@ -113,3 +115,13 @@ KINDS = {
     "aligned at the first sample, fixed K": Kind(fixed, scales("K", (0.5,), (LARGEST,)), True),
     "fuzzy, same budget": Kind(fuzzy, membership_space()),
 }
+
+
+def tune(
+    space: Space, evaluate: Callable[[Array], Array], food_sources: int, cycles: int
+) -> tuple[Array, float]:
+    """The values (D,) with the lowest cost that the bees find, and that cost."""
+    options = SearchOptions("abc", food_sources, cycles, food_sources * space.dimensions, 0)
+    search = Search(space, options, evaluate)
+    run_search(search, np.mean(bounds(space), axis=0))
+    return search.best_values, search.best_cost

@@ -1,8 +1,6 @@
 """Recordings of an IMU beside optical truth, in the format of BROAD (doi 10.3390/data6070072)."""
 
-import json
 from argparse import ArgumentParser, Namespace
-from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -28,7 +26,6 @@ class Trial:
     """
 
     name: str
-    groups: tuple[str, ...]
     rate_hz: float
     gyr_rad_s: Array
     acc_m_s2: Array
@@ -91,24 +88,17 @@ def chosen_sets(options: Namespace) -> dict[str, list[Trial]]:
 
 
 def load_trials(folder: Path) -> list[Trial]:
-    """Read every ``*.mat`` of the folder; groups come from its ``trials.json``, if there is one."""
-    file = folder / "trials.json"
-    index = json.loads(file.read_text())["trials"] if file.exists() else {}
-    return [
-        load_trial(path, index.get(path.stem, {}).get("groups", ()))
-        for path in sorted(folder.glob("*.mat"))
-    ]
+    """Read every ``*.mat`` of the folder."""
+    return [load_trial(path) for path in sorted(folder.glob("*.mat"))]
 
 
-def load_trial(path: Path, groups: Iterable[str]) -> Trial:
+def load_trial(path: Path) -> Trial:
     """One file."""
     data = loadmat(path, squeeze_me=True)
     q, moving = np.array(data["opt_quat"], float), np.array(data["movement"], bool)
     readings = (np.ascontiguousarray(data[f"imu_{name}"], float) for name in ("gyr", "acc", "mag"))
     scored = moving & ~np.isnan(q).any(axis=1)
-    return Trial(
-        path.stem, tuple(groups), float(data["sampling_rate"]), *readings, q, scored, moving
-    )
+    return Trial(path.stem, float(data["sampling_rate"]), *readings, q, scored, moving)
 
 
 def is_undisturbed(trial: Trial) -> bool:
@@ -139,4 +129,4 @@ def made_up(seed: int = 0) -> Trial:
     acc = q.inv().apply(pushed + np.array([0.0, 0.0, 9.81])) + rng.normal(0.0, 0.03, (n, 3))
     mag = q.inv().apply((0.0, 20.0, -42.0)) + rng.normal(0.0, 0.3, (n, 3))
     truth = np.roll(q.as_quat(), 1, axis=1)
-    return Trial("made up", ("made up",), MADE_UP_HZ, gyr, acc, mag, truth, moving, moving)
+    return Trial("made up", MADE_UP_HZ, gyr, acc, mag, truth, moving, moving)

@@ -33,12 +33,6 @@ def means(trial: Trial, _: Rng, rate_hz: float) -> Iterator[Trial]:
     yield replace(ends, gyr_rad_s=gyr, acc_m_s2=acc, mag_ut=mag, averaged=True)
 
 
-def instants(trial: Trial, _: Rng) -> Iterator[Trial]:
-    """One sample of each block, at 25 Hz."""
-    block = max(1, round(trial.rate_hz / 25.0))
-    yield trial.cut(slice(block - 1, None, block))
-
-
 def starts(trial: Trial, _: Rng, shift: float) -> Iterator[Trial]:
     """Half a minute from each of ten times in motion on, scored from 10 s after; at rest nothing.
 
@@ -54,16 +48,6 @@ def starts(trial: Trial, _: Rng, shift: float) -> Iterator[Trial]:
         counted = short.scored & (short.times_s >= SETTLE_S)
         if counted.sum() >= LEAST_SCORED_S * trial.rate_hz:
             yield replace(short, scored=counted)
-
-
-def noise(trial: Trial, rng: Rng) -> Iterator[Trial]:
-    """White noise of a cheap sensor: 4e-4 rad/s, 6 mm/s^2 and 0.08 uT a root of Hz."""
-    root = np.sqrt(trial.rate_hz)
-    gyr, acc, mag = (
-        x + rng.normal(0.0, density * root, x.shape)
-        for x, density in ((trial.gyr_rad_s, 4e-4), (trial.acc_m_s2, 6e-3), (trial.mag_ut, 0.08))
-    )
-    yield replace(trial, gyr_rad_s=gyr, acc_m_s2=acc, mag_ut=mag)
 
 
 def accelerometer_bias(trial: Trial, rng: Rng) -> Iterator[Trial]:
@@ -123,10 +107,8 @@ WAYS: dict[str, Way] = {
     "as recorded": as_recorded,
     "from the first movement on": first_movement,
     **{f"{hz} Hz, means": partial(means, rate_hz=hz) for hz in (100, 50, 25, 10)},
-    "25 Hz, instants": instants,
     "started in motion": partial(starts, shift=0.0),
     "started in motion, shifted": partial(starts, shift=0.5),
-    "noise added": noise,
     "accelerometer's bias": accelerometer_bias,
     "scales and axes": scales_and_axes,
     "gyroscope's bias, and a step of it": gyroscope_bias,

@@ -1,11 +1,11 @@
-"""True motions of simulated vehicles: planes, copters, quadplanes, rovers, and one in hands.
+"""True motions of simulated vehicles: planes, copters and rovers.
 
 Each begins with ``REST_S`` of rest and goes on at random. Nothing is shared with the
 estimator but quaternion algebra.
 """
 
 from collections.abc import Callable
-from math import asin, atan2, cos, hypot, pi, radians, sin, sqrt, tan
+from math import asin, atan2, cos, pi, radians, sin, sqrt, tan
 from typing import NamedTuple
 
 import numpy as np
@@ -21,7 +21,6 @@ DT = 1.0 / FINE_HZ
 REST_S = 30.0
 LEAST_AIRSPEED, MOST_TURN_RAD = 14.0, 1.2
 PLANE_LEGS = ("bank 60", "loop", "straight", "bank -60", "roll", "bank 30", "bank -45", "climb")
-QUADPLANE_LEGS = ("straight", "bank 45", "bank -45", "climb", "hover", "hover")
 
 
 class Motion(NamedTuple):
@@ -92,77 +91,42 @@ class Gusts:
 
 def plane(seed: int) -> Vehicle:
     """Take-off run, then legs at random; speed falls in climbs, gusts shake it."""
-    return _winged_motion(seed, 0.5, PLANE_LEGS)
-
-
-def plane_in_rough_air(seed: int) -> Vehicle:
-    """A plane in air that throws it about by more than 1 g (RMS)."""
-    return _winged_motion(seed, 2.2, PLANE_LEGS)
-
-
-def quadplane(seed: int) -> Vehicle:
-    """A plane without aerobatics that stops in the air and hovers now and then."""
-    return _winged_motion(seed, 0.5, QUADPLANE_LEGS)
-
-
-def _winged_motion(seed: int, turbulence_m_s: float, legs: tuple[str, ...]) -> Vehicle:
     rng = np.random.default_rng(seed)
     heading = float(rng.uniform(-pi, pi))
     shaken = Gusts(rng, (0.25, 0.13, 0.08), 0.7)
-    wind = Gusts(rng, (turbulence_m_s,) * 3, 0.5)
+    wind = Gusts(rng, (0.5,) * 3, 0.5)
     smooth = np.zeros(3)
     leg, left, speed, rate, attack = "rest", REST_S, 0.0, (0.0, 0.0, 0.0), 0.0
-    drift: Vec3 = (0.0, 0.0, 0.0)
 
     def step(q: Quaternion, _: float) -> Moment:
-        nonlocal leg, left, speed, rate, attack, smooth, drift
+        nonlocal leg, left, speed, rate, attack, smooth
         roll, pitch = roll_and_pitch(q)
         left -= DT
         if left <= 0.0:
-            leg = "run" if leg == "rest" else str(rng.choice(legs))
+            leg = "run" if leg == "rest" else str(rng.choice(PLANE_LEGS))
             left = {"run": 12.0, "loop": 2.0 * pi, "roll": 4.0}.get(leg, rng.uniform(6.0, 20.0))
         if leg == "run":
             speed = min(speed + 3.0 * DT, 22.0)
-        elif leg == "hover":
-            speed = max(speed - 2.5 * DT, 0.0)
         elif leg != "rest":
             pull = -0.35 * STANDARD_GRAVITY_M_S2 * sin(pitch) + 0.3 * (24.0 - speed)
-            least = 12.0 if "hover" not in legs else 0.0
-            speed = max(speed + min(pull, 3.0) * DT, least)
+            speed = max(speed + min(pull, 3.0) * DT, 12.0)
         turning: Vec3 = (0.0, 0.0, 0.0)
         asked = _winged_rate(leg, roll, pitch, speed)
         rate = tuple(r + (a - r) * DT / 0.15 for r, a in zip(rate, asked, strict=True))
         if leg not in ("rest", "run"):
             turning = add(rate, shaken.next())
             smooth += (np.array(wind.next()) - smooth) * DT / 0.15
-            lean = (tan(clip(roll, 0.5)), -tan(clip(pitch, 0.5)))
-            if speed < 8.0:  # on its rotors it goes where it leans
-                c, s = _heading(q)
-                push = (lean[1] * c - lean[0] * s, lean[1] * s + lean[0] * c)
-                drift = (
-                    drift[0] + (STANDARD_GRAVITY_M_S2 * push[0] - 0.3 * drift[0]) * DT,
-                    drift[1] + (STANDARD_GRAVITY_M_S2 * push[1] - 0.3 * drift[1]) * DT,
-                    0.0,
-                )
-            else:
-                drift = (drift[0] * (1.0 - DT), drift[1] * (1.0 - DT), 0.0)
         elif leg == "run":
             turning = rate
         attack += (0.04 + 0.03 * abs(turning[1]) - attack) * DT / 0.3
         angle = attack * min(1.0, max(0.0, (speed - 12.0) / 4.0))
         ahead = (speed * cos(angle), 0.0, speed * sin(angle))
         blown = (float(smooth[0]), float(smooth[1]), float(smooth[2]))
-        velocity = add(add(rotate(q, ahead), blown), drift)
-        throttle = 0.0 if leg == "rest" else 1.4 if leg in ("run", "climb", "hover") else 0.8
+        velocity = add(rotate(q, ahead), blown)
+        throttle = 0.0 if leg == "rest" else 1.4 if leg in ("run", "climb") else 0.8
         return Moment(turning, velocity, throttle)
 
     return step, heading
-
-
-def _heading(q: Quaternion) -> tuple[float, float]:
-    x, y, _ = rotate(q, (1.0, 0.0, 0.0))
-    n = max(hypot(x, y), 1e-6)
-    return x / n, y / n
 
 
 def _winged_rate(leg: str, roll: float, pitch: float, speed: float) -> Vec3:
@@ -178,7 +142,6 @@ def _winged_rate(leg: str, roll: float, pitch: float, speed: float) -> Vec3:
     up = clip(1.5 * (climb - pitch), 0.6)
     steep = tan(clip(roll, MOST_TURN_RAD))
     yaw = STANDARD_GRAVITY_M_S2 * steep / speed if speed > LEAST_AIRSPEED else 0.0
-    yaw += 0.4 if leg == "hover" and speed < 1.0 else 0.0
     return (
         clip(2.0 * (bank - roll), 1.5) - yaw * sin(pitch),
         up * cos(roll) + yaw * sin(roll) * cos(pitch),
@@ -277,46 +240,9 @@ def rover(seed: int) -> Vehicle:
     return step, heading
 
 
-def carried(seed: int) -> Vehicle:
-    """A vehicle in somebody's hands: turned, carried about, put down again and left for a while."""
-    rng = np.random.default_rng(seed)
-    heading = float(rng.uniform(-pi, pi))
-    shaken = Gusts(rng, (0.15, 0.15, 0.1), 0.2)
-    rate, wanted, velocity, walk = (0.0, 0.0, 0.0), (0.0, 0.0, 0.0), np.zeros(3), np.zeros(3)
-    left, held = REST_S, False
-
-    def step(q: Quaternion, _: float) -> Moment:
-        nonlocal rate, wanted, velocity, walk, left, held
-        roll, pitch = roll_and_pitch(q)
-        left -= DT
-        if left <= 0.0:
-            held, left = bool(rng.random() < 0.75), float(rng.uniform(1.0, 6.0))
-            lean = rng.uniform(-0.9, 0.9, 2) * held
-            wanted = (float(lean[0]), float(lean[1]), float(rng.uniform(-1.0, 1.0)) * held)
-            walk = rng.uniform(-1.2, 1.2, 3) * held * (1.0, 1.0, 0.3)
-        moving = held or abs(roll) + abs(pitch) > 0.02 or float(np.linalg.norm(velocity)) > 0.02
-        if not moving:
-            velocity = np.zeros(3)
-            return Moment((0.0, 0.0, 0.0), (0.0, 0.0, 0.0), 0.0)
-        asked = (
-            clip(3.0 * (wanted[0] - roll), 2.0),
-            clip(3.0 * (wanted[1] - pitch), 2.0),
-            wanted[2],
-        )
-        rate = tuple(r + (a - r) * DT / 0.1 for r, a in zip(rate, asked, strict=True))
-        velocity = velocity + (walk - velocity) * DT / 0.25
-        turning = add(rate, shaken.next()) if held else rate
-        return Moment(turning, tuple(velocity.tolist()), 0.0)
-
-    return step, heading
-
-
 MOTIONS: dict[str, Callable[[int], Vehicle]] = {
     "plane": plane,
     "copter": copter,
     "calm copter": calm_copter,
-    "quadplane": quadplane,
     "rover": rover,
-    "plane in rough air": plane_in_rough_air,
-    "carried": carried,
 }

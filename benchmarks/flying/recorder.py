@@ -12,6 +12,8 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
+from common.paper_filter import matrices
+from common.ways import direction
 from flying.motions import FINE_HZ, Motion
 from numpy.typing import NDArray
 from pymavlink.dialects.v20 import ardupilotmega
@@ -32,6 +34,7 @@ GOOD_FLAGS = 0x01 | 0x02 | 0x04 | 0x08 | 0x10 | 0x20
 LOST_FLAGS = 0x01 | 0x04 | 0x20 | 0x80  # constant position: no velocity, no position
 BEFORE_FIX_FLAGS = 0x01 | 0x04 | 0x20 | 0x80 | 0x400
 FIX_NONE, FIX_3D = 1, 3
+WRONG_M_S = 4.0  # what velocities are off by while the satellites are wrong
 
 
 class Sensors(NamedTuple):
@@ -64,7 +67,6 @@ class Receiver(NamedTuple):
     slow_m_s: float = 0.1
     tau_s: float = 20.0
     says_m_s: float = 0.3  # the accuracy that it reports of itself; 0: none
-    echoes_m_s: float = 0.0  # error for some seconds now and then, as beside walls
 
 
 class Link(NamedTuple):
@@ -72,9 +74,7 @@ class Link(NamedTuple):
 
     period_s: float = 0.02
     mixed: bool = False  # 20 and 40 ms, as planes send them
-    bursts: bool = False  # another ground station slows it down to 4 Hz again and again
     late_s: float = 0.006  # mean delay beyond the shortest one, exponentially distributed
-    stalls_s: float = 0.0  # four times the vehicle and its clock stand still for so long
     drift: float = 1e-3  # the vehicle's clock runs slow by this share
     jitter: float = 0.0  # share of the period by which samples scatter
     loss: float = 0.0  # share of the samples that do not arrive
@@ -86,9 +86,6 @@ class Trouble(NamedTuple):
 
     lost: tuple[float, float] | None = None
     wrong: tuple[float, float] | None = None
-    wrong_m_s: float = 4.0
-    early_position: bool = True  # near (0, 0), before the fix
-    is_unused: bool = False  # the autopilot's filter does without them, though there is a fix
 
 
 class Flight(NamedTuple):
@@ -112,20 +109,9 @@ class Signals(NamedTuple):
     position: Floats
 
 
-def rotations(q: Floats) -> Floats:
-    """(N, 3, 3) of q_ned_frd (N, 4)."""
-    w, x, y, z = q.T
-    rows = [
-        [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
-        [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
-        [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
-    ]
-    return np.moveaxis(np.array(rows), 2, 0)
-
-
 def signals(motion: Motion, flight: Flight, rng: np.random.Generator) -> Signals:
     """What sensors, filter and receiver make of a motion."""
-    R = rotations(motion.attitude)
+    R = matrices(motion.attitude)
     n, s = len(R), flight.sensors
     acceleration = np.gradient(motion.velocity, 1.0 / FINE_HZ, axis=0)
     force = acceleration - (0.0, 0.0, STANDARD_GRAVITY_M_S2)
@@ -142,7 +128,7 @@ def signals(motion: Motion, flight: Flight, rng: np.random.Generator) -> Signals
         sense(felt, s.acc, s.acc_bias),
         _averaged_field(R, motion, s, rng),
         _filters(motion, acceleration, flight.filter, rng),
-        motion.velocity + _receiver_error(n, flight.receiver, rng),
+        motion.velocity + _slow(n, flight.receiver.slow_m_s, flight.receiver.tau_s, rng),
         np.cumsum(motion.velocity, axis=0) / FINE_HZ,
     )
 
@@ -160,17 +146,12 @@ def _averaged_field(R: Floats, motion: Motion, s: Sensors, rng: np.random.Genera
     dip, declination = place.dip_rad, place.declination_rad
     north = (np.cos(dip) * np.cos(declination), np.cos(dip) * np.sin(declination), np.sin(dip))
     field = np.einsum("nji,j->ni", R, place.strength_gauss * np.array(north))
-    field += s.hard_iron * _direction(rng)
-    field += s.current * motion.throttle[:, None] * _direction(rng)
+    field += s.hard_iron * direction(rng)
+    field += s.current * motion.throttle[:, None] * direction(rng)
     block = FINE_HZ // 10
     means = field[: len(field) // block * block].reshape(-1, block, 3).mean(axis=1)
     means += s.mag * rng.standard_normal(means.shape)
     return np.repeat(np.vstack([means[:1], means]), block, axis=0)
-
-
-def _direction(rng: np.random.Generator) -> Floats:
-    vector = rng.standard_normal(3)
-    return np.asarray(vector / np.linalg.norm(vector))
 
 
 def _filters(
@@ -185,18 +166,6 @@ def _filters(
     velocity = np.vstack([motion.velocity[ahead:], np.repeat(motion.velocity[-1:], ahead, axis=0)])
     at_rest = np.linalg.norm(motion.velocity, axis=1) < 0.1
     return np.asarray(velocity + slow * (0.2 + 0.8 * ~at_rest[:, None]))
-
-
-def _receiver_error(n: int, chosen: Receiver, rng: np.random.Generator) -> Floats:
-    """Slow noise, and every 20 s on average an error that comes and goes within seconds."""
-    error = _slow(n, chosen.slow_m_s, chosen.tau_s, rng)
-    if chosen.echoes_m_s > 0.0:
-        t = np.arange(n) / FINE_HZ
-        for centre in rng.uniform(0.0, t[-1], round(t[-1] / 20.0)):
-            size = chosen.echoes_m_s * rng.standard_normal(3)
-            shape = np.exp(-(((t - centre) / rng.uniform(0.5, 3.0)) ** 2))
-            error += shape[:, None] * size
-    return error
 
 
 def _slow(n: int, sigma: float, tau_s: float, rng: np.random.Generator) -> Floats:
@@ -216,8 +185,6 @@ def sample_times(link: Link, end_s: float, rng: np.random.Generator) -> Floats:
         period = link.period_s
         if link.mixed:
             period = float(rng.choice((0.02, 0.04, 0.1), p=(0.68, 0.31, 0.01)))
-        if link.bursts and t % 2.0 > 0.9 and t % 7.0 > 1.5:
-            period = 0.25
         if link.jitter > 0.0:
             period *= 1.0 + link.jitter * float(rng.uniform(-1.0, 1.0))
         t += period
@@ -251,8 +218,8 @@ class Tlog:
         self._file.close()
 
 
-def record(path: Path, motion: Motion, flight: Flight, seed: int) -> Floats:
-    """Write the telemetry log of one flight; returns when the vehicle and its clock stalled, s."""
+def record(path: Path, motion: Motion, flight: Flight, seed: int) -> None:
+    """Write the telemetry log of one flight."""
     rng = np.random.default_rng(1000 + seed)
     now = signals(motion, flight, rng)
     out = Tlog(path)
@@ -261,14 +228,11 @@ def record(path: Path, motion: Motion, flight: Flight, seed: int) -> Floats:
     reports = _Reports(flight, now, rng)
     link = flight.link
     end_s = len(motion.attitude) / FINE_HZ
-    stalls = np.sort(rng.uniform(60.0, end_s - 20.0, 4)) if link.stalls_s else np.empty(0)
     mg, mrad, arrival_us, next_beat_s = 1000.0 / STANDARD_GRAVITY_M_S2, 1000.0, 0, 0.0
     for t in sample_times(link, end_s, rng):
         i = int(t * FINE_HZ)  # up to 2.5 ms older than its stamp
         stamp_us = round(1e6 * (5.0 + t * (1.0 - link.drift)))
-        late_s = (
-            0.002 + float(rng.exponential(link.late_s)) + link.stalls_s * float(sum(stalls < t))
-        )
+        late_s = 0.002 + float(rng.exponential(link.late_s))
         arrival_us = max(arrival_us, START_UNIX_US + round(1e6 * (t + late_s)))
         if t >= next_beat_s:
             next_beat_s = t + 1.0
@@ -281,7 +245,6 @@ def record(path: Path, motion: Motion, flight: Flight, seed: int) -> Floats:
         roll, pitch, yaw = euler_rad((q[0], q[1], q[2], q[3]))
         out.put(arrival_us, "sim_state", *q, roll, pitch, yaw, *(0.0,) * 14)
     out.close()
-    return stalls
 
 
 class _Reports:
@@ -302,15 +265,13 @@ class _Reports:
 
     def _are_satellites_lost(self, t: float) -> bool:
         lost = self._flight.trouble.lost
-        if self._flight.trouble.is_unused:
-            return True
         return t < FILTER_S or (lost is not None and lost[0] <= t < lost[1])
 
     def _satellite_error(self, t: float) -> Floats:
         """Error of a velocity (m/s) while the satellites are wrong."""
         wrong = self._flight.trouble.wrong
         is_wrong = wrong is not None and wrong[0] <= t < wrong[1]
-        return np.array([self._flight.trouble.wrong_m_s * is_wrong, 0.0, 0.0])
+        return np.array([WRONG_M_S * is_wrong, 0.0, 0.0])
 
     def _flags(self, t: float, _: int) -> Iterator[tuple[Any, ...]]:
         lost = BEFORE_FIX_FLAGS if t < FILTER_S else LOST_FLAGS
@@ -328,18 +289,14 @@ class _Reports:
         else:
             self._drift[:] = 0.0
             yield ("local_position_ned", stamp_us // 1000, 0.0, 0.0, 0.0, *said.tolist())
-        early = t < FIX_S
-        if early and not self._flight.trouble.early_position:
-            return
-        lat, lon = (2081, -732) if early else self._place(i)
+        lat, lon = (2081, -732) if t < FIX_S else self._place(i)  # near (0, 0) before the fix
         cm_s = (int(100.0 * v) for v in said)
         alt = round(1e3 * ALTITUDE_M)
         yield ("global_position_int", stamp_us // 1000, lat, lon, alt, 0, *cm_s, 0)
 
     def _receiver(self, t: float, stamp_us: int) -> Iterator[tuple[Any, ...]]:
         chosen = self._flight.receiver
-        unused = self._flight.trouble.is_unused
-        lost = self._are_satellites_lost(t) and t > FILTER_S and not unused
+        lost = self._are_satellites_lost(t) and t > FILTER_S
         fix = FIX_NONE if t < FIX_S or lost else FIX_3D
         age = chosen.late_s + chosen.jitter_s * float(self._rng.random())
         i = max(0, int((t - age) * FINE_HZ))

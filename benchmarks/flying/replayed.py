@@ -12,8 +12,7 @@ from common.scores import rms
 
 from drivers.events import Event, Imu, Velocity
 from drivers.logs.open import open_log
-from estimator.estimator import Estimator
-from estimator.profile import Profile, load_profile, merge_profile
+from estimator.profile import load_profile, merge_profile
 from estimator.types import ImuSample, VelocitySample
 from fuzzbee.replays.comparison import compare
 from fuzzbee.replays.trace import Replay, VehicleTrace
@@ -69,13 +68,9 @@ def changed(
     return kept
 
 
-def fly(
-    events: Iterable[Event],
-    changes: dict[str, Any] | None = None,
-    new_estimator: Callable[[Profile], Estimator] | None = None,
-) -> Flown:
+def fly(events: Iterable[Event], changes: dict[str, Any] | None = None) -> Flown:
     """Replay the events as the service would, with changes of the profile ``imu``."""
-    replay = Replay(merge_profile(load_profile("imu"), changes or {}), new_estimator=new_estimator)
+    replay = Replay(merge_profile(load_profile("imu"), changes or {}))
     replay.run(events)
     trace = max(replay.traces.values(), key=lambda each: len(each.attitudes))
     compared = compare(Path("events"), trace, "sim")

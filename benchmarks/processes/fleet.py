@@ -1,4 +1,3 @@
-# ruff: noqa: D102 - what each method does is written at Transport
 """The vehicles of the live benchmark: ``fleet.py PORT VEHICLES HZ SECONDS OUT [FEW FROM TO]``.
 
 The simulated vehicles of ``fuzzbee sim``, on UDP; beside it, OUT (.npy) gets the sender and the
@@ -9,6 +8,7 @@ for the time FROM to TO, in s since the start.
 import sys
 import time
 from array import array
+from typing import Any
 
 import numpy as np
 
@@ -29,23 +29,13 @@ class NotingTransport:
         self._burst_s = burst_s
         self._start_s = time.monotonic()
         self._transport = open_transport(parse_endpoint(f"udpout:127.0.0.1:{port}"))
-        self.open, self.close = self._transport.open, self._transport.close
-        self.receive = self._transport.receive
         self.sent = array("q")
 
-    @property
-    def connected(self) -> bool:
-        return self._transport.connected
-
-    @property
-    def address(self) -> str:
-        return self._transport.address
-
-    @property
-    def lost(self) -> int:
-        return self._transport.lost
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._transport, name)
 
     def send(self, data: bytes) -> None:
+        """Note the time, and send, if this vehicle does now."""
         vehicle = 1000 * (data[COMPONENT_ID] - 1) + data[SYSTEM_ID]
         begin_s, end_s = self._burst_s
         if vehicle > self._few and not begin_s <= time.monotonic() - self._start_s < end_s:

@@ -10,7 +10,6 @@ import json
 import signal
 import sys
 import time
-from math import asin, atan2, degrees, sqrt
 from typing import Any
 
 import numpy as np
@@ -55,34 +54,16 @@ class Vehicle:
 
     def publish(self, now_us: int) -> None:
         """Put the latest attitude."""
-        q = ned_frd(*self._q_enu_flu.tolist())
         record = {
-            "schema": 1,
             "time_unix_us": now_us,
             "time_boot_us": self._time_us,
-            "q_ned_frd": q,
-            "euler_deg": euler_deg(*q),
+            "q_enu_flu": self._q_enu_flu.tolist(),
             "rate_rad_s": (self._gyr_rad_s - self._filter.b).tolist(),
-            "gyro_bias_rad_s": self._filter.b.tolist(),
             "age_ms": (now_us - self._arrival_us) / 1e3,
             "sequence": self.sequence,
         }
         self._publisher.put(json.dumps(record))
         self.sequence += 1
-
-
-def ned_frd(w: float, x: float, y: float, z: float) -> list[float]:
-    """From east-north-up and forward-left-up."""
-    s = sqrt(0.5)
-    return [s * (w + z), s * (x + y), s * (x - y), s * (w - z)]
-
-
-def euler_deg(w: float, x: float, y: float, z: float) -> list[float]:
-    """Roll, pitch, yaw."""
-    roll = atan2(2 * (w * x + y * z), 1 - 2 * (x * x + y * y))
-    pitch = asin(max(-1.0, min(1.0, 2 * (w * y - z * x))))
-    yaw = atan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z))
-    return [degrees(roll), degrees(pitch), degrees(yaw) % 360.0]
 
 
 def main() -> None:
