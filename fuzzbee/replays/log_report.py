@@ -153,13 +153,13 @@ def replay_log(
     )
     with open_log(path) as log:
         replay.run(log)
-    sending = [trace for trace in replay.traces.values() if trace.attitudes]
-    if not sending:
+    trace = replay.longest()
+    if trace is None:
         whose = "" if system_id is None else f" of system id {system_id}"
         seen = _seen_text(replay, system_id)
         way_out = advice(log, system_id)
         raise InputError(f"{path}: {way_out or f'no IMU data{whose} that can be used{seen}'}")
-    return max(sending, key=lambda trace: (len(trace.attitudes), -trace.address.system_id))
+    return trace
 
 
 def _seen_text(replay: Replay, system_id: int | None) -> str:

@@ -9,7 +9,7 @@ import numpy as np
 from estimator.geometry.metrics import COST_RATE_HZ, COST_SAMPLES
 from estimator.profile import Profile
 from fuzzbee.replays.log_report import ImuSummary, VehicleSummary
-from fuzzbee.replays.score import Coverage, ErrorSummary, errors_against, summarize
+from fuzzbee.replays.score import CONVERGED_RAD, Coverage, ErrorSummary, errors_against, summarize
 from tuning.paper_experiment import ExperimentResult, run_experiment
 
 
@@ -52,12 +52,9 @@ def report_simulation(
     results = [run_experiment(profile, seed, fixed_gain) for seed in seeds]
     for export in exports:
         export(seeds, results)
-    errors = np.concatenate([errors_against(r.estimates, r.truth) for r in results])
+    errors = [errors_against(r.estimates, r.truth) for r in results]
     settling = float(np.median([r.settling_s for r in results]))
-    below = [
-        np.flatnonzero(errors_against(r.estimates, r.truth)[:, 0] < np.radians(5.0))
-        for r in results
-    ]
+    below = [np.flatnonzero(each[:, 0] < CONVERGED_RAD) for each in errors]
     converged = float(np.median([i[0] / COST_RATE_HZ if len(i) else np.inf for i in below]))
     return SimulationReport(
         source="sim:",
@@ -73,7 +70,7 @@ def report_simulation(
         ),
         duration_s=(COST_SAMPLES - 1) / COST_RATE_HZ,
         reference="sim",
-        error_deg=summarize(errors, has_heading=True),
+        error_deg=summarize(np.concatenate(errors), has_heading=True),
         coverage=Coverage(),
         peers={},
         convergence_s=converged if isfinite(converged) else None,

@@ -109,6 +109,11 @@ class Replay:
             if isinstance(vehicle.estimator, RetunedEstimator):
                 trace.decisions = vehicle.estimator.decisions
 
+    def longest(self, least: int = 1) -> VehicleTrace | None:
+        """The vehicle with most estimates, if one has ``least`` of them."""
+        sending = [trace for trace in self.traces.values() if len(trace.attitudes) >= least]
+        return max(sending, key=lambda t: (len(t.attitudes), -t.address.system_id), default=None)
+
     def estimator(self, address: VehicleId) -> Estimator | None:
         """That vehicle's estimator."""
         vehicle = self._pipeline.vehicle(address)

@@ -50,10 +50,9 @@ def read_flight(path: Path, profile: Profile) -> Flight:
     with open_log(path) as log:
         sha256 = log.sha256()
         replay.run(log)
-    sending = [trace for trace in replay.traces.values() if len(trace.attitudes) > 1]
-    if not sending:
+    trace = replay.longest(2)
+    if trace is None:
         raise InputError(f"{path}: {advice(log) or 'no usable IMU data in this log'}")
-    trace = max(sending, key=lambda trace: (len(trace.attitudes), -trace.address.system_id))
     recorder = replay.estimator(trace.address)
     assert isinstance(recorder, RecordingEstimator)
     if len(recorder.samples) != len(trace.attitudes):

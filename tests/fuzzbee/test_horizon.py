@@ -17,6 +17,7 @@ from fuzzbee.viewer.horizon import (
     HAZE,
     MIDDLE_Y,
     PANEL,
+    PEERS,
     PER_DEG,
     SKY,
     TAPE_PER_DEG,
@@ -197,3 +198,11 @@ def test_the_mark_on_the_rolls_scale_is_where_the_zenith_is(roll_deg):
     far = math.hypot(tip[0], tip[1] - MIDDLE_Y)
     assert tip == pytest.approx((far * right, MIDDLE_Y + far * down))
     assert right * roll_deg < 0.0
+
+
+@pytest.mark.parametrize(("theirs_deg", "side"), [(60.0, 1.0), (20.0, -1.0)])
+def test_somebody_elses_heading_is_marked_on_its_side_of_ours(theirs_deg, side):
+    peer = Peer(VehicleId(1, 1), "sim", from_euler_rad(0.0, 0.0, math.radians(theirs_deg)))
+    parts = layers(scene(record(0.0, 0.0, 40.0), peers=((peer, 20.0),)))
+    (mark,) = [s for s in parts.words if s.colour == PEERS["sim"] and s.points[1][1] == TAPE_Y]
+    assert mark.points[1][0] == pytest.approx(side * 20.0 * TAPE_PER_DEG)

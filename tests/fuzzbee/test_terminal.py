@@ -214,3 +214,12 @@ def test_an_overloaded_service_says_what_it_leaves_out():
     assert "! overloaded: 42 samples left out so far, attitudes at 12.5 Hz" in text
     assert "! overloaded" in lines([busy("1", 30)], 10.0)[0]
     assert "overloaded" not in drawn([row("1")], 90, 24)
+
+
+def test_a_row_keeps_the_status_before_the_latest():
+    board = Board()
+    early, late = (msgspec.structs.replace(STATUS, overruns=n) for n in (3, 7))
+    board.update("1", early, 10.0)
+    board.update("1", late, 11.0)
+    (row,) = board.rows()
+    assert (row.before, row.status) == (early, late)
