@@ -216,7 +216,8 @@ def test_a_gyroscope_at_its_end_widens_the_variances():
             gyr = tuple(max(-5.5, min(5.5, x)) for x in s.gyr)
             state, out = condition(PARAMS, state, Sample(gyr, s.acc, s.mag, True, DT))
             if not is_seen:
-                state = state._replace(clipping=Clipping(ZERO, ZERO, ZERO))
+                vertical = state.vertical._replace(clipping=Clipping(ZERO, ZERO, ZERO))
+                state = state._replace(vertical=vertical)
             if i > 1500:
                 errors.append(off_deg(s, out))
         rms[is_seen] = np.sqrt(np.mean(np.square(errors)))
