@@ -1,0 +1,73 @@
+"""A whole step of the aiding: in what order its parts are put together."""
+
+import numpy as np
+import pytest
+
+from estimator.aiding import Report, aid, blank_aiding
+from estimator.aiding.correction import apply_corrections
+from estimator.aiding.inertial import predict_motion
+from estimator.aiding.lean import lean_angle
+from estimator.aiding.search import EMPTY_SEARCH, add_report, add_sample
+from estimator.aiding.sources.unaided import observe_slow_unaided
+from estimator.aiding.types import SIZE, AidingParams, Lean, North, Surroundings
+from estimator.aiding.unseen import watch_turning
+from estimator.aiding.witness import USUAL_TAU_S, Apart, average
+from estimator.types import IDENTITY, ZERO_VEC3, Sample
+
+PARAMS = AidingParams()
+STATE, _, TRAIL = blank_aiding(PARAMS)
+OTHERS = Surroundings((0.1, -0.2, 0.97), 0.1, North(False, (1.0, 0.0)), 0.0)
+SAMPLE = Sample((0.1, 0.2, -0.1), (0.5, -0.3, -9.7), ZERO_VEC3, False, 0.5)
+
+
+def covariance():
+    root = np.eye(SIZE) + 0.1 * np.random.default_rng(3).standard_normal((SIZE, SIZE))
+    return 0.01 * root @ root.T
+
+
+def test_a_slow_step_is_corrected_once():
+    """By the unaided gravity, and nothing else comes with it: no report, no field."""
+    P = covariance()
+    report = Report(False, ZERO_VEC3, False, 0.0, 0.0, 0.0)
+    after, after_P, _ = aid(PARAMS, STATE, P, TRAIL, SAMPLE, report, OTHERS)
+    now, x = predict_motion(PARAMS, STATE, P, TRAIL, SAMPLE), np.zeros(SIZE)
+    watch_turning(PARAMS, STATE, now.covariance, SAMPLE)
+    lean_rad = lean_angle(STATE.lean, is_silent=False)
+    observe_slow_unaided(now, OTHERS.gravity_b, 0.1, lean_rad, x, 1.0, SAMPLE.dt_s)
+    assert np.abs(x[:3]).max() > 1e-3
+    assert after.estimate == apply_corrections(now, x).estimate
+    assert np.array_equal(after_P, now.covariance)
+
+
+def test_a_step_remembers_the_velocity_that_it_was_told():
+    report = Report(True, (1.0, -2.0, 0.5), True, 0.3, 0.0, 0.0)
+    after, _, _ = aid(PARAMS, STATE, covariance(), TRAIL, SAMPLE, report, OTHERS)
+    assert after.lean.latest_m_s == report.velocity_ned_m_s
+    assert after.agreement.by_filter.wait_s == 0.0
+    assert after.agreement.by_receiver.wait_s == SAMPLE.dt_s
+
+
+def test_the_lean_is_the_lesser_acceleration_over_gravity():
+    """Gained 2.5 m/s in the 2.5 s of the mean: 1 m/s^2, of 3 that were felt."""
+    lean = Lean((3.0, 0.0, 0.0), (1.0, 1.0, 9.0), (2.5, 3.0, 0.0))
+    assert lean_angle(lean, is_silent=False) == pytest.approx(1.0 / 9.80665)
+    assert lean_angle(lean, is_silent=True) == pytest.approx(3.0 / 9.80665)
+
+
+def test_a_windows_evidence_is_half_as_old_as_the_window_is_long():
+    """What turned G since it began has turned the mean of the window half as far."""
+    search, _ = add_report(EMPTY_SEARCH, Report(True, ZERO_VEC3, True, 0.3, 0.0, 0.0), 0.0)
+    for _ in range(15):
+        search = add_sample(search, IDENTITY, (1.0, 2.0, -9.0), 0.1)
+    closed, is_closed = add_report(search, Report(True, (2.0, 1.0, 0.3), True, 0.3, 0, 0.0), 0.0)
+    assert is_closed
+    a, b = (2.0, 1.0, 0.3 - 9.80665 * 1.5), search.window.pushed_m_s
+    np.testing.assert_allclose(closed.evidence.correlation, np.outer(a, b))
+    np.testing.assert_allclose(closed.evidence.aged, 0.75 * np.outer(a, b))
+
+
+def test_both_axes_of_a_tilt_become_usual():
+    one = average(Apart(0.0, 0.0, 0.01), 0.02, 0.03, 1.0, 1.0)
+    assert (one.mean_north_rad, one.mean_east_rad) == pytest.approx((0.01, 0.015))
+    square = 0.01**2 + 0.015**2
+    assert one.usual_square == pytest.approx(0.01 + (square - 0.01) / (USUAL_TAU_S + 1.0))
