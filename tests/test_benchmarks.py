@@ -43,8 +43,9 @@ def test_there_are_benchmarks():
 
 @pytest.mark.parametrize("name", SCRIPTS)
 def test_a_benchmark_runs(name):
-    tables = json.loads(run(name, "--smoke", "--json"))
-    assert tables
+    said = json.loads(run(name, "--smoke", "--json"))
+    tables = {title: rows for title, rows in said.items() if isinstance(rows, list)}
+    assert tables  # what else is said are counts
     for title, rows in tables.items():
         assert rows, title
         # a row without a number says what it lacks
