@@ -3,14 +3,23 @@
 import numpy as np
 import pytest
 
-from estimator.aiding import Report, aid, blank_aiding
+from estimator.aiding import Report, aid, begin, blank_aiding
 from estimator.aiding.correction import apply_corrections
 from estimator.aiding.inertial import predict_motion
 from estimator.aiding.lean import lean_angle
 from estimator.aiding.search import EMPTY_SEARCH, add_report, add_sample
 from estimator.aiding.sources.unaided import observe_slow_unaided
-from estimator.aiding.types import SIZE, AidingParams, Lean, North, Surroundings
-from estimator.aiding.unseen import watch_turning
+from estimator.aiding.types import (
+    HARD_IRON,
+    NO_REPORT,
+    SIZE,
+    AidingParams,
+    Lean,
+    North,
+    Roughness,
+    Surroundings,
+)
+from estimator.aiding.unseen import add_unseen_turn, watch_turning
 from estimator.aiding.witness import USUAL_TAU_S, Apart, average
 from estimator.types import IDENTITY, ZERO_VEC3, Sample
 
@@ -71,3 +80,18 @@ def test_both_axes_of_a_tilt_become_usual():
     assert (one.mean_north_rad, one.mean_east_rad) == pytest.approx((0.01, 0.015))
     square = 0.01**2 + 0.015**2
     assert one.usual_square == pytest.approx(0.01 + (square - 0.01) / (USUAL_TAU_S + 1.0))
+
+
+def test_the_beginning_is_as_uncertain_as_it_is_told():
+    """About north and east by the tilt's sigma, about down by the heading's."""
+    _, P, _ = begin(PARAMS, IDENTITY, ZERO_VEC3, SAMPLE, NO_REPORT, 0.1, 0.3, 0.02)
+    assert np.diag(P)[:3] == pytest.approx([0.01, 0.01, 0.09])
+    assert np.diag(P)[HARD_IRON : HARD_IRON + 3] == pytest.approx([0.0004] * 3)
+    assert np.array_equal(P, np.diag(np.diag(P)))
+
+
+def test_an_unseen_turn_may_be_about_any_axis():
+    P = np.zeros((SIZE, SIZE))
+    add_unseen_turn(PARAMS, P, Roughness(1.0, 0.3), (0.5, -0.2, 0.1), 0.5, 0.5)
+    assert P[0, 0] == P[1, 1] == P[2, 2] > 0.0
+    assert np.count_nonzero(P) == 3
