@@ -5,7 +5,7 @@ from collections.abc import Callable, Iterator
 from copy import copy
 from functools import wraps
 from math import isfinite
-from typing import Annotated, Any, NamedTuple, TypeVar, get_args
+from typing import Annotated, Any, NamedTuple, TypeVar, get_args, get_type_hints
 
 import typer
 from typer.models import OptionInfo
@@ -56,7 +56,7 @@ def command(verb: Callable[[Form], Result]) -> Callable[..., Result]:
 
     A field that is a named tuple itself stands for that one's fields.
     """
-    form = next(iter(verb.__annotations__.values()))
+    form = next(iter(get_type_hints(verb).values()))
     parameters = [*_parameters(form)]
 
     @wraps(verb)
@@ -71,7 +71,7 @@ def command(verb: Callable[[Form], Result]) -> Callable[..., Result]:
 
 
 def _parameters(form: Any) -> Iterator[inspect.Parameter]:
-    for name, kind in form.__annotations__.items():
+    for name, kind in get_type_hints(form, include_extras=True).items():
         if hasattr(kind, "_fields"):
             yield from _parameters(kind)
             continue
@@ -93,7 +93,7 @@ def _named(name: str, kind: Any) -> Any:
 def _made(form: Any, given: dict[str, Any]) -> Any:
     """The named tuple, and those in it, of the values that were given; the rest by default."""
     values = {}
-    for name, kind in form.__annotations__.items():
+    for name, kind in get_type_hints(form).items():
         if hasattr(kind, "_fields"):
             values[name] = _made(kind, given)
         elif name in given:

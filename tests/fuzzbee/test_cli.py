@@ -184,3 +184,10 @@ def test_help_on_a_terminal_keeps_its_defaults():
     escape_markup(command)
     option = next(p for p in command.commands["tune"].params if p.name == "cycles")
     assert r"\[default: 15" in option.help
+
+
+def test_the_options_of_every_group_are_options_of_the_verb(capsys):
+    assert main(["run", "--help"]) == 0
+    text = capsys.readouterr().out
+    for name in ("--rate", "--allow-system-ids", "--ros-domain", "--view", "--rrd", "--listen"):
+        assert name in text
