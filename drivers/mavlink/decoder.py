@@ -30,7 +30,12 @@ from drivers.mavlink.constants import (
 )
 from drivers.mavlink.fields import FieldReader
 from drivers.mavlink.framing import Frame
-from drivers.mavlink.imu_messages import IMU_MESSAGES, ImuMessage, imu_stream_name
+from drivers.mavlink.imu_messages import (
+    IMU_MESSAGES,
+    ImuMessage,
+    has_imu_number,
+    imu_stream_name,
+)
 from drivers.mavlink.messages import MESSAGES, MessageKind, Said
 from drivers.mavlink.parameter_values import ParameterValue, WaitingParameters, owner
 from drivers.samples.intake import Intake, Stamp
@@ -82,7 +87,7 @@ class MavlinkDecoder:
             COMMAND_ACK_ID: self._command_ack,
         }
         for number, imu in IMU_MESSAGES.items():
-            self._handlers[number] = partial(_imu_events, imu)
+            self._handlers[number] = partial(_imu_events, imu, has_imu_number(number))
         for number, kind in MESSAGES.items():
             if references or not kind.is_reference:
                 self._handlers[number] = partial(_events, kind)
@@ -184,11 +189,12 @@ def _text(letters: list[int]) -> str:
     return bytes(letters).split(b"\0", 1)[0].decode("ascii", "replace")
 
 
-def _imu_events(message: ImuMessage, sender: _Sender, m: Any, arrival_us: int) -> list[Event]:
+def _imu_events(
+    message: ImuMessage, is_numbered: bool, sender: _Sender, m: Any, arrival_us: int
+) -> list[Event]:
     _, name, clock, vectors, *_ = message
     raw_us = m.time_usec if clock is _TIME_USEC else m.time_boot_ms * 1000
-    number = getattr(m, "id", 0)
-    stream = imu_stream_name(name, number) if number else name
+    stream = imu_stream_name(name, m.id) if is_numbered else name
     return sender.intake.imu(stream, Stamp(clock, raw_us, arrival_us), *vectors(m))
 
 

@@ -1,4 +1,4 @@
-"""The table of IMU messages: one entry is all that is known of a message, and all else follows.
+"""The table of IMU messages: one entry holds everything that is known of a message.
 
 Decoder, backlog, choice among several messages, requests for a rate and the advice about logs
 without IMU data ask this table. A further message is one more entry.
@@ -34,9 +34,9 @@ Vectors = tuple[Vec3, Vec3, Vec3]
 def milli_vectors(m: Any) -> Vectors:
     """The vectors of a message in mrad/s, mg and mGauss: SCALED_IMU, and RAW_IMU of ArduPilot.
 
-    Autopilots cut the digits behind the point off, which is half a unit towards zero in the
-    mean: a bias that changes its sign with the reading, of 0.5 mrad/s for a gyroscope. So a
-    reading stands for the middle of what it may have been.
+    Autopilots cut off the digits after the decimal point, which moves readings towards zero by
+    half a unit on average: a bias of 0.5 mrad/s for a gyroscope, whose sign is that of the
+    reading. So a reading is taken for the middle of the values that it may stand for.
     """
     gyr = (_middle(m.xgyro) * MILLI, _middle(m.ygyro) * MILLI, _middle(m.zgyro) * MILLI)
     acc = (_middle(m.xacc) * MG_M_S2, _middle(m.yacc) * MG_M_S2, _middle(m.zacc) * MG_M_S2)
@@ -45,7 +45,7 @@ def milli_vectors(m: Any) -> Vectors:
 
 
 def _middle(cut: int) -> float:
-    """The middle of all numbers that are ``cut`` without the digits behind their point."""
+    """The middle of all numbers that become ``cut`` when their decimals are cut off."""
     return cut + 0.5 if cut > 0 else cut - 0.5 if cut < 0 else 0.0
 
 
@@ -73,8 +73,8 @@ class ImuMessage(NamedTuple):
     ``clock`` says what its time is: TIME_USEC of a field ``time_usec``, BOOT_MS of a field
     ``time_boot_ms``. ``vectors`` makes of its fields (as attributes, by their names in the
     dialect) angular rate (rad/s), specific force (m/s^2) and magnetic field (gauss; zero where it
-    has none), all FRD. A field ``id`` is the number of the IMU. The autopilots in ``asked_of``
-    (MAV_AUTOPILOT) are asked for this message, and ``setting`` is what makes them send it.
+    has none), all FRD. A field ``id``, if any, is the number of the IMU. The autopilots in
+    ``asked_of`` (MAV_AUTOPILOT) are asked for this message; ``setting`` makes them send it.
     """
 
     number: int
@@ -113,13 +113,13 @@ IMU_MESSAGES: dict[int, ImuMessage] = {
 
 
 def imu_rank(message: str) -> int:
-    """Place of an IMU message in the order of preference; logs' own names come last, all alike."""
+    """Place of an IMU message in the order of preference; names that only logs use come last."""
     names = [each.name for each in IMU_MESSAGES.values()]
     return names.index(message) if message in names else len(names)
 
 
 def message_to_ask_for(autopilot: int | None) -> ImuMessage:
-    """The message that a vehicle of that MAV_AUTOPILOT is asked for: RAW_IMU, if no other is."""
+    """The message to request from a vehicle of that MAV_AUTOPILOT; RAW_IMU where no entry fits."""
     asked = (each for each in IMU_MESSAGES.values() if autopilot in each.asked_of)
     return next(asked, IMU_MESSAGES[RAW_IMU_ID])
 
@@ -129,8 +129,13 @@ def imu_stream_name(name: str, number: int) -> str:
     return f"{name}:{number}" if number else name
 
 
+def has_imu_number(message_id: int) -> bool:
+    """Whether a message says in its field ``id`` which of the vehicle's IMUs it comes from."""
+    return _number_at(message_id) is not None
+
+
 def imu_number(frame: Frame) -> int:
-    """Which of the vehicle's IMUs the frame is of, where its message is of several; else 0."""
+    """The number of the vehicle's IMU that the frame tells in its field ``id``, or 0."""
     if frame.message_id not in IMU_MESSAGES:
         return 0
     at = _number_at(frame.message_id)
@@ -142,7 +147,7 @@ def imu_number(frame: Frame) -> int:
 
 @cache
 def _number_at(message_id: int) -> int | None:
-    """Where the number of the IMU stands in the payload; None of a message of one IMU."""
+    """Where the field ``id`` stands in the payload; None if the message has none, or has arrays."""
     known = layout(message_id)
     if known is None or "id" not in known.names:
         return None

@@ -27,8 +27,10 @@ from drivers.mavlink.decoder import (
 )
 from drivers.mavlink.dialect import mavlink
 from drivers.mavlink.framing import FrameReader
+from drivers.mavlink.imu_messages import IMU_MESSAGES, ImuMessage
 from drivers.samples.intake import MOST_STREAMS
 from drivers.samples.rotation import quaternion_from_euler, unit_or_none
+from drivers.samples.vehicle_clock import TimeField
 from estimator.types import ZERO_VEC3, ImuSample, VelocitySample
 
 S = 1_000_000
@@ -81,6 +83,23 @@ def test_whole_numbers_have_no_bias():
     read = [each.sample.gyr_rad_s for each in only(Imu, decode_all(messages))]
     error = (np.array(read)[:, :2] - rates).mean(axis=0)
     assert np.abs(error).max() < 2e-5
+
+
+def test_a_message_with_an_array_is_of_one_imu(monkeypatch):
+    """pymavlink's own object, which such a message becomes, has the message's number as ``id``."""
+    hil = ImuMessage(115, "HIL_STATE_QUATERNION", TimeField.TIME_USEC, _rates_and_force)
+    monkeypatch.setitem(IMU_MESSAGES, hil.number, hil)
+    message = m.MAVLink_hil_state_quaternion_message(
+        S, (1, 0, 0, 0), 0.5, 0, 0, *(0,) * 8, 0, 0, -1000
+    )
+    (imu,) = only(Imu, decode_all([message]))
+    assert imu.message == "HIL_STATE_QUATERNION"
+    assert imu.sample == ImuSample(S, (0.5, 0.0, 0.0), (0, 0, -1000), ZERO_VEC3, False)
+
+
+def _rates_and_force(fields):
+    rates = (fields.rollspeed, fields.pitchspeed, fields.yawspeed)
+    return rates, (fields.xacc, fields.yacc, fields.zacc), ZERO_VEC3
 
 
 # --- one table: message, the events it becomes behind an IMU message at 1 s
