@@ -28,7 +28,7 @@ with_latest = replacer(Lean, "latest_m_s")
 
 @inlined
 def watch_lean(lean: Lean, force_ned_m_s2: Vec3, dt: float) -> Lean:
-    """With one more sample."""
+    """The lean after one more sample."""
     share = dt / (LEAN_TAU_S + dt)
     felt = subtract(add(force_ned_m_s2, GRAVITY_NED), lean.felt_m_s2)
     ahead = subtract(lean.latest_m_s, lean.reported_m_s)
@@ -38,7 +38,7 @@ def watch_lean(lean: Lean, force_ned_m_s2: Vec3, dt: float) -> Lean:
 
 @inlined
 def hear_report(lean: Lean, velocity_ned_m_s: Vec3) -> Lean:
-    """With one more report."""
+    """The lean after one more report."""
     return with_latest(lean, velocity_ned_m_s)
 
 

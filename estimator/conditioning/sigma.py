@@ -18,8 +18,8 @@ from estimator.geometry.quaternion import rotate
 SIGMA_STEADY_RAD = 0.0052
 SIGMA_UNSTEADY_RAD = 0.03
 SIGMA_SWING = 0.5
-# What a measured mean square counts as a variance: of the force's size, as a share of gravity,
-# about the inclination; of the field's scatter, and of its norm and dip, about the heading.
+# A variance is this many times the measured mean square: for the inclination that of the force's
+# size over gravity, for the heading that of the field's scatter, norm and dip.
 MEASURED_SQUARE = 2.0
 # What the size of the force tells about the heading, times the squared tangent of the dip.
 SIGMA_BENT_SQUARE = 0.6
@@ -73,11 +73,11 @@ def sigma_inclination(
 ) -> float:
     """Angle (rad) that 68 % of the inclination errors lie under.
 
-    A sensor's own, what unsteady force adds, how far levelling has moved the vertical lately,
-    which tells a lasting acceleration, and how far the low-passed force has another size than
-    gravity: what an accelerometer's error or an acceleration adds along the vertical it adds
-    across as well, about both axes. Of slow streams it is the variance that the vertical has by
-    its own reckoning.
+    It sums the sensor's own error, what unsteady force adds, how far levelling has lately moved
+    the vertical (a sign of lasting acceleration), and how far the size of the low-passed force is
+    from gravity: an accelerometer's error or an acceleration that shows along the vertical is
+    taken to be as large across it, about both axes. In slow streams it is the variance of the
+    vertical that the conditioning stage keeps.
     """
     signs = events.signs.gravity
     swing_north, swing_east = signs.levelled

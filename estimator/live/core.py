@@ -93,7 +93,7 @@ def without_aiding(settings: Settings, now: Core) -> Core:
 
 
 def without_conditioning(settings: Settings, now: Core) -> Core:
-    """The core for raw vectors, to which nothing that conditioning has shown belongs."""
+    """The core for raw vectors, without what conditioning has found out."""
     return without_aiding(settings, now)._replace(seen=UNSEEN, search=EMPTY_SEARCH)
 
 

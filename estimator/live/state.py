@@ -141,7 +141,7 @@ class State:
 
     @property
     def declination_rad(self) -> float | None:
-        """Of the vehicle's place, if that is known."""
+        """The declination at the vehicle's place, None if that is unknown."""
         field = self.place_field
         return None if field is None else field.declination_rad
 

@@ -70,8 +70,8 @@ def observe_gravity(
     and fro ends where it began, so their mean vanishes), and turning causes no
     lag. The force is not normalised first: the mean of directions is tilted
     where the mean of forces is not. A running mean over the first
-    ``gravity_tau_s`` starts it. Of slow streams the vertical moves by ``share`` of
-    its way, which :mod:`estimator.conditioning.vertical.tilt` has weighed.
+    ``gravity_tau_s`` starts it. In slow streams the vertical takes the ``share`` of a
+    reading that :mod:`estimator.conditioning.vertical.tilt` has found.
     Source: Laidig and Seel 2023, doi 10.1016/j.inffus.2022.10.014.
     """
     before = state.force
