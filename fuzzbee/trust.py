@@ -1,4 +1,4 @@
-"""How far to trust an attitude: one word, one colour, and the reasons, alike in every view."""
+"""How far to trust an attitude: one word, one colour, and the reasons, for all views."""
 
 from enum import IntEnum
 from typing import NamedTuple

@@ -45,7 +45,7 @@ class Place:
 
     @property
     def name(self) -> str:
-        """What lines for a person call it."""
+        """Its name in messages to the user."""
         return f"worker {self.number + 1}"
 
     def note_birth(self, process: int, now_s: float) -> None:

@@ -67,7 +67,7 @@ class Report:
 
 
 def record_of(payload: bytes) -> AttitudeRecord:
-    """An attitude as it is published, read back."""
+    """The record that a published JSON attitude holds."""
     return msgspec.json.decode(payload, type=AttitudeRecord)
 
 
