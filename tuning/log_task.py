@@ -68,7 +68,7 @@ class Split(NamedTuple):
 
 
 def split(flights: tuple[Flight, ...], held_out: frozenset[str] = frozenset()) -> Split:
-    """Hold out the flights named in ``held_out`` (SHA-256), or every third; of one flight the end."""
+    """Hold out flights named in ``held_out`` (SHA-256), or every third; of one flight the end."""
     if len(flights) == 1:
         flight = flights[0]
         n = len(flight.samples)

@@ -15,7 +15,7 @@ from estimator.compilation.replacing import replacer
 from estimator.geometry.quaternion import add, scale, subtract
 from estimator.types import STANDARD_GRAVITY_M_S2, Vec3
 
-# For so long (s) the unaided stage averages.
+# Time (s) over which the unaided stage averages.
 LEAN_TAU_S = 2.5
 # An acceleration of less than this (m/s^2) tells no attitude from another.
 TELLING_M_S2 = 1.0
