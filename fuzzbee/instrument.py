@@ -231,7 +231,7 @@ def _own_symbol(width: int, rows: int, ink: Ink) -> dict[tuple[int, int], str]:
 
 
 def _cross(judged: Trust, width: int, rows: int, ink: Ink) -> list[Text]:
-    """No horizon at all: a cross, and why."""
+    """A cross in place of the horizon, and the reason."""
     reach = max(1, (rows - 5) // 2)
     grid = [[" "] * width for _ in range(rows)]
     middle_row, middle = rows // 2, width // 2

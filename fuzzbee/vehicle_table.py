@@ -131,7 +131,7 @@ def _overload(rows: list[Row]) -> list[str]:
 
 
 def meaning(word: str) -> str:
-    """What a warning says; the word itself if it is of another version."""
+    """A warning in words; its own name if it comes from another version."""
     try:
         return MEANINGS[Alarm(word)]
     except ValueError:

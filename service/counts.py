@@ -1,4 +1,4 @@
-"""What a vehicle's service has counted, for its result and for whoever goes on for it."""
+"""What was counted about a vehicle, for the result and for a worker that takes it over."""
 
 import msgspec
 

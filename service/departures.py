@@ -25,7 +25,7 @@ class Departures:
         self._profiles: OrderedDict[VehicleId, Profile] = OrderedDict()
 
     def look(self, heard_us: dict[VehicleId, int], now_us: int) -> list[VehicleId]:
-        """Who is to be forgotten, given when each was heard last."""
+        """The vehicles to forget, given when each was heard last."""
         step_us = 0 if self._looked_us is None else now_us - self._looked_us
         step_us = min(max(step_us, 0), LONGEST_LOOK_US)
         self._looked_us = now_us

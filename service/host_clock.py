@@ -72,7 +72,7 @@ def to_vehicle_us(clock: HostClock, host_us: int) -> int:
 
 
 def lateness_us(clock: HostClock, vehicle_us: int, arrival_us: int) -> float:
-    """By how much a message came later than prompt ones do; needs a known clock."""
+    """How much later a message came than prompt ones do; needs a known clock."""
     assert clock.known
     return arrival_us - vehicle_us - clock.offset_us
 

@@ -265,7 +265,7 @@ class Pipeline:
             self._forget(address)
 
     def _take_departed(self, now_us: int) -> list[Output]:
-        """Who was forgotten since the last tick."""
+        """The vehicles forgotten since the last tick."""
         gone, self._departed = self._departed, []
         if not gone:
             return []

@@ -15,7 +15,7 @@ from tuning.arrays import Array
 from tuning.objective import Objective
 
 CONNECT_TIMEOUT_S = 10.0
-# So many that a lost worker costs little, and a fast worker can take more of them than a slow one.
+# Many, so that a lost worker costs little and a fast worker can take more of them than a slow one.
 CHUNKS_PER_THREAD = 4
 # A batch is sent again this often before the cluster is given up.
 ATTEMPTS = 5

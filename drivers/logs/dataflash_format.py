@@ -114,7 +114,7 @@ def _degrees(stored: int) -> float:
     return stored / 1e7
 
 
-# By the characters of a format: how struct reads the field, and what converts it
+# For each character of a format: how struct reads the field, and the function that converts it
 FIELDS: dict[str, tuple[str, Callable[[Any], Any] | None]] = {
     "a": ("64s", None),  # 32 numbers, in no message that is read here
     "b": ("b", None),

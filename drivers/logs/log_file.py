@@ -33,7 +33,7 @@ class LogFile(Closing):
         """The events from the file's start."""
 
     def close(self) -> None:
-        """Nothing is held between one reading and the next."""
+        """Do nothing: no file is held open between two readings."""
 
     def sha256(self) -> str:
         """The file's SHA-256, as hexadecimal digits."""

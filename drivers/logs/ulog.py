@@ -96,7 +96,7 @@ class _Decoder:
         }
 
     def head(self, begin_us: int, unreadable: int) -> Iterator[Event]:
-        """What the log's head says: who it is, and its parameters."""
+        """The events of the log's head: the vehicle, and its parameters."""
         arrival_us = self._vehicle.arrival_us(begin_us)
         if unreadable:
             yield Malformed(arrival_us, unreadable)

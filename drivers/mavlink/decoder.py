@@ -134,7 +134,7 @@ class MavlinkDecoder:
         return gone + self._events(sender, frame, arrival_us)
 
     def _longest_silent(self, now_us: int) -> VehicleId | None:
-        """Who may lose its place; first those without an IMU: no flood takes a vehicle's.
+        """The sender that loses its place; first those without an IMU, so vehicles stay in a flood.
 
         Silence is looked for once a second at most: a flood must not cost a search a frame.
         """
@@ -185,7 +185,7 @@ def _motion(m: Any) -> str | None:
 
 
 def _text(letters: list[int]) -> str:
-    """What the letters before the first zero say."""
+    """The text before the first zero byte."""
     return bytes(letters).split(b"\0", 1)[0].decode("ascii", "replace")
 
 

@@ -1,4 +1,4 @@
-"""What a person should be told about a link that is open: that nothing comes, or nothing readable.
+"""Lines for the user about an open link: that nothing arrives, or nothing readable.
 
 No clock is read; times come in as arguments, in s.
 """

@@ -26,7 +26,7 @@ class Opening:
         return not self._thread.is_alive()
 
     def give_up(self, timeout_s: float) -> None:
-        """Nobody wants it any more: what is opened later is closed at once."""
+        """Give up: a link that opens later is closed at once."""
         with self._lock:
             self._is_unwanted = True
         self._thread.join(timeout_s)

@@ -1,4 +1,4 @@
-"""What a link needs from whoever gets its frames undecoded: the service with workers."""
+"""The interface of those who get a link's frames undecoded, such as the service with workers."""
 
 from typing import Protocol
 

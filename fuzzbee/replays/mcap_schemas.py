@@ -1,4 +1,4 @@
-"""What the messages of an MCAP file look like, for programs that draw them by their type.
+"""Schemas of the messages in an MCAP file, for programs that draw messages by their type.
 
 ``foxglove.FrameTransform``: https://docs.foxglove.dev/docs/sdk/schemas/frame-transform.
 ``sensor_msgs/msg/Imu``: https://docs.ros.org/en/jazzy/p/sensor_msgs/msg/Imu.html, with the types

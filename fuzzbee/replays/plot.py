@@ -16,7 +16,7 @@ from fuzzbee.replays.trace import VehicleTrace
 
 Floats = NDArray[np.float64]
 
-# By suffix, the metadata that would make two files of the same figure differ.
+# For each suffix the metadata that would make two files of the same figure differ.
 METADATA: dict[str, dict[str, None]] = {
     ".png": {"Software": None},
     ".svg": {"Date": None},

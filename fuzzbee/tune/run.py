@@ -214,7 +214,7 @@ def _profile(plan: Plan, search: Search, *, finished: bool) -> Profile:
 
 @contextlib.contextmanager
 def evaluator(plan: Plan, request: TuneRequest) -> Iterator[Evaluate]:
-    """Who computes costs: a cluster, this machine's processes, or for sim: its threads."""
+    """Choose what computes costs: a cluster, processes here, or for sim: threads."""
     objective, threads = plan.task.objective, request.threads
     if request.cluster is not None:
         from tuning.cluster import ClusterEvaluator

@@ -7,7 +7,7 @@ from typing import Any
 from estimator.errors import InputError
 from fuzzbee.viewer.process import MISSING
 
-# What the library logs by itself: errors, but not that the viewer is gone, as we say that.
+# The library logs errors only, but not that the viewer is gone: we report that ourselves.
 os.environ.setdefault("RUST_LOG", "error,re_grpc_client=off,re_sdk::recording_stream=off")
 try:
     rr: Any = import_module("rerun")

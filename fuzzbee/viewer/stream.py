@@ -49,7 +49,7 @@ class ViewerStream:
 
     @property
     def page(self) -> str | None:
-        """What a browser opens."""
+        """The address for a browser."""
         return None if self.process is None else self.process.page
 
     @property

@@ -118,7 +118,7 @@ class Sender:
         self._heartbeat_due_us = 0
 
     def frames(self, record: AttitudeRecord) -> list[bytes]:
-        """What is due at the record's time."""
+        """The messages that are due at the record's time."""
         now_us = record.time_unix_us
         period_us = round(1e6 / MAX_RATE_HZ)
         messages = []

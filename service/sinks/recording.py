@@ -1,4 +1,4 @@
-"""What the service has changed by itself, into the recording beside what arrived.
+"""Writes changes that the service made by itself into the recording, beside what arrived.
 
 A STATUSTEXT of the vehicle's system with component 191, as attitudes are sent: whoever replays the
 recording sees when it was retuned, and to what.

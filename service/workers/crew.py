@@ -251,7 +251,7 @@ class Crew(Closing):
         return connection
 
     def _inheritance(self, last: Tally) -> dict[VehicleId, Inheritance]:
-        """What a successor takes over; the numbers of records go on where they were."""
+        """What a successor takes over; sequence numbers continue."""
         inherited = {}
         for vehicle, counts in last.vehicles.items():
             replaced = self._profiles.get(vehicle)

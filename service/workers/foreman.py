@@ -95,7 +95,7 @@ class Foreman(Stoppable):
             reader.join(2.0 * READ_S)
 
     def _heard(self) -> list[Output]:
-        """What the link has told of itself."""
+        """The outputs from the link's reports about itself."""
         if self._failure is not None:
             raise self._failure
         outputs: list[Output] = []

@@ -11,7 +11,7 @@ from tuning.prediction import Readings
 
 # Two readings further apart tell about motion, not about noise.
 LONGEST_STEP_S = 0.15
-# Nothing of less noise than this is told from perfect: a millirad, squared, and (mrad/s)^2.
+# Less noise than this counts as none: (1 mrad)^2, and (1 mrad/s)^2.
 LEAST = 1e-6
 # A mean square counts as changed from this factor on; noise twice as large changes it by four.
 CHANGED = 2.0

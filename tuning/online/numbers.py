@@ -45,7 +45,7 @@ CONDITIONED = (
 
 
 def numbers_of(base: Profile) -> tuple[Number, ...]:
-    """What is retuned of a profile; a number that is 0 has no factor."""
+    """The numbers of a profile that are retuned, but for zeros, which have no factor."""
     tree = profile_to_json(base)
     chosen = CONDITIONED if base.conditioned else RAW
     return tuple(n for n in chosen if all(tree[section][key] > 0.0 for section, key, _ in n.keys))
