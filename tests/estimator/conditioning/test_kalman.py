@@ -204,3 +204,8 @@ def test_levelling_in_a_turn_tells_the_scale_error(seed):
     error, p = updated(np.array([0.003]), p, h, -step / DT, [LEVELLING_NOISE / DT] * 2)
     assert after.scale_error == pytest.approx(error[0], rel=1e-9)
     assert after.variance == pytest.approx(p[0, 0], rel=1e-9)
+    level = rotate(gravity.q_6d_g, turn)[:2]
+    drift = np.multiply(after.scale_error, (*level, 0.0))
+    assert rotate(gravity.q_6d_g, rotate(gravity.q_g_frd, after.drift_rad_s)) == pytest.approx(
+        drift, rel=1e-9, abs=1e-12
+    )

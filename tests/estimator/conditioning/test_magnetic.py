@@ -2,9 +2,24 @@
 
 from math import cos, radians, sin
 
+import numpy as np
 import pytest
 
-from estimator.conditioning.field.magnetic import FieldLook, look_at_field
+from estimator.conditioning import ConditioningParams
+from estimator.conditioning.field.magnetic import (
+    FieldLook,
+    FieldReference,
+    FieldRival,
+    MagneticState,
+    believe_rival,
+    look_at_field,
+    observe_field,
+    steepness,
+    unevenness,
+    watch_rival,
+)
+
+PARAMS = ConditioningParams()
 
 DIP = radians(60.0)
 EXPECTED = (0.5 * cos(DIP), 0.5 * sin(DIP))
@@ -37,3 +52,75 @@ def test_nothing_resembles_a_field_of_nothing():
     """Readings that are zero teach a reference of zero; confidence stays a number."""
     assert confidence(0.0, 0.0, (0.0, 0.0)) == 0.0
     assert confidence(0.5, DIP, (0.0, 0.0)) == 0.0
+
+
+def test_the_dip_has_a_scale_of_its_own():
+    seen = look_at_field(
+        FieldLook(), (0.5 * cos(DIP + 0.2), 0.5 * sin(DIP + 0.2)), 1.0, EXPECTED, 0.1, 0.4
+    )
+    assert seen.confidence == pytest.approx(1.0 / (1.0 + (sin(0.2) / 0.4) ** 2) ** 2)
+
+
+LOOK = FieldLook(horizontal=0.28, down=0.41, confidence=0.6)
+REFERENCE = FieldReference(
+    horizontal=0.25,
+    down=0.43,
+    samples=50.0,
+    age_s=12.0,
+    borne_s=7.0,
+    other=FieldRival(0.29, 0.40, 3.0),
+    uneven=0.002,
+)
+
+
+def test_how_uneven_a_field_is_counts_norm_and_dip():
+    norm, expected = np.hypot(0.28, 0.41), np.hypot(0.25, 0.43)
+    dip = np.arctan2(0.41, 0.28) - np.arctan2(0.43, 0.25)
+    square = (norm / expected - 1.0) ** 2 + np.sin(dip) ** 2
+    share = 0.1 / (12.0 + 0.1)
+    assert unevenness(REFERENCE, LOOK, 0.1) == pytest.approx(
+        0.002 + share * (square - 0.002), rel=1e-9
+    )
+
+
+def test_what_the_other_field_gains_the_expected_one_loses():
+    alike = look_at_field(LOOK, (0.28, 0.41), 0.0, (0.29, 0.40), 0.1, 0.1).confidence
+    assert alike > 0.8
+    other, borne_s = watch_rival(PARAMS, REFERENCE, LOOK, 0.1)
+    gain = 0.1 * (alike - 0.6)
+    assert other.seen_s == pytest.approx(3.0 + gain)
+    assert borne_s == pytest.approx(7.0 + 0.1 * 0.6 - gain)
+    share = alike * 0.1 / (other.seen_s + 0.1)
+    assert other.horizontal == pytest.approx(0.29 + share * (0.28 - 0.29))
+    assert other.down == pytest.approx(0.40 + share * (0.41 - 0.40))
+    # a field like the expected one takes nothing from it
+    other, borne_s = watch_rival(PARAMS, REFERENCE, LOOK._replace(confidence=1.0), 0.1)
+    assert other.seen_s == pytest.approx(3.0 - 0.1 * (1.0 - alike))
+    assert borne_s == pytest.approx(7.1)
+
+
+def test_two_fields_change_places():
+    believed = believe_rival(REFERENCE)
+    assert (believed.horizontal, believed.down, believed.borne_s) == (0.29, 0.40, 3.0)
+    assert believed.other == FieldRival(0.25, 0.43, 7.0)
+    assert believed.is_new
+    assert (believed.samples, believed.age_s, believed.uneven) == (50.0, 12.0, 0.002)
+
+
+def test_steepness_is_the_squared_tangent_of_the_dip_and_bounded():
+    assert steepness(REFERENCE) == pytest.approx((0.43 / 0.25) ** 2)
+    assert steepness(FieldReference(0.0, -0.5)) == pytest.approx(1.0 / 0.02**2)
+    assert steepness(FieldReference()) == 0.0
+
+
+@pytest.mark.parametrize(("age_s", "count"), [(3.0, 1.0), (8.0, 2.0)])
+def test_a_vertical_that_is_not_settled_teaches_by_the_square_of_it(age_s, count):
+    """Later its readings count twice, until as many have counted as came."""
+    reference = REFERENCE._replace(age_s=age_s, samples=20.0)
+    state = MagneticState(LOOK, reference, 0.3, True)
+    after = observe_field(PARAMS, state, (0.28, 0.0, 0.41), 0.1, 0.5)
+    assert after.reference.samples == pytest.approx(20.0 + count * 0.25)
+    assert after.reference.age_s == pytest.approx(age_s + 0.1)
+    learn = max(0.25 / after.reference.samples, 0.1 / 15.0 * after.look.confidence)
+    assert after.reference.horizontal == pytest.approx(0.25 + learn * (0.28 - 0.25))
+    assert after.reference.down == pytest.approx(0.43 + learn * (0.41 - 0.43))

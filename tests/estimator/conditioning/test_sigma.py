@@ -6,6 +6,20 @@ import numpy as np
 import pytest
 
 from estimator.conditioning import ConditioningParams, condition, initial_state
+from estimator.conditioning.events.doubt import HeadingDoubt
+from estimator.conditioning.events.gravity_signs import GravitySigns
+from estimator.conditioning.events.heading_signs import HeadingSigns
+from estimator.conditioning.events.jump_signs import JumpSigns
+from estimator.conditioning.events.proof import TurnSigns
+from estimator.conditioning.events.step import EventsState
+from estimator.conditioning.field.magnetic import (
+    FieldLook,
+    FieldReference,
+    FieldRival,
+    MagneticState,
+)
+from estimator.conditioning.sigma import rival, sigma_heading, sigma_inclination
+from estimator.conditioning.vertical.coefficients import coefficients
 from estimator.geometry.quaternion import exp, rotate, rotate_inverse
 from estimator.types import Sample
 from tests.estimator.conditioning.motion import fly, tumbling
@@ -64,3 +78,66 @@ def test_a_magnetometer_with_axes_of_different_scales_widens_the_headings_sigma(
         (s.gyr, s.acc, (s.mag[0], scale * s.mag[1], s.mag[2])) for s in fly(tumbling, 60.0, DT)
     ]
     assert sigmas_deg(samples)[1] == pytest.approx(heading_deg, rel=0.2)
+
+
+def state_of(*, dt_s, wait_s=0.0, seen_s=0.0, **signs):
+    """Numbers that are all different; ``signs`` are the heading's."""
+    vertical = initial_state(PARAMS).vertical
+    p = (1e-4, 0, 0, 0, 2e-4, 0, 0, 3e-4, 0, 0.02)
+    vertical = vertical._replace(
+        estimate=vertical.estimate._replace(heading_rad=3.0, covariance=p),
+        gravity=vertical.gravity._replace(force=vertical.gravity.force._replace(unsteady=0.3)),
+        tilt=vertical.tilt._replace(variance=0.005),
+        doubt=0.0004,
+        coefficients=coefficients(PARAMS, dt_s, 1.0),
+    )
+    other = FieldRival(0.3, 0.3, seen_s)
+    reference = FieldReference(0.2, 0.4, borne_s=5.0, other=other, uneven=0.004)
+    heading = HeadingSigns(**{"scatter": 0.0007, "borne_s": 1.0, **signs})
+    gravity = GravitySigns(levelled=(0.01, -0.03), uneven=0.0005)
+    signs = TurnSigns(heading, gravity, JumpSigns(slow=(0.1, 0.3, 0.4)))
+    events = EventsState(signs, HeadingDoubt(0.0023))
+    return vertical, MagneticState(FieldLook(), reference, wait_s, True), events
+
+
+@pytest.mark.parametrize(("dt_s", "slow"), [(0.01, 0.0), (0.07, 0.5), (0.2, 1.0)])
+def test_sigma_of_the_inclination_adds_up_what_may_tilt_it(dt_s, slow):
+    vertical, _, events = state_of(dt_s=dt_s)
+    fast = 0.03**2 * 0.3 + 0.5**2 * (0.01**2 + 0.03**2) + 2.0 * 0.0005
+    square = 0.0052**2 + 0.0004 + (1.0 - slow) * fast + slow * 0.005
+    assert sigma_inclination(PARAMS, vertical, events) ** 2 == pytest.approx(square)
+
+
+@pytest.mark.parametrize(
+    ("dt_s", "wait_s", "counts"),
+    [(0.01, 0.0, 0.0), (0.07, 0.0, 0.5), (0.01, 0.6, 0.3), (0.01, 9.0, 1.0)],
+)
+def test_sigma_of_the_heading_adds_up_what_may_turn_it(dt_s, wait_s, counts):
+    """The squared tangent of the dip is 4. The heading's own variance counts in full without a
+    field and in slow streams, and little once it is settled."""
+    vertical, magnetic, events = state_of(dt_s=dt_s, wait_s=wait_s)
+    own = 0.02 * (counts + (1.0 - counts) * 0.02 / (0.02 + 0.3**2))
+    lasting = 2.0 * 0.0007 + 0.005**2 + 4.0 * (0.6 * 0.0005 + 0.5 * 0.0004) + 0.0023
+    lasting += 2.0 * (1.0 + 4.0) * (0.004 - 0.03**2)
+    square = sigma_heading(PARAMS, vertical, magnetic, events) ** 2
+    assert square == pytest.approx(own + lasting)
+
+
+def test_another_heading_counts_by_how_far_it_is_borne_out():
+    """The heading is 3.0 rad; one of -3.1 rad is 0.18 rad from it, across the south."""
+
+    def added(**state):
+        now, plain = ((state_of(dt_s=0.01, **s)) for s in (state, {}))
+        return rival(PARAMS, *now) - rival(PARAMS, *plain)
+
+    away = 2.0 * np.pi - 6.1
+    # 1 s of the 4 s that a heading needs; 30 s of the 60 s that it is remembered
+    assert added(other_rad=-3.1, other_s=30.0) == pytest.approx(0.75 * 0.5 * away**2)
+    late = added(other_rad=-3.1, other_s=30.0, borne_s=3.9)
+    assert late == pytest.approx(0.15 * 0.5 * away**2)
+    # a field that points elsewhere
+    off = added(off_s=0.2, mean_north=0.2, mean_east=-0.1)
+    assert off == pytest.approx(0.75 * np.arctan2(-0.1, 0.2) ** 2)
+    # another field, seen for 2 s and the expected one for 5; heading 3.0 turns it about down
+    turned = np.arctan2(0.3, 0.1) + 3.0 - 2.0 * np.pi
+    assert added(seen_s=2.0) == pytest.approx(2.0 / 7.0 * turned**2)

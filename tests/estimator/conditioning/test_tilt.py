@@ -7,13 +7,22 @@ import pytest
 from numpy.typing import NDArray
 
 from estimator.conditioning import Conditioned, ConditioningParams, condition, initial_state
-from estimator.conditioning.vertical.tilt import initial_tilt, slowness, step_noise
+from estimator.conditioning.vertical.tilt import (
+    StepNoise,
+    TiltState,
+    believe_force,
+    calm,
+    initial_tilt,
+    slowness,
+    step_noise,
+)
 from estimator.geometry.quaternion import exp, multiply, normalize, rotate_inverse
 from estimator.types import (
     IDENTITY,
     NOTHING_BETWEEN,
     STANDARD_GRAVITY_M_S2,
     ZERO_VEC3,
+    Between,
     Sample,
     Vec3,
 )
@@ -165,3 +174,87 @@ def test_after_a_hole_with_a_fast_turn_a_vehicle_at_rest_is_upright_within_two_s
     fixed = run(FIXED, gyr, acc, times)
     off_fixed = degrees(np.arccos(fixed[in_hole + 1].gravity_b[2]))
     assert off_fixed == pytest.approx(119.0, rel=0.2)
+
+
+# Nothing here is symmetric: down is along no axis, and the numbers are all different.
+TILTED: Vec3 = (0.36, -0.48, 0.8)
+GYR_BEFORE: Vec3 = (0.3, -0.2, 0.5)
+GYR: Vec3 = (0.7, 0.4, -0.1)
+RATE: Vec3 = (0.65, 0.45, -0.2)
+BEFORE = TiltState(
+    variance=0.004,
+    scatter=0.003,
+    tilting=0.9,
+    twisting=0.5,
+    gyr=GYR_BEFORE,
+    force_g=(0.1, -0.2, 9.7),
+    force=9.6,
+)
+
+
+@pytest.mark.parametrize("dt", [0.3, 2.5])
+@pytest.mark.parametrize("between", [NOTHING_BETWEEN, Between(True, RATE, (0.2, 0.5, 0.1), 0.06)])
+def test_what_a_step_misses_by_its_formula(dt: float, between: Between) -> None:
+    """A step with readings between its samples is as many shorter ones."""
+    change, step_s = np.subtract(GYR, GYR_BEFORE), dt
+    if between.given:
+        change, step_s = np.array(between.change_rad_s), between.step_s
+    square, turn_square = change @ change, np.dot(RATE, RATE)
+    along, turn_along = np.dot(change, TILTED) ** 2, np.dot(RATE, TILTED) ** 2
+    tilting, twisting = square - along + 0.1 * square, along + 0.1 * square
+    by_change = dt / step_s * (0.45 * step_s / (step_s + 0.12) * step_s) ** 2
+    by_turn = dt / step_s * (0.4 * step_s**2) ** 2
+    anyhow = 0.002**2 * dt + (0.3 * max(0.0, dt - 1.0)) ** 2
+    noise = step_noise(PARAMS, BEFORE, GYR, RATE, TILTED, dt, between)
+    assert (noise.tilting, noise.twisting) == pytest.approx((tilting, twisting))
+    assert noise.tilt == pytest.approx(
+        by_change * max(tilting, 0.2 * tilting + 0.8 * 0.9)
+        + by_turn * (turn_square - turn_along + 0.1 * turn_square)
+        + anyhow
+    )
+    assert noise.twist == pytest.approx(
+        by_change * max(twisting, 0.2 * twisting + 0.8 * 0.5)
+        + by_turn * (turn_along + 0.1 * turn_square)
+        + anyhow
+    )
+
+
+@pytest.mark.parametrize("least", [0.01, 0.6])
+def test_the_force_is_believed_as_by_a_kalman_filter(least: float) -> None:
+    """A force of 10.4 m/s^2, 0.13 rad off, where 9.6 is usual; the vehicle turns."""
+    dt, u = 0.25, (1.0, -0.9, 10.312)
+    p, size = 0.004 + 0.01, float(np.linalg.norm(u))
+    unusual = size / 9.6 - 1.0
+    r = 0.003 + unusual**2
+    lasting = r * 2.0 * 0.35 / dt
+    share = max(least, p / (p + lasting))
+    off = np.arctan2(np.hypot(u[0], u[1]), u[2])
+    expected = (r / (p + r) * off) ** 2 + p * r / (p + r)
+    noise = StepNoise(tilt=0.01, twist=0.02, tilting=0.7, twisting=0.3)
+    after, found = believe_force(PARAMS, BEFORE, noise, GYR, DOWN, u, dt, least)
+    assert found == pytest.approx(share)
+    assert after.variance == pytest.approx((1.0 - share) ** 2 * p + share**2 * lasting)
+    change, moved = np.subtract(GYR, GYR_BEFORE), np.subtract(u, BEFORE.force_g)
+    signs = (np.dot(GYR, GYR) + change @ change) / 0.05**2
+    signs += moved @ moved / (0.04 * 9.6) ** 2 + (unusual / 0.04) ** 2
+    at_rest = 1.0 / (1.0 + signs) ** 2
+    a, c = (dt / (tau * (1.0 - at_rest) + 0.5 * at_rest + dt) for tau in (7.0, 3.0))
+    assert after.scatter == pytest.approx(0.003 + a * (expected - 0.003))
+    assert after.tilting == pytest.approx(0.9 + c * (0.7 - 0.9))
+    assert after.twisting == pytest.approx(0.5 + c * (0.3 - 0.5))
+    assert after.force == pytest.approx(9.6 + dt / (20.0 + dt) * (size - 9.6))
+    assert (after.gyr, after.force_g) == (GYR, u)
+
+
+def test_a_vehicle_is_calm_where_nothing_changes() -> None:
+    """Each sign by itself, of the size that leaves a quarter."""
+    still = BEFORE._replace(gyr=ZERO_VEC3, force_g=(0.0, 0.0, 9.6))
+    down: Vec3 = (0.0, 0.0, 9.6)
+    assert calm(PARAMS, still, ZERO_VEC3, down, 0.0, 0.25) == 1.0
+    assert calm(PARAMS, still, ZERO_VEC3, down, 0.0, 0.01) == 0.0
+    assert calm(PARAMS, still, ZERO_VEC3, down, -0.04, 0.25) == pytest.approx(0.25)
+    moved: Vec3 = (0.0, 0.04 * 9.6, 9.6)
+    assert calm(PARAMS, still, ZERO_VEC3, moved, 0.0, 0.25) == pytest.approx(0.25)
+    steady = still._replace(gyr=(0.0, 0.05, 0.0))
+    assert calm(PARAMS, steady, (0.0, 0.05, 0.0), down, 0.0, 0.25) == pytest.approx(0.25)
+    assert calm(PARAMS, steady, ZERO_VEC3, down, 0.0, 0.25) == pytest.approx(0.25)

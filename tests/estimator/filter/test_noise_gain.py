@@ -14,6 +14,7 @@ from estimator.filter.noise_gain import (
     RESTING_SHARE,
     descend,
     noise_surface,
+    observe_floor,
     observe_noise,
     resting_gain,
     surprise,
@@ -143,3 +144,33 @@ def test_more_noise_of_the_vectors_lowers_the_gain_and_of_the_gyroscope_raises_i
     assert vectors < plain < gyroscope
     assert plain == pytest.approx(1.8, rel=0.2)
     assert gyroscope == pytest.approx(8.6, rel=0.2)
+
+
+NOISE = NO_NOISE._replace(samples=20.0, vector_variance=0.0025, error_floor=0.004)
+
+
+@pytest.mark.parametrize(
+    ("floor", "error", "expected"),
+    [
+        (0.004, 0.006, 0.004 + 0.02 / 1.22 * (0.006 - 0.004)),
+        (0.004, 0.9, 0.004 + 0.02 / 1.22 * (3.0 * 0.004 - 0.004)),  # a wrong start counts little
+        (0.004, 0.001, 0.004 + 0.02 / 1.22 * (0.001 - 0.004)),
+        (0.0, 0.001, 0.5 * 0.0025),  # a vector has two components across it, e a quarter of both
+    ],
+)
+def test_the_floor_is_a_running_mean_of_e(floor, error, expected):
+    after = observe_floor(NOISE._replace(error_floor=floor), error, 0.02)
+    assert after == NOISE._replace(error_floor=pytest.approx(expected))
+
+
+@pytest.mark.parametrize("before", [2.0, 40.0])
+def test_an_error_that_rises_opens_the_gain_and_one_that_falls_does_not(before):
+    """By six floors. What the gain comes down from is a bound from below for either."""
+    resting = resting_gain(NOISE)
+    falls, rises = (
+        noise_gain.noise_gain(NOISE, 0.002, sign * 0.024, before, 0.02) for sign in (-1.0, 1.0)
+    )
+    opened = noise_surface(resting, 0.5, 6.0)
+    assert opened > 1.5 * resting
+    assert falls == pytest.approx(descend(before, resting, 0.02))
+    assert rises == pytest.approx(max(opened, falls))

@@ -1,0 +1,236 @@
+"""The signs of an unsensed turn, each by its formula, with numbers that are all different."""
+
+from math import asin, atan2, hypot, radians, sin, sqrt
+
+import numpy as np
+import pytest
+
+from estimator.conditioning import ConditioningParams, initial_state
+from estimator.conditioning.events.doubt import (
+    SUDDEN_RAD,
+    SUDDEN_SHARE,
+    FieldBefore,
+    HeadingDoubt,
+    is_sudden,
+    raise_doubt,
+    release_doubt,
+)
+from estimator.conditioning.events.gravity_signs import GravitySigns, watch_gravity
+from estimator.conditioning.events.heading_signs import (
+    SCATTER_TAU_S,
+    HeadingSigns,
+    borne_out,
+    watch_heading,
+)
+from estimator.conditioning.events.jump_signs import (
+    JUMP_QUICK_S,
+    JUMP_SHARE,
+    JUMP_SLOW_S,
+    JumpSigns,
+    jump_variance,
+    watch_field,
+)
+from estimator.conditioning.events.proof import TurnSigns
+from estimator.conditioning.field.calibration import Calibration
+from estimator.conditioning.field.magnetic import FieldLook, FieldReference, MagneticState
+from estimator.conditioning.vertical.bias import Estimate
+from estimator.conditioning.vertical.gravity import Force, GravityState
+from estimator.conditioning.vertical.lowpass import Smooth
+from estimator.conditioning.vertical.rest import RestState
+
+PARAMS = ConditioningParams()
+ZERO = (0.0, 0.0, 0.0)
+DT = 0.04
+
+
+def angle(u, v):
+    return atan2(np.linalg.norm(np.cross(u, v)), np.dot(u, v))
+
+
+JUMP = JumpSigns(
+    quick=(0.20, 0.03, 0.40),
+    slow=(0.21, -0.01, 0.41),
+    quick_norm=0.448,
+    slow_norm=0.461,
+    usual=0.0004,
+    usual_turning=0.09,
+    turning=0.30,
+    unseen=0.0003,
+    seen_rad=0.02,
+    age_s=5.0,
+)
+
+
+def test_the_field_is_followed_quickly_and_slowly():
+    field, turning, unseen = np.array((0.17, 0.10, 0.38)), 0.16, 0.0002
+    now = watch_field(JUMP, tuple(field), turning, unseen, DT)
+    a, b, c = DT / (JUMP_QUICK_S + DT), DT / (JUMP_SLOW_S + DT), DT / (JUMP.age_s + DT)
+    quick = (1.0 - a) * np.array(JUMP.quick) + a * field
+    slow = (1.0 - b) * np.array(JUMP.slow) + b * field
+    norm = np.linalg.norm(field)
+    assert now.quick == pytest.approx(quick)
+    assert now.slow == pytest.approx(slow)
+    assert now.quick_norm == pytest.approx((1.0 - a) * JUMP.quick_norm + a * norm)
+    assert now.slow_norm == pytest.approx((1.0 - b) * JUMP.slow_norm + b * norm)
+    assert now.apart_rad == pytest.approx(angle(quick, slow))
+    assert now.usual == pytest.approx((1.0 - c) * JUMP.usual + c * angle(quick, slow) ** 2)
+    assert now.usual_turning == pytest.approx((1.0 - c) * JUMP.usual_turning + c * turning)
+    assert now.turning == pytest.approx((1.0 - b) * JUMP.turning + b * turning)
+    assert now.unseen == pytest.approx((1.0 - b) * JUMP.unseen + unseen)
+    assert now.ahead_rad == pytest.approx(np.linalg.norm(field - JUMP.quick) / norm)
+    assert now.seen_rad == JUMP.seen_rad
+
+
+@pytest.mark.parametrize(
+    ("own", "by_turning"),
+    [
+        # the lesser of two: what lag and own field make of the turning, or 16 times what is
+        # usual, times how much more it turns than usually
+        (1.0, 0.25 * (1e-4 + 0.25 * 38e-4) * 0.30),
+        (100.0, 16.0 * 1e-5 * (0.30 - 0.09) / 0.09),
+    ],
+)
+@pytest.mark.parametrize("share", [0.999, 1.001])
+def test_a_jump_is_more_than_what_else_turns_the_field(own, by_turning, share):
+    p = tuple(own * x for x in (4e-4, 0, 0, 0, 9e-4, 0, 0, 25e-4, 0, 1e-4))
+    learnt = Calibration(0.01, (0.1, 0.0, 0.0), p, 0.5)
+    least = PARAMS.turn_jump_rad**2 + 16.0 * (1e-5 + 2e-5) + by_turning
+    signs = JUMP._replace(usual=1e-5, unseen=2e-5, apart_rad=share * sqrt(least))
+    signs = signs._replace(quick_norm=signs.slow_norm)
+    variance, seen_rad = jump_variance(PARAMS, signs, learnt)
+    if share < 1.0:
+        assert (variance, seen_rad) == (0.0, 0.02)
+    else:
+        assert variance == pytest.approx((signs.apart_rad**2 - 0.02**2) / JUMP_SHARE**2)
+        assert seen_rad == signs.apart_rad
+    told = signs._replace(seen_rad=1.01 * signs.apart_rad)
+    assert jump_variance(PARAMS, told, learnt) == (0.0, told.seen_rad)
+
+
+def test_a_second_jump_adds_to_the_doubt_and_leaves_the_field_before_the_first():
+    signs = TurnSigns(HeadingSigns(mean_confidence=0.8), GravitySigns(), JUMP)
+    first = raise_doubt(HeadingDoubt(), signs, 0.02, 3.0)
+    assert first == HeadingDoubt(pytest.approx(0.08), 0.0, FieldBefore(JUMP.slow_norm, 0.8))
+    later = signs._replace(jump=JUMP._replace(slow_norm=0.3), heading=HeadingSigns())
+    second = raise_doubt(first._replace(usual_s=0.4), later, 0.01, 3.0)
+    assert second == HeadingDoubt(pytest.approx(0.12), 0.0, first.before)
+
+
+@pytest.mark.parametrize("share", [0.97, 1.03])
+def test_a_turn_is_sudden_by_the_angle_between_the_fields_and_not_by_that_of_the_heading(share):
+    """The dip is 60 degrees: a heading that is off by 0.9 rad turns the field by half of that."""
+    steep, off = 3.0, 0.9
+    turned = 2.0 * asin(sin(0.5 * off) * 0.5)
+    least = SUDDEN_SHARE * turned - SUDDEN_RAD
+    horizontal = (np.cos(off), -np.sin(off))
+    assert is_sudden((share * least) ** 2 * (1.0 + steep), steep, horizontal) is (share > 1.0)
+
+
+def release(*, apart_rad=0.01, usual_s=1.2, confidence=0.7, norm=0.46, variance=0.4, tilt=0.05):
+    """The doubt after a step beside a field of dip 60 degrees that is off by 0.3 rad."""
+    reference = FieldReference(horizontal=0.25, down=0.25 * sqrt(3.0), uneven=0.0001)
+    field = MagneticState(FieldLook(0.25, 0.43, confidence), reference, 0.0, True)
+    doubt = HeadingDoubt(variance, usual_s, FieldBefore(0.461, 0.9))
+    estimate = Estimate(ZERO, 0.2, (1e-4, 0, 0, 0, 1e-4, 0, 0, 1e-4, 0, 0.03))
+    jump = JUMP._replace(quick_norm=norm, apart_rad=apart_rad)
+    return release_doubt(PARAMS, doubt, tilt, estimate, field, jump, (np.cos(0.3), np.sin(0.3)), DT)
+
+
+def test_the_heading_hears_of_its_doubt_once_the_field_looks_as_usual():
+    doubt, tilt, estimate, released = release()
+    assert (doubt.variance, tilt, released) == (0.0, 0.05, True)
+    assert estimate.covariance[9] == pytest.approx(0.03 + 0.4)
+    # no better than the vertical that it is taken with, times the steepness of 3, about one axis
+    assert release(tilt=0.5)[2].covariance[9] == pytest.approx(0.5 * 0.5 * 3.0)
+
+
+def test_a_field_that_still_moves_or_is_another_keeps_the_doubt():
+    for unlike in ({"apart_rad": 0.06}, {"confidence": 0.5}):
+        doubt, tilt, estimate, released = release(usual_s=0.7, **unlike)
+        assert doubt.usual_s == pytest.approx(0.7 - DT)
+        assert (doubt.variance, tilt, released) == (0.4, 0.05, False)
+        assert estimate.covariance[9] == 0.03
+    assert release(usual_s=0.7)[0].usual_s == pytest.approx(0.7 + DT)
+
+
+def test_a_field_of_another_norm_is_a_magnets():
+    doubt, tilt, estimate, released = release(norm=0.461 * 1.045)
+    assert (doubt.variance, tilt, released) == (0.0, 0.0, False)
+    assert estimate.covariance[9] == 0.03
+
+
+SIGNS = HeadingSigns(
+    mean_north=0.20,
+    mean_east=0.05,
+    mean_confidence=0.85,
+    off_s=0.3,
+    large_s=0.2,
+    scatter=0.002,
+    borne_s=2.0,
+    other_rad=-0.5,
+    other_s=20.0,
+)
+
+
+def heading_after(state, horizontal, *, confidence=0.9, variance=0.01, is_new=False):
+    look = FieldLook(0.25, 0.4, confidence)
+    field = MagneticState(look, FieldReference(0.25, 0.4, is_new=is_new), 0.0, True)
+    estimate = Estimate(ZERO, 0.9, (0, 0, 0, 0, 0, 0, 0, 0, 0, variance))
+    return watch_heading(PARAMS, state, estimate, field, horizontal, DT)
+
+
+def test_the_mean_field_counts_by_its_confidence():
+    now = heading_after(SIGNS, (0.10, 0.22))
+    a, b = DT / (PARAMS.turn_heading_tau_s + DT), DT / (SCATTER_TAU_S + DT)
+    north = (1.0 - a) * 0.20 + a * 0.9 * 0.10
+    east = (1.0 - a) * 0.05 + a * 0.9 * 0.22
+    assert (now.mean_north, now.mean_east) == pytest.approx((north, east))
+    assert now.mean_confidence == pytest.approx((1.0 - a) * 0.85 + a * 0.9)
+    assert now.scatter == pytest.approx((1.0 - b) * 0.002 + b * atan2(east, north) ** 2)
+    assert now.off_s == pytest.approx(0.3 + DT)
+    assert now.large_s == pytest.approx(0.2 + DT)  # this reading is 66 degrees off, the mean 16
+    assert now.borne_s == pytest.approx(2.0 - DT)
+    assert now.other_s == pytest.approx(20.0 - DT)
+    assert heading_after(SIGNS, (0.10, 0.22), variance=0.05).scatter == 0.002
+    assert heading_after(SIGNS, (0.22, 0.10)).large_s == 0.0
+    assert heading_after(SIGNS, (0.10, 0.22), is_new=True).borne_s == 0.0
+
+
+def test_a_heading_that_was_given_up_needs_no_proof():
+    """The heading is 0.9, the field points 0.24 rad east of it: north lies at 0.66, not at 1.14."""
+    away = atan2(0.05, 0.20)
+    for other_rad, borne_s in ((0.9 - away, 0.0), (0.9 + away, 2.0 - DT)):
+        state = SIGNS._replace(other_rad=other_rad)
+        assert heading_after(state, (0.20, 0.05)).borne_s == pytest.approx(borne_s)
+    assert borne_out(PARAMS, SIGNS, -0.5, False, 0.7, DT) == pytest.approx(2.0 + 0.7 * DT)
+    assert borne_out(PARAMS, SIGNS, -0.5, True, 0.7, DT) == 0.0
+    assert borne_out(PARAMS, SIGNS._replace(other_s=0.0), -0.5, True, 0.7, DT) == 2.0 - DT
+
+
+def test_levelling_is_remembered_about_both_axes_and_a_wander_as_a_mean_square():
+    down, quick = (0.5, -0.7, 9.2), (2.0, 0.4, 9.0)
+    force = Force(down=Smooth(down, ZERO), quick=quick, unsteady=0.1, age_s=6.0)
+    gravity = GravityState(force=force)
+    before = GravitySigns(0.1, 0.2, (0.05, -0.03), wander=0.02, uneven=0.001)
+    rest = RestState()
+    now = watch_gravity(PARAMS, before, rest, gravity, (0.004, 0.007), 0.9, DT, 0.0)
+    assert now.levelled == pytest.approx((0.9 * 0.05 + 0.004, -0.9 * 0.03 + 0.007))
+    a, b = DT / (10.0 + DT), DT / (6.0 + DT)
+    assert now.wander == pytest.approx((1.0 - a) * 0.02 + a * angle(down, quick) ** 2)
+    size = hypot(*down) / 9.80665 - 1.0
+    assert now.uneven == pytest.approx((1.0 - b) * 0.001 + b * size**2)
+    assert (now.quiet_s, now.moving_s) == (0.0, 0.0)
+    # with a vertical in doubt the wander is that of the doubt
+    assert watch_gravity(PARAMS, before, rest, gravity, ZERO, 0.9, DT, 0.01).wander == 0.02
+
+
+def test_gravity_that_pulls_elsewhere_is_timed():
+    """61 degrees count for a moving vehicle, 21 for a quiet one, about any axis."""
+    state = initial_state(PARAMS).vertical.gravity
+    for off_deg, lasts in ((59.0, False), (61.0, True)):
+        quick = (0.0, -9.8 * sin(radians(off_deg)), 9.8 * np.cos(radians(off_deg)))
+        gravity = state._replace(force=Force(Smooth((0.0, 0.0, 9.8), ZERO), quick, 0.0, 5.0))
+        now = watch_gravity(
+            PARAMS, GravitySigns(moving_s=0.1), RestState(), gravity, (0.0, 0.0), 0.9, DT, 0.0
+        )
+        assert now.moving_s == pytest.approx(0.1 + DT if lasts else 0.0)
