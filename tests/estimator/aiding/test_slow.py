@@ -10,9 +10,9 @@ from estimator.aiding.inertial import Prediction
 from estimator.aiding.lean import bears_out, hear_report, lean_angle, watch_lean
 from estimator.aiding.sources.unaided import observe_slow_unaided
 from estimator.aiding.types import SIZE, TURN, VELOCITY, AidingParams, Lean, Roughness
-from estimator.aiding.unseen import add_hole, add_unseen_turn, watch_roughness
+from estimator.aiding.unseen import add_hole, add_unseen_turn, watch_roughness, watch_turning
 from estimator.geometry.quaternion import exp, rotate
-from estimator.types import STANDARD_GRAVITY_M_S2, ZERO_VEC3, Quaternion, Vec3
+from estimator.types import STANDARD_GRAVITY_M_S2, ZERO_VEC3, Between, Quaternion, Sample, Vec3
 
 UP: Vec3 = (0.0, 0.0, 1.0)
 
@@ -116,3 +116,52 @@ def test_an_attitude_is_borne_out_by_a_clear_acceleration_that_it_explains():
     assert not borne_out(-5.0, 5.0)  # has it the wrong way round
     assert not borne_out(0.5, 0.5)  # too little to tell
     assert not borne_out(float("nan"), 5.0)
+
+
+ROUGH = Roughness(bent=0.5, changed=0.3)
+
+
+@pytest.mark.parametrize(
+    ("bent", "square"),
+    [((0.2, -0.5, 0.1), 0.2 * 0.3 + 0.8 * 0.5), ((0.9, -0.5, 0.4), 1.22)],
+)
+def test_what_a_step_with_readings_between_has_missed(
+    bent: tuple[float, float, float], square: float
+) -> None:
+    """In 0.5 s, seen every 0.2 s: by the latest reading or, more even, by those before."""
+    params = AidingParams()
+    P = np.zeros((SIZE, SIZE))
+    add_unseen_turn(params, P, ROUGH, bent, 0.5, 0.2)
+    share = params.unseen_turn_noise * 0.2 / (0.2 + 0.12)
+    likeness = 0.5 / (3.0 * 0.3)
+    variance = share**2 * likeness**3 * square * 0.5 * 0.2 / 3.0
+    wanted = np.zeros(SIZE)
+    wanted[TURN : TURN + 3] = variance
+    np.testing.assert_allclose(P, np.diag(wanted), rtol=1e-6)
+
+
+@pytest.mark.parametrize("is_given", [False, True])
+def test_the_turning_is_watched_between_the_samples_where_it_is_seen(is_given: bool) -> None:
+    """Steps of 0.5 s after 0.4 s: the line through the two readings before goes on."""
+    state = blank_aiding(AidingParams())[0]
+    last = state.last._replace(
+        gyr_rad_s=(0.5, -0.3, 0.2), gyr_before_rad_s=(0.1, 0.4, -0.2), dt_s=0.4
+    )
+    state = state._replace(last=last, rough=ROUGH)
+    between = Between(is_given, ZERO_VEC3, (0.3, 0.1, 0.6), 0.2)
+    gyr = np.array((0.7, 0.1, 0.9))
+    sample = Sample(tuple(gyr.tolist()), ZERO_VEC3, ZERO_VEC3, False, 0.5, between)
+    P = np.zeros((SIZE, SIZE))
+    after = watch_turning(AidingParams(), state, P, sample)
+    change = gyr - last.gyr_rad_s
+    bent = change - np.subtract(last.gyr_rad_s, last.gyr_before_rad_s)
+    if is_given:
+        bent = change = np.array(between.change_rad_s)
+    share = 0.5 / (3.0 + 0.5)
+    assert after.bent == pytest.approx(0.5 + share * (bent @ bent - 0.5))
+    assert after.changed == pytest.approx(0.3 + share * (change @ change - 0.3))
+    alone = np.zeros((SIZE, SIZE))
+    add_unseen_turn(
+        AidingParams(), alone, ROUGH, tuple(bent.tolist()), 0.5, 0.2 if is_given else 0.5
+    )
+    np.testing.assert_array_equal(P, alone)

@@ -7,7 +7,7 @@ from estimator.aiding import Report, aid, begin, blank_aiding
 from estimator.aiding.correction import apply_corrections
 from estimator.aiding.inertial import predict_motion
 from estimator.aiding.lean import lean_angle
-from estimator.aiding.search import EMPTY_SEARCH, add_report, add_sample
+from estimator.aiding.search import EMPTY_SEARCH, Evidence, Search, Window, add_report, add_sample
 from estimator.aiding.sources.unaided import observe_slow_unaided
 from estimator.aiding.types import (
     HARD_IRON,
@@ -17,10 +17,15 @@ from estimator.aiding.types import (
     Lean,
     North,
     Roughness,
+    Sigmas,
     Surroundings,
 )
 from estimator.aiding.unseen import add_unseen_turn, watch_turning
 from estimator.aiding.witness import USUAL_TAU_S, Apart, average
+from estimator.filter.observation import ReferenceParams
+from estimator.geometry.quaternion import exp, rotate_inverse
+from estimator.live.aided import aided_vectors, is_worse
+from estimator.live.core import UNSEEN
 from estimator.types import IDENTITY, ZERO_VEC3, Sample
 
 PARAMS = AidingParams()
@@ -95,3 +100,63 @@ def test_an_unseen_turn_may_be_about_any_axis():
     add_unseen_turn(PARAMS, P, Roughness(1.0, 0.3), (0.5, -0.2, 0.1), 0.5, 0.5)
     assert P[0, 0] == P[1, 1] == P[2, 2] > 0.0
     assert np.count_nonzero(P) == 3
+
+
+EVIDENCE = Evidence(
+    correlation=((1.0, 2.0, 3.0), (4.0, 5.0, 6.0), (7.0, 8.0, 9.0)),
+    aged=((0.3, 0.1, 0.2), (0.6, 0.4, 0.5), (0.9, 0.7, 0.8)),
+    lagging=(0.2, -0.4, 0.6),
+    squares=50.0,
+    windows=3.0,
+    late_sigma_s=0.05,
+)
+
+
+@pytest.mark.parametrize("late_sigma_s", [0.0, 0.1])
+@pytest.mark.parametrize("has_vertical", [True, False])
+def test_a_closed_window_joins_faded_evidence(late_sigma_s, has_vertical):
+    """Of 1.4 s; a report that does not know its age is another 0.12 s older than it says."""
+    window = Window(
+        (1.0, 2.0, -13.0), (0.3, 2.2, -9.5), (0.9, 1.0, -9.2), 1.4, (1.0, 2.0, 3.0), True
+    )
+    report = Report(True, (2.5, 1.0, 3.2), has_vertical, 0.3, 0.05, late_sigma_s)
+    found, is_closed = add_report(Search(window, EVIDENCE), report, 0.12)
+    assert is_closed
+    behind_s = 0.05 + (0.12 if late_sigma_s else 0.0)
+    time_s = 1.4 - behind_s
+    a = np.array((1.5, -1.0, (0.2 if has_vertical else 0.0) - 9.80665 * time_s))
+    b = np.subtract(window.pushed_m_s, behind_s * np.array(window.force_m_s2))
+    swing = np.subtract(window.force_m_s2, window.first_force_m_s2)
+    keep, B = np.exp(-time_s / 30.0), np.array(EVIDENCE.correlation)
+    now = found.evidence
+    np.testing.assert_allclose(now.correlation, keep * B + np.outer(a, b))
+    aged = keep * (np.array(EVIDENCE.aged) + time_s * B)
+    np.testing.assert_allclose(now.aged, aged + 0.5 * time_s * np.outer(a, b))
+    np.testing.assert_allclose(now.lagging, keep * np.array(EVIDENCE.lagging) + np.cross(b, swing))
+    assert now.squares == pytest.approx(keep * 50.0 + a @ a + b @ b)
+    assert now.windows == pytest.approx(keep * 3.0 + 1.0)
+    assert now.late_sigma_s == max(0.05, late_sigma_s)
+    assert found.window.time_s == behind_s
+    np.testing.assert_allclose(found.window.pushed_m_s, behind_s * np.array(window.force_m_s2))
+
+
+def test_confidences_fall_with_their_own_sigmas_and_north_is_where_the_field_points():
+    """A place with declination, which nobody has told."""
+    q = exp((0.3, -0.2, 2.0))
+    estimate = STATE.estimate._replace(q_ned_frd=q, earth_gauss=(0.20, -0.15, 0.40))
+    state = STATE._replace(estimate=estimate, sigma=Sigmas(0.05, 0.6))
+    reference = ReferenceParams((0.6, 0.1, 0.79), (0.0, 0.0, 1.0), 2.0, 3.0, 0.5)
+    vectors = aided_vectors(reference, state, False, 1.5)
+    assert vectors.v1_frd == pytest.approx(rotate_inverse(q, (0.8, -0.6, 0.0)))
+    assert vectors.v2_frd == pytest.approx(rotate_inverse(q, (0.0, 0.0, 1.0)))
+    assert vectors.s1 == pytest.approx(1.5 * 2.0 / (1.0 + (0.6 / 0.2) ** 2))
+    assert vectors.s2 == pytest.approx(1.5 * 3.0 / (1.0 + (0.05 / 0.1) ** 2))
+    known = aided_vectors(reference, state, True, 1.5)
+    assert known.v1_frd == pytest.approx(rotate_inverse(q, reference.magnetic_ned))
+
+
+@pytest.mark.parametrize(("sigma_rad", "is_lost"), [(0.34, False), (0.36, True)])
+def test_an_aided_vertical_is_lost_against_twice_the_unaided_sigma(sigma_rad, is_lost):
+    seen = UNSEEN._replace(sigma_inclination_rad=0.05)
+    state = STATE._replace(sigma=Sigmas(sigma_rad, 0.1))
+    assert is_worse(state, seen) is is_lost

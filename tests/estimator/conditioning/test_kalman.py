@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from estimator.conditioning import ConditioningParams, initial_state
-from estimator.conditioning.field.calibration import learn_calibration
+from estimator.conditioning.field.calibration import Calibration, correct_field, learn_calibration
 from estimator.conditioning.field.heading import heading_noise, learn_heading
 from estimator.conditioning.field.magnetic import FieldLook
 from estimator.conditioning.vertical.bias import (
@@ -25,7 +25,7 @@ from estimator.conditioning.vertical.lowpass import Smooth, smooth
 from estimator.conditioning.vertical.rest import RestState
 from estimator.conditioning.vertical.spin import LEVELLING_NOISE, SCALE_SIGMA, Spin, follow_spin
 from estimator.geometry.axes import FrameAxes, axes_of
-from estimator.geometry.quaternion import normalize, rotate
+from estimator.geometry.quaternion import exp, normalize, rotate
 
 PARAMS = ConditioningParams()
 DT = 0.02
@@ -209,3 +209,16 @@ def test_levelling_in_a_turn_tells_the_scale_error(seed):
     assert rotate(gravity.q_6d_g, rotate(gravity.q_g_frd, after.drift_rad_s)) == pytest.approx(
         drift, rel=1e-9, abs=1e-12
     )
+
+
+@pytest.mark.parametrize("seed", SEEDS)
+def test_a_field_is_taken_without_the_own_one_and_turned_on_by_its_age(seed):
+    """Of 40 ms: what is off is the third order of the turn at most."""
+    rng = np.random.default_rng(seed)
+    w, m = rng.normal(0.0, 1.2, 3), rng.normal(size=3)
+    offset = tuple(rng.normal(0.0, 0.1, 3))
+    learnt = Calibration(0.04, offset, (0.0,) * 10, 0.48)
+    found = correct_field(tuple(m + 0.48 * np.array(offset)), tuple(w), learnt)
+    now = rotate(exp(tuple(-0.04 * w)), tuple(m))
+    third_order = np.linalg.norm(0.04 * w) ** 3 / 6.0 * np.linalg.norm(m)
+    assert np.linalg.norm(np.subtract(found, now)) < 1.01 * third_order
