@@ -2,6 +2,7 @@
 
 from math import radians
 
+import numpy as np
 import pytest
 
 from drivers.events import Imu, Notice, VehicleId
@@ -179,3 +180,16 @@ def test_tuning_reads_logs_as_they_are_mounted(tmp_path):
     assert down[1] == pytest.approx([-z for z in down[0]])
     assert mounted.gyr_rad_s[:, 2] == pytest.approx(-plain.gyr_rad_s[:, 2])
     assert down[0][0] > 9.0
+
+
+@pytest.mark.parametrize("section", CASES)
+def test_rows_are_turned_as_samples_are(section):
+    mounting = profile(**section).mounting
+    rng = np.random.default_rng(2)
+    gyr, acc, mag = (rng.normal(size=(5, 3)) for _ in range(3))
+    rows = mounting.to_body_rows(gyr, acc, mag)
+    for k in range(5):
+        sample = ImuSample(k, *(tuple(column[k].tolist()) for column in (gyr, acc, mag)), True)
+        one = mounting.to_body_axes(sample)
+        for column, vector in zip(rows, (one.gyr_rad_s, one.acc_m_s2, one.mag_gauss), strict=True):
+            assert column[k] == pytest.approx(vector)

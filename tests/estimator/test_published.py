@@ -6,10 +6,11 @@ import numpy as np
 import pytest
 
 from drivers.simulation.simulated_vehicle import simulate
+from estimator.aiding.place import field_at
 from estimator.estimator import Estimator
-from estimator.geometry.quaternion import exp, multiply, scale
+from estimator.geometry.quaternion import exp, multiply, rotate_inverse, scale
 from estimator.live.aided import confidence
-from estimator.live.published import LEAST_SIGMA_RAD
+from estimator.live.published import LEAST_SIGMA_RAD, widen
 from estimator.profile import load_profile
 from estimator.types import ImuSample
 from tests.vocabulary import assert_attitude_close
@@ -91,3 +92,30 @@ def test_a_turn_given_in_ned_turns_the_attitude_in_ned(name):
 )
 def test_confidence_falls_with_the_square_of_sigma(sigmas, believed):
     assert confidence(sigmas * 0.1, 0.1) == pytest.approx(believed, rel=1e-3)
+
+
+@pytest.mark.parametrize(("ahead_s", "unseen_s"), [(-0.1, 0.0), (0.1, 0.05), (0.4, 0.32)])
+def test_beyond_the_last_sample_both_sigmas_grow_by_a_share_of_the_turn(ahead_s, unseen_s):
+    """A half of it after 0.1 s, four fifths after 0.4 s; 0.7 rad/s about an oblique axis."""
+    figures = (0.9, 0.8, 0.03, 0.05)
+    after = widen(figures, (0.2, -0.3, 0.6), ahead_s)
+    unseen = 0.7 * unseen_s
+    assert after == pytest.approx((0.9, 0.8, sqrt(0.03**2 + unseen**2), sqrt(0.05**2 + unseen**2)))
+
+
+def test_another_place_turns_the_heading_by_the_difference_of_the_declinations():
+    """About down, of a vehicle that is tilted; the first place told turns it by all of it."""
+    estimator = Estimator(load_profile("imu"))
+    q = exp((0.4, -0.3, 1.0))
+    force, field = rotate_inverse(q, (0.0, 0.0, -9.8)), rotate_inverse(q, (0.2, 0.0, 0.42))
+    for k in range(50):
+        estimator.update(ImuSample((k + 1) * PERIOD_US, (0.0, 0.0, 0.0), force, field, True))
+    magnetic = estimator.attitude(50 * PERIOD_US).q_ned_frd
+    assert_attitude_close(magnetic, q, 0.01)
+    for place in ((47.4, 8.5), (60.0, -140.0)):
+        for _ in range(2):
+            estimator.set_position(*place, 0.0, 1_735_689_600_000_000)
+        declination_rad = field_at(*place, 0.0, 1_735_689_600_000_000).declination_rad
+        turned = multiply(exp((0.0, 0.0, declination_rad)), magnetic)
+        assert_attitude_close(estimator.attitude(50 * PERIOD_US).q_ned_frd, turned, 1e-6)
+    assert declination_rad > 0.25

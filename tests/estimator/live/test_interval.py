@@ -27,3 +27,11 @@ def test_one_gap_makes_no_slow_stream():
 
 def test_a_stream_that_slows_down_is_followed():
     assert usual([0.02] * 50 + [1.0] * 70) > 0.85
+
+
+def test_a_slow_streams_gap_is_shorter_than_a_fast_ones():
+    """Of five seconds by the profile: a slow stream's is one, or what the profile says if less."""
+    assert is_gap(5.0, 0.2, 1.1)
+    assert not is_gap(5.0, 0.02, 4.9)
+    assert is_gap(5.0, 0.02, 5.1)
+    assert is_gap(0.7, 0.2, 0.8)
