@@ -27,6 +27,7 @@ class Reason(StrEnum):
     OUT_OF_ORDER = "out_of_order"
     NOT_LATER = "not_later"
     CLOCK_STEP = "clock_step"
+    CLOCK_PACE = "clock_pace"
     NO_CLOCK = "no_clock"
     # a velocity
     VELOCITY_NOT_FINITE = "velocity_not_finite"

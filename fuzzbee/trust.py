@@ -22,6 +22,7 @@ MUCH_LOST = 5
 # the horizon.
 WARNINGS: dict[str, str] = {
     Alarm.BIAS_AT_LIMIT: "bias at limit",
+    Alarm.CLOCK_DRIFT: "clock drift",
     Alarm.FIELD_IMPOSSIBLE: "field impossible",
     Alarm.SIGMA_TOO_SMALL: "sigma too small",
     Alarm.PROFILE_UNFIT: "profile unfit",

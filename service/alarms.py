@@ -1,10 +1,11 @@
 """What tells that an attitude is not what it claims to be, though nothing is missing.
 
-Three things that must hold over half a minute, whatever the vehicle does, by its own sensors seen
+Four things that must hold over a minute, whatever the vehicle does, by its own sensors seen
 from the published attitude: on average the specific force points up, since nothing accelerates for
-ever; the Earth's field keeps its direction, and is that of the place; and a gyroscope's bias is
-within what the profile allows. Where one does not hold, the profile, the axes or a sensor are
-wrong, and sigma knows nothing of it. No clock is read; times are the vehicle's.
+ever; the Earth's field keeps its direction, and is that of the place; a gyroscope's bias is
+within what the profile allows; and the vehicle's seconds are as long as the host's. Where one does
+not hold, the profile, the axes, a sensor or the clock are wrong, and sigma knows nothing of it. No
+clock is read; times are the vehicle's, and those of arrival.
 """
 
 from enum import StrEnum
@@ -25,6 +26,10 @@ SCATTER_DEG = 12.0
 SIGMAS = 2.0
 # A heading by velocity and one by the field differ by the compass's offsets, up to 11 deg seen.
 HEADING_OFF_DEG = 20.0
+# Vehicle's time by the host's over ten seconds. Bursts make it swing, both ways; what stays on one
+# side for a minute is the clock. The longest that 46 recorded logs stayed there counts 0.5 at most.
+PACE_SPAN_US = 10_000_000
+PACE_OFF = 0.02
 UNKNOWN_HEADING_DEG = 40.0  # a sigma beyond this claims nothing
 # The Earth's field is 0.22 to 0.67 gauss; compasses are off in scale by a factor.
 WEAKEST_GAUSS, STRONGEST_GAUSS = 0.1, 1.0
@@ -34,6 +39,7 @@ class Alarm(StrEnum):
     """The words of a status's warnings; docs/troubleshooting.md says what a person can do."""
 
     BIAS_AT_LIMIT = "bias_at_limit"
+    CLOCK_DRIFT = "clock_drift"
     FIELD_IMPOSSIBLE = "field_impossible"
     SIGMA_TOO_SMALL = "sigma_too_small"
     PROFILE_UNFIT = "profile_unfit"
@@ -43,12 +49,14 @@ class Alarm(StrEnum):
 # as long if it is so all the time, until 0.3: a start or a magnet that passes says nothing.
 PATIENCE_S = {
     Alarm.BIAS_AT_LIMIT: 5.0,
+    Alarm.CLOCK_DRIFT: 60.0,
     Alarm.FIELD_IMPOSSIBLE: 20.0,
     Alarm.SIGMA_TOO_SMALL: 20.0,
 }
 BEGIN_SHARE, END_SHARE = 0.6, 0.3
 MEANINGS = {
     Alarm.BIAS_AT_LIMIT: "the gyroscope's bias stands at its limit",
+    Alarm.CLOCK_DRIFT: "the vehicle's clock runs too fast or too slow",
     Alarm.FIELD_IMPOSSIBLE: "the magnetic field is none of this place",
     Alarm.SIGMA_TOO_SMALL: "force and field contradict the attitude by more than sigma allows",
     Alarm.PROFILE_UNFIT: "the profile does not fit these signals",
@@ -62,19 +70,28 @@ class Alarms:
         self.words: frozenset[Alarm] = frozenset()
         self._next_us: int | None = None
         self._last_us = 0
-        self._shares = dict.fromkeys(PATIENCE_S, 0.0)
+        self._shares = dict.fromkeys(PATIENCE_S, 0.0)  # below zero for a clock that is too slow
         self._force: Vec3 | None = None  # mean specific force, NED
         self._field: Vec3 | None = None  # mean field, NED, and its mean square
         self._field_square = 0.0
+        self._pace_since_us: tuple[int, int] | None = None  # the vehicle's time, and arrival
 
     def is_due(self, time_us: int) -> bool:
         """Whether it is time to look again."""
         return self._next_us is None or time_us >= self._next_us
 
     def look(
-        self, sample: ImuSample, attitude: Attitude, profile: Profile, place: PlaceField | None
+        self,
+        sample: ImuSample,
+        arrival_us: int,
+        attitude: Attitude,
+        profile: Profile,
+        place: PlaceField | None,
     ) -> None:
-        """Compare a sample with the attitude at its time; the field of the place if it is known."""
+        """Compare a sample that arrived at ``arrival_us`` with the attitude at its time.
+
+        ``place`` has the field of the place if that is known.
+        """
         time_us = sample.time_us
         if self._next_us is None:
             self._last_us = time_us
@@ -88,12 +105,12 @@ class Alarms:
             Alarm.SIGMA_TOO_SMALL: self._is_sigma_too_small(attitude),
         }
         for word, is_so in seen.items():
-            share = dt_s / (PATIENCE_S[word] + dt_s)
-            self._shares[word] += share * (is_so - self._shares[word])
+            self._share(word, is_so, dt_s)
+        self._follow_pace(time_us, arrival_us)
         self.words = frozenset(
             word
             for word, share in self._shares.items()
-            if share > (END_SHARE if word in self.words else BEGIN_SHARE)
+            if abs(share) > (END_SHARE if word in self.words else BEGIN_SHARE)
         )
 
     def _remember(self, sample: ImuSample, attitude: Attitude, share: float) -> None:
@@ -105,6 +122,26 @@ class Alarms:
         first = self._field is None
         self._field = _towards(self._field, rotate(q, sample.mag_gauss), share)
         self._field_square += (1.0 if first else share) * (square - self._field_square)
+
+    def _follow_pace(self, time_us: int, arrival_us: int) -> None:
+        """Every ten seconds of the host, note whether the vehicle's clock was too fast or slow.
+
+        The share is that of the host's time: a burst is long by the vehicle's.
+        """
+        if self._pace_since_us is None:
+            self._pace_since_us = (time_us, arrival_us)
+        passed_us = time_us - self._pace_since_us[0]
+        host_passed_us = arrival_us - self._pace_since_us[1]
+        if 0 <= host_passed_us < PACE_SPAN_US:
+            return
+        self._pace_since_us = (time_us, arrival_us)
+        ahead_us = passed_us - host_passed_us
+        is_off = abs(ahead_us) > PACE_OFF * host_passed_us
+        self._share(Alarm.CLOCK_DRIFT, is_off * (1 if ahead_us > 0 else -1), PACE_SPAN_US * 1e-6)
+
+    def _share(self, word: Alarm, is_so: int, dt_s: float) -> None:
+        share = dt_s / (PATIENCE_S[word] + dt_s)
+        self._shares[word] += share * (is_so - self._shares[word])
 
     def _is_field_impossible(self, attitude: Attitude, place: PlaceField | None) -> bool:
         if self._field is None or _claims_no_heading(attitude):

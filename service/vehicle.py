@@ -356,7 +356,8 @@ class Vehicle:
             return self._align_broken_anew(event)
         if not self.estimator.aligned or not self._alarms.is_due(sample.time_us):
             return []
-        self._alarms.look(sample, attitude, self.profile, self.estimator.place_field)
+        place = self.estimator.place_field
+        self._alarms.look(sample, event.arrival_us, attitude, self.profile, place)
         return self._tell_alarms(event.arrival_us)
 
     def _tell_alarms(self, now_us: int) -> list[str]:

@@ -8,7 +8,9 @@ anew when the vehicle reboots, and leap when a recorder joins two sessions.
 
 ``VehicleClock`` puts all of that on one line of time: that of the IMU
 messages, with reboots and jumps cut out. Nothing here reads the host's clock:
-arrival times come in with the data, and only tell a gap from a jump.
+arrival times come in with the data. They tell a gap from a jump, and a clock
+that keeps no time at all (milliseconds counted as microseconds, or the reverse;
+one that crawls) from one that does.
 """
 
 from collections import deque
@@ -28,6 +30,10 @@ LATENESS_LIMIT_US = 30 * SECOND_US  # a sample may be held back this long; seen:
 LOST_TIME_US = 60 * SECOND_US  # arrivals say that much more time passed: another session
 ORDINARY_STEP_US = 2 * SECOND_US  # a step this short is the same session, whatever arrivals say
 CLOCK_DRIFT = 0.005  # boot clocks ran up to 136 ms a minute slow
+# Off pace is a clock that for two seconds in a row was so many times too fast or too slow. A burst
+# makes up for the silence before it, so it is no pace. None of 46 recorded logs has such seconds.
+OFF_PACE = 5
+OFF_SECONDS = 2
 # Two vehicles with one address send in turns: their times are two lines, each of which goes on.
 ALIVE_US = 1 * SECOND_US
 BESIDE_US = SECOND_US // 2
@@ -92,14 +98,22 @@ class ClockLine:
 
     def __init__(self, wrap_us: int | None) -> None:
         self._wrap_us = wrap_us
-        self._wrapped_us = 0
+        self.wrapped_us = 0  # what its wraps have added
         self._started = False
         self._candidate: tuple[int, int] | None = None
         self._beside: tuple[int, int] | None = None  # the last of another line
         self.is_beside = False  # the message that was not taken goes on with that other line
         self._floor_us = 0  # smallest arrival - boot, with drift
+        self._second = (0, 0, 0)  # boot, arrival and lateness at the beginning of this second
+        self._in_pace = (0, 0)  # boot and arrival at the end of the last second that was in pace
+        self._off_seconds = 0  # in a row
         self.boot_us = 0
         self.arrival_us = 0
+
+    @property
+    def is_off_pace(self) -> bool:
+        """Whether the clock keeps no time, by the host's: its seconds are none."""
+        return self._off_seconds >= OFF_SECONDS
 
     def advance(self, raw_us: int, arrival_us: int) -> Unwrapped | None:
         """The unwrapped time of a message, or None while a large step is unconfirmed."""
@@ -115,8 +129,7 @@ class ClockLine:
             return None
         if reason is None:
             self._drop_candidate()
-            self._accept(boot_us, arrival_us)
-            return Unwrapped(boot_us, None)
+            return Unwrapped(boot_us, self._accept(boot_us, arrival_us))
         candidate = self._candidate
         if candidate is None or not self._confirms(boot_us, arrival_us):
             self._candidate = (boot_us, arrival_us)
@@ -132,8 +145,10 @@ class ClockLine:
 
         Nearly all messages do. It is what :meth:`advance` does with them, in less time.
         """
-        boot_us = raw_us + self._wrapped_us
+        boot_us = raw_us + self.wrapped_us
         if not (self._started and 0 < boot_us - self.boot_us <= ORDINARY_STEP_US):
+            return False
+        if self._off_seconds:
             return False
         if self._beside is not None and boot_us - self.boot_us > BESIDE_US:
             return False
@@ -161,15 +176,15 @@ class ClockLine:
         return step_us > 0 and abs(step_us - elapsed_us) < BESIDE_US
 
     def _unwrap(self, raw_us: int, arrival_us: int) -> int:
-        boot_us = raw_us + self._wrapped_us
+        boot_us = raw_us + self.wrapped_us
         wrap_us = self._wrap_us
         if wrap_us is None or self.boot_us - boot_us < wrap_us // 2:
             return boot_us
         step_us = boot_us + wrap_us - self.boot_us
-        last_raw_us = self.boot_us - self._wrapped_us
+        last_raw_us = self.boot_us - self.wrapped_us
         is_wrap = last_raw_us < wrap_us and step_us >= -REORDERED_US
         if is_wrap and self._judge(step_us, arrival_us - self.arrival_us) is None:
-            self._wrapped_us += wrap_us
+            self.wrapped_us += wrap_us
             return boot_us + wrap_us
         return boot_us
 
@@ -190,19 +205,47 @@ class ClockLine:
         elapsed_us = max(arrival_us - self._candidate[1], 0)
         return 0 < step_us <= elapsed_us + JUMP_US
 
-    def _accept(self, boot_us: int, arrival_us: int) -> None:
+    def _accept(self, boot_us: int, arrival_us: int) -> Reset | None:
+        """Go on to a message; the reset if the clock keeps time again since that."""
         if boot_us <= self.boot_us:
-            return
+            return None
         elapsed_us = arrival_us - self.arrival_us
         offset_us = arrival_us - boot_us
         host_stepped = elapsed_us < 0 or elapsed_us - (boot_us - self.boot_us) > LOST_TIME_US
         risen_us = self._floor_us + int(CLOCK_DRIFT * elapsed_us)
         self._floor_us = offset_us if host_stepped else min(risen_us, offset_us)
         self.boot_us, self.arrival_us = boot_us, arrival_us
+        if 0 <= arrival_us - self._second[1] < SECOND_US:
+            return None
+        return self._compare_pace()
+
+    def _compare_pace(self) -> Reset | None:
+        """Compare the second that ends with the host's; the reset if time is kept again.
+
+        A longer time without a message is a gap, which says nothing of the pace.
+        """
+        begin_us, begin_arrival_us, late_us = self._second
+        step_us, elapsed_us = self.boot_us - begin_us, self.arrival_us - begin_arrival_us
+        lateness_us = max(self.arrival_us - self.boot_us - self._floor_us, 0)
+        self._second = (self.boot_us, self.arrival_us, lateness_us)
+        if not 0 < elapsed_us <= ORDINARY_STEP_US:
+            return None
+        is_slow = OFF_PACE * step_us < elapsed_us
+        if is_slow or step_us - late_us > OFF_PACE * elapsed_us:
+            self._off_seconds += 1
+            return None
+        lost_us = self.boot_us - self._in_pace[0] - (self.arrival_us - self._in_pace[1])
+        reset = Reset("jump", lost_us) if self.is_off_pace else None
+        self._off_seconds = 0
+        self._in_pace = (self.boot_us, self.arrival_us)
+        return reset
 
     def _restart(self, boot_us: int, arrival_us: int) -> None:
         self._candidate = None
         self._floor_us = arrival_us - boot_us
+        self._second = (boot_us, arrival_us, 0)
+        self._in_pace = (boot_us, arrival_us)
+        self._off_seconds = 0
         self.boot_us, self.arrival_us = boot_us, arrival_us
 
 
@@ -232,7 +275,8 @@ class VehicleClock:
 
     The line is ``time_usec`` of the IMU messages, or ``time_boot_ms`` for a
     vehicle that sends nothing else. Times of the other clocks are moved onto
-    it by their learnt offset; each restarts when it or the line is reset.
+    it by their learnt offset; each restarts when it or the line is reset. What comes by a
+    clock that is off pace is refused, and an IMU message of another clock makes the line then.
     """
 
     def __init__(self) -> None:
@@ -248,8 +292,8 @@ class VehicleClock:
         """Place an IMU message; within one ``message`` the times given only ever grow."""
         if self._primary is None:
             self._primary = field
-        elif field is TimeField.TIME_USEC and self._primary is TimeField.BOOT_MS:
-            self._promote(raw_us, arrival_us)
+        elif field is not self._primary and self._takes_over(field):
+            self._promote(field, raw_us, arrival_us)
         line = self._lines[field]
         if field is self._primary and line.goes_on(raw_us, arrival_us):
             return self._in_order(message, field, self._on_line(line.boot_us))
@@ -263,20 +307,30 @@ class VehicleClock:
             return Refused(Reason.NO_CLOCK)
         return self._in_order(message, field, self._place(field, raw_us, arrival_us))
 
-    def _promote(self, raw_us: int, arrival_us: int) -> None:
-        """Let ``time_usec`` take the line over, without a break in time."""
-        old = self._lines[TimeField.BOOT_MS]
+    def _takes_over(self, field: TimeField) -> bool:
+        """Whether an IMU message's clock is to make the line of time from now on."""
+        assert self._primary is not None
+        if self._lines[field].is_off_pace:
+            return False
+        return field is TimeField.TIME_USEC or self._lines[self._primary].is_off_pace
+
+    def _promote(self, field: TimeField, raw_us: int, arrival_us: int) -> None:
+        """Let another clock take the line over, without a break in time."""
+        assert self._primary is not None
+        old = self._lines[self._primary]
         elapsed_us = max(arrival_us - old.arrival_us, 0)
         now_us = max(old.boot_us + self._shift_us + elapsed_us, self._latest_us)
-        self._primary = TimeField.TIME_USEC
-        self._shift_us = now_us - raw_us
+        self._primary = field
+        self._shift_us = now_us - raw_us - self._lines[field].wrapped_us
         self._offsets = {field: ClockOffset() for field in TimeField}
 
     def _place(self, field: TimeField, raw_us: int, arrival_us: int) -> Placed | Refused:
-        reading = self._lines[field].advance(raw_us, arrival_us)
+        line = self._lines[field]
+        reading = line.advance(raw_us, arrival_us)
         if reading is None:
-            is_other = self._lines[field].is_beside
-            return Refused(Reason.ADDRESS_CONFLICT if is_other else Reason.CLOCK_STEP)
+            return Refused(Reason.ADDRESS_CONFLICT if line.is_beside else Reason.CLOCK_STEP)
+        if line.is_off_pace:
+            return Refused(Reason.CLOCK_PACE)
         if reading.reset is not None:
             self._forget(field)
         if field is self._primary:

@@ -39,13 +39,19 @@ def attitude(bias=(0.0, 0.0, 0.0), sigma_deg=1.0, heading_deg=1.0, q=LEVEL):
     )
 
 
-def words(seconds, acc=(0.0, 0.0, -9.8), mag=FIELD, place=HERE, profile=IMU, **claims):
-    """After so long of the same; ``acc`` and ``mag`` may be functions of the time."""
+def words(
+    seconds, acc=(0.0, 0.0, -9.8), mag=FIELD, place=HERE, profile=IMU, host=lambda s: s, **claims
+):
+    """After so long of the same; ``acc`` and ``mag`` may be functions of the time.
+
+    ``host`` gives the host's time of the vehicle's, both in seconds.
+    """
     alarms = Alarms()
     for half in range(2 * seconds):
         given = [value(half / 2) if callable(value) else value for value in (acc, mag)]
         sample = ImuSample(half * 500_000, (0.0, 0.0, 0.0), *given, has_mag=True)
-        alarms.look(sample, attitude(**claims), profile, place)
+        arrival_us = START_US + round(1e6 * host(half / 2))
+        alarms.look(sample, arrival_us, attitude(**claims), profile, place)
     return alarms.words
 
 
@@ -142,6 +148,35 @@ def test_a_field_that_wanders_contradicts_sigma_and_a_magnet_that_passes_does_no
     assert words(60, mag=swinging) == {Alarm.SIGMA_TOO_SMALL}
     for seconds in range(30, 60, 3):
         assert words(seconds, mag=passing) == set()
+
+
+@pytest.mark.parametrize(
+    ("pace", "seconds", "said"),
+    [
+        (1.03, 55, set()),
+        (1.03, 75, {Alarm.CLOCK_DRIFT}),
+        (0.95, 75, {Alarm.CLOCK_DRIFT}),
+        (1.01, 300, set()),
+        (0.9977, 300, set()),  # the slowest boot clock seen: 136 ms a minute
+    ],
+)
+def test_a_clock_that_is_some_per_cent_off_is_told_after_a_minute(pace, seconds, said):
+    assert words(seconds, host=lambda s: s / pace) == said
+
+
+def test_a_late_link_and_a_host_s_clock_that_is_set_are_no_clock_that_drifts():
+    def bursts(time_s):  # all that was held back for 14 s comes at once
+        return time_s - time_s % 28 + max(time_s % 28, 14)
+
+    def set_back(time_s):
+        return time_s - 3600 * (time_s > 40)
+
+    def congested(time_s):  # 0.4 s late after 15 s, then prompt again
+        return time_s + 0.4 * (time_s % 15) / 15
+
+    for host in (bursts, set_back, congested):
+        for seconds in range(20, 300, 28):
+            assert words(seconds, host=host) == set()
 
 
 def statuses(outputs):

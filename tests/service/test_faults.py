@@ -15,7 +15,7 @@ from drivers.mavlink.dialect import mavlink
 from drivers.mavlink.encoder import FrameEncoder
 from drivers.mavlink.framing import FrameReader
 from service.health import State
-from tests.service.flight_rig import ONE, Rig, S
+from tests.service.flight_rig import ONE, START_US, Rig, S
 
 SETTLE_S = 8.0
 
@@ -135,6 +135,27 @@ def test_one_garbled_time_stamp_costs_that_sample_only(rig):
     rig.fly(3.0)
     assert rig.rejected == {"clock_step": 1}
     assert max(rig.errors_deg) == pytest.approx(1.37, rel=0.2)
+
+
+def test_a_clock_that_crawls_is_refused_until_it_keeps_time_again(rig):
+    """The estimate would stand still with it, and be as sure of itself as before."""
+    begin_us = rig.now_us - START_US
+
+    def crawl(sample):
+        rig.boot_shift_us = -round(0.999 * max(0, sample.time_us - begin_us))
+        return sample
+
+    rig.fly(12.0, change=crawl)
+    said = [(record.state, record.age_ms) for record in rig.records]
+    assert {state for state, _ in said[150:]} == {"degraded"}  # from 3 s on
+    assert rig.vehicle.state is State.LOST
+    assert rig.rejected["clock_pace"] == pytest.approx(500, abs=20)
+    assert "clock_pace" in rig.status().rejected
+    rig.fly(3.0)
+    assert any("clock jump by -1" in text for text in rig.messages)
+    assert states(rig)[-1] == "running"
+    rig.fly(4.0)
+    assert max(rig.errors_deg) < 2.0
 
 
 def test_duplicated_datagrams_are_refused_and_change_nothing():
