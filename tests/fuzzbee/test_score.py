@@ -77,3 +77,14 @@ def test_a_heading_that_was_not_told_does_not_count_in_motion_either():
     found = coverage(errors, two, two, has_heading=True, told=told, moved=moved)
     assert (found.heading, found.heading_moving) == (0.5, 1.0)
     assert found.inclination_moving == 0.5
+
+
+def test_coverage_while_moving_leaves_out_headings_that_were_not_told():
+    errors = np.radians([[0.0, 9.0, 1.0], [0.0, 1.0, 3.0], [0.0, 1.0, 3.0], [0.0, 3.0, 1.0]])
+    told, moved = np.array([False, True, True, True]), np.array([True, True, False, True])
+    four = np.radians(np.full(4, 2.0))
+    found = coverage(errors, four, four, has_heading=True, told=told, moved=moved)
+    assert (found.inclination, found.heading) == (0.5, pytest.approx(2.0 / 3.0))
+    assert (found.inclination_moving, found.heading_moving) == (pytest.approx(2.0 / 3.0), 0.5)
+    none = coverage(errors, four, four, has_heading=False, told=told, moved=moved)
+    assert (none.heading, none.heading_moving) == (None, None)

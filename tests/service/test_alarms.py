@@ -211,3 +211,26 @@ def test_a_profile_that_the_vehicle_contradicts_is_told_in_the_status():
     pipeline.handle(BuiltIn(ONE, START_US, "paper"))
     (status,) = statuses(pipeline.tick(START_US))
     assert status.warnings == ("profile_unfit",)
+
+
+def test_a_word_is_said_until_it_has_not_been_so_for_a_while():
+    limit, alarms = bias_limit_rad_s(IMU), Alarms()
+    said = []
+    for half in range(60):
+        bias = (0.0, limit if half < 20 else 0.0, 0.0)
+        sample = ImuSample(half * 500_000, (0.0, 0.0, 0.0), (0.0, 0.0, -9.8), FIELD, has_mag=True)
+        alarms.look(sample, attitude(bias=bias), IMU, HERE)
+        said.append(bool(alarms.words))
+    # a share of 0.84 after ten seconds falls to 0.6 in 1.7 and to 0.3 in 5.2 s
+    assert said[20:28] == [True] * 8
+    assert said[34:] == [False] * 26
+
+
+def test_a_wandering_field_is_told_soon_and_allowed_by_the_headings_sigma():
+    """It swings by 36 degrees about its mean, which is that of half a minute from the first on."""
+
+    def swinging(time_s):
+        return (0.218, 0.3 if time_s % 2 < 1 else -0.3, 0.428)
+
+    assert words(30, mag=swinging, place=None) == {Alarm.SIGMA_TOO_SMALL}
+    assert words(60, mag=swinging, place=None, heading_deg=20.0) == set()

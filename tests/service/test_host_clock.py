@@ -172,3 +172,17 @@ def test_a_quarter_of_a_second_of_uneven_lateness_is_no_stall(unevenness_us, ris
         late_us = 200_000 + unevenness_us * (k % 2)
         clock = observe(clock, k * 20_000, k * 20_000 + late_us)
     assert clock.offset_us == pytest.approx(risen_us, rel=0.2)
+
+
+def test_evenly_late_messages_move_the_clock_to_the_least_of_their_latenesses():
+    """By 0.3 s, and 4 to 20 ms more; it moves with the first that makes a quarter of a second."""
+    clock = HostClock()
+    for k in range(100):
+        clock = observe(clock, k * 20_000, k * 20_000 + 2_000)
+    for k in range(100, 120):
+        late_us = 300_000 + 4_000 * (1 + k % 5)
+        clock = observe(clock, k * 20_000, k * 20_000 + late_us)
+        if clock.offset_us > 100_000:
+            break
+    assert k == 113
+    assert clock.offset_us == 304_000

@@ -20,6 +20,7 @@ from drivers.simulation.flight import (
 from drivers.simulation.simulated_vehicle import simulate
 from estimator.aiding.place import distance_m, field_at
 from estimator.geometry.frames import euler_rad
+from estimator.geometry.quaternion import rotate_inverse
 
 G = 9.80665
 STEP_S = 0.01
@@ -100,3 +101,16 @@ def test_the_magnet_passes_once_a_round_and_a_calm_flight_has_none():
     times = recording.time_us[passing] * 1e-6
     assert set((times // ROUND_S).tolist()) == {0.0, 1.0}
     assert set((times % ROUND_S // 1).tolist()) == {50.0, 51.0}
+
+
+def test_a_flights_sensors_are_off_by_their_biases():
+    """Without noise: rad/s, m/s^2 and gauss, each axis by another amount."""
+    made = simulate(1, 200, 100.0, "flight", noise=0.0, magnet=(900.0, 901.0))
+    truth = flight_truth(made.time_us * 1e-6)
+    off = made.gyr_rad_s - truth.rate_rad_s
+    np.testing.assert_allclose(off, np.tile((0.003, -0.004, 0.002), (200, 1)), atol=1e-9)
+    off = made.acc_m_s2 - truth.force_frd_m_s2
+    np.testing.assert_allclose(off, np.tile((0.03, -0.025, 0.05), (200, 1)), atol=1e-9)
+    field = np.array([rotate_inverse(tuple(q), FIELD_NED_GAUSS) for q in truth.q_ned_frd])
+    off = made.mag_gauss - field
+    np.testing.assert_allclose(off, np.tile((0.004, -0.003, 0.005), (200, 1)), atol=1e-9)

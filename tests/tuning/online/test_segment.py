@@ -8,7 +8,7 @@ from estimator.profile import load_profile
 from estimator.types import ImuSample
 from tuning.course import WRONG_TURN
 from tuning.online.cost import Cost, _blocks, _floor, cost_on
-from tuning.online.noise import noise_of
+from tuning.online.noise import Noise, is_disturbed, noise_of
 from tuning.online.numbers import MOST_FACTOR, MOST_MOVE, space_around, with_factors
 from tuning.online.retuned_estimator import SegmentingEstimator
 from tuning.online.retuner import MOST_FOREIGN, Retuner, Trial
@@ -146,3 +146,36 @@ def test_a_profile_is_somebody_elses_only_after_as_many_segments_as_a_decision_t
         now = OTHER if number > MOST_FOREIGN else PAPER
         assert retuner.profile.confidence == now.confidence
     assert number == MOST_FOREIGN + 1
+
+
+@pytest.mark.parametrize(
+    ("strength", "angle_rad", "is_another"),
+    [
+        (0.5, 0.5, False),
+        (0.59, 0.5, False),
+        (0.61, 0.5, True),
+        (0.41, 0.5, False),
+        (0.39, 0.5, True),
+        (0.5, 0.74, False),
+        (0.5, 0.76, True),
+        (0.5, 0.24, True),
+    ],
+)
+def test_a_field_is_another_by_its_strength_or_its_angle_to_gravity(
+    strength, angle_rad, is_another
+):
+    learnt = Noise(0.01, 0.01, 0.01, 0.5, 0.5)
+    now = learnt._replace(strength=strength, angle_rad=angle_rad)
+    assert is_disturbed(learnt, now) is is_another
+    assert not is_disturbed(learnt._replace(strength=0.0), now)
+
+
+def test_the_fields_angle_to_gravity_is_that_to_down():
+    """At rest; the field dips 60 degrees, so it is 30 degrees from down."""
+    n = 50
+    acc, mag = np.tile((0.0, 0.0, -9.8), (n, 1)), np.tile((0.15, -0.2, 0.25 * 3**0.5), (n, 1))
+    given = Readings(0.01 * np.arange(n), np.zeros((n, 3)), acc, mag, np.ones(n, bool))
+    found = noise_of(given)
+    assert found.angle_rad == pytest.approx(np.pi / 6.0)
+    assert found.strength == pytest.approx(0.5)
+    assert (found.gravity, found.magnetic, found.gyroscope) == pytest.approx((0.0, 0.0, 0.0))
