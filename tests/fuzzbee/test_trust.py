@@ -1,7 +1,7 @@
 import msgspec
 import pytest
 
-from fuzzbee.trust import Level, plus_minus, trust
+from fuzzbee.trust import Level, heading_text, plus_minus, trust
 from service.alarms import Alarm
 from service.health import State
 from service.records import StatusRecord
@@ -111,3 +111,9 @@ def test_the_worst_alarm_comes_first():
 )
 def test_sigma_has_as_many_digits_as_it_deserves(sigma_deg, text):
     assert plus_minus(sigma_deg) == text
+
+
+@pytest.mark.parametrize(("yaw_deg", "text"), [(359.6, "000°"), (359.4, "359°"), (0.4, "000°")])
+def test_north_is_zero_from_either_side(yaw_deg, text):
+    attitude = msgspec.structs.replace(record(), euler_deg=(0.0, 0.0, yaw_deg))
+    assert heading_text(attitude) == text

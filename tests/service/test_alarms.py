@@ -219,7 +219,7 @@ def test_a_word_is_said_until_it_has_not_been_so_for_a_while():
     for half in range(60):
         bias = (0.0, limit if half < 20 else 0.0, 0.0)
         sample = ImuSample(half * 500_000, (0.0, 0.0, 0.0), (0.0, 0.0, -9.8), FIELD, has_mag=True)
-        alarms.look(sample, attitude(bias=bias), IMU, HERE)
+        alarms.look(sample, START_US + sample.time_us, attitude(bias=bias), IMU, HERE)
         said.append(bool(alarms.words))
     # a share of 0.84 after ten seconds falls to 0.6 in 1.7 and to 0.3 in 5.2 s
     assert said[20:28] == [True] * 8
