@@ -7,5 +7,5 @@ class Value(msgspec.Struct, frozen=True, gc=False):
     """Constant, comparable, hashable; made in 0.1 us, a tenth of a dataclass or named tuple.
 
     The garbage collector does not look inside: a value may hold numbers, texts, tuples and
-    other values, but no reference that leads back to it.
+    other values, but nothing that could lead back to it.
     """

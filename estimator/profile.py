@@ -78,7 +78,7 @@ class Filter(Struct, frozen=True, forbid_unknown_fields=True):
 
 
 class Confidence(Struct, frozen=True, forbid_unknown_fields=True):
-    """The paper's weights s_i of gravity, the magnetic field and their cross product."""
+    """The paper's s_i: of gravity, the magnetic field and their cross product."""
 
     gravity: Weight = 1.0
     magnetic: Weight = 1.0

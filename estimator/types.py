@@ -7,7 +7,8 @@ Conventions, stated once:
 * Quaternions are Hamilton, scalar first, unit norm. ``q_ned_frd`` takes body
   vectors to inertial ones: ``v_ned = rotate(q_ned_frd, v_frd)``.
 * SI units and radians everywhere, except the magnetic field, which is in
-  gauss (MAVLink's unit). Only its direction and relative changes matter.
+  gauss (MAVLink's unit) and of which only the direction and relative changes
+  matter.
 * ``time_us`` is the vehicle's own clock in microseconds, unwrapped, with
   reboots and jumps cut out: it only ever grows.
 

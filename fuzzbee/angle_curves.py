@@ -25,7 +25,7 @@ def euler_curves_deg(attitudes: Floats) -> Floats:
 def draw_angles(
     axes: Any, time_s: Floats, curves: Iterable[tuple[Floats, dict[str, Any], str]]
 ) -> None:
-    """Draw roll, pitch and yaw on three axes; a curve is attitudes (N, 4), line style, label.
+    """Roll, pitch and yaw on three axes: of each curve its attitudes (N, 4), line and label.
 
     A curve has a gap where it wraps round, so that no line is drawn across.
     """

@@ -24,7 +24,7 @@ from fuzzbee.arguments import (
 from fuzzbee.attitudes import Attitudes, attitudes_of_rows
 from fuzzbee.batch import Batch
 
-# The sigma of a satellite receiver's or an autopilot's velocity if none is given.
+# What a satellite receiver's or an autopilot's velocity is good for if nobody says.
 VELOCITY_SIGMA_M_S = 0.3
 NO_TIME = "an estimator without rate_hz needs time_s with every sample"
 

@@ -80,7 +80,7 @@ def state_text(row: Row, now_s: float) -> str:
 
 
 def age_text(row: Row, now_s: float) -> str:
-    """The attitude's age with a unit; empty without an attitude."""
+    """How old the attitude is by now; nothing without one."""
     if row.attitude is None:
         return ""
     age_ms = row.attitude.age_ms + 1e3 * max(0.0, now_s - row.attitude_s)

@@ -74,7 +74,7 @@ def prepare(options: RunOptions) -> Prepared:
 
 @contextmanager
 def closed_if_unused() -> Iterator[list[Sink]]:
-    """A list of sinks; those that are still in it at the end, as after an error, are closed."""
+    """A list of sinks, of which those that are still in it at an error are closed."""
     sinks: list[Sink] = []
     try:
         yield sinks

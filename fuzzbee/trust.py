@@ -1,4 +1,4 @@
-"""How far to trust an attitude: one word, one colour, and the reasons, for all views."""
+"""How far to trust an attitude: one word, one colour, and the reasons, alike in every view."""
 
 from enum import IntEnum
 from typing import NamedTuple

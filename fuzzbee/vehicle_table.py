@@ -42,7 +42,7 @@ COLOURS = {
     State.DEGRADED: "yellow",
     State.LOST: "red",
 }
-# The colour of a sigma, by how far it lets the attitude be trusted
+# Of a sigma, by how far the attitude can be trusted with it
 TRUST_COLOURS = {Level.GOOD: "", Level.CARE: "yellow", Level.BAD: "red", Level.NONE: "red"}
 ATTENTION = (State.LOST, State.DEGRADED, State.WAITING, State.ALIGNING, State.RUNNING)
 ARROWS = "↑↗→↘↓↙←↖"  # the heading, north up
@@ -164,7 +164,7 @@ def lines(rows: list[Row], now_s: float) -> list[str]:
 
 
 def summary(rows: list[Row], noun: str) -> str:
-    """A line with the number of vehicles in each state."""
+    """How many there are in which state."""
     counts = {state: sum(row.state is state for row in rows) for state in ATTENTION}
     parts = [f"{count} {state}" for state, count in counts.items() if count]
     return f"{len(rows)} {noun}: {', '.join(parts)}"

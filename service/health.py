@@ -42,7 +42,7 @@ TRANSITIONS: dict[tuple[State, Signal], State] = {
     (State.LOST, Signal.SAMPLE): State.ALIGNING,
     (State.LOST, Signal.ALIGNED): State.RUNNING,
 }
-"""A pair that is not listed changes nothing."""
+"""Every pair that is not listed leaves the state as it is."""
 
 HAS_ATTITUDE = frozenset({State.RUNNING, State.DEGRADED})
 

@@ -22,7 +22,7 @@ class LinkLines:
 
 
 def _link_text(endpoint: str) -> str:
-    """What is known of a link that works; for UDP and devices only that our end is open."""
+    """What is known of a link that works: of UDP and a device only that our end of it is open."""
     kind, _, _ = endpoint.partition(":")
     match kind:
         case "udpin":

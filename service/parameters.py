@@ -14,7 +14,7 @@ from estimator.profile import Profile
 MAX_PENDING = 16
 ANSWER_TIMEOUT_S = 2.0
 
-# The last argument is the reason, if ``--retune`` asks and not a user
+# The last is why, if it was retuned and nobody has asked for it
 Replace = Callable[[VehicleId, dict[str, Any], str | None], Profile]
 
 
@@ -37,7 +37,7 @@ class ParameterRequests:
     def ask(
         self, vehicle: VehicleId, partial: dict[str, Any], retuned: str | None = None
     ) -> Profile:
-        """Have the loop replace a profile and wait for it; ``retuned``: why, if ``--retune`` asks.
+        """Have the loop replace a profile; blocks until it did. ``retuned`` says why, if by itself.
 
         Raises:
             InputError: the loop refused it.
@@ -101,7 +101,7 @@ def replace_or_refuse(
     """Replace a vehicle's profile.
 
     Raises:
-        InputError: for any failure, so that one vehicle's profile cannot end the service.
+        InputError: whatever went wrong: one vehicle's profile ends no service.
     """
     try:
         return replace(vehicle, partial, retuned)

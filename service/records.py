@@ -53,7 +53,7 @@ class AttitudeRecord(Value, frozen=True):
 
 
 class Retuned(Value, frozen=True):
-    """How often ``--retune`` has changed a profile, and the last change in words."""
+    """How often a profile has been retuned by itself, and the last change."""
 
     count: int
     last: str
@@ -85,7 +85,7 @@ class StatusRecord(msgspec.Struct, frozen=True):
 class Published(Value, frozen=True):
     """A record and the vehicle it is about; with an attitude, the sample it comes from.
 
-    ``time_unix_us`` is when a status was made; its record does not hold that.
+    ``time_unix_us`` is when a status was made, which does not say it itself.
     """
 
     vehicle: VehicleId
@@ -95,7 +95,7 @@ class Published(Value, frozen=True):
 
 
 class Encoded(Value, frozen=True):
-    """An attitude's published JSON, made by another process."""
+    """An attitude as it is published; made by another process."""
 
     vehicle: VehicleId
     payload: bytes
@@ -110,7 +110,7 @@ class Peer(Value, frozen=True):
 
 
 class Replaced(Value, frozen=True):
-    """A vehicle's parameters were replaced by these; ``retuned``: why, if ``--retune`` did it."""
+    """A vehicle's parameters have been replaced, by these; ``retuned`` says why, if by itself."""
 
     vehicle: VehicleId
     profile: Profile

@@ -21,7 +21,7 @@ from service.signals import Stoppable
 from service.sinks.outbox import OutputTaker
 
 MAX_CATCH_UP_S = 0.25
-# For so long after a stop of this process a vehicle's silence may be due to the stop.
+# So long after a stop nobody can say yet whose silence is his own.
 WAKING_S = 0.5
 # At most so many events between two looks at the schedule: a backlog must not delay the ticks.
 MOST_EVENTS = 64
@@ -94,7 +94,7 @@ class Runner(Stoppable):
             if now_s >= due_s:
                 if now_s - due_s > MAX_CATCH_UP_S:
                     self._woken_s = now_s
-                    self._take(0.0)  # before a vehicle is declared silent
+                    self._take(0.0)  # before anybody is said to be silent
                 self._tick(now_s)
                 due_s = self._due_s = self._next_due_s(due_s, now_s)
             self._take(min(MAX_WAIT_S, max(0.0, due_s - self._monotonic_s())))
@@ -108,7 +108,7 @@ class Runner(Stoppable):
         if not waiting:
             waiting.extend(self._source.drain(timeout_s))
         outputs: list[Output] = []
-        # even a loop that is always late has to handle events between ticks
+        # a loop that is always late must not do nothing but tick
         end_s = max(self._due_s, self._monotonic_s() + LEAST_WORK * self._period_s)
         for _ in range(min(MOST_EVENTS, len(waiting))):
             outputs += self._pipeline.handle(waiting.popleft())
@@ -148,7 +148,7 @@ class Runner(Stoppable):
         return overload.is_on
 
     def _most_catch_up_s(self) -> float:
-        """Ticks that are later than this are skipped, not made up for; live, it is short."""
+        """How late ticks may be that are made up for; live, there is little time for it."""
         if self._overload is None:
             return MAX_CATCH_UP_S
         return 0.0 if self._overload.is_on else min(MAX_CATCH_UP_S, 2.0 * self._period_s)

@@ -76,7 +76,7 @@ class Vehicle:
         self._periods_us: deque[int] = deque(maxlen=PERIODS_KEPT)
         self._median_us: float | None = None
         self._last: Imu | None = None  # as the vehicle sent it
-        self._last_sample: ImuSample | None = None  # turned by the profile's mounting
+        self._last_sample: ImuSample | None = None  # as it is mounted
         self._published_samples = -1  # of the last attitude
         self._published_us = 0
         self._status_us: int | None = None

@@ -24,7 +24,7 @@ from tuning.space import Space
 # Below this rate the gyroscope is aliased, and the first second has only a handful of samples: they
 # cannot show which memberships are better, as the paper's are made for 100 Hz.
 MEMBERSHIP_RATE_HZ = 10.0
-# With one flight its later part is held out; with several every third, from the second on.
+# Of one flight the later part is held out; of several every third, beginning with the second.
 LATER_PART = 0.4
 HELD_OUT_EVERY = 3
 HELD_OUT_FIRST = 1
@@ -68,7 +68,7 @@ class Split(NamedTuple):
 
 
 def split(flights: tuple[Flight, ...], held_out: frozenset[str] = frozenset()) -> Split:
-    """Hold out flights named in ``held_out`` (SHA-256), or every third; of one flight the end."""
+    """Of several flights those named in ``held_out`` (SHA-256), or every third; of one the end."""
     if len(flights) == 1:
         flight = flights[0]
         n = len(flight.samples)

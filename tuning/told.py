@@ -15,13 +15,13 @@ class ToldEstimator(Estimator):
     """Calls :meth:`note` with every change from outside, :meth:`note_sample` with those it took."""
 
     def note(self, call: Call) -> None:
-        """Called before anything but a sample takes effect."""
+        """Something else than a sample was told; before it takes effect."""
 
     def note_sample(self, sample: ImuSample, call: Call) -> None:
-        """Called after a sample has taken effect."""
+        """A sample was taken; behind its effect."""
 
     def note_restart(self) -> None:
-        """Called before the attitude is forgotten."""
+        """The attitude is about to be forgotten."""
 
     def update(self, sample: ImuSample) -> Reason | None:
         """See :class:`Estimator`."""

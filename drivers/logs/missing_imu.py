@@ -19,7 +19,7 @@ ATTITUDES = {ATTITUDE_ID: "ATTITUDE", ATTITUDE_QUATERNION_ID: "ATTITUDE_QUATERNI
 def advice(log: LogFile, system_id: int | None = None) -> str | None:
     """One line for a log without IMU data: what there is instead, and how to get a better one.
 
-    None if the log has no attitude (of that system) either, or has IMU messages, even useless ones.
+    None if there is not even an attitude (of that system), or an IMU message that is of no use.
     """
     if isinstance(log, Tlog):
         return _of_telemetry(log, system_id)

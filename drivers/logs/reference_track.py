@@ -32,7 +32,7 @@ class ReferenceTrack:
 
     @property
     def message(self) -> str | None:
-        """The message with most attitudes, of equals the first by name; None without any."""
+        """The message that says most, of equals the first by name; None without any."""
         if not self._times:
             return None
         return min(self._times, key=lambda name: (-len(self._times[name]), name))

@@ -4,9 +4,9 @@ A message is its size (16 bits), its type (a letter) and a body. F gives a forma
 A gives a number to a topic, D is a row of the topic of that number, P a parameter
 (https://docs.px4.io/main/en/dev_log/ulog_file_format.html).
 
-A file with absurd definitions cannot make reading costly: only the wanted fields of a format are
-unrolled, rows stay in the file until they are asked for, and reading only goes forwards. After
-damage it goes on with the next message that cannot have come about by chance.
+What the file claims is never believed further than it reaches: no format is unrolled but for
+the fields that are wanted, rows stay in the file until they are asked for, and the reading goes
+forwards only. After damage it goes on with the next message that cannot be an accident.
 """
 
 import re
@@ -108,7 +108,7 @@ class Table:
 class UlogReader:
     """Reads a ULog's definitions and finds the rows of the topics in ``wanted``.
 
-    ``wanted`` gives the fields of each topic; only the topic's first instance is kept.
+    ``wanted`` gives the topics' fields, of which only those of the first instance are kept.
     Afterwards there are ``tables`` by topic, ``parameters`` as they were at the start, and
     ``unreadable``, the number of damaged stretches.
 
@@ -160,7 +160,7 @@ class UlogReader:
         return self._data[position + 2] in KNOWN_TYPES or position in self._breaks
 
     def _next_sound(self, position: int) -> int:
-        """Position of the next message whose body proves that it is one, or the data's end."""
+        """Where the next message is that shows by its body that it is one, or the data's end."""
         data = self._data
         if data[position : position + len(MAGIC)] == MAGIC:
             return len(data)  # another log behind this one, with times of its own

@@ -3,7 +3,7 @@
 Source: https://ardupilot.org/copter/docs/parameters.html.
 """
 
-# Offsets that calibrating the first compass has found, in mGauss; all zero: it is not calibrated
+# What calibrating the first compass has found, in mGauss; all zero: nobody has calibrated it
 COMPASS_OFFSETS = ("COMPASS_OFS_X", "COMPASS_OFS_Y", "COMPASS_OFS_Z")
 COMPASS_DECLINATION = "COMPASS_DEC"  # rad
 # The mounting trim, rad: roll, pitch and yaw of the IMU in the vehicle it reports on

@@ -1,4 +1,4 @@
-"""A recorder that never makes its caller wait: a slow disk must not make attitudes late."""
+"""A recorder that keeps nobody waiting: a slow disk must not make attitudes late."""
 
 import threading
 from collections import deque
@@ -14,7 +14,7 @@ CLOSE_S = 2.0
 class BackgroundRecorder(Closing):
     """Hands frames to a recorder in a thread of its own. Policy when full: new ones are lost.
 
-    ``lost`` counts those; what could not be written is counted by the recorder.
+    ``lost`` counts those; what the recorder itself could not write it counts itself.
     """
 
     def __init__(self, recorder: Recorder) -> None:
@@ -52,7 +52,7 @@ class BackgroundRecorder(Closing):
                 self._recorder.write(arrival_us, frames)
 
     def _next(self) -> list[tuple[int, list[bytes]]] | None:
-        """Everything that waits to be written; None once it is closed and all is written."""
+        """All that waits; None at the end."""
         with self._changed:
             while not self._waiting and not self._is_closing:
                 self._changed.wait()

@@ -1,10 +1,10 @@
 """Frames that wait to be decoded, and what of them is left out when they wait for too long.
 
 Where more arrives than can be handled, a newer sample of a vehicle is worth more than an older
-one. So once frames have waited longer than :data:`PATIENCE_S`, and not just in one short stall,
-only the newest frame of each stream is kept, at the oldest one's place in the queue: no sender
-waits for ever, and no frame that is taken is older than its sender's interval. No load has to be
-measured for that, and nothing is left out while there is time for it.
+one. So once frames have waited for longer than :data:`PATIENCE_S`, and not for a moment alone, only
+the newest of each sender's streams stays, in the place of the oldest: whoever has waited longest is
+next, nobody starves, and nothing that is taken is older than the interval at which its sender
+sends. No load has to be measured for that, and nothing is left out while there is time for it.
 """
 
 import math
@@ -20,7 +20,7 @@ from drivers.mavlink.framing import Frame
 from drivers.mavlink.imu_messages import IMU_MESSAGES, imu_number, imu_stream_name
 from drivers.mavlink.messages import MESSAGES
 
-# Messages that tell who is there; only the newest is kept.
+# Of what tells who is there the newest stays.
 WHO_IS_THERE = frozenset({HEARTBEAT_ID, AUTOPILOT_VERSION_ID})
 # One period of a common stream, 50 Hz: with the wait for the next tick, attitudes stay younger
 # than two.
@@ -31,26 +31,26 @@ STALL_S = 0.15
 ALONE_S = 2.0
 # A newcomer's frames wait for longer: nobody has an attitude of it yet that could grow old.
 NEWCOMER_PATIENCE_S = 0.5
-# After so long without a look (s) this process was stopped: the pile is not handled one by one.
+# Whoever has not looked for so long was stopped: what has piled up is not gone through one by one.
 STOPPED_S = 0.25
-# Frames that are decoded in one go, before the caller can do something else: about 1 ms.
+# So many frames are decoded at one go, before whoever takes them can do something else: 1 ms or so.
 MOST_AT_ONCE = 32
-# A sender's first IMU sample costs as much as a hundred later ones (an estimator begins). So only
-# this many senders begin in one go, to keep the others from waiting.
+# A sender's first IMU sample costs as much as a hundred later ones (an estimator begins): so many
+# senders begin at one go, so that they do not make everybody else wait.
 MOST_NEWCOMERS = 1
 # What cannot be left out is bounded, too: the oldest goes, and is counted.
 MOST_WAITING = 50_000
 
 
-# The share that counts of the time in which this process does not get the processor.
+# Of the time in which this process does not get the processor such a share counts.
 IDLE_SHARE = 1.0 / 3.0
 
 
 def waiting_clock_s() -> float:
     """A clock that runs at a third of its speed while this process does not get the processor, s.
 
-    Frames that wait because other programs had the processor are no sign of overload, and can be
-    caught up with. But they must not wait long either, or attitudes would be old.
+    Frames that wait because others had the processor are no sign of too much to do, and may be
+    caught up with. But they must not wait for long, either: attitudes would be old.
     """
     return time.process_time() * (1.0 - IDLE_SHARE) + time.monotonic() * IDLE_SHARE
 
@@ -159,7 +159,7 @@ class Backlog:
         return self._streams is None and (not is_alone or now_s - self._short_s > STALL_S)
 
     def _is_newcomers(self, arrived: Arrived, now_s: float) -> bool:
-        """Keep the frame of a sender with an IMU but no sample taken yet; False for all others."""
+        """Keep a frame of who has an IMU of which no sample was taken yet; False for all else."""
         frame = arrived.frame
         address = frame.system_id << 8 | frame.component_id
         if self._has_come[address]:
@@ -175,7 +175,7 @@ class Backlog:
         return True
 
     def _newest(self, turns: list[_Turn]) -> list[_Turn]:
-        """The newest frame of each of a newcomer's streams, and all frames outside streams."""
+        """Of a newcomer's streams the newest frames, of all else everything."""
         newest: dict[tuple[int, ...], _Turn] = {}
         for number, turn in enumerate(turns):
             frame = turn.arrived.frame
@@ -214,7 +214,7 @@ class Backlog:
 
 
 def _stream(frame: Frame) -> tuple[int, ...]:
-    """The key of a frame's stream: its sender, message and IMU."""
+    """Whose stream it is, and which."""
     return frame.system_id, frame.component_id, frame.message_id, imu_number(frame)
 
 

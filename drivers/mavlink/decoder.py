@@ -157,7 +157,7 @@ class MavlinkDecoder:
         return [Parameter(address, arrival_us, value.name, value.value(autopilot))]
 
     def _autopilots(self) -> list[VehicleId]:
-        """The senders that call themselves autopilots or send IMU data."""
+        """Who has said so, or sends IMU data."""
         known = self._senders.values()
         return [each.id for each in known if each.autopilot is not None or each.intake.has_imu]
 

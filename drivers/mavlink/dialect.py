@@ -14,14 +14,14 @@ def mavlink() -> Any:
 
 
 class Unpacker:
-    """Decodes frames that are known to be complete and sound to pymavlink's messages."""
+    """Makes pymavlink's messages of frames that are known to be whole and sound."""
 
     def __init__(self) -> None:
         self._dialect = mavlink()
         self._mav = self._dialect.MAVLink(None)
 
     def message(self, data: bytes) -> Any | None:
-        """The message of exactly one frame, with its fields as attributes; None if it is bad."""
+        """The message of exactly one frame, with its fields as attributes; None if it is none."""
         try:
             return self._mav.decode(bytearray(data))
         except self._dialect.MAVError:

@@ -1,7 +1,7 @@
 """A frame's fields, by their names in the dialect.
 
-pymavlink builds a large object for every message. Messages without arrays, nearly all that come
-often, are unpacked here straight from the frame, by pymavlink's definitions.
+pymavlink builds a large object of every message. Of messages without arrays, which are nearly all
+that come often, the fields are unpacked here straight from the frame, by pymavlink's definitions.
 """
 
 from collections import namedtuple
@@ -34,7 +34,7 @@ def layout(message_id: int) -> Layout | None:
 
 
 class FieldReader:
-    """Decodes frames to objects that have the message's fields as attributes."""
+    """Makes of a frame what has its fields as attributes."""
 
     def __init__(self) -> None:
         self._unpacker = Unpacker()
@@ -42,8 +42,8 @@ class FieldReader:
     def fields(self, frame: Frame) -> Any | None:
         """The fields of a frame with a sound checksum; None if it is no message of the dialect.
 
-        Zeros at a payload's end are not sent, nor fields that the sender does not know. A payload
-        that is longer than the definition comes from a newer one; the rest is ignored.
+        Zeros at a payload's end are not sent, nor fields that the sender does not know; what is
+        longer than the definition comes from a newer one.
         """
         known = layout(frame.message_id)
         if known is None:

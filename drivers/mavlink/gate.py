@@ -1,4 +1,4 @@
-"""Which frames of a link are let in: allowed systems, good signatures, one sender per address."""
+"""Which frames of a link are let in: allowed systems, good signatures, one sender an address."""
 
 from collections import Counter
 from typing import NamedTuple
@@ -11,7 +11,7 @@ from estimator.reasons import Reason
 
 # Another sender of the same address may take over once the first has been silent for so long
 TAKE_OVER_US = 1_000_000
-MOST_SENDERS = 1024  # above it those that have been silent for longer than that are dropped
+MOST_SENDERS = 1024  # before those are dropped that have been silent for longer than that
 MOST_TOLD = 64  # a flood of addresses does not fill memory or the screen
 
 EXPLANATIONS = {
@@ -25,7 +25,7 @@ EXPLANATIONS = {
 
 
 class Policy(NamedTuple):
-    """The checks that frames must pass; None means no such check."""
+    """What is let in; None means no such check."""
 
     system_ids: frozenset[int] | None = None
     signing: SigningCheck | None = None
@@ -50,14 +50,14 @@ class FrameGate:
         self._told: set[tuple[VehicleId, Reason]] = set()
 
     def let_in(self, frames: list[Frame], peer: str, arrival_us: int) -> list[Frame]:
-        """The good ones among frames that came together; the others are counted."""
+        """The good ones of frames that came together; the others are counted."""
         if self._policy != _NO_POLICY:
             return [frame for frame in frames if self.lets_in(frame, peer, arrival_us)]
         let_in: list[Frame] = []
         judged, is_good = None, False
         for frame in frames:
             address = (frame.system_id, frame.component_id)
-            # without a policy all frames of a sender in one datagram are judged by one of them
+            # of a vehicle's frames in one datagram one is judged: nothing else tells them apart
             if address != judged or not is_good:
                 judged, is_good = address, self.lets_in(frame, peer, arrival_us)
             if is_good:
@@ -116,7 +116,7 @@ class FrameGate:
         return None
 
     def _drop_silent(self, now_us: int) -> None:
-        """Drop senders that are silent; in a flood only each time their number has doubled."""
+        """Drop what means nothing any more; a flood is looked through each time it has doubled."""
         self._senders = {
             address: sender
             for address, sender in self._senders.items()

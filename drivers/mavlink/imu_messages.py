@@ -125,7 +125,7 @@ def message_to_ask_for(autopilot: int | None) -> ImuMessage:
 
 
 def imu_stream_name(name: str, number: int) -> str:
-    """The stream's name: the message's, with the number of a further IMU in the same message."""
+    """The message's name; a second IMU in the same message (field ``id``) is another stream."""
     return f"{name}:{number}" if number else name
 
 

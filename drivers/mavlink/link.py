@@ -163,8 +163,8 @@ class MavlinkLink(Closing):
     def drain(self, timeout_s: float) -> list[Event]:
         """Events of some of the frames that are there, after waiting at most ``timeout_s``.
 
-        If frames have waited too long, only the newest of each vehicle's streams is kept, and a
-        :class:`~drivers.events.Shed` tells what is left out.
+        What waits for too long is folded: of each vehicle's streams the newest alone, and
+        :class:`~drivers.events.Shed` for what is left out.
         """
         if self._is_closed:
             return []

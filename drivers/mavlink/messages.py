@@ -52,9 +52,9 @@ class MessageKind(NamedTuple):
     """A message that becomes events.
 
     ``events`` takes the sender's intake, which judges readings and places them in time, and what
-    was said. A message with ``is_reference`` serves only to compare attitudes, and is left out
-    where nobody wants that. Each message makes the one before it obsolete: under overload only the
-    newest is handled.
+    was said. A message with ``is_reference`` is for nothing but the comparison with an attitude of
+    somebody else, and left out where nobody wants that. Each message makes the one before it old:
+    under overload only the newest is handled.
     """
 
     number: int
@@ -73,7 +73,7 @@ def _attitude(intake: Intake, said: Said) -> list[Event]:
         q = quaternion_from_euler(m.roll, m.pitch, m.yaw)
         return intake.attitude(said.name, stamp, "autopilot", q, rates)
     if not (isfinite(m.roll) and isfinite(m.pitch) and isfinite(m.yaw)):
-        return []  # the rates are no better than the angles beside them
+        return []  # as little believed as the angles beside it
     return intake.rates(said.name, stamp, rates)
 
 

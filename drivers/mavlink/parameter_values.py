@@ -63,7 +63,7 @@ class WaitingParameters:
         of_system[value.name] = value
 
     def take(self, system_id: int) -> list[ParameterValue]:
-        """Remove and return what was kept for a system."""
+        """What was kept for a system, once."""
         of_system = self._values.pop(system_id, {})
         self._count -= len(of_system)
         return list(of_system.values())
@@ -72,8 +72,8 @@ class WaitingParameters:
 def owner(sender: VehicleId, autopilots: Iterable[VehicleId]) -> VehicleId | None:
     """Whose parameter it is; None while no autopilot of the sender's system is known.
 
-    An autopilot has parameters of its own. Other components of a system send its autopilot's;
-    if it has several, those of the one with the lowest component id, by convention 1.
+    Who is an autopilot has parameters of its own. All others on a system speak of its
+    autopilot's: of several, the one with the lowest component id, by convention 1.
     """
     if sender.component_id == MAV_COMP_ID_AUTOPILOT1:
         return sender

@@ -78,7 +78,7 @@ class TlogRecorder(Closing):
                 raise InputError(f"cannot record to {str(self.path)!r}: it is there, and no tlog")
 
     def is_removed(self) -> bool:
-        """Whether the file has been deleted, so that what is written to it is lost."""
+        """Whether the file has been removed: nothing that is written to it stays."""
         try:
             return self._is_regular and self._file >= 0 and os.fstat(self._file).st_nlink == 0
         except OSError:

@@ -1,4 +1,4 @@
-"""Records a link into a folder: one tlog after the other, none too large to copy.
+"""Records a link into a folder: one tlog after the other, none too large to carry about.
 
 A file's name is the UTC time of its first record. Nothing is ever deleted.
 """
@@ -83,7 +83,7 @@ class RotatingRecorder(Closing):
     def _rotate(self, arrival_us: int) -> None:
         if self._file is not None and self._file.is_removed():
             _logger.warning("%s was removed: recording to a new file", self._file.path)
-            with suppress(OSError):  # its folder may be gone, too
+            with suppress(OSError):  # perhaps with the folder
                 self.folder.mkdir(parents=True, exist_ok=True)
         try:
             following = TlogRecorder(self._free_path(arrival_us))

@@ -7,8 +7,8 @@ from drivers.samples.preference import is_receiver
 from estimator.types import Vec3, VelocitySample
 
 FILTER_VELOCITY_SIGMA_M_S = 0.3  # an autopilot's own filter, typical with GPS
-RECEIVER_VELOCITY_SIGMA_M_S = 0.5  # a GPS receiver that does not report its accuracy
-RECEIVER_LATE_SIGMA_S = 0.1  # its velocity is 0.1 to 0.2 s late, by an unknown amount
+RECEIVER_VELOCITY_SIGMA_M_S = 0.5  # a GPS receiver that does not say
+RECEIVER_LATE_SIGMA_S = 0.1  # its word comes 0.1 to 0.2 s late, and does not say how late
 
 
 class Fix(NamedTuple):
@@ -26,7 +26,7 @@ class Fix(NamedTuple):
 
     @property
     def is_solved(self) -> bool:
-        """Whether it has data: a receiver without a solution sends zero latitude and longitude."""
+        """Whether it says anything: zero latitude and longitude are a receiver's first words."""
         if self.position is None:
             return self.velocity_ned_m_s is not None
         latitude_deg, longitude_deg, _ = self.position

@@ -1,7 +1,7 @@
 """One vehicle's readings, judged and placed in time, for links and for logs.
 
-A reading that is no data is refused, with a reason to count it under. All others get their place
-on the vehicle's continuous clock and become events.
+What is no data is refused with a word to count it under. What is gets its place on the
+vehicle's continuous clock and becomes events.
 """
 
 import math
@@ -67,11 +67,11 @@ class _ImuStream:
 
 
 class Intake:
-    """Takes one vehicle's readings; each method returns the events that they become.
+    """Takes one vehicle's readings; each method gives the events that come of them.
 
-    ``new_field`` makes, for each IMU stream, what tells fresh fields from repeated ones.
-    ``heard_us`` gives the arrival that tells a gap from a leap of the clock; a log without
-    arrivals has a substitute. ``doubts_axes`` says that the axes may not be FRD,
+    ``new_field`` makes what tells an IMU stream's fresh fields from the others. ``heard_us``
+    is the arrival that tells a gap from a leap of the clock; a log that knows no arrivals has
+    something else for it. ``doubts_axes`` says that the axes may be others than FRD,
     ``takes_references`` that attitudes of others are wanted.
     """
 
@@ -134,7 +134,7 @@ class Intake:
         q_ned_frd: Quaternion | None,
         rate_rad_s: Vec3 | None = None,
     ) -> list[Event]:
-        """An attitude of others (None if it is no rotation), with the body rates beside it."""
+        """Somebody's attitude, None for one that is no rotation, with the body rates beside it."""
         placed = None if q_ned_frd is None else self._place(name, stamp)
         if placed is None or q_ned_frd is None:
             return []
@@ -146,7 +146,7 @@ class Intake:
         return events
 
     def rates(self, name: str, stamp: Stamp, rate_rad_s: Vec3) -> list[Event]:
-        """Body rates of a message whose attitude is not wanted."""
+        """Body rates beside somebody's attitude that nobody wants."""
         return self.report(name, stamp, lambda us: RateSample(us, rate_rad_s), BodyRates)
 
     def report(
@@ -266,7 +266,7 @@ class Intake:
 
 
 def _refusal(gyr: Vec3, acc: Vec3) -> Reason | None:
-    """Why a reading is no data, judged by itself alone; None if it is good."""
+    """Why a reading is no data whatever came before it; None if it is."""
     if not all(map(math.isfinite, gyr + acc)):
         return Reason.NOT_FINITE
     return Reason.ZERO_ACCELEROMETER if acc == ZERO_VEC3 else None

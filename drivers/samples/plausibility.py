@@ -5,7 +5,7 @@ from collections import deque
 
 from estimator.types import STANDARD_GRAVITY_M_S2, ImuSample
 
-SPACING_US = 200_000  # a window must outlast a flip or a fall at every sample rate
+SPACING_US = 200_000  # a window must outlast a flip or a fall, at any rate
 WINDOW_SAMPLES = 50  # magnitudes are judged by their median over this many
 FIRST_LOOK_SAMPLES = 20
 ACC_AT_REST_G = (0.5, 2.0)

@@ -1,10 +1,10 @@
-"""Which message to prefer where several report the same. They are never mixed.
+"""Of messages that report the same, the one to prefer. They are never mixed.
 
 Velocities differ in errors and delays, and a change of source looks like an acceleration. The order
 of IMU messages is that of ``drivers.mavlink.imu_messages``.
 """
 
-# An autopilot's filter reports without delay, a receiver 0.1 to 0.2 s late
+# What an autopilot's filter says comes without delay, a receiver's word 0.1 to 0.2 s late
 FILTER_VELOCITY = (
     "LOCAL_POSITION_NED",
     "GLOBAL_POSITION_INT",
@@ -23,10 +23,10 @@ REPORTS = FILTER_VELOCITY + RECEIVER_VELOCITY
 
 
 def report_rank(message: str) -> int:
-    """Place of a message in the order of preference; those not named share the last one."""
+    """Place of a message in the order of preference; those not named come last, all alike."""
     return REPORTS.index(message) if message in REPORTS else len(REPORTS)
 
 
 def is_receiver(message: str) -> bool:
-    """Whether a velocity comes straight from a satellite receiver, not from a filter."""
+    """Whether a velocity is the word of a satellite receiver, which no filter has worked on."""
     return message in RECEIVER_VELOCITY

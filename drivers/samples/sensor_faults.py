@@ -1,6 +1,6 @@
 """Sensors that repeat themselves or have reached the end of their range.
 
-Both give numbers that look like data and are not. Real sensors are noisy: equal
+Both give numbers that look like data and are none. Real sensors are noisy: equal
 readings, one after the other, come from a driver that has stopped reading, and an
 equal large value on one axis is the end of a range. But fields are coarse, and
 simulators know rest without noise: so equal readings are refused only if what the
@@ -34,9 +34,9 @@ BLIND_REASONS = frozenset(
 )
 BLIND_US = 30_000  # from the first refused reading on
 
-# Equal readings of a sensor that hardly ever repeats itself are held back at once, as if none had
-# come, if chance would bring so many in a row less than once in 1e8 times. The limit is that low
-# because smooth motion in coarse digits repeats itself more often than chance does.
+# Of a sensor that hardly ever repeats itself, equal readings are held back at once, as if none had
+# come: when chance would bring so many in a row less than once in 1e8 times. So rarely, since a
+# smooth motion in coarse digits repeats itself more often than chance does.
 BY_CHANCE = 1e-8
 HELD_SAMPLES = 3  # at least
 HELD_US = 2_000_000  # at most; by then it is known whether it is stuck
@@ -209,7 +209,7 @@ class SensorFaults:
     def _follow_turned_acc(self, is_equal: bool, readings: Readings, raw_us: int) -> None:
         """Turn the repeated specific force as the gyroscope says (dv/dt = v x w).
 
-        In a steady turn it does not change.
+        In a steady turn it stays as it is.
         """
         if not is_equal:
             self._turned_acc = readings.acc_m_s2
@@ -236,11 +236,11 @@ class SensorFaults:
         return self._field.knows(mag) and self._field.contradicts(mag, readings.gyr_rad_s, raw_us)
 
     def _has_turned_otherwise(self, readings: Readings, raw_us: int) -> bool:
-        """Whether accelerometer and field contradict a turn at the repeated rate."""
+        """Whether accelerometer and field are not where the repeated rate would have them."""
         begin, span_s = self._gyr.begin, 1e-6 * (raw_us - self._gyr.begin_us)
         gyr = readings.gyr_rad_s
         acc_rad = _apart_rad(vector_after_turn(begin.acc_m_s2, gyr, span_s), readings.acc_m_s2)
-        is_steady = carries_weight(begin.acc_m_s2, gyr)  # then the force does not change
+        is_steady = carries_weight(begin.acc_m_s2, gyr)  # then the force stays as it is
         if is_steady:
             acc_rad = min(acc_rad, _apart_rad(begin.acc_m_s2, readings.acc_m_s2))
         if ZERO_VEC3 in (readings.mag_gauss, begin.mag_gauss):

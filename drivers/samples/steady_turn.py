@@ -46,9 +46,9 @@ class FieldWatch:
 
 
 def carries_weight(acc_m_s2: Vec3, gyr_rad_s: Vec3) -> bool:
-    """Whether the force fits a steady turn at that rate, which could go on for ever.
+    """Whether the force is that of a turn that may go on for ever, as it is and at that rate.
 
-    Averaged over the turn only the part along its axis is left, and that must be 1 g.
+    In the mean over the turn its part along the axis is left, and must hold the vehicle up.
     """
     rate_rad_s = hypot(*gyr_rad_s)
     if rate_rad_s == 0.0:

@@ -107,7 +107,7 @@ class _Truth(NamedTuple):
 
 
 class _Sensors(NamedTuple):
-    """Biases and noises; the gyroscope's in rad/s, the vectors' as parts of their length."""
+    """Biases and noises: of the gyroscope in rad/s, of the vectors as parts of their length."""
 
     gyro_bias_rad_s: Vec3
     magnetic_bias: Vec3
@@ -284,7 +284,7 @@ def _samples(
     first: int,
     start: Quaternion,
 ) -> Iterator[Sample]:
-    """Samples number ``first``, ``first`` + 1, ...; the first has the attitude ``start``."""
+    """Samples number ``first``, ``first`` + 1, ..., of which the first has attitude ``start``."""
     while True:
         truth, start = _truth_chunk(motion, rate_hz, first, start)
         block = _measure(truth, generator.standard_normal((CHUNK_SAMPLES, 9)), disturbance)

@@ -51,7 +51,7 @@ moved = replacer(
 
 
 class ErrorVariances(NamedTuple):
-    """Variances of the sources' slow errors, (m/s)^2."""
+    """Of the sources' slow errors, (m/s)^2."""
 
     by_filter: float
     by_receiver: float
@@ -144,10 +144,11 @@ def add_noise(
     dt: float,
     seen_s: float,
 ) -> None:
-    """Add a step's noise to the covariance, in place.
+    """What a step adds to the covariance, in place.
 
-    Between two samples things happen that neither shows: the more the two differ, the more.
-    ``seen_s`` is the interval at which turning is measured.
+    Between two samples things happen that neither shows. The more they differ, the more that
+    may have been. Of the turning something is seen every
+    ``seen_s``.
     """
     missed = params.integration_noise**2
     relative = params.gyr_scale_noise**2 + (params.gyr_slow_noise_1_s * seen_s) ** 2
@@ -177,7 +178,7 @@ def add_noise(
 
 @inlined
 def usual_variances(params: AidingParams, state: AidingState) -> ErrorVariances:
-    """Variances of the sources' slow errors, per component, as long as none has jumped."""
+    """Of either source's slow error, per component, as long as nothing has happened to it."""
     pushed = state.last.force_ned_m_s2
     turning = params.filter_turning_s**2 * (pushed[0] ** 2 + pushed[1] ** 2)
     by_filter, by_receiver = state.agreement
@@ -189,9 +190,9 @@ def usual_variances(params: AidingParams, state: AidingState) -> ErrorVariances:
 
 @inlined
 def lasting_times(params: AidingParams, state: AidingState) -> ErrorTimes:
-    """How long each source's error lasts: a large one has jumped, and lasts long.
+    """For how long either source's error lasts: one that is large has jumped, and lasts long.
 
-    If it were assumed to fade as usual errors do, the attitude would be changed to explain it.
+    Were it taken to fade as usual errors do, the attitude would have to explain that it stays.
     """
     usual = usual_variances(params, state)
     estimate = state.estimate
@@ -211,7 +212,7 @@ def persistence(error: Vec3, variance: float) -> float:
 
 @inlined
 def fade(error: Vec3, dt: float, tau_s: float) -> Vec3:
-    """The estimate of a slow error after ``dt``."""
+    """What is left of a slow error, as far as it is known."""
     return scale(real_exp(-dt / tau_s), error)
 
 

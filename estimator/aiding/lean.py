@@ -15,7 +15,7 @@ from estimator.compilation.replacing import replacer
 from estimator.geometry.quaternion import add, scale, subtract
 from estimator.types import STANDARD_GRAVITY_M_S2, Vec3
 
-# Time (s) over which the unaided stage averages.
+# For so long (s) the unaided stage averages.
 LEAN_TAU_S = 2.5
 # An acceleration of less than this (m/s^2) tells no attitude from another.
 TELLING_M_S2 = 1.0
@@ -28,7 +28,7 @@ with_latest = replacer(Lean, "latest_m_s")
 
 @inlined
 def watch_lean(lean: Lean, force_ned_m_s2: Vec3, dt: float) -> Lean:
-    """The lean after one more sample."""
+    """With one more sample."""
     share = dt / (LEAN_TAU_S + dt)
     felt = subtract(add(force_ned_m_s2, GRAVITY_NED), lean.felt_m_s2)
     ahead = subtract(lean.latest_m_s, lean.reported_m_s)
@@ -38,7 +38,7 @@ def watch_lean(lean: Lean, force_ned_m_s2: Vec3, dt: float) -> Lean:
 
 @inlined
 def hear_report(lean: Lean, velocity_ned_m_s: Vec3) -> Lean:
-    """The lean after one more report."""
+    """With one more report."""
     return with_latest(lean, velocity_ned_m_s)
 
 

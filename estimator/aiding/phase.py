@@ -43,7 +43,7 @@ TRANSITIONS: dict[tuple[Phase, Cause], Phase] = {
     (Phase.AIDED, Cause.MISLED): Phase.UNAIDED,
     (Phase.AIDED, Cause.SWITCH_OFF): Phase.UNAIDED,
 }
-"""A pair that is not listed changes nothing."""
+"""Every pair that is not listed leaves the phase as it is."""
 
 
 def after(phase: Phase, cause: Cause) -> Phase:

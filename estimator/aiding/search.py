@@ -30,7 +30,7 @@ WINDOW_S = 1.0
 LONGEST_WINDOW_S = 3.0
 # Time constant of forgetting: over it G drifts by less than a heading's error.
 MEMORY_S = 30.0
-# Fewer windows (the older, the less each counts) are too little evidence.
+# Fewer windows (each counts less as it is forgotten) are no evidence.
 LEAST_WINDOWS = 3.0
 # Sum of squared velocity changes, (m/s)^2, that must stand across every axis.
 LEAST_EXPLAINED_M2_S2 = 4.0
@@ -199,8 +199,8 @@ def solve(search: Search, bias_sigma_rad_s: float) -> Solution | None:
     R minimises the loss, sum |a - R b|^2; loss / (3 windows) is the variance of one component. A
     small turn t in NED changes a residual by t x R b, so M = sum (|b|^2 I - R b b' R') is the
     information about t. A wrong age of the reports or a gyroscope's bias turns all vectors of a
-    steady manoeuvre by one angle: the fit stays good and the loss small. So the turns that both
-    may have made are added to the variance.
+    steady manoeuvre alike: the fit stays good and the loss small. So the turns that both may have
+    made are added to the variance.
     """
     evidence = search.evidence
     if evidence.windows < LEAST_WINDOWS:

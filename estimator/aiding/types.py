@@ -165,7 +165,7 @@ class Agreement(NamedTuple):
 
 
 class Agreements(NamedTuple):
-    """The agreement of each source: an autopilot's filter, and a receiver."""
+    """Of either source: an autopilot's filter, and a receiver."""
 
     by_filter: Agreement  # reports whose age is known
     by_receiver: Agreement  # reports whose age is uncertain

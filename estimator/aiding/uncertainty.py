@@ -19,7 +19,7 @@ from estimator.types import STANDARD_GRAVITY_M_S2
 # 68 % of a plane normal distribution lie within this many of its sigmas.
 PLANE_68 = 1.515
 LARGEST_SCALE = 4.0
-# With longer steps than this (s) the field's residual is mostly the turns missed between samples.
+# Of samples slower than this (s) the field's residual is mostly the missed turns between them.
 QUICK_STEP_S = 0.15
 # Near the magnetic poles the horizontal field vanishes; less than this does not count as such.
 LEAST_HORIZONTAL_GAUSS = 0.02

@@ -1,10 +1,11 @@
-"""What a slow stream's gyroscope misses between two samples, judged by how rough its readings are.
+"""What a slow stream's gyroscope hides between two samples, by how rough its readings are.
 
-Readings that lie on a line come from a motion that the samples show; integration misses a small
-share of how far they lie off the line. Readings that are nearly independent of one another, from
-a vehicle that shakes faster than it is sampled, show hardly anything of the turning between them.
-The mean squares of second and first differences tell the two apart: for independent readings the
-former is three times the latter, for a smooth motion much less.
+Readings that lie on a line are those of a motion that the samples show, and what integration
+misses of it is a small share of how far they lie off the line. Readings as good as independent of
+one another, of a vehicle that shakes or is shaken faster than it is sampled, show hardly anything
+of the turning between them. The two are told apart by the mean squares of second and first
+differences: of independent readings the former is three times the latter, of a smooth motion
+much less.
 """
 
 from estimator.aiding.inertial import bend
@@ -15,13 +16,13 @@ from estimator.conditioning.vertical.tilt import HOLE_RAD_S, HOLE_S
 from estimator.geometry.quaternion import dot, subtract
 from estimator.types import Sample, Vec3
 
-# Time constant (s) of the mean squares.
+# For so long (s) readings count.
 MEMORY_TAU_S = 3.0
-# Weight of the mean squares beside the latest reading: one smooth pair may be chance.
+# Their part beside the latest one's: one even pair may be chance.
 MEMORY = 0.8
 # The step (s) at which half of what can be missed is missed.
 HALF_MISSED_S = 0.12
-# Mean square of second differences over that of first differences, for independent readings.
+# Second differences' mean square over the first ones', of independent readings.
 INDEPENDENT = 3.0
 # A smooth motion's readings have half of that and more at turns; the power leaves them out.
 SHARPNESS = 3
@@ -32,7 +33,7 @@ HOLE_M_S2 = 3.0
 
 @inlined
 def watch_turning(params: AidingParams, state: AidingState, P: Array, sample: Sample) -> Roughness:
-    """Add to the covariance, in place, what the step of a slow stream has missed."""
+    """What the step of a slow stream has missed goes into the covariance, in place."""
     last, dt, between = state.last, sample.dt_s, sample.between
     change = subtract(sample.gyr_rad_s, last.gyr_rad_s)
     bent = bend(sample.gyr_rad_s, last.gyr_rad_s, last.gyr_before_rad_s, dt, last.dt_s)
@@ -49,10 +50,10 @@ def watch_turning(params: AidingParams, state: AidingState, P: Array, sample: Sa
 def add_unseen_turn(
     params: AidingParams, P: Array, rough: Roughness, bent: Vec3, dt: float, seen_s: float
 ) -> None:
-    """Add the variance of the turn that a step has missed; ``bent``: off the line, rad/s.
+    """Variance of the turn that a step has missed, in place; ``bent``: off the line, rad/s.
 
     The mean of two independent instants is off the mean over the step by 0.29 of the second
-    difference, about every axis. ``seen_s`` is the interval at which turning is measured.
+    difference, about all axes alike. Of the turning something is seen every ``seen_s``.
     """
     slow = slow_share(seen_s)
     if slow <= 0.0:
@@ -68,7 +69,7 @@ def add_unseen_turn(
 
 @inlined
 def add_hole(P: Array, dt: float) -> None:
-    """Add the variance of a gap, in which the vehicle may have turned and gained any speed."""
+    """Variance of a hole, in place: in it a vehicle may have turned and gained speed anyhow."""
     hole_s = dt - HOLE_S
     if hole_s <= 0.0:
         return
@@ -79,7 +80,7 @@ def add_hole(P: Array, dt: float) -> None:
 
 @inlined
 def watch_roughness(rough: Roughness, bent: Vec3, change: Vec3, dt: float) -> Roughness:
-    """The roughness after one more reading."""
+    """With one more reading."""
     share = dt / (MEMORY_TAU_S + dt)
     return Roughness(
         bent=rough.bent + share * (dot(bent, bent) - rough.bent),

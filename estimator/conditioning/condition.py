@@ -44,7 +44,7 @@ with_sample = replacer(ConditioningState, "vertical", "started", "previous_gyr_r
 def condition(
     params: ConditioningParams, state: ConditioningState, sample: Sample
 ) -> tuple[ConditioningState, Conditioned]:
-    """Take one sample; its field may be in any unit."""
+    """Take one sample, of which the field may be in any unit."""
     gyr, acc, mag, is_first = sample.gyr_rad_s, sample.acc_m_s2, sample.mag, not state.started
     # Before the first sample there was no interval; what it tells counts as one step's.
     dt = STEP_S if is_first else max(sample.dt_s, LEAST_DT_S)

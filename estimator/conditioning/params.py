@@ -17,7 +17,7 @@ class ConditioningParams(NamedTuple):
     """
 
     # Switches, one a step.
-    use_gravity_filter: bool = True  # low-pass the specific force in G; off: each mean unfiltered
+    use_gravity_filter: bool = True  # low-pass the specific force in G; off: each mean as it is
     use_rest: bool = True  # bias from rest
     use_motion_bias: bool = True  # bias from levelling while moving
     use_averaging: bool = True  # gravity, for as long as shaking and turning ask for

@@ -14,12 +14,10 @@ from estimator.conditioning.vertical.step import VerticalState
 from estimator.conditioning.vertical.tilt import slowness
 from estimator.geometry.quaternion import rotate
 
-# Parts of the inclination's sigma (rad): at rest, for a force that varies by 1 g, per swing.
+# The least of the inclination's sigma, rad: an accelerometer's own.
 SIGMA_STEADY_RAD = 0.0052
-SIGMA_UNSTEADY_RAD = 0.03
-SIGMA_SWING = 0.5
-# A variance is this many times the measured mean square: for the inclination that of the force's
-# size over gravity, for the heading that of the field's scatter, norm and dip.
+# What a measured mean square counts as a variance: of the force's size, as a share of gravity,
+# about the inclination; of the field's scatter, and of its norm and dip, about the heading.
 MEASURED_SQUARE = 2.0
 # What the size of the force tells about the heading, times the squared tangent of the dip.
 SIGMA_BENT_SQUARE = 0.6
@@ -73,20 +71,17 @@ def sigma_inclination(
 ) -> float:
     """Angle (rad) that 68 % of the inclination errors lie under.
 
-    It sums the sensor's own error, what unsteady force adds, how far levelling has lately moved
-    the vertical (a sign of lasting acceleration), and how far the size of the low-passed force is
-    from gravity: an accelerometer's error or an acceleration that shows along the vertical is
-    taken to be as large across it, about both axes. In slow streams it is the variance of the
-    vertical that the conditioning stage keeps.
+    A sensor's own error, and how far the low-passed force points elsewhere than its mean over a
+    longer time: accelerations that last and a gyroscope that drifts both show there, without
+    telling which. To that comes how far the low-passed force has another size than gravity: what
+    an accelerometer's error or an acceleration adds along the vertical it adds across as well.
+    In slow streams the variance that the vertical has by its own reckoning counts instead.
     """
     signs = events.signs.gravity
-    swing_north, swing_east = signs.levelled
-    swing = swing_north * swing_north + swing_east * swing_east
-    fast = SIGMA_UNSTEADY_RAD**2 * vertical.gravity.force.unsteady + SIGMA_SWING**2 * swing
-    fast += MEASURED_SQUARE * signs.uneven
     slow = slowness(params, vertical.coefficients.dt_s)
+    measured = signs.apart + MEASURED_SQUARE * signs.uneven
     known = SIGMA_STEADY_RAD**2 + vertical.doubt
-    return sqrt(known + (1.0 - slow) * fast + slow * vertical.tilt.variance)
+    return sqrt(known + (1.0 - slow) * measured + slow * vertical.tilt.variance)
 
 
 @inlined

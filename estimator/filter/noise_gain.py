@@ -41,7 +41,7 @@ from estimator.types import ZERO_VEC3, Vec3
 
 # Memory of both variances, s. Small: they scatter; large: a change of noise is noticed late.
 NOISE_WINDOW_S = 0.5
-# Memory of the floor of e, s. Small: a wrong start passes for the sensors' error; large: a magnet's
+# Of the floor of e, s. Small: a wrong start passes for the sensors' error; large: a magnet's
 # field keeps the gain up for as long.
 FLOOR_TIME_S = 1.2
 # What one sample of e may add, in floors: a wrong start is not the sensors' error.

@@ -93,7 +93,7 @@ def without_aiding(settings: Settings, now: Core) -> Core:
 
 
 def without_conditioning(settings: Settings, now: Core) -> Core:
-    """The core for raw vectors, without what conditioning has found out."""
+    """The core for raw vectors, to which nothing that conditioning has shown belongs."""
     return without_aiding(settings, now)._replace(seen=UNSEEN, search=EMPTY_SEARCH)
 
 

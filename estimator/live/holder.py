@@ -56,7 +56,7 @@ class Holder:
 
     @property
     def core(self) -> Core:
-        """The present core."""
+        """The core as it is now."""
         if self._inside is None:
             return self._core
         core: Core = resident.contents(self._inside)

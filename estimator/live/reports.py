@@ -10,7 +10,7 @@ MOST_WAITING = 8
 
 
 def enqueue(waiting: tuple[Any, ...], report: Any) -> tuple[Any, ...]:
-    """The waiting reports with a new one; if its type has too many, the oldest is dropped."""
+    """The waiting reports with a new one; the oldest of its type gives way to one too many."""
     alike = [k for k, other in enumerate(waiting) if type(other) is type(report)]
     if len(alike) >= MOST_WAITING:
         waiting = (*waiting[: alike[0]], *waiting[alike[0] + 1 :])
@@ -42,7 +42,7 @@ def age_s(report: Any, time_us: int) -> float:
 
 
 def report_with_age(report: VelocitySample, time_us: int) -> Report:
-    """A velocity report with its age at the IMU sample of ``time_us``."""
+    """A velocity report as it is seen from the IMU sample of ``time_us``."""
     return Report(
         given=True,
         velocity_ned_m_s=report.velocity_ned_m_s,

@@ -74,7 +74,7 @@ def settings_of(
 
 
 def _magnetic_direction(profile: Profile, declination_rad: float | None) -> Vec3:
-    """The profile's magnetic direction, turned to true north if the declination is known."""
+    """The profile's magnetic direction turned to true north; as it is where that is unknown."""
     direction = profile.reference.magnetic
     north = MAGNETIC_NORTH if direction == "learn" else unit(direction)
     declination_deg = profile.reference.declination_deg

@@ -141,7 +141,7 @@ class State:
 
     @property
     def declination_rad(self) -> float | None:
-        """The declination at the vehicle's place, None if that is unknown."""
+        """Of the vehicle's place, if that is known."""
         field = self.place_field
         return None if field is None else field.declination_rad
 

@@ -24,9 +24,9 @@ from estimator.types import IDENTITY, NOTHING_BETWEEN, ZERO_VEC3, Between, RateS
 
 # More rates than this are not kept: 5 s of 50 a second; a longer hole stays one.
 MOST_WAITING = 256
-# A rate this near an IMU sample (s) belongs to the sample. In short steps the limit is a share of
-# the step, so that a rate half-way between two samples 40 ms apart counts, but never less than
-# the distance of messages that are sent together.
+# A rate this near an IMU sample (s) is the sample's own. Of short steps it is that share of the
+# step, so that a rate half-way between two samples 40 ms apart counts, but no less than messages
+# of one moment are apart.
 SAME_INSTANT_S = 0.03
 SAME_INSTANT = 0.15
 ONE_MOMENT_S = 0.012

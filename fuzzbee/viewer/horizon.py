@@ -75,10 +75,10 @@ class Scene(NamedTuple):
 
 
 class Layers(NamedTuple):
-    """The instrument from back to front, divided by how often its parts change.
+    """The instrument from back to front, apart by how fast its parts change.
 
-    A browser that draws in software can take in little between two pictures, so parts that have
-    not changed should not be sent again.
+    A browser that draws in software takes in little between two pictures, so that what stays
+    as it is should not be sent again.
     """
 
     world: list[Strip]  # always as many strips, in the same colours unless trust changes

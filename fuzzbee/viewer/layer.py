@@ -1,4 +1,4 @@
-"""One layer of lines in the viewer; only what has changed is sent."""
+"""One layer of lines in the viewer, of which only what has changed is sent."""
 
 from collections.abc import Sequence
 from typing import Any

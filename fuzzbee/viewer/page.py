@@ -22,7 +22,7 @@ from service.attitude_record import euler_deg
 from service.health import HAS_ATTITUDE, State
 from service.records import AttitudeRecord, Peer, StatusRecord
 
-# Pictures a second for one vehicle, and for all together.
+# Pictures a second: of one vehicle, and of all together.
 PICTURES_HZ = 4.0
 ALL_PICTURES_HZ = 6.0
 FIGURES_EVERY = 2  # pictures: digits that change more often cannot be read; the bodies with them

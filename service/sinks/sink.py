@@ -12,13 +12,13 @@ from service.records import Output
 class Sink(Protocol):
     """Somewhere outputs go. All calls come from one thread, the sink's own.
 
-    A sink with ``never_waits = True`` waits for nothing outside this process: if it is late, the
-    computer has too much to do.
+    One with ``never_waits = True`` is late only for want of computing time, never for somebody
+    else's sake: when it is, there is more to do than can be done.
     """
 
     @property
     def name(self) -> str:
-        """Its name in messages to the user."""
+        """What lines for a person call it."""
 
     def handle(self, outputs: Sequence[Output]) -> None:
         """Take the outputs of one turn of the loop; may block or raise without harm to others."""
@@ -29,11 +29,11 @@ class Sink(Protocol):
 
 # Turns of the loop a sink may lag behind: 0.6 s at 100 Hz, after that attitudes are stale.
 MAX_PENDING = 64
-# A sink that never waits gets so many outputs at a time. One that is not through with them after
-# this time is stuck, and not just short of computing time.
+# A sink that waits for nobody gets so many outputs at one go; one that does not get through them in
+# this time is not slow for want of computing time.
 PIECE = 16
 STUCK_S = 1.0
-# Outputs that have waited longer are stale, however few there are.
+# What has waited longer is stale, at any rate.
 LONGEST_WAIT_S = 0.6
 
 
@@ -73,9 +73,9 @@ class Outlet:
             self._changed.notify()
 
     def settle(self, timeout_s: float) -> bool:
-        """Wait until nothing is pending or in hand, at most ``timeout_s``; whether that is so.
+        """Wait until nothing is pending or in hand; at most so long. Whether that is so.
 
-        Nobody waits for a sink that is stuck: for it the answer is True at once.
+        Of a sink that gets on with nothing it is said, too: nobody waits for it.
         """
         with self._changed:
             if self._is_busy and time.monotonic() - self._progress_s > STUCK_S:

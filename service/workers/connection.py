@@ -62,7 +62,7 @@ class Connection:
         self._lock = threading.Lock()
         self._waiting: deque[_Waiting] = deque()
         self._waiting_bytes = 0
-        self._begun: memoryview | None = None  # the rest of a message that was sent in part
+        self._begun: memoryview | None = None  # the rest of a message of which some was sent
         self._received = bytearray()
 
     @property

@@ -204,7 +204,7 @@ class Crew(Closing):
             answer.set_result(told.profile)
 
     def _newest(self, outputs: list[Output]) -> list[Output]:
-        """Outputs with only the last attitude of each vehicle, after the service was stopped."""
+        """What is left when the service itself was stopped: of each vehicle the last attitude."""
         newest = [
             output
             for output in outputs

@@ -1,8 +1,8 @@
 """Where workers come from: a process that has everything loaded and compiled, and forks.
 
 A worker then begins within milliseconds, and shares the memory of libraries and compiled kernels
-with the others. The process starts no threads, opens nothing and computes nothing, so that it can
-be forked safely.
+with the others. The process has no thread of its own, opens nothing and computes nothing, so that
+there is nothing that a fork could break.
 """
 
 import gc

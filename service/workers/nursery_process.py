@@ -18,7 +18,7 @@ PROGRAM = (
     "import sys; sys.path[:] = {path!r}; "
     "from service.workers.nursery import serve; serve({control})"
 )
-# Matrix libraries start a thread for each core, and a fork copies no threads.
+# Libraries for matrices start a thread for each core, of which a fork would copy none.
 ENVIRONMENT = {"OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1"}
 ENDING_S = 2.0
 

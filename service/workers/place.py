@@ -45,7 +45,7 @@ class Place:
 
     @property
     def name(self) -> str:
-        """Its name in messages to the user."""
+        """What lines for a person call it."""
         return f"worker {self.number + 1}"
 
     def note_birth(self, process: int, now_s: float) -> None:

@@ -67,7 +67,7 @@ class Report:
 
 
 def record_of(payload: bytes) -> AttitudeRecord:
-    """The record that a published JSON attitude holds."""
+    """An attitude as it is published, read back."""
     return msgspec.json.decode(payload, type=AttitudeRecord)
 
 

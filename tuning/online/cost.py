@@ -26,7 +26,7 @@ DOWN = np.array([0.0, 0.0, 1.0])
 
 
 class Cost(NamedTuple):
-    """``blocks`` (B,): cost of the prediction per half second, including the readings' noise."""
+    """``blocks`` (B,): of the prediction, half a second each, the readings' noise still in it."""
 
     blocks: Array
     noise: float
@@ -34,7 +34,7 @@ class Cost(NamedTuple):
 
     @property
     def total(self) -> float:
-        """The cost that is compared: about the mean of the paper's e."""
+        """What is compared: about e, the paper's, on the average."""
         return max(float(np.mean(self.blocks)) - self.noise, 0.0) + PULL_IN_WEIGHT * self.pull_in
 
 
@@ -52,7 +52,7 @@ def cost_on(profile: Profile, window: Window, *, judged: bool) -> Cost:
 
 
 def _floor(noise: Noise, readings: Readings) -> float:
-    """The part of the prediction's cost that is noise: of the vector, and of the turn up to it.
+    """What of a prediction is the readings' noise: of the vector, and of the turn up to it.
 
     A vector is turned about two axes, each with a third of the gyroscope's mean square.
     """

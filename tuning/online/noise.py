@@ -13,7 +13,7 @@ from tuning.prediction import Readings
 LONGEST_STEP_S = 0.15
 # Less noise than this counts as none: (1 mrad)^2, and (1 mrad/s)^2.
 LEAST = 1e-6
-# A mean square counts as changed from this factor on; noise twice as large changes it by four.
+# A mean square that has changed by less is what it was; noise twice as large changes it by four.
 CHANGED = 2.0
 # A field off by this share in strength, or its angle to gravity by so much, is another field.
 FIELD_CHANGED = 0.2
@@ -23,10 +23,10 @@ ANGLE_CHANGED_RAD = 0.25
 class Noise(NamedTuple):
     """Mean squares over a segment, and what the field is like.
 
-    ``gravity`` and ``magnetic``: of the unit vectors' noise, three axes together, from the
-    difference between each reading and the one before turned by the gyroscope. ``gyroscope``: of
-    the rate's noise, (rad/s)^2, from successive readings. ``strength`` is the field's,
-    ``angle_rad`` the angle between field and gravity.
+    ``gravity`` and ``magnetic``: of the unit vector's noise, all three axes, from how far each
+    reading is from the one before, turned on by the gyroscope. ``gyroscope``: of the rate's,
+    (rad/s)^2, from reading to reading. ``strength`` is the field's, ``angle_rad`` that between
+    field and gravity.
     """
 
     gravity: float

@@ -9,7 +9,7 @@ from tuning.online.retuner import Decision, Retuner
 from tuning.online.segment import Segment
 
 NICENESS = 15
-# Share of a core, averaged since the beginning; loading and the first searches come on top.
+# Of a core, in the mean since the beginning; loading and the first searches come on top.
 MOST_SHARE = 0.03
 ALLOWANCE_S = 10.0
 MOST_VEHICLES = 512  # then the one whose last segment is oldest is forgotten

@@ -1,4 +1,4 @@
-"""Bytes over UDP, TCP or a serial line, for the link and for the simulated vehicle.
+"""Bytes over UDP, TCP or a serial line, for the link and for the simulated vehicle alike.
 
 A transport is used by one thread only. ``receive`` is the only call that
 waits. What a person got wrong (a taken port, a missing device, an unknown

@@ -21,8 +21,8 @@ from drivers.mavlink.transports.sockets import (
 )
 from drivers.mavlink.transports.transport import LinkError, Packet
 
-# Most reads in one call, so that a flood cannot keep the owner from anything else. It is more
-# than the system's buffer holds, so that a backlog is read completely.
+# Reads in one call before the owner gets them: a flood cannot keep it from anything else. Some
+# more than the system's buffer holds, so that a backlog is seen whole.
 RECEIVE_READS = 16_384
 # Senders to answer on one UDP port; the one silent for longest is forgotten first
 MOST_UDP_PEERS = 32
@@ -43,7 +43,7 @@ LOST_LOOK_S = 0.25
 
 
 class _Udp:
-    """What UdpIn and UdpOut share."""
+    """What both have in common."""
 
     def __init__(self, endpoint: Endpoint) -> None:
         self._endpoint = endpoint
@@ -128,7 +128,7 @@ class UdpOut(_Udp):
 
 
 class _UdpSocket:
-    """A UDP socket and its selector, which is kept: making one costs as much as 8 datagrams."""
+    """A UDP socket with a selector of its own: to make one takes as long as eight datagrams."""
 
     def __init__(self, created: socket.socket) -> None:
         self.socket = created
@@ -187,7 +187,7 @@ class _UdpSocket:
                 raise LinkError(reason(error.errno)) from error
 
     def close(self) -> None:
-        """Close the selector and the socket."""
+        """Release both."""
         self._selector.close()
         self.socket.close()
 

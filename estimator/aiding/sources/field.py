@@ -65,9 +65,10 @@ def wait_for_field(state: FieldState, dt: float) -> FieldState:
 def judge_field(
     params: AidingParams, state: FieldState, seen: Vec3, expected: Vec3, variance: float
 ) -> FieldState:
-    """Compare norm and dip with those of the place's field, as for the unaided field.
+    """Norm and dip against the place's field, as for the unaided field.
 
-    Both scales are widened for ``variance``, that of one component of the learnt field.
+    Both scales are widened by what ``variance`` (of one part of the field, as far as it is
+    learnt) makes of them.
     """
     wait = min(state.wait_s, 1.0)
     share = wait / (FIELD_TAU_S + wait) if state.samples > 0.0 else 1.0

@@ -11,7 +11,7 @@ from estimator.compilation.compiled import inlined
 from estimator.geometry.quaternion import rotate
 from estimator.types import Vec3
 
-# How long (s) the unaided gravity's own error lasts in slow streams, and one from acceleration.
+# Of slow streams the unaided gravity's own error lasts for so long (s), an acceleration's for that.
 SLOW_UNAIDED_TAU_S = 1.0
 LEAN_LASTS_S = 3.0
 

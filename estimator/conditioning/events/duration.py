@@ -1,13 +1,13 @@
-"""How long a sign of an unsensed turn has lasted."""
+"""For how long a sign has held."""
 
 from estimator.compilation.compiled import inlined
 
-# One sample adds no more than this (s), however long its step: in a slow stream several samples
-# in a row have to agree.
+# A single sample is a sign of no more than this (s), however long its step: of slow streams
+# several in a row have to agree.
 LONGEST_SIGN_S = 0.15
 
 
 @inlined
 def duration_s(holds: bool, lasted_s: float, dt_s: float) -> float:
-    """How long (s) a condition has lasted after this step; 0 if it no longer ``holds``."""
+    """For how long (s) something has held, which it has if it ``holds`` now."""
     return lasted_s + min(dt_s, LONGEST_SIGN_S) if holds else 0.0

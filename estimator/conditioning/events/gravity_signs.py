@@ -18,7 +18,8 @@ LEAST_GRAVITY_SHARE = 0.4
 UNKNOWN_WANDER = 0.03
 # Averaging (s) of how far a second's mean force usually is off the vertical.
 WANDER_TAU_S = 10.0
-# Averaging (s) of how far the low-passed force has another size than gravity.
+# Averaging (s) of how far the low-passed force has another size than gravity, and points
+# elsewhere than its own long mean.
 UNEVEN_TAU_S = 15.0
 
 
@@ -29,6 +30,7 @@ class GravitySigns(NamedTuple):
     moving_s: float = 0.0  # for how long that of a moving vehicle has
     levelled: Vec2 = (0.0, 0.0)  # what levelling has turned lately about north and east, rad
     wander: float = UNKNOWN_WANDER  # mean square angle between quick and slow gravity, rad^2
+    apart: float = 0.0  # mean square angle between slow gravity and its long mean, rad^2
     uneven: float = 0.0  # mean square of how far the size of gravity is off, as a share
 
 
@@ -68,6 +70,7 @@ def watch_gravity(
     off = 0.0 if falls else angle_between_vectors(quick, f)
     moving = off > params.turn_moving_rad
     a = dt_s / (WANDER_TAU_S + dt_s) if doubt == 0.0 else 0.0
+    lag = angle_between_vectors(f, gravity.force.long)
     size = norm(f) / STANDARD_GRAVITY_M_S2 - 1.0
     b = dt_s / (min(UNEVEN_TAU_S, gravity.force.age_s) + dt_s)
     return GravitySigns(
@@ -75,5 +78,6 @@ def watch_gravity(
         moving_s=duration_s(moving, state.moving_s, dt_s),
         levelled=(decay * state.levelled[0] + step[0], decay * state.levelled[1] + step[1]),
         wander=state.wander + a * (off * off - state.wander),
+        apart=state.apart + b * (lag * lag - state.apart),
         uneven=state.uneven + b * (size * size - state.uneven),
     )

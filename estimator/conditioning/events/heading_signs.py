@@ -22,12 +22,12 @@ KNOWN_HEADING_SIGMA = 0.2
 # A mean field that has pointed elsewhere does so still until it is within this share of the angle
 # that told it: meanwhile the heading creeps towards it.
 STILL_OFF = 0.5
-# A heading that was given up is remembered for so long (s). The field points to it again if the
-# two are less than ten degrees apart.
+# A heading that was given up is remembered for so long (s); the field points to it again within
+# ten degrees.
 OTHER_HEADING_S = 60.0
 SAME_HEADING_COS = 0.985
-# If several headings are given up within this time (s), the first is remembered: a field that
-# keeps turning draws the heading with it in steps.
+# Of headings that are given up within so long (s) the first is remembered: a field that keeps
+# turning takes the heading along in steps.
 SAME_TURN_S = 10.0
 
 

@@ -112,14 +112,14 @@ def learn_calibration(
 ) -> CalibrationState:
     """Recursive least squares of field = F + R offset + lag (R w) x field, all over ``norm``.
 
-    R turns body to G; ``axes`` are its axes. The field F of the place is fixed in G but for the
-    gyroscope's drift, while 6D turns with every levelling, by degrees at a start. The part of the
-    field that moves with the body is the vehicle's own (hard iron); the part that moves with the
-    turn rate comes from the sensor's lag. The mean over ``calibration_high_pass_s``, or over the
-    time since the start, is taken from every term, so that F and slow drift vanish. (If the first
-    reading were taken off instead, its error would be in every residual.) ``field_g`` is already
-    corrected by the present estimate. While a body hardly turns, its own field looks like the
-    place's, so only the lag is learnt.
+    R turns body to G; ``axes`` are its axes. In G the field F of the place stands still but for
+    the gyroscope's drift, where 6D turns with every levelling, by degrees at a start. What of
+    it moves with the body is the vehicle's own field (hard iron), what moves with the turn rate
+    is the sensor's age. All is high-passed alike, so that F and slow drift vanish and the model
+    stays: less its mean over ``calibration_high_pass_s``, or over the time since the start. (Less
+    the first reading instead, that one's error would be in every residual.) ``field_g`` is
+    corrected already: its residual is that of the present estimate.
+    While a body hardly turns, its own field looks like the place's, so it teaches the lag only.
     """
     y = scale(1.0 / norm, field_g)
     x = cross(to_frame(axes, gyr), y)

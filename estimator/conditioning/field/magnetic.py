@@ -97,9 +97,9 @@ def look_at_field(
 ) -> FieldLook:
     """The look moved by ``share`` of its way to a sample, and its confidence.
 
-    ``seen`` and ``expected`` are (horizontal, down). Norm n and dip d tell, whatever the heading,
-    whether the field is the expected one: D^2 = ((n - n_r)/(s_n n_r))^2 + (sin(d - d_r)/s_d)^2.
-    The confidence is the weight that a robust estimator gives to this D^2.
+    ``seen`` and ``expected`` are (horizontal, down). Norm n and dip d say without any heading
+    whether the field is the expected one: D^2 = ((n - n_r)/(s_n n_r))^2 + (sin(d - d_r)/s_d)^2,
+    of which the confidence is the robust estimator's weight.
     """
     h = before.horizontal + share * (seen[0] - before.horizontal)
     v = before.down + share * (seen[1] - before.down)

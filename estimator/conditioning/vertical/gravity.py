@@ -29,6 +29,8 @@ DOWN: Vec3 = (0.0, 0.0, 1.0)
 LEAST_FORCE_M_S2 = 0.5
 # Averaging time (s) of how unsteady the force is.
 UNSTEADY_TAU_S = 5.0
+# The long mean of the low-passed force is taken over so many of its time constants.
+LONG_MEAN = 3.0
 
 
 class Force(NamedTuple):
@@ -36,6 +38,7 @@ class Force(NamedTuple):
 
     down: Smooth = Smooth()  # low-passed over ``gravity_tau_s``, m/s^2
     quick: Vec3 = ZERO_VEC3  # followed faster, m/s^2
+    long: Vec3 = ZERO_VEC3  # mean of ``down`` over several of its time constants, m/s^2
     unsteady: float = 0.0  # mean square of what comes and goes, over the square of ``down``
     age_s: float = 0.0  # since the low-pass began
 
@@ -70,8 +73,8 @@ def observe_gravity(
     and fro ends where it began, so their mean vanishes), and turning causes no
     lag. The force is not normalised first: the mean of directions is tilted
     where the mean of forces is not. A running mean over the first
-    ``gravity_tau_s`` starts it. In slow streams the vertical takes the ``share`` of a
-    reading that :mod:`estimator.conditioning.vertical.tilt` has found.
+    ``gravity_tau_s`` starts it. Of slow streams the vertical moves by ``share`` of
+    its way, which :mod:`estimator.conditioning.vertical.tilt` has weighed.
     Source: Laidig and Seel 2023, doi 10.1016/j.inffus.2022.10.014.
     """
     before = state.force
@@ -89,8 +92,9 @@ def observe_gravity(
     f = down.value
     size, off = square(f), square(subtract(u, f))
     ratio = off / size if size > LEAST_FORCE_M_S2**2 else 1.0
+    long = approach(before.long, f, max(k.gravity_share / LONG_MEAN, dt / age))
     unsteady = before.unsteady + min(1.0, dt / UNSTEADY_TAU_S) * (ratio - before.unsteady)
-    return with_force(state, Force(down=down, quick=quick, unsteady=unsteady, age_s=age))
+    return with_force(state, Force(down, quick, long, unsteady, age))
 
 
 @inlined

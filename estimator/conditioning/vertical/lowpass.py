@@ -31,8 +31,8 @@ def low_pass(tau_s: float, dt_s: float) -> LowPass:
     sqrt(2)/(2 pi tau), VQF's choice (Laidig and Seel 2023,
     doi 10.1016/j.inffus.2022.10.014). With x = y - u, w = tau y', a = dt/tau:
     x' = e^-a ((cos a + sin a) x + sin a w), w' = e^-a (-2 sin a x + (cos a - sin a) w).
-    The state holds tau w = tau^2 y' instead of w: with an oscillating input it keeps its size
-    when tau changes, while y' or w would cause a transient.
+    The state holds tau w instead of w: of an input that goes to and fro, tau^2 y' stays as it
+    is when tau changes, and y' or w would leave a swing behind.
     The step is the solution itself, so no time step is unstable.
     """
     a = dt_s / tau_s

@@ -7,11 +7,11 @@ from estimator.types import Vec3
 # Plain samples closer than this (s) need no correction, and the mean of two
 # noisy instants loses.
 SLOW_SAMPLE_S = 0.0125
-# With steps up to the first (s) a gyroscope misses nothing that matters; with steps from the
-# second on it may miss any motion, and the stream counts as slow.
+# Up to the first step (s) a gyroscope misses nothing that matters, from the second on it may
+# miss anything: where "slow" streams begin.
 FAST_STEP_S = 0.04
 SLOW_STEP_S = 0.1
-# In slow streams the gain is raised to this (s) over the step: enough to follow within one step.
+# The filter follows slow streams within a step: its gain times this (s) is several times enough.
 FOLLOW_S = 4.0
 
 
@@ -56,10 +56,10 @@ def slow_share(dt_s: float) -> float:
 
 @inlined
 def following_weight(slow: float, dt_s: float) -> float:
-    """The vectors' weight against the gyroscope that carries the filter from step to step.
+    """How much the vectors count against the gyroscope that carries the filter from step to step.
 
-    1 for fast streams. In slow ones the vectors have been weighed already, so the filter
-    should follow them at once, and not keep what the gyroscope missed.
+    1 for fast streams. Of slow ones the vectors have been weighed already, and
+    what the gyroscope has missed in a step the filter must not keep for a second.
     """
     return 1.0 + slow * FOLLOW_S / dt_s if slow > 0.0 else 1.0
 

@@ -215,7 +215,7 @@ def weigh_force(
 def averaging_after(
     params: ConditioningParams, step: VerticalStep, estimate: Estimate
 ) -> Averaging:
-    """How long gravity is averaged after a step; ``estimate`` is the one at the step's end."""
+    """For how long gravity is averaged after a step, at the end of which ``estimate`` is known."""
     now, dt = step.state, step.state.coefficients.dt_s
     force = now.gravity.force
     tells = not now.rest.resting and slowness(params, dt) == 0.0

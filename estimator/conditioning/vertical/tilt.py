@@ -230,8 +230,8 @@ def force_after_turn(params: ConditioningParams, doubt: float, wander: float, dt
 
     ``doubt`` (rad^2) is the variance that an unsensed turn has given the vertical. ``wander`` is
     how far the mean of ``turn_moving_tau_s`` usually is off, so a reading's
-    noise, were it white, is R = wander 2 tau/dt: it holds for a hand's quick accelerations as
-    well as a vehicle's slow ones. K = D/(D + R), D <- (1 - K) D. Once the low-pass is as quick,
+    noise, were it white, is R = wander 2 tau/dt: it holds for a hand's quick accelerations and
+    a vehicle's slow ones alike. K = D/(D + R), D <- (1 - K) D. Once the low-pass is as quick,
     both are zero.
     """
     noise = (wander + LEAST_WANDER) * 2.0 * params.turn_moving_tau_s / dt_s
