@@ -100,6 +100,7 @@ def test_a_link_tells_it():
                 for sender in (one, other):
                     out.sendto(b"".join(sender.sample(20_000 * k)), (host, int(port)))
                 time.sleep(0.01)
+                lines += [e.text for e in link.drain(0.0) if isinstance(e, Notice)]
             for _ in range(100):
                 lines += [e.text for e in link.drain(0.1) if isinstance(e, Notice)]
                 if any("two senders" in line for line in lines):
