@@ -94,7 +94,7 @@ def state_of(*, dt_s, wait_s=0.0, seen_s=0.0, **signs):
     other = FieldRival(0.3, 0.3, seen_s)
     reference = FieldReference(0.2, 0.4, borne_s=5.0, other=other, uneven=0.004)
     heading = HeadingSigns(**{"scatter": 0.0007, "borne_s": 1.0, **signs})
-    gravity = GravitySigns(levelled=(0.01, -0.03), uneven=0.0005)
+    gravity = GravitySigns(levelled=(0.01, -0.03), apart=0.0006, uneven=0.0005)
     signs = TurnSigns(heading, gravity, JumpSigns(slow=(0.1, 0.3, 0.4)))
     events = EventsState(signs, HeadingDoubt(0.0023))
     return vertical, MagneticState(FieldLook(), reference, wait_s, True), events
@@ -103,7 +103,7 @@ def state_of(*, dt_s, wait_s=0.0, seen_s=0.0, **signs):
 @pytest.mark.parametrize(("dt_s", "slow"), [(0.01, 0.0), (0.07, 0.5), (0.2, 1.0)])
 def test_sigma_of_the_inclination_adds_up_what_may_tilt_it(dt_s, slow):
     vertical, _, events = state_of(dt_s=dt_s)
-    fast = 0.03**2 * 0.3 + 0.5**2 * (0.01**2 + 0.03**2) + 2.0 * 0.0005
+    fast = 0.0006 + 2.0 * 0.0005
     square = 0.0052**2 + 0.0004 + (1.0 - slow) * fast + slow * 0.005
     assert sigma_inclination(PARAMS, vertical, events) ** 2 == pytest.approx(square)
 

@@ -1,6 +1,6 @@
 """Each step by itself."""
 
-from math import atan2, cos, degrees, pi, radians, sin
+from math import atan2, cos, degrees, expm1, pi, radians, sin
 
 import numpy as np
 import pytest
@@ -328,3 +328,21 @@ def test_magnetometer_at_a_quarter_of_the_rate():
     north = rotate_inverse(s.q_ned_frd, (1.0, 0.0, 0.0))
     assert angle_between_vectors(out.magnetic_b, north) < radians(1.66)  # measured 1.39
     assert max(doubts) == pytest.approx(0.024, rel=0.2)
+
+
+def test_the_long_mean_follows_the_low_passed_force_three_times_as_slowly():
+    """A force that steps: the mean of the low-passed one lags by three of its time constants."""
+    k = coefficients(PARAMS, 0.01, 1.0)
+    gravity = initial_state(PARAMS).vertical.gravity
+    for second in range(200):
+        u = (0.0, 0.0, 9.8) if second < 60 else (1.2, -0.4, 9.6)
+        for _ in range(100):
+            before = gravity.force
+            gravity = observe_gravity(PARAMS, k, gravity, u, 0.0, 0.0)
+        if second == 62:
+            share = -expm1(-0.01 / PARAMS.gravity_tau_s) / 3.0
+            down = np.array(gravity.force.down.value)
+            expected = np.array(before.long) + share * (down - np.array(before.long))
+            assert gravity.force.long == pytest.approx(expected)
+            assert 0.1 < gravity.force.long[0] < 0.5 * down[0]
+    assert gravity.force.long == pytest.approx((1.2, -0.4, 9.6), abs=1e-3)
