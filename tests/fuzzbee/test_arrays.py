@@ -9,9 +9,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from estimator.aiding.phase import Phase
+from estimator.estimator import Estimator as LiveEstimator
 from estimator.live.core import with_attitude
 from estimator.live.rows import HAS_HEADING, cut, rows_of
-from estimator.types import ImuSample
+from estimator.types import ImuSample, VelocitySample
 from fuzzbee import Estimator, InputError, load_profile
 from fuzzbee.attitudes import Attitudes, attitude_arrays
 from tests.fuzzbee.recording import recorded
@@ -185,3 +187,19 @@ def test_a_time_that_no_clock_shows_is_refused_before_anything_is_taken(time_s):
     with pytest.raises(InputError, match="time_s"):
         estimator.update((0.0,) * 3, (0.0, 0.0, -9.8), time_s=time_s)
     assert estimator.update_batch(*level, time_s=[0.0, 0.1]).q_ned_frd[0, 0] == 1.0
+
+
+def test_a_velocity_is_handed_on_as_it_is_at_the_last_samples_time():
+    """Beside the live estimator, which is given reports of its own kind; without a time, too."""
+    ours, live = Estimator("imu"), LiveEstimator(load_profile("imu"))
+    for t, w, f, m, v in zip(*recorded(FLIPS)[:5], strict=True):
+        time_us, has_mag = round(1e6 * t), bool(np.any(m))
+        attitude = ours.update(w, f, m if has_mag else None, t)
+        live.update(ImuSample(time_us, tuple(w), tuple(f), tuple(m), has_mag))
+        expected = live.attitude(time_us)
+        if np.isfinite(v[:2]).all():
+            velocity = (v[0] + 0.3, v[1] - 0.2, v[2])
+            ours.update_velocity(velocity, sigma_m_s=0.4)
+            live.update_velocity(VelocitySample(time_us, velocity, True, 0.4))
+    assert live.snapshot.context.phase is Phase.AIDED
+    assert attitude.q_ned_frd == pytest.approx(expected.q_ned_frd, abs=1e-12)
