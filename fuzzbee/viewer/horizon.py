@@ -22,7 +22,6 @@ FAR = 2000.0  # beyond every window
 PER_DEG = 2.2  # of pitch
 TAPE_PER_DEG = 3.2  # of heading
 MIDDLE_Y = 4.0  # of the horizon's part
-REACH = 78.0  # so far the ladder reaches from the middle
 SLIVER = 84.0  # the horizon's line is kept in sight, however steep the vehicle
 BAR_Y, TAPE_Y, FIGURES_Y = -118.0, -96.0, 98.0  # where bar and tape end, and the figures begin
 ARC = 84.0  # radius of the roll's scale

@@ -75,6 +75,7 @@ def observe_gravity(
     where the mean of forces is not. A running mean over the first
     ``gravity_tau_s`` starts it. Of slow streams the vertical moves by ``share`` of
     its way, which :mod:`estimator.conditioning.vertical.tilt` has weighed.
+    The long mean of the result is kept beside it: how far the two point apart tells sigma.
     Source: Laidig and Seel 2023, doi 10.1016/j.inffus.2022.10.014.
     """
     before = state.force
