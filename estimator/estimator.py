@@ -5,6 +5,7 @@ from typing import Any
 
 from estimator.aiding.phase import Phase
 from estimator.aiding.place import PlaceField
+from estimator.filter.gain_words import gain_in_words
 from estimator.live import north
 from estimator.live.core import apply_turn, change_imu
 from estimator.live.hearing import take_rate, take_report
@@ -191,6 +192,12 @@ class Estimator:
     def rates(self) -> str:
         """Whose rates the turning was integrated through: "imu", or "imu+attitude"."""
         return "imu+attitude" if self._state.context.turning.used else "imu"
+
+    @property
+    def gain_in_words(self) -> str:
+        """What sets the gain K, and what that is worth."""
+        settings = self._state.settings
+        return gain_in_words(settings.filter, conditioned=settings.conditioned)
 
     @property
     def place_field(self) -> PlaceField | None:

@@ -26,10 +26,15 @@ def show(profile: Name, as_json: AsJson = False) -> None:
     """Print a profile with every value that was left to its default."""
     import tomli_w
 
+    from estimator.estimator import Estimator
     from estimator.profile import load_profile, profile_to_json
 
-    tree = profile_to_json(load_profile(profile))
-    print(json.dumps(tree) if as_json else tomli_w.dumps(tree), end="\n" if as_json else "")
+    chosen = load_profile(profile)
+    tree = profile_to_json(chosen)
+    if as_json:
+        print(json.dumps(tree))
+    else:
+        print(f"# {Estimator(chosen).gain_in_words}\n{tomli_w.dumps(tree)}", end="")
 
 
 @profile_app.command(epilog=EPILOG)

@@ -71,6 +71,7 @@ class StatusRecord(msgspec.Struct, frozen=True):
     dropped: int
     sequence: int
     rates: str = "imu"  # "imu+attitude" once ATTITUDE has shown turning between IMU samples
+    gain: str = ""  # what sets K, in words
     overloaded: bool = False  # more arrives than can be handled: samples are left out
     shed: int = 0  # samples of this vehicle left out so far
     lost: int = 0  # datagrams of all vehicles that the system threw away before they could be read

@@ -261,6 +261,7 @@ class Vehicle:
             dropped=load.dropped,
             sequence=self._statuses,
             rates=self.estimator.rates,
+            gain=self.estimator.gain_in_words,
             overloaded=load.is_shedding,
             shed=self.shed,
             lost=load.lost,

@@ -189,24 +189,22 @@ def correct(params: FilterParams, state: FilterState, vectors: Vectors, dt: floa
     v1, v2 = vectors.v1_frd, vectors.v2_frd
     u1 = rotate_inverse(state.q_ned_frd, vectors.v1_ned)
     u2 = rotate_inverse(state.q_ned_frd, vectors.v2_ned)
-    v_across, u_across = cross(v1, v2), cross(u1, u2)
-    v_square, u_square = dot(v_across, v_across), dot(u_across, u_across)
     s1, s2, s3 = vectors.s1, vectors.s2, 0.0
     w = add(scale(0.5 * s1, cross(u1, v1)), scale(0.5 * s2, cross(u2, v2)))
-    spans = min(s1, s2) > 0.0 and min(v_square, u_square) > COLLINEAR_SINE**2
-    inverse, cosine = 0.0, 0.0
-    if spans:
-        s3 = vectors.s3
-        inverse = inverse_root(v_square)
-        share = inverse * inverse_root(u_square)  # v3 and u3 are the unit normals
-        cosine = share * dot(v_across, u_across)
-        if s3 > 0.0:
-            w = add(w, scale(0.5 * s3 * share, cross(u_across, v_across)))
     knows_noise = params.gain_knows_noise and not params.gain_is_fixed
-    if spans and not knows_noise:
-        e = attitude_error(v1, v2, u1, u2, v_across, inverse, cosine)
-    else:
-        e = single_vector_error(v1, v2, u1, u2, s1, s2)
+    e = single_vector_error(v1, v2, u1, u2, s1, s2)
+    if vectors.s3 > 0.0 or not knows_noise:
+        v_across, u_across = cross(v1, v2), cross(u1, u2)
+        v_square, u_square = dot(v_across, v_across), dot(u_across, u_across)
+        if min(s1, s2) > 0.0 and min(v_square, u_square) > COLLINEAR_SINE**2:
+            s3 = vectors.s3
+            inverse = inverse_root(v_square)
+            share = inverse * inverse_root(u_square)  # v3 and u3 are the unit normals
+            cosine = share * dot(v_across, u_across)
+            if s3 > 0.0:
+                w = add(w, scale(0.5 * s3 * share, cross(u_across, v_across)))
+            if not knows_noise:
+                e = attitude_error(v1, v2, u1, u2, v_across, inverse, cosine)
     d = error_rate(params, state, e, dt)
     noise = state.noise
     if knows_noise:

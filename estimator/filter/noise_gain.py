@@ -62,6 +62,9 @@ RATE_FIRST, RATE_FACTOR = 4.5, 1.2
 # kappa. Small: K goes down late; large: before the estimate is good.
 DESCENT = 0.35
 
+# K^2 may be off by this share before K changes: each other K costs an exponential.
+TOLERANCE = 0.02
+
 # Squared noise of a unit vector that is called none.
 LEAST_VARIANCE = 1e-8
 LARGEST_CONSEQUENT = 4.0
@@ -109,9 +112,9 @@ def observe_noise(
     samples, r, q = noise.samples, noise.vector_variance, noise.rate_variance
     if components > 0.0 and dt > 0.0:
         samples = min(samples + 1.0, max(1.0, NOISE_WINDOW_S / dt))
-        change = subtract(rate, noise.rate_rad_s)
-        r += (total / components - r) / samples
-        q += (dot(change, change) / 6.0 - q) / samples
+        change, share = subtract(rate, noise.rate_rad_s), 1.0 / samples
+        r += share * (total / components - r)
+        q += share * (dot(change, change) / 6.0 - q)
     return NoiseState(v1, has_v1, v2, has_v2, rate, samples, r, q, noise.error_floor)
 
 
@@ -145,10 +148,17 @@ def consequent(error_term: float, rate_term: float) -> float:
 
 
 @inlined
-def resting_gain(noise: NoiseState) -> float:
-    """sqrt(q/r), less for the vectors' slow errors; q = rate variance dt, r = vectors' dt."""
-    ratio = noise.rate_variance / max(noise.vector_variance, LEAST_VARIANCE)
-    return min(RESTING_MOST, max(RESTING_LEAST, RESTING_SHARE * sqrt(ratio)))
+def resting_gain(noise: NoiseState, before: float) -> float:
+    """sqrt(q/r), less for the vectors' slow errors; q = rate variance dt, r = vectors' dt.
+
+    The gain of the sample ``before`` stays where it is near enough.
+    """
+    r = max(noise.vector_variance, LEAST_VARIANCE)
+    ratio = RESTING_SHARE**2 * noise.rate_variance  # times r, as all that follows
+    ratio = min(RESTING_MOST**2 * r, max(RESTING_LEAST**2 * r, ratio))
+    if abs(ratio - before * before * r) <= TOLERANCE * ratio:
+        return before
+    return sqrt(ratio / r)
 
 
 @inlined
@@ -157,6 +167,8 @@ def rules_gain(resting: float, error_floors: float, rate_floors: float) -> float
 
     Inputs: e, and how much it rises within the rate's time constant, both in floors.
     """
+    if error_floors <= ERROR_FIRST and rate_floors <= RATE_FIRST:
+        return resting  # nearly always: the power is spared
     e = term(error_floors, ERROR_FIRST, ERROR_FACTOR)
     d = term(rate_floors, RATE_FIRST, RATE_FACTOR)
     return float(resting * (LARGEST_GAIN / resting) ** consequent(e, d))
@@ -165,6 +177,8 @@ def rules_gain(resting: float, error_floors: float, rate_floors: float) -> float
 @inlined
 def descend(gain: float, resting: float, dt: float) -> float:
     """One implicit step of dK/dt = kappa (K_rest^2 - K^2): stays above 0 for any dt."""
+    if gain == resting:
+        return gain
     share = DESCENT * dt
     return gain + share * (resting * resting - gain * gain) / (1.0 + share * (gain + resting))
 
@@ -179,7 +193,7 @@ def noise_gain(
     """
     if noise.samples <= 0.0:
         return LARGEST_GAIN
-    resting = resting_gain(noise)
+    resting = resting_gain(noise, gain_before)
     floor = noise.error_floor
     ruled = rules_gain(resting, error / floor, max(rise, 0.0) / floor)
     return max(ruled, descend(gain_before, resting, dt))

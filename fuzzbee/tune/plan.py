@@ -92,9 +92,7 @@ def _log_plan(request: TuneRequest) -> Plan:
     slowest = min(flights, key=lambda flight: flight.rate_hz)
     groups = _groups(request, default_groups(goal, slowest.rate_hz))
     _require_rate(request, groups, slowest)
-    if {"membership", "filter"} & {*groups} and base.filter.gain != "fuzzy":
-        tell('the fuzzy gain\'s rules are tuned: the result has filter.gain = "fuzzy"')
-        base = merge_profile(base, {"filter": {"gain": "fuzzy"}})
+    base = _with_tuned_gain(base, groups)
     chosen = split(flights, held_out)
     _require_references(goal, chosen)
     for flight in flights:
@@ -108,6 +106,17 @@ def _log_plan(request: TuneRequest) -> Plan:
     ]
     reference = "; ".join(dict.fromkeys(_reference_text(flight) for flight in flights))
     return _plan(request, LogTask(base, groups, chosen, goal), inputs, reference, {})
+
+
+def _with_tuned_gain(base: Profile, groups: tuple[str, ...]) -> Profile:
+    """The profile with the gain that the tuned numbers belong to: others would move nothing."""
+    wanted = "fuzzy" if {"membership", "filter"} & {*groups} else base.filter.gain
+    if "gain" in groups and wanted != "fuzzy":
+        wanted = "fixed"
+    if wanted == base.filter.gain:
+        return base
+    tell(f'the numbers of that gain are tuned: the result has filter.gain = "{wanted}"')
+    return merge_profile(base, {"filter": {"gain": wanted}})
 
 
 def _plan(

@@ -30,7 +30,7 @@ ATTITUDE_KEYS = [
 ]  # fmt: skip
 STATUS_KEYS = [
     "state", "imu_message", "imu_rate_hz", "worst_gap_s", "rejected", "overruns", "dropped",
-    "sequence", "rates", "overloaded", "shed", "lost", "published_hz",
+    "sequence", "rates", "gain", "overloaded", "shed", "lost", "published_hz",
     "malformed", "warnings", "retuned",
     "worker", "restarts",
 ]  # fmt: skip

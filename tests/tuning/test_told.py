@@ -3,7 +3,16 @@
 from estimator.estimator import Estimator
 from tuning.told import ToldEstimator
 
-ASKED = {"aligned", "attitude", "norths", "place_field", "profile", "rates", "snapshot"}
+ASKED = {
+    "aligned",
+    "attitude",
+    "gain_in_words",
+    "norths",
+    "place_field",
+    "profile",
+    "rates",
+    "snapshot",
+}
 # They call what is told, or are noted by whoever keeps segments: a profile ends one.
 BY_OTHERS = {"update_rate", "update_velocity", "replace_profile"}
 # In place of ``update``, for arrays of samples, which nobody retunes on.

@@ -115,9 +115,13 @@ def test_a_vector_that_is_absent_is_not_measured():
 
 def test_the_resting_gain_is_a_kalman_filters_share():
     noise = NO_NOISE._replace(samples=9.0, rate_variance=0.2**2, vector_variance=0.05**2)
-    assert resting_gain(noise) == pytest.approx(RESTING_SHARE * 0.2 / 0.05)
-    assert resting_gain(noise._replace(vector_variance=1.0)) == RESTING_LEAST
-    assert resting_gain(noise._replace(vector_variance=0.0)) == RESTING_MOST
+    expected = RESTING_SHARE * 0.2 / 0.05
+    assert resting_gain(noise, 60.0) == pytest.approx(expected)
+    assert resting_gain(noise._replace(vector_variance=1.0), 60.0) == RESTING_LEAST
+    assert resting_gain(noise._replace(vector_variance=0.0), 60.0) == RESTING_MOST
+    for near, is_kept in ((1.009, True), (1.011, False), (0.991, True), (0.989, False)):
+        kept = resting_gain(noise, near * expected)
+        assert kept == pytest.approx((near if is_kept else 1.0) * expected)
 
 
 @given(floats(0.5, 120.0), floats(1.0, 30.0), floats(0.0, 60.0))
@@ -166,7 +170,7 @@ def test_the_floor_is_a_running_mean_of_e(floor, error, expected):
 @pytest.mark.parametrize("before", [2.0, 40.0])
 def test_an_error_that_rises_opens_the_gain_and_one_that_falls_does_not(before):
     """By six floors. What the gain comes down from is a bound from below for either."""
-    resting = resting_gain(NOISE)
+    resting = resting_gain(NOISE, before)
     falls, rises = (
         noise_gain.noise_gain(NOISE, 0.002, sign * 0.024, before, 0.02) for sign in (-1.0, 1.0)
     )
