@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from estimator.compilation.compiled import compiled, inlined
 from estimator.compilation.replacing import replacer
 from estimator.filter.fuzzy import operating_gain
-from estimator.filter.noise_gain import noise_gain, observe_floor, observe_noise
+from estimator.filter.noise_gain import borne_error, noise_gain, observe_floor, observe_noise
 from estimator.filter.observation import ReferenceParams, raw_vectors
 from estimator.filter.types import (
     NO_DECAY,
@@ -192,11 +192,12 @@ def correct(params: FilterParams, state: FilterState, vectors: Vectors, dt: floa
     s1, s2, s3 = vectors.s1, vectors.s2, 0.0
     w = add(scale(0.5 * s1, cross(u1, v1)), scale(0.5 * s2, cross(u2, v2)))
     knows_noise = params.gain_knows_noise and not params.gain_is_fixed
-    e = single_vector_error(v1, v2, u1, u2, s1, s2)
+    noise, e, spans = state.noise, 0.0, False
     if vectors.s3 > 0.0 or not knows_noise:
         v_across, u_across = cross(v1, v2), cross(u1, u2)
         v_square, u_square = dot(v_across, v_across), dot(u_across, u_across)
-        if min(s1, s2) > 0.0 and min(v_square, u_square) > COLLINEAR_SINE**2:
+        spans = min(s1, s2) > 0.0 and min(v_square, u_square) > COLLINEAR_SINE**2
+        if spans:
             s3 = vectors.s3
             inverse = inverse_root(v_square)
             share = inverse * inverse_root(u_square)  # v3 and u3 are the unit normals
@@ -205,8 +206,11 @@ def correct(params: FilterParams, state: FilterState, vectors: Vectors, dt: floa
                 w = add(w, scale(0.5 * s3 * share, cross(u_across, v_across)))
             if not knows_noise:
                 e = attitude_error(v1, v2, u1, u2, v_across, inverse, cosine)
+    if knows_noise:
+        noise, e = borne_error(noise, v1, u1, s1, v2, u2, s2)
+    elif not spans:
+        e = single_vector_error(v1, v2, u1, u2, s1, s2)
     d = error_rate(params, state, e, dt)
-    noise = state.noise
     if knows_noise:
         noise = observe_noise(noise, v1, s1 > 0.0, v2, s2 > 0.0, state.rate_rad_s, dt)
         noise = observe_floor(noise, e, dt)

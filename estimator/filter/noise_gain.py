@@ -11,8 +11,9 @@ as the samples come:
 * the floor of e: its own running mean, at least what the vectors' variance
   gives. What a second or two of a large gain has not removed is the sensors'.
 
-e is sin^2 of half the angle to the vectors, averaged by confidence. The trace
-that the paper takes e from answers the noise of the angle between the two
+e is sin^2 of half the angle to the vectors, averaged by confidence, of each the
+smaller one of two samples in a row: a single wrong vector is no lost attitude.
+The trace that the paper takes e from answers the noise of the angle between the two
 vectors in first order, and is below 0, hence clipped, half of the time.
 
 The rules are the paper's Table I. The terms of each input are triangles on its
@@ -34,7 +35,7 @@ from estimator.compilation.compiled import compiled, inlined
 from estimator.compilation.replacing import replacer
 from estimator.filter.fuzzy import RULES
 from estimator.geometry.quaternion import add, cross, dot, scale, subtract
-from estimator.types import ZERO_VEC3, Vec3
+from estimator.types import ZERO_VEC3, Vec2, Vec3
 
 # The numbers were searched on the paper's signals with noise seeds 300-307, the vectors' noise
 # and the gyroscope's at 1, 2 and 5 times the paper's, and rounded; see docs/gains.md.
@@ -48,7 +49,7 @@ FLOOR_TIME_S = 1.2
 FLOOR_CAP = 3.0
 # The resting gain over sqrt(q/r), and its bounds. Small: the gyroscope's bias shows; large: the
 # vectors' noise does. Vectors with errors of their own are worth less than their noise says.
-RESTING_SHARE = 0.45
+RESTING_SHARE = 0.55
 RESTING_LEAST = 1.3
 RESTING_MOST = 30.0
 # K of the table's largest consequent. The paper's 101 undoes a small error in one step of 10 ms;
@@ -82,10 +83,29 @@ class NoiseState(NamedTuple):
     vector_variance: float  # of each component, squared unit vectors
     rate_variance: float  # of each component of the rate, (rad/s)^2
     error_floor: float
+    errors: Vec2 = (1.0, 1.0)  # of each vector at the sample before
 
 
 NO_NOISE = NoiseState(ZERO_VEC3, False, ZERO_VEC3, False, ZERO_VEC3, 0.0, 0.0, 0.0, 0.0)
 with_floor = replacer(NoiseState, "error_floor")
+with_errors = replacer(NoiseState, "errors")
+
+
+@inlined
+def borne_error(
+    noise: NoiseState, v1: Vec3, u1: Vec3, s1: float, v2: Vec3, u2: Vec3, s2: float
+) -> tuple[NoiseState, float]:
+    """e as far as two samples in a row bear it out, by each vector for itself."""
+    e1 = vector_error(v1, u1) if s1 > 0.0 else noise.errors[0]
+    e2 = vector_error(v2, u2) if s2 > 0.0 else noise.errors[1]
+    e = s1 * min(e1, noise.errors[0]) + s2 * min(e2, noise.errors[1])
+    return with_errors(noise, (e1, e2)), e / (s1 + s2) if s1 + s2 > 0.0 else 0.0
+
+
+@inlined
+def vector_error(v: Vec3, u: Vec3) -> float:
+    """sin^2 of half the angle between two unit vectors."""
+    return min(1.0, max(0.0, 0.5 * (1.0 - dot(v, u))))
 
 
 @inlined
@@ -115,7 +135,7 @@ def observe_noise(
         change, share = subtract(rate, noise.rate_rad_s), 1.0 / samples
         r += share * (total / components - r)
         q += share * (dot(change, change) / 6.0 - q)
-    return NoiseState(v1, has_v1, v2, has_v2, rate, samples, r, q, noise.error_floor)
+    return NoiseState(v1, has_v1, v2, has_v2, rate, samples, r, q, noise.error_floor, noise.errors)
 
 
 @inlined

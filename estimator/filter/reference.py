@@ -26,7 +26,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimator.filter import fuzzy_reference
-from estimator.filter.noise_gain import noise_gain, observe_floor, observe_noise
+from estimator.filter.noise_gain import NoiseState, noise_gain, observe_floor, observe_noise
 from estimator.filter.types import (
     PLAIN_STEP_LIMIT,
     STEP_TOLERANCE,
@@ -99,6 +99,17 @@ def single_vector_error(measured: Array, estimated: Array, s: Array) -> float:
     return float(np.clip(s[:2] @ half_angle_sine_sq / total, 0.0, 1.0)) if total > 0.0 else 0.0
 
 
+def borne_error(
+    noise: NoiseState, measured: Array, estimated: Array, s: Array
+) -> tuple[NoiseState, float]:
+    """The same, of each vector the smaller one of this sample and of the one before."""
+    now = np.clip(0.5 * (1.0 - np.sum(measured[:2] * estimated[:2], axis=1)), 0.0, 1.0)
+    now = np.where(s[:2] > 0.0, now, noise.errors)
+    total = float(s[0] + s[1])
+    e = float(np.dot(s[:2], np.minimum(now, noise.errors))) / total if total > 0.0 else 0.0
+    return noise._replace(errors=(float(now[0]), float(now[1]))), e
+
+
 def error_rate(params: FilterParams, state: FilterState, error: float, dt: float) -> float:
     """d_k = d_(k-1) + dt/(tau + dt) ((e_k - e_(k-1))/dt - d_(k-1)), d_0 = 0; 1/s, signed."""
     if not state.has_error or dt <= 0.0:
@@ -160,10 +171,12 @@ def correct(params: FilterParams, state: FilterState, vectors: Vectors, dt: floa
     measured, estimated, s, spans = three_vectors(vectors, state.q_ned_frd)
     w = innovation(measured, estimated, s)
     knows_noise = params.gain_knows_noise and not params.gain_is_fixed
-    by_trace = spans and not knows_noise
-    e = (attitude_error if by_trace else single_vector_error)(measured, estimated, s)
-    d = error_rate(params, state, e, dt)
     noise = state.noise
+    if knows_noise:
+        noise, e = borne_error(noise, measured, estimated, s)
+    else:
+        e = (attitude_error if spans else single_vector_error)(measured, estimated, s)
+    d = error_rate(params, state, e, dt)
     if knows_noise:
         rate, v1, v2 = state.rate_rad_s, vectors.v1_frd, vectors.v2_frd
         noise = observe_noise(noise, v1, vectors.s1 > 0.0, v2, vectors.s2 > 0.0, rate, dt)
