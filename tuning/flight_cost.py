@@ -1,5 +1,6 @@
 """The cost of a flight: the errors that a user sees, and how honest their sigmas are."""
 
+from collections.abc import Sequence
 from math import exp, log
 from typing import NamedTuple
 
@@ -56,6 +57,35 @@ class FlightFigures(NamedTuple):
             name: None if figure is None else figure._asdict()
             for name, figure in zip(self._fields, self, strict=True)
         }
+
+
+# Coverage within these bounds is honest; beyond them it may be this much worse than before.
+HONEST = (0.6, 0.76)
+COVERAGE_SLACK = 0.02
+
+
+def harm(before: Sequence[FlightFigures], after: Sequence[FlightFigures]) -> str | None:
+    """What a change makes worse on flights, in words; None if error and coverage both hold.
+
+    Errors are weighed over all flights and both angles, as the cost does; coverage holds on each.
+    """
+    then, now = ([f for figures in side for f in figures] for side in (before, after))
+    pairs = [(b, a) for b, a in zip(then, now, strict=True) if b is not None]
+    was_deg = geometric_mean([b.rms_deg for b, _ in pairs])
+    is_deg = geometric_mean([180.0 if a is None else a.rms_deg for _, a in pairs])
+    if is_deg > was_deg:
+        return f"the error rises from {was_deg:.2f} to {is_deg:.2f} deg"
+    for was, is_ in pairs:
+        if is_ is None or is_.coverage is None or was.coverage is None:
+            continue
+        if _dishonesty(is_.coverage) > _dishonesty(was.coverage) + COVERAGE_SLACK:
+            return f"a coverage of {was.coverage:.2f} becomes {is_.coverage:.2f}"
+    return None
+
+
+def _dishonesty(coverage: float) -> float:
+    """How far a coverage is outside the honest bounds."""
+    return max(HONEST[0] - coverage, coverage - HONEST[1], 0.0)
 
 
 def geometric_mean(costs: list[float]) -> float:

@@ -23,8 +23,9 @@ CONDITIONING = (
 # The bounds are the shipped values divided and multiplied by this. Further away a parameter no
 # longer does what its name says.
 SHIPPED_FACTOR = 5.0
-# How noisy the vehicle's sensors and velocity reports are, and how far sigma says so: few numbers
-# that differ from vehicle to vehicle, without a velocity and with one.
+# How noisy the vehicle's sensors and velocity reports are: few numbers that differ from vehicle to
+# vehicle, without a velocity and with one. What moves sigma alone is not among them: a few flights
+# do not tell it.
 NOISE_UNAIDED = ("gravity_tau_s", "heading_noise_rad2_s")
 NOISE_AIDED = (
     "gyr_noise",
@@ -33,8 +34,6 @@ NOISE_AIDED = (
     "heading_noise",
     "filter_error_m_s",
     "receiver_error_m_s",
-    "colour",
-    "heading_colour",
 )
 
 

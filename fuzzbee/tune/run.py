@@ -23,6 +23,7 @@ from tuning.checkpoint import (
     write_atomically,
     write_checkpoint,
 )
+from tuning.flight_cost import FlightFigures, harm
 from tuning.log_task import GOALS, LogTask
 from tuning.objective import Scores, profile_with, values_of
 from tuning.optimizers import run_search
@@ -58,22 +59,30 @@ class Outcome(NamedTuple):
 
 
 class Verdict(NamedTuple):
-    """The scores of base and result; and, on logs, what chance found with the same budget."""
+    """The scores of base and result; and, on logs, what chance found with the same budget.
+
+    ``flights`` are the held-out flights' names and figures before and after, ``harm`` is what got
+    worse on them, in words.
+    """
 
     before: Scores
     after: Scores
     rival: Scores | None
+    flights: tuple[tuple[str, FlightFigures, FlightFigures], ...] = ()
+    harm: str | None = None
 
     @property
     def gains(self) -> bool:
-        """Whether the result is better on what the search did not see."""
-        return self.after.held_out < (1.0 - LEAST_GAIN) * self.before.held_out
+        """Whether the result is better on what the search did not see, and nothing worse."""
+        lower = self.after.held_out < (1.0 - LEAST_GAIN) * self.before.held_out
+        return lower and self.harm is None
 
 
 def run_plan(plan: Plan, request: TuneRequest, viewer: "ViewerOptions | None") -> int:
     """Search, write the profile, report; the exit status.
 
-    On logs a profile that gains nothing on what was held out is written with ``force`` only.
+    On logs a profile that gains nothing on what was held out, or harms it, is written with
+    ``force`` only.
 
     Raises:
         InputError: nothing to resume, no cluster, no viewer, or a file that cannot be written.
@@ -124,14 +133,19 @@ def _write(
 def _judge(plan: Plan, evaluate: Evaluate, outcome: Outcome, stop: threading.Event) -> Verdict:
     """Score base and result, and let chance search with the same budget."""
     before, after = plan.task.score(plan.task.base), plan.task.score(outcome.profile)
+    if not isinstance(plan.task, LogTask):
+        return Verdict(before, after, None)
+    then, now = (plan.task.held_out_figures(p) for p in (plan.task.base, outcome.profile))
+    flights = tuple((name, was, is_) for (name, was), (_, is_) in zip(then, now, strict=True))
+    harmed = harm([f for _, f in then], [f for _, f in now]) if plan.task.goal == "flight" else None
     rival = None
-    if isinstance(plan.task, LogTask) and outcome.finished:
+    if outcome.finished:
         options = plan.options._replace(algorithm="random")
         search = Search(plan.task.space, options, evaluate, observe=lambda _: not stop.is_set())
         with contextlib.suppress(InterruptedSearch):  # the result stands without it
             run_search(search, encode(plan.task.space, values_of(plan.task.space, plan.task.base)))
             rival = plan.task.score(profile_with(search.space, plan.task.base, search.best_values))
-    return Verdict(before, after, rival)
+    return Verdict(before, after, rival, flights, harmed)
 
 
 def _tell_gain(plan: Plan, verdict: Verdict, *, written: bool) -> None:
@@ -143,9 +157,12 @@ def _tell_gain(plan: Plan, verdict: Verdict, *, written: bool) -> None:
                 "was tuned on only; use more data, or keep the base"
             )
         return
+    why = f"nothing gained on what was held out ({before:.4f} -> {after:.4f}, "
+    why += f"{100.0 * LEAST_GAIN:g} % less is needed)"
+    if verdict.harm is not None:
+        why = f"what was held out is worse: {verdict.harm}"
     tell(
-        f"nothing gained on what was held out ({before:.4f} -> {after:.4f}, "
-        f"{100.0 * LEAST_GAIN:g} % less is needed): "
+        f"{why}: "
         + (
             f"{plan.output} is written all the same"
             if written
@@ -249,7 +266,7 @@ def _numba_threads(threads: int | None) -> Iterator[None]:
 
 
 def _report(plan: Plan, outcome: Outcome, verdict: Verdict, wall_s: float) -> dict[str, Any]:
-    search, (before, after, rival) = outcome.search, verdict
+    search, before, after, rival = outcome.search, *verdict[:3]
     report = {
         "evaluations": search.evaluations,
         "cycles": search.cycles,
@@ -270,17 +287,12 @@ def _report(plan: Plan, outcome: Outcome, verdict: Verdict, wall_s: float) -> di
         report["random_search"] = (
             None if rival is None else {"cost": rival.tuning, "held_out": rival.held_out}
         )
-        report["held_out_flights"] = _flights_report(plan.task, outcome.profile)
+        report["held_out_flights"] = [
+            {"name": name, "before": then.as_json(), "after": now.as_json()}
+            for name, then, now in verdict.flights
+        ]
+        report["harm"] = verdict.harm
     return report
-
-
-def _flights_report(task: LogTask, tuned: Profile) -> list[dict[str, Any]]:
-    """What a user sees on each held-out flight, before and after."""
-    both = zip(task.held_out_figures(task.base), task.held_out_figures(tuned), strict=True)
-    return [
-        {"name": name, "before": before.as_json(), "after": after.as_json()}
-        for (name, before), (_, after) in both
-    ]
 
 
 def _print_report(plan: Plan, outcome: Outcome, report: dict[str, Any]) -> None:

@@ -161,7 +161,9 @@ def test_recovery_is_dear_where_the_gain_is_small():
     made = flight(duration_s=60.0)
     turned = merge_profile(imu(), {"reference": {"declination_deg": -45.0}})
     quick, slow = (
-        recovery_cost(merge_profile(turned, {"filter": {"fixed_gain": k}}), whole(made))
+        recovery_cost(
+            merge_profile(turned, {"filter": {"gain": "fixed", "fixed_gain": k}}), whole(made)
+        )
         for k in (20.0, 1.0)
     )
     assert slow > 1.5 * quick
@@ -253,7 +255,7 @@ def test_needs_conditioning():
 
 def test_memberships_that_set_no_gain_are_not_tuned():
     task = LogTask(imu(), ("membership",), split((flight(rate_hz=5.0),)))
-    with pytest.raises(InputError, match=r"filter\.gain is 'fixed'"):
+    with pytest.raises(InputError, match=r"filter\.gain is 'noise'"):
         _ = task.objective
 
 
