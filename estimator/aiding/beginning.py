@@ -31,6 +31,7 @@ from estimator.aiding.types import (
     Roughness,
     Scatter,
     Sigmas,
+    Surprise,
 )
 from estimator.conditioning.field.magnetic import FieldLook
 from estimator.geometry.quaternion import add, rotate, subtract
@@ -96,6 +97,7 @@ def begin(
             samples=0.0,
             wait_s=0.0,
             doubt_s=0.0,
+            evidence=0.0,
         ),
         agreement=Agreements(by_filter=UNHEARD, by_receiver=UNHEARD),
         sigma=Sigmas(
@@ -104,6 +106,7 @@ def begin(
         ),
         rough=Roughness(bent=0.0, changed=0.0),
         lean=Lean(ZERO_VEC3, report.velocity_ned_m_s, report.velocity_ned_m_s),
+        surprise=Surprise(ZERO_VEC3, gyr_bias, level=0.0, heading=0.0),
     )
     return state, P, new_trail(add(state.last.force_ned_m_s2, GRAVITY_NED))
 
@@ -128,4 +131,5 @@ def forget_biases(
         for i in range(first, first + 3):
             P[i, i] = sigma**2
     estimate = state.estimate._replace(gyr_bias_rad_s=ZERO_VEC3, acc_bias_m_s2=ZERO_VEC3)
-    return state._replace(estimate=estimate), P
+    surprise = state.surprise._replace(bias_rad_s=ZERO_VEC3)
+    return state._replace(estimate=estimate, surprise=surprise), P

@@ -4,6 +4,8 @@ from functools import lru_cache
 from math import atan2, cos, dist, hypot, isfinite, radians, sin
 from typing import Any, NamedTuple
 
+from estimator.types import Vec3
+
 SECONDS_A_YEAR = 365.25 * 86_400.0
 UNIX_EPOCH_YEAR = 1970.0
 # The years that the models at hand describe; a clock that is far off gets the nearest one.
@@ -80,10 +82,10 @@ def _direction(latitude_deg: float, longitude_deg: float) -> tuple[float, float,
 
 def differ(one: PlaceField, other: PlaceField) -> bool:
     """Whether two places' fields differ by more than a compass's calibration leaves over."""
-    return dist(_vector(one), _vector(other)) > UNLIKE_SHARE * one.strength_gauss
+    return dist(in_ned(one), in_ned(other)) > UNLIKE_SHARE * one.strength_gauss
 
 
-def _vector(field: PlaceField) -> tuple[float, float, float]:
+def in_ned(field: PlaceField) -> Vec3:
     """The field in NED, gauss."""
     horizontal = field.strength_gauss * cos(field.dip_rad)
     return (

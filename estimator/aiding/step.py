@@ -11,14 +11,16 @@ arXiv:1711.02508, section 7.
 
 import numpy as np
 
-from estimator.aiding.correction import apply_corrections, correct_last, prediction_at
+from estimator.aiding.correction import apply_corrections, correct_last, part, prediction_at
 from estimator.aiding.inertial import predict_motion
 from estimator.aiding.lean import hear_report, lean_angle, watch_lean
 from estimator.aiding.sources.field import observe_heading, wait_for_field
 from estimator.aiding.sources.unaided import observe_slow_unaided, observe_unaided
 from estimator.aiding.sources.velocity import take_report, wait_for_reports
+from estimator.aiding.surprise import add_correction, known, pass_time
 from estimator.aiding.types import (
     SIZE,
+    TURN,
     AidingParams,
     AidingState,
     Array,
@@ -33,7 +35,7 @@ from estimator.compilation.replacing import replacer
 from estimator.conditioning.vertical.rate import slow_share
 from estimator.types import Sample, Vec3
 
-with_report = replacer(AidingState, "agreement", "lean")
+with_report = replacer(AidingState, "agreement", "lean", "surprise")
 
 
 @inlined
@@ -56,16 +58,20 @@ def aid(
     agreement = wait_for_reports(state.agreement, dt)
     wait_s = min(agreement.by_filter.wait_s, agreement.by_receiver.wait_s)
     rough, lean = state.rough, state.lean
+    surprise = pass_time(state.surprise, now.estimate, dt)
     slow = slow_share(dt)
     if slow > 0.0:
         rough = watch_turning(params, state, now.covariance, sample)
+        before = known(now.covariance)
         is_silent = not report.given and wait_s > params.silence_s + dt
         sigma_rad = others.gravity_sigma_rad
         lean_rad = lean_angle(lean, is_silent)
         observe_slow_unaided(now, others.gravity_b, sigma_rad, lean_rad, x, slow, dt)
         # large turns do not add up, so this one is made before the next is looked for
         now = apply_corrections(now, x)
+        surprise = add_correction(surprise, part(x, TURN), before, known(now.covariance))
         x = np.zeros(SIZE)
+    before = known(now.covariance)
     if report.given:
         agreement = take_report(params, agreement, now, dt, report, others.gravity_b, x)
     elif wait_s > params.silence_s:
@@ -74,6 +80,7 @@ def aid(
     if sample.has_mag:
         field = observe_heading(params, field, now, others, sample, x)
     now = apply_corrections(now, x)
+    surprise = add_correction(surprise, part(x, TURN), before, known(now.covariance))
     last = LastStep(
         gyr_rad_s=sample.gyr_rad_s,
         gyr_before_rad_s=state.last.gyr_rad_s,
@@ -92,6 +99,7 @@ def aid(
         sigma=sigmas(params, now, last, field, agreement),
         rough=rough,
         lean=lean,
+        surprise=surprise,
     )
     return state, now.covariance, now.trail
 
@@ -110,4 +118,5 @@ def take_late_report(
     x = np.zeros(SIZE)
     agreement = take_report(params, state.agreement, now, state.last.dt_s, report, gravity_b, x)
     lean = hear_report(state.lean, report.velocity_ned_m_s)
-    return with_report(correct_last(state, now, x), agreement, lean), now.covariance
+    surprise = add_correction(state.surprise, part(x, TURN), known(P), known(now.covariance))
+    return with_report(correct_last(state, now, x), agreement, lean, surprise), now.covariance

@@ -102,8 +102,6 @@ class AidingParams(NamedTuple):
     least_scale: Share = 0.23  # of the covariance's sigma, however well the reports agree
     least_heading_scale: Share = 0.34  # the same for the heading
     scatter_share: Share = 2.3  # of the reports' scatter that is the attitude's, too
-    iron_share: Share = 1.0  # measured hard iron of calibrated compasses / hard_iron_sigma_gauss
-    field_error_share: Share = 1.0  # of the field's slow disagreement that stays in the heading
     least_inclination_rad: Angle = radians(0.06)
     least_heading_rad: Angle = radians(0.09)
     timing_s: Lag = 0.002  # uncertain age of the IMU sample, times the turn rate
@@ -146,6 +144,7 @@ class FieldState(NamedTuple):
     samples: float  # of the field so far
     wait_s: float  # since the last sample of the field
     doubt_s: float  # how long the heading has been far off
+    evidence: float  # for the place's field as read, against what was learnt; 2 ln of a ratio
 
 
 class Scatter(NamedTuple):
@@ -220,6 +219,15 @@ class Lean(NamedTuple):
     latest_m_s: Vec3  # the last report
 
 
+class Surprise(NamedTuple):
+    """What was corrected lately, fading, and the variance that this should have (rad^2)."""
+
+    turn_rad: Vec3  # of the attitude, by corrections and by the bias they have changed, NED
+    bias_rad_s: Vec3  # mean bias of the gyroscope, FRD
+    level: float  # expected mean square of the turn about north and east
+    heading: float  # and about down
+
+
 class AidingState(NamedTuple):
     """Everything that changes but the errors' covariance, which the kernels take as an array."""
 
@@ -230,6 +238,7 @@ class AidingState(NamedTuple):
     sigma: Sigmas  # as published
     rough: Roughness  # the gyroscope's readings
     lean: Lean  # what deceives the unaided vertical
+    surprise: Surprise  # what was corrected lately
 
 
 class North(NamedTuple):
@@ -245,4 +254,4 @@ class Surroundings(NamedTuple):
     gravity_b: Vec3  # down by the unaided conditioning stage, a unit vector in FRD
     gravity_sigma_rad: float  # of that
     north: North
-    field_gauss: float  # norm of the field that the unaided stage expects; 0: it knows none
+    place_gauss: Vec3 = ZERO_VEC3  # the place's field by a model, NED; zero: nobody knows it

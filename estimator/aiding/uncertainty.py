@@ -4,6 +4,7 @@ from math import hypot, sqrt
 
 from estimator.aiding.inertial import Prediction
 from estimator.aiding.types import (
+    HARD_IRON,
     TURN,
     Agreements,
     AidingParams,
@@ -13,8 +14,10 @@ from estimator.aiding.types import (
     Sigmas,
 )
 from estimator.compilation.compiled import inlined
+from estimator.conditioning.field.magnetic import deviation, horizontal_down, norm_of
+from estimator.conditioning.field.robust import REACH_SQUARE, robust_factor
 from estimator.geometry.quaternion import norm
-from estimator.types import STANDARD_GRAVITY_M_S2
+from estimator.types import STANDARD_GRAVITY_M_S2, Vec3
 
 # 68 % of a plane normal distribution lie within this many of its sigmas.
 PLANE_68 = 1.515
@@ -80,15 +83,36 @@ def heading_sigma(
     scale = params.heading_colour * scatter_scale(params, agreement, params.least_heading_scale)
     if field.samples == 0.0:
         scale *= params.bare_heading_colour
-    disagreement = params.field_error_share**2 * field.residual.square
+    disagreement = field.residual.square
     if dt > QUICK_STEP_S:
         disagreement *= (QUICK_STEP_S / dt) ** 2
     heading = P[TURN + 2, TURN + 2]
     by_field = min(1.0, heading / max(iron_rad * iron_rad, 1e-12))
     square = scale * scale
-    square += (1.0 - min(1.0, square)) * params.iron_share**2 * by_field
+    square += (1.0 - min(1.0, square)) * by_field
     variance = square * heading + disagreement
     return sqrt(variance + params.least_heading_rad**2 + moving_rad * moving_rad)
+
+
+@inlined
+def leaning(
+    params: AidingParams, sigma: Sigmas, field: FieldState, place_gauss: Vec3, P: Array
+) -> Sigmas:
+    """The sigmas with how far the field dips otherwise than the place's does, seen level.
+
+    A vertical that an accelerometer has turned shows so, however well reports and gyroscope have
+    come to agree with it since. Of a field whose norm is another one too, a magnet is the cause.
+    What the hard iron may do is not counted.
+    """
+    place = horizontal_down(place_gauss)
+    n = norm_of(place)
+    if n == 0.0 or field.samples == 0.0:
+        return sigma
+    off_norm, off_dip = deviation((field.look.horizontal, field.look.down), place)
+    iron = REACH_SQUARE * P[HARD_IRON, HARD_IRON] / (n * n)
+    square = max(0.0, off_dip * off_dip - params.field_dip_scale_rad**2 - iron)
+    square /= robust_factor((off_norm / params.field_norm_scale) ** 2)
+    return Sigmas(hypot(sigma.inclination_rad, sqrt(square)), sigma.heading_rad)
 
 
 @inlined

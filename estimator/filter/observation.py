@@ -5,7 +5,7 @@ from typing import NamedTuple
 from estimator.compilation.compiled import inlined
 from estimator.filter.types import Vectors
 from estimator.geometry.quaternion import norm, scale, unit
-from estimator.types import Vec3
+from estimator.types import ZERO_VEC3, Vec3
 
 
 class ReferenceParams(NamedTuple):
@@ -16,6 +16,7 @@ class ReferenceParams(NamedTuple):
     s_magnetic: float
     s_gravity: float
     s_cross: float
+    place_gauss: Vec3 = ZERO_VEC3  # the place's field in NED; zero while nobody knows it
 
 
 @inlined

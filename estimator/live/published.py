@@ -6,7 +6,9 @@ Plain tuples, not named ones: compiled code hands those to Python several times 
 from math import asin, pi, radians, sqrt
 from typing import Any
 
-from estimator.aiding import AidingState
+from estimator.aiding import AidingParams, AidingState
+from estimator.aiding.surprise import surprised
+from estimator.aiding.uncertainty import leaning
 from estimator.aiding.witness import Witness, doubted
 from estimator.compilation.compiled import inlined
 from estimator.conditioning import Conditioned
@@ -63,10 +65,13 @@ def conditioned_figures(seen: Conditioned) -> Figures:
 
 
 @inlined
-def aided_figures(aided: AidingState, witness: Witness) -> Figures:
+def aided_figures(
+    params: AidingParams, aided: AidingState, witness: Witness, place_gauss: Vec3, covariance: Any
+) -> Figures:
     """What the velocity aiding knows, and what measurements say against it."""
     sigma = aided.sigma
-    wide = doubted(sigma, witness)
+    wide = surprised(doubted(sigma, witness), aided.surprise, covariance)
+    wide = leaning(params, wide, aided.field, place_gauss, covariance)
     return (
         confidence(sigma.inclination_rad, GRAVITY_HALF_RAD),
         confidence(sigma.heading_rad, MAGNETIC_HALF_RAD),

@@ -30,7 +30,6 @@ from estimator.aiding.types import NO_REPORT, SIZE
 from estimator.aiding.witness import compare, hear_report, watch
 from estimator.compilation.compiled import compiled, inlined
 from estimator.conditioning import Conditioned, ConditioningParams, condition
-from estimator.conditioning.field.magnetic import reference_norm
 from estimator.conditioning.vertical.rate import slow_share
 from estimator.conditioning.vertical.tilt import HOLE_S
 from estimator.filter import kernel
@@ -349,7 +348,7 @@ def advance_aided(inside: Any, report: Report, knows_north: bool) -> bool:
         gravity_b=seen.gravity_b,
         gravity_sigma_rad=seen.sigma_inclination_rad,
         north=north,
-        field_gauss=reference_norm(inside.conditioning.field.magnetic),
+        place_gauss=reference.place_gauss,
     )
     aided, covariance, trail = aid(
         params.aiding, inside.aided, inside.covariance, inside.trail, inside.sample, report, others
@@ -434,7 +433,10 @@ def publish(inside: Any, time_us: int, source: int) -> Said:
     if source == AIDED:
         witness = inside.witness
         error, error_rate_1_s = witness.error, witness.error_rate_1_s
-        figures = aided_figures(inside.aided, witness)
+        place_gauss = inside.params.reference.place_gauss
+        figures = aided_figures(
+            inside.params.aiding, inside.aided, witness, place_gauss, inside.covariance
+        )
         ahead_s += inside.aided.estimate.imu_lag_s  # the samples are that old
     elif source == CONDITIONED:
         figures = conditioned_figures(inside.seen)

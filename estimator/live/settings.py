@@ -6,6 +6,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from estimator.aiding import AidingParams
+from estimator.aiding.place import PlaceField, in_ned
 from estimator.conditioning import ConditioningParams
 from estimator.errors import InputError
 from estimator.filter.alignment import nearest_rotation, quaternion_from_matrix
@@ -13,7 +14,7 @@ from estimator.filter.observation import ReferenceParams
 from estimator.filter.types import FilterParams
 from estimator.geometry.quaternion import exp, rotate, unit
 from estimator.profile import Profile
-from estimator.types import Quaternion, Vec3
+from estimator.types import ZERO_VEC3, Quaternion, Vec3
 
 MAGNETIC_NORTH: Vec3 = (1.0, 0.0, 0.0)
 
@@ -31,12 +32,12 @@ class Settings(NamedTuple):
 
 
 def settings_of(
-    profile: Profile, fixed_gain: float | None = None, declination_rad: float | None = None
+    profile: Profile, fixed_gain: float | None = None, place: PlaceField | None = None
 ) -> Settings:
     """The kernels' parameters; ``fixed_gain`` replaces the profile's K.
 
-    ``declination_rad`` is that of the vehicle's place, None as long as that is not known; it is
-    used where the profile leaves the declination to the position.
+    ``place`` is the field of the vehicle's place, None as long as that is not known; its
+    declination is used where the profile leaves it to the position.
 
     Raises:
         InputError: the fixed gain is not a positive number.
@@ -58,11 +59,12 @@ def settings_of(
             gain_knows_noise=section.gain == "noise",
         ),
         reference=ReferenceParams(
-            magnetic_ned=_magnetic_direction(profile, declination_rad),
+            magnetic_ned=_magnetic_direction(profile, place),
             gravity_ned=unit(profile.reference.gravity),
             s_magnetic=profile.confidence.magnetic,
             s_gravity=profile.confidence.gravity,
             s_cross=profile.confidence.cross,
+            place_gauss=ZERO_VEC3 if place is None else in_ned(place),
         ),
         conditioning=_conditioning(profile),
         aiding=_aiding(profile),
@@ -73,14 +75,14 @@ def settings_of(
     )
 
 
-def _magnetic_direction(profile: Profile, declination_rad: float | None) -> Vec3:
+def _magnetic_direction(profile: Profile, place: PlaceField | None) -> Vec3:
     """The profile's magnetic direction turned to true north; as it is where that is unknown."""
     direction = profile.reference.magnetic
     north = MAGNETIC_NORTH if direction == "learn" else unit(direction)
     declination_deg = profile.reference.declination_deg
+    angle = 0.0 if place is None else place.declination_rad
     if declination_deg != "position":
-        declination_rad = radians(declination_deg)
-    angle = 0.0 if declination_rad is None else declination_rad
+        angle = radians(declination_deg)
     return rotate(exp((0.0, 0.0, angle)), north)
 
 

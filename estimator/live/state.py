@@ -60,7 +60,7 @@ class State:
     def resume(self, snapshot: Snapshot) -> None:
         """Go on from a snapshot, under the same profile."""
         self.context = snapshot.context
-        self.settings = settings_of(self.profile, self.fixed_gain, self.declination_rad)
+        self.settings = settings_of(self.profile, self.fixed_gain, self.place_field)
         self.set_context(snapshot.context)
         self.set_core(snapshot.core)
 
@@ -94,7 +94,7 @@ class State:
 
         All or nothing: what a profile raises, it raises before anything has changed.
         """
-        settings = settings_of(profile, self.fixed_gain, self.declination_rad)
+        settings = settings_of(profile, self.fixed_gain, self.place_field)
         now = self.core.core
         self.profile, self.settings = profile, settings
         self.set_context(self.context)

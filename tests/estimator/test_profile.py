@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from msgspec import structs
 
+from estimator.aiding.place import PlaceField
 from estimator.errors import InputError
 from estimator.estimator import Estimator
 from estimator.filter.memberships import LOWER, NAMES, UPPER, midpoint, require_feasible
@@ -340,14 +341,17 @@ def test_declination_turns_magnetic_to_true_north():
     assert settings_of(east).reference.magnetic_ned == pytest.approx((0.0, 1.0, 0.0), abs=1e-15)
 
 
+EASTERLY = PlaceField(declination_rad=0.1, dip_rad=1.1, strength_gauss=0.5)
+
+
 def test_a_declination_of_zero_is_known_and_the_default_is_not():
     """0 is a value: the heading is true, and a position 4 deg off changes nothing."""
     zero = merge_profile(load_profile("imu"), {"reference": {"declination_deg": 0}})
     assert not settings_of(zero).learns_north
-    assert settings_of(zero, declination_rad=0.1).reference.magnetic_ned == (1.0, 0.0, 0.0)
+    assert settings_of(zero, place=EASTERLY).reference.magnetic_ned == (1.0, 0.0, 0.0)
     default = load_profile("imu")
     assert settings_of(default).learns_north
-    turned = settings_of(default, declination_rad=0.1).reference.magnetic_ned
+    turned = settings_of(default, place=EASTERLY).reference.magnetic_ned
     assert turned == pytest.approx((cos(0.1), sin(0.1), 0.0), abs=1e-15)
     level = ImuSample(1_000_000, ZERO_VEC3, (0.0, 0.0, -9.8), (0.2, 0.0, 0.4), True)
     for profile, before, after in ((zero, "true", "true"), (default, "magnetic", "true")):

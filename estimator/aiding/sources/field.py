@@ -28,9 +28,9 @@ from estimator.conditioning.field.magnetic import (
     horizontal_down,
     look_at_field,
 )
-from estimator.conditioning.field.robust import LEAST_CONFIDENCE, residual_factor
+from estimator.conditioning.field.robust import LEAST_CONFIDENCE, REACH_SQUARE, residual_factor
 from estimator.geometry.quaternion import cross, dot, exp, multiply, norm, rotate, scale, subtract
-from estimator.types import Sample, Vec3
+from estimator.types import ZERO_VEC3, Sample, Vec3
 
 FIELD_TAU_S = 0.05  # low-pass of norm and dip
 # The residual of the heading is low-passed with the first, its square averaged over the second
@@ -38,9 +38,6 @@ FIELD_TAU_S = 0.05  # low-pass of norm and dip
 RESIDUAL_TAU_S = 5.0
 RESIDUAL_MEMORY_S = 60.0
 RESIDUAL_CLIP_RAD = 0.2
-# How far the norm of the first sample, which is taken for the place's field, may be off the one
-# that the unaided stage has learnt, as a share of it.
-FIRST_NORM_SHARE = 0.3
 # Before anything is known about the place's field its parts are uncertain by this share of it.
 FIRST_SIGMA = 0.2
 # How well a model knows a declination, rad. Its error is the same all the time, so the samples of
@@ -52,6 +49,7 @@ LINEAR_SIGMA_RAD = 0.35
 
 with_wait = replacer(FieldState, "wait_s")
 with_look = replacer(FieldState, "look", "samples", "wait_s")
+with_evidence = replacer(FieldState, "evidence")
 with_residual = replacer(FieldState, "residual", "doubt_s")
 
 
@@ -81,9 +79,11 @@ def judge_field(
 
 @inlined
 def begin_field(
-    state: FieldState, R: Array, F: Vec3, north: North, P: Array, x: Array
+    state: FieldState, R: Array, F: Vec3, before: Vec3, north: North, P: Array, x: Array
 ) -> FieldState:
     """The first sample is taken for the place's field, turned towards ``north`` if that is known.
+
+    ``before`` is what was taken for it until then.
 
     The vehicle's hard iron is in that sample, so the error of the one is that of the other with
     the opposite sign: d_E = -R d_iron.
@@ -114,11 +114,56 @@ def begin_field(
         correlate(P, EARTH, HARD_IRON + j, c * a - s * b)
         correlate(P, EARTH + 1, HARD_IRON + j, s * a + c * b)
         correlate(P, EARTH + 2, HARD_IRON + j, -iron * R[2, j])
-    x[EARTH] = h * c
-    x[EARTH + 1] = h * s
-    x[EARTH + 2] = F[2]
-    state = with_look(state, FieldLook(h, F[2], confidence=1.0), 1.0, 0.0)
+    x[EARTH] = h * c - before[0]
+    x[EARTH + 1] = h * s - before[1]
+    x[EARTH + 2] = F[2] - before[2]
+    state = with_evidence(with_look(state, FieldLook(h, F[2], confidence=1.0), 1.0, 0.0), 0.0)
     return with_residual(state, FieldResidual(slow_rad=0.0, square=0.0), state.doubt_s)
+
+
+@inlined
+def compare_with_place(
+    params: AidingParams,
+    state: FieldState,
+    seen: Vec3,
+    learnt: Vec3,
+    as_read: Vec3,
+    place: Vec3,
+    wait: float,
+) -> FieldState:
+    """Whether the place's field, as read, explains readings better than what was learnt of it.
+
+    What is learnt beside a fault of the compass, or with a wrong attitude, need not be true of it
+    afterwards. Strength and dip tell, whatever the heading is. Beyond three sigmas either is no
+    explanation, however far it is off.
+    """
+    n = norm(place)
+    if n == 0.0:
+        return state
+    most = REACH_SQUARE * (params.field_norm_scale * n) ** 2
+    better = min(most, off_square(seen, learnt)) - min(most, off_square(as_read, place))
+    keep = RESIDUAL_TAU_S / (RESIDUAL_TAU_S + wait)
+    return with_evidence(
+        state, keep * (state.evidence + wait * better / (params.heading_noise * n) ** 2)
+    )
+
+
+@inlined
+def off_square(seen: Vec3, expected: Vec3) -> float:
+    """Square by which two fields differ along the horizontal and down, whatever their heading."""
+    a, b = horizontal_down(seen), horizontal_down(expected)
+    return (a[0] - b[0]) ** 2 + (a[1] - b[1]) ** 2
+
+
+@inlined
+def forget_iron(params: AidingParams, P: Array, x: Array, iron: Vec3) -> None:
+    """The hard iron is what calibration has left over, as at the beginning; in place."""
+    for i in range(3):
+        for j in range(SIZE):
+            P[HARD_IRON + i, j] = 0.0
+            P[j, HARD_IRON + i] = 0.0
+        P[HARD_IRON + i, HARD_IRON + i] = params.hard_iron_sigma_gauss**2
+        x[HARD_IRON + i] = -iron[i]
 
 
 @inlined
@@ -154,13 +199,16 @@ def observe_heading(
     R = rotation_matrix(q_then)
     north = others.north
     if field.samples == 0.0:
-        if abs(norm(m) - others.field_gauss) > FIRST_NORM_SHARE * others.field_gauss > 0.0:
-            return field
-        return begin_field(field, R, F, north, P, x)
+        return begin_field(field, R, F, ZERO_VEC3, north, P, x)
     E = estimate.earth_gauss
     wait = min(field.wait_s, 1.0)
     learnt = P[EARTH + 2, EARTH + 2] + P[HARD_IRON, HARD_IRON]
     field = judge_field(params, field, F, E, learnt)
+    as_read = rotate(q_then, sample.mag)
+    field = compare_with_place(params, field, F, E, as_read, others.place_gauss, wait)
+    if field.evidence > REACH_SQUARE:
+        forget_iron(params, P, x, estimate.hard_iron_gauss)
+        return begin_field(field, R, as_read, E, north, P, x)
     H = sqrt(E[0] * E[0] + E[1] * E[1])
     if LEAST_HORIZONTAL * abs(E[2]) >= H or wait <= 0.0:
         return field

@@ -266,10 +266,10 @@ def test_field(seed, is_known, unfelt_rad):
     m = R.T @ seen
     sample = Sample(floats(rate), ZERO_VEC3, floats(m + known.hard_iron_gauss), True, dt)
     look = FieldLook(horizontal=0.2, down=0.38, confidence=0.7)
-    state = FieldState(look, FieldResidual(0.02, 0.001), 30.0, dt, 0.4)
+    state = FieldState(look, FieldResidual(0.02, 0.001), 30.0, dt, 0.4, 0.0)
     now = Prediction(known, ZERO_VEC3, ZERO_VEC3, new_trail(ZERO_VEC3), P.copy())
     north = North(is_known, floats((np.cos(0.4), np.sin(0.4))))
-    others = Surroundings((0.0, 0.0, 1.0), 0.1, north, 0.0)
+    others = Surroundings((0.0, 0.0, 1.0), 0.1, north)
     x0 = SIGMAS * rng.standard_normal(SIZE) * 0.1
     x = x0.copy()
     after = field.observe_heading(p, state, now, others, sample, x)
@@ -356,7 +356,7 @@ def test_published_sigmas(heading_rad, innovation, wait_s, samples, dt):
     )
     last = LastStep(ZERO_VEC3, ZERO_VEC3, (2.0, -1.0, -9.0), (0.5, -0.3, 0.8), dt)
     look = BLANK.field.look
-    state = FieldState(look, FieldResidual(0.0, 0.04**2), samples, 0.0, 0.0)
+    state = FieldState(look, FieldResidual(0.0, 0.04**2), samples, 0.0, 0.0, 0.0)
     heard = Agreement(Scatter(1.0, innovation, 50.0), wait_s, 0.0)
     silent = Agreement(Scatter(1.0, 99.0, 50.0), wait_s + 1.0, 0.0)
     got = sigmas(p, now, last, state, Agreements(silent, heard))
@@ -376,7 +376,7 @@ def test_published_sigmas(heading_rad, innovation, wait_s, samples, dt):
     iron = p.hard_iron_sigma_gauss / np.hypot(E[0], E[1])
     # a heading no more certain than the iron lets it be is the field's: reports do not prove it
     by_field = min(1.0, (heading_rad / iron) ** 2)
-    square = scale**2 + max(0.0, 1.0 - scale**2) * p.iron_share**2 * by_field
-    slow = p.field_error_share**2 * 0.04**2 * (min(1.0, 0.15 / dt)) ** 2
+    square = scale**2 + max(0.0, 1.0 - scale**2) * by_field
+    slow = 0.04**2 * (min(1.0, 0.15 / dt)) ** 2
     heading = square * heading_rad**2 + slow + p.least_heading_rad**2 + moving
     assert got.heading_rad == pytest.approx(sqrt(heading))

@@ -37,7 +37,7 @@ BLANK, _, TRAIL = blank_aiding(PARAMS)
 STEP = 1e-5
 NORTH = (np.cos(0.3), np.sin(0.3))
 KNOWN_NORTH = North(is_known=True, direction=NORTH)
-BESIDE = Surroundings((0.0, 0.0, 1.0), 0.1, KNOWN_NORTH, field_gauss=0.0)
+BESIDE = Surroundings((0.0, 0.0, 1.0), 0.1, KNOWN_NORTH)
 LAG_S = 0.09
 ACROSS, ALONG, DOWN, DECLINATION = range(4)
 
@@ -232,7 +232,7 @@ def test_the_places_field_begins_towards_north_where_that_is_known(learnt, is_kn
     """Known, it points there and its direction is sure; unknown, it points as it is seen."""
     north = North(is_known, (1.0, 0.0))
     P, x, seen = np.eye(SIZE) * 1e-4, np.zeros(SIZE), (0.12, 0.16, 0.42)
-    known = field.begin_field(BLANK.field, np.eye(3), seen, north, P, x)
+    known = field.begin_field(BLANK.field, np.eye(3), seen, ZERO_VEC3, north, P, x)
     expected = (0.2, 0.0, 0.42) if is_known else seen
     assert x[EARTH : EARTH + 3] == pytest.approx(expected)
     across = np.array((-x[EARTH + 1], x[EARTH])) / 0.2
@@ -249,3 +249,38 @@ def test_the_places_field_begins_towards_north_where_that_is_known(learnt, is_kn
     others = BESIDE._replace(north=north)
     field.observe_heading(PARAMS, known, now, others, sample, np.zeros(SIZE))
     assert len(learnt) == (4 if is_known else 3)  # the declination is the fourth
+
+
+@pytest.mark.parametrize(
+    ("place", "iron_gauss", "forgets"),
+    [
+        ((0.2, 0.0, 0.42), ZERO_VEC3, True),  # it was learnt beside a fault that is over
+        ((0.2, 0.0, 0.42), (0.08, -0.05, 0.1), False),  # it is the vehicle's own
+        (ZERO_VEC3, ZERO_VEC3, False),  # nobody knows the place
+    ],
+)
+def test_iron_is_forgotten_once_the_places_field_explains_the_readings(place, iron_gauss, forgets):
+    """Of 139 mGauss that are not there: within two seconds; the field begins anew."""
+    north, seen = North(True, (1.0, 0.0)), (0.2, 0.0, 0.42)
+    now = prediction((1.0, 0.0, 0.0, 0.0))
+    estimate = now.estimate._replace(
+        earth_gauss=seen, hard_iron_gauss=(0.08, -0.05, 0.1), gyr_bias_rad_s=ZERO_VEC3
+    )
+    now = now._replace(estimate=estimate, covariance=1e-6 * np.eye(SIZE))
+    mag = tuple(a + b for a, b in zip(seen, iron_gauss, strict=True))
+    sample = Sample(ZERO_VEC3, ZERO_VEC3, mag, True, 0.1)
+    others = BESIDE._replace(north=north, place_gauss=place)
+    known = BLANK.field._replace(
+        look=FieldLook(horizontal=0.2, down=0.42, confidence=1.0), samples=99.0
+    )
+    steps = 0
+    while known.samples > 1.0 and steps < 50:
+        x = np.zeros(SIZE)
+        known = field.observe_heading(PARAMS, known._replace(wait_s=0.1), now, others, sample, x)
+        steps += 1
+    assert (steps < 50) == forgets
+    if forgets:
+        assert 8 <= steps <= 20
+        assert x[HARD_IRON : HARD_IRON + 3] == pytest.approx((-0.08, 0.05, -0.1))
+        assert x[EARTH : EARTH + 3] == pytest.approx(ZERO_VEC3)
+        assert now.covariance[HARD_IRON, HARD_IRON] == PARAMS.hard_iron_sigma_gauss**2

@@ -30,7 +30,7 @@ from estimator.types import IDENTITY, ZERO_VEC3, Sample
 
 PARAMS = AidingParams()
 STATE, _, TRAIL = blank_aiding(PARAMS)
-OTHERS = Surroundings((0.1, -0.2, 0.97), 0.1, North(False, (1.0, 0.0)), 0.0)
+OTHERS = Surroundings((0.1, -0.2, 0.97), 0.1, North(False, (1.0, 0.0)))
 SAMPLE = Sample((0.1, 0.2, -0.1), (0.5, -0.3, -9.7), ZERO_VEC3, False, 0.5)
 
 

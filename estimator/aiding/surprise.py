@@ -1,0 +1,85 @@
+"""How far the attitude was turned where the gyroscope felt no turn, and whether that was expected.
+
+Corrections of a filter whose model is true are white, and their variance is by how much the
+covariance shrinks with them. So their sum over the last half minute has a variance that is known.
+An accelerometer that steps, a compass that was learnt wrong or velocities that are wrong turn the
+attitude by many times that, and the covariance shrinks all the same: it takes what it is told for
+true. How far they have turned it is how far it may be wrong, until the sum is forgotten.
+"""
+
+from math import e, hypot, sqrt
+from math import exp as real_exp
+from typing import NamedTuple
+
+from estimator.aiding.types import GYR_BIAS, TURN, AidingEstimate, Array, Sigmas, Surprise
+from estimator.compilation.compiled import inlined
+from estimator.geometry.quaternion import add, rotate, scale, subtract
+from estimator.types import Vec3
+
+# For so long (s) a correction is remembered.
+MEMORY_S = 30.0
+# Their sum is within two sigmas of what is expected.
+USUAL_SQUARE = 4.0
+
+
+class Known(NamedTuple):
+    """Variances (rad^2) of the attitude's turns."""
+
+    level: float  # about north and east together
+    heading: float  # about down
+
+
+@inlined
+def known(P: Array) -> Known:
+    """What the covariance says of the attitude."""
+    return Known(P[TURN, TURN] + P[TURN + 1, TURN + 1], P[TURN + 2, TURN + 2])
+
+
+@inlined
+def pass_time(surprise: Surprise, estimate: AidingEstimate, dt: float) -> Surprise:
+    """Corrections ``dt`` older. A bias other than usual has turned the attitude, too."""
+    keep = real_exp(-dt / MEMORY_S)
+    change = subtract(estimate.gyr_bias_rad_s, surprise.bias_rad_s)
+    turned = scale(-dt, rotate(estimate.q_ned_frd, change))
+    return Surprise(
+        turn_rad=add(scale(keep, surprise.turn_rad), turned),
+        bias_rad_s=add(surprise.bias_rad_s, scale(1.0 - keep, change)),
+        level=keep * keep * surprise.level,
+        heading=keep * keep * surprise.heading,
+    )
+
+
+@inlined
+def add_correction(surprise: Surprise, turn_rad: Vec3, before: Known, after: Known) -> Surprise:
+    """One more correction (NED), which has brought the variances down."""
+    return Surprise(
+        turn_rad=add(surprise.turn_rad, turn_rad),
+        bias_rad_s=surprise.bias_rad_s,
+        level=surprise.level + max(0.0, before.level - after.level),
+        heading=surprise.heading + max(0.0, before.heading - after.heading),
+    )
+
+
+@inlined
+def expected_turn(surprise: Surprise, P: Array) -> Known:
+    """Mean squares (rad^2) of what was corrected, if the covariance is true.
+
+    A bias that changes at once has turned the attitude by ``MEMORY_S``/e of that at most, until
+    its mean has followed.
+    """
+    by_bias = (MEMORY_S / e) ** 2 / 3.0
+    by_bias *= P[GYR_BIAS, GYR_BIAS] + P[GYR_BIAS + 1, GYR_BIAS + 1] + P[GYR_BIAS + 2, GYR_BIAS + 2]
+    return Known(surprise.level + 2.0 * by_bias, surprise.heading + by_bias)
+
+
+@inlined
+def surprised(sigma: Sigmas, surprise: Surprise, P: Array) -> Sigmas:
+    """The sigmas with what the corrections have turned beyond all expectation."""
+    north, east, down = surprise.turn_rad
+    usual = expected_turn(surprise, P)
+    level = north * north + east * east - USUAL_SQUARE * usual.level
+    heading = down * down - USUAL_SQUARE * usual.heading
+    return Sigmas(
+        inclination_rad=hypot(sigma.inclination_rad, sqrt(max(0.0, level))),
+        heading_rad=hypot(sigma.heading_rad, sqrt(max(0.0, heading))),
+    )

@@ -1,0 +1,131 @@
+"""Turns that no gyroscope has felt: their sum against what the covariance expects of it."""
+
+from math import e, exp, hypot, radians, sqrt
+
+import numpy as np
+import pytest
+
+from estimator.aiding import AidingParams, blank_aiding
+from estimator.aiding.place import field_at, in_ned
+from estimator.aiding.surprise import add_correction, known, pass_time, surprised
+from estimator.aiding.types import GYR_BIAS, HARD_IRON, SIZE, TURN, Sigmas, Surprise
+from estimator.aiding.uncertainty import leaning
+from estimator.conditioning.field.magnetic import FieldLook
+from estimator.estimator import Estimator
+from estimator.profile import load_profile, merge_profile
+from estimator.types import ZERO_VEC3
+from tests.flight import banked_flight, flown
+
+PARAMS = AidingParams()
+BLANK, _, _ = blank_aiding(PARAMS)
+NOTHING = Surprise(ZERO_VEC3, ZERO_VEC3, level=0.0, heading=0.0)
+SIGMA = Sigmas(inclination_rad=0.01, heading_rad=0.02)
+PLACE = (0.21, 0.01, 0.43)
+
+
+def covariance(level, heading, bias=0.0):
+    P = np.zeros((SIZE, SIZE))
+    P[TURN, TURN] = P[TURN + 1, TURN + 1] = 0.5 * level
+    P[TURN + 2, TURN + 2] = heading
+    for i in range(GYR_BIAS, GYR_BIAS + 3):
+        P[i, i] = bias
+    return P
+
+
+def test_corrections_fade_and_so_does_what_was_expected_of_them():
+    before, after = known(covariance(5e-4, 4e-4)), known(covariance(2e-4, 1e-4))
+    found = add_correction(NOTHING, (0.03, -0.04, 0.1), before, after)
+    found = pass_time(found, BLANK.estimate, 6.0)
+    keep = exp(-6.0 / 30.0)
+    assert found.turn_rad == pytest.approx((0.03 * keep, -0.04 * keep, 0.1 * keep))
+    assert (found.level, found.heading) == pytest.approx((3e-4 * keep**2, 3e-4 * keep**2))
+
+
+def test_a_bias_that_has_changed_turns_the_attitude_until_its_mean_has_followed():
+    changed = BLANK.estimate._replace(gyr_bias_rad_s=(0.0, 0.0, 0.01))
+    found, largest = NOTHING, 0.0
+    for _ in range(3000):
+        found = pass_time(found, changed, 0.1)
+        largest = max(largest, abs(found.turn_rad[2]))
+    assert largest == pytest.approx(0.01 * 30.0 / e, rel=0.01)
+    assert abs(found.turn_rad[2]) < 0.02 * largest
+    assert found.bias_rad_s[2] == pytest.approx(0.01, rel=1e-3)
+
+
+def test_sigma_grows_by_what_lies_beyond_two_sigmas_of_the_sum():
+    expected = Surprise((0.03, -0.04, 0.1), ZERO_VEC3, level=1e-4, heading=1e-3)
+    by_bias = 1e-8 * (30.0 / e) ** 2
+    wide = surprised(SIGMA, expected, covariance(0.0, 0.0, bias=1e-8))
+    level = 0.05**2 - 4.0 * (1e-4 + 2.0 * by_bias)
+    assert wide.inclination_rad == pytest.approx(hypot(0.01, sqrt(level)))
+    assert wide.heading_rad == pytest.approx(hypot(0.02, sqrt(0.01 - 4.0 * (1e-3 + by_bias))))
+    usual = expected._replace(level=1e-3, heading=3e-3)
+    assert surprised(SIGMA, usual, covariance(0.0, 0.0)) == SIGMA
+
+
+def test_white_corrections_of_a_true_covariance_are_no_surprise():
+    """A Kalman filter of a walk: the sum's mean square is what is expected."""
+    rng, found, ratios = np.random.default_rng(5), NOTHING, []
+    true = estimate = 0.0
+    variance, walk, noise = 0.01, 1e-5, 1e-3
+    for _ in range(20_000):
+        true, variance = true + sqrt(walk) * rng.standard_normal(), variance + walk
+        gain = variance / (variance + noise)
+        step = gain * (true + sqrt(noise) * rng.standard_normal() - estimate)
+        before, variance = variance, (1.0 - gain) * variance
+        estimate += step
+        before, after = known(covariance(0.0, before)), known(covariance(0.0, variance))
+        found = add_correction(pass_time(found, BLANK.estimate, 0.1), (0, 0, step), before, after)
+        ratios.append(found.turn_rad[2] ** 2 / found.heading)
+    assert np.mean(ratios) == pytest.approx(1.0, abs=0.25)
+    assert np.mean(np.array(ratios) > 4.0) == pytest.approx(0.046, abs=0.03)
+
+
+@pytest.mark.parametrize("dip_off_deg", [-25.0, 4.0, 20.0])
+@pytest.mark.parametrize("strength", [1.0, 1.3])
+def test_a_field_that_dips_otherwise_than_the_places_tells_a_leaning_vertical(
+    dip_off_deg, strength
+):
+    h, d = hypot(*PLACE[:2]), PLACE[2]
+    turn = np.exp(1j * radians(dip_off_deg)) * complex(h, d) * strength
+    look = FieldLook(horizontal=float(turn.real), down=float(turn.imag), confidence=0.0)
+    P = np.zeros((SIZE, SIZE))
+    P[HARD_IRON, HARD_IRON] = 0.01**2
+    seen = BLANK.field._replace(look=look, samples=9.0)
+    wide = leaning(PARAMS, SIGMA, seen, PLACE, P)
+    square = np.sin(radians(dip_off_deg)) ** 2 - radians(10.0) ** 2 - 9e-4 / (h * h + d * d)
+    square = max(0.0, square) / (1.0 + ((strength - 1.0) / 0.05) ** 2) ** 2
+    assert wide.inclination_rad == pytest.approx(hypot(0.01, sqrt(square)))
+    assert wide.heading_rad == SIGMA.heading_rad
+    assert leaning(PARAMS, SIGMA, seen, ZERO_VEC3, P) == SIGMA
+
+
+def test_an_accelerometer_that_steps_widens_sigma_within_a_second():
+    """By 3 m/s^2 for 20 s, in level flight: what it turns is in sigma, there and afterwards."""
+    flight = banked_flight(bank_rad=0.0)
+    first, last = 20_000_000, 40_000_000
+    for k, sample in enumerate(flight.samples):
+        if first <= sample.time_us < last:
+            ax, ay, az = sample.acc_m_s2
+            flight.samples[k] = sample._replace(acc_m_s2=(ax, ay + 3.0, az))
+    north_known = {"reference": {"declination_deg": 0.01}}
+    attitudes = flown(Estimator(merge_profile(load_profile("imu"), north_known)), flight)
+    beyond = [
+        (abs(a.q_ned_frd[1]) * 2.0, a.sigma_inclination_rad)
+        for a in attitudes
+        if a.time_us >= first
+    ]
+    wrong, sigma = np.array(beyond).T
+    assert wrong.max() > radians(10.0)
+    assert np.mean(wrong > 3.0 * sigma) < 0.02
+    at = {a.time_us: a for a in attitudes}
+    assert at[first].sigma_inclination_rad < radians(1.0)
+    assert at[first + 1_000_000].sigma_inclination_rad > radians(1.0)
+
+
+def test_the_places_field_points_as_it_dips():
+    field = field_at(47.4, 8.5, 500.0, 1_760_000_000_000_000)
+    north, east, down = in_ned(field)
+    assert hypot(north, east, down) == pytest.approx(field.strength_gauss)
+    assert np.arctan2(east, north) == pytest.approx(field.declination_rad)
+    assert np.arctan2(down, hypot(north, east)) == pytest.approx(field.dip_rad)
