@@ -10,6 +10,7 @@ from estimator.conditioning.vertical.coefficients import Coefficients
 from estimator.conditioning.vertical.kalman import Covariance, update
 from estimator.conditioning.vertical.lowpass import Smooth, approach, smooth
 from estimator.conditioning.vertical.rest import RestState
+from estimator.conditioning.vertical.stillness import Stillness
 from estimator.geometry.axes import FrameAxes
 from estimator.geometry.quaternion import dot, subtract
 from estimator.types import ZERO_VEC3, Vec2, Vec3
@@ -109,15 +110,26 @@ def predict(
 
 @inlined
 def learn_at_rest(
-    params: ConditioningParams, k: Coefficients, estimate: Estimate, rest: RestState
+    params: ConditioningParams,
+    k: Coefficients,
+    estimate: Estimate,
+    rest: RestState,
+    still: Stillness,
 ) -> Estimate:
-    """At rest the low-passed gyro is the bias: three updates with innovation g_lp - b."""
-    g = rest.gyr.value
+    """At rest the low-passed gyro is the bias: three updates with innovation g_lp - b.
+
+    Less ``still.turning``, the slow turn that gravity and field tell. What they leave in doubt is
+    an error that lasts as long as a rest does at least: without a field, the further the gyroscope
+    is off a known bias, the less that moves.
+    """
+    g = subtract(rest.gyr.value, still.turning)
     b, d, p = estimate
     most = params.bias_limit_rad_s
     axes = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
+    lasting = params.rest_time_s / k.dt_s
     for i in range(3):
-        b, d, p = update(b, d, p, axes[i], 0.0, clip(g[i] - b[i], most), k.rest_noise)
+        noise = k.rest_noise + still.variance[i] * lasting
+        b, d, p = update(b, d, p, axes[i], 0.0, clip(g[i] - b[i], most), noise)
     return Estimate(clip_each(b, most), d, p)
 
 

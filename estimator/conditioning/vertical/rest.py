@@ -29,7 +29,8 @@ def observe_rest(
     largest bias, after VQF (Laidig and Seel 2023, doi 10.1016/j.inffus.2022.10.014).
     The samples are compared with the low-pass before it takes them, so that
     the test keeps its meaning at a few samples a second. A vehicle turning
-    steadily and slower than the largest bias cannot be told from rest.
+    steadily and slower than the largest bias looks the same: gravity and field
+    tell it (:mod:`estimator.conditioning.vertical.stillness`).
     """
     steady_gyr = square(subtract(gyr, state.gyr.value)) < params.rest_gyr_rad_s**2
     steady_acc = square(subtract(acc, state.acc.value)) < params.rest_acc_m_s2**2

@@ -33,6 +33,7 @@ from estimator.conditioning.vertical.gravity import (
 from estimator.conditioning.vertical.rate import integration_rate
 from estimator.conditioning.vertical.rest import RestState, initial_rest, observe_rest
 from estimator.conditioning.vertical.spin import Spin, follow_spin
+from estimator.conditioning.vertical.stillness import Stillness, watch_stillness
 from estimator.conditioning.vertical.tilt import (
     StepNoise,
     TiltState,
@@ -67,6 +68,7 @@ class VerticalState(NamedTuple):
     tilt: TiltState = TiltState()  # how well down is known
     doubt: float = 0.0  # variance that an unsensed turn has given it, until the force tells, rad^2
     rest: RestState = RestState()  # whether the vehicle rests
+    still: Stillness = Stillness()  # whether gravity and field bear that out
     lagged: Lagged = Lagged()  # what bias learning in motion compares with
     coefficients: Coefficients = Coefficients()  # for the last step's length
 
@@ -140,6 +142,7 @@ def learn_vertical(
     if dt != usual_s or before.averaging.factor != k.factor:
         k = coefficients(params, dt, before.averaging.factor)
     rest = observe_rest(params, k.rest, before.rest, mean.gyr, mean.acc, dt)
+    still = observe_stillness(params, before, rest, mean)
     rate = subtract(mean.gyr, before.estimate.bias_rad_s)
     down = rotate_inverse(before.gravity.q_g_frd, down_of(before.gravity.q_6d_g))
     noise = step_noise(params, before.tilt, mean.gyr, rate, down, dt, between)
@@ -158,8 +161,8 @@ def learn_vertical(
     if belief.slow == slow:
         was_known = before.gravity.force.age_s > params.gravity_tau_s
         if rest.resting and params.use_rest:
-            estimate = learn_at_rest(params, k, estimate, rest)
-        elif params.use_motion_bias and was_known:
+            estimate = learn_at_rest(params, k, estimate, rest, still)
+        if params.use_motion_bias and was_known:
             unseen = slow * noise.tilt / dt**2
             estimate = learn_in_motion(params, k, estimate, lagged, step, unseen)
     steady = belief.slow == 0.0 and age_s > params.gravity_tau_s and clipped[0] == 0.0
@@ -173,12 +176,24 @@ def learn_vertical(
         tilt=belief.tilt,
         doubt=belief.doubt,
         rest=rest,
+        still=still,
         lagged=lagged,
         coefficients=k,
     )
     swing = (1.0 - belief.slow) * step[0], (1.0 - belief.slow) * step[1]
     beyond = clipped[0] + clipped[1]
     return VerticalStep(state, rate, swing, noise.tilt + noise.twist + beyond, beyond)
+
+
+@inlined
+def observe_stillness(
+    params: ConditioningParams, before: VerticalState, rest: RestState, mean: Gathered
+) -> Stillness:
+    """Whether gravity and field bear out a rest."""
+    shown = subtract(rest.gyr.value, before.estimate.bias_rad_s)
+    field = rotate_inverse(before.gravity.q_g_frd, mean.field_g)
+    has_field = mean.field_s > 0.0
+    return watch_stillness(params, before.still, rest, shown, field, has_field, mean.time_s)
 
 
 @inlined

@@ -24,6 +24,7 @@ from estimator.conditioning.vertical.gravity import GravityState
 from estimator.conditioning.vertical.lowpass import Smooth, smooth
 from estimator.conditioning.vertical.rest import RestState
 from estimator.conditioning.vertical.spin import LEVELLING_NOISE, SCALE_SIGMA, Spin, follow_spin
+from estimator.conditioning.vertical.stillness import Stillness
 from estimator.geometry.axes import FrameAxes, axes_of
 from estimator.geometry.quaternion import exp, normalize, rotate
 
@@ -97,8 +98,13 @@ def test_rest_tells_the_bias(seed):
     k, before = coefficients(PARAMS, DT, 1.0), estimate_of(rng)
     gyr = rng.normal(0.0, 0.004, 3)
     x, p = vector_of(before)
-    after = learn_at_rest(PARAMS, k, before, RestState(gyr=Smooth(tuple(gyr), STILL)))
-    assert_is(after, *updated(x, p, np.eye(3, 4), gyr - x[:3], [k.rest_noise] * 3))
+    turning, variance = rng.normal(0.0, 0.002, 3), rng.uniform(0.0, 1e-4, 3)
+    rest = RestState(gyr=Smooth(tuple(gyr), STILL))
+    still = Stillness(turning=tuple(turning), variance=tuple(variance))
+    after = learn_at_rest(PARAMS, k, before, rest, still)
+    noises = k.rest_noise + variance * PARAMS.rest_time_s / DT
+    x, p = updated(x, p, np.eye(3, 4), gyr - turning - x[:3], noises)
+    assert_is(after, x, p)
 
 
 @pytest.mark.parametrize("seed", SEEDS)

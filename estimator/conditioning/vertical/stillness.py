@@ -1,0 +1,112 @@
+"""Whether what looks like rest is a slow, even turn: gravity and field stand still in the body.
+
+What a gyroscope at rest shows beyond its known bias is either more bias, or a turn. In a turn
+gravity and the field move in the body as the gyroscope says, at rest they stay. So they tell how
+much of it is a turn, and how well that is known.
+"""
+
+from typing import NamedTuple
+
+from estimator.compilation.compiled import inlined
+from estimator.conditioning.params import ConditioningParams
+from estimator.conditioning.vertical.lowpass import approach
+from estimator.conditioning.vertical.rest import RestState
+from estimator.geometry.quaternion import add, cross, dot, scale, square, subtract, unit
+from estimator.types import ZERO_VEC3, Vec2, Vec3
+
+# The time (s) over which the vectors are compared, and by how much (rad) noise and a bent field
+# turn them meanwhile.
+STILL_S = 10.0
+STILL_RAD = 0.004
+# A share of two undoes a bias that was taken from a turn.
+MOST_TURNING = 2.0
+
+
+class Stillness(NamedTuple):
+    """What gravity and field say of a vehicle that seems to rest.
+
+    The means are over ``STILL_S``, turned in the body as they should be if the known bias is right.
+    """
+
+    field: Vec3 = ZERO_VEC3  # low-passed, in its own unit, FRD
+    wait_s: float = 0.0  # since the last sample of it
+    mean_field: Vec3 = ZERO_VEC3  # of its direction, FRD
+    mean_down: Vec3 = ZERO_VEC3  # of gravity's direction, FRD
+    shown: Vec3 = ZERO_VEC3  # turn since then, if the known bias is right, rad, FRD
+    turning: Vec3 = ZERO_VEC3  # the turn that there is now, rad/s, FRD
+    variance: Vec3 = ZERO_VEC3  # of that, (rad/s)^2
+
+
+@inlined
+def direction(v: Vec3) -> Vec3:
+    """The unit vector along ``v``; zero if that is."""
+    return unit(v) if square(v) > 0.0 else v
+
+
+@inlined
+def watch_stillness(
+    params: ConditioningParams,
+    before: Stillness,
+    rest: RestState,
+    rate: Vec3,
+    field: Vec3,
+    has_field: bool,
+    dt_s: float,
+) -> Stillness:
+    """The state after a step with a low-passed ``rate`` (less the bias) and a ``field``, in FRD.
+
+    The field is low-passed as gyroscope and accelerometer are.
+    """
+    smooth, mean_field, wait_s = before.field, before.mean_field, before.wait_s + dt_s
+    down = direction(rest.acc.value)
+    if has_field:
+        smooth = approach(smooth, field, wait_s / (params.rest_tau_s + wait_s))
+        mean_field = mean_after(mean_field, direction(smooth), rate, wait_s)
+        wait_s = 0.0
+    if not rest.resting:
+        return Stillness(smooth, wait_s, direction(smooth), down, ZERO_VEC3, ZERO_VEC3, ZERO_VEC3)
+    mean_down = mean_after(before.mean_down, down, rate, dt_s)
+    shown = scale(STILL_S / (STILL_S + dt_s), add(before.shown, scale(dt_s, rate)))
+    seen_field = direction(smooth) if wait_s <= params.rest_time_s else ZERO_VEC3
+    unexpected, about_down = turn_between(mean_down, down, mean_field, seen_field)
+    seen = add(shown, unexpected)
+    w0, v0 = turn_of_axis(shown[0], seen[0], down[0], about_down, rate[0])
+    w1, v1 = turn_of_axis(shown[1], seen[1], down[1], about_down, rate[1])
+    w2, v2 = turn_of_axis(shown[2], seen[2], down[2], about_down, rate[2])
+    return Stillness(smooth, wait_s, mean_field, mean_down, shown, (w0, w1, w2), (v0, v1, v2))
+
+
+@inlined
+def mean_after(mean: Vec3, v: Vec3, rate: Vec3, dt_s: float) -> Vec3:
+    """The mean of a direction, turned as a body does that turns at ``rate``, with ``v``."""
+    turned = subtract(mean, scale(dt_s, cross(rate, mean)))
+    return approach(turned, v, dt_s / (STILL_S + dt_s))
+
+
+@inlined
+def turn_between(mean_down: Vec3, down: Vec3, mean_field: Vec3, field: Vec3) -> tuple[Vec3, float]:
+    """The small turn (rad) that takes the means to the directions, and its variance about down.
+
+    A turn phi changes a direction v by v x phi. Gravity tells phi but about down, which the
+    field tells, the worse the steeper it is: without one it may be anything.
+    """
+    level = cross(subtract(down, mean_down), down)
+    across = cross(field, down)
+    size = square(across)
+    if size <= 0.0:
+        return level, 1.0
+    left = subtract(subtract(field, mean_field), cross(field, level))
+    return add(level, scale(dot(left, across) / size, down)), STILL_RAD**2 / size
+
+
+@inlined
+def turn_of_axis(shown: float, seen: float, down: float, about_down: float, rate: float) -> Vec2:
+    """The rate about one axis of the body at which it turns, and its variance.
+
+    The turn is a share of the ``rate`` that the gyroscope shows beyond its bias, the share that
+    ``seen`` is of ``shown``, with a prior of 0 +- 1.
+    """
+    noise = STILL_RAD**2 + down * down * about_down
+    whole = shown * shown + noise
+    share = max(0.0, min(MOST_TURNING, shown * seen / whole))
+    return share * rate, rate * rate * noise / whole
