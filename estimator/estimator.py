@@ -1,12 +1,13 @@
 """One vehicle's estimator: samples in, attitude out. No I/O and no clock."""
 
-from math import radians
 from typing import Any
 
 from estimator.aiding.phase import Phase
 from estimator.aiding.place import PlaceField
+from estimator.aiding.search import UNKNOWN_RAD
 from estimator.filter.gain_words import gain_in_words
 from estimator.live import north
+from estimator.live.aiding_span import set_imu_lag
 from estimator.live.core import apply_turn, change_imu
 from estimator.live.hearing import take_rate, take_report
 from estimator.live.published import write
@@ -26,8 +27,6 @@ from estimator.profile import Profile
 from estimator.reasons import Reason
 from estimator.types import Attitude, ImuSample, Quaternion, RateSample, Vec3, VelocitySample
 
-# The heading by a compass that is not calibrated.
-UNCALIBRATED_SIGMA_RAD = radians(45.0)
 # In place of a sample, where rows of them are laid.
 NO_SAMPLE_ITSELF = (0, *(0.0,) * 9, False)
 
@@ -158,6 +157,13 @@ class Estimator:
         """
         north.set_field_calibrated(self._state, calibrated)
 
+    def set_imu_lag(self, lag_s: float) -> None:
+        """How old the IMU's samples are when they are sent, mostly by their low-pass (s).
+
+        Without a word it is taken for that of most vehicles, ``imu_lag_s`` of the profile.
+        """
+        set_imu_lag(self._state, lag_s)
+
     def change_imu(self) -> None:
         """The samples are another IMU's from now on: its biases are its own."""
         state = self._state
@@ -182,7 +188,7 @@ class Estimator:
         _, moved, figures, has_heading = said
         if state.source != AIDED and not state.trusts_compass:
             gravity, magnetic, inclination, heading = figures
-            figures = (gravity, magnetic, inclination, max(heading, UNCALIBRATED_SIGMA_RAD))
+            figures = (gravity, magnetic, inclination, max(heading, UNKNOWN_RAD))
         # an Attitude's own constructor takes three times as long
         values = (time_us, *moved, *figures, state.norths[not has_heading])
         attitude: Attitude = _new(Attitude, values)

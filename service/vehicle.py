@@ -1,6 +1,7 @@
 """One vehicle as the service sees it: its estimator, clock, health and counts."""
 
 from collections import Counter, deque
+from math import pi, sqrt
 
 from drivers.events import (
     BodyRates,
@@ -14,7 +15,7 @@ from drivers.events import (
     TrackLost,
     VehicleId,
 )
-from drivers.mavlink.ardupilot import COMPASS_OFFSETS
+from drivers.mavlink.ardupilot import COMPASS_OFFSETS, GYRO_FILTER
 from estimator.estimator import Estimator
 from estimator.profile import Profile
 from estimator.reasons import Reason
@@ -43,6 +44,8 @@ CHECKED_EVERY = 8
 HELD_PERIODS = 2
 # The ages of two messages stamped by one clock differ by less than this.
 OTHER_CLOCK_US = 1_000_000
+# A second-order Butterworth low-pass delays slow motions by this many periods of its cutoff.
+BUTTERWORTH_DELAY = 1.0 / (sqrt(2.0) * pi)
 
 
 class Vehicle:
@@ -171,7 +174,9 @@ class Vehicle:
         )
 
     def on_parameter(self, event: Parameter) -> None:
-        """Note COMPASS_OFS; all zero means that nobody has calibrated the compass."""
+        """Note COMPASS_OFS, all zero where nobody has calibrated, and the gyroscope's filter."""
+        if event.name == GYRO_FILTER and event.value > 0.0:
+            self.estimator.set_imu_lag(BUTTERWORTH_DELAY / event.value)
         if event.name not in COMPASS_OFFSETS:
             return
         self._compass_offsets[event.name] = event.value

@@ -54,6 +54,11 @@ class ToldEstimator(Estimator):
         self.note(methodcaller("set_field_calibrated", calibrated))
         super().set_field_calibrated(calibrated)
 
+    def set_imu_lag(self, lag_s: float) -> None:
+        """See :class:`Estimator`."""
+        self.note(methodcaller("set_imu_lag", lag_s))
+        super().set_imu_lag(lag_s)
+
     def turn(self, turn_ned: Quaternion) -> None:
         """See :class:`Estimator`."""
         self.note(methodcaller("turn", turn_ned))

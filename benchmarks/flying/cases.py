@@ -47,6 +47,11 @@ def bad_compass(flight: Flight, rng: Rng) -> Flight:
     return flight._replace(sensors=Sensors(hard_iron=float(iron), current=float(current)))
 
 
+def slow_filters(flight: Flight, _: Rng) -> Flight:
+    """The low-passes that ArduPilot gives a rover."""
+    return flight._replace(sensors=flight.sensors._replace(gyr_hz=4.0, acc_hz=10.0))
+
+
 def at_4_hz(flight: Flight, _: Rng) -> Flight:
     """The rate that a ground station asks for."""
     return flight._replace(link=Link(period_s=0.25))
@@ -74,6 +79,7 @@ CASES: dict[str, Case] = {
         ("plane", "copter", "rover"),
         lambda f, _: f._replace(trouble=Trouble(lost=(90.0, 120.0), wrong=(150.0, 170.0))),
     ),
+    "slow filters": Case(("rover",), slow_filters),
     "4 Hz": Case(VEHICLES, at_4_hz),
     **{f"radio at {hz:g} Hz": Case(VEHICLES, over_radio(hz)) for hz in (1.0, 2.5, 4.0)},
 }

@@ -47,6 +47,8 @@ class Sensors(NamedTuple):
     mag: float = 0.004
     hard_iron: float = 0.005  # length of the vector
     current: float = 0.0  # of the motors' field at full throttle
+    gyr_hz: float = 20.0  # cutoff of the low-pass
+    acc_hz: float = 20.0
 
 
 class Filter(NamedTuple):
@@ -119,13 +121,13 @@ def signals(motion: Motion, flight: Flight, rng: np.random.Generator) -> Signals
     left_over = np.sqrt(FINE_HZ / 44.0)  # so much noise remains behind the low-pass
     moving = np.linalg.norm(motion.velocity, axis=1) > 0.1
 
-    def sense(signal: Floats, sigma: float, bias: float) -> Floats:
+    def sense(signal: Floats, sigma: float, bias: float, cutoff_hz: float) -> Floats:
         noise = left_over * sigma * (0.1 + 0.9 * moving[:, None]) * rng.standard_normal((n, 3))
-        return _low_pass(signal + bias * rng.standard_normal(3) + noise)
+        return _low_pass(signal + bias * rng.standard_normal(3) + noise, cutoff_hz)
 
     return Signals(
-        sense(motion.rate, s.gyr, s.gyr_bias),
-        sense(felt, s.acc, s.acc_bias),
+        sense(motion.rate, s.gyr, s.gyr_bias, s.gyr_hz),
+        sense(felt, s.acc, s.acc_bias, s.acc_hz),
         _averaged_field(R, motion, s, rng),
         _filters(motion, acceleration, flight.filter, rng),
         motion.velocity + _slow(n, flight.receiver.slow_m_s, flight.receiver.tau_s, rng),
@@ -133,8 +135,8 @@ def signals(motion: Motion, flight: Flight, rng: np.random.Generator) -> Signals
     )
 
 
-def _low_pass(signal: Floats) -> Floats:
-    b, a = butter(2, 20.0, fs=FINE_HZ)
+def _low_pass(signal: Floats, cutoff_hz: float) -> Floats:
+    b, a = butter(2, cutoff_hz, fs=FINE_HZ)
     start = lfilter_zi(b, a)[:, None] * signal[:1]
     return np.asarray(lfilter(b, a, signal, axis=0, zi=start)[0])
 
@@ -224,12 +226,13 @@ def record(path: Path, motion: Motion, flight: Flight, seed: int) -> None:
     now = signals(motion, flight, rng)
     out = Tlog(path)
     for k, axis in enumerate("XYZ"):
-        out.put(START_UNIX_US, "param_value", f"COMPASS_OFS_{axis}".encode(), 40.0 + k, 9, 3, k)
+        out.put(START_UNIX_US, "param_value", f"COMPASS_OFS_{axis}".encode(), 40.0 + k, 9, 4, k)
     reports = _Reports(flight, now, rng)
     link = flight.link
     end_s = len(motion.attitude) / FINE_HZ
     mg, mrad, arrival_us, next_beat_s = 1000.0 / STANDARD_GRAVITY_M_S2, 1000.0, 0, 0.0
-    for t in sample_times(link, end_s, rng):
+    times = sample_times(link, end_s, rng)
+    for t in times:
         i = int(t * FINE_HZ)  # up to 2.5 ms older than its stamp
         stamp_us = round(1e6 * (5.0 + t * (1.0 - link.drift)))
         late_s = 0.002 + float(rng.exponential(link.late_s))
@@ -244,6 +247,9 @@ def record(path: Path, motion: Motion, flight: Flight, seed: int) -> None:
         out.put(arrival_us, "raw_imu", stamp_us, *(int(value) for value in readings))
         roll, pitch, yaw = euler_rad((q[0], q[1], q[2], q[3]))
         out.put(arrival_us, "sim_state", *q, roll, pitch, yaw, *(0.0,) * 14)
+        if t == times[0]:  # a parameter counts once its vehicle is known
+            cutoff_hz = flight.sensors.gyr_hz
+            out.put(arrival_us, "param_value", b"INS_GYRO_FILTER", cutoff_hz, 9, 4, 3)
     out.close()
 
 

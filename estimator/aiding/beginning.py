@@ -1,8 +1,11 @@
 """Where the aiding begins: its state, the covariance of its errors and the trail behind it."""
 
+from math import sqrt
+
 import numpy as np
 
 from estimator.aiding.inertial import GRAVITY_NED
+from estimator.aiding.sources.velocity import FAR
 from estimator.aiding.trail import new_trail
 from estimator.aiding.types import (
     ACC_BIAS,
@@ -115,6 +118,23 @@ def blank_aiding(params: AidingParams) -> tuple[AidingState, Array, Array]:
     """The place of state, covariance and trail while there is no aiding."""
     state, P, trail = begin(params, IDENTITY, ZERO_VEC3, NO_SAMPLE, NO_REPORT, 0.0, 0.0, 0.0)
     return state, np.zeros_like(P), trail
+
+
+def loosen(state: AidingState, covariance: Array) -> tuple[AidingState, Array]:
+    """State and covariance after reports or a field have been far off for long.
+
+    Were the attitude the reason, its variance would be ``FAR`` times what it is taken for.
+    """
+    P = covariance.copy()
+    P[TURN : TURN + 3] *= sqrt(FAR)
+    P[:, TURN : TURN + 3] *= sqrt(FAR)
+    by_filter, by_receiver = state.agreement
+    inclination, heading = state.sigma
+    return state._replace(
+        agreement=Agreements(by_filter._replace(doubt_s=0.0), by_receiver._replace(doubt_s=0.0)),
+        field=state.field._replace(doubt_s=0.0),
+        sigma=Sigmas(sqrt(FAR) * inclination, sqrt(FAR) * heading),
+    ), P
 
 
 def forget_biases(

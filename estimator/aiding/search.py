@@ -30,12 +30,11 @@ WINDOW_S = 1.0
 LONGEST_WINDOW_S = 3.0
 # Time constant of forgetting: over it G drifts by less than a heading's error.
 MEMORY_S = 30.0
-# Fewer windows (each counts less as it is forgotten) are no evidence.
-LEAST_WINDOWS = 3.0
 # Sum of squared velocity changes, (m/s)^2, that must stand across every axis.
 LEAST_EXPLAINED_M2_S2 = 4.0
-# The aiding begins with a heading that is this certain.
-ENOUGH_SIGMA_RAD = radians(10.0)
+# A heading no more certain than this, rad, is as good as none, such as one by a compass that
+# nobody has calibrated: the aiding does not begin with it.
+UNKNOWN_RAD = radians(45.0)
 # Two windows in a row share the report between them, and more share the reports' slow error:
 # the variance is this many times that of independent ones.
 CORRELATED = 4.0
@@ -196,14 +195,14 @@ def outer(a: Vec3, b: Vec3) -> Matrix:
 def solve(search: Search, bias_sigma_rad_s: float) -> Solution | None:
     """The attitude of G that fits best, if its heading is certain enough to begin with.
 
-    R minimises the loss, sum |a - R b|^2; loss / (3 windows) is the variance of one component. A
-    small turn t in NED changes a residual by t x R b, so M = sum (|b|^2 I - R b b' R') is the
-    information about t. A wrong age of the reports or a gyroscope's bias turns all vectors of a
-    steady manoeuvre alike: the fit stays good and the loss small. So the turns that both may have
-    made are added to the variance.
+    R minimises the loss, sum |a - R b|^2, by three parameters; loss / (3 windows - 3) is the
+    variance of one component. A small turn t in NED changes a residual by t x R b, so
+    M = sum (|b|^2 I - R b b' R') is the information about t. A wrong age of the reports or a
+    gyroscope's bias turns all vectors of a steady manoeuvre alike: the fit stays good and the loss
+    small. So the turns that both may have made are added to the variance.
     """
     evidence = search.evidence
-    if evidence.windows < LEAST_WINDOWS:
+    if evidence.windows <= 1.0:
         return None
     B = np.array(evidence.correlation)
     R = nearest_rotation(B)
@@ -216,9 +215,9 @@ def solve(search: Search, bias_sigma_rad_s: float) -> Solution | None:
     by_age = evidence.late_sigma_s * float(heading @ R @ np.array(evidence.lagging))
     aged = np.array(evidence.aged) @ R.T
     by_bias = bias_sigma_rad_s * float(np.linalg.norm(heading @ _information(aged)))
-    by_noise = CORRELATED * loss / (3.0 * evidence.windows) * float(heading[2])
+    by_noise = CORRELATED * loss / (3.0 * evidence.windows - 3.0) * float(heading[2])
     sigma = sqrt(by_noise + by_age**2 + by_bias**2)
-    return Solution(quaternion_from_matrix(R), sigma) if sigma < ENOUGH_SIGMA_RAD else None
+    return Solution(quaternion_from_matrix(R), sigma) if sigma < UNKNOWN_RAD else None
 
 
 def _information(together: Array) -> Array:

@@ -3,21 +3,23 @@
 It begins with the heading by the field, or with one by velocity itself.
 """
 
-from math import radians, sqrt
+from math import atan2, hypot, pi, radians, sqrt
 from typing import NamedTuple
 
 from estimator.aiding import Report, begin, compass
+from estimator.aiding.beginning import loosen
 from estimator.aiding.lean import bears_out
-from estimator.aiding.phase import Cause
+from estimator.aiding.phase import Cause, Phase
 from estimator.aiding.place import resembles
-from estimator.aiding.search import EMPTY_SEARCH, solve
-from estimator.aiding.types import NO_REPORT
+from estimator.aiding.search import EMPTY_SEARCH, UNKNOWN_RAD, solve
+from estimator.aiding.types import Sigmas
+from estimator.aiding.witness import doubted
 from estimator.conditioning import ConditioningState
 from estimator.conditioning.vertical.rate import slow_share
 from estimator.filter.alignment import align
-from estimator.geometry.quaternion import multiply
+from estimator.geometry.quaternion import multiply, rotate
 from estimator.live.conditioned import conditioned_vectors
-from estimator.live.core import Core, flat, with_attitude
+from estimator.live.core import Core, flat, square, with_attitude
 from estimator.live.settings import Settings
 from estimator.live.state import State
 from estimator.types import Quaternion
@@ -35,7 +37,8 @@ def begin_aided(state: State, report: Report, *, has_heading: bool) -> None:
     or no position that tells true from magnetic north.
     """
     start: Start | None = None
-    if has_heading and state.knows_north and trusts_field(state) and is_settled(state):
+    is_known = has_heading and state.knows_north and trusts_field(state) and is_settled(state)
+    if is_known and unaided_sigma(state).heading_rad < UNKNOWN_RAD:
         start = start_by_field(state.settings, state.core.core)
     elif state.core.search(report):
         start = start_by_velocity(state.core.core)
@@ -44,6 +47,8 @@ def begin_aided(state: State, report: Report, *, has_heading: bool) -> None:
         return
     is_calibrated = compass.is_trusted(state.context.compass, state.core.time_us)
     core = begin_aiding(state.settings, state.core.core, start, report, is_calibrated=is_calibrated)
+    if state.context.imu_lag_s is not None:
+        core = with_imu_lag(core, state.context.imu_lag_s)
     if not has_heading or slow_share(core.sample.dt_s) > 0.0:
         # there was none to correct, or correcting it would take many slow steps
         core = with_attitude(core, start.q_ned_frd)
@@ -69,20 +74,48 @@ def trusts_field(state: State) -> bool:
 
 
 def give_up(state: State) -> None:
-    """Velocity does not help any more; the compass may be the reason.
+    """What is measured contradicts the aided attitude, or it is lost: the better known one counts.
 
-    An attitude that the reports' acceleration bears out is no reason to fall back on the
-    unaided one: then the aiding begins anew from its own.
+    The aided attitude goes on as far as it is doubted, unless the unaided one is better known
+    then: the reports or the field may be what is wrong. An attitude that was taken to be the
+    better one and is doubted that much speaks against the compass that it began with.
     """
-    core = state.core.core
-    if bears_out(core.aided.lean):
-        state.set_core(begin_again(state.settings, core))
+    core, other = state.core.core, unaided_sigma(state)
+    aided, covariance = loosen(core.aided, square(core.covariance))
+    if bears_out(aided.lean) or is_better(all_doubts(core, aided.sigma), other):
+        state.set_core(core._replace(aided=aided, covariance=flat(covariance)))
         return
-    known = compass.record_giving_up(state.context.compass, core.time_us)
-    state.change_context(compass=known)
+    if is_better(core.aided.sigma, other):
+        known = compass.record_giving_up(state.context.compass, core.time_us)
+        state.change_context(compass=known)
     state.enter(Cause.GIVE_UP)
     if core.seen.has_heading and slow_share(core.sample.dt_s) > 0.0:
         state.align()
+
+
+def all_doubts(now: Core, sigma: Sigmas) -> Sigmas:
+    """How far off the aided attitude may be, with what both other witnesses say against it.
+
+    One is the unaided down, the other the field.
+    """
+    down = rotate(now.aided.estimate.q_ned_frd, now.seen.gravity_b)
+    apart_rad = atan2(hypot(down[0], down[1]), down[2])
+    heading_rad = doubted(sigma, now.witness).heading_rad
+    return Sigmas(hypot(sigma.inclination_rad, apart_rad), heading_rad)
+
+
+def unaided_sigma(state: State) -> Sigmas:
+    """How well the attitude is known without velocity."""
+    seen = state.core.core.seen
+    heading_rad = seen.sigma_heading_rad if seen.has_heading else pi
+    if not state.trusts_compass:
+        heading_rad = max(heading_rad, UNKNOWN_RAD)
+    return Sigmas(seen.sigma_inclination_rad, heading_rad)
+
+
+def is_better(one: Sigmas, other: Sigmas) -> bool:
+    """Whether an attitude is known better than another one; one that is no number never is."""
+    return hypot(*one) < hypot(*other)
 
 
 class Start(NamedTuple):
@@ -95,7 +128,7 @@ class Start(NamedTuple):
 def start_by_field(settings: Settings, now: Core) -> Start:
     """The unaided attitude, which the field has given its heading."""
     q = align(conditioned_vectors(settings.reference, now.seen))
-    return Start(q, settings.aiding.begin_heading_sigma_rad)
+    return Start(q, max(settings.aiding.begin_heading_sigma_rad, now.seen.sigma_heading_rad))
 
 
 def start_by_velocity(now: Core) -> Start | None:
@@ -107,17 +140,17 @@ def start_by_velocity(now: Core) -> Start | None:
     return Start(q, max(of_g.sigma_heading_rad, LEAST_HEADING_SIGMA_RAD))
 
 
-def begin_again(settings: Settings, now: Core) -> Core:
-    """The core with the aiding at its beginning, from its own attitude and the last report.
+def set_imu_lag(state: State, lag_s: float) -> None:
+    """See :meth:`estimator.estimator.Estimator.set_imu_lag`."""
+    state.change_context(imu_lag_s=lag_s)
+    if state.context.phase is Phase.AIDED:
+        state.set_core(with_imu_lag(state.core.core, lag_s))
 
-    Velocity has borne that attitude out, so what contradicts it is the field, whose iron may be
-    any, or the reports' past.
-    """
-    aided = now.aided
-    report = NO_REPORT._replace(given=True, velocity_ned_m_s=aided.lean.latest_m_s)
-    start = Start(aided.estimate.q_ned_frd, settings.aiding.begin_heading_sigma_rad)
-    again = begin_aiding(settings, now, start, report, is_calibrated=False)
-    return again._replace(aided=again.aided._replace(lean=aided.lean))
+
+def with_imu_lag(core: Core, lag_s: float) -> Core:
+    """The core with another age of the IMU's samples, as uncertain as before."""
+    estimate = core.aided.estimate._replace(imu_lag_s=lag_s)
+    return core._replace(aided=core.aided._replace(estimate=estimate))
 
 
 def begin_aiding(

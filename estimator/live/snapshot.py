@@ -16,6 +16,7 @@ class Context(NamedTuple):
     reports: tuple[Any, ...] = ()  # of aiding sources, that the IMU has not reached yet
     compass: Compass = UNTOUCHED  # how far the field is trusted
     whereabouts: Whereabouts = Whereabouts()  # and the field of the place
+    imu_lag_s: float | None = None  # of the IMU's samples, as far as somebody has told
     turning: Turning = STILL  # that others have seen between the IMU's samples
 
 

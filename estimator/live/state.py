@@ -101,10 +101,14 @@ class State:
         self.set_core(now._replace(conditioning=forget_coefficients(now.conditioning)))
 
     def restart(self) -> None:
-        """Forget the attitude. What is known of the compass by word, and of the place, stays."""
+        """Forget the attitude. What is known of sensors by word, and of the place, stays."""
         known = self.context
         self.set_context(
-            Context(compass=compass.restart(known.compass), whereabouts=known.whereabouts)
+            Context(
+                compass=compass.restart(known.compass),
+                whereabouts=known.whereabouts,
+                imu_lag_s=known.imu_lag_s,
+            )
         )
         self.set_core(initial_core(self.settings))
 
