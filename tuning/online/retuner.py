@@ -20,7 +20,7 @@ from estimator.profile import Profile, profile_to_json
 from tuning.arrays import Array
 from tuning.online.cost import Cost, cost_on
 from tuning.online.noise import Noise, has_moved, is_disturbed, noise_of
-from tuning.online.numbers import numbers_of, space_around, update_of, with_factors
+from tuning.online.numbers import by_rule, numbers_of, space_around, update_of, with_factors
 from tuning.online.search import FOOD_SOURCES, Look, colony_search
 from tuning.online.segment import Segment, Window
 from tuning.prediction import readings_of
@@ -32,6 +32,9 @@ LEAST_T = 2.0
 MOST_SEGMENTS = 4
 # Half a second in which the vectors are 60 deg from what was foretold is an event, and no noise.
 EVENT = 0.25
+# The rule is followed where it moves a number by more than this, as a natural logarithm: less
+# is what segments differ by.
+LEAST_FOLLOWED = 0.35
 # Segments that a decision may take until it is in force.
 MOST_FOREIGN = 2
 # Windows without a search behind one that found nothing, and after a move that was taken back.
@@ -130,18 +133,18 @@ class Retuner:
             return None
         earlier, self._last = self._last, None if segment.silent else segment
         self._foreign = 0
-        if earlier is None or segment.silent or not len(self._now):
-            return None
-        window = Window(earlier, segment)
-        noises = [noise_of(readings_of(part.samples)) for part in window]
-        if noises[0] is None or noises[1] is None:
+        noise = noise_of(readings_of(segment.samples))
+        if segment.silent or noise is None or not len(self._now):
             return None
         if self._learnt is None:
-            self._learnt = noises[1]
+            self._learnt = noise
+        if is_disturbed(self._learnt, noise):
+            self._last = None
             return None
-        if any(is_disturbed(self._learnt, noise) for noise in noises if noise is not None):
-            return None
-        return self._consider(window, noises[0], noises[1])
+        ruled = by_rule(self._base, self._now, self._learnt, noise)
+        if np.abs(np.log(ruled / self._now)).max() > LEAST_FOLLOWED:
+            return self._follow_rule(ruled, segment, noise)
+        return None if earlier is None else self._consider(Window(earlier, segment), noise)
 
     def _follow(self, profile: Profile) -> None:
         """Another profile is in force: a decision has not arrived yet, or somebody has replaced it.
@@ -153,12 +156,13 @@ class Retuner:
         if self._foreign > MOST_FOREIGN:
             self._begin(profile)
 
-    def _consider(self, window: Window, earlier: Noise, later: Noise) -> Decision | None:
+    def _consider(self, window: Window, later: Noise) -> Decision | None:
         assert self._learnt is not None
-        is_busy = self._before is not None or self._trials
-        if not is_busy:
+        if self._before is None and not self._trials:
             self._wait = max(0, self._wait - 1)
-            if self._wait or not has_moved(self._learnt, later) or has_moved(earlier, later):
+            earlier = noise_of(readings_of(window.earlier.samples))
+            is_steady = earlier is not None and not has_moved(earlier, later)
+            if self._wait or not is_steady or not has_moved(self._learnt, later):
                 return None
         self._old = self._cost(self._now, window, judged=True)
         if self._old.blocks.max() > EVENT:
@@ -169,6 +173,21 @@ class Retuner:
             return self._judge(window)
         self._learnt = later
         return self._search(window)
+
+    def _follow_rule(self, factors: Array, segment: Segment, now: Noise) -> Decision | None:
+        """What follows from the noise alone, at once: a window's cost tells less about it.
+
+        No check follows. When the noise is over, the same rule leads back.
+        """
+        alone = Window(segment, segment)
+        old, new = (self._cost(each, alone, judged=False) for each in (self._now, factors))
+        if old.blocks.max() > EVENT:
+            self._last = None
+            return None
+        self._learnt, self._trials = now, []
+        decision = self._move(factors, "noise has changed", Trial(factors, (old,), (new,)).share)
+        self._before = None
+        return decision
 
     def _search(self, window: Window) -> Decision | None:
         """Find a candidate on the earlier segment; the later one is the first that judges it."""
