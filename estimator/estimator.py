@@ -8,6 +8,7 @@ from estimator.aiding.search import UNKNOWN_RAD
 from estimator.filter.gain_words import gain_in_words
 from estimator.live import north
 from estimator.live.aiding_span import set_imu_lag
+from estimator.live.contradiction import leaning_angle
 from estimator.live.core import apply_turn, change_imu
 from estimator.live.hearing import take_rate, take_report
 from estimator.live.published import write
@@ -193,6 +194,16 @@ class Estimator:
         values = (time_us, *moved, *figures, state.norths[not has_heading])
         attitude: Attitude = _new(Attitude, values)
         return attitude
+
+    @property
+    def leaning_rad(self) -> float:
+        """How far the field, as read, contradicts the vertical of accelerometer and velocity.
+
+        0 where it does not, and without velocity.
+        """
+        state = self._state
+        is_aided = state.context.phase is Phase.AIDED
+        return leaning_angle(state.settings, state.core.core) if is_aided else 0.0
 
     @property
     def rates(self) -> str:

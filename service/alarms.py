@@ -1,11 +1,12 @@
 """What tells that an attitude is not what it claims to be, though nothing is missing.
 
-Four things that must hold over a minute, whatever the vehicle does, by its own sensors seen
-from the published attitude: on average the specific force points up, since nothing accelerates for
-ever; the Earth's field keeps its direction, and is that of the place; a gyroscope's bias is
-within what the profile allows; and the vehicle's seconds are as long as the host's. Where one does
-not hold, the profile, the axes, a sensor or the clock are wrong, and sigma knows nothing of it. No
-clock is read; times are the vehicle's, and those of arrival.
+Five things that must hold over a minute, whatever the vehicle does, by its own sensors seen from
+the published attitude: on average the specific force points up, since nothing accelerates for ever;
+the Earth's field keeps its direction, and is that of the place; it dips as much below the level
+that force and velocity agree on; a gyroscope's bias is within what the profile allows; and the
+vehicle's seconds are as long as the host's. Where one does not hold, the profile, the axes, a
+sensor or the clock are wrong, and sigma knows nothing of it. No clock is read; times are the
+vehicle's, and those of arrival.
 """
 
 from enum import StrEnum
@@ -24,6 +25,8 @@ TILT_DEG = 15.0
 # A magnet that passes within two seconds leaves 18 deg, which fades; vehicles in flight have 5.
 SCATTER_DEG = 12.0
 SIGMAS = 2.0
+# Of a vertical that the field contradicts, beyond what hard iron and the place's steel explain.
+LEANING_DEG = 5.0
 # A heading by velocity and one by the field differ by the compass's offsets, up to 11 deg seen.
 HEADING_OFF_DEG = 20.0
 # Vehicle's time by the host's over ten seconds. Bursts make it swing, both ways; what stays on one
@@ -38,6 +41,7 @@ WEAKEST_GAUSS, STRONGEST_GAUSS = 0.1, 1.0
 class Alarm(StrEnum):
     """The words of a status's warnings; docs/troubleshooting.md says what a person can do."""
 
+    ACCELEROMETER = "accelerometer_contradicts"
     BIAS_AT_LIMIT = "bias_at_limit"
     CLOCK_DRIFT = "clock_drift"
     FIELD_IMPOSSIBLE = "field_impossible"
@@ -48,6 +52,7 @@ class Alarm(StrEnum):
 # Time constants of the share of time for which something is so. It is said from 0.6 on, so after
 # as long if it is so all the time, until 0.3: a start or a magnet that passes says nothing.
 PATIENCE_S = {
+    Alarm.ACCELEROMETER: 5.0,
     Alarm.BIAS_AT_LIMIT: 5.0,
     Alarm.CLOCK_DRIFT: 60.0,
     Alarm.FIELD_IMPOSSIBLE: 20.0,
@@ -55,6 +60,7 @@ PATIENCE_S = {
 }
 BEGIN_SHARE, END_SHARE = 0.6, 0.3
 MEANINGS = {
+    Alarm.ACCELEROMETER: "the magnetic field contradicts the accelerometer's vertical",
     Alarm.BIAS_AT_LIMIT: "the gyroscope's bias stands at its limit",
     Alarm.CLOCK_DRIFT: "the vehicle's clock runs too fast or too slow",
     Alarm.FIELD_IMPOSSIBLE: "the magnetic field is none of this place",
@@ -87,10 +93,12 @@ class Alarms:
         attitude: Attitude,
         profile: Profile,
         place: PlaceField | None,
+        leaning_rad: float = 0.0,
     ) -> None:
         """Compare a sample that arrived at ``arrival_us`` with the attitude at its time.
 
-        ``place`` has the field of the place if that is known.
+        ``place`` has the field of the place if that is known, ``leaning_rad`` is how far the
+        field contradicts the vertical.
         """
         time_us = sample.time_us
         if self._next_us is None:
@@ -100,6 +108,7 @@ class Alarms:
         self._last_us = time_us
         self._remember(sample, attitude, dt_s / (MEMORY_S + dt_s))
         seen = {
+            Alarm.ACCELEROMETER: degrees(leaning_rad) > LEANING_DEG,
             Alarm.BIAS_AT_LIMIT: _is_at_limit(attitude, profile),
             Alarm.FIELD_IMPOSSIBLE: self._is_field_impossible(attitude, place),
             Alarm.SIGMA_TOO_SMALL: self._is_sigma_too_small(attitude),

@@ -1,7 +1,7 @@
 """One vehicle as the service sees it: its estimator, clock, health and counts."""
 
 from collections import Counter, deque
-from math import pi, sqrt
+from math import degrees, pi, sqrt
 
 from drivers.events import (
     BodyRates,
@@ -21,7 +21,7 @@ from estimator.profile import Profile
 from estimator.reasons import Reason
 from estimator.types import ImuSample
 from service import health, host_clock, imu_choice, report_choice
-from service.alarms import MEANINGS, Alarm, Alarms
+from service.alarms import LEANING_DEG, MEANINGS, Alarm, Alarms
 from service.attitude_record import attitude_record, is_finite
 from service.counts import Counts
 from service.health import Health, State
@@ -363,7 +363,10 @@ class Vehicle:
         if not self.estimator.aligned or not self._alarms.is_due(sample.time_us):
             return []
         place = self.estimator.place_field
-        self._alarms.look(sample, event.arrival_us, attitude, self.profile, place)
+        # what contradicts the vertical is in sigma, and costs more to ask for
+        is_sure = degrees(attitude.sigma_inclination_rad) < LEANING_DEG
+        leaning_rad = 0.0 if is_sure else self.estimator.leaning_rad
+        self._alarms.look(sample, event.arrival_us, attitude, self.profile, place, leaning_rad)
         return self._tell_alarms(event.arrival_us)
 
     def _tell_alarms(self, now_us: int) -> list[str]:

@@ -59,6 +59,18 @@ def test_what_agrees_says_nothing():
     assert words(60) == frozenset()
 
 
+@pytest.mark.parametrize(
+    ("leaning_deg", "seconds", "said"), [(9, 8, True), (9, 2, False), (4, 60, False)]
+)
+def test_a_vertical_that_the_field_contradicts_is_the_accelerometers(leaning_deg, seconds, said):
+    alarms = Alarms()
+    for half in range(2 * seconds):
+        sample = ImuSample(half * 500_000, (0.0, 0.0, 0.0), (0.0, 0.0, -9.8), FIELD, has_mag=True)
+        arrival_us, leaning_rad = START_US + half * 500_000, radians(leaning_deg)
+        alarms.look(sample, arrival_us, attitude(), IMU, HERE, leaning_rad)
+    assert (Alarm.ACCELEROMETER in alarms.words) == said
+
+
 @pytest.mark.parametrize(("seconds", "said"), [(4, set()), (7, {Alarm.BIAS_AT_LIMIT})])
 def test_a_bias_at_its_limit_is_told_after_five_seconds(seconds, said):
     limit = bias_limit_rad_s(IMU)
