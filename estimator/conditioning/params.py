@@ -91,9 +91,6 @@ class ConditioningParams(NamedTuple):
     turn_heading_tau_s: Time = 1.5  # averaging of that residual; small: false alarms
     turn_heading_time_s: Time = 1.0  # and for so long
     turn_confidence: Share = 0.6  # least confidence of the field, averaged over the same time
-    turn_large_rad: Angle = radians(60.0)  # residual that needs less proof
-    turn_large_time_s: Time = 0.5
-    turn_large_confidence: Share = 0.8
     turn_quiet_rad: Angle = radians(20.0)  # gravity of a quiet vehicle off by so much
     turn_quiet_time_s: Time = 0.25
     turn_moving_rad: Angle = radians(60.0)  # of a moving one
@@ -106,6 +103,7 @@ class ConditioningParams(NamedTuple):
     turn_jump_own: Share = 0.5  # nor of what an unknown lag and own field do; small: false alarms
     turn_jump_norm: Share = 0.03  # change of its norm that tells a magnet; large: false alarms
     turn_jump_confidence: Share = 0.45  # of the field before one that comes within a step
+    turn_jump_slow_confidence: Share = 0.8  # before one that comes later; small: follows magnets
     turn_jump_time_s: Time = (
         1.0  # for so long a field that jumped must stay; small: follows magnets
     )

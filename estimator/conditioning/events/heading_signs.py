@@ -38,16 +38,13 @@ class HeadingSigns(NamedTuple):
     mean_east: float = 0.0  # of that field, too
     mean_confidence: float = 0.0  # of the field, averaged over the same time
     off_s: float = 0.0  # for how long the mean field has pointed elsewhere
-    large_s: float = 0.0  # for how long the field itself has pointed far away
     scatter: float = USUAL_SCATTER  # mean square of how far the mean field points elsewhere, rad^2
     borne_s: float = 0.0  # for how long, less the time against it, the field has agreed
     other_rad: float = 0.0  # the heading that was given up last
     other_s: float = 0.0  # for how much longer that is remembered
 
 
-with_means = replacer(
-    HeadingSigns, "mean_north", "mean_east", "mean_confidence", "off_s", "large_s"
-)
+with_means = replacer(HeadingSigns, "mean_north", "mean_east", "mean_confidence", "off_s")
 with_other = replacer(HeadingSigns, "borne_s", "other_rad", "other_s")
 
 
@@ -65,7 +62,7 @@ def watch_heading(
     A magnet that turns the field nearly always changes its norm or dip too, so
     its confidence falls; after a turn of the vehicle about the vertical both
     are as learnt. The means over time are of the field weighted by its
-    confidence; a large residual at high confidence needs less time.
+    confidence.
     """
     north, east = horizontal
     c = field.look.confidence
@@ -81,17 +78,11 @@ def watch_heading(
     if field.reference.is_new:  # the heading was that of a field that is not believed any more
         borne_s = 0.0
     b = dt_s / (SCATTER_TAU_S + dt_s) if estimate.covariance[9] < KNOWN_HEADING_SIGMA**2 else 0.0
-    far = (
-        known
-        and c > params.turn_large_confidence
-        and abs(direction(north, east)) > params.turn_large_rad
-    )
     return HeadingSigns(
         mean_north=n,
         mean_east=e,
         mean_confidence=w,
         off_s=duration_s(off, state.off_s, dt_s),
-        large_s=duration_s(far, state.large_s, dt_s),
         scatter=state.scatter + b * (away * away - state.scatter),
         borne_s=borne_s,
         other_rad=state.other_rad,
@@ -121,7 +112,7 @@ def borne_out(
 @inlined
 def begin_anew(state: HeadingSigns) -> HeadingSigns:
     """The signs after a turn was found: means and times start at nothing."""
-    return with_means(state, 0.0, 0.0, 0.0, 0.0, 0.0)
+    return with_means(state, 0.0, 0.0, 0.0, 0.0)
 
 
 @inlined

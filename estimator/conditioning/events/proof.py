@@ -56,14 +56,14 @@ def proof_of(
         return TurnProof(False, False, False, False, 0.0), 0.0
     heading, gravity = signs.heading, signs.gravity
     jump, seen_rad = jump_variance(params, signs.jump, learnt)
-    least = params.turn_large_confidence
+    least = params.turn_jump_slow_confidence
     ahead = SUDDEN_STILL if is_doubted else SUDDEN_AHEAD
     if signs.jump.ahead_rad > ahead * signs.jump.apart_rad:
         least = params.turn_jump_confidence
     off = abs(signs.jump.quick_norm - usual_norm)
     if heading.mean_confidence < least or off >= params.field_norm_scale * usual_norm:
         jump = 0.0
-    lasts = heading.off_s > params.turn_heading_time_s or heading.large_s > params.turn_large_time_s
+    lasts = heading.off_s > params.turn_heading_time_s
     swing = gravity.levelled[0] ** 2 + gravity.levelled[1] ** 2
     return TurnProof(
         heading=lasts and heading.borne_s <= 0.0,

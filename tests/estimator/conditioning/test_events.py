@@ -164,7 +164,6 @@ SIGNS = HeadingSigns(
     mean_east=0.05,
     mean_confidence=0.85,
     off_s=0.3,
-    large_s=0.2,
     scatter=0.002,
     borne_s=2.0,
     other_rad=-0.5,
@@ -188,11 +187,9 @@ def test_the_mean_field_counts_by_its_confidence():
     assert now.mean_confidence == pytest.approx((1.0 - a) * 0.85 + a * 0.9)
     assert now.scatter == pytest.approx((1.0 - b) * 0.002 + b * atan2(east, north) ** 2)
     assert now.off_s == pytest.approx(0.3 + DT)
-    assert now.large_s == pytest.approx(0.2 + DT)  # this reading is 66 degrees off, the mean 16
     assert now.borne_s == pytest.approx(2.0 - DT)
     assert now.other_s == pytest.approx(20.0 - DT)
     assert heading_after(SIGNS, (0.10, 0.22), variance=0.05).scatter == 0.002
-    assert heading_after(SIGNS, (0.22, 0.10)).large_s == 0.0
     assert heading_after(SIGNS, (0.10, 0.22), is_new=True).borne_s == 0.0
 
 
