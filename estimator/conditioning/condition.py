@@ -33,6 +33,7 @@ class Conditioned(NamedTuple):
     gravity_confidence: float  # 0..1, falls with unsteady force
     magnetic_confidence: float  # 0..1, of the present field; 0 without one
     sigma_inclination_rad: float  # angle that 68 % of the errors lie under
+    sigma_brief_rad: float  # the same if no acceleration lasted
     sigma_heading_rad: float  # angle that 68 % of the errors lie under; infinite without a heading
 
 
@@ -107,5 +108,6 @@ def result_of(
         gravity_confidence=known.gravity_confidence,
         magnetic_confidence=known.magnetic_confidence,
         sigma_inclination_rad=known.sigma_inclination_rad,
+        sigma_brief_rad=known.sigma_brief_rad,
         sigma_heading_rad=known.sigma_heading_rad,
     )

@@ -42,6 +42,7 @@ class Certainty(NamedTuple):
     gravity_confidence: float = 0.0  # 0..1, falls with unsteady force
     magnetic_confidence: float = 0.0  # 0..1, of the present field; 0 without one
     sigma_inclination_rad: float = 0.0  # angle that 68 % of the errors lie under
+    sigma_brief_rad: float = 0.0  # the same if no acceleration lasted
     sigma_heading_rad: float = inf  # angle that 68 % of the errors lie under, if there is a heading
 
 
@@ -60,14 +61,15 @@ def certainty_of(
         has_heading=known,
         gravity_confidence=1.0 / (1.0 + vertical.gravity.force.unsteady),
         magnetic_confidence=magnetic.look.confidence if magnetic.wait_s < ABSENT_S else 0.0,
-        sigma_inclination_rad=sigma_inclination(params, vertical, events),
+        sigma_inclination_rad=sigma_inclination(params, vertical, events, vertical.tilt.variance),
+        sigma_brief_rad=sigma_inclination(params, vertical, events, vertical.tilt.fresh),
         sigma_heading_rad=sigma_heading(params, vertical, magnetic, events) if known else inf,
     )
 
 
 @inlined
 def sigma_inclination(
-    params: ConditioningParams, vertical: VerticalState, events: EventsState
+    params: ConditioningParams, vertical: VerticalState, events: EventsState, reckoned: float
 ) -> float:
     """Angle (rad) that 68 % of the inclination errors lie under.
 
@@ -75,13 +77,13 @@ def sigma_inclination(
     longer time: accelerations that last and a gyroscope that drifts both show there, without
     telling which. To that comes how far the low-passed force has another size than gravity: what
     an accelerometer's error or an acceleration adds along the vertical it adds across as well.
-    In slow streams the variance that the vertical has by its own reckoning counts instead.
+    In slow streams the variance ``reckoned`` (rad^2) by the vertical itself counts instead.
     """
     signs = events.signs.gravity
     slow = slowness(params, vertical.coefficients.dt_s)
     measured = signs.apart + MEASURED_SQUARE * signs.uneven
     known = SIGMA_STEADY_RAD**2 + vertical.doubt
-    return sqrt(known + (1.0 - slow) * measured + slow * vertical.tilt.variance)
+    return sqrt(known + (1.0 - slow) * measured + slow * reckoned)
 
 
 @inlined

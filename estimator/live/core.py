@@ -29,6 +29,7 @@ UNSEEN = Conditioned(
     gravity_confidence=0.0,
     magnetic_confidence=0.0,
     sigma_inclination_rad=0.0,
+    sigma_brief_rad=0.0,
     sigma_heading_rad=0.0,
 )
 

@@ -346,7 +346,7 @@ def advance_aided(inside: Any, report: Report, knows_north: bool) -> bool:
     north = horizontal_north(reference, knows_north)
     others = Surroundings(
         gravity_b=seen.gravity_b,
-        gravity_sigma_rad=seen.sigma_inclination_rad,
+        gravity_sigma_rad=seen.sigma_brief_rad,
         north=north,
         place_gauss=reference.place_gauss,
     )

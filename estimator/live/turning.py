@@ -32,7 +32,7 @@ SAME_INSTANT = 0.15
 ONE_MOMENT_S = 0.012
 # Two readings further apart than this (s) do not show the turning between them.
 LONGEST_STEP_S = 0.35
-# The samples' bias against the rates is learnt over this time (s), and no larger (rad/s).
+# The samples' bias against the rates is their mean difference over this time (s), at most rad/s.
 OFFSET_TAU_S = 20.0
 MOST_OFFSET_RAD_S = 0.1
 # Rates and samples agree while their difference has less than this share of the turning's
@@ -51,6 +51,7 @@ class Turning(NamedTuple):
     offset_rad_s: Vec3 = ZERO_VEC3  # samples less rates
     misfit: float = 0.0  # mean square of the difference, (rad/s)^2
     turning: float = 0.0  # mean square of the samples' rate, (rad/s)^2
+    compared_s: float = 0.0  # for how long both have been compared
     used: int = 0  # steps that were integrated through rates
 
     @property
@@ -143,12 +144,14 @@ def _compare(
     off = subtract(gyr_rad_s, there)
     left = subtract(off, state.offset_rad_s)
     step_s = max(1e-3, apart_s + 0.25)
-    a, b = step_s / (AGREEMENT_TAU_S + step_s), step_s / (OFFSET_TAU_S + step_s)
+    a = step_s / (AGREEMENT_TAU_S + step_s)
+    b = step_s / (min(OFFSET_TAU_S, state.compared_s) + step_s)
     offset = add(state.offset_rad_s, scale(b, left))
     if norm(offset) > MOST_OFFSET_RAD_S:
         offset = scale(MOST_OFFSET_RAD_S / norm(offset), offset)
     return state._replace(
         offset_rad_s=offset,
+        compared_s=state.compared_s + step_s,
         misfit=state.misfit + a * (dot(left, left) - state.misfit),
         turning=state.turning + a * (dot(gyr_rad_s, gyr_rad_s) - state.turning),
     )

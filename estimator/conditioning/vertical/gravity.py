@@ -93,9 +93,15 @@ def observe_gravity(
     f = down.value
     size, off = square(f), square(subtract(u, f))
     ratio = off / size if size > LEAST_FORCE_M_S2**2 else 1.0
-    long = approach(before.long, f, max(k.gravity_share / LONG_MEAN, dt / age))
+    long = approach(before.long, f, long_share(k, age))
     unsteady = before.unsteady + min(1.0, dt / UNSTEADY_TAU_S) * (ratio - before.unsteady)
     return with_force(state, Force(down, quick, long, unsteady, age))
+
+
+@inlined
+def long_share(k: Coefficients, age_s: float) -> float:
+    """The share by which the long mean follows, ``age_s`` after the low-pass began."""
+    return max(k.gravity_share / LONG_MEAN, k.dt_s / age_s)
 
 
 @inlined

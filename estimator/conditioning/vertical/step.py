@@ -27,8 +27,15 @@ from estimator.conditioning.vertical.gravity import (
     GravityState,
     age_after_hole,
     level,
+    long_share,
     observe_gravity,
     with_frame,
+)
+from estimator.conditioning.vertical.lasting import (
+    Lasting,
+    lasting_variance,
+    least_variance,
+    watch_lasting,
 )
 from estimator.conditioning.vertical.rate import integration_rate
 from estimator.conditioning.vertical.rest import RestState, initial_rest, observe_rest
@@ -40,9 +47,9 @@ from estimator.conditioning.vertical.tilt import (
     believe_force,
     force_after_turn,
     initial_tilt,
-    least_share,
     slowness,
     step_noise,
+    with_variance,
 )
 from estimator.geometry.axes import axes_of, down_of
 from estimator.geometry.quaternion import (
@@ -66,6 +73,7 @@ class VerticalState(NamedTuple):
     averaging: Averaging = Averaging()  # of gravity
     gravity: GravityState = GravityState()  # frame G, and down in it
     tilt: TiltState = TiltState()  # how well down is known
+    lasting: Lasting = Lasting()  # accelerations of a slow stream that last
     doubt: float = 0.0  # variance that an unsensed turn has given it, until the force tells, rad^2
     rest: RestState = RestState()  # whether the vehicle rests
     still: Stillness = Stillness()  # whether gravity and field bear that out
@@ -145,7 +153,10 @@ def learn_vertical(
     still = observe_stillness(params, before, rest, mean)
     rate = subtract(mean.gyr, before.estimate.bias_rad_s)
     down = rotate_inverse(before.gravity.q_g_frd, down_of(before.gravity.q_6d_g))
-    noise = step_noise(params, before.tilt, mean.gyr, rate, down, dt, between)
+    p = before.estimate.covariance
+    # a slow stream's rates are of whole mrad/s, so that rest teaches no more than motion
+    unknown = max((p[0] + p[4] + p[7]) / 3.0, params.bias_motion_sigma_rad_s**2)
+    noise = step_noise(params, before.tilt, mean.gyr, rate, down, dt, between, unknown)
     clipped = missed_turn(before.clipping, down)
     belief = weigh_force(params, k, before, mean, noise, clipped[0], wander)
     share, slow = belief.share, slowness(params, dt)
@@ -174,6 +185,7 @@ def learn_vertical(
         averaging=before.averaging,
         gravity=gravity,
         tilt=belief.tilt,
+        lasting=follow_lasting(before, gravity, mean.gravity_g, noise.tilt, k, slow),
         doubt=belief.doubt,
         rest=rest,
         still=still,
@@ -214,16 +226,30 @@ def weigh_force(
     dt = mean.time_s
     slow = slowness(params, dt)
     down_g, age_s = before.gravity.force.down.value, before.gravity.force.age_s + dt
-    least = least_share(params, k, age_s)
+    young = dt / age_s if age_s <= params.gravity_tau_s else 0.0
+    lasting = lasting_variance(before.lasting)
+    known = with_variance(before.tilt, max(before.tilt.variance, least_variance(before.lasting)))
     tilt, share = believe_force(
-        params, before.tilt, noise, mean.gyr, down_g, mean.gravity_g, dt, least
+        params, known, noise, mean.gyr, down_g, mean.gravity_g, dt, lasting, young
     )
     doubt = min(before.doubt + clipped, HALF_TURN_VARIANCE)
     if doubt > 0.0:
         doubt, anew = force_after_turn(params, doubt, wander, dt)
-        if anew > max(least, slow * share):
+        if anew > max(young, k.gravity_share, slow * share):
             return Belief(tilt, doubt, anew, 1.0)
     return Belief(tilt, doubt, share, slow)
+
+
+@inlined
+def follow_lasting(
+    before: VerticalState, now: GravityState, u: Vec3, missed: float, k: Coefficients, slow: float
+) -> Lasting:
+    """What betrays accelerations that last after a step; fast streams average them out."""
+    if slow == 0.0:
+        return before.lasting
+    f, down_g = now.force, before.gravity.force.down.value
+    share = long_share(k, f.age_s)
+    return watch_lasting(before.lasting, u, f.quick, down_g, share, missed, f.age_s, k.dt_s)
 
 
 @inlined

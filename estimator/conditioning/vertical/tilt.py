@@ -4,8 +4,8 @@ Between two samples of a slow stream the gyroscope is aliased: what the vehicle
 did meanwhile shows only in how much its rate has changed, and how much it has
 turned. So the vertical has a variance, which each step's unseen turning adds
 to and each reading of the specific force takes from. Their balance is the share
-by which the vertical follows the force: little at a hundred samples a second,
-nearly all of it after a second in which nobody looked. Its root is the
+by which the vertical follows the force: little while a vehicle accelerates for
+long, nearly all of it after a second in which nobody looked. Its root is the
 published uncertainty of slow streams.
 """
 
@@ -14,7 +14,7 @@ from typing import NamedTuple
 from estimator.compilation.compiled import inlined
 from estimator.compilation.replacing import replacer
 from estimator.conditioning.params import ConditioningParams
-from estimator.conditioning.vertical.coefficients import Coefficients
+from estimator.conditioning.vertical.lasting import ACCELERATION_LASTS_S, MEMORY_S
 from estimator.conditioning.vertical.rate import slow_share
 from estimator.geometry.quaternion import angle_between_vectors, dot, norm, square, subtract
 from estimator.types import ZERO_VEC3, Between, Vec2, Vec3
@@ -30,15 +30,8 @@ HOLE_S = 1.0
 HOLE_RAD_S = 0.3
 # No direction is known worse than this, rad^2.
 MOST_VARIANCE = 3.0
-# Time (s) in which the usual size of the specific force is learnt.
-FORCE_TAU_S = 20.0
 # The least scatter of the force's direction, rad, of an accelerometer at rest.
 LEAST_SCATTER_RAD = 0.0175
-# A vehicle that changes no more than this between two samples rests: rad/s, share of the force.
-CALM_RAD_S = 0.05
-CALM_FORCE = 0.04
-# How soon (s) past motion is forgotten then.
-CALM_TAU_S = 0.5
 # An innovation counts up to this angle, rad: further ones are no scatter but a lost vertical.
 MOST_INNOVATION_RAD = 1.0
 # The least error of a second's mean force, rad^2, of an accelerometer at rest.
@@ -58,12 +51,13 @@ class TiltState(NamedTuple):
     """How well the vertical is known in G."""
 
     variance: float = 0.0  # of its direction, rad^2
+    fresh: float = 0.0  # the same if no acceleration lasted, rad^2
     scatter: float = 0.0  # mean square angle of the specific force about it, rad^2
     tilting: float = 0.0  # mean square change of rate about horizontal axes, (rad/s)^2
     twisting: float = 0.0  # mean square change of rate about down, (rad/s)^2
     gyr: Vec3 = ZERO_VEC3  # mean rate of the last step, rad/s, FRD
-    force_g: Vec3 = ZERO_VEC3  # minus the mean specific force of the last step, m/s^2, in G
     force: float = 0.0  # usual size of the specific force, m/s^2
+    share: float = 1.0  # by which the last step's force was followed
 
 
 with_variance = replacer(TiltState, "variance")
@@ -86,15 +80,18 @@ def step_noise(
     down: Vec3,
     dt_s: float,
     between: Between,
+    bias_variance: float,
 ) -> StepNoise:
     """Variances of the turn that one step has missed, about horizontal axes (both) and down.
 
     q = (c dt)^2 |dw|^2 + (a dt^2)^2 |w|^2 + n^2 dt, with c = c_max dt/(dt + t_c): the
     error of the mean of two instants, which is a fixed share of their difference as
     soon as the motion is faster than the samples. One small difference may be
-    chance, so the mean over the last seconds has its part. Fitted to flights,
+    chance, so the mean over the last seconds is the least. Fitted to flights,
     hand-held and driven motion at 1 to 25 Hz against their full rate. A step with other
-    readings between its samples is as many shorter ones.
+    readings between its samples is as many shorter ones. A bias of the gyroscope, of the variance
+    b^2, (rad/s)^2 about an axis, turns the vertical by b tau in the time tau = dt/K for which the
+    force's share K averages it, about both axes as noise of 4 b^2 tau dt would.
     """
     change = subtract(gyr, state.gyr)
     part_s, parts = dt_s, 1.0
@@ -106,19 +103,20 @@ def step_noise(
     twisting = along + CROSSED * all_of_it
     about_down = dot(rate, down) ** 2
     turning = dot(rate, rate)
-    k = params.step_change_memory
     share = params.step_change_noise * part_s / (part_s + params.step_change_s)
     if params.averaged_samples:
         share *= AVERAGED_SHARE
     change_factor = parts * (share * part_s) ** 2
     turn_factor = parts * (params.step_turn_noise_1_s * part_s * part_s) ** 2
-    tilt = change_factor * max(tilting, (1.0 - k) * tilting + k * state.tilting)
-    twist = change_factor * max(twisting, (1.0 - k) * twisting + k * state.twisting)
+    tilt = change_factor * max(tilting, state.tilting)
+    twist = change_factor * max(twisting, state.twisting)
     hole = HOLE_RAD_S**2 * max(0.0, dt_s - HOLE_S) ** 2
+    drift = 4.0 * bias_variance * dt_s * dt_s / state.share
     return StepNoise(
         tilt=tilt
         + turn_factor * (max(0.0, turning - about_down) + CROSSED * turning)
         + GYR_NOISE**2 * dt_s
+        + drift
         + hole,
         twist=twist + turn_factor * (about_down + CROSSED * turning) + GYR_NOISE**2 * dt_s + hole,
         tilting=tilting,
@@ -135,6 +133,7 @@ def believe_force(
     down_g: Vec3,
     u: Vec3,
     dt_s: float,
+    lasting: float,
     least_share: float,
 ) -> tuple[TiltState, float]:
     """The variance after a step with the force ``u`` (minus it, in G), and the force's share.
@@ -142,32 +141,33 @@ def believe_force(
     A scalar Kalman filter: P <- P + q, K = P/(P + R), P <- (1 - K)^2 P + K^2 R. R is the
     scatter of the force's direction, its mean square learnt from the innovations
     by expectation (R/(P + R))^2 v^2 + P R/(P + R), more where the force has not
-    its usual size, and times 2 T/dt: accelerations last for T. ``least_share``
-    is what the profile's time constant gives; no less is taken.
+    its usual size, and times 2 T/dt: accelerations last for T. To that come those that last
+    longer, of the variance ``lasting`` (rad^2). No less than ``least_share`` is taken.
     """
     p = min(state.variance + noise.tilt, MOST_VARIANCE)
     size = norm(u)
     usual = state.force
     unusual = size / usual - 1.0 if usual > 0.0 else 0.0
     r = state.scatter + (params.force_size_noise * unusual) ** 2
-    lasting = r * max(1.0, 2.0 * params.force_lasts_s / dt_s)
-    share = max(least_share, p / (p + lasting))
+    brief = r * max(1.0, 2.0 * params.force_lasts_s / dt_s)
+    white = brief + lasting * max(1.0, 2.0 * ACCELERATION_LASTS_S / dt_s)
+    share = max(least_share, p / (p + white))
     off = innovation(down_g, u)
     of_force = r / (p + r)
     expected = (of_force * off) ** 2 + p * of_force
-    at_rest = calm(params, state, gyr, u, unusual, dt_s)
-    a = forgetting(params.scatter_tau_s, at_rest, dt_s)
-    b = dt_s / (FORCE_TAU_S + dt_s) if abs(unusual) < 0.2 else 0.1 * dt_s / (FORCE_TAU_S + dt_s)
-    c = forgetting(params.step_change_tau_s, at_rest, dt_s)
+    a = dt_s / (params.scatter_tau_s + dt_s)
+    b = dt_s / (MEMORY_S + dt_s) if abs(unusual) < 0.2 else 0.1 * dt_s / (MEMORY_S + dt_s)
+    c = dt_s / (params.step_change_tau_s + dt_s)
     return (
         TiltState(
-            variance=(1.0 - share) ** 2 * p + share * share * lasting,
+            variance=(1.0 - share) ** 2 * p + share * share * white,
+            fresh=p * brief / (p + brief),
             scatter=state.scatter + a * (max(expected, LEAST_SCATTER_RAD**2) - state.scatter),
             tilting=state.tilting + c * (noise.tilting - state.tilting),
             twisting=state.twisting + c * (noise.twisting - state.twisting),
             gyr=gyr,
-            force_g=u,
             force=usual + b * (size - usual),
+            share=share,
         ),
         share,
     )
@@ -182,46 +182,10 @@ def innovation(down_g: Vec3, u: Vec3) -> float:
 
 
 @inlined
-def calm(
-    params: ConditioningParams, state: TiltState, gyr: Vec3, u: Vec3, unusual: float, dt_s: float
-) -> float:
-    """How calm a vehicle is: 1 if it does not turn and its force has its usual size and direction.
-
-    0 in fast streams, which need no such help.
-    """
-    slow = slowness(params, dt_s)
-    if slow == 0.0:
-        return 0.0
-    change = subtract(gyr, state.gyr)
-    moved = subtract(u, state.force_g)
-    force = max(state.force, 1.0)
-    signs = (dot(gyr, gyr) + dot(change, change)) / CALM_RAD_S**2
-    signs += dot(moved, moved) / (CALM_FORCE * force) ** 2 + (unusual / CALM_FORCE) ** 2
-    return slow / (1.0 + signs) ** 2
-
-
-@inlined
-def forgetting(tau_s: float, at_rest: float, dt_s: float) -> float:
-    """The weight of a step in a mean over ``tau_s``; a vehicle at rest soon forgets its motion."""
-    tau = tau_s * (1.0 - at_rest) + CALM_TAU_S * at_rest
-    return dt_s / (tau + dt_s)
-
-
-@inlined
-def least_share(params: ConditioningParams, k: Coefficients, age_s: float) -> float:
-    """The least share by which the vertical follows a reading of the force.
-
-    It is that of a low-pass with gravity's time constant, and while the vertical is younger than
-    that (``age_s``) that of a running mean.
-    """
-    return k.dt_s / age_s if age_s <= params.gravity_tau_s else k.gravity_share
-
-
-@inlined
 def initial_tilt(gyr: Vec3, u: Vec3) -> TiltState:
     """The state at the first reading: the direction of the force ``u`` is as good as unknown."""
     scatter = (2.0 * LEAST_SCATTER_RAD) ** 2
-    return TiltState(MOST_VARIANCE, scatter, 0.0, 0.0, gyr, u, norm(u))
+    return TiltState(MOST_VARIANCE, MOST_VARIANCE, scatter, 0.0, 0.0, gyr, norm(u), 1.0)
 
 
 @inlined

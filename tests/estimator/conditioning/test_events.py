@@ -210,7 +210,7 @@ def test_levelling_is_remembered_about_both_axes_and_a_wander_as_a_mean_square()
     gravity = GravityState(force=force)
     before = GravitySigns(0.1, 0.2, (0.05, -0.03), wander=0.02, apart=0.003, uneven=0.001)
     rest = RestState()
-    now = watch_gravity(PARAMS, before, rest, gravity, (0.004, 0.007), 0.9, DT, 0.0)
+    now = watch_gravity(PARAMS, before, rest, gravity, (0.004, 0.007), 0.9, DT, 0.0, 0.0)
     assert now.levelled == pytest.approx((0.9 * 0.05 + 0.004, -0.9 * 0.03 + 0.007))
     a, b = DT / (10.0 + DT), DT / (6.0 + DT)
     assert now.wander == pytest.approx((1.0 - a) * 0.02 + a * angle(down, quick) ** 2)
@@ -219,7 +219,7 @@ def test_levelling_is_remembered_about_both_axes_and_a_wander_as_a_mean_square()
     assert now.uneven == pytest.approx((1.0 - b) * 0.001 + b * size**2)
     assert (now.quiet_s, now.moving_s) == (0.0, 0.0)
     # with a vertical in doubt the wander is that of the doubt
-    assert watch_gravity(PARAMS, before, rest, gravity, ZERO, 0.9, DT, 0.01).wander == 0.02
+    assert watch_gravity(PARAMS, before, rest, gravity, ZERO, 0.9, DT, 0.01, 0.0).wander == 0.02
 
 
 def test_gravity_that_pulls_elsewhere_is_timed():
@@ -229,6 +229,6 @@ def test_gravity_that_pulls_elsewhere_is_timed():
         quick = (0.0, -9.8 * sin(radians(off_deg)), 9.8 * np.cos(radians(off_deg)))
         gravity = state._replace(force=Force(Smooth((0.0, 0.0, 9.8), ZERO), quick, age_s=5.0))
         now = watch_gravity(
-            PARAMS, GravitySigns(moving_s=0.1), RestState(), gravity, (0.0, 0.0), 0.9, DT, 0.0
+            PARAMS, GravitySigns(moving_s=0.1), RestState(), gravity, (0.0, 0.0), 0.9, DT, 0.0, 0.0
         )
         assert now.moving_s == pytest.approx(0.1 + DT if lasts else 0.0)

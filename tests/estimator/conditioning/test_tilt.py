@@ -11,7 +11,6 @@ from estimator.conditioning.vertical.tilt import (
     StepNoise,
     TiltState,
     believe_force,
-    calm,
     initial_tilt,
     slowness,
     step_noise,
@@ -54,7 +53,7 @@ def test_a_step_misses_the_more_the_longer_it_is_and_the_more_the_rate_has_chang
 
     def missed(rate: float, step_s: float) -> float:
         w = (rate, 0.0, 0.0)
-        return step_noise(PARAMS, state, w, w, DOWN, step_s, NOTHING_BETWEEN).tilt
+        return step_noise(PARAMS, state, w, w, DOWN, step_s, NOTHING_BETWEEN, 0.0).tilt
 
     assert missed(1.0, dt) == pytest.approx(4.0 * missed(0.5, dt), rel=0.01)  # of squares
     assert missed(0.5, 2.0 * dt) == pytest.approx(longer * missed(0.5, dt), rel=0.2)
@@ -63,7 +62,7 @@ def test_a_step_misses_the_more_the_longer_it_is_and_the_more_the_rate_has_chang
 def test_turning_about_down_is_missed_by_the_heading():
     state = initial_tilt(ZERO_VEC3, (0.0, 0.0, 9.8))
     w = (0.0, 0.0, 1.0)
-    noise = step_noise(PARAMS, state, w, w, DOWN, 0.5, NOTHING_BETWEEN)
+    noise = step_noise(PARAMS, state, w, w, DOWN, 0.5, NOTHING_BETWEEN, 0.0)
     assert noise.twist == pytest.approx(11.0 * noise.tilt, rel=0.2)
 
 
@@ -153,7 +152,7 @@ def test_slow_hand_held_motion_beats_the_accelerometer_alone(rate_hz, measured_d
     assert rms(ours) == pytest.approx(measured_deg, rel=0.2)
     assert rms(fixed) == pytest.approx(fixed_deg, rel=0.2)
     assert rms(ours) < 1.02 * rms(np.concatenate(alone))
-    assert 0.78 <= inside.mean() <= 0.86  # measured 0.83 to 0.84
+    assert 0.80 <= inside.mean() <= 0.90  # measured 0.84 to 0.88
 
 
 def test_after_a_hole_with_a_fast_turn_a_vehicle_at_rest_is_upright_within_two_seconds():
@@ -167,10 +166,10 @@ def test_after_a_hole_with_a_fast_turn_a_vehicle_at_rest_is_upright_within_two_s
     off = angles_deg(np.array([s.gravity_b for s in seen]), np.tile(DOWN, (len(times), 1)))
     sigma = np.array([degrees(s.sigma_inclination_rad) for s in seen])
     in_hole = int(np.flatnonzero(times == 21.0)[0])
-    assert sigma[in_hole - 1] == pytest.approx(0.522, rel=0.2)
+    assert sigma[in_hole - 1] == pytest.approx(0.633, rel=0.2)
     assert sigma[in_hole] == pytest.approx(14.8, rel=0.2)
     assert off[times >= 24.0].max() < 0.0018  # measured 0.0014
-    assert sigma[times >= 26.0].max() == pytest.approx(2.04, rel=0.2)
+    assert sigma[times >= 26.0].max() == pytest.approx(7.83, rel=0.2)
     fixed = run(FIXED, gyr, acc, times)
     off_fixed = degrees(np.arccos(fixed[in_hole + 1].gravity_b[2]))
     assert off_fixed == pytest.approx(119.0, rel=0.2)
@@ -187,8 +186,8 @@ BEFORE = TiltState(
     tilting=0.9,
     twisting=0.5,
     gyr=GYR_BEFORE,
-    force_g=(0.1, -0.2, 9.7),
     force=9.6,
+    share=0.05,
 )
 
 
@@ -205,56 +204,39 @@ def test_what_a_step_misses_by_its_formula(dt: float, between: Between) -> None:
     by_change = dt / step_s * (0.45 * step_s / (step_s + 0.12) * step_s) ** 2
     by_turn = dt / step_s * (0.4 * step_s**2) ** 2
     anyhow = 0.002**2 * dt + (0.3 * max(0.0, dt - 1.0)) ** 2
-    noise = step_noise(PARAMS, BEFORE, GYR, RATE, TILTED, dt, between)
+    noise = step_noise(PARAMS, BEFORE, GYR, RATE, TILTED, dt, between, 3e-5)
     assert (noise.tilting, noise.twisting) == pytest.approx((tilting, twisting))
     assert noise.tilt == pytest.approx(
-        by_change * max(tilting, 0.2 * tilting + 0.8 * 0.9)
+        by_change * max(tilting, 0.9)
         + by_turn * (turn_square - turn_along + 0.1 * turn_square)
+        + 4.0 * 3e-5 * (dt / 0.05) * dt
         + anyhow
     )
     assert noise.twist == pytest.approx(
-        by_change * max(twisting, 0.2 * twisting + 0.8 * 0.5)
-        + by_turn * (turn_along + 0.1 * turn_square)
-        + anyhow
+        by_change * max(twisting, 0.5) + by_turn * (turn_along + 0.1 * turn_square) + anyhow
     )
 
 
-@pytest.mark.parametrize("least", [0.01, 0.6])
-def test_the_force_is_believed_as_by_a_kalman_filter(least: float) -> None:
-    """A force of 10.4 m/s^2, 0.13 rad off, where 9.6 is usual; the vehicle turns."""
+@pytest.mark.parametrize("least", [0.0, 0.6])
+@pytest.mark.parametrize("lasting", [0.0, 0.05])
+def test_the_force_is_believed_as_by_a_kalman_filter(least: float, lasting: float) -> None:
+    """A force of 10.4 m/s^2, 0.13 rad off, where 9.6 is usual."""
     dt, u = 0.25, (1.0, -0.9, 10.312)
     p, size = 0.004 + 0.01, float(np.linalg.norm(u))
-    unusual = size / 9.6 - 1.0
-    r = 0.003 + unusual**2
-    lasting = r * 2.0 * 0.35 / dt
-    share = max(least, p / (p + lasting))
+    r = 0.003 + (size / 9.6 - 1.0) ** 2
+    white = r * 2.0 * 0.35 / dt + lasting * 2.0 * 3.0 / dt
+    share = max(least, p / (p + white))
     off = np.arctan2(np.hypot(u[0], u[1]), u[2])
     expected = (r / (p + r) * off) ** 2 + p * r / (p + r)
     noise = StepNoise(tilt=0.01, twist=0.02, tilting=0.7, twisting=0.3)
-    after, found = believe_force(PARAMS, BEFORE, noise, GYR, DOWN, u, dt, least)
-    assert found == pytest.approx(share)
-    assert after.variance == pytest.approx((1.0 - share) ** 2 * p + share**2 * lasting)
-    change, moved = np.subtract(GYR, GYR_BEFORE), np.subtract(u, BEFORE.force_g)
-    signs = (np.dot(GYR, GYR) + change @ change) / 0.05**2
-    signs += moved @ moved / (0.04 * 9.6) ** 2 + (unusual / 0.04) ** 2
-    at_rest = 1.0 / (1.0 + signs) ** 2
-    a, c = (dt / (tau * (1.0 - at_rest) + 0.5 * at_rest + dt) for tau in (7.0, 3.0))
+    after, found = believe_force(PARAMS, BEFORE, noise, GYR, DOWN, u, dt, lasting, least)
+    assert (found, after.share) == (pytest.approx(share), found)
+    assert after.variance == pytest.approx((1.0 - share) ** 2 * p + share**2 * white)
+    a, c = (dt / (tau + dt) for tau in (7.0, 3.0))
+    brief = r * 2.0 * 0.35 / dt
+    assert after.fresh == pytest.approx(p * brief / (p + brief))
     assert after.scatter == pytest.approx(0.003 + a * (expected - 0.003))
     assert after.tilting == pytest.approx(0.9 + c * (0.7 - 0.9))
     assert after.twisting == pytest.approx(0.5 + c * (0.3 - 0.5))
     assert after.force == pytest.approx(9.6 + dt / (20.0 + dt) * (size - 9.6))
-    assert (after.gyr, after.force_g) == (GYR, u)
-
-
-def test_a_vehicle_is_calm_where_nothing_changes() -> None:
-    """Each sign by itself, of the size that leaves a quarter."""
-    still = BEFORE._replace(gyr=ZERO_VEC3, force_g=(0.0, 0.0, 9.6))
-    down: Vec3 = (0.0, 0.0, 9.6)
-    assert calm(PARAMS, still, ZERO_VEC3, down, 0.0, 0.25) == 1.0
-    assert calm(PARAMS, still, ZERO_VEC3, down, 0.0, 0.01) == 0.0
-    assert calm(PARAMS, still, ZERO_VEC3, down, -0.04, 0.25) == pytest.approx(0.25)
-    moved: Vec3 = (0.0, 0.04 * 9.6, 9.6)
-    assert calm(PARAMS, still, ZERO_VEC3, moved, 0.0, 0.25) == pytest.approx(0.25)
-    steady = still._replace(gyr=(0.0, 0.05, 0.0))
-    assert calm(PARAMS, steady, (0.0, 0.05, 0.0), down, 0.0, 0.25) == pytest.approx(0.25)
-    assert calm(PARAMS, steady, ZERO_VEC3, down, 0.0, 0.25) == pytest.approx(0.25)
+    assert after.gyr == GYR

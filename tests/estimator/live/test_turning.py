@@ -7,7 +7,7 @@ import pytest
 
 from estimator.estimator import Estimator
 from estimator.geometry.quaternion import angle_between, exp, multiply, scale
-from estimator.live.turning import Turning, hear_rate, take_between
+from estimator.live.turning import STILL, Turning, hear_rate, take_between
 from estimator.profile import load_profile, merge_profile
 from estimator.types import (
     IDENTITY,
@@ -170,6 +170,7 @@ def test_a_sample_is_held_against_the_rate_at_its_time():
         offset_rad_s=(0.02, -0.03, 0.05),
         misfit=0.004,
         turning=0.3,
+        compared_s=30.0,
     )
     after, _ = take_between(state, 500_000, 1_000_000, gyr)
     there = before + (behind - before) / 3.0
@@ -178,3 +179,13 @@ def test_a_sample_is_held_against_the_rate_at_its_time():
     assert after.offset_rad_s == pytest.approx(np.array(state.offset_rad_s) + share * left)
     assert after.misfit == pytest.approx(0.004 + share * (left @ left - 0.004))
     assert after.turning == pytest.approx(0.3 + share * (np.dot(gyr, gyr) - 0.3))
+
+
+def test_the_first_samples_tell_their_bias_at_once():
+    """A mean of the differences so far, and not a twentieth of a second's after a second."""
+    state, bias = STILL, (0.01, -0.03, 0.02)
+    for k in range(1, 9):
+        at_us = k * SECOND // 2
+        state = hear_rate(state, RateSample(at_us, ZERO_VEC3))
+        state, _ = take_between(state, at_us - SECOND // 2, at_us, bias)
+        assert state.offset_rad_s == pytest.approx(bias)

@@ -1,0 +1,86 @@
+"""Accelerations of a slow stream that last too long to be averaged out, by what betrays them.
+
+A vehicle that turns, climbs or brakes for seconds draws the force of a second away from its own
+long mean in G. Frame G drifts as well where the gyroscope misses turns, by as much as the steps'
+noise says; what is more than that the vehicle has accelerated. Where G drifts too much to tell, the
+size of the force is left: of gravity and a horizontal acceleration a it is the root of g^2 + a^2.
+
+For long no vehicle accelerates up or down, so along the vertical the mean force is gravity. If it
+is less, the vertical is wrong, by an angle of that cosine.
+"""
+
+from typing import NamedTuple
+
+from estimator.compilation.compiled import inlined
+from estimator.conditioning.vertical.lowpass import approach
+from estimator.geometry.quaternion import angle_between_vectors, dot, norm, square
+from estimator.types import STANDARD_GRAVITY_M_S2, ZERO_VEC3, Vec3
+
+# Such accelerations last for so long (s).
+ACCELERATION_LASTS_S = 3.0
+# Averaging (s) of what betrays them, and of the force along the vertical.
+MEMORY_S = 20.0
+ALONG_S = 10.0
+# By so much an accelerometer's 1 g may be off, as a share.
+SCALE_ERROR = 0.03
+# An angle counts up to this, rad^2.
+MOST_APART = 1.0
+
+
+class Lasting(NamedTuple):
+    """What betrays accelerations that last; mean squares over ``MEMORY_S``."""
+
+    apart: float = 0.0  # angle between the force of a second and its long mean, rad^2
+    lag: float = 0.0  # variance of the long mean by the drift of G, now, rad^2
+    drift: float = 0.0  # and usually, rad^2
+    excess: float = 0.0  # by which the force's square exceeds that of gravity, as a share of it
+    long: Vec3 = ZERO_VEC3  # long mean of the force (minus it, in G), m/s^2
+    along: float = 1.0  # mean force along the vertical over ``ALONG_S``, as a share of gravity
+
+
+@inlined
+def lasting_variance(state: Lasting) -> float:
+    """Variance (rad^2, both axes together) of the force's direction by such accelerations."""
+    by_size = min(state.apart, state.excess - 2.0 * SCALE_ERROR)
+    return max(0.0, state.apart - state.drift, by_size)
+
+
+@inlined
+def least_variance(state: Lasting) -> float:
+    """The least variance (rad^2) of the vertical: t^2 = 2 (1 - cos t) of what shows it is wrong."""
+    return max(0.0, 2.0 * (1.0 - state.along - SCALE_ERROR))
+
+
+@inlined
+def watch_lasting(
+    state: Lasting,
+    u: Vec3,
+    quick: Vec3,
+    down_g: Vec3,
+    long_share: float,
+    missed: float,
+    age_s: float,
+    dt_s: float,
+) -> Lasting:
+    """A step with the force ``u``, of which ``quick`` is the mean over a second (minus it, in G).
+
+    ``down_g`` is where the vertical has been before it. The long mean moves by ``long_share`` a
+    step, so of a turn of the variance ``missed`` (rad^2) in each step it lags behind by
+    L <- (1 - share)^2 (L + missed).
+    """
+    long = approach(state.long, u, long_share)
+    lag = (1.0 - long_share) ** 2 * (state.lag + missed)
+    off = MOST_APART
+    if square(quick) * square(long) > 0.0:
+        off = min(angle_between_vectors(quick, long) ** 2, MOST_APART)
+    excess = square(u) / STANDARD_GRAVITY_M_S2**2 - 1.0
+    along = dot(u, down_g) / (norm(down_g) * STANDARD_GRAVITY_M_S2) if square(down_g) > 0.0 else 1.0
+    b = dt_s / (min(MEMORY_S, age_s) + dt_s)
+    return Lasting(
+        apart=state.apart + b * (off - state.apart),
+        lag=lag,
+        drift=state.drift + b * (lag - state.drift),
+        excess=state.excess + b * (excess - state.excess),
+        long=long,
+        along=state.along + dt_s / (ALONG_S + dt_s) * (along - state.along),
+    )

@@ -1,0 +1,90 @@
+"""Accelerations of slow streams that last: what betrays them, and what the vertical makes of it."""
+
+from math import acos, cos, radians
+
+import numpy as np
+import pytest
+
+from estimator.conditioning.vertical.lasting import (
+    Lasting,
+    lasting_variance,
+    least_variance,
+    watch_lasting,
+)
+from estimator.types import STANDARD_GRAVITY_M_S2, Vec3
+from tests.truth.run import Case, Verdict, judge
+
+G = STANDARD_GRAVITY_M_S2
+BEFORE = Lasting(0.02, 0.003, 0.004, 0.1, (0.4, -0.3, 9.9), 0.97)
+
+
+def test_a_step_by_its_formulas() -> None:
+    """All numbers are different; the vertical has been 0.1 rad off the long mean's axis."""
+    u, quick, down = (2.0, -1.0, 10.5), (1.5, 0.5, 9.7), (1.0, 0.2, 9.6)
+    now = watch_lasting(BEFORE, u, quick, down, 0.06, 0.001, 50.0, 0.25)
+    long = np.add(0.94 * np.array(BEFORE.long), 0.06 * np.array(u))
+    off = acos(np.dot(quick, long) / np.linalg.norm(quick) / np.linalg.norm(long))
+    b, lag = 0.25 / 20.25, 0.94**2 * (0.003 + 0.001)
+    assert now.long == pytest.approx(tuple(long))
+    assert now.apart == pytest.approx(0.02 + b * (off**2 - 0.02))
+    assert now.lag == pytest.approx(lag)
+    assert now.drift == pytest.approx(0.004 + b * (lag - 0.004))
+    assert now.excess == pytest.approx(0.1 + b * (np.dot(u, u) / G**2 - 1.0 - 0.1))
+    along = np.dot(u, down) / float(np.linalg.norm(down)) / G
+    assert now.along == pytest.approx(0.97 + 0.25 / 10.25 * (along - 0.97))
+
+
+@pytest.mark.parametrize(
+    ("state", "variance"),
+    [
+        (Lasting(), 0.0),
+        (Lasting(apart=0.02, drift=0.005), 0.015),  # more than G has drifted
+        (Lasting(apart=0.02, drift=0.5, excess=0.07), 0.01),  # by the size, less 2 * 3 %
+        (Lasting(apart=0.02, drift=0.5, excess=0.3), 0.02),  # no more than is seen
+        (Lasting(apart=0.02, drift=0.5, excess=-0.1), 0.0),
+    ],
+)
+def test_what_drift_does_not_explain_or_the_size_tells_has_been_acceleration(
+    state: Lasting, variance: float
+) -> None:
+    assert lasting_variance(state) == pytest.approx(variance)
+
+
+def test_a_vertical_along_which_the_force_is_less_than_gravity_is_wrong() -> None:
+    """After 60 s at 40 deg: 2 (1 - cos 40 deg) less 2 * 3 %, which is 36.5 deg squared."""
+    state, off = Lasting(), radians(40.0)
+    down: Vec3 = (0.0, np.sin(off), cos(off))
+    for _ in range(240):
+        state = watch_lasting(state, (0.0, 0.0, G), (0.0, 0.0, G), down, 0.03, 0.0, 60.0, 0.25)
+    assert least_variance(state) == pytest.approx(2.0 * (1.0 - cos(off)) - 0.06, rel=0.02)
+    assert least_variance(state._replace(along=1.3)) == 0.0
+
+
+def verdict(motion: str, rate_hz: float) -> Verdict:
+    return judge(Case(motion, has_velocity=False, rate_hz=rate_hz))
+
+
+@pytest.mark.parametrize(
+    ("motion", "rate_hz", "rms_deg"),
+    [
+        ("slalom 20", 4.0, 3.0),
+        ("climb and turn", 4.0, 2.7),
+        ("aerobatics", 4.0, 5.8),
+        ("aerobatics", 2.0, 6.6),
+    ],
+)
+def test_a_vehicle_without_velocity_that_accelerates_for_seconds(
+    motion: str, rate_hz: float, rms_deg: float
+) -> None:
+    """The force alone is 10 to 37 deg off."""
+    found = verdict(motion, rate_hz).inclination
+    assert found.rms_deg == pytest.approx(rms_deg, rel=0.2)
+    assert found.under_sigma >= 0.83
+    assert found.beyond_three <= 0.02
+
+
+def test_a_gyroscope_that_seems_to_turn_by_aliasing_is_no_reason_to_follow_it() -> None:
+    """A car's rattle of 2 Hz, seen at 2 Hz, looks like a turn of 1 deg/s that goes on."""
+    found = verdict("slalom 20", 2.0).inclination
+    assert found.rms_deg == pytest.approx(19.0, rel=0.2)  # 30 unless the vertical is doubted
+    assert found.beyond_three <= 0.1
