@@ -19,12 +19,13 @@ import numpy as np
 from common.recordings import Array, Bools
 from common.report import Row, parser, show
 from common.scores import by, rms
-from flying.replayed import down_in_body, tilt_deg
+from flying.replayed import tilt_deg
 from scipy.spatial.transform import Rotation
 
 from estimator.errors import InputError
 from estimator.profile import Profile, load_profile
 from fuzzbee.replays.comparison import compare
+from fuzzbee.replays.constant_turn import down_in_body
 from fuzzbee.replays.log_report import replay_log
 from fuzzbee.replays.motion import motion_mask
 from fuzzbee.replays.trace import VehicleTrace

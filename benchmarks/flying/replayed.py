@@ -15,6 +15,7 @@ from drivers.logs.open import open_log
 from estimator.profile import load_profile, merge_profile
 from estimator.types import ImuSample, VelocitySample
 from fuzzbee.replays.comparison import compare
+from fuzzbee.replays.constant_turn import down_in_body
 from fuzzbee.replays.trace import Replay, VehicleTrace
 
 Events = list[Event]
@@ -118,12 +119,6 @@ def worst_stretch(time_s: Array, covered: Bools) -> list[float]:
         shares.append(np.mean(covered[first:last], axis=0))
     least: list[float] = np.min(shares, axis=0).tolist()
     return least
-
-
-def down_in_body(q_ned_frd: Array) -> Array:
-    """(N, 3): the third row of the rotation matrix of each (N, 4) quaternion."""
-    w, x, y, z = q_ned_frd.T
-    return np.stack([2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)], axis=1)
 
 
 def tilt_deg(some: Array, others: Array) -> Array:

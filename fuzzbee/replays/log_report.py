@@ -14,7 +14,8 @@ from drivers.logs.open import open_log
 from drivers.mavlink.names import autopilot_name, vehicle_type_name
 from estimator.errors import InputError
 from estimator.profile import Profile
-from fuzzbee.replays.comparison import Comparison, compare
+from fuzzbee.replays.comparison import Comparison, compare, reference_attitudes
+from fuzzbee.replays.constant_turn import ConstantTurn, constant_turn
 from fuzzbee.replays.motion import motion_mask
 from fuzzbee.replays.score import (
     Coverage,
@@ -93,6 +94,7 @@ class LogReport(msgspec.Struct, frozen=True):
     rejected: dict[str, int]
     wall_s: float
     heading_references: dict[str, int] = {}
+    constant_turn: ConstantTurn | None = None
     retuned: RetunedSummary | msgspec.UnsetType = msgspec.UNSET  # with --retune only
 
 
@@ -182,6 +184,8 @@ def score(path: Path, trace: VehicleTrace, compared: Comparison, skip_s: float) 
     told = norths != "none"
     counted = known & (times_us - times_us[0] >= skip_s / MICROSECOND)
     since = known & (times_us >= (trace.turned_at_us or 0))
+    sigma_rad = trace.column(lambda a: a.sigma_inclination_rad)[counted]
+    moved = motion_mask(trace.samples)[counted]
     return LogReport(
         source=str(path),
         vehicle=_vehicle_summary(trace),
@@ -191,11 +195,11 @@ def score(path: Path, trace: VehicleTrace, compared: Comparison, skip_s: float) 
         error_deg=summarize(errors[counted], has_heading=has_heading, told=told[counted]),
         coverage=coverage(
             errors[counted],
-            trace.column(lambda a: a.sigma_inclination_rad)[counted],
+            sigma_rad,
             trace.column(lambda a: a.sigma_heading_rad)[counted],
             has_heading=has_heading,
             told=told[counted],
-            moved=motion_mask(trace.samples)[counted],
+            moved=moved,
         ),
         peers=_peers(trace, source, truth, counted),
         convergence_s=convergence_s(times_us, errors[:, 0], since) if has_heading else None,
@@ -203,6 +207,7 @@ def score(path: Path, trace: VehicleTrace, compared: Comparison, skip_s: float) 
         rejected=sort_counts(trace.rejected),
         wall_s=0.0,
         heading_references=sort_counts(Counter(norths[counted].tolist())),
+        constant_turn=constant_turn(trace.estimates[counted], truth[counted], sigma_rad, moved),
         retuned=_retuned_summary(trace),
     )
 
@@ -229,7 +234,7 @@ def _peers(
     """The autopilot's own errors against the simulator's truth, on the same samples."""
     if source != "sim" or trace.references["autopilot"].message is None:
         return {}
-    own, own_known = trace.references["autopilot"].at(trace.times_us)
+    own, own_known = reference_attitudes(trace, "autopilot")
     both = counted & own_known
     return {"autopilot": summarize(errors_against(own, truth)[both], has_heading=True)}
 

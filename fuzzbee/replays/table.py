@@ -6,6 +6,7 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
+from fuzzbee.replays.constant_turn import ConstantTurn
 from fuzzbee.replays.log_report import LogReport
 from fuzzbee.replays.simulation_report import SimulationReport
 from fuzzbee.say import printable
@@ -65,6 +66,8 @@ def _figures(report: LogReport) -> Table:
             f"{_share(report.coverage.inclination_moving)}, "
             f"{_share(report.coverage.heading_moving)}",
         )
+        if report.constant_turn is not None:
+            grid.add_row("", _turn_text(report.constant_turn))
         if errors.heading_rms is not None and _magnetic_share(report) >= LEAST_TOLD_SHARE:
             grid.add_row("", _magnetic_text(report))
     for name, peer in report.peers.items():
@@ -75,6 +78,14 @@ def _figures(report: LogReport) -> Table:
     grid.add_row("refused", counts or "nothing")
     grid.add_row("took", f"{report.wall_s:.2f} s")
     return grid
+
+
+def _turn_text(turn: ConstantTurn) -> str:
+    """What of the inclination's error would go with the mounting's or the trim's turn."""
+    return (
+        f"{turn.turn_deg:.1f}° of it is a constant turn: mounting or trim; inclination without "
+        f"{turn.inclination_rms:.2f}°, {_share(turn.inclination_coverage)} inside sigma"
+    )
 
 
 def _magnetic_share(report: LogReport) -> float:
