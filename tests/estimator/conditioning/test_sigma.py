@@ -105,7 +105,7 @@ def test_sigma_of_the_inclination_adds_up_what_may_tilt_it(dt_s, slow):
     vertical, _, events = state_of(dt_s=dt_s)
     fast = 0.0006 + 2.0 * 0.0005
     square = 0.0052**2 + 0.0004 + (1.0 - slow) * fast + slow * 0.005
-    assert sigma_inclination(PARAMS, vertical, events) ** 2 == pytest.approx(square)
+    assert sigma_inclination(PARAMS, vertical, events, 0.005) ** 2 == pytest.approx(square)
 
 
 @pytest.mark.parametrize(
