@@ -54,7 +54,7 @@ class KernelCache(NullCache):
     def save_overload(self, signature: Any, data: Any) -> None:
         """Keep it. If the disk is full, the next start has to compile again; this one goes on."""
         try:
-            self._files[-1].save_overload(signature, data)
+            self._files[-1].save(signature, data)
         except OSError as error:
             _warn_once(f"{NOT_KEPT}: {error.strerror}")
         else:
@@ -93,6 +93,16 @@ class _KernelFiles(FunctionCache):
             with suppress(OSError):
                 self._index.unlink()
             return None
+
+    def save(self, signature: Any, data: Any) -> None:
+        """Keep it. An index that cannot be read, as another version's, begins anew."""
+        try:
+            self.save_overload(signature, data)
+        except OSError:
+            raise
+        except Exception:  # noqa: BLE001 - whatever reading damaged data may raise
+            self._index.unlink(missing_ok=True)
+            self.save_overload(signature, data)
 
     def holds(self, target_context: Any) -> bool:
         """See :meth:`KernelCache.holds`."""

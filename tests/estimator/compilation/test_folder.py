@@ -148,6 +148,25 @@ def test_a_damaged_file_is_compiled_again(tmp_path, pattern, damage):
         assert (done.stdout, done.stderr) == (expected, "")
 
 
+@pytest.mark.skipif(bool(os.environ.get("NUMBA_DISABLE_JIT")), reason="nothing is compiled")
+def test_an_index_of_another_version_is_begun_anew(tmp_path):
+    """A process of that version has written it since it was read, and names a class of its own."""
+    places = {"NUMBA_CACHE_DIR": str(made(tmp_path, "cache"))}
+    beside = r"""
+import pickle, numba
+from estimator.compilation.kernel_cache import KernelCache
+keep = KernelCache.save_overload
+def keep_beside(cache, signature, data):
+    stamp = pickle.dumps(numba.__version__)
+    cache._files[-1]._index.write_bytes(stamp + b"cno_such_module\nNoSuchClass\n.")
+    keep(cache, signature, data)
+KernelCache.save_overload = keep_beside
+"""
+    first = run(beside + KERNEL, **places)
+    again = run(KERNEL + "print(sum(fuzzy_gain.stats.cache_misses.values()))", **places)
+    assert (again.stdout, first.stderr) == (first.stdout + "0\n", "")
+
+
 def test_only_our_own_folders_are_forgotten_and_of_them_only_what_we_wrote(tmp_path):
     theirs = ("kernels-6.1.0", "kernels-", "kernels-0123456789abcdeg", "kernels-0123456789abcdef0",
               "kernels-0123456789ABCDEF", "my-kernels-0123456789abcdef")  # fmt: skip
