@@ -1,6 +1,6 @@
 """Where the aiding begins: its state, the covariance of its errors and the trail behind it."""
 
-from math import sqrt
+from math import pi, sqrt
 
 import numpy as np
 
@@ -123,17 +123,20 @@ def blank_aiding(params: AidingParams) -> tuple[AidingState, Array, Array]:
 def loosen(state: AidingState, covariance: Array) -> tuple[AidingState, Array]:
     """State and covariance after reports or a field have been far off for long.
 
-    Were the attitude the reason, its variance would be ``FAR`` times what it is taken for.
+    Were the attitude the reason, its variance would be ``FAR`` times what it is taken for. No
+    attitude is known worse than half a turn.
     """
     P = covariance.copy()
-    P[TURN : TURN + 3] *= sqrt(FAR)
-    P[:, TURN : TURN + 3] *= sqrt(FAR)
+    turn = slice(TURN, TURN + 3)
+    square = max(1.0, min(FAR, pi**2 / float(P.diagonal()[turn].max())))
+    P[turn, turn] *= square
+    factor = sqrt(square)
     by_filter, by_receiver = state.agreement
     inclination, heading = state.sigma
     return state._replace(
         agreement=Agreements(by_filter._replace(doubt_s=0.0), by_receiver._replace(doubt_s=0.0)),
         field=state.field._replace(doubt_s=0.0),
-        sigma=Sigmas(sqrt(FAR) * inclination, sqrt(FAR) * heading),
+        sigma=Sigmas(factor * inclination, factor * heading),
     ), P
 
 

@@ -3,7 +3,7 @@
 It begins with the heading by the field, or with one by velocity itself.
 """
 
-from math import atan2, hypot, pi, radians, sqrt
+from math import atan2, hypot, isfinite, pi, radians, sqrt
 from typing import NamedTuple
 
 from estimator.aiding import Report, begin, compass
@@ -82,14 +82,16 @@ def give_up(state: State) -> None:
     """
     core, other = state.core.core, unaided_sigma(state)
     aided, covariance = loosen(core.aided, square(core.covariance))
-    if bears_out(aided.lean) or is_better(all_doubts(core, aided.sigma), other):
+    is_borne = bears_out(aided.lean) and isfinite(hypot(*aided.sigma))
+    if is_borne or is_better(all_doubts(core, aided.sigma), other):
         state.set_core(core._replace(aided=aided, covariance=flat(covariance)))
         return
     if is_better(core.aided.sigma, other):
         known = compass.record_giving_up(state.context.compass, core.time_us)
         state.change_context(compass=known)
     state.enter(Cause.GIVE_UP)
-    if core.seen.has_heading and slow_share(core.sample.dt_s) > 0.0:
+    is_lost = not isfinite(sum(core.filter.q_ned_frd))
+    if is_lost or (core.seen.has_heading and slow_share(core.sample.dt_s) > 0.0):
         state.align()
 
 
