@@ -24,6 +24,7 @@ from estimator.live.rows import Floats, Rows, cut
 from estimator.live.snapshot import Snapshot
 from estimator.live.state import State
 from estimator.live.taking import take_sample
+from estimator.live.turning import STILL
 from estimator.profile import Profile
 from estimator.reasons import Reason
 from estimator.types import Attitude, ImuSample, Quaternion, RateSample, Vec3, VelocitySample
@@ -170,6 +171,8 @@ class Estimator:
         state = self._state
         is_aided = state.context.phase is Phase.AIDED
         state.set_core(change_imu(state.settings, state.core.core, is_aided=is_aided))
+        # what differs from others' rates is its own, too
+        state.change_context(turning=STILL._replace(used=state.context.turning.used))
 
     def turn(self, turn_ned: Quaternion) -> None:
         """Turn the estimate by a rotation given in NED that no sensor has felt, to test recovery.
@@ -215,6 +218,13 @@ class Estimator:
         """What sets the gain K, and what that is worth."""
         settings = self._state.settings
         return gain_in_words(settings.filter, conditioned=settings.conditioned)
+
+    @property
+    def contradicted_axes(self) -> tuple[bool, bool, bool]:
+        """Whether field and force contradict the gyroscope's axes x, y, z, or others stand in."""
+        x, y, z = self._state.core.contradicted_axes
+        replaced = self._state.context.turning.stands_in
+        return x or replaced[0], y or replaced[1], z or replaced[2]
 
     @property
     def place_field(self) -> PlaceField | None:

@@ -24,6 +24,9 @@ WARNINGS: dict[str, str] = {
     Alarm.BIAS_AT_LIMIT: "bias at limit",
     Alarm.CLOCK_DRIFT: "clock drift",
     Alarm.FIELD_IMPOSSIBLE: "field impossible",
+    Alarm.GYROSCOPE_X: "gyroscope x",
+    Alarm.GYROSCOPE_Y: "gyroscope y",
+    Alarm.GYROSCOPE_Z: "gyroscope z",
     Alarm.SIGMA_TOO_SMALL: "sigma too small",
     Alarm.PROFILE_UNFIT: "profile unfit",
 }

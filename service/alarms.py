@@ -1,12 +1,12 @@
 """What tells that an attitude is not what it claims to be, though nothing is missing.
 
-Five things that must hold over a minute, whatever the vehicle does, by its own sensors seen from
-the published attitude: on average the specific force points up, since nothing accelerates for ever;
-the Earth's field keeps its direction, and is that of the place; it dips as much below the level
-that force and velocity agree on; a gyroscope's bias is within what the profile allows; and the
-vehicle's seconds are as long as the host's. Where one does not hold, the profile, the axes, a
-sensor or the clock are wrong, and sigma knows nothing of it. No clock is read; times are the
-vehicle's, and those of arrival.
+Things that must hold, whatever the vehicle does, by its own sensors seen from the published
+attitude: on average the specific force points up, since nothing accelerates for ever; the Earth's
+field keeps its direction, and is that of the place; it dips as much below the level that force and
+velocity agree on; a gyroscope's bias is within what the profile allows, its axes show the turns
+that field and force show; and the vehicle's seconds are as long as the host's. Where one does not
+hold, the profile, the axes, a sensor or the clock are wrong, and sigma knows little of it. No clock
+is read; times are the vehicle's, and those of arrival.
 """
 
 from enum import StrEnum
@@ -45,9 +45,14 @@ class Alarm(StrEnum):
     BIAS_AT_LIMIT = "bias_at_limit"
     CLOCK_DRIFT = "clock_drift"
     FIELD_IMPOSSIBLE = "field_impossible"
+    GYROSCOPE_X = "gyroscope_x_contradicts"
+    GYROSCOPE_Y = "gyroscope_y_contradicts"
+    GYROSCOPE_Z = "gyroscope_z_contradicts"
     SIGMA_TOO_SMALL = "sigma_too_small"
     PROFILE_UNFIT = "profile_unfit"
 
+
+AXES = (Alarm.GYROSCOPE_X, Alarm.GYROSCOPE_Y, Alarm.GYROSCOPE_Z)
 
 # Time constants of the share of time for which something is so. It is said from 0.6 on, so after
 # as long if it is so all the time, until 0.3: a start or a magnet that passes says nothing.
@@ -57,12 +62,16 @@ PATIENCE_S = {
     Alarm.CLOCK_DRIFT: 60.0,
     Alarm.FIELD_IMPOSSIBLE: 20.0,
     Alarm.SIGMA_TOO_SMALL: 20.0,
+    **dict.fromkeys(AXES, 1.0),
 }
 BEGIN_SHARE, END_SHARE = 0.6, 0.3
 MEANINGS = {
     Alarm.ACCELEROMETER: "the magnetic field contradicts the accelerometer's vertical",
     Alarm.BIAS_AT_LIMIT: "the gyroscope's bias stands at its limit",
     Alarm.CLOCK_DRIFT: "the vehicle's clock runs too fast or too slow",
+    Alarm.GYROSCOPE_X: "field and force contradict the gyroscope's x axis",
+    Alarm.GYROSCOPE_Y: "field and force contradict the gyroscope's y axis",
+    Alarm.GYROSCOPE_Z: "field and force contradict the gyroscope's z axis",
     Alarm.FIELD_IMPOSSIBLE: "the magnetic field is none of this place",
     Alarm.SIGMA_TOO_SMALL: "force and field contradict the attitude by more than sigma allows",
     Alarm.PROFILE_UNFIT: "the profile does not fit these signals",
@@ -94,11 +103,12 @@ class Alarms:
         profile: Profile,
         place: PlaceField | None,
         leaning_rad: float = 0.0,
+        contradicted_axes: tuple[bool, bool, bool] = (False, False, False),
     ) -> None:
         """Compare a sample that arrived at ``arrival_us`` with the attitude at its time.
 
         ``place`` has the field of the place if that is known, ``leaning_rad`` is how far the
-        field contradicts the vertical.
+        field contradicts the vertical, ``contradicted_axes`` tells which of the gyroscope's are.
         """
         time_us = sample.time_us
         if self._next_us is None:
@@ -112,6 +122,7 @@ class Alarms:
             Alarm.BIAS_AT_LIMIT: _is_at_limit(attitude, profile),
             Alarm.FIELD_IMPOSSIBLE: self._is_field_impossible(attitude, place),
             Alarm.SIGMA_TOO_SMALL: self._is_sigma_too_small(attitude),
+            **dict(zip(AXES, contradicted_axes, strict=True)),
         }
         for word, is_so in seen.items():
             self._share(word, is_so, dt_s)

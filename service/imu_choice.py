@@ -3,7 +3,8 @@
 Messages of one vehicle may come from different IMUs, mounted and calibrated differently, so
 they are never mixed: one is chosen. Another IMU is a last resort. On a lossy link one message
 may be missing for seconds while another's come through, so the chosen one must have been silent
-for long while the other came; and it must be back for as long before it is used again.
+for long while the other came; and it must be back for as long before it is used again. One of
+whose gyroscope the estimator has had to doubt comes behind all others from then on.
 """
 
 import msgspec
@@ -23,7 +24,7 @@ class ImuChoice(Value, frozen=True):
     """The message in use, when it last arrived, and another one that is proving itself.
 
     ``longest_silence_us`` is what the one in use has come back from, ``has_failed`` says that
-    another IMU has stood in before.
+    another IMU has stood in before, ``doubted`` names those whose gyroscope was contradicted.
     """
 
     message: str | None = None
@@ -34,6 +35,23 @@ class ImuChoice(Value, frozen=True):
     rival_samples: int = 0
     rival_since_us: int = 0
     rival_arrival_us: int = 0
+    doubted: tuple[str, ...] = ()
+
+    def rank(self, message: str) -> tuple[bool, int]:
+        """Place of a message in the order of preference: the doubted ones come last."""
+        return message in self.doubted, imu_rank(message)
+
+
+def doubt(choice: ImuChoice) -> ImuChoice:
+    """The choice once the gyroscope of the message in use is contradicted."""
+    if choice.message is None or choice.message in choice.doubted:
+        return choice
+    return msgspec.structs.replace(choice, doubted=(*choice.doubted, choice.message))
+
+
+def trust_all(choice: ImuChoice) -> ImuChoice:
+    """The choice after a reboot, which may have mended what was doubted."""
+    return msgspec.structs.replace(choice, doubted=())
 
 
 def patience_us(choice: ImuChoice, late_after_us: float, period_us: float) -> float:
@@ -53,7 +71,7 @@ def consider(
         return ImuChoice(message, arrival_us)
     if message == choice.message:
         return _follow_own(choice, arrival_us)
-    is_preferred = imu_rank(message) < imu_rank(choice.message)
+    is_preferred = choice.rank(message) < choice.rank(choice.message)
     longest_gap_us = late_after_us if is_preferred else max(late_after_us, STAND_IN_GAP_US)
     choice = _follow_rival(choice, message, arrival_us, longest_gap_us)
     if choice.rival != message:
@@ -62,7 +80,8 @@ def consider(
     is_long = lasts_us >= patience_us(choice, late_after_us, period_us)
     is_steady = choice.rival_samples >= STEADY_SAMPLES
     if is_steady and (is_long or (is_preferred and not choice.has_failed)):
-        return ImuChoice(message, arrival_us, has_failed=choice.has_failed or not is_preferred)
+        has_failed = choice.has_failed or not is_preferred
+        return ImuChoice(message, arrival_us, has_failed=has_failed, doubted=choice.doubted)
     return choice
 
 
@@ -73,7 +92,7 @@ def _follow_own(choice: ImuChoice, arrival_us: int) -> ImuChoice:
     if longest_us < silence_us <= LONGEST_SILENCE_US:
         longest_us = silence_us
     rival = choice.rival
-    if rival is not None and imu_rank(rival) >= imu_rank(choice.message or ""):
+    if rival is not None and choice.rank(rival) >= choice.rank(choice.message or ""):
         rival = None
     return msgspec.structs.replace(
         choice, last_arrival_us=arrival_us, longest_silence_us=longest_us, rival=rival
@@ -90,7 +109,7 @@ def _follow_rival(
             choice, rival_samples=choice.rival_samples + 1, rival_arrival_us=arrival_us
         )
     is_other = choice.rival not in (None, message)
-    if is_other and goes_on and imu_rank(message) >= imu_rank(choice.rival or ""):
+    if is_other and goes_on and choice.rank(message) >= choice.rank(choice.rival or ""):
         return choice
     return msgspec.structs.replace(
         choice,

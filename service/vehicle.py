@@ -143,6 +143,7 @@ class Vehicle:
         self.restart()
         self._clock = HostClock()
         if event.reason == "reboot":
+            self._choice = imu_choice.trust_all(self._choice)
             self._silent_since_us = self._health.last_arrival_us
         text = f"clock {event.reason} by {event.step_s:+.1f} s, aligning anew"
         return self._say([text], event.arrival_us)
@@ -366,7 +367,11 @@ class Vehicle:
         # what contradicts the vertical is in sigma, and costs more to ask for
         is_sure = degrees(attitude.sigma_inclination_rad) < LEANING_DEG
         leaning_rad = 0.0 if is_sure else self.estimator.leaning_rad
-        self._alarms.look(sample, event.arrival_us, attitude, self.profile, place, leaning_rad)
+        axes = self.estimator.contradicted_axes
+        arrival_us, profile = event.arrival_us, self.profile
+        self._alarms.look(sample, arrival_us, attitude, profile, place, leaning_rad, axes)
+        if any(axes):  # another one does no harm, and each second with this one does
+            self._choice = imu_choice.doubt(self._choice)
         return self._tell_alarms(event.arrival_us)
 
     def _tell_alarms(self, now_us: int) -> list[str]:

@@ -2,6 +2,7 @@
 
 from typing import NamedTuple
 
+from estimator.conditioning.events.axis_signs import AxisSigns
 from estimator.conditioning.events.step import EventsState
 from estimator.conditioning.field.calibration import first_calibration
 from estimator.conditioning.field.step import MagnetometerState
@@ -55,7 +56,10 @@ def forget_bias(params: ConditioningParams, state: ConditioningState) -> Conditi
     """The state with its attitude but another gyroscope, whose errors are as at the beginning."""
     _, heading_rad, covariance = state.vertical.estimate
     estimate = first_estimate(params, heading_rad, covariance[9])
-    return state._replace(vertical=state.vertical._replace(spin=Spin(), estimate=estimate))
+    return state._replace(
+        vertical=state.vertical._replace(spin=Spin(), estimate=estimate),
+        events=state.events._replace(signs=state.events.signs._replace(axes=AxisSigns())),
+    )
 
 
 def apply_turn(state: ConditioningState, turn_frd: Quaternion) -> ConditioningState:

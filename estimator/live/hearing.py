@@ -35,10 +35,17 @@ def take_report(state: State, report: Any) -> Reason | None:
     return None
 
 
+def may_stand_in(state: State) -> bool:
+    """Whether rates at the very times of the samples are of use: where those are in doubt."""
+    return any(state.context.turning.stands_in) or any(state.core.contradicted_axes)
+
+
 def take_rate(state: State, rate: RateSample) -> Reason | None:
     """Take body rates of another messenger; None, or why they were refused."""
     if not all(isfinite(w) and abs(w) <= RATE_LIMIT_RAD_S for w in rate.rate_rad_s):
         return Reason.GYROSCOPE_OUT_OF_RANGE
-    if state.profile.uses_attitude_rates and rate.time_us > state.core.time_us:
+    ahead_us = rate.time_us - state.core.time_us
+    is_wanted = ahead_us > 0 or (ahead_us == 0 and may_stand_in(state))
+    if state.profile.uses_attitude_rates and is_wanted:
         state.change_context(turning=hear_rate(state.context.turning, rate))
     return None

@@ -42,6 +42,7 @@ class Holder:
     advance_raw = _step(resident.advance_raw)
     publish = _step(resident.publish)
     _clock = _step(resident.clock)
+    _contradicted_axes = _step(resident.contradicted_axes)
     _lay = _step(resident.lay)
     _see_between = _step(resident.see_between)
     _advance_aided = _step(resident.advance_aided)
@@ -68,6 +69,13 @@ class Holder:
         if self._inside is None:
             return self._core.time_us, self._core.usual_s
         return self._clock()
+
+    @property
+    def contradicted_axes(self) -> tuple[bool, bool, bool]:
+        """See :func:`estimator.live.resident.contradicted_axes`."""
+        if self._inside is None:  # no sample has come since it was put here
+            return False, False, False
+        return self._contradicted_axes()
 
     @property
     def time_us(self) -> int:

@@ -30,6 +30,7 @@ from estimator.aiding.types import NO_REPORT, SIZE
 from estimator.aiding.witness import compare, hear_report, watch
 from estimator.compilation.compiled import compiled, inlined
 from estimator.conditioning import Conditioned, ConditioningParams, condition
+from estimator.conditioning.events.axis_signs import SPAN_S, errors_squared
 from estimator.conditioning.vertical.rate import slow_share
 from estimator.conditioning.vertical.tilt import HOLE_S
 from estimator.filter import kernel
@@ -138,6 +139,7 @@ def arguments_with(inside: Any) -> dict[Any, tuple[Any, ...]]:
     return {
         contents: (inside,),
         clock: (inside,),
+        contradicted_axes: (inside,),
         advance_raw: (inside, whole, *readings, flag),
         advance: (inside, whole, *readings, flag, flag, whole),
         lay: (inside, *(_typeof(value) for value in NOTHING_LAID)),
@@ -200,6 +202,19 @@ def contents(inside: Any) -> Core:
 def clock(inside: Any) -> tuple[int, float]:
     """Time (us) of the last sample, and the interval (s) that samples usually come at."""
     return inside.time_us, inside.usual_s
+
+
+@compiled
+def contradicted_axes(inside: Any) -> tuple[bool, bool, bool]:
+    """Whether field and force contradict the gyroscope's axes x, y, z now.
+
+    By more than a bias that the profile allows: such an error is not learnt.
+    """
+    axes = inside.conditioning.events.signs.axes
+    is_now = axes.since_s < SPAN_S
+    least = inside.params.conditioning.bias_limit_rad_s**2
+    x, y, z = errors_squared(axes)
+    return is_now and x > least, is_now and y > least, is_now and z > least
 
 
 @compiled

@@ -9,7 +9,7 @@ from estimator.live.refusal import refusal, sample_in_floats
 from estimator.live.reports import report_with_age, take_due
 from estimator.live.resident import FIRST_HEADING
 from estimator.live.state import State
-from estimator.live.turning import STILL, take_between
+from estimator.live.turning import STILL, stand_in, take_between
 from estimator.reasons import Reason
 from estimator.types import NOTHING_BETWEEN, ImuSample, VelocitySample
 
@@ -55,6 +55,9 @@ def take_conditioned(state: State, sample: ImuSample) -> None:
     between = NOTHING_BETWEEN
     if now.turning is not STILL and state.profile.uses_attitude_rates:
         turning, between = take_between(now.turning, last_us, time_us, sample.gyr_rad_s)
+        axes = state.core.contradicted_axes
+        turning, gyr_rad_s = stand_in(turning, time_us, sample.gyr_rad_s, axes)
+        sample = sample._replace(gyr_rad_s=gyr_rad_s)
         state.change_context(turning=turning)
     if now.phase is not Phase.UNAIDED:
         state.enter(cause_of(state, usual_s, dt_s, is_seen=between.given))

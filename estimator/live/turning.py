@@ -2,7 +2,9 @@
 
 An autopilot's ATTITUDE carries the rates of its own gyroscope, less the bias it has learnt.
 Where it comes at other instants than the IMU's samples, the turn over a step is integrated
-through all of them. Where it comes with the samples, nothing is between and nothing changes.
+through all of them. Where it comes with the samples, nothing is between and nothing changes, but
+for an axis that the samples' gyroscope has wrong by the word of field and force: there the rates
+stand in for it, if they agree with the samples about the other axes.
 """
 
 from itertools import pairwise
@@ -12,7 +14,6 @@ from typing import NamedTuple
 from estimator.conditioning.vertical.rate import integration_rate
 from estimator.geometry.quaternion import (
     add,
-    dot,
     exp,
     log,
     multiply,
@@ -42,6 +43,10 @@ AGREEMENT_TAU_S = 20.0
 LEAST_TURNING_RAD_S = 0.05
 
 
+Axes = tuple[bool, bool, bool]
+NO_AXES: Axes = (False, False, False)
+
+
 class Turning(NamedTuple):
     """The rates since the last IMU sample, and how well they have agreed with the samples."""
 
@@ -49,15 +54,20 @@ class Turning(NamedTuple):
     before: RateSample | None = None  # the last one that a sample has passed
     last_gyr_rad_s: Vec3 = ZERO_VEC3
     offset_rad_s: Vec3 = ZERO_VEC3  # samples less rates
-    misfit: float = 0.0  # mean square of the difference, (rad/s)^2
-    turning: float = 0.0  # mean square of the samples' rate, (rad/s)^2
+    misfit: Vec3 = ZERO_VEC3  # mean squares of the difference, (rad/s)^2
+    turning: Vec3 = ZERO_VEC3  # mean squares of the samples' rate, (rad/s)^2
     compared_s: float = 0.0  # for how long both have been compared
     used: int = 0  # steps that were integrated through rates
+    stands_in: Axes = NO_AXES  # where the rates stand in for the samples
 
-    @property
-    def agrees(self) -> bool:
-        """Whether the rates show what the samples show, as far as there was anything to show."""
-        return self.misfit <= MOST_MISFIT * max(self.turning, LEAST_TURNING_RAD_S**2)
+    def agrees(self, but: Axes = NO_AXES) -> bool:
+        """Whether the rates show what the samples show, as far as there was anything to show.
+
+        All axes count ``but`` those.
+        """
+        misfit = sum(m for m, is_out in zip(self.misfit, but, strict=True) if not is_out)
+        turning = sum(t for t, is_out in zip(self.turning, but, strict=True) if not is_out)
+        return misfit <= MOST_MISFIT * max(turning, LEAST_TURNING_RAD_S**2)
 
 
 STILL = Turning()  # nobody has told any
@@ -79,9 +89,9 @@ def take_between(
     ahead = state.waiting[len(passed) :]
     if not passed and not ahead and state.before is None:
         return state, NOTHING_BETWEEN
-    state = _compare(state, passed, ahead, time_us, gyr_rad_s)
+    state = _compare(state, passed, ahead, from_us, time_us, gyr_rad_s)
     shown = NOTHING_BETWEEN
-    if state.agrees:
+    if state.agrees():
         edge_us = _edge_us(time_us - from_us)
         inside = [r for r in passed if from_us + edge_us < r.time_us < time_us - edge_us]
         shown = _integrate(state, inside, from_us, time_us, gyr_rad_s)
@@ -127,15 +137,23 @@ def _compare(
     state: Turning,
     passed: tuple[RateSample, ...],
     ahead: tuple[RateSample, ...],
+    from_us: int,
     time_us: int,
     gyr_rad_s: Vec3,
 ) -> Turning:
-    """The sample beside the rate interpolated at its time, where two are near enough."""
+    """The sample beside the rate interpolated at its time, where two are near enough.
+
+    A rate of the sample before, which has come behind it, is compared with that one.
+    """
     near = passed[-1] if passed else state.before
     if near is None:
         return state
     there = near.rate_rad_s
     apart_s = 1e-6 * (time_us - near.time_us)
+    if passed and near.time_us == from_us:
+        if state.before is None:
+            return state
+        apart_s, gyr_rad_s = 0.0, state.last_gyr_rad_s
     if apart_s > SAME_INSTANT_S:
         if not ahead or 1e-6 * (ahead[0].time_us - near.time_us) > LONGEST_STEP_S:
             return state
@@ -146,12 +164,41 @@ def _compare(
     step_s = max(1e-3, apart_s + 0.25)
     a = step_s / (AGREEMENT_TAU_S + step_s)
     b = step_s / (min(OFFSET_TAU_S, state.compared_s) + step_s)
-    offset = add(state.offset_rad_s, scale(b, left))
+    x, y, z = (0.0 if out else b * e for e, out in zip(left, state.stands_in, strict=True))
+    offset = add(state.offset_rad_s, (x, y, z))
     if norm(offset) > MOST_OFFSET_RAD_S:
         offset = scale(MOST_OFFSET_RAD_S / norm(offset), offset)
     return state._replace(
         offset_rad_s=offset,
         compared_s=state.compared_s + step_s,
-        misfit=state.misfit + a * (dot(left, left) - state.misfit),
-        turning=state.turning + a * (dot(gyr_rad_s, gyr_rad_s) - state.turning),
+        misfit=_averaged(state.misfit, left, a),
+        turning=_averaged(state.turning, gyr_rad_s, a),
     )
+
+
+def _averaged(mean: Vec3, v: Vec3, share: float) -> Vec3:
+    """Mean squares of a vector's parts, with one more."""
+    x, y, z = (m + share * (w * w - m) for m, w in zip(mean, v, strict=True))
+    return (x, y, z)
+
+
+def stand_in(
+    state: Turning, time_us: int, gyr_rad_s: Vec3, contradicted: Axes
+) -> tuple[Turning, Vec3]:
+    """The gyroscope's reading with the latest rates in place of ``contradicted`` axes.
+
+    An axis stays replaced until the two agree about it again.
+    """
+    latest = state.before
+    if latest is None or 1e-6 * (time_us - latest.time_us) > LONGEST_STEP_S:
+        return state._replace(stands_in=NO_AXES), gyr_rad_s
+    doubted = [
+        is_new or (is_old and misfit > MOST_MISFIT * LEAST_TURNING_RAD_S**2)
+        for is_new, is_old, misfit in zip(contradicted, state.stands_in, state.misfit, strict=True)
+    ]
+    axes = (doubted[0], doubted[1], doubted[2])
+    if not any(axes) or all(axes) or not state.agrees(but=axes):
+        return state._replace(stands_in=NO_AXES), gyr_rad_s
+    there = add(latest.rate_rad_s, state.offset_rad_s)
+    x, y, z = (r if is_out else w for r, w, is_out in zip(there, gyr_rad_s, axes, strict=True))
+    return state._replace(stands_in=axes), (x, y, z)

@@ -55,6 +55,18 @@ def words(
     return alarms.words
 
 
+def test_contradicted_axes_are_named_once_it_lasts():
+    alarms, named = Alarms(), []
+    for half in range(20):
+        sample = ImuSample(500_000 * half, (0.0, 0.0, 0.0), (0.0, 0.0, -9.8), FIELD, has_mag=True)
+        axes = (3 <= half < 11, False, 3 <= half < 11)
+        alarms.look(sample, START_US + 500_000 * half, attitude(), IMU, HERE, 0.0, axes)
+        if alarms.words:
+            assert alarms.words == {Alarm.GYROSCOPE_X, Alarm.GYROSCOPE_Z}
+            named.append(0.5 * half)
+    assert (named[0], named[-1]) == (2.5, 6.0)
+
+
 def test_what_agrees_says_nothing():
     assert words(60) == frozenset()
 

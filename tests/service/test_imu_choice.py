@@ -2,7 +2,14 @@ import random
 
 import pytest
 
-from service.imu_choice import LONGEST_SILENCE_US, ImuChoice, consider, patience_us
+from service.imu_choice import (
+    LONGEST_SILENCE_US,
+    ImuChoice,
+    consider,
+    doubt,
+    patience_us,
+    trust_all,
+)
 
 LATE_US = 500_000
 
@@ -110,3 +117,25 @@ def test_a_silence_so_long_that_the_vehicle_was_gone_says_nothing_of_the_message
 ):
     choice = feed(feed(ImuChoice(), "RAW_IMU"), "RAW_IMU", start_us=silence_us)
     assert patience_us(choice, LATE_US, 0.0) == patience
+
+
+def test_another_message_is_used_while_the_gyroscope_of_the_first_is_doubted():
+    """And once that one's is doubted as well, nothing speaks against the first more than it."""
+    both = ("RAW_IMU", "SCALED_IMU2") * 3
+    choice = feed(doubt(feed(ImuChoice(), *both)), *both, start_us=100_000)
+    assert choice.message == "SCALED_IMU2"
+    assert feed(choice, *both * 100, start_us=200_000).message == "SCALED_IMU2"
+    assert feed(trust_all(choice), *both, start_us=200_000).message == "RAW_IMU"
+    choice = feed(doubt(choice), *both, start_us=200_000)
+    assert choice.message == "RAW_IMU"
+    assert feed(doubt(choice), *both * 100, start_us=300_000).message == "RAW_IMU"
+
+
+def test_a_doubted_message_stands_in_where_the_other_falls_silent():
+    both = ("RAW_IMU", "SCALED_IMU2") * 3
+    choice = feed(doubt(feed(ImuChoice(), *both)), *both, start_us=100_000)
+    assert feed(choice, *["RAW_IMU"] * 60, start_us=200_000).message == "RAW_IMU"
+
+
+def test_nothing_is_doubted_before_there_is_a_message():
+    assert doubt(ImuChoice()) == ImuChoice()

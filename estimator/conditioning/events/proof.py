@@ -3,6 +3,7 @@
 from typing import NamedTuple
 
 from estimator.compilation.compiled import inlined
+from estimator.conditioning.events.axis_signs import AxisSigns
 from estimator.conditioning.events.gravity_signs import GravitySigns, with_times
 from estimator.conditioning.events.heading_signs import HeadingSigns, begin_anew, give_up
 from estimator.conditioning.events.jump_signs import JumpSigns, jump_variance, with_seen
@@ -21,6 +22,7 @@ class TurnSigns(NamedTuple):
     heading: HeadingSigns = HeadingSigns()  # of the field
     gravity: GravitySigns = GravitySigns()  # of the specific force
     jump: JumpSigns = JumpSigns()  # of the field in G
+    axes: AxisSigns = AxisSigns()  # of the gyroscope's axes, by that field
 
 
 class TurnProof(NamedTuple):
@@ -96,4 +98,5 @@ def reset_signs(
         heading=heading,
         gravity=with_times(gravity, quiet_s, moving_s, levelled),
         jump=with_seen(signs.jump, seen_rad),
+        axes=signs.axes,
     )

@@ -5,6 +5,7 @@ from typing import NamedTuple
 
 from estimator.compilation.compiled import inlined
 from estimator.compilation.replacing import replacer
+from estimator.conditioning.events.axis_signs import carry_axes, watch_axes
 from estimator.conditioning.events.doubt import HeadingDoubt, raise_doubt, release_doubt
 from estimator.conditioning.events.gravity_signs import gravity_at_rest, watch_gravity
 from estimator.conditioning.events.heading_signs import watch_heading
@@ -64,9 +65,13 @@ def follow_signs(
     """Each sign followed by one step's mean readings."""
     now, magnetic, since_s = vertical.state, field.state.magnetic, field.since_s
     heading, jump = before.heading, before.jump
+    axes = carry_axes(before.axes, vertical, mean.time_s)
     if field.seen:
         turning = dot(vertical.rate, vertical.rate)
         jump = watch_field(jump, mean.field_g, turning, vertical.missed, since_s)
+        learnt, usual_norm = field.state.calibration.learnt, reference_norm(magnetic)
+        wander = before.gravity.wander
+        axes = watch_axes(axes, vertical, jump, learnt, usual_norm, wander, since_s)
     if field.seen and has_heading(magnetic):
         heading = watch_heading(params, heading, now.estimate, magnetic, field.horizontal, since_s)
     decay, dt = now.coefficients.levelling_decay, mean.time_s
@@ -74,7 +79,7 @@ def follow_signs(
     gravity = watch_gravity(
         params, before.gravity, now.rest, now.gravity, swing, decay, dt, now.doubt, slow
     )
-    return TurnSigns(heading, gravity, jump)
+    return TurnSigns(heading, gravity, jump, axes)
 
 
 @inlined

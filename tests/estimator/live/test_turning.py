@@ -7,7 +7,14 @@ import pytest
 
 from estimator.estimator import Estimator
 from estimator.geometry.quaternion import angle_between, exp, multiply, scale
-from estimator.live.turning import STILL, Turning, hear_rate, take_between
+from estimator.live.turning import (
+    NO_AXES,
+    STILL,
+    Turning,
+    hear_rate,
+    stand_in,
+    take_between,
+)
 from estimator.profile import load_profile, merge_profile
 from estimator.types import (
     IDENTITY,
@@ -168,8 +175,8 @@ def test_a_sample_is_held_against_the_rate_at_its_time():
     state = Turning(
         waiting=(RateSample(900_000, tuple(before)), RateSample(1_200_000, tuple(behind))),
         offset_rad_s=(0.02, -0.03, 0.05),
-        misfit=0.004,
-        turning=0.3,
+        misfit=(0.004, 0.001, 0.002),
+        turning=(0.3, 0.2, 0.1),
         compared_s=30.0,
     )
     after, _ = take_between(state, 500_000, 1_000_000, gyr)
@@ -177,8 +184,11 @@ def test_a_sample_is_held_against_the_rate_at_its_time():
     left = np.subtract(gyr, there) - state.offset_rad_s
     share = (0.1 + 0.25) / (20.0 + 0.1 + 0.25)
     assert after.offset_rad_s == pytest.approx(np.array(state.offset_rad_s) + share * left)
-    assert after.misfit == pytest.approx(0.004 + share * (left @ left - 0.004))
-    assert after.turning == pytest.approx(0.3 + share * (np.dot(gyr, gyr) - 0.3))
+    for mean, old, new in (
+        (after.misfit, state.misfit, left),
+        (after.turning, state.turning, np.array(gyr)),
+    ):
+        assert mean == pytest.approx(np.array(old) + share * (new**2 - old))
 
 
 def test_the_first_samples_tell_their_bias_at_once():
@@ -189,3 +199,31 @@ def test_the_first_samples_tell_their_bias_at_once():
         state = hear_rate(state, RateSample(at_us, ZERO_VEC3))
         state, _ = take_between(state, at_us - SECOND // 2, at_us, bias)
         assert state.offset_rad_s == pytest.approx(bias)
+
+
+def stood_in(contradicted, *, stands_in=NO_AXES, misfit=(0.09, 0.0, 0.0), age_us=20_000):
+    state = Turning(
+        before=RateSample(1_000_000 - age_us, (0.3, 0.2, 0.1)),
+        offset_rad_s=(0.01, 0.0, 0.0),
+        misfit=misfit,
+        stands_in=stands_in,
+    )
+    return stand_in(state, 1_000_000, (0.8, 0.25, 0.15), contradicted)
+
+
+def test_rates_stand_in_for_a_contradicted_axis_until_both_agree_about_it_again():
+    x_axis = (True, False, False)
+    state, gyr = stood_in(x_axis)
+    assert state.stands_in == x_axis
+    assert gyr == pytest.approx((0.31, 0.25, 0.15))
+    assert stood_in(NO_AXES, stands_in=x_axis)[1] == gyr
+    as_it_is = (0.8, 0.25, 0.15)
+    assert stood_in(NO_AXES)[1] == as_it_is
+    assert stood_in(NO_AXES, stands_in=x_axis, misfit=(1e-3, 0.0, 0.0))[1] == as_it_is
+
+
+def test_rates_that_are_old_or_wrong_about_the_other_axes_do_not_stand_in():
+    x_axis, as_it_is = (True, False, False), (0.8, 0.25, 0.15)
+    assert stood_in(x_axis, age_us=400_000)[1] == as_it_is
+    assert stood_in(x_axis, misfit=(0.09, 0.01, 0.0))[1] == as_it_is
+    assert stood_in((True, True, True))[1] == as_it_is

@@ -1,0 +1,176 @@
+"""A gyroscope's axis that is at fault, against formulas and on a body whose truth is known."""
+
+from math import radians
+
+import numpy as np
+import pytest
+
+from estimator.conditioning import ConditioningParams, initial_state
+from estimator.conditioning.events.axis_signs import (
+    CONTRADICTION,
+    AxisSigns,
+    Suspect,
+    carry_axes,
+    force_evidence,
+    judge,
+    suspect,
+    watch_axes,
+)
+from estimator.conditioning.events.jump_signs import JumpSigns
+from estimator.conditioning.field.calibration import Calibration
+from estimator.conditioning.vertical.coefficients import Coefficients
+from estimator.conditioning.vertical.gravity import Force, GravityState
+from estimator.conditioning.vertical.lowpass import Smooth, approach
+from estimator.conditioning.vertical.step import VerticalStep
+from estimator.geometry.axes import axes_of
+from estimator.geometry.quaternion import conjugate, exp, multiply, normalize, rotate, scale, unit
+from estimator.types import IDENTITY
+
+PARAMS = ConditioningParams()
+FIELD = (0.2, 0.05, 0.43)  # in the body
+LEARNT = Calibration(0.0, (0.0, 0.0, 0.0), (1e-4, 0, 0, 0, 1e-4, 0, 0, 1e-4, 0, 1e-4), 0.477)
+DT_S = 0.02
+
+
+def step_of(q_g_frd, rate, *, bias=(0.0, 0.0, 0.0), down=(0.0, 0.0, 9.8), quick=(0.0, 0.0, 9.8)):
+    state = initial_state(PARAMS).vertical
+    force = Force(down=Smooth(down), quick=quick)
+    state = state._replace(
+        gravity=GravityState(q_g_frd=q_g_frd, force=force),
+        estimate=state.estimate._replace(bias_rad_s=bias),
+        coefficients=Coefficients(gravity_share=DT_S / PARAMS.gravity_tau_s),
+    )
+    return VerticalStep(state, rate, (0.0, 0.0), 0.0, 0.0)
+
+
+def after(
+    seconds, error, *, turning=(0.0, 0.0, 0.0), bias=(0.0, 0.0, 0.0), stretch=1.0, wander=0.001
+):
+    """The signs of a body that turns so (rad/s) by a gyroscope with this error of its axes.
+
+    ``stretch`` is the field's strength while that lasts; ten seconds without an error precede it.
+    """
+    signs, q_true, q_g = AxisSigns(), IDENTITY, IDENTITY
+    slow = quick = (0.0, 0.0, 9.8)
+    for k in range(round((10.0 + seconds) / DT_S)):
+        is_wrong = k * DT_S >= 10.0
+        rate = tuple(np.add(turning, error)) if is_wrong else turning
+        q_true = normalize(multiply(q_true, exp(scale(DT_S, turning))))
+        q_g = normalize(multiply(q_g, exp(scale(DT_S, rate))))
+        body = scale(stretch if is_wrong else 1.0, rotate(conjugate(q_true), FIELD))
+        field_g = rotate(q_g, body)
+        jump = JumpSigns(quick=field_g, quick_norm=float(np.linalg.norm(field_g)))
+        force = rotate(q_g, rotate(conjugate(q_true), (0.0, 0.0, 9.8)))
+        slow = approach(slow, force, DT_S / PARAMS.gravity_tau_s)
+        quick = approach(quick, force, DT_S / PARAMS.turn_moving_tau_s)
+        step = step_of(q_g, rate, bias=bias, down=slow, quick=quick)
+        signs = carry_axes(signs, step, DT_S)
+        signs = watch_axes(signs, step, jump, LEARNT, 0.477, wander, DT_S)
+    return signs
+
+
+@pytest.mark.parametrize("axis", range(3))
+def test_an_axis_with_an_offset_is_contradicted_within_a_second(axis):
+    """Of 0.2 rad/s a fifth is told within a second, and nearly all within three.
+
+    About x and z the field turns alike here: the force tells one from the other a second later.
+    """
+    error = [0.0, 0.0, 0.0]
+    error[axis] = 0.2
+    assert after(0.1, error).squares == (0.0, 0.0, 0.0)
+    assert 0.04 < np.sqrt(after(1.0, error).squares[axis]) < 0.12
+    assert np.sqrt(after(3.0, error).squares[axis]) == pytest.approx(0.17, rel=0.2)
+
+
+def test_a_right_gyroscope_is_not_contradicted_however_it_turns():
+    for turning in ((0.5, -0.3, 1.2), (0.0, 0.0, 0.0)):
+        assert after(5.0, (0.0, 0.0, 0.0), turning=turning).squares == (0.0, 0.0, 0.0)
+
+
+def test_a_bias_that_is_believed_wrongly_contradicts_no_axis():
+    """G, carried without a bias that is none, drifts against it: not along with it."""
+    error = (0.2, 0.0, 0.0)
+    assert after(3.0, error, bias=(-0.25, 0.0, 0.0)).squares == (0.0, 0.0, 0.0)
+    assert after(3.0, error, bias=(0.25, 0.0, 0.0)).squares[0] > 0.0
+
+
+def test_a_field_of_another_strength_contradicts_no_axis():
+    """A magnet that turns it by 0.2 rad changes its norm by a third here; the force is wild."""
+    error = (0.2, 0.0, 0.0)
+    assert after(3.0, error, wander=1.0, stretch=1.35).squares == (0.0, 0.0, 0.0)
+    assert after(3.0, error, wander=1.0).squares[0] > 0.0
+
+
+def test_what_nothing_renews_is_forgotten():
+    before = AxisSigns(squares=(0.04, 0.0, 0.01))
+    now = before
+    for _ in range(500):
+        now = carry_axes(now, step_of(IDENTITY, (0.0, 0.0, 0.0)), DT_S)
+    assert now.squares == pytest.approx(scale(np.exp(-1.0), before.squares), rel=1e-2)
+
+
+def test_a_case_against_an_axis_by_formula():
+    rng = np.random.default_rng(5)
+    q = normalize(tuple(rng.standard_normal(4)))
+    R = np.array(axes_of(q))
+    y = np.array(unit(tuple(rng.standard_normal(3))))
+    moved, lag, turned = (0.1 * rng.standard_normal(3) for _ in range(3))
+    B = 0.05 * rng.standard_normal((4, 4))
+    P = B @ B.T
+    upper = tuple(float(P[i, j]) for i in range(4) for j in range(i, 4))
+    learnt = Calibration(0.0, (0.0, 0.0, 0.0), upper, 1.0)
+    quicker, slower = 0.1 * rng.standard_normal(3), 0.1 * rng.standard_normal(3)
+    state = AxisSigns(
+        tuple(quicker), tuple(slower), (0.0, 0.0, 0.0), tuple(turned), 3e-4, 0.3, 2.0, 0.8
+    )
+    step = step_of(q, (0.0, 0.0, 0.0), down=(1.0, 2.0, 9.0), quick=(1.5, 1.0, 9.0))
+    seen = suspect(
+        state, step, learnt, (0.0, 1.0, 0.0), tuple(y), tuple(moved), tuple(lag), 4e-5, 0.02
+    )
+    a = R[:, 1]
+    d = np.cross(a, y)
+    off = moved @ d / (d @ d)
+    own = R.T @ np.cross(d, turned)
+    least = min(1.0, 3 * 0.07**2 / np.trace(P[:3, :3]))
+    by_turning = 0.3 * (least * own @ P[:3, :3] @ own + (d @ lag) ** 2 * P[3, 3]) / (d @ d) ** 2
+    by_noise = 2.0 * (4e-5 + radians(0.5) ** 2 * 0.8**2 + 3e-4) / (d @ d)
+    assert seen.turning_share == pytest.approx(by_turning / (by_turning + by_noise))
+    assert seen.ratio == pytest.approx(off**2 / (by_turning + by_noise))
+    assert seen.rate_rad_s == pytest.approx(off / 0.8)
+    force = force_evidence(step.state.gravity, tuple(a), (quicker - slower) @ d / (d @ d), 0.02)
+    assert seen.by_force == pytest.approx(force)
+    assert seen.evidence == pytest.approx(seen.ratio + force)
+
+
+def test_the_force_speaks_for_an_axis_about_which_gravity_turns_alike():
+    """Log of the likelihood ratio, twice: how much less is left of the angle between the two."""
+    down, quick, a = (1.0, 2.0, 9.0), (1.5, 1.0, 9.0), unit((0.6, 0.8, 0.1))
+    d = np.cross(a, unit(down))
+    ahead = np.subtract(unit(quick), unit(down)) @ d / np.linalg.norm(d)
+    for turn in (0.2, -0.2):
+        left = ahead - turn * np.linalg.norm(d)
+        gravity = GravityState(force=Force(down=Smooth(down), quick=quick))
+        expected = (ahead**2 - left**2) / (0.02 + 0.009**2)
+        assert force_evidence(gravity, a, turn, 0.02) == pytest.approx(expected)
+
+
+def test_a_case_much_weaker_than_another_is_dropped():
+    strong, weak, none = (Suspect(0.3, e, 0.0, e, 0.25) for e in (60.0, 43.0, 1.0))
+    squares = judge(AxisSigns(age_s=60.0), (strong, weak, none), 0.02).squares
+    assert squares == pytest.approx((0.09 * 0.02 / 1.02, 0.0, 0.0))
+    alike = strong._replace(evidence=45.0)
+    assert judge(AxisSigns(age_s=60.0), (strong, alike, none), 0.02).squares[1] > 0.0
+    by_magnet = strong._replace(by_force=-1.1)
+    assert judge(AxisSigns(age_s=60.0), (by_magnet, none, none), 0.02).squares == (0.0, 0.0, 0.0)
+    beneath = strong._replace(ratio=0.99 * CONTRADICTION)
+    assert judge(AxisSigns(age_s=60.0), (beneath, none, none), 0.02).squares == (0.0, 0.0, 0.0)
+
+
+def test_what_is_usual_is_learnt_from_what_it_is_due_to():
+    none = Suspect(0.0, 0.0, 0.0, 0.0, 0.0)
+    now = judge(AxisSigns(age_s=60.0), (Suspect(0.1, 8.0, 0.0, 8.0, 0.25), none, none), 0.5)
+    assert now.by_turning == pytest.approx(1.0 + 0.25 * 0.5 / 60.5)
+    assert now.by_noise == pytest.approx(1.0 + 0.75 * 0.5 / 60.5)
+    calm = judge(AxisSigns(age_s=60.0), (Suspect(0.1, 0.2, 0.0, 0.2, 0.25), none, none), 0.5)
+    assert calm.by_turning == pytest.approx(1.0 - 0.8 * 0.25 * 0.5 / 60.5)
+    assert calm.by_noise == 1.0
