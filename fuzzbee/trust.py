@@ -20,16 +20,7 @@ MUCH_LOST = 5
 
 # What the service warns of, in few words; a field that is none of the place says nothing against
 # the horizon.
-WARNINGS: dict[str, str] = {
-    Alarm.BIAS_AT_LIMIT: "bias at limit",
-    Alarm.CLOCK_DRIFT: "clock drift",
-    Alarm.FIELD_IMPOSSIBLE: "field impossible",
-    Alarm.GYROSCOPE_X: "gyroscope x",
-    Alarm.GYROSCOPE_Y: "gyroscope y",
-    Alarm.GYROSCOPE_Z: "gyroscope z",
-    Alarm.SIGMA_TOO_SMALL: "sigma too small",
-    Alarm.PROFILE_UNFIT: "profile unfit",
-}
+WARNINGS: dict[str, str] = {word: word.value.replace("_", " ") for word in Alarm}
 
 
 class Level(IntEnum):

@@ -57,7 +57,7 @@ def test_at_a_ground_stations_rate_velocity_makes_the_error_a_small_part():
     aided = errors_deg(events, skip_s=40.0)
     unaided = errors_deg(without(events, Velocity), skip_s=40.0)
     assert rms(aided[:, TOTAL]) == pytest.approx(1.14, rel=0.2)
-    assert rms(unaided[:, TOTAL]) == pytest.approx(19.6, rel=0.2)
+    assert rms(unaided[:, TOTAL]) == pytest.approx(8.95, rel=0.2)
 
 
 def test_sigma_is_honest_at_a_ground_stations_rate():
@@ -100,7 +100,7 @@ def test_reports_that_stop_and_come_back():
         for e in events
         if not isinstance(e, Velocity) or not gap_us[0] < e.sample.time_us < gap_us[1]
     ]
-    assert rms(errors_deg(heard, 40.0)[:, TOTAL]) == pytest.approx(1.98, rel=0.2)  # 1.14 whole
+    assert rms(errors_deg(heard, 40.0)[:, TOTAL]) == pytest.approx(1.17, rel=0.2)  # 1.14 whole
 
 
 def test_without_a_position_velocity_levels_but_the_heading_stays_magnetic():

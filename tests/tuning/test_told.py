@@ -6,7 +6,9 @@ from tuning.told import ToldEstimator
 ASKED = {
     "aligned",
     "attitude",
+    "contradicted_axes",
     "gain_in_words",
+    "leaning_rad",
     "norths",
     "place_field",
     "profile",
