@@ -1,5 +1,6 @@
 """What ``fuzzbee run`` takes its events from: checked, opened, and its recorder."""
 
+from collections.abc import Callable
 from contextlib import ExitStack
 from pathlib import Path
 from typing import Any
@@ -18,6 +19,7 @@ from service.log_player import LogPlayer
 from service.overload import Overload
 from service.parameters import ParameterRequests
 from service.pipeline import Pipeline
+from service.records import Message
 from service.runner import Runner
 from service.sinks.outbox import Outbox
 
@@ -87,12 +89,15 @@ def make_runner(
     outbox: Outbox,
     requests: ParameterRequests,
     rate_hz: float,
+    news: Callable[[], list[Message]] = list,
 ) -> Runner:
     """The loop over a source: a log has a clock and an end of its own."""
     options: dict[str, Any] = {"overload": Overload()}
     if isinstance(source, LogPlayer):
         options = {"now_us": source.now_us, "is_finished": source.is_finished}
-    return Runner(source, pipeline, outbox, rate_hz=rate_hz, requests=requests, **options)
+    return Runner(
+        source, pipeline, outbox, rate_hz=rate_hz, requests=requests, news=news, **options
+    )
 
 
 def open_link(

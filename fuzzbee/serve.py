@@ -5,16 +5,14 @@ from concurrent.futures import Future
 from contextlib import ExitStack
 from typing import TYPE_CHECKING
 
-from estimator.compilation.compiled import is_cached
 from estimator.errors import InputError
 from estimator.estimator import Estimator
-from estimator.live.resident import advance_raw
-from estimator.profile import Profile, load_profile
+from estimator.profile import Profile
 from fuzzbee import outputs
 from fuzzbee.live_source import make_runner, open_recorder, open_source
 from fuzzbee.run_options import RunOptions
+from fuzzbee.say import say
 from fuzzbee.serving import (
-    Prepared,
     closed_if_unused,
     conclude,
     open_view,
@@ -24,12 +22,14 @@ from fuzzbee.serving import (
     summary,
 )
 from fuzzbee.zenoh_options import opened
+from service.compiling import BEGUN, Compiling
 from service.parameters import ParameterRequests
 from service.pipeline import Pipeline
+from service.records import Message
 from service.runner import Runner
 from service.sinks.outbox import Outbox
 from service.sinks.recording import RecordingSink
-from service.warm_up import compile_ahead, is_compiled, warm_up
+from service.warm_up import is_compiled, is_kept, warm_up
 from service.workers.job import Tally
 from service.zenoh_session import OpeningSession
 
@@ -51,10 +51,11 @@ def serve(options: RunOptions, opening: OpeningSession | None) -> int:
     profile = prepared.profile
     requests = ParameterRequests()
     conflicts: list[InputError] = []
-    if opening is not None:
-        _compile(profile, options.gain, with_raw=False, only_loads=True)
+    is_there = is_compiled(profile)
+    if is_there:
+        _load(profile, options.gain)
     with ExitStack() as stack:
-        # whatever can be refused is opened before the compiler starts, and the source behind it
+        # whatever can be refused is opened before the compiler starts, the source behind it
         session = None if opening is None else opened(opening, stack)
         recorder = open_recorder(options.record, stack)
         retuning = _open_retuning(options, requests, stack)
@@ -62,14 +63,26 @@ def serve(options: RunOptions, opening: OpeningSession | None) -> int:
         with closed_if_unused() as sinks:
             open_zenoh_sink(sinks, session, options, profile, requests, conflicts)
             outputs.open_outputs(sinks, options.outputs, session, options.zenoh.prefix, profile)
-            _compile(profile, options.gain, with_raw=_may_meet_built_in(options, prepared))
+            compiling = None
+            if not is_there and is_kept():
+                say(BEGUN)
+                compiling = stack.enter_context(Compiling(profile, options.gain))
+            elif not is_there:
+                _load(profile, options.gain)
             sinks.append(open_view(options))  # which prints what the source says
             source = open_source(prepared.endpoint, options, prepared.key, recorder, stack)
             if recorder is not None and retuning is not None:
                 sinks.append(RecordingSink(recorder))
             outbox = stack.enter_context(Outbox(sinks))
             sinks.clear()
-        runner = make_runner(source, pipeline, outbox, requests, options.rate_hz)
+        runner = make_runner(
+            source,
+            pipeline,
+            outbox,
+            requests,
+            options.rate_hz,
+            news=lambda: _change_over(compiling, pipeline),
+        )
         seconds, failure = run_loop(runner, options.seconds, conflicts)
     result = summary(
         options,
@@ -82,11 +95,6 @@ def serve(options: RunOptions, opening: OpeningSession | None) -> int:
     )
     problems = [failure, *conflicts]
     return conclude(options, result, outbox, problems, was_stopped=runner.was_stopped)
-
-
-def _may_meet_built_in(options: RunOptions, prepared: Prepared) -> bool:
-    """Whether fuzzbee's own vehicle, which has a profile of its own, may come over the link."""
-    return options.profile is None and prepared.endpoint.kind not in ("sim", "log")
 
 
 def _open_retuning(
@@ -115,31 +123,28 @@ def _pipeline(profile: Profile, options: RunOptions, retuning: "Retuning | None"
     return pipeline
 
 
-def _compile(
-    profile: Profile, gain: float | None, *, with_raw: bool, only_loads: bool = False
-) -> None:
-    """Compile before anything is opened; ``with_raw`` also what the paper's raw vectors take.
-
-    With ``only_loads`` nothing is done if something would have to be compiled.
-    """
+def _load(profile: Profile, gain: float | None) -> None:
+    """Load the kernels, or compile them where nothing can be kept for another process."""
     done: Future[None] = Future()
 
     def work() -> None:
         try:
-            if only_loads and not is_compiled(profile):
-                return
             warm_up(profile, gain)
-            if with_raw and is_cached(advance_raw) is False:
-                compile_ahead(load_profile("paper"), (advance_raw,))
         except BaseException as error:  # noqa: BLE001 - raised again below
             done.set_exception(error)
-        finally:
-            if not done.done():
-                done.set_result(None)
+        else:
+            done.set_result(None)
 
     # in a thread: the compiler's callbacks swallow what a signal raises in them
     threading.Thread(target=work, name=COMPILER_THREAD, daemon=True).start()
     done.result()
+
+
+def _change_over(compiling: Compiling | None, pipeline: Pipeline) -> list[Message]:
+    """Have the vehicles' estimators use the compiled filter, as soon as it is there."""
+    if compiling is None:
+        return []
+    return compiling.change_over(vehicle.estimator for vehicle in pipeline.vehicles)
 
 
 def _tally(runner: Runner, pipeline: Pipeline, dropped: int) -> Tally:

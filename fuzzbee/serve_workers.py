@@ -103,4 +103,4 @@ def _crew(options: RunOptions, profile: Profile, handout: Handout) -> Crew:
         begin_s=time.monotonic(),
         inherited={},
     )
-    return Crew(options.workers, job, handout, with_raw=options.profile is None)
+    return Crew(options.workers, job, handout)

@@ -40,7 +40,7 @@ class Runner(Stoppable):
     ``now_us`` is the host time that arrivals are stamped with (Unix time for
     live sources), ``monotonic_s`` the clock of the schedule; ``is_finished`` tells that nothing
     will come any more. With an ``overload`` attitudes are left out, too, while the source leaves
-    samples out.
+    samples out. ``news`` is asked at each tick for lines that others have to tell.
     """
 
     def __init__(
@@ -55,6 +55,7 @@ class Runner(Stoppable):
         requests: ParameterRequests | None = None,
         is_finished: Callable[[], bool] = lambda: False,
         overload: Overload | None = None,
+        news: Callable[[], list[Message]] = list,
     ) -> None:
         super().__init__()
         self.overruns = 0
@@ -68,6 +69,7 @@ class Runner(Stoppable):
         self._requests = requests
         self._is_finished = is_finished
         self._overload = overload
+        self._news = news
         self._due_s = float("inf")
         self._woken_s: float | None = None  # when the loop went on after a stop
         self._waiting: deque[Event] = deque()  # bounded by what the source keeps
@@ -124,6 +126,7 @@ class Runner(Stoppable):
         return self._source.dropped + self._outbox.dropped
 
     def _tick(self, now_s: float) -> None:
+        self._outbox.put([*self._news()])
         is_shedding = self._observe_load(now_s)
         load = Load(
             self.overruns,

@@ -1,16 +1,16 @@
-"""Compile all kernels before the first sample comes, not when it is there.
+"""Compile all kernels before the first sample comes, or beside the service while it interprets.
 
-The kernels are two halves of about the same size, which two processes compile
-at the same time; what the second one compiles, the first then finds in the
-cache.
+The kernels are two halves of about the same size, which two processes compile at the same time;
+the service then finds them in the cache.
 """
 
-import atexit
 import importlib
+import os
 import subprocess
 import sys
+import threading
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
@@ -27,45 +27,67 @@ from estimator.types import IDENTITY, ZERO_VEC3, ImuSample, VelocitySample
 
 STEP_US = 10_000
 BLAS = "scipy.linalg.cython_blas"
-HELPER_S = 600.0  # longer than it takes on a busy computer; after that we compile its half, too
-HERE: tuple[Any, ...] = (
-    resident.advance,
-    resident.publish,
+HELPER_S = 1800.0  # longer than it takes on a busy computer; after that the service compiles
+NICENESS = 5  # of the helpers: the service's ticks come first
+UNAIDED: tuple[Any, ...] = (
     resident.resident,
     resident.contents,
+    resident.clock,
+    resident.contradicted_axes,
+    resident.see_between,
+    resident.lay,
+    resident.publish,
+    resident.advance_raw,
+    resident.advance,
 )
-ELSEWHERE: tuple[Any, ...] = (
+FOR_VELOCITY: tuple[Any, ...] = (
     resident.advance_aided,
     resident.hear,
     resident.search,
     *resident.hearings(),
 )
-# What the helper runs. It imports our packages from where they are, and nothing from the folder
+# What a helper runs. It imports our packages from where they are, and nothing from the folder
 # that the command was started in, which may hold anybody's downloads: -P keeps that off the path.
 OUR_FOLDER = Path(__file__).resolve().parents[1]
 HELPER = (
-    "import sys; sys.path.insert(0, sys.argv[1]); from service import warm_up; warm_up.help_out()"
+    "import sys; sys.path.insert(0, sys.argv[1]); from service import warm_up; "
+    "warm_up.help_out(warm_up.{half})"
 )
 
 
 def warm_up(profile: Profile, gain: float | None) -> None:
-    """Compile the kernels now, so that neither the first sample nor the first velocity waits.
+    """Compile or load the kernels now, so that neither the first sample nor a velocity waits.
 
     For a process of the service's own: its kernels cannot use SciPy's linear algebra afterwards.
     """
     _leave_out_scipy()
-    needs_aided = _needs_aided(profile)
-    if needs_aided and is_cached(resident.advance_aided) is False:
-        with _compile_elsewhere():
-            compile_ahead(profile, HERE)
-    rehearse(Estimator(profile, gain), aided=needs_aided)
+    with helpers(profile) as started:
+        for helper in started:
+            await_end(helper)
+    rehearse(Estimator(profile, gain), aided=_needs_aided(profile))
 
 
 def is_compiled(profile: Profile) -> bool:
     """Whether nothing is left to be compiled for the profile's samples: all lies in the cache."""
     _leave_out_scipy()
-    kernels = HERE + (ELSEWHERE if _needs_aided(profile) else ())
+    kernels = [kernel for half in _halves(profile).values() for kernel in half]
     return all(is_cached(kernel) for kernel in kernels)
+
+
+def is_kept() -> bool:
+    """Whether compiled code can be kept, so that another process can make it for this one."""
+    return is_cached(resident.advance) is not None
+
+
+def _halves(profile: Profile) -> dict[str, tuple[Any, ...]]:
+    """The kernels that the profile's samples need, by the name here of their half."""
+    halves = {"UNAIDED": UNAIDED}
+    return {**halves, "FOR_VELOCITY": FOR_VELOCITY} if _needs_aided(profile) else halves
+
+
+def _lacks(kernels: tuple[Any, ...]) -> bool:
+    """Whether the cache lacks one of them; where there is no cache nothing is said to lack."""
+    return any(is_cached(kernel) is False for kernel in kernels)
 
 
 def _needs_aided(profile: Profile) -> bool:
@@ -94,9 +116,17 @@ def compile_ahead(profile: Profile, kernels: tuple[Any, ...]) -> None:
         kernel.compile(arguments[kernel])
 
 
-def help_out() -> None:
-    """Compile the helper's half into the cache."""
-    compile_ahead(load_profile("imu"), ELSEWHERE)
+def help_out(kernels: tuple[Any, ...]) -> None:
+    """Compile these into the cache, as a helper; it ends with the process that has started it."""
+    threading.Thread(target=_end_with_parent, daemon=True).start()
+    os.nice(NICENESS)
+    compile_ahead(load_profile("imu"), kernels)
+
+
+def _end_with_parent() -> None:
+    """End when nobody holds the other end of standard input any more."""
+    sys.stdin.buffer.read()
+    os._exit(1)
 
 
 def rehearse(estimator: Estimator, *, aided: bool) -> None:
@@ -144,21 +174,30 @@ def _sample(number: int) -> ImuSample:
 
 
 @contextmanager
-def _compile_elsewhere() -> Iterator[None]:
-    """Have another process compile the other half into the cache meanwhile."""
+def helpers(profile: Profile) -> Iterator[list[subprocess.Popen[bytes]]]:
+    """A process for each half that the cache lacks, which compiles it; none is left at the end."""
+    _leave_out_scipy()
+    with ExitStack() as stack:
+        missing = [half for half, kernels in _halves(profile).items() if _lacks(kernels)]
+        yield [stack.enter_context(_helper(half)) for half in missing]
+
+
+@contextmanager
+def _helper(half: str) -> Iterator[subprocess.Popen[bytes]]:
     helper = subprocess.Popen(  # noqa: S603 - our own arguments
-        [sys.executable, "-P", "-c", HELPER, str(OUR_FOLDER)],
-        stdin=subprocess.DEVNULL,
+        [sys.executable, "-P", "-c", HELPER.format(half=half), str(OUR_FOLDER)],
+        stdin=subprocess.PIPE,
         stdout=subprocess.DEVNULL,
         stderr=subprocess.DEVNULL,
     )
-    atexit.register(helper.kill)
     try:
-        yield
-        helper.wait(HELPER_S)
-    except subprocess.TimeoutExpired:
-        pass  # it is compiled here, then
+        yield helper
     finally:
         helper.kill()
-        helper.wait()
-        atexit.unregister(helper.kill)
+        helper.communicate()
+
+
+def await_end(helper: subprocess.Popen[bytes]) -> None:
+    """Wait for a helper's end; what it has not compiled the service does itself, then."""
+    with suppress(subprocess.TimeoutExpired):
+        helper.wait(HELPER_S)

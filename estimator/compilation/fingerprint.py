@@ -39,7 +39,7 @@ class Fingerprints:
             value = tuple(sorted(value, key=repr))
         if isinstance(value, tuple | list):
             return f"{_name(type(value))}({', '.join(map(self._describe, value))})"
-        if isinstance(value, ModuleType) or _is_library(value):
+        if isinstance(value, ModuleType) or is_library(value):
             return f"library {_name(value)}"
         if isinstance(value, FunctionType | type) and not get_args(value):
             return self._describe_once(value)
@@ -65,7 +65,7 @@ class Fingerprints:
         defaults = (function.__defaults__, tuple((function.__kwdefaults__ or {}).items()))
         parts = [self._describe((cells, defaults, tuple(function.__annotations__.items())))]
         parts.append(self._code(function.__code__, function.__doc__))
-        names = sorted(set(_names(function.__code__)))
+        names = sorted(set(names_of(function.__code__)))
         parts += [
             f"{name} = {self._describe(value)}"
             for name in names
@@ -88,7 +88,7 @@ class Fingerprints:
 
 def _used_values(value: Any, names: list[str]) -> list[Any]:
     """A global's value; of a module of ours also those of its values that ``names`` may mean."""
-    if not isinstance(value, ModuleType) or _is_library(value):
+    if not isinstance(value, ModuleType) or is_library(value):
         return [value]
     return [value, *(vars(value)[name] for name in names if name in vars(value))]
 
@@ -97,12 +97,12 @@ def _digest(text: str) -> str:
     return hashlib.sha256(text.encode("utf-8", "replace")).hexdigest()[:DIGITS]
 
 
-def _names(code: CodeType) -> Iterator[str]:
-    """All names that the code looks up, also inside functions within it."""
+def names_of(code: CodeType) -> Iterator[str]:
+    """All names that a code looks up, also inside functions within it."""
     yield from code.co_names
     for constant in code.co_consts:
         if isinstance(constant, CodeType):
-            yield from _names(constant)
+            yield from names_of(constant)
 
 
 def _name(value: Any) -> str:
@@ -110,7 +110,8 @@ def _name(value: Any) -> str:
     return f"{module}.{getattr(value, '__qualname__', getattr(value, '__name__', ''))}"
 
 
-def _is_library(value: Any) -> bool:
+def is_library(value: Any) -> bool:
+    """Whether something is a library's, and not ours."""
     module = value.__name__ if isinstance(value, ModuleType) else getattr(value, "__module__", None)
     is_generic = bool(get_args(value))  # tuple[Vec3, ...]: what is inside may be ours
     return not is_generic and str(module).partition(".")[0] in LIBRARIES

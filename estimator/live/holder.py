@@ -10,6 +10,7 @@ from estimator.aiding.sources.source import in_types_of
 from estimator.aiding.sources.table import source_of
 from estimator.aiding.types import NO_REPORT, Report
 from estimator.compilation.direct import direct
+from estimator.compilation.interpreted import in_plain_numbers, interpreted, is_interpreting
 from estimator.live import resident
 from estimator.live.core import Core, flat
 from estimator.live.reports import age_s, report_with_age
@@ -53,6 +54,7 @@ class Holder:
         self._params = resident.params_of(settings)
         self._core = core
         self._inside: Any = None
+        self._is_in_python = bool(_numba_config.DISABLE_JIT) or is_interpreting()
         self._hearing: dict[type, Callable[[Any, float], None]] = {}
 
     @property
@@ -60,8 +62,9 @@ class Holder:
         """The core as it is now."""
         if self._inside is None:
             return self._core
-        core: Core = resident.contents(self._inside)
-        return core._replace(covariance=flat(core.covariance), trail=flat(core.trail))
+        core: Core = self._code(resident.contents)(self._inside)
+        core = core._replace(covariance=flat(core.covariance), trail=flat(core.trail))
+        return in_types_of(self._core, core) if self._is_in_python else core
 
     @property
     def clock(self) -> tuple[int, float]:
@@ -121,13 +124,17 @@ class Holder:
         ``arguments`` are examples of its others; of the kernels in ``arguments_with`` none.
         """
         if self._inside is None:
-            self._inside = resident.resident(
+            self._inside = self._code(resident.resident)(
                 self._params, resident.in_arrays(self._core), *resident.NOTHING_LAID
             )
-        if _numba_config.DISABLE_JIT:
-            return partial(kernel, self._inside)
+        if self._is_in_python:
+            return partial(in_plain_numbers(interpreted(kernel)), self._inside)
         inside = _typeof(self._inside)
         types = (inside, *map(_typeof, arguments))
         if not arguments:
             types = resident.arguments_with(inside)[kernel]
         return partial(direct(kernel, types), self._inside)
+
+    def _code(self, kernel: Any) -> Any:
+        """A kernel in the form that this core's memory is made for."""
+        return interpreted(kernel) if self._is_in_python else kernel

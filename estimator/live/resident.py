@@ -88,19 +88,23 @@ FIELDS = ("params", "between", "rows", "said", *Core._fields)
 # No arrays are laid.
 NOTHING_LAID = (NO_ROWS, NOTHING_TO_SAY)
 
+
+class InPython:
+    """What compiled memory is in plain Python: an object with these fields."""
+
+    def __init__(self, *values: Any) -> None:
+        for name, value in zip(FIELDS, values, strict=True):
+            setattr(self, name, value)
+
+
 if _numba_config.DISABLE_JIT:
-
-    class Resident:
-        """What compiled memory is in plain Python: an object with these fields."""
-
-        def __init__(self, *values: Any) -> None:
-            for name, value in zip(FIELDS, values, strict=True):
-                setattr(self, name, value)
-
+    Resident: Any = InPython
 else:
 
     class Resident(structref.StructRefProxy):  # type: ignore[no-redef]
         """A handle on ``params`` and the fields of a :class:`Core`; made by :func:`resident`."""
+
+        in_python = InPython
 
     @structref.register
     class ResidentType(types.StructRef):

@@ -51,7 +51,7 @@ class Crew(Closing):
             come from, end at once each time.
     """
 
-    def __init__(self, count: int, job: Job, handout: Handout, *, with_raw: bool) -> None:
+    def __init__(self, count: int, job: Job, handout: Handout) -> None:
         self.status = CommonStatus()
         self.requests = ParameterRequests()
         self.dropped = 0  # attitudes
@@ -60,7 +60,7 @@ class Crew(Closing):
         self._asked: dict[int, Future[Profile]] = {}  # profiles that workers are to replace
         self._last_asked = 0
         self._handout = handout
-        self._setup = Setup(job.profile, job.gain, with_raw)
+        self._setup = Setup(job.profile, job.gain)
         self._profiles: dict[VehicleId, Replaced] = {}
         self._sequences: dict[VehicleId, int] = {}  # the next ones, of attitudes that are records
         self._selector = selectors.DefaultSelector()

@@ -15,12 +15,9 @@ import sys
 import time
 from contextlib import suppress
 
-from estimator.compilation.compiled import is_cached
 from estimator.compilation.notice import tell_compiling
 from estimator.errors import InputError
-from estimator.live.resident import advance_raw
-from estimator.profile import load_profile
-from service.warm_up import compile_ahead, warm_up
+from service.warm_up import warm_up
 from service.workers import worker
 from service.workers.nursery_process import BORN, DEAD, NEWS, READY, REQUEST, Setup
 
@@ -35,7 +32,7 @@ def serve(control_file: int) -> None:
     setup: Setup = pickle.load(sys.stdin.buffer)  # noqa: S301 - of the service itself
     tell_compiling(_say)
     try:
-        _compile(setup)
+        warm_up(setup.profile, setup.gain)
     except InputError as error:
         _say(str(error))
         os._exit(1)
@@ -47,12 +44,6 @@ def serve(control_file: int) -> None:
         children.reap()
     children.end()
     os._exit(0)
-
-
-def _compile(setup: Setup) -> None:
-    warm_up(setup.profile, setup.gain)
-    if setup.with_raw and is_cached(advance_raw) is False:
-        compile_ahead(load_profile("paper"), (advance_raw,))
 
 
 def _is_open(control: socket.socket, children: "_Children") -> bool:

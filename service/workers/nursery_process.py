@@ -34,7 +34,6 @@ class Setup(NamedTuple):
 
     profile: Profile
     gain: float | None
-    with_raw: bool
 
 
 class News(NamedTuple):
