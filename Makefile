@@ -8,7 +8,7 @@ AT_ONCE := -n auto --maxprocesses 4 --dist loadfile
 
 VERSION = $(shell sed -n 's/^__version__ = "\(.*\)"$$/\1/p' fuzzbee/version.py)
 
-.PHONY: demo test smoke test-python setup style types release build docs clean
+.PHONY: demo test smoke test-python setup style types release kernels build docs clean
 
 ## demo: the simulated vehicle through the live service, attitudes in the terminal
 demo: .venv/installed
@@ -47,12 +47,17 @@ types: .venv/developer
 docs: .venv/developer
 	$(BIN)/mkdocs build --strict -q
 
-build: .venv/developer
+## kernels: the filter compiled for any CPU of this architecture and this Python, for the wheel
+kernels: .venv/installed
+	rm -rf build/kernels
+	NUMBA_CPU_NAME=generic NUMBA_CACHE_DIR="$(CURDIR)/build/kernels" $(BIN)/python -m service.ship
+
+build: .venv/developer kernels
 	rm -rf dist
 	$(BIN)/python -m build --wheel
 
 ## release: build wheel and sdist, check them, and tag the version that fuzzbee/version.py and CHANGELOG.md name
-release: .venv/developer
+release: .venv/developer kernels
 	@test -z "$$(git status --porcelain)" || { echo "release: commit or remove what git status shows" >&2; exit 1; }
 	@grep -q '^## $(VERSION)\b' CHANGELOG.md || { echo "release: CHANGELOG.md has no heading '## $(VERSION)'" >&2; exit 1; }
 	@! git rev-parse -q --verify 'refs/tags/v$(VERSION)' >/dev/null || { echo "release: v$(VERSION) is tagged already" >&2; exit 1; }
@@ -64,7 +69,7 @@ release: .venv/developer
 	@echo "v$(VERSION) is tagged, dist/ is checked; git push origin v$(VERSION) and an upload are yours"
 
 clean:
-	rm -rf .venv dist build
+	rm -rf .venv dist build estimator/kernels
 
 .venv/bin/python:
 	$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || \

@@ -8,7 +8,7 @@ import numba
 from numba.core import event
 from numba.extending import register_jitable
 
-from estimator.compilation.folder import kernel_folders
+from estimator.compilation.folder import kernel_folders, shipped_folder
 from estimator.compilation.notice import compiling_begins
 
 Function = TypeVar("Function", bound=Callable[..., Any])
@@ -20,6 +20,7 @@ _event: Any = event
 # halves the time of a step. No wrapper for C, as nothing calls a kernel from C.
 _DIVISION: dict[str, Any] = {"error_model": "numpy"}
 _OPTIONS: dict[str, Any] = {**_DIVISION, "forceinline": True, "no_cfunc_wrapper": True}
+OPTIONS = repr(_OPTIONS)  # as a part of the names of folders
 
 NO_FOLDER = (
     "no writable folder for compiled code: compiling in memory at each start "
@@ -53,11 +54,11 @@ def plain(function: Function) -> Function:
 
 
 def is_cached(kernel: Any) -> bool | None:
-    """Whether a kernel lies in our cache; None where there is none."""
+    """Whether a compiled form of a kernel is there; None where none could be kept either."""
     holds = getattr(getattr(kernel, "_cache", None), "holds", None)
-    if not _FOLDERS or holds is None:
+    if holds is None:
         return None
-    return bool(holds(kernel.targetctx))
+    return bool(holds(kernel.targetctx)) or (False if _FOLDERS else None)
 
 
 def compiled_parallel(function: Function) -> Function:
@@ -70,7 +71,7 @@ def _decorate(function: Function, options: dict[str, Any]) -> Function:
         return function
     dispatcher: Any = numba.njit(**options)(function)
     _kernels.add(id(dispatcher))
-    if _FOLDERS:
+    if _FOLDERS or _SHIPPED:
         _keep(dispatcher)
     return dispatcher  # type: ignore[no-any-return]
 
@@ -82,9 +83,10 @@ def _keep(dispatcher: Any) -> None:
     except ImportError:  # a later numba, which has changed what is private there
         from estimator.compilation.numba_cache import keep_by_numba
 
-        keep_by_numba(dispatcher, _FOLDERS[-1])
+        if _FOLDERS:
+            keep_by_numba(dispatcher, _FOLDERS[-1])
     else:
-        dispatcher._cache = KernelCache(dispatcher.py_func, _FOLDERS)  # noqa: SLF001
+        dispatcher._cache = KernelCache(dispatcher.py_func, _FOLDERS, _SHIPPED)  # noqa: SLF001
 
 
 _kernels: set[int] = set()  # ids of kernels, which stay unique: kernels are never deleted
@@ -102,8 +104,9 @@ class _Listener(_event.Listener):  # type: ignore[misc]
         """Do nothing: the end of compiling is not announced."""
 
 
-_FOLDERS = () if _numba_config.DISABLE_JIT else kernel_folders(repr(_OPTIONS))
+_FOLDERS = () if _numba_config.DISABLE_JIT else kernel_folders(OPTIONS)
+_SHIPPED = None if _numba_config.DISABLE_JIT else shipped_folder(OPTIONS)
 if not _numba_config.DISABLE_JIT:
     _event.register("numba:compile", _Listener())
-    if not _FOLDERS:
+    if not _FOLDERS and _SHIPPED is None:
         warnings.warn(NO_FOLDER, RuntimeWarning, stacklevel=2)

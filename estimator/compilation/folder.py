@@ -1,5 +1,7 @@
 """Where compiled kernels are kept: a folder that nobody else can write to.
 
+Beside it a wheel may bring kernels compiled for any CPU of an architecture.
+
 What lies there is run as it is, so a folder is only used if nobody but its owner and root could
 have put it there. Its name tells Python, the libraries and the switches that kernels were
 compiled with; each kernel's own name tells what it is made of.
@@ -7,6 +9,7 @@ compiled with; each kernel's own name tells what it is made of.
 
 import hashlib
 import os
+import platform
 import re
 import stat
 import sys
@@ -38,6 +41,10 @@ SETTINGS = (
     "BOUNDSCHECK",
     "DEBUGINFO_DEFAULT",
 )
+# Those of them that say for which CPU
+OF_CPU = ("CPU_NAME", "CPU_FEATURES", "ENABLE_AVX", "DISABLE_INTEL_SVML")
+# What a wheel brings lies here, in a folder for each kind of Python and architecture.
+SHIPPED = Path(__file__).parents[1] / "kernels"
 
 
 def kernel_folders(options: str) -> tuple[Path, ...]:
@@ -82,6 +89,35 @@ def environment_digest(options: str) -> str:
         if name.startswith("NUMBA_") and value and not OTHER_SWITCHES.fullmatch(name)
     )
     parts = (*versions, options, *settings, *switches)
+    return _digest(parts)
+
+
+def shipped_folder(options: str) -> Path | None:
+    """The folder of kernels that came with the wheel, if they fit this Python and these libraries.
+
+    Nobody but the package's owner and root may be able to write to it.
+    """
+    folder = _open_folder(SHIPPED, PREFIX + shipped_digest(options), makes=False)
+    return None if folder is None or mistrust(folder) is not None else folder
+
+
+def shipped_digest(options: str) -> str:
+    """Digest of what makes code for any CPU fit: as :func:`environment_digest`, less narrowly.
+
+    A patch release of Python or numpy changes nothing that compiled code knows of.
+    """
+    import llvmlite
+    import numba
+    import numpy as np
+
+    config: Any = numba.config
+    versions = (numba.__version__, llvmlite.__version__, np.__version__.partition(".")[0])
+    settings = [f"{name}={getattr(config, name, None)}" for name in SETTINGS if name not in OF_CPU]
+    python = (sys.implementation.cache_tag, sys.platform, platform.machine())
+    return _digest((*versions, *python, options, *settings))
+
+
+def _digest(parts: tuple[str, ...]) -> str:
     return hashlib.sha256("\n".join(parts).encode("utf-8", "replace")).hexdigest()[:16]
 
 
@@ -96,12 +132,14 @@ def _bases(chosen: str | None) -> list[Path]:
     return [first, Path(home_cache) / "fuzzbee"]
 
 
-def _open_folder(base: Path, name: str) -> Path | None:
+def _open_folder(base: Path, name: str, *, makes: bool = True) -> Path | None:
     """The folder by its real name, made if need be; None if it can neither be made nor read."""
     try:
-        base.mkdir(mode=0o755, parents=True, exist_ok=True)
+        if makes:
+            base.mkdir(mode=0o755, parents=True, exist_ok=True)
         folder = base.resolve() / name
-        folder.mkdir(mode=0o755, exist_ok=True)
+        if makes:
+            folder.mkdir(mode=0o755, exist_ok=True)
     except OSError:
         folder = base / name
     try:

@@ -34,12 +34,16 @@ _fingerprints = Fingerprints()
 class KernelCache(NullCache):
     """The cache of one kernel, set up at its first use.
 
-    A compiled form is looked for in all of the folders, and written to the last.
+    A compiled form is looked for in all of the folders, and written to the last. After those it
+    is looked for in ``shipped``, where forms for any CPU lie.
     """
 
-    def __init__(self, function: FunctionType, folders: tuple[Path, ...]) -> None:
+    def __init__(
+        self, function: FunctionType, folders: tuple[Path, ...], shipped: Path | None = None
+    ) -> None:
         self._function = function
         self._folders = folders
+        self._shipped = shipped
 
     @property
     def cache_path(self) -> str:
@@ -53,12 +57,15 @@ class KernelCache(NullCache):
 
     def save_overload(self, signature: Any, data: Any) -> None:
         """Keep it. If the disk is full, the next start has to compile again; this one goes on."""
+        if not self._folders:
+            return
+        files = self._files[len(self._folders) - 1]
         try:
-            self._files[-1].save(signature, data)
+            files.save(signature, data)
         except OSError as error:
             _warn_once(f"{NOT_KEPT}: {error.strerror}")
         else:
-            self._files[-1].forget_older()
+            files.forget_older()
 
     def holds(self, target_context: Any) -> bool:
         """Whether it holds any compiled form for this CPU."""
@@ -66,7 +73,10 @@ class KernelCache(NullCache):
 
     @functools.cached_property
     def _files(self) -> "tuple[_KernelFiles, ...]":
-        return tuple(_KernelFiles(self._function, folder) for folder in self._folders)
+        own = [_KernelFiles(self._function, folder) for folder in self._folders]
+        if self._shipped is None:
+            return tuple(own)
+        return *own, _ShippedFiles(self._function, self._shipped)
 
 
 class _KernelFiles(FunctionCache):
@@ -107,11 +117,20 @@ class _KernelFiles(FunctionCache):
     def holds(self, target_context: Any) -> bool:
         """See :meth:`KernelCache.holds`."""
         target_context.refresh()
-        cpu = target_context.codegen().magic_tuple()
+        cpu = self._made_for(target_context.codegen().magic_tuple())
         try:
             return any(key[1] == cpu for key in self._cache_file._load_index())  # noqa: SLF001
         except Exception:  # noqa: BLE001 - whatever reading damaged data may raise
             return False
+
+    def _index_key(self, signature: Any, codegen: Any) -> Any:
+        signature, cpu, made_of = super()._index_key(signature, codegen)
+        return signature, self._made_for(cpu), made_of
+
+    @staticmethod
+    def _made_for(cpu: tuple[str, str, str]) -> tuple[str, str, str]:
+        """Architecture, name and features of the CPU that a form is made for, as keys have them."""
+        return cpu
 
     def forget_older(self) -> None:
         """Remove this kernel's files of other sources but the latest few."""
@@ -127,6 +146,14 @@ class _KernelFiles(FunctionCache):
                     path.unlink(missing_ok=True)
         except OSError:
             return
+
+
+class _ShippedFiles(_KernelFiles):
+    """Forms that run on any CPU of the architecture, compiled with ``NUMBA_CPU_NAME=generic``."""
+
+    @staticmethod
+    def _made_for(cpu: tuple[str, str, str]) -> tuple[str, str, str]:
+        return cpu[0], "generic", ""
 
 
 class _KernelFormat(CompileResultCacheImpl):

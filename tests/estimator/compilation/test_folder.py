@@ -135,6 +135,39 @@ os.access = lambda path, mode: real(path, mode) and not (
 
 
 @pytest.mark.skipif(bool(os.environ.get("NUMBA_DISABLE_JIT")), reason="nothing is compiled")
+def test_what_a_wheel_brings_for_any_cpu_is_taken_and_nothing_is_compiled(tmp_path):
+    """Unless it was made for other libraries, or others can write to it."""
+    made_in, own, brought = made(tmp_path, "made"), made(tmp_path, "own"), made(tmp_path, "brought")
+    generic = run(NUMBA_CPU_NAME="generic", NUMBA_CACHE_DIR=str(made_in))
+    with_brought = f"""
+from pathlib import Path
+from estimator.compilation import folder
+folder.SHIPPED = Path({str(brought)!r})
+from estimator.compilation.compiled import OPTIONS
+print(folder.PREFIX + folder.shipped_digest(OPTIONS))
+"""
+    misses = "print(sum(fuzzy_gain.stats.cache_misses.values()))\n"
+    (name,) = run(with_brought).stdout.split()
+    made(brought, name)
+    for path in next(made_in.iterdir()).iterdir():
+        path.rename(brought / name / path.name)
+
+    def started(before=""):
+        lines = run(before + with_brought + KERNEL + misses, NUMBA_CACHE_DIR=str(own)).stdout
+        return lines.splitlines()
+
+    _, gain, missed = started()
+    assert gain.split()[0] == generic.stdout.split()[0]
+    assert missed == "0"
+    assert not list(own.rglob("*.nb?"))
+    assert started("import numba; numba.__version__ = '0.1'\n")[-1] == "1"
+    for path in own.rglob("*.nb?"):
+        path.unlink()
+    (brought / name).chmod(0o777)
+    assert started()[-1] == "1"
+
+
+@pytest.mark.skipif(bool(os.environ.get("NUMBA_DISABLE_JIT")), reason="nothing is compiled")
 @pytest.mark.parametrize("pattern", ["*.nbi", "*.nbc"])
 @pytest.mark.parametrize("damage", [b"", b"\x80\x04nonsense"])
 def test_a_damaged_file_is_compiled_again(tmp_path, pattern, damage):
