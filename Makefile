@@ -47,7 +47,8 @@ types: .venv/developer
 docs: .venv/developer
 	$(BIN)/mkdocs build --strict -q
 
-## kernels: the filter compiled for any CPU of this architecture and this Python, for the wheel
+## kernels: the filter compiled for any CPU of this architecture and this Python, for the wheel;
+## a checkout has no use for it, since it compiles for its own CPU
 kernels: .venv/installed
 	rm -rf build/kernels
 	NUMBA_CPU_NAME=generic NUMBA_CACHE_DIR="$(CURDIR)/build/kernels" $(BIN)/python -m service.ship
@@ -55,6 +56,7 @@ kernels: .venv/installed
 build: .venv/developer kernels
 	rm -rf dist
 	$(BIN)/python -m build --wheel
+	rm -rf estimator/kernels
 
 ## release: build wheel and sdist, check them, and tag the version that fuzzbee/version.py and CHANGELOG.md name
 release: .venv/developer kernels
@@ -62,7 +64,9 @@ release: .venv/developer kernels
 	@grep -q '^## $(VERSION)\b' CHANGELOG.md || { echo "release: CHANGELOG.md has no heading '## $(VERSION)'" >&2; exit 1; }
 	@! git rev-parse -q --verify 'refs/tags/v$(VERSION)' >/dev/null || { echo "release: v$(VERSION) is tagged already" >&2; exit 1; }
 	rm -rf dist
-	$(BIN)/python -m build
+	$(BIN)/python -m build --sdist
+	$(BIN)/python -m build --wheel
+	rm -rf estimator/kernels
 	$(BIN)/python -m pip install -q 'twine>=6.1'
 	$(BIN)/python -m twine check --strict dist/*
 	git tag -a 'v$(VERSION)' -m 'fuzzbee $(VERSION)'
