@@ -14,10 +14,12 @@ from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
+from drivers.mavlink.usual_frames import argument_types, is_compiled_code, read_frames
 from estimator.aiding import begin
 from estimator.aiding.phase import Phase
 from estimator.aiding.types import NO_REPORT
 from estimator.compilation.compiled import is_cached
+from estimator.compilation.direct import direct
 from estimator.estimator import Estimator
 from estimator.live import resident
 from estimator.live.core import flat
@@ -39,6 +41,7 @@ UNAIDED: tuple[Any, ...] = (
     resident.publish,
     resident.advance_raw,
     resident.advance,
+    read_frames,
 )
 FOR_VELOCITY: tuple[Any, ...] = (
     resident.advance_aided,
@@ -64,6 +67,8 @@ def warm_up(profile: Profile, gain: float | None) -> None:
     with helpers(profile) as started:
         for helper in started:
             await_end(helper)
+    if is_compiled_code():
+        direct(read_frames, argument_types())
     rehearse(Estimator(profile, gain), aided=_needs_aided(profile))
 
 
@@ -112,6 +117,7 @@ def _leave_out_scipy() -> None:
 def compile_ahead(profile: Profile, kernels: tuple[Any, ...]) -> None:
     """Compile these kernels without running them."""
     arguments = resident.arguments_of(settings_of(profile), Estimator(profile).snapshot.core)
+    arguments[read_frames] = argument_types()
     for kernel in kernels:
         kernel.compile(arguments[kernel])
 

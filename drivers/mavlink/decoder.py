@@ -6,7 +6,7 @@ without any I/O, and unpacks only what somebody wants. What a message says stand
 both sides.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from functools import partial
 from typing import Any
 
@@ -19,6 +19,7 @@ from drivers.events import (
     Parameter,
     VehicleId,
 )
+from drivers.mavlink.backlog import Arrived
 from drivers.mavlink.constants import (
     AUTOPILOT_VERSION_ID,
     COMMAND_ACK_ID,
@@ -38,6 +39,7 @@ from drivers.mavlink.imu_messages import (
 )
 from drivers.mavlink.messages import MESSAGES, MessageKind, Said
 from drivers.mavlink.parameter_values import ParameterValue, WaitingParameters, owner
+from drivers.mavlink.usual_frames import Batch, UsualFrames, is_compiled_code
 from drivers.samples.intake import Intake, Stamp
 from drivers.samples.vehicle_clock import TimeField
 
@@ -64,7 +66,6 @@ class _Sender:
         self.motion: str | None = None
         self.intake = Intake(address)
         self.intake.takes_references = takes_references
-        self.heard_us = 0  # host's Unix time
 
 
 class MavlinkDecoder:
@@ -92,6 +93,8 @@ class MavlinkDecoder:
             if references or not kind.is_reference:
                 self._handlers[number] = partial(_events, kind)
         self.wanted = frozenset({*self._handlers, AUTOPILOT_VERSION_ID})
+        self._of_intake = frozenset({*IMU_MESSAGES, *MESSAGES})
+        self._usual: UsualFrames | None = None
 
     def events(self, frame: Frame, arrival_us: int) -> list[Event]:
         """The events in one frame that arrived at ``arrival_us`` (Unix time, us)."""
@@ -100,8 +103,25 @@ class MavlinkDecoder:
         sender = self._senders.get((frame.system_id, frame.component_id))
         if sender is None:
             return self._meet(frame, arrival_us)
-        sender.heard_us = arrival_us
+        sender.intake.heard_us = arrival_us
         return self._events(sender, frame, arrival_us)
+
+    def events_of(self, arrived: Sequence[Arrived]) -> list[Event]:
+        """The events of many frames, as :meth:`events` gives them one by one."""
+        if not is_compiled_code():
+            return [event for us, frame in arrived for event in self.events(frame, us)]
+        if self._usual is None:
+            self._usual = UsualFrames(MOST_SENDERS, takes_attitude=not self._references)
+        events: list[Event] = []
+        usual, batch, k = self._usual, Batch(arrived), 0
+        while k < len(arrived):
+            end = usual.read(batch, k)
+            events += usual.events(batch, k, end)
+            if end < len(arrived):
+                arrival_us, frame = arrived[end]
+                events += self.events(frame, arrival_us)
+            k = end + 1
+        return events
 
     def _events(self, sender: _Sender, frame: Frame, arrival_us: int) -> list[Event]:
         if frame.message_id == AUTOPILOT_VERSION_ID:
@@ -109,7 +129,13 @@ class MavlinkDecoder:
         fields = self._reader.fields(frame)
         if fields is None:
             return []
-        return self._handlers[frame.message_id](sender, fields, arrival_us)
+        handle, usual = self._handlers[frame.message_id], self._usual
+        if usual is None or frame.message_id not in self._of_intake:
+            return handle(sender, fields, arrival_us)
+        usual.hand_back(sender.intake)
+        events = handle(sender, fields, arrival_us)
+        usual.take_over(sender.intake)
+        return events
 
     def _repeated_version(self, sender: _Sender, frame: Frame, arrival_us: int) -> list[Event]:
         """What an AUTOPILOT_VERSION says, which is unpacked only if it has not just been said."""
@@ -126,11 +152,13 @@ class MavlinkDecoder:
             silent = self._longest_silent(arrival_us)
             if silent is None:
                 return []
-            del self._senders[silent]
+            intake = self._senders.pop(silent).intake
+            if self._usual is not None:
+                self._usual.forget(intake)
             gone = [Forgotten(silent, arrival_us)]
         address = VehicleId(frame.system_id, frame.component_id)
         sender = self._senders[address] = _Sender(address, takes_references=self._references)
-        sender.heard_us = arrival_us
+        sender.intake.heard_us = arrival_us
         return gone + self._events(sender, frame, arrival_us)
 
     def _longest_silent(self, now_us: int) -> VehicleId | None:
@@ -141,11 +169,13 @@ class MavlinkDecoder:
         full_since_us = self._full_since_us
         if full_since_us is not None and 0 <= now_us - full_since_us < LOOK_US:
             return None
-        silent = [each for each in self._senders.values() if now_us - each.heard_us >= SILENT_US]
+        silent = [
+            each for each in self._senders.values() if now_us - each.intake.heard_us >= SILENT_US
+        ]
         self._full_since_us = None if silent else now_us
         if not silent:
             return None
-        return min(silent, key=lambda each: (each.intake.has_imu, each.heard_us)).id
+        return min(silent, key=lambda each: (each.intake.has_imu, each.intake.heard_us)).id
 
     def _param_value(self, sender: _Sender, m: Any, arrival_us: int) -> list[Event]:
         value = ParameterValue(m.param_id, m.param_value, m.param_type)

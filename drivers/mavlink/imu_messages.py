@@ -21,6 +21,7 @@ from drivers.mavlink.constants import (
 from drivers.mavlink.fields import layout
 from drivers.mavlink.framing import Frame
 from drivers.samples.vehicle_clock import TimeField
+from estimator.compilation.compiled import inlined
 from estimator.types import STANDARD_GRAVITY_M_S2, ZERO_VEC3, Vec3
 
 MG_M_S2 = STANDARD_GRAVITY_M_S2 / 1000.0
@@ -38,12 +39,24 @@ def milli_vectors(m: Any) -> Vectors:
     half a unit on average: a bias of 0.5 mrad/s for a gyroscope, whose sign is that of the
     reading. So a reading is taken for the middle of the values that it may stand for.
     """
-    gyr = (_middle(m.xgyro) * MILLI, _middle(m.ygyro) * MILLI, _middle(m.zgyro) * MILLI)
-    acc = (_middle(m.xacc) * MG_M_S2, _middle(m.yacc) * MG_M_S2, _middle(m.zacc) * MG_M_S2)
-    mag = (_middle(m.xmag) * MILLI, _middle(m.ymag) * MILLI, _middle(m.zmag) * MILLI)
-    return gyr, acc, mag
+    gyr = (m.xgyro, m.ygyro, m.zgyro)
+    return from_milli(gyr, (m.xacc, m.yacc, m.zacc), (m.xmag, m.ymag, m.zmag))
 
 
+Cut = tuple[int, int, int]
+
+
+@inlined
+def from_milli(gyr: Cut, acc: Cut, mag: Cut) -> Vectors:
+    """See :func:`milli_vectors`."""
+    return (
+        (_middle(gyr[0]) * MILLI, _middle(gyr[1]) * MILLI, _middle(gyr[2]) * MILLI),
+        (_middle(acc[0]) * MG_M_S2, _middle(acc[1]) * MG_M_S2, _middle(acc[2]) * MG_M_S2),
+        (_middle(mag[0]) * MILLI, _middle(mag[1]) * MILLI, _middle(mag[2]) * MILLI),
+    )
+
+
+@inlined
 def _middle(cut: int) -> float:
     """The middle of all numbers that become ``cut`` when their decimals are cut off."""
     return cut + 0.5 if cut > 0 else cut - 0.5 if cut < 0 else 0.0
@@ -51,15 +64,19 @@ def _middle(cut: int) -> float:
 
 def highres_vectors(m: Any) -> Vectors:
     """The vectors of HIGHRES_IMU: rad/s, m/s^2, gauss; a field that was not updated is zero."""
-    gyr, acc = (m.xgyro, m.ygyro, m.zgyro), (m.xacc, m.yacc, m.zacc)
-    if m.fields_updated and not m.fields_updated & HIGHRES_IMU_UPDATED_MAG:
-        return gyr, acc, ZERO_VEC3
-    return gyr, acc, _in_gauss((m.xmag, m.ymag, m.zmag))
+    mag = highres_field((m.xmag, m.ymag, m.zmag), m.fields_updated)
+    return (m.xgyro, m.ygyro, m.zgyro), (m.xacc, m.yacc, m.zacc), mag
 
 
-def _in_gauss(mag: Vec3) -> Vec3:
-    """ArduPilot's HIGHRES_IMU was 10^6 too large until early 2026; others send mGauss."""
-    largest = max(map(abs, mag))
+@inlined
+def highres_field(mag: Vec3, updated: int) -> Vec3:
+    """The field of HIGHRES_IMU by its bits of what was updated, gauss.
+
+    ArduPilot's was 10^6 too large until early 2026; others send mGauss.
+    """
+    if updated and not updated & HIGHRES_IMU_UPDATED_MAG:
+        return ZERO_VEC3
+    largest = max(abs(mag[0]), abs(mag[1]), abs(mag[2]))
     if largest > MILLIGAUSS_LIMIT:
         return (mag[0] * 1e-6, mag[1] * 1e-6, mag[2] * 1e-6)
     if largest > GAUSS_LIMIT:

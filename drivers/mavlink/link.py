@@ -175,8 +175,7 @@ class MavlinkLink(Closing):
             self._reopen(wait_s)
         now_us = _unix_us()
         events, self._events = self._events, []
-        for arrival_us, frame in self._backlog.take():
-            events += self._decoder.events(frame, arrival_us)
+        events += self._decoder.events_of(self._backlog.take())
         events += self._backlog.take_shed(now_us)
         if self._request is not None:
             outgoing, notices = self._request.take(events, now_us)

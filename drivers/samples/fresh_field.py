@@ -34,6 +34,15 @@ class RepeatedField:
         self._last: Vec3 = ZERO_VEC3
         self._last_us = 0
 
+    @property
+    def last(self) -> tuple[Vec3, int]:
+        """The last fresh field (gauss) and its time (us); may be set to go on from there."""
+        return self._last, self._last_us
+
+    @last.setter
+    def last(self, last: tuple[Vec3, int]) -> None:
+        self._last, self._last_us = last
+
     def fresh(self, mag_gauss: Vec3, _raw_us: int, time_us: int) -> Vec3 | None:
         """``mag_gauss``, or None if it is zero or repeated."""
         if mag_gauss == ZERO_VEC3:

@@ -84,12 +84,13 @@ class Intake:
         self.vehicle = vehicle
         self.doubts_axes = False
         self.takes_references = True
+        self.heard_us = 0  # arrival of the latest message, whatever it was
         self._new_field = new_field
         self._heard_us = heard_us
         self.navigation = Navigation()
         self._clock = VehicleClock()
         self._imus: dict[str, _ImuStream] = {}
-        self._last_imu_us: int | None = None
+        self.last_imu_us: int | None = None  # of the latest IMU sample
         self._truth_given_us: dict[str, int] = {}
 
     @property
@@ -125,6 +126,52 @@ class Intake:
         if mag_is_stuck:
             events.append(Rejected(self.vehicle, arrival_us, Reason.MAGNETOMETER_STUCK, name))
         return events + self._samples(stream, reading, placed.time_us, placed.boot_us)
+
+    def look(self, name: str, arrival_us: int, sample: ImuSample) -> list[Event]:
+        """Complaints about a stream's sample, one that it is time to look at; usually none."""
+        complaints = self._imus[name].plausibility.look_now(sample, doubts_axes=self.doubts_axes)
+        return self._notices(name, arrival_us, complaints)
+
+    def clock_numbers(self) -> tuple[int, ...] | None:
+        """The clocks' part of what :mod:`drivers.samples.going_on` goes on with, if it can."""
+        return self._clock.numbers()
+
+    def resume_clock(self, numbers: list[int]) -> None:
+        """Go on from :meth:`clock_numbers`."""
+        self._clock.resume(numbers)
+
+    def imu_numbers(self, name: str, field: TimeField) -> tuple[list[int], list[float]] | None:
+        """An IMU stream's part, if that stream can go on."""
+        stream = self._imus.get(name)
+        placed = self._clock.last_placed(name, field)
+        if stream is None or placed is None or stream.held is not None:
+            return None
+        faults = stream.faults.numbers()
+        if faults is None or not isinstance(stream.field, RepeatedField):
+            return None
+        fresh_gauss, fresh_us = stream.field.last
+        whole = [*placed, stream.plausibility.next_us, fresh_us, *faults[0]]
+        return whole, [*faults[1], *fresh_gauss]
+
+    def resume_imu(
+        self, name: str, field: TimeField, whole: list[int], numbers: list[float]
+    ) -> None:
+        """Go on from :meth:`imu_numbers`."""
+        stream, repeated = self._imus[name], self._imus[name].field
+        assert isinstance(repeated, RepeatedField)
+        time_us, boot_us, stream.plausibility.next_us, fresh_us, *faults = whole
+        x, y, z = numbers[-3:]
+        repeated.last = (x, y, z), fresh_us
+        stream.faults.resume(faults, numbers[:-3])
+        self._clock.resume_after(name, field, time_us, boot_us)
+
+    def placed(self, name: str, field: TimeField) -> tuple[int, int] | None:
+        """Continuous and boot time of a message's last; None before the first."""
+        return self._clock.last_placed(name, field)
+
+    def resume_after(self, name: str, field: TimeField, time_us: int, boot_us: int) -> None:
+        """Go on from :meth:`placed`."""
+        self._clock.resume_after(name, field, time_us, boot_us)
 
     def attitude(
         self,
@@ -171,7 +218,7 @@ class Intake:
 
         A second one behind the same IMU message is left out: its own IMU message was lost.
         """
-        time_us = self._last_imu_us
+        time_us = self.last_imu_us
         if q_ned_frd is None or time_us is None or self._truth_given_us.get(name) == time_us:
             return []
         self._truth_given_us[name] = time_us
@@ -238,16 +285,20 @@ class Intake:
     ) -> list[Event]:
         """The sample, with the magnetic field if that is new, and complaints about it."""
         name, arrival_us = stream.name, reading.arrival_us
-        self._last_imu_us = time_us
+        self.last_imu_us = time_us
         fresh = stream.field.fresh(reading.mag_gauss, reading.raw_us, time_us)
         mag, has_mag = (ZERO_VEC3, False) if fresh is None else (fresh, True)
         sample = ImuSample._make((time_us, reading.gyr_rad_s, reading.acc_m_s2, mag, has_mag))
         events: list[Event] = [Imu(self.vehicle, arrival_us, boot_us, name, sample)]
         complaints = stream.plausibility.look(sample, doubts_axes=self.doubts_axes)
+        return events + self._notices(name, arrival_us, complaints)
+
+    def _notices(self, name: str, arrival_us: int, complaints: list[str]) -> list[Event]:
+        notices: list[Event] = []
         for text in complaints:
             section: Literal["", "mounting"] = "mounting" if text == AXES_COMPLAINT else ""
-            events.append(Notice(self.vehicle, arrival_us, f"{name}: {text}", section))
-        return events
+            notices.append(Notice(self.vehicle, arrival_us, f"{name}: {text}", section))
+        return notices
 
     def _place(self, name: str, stamp: Stamp) -> Placed | None:
         placed = self._clock.other(name, stamp.clock, stamp.raw_us, self._heard_us(stamp))

@@ -31,7 +31,7 @@ class Plausibility:
         self._gyr_rad_s: deque[float] = deque(maxlen=WINDOW_SAMPLES)
         self._mag_gauss: deque[float] = deque(maxlen=WINDOW_SAMPLES)
         self._seen = 0
-        self._next_us = 0
+        self.next_us = 0  # when to look next
         self._told: set[str] = set()
 
     def look(self, sample: ImuSample, *, doubts_axes: bool) -> list[str]:
@@ -39,9 +39,13 @@ class Plausibility:
 
         ``doubts_axes``: the sender is not known for sending FRD.
         """
-        if 0 <= self._next_us - sample.time_us <= SPACING_US:
+        if 0 <= self.next_us - sample.time_us <= SPACING_US:
             return []
-        self._next_us = sample.time_us + SPACING_US
+        return self.look_now(sample, doubts_axes=doubts_axes)
+
+    def look_now(self, sample: ImuSample, *, doubts_axes: bool) -> list[str]:
+        """As :meth:`look`, where it is known to be time."""
+        self.next_us = sample.time_us + SPACING_US
         self._acc_g.append(math.hypot(*sample.acc_m_s2) / STANDARD_GRAVITY_M_S2)
         self._acc_z_g.append(sample.acc_m_s2[2] / STANDARD_GRAVITY_M_S2)
         self._gyr_rad_s.append(math.hypot(*sample.gyr_rad_s))

@@ -7,6 +7,7 @@ simulators know rest without noise: so equal readings are refused only if what t
 other sensors say cannot be true beside them.
 """
 
+from collections.abc import Sequence
 from math import dist, hypot, log
 from operator import eq
 from typing import NamedTuple
@@ -76,10 +77,9 @@ class Blindness(NamedTuple):
 
 
 class _Repetition:
-    """Follows one sensor's equal readings, and what the others said when they began."""
+    """Follows one sensor's equal readings."""
 
     def __init__(self) -> None:
-        self.begin = Readings(ZERO_VEC3, ZERO_VEC3, ZERO_VEC3)
         self.begin_us = 0
         self.is_proven = False  # it is stuck, until it changes
         self._changes = 0
@@ -87,12 +87,12 @@ class _Repetition:
         self._changed = 1.0  # of the latest pairs of readings, how many differ,
         self._repeated = 1.0  # and how many are equal
 
-    def follow(self, is_equal: bool, readings: Readings, raw_us: int) -> bool:
+    def follow(self, is_equal: bool, raw_us: int) -> bool:
         """Whether a noisy sensor has repeated itself for long enough to look closer."""
         if not is_equal:
             self._changes += 1
             self._count(self._equal)
-            self._equal, self.begin, self.begin_us = 0, readings, raw_us
+            self._equal, self.begin_us = 0, raw_us
             self.is_proven = False
             return False
         self._equal += 1
@@ -113,6 +113,16 @@ class _Repetition:
         share = self._repeated / (self._repeated + self._changed)
         return self._equal * log(share) < log(BY_CHANCE)
 
+    def numbers(self) -> tuple[tuple[int, int, int], tuple[float, float]]:
+        """All that changes while nothing is proven."""
+        return (self._changes, self._equal, self.begin_us), (self._changed, self._repeated)
+
+    def resume(self, whole: Sequence[int], shares: Sequence[float]) -> None:
+        """Go on from :meth:`numbers`."""
+        self._changes, self._equal, self.begin_us = whole
+        self._changed, self._repeated = shares
+        self.is_proven = False
+
     def _count(self, equal: int) -> None:
         if self._changed >= SHARE_CHANGES:
             self._changed *= 0.5
@@ -129,6 +139,7 @@ class SensorFaults:
         self._both = _Repetition()
         self._field = FieldWatch()  # since both repeat themselves
         self._gyr = _Repetition()
+        self._gyr_begin = self._last  # what all said when the gyroscope began to repeat itself
         self._acc = _Repetition()
         self._turned_acc = ZERO_VEC3  # where the gyroscope says the repeated reading should be
         self._rails = [0] * 6
@@ -171,6 +182,34 @@ class SensorFaults:
         if span_us >= BLIND_US or span_us < 0:  # or the clock began anew
             self._blindness = Blindness(reason, max(span_us, 0))
 
+    def numbers(self) -> tuple[list[int], list[float]] | None:
+        """What changes while readings are sound and follow sound ones; None if they do not.
+
+        In the columns of :mod:`drivers.samples.going_on`.
+        """
+        parts = (self._both, self._gyr, self._acc)
+        is_sound = self._is_noisy and not self._was_large and not any(p.is_proven for p in parts)
+        if not is_sound or self._blind_since is not None or self._blindness is not None:
+            return None
+        (both, both_shares), (gyr, gyr_shares), (acc, acc_shares) = (p.numbers() for p in parts)
+        field_gauss, field_us = self._field.begun
+        whole = [self._last_us, self._good_us, *both, *gyr, *acc, field_us]
+        whole += [self._mag_changes, self._mag_equal, self._mag_since_us]
+        numbers = [*_flat(self._last), *both_shares, *gyr_shares, *acc_shares, *field_gauss]
+        numbers += [*_flat(self._gyr_begin), *self._turned_acc, *self._good_gyr]
+        return whole, [*numbers, self._mag_turn_rad]
+
+    def resume(self, whole: list[int], numbers: list[float]) -> None:
+        """Go on from :meth:`numbers`."""
+        self._last_us, self._good_us, *repetitions = whole
+        for k, part in enumerate((self._both, self._gyr, self._acc)):
+            part.resume(repetitions[3 * k : 3 * k + 3], numbers[9 + 2 * k : 11 + 2 * k])
+        self._mag_changes, self._mag_equal, self._mag_since_us = repetitions[10:]
+        self._last, self._gyr_begin = _readings(numbers[:9]), _readings(numbers[18:27])
+        self._field.begin(_vec3(numbers[15:18]), repetitions[9])
+        self._turned_acc, self._good_gyr = _vec3(numbers[27:30]), _vec3(numbers[30:33])
+        self._mag_turn_rad = numbers[33]
+
     @property
     def mag_is_stuck(self) -> bool:
         """Whether the field of the last reading has not followed the vehicle's turning."""
@@ -185,11 +224,13 @@ class SensorFaults:
         gyr_equal = readings.gyr_rad_s == self._last.gyr_rad_s
         acc_equal = readings.acc_m_s2 == self._last.acc_m_s2
         both, gyr, acc = self._both, self._gyr, self._acc
-        is_long_both = both.follow(gyr_equal and acc_equal, readings, raw_us)
+        is_long_both = both.follow(gyr_equal and acc_equal, raw_us)
         if not (gyr_equal and acc_equal):
             self._field.begin(readings.mag_gauss, raw_us)
-        is_long_gyr = gyr.follow(gyr_equal, readings, raw_us)
-        is_long_acc = acc.follow(acc_equal, readings, raw_us)
+        if not gyr_equal:
+            self._gyr_begin = readings
+        is_long_gyr = gyr.follow(gyr_equal, raw_us)
+        is_long_acc = acc.follow(acc_equal, raw_us)
         self._follow_turned_acc(acc_equal, readings, raw_us)
         if is_long_both:
             both.is_proven = both.is_proven or self._repeats_untruly(readings, raw_us)
@@ -237,7 +278,7 @@ class SensorFaults:
 
     def _has_turned_otherwise(self, readings: Readings, raw_us: int) -> bool:
         """Whether accelerometer and field are not where the repeated rate would have them."""
-        begin, span_s = self._gyr.begin, 1e-6 * (raw_us - self._gyr.begin_us)
+        begin, span_s = self._gyr_begin, 1e-6 * (raw_us - self._gyr.begin_us)
         gyr = readings.gyr_rad_s
         acc_rad = _apart_rad(vector_after_turn(begin.acc_m_s2, gyr, span_s), readings.acc_m_s2)
         is_steady = carries_weight(begin.acc_m_s2, gyr)  # then the force stays as it is
@@ -300,6 +341,19 @@ class SensorFaults:
         self._mag_equal += 1
         step_s = 1e-6 * min(max(raw_us - self._last_us, 0), MAG_STUCK_US)
         self._mag_turn_rad += step_s * max(map(abs, readings.gyr_rad_s))
+
+
+def _flat(readings: Readings) -> tuple[float, ...]:
+    return (*readings.gyr_rad_s, *readings.acc_m_s2, *readings.mag_gauss)
+
+
+def _readings(numbers: list[float]) -> Readings:
+    return Readings(_vec3(numbers[:3]), _vec3(numbers[3:6]), _vec3(numbers[6:]))
+
+
+def _vec3(numbers: list[float]) -> Vec3:
+    x, y, z = numbers
+    return (x, y, z)
 
 
 def _farthest(one: Vec3, other: Vec3) -> float:

@@ -23,6 +23,11 @@ class FieldWatch:
         self._mag_gauss = ZERO_VEC3
         self._begin_us = 0
 
+    @property
+    def begun(self) -> tuple[Vec3, int]:
+        """The field at the beginning, and when that was."""
+        return self._mag_gauss, self._begin_us
+
     def begin(self, mag_gauss: Vec3, raw_us: int) -> None:
         """Look from here on."""
         self._mag_gauss, self._begin_us = mag_gauss, raw_us

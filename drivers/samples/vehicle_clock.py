@@ -55,6 +55,12 @@ class TimeField(Enum):
     __hash__ = object.__hash__  # each is one object; Enum's own is a Python function
 
 
+# The clocks that :mod:`drivers.samples.going_on` follows, and the numbers of a line and an offset.
+KEPT_LINES = (TimeField.TIME_USEC, TimeField.BOOT_MS)
+LINE_SIZE = 11
+OFFSET_SIZE = 4 + OFFSET_SAMPLES
+
+
 class Reset(NamedTuple):
     """A clock began anew or leapt; ``step_us`` is how far it moved, signed."""
 
@@ -157,6 +163,21 @@ class ClockLine:
         self._accept(boot_us, arrival_us)
         return True
 
+    def numbers(self) -> tuple[int, ...] | None:
+        """What changes while messages just go on; None if something else is to be expected.
+
+        In the columns of :mod:`drivers.samples.going_on`.
+        """
+        if not self._started or self._off_seconds or self._candidate is not None:
+            return None
+        now = (self.wrapped_us, self.boot_us, self.arrival_us, self._floor_us)
+        return (1, *now, *self._second, *self._in_pace, int(self._beside is not None))
+
+    def resume(self, numbers: list[int]) -> None:
+        """Go on from :meth:`numbers`."""
+        _, self.wrapped_us, self.boot_us, self.arrival_us, self._floor_us, *rest, _ = numbers
+        self._second, self._in_pace = (rest[0], rest[1], rest[2]), (rest[3], rest[4])
+
     def _drop_candidate(self) -> None:
         """The line goes on: what stepped away from it was garbled, or is somebody else's."""
         if self._candidate is not None:
@@ -257,6 +278,20 @@ class ClockOffset:
         self._since_median = 0
         self._offset_us = 0
 
+    def numbers(self) -> tuple[int, ...] | None:
+        """What :meth:`learn` changes once enough is learnt; None before.
+
+        In the columns of :mod:`drivers.samples.going_on`.
+        """
+        if len(self._samples_us) < OFFSET_SAMPLES:
+            return None
+        return (1, self._offset_us, self._since_median, 0, *self._samples_us)
+
+    def resume(self, numbers: list[int]) -> None:
+        """Go on from :meth:`numbers`, whose fourth is the place of the oldest sample."""
+        _, self._offset_us, self._since_median, oldest, *samples_us = numbers
+        self._samples_us = deque((*samples_us[oldest:], *samples_us[:oldest]), OFFSET_SAMPLES)
+
     def learn(self, sample_us: int) -> int:
         """Take one estimate in; the offset in us, exactly 0 (or a whole wrap) for one clock."""
         self._samples_us.append(sample_us)
@@ -306,6 +341,40 @@ class VehicleClock:
         if self._primary is None:
             return Refused(Reason.NO_CLOCK)
         return self._in_order(message, field, self._place(field, raw_us, arrival_us))
+
+    def numbers(self) -> tuple[int, ...] | None:
+        """What changes while messages just go on; None if something else is to be expected.
+
+        In the columns of :mod:`drivers.samples.going_on`: the line of time, both of its clocks,
+        and the offset of the one that the line is not made of.
+        """
+        primary = self._primary
+        if primary not in KEPT_LINES or self._waiting:
+            return None
+        lines = [self._lines[field].numbers() or (0,) * LINE_SIZE for field in KEPT_LINES]
+        offset = self._offsets[TimeField.BOOT_MS].numbers() or (0,) * OFFSET_SIZE
+        first = KEPT_LINES.index(primary)
+        return (first, self._shift_us, self._latest_us, *lines[0], *lines[1], *offset)
+
+    def resume(self, numbers: list[int]) -> None:
+        """Go on from :meth:`numbers`."""
+        self._latest_us = numbers[2]
+        for k, field in enumerate(KEPT_LINES):
+            line = numbers[3 + k * LINE_SIZE : 3 + (k + 1) * LINE_SIZE]
+            if line[0]:
+                self._lines[field].resume(line)
+        offset = numbers[3 + len(KEPT_LINES) * LINE_SIZE :]
+        if offset[0]:
+            self._offsets[TimeField.BOOT_MS].resume(offset)
+
+    def last_placed(self, message: str, field: TimeField) -> tuple[int, int] | None:
+        """Continuous and boot time of the last message that was placed; None if none was."""
+        last = self._streams.get((field, message))
+        return None if last is None else (last.time_us, last.boot_us)
+
+    def resume_after(self, message: str, field: TimeField, time_us: int, boot_us: int) -> None:
+        """Go on with a message after one that was placed there."""
+        self._streams[field, message] = Placed(time_us, boot_us, None)
 
     def _takes_over(self, field: TimeField) -> bool:
         """Whether an IMU message's clock is to make the line of time from now on."""

@@ -64,9 +64,7 @@ class HandedFrames:
         if not self._has_just_received and wait_s > 0.0:
             self._connection.wait(wait_s)
             self._has_just_received = self._receive()
-        events: list[Event] = []
-        for arrival_us, frame in self._backlog.take():
-            events += self._decoder.events(frame, arrival_us)
+        events = self._decoder.events_of(self._backlog.take())
         events += self._backlog.take_shed(time.time_ns() // 1000)
         if self._request is not None:
             outgoing, notices = self._request.take(events, time.time_ns() // 1000)

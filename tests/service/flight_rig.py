@@ -9,6 +9,7 @@ from collections.abc import Callable
 from typing import Any
 
 from drivers.events import VehicleId
+from drivers.mavlink.backlog import Arrived
 from drivers.mavlink.decoder import MavlinkDecoder
 from drivers.mavlink.encoder import FrameEncoder, raw_imu
 from drivers.mavlink.framing import FrameReader
@@ -34,6 +35,7 @@ class Rig:
         self.pipeline = Pipeline(load_profile(profile))
         self.encoder = FrameEncoder(ONE)
         self.decoder = MavlinkDecoder(references=False)
+        self.by_batches = MavlinkDecoder(references=False)
         self.gate = FrameGate(policy)
         self.readers: dict[str, FrameReader] = {}
         self.messages: list[str] = []
@@ -90,7 +92,9 @@ class Rig:
         arrival_us = self.now_us + self.host_shift_us
         for frame in self.readers.setdefault(peer, FrameReader()).feed(data):
             if self.gate.lets_in(frame, peer, arrival_us):
-                self.handle(self.decoder.events(frame, arrival_us))
+                events = self.decoder.events(frame, arrival_us)
+                assert self.by_batches.events_of([Arrived(arrival_us, frame)]) == events
+                self.handle(events)
         self.handle(self.gate.take_refused(arrival_us))
 
     def handle(self, events: list[Any]) -> None:

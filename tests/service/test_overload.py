@@ -151,9 +151,7 @@ class GivenLink:
         if not self._backlog:
             self._clock.now_s += max(timeout_s, 1e-6)
             self._receive()
-        events = []
-        for arrival_us, frame in self._backlog.take():
-            events += self._decoder.events(frame, arrival_us)
+        events = self._decoder.events_of(self._backlog.take())
         return events + self._backlog.take_shed(self._clock.unix_us())
 
     def _receive(self):

@@ -1,0 +1,369 @@
+"""The frames that nearly all of a stream are, read many at a time by compiled code.
+
+IMU messages that :mod:`drivers.samples.going_on` takes, and ATTITUDE where nobody wants its angles.
+Whatever else comes is the decoder's, in Python: what is known of its sender is handed back before,
+and taken over again behind it.
+"""
+
+from collections.abc import Sequence
+from functools import cache
+from math import isfinite
+from typing import Any, NamedTuple
+
+import numba
+import numpy as np
+
+from drivers.events import BodyRates, Event, Imu
+from drivers.mavlink.backlog import Arrived
+from drivers.mavlink.constants import (
+    ATTITUDE_ID,
+    HIGHRES_IMU_ID,
+    RAW_IMU_ID,
+    SCALED_IMU2_ID,
+    SCALED_IMU3_ID,
+    SCALED_IMU_ID,
+)
+from drivers.mavlink.framing import (
+    CHECKSUM_SIZE,
+    HEADER_V1,
+    HEADER_V2,
+    MAGIC_V1,
+    SIGNATURE_SIZE,
+    SIGNED_FLAG,
+)
+from drivers.mavlink.imu_messages import (
+    IMU_MESSAGES,
+    ImuMessage,
+    from_milli,
+    highres_field,
+    highres_vectors,
+    milli_vectors,
+)
+from drivers.samples.going_on import (
+    NOTHING,
+    TAKEN_TO_LOOK,
+    Floats,
+    Rows,
+    Whole,
+    take_beside,
+    take_imu,
+)
+from drivers.samples.intake import Intake
+from drivers.samples.vehicle_clock import KEPT_LINES, TimeField
+from estimator.compilation.compiled import compiled, inlined
+from estimator.compilation.direct import direct
+from estimator.types import ZERO_VEC3, ImuSample, RateSample, Vec3
+
+Bytes = Any  # arrays of uint8
+
+# What a message is to compiled code; 0 is nothing.
+RAW, HIGHRES, SCALED = 1, 2, 3  # the latter of three messages
+KINDS = {
+    RAW_IMU_ID: RAW,
+    HIGHRES_IMU_ID: HIGHRES,
+    SCALED_IMU_ID: SCALED,
+    SCALED_IMU2_ID: SCALED + 1,
+    SCALED_IMU3_ID: SCALED + 2,
+}
+IMUS = len(KINDS)
+ATTITUDE = IMUS + 1
+ATTITUDE_NAME = "ATTITUDE"
+# Of a payload; what follows is of no interest here.
+LONGEST = 64
+LATEST_RAW_US = 1 << 62
+FRESH, TO_LOOK = 1, 2
+
+_config: Any = numba.config  # numba ships no types
+_typeof: Any = numba.typeof
+
+
+@compiled
+def read_frames(
+    data: Bytes,
+    ends: Whole,
+    arrivals_us: Whole,
+    begin: int,
+    kinds: Whole,
+    places: Whole,
+    rows: Any,
+    whole: Whole,
+    numbers: Floats,
+) -> int:
+    """Take frames from number ``begin`` on, up to the first that is not taken; returns that one's.
+
+    Frame k is ``data[ends[k]:ends[k + 1]]``. ``kinds`` are by message, ``places`` of senders by
+    address, ``rows`` of :class:`Rows`. To ``whole`` (N, 5) kind, place, time, boot time and flags
+    are written, to ``numbers`` (N, 9) rate, specific force and field.
+    """
+    payload = np.zeros(LONGEST, np.uint8)
+    words, reals = payload.view(np.int16), payload.view(np.float32)
+    clocks, others, imu_whole, imu_numbers, has_clock, has_other, has_imu = rows
+    for k in range(begin, len(arrivals_us)):
+        message, address = unpack(data, ends[k], ends[k + 1], payload)
+        place = places[address]
+        kind = kinds[message] if message < len(kinds) else 0
+        if kind == 0 or place < 0 or not has_clock[place]:
+            return k
+        clock, arrival_us = clocks[place], arrivals_us[k]
+        boot_us, flags, gyr, acc, mag = 0, 0, ZERO_VEC3, ZERO_VEC3, ZERO_VEC3
+        if kind == ATTITUDE:
+            angles, gyr = three_reals(reals, 1), three_reals(reals, 4)
+            if not has_other[place] or not isfinite(angles[0] + angles[1] + angles[2]):
+                return k
+            raw_us = whole_number(payload.view(np.uint32)[0]) * 1000
+            done, time_us = take_beside(clock, others[place], raw_us, arrival_us)
+            is_fresh = False
+        else:
+            stream = place * IMUS + kind - 1
+            raw_us, gyr, acc, mag = imu_of(kind, payload, words, reals)
+            is_finite = isfinite(sum3(gyr) + sum3(acc) + sum3(mag))
+            if not has_imu[stream] or raw_us < 0 or not is_finite:
+                return k
+            field = 0 if kind <= HIGHRES else 1
+            both = (imu_whole[stream], imu_numbers[stream])
+            taken = take_imu(clock, field, both, raw_us, arrival_us, (gyr, acc, mag))
+            done, time_us, boot_us, is_fresh = taken
+        if done == NOTHING:
+            return k
+        flags = (FRESH if is_fresh else 0) | (TO_LOOK if done == TAKEN_TO_LOOK else 0)
+        whole[k, 0], whole[k, 1], whole[k, 2] = kind, place, time_us
+        whole[k, 3], whole[k, 4] = boot_us, flags
+        for i in range(3):
+            numbers[k, i], numbers[k, 3 + i], numbers[k, 6 + i] = gyr[i], acc[i], mag[i]
+    return len(arrivals_us)
+
+
+@inlined
+def unpack(data: Bytes, begin: int, end: int, payload: Bytes) -> tuple[int, int]:
+    """Message and address of a whole frame; its payload is written, with the zeros not sent."""
+    if data[begin] == MAGIC_V1:
+        message, sender, at, last = data[begin + 5], begin + 3, begin + HEADER_V1, end
+    else:
+        high = data[begin + 8] << 8 | data[begin + 9] << 16
+        message, sender, at = data[begin + 7] | high, begin + 5, begin + HEADER_V2
+        last = end - (SIGNATURE_SIZE if data[begin + 2] & SIGNED_FLAG else 0)
+    size = min(last - CHECKSUM_SIZE - at, LONGEST)
+    for i in range(LONGEST):
+        payload[i] = data[at + i] if i < size else 0
+    return int(message), int(data[sender]) << 8 | int(data[sender + 1])
+
+
+@inlined
+def imu_of(kind: int, payload: Bytes, words: Any, reals: Any) -> tuple[int, Vec3, Vec3, Vec3]:
+    """Time (us, negative if it is another IMU's) and vectors of an IMU message."""
+    if kind >= SCALED:
+        raw_us = whole_number(payload.view(np.uint32)[0]) * 1000
+        gyr, acc, mag = from_milli(*three_cuts(words, 2))
+        return raw_us, gyr, acc, mag
+    raw_us = payload.view(np.int64)[0]
+    if raw_us > LATEST_RAW_US or payload[62 if kind == HIGHRES else 26] != 0:
+        raw_us = whole_number(-1)
+    if kind == RAW:
+        gyr, acc, mag = from_milli(*three_cuts(words, 4))
+        return raw_us, gyr, acc, mag
+    field = highres_field(three_reals(reals, 8), payload.view(np.uint16)[30])
+    return raw_us, three_reals(reals, 5), three_reals(reals, 2), field
+
+
+@inlined
+def three_cuts(words: Any, at: int) -> Any:
+    """Rate, force and field of a message in which force, rate and field follow each other."""
+    acc = (words[at], words[at + 1], words[at + 2])
+    gyr = (words[at + 3], words[at + 4], words[at + 5])
+    return gyr, acc, (words[at + 6], words[at + 7], words[at + 8])
+
+
+@inlined
+def three_reals(reals: Any, at: int) -> Vec3:
+    """A vector."""
+    return (np.float64(reals[at]), np.float64(reals[at + 1]), np.float64(reals[at + 2]))
+
+
+@inlined
+def whole_number(value: Any) -> Any:
+    """As all whole numbers are here, whatever their size in a message."""
+    return np.int64(value)
+
+
+@inlined
+def sum3(v: Vec3) -> float:
+    """The sum of a vector's parts, which is finite only if they are."""
+    return v[0] + v[1] + v[2]
+
+
+class _Stream(NamedTuple):
+    """An IMU message's name and clock."""
+
+    name: str
+    clock: TimeField
+
+
+class Batch:
+    """Frames as compiled code takes them, and what it says about them."""
+
+    def __init__(self, arrived: Sequence[Arrived]) -> None:
+        frames = [each.frame.data for each in arrived]
+        n = len(frames)
+        self.data = np.frombuffer(b"".join(frames), np.uint8)
+        self.ends = np.zeros(n + 1, np.int64)
+        np.cumsum(np.fromiter(map(len, frames), np.int64, n), out=self.ends[1:])
+        self.arrivals_us = np.array([each.arrival_us for each in arrived], np.int64)
+        self.whole = np.empty((n, 5), np.int64)
+        self.numbers = np.empty((n, 9))
+
+
+class UsualFrames:
+    """Keeps the numbers of the senders whose frames it reads; see :meth:`hand_back`."""
+
+    def __init__(self, senders: int, *, takes_attitude: bool) -> None:
+        self._rows = Rows(senders, IMUS, 1)
+        self._kinds = np.zeros(256, np.int64)
+        self._streams: dict[int, _Stream] = {}
+        for number, message in IMU_MESSAGES.items():
+            if _is_ours(message):
+                self._kinds[number] = KINDS[number]
+                self._streams[KINDS[number]] = _Stream(message.name, message.clock)
+        self._kinds[ATTITUDE_ID] = ATTITUDE if takes_attitude else 0
+        self._places = np.full(1 << 16, -1, np.int64)
+        self._intakes: list[Intake | None] = [None] * senders
+        self._free = list(range(senders - 1, -1, -1))
+        self._read = direct(read_frames, argument_types())
+
+    def read(self, batch: Batch, begin: int) -> int:
+        """See :func:`read_frames`."""
+        taken: int = self._read(
+            batch.data,
+            batch.ends,
+            batch.arrivals_us,
+            begin,
+            self._kinds,
+            self._places,
+            self._rows.arrays,
+            batch.whole,
+            batch.numbers,
+        )
+        return taken
+
+    def events(self, batch: Batch, begin: int, end: int) -> list[Event]:
+        """The events of frames that were read."""
+        events: list[Event] = []
+        whole, arrivals_us = batch.whole[begin:end].tolist(), batch.arrivals_us[begin:end].tolist()
+        vectors = map(tuple, batch.numbers[begin:end].tolist())
+        names = self._streams
+        for row, numbers, arrival_us in zip(whole, vectors, arrivals_us, strict=True):
+            kind, place, time_us, boot_us, flags = row
+            intake = self._intakes[place]
+            assert intake is not None
+            intake.heard_us = arrival_us
+            if kind == ATTITUDE:
+                rates = RateSample(time_us, numbers[:3])
+                events.append(BodyRates(intake.vehicle, arrival_us, ATTITUDE_NAME, rates))
+                continue
+            name = names[kind].name
+            gyr, acc, mag = numbers[:3], numbers[3:6], numbers[6:]
+            is_fresh = flags & FRESH != 0
+            reading = (time_us, gyr, acc, mag if is_fresh else ZERO_VEC3, is_fresh)
+            sample = ImuSample._make(reading)
+            intake.last_imu_us = time_us
+            events.append(Imu(intake.vehicle, arrival_us, boot_us, name, sample))
+            if flags & TO_LOOK:
+                events += intake.look(name, arrival_us, sample)
+        return events
+
+    def hand_back(self, intake: Intake) -> None:
+        """Give an intake its numbers back, before anybody else uses it."""
+        place = self._place(intake)
+        rows = self._rows
+        if place < 0 or not rows.has_clock[place]:
+            return
+        rows.has_clock[place] = False
+        intake.resume_clock(rows.clocks[place].tolist())
+        for kind, stream in self._streams.items():
+            at = place * IMUS + kind - 1
+            if rows.has_imu[at]:
+                rows.has_imu[at] = False
+                numbers = rows.numbers[at].tolist()
+                intake.resume_imu(stream.name, stream.clock, rows.whole[at].tolist(), numbers)
+        if rows.has_other[place]:
+            rows.has_other[place] = False
+            time_us, boot_us = rows.others[place].tolist()
+            intake.resume_after(ATTITUDE_NAME, TimeField.BOOT_MS, time_us, boot_us)
+
+    def take_over(self, intake: Intake) -> None:
+        """Take an intake's numbers, as far as its streams just go on."""
+        clock = intake.clock_numbers()
+        if clock is None:
+            return
+        rows, place = self._rows, self._place(intake)
+        if place < 0:
+            place = self._free.pop()
+            self._places[_address(intake)] = place
+            self._intakes[place] = intake
+        is_any = False
+        for kind, stream in self._streams.items():
+            numbers = intake.imu_numbers(stream.name, stream.clock)
+            if numbers is not None:
+                at, is_any = place * IMUS + kind - 1, True
+                rows.has_imu[at] = True
+                rows.whole[at], rows.numbers[at] = numbers
+        if not is_any:
+            return
+        rows.has_clock[place] = True
+        rows.clocks[place] = clock
+        placed = intake.placed(ATTITUDE_NAME, TimeField.BOOT_MS)
+        if placed is not None:
+            rows.has_other[place] = True
+            rows.others[place] = placed
+
+    def forget(self, intake: Intake) -> None:
+        """A sender is gone."""
+        place = self._place(intake)
+        if place >= 0:
+            self.hand_back(intake)
+            self._places[_address(intake)] = -1
+            self._intakes[place] = None
+            self._free.append(place)
+
+    def _place(self, intake: Intake) -> int:
+        return int(self._places[_address(intake)])
+
+
+@cache
+def argument_types() -> tuple[Any, ...]:
+    """What numba calls the types that :func:`read_frames` is called with."""
+    batch, rows = Batch([]), Rows(0, 0, 0).arrays
+    lists = (np.zeros(0, np.int64),) * 2
+    return tuple(
+        map(
+            _typeof,
+            (
+                batch.data,
+                batch.ends,
+                batch.arrivals_us,
+                0,
+                *lists,
+                rows,
+                batch.whole,
+                batch.numbers,
+            ),
+        )
+    )
+
+
+def is_compiled_code() -> bool:
+    """Whether there is any; in plain Python the decoder's own way is the quicker one."""
+    return not _config.DISABLE_JIT
+
+
+def _address(intake: Intake) -> int:
+    return intake.vehicle.system_id << 8 | intake.vehicle.component_id
+
+
+def _is_ours(message: ImuMessage) -> bool:
+    """Whether the table says of a message what compiled code knows of it."""
+    kind = KINDS.get(message.number)
+    if kind is None:
+        return False
+    vectors = highres_vectors if kind == HIGHRES else milli_vectors
+    clock = KEPT_LINES[0 if kind <= HIGHRES else 1]
+    return message.vectors is vectors and message.clock is clock

@@ -1,0 +1,348 @@
+"""Readings that just go on with what came before them, as nearly all do, in compiled code.
+
+:class:`~drivers.samples.intake.Intake` holds the rules for every reading, in Python. What they come
+to for one that is sound and follows sound ones in time is here: a small part of them, in a
+hundredth of the time. It works on rows of numbers that the parts of an intake hand over
+(``numbers``) and go on from (``resume``), to the same bits. A reading that is anything else is left
+alone, and nothing has changed then.
+"""
+
+from typing import Any
+
+import numpy as np
+
+from drivers.samples.fresh_field import REPEAT_US
+from drivers.samples.plausibility import SPACING_US
+from drivers.samples.sensor_faults import (
+    ACC_RAIL_M_S2,
+    GYR_RAIL_RAD_S,
+    HELD_SAMPLES,
+    MAG_STUCK_SAMPLES,
+    MAG_STUCK_US,
+    MAG_TURN_RAD,
+    MOVING_GYR_RAD_S,
+    NOISY_SAMPLES,
+    SHARE_CHANGES,
+    STUCK_SAMPLES,
+)
+from drivers.samples.vehicle_clock import (
+    ALIVE_US,
+    BESIDE_US,
+    CLOCK_DRIFT,
+    LINE_SIZE,
+    LOST_TIME_US,
+    OFF_PACE,
+    OFFSET_SAMPLES,
+    OFFSET_SIZE,
+    ORDINARY_STEP_US,
+    SAME_CLOCK_US,
+    SECOND_US,
+    WRAP_32_US,
+)
+from estimator.compilation.compiled import inlined
+from estimator.types import Vec3
+
+# Arrays of int64 and float64; what compiled code reads there are its own numbers, not numpy's.
+Whole = Any
+Floats = Any
+
+# A vehicle's clocks: which one the line of time is made of, its shift and latest time, then the
+# lines of both clocks and the offset of the second.
+PRIMARY, SHIFT, LATEST, LINES = 0, 1, 2, 3
+OFFSET = LINES + 2 * LINE_SIZE
+CLOCK_SIZE = OFFSET + OFFSET_SIZE
+# Columns of a line, of which the first says that it can go on,
+WRAPPED, BOOT, ARRIVAL, FLOOR, SECOND, PACE, BESIDE = 1, 2, 3, 4, 5, 8, 10
+# and of the offset, of which the first says that it is known.
+OFFSET_US, SINCE_MEDIAN, OLDEST, RING = 1, 2, 3, 4
+
+# A stream's last message, in continuous and boot time. An IMU stream's other columns:
+PLACED_TIME, PLACED_BOOT = 0, 1
+LOOK, FRESH_US, FAULTS = 2, 3, 4
+LAST_US, GOOD_US, BOTH, GYR, ACC, FIELD_US = 4, 5, 6, 9, 12, 15
+MAG_CHANGES, MAG_EQUAL, MAG_SINCE_US = 16, 17, 18
+STREAM_SIZE = 19
+# of a repetition,
+CHANGES, EQUAL, BEGIN_US = 0, 1, 2
+# and those of its numbers that are not whole.
+LAST, SHARES, FIELD, GYR_BEGIN, TURNED, GOOD, MAG_TURN, FRESH = 0, 9, 15, 18, 27, 30, 33, 34
+STREAM_NUMBERS = 37
+
+# What a reading has done.
+NOTHING, TAKEN, TAKEN_TO_LOOK = 0, 1, 2  # it is to be looked at for plausibility
+
+
+@inlined
+def is_after(clock: Whole, line: int, boot_us: int, placed: Whole, time_us: int) -> bool:
+    """Whether a message goes on on a line, behind the one before it in its own stream."""
+    step_us = boot_us - clock[line + BOOT]
+    in_step = clock[line] == 1 and 0 < step_us <= ORDINARY_STEP_US
+    return bool(in_step and boot_us > placed[PLACED_BOOT] and time_us > placed[PLACED_TIME])
+
+
+@inlined
+def keeps_pace(clock: Whole, line: int, boot_us: int, arrival_us: int) -> int:
+    """Whether a second ends that was as long by both clocks; -1 if it was not, 0 if none ends."""
+    if 0 <= arrival_us - clock[line + SECOND + 1] < SECOND_US:
+        return 0
+    step_us = boot_us - clock[line + SECOND]
+    elapsed_us = arrival_us - clock[line + SECOND + 1]
+    if not 0 < elapsed_us <= ORDINARY_STEP_US:
+        return 2  # a gap, which says nothing
+    is_fast = step_us - clock[line + SECOND + 2] > OFF_PACE * elapsed_us
+    return -1 if is_fast or OFF_PACE * step_us < elapsed_us else 1
+
+
+@inlined
+def floor_after(clock: Whole, line: int, boot_us: int, arrival_us: int) -> int:
+    """The smallest arrival less boot time, with drift, once a message has come."""
+    elapsed_us = arrival_us - clock[line + ARRIVAL]
+    step_us = boot_us - clock[line + BOOT]
+    offset_us = arrival_us - boot_us
+    if elapsed_us < 0 or elapsed_us - step_us > LOST_TIME_US:
+        return offset_us
+    return int(min(clock[line + FLOOR] + int(CLOCK_DRIFT * elapsed_us), offset_us))
+
+
+@inlined
+def accept(clock: Whole, line: int, boot_us: int, arrival_us: int, floor_us: int, end: int) -> None:
+    """Go on to a message; ``end`` is what :func:`keeps_pace` says."""
+    clock[line + FLOOR] = floor_us
+    clock[line + BOOT], clock[line + ARRIVAL] = boot_us, arrival_us
+    if end == 0:
+        return
+    clock[line + SECOND], clock[line + SECOND + 1] = boot_us, arrival_us
+    clock[line + SECOND + 2] = max(arrival_us - boot_us - floor_us, 0)
+    if end == 1:
+        clock[line + PACE], clock[line + PACE + 1] = boot_us, arrival_us
+
+
+@inlined
+def place(clock: Whole, placed: Whole, time_us: int, boot_us: int) -> None:
+    """A message has its place in time."""
+    clock[LATEST] = max(clock[LATEST], time_us)
+    placed[PLACED_TIME], placed[PLACED_BOOT] = time_us, boot_us
+
+
+@inlined
+def differs(one: Floats, at: int, v: Vec3) -> bool:
+    """Whether a vector is another than the one in a row."""
+    return bool(one[at] != v[0] or one[at + 1] != v[1] or one[at + 2] != v[2])
+
+
+@inlined
+def largest(v: Vec3) -> float:
+    """The largest part of a vector, without its sign."""
+    return max(abs(v[0]), abs(v[1]), abs(v[2]))
+
+
+@inlined
+def write(row: Floats, at: int, v: Vec3) -> None:
+    """Put a vector into a row."""
+    row[at], row[at + 1], row[at + 2] = v
+
+
+@inlined
+def follow(whole: Whole, shares: Floats, at: int, share: int, is_equal: bool, raw_us: int) -> None:
+    """Count readings that are equal, and how often they are."""
+    if is_equal:
+        whole[at + EQUAL] += 1
+        whole[at + BEGIN_US] = min(whole[at + BEGIN_US], raw_us)
+        return
+    whole[at + CHANGES] += 1
+    if shares[share] >= SHARE_CHANGES:
+        shares[share] *= 0.5
+        shares[share + 1] *= 0.5
+    shares[share] += 1.0
+    shares[share + 1] += whole[at + EQUAL]
+    whole[at + EQUAL], whole[at + BEGIN_US] = 0, raw_us
+
+
+@inlined
+def is_sound(whole: Whole, numbers: Floats, gyr: Vec3, acc: Vec3, mag: Vec3, raw_us: int) -> bool:
+    """Whether a reading of finite numbers need not be looked at more closely."""
+    if largest(gyr) >= GYR_RAIL_RAD_S or not 0.0 < largest(acc) < ACC_RAIL_M_S2:
+        return False
+    if not differs(numbers, LAST, gyr) and whole[GYR + EQUAL] + 1 >= HELD_SAMPLES:
+        return False
+    is_long = largest(gyr) > MOVING_GYR_RAD_S or whole[ACC + EQUAL] + 1 >= STUCK_SAMPLES
+    if is_long and not differs(numbers, LAST + 3, acc):
+        return False
+    is_zero = mag[0] == 0.0 and mag[1] == 0.0 and mag[2] == 0.0
+    if is_zero or differs(numbers, LAST + 6, mag):
+        return True
+    is_stuck = whole[MAG_EQUAL] + 1 >= MAG_STUCK_SAMPLES and whole[MAG_CHANGES] >= NOISY_SAMPLES
+    since_us = raw_us - whole[MAG_SINCE_US]
+    turn_rad = numbers[MAG_TURN] + mag_turn_rad(whole, gyr, raw_us)
+    return not (is_stuck and since_us >= MAG_STUCK_US and turn_rad >= MAG_TURN_RAD)
+
+
+@inlined
+def mag_turn_rad(whole: Whole, gyr: Vec3, raw_us: int) -> float:
+    """How far the vehicle has turned since the last reading, about any axis."""
+    step_s = 1e-6 * min(max(raw_us - whole[LAST_US], 0), MAG_STUCK_US)
+    return float(step_s * largest(gyr))
+
+
+@inlined
+def follow_sensors(
+    whole: Whole, numbers: Floats, gyr: Vec3, acc: Vec3, mag: Vec3, raw_us: int
+) -> None:
+    """Remember a sound reading."""
+    gyr_equal = not differs(numbers, LAST, gyr)
+    acc_equal = not differs(numbers, LAST + 3, acc)
+    follow(whole, numbers, BOTH, SHARES, gyr_equal and acc_equal, raw_us)
+    follow(whole, numbers, GYR, SHARES + 2, gyr_equal, raw_us)
+    follow(whole, numbers, ACC, SHARES + 4, acc_equal, raw_us)
+    if not (gyr_equal and acc_equal):
+        write(numbers, FIELD, mag)
+        whole[FIELD_US] = raw_us
+    if not gyr_equal:
+        write(numbers, GYR_BEGIN, gyr)
+        write(numbers, GYR_BEGIN + 3, acc)
+        write(numbers, GYR_BEGIN + 6, mag)
+    if not acc_equal:
+        write(numbers, TURNED, acc)
+    is_zero = mag[0] == 0.0 and mag[1] == 0.0 and mag[2] == 0.0
+    if is_zero or differs(numbers, LAST + 6, mag):
+        whole[MAG_CHANGES] = min(whole[MAG_CHANGES] + 1, NOISY_SAMPLES)
+        whole[MAG_EQUAL], whole[MAG_SINCE_US], numbers[MAG_TURN] = 0, raw_us, 0.0
+    else:
+        whole[MAG_EQUAL] += 1
+        numbers[MAG_TURN] += mag_turn_rad(whole, gyr, raw_us)
+    write(numbers, LAST, gyr)
+    write(numbers, LAST + 3, acc)
+    write(numbers, LAST + 6, mag)
+    write(numbers, GOOD, gyr)
+    whole[LAST_US] = whole[GOOD_US] = raw_us
+
+
+@inlined
+def is_fresh(whole: Whole, numbers: Floats, mag: Vec3, time_us: int) -> bool:
+    """Whether a field is neither zero nor a repetition, and remember it if so."""
+    if mag[0] == 0.0 and mag[1] == 0.0 and mag[2] == 0.0:
+        return False
+    if not differs(numbers, FRESH, mag) and 0 <= time_us - whole[FRESH_US] < REPEAT_US:
+        return False
+    write(numbers, FRESH, mag)
+    whole[FRESH_US] = time_us
+    return True
+
+
+@inlined
+def take_imu(
+    clock: Whole,
+    field: int,
+    stream: tuple[Whole, Floats],
+    raw_us: int,
+    arrival_us: int,
+    vectors: tuple[Vec3, Vec3, Vec3],
+) -> tuple[int, int, int, bool]:
+    """An IMU reading by one of the two clocks, of finite numbers.
+
+    Returns what it has done, its continuous and boot time, and whether its field is fresh.
+    """
+    whole, numbers = stream
+    gyr, acc, mag = vectors
+    line = LINES + field * LINE_SIZE
+    boot_us = raw_us + clock[line + WRAPPED]
+    time_us = boot_us + clock[SHIFT]
+    if field != clock[PRIMARY] or not is_after(clock, line, boot_us, whole, time_us):
+        return NOTHING, time_us, boot_us, False
+    if clock[line + BESIDE] == 1 and boot_us - clock[line + BOOT] > BESIDE_US:
+        return NOTHING, time_us, boot_us, False
+    floor_us = floor_after(clock, line, boot_us, arrival_us)
+    end = keeps_pace(clock, line, boot_us, arrival_us)
+    if end < 0 or not is_sound(whole, numbers, gyr, acc, mag, raw_us):
+        return NOTHING, time_us, boot_us, False
+    follow_sensors(whole, numbers, gyr, acc, mag, raw_us)
+    accept(clock, line, boot_us, arrival_us, floor_us, end)
+    place(clock, whole, time_us, boot_us)
+    done = TAKEN
+    if not 0 <= whole[LOOK] - time_us <= SPACING_US:
+        whole[LOOK] = time_us + SPACING_US
+        done = TAKEN_TO_LOOK
+    return done, time_us, boot_us, is_fresh(whole, numbers, mag, time_us)
+
+
+@inlined
+def offset_after(clock: Whole, sample_us: int) -> int:
+    """The second clock's offset from the line of time, with one more estimate in the median."""
+    o = OFFSET
+    clock[o + RING + clock[o + OLDEST]] = sample_us
+    clock[o + OLDEST] = (clock[o + OLDEST] + 1) % OFFSET_SAMPLES
+    clock[o + SINCE_MEDIAN] += 1
+    if clock[o + SINCE_MEDIAN] >= OFFSET_SAMPLES // 4:
+        clock[o + SINCE_MEDIAN] = 0
+        median_us = np.sort(clock[o + RING : o + RING + OFFSET_SAMPLES])[OFFSET_SAMPLES // 2]
+        whole_us = int(np.rint(median_us / WRAP_32_US)) * WRAP_32_US
+        is_same = abs(median_us - whole_us) < SAME_CLOCK_US
+        clock[o + OFFSET_US] = whole_us if is_same else median_us
+    return int(clock[o + OFFSET_US])
+
+
+@inlined
+def take_beside(clock: Whole, placed: Whole, raw_us: int, arrival_us: int) -> tuple[int, int]:
+    """A message by the second clock that is no IMU's.
+
+    Returns what it has done, and its continuous time.
+    """
+    line = LINES + LINE_SIZE
+    boot_us = raw_us + clock[line + WRAPPED]
+    here_us = arrival_us - clock[line + ARRIVAL]
+    step_us = boot_us - clock[line + BOOT]
+    if not (clock[line] == 1 and 0 < step_us <= ORDINARY_STEP_US):
+        return NOTHING, 0
+    if (
+        clock[line + BESIDE] == 1
+        and 0 <= here_us < ALIVE_US
+        and abs(step_us - here_us) >= BESIDE_US
+    ):
+        return NOTHING, 0
+    floor_us = floor_after(clock, line, boot_us, arrival_us)
+    end = keeps_pace(clock, line, boot_us, arrival_us)
+    if end < 0 or boot_us <= placed[PLACED_BOOT]:
+        return NOTHING, 0
+    if clock[PRIMARY] == 1:
+        time_us = boot_us + clock[SHIFT]
+        if time_us <= placed[PLACED_TIME]:
+            return NOTHING, 0
+        accept(clock, line, boot_us, arrival_us, floor_us, end)
+        place(clock, placed, time_us, boot_us)
+        return TAKEN, time_us
+    if clock[OFFSET] != 1 or clock[LINES] != 1:
+        return NOTHING, 0
+    line_now_us = clock[LINES + BOOT] + max(arrival_us - clock[LINES + ARRIVAL], 0)
+    accept(clock, line, boot_us, arrival_us, floor_us, end)
+    time_us = boot_us - offset_after(clock, boot_us - line_now_us) + clock[SHIFT]
+    clock[LATEST] = max(clock[LATEST], time_us)
+    time_us = max(time_us, placed[PLACED_TIME] + 1)  # a learnt offset moved
+    placed[PLACED_TIME], placed[PLACED_BOOT] = time_us, boot_us
+    return TAKEN, time_us
+
+
+class Rows:
+    """The numbers of many intakes' clocks, IMU streams and other streams; one row each."""
+
+    def __init__(self, vehicles: int, imus: int, others: int) -> None:
+        self.clocks = np.zeros((vehicles, CLOCK_SIZE), np.int64)
+        self.others = np.zeros((vehicles * others, 2), np.int64)
+        self.whole = np.zeros((vehicles * imus, STREAM_SIZE), np.int64)
+        self.numbers = np.zeros((vehicles * imus, STREAM_NUMBERS))
+        # what is here, and not in an intake
+        self.has_clock = np.zeros(vehicles, np.bool_)
+        self.has_other = np.zeros(vehicles * others, np.bool_)
+        self.has_imu = np.zeros(vehicles * imus, np.bool_)
+
+    @property
+    def arrays(self) -> tuple[Any, ...]:
+        """All of it, as compiled code takes it."""
+        return (
+            self.clocks,
+            self.others,
+            self.whole,
+            self.numbers,
+            self.has_clock,
+            self.has_other,
+            self.has_imu,
+        )
