@@ -48,21 +48,22 @@ class HostClock(Value, frozen=True):
 def observe(clock: HostClock, vehicle_us: int, arrival_us: int) -> HostClock:
     """The clock after a message of ``vehicle_us`` arrived at ``arrival_us``."""
     seen_us = float(arrival_us - vehicle_us)
-    fresh = Offsets(vehicle_us, seen_us, seen_us)
     if not clock.known:
+        fresh = Offsets(vehicle_us, seen_us, seen_us)
         return HostClock(seen_us, arrival_us, known=True, window=fresh, even=fresh)
     offset_us = min(_bound_us(clock, arrival_us), seen_us)
     even = _lengthen(clock.even, seen_us)
     if even.most_us - even.least_us > EVEN_SPREAD_US:
-        even = fresh
-    if _is_even_step(even, vehicle_us, offset_us):
+        even = Offsets(vehicle_us, seen_us, seen_us)
+    elif even.least_us - offset_us > STEP_US and _is_even(even, vehicle_us):
         offset_us = even.least_us
     window = clock.window
     if vehicle_us - window.begin_us >= WINDOW_US:
-        offset_us, window = _moved_offset_us(window, offset_us), fresh
+        offset_us = _moved_offset_us(window, offset_us)
+        window = Offsets(vehicle_us, seen_us, seen_us)
     else:
         window = _lengthen(window, seen_us)
-    return HostClock(offset_us, arrival_us, known=True, window=window, even=even)
+    return HostClock(offset_us, arrival_us, True, window, even)
 
 
 def to_vehicle_us(clock: HostClock, host_us: int) -> int:
@@ -79,15 +80,17 @@ def lateness_us(clock: HostClock, vehicle_us: int, arrival_us: int) -> float:
 
 def _lengthen(window: Offsets, seen_us: float) -> Offsets:
     """The window with one more offset in it."""
-    least_us, most_us = min(window.least_us, seen_us), max(window.most_us, seen_us)
+    least_us, most_us = window.least_us, window.most_us
+    if seen_us < least_us:
+        least_us = seen_us
+    elif seen_us > most_us:
+        most_us = seen_us
     return Offsets(window.begin_us, least_us, most_us, window.samples + 1)
 
 
-def _is_even_step(even: Offsets, vehicle_us: int, offset_us: float) -> bool:
-    """Whether messages have come with one and the same new lateness for a while."""
-    lasts_us = vehicle_us - even.begin_us
-    is_long = lasts_us >= EVEN_US and even.samples >= EVEN_SAMPLES
-    return is_long and even.least_us - offset_us > STEP_US
+def _is_even(even: Offsets, vehicle_us: int) -> bool:
+    """Whether messages have come with one lateness for a while."""
+    return vehicle_us - even.begin_us >= EVEN_US and even.samples >= EVEN_SAMPLES
 
 
 def _moved_offset_us(window: Offsets, offset_us: float) -> float:

@@ -94,8 +94,17 @@ def _follow_own(choice: ImuChoice, arrival_us: int) -> ImuChoice:
     rival = choice.rival
     if rival is not None and choice.rank(rival) >= choice.rank(choice.message or ""):
         rival = None
-    return msgspec.structs.replace(
-        choice, last_arrival_us=arrival_us, longest_silence_us=longest_us, rival=rival
+    # field by field: msgspec.structs.replace takes three times as long, at every sample
+    return ImuChoice(
+        choice.message,
+        arrival_us,
+        longest_us,
+        choice.has_failed,
+        rival,
+        choice.rival_samples,
+        choice.rival_since_us,
+        choice.rival_arrival_us,
+        choice.doubted,
     )
 
 

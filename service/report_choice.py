@@ -30,8 +30,8 @@ def kind_of(event: Report) -> Kind:
 
 def consider(choice: ReportChoice, message: str, arrival_us: int) -> ReportChoice:
     """The choice after ``message`` arrived; it is in use if ``.message`` equals it."""
-    better = choice.message is None or report_rank(message) < report_rank(choice.message)
-    silent = arrival_us - choice.last_arrival_us > SILENCE_US
-    if better or silent or message == choice.message:
+    if message == choice.message or choice.message is None:
         return ReportChoice(message, arrival_us)
-    return choice
+    better = report_rank(message) < report_rank(choice.message)
+    silent = arrival_us - choice.last_arrival_us > SILENCE_US
+    return ReportChoice(message, arrival_us) if better or silent else choice

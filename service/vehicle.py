@@ -118,10 +118,10 @@ class Vehicle:
     def on_imu(self, event: Imu) -> list[str]:
         """Feed the estimator, if the message is the chosen one."""
         self.heard_us = event.arrival_us
-        before = self._choice.message
-        late_us = health.late_after_us(self.median_period_us)
+        before, period_us = self._choice.message, self.median_period_us
+        late_us = health.late_after_us(period_us)
         self._choice = imu_choice.consider(
-            self._choice, event.message, event.arrival_us, late_us, self.median_period_us
+            self._choice, event.message, event.arrival_us, late_us, period_us
         )
         if self._choice.message != event.message:
             return []
@@ -135,7 +135,11 @@ class Vehicle:
         self._last_sample = sample
         if self.samples % CHECKED_EVERY == 0:
             texts += self._check(event, sample)
-        after = health.on_sample(self._health, event.arrival_us, aligned=self.estimator.aligned)
+        before_it = self._health
+        after = health.on_sample(before_it, event.arrival_us, aligned=self.estimator.aligned)
+        if after.state is before_it.state:
+            self._health = after
+            return texts
         return texts + self._become(after)
 
     def on_clock_reset(self, event: ClockReset) -> list[str]:
@@ -214,7 +218,8 @@ class Vehicle:
 
     def on_time(self, now_us: int) -> list[str]:
         """Change the state of health if the IMU has been silent for long."""
-        return self._become(health.on_time(self._health, now_us, self.median_period_us))
+        after = health.on_time(self._health, now_us, self.median_period_us)
+        return [] if after is self._health else self._become(after)
 
     def is_due(self, now_us: int) -> bool:
         """Whether there is a new sample to publish an attitude of, or none for long."""

@@ -34,7 +34,7 @@ NEWCOMER_PATIENCE_S = 0.5
 # Whoever has not looked for so long was stopped: what has piled up is not gone through one by one.
 STOPPED_S = 0.25
 # So many frames are decoded at one go, before whoever takes them can do something else: 1 ms or so.
-MOST_AT_ONCE = 32
+MOST_AT_ONCE = 64
 # A sender's first IMU sample costs as much as a hundred later ones (an estimator begins): so many
 # senders begin at one go, so that they do not make everybody else wait.
 MOST_NEWCOMERS = 1

@@ -44,6 +44,10 @@ ITERATION_S = 0.1
 # After each look the link rests, and what comes meanwhile is handled at one go: to wake up costs
 # as much as several samples, and hundreds of vehicles would do so at each of theirs.
 GATHER_S = 0.001
+# Where the system notes when each datagram came, nothing is lost by letting them wait until shortly
+# before whoever drains wants to go on: so long before, or as long as the last ones have taken.
+LEAD_S = 0.002
+LONGEST_REST_S = 0.02
 CLOSE_S = 0.5
 # back-off between attempts; a vehicle that returns is read again within 1 s
 FIRST_RETRY_S = 0.1
@@ -108,6 +112,7 @@ class MavlinkLink(Closing):
         self._is_down_told = False
         self._has_data = False
         self._has_just_read = False
+        self._read_s = 0.0  # when something was read last
         self._retry_s = FIRST_RETRY_S
         self._retry_due_s = 0.0
         self._announce_due_s = 0.0
@@ -211,12 +216,22 @@ class MavlinkLink(Closing):
     def _read(self, wait_s: float) -> list[Packet]:
         """What has arrived; at once, only the rest in between is taken in any case."""
         if self._has_just_read and wait_s > 0.0:
-            rest_s = min(GATHER_S, wait_s)
+            rest_s = self._rest_s(wait_s)
             time.sleep(rest_s)
             wait_s -= rest_s
         packets = self._transport.receive(wait_s)
         self._has_just_read = bool(packets)
+        if packets:
+            self._read_s = time.monotonic()
         return packets
+
+    def _rest_s(self, wait_s: float) -> float:
+        """How long to let datagrams gather."""
+        if not self._transport.stamps_arrivals:
+            return min(GATHER_S, wait_s)
+        busy_s = time.monotonic() - self._read_s
+        rest_s = max(GATHER_S, wait_s - max(LEAD_S, busy_s))
+        return min(rest_s, wait_s, LONGEST_REST_S)
 
     def _reopen(self, wait_s: float) -> None:
         """Open again, some time after the last attempt."""

@@ -1,6 +1,5 @@
 """What others than the IMU measure, into the state."""
 
-from math import isfinite
 from typing import Any
 
 from estimator.aiding.phase import Phase
@@ -42,10 +41,14 @@ def may_stand_in(state: State) -> bool:
 
 def take_rate(state: State, rate: RateSample) -> Reason | None:
     """Take body rates of another messenger; None, or why they were refused."""
-    if not all(isfinite(w) and abs(w) <= RATE_LIMIT_RAD_S for w in rate.rate_rad_s):
-        return Reason.GYROSCOPE_OUT_OF_RANGE
+    x, y, z = rate.rate_rad_s
+    if not (
+        abs(x) <= RATE_LIMIT_RAD_S and abs(y) <= RATE_LIMIT_RAD_S and abs(z) <= RATE_LIMIT_RAD_S
+    ):
+        return Reason.GYROSCOPE_OUT_OF_RANGE  # or no number
+    if not state.profile.uses_attitude_rates:
+        return None
     ahead_us = rate.time_us - state.core.time_us
-    is_wanted = ahead_us > 0 or (ahead_us == 0 and may_stand_in(state))
-    if state.profile.uses_attitude_rates and is_wanted:
+    if ahead_us > 0 or (ahead_us == 0 and may_stand_in(state)):
         state.change_context(turning=hear_rate(state.context.turning, rate))
     return None

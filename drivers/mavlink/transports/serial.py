@@ -19,6 +19,7 @@ class SerialLine:
     """A serial device at a fixed baud rate, for us alone."""
 
     lost = 0  # nobody tells
+    stamps_arrivals = False
 
     def __init__(self, endpoint: Endpoint) -> None:
         self._endpoint = endpoint

@@ -37,6 +37,7 @@ class TcpClient:
     """Connects to a TCP server."""
 
     lost = 0  # what the system has taken it also gives
+    stamps_arrivals = False
 
     def __init__(self, endpoint: Endpoint) -> None:
         self._endpoint = endpoint
@@ -95,6 +96,7 @@ class TcpServer:
     """Accepts TCP clients, several at once."""
 
     lost = 0  # what the system has taken it also gives
+    stamps_arrivals = False
 
     def __init__(self, endpoint: Endpoint) -> None:
         self._endpoint = endpoint

@@ -37,6 +37,10 @@ class Transport(Protocol):
         """The address in use, once open."""
 
     @property
+    def stamps_arrivals(self) -> bool:
+        """Whether the system notes when bytes arrive, so that they may wait to be received."""
+
+    @property
     def lost(self) -> int:
         """Datagrams that the system has thrown away since ``open``, for want of room."""
 

@@ -53,6 +53,8 @@ class _Udp:
     def connected(self) -> bool:
         return self._socket is not None
 
+    stamps_arrivals = IS_LINUX
+
     @property
     def lost(self) -> int:
         return 0 if self._socket is None else self._socket.lost
