@@ -42,6 +42,7 @@ from drivers.mavlink.parameter_values import ParameterValue, WaitingParameters, 
 from drivers.mavlink.usual_frames import Batch, UsualFrames, is_compiled_code
 from drivers.samples.intake import Intake, Stamp
 from drivers.samples.vehicle_clock import TimeField
+from estimator.compilation.interpreted import is_interpreting
 
 _TIME_USEC = TimeField.TIME_USEC  # looked up in its class it takes longer
 
@@ -108,7 +109,7 @@ class MavlinkDecoder:
 
     def events_of(self, arrived: Sequence[Arrived]) -> list[Event]:
         """The events of many frames, as :meth:`events` gives them one by one."""
-        if not is_compiled_code():
+        if is_interpreting() or not is_compiled_code():
             return [event for us, frame in arrived for event in self.events(frame, us)]
         if self._usual is None:
             self._usual = UsualFrames(MOST_SENDERS, takes_attitude=not self._references)

@@ -76,7 +76,7 @@ def test_a_stall_alone_costs_nothing_and_one_soon_after_another_does():
 
 
 def test_nobody_starves_while_there_is_too_much():
-    systems = range(1, 101)
+    systems = range(1, 201)
     backlog = known(Backlog(), *systems)
     count = dict.fromkeys(systems, 0)
     ages = []
