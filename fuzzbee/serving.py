@@ -25,7 +25,6 @@ from service.signals import stop_on_signals
 from service.sinks.outbox import Outbox
 from service.sinks.sink import Sink
 from service.sinks.zenoh import ZenohSink
-from service.steady import steady
 from service.workers.job import Tally
 
 OK, FAILED = 0, 1
@@ -161,7 +160,7 @@ def run_loop(
     """
     started_s = time.monotonic()
     failure: Exception | None = None
-    with steady(), stop_on_signals(loop.stop):
+    with stop_on_signals(loop.stop):
         try:
             loop.run(seconds, lambda: bool(conflicts))
         except InputError:

@@ -19,6 +19,7 @@ from service.pipeline import Pipeline
 from service.records import Message, Output
 from service.signals import Stoppable
 from service.sinks.outbox import OutputTaker
+from service.steady import Frozen, steady
 
 MAX_CATCH_UP_S = 0.25
 # So long after a stop nobody can say yet whose silence is his own.
@@ -70,6 +71,7 @@ class Runner(Stoppable):
         self._is_finished = is_finished
         self._overload = overload
         self._news = news
+        self._frozen = Frozen()
         self._due_s = float("inf")
         self._woken_s: float | None = None  # when the loop went on after a stop
         self._waiting: deque[Event] = deque()  # bounded by what the source keeps
@@ -86,6 +88,12 @@ class Runner(Stoppable):
 
         ``is_over`` is asked at every turn.
         """
+        with steady() as self._frozen:
+            self._loop(seconds, is_over)
+        if self._requests is not None:
+            self._requests.close()
+
+    def _loop(self, seconds: float | None, is_over: Callable[[], bool]) -> None:
         start_s = self._monotonic_s()
         end_s = None if seconds is None else start_s + seconds
         due_s = self._due_s = start_s + self._period_s
@@ -101,8 +109,6 @@ class Runner(Stoppable):
                 due_s = self._due_s = self._next_due_s(due_s, now_s)
             self._take(min(MAX_WAIT_S, max(0.0, due_s - self._monotonic_s())))
         self._tick(self._monotonic_s())  # publishes what the last events have changed
-        if self._requests is not None:
-            self._requests.close()
 
     def _take(self, timeout_s: float) -> None:
         """Handle some of what has arrived, after waiting for it."""
@@ -139,6 +145,7 @@ class Runner(Stoppable):
         )
         self._outbox.put(self._pipeline.tick(self._now_us(), load))
         self._outbox.settle(SETTLING * self._period_s)
+        self._frozen.add(len(self._pipeline.vehicles), now_s)
         self.ticks += 1
 
     def _observe_load(self, now_s: float) -> bool:

@@ -22,6 +22,7 @@ from service.overload import Overload
 from service.records import Departed, Message, Output, Published
 from service.signals import Stoppable
 from service.sinks.outbox import OutputTaker
+from service.steady import steady
 from service.workers.crew import Crew
 from service.workers.handout import Handout
 from service.workers.report import record_of
@@ -61,7 +62,7 @@ class Foreman(Stoppable):
     ) -> None:
         """Loop until stopped or over, or for ``seconds`` if given."""
         end_s = None if seconds is None else time.monotonic() + seconds
-        with self._reading():
+        with steady(), self._reading():
             while not self.was_stopped and not is_over():
                 if end_s is not None and time.monotonic() >= end_s:
                     break

@@ -17,7 +17,6 @@ from service.parameters import replace_or_refuse
 from service.pipeline import Pipeline
 from service.runner import Runner
 from service.signals import ending_signals
-from service.steady import steady
 from service.workers.connection import Connection, Kind, Message
 from service.workers.handed_frames import HandedFrames
 from service.workers.job import Job, ProfileAnswer, ProfileRequest, Tally
@@ -77,8 +76,7 @@ def _serve(connection: Connection, job: Job, name: str) -> None:
         overload=Overload(),
     )
     _await_tick(job)
-    with steady():
-        runner.run()
+    runner.run()
     report.put_tally()
 
 
