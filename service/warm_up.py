@@ -14,11 +14,11 @@ from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
-from drivers.mavlink.usual_frames import argument_types, is_compiled_code, read_frames
+from drivers.mavlink import scanning, usual_frames
 from estimator.aiding import begin
 from estimator.aiding.phase import Phase
 from estimator.aiding.types import NO_REPORT
-from estimator.compilation.compiled import is_cached
+from estimator.compilation.compiled import is_cached, is_compiled_code
 from estimator.compilation.direct import direct
 from estimator.estimator import Estimator
 from estimator.live import resident
@@ -41,7 +41,8 @@ UNAIDED: tuple[Any, ...] = (
     resident.publish,
     resident.advance_raw,
     resident.advance,
-    read_frames,
+    usual_frames.read_frames,
+    scanning.scan_frames,
 )
 FOR_VELOCITY: tuple[Any, ...] = (
     resident.advance_aided,
@@ -68,7 +69,8 @@ def warm_up(profile: Profile, gain: float | None) -> None:
         for helper in started:
             await_end(helper)
     if is_compiled_code():
-        direct(read_frames, argument_types())
+        for kernel, types in _of_links().items():
+            direct(kernel, types)
     rehearse(Estimator(profile, gain), aided=_needs_aided(profile))
 
 
@@ -114,10 +116,18 @@ def _leave_out_scipy() -> None:
         del sys.modules[BLAS]
 
 
+def _of_links() -> dict[Any, tuple[Any, ...]]:
+    """The kernels of a link, and the types that they are called with."""
+    return {
+        usual_frames.read_frames: usual_frames.argument_types(),
+        scanning.scan_frames: scanning.argument_types(),
+    }
+
+
 def compile_ahead(profile: Profile, kernels: tuple[Any, ...]) -> None:
     """Compile these kernels without running them."""
     arguments = resident.arguments_of(settings_of(profile), Estimator(profile).snapshot.core)
-    arguments[read_frames] = argument_types()
+    arguments |= _of_links()
     for kernel in kernels:
         kernel.compile(arguments[kernel])
 

@@ -39,9 +39,10 @@ from drivers.mavlink.imu_messages import (
 )
 from drivers.mavlink.messages import MESSAGES, MessageKind, Said
 from drivers.mavlink.parameter_values import ParameterValue, WaitingParameters, owner
-from drivers.mavlink.usual_frames import Batch, UsualFrames, is_compiled_code
+from drivers.mavlink.usual_frames import Batch, UsualFrames
 from drivers.samples.intake import Intake, Stamp
 from drivers.samples.vehicle_clock import TimeField
+from estimator.compilation.compiled import is_compiled_code
 from estimator.compilation.interpreted import is_interpreting
 
 _TIME_USEC = TimeField.TIME_USEC  # looked up in its class it takes longer

@@ -150,6 +150,11 @@ class FrameReader:
         self._rest = data[position:]
         return frames
 
+    @property
+    def is_between_frames(self) -> bool:
+        """Whether the next byte should begin a frame, since all before were frames."""
+        return not self._rest and not self._in_bad_stretch
+
     def take_malformed(self) -> int:
         """How many unreadable stretches there were since the last call."""
         count, self._malformed = self._malformed, 0

@@ -64,6 +64,18 @@ class FrameGate:
                 let_in.append(frame)
         return let_in
 
+    def lets_in_as_before(self, address: tuple[int, int], peer: str, arrival_us: int) -> bool:
+        """Let a known sender's frames in, where nothing else is asked of them.
+
+        False, and nothing done, for all that :meth:`let_in` has to judge.
+        """
+        sender = self._senders.get(address)
+        if sender is None or sender.peer != peer or self._policy != _NO_POLICY:
+            return False
+        if sender.last_us != arrival_us:
+            self._senders[address] = _Sender(peer, arrival_us)
+        return True
+
     def lets_in(self, frame: Frame, peer: str, arrival_us: int) -> bool:
         """Whether the frame is good; if not, it is counted."""
         reason = self._refusal(frame, peer, arrival_us)

@@ -30,12 +30,15 @@ from drivers.mavlink.gate import FrameGate, Policy
 from drivers.mavlink.hearing import Hearing
 from drivers.mavlink.opening import Opening
 from drivers.mavlink.recorder import Recorder
+from drivers.mavlink.scanning import Scanner, frame_of
 from drivers.mavlink.sequences import SequenceWatch
 from drivers.mavlink.stream_request import Outgoing, StreamRequest
 from drivers.mavlink.taker import FrameTaker
 from drivers.mavlink.transports.open import open_transport
 from drivers.mavlink.transports.sockets import SOCKET_BUFFER_BYTES
 from drivers.mavlink.transports.transport import LinkError, Packet
+from estimator.compilation.compiled import is_compiled_code
+from estimator.compilation.interpreted import is_interpreting
 from estimator.errors import InputError
 
 MOST_UNSENT_FRAMES = 64  # requests wait here for the reader; new ones replace the oldest
@@ -96,6 +99,7 @@ class MavlinkLink(Closing):
         self._events: list[Event] = []  # to be drained next
         self._decoder = MavlinkDecoder(references=references)
         self._taker = taker
+        self._scanner: Scanner | None = None
         self._gate = FrameGate(policy)
         self._key = key
         self._stamp = None if policy.signing is None else policy.signing.stamp
@@ -261,9 +265,9 @@ class MavlinkLink(Closing):
         if not packets and self._taker is None:
             return
         now_us = _unix_us()
-        wanted = self._decoder.wanted
+        scanned = self._scan(packets)
         waiting: list[Arrived] = []
-        for peer, data, stamp_us in packets:
+        for k, (peer, data, stamp_us) in enumerate(packets):
             arrival_us = stamp_us or now_us
             if not data:
                 self._readers.pop(peer, None)
@@ -272,12 +276,18 @@ class MavlinkLink(Closing):
             if not self._has_data:
                 self._note_data()
             reader = self._reader(peer)
+            rows = scanned[k] if k < len(scanned) else None
+            if rows is not None and self._is_usual(rows, peer, arrival_us, reader):
+                self._tell(self._hearing.bytes_read(len(data), 1, now_s), arrival_us)
+                waiting += [Arrived(arrival_us, frame_of(data, row)) for row in rows]
+                continue
             frames = reader.feed(data)
             self._events += self._sequences.look(peer, frames, arrival_us)
             self._tell(self._hearing.bytes_read(len(data), len(frames), now_s), arrival_us)
             frames = self._gate.let_in(frames, peer, arrival_us)
             if self._background is not None and frames:
                 self._background.write(arrival_us, [frame.data for frame in frames])
+            wanted = self._decoder.wanted
             waiting += [Arrived(arrival_us, each) for each in frames if each.message_id in wanted]
             if malformed := reader.take_malformed():
                 self._events.append(Malformed(arrival_us, malformed))
@@ -286,6 +296,25 @@ class MavlinkLink(Closing):
         else:
             self._backlog.add(waiting, waiting_clock_s())
         self._events += self._gate.take_refused(now_us)
+
+    def _scan(self, packets: list[Packet]) -> list[list[list[int]] | None]:
+        """The rows of wanted frames of each packet that is nothing but frames; else None."""
+        if is_interpreting() or not is_compiled_code():
+            return []
+        if self._scanner is None:
+            self._scanner = Scanner(self._decoder.wanted)
+        return self._scanner.scan([packet.data for packet in packets])
+
+    def _is_usual(
+        self, rows: list[list[int]], peer: str, arrival_us: int, reader: FrameReader
+    ) -> bool:
+        """Whether a packet's frames are let in, and nobody else wants to look at them."""
+        if not rows or self._background is not None or not reader.is_between_frames:
+            return False
+        address = (rows[0][1], rows[0][2])
+        if self._sequences.looks_at(peer, address, arrival_us):
+            return False
+        return self._gate.lets_in_as_before(address, peer, arrival_us)
 
     def _tell(self, text: str | None, now_us: int) -> None:
         if text is not None:

@@ -89,6 +89,18 @@ class SequenceWatch:
         self._checked: set[tuple[int, int]] = set()  # in this round of stretches
         self._told: set[tuple[int, int]] = set()
 
+    def looks_at(self, peer: str, address: tuple[int, int], now_us: int) -> bool:
+        """Whether :meth:`look` would do anything with an address's frames now."""
+        begun_us = self._begun_us
+        if begun_us is None or not 0 <= now_us - begun_us < EVERY_US:
+            return True
+        if now_us - begun_us > STRETCH_US or address in self._told:
+            return False
+        is_followed = (peer, *address) in self._counters
+        return is_followed or (
+            len(self._counters) < MOST_ADDRESSES and address not in self._checked
+        )
+
     def look(self, peer: str, frames: Iterable[Frame], now_us: int) -> list[Notice]:
         """A line for each address that proves to have two senders; nearly always none."""
         begun_us = self._begun_us

@@ -73,8 +73,7 @@ LONGEST = 64
 LATEST_RAW_US = 1 << 62
 FRESH, TO_LOOK = 1, 2
 
-_config: Any = numba.config  # numba ships no types
-_typeof: Any = numba.typeof
+_typeof: Any = numba.typeof  # numba ships no types
 
 
 @compiled
@@ -348,11 +347,6 @@ def argument_types() -> tuple[Any, ...]:
             ),
         )
     )
-
-
-def is_compiled_code() -> bool:
-    """Whether there is any; in plain Python the decoder's own way is the quicker one."""
-    return not _config.DISABLE_JIT
 
 
 def _address(intake: Intake) -> int:

@@ -48,6 +48,11 @@ def inlined(function: Function) -> Function:
     return register_jitable(**_OPTIONS)(function)
 
 
+def is_compiled_code() -> bool:
+    """Whether there is any, and not plain Python alone."""
+    return not _numba_config.DISABLE_JIT
+
+
 def plain(function: Function) -> Function:
     """The Python function behind a compiled one; a single call is quicker without compiling."""
     return getattr(function, "py_func", function)
