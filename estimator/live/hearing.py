@@ -50,5 +50,5 @@ def take_rate(state: State, rate: RateSample) -> Reason | None:
         return None
     ahead_us = rate.time_us - state.core.time_us
     if ahead_us > 0 or (ahead_us == 0 and may_stand_in(state)):
-        state.change_context(turning=hear_rate(state.context.turning, rate))
+        state.change_turning(hear_rate(state.context.turning, rate))
     return None

@@ -18,7 +18,7 @@ from estimator.live.published import Said
 from estimator.live.resident import AIDED, CONDITIONED, RAW
 from estimator.live.settings import settings_of
 from estimator.live.snapshot import Context, Snapshot
-from estimator.live.turning import STILL
+from estimator.live.turning import STILL, Turning
 from estimator.profile import Profile
 
 # What the filter's vectors come from, as the compiled output takes it.
@@ -72,6 +72,19 @@ class State:
     def change_context(self, **changes: object) -> None:
         """Replace some fields of the context."""
         self.set_context(self.context._replace(**changes))  # type: ignore[arg-type]
+
+    def change_turning(self, turning: Turning) -> None:
+        """Replace what others have seen of the turning, at each sample and each of their rates.
+
+        That nobody has told any is all that something follows from.
+        """
+        context = self.context
+        is_same = (turning is STILL) == (context.turning is STILL)
+        context = Context(*context[:-1], turning)
+        if is_same:
+            self.context = context
+        else:
+            self.set_context(context)
 
     def set_context(self, context: Context) -> None:
         """Replace the context, and derive what each sample asks of it."""

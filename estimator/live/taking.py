@@ -57,8 +57,9 @@ def take_conditioned(state: State, sample: ImuSample) -> None:
         turning, between = take_between(now.turning, last_us, time_us, sample.gyr_rad_s)
         axes = state.core.contradicted_axes
         turning, gyr_rad_s = stand_in(turning, time_us, sample.gyr_rad_s, axes)
-        sample = sample._replace(gyr_rad_s=gyr_rad_s)
-        state.change_context(turning=turning)
+        if gyr_rad_s is not sample.gyr_rad_s:
+            sample = sample._replace(gyr_rad_s=gyr_rad_s)
+        state.change_turning(turning)
     if now.phase is not Phase.UNAIDED:
         state.enter(cause_of(state, usual_s, dt_s, is_seen=between.given))
     if between.given:  # to the core that the phase has left

@@ -65,8 +65,13 @@ class Turning(NamedTuple):
 
         All axes count ``but`` those.
         """
-        misfit = sum(m for m, is_out in zip(self.misfit, but, strict=True) if not is_out)
-        turning = sum(t for t, is_out in zip(self.turning, but, strict=True) if not is_out)
+        if but is NO_AXES:
+            x, y, z = self.misfit
+            u, v, w = self.turning
+            misfit, turning = x + y + z, u + v + w
+        else:
+            misfit = sum(m for m, is_out in zip(self.misfit, but, strict=True) if not is_out)
+            turning = sum(t for t, is_out in zip(self.turning, but, strict=True) if not is_out)
         return misfit <= MOST_MISFIT * max(turning, LEAST_TURNING_RAD_S**2)
 
 
@@ -78,7 +83,7 @@ def hear_rate(state: Turning, rate: RateSample) -> Turning:
     last = state.waiting[-1] if state.waiting else state.before
     if last is not None and rate.time_us <= last.time_us:
         return state
-    return state._replace(waiting=(*state.waiting, rate)[-MOST_WAITING:])
+    return Turning((*state.waiting, rate)[-MOST_WAITING:], *state[1:])
 
 
 def take_between(
@@ -95,11 +100,16 @@ def take_between(
         edge_us = _edge_us(time_us - from_us)
         inside = [r for r in passed if from_us + edge_us < r.time_us < time_us - edge_us]
         shown = _integrate(state, inside, from_us, time_us, gyr_rad_s)
-    state = state._replace(
-        waiting=ahead,
-        before=passed[-1] if passed else state.before,
-        last_gyr_rad_s=gyr_rad_s,
-        used=state.used + shown.given,
+    state = Turning(
+        ahead,
+        passed[-1] if passed else state.before,
+        gyr_rad_s,
+        state.offset_rad_s,
+        state.misfit,
+        state.turning,
+        state.compared_s,
+        state.used + shown.given,
+        state.stands_in,
     )
     return state, shown
 
@@ -164,22 +174,30 @@ def _compare(
     step_s = max(1e-3, apart_s + 0.25)
     a = step_s / (AGREEMENT_TAU_S + step_s)
     b = step_s / (min(OFFSET_TAU_S, state.compared_s) + step_s)
-    x, y, z = (0.0 if out else b * e for e, out in zip(left, state.stands_in, strict=True))
-    offset = add(state.offset_rad_s, (x, y, z))
+    x, y, z = left
+    no_x, no_y, no_z = state.stands_in
+    known = (0.0 if no_x else b * x, 0.0 if no_y else b * y, 0.0 if no_z else b * z)
+    offset = add(state.offset_rad_s, known)
     if norm(offset) > MOST_OFFSET_RAD_S:
         offset = scale(MOST_OFFSET_RAD_S / norm(offset), offset)
-    return state._replace(
-        offset_rad_s=offset,
-        compared_s=state.compared_s + step_s,
-        misfit=_averaged(state.misfit, left, a),
-        turning=_averaged(state.turning, gyr_rad_s, a),
+    return Turning(
+        state.waiting,
+        state.before,
+        state.last_gyr_rad_s,
+        offset,
+        _averaged(state.misfit, left, a),
+        _averaged(state.turning, gyr_rad_s, a),
+        state.compared_s + step_s,
+        state.used,
+        state.stands_in,
     )
 
 
 def _averaged(mean: Vec3, v: Vec3, share: float) -> Vec3:
     """Mean squares of a vector's parts, with one more."""
-    x, y, z = (m + share * (w * w - m) for m, w in zip(mean, v, strict=True))
-    return (x, y, z)
+    x, y, z = mean
+    a, b, c = v
+    return (x + share * (a * a - x), y + share * (b * b - y), z + share * (c * c - z))
 
 
 def stand_in(
@@ -189,6 +207,8 @@ def stand_in(
 
     An axis stays replaced until the two agree about it again.
     """
+    if not any(contradicted) and not any(state.stands_in):
+        return state, gyr_rad_s  # as nearly always
     latest = state.before
     if latest is None or 1e-6 * (time_us - latest.time_us) > LONGEST_STEP_S:
         return state._replace(stands_in=NO_AXES), gyr_rad_s
