@@ -18,8 +18,9 @@ MUCH_REFUSED = 0.2  # of those that come
 MUCH_LOST = 5
 
 
-# What the service warns of, in few words; a field that is none of the place says nothing against
-# the horizon.
+# A field that is none of the place says nothing against the horizon, another's attitude little.
+HARMLESS = (Alarm.FIELD_IMPOSSIBLE, Alarm.AUTOPILOT_DIFFERS)
+# What the service warns of, in few words.
 WARNINGS: dict[str, str] = {word: word.value.replace("_", " ") for word in Alarm}
 
 
@@ -123,8 +124,7 @@ def _of_warnings(status: StatusRecord) -> list[Caveat]:
     """What contradicts the attitude whatever sigma says; words of other versions are counted."""
     known = [word for word in status.warnings if word in WARNINGS]
     caveats = [
-        Caveat(Level.CARE if word == Alarm.FIELD_IMPOSSIBLE else Level.BAD, WARNINGS[word])
-        for word in known
+        Caveat(Level.CARE if word in HARMLESS else Level.BAD, WARNINGS[word]) for word in known
     ]
     unknown = len(status.warnings) - len(known)
     return [*caveats, Caveat(Level.CARE, f"{unknown} unknown warnings")] if unknown else caveats

@@ -42,6 +42,7 @@ class Alarm(StrEnum):
     """The words of a status's warnings; docs/troubleshooting.md says what a person can do."""
 
     ACCELEROMETER = "accelerometer_contradicts"
+    AUTOPILOT_DIFFERS = "autopilot_differs"
     BIAS_AT_LIMIT = "bias_at_limit"
     CLOCK_DRIFT = "clock_drift"
     FIELD_IMPOSSIBLE = "field_impossible"
@@ -67,6 +68,7 @@ PATIENCE_S = {
 BEGIN_SHARE, END_SHARE = 0.6, 0.3
 MEANINGS = {
     Alarm.ACCELEROMETER: "the magnetic field contradicts the accelerometer's vertical",
+    Alarm.AUTOPILOT_DIFFERS: "the autopilot's attitude differs from ours",
     Alarm.BIAS_AT_LIMIT: "the gyroscope's bias stands at its limit",
     Alarm.CLOCK_DRIFT: "the vehicle's clock runs too fast or too slow",
     Alarm.GYROSCOPE_X: "field and force contradict the gyroscope's x axis",

@@ -141,6 +141,7 @@ class Pipeline:
             case ReferenceAttitude(vehicle=address, source=source, q_ned_frd=q):
                 if address in self._vehicles:
                     self._peers[address, source] = Peer(address, source, q)
+                    return _messages(self._vehicles[address].on_reference(event))
             case Malformed(frames=frames):
                 self.malformed += frames
             case Notice(vehicle=address, text=text):

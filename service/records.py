@@ -59,6 +59,20 @@ class Retuned(Value, frozen=True):
     last: str
 
 
+class Autopilot(Value, frozen=True):
+    """The autopilot's attitude beside ours; see :mod:`service.second_opinion`."""
+
+    verdict: str  # "agrees", "differs" or "cannot_tell"
+    message: str  # that its attitude comes from
+    for_s: float  # the verdict stands
+    inclination_deg: float  # between the two
+    heading_deg: float  # by how much the autopilot's is clockwise of ours
+    inclination_sigmas: float  # the same by our sigma
+    heading_sigmas: float
+    wrong: str  # "autopilot", "ours", or "" where nothing says which
+    evidence: str
+
+
 class StatusRecord(msgspec.Struct, frozen=True):
     """How the estimate of one vehicle is doing, once a second."""
 
@@ -81,6 +95,7 @@ class StatusRecord(msgspec.Struct, frozen=True):
     retuned: Retuned | None = None  # by itself, with --retune
     worker: int | None = None  # which one has the vehicle, with --workers; from 1
     restarts: int = 0  # of workers, so far
+    autopilot: Autopilot | None = None  # None where it sends no attitude
 
 
 class Published(Value, frozen=True):

@@ -9,17 +9,20 @@ from drivers.events import (
     Imu,
     Parameter,
     Position,
+    ReferenceAttitude,
     Rejected,
     Report,
     Shed,
     TrackLost,
     VehicleId,
 )
-from drivers.mavlink.ardupilot import COMPASS_OFFSETS, GYRO_FILTER
+from drivers.mavlink.ardupilot import COMPASS_OFFSETS, GYRO_FILTER, TRIM
+from drivers.samples.rotation import quaternion_from_euler
 from estimator.estimator import Estimator
+from estimator.geometry.quaternion import multiply
 from estimator.profile import Profile
 from estimator.reasons import Reason
-from estimator.types import ImuSample
+from estimator.types import IDENTITY, ImuSample, VelocitySample
 from service import health, host_clock, imu_choice, report_choice
 from service.alarms import LEANING_DEG, MEANINGS, Alarm, Alarms
 from service.attitude_record import attitude_record, is_finite
@@ -28,8 +31,9 @@ from service.health import Health, State
 from service.host_clock import HostClock
 from service.imu_choice import ImuChoice
 from service.load import Load
-from service.records import AttitudeRecord, Retuned, StatusRecord, vehicle_name
+from service.records import AttitudeRecord, Autopilot, Retuned, StatusRecord, vehicle_name
 from service.report_choice import Kind, ReportChoice, kind_of
+from service.second_opinion import SecondOpinion, Verdict, in_words, turned_back
 from service.talk import Talk
 
 # While not all attitudes are published at each tick, one of an old sample still is this often.
@@ -69,6 +73,9 @@ class Vehicle:
         self.has_unfit_profile = False  # by the vehicle's own word
         self._alarms = Alarms()
         self._alarms_told: frozenset[Alarm] = frozenset()
+        self.second_opinion = SecondOpinion()
+        self._differed = False  # at the last look
+        self._trim_rad: dict[str, float] = {}
         self._statuses = 0
         self._retuned: Retuned | None = None
         self._health = Health()
@@ -179,7 +186,9 @@ class Vehicle:
         )
 
     def on_parameter(self, event: Parameter) -> None:
-        """Note COMPASS_OFS, all zero where nobody has calibrated, and the gyroscope's filter."""
+        """Note COMPASS_OFS, all zero where nobody has calibrated, the trim, the gyro's filter."""
+        if event.name in TRIM:
+            self._trim_rad[event.name] = event.value
         if event.name == GYRO_FILTER and event.value > 0.0:
             self.estimator.set_imu_lag(BUTTERWORTH_DELAY / event.value)
         if event.name not in COMPASS_OFFSETS:
@@ -193,7 +202,8 @@ class Vehicle:
 
         Of several messages that report the same, only with the chosen one.
         """
-        if isinstance(event, BodyRates) and self._has_other_clock(event):
+        is_rates = isinstance(event, BodyRates)
+        if is_rates and self._has_other_clock(event.arrival_us, event.sample.time_us):
             return
         kind = kind_of(event)
         before = self._report_choices.get(kind, ReportChoice())
@@ -204,16 +214,54 @@ class Vehicle:
         reason = self.estimator.update_report(event.sample)
         if reason is not None:
             self.reject(reason)
+        elif isinstance(event.sample, VelocitySample):
+            self.second_opinion.hear_velocity(event.sample.time_us, event.sample.velocity_ned_m_s)
 
-    def _has_other_clock(self, event: BodyRates) -> bool:
-        """Whether the message's clock is another than the IMU's, or there is no IMU yet.
+    def on_reference(self, event: ReferenceAttitude) -> list[str]:
+        """Compare the autopilot's attitude with ours of the same instant, some times a second.
+
+        None is compared that is stamped by another clock or more than a sample's interval away.
+        """
+        last, sample, opinion = self._last, self._last_sample, self.second_opinion
+        if event.source != "autopilot" or not opinion.is_due(event.time_us):
+            return []
+        if last is None or sample is None or self.state not in health.HAS_ATTITUDE:
+            return []
+        ahead_us = event.time_us - sample.time_us
+        other_clock = self._has_other_clock(event.arrival_us, event.time_us)
+        if other_clock or abs(ahead_us) > max(self.median_period_us, 1):
+            return []
+        ours = self.estimator.attitude(sample.time_us + max(ahead_us, 0))
+        if not is_finite(ours):
+            return []
+        roll, pitch, yaw = (self._trim_rad.get(name, 0.0) for name in TRIM)
+        theirs = multiply(event.q_ned_frd, quaternion_from_euler(roll, pitch, yaw) or IDENTITY)
+        ours = turned_back(ours, 1e-6 * max(-ahead_us, 0))
+        place = self.estimator.place_field
+        opinion.look(event.time_us, event.message, theirs, ours, sample, place)
+        return self._tell_opinion(event)
+
+    def _tell_opinion(self, event: ReferenceAttitude) -> list[str]:
+        """One line when the two attitudes begin to differ, and one when that ends."""
+        said = self.second_opinion.opinion
+        differs = said is not None and said.verdict is Verdict.DIFFERS
+        before, self._differed = self._differed, differs
+        if said is None or differs == before:
+            return []
+        text = (
+            in_words(said, event.time_us) if differs else "the autopilot's attitude and ours agree"
+        )
+        return self._say([text], event.arrival_us)
+
+    def _has_other_clock(self, arrival_us: int, time_us: int) -> bool:
+        """Whether a message's clock is another than the IMU's, or there is no IMU yet.
 
         Some autopilots stamp ATTITUDE seconds off; its rates are then those of another time.
         """
         last = self._last
         if last is None:
             return True
-        age_us = event.arrival_us - event.sample.time_us
+        age_us = arrival_us - time_us
         return abs(age_us - (last.arrival_us - last.sample.time_us)) > OTHER_CLOCK_US
 
     def on_time(self, now_us: int) -> list[str]:
@@ -261,7 +309,12 @@ class Vehicle:
 
     def status(self, now_us: int, load: Load, malformed: int = 0) -> StatusRecord:
         """The vehicle's status at ``now_us``; a silence that still lasts counts as a gap, too."""
-        unfit = {Alarm.PROFILE_UNFIT} if self.has_unfit_profile else set()
+        words = set(self._alarms.words)
+        if self.has_unfit_profile:
+            words.add(Alarm.PROFILE_UNFIT)
+        autopilot = self._autopilot(now_us)
+        if autopilot is not None and autopilot.verdict == Verdict.DIFFERS:
+            words.add(Alarm.AUTOPILOT_DIFFERS)
         record = StatusRecord(
             state=self.state.value,
             imu_message=self.imu_message,
@@ -278,11 +331,31 @@ class Vehicle:
             lost=load.lost,
             published_hz=self._published_hz(now_us, load),
             malformed=malformed,
-            warnings=tuple(sorted(self._alarms.words | unfit)),
+            warnings=tuple(sorted(words)),
             retuned=self._retuned,
+            autopilot=autopilot,
         )
         self._statuses += 1
         return record
+
+    def _autopilot(self, now_us: int) -> Autopilot | None:
+        """What is said of the autopilot's attitude beside ours; None if it sends none."""
+        time_us = host_clock.to_vehicle_us(self._clock, now_us) if self._last is not None else 0
+        self.second_opinion.forget(time_us)
+        said = self.second_opinion.opinion
+        if said is None:
+            return None
+        return Autopilot(
+            verdict=said.verdict.value,
+            message=said.message,
+            for_s=max(0.0, round(1e-6 * (time_us - said.since_us), 1)),
+            inclination_deg=round(said.inclination.off_deg, 2),
+            heading_deg=round(said.heading.off_deg, 2),
+            inclination_sigmas=round(said.inclination.sigmas, 1),
+            heading_sigmas=round(said.heading.sigmas, 1),
+            wrong=said.wrong,
+            evidence=said.evidence,
+        )
 
     def _published_hz(self, now_us: int, load: Load) -> float:
         """Attitudes a second: as the loop says, or counted since the last status."""
@@ -359,6 +432,7 @@ class Vehicle:
         """Align anew; what was remembered of the attitude before says nothing of the next."""
         self.estimator.restart()
         self._alarms = Alarms()
+        self.second_opinion.restart()
         self._last = None
 
     def _check(self, event: Imu, sample: ImuSample) -> list[str]:

@@ -69,7 +69,7 @@ class MessageKind(NamedTuple):
 def _attitude(intake: Intake, said: Said) -> list[Event]:
     m, stamp = said.fields, said.boot_stamp
     rates = (m.rollspeed, m.pitchspeed, m.yawspeed)
-    if intake.takes_references:
+    if intake.wants_attitude(said.arrival_us):
         q = quaternion_from_euler(m.roll, m.pitch, m.yaw)
         return intake.attitude(said.name, stamp, "autopilot", q, rates)
     if not (isfinite(m.roll) and isfinite(m.pitch) and isfinite(m.yaw)):
@@ -78,6 +78,8 @@ def _attitude(intake: Intake, said: Said) -> list[Event]:
 
 
 def _attitude_quaternion(intake: Intake, said: Said) -> list[Event]:
+    if not intake.wants_attitude(said.arrival_us):
+        return []
     return intake.attitude(said.name, said.boot_stamp, "autopilot", _quaternion(said.fields))
 
 
@@ -158,9 +160,7 @@ MESSAGES: dict[int, MessageKind] = {
     each.number: each
     for each in (
         MessageKind(ATTITUDE_ID, "ATTITUDE", _attitude),
-        MessageKind(
-            ATTITUDE_QUATERNION_ID, "ATTITUDE_QUATERNION", _attitude_quaternion, is_reference=True
-        ),
+        MessageKind(ATTITUDE_QUATERNION_ID, "ATTITUDE_QUATERNION", _attitude_quaternion),
         MessageKind(SIM_STATE_ID, "SIM_STATE", _sim_state, is_reference=True),
         MessageKind(SIMSTATE_ID, "SIMSTATE", _simstate, is_reference=True),
         MessageKind(GLOBAL_POSITION_INT_ID, "GLOBAL_POSITION_INT", _global_position),

@@ -35,6 +35,8 @@ from estimator.types import ZERO_VEC3, ImuSample, Quaternion, RateSample, Vec3, 
 
 MOST_STREAMS = 16  # IMUs of one vehicle; real ones have three, and four messages for them
 CLOCK_STEP = Refused(Reason.CLOCK_STEP)
+# Where nobody shows attitudes of others, so many are enough to compare ours with.
+ATTITUDE_EVERY_US = 390_000
 
 
 class Stamp(NamedTuple):
@@ -72,7 +74,7 @@ class Intake:
     ``new_field`` makes what tells an IMU stream's fresh fields from the others. ``heard_us``
     is the arrival that tells a gap from a leap of the clock; a log that knows no arrivals has
     something else for it. ``doubts_axes`` says that the axes may be others than FRD,
-    ``takes_references`` that attitudes of others are wanted.
+    ``takes_references`` that all attitudes of others are wanted, and not some a second.
     """
 
     def __init__(
@@ -85,6 +87,7 @@ class Intake:
         self.doubts_axes = False
         self.takes_references = True
         self.heard_us = 0  # arrival of the latest message, whatever it was
+        self._attitude_given_us = 0
         self._new_field = new_field
         self._heard_us = heard_us
         self.navigation = Navigation()
@@ -191,6 +194,15 @@ class Intake:
         if rate_rad_s is not None:
             events.append(BodyRates(vehicle, arrival_us, name, RateSample(time_us, rate_rad_s)))
         return events
+
+    def wants_attitude(self, arrival_us: int) -> bool:
+        """Whether an attitude that arrives now is wanted; if so it counts as given."""
+        if self.takes_references:
+            return True
+        if 0 <= arrival_us - self._attitude_given_us < ATTITUDE_EVERY_US:
+            return False
+        self._attitude_given_us = arrival_us
+        return True
 
     def rates(self, name: str, stamp: Stamp, rate_rad_s: Vec3) -> list[Event]:
         """Body rates beside somebody's attitude that nobody wants."""

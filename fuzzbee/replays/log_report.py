@@ -75,6 +75,17 @@ class RetunedSummary(msgspec.Struct, frozen=True):
     changes: list[Retuning]
 
 
+class DifferenceSummary(msgspec.Struct, frozen=True):
+    """A time for which the autopilot's attitude and ours differed, and what speaks for whom."""
+
+    begin_s: float
+    end_s: float
+    inclination_deg: float  # the largest
+    heading_deg: float
+    wrong: str  # "autopilot", "ours", or ""
+    evidence: str
+
+
 class LogReport(msgspec.Struct, frozen=True):
     """Schema of ``replay LOG --json``.
 
@@ -95,6 +106,8 @@ class LogReport(msgspec.Struct, frozen=True):
     wall_s: float
     heading_references: dict[str, int] = {}
     constant_turn: ConstantTurn | None = None
+    differences: list[DifferenceSummary] = []  # from the autopilot's attitude
+    agreement: dict[str, int] = {}  # how many looks ended with which verdict
     retuned: RetunedSummary | msgspec.UnsetType = msgspec.UNSET  # with --retune only
 
 
@@ -208,8 +221,31 @@ def score(path: Path, trace: VehicleTrace, compared: Comparison, skip_s: float) 
         wall_s=0.0,
         heading_references=sort_counts(Counter(norths[counted].tolist())),
         constant_turn=constant_turn(trace.estimates[counted], truth[counted], sigma_rad, moved),
+        differences=differences_of(trace),
+        agreement=verdicts(trace),
         retuned=_retuned_summary(trace),
     )
+
+
+def verdicts(trace: VehicleTrace) -> dict[str, int]:
+    """How many looks at both attitudes have ended with which word."""
+    return sort_counts({word.value: n for word, n in trace.second_opinion.looks.items()})
+
+
+def differences_of(trace: VehicleTrace) -> list[DifferenceSummary]:
+    """When the autopilot's attitude differed from ours, in seconds of the log."""
+    begun_us = trace.attitudes[0].time_us
+    return [
+        DifferenceSummary(
+            begin_s=round((each.begin_us - begun_us) * MICROSECOND, 1),
+            end_s=round((each.end_us - begun_us) * MICROSECOND, 1),
+            inclination_deg=round(each.inclination_deg, 1),
+            heading_deg=round(each.heading_deg, 1),
+            wrong=each.wrong,
+            evidence=each.evidence,
+        )
+        for each in trace.second_opinion.intervals
+    ]
 
 
 def _retuned_summary(trace: VehicleTrace) -> RetunedSummary | msgspec.UnsetType:

@@ -101,6 +101,9 @@ def draw(path: Path, title: str, trace: VehicleTrace, compared: Comparison) -> N
         _internals(axes[5:], drawn)
         for ax in axes:
             _gaps(ax, time_s)
+            for each in trace.second_opinion.intervals:
+                span_s = 1e-6 * (np.array([each.begin_us, each.end_us]) - trace.times_us[0])
+                ax.axvspan(*span_s, color="C1", alpha=0.2, lw=0)  # the autopilot differs
             ax.grid(visible=True, alpha=0.3)
         figure.align_ylabels(axes)
         axes[-1].set_xlabel("time in s")

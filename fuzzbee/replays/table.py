@@ -1,7 +1,9 @@
 """Replay reports for a person: one log as a list of figures, several as a table."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from typing import Any
 
+import msgspec
 from rich.console import Console
 from rich.table import Table
 from rich.text import Text
@@ -13,6 +15,7 @@ from fuzzbee.say import printable
 
 # Fewer headings from magnetic north than this do not change a figure's last digit much.
 LEAST_TOLD_SHARE = 0.01
+MOST_DIFFERENCES = 10  # that are listed; --json has all
 
 
 def print_reports(reports: Sequence[LogReport]) -> None:
@@ -72,12 +75,25 @@ def _figures(report: LogReport) -> Table:
             grid.add_row("", _magnetic_text(report))
     for name, peer in report.peers.items():
         grid.add_row(f"{name}'s error", _errors_text(peer))
+    for difference in report.differences[:MOST_DIFFERENCES]:
+        grid.add_row("autopilot differs", spoken(msgspec.to_builtins(difference)))
     grid.add_row("under 5° after", f"{_number(report.convergence_s)} s")
     grid.add_row("gain K", f"{report.mean_gain:.2f}, mean")
     counts = ", ".join(f"{count} {reason}" for reason, count in report.rejected.items())
     grid.add_row("refused", counts or "nothing")
     grid.add_row("took", f"{report.wall_s:.2f} s")
     return grid
+
+
+def spoken(difference: Mapping[str, Any]) -> str:
+    """When the autopilot's attitude differed from ours, by how much, and who is likely wrong."""
+    who = {"autopilot": "the autopilot's is likely wrong", "ours": "ours is likely wrong"}
+    said = who.get(difference["wrong"], "nothing says which is wrong")
+    return (
+        f"{difference['begin_s']:.0f} to {difference['end_s']:.0f} s, inclination by up to "
+        f"{difference['inclination_deg']:.0f}°, heading {difference['heading_deg']:.0f}°; {said}: "
+        f"{difference['evidence']}"
+    )
 
 
 def _turn_text(turn: ConstantTurn) -> str:

@@ -18,6 +18,7 @@ from estimator.types import IDENTITY, Attitude, ImuSample, Quaternion, Vec3
 from service.attitude_record import is_finite
 from service.pipeline import Pipeline
 from service.records import Message
+from service.second_opinion import SecondOpinion
 from service.vehicle import Vehicle
 from tuning.online.retuned_estimator import RetunedEstimator
 from tuning.online.retuner import Decision
@@ -46,6 +47,7 @@ class VehicleTrace:
         self.turned_at_us: int | None = None
         self.decisions: list[tuple[int, Decision]] | None = None  # where it was retuned
         self.trim_rad = dict.fromkeys(TRIM, 0.0)
+        self.second_opinion = SecondOpinion()
 
     @property
     def times_us(self) -> NDArray[np.int64]:
@@ -88,7 +90,7 @@ class Replay:
         new_estimator: Callable[[Profile], Estimator] | None = None,
     ) -> None:
         kind = RetunedEstimator if retune else Estimator
-        self._pipeline = Pipeline(
+        self.pipeline = Pipeline(
             profile,
             system_id=system_id,
             new_estimator=new_estimator or (lambda chosen: kind(chosen, fixed_gain)),
@@ -102,10 +104,11 @@ class Replay:
         """Take all events."""
         for event in events:
             self._take(event)
-        for vehicle in self._pipeline.vehicles:
+        for vehicle in self.pipeline.vehicles:
             trace = self._trace(vehicle.address)
             trace.rejected.update(vehicle.rejected)
             trace.rates = vehicle.estimator.rates
+            trace.second_opinion = vehicle.second_opinion
             if isinstance(vehicle.estimator, RetunedEstimator):
                 trace.decisions = vehicle.estimator.decisions
 
@@ -116,11 +119,11 @@ class Replay:
 
     def estimator(self, address: VehicleId) -> Estimator | None:
         """That vehicle's estimator."""
-        vehicle = self._pipeline.vehicle(address)
+        vehicle = self.pipeline.vehicle(address)
         return None if vehicle is None else vehicle.estimator
 
     def _take(self, event: Event) -> None:
-        for output in self._pipeline.handle(event):
+        for output in self.pipeline.handle(event):
             if isinstance(output, Message):
                 self._tell(output.text)
         match event:
@@ -135,7 +138,7 @@ class Replay:
                 trace.autopilot, trace.vehicle_type = event.autopilot, event.vehicle_type
 
     def _after_imu(self, event: Imu) -> None:
-        vehicle = self._pipeline.vehicle(event.vehicle)
+        vehicle = self.pipeline.vehicle(event.vehicle)
         sample = None if vehicle is None else vehicle.last_sample
         if vehicle is None or sample is None or not vehicle.has_taken(event):
             return

@@ -1,0 +1,129 @@
+"""``fuzzbee check``: in which of many logs the autopilot's attitude differs from ours."""
+
+import os
+from collections.abc import Iterable, Iterator
+from concurrent.futures import ProcessPoolExecutor, as_completed
+from multiprocessing import get_context
+from pathlib import Path
+from typing import Annotated, Any, NamedTuple
+
+import typer
+
+from estimator.errors import InputError
+from fuzzbee.options import Json, command, examples, option
+
+OK, DIFFERS, UNREADABLE = 0, 1, 2
+SUFFIXES = (".tlog", ".bin", ".ulg")
+_LOGS = "Logs, or folders of them."
+
+EPILOG = examples(
+    "fuzzbee check flights/",
+    "fuzzbee check a.tlog b.bin --json",
+)
+
+
+class CheckOptions(NamedTuple):
+    """The arguments and options of the verb, in the order of its help."""
+
+    logs: Annotated[list[Path], typer.Argument(metavar="LOG...", help=_LOGS)]
+    profile: Annotated[str, option("imu, adaptive or a TOML file.")] = "imu"
+    as_json: Json = False
+
+
+class Checked(NamedTuple):
+    """What one log says: its differences, worst first in order; or why it cannot be read."""
+
+    log: str
+    agreement: dict[str, int]
+    differences: list[dict[str, Any]]
+    fault: str
+
+    @property
+    def rank(self) -> tuple[bool, float]:
+        """The larger, the worse."""
+        seconds = sum(each["end_s"] - each["begin_s"] for each in self.differences)
+        return bool(self.differences), seconds
+
+
+@command
+def check(options: CheckOptions) -> None:
+    """Go over logs, and tell in which the autopilot's attitude is not to be believed, or ours.
+
+    One line a log, worst first. Ends with 1 if they differ in any, with 2 if one cannot be read.
+    """
+    import msgspec
+
+    from estimator.profile import load_profile
+
+    load_profile(options.profile)  # refused before the work
+    paths = [*_files(options.logs)]
+    found = sorted(_checked(paths, options.profile), key=lambda each: each.rank, reverse=True)
+    if options.as_json:
+        print(msgspec.json.encode({"logs": [each._asdict() for each in found]}).decode())
+    else:
+        for each in found:
+            print(_line(each))
+    if any(each.differences for each in found):
+        raise typer.Exit(DIFFERS)
+    if any(each.fault for each in found):
+        raise typer.Exit(UNREADABLE)
+
+
+def _files(given: Iterable[Path]) -> Iterator[Path]:
+    """The logs that are named, and those in folders that are.
+
+    Raises:
+        InputError: there is no such file, or a folder without a log.
+    """
+    for path in given:
+        if not path.is_dir():
+            if not path.exists():
+                raise InputError(f"{path}: no such file")
+            yield path
+            continue
+        inside = sorted(each for each in path.rglob("*") if each.suffix.lower() in SUFFIXES)
+        if not inside:
+            raise InputError(f"{path}: no log in this folder ({', '.join(SUFFIXES)})")
+        yield from inside
+
+
+def _checked(paths: list[Path], profile: str) -> list[Checked]:
+    """All of them, on all cores, with a bar where standard error is a terminal."""
+    from rich.console import Console
+    from rich.progress import Progress
+
+    from fuzzbee.replays.log_check import check_log
+
+    console = Console(stderr=True)
+    workers = min(len(paths), os.cpu_count() or 1)
+    with Progress(console=console, transient=True, disable=not console.is_terminal) as bar:
+        task = bar.add_task("checking", total=len(paths))
+        if workers == 1:
+            return [check_log(path, profile) for path in paths]
+        with ProcessPoolExecutor(workers, get_context("spawn")) as pool:
+            waiting = [pool.submit(check_log, path, profile) for path in paths]
+            try:
+                for _ in as_completed(waiting):
+                    bar.advance(task)
+            except KeyboardInterrupt:
+                pool.shutdown(wait=False, cancel_futures=True)
+                raise
+            return [each.result() for each in waiting]
+
+
+def _line(checked: Checked) -> str:
+    from fuzzbee.replays.table import spoken
+    from fuzzbee.say import printable
+
+    name = printable(checked.log)
+    if checked.fault:
+        return f"{name}: not checked: {printable(checked.fault)}"
+    if not checked.differences:
+        looks = sum(checked.agreement.values())
+        if not looks:
+            return f"{name}: no attitude of an autopilot to compare with"
+        share = checked.agreement.get("agrees", 0) / looks
+        return f"{name}: no difference; known to agree for {share:.0%} of the time"
+    worst = max(checked.differences, key=lambda each: each["end_s"] - each["begin_s"])
+    more = len(checked.differences) - 1
+    return f"{name}: differs, {spoken(worst)}" + (f" (and {more} more)" if more else "")

@@ -1,0 +1,27 @@
+"""One log's differences between the autopilot's attitude and ours, without its trace."""
+
+from pathlib import Path
+
+import msgspec
+
+from estimator.errors import InputError
+from estimator.profile import load_profile
+from fuzzbee.check import Checked
+from fuzzbee.replays.log_report import differences_of, replay_log, verdicts
+
+
+def check_log(path: Path, profile: str) -> Checked:
+    """Replay a log; what cannot be read is said in its own line."""
+    try:
+        trace = replay_log(
+            path,
+            load_profile(profile),
+            fixed_gain=None,
+            start_wrong_deg=0.0,
+            system_id=None,
+            tell=lambda _: None,
+        )
+    except InputError as error:
+        return Checked(str(path), {}, [], str(error))
+    found = [msgspec.to_builtins(each) for each in differences_of(trace)]
+    return Checked(str(path), verdicts(trace), found, "")

@@ -1,0 +1,323 @@
+"""Whether the autopilot's attitude and ours agree, and which of them its witnesses contradict.
+
+Both are seen at the same instant of the vehicle's clock. What may honestly lie between them is what
+sigma says of ours, what is usual between two that are right (trim, mounting, a compass's residual
+offsets), and what a lag makes of the turning. The witnesses are those that neither attitude is made
+of alone: over seconds the specific force less what velocity has gained points up, and the field
+points to magnetic north.
+"""
+
+from collections import Counter
+from enum import StrEnum
+from math import atan2, cos, degrees, exp, hypot, sin
+from typing import NamedTuple
+
+from estimator.aiding.place import PlaceField, resembles
+from estimator.geometry import quaternion
+from estimator.geometry.quaternion import add, conjugate, multiply, norm, rotate, scale
+from estimator.types import Attitude, ImuSample, Quaternion, Vec3
+
+LOOK_EVERY_US = 400_000
+# Between two attitudes that are both right lie up to some 8 deg of trim, mounting and compass.
+USUAL_DEG = 8.0
+SIGMAS = 3.0
+LAG_S = 0.1
+# What is said to agree is nearer than this, and what could hide more than this is not known.
+TELLING_DEG = 20.0
+# A heading from magnetic north may be a declination off; where people fly it is under this.
+DECLINATION_DEG = 20.0
+# As long as they differ all the time, it is said after 0.92 of this; see service.alarms.
+PATIENCE_S = 5.0
+BEGIN_SHARE, END_SHARE = 0.6, 0.3
+# An autopilot that has said nothing for so many looks, or for so long, is not compared.
+SILENT_US = 2_000_000
+WITNESS_S = 20.0  # memory of the witnesses
+# One of the two is named if its witness is nearer to it by this share of the difference.
+NAMED_SHARE = 0.5
+# So much horizontal acceleration (m/s^2) shows a heading.
+SHOWING_M_S2 = 0.7
+STRIDE_S = 1.0  # velocity's gain and the force are compared over so long
+
+
+class Verdict(StrEnum):
+    """What is said of both attitudes."""
+
+    AGREES = "agrees"
+    DIFFERS = "differs"
+    CANNOT_TELL = "cannot_tell"
+
+
+class Difference(NamedTuple):
+    """How far the autopilot's attitude lies from ours, and how far it may."""
+
+    off_deg: float  # of the heading clockwise, of the inclination an amount
+    sigma_deg: float  # ours
+    allowed_deg: float
+
+    @property
+    def sigmas(self) -> float:
+        """The same, in sigmas of ours."""
+        return abs(self.off_deg) / max(self.sigma_deg, 0.01)
+
+    @property
+    def is_known(self) -> bool:
+        """Whether a difference that matters could be seen."""
+        return self.allowed_deg <= TELLING_DEG
+
+    @property
+    def is_beyond(self) -> bool:
+        """Whether it is more than may be."""
+        return abs(self.off_deg) > self.allowed_deg
+
+
+class Opinion(NamedTuple):
+    """What is said of one vehicle's two attitudes."""
+
+    verdict: Verdict
+    message: str  # that the autopilot's comes from
+    since_us: int  # of the verdict, on the vehicle's clock
+    inclination: Difference
+    heading: Difference
+    wrong: str  # "autopilot", "ours", or "" where nothing says which
+    evidence: str  # in words
+
+
+class Interval(NamedTuple):
+    """A time for which both have differed, on the vehicle's clock."""
+
+    begin_us: int
+    end_us: int
+    inclination_deg: float  # the largest
+    heading_deg: float
+    wrong: str
+    evidence: str
+
+
+class Axis:
+    """The share of time for which one angle has been beyond what it may be."""
+
+    def __init__(self) -> None:
+        self.share = 0.0
+        self.differs = False
+
+    def look(self, difference: Difference, dt_s: float) -> None:
+        """Take a difference that lasts for ``dt_s``."""
+        self.share += dt_s / (PATIENCE_S + dt_s) * (difference.is_beyond - self.share)
+        self.differs = self.share > (END_SHARE if self.differs else BEGIN_SHARE)
+
+    def agrees(self, difference: Difference) -> bool:
+        """Whether the two are known to be near each other, and have been."""
+        return difference.is_known and not difference.is_beyond and self.share < END_SHARE
+
+
+class Witness:
+    """What force, velocity and field have said of one attitude over the last seconds."""
+
+    def __init__(self) -> None:
+        self._pushed: Vec3 = (0.0, 0.0, 0.0)  # mean specific force, NED
+        self._north: Vec3 = (0.0, 0.0, 0.0)  # mean field, NED
+        self._stride: Vec3 = (0.0, 0.0, 0.0)  # velocity that the force has given in this stride
+        self._across = self._along = self._square = 0.0
+        self._weight = 0.0
+
+    def look(self, q: Quaternion, sample: ImuSample, dt_s: float) -> None:
+        """Take the force and the field as the attitude ``q`` sees them."""
+        share = 1.0 - exp(-dt_s / WITNESS_S)
+        force = rotate(q, sample.acc_m_s2)
+        self._pushed = _towards(self._pushed, force, share)
+        if sample.has_mag:
+            self._north = _towards(self._north, rotate(q, sample.mag_gauss), share)
+        self._weight += share * (1.0 - self._weight)
+        self._stride = add(self._stride, scale(dt_s, force))
+
+    def gain(self, gained_m_s: Vec3, dt_s: float) -> None:
+        """Compare what the force has given with what velocity has gained in ``dt_s``."""
+        share = 1.0 - exp(-dt_s / WITNESS_S)
+        x, y, _ = self._stride
+        u, v, _ = gained_m_s
+        self._across += share * ((x * v - y * u) / dt_s**2 - self._across)
+        self._along += share * ((x * u + y * v) / dt_s**2 - self._along)
+        self._square += share * ((u * u + v * v) / dt_s**2 - self._square)
+        self._stride = (0.0, 0.0, 0.0)
+
+    def begin_stride(self) -> None:
+        """Forget the present stride: velocity was not known."""
+        self._stride = (0.0, 0.0, 0.0)
+
+    def tilt_deg(self, gained_m_s2: Vec3) -> float:
+        """How far the mean force, less the velocity gained meanwhile, is from pointing up."""
+        x, y, z = scale(1.0 / max(self._weight, 1e-9), self._pushed)
+        a, b, c = gained_m_s2
+        return degrees(atan2(hypot(x - a, y - b), c - z))
+
+    def turn_deg(self, place: PlaceField | None) -> tuple[float, str] | None:
+        """How far (deg) the heading is off by velocity, else by the field; None if neither says."""
+        if self._square > SHOWING_M_S2**2:
+            return degrees(atan2(-self._across, self._along)), "velocity"
+        north, east, down = self._north
+        if place is None or not resembles(place, hypot(north, east), down):
+            return None
+        off = atan2(east, north) - place.declination_rad
+        return degrees(atan2(sin(off), cos(off))), "the magnetic field"
+
+
+class SecondOpinion:
+    """Compares one vehicle's two attitudes, a few times a second of its clock."""
+
+    def __init__(self) -> None:
+        self.opinion: Opinion | None = None
+        self.intervals: list[Interval] = []
+        self.looks: Counter[Verdict] = Counter()
+        self._next_us = 0
+        self._last_us: int | None = None
+        self._tilting, self._turning = Axis(), Axis()
+        self._ours, self._theirs = Witness(), Witness()
+        self._velocity: tuple[int, Vec3] | None = None  # at the stride's beginning
+        self._gained: Vec3 = (0.0, 0.0, 0.0)  # mean acceleration by velocity, m/s^2
+
+    def is_due(self, time_us: int) -> bool:
+        """Whether it is time to look again."""
+        return time_us >= self._next_us or self._last_us is None or time_us < self._last_us
+
+    def restart(self) -> None:
+        """Begin anew, as our attitude does; the intervals of before stay."""
+        self.opinion = None
+        self._last_us = None
+        self._tilting, self._turning = Axis(), Axis()
+        self._ours, self._theirs = Witness(), Witness()
+        self._velocity = None
+
+    def hear_velocity(self, time_us: int, velocity_ned_m_s: Vec3) -> None:
+        """Take the vehicle's velocity."""
+        if self._velocity is None or not 0 < time_us - self._velocity[0] < SILENT_US:
+            self._velocity = (time_us, velocity_ned_m_s)
+            self._ours.begin_stride()
+            self._theirs.begin_stride()
+            return
+        dt_s = 1e-6 * (time_us - self._velocity[0])
+        if dt_s < STRIDE_S:
+            return
+        gained = quaternion.subtract(velocity_ned_m_s, self._velocity[1])
+        for witness in (self._ours, self._theirs):
+            witness.gain(gained, dt_s)
+        share = 1.0 - exp(-dt_s / WITNESS_S)
+        self._gained = _towards(self._gained, scale(1.0 / dt_s, gained), share)
+        self._velocity = (time_us, velocity_ned_m_s)
+
+    def look(
+        self,
+        time_us: int,
+        message: str,
+        theirs: Quaternion,
+        ours: Attitude,
+        sample: ImuSample,
+        place: PlaceField | None,
+    ) -> None:
+        """Compare both attitudes of the same instant, ``time_us``."""
+        last_us = self._last_us if self._last_us is not None else time_us
+        dt_s = 1e-6 * (time_us - last_us)
+        if not 0.0 <= dt_s < 1e-6 * SILENT_US:
+            self.restart()
+            dt_s = 0.0
+        self._last_us, self._next_us = time_us, time_us + LOOK_EVERY_US
+        inclination, heading = differences(theirs, ours)
+        self._tilting.look(inclination, dt_s)
+        self._turning.look(heading, dt_s)
+        self._ours.look(ours.q_ned_frd, sample, dt_s)
+        self._theirs.look(theirs, sample, dt_s)
+        verdict = self._verdict(inclination, heading)
+        self.looks[verdict] += 1
+        wrong, evidence = "", ""
+        if verdict is Verdict.DIFFERS:
+            wrong, evidence = self._accuse(inclination, heading, place)
+        before = self.opinion
+        is_new = before is None or before.verdict is not verdict
+        since_us = time_us if before is None or is_new else before.since_us
+        self.opinion = Opinion(verdict, message, since_us, inclination, heading, wrong, evidence)
+        self._note(self.opinion, time_us, is_new=is_new)
+
+    def forget(self, time_us: int) -> None:
+        """Say nothing any more if the autopilot has been silent until ``time_us``."""
+        if self._last_us is not None and not 0 <= time_us - self._last_us < SILENT_US:
+            self.opinion = None
+
+    def _verdict(self, inclination: Difference, heading: Difference) -> Verdict:
+        if self._tilting.differs or self._turning.differs:
+            return Verdict.DIFFERS
+        if self._tilting.agrees(inclination) and self._turning.agrees(heading):
+            return Verdict.AGREES
+        return Verdict.CANNOT_TELL
+
+    def _accuse(
+        self, inclination: Difference, heading: Difference, place: PlaceField | None
+    ) -> tuple[str, str]:
+        """Which of the two its witness contradicts, and what it says of both."""
+        if inclination.is_beyond:
+            ours, theirs = (each.tilt_deg(self._gained) for each in (self._ours, self._theirs))
+            by, off_deg = "the mean force", inclination.off_deg
+        else:
+            of_ours, of_theirs = self._ours.turn_deg(place), self._theirs.turn_deg(place)
+            if of_ours is None or of_theirs is None:
+                return "", "nothing else shows the heading"
+            by = of_ours[1]
+            ours, theirs, off_deg = abs(of_ours[0]), abs(of_theirs[0]), abs(heading.off_deg)
+        evidence = f"{by} is {ours:.0f} deg off ours and {theirs:.0f} off the autopilot's"
+        least = NAMED_SHARE * off_deg
+        if min(ours, theirs) > least or abs(theirs - ours) < least:
+            return "", evidence
+        return ("autopilot" if theirs > ours else "ours"), evidence
+
+    def _note(self, opinion: Opinion, time_us: int, *, is_new: bool) -> None:
+        """Keep the times for which both differ."""
+        if opinion.verdict is not Verdict.DIFFERS:
+            return
+        tilt_deg, turn_deg = opinion.inclination.off_deg, abs(opinion.heading.off_deg)
+        if is_new:
+            begun = Interval(time_us, time_us, 0.0, 0.0, "", "")
+            self.intervals.append(begun)
+        now = self.intervals[-1]
+        self.intervals[-1] = now._replace(
+            end_us=time_us,
+            inclination_deg=max(now.inclination_deg, tilt_deg),
+            heading_deg=max(now.heading_deg, turn_deg),
+            wrong=opinion.wrong or now.wrong,
+            evidence=opinion.evidence if opinion.wrong or not now.wrong else now.evidence,
+        )
+
+
+def differences(theirs: Quaternion, ours: Attitude) -> tuple[Difference, Difference]:
+    """How far the autopilot's attitude is off ours, in inclination and in heading."""
+    w, x, y, z = multiply(theirs, conjugate(ours.q_ned_frd))
+    tilt_deg = degrees(2.0 * atan2(hypot(x, y), hypot(w, z)))
+    turn_deg = (degrees(2.0 * atan2(z, w)) + 180.0) % 360.0 - 180.0
+    lag_deg = degrees(norm(ours.rate_rad_s)) * LAG_S
+    by_tilt = degrees(ours.sigma_inclination_rad)
+    by_turn = degrees(ours.sigma_heading_rad) if ours.heading_reference != "none" else 180.0
+    unknown_deg = 0.0 if ours.heading_reference == "true" else DECLINATION_DEG
+    return (
+        Difference(tilt_deg, by_tilt, USUAL_DEG + SIGMAS * by_tilt + lag_deg),
+        Difference(turn_deg, by_turn, USUAL_DEG + SIGMAS * by_turn + lag_deg + unknown_deg),
+    )
+
+
+def turned_back(attitude: Attitude, by_s: float) -> Attitude:
+    """The attitude so long before, as the vehicle turns now."""
+    turn = quaternion.exp(scale(-by_s, attitude.rate_rad_s))
+    return attitude._replace(q_ned_frd=multiply(attitude.q_ned_frd, turn))
+
+
+def in_words(opinion: Opinion, time_us: int) -> str:
+    """One line for a person, of two that differ."""
+    is_tilted = opinion.inclination.is_beyond
+    what, it = ("horizon", opinion.inclination) if is_tilted else ("heading", opinion.heading)
+    lasted_s = PATIENCE_S + 1e-6 * (time_us - opinion.since_us)
+    who = {"autopilot": "the autopilot's is likely wrong", "ours": "ours is likely wrong"}
+    named = who.get(opinion.wrong, "which is wrong is not known")
+    return (
+        f"the autopilot's {what} has been {abs(it.off_deg):.0f} deg off ours for {lasted_s:.0f} s, "
+        f"and ours is good to {it.sigma_deg:.0f} deg; {named}: {opinion.evidence}"
+    )
+
+
+def _towards(mean: Vec3, value: Vec3, share: float) -> Vec3:
+    return add(mean, scale(share, quaternion.subtract(value, mean)))

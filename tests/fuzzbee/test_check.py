@@ -1,0 +1,94 @@
+"""``fuzzbee check``: one line a log, the worst first, and an exit status for scripts."""
+
+import json
+import shutil
+from pathlib import Path
+
+import pytest
+
+from drivers.mavlink.dialect import mavlink
+from fuzzbee.cli import main
+
+DATA = Path(__file__).parent.parent / "data"
+GOOD = DATA / "sitl_copter_takeoff.tlog"
+ROLL_OFF_RAD, STAMP_SIZE = 0.6, 8
+
+
+def with_wrong_attitudes(log, made):
+    """A telemetry log's copy in which every ATTITUDE has another roll."""
+    data, out, at = log.read_bytes(), bytearray(), 0
+    while at < len(data):
+        end = at + STAMP_SIZE + frame_size(data, at + STAMP_SIZE)
+        mav = mavlink().MAVLink(None)
+        frame = data[at + STAMP_SIZE : end]
+        (message, *_) = mav.parse_buffer(frame) or (None,)
+        if message is not None and message.get_type() == "ATTITUDE":
+            message.roll += ROLL_OFF_RAD
+            mav.seq = message.get_seq()
+            mav.srcSystem, mav.srcComponent = message.get_srcSystem(), message.get_srcComponent()
+            frame = message.pack(mav)
+        out += data[at : at + STAMP_SIZE] + frame
+        at = end
+    made.write_bytes(out)
+
+
+def frame_size(data, at):
+    return data[at + 1] + (8 if data[at] == 0xFE else 12 + 13 * (data[at + 2] & 1))
+
+
+def check(capsys, *arguments):
+    status = main(["check", *map(str, arguments)])
+    out, err = capsys.readouterr()
+    return status, out, err
+
+
+def test_a_good_log(capsys):
+    status, out, _ = check(capsys, GOOD)
+    assert status == 0
+    assert "no difference" in out
+
+
+@pytest.fixture
+def season(tmp_path):
+    """A folder with a good flight, one whose autopilot is wrong, and a file that is no log."""
+    shutil.copy(GOOD, tmp_path / "good.tlog")
+    with_wrong_attitudes(GOOD, tmp_path / "wrong.tlog")
+    (tmp_path / "broken.tlog").write_bytes(b"not a log" * 100)
+    return tmp_path
+
+
+def test_a_season_of_flights_begins_with_the_worst(capsys, season):
+    status, out, err = check(capsys, season)
+    lines = out.splitlines()
+    assert status == 1
+    assert len(lines) == 3
+    assert "wrong.tlog: differs" in lines[0]
+    assert "the autopilot's is likely wrong" in lines[0]
+    assert any("broken.tlog: not checked" in line for line in lines[1:])
+    assert err == ""
+
+
+def test_as_json(capsys, season):
+    status, out, _ = check(capsys, season / "wrong.tlog", "--json")
+    (log,) = json.loads(out)["logs"]
+    assert status == 1
+    (first, *_) = log["differences"]
+    assert first["inclination_deg"] == pytest.approx(34.4, abs=4.0)
+    assert first["wrong"] == "autopilot"
+
+
+def test_a_log_that_cannot_be_read_is_no_success(capsys, season):
+    assert check(capsys, season / "broken.tlog")[0] == 2
+
+
+@pytest.mark.parametrize("given", ["missing.tlog", "."])
+def test_nothing_to_check(capsys, tmp_path, monkeypatch, given):
+    monkeypatch.chdir(tmp_path)
+    status, out, err = check(capsys, given)
+    assert (status, out) == (2, "")
+    assert len(err.splitlines()) == 1
+
+
+def test_replay_lists_them(capsys, season):
+    assert main(["replay", str(season / "wrong.tlog")]) == 0
+    assert "autopilot differs" in capsys.readouterr().out

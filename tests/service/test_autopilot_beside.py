@@ -1,0 +1,81 @@
+"""The service compares the autopilot's attitude with ours, and tells a person when they differ."""
+
+from math import radians
+
+import pytest
+
+from drivers.events import Parameter, ReferenceAttitude
+from estimator.estimator import Estimator
+from estimator.geometry.quaternion import exp, multiply
+from estimator.profile import load_profile
+from service.pipeline import Pipeline
+from service.records import Message, Published, StatusRecord
+from tests.service.streams import ONE, imu_events
+
+SAMPLES = 3000
+
+
+def flown(turn_deg, *, clock_off_us=0, late_us=0, parameters=()):
+    """The lines and the last status of a vehicle whose autopilot's attitude is turned in roll."""
+    profile = load_profile("paper")
+    pipeline, twin = Pipeline(profile), Estimator(profile)
+    texts, turn = [], exp((radians(turn_deg), 0.0, 0.0))
+    for name, value in parameters:
+        pipeline.handle(Parameter(ONE, 0, name, value))
+    for k, event in enumerate(imu_events(SAMPLES)):
+        outputs = pipeline.handle(event)
+        twin.update(event.sample)
+        for name, value in parameters if k == 0 else ():
+            pipeline.handle(Parameter(ONE, event.arrival_us, name, value))
+        if k % 10 == 5:
+            time_us = event.sample.time_us
+            q = multiply(twin.attitude(time_us).q_ned_frd, turn)
+            outputs += pipeline.handle(
+                ReferenceAttitude(
+                    ONE,
+                    event.arrival_us + late_us,
+                    time_us + clock_off_us,
+                    "autopilot",
+                    "ATTITUDE",
+                    q,
+                )
+            )
+        texts += [output.text for output in outputs if isinstance(output, Message)]
+        now_us = event.arrival_us
+    statuses = [
+        output.record
+        for output in pipeline.tick(now_us)
+        if isinstance(output, Published) and isinstance(output.record, StatusRecord)
+    ]
+    return [text for text in texts if "autopilot" in text], statuses[-1]
+
+
+def test_a_wrong_attitude_is_told_once_and_warned_of():
+    texts, status = flown(60.0)
+    assert len(texts) == 1
+    assert "the autopilot's horizon has been" in texts[0]
+    assert "autopilot_differs" in status.warnings
+    assert status.autopilot.verdict == "differs"
+    assert status.autopilot.message == "ATTITUDE"
+    assert status.autopilot.inclination_deg > 20.0
+
+
+def test_the_same_attitude_is_no_news():
+    texts, status = flown(0.0)
+    assert texts == []
+    assert "autopilot_differs" not in status.warnings
+    assert status.autopilot.verdict != "differs"
+    assert status.autopilot.inclination_deg == pytest.approx(0.0, abs=1.0)
+
+
+def test_an_attitude_of_another_clock_is_not_compared():
+    texts, status = flown(60.0, clock_off_us=5_000_000)
+    assert texts == []
+    assert status.autopilot is None
+
+
+def test_the_vehicle_s_own_trim_is_no_difference():
+    """The autopilot tells the vehicle's attitude, in which its IMU is mounted with a trim."""
+    texts, status = flown(-60.0, parameters=[("AHRS_TRIM_X", radians(60.0))])
+    assert texts == []
+    assert status.autopilot.inclination_deg == pytest.approx(0.0, abs=1.0)

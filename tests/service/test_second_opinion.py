@@ -1,0 +1,154 @@
+"""When the autopilot's attitude and ours are said to agree or to differ, and who is named."""
+
+from math import cos, degrees, radians, sin
+
+import pytest
+
+from estimator.aiding.place import PlaceField
+from estimator.geometry.quaternion import multiply, rotate_inverse
+from estimator.types import Attitude, ImuSample
+from service.second_opinion import (
+    LOOK_EVERY_US,
+    SecondOpinion,
+    Verdict,
+    differences,
+    in_words,
+    turned_back,
+)
+
+PLACE = PlaceField(radians(10.0), radians(60.0), 0.5)
+FIELD = (
+    0.25 * cos(radians(10.0)),
+    0.25 * sin(radians(10.0)),
+    0.5 * sin(radians(60.0)),
+)
+NORTH, EAST, DOWN = (1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)
+
+
+def turn(axis, angle_deg):
+    half = radians(angle_deg) / 2.0
+    return (cos(half), *(sin(half) * x for x in axis))
+
+
+TRUE = multiply(turn(DOWN, 40.0), turn(NORTH, 5.0))
+
+
+def attitude(q, time_us=0, *, sigma_deg=1.0, heading_sigma_deg=2.0, north="true", rate=(0, 0, 0)):
+    sigmas = radians(sigma_deg), radians(heading_sigma_deg)
+    return Attitude(time_us, q, rate, (0.0, 0.0, 0.0), 0.0, 0.0, 20.0, 1.0, 1.0, *sigmas, north)
+
+
+def told(ours, theirs, *, seconds=20.0, opinion=None, begin_us=0, place=PLACE, **claims):
+    """What is said after so long of two attitudes of a vehicle that hovers at ``TRUE``."""
+    opinion = opinion or SecondOpinion()
+    for k in range(int(1e6 * seconds / LOOK_EVERY_US)):
+        time_us = begin_us + k * LOOK_EVERY_US
+        force, field = rotate_inverse(TRUE, (0.0, 0.0, -9.81)), rotate_inverse(TRUE, FIELD)
+        sample = ImuSample(time_us, (0.0, 0.0, 0.0), force, field, True)
+        opinion.look(time_us, "ATTITUDE", theirs, attitude(ours, time_us, **claims), sample, place)
+    return opinion
+
+
+def test_two_that_are_right_agree():
+    assert told(TRUE, TRUE).opinion.verdict is Verdict.AGREES
+
+
+@pytest.mark.parametrize("axis", [NORTH, EAST, DOWN])
+@pytest.mark.parametrize("whose", ["autopilot", "ours"])
+def test_the_wrong_one_is_named(axis, whose):
+    wrong = multiply(turn(axis, 20.0), TRUE)
+    pair = (TRUE, wrong) if whose == "autopilot" else (wrong, TRUE)
+    said = told(*pair).opinion
+    assert said.verdict is Verdict.DIFFERS
+    assert said.wrong == whose
+    off_deg = abs(said.heading.off_deg) if axis == DOWN else said.inclination.off_deg
+    assert off_deg == pytest.approx(20.0, abs=0.5)
+
+
+def test_the_heading_s_sign_is_the_autopilot_s_clockwise_of_ours():
+    _, heading = differences(multiply(turn(DOWN, 25.0), TRUE), attitude(TRUE))
+    assert heading.off_deg == pytest.approx(25.0)
+
+
+def test_it_is_said_after_some_seconds_and_agrees_at_no_time_meanwhile():
+    opinion = told(TRUE, TRUE)
+    wrong = multiply(turn(EAST, 25.0), TRUE)
+    begin_us, words = opinion._last_us, []
+    for k in range(1, 30):
+        told(TRUE, wrong, seconds=0.4, opinion=opinion, begin_us=begin_us + k * LOOK_EVERY_US)
+        words.append(opinion.opinion.verdict)
+    first = words.index(Verdict.DIFFERS)
+    assert set(words[:first]) == {Verdict.CANNOT_TELL}
+    assert first * LOOK_EVERY_US * 1e-6 == pytest.approx(4.8, rel=0.2)
+
+
+def test_nothing_is_claimed_that_sigma_does_not_allow():
+    wrong = multiply(turn(NORTH, 20.0), TRUE)
+    said = told(TRUE, wrong, sigma_deg=5.0).opinion
+    assert said.verdict is Verdict.CANNOT_TELL
+    assert told(TRUE, TRUE, sigma_deg=10.0).opinion.verdict is Verdict.CANNOT_TELL
+
+
+@pytest.mark.parametrize("north", ["none", "magnetic"])
+def test_a_heading_from_elsewhere_than_true_north_says_little(north):
+    wrong = multiply(turn(DOWN, 25.0), TRUE)
+    assert told(TRUE, wrong, north=north).opinion.verdict is Verdict.CANNOT_TELL
+    assert told(TRUE, TRUE, north=north).opinion.verdict is Verdict.CANNOT_TELL
+    tilted = multiply(turn(NORTH, 25.0), TRUE)
+    assert told(TRUE, tilted, north=north).opinion.verdict is Verdict.DIFFERS
+
+
+def test_a_lag_in_a_fast_turn_is_no_difference():
+    turning = {"rate": (0.0, 0.0, 3.0)}
+    behind = multiply(turn(DOWN, degrees(-0.08 * 3.0)), TRUE)
+    assert told(TRUE, behind, **turning).opinion.verdict is not Verdict.DIFFERS
+
+
+def test_an_autopilot_that_falls_silent_is_compared_no_more():
+    opinion = told(TRUE, TRUE)
+    opinion.forget(opinion._last_us + 1_000_000)
+    assert opinion.opinion is not None
+    opinion.forget(opinion._last_us + 3_000_000)
+    assert opinion.opinion is None
+
+
+def test_velocity_shows_which_heading_is_right_where_there_is_no_field():
+    """A vehicle that is pushed to and fro along north, and tells how fast it is."""
+    wrong, opinion = multiply(turn(DOWN, -30.0), TRUE), SecondOpinion()
+    speed, step_s = 0.0, LOOK_EVERY_US * 1e-6
+    for k in range(150):
+        time_us, push = k * LOOK_EVERY_US, 2.0 * cos(0.5 * k * step_s)
+        force = rotate_inverse(TRUE, (push, 0.0, -9.81))
+        sample = ImuSample(time_us, (0.0, 0.0, 0.0), force, (0.0, 0.0, 0.0), False)
+        opinion.look(time_us, "ATTITUDE", wrong, attitude(TRUE, time_us), sample, None)
+        speed += push * step_s
+        opinion.hear_velocity(time_us, (speed, 0.0, 0.0))
+    assert opinion.opinion.wrong == "autopilot"
+    assert "velocity" in opinion.opinion.evidence
+
+
+def test_one_sentence_has_all_that_a_person_needs():
+    opinion = told(TRUE, multiply(turn(DOWN, 25.0), TRUE))
+    text = in_words(opinion.opinion, opinion.opinion.since_us + 3_000_000)
+    assert text.startswith(
+        "the autopilot's heading has been 25 deg off ours for 8 s, and ours is good to 2 deg; "
+        "the autopilot's is likely wrong: the magnetic field is 0 deg off ours and 25 off the"
+    )
+
+
+def test_intervals_are_kept_with_their_largest_difference():
+    opinion = told(TRUE, multiply(turn(NORTH, 30.0), TRUE))
+    later_us = opinion._last_us + LOOK_EVERY_US
+    told(TRUE, TRUE, opinion=opinion, begin_us=later_us)
+    (interval,) = opinion.intervals
+    assert interval.inclination_deg == pytest.approx(30.0, abs=0.1)
+    assert interval.end_us < later_us + 10_000_000
+    assert interval.wrong == "autopilot"
+    assert opinion.opinion.verdict is Verdict.AGREES
+
+
+def test_an_attitude_is_turned_back_by_its_rate():
+    spinning = attitude(TRUE, rate=(0.0, 0.0, radians(50.0)))
+    inclination, _ = differences(TRUE, turned_back(spinning, 0.0))
+    assert inclination.off_deg == pytest.approx(0.0, abs=1e-6)
+    assert differences(TRUE, turned_back(spinning, 0.1))[1].off_deg == pytest.approx(5.0, abs=0.1)
