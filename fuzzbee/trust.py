@@ -80,7 +80,10 @@ def trust(
     is_relative = attitude.heading_reference == "none"
     heading = Level.BAD if is_relative else _level(attitude.sigma_deg.heading, HEADING_DEG)
     warnings = [] if status is None else _of_warnings(status)
-    if warnings:
+    words = () if status is None else status.warnings
+    if Alarm.AUTOPILOT_DIFFERS in words:  # ours may be the one that is right
+        horizon, heading = max(horizon, Level.CARE), max(heading, Level.CARE)
+    if set(words) - {Alarm.AUTOPILOT_DIFFERS}:
         heading = Level.BAD
     if any(caveat.level is Level.BAD for caveat in warnings):
         horizon = Level.BAD

@@ -1,6 +1,6 @@
 """The frames that nearly all of a stream are, read many at a time by compiled code.
 
-IMU messages that :mod:`drivers.samples.going_on` takes, and ATTITUDE where nobody wants its angles.
+IMU messages that :mod:`drivers.samples.going_on` takes, and ATTITUDE where nobody shows it.
 Whatever else comes is the decoder's, in Python: what is known of its sender is handed back before,
 and taken over again behind it.
 """
@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 import numba
 import numpy as np
 
-from drivers.events import BodyRates, Event, Imu
+from drivers.events import BodyRates, Event, Imu, ReferenceAttitude, VehicleId
 from drivers.mavlink.backlog import Arrived
 from drivers.mavlink.constants import (
     ATTITUDE_ID,
@@ -49,6 +49,7 @@ from drivers.samples.going_on import (
     take_imu,
 )
 from drivers.samples.intake import Intake
+from drivers.samples.rotation import quaternion_from_euler
 from drivers.samples.vehicle_clock import KEPT_LINES, TimeField
 from estimator.compilation.compiled import compiled, inlined
 from estimator.compilation.direct import direct
@@ -106,8 +107,8 @@ def read_frames(
         clock, arrival_us = clocks[place], arrivals_us[k]
         boot_us, flags, gyr, acc, mag = 0, 0, ZERO_VEC3, ZERO_VEC3, ZERO_VEC3
         if kind == ATTITUDE:
-            angles, gyr = three_reals(reals, 1), three_reals(reals, 4)
-            if not has_other[place] or not isfinite(angles[0] + angles[1] + angles[2]):
+            acc, gyr = three_reals(reals, 1), three_reals(reals, 4)  # the former are its angles
+            if not has_other[place] or not isfinite(sum3(acc)):
                 return k
             raw_us = whole_number(payload.view(np.uint32)[0]) * 1000
             done, time_us = take_beside(clock, others[place], raw_us, arrival_us)
@@ -211,6 +212,13 @@ class Batch:
         self.numbers = np.empty((n, 9))
 
 
+def _attitude(vehicle: VehicleId, arrival_us: int, time_us: int, angles: Vec3) -> list[Event]:
+    """The autopilot's own attitude, of roll, pitch and yaw (rad)."""
+    q = quaternion_from_euler(*angles)
+    assert q is not None  # they are finite
+    return [ReferenceAttitude(vehicle, arrival_us, time_us, "autopilot", ATTITUDE_NAME, q)]
+
+
 class UsualFrames:
     """Keeps the numbers of the senders whose frames it reads; see :meth:`hand_back`."""
 
@@ -255,6 +263,8 @@ class UsualFrames:
             assert intake is not None
             intake.heard_us = arrival_us
             if kind == ATTITUDE:
+                if intake.wants_attitude(arrival_us):
+                    events += _attitude(intake.vehicle, arrival_us, time_us, numbers[3:6])
                 rates = RateSample(time_us, numbers[:3])
                 events.append(BodyRates(intake.vehicle, arrival_us, ATTITUDE_NAME, rates))
                 continue

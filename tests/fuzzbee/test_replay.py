@@ -47,7 +47,12 @@ def test_every_recording_gives_one_object_with_the_whole_schema(capsys, log):
     status, report, _ = replay(capsys, DATA / log, "--json")
     samples, inclination_deg = RECORDINGS[log]
     assert status == 0
-    assert set(report) == LOG_KEYS | {"heading_references", "constant_turn"}
+    assert set(report) == LOG_KEYS | {
+        "heading_references",
+        "constant_turn",
+        "differences",
+        "agreement",
+    }
     assert report["imu"]["samples"] == samples
     assert report["error_deg"]["inclination_rms"] == pytest.approx(inclination_deg, rel=0.2)
 

@@ -60,11 +60,15 @@ def test_an_extrapolated_attitude_calls_for_care():
 
 @pytest.mark.parametrize("word", [*Alarm])
 def test_a_warning_counts_whatever_sigma_says(word):
-    """Sigma knows nothing of what contradicts it; a foreign field alone spares the horizon."""
+    """Sigma knows nothing of what contradicts it; a foreign field alone spares the horizon.
+
+    Where the autopilot's attitude differs, ours may be the one that is right.
+    """
     judged = trust(State.RUNNING, record(sigma_deg=(0.1, 0.1)), changed(warnings=(word.value,)))
-    horizon = Level.GOOD if word is Alarm.FIELD_IMPOSSIBLE else Level.BAD
+    mild = {Alarm.FIELD_IMPOSSIBLE: Level.GOOD, Alarm.AUTOPILOT_DIFFERS: Level.CARE}
+    horizon = mild.get(word, Level.BAD)
     assert judged.horizon is horizon
-    assert judged.heading is Level.BAD
+    assert judged.heading is (Level.CARE if word is Alarm.AUTOPILOT_DIFFERS else Level.BAD)
     assert judged.overall is max(Level.CARE, horizon)
     assert judged.caveats[0].text == word.value.replace("_", " ")
 
