@@ -60,6 +60,7 @@ def imu_frames(rng, message, n=600):
     encoder, time_us, boot_us, own = FrameEncoder(VehicleId(7, 1)), 0, 5 * S, []
     reading = [0] * 9
     fault, left = None, 0
+    apart_us = rng.choice((0, 2_400_000))  # of the clocks of IMU and ATTITUDE
     for _ in range(n):
         step_us = rng.choice((10_000, 20_000, 20_000, 20_000))
         if left == 0:
@@ -83,9 +84,9 @@ def imu_frames(rng, message, n=600):
             rates = [rng.gauss(0.0, 0.3) for _ in range(6)]
             if fault == "nan":
                 rates[rng.randrange(6)] = math_nan
-            stamp_ms = (boot_us - rng.choice((0, 0, 7_000, 2_300_000))) // 1000
+            stamp_ms = (boot_us + apart_us - rng.choice((0, 0, 7_000, 2_300_000))) // 1000
             attitude = m.MAVLink_attitude_message(max(0, stamp_ms), *rates)
-            own.append((time_us, encoder.frame(packed(attitude), 0)))
+            own.append((time_us + rng.randrange(9_000), encoder.frame(packed(attitude), 0)))
         if rng.random() < 0.1:
             place = m.MAVLink_global_position_int_message(boot_us // 1000, 1, 1, 1, 1, 5, 5, 5, 0)
             own.append((time_us, encoder.frame(packed(place), 0)))
