@@ -1,6 +1,7 @@
 """The frames that nearly all of a stream are, read many at a time by compiled code.
 
-IMU messages that :mod:`drivers.samples.going_on` takes, and ATTITUDE where nobody shows it.
+IMU messages that :mod:`drivers.samples.going_on` takes, and where nobody shows
+them ATTITUDE, and ATTITUDE_QUATERNION while it is not wanted.
 Whatever else comes is the decoder's, in Python: what is known of its sender is handed back before,
 and taken over again behind it.
 """
@@ -17,6 +18,7 @@ from drivers.events import BodyRates, Event, Imu, ReferenceAttitude, VehicleId
 from drivers.mavlink.backlog import Arrived
 from drivers.mavlink.constants import (
     ATTITUDE_ID,
+    ATTITUDE_QUATERNION_ID,
     HIGHRES_IMU_ID,
     RAW_IMU_ID,
     SCALED_IMU2_ID,
@@ -40,6 +42,7 @@ from drivers.mavlink.imu_messages import (
     milli_vectors,
 )
 from drivers.samples.going_on import (
+    GIVEN,
     NOTHING,
     TAKEN_TO_LOOK,
     Floats,
@@ -48,7 +51,7 @@ from drivers.samples.going_on import (
     take_beside,
     take_imu,
 )
-from drivers.samples.intake import Intake
+from drivers.samples.intake import ATTITUDE_EVERY_US, Intake
 from drivers.samples.rotation import quaternion_from_euler
 from drivers.samples.vehicle_clock import KEPT_LINES, TimeField
 from estimator.compilation.compiled import compiled, inlined
@@ -68,6 +71,7 @@ KINDS = {
 }
 IMUS = len(KINDS)
 ATTITUDE = IMUS + 1
+QUATERNION = IMUS + 2  # ATTITUDE_QUATERNION where it is not wanted
 ATTITUDE_NAME = "ATTITUDE"
 # Of a payload; what follows is of no interest here.
 LONGEST = 64
@@ -105,6 +109,12 @@ def read_frames(
         if kind == 0 or place < 0 or not has_clock[place]:
             return k
         clock, arrival_us = clocks[place], arrivals_us[k]
+        is_given = 0 <= arrival_us - others[place, GIVEN] < ATTITUDE_EVERY_US
+        if kind == QUATERNION:
+            if not is_given:
+                return k
+            whole[k, 0], whole[k, 1] = kind, place
+            continue
         boot_us, flags, gyr, acc, mag = 0, 0, ZERO_VEC3, ZERO_VEC3, ZERO_VEC3
         if kind == ATTITUDE:
             acc, gyr = three_reals(reals, 1), three_reals(reals, 4)  # the former are its angles
@@ -125,6 +135,8 @@ def read_frames(
             done, time_us, boot_us, is_fresh = taken
         if done == NOTHING:
             return k
+        if kind == ATTITUDE and not is_given:
+            others[place, GIVEN] = arrival_us
         flags = (FRESH if is_fresh else 0) | (TO_LOOK if done == TAKEN_TO_LOOK else 0)
         whole[k, 0], whole[k, 1], whole[k, 2] = kind, place, time_us
         whole[k, 3], whole[k, 4] = boot_us, flags
@@ -230,7 +242,8 @@ class UsualFrames:
             if _is_ours(message):
                 self._kinds[number] = KINDS[number]
                 self._streams[KINDS[number]] = _Stream(message.name, message.clock)
-        self._kinds[ATTITUDE_ID] = ATTITUDE if takes_attitude else 0
+        if takes_attitude:
+            self._kinds[ATTITUDE_ID], self._kinds[ATTITUDE_QUATERNION_ID] = ATTITUDE, QUATERNION
         self._places = np.full(1 << 16, -1, np.int64)
         self._intakes: list[Intake | None] = [None] * senders
         self._free = list(range(senders - 1, -1, -1))
@@ -262,6 +275,8 @@ class UsualFrames:
             intake = self._intakes[place]
             assert intake is not None
             intake.heard_us = arrival_us
+            if kind == QUATERNION:
+                continue
             if kind == ATTITUDE:
                 if intake.wants_attitude(arrival_us):
                     events += _attitude(intake.vehicle, arrival_us, time_us, numbers[3:6])
@@ -295,7 +310,7 @@ class UsualFrames:
                 intake.resume_imu(stream.name, stream.clock, rows.whole[at].tolist(), numbers)
         if rows.has_other[place]:
             rows.has_other[place] = False
-            time_us, boot_us = rows.others[place].tolist()
+            time_us, boot_us, _ = rows.others[place].tolist()
             intake.resume_after(ATTITUDE_NAME, TimeField.BOOT_MS, time_us, boot_us)
 
     def take_over(self, intake: Intake) -> None:
@@ -319,10 +334,11 @@ class UsualFrames:
             return
         rows.has_clock[place] = True
         rows.clocks[place] = clock
+        rows.others[place, GIVEN] = intake.attitude_given_us
         placed = intake.placed(ATTITUDE_NAME, TimeField.BOOT_MS)
         if placed is not None:
             rows.has_other[place] = True
-            rows.others[place] = placed
+            rows.others[place, :GIVEN] = placed
 
     def forget(self, intake: Intake) -> None:
         """A sender is gone."""

@@ -87,7 +87,7 @@ class Intake:
         self.doubts_axes = False
         self.takes_references = True
         self.heard_us = 0  # arrival of the latest message, whatever it was
-        self._attitude_given_us = 0
+        self.attitude_given_us = 0
         self._new_field = new_field
         self._heard_us = heard_us
         self.navigation = Navigation()
@@ -199,9 +199,9 @@ class Intake:
         """Whether an attitude that arrives now is wanted; if so it counts as given."""
         if self.takes_references:
             return True
-        if 0 <= arrival_us - self._attitude_given_us < ATTITUDE_EVERY_US:
+        if 0 <= arrival_us - self.attitude_given_us < ATTITUDE_EVERY_US:
             return False
-        self._attitude_given_us = arrival_us
+        self.attitude_given_us = arrival_us
         return True
 
     def rates(self, name: str, stamp: Stamp, rate_rad_s: Vec3) -> list[Event]:

@@ -87,6 +87,9 @@ def imu_frames(rng, message, n=600):
             stamp_ms = (boot_us + apart_us - rng.choice((0, 0, 7_000, 2_300_000))) // 1000
             attitude = m.MAVLink_attitude_message(max(0, stamp_ms), *rates)
             own.append((time_us + rng.randrange(9_000), encoder.frame(packed(attitude), 0)))
+        if rng.random() < 0.5:
+            turned = m.MAVLink_attitude_quaternion_message(boot_us // 1000, 1, 0, 0, 0, 0, 0, 0)
+            own.append((time_us, encoder.frame(packed(turned), 0)))
         if rng.random() < 0.1:
             place = m.MAVLink_global_position_int_message(boot_us // 1000, 1, 1, 1, 1, 5, 5, 5, 0)
             own.append((time_us, encoder.frame(packed(place), 0)))
