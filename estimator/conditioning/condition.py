@@ -30,7 +30,7 @@ class Conditioned(NamedTuple):
     magnetic_b: Vec3  # magnetic north, horizontal, a unit vector in FRD
     weight: float  # of both vectors against the gyroscope; 1 for fast streams
     has_heading: bool  # whether a field has told it
-    gravity_confidence: float  # 0..1, falls with unsteady force
+    gravity_confidence: float  # 0..1, falls with accelerations
     magnetic_confidence: float  # 0..1, of the present field; 0 without one
     sigma_inclination_rad: float  # angle that 68 % of the errors lie under
     sigma_brief_rad: float  # the same if no acceleration lasted

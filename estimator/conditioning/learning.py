@@ -10,12 +10,12 @@ from estimator.conditioning.gather import NOTHING, means
 from estimator.conditioning.params import ConditioningParams
 from estimator.conditioning.sigma import certainty_of
 from estimator.conditioning.state import ConditioningState, Directions
-from estimator.conditioning.vertical.step import VerticalState, averaging_after, learn_vertical
+from estimator.conditioning.vertical.gravity import published_frame
+from estimator.conditioning.vertical.step import VerticalState, learn_vertical
 from estimator.geometry.axes import down_of
 from estimator.geometry.quaternion import rotate_inverse
 from estimator.types import Between
 
-with_averaging = replacer(VerticalState, "averaging")
 with_step = replacer(
     ConditioningState, "vertical", "field", "events", "gathered", "directions", "certainty"
 )
@@ -23,8 +23,8 @@ with_step = replacer(
 
 @inlined
 def directions_of(vertical: VerticalState) -> Directions:
-    """Down and magnetic north in G."""
-    q, heading_rad = vertical.gravity.q_6d_g, vertical.estimate.heading_rad
+    """Down and magnetic north in G, by the vertical that is published."""
+    q, heading_rad = published_frame(vertical.gravity), vertical.estimate.heading_rad
     north_6d = (cos(heading_rad), -sin(heading_rad), 0.0)
     return Directions(down_of(q), rotate_inverse(q, north_6d))
 
@@ -39,8 +39,6 @@ def learn(
     levelled = learn_vertical(params, state.vertical, mean, between, wander)
     seen = learn_field(params, state.field, mean, levelled)
     now = learn_events(params, state.events, mean, levelled, seen)
-    averaging = averaging_after(params, levelled, now.vertical.estimate)
-    vertical = with_averaging(now.vertical, averaging)
-    certainty = certainty_of(params, vertical, now.field.magnetic, now.events)
-    directions = directions_of(vertical)
-    return with_step(state, vertical, now.field, now.events, NOTHING, directions, certainty)
+    certainty = certainty_of(params, now.vertical, now.field.magnetic, now.events)
+    directions = directions_of(now.vertical)
+    return with_step(state, now.vertical, now.field, now.events, NOTHING, directions, certainty)

@@ -20,7 +20,7 @@ class ConditioningParams(NamedTuple):
     use_gravity_filter: bool = True  # low-pass the specific force in G; off: each mean as it is
     use_rest: bool = True  # bias from rest
     use_motion_bias: bool = True  # bias from levelling while moving
-    use_averaging: bool = True  # gravity, for as long as shaking and turning ask for
+    use_averaging: bool = True  # gravity, for as long as accelerations and turning ask for
     use_scale_error: bool = True  # the gyroscope's, from levelling in a steady turn
     use_joint_covariance: bool = True  # heading residuals also teach the bias
     use_lag: bool = True  # undo the magnetometer's lag, learnt while turning

@@ -9,6 +9,7 @@ from estimator.conditioning.events.step import EventsState
 from estimator.conditioning.field.heading import north_east, wrap_angle
 from estimator.conditioning.field.magnetic import MagneticState, has_heading, steepness
 from estimator.conditioning.params import ConditioningParams
+from estimator.conditioning.vertical.gravity import heading_frame
 from estimator.conditioning.vertical.rate import following_weight
 from estimator.conditioning.vertical.step import VerticalState
 from estimator.conditioning.vertical.tilt import slowness
@@ -19,6 +20,8 @@ SIGMA_STEADY_RAD = 0.0052
 # What a measured mean square counts as a variance: of the force's size, as a share of gravity,
 # about the inclination; of the field's scatter, and of its norm and dip, about the heading.
 MEASURED_SQUARE = 2.0
+# What a low-pass leaves of the variance of a mean over a window.
+LOW_PASS_SHARE = 0.5
 # What the size of the force tells about the heading, times the squared tangent of the dip.
 SIGMA_BENT_SQUARE = 0.6
 # The share by which a heading given up may still be right once another has been borne out.
@@ -39,7 +42,7 @@ class Certainty(NamedTuple):
 
     weight: float = 1.0  # of both vectors against the gyroscope; 1 for fast streams
     has_heading: bool = False  # whether a field has told it
-    gravity_confidence: float = 0.0  # 0..1, falls with unsteady force
+    gravity_confidence: float = 0.0  # 0..1, falls with accelerations
     magnetic_confidence: float = 0.0  # 0..1, of the present field; 0 without one
     sigma_inclination_rad: float = 0.0  # angle that 68 % of the errors lie under
     sigma_brief_rad: float = 0.0  # the same if no acceleration lasted
@@ -59,7 +62,7 @@ def certainty_of(
     return Certainty(
         weight=following_weight(slowness(params, dt_s), dt_s),
         has_heading=known,
-        gravity_confidence=1.0 / (1.0 + vertical.gravity.force.unsteady),
+        gravity_confidence=1.0 / (1.0 + events.signs.gravity.wander),
         magnetic_confidence=magnetic.look.confidence if magnetic.wait_s < ABSENT_S else 0.0,
         sigma_inclination_rad=sigma_inclination(params, vertical, events, vertical.tilt.variance),
         sigma_brief_rad=sigma_inclination(params, vertical, events, vertical.tilt.fresh),
@@ -73,15 +76,17 @@ def sigma_inclination(
 ) -> float:
     """Angle (rad) that 68 % of the inclination errors lie under.
 
-    A sensor's own error, and how far the low-passed force points elsewhere than its mean over a
-    longer time: accelerations that last and a gyroscope that drifts both show there, without
-    telling which. To that comes how far the low-passed force has another size than gravity: what
-    an accelerometer's error or an acceleration adds along the vertical it adds across as well.
+    A sensor's own error, and the larger of two measures of what accelerations that last and a
+    gyroscope that drifts have left: the variance by which the averaging time was chosen, and how
+    far the vertical points elsewhere than its mean over a longer time. To that comes how far the
+    low-passed force has another size than gravity: what an accelerometer's error
+    or an acceleration adds along the vertical it adds across as well.
     In slow streams the variance ``reckoned`` (rad^2) by the vertical itself counts instead.
     """
     signs = events.signs.gravity
     slow = slowness(params, vertical.coefficients.dt_s)
-    measured = signs.apart + MEASURED_SQUARE * signs.uneven
+    measured = max(signs.apart, LOW_PASS_SHARE * vertical.averaging.variance)
+    measured += MEASURED_SQUARE * signs.uneven
     known = SIGMA_STEADY_RAD**2 + vertical.doubt
     return sqrt(known + (1.0 - slow) * measured + slow * reckoned)
 
@@ -102,7 +107,9 @@ def rival(
     heading_rad, seen_s = vertical.estimate.heading_rad, reference.other.seen_s
     by_other = 0.0
     if seen_s > 0.0:
-        field_6d = rotate(vertical.gravity.q_6d_g, events.signs.jump.slow)
+        field_6d = rotate(
+            heading_frame(vertical.gravity, vertical.averaging.share), events.signs.jump.slow
+        )
         north, east = north_east(heading_rad, field_6d)
         by_other = seen_s / (seen_s + reference.borne_s) * atan2(east, north) ** 2
     unborne = 1.0 - signs.borne_s / params.heading_borne_s

@@ -30,7 +30,7 @@ class GravitySigns(NamedTuple):
     moving_s: float = 0.0  # for how long that of a moving vehicle has
     levelled: Vec2 = (0.0, 0.0)  # what levelling has turned lately about north and east, rad
     wander: float = UNKNOWN_WANDER  # mean square angle between quick and slow gravity, rad^2
-    apart: float = 0.0  # mean square angle between slow gravity and its long mean, rad^2
+    apart: float = 0.0  # mean square angle between published gravity and its long mean, rad^2
     uneven: float = 0.0  # mean square of how far the size of gravity is off, as a share
 
 
@@ -72,7 +72,7 @@ def watch_gravity(
     off = 0.0 if falls else angle_between_vectors(quick, f)
     moving = slow == 0.0 and off > params.turn_moving_rad
     a = dt_s / (WANDER_TAU_S + dt_s) if doubt == 0.0 else 0.0
-    lag = angle_between_vectors(f, gravity.force.long)
+    lag = angle_between_vectors(gravity.force.best.value, gravity.force.long)
     size = norm(f) / STANDARD_GRAVITY_M_S2 - 1.0
     b = dt_s / (min(UNEVEN_TAU_S, gravity.force.age_s) + dt_s)
     return GravitySigns(

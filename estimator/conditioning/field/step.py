@@ -16,6 +16,7 @@ from estimator.conditioning.field.magnetic import (
 from estimator.conditioning.gather import Gathered
 from estimator.conditioning.params import ConditioningParams
 from estimator.conditioning.vertical.bias import Estimate
+from estimator.conditioning.vertical.gravity import heading_frame
 from estimator.conditioning.vertical.step import VerticalStep
 from estimator.conditioning.vertical.tilt import slowness
 from estimator.geometry.axes import axes_of
@@ -58,7 +59,7 @@ def learn_field(
         waiting = with_magnetic(before, with_wait(before.magnetic, since_s))
         return FieldStep(waiting, estimate, False, horizontal, since_s)
     gravity, calibration = now.gravity, before.calibration
-    field_6d = rotate(gravity.q_6d_g, mean.field_g)
+    field_6d = rotate(heading_frame(gravity, now.averaging.share), mean.field_g)
     settled = max(LEAST_SETTLED, min(1.0, gravity.force.age_s / params.gravity_tau_s) ** 2)
     magnetic = observe_field(params, before.magnetic, field_6d, since_s, settled)
     n = reference_norm(magnetic)

@@ -1,83 +1,210 @@
-"""For how long gravity is averaged: the longer, the more shaking there is and the less turning.
+"""For how long the force is averaged for the vertical, and how far off its mean then is.
 
-Accelerations leave the more of an error in a low-passed force the shorter it is averaged; an error
-of the gyroscope's scale lets frame G drift, in a turn that goes on, and the low-pass follows the
-later the longer it averages. With errors that go as A/tau and W tau the best time is as the root
-of A/W. A vehicle that is carried about asks for 4 s, one that turns slowly for 2.
+Two enemies: accelerations, whose mean falls the longer it is taken, and the gyroscope, by which
+frame G drifts meanwhile. Means of the force over windows an octave apart tell how it turns at each
+scale: Allan's variance, half the mean square of the turn from each window to the next. No
+gyroscope errs by more than a share of the turn that it sees, so what is more than that has been an
+acceleration. A mean over a window T is off by all accelerations that last as long or longer,
+V(T) = A(T)/2 + A(2T)/2 + A(4T)/2 + ..., and by half of the drift in it. Both go into the time for
+which the force is averaged, which is where their sum is lowest, and into sigma.
+Source: Percival and Walden 2000, doi 10.1017/CBO9780511841040 (Haar's wavelets).
 """
 
+from math import sqrt
 from typing import NamedTuple
 
 from estimator.compilation.compiled import inlined
+from estimator.compilation.replacing import replacer
+from estimator.conditioning.gather import accumulate
 from estimator.conditioning.params import ConditioningParams
-from estimator.conditioning.vertical.bias import Estimate
-from estimator.conditioning.vertical.gravity import LEAST_FORCE_M_S2, Force
-from estimator.conditioning.vertical.spin import SCALE_SIGMA, Spin
-from estimator.geometry.quaternion import dot, scale, square, subtract
+from estimator.geometry.quaternion import add, dot, scale, square
+from estimator.types import ZERO_VEC3, Vec3
 
-# A/W (s) that asks for ``gravity_tau_s``: how far the force of a second is tilted, over the rate
-# of a turn that goes on, to which comes what stands for all other errors of a gyroscope (rad/s).
-USUAL_RATIO_S = 0.04
-LEAST_RATE_RAD_S = 0.21
-# Time (s) of the means of both, and the shares of ``gravity_tau_s`` that it stays between.
-MEMORY_S = 30.0
-LEAST_FACTOR = 0.76
-MOST_FACTOR = 1.35
-# The fourth power of the factor may be off by this share before it is changed: changing it costs
-# the low-passes' coefficients.
-TOLERANCE = 0.2
-# Before anything is known: shaking of 2 deg, and the turning at which it asks for the usual time.
-USUAL_SHAKING = 0.03**2
+# The shortest window (s), which is the shortest time constant, too; each octave's is twice as long.
+WINDOW_S = 0.25
+OCTAVES = 9
+# The low-pass's time constant, over the length of the windows whose means are as good.
+TAU_SHARE = 0.27
+# For so long (s) windows count.
+MEMORY_S = 60.0
+# In so many windows an octave counts as much as the one below, and how those usually compare:
+# accelerations whose mean falls as that of noise, up to the usual window; a turn that goes on.
+PRIOR_WINDOWS = 0.5
+PRIOR_SLOPE = sqrt(0.5)
+# No gyroscope errs by more than this share of a turn: cheap ones and analogue ones by 5 to 10 %.
+MOST_ERROR = 0.1
+# Less than this (rad^2) is the accelerometer's own error: it tells no window from another, and
+# is all that is known before the first one.
+LEAST_VARIANCE = 0.014**2
+
+
+class Octave(NamedTuple):
+    """Windows of one length."""
+
+    mean: Vec3 = ZERO_VEC3  # minus the specific force in G, mean of the last one, m/s^2
+    turn: Vec3 = ZERO_VEC3  # of the body in the last one, in G, rad
+    apart: float = 0.0  # half the mean square turn of the force from each to the next, rad^2
+    turning: float = 0.0  # mean square of ``turn``, rad^2
+
+
+Octaves = tuple[Octave, Octave, Octave, Octave, Octave, Octave, Octave, Octave, Octave]
 
 
 class Averaging(NamedTuple):
-    """How much longer than ``gravity_tau_s`` gravity is averaged, and what that follows from."""
+    """How the mean force turns at all lengths of windows, and what follows from that."""
 
-    shaking: float = USUAL_SHAKING  # mean square tilt of the force of a second, rad^2
-    # mean square of the rate that lets G drift, (rad/s)^2
-    turning: float = USUAL_SHAKING / USUAL_RATIO_S**2 - LEAST_RATE_RAD_S**2
+    octaves: Octaves = (Octave(),) * 9
+    windows: int = 0  # how many of the shortest length there have been
+    moved_s: float = 0.0  # what they stand for, as far as it is remembered
+    force: Vec3 = ZERO_VEC3  # of the present one, m/s
+    turn: Vec3 = ZERO_VEC3  # in the present one, rad
+    time_s: float = 0.0  # so far of it
     factor: float = 1.0  # of ``gravity_tau_s``
+    variance: float = LEAST_VARIANCE  # of the mean force's direction, rad^2
+    share: float = 0.0  # of it where the field is levelled: the more, the worse the usual time is
+
+
+class Likely(NamedTuple):
+    """What probably holds for windows of one length, rad^2."""
+
+    apart: float  # as of an :class:`Octave`
+    turning: float  # likewise
+    lasting: float  # what of ``apart`` accelerations have done
+
+
+NOTHING_SEEN = Likely(LEAST_VARIANCE, 0.0, 0.0)
+
+with_window = replacer(Averaging, "force", "turn", "time_s")
+with_result = replacer(Averaging, "factor", "variance", "share")
 
 
 @inlined
-def tilting(force: Force) -> float:
-    """Squared angle (rad^2) between the force of a second and the low-passed one, if small."""
-    f, q = force.down.value, force.quick
-    across = subtract(q, scale(dot(f, q) / square(f), f))
-    return square(across) / square(f)
+def half_square_turn(u: Vec3, v: Vec3) -> float:
+    """Half the square of a small angle between two vectors: 1 - cos."""
+    sizes = square(u) * square(v)
+    return 1.0 - dot(u, v) / sqrt(sizes) if sizes > 0.0 else 0.0
+
+
+@inlined
+def put(octaves: Octaves, k: int, new: Octave) -> Octaves:
+    """The octaves with another one at ``k``."""
+    return (
+        new if k == 0 else octaves[0],
+        new if k == 1 else octaves[1],
+        new if k == 2 else octaves[2],
+        new if k == 3 else octaves[3],
+        new if k == 4 else octaves[4],
+        new if k == 5 else octaves[5],
+        new if k == 6 else octaves[6],
+        new if k == 7 else octaves[7],
+        new if k == 8 else octaves[8],
+    )
+
+
+@inlined
+def is_usual(params: ConditioningParams, k: int) -> bool:
+    """Whether an octave's windows are no longer than those that ``gravity_tau_s`` stands for."""
+    return TAU_SHARE * WINDOW_S * (1 << k) <= params.gravity_tau_s
+
+
+@inlined
+def pairs_seen(windows: int, moved_s: float, k: int) -> float:
+    """How many neighbours of an octave are remembered."""
+    return max(1.0, moved_s / (WINDOW_S * (1 << k)) - 1.0) if windows >= 2 << k else 0.0
+
+
+@inlined
+def take_window(octaves: Octaves, mean: Vec3, turn: Vec3, windows: int, moved_s: float) -> Octaves:
+    """The octaves after a window of the shortest length; two of one make one of the next."""
+    for k in range(OCTAVES):
+        before = octaves[k]
+        apart, turning, pairs = before.apart, before.turning, pairs_seen(windows, moved_s, k)
+        if pairs > 0.0:
+            apart += (half_square_turn(before.mean, mean) - apart) / pairs
+            turning += (square(turn) - turning) / pairs
+        octaves = put(octaves, k, Octave(mean, turn, apart, turning))
+        if windows % (2 << k) > 0:
+            break
+        mean, turn = scale(0.5, add(before.mean, mean)), add(before.turn, turn)
+    return octaves
+
+
+@inlined
+def likely_octave(
+    params: ConditioningParams, state: Averaging, bias_variance: float, k: int, below: Likely
+) -> Likely:
+    """What is known of an octave; where few windows have been seen it is as the one ``below``.
+
+    What the gyroscope may have done is a share of the turn, and a bias of ``bias_variance``,
+    (rad/s)^2 about each axis.
+    """
+    length_s = WINDOW_S * (1 << k)
+    pairs = pairs_seen(state.windows, state.moved_s, k)
+    slope = PRIOR_SLOPE if is_usual(params, k) else 1.0 / PRIOR_SLOPE
+    octave = state.octaves[k]
+    weight = pairs + PRIOR_WINDOWS
+    apart = (pairs * octave.apart + PRIOR_WINDOWS * slope * below.apart) / weight
+    turning = (pairs * octave.turning + PRIOR_WINDOWS * 4.0 * below.turning) / weight
+    drift = 0.5 * MOST_ERROR**2 * turning + bias_variance * length_s**2
+    return Likely(apart, turning, max(0.0, apart - drift))
+
+
+@inlined
+def best_window(
+    params: ConditioningParams, state: Averaging, bias_variance: float
+) -> tuple[float, float, float]:
+    """The length (s) of the windows whose mean is nearest to gravity, and its variance (rad^2).
+
+    And the variance of the mean over the usual time. All lengths count, by the inverse square of
+    their variance.
+    """
+    lasting, likely = 0.0, NOTHING_SEEN
+    for k in range(OCTAVES):
+        likely = likely_octave(params, state, bias_variance, k, likely)
+        lasting += likely.lasting
+    weights, octave, variance, usual, likely = 0.0, 0.0, 0.0, 0.0, NOTHING_SEEN
+    for k in range(OCTAVES):
+        likely = likely_octave(params, state, bias_variance, k, likely)
+        lasting -= likely.lasting
+        off = 0.5 * (likely.apart + max(0.0, lasting))
+        usual = off if is_usual(params, k) else usual
+        weight = 1.0 / (off + LEAST_VARIANCE) ** 2
+        weights += weight
+        octave += weight * k
+        variance += weight * off
+    return WINDOW_S * 2.0 ** (octave / weights), variance / weights, usual
 
 
 @inlined
 def follow_averaging(
     params: ConditioningParams,
     state: Averaging,
-    force: Force,
-    spin: Spin,
-    estimate: Estimate,
-    missed: float,
-    learns: bool,
+    force_g: Vec3,
+    rate_g: Vec3,
+    bias_variance: float,
     dt_s: float,
 ) -> Averaging:
-    """The averaging time after a learning step; ``learns`` says whether the step may change it.
+    """The state after a step with ``force_g``, minus the specific force in G, and ``rate_g``."""
+    force, turn = accumulate(state.force, force_g, dt_s), accumulate(state.turn, rate_g, dt_s)
+    time_s = state.time_s + dt_s
+    if time_s < WINDOW_S:
+        return with_window(state, force, turn, time_s)
+    windows, moved_s = state.windows + 1, min(state.moved_s + time_s, MEMORY_S)
+    octaves = take_window(state.octaves, scale(1.0 / time_s, force), turn, windows, moved_s)
+    now = Averaging(octaves, windows, moved_s, ZERO_VEC3, ZERO_VEC3, 0.0, 1.0, 0.0, 0.0)
+    length_s, variance, usual = best_window(params, now, bias_variance)
+    ratio = (variance + LEAST_VARIANCE) / (usual + LEAST_VARIANCE)
+    share = max(0.0, 1.0 - ratio * ratio) if params.use_averaging else 0.0
+    factor = max(TAU_SHARE * length_s, WINDOW_S) / params.gravity_tau_s
+    return with_result(now, factor if params.use_averaging else 1.0, variance, share)
 
-    ``missed`` (rad^2) is the variance of a turn beyond the gyroscope's end. What a vehicle at rest
-    shows, and a stream so slow that a second is one reading, shall not be learnt.
+
+@inlined
+def averaging_at_rest(params: ConditioningParams, state: Averaging, dt_s: float) -> Averaging:
+    """At rest nothing accelerates, so no longer than the usual time is asked for.
+
+    What accelerations have left of an error goes, as the low-pass takes the new force.
     """
-    if not learns or not params.use_averaging:
-        return state
-    if square(force.down.value) < LEAST_FORCE_M_S2**2:
-        return state
-    share = min(1.0, dt_s / MEMORY_S)
-    shaking = state.shaking + share * (tilting(force) - state.shaking)
-    turn = spin.turn.value
-    # a missed turn, and an uncertain bias, count as what a scale error makes of a turn
-    drift = square(turn) + missed / (SCALE_SIGMA * dt_s) ** 2
-    turning = state.turning + share * (drift - state.turning)
-    p = estimate.covariance
-    unknown = (p[0] + p[4] + p[7]) / (3.0 * SCALE_SIGMA**2)
-    drifting = turning + unknown + LEAST_RATE_RAD_S**2
-    ratio = shaking / (drifting * USUAL_RATIO_S**2)
-    if abs(ratio - state.factor**4) < TOLERANCE * ratio:
-        return Averaging(shaking, turning, state.factor)
-    factor = max(LEAST_FACTOR, min(MOST_FACTOR, ratio**0.25))
-    return Averaging(shaking, turning, factor)
+    factor = min(state.factor, 1.0)
+    share = min(1.0, dt_s / (factor * params.gravity_tau_s))
+    return with_result(state, factor, (1.0 - share) * state.variance, state.share)

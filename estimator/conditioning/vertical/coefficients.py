@@ -14,9 +14,10 @@ class Coefficients(NamedTuple):
     """The coefficients of steps of one length; none before the first step."""
 
     dt_s: float = 0.0  # the time step
-    factor: float = 1.0  # of the averaging time of gravity
+    factor: float = 1.0  # of the averaging time of the published vertical
     rest: LowPass = LowPass()  # of gyroscope and accelerometer, with ``rest_tau_s``
-    gravity: LowPass = LowPass()  # with ``gravity_tau_s`` times the factor
+    gravity: LowPass = LowPass()  # with ``gravity_tau_s``
+    best: LowPass = LowPass()  # with that times the factor
     gravity_share: float = 0.0  # of a step in a mean over that time
     quick_share: float = 0.0  # of a step in a mean over ``turn_moving_tau_s``
     levelling_decay: float = 0.0  # what a step leaves of past levelling
@@ -28,13 +29,13 @@ class Coefficients(NamedTuple):
 
 @inlined
 def coefficients(params: ConditioningParams, dt_s: float, factor: float) -> Coefficients:
-    """The coefficients of steps of ``dt_s``, with gravity averaged ``factor`` times as long.
+    """The coefficients of steps of ``dt_s``, with the published vertical's ``factor``.
 
     The noises are those that keep a variance where it shall be: with a random walk of variance V
     a step, a measurement of the noise P^2/V + P makes P the steady variance.
     """
     walk = params.bias_walk_rad_s**2 * dt_s / BIAS_WALK_TIME_S
-    tau_s = params.gravity_tau_s * factor
+    tau_s = params.gravity_tau_s
     at_rest = params.bias_rest_sigma_rad_s**2
     moving = params.bias_motion_sigma_rad_s**2
     return Coefficients(
@@ -42,6 +43,7 @@ def coefficients(params: ConditioningParams, dt_s: float, factor: float) -> Coef
         factor=factor,
         rest=low_pass(params.rest_tau_s, dt_s),
         gravity=low_pass(tau_s, dt_s),
+        best=low_pass(factor * tau_s, dt_s),
         gravity_share=1.0 - exp(-dt_s / tau_s),
         quick_share=1.0 - exp(-dt_s / params.turn_moving_tau_s),
         levelling_decay=exp(-dt_s / params.turn_levelling_tau_s),

@@ -19,7 +19,6 @@ from estimator.geometry.quaternion import (
     rotate,
     shortest_rotation,
     square,
-    subtract,
     unit,
 )
 from estimator.types import IDENTITY, ZERO_VEC3, Quaternion, Vec2, Vec3
@@ -27,8 +26,6 @@ from estimator.types import IDENTITY, ZERO_VEC3, Quaternion, Vec2, Vec3
 DOWN: Vec3 = (0.0, 0.0, 1.0)
 # Less smoothed force than this (m/s^2) has no direction: free fall.
 LEAST_FORCE_M_S2 = 0.5
-# Averaging time (s) of how unsteady the force is.
-UNSTEADY_TAU_S = 5.0
 # The long mean of the low-passed force is taken over so many of its time constants.
 LONG_MEAN = 3.0
 
@@ -37,9 +34,9 @@ class Force(NamedTuple):
     """Minus the specific force, seen in G: gravity, once accelerations have averaged out."""
 
     down: Smooth = Smooth()  # low-passed over ``gravity_tau_s``, m/s^2
+    best: Smooth = Smooth()  # low-passed for as long as accelerations and turning ask for, m/s^2
     quick: Vec3 = ZERO_VEC3  # followed faster, m/s^2
-    long: Vec3 = ZERO_VEC3  # mean of ``down`` over several of its time constants, m/s^2
-    unsteady: float = 0.0  # mean square of what comes and goes, over the square of ``down``
+    long: Vec3 = ZERO_VEC3  # mean of ``best`` over several time constants of ``down``, m/s^2
     age_s: float = 0.0  # since the low-pass began
 
 
@@ -55,7 +52,7 @@ with_frame = replacer(GravityState, "q_g_frd")
 with_level = replacer(GravityState, "q_6d_g")
 with_force = replacer(GravityState, "force")
 with_age = replacer(Force, "age_s")
-with_down = replacer(Force, "down", "quick", "age_s")
+with_down = replacer(Force, "down", "best", "quick", "age_s")
 
 
 @inlined
@@ -75,27 +72,26 @@ def observe_gravity(
     where the mean of forces is not. A running mean over the first
     ``gravity_tau_s`` starts it. Of slow streams the vertical moves by ``share`` of
     its way, which :mod:`estimator.conditioning.vertical.tilt` has weighed.
-    The long mean of the result is kept beside it: how far the two point apart tells sigma.
+    What is published is low-passed beside it, for the time that
+    :mod:`estimator.conditioning.vertical.averaging` finds, and its long mean: how far the two
+    point apart tells sigma.
     Source: Laidig and Seel 2023, doi 10.1016/j.inffus.2022.10.014.
     """
     before = state.force
     dt = k.dt_s
     age = before.age_s + dt
     if not params.use_gravity_filter:
-        down = Smooth(u, ZERO_VEC3)
-    elif age <= params.gravity_tau_s or before.age_s == 0.0:
-        down = Smooth(approach(before.down.value, u, max(dt / age, slow * share)), ZERO_VEC3)
-    elif slow > 0.0:
-        down = Smooth(approach(before.down.value, u, share), ZERO_VEC3)
+        down = best = Smooth(u, ZERO_VEC3)
+    elif age <= params.gravity_tau_s or before.age_s == 0.0 or slow > 0.0:
+        young = age <= params.gravity_tau_s or before.age_s == 0.0
+        a = max(dt / age, slow * share) if young else share
+        down = Smooth(approach(before.down.value, u, a), ZERO_VEC3)
+        best = Smooth(approach(before.best.value, u, a), ZERO_VEC3)
     else:
-        down = smooth(k.gravity, before.down, u)
+        down, best = smooth(k.gravity, before.down, u), smooth(k.best, before.best, u)
     quick = approach(before.quick, u, max(k.quick_share, dt / age))
-    f = down.value
-    size, off = square(f), square(subtract(u, f))
-    ratio = off / size if size > LEAST_FORCE_M_S2**2 else 1.0
-    long = approach(before.long, f, long_share(k, age))
-    unsteady = before.unsteady + min(1.0, dt / UNSTEADY_TAU_S) * (ratio - before.unsteady)
-    return with_force(state, Force(down, quick, long, unsteady, age))
+    long = approach(before.long, best.value, long_share(k, age))
+    return with_force(state, Force(down, best, quick, long, age))
 
 
 @inlined
@@ -122,18 +118,38 @@ def age_after_hole(
 
 
 @inlined
-def level(state: GravityState) -> tuple[GravityState, Vec2]:
+def level_to(q_6d_g: Quaternion, down_g: Vec3) -> tuple[Quaternion, Vec2]:
     """C <- (shortest rotation of C f to the vertical) C; also the step about north and east."""
-    f = rotate(state.q_6d_g, state.force.down.value)
+    f = rotate(q_6d_g, down_g)
     if square(f) < LEAST_FORCE_M_S2**2:
-        return state, (0.0, 0.0)
+        return q_6d_g, (0.0, 0.0)
     z = unit(f)
-    q = normalize(multiply(shortest_rotation(z, DOWN), state.q_6d_g))
     # z x DOWN = (z_y, -z_x, 0), the rotation vector of a small step
-    return with_level(state, q), (z[1], -z[0])
+    return normalize(multiply(shortest_rotation(z, DOWN), q_6d_g)), (z[1], -z[0])
+
+
+@inlined
+def level(state: GravityState) -> tuple[GravityState, Vec2]:
+    """Frame 6D levelled by the low-passed force, and the step about north and east."""
+    q, step = level_to(state.q_6d_g, state.force.down.value)
+    return with_level(state, q), step
+
+
+@inlined
+def published_frame(state: GravityState) -> Quaternion:
+    """From G to 6D as it would be, levelled by the published vertical."""
+    return level_to(state.q_6d_g, state.force.best.value)[0]
+
+
+@inlined
+def heading_frame(state: GravityState, share: float) -> Quaternion:
+    """From G to 6D as the field sees it: levelled by the ``share`` of the published vertical."""
+    down = approach(state.force.down.value, state.force.best.value, share)
+    return level_to(state.q_6d_g, down)[0]
 
 
 @inlined
 def restart_gravity(state: GravityState, u: Vec3, age_s: float) -> GravityState:
     """Start the low-pass anew at ``u``, minus the specific force in G, as if ``age_s`` old."""
-    return with_force(state, with_down(state.force, Smooth(u, ZERO_VEC3), u, age_s))
+    anew = Smooth(u, ZERO_VEC3)
+    return with_force(state, with_down(state.force, anew, anew, u, age_s))

@@ -6,7 +6,11 @@ from estimator.compilation.compiled import inlined
 from estimator.compilation.replacing import replacer
 from estimator.conditioning.gather import Gathered
 from estimator.conditioning.params import ConditioningParams
-from estimator.conditioning.vertical.averaging import Averaging, follow_averaging
+from estimator.conditioning.vertical.averaging import (
+    Averaging,
+    averaging_at_rest,
+    follow_averaging,
+)
 from estimator.conditioning.vertical.bias import (
     HALF_TURN_VARIANCE,
     Estimate,
@@ -182,7 +186,7 @@ def learn_vertical(
         estimate=estimate,
         clipping=with_missed(before.clipping, ZERO_VEC3),
         spin=spin,
-        averaging=before.averaging,
+        averaging=learn_averaging(params, before, gravity, rest, mean, rate),
         gravity=gravity,
         tilt=belief.tilt,
         lasting=follow_lasting(before, gravity, mean.gravity_g, noise.tilt, k, slow),
@@ -253,14 +257,21 @@ def follow_lasting(
 
 
 @inlined
-def averaging_after(
-    params: ConditioningParams, step: VerticalStep, estimate: Estimate
+def learn_averaging(
+    params: ConditioningParams,
+    before: VerticalState,
+    gravity: GravityState,
+    rest: RestState,
+    mean: Gathered,
+    rate: Vec3,
 ) -> Averaging:
-    """For how long gravity is averaged after a step, at the end of which ``estimate`` is known."""
-    now, dt = step.state, step.state.coefficients.dt_s
-    force = now.gravity.force
-    tells = not now.rest.resting and slowness(params, dt) == 0.0
-    tells = tells and force.age_s > params.gravity_tau_s
-    return follow_averaging(
-        params, now.averaging, force, now.spin, estimate, step.clipped, tells, dt
-    )
+    """For how long the force is averaged after a step; a second of a slow stream is one reading."""
+    state, dt_s = before.averaging, mean.time_s
+    if rest.resting:
+        return averaging_at_rest(params, state, dt_s)
+    if slowness(params, dt_s) > 0.0 or gravity.force.age_s <= params.gravity_tau_s:
+        return state
+    p = before.estimate.covariance
+    rate_g = rotate(gravity.q_g_frd, rate)
+    unknown = (p[0] + p[4] + p[7]) / 3.0
+    return follow_averaging(params, state, mean.gravity_g, rate_g, unknown, dt_s)

@@ -1,76 +1,126 @@
-"""How long gravity is averaged."""
+"""For how long the force is averaged, and what is known of its mean."""
 
-from math import radians
+from math import degrees, radians, sqrt
 
 import numpy as np
 import pytest
 
-from estimator.conditioning import ConditioningParams, initial_state
+from estimator.conditioning import ConditioningParams
 from estimator.conditioning.vertical.averaging import (
-    LEAST_FACTOR,
-    MOST_FACTOR,
+    OCTAVES,
+    WINDOW_S,
     Averaging,
+    averaging_at_rest,
     follow_averaging,
-    tilting,
+    half_square_turn,
 )
-from estimator.conditioning.vertical.gravity import Force
-from estimator.conditioning.vertical.lowpass import Smooth
-from estimator.conditioning.vertical.spin import Spin
 from estimator.geometry.quaternion import angle_between_vectors
 
 PARAMS = ConditioningParams()
-KNOWN_BIAS = initial_state(PARAMS).vertical.estimate._replace(covariance=(0.0,) * 10)
-UNKNOWN_BIAS = initial_state(PARAMS).vertical.estimate
-STILL = (0.0, 0.0, 0.0)
+G, DT = 9.8, 0.05
+KNOWN_BIAS = radians(0.01) ** 2
 
 
-def force(tilt_deg):
-    a = radians(tilt_deg)
-    quick = (9.8 * np.sin(a), 0.0, 9.8 * np.cos(a))
-    return Force(down=Smooth((0.0, 0.0, 9.8), STILL), quick=quick, unsteady=0.0, age_s=60.0)
-
-
-def factor_after(
-    shaking_deg, turning_deg_s, *, estimate=KNOWN_BIAS, missed=0.0, learns=True, time_s=120.0
-):
+def averaging(lean_rad, rate_rad_s, *, params=PARAMS, bias=KNOWN_BIAS, time_s=120.0):
+    """After a force that leans by an angle about north, and a turn about it, functions of time."""
     state = Averaging()
-    spin = Spin()._replace(turn=Smooth((0.0, radians(turning_deg_s), 0.0), STILL))
-    for _ in range(round(time_s / 0.1)):
-        state = follow_averaging(
-            PARAMS, state, force(shaking_deg), spin, estimate, missed, learns, 0.1
-        )
-    return state.factor
+    for i in range(round(time_s / DT)):
+        angle, rate = lean_rad(i * DT), rate_rad_s(i * DT)
+        force = (0.0, -G * np.sin(angle), G * np.cos(angle))
+        state = follow_averaging(params, state, force, (rate, 0.0, 0.0), bias, DT)
+    return state
 
 
-def test_a_carried_vehicle_averages_longer_and_one_that_turns_shorter():
-    assert factor_after(3.0, 2.0) == MOST_FACTOR
-    assert factor_after(0.5, 50.0) == LEAST_FACTOR
-    assert factor_after(3.0, 75.0) == pytest.approx(1.0, rel=0.06)  # 3/75 s asks for the usual
+def shaken(lean_deg, period_s):
+    return lambda t: radians(lean_deg) * np.sin(2 * np.pi * t / period_s)
 
 
-def test_little_is_known_at_first_and_nothing_where_nothing_can_be_learnt():
-    assert factor_after(3.0, 2.0, time_s=1.0) < 1.1
-    assert factor_after(0.0, 0.0, learns=False) == 1.0
+def nothing(t):
+    return 0.0
 
 
-def test_an_unknown_bias_drifts_as_a_turn_does():
-    assert factor_after(3.0, 2.0, estimate=UNKNOWN_BIAS) < 1.0
+def tau_s(state):
+    return state.factor * PARAMS.gravity_tau_s
 
 
-def test_a_turn_beyond_the_gyroscopes_end_drifts_likewise():
-    """A tenth of a degree a step of 0.1 s."""
-    assert factor_after(3.0, 2.0, missed=radians(0.1) ** 2) == LEAST_FACTOR
+def sigma_deg(state):
+    return degrees(sqrt(state.variance))
 
 
-@pytest.mark.parametrize("tilt_deg", [0.0, 1.0, 8.0])
-def test_tilting_is_the_angle_for_small_ones(tilt_deg):
-    down, quick = force(tilt_deg).down.value, force(tilt_deg).quick
-    expected = angle_between_vectors(down, quick)
-    assert tilting(force(tilt_deg)) ** 0.5 == pytest.approx(expected, rel=0.01, abs=1e-9)
+def drifting(share, rate_rad_s):
+    """A gyroscope that errs by a share of its turn to and fro, 20 s each way."""
+
+    def turning(t):
+        return rate_rad_s * np.sign(np.sin(np.pi * t / 20.0))
+
+    def leaning(t):
+        return share * rate_rad_s * abs((t + 20.0) % 40.0 - 20.0)
+
+    return leaning, turning
+
+
+@pytest.mark.parametrize(
+    ("period_s", "tau", "sigma"), [(0.5, 1.67, 0.109), (2.0, 3.84, 0.191), (20.0, 11.4, 2.62)]
+)
+def test_accelerations_are_averaged_for_longer_than_they_last(period_s, tau, sigma):
+    """Leaning by 10 degrees to and fro."""
+    state = averaging(shaken(10.0, period_s), nothing)
+    assert tau_s(state) == pytest.approx(tau, rel=0.2)
+    assert sigma_deg(state) == pytest.approx(sigma, rel=0.2)
+
+
+@pytest.mark.parametrize(("share", "tau", "sigma"), [(0.003, 0.65, 0.313), (0.06, 0.25, 0.704)])
+def test_a_gyroscope_that_drifts_as_it_turns_is_not_averaged_for_long(share, tau, sigma):
+    leaning, turning = drifting(share, 1.0)
+    state = averaging(leaning, turning)
+    assert tau_s(state) == pytest.approx(tau, rel=0.2)
+    assert sigma_deg(state) == pytest.approx(sigma, rel=0.2)
+
+
+def test_a_drift_without_a_turn_is_an_acceleration():
+    """What leans as that gyroscope makes it, but while it says that nothing turns."""
+    leaning, turning = drifting(0.06, 1.0)
+    driven, drifted = averaging(leaning, nothing), averaging(leaning, turning)
+    assert tau_s(driven) > 10.0 * tau_s(drifted)  # measured 30
+    assert sigma_deg(driven) > 5.0 * sigma_deg(drifted)  # measured 20
+
+
+def test_an_unknown_bias_may_have_made_it_drift():
+    leaning, _ = drifting(0.06, 1.0)
+    known = averaging(leaning, nothing)
+    unknown = averaging(leaning, nothing, bias=radians(5.0) ** 2)
+    assert tau_s(unknown) < 0.2 * tau_s(known)
+
+
+def test_little_is_known_at_first():
+    usual = Averaging()
+    state = averaging(shaken(10.0, 20.0), nothing, time_s=0.9 * WINDOW_S)
+    assert state.factor == usual.factor
+    assert state.variance == usual.variance
+    assert all(octave.apart == 0.0 for octave in state.octaves)
+
+
+def test_every_octave_is_seen_in_time():
+    state = averaging(shaken(10.0, 3.0), nothing, time_s=2.1 * WINDOW_S * 2 ** (OCTAVES - 1))
+    assert all(octave.apart > 0.0 for octave in state.octaves)
+
+
+@pytest.mark.parametrize("angle_deg", [0.0, 1.0, 8.0])
+def test_half_the_square_of_a_small_angle(angle_deg):
+    u, v = (0.0, 0.0, G), (0.0, G * np.sin(radians(angle_deg)), G * np.cos(radians(angle_deg)))
+    expected = 0.5 * angle_between_vectors(u, v) ** 2
+    assert half_square_turn(u, v) == pytest.approx(expected, rel=0.01, abs=1e-12)
+
+
+def test_at_rest_what_was_left_goes_and_no_more_than_the_usual_time_is_asked_for():
+    state = averaging(shaken(10.0, 20.0), nothing)
+    for _ in range(round(10.0 / DT)):
+        state = averaging_at_rest(PARAMS, state, DT)
+    assert state.factor == 1.0
+    assert sigma_deg(state) < 0.5
 
 
 def test_it_may_be_switched_off():
     params = PARAMS._replace(use_averaging=False)
-    usual = Averaging()
-    state = follow_averaging(params, usual, force(9.0), Spin(), KNOWN_BIAS, 0.0, True, 1.0)
-    assert state is usual
+    state = averaging(shaken(10.0, 20.0), nothing, params=params)
+    assert (state.factor, state.share) == (1.0, 0.0)

@@ -206,7 +206,8 @@ def test_a_heading_that_was_given_up_needs_no_proof():
 
 def test_levelling_is_remembered_about_both_axes_and_a_wander_as_a_mean_square():
     down, quick, long = (0.5, -0.7, 9.2), (2.0, 0.4, 9.0), (0.1, 0.3, 9.6)
-    force = Force(down=Smooth(down, ZERO), quick=quick, long=long, unsteady=0.1, age_s=6.0)
+    best = (0.3, -0.2, 9.4)
+    force = Force(Smooth(down), Smooth(best), quick, long, age_s=6.0)
     gravity = GravityState(force=force)
     before = GravitySigns(0.1, 0.2, (0.05, -0.03), wander=0.02, apart=0.003, uneven=0.001)
     rest = RestState()
@@ -214,7 +215,7 @@ def test_levelling_is_remembered_about_both_axes_and_a_wander_as_a_mean_square()
     assert now.levelled == pytest.approx((0.9 * 0.05 + 0.004, -0.9 * 0.03 + 0.007))
     a, b = DT / (10.0 + DT), DT / (6.0 + DT)
     assert now.wander == pytest.approx((1.0 - a) * 0.02 + a * angle(down, quick) ** 2)
-    assert now.apart == pytest.approx((1.0 - b) * 0.003 + b * angle(down, long) ** 2)
+    assert now.apart == pytest.approx((1.0 - b) * 0.003 + b * angle(best, long) ** 2)
     size = hypot(*down) / 9.80665 - 1.0
     assert now.uneven == pytest.approx((1.0 - b) * 0.001 + b * size**2)
     assert (now.quiet_s, now.moving_s) == (0.0, 0.0)
@@ -227,7 +228,7 @@ def test_gravity_that_pulls_elsewhere_is_timed():
     state = initial_state(PARAMS).vertical.gravity
     for off_deg, lasts in ((59.0, False), (61.0, True)):
         quick = (0.0, -9.8 * sin(radians(off_deg)), 9.8 * np.cos(radians(off_deg)))
-        gravity = state._replace(force=Force(Smooth((0.0, 0.0, 9.8), ZERO), quick, age_s=5.0))
+        gravity = state._replace(force=Force(Smooth((0.0, 0.0, 9.8)), quick=quick, age_s=5.0))
         now = watch_gravity(
             PARAMS, GravitySigns(moving_s=0.1), RestState(), gravity, (0.0, 0.0), 0.9, DT, 0.0, 0.0
         )

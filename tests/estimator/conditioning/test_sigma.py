@@ -86,7 +86,6 @@ def state_of(*, dt_s, wait_s=0.0, seen_s=0.0, **signs):
     p = (1e-4, 0, 0, 0, 2e-4, 0, 0, 3e-4, 0, 0.02)
     vertical = vertical._replace(
         estimate=vertical.estimate._replace(heading_rad=3.0, covariance=p),
-        gravity=vertical.gravity._replace(force=vertical.gravity.force._replace(unsteady=0.3)),
         tilt=vertical.tilt._replace(variance=0.005),
         doubt=0.0004,
         coefficients=coefficients(PARAMS, dt_s, 1.0),

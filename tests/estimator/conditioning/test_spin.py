@@ -42,11 +42,14 @@ def test_a_steady_turn_shows_the_scale_error():
 
 
 def test_a_vertical_that_is_learnt_so_leans_less():
-    """0.4 % of 180 deg/s, 2 s behind, are 1.4 deg."""
-    _, with_it = run(rolling, 0.004)
-    _, without = run(rolling, 0.004, PARAMS._replace(use_scale_error=False))
-    assert without == pytest.approx(1.17, rel=0.2)
+    """0.4 % of 180 deg/s, 2 s behind, are 1.4 deg; a force that tells so is averaged for less."""
+    usual = PARAMS._replace(use_averaging=False)
+    _, with_it = run(rolling, 0.004, usual)
+    _, without = run(rolling, 0.004, usual._replace(use_scale_error=False))
+    _, averaged = run(rolling, 0.004, PARAMS._replace(use_scale_error=False))
+    assert without == pytest.approx(1.4, rel=0.2)
     assert with_it == pytest.approx(0.19, rel=0.2)
+    assert averaged == pytest.approx(0.152, rel=0.2)
 
 
 def test_a_shaken_vehicle_with_a_good_gyroscope_learns_next_to_none():
