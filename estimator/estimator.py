@@ -7,7 +7,7 @@ from estimator.aiding.place import PlaceField
 from estimator.aiding.search import UNKNOWN_RAD
 from estimator.filter.gain_words import gain_in_words
 from estimator.live import north
-from estimator.live.aiding_span import set_imu_lag
+from estimator.live.aiding_span import set_imu_lag, set_wheels
 from estimator.live.contradiction import leaning_angle
 from estimator.live.core import apply_turn, change_imu
 from estimator.live.hearing import take_rate, take_report
@@ -165,6 +165,13 @@ class Estimator:
         Without a word it is taken for that of most vehicles, ``imu_lag_s`` of the profile.
         """
         set_imu_lag(self._state, lag_s)
+
+    def set_wheels(self, has_wheels: bool) -> None:
+        """Whether it rolls on wheels: then its velocity shows its heading.
+
+        It is taken to slip sideways little, or as far as ``aiding.sideslip_rad`` of the profile.
+        """
+        set_wheels(self._state, has_wheels=has_wheels)
 
     def change_imu(self) -> None:
         """The samples are another IMU's from now on: its biases are its own."""

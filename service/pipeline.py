@@ -207,7 +207,7 @@ class Pipeline:
             return
         vehicle = self._meet(event.vehicle)
         if vehicle is not None:
-            vehicle.heard_us = event.arrival_us
+            vehicle.on_heartbeat(event)
 
     def _on_refused(self, event: RefusedFrames) -> None:
         self.refused_frames[event.reason] += event.frames

@@ -6,6 +6,7 @@ from math import degrees, pi, sqrt
 from drivers.events import (
     BodyRates,
     ClockReset,
+    Heartbeat,
     Imu,
     Parameter,
     Position,
@@ -17,6 +18,7 @@ from drivers.events import (
     VehicleId,
 )
 from drivers.mavlink.ardupilot import COMPASS_OFFSETS, GYRO_FILTER, TRIM
+from drivers.mavlink.constants import MAV_TYPE_GROUND_ROVER
 from drivers.samples.rotation import quaternion_from_euler
 from estimator.estimator import Estimator
 from estimator.geometry.quaternion import multiply
@@ -196,6 +198,11 @@ class Vehicle:
         self._compass_offsets[event.name] = event.value
         if len(self._compass_offsets) == len(COMPASS_OFFSETS):
             self.estimator.set_field_calibrated(any(self._compass_offsets.values()))
+
+    def on_heartbeat(self, event: Heartbeat) -> None:
+        """Note whether it has wheels."""
+        self.heard_us = event.arrival_us
+        self.estimator.set_wheels(event.vehicle_type == MAV_TYPE_GROUND_ROVER)
 
     def on_report(self, event: Report) -> None:
         """Feed the estimator with what something beside the IMU has measured.

@@ -59,6 +59,11 @@ class ToldEstimator(Estimator):
         self.note(methodcaller("set_imu_lag", lag_s))
         super().set_imu_lag(lag_s)
 
+    def set_wheels(self, has_wheels: bool) -> None:
+        """See :class:`Estimator`."""
+        self.note(methodcaller("set_wheels", has_wheels))
+        super().set_wheels(has_wheels)
+
     def turn(self, turn_ned: Quaternion) -> None:
         """See :class:`Estimator`."""
         self.note(methodcaller("turn", turn_ned))

@@ -10,6 +10,7 @@ from flying.motions import MOTIONS, integrate
 from flying.recorder import Filter, Flight, Link, Receiver, Sensors, Trouble, record
 from flying.replayed import Events, read
 
+QUADROTOR, GROUND_ROVER = 2, 10  # MAV_TYPE
 SKIP_S, DURATION_S = 40.0, 240.0
 VEHICLES = ("plane", "copter", "calm copter", "rover")
 CLEAN = Sensors(gyr=3e-4, acc=0.01, mag=0.001, hard_iron=0.0, acc_bias=0.0)
@@ -38,6 +39,7 @@ def ordinary_flight(rng: Rng, motion: str) -> Flight:
             says_m_s=float(rng.choice((0.04, 0.3, 0.6))),
         ),
         link=Link(mixed=motion.startswith("plane")),
+        vehicle_type=GROUND_ROVER if motion in ("rover", "car") else QUADROTOR,
     )
 
 
@@ -50,6 +52,25 @@ def bad_compass(flight: Flight, rng: Rng) -> Flight:
 def slow_filters(flight: Flight, _: Rng) -> Flight:
     """The low-passes that ArduPilot gives a rover."""
     return flight._replace(sensors=flight.sensors._replace(gyr_hz=4.0, acc_hz=10.0))
+
+
+def cabin(flight: Flight, rng: Rng) -> Flight:
+    """A poor IMU between a car's iron, and a receiver's velocity ten times a second."""
+    turn_rad, scale = float(rng.uniform(-1.2, 1.2)), float(rng.uniform(0.6, 1.4))
+    return flight._replace(
+        sensors=Sensors(
+            gyr=0.01,
+            gyr_bias=0.04,
+            acc=0.3,
+            acc_bias=0.2,
+            mag=0.01,
+            field_turn_rad=turn_rad,
+            field_scale=scale,
+            gyr_hz=40.0,
+            acc_hz=40.0,
+        ),
+        link=Link(period_s=0.01),
+    )
 
 
 def at_4_hz(flight: Flight, _: Rng) -> Flight:
@@ -80,6 +101,7 @@ CASES: dict[str, Case] = {
         lambda f, _: f._replace(trouble=Trouble(lost=(90.0, 120.0), wrong=(150.0, 170.0))),
     ),
     "slow filters": Case(("rover",), slow_filters),
+    "cabin": Case(("car",), cabin),
     "4 Hz": Case(VEHICLES, at_4_hz),
     **{f"radio at {hz:g} Hz": Case(VEHICLES, over_radio(hz)) for hz in (1.0, 2.5, 4.0)},
 }

@@ -1,4 +1,4 @@
-"""True motions of simulated vehicles: planes, copters and rovers.
+"""True motions of simulated vehicles: planes, copters, rovers and cars.
 
 Each begins with ``REST_S`` of rest and goes on at random. Nothing is shared with the
 estimator but quaternion algebra.
@@ -240,9 +240,69 @@ def rover(seed: int) -> Vehicle:
     return step, heading
 
 
+def car(seed: int) -> Vehicle:
+    """Streets, corners, roundabouts, stops and parking in reverse, with an IMU in the cabin.
+
+    It is mounted a degree or two askew and ahead of the rear axle, and tyres slip in turns.
+    """
+    rng = np.random.default_rng(seed)
+    heading = float(rng.uniform(-pi, pi))
+    yaw_off, pitch_off = (float(a) for a in radians(1.5) * rng.standard_normal(2))
+    askew = exp((0.0, pitch_off, yaw_off))
+    bumps = Gusts(rng, (0.04, 0.04, 0.01), 0.15)
+    slope = Gusts(rng, (0.02, 0.03, 0.0), 8.0)
+    speed, turn, left = 0.0, 0.0, REST_S
+    ahead: list[tuple[float, float, float]] = []  # of a leg: speed, curvature, how long
+    leg = (0.0, 0.0)
+
+    def step(q: Quaternion, _: float) -> Moment:
+        nonlocal speed, turn, left, leg
+        roll, pitch = roll_and_pitch(q)
+        left -= DT
+        if left <= 0.0:
+            if not ahead:
+                ahead.extend(_street(rng))
+            wanted, curvature, left = ahead.pop(0)
+            leg = (wanted, curvature)
+        push = clip(leg[0] - speed, 1.0) * 2.5
+        speed += push * DT
+        turn += (clip(leg[1] * speed, 0.6) - turn) * DT / 0.5
+        across = speed * turn
+        moving = min(1.0, abs(speed) / 3.0)
+        shaken, sloped = bumps.next(), slope.next()
+        rate = (
+            moving * (shaken[0] + clip(2.0 * (sloped[0] + 0.006 * across - roll), 0.3)),
+            moving * (shaken[1] + clip(2.0 * (sloped[1] + 0.004 * push - pitch), 0.3)),
+            turn + moving * shaken[2],
+        )
+        aside = 1.2 * turn - 0.004 * across * abs(speed)
+        along = rotate(askew, (speed, aside, 0.0))
+        return Moment(rate, rotate(q, along), 0.5 * moving + 0.2 * abs(push))
+
+    return step, heading
+
+
+def _street(rng: np.random.Generator) -> list[tuple[float, float, float]]:
+    """Speed (m/s), curvature (1/m) and duration (s) of what comes next."""
+    side = float(rng.choice((-1.0, 1.0)))
+    kind = str(rng.choice(("street", "street", "corner", "roundabout", "light", "park")))
+    fast = float(rng.uniform(8.0, 16.0))
+    if kind == "street":
+        return [(fast, side * float(rng.uniform(0.0, 0.006)), float(rng.uniform(6.0, 16.0)))]
+    if kind == "corner":
+        return [(5.0, 0.0, 3.0), (5.0, side * 0.1, pi), (fast, 0.0, 5.0)]
+    if kind == "roundabout":
+        length = float(rng.uniform(2.0, 7.0))
+        return [(6.0, 0.0, 3.0), (6.0, -0.06, 1.0), (6.0, 0.08, length), (6.0, -0.06, 1.0)]
+    if kind == "light":
+        return [(0.0, 0.0, float(rng.uniform(5.0, 15.0)))]
+    return [(0.0, 0.0, 8.0), (-1.5, side * 0.2, 5.0), (0.0, 0.0, 2.0), (3.0, -side * 0.1, 4.0)]
+
+
 MOTIONS: dict[str, Callable[[int], Vehicle]] = {
     "plane": plane,
     "copter": copter,
     "calm copter": calm_copter,
     "rover": rover,
+    "car": car,
 }

@@ -47,6 +47,8 @@ class Sensors(NamedTuple):
     mag: float = 0.004
     hard_iron: float = 0.005  # length of the vector
     current: float = 0.0  # of the motors' field at full throttle
+    field_turn_rad: float = 0.0  # by which iron all around turns the field about the body's down
+    field_scale: float = 1.0  # and its strength
     gyr_hz: float = 20.0  # cutoff of the low-pass
     acc_hz: float = 20.0
 
@@ -98,6 +100,7 @@ class Flight(NamedTuple):
     receiver: Receiver = Receiver()
     link: Link = Link()
     trouble: Trouble = Trouble()
+    vehicle_type: int = 2  # MAV_TYPE
 
 
 class Signals(NamedTuple):
@@ -148,6 +151,8 @@ def _averaged_field(R: Floats, motion: Motion, s: Sensors, rng: np.random.Genera
     dip, declination = place.dip_rad, place.declination_rad
     north = (np.cos(dip) * np.cos(declination), np.cos(dip) * np.sin(declination), np.sin(dip))
     field = np.einsum("nji,j->ni", R, place.strength_gauss * np.array(north))
+    c, d = s.field_scale * np.cos(s.field_turn_rad), s.field_scale * np.sin(s.field_turn_rad)
+    field = field @ np.array([[c, d, 0.0], [-d, c, 0.0], [0.0, 0.0, s.field_scale]])
     field += s.hard_iron * direction(rng)
     field += s.current * motion.throttle[:, None] * direction(rng)
     block = FINE_HZ // 10
@@ -239,7 +244,7 @@ def record(path: Path, motion: Motion, flight: Flight, seed: int) -> None:
         arrival_us = max(arrival_us, START_UNIX_US + round(1e6 * (t + late_s)))
         if t >= next_beat_s:
             next_beat_s = t + 1.0
-            out.put(arrival_us, "heartbeat", 2, 3, 81, 0, 4, 3)
+            out.put(arrival_us, "heartbeat", flight.vehicle_type, 3, 81, 0, 4, 3)
         for message in reports.until(t, stamp_us):
             out.put(arrival_us, *message)
         q = motion.attitude[i].tolist()

@@ -35,6 +35,7 @@ from estimator.aiding.types import (
     Scatter,
     Sigmas,
     Surprise,
+    Wheels,
 )
 from estimator.conditioning.field.magnetic import FieldLook
 from estimator.geometry.quaternion import add, rotate, subtract
@@ -109,7 +110,8 @@ def begin(
         ),
         rough=Roughness(bent=0.0, changed=0.0),
         lean=Lean(ZERO_VEC3, report.velocity_ned_m_s, report.velocity_ned_m_s),
-        surprise=Surprise(ZERO_VEC3, gyr_bias, level=0.0, heading=0.0),
+        surprise=Surprise(ZERO_VEC3, gyr_bias, 3.0 * params.gyr_bias_sigma**2, 0.0, 0.0),
+        wheels=Wheels(slip_scale=1.0, aside_rad=0.0, field_is_turned=False),
     )
     return state, P, new_trail(add(state.last.force_ned_m_s2, GRAVITY_NED))
 
@@ -154,5 +156,7 @@ def forget_biases(
         for i in range(first, first + 3):
             P[i, i] = sigma**2
     estimate = state.estimate._replace(gyr_bias_rad_s=ZERO_VEC3, acc_bias_m_s2=ZERO_VEC3)
-    surprise = state.surprise._replace(bias_rad_s=ZERO_VEC3)
+    surprise = state.surprise._replace(
+        bias_rad_s=ZERO_VEC3, least_variance=3.0 * params.gyr_bias_sigma**2
+    )
     return state._replace(estimate=estimate, surprise=surprise), P

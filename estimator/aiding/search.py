@@ -15,11 +15,20 @@ from typing import NamedTuple
 
 import numpy as np
 
+from estimator.aiding.course import STANDING, Rolled, fade_rolled, roll_on
 from estimator.aiding.types import Array, Report
 from estimator.compilation.compiled import inlined
 from estimator.compilation.replacing import replacer
 from estimator.filter.alignment import nearest_rotation, quaternion_from_matrix
-from estimator.geometry.quaternion import add, cross, dot, rotate, scale, subtract
+from estimator.geometry.quaternion import (
+    add,
+    cross,
+    dot,
+    rotate,
+    rotate_inverse,
+    scale,
+    subtract,
+)
 from estimator.types import STANDARD_GRAVITY_M_S2, ZERO_VEC3, Quaternion, Vec3
 
 Matrix = tuple[Vec3, Vec3, Vec3]  # row by row
@@ -65,6 +74,7 @@ class Evidence(NamedTuple):
     lagging: Vec3  # sum of b x (change of force): how B turns per second of delay, (m/s)^2/s
     squares: float  # sum of |a|^2 + |b|^2, (m/s)^2
     windows: float  # how many, older ones in part
+    rolled: Rolled  # where that goes by its course
     late_sigma_s: float  # uncertainty of the reports' age
 
 
@@ -91,6 +101,7 @@ EMPTY_SEARCH = Search(
         lagging=ZERO_VEC3,
         squares=0.0,
         windows=0.0,
+        rolled=STANDING,
         late_sigma_s=0.0,
     ),
 )
@@ -131,11 +142,13 @@ def open_window(window: Window, report: Report, behind_s: float) -> Window:
 
 
 @inlined
-def add_report(search: Search, report: Report, report_lag_s: float) -> tuple[Search, bool]:
+def add_report(
+    search: Search, report: Report, report_lag_s: float, q_g_frd: Quaternion, down_frd: Vec3
+) -> tuple[Search, bool]:
     """Take a report; the second value tells whether it has closed a window.
 
     The report tells the velocity ``ago_s`` before the last sample, and another ``report_lag_s``
-    earlier if its age is uncertain.
+    earlier if its age is uncertain. ``down_frd`` is down in the body's axes, as it is taken to be.
     """
     window = search.window
     behind_s = report.ago_s + (report_lag_s if report.late_sigma_s > 0.0 else 0.0)
@@ -159,6 +172,15 @@ def add_report(search: Search, report: Report, report_lag_s: float) -> tuple[Sea
         lagging=add(before.lagging, cross(b, swing)),
         squares=before.squares + dot(a, a) + dot(b, b),
         windows=before.windows + 1.0,
+        rolled=roll_on(
+            before.rolled,
+            window.velocity_ned_m_s,
+            report.velocity_ned_m_s,
+            report.sigma_m_s,
+            time_s,
+            rotate_inverse(q_g_frd, b),
+            down_frd,
+        ),
         late_sigma_s=max(before.late_sigma_s, report.late_sigma_s),
     )
     return Search(opened, evidence), True
@@ -176,6 +198,7 @@ def fade(evidence: Evidence, time_s: float) -> Evidence:
         lagging=scale(keep, evidence.lagging),
         squares=keep * evidence.squares,
         windows=keep * evidence.windows,
+        rolled=fade_rolled(evidence.rolled, keep),
         late_sigma_s=evidence.late_sigma_s,
     )
 

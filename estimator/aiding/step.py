@@ -14,9 +14,10 @@ import numpy as np
 from estimator.aiding.correction import apply_corrections, correct_last, part, prediction_at
 from estimator.aiding.inertial import predict_motion
 from estimator.aiding.lean import hear_report, lean_angle, watch_lean
-from estimator.aiding.sources.field import observe_heading, wait_for_field
+from estimator.aiding.sources.field import begin_anew, observe_heading, wait_for_field
 from estimator.aiding.sources.unaided import observe_slow_unaided, observe_unaided
 from estimator.aiding.sources.velocity import take_report, wait_for_reports
+from estimator.aiding.sources.wheels import observe_wheels, rolls
 from estimator.aiding.surprise import add_correction, known, pass_time
 from estimator.aiding.types import (
     SIZE,
@@ -25,6 +26,7 @@ from estimator.aiding.types import (
     AidingState,
     Array,
     LastStep,
+    North,
     Report,
     Surroundings,
 )
@@ -35,6 +37,7 @@ from estimator.compilation.replacing import replacer
 from estimator.conditioning.vertical.rate import slow_share
 from estimator.types import Sample, Vec3
 
+with_north = replacer(Surroundings, "north")
 with_report = replacer(AidingState, "agreement", "lean", "surprise")
 
 
@@ -58,7 +61,7 @@ def aid(
     agreement = wait_for_reports(state.agreement, dt)
     wait_s = min(agreement.by_filter.wait_s, agreement.by_receiver.wait_s)
     rough, lean = state.rough, state.lean
-    surprise = pass_time(state.surprise, now.estimate, dt)
+    surprise = pass_time(params, state.surprise, now.estimate, now.covariance, dt)
     slow = slow_share(dt)
     if slow > 0.0:
         rough = watch_turning(params, state, now.covariance, sample)
@@ -76,9 +79,15 @@ def aid(
         agreement = take_report(params, agreement, now, dt, report, others.gravity_b, x)
     elif wait_s > params.silence_s:
         observe_unaided(params, now, others.gravity_b, x, dt)
-    field = wait_for_field(state.field, dt)
+    field, wheels, north = wait_for_field(state.field, dt), state.wheels, others.north
+    if wheels.field_is_turned:
+        others = with_north(others, North(False, north.direction))
     if sample.has_mag:
         field = observe_heading(params, field, now, others, sample, x)
+    if rolls(params):
+        wheels, is_turned = observe_wheels(params, now, wheels, field, x, dt)
+        if is_turned:
+            field = begin_anew(field)
     now = apply_corrections(now, x)
     surprise = add_correction(surprise, part(x, TURN), before, known(now.covariance))
     last = LastStep(
@@ -100,6 +109,7 @@ def aid(
         rough=rough,
         lean=lean,
         surprise=surprise,
+        wheels=wheels,
     )
     return state, now.covariance, now.trail
 

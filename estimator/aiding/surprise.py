@@ -11,7 +11,15 @@ from math import e, hypot, sqrt
 from math import exp as real_exp
 from typing import NamedTuple
 
-from estimator.aiding.types import GYR_BIAS, TURN, AidingEstimate, Array, Sigmas, Surprise
+from estimator.aiding.types import (
+    GYR_BIAS,
+    TURN,
+    AidingEstimate,
+    AidingParams,
+    Array,
+    Sigmas,
+    Surprise,
+)
 from estimator.compilation.compiled import inlined
 from estimator.geometry.quaternion import add, rotate, scale, subtract
 from estimator.types import Vec3
@@ -36,14 +44,27 @@ def known(P: Array) -> Known:
 
 
 @inlined
-def pass_time(surprise: Surprise, estimate: AidingEstimate, dt: float) -> Surprise:
-    """Corrections ``dt`` older. A bias other than usual has turned the attitude, too."""
+def pass_time(
+    params: AidingParams, surprise: Surprise, estimate: AidingEstimate, P: Array, dt: float
+) -> Surprise:
+    """Corrections ``dt`` older. A bias other than usual has turned the attitude, too.
+
+    It becomes usual with time. One that began less known than biases are is being learnt until
+    it is: it becomes usual as far as it is known better than ever.
+    """
     keep = real_exp(-dt / MEMORY_S)
+    variance = P[GYR_BIAS, GYR_BIAS]
+    variance += P[GYR_BIAS + 1, GYR_BIAS + 1] + P[GYR_BIAS + 2, GYR_BIAS + 2]
+    usual = 3.0 * params.gyr_bias_sigma**2
+    before = max(usual, surprise.least_variance)
+    least = max(usual, min(variance, before))
+    unlearnt = least / before
     change = subtract(estimate.gyr_bias_rad_s, surprise.bias_rad_s)
     turned = scale(-dt, rotate(estimate.q_ned_frd, change))
     return Surprise(
         turn_rad=add(scale(keep, surprise.turn_rad), turned),
-        bias_rad_s=add(surprise.bias_rad_s, scale(1.0 - keep, change)),
+        bias_rad_s=add(surprise.bias_rad_s, scale(1.0 - keep * unlearnt, change)),
+        least_variance=least,
         level=keep * keep * surprise.level,
         heading=keep * keep * surprise.heading,
     )
@@ -55,6 +76,7 @@ def add_correction(surprise: Surprise, turn_rad: Vec3, before: Known, after: Kno
     return Surprise(
         turn_rad=add(surprise.turn_rad, turn_rad),
         bias_rad_s=surprise.bias_rad_s,
+        least_variance=surprise.least_variance,
         level=surprise.level + max(0.0, before.level - after.level),
         heading=surprise.heading + max(0.0, before.heading - after.heading),
     )

@@ -72,6 +72,7 @@ class AidingParams(NamedTuple):
     field_doubt_s: Time = 4.0  # or a field that looks as usual; small: a magnet that passes ends it
     far_heading_rad: Angle = radians(40.0)  # a field this far off is far off
     heading_reach_rad: Angle = radians(25.0)  # residual that counts a quarter; small: stubborn
+    sideslip_rad: Angle = 3.0  # of wheels 0.05; 3: it may move any way, and a HEARTBEAT decides
     gap_s: Time = 5.0  # after so long without samples (1 s of a slow stream) it begins anew
     unaided_sigma_rad: Angle = radians(5.0)  # of the unaided gravity
     unaided_tau_s: Time = 3.0  # for so long its error stays the same
@@ -224,8 +225,17 @@ class Surprise(NamedTuple):
 
     turn_rad: Vec3  # of the attitude, by corrections and by the bias they have changed, NED
     bias_rad_s: Vec3  # mean bias of the gyroscope, FRD
+    least_variance: float  # that the bias has ever had, all axes together, (rad/s)^2
     level: float  # expected mean square of the turn about north and east
     heading: float  # and about down
+
+
+class Wheels(NamedTuple):
+    """What is known of wheels and of what they contradict."""
+
+    slip_scale: float  # variance of slips, in units of what is expected
+    aside_rad: float  # mean angle by which the velocity points to the right of the heading
+    field_is_turned: bool  # the field has given a heading that was wrong by that
 
 
 class AidingState(NamedTuple):
@@ -239,6 +249,7 @@ class AidingState(NamedTuple):
     rough: Roughness  # the gyroscope's readings
     lean: Lean  # what deceives the unaided vertical
     surprise: Surprise  # what was corrected lately
+    wheels: Wheels  # what they have shown
 
 
 class North(NamedTuple):

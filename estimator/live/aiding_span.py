@@ -3,26 +3,31 @@
 It begins with the heading by the field, or with one by velocity itself.
 """
 
-from math import atan2, hypot, isfinite, pi, radians, sqrt
+from math import atan2, copysign, hypot, isfinite, pi, radians, sqrt
 from typing import NamedTuple
+
+import numpy as np
 
 from estimator.aiding import Report, begin, compass
 from estimator.aiding.beginning import loosen
+from estimator.aiding.course import forward_evidence, lean_rad, level_ahead
 from estimator.aiding.lean import bears_out
 from estimator.aiding.phase import Cause, Phase
 from estimator.aiding.place import resembles
 from estimator.aiding.search import EMPTY_SEARCH, UNKNOWN_RAD, solve
+from estimator.aiding.sources.wheels import rolls
 from estimator.aiding.types import Sigmas
 from estimator.aiding.witness import doubted
 from estimator.conditioning import ConditioningState
+from estimator.conditioning.field.robust import REACH_SQUARE
 from estimator.conditioning.vertical.rate import slow_share
-from estimator.filter.alignment import align
-from estimator.geometry.quaternion import multiply, rotate
+from estimator.filter.alignment import align, quaternion_from_matrix
+from estimator.geometry.quaternion import cross, dot, exp, multiply, rotate
 from estimator.live.conditioned import conditioned_vectors
 from estimator.live.core import Core, flat, square, with_attitude
 from estimator.live.settings import Settings
 from estimator.live.state import State
-from estimator.types import Quaternion
+from estimator.types import STANDARD_GRAVITY_M_S2, Quaternion
 
 # However small its computed sigma, a heading by velocity is no better than this to begin with.
 LEAST_HEADING_SIGMA_RAD = radians(3.0)
@@ -36,12 +41,7 @@ def begin_aided(state: State, report: Report, *, has_heading: bool) -> None:
     It comes from the field, or from velocity itself where there is no field to be trusted
     or no position that tells true from magnetic north.
     """
-    start: Start | None = None
-    is_known = has_heading and state.knows_north and trusts_field(state) and is_settled(state)
-    if is_known and unaided_sigma(state).heading_rad < UNKNOWN_RAD:
-        start = start_by_field(state.settings, state.core.core)
-    elif state.core.search(report):
-        start = start_by_velocity(state.core.core)
+    start = find_start(state, report, has_heading=has_heading)
     if start is None:
         state.enter(Cause.REPORT)
         return
@@ -54,6 +54,18 @@ def begin_aided(state: State, report: Report, *, has_heading: bool) -> None:
         core = with_attitude(core, start.q_ned_frd)
     state.set_core(core)
     state.enter(Cause.BEGIN)
+
+
+def find_start(state: State, report: Report, *, has_heading: bool) -> "Start | None":
+    """Where the aiding may begin, if that is known."""
+    is_known = has_heading and state.knows_north and trusts_field(state) and is_settled(state)
+    if is_known and unaided_sigma(state).heading_rad < UNKNOWN_RAD:
+        return start_by_field(state.settings, state.core.core)
+    if not state.core.search(report):
+        return None
+    now = state.core.core
+    start = start_by_course(state.settings, now, report) if rolls(state.settings.aiding) else None
+    return start or start_by_velocity(now)
 
 
 def is_settled(state: State) -> bool:
@@ -125,6 +137,7 @@ class Start(NamedTuple):
 
     q_ned_frd: Quaternion
     sigma_heading_rad: float
+    sigma_tilt_rad: float = 0.0  # if more than that of the unaided vertical
 
 
 def start_by_field(settings: Settings, now: Core) -> Start:
@@ -140,6 +153,38 @@ def start_by_velocity(now: Core) -> Start | None:
         return None
     q = multiply(of_g.q_ned_g, now.conditioning.vertical.gravity.q_g_frd)
     return Start(q, max(of_g.sigma_heading_rad, LEAST_HEADING_SIGMA_RAD))
+
+
+def start_by_course(settings: Settings, now: Core, report: Report) -> Start | None:
+    """The unaided vertical with the heading by where it rolls, if it is clear which way that is.
+
+    The reported course is as old as the report; the vehicle has turned on since.
+    """
+    aiding, down, rolled = settings.aiding, now.seen.gravity_b, now.search.evidence.rolled
+    forward = forward_evidence(rolled)
+    north, east, _ = report.velocity_ned_m_s
+    speed, level = hypot(north, east), hypot(down[1], down[2])
+    if level * speed == 0.0 or abs(forward) < REACH_SQUARE:
+        return None
+    unsure = max(report.sigma_m_s, aiding.report_sigma_m_s) / speed
+    sense = copysign(1.0, forward)
+    tilt_rad = hypot(now.seen.sigma_inclination_rad, lean_rad(rolled, sense))
+    sigma_rad = hypot(unsure, aiding.sideslip_rad, tilt_rad * down[0] / level)
+    if sigma_rad > UNKNOWN_RAD:
+        return None
+    lag_s = aiding.receiver_lag_s if report.late_sigma_s > 0.0 else 0.0
+    age_s = report.ago_s + lag_s - aiding.imu_lag_s
+    heading_rad = atan2(sense * east, sense * north) + age_s * dot(now.seen.rate_rad_s, down)
+    ahead = level_ahead(down)
+    q_level_frd = quaternion_from_matrix(np.array([ahead, cross(down, ahead), down]))
+    return Start(multiply(exp((0.0, 0.0, heading_rad)), q_level_frd), sigma_rad, tilt_rad)
+
+
+def set_wheels(state: State, *, has_wheels: bool) -> None:
+    """See :meth:`estimator.estimator.Estimator.set_wheels`."""
+    if has_wheels is not state.context.has_wheels:
+        state.change_context(has_wheels=has_wheels)
+        state.replace_profile(state.profile)
 
 
 def set_imu_lag(state: State, lag_s: float) -> None:
@@ -160,13 +205,19 @@ def begin_aiding(
 ) -> Core:
     """The core with the aiding at its beginning; iron may be small if the compass is calibrated."""
     aiding = settings.aiding
+    # what has made the vertical lean may be either sensor's bias
+    drift_rad_s = start.sigma_tilt_rad / settings.conditioning.gravity_tau_s
+    push_m_s2 = start.sigma_tilt_rad * STANDARD_GRAVITY_M_S2
     aided, covariance, trail = begin(
-        aiding,
+        aiding._replace(
+            gyr_bias_sigma=max(aiding.gyr_bias_sigma, drift_rad_s),
+            acc_bias_sigma=max(aiding.acc_bias_sigma, push_m_s2),
+        ),
         start.q_ned_frd,
         core.seen.bias_rad_s,
         core.sample,
         report,
-        max(aiding.begin_tilt_sigma_rad, core.seen.sigma_inclination_rad),
+        max(aiding.begin_tilt_sigma_rad, core.seen.sigma_inclination_rad, start.sigma_tilt_rad),
         start.sigma_heading_rad,
         aiding.hard_iron_sigma_gauss if is_calibrated else aiding.uncalibrated_sigma_gauss,
     )

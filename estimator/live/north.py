@@ -3,6 +3,7 @@
 from estimator.aiding import compass
 from estimator.aiding.phase import Cause, Phase
 from estimator.aiding.place import differ, update_whereabouts
+from estimator.aiding.sources.wheels import rolls
 from estimator.geometry.quaternion import exp, multiply
 from estimator.live.core import with_attitude
 from estimator.live.state import State
@@ -22,7 +23,8 @@ def set_position(
         return
     state.replace_profile(state.profile)
     now, field = state.core.core, known.here.field
-    if state.context.phase is not Phase.AIDED or now.seen.has_heading:
+    is_aided = state.context.phase is Phase.AIDED
+    if not is_aided or (now.seen.has_heading and not rolls(state.settings.aiding)):
         # magnetic until now, or by another place's declination; by velocity it is true already
         turn = exp((0.0, 0.0, field.declination_rad - declination_rad))
         state.set_core(with_attitude(now, multiply(turn, now.filter.q_ned_frd)))

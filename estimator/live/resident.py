@@ -26,6 +26,7 @@ from estimator.aiding import (
 from estimator.aiding.correction import correct_last, prediction_at
 from estimator.aiding.search import EMPTY_SEARCH, add_report, add_sample
 from estimator.aiding.sources.table import SOURCES
+from estimator.aiding.sources.wheels import rolls
 from estimator.aiding.types import NO_REPORT, SIZE
 from estimator.aiding.witness import compare, hear_report, watch
 from estimator.compilation.compiled import compiled, inlined
@@ -373,6 +374,7 @@ def advance_aided(inside: Any, report: Report, knows_north: bool) -> bool:
         params.aiding, inside.aided, inside.covariance, inside.trail, inside.sample, report, others
     )
     before = inside.aided.estimate.q_ned_frd
+    knows_north = knows_north or rolls(params.aiding)
     state = follow_aided(params.filter, reference, inside.filter, aided, knows_north, before)
     inside.filter = state
     inside.smooth_error = state.error
@@ -435,7 +437,13 @@ def search(inside: Any, report: Report) -> bool:
     if not found.window.is_open:  # nobody has followed the force until now
         q_g_frd = inside.conditioning.vertical.gravity.q_g_frd
         found = add_sample(found, q_g_frd, last.acc_m_s2, last.dt_s)
-    found, closed = add_report(found, report, inside.params.aiding.receiver_lag_s)
+    found, closed = add_report(
+        found,
+        report,
+        inside.params.aiding.receiver_lag_s,
+        inside.conditioning.vertical.gravity.q_g_frd,
+        inside.seen.gravity_b,
+    )
     inside.search = found
     return closed
 

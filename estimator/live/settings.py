@@ -17,6 +17,8 @@ from estimator.profile import Profile
 from estimator.types import ZERO_VEC3, Quaternion, Vec3
 
 MAGNETIC_NORTH: Vec3 = (1.0, 0.0, 0.0)
+# Between where wheels roll and where the IMU's x axis points: askew mounting, and tyres in turns.
+WHEELS_SLIP_RAD = radians(3.0)
 
 
 class Settings(NamedTuple):
@@ -32,12 +34,17 @@ class Settings(NamedTuple):
 
 
 def settings_of(
-    profile: Profile, fixed_gain: float | None = None, place: PlaceField | None = None
+    profile: Profile,
+    fixed_gain: float | None = None,
+    place: PlaceField | None = None,
+    *,
+    has_wheels: bool = False,
 ) -> Settings:
     """The kernels' parameters; ``fixed_gain`` replaces the profile's K.
 
     ``place`` is the field of the vehicle's place, None as long as that is not known; its
-    declination is used where the profile leaves it to the position.
+    declination is used where the profile leaves it to the position. A vehicle that ``has_wheels``
+    does not slip sideways, unless the profile says how far.
 
     Raises:
         InputError: the fixed gain is not a positive number.
@@ -67,7 +74,7 @@ def settings_of(
             place_gauss=ZERO_VEC3 if place is None else in_ned(place),
         ),
         conditioning=_conditioning(profile),
-        aiding=_aiding(profile),
+        aiding=_aiding(profile, has_wheels=has_wheels),
         conditioned=profile.conditioned,
         learns_north=profile.reference.magnetic == "learn"
         and profile.reference.declination_deg == "position",
@@ -92,9 +99,12 @@ def _conditioning(profile: Profile) -> ConditioningParams:
     return ConditioningParams()._replace(**parameters)
 
 
-def _aiding(profile: Profile) -> AidingParams:
+def _aiding(profile: Profile, *, has_wheels: bool) -> AidingParams:
     parameters: dict[str, Any] = profile.aiding
-    return AidingParams()._replace(**parameters)
+    aiding = AidingParams()._replace(**parameters)
+    if has_wheels and aiding.sideslip_rad == AidingParams().sideslip_rad:
+        return aiding._replace(sideslip_rad=WHEELS_SLIP_RAD)
+    return aiding
 
 
 def _initial_attitude(profile: Profile) -> Quaternion | None:

@@ -17,6 +17,7 @@ class Context(NamedTuple):
     compass: Compass = UNTOUCHED  # how far the field is trusted
     whereabouts: Whereabouts = Whereabouts()  # and the field of the place
     imu_lag_s: float | None = None  # of the IMU's samples, as far as somebody has told
+    has_wheels: bool = False  # by its own word
     turning: Turning = STILL  # that others have seen between the IMU's samples
 
 

@@ -3,6 +3,7 @@
 from estimator.aiding import compass
 from estimator.aiding.phase import Cause, Phase, after
 from estimator.aiding.place import PlaceField
+from estimator.aiding.sources.wheels import rolls
 from estimator.conditioning import forget_coefficients
 from estimator.filter.alignment import align
 from estimator.live.conditioned import conditioned_vectors
@@ -16,7 +17,7 @@ from estimator.live.core import (
 from estimator.live.holder import Holder
 from estimator.live.published import Said
 from estimator.live.resident import AIDED, CONDITIONED, RAW
-from estimator.live.settings import settings_of
+from estimator.live.settings import Settings, settings_of
 from estimator.live.snapshot import Context, Snapshot
 from estimator.live.turning import STILL, Turning
 from estimator.profile import Profile
@@ -60,7 +61,7 @@ class State:
     def resume(self, snapshot: Snapshot) -> None:
         """Go on from a snapshot, under the same profile."""
         self.context = snapshot.context
-        self.settings = settings_of(self.profile, self.fixed_gain, self.place_field)
+        self.settings = self._settings_of(self.profile)
         self.set_context(snapshot.context)
         self.set_core(snapshot.core)
 
@@ -99,6 +100,8 @@ class State:
         given = self.profile.reference.declination_deg != "position"
         known = given or context.whereabouts.here is not None
         north = "true" if known or not self.settings.conditioned else "magnetic"
+        if self.source == AIDED and rolls(self.settings.aiding):
+            north = "true"  # by velocity
         without_field = {RAW: north, CONDITIONED: "none", AIDED: "true"}  # by reports' velocity
         self.norths = (north, without_field[self.source])
 
@@ -107,11 +110,16 @@ class State:
 
         All or nothing: what a profile raises, it raises before anything has changed.
         """
-        settings = settings_of(profile, self.fixed_gain, self.place_field)
+        settings = self._settings_of(profile)
         now = self.core.core
         self.profile, self.settings = profile, settings
         self.set_context(self.context)
         self.set_core(now._replace(conditioning=forget_coefficients(now.conditioning)))
+
+    def _settings_of(self, profile: Profile) -> Settings:
+        """A profile's settings for what is known of the vehicle and of its place."""
+        known = self.context.has_wheels
+        return settings_of(profile, self.fixed_gain, self.place_field, has_wheels=known)
 
     def restart(self) -> None:
         """Forget the attitude. What is known of sensors by word, and of the place, stays."""
@@ -121,6 +129,7 @@ class State:
                 compass=compass.restart(known.compass),
                 whereabouts=known.whereabouts,
                 imu_lag_s=known.imu_lag_s,
+                has_wheels=known.has_wheels,
             )
         )
         self.set_core(initial_core(self.settings))

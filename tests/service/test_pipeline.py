@@ -241,7 +241,7 @@ def test_a_profile_that_raises_while_it_is_installed_changes_nothing(monkeypatch
     pipeline, alone = fed(imu_events(100)), fed(imu_events(100))
     before = pipeline.vehicle(ONE).profile
 
-    def overflow(*_settings):
+    def overflow(*_settings, **_known):
         raise OverflowError("(34, 'Numerical result out of range')")
 
     monkeypatch.setattr("estimator.live.state.settings_of", overflow)

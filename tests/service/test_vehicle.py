@@ -2,7 +2,7 @@
 
 import pytest
 
-from drivers.events import BodyRates, ClockReset, Imu, Parameter, Rejected, TrackLost
+from drivers.events import BodyRates, ClockReset, Heartbeat, Imu, Parameter, Rejected, TrackLost
 from estimator.estimator import Estimator
 from estimator.profile import load_profile
 from estimator.types import ZERO_VEC3, ImuSample, RateSample
@@ -36,6 +36,10 @@ class Watched(Estimator):
     def set_imu_lag(self, lag_s):
         self.calls.append(("lag", round(lag_s, 6)))
         super().set_imu_lag(lag_s)
+
+    def set_wheels(self, has_wheels):
+        self.calls.append(("wheels", has_wheels))
+        super().set_wheels(has_wheels)
 
     def update_report(self, report):
         self.calls.append(report)
@@ -227,3 +231,10 @@ def test_the_gyroscopes_filter_tells_how_old_the_samples_are(vehicle):
     assert vehicle.estimator.calls == [("lag", 0.05627)]
     vehicle.estimator.restart()
     assert vehicle.estimator.snapshot.context.imu_lag_s == pytest.approx(0.05627, abs=1e-5)
+
+
+def test_a_rover_s_heartbeat_tells_that_it_has_wheels(vehicle):
+    for vehicle_type in (10, 2):  # MAV_TYPE_GROUND_ROVER, MAV_TYPE_QUADROTOR
+        vehicle.on_heartbeat(Heartbeat(ONE, START_US + 5, 3, vehicle_type))
+    assert vehicle.estimator.calls == [("wheels", True), ("wheels", False)]
+    assert vehicle.heard_us == START_US + 5

@@ -60,6 +60,12 @@ def wait_for_field(state: FieldState, dt: float) -> FieldState:
 
 
 @inlined
+def begin_anew(state: FieldState) -> FieldState:
+    """The place's field is what the next sample shows; what was learnt of it is void."""
+    return with_residual(with_look(state, state.look, 0.0, state.wait_s), state.residual, 0.0)
+
+
+@inlined
 def judge_field(
     params: AidingParams, state: FieldState, seen: Vec3, expected: Vec3, variance: float
 ) -> FieldState:
@@ -197,10 +203,9 @@ def observe_heading(
     F = rotate(q_then, m)
     dF = rotate(q_then, cross(rate, m))
     R = rotation_matrix(q_then)
-    north = others.north
+    north, E = others.north, estimate.earth_gauss
     if field.samples == 0.0:
         return begin_field(field, R, F, ZERO_VEC3, north, P, x)
-    E = estimate.earth_gauss
     wait = min(field.wait_s, 1.0)
     learnt = P[EARTH + 2, EARTH + 2] + P[HARD_IRON, HARD_IRON]
     field = judge_field(params, field, F, E, learnt)

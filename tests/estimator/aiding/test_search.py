@@ -9,11 +9,12 @@ from scipy.spatial.transform import Rotation
 from estimator.aiding import Report
 from estimator.aiding.search import EMPTY_SEARCH, MEMORY_S, WINDOW_S, add_report, add_sample, solve
 from estimator.geometry.metrics import angle_errors
-from estimator.types import STANDARD_GRAVITY_M_S2
+from estimator.types import IDENTITY, STANDARD_GRAVITY_M_S2
 
 DT = 0.02
 GRAVITY = np.array([0.0, 0.0, STANDARD_GRAVITY_M_S2])
 BIAS_SIGMA_RAD_S = 0.001
+DOWN = (0.0, 0.0, 1.0)
 
 
 def report(velocity, ago_s=0.0, late_sigma_s=0.0):
@@ -35,7 +36,7 @@ def searched(rng, *, seconds=20.0, push_m_s2=2.0, noise_m_s=0.05):
         force = force + acc * DT
         said = velocity + noise_m_s * rng.standard_normal(3)
         before = search
-        search, closed = add_report(search, report(said), 0.0)
+        search, closed = add_report(search, report(said), 0.0, IDENTITY, DOWN)
         if closed:
             window = before.window
             windows.append((said - starts - GRAVITY * window.time_s, window.pushed_m_s))
@@ -116,7 +117,7 @@ def moved(
         search = add_sample(search, (w, x, y, z), acc, every * fine_s)
         if k % max(spacing, every) == 0 and k > older:
             said = report(velocities[k - older], ago_s, late_sigma_s)
-            search, _ = add_report(search, said, 0.1)
+            search, _ = add_report(search, said, 0.1, IDENTITY, DOWN)
     answer = solve(search, max(drift_rad_s, BIAS_SIGMA_RAD_S))
     if answer is None:
         return None, 0.0

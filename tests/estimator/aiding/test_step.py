@@ -5,6 +5,7 @@ import pytest
 
 from estimator.aiding import Report, aid, begin, blank_aiding
 from estimator.aiding.correction import apply_corrections
+from estimator.aiding.course import STANDING
 from estimator.aiding.inertial import predict_motion
 from estimator.aiding.lean import lean_angle
 from estimator.aiding.search import EMPTY_SEARCH, Evidence, Search, Window, add_report, add_sample
@@ -70,10 +71,14 @@ def test_the_lean_is_the_lesser_acceleration_over_gravity():
 
 def test_a_windows_evidence_is_half_as_old_as_the_window_is_long():
     """What turned G since it began has turned the mean of the window half as far."""
-    search, _ = add_report(EMPTY_SEARCH, Report(True, ZERO_VEC3, True, 0.3, 0.0, 0.0), 0.0)
+    search, _ = add_report(
+        EMPTY_SEARCH, Report(True, ZERO_VEC3, True, 0.3, 0.0, 0.0), 0.0, IDENTITY, DOWN
+    )
     for _ in range(15):
         search = add_sample(search, IDENTITY, (1.0, 2.0, -9.0), 0.1)
-    closed, is_closed = add_report(search, Report(True, (2.0, 1.0, 0.3), True, 0.3, 0, 0.0), 0.0)
+    closed, is_closed = add_report(
+        search, Report(True, (2.0, 1.0, 0.3), True, 0.3, 0, 0.0), 0.0, IDENTITY, DOWN
+    )
     assert is_closed
     a, b = (2.0, 1.0, 0.3 - 9.80665 * 1.5), search.window.pushed_m_s
     np.testing.assert_allclose(closed.evidence.correlation, np.outer(a, b))
@@ -102,12 +107,14 @@ def test_an_unseen_turn_may_be_about_any_axis():
     assert np.count_nonzero(P) == 3
 
 
+DOWN = (0.0, 0.0, 1.0)
 EVIDENCE = Evidence(
     correlation=((1.0, 2.0, 3.0), (4.0, 5.0, 6.0), (7.0, 8.0, 9.0)),
     aged=((0.3, 0.1, 0.2), (0.6, 0.4, 0.5), (0.9, 0.7, 0.8)),
     lagging=(0.2, -0.4, 0.6),
     squares=50.0,
     windows=3.0,
+    rolled=STANDING,
     late_sigma_s=0.05,
 )
 
@@ -120,7 +127,7 @@ def test_a_closed_window_joins_faded_evidence(late_sigma_s, has_vertical):
         (1.0, 2.0, -13.0), (0.3, 2.2, -9.5), (0.9, 1.0, -9.2), 1.4, (1.0, 2.0, 3.0), True
     )
     report = Report(True, (2.5, 1.0, 3.2), has_vertical, 0.3, 0.05, late_sigma_s)
-    found, is_closed = add_report(Search(window, EVIDENCE), report, 0.12)
+    found, is_closed = add_report(Search(window, EVIDENCE), report, 0.12, IDENTITY, DOWN)
     assert is_closed
     behind_s = 0.05 + (0.12 if late_sigma_s else 0.0)
     time_s = 1.4 - behind_s

@@ -18,7 +18,8 @@ from tests.flight import banked_flight, flown
 
 PARAMS = AidingParams()
 BLANK, _, _ = blank_aiding(PARAMS)
-NOTHING = Surprise(ZERO_VEC3, ZERO_VEC3, level=0.0, heading=0.0)
+NOTHING = Surprise(ZERO_VEC3, ZERO_VEC3, 0.0, 0.0, 0.0)
+KNOWN = np.zeros((SIZE, SIZE))
 SIGMA = Sigmas(inclination_rad=0.01, heading_rad=0.02)
 PLACE = (0.21, 0.01, 0.43)
 
@@ -35,7 +36,7 @@ def covariance(level, heading, bias=0.0):
 def test_corrections_fade_and_so_does_what_was_expected_of_them():
     before, after = known(covariance(5e-4, 4e-4)), known(covariance(2e-4, 1e-4))
     found = add_correction(NOTHING, (0.03, -0.04, 0.1), before, after)
-    found = pass_time(found, BLANK.estimate, 6.0)
+    found = pass_time(PARAMS, found, BLANK.estimate, KNOWN, 6.0)
     keep = exp(-6.0 / 30.0)
     assert found.turn_rad == pytest.approx((0.03 * keep, -0.04 * keep, 0.1 * keep))
     assert (found.level, found.heading) == pytest.approx((3e-4 * keep**2, 3e-4 * keep**2))
@@ -45,15 +46,33 @@ def test_a_bias_that_has_changed_turns_the_attitude_until_its_mean_has_followed(
     changed = BLANK.estimate._replace(gyr_bias_rad_s=(0.0, 0.0, 0.01))
     found, largest = NOTHING, 0.0
     for _ in range(3000):
-        found = pass_time(found, changed, 0.1)
+        found = pass_time(PARAMS, found, changed, KNOWN, 0.1)
         largest = max(largest, abs(found.turn_rad[2]))
     assert largest == pytest.approx(0.01 * 30.0 / e, rel=0.01)
     assert abs(found.turn_rad[2]) < 0.02 * largest
     assert found.bias_rad_s[2] == pytest.approx(0.01, rel=1e-3)
 
 
+def test_a_bias_that_is_being_learnt_is_usual_as_far_as_it_is_known_better_than_ever():
+    """Its variance falls to a hundredth, and the bias comes to what is true in proportion."""
+    found = NOTHING._replace(least_variance=3e-2)
+    for left in np.geomspace(1.0, 0.01, 100):
+        learnt = BLANK.estimate._replace(gyr_bias_rad_s=(0.0, 0.0, 0.07 * (1.0 - left)))
+        P = covariance(0.0, 0.0, bias=1e-2 * left)
+        found = pass_time(PARAMS, found, learnt, P, 1e-3)
+    # the closed form for one that falls steadily
+    left = 0.01 * (1.0 + np.log(100.0))
+    assert found.bias_rad_s[2] == pytest.approx(0.07 * (1.0 - left), rel=0.02)
+    assert found.least_variance == pytest.approx(3e-4)
+    again = pass_time(PARAMS, found, learnt, covariance(0.0, 0.0, bias=1e-2), 1e-3)
+    better = pass_time(PARAMS, found, learnt, covariance(0.0, 0.0, bias=1e-6), 1e-3)
+    assert better.least_variance == again.least_variance
+    assert again.least_variance == found.least_variance
+    assert again.bias_rad_s == pytest.approx(found.bias_rad_s, rel=1e-3)
+
+
 def test_sigma_grows_by_what_lies_beyond_two_sigmas_of_the_sum():
-    expected = Surprise((0.03, -0.04, 0.1), ZERO_VEC3, level=1e-4, heading=1e-3)
+    expected = NOTHING._replace(turn_rad=(0.03, -0.04, 0.1), level=1e-4, heading=1e-3)
     by_bias = 1e-8 * (30.0 / e) ** 2
     wide = surprised(SIGMA, expected, covariance(0.0, 0.0, bias=1e-8))
     level = 0.05**2 - 4.0 * (1e-4 + 2.0 * by_bias)
@@ -75,7 +94,9 @@ def test_white_corrections_of_a_true_covariance_are_no_surprise():
         before, variance = variance, (1.0 - gain) * variance
         estimate += step
         before, after = known(covariance(0.0, before)), known(covariance(0.0, variance))
-        found = add_correction(pass_time(found, BLANK.estimate, 0.1), (0, 0, step), before, after)
+        found = add_correction(
+            pass_time(PARAMS, found, BLANK.estimate, KNOWN, 0.1), (0, 0, step), before, after
+        )
         ratios.append(found.turn_rad[2] ** 2 / found.heading)
     assert np.mean(ratios) == pytest.approx(1.0, abs=0.25)
     assert np.mean(np.array(ratios) > 4.0) == pytest.approx(0.046, abs=0.03)

@@ -1,0 +1,216 @@
+"""What rolls goes where it points: the heading of a car by its velocity, whatever its compass says.
+
+The car drives stretches and bends with a poor IMU: its gyroscope is off by 4 deg/s, its
+accelerometer by 0.15 m/s^2, and iron turns its field. Velocity comes ten times a second.
+"""
+
+from math import cos, degrees, hypot, radians, sin
+
+import numpy as np
+import pytest
+
+from estimator.aiding import blank_aiding
+from estimator.aiding.course import (
+    STANDING,
+    fade_rolled,
+    forward_evidence,
+    lean_rad,
+    level_ahead,
+    roll_on,
+)
+from estimator.aiding.inertial import Prediction
+from estimator.aiding.phase import Phase
+from estimator.aiding.sources.wheels import observe_wheels
+from estimator.aiding.types import SIZE, TURN, VELOCITY, AidingParams, Wheels
+from estimator.estimator import Estimator
+from estimator.geometry.frames import from_euler_rad
+from estimator.geometry.metrics import angle_errors
+from estimator.geometry.quaternion import rotate, rotate_inverse
+from estimator.profile import load_profile, merge_profile
+from estimator.types import STANDARD_GRAVITY_M_S2, ImuSample, VelocitySample
+
+WHEELS = AidingParams(sideslip_rad=0.05)
+BLANK, _, _ = blank_aiding(WHEELS)
+FIELD_NED = np.array((0.22, 0.0, 0.42))
+TOLD = {"aiding": {"sideslip_rad": 0.05}}
+# of gyroscope and accelerometer
+BIASES = (np.radians((2.5, -2.0, 2.4)), np.array((0.1, -0.1, 0.05)))
+
+
+def ride(seed, *, seconds=60.0, reverse=False, compass_off_deg=50.0):
+    """Sample, velocity or None, and true attitude, 50 times a second; it is under way at once."""
+    rng = np.random.default_rng(seed)
+    turn_field = from_euler_rad(0.0, 0.0, radians(compass_off_deg))
+    sense = -1.0 if reverse else 1.0
+    speed, yaw, wanted, curve = 8.0, float(rng.uniform(-3.0, 3.0)), 8.0, 0.0
+    dt = 0.02
+    for k in range(round(seconds / dt)):
+        if k % 200 == 0:
+            wanted, curve = float(rng.uniform(6.0, 14.0)), float(rng.uniform(-0.03, 0.03))
+        push = float(np.clip(wanted - speed, -1.0, 1.0)) * 2.0
+        rate = curve * min(speed, 9.0)
+        q = from_euler_rad(0.0, 0.0, yaw)
+        force = (sense * push, sense * speed * rate, -STANDARD_GRAVITY_M_S2)
+        gyr = np.array((0.0, 0.0, rate)) + BIASES[0] + 0.005 * rng.standard_normal(3)
+        acc = np.array(force) + BIASES[1] + 0.2 * rng.standard_normal(3)
+        mag = rotate(turn_field, rotate_inverse(q, tuple(FIELD_NED)))
+        sample = ImuSample(round(1e6 * k * dt), tuple(gyr), tuple(acc), mag, True)
+        velocity = None
+        if k % 5 == 0:
+            said = sense * speed * np.array((cos(yaw), sin(yaw), 0.0))
+            said = tuple((said + 0.05 * rng.standard_normal(3)).tolist())
+            velocity = VelocitySample(sample.time_us, said, True, 0.3)
+        yield sample, velocity, q
+        speed, yaw = speed + push * dt, yaw + rate * dt
+
+
+def driven(estimator, rows):
+    """Errors (N, 3) in degrees, sigmas of the heading, and when velocity began to help, in s."""
+    errors, sigmas, begun_s = [], [], None
+    for sample, velocity, truth in rows:
+        if velocity is not None:
+            assert estimator.update_velocity(velocity) is None
+        assert estimator.update(sample) is None
+        said = estimator.attitude(sample.time_us)
+        errors.append(np.degrees(angle_errors(said.q_ned_frd, truth)))
+        sigmas.append(degrees(said.sigma_heading_rad))
+        if begun_s is None and estimator.snapshot.context.phase is Phase.AIDED:
+            begun_s = 1e-6 * sample.time_us
+    return np.array(errors), np.array(sigmas), begun_s
+
+
+@pytest.mark.parametrize("reverse", [False, True])
+@pytest.mark.parametrize("seed", [1, 2])
+def test_a_car_shows_its_heading_by_its_velocity(seed, reverse):
+    """Without wheels it has none: its compass is off by 50 deg."""
+    estimator = Estimator(merge_profile(load_profile("imu"), TOLD))
+    errors, sigmas, begun_s = driven(estimator, ride(seed, reverse=reverse))
+    late = errors[1500:]
+    assert begun_s < 14.0  # measured 3.3 to 11.1
+    assert np.sqrt(np.mean(late[:, 1] ** 2)) < 2.0
+    assert np.sqrt(np.mean(late[:, 2] ** 2)) < 2.0
+    assert np.mean(late[:, 1] < 3.0 * sigmas[1500:]) > 0.95
+
+
+def test_a_place_that_is_known_does_not_make_the_compass_right():
+    """It begins by the field at once, and wheels tell that iron has turned it."""
+    estimator = Estimator(load_profile("imu"))
+    estimator.set_wheels(True)
+    estimator.set_position(47.4, 8.5, 400.0, 1_760_000_000_000_000)
+    errors, _, _ = driven(estimator, ride(3))
+    assert np.sqrt(np.mean(errors[1500:, 1] ** 2)) < 6.0
+
+
+def test_who_says_nothing_has_no_wheels_and_the_profile_goes_first():
+    estimator = Estimator(load_profile("imu"))
+    assert estimator._state.settings.aiding.sideslip_rad == 3.0
+    estimator.set_wheels(True)
+    assert estimator._state.settings.aiding.sideslip_rad == pytest.approx(radians(3.0))
+    estimator.restart()
+    assert estimator._state.settings.aiding.sideslip_rad == pytest.approx(radians(3.0))
+    estimator.replace_profile(merge_profile(load_profile("imu"), {"aiding": {"sideslip_rad": 0.4}}))
+    assert estimator._state.settings.aiding.sideslip_rad == 0.4
+
+
+def rolled(rng, *, sense, windows=8, lean=(0.0, 0.0), noise_m_s2=0.1):
+    """Windows of a second at speeds near 10 m/s, seen by a vertical that leans."""
+    found, before = STANDING, np.array((10.0, 0.0))
+    for _ in range(windows):
+        change = rng.standard_normal(2)
+        after = before + change
+        course = after / np.hypot(*after)
+        felt = sense * np.array((course @ change, course[0] * change[1] - course[1] * change[0]))
+        felt = felt + STANDARD_GRAVITY_M_S2 * np.array(lean) + noise_m_s2 * rng.standard_normal(2)
+        v, w = (*before, 0.0), (*after, 0.0)
+        found = roll_on(found, v, w, 0.3, 1.0, (*felt, -9.8), (0.0, 0.0, 1.0))
+        before = after
+    return found
+
+
+@pytest.mark.parametrize("sense", [1.0, -1.0])
+@pytest.mark.parametrize("lean", [(0.0, 0.0), (0.2, -0.1)])
+def test_pushes_tell_forwards_from_reverse_however_the_vertical_leans(sense, lean):
+    found = rolled(np.random.default_rng(1), sense=sense, lean=lean)
+    assert sense * forward_evidence(found) > 30.0
+    assert lean_rad(found, sense) == pytest.approx(hypot(*lean), abs=0.01)
+
+
+def test_the_evidence_is_the_likelihoods_ratio():
+    rng = np.random.default_rng(2)
+    found = rolled(rng, sense=1.0, noise_m_s2=1.0)
+    n, reported, felt, squares, products = found
+
+    def scatter(sense):
+        left = np.subtract(felt, sense * np.array(reported)) / n
+        return (squares - 2.0 * sense * products) / n - left @ left
+
+    assert forward_evidence(found) == pytest.approx(2.0 * 7.0 * np.log(scatter(-1) / scatter(1)))
+    half = fade_rolled(found, 0.5)
+    assert np.array(half[1]) == pytest.approx(0.5 * np.array(reported))
+    assert half.windows == 4.0
+    assert lean_rad(half, 1.0) == pytest.approx(lean_rad(found, 1.0))
+
+
+def test_who_stands_may_go_on_either_way():
+    found = rolled(np.random.default_rng(3), sense=1.0)
+    down = (0.0, 0.0, 1.0)
+    stopped = roll_on(found, (1.0, 0.0, 0.0), (0.5, 0.0, 0.0), 0.3, 1.0, (-0.5, 0, -9.8), down)
+    assert stopped is STANDING
+    again = roll_on(stopped, (0.5, 0.0, 0.0), (2.5, 0.0, 0.0), 0.3, 1.0, (2.0, 0, -9.8), down)
+    assert again.windows == 1.0
+    assert forward_evidence(again) == 0.0
+
+
+def test_level_ahead_is_the_body_s_x_without_its_pitch():
+    down = rotate_inverse(from_euler_rad(0.3, 0.4, 1.0), (0.0, 0.0, 1.0))
+    ahead = rotate(from_euler_rad(0.3, 0.4, 0.0), level_ahead(down))
+    assert ahead == pytest.approx((1.0, 0.0, 0.0))
+
+
+def prediction(q, velocity):
+    P = np.zeros((SIZE, SIZE))
+    P[TURN + 2, TURN + 2] = radians(10.0) ** 2
+    for i in range(3):
+        P[VELOCITY + i, VELOCITY + i] = 0.01**2
+    estimate = BLANK.estimate._replace(q_ned_frd=q, velocity_ned_m_s=velocity)
+    trail = np.zeros((64, 7))
+    return Prediction(estimate, (0.0, 0.0, -9.8), (0.0, 0.0, 0.0), trail, P)
+
+
+@pytest.mark.parametrize("sense", [1.0, -1.0])
+@pytest.mark.parametrize("off_deg", [-8.0, 50.0])
+def test_velocity_turns_the_heading_towards_itself_or_its_opposite(sense, off_deg):
+    """A slip of 3 s counts once: at its sigma the heading goes by the ratio of both variances."""
+    now = prediction(from_euler_rad(0.0, 0.0, radians(off_deg)), (sense * 10.0, 0.0, 0.0))
+    x = np.zeros(SIZE)
+    observe_wheels(WHEELS, now, Wheels(1.0, 0.0, False), BLANK.field, x, 3.0)
+    share = radians(10.0) ** 2 * cos(radians(off_deg)) ** 2
+    share /= share + 0.05**2 + (0.05**2 + 0.01**2) / 100.0
+    turned = degrees(x[TURN + 2])
+    assert turned == pytest.approx(-off_deg * share, rel=0.02)
+    assert now.covariance[TURN + 2, TURN + 2] == pytest.approx(
+        radians(10.0) ** 2 * (1.0 - share), rel=0.02
+    )
+
+
+def test_a_heading_that_stays_off_is_loosened_and_its_field_distrusted():
+    wheels, count = Wheels(1.0, 0.0, False), 0
+    q = from_euler_rad(0.0, 0.0, radians(40.0))
+    while not wheels.field_is_turned:
+        now = prediction(q, (10.0, 0.0, 0.0))
+        x = np.zeros(SIZE)
+        wheels, is_turned = observe_wheels(WHEELS, now, wheels, BLANK.field, x, 0.1)
+        count += 1
+    assert is_turned
+    assert count == pytest.approx(104, rel=0.2)  # 10 s
+    assert wheels.aside_rad == 0.0
+    assert wheels.slip_scale > 2.0
+
+
+def test_a_field_far_off_for_long_is_turned_by_iron():
+    doubted = BLANK.field._replace(doubt_s=5.0)
+    now = prediction(from_euler_rad(0.0, 0.0, 0.0), (10.0, 0.0, 0.0))
+    x = np.zeros(SIZE)
+    wheels, is_turned = observe_wheels(WHEELS, now, Wheels(1.0, 0.0, False), doubted, x, 0.1)
+    assert is_turned
+    assert wheels.field_is_turned
