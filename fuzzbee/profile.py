@@ -26,7 +26,8 @@ def show(profile: Name, as_json: AsJson = False) -> None:
     """Print a profile with every value that was left to its default."""
     import tomli_w
 
-    from estimator.estimator import Estimator
+    from estimator.filter.gain_words import gain_in_words
+    from estimator.live.settings import settings_of
     from estimator.profile import load_profile, profile_to_json
 
     chosen = load_profile(profile)
@@ -34,7 +35,9 @@ def show(profile: Name, as_json: AsJson = False) -> None:
     if as_json:
         print(json.dumps(tree))
     else:
-        print(f"# {Estimator(chosen).gain_in_words}\n{tomli_w.dumps(tree)}", end="")
+        settings = settings_of(chosen)
+        words = gain_in_words(settings.filter, conditioned=settings.conditioned)
+        print(f"# {words}\n{tomli_w.dumps(tree)}", end="")
 
 
 @profile_app.command(epilog=EPILOG)

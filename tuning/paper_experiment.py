@@ -4,14 +4,15 @@ from typing import NamedTuple
 
 import numpy as np
 
-from drivers.simulation.simulated_vehicle import simulate
+from drivers.simulation.simulated_vehicle import Recording, simulate
 from estimator.errors import InputError
 from estimator.filter import kernel
 from estimator.filter.types import initial_state
 from estimator.geometry.metrics import COST_RATE_HZ, COST_SAMPLES, STEADY, paper_cost
 from estimator.geometry.quaternion import normalized_distance
-from estimator.live.settings import settings_of
+from estimator.live.settings import Settings, settings_of
 from estimator.profile import Profile
+from estimator.types import IDENTITY
 from tuning.arrays import Array
 from tuning.paper_noise import PAPER_NOISE, NoiseScale, simulate_scaled
 
@@ -29,6 +30,19 @@ class ExperimentResult(NamedTuple):
     estimates: Array  # (1501, 4) q_ned_frd before each correction
     truth: Array  # (1501, 4)
     gains: Array  # K (1501,)
+
+
+def filtered(settings: Settings, signals: Recording) -> tuple[Array, Array]:
+    """The attitudes before each correction (N, 4) and K (N,), from the settings' first attitude."""
+    return kernel.run(
+        settings.filter,
+        settings.reference,
+        initial_state(settings.initial or IDENTITY),
+        gyr_rad_s=signals.gyr_rad_s,
+        acc_m_s2=signals.acc_m_s2,
+        mag=signals.mag_gauss,
+        dt=1.0 / COST_RATE_HZ,
+    )
 
 
 def run_experiment(
@@ -53,15 +67,7 @@ def run_experiment(
         signals = simulate(seed, COST_SAMPLES, COST_RATE_HZ)
     else:
         signals = simulate_scaled(seed, COST_SAMPLES, noise, COST_RATE_HZ)
-    estimates, gains = kernel.run(
-        chosen.filter,
-        chosen.reference,
-        initial_state(chosen.initial),
-        gyr_rad_s=signals.gyr_rad_s,
-        acc_m_s2=signals.acc_m_s2,
-        mag=signals.mag_gauss,
-        dt=1.0 / COST_RATE_HZ,
-    )
+    estimates, gains = filtered(chosen, signals)
     e = np.array(
         [
             normalized_distance(tuple(truth), tuple(estimate))

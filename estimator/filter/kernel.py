@@ -12,7 +12,13 @@ from numpy.typing import NDArray
 from estimator.compilation.compiled import compiled, inlined
 from estimator.compilation.replacing import replacer
 from estimator.filter.fuzzy import operating_gain
-from estimator.filter.noise_gain import borne_error, noise_gain, observe_floor, observe_noise
+from estimator.filter.noise_gain import (
+    borne_error,
+    noise_gain,
+    observe_floor,
+    observe_noise,
+    vector_error,
+)
 from estimator.filter.observation import ReferenceParams, raw_vectors
 from estimator.filter.types import (
     NO_DECAY,
@@ -69,8 +75,7 @@ def single_vector_error(v1: Vec3, v2: Vec3, u1: Vec3, u2: Vec3, s1: float, s2: f
     total = s1 + s2
     if total <= 0.0:
         return 0.0
-    e = 0.5 * (s1 * (1.0 - dot(v1, u1)) + s2 * (1.0 - dot(v2, u2))) / total
-    return min(1.0, max(0.0, e))
+    return (s1 * vector_error(v1, u1) + s2 * vector_error(v2, u2)) / total
 
 
 @inlined

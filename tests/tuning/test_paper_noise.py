@@ -7,12 +7,10 @@ import pytest
 
 from drivers.simulation.simulated_vehicle import simulate
 from estimator.errors import InputError
-from estimator.filter import kernel
-from estimator.filter.types import initial_state
 from estimator.geometry.metrics import STEADY
 from estimator.live.settings import settings_of
 from estimator.profile import load_profile
-from tuning.paper_experiment import run_experiment
+from tuning.paper_experiment import filtered, run_experiment
 from tuning.paper_noise import NoiseScale, simulate_scaled
 
 SEEDS = range(9_100, 9_116)
@@ -89,15 +87,7 @@ def error_with_outliers(profile, share, gain=None):
     chosen, means = settings_of(load_profile(profile), gain), []
     for seed in SEEDS:
         signals = with_outliers(seed, share)
-        estimates, _ = kernel.run(
-            chosen.filter,
-            chosen.reference,
-            initial_state(chosen.initial),
-            gyr_rad_s=signals.gyr_rad_s,
-            acc_m_s2=signals.acc_m_s2,
-            mag=signals.mag_gauss,
-            dt=0.01,
-        )
+        estimates, _ = filtered(chosen, signals)
         means.append(1.0 - np.sum(estimates * signals.q_ned_frd, axis=1)[STEADY] ** 2)
     return np.mean(means)
 

@@ -119,7 +119,7 @@ def test_the_resting_gain_is_a_kalman_filters_share():
     assert resting_gain(noise, 60.0) == pytest.approx(expected)
     assert resting_gain(noise._replace(vector_variance=1.0), 60.0) == RESTING_LEAST
     assert resting_gain(noise._replace(vector_variance=0.0), 60.0) == RESTING_MOST
-    for near, is_kept in ((1.009, True), (1.011, False), (0.991, True), (0.989, False)):
+    for near, is_kept in ((1.09, True), (1.10, False), (0.90, True), (0.89, False)):
         kept = resting_gain(noise, near * expected)
         assert kept == pytest.approx((near if is_kept else 1.0) * expected)
 
