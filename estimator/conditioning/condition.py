@@ -10,7 +10,7 @@ from estimator.conditioning.gather import STEP_S, gather
 from estimator.conditioning.learning import learn
 from estimator.conditioning.params import ConditioningParams
 from estimator.conditioning.state import ConditioningState
-from estimator.conditioning.vertical.rate import at_interval_end, corrected_rate
+from estimator.conditioning.vertical.rate import at_interval_end, corrected_rate, is_mean
 from estimator.conditioning.vertical.step import VerticalState, begin_vertical, carry, free_rate
 from estimator.conditioning.vertical.tilt import slowness
 from estimator.geometry.axes import FrameAxes, axes_of, to_body
@@ -52,9 +52,10 @@ def condition(
     before = gyr if is_first else state.previous_gyr_rad_s
     rate = free_rate(params, state.vertical, before, sample, dt)
     turn = exp(scale(dt, rate))
-    if params.averaged_samples:
+    if is_mean(dt, params.averaged_samples) and not is_first:
         acc = at_interval_end(acc, gyr, dt)
-        mag = at_interval_end(mag, gyr, dt)
+        if params.averaged_samples:
+            mag = at_interval_end(mag, gyr, dt)
     if sample.has_mag:
         mag = correct_field(mag, rate, state.field.calibration.learnt)
     vertical = carry(state.vertical, turn, state.previous_gyr_rad_s, gyr, dt)

@@ -4,8 +4,8 @@ from estimator.compilation.compiled import inlined
 from estimator.geometry.quaternion import cross, exp, log, multiply, scale
 from estimator.types import Vec3
 
-# Plain samples closer than this (s) need no correction, and the mean of two
-# noisy instants loses.
+# Plain samples closer than this (s) count as means over the step before them: what is between two
+# of them is little, and the mean of two noisy instants loses.
 SLOW_SAMPLE_S = 0.0125
 # Up to the first step (s) a gyroscope misses nothing that matters, from the second on it may
 # miss anything: where "slow" streams begin.
@@ -13,6 +13,12 @@ FAST_STEP_S = 0.04
 SLOW_STEP_S = 0.1
 # The filter follows slow streams within a step: its gain times this (s) is several times enough.
 FOLLOW_S = 4.0
+
+
+@inlined
+def is_mean(dt_s: float, averaged: bool) -> bool:
+    """Whether a sample counts as the mean over the step before it, not as an instant."""
+    return averaged or dt_s < SLOW_SAMPLE_S
 
 
 @inlined
@@ -25,11 +31,9 @@ def integration_rate(previous: Vec3, gyr: Vec3, dt_s: float, averaged: bool) -> 
     instants, so their mean over the step is (w_previous + w)/2 first.
     Source: A. Iserles and S. P. Norsett 1999, doi 10.1098/rsta.1999.0362.
     """
-    if dt_s < SLOW_SAMPLE_S and not averaged:
-        return gyr
     cone = cross(previous, gyr)
     k = dt_s / 12.0
-    if averaged:
+    if is_mean(dt_s, averaged):
         return (gyr[0] + k * cone[0], gyr[1] + k * cone[1], gyr[2] + k * cone[2])
     return (
         0.5 * (previous[0] + gyr[0]) + k * cone[0],
@@ -66,7 +70,11 @@ def following_weight(slow: float, dt_s: float) -> float:
 
 @inlined
 def at_interval_end(v: Vec3, gyr: Vec3, dt_s: float) -> Vec3:
-    """A vector averaged over the step, turned to the attitude at its end: v - (w x v) dt/2."""
+    """A vector averaged over the step, turned to the attitude at its end: v - (w x v) dt/2.
+
+    A rate that is taken for a mean carries the attitude to the end of the step, whatever delay
+    gyroscope and accelerometer have in common: half a step beyond the accelerometer's reading.
+    """
     c = cross(gyr, v)
     k = 0.5 * dt_s
     return (v[0] - k * c[0], v[1] - k * c[1], v[2] - k * c[2])

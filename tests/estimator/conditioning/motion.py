@@ -4,6 +4,7 @@ from collections.abc import Callable, Iterator
 from math import cos, sin
 from typing import NamedTuple
 
+from estimator.conditioning.vertical.rate import is_mean
 from estimator.geometry.quaternion import exp, multiply, normalize, rotate_inverse
 from estimator.types import Quaternion, Vec3
 
@@ -40,12 +41,18 @@ def fly(
     offset: Vec3 = (0.0, 0.0, 0.0),
     start: Quaternion = (1.0, 0.0, 0.0, 0.0),
 ) -> Iterator[Sample]:
-    """Samples of a vehicle that only turns; its magnetometer late and beside its own field."""
+    """Samples of a vehicle that only turns; its magnetometer late and beside its own field.
+
+    The gyroscope is a mean over the step that ends there, and where the estimator takes it for one,
+    so is the accelerometer.
+    """
     q = start
     history = [q]
     behind = round(lag_s / dt)
     for k in range(round(seconds / dt)):
         w = rate(k * dt)
+        part = 0.5 * dt if is_mean(dt, averaged=False) else dt
+        felt = normalize(multiply(q, exp((w[0] * part, w[1] * part, w[2] * part))))
         q = normalize(multiply(q, exp((w[0] * dt, w[1] * dt, w[2] * dt))))
         history.append(q)
         then = history[max(0, len(history) - 1 - behind)]
@@ -53,6 +60,6 @@ def fly(
         yield Sample(
             q,
             (w[0] + bias[0], w[1] + bias[1], w[2] + bias[2]),
-            rotate_inverse(q, (0.0, 0.0, -GRAVITY_M_S2)),
+            rotate_inverse(felt, (0.0, 0.0, -GRAVITY_M_S2)),
             (m[0] + offset[0], m[1] + offset[1], m[2] + offset[2]),
         )
