@@ -63,11 +63,8 @@ def serve(options: RunOptions, opening: OpeningSession | None) -> int:
         with closed_if_unused() as sinks:
             open_zenoh_sink(sinks, session, options, profile, requests, conflicts)
             outputs.open_outputs(sinks, options.outputs, session, options.zenoh.prefix, profile)
-            compiling = None
-            if not is_there and is_kept():
-                say(BEGUN)
-                compiling = stack.enter_context(Compiling(profile, options.gain))
-            elif not is_there:
+            interprets = not is_there and is_kept()
+            if not is_there and not interprets:
                 _load(profile, options.gain)
             sinks.append(open_view(options))  # which prints what the source says
             source = open_source(prepared.endpoint, options, prepared.key, recorder, stack)
@@ -75,6 +72,10 @@ def serve(options: RunOptions, opening: OpeningSession | None) -> int:
                 sinks.append(RecordingSink(recorder))
             outbox = stack.enter_context(Outbox(sinks))
             sinks.clear()
+        compiling = None
+        if interprets:
+            say(BEGUN)
+            compiling = stack.enter_context(Compiling(profile, options.gain))
         runner = make_runner(
             source,
             pipeline,
