@@ -12,6 +12,7 @@ that of 8 s. Six numbers, tuned by bees on the recordings of all other folders.
 """
 
 import sys
+from dataclasses import replace
 
 import numpy as np
 from common.filters import ENU_SENSOR_OF_NED_FRD, body_readings
@@ -19,6 +20,7 @@ from common.paper_laws import tune
 from common.recordings import Array, Trial, add_folders, chosen_sets
 from common.report import Row, parser, show
 from common.scores import errors_deg, heading_free
+from scipy.signal import lfilter
 
 from estimator.conditioning.vertical.averaging import LEAST_VARIANCE, Averaging
 from estimator.filter.noise_gain import consequent
@@ -51,10 +53,6 @@ def middle(trial: Trial) -> Trial:
 
 def with_propeller(trial: Trial, seed: int) -> Trial:
     """The same with a propeller's vibration."""
-    from dataclasses import replace
-
-    from scipy.signal import lfilter
-
     rng, n = np.random.default_rng(seed), len(trial.acc_m_s2)
     rate_hz, size_m_s2 = rng.uniform(50.0, 200.0), rng.uniform(1.5, 5.0)
     kept = np.exp(-trial.dt_s / 3.0)
