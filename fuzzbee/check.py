@@ -12,7 +12,7 @@ import typer
 from estimator.errors import InputError
 from fuzzbee.options import Json, command, examples, option
 
-OK, DIFFERS, UNREADABLE = 0, 1, 2
+DIFFERS, UNREADABLE = 1, 2
 SUFFIXES = (".tlog", ".bin", ".ulg")
 _LOGS = "Logs, or folders of them."
 

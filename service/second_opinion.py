@@ -29,7 +29,7 @@ DECLINATION_DEG = 20.0
 # As long as they differ all the time, it is said after 0.92 of this; see service.alarms.
 PATIENCE_S = 5.0
 BEGIN_SHARE, END_SHARE = 0.6, 0.3
-# An autopilot that has said nothing for so many looks, or for so long, is not compared.
+# An autopilot that has said nothing for so long is not compared.
 SILENT_US = 2_000_000
 WITNESS_S = 20.0  # memory of the witnesses
 # One of the two is named if its witness is nearer to it by this share of the difference.
@@ -165,14 +165,10 @@ class SecondOpinion:
     """Compares one vehicle's two attitudes, a few times a second of its clock."""
 
     def __init__(self) -> None:
-        self.opinion: Opinion | None = None
         self.intervals: list[Interval] = []
         self.looks: Counter[Verdict] = Counter()
         self._next_us = 0
-        self._last_us: int | None = None
-        self._tilting, self._turning = Axis(), Axis()
-        self._ours, self._theirs = Witness(), Witness()
-        self._velocity: tuple[int, Vec3] | None = None  # at the stride's beginning
+        self.restart()
         self._gained: Vec3 = (0.0, 0.0, 0.0)  # mean acceleration by velocity, m/s^2
 
     def is_due(self, time_us: int) -> bool:
@@ -181,11 +177,11 @@ class SecondOpinion:
 
     def restart(self) -> None:
         """Begin anew, as our attitude does; the intervals of before stay."""
-        self.opinion = None
-        self._last_us = None
+        self.opinion: Opinion | None = None
+        self._last_us: int | None = None
         self._tilting, self._turning = Axis(), Axis()
         self._ours, self._theirs = Witness(), Witness()
-        self._velocity = None
+        self._velocity: tuple[int, Vec3] | None = None  # at the stride's beginning
 
     def hear_velocity(self, time_us: int, velocity_ned_m_s: Vec3) -> None:
         """Take the vehicle's velocity."""
