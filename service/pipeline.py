@@ -119,8 +119,9 @@ class Pipeline:
                 if address in self._vehicles:
                     self._vehicles[address].on_report(event)
             case Parameter(vehicle=address):
-                if address in self._vehicles:
-                    self._vehicles[address].on_parameter(event)
+                vehicle = self._meet(address)  # most are told once, before the first sample
+                if vehicle is not None:
+                    vehicle.on_parameter(event)
             case Rejected(vehicle=address):
                 vehicle = self._meet(address)
                 if vehicle is not None:

@@ -17,8 +17,8 @@ from drivers.events import (
     TrackLost,
     VehicleId,
 )
-from drivers.mavlink.ardupilot import COMPASS_OFFSETS, GYRO_FILTER, TRIM
-from drivers.mavlink.constants import MAV_TYPE_GROUND_ROVER
+from drivers.mavlink.ardupilot import COMPASS_OFFSETS, GYRO_FILTER, ROVER_GYRO_FILTER_HZ, TRIM
+from drivers.mavlink.constants import MAV_AUTOPILOT_ARDUPILOTMEGA, MAV_TYPE_GROUND_ROVER
 from drivers.samples.rotation import quaternion_from_euler
 from estimator.estimator import Estimator
 from estimator.geometry.quaternion import multiply
@@ -84,6 +84,7 @@ class Vehicle:
         self._choice = ImuChoice()
         self._report_choices: dict[Kind, ReportChoice] = {}
         self._compass_offsets: dict[str, float] = {}
+        self._gyro_filter_hz: float | None = None
         self._clock = HostClock()
         self._periods_us: deque[int] = deque(maxlen=PERIODS_KEPT)
         self._median_us: float | None = None
@@ -192,7 +193,7 @@ class Vehicle:
         if event.name in TRIM:
             self._trim_rad[event.name] = event.value
         if event.name == GYRO_FILTER and event.value > 0.0:
-            self.estimator.set_imu_lag(BUTTERWORTH_DELAY / event.value)
+            self._note_gyro_filter(event.value)
         if event.name not in COMPASS_OFFSETS:
             return
         self._compass_offsets[event.name] = event.value
@@ -200,9 +201,19 @@ class Vehicle:
             self.estimator.set_field_calibrated(any(self._compass_offsets.values()))
 
     def on_heartbeat(self, event: Heartbeat) -> None:
-        """Note whether it has wheels."""
+        """Note whether it has wheels, and the gyro's filter that ArduPilot gives such a vehicle."""
         self.heard_us = event.arrival_us
-        self.estimator.set_wheels(event.vehicle_type == MAV_TYPE_GROUND_ROVER)
+        has_wheels = event.vehicle_type == MAV_TYPE_GROUND_ROVER
+        self.estimator.set_wheels(has_wheels)
+        is_unknown = self._gyro_filter_hz is None
+        if is_unknown and has_wheels and event.autopilot == MAV_AUTOPILOT_ARDUPILOTMEGA:
+            self._note_gyro_filter(ROVER_GYRO_FILTER_HZ)
+
+    def _note_gyro_filter(self, cutoff_hz: float) -> None:
+        """Tell the estimator what a low-pass delays; heard again it takes back nothing learnt."""
+        if cutoff_hz != self._gyro_filter_hz:
+            self._gyro_filter_hz = cutoff_hz
+            self.estimator.set_imu_lag(BUTTERWORTH_DELAY / cutoff_hz)
 
     def on_report(self, event: Report) -> None:
         """Feed the estimator with what something beside the IMU has measured.

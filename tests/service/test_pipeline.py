@@ -11,6 +11,7 @@ from drivers.events import (
     Heartbeat,
     Malformed,
     Notice,
+    Parameter,
     ReferenceAttitude,
     Rejected,
     VehicleId,
@@ -51,6 +52,14 @@ def fed(events, profile=PAPER):
     for event in events:
         pipeline.handle(event)
     return pipeline
+
+
+def test_a_parameter_that_comes_before_the_first_sample_counts():
+    pipeline = Pipeline(PAPER, system_id=1)
+    pipeline.handle(Parameter(ONE, START_US, "INS_GYRO_FILTER", 4.0))
+    pipeline.handle(Parameter(VehicleId(2, 1), START_US, "INS_GYRO_FILTER", 4.0))  # unwanted
+    (vehicle,) = pipeline.vehicles
+    assert vehicle.estimator.snapshot.context.imu_lag_s == pytest.approx(0.05627, abs=1e-5)
 
 
 @pytest.mark.parametrize("profile", ["paper", "imu"])
