@@ -30,7 +30,6 @@ from fuzzbee.replays.log_report import replay_log
 from fuzzbee.replays.motion import motion_mask
 from fuzzbee.replays.trace import VehicleTrace
 
-SUFFIXES = (".tlog", ".log", ".bin", ".ulg")
 TAUS_S = (0.5, 1.0, 2.0, 5.0, 10.0, 20.0, 50.0)
 RATE_EDGES_HZ = (2.2, 3.3, 5.0, 25.0)
 LEAST_COMPARED = 20  # samples

@@ -21,7 +21,7 @@ from typing import NamedTuple
 from common.report import Row, parser, show
 
 from drivers.events import Event, ReferenceAttitude, VehicleId
-from drivers.logs.open import open_log
+from drivers.logs.open import SUFFIXES, open_log
 from estimator.aiding.place import PlaceField
 from estimator.errors import InputError
 from estimator.geometry.quaternion import multiply
@@ -30,7 +30,6 @@ from estimator.types import Attitude, ImuSample, Quaternion, Vec3
 from fuzzbee.replays.trace import Replay
 from service.second_opinion import SecondOpinion, Verdict, differences
 
-SUFFIXES = (".tlog", ".bin", ".ulg")
 DATA = Path(__file__).parents[1] / "tests" / "data"
 BEGIN_SHARES, LASTS_S, CREEPS_S = (0.3, 0.6), 40.0, 20.0
 SIZES_DEG = (10.0, 20.0, 45.0)

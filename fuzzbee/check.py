@@ -13,7 +13,6 @@ from estimator.errors import InputError
 from fuzzbee.options import Json, command, examples, option
 
 DIFFERS, UNREADABLE = 1, 2
-SUFFIXES = (".tlog", ".bin", ".ulg")
 _LOGS = "Logs, or folders of them."
 
 EPILOG = examples(
@@ -75,6 +74,8 @@ def _files(given: Iterable[Path]) -> Iterator[Path]:
     Raises:
         InputError: there is no such file, or a folder without a log.
     """
+    from drivers.logs.open import SUFFIXES
+
     for path in given:
         if not path.is_dir():
             if not path.exists():
@@ -99,7 +100,7 @@ def _checked(paths: list[Path], profile: str) -> list[Checked]:
     with Progress(console=console, transient=True, disable=not console.is_terminal) as bar:
         task = bar.add_task("checking", total=len(paths))
         if workers == 1:
-            return [check_log(path, profile) for path in paths]
+            return [check_log(path, profile) for path in bar.track(paths, task_id=task)]
         with ProcessPoolExecutor(workers, get_context("spawn")) as pool:
             waiting = [pool.submit(check_log, path, profile) for path in paths]
             try:

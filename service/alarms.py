@@ -16,6 +16,7 @@ from estimator.aiding.place import PlaceField, resembles
 from estimator.geometry.quaternion import rotate
 from estimator.profile import CONDITIONING_DEFAULTS, Profile
 from estimator.types import Attitude, ImuSample, Vec3
+from service.lasting import Lasting
 
 LOOK_EVERY_US = 500_000
 MEMORY_S = 20.0  # of the averages
@@ -55,8 +56,7 @@ class Alarm(StrEnum):
 
 AXES = (Alarm.GYROSCOPE_X, Alarm.GYROSCOPE_Y, Alarm.GYROSCOPE_Z)
 
-# Time constants of the share of time for which something is so. It is said from 0.6 on, so after
-# as long if it is so all the time, until 0.3: a start or a magnet that passes says nothing.
+# Time constants of :class:`service.lasting.Lasting`.
 PATIENCE_S = {
     Alarm.ACCELEROMETER: 5.0,
     Alarm.BIAS_AT_LIMIT: 5.0,
@@ -65,7 +65,6 @@ PATIENCE_S = {
     Alarm.SIGMA_TOO_SMALL: 20.0,
     **dict.fromkeys(AXES, 1.0),
 }
-BEGIN_SHARE, END_SHARE = 0.6, 0.3
 MEANINGS = {
     Alarm.ACCELEROMETER: "the magnetic field contradicts the accelerometer's vertical",
     Alarm.AUTOPILOT_DIFFERS: "the autopilot's attitude differs from ours",
@@ -87,7 +86,7 @@ class Alarms:
         self.words: frozenset[Alarm] = frozenset()
         self._next_us: int | None = None
         self._last_us = 0
-        self._shares = dict.fromkeys(PATIENCE_S, 0.0)  # below zero for a clock that is too slow
+        self._lasting = {word: Lasting(patience_s) for word, patience_s in PATIENCE_S.items()}
         self._force: Vec3 | None = None  # mean specific force, NED
         self._field: Vec3 | None = None  # mean field, NED, and its mean square
         self._field_square = 0.0
@@ -127,13 +126,9 @@ class Alarms:
             **dict(zip(AXES, contradicted_axes, strict=True)),
         }
         for word, is_so in seen.items():
-            self._share(word, is_so, dt_s)
+            self._lasting[word].look(is_so, dt_s)
         self._follow_pace(time_us, arrival_us)
-        self.words = frozenset(
-            word
-            for word, share in self._shares.items()
-            if abs(share) > (END_SHARE if word in self.words else BEGIN_SHARE)
-        )
+        self.words = frozenset(word for word, each in self._lasting.items() if each.is_said)
 
     def _remember(self, sample: ImuSample, attitude: Attitude, share: float) -> None:
         q = attitude.q_ned_frd
@@ -159,11 +154,8 @@ class Alarms:
         self._pace_since_us = (time_us, arrival_us)
         ahead_us = passed_us - host_passed_us
         is_off = abs(ahead_us) > PACE_OFF * host_passed_us
-        self._share(Alarm.CLOCK_DRIFT, is_off * (1 if ahead_us > 0 else -1), PACE_SPAN_US * 1e-6)
-
-    def _share(self, word: Alarm, is_so: int, dt_s: float) -> None:
-        share = dt_s / (PATIENCE_S[word] + dt_s)
-        self._shares[word] += share * (is_so - self._shares[word])
+        side = is_off * (1 if ahead_us > 0 else -1)  # a clock that is too slow is below zero
+        self._lasting[Alarm.CLOCK_DRIFT].look(side, PACE_SPAN_US * 1e-6)
 
     def _is_field_impossible(self, attitude: Attitude, place: PlaceField | None) -> bool:
         if self._field is None or _claims_no_heading(attitude):

@@ -16,6 +16,7 @@ from estimator.aiding.place import PlaceField, resembles
 from estimator.geometry import quaternion
 from estimator.geometry.quaternion import add, conjugate, multiply, norm, rotate, scale
 from estimator.types import Attitude, ImuSample, Quaternion, Vec3
+from service.lasting import END_SHARE, Lasting
 
 LOOK_EVERY_US = 400_000
 # Between two attitudes that are both right lie up to some 8 deg of trim, mounting and compass.
@@ -26,9 +27,7 @@ LAG_S = 0.1
 TELLING_DEG = 20.0
 # A heading from magnetic north may be a declination off; where people fly it is under this.
 DECLINATION_DEG = 20.0
-# As long as they differ all the time, it is said after 0.92 of this; see service.alarms.
-PATIENCE_S = 5.0
-BEGIN_SHARE, END_SHARE = 0.6, 0.3
+PATIENCE_S = 5.0  # of service.lasting
 # An autopilot that has said nothing for so long is not compared.
 SILENT_US = 2_000_000
 WITNESS_S = 20.0  # memory of the witnesses
@@ -93,17 +92,11 @@ class Interval(NamedTuple):
     evidence: str
 
 
-class Axis:
-    """The share of time for which one angle has been beyond what it may be."""
+class Axis(Lasting):
+    """Whether one angle has been beyond what it may be."""
 
     def __init__(self) -> None:
-        self.share = 0.0
-        self.differs = False
-
-    def look(self, difference: Difference, dt_s: float) -> None:
-        """Take a difference that lasts for ``dt_s``."""
-        self.share += dt_s / (PATIENCE_S + dt_s) * (difference.is_beyond - self.share)
-        self.differs = self.share > (END_SHARE if self.differs else BEGIN_SHARE)
+        super().__init__(PATIENCE_S)
 
     def agrees(self, difference: Difference) -> bool:
         """Whether the two are known to be near each other, and have been."""
@@ -169,7 +162,6 @@ class SecondOpinion:
         self.looks: Counter[Verdict] = Counter()
         self._next_us = 0
         self.restart()
-        self._gained: Vec3 = (0.0, 0.0, 0.0)  # mean acceleration by velocity, m/s^2
 
     def is_due(self, time_us: int) -> bool:
         """Whether it is time to look again."""
@@ -182,6 +174,7 @@ class SecondOpinion:
         self._tilting, self._turning = Axis(), Axis()
         self._ours, self._theirs = Witness(), Witness()
         self._velocity: tuple[int, Vec3] | None = None  # at the stride's beginning
+        self._gained: Vec3 = (0.0, 0.0, 0.0)  # mean acceleration by velocity, m/s^2
 
     def hear_velocity(self, time_us: int, velocity_ned_m_s: Vec3) -> None:
         """Take the vehicle's velocity."""
@@ -217,8 +210,8 @@ class SecondOpinion:
             dt_s = 0.0
         self._last_us, self._next_us = time_us, time_us + LOOK_EVERY_US
         inclination, heading = differences(theirs, ours)
-        self._tilting.look(inclination, dt_s)
-        self._turning.look(heading, dt_s)
+        self._tilting.look(inclination.is_beyond, dt_s)
+        self._turning.look(heading.is_beyond, dt_s)
         self._ours.look(ours.q_ned_frd, sample, dt_s)
         self._theirs.look(theirs, sample, dt_s)
         verdict = self._verdict(inclination, heading)
@@ -238,7 +231,7 @@ class SecondOpinion:
             self.opinion = None
 
     def _verdict(self, inclination: Difference, heading: Difference) -> Verdict:
-        if self._tilting.differs or self._turning.differs:
+        if self._tilting.is_said or self._turning.is_said:
             return Verdict.DIFFERS
         if self._tilting.agrees(inclination) and self._turning.agrees(heading):
             return Verdict.AGREES

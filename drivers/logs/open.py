@@ -11,6 +11,7 @@ from drivers.logs.log_file import LogFile
 from drivers.logs.tlog import Tlog
 from estimator.errors import InputError
 
+SUFFIXES = (".tlog", ".log", ".bin", ".ulg")  # of what is looked for in a folder
 ULOG_MAGIC = b"ULog\x01\x12\x35"
 DATAFLASH_FORMAT = re.compile(rb"\xa3\x95\x80")  # head of a FMT message, which comes first
 DATAFLASH_TEXT = re.compile(rb"^FMT, ?\d+, ?\d+, ?", re.MULTILINE)
