@@ -22,6 +22,7 @@ from common.scores import by, rms
 from flying.replayed import tilt_deg
 from scipy.spatial.transform import Rotation
 
+from drivers.logs.open import SUFFIXES
 from estimator.errors import InputError
 from estimator.profile import Profile, load_profile
 from fuzzbee.replays.comparison import compare

@@ -23,7 +23,8 @@ from fuzzbee.trust import (
     trust,
 )
 from service.health import State
-from service.records import AttitudeRecord, StatusRecord
+from service.records import AttitudeRecord, Autopilot, StatusRecord
+from service.second_opinion import Verdict
 
 LEAST_WIDTH, LEAST_HEIGHT = 40, 12  # of a window that has room for it
 PITCH_SPAN_DEG = 60.0  # shown from top to bottom
@@ -32,6 +33,8 @@ TAPE_DEG_PER_CELL = 2.5
 RUNG_DEG = 10
 STEEP = 0.7  # sine of the roll
 OWN = "━┓┏●=.o"  # the vehicle's own symbol is made of these
+THEIRS = "◆A"  # the autopilot's horizon and heading, where they differ from ours
+THEIRS_EVERY = 4  # columns
 SILENT = "the service is silent"
 
 SKY, GROUND, HAZE, LINE = range(4)
@@ -79,9 +82,16 @@ def screen(
     if attitude is None:
         rows = height - len(head) - len(tail)
         return [*head, *_cross(judged, width, rows, ink), *tail]
-    head += _tape(attitude, judged, width, ink)
+    other = _differing(row.status)
+    head += _tape(attitude, judged, width, ink, other)
     rows = height - len(head) - len(tail)
-    return [*head, *_horizon(attitude, judged, width, rows, ink), *tail]
+    return [*head, *_horizon(attitude, judged, width, rows, ink, other), *tail]
+
+
+def _differing(status: StatusRecord | None) -> Autopilot | None:
+    """The autopilot's attitude, if it differs from ours."""
+    other = None if status is None else status.autopilot
+    return other if other is not None and other.verdict == Verdict.DIFFERS else None
 
 
 def _bar(row: Row, now_s: float, judged: Trust, width: int) -> Text:
@@ -103,8 +113,10 @@ def _imu(status: StatusRecord | None) -> str:
     return f"{status.imu_message} {status.imu_rate_hz:.1f} Hz"
 
 
-def _tape(attitude: AttitudeRecord, judged: Trust, width: int, ink: Ink) -> list[Text]:
-    """Directions as they pass under the middle; below them the range of sigma."""
+def _tape(
+    attitude: AttitudeRecord, judged: Trust, width: int, ink: Ink, other: Autopilot | None
+) -> list[Text]:
+    """Directions as they pass under the middle; below them the range of sigma, and the other's."""
     yaw, middle = attitude.euler_deg[2], width // 2
     names, marks = [" "] * width, [" "] * width
     has_north = attitude.heading_reference != "none"
@@ -118,6 +130,9 @@ def _tape(attitude: AttitudeRecord, judged: Trust, width: int, ink: Ink) -> list
     reach = round(min(attitude.sigma_deg.heading, 180.0) / TAPE_DEG_PER_CELL)
     for cell in range(max(0, middle - reach), min(width, middle + reach + 1)):
         marks[cell] = ("━" if ink.unicode else "=") if has_north else "?"
+    if other is not None and other.axis == "heading":
+        at = middle + round(other.heading_deg / TAPE_DEG_PER_CELL)
+        marks[max(0, min(width - 1, at))] = _theirs(ink)
     marks[middle] = "▲" if ink.unicode else "^"
     number = f" {heading_text(attitude)} "
     _write(names, middle - len(number) // 2, number)
@@ -127,10 +142,18 @@ def _tape(attitude: AttitudeRecord, judged: Trust, width: int, ink: Ink) -> list
 
 
 def _horizon(
-    attitude: AttitudeRecord, judged: Trust, width: int, rows: int, ink: Ink
+    attitude: AttitudeRecord,
+    judged: Trust,
+    width: int,
+    rows: int,
+    ink: Ink,
+    other: Autopilot | None,
 ) -> list[Text]:
-    """Sky and ground, the haze of sigma, the line, the ladder and the vehicle itself."""
-    marks = dict(_ladder(attitude, width, rows, ink)) | _own_symbol(width, rows, ink)
+    """Sky and ground, the haze of sigma, the line, the ladder, the other's line, the vehicle."""
+    marks = dict(_ladder(attitude, width, rows, ink))
+    if other is not None and other.axis == "inclination":
+        marks |= _other_line(attitude, other, width, rows, ink)
+    marks |= _own_symbol(width, rows, ink)
     paint = _paint(judged.horizon, ink)
     lines = []
     for row in range(rows):
@@ -184,7 +207,7 @@ def _cell(
         return mark or _plain(upper, lower, ink), ""
     if mark is not None:
         seen = min(upper, lower)  # of line and haze the world behind
-        ink_of = "bright_yellow" if mark in OWN else "bright_white"
+        ink_of = "bright_yellow" if mark in OWN + THEIRS else "bright_white"
         return mark, f"bold {'black' if seen == HAZE else ink_of} on {paint[seen]}"
     if upper == lower:
         return " ", f"on {paint[upper]}"
@@ -221,6 +244,26 @@ def _ladder(
             continue
         for n, letter in enumerate(text):
             yield (int(column - len(text) / 2) + n, row), letter
+
+
+def _theirs(ink: Ink) -> str:
+    return THEIRS[0 if ink.unicode else 1]
+
+
+def _other_line(
+    attitude: AttitudeRecord, other: Autopilot, width: int, rows: int, ink: Ink
+) -> dict[tuple[int, int], str]:
+    """Where the autopilot says that the horizon is, dotted; never out of sight."""
+    roll, pitch, _ = attitude.euler_deg
+    c, s = cos(radians(roll + other.roll_deg)), sin(radians(roll + other.roll_deg))
+    below = (pitch + other.pitch_deg) * 2.0 * rows / PITCH_SPAN_DEG
+    below = max(1.0 - rows, min(rows - 1.0, below))
+    dots = {}
+    for along in range(-width, width + 1, THEIRS_EVERY):
+        column, row = width / 2 + along * c + below * s, (rows - along * s + below * c) / 2
+        if 0 <= column < width and 0 <= row < rows:
+            dots[int(column), int(row)] = _theirs(ink)
+    return dots
 
 
 def _own_symbol(width: int, rows: int, ink: Ink) -> dict[tuple[int, int], str]:

@@ -68,8 +68,8 @@ def open_outputs(
     """
     for entry in SINKS:
         if entry.is_wanted(options):
-            values = {name: getattr(options, name) for name in entry.options}
-            sinks.append(entry.open(Opening(values, session, prefix)))
+            sink = entry.open(Opening(options._asdict(), session, prefix))
+            sinks += [] if sink is None else [sink]
     viewer = open_viewer(options.view, options.rrd, profile, live=True)
     if viewer is not None:
         sinks.append(viewer)

@@ -16,11 +16,12 @@ MAX_PORT = 65535
 option = panel("Outputs")
 _ROS = "Publish IMU, tf and diagnostics for ROS 2 (rmw_zenoh), too."
 _SEND_ATTITUDE = "Send ATTITUDE_QUATERNION there, as component 191 (not the autopilot)."
+_ANNOUNCE = "Send a STATUSTEXT there while the autopilot's attitude differs, as component 191."
 _METRICS = "Serve Prometheus metrics on 127.0.0.1 (extra: metrics)."
 
 
 class Opening(NamedTuple):
-    """What a sink is opened with: the values of all its options, and the session, if there is one.
+    """What a sink is opened with: the values of all sinks' options, and the session, if any.
 
     ``prefix`` is the first part of the service's Zenoh keys.
     """
@@ -36,11 +37,12 @@ class SinkEntry(NamedTuple):
     ``options`` has the type (annotated with its option) and the default of each, by the name of its
     parameter: ``send_attitude`` is ``--send-attitude``. The sink is opened if the first of them has
     another value than its default. ``takes_attitudes`` says that the sink looks into each attitude;
-    with ``--workers`` others get them as finished JSON (:class:`service.records.Encoded`).
+    with ``--workers`` others get them as finished JSON (:class:`service.records.Encoded`). What
+    opens it gives None if another one does its work.
     """
 
     options: dict[str, tuple[Any, Any]]
-    open: "Callable[[Opening], Sink]"
+    open: "Callable[[Opening], Sink | None]"
     takes_attitudes: bool
 
     def is_wanted(self, values: Any) -> bool:
@@ -61,13 +63,26 @@ def _ros(opening: Opening) -> "Sink":
 
 
 def _mavlink(opening: Opening) -> "Sink":
+    """Sends announcements, too, if they go to the same place: there is one such component."""
+    announces = opening.options["announce"] == opening.options["send_attitude"]
+    return _mavlink_sink(opening, "send_attitude", attitudes=True, announces=announces)
+
+
+def _announcer(opening: Opening) -> "Sink | None":
+    if opening.options["announce"] == opening.options["send_attitude"]:
+        return None
+    return _mavlink_sink(opening, "announce", attitudes=False, announces=True)
+
+
+def _mavlink_sink(opening: Opening, name: str, *, attitudes: bool, announces: bool) -> "Sink":
     from drivers.endpoint import parse_endpoint
     from service.sinks.mavlink import MavlinkSink
 
     try:
-        return MavlinkSink(parse_endpoint(opening.options["send_attitude"]))
+        endpoint = parse_endpoint(opening.options[name])
+        return MavlinkSink(endpoint, attitudes=attitudes, announces=announces)
     except InputError as error:
-        raise InputError(f"--send-attitude: {error}") from error
+        raise InputError(f"--{name.replace('_', '-')}: {error}") from error
 
 
 def _metrics(opening: Opening) -> "Sink":
@@ -97,6 +112,11 @@ SINKS: list[SinkEntry] = [
         {"send_attitude": (Annotated[str | None, option(_SEND_ATTITUDE, metavar="URL")], None)},
         _mavlink,
         takes_attitudes=True,
+    ),
+    SinkEntry(
+        {"announce": (Annotated[str | None, option(_ANNOUNCE, metavar="URL")], None)},
+        _announcer,
+        takes_attitudes=False,
     ),
     SinkEntry(
         {"metrics": (Annotated[int | None, option(_METRICS, metavar="PORT")], None)},

@@ -126,9 +126,10 @@ def _of_heading(attitude: AttitudeRecord, *, is_relative: bool) -> list[Caveat]:
 def _of_warnings(status: StatusRecord) -> list[Caveat]:
     """What contradicts the attitude whatever sigma says; words of other versions are counted."""
     known = [word for word in status.warnings if word in WARNINGS]
-    caveats = [
-        Caveat(Level.CARE if word in HARMLESS else Level.BAD, WARNINGS[word]) for word in known
-    ]
+    texts = WARNINGS
+    if status.autopilot is not None:
+        texts = {**texts, Alarm.AUTOPILOT_DIFFERS: status.autopilot.in_short}
+    caveats = [Caveat(Level.CARE if word in HARMLESS else Level.BAD, texts[word]) for word in known]
     unknown = len(status.warnings) - len(known)
     return [*caveats, Caveat(Level.CARE, f"{unknown} unknown warnings")] if unknown else caveats
 

@@ -12,7 +12,7 @@ from fuzzbee.say import printable
 from fuzzbee.trust import Level, trust
 from service.alarms import MEANINGS, Alarm
 from service.health import State
-from service.records import AttitudeRecord
+from service.records import AttitudeRecord, StatusRecord
 
 MAX_LINES = 8  # more vehicles than this share one line
 MOST_WARNINGS = 3  # lines below the table
@@ -110,7 +110,7 @@ def table(rows: list[Row], now_s: float, width: int, height: int, look: Look) ->
 def _warnings(rows: list[Row], most: int) -> list[str]:
     """Lines on what contradicts an attitude; the last one counts those that have no room."""
     texts = _overload(rows) + [
-        f"! vehicle {row.name}: {meaning(word)}"
+        f"! vehicle {row.name}: {_told(word, row.status)}"
         for row in rows
         if row.status is not None
         for word in row.status.warnings
@@ -118,6 +118,15 @@ def _warnings(rows: list[Row], most: int) -> list[str]:
     if len(texts) <= most:
         return texts
     return [*texts[: most - 1], f"! and {len(texts) - most + 1} more warnings"]
+
+
+def _told(word: str, status: StatusRecord) -> str:
+    """A warning in words; of another attitude, how far it is off and who is likely wrong."""
+    autopilot = status.autopilot
+    if word != Alarm.AUTOPILOT_DIFFERS or autopilot is None:
+        return meaning(word)
+    who = {"autopilot": "; its own is likely wrong", "ours": "; ours is likely wrong"}
+    return printable(f"{autopilot.in_short} ours{who.get(autopilot.wrong, '')}")
 
 
 def _overload(rows: list[Row]) -> list[str]:
@@ -203,6 +212,9 @@ def _words(row: Row) -> str:
     words = () if row.status is None else row.status.warnings
     if row.status is not None and row.status.overloaded:
         words = ("overloaded", *words)
+    if row.status is not None and row.status.autopilot is not None:
+        short = row.status.autopilot.in_short
+        words = tuple(short if word == Alarm.AUTOPILOT_DIFFERS else word for word in words)
     return "".join(f"  ! {printable(word, 40)}" for word in words)
 
 
@@ -237,10 +249,11 @@ def _attitude_cells(attitude: AttitudeRecord) -> dict[str, str | Text]:
 
 
 def _state_cell(row: Row, now_s: float) -> Text:
-    """The state; with a mark and in yellow where something contradicts it."""
-    is_contradicted = row.status is not None and row.status.warnings and not is_silent(row, now_s)
-    if is_contradicted:
-        return Text(f"{state_text(row, now_s)}!", style="bold yellow")
+    """The state; with a mark and in yellow where something contradicts it, or the autopilot."""
+    words = () if row.status is None or is_silent(row, now_s) else row.status.warnings
+    if words:
+        mark = "≠" if Alarm.AUTOPILOT_DIFFERS in words else "!"
+        return Text(f"{state_text(row, now_s)}{mark}", style="bold yellow")
     return Text(state_text(row, now_s), style=COLOURS[row.state])
 
 

@@ -13,6 +13,7 @@ from drivers.events import (
     BuiltIn,
     ClockReset,
     Event,
+    FilterWord,
     Forgotten,
     Heartbeat,
     Imu,
@@ -118,6 +119,9 @@ class Pipeline:
             case Report(vehicle=address):
                 if address in self._vehicles:
                     self._vehicles[address].on_report(event)
+            case FilterWord(vehicle=address):
+                if address in self._vehicles:
+                    self._vehicles[address].on_filter_word(event)
             case Parameter(vehicle=address):
                 vehicle = self._meet(address)  # most are told once, before the first sample
                 if vehicle is not None:

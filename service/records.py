@@ -71,6 +71,20 @@ class Autopilot(Value, frozen=True):
     heading_sigmas: float
     wrong: str  # "autopilot", "ours", or "" where nothing says which
     evidence: str
+    axis: str = ""  # in which they differ: "inclination" or "heading"
+    roll_deg: float = 0.0  # by how much the autopilot's is more than ours
+    pitch_deg: float = 0.0
+
+    @property
+    def off_deg(self) -> float:
+        """How far they differ, in the axis in which they do."""
+        return self.inclination_deg if self.axis == "inclination" else abs(self.heading_deg)
+
+    @property
+    def in_short(self) -> str:
+        """The axis and by how much, for places with little room."""
+        what = "horizon" if self.axis == "inclination" else self.axis or "attitude"
+        return f"autopilot {what} {self.off_deg:.0f}° off"
 
 
 class StatusRecord(msgspec.Struct, frozen=True):

@@ -69,16 +69,26 @@ class Difference(NamedTuple):
         return abs(self.off_deg) > self.allowed_deg
 
 
+class Doubts(NamedTuple):
+    """What speaks against each of the two beside force, velocity and field; in words, or empty."""
+
+    autopilot: str = ""
+    ours: str = ""
+
+
 class Opinion(NamedTuple):
     """What is said of one vehicle's two attitudes."""
 
     verdict: Verdict
+    axis: str  # in which they differ: "inclination" or "heading", or ""
     message: str  # that the autopilot's comes from
     since_us: int  # of the verdict, on the vehicle's clock
     inclination: Difference
     heading: Difference
     wrong: str  # "autopilot", "ours", or "" where nothing says which
     evidence: str  # in words
+    theirs: Quaternion  # compared last
+    ours: Quaternion
 
 
 class Interval(NamedTuple):
@@ -201,6 +211,7 @@ class SecondOpinion:
         ours: Attitude,
         sample: ImuSample,
         place: PlaceField | None,
+        doubts: Doubts = Doubts(),  # noqa: B008 - immutable
     ) -> None:
         """Compare both attitudes of the same instant, ``time_us``."""
         last_us = self._last_us if self._last_us is not None else time_us
@@ -216,13 +227,26 @@ class SecondOpinion:
         self._theirs.look(theirs, sample, dt_s)
         verdict = self._verdict(inclination, heading)
         self.looks[verdict] += 1
-        wrong, evidence = "", ""
+        axis, wrong, evidence = "", "", ""
         if verdict is Verdict.DIFFERS:
-            wrong, evidence = self._accuse(inclination, heading, place)
+            axis = "inclination" if self._tilting.is_said else "heading"
+            wrong, evidence = self._accuse(axis, inclination, heading, place)
+            wrong, evidence = _doubted(wrong, evidence, doubts)
         before = self.opinion
         is_new = before is None or before.verdict is not verdict
         since_us = time_us if before is None or is_new else before.since_us
-        self.opinion = Opinion(verdict, message, since_us, inclination, heading, wrong, evidence)
+        self.opinion = Opinion(
+            verdict,
+            axis,
+            message,
+            since_us,
+            inclination,
+            heading,
+            wrong,
+            evidence,
+            theirs,
+            ours.q_ned_frd,
+        )
         self._note(self.opinion, time_us, is_new=is_new)
 
     def forget(self, time_us: int) -> None:
@@ -238,10 +262,10 @@ class SecondOpinion:
         return Verdict.CANNOT_TELL
 
     def _accuse(
-        self, inclination: Difference, heading: Difference, place: PlaceField | None
+        self, axis: str, inclination: Difference, heading: Difference, place: PlaceField | None
     ) -> tuple[str, str]:
         """Which of the two its witness contradicts, and what it says of both."""
-        if inclination.is_beyond:
+        if axis == "inclination":
             ours, theirs = (each.tilt_deg(self._gained) for each in (self._ours, self._theirs))
             by, off_deg = "the mean force", inclination.off_deg
         else:
@@ -295,9 +319,17 @@ def turned_back(attitude: Attitude, by_s: float) -> Attitude:
     return attitude._replace(q_ned_frd=multiply(attitude.q_ned_frd, turn))
 
 
+def _doubted(wrong: str, evidence: str, doubts: Doubts) -> tuple[str, str]:
+    """Where no witness names one, what only one of them is doubted for does."""
+    told = [text for text in doubts if text]
+    if not wrong and len(told) == 1:
+        wrong = "autopilot" if doubts.autopilot else "ours"
+    return wrong, "; ".join([evidence, *told])
+
+
 def in_words(opinion: Opinion, time_us: int) -> str:
     """One line for a person, of two that differ."""
-    is_tilted = opinion.inclination.is_beyond
+    is_tilted = opinion.axis == "inclination"
     what, it = ("horizon", opinion.inclination) if is_tilted else ("heading", opinion.heading)
     lasted_s = PATIENCE_S + 1e-6 * (time_us - opinion.since_us)
     who = {"autopilot": "the autopilot's is likely wrong", "ours": "ours is likely wrong"}

@@ -6,6 +6,7 @@ from math import degrees, pi, sqrt
 from drivers.events import (
     BodyRates,
     ClockReset,
+    FilterWord,
     Heartbeat,
     Imu,
     Parameter,
@@ -27,7 +28,7 @@ from estimator.reasons import Reason
 from estimator.types import IDENTITY, ImuSample, VelocitySample
 from service import health, host_clock, imu_choice, report_choice
 from service.alarms import LEANING_DEG, MEANINGS, Alarm, Alarms
-from service.attitude_record import attitude_record, is_finite
+from service.attitude_record import attitude_record, euler_deg, is_finite
 from service.counts import Counts
 from service.health import Health, State
 from service.host_clock import HostClock
@@ -35,7 +36,7 @@ from service.imu_choice import ImuChoice
 from service.load import Load
 from service.records import AttitudeRecord, Autopilot, Retuned, StatusRecord, vehicle_name
 from service.report_choice import Kind, ReportChoice, kind_of
-from service.second_opinion import SecondOpinion, Verdict, in_words, turned_back
+from service.second_opinion import Doubts, SecondOpinion, Verdict, in_words, turned_back
 from service.talk import Talk
 
 # While not all attitudes are published at each tick, one of an old sample still is this often.
@@ -50,6 +51,9 @@ CHECKED_EVERY = 8
 HELD_PERIODS = 2
 # The ages of two messages stamped by one clock differ by less than this.
 OTHER_CLOCK_US = 1_000_000
+# What its filter says of itself, once a second or so, holds until it says something else.
+WORD_HOLDS_US = 5_000_000
+UNSTAMPED = "AHRS2"  # an attitude of the IMU message before it
 # A second-order Butterworth low-pass delays slow motions by this many periods of its cutoff.
 BUTTERWORTH_DELAY = 1.0 / (sqrt(2.0) * pi)
 
@@ -77,6 +81,7 @@ class Vehicle:
         self._alarms_told: frozenset[Alarm] = frozenset()
         self.second_opinion = SecondOpinion()
         self._differed = False  # at the last look
+        self._filter_word: FilterWord | None = None
         self._trim_rad: dict[str, float] = {}
         self._statuses = 0
         self._retuned: Retuned | None = None
@@ -235,6 +240,10 @@ class Vehicle:
         elif isinstance(event.sample, VelocitySample):
             self.second_opinion.hear_velocity(event.sample.time_us, event.sample.velocity_ned_m_s)
 
+    def on_filter_word(self, event: FilterWord) -> None:
+        """Note what the autopilot's filter says of itself."""
+        self._filter_word = event
+
     def on_reference(self, event: ReferenceAttitude) -> list[str]:
         """Compare the autopilot's attitude with ours of the same instant, some times a second.
 
@@ -247,7 +256,8 @@ class Vehicle:
             return []
         ahead_us = event.time_us - sample.time_us
         other_clock = self._has_other_clock(event.arrival_us, event.time_us)
-        if other_clock or abs(ahead_us) > max(self.median_period_us, 1):
+        late_us = event.arrival_us - last.arrival_us if event.message == UNSTAMPED else 0
+        if other_clock or max(late_us, abs(ahead_us)) > max(self.median_period_us, 1):
             return []
         ours = self.estimator.attitude(sample.time_us + max(ahead_us, 0))
         if not is_finite(ours):
@@ -256,8 +266,23 @@ class Vehicle:
         theirs = multiply(event.q_ned_frd, quaternion_from_euler(roll, pitch, yaw) or IDENTITY)
         ours = turned_back(ours, 1e-6 * max(-ahead_us, 0))
         place = self.estimator.place_field
-        opinion.look(event.time_us, event.message, theirs, ours, sample, place)
+        doubts = self._doubts(event.arrival_us)
+        opinion.look(event.time_us, event.message, theirs, ours, sample, place, doubts)
         return self._tell_opinion(event)
+
+    def _doubts(self, now_us: int) -> Doubts:
+        """What the autopilot's filter says against itself, and our alarms against ours.
+
+        A field that is none of the place speaks against both, and so does a compass.
+        """
+        word, against = self._filter_word, ""
+        if word is not None and abs(now_us - word.arrival_us) <= WORD_HOLDS_US:
+            if not word.status.has_attitude:
+                against = "its own filter calls it not good"
+            elif max(word.status.velocity_ratio, word.status.compass_ratio) > 1.0:
+                against = "its own filter refuses velocity or compass"
+        alarms = sorted(MEANINGS[each] for each in self._alarms.words - {Alarm.FIELD_IMPOSSIBLE})
+        return Doubts(against, f"of ours, {' and '.join(alarms)}" if alarms else "")
 
     def _tell_opinion(self, event: ReferenceAttitude) -> list[str]:
         """One line when the two attitudes begin to differ, and one when that ends."""
@@ -363,6 +388,8 @@ class Vehicle:
         said = self.second_opinion.opinion
         if said is None:
             return None
+        angles = zip(euler_deg(said.theirs), euler_deg(said.ours), strict=True)
+        turned = [round((a - b + 180.0) % 360.0 - 180.0, 2) for a, b in angles]
         return Autopilot(
             verdict=said.verdict.value,
             message=said.message,
@@ -373,6 +400,9 @@ class Vehicle:
             heading_sigmas=round(said.heading.sigmas, 1),
             wrong=said.wrong,
             evidence=said.evidence,
+            axis=said.axis,
+            roll_deg=turned[0],
+            pitch_deg=turned[1],
         )
 
     def _published_hz(self, now_us: int, load: Load) -> float:

@@ -144,9 +144,8 @@ class _Decoder:
 
     def _filter_status(self, name: str, row: Row) -> list[Event]:
         if _instance(row, "C") == 0 and "SS" in row:  # the first years' filters did not say
-            status = filter_status(int(row["SS"]), float(row["SV"]))
-            arrival_us = self._vehicle.arrival_us(_time_us(name, row)[1])
-            self._vehicle.navigation.hear_status(status, arrival_us)
+            status = filter_status(int(row["SS"]), float(row["SV"]), float(row.get("SM", 0.0)))
+            return self._vehicle.filter_says(status, _time_us(name, row)[1])
         return []
 
     def _gps(self, name: str, row: Row) -> list[Event]:

@@ -6,7 +6,7 @@ Such a log knows no arrivals. Its own times, on Unix time where a GPS gave it, s
 from collections.abc import Callable
 from typing import Any, Literal
 
-from drivers.events import Event, VehicleId
+from drivers.events import Event, FilterStatus, VehicleId
 from drivers.samples.fix import Fix
 from drivers.samples.fresh_field import LoggedField
 from drivers.samples.intake import Intake, Stamp
@@ -58,6 +58,10 @@ class LoggedVehicle:
     def navigation(self) -> Navigation:
         """How far its filter is believed."""
         return self._intake.navigation
+
+    def filter_says(self, status: FilterStatus, raw_us: int) -> list[Event]:
+        """What its filter says of itself."""
+        return self._intake.filter_says(status, self.arrival_us(raw_us))
 
     def arrival_us(self, raw_us: int) -> int:
         """The log's time ``raw_us`` as a time of arrival."""

@@ -151,8 +151,9 @@ class _Decoder:
     def _estimator_status(self, _topic: str, raw_us: int, row: Row) -> list[Event]:
         """The first filter's, where several run; it counts while that one is in use."""
         if self._is_first_filter and "solution_status_flags" in row:
-            status = filter_status(row["solution_status_flags"], row["vel_test_ratio"])
-            self._vehicle.navigation.hear_status(status, self._vehicle.arrival_us(raw_us))
+            compass = row.get("mag_test_ratio", 0.0)
+            status = filter_status(row["solution_status_flags"], row["vel_test_ratio"], compass)
+            return self._vehicle.filter_says(status, raw_us)
         return []
 
     def _selector_status(self, _topic: str, _raw_us: int, row: Row) -> list[Event]:

@@ -49,6 +49,7 @@ _HEADER = Struct("<BBBBBBHB")  # after the marker; the message id has 24 bits
 _CHECKSUM = Struct("<H")
 
 _MG = 1000.0 / STANDARD_GRAVITY_M_S2
+STATUSTEXT_SIZE = 50
 LAST_BITS = 1e-9  # of a unit, by which scaling may miss a whole number
 
 
@@ -202,12 +203,21 @@ def autopilot_version(product: str, variant: str) -> Message:
 
 
 def statustext(text: str) -> Message:
-    """STATUSTEXT of severity INFO; what is beyond 50 characters is cut off.
+    """STATUSTEXT of severity INFO; what is beyond 50 characters is cut off."""
+    return statustexts(text[:STATUSTEXT_SIZE], MAV_SEVERITY_INFO, 0)[0]
 
-    Source: https://mavlink.io/en/messages/common.html#STATUSTEXT
+
+def statustexts(text: str, severity: int, number: int) -> list[Message]:
+    """STATUSTEXTs of so many characters as need be; ``number`` (not 0) tells that parts are one.
+
+    A zero ends the last part. Source: https://mavlink.io/en/messages/common.html#STATUSTEXT
     """
-    whole = (0, 0)  # no part of a longer text
-    return _message(STATUSTEXT_ID, MAV_SEVERITY_INFO, text.encode("ascii", "replace")[:50], *whole)
+    letters = text.encode("ascii", "replace")
+    if len(letters) <= STATUSTEXT_SIZE:
+        return [_message(STATUSTEXT_ID, severity, letters, 0, 0)]
+    starts = range(0, len(letters) + 1, STATUSTEXT_SIZE)
+    parts = enumerate(letters[start : start + STATUSTEXT_SIZE] for start in starts)
+    return [_message(STATUSTEXT_ID, severity, part, number, place) for place, part in parts]
 
 
 def param_value(name: str, value: float, count: int, index: int) -> Message:

@@ -11,6 +11,7 @@ from typing import Any, NamedTuple
 
 from drivers.events import Event
 from drivers.mavlink.constants import (
+    AHRS2_ID,
     ATTITUDE_ID,
     ATTITUDE_QUATERNION_ID,
     EKF_STATUS_REPORT_ID,
@@ -70,8 +71,7 @@ def _attitude(intake: Intake, said: Said) -> list[Event]:
     m, stamp = said.fields, said.boot_stamp
     rates = (m.rollspeed, m.pitchspeed, m.yawspeed)
     if intake.wants_attitude(said.arrival_us):
-        q = quaternion_from_euler(m.roll, m.pitch, m.yaw)
-        return intake.attitude(said.name, stamp, "autopilot", q, rates)
+        return intake.attitude(said.name, stamp, "autopilot", _from_euler(m), rates)
     if not (isfinite(m.roll) and isfinite(m.pitch) and isfinite(m.yaw)):
         return []  # as little believed as the angles beside it
     return intake.rates(said.name, stamp, rates)
@@ -83,13 +83,21 @@ def _attitude_quaternion(intake: Intake, said: Said) -> list[Event]:
     return intake.attitude(said.name, said.boot_stamp, "autopilot", _quaternion(said.fields))
 
 
+def _ahrs2(intake: Intake, said: Said) -> list[Event]:
+    """The autopilot's second filter."""
+    return intake.unstamped(said.name, said.arrival_us, "autopilot", _from_euler(said.fields))
+
+
 def _sim_state(intake: Intake, said: Said) -> list[Event]:
-    return intake.truth(said.name, said.arrival_us, _quaternion(said.fields))
+    return intake.unstamped(said.name, said.arrival_us, "sim", _quaternion(said.fields))
 
 
 def _simstate(intake: Intake, said: Said) -> list[Event]:
-    m = said.fields
-    return intake.truth(said.name, said.arrival_us, quaternion_from_euler(m.roll, m.pitch, m.yaw))
+    return intake.unstamped(said.name, said.arrival_us, "sim", _from_euler(said.fields))
+
+
+def _from_euler(m: Any) -> Quaternion | None:
+    return quaternion_from_euler(m.roll, m.pitch, m.yaw)
 
 
 def _quaternion(m: Any) -> Quaternion | None:
@@ -145,15 +153,14 @@ def _course_velocity(m: Any) -> Vec3:
 
 def _ekf_status(intake: Intake, said: Said) -> list[Event]:
     m = said.fields
-    status = filter_status(m.flags, m.velocity_variance)  # a test ratio, whatever its name
-    intake.navigation.hear_status(status, said.arrival_us)
-    return []
+    # test ratios, whatever their names
+    status = filter_status(m.flags, m.velocity_variance, m.compass_variance)
+    return intake.filter_says(status, said.arrival_us)
 
 
 def _estimator_status(intake: Intake, said: Said) -> list[Event]:
     m = said.fields
-    intake.navigation.hear_status(filter_status(m.flags, m.vel_ratio), said.arrival_us)
-    return []
+    return intake.filter_says(filter_status(m.flags, m.vel_ratio, m.mag_ratio), said.arrival_us)
 
 
 MESSAGES: dict[int, MessageKind] = {
@@ -161,6 +168,7 @@ MESSAGES: dict[int, MessageKind] = {
     for each in (
         MessageKind(ATTITUDE_ID, "ATTITUDE", _attitude),
         MessageKind(ATTITUDE_QUATERNION_ID, "ATTITUDE_QUATERNION", _attitude_quaternion),
+        MessageKind(AHRS2_ID, "AHRS2", _ahrs2),
         MessageKind(SIM_STATE_ID, "SIM_STATE", _sim_state, is_reference=True),
         MessageKind(SIMSTATE_ID, "SIMSTATE", _simstate, is_reference=True),
         MessageKind(GLOBAL_POSITION_INT_ID, "GLOBAL_POSITION_INT", _global_position),

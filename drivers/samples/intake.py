@@ -12,6 +12,8 @@ from drivers.events import (
     BodyRates,
     ClockReset,
     Event,
+    FilterStatus,
+    FilterWord,
     Imu,
     Notice,
     Position,
@@ -88,13 +90,14 @@ class Intake:
         self.takes_references = True
         self.heard_us = 0  # arrival of the latest message, whatever it was
         self.attitude_given_us = 0
+        self._has_attitude = False  # of the autopilot's, with a time of its own
         self._new_field = new_field
         self._heard_us = heard_us
         self.navigation = Navigation()
         self._clock = VehicleClock()
         self._imus: dict[str, _ImuStream] = {}
         self.last_imu_us: int | None = None  # of the latest IMU sample
-        self._truth_given_us: dict[str, int] = {}
+        self._unstamped_us: dict[str, int] = {}  # the time that each has had last
 
     @property
     def has_imu(self) -> bool:
@@ -197,6 +200,7 @@ class Intake:
 
     def wants_attitude(self, arrival_us: int) -> bool:
         """Whether an attitude that arrives now is wanted; if so it counts as given."""
+        self._has_attitude = True
         if self.takes_references:
             return True
         if 0 <= arrival_us - self.attitude_given_us < ATTITUDE_EVERY_US:
@@ -225,16 +229,30 @@ class Intake:
         event = kind(self.vehicle, stamp.arrival_us, name, sample_at(placed.time_us))
         return [*self._resets(placed, stamp.arrival_us), event]
 
-    def truth(self, name: str, arrival_us: int, q_ned_frd: Quaternion | None) -> list[Event]:
-        """A simulator's attitude without a time of its own: that of the IMU message before it.
+    def unstamped(
+        self,
+        name: str,
+        arrival_us: int,
+        source: Literal["autopilot", "sim"],
+        q_ned_frd: Quaternion | None,
+    ) -> list[Event]:
+        """An attitude without a time of its own: it gets that of the IMU message before it.
 
-        A second one behind the same IMU message is left out: its own IMU message was lost.
+        A second one behind the same IMU message is left out: its own IMU message was lost. So is
+        an autopilot's, if it sends attitudes that have a time.
         """
         time_us = self.last_imu_us
-        if q_ned_frd is None or time_us is None or self._truth_given_us.get(name) == time_us:
+        if q_ned_frd is None or time_us is None or self._unstamped_us.get(name) == time_us:
             return []
-        self._truth_given_us[name] = time_us
-        return [ReferenceAttitude(self.vehicle, arrival_us, time_us, "sim", name, q_ned_frd)]
+        if source == "autopilot" and self._has_attitude:
+            return []
+        self._unstamped_us[name] = time_us
+        return [ReferenceAttitude(self.vehicle, arrival_us, time_us, source, name, q_ned_frd)]
+
+    def filter_says(self, status: FilterStatus, arrival_us: int) -> list[Event]:
+        """The vehicle's own filter speaks of itself."""
+        self.navigation.hear_status(status, arrival_us)
+        return [FilterWord(self.vehicle, arrival_us, status)]
 
     def fix(self, name: str, stamp: Stamp, fix: Fix) -> list[Event]:
         """A position and a velocity; each is left out where it is not finite.

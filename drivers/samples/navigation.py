@@ -9,10 +9,11 @@ anything of itself is believed as it stands.
 
 from math import hypot, isfinite
 
-from drivers.value import Value
+from drivers.events import FilterStatus
 
 # What EKF_STATUS_REPORT, ESTIMATOR_STATUS, DataFlash's XKF4.SS and ULog's solution_status_flags
 # agree on: https://mavlink.io/en/messages/ardupilotmega.html#EKF_STATUS_FLAGS
+ATTITUDE = 0x01
 VELOCITY_HORIZONTAL = 0x02
 POSITION_ABSOLUTE = 0x10
 CONSTANT_POSITION = 0x80  # nothing but the IMU and the guess that the vehicle stands
@@ -30,21 +31,15 @@ NOWHERE_M = 10_000.0
 METRES_A_DEGREE = 111_194.9  # of latitude, on a sphere of 6371 km
 
 
-class FilterStatus(Value, frozen=True):
-    """What a navigation filter says of itself; ``velocity_ratio`` is 1 at its gate."""
-
-    has_velocity: bool
-    has_place: bool
-    velocity_ratio: float = 0.0
-
-
-def filter_status(flags: int, velocity_ratio: float) -> FilterStatus:
+def filter_status(flags: int, velocity_ratio: float, compass_ratio: float = 0.0) -> FilterStatus:
     """From the bits that all of them share; a ratio that is no number says nothing."""
     stands = bool(flags & CONSTANT_POSITION)
     return FilterStatus(
         has_velocity=bool(flags & VELOCITY_HORIZONTAL) and not stands,
         has_place=bool(flags & POSITION_ABSOLUTE) and not stands,
         velocity_ratio=velocity_ratio if isfinite(velocity_ratio) else 0.0,
+        has_attitude=bool(flags & ATTITUDE),
+        compass_ratio=compass_ratio if isfinite(compass_ratio) else 0.0,
     )
 
 

@@ -71,6 +71,7 @@ class Scene(NamedTuple):
     trust: Trust
     peers: tuple[tuple[Peer, float], ...] = ()
     note: str = ""  # beside the state: the IMU's message and rate
+    differs: bool = False  # the autopilot's attitude from ours, for longer than a moment
 
 
 class Layers(NamedTuple):
@@ -315,8 +316,11 @@ def _turns_to_peers(scene: Scene) -> Iterator[Strip]:
         y, right = TAPE_Y + 10.0 + PLATE_STEP * number, X_RANGE[1] - 8.0
         name = PEER_NAMES[peer.source]
         text = name if isnan(turn_deg) else f"{name} {turn_deg:.1f}°"
-        yield Strip([(right - width(text, 6.0), y), (right, y)], 5.6, PANEL)
-        yield from _text(text, (right, y), 6.0, PEERS[peer.source], 0.7, "right")
+        colours = [PANEL, PEERS[peer.source]]
+        if scene.differs and peer.source == "autopilot":
+            colours.reverse()
+        yield Strip([(right - width(text, 6.0), y), (right, y)], 5.6, colours[0])
+        yield from _text(text, (right, y), 6.0, colours[1], 0.7, "right")
 
 
 def _text(

@@ -18,6 +18,7 @@ from fuzzbee.viewer.horizon import COLOURS, Scene, frame, layers
 from fuzzbee.viewer.layer import Layer
 from fuzzbee.viewer.sdk import rr
 from fuzzbee.viewer.stream import ViewerStream
+from service.alarms import Alarm
 from service.attitude_record import euler_deg
 from service.health import HAS_ATTITUDE, State
 from service.records import AttitudeRecord, Peer, StatusRecord
@@ -185,7 +186,8 @@ class Page:
         now = trust(state, record, self._status, self._before)
         peers = self._peers(now_us) if record is not None else ()
         off = tuple((p, self._turn_deg(record, p.q_ned_frd)) for p in peers if record is not None)
-        self._draw_scene(Scene(self._name, state, record, now, off, _note(self._status)), now_us)
+        note, differs = _note(self._status), _differs(self._status)
+        self._draw_scene(Scene(self._name, state, record, now, off, note, differs), now_us)
         self._pictures += 1
         if state is not self._state:
             self._say(f"vehicle {self._name}: {state}")
@@ -238,6 +240,10 @@ class Page:
 def _is_due(due_us: int, now_us: int, rate_hz: float) -> bool:
     """Whether the time has come, also after a clock that was set."""
     return not 0 < due_us - now_us <= round(1e6 / rate_hz)
+
+
+def _differs(status: StatusRecord | None) -> bool:
+    return status is not None and Alarm.AUTOPILOT_DIFFERS in status.warnings
 
 
 def _note(status: StatusRecord | None) -> str:

@@ -1,4 +1,4 @@
-"""Attitudes back to MAVLink: ATTITUDE_QUATERNION from an onboard computer of the vehicle's.
+"""Back to MAVLink: ATTITUDE_QUATERNION and STATUSTEXT from an onboard computer of the vehicle's.
 
 The sender is the vehicle's system with component 191 (MAV_COMP_ID_ONBOARD_COMPUTER),
 never the autopilot: a ground station must not mix the two, and no vehicle should fly by our
@@ -13,20 +13,39 @@ from drivers.events import VehicleId
 from drivers.mavlink.constants import (
     MAV_AUTOPILOT_INVALID,
     MAV_COMP_ID_ONBOARD_COMPUTER,
+    MAV_SEVERITY_WARNING,
     MAV_TYPE_ONBOARD_CONTROLLER,
 )
-from drivers.mavlink.encoder import FrameEncoder, attitude_quaternion, heartbeat
+from drivers.mavlink.encoder import (
+    FrameEncoder,
+    Message,
+    attitude_quaternion,
+    heartbeat,
+    statustexts,
+)
 from drivers.mavlink.transports.open import open_transport
 from drivers.mavlink.transports.transport import LinkError
-from service.records import AttitudeRecord, Departed, Output, Published
+from service.records import (
+    AttitudeRecord,
+    Autopilot,
+    Departed,
+    Output,
+    Published,
+    StatusRecord,
+)
+from service.second_opinion import Verdict
 
 MAX_RATE_HZ = 50.0  # of attitudes per vehicle: 2.6 kB/s, which a 57600 baud radio can take
 HEARTBEAT_US = 1_000_000
+ANNOUNCED_US = 10_000_000
 RETRY_S = 1.0
 
 
 class MavlinkSink:
-    """Sends the vehicles' attitudes over a link of its own, and opens it again when it broke.
+    """Sends over a link of its own, and opens it again when it broke.
+
+    Each vehicle's attitudes, if ``attitudes``; and a text every ten seconds for as long as the
+    autopilot's differs from ours, if ``announces``.
 
     Of several components of one system only the one seen first is sent: they
     would share one address. ``now_s`` is a monotonic clock, for the retries.
@@ -38,8 +57,17 @@ class MavlinkSink:
 
     name = "mavlink"
 
-    def __init__(self, endpoint: Endpoint, now_s: Callable[[], float] = time.monotonic) -> None:
+    def __init__(
+        self,
+        endpoint: Endpoint,
+        now_s: Callable[[], float] = time.monotonic,
+        *,
+        attitudes: bool = True,
+        announces: bool = False,
+    ) -> None:
         self._endpoint = endpoint
+        self._attitudes = attitudes
+        self._announces = announces
         self._now_s = now_s
         self._transport = open_transport(endpoint)
         self._senders: dict[int, Sender] = {}
@@ -56,7 +84,7 @@ class MavlinkSink:
         return self._transport.address
 
     def handle(self, outputs: Sequence[Output]) -> None:
-        """Send the attitudes among the outputs that are due.
+        """Send what is due of the outputs.
 
         Raises:
             LinkError: the link broke, or could not be opened; once until it works again.
@@ -89,13 +117,17 @@ class MavlinkSink:
     def _frames(self, output: Output) -> list[bytes]:
         if isinstance(output, Departed):
             self._forget(output.vehicle)
-        if not isinstance(output, Published) or not isinstance(output.record, AttitudeRecord):
+        if not isinstance(output, Published):
             return []
         system, component = output.vehicle
         sender = self._senders.setdefault(system, Sender(output.vehicle))
         if sender.vehicle != output.vehicle or component == MAV_COMP_ID_ONBOARD_COMPUTER:
             return []
-        return sender.frames(output.record)
+        if isinstance(output.record, StatusRecord):
+            if not self._announces:
+                return []
+            return sender.announcement(output.record, output.time_unix_us)
+        return sender.frames(output.record) if self._attitudes else []
 
     def _reopen(self) -> None:
         if self._retry_at_s is None or self._now_s() < self._retry_at_s:
@@ -116,15 +148,26 @@ class Sender:
         self._encoder = FrameEncoder(VehicleId(vehicle.system_id, MAV_COMP_ID_ONBOARD_COMPUTER))
         self._attitude_due_us = 0
         self._heartbeat_due_us = 0
+        self._announcement_due_us = 0
+        self._announcements = 0
+
+    def announcement(self, status: StatusRecord, now_us: int) -> list[bytes]:
+        """What is due to be told of the autopilot's attitude."""
+        messages, said = self._heartbeats(now_us), status.autopilot
+        differs = said is not None and said.verdict == Verdict.DIFFERS
+        if differs and _is_due(now_us, self._announcement_due_us, ANNOUNCED_US):
+            assert said is not None
+            self._announcement_due_us = now_us + ANNOUNCED_US
+            self._announcements += 1
+            number = 1 + self._announcements % 0xFFFF
+            messages += statustexts(announced(said), MAV_SEVERITY_WARNING, number)
+        return [self._encoder.frame(message, now_us) for message in messages]
 
     def frames(self, record: AttitudeRecord) -> list[bytes]:
         """The messages that are due at the record's time."""
         now_us = record.time_unix_us
         period_us = round(1e6 / MAX_RATE_HZ)
-        messages = []
-        if _is_due(now_us, self._heartbeat_due_us, HEARTBEAT_US):
-            self._heartbeat_due_us = now_us + HEARTBEAT_US
-            messages.append(heartbeat(MAV_TYPE_ONBOARD_CONTROLLER, MAV_AUTOPILOT_INVALID))
+        messages = self._heartbeats(now_us)
         if _is_due(now_us, self._attitude_due_us, period_us):
             # from the due time on, not from now: ticks that jitter must not slow it down
             late_us = now_us - self._attitude_due_us
@@ -134,6 +177,23 @@ class Sender:
                 attitude_quaternion(record.time_boot_us, record.q_ned_frd, record.rate_rad_s)
             )
         return [self._encoder.frame(message, now_us) for message in messages]
+
+    def _heartbeats(self, now_us: int) -> list[Message]:
+        if not _is_due(now_us, self._heartbeat_due_us, HEARTBEAT_US):
+            return []
+        self._heartbeat_due_us = now_us + HEARTBEAT_US
+        return [heartbeat(MAV_TYPE_ONBOARD_CONTROLLER, MAV_AUTOPILOT_INVALID)]
+
+
+def announced(said: Autopilot) -> str:
+    """A text whose first 50 letters, which any ground station shows, say the most."""
+    is_tilted = said.axis == "inclination"
+    sigmas = said.inclination_sigmas if is_tilted else said.heading_sigmas
+    sigma_deg = said.off_deg / max(sigmas, 0.1)
+    what = said.in_short.replace("°", " deg")
+    who = {"autopilot": "the autopilot's", "ours": "ours"}.get(said.wrong)
+    named = f"likely wrong: {who}" if who else "which is wrong is not known"
+    return f"{what} ours (+-{sigma_deg:.0f} deg); {named}"
 
 
 def _is_due(now_us: int, due_us: int, period_us: int) -> bool:

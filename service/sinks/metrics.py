@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 from estimator.errors import InputError, missing_extra
 from service.health import State
 from service.records import AttitudeRecord, Departed, Output, Published, StatusRecord, vehicle_name
+from service.second_opinion import Verdict
 
 if TYPE_CHECKING:
     from prometheus_client.core import CounterMetricFamily, GaugeMetricFamily
@@ -134,6 +135,24 @@ def _metric(
     return family
 
 
+def _autopilot_metrics(statuses: dict[str, StatusRecord]) -> "Iterator[Metric]":
+    """The autopilot's attitude beside ours, of vehicles that send it."""
+    from prometheus_client.core import GaugeMetricFamily
+
+    known = {name: each.autopilot for name, each in statuses.items() if each.autopilot is not None}
+    verdict = GaugeMetricFamily(
+        "fuzzbee_autopilot", "1 for what is said of it.", labels=["vehicle", "verdict"]
+    )
+    for name, said in known.items():
+        for word in Verdict:
+            verdict.add_metric([name, word.value], float(said.verdict == word))
+    yield verdict
+    for what in ("inclination", "heading"):
+        values = {name: getattr(said, f"{what}_deg") for name, said in known.items()}
+        text = f"How far the autopilot's {what} is off ours."
+        yield _metric(f"autopilot_{what}_degrees", text, values)
+
+
 def _status_metrics(statuses: dict[str, StatusRecord]) -> "Iterator[Metric]":
     from prometheus_client.core import CounterMetricFamily, GaugeMetricFamily
 
@@ -149,6 +168,7 @@ def _status_metrics(statuses: dict[str, StatusRecord]) -> "Iterator[Metric]":
         for reason, number in status.rejected.items():
             rejected.add_metric([name, reason], number)
     yield state
+    yield from _autopilot_metrics(statuses)
     rates = {name: status.imu_rate_hz for name, status in statuses.items()}
     yield _metric("imu_rate_hertz", "IMU samples a second.", rates)
     gaps = {name: status.worst_gap_s for name, status in statuses.items()}

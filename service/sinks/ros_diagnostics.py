@@ -55,4 +55,6 @@ def _values(record: StatusRecord) -> dict[str, str]:
         "shed": str(record.shed),
         "malformed": str(record.malformed),
     }
+    if (said := record.autopilot) is not None:
+        values["autopilot"] = f"{said.verdict} {said.in_short}" if said.axis else said.verdict
     return values | {f"rejected.{reason}": str(count) for reason, count in record.rejected.items()}

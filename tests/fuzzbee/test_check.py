@@ -1,10 +1,12 @@
 """``fuzzbee check``: one line a log, the worst first, and an exit status for scripts."""
 
+import itertools
 import json
 import shutil
 from pathlib import Path
 
 import pytest
+from pymavlink import mavutil
 
 from drivers.mavlink.dialect import mavlink
 from fuzzbee.cli import main
@@ -92,3 +94,21 @@ def test_nothing_to_check(capsys, tmp_path, monkeypatch, given):
 def test_replay_lists_them(capsys, season):
     assert main(["replay", str(season / "wrong.tlog")]) == 0
     assert "autopilot differs" in capsys.readouterr().out
+
+
+def test_a_run_tells_ground_stations_if_it_is_asked_to(tmp_path):
+    """pymavlink's own connection listens, as a ground station does."""
+    wrong = tmp_path / "wrong.tlog"
+    with_wrong_attitudes(GOOD, wrong)
+    peer = mavutil.mavlink_connection("udpin:127.0.0.1:0", dialect="ardupilotmega")
+    url = f"udpout:127.0.0.1:{peer.port.getsockname()[1]}"
+    options = ["--speed", "20", "--no-zenoh", "--announce", url, "--send-attitude", url]
+    assert main(["run", str(wrong), *options]) == 0
+    got = list(iter(peer.recv_msg, None))
+    peer.close()
+    first = next(m for m in got if m.get_type() == "STATUSTEXT")
+    assert first.text.startswith("autopilot horizon ")
+    assert (first.get_srcComponent(), first.severity) == (191, mavutil.mavlink.MAV_SEVERITY_WARNING)
+    # one sender, whose frames are numbered without a gap
+    numbers = [m.get_seq() for m in got]
+    assert all((b - a) % 256 == 1 for a, b in itertools.pairwise(numbers))

@@ -206,3 +206,11 @@ def test_somebody_elses_heading_is_marked_on_its_side_of_ours(theirs_deg, side):
     parts = layers(scene(record(0.0, 0.0, 40.0), peers=((peer, 20.0),)))
     (mark,) = [s for s in parts.words if s.colour == PEERS["sim"] and s.points[1][1] == TAPE_Y]
     assert mark.points[1][0] == pytest.approx(side * 20.0 * TAPE_PER_DEG)
+
+
+def test_an_autopilot_that_differs_stands_out():
+    peers = ((Peer(VehicleId(1, 1), "autopilot", from_euler_rad(0.0, 0.4, 0.0)), 22.9),)
+    place = (X_RANGE[1] - 9.0, TAPE_Y + 13.5)
+    usual = scene(record(), peers=peers)
+    assert colour_at(strips(usual), place) == PANEL
+    assert colour_at(strips(usual._replace(differs=True)), place) == PEERS["autopilot"]

@@ -18,7 +18,7 @@ from fuzzbee.terminal import PersonConsole, TerminalView
 from service.health import State
 from service.records import Message, Published, StatusRecord
 from tests.fuzzbee.processes import default_session, free_port, started
-from tests.service.records import record
+from tests.service.records import differing, record
 
 FLIPS = Path(__file__).parents[1] / "data" / "sitl_copter_flips.tlog"
 STATUS = StatusRecord("running", "RAW_IMU", 49.8, 0.1, {}, 0, 0, 3)
@@ -243,3 +243,23 @@ def is_whole(lines, columns):
         and text.count("▲") == 1
         and abs(text.split("\n")[lines.index(bars[0]) + 2].index("▲") - columns // 2) <= 1
     )
+
+
+@pytest.mark.parametrize(("ink", "mark"), [(PLAIN, "◆"), (Ink(0, unicode=False), "A")])
+def test_an_autopilot_that_differs_is_marked_where_it_says_that_horizon_and_heading_are(ink, mark):
+    """A dotted line with its own roll and pitch, or a mark on the tape; and by how much."""
+    tilted = seen(record(), status=differing("inclination", 28.0, roll_deg=-20.0, pitch_deg=10.0))
+    lines = plain(tilted, ink=ink)
+    down = {
+        x: n for n, line in enumerate(lines[3:]) for x, letter in enumerate(line) if letter == mark
+    }
+    assert len(down) > 10
+    left, right = min(down), max(down)
+    # rows are as high as two cells are wide
+    slope = 2.0 * (down[right] - down[left]) / (right - left)
+    assert math.degrees(math.atan(slope)) == pytest.approx(20.0, abs=2.0)
+    assert "autopilot horizon 28° off" in lines[-2]
+    turned = plain(seen(record(), status=differing("heading", 25.0)), ink=ink)
+    assert turned[2].index(mark) - 40 == 10
+    assert "autopilot heading 25° off" in turned[-2]
+    assert mark not in "".join(plain(seen(record()), ink=ink)[2:-4])

@@ -9,6 +9,7 @@ from fuzzbee.board import Board, Row
 from fuzzbee.terminal import PersonConsole, TerminalView
 from fuzzbee.vehicle_table import Look, lines, summary, table
 from service.records import AttitudeRecord, Confidence, Message, Published, Sigma, StatusRecord
+from tests.service.records import differing
 
 STATUS = StatusRecord("running", "RAW_IMU", 100.0, 0.01, {}, 0, 0, 0)
 
@@ -223,3 +224,11 @@ def test_a_row_keeps_the_status_before_the_latest():
     board.update("1", late, 11.0)
     (row,) = board.rows()
     assert (row.before, row.status) == (early, late)
+
+
+def test_an_autopilot_that_differs_is_marked_in_its_row_and_told_by_how_much():
+    shown = row("2")._replace(status=differing("heading", 25.0))
+    text = drawn([row("1"), shown], 80, 24)
+    assert text.count("running≠") == 1
+    assert "! vehicle 2: autopilot heading 25° off ours; its own is likely wrong" in text
+    assert lines([shown], 10.0)[0].endswith("! autopilot heading 25° off")

@@ -6,6 +6,7 @@ from estimator.geometry.frames import from_euler_rad
 from estimator.types import Attitude
 from service.attitude_record import attitude_record
 from service.health import State
+from service.records import Autopilot, StatusRecord
 
 UNIX_US = 1_700_000_000_123_456
 
@@ -45,3 +46,26 @@ def record(
     )
     assert made is not None
     return made
+
+
+def differing(axis="heading", off_deg=25.0, wrong="autopilot", roll_deg=0.0, pitch_deg=0.0):
+    """A status of a vehicle whose autopilot has another attitude."""
+    off = {"inclination": (off_deg, 1.0), "heading": (0.5, off_deg)}[axis]
+    said = Autopilot(
+        verdict="differs",
+        message="ATTITUDE",
+        for_s=8.0,
+        inclination_deg=off[0],
+        heading_deg=off[1],
+        inclination_sigmas=off[0],
+        heading_sigmas=off[1] / 2.0,
+        wrong=wrong,
+        evidence="the magnetic field is 0 deg off ours and 25 off the autopilot's",
+        axis=axis,
+        roll_deg=roll_deg,
+        pitch_deg=pitch_deg,
+    )
+    words = ("autopilot_differs",)
+    return StatusRecord(
+        "running", "RAW_IMU", 49.8, 0.1, {}, 0, 0, 3, warnings=words, autopilot=said
+    )

@@ -4,7 +4,7 @@ from math import radians
 
 import pytest
 
-from drivers.events import Parameter, ReferenceAttitude
+from drivers.events import FilterStatus, FilterWord, Parameter, ReferenceAttitude
 from estimator.estimator import Estimator
 from estimator.geometry.quaternion import exp, multiply
 from estimator.profile import load_profile
@@ -15,7 +15,7 @@ from tests.service.streams import ONE, imu_events
 SAMPLES = 3000
 
 
-def flown(turn_deg, *, clock_off_us=0, late_us=0, parameters=()):
+def flown(turn_deg, *, clock_off_us=0, late_us=0, parameters=(), message="ATTITUDE", word=None):
     """The lines and the last status of a vehicle whose autopilot's attitude is turned in roll."""
     profile = load_profile("paper")
     pipeline, twin = Pipeline(profile), Estimator(profile)
@@ -29,6 +29,8 @@ def flown(turn_deg, *, clock_off_us=0, late_us=0, parameters=()):
             pipeline.handle(Parameter(ONE, event.arrival_us, name, value))
         if k % 10 == 5:
             time_us = event.sample.time_us
+            if word is not None:
+                pipeline.handle(FilterWord(ONE, event.arrival_us, word))
             q = multiply(twin.attitude(time_us).q_ned_frd, turn)
             outputs += pipeline.handle(
                 ReferenceAttitude(
@@ -36,7 +38,7 @@ def flown(turn_deg, *, clock_off_us=0, late_us=0, parameters=()):
                     event.arrival_us + late_us,
                     time_us + clock_off_us,
                     "autopilot",
-                    "ATTITUDE",
+                    message,
                     q,
                 )
             )
@@ -79,3 +81,31 @@ def test_the_vehicle_s_own_trim_is_no_difference():
     texts, status = flown(-60.0, parameters=[("AHRS_TRIM_X", radians(60.0))])
     assert texts == []
     assert status.autopilot.inclination_deg == pytest.approx(0.0, abs=1.0)
+
+
+def test_an_attitude_without_a_stamp_is_compared_only_right_behind_its_imu_message():
+    _, status = flown(60.0, message="AHRS2", late_us=5_000)
+    assert status.autopilot.verdict == "differs"
+    _, status = flown(60.0, message="AHRS2", late_us=15_000)  # a sample comes each 10 ms
+    assert status.autopilot is None
+
+
+@pytest.mark.parametrize(
+    ("word", "said"),
+    [
+        (FilterStatus(has_velocity=True, has_place=True, has_attitude=False), "calls it not good"),
+        (FilterStatus(has_velocity=True, has_place=True, compass_ratio=1.5), "or compass"),
+    ],
+)
+def test_what_the_autopilot_s_filter_says_against_itself_is_evidence(word, said):
+    _, status = flown(60.0, word=word)
+    assert said in status.autopilot.evidence
+    _, status = flown(60.0, word=FilterStatus(has_velocity=True, has_place=True))
+    assert "its own filter" not in status.autopilot.evidence
+
+
+def test_the_axis_and_the_angles_are_told():
+    _, status = flown(60.0)
+    assert status.autopilot.axis == "inclination"
+    assert status.autopilot.roll_deg == pytest.approx(60.0, abs=6.0)
+    assert status.autopilot.in_short == f"autopilot horizon {status.autopilot.off_deg:.0f}° off"

@@ -9,6 +9,7 @@ from estimator.geometry.quaternion import multiply, rotate_inverse
 from estimator.types import Attitude, ImuSample
 from service.second_opinion import (
     LOOK_EVERY_US,
+    Doubts,
     SecondOpinion,
     Verdict,
     differences,
@@ -22,6 +23,7 @@ FIELD = (
     0.25 * sin(radians(10.0)),
     0.5 * sin(radians(60.0)),
 )
+NONE = Doubts()
 NORTH, EAST, DOWN = (1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)
 
 
@@ -38,14 +40,17 @@ def attitude(q, time_us=0, *, sigma_deg=1.0, heading_sigma_deg=2.0, north="true"
     return Attitude(time_us, q, rate, (0.0, 0.0, 0.0), 0.0, 0.0, 20.0, 1.0, 1.0, *sigmas, north)
 
 
-def told(ours, theirs, *, seconds=20.0, opinion=None, begin_us=0, place=PLACE, **claims):
+def told(
+    ours, theirs, *, seconds=20.0, opinion=None, begin_us=0, place=PLACE, doubts=NONE, **claims
+):
     """What is said after so long of two attitudes of a vehicle that hovers at ``TRUE``."""
     opinion = opinion or SecondOpinion()
     for k in range(int(1e6 * seconds / LOOK_EVERY_US)):
         time_us = begin_us + k * LOOK_EVERY_US
         force, field = rotate_inverse(TRUE, (0.0, 0.0, -9.81)), rotate_inverse(TRUE, FIELD)
         sample = ImuSample(time_us, (0.0, 0.0, 0.0), force, field, True)
-        opinion.look(time_us, "ATTITUDE", theirs, attitude(ours, time_us, **claims), sample, place)
+        shown = attitude(ours, time_us, **claims)
+        opinion.look(time_us, "ATTITUDE", theirs, shown, sample, place, doubts)
     return opinion
 
 
@@ -152,3 +157,30 @@ def test_an_attitude_is_turned_back_by_its_rate():
     inclination, _ = differences(TRUE, turned_back(spinning, 0.0))
     assert inclination.off_deg == pytest.approx(0.0, abs=1e-6)
     assert differences(TRUE, turned_back(spinning, 0.1))[1].off_deg == pytest.approx(5.0, abs=0.1)
+
+
+@pytest.mark.parametrize(
+    ("doubts", "wrong"),
+    [
+        (NONE, ""),
+        (Doubts(autopilot="its own filter calls it not good"), "autopilot"),
+        (Doubts(ours="of ours, the bias stands at its limit"), "ours"),
+        (Doubts("its own filter calls it not good", "of ours, a warning"), ""),
+    ],
+)
+def test_where_no_witness_names_one_what_only_one_is_doubted_for_does(doubts, wrong):
+    """A heading without a field and without velocity."""
+    turned = multiply(turn(DOWN, 30.0), TRUE)
+    said = told(TRUE, turned, place=None, doubts=doubts).opinion
+    assert said.wrong == wrong
+    assert all(text in said.evidence for text in doubts)
+
+
+def test_witnesses_begin_anew_with_our_attitude():
+    """A velocity that was gained before says nothing of the force after a restart."""
+    opinion = told(TRUE, TRUE)
+    for second in range(30):
+        opinion.hear_velocity(second * 1_000_000, (10.0 * second, 0.0, 0.0))
+    opinion.restart()
+    said = told(TRUE, multiply(turn(NORTH, 25.0), TRUE), opinion=opinion).opinion
+    assert "the mean force is 0 deg off ours" in said.evidence

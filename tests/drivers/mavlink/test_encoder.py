@@ -171,3 +171,18 @@ def test_a_global_position_has_heights_upwards_and_velocity_in_ned():
     assert fields(read, "time_boot_ms", "lat", "lon") == (3000, 473977419, -85455938)
     assert fields(read, "alt", "relative_alt") == (488_250, 12_500)
     assert fields(read, "vx", "vy", "vz", "hdg") == (125, -250, 75, 65535)
+
+
+@pytest.mark.parametrize(
+    ("length", "parts"), [(0, 1), (49, 1), (50, 1), (51, 2), (99, 2), (100, 3)]
+)
+def test_a_long_text_goes_in_parts_of_which_a_zero_ends_the_last(length, parts):
+    text = "abcdefghij" * 20
+    sender = encoder.FrameEncoder(VEHICLE)
+    made = encoder.statustexts(text[:length], 4, 9)
+    got = mavlink().MAVLink(None).parse_buffer(b"".join(sender.frame(m, UNIX_US) for m in made))
+    assert len(got) == parts
+    assert "".join(m.text for m in got) == text[:length]
+    assert [m.chunk_seq for m in got] == list(range(parts))
+    assert {m.id for m in got} == ({0} if parts == 1 else {9})
+    assert parts == 1 or len(got[-1].text) < 50

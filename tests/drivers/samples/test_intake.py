@@ -6,6 +6,7 @@ import pytest
 
 from drivers.events import (
     ClockReset,
+    FilterStatus,
     Imu,
     Notice,
     Position,
@@ -18,7 +19,6 @@ from drivers.events import (
 from drivers.samples.fix import Fix
 from drivers.samples.fresh_field import LoggedField
 from drivers.samples.intake import MOST_STREAMS, Intake, Stamp
-from drivers.samples.navigation import FilterStatus
 from drivers.samples.vehicle_clock import TimeField
 from estimator.reasons import Reason
 from estimator.types import IDENTITY, STANDARD_GRAVITY_M_S2, ZERO_VEC3
@@ -174,13 +174,13 @@ def test_what_is_not_finite_is_left_out_and_the_rest_is_kept():
 
 def test_truth_has_the_time_of_the_last_imu_message():
     intake, _ = running()
-    (truth,) = intake.truth("SIM_STATE", UNIX, IDENTITY)
+    (truth,) = intake.unstamped("SIM_STATE", UNIX, "sim", IDENTITY)
     assert (truth.time_us, truth.source) == (301 * S, "sim")
-    assert intake.truth("SIM_STATE", UNIX, IDENTITY) == []
-    (other,) = intake.truth("SIMSTATE", UNIX, IDENTITY)
+    assert intake.unstamped("SIM_STATE", UNIX, "sim", IDENTITY) == []
+    (other,) = intake.unstamped("SIMSTATE", UNIX, "sim", IDENTITY)
     assert other.time_us == 301 * S
-    assert intake.truth("SIM_STATE", UNIX, None) == []
-    assert Intake(VEHICLE).truth("SIM_STATE", UNIX, IDENTITY) == []
+    assert intake.unstamped("SIM_STATE", UNIX, "sim", None) == []
+    assert Intake(VEHICLE).unstamped("SIM_STATE", UNIX, "sim", IDENTITY) == []
 
 
 # --- faults
@@ -276,3 +276,13 @@ def test_what_tells_a_gap_from_a_leap_may_be_another_time_than_the_arrival():
     intake = Intake(VEHICLE, heard_us=lambda at: heard.append(at.raw_us) or at.raw_us)
     (event,) = imu(intake, 5 * S, UNIX)
     assert (event.arrival_us, heard) == (UNIX, [5 * S])
+
+
+def test_an_autopilot_s_unstamped_attitude_is_taken_if_it_sends_no_other():
+    intake = Intake(VEHICLE)
+    imu(intake, S)
+    (event,) = intake.unstamped("AHRS2", UNIX, "autopilot", IDENTITY)
+    assert (event.source, event.time_us) == ("autopilot", intake.last_imu_us)
+    imu(intake, 2 * S)
+    assert intake.wants_attitude(UNIX + S)
+    assert intake.unstamped("AHRS2", UNIX + S, "autopilot", IDENTITY) == []

@@ -12,7 +12,7 @@ from drivers.mavlink.transports.transport import LinkError
 from estimator.errors import InputError
 from service.records import Departed, Published
 from service.sinks.mavlink import MavlinkSink
-from tests.service.records import UNIX_US, record
+from tests.service.records import UNIX_US, differing, record
 
 VEHICLE = VehicleId(7, 1)
 
@@ -149,4 +149,50 @@ def test_another_component_speaks_for_the_system_once_the_first_is_forgotten(rec
     assert messages(receiver) == []
     sink.handle([Departed(VEHICLE), *attitudes(1, 0, other)])
     assert [m.get_type() for m in messages(receiver)] == ["HEARTBEAT", "ATTITUDE_QUATERNION"]
+    sink.close()
+
+
+def statuses(status, seconds, start_s=0):
+    times = range(
+        UNIX_US + start_s * 1_000_000, UNIX_US + (start_s + seconds) * 1_000_000, 1_000_000
+    )
+    return [Published(VEHICLE, status, time_unix_us=now_us) for now_us in times]
+
+
+def texts(got):
+    """Severities and whole texts, put together as MAVLink says that a receiver does."""
+    said = {}
+    for m in got:
+        if m.get_type() == "STATUSTEXT":
+            assert (m.get_srcSystem(), m.get_srcComponent()) == (7, 191)
+            severity, text = said.get(m.id, (m.severity, ""))
+            assert severity == m.severity
+            said[m.id] = (severity, text + m.text)
+    return list(said.values())
+
+
+@pytest.mark.parametrize("wrong", ["autopilot", "ours", ""])
+def test_a_differing_attitude_is_announced_once_in_ten_seconds(receiver, wrong):
+    sink = sink_to(receiver, attitudes=False, announces=True)
+    sink.handle(statuses(differing(wrong=wrong), 25) + attitudes(3, 20_000))
+    got = messages(receiver)
+    assert {m.get_type() for m in got} == {"HEARTBEAT", "STATUSTEXT"}
+    told = texts(got)
+    assert len(told) == 3
+    assert {severity for severity, _ in told} == {ardupilotmega.MAV_SEVERITY_WARNING}
+    assert told[0][1].startswith("autopilot heading 25 deg off ours (+-2 deg); ")
+    ends = {"autopilot": "likely wrong: the autopilot's", "ours": "likely wrong: ours"}
+    assert told[0][1].endswith(ends.get(wrong, "which is wrong is not known"))
+    sink.close()
+
+
+def test_what_agrees_is_not_announced_and_nothing_is_without_being_asked(receiver):
+    fine = msgspec.structs.replace(differing(), autopilot=None)
+    sink = sink_to(receiver, attitudes=False, announces=True)
+    sink.handle(statuses(fine, 25))
+    assert texts(messages(receiver)) == []
+    sink.close()
+    sink = sink_to(receiver)
+    sink.handle(statuses(differing(), 25))
+    assert messages(receiver) == []
     sink.close()

@@ -5,7 +5,7 @@ import pytest
 from drivers.events import VehicleId
 from estimator.errors import InputError
 from service.records import Departed, Message, Published, StatusRecord
-from tests.service.records import record
+from tests.service.records import differing, record
 
 pytest.importorskip("prometheus_client", reason="the extra metrics is not installed")
 from prometheus_client.parser import text_string_to_metric_families
@@ -89,3 +89,17 @@ def test_a_vehicle_that_is_forgotten_leaves_no_metric(sink):
     sink.handle([Departed(one)])
     named = {dict(labels).get("vehicle") for _, labels in scrape(sink)}
     assert named == {None, "2"}
+
+
+def test_the_autopilot_s_attitude_beside_ours(sink):
+    sink.handle(
+        [
+            Published(VehicleId(1, 1), differing("heading", 25.0)),
+            Published(VehicleId(2, 1), status()),
+        ]
+    )
+    got, vehicle = scrape(sink), ("vehicle", "1")
+    assert got["fuzzbee_autopilot", (vehicle, ("verdict", "differs"))] == 1.0
+    assert got["fuzzbee_autopilot", (vehicle, ("verdict", "agrees"))] == 0.0
+    assert got["fuzzbee_autopilot_heading_degrees", (vehicle,)] == 25.0
+    assert not [key for key in got if "autopilot" in key[0] and ("vehicle", "2") in key[1]]
