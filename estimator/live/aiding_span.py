@@ -3,7 +3,7 @@
 It begins with the heading by the field, or with one by velocity itself.
 """
 
-from math import atan2, copysign, hypot, isfinite, pi, radians, sqrt
+from math import atan2, copysign, dist, hypot, isfinite, pi, radians, sqrt
 from typing import NamedTuple
 
 import numpy as np
@@ -13,12 +13,14 @@ from estimator.aiding.beginning import loosen
 from estimator.aiding.course import forward_evidence, lean_rad, level_ahead
 from estimator.aiding.lean import bears_out
 from estimator.aiding.phase import Cause, Phase
-from estimator.aiding.place import resembles
+from estimator.aiding.place import in_ned, resembles
 from estimator.aiding.search import EMPTY_SEARCH, UNKNOWN_RAD, solve
 from estimator.aiding.sources.wheels import rolls
 from estimator.aiding.types import Sigmas
+from estimator.aiding.uncertainty import LEAST_HORIZONTAL_GAUSS
 from estimator.aiding.witness import doubted
 from estimator.conditioning import ConditioningState
+from estimator.conditioning.field.magnetic import horizontal_down
 from estimator.conditioning.field.robust import REACH_SQUARE
 from estimator.conditioning.vertical.rate import slow_share
 from estimator.filter.alignment import align, quaternion_from_matrix
@@ -45,8 +47,7 @@ def begin_aided(state: State, report: Report, *, has_heading: bool) -> None:
     if start is None:
         state.enter(Cause.REPORT)
         return
-    is_calibrated = compass.is_trusted(state.context.compass, state.core.time_us)
-    core = begin_aiding(state.settings, state.core.core, start, report, is_calibrated=is_calibrated)
+    core = begin_aiding(state.settings, state.core.core, start, report, iron_sigma_gauss(state))
     if state.context.imu_lag_s is not None:
         core = with_imu_lag(core, state.context.imu_lag_s)
     if not has_heading or slow_share(core.sample.dt_s) > 0.0:
@@ -60,7 +61,7 @@ def find_start(state: State, report: Report, *, has_heading: bool) -> "Start | N
     """Where the aiding may begin, if that is known."""
     is_known = has_heading and state.knows_north and trusts_field(state) and is_settled(state)
     if is_known and unaided_sigma(state).heading_rad < UNKNOWN_RAD:
-        return start_by_field(state.settings, state.core.core)
+        return start_by_field(state.settings, state.core.core, iron_sigma_gauss(state))
     if not state.core.search(report):
         return None
     now = state.core.core
@@ -83,6 +84,22 @@ def trusts_field(state: State) -> bool:
             known = state.context.compass._replace(unlike_us=state.core.time_us)
             state.change_context(compass=known)
     return compass.is_trusted(state.context.compass, state.core.time_us)
+
+
+def iron_sigma_gauss(state: State) -> float:
+    """How large the vehicle's own field may be, on each axis.
+
+    What calibration has left over is not known better than the field's strength and dip, two of
+    its three components, lie off the place's.
+    """
+    aiding, place = state.settings.aiding, state.place_field
+    if not compass.is_trusted(state.context.compass, state.core.time_us):
+        return aiding.uncalibrated_sigma_gauss
+    if place is None:
+        return aiding.hard_iron_sigma_gauss
+    seen = state.core.core.conditioning.field.magnetic.reference
+    off = dist((seen.horizontal, seen.down), horizontal_down(in_ned(place)))
+    return max(aiding.hard_iron_sigma_gauss, off / sqrt(2.0))
 
 
 def give_up(state: State) -> None:
@@ -140,10 +157,13 @@ class Start(NamedTuple):
     sigma_tilt_rad: float = 0.0  # if more than that of the unaided vertical
 
 
-def start_by_field(settings: Settings, now: Core) -> Start:
+def start_by_field(settings: Settings, now: Core, iron_gauss: float) -> Start:
     """The unaided attitude, which the field has given its heading."""
     q = align(conditioned_vectors(settings.reference, now.seen))
-    return Start(q, max(settings.aiding.begin_heading_sigma_rad, now.seen.sigma_heading_rad))
+    seen_gauss = now.conditioning.field.magnetic.reference.horizontal
+    iron_rad = iron_gauss / max(seen_gauss, LEAST_HORIZONTAL_GAUSS)
+    least_rad = settings.aiding.begin_heading_sigma_rad
+    return Start(q, max(least_rad, now.seen.sigma_heading_rad, iron_rad))
 
 
 def start_by_velocity(now: Core) -> Start | None:
@@ -201,9 +221,9 @@ def with_imu_lag(core: Core, lag_s: float) -> Core:
 
 
 def begin_aiding(
-    settings: Settings, core: Core, start: Start, report: Report, *, is_calibrated: bool
+    settings: Settings, core: Core, start: Start, report: Report, iron_gauss: float
 ) -> Core:
-    """The core with the aiding at its beginning; iron may be small if the compass is calibrated."""
+    """The core with the aiding at its beginning, and the vehicle's own field as uncertain."""
     aiding = settings.aiding
     # what has made the vertical lean may be either sensor's bias
     drift_rad_s = start.sigma_tilt_rad / settings.conditioning.gravity_tau_s
@@ -219,7 +239,7 @@ def begin_aiding(
         report,
         max(aiding.begin_tilt_sigma_rad, core.seen.sigma_inclination_rad, start.sigma_tilt_rad),
         start.sigma_heading_rad,
-        aiding.hard_iron_sigma_gauss if is_calibrated else aiding.uncalibrated_sigma_gauss,
+        iron_gauss,
     )
     return core._replace(
         aided=aided, covariance=flat(covariance), trail=flat(trail), search=EMPTY_SEARCH

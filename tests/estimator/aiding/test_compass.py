@@ -90,6 +90,19 @@ def test_a_field_unlike_the_places_own_is_not_taken_for_calibrated(flight):
     assert abs(iron[0] - 0.3) < 0.0013  # measured 0.0010
 
 
+def test_a_field_unlike_the_places_own_makes_the_first_heading_uncertain(flight):
+    """Turned by 15 deg; its strength and dip are 0.1 gauss off those near Zurich."""
+    wrong = changed(flight, mag_gauss=magnetised(0.08, 0.08, -0.03))
+    sigmas_deg = []
+    for seen in (flight, wrong):
+        one = Estimator(load_profile("imu"))
+        one.set_position(47.4, 8.5, 400.0, 1_700_000_000_000_000)
+        level = type(flight)(seen.samples[:240], flight.reports[:48], [])
+        sigmas_deg.append(degrees(flown(one, level)[-1].sigma_heading_rad))
+        assert one.snapshot.context.phase is Phase.AIDED
+    assert sigmas_deg == pytest.approx([4.9, 9.0], rel=0.2)
+
+
 @pytest.mark.parametrize("late_s", [0.1, 0.2])
 def test_how_late_a_receivers_reports_are_is_learnt(flight, late_s):
     """Each report tells the velocity of so long before, and says that it may."""
