@@ -28,7 +28,7 @@ SHIPPED_FACTOR = 5.0
 # do not tell it.
 NOISE_UNAIDED = ("gravity_tau_s", "heading_noise_rad2_s")
 NOISE_AIDED = (
-    "gyr_noise",
+    "gyr_scale_noise",
     "gyr_slow_noise_1_s",
     "acc_noise",
     "heading_noise",

@@ -37,8 +37,8 @@ from estimator.geometry.quaternion import (
 from estimator.types import STANDARD_GRAVITY_M_S2, Sample, Vec3
 
 GRAVITY_NED: Vec3 = (0.0, 0.0, STANDARD_GRAVITY_M_S2)
-# The time in which what calibration has left of the hard iron may have become another field.
-HARD_IRON_WALK_S = 2500.0
+# The time in which the vehicle's own field, or the accelerometer's bias, may have become another.
+LEARNT_LASTS_S = 5000.0
 # A slow error of a source beyond so many of its sigmas is one of a jump, and lasts the longer the
 # larger it is, up to so many times as long.
 USUAL_SIGMAS = 3.0
@@ -152,16 +152,16 @@ def add_noise(
     """
     missed = params.integration_noise**2
     relative = params.gyr_scale_noise**2 + (params.gyr_slow_noise_1_s * seen_s) ** 2
-    turn = (params.gyr_noise**2 + relative * rate_square) * dt
+    turn = relative * rate_square * dt
     push = params.acc_noise**2 * dt
     iron = params.hard_iron_sigma_gauss**2
     for i in range(3):
         P[TURN + i, TURN + i] += turn + missed * missed_turn[i] ** 2
         P[VELOCITY + i, VELOCITY + i] += push + missed * missed_push[i] ** 2
         P[GYR_BIAS + i, GYR_BIAS + i] += params.gyr_bias_walk**2 * dt
-        P[ACC_BIAS + i, ACC_BIAS + i] += params.acc_bias_walk**2 * dt
+        P[ACC_BIAS + i, ACC_BIAS + i] += params.acc_bias_sigma**2 * dt / LEARNT_LASTS_S
         if P[HARD_IRON + i, HARD_IRON + i] < iron:
-            P[HARD_IRON + i, HARD_IRON + i] += iron * dt / HARD_IRON_WALK_S
+            P[HARD_IRON + i, HARD_IRON + i] += iron * dt / LEARNT_LASTS_S
     usual = usual_variances(params, state)
     keep = real_exp(-dt / lasts.filter_s)
     renew_error(P, FILTER_ERROR, usual.by_filter, dt / params.filter_error_tau_s, keep)

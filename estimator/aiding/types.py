@@ -39,8 +39,7 @@ class AidingParams(NamedTuple):
     enabled: bool = True  # off: velocity is not used
 
     # Noise of the IMU, as densities.
-    gyr_noise: Noise = 3e-4  # rad/s/sqrt(Hz); small: stiff, large: the attitude follows velocity
-    gyr_scale_noise: Noise = 0.001  # per rad/s turned, same; scale errors, crossed axes
+    gyr_scale_noise: Noise = 0.001  # sqrt(s), of scale errors, crossed axes
     gyr_slow_noise_1_s: Noise = 0.04  # that much more for each second of the IMU's step
     acc_noise: Noise = 0.02  # m/s^2/sqrt(Hz); vibration; small: stiff, large: slow
     # Share of how far a reading lies off the line through the two before that integration misses.
@@ -49,7 +48,6 @@ class AidingParams(NamedTuple):
     # counts between them, large: the unaided vertical does.
     unseen_turn_noise: Noise = 0.3  # of readings a second apart without a line through them
     gyr_bias_walk: Noise = 3e-4  # rad/s/sqrt(s); samples truncated to mrad/s wander, too
-    acc_bias_walk: Noise = 5e-4  # m/s^2/sqrt(s)
     gyr_bias_sigma: Rate = 0.01  # rad/s, at the beginning
     acc_bias_sigma: Acceleration = 0.05  # m/s^2, at the beginning
 

@@ -42,7 +42,10 @@ RAW = (
     Number("gamma", (("filter", "gamma", 1.0),)),
 )
 CONDITIONED = (
-    Number("gyroscope", (("aiding", "gyr_noise", 1.0), ("aiding", "gyr_slow_noise_1_s", 1.0))),
+    Number(
+        "gyroscope",
+        (("aiding", "gyr_scale_noise", 1.0), ("aiding", "gyr_slow_noise_1_s", 1.0)),
+    ),
     Number("accelerometer", (("aiding", "acc_noise", 1.0),)),
     Number("gravity time", (("conditioning", "gravity_tau_s", 1.0),)),
     Number(
