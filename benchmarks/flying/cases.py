@@ -100,6 +100,10 @@ CASES: dict[str, Case] = {
         ("plane", "copter", "rover"),
         lambda f, _: f._replace(trouble=Trouble(lost=(90.0, 120.0), wrong=(150.0, 170.0))),
     ),
+    "vibration": Case(
+        ("copter", "calm copter"),
+        lambda f, _: f._replace(sensors=NOISY._replace(vibration=0.15), receiver=PERFECT),
+    ),
     "slow filters": Case(("rover",), slow_filters),
     "cabin": Case(("car",), cabin),
     "4 Hz": Case(VEHICLES, at_4_hz),

@@ -34,6 +34,7 @@ GOOD_FLAGS = 0x01 | 0x02 | 0x04 | 0x08 | 0x10 | 0x20
 LOST_FLAGS = 0x01 | 0x04 | 0x20 | 0x80  # constant position: no velocity, no position
 BEFORE_FIX_FLAGS = 0x01 | 0x04 | 0x20 | 0x80 | 0x400
 FIX_NONE, FIX_3D = 1, 3
+VIBRATION_S, FORGETS_S = 3.0, 1.0  # how long it lasts, and how long in a filter's velocity
 WRONG_M_S = 4.0  # what velocities are off by while the satellites are wrong
 
 
@@ -44,6 +45,7 @@ class Sensors(NamedTuple):
     gyr_bias: float = 0.003
     acc: float = 0.15
     acc_bias: float = 0.05
+    vibration: float = 0.0  # bias of the accelerometer that comes and goes in flight
     mag: float = 0.004
     hard_iron: float = 0.005  # length of the vector
     current: float = 0.0  # of the motors' field at full throttle
@@ -123,6 +125,9 @@ def signals(motion: Motion, flight: Flight, rng: np.random.Generator) -> Signals
     felt = np.einsum("nji,nj->ni", R, force)
     left_over = np.sqrt(FINE_HZ / 44.0)  # so much noise remains behind the low-pass
     moving = np.linalg.norm(motion.velocity, axis=1) > 0.1
+    shaken = np.zeros((n, 3))
+    if s.vibration > 0.0:
+        shaken = s.vibration * moving[:, None] * _slow(n, 1.0, VIBRATION_S, rng)
 
     def sense(signal: Floats, sigma: float, bias: float, cutoff_hz: float) -> Floats:
         noise = left_over * sigma * (0.1 + 0.9 * moving[:, None]) * rng.standard_normal((n, 3))
@@ -130,12 +135,18 @@ def signals(motion: Motion, flight: Flight, rng: np.random.Generator) -> Signals
 
     return Signals(
         sense(motion.rate, s.gyr, s.gyr_bias, s.gyr_hz),
-        sense(felt, s.acc, s.acc_bias, s.acc_hz),
+        sense(felt + shaken, s.acc, s.acc_bias, s.acc_hz),
         _averaged_field(R, motion, s, rng),
-        _filters(motion, acceleration, flight.filter, rng),
+        _filters(motion, acceleration, flight.filter, rng) + _integrated(R, shaken),
         motion.velocity + _slow(n, flight.receiver.slow_m_s, flight.receiver.tau_s, rng),
         np.cumsum(motion.velocity, axis=0) / FINE_HZ,
     )
+
+
+def _integrated(R: Floats, shaken: Floats) -> Floats:
+    """What a filter that integrates the same accelerometer makes of its errors."""
+    keep = 1.0 - 1.0 / (FORGETS_S * FINE_HZ)
+    return np.asarray(lfilter([1.0 / FINE_HZ], [1.0, -keep], np.einsum("nij,nj->ni", R, shaken), 0))
 
 
 def _low_pass(signal: Floats, cutoff_hz: float) -> Floats:

@@ -43,7 +43,9 @@ from estimator.types import IDENTITY, NO_SAMPLE, ZERO_VEC3, Quaternion, Sample, 
 
 BEGIN_VELOCITY_SIGMA_M_S = 1.0
 UNHEARD = Agreement(
-    scatter=Scatter(noise_scale=1.0, innovation=1.0, reports=0.0), wait_s=0.0, doubt_s=0.0
+    scatter=Scatter(1.0, innovation=1.0, reports=0.0, before=ZERO_VEC3, together=0.0),
+    wait_s=0.0,
+    doubt_s=0.0,
 )
 # Stands for the step before the first one: steps this long teach nothing about lags.
 FIRST_STEP_S = 1.0

@@ -152,6 +152,8 @@ class Scatter(NamedTuple):
     noise_scale: float  # of the reports' variance; under 1 only of those that no IMU has made
     innovation: float  # mean square, in units of its expected variance
     reports: float  # components of reports so far
+    before: Vec3  # the last innovation, in units of its expected sigma
+    together: float  # mean product of an innovation and the one before, in such units
 
 
 class Agreement(NamedTuple):

@@ -11,6 +11,7 @@ from estimator.aiding.types import (
     Array,
     FieldState,
     LastStep,
+    Scatter,
     Sigmas,
 )
 from estimator.compilation.compiled import inlined
@@ -116,16 +117,34 @@ def leaning(
 
 
 @inlined
+def unexplained(scatter: Scatter) -> float:
+    """By how much the variance exceeds the covariance's at least, as a share of it.
+
+    Innovations of a filter that is as good as it believes are white. Were its variance 1 + u times
+    what it believes, and that a share x of the innovations', their mean square would be
+    1 + x u and the mean product of one and the next x (1 - x) u (R. K. Mehra 1970, IEEE Trans.
+    Autom. Control 15, 175). The square of that over this is 4/27 u at most. Of an excess that is
+    small beside the covariance, only that share counts: jitter makes such, too.
+    """
+    together = max(0.0, scatter.together)
+    u = 6.75 * together * together / max(scatter.innovation, 1e-12)
+    return u * min(1.0, u)
+
+
+@inlined
 def scatter_scale(params: AidingParams, agreement: Agreements, least: float) -> float:
     """How far reports scatter, of what the covariance expects; without reports 1 at least.
 
     The covariance is that of the roughest IMU and the poorest reports that it is made for. How
     far less they really scatter says how much less there is to be unsure of; but an autopilot's
-    filter integrates the same IMU, so that even perfect agreement proves only so much.
+    filter integrates the same IMU, so that even perfect agreement proves only so much. A receiver
+    knows nothing of it. Of its innovations what is like the one before is no noise of its own:
     """
     by_filter, by_receiver = agreement.by_filter, agreement.by_receiver
     scatter = by_filter.scatter if by_filter.wait_s <= by_receiver.wait_s else by_receiver.scatter
     square = least * least + params.scatter_share * scatter.innovation
+    if by_receiver.wait_s <= params.silence_s:
+        square = max(square, unexplained(by_receiver.scatter))
     if min(by_filter.wait_s, by_receiver.wait_s) > params.silence_s:
         square = max(square, 1.0)
     return min(sqrt(square), LARGEST_SCALE)

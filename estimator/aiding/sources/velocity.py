@@ -144,7 +144,8 @@ def observe_velocity(
     The noise scale follows the innovations.
     """
     P = now.covariance
-    noise_scale, innovation, reports = agreement.scatter
+    noise_scale, innovation, reports, before, together = agreement.scatter
+    units = np.zeros(3)
     wait = min(agreement.wait_s, 1.0)
     share = wait / (wait + INNOVATION_TAU_S) / 3.0
     if reporter.is_receiver and reports == 0.0:  # the first one says how uncertain its age is
@@ -179,7 +180,10 @@ def observe_velocity(
         square = unit * unit
         unit = max(-INNOVATION_LIMIT, min(INNOVATION_LIMIT, unit))
         reports += 1.0
-        innovation += max(share, 1.0 / reports) * (unit * unit - innovation)
+        newest = max(share, 1.0 / reports)
+        innovation += newest * (unit * unit - innovation)
+        together += newest * (unit * before[i] - together)
+        units[i] = unit
         noise_scale *= 1.0 + (min(square, CLIP) - 1.0) / (3.0 * SCALE_REPORTS)
         noise_scale = min(max(noise_scale, least), LARGEST_SCALE)
         if square > FAR:
@@ -187,7 +191,8 @@ def observe_velocity(
             far = True
         learn(P, x, h, off, noise)
     doubt_s = agreement.doubt_s + wait if far else max(0.0, agreement.doubt_s - wait)
-    return Agreement(Scatter(noise_scale, innovation, reports), 0.0, doubt_s)
+    latest = (units[0], units[1], units[2])
+    return Agreement(Scatter(noise_scale, innovation, reports, latest, together), 0.0, doubt_s)
 
 
 @inlined

@@ -84,7 +84,8 @@ def estimate(rng):
 
 
 def agreement(rng):
-    return Agreement(Scatter(*floats(rng.uniform((0.5, 0.5, 20), (3.0, 3.0, 50)))), 0.2, 0.1)
+    scales, before = rng.uniform((0.5, 0.5, 20), (3.0, 3.0, 50)), (0.4, -2.0, 1.1)
+    return Agreement(Scatter(*floats(scales), before, 0.3), 0.2, 0.1)
 
 
 def trail_of(rng, step_s):
@@ -146,9 +147,9 @@ def test_prediction(seed, error_m_s, seen):
     d[three(TURN)] += (p.integration_noise * missed_turn) ** 2
     d[three(VELOCITY)] = p.acc_noise**2 * dt + (p.integration_noise * missed_push) ** 2
     d[three(GYR_BIAS)] = p.gyr_bias_walk**2 * dt
-    d[three(ACC_BIAS)] = p.acc_bias_sigma**2 * dt / 5000.0
+    d[three(ACC_BIAS)] = p.acc_bias_sigma**2 * dt / 3000.0
     iron = p.hard_iron_sigma_gauss**2
-    d[three(HARD_IRON)] = np.where(np.diag(P)[three(HARD_IRON)] < iron, iron * dt / 5000.0, 0.0)
+    d[three(HARD_IRON)] = np.where(np.diag(P)[three(HARD_IRON)] < iron, iron * dt / 3000.0, 0.0)
     E = np.array(before.earth_gauss)
     H = E[:2] @ E[:2]
     Q[EARTH : EARTH + 2, EARTH : EARTH + 2] = (
@@ -216,7 +217,8 @@ def test_velocity(seed, is_receiver, off_m_s, is_alone, dt):
     jitter = p.receiver_jitter_s if is_receiver else 0.0
     missed = p.integration_noise * dt * min(1.0, 0.07 / dt) * trail_bend(trail)
     dense = Dense(P.copy(), x0.copy())
-    noise_scale, innovation, reports = before.scatter
+    noise_scale, innovation, reports, last, together = before.scatter
+    units = []
     share = 0.2 / (0.2 + 15.0) / 3.0
     far = noise_scale > 30.0 and matrix_of(q)[2, 2] < 0.7
     for i in range(3):
@@ -230,6 +232,8 @@ def test_velocity(seed, is_receiver, off_m_s, is_alone, dt):
         square = left**2 / (h @ dense.P @ h + noise)
         reports += 1.0
         innovation += max(share, 1.0 / reports) * (min(square, 9.0) - innovation)
+        units.append(np.sign(left) * sqrt(min(square, 9.0)))
+        together += max(share, 1.0 / reports) * (units[i] * last[i] - together)
         noise_scale *= 1.0 + (min(square, 25.0) - 1.0) / 300.0
         noise_scale = min(max(noise_scale, 0.1 if is_receiver else 1.0), 100.0)
         if square > 16.0:
@@ -242,7 +246,8 @@ def test_velocity(seed, is_receiver, off_m_s, is_alone, dt):
     assert np.linalg.eigvalsh(now.covariance).min() > 0.0
     mine, untouched = (after.by_receiver, after.by_filter)[:: 1 if is_receiver else -1]
     assert untouched == other
-    assert mine.scatter == pytest.approx((noise_scale, innovation, reports), rel=1e-6)
+    assert mine.scatter[:3] == pytest.approx((noise_scale, innovation, reports), rel=1e-6)
+    assert (*mine.scatter.before, mine.scatter.together) == pytest.approx((*units, together))
     assert (mine.wait_s, mine.doubt_s) == (0.0, pytest.approx(0.3 if far else 0.0))
     assert far == (off_m_s > 1.0)
 
@@ -344,9 +349,13 @@ def test_unaided_gravity(seed, slow):
 
 @pytest.mark.parametrize("heading_rad", [0.01, 0.3])
 @pytest.mark.parametrize(("innovation", "wait_s"), [(0.05, 0.0), (3.0, 0.0), (0.05, 2.0)])
+@pytest.mark.parametrize("together", [-0.3, 0.2, 0.5])
 @pytest.mark.parametrize(("samples", "dt"), [(0.0, 0.02), (5.0, 0.02), (5.0, 0.5)])
-def test_published_sigmas(heading_rad, innovation, wait_s, samples, dt):
-    """Of tilts that differ, with a field or without, by reports that agree or do not."""
+def test_published_sigmas(heading_rad, innovation, wait_s, together, samples, dt):
+    """Of tilts that differ, with a field or without, by reports that agree or do not.
+
+    What of a receiver's innovations is like the one before tells a variance that is too small.
+    """
     p = PARAMS
     P = np.eye(SIZE)
     P[0, 0], P[1, 1], P[2, 2] = 0.03**2, 0.07**2, heading_rad**2
@@ -357,12 +366,14 @@ def test_published_sigmas(heading_rad, innovation, wait_s, samples, dt):
     last = LastStep(ZERO_VEC3, ZERO_VEC3, (2.0, -1.0, -9.0), (0.5, -0.3, 0.8), dt)
     look = BLANK.field.look
     state = FieldState(look, FieldResidual(0.0, 0.04**2), samples, 0.0, 0.0, 0.0)
-    heard = Agreement(Scatter(1.0, innovation, 50.0), wait_s, 0.0)
-    silent = Agreement(Scatter(1.0, 99.0, 50.0), wait_s + 1.0, 0.0)
+    heard = Agreement(Scatter(1.0, innovation, 50.0, ZERO_VEC3, together), wait_s, 0.0)
+    silent = Agreement(Scatter(1.0, 99.0, 50.0, ZERO_VEC3, 9.0), wait_s + 1.0, 0.0)
     got = sigmas(p, now, last, state, Agreements(silent, heard))
 
     def scatter(least):
         square = least**2 + p.scatter_share * innovation
+        u = 27.0 / 4.0 * max(together, 0.0) ** 2 / innovation
+        square = max(square, min(u, u * u)) if wait_s <= p.silence_s else square
         return min(4.0, sqrt(max(square, 1.0) if wait_s > p.silence_s else square))
 
     pushed = p.pushed_rad * np.hypot(2.0, 1.0) / 9.80665
