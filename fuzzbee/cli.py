@@ -19,6 +19,7 @@ from estimator.compilation.notice import tell_compiling
 from estimator.errors import InputError
 from fuzzbee.quiet_start import ENDLESS, INTERRUPTED
 from fuzzbee.say import say
+from fuzzbee.surroundings import settle_environment
 from service.signals import terminate_like_interrupt
 
 quiet_start.end()
@@ -107,6 +108,8 @@ def _is_endless(arguments: list[str]) -> bool:
 def entry_point() -> None:
     """The ``fuzzbee`` command."""
     _replace_closed_streams()
+    if (taken := settle_environment()) is not None:
+        say(taken)
     status = main()
     if any(thread.name.startswith(HANGING) for thread in threading.enumerate()):
         os._exit(status)

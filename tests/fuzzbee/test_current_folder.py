@@ -1,5 +1,6 @@
 """Beside downloaded logs may lie programs under our names: they are not run."""
 
+import json
 import os
 import subprocess
 import sys
@@ -15,11 +16,11 @@ ROOT = str(Path(next(iter(fuzzbee.__path__))).parent)
 SCRIPT = "import sys\nfrom fuzzbee.cli import entry_point\nsys.exit(entry_point())\n"
 
 
-def run(folder, *command):
+def run(folder, *command, **environment):
     path = os.pathsep.join(filter(None, [ROOT, os.environ.get("PYTHONPATH", "")]))
     return subprocess.run(
         [sys.executable, *command],
-        env={**os.environ, "PYTHONPATH": path},
+        env={**os.environ, "PYTHONPATH": path, **environment},
         cwd=folder,
         capture_output=True,
         text=True,
@@ -55,3 +56,39 @@ def test_programs_in_the_current_folder_are_not_run(tmp_path, spelling, argument
 def test_a_source_checkout_runs_from_its_own_folder():
     done = run(ROOT, "-m", "fuzzbee", "--version")
     assert done.returncode == 0, done.stderr
+
+
+LOG = Path(__file__).parents[1] / "data" / "sitl_copter_takeoff.tlog"
+
+
+@pytest.mark.parametrize("settings", ["- 1", "cpu_name: evil", "opt: '0'", "debug: 1", "\xff"])
+def test_settings_for_numba_in_the_current_folder_are_not_read(tmp_path, settings):
+    (tmp_path / ".numba_config.yaml").write_bytes(settings.encode("latin-1"))
+    done = run(tmp_path, "-m", "fuzzbee", "replay", str(LOG), "--json")
+    assert done.returncode == 0
+    assert all("vehicle 1" in line for line in done.stderr.splitlines())
+    assert json.loads(done.stdout)["imu"]
+
+
+def test_settings_for_numba_that_are_meant_for_others_are_named_and_not_used(tmp_path):
+    switches = {"NUMBA_DEBUG": "1", "NUMBA_CPU_NAME": "evil", "NUMBA_OPT": "0"}
+    done = run(tmp_path, "-m", "fuzzbee", "replay", str(LOG), "--json", **switches)
+    assert done.returncode == 0
+    first = done.stderr.splitlines()[0]
+    assert first == "fuzzbee: NUMBA_CPU_NAME, NUMBA_DEBUG, NUMBA_OPT: not used by fuzzbee"
+    assert json.loads(done.stdout)["imu"]
+
+
+def test_settings_for_plots_in_the_current_folder_are_not_read(tmp_path):
+    pytest.importorskip("matplotlib", reason="the extra plot is not installed")
+    (tmp_path / "matplotlibrc").write_bytes(b"\xff\xff")
+    done = run(tmp_path, "-m", "fuzzbee", "replay", str(LOG), "--plot", "plot.png")
+    assert done.returncode == 0, done.stderr
+
+
+def test_processes_that_share_the_work_run_nothing_of_the_current_folder(tmp_path):
+    for name in ("multiprocessing", "pickle", "random", "struct"):
+        (tmp_path / f"{name}.py").write_text("open('sprung', 'a').write(__name__)")
+    done = run(tmp_path, "-m", "fuzzbee", "check", str(LOG), str(LOG))
+    assert done.returncode == 0, done.stderr
+    assert not (tmp_path / "sprung").exists()
