@@ -99,9 +99,10 @@ def _checked(paths: list[Path], profile: str) -> list[Checked]:
     workers = min(len(paths), os.cpu_count() or 1)
     with Progress(console=console, transient=True, disable=not console.is_terminal) as bar:
         task = bar.add_task("checking", total=len(paths))
-        if workers == 1:
+        pool = _pool(workers)
+        if pool is None:
             return [check_log(path, profile) for path in bar.track(paths, task_id=task)]
-        with ProcessPoolExecutor(workers, get_context("spawn")) as pool:
+        with pool:
             waiting = [pool.submit(check_log, path, profile) for path in paths]
             try:
                 for _ in as_completed(waiting):
@@ -110,6 +111,14 @@ def _checked(paths: list[Path], profile: str) -> list[Checked]:
                 pool.shutdown(wait=False, cancel_futures=True)
                 raise
             return [each.result() for each in waiting]
+
+
+def _pool(workers: int) -> ProcessPoolExecutor | None:
+    """None where one process is enough, or the system has nothing that several could share."""
+    try:
+        return None if workers == 1 else ProcessPoolExecutor(workers, get_context("spawn"))
+    except OSError:  # /dev/shm is read-only or full
+        return None
 
 
 def _line(checked: Checked) -> str:

@@ -5,6 +5,7 @@ from contextlib import ExitStack, contextmanager
 from typing import TYPE_CHECKING, Annotated, NamedTuple
 
 from fuzzbee.options import panel
+from fuzzbee.say import say
 
 if TYPE_CHECKING:
     import zenoh
@@ -51,6 +52,8 @@ def opened(awaited: "OpeningSession", stack: ExitStack) -> "zenoh.Session":
     from service.zenoh_session import close_session
 
     session = awaited.session()
+    if awaited.note is not None:
+        say(awaited.note)
     stack.callback(close_session, session)
     return session
 

@@ -58,7 +58,9 @@ class OpeningSession:
 
     def __init__(self, options: ZenohOptions) -> None:
         check_prefix(options.prefix)
+        self.note: str | None = None  # a line for a person, once it is open
         self._where = ", ".join(options.listen + options.connect) or DEFAULT_ENDPOINT
+        self._options = options
         self._config = _config(options)
         self._opened: Future[zenoh.Session] = Future()
         threading.Thread(target=self._open, name=OPENER_THREAD, daemon=True).start()
@@ -82,12 +84,27 @@ class OpeningSession:
         self._opened.add_done_callback(_close_opened)
 
     def _open(self) -> None:
+        try:
+            self._opened.set_result(self._any_session())
+        except BaseException as error:  # noqa: BLE001 - raised again by whoever waits
+            self._opened.set_exception(error)
+
+    def _any_session(self) -> "zenoh.Session":
+        """With shared memory, or without where the system gives none: /dev/shm read-only or full.
+
+        Our records are small; nothing of theirs goes through it.
+        """
         import zenoh
 
         try:
-            self._opened.set_result(zenoh.open(self._config))
-        except BaseException as error:  # noqa: BLE001 - raised again by whoever waits
-            self._opened.set_exception(error)
+            return zenoh.open(self._config)
+        except zenoh.ZError as error:
+            if "shm" not in str(error):
+                raise
+            self.note = f"zenoh: no shared memory, going on without: {_one_line(error)}"
+        config = _config(self._options)
+        _set(config, "transport/shared_memory/enabled", False)
+        return zenoh.open(config)
 
 
 def _close_opened(opened: "Future[zenoh.Session]") -> None:

@@ -1,0 +1,51 @@
+"""Where the system gives no shared memory, everything goes on without it."""
+
+import json
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from tests.fuzzbee.processes import default_session, free_port
+
+LOG = Path(__file__).parents[1] / "data" / "sitl_copter_takeoff.tlog"
+READ_ONLY, TINY = "-o ro", "-o size=4k"
+
+
+def run_in(mount, *arguments):
+    """A command in a namespace of its own, in which /dev/shm is another one."""
+    script = f'mount -t tmpfs {mount} none /dev/shm && exec "$@"'
+    return subprocess.run(
+        ["unshare", "-rm", "sh", "-c", script, "sh", sys.executable, "-m", "fuzzbee", *arguments],
+        capture_output=True,
+        text=True,
+        check=False,
+        timeout=600,
+    )
+
+
+def has_namespaces():
+    if shutil.which("unshare") is None:
+        return False
+    command = ["unshare", "-rm", "mount", "-t", "tmpfs", "none", "/dev/shm"]
+    return subprocess.run(command, capture_output=True, check=False).returncode == 0
+
+
+pytestmark = pytest.mark.skipif(not has_namespaces(), reason="no namespaces of one's own here")
+
+
+@pytest.mark.parametrize("mount", [READ_ONLY, TINY])
+def test_a_run_goes_on_with_a_line(mount):
+    session = default_session(free_port())
+    done = run_in(mount, "run", "sim:", "--seconds", "2", "--json", *session)
+    assert done.returncode == 0, done.stderr
+    assert json.loads(done.stdout)["vehicles"]["1"]["attitudes"] > 50
+    assert done.stderr.count("no shared memory, going on without") == 1
+
+
+def test_logs_are_checked_one_after_the_other():
+    done = run_in(READ_ONLY, "check", str(LOG), str(LOG))
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.count("no difference") == 2
