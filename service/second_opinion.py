@@ -9,13 +9,13 @@ points to magnetic north.
 
 from collections import Counter
 from enum import StrEnum
-from math import atan2, cos, degrees, exp, hypot, sin
+from math import atan2, cos, degrees, exp, hypot, radians, sin
 from typing import NamedTuple
 
 from estimator.aiding.place import PlaceField, resembles
 from estimator.geometry import quaternion
 from estimator.geometry.quaternion import add, conjugate, multiply, norm, rotate, scale
-from estimator.types import Attitude, ImuSample, Quaternion, Vec3
+from estimator.types import STANDARD_GRAVITY_M_S2, Attitude, ImuSample, Quaternion, Vec3
 from service.lasting import END_SHARE, Lasting
 
 LOOK_EVERY_US = 400_000
@@ -33,8 +33,11 @@ SILENT_US = 2_000_000
 WITNESS_S = 20.0  # memory of the witnesses
 # One of the two is named if its witness is nearer to it by this share of the difference.
 NAMED_SHARE = 0.5
+# An accelerometer that is off across gravity makes the force larger; by this share of that is odd.
+ODD_SHARE = 0.25
 # So much horizontal acceleration (m/s^2) shows a heading.
 SHOWING_M_S2 = 0.7
+VELOCITY = "velocity"
 STRIDE_S = 1.0  # velocity's gain and the force are compared over so long
 
 
@@ -149,14 +152,28 @@ class Witness:
 
     def tilt_deg(self, gained_m_s2: Vec3) -> float:
         """How far the mean force, less the velocity gained meanwhile, is from pointing up."""
-        x, y, z = scale(1.0 / max(self._weight, 1e-9), self._pushed)
-        a, b, c = gained_m_s2
-        return degrees(atan2(hypot(x - a, y - b), c - z))
+        x, y, z = self._held(gained_m_s2)
+        return degrees(atan2(hypot(x, y), -z))
+
+    def push_m_s2(self, gained_m_s2: Vec3) -> float:
+        """How strong it is."""
+        return norm(self._held(gained_m_s2))
+
+    def _held(self, gained_m_s2: Vec3) -> Vec3:
+        mean = scale(1.0 / max(self._weight, 1e-9), self._pushed)
+        return quaternion.subtract(mean, gained_m_s2)
+
+    def dip_deg(self, place: PlaceField | None) -> float | None:
+        """How far the mean field's dip is off the place's; None where either is not known."""
+        north, east, down = self._north
+        if place is None or not any(self._north):
+            return None
+        return abs(degrees(atan2(down, hypot(north, east)) - place.dip_rad))
 
     def turn_deg(self, place: PlaceField | None) -> tuple[float, str] | None:
         """How far (deg) the heading is off by velocity, else by the field; None if neither says."""
         if self._square > SHOWING_M_S2**2:
-            return degrees(atan2(-self._across, self._along)), "velocity"
+            return degrees(atan2(-self._across, self._along)), VELOCITY
         north, east, down = self._north
         if place is None or not resembles(place, hypot(north, east), down):
             return None
@@ -266,19 +283,39 @@ class SecondOpinion:
     ) -> tuple[str, str]:
         """Which of the two its witness contradicts, and what it says of both."""
         if axis == "inclination":
-            ours, theirs = (each.tilt_deg(self._gained) for each in (self._ours, self._theirs))
-            by, off_deg = "the mean force", inclination.off_deg
-        else:
-            of_ours, of_theirs = self._ours.turn_deg(place), self._theirs.turn_deg(place)
-            if of_ours is None or of_theirs is None:
-                return "", "nothing else shows the heading"
-            by = of_ours[1]
-            ours, theirs, off_deg = abs(of_ours[0]), abs(of_theirs[0]), abs(heading.off_deg)
-        evidence = f"{by} is {ours:.0f} deg off ours and {theirs:.0f} off the autopilot's"
-        least = NAMED_SHARE * off_deg
-        if min(ours, theirs) > least or abs(theirs - ours) < least:
-            return "", evidence
-        return ("autopilot" if theirs > ours else "ours"), evidence
+            return self._accuse_tilt(inclination.off_deg, place)
+        of_ours, of_theirs = self._ours.turn_deg(place), self._theirs.turn_deg(place)
+        if of_ours is None or of_theirs is None:
+            return "", "nothing else shows the heading"
+        by, off_deg = of_ours[1], abs(heading.off_deg)
+        wrong, evidence = _named(by, abs(of_ours[0]), abs(of_theirs[0]), off_deg)
+        if wrong == "autopilot" and by != VELOCITY:  # a compass that is turned says the same
+            return "", f"{evidence}, but ours is made of it"
+        return wrong, evidence
+
+    def _accuse_tilt(self, off_deg: float, place: PlaceField | None) -> tuple[str, str]:
+        """The force convicts ours; that it agrees with ours, which is made of it, proves less.
+
+        An accelerometer that leads ours astray seldom leaves the force as large as gravity, and
+        shows in the field's dip.
+        """
+        both = self._ours, self._theirs
+        ours, theirs = (each.tilt_deg(self._gained) for each in both)
+        wrong, evidence = _named("the mean force", ours, theirs, off_deg)
+        if wrong != "autopilot":
+            return wrong, evidence
+        excess = abs(self._ours.push_m_s2(self._gained) / STANDARD_GRAVITY_M_S2 - 1.0)
+        is_odd = excess > ODD_SHARE * (1.0 / max(cos(radians(off_deg)), 0.1) - 1.0)
+        if is_odd:
+            evidence += f", but {excess:.0%} off gravity's strength"
+        dips = [each.dip_deg(place) for each in both]
+        by_dip = ""
+        if dips[0] is not None and dips[1] is not None:
+            by_dip, said = _named("the field's dip", dips[0], dips[1], off_deg)
+            evidence += f"; {said}" if by_dip else ""
+        if by_dip == "ours":
+            return ("ours" if is_odd else ""), evidence
+        return ("" if is_odd and not by_dip else "autopilot"), evidence
 
     def _note(self, opinion: Opinion, time_us: int, *, is_new: bool) -> None:
         """Keep the times for which both differ."""
@@ -319,12 +356,22 @@ def turned_back(attitude: Attitude, by_s: float) -> Attitude:
     return attitude._replace(q_ned_frd=multiply(attitude.q_ned_frd, turn))
 
 
+def _named(by: str, ours: float, theirs: float, off_deg: float) -> tuple[str, str]:
+    """Which one a witness contradicts, in degrees off each, and what it says."""
+    evidence = f"{by} is {ours:.0f} deg off ours and {theirs:.0f} off the autopilot's"
+    least = NAMED_SHARE * off_deg
+    if min(ours, theirs) > least or abs(theirs - ours) < least:
+        return "", evidence
+    return ("autopilot" if theirs > ours else "ours"), evidence
+
+
 def _doubted(wrong: str, evidence: str, doubts: Doubts) -> tuple[str, str]:
-    """Where no witness names one, what only one of them is doubted for does."""
+    """What only one is doubted for names it, unless a witness names the other."""
     told = [text for text in doubts if text]
-    if not wrong and len(told) == 1:
-        wrong = "autopilot" if doubts.autopilot else "ours"
-    return wrong, "; ".join([evidence, *told])
+    doubted = {(True, False): "autopilot", (False, True): "ours"}.get(
+        (bool(doubts.autopilot), bool(doubts.ours)), wrong
+    )
+    return (doubted if wrong in ("", doubted) else ""), "; ".join([evidence, *told])
 
 
 def in_words(opinion: Opinion, time_us: int) -> str:

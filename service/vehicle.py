@@ -271,17 +271,14 @@ class Vehicle:
         return self._tell_opinion(event)
 
     def _doubts(self, now_us: int) -> Doubts:
-        """What the autopilot's filter says against itself, and our alarms against ours.
-
-        A field that is none of the place speaks against both, and so does a compass.
-        """
+        """What the autopilot's filter says against itself, and our alarms against ours."""
         word, against = self._filter_word, ""
         if word is not None and abs(now_us - word.arrival_us) <= WORD_HOLDS_US:
             if not word.status.has_attitude:
                 against = "its own filter calls it not good"
             elif max(word.status.velocity_ratio, word.status.compass_ratio) > 1.0:
                 against = "its own filter refuses velocity or compass"
-        alarms = sorted(MEANINGS[each] for each in self._alarms.words - {Alarm.FIELD_IMPOSSIBLE})
+        alarms = sorted(MEANINGS[each] for each in self._alarms.words)
         return Doubts(against, f"of ours, {' and '.join(alarms)}" if alarms else "")
 
     def _tell_opinion(self, event: ReferenceAttitude) -> list[str]:
