@@ -247,8 +247,7 @@ class SecondOpinion:
         axis, wrong, evidence = "", "", ""
         if verdict is Verdict.DIFFERS:
             axis = "inclination" if self._tilting.is_said else "heading"
-            wrong, evidence = self._accuse(axis, inclination, heading, place)
-            wrong, evidence = _doubted(wrong, evidence, doubts)
+            wrong, evidence = self._accuse(axis, inclination, heading, place, doubts)
         before = self.opinion
         is_new = before is None or before.verdict is not verdict
         since_us = time_us if before is None or is_new else before.since_us
@@ -279,21 +278,28 @@ class SecondOpinion:
         return Verdict.CANNOT_TELL
 
     def _accuse(
-        self, axis: str, inclination: Difference, heading: Difference, place: PlaceField | None
+        self,
+        axis: str,
+        inclination: Difference,
+        heading: Difference,
+        place: PlaceField | None,
+        doubts: Doubts,
     ) -> tuple[str, str]:
         """Which of the two its witness contradicts, and what it says of both."""
         if axis == "inclination":
-            return self._accuse_tilt(inclination.off_deg, place)
+            return self._accuse_tilt(inclination.off_deg, place, doubts)
         of_ours, of_theirs = self._ours.turn_deg(place), self._theirs.turn_deg(place)
         if of_ours is None or of_theirs is None:
-            return "", "nothing else shows the heading"
+            return _doubted("", "nothing else shows the heading", doubts)
         by, off_deg = of_ours[1], abs(heading.off_deg)
         wrong, evidence = _named(by, abs(of_ours[0]), abs(of_theirs[0]), off_deg)
         if wrong == "autopilot" and by != VELOCITY:  # a compass that is turned says the same
-            return "", f"{evidence}, but ours is made of it"
-        return wrong, evidence
+            wrong, evidence = "", f"{evidence}, but ours is made of it"
+        return _doubted(wrong, evidence, doubts)
 
-    def _accuse_tilt(self, off_deg: float, place: PlaceField | None) -> tuple[str, str]:
+    def _accuse_tilt(
+        self, off_deg: float, place: PlaceField | None, doubts: Doubts
+    ) -> tuple[str, str]:
         """The force convicts ours; that it agrees with ours, which is made of it, proves less.
 
         An accelerometer that leads ours astray seldom leaves the force as large as gravity, and
@@ -303,19 +309,20 @@ class SecondOpinion:
         ours, theirs = (each.tilt_deg(self._gained) for each in both)
         wrong, evidence = _named("the mean force", ours, theirs, off_deg)
         if wrong != "autopilot":
-            return wrong, evidence
+            return _doubted(wrong, evidence, doubts)
         excess = abs(self._ours.push_m_s2(self._gained) / STANDARD_GRAVITY_M_S2 - 1.0)
         is_odd = excess > ODD_SHARE * (1.0 / max(cos(radians(off_deg)), 0.1) - 1.0)
         if is_odd:
-            evidence += f", but {excess:.0%} off gravity's strength"
+            odd = f"of ours, the force is {excess:.0%} off gravity's strength"
+            doubts = doubts._replace(ours="; ".join(filter(None, [odd, doubts.ours])))
         dips = [each.dip_deg(place) for each in both]
         by_dip = ""
         if dips[0] is not None and dips[1] is not None:
             by_dip, said = _named("the field's dip", dips[0], dips[1], off_deg)
             evidence += f"; {said}" if by_dip else ""
         if by_dip == "ours":
-            return ("ours" if is_odd else ""), evidence
-        return ("" if is_odd and not by_dip else "autopilot"), evidence
+            wrong = "ours" if is_odd else ""
+        return _doubted(wrong, evidence, doubts)
 
     def _note(self, opinion: Opinion, time_us: int, *, is_new: bool) -> None:
         """Keep the times for which both differ."""

@@ -32,6 +32,8 @@ from service.workers.report import attitudes_of, record_of
 MOST_QUICK_NURSERIES = 3
 # Workers tell something every second. One that says nothing for so long hangs, and is killed.
 SILENT_S = 5.0
+# The process that workers come from makes one within milliseconds. One that does not is replaced.
+BIRTH_S = 2.0
 # So much of a silence counts at a turn: when the service itself stood, nobody else is to blame.
 LONGEST_STEP_S = 0.2
 # A service that has not looked for so long was stopped: old attitudes are of no use to anybody.
@@ -97,10 +99,11 @@ class Crew(Closing):
             # the birth of one that has died at once may still have to be told
             if place.connection.is_ended and place.process is not None:
                 self._replace(place)
-            if (line := place.take_line()) is not None:
+            if (line := place.take_line(time.monotonic())) is not None:
                 systems = len(self._handout.systems(place.number))
                 outputs.append(Message(f"{line} goes on with its {systems} systems"))
-        self._kill_silent()
+        if (line := self._kill_silent()) is not None:
+            outputs.append(Message(line))
         return outputs
 
     def end(self) -> list[Output]:
@@ -268,8 +271,8 @@ class Crew(Closing):
             return self._sequences.get(vehicle, 0)
         return record_of(payload).sequence + 1
 
-    def _kill_silent(self) -> None:
-        """End workers that hang, so that they are replaced."""
+    def _kill_silent(self) -> str | None:
+        """End workers that hang, so that they are replaced, or what they come from; then a line."""
         now_s = time.monotonic()
         step_s, self._turn_s = min(now_s - self._turn_s, LONGEST_STEP_S), now_s
         for place in self._places:
@@ -278,6 +281,12 @@ class Crew(Closing):
                 place.failure = f"has said nothing for {SILENT_S:g} s and is killed"
                 place.silent_s = 0.0
                 _kill(place.process)
+        unborn = [place for place in self._places if place.process is None]
+        if self._ready_s is None or not any(place.silent_s > BIRTH_S for place in unborn):
+            return None
+        process = self._nursery.kill()
+        self._replace_nursery(now_s, is_hanging=True)
+        return f"the process that workers come from ({process}) hung and is replaced"
 
     # --- the process that workers come from
 
@@ -304,11 +313,11 @@ class Crew(Closing):
             if place.death is not None and place.death.process == process:
                 place.death = place.death._replace(exit_code=exit_code)
 
-    def _replace_nursery(self, now_s: float) -> None:
+    def _replace_nursery(self, now_s: float, *, is_hanging: bool = False) -> None:
         """Start another one, and ask it for the workers that were not born yet."""
         if self._ready_s is None:
             raise CrewError("the process that workers come from has ended before it was ready")
-        is_quick = now_s - self._ready_s < QUICK_S
+        is_quick = now_s - self._ready_s < QUICK_S and not is_hanging
         self._quick_nurseries = self._quick_nurseries + 1 if is_quick else 0
         if self._quick_nurseries >= MOST_QUICK_NURSERIES:
             raise CrewError("the process that workers come from ends again and again")

@@ -92,6 +92,11 @@ class NurseryProcess(Closing):
         self.is_ready = self.is_ready or any(each.what == READY for each in news)
         return news
 
+    def kill(self) -> int:
+        """End a process that hangs; returns its number. Its workers go on."""
+        self._process.kill()
+        return self._process.pid
+
     def close(self) -> None:
         """End the process and its compiling helper. If it was killed, its workers may go on."""
         self.control.close()

@@ -9,6 +9,8 @@ from service.workers.connection import Connection
 # A worker that lives no longer than this has died quickly; after so many in a row the service ends.
 QUICK_S = 5.0
 MOST_QUICK_DEATHS = 4
+# How a worker has ended is known so soon, or never: whoever could tell is gone, too.
+KNOWN_S = 2.0
 
 
 class Death(NamedTuple):
@@ -16,6 +18,7 @@ class Death(NamedTuple):
 
     process: int | None
     failure: str
+    at_s: float
     exit_code: int | None = None
 
     @property
@@ -57,13 +60,16 @@ class Place:
         if self.process is not None:
             is_quick = now_s - self.born_s < QUICK_S
             self.quick_deaths = self.quick_deaths + 1 if is_quick else 0
-            self.death = Death(self.process, self.failure)
+            self.death = Death(self.process, self.failure, now_s)
         self.connection, self.process, self.failure = connection, None, ""
+        self.silent_s = 0.0
 
-    def take_line(self) -> str | None:
+    def take_line(self, now_s: float) -> str | None:
         """The line about a death, once it is known how it came and who goes on."""
         death = self.death
-        if death is None or self.process is None or not (death.failure or death.exit_code):
+        if death is None or self.process is None:
+            return None
+        if not (death.failure or death.exit_code) and now_s - death.at_s < KNOWN_S:
             return None
         self.death = None
         return f"{self.name} (process {death.process}) {death.cause}; process {self.process}"

@@ -259,6 +259,16 @@ def test_a_worker_that_is_killed_is_replaced_with_all_that_its_vehicles_had(tmp_
         os.kill(workers_of(process)[1][0], signal.SIGKILL)
         count = {str(n): seen.count(str(n)) for n in range(1, 5)}
         wait_for(lambda: all(seen.count(n) > count[n] + 20 for n in count), 60.0)
+        # one that is stopped, while both its workers die
+        stopped, workers = workers_of(process)
+        os.kill(stopped, signal.SIGSTOP)
+        for each in workers:
+            os.kill(each, signal.SIGKILL)
+        count = {str(n): seen.count(str(n)) for n in range(1, 5)}
+        wait_for(lambda: all(seen.count(n) > count[n] + 20 for n in count), 60.0)
+        wait_for(lambda: any(f"({stopped}) hung and is replaced" in line for line in lines), 5.0)
+        told = [f"(process {each})" for each in workers]
+        wait_for(lambda: all(any(each in line for line in lines) for each in told), 5.0)
         family = descendants(process.pid)
         process.kill()  # nobody is told, and nobody stays
         process.wait()
