@@ -5,6 +5,7 @@ with the others. The process has no thread of its own, opens nothing and compute
 there is nothing that a fork could break.
 """
 
+import ctypes
 import gc
 import os
 import pickle
@@ -23,11 +24,13 @@ from service.workers.nursery_process import BORN, DEAD, NEWS, READY, REQUEST, Se
 
 GRACE_S = 1.5  # workers end by themselves when the service closes their connections
 LOOK_S = 0.1
+PR_SET_PDEATHSIG = 1  # from linux/prctl.h
 
 
 def serve(control_file: int) -> None:
     """Fork a worker for each request, until the service closes the control."""
     worker.ignore_signals()
+    _end_with_parent()
     control = socket.socket(fileno=control_file)
     setup: Setup = pickle.load(sys.stdin.buffer)  # noqa: S301 - of the service itself
     tell_compiling(_say)
@@ -97,6 +100,12 @@ class _Children:
                 os.kill(process, signal.SIGKILL)
         for process in self._alive:
             os.waitpid(process, 0)
+
+
+def _end_with_parent() -> None:
+    """Even while this process is stopped, and reads nothing that the service closes."""
+    if sys.platform.startswith("linux"):
+        ctypes.CDLL(None).prctl(PR_SET_PDEATHSIG, signal.SIGKILL)
 
 
 def _tell(control: socket.socket, what: bytes, process: int, number: int) -> None:

@@ -270,6 +270,7 @@ def test_a_worker_that_is_killed_is_replaced_with_all_that_its_vehicles_had(tmp_
         told = [f"(process {each})" for each in workers]
         wait_for(lambda: all(any(each in line for line in lines) for each in told), 5.0)
         family = descendants(process.pid)
+        os.kill(family[0], signal.SIGSTOP)
         process.kill()  # nobody is told, and nobody stays
         process.wait()
         wait_for(lambda: not any(map(is_alive, family)), 10.0)
