@@ -12,7 +12,7 @@ from estimator.geometry.axes import FrameAxes, to_frame
 from estimator.geometry.quaternion import add, cross, dot, scale, subtract
 from estimator.types import ZERO_VEC3, Vec2, Vec3
 
-# Over longer steps (s) the rate between two samples is unknown.
+# Over longer steps (s) the turning between two samples is unknown, so that they tell no own field.
 LONGEST_STEP_S = 0.15
 # A field that is off its mean by this share of its norm has been turned, not measured badly.
 MOST_DEVIATION = 0.6
@@ -109,6 +109,7 @@ def learn_calibration(
     field_g: Vec3,
     norm: float,
     dt_s: float,
+    unseen: float,
 ) -> CalibrationState:
     """Recursive least squares of field = F + R offset + lag (R w) x field, all over ``norm``.
 
@@ -120,6 +121,8 @@ def learn_calibration(
     the first reading instead, that one's error would be in every residual.) ``field_g`` is
     corrected already: its residual is that of the present estimate.
     While a body hardly turns, its own field looks like the place's, so it teaches the lag only.
+    So does a slow stream: a reading lacks what the body turns in a tenth of a second, at the rate
+    of its own sample. What turned ``unseen`` (variance, rad^2) is noise.
     """
     y = scale(1.0 / norm, field_g)
     x = cross(to_frame(axes, gyr), y)
@@ -142,21 +145,25 @@ def learn_calibration(
     )
     offset, lag_s, p = before.offset, before.lag_s, walk(params, before.covariance, dt_s)
     dy = subtract(y, means.field)
-    if dt_s <= LONGEST_STEP_S and dot(dy, dy) < MOST_DEVIATION**2:
+    if dot(dy, dy) < MOST_DEVIATION**2:
         dx = subtract(x, means.turning)
         r = (
             subtract(axes.north, means.axes.north),
             subtract(axes.east, means.axes.east),
             subtract(axes.down, means.axes.down),
         )
-        tells = dot(r[0], r[0]) + dot(r[1], r[1]) + dot(r[2], r[2]) >= params.calibration_turn
-        least = params.calibration_noise_s / dt_s
+        turned = dot(r[0], r[0]) + dot(r[1], r[1]) + dot(r[2], r[2])
+        is_slow = dt_s > LONGEST_STEP_S
+        tells = turned >= params.calibration_turn and not is_slow
+        least = params.calibration_noise_s / dt_s + unseen
         for i in range(3):
             row = r[i] if tells else ZERO_VEC3
             # the residual of the estimate before the step: less what the other axes have changed
             e = dy[i] - dot(row, subtract(offset, before.offset)) - dx[i] * (lag_s - before.lag_s)
             noise = least * robust_factor((e * (1.0 / params.calibration_reach)) ** 2)
             offset, lag_s, p = update(offset, lag_s, p, row, dx[i], e, noise)
+        if is_slow:  # beside such steps no gyroscope is later than the magnetometer
+            lag_s = max(lag_s, 0.0)
     return CalibrationState(Calibration(lag_s, offset, p, norm), means, age_s, True)
 
 

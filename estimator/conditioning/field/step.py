@@ -63,12 +63,14 @@ def learn_field(
     settled = max(LEAST_SETTLED, min(1.0, gravity.force.age_s / params.gravity_tau_s) ** 2)
     magnetic = observe_field(params, before.magnetic, field_6d, since_s, settled)
     n = reference_norm(magnetic)
+    unseen = slowness(params, mean.time_s) * now.tilt.variance
     if n > 0.0:
+        axes = axes_of(gravity.q_g_frd)
         calibration = learn_calibration(
-            params, calibration, axes_of(gravity.q_g_frd), vertical.rate, mean.field_g, n, since_s
+            params, calibration, axes, vertical.rate, mean.field_g, n, since_s, unseen
         )
     if has_heading(magnetic):
         horizontal = north_east(estimate.heading_rad, field_6d)
-        leaning = 0.5 * (slowness(params, mean.time_s) * now.tilt.variance + now.doubt)
+        leaning = 0.5 * (unseen + now.doubt)
         estimate = learn_heading(params, estimate, magnetic, horizontal, settled, since_s, leaning)
     return FieldStep(MagnetometerState(calibration, magnetic), estimate, True, horizontal, since_s)

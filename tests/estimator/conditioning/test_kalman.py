@@ -176,7 +176,7 @@ def test_a_turning_body_tells_lag_and_own_field(seed, turned):
     y = rng.normal((0.4, 0.1, 0.7), 0.1)
     state = state._replace(means=state.means._replace(field=tuple(y - rng.normal(0.0, 0.1, 3))))
     after = learn_calibration(
-        params, state, axes, tuple(gyr), tuple((norm * y).tolist()), norm, DT
+        params, state, axes, tuple(gyr), tuple((norm * y).tolist()), norm, DT, 0.0
     ).learnt
 
     share = 1.0 - DT / (2.0 + DT)  # what is left of a difference once the mean has taken it

@@ -146,6 +146,14 @@ def test_lag_and_own_field_are_learnt_while_turning():
     )  # measured within 1.4e-4
 
 
+def test_four_samples_a_second_tell_the_lag_alone():
+    samples = list(fly(tumbling, 120.0, 0.005, lag_s=0.095, offset=(0.05, -0.03, 0.04)))[::50]
+    state, _ = run(samples, 0.25)
+    learnt = state.field.calibration.learnt
+    assert learnt.lag_s == pytest.approx(0.095, rel=0.2)
+    assert learnt.offset == (0.0, 0.0, 0.0)
+
+
 def test_a_late_magnetometer_bends_the_heading_only_where_the_step_is_off():
     worst = {}
     for use_lag in (True, False):
@@ -208,11 +216,13 @@ def test_a_calibration_stays_while_the_reference_norm_is_learnt():
     for norm in (0.3, 0.4, 0.46):
         for _ in range(10):
             state = learn_calibration(
-                PARAMS, state, axes, (0.0, 0.0, 0.0), (0.2, 0.0, 0.42), norm, 0.01
+                PARAMS, state, axes, (0.0, 0.0, 0.0), (0.2, 0.0, 0.42), norm, 0.01, 0.0
             )
     assert state.means.field == pytest.approx((0.2 / 0.46, 0.0, 0.42 / 0.46))
     state = state._replace(learnt=state.learnt._replace(offset=(0.1, 0.0, 0.0)))
-    state = learn_calibration(PARAMS, state, axes, (0.0, 0.0, 0.0), (0.2, 0.0, 0.42), 0.23, 0.01)
+    state = learn_calibration(
+        PARAMS, state, axes, (0.0, 0.0, 0.0), (0.2, 0.0, 0.42), 0.23, 0.01, 0.0
+    )
     assert state.learnt.scale * state.learnt.offset[0] == pytest.approx(0.046)
 
 
