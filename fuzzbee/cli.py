@@ -18,6 +18,7 @@ from pathlib import Path
 from estimator.compilation.notice import tell_compiling
 from estimator.errors import InputError
 from fuzzbee.quiet_start import ENDLESS, INTERRUPTED
+from fuzzbee.recordings import NotWholeError
 from fuzzbee.say import say
 from fuzzbee.surroundings import settle_environment
 from service.signals import terminate_like_interrupt
@@ -44,6 +45,8 @@ def _status(arguments: list[str]) -> int:
         status = _run_verb(arguments)
     except InputError as error:
         return _fail(str(error), BAD_INPUT)
+    except NotWholeError as error:
+        return _fail(str(error), FAILED)
     except KeyboardInterrupt:
         return INTERRUPTED
     except BrokenPipeError:

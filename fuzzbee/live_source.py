@@ -90,13 +90,21 @@ def make_runner(
     requests: ParameterRequests,
     rate_hz: float,
     news: Callable[[], list[Message]] = list,
+    recording: Callable[[], str] = str,
 ) -> Runner:
     """The loop over a source: a log has a clock and an end of its own."""
     options: dict[str, Any] = {"overload": Overload()}
     if isinstance(source, LogPlayer):
         options = {"now_us": source.now_us, "is_finished": source.is_finished}
     return Runner(
-        source, pipeline, outbox, rate_hz=rate_hz, requests=requests, news=news, **options
+        source,
+        pipeline,
+        outbox,
+        rate_hz=rate_hz,
+        requests=requests,
+        news=news,
+        recording=recording,
+        **options,
     )
 
 

@@ -10,6 +10,7 @@ from estimator.estimator import Estimator
 from estimator.profile import Profile
 from fuzzbee import outputs
 from fuzzbee.live_source import make_runner, open_recorder, open_source
+from fuzzbee.recordings import Recordings
 from fuzzbee.run_options import RunOptions
 from fuzzbee.say import say
 from fuzzbee.serving import (
@@ -51,6 +52,7 @@ def serve(options: RunOptions, opening: OpeningSession | None) -> int:
     profile = prepared.profile
     requests = ParameterRequests()
     conflicts: list[InputError] = []
+    recordings = Recordings()
     is_there = is_compiled(profile)
     if is_there:
         _load(profile, options.gain)
@@ -71,6 +73,7 @@ def serve(options: RunOptions, opening: OpeningSession | None) -> int:
             if recorder is not None and retuning is not None:
                 sinks.append(RecordingSink(recorder))
             outbox = stack.enter_context(Outbox(sinks))
+            recordings.add([recorder, *sinks])
             sinks.clear()
         compiling = None
         if interprets:
@@ -83,6 +86,7 @@ def serve(options: RunOptions, opening: OpeningSession | None) -> int:
             requests,
             options.rate_hz,
             news=lambda: _change_over(compiling, pipeline),
+            recording=lambda: recordings.word,
         )
         seconds, failure = run_loop(runner, options.seconds, conflicts)
     result = summary(
@@ -93,6 +97,7 @@ def serve(options: RunOptions, opening: OpeningSession | None) -> int:
         lost=runner.lost,
         malformed=pipeline.malformed,
         refused=pipeline.refused_frames,
+        recording=recordings.word,
     )
     problems = [failure, *conflicts]
     return conclude(options, result, outbox, problems, was_stopped=runner.was_stopped)

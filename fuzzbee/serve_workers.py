@@ -8,6 +8,7 @@ from estimator.errors import InputError
 from estimator.profile import Profile
 from fuzzbee import outputs
 from fuzzbee.live_source import open_link, open_recorder
+from fuzzbee.recordings import Recordings
 from fuzzbee.run_options import RunOptions
 from fuzzbee.say import say
 from fuzzbee.serving import (
@@ -47,6 +48,7 @@ def serve_workers(options: RunOptions) -> int:
 def _serve(options: RunOptions, prepared: Prepared) -> int:
     profile = prepared.profile
     conflicts: list[InputError] = []
+    recordings = Recordings()
     as_records = options.outputs.needs_records
     with ExitStack() as stack:
         wanted = MavlinkDecoder(references=options.outputs.shows_peers).wanted
@@ -71,6 +73,8 @@ def _serve(options: RunOptions, prepared: Prepared) -> int:
             sinks.append(open_view(options))
             source = open_link(prepared.endpoint, options, prepared.key, recorder, stack, handout)
             outbox = stack.enter_context(Outbox(sinks))
+            recordings.add([recorder, *sinks])
+            crew.status.recording = lambda: recordings.word
             sinks.clear()
         foreman = Foreman(source, crew, handout, outbox, shows=not as_records)
         seconds, failure = run_loop(foreman, options.seconds, conflicts)
@@ -84,6 +88,7 @@ def _serve(options: RunOptions, prepared: Prepared) -> int:
         lost=status.lost,
         malformed=status.malformed,
         refused=status.refused,
+        recording=recordings.word,
         workers={"workers": options.workers, "restarts": status.restarts},
     )
     problems = [failure, *conflicts]

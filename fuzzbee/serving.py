@@ -16,6 +16,7 @@ from estimator.profile import Profile, load_profile
 from estimator.reasons import Reason
 from fuzzbee import outputs, security
 from fuzzbee.live_source import default_profile, require_fitting, require_shareable
+from fuzzbee.recordings import FAILED as NOT_WHOLE
 from fuzzbee.run_options import RunOptions
 from fuzzbee.say import say
 from fuzzbee.terminal import PersonConsole, TerminalView
@@ -179,6 +180,7 @@ def summary(
     lost: int,
     malformed: int,
     refused: Mapping[Reason, int] | Mapping[str, int],
+    recording: str,
     workers: dict[str, int] | None = None,
 ) -> dict[str, Any]:
     """The result of a run, as --json prints it; ``workers`` is what is said of them."""
@@ -194,6 +196,7 @@ def summary(
         "lost": lost,
         "malformed": malformed,
         "refused": dict(sorted(refused.items())),
+        **({"recording": recording} if recording else {}),
         "departed": dict(zip(("vehicles", "samples", "attitudes"), tally.departures, strict=True)),
         "vehicles": {
             vehicle_name(vehicle): {
@@ -220,18 +223,23 @@ def conclude(
     *,
     was_stopped: bool,
 ) -> int:
-    """Tell the result and raise what went wrong; 1 if nobody was heard in the time given, else 0.
+    """Tell the result and raise what went wrong.
+
+    The status is 1 if nobody was heard in the time given, or a recording is not whole, else 0.
 
     Who was refused has been heard, too.
     """
     if outbox.stuck:
         say(f"not closed in time: {', '.join(outbox.stuck)}")
+    for error in outbox.untold:
+        say(error)
     _report(result, as_json=options.as_json)
     for problem in problems:
         if problem is not None:
             raise problem
     heard = result["vehicles"] or result["departed"]["vehicles"] or result["refused"]
-    return OK if heard or was_stopped or options.seconds is None else FAILED
+    is_whole = result.get("recording") != NOT_WHOLE
+    return OK if is_whole and (heard or was_stopped or options.seconds is None) else FAILED
 
 
 def _report(result: dict[str, Any], *, as_json: bool) -> None:

@@ -11,6 +11,7 @@ class Load(NamedTuple):
     it, 0 where the ticks are not those of a clock; none are while the last ones are
     still in hand (``is_behind``). While it ``is_shedding``, and right
     after a stop (``has_just_woken``), only vehicles with a new sample have theirs published.
+    ``recording`` is a word on the files that are recorded to.
     """
 
     overruns: int = 0
@@ -20,3 +21,4 @@ class Load(NamedTuple):
     is_behind: bool = False
     has_just_woken: bool = False
     rate_hz: float = 0.0
+    recording: str = ""

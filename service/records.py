@@ -110,6 +110,7 @@ class StatusRecord(msgspec.Struct, frozen=True):
     worker: int | None = None  # which one has the vehicle, with --workers; from 1
     restarts: int = 0  # of workers, so far
     autopilot: Autopilot | None = None  # None where it sends no attitude
+    recording: str = ""  # "whole", "failed", or "" where nothing is recorded
 
 
 class Published(Value, frozen=True):

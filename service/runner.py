@@ -41,7 +41,8 @@ class Runner(Stoppable):
     ``now_us`` is the host time that arrivals are stamped with (Unix time for
     live sources), ``monotonic_s`` the clock of the schedule; ``is_finished`` tells that nothing
     will come any more. With an ``overload`` attitudes are left out, too, while the source leaves
-    samples out. ``news`` is asked at each tick for lines that others have to tell.
+    samples out. ``news`` is asked at each tick for lines that others have to tell, ``recording``
+    for a word on the files that are recorded to.
     """
 
     def __init__(
@@ -57,6 +58,7 @@ class Runner(Stoppable):
         is_finished: Callable[[], bool] = lambda: False,
         overload: Overload | None = None,
         news: Callable[[], list[Message]] = list,
+        recording: Callable[[], str] = str,
     ) -> None:
         super().__init__()
         self.overruns = 0
@@ -71,6 +73,7 @@ class Runner(Stoppable):
         self._is_finished = is_finished
         self._overload = overload
         self._news = news
+        self._recording = recording
         self._frozen = Frozen()
         self._due_s = float("inf")
         self._woken_s: float | None = None  # when the loop went on after a stop
@@ -142,6 +145,7 @@ class Runner(Stoppable):
             is_behind=not self._outbox.settle(0.0),
             has_just_woken=self._woken_s is not None and now_s - self._woken_s < WAKING_S,
             rate_hz=1.0 / self._period_s,
+            recording=self._recording(),
         )
         self._outbox.put(self._pipeline.tick(self._now_us(), load))
         self._outbox.settle(SETTLING * self._period_s)

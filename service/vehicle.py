@@ -374,6 +374,7 @@ class Vehicle:
             warnings=tuple(sorted(words)),
             retuned=self._retuned,
             autopilot=autopilot,
+            recording=load.recording,
         )
         self._statuses += 1
         return record

@@ -34,6 +34,7 @@ class BackgroundRecorder(Closing):
         with self._changed:
             if self._waiting_bytes + size > MOST_WAITING_BYTES:
                 self.lost += len(kept)
+                self._recorder.miss(len(kept))
                 return
             self._waiting.append((arrival_us, kept))
             self._waiting_bytes += size
@@ -45,6 +46,9 @@ class BackgroundRecorder(Closing):
             self._is_closing = True
             self._changed.notify()
         self._thread.join(CLOSE_S)
+        with self._changed:
+            if self._thread.is_alive():
+                self._recorder.miss(1 + sum(len(frames) for _, frames in self._waiting))
 
     def _work(self) -> None:
         while (waiting := self._next()) is not None:

@@ -14,11 +14,14 @@ from collections.abc import Iterable
 from contextlib import suppress
 from pathlib import Path
 from struct import Struct
-from typing import Protocol
+from typing import TYPE_CHECKING, Protocol
 
 from drivers.closing import Closing
 from drivers.output_file import output_path
 from estimator.errors import InputError
+
+if TYPE_CHECKING:
+    from drivers.mavlink.rotating_recorder import RotatingRecorder
 
 RETRY_US = 10_000_000  # a failed write is tried again then; until then no time is lost on it
 
@@ -32,18 +35,31 @@ class Recorder(Protocol):
     def write(self, arrival_us: int, frames: Iterable[bytes]) -> None:
         """Keep ``frames``, all of which arrived at ``arrival_us``; never raises."""
 
+    def miss(self, frames: int) -> None:
+        """Count frames that could not even be handed over in time."""
+
 
 class SharedRecorder:
     """A recorder that several threads write to."""
 
-    def __init__(self, recorder: Recorder) -> None:
+    def __init__(self, recorder: "TlogRecorder | RotatingRecorder") -> None:
         self._recorder = recorder
+        self._missed = 0
         self._lock = threading.Lock()
 
     def write(self, arrival_us: int, frames: Iterable[bytes]) -> None:
         """See :class:`Recorder`."""
         with self._lock:
             self._recorder.write(arrival_us, frames)
+
+    def miss(self, frames: int) -> None:
+        """See :class:`Recorder`."""
+        self._missed += frames
+
+    @property
+    def is_whole(self) -> bool:
+        """Whether nothing is missing so far."""
+        return not self._missed and not self._recorder.lost
 
 
 class TlogRecorder(Closing):

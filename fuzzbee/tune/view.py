@@ -58,6 +58,7 @@ class SearchView:
             self._draw(search)
         self._tell(search, _scores(before, after))
         self.stream.finish()
+        self.stream.require_whole()
 
     def close(self) -> None:
         """End the viewer."""

@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from estimator.errors import InputError
+from fuzzbee.recordings import NotWholeError
 from fuzzbee.viewer.process import ViewerProcess
 from fuzzbee.viewer.sdk import rr
 from service.signals import terminate_like_interrupt
@@ -14,6 +15,8 @@ WEB = "web"
 CLOSE_FLUSH_S = 0.4  # less than the time that all sinks of a run have to close
 FINISH_FLUSH_S = 60.0
 CLOSED = "closed; the rest goes on without it"
+CHECK_EVERY = 50  # pieces: whether the file is still written
+OF_FILE = "File-writer"  # begins what the library says of a file that it could not write
 
 
 class ViewerOptions(NamedTuple):
@@ -39,7 +42,9 @@ class ViewerStream:
         self._recording.set_log_time_enabled(False)  # what is drawn has a time of its own
         self._recording.set_log_tick_enabled(False)
         self.process: ViewerProcess | None = None
-        self._has_file = options.rrd is not None
+        self._rrd = options.rrd
+        self._file_failed = False
+        self._pieces = 0
         self._told = False
         sinks = [] if options.rrd is None else [_file_sink(options.rrd)]
         if options.view is not None:
@@ -55,7 +60,8 @@ class ViewerStream:
     @property
     def is_wanted(self) -> bool:
         """Whether there is still somewhere to draw."""
-        return self._has_file or not self._is_lost
+        has_file = self._rrd is not None and not self._file_failed
+        return has_file or (self.process is not None and not self._is_lost)
 
     def take_loss(self) -> bool:
         """Whether somebody else has closed the viewer; True only once."""
@@ -74,6 +80,24 @@ class ViewerStream:
     def log(self, path: str, shape: Any) -> None:
         """Show ``shape`` from the time that was set on."""
         self._recording.log(path, shape)
+        self._pieces += 1
+        if self._rrd is not None and self._pieces % CHECK_EVERY == 0:
+            self._flush(0.0)
+
+    @property
+    def is_whole(self) -> bool:
+        """Whether the file, if there is one, has everything so far."""
+        return not self._file_failed
+
+    def require_whole(self) -> None:
+        """Raise once if the file is not.
+
+        Raises:
+            NotWholeError: it is not, so it is written no more.
+        """
+        if self._file_failed and self._rrd is not None:
+            rrd, self._rrd = self._rrd, None
+            raise NotWholeError(f"--rrd {rrd}: could not be written, and is not whole")
 
     def static(self, path: str, shape: Any) -> None:
         """Show ``shape`` at all times."""
@@ -111,8 +135,12 @@ class ViewerStream:
             self.process = None
 
     def _flush(self, timeout_s: float) -> None:
-        with suppress(Exception):  # the window may be closed already
+        """Send what is pending; the window may be closed already, and the disk be full."""
+        try:
             self._recording.flush(timeout_sec=timeout_s)
+        except Exception as error:  # noqa: BLE001 - the library's errors have no class of their own
+            if self._rrd is not None and str(error).startswith(OF_FILE):
+                self._file_failed = True
 
 
 def _file_sink(path: str) -> Any:

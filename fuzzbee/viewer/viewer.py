@@ -60,7 +60,9 @@ class ViewerSink:
 
         Raises:
             ConnectionError: once, if the viewer has been closed.
+            NotWholeError: once, if the file cannot be written any more.
         """
+        self.stream.require_whole()
         if self.stream.take_loss():
             raise ConnectionError(CLOSED)
         if not self.stream.is_wanted:
@@ -88,6 +90,12 @@ class ViewerSink:
         """Send what is pending, and end the viewer."""
         self._flush()
         self.stream.close()
+        self.stream.require_whole()
+
+    @property
+    def is_whole(self) -> bool:
+        """Whether the file that was asked for, if any, has everything so far."""
+        return self.stream.is_whole
 
     def _on_published(self, output: Published) -> None:
         """Hand an attitude or a status to the vehicle's page."""

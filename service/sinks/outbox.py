@@ -30,6 +30,7 @@ class Outbox:
     def __init__(self, sinks: Sequence[Sink]) -> None:
         self._outlets = tuple(Outlet(sink) for sink in sinks)
         self.stuck: list[str] = []
+        self.untold: list[str] = []  # errors that came last
 
     @property
     def dropped(self) -> int:
@@ -66,6 +67,8 @@ class Outbox:
         for outlet in self._outlets:
             if not outlet.join(max(0.01, end_s - time.monotonic())):
                 self.stuck.append(outlet.sink.name)
+        errors = [outlet.take_error() for outlet in self._outlets]
+        self.untold += [error for error in errors if error is not None]
 
     def __enter__(self) -> Self:
         return self

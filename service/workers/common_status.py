@@ -1,6 +1,7 @@
 """One status of a vehicle, from its worker's and from what the service itself has counted."""
 
 from collections import Counter, defaultdict
+from collections.abc import Callable
 from functools import reduce
 
 import msgspec
@@ -23,6 +24,7 @@ class CommonStatus:
         self.dropped = 0  # by the link, the handout and the sinks
         self.lost = 0  # datagrams, by the system
         self.is_overloaded = False  # the link
+        self.recording: Callable[[], str] = str  # a word on the files that are recorded to
         self.refused: Counter[str] = Counter()
         self._refused_of: defaultdict[VehicleId, Counter[str]] = defaultdict(Counter)
         self._shed_of: Counter[VehicleId] = Counter()
@@ -84,6 +86,7 @@ class CommonStatus:
             shed=record.shed + self._shed_of[vehicle],
             worker=worker + 1,
             restarts=self.restarts,
+            recording=self.recording(),
         )
 
     def _rejected(self, vehicle: VehicleId, by_worker: dict[str, int]) -> dict[str, int]:

@@ -174,8 +174,9 @@ def test_a_disk_that_fills_up_costs_the_rest_of_the_recording_only(tmp_path, cap
             check=False,
             env={**os.environ, "PYTHONDONTWRITEBYTECODE": "1"},
         )
-    assert done.returncode == 0, done.stderr
+    assert done.returncode == 1, done.stderr
     assert done.stderr.count("the estimate goes on") == 1
+    assert json.loads(done.stdout)["recording"] == "failed"
     assert json.loads(done.stdout)["vehicles"]["1"]["samples"] > 400
     (recorded,) = folder.iterdir()
     assert 30_000 < recorded.stat().st_size <= 40_000

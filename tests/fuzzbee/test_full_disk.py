@@ -1,0 +1,51 @@
+"""A disk that fills up, by a limit on the size of a file: a line, and status 1."""
+
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+LOG = Path(__file__).parents[1] / "data" / "sitl_copter_flips.tlog"
+LIMITED = """
+import resource, sys
+from fuzzbee.cli import entry_point
+resource.setrlimit(resource.RLIMIT_FSIZE, (40_000, 40_000))
+entry_point()
+"""
+pytestmark = pytest.mark.skipif(os.name != "posix", reason="needs resource limits")
+
+
+def limited(*arguments):
+    return subprocess.Popen(
+        [sys.executable, "-c", LIMITED, *arguments],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        env={**os.environ, "PYTHONDONTWRITEBYTECODE": "1"},
+    )
+
+
+def test_a_drawing_that_is_not_whole_is_told_while_the_run_goes_on(tmp_path):
+    pytest.importorskip("rerun", reason="the extra viewer is not installed")
+    file = tmp_path / "flight.rrd"
+    done = limited(
+        *("run", "sim:", "--seconds", "8", "--json", "--no-zenoh"),
+        *("--rrd", str(file), "--profile", "paper"),
+    )
+    out, err = done.communicate(timeout=600)
+    assert done.returncode == 1, err
+    told = [line for line in err.splitlines() if "is not whole" in line]
+    assert len(told) == 1
+    assert json.loads(out)["recording"] == "failed"
+    assert json.loads(out)["vehicles"]["1"]["attitudes"] > 300
+
+
+def test_a_replay_s_drawing_that_is_not_whole_is_status_1(tmp_path):
+    pytest.importorskip("rerun", reason="the extra viewer is not installed")
+    done = limited("replay", str(LOG), "--json", "--rrd", str(tmp_path / "flight.rrd"))
+    _, err = done.communicate(timeout=600)
+    assert done.returncode == 1
+    assert err.count("is not whole") == 1
