@@ -151,7 +151,7 @@ class MavlinkDecoder:
         """The events of a new sender; none if there are too many for a link of real ones."""
         gone: list[Event] = []
         if len(self._senders) >= MOST_SENDERS:
-            silent = self._longest_silent(arrival_us)
+            silent = self._longest_silent(arrival_us, brings_imu=frame.message_id in IMU_MESSAGES)
             if silent is None:
                 return []
             intake = self._senders.pop(silent).intake
@@ -163,11 +163,17 @@ class MavlinkDecoder:
         sender.intake.heard_us = arrival_us
         return gone + self._events(sender, frame, arrival_us)
 
-    def _longest_silent(self, now_us: int) -> VehicleId | None:
+    def _longest_silent(self, now_us: int, *, brings_imu: bool) -> VehicleId | None:
         """The sender that loses its place; first those without an IMU, so vehicles stay in a flood.
+
+        To one that ``brings_imu`` those without give way even if they are not silent.
 
         Silence is looked for once a second at most: a flood must not cost a search a frame.
         """
+        if brings_imu:
+            idle = [each for each in self._senders.values() if not each.intake.has_imu]
+            if idle:
+                return min(idle, key=lambda each: each.intake.heard_us).id
         full_since_us = self._full_since_us
         if full_since_us is not None and 0 <= now_us - full_since_us < LOOK_US:
             return None

@@ -17,6 +17,7 @@ from drivers.endpoint import Endpoint
 from drivers.events import Event, LinkDown, LinkUp, Malformed, Notice, VehicleId
 from drivers.mavlink.background_recorder import BackgroundRecorder
 from drivers.mavlink.backlog import MOST_WAITING, Arrived, Backlog, waiting_clock_s
+from drivers.mavlink.claims import Claims
 from drivers.mavlink.constants import (
     MAV_AUTOPILOT_INVALID,
     MAV_COMP_ID_ONBOARD_COMPUTER,
@@ -25,7 +26,7 @@ from drivers.mavlink.constants import (
 from drivers.mavlink.decoder import MavlinkDecoder
 from drivers.mavlink.encoder import FrameEncoder, heartbeat
 from drivers.mavlink.error_summary import ErrorSummary
-from drivers.mavlink.framing import FrameReader
+from drivers.mavlink.framing import Frame, FrameReader
 from drivers.mavlink.gate import FrameGate, Policy
 from drivers.mavlink.hearing import Hearing
 from drivers.mavlink.opening import Opening
@@ -103,6 +104,7 @@ class MavlinkLink(Closing):
         self._gate = FrameGate(policy)
         self._key = key
         self._stamp = None if policy.signing is None else policy.signing.stamp
+        self._claims = Claims()
         self._readers: OrderedDict[str, FrameReader] = OrderedDict()
         self._encoders: dict[int, FrameEncoder] = {}
         self._outgoing: deque[bytes] = deque(maxlen=MOST_UNSENT_FRAMES)
@@ -126,8 +128,8 @@ class MavlinkLink(Closing):
 
     @property
     def dropped(self) -> int:
-        """Frames thrown away so far because nobody drained them; the oldest go first."""
-        return self._backlog.dropped
+        """Thrown away so far: frames that nobody drained, packets of floods without an IMU."""
+        return self._backlog.dropped + self._claims.refused
 
     @property
     def shed(self) -> int:
@@ -265,6 +267,7 @@ class MavlinkLink(Closing):
         if not packets and self._taker is None:
             return
         now_us = _unix_us()
+        packets = [p for p in packets if not p.data or self._claims.admits(p.peer, now_s)]
         scanned = self._scan(packets)
         waiting: list[Arrived] = []
         for k, (peer, data, stamp_us) in enumerate(packets):
@@ -279,12 +282,15 @@ class MavlinkLink(Closing):
             rows = scanned[k] if k < len(scanned) else None
             if rows is not None and self._is_usual(rows, peer, arrival_us, reader):
                 self._tell(self._hearing.bytes_read(len(data), 1, now_s), arrival_us)
-                waiting += [Arrived(arrival_us, frame_of(data, row)) for row in rows]
+                usual = [frame_of(data, row) for row in rows]
+                self._credit(peer, usual, now_s)
+                waiting += [Arrived(arrival_us, frame) for frame in usual]
                 continue
             frames = reader.feed(data)
             self._events += self._sequences.look(peer, frames, arrival_us)
             self._tell(self._hearing.bytes_read(len(data), len(frames), now_s), arrival_us)
             frames = self._gate.let_in(frames, peer, arrival_us)
+            self._credit(peer, frames, now_s)
             if self._background is not None and frames:
                 self._background.write(arrival_us, [frame.data for frame in frames])
             wanted = self._decoder.wanted
@@ -315,6 +321,12 @@ class MavlinkLink(Closing):
         if self._sequences.looks_at(peer, address, arrival_us):
             return False
         return self._gate.lets_in_as_before(address, peer, arrival_us)
+
+    def _credit(self, peer: str, frames: list[Frame], now_s: float) -> None:
+        """Sound frames that are let in give a peer its place."""
+        if frames:
+            self._claims.note(peer, frames, now_s)
+            self._transport.credit(peer)
 
     def _tell(self, text: str | None, now_us: int) -> None:
         if text is not None:

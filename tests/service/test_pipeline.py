@@ -33,7 +33,7 @@ STATUS_KEYS = [
     "state", "imu_message", "imu_rate_hz", "worst_gap_s", "rejected", "overruns", "dropped",
     "sequence", "rates", "gain", "overloaded", "shed", "lost", "published_hz",
     "malformed", "warnings", "retuned",
-    "worker", "restarts", "autopilot",
+    "worker", "restarts", "autopilot", "recording",
 ]  # fmt: skip
 
 

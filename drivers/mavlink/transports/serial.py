@@ -62,6 +62,9 @@ class SerialLine:
         except OSError as error:
             raise LinkError(_serial_reason(error)) from error
 
+    def credit(self, peer: str) -> None:
+        """There are as many places as there are peers."""
+
     def close(self) -> None:
         if self._port is not None:
             with contextlib.suppress(OSError):

@@ -7,6 +7,7 @@ import logging
 import selectors
 import socket
 import time
+from collections import Counter
 
 from drivers.endpoint import Endpoint
 from drivers.mavlink.transports.sockets import (
@@ -76,6 +77,9 @@ class TcpClient:
         if self._stream is not None:
             self._stream.send(data)
 
+    def credit(self, peer: str) -> None:
+        """There are as many places as there are peers."""
+
     def close(self) -> None:
         _close(self._socket)
         self._socket = self._stream = None
@@ -133,6 +137,10 @@ class TcpServer:
             with contextlib.suppress(LinkError):
                 client.send(data)
 
+    def credit(self, peer: str) -> None:
+        if peer in self._clients:
+            self._clients[peer].note_sound()
+
     def close(self) -> None:
         for client in self._clients.values():
             client.socket.close()
@@ -149,23 +157,33 @@ class TcpServer:
                     self._tell(reason(error.errno))
                     time.sleep(NO_DESCRIPTORS_REST_S)
                 return
-            if len(self._clients) >= MOST_TCP_CLIENTS and not self._make_room():
+            if len(self._clients) >= MOST_TCP_CLIENTS and not self._make_room(sender[0]):
                 self._tell(f"{MOST_TCP_CLIENTS} clients are connected, no more are let in")
                 accepted.close()
                 continue
             accepted.setblocking(False)
             self._clients[f"{sender[0]}:{sender[1]}"] = _Stream(accepted)
 
-    def _make_room(self) -> bool:
-        """Drop a client that never said anything, or has been silent for long."""
+    def _make_room(self, host: str) -> bool:
+        """Drop a client that never sent a frame, or none for long; or one of a host with most.
+
+        One host must not keep others out, whatever it sends.
+        """
         now_s = time.monotonic()
+        hosts = {name: name.rpartition(":")[0] for name in self._clients}
+        crowd, size = Counter(hosts.values()).most_common(1)[0]
         name, silent = min(self._clients.items(), key=lambda each: each[1].last_heard)
         if silent.has_spoken and now_s - silent.heard_s < LONG_SILENCE_S:
-            return False
+            if crowd == host or size <= MOST_TCP_CLIENTS // 2:
+                return False
+            name = min(
+                (each for each in self._clients if hosts[each] == crowd),
+                key=lambda each: self._clients[each].last_heard,
+            )
         self._tell(
             f"{MOST_TCP_CLIENTS} clients are connected: {name}, silent for longest, is dropped"
         )
-        silent.socket.close()
+        self._clients[name].socket.close()
         del self._clients[name]
         return True
 
@@ -207,7 +225,7 @@ class _Stream:
 
     @property
     def last_heard(self) -> tuple[bool, float]:
-        """The order of silence: first who never spoke, then who did so longest ago."""
+        """The order of silence: first who never sent a frame, then who did so longest ago."""
         return self.has_spoken, self.heard_s
 
     def receive(self) -> bytes | None:
@@ -223,8 +241,11 @@ class _Stream:
             return None
         except OSError as error:
             raise LinkError(reason(error.errno)) from error
-        self.has_spoken, self.heard_s = True, time.monotonic()
         return data
+
+    def note_sound(self) -> None:
+        """What came were frames: noise is no talk."""
+        self.has_spoken, self.heard_s = True, time.monotonic()
 
     def send(self, data: bytes) -> None:
         if len(self._unsent) + len(data) <= MOST_UNSENT_BYTES:

@@ -66,5 +66,8 @@ class Transport(Protocol):
             LinkError: the link broke.
         """
 
+    def credit(self, peer: str) -> None:
+        """Sound frames have come from a peer: whoever sends them keeps a place."""
+
     def close(self) -> None:
         """Release everything; the transport can be opened again."""

@@ -59,6 +59,9 @@ class _Udp:
     def lost(self) -> int:
         return 0 if self._socket is None else self._socket.lost
 
+    def credit(self, peer: str) -> None:
+        """There are as many places as there are peers."""
+
     def close(self) -> None:
         if self._socket is not None:
             self._socket.close()

@@ -492,3 +492,13 @@ def test_a_link_of_any_number_of_senders_and_streams_is_remembered_within_bounds
         events = only(Rejected, decoder.events(each, UNIX))
         refused += [event.reason for event in events] == ["too_many_streams"]
     assert refused == 256 - MOST_STREAMS
+
+
+def test_a_sender_with_an_imu_takes_the_place_of_one_without():
+    """A table that is full of heartbeats, all of them fresh."""
+    decoder = MavlinkDecoder()
+    addresses = [divmod(n, 250) for n in range(MOST_SENDERS)]
+    for component, system in addresses:
+        decode_all([heartbeat(ARDUPILOT)], decoder, system=system + 1, component=component + 1)
+    events = decode_all([raw_imu(k * 20_000) for k in range(1, 5)], decoder, system=7, component=99)
+    assert len(only(Imu, events)) >= 3

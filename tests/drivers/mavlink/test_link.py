@@ -242,6 +242,60 @@ def test_idle_clients_give_way_to_a_vehicle_and_it_does_not_to_them(caplog):
     assert len(lines) == 1
 
 
+def test_babbling_clients_give_way_to_a_vehicle():
+    """Bytes that are no frames are no talk."""
+    port = free_port(socket.SOCK_STREAM)
+    with contextlib.ExitStack() as stack:
+        link = stack.enter_context(MavlinkLink(Endpoint("tcpin", HOST, port)))
+        for _ in range(MOST_TCP_CLIENTS):
+            client = stack.enter_context(socket.create_connection((HOST, port), PATIENCE_S))
+            client.sendall(b"\0")
+            link.drain(0.01)
+        flying = stack.enter_context(socket.create_connection((HOST, port), PATIENCE_S))
+        vehicle = Vehicle(1)
+        collect(link, count(Imu, 2), lambda: flying.sendall(vehicle.imu()))
+
+
+def test_a_host_that_has_most_places_gives_one_to_another_host():
+    port, vehicle = free_port(socket.SOCK_STREAM), Vehicle(1)
+    with contextlib.ExitStack() as stack:
+        link = stack.enter_context(MavlinkLink(Endpoint("tcpin", "0.0.0.0", port)))
+        talking = {}
+        for number in range(MOST_TCP_CLIENTS):
+            client = socket.create_connection((HOST, port), PATIENCE_S)
+            talking[stack.enter_context(client)] = Vehicle(number + 2)
+            link.drain(0.0)
+        for client, other in talking.items():
+            client.sendall(other.imu())
+        collect(link, count(Imu, MOST_TCP_CLIENTS))
+        flying = socket.create_connection((HOST, port), PATIENCE_S, ("127.0.0.2", 0))
+        stack.enter_context(flying)
+        own = lambda events: [e for e in of_type(events, Imu) if e.vehicle.system_id == 1]  # noqa: E731
+        collect(link, lambda events: len(own(events)) > 2, lambda: flying.sendall(vehicle.imu()))
+
+
+def test_a_flood_without_an_imu_keeps_no_vehicle_out():
+    """Heartbeats of as many systems as there are, from another address, between the samples."""
+    port, vehicle, samples = free_port(socket.SOCK_DGRAM), Vehicle(1), 20
+    with MavlinkLink(Endpoint("udpin", HOST, port)) as link:
+        flood = [socket.socket(socket.AF_INET, socket.SOCK_DGRAM) for _ in range(2)]
+        flying = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+        beats = [Vehicle(n).heartbeat() for n in range(2, 252)]
+        events = []
+        for _ in range(samples):
+            for each in flood:
+                for beat in beats[:60]:
+                    each.sendto(beat, (HOST, port))
+            flying.sendto(vehicle.imu(), (HOST, port))
+            events += link.drain(0.01)
+        events += collect(link, lambda _: True)
+        for each in (*flood, flying):
+            each.close()
+        assert len(of_type(events, Imu)) >= samples - 1  # the first waits for the next
+        # 2400 have come: a budget of one second for each of two, and what time has added
+        assert link.dropped > 1000
+
+
 def test_talking_clients_do_not_give_way_to_new_ones():
     port = free_port(socket.SOCK_STREAM)
     with contextlib.ExitStack() as stack:

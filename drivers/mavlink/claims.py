@@ -1,0 +1,63 @@
+"""Whose bytes are worth reading when more come than can be: first those who send IMU data.
+
+A flood of heartbeats costs as much to read as samples do, and none of it is wanted so often. A peer
+without an IMU has a budget of packets a second, and all of them together have one.
+"""
+
+from drivers.mavlink.framing import Frame
+from drivers.mavlink.imu_messages import IMU_MESSAGES
+
+PACKETS_HZ = 200.0  # of a peer without an IMU: a ground station sends a tenth of that
+ALL_PACKETS_HZ = 2000.0  # of all those together
+CLAIM_S = 5.0  # for so long an IMU sample counts
+MOST_PEERS = 1024
+
+
+class _Budget:
+    """A second's worth of packets, refilled as time goes."""
+
+    def __init__(self, rate_hz: float, now_s: float) -> None:
+        self._rate_hz = self._left = rate_hz
+        self._at_s = now_s
+
+    def take(self, now_s: float) -> bool:
+        """Whether there is one left."""
+        self._left = min(self._rate_hz, self._left + self._rate_hz * (now_s - self._at_s))
+        self._at_s = now_s
+        if self._left < 1.0:
+            return False
+        self._left -= 1.0
+        return True
+
+
+class Claims:
+    """Tells whether a peer's packet is to be read; ``refused`` counts those that are not."""
+
+    def __init__(self) -> None:
+        self.refused = 0
+        self._until_s: dict[str, float] = {}  # those with an IMU
+        self._budgets: dict[str, _Budget] = {}
+        self._all = _Budget(ALL_PACKETS_HZ, 0.0)
+
+    def admits(self, peer: str, now_s: float) -> bool:
+        """Whether a packet of ``peer`` that is there now is read."""
+        if self._until_s.get(peer, 0.0) > now_s:
+            return True
+        budget = self._budgets.get(peer)
+        if budget is None:
+            if len(self._budgets) >= MOST_PEERS:
+                self._budgets.clear()  # the budget of all still holds
+            budget = self._budgets[peer] = _Budget(PACKETS_HZ, now_s)
+        if budget.take(now_s) and self._all.take(now_s):
+            return True
+        self.refused += 1
+        return False
+
+    def note(self, peer: str, frames: list[Frame], now_s: float) -> None:
+        """Frames of ``peer`` were let in."""
+        if self._until_s.get(peer, 0.0) > now_s + 0.5 * CLAIM_S:
+            return
+        if any(frame.message_id in IMU_MESSAGES for frame in frames):
+            if len(self._until_s) >= MOST_PEERS:
+                self._until_s = {k: s for k, s in self._until_s.items() if s > now_s}
+            self._until_s[peer] = now_s + CLAIM_S
