@@ -159,12 +159,12 @@ class Estimator:
         """
         north.set_field_calibrated(self._state, calibrated)
 
-    def set_imu_lag(self, lag_s: float) -> None:
-        """How old the IMU's samples are when they are sent, mostly by their low-pass (s).
+    def set_imu_lag(self, gyr_s: float, acc_s: float) -> None:
+        """How old gyroscope's and accelerometer's samples are when sent, mostly by low-passes (s).
 
         Without a word it is taken for that of most vehicles, ``imu_lag_s`` of the profile.
         """
-        set_imu_lag(self._state, lag_s)
+        set_imu_lag(self._state, gyr_s, acc_s)
 
     def set_wheels(self, has_wheels: bool) -> None:
         """Whether it rolls on wheels: then its velocity shows its heading.

@@ -18,7 +18,13 @@ from drivers.events import (
     TrackLost,
     VehicleId,
 )
-from drivers.mavlink.ardupilot import COMPASS_OFFSETS, GYRO_FILTER, ROVER_GYRO_FILTER_HZ, TRIM
+from drivers.mavlink.ardupilot import (
+    ACC_FILTER,
+    COMPASS_OFFSETS,
+    GYRO_FILTER,
+    ROVER_FILTERS_HZ,
+    TRIM,
+)
 from drivers.mavlink.constants import MAV_AUTOPILOT_ARDUPILOTMEGA, MAV_TYPE_GROUND_ROVER
 from drivers.samples.rotation import quaternion_from_euler
 from estimator.estimator import Estimator
@@ -89,7 +95,7 @@ class Vehicle:
         self._choice = ImuChoice()
         self._report_choices: dict[Kind, ReportChoice] = {}
         self._compass_offsets: dict[str, float] = {}
-        self._gyro_filter_hz: float | None = None
+        self._filters_hz: dict[str, float] = {}
         self._clock = HostClock()
         self._periods_us: deque[int] = deque(maxlen=PERIODS_KEPT)
         self._median_us: float | None = None
@@ -194,11 +200,11 @@ class Vehicle:
         )
 
     def on_parameter(self, event: Parameter) -> None:
-        """Note COMPASS_OFS, all zero where nobody has calibrated, the trim, the gyro's filter."""
+        """Note COMPASS_OFS, all zero where nobody has calibrated, the trim, the IMU's filters."""
         if event.name in TRIM:
             self._trim_rad[event.name] = event.value
-        if event.name == GYRO_FILTER and event.value > 0.0:
-            self._note_gyro_filter(event.value)
+        if event.name in (GYRO_FILTER, ACC_FILTER) and event.value > 0.0:
+            self._note_filter(event.name, event.value)
         if event.name not in COMPASS_OFFSETS:
             return
         self._compass_offsets[event.name] = event.value
@@ -206,19 +212,24 @@ class Vehicle:
             self.estimator.set_field_calibrated(any(self._compass_offsets.values()))
 
     def on_heartbeat(self, event: Heartbeat) -> None:
-        """Note whether it has wheels, and the gyro's filter that ArduPilot gives such a vehicle."""
+        """Note whether it has wheels, and the filters that ArduPilot gives such a vehicle."""
         self.heard_us = event.arrival_us
         has_wheels = event.vehicle_type == MAV_TYPE_GROUND_ROVER
         self.estimator.set_wheels(has_wheels)
-        is_unknown = self._gyro_filter_hz is None
-        if is_unknown and has_wheels and event.autopilot == MAV_AUTOPILOT_ARDUPILOTMEGA:
-            self._note_gyro_filter(ROVER_GYRO_FILTER_HZ)
+        if has_wheels and event.autopilot == MAV_AUTOPILOT_ARDUPILOTMEGA:
+            for name, cutoff_hz in ROVER_FILTERS_HZ.items():
+                self._note_filter(name, self._filters_hz.get(name, cutoff_hz))
 
-    def _note_gyro_filter(self, cutoff_hz: float) -> None:
-        """Tell the estimator what a low-pass delays; heard again it takes back nothing learnt."""
-        if cutoff_hz != self._gyro_filter_hz:
-            self._gyro_filter_hz = cutoff_hz
-            self.estimator.set_imu_lag(BUTTERWORTH_DELAY / cutoff_hz)
+    def _note_filter(self, name: str, cutoff_hz: float) -> None:
+        """Tell the estimator what low-passes delay; heard again it takes back nothing learnt."""
+        known = self._filters_hz
+        if known.get(name) == cutoff_hz:
+            return
+        known[name] = cutoff_hz
+        gyr_hz = known.get(GYRO_FILTER)
+        if gyr_hz is not None:
+            acc_hz = known.get(ACC_FILTER, gyr_hz)
+            self.estimator.set_imu_lag(BUTTERWORTH_DELAY / gyr_hz, BUTTERWORTH_DELAY / acc_hz)
 
     def on_report(self, event: Report) -> None:
         """Feed the estimator with what something beside the IMU has measured.

@@ -54,10 +54,10 @@ class ToldEstimator(Estimator):
         self.note(methodcaller("set_field_calibrated", calibrated))
         super().set_field_calibrated(calibrated)
 
-    def set_imu_lag(self, lag_s: float) -> None:
+    def set_imu_lag(self, gyr_s: float, acc_s: float) -> None:
         """See :class:`Estimator`."""
-        self.note(methodcaller("set_imu_lag", lag_s))
-        super().set_imu_lag(lag_s)
+        self.note(methodcaller("set_imu_lag", gyr_s, acc_s))
+        super().set_imu_lag(gyr_s, acc_s)
 
     def set_wheels(self, has_wheels: bool) -> None:
         """See :class:`Estimator`."""

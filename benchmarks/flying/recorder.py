@@ -264,8 +264,9 @@ def record(path: Path, motion: Motion, flight: Flight, seed: int) -> None:
         roll, pitch, yaw = euler_rad((q[0], q[1], q[2], q[3]))
         out.put(arrival_us, "sim_state", *q, roll, pitch, yaw, *(0.0,) * 14)
         if t == times[0]:  # a parameter counts once its vehicle is known
-            cutoff_hz = flight.sensors.gyr_hz
-            out.put(arrival_us, "param_value", b"INS_GYRO_FILTER", cutoff_hz, 9, 4, 3)
+            told = flight.sensors
+            out.put(arrival_us, "param_value", b"INS_GYRO_FILTER", told.gyr_hz, 9, 4, 3)
+            out.put(arrival_us, "param_value", b"INS_ACCEL_FILTER", told.acc_hz, 9, 4, 3)
     out.close()
 
 

@@ -82,6 +82,7 @@ def begin(
             gyr_bias_rad_s=gyr_bias,
             acc_bias_m_s2=ZERO_VEC3,
             imu_lag_s=params.imu_lag_s,
+            acc_lead_s=0.0,
             field_lag_s=params.field_lag_s,
             hard_iron_gauss=ZERO_VEC3,
             earth_gauss=ZERO_VEC3,

@@ -48,6 +48,7 @@ def apply_corrections(now: Prediction, x: Array) -> Prediction:
         gyr_bias_rad_s=add(before.gyr_bias_rad_s, part(x, GYR_BIAS)),
         acc_bias_m_s2=add(before.acc_bias_m_s2, change),
         imu_lag_s=before.imu_lag_s + x[IMU_LAG],
+        acc_lead_s=before.acc_lead_s,
         field_lag_s=before.field_lag_s + x[FIELD_LAG],
         hard_iron_gauss=add(before.hard_iron_gauss, part(x, HARD_IRON)),
         earth_gauss=add(before.earth_gauss, part(x, EARTH)),

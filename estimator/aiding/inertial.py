@@ -89,7 +89,9 @@ def predict_motion(
         rate = between.turn_rad_s
     rate = subtract(rate, estimate.gyr_bias_rad_s)
     q = normalize(multiply(estimate.q_ned_frd, exp(scale(dt, rate))))
-    force = rotate(q, subtract(sample.acc_m_s2, estimate.acc_bias_m_s2))
+    turning = subtract(gyr, estimate.gyr_bias_rad_s)
+    ahead = exp(scale(estimate.acc_lead_s, turning))  # where the accelerometer was read
+    force = rotate(multiply(q, ahead), subtract(sample.acc_m_s2, estimate.acc_bias_m_s2))
     gained = scale(0.5 * dt, add(force, before.force_ned_m_s2))
     v = add(estimate.velocity_ned_m_s, gained)
     v = add(v, scale(dt, GRAVITY_NED))

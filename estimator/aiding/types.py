@@ -178,7 +178,7 @@ class AidingEstimate(NamedTuple):
     velocity_ned_m_s: Vec3  # over ground
     gyr_bias_rad_s: Vec3  # FRD
     acc_bias_m_s2: Vec3  # FRD
-    imu_lag_s: float  # age of the IMU's samples
+    imu_lag_s: float  # age of the gyroscope's samples
     field_lag_s: float  # age of the magnetometer's readings
     hard_iron_gauss: Vec3  # the vehicle's own field, FRD
     earth_gauss: Vec3  # the place's field, NED
@@ -186,6 +186,7 @@ class AidingEstimate(NamedTuple):
     filter_lag_s: float  # how much older than they say the others are
     receiver_error_m_s: Vec3  # slow error of a receiver's reports, NED
     filter_error_m_s: Vec3  # slow error of a filter's reports, NED
+    acc_lead_s: float  # by how much the accelerometer's samples are younger; told, never learnt
 
 
 class LastStep(NamedTuple):

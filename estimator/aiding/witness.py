@@ -159,7 +159,9 @@ def hear_sample(witness: Witness, aided: AidingState, sample: Sample) -> Witness
     dt = sample.dt_s
     turn = exp(scale(dt, aided.last.rate_rad_s))
     q_g_frd = normalize(multiply(witness.q_g_frd, turn))
-    force_g = rotate(q_g_frd, subtract(sample.acc_m_s2, aided.estimate.acc_bias_m_s2))
+    ahead = exp(scale(aided.estimate.acc_lead_s, aided.last.rate_rad_s))
+    felt = subtract(sample.acc_m_s2, aided.estimate.acc_bias_m_s2)
+    force_g = rotate(multiply(q_g_frd, ahead), felt)
     tilt, force = witness.tilt, witness.force
     force_wait_s = witness.force_wait_s + dt
     if force_wait_s > LONGEST_WINDOW_S:
@@ -185,7 +187,7 @@ def hear_report(witness: Witness, estimate: AidingEstimate, report: Report) -> W
     if window.is_open and is_receiver != witness.by_receiver and not (is_receiver or is_silent):
         return witness
     lag_s = estimate.receiver_lag_s if is_receiver else estimate.filter_lag_s
-    behind_s = report.ago_s + lag_s - estimate.imu_lag_s
+    behind_s = report.ago_s + lag_s - estimate.imu_lag_s + estimate.acc_lead_s
     time_s = window.time_s - behind_s
     opened = open_window(window, report, behind_s)
     continues = window.is_open and is_receiver == witness.by_receiver

@@ -49,7 +49,7 @@ def begin_aided(state: State, report: Report, *, has_heading: bool) -> None:
         return
     core = begin_aiding(state.settings, state.core.core, start, report, iron_sigma_gauss(state))
     if state.context.imu_lag_s is not None:
-        core = with_imu_lag(core, state.context.imu_lag_s)
+        core = with_imu_lag(core, state.context.imu_lag_s, state.context.acc_lead_s)
     if not has_heading or slow_share(core.sample.dt_s) > 0.0:
         # there was none to correct, or correcting it would take many slow steps
         core = with_attitude(core, start.q_ned_frd)
@@ -207,16 +207,16 @@ def set_wheels(state: State, *, has_wheels: bool) -> None:
         state.replace_profile(state.profile)
 
 
-def set_imu_lag(state: State, lag_s: float) -> None:
+def set_imu_lag(state: State, gyr_s: float, acc_s: float) -> None:
     """See :meth:`estimator.estimator.Estimator.set_imu_lag`."""
-    state.change_context(imu_lag_s=lag_s)
+    state.change_context(imu_lag_s=gyr_s, acc_lead_s=gyr_s - acc_s)
     if state.context.phase is Phase.AIDED:
-        state.set_core(with_imu_lag(state.core.core, lag_s))
+        state.set_core(with_imu_lag(state.core.core, gyr_s, gyr_s - acc_s))
 
 
-def with_imu_lag(core: Core, lag_s: float) -> Core:
-    """The core with another age of the IMU's samples, as uncertain as before."""
-    estimate = core.aided.estimate._replace(imu_lag_s=lag_s)
+def with_imu_lag(core: Core, lag_s: float, lead_s: float) -> Core:
+    """The core with other ages of the IMU's samples, as uncertain as before."""
+    estimate = core.aided.estimate._replace(imu_lag_s=lag_s, acc_lead_s=lead_s)
     return core._replace(aided=core.aided._replace(estimate=estimate))
 
 

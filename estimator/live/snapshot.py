@@ -16,7 +16,8 @@ class Context(NamedTuple):
     reports: tuple[Any, ...] = ()  # of aiding sources, that the IMU has not reached yet
     compass: Compass = UNTOUCHED  # how far the field is trusted
     whereabouts: Whereabouts = Whereabouts()  # and the field of the place
-    imu_lag_s: float | None = None  # of the IMU's samples, as far as somebody has told
+    imu_lag_s: float | None = None  # of the gyroscope's samples, as far as somebody has told
+    acc_lead_s: float = 0.0  # by how much the accelerometer's are younger
     has_wheels: bool = False  # by its own word
     turning: Turning = STILL  # that others have seen between the IMU's samples
 

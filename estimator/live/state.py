@@ -129,6 +129,7 @@ class State:
                 compass=compass.restart(known.compass),
                 whereabouts=known.whereabouts,
                 imu_lag_s=known.imu_lag_s,
+                acc_lead_s=known.acc_lead_s,
                 has_wheels=known.has_wheels,
             )
         )

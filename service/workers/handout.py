@@ -5,7 +5,7 @@ from collections import defaultdict, deque
 from collections.abc import Sequence
 from typing import NamedTuple
 
-from drivers.mavlink.ardupilot import COMPASS_OFFSETS, GYRO_FILTER
+from drivers.mavlink.ardupilot import ACC_FILTER, COMPASS_OFFSETS, GYRO_FILTER
 from drivers.mavlink.backlog import Arrived
 from drivers.mavlink.constants import AUTOPILOT_VERSION_ID, HEARTBEAT_ID, PARAM_VALUE_ID
 from drivers.mavlink.frame_batch import frame_count, pack_frames
@@ -16,7 +16,7 @@ from service.workers.connection import Connection, Kind
 
 WINDOW_US = 1_000_000
 NAME_BEGIN, NAME_END = 8, 24  # of param_id in PARAM_VALUE's payload
-KEPT_NAMES = frozenset(name.encode() for name in (*COMPASS_OFFSETS, GYRO_FILTER))
+KEPT_NAMES = frozenset(name.encode() for name in (*COMPASS_OFFSETS, GYRO_FILTER, ACC_FILTER))
 # COMPASS_OFS of a few components, their HEARTBEATs and AUTOPILOT_VERSIONs
 MOST_KEPT = 32
 

@@ -33,9 +33,9 @@ class Watched(Estimator):
         self.calls.append(calibrated)
         super().set_field_calibrated(calibrated)
 
-    def set_imu_lag(self, lag_s):
-        self.calls.append(("lag", round(lag_s, 6)))
-        super().set_imu_lag(lag_s)
+    def set_imu_lag(self, gyr_s, acc_s):
+        self.calls.append(("lag", round(1e3 * gyr_s, 2), round(1e3 * acc_s, 2)))
+        super().set_imu_lag(gyr_s, acc_s)
 
     def set_wheels(self, has_wheels):
         self.calls.append(("wheels", has_wheels))
@@ -224,23 +224,25 @@ def test_the_worst_gap_stays_when_a_shorter_one_comes_with_a_reboot(vehicle):
     assert vehicle.worst_gap_us == 4_000_000 - 3 * PERIOD_US
 
 
-def test_the_gyroscopes_filter_tells_how_old_the_samples_are(vehicle):
+def test_the_sensors_filters_tell_how_old_the_samples_are(vehicle):
     """At low frequencies a second-order Butterworth filter of 4 Hz is 56.3 ms late."""
     for cutoff_hz in (4.0, 0.0, 4.0):  # none: nothing is known; again: what was learnt stays
         vehicle.on_parameter(Parameter(ONE, START_US, "INS_GYRO_FILTER", cutoff_hz))
-    assert vehicle.estimator.calls == [("lag", 0.05627)]
+    vehicle.on_parameter(Parameter(ONE, START_US, "INS_ACCEL_FILTER", 10.0))
+    assert vehicle.estimator.calls == [("lag", 56.27, 56.27), ("lag", 56.27, 22.51)]
     vehicle.estimator.restart()
-    assert vehicle.estimator.snapshot.context.imu_lag_s == pytest.approx(0.05627, abs=1e-5)
+    known = vehicle.estimator.snapshot.context
+    assert (known.imu_lag_s, known.acc_lead_s) == pytest.approx((0.05627, 0.03376), abs=1e-5)
 
 
 def test_a_rover_s_heartbeat_tells_that_it_has_wheels(vehicle):
     for vehicle_type in (10, 2):  # MAV_TYPE_GROUND_ROVER, MAV_TYPE_QUADROTOR
         vehicle.on_heartbeat(Heartbeat(ONE, START_US + 5, 3, vehicle_type))
-    assert [what for what, _ in vehicle.estimator.calls] == ["wheels", "lag", "wheels"]
+    assert [what for what, *_ in vehicle.estimator.calls] == ["wheels", "lag", "lag", "wheels"]
     assert vehicle.heard_us == START_US + 5
 
 
-def test_ardupilots_rovers_filter_the_gyroscope_at_4_hz_unless_they_say_otherwise(vehicle):
+def test_ardupilots_rovers_filter_at_4_and_10_hz_unless_they_say_otherwise(vehicle):
     rover, px4 = Heartbeat(ONE, START_US, 3, 10), Heartbeat(ONE, START_US, 12, 10)
     vehicle.on_heartbeat(px4)
     assert vehicle.estimator.snapshot.context.imu_lag_s is None
@@ -248,4 +250,4 @@ def test_ardupilots_rovers_filter_the_gyroscope_at_4_hz_unless_they_say_otherwis
     vehicle.on_parameter(Parameter(ONE, START_US, "INS_GYRO_FILTER", 20.0))
     vehicle.on_heartbeat(rover)
     lags = [call for call in vehicle.estimator.calls if call[0] == "lag"]
-    assert lags == [("lag", 0.05627), ("lag", 0.011254)]
+    assert lags[1:] == [("lag", 56.27, 22.51), ("lag", 11.25, 22.51)]

@@ -115,7 +115,7 @@ def take_report(
     reporter = Reporter(
         is_receiver=is_receiver,
         error_m_s=error_m_s,
-        age_s=report.ago_s + lag_s - estimate.imu_lag_s,
+        age_s=report.ago_s + lag_s - estimate.imu_lag_s + estimate.acc_lead_s,
         error_at=error_at,
         lag_at=lag_at,
         is_alone=other.wait_s >= params.silence_s,

@@ -31,8 +31,8 @@ def prediction(estimate):
 
 
 def numbers(estimate):
-    """Everything but the attitude, in the order of the errors."""
-    parts = [np.atleast_1d(np.asarray(part)) for part in estimate[1:]]
+    """Everything but the attitude and what nobody learns, in the order of the errors."""
+    parts = [np.atleast_1d(np.asarray(part)) for part in estimate[1:-1]]
     return np.concatenate(parts)
 
 

@@ -73,6 +73,7 @@ def estimate(rng):
         gyr_bias_rad_s=floats(0.01 * rng.standard_normal(3)),
         acc_bias_m_s2=floats(0.1 * rng.standard_normal(3)),
         imu_lag_s=0.013,
+        acc_lead_s=0.034,
         field_lag_s=0.05,
         hard_iron_gauss=floats(0.03 * rng.standard_normal(3)),
         earth_gauss=(0.17, 0.08, 0.41),
@@ -128,7 +129,8 @@ def test_prediction(seed, error_m_s, seen):
 
     w = (turn if seen else gyr) - np.array(before.gyr_bias_rad_s)
     R = matrix_of(before.q_ned_frd) @ turned(w * dt)
-    felt = R @ (np.array(acc) - before.acc_bias_m_s2)
+    now_turning = gyr - np.array(before.gyr_bias_rad_s)
+    felt = R @ turned(0.034 * now_turning) @ (np.array(acc) - before.acc_bias_m_s2)
     gained = 0.5 * dt * (felt + force)
     assert matrix_of(now.estimate.q_ned_frd) == pytest.approx(R, abs=1e-12)
     v = np.array(before.velocity_ned_m_s) + gained + dt * G_NED
@@ -209,6 +211,7 @@ def test_velocity(seed, is_receiver, off_m_s, is_alone, dt):
     error_at, lag_at = sources()[is_receiver]
     slow = known.receiver_error_m_s if is_receiver else known.filter_error_m_s
     age = 0.07 + (known.receiver_lag_s if is_receiver else known.filter_lag_s) - known.imu_lag_s
+    age += known.acc_lead_s
     times, accelerations = trail[::-1, 0] - trail[0, 0], trail[::-1, 4:]
     then = np.array([np.interp(-age, times, accelerations[:, i]) for i in range(3)])
     p = PARAMS
