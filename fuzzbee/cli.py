@@ -111,6 +111,7 @@ def _is_endless(arguments: list[str]) -> bool:
 def entry_point() -> None:
     """The ``fuzzbee`` command."""
     _replace_closed_streams()
+    _write_what_can_be_written()
     if (taken := settle_environment()) is not None:
         say(taken)
     status = main()
@@ -140,6 +141,13 @@ def _replace_closed_streams() -> None:
         sys.stdout = Path(os.devnull).open("w")  # noqa: SIM115 - for as long as the process lives
     if sys.stderr is None:
         sys.stderr = Path(os.devnull).open("w")  # noqa: SIM115
+
+
+def _write_what_can_be_written() -> None:
+    """Letters that an output has no code for become question marks, not the end of its lines."""
+    for stream in (sys.stdout, sys.stderr):
+        with suppress(AttributeError, ValueError):  # one of somebody else's making
+            stream.reconfigure(errors="replace")  # type: ignore[union-attr]
 
 
 def _is_usage_error(error: Exception) -> bool:

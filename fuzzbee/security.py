@@ -1,19 +1,24 @@
 """Whose messages ``run`` accepts: the options, and the checks that they switch on."""
 
+import os
+import stat
 from contextlib import ExitStack
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, NamedTuple
 
 from estimator.errors import InputError
 from fuzzbee.options import panel
+from fuzzbee.say import say
 
 if TYPE_CHECKING:
     from drivers.mavlink.gate import Policy
 
 LONGEST_KEY_FILE = 4096  # bytes
+SHORT_PHRASE = 8  # characters; shorter ones are guessed
 
 option = panel("Security")
 _IDS = "Refuse frames of all other systems: 1,2,10-19."
+INSECURE = "Take a key file that others may read."
 _KEY = "Refuse frames not signed with the key (32 bytes, 64 hex digits) or phrase there."
 
 
@@ -22,12 +27,15 @@ class SecurityOptions(NamedTuple):
 
     allow_system_ids: Annotated[str | None, option(_IDS, metavar="IDS")] = None
     signing_key_file: Annotated[Path | None, option(_KEY, metavar="FILE")] = None
+    insecure_key_file: Annotated[bool, option(INSECURE)] = False
 
     @property
     def given(self) -> list[str]:
         """The options that were given, by their names on the command line."""
         return [
-            f"--{name.replace('_', '-')}" for name, v in self._asdict().items() if v is not None
+            f"--{name.replace('_', '-')}"
+            for name, v in self._asdict().items()
+            if v not in (None, False)
         ]
 
 
@@ -59,9 +67,21 @@ def read_key(options: SecurityOptions) -> bytes | None:
     """
     if options.signing_key_file is None:
         return None
-    from drivers.mavlink.encoder import signing_key
+    return key_of(options.signing_key_file, is_insecure=options.insecure_key_file)
 
-    return signing_key(key_content(options.signing_key_file))
+
+def key_of(path: Path, *, is_insecure: bool) -> bytes:
+    """The key in a file; warns of a pass phrase that is short.
+
+    Raises:
+        InputError: see :func:`key_content`.
+    """
+    from drivers.mavlink.encoder import is_phrase, signing_key
+
+    content = key_content(path, is_insecure=is_insecure)
+    if is_phrase(content) and len(content.strip()) < SHORT_PHRASE:
+        say(f"the pass phrase in {path} has fewer than {SHORT_PHRASE} characters: easily guessed")
+    return signing_key(content)
 
 
 def open_policy(options: SecurityOptions, key: bytes | None, stack: ExitStack) -> "Policy":
@@ -82,17 +102,23 @@ def open_policy(options: SecurityOptions, key: bytes | None, stack: ExitStack) -
     return Policy(system_ids, check)
 
 
-def key_content(path: Path) -> bytes:
+def key_content(path: Path, *, is_insecure: bool) -> bytes:
     """What is in a key file.
 
     Raises:
-        InputError: it cannot be read, is empty, or too long to be one.
+        InputError: it cannot be read, is empty, or too long to be one; or others may read it, or
+            its group write to it, unless that is what is wanted.
     """
     try:
         with path.open("rb") as file:
+            mode = os.fstat(file.fileno()).st_mode
             content = file.read(LONGEST_KEY_FILE + 1)
     except OSError as error:
         raise InputError(f"cannot read the key file {path}: {error.strerror}") from error
+    is_open = stat.S_ISREG(mode) and mode & (stat.S_IRWXO | stat.S_IWGRP)
+    if is_open and not is_insecure and os.name == "posix":
+        text = f"others may read the key file {path} (mode {mode & 0o777:04o})"
+        raise InputError(f"{text}: chmod 600, or --insecure-key-file")
     if not content.strip():
         raise InputError(f"the key file {path} is empty")
     if len(content) > LONGEST_KEY_FILE:

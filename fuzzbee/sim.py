@@ -12,7 +12,7 @@ from drivers.endpoint import FORMS, Endpoint, Kind, endpoint_help, parse_endpoin
 from estimator.errors import InputError
 from fuzzbee.options import Json, command, examples, option
 from fuzzbee.say import say
-from fuzzbee.security import key_content
+from fuzzbee.security import INSECURE, key_of
 from service.signals import stop_on_signals
 
 if TYPE_CHECKING:
@@ -51,6 +51,7 @@ class SimOptions(NamedTuple):
     calm: Annotated[bool, option("a flight without its magnet and its silence")] = False
     drop: Annotated[float, option("probability that a frame is lost", metavar="P")] = 0.0
     signing_key_file: Annotated[Path | None, option(_KEY)] = None
+    insecure_key_file: Annotated[bool, option(INSECURE)] = False
     as_json: Json = False
 
 
@@ -93,7 +94,6 @@ def sim(options: SimOptions) -> int:
 
 
 def _vehicle_options(options: SimOptions) -> "VehicleOptions":
-    from drivers.mavlink.encoder import signing_key
     from drivers.simulation.autopilot import VehicleOptions
     from drivers.simulation.simulated_vehicle import Motion
 
@@ -107,7 +107,9 @@ def _vehicle_options(options: SimOptions) -> "VehicleOptions":
         magnet=None if magnet is None else parse_magnet(magnet),
         drop=options.drop,
         calm=options.calm,
-        signing_key=None if key_file is None else signing_key(key_content(key_file)),
+        signing_key=None
+        if key_file is None
+        else key_of(key_file, is_insecure=options.insecure_key_file),
     )
 
 

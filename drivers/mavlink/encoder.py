@@ -10,6 +10,7 @@ https://mavlink.io/en/guide/message_signing.html.
 """
 
 import hashlib
+import re
 from collections.abc import Callable, Sequence
 from functools import cache
 from math import copysign
@@ -50,6 +51,7 @@ _CHECKSUM = Struct("<H")
 
 _MG = 1000.0 / STANDARD_GRAVITY_M_S2
 STATUSTEXT_SIZE = 50
+HEX_KEY = re.compile(rb"[0-9A-Fa-f]{64}")
 LAST_BITS = 1e-9  # of a unit, by which scaling may miss a whole number
 
 
@@ -254,12 +256,12 @@ def signing_key(content: bytes) -> bytes:
     if len(content) == 32:
         return content
     text = content.strip()
-    if len(text) == 64:
-        try:
-            return bytes.fromhex(text.decode("ascii"))
-        except ValueError:
-            pass
-    return hashlib.sha256(text).digest()
+    return hashlib.sha256(text).digest() if is_phrase(content) else bytes.fromhex(text.decode())
+
+
+def is_phrase(content: bytes) -> bool:
+    """Whether a key file holds a pass phrase."""
+    return len(content) != 32 and not HEX_KEY.fullmatch(content.strip())
 
 
 def _int16(value: float) -> int:

@@ -31,6 +31,7 @@ def key(tmp_path, monkeypatch):
     monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path / "state"))
     path = tmp_path / "key"
     path.write_text("correct horse battery staple")
+    path.chmod(0o600)
     return path
 
 
@@ -55,6 +56,7 @@ def test_beside_a_signed_vehicle_an_unsigned_one_is_refused_and_counted(key, tmp
     to = f"udpout:127.0.0.1:{port}"
     other = tmp_path / "other key"
     other.write_text("wrong")
+    other.chmod(0o600)
     with (
         started("sim", "--to", to, "--signing-key-file", str(key)),
         started("sim", "--to", to, "--vehicles", "2"),  # an unsigned 1 and an unsigned 2
@@ -207,6 +209,7 @@ def test_secrets_are_in_no_argument_log_recording_status_or_error(key, tmp_path)
 def test_a_key_file_that_cannot_be_one_is_refused_without_its_content(content, tmp_path, capfd):
     path = tmp_path / "key"
     path.write_bytes(content)
+    path.chmod(0o600)
     for verb in (["run", "udpout:127.0.0.1:9"], ["sim", "--to", "udpout:127.0.0.1:9"]):
         assert main([*verb, "--signing-key-file", str(path)]) == 2
         said = capfd.readouterr().err
@@ -277,3 +280,25 @@ def test_lists_of_system_ids():
 def test_what_cannot_work_is_refused_at_the_start(arguments, said, capfd):
     assert main(["run", "--no-zenoh", *arguments]) == 2
     assert said in capfd.readouterr().err
+
+
+@pytest.mark.parametrize("mode", [0o644, 0o666, 0o604, 0o620, 0o660])
+def test_a_key_file_that_others_may_read_is_refused(key, mode, capfd):
+    key.chmod(mode)
+    for verb in (["run", "udpout:127.0.0.1:9"], ["sim", "--to", "udpout:127.0.0.1:9"]):
+        command = [*verb, "--seconds", "0.1", "--signing-key-file", str(key)]
+        assert main(command) == 2
+        said = capfd.readouterr().err
+        assert said.startswith("fuzzbee: others may read the key file ")
+        assert said.count("\n") == 1
+    assert main([*command, "--insecure-key-file"]) == 0
+
+
+@pytest.mark.parametrize(("phrase", "warns"), [("1234567", True), ("12345678", False)])
+def test_a_short_pass_phrase_warns(key, phrase, warns, capfd):
+    key.write_text(phrase)
+    command = ["sim", "--to", "udpout:127.0.0.1:9", "--seconds", "0.1"]
+    assert main([*command, "--signing-key-file", str(key)]) == 0
+    said = capfd.readouterr().err
+    assert ("easily guessed" in said) == warns
+    assert phrase not in said

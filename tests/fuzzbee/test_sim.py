@@ -167,6 +167,7 @@ def test_seconds_end_it_and_the_schedule_does_not_drift():
 def test_signed_frames(tmp_path):
     key_file = tmp_path / "key"
     key_file.write_text("open sesame\n")
+    key_file.chmod(0o600)
     port, connection = udp_in()
     options = ("--to", f"udpout:{HOST}:{port}", "--signing-key-file", str(key_file))
     with connection as ground, process(*options):

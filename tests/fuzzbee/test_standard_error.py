@@ -91,3 +91,18 @@ def test_a_reader_that_leaves_in_the_middle():
         out = process.stdout.read()
         assert process.wait(60) == 0
     assert json.loads(out)["vehicles"]["1"]["attitudes"] > 50
+
+
+def test_an_output_of_few_letters_gets_what_it_can():
+    """Degrees and signs have no code in ASCII: the lines come all the same, with question marks."""
+    done = subprocess.run(
+        [sys.executable, "-m", "fuzzbee", "run", "sim:", "--seconds", "2.5", "--no-zenoh"],
+        env={**os.environ, "PYTHONIOENCODING": "ascii"},
+        capture_output=True,
+        check=False,
+        timeout=900,
+    )
+    assert done.returncode == 0, done.stderr
+    lines = [line for line in done.stdout.splitlines() if b"roll" in line]
+    assert len(lines) >= 2
+    assert all(b"?" in line for line in lines)
