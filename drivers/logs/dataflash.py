@@ -11,7 +11,7 @@ from collections.abc import Callable, Iterator
 
 from drivers.events import Event, Heartbeat, Malformed, Parameter, VehicleId
 from drivers.logs.dataflash_format import Row, messages
-from drivers.logs.log_file import Buffer, LogFile, whole_file
+from drivers.logs.log_file import LogFile, Window, windowed
 from drivers.logs.logged_vehicle import LoggedVehicle
 from drivers.mavlink import ardupilot
 from drivers.mavlink.constants import (
@@ -55,17 +55,18 @@ class Dataflash(LogFile):
     """
 
     def __iter__(self) -> Iterator[Event]:
-        with whole_file(self.path) as data:
-            decoder = _Decoder(data)
-            for message in messages(data, decoder.message_names):
+        with windowed(self.path) as window:
+            system_id, unix_us = _identity(window)
+        with windowed(self.path) as window:
+            decoder = _Decoder(system_id, unix_us)
+            for message in messages(window, decoder.message_names):
                 yield from decoder.decode(message)
 
 
 class _Decoder:
     """DataFlash messages in, events out."""
 
-    def __init__(self, data: Buffer) -> None:
-        system_id, unix_us = _identity(data)
+    def __init__(self, system_id: int, unix_us: int) -> None:
         self._vehicle = LoggedVehicle(VehicleId(system_id, 1), unix_us)
         self._arrival_us = unix_us
         self._handlers: dict[str, Callable[[str, Row], list[Event]]] = {
@@ -173,14 +174,14 @@ class _Decoder:
         ]
 
 
-def _identity(data: Buffer) -> tuple[int, int]:
+def _identity(window: Window) -> tuple[int, int]:
     """The system id, 1 unless a parameter says so, and Unix time minus time since boot, in us.
 
     Both are near the log's beginning, if it has them.
     """
     system_id: int | None = None
     unix_us: int | None = None
-    for name, row in filter(None, messages(data, ("PARM", "GPS"))):
+    for name, row in filter(None, messages(window, ("PARM", "GPS"))):
         try:
             if unix_us is None and name == "GPS":
                 unix_us = _unix_us(row)

@@ -12,7 +12,7 @@ from collections.abc import Callable, Collection, Iterator
 from struct import Struct
 from typing import Any, NamedTuple
 
-from drivers.logs.log_file import Buffer
+from drivers.logs.log_file import MARGIN, Window
 
 HEAD = b"\xa3\x95"
 HEAD_SIZE = 3
@@ -30,7 +30,7 @@ class Format(NamedTuple):
     columns: tuple[str, ...]
     values: tuple[tuple[int, Callable[[Any], Any]], ...]  # of the fields not stored as they are
 
-    def row(self, data: Buffer, position: int) -> Row:
+    def row(self, data: bytes, position: int) -> Row:
         """The fields of the message at ``position``."""
         stored = self.layout.unpack_from(data, position + HEAD_SIZE)
         row = dict(zip(self.columns, stored, strict=False))
@@ -39,25 +39,61 @@ class Format(NamedTuple):
         return row
 
 
-def messages(data: Buffer, wanted: Collection[str]) -> Iterator[tuple[str, Row] | None]:
+def messages(window: Window, wanted: Collection[str]) -> Iterator[tuple[str, Row] | None]:
     """(name, fields) of the messages of those names; None for each unreadable stretch."""
     formats = {FMT_TYPE: FMT}
-    position, size = 0, len(data)
-    while position < size:
+    unwanted: dict[int, int] = {}  # the lengths of those
+    position = 0
+    while True:
+        position = _skip(window.data, position, unwanted)
+        if window.is_near_end(position):
+            position = window.move(position)
+            continue
+        data = window.data
+        if position >= len(data):
+            return
         form = _sound(data, position, formats) if data[position : position + 2] == HEAD else None
         if form is None:
             yield None
-            position = _next_sound(data, position + 1, formats)
+            position = _behind_unreadable(window, position + 1, formats)
             continue
         if form is FMT:
             if not _learn(formats, form.row(data, position)):
                 yield None
+            known = (*wanted, FMT.name)
+            unwanted = {k: f.length for k, f in formats.items() if f.name not in known}
         elif form.name in wanted:
             yield form.name, form.row(data, position)
         position += form.length
 
 
-def _sound(data: Buffer, position: int, formats: dict[int, Format]) -> Format | None:
+def _skip(data: bytes, position: int, lengths: dict[int, int]) -> int:
+    """The first place from ``position`` on that is no sound message of one of these lengths.
+
+    A log may hold millions of them, three bytes long each: little is done for one.
+    """
+    last = len(data) - MARGIN
+    while position < last and data[position] == HEAD[0] and data[position + 1] == HEAD[1]:
+        length = lengths.get(data[position + 2])
+        if length is None:
+            break
+        end = position + length
+        if data[end] != HEAD[0] or data[end + 1] != HEAD[1]:
+            break
+        position = end
+    return position
+
+
+def _behind_unreadable(window: Window, position: int, formats: dict[int, Format]) -> int:
+    """Where the next sound message is, or the end of the data, which may have moved on."""
+    while (found := _next_sound(window.data, position, formats)) == len(window.data):
+        if window.is_last:
+            break
+        position = window.move(max(position, len(window.data) - MARGIN))
+    return found
+
+
+def _sound(data: bytes, position: int, formats: dict[int, Format]) -> Format | None:
     """The format of the message whose head is at ``position``, if all of it is there.
 
     None also if neither another message nor the end follows it.
@@ -70,7 +106,7 @@ def _sound(data: Buffer, position: int, formats: dict[int, Format]) -> Format | 
     return form if end == size or data[end : end + 2] == HEAD else None
 
 
-def _next_sound(data: Buffer, position: int, formats: dict[int, Format]) -> int:
+def _next_sound(data: bytes, position: int, formats: dict[int, Format]) -> int:
     """Where the next sound message is, or the data's end."""
     while (position := data.find(HEAD, position)) >= 0:
         if _sound(data, position, formats) is not None:

@@ -7,6 +7,7 @@ from abc import abstractmethod
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from typing import BinaryIO
 
 from drivers.closing import Closing
 from drivers.events import Event
@@ -14,6 +15,7 @@ from estimator.errors import InputError
 
 Buffer = mmap.mmap | bytes
 READ_SIZE = 1 << 22
+MARGIN = 1 << 16  # bytes; longer than any message of a log that is read in pieces
 LARGEST = 4 << 30  # bytes: a day at several hundred hertz
 
 _log = logging.getLogger(__name__)
@@ -39,6 +41,52 @@ class LogFile(Closing):
         """The file's SHA-256, as hexadecimal digits."""
         with self.path.open("rb") as file:
             return hashlib.file_digest(file, "sha256").hexdigest()
+
+
+class Window:
+    """A part of a file in memory, which moves forwards: a log may be larger than the memory.
+
+    ``data`` begins where the last :meth:`move` said; ``is_last`` tells that nothing follows it.
+    """
+
+    def __init__(self, data: bytes = b"", file: BinaryIO | None = None) -> None:
+        self.data = data
+        self._file = file
+        self.is_last = file is None
+
+    def move(self, position: int) -> int:
+        """Forget what is before ``position`` of the data, and read on; where that place is now."""
+        kept = self.data[position:]
+        try:
+            more = b"" if self._file is None else self._file.read(READ_SIZE)
+        except OSError as error:
+            more = b""
+            _log.warning("%s: read no further: %s", getattr(self._file, "name", ""), error.strerror)
+        self.is_last = not more
+        self.data = kept + more
+        return 0
+
+    def is_near_end(self, position: int) -> bool:
+        """Whether to move on before what is at ``position`` is looked at."""
+        return not self.is_last and position > len(self.data) - MARGIN
+
+
+@contextmanager
+def windowed(path: Path) -> Iterator[Window]:
+    """The file from its start, in pieces.
+
+    Raises:
+        InputError: the file is empty or cannot be read.
+    """
+    try:
+        with path.open("rb", buffering=0) as file:
+            window = Window(file=file)
+            window.move(0)
+            if not window.data:
+                raise InputError(f"{path}: the file is empty")
+            yield window
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read: {error.strerror or error}") from None
 
 
 @contextmanager

@@ -2,7 +2,7 @@
 
 from drivers.logs.dataflash import Dataflash
 from drivers.logs.dataflash_format import messages
-from drivers.logs.log_file import LogFile, whole_file
+from drivers.logs.log_file import LogFile, windowed
 from drivers.logs.tlog import Tlog, TlogRecords
 from drivers.mavlink.constants import (
     ATTITUDE_ID,
@@ -24,8 +24,8 @@ def advice(log: LogFile, system_id: int | None = None) -> str | None:
     if isinstance(log, Tlog):
         return _of_telemetry(log, system_id)
     if isinstance(log, Dataflash):
-        with whole_file(log.path) as data:
-            names = {found[0] for found in messages(data, ("ATT", "IMU")) if found is not None}
+        with windowed(log.path) as window:
+            names = {found[0] for found in messages(window, ("ATT", "IMU")) if found is not None}
         if names != {"ATT"}:
             return None
         return "attitudes but no IMU message: set the IMU bit of LOG_BITMASK and log again"
@@ -34,9 +34,9 @@ def advice(log: LogFile, system_id: int | None = None) -> str | None:
 
 def _of_telemetry(log: Tlog, system_id: int | None) -> str | None:
     attitude, autopilot, unpacker = None, None, Unpacker()
-    with whole_file(log.path) as data:
+    with windowed(log.path) as window:
         wanted = frozenset({HEARTBEAT_ID, *IMU_MESSAGES, *ATTITUDES})
-        for _, frame in TlogRecords(data, wanted).readable():
+        for _, frame in TlogRecords(window, wanted).readable():
             if system_id not in (None, frame.system_id):
                 continue
             if frame.message_id in IMU_MESSAGES:

@@ -9,7 +9,7 @@ from collections.abc import Iterable, Iterator
 from pathlib import Path
 
 from drivers.events import Event, Malformed
-from drivers.logs.log_file import LogFile, whole_file
+from drivers.logs.log_file import MARGIN, LogFile, Window, windowed
 from drivers.mavlink.decoder import MavlinkDecoder
 from drivers.mavlink.dialect import mavlink
 from drivers.mavlink.framing import Data, Frame, FrameFormat, frame_end
@@ -71,19 +71,22 @@ class Tlog(LogFile):
 
     def __init__(self, path: Path) -> None:
         super().__init__(path)
-        with whole_file(path) as data:
+        with windowed(path) as window:
+            data = window.data
             if _is_raw_capture(data):
                 raise InputError(
                     f"{path}: MAVLink without time stamps (a raw capture), use the .tlog beside it"
                 )
-            if next(TlogRecords(data[:SNIFF_SIZE], None).readable(), None) is None:
+            if next(TlogRecords(Window(data[:SNIFF_SIZE]), None).readable(), None) is None:
                 raise InputError(f"{path}: no MAVLink frame in it, not a telemetry log")
 
     def __iter__(self) -> Iterator[Event]:
         decoder = MavlinkDecoder()
-        with whole_file(self.path) as data:
-            records = TlogRecords(data, decoder.wanted)
-            for arrival_us, frame in believe(records, _first_stamp_us(data)):
+        with windowed(self.path) as window:
+            first_us = _first_stamp_us(window)
+        with windowed(self.path) as window:
+            records = TlogRecords(window, decoder.wanted)
+            for arrival_us, frame in believe(records, first_us):
                 if frame is None:
                     yield Malformed(arrival_us, 1)
                 else:
@@ -98,14 +101,19 @@ class TlogRecords:
     the next sound frame of a known message is looked for.
     """
 
-    def __init__(self, data: Data, wanted: frozenset[int] | None) -> None:
-        self._data = data
+    def __init__(self, window: Window, wanted: frozenset[int] | None) -> None:
+        self._window = window
+        self._data = window.data
         self._format = FrameFormat(gap=STAMP_SIZE)
         self._wanted = frozenset(mavlink().mavlink_map) if wanted is None else wanted
 
     def __iter__(self) -> Iterator[tuple[int, Frame | None]]:
         position, stamp_us = 0, 0
-        while position + STAMP_SIZE < len(self._data):
+        while True:
+            if self._window.is_near_end(position):
+                position = self._move(position)
+            if position + STAMP_SIZE >= len(self._data):
+                return
             end = self._record_end(position)
             frame = None
             if end is not None:
@@ -118,6 +126,11 @@ class TlogRecords:
                 stamp_us = self._stamp_us(position)
                 yield stamp_us, frame
             position = end
+
+    def _move(self, position: int) -> int:
+        position = self._window.move(position)
+        self._data = self._window.data
+        return position
 
     def readable(self) -> Iterator[tuple[int, Frame]]:
         """The records without the unreadable ones."""
@@ -136,14 +149,20 @@ class TlogRecords:
         """The next record behind an unreadable one that claims to end at ``end``."""
         if end is not None and self._format.is_followed(self._data, end):
             return end
-        start = self._format.next_start(self._data, position + 1 + STAMP_SIZE)
-        return len(self._data) if start is None else start - STAMP_SIZE
+        while True:
+            start = self._format.next_start(self._data, position + 1 + STAMP_SIZE)
+            if start is not None:
+                return start - STAMP_SIZE
+            if self._window.is_last:
+                return len(self._data)
+            # a frame that begins near the end may go on behind it
+            position = self._move(max(position, len(self._data) - MARGIN))
 
 
-def _first_stamp_us(data: Data) -> int:
+def _first_stamp_us(window: Window) -> int:
     """The first stamp that the next one agrees with: a file may begin in mid-record."""
     previous_us = 0
-    for number, (stamp_us, _) in enumerate(TlogRecords(data, None).readable()):
+    for number, (stamp_us, _) in enumerate(TlogRecords(window, None).readable()):
         if number and _agree(stamp_us, previous_us):
             return previous_us
         if number >= FIRST_RECORDS:

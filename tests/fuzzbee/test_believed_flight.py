@@ -4,6 +4,7 @@ from pathlib import Path
 
 import pytest
 
+from drivers.logs.log_file import Window
 from drivers.logs.tlog import TlogRecords
 from drivers.mavlink.dialect import Unpacker, mavlink
 from estimator.profile import load_profile
@@ -19,7 +20,7 @@ CONST_POS_MODE = 0xA7
 def changed(folder, change, source=PLANE):
     """The recording with each message as ``change(seconds, message)`` leaves it; None drops it."""
     m, unpacker, data, begin_us = mavlink(), Unpacker(), [], None
-    for stamp_us, frame in TlogRecords(source.read_bytes(), None).readable():
+    for stamp_us, frame in TlogRecords(Window(source.read_bytes()), None).readable():
         begin_us = stamp_us if begin_us is None else begin_us
         message = unpacker.message(frame.data)
         kept = change((stamp_us - begin_us) * 1e-6, message)

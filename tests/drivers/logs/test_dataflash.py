@@ -24,6 +24,7 @@ from drivers.events import (
 )
 from drivers.logs.dataflash import Dataflash
 from drivers.logs.dataflash_format import messages
+from drivers.logs.log_file import Window
 from drivers.logs.open import imu_events
 from estimator.errors import InputError
 
@@ -276,7 +277,7 @@ def test_messages_agree_with_dfreader(tmp_path, monkeypatch):
     with DFReader_binary(str(path)) as reader:
         while (m := reader.recv_match(type=list(names))) is not None:
             theirs.append((m.get_type(), {key: getattr(m, key) for key in m.get_fieldnames()}))
-    ours = list(messages(log.data, names))
+    ours = list(messages(Window(log.data), names))
     assert len(ours) > 250
     assert ours == theirs
 

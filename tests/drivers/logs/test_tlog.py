@@ -9,6 +9,7 @@ from statistics import median
 import pytest
 
 from drivers.events import ClockReset, Heartbeat, Imu, Malformed, ReferenceAttitude, Rejected
+from drivers.logs.log_file import Window
 from drivers.logs.tlog import Tlog, TlogRecords, believe
 from drivers.mavlink.constants import RAW_IMU_ID
 from drivers.mavlink.dialect import mavlink
@@ -229,8 +230,8 @@ def test_what_is_no_log_is_said_so(tmp_path, content):
 
 def test_messages_nobody_wants_are_passed_over():
     data = (DATA / "sitl_copter_flips.tlog").read_bytes()
-    everything = list(TlogRecords(data, None).readable())
-    wanted = list(TlogRecords(data, frozenset({RAW_IMU_ID})).readable())
+    everything = list(TlogRecords(Window(data), None).readable())
+    wanted = list(TlogRecords(Window(data), frozenset({RAW_IMU_ID})).readable())
     assert wanted == [(t, each) for t, each in everything if each.message_id == RAW_IMU_ID]
     assert len(wanted) == 1000
 
@@ -239,8 +240,8 @@ def test_messages_nobody_wants_are_passed_over():
 def test_unreadable_frames_are_counted_whoever_wants_them(name):
     """The autopilot sent a message once a second whose layout has changed since."""
     data = (DATA / name).read_bytes()
-    of_all = sum(frame is None for _, frame in TlogRecords(data, None))
-    of_some = sum(frame is None for _, frame in TlogRecords(data, frozenset({RAW_IMU_ID})))
+    of_all = sum(frame is None for _, frame in TlogRecords(Window(data), None))
+    of_some = sum(frame is None for _, frame in TlogRecords(Window(data), frozenset({RAW_IMU_ID})))
     assert of_all == of_some > 40
 
 
@@ -251,5 +252,5 @@ def test_a_message_nobody_knows_is_passed_over_whole():
     body = bytes((len(inside), 0, 0, 0, 1, 1)) + (0xFFFFFF).to_bytes(3, "little") + inside
     unknown = b"\xfd" + body + bytes(2)
     assert 0xFFFFFF not in dialect.mavlink_map
-    records = list(TlogRecords(before + before[:8] + unknown + after, None))
+    records = list(TlogRecords(Window(before + before[:8] + unknown + after), None))
     assert [frame.data for _, frame in records] == [before[8:], after[8:]]

@@ -13,6 +13,7 @@ import pytest
 from hypothesis import given
 
 from drivers.events import Imu, VehicleId
+from drivers.logs.log_file import Window
 from drivers.logs.tlog import TlogRecords, believe
 from drivers.mavlink import usual_frames
 from drivers.mavlink.backlog import Arrived
@@ -49,7 +50,7 @@ def compare(arrived, rng, *, references=False):
 @is_compiled
 @pytest.mark.parametrize("path", dict.fromkeys(LOGS), ids=lambda path: path.name)
 def test_a_log_read_in_batches_gives_the_same_events(path):
-    records = TlogRecords(path.read_bytes(), MavlinkDecoder().wanted)
+    records = TlogRecords(Window(path.read_bytes()), MavlinkDecoder().wanted)
     arrived = [Arrived(us, frame) for us, frame in believe(records, 0) if frame is not None]
     compare(arrived, random.Random(1), references=True)
     compare(arrived, random.Random(2))

@@ -1,0 +1,80 @@
+"""Logs larger than what is held of them in memory: the same events, in bounded memory."""
+
+import subprocess
+import sys
+
+import pytest
+
+from drivers.logs import log_file
+from drivers.logs.open import open_log
+from tests.drivers.logs import test_dataflash, test_tlog
+
+READ = """
+import resource, sys
+from pathlib import Path
+from drivers.logs.open import open_log
+from estimator.errors import InputError
+before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+try:
+    print(sum(1 for _ in open_log(Path(sys.argv[1]))))
+except InputError as error:
+    print(error)
+print(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before)
+"""
+
+
+def grown_kb(path):
+    """By how much a process has grown that has read the log."""
+    done = subprocess.run(
+        [sys.executable, "-c", READ, str(path)], capture_output=True, text=True, check=True
+    )
+    return int(done.stdout.splitlines()[-1])
+
+
+@pytest.fixture
+def small_pieces(monkeypatch):
+    monkeypatch.setattr(log_file, "READ_SIZE", 70_000)
+
+
+def damaged(data):
+    """With stretches of noise, one of which is longer than a piece."""
+    third = len(data) // 3
+    return (
+        data[:third]
+        + bytes(range(256)) * 700
+        + data[third : 2 * third]
+        + b"\xfd\xfe" * 99
+        + data[2 * third :]
+    )
+
+
+@pytest.mark.parametrize("harm", [bytes, damaged])
+def test_a_telemetry_log_in_pieces_has_the_same_events(tmp_path, small_pieces, harm, monkeypatch):
+    path = tmp_path / "long.tlog"
+    path.write_bytes(harm(b"".join(test_tlog.steady(6000))))
+    pieces = list(open_log(path))
+    monkeypatch.setattr(log_file, "READ_SIZE", 1 << 26)
+    assert pieces == list(open_log(path))
+    assert len(pieces) > 5000
+
+
+def test_a_sparse_telemetry_log_takes_no_memory(tmp_path):
+    path = tmp_path / "sparse.tlog"
+    path.write_bytes(b"".join(test_tlog.steady(20)))
+    with path.open("r+b") as file:
+        file.truncate(1 << 29)
+    assert grown_kb(path) < 100_000  # half a gigabyte long
+
+
+@pytest.mark.parametrize("harm", [bytes, damaged])
+def test_a_dataflash_log_in_pieces_has_the_same_events(tmp_path, small_pieces, harm, monkeypatch):
+    """Between its messages some 60,000 of three bytes, which nobody wants."""
+    log = test_dataflash.modern(seconds=20)
+    log.format("NIL", "", "", 7)
+    data = log.data + b"\xa3\x95\x07" * 60_000 + log.data
+    path = tmp_path / "long.bin"
+    path.write_bytes(harm(data))
+    pieces = list(open_log(path))
+    monkeypatch.setattr(log_file, "READ_SIZE", 1 << 26)
+    assert pieces == list(open_log(path))
+    assert len(pieces) > 5000
