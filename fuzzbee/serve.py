@@ -93,7 +93,7 @@ def serve(options: RunOptions, opening: OpeningSession | None) -> int:
         options,
         prepared.profile_name,
         seconds,
-        _tally(runner, pipeline, outbox.dropped),
+        _tally(runner, pipeline, runner.dropped),
         lost=runner.lost,
         malformed=pipeline.malformed,
         refused=pipeline.refused_frames,
