@@ -38,7 +38,7 @@ from estimator.types import STANDARD_GRAVITY_M_S2, Sample, Vec3
 
 GRAVITY_NED: Vec3 = (0.0, 0.0, STANDARD_GRAVITY_M_S2)
 # The time in which the vehicle's own field, or the accelerometer's bias, may have become another.
-LEARNT_LASTS_S = 3000.0
+LEARNT_LASTS_S = 2500.0
 # A slow error of a source beyond so many of its sigmas is one of a jump, and lasts the longer the
 # larger it is, up to so many times as long.
 USUAL_SIGMAS = 3.0
