@@ -92,6 +92,7 @@ class Heartbeat(VehicleEvent, frozen=True):
 
     autopilot: int
     vehicle_type: int
+    is_armed: bool = True  # as well where nobody tells
 
 
 class BuiltIn(VehicleEvent, frozen=True):

@@ -5,9 +5,10 @@ from typing import Any
 from estimator.aiding.phase import Phase
 from estimator.aiding.place import PlaceField
 from estimator.aiding.search import UNKNOWN_RAD
+from estimator.carrier import Carrier
 from estimator.filter.gain_words import gain_in_words
 from estimator.live import north
-from estimator.live.aiding_span import set_imu_lag, set_wheels
+from estimator.live.aiding_span import set_carrier, set_imu_lag
 from estimator.live.contradiction import leaning_angle
 from estimator.live.core import apply_turn, change_imu
 from estimator.live.hearing import take_rate, take_report
@@ -166,12 +167,12 @@ class Estimator:
         """
         set_imu_lag(self._state, gyr_s, acc_s)
 
-    def set_wheels(self, has_wheels: bool) -> None:
-        """Whether it rolls on wheels: then its velocity shows its heading.
+    def set_carrier(self, carrier: Carrier) -> None:
+        """What carries the IMU, which tells how it accelerates, and whether it slips sideways.
 
-        It is taken to slip sideways little, or as far as ``aiding.sideslip_rad`` of the profile.
+        The profile goes first: ``conditioning.in_vehicle``, ``aiding.sideslip_rad``.
         """
-        set_wheels(self._state, has_wheels=has_wheels)
+        set_carrier(self._state, carrier)
 
     def change_imu(self) -> None:
         """The samples are another IMU's from now on: its biases are its own."""

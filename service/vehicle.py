@@ -25,8 +25,13 @@ from drivers.mavlink.ardupilot import (
     ROVER_FILTERS_HZ,
     TRIM,
 )
-from drivers.mavlink.constants import MAV_AUTOPILOT_ARDUPILOTMEGA, MAV_TYPE_GROUND_ROVER
+from drivers.mavlink.constants import (
+    MAV_AUTOPILOT_ARDUPILOTMEGA,
+    MAV_TYPE_GENERIC,
+    MAV_TYPE_GROUND_ROVER,
+)
 from drivers.samples.rotation import quaternion_from_euler
+from estimator.carrier import Carrier
 from estimator.estimator import Estimator
 from estimator.geometry.quaternion import multiply
 from estimator.profile import Profile
@@ -62,6 +67,14 @@ WORD_HOLDS_US = 5_000_000
 UNSTAMPED = "AHRS2"  # an attitude of the IMU message before it
 # A second-order Butterworth low-pass delays slow motions by this many periods of its cutoff.
 BUTTERWORTH_DELAY = 1.0 / (sqrt(2.0) * pi)
+
+
+def carrier_of(heartbeat: Heartbeat) -> Carrier:
+    """What carries the IMU: anything may be done to a vehicle that is not armed."""
+    if heartbeat.vehicle_type == MAV_TYPE_GROUND_ROVER:
+        return Carrier.WHEELS
+    is_vehicle = heartbeat.is_armed and heartbeat.vehicle_type != MAV_TYPE_GENERIC
+    return Carrier.VEHICLE if is_vehicle else Carrier.ANYTHING
 
 
 class Vehicle:
@@ -212,11 +225,11 @@ class Vehicle:
             self.estimator.set_field_calibrated(any(self._compass_offsets.values()))
 
     def on_heartbeat(self, event: Heartbeat) -> None:
-        """Note whether it has wheels, and the filters that ArduPilot gives such a vehicle."""
+        """Note what carries the IMU, and the filters that ArduPilot gives such a vehicle."""
         self.heard_us = event.arrival_us
-        has_wheels = event.vehicle_type == MAV_TYPE_GROUND_ROVER
-        self.estimator.set_wheels(has_wheels)
-        if has_wheels and event.autopilot == MAV_AUTOPILOT_ARDUPILOTMEGA:
+        carrier = carrier_of(event)
+        self.estimator.set_carrier(carrier)
+        if carrier is Carrier.WHEELS and event.autopilot == MAV_AUTOPILOT_ARDUPILOTMEGA:
             for name, cutoff_hz in ROVER_FILTERS_HZ.items():
                 self._note_filter(name, self._filters_hz.get(name, cutoff_hz))
 

@@ -4,6 +4,7 @@ from collections.abc import Callable
 from operator import methodcaller
 from typing import Any
 
+from estimator.carrier import Carrier
 from estimator.estimator import Estimator
 from estimator.reasons import Reason
 from estimator.types import ImuSample, Quaternion
@@ -59,10 +60,10 @@ class ToldEstimator(Estimator):
         self.note(methodcaller("set_imu_lag", gyr_s, acc_s))
         super().set_imu_lag(gyr_s, acc_s)
 
-    def set_wheels(self, has_wheels: bool) -> None:
+    def set_carrier(self, carrier: Carrier) -> None:
         """See :class:`Estimator`."""
-        self.note(methodcaller("set_wheels", has_wheels))
-        super().set_wheels(has_wheels)
+        self.note(methodcaller("set_carrier", carrier))
+        super().set_carrier(carrier)
 
     def turn(self, turn_ned: Quaternion) -> None:
         """See :class:`Estimator`."""

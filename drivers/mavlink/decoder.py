@@ -26,6 +26,7 @@ from drivers.mavlink.constants import (
     HEARTBEAT_ID,
     MAV_AUTOPILOT_ARDUPILOTMEGA,
     MAV_AUTOPILOT_PX4,
+    MAV_MODE_FLAG_SAFETY_ARMED,
     PARAM_VALUE_ID,
     is_autopilot,
 )
@@ -204,7 +205,8 @@ class MavlinkDecoder:
             return []
         sender.autopilot = m.autopilot
         sender.intake.doubts_axes = m.autopilot not in FRD_AUTOPILOTS
-        beat = Heartbeat(sender.id, arrival_us, m.autopilot, m.type)
+        is_armed = bool(m.base_mode & MAV_MODE_FLAG_SAFETY_ARMED)
+        beat = Heartbeat(sender.id, arrival_us, m.autopilot, m.type, is_armed)
         waiting = self._parameters.take(sender.id.system_id)
         return [
             beat,

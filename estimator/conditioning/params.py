@@ -108,4 +108,6 @@ class ConditioningParams(NamedTuple):
     )
 
     # Source.
+    # It accelerates for long, and its gyroscope is good: a HEARTBEAT decides where this is off.
+    in_vehicle: bool = False
     averaged_samples: bool = False  # samples are means over their interval, not instants

@@ -9,19 +9,23 @@ from estimator.conditioning.events.step import EventsState
 from estimator.conditioning.field.heading import north_east, wrap_angle
 from estimator.conditioning.field.magnetic import MagneticState, has_heading, steepness
 from estimator.conditioning.params import ConditioningParams
-from estimator.conditioning.vertical.gravity import heading_frame
+from estimator.conditioning.vertical.gravity import Force, heading_frame
 from estimator.conditioning.vertical.rate import following_weight
 from estimator.conditioning.vertical.step import VerticalState
-from estimator.conditioning.vertical.tilt import slowness
-from estimator.geometry.quaternion import rotate
+from estimator.conditioning.vertical.tilt import slowness, weighing
+from estimator.geometry.quaternion import angle_between_vectors, rotate, square
 
 # The least of the inclination's sigma, rad: an accelerometer's own.
 SIGMA_STEADY_RAD = 0.0052
 # What a measured mean square counts as a variance: of the force's size, as a share of gravity,
 # about the inclination; of the field's scatter, and of its norm and dip, about the heading.
 MEASURED_SQUARE = 2.0
-# What a low-pass leaves of the variance of a mean over a window.
+# What a low-pass leaves of the variance of a mean over a window; and of one that is reckoned from
+# accelerations that are taken to last long.
 LOW_PASS_SHARE = 0.5
+# The share of the square of the angle between the force of a second and the vertical: it is an
+# acceleration or an error, and for some seconds nobody can tell.
+CONTRADICTED_SQUARE = 0.1
 # What the size of the force tells about the heading, times the squared tangent of the dip.
 SIGMA_BENT_SQUARE = 0.6
 # The share by which a heading given up may still be right once another has been borne out.
@@ -81,14 +85,25 @@ def sigma_inclination(
     far the vertical points elsewhere than its mean over a longer time. To that comes how far the
     low-passed force has another size than gravity: what an accelerometer's error
     or an acceleration adds along the vertical it adds across as well.
-    In slow streams the variance ``reckoned`` (rad^2) by the vertical itself counts instead.
+    Where the vertical has a variance of its own, that counts instead, as ``reckoned`` (rad^2), and
+    how far the force of the last second contradicts it.
     """
     signs = events.signs.gravity
-    slow = slowness(params, vertical.coefficients.dt_s)
+    weighed = weighing(params, vertical.coefficients.dt_s)
     measured = max(signs.apart, LOW_PASS_SHARE * vertical.averaging.variance)
     measured += MEASURED_SQUARE * signs.uneven
     known = SIGMA_STEADY_RAD**2 + vertical.doubt
-    return sqrt(known + (1.0 - slow) * measured + slow * reckoned)
+    by_itself = LOW_PASS_SHARE * reckoned
+    by_itself += CONTRADICTED_SQUARE * off_square(vertical.gravity.force)
+    return sqrt(known + (1.0 - weighed) * measured + weighed * by_itself)
+
+
+@inlined
+def off_square(force: Force) -> float:
+    """The square of the angle (rad) between the force of a second and the vertical."""
+    if square(force.quick) <= 0.0 or square(force.best.value) <= 0.0:
+        return 0.0
+    return angle_between_vectors(force.quick, force.best.value) ** 2
 
 
 @inlined
@@ -142,11 +157,13 @@ def sigma_heading(
     steep = steepness(magnetic.reference)
     signs = events.signs
     lasting = MEASURED_SQUARE * signs.heading.scatter + rival(params, vertical, magnetic, events)
-    bent = steep * (SIGMA_BENT_SQUARE * signs.gravity.uneven + 0.5 * vertical.doubt)
+    slow = slowness(params, vertical.coefficients.dt_s)
+    lasts = weighing(params, vertical.coefficients.dt_s) - slow
+    leaning = vertical.doubt + lasts * LOW_PASS_SHARE * vertical.tilt.variance
+    bent = steep * (SIGMA_BENT_SQUARE * signs.gravity.uneven + 0.5 * leaning)
     lasting += SIGMA_FIELD_RAD**2 + bent + events.doubt.variance
     uneven = max(0.0, magnetic.reference.uneven - EVEN_SQUARE)
     lasting += MEASURED_SQUARE * (1.0 + steep) * uneven
-    counts = slowness(params, vertical.coefficients.dt_s)
-    counts = max(counts, min(1.0, magnetic.wait_s / ABSENT_S))
+    counts = max(slow, min(1.0, magnetic.wait_s / ABSENT_S))
     own = p * (counts + (1.0 - counts) * p / (p + SIGMA_SETTLED_RAD**2))
     return sqrt(own + lasting)

@@ -19,6 +19,7 @@ from estimator.aiding.sources.wheels import rolls
 from estimator.aiding.types import Sigmas
 from estimator.aiding.uncertainty import LEAST_HORIZONTAL_GAUSS
 from estimator.aiding.witness import doubted
+from estimator.carrier import Carrier
 from estimator.conditioning import ConditioningState
 from estimator.conditioning.field.magnetic import horizontal_down
 from estimator.conditioning.field.robust import REACH_SQUARE
@@ -200,10 +201,10 @@ def start_by_course(settings: Settings, now: Core, report: Report) -> Start | No
     return Start(multiply(exp((0.0, 0.0, heading_rad)), q_level_frd), sigma_rad, tilt_rad)
 
 
-def set_wheels(state: State, *, has_wheels: bool) -> None:
-    """See :meth:`estimator.estimator.Estimator.set_wheels`."""
-    if has_wheels is not state.context.has_wheels:
-        state.change_context(has_wheels=has_wheels)
+def set_carrier(state: State, carrier: Carrier) -> None:
+    """See :meth:`estimator.estimator.Estimator.set_carrier`."""
+    if carrier is not state.context.carrier:
+        state.change_context(carrier=carrier)
         state.replace_profile(state.profile)
 
 

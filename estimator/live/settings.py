@@ -7,6 +7,7 @@ import numpy as np
 
 from estimator.aiding import AidingParams
 from estimator.aiding.place import PlaceField, in_ned
+from estimator.carrier import Carrier
 from estimator.conditioning import ConditioningParams
 from estimator.errors import InputError
 from estimator.filter.alignment import nearest_rotation, quaternion_from_matrix
@@ -37,14 +38,13 @@ def settings_of(
     profile: Profile,
     fixed_gain: float | None = None,
     place: PlaceField | None = None,
-    *,
-    has_wheels: bool = False,
+    carrier: Carrier = Carrier.ANYTHING,
 ) -> Settings:
     """The kernels' parameters; ``fixed_gain`` replaces the profile's K.
 
     ``place`` is the field of the vehicle's place, None as long as that is not known; its
-    declination is used where the profile leaves it to the position. A vehicle that ``has_wheels``
-    does not slip sideways, unless the profile says how far.
+    declination is used where the profile leaves it to the position. The ``carrier`` tells how the
+    IMU moves, as far as the profile does not.
 
     Raises:
         InputError: the fixed gain is not a positive number.
@@ -73,8 +73,8 @@ def settings_of(
             s_cross=profile.confidence.cross,
             place_gauss=ZERO_VEC3 if place is None else in_ned(place),
         ),
-        conditioning=_conditioning(profile),
-        aiding=_aiding(profile, has_wheels=has_wheels),
+        conditioning=_conditioning(profile, carrier),
+        aiding=_aiding(profile, carrier),
         conditioned=profile.conditioned,
         learns_north=profile.reference.magnetic == "learn"
         and profile.reference.declination_deg == "position",
@@ -93,16 +93,18 @@ def _magnetic_direction(profile: Profile, place: PlaceField | None) -> Vec3:
     return rotate(exp((0.0, 0.0, angle)), north)
 
 
-def _conditioning(profile: Profile) -> ConditioningParams:
+def _conditioning(profile: Profile, carrier: Carrier) -> ConditioningParams:
     parameters: dict[str, Any] = dict(profile.conditioning)
     del parameters["enabled"]
+    if carrier is not Carrier.ANYTHING:
+        parameters["in_vehicle"] = True
     return ConditioningParams()._replace(**parameters)
 
 
-def _aiding(profile: Profile, *, has_wheels: bool) -> AidingParams:
+def _aiding(profile: Profile, carrier: Carrier) -> AidingParams:
     parameters: dict[str, Any] = profile.aiding
     aiding = AidingParams()._replace(**parameters)
-    if has_wheels and aiding.sideslip_rad == AidingParams().sideslip_rad:
+    if carrier is Carrier.WHEELS and aiding.sideslip_rad == AidingParams().sideslip_rad:
         return aiding._replace(sideslip_rad=WHEELS_SLIP_RAD)
     return aiding
 

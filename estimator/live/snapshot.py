@@ -5,6 +5,7 @@ from typing import Any, NamedTuple
 from estimator.aiding.compass import UNTOUCHED, Compass
 from estimator.aiding.phase import Phase
 from estimator.aiding.place import Whereabouts
+from estimator.carrier import Carrier
 from estimator.live.core import Core
 from estimator.live.turning import STILL, Turning
 
@@ -18,7 +19,7 @@ class Context(NamedTuple):
     whereabouts: Whereabouts = Whereabouts()  # and the field of the place
     imu_lag_s: float | None = None  # of the gyroscope's samples, as far as somebody has told
     acc_lead_s: float = 0.0  # by how much the accelerometer's are younger
-    has_wheels: bool = False  # by its own word
+    carrier: Carrier = Carrier.ANYTHING  # of the IMU, as far as somebody has told
     turning: Turning = STILL  # that others have seen between the IMU's samples
 
 

@@ -118,8 +118,8 @@ class State:
 
     def _settings_of(self, profile: Profile) -> Settings:
         """A profile's settings for what is known of the vehicle and of its place."""
-        known = self.context.has_wheels
-        return settings_of(profile, self.fixed_gain, self.place_field, has_wheels=known)
+        carrier = self.context.carrier
+        return settings_of(profile, self.fixed_gain, self.place_field, carrier)
 
     def restart(self) -> None:
         """Forget the attitude. What is known of sensors by word, and of the place, stays."""
@@ -130,7 +130,7 @@ class State:
                 whereabouts=known.whereabouts,
                 imu_lag_s=known.imu_lag_s,
                 acc_lead_s=known.acc_lead_s,
-                has_wheels=known.has_wheels,
+                carrier=known.carrier,
             )
         )
         self.set_core(initial_core(self.settings))

@@ -3,6 +3,7 @@
 import pytest
 
 from drivers.events import BodyRates, ClockReset, Heartbeat, Imu, Parameter, Rejected, TrackLost
+from estimator.carrier import Carrier
 from estimator.estimator import Estimator
 from estimator.profile import load_profile
 from estimator.types import ZERO_VEC3, ImuSample, RateSample
@@ -37,9 +38,9 @@ class Watched(Estimator):
         self.calls.append(("lag", round(1e3 * gyr_s, 2), round(1e3 * acc_s, 2)))
         super().set_imu_lag(gyr_s, acc_s)
 
-    def set_wheels(self, has_wheels):
-        self.calls.append(("wheels", has_wheels))
-        super().set_wheels(has_wheels)
+    def set_carrier(self, carrier):
+        self.calls.append(carrier)
+        super().set_carrier(carrier)
 
     def update_report(self, report):
         self.calls.append(report)
@@ -235,10 +236,12 @@ def test_the_sensors_filters_tell_how_old_the_samples_are(vehicle):
     assert (known.imu_lag_s, known.acc_lead_s) == pytest.approx((0.05627, 0.03376), abs=1e-5)
 
 
-def test_a_rover_s_heartbeat_tells_that_it_has_wheels(vehicle):
-    for vehicle_type in (10, 2):  # MAV_TYPE_GROUND_ROVER, MAV_TYPE_QUADROTOR
-        vehicle.on_heartbeat(Heartbeat(ONE, START_US + 5, 3, vehicle_type))
-    assert [what for what, *_ in vehicle.estimator.calls] == ["wheels", "lag", "lag", "wheels"]
+def test_a_heartbeat_tells_what_carries_the_imu(vehicle):
+    """MAV_TYPE_GROUND_ROVER, MAV_TYPE_QUADROTOR, _GENERIC; who is not armed may be in a hand."""
+    for vehicle_type, is_armed in ((10, True), (10, False), (2, True), (2, False), (0, True)):
+        vehicle.on_heartbeat(Heartbeat(ONE, START_US + 5, 12, vehicle_type, is_armed))
+    wheels, anything = Carrier.WHEELS, Carrier.ANYTHING
+    assert vehicle.estimator.calls == [wheels, wheels, Carrier.VEHICLE, anything, anything]
     assert vehicle.heard_us == START_US + 5
 
 

@@ -25,7 +25,7 @@ from estimator.conditioning.params import ConditioningParams
 from estimator.conditioning.vertical.bias import HALF_TURN_VARIANCE, doubt_heading
 from estimator.conditioning.vertical.gravity import level, restart_gravity
 from estimator.conditioning.vertical.step import VerticalState, VerticalStep
-from estimator.conditioning.vertical.tilt import MOST_VARIANCE, slowness, with_variance
+from estimator.conditioning.vertical.tilt import MOST_VARIANCE, weighing, with_variance
 from estimator.geometry.quaternion import dot
 from estimator.types import ZERO_VEC3, Vec2
 
@@ -75,7 +75,7 @@ def follow_signs(
     if field.seen and has_heading(magnetic):
         heading = watch_heading(params, heading, now.estimate, magnetic, field.horizontal, since_s)
     decay, dt = now.coefficients.levelling_decay, mean.time_s
-    slow, swing = slowness(params, dt), vertical.swing
+    slow, swing = weighing(params, dt), vertical.swing
     gravity = watch_gravity(
         params, before.gravity, now.rest, now.gravity, swing, decay, dt, now.doubt, slow
     )

@@ -18,7 +18,7 @@ from estimator.conditioning.params import ConditioningParams
 from estimator.conditioning.vertical.bias import Estimate
 from estimator.conditioning.vertical.gravity import heading_frame
 from estimator.conditioning.vertical.step import VerticalStep
-from estimator.conditioning.vertical.tilt import slowness
+from estimator.conditioning.vertical.tilt import slowness, weighing
 from estimator.geometry.axes import axes_of
 from estimator.geometry.quaternion import rotate
 from estimator.types import Vec2
@@ -71,6 +71,6 @@ def learn_field(
         )
     if has_heading(magnetic):
         horizontal = north_east(estimate.heading_rad, field_6d)
-        leaning = 0.5 * (unseen + now.doubt)
+        leaning = 0.5 * (weighing(params, mean.time_s) * now.tilt.variance + now.doubt)
         estimate = learn_heading(params, estimate, magnetic, horizontal, settled, since_s, leaning)
     return FieldStep(MagnetometerState(calibration, magnetic), estimate, True, horizontal, since_s)

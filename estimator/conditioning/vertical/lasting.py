@@ -18,6 +18,8 @@ from estimator.types import STANDARD_GRAVITY_M_S2, ZERO_VEC3, Vec3
 
 # Such accelerations last for so long (s).
 ACCELERATION_LASTS_S = 3.0
+# Before anything is seen they turn the force by as much (rad^2).
+PRIOR_VARIANCE = 0.02
 # Averaging (s) of what betrays them, and of the force along the vertical.
 MEMORY_S = 20.0
 ALONG_S = 10.0
@@ -30,7 +32,7 @@ MOST_APART = 1.0
 class Lasting(NamedTuple):
     """What betrays accelerations that last; mean squares over ``MEMORY_S``."""
 
-    apart: float = 0.0  # angle between the force of a second and its long mean, rad^2
+    apart: float = PRIOR_VARIANCE  # angle between the force of a second and its long mean, rad^2
     lag: float = 0.0  # variance of the long mean by the drift of G, now, rad^2
     drift: float = 0.0  # and usually, rad^2
     excess: float = 0.0  # by which the force's square exceeds that of gravity, as a share of it
@@ -59,7 +61,6 @@ def watch_lasting(
     down_g: Vec3,
     long_share: float,
     missed: float,
-    age_s: float,
     dt_s: float,
 ) -> Lasting:
     """A step with the force ``u``, of which ``quick`` is the mean over a second (minus it, in G).
@@ -75,7 +76,7 @@ def watch_lasting(
         off = min(angle_between_vectors(quick, long) ** 2, MOST_APART)
     excess = square(u) / STANDARD_GRAVITY_M_S2**2 - 1.0
     along = dot(u, down_g) / (norm(down_g) * STANDARD_GRAVITY_M_S2) if square(down_g) > 0.0 else 1.0
-    b = dt_s / (min(MEMORY_S, age_s) + dt_s)
+    b = dt_s / (MEMORY_S + dt_s)
     return Lasting(
         apart=state.apart + b * (off - state.apart),
         lag=lag,

@@ -53,6 +53,7 @@ from estimator.conditioning.vertical.tilt import (
     initial_tilt,
     slowness,
     step_noise,
+    weighing,
     with_variance,
 )
 from estimator.geometry.axes import axes_of, down_of
@@ -101,7 +102,7 @@ class Belief(NamedTuple):
     tilt: TiltState  # after the step
     doubt: float  # after the step, rad^2
     share: float  # by which the vertical moves towards the force
-    slow: float  # 1 if it moves by that share, 0 if the low-pass says by how much
+    weighed: float  # 1 if it moves by that share, 0 if the low-pass says by how much
 
 
 with_turn = replacer(VerticalState, "gravity", "clipping")
@@ -163,8 +164,8 @@ def learn_vertical(
     noise = step_noise(params, before.tilt, mean.gyr, rate, down, dt, between, unknown)
     clipped = missed_turn(before.clipping, down)
     belief = weigh_force(params, k, before, mean, noise, clipped[0], wander)
-    share, slow = belief.share, slowness(params, dt)
-    gravity = observe_gravity(params, k, before.gravity, mean.gravity_g, share, belief.slow)
+    share, slow, weighed = belief.share, slowness(params, dt), weighing(params, dt)
+    gravity = observe_gravity(params, k, before.gravity, mean.gravity_g, share, belief.weighed)
     gravity = age_after_hole(gravity, share, slow, dt, usual_s)
     gravity, step = level(gravity)
     age_s = gravity.force.age_s
@@ -172,15 +173,16 @@ def learn_vertical(
     twist = slow * noise.twist + clipped[1]
     estimate = predict(params, k, before.estimate, axes.down, dot(rate, rate), twist)
     b = estimate.bias_rad_s
-    lagged = lag(params, k, before.lagged, axes, b, age_s, share, belief.slow)
-    if belief.slow == slow:
+    lagged = lag(params, k, before.lagged, axes, b, age_s, share, belief.weighed)
+    if belief.weighed == weighed:
         was_known = before.gravity.force.age_s > params.gravity_tau_s
         if rest.resting and params.use_rest:
             estimate = learn_at_rest(params, k, estimate, rest, still)
         if params.use_motion_bias and was_known:
-            unseen = slow * noise.tilt / dt**2
+            # of the vertical's own variance: what a step of that share moves by
+            unseen = max(slow * noise.tilt, weighed * share * belief.tilt.variance) / dt**2
             estimate = learn_in_motion(params, k, estimate, lagged, step, unseen)
-    steady = belief.slow == 0.0 and age_s > params.gravity_tau_s and clipped[0] == 0.0
+    steady = belief.weighed == 0.0 and age_s > params.gravity_tau_s and clipped[0] == 0.0
     spin = follow_spin(params, k, before.spin, gravity, rate, step, steady)
     state = VerticalState(
         estimate=estimate,
@@ -189,14 +191,14 @@ def learn_vertical(
         averaging=learn_averaging(params, before, gravity, rest, mean, rate),
         gravity=gravity,
         tilt=belief.tilt,
-        lasting=follow_lasting(before, gravity, mean.gravity_g, noise.tilt, k, slow),
+        lasting=follow_lasting(params, before, gravity, mean.gravity_g, noise.tilt, k),
         doubt=belief.doubt,
         rest=rest,
         still=still,
         lagged=lagged,
         coefficients=k,
     )
-    swing = (1.0 - belief.slow) * step[0], (1.0 - belief.slow) * step[1]
+    swing = (1.0 - belief.weighed) * step[0], (1.0 - belief.weighed) * step[1]
     beyond = clipped[0] + clipped[1]
     return VerticalStep(state, rate, swing, noise.tilt + noise.twist + beyond, beyond)
 
@@ -228,32 +230,40 @@ def weigh_force(
     after one that no sensor has felt, the force may tell more than the low-pass would take from it.
     """
     dt = mean.time_s
-    slow = slowness(params, dt)
+    weighed = weighing(params, dt)
+    doubt = min(before.doubt + clipped, HALF_TURN_VARIANCE)
     down_g, age_s = before.gravity.force.down.value, before.gravity.force.age_s + dt
     young = dt / age_s if age_s <= params.gravity_tau_s else 0.0
-    lasting = lasting_variance(before.lasting)
-    known = with_variance(before.tilt, max(before.tilt.variance, least_variance(before.lasting)))
+    resting = before.rest.resting
+    lasting = 0.0 if resting else weighed * lasting_variance(before.lasting)
+    least = 0.0 if resting else least_variance(before.lasting)
+    known = with_variance(before.tilt, max(before.tilt.variance, least) + weighed * doubt)
     tilt, share = believe_force(
         params, known, noise, mean.gyr, down_g, mean.gravity_g, dt, lasting, young
     )
-    doubt = min(before.doubt + clipped, HALF_TURN_VARIANCE)
+    doubt *= 1.0 - weighed
     if doubt > 0.0:
         doubt, anew = force_after_turn(params, doubt, wander, dt)
-        if anew > max(young, k.gravity_share, slow * share):
+        if anew > max(young, k.gravity_share, weighed * share):
             return Belief(tilt, doubt, anew, 1.0)
-    return Belief(tilt, doubt, share, slow)
+    return Belief(tilt, doubt, share, weighed)
 
 
 @inlined
 def follow_lasting(
-    before: VerticalState, now: GravityState, u: Vec3, missed: float, k: Coefficients, slow: float
+    params: ConditioningParams,
+    before: VerticalState,
+    now: GravityState,
+    u: Vec3,
+    missed: float,
+    k: Coefficients,
 ) -> Lasting:
-    """What betrays accelerations that last after a step; fast streams average them out."""
-    if slow == 0.0:
+    """What betrays accelerations that last after a step; a rest tells nothing of them."""
+    if weighing(params, k.dt_s) == 0.0 or before.rest.resting:
         return before.lasting
     f, down_g = now.force, before.gravity.force.down.value
     share = long_share(k, f.age_s)
-    return watch_lasting(before.lasting, u, f.quick, down_g, share, missed, f.age_s, k.dt_s)
+    return watch_lasting(before.lasting, u, f.quick, down_g, share, missed, k.dt_s)
 
 
 @inlined
@@ -269,7 +279,7 @@ def learn_averaging(
     state, dt_s = before.averaging, mean.time_s
     if rest.resting:
         return averaging_at_rest(params, state, dt_s)
-    if slowness(params, dt_s) > 0.0 or gravity.force.age_s <= params.gravity_tau_s:
+    if weighing(params, dt_s) > 0.0 or gravity.force.age_s <= params.gravity_tau_s:
         return state
     p = before.estimate.covariance
     rate_g = rotate(gravity.q_g_frd, rate)

@@ -45,6 +45,7 @@ class StepNoise(NamedTuple):
     twist: float  # about down
     tilting: float  # squared change of rate about horizontal axes, (rad/s)^2
     twisting: float  # squared change of rate about down, (rad/s)^2
+    drift: float  # covariance of tilt and bias about an axis before the force is read, rad^2/s
 
 
 class TiltState(NamedTuple):
@@ -57,7 +58,7 @@ class TiltState(NamedTuple):
     twisting: float = 0.0  # mean square change of rate about down, (rad/s)^2
     gyr: Vec3 = ZERO_VEC3  # mean rate of the last step, rad/s, FRD
     force: float = 0.0  # usual size of the specific force, m/s^2
-    share: float = 1.0  # by which the last step's force was followed
+    drift: float = 0.0  # covariance of its error and the gyroscope's bias about an axis, rad^2/s
 
 
 with_variance = replacer(TiltState, "variance")
@@ -69,6 +70,17 @@ def slowness(params: ConditioningParams, dt_s: float) -> float:
     if params.averaged_samples or not params.use_step_noise:
         return 0.0
     return slow_share(dt_s)
+
+
+@inlined
+def weighing(params: ConditioningParams, dt_s: float) -> float:
+    """1 where the vertical's own variance says how far to believe the force, 0 if averaging does.
+
+    It does so for slow streams, and in vehicles: their accelerations last for longer than any
+    average, and the gyroscope of an autopilot carries what it knew before them. A hand's
+    accelerations are short and its turns are quick, so there the average is better.
+    """
+    return 1.0 if params.in_vehicle else slowness(params, dt_s)
 
 
 @inlined
@@ -90,8 +102,8 @@ def step_noise(
     chance, so the mean over the last seconds is the least. Fitted to flights,
     hand-held and driven motion at 1 to 25 Hz against their full rate. A step with other
     readings between its samples is as many shorter ones. A bias of the gyroscope, of the variance
-    b^2, (rad/s)^2 about an axis, turns the vertical by b tau in the time tau = dt/K for which the
-    force's share K averages it, about both axes as noise of 4 b^2 tau dt would.
+    b^2, (rad/s)^2 about an axis, turns the vertical ever further: the covariance of the two grows
+    by b^2 dt, C <- C + b^2 dt, and the variance of both axes by 4 C dt.
     """
     change = subtract(gyr, state.gyr)
     part_s, parts = dt_s, 1.0
@@ -111,16 +123,17 @@ def step_noise(
     tilt = change_factor * max(tilting, state.tilting)
     twist = change_factor * max(twisting, state.twisting)
     hole = HOLE_RAD_S**2 * max(0.0, dt_s - HOLE_S) ** 2
-    drift = 4.0 * bias_variance * dt_s * dt_s / state.share
+    drift = state.drift + bias_variance * dt_s
     return StepNoise(
         tilt=tilt
         + turn_factor * (max(0.0, turning - about_down) + CROSSED * turning)
         + GYR_NOISE**2 * dt_s
-        + drift
+        + 4.0 * drift * dt_s
         + hole,
         twist=twist + turn_factor * (about_down + CROSSED * turning) + GYR_NOISE**2 * dt_s + hole,
         tilting=tilting,
         twisting=twisting,
+        drift=drift,
     )
 
 
@@ -167,7 +180,7 @@ def believe_force(
             twisting=state.twisting + c * (noise.twisting - state.twisting),
             gyr=gyr,
             force=usual + b * (size - usual),
-            share=share,
+            drift=(1.0 - share) * noise.drift,
         ),
         share,
     )
@@ -185,7 +198,7 @@ def innovation(down_g: Vec3, u: Vec3) -> float:
 def initial_tilt(gyr: Vec3, u: Vec3) -> TiltState:
     """The state at the first reading: the direction of the force ``u`` is as good as unknown."""
     scatter = (2.0 * LEAST_SCATTER_RAD) ** 2
-    return TiltState(MOST_VARIANCE, MOST_VARIANCE, scatter, 0.0, 0.0, gyr, norm(u), 1.0)
+    return TiltState(MOST_VARIANCE, MOST_VARIANCE, scatter, 0.0, 0.0, gyr, norm(u), 0.0)
 
 
 @inlined

@@ -22,6 +22,7 @@ from estimator.aiding.inertial import Prediction
 from estimator.aiding.phase import Phase
 from estimator.aiding.sources.wheels import observe_wheels
 from estimator.aiding.types import SIZE, TURN, VELOCITY, AidingParams, Wheels
+from estimator.carrier import Carrier
 from estimator.estimator import Estimator
 from estimator.geometry.frames import from_euler_rad
 from estimator.geometry.metrics import angle_errors
@@ -95,7 +96,7 @@ def test_a_car_shows_its_heading_by_its_velocity(seed, reverse):
 def test_a_place_that_is_known_does_not_make_the_compass_right():
     """It begins by the field at once, and wheels tell that iron has turned it."""
     estimator = Estimator(load_profile("imu"))
-    estimator.set_wheels(True)
+    estimator.set_carrier(Carrier.WHEELS)
     estimator.set_position(47.4, 8.5, 400.0, 1_760_000_000_000_000)
     errors, _, _ = driven(estimator, ride(3))
     assert np.sqrt(np.mean(errors[1500:, 1] ** 2)) < 6.0
@@ -104,7 +105,7 @@ def test_a_place_that_is_known_does_not_make_the_compass_right():
 def test_who_says_nothing_has_no_wheels_and_the_profile_goes_first():
     estimator = Estimator(load_profile("imu"))
     assert estimator._state.settings.aiding.sideslip_rad == 3.0
-    estimator.set_wheels(True)
+    estimator.set_carrier(Carrier.WHEELS)
     assert estimator._state.settings.aiding.sideslip_rad == pytest.approx(radians(3.0))
     estimator.restart()
     assert estimator._state.settings.aiding.sideslip_rad == pytest.approx(radians(3.0))

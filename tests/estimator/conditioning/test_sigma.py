@@ -20,6 +20,8 @@ from estimator.conditioning.field.magnetic import (
 )
 from estimator.conditioning.sigma import rival, sigma_heading, sigma_inclination
 from estimator.conditioning.vertical.coefficients import coefficients
+from estimator.conditioning.vertical.gravity import Force
+from estimator.conditioning.vertical.lowpass import Smooth
 from estimator.geometry.quaternion import exp, rotate, rotate_inverse
 from estimator.types import Sample
 from tests.estimator.conditioning.motion import fly, tumbling
@@ -103,8 +105,24 @@ def state_of(*, dt_s, wait_s=0.0, seen_s=0.0, **signs):
 def test_sigma_of_the_inclination_adds_up_what_may_tilt_it(dt_s, slow):
     vertical, _, events = state_of(dt_s=dt_s)
     fast = 0.0006 + 2.0 * 0.0005
-    square = 0.0052**2 + 0.0004 + (1.0 - slow) * fast + slow * 0.005
+    square = 0.0052**2 + 0.0004 + (1.0 - slow) * fast + slow * 0.5 * 0.005
     assert sigma_inclination(PARAMS, vertical, events, 0.005) ** 2 == pytest.approx(square)
+
+
+def test_in_a_vehicle_the_force_of_a_second_contradicts_the_vertical_at_any_rate():
+    """A force 0.3 rad off is an error or an acceleration: a tenth of its square is in sigma."""
+    vertical, magnetic, events = state_of(dt_s=0.01)
+    quick = rotate(exp((0.3, 0.0, 0.0)), (0.0, 0.0, 9.8))
+    force = Force(best=Smooth((0.0, 0.0, 9.8)), quick=quick)
+    vertical = vertical._replace(gravity=vertical.gravity._replace(force=force))
+    inside = PARAMS._replace(in_vehicle=True)
+    square = 0.0052**2 + 0.0004 + 0.5 * 0.005 + 0.1 * 0.3**2
+    assert sigma_inclination(inside, vertical, events, 0.005) ** 2 == pytest.approx(square)
+    by_leaning = 4.0 * 0.5 * 0.5 * 0.005  # the squared tangent of the dip is 4
+    more = sigma_heading(inside, vertical, magnetic, events) ** 2
+    assert more - sigma_heading(PARAMS, vertical, magnetic, events) ** 2 == pytest.approx(
+        by_leaning
+    )
 
 
 @pytest.mark.parametrize(

@@ -152,7 +152,7 @@ def test_slow_hand_held_motion_beats_the_accelerometer_alone(rate_hz, measured_d
     assert rms(ours) == pytest.approx(measured_deg, rel=0.2)
     assert rms(fixed) == pytest.approx(fixed_deg, rel=0.2)
     assert rms(ours) < 1.02 * rms(np.concatenate(alone))
-    assert 0.80 <= inside.mean() <= 0.90  # measured 0.84 to 0.88
+    assert 0.74 <= inside.mean() <= 0.88  # measured 0.78 to 0.83
 
 
 def test_after_a_hole_with_a_fast_turn_a_vehicle_at_rest_is_upright_within_two_seconds():
@@ -166,10 +166,10 @@ def test_after_a_hole_with_a_fast_turn_a_vehicle_at_rest_is_upright_within_two_s
     off = angles_deg(np.array([s.gravity_b for s in seen]), np.tile(DOWN, (len(times), 1)))
     sigma = np.array([degrees(s.sigma_inclination_rad) for s in seen])
     in_hole = int(np.flatnonzero(times == 21.0)[0])
-    assert sigma[in_hole - 1] == pytest.approx(0.633, rel=0.2)
-    assert sigma[in_hole] == pytest.approx(14.8, rel=0.2)
+    assert sigma[in_hole - 1] == pytest.approx(0.50, rel=0.2)
+    assert sigma[in_hole] == pytest.approx(11.3, rel=0.2)
     assert off[times >= 24.0].max() < 0.0018  # measured 0.0014
-    assert sigma[times >= 26.0].max() == pytest.approx(7.83, rel=0.2)
+    assert sigma[times >= 26.0].max() == pytest.approx(5.5, rel=0.2)
     fixed = run(FIXED, gyr, acc, times)
     off_fixed = degrees(np.arccos(fixed[in_hole + 1].gravity_b[2]))
     assert off_fixed == pytest.approx(119.0, rel=0.2)
@@ -187,7 +187,7 @@ BEFORE = TiltState(
     twisting=0.5,
     gyr=GYR_BEFORE,
     force=9.6,
-    share=0.05,
+    drift=2e-4,
 )
 
 
@@ -206,10 +206,11 @@ def test_what_a_step_misses_by_its_formula(dt: float, between: Between) -> None:
     anyhow = 0.002**2 * dt + (0.3 * max(0.0, dt - 1.0)) ** 2
     noise = step_noise(PARAMS, BEFORE, GYR, RATE, TILTED, dt, between, 3e-5)
     assert (noise.tilting, noise.twisting) == pytest.approx((tilting, twisting))
+    assert noise.drift == pytest.approx(2e-4 + 3e-5 * dt)
     assert noise.tilt == pytest.approx(
         by_change * max(tilting, 0.9)
         + by_turn * (turn_square - turn_along + 0.1 * turn_square)
-        + 4.0 * 3e-5 * (dt / 0.05) * dt
+        + 4.0 * noise.drift * dt
         + anyhow
     )
     assert noise.twist == pytest.approx(
@@ -228,9 +229,10 @@ def test_the_force_is_believed_as_by_a_kalman_filter(least: float, lasting: floa
     share = max(least, p / (p + white))
     off = np.arctan2(np.hypot(u[0], u[1]), u[2])
     expected = (r / (p + r) * off) ** 2 + p * r / (p + r)
-    noise = StepNoise(tilt=0.01, twist=0.02, tilting=0.7, twisting=0.3)
+    noise = StepNoise(tilt=0.01, twist=0.02, tilting=0.7, twisting=0.3, drift=1e-4)
     after, found = believe_force(PARAMS, BEFORE, noise, GYR, DOWN, u, dt, lasting, least)
-    assert (found, after.share) == (pytest.approx(share), found)
+    assert found == pytest.approx(share)
+    assert after.drift == pytest.approx((1.0 - share) * 1e-4)
     assert after.variance == pytest.approx((1.0 - share) ** 2 * p + share**2 * white)
     a, c = (dt / (tau + dt) for tau in (7.0, 3.0))
     brief = r * 2.0 * 0.35 / dt
