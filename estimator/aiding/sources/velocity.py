@@ -176,7 +176,8 @@ def observe_velocity(
         off = report.velocity_ned_m_s[i] - reporter.error_m_s[i] - then
         noise = noise_scale * (sigma * sigma + (jitter * a[i]) ** 2) + missed[i] * missed[i]
         left = residual(x, h, off)
-        unit = left / sqrt(expected_variance(P, h, noise))
+        # rounding may take an attitude as good as unknown below nothing
+        unit = left / sqrt(max(expected_variance(P, h, noise), noise))
         square = unit * unit
         unit = max(-INNOVATION_LIMIT, min(INNOVATION_LIMIT, unit))
         reports += 1.0
