@@ -85,17 +85,18 @@ def sigma_inclination(
     far the vertical points elsewhere than its mean over a longer time. To that comes how far the
     low-passed force has another size than gravity: what an accelerometer's error
     or an acceleration adds along the vertical it adds across as well.
-    Where the vertical has a variance of its own, that counts instead, as ``reckoned`` (rad^2), and
-    how far the force of the last second contradicts it.
+    In slow streams the variance ``reckoned`` (rad^2) by the vertical itself counts instead; in fast
+    ones of vehicles half of it, and how far the force of the last second contradicts it.
     """
     signs = events.signs.gravity
-    weighed = weighing(params, vertical.coefficients.dt_s)
+    slow = slowness(params, vertical.coefficients.dt_s)
+    carried = weighing(params, vertical.coefficients.dt_s) - slow
     measured = max(signs.apart, LOW_PASS_SHARE * vertical.averaging.variance)
     measured += MEASURED_SQUARE * signs.uneven
     known = SIGMA_STEADY_RAD**2 + vertical.doubt
     by_itself = LOW_PASS_SHARE * reckoned
     by_itself += CONTRADICTED_SQUARE * off_square(vertical.gravity.force)
-    return sqrt(known + (1.0 - weighed) * measured + weighed * by_itself)
+    return sqrt(known + (1.0 - slow - carried) * measured + slow * reckoned + carried * by_itself)
 
 
 @inlined
@@ -158,8 +159,8 @@ def sigma_heading(
     signs = events.signs
     lasting = MEASURED_SQUARE * signs.heading.scatter + rival(params, vertical, magnetic, events)
     slow = slowness(params, vertical.coefficients.dt_s)
-    lasts = weighing(params, vertical.coefficients.dt_s) - slow
-    leaning = vertical.doubt + lasts * LOW_PASS_SHARE * vertical.tilt.variance
+    carried = weighing(params, vertical.coefficients.dt_s) - slow
+    leaning = vertical.doubt + carried * LOW_PASS_SHARE * vertical.tilt.variance
     bent = steep * (SIGMA_BENT_SQUARE * signs.gravity.uneven + 0.5 * leaning)
     lasting += SIGMA_FIELD_RAD**2 + bent + events.doubt.variance
     uneven = max(0.0, magnetic.reference.uneven - EVEN_SQUARE)

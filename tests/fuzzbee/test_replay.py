@@ -32,8 +32,8 @@ RECORDINGS = {
     "sitl_copter_takeoff.tlog": (1745, 0.0980),
     "sitl_plane_4hz.tlog": (554, 0.806),
     "sub_bad_data.tlog": (100, 0.0403),
-    "sub_bluerov.tlog": (121, 0.287),
-    "sub_on_its_side.tlog": (84, 0.242),
+    "sub_bluerov.tlog": (121, 0.435),
+    "sub_on_its_side.tlog": (84, 0.131),
 }
 
 

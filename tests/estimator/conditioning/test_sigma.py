@@ -105,11 +105,11 @@ def state_of(*, dt_s, wait_s=0.0, seen_s=0.0, **signs):
 def test_sigma_of_the_inclination_adds_up_what_may_tilt_it(dt_s, slow):
     vertical, _, events = state_of(dt_s=dt_s)
     fast = 0.0006 + 2.0 * 0.0005
-    square = 0.0052**2 + 0.0004 + (1.0 - slow) * fast + slow * 0.5 * 0.005
+    square = 0.0052**2 + 0.0004 + (1.0 - slow) * fast + slow * 0.005
     assert sigma_inclination(PARAMS, vertical, events, 0.005) ** 2 == pytest.approx(square)
 
 
-def test_in_a_vehicle_the_force_of_a_second_contradicts_the_vertical_at_any_rate():
+def test_in_a_vehicle_the_force_of_a_second_contradicts_the_vertical():
     """A force 0.3 rad off is an error or an acceleration: a tenth of its square is in sigma."""
     vertical, magnetic, events = state_of(dt_s=0.01)
     quick = rotate(exp((0.3, 0.0, 0.0)), (0.0, 0.0, 9.8))

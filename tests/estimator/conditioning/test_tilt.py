@@ -152,7 +152,7 @@ def test_slow_hand_held_motion_beats_the_accelerometer_alone(rate_hz, measured_d
     assert rms(ours) == pytest.approx(measured_deg, rel=0.2)
     assert rms(fixed) == pytest.approx(fixed_deg, rel=0.2)
     assert rms(ours) < 1.02 * rms(np.concatenate(alone))
-    assert 0.74 <= inside.mean() <= 0.88  # measured 0.78 to 0.83
+    assert 0.80 <= inside.mean() <= 0.96  # measured 0.84 to 0.93
 
 
 def test_after_a_hole_with_a_fast_turn_a_vehicle_at_rest_is_upright_within_two_seconds():
@@ -166,11 +166,11 @@ def test_after_a_hole_with_a_fast_turn_a_vehicle_at_rest_is_upright_within_two_s
     off = angles_deg(np.array([s.gravity_b for s in seen]), np.tile(DOWN, (len(times), 1)))
     sigma = np.array([degrees(s.sigma_inclination_rad) for s in seen])
     in_hole = int(np.flatnonzero(times == 21.0)[0])
-    assert sigma[in_hole - 1] == pytest.approx(0.50, rel=0.2)
-    assert sigma[in_hole] == pytest.approx(11.3, rel=0.2)
+    assert sigma[in_hole - 1] == pytest.approx(0.633, rel=0.2)
+    assert sigma[in_hole] == pytest.approx(14.8, rel=0.2)
     assert off[times >= 24.0].max() == pytest.approx(0.70, rel=0.2)
     assert off[times >= 26.0].max() < 0.06  # measured 0.05
-    assert sigma[times >= 26.0].max() == pytest.approx(5.5, rel=0.2)
+    assert sigma[times >= 26.0].max() == pytest.approx(7.83, rel=0.2)
     fixed = run(FIXED, gyr, acc, times)
     off_fixed = degrees(np.arccos(fixed[in_hole + 1].gravity_b[2]))
     assert off_fixed == pytest.approx(119.0, rel=0.2)
