@@ -23,6 +23,7 @@ from estimator.aiding.place import field_at
 from estimator.geometry.frames import euler_rad
 from estimator.types import STANDARD_GRAVITY_M_S2
 
+ARMED = 0xD1  # MAV_MODE_FLAG: armed, stabilized, manual input, custom mode
 Floats = NDArray[np.float64]
 
 START_UNIX_US = 1_760_000_000_000_000
@@ -255,7 +256,7 @@ def record(path: Path, motion: Motion, flight: Flight, seed: int) -> None:
         arrival_us = max(arrival_us, START_UNIX_US + round(1e6 * (t + late_s)))
         if t >= next_beat_s:
             next_beat_s = t + 1.0
-            out.put(arrival_us, "heartbeat", flight.vehicle_type, 3, 81, 0, 4, 3)
+            out.put(arrival_us, "heartbeat", flight.vehicle_type, 3, ARMED, 0, 4, 3)
         for message in reports.until(t, stamp_us):
             out.put(arrival_us, *message)
         q = motion.attitude[i].tolist()
