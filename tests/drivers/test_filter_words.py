@@ -66,7 +66,7 @@ def names(events, kind):
 def test_what_is_sent_before_the_first_fix_is_no_place():
     """ArduPlane 4.5: a few metres from (0, 0), and fix type 0 or 1 beside it."""
     before = [receiver(0), ardupilot(0x400), position(2081, -732), receiver(1), position(2093, -9)]
-    assert decoded(*before) == []
+    assert names(decoded(*before), Position | Velocity) == []
     events = decoded(*before, receiver(3), ardupilot(FLYING), position())
     assert names(events, Position) == ["GPS_RAW_INT", "GLOBAL_POSITION_INT"]
     assert names(events, Velocity) == ["GPS_RAW_INT", "GLOBAL_POSITION_INT"]

@@ -122,7 +122,9 @@ def test_the_result_of_a_run_names_what_was_counted_in_its_units():
     counts = Counts("running", None, "RAW_IMU", 49.87654, 250_000, 31, 32, 33, 34, {"late": 35})
     tally = Tally(41, 42, 43, (51, 52, 53), {ONE: counts})
     refused = {"signature": 61, "id": 62}
-    result = summary(RunOptions(), "imu", 7.0, tally, lost=71, malformed=72, refused=refused)
+    result = summary(
+        RunOptions(), "imu", 7.0, tally, lost=71, malformed=72, refused=refused, recording=""
+    )
     expected = {"ticks": 41, "overruns": 42, "dropped": 43, "lost": 71, "malformed": 72}
     assert {name: result[name] for name in expected} == expected
     assert result["departed"] == {"vehicles": 51, "samples": 52, "attitudes": 53}

@@ -87,11 +87,12 @@ def test_all_at_once_is_the_same_as_one_by_one():
 
 
 def test_it_estimates_as_the_service_does():
-    """A log without what arrays do not carry: velocity, rates of ATTITUDE, the declination."""
+    """Without what arrays do not carry: velocity, rates of ATTITUDE, declination, the vehicle."""
     profile = load_profile("imu")
     profile = msgspec.structs.replace(
         profile,
         aiding={**profile.aiding, "enabled": False},
+        conditioning={**profile.conditioning, "in_vehicle": True},
         reference=msgspec.structs.replace(profile.reference, declination_deg=0.0),
         rates="imu",
     )
