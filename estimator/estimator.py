@@ -170,7 +170,8 @@ class Estimator:
     def set_carrier(self, carrier: Carrier) -> None:
         """What carries the IMU, which tells how it accelerates, and whether it slips sideways.
 
-        The profile goes first: ``conditioning.in_vehicle``, ``aiding.sideslip_rad``.
+        It adds to the profile: to ``conditioning.in_vehicle`` where that is off, to
+        ``aiding.sideslip_rad`` where that is as delivered.
         """
         set_carrier(self._state, carrier)
 

@@ -5,15 +5,17 @@ from typing import NamedTuple
 
 from estimator.compilation.compiled import inlined
 from estimator.conditioning.events.heading_signs import OTHER_HEADING_S
+from estimator.conditioning.events.jump_signs import turn_of
 from estimator.conditioning.events.step import EventsState
 from estimator.conditioning.field.heading import north_east, wrap_angle
 from estimator.conditioning.field.magnetic import MagneticState, has_heading, steepness
 from estimator.conditioning.params import ConditioningParams
-from estimator.conditioning.vertical.gravity import Force, heading_frame
+from estimator.conditioning.vertical.gravity import heading_frame
 from estimator.conditioning.vertical.rate import following_weight
 from estimator.conditioning.vertical.step import VerticalState
 from estimator.conditioning.vertical.tilt import slowness, weighing
-from estimator.geometry.quaternion import angle_between_vectors, rotate, square
+from estimator.geometry.quaternion import rotate
+from estimator.types import Vec2
 
 # The least of the inclination's sigma, rad: an accelerometer's own.
 SIGMA_STEADY_RAD = 0.0052
@@ -89,22 +91,21 @@ def sigma_inclination(
     ones of vehicles half of it, and how far the force of the last second contradicts it.
     """
     signs = events.signs.gravity
-    slow = slowness(params, vertical.coefficients.dt_s)
-    carried = weighing(params, vertical.coefficients.dt_s) - slow
+    slow, carried = slow_and_carried(params, vertical.coefficients.dt_s)
     measured = max(signs.apart, LOW_PASS_SHARE * vertical.averaging.variance)
     measured += MEASURED_SQUARE * signs.uneven
     known = SIGMA_STEADY_RAD**2 + vertical.doubt
+    force = vertical.gravity.force
     by_itself = LOW_PASS_SHARE * reckoned
-    by_itself += CONTRADICTED_SQUARE * off_square(vertical.gravity.force)
+    by_itself += CONTRADICTED_SQUARE * turn_of(force.quick, force.best.value) ** 2
     return sqrt(known + (1.0 - slow - carried) * measured + slow * reckoned + carried * by_itself)
 
 
 @inlined
-def off_square(force: Force) -> float:
-    """The square of the angle (rad) between the force of a second and the vertical."""
-    if square(force.quick) <= 0.0 or square(force.best.value) <= 0.0:
-        return 0.0
-    return angle_between_vectors(force.quick, force.best.value) ** 2
+def slow_and_carried(params: ConditioningParams, dt_s: float) -> Vec2:
+    """How slow a stream is, and how far a gyroscope carries the vertical for another reason."""
+    slow = slowness(params, dt_s)
+    return slow, weighing(params, dt_s) - slow
 
 
 @inlined
@@ -158,8 +159,7 @@ def sigma_heading(
     steep = steepness(magnetic.reference)
     signs = events.signs
     lasting = MEASURED_SQUARE * signs.heading.scatter + rival(params, vertical, magnetic, events)
-    slow = slowness(params, vertical.coefficients.dt_s)
-    carried = weighing(params, vertical.coefficients.dt_s) - slow
+    slow, carried = slow_and_carried(params, vertical.coefficients.dt_s)
     leaning = vertical.doubt + carried * LOW_PASS_SHARE * vertical.tilt.variance
     bent = steep * (SIGMA_BENT_SQUARE * signs.gravity.uneven + 0.5 * leaning)
     lasting += SIGMA_FIELD_RAD**2 + bent + events.doubt.variance

@@ -53,15 +53,15 @@ def watch_gravity(
     decay: float,
     dt_s: float,
     doubt: float,
-    slow: float,
+    weighed: float,
 ) -> GravitySigns:
     """Look for gravity that keeps pulling elsewhere than the low-passed one in G.
 
     A quiet vehicle's gravity is known at once. Accelerations of a moving one
     reverse within a second or two and rarely exceed 1 g, a turn stays. And a
     levelling of many degrees has turned about the axis that was shortest, not
-    the one the vehicle turned about, so its heading is wrong. A moving vehicle's vertical in
-    ``slow`` streams has a variance that says how far to believe the force.
+    the one the vehicle turned about, so its heading is wrong. A moving vehicle's vertical that is
+    ``weighed`` has a variance that says how far to believe the force.
     """
     f = gravity.force.down.value
     quiet = False
@@ -70,7 +70,7 @@ def watch_gravity(
     quick = gravity.force.quick
     falls = square(quick) <= LEAST_GRAVITY_SHARE**2 * square(f)
     off = 0.0 if falls else angle_between_vectors(quick, f)
-    moving = slow == 0.0 and off > params.turn_moving_rad
+    moving = weighed == 0.0 and off > params.turn_moving_rad
     a = dt_s / (WANDER_TAU_S + dt_s) if doubt == 0.0 else 0.0
     lag = angle_between_vectors(gravity.force.best.value, gravity.force.long)
     size = norm(f) / STANDARD_GRAVITY_M_S2 - 1.0

@@ -75,9 +75,9 @@ def follow_signs(
     if field.seen and has_heading(magnetic):
         heading = watch_heading(params, heading, now.estimate, magnetic, field.horizontal, since_s)
     decay, dt = now.coefficients.levelling_decay, mean.time_s
-    slow, swing = weighing(params, dt), vertical.swing
+    weighed, swing = weighing(params, dt), vertical.swing
     gravity = watch_gravity(
-        params, before.gravity, now.rest, now.gravity, swing, decay, dt, now.doubt, slow
+        params, before.gravity, now.rest, now.gravity, swing, decay, dt, now.doubt, weighed
     )
     return TurnSigns(heading, gravity, jump, axes)
 
