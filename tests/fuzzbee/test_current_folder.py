@@ -29,13 +29,12 @@ def run(folder, *command, **environment):
     )
 
 
-@pytest.mark.parametrize("spelling", ["script", "module"])
 @pytest.mark.parametrize(
-    "arguments",
+    ("spelling", "arguments"),
     [
-        ("--version",),
-        ("replay", "sim:", "--json"),
-        ("run", "--no-zenoh", "--seconds", "0.2", "--profile", "imu"),
+        ("script", ("--version",)),
+        ("script", ("replay", "sim:", "--json")),
+        ("module", ("run", "--no-zenoh", "--seconds", "0.2", "--profile", "imu")),
     ],
 )
 def test_programs_in_the_current_folder_are_not_run(tmp_path, spelling, arguments):
@@ -61,7 +60,7 @@ def test_a_source_checkout_runs_from_its_own_folder():
 LOG = Path(__file__).parents[1] / "data" / "sitl_copter_takeoff.tlog"
 
 
-@pytest.mark.parametrize("settings", ["- 1", "cpu_name: evil", "opt: '0'", "debug: 1", "\xff"])
+@pytest.mark.parametrize("settings", ["- 1", "cpu_name: evil\nopt: '0'\ndebug: 1", "\xff"])
 def test_settings_for_numba_in_the_current_folder_are_not_read(tmp_path, settings):
     (tmp_path / ".numba_config.yaml").write_bytes(settings.encode("latin-1"))
     done = run(tmp_path, "-m", "fuzzbee", "replay", str(LOG), "--json")

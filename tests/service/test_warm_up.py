@@ -1,6 +1,7 @@
 """What is compiled ahead is what is called, and two processes do the work."""
 
 import os
+import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -10,6 +11,7 @@ import pytest
 
 import service
 from estimator.estimator import Estimator
+from estimator.live.resident import clock
 from estimator.profile import load_profile
 from service.warm_up import FOR_VELOCITY, UNAIDED, compile_ahead, rehearse
 from tests.traps import set_trap
@@ -36,9 +38,20 @@ def test_nothing_more_is_compiled_for_the_first_samples():
 
 
 def test_a_cold_start_finds_both_halves_as_others_have_compiled_them(tmp_path):
-    """In a folder of somebody else's programs, none of which is run."""
+    """In a folder of somebody else's programs, none of which is run.
+
+    Of each half one kernel is lacking: two processes are started, as for the whole of it.
+    """
     trap, cache = tmp_path / "downloads", tmp_path / "cache"
     set_trap(trap)
+    compile_ahead(load_profile("imu"), (*UNAIDED, *FOR_VELOCITY))
+    compiled = Path(clock._cache.cache_path)
+    shutil.copytree(compiled, cache / compiled.name)
+    for kernel in ("clock", "hear"):
+        lacking = list(cache.glob(f"*/estimator.live.resident.{kernel}-*"))
+        assert len(lacking) == 2
+        for file in lacking:
+            file.unlink()
     root = str(Path(next(iter(service.__path__))).parent)
     path = os.pathsep.join(filter(None, [root, os.environ.get("PYTHONPATH", "")]))
     done = subprocess.run(
@@ -52,6 +65,7 @@ def test_a_cold_start_finds_both_halves_as_others_have_compiled_them(tmp_path):
     )
     assert done.stdout.split("\n")[:2] == ["{0}", "{0}"]
     assert done.stderr == ""
+    assert len(list(cache.glob("*/estimator.live.resident.clock-*"))) == 2
     assert not (trap / "sprung").exists()
 
 

@@ -8,6 +8,7 @@ from pathlib import Path
 import pytest
 
 import estimator
+from tests.estimator.compilation.small_program import MISSES, SMALL_PROGRAM, run
 
 # Some seconds of the filter in plain Python; prints every digit.
 PROGRAM = """
@@ -29,28 +30,6 @@ for k in (LOWER, midpoint(), UPPER):
     print([fuzzy_gain(k, 0.01 * i, 0.013 * i).hex() for i in range(101)])
 """
 
-# Enough to be cached, or not.
-SMALL_PROGRAM = """
-from estimator.filter.fuzzy import fuzzy_gain
-from estimator.filter.memberships import midpoint
-print([fuzzy_gain(midpoint(), 0.01 * i, 0.013 * i).hex() for i in range(101)])
-"""
-
-
-def run(program=PROGRAM, **environment):
-    """The program in a process of its own, which sees the packages under test."""
-    root = str(Path(next(iter(estimator.__path__))).parent)
-    inherited = {key: value for key, value in os.environ.items() if "NUMBA" not in key}
-    path = os.pathsep.join(filter(None, [root, os.environ.get("PYTHONPATH", "")]))
-    return subprocess.run(
-        [sys.executable, "-c", program],
-        env={**inherited, "PYTHONPATH": path, **environment},
-        capture_output=True,
-        text=True,
-        check=True,
-        timeout=120,
-    )
-
 
 def numbers(result):
     import ast
@@ -66,18 +45,17 @@ def numbers(result):
 
 def test_plain_python_gives_the_same_results(tmp_path):
     """The two differ only in the last digits of sine, cosine and exponential."""
-    plain = run(NUMBA_DISABLE_JIT="1")
-    compiled = run(NUMBA_CACHE_DIR=str(tmp_path))
+    plain = run(PROGRAM, NUMBA_DISABLE_JIT="1")
+    compiled = run(PROGRAM, NUMBA_CACHE_DIR=str(tmp_path))
     assert plain.stderr == compiled.stderr == ""
     for one, other in zip(numbers(plain), numbers(compiled), strict=True):
         # 200 steps of an unstable start multiply roundings of 1e-16 by some thousands
         assert abs(one - other) <= 1e-9 * (1.0 + abs(other))
 
 
-def test_cached_code_gives_the_same_results(tmp_path):
-    first = run(SMALL_PROGRAM, NUMBA_CACHE_DIR=str(tmp_path))
-    assert list(tmp_path.rglob("*.nbi"))
-    assert run(SMALL_PROGRAM, NUMBA_CACHE_DIR=str(tmp_path)).stdout == first.stdout
+def test_cached_code_gives_the_same_results(cache, expected):
+    assert list(cache.rglob("*.nbi"))
+    assert run(SMALL_PROGRAM + MISSES, NUMBA_CACHE_DIR=str(cache)).stdout == f"{expected}0\n"
 
 
 TOLD = """
@@ -104,41 +82,38 @@ def test_compiling_is_told_once_when_it_happens_and_never_else(tmp_path):
     assert told(in_memory) == ["told: compiling the filter"]
 
 
-def test_without_a_cache_folder_it_compiles_in_memory_and_says_so_once(tmp_path):
+def test_without_a_cache_folder_it_compiles_in_memory_and_says_so_once(tmp_path, expected):
     """Nobody can make a folder below a file, not even root; the other places are closed."""
     blocked = tmp_path / "file"
     blocked.write_text("not a folder", "utf-8")
     below = str(blocked / "below")
-    expected = run(SMALL_PROGRAM, NUMBA_CACHE_DIR=str(tmp_path / "cache"))
     result = run(SMALL_PROGRAM, NUMBA_CACHE_DIR=below, XDG_CACHE_HOME=below)
-    assert result.stdout == expected.stdout
+    assert result.stdout == expected
     warnings = [line for line in result.stderr.splitlines() if "Warning" in line]
     assert len(warnings) == 1
     assert "no writable folder for compiled code" in warnings[0]
 
 
-def test_a_numba_without_the_private_classes_keeps_compiled_code_itself(tmp_path):
+def test_a_numba_without_the_private_classes_keeps_compiled_code_itself(tmp_path, expected):
     later = "import numba.core.caching\ndel numba.core.caching.CompileResultCacheImpl\n"
-    expected = run(SMALL_PROGRAM, NUMBA_CACHE_DIR=str(tmp_path / "ours"))
     first = run(later + TOLD + SMALL_PROGRAM, NUMBA_CACHE_DIR=str(tmp_path / "other"))
     assert told(first) == ["told: compiling the filter, the first time only"]
-    assert expected.stdout in first.stdout
+    assert expected in first.stdout
     warnings = [line for line in first.stderr.splitlines() if "Warning" in line]
     assert len(warnings) == 1
     assert "kept by numba's own cache" in warnings[0]
     assert list((tmp_path / "other").rglob("*.nbi"))
     again = run(later + TOLD + SMALL_PROGRAM, NUMBA_CACHE_DIR=str(tmp_path / "other"))
-    assert again.stdout == expected.stdout  # and nothing is told to be compiled
+    assert again.stdout == expected  # and nothing is told to be compiled
 
 
 @pytest.mark.skipif(os.name != "posix", reason="needs resource limits")
-def test_a_disk_too_full_for_the_cache_does_not_stop_it(tmp_path):
+def test_a_disk_too_full_for_the_cache_does_not_stop_it(tmp_path, expected):
     limit = "import resource; resource.setrlimit(resource.RLIMIT_FSIZE, (4096, 4096))\n"
-    expected = run(SMALL_PROGRAM, NUMBA_CACHE_DIR=str(tmp_path / "room"))
     result = run(
         limit + SMALL_PROGRAM, NUMBA_CACHE_DIR=str(tmp_path / "full"), PYTHONDONTWRITEBYTECODE="1"
     )
-    assert result.stdout == expected.stdout
+    assert result.stdout == expected
     warnings = [line for line in result.stderr.splitlines() if "Warning" in line]
     assert len(warnings) == 1
     assert "File too large" in warnings[0]
@@ -159,16 +134,10 @@ def can_bind_read_only():
 
 
 @pytest.mark.skipif(os.name != "posix" or not can_bind_read_only(), reason="needs user namespaces")
-def test_kernels_on_a_read_only_file_system_are_used(tmp_path):
+def test_kernels_on_a_read_only_file_system_are_used(tmp_path, cache, expected):
     """As in a container: the folder cannot be written, yet nothing is compiled again."""
-    cache = tmp_path / "cache"
-    expected = run(SMALL_PROGRAM, NUMBA_CACHE_DIR=str(cache))
     script = tmp_path / "program.py"
-    script.write_text(
-        SMALL_PROGRAM
-        + "import estimator.filter.fuzzy as fuzzy\n"
-        + "print(sum(fuzzy.fuzzy_gain.stats.cache_misses.values()))\n"
-    )
+    script.write_text(SMALL_PROGRAM + MISSES)
     root = str(Path(next(iter(estimator.__path__))).parent)
     commands = f"mount --bind '{cache}' '{cache}' && mount -o remount,ro,bind '{cache}' && "
     done = subprocess.run(
@@ -185,6 +154,6 @@ def test_kernels_on_a_read_only_file_system_are_used(tmp_path):
     )
     assert done.returncode == 0, done.stderr
     *lines, misses = done.stdout.splitlines()
-    assert "\n".join(lines) == expected.stdout.strip()
+    assert "\n".join(lines) == expected.strip()
     assert misses == "0"
     assert done.stderr == ""

@@ -2,15 +2,13 @@
 
 import os
 import stat
-import subprocess
-import sys
 from pathlib import Path
 
 import pytest
 
-import estimator
 from estimator.compilation import folder as folders
 from estimator.compilation.folder import environment_digest, forget_older, mistrust
+from tests.estimator.compilation.small_program import MISSES, PLACE, SMALL_PROGRAM, run
 
 pytestmark = pytest.mark.skipif(os.name != "posix", reason="needs owners and modes")
 
@@ -78,31 +76,13 @@ def test_what_really_belongs_to_somebody_else(tmp_path):
     assert mistrust(folder) == f"{folder.parent} belongs to somebody else"
 
 
-KERNEL = """
-from estimator.filter.fuzzy import fuzzy_gain
-from estimator.filter.memberships import midpoint
-print(fuzzy_gain(midpoint(), 0.1, 0.1), fuzzy_gain._cache.cache_path)
-"""
-
-
-def run(kernel=KERNEL, **environment):
-    root = str(Path(next(iter(estimator.__path__))).parent)
-    inherited = {key: value for key, value in os.environ.items() if "NUMBA" not in key}
-    path = os.pathsep.join(filter(None, [root, os.environ.get("PYTHONPATH", "")]))
-    return subprocess.run(
-        [sys.executable, "-c", kernel],
-        env={**inherited, "PYTHONPATH": path, **environment},
-        capture_output=True,
-        text=True,
-        check=True,
-        timeout=120,
-    )
+KERNEL = SMALL_PROGRAM + PLACE
 
 
 @pytest.mark.skipif(bool(os.environ.get("NUMBA_DISABLE_JIT")), reason="nothing is compiled")
 def test_a_chosen_folder_that_is_open_to_others_is_told_and_not_used(tmp_path):
     chosen, private = made(tmp_path, "open", mode=0o777), made(tmp_path, "home")
-    done = run(NUMBA_CACHE_DIR=str(chosen), XDG_CACHE_HOME=str(private))
+    done = run(KERNEL, NUMBA_CACHE_DIR=str(chosen), XDG_CACHE_HOME=str(private))
     assert str(private / "fuzzbee") in done.stdout
     assert not list(chosen.rglob("*.nb?"))
     lines = [line for line in done.stderr.splitlines() if "Warning" in line]
@@ -111,9 +91,9 @@ def test_a_chosen_folder_that_is_open_to_others_is_told_and_not_used(tmp_path):
 
 
 @pytest.mark.skipif(bool(os.environ.get("NUMBA_DISABLE_JIT")), reason="nothing is compiled")
-def test_a_folder_that_cannot_be_written_is_read_and_the_next_one_takes_the_rest(tmp_path):
+def test_a_folder_that_cannot_be_written_is_read_and_the_next_one_takes_the_rest(tmp_path, cache):
     """Root has compiled for all, but not everything: the others need not do it at each start."""
-    chosen, private = made(tmp_path, "chosen"), made(tmp_path, "home")
+    chosen, private = cache, made(tmp_path, "home")
     places = {"NUMBA_CACHE_DIR": str(chosen), "XDG_CACHE_HOME": str(private)}
     read_only = f"""
 import os
@@ -122,16 +102,14 @@ os.access = lambda path, mode: real(path, mode) and not (
     mode & os.W_OK and str(path).startswith({str(chosen)!r})
 )
 """
-    misses = "print(sum(fuzzy_gain.stats.cache_misses.values()))\n"
-    run(**places)
-    assert run(read_only + KERNEL + misses, **places).stdout.endswith("\n0\n")
+    assert run(read_only + SMALL_PROGRAM + MISSES, **places).stdout.endswith("\n0\n")
     assert not list(private.rglob("*.nb?"))
     for path in chosen.rglob("*.nb?"):
         path.unlink()
-    assert run(read_only + KERNEL + misses, **places).stdout.endswith("\n1\n")
+    assert run(read_only + SMALL_PROGRAM + MISSES, **places).stdout.endswith("\n1\n")
     assert list(private.rglob("*.nb?"))
     assert not list(chosen.rglob("*.nb?"))
-    assert run(read_only + KERNEL + misses, **places).stdout.endswith("\n0\n")
+    assert run(read_only + SMALL_PROGRAM + MISSES, **places).stdout.endswith("\n0\n")
 
 
 @pytest.mark.skipif(bool(os.environ.get("NUMBA_DISABLE_JIT")), reason="nothing is compiled")
@@ -146,18 +124,17 @@ folder.SHIPPED = Path({str(brought)!r})
 from estimator.compilation.compiled import OPTIONS
 print(folder.PREFIX + folder.shipped_digest(OPTIONS))
 """
-    misses = "print(sum(fuzzy_gain.stats.cache_misses.values()))\n"
     (name,) = run(with_brought).stdout.split()
     made(brought, name)
     for path in next(made_in.iterdir()).iterdir():
         path.rename(brought / name / path.name)
 
     def started(before=""):
-        lines = run(before + with_brought + KERNEL + misses, NUMBA_CACHE_DIR=str(own)).stdout
+        lines = run(before + with_brought + SMALL_PROGRAM + MISSES, NUMBA_CACHE_DIR=str(own)).stdout
         return lines.splitlines()
 
     _, gain, missed = started()
-    assert gain.split()[0] == generic.stdout.split()[0]
+    assert gain == generic.stdout.strip()
     assert missed == "0"
     assert not list(own.rglob("*.nb?"))
     assert started("import numba; numba.__version__ = '0.1'\n")[-1] == "1"
@@ -168,17 +145,16 @@ print(folder.PREFIX + folder.shipped_digest(OPTIONS))
 
 
 @pytest.mark.skipif(bool(os.environ.get("NUMBA_DISABLE_JIT")), reason="nothing is compiled")
-@pytest.mark.parametrize("pattern", ["*.nbi", "*.nbc"])
-@pytest.mark.parametrize("damage", [b"", b"\x80\x04nonsense"])
-def test_a_damaged_file_is_compiled_again(tmp_path, pattern, damage):
+@pytest.mark.parametrize(
+    ("pattern", "damage"), [("*.nbi", b"\x80\x04nonsense"), ("*.nbc", b""), ("*.nbc", b"\x80\x04")]
+)
+def test_a_damaged_file_is_compiled_again(cache, expected, pattern, damage):
     """As a loss of power leaves them."""
-    places = {"NUMBA_CACHE_DIR": str(made(tmp_path, "cache"))}
-    expected = run(**places).stdout
-    for path in tmp_path.rglob(pattern):
+    for path in cache.rglob(pattern):
         path.write_bytes(damage)
-    for _ in range(2):
-        done = run(**places)
-        assert (done.stdout, done.stderr) == (expected, "")
+    for misses in "10":
+        done = run(SMALL_PROGRAM + MISSES, NUMBA_CACHE_DIR=str(cache))
+        assert (done.stdout, done.stderr) == (f"{expected}{misses}\n", "")
 
 
 @pytest.mark.skipif(bool(os.environ.get("NUMBA_DISABLE_JIT")), reason="nothing is compiled")
@@ -195,8 +171,8 @@ def keep_beside(cache, signature, data):
     keep(cache, signature, data)
 KernelCache.save_overload = keep_beside
 """
-    first = run(beside + KERNEL, **places)
-    again = run(KERNEL + "print(sum(fuzzy_gain.stats.cache_misses.values()))", **places)
+    first = run(beside + SMALL_PROGRAM, **places)
+    again = run(SMALL_PROGRAM + MISSES, **places)
     assert (again.stdout, first.stderr) == (first.stdout + "0\n", "")
 
 

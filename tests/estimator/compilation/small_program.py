@@ -1,0 +1,31 @@
+"""A program with one kernel, in a process of its own."""
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import estimator
+
+SMALL_PROGRAM = """
+from estimator.filter.fuzzy import fuzzy_gain
+from estimator.filter.memberships import midpoint
+print([fuzzy_gain(midpoint(), 0.01 * i, 0.013 * i).hex() for i in range(101)])
+"""
+MISSES = "print(sum(fuzzy_gain.stats.cache_misses.values()))\n"
+PLACE = "print(fuzzy_gain._cache.cache_path)\n"
+
+
+def run(program=SMALL_PROGRAM, **environment):
+    """The program, which sees the packages under test."""
+    root = str(Path(next(iter(estimator.__path__))).parent)
+    inherited = {key: value for key, value in os.environ.items() if "NUMBA" not in key}
+    path = os.pathsep.join(filter(None, [root, os.environ.get("PYTHONPATH", "")]))
+    return subprocess.run(
+        [sys.executable, "-c", program],
+        env={**inherited, "PYTHONPATH": path, **environment},
+        capture_output=True,
+        text=True,
+        check=True,
+        timeout=120,
+    )
