@@ -8,15 +8,19 @@ AT_ONCE := -n auto --maxprocesses 4 --dist loadfile
 
 VERSION = $(shell sed -n 's/^__version__ = "\(.*\)"$$/\1/p' fuzzbee/version.py)
 
-.PHONY: demo test smoke test-python setup style types release kernels build docs clean
+.PHONY: demo test warm smoke test-python setup style types release kernels build docs clean
 
 ## demo: the simulated vehicle through the live service, attitudes in the terminal
 demo: .venv/installed
 	$(BIN)/fuzzbee run sim:flight --seconds 60
 
 ## test: the whole test suite
-test: .venv/developer
+test: .venv/developer warm
 	$(BIN)/python -m pytest -q $(AT_ONCE)
+
+# Once, by two processes: the suite's four would each compile all of it at the same time.
+warm: .venv/installed
+	$(BIN)/python -c "from service.warm_up import load_profile, warm_up; warm_up(load_profile('imu'), None)"
 
 ## test-python: what is quick without numba: there 0/0 is an error, and lines can be stepped through
 test-python: .venv/developer
