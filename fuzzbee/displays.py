@@ -10,6 +10,7 @@ from fuzzbee.reception import Reception, Record
 from fuzzbee.say import say
 from fuzzbee.terminal import PersonConsole, TerminalView
 from fuzzbee.vehicle_table import BY_NAME, ORDERS
+from fuzzbee.web.server import WebPage, open_page
 from service.records import AttitudeRecord
 
 KEYS = "q quit   s sort by {order}   ↑ ↓ Enter one vehicle"
@@ -69,10 +70,14 @@ class Table(Display):
         self, prefix: str, vehicle: str | None = None, view: TerminalView | None = None
     ) -> None:
         super().__init__()
-        title = f"fuzzbee watch {prefix}/*"
+        self._title = title = f"fuzzbee watch {prefix}/*"
         self._view = view or TerminalView(PersonConsole(), PersonConsole(stderr=True), title)
         self._view.one = self._view.cursor = self._vehicle = vehicle
         self.shows_others = self._view.is_live
+
+    def web_page(self, address: str) -> WebPage:
+        """The same for browsers."""
+        return open_page(address, self._title, self._view.board)
 
     def say(self, text: str) -> None:
         """One line for a person, above the table."""

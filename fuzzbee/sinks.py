@@ -17,6 +17,7 @@ option = panel("Outputs")
 _ROS = "Publish IMU, tf and diagnostics for ROS 2 (rmw_zenoh), too."
 _SEND_ATTITUDE = "Send ATTITUDE_QUATERNION there, as component 191 (not the autopilot)."
 _ANNOUNCE = "Send a STATUSTEXT there while the autopilot's attitude differs, as component 191."
+WEB = "Serve a light page for browsers, on 127.0.0.1 unless an address is given."
 _METRICS = "Serve Prometheus metrics on 127.0.0.1 (extra: metrics)."
 
 
@@ -94,6 +95,12 @@ def _metrics(opening: Opening) -> "Sink":
     return MetricsSink(port)
 
 
+def _web(opening: Opening) -> "Sink":
+    from fuzzbee.web.server import open_page
+
+    return open_page(opening.options["web"], f"fuzzbee run, {opening.prefix}/*")
+
+
 SINKS: list[SinkEntry] = [
     SinkEntry(
         {
@@ -121,6 +128,11 @@ SINKS: list[SinkEntry] = [
     SinkEntry(
         {"metrics": (Annotated[int | None, option(_METRICS, metavar="PORT")], None)},
         _metrics,
+        takes_attitudes=False,
+    ),
+    SinkEntry(
+        {"web": (Annotated[str | None, option(WEB, metavar="[ADDRESS:]PORT")], None)},
+        _web,
         takes_attitudes=False,
     ),
 ]

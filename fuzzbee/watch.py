@@ -3,7 +3,7 @@
 import re
 import time
 from collections import deque
-from contextlib import ExitStack, nullcontext
+from contextlib import ExitStack, closing, nullcontext
 from math import inf
 from threading import Condition, Event
 from typing import TYPE_CHECKING, Annotated, NamedTuple
@@ -13,6 +13,7 @@ import typer
 from estimator.errors import InputError
 from fuzzbee.options import Seconds, Verbose, command, examples, option, require_positive
 from fuzzbee.say import say
+from fuzzbee.sinks import WEB
 from fuzzbee.zenoh_options import ZenohArguments, opened
 
 if TYPE_CHECKING:
@@ -49,6 +50,7 @@ class WatchOptions(NamedTuple):
         None
     )
     seconds: Seconds = None
+    web: Annotated[str | None, option(WEB, metavar="[ADDRESS:]PORT")] = None
     zenoh: ZenohArguments = ZenohArguments()
     verbose: Verbose = False  # read by the command line itself
 
@@ -62,6 +64,8 @@ def watch(options: WatchOptions) -> int:
     require_positive("--seconds", options.seconds)
     if options.most is not None and options.most < 1:
         raise InputError(f"--count {options.most}: should be at least 1")
+    if options.web is not None and options.as_json:
+        raise InputError("--web: not with --json, which shows nothing")
     if options.vehicle is not None and not VEHICLE.fullmatch(options.vehicle):
         raise InputError(f"{options.vehicle}: should be a vehicle, such as 1 or 1-154")
     return follow(options)
@@ -109,6 +113,8 @@ def follow(options: WatchOptions) -> int:
         session = opened(OpeningSession(options.zenoh.options()), stack)
         stack.enter_context(stop_on_signals(stop.set))
         display = JsonLines() if options.as_json else Table(prefix, vehicle)
+        if options.web is not None and isinstance(display, Table):
+            stack.enter_context(closing(display.web_page(options.web)))
         # a person may go back from one vehicle to all
         name = "*" if vehicle is None or display.shows_others else vehicle
         session.declare_subscriber(f"{prefix}/{name}/attitude", inbox.put)

@@ -47,6 +47,30 @@ class Page:
         """PNG."""
         return base64.b64decode(self.call("Page.captureScreenshot", format="png")["data"])
 
+    def resize(self, width, height):
+        """As a phone of this size shows it."""
+        self.call(
+            "Emulation.setDeviceMetricsOverride",
+            width=width,
+            height=height,
+            deviceScaleFactor=1,
+            mobile=True,
+        )
+
+    def value(self, expression):
+        """What a line of JavaScript gives."""
+        answer = self.call("Runtime.evaluate", expression=expression, returnByValue=True)
+        assert "exceptionDetails" not in answer, answer
+        return answer["result"].get("value")
+
+    def wait_for(self, expression, timeout_s=60.0):
+        """The first value of an expression that is true."""
+        end_s = time.monotonic() + timeout_s
+        while not (value := self.value(expression)):
+            assert time.monotonic() < end_s, expression
+            time.sleep(0.05)
+        return value
+
     def frames(self, seconds):
         """Each picture that the page shows, as JPEG, with the time (Unix, s) when it was shown."""
         self.call("Page.startScreencast", format="jpeg", quality=90)

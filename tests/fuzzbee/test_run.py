@@ -146,6 +146,7 @@ def test_ros_nodes_hear_of_the_vehicle(capfd, monkeypatch):
         (["--ros", "--ros-domain", "233"], "233"),
         (["--send-attitude", "sim:"], "--send-attitude"),
         (["--metrics", "0"], "65535"),
+        (["--web", "0"], "65535"),
         (["--send-attitude", "udpout:127.0.0.1"], "port"),
     ],
 )

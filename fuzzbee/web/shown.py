@@ -1,0 +1,70 @@
+"""A vehicle as the page shows it: numbers to draw, and the words that every view has."""
+
+from typing import Any
+
+from fuzzbee.board import Row, current_attitude, is_silent, state_text
+from fuzzbee.instrument import SILENT
+from fuzzbee.trust import (
+    Trust,
+    heading_text,
+    is_on_its_back,
+    north_text,
+    plus_minus,
+    trust,
+)
+from service.health import State
+from service.records import AttitudeRecord, StatusRecord
+from service.second_opinion import Verdict
+
+
+def shown(row: Row, now_s: float) -> dict[str, Any]:
+    """What the page is sent of a vehicle; degrees, and the IMU sample's age."""
+    attitude = current_attitude(row, now_s)
+    judged = trust(row.state, attitude, row.status, row.before)
+    reasons = [(int(each.level), each.text) for each in judged.caveats]
+    if is_silent(row, now_s):
+        judged = trust(State.LOST, None)
+        reasons = [(int(judged.overall), SILENT)]
+    if is_on_its_back(attitude):
+        reasons.append((0, "upside down"))
+    return {
+        "name": row.name,
+        "state": state_text(row, now_s),
+        "word": judged.word,
+        "level": int(judged.overall),
+        "reasons": reasons,
+        "age_ms": None if row.attitude is None else _age_ms(row.attitude, now_s - row.attitude_s),
+        **_of_status(row.status),
+        "attitude": None if attitude is None else _of_attitude(attitude, judged),
+    }
+
+
+def _age_ms(attitude: AttitudeRecord, since_s: float) -> int:
+    return round(attitude.age_ms + 1e3 * max(0.0, since_s))
+
+
+def _of_status(status: StatusRecord | None) -> dict[str, Any]:
+    """The IMU, and by how much the autopilot's roll, pitch and heading are off, if they differ."""
+    if status is None:
+        return {"imu": "", "rate_hz": None, "autopilot": None}
+    other = status.autopilot
+    differs = other is not None and other.verdict == Verdict.DIFFERS
+    off = (other.roll_deg, other.pitch_deg, other.heading_deg) if other and differs else None
+    return {
+        "imu": status.imu_message or "",
+        "rate_hz": round(status.imu_rate_hz, 1),
+        "autopilot": off,
+    }
+
+
+def _of_attitude(attitude: AttitudeRecord, judged: Trust) -> dict[str, Any]:
+    sigma = attitude.sigma_deg
+    return {
+        "euler_deg": [round(angle, 2) for angle in attitude.euler_deg],
+        "sigma_deg": [round(sigma.inclination, 2), round(sigma.heading, 2)],
+        "levels": [int(judged.horizon), int(judged.heading)],
+        "horizon": plus_minus(sigma.inclination),
+        "heading": heading_text(attitude),
+        "north": north_text(attitude),
+        "has_north": attitude.heading_reference != "none",
+    }

@@ -1,0 +1,172 @@
+"""The light page: its server over real sockets, the page itself in a real browser."""
+
+import http.client
+import json
+import os
+import re
+from contextlib import ExitStack, closing
+from importlib.resources import files
+from pathlib import Path
+
+import pytest
+
+from drivers.events import VehicleId
+from estimator.errors import InputError
+from fuzzbee.web.server import MOST_PAGES, Address, WebPage, open_page, parse_address
+from service.health import State
+from service.records import Departed, Published, StatusRecord
+from tests.fuzzbee import browser
+from tests.service.records import differing, record
+
+ONE, OTHER = VehicleId(1, 1), VehicleId(2, 154)
+
+
+@pytest.fixture
+def clock():
+    return [100.0]
+
+
+@pytest.fixture
+def page(clock):
+    with closing(WebPage(Address("127.0.0.1", 0), "a test", now_s=lambda: clock[0])) as made:
+        yield made
+
+
+def asked(page, path, host=None):
+    """(status, answer) that can be read from."""
+    connection = http.client.HTTPConnection("127.0.0.1", page.address.port, timeout=10)
+    connection.request("GET", path, headers={} if host is None else {"Host": host})
+    return connection.getresponse()
+
+
+def event(page, path="/events"):
+    with asked(page, path) as answer:
+        assert answer.status == 200
+        assert answer.getheader("Content-Type") == "text/event-stream"
+        line = answer.readline()
+    return json.loads(line.removeprefix(b"data: "))
+
+
+def running(words=()):
+    return StatusRecord("running", "RAW_IMU", 99.5, 0.25, {}, 0, 0, 6, warnings=words)
+
+
+def test_an_event_tells_of_all_vehicles_or_of_one(page, clock):
+    page.handle([Published(OTHER, record(state=State.LOST)), Published(ONE, record(10, -20, 30))])
+    page.handle([Published(ONE, running(("accelerometer_contradicts",)))])
+    clock[0] += 2.0
+    both = event(page)
+    assert [each["name"] for each in both["vehicles"]] == ["1", "2-154"]
+    one, lost = both["vehicles"]
+    assert (one["word"], one["level"], one["age_ms"]) == ("do not trust", 2, 2005)
+    assert one["reasons"] == [[2, "accelerometer contradicts"]]
+    assert one["attitude"]["euler_deg"] == [10.0, -20.0, 30.0]
+    assert (one["attitude"]["horizon"], one["attitude"]["north"]) == ("±1.0°", "±5.0° true")
+    assert (lost["word"], lost["attitude"]) == ("no attitude", None)
+    assert [each["name"] for each in event(page, "/events?vehicle=1")["vehicles"]] == ["1"]
+    clock[0] += 2.0  # the service says nothing any more
+    assert event(page)["vehicles"][0]["reasons"] == [[3, "the service is silent"]]
+    page.handle([Departed(ONE), Departed(OTHER)])
+    assert event(page)["vehicles"] == []
+
+
+def test_another_attitude_of_the_autopilot_is_told(page):
+    page.handle([Published(ONE, record()), Published(ONE, differing("heading", 25.0))])
+    (one,) = event(page)["vehicles"]
+    assert one["autopilot"] == [0.0, 0.0, 25.0]
+    assert one["reasons"] == [[1, "autopilot heading 25° off"]]
+
+
+def test_the_page_needs_nothing_else(page):
+    with asked(page, "/") as answer:
+        content = answer.read()
+        assert answer.getheader("Content-Security-Policy").startswith("default-src 'none'")
+    assert content == files("fuzzbee.web").joinpath("page.html").read_bytes()
+    assert len(content) < 300_000
+    links = re.findall(r"(?:https?:)?//[\w.]+", re.sub(r"^.*// .*$", "", content.decode()))
+    assert set(links) <= {"http://www.w3.org"}  # the name of SVG, which nobody fetches
+
+
+@pytest.mark.parametrize(
+    ("path", "host", "status"),
+    [
+        ("/", "localhost:80", 200),
+        ("/", "[::1]:80", 200),
+        ("/events", "evil.example", 403),
+        ("/", "127.0.0.1.evil.example", 403),
+        ("/../../etc/passwd", None, 404),
+    ],
+)
+def test_only_pages_of_this_computer_are_served(page, path, host, status):
+    """A name of somebody's that has been pointed to loopback is refused."""
+    with asked(page, path, host) as answer:
+        assert answer.status == status
+
+
+def test_the_number_of_open_pages_is_bounded(page):
+    with ExitStack() as stack:
+        opened = [stack.enter_context(asked(page, "/events")) for _ in range(MOST_PAGES)]
+        assert {answer.status for answer in opened} == {200}
+        assert stack.enter_context(asked(page, "/events")).status == 503
+
+
+@pytest.mark.parametrize(
+    ("text", "address"),
+    [
+        ("8080", ("127.0.0.1", 8080)),
+        ("0.0.0.0:80", ("0.0.0.0", 80)),
+        ("[::1]:80", ("::1", 80)),
+    ],
+)
+def test_an_address_is_loopback_unless_it_says_otherwise(text, address):
+    assert parse_address(text) == address
+
+
+@pytest.mark.parametrize("text", ["0", "65536", "http", "localhost:80", "1.2.3.4:", "-1", ""])
+def test_what_is_no_address_is_refused(text):
+    with pytest.raises(InputError, match=re.escape(f"--web {text}: should be PORT")):
+        parse_address(text)
+
+
+def test_a_taken_port_is_named(page):
+    with pytest.raises(InputError, match=rf"--web 127.0.0.1:{page.address.port}: .*in use"):
+        open_page(str(page.address.port), "again")
+
+
+@pytest.mark.skipif(browser.program() is None, reason="no Chromium")
+def test_a_browser_shows_one_vehicle_or_all_and_what_is_stale(page, clock, tmp_path):
+    """At a phone's size; screenshots go to FUZZBEE_SCREENSHOTS, for whoever wants to look."""
+    folder = Path(os.environ.get("FUZZBEE_SCREENSHOTS", tmp_path))
+    page.handle([Published(ONE, record(10, -20, 30)), Published(ONE, running())])
+    with browser.page(page.address.url, tmp_path / "profile") as seen:
+        seen.resize(390, 844)
+        seen.wait_for("globalThis.at && at('heading').textContent == '030°'")
+        (folder / "web-one.png").write_bytes(seen.screenshot())
+        shown = seen.value("at('one').innerText")
+        assert "TRUST vehicle 1 · running" in " ".join(shown.split())
+        assert "+10.0°" in shown
+        assert "−20.0°" in shown
+        assert "horizon ±1.0°" in shown
+        assert seen.value("document.documentElement.scrollWidth") == 390
+        assert seen.value("document.documentElement.scrollHeight") == 844
+        turned = seen.value("at('world').getAttribute('transform')")
+        assert turned.startswith("rotate(-10) translate(0 -64)")  # 20 degrees down
+        seen.wait_for("!at('one').classList.contains('stale')")
+
+        clock[0] += 1.1  # the service has heard nothing of it since
+        seen.wait_for("at('one').classList.contains('stale')")
+        assert seen.value("at('age').textContent").startswith("stale, ")
+
+        page.handle([Published(OTHER, record(1, 2, 3)), Published(OTHER, running(("<b>x</b>",)))])
+        seen.value("at('back').click()")
+        seen.wait_for("at('all').tBodies[0].rows.length == 2 && !at('all').hidden")
+        (folder / "web-all.png").write_bytes(seen.screenshot())
+        assert "unknown warnings" in seen.value("at('all').innerText")
+        assert seen.value("document.documentElement.scrollWidth") == 390
+        assert (
+            seen.value("[...at('all').tBodies[0].rows].map(each => each.className).join()")
+            == "stale,"
+        )
+
+        page.close()
+        seen.wait_for("at('gone').textContent.startsWith('no connection to fuzzbee')")
