@@ -1,0 +1,267 @@
+"""What does each tuned number move?
+
+    python benchmarks/sensitivity.py DIR [DIR ...] [--logs LOG [LOG ...]] [--only NAME,NAME]
+    NUMBA_DISABLE_JIT=1 python benchmarks/sensitivity.py DIR --logs LOG --constants --seconds 60
+
+Every numeric key of conditioning and aiding is multiplied by 0.7 and 1.4, and each switch is turned
+off; with ``--constants`` the constants of their modules instead, in plain Python, which alone reads
+them anew. A row a number: the largest change of an error (percent of it, at least ``LEAST_DEG``) or
+of a recovery time, and of a coverage, and on which set. Sets are folders of recordings as they are,
+with turns that no sensor has felt, and with magnets that pass (seed 0), and logs with a truth, with
+velocity and without. The last line counts the numbers that move nothing: no
+error by 1 %, no coverage by 0.02.
+"""
+
+import ast
+import sys
+from argparse import Namespace
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import ProcessPoolExecutor
+from importlib import import_module
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+from common.filters import fuzzbee
+from common.recordings import Trial, add_folders, chosen_sets
+from common.report import Row, parser, show
+from common.scores import LEAST_ROWS, errors_deg, rms
+from common.ways import WAYS
+from flying.replayed import UNAIDED, Events, fly, read
+from rich.console import Console
+from rich.progress import track as bar
+from turns import MOST_ALONE_DEG, turn_about
+
+from estimator.errors import InputError
+from estimator.profile import load_profile, merge_profile, profile_to_json
+
+ROOT = Path(__file__).parents[1]
+SECTIONS = ("conditioning", "aiding")
+FACTORS = (0.7, 1.4)
+LEAST_DEG, LEAST_SHARE, LEAST_COVERAGE = 0.3, 0.01, 0.02
+SETTLED_S, FLIGHT_SETTLED_S = 5.0, 30.0
+TURN_AT_S, TURN_DEG, WITHIN_S, FOUND_DEG = 20.0, 60.0, 15.0, 5.0
+SEED = 0
+
+Changes = dict[str, Any]
+Score = Callable[[Changes], list[float]]
+
+
+class Question(NamedTuple):
+    """A number, and what is made of it: changes of the profile, or of a module's constant."""
+
+    name: str
+    change: str
+    profile: Changes
+    constant: tuple[str, str, float] | None = None  # module, name, factor
+
+
+def scores(folders: dict[str, list[Trial]], logs: dict[str, Events]) -> dict[str, Score]:
+    """By the set's name how a profile does on it."""
+    made: dict[str, Score] = {}
+    for folder, trials in folders.items():
+        with_field = [trial for trial in trials if trial.has_mag]
+        made[folder] = lambda changes, some=trials: mean(on_trial(changes, t) for t in some)
+        made[f"{folder}, turned"] = lambda changes, some=with_field: mean(
+            after_turn(changes, t) for t in some
+        )
+        rngs = [np.random.default_rng([SEED, k]) for k in range(len(with_field))]
+        beside = [
+            m for t, rng in zip(with_field, rngs, strict=True) for m in WAYS["magnets pass"](t, rng)
+        ]
+        made[f"{folder}, magnets"] = lambda changes, some=beside: mean(
+            on_trial(changes, t) for t in some
+        )
+    for log, events in logs.items():
+        made[log] = lambda changes, some=events: on_flight(changes, some)
+        made[f"{log}, no velocity"] = lambda changes, some=events: on_flight(
+            {**changes, "aiding": {**changes.get("aiding", {}), **UNAIDED["aiding"]}}, some
+        )
+    return made
+
+
+def mean(rows: Iterator[list[float]]) -> list[float]:
+    """Column by column, without what is not a number."""
+    stacked = np.array(list(rows))
+    with np.errstate(invalid="ignore"):
+        known = ~np.isnan(stacked)
+        summed = np.where(known, stacked, 0.0).sum(axis=0)
+        means: list[float] = (summed / np.maximum(known.sum(axis=0), 1)).tolist()
+    return means
+
+
+def on_trial(changes: Changes, trial: Trial) -> list[float]:
+    """Errors RMS of inclination and heading (deg) and their coverages, in motion and at rest."""
+    q, sigma = fuzzbee(changes)(trial).advance(slice(0, None))
+    errors = errors_deg(q, trial.q_enu_sensor)
+    known = ~np.isnan(errors).any(axis=1) & (trial.times_s > SETTLED_S)
+    _, heading, inclination = rms(errors[known & trial.moving])
+    found = [inclination, heading if trial.has_mag else np.nan]
+    for rows in (known & trial.moving, known & ~trial.moving):
+        under = errors[rows][:, [2, 1]] <= sigma[rows]
+        found += under.mean(axis=0).tolist() if len(under) >= LEAST_ROWS else [np.nan, np.nan]
+    return found
+
+
+def after_turn(changes: Changes, trial: Trial) -> list[float]:
+    """Seconds until turns about up and about north are found, for a recording that is followed."""
+    row = round(TURN_AT_S * trial.rate_hz)
+    rows = slice(row, row + round(WITHIN_S * trial.rate_hz))
+    found = []
+    for axis in ((0, 0, 1), (0, 1, 0)):
+        run = fuzzbee(changes)(trial)
+        before = run.advance(slice(0, row)).q_enu_sensor
+        alone = errors_deg(before, trial.q_enu_sensor[:row])[-1, 0]
+        run.turn(turn_about(axis, TURN_DEG))
+        total = errors_deg(run.advance(rows).q_enu_sensor, trial.q_enu_sensor[rows])[:, 0]
+        hits = np.flatnonzero(total < FOUND_DEG)
+        time_s = hits[0] * trial.dt_s if len(hits) else WITHIN_S
+        found.append(time_s if alone < MOST_ALONE_DEG else np.nan)
+    return [*found, *4 * [np.nan]]
+
+
+def on_flight(changes: Changes, events: Events) -> list[float]:
+    """As :func:`on_trial`, of a flight with a truth."""
+    flown = fly(events, changes)
+    counted = flown.known & (flown.time_s >= FLIGHT_SETTLED_S)
+    _, heading, inclination = rms(flown.errors_deg[counted])
+    under = flown.errors_deg[counted][:, [2, 1]] <= flown.sigma_deg[counted]
+    return [inclination, heading, *under.mean(axis=0).tolist(), np.nan, np.nan]
+
+
+def keys(only: Sequence[str]) -> Iterator[Question]:
+    """Every number of the profile's sections, and every switch that is on."""
+    profile = profile_to_json(load_profile("imu"))
+    for section in SECTIONS:
+        for name, value in profile[section].items():
+            if only and name not in only:
+                continue
+            if value is True and name.startswith("use_"):
+                yield Question(name, "off", {section: {name: False}})
+            elif not isinstance(value, bool) and isinstance(value, int | float) and value:
+                for factor in FACTORS:
+                    yield Question(name, f"x{factor:g}", {section: {name: factor * value}})
+
+
+def constants(only: Sequence[str]) -> Iterator[Question]:
+    """Every constant of a fraction in the sections' modules; counts and sizes are left alone."""
+    for section in SECTIONS:
+        for path in sorted((ROOT / "estimator" / section).rglob("*.py")):
+            module = ".".join(path.relative_to(ROOT).with_suffix("").parts)
+            for node in ast.parse(path.read_text("utf-8")).body:
+                if not isinstance(node, ast.Assign) or not isinstance(node.targets[0], ast.Name):
+                    continue
+                name = node.targets[0].id
+                value = getattr(import_module(module), name, None)
+                if name.isupper() and isinstance(value, float) and (not only or name in only):
+                    for factor in FACTORS:
+                        yield Question(
+                            f"{module}.{name}", f"x{factor:g}", {}, (module, name, factor)
+                        )
+
+
+def set_constant(module: str, name: str, factor: float) -> None:
+    """Change a constant wherever it has been imported; compiled code would not notice."""
+    old = getattr(import_module(module), name)
+    for each in list(sys.modules.values()):
+        if (
+            getattr(each, "__name__", "").startswith("estimator.")
+            and getattr(each, name, None) is old
+        ):
+            setattr(each, name, factor * old)
+
+
+def answer(question: Question) -> dict[str, list[float]]:
+    """The scores of every set with that change; a profile that is refused has none."""
+    if question.constant:
+        set_constant(*question.constant)
+    try:
+        merge_profile(load_profile("imu"), question.profile)
+        return {name: score(question.profile) for name, score in SCORES.items()}
+    except InputError:
+        return {}
+    finally:
+        if question.constant:
+            module, name, factor = question.constant
+            set_constant(module, name, 1.0 / factor)
+
+
+SCORES: dict[str, Score] = {}  # of a process
+
+
+def prepare(options: Namespace) -> None:
+    """Read the data, once a process."""
+    folders = chosen_sets(options)
+    if options.seconds:
+        folders = {
+            name: [t.cut(slice(0, round(options.seconds * t.rate_hz))) for t in trials]
+            for name, trials in folders.items()
+        }
+    SCORES.update(scores(folders, {path.stem: read(path) for path in options.logs}))
+
+
+def moved(base: dict[str, list[float]], found: dict[str, list[float]]) -> Row:
+    """The largest changes, and where."""
+    error, coverage = (0.0, "-"), (0.0, "-")
+    for name, figures in found.items():
+        for now, before in zip(figures[:2], base[name][:2], strict=True):
+            share = (now - before) / max(before, LEAST_DEG)
+            error = max(error, (share, name), key=lambda each: abs(each[0]))
+        for now, before in zip(figures[2:], base[name][2:], strict=True):
+            coverage = max(coverage, (now - before, name), key=lambda each: abs(each[0]))
+    return {
+        "error %": 100.0 * error[0],
+        "on": error[1],
+        "coverage": coverage[0],
+        "on ": coverage[1],
+    }
+
+
+def moves(row: Row) -> bool:
+    """Whether it is worth a number."""
+    return abs(row["error %"]) > 100.0 * LEAST_SHARE or abs(row["coverage"]) > LEAST_COVERAGE
+
+
+def main() -> int:
+    options = arguments()
+    asked = list((constants if options.constants else keys)(options.only))
+    if options.smoke:
+        asked = asked[:2]
+    with ProcessPoolExecutor(options.jobs, initializer=prepare, initargs=(options,)) as pool:
+        base = pool.submit(answer, Question("", "", {})).result()
+        answers = pool.map(answer, asked)
+        rows: list[Row] = []
+        for question, found in zip(asked, track(answers, len(asked)), strict=True):
+            head = {"number": question.name, "change": question.change}
+            rows.append({**head, **moved(base, found)} if found else {**head, "error %": None})
+    still = {row["number"] for row in rows} - {
+        row["number"] for row in rows if row["error %"] is None or moves(row)
+    }
+    rows.sort(key=lambda row: -abs(row["error %"] or 0.0))
+    show(
+        {"what a number moves": rows, "move nothing": [{"n": len(still), "names": sorted(still)}]},
+        as_json=options.json,
+    )
+    return 0
+
+
+def arguments() -> Namespace:
+    made = parser(__doc__)
+    add_folders(made)
+    made.add_argument("--logs", type=Path, nargs="*", default=[], help="with a truth")
+    made.add_argument("--only", type=lambda text: text.split(","), default=[], metavar="NAME,NAME")
+    made.add_argument("--constants", action="store_true", help="needs NUMBA_DISABLE_JIT=1")
+    made.add_argument("--seconds", type=float, default=0.0, help="of each recording; 0: all")
+    made.add_argument("--jobs", type=int, default=2)
+    return made.parse_args()
+
+
+def track(
+    answers: Iterator[dict[str, list[float]]], count: int
+) -> Iterator[dict[str, list[float]]]:
+    """A bar on standard error, for people."""
+    yield from bar(answers, total=count, console=Console(stderr=True), description="asking")
+
+
+if __name__ == "__main__":
+    sys.exit(main())
