@@ -1,6 +1,6 @@
 """One vehicle's estimator: samples in, attitude out. No I/O and no clock."""
 
-from typing import Any
+from typing import Any, NamedTuple
 
 from estimator.aiding.phase import Phase
 from estimator.aiding.place import PlaceField
@@ -34,6 +34,15 @@ from estimator.types import Attitude, ImuSample, Quaternion, RateSample, Vec3, V
 NO_SAMPLE_ITSELF = (0, *(0.0,) * 9, False)
 
 _new: Any = tuple.__new__
+
+
+class Lent(NamedTuple):
+    """What others need who step an estimator."""
+
+    inside: Any  # of compiled memory
+    source: int  # RAW or CONDITIONED
+    least_heading_rad: float  # that sigma of the heading has
+    norths: tuple[str, str]  # see :attr:`Estimator.norths`
 
 
 class Estimator:
@@ -95,6 +104,31 @@ class Estimator:
         if end == FIRST_HEADING:
             state.align()
         return REASONS.get(end)
+
+    @property
+    def inside(self) -> Any:
+        """The handle on its compiled memory, None in plain Python."""
+        return self._state.core.inside
+
+    def lend(self) -> "Lent | None":
+        """For compiled steps of many estimators at a time; None where a sample takes more.
+
+        Until anything else is asked of it, others may step it as :meth:`take` does.
+        """
+        state = self._state
+        inside, known = self.inside, state.context.compass
+        takes_samples = state.needs_samples_only or state.takes_raw_samples
+        is_plain = type(self) is Estimator and takes_samples
+        if (
+            not is_plain
+            or inside is None
+            or known.unlike_us is not None
+            or known.misled_us is not None
+        ):
+            return None
+        state.said = None
+        least_rad = 0.0 if known.declared_calibrated else UNKNOWN_RAD
+        return Lent(inside, state.source, least_rad, state.norths)
 
     def update_rows(self, rows: Rows, said: Floats) -> int:
         """Take rows as long as there is nothing to do but to take them.

@@ -150,7 +150,7 @@ def _change_over(compiling: Compiling | None, pipeline: Pipeline) -> list[Messag
     """Have the vehicles' estimators use the compiled filter, as soon as it is there."""
     if compiling is None:
         return []
-    return compiling.change_over(vehicle.estimator for vehicle in pipeline.vehicles)
+    return compiling.change_over(lambda: [each.estimator for each in pipeline.vehicles])
 
 
 def _tally(runner: Runner, pipeline: Pipeline, dropped: int) -> Tally:

@@ -6,7 +6,7 @@ A first start would otherwise be mute for a minute on a laptop, and for many on 
 import subprocess
 import threading
 import time
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 
 from drivers.closing import Closing
 from estimator.compilation.interpreted import set_interpreting
@@ -36,13 +36,13 @@ class Compiling(Closing):
         set_interpreting(True)
         self._thread.start()
 
-    def change_over(self, estimators: Iterable[Estimator]) -> list[Message]:
+    def change_over(self, estimators: Callable[[], Iterable[Estimator]]) -> list[Message]:
         """Once it is compiled: have these estimators go on with that, from where they are."""
         if not self._is_done.is_set():
             return []
         self._is_done.clear()
         set_interpreting(False)
-        for estimator in estimators:
+        for estimator in estimators():
             estimator.snapshot = estimator.snapshot
         return [Message(f"the filter is compiled, after {time.monotonic() - self._begun_s:.0f} s")]
 

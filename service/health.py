@@ -7,6 +7,7 @@ long none has arrived. Times are given, no clock is read.
 from enum import StrEnum
 
 from drivers.value import Value
+from estimator.compilation.compiled import inlined
 
 
 class State(StrEnum):
@@ -64,6 +65,7 @@ def next_state(state: State, signal: Signal) -> State:
     return TRANSITIONS.get((state, signal), state)
 
 
+@inlined
 def late_after_us(median_period_us: float) -> float:
     """Silence that makes a running estimate degraded: max(0.5 s, 3 median periods)."""
     return max(LATE_MINIMUM_US, LATE_PERIODS * median_period_us)

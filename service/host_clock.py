@@ -13,7 +13,9 @@ quarter of a second of messages that come as evenly as the vehicle has stamped t
 autopilot's clock that stands still under load is heard of at once.
 """
 
-from drivers.value import Value
+from typing import NamedTuple
+
+from estimator.compilation.compiled import inlined
 
 MAX_DRIFT = 3e-3  # s/s; 136 ms a minute is 2.3e-3
 STEP_US = 100_000  # less counts as lateness; time services set a clock that is 128 ms off or more
@@ -26,16 +28,16 @@ EVEN_SPREAD_US = 30_000  # they count as evenly late while they differ by this a
 EVEN_SAMPLES = 6
 
 
-class Offsets(Value, frozen=True):
+class Offsets(NamedTuple):
     """Least and most offset (host minus vehicle) since ``begin_us`` of the vehicle's clock."""
 
     begin_us: int
     least_us: float
     most_us: float
-    samples: int = 1
+    samples: int = 1  # compiled code has to name it
 
 
-class HostClock(Value, frozen=True):
+class HostClock(NamedTuple):
     """Offset (host minus vehicle) at host time ``at_us``; ``known`` from the first message on."""
 
     offset_us: float = 0.0
@@ -45,39 +47,43 @@ class HostClock(Value, frozen=True):
     even: Offsets = Offsets(0, 0.0, 0.0)  # the offsets since two last differed by EVEN_SPREAD_US
 
 
+@inlined
 def observe(clock: HostClock, vehicle_us: int, arrival_us: int) -> HostClock:
     """The clock after a message of ``vehicle_us`` arrived at ``arrival_us``."""
     seen_us = float(arrival_us - vehicle_us)
     if not clock.known:
-        fresh = Offsets(vehicle_us, seen_us, seen_us)
-        return HostClock(seen_us, arrival_us, known=True, window=fresh, even=fresh)
+        fresh = Offsets(vehicle_us, seen_us, seen_us, 1)
+        return HostClock(seen_us, arrival_us, True, fresh, fresh)
     offset_us = min(_bound_us(clock, arrival_us), seen_us)
     even = _lengthen(clock.even, seen_us)
     if even.most_us - even.least_us > EVEN_SPREAD_US:
-        even = Offsets(vehicle_us, seen_us, seen_us)
+        even = Offsets(vehicle_us, seen_us, seen_us, 1)
     elif even.least_us - offset_us > STEP_US and _is_even(even, vehicle_us):
         offset_us = even.least_us
     window = clock.window
     if vehicle_us - window.begin_us >= WINDOW_US:
         offset_us = _moved_offset_us(window, offset_us)
-        window = Offsets(vehicle_us, seen_us, seen_us)
+        window = Offsets(vehicle_us, seen_us, seen_us, 1)
     else:
         window = _lengthen(window, seen_us)
     return HostClock(offset_us, arrival_us, True, window, even)
 
 
+@inlined
 def to_vehicle_us(clock: HostClock, host_us: int) -> int:
     """The vehicle's time at host time ``host_us``; needs a known clock."""
     assert clock.known
     return round(host_us - clock.offset_us)
 
 
+@inlined
 def lateness_us(clock: HostClock, vehicle_us: int, arrival_us: int) -> float:
     """How much later a message came than prompt ones do; needs a known clock."""
     assert clock.known
     return arrival_us - vehicle_us - clock.offset_us
 
 
+@inlined
 def _lengthen(window: Offsets, seen_us: float) -> Offsets:
     """The window with one more offset in it."""
     least_us, most_us = window.least_us, window.most_us
@@ -88,11 +94,13 @@ def _lengthen(window: Offsets, seen_us: float) -> Offsets:
     return Offsets(window.begin_us, least_us, most_us, window.samples + 1)
 
 
+@inlined
 def _is_even(even: Offsets, vehicle_us: int) -> bool:
     """Whether messages have come with one lateness for a while."""
     return vehicle_us - even.begin_us >= EVEN_US and even.samples >= EVEN_SAMPLES
 
 
+@inlined
 def _moved_offset_us(window: Offsets, offset_us: float) -> float:
     """The offset, moved if the window shows that the host's clock was set forwards."""
     step_us = window.least_us - offset_us
@@ -104,5 +112,6 @@ def _moved_offset_us(window: Offsets, offset_us: float) -> float:
     return window.least_us if is_step else offset_us
 
 
+@inlined
 def _bound_us(clock: HostClock, now_us: int) -> float:
     return clock.offset_us + MAX_DRIFT * max(0, now_us - clock.at_us)

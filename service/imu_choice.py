@@ -11,6 +11,7 @@ import msgspec
 
 from drivers.mavlink.imu_messages import imu_rank
 from drivers.value import Value
+from estimator.compilation.compiled import inlined
 
 STEADY_SAMPLES = 3  # of a preferred message before it takes over for the first time
 SILENT_PERIODS = 20.0  # of the message in use, before another stands in
@@ -85,12 +86,15 @@ def consider(
     return choice
 
 
+@inlined
+def longest_silence_us(longest_us: int, silence_us: int) -> int:
+    """The longest silence that a message has come back from, after one more."""
+    return silence_us if longest_us < silence_us <= LONGEST_SILENCE_US else longest_us
+
+
 def _follow_own(choice: ImuChoice, arrival_us: int) -> ImuChoice:
     """The message in use came: nobody needs to stand in for it."""
-    silence_us = arrival_us - choice.last_arrival_us
-    longest_us = choice.longest_silence_us
-    if longest_us < silence_us <= LONGEST_SILENCE_US:
-        longest_us = silence_us
+    longest_us = longest_silence_us(choice.longest_silence_us, arrival_us - choice.last_arrival_us)
     rival = choice.rival
     if rival is not None and choice.rank(rival) >= choice.rank(choice.message or ""):
         rival = None

@@ -32,6 +32,7 @@ from drivers.events import (
     VehicleId,
 )
 from drivers.mavlink.constants import is_autopilot
+from drivers.mavlink.usual_frames import Readings
 from drivers.simulation.simulated_vehicle import PROFILES
 from estimator.errors import InputError
 from estimator.estimator import Estimator
@@ -43,6 +44,7 @@ from service.link_lines import LinkLines
 from service.load import Load
 from service.records import Departed, Message, Output, Peer, Published, Replaced, vehicle_name
 from service.talk import Talk
+from service.usual_vehicles import ALL, DUE, NONE, UsualVehicles
 from service.vehicle import Vehicle
 
 # A system id has one vehicle; more than this on one link is noise or an attack.
@@ -75,6 +77,8 @@ class Pipeline:
         self._new_estimator = new_estimator
         self._fits_built_in = fits_built_in
         self._vehicles: dict[VehicleId, Vehicle] = {}
+        self._usual = UsualVehicles()
+        self._away: dict[VehicleId, None] = {}  # those that may be usual again
         self.departures = Departures()
         self._departed: list[VehicleId] = []  # since the last tick
         self._departure_talk = Talk("vehicles")
@@ -87,11 +91,14 @@ class Pipeline:
     @property
     def vehicles(self) -> tuple[Vehicle, ...]:
         """All vehicles but those that are forgotten, in the order of their appearance."""
-        return tuple(self._vehicles.values())
+        return tuple(self._vehicles[address] for address in self._vehicles if self._own(address))
+
+    def __len__(self) -> int:
+        return len(self._vehicles)
 
     def vehicle(self, address: VehicleId) -> Vehicle | None:
         """The vehicle of that address, if it has been seen."""
-        return self._vehicles.get(address)
+        return self._own(address)
 
     def inherit(self, address: VehicleId, profile: Profile | None, counts: Counts) -> None:
         """Go on for another pipeline that had this vehicle, with its profile and counts."""
@@ -101,24 +108,50 @@ class Pipeline:
             if profile is not None:
                 vehicle.replace_profile(profile)
 
-    def handle(self, event: Event) -> list[Output]:
+    def take(self, readings: Readings) -> list[Output]:
+        """Take many readings as :meth:`handle` takes their events; in order for each vehicle."""
+        for address in self._away:
+            self._usual.take_over(self._vehicles[address])
+        self._away.clear()
+        left, checks, looks = self._usual.take(readings)
+        outputs: list[Output] = []
+        for event in readings.looks(looks):
+            outputs += self.handle(event)
+        for event in readings.events(checks):
+            if isinstance(event, Imu) and (vehicle := self._own(event.vehicle)) is not None:
+                outputs += _messages(vehicle.check(event))
+        for event in readings.events(left):
+            outputs += self.handle(event)
+        return outputs
+
+    def _own(self, address: VehicleId) -> Vehicle | None:
+        """A vehicle with all that is known of it; None if there is none."""
+        vehicle = self._vehicles.get(address)
+        if vehicle is not None:
+            self._usual.hand_back(address)
+            self._away[address] = None
+        return vehicle
+
+    def handle(self, event: Event | Readings) -> list[Output]:
         """Take one event; returns the lines that a person should see at once."""
+        if isinstance(event, Readings):
+            return self.take(event)
         match event:
             case Imu(vehicle=address):
-                vehicle = self._vehicles.get(address) or self._meet(address)
+                vehicle = self._own(address) or self._meet(address)
                 return [] if vehicle is None else _messages(vehicle.on_imu(event))
             case ClockReset(vehicle=address):
-                vehicle = self._vehicles.get(address)
+                vehicle = self._own(address)
                 return [] if vehicle is None else self._reset_clock(vehicle, event)
             case TrackLost(vehicle=address):
-                vehicle = self._vehicles.get(address)
+                vehicle = self._own(address)
                 return [] if vehicle is None else _messages(vehicle.on_track_lost(event))
             case Position(vehicle=address):
-                if address in self._vehicles:
-                    self._vehicles[address].on_position(event)
+                if (vehicle := self._own(address)) is not None:
+                    vehicle.on_position(event)
             case Report(vehicle=address):
-                if address in self._vehicles:
-                    self._vehicles[address].on_report(event)
+                if (vehicle := self._own(address)) is not None:
+                    vehicle.on_report(event)
             case FilterWord(vehicle=address):
                 if address in self._vehicles:
                     self._vehicles[address].on_filter_word(event)
@@ -131,7 +164,7 @@ class Pipeline:
                 if vehicle is not None:
                     vehicle.on_rejected(event)
             case Shed(vehicle=address):
-                vehicle = self._vehicles.get(address) or self._meet(address)
+                vehicle = self._own(address) or self._meet(address)
                 if vehicle is not None:
                     vehicle.on_shed(event)
             case Forgotten(vehicle=address):
@@ -144,9 +177,9 @@ class Pipeline:
                 vehicle = self._vehicles.get(address) or self._meet(address)
                 return [] if vehicle is None else self._fit(vehicle, event)
             case ReferenceAttitude(vehicle=address, source=source, q_ned_frd=q):
-                if address in self._vehicles:
+                if (vehicle := self._own(address)) is not None:
                     self._peers[address, source] = Peer(address, source, q)
-                    return _messages(self._vehicles[address].on_reference(event))
+                    return _messages(vehicle.on_reference(event))
             case Malformed(frames=frames):
                 self.malformed += frames
             case Notice(vehicle=address, text=text):
@@ -171,7 +204,16 @@ class Pipeline:
         self._fitted.clear()
         self._peers.clear()
         takes_all = not (load.is_shedding or load.has_just_woken)
-        for vehicle in self._vehicles.values():
+        wanted = NONE if load.is_behind else ALL if takes_all else DUE
+        sees_all = status_due or load.has_just_woken
+        shown = {} if sees_all else self._usual.show(now_us, wanted)
+        for address, vehicle in self._vehicles.items():
+            if address in shown:
+                found = shown[address]
+                if found is not None:
+                    outputs.append(Published(address, *found))
+                continue
+            self._own(address)
             if not load.has_just_woken:
                 outputs += _messages(vehicle.on_time(now_us))
             is_wanted = takes_all or vehicle.is_due(now_us)
@@ -194,7 +236,7 @@ class Pipeline:
             InputError: no such vehicle, unknown keys, values out of bounds or of no use
                 together. The profile of before stays in force.
         """
-        vehicle = self._vehicles.get(address)
+        vehicle = self._own(address)
         if vehicle is None:
             raise InputError(f"no vehicle {address.system_id}-{address.component_id}")
         profile = merge_profile(vehicle.profile, partial)
@@ -216,8 +258,8 @@ class Pipeline:
 
     def _on_refused(self, event: RefusedFrames) -> None:
         self.refused_frames[event.reason] += event.frames
-        if event.vehicle in self._vehicles:  # whoever is refused makes no vehicle appear
-            self._vehicles[event.vehicle].reject(event.reason, event.frames)
+        if (vehicle := self._own(event.vehicle)) is not None:  # refused, nobody appears
+            vehicle.reject(event.reason, event.frames)
 
     def _fit(self, vehicle: Vehicle, event: BuiltIn) -> list[Output]:
         """Take the profile that fits fuzzbee's own vehicle, unless another one was asked for."""
@@ -232,6 +274,7 @@ class Pipeline:
             vehicle.has_unfit_profile = not fits
             return [] if fits else [Message(f"{who}: profile {name} would fit, this one does not")]
         if vehicle.profile != profile:
+            self._own(vehicle.address)
             self._change_profile(vehicle, profile)
         return [Message(f"{who}, profile {name}")]
 
@@ -251,7 +294,7 @@ class Pipeline:
 
     def _meet(self, address: VehicleId) -> Vehicle | None:
         """The vehicle of that address, a new one if need be; None if it is not wanted."""
-        vehicle = self._vehicles.get(address)
+        vehicle = self._own(address)
         if vehicle is not None or not self._is_wanted(address):
             return vehicle
         if len(self._vehicles) >= MAX_VEHICLES:
@@ -261,12 +304,13 @@ class Pipeline:
         profile = kept or self.profile
         vehicle = Vehicle(address, profile, self._new_estimator(profile))
         self._vehicles[address] = vehicle
+        self._away[address] = None
         if kept is not None:
             self._replaced[address] = Replaced(address, kept)
         return vehicle
 
     def _forget_silent(self, now_us: int) -> None:
-        heard_us = {address: vehicle.heard_us for address, vehicle in self._vehicles.items()}
+        heard_us = {vehicle.address: vehicle.heard_us for vehicle in self.vehicles}
         for address in self.departures.look(heard_us, now_us):
             self._forget(address)
 
@@ -281,9 +325,10 @@ class Pipeline:
 
     def _forget(self, address: VehicleId) -> None:
         """Forget a vehicle, all but the parameters that somebody gave it."""
-        vehicle = self._vehicles.pop(address, None)
+        vehicle = self._own(address)
         if vehicle is None:
             return
+        del self._vehicles[address], self._away[address]
         self.departures.count(vehicle.samples, vehicle.attitudes)
         if vehicle.profile != self.profile and vehicle.built_in_motion is None:
             self.departures.keep(address, vehicle.profile)

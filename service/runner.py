@@ -8,9 +8,10 @@ computer), and while there is more to do than can be done, the missed ticks are 
 
 import time
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 from drivers.events import Event
+from drivers.mavlink.usual_frames import Readings
 from drivers.source import EventSource
 from service.load import Load
 from service.overload import Overload
@@ -33,6 +34,9 @@ LEAST_WORK = 0.5
 SETTLING = 0.5
 # Between ticks the loop looks at its stop flag and mailbox this often.
 MAX_WAIT_S = 0.1
+
+
+Drain = Callable[[float], Sequence[Event | Readings]]
 
 
 class Runner(Stoppable):
@@ -64,6 +68,8 @@ class Runner(Stoppable):
         self.overruns = 0
         self.ticks = 0
         self._source = source
+        # links and handed frames give what nearly all frames say as rows
+        self._drain: Drain = getattr(source, "drain_readings", source.drain)
         self._pipeline = pipeline
         self._outbox = outbox
         self._period_s = 1.0 / rate_hz
@@ -77,7 +83,7 @@ class Runner(Stoppable):
         self._frozen = Frozen()
         self._due_s = float("inf")
         self._woken_s: float | None = None  # when the loop went on after a stop
-        self._waiting: deque[Event] = deque()  # bounded by what the source keeps
+        self._waiting: deque[Event | Readings] = deque()  # bounded by what the source keeps
 
     @property
     def lost(self) -> int:
@@ -117,7 +123,7 @@ class Runner(Stoppable):
         """Handle some of what has arrived, after waiting for it."""
         waiting = self._waiting
         if not waiting:
-            waiting.extend(self._source.drain(timeout_s))
+            waiting.extend(self._drain(timeout_s))
         outputs: list[Output] = []
         # a loop that is always late must not do nothing but tick
         end_s = max(self._due_s, self._monotonic_s() + LEAST_WORK * self._period_s)
@@ -149,7 +155,7 @@ class Runner(Stoppable):
         )
         self._outbox.put(self._pipeline.tick(self._now_us(), load))
         self._outbox.settle(SETTLING * self._period_s)
-        self._frozen.add(len(self._pipeline.vehicles), now_s)
+        self._frozen.add(len(self._pipeline), now_s)
         self.ticks += 1
 
     def _observe_load(self, now_s: float) -> bool:

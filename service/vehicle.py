@@ -30,38 +30,29 @@ from drivers.mavlink.constants import (
     MAV_TYPE_GENERIC,
     MAV_TYPE_GROUND_ROVER,
 )
+from drivers.mavlink.usual_frames import ATTITUDE_NAME, KIND_NAMES, KIND_OF
 from drivers.samples.rotation import quaternion_from_euler
 from estimator.carrier import Carrier
 from estimator.estimator import Estimator
 from estimator.geometry.quaternion import multiply
 from estimator.profile import Profile
 from estimator.reasons import Reason
-from estimator.types import IDENTITY, ImuSample, VelocitySample
+from estimator.types import IDENTITY, ImuSample, RateSample, VelocitySample
 from service import health, host_clock, imu_choice, report_choice
 from service.alarms import LEANING_DEG, MEANINGS, Alarm, Alarms
 from service.attitude_record import attitude_record, euler_deg, is_finite
 from service.counts import Counts
 from service.health import Health, State
-from service.host_clock import HostClock
+from service.host_clock import HostClock, Offsets
 from service.imu_choice import ImuChoice
+from service.intervals import CHECKED_EVERY, MEDIAN_EVERY, OTHER_CLOCK_US, PERIODS_KEPT
 from service.load import Load
 from service.records import AttitudeRecord, Autopilot, Retuned, StatusRecord, vehicle_name
 from service.report_choice import Kind, ReportChoice, kind_of
 from service.second_opinion import Doubts, SecondOpinion, Verdict, in_words, turned_back
+from service.showing import is_due, shown_at
 from service.talk import Talk
 
-# While not all attitudes are published at each tick, one of an old sample still is this often.
-REPEATED_US = 250_000
-# Enough for a steady median, few enough to follow a stream whose rate was changed.
-PERIODS_KEPT = 51
-MEDIAN_EVERY = 8
-# The estimate is checked for not being finite once in so many samples. Once it is not finite it
-# stays so, and a check at each sample would cost as much as the filter.
-CHECKED_EVERY = 8
-# A sample later than so many periods (and than host_clock.STEP_US) is not made up for.
-HELD_PERIODS = 2
-# The ages of two messages stamped by one clock differ by less than this.
-OTHER_CLOCK_US = 1_000_000
 # What its filter says of itself, once a second or so, holds until it says something else.
 WORD_HOLDS_US = 5_000_000
 UNSTAMPED = "AHRS2"  # an attitude of the IMU message before it
@@ -75,6 +66,12 @@ def carrier_of(heartbeat: Heartbeat) -> Carrier:
         return Carrier.WHEELS
     is_vehicle = heartbeat.is_armed and heartbeat.vehicle_type != MAV_TYPE_GENERIC
     return Carrier.VEHICLE if is_vehicle else Carrier.ANYTHING
+
+
+def sample_of(time_us: int, reading: list[float], has_mag: int) -> ImuSample:
+    """The sample of a row."""
+    gx, gy, gz, ax, ay, az, mx, my, mz = reading
+    return ImuSample(time_us, (gx, gy, gz), (ax, ay, az), (mx, my, mz), has_mag == 1)
 
 
 class Vehicle:
@@ -169,12 +166,20 @@ class Vehicle:
         self._last_sample = sample
         if self.samples % CHECKED_EVERY == 0:
             texts += self._check(event, sample)
+        return texts + self._note_taken(event)
+
+    def check(self, event: Imu) -> list[str]:
+        """Check the estimate behind a sample that others have had it take."""
+        return self._check(event, event.sample) + self._note_taken(event)
+
+    def _note_taken(self, event: Imu) -> list[str]:
+        """A sample shows that the vehicle is alive."""
         before_it = self._health
         after = health.on_sample(before_it, event.arrival_us, aligned=self.estimator.aligned)
         if after.state is before_it.state:
             self._health = after
-            return texts
-        return texts + self._become(after)
+            return []
+        return self._become(after)
 
     def on_clock_reset(self, event: ClockReset) -> list[str]:
         """The vehicle's clock began anew: what was known about its time and attitude is void."""
@@ -335,25 +340,21 @@ class Vehicle:
 
     def is_due(self, now_us: int) -> bool:
         """Whether there is a new sample to publish an attitude of, or none for long."""
-        is_new = self.samples != self._published_samples
-        return is_new or not 0 <= now_us - self._published_us < REPEATED_US
+        return is_due(self.samples != self._published_samples, now_us - self._published_us)
 
     def attitude(self, now_us: int) -> AttitudeRecord | None:
         """The attitude propagated to ``now_us``, for output only; None if there is none to give."""
         last = self._last
         if last is None or self.state not in health.HAS_ATTITUDE:
             return None
-        since_us, late_us = now_us - last.arrival_us, self._held_us(last)
-        time_us = host_clock.to_vehicle_us(self._clock, now_us)
-        if late_us > 0:
-            time_us = last.sample.time_us + since_us
-        time_us = max(last.sample.time_us, time_us)
+        last_us = (last.sample.time_us, last.arrival_us)
+        time_us, age_us = shown_at(self._clock, last_us, self.median_period_us, now_us)
         record = attitude_record(
             self.estimator.attitude(time_us),
             time_unix_us=now_us,
             time_boot_us=last.boot_us + time_us - last.sample.time_us,
             state=self.state,
-            age_us=since_us + late_us,
+            age_us=age_us,
             sequence=self.attitudes,
         )
         if record is None:
@@ -361,15 +362,6 @@ class Vehicle:
         self.attitudes += 1
         self._published_samples, self._published_us = self.samples, now_us
         return record
-
-    def _held_us(self, last: Imu) -> int:
-        """How late the last sample came, if so late that the vehicle's clock may have stood still.
-
-        Then the attitude is not turned on by that time: nobody knows whether it has passed.
-        """
-        late_us = round(host_clock.lateness_us(self._clock, last.sample.time_us, last.arrival_us))
-        least_us = max(host_clock.STEP_US, HELD_PERIODS * self.median_period_us)
-        return late_us if late_us > least_us else 0
 
     def status(self, now_us: int, load: Load, malformed: int = 0) -> StatusRecord:
         """The vehicle's status at ``now_us``; a silence that still lasts counts as a gap, too."""
@@ -461,6 +453,68 @@ class Vehicle:
         self.attitudes = counts.attitudes
         self._statuses = counts.statuses
         self.rejected.update({Reason(word): count for word, count in counts.rejected.items()})
+
+    def numbers(self) -> tuple[list[int], list[float]] | None:
+        """What changes while samples just go on; None if something else is to be expected.
+
+        In the columns of :mod:`service.usual_vehicles`.
+        """
+        last, choice, clock = self._last, self._choice, self._clock
+        chosen, rival = KIND_OF.get(choice.message or "", 0), KIND_OF.get(choice.rival or "", 0)
+        is_running = self._health.state is State.RUNNING and self._silent_since_us is None
+        if last is None or last.message != choice.message or not (is_running and chosen):
+            return None
+        is_alone = choice.rival is None or rival > chosen
+        if choice.doubted or not is_alone or not self.profile.mounting.is_plain:
+            return None
+        rates = self._report_choices.get((RateSample, False), ReportChoice(ATTITUDE_NAME, -1))
+        if rates.message != ATTITUDE_NAME:
+            return None
+        sample, window, even, periods = last.sample, clock.window, clock.even, self._periods_us
+        whole = [
+            *(self.heard_us, chosen, choice.last_arrival_us, choice.longest_silence_us),
+            *(rival, choice.rival_samples, choice.rival_since_us, choice.rival_arrival_us),
+            *(rates.last_arrival_us, self.profile.uses_attitude_rates),
+            *(last.arrival_us, sample.time_us, last.boot_us, sample.has_mag),
+            *(self.samples, self.worst_gap_us, self._alarms.next_us),
+            *(self.attitudes, self._published_samples, self._published_us, clock.at_us),
+            *(window.begin_us, window.samples, even.begin_us, even.samples),
+            *(int(self.median_period_us), len(periods), len(periods) % PERIODS_KEPT),
+            *periods,
+            *[0] * (PERIODS_KEPT - len(periods)),
+        ]
+        spans = (window.least_us, window.most_us, even.least_us, even.most_us)
+        reading = (*sample.gyr_rad_s, *sample.acc_m_s2, *sample.mag_gauss)
+        return whole, [clock.offset_us, *spans, *reading]
+
+    def resume(self, whole: list[int], numbers: list[float]) -> None:
+        """Go on from :meth:`numbers`."""
+        choice = self._choice
+        self.heard_us, chosen, chosen_us, longest_us, rival, count, since_us, rival_us = whole[:8]
+        rates_us, _, arrival_us, time_us, boot_us, has_mag, self.samples = whole[8:15]
+        self.worst_gap_us, _, self.attitudes, self._published_samples = whole[15:19]
+        self._published_us, at_us, window_us, window, even_us, even, median_us = whole[19:26]
+        n, at, *periods = whole[26:]
+        name = KIND_NAMES[chosen]
+        rivals = (KIND_NAMES.get(rival), count, since_us, rival_us)
+        self._choice = ImuChoice(name, chosen_us, longest_us, choice.has_failed, *rivals)
+        if rates_us >= 0:
+            self._report_choices[RateSample, False] = ReportChoice(ATTITUDE_NAME, rates_us)
+        self._periods_us.clear()
+        self._periods_us.extend(periods[:n] if n < PERIODS_KEPT else periods[at:] + periods[:at])
+        self._median_us = float(median_us)
+        offset_us, least_us, most_us, even_least_us, even_most_us, *reading = numbers
+        self._clock = HostClock(
+            offset_us,
+            at_us,
+            True,
+            Offsets(window_us, least_us, most_us, window),
+            Offsets(even_us, even_least_us, even_most_us, even),
+        )
+        sample = sample_of(time_us, reading, has_mag)
+        self._last = Imu(self.address, arrival_us, boot_us, name, sample)
+        self._last_sample = sample
+        self._health = Health(State.RUNNING, arrival_us)
 
     @property
     def imu_rate_hz(self) -> float:

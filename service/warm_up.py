@@ -26,6 +26,7 @@ from estimator.live.core import flat
 from estimator.live.settings import settings_of
 from estimator.profile import Profile, load_profile
 from estimator.types import IDENTITY, ZERO_VEC3, ImuSample, VelocitySample
+from service import usual_vehicles
 
 STEP_US = 10_000
 BLAS = "scipy.linalg.cython_blas"
@@ -43,6 +44,10 @@ UNAIDED: tuple[Any, ...] = (
     resident.advance,
     usual_frames.read_frames,
     scanning.scan_frames,
+    usual_vehicles.new_fleet,
+    usual_vehicles.put,
+    usual_vehicles.take_rows,
+    usual_vehicles.show_rows,
 )
 FOR_VELOCITY: tuple[Any, ...] = (
     resident.advance_aided,
@@ -127,7 +132,8 @@ def _of_links() -> dict[Any, tuple[Any, ...]]:
 def compile_ahead(profile: Profile, kernels: tuple[Any, ...]) -> None:
     """Compile these kernels without running them."""
     arguments = resident.arguments_of(settings_of(profile), Estimator(profile).snapshot.core)
-    arguments |= _of_links()
+    (inside,) = arguments[resident.contents]
+    arguments |= _of_links() | usual_vehicles.argument_types(inside)
     for kernel in kernels:
         kernel.compile(arguments[kernel])
 
@@ -151,6 +157,7 @@ def rehearse(estimator: Estimator, *, aided: bool) -> None:
         estimator.update(_sample(number))
         estimator.update_velocity(_report(number))  # heard at the next sample
     estimator.attitude(3 * STEP_US)
+    usual_vehicles.rehearse(estimator)
     if not aided:
         return
     before = estimator.snapshot

@@ -40,7 +40,7 @@ from drivers.mavlink.imu_messages import (
 )
 from drivers.mavlink.messages import MESSAGES, MessageKind, Said
 from drivers.mavlink.parameter_values import ParameterValue, WaitingParameters, owner
-from drivers.mavlink.usual_frames import Batch, UsualFrames
+from drivers.mavlink.usual_frames import Batch, Readings, UsualFrames, events_of
 from drivers.samples.intake import Intake, Stamp
 from drivers.samples.vehicle_clock import TimeField
 from estimator.compilation.compiled import is_compiled_code
@@ -111,20 +111,25 @@ class MavlinkDecoder:
 
     def events_of(self, arrived: Sequence[Arrived]) -> list[Event]:
         """The events of many frames, as :meth:`events` gives them one by one."""
+        return events_of(self.readings_of(arrived))
+
+    def readings_of(self, arrived: Sequence[Arrived]) -> list[Event | Readings]:
+        """The same, with what nearly all frames say as rows."""
         if is_interpreting() or not is_compiled_code():
             return [event for us, frame in arrived for event in self.events(frame, us)]
         if self._usual is None:
             self._usual = UsualFrames(MOST_SENDERS, takes_attitude=not self._references)
-        events: list[Event] = []
+        found: list[Event | Readings] = []
         usual, batch, k = self._usual, Batch(arrived), 0
         while k < len(arrived):
             end = usual.read(batch, k)
-            events += usual.events(batch, k, end)
+            if end > k:
+                found.append(usual.readings(batch, k, end))
             if end < len(arrived):
                 arrival_us, frame = arrived[end]
-                events += self.events(frame, arrival_us)
+                found += self.events(frame, arrival_us)
             k = end + 1
-        return events
+        return found
 
     def _events(self, sender: _Sender, frame: Frame, arrival_us: int) -> list[Event]:
         if frame.message_id == AUTOPILOT_VERSION_ID:
@@ -171,6 +176,8 @@ class MavlinkDecoder:
 
         Silence is looked for once a second at most: a flood must not cost a search a frame.
         """
+        if self._usual is not None:
+            self._usual.note_heard()
         if brings_imu:
             idle = [each for each in self._senders.values() if not each.intake.has_imu]
             if idle:

@@ -38,6 +38,7 @@ from drivers.mavlink.taker import FrameTaker
 from drivers.mavlink.transports.open import open_transport
 from drivers.mavlink.transports.sockets import SOCKET_BUFFER_BYTES
 from drivers.mavlink.transports.transport import LinkError, Packet
+from drivers.mavlink.usual_frames import Readings, events_of
 from estimator.compilation.compiled import is_compiled_code
 from estimator.compilation.interpreted import is_interpreting
 from estimator.errors import InputError
@@ -172,7 +173,11 @@ class MavlinkLink(Closing):
             self._background.close()
 
     def drain(self, timeout_s: float) -> list[Event]:
-        """Events of some of the frames that are there, after waiting at most ``timeout_s``.
+        """The events of :meth:`drain_readings`."""
+        return events_of(self.drain_readings(timeout_s))
+
+    def drain_readings(self, timeout_s: float) -> list[Event | Readings]:
+        """What some of the frames that are there say, after waiting at most ``timeout_s``.
 
         What waits for too long is folded: of each vehicle's streams the newest alone, and
         :class:`~drivers.events.Shed` for what is left out.
@@ -185,14 +190,16 @@ class MavlinkLink(Closing):
         else:
             self._reopen(wait_s)
         now_us = _unix_us()
-        events, self._events = self._events, []
-        events += self._decoder.events_of(self._backlog.take())
-        events += self._backlog.take_shed(now_us)
+        found: list[Event | Readings] = [*self._events]
+        self._events.clear()
+        found += self._decoder.readings_of(self._backlog.take())
+        found += self._backlog.take_shed(now_us)
         if self._request is not None:
+            found[:] = events = events_of(found)
             outgoing, notices = self._request.take(events, now_us)
             self._queue_messages(outgoing, now_us)
-            events += notices
-        return events
+            found += notices
+        return found
 
     def __iter__(self) -> Iterator[Event]:
         """Events as they come, until the link is closed."""

@@ -43,6 +43,8 @@ from drivers.mavlink.imu_messages import (
 )
 from drivers.samples.going_on import (
     GIVEN,
+    HEARD,
+    LAST_IMU,
     NOTHING,
     TAKEN_TO_LOOK,
     Floats,
@@ -61,6 +63,7 @@ from estimator.types import ZERO_VEC3, ImuSample, RateSample, Vec3
 Bytes = Any  # arrays of uint8
 
 # What a message is to compiled code; 0 is nothing.
+# They are in the order of preference.
 RAW, HIGHRES, SCALED = 1, 2, 3  # the latter of three messages
 KINDS = {
     RAW_IMU_ID: RAW,
@@ -69,6 +72,8 @@ KINDS = {
     SCALED_IMU2_ID: SCALED + 1,
     SCALED_IMU3_ID: SCALED + 2,
 }
+KIND_NAMES = {kind: IMU_MESSAGES[number].name for number, kind in KINDS.items()}
+KIND_OF = {name: kind for kind, name in KIND_NAMES.items()}
 IMUS = len(KINDS)
 ATTITUDE = IMUS + 1
 QUATERNION = IMUS + 2  # ATTITUDE_QUATERNION where it is not wanted
@@ -76,7 +81,8 @@ ATTITUDE_NAME = "ATTITUDE"
 # Of a payload; what follows is of no interest here.
 LONGEST = 64
 LATEST_RAW_US = 1 << 62
-FRESH, TO_LOOK = 1, 2
+# Flags: a fresh field, a sample to be looked at, an attitude that is wanted.
+FRESH, TO_LOOK, GIVES = 1, 2, 4
 
 _typeof: Any = numba.typeof  # numba ships no types
 
@@ -113,7 +119,8 @@ def read_frames(
         if kind == QUATERNION:
             if not is_given:
                 return k
-            whole[k, 0], whole[k, 1] = kind, place
+            whole[k, 0], whole[k, 1], whole[k, 4] = kind, place, 0
+            others[place, HEARD] = arrival_us
             continue
         boot_us, flags, gyr, acc, mag = 0, 0, ZERO_VEC3, ZERO_VEC3, ZERO_VEC3
         if kind == ATTITUDE:
@@ -135,9 +142,13 @@ def read_frames(
             done, time_us, boot_us, is_fresh = taken
         if done == NOTHING:
             return k
-        if kind == ATTITUDE and not is_given:
-            others[place, GIVEN] = arrival_us
         flags = (FRESH if is_fresh else 0) | (TO_LOOK if done == TAKEN_TO_LOOK else 0)
+        others[place, HEARD] = arrival_us
+        if kind != ATTITUDE:
+            others[place, LAST_IMU] = time_us
+        elif not is_given:
+            others[place, GIVEN] = arrival_us
+            flags |= GIVES
         whole[k, 0], whole[k, 1], whole[k, 2] = kind, place, time_us
         whole[k, 3], whole[k, 4] = boot_us, flags
         for i in range(3):
@@ -231,6 +242,80 @@ def _attitude(vehicle: VehicleId, arrival_us: int, time_us: int, angles: Vec3) -
     return [ReferenceAttitude(vehicle, arrival_us, time_us, "autopilot", ATTITUDE_NAME, q)]
 
 
+class Readings:
+    """Rows that :func:`read_frames` has written: what nearly all frames of a batch say.
+
+    ``addresses`` of senders are by place.
+    """
+
+    def __init__(
+        self,
+        addresses: Whole,
+        intakes: list[Intake | None],
+        streams: dict[int, _Stream],
+        whole: Whole,
+        numbers: Floats,
+        arrivals_us: Whole,
+    ) -> None:
+        self.addresses = addresses
+        self.whole = whole
+        self.numbers = numbers
+        self.arrivals_us = arrivals_us
+        self._intakes = intakes
+        self._streams = streams
+
+    def __len__(self) -> int:
+        return len(self.arrivals_us)
+
+    def events(self, rows: Any = slice(None)) -> list[Event]:
+        """The events of those rows, in order."""
+        events: list[Event] = []
+        whole, arrivals_us = self.whole[rows].tolist(), self.arrivals_us[rows].tolist()
+        vectors = map(tuple, self.numbers[rows].tolist())
+        for row, numbers, arrival_us in zip(whole, vectors, arrivals_us, strict=True):
+            kind, place, time_us, boot_us, flags = row
+            intake = self._intakes[place]
+            assert intake is not None
+            if kind == QUATERNION:
+                continue
+            if kind == ATTITUDE:
+                if flags & GIVES:
+                    events += _attitude(intake.vehicle, arrival_us, time_us, numbers[3:6])
+                rates = RateSample(time_us, numbers[:3])
+                events.append(BodyRates(intake.vehicle, arrival_us, ATTITUDE_NAME, rates))
+                continue
+            name, sample = self._streams[kind].name, _sample(time_us, numbers, flags)
+            events.append(Imu(intake.vehicle, arrival_us, boot_us, name, sample))
+            if flags & TO_LOOK:
+                events += intake.look(name, arrival_us, sample)
+        return events
+
+    def looks(self, rows: Any) -> list[Event]:
+        """Complaints about samples of those rows that are to be looked at."""
+        events: list[Event] = []
+        for k in rows:
+            kind, place, time_us, _, flags = self.whole[k].tolist()
+            intake, numbers = self._intakes[place], tuple(self.numbers[k].tolist())
+            assert intake is not None
+            sample = _sample(time_us, numbers, flags)
+            events += intake.look(self._streams[kind].name, int(self.arrivals_us[k]), sample)
+        return events
+
+
+def events_of(found: Sequence[Event | Readings]) -> list[Event]:
+    """All as events."""
+    events: list[Event] = []
+    for each in found:
+        events += each.events() if isinstance(each, Readings) else [each]
+    return events
+
+
+def _sample(time_us: int, numbers: tuple[float, ...], flags: int) -> ImuSample:
+    is_fresh = flags & FRESH != 0
+    mag = numbers[6:] if is_fresh else ZERO_VEC3
+    return ImuSample._make((time_us, numbers[:3], numbers[3:6], mag, is_fresh))
+
+
 class UsualFrames:
     """Keeps the numbers of the senders whose frames it reads; see :meth:`hand_back`."""
 
@@ -245,6 +330,7 @@ class UsualFrames:
         if takes_attitude:
             self._kinds[ATTITUDE_ID], self._kinds[ATTITUDE_QUATERNION_ID] = ATTITUDE, QUATERNION
         self._places = np.full(1 << 16, -1, np.int64)
+        self.addresses = np.zeros(senders, np.int64)  # by place
         self._intakes: list[Intake | None] = [None] * senders
         self._free = list(range(senders - 1, -1, -1))
         self._read = direct(read_frames, argument_types())
@@ -264,35 +350,10 @@ class UsualFrames:
         )
         return taken
 
-    def events(self, batch: Batch, begin: int, end: int) -> list[Event]:
-        """The events of frames that were read."""
-        events: list[Event] = []
-        whole, arrivals_us = batch.whole[begin:end].tolist(), batch.arrivals_us[begin:end].tolist()
-        vectors = map(tuple, batch.numbers[begin:end].tolist())
-        names = self._streams
-        for row, numbers, arrival_us in zip(whole, vectors, arrivals_us, strict=True):
-            kind, place, time_us, boot_us, flags = row
-            intake = self._intakes[place]
-            assert intake is not None
-            intake.heard_us = arrival_us
-            if kind == QUATERNION:
-                continue
-            if kind == ATTITUDE:
-                if intake.wants_attitude(arrival_us):
-                    events += _attitude(intake.vehicle, arrival_us, time_us, numbers[3:6])
-                rates = RateSample(time_us, numbers[:3])
-                events.append(BodyRates(intake.vehicle, arrival_us, ATTITUDE_NAME, rates))
-                continue
-            name = names[kind].name
-            gyr, acc, mag = numbers[:3], numbers[3:6], numbers[6:]
-            is_fresh = flags & FRESH != 0
-            reading = (time_us, gyr, acc, mag if is_fresh else ZERO_VEC3, is_fresh)
-            sample = ImuSample._make(reading)
-            intake.last_imu_us = time_us
-            events.append(Imu(intake.vehicle, arrival_us, boot_us, name, sample))
-            if flags & TO_LOOK:
-                events += intake.look(name, arrival_us, sample)
-        return events
+    def readings(self, batch: Batch, begin: int, end: int) -> "Readings":
+        """Frames that were read."""
+        arrays = (batch.whole[begin:end], batch.numbers[begin:end], batch.arrivals_us[begin:end])
+        return Readings(self.addresses, self._intakes, self._streams, *arrays)
 
     def hand_back(self, intake: Intake) -> None:
         """Give an intake its numbers back, before anybody else uses it."""
@@ -302,6 +363,8 @@ class UsualFrames:
             return
         rows.has_clock[place] = False
         intake.resume_clock(rows.clocks[place].tolist())
+        _, _, intake.attitude_given_us, heard_us, intake.last_imu_us = rows.others[place].tolist()
+        intake.heard_us = max(intake.heard_us, heard_us)
         for kind, stream in self._streams.items():
             at = place * IMUS + kind - 1
             if rows.has_imu[at]:
@@ -310,8 +373,16 @@ class UsualFrames:
                 intake.resume_imu(stream.name, stream.clock, rows.whole[at].tolist(), numbers)
         if rows.has_other[place]:
             rows.has_other[place] = False
-            time_us, boot_us, _ = rows.others[place].tolist()
+            time_us, boot_us, *_ = rows.others[place].tolist()
             intake.resume_after(ATTITUDE_NAME, TimeField.BOOT_MS, time_us, boot_us)
+
+    def note_heard(self) -> None:
+        """Have all intakes know when they were heard last."""
+        for intake, heard_us in zip(
+            self._intakes, self._rows.others[:, HEARD].tolist(), strict=True
+        ):
+            if intake is not None:
+                intake.heard_us = max(intake.heard_us, heard_us)
 
     def take_over(self, intake: Intake) -> None:
         """Take an intake's numbers, as far as its streams just go on."""
@@ -322,7 +393,7 @@ class UsualFrames:
         if place < 0:
             place = self._free.pop()
             self._places[_address(intake)] = place
-            self._intakes[place] = intake
+            self._intakes[place], self.addresses[place] = intake, _address(intake)
         is_any = False
         for kind, stream in self._streams.items():
             numbers = intake.imu_numbers(stream.name, stream.clock)
@@ -334,7 +405,9 @@ class UsualFrames:
             return
         rows.has_clock[place] = True
         rows.clocks[place] = clock
-        rows.others[place, GIVEN] = intake.attitude_given_us
+        assert intake.last_imu_us is not None  # it has a stream
+        heard_us = (intake.attitude_given_us, intake.heard_us, intake.last_imu_us)
+        rows.others[place, GIVEN:] = heard_us
         placed = intake.placed(ATTITUDE_NAME, TimeField.BOOT_MS)
         if placed is not None:
             rows.has_other[place] = True

@@ -58,7 +58,9 @@ OFFSET_US, SINCE_MEDIAN, OLDEST, RING = 1, 2, 3, 4
 
 # A stream's last message, in continuous and boot time. An IMU stream's other columns:
 PLACED_TIME, PLACED_BOOT = 0, 1
-GIVEN = 2  # of another stream: when somebody's attitude was given
+GIVEN = 2  # of another stream: when somebody's attitude was given,
+HEARD, LAST_IMU = 3, 4  # anything was heard, and the time of the last IMU sample
+OTHER_SIZE = 5
 LOOK, FRESH_US, FAULTS = 2, 3, 4
 LAST_US, GOOD_US, BOTH, GYR, ACC, FIELD_US = 4, 5, 6, 9, 12, 15
 MAG_CHANGES, MAG_EQUAL, MAG_SINCE_US = 16, 17, 18
@@ -327,7 +329,7 @@ class Rows:
 
     def __init__(self, vehicles: int, imus: int, others: int) -> None:
         self.clocks = np.zeros((vehicles, CLOCK_SIZE), np.int64)
-        self.others = np.zeros((vehicles * others, 3), np.int64)
+        self.others = np.zeros((vehicles * others, OTHER_SIZE), np.int64)
         self.whole = np.zeros((vehicles * imus, STREAM_SIZE), np.int64)
         self.numbers = np.zeros((vehicles * imus, STREAM_NUMBERS))
         # what is here, and not in an intake

@@ -7,11 +7,15 @@ is its own inverse.
 
 from math import asin, atan2, cos, pi, radians, sin, sqrt
 
+from estimator.compilation.compiled import inlined
 from estimator.geometry.quaternion import multiply, normalize
 from estimator.types import Quaternion, Vec3
 
 Q_ENU_NED: Quaternion = (0.0, sqrt(0.5), sqrt(0.5), 0.0)
 Q_FRD_FLU: Quaternion = (0.0, 1.0, 0.0, 0.0)
+
+# Sine of the pitch (89.99 deg) beyond which roll and yaw are not told apart.
+GIMBAL_LOCK_SINE = sin(radians(89.99))
 
 
 def enu_flu_from_ned_frd(q_ned_frd: Quaternion) -> Quaternion:
@@ -34,6 +38,7 @@ def enu_from_ned(v_ned: Vec3) -> Vec3:
     return (v_ned[1], v_ned[0], -v_ned[2])
 
 
+@inlined
 def euler_rad(q_ned_frd: Quaternion) -> Vec3:
     """Roll, pitch, yaw (rad) of the yaw-pitch-roll (ZYX) sequence; yaw in [0, 2 pi).
 
@@ -52,10 +57,6 @@ def euler_rad(q_ned_frd: Quaternion) -> Vec3:
         yaw = atan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))
     yaw %= 2.0 * pi
     return (roll, pitch, 0.0 if yaw >= 2.0 * pi else yaw)
-
-
-# Sine of the pitch (89.99 deg) beyond which roll and yaw are not told apart.
-GIMBAL_LOCK_SINE = sin(radians(89.99))
 
 
 def from_euler_rad(roll: float, pitch: float, yaw: float) -> Quaternion:

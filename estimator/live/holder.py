@@ -85,6 +85,11 @@ class Holder:
         """Time of the last sample."""
         return self.clock[0]
 
+    @property
+    def inside(self) -> Any:
+        """The handle on compiled memory; None in plain Python."""
+        return None if self._is_in_python else self._inside
+
     def lay(self, rows: Rows, said: Floats) -> None:
         """See :func:`estimator.live.resident.lay`; rows of another type or layout are copied."""
         rows = rows_of(*rows)

@@ -155,6 +155,11 @@ class State:
             self.set_core(with_attitude(now, q))
 
     @property
+    def takes_raw_samples(self) -> bool:
+        """Whether samples are the paper's vectors, of which nothing else changes a step."""
+        return self.context.phase is Phase.RAW and not self.settings.conditioned
+
+    @property
     def trusts_compass(self) -> bool:
         """Whether nothing speaks against the compass now."""
         known = self.context.compass

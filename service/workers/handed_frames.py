@@ -9,6 +9,7 @@ from drivers.mavlink.backlog import Backlog, waiting_clock_s
 from drivers.mavlink.decoder import MavlinkDecoder
 from drivers.mavlink.frame_batch import unpack_frames
 from drivers.mavlink.stream_request import StreamRequest
+from drivers.mavlink.usual_frames import Readings, events_of
 from service.workers.connection import Connection, Kind, Message
 from service.workers.job import Job
 
@@ -54,7 +55,11 @@ class HandedFrames:
         return self._backlog.shed
 
     def drain(self, timeout_s: float) -> list[Event]:
-        """Events of some of what has come, after waiting at most ``timeout_s`` for the first."""
+        """The events of :meth:`drain_readings`."""
+        return events_of(self.drain_readings(timeout_s))
+
+    def drain_readings(self, timeout_s: float) -> list[Event | Readings]:
+        """What some of what has come says, after waiting at most ``timeout_s`` for the first."""
         wait_s = 0.0 if self._backlog else timeout_s
         if self._has_just_received and wait_s > 0.0:
             rest_s = min(self._gather_s, wait_s)
@@ -64,14 +69,15 @@ class HandedFrames:
         if not self._has_just_received and wait_s > 0.0:
             self._connection.wait(wait_s)
             self._has_just_received = self._receive()
-        events = self._decoder.events_of(self._backlog.take())
-        events += self._backlog.take_shed(time.time_ns() // 1000)
+        found = self._decoder.readings_of(self._backlog.take())
+        found += self._backlog.take_shed(time.time_ns() // 1000)
         if self._request is not None:
+            found[:] = events = events_of(found)
             outgoing, notices = self._request.take(events, time.time_ns() // 1000)
             if outgoing:
                 self._connection.put(Kind.OUTGOING, pickle.dumps(outgoing))
-            events += notices
-        return events
+            found += notices
+        return found
 
     def _receive(self) -> bool:
         """Take what is there; True if there was something."""

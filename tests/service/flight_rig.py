@@ -15,6 +15,7 @@ from drivers.mavlink.encoder import FrameEncoder, raw_imu
 from drivers.mavlink.framing import FrameReader
 from drivers.mavlink.gate import FrameGate, Policy
 from drivers.simulation.simulated_vehicle import Sample, SimulatedVehicle
+from estimator.compilation.compiled import is_compiled_code
 from estimator.geometry.quaternion import conjugate, multiply, rotate_inverse
 from estimator.profile import load_profile
 from service.load import Load
@@ -35,7 +36,9 @@ class Rig:
         self.pipeline = Pipeline(load_profile(profile))
         self.encoder = FrameEncoder(ONE)
         self.decoder = MavlinkDecoder(references=False)
+        # the same in compiled code, many at a time, where nothing is unusual
         self.by_batches = MavlinkDecoder(references=False)
+        self.usual = Pipeline(load_profile(profile)) if is_compiled_code() else self.pipeline
         self.gate = FrameGate(policy)
         self.readers: dict[str, FrameReader] = {}
         self.messages: list[str] = []
@@ -56,7 +59,11 @@ class Rig:
         return dict(self.vehicle.rejected)
 
     def status(self) -> StatusRecord:
-        return self.vehicle.status(self.now_us + self.host_shift_us, Load())
+        now_us = self.now_us + self.host_shift_us
+        status = self.vehicle.status(now_us, Load())
+        if self.usual is not self.pipeline:
+            assert self.usual.vehicle(ONE).status(now_us, Load()) == status
+        return status
 
     def fly(
         self,
@@ -92,10 +99,11 @@ class Rig:
         arrival_us = self.now_us + self.host_shift_us
         for frame in self.readers.setdefault(peer, FrameReader()).feed(data):
             if self.gate.lets_in(frame, peer, arrival_us):
-                events = self.decoder.events(frame, arrival_us)
-                assert self.by_batches.events_of([Arrived(arrival_us, frame)]) == events
-                self.handle(events)
-        self.handle(self.gate.take_refused(arrival_us))
+                self.handle(self.decoder.events(frame, arrival_us))
+                self.handle_usual(self.by_batches.readings_of([Arrived(arrival_us, frame)]))
+        refused = self.gate.take_refused(arrival_us)
+        self.handle(refused)
+        self.handle_usual(refused)
 
     def handle(self, events: list[Any]) -> None:
         for event in events:
@@ -103,8 +111,16 @@ class Rig:
                 if isinstance(output, Message):
                     self.messages.append(output.text)
 
+    def handle_usual(self, found: list[Any]) -> None:
+        if self.usual is not self.pipeline:
+            for each in found:
+                self.usual.handle(each)
+
     def tick(self) -> None:
-        for output in self.pipeline.tick(self.now_us + self.host_shift_us):
+        outputs = self.pipeline.tick(self.now_us + self.host_shift_us)
+        if self.usual is not self.pipeline:
+            assert self.usual.tick(self.now_us + self.host_shift_us) == outputs
+        for output in outputs:
             if isinstance(output, Message):
                 self.messages.append(output.text)
             elif isinstance(output, Published) and isinstance(output.record, AttitudeRecord):

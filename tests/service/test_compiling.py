@@ -37,14 +37,14 @@ def test_estimators_change_over_to_compiled_code_where_they_are():
         rehearse(estimator, aided=True)
         assert not holds_compiled_memory(estimator)
         before, end_s = estimator.snapshot, time.monotonic() + PATIENCE_S
-        while not (said := compiling.change_over([estimator])) and time.monotonic() < end_s:
+        while not (said := compiling.change_over(lambda: [estimator])) and time.monotonic() < end_s:
             time.sleep(0.01)
         assert "compiled" in said[0].text
         assert not is_interpreting()
         assert estimator.snapshot == before
         estimator.attitude(before.core.time_us)
         assert holds_compiled_memory(estimator)
-        assert compiling.change_over([estimator]) == []
+        assert compiling.change_over(lambda: [estimator]) == []
 
 
 def test_a_first_start_does_not_wait_for_the_compiler(tmp_path):

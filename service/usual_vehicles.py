@@ -1,0 +1,485 @@
+"""Vehicles whose samples just go on with those before, all taken in one call of compiled code.
+
+:class:`~service.vehicle.Vehicle` holds the rules for everything that may happen to one, in Python.
+What they come to for a vehicle that runs without velocity, and sends nothing but sound samples of
+the IMU message in use, is here, for many at a time and to the same bits. A row that is anything
+else is left to Python, with all that follow of its vehicle; what is known of that is handed back
+before, and taken over again behind it.
+"""
+
+from functools import cache
+from math import degrees, isfinite, pi
+from typing import Any
+
+import numba
+import numpy as np
+from numba.core import types
+
+from drivers.events import VehicleId
+from drivers.mavlink.usual_frames import (
+    ATTITUDE,
+    FRESH,
+    GIVES,
+    QUATERNION,
+    TO_LOOK,
+    Readings,
+)
+from estimator.compilation.compiled import compiled, inlined
+from estimator.compilation.direct import direct
+from estimator.estimator import Estimator
+from estimator.geometry.frames import euler_rad
+from estimator.live.refusal import FINE, RATE_LIMIT_RAD_S, fault_of
+from estimator.live.resident import RAW, advance, advance_raw, contradicted_axes, publish
+from estimator.types import ZERO_VEC3, ImuSample, Vec3
+from service.health import LATE_MINIMUM_US, State, late_after_us
+from service.host_clock import HostClock, Offsets, observe
+from service.imu_choice import STAND_IN_GAP_US, longest_silence_us
+from service.intervals import CHECKED_EVERY, MEDIAN_EVERY, OTHER_CLOCK_US, PERIODS_KEPT
+from service.records import SCHEMA, AttitudeRecord, Confidence, Sigma
+from service.showing import is_due, shown_at
+from service.vehicle import Vehicle, sample_of
+
+Shown = tuple[AttitudeRecord, ImuSample]
+
+# numba ships no types; arrays of int64 and float64
+_typeof: Any = numba.typeof
+_types: Any = types
+Whole = Any
+Floats = Any
+
+# Columns of a vehicle's whole numbers: when it was heard, the IMU message in use, and the one that
+# is proving itself,
+HEARD, CHOSEN, CHOSEN_US, LONGEST_SILENCE = 0, 1, 2, 3
+RIVAL, RIVAL_SAMPLES, RIVAL_SINCE, RIVAL_US = 4, 5, 6, 7
+# when rates came last (negative if never), whether they are used,
+RATES_US, USES_RATES = 8, 9
+# the last sample's times, the counts, when to look for alarms, what was published last,
+ARRIVAL, TIME, BOOT, HAS_MAG = 10, 11, 12, 13
+SAMPLES, WORST_GAP, LOOK_US = 14, 15, 16
+ATTITUDES, SHOWN_SAMPLES, SHOWN_US = 17, 18, 19
+# the clock's, the median interval and the intervals it is made of, the oldest of them at AT.
+CLOCK_AT, WINDOW, EVEN = 20, 21, 23
+MEDIAN, PERIODS, AT, RING = 25, 26, 27, 28
+# Behind the intervals: what the filter's vectors come from.
+SOURCE = RING + PERIODS_KEPT
+STATE_SIZE = SOURCE + 1
+# And of its other numbers: of the clock, of the sample, the heading's least sigma.
+OFFSET, SPANS, READING, LEAST_HEADING = 0, 1, 5, 14
+STATE_NUMBERS = 15
+
+# What has become of a row: taken; left; taken, but the estimate is to be checked.
+TAKEN, LEFT, CHECK = 0, 1, 2
+# And of a vehicle at a tick: nothing is wanted of it, it is shown, or there is more to do.
+UNWANTED, SHOWN, MORE = 0, 1, 2
+# At first there are places for so many.
+LEAST_PLACES = 16
+# Which are wanted at a tick.
+NONE, DUE, ALL = 0, 1, 2
+# Columns of what is shown.
+DONE, BOOT_US, AGE_US, SEQUENCE, HAS_HEADING = 0, 1, 2, 3, 4
+SHOWN_WHOLE, SHOWN_NUMBERS = 5, 20
+
+
+@compiled
+def take_rows(
+    fleet: Any,
+    index: Whole,
+    state: tuple[Whole, Floats, Whole],
+    batch: int,
+    addresses: Whole,
+    rows: tuple[Whole, Floats, Whole],
+    left: Whole,
+) -> int:
+    """Take the rows of :class:`Readings`; returns how many are not just taken.
+
+    ``index`` by address is 1 more than a vehicle's place in ``fleet`` and ``state``, whose third
+    array has the number of the ``batch`` that a vehicle was last left in.
+    """
+    state_whole, state_numbers, left_in = state
+    whole, numbers, arrivals_us = rows
+    unusual = 0
+    for k in range(len(arrivals_us)):
+        left[k] = 0
+        kind = whole[k, 0]
+        if kind == QUATERNION:
+            continue
+        v = index[addresses[whole[k, 1]]] - 1
+        if v < 0 or left_in[v] == batch:
+            left[k] = LEFT
+            unusual += 1
+            continue
+        row, time_us, arrival_us, flags = state_whole[v], whole[k, 2], arrivals_us[k], whole[k, 4]
+        first, second, third = three(numbers, k, 0), three(numbers, k, 3), three(numbers, k, 6)
+        if kind == ATTITUDE:
+            done = take_rates(fleet[v], row, arrival_us, time_us, first, flags)
+        elif kind != row[CHOSEN]:
+            done = note_rival(row, kind, arrival_us)
+        else:
+            has_mag = flags & FRESH != 0
+            reading = (first, second, third if has_mag else ZERO_VEC3)
+            times_us = (time_us, arrival_us, whole[k, 3])
+            done = take_sample(fleet[v], row, state_numbers[v], times_us, reading, has_mag)
+        if done != TAKEN:
+            left[k], left_in[v] = done, batch
+            unusual += 1
+    return unusual
+
+
+@inlined
+def three(numbers: Floats, k: int, at: int) -> Vec3:
+    """A vector of a row."""
+    return (numbers[k, at], numbers[k, at + 1], numbers[k, at + 2])
+
+
+@inlined
+def take_rates(
+    inside: Any, row: Whole, arrival_us: int, time_us: int, rate: Vec3, flags: int
+) -> int:
+    """Rates that change nothing, since they come with the samples."""
+    if flags & GIVES != 0:
+        return LEFT
+    if abs(arrival_us - time_us - (row[ARRIVAL] - row[TIME])) > OTHER_CLOCK_US:
+        return TAKEN
+    is_fine = max(abs(rate[0]), abs(rate[1]), abs(rate[2])) <= RATE_LIMIT_RAD_S
+    if row[RATES_US] < 0 or not is_fine:
+        return LEFT
+    if row[USES_RATES] == 1 and time_us >= inside.time_us:
+        x, y, z = contradicted_axes(inside)
+        if time_us > inside.time_us or x or y or z:
+            return LEFT
+    row[RATES_US] = arrival_us
+    return TAKEN
+
+
+@inlined
+def note_rival(row: Whole, kind: int, arrival_us: int) -> int:
+    """A sample of a worse message, while the one in use comes: see :mod:`service.imu_choice`."""
+    if kind < row[CHOSEN] or not 0 <= arrival_us - row[CHOSEN_US] < LATE_MINIMUM_US:
+        return LEFT
+    row[HEARD] = arrival_us
+    longest_us = max(late_after_us(float(row[MEDIAN])), STAND_IN_GAP_US)
+    goes_on = arrival_us - row[RIVAL_US] <= longest_us
+    if row[RIVAL] == kind and goes_on:
+        row[RIVAL_SAMPLES] += 1
+        row[RIVAL_US] = arrival_us
+    elif not (row[RIVAL] not in (0, kind) and goes_on and kind >= row[RIVAL]):
+        row[RIVAL], row[RIVAL_SAMPLES] = kind, 1
+        row[RIVAL_SINCE] = row[RIVAL_US] = arrival_us
+    return TAKEN
+
+
+@inlined
+def take_sample(
+    inside: Any,
+    row: Whole,
+    reals: Floats,
+    times_us: tuple[int, int, int],
+    reading: tuple[Vec3, Vec3, Vec3],
+    has_mag: bool,
+) -> int:
+    """A sample of the message in use; its times are the vehicle's, of arrival, and of boot."""
+    time_us, arrival_us, boot_us = times_us
+    gyr, acc, mag = reading
+    is_checked = (row[SAMPLES] + 1) % CHECKED_EVERY == 0
+    source = row[SOURCE]
+    is_first_heading = source != RAW and has_mag and not inside.seen.has_heading
+    if (is_checked and time_us >= row[LOOK_US]) or is_first_heading:
+        return LEFT
+    if fault_of(gyr, acc, mag) != FINE or time_us <= inside.time_us:
+        return LEFT
+    row[HEARD] = arrival_us
+    row[LONGEST_SILENCE] = longest_silence_us(row[LONGEST_SILENCE], arrival_us - row[CHOSEN_US])
+    row[CHOSEN_US], row[RIVAL] = arrival_us, 0
+    gx, gy, gz = gyr
+    ax, ay, az = acc
+    mx, my, mz = mag
+    if source == RAW:
+        advance_raw(inside, time_us, gx, gy, gz, ax, ay, az, mx, my, mz, has_mag)
+    else:
+        advance(inside, time_us, gx, gy, gz, ax, ay, az, mx, my, mz, has_mag, False, 0)
+    note_interval(row, time_us - row[TIME])
+    write_clock(row, reals, observe(clock_of(row, reals), time_us, arrival_us))
+    row[ARRIVAL], row[TIME], row[BOOT] = arrival_us, time_us, boot_us
+    row[HAS_MAG] = has_mag
+    for i in range(3):
+        reals[READING + i], reals[READING + 3 + i], reals[READING + 6 + i] = gyr[i], acc[i], mag[i]
+    row[SAMPLES] += 1
+    if not is_checked:
+        return TAKEN
+    said = publish(inside, time_us, source)
+    return TAKEN if is_finite(said[1], said[2]) else CHECK
+
+
+@inlined
+def note_interval(row: Whole, period_us: int) -> None:
+    """One more interval between samples, and the median where it is due."""
+    row[WORST_GAP] = max(row[WORST_GAP], period_us)
+    row[RING + row[AT]] = period_us
+    row[AT] = (row[AT] + 1) % PERIODS_KEPT
+    row[PERIODS] = min(row[PERIODS] + 1, PERIODS_KEPT)
+    n = row[PERIODS]
+    if n < PERIODS_KEPT or row[SAMPLES] % MEDIAN_EVERY == 0:
+        row[MEDIAN] = np.sort(row[RING : RING + n])[n // 2]
+
+
+@inlined
+def clock_of(row: Whole, reals: Floats) -> HostClock:
+    """The clock in a row."""
+    return HostClock(
+        reals[OFFSET],
+        row[CLOCK_AT],
+        True,
+        Offsets(row[WINDOW], reals[SPANS], reals[SPANS + 1], row[WINDOW + 1]),
+        Offsets(row[EVEN], reals[SPANS + 2], reals[SPANS + 3], row[EVEN + 1]),
+    )
+
+
+@inlined
+def write_clock(row: Whole, reals: Floats, clock: HostClock) -> None:
+    """Put a clock into a row."""
+    reals[OFFSET], row[CLOCK_AT] = clock.offset_us, clock.at_us
+    window, even = clock.window, clock.even
+    row[WINDOW], row[WINDOW + 1] = window.begin_us, window.samples
+    row[EVEN], row[EVEN + 1] = even.begin_us, even.samples
+    reals[SPANS], reals[SPANS + 1] = window.least_us, window.most_us
+    reals[SPANS + 2], reals[SPANS + 3] = even.least_us, even.most_us
+
+
+@inlined
+def is_finite(moved: Any, figures: Any) -> bool:
+    """Whether all that is published is finite; an infinite sigma just means "unknown"."""
+    q, rate, bias, error, error_rate, gain = moved
+    vectors = rate[0] + rate[1] + rate[2] + bias[0] + bias[1] + bias[2]
+    scalars = error + error_rate + gain + figures[0] + figures[1]
+    return isfinite(q[0] + q[1] + q[2] + q[3] + vectors + scalars)
+
+
+@compiled
+def show_rows(
+    fleet: Any,
+    places: Whole,
+    state: tuple[Whole, Floats, Whole],
+    now_us: int,
+    wanted: int,
+    shown: tuple[Whole, Floats],
+) -> None:
+    """What is published of the vehicles at ``places``; those ``wanted`` count it."""
+    state_whole, state_numbers, _ = state
+    out_whole, out = shown
+    for n in range(len(places)):
+        row, reals = state_whole[places[n]], state_numbers[places[n]]
+        whole, numbers = out_whole[n], out[n]
+        whole[DONE] = MORE
+        if now_us - row[ARRIVAL] >= LATE_MINIMUM_US:
+            continue
+        whole[DONE] = UNWANTED
+        is_new = is_due(row[SAMPLES] != row[SHOWN_SAMPLES], now_us - row[SHOWN_US])
+        if wanted == NONE or (wanted == DUE and not is_new):
+            continue
+        clock, last_us = clock_of(row, reals), (row[TIME], row[ARRIVAL])
+        time_us, age_us = shown_at(clock, last_us, float(row[MEDIAN]), now_us)
+        _, moved, figures, has_heading = publish(fleet[places[n]], time_us, row[SOURCE])
+        if not is_finite(moved, figures):
+            continue
+        whole[DONE], whole[BOOT_US] = SHOWN, row[BOOT] + time_us - row[TIME]
+        whole[AGE_US], whole[SEQUENCE], whole[HAS_HEADING] = age_us, row[ATTITUDES], has_heading
+        write_shown(numbers, moved, figures, reals[LEAST_HEADING])
+        row[ATTITUDES] += 1
+        row[SHOWN_SAMPLES], row[SHOWN_US] = row[SAMPLES], now_us
+
+
+@inlined
+def write_shown(row: Floats, moved: Any, figures: Any, least_heading_rad: float) -> None:
+    """The numbers of an :class:`AttitudeRecord`, in the order of its fields."""
+    q, rate, bias, error, error_rate, gain = moved
+    euler = euler_rad(q)
+    for i in range(4):
+        row[i] = q[i]
+    for i in range(3):
+        row[4 + i], row[7 + i], row[10 + i] = degrees(euler[i]), rate[i], bias[i]
+    row[13], row[14], row[15] = error, error_rate, gain
+    row[16], row[17] = figures[0], figures[1]
+    inclination, heading = figures[2], max(figures[3], least_heading_rad)
+    row[18] = degrees(inclination) if inclination < pi else 180.0
+    row[19] = degrees(heading) if heading < pi else 180.0
+
+
+@compiled
+def new_fleet(inside: Any) -> Any:
+    """A list for handles on compiled memory, with one of them."""
+    fleet = numba.typed.List()
+    fleet.append(inside)
+    return fleet
+
+
+@compiled
+def put(fleet: Any, place: int, inside: Any) -> None:
+    """Put a handle at a place, or at the end."""
+    if place < len(fleet):
+        fleet[place] = inside
+    else:
+        fleet.append(inside)
+
+
+class UsualVehicles:
+    """Keeps the numbers of the vehicles that it steps; see :meth:`hand_back`."""
+
+    def __init__(self) -> None:
+        self._fleet: Any = None
+        self._index = np.zeros(1 << 16, np.int64)
+        self._state = _state_arrays(0)
+        self._vehicles: list[Vehicle | None] = []
+        self._norths: list[tuple[str, str]] = []
+        self._places: dict[VehicleId, int] = {}
+        self._free: list[int] = []  # at the end the next: never one beyond those that were taken
+        self._batch = 0
+        self._take: Any = None
+        self._show: Any = None
+        self._put: Any = None
+
+    def take(self, readings: Readings) -> tuple[list[int], list[int], list[int]]:
+        """Take the rows that just go on.
+
+        Returns the rows that are left, those after which an estimate is to be checked, and those
+        whose magnitudes are to be looked at.
+        """
+        n, flags = len(readings), readings.whole[:, 4]
+        if self._fleet is None:
+            return list(range(n)), [], []
+        self._batch += 1
+        left = np.empty(n, np.int64)
+        rows = (readings.whole, readings.numbers, readings.arrivals_us)
+        addresses = readings.addresses
+        unusual = self._take(
+            self._fleet, self._index, self._state, self._batch, addresses, rows, left
+        )
+        looks = ((flags & TO_LOOK != 0) & (left != LEFT)).nonzero()[0].tolist()
+        if not unusual:
+            return [], [], looks
+        return (left == LEFT).nonzero()[0].tolist(), (left == CHECK).nonzero()[0].tolist(), looks
+
+    def show(self, now_us: int, wanted: int) -> dict[VehicleId, Shown | None]:
+        """What is published of the vehicles of which nothing else is to be said at a tick."""
+        here = [(place, each) for place, each in enumerate(self._vehicles) if each is not None]
+        if not here:
+            return {}
+        places = np.array([place for place, _ in here], np.int64)
+        whole = np.zeros((len(here), SHOWN_WHOLE), np.int64)
+        numbers = np.zeros((len(here), SHOWN_NUMBERS))
+        self._show(self._fleet, places, self._state, now_us, wanted, (whole, numbers))
+        state, reals, _ = self._state
+        times = state[places][:, (TIME, HAS_MAG)].tolist()
+        readings = reals[places, READING:LEAST_HEADING].tolist()
+        shown: dict[VehicleId, Shown | None] = {}
+        rows = zip(here, whole.tolist(), numbers.tolist(), times, readings, strict=True)
+        for (place, vehicle), row, figures, (time_us, has_mag), reading in rows:
+            if row[DONE] == SHOWN:
+                record = _record(row, figures, now_us, self._norths[place])
+                shown[vehicle.address] = record, sample_of(time_us, reading, has_mag)
+            elif row[DONE] == UNWANTED:
+                shown[vehicle.address] = None
+        return shown
+
+    def take_over(self, vehicle: Vehicle) -> None:
+        """Take a vehicle's numbers, if it just goes on."""
+        numbers = vehicle.numbers()
+        lent = None if numbers is None else vehicle.estimator.lend()
+        if numbers is None or lent is None:
+            return
+        if not self._free:
+            self._grow(lent.inside)
+        place = self._places[vehicle.address] = self._free.pop()
+        self._vehicles[place] = vehicle
+        self._norths[place] = lent.norths
+        self._put(self._fleet, place, lent.inside)
+        self._index[_number(vehicle.address)] = place + 1
+        state, reals, left_in = self._state
+        state[place, :SOURCE], reals[place, :LEAST_HEADING] = numbers
+        state[place, SOURCE] = lent.source
+        reals[place, LEAST_HEADING], left_in[place] = lent.least_heading_rad, 0
+
+    def hand_back(self, address: VehicleId) -> None:
+        """Give a vehicle its numbers back, before anybody else uses it."""
+        place = self._places.pop(address, None)
+        if place is None:
+            return
+        self._index[_number(address)] = 0
+        self._free.append(place)
+        vehicle, self._vehicles[place] = self._vehicles[place], None
+        assert vehicle is not None
+        state, reals, _ = self._state
+        vehicle.resume(state[place, :SOURCE].tolist(), reals[place, :LEAST_HEADING].tolist())
+
+    def _grow(self, inside: Any) -> None:
+        """Make places for as many vehicles again, and bind the steps at the first."""
+        n = len(self._vehicles)
+        grown = _state_arrays(max(LEAST_PLACES, 2 * n))
+        for before, after in zip(self._state, grown, strict=True):
+            after[:n] = before
+        self._state = grown
+        more = len(grown[0]) - n
+        self._vehicles += [None] * more
+        self._norths += [("", "")] * more
+        self._free += range(n + more - 1, n - 1, -1)
+        if self._fleet is None:
+            arguments = argument_types(_typeof(inside))
+            self._take, self._show, self._put = (
+                direct(kernel, arguments[kernel]) for kernel in (take_rows, show_rows, put)
+            )
+            self._fleet = direct(new_fleet, arguments[new_fleet])(inside)
+
+
+def rehearse(estimator: Estimator) -> None:
+    """Compile or load the kernels for such an estimator, if there is compiled code."""
+    inside = estimator.inside
+    if inside is not None:
+        for kernel, arguments in argument_types(_typeof(inside)).items():
+            direct(kernel, arguments)
+
+
+def _record(
+    row: list[int], numbers: list[float], now_us: int, norths: tuple[str, str]
+) -> AttitudeRecord:
+    w, x, y, z, *vectors = numbers[:13]
+    return AttitudeRecord(
+        SCHEMA,
+        now_us,
+        row[BOOT_US],
+        (w, x, y, z),
+        tuple(vectors[:3]),  # type: ignore[arg-type]
+        tuple(vectors[3:6]),  # type: ignore[arg-type]
+        tuple(vectors[6:]),  # type: ignore[arg-type]
+        numbers[13],
+        numbers[14],
+        numbers[15],
+        Confidence(numbers[16], numbers[17]),
+        Sigma(numbers[18], numbers[19]),
+        norths[1 - row[HAS_HEADING]],
+        State.RUNNING.value,
+        max(0, row[AGE_US]) / 1e3,
+        row[SEQUENCE],
+    )
+
+
+def _number(address: VehicleId) -> int:
+    return address.system_id << 8 | address.component_id
+
+
+def _state_arrays(vehicles: int) -> tuple[Whole, Floats, Whole]:
+    whole = np.zeros((vehicles, STATE_SIZE), np.int64)
+    return whole, np.zeros((vehicles, STATE_NUMBERS)), np.zeros(vehicles, np.int64)
+
+
+@cache
+def argument_types(inside: Any) -> dict[Any, tuple[Any, ...]]:
+    """What numba calls the types of the kernels' arguments; a handle's is ``inside``."""
+    fleet, whole = _types.ListType(inside), _types.int64
+    numbers, two = _typeof(np.zeros(0, np.int64)), _typeof(np.zeros((0, 0), np.int64))
+    state, reals = _typeof(_state_arrays(0)), _typeof(np.zeros((0, 0)))
+    rows = _types.Tuple((two, reals, numbers))
+    return {
+        new_fleet: (inside,),
+        put: (fleet, whole, inside),
+        take_rows: (fleet, numbers, state, whole, numbers, rows, numbers),
+        show_rows: (fleet, numbers, state, whole, whole, _types.Tuple((two, reals))),
+    }

@@ -1,0 +1,103 @@
+"""Vehicles stepped by compiled code, many at a time, are what Python makes of each event.
+
+The faults of ``test_faults.py`` hold both against each other, too, with one vehicle.
+"""
+
+import random
+
+import pytest
+
+from drivers.events import Imu, VehicleId
+from drivers.mavlink.backlog import Arrived
+from drivers.mavlink.decoder import MavlinkDecoder
+from drivers.mavlink.encoder import FrameEncoder
+from drivers.mavlink.framing import FrameReader
+from drivers.simulation.simulated_vehicle import SimulatedVehicle
+from estimator.profile import load_profile
+from service.load import Load
+from service.pipeline import Pipeline
+from tests.drivers.mavlink.test_usual_frames import is_compiled, m, packed
+from tests.service.flight_rig import START_US
+
+S = 1_000_000
+LOADS = [Load()] * 20 + [Load(is_shedding=True)] * 3
+LOADS += [Load(is_behind=True), Load(has_just_woken=True)]
+
+
+def scaled_imu(time_us, *reading):
+    """Of the same clock as the second IMU's."""
+    return m.MAVLink_scaled_imu_message(time_us // 1000, *reading)
+
+
+def frames_of(number, seconds, rng):
+    """What a vehicle with two IMUs sends, with pauses, spikes and a silent first IMU."""
+    encoder, own = FrameEncoder(VehicleId(number, 1)), []
+    fault, until_us = None, 0
+    first = m.MAVLink_raw_imu_message if number % 2 else scaled_imu
+    for sample in SimulatedVehicle(seed=number, rate_hz=50.0, noise=0.1, bias=0.1):
+        t = sample.time_us
+        if t > seconds * S:
+            return own
+        if t >= until_us:
+            fault = rng.choice(
+                (None, None, None, "pause", "no first", "no field", "spike", "beside")
+            )
+            until_us = t + rng.randrange(S)
+        arrival_us = START_US + t + rng.randrange(15_000)
+        scaled = [1000 / 9.80665 * a for a in sample.acc_m_s2]
+        scaled += [
+            1e3 * (20.0 if fault == "spike" and rng.random() < 0.2 else w) for w in sample.gyr_rad_s
+        ]
+        scaled += [0.0 if fault == "no field" else 1e3 * b for b in sample.mag_gauss]
+        reading = [round(max(-32768.0, min(32767.0, each))) for each in scaled]
+        messages = [m.MAVLink_scaled_imu2_message(t // 1000 + 1, *reading)]
+        if fault != "no first":
+            messages.insert(0, first(t, *reading))
+        if number % 2:
+            stamp_ms = t // 1000 + (7 if fault == "beside" and number == 3 else 0)
+            rates = (0.1, 0.2, 0.3, *sample.true_rate_rad_s)
+            messages.append(m.MAVLink_attitude_message(stamp_ms, *rates))
+        if rng.random() < 0.02:
+            messages.append(m.MAVLink_heartbeat_message(2, 3, 128, 0, 4, 3))
+        if fault != "pause":
+            own += [
+                (arrival_us + k, encoder.frame(packed(each), 0)) for k, each in enumerate(messages)
+            ]
+    return own
+
+
+@is_compiled
+@pytest.mark.parametrize("profile", ["paper", "imu"])
+def test_many_at_a_time_are_the_same_as_one_by_one(profile):
+    rng = random.Random(5)
+    sent = sorted(each for number in range(1, 5) for each in frames_of(number, 15.0, rng))
+    reader, (one, many) = FrameReader(), (Pipeline(load_profile(profile)) for _ in range(2))
+    decoders, waiting, singly = [MavlinkDecoder(references=False) for _ in range(2)], [], 0
+    handle = many.handle
+
+    def handle_and_count(event):
+        nonlocal singly
+        singly += isinstance(event, Imu)
+        return handle(event)
+
+    many.handle = handle_and_count
+    due_us, samples = START_US, 0
+    for arrival_us, data in sent:
+        if arrival_us >= due_us:
+            said = [line for each in decoders[1].readings_of(waiting) for line in many.handle(each)]
+            told = [
+                x
+                for us, frame in map(tuple, waiting)
+                for e in decoders[0].events(frame, us)
+                for x in one.handle(e)
+            ]
+            assert sorted(x.text for x in said) == sorted(x.text for x in told)
+            load = rng.choice(LOADS)
+            assert many.tick(due_us, load) == one.tick(due_us, load)
+            waiting, due_us = [], due_us + 20_000
+        (frame,) = reader.feed(data)
+        samples += frame.message_id != m.MAVLINK_MSG_ID_ATTITUDE
+        waiting.append(Arrived(arrival_us, frame))
+    assert [each.counts for each in many.vehicles] == [each.counts for each in one.vehicles]
+    if profile == "paper":
+        assert singly < 0.5 * samples  # 0.29: the others were never events
