@@ -119,10 +119,11 @@ class Intake:
         placed = self._clock.imu(name, stamp.clock, raw_us, self._heard_us(stamp))
         held, stream.held = stream.held, None
         if isinstance(placed, Refused):
+            unconfirmed: list[Event] = [self._clock_step(held, name)] if held else []
             if placed == CLOCK_STEP:
                 stream.held = reading
-                return [self._clock_step(held, name)] if held else []
-            return [Rejected(self.vehicle, arrival_us, placed.reason, name)]
+                return unconfirmed
+            return [*unconfirmed, Rejected(self.vehicle, arrival_us, placed.reason, name)]
         events: list[Event] = []
         if held is not None or placed.reset is not None:
             events = self._settle_held(stream, held, placed, arrival_us)

@@ -1,0 +1,152 @@
+"""Whatever happens on a link, in whatever order: what was sent is accounted for, and ticks go on.
+
+``LINK_STATES`` in the environment is the number of sequences (400: some twenty seconds).
+"""
+
+import os
+
+from hypothesis import Phase, settings
+from hypothesis import strategies as st
+from hypothesis.stateful import RuleBasedStateMachine, invariant, rule
+
+from drivers.events import VehicleId
+from drivers.mavlink.encoder import FrameEncoder, raw_imu
+from drivers.mavlink.framing import FrameReader
+from estimator.types import ZERO_VEC3
+from service.load import Load
+from service.records import AttitudeRecord, Published, StatusRecord
+from tests.service.flight_rig import ONE, START_US, Rig, S
+
+RATE_HZ = 50.0
+LONGEST_FRAME = 280  # bytes
+OTHER = VehicleId(7, 1)
+
+
+class Link(RuleBasedStateMachine):
+    """One vehicle's frames, with others, damage and clocks between them and the service."""
+
+    def __init__(self):
+        super().__init__()
+        self.rig = Rig("imu", RATE_HZ)
+        self.other = FrameEncoder(OTHER)
+        self.sent = 0  # whole frames of the vehicle, of the present decoder and pipeline
+        self.again = 0  # of them those that came before
+        self.old: list[bytes] = []
+        self.half = b""
+        self.sequences: list[int] = []
+        self.ticks = 0
+
+    def pass_on(self, frame):
+        self.rig.receive(self.half + frame)
+        self.half = b""
+
+    def fly_one(self):
+        sample = next(self.rig.samples)
+        self.rig.now_us = max(self.rig.now_us, START_US + sample.time_us) + 1
+        return self.rig.frame(sample)
+
+    @rule(samples=st.integers(1, 40))
+    def samples_come(self, samples):
+        for _ in range(samples):
+            frame = self.fly_one()
+            self.pass_on(frame)
+            self.sent += 1
+            self.old = [*self.old[-20:], frame]
+
+    @rule(samples=st.integers(1, 200))
+    def samples_are_lost(self, samples):
+        for _ in range(samples):
+            self.fly_one()
+
+    @rule(data=st.binary(min_size=1, max_size=600))
+    def garbage_comes(self, data):
+        """Of another sender: what follows half a frame of the vehicle's own may swallow a frame."""
+        self.rig.receive(data, peer="noise")
+
+    @rule(share=st.floats(0.1, 0.9))
+    def half_a_frame_comes(self, share):
+        """The other half comes with the next one."""
+        frame = self.fly_one()
+        split = max(1, int(share * len(frame)))
+        self.pass_on(frame[:split])
+        self.half, self.sent = frame[split:], self.sent + 1
+
+    @rule(which=st.integers(0, 20))
+    def a_frame_comes_again(self, which):
+        if self.old and not self.half:
+            self.pass_on(self.old[which % len(self.old)])
+            self.again += 1
+
+    @rule(seconds=st.floats(0.1, 20.0))
+    def nothing_comes(self, seconds):
+        self.rig.now_us += round(seconds * S)
+
+    @rule(seconds=st.floats(-100.0, 100.0))
+    def the_hosts_clock_is_set(self, seconds):
+        self.rig.host_shift_us += round(seconds * S)
+
+    @rule()
+    def the_vehicle_boots_again(self):
+        self.rig.boot_shift_us = -next(self.rig.samples).time_us
+
+    @rule()
+    def the_link_comes_again(self):
+        """Its half frame is gone with it."""
+        self.rig.readers["a"] = FrameReader()
+        self.sent -= bool(self.half)
+        self.half = b""
+
+    @rule(frames=st.integers(1, 5))
+    def another_vehicle_speaks(self, frames):
+        for _ in range(frames):
+            message = raw_imu(self.rig.now_us, (0.0, 0.0, -9.8), ZERO_VEC3, ZERO_VEC3)
+            self.rig.receive(self.other.frame(message, self.rig.now_us), peer="b")
+            self.rig.now_us += S // 50
+
+    @rule(behind=st.booleans(), woken=st.booleans(), shedding=st.booleans())
+    def ticks_come_under_load(self, behind, woken, shedding):
+        self.tick(Load(is_behind=behind, has_just_woken=woken, is_shedding=shedding))
+
+    def tick(self, load=Load()):  # noqa: B008 - immutable
+        now_us = self.rig.now_us + self.rig.host_shift_us
+        for output in self.rig.pipeline.tick(now_us, load):
+            if not isinstance(output, Published) or output.vehicle != ONE:
+                continue
+            if isinstance(output.record, AttitudeRecord):
+                self.sequences.append(output.record.sequence)
+                assert self.sent > bool(self.half)
+        self.ticks += 1
+
+    @invariant()
+    def ticks_go_on(self):
+        self.tick()
+
+    @invariant()
+    def counts_add_up(self):
+        vehicle = self.rig.vehicle
+        if vehicle is None:
+            return
+        status = vehicle.status(self.rig.now_us + self.rig.host_shift_us, Load())
+        assert isinstance(status, StatusRecord)
+        refused = sum(status.rejected.values())
+        handled = vehicle.samples + status.shed + refused
+        whole = self.sent - bool(self.half)
+        held = 1  # a sample of another time, until the next one confirms or contradicts it
+        assert whole - held <= handled <= whole + self.again
+
+    @invariant()
+    def what_is_published_is_numbered(self):
+        assert self.sequences == list(range(len(self.sequences)))
+
+    @invariant()
+    def memory_is_bounded(self):
+        assert all(len(reader._rest) <= LONGEST_FRAME for reader in self.rig.readers.values())
+        assert len(self.rig.pipeline.vehicles) <= 2
+
+
+Link.TestCase.settings = settings(
+    max_examples=int(os.environ.get("LINK_STATES", "400")),
+    stateful_step_count=30,
+    phases=(Phase.generate,),  # what fails is read as it is: to make it shorter takes minutes
+)
+test_links = Link.TestCase
