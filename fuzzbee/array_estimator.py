@@ -1,20 +1,24 @@
 """The estimator as programs use it: readings as arrays, one sample a call or all at once."""
 
+import warnings
 from collections import Counter
 from math import isfinite
+from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from drivers.samples.fresh_field import RepeatedField, finite_or_zero
 from estimator import estimator
 from estimator.errors import InputError
 from estimator.live.rows import rows_of
+from estimator.live.snapshot import Snapshot
 from estimator.profile import Profile, load_profile
 from estimator.reasons import Reason
 from estimator.types import ZERO_VEC3, Attitude, ImuSample, Vec3, VelocitySample
 from fuzzbee.arguments import (
     MICROSECONDS,
+    Floats,
     Times,
     matrix,
     microseconds,
@@ -23,10 +27,26 @@ from fuzzbee.arguments import (
 )
 from fuzzbee.attitudes import Attitudes, attitudes_of_rows
 from fuzzbee.batch import Batch
+from fuzzbee.fit import advice, is_enough
 
 # What a satellite receiver's or an autopilot's velocity is good for if nobody says.
 VELOCITY_SIGMA_M_S = 0.3
 NO_TIME = "an estimator without rate_hz needs time_s with every sample"
+
+
+class Unfit(UserWarning):
+    """Readings that would fit each other better in another unit or in other axes."""
+
+
+class EstimatorState(NamedTuple):
+    """What an :class:`Estimator` has become, as a value."""
+
+    snapshot: Snapshot
+    number: int  # of the next sample
+    last_us: int  # the time of the last one
+    field: tuple[Vec3, int]  # the last one that was new, and its time
+    rejected: dict[str, int]
+    is_looked_at: bool
 
 
 class Estimator:
@@ -57,13 +77,46 @@ class Estimator:
         if gain is not None and not (isfinite(gain) and gain >= 0.0):
             raise InputError(f"gain {gain:g}: must be a number, 0 or more")
         self.profile = load_profile(profile) if isinstance(profile, str) else profile
-        self.rejected: Counter[str] = Counter()  # samples and reports that were refused, by reason
-        self._inner = estimator.Estimator(self.profile, gain)
         self._is_plain = self.profile.mounting.is_plain
         self._rate_hz = rate_hz
+        self._gain = gain
+        self.reset()
+
+    def reset(self) -> None:
+        """Begin as if nothing had come yet; a position is forgotten, too."""
+        self.rejected: Counter[str] = Counter()  # samples and reports that were refused, by reason
+        self._inner = estimator.Estimator(self.profile, self._gain)
         self._number = 0  # of the next sample
         self._last_us = 0  # the time of the last one
         self._field = RepeatedField()
+        self._is_looked_at = False  # whether units and axes fit
+
+    @property
+    def state(self) -> EstimatorState:
+        """All that samples have changed. Set it, in an estimator made alike, to go on from there.
+
+        It can be pickled, for another process with the same version of fuzzbee.
+        """
+        rejected = dict(self.rejected)
+        times = self._number, self._last_us
+        return EstimatorState(
+            self._inner.snapshot, *times, self._field.last, rejected, self._is_looked_at
+        )
+
+    @state.setter
+    def state(self, state: EstimatorState) -> None:
+        self._inner.snapshot = state.snapshot
+        self._number, self._last_us = state.number, state.last_us
+        self._field.last = state.field
+        self.rejected = Counter(state.rejected)
+        self._is_looked_at = state.is_looked_at
+
+    def copy(self) -> "Estimator":
+        """Another one that goes on from here by itself."""
+        return _resumed(self.profile, self._rate_hz, self._gain, self.state)
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return _resumed, (self.profile, self._rate_hz, self._gain, self.state)
 
     def update(
         self,
@@ -119,6 +172,8 @@ class Estimator:
         mag_gauss: ArrayLike | None = None,
         time_s: ArrayLike | None = None,
         velocity_ned_m_s: ArrayLike | None = None,
+        *,
+        strict: bool = False,
     ) -> Attitudes:
         """Take N samples, (N, 3) each; the attitude after each of them.
 
@@ -126,8 +181,12 @@ class Estimator:
         ``update_velocity`` comes before it; a row of NaN is no report. A row of ``mag_gauss`` that
         is NaN is no field. ``time_s`` (N,) is needed without a rate.
 
+        The first five seconds or more are looked at as a whole: where another unit or other axes
+        would fit much better, the attitudes' ``warnings`` say which, and so does a Python warning
+        (:class:`Unfit`).
+
         Raises:
-            InputError: arrays of other shapes, or no times.
+            InputError: arrays of other shapes, or no times; ``strict``, and there are warnings.
         """
         gyr = matrix("gyr_rad_s", gyr_rad_s)
         n = len(gyr)
@@ -142,9 +201,10 @@ class Estimator:
         if not self._is_plain:
             mag = np.where(has_mag[:, None], mag, 0.0)
             readings = self.profile.mounting.to_body_rows(gyr, acc, mag)
+        said = self._look(times_us, *readings, has_mag, strict=strict)
         batch = Batch(rows_of(times_us, *readings, has_mag), velocity)
         self._take_batch(batch)
-        return attitudes_of_rows(times_us, batch.said, batch.norths)
+        return attitudes_of_rows(times_us, batch.said, batch.norths, said)
 
     def set_position(
         self, latitude_deg: float, longitude_deg: float, altitude_m: float, unix_s: float
@@ -168,6 +228,27 @@ class Estimator:
             return attitude
         self._begin_anew()
         return None
+
+    def _look(
+        self,
+        times_us: Times,
+        gyr: Floats,
+        acc: Floats,
+        mag: Floats,
+        has_mag: NDArray[np.bool_],
+        *,
+        strict: bool,
+    ) -> tuple[str, ...]:
+        """What :mod:`fuzzbee.fit` says of the first rows that are enough, and of all if strict."""
+        if self._is_looked_at and not strict:
+            return ()
+        found = advice(times_us, gyr, acc, np.where(has_mag[:, None], mag, np.nan))
+        self._is_looked_at = self._is_looked_at or is_enough(times_us)
+        if found and strict:
+            raise InputError("; ".join(found))
+        for line in found:
+            warnings.warn(line, Unfit, stacklevel=3)
+        return found
 
     def _take_batch(self, batch: Batch) -> None:
         """Rows by the run where nothing else comes between, otherwise one by one."""
@@ -228,3 +309,12 @@ class Estimator:
     def _count(self, reason: Reason | None) -> None:
         if reason is not None:
             self.rejected[reason.value] += 1
+
+
+def _resumed(
+    profile: Profile, rate_hz: float | None, gain: float | None, state: EstimatorState
+) -> Estimator:
+    """What pickle and copy make of an estimator."""
+    made = Estimator(profile, rate_hz, gain=gain)
+    made.state = state
+    return made

@@ -27,7 +27,7 @@ class Attitudes:
     to north, east, down. The sigmas (N,) are the angles that 68 % of the errors lie under,
     of the inclination and of the heading. ``heading_reference`` (N,) says what the heading is
     measured from: "true" or "magnetic" north, or "none". ``error`` is the paper's e(R~) from the
-    measurements, ``gain`` its K.
+    measurements, ``gain`` its K. ``warnings`` say which units and axes would fit better.
     """
 
     time_s: Floats
@@ -41,6 +41,7 @@ class Attitudes:
     error: Floats
     gain: Floats
     heading_reference: NDArray[np.str_]
+    warnings: tuple[str, ...] = ()
 
     def __len__(self) -> int:
         return len(self.time_s)
@@ -70,10 +71,13 @@ def attitude_arrays(attitudes: Sequence[Attitude], start_us: int = 0) -> Attitud
         **{name: numbers(name, width) for name, width in wide.items()},
         **{name: numbers(name) for name in NUMBERS},
         heading_reference=np.array([a.heading_reference for a in attitudes], dtype=np.str_),
+        warnings=(),
     )
 
 
-def attitudes_of_rows(times_us: Times, said: Floats, norths: NDArray[np.str_]) -> Attitudes:
+def attitudes_of_rows(
+    times_us: Times, said: Floats, norths: NDArray[np.str_], warnings: tuple[str, ...] = ()
+) -> Attitudes:
     """The columns of rows as :mod:`estimator.live.rows` has them."""
     error, _, gain, gravity, magnetic, inclination, heading = said[:, 10:17].T
     return Attitudes(
@@ -88,4 +92,5 @@ def attitudes_of_rows(times_us: Times, said: Floats, norths: NDArray[np.str_]) -
         error=error,
         gain=gain,
         heading_reference=norths,
+        warnings=warnings,
     )

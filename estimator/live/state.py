@@ -60,9 +60,12 @@ class State:
 
     def resume(self, snapshot: Snapshot) -> None:
         """Go on from a snapshot, under the same profile."""
-        self.context = snapshot.context
+        context = snapshot.context
+        if context.turning == STILL:  # one that was pickled is equal, but another object
+            context = context._replace(turning=STILL)
+        self.context = context
         self.settings = self._settings_of(self.profile)
-        self.set_context(snapshot.context)
+        self.set_context(context)
         self.set_core(snapshot.core)
 
     def set_core(self, core: Core) -> None:

@@ -1,7 +1,11 @@
 """One call a sample and all samples at once are the same estimator, whatever the samples are."""
 
+import copy
 import dataclasses
+import pickle
+from concurrent.futures import ProcessPoolExecutor
 from itertools import pairwise
+from multiprocessing import get_context
 from pathlib import Path
 
 import numpy as np
@@ -20,7 +24,11 @@ from tests.fuzzbee.recording import recorded
 
 FLIPS = Path(__file__).parents[1] / "data" / "sitl_copter_flips.tlog"
 ROWS = 250  # 5 s
-FIELDS = [field.name for field in dataclasses.fields(Attitudes) if field.name != "time_s"]
+FIELDS = [
+    field.name
+    for field in dataclasses.fields(Attitudes)
+    if field.name not in ("time_s", "warnings")
+]
 
 
 @pytest.fixture(scope="module")
@@ -203,3 +211,60 @@ def test_a_velocity_is_handed_on_as_it_is_at_the_last_samples_time():
             live.update_velocity(VelocitySample(time_us, velocity, True, 0.4))
     assert live.snapshot.context.phase is Phase.AIDED
     assert attitude.q_ned_frd == pytest.approx(expected.q_ned_frd, abs=1e-12)
+
+
+def in_another_process(estimator, *readings):
+    """What a process that has never seen this estimator makes of the next samples."""
+    with ProcessPoolExecutor(1, mp_context=get_context("spawn")) as pool:
+        return pool.submit(Estimator.update_batch, estimator, *readings).result()
+
+
+def from_its_state(estimator):
+    made = Estimator()
+    made.state = pickle.loads(pickle.dumps(estimator.state))
+    return made
+
+
+@pytest.mark.parametrize(
+    "way",
+    [
+        Estimator.copy,
+        copy.copy,
+        copy.deepcopy,
+        from_its_state,
+        lambda e: pickle.loads(pickle.dumps(e)),
+    ],
+)
+@pytest.mark.parametrize("has_velocity", [False, True])
+def test_a_copy_goes_on_as_the_first_does_and_leaves_it_alone(flight, way, has_velocity):
+    time_s, gyr, acc, mag, velocity = flight
+    readings = (gyr, acc, mag, time_s, velocity if has_velocity else None)
+    first, begun = Estimator(), slice(None, 120)
+    first.set_position(-35.363, 149.165, 584.0, unix_s=1.72e9)
+    first.update_batch(*(each if each is None else each[begun] for each in readings))
+    first.update(gyr[0], acc[0], time_s=time_s[0])  # which is refused
+    then = [each if each is None else each[120:] for each in readings]
+    second = way(first)
+    assert second.rejected == {"not_later": 1}
+    wanted, found = second.update_batch(*then), first.update_batch(*then)
+    for name in FIELDS:
+        assert np.array_equal(getattr(wanted, name), getattr(found, name)), name
+
+
+def test_a_pickled_estimator_goes_on_in_another_process(flight):
+    time_s, gyr, acc, mag, _ = flight
+    estimator = Estimator()
+    estimator.update_batch(gyr[:120], acc[:120], mag[:120], time_s[:120])
+    then = gyr[120:], acc[120:], mag[120:], time_s[120:]
+    elsewhere = in_another_process(estimator, *then)
+    assert np.array_equal(elsewhere.q_ned_frd, estimator.update_batch(*then).q_ned_frd)
+
+
+def test_after_a_reset_it_is_a_new_one(flight):
+    time_s, gyr, acc, mag, velocity = flight
+    estimator = Estimator()
+    first = estimator.update_batch(gyr, acc, mag, time_s, velocity)
+    estimator.reset()
+    again = estimator.update_batch(gyr, acc, mag, time_s, velocity)
+    assert np.array_equal(first.q_ned_frd, again.q_ned_frd, equal_nan=True)
+    assert not estimator.rejected

@@ -143,3 +143,35 @@ def test_the_python_examples_run_as_they_stand(number, tmp_path, monkeypatch, ca
     if number == 1:  # after 20 s of flips, by velocity
         errors = errors_against(np.array([names["attitude"].q_ned_frd]), truth[-1:])
         assert np.degrees(errors[0, 2]) < 1.0
+
+
+def made_vqf(rate_hz):
+    return {"vqf": pytest.importorskip("vqf").VQF(1.0 / rate_hz)}
+
+
+def made_imufusion(rate_hz):
+    module = pytest.importorskip("imufusion")
+    settings, ahrs = module.AhrsSettings(), module.Ahrs()
+    settings.sample_rate = rate_hz
+    ahrs.set_settings(settings)
+    return {"ahrs": ahrs}
+
+
+@pytest.mark.parametrize(("peer", "made"), [("vqf", made_vqf), ("imufusion", made_imufusion)])
+def test_the_words_of_other_filters_are_theirs(peer, made):
+    """One call a sample, as the table has it, of a level vehicle that rolls to 30 degrees."""
+    rows = re.findall(
+        rf"^\| {peer} \|.*\| (.*) \|$", (DOCS / "python.md").read_text(), re.MULTILINE
+    )
+    update, attitude = (part.strip("` ") for part in rows[0].split(";"))
+    rate_hz, names = 100.0, {"np": np, **made(100.0)}
+    for roll_deg in (*[0.0] * 300, *np.arange(0.0, 30.0, 0.3), *[30.0] * 100):
+        roll, turning = np.radians(roll_deg), 0.0 < roll_deg < 30.0
+        up = np.array((0.0, np.sin(roll), np.cos(roll)))  # x forward, y left, z up
+        names["gyr"] = np.array((np.radians(0.3 * rate_hz) * turning, 0.0, 0.0))
+        names["acc"] = 9.81 * up
+        names["mag"] = np.array((20.0, 0.0, 0.0)) - 40.0 * up
+        exec(update, names)
+    w, x, y, z = np.asarray(eval(attitude, names)).ravel()
+    tilt_deg = np.degrees(2.0 * np.arctan2(np.hypot(x, y), np.hypot(w, z)))
+    assert tilt_deg == pytest.approx(30.0, abs=1.0)

@@ -1,0 +1,209 @@
+"""Whether a recording's units and axes fit each other, and which would fit better.
+
+A vector that stands still turns against the body: v' = -w x v. What the gyroscope says is compared
+with how the specific force, and the magnetic field without its hard iron, turn from each twentieth
+of a second to the next, in every unit and with every axis and sign that data usually come in.
+"""
+
+from collections.abc import Iterator, Sequence
+from itertools import permutations, product
+from math import inf, nan, pi
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fuzzbee.arguments import Floats, Times
+
+LEAST_S = 5.0  # shorter recordings say too little
+SPAN_S = 0.05  # of the means that are compared: noise is less, turns are still small
+MOST_SPANS = 250
+SLOWEST_S = 2.0  # between samples: what is slower has another unit
+MOST = 1e9  # beyond any reading in any unit
+SLOW_S = 0.1  # between samples: the turns are too large to be compared
+# Another way is believed if it leaves half as much, and the turning explains a third of the change.
+BETTER = 2.0
+EXPLAINED = 2.0 / 3.0
+# Beside accelerations nothing is explained, but a unit that is too large makes it so much worse.
+MUCH_BETTER = 8.0
+ALIKE = 1.05  # of two ways that leave as much the plainer one is told
+UPSIDE_DOWN = 0.5  # mean of the unit force's z; -1 stands level
+
+# Medians that the units have: an IMU in g has 1, the Earth's field is 0.22 to 0.67 gauss.
+ACC_UNITS = ((0.5, 2.0, "acc * 9.80665 (g)"), (500.0, 2e3, "acc * 9.80665e-3 (mg)"))
+MAG_UNITS = (
+    (1.5e-5, 1e-4, "mag * 1e4 (tesla)"),
+    (15.0, 100.0, "mag / 100 (microtesla)"),
+    (150.0, 1e3, "mag / 1000 (milligauss)"),
+    (1.5e4, 1e5, "mag / 1e5 (nanotesla)"),
+)
+GYR_UNITS = ((1.0, ""), (pi / 180.0, " * pi / 180"))
+
+
+class Way(NamedTuple):
+    """How readings might have to be read: a signed permutation of axes, and a unit."""
+
+    turn: NDArray[np.float64]  # (3, 3)
+    scale: float
+    unit: str
+
+    def of(self, name: str) -> str:
+        """As a program writes it."""
+        order = np.argmax(np.abs(self.turn), axis=1).tolist()
+        signs = [round(float(self.turn[k, place])) for k, place in enumerate(order)]
+        axes = "" if order == [0, 1, 2] else f"[:, {order}]"
+        return f"{name}{axes}{'' if signs == [1, 1, 1] else f' * {tuple(signs)}'}{self.unit}"
+
+
+def _ways() -> Iterator[Way]:
+    """As given first."""
+    for scale, unit in GYR_UNITS:
+        for order, signs in product(permutations(range(3)), product((1.0, -1.0), repeat=3)):
+            yield Way(np.diag(signs) @ np.eye(3)[list(order)], scale, unit)
+
+
+WAYS = tuple(_ways())
+
+
+class Spans(NamedTuple):
+    """Turns between means that follow each other: angles in the gyroscope's unit times seconds."""
+
+    angle: Floats
+    vector: Floats  # between the two
+    change: Floats
+
+    @property
+    def still(self) -> float:
+        """How much changes, in the mean."""
+        return float(np.mean(np.linalg.norm(self.change, axis=1)))
+
+
+def advice(times_us: Times, gyr: Floats, acc: Floats, mag: Floats) -> tuple[str, ...]:
+    """Lines for a person, each with what would fit better; none of a recording that is sound.
+
+    ``mag`` (N, 3) is NaN where there is none.
+    """
+    if not is_enough(times_us):
+        return ()
+    gyr, acc, mag = (np.where(np.abs(values) < MOST, values, nan) for values in (gyr, acc, mag))
+    times_s: Floats = 1e-6 * times_us.astype(float)
+    step_s = float(np.median(np.diff(times_s)))
+    if step_s < 0.0:
+        return ("time_s runs backwards: [::-1] of all arrays would turn it round",)
+    found = []
+    if step_s > SLOWEST_S:
+        found = [f"samples are {step_s:.3g} s apart: milliseconds want time_s / 1000"]
+        times_s = 1e-3 * times_s
+    found += _unit("accelerometer", acc, ACC_UNITS)
+    found += _unit("magnetometer", mag, MAG_UNITS)
+    found += _axes(times_s, gyr, acc, mag)
+    found += _upside_down(acc)
+    return tuple(found)
+
+
+def is_enough(times_us: Times) -> bool:
+    """Whether a recording is long enough to be judged."""
+    return len(times_us) > 2 and 1e-6 * abs(int(times_us[-1] - times_us[0])) >= LEAST_S
+
+
+def _unit(
+    what: str, readings: Floats, units: tuple[tuple[float, float, str], ...]
+) -> Iterator[str]:
+    sizes = np.linalg.norm(_some(readings), axis=1)
+    sizes = sizes[np.isfinite(sizes)]
+    size = float(np.median(sizes)) if sizes.size else 0.0
+    for low, high, better in units:
+        if low <= size <= high:
+            yield f"the {what} reads {size:.3g} mostly, which would fit as {better}"
+
+
+def _upside_down(acc: Floats) -> Iterator[str]:
+    some = _some(acc)
+    sizes = np.linalg.norm(some, axis=1)
+    known = np.isfinite(sizes) & (sizes > 0.0)
+    if known.any() and float(np.mean(some[known, 2] / sizes[known])) > UPSIDE_DOWN:
+        yield (
+            "the vehicle is upside down most of the time: data in x forward, y left, z up want"
+            " * (1, -1, -1) for all three, gravity instead of specific force wants acc * -1"
+        )
+
+
+def _some(readings: Floats) -> Floats:
+    """Rows from all of the recording, enough for a mean."""
+    return readings[:: max(1, len(readings) // (4 * MOST_SPANS))]
+
+
+def _axes(times_s: Floats, gyr: Floats, acc: Floats, mag: Floats) -> Iterator[str]:
+    """What the turning of field and force says of the gyroscope, or of the field's axes."""
+    turned = _turned(times_s, gyr)
+    force, field = _spans(times_s, turned, acc), _spans(times_s, turned, mag)
+    for what, spans, has_offset in (
+        ("magnetometer", field, True),
+        ("accelerometer", force, False),
+    ):
+        left = None if spans is None else _left(spans, WAYS[:1], has_offset=has_offset)
+        if spans is None or left is None or left[0] <= EXPLAINED * spans.still:
+            continue
+        left = _left(spans, WAYS, has_offset=has_offset)
+        way = WAYS[int(np.flatnonzero(left <= ALIKE * left.min())[0])]
+        times = float(left[0] / max(left.min(), 1e-9))
+        is_explained = times > BETTER and left.min() <= EXPLAINED * spans.still
+        is_unit = times > MUCH_BETTER and way.scale != 1.0
+        if not (is_explained or is_unit):
+            continue
+        better = way.of("gyr") if is_explained else f"gyr{way.unit}"
+        if has_offset and way.scale == 1.0 and np.linalg.det(way.turn) > 0.0:
+            # a rotation: the axes of either may be others
+            better = f"{Way(way.turn.T, 1.0, '').of('mag')}, or with {better}"
+        digits = 0 if times > 10.0 else 1
+        yield f"gyroscope and {what} agree {times:.{digits}f} times better with {better}"
+        return
+
+
+def _turned(times_s: Floats, gyr: Floats) -> Floats:
+    """The gyroscope's integral (N, 3), for differences over short times."""
+    steps = (gyr[1:] + gyr[:-1]) * (0.5 * np.diff(times_s)[:, None])
+    steps[~np.isfinite(steps)] = 0.0
+    return np.concatenate((np.zeros((1, 3)), np.cumsum(steps, axis=0)))
+
+
+def _spans(times_s: Floats, turned: Floats, vectors: Floats) -> Spans | None:
+    """Means over :data:`SPAN_S` and those that follow them; None where there are too few.
+
+    Both are of so many vectors in a row. A pair with a gap is left out.
+    """
+    known = np.flatnonzero(np.isfinite(vectors[:, 0]))
+    step_s = float(np.median(np.diff(times_s[known]))) if len(known) > 1 else inf
+    if not 0.0 < step_s <= SLOW_S:
+        return None
+    n = max(1, round(SPAN_S / step_s))
+    pairs = len(known) // (2 * n)
+    begins = 2 * n * np.unique(np.linspace(0, pairs - 1, min(pairs, MOST_SPANS)).astype(int))
+    rows = known[begins[:, None] + np.arange(2 * n)]
+
+    def means(values: Floats) -> Floats:
+        of_pairs: Floats = values[rows].reshape(len(rows), 2, n, -1).mean(axis=2)
+        return of_pairs
+
+    time, angle, vector = means(times_s), means(turned), means(vectors)
+    passed_s = time[:, 1, 0] - time[:, 0, 0]
+    usable = (passed_s > 0.0) & (passed_s < 2.0 * n * step_s) & np.isfinite(vector).all(axis=(1, 2))
+    if np.count_nonzero(usable) < LEAST_S / SLOW_S / 2.0:
+        return None
+    angle, vector = angle[usable], vector[usable]
+    return Spans(angle[:, 1] - angle[:, 0], vector.mean(axis=1), vector[:, 1] - vector[:, 0])
+
+
+def _left(spans: Spans, ways: Sequence[Way], *, has_offset: bool) -> Floats:
+    """How much of the change each way leaves, in the mean (len(ways),)."""
+    turns = np.array([way.scale * way.turn for way in ways])
+    angle = np.einsum("cij,nj->cni", turns, spans.angle)
+    left = spans.change + np.cross(angle, spans.vector)
+    if has_offset:  # hard iron b stands still in the body: change + w x (v - b)
+        square = np.einsum("cni,cni->c", angle, angle)[:, None, None] * np.eye(3)
+        square -= np.einsum("cni,cnj->cij", angle, angle)  # of the matrix of w x
+        seen = -np.cross(angle, left).sum(axis=1)
+        offset = np.linalg.solve(square + 1e-12 * np.eye(3), seen[:, :, None])[:, :, 0]
+        left = left - np.cross(angle, offset[:, None, :])
+    sizes: Floats = np.linalg.norm(left, axis=2).mean(axis=1)
+    return sizes

@@ -1,0 +1,122 @@
+"""Readings in wrong units and axes are named, with what would fit; sound ones are not."""
+
+import warnings
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from fuzzbee import Estimator, InputError
+from fuzzbee.array_estimator import Unfit
+from fuzzbee.fit import advice
+from tests.fuzzbee.recording import recorded
+
+FLIPS = Path(__file__).parents[1] / "data" / "sitl_copter_flips.tlog"
+FRD = np.array((1.0, -1.0, -1.0))
+
+
+@pytest.fixture(scope="module")
+def flight():
+    """Times, gyr, acc, mag of 20 s with flips at 50 Hz; the field ten times a second."""
+    return recorded(FLIPS)[:4]
+
+
+def degrees(time_s, gyr, acc, mag):
+    return time_s, np.degrees(gyr), acc, mag
+
+
+def degrees_without_field(time_s, gyr, acc, mag):
+    return time_s, np.degrees(gyr), acc, np.full_like(mag, np.nan)
+
+
+def flu(time_s, gyr, acc, mag):
+    return time_s, gyr * FRD, acc * FRD, mag * FRD
+
+
+def milliseconds(time_s, gyr, acc, mag):
+    return 1e3 * time_s, gyr, acc, mag
+
+
+def backwards(time_s, gyr, acc, mag):
+    return time_s[::-1], gyr, acc, mag
+
+
+def g(time_s, gyr, acc, mag):
+    return time_s, gyr, acc / 9.80665, mag
+
+
+def microtesla(time_s, gyr, acc, mag):
+    return time_s, gyr, acc, 100.0 * mag
+
+
+def x_reversed(time_s, gyr, acc, mag):
+    return time_s, gyr * (-1.0, 1.0, 1.0), acc, mag
+
+
+def x_and_y_swapped(time_s, gyr, acc, mag):
+    return time_s, gyr[:, [1, 0, 2]], acc, mag
+
+
+WRONG = {
+    degrees: r"agree 4\d\d times better with gyr \* pi / 180$",
+    degrees_without_field: r"accelerometer agree 5\d times better with gyr \* pi / 180$",
+    flu: r"upside down .* want \* \(1, -1, -1\) for all three",
+    milliseconds: r"^samples are 20 s apart: milliseconds want time_s / 1000$",
+    backwards: "^time_s runs backwards",
+    g: r"reads 1.01 mostly, which would fit as acc \* 9.80665",
+    microtesla: "reads 58 mostly, which would fit as mag / 100",
+    x_reversed: r"agree 11 times better with gyr \* \(-1, 1, 1\)$",
+    x_and_y_swapped: r"agree 11 times better with gyr\[:, \[1, 0, 2\]\]$",
+}
+
+
+def test_sound_readings_are_nothing_to_warn_of(flight):
+    time_s, *readings = flight
+    assert Estimator().update_batch(*readings, time_s, strict=True).warnings == ()
+
+
+@pytest.mark.parametrize("wrong", WRONG)
+def test_what_does_not_fit_is_told_once_with_what_would(flight, wrong):
+    time_s, *readings = wrong(*flight)
+    estimator = Estimator()
+    with pytest.warns(Unfit, match=WRONG[wrong]):
+        told = estimator.update_batch(*readings, time_s).warnings
+    assert len(told) == 1
+    assert estimator.update_batch(*readings, time_s + 30.0).warnings == ()
+    with pytest.raises(InputError, match=WRONG[wrong]):
+        Estimator().update_batch(*readings, time_s, strict=True)
+
+
+def test_a_field_in_other_axes_is_told_apart_from_units():
+    """A tumbling box: turned axes of the field, or of the gyroscope, are the same to both."""
+    time_s = np.arange(0.0, 20.0, 0.01)
+    gyr = np.column_stack([np.sin(time_s), np.cos(0.7 * time_s), np.sin(0.4 * time_s + 1.0)])
+    vectors = np.array([(0.0, 0.0, -9.81), (0.2, 0.0, 0.4)])
+    acc, mag = np.empty((2, len(gyr), 3))
+    for k, rate in enumerate(gyr):
+        acc[k], mag[k] = vectors
+        for _ in range(10):
+            vectors = vectors - 0.001 * np.cross(rate, vectors)
+    assert advice((1e6 * time_s).astype(int), gyr, acc, mag) == ()
+    (said,) = advice((1e6 * time_s).astype(int), gyr, acc, mag[:, [1, 0, 2]] * (1, 1, -1))
+    assert said.endswith(
+        "with mag[:, [1, 0, 2]] * (1, 1, -1), or with gyr[:, [1, 0, 2]] * (1, 1, -1)"
+    )
+
+
+@pytest.mark.parametrize("rows", [0, 1, 2, 200])
+def test_a_few_samples_are_not_judged(flight, rows):
+    time_s, *readings = (values[:rows] for values in degrees(*flight))
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        Estimator().update_batch(*readings, time_s, strict=True)
+
+
+@pytest.mark.parametrize("value", [np.nan, np.inf, 0.0, 1e300])
+def test_numbers_that_are_no_readings_are_nothing_to_compare(flight, value):
+    time_s, gyr, acc, mag = (values.copy() for values in flight)
+    for readings in (gyr, acc, mag):
+        readings[100:] = value
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        assert Estimator().update_batch(gyr, acc, mag, time_s, strict=True).warnings == ()
