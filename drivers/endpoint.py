@@ -120,7 +120,7 @@ def _socket(form: Form, rest: str, text: str) -> Endpoint:
 def _serial(rest: str, text: str) -> Endpoint:
     device = _DEVICE.fullmatch(rest)
     if device is None or int(device["baud"]) == 0:
-        path = device["path"] if device else rest.rstrip(":,") or "/dev/ttyUSB0"
+        path = re.sub("[:,][^/:,]*$", "", rest) or "/dev/ttyUSB0"
         raise InputError(f"{text!r} has no baud rate: write it like {path}:57600")
     return Endpoint("serial", path=device["path"], baud=int(device["baud"]))
 

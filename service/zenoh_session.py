@@ -23,6 +23,9 @@ if TYPE_CHECKING:
 DEFAULT_ENDPOINT = "tcp/127.0.0.1:7447"
 FREE_ENDPOINT = "tcp/127.0.0.1:0"
 DEFAULT_PREFIX = "fuzzbee"
+WITH_PORT = ("tcp", "udp", "tls", "quic", "ws")
+# A host, or an IPv6 address in brackets, and a port; zenoh's own settings may follow.
+PLACE = re.compile(r"([^/:\s\[\]?#]+|\[[0-9a-fA-F:.%]+\]):[0-9]{1,5}([?#].*)?")
 MODES = ("peer", "client")
 RETRY = {"period_init_ms": 200, "period_max_ms": 1000, "period_increase_factor": 2}
 CLIENT_TIMEOUT_MS = 2000  # then the command ends: a client is useless without its router
@@ -140,9 +143,24 @@ def check_prefix(prefix: str) -> None:
         raise InputError(f"--prefix {prefix!r}: wildcards cannot be published on")
 
 
+def check_endpoint(name: str, endpoint: str) -> None:
+    """Refuse what can be no address: zenoh would look for it for ever.
+
+    Raises:
+        InputError: no protocol, host or port.
+    """
+    protocol, _, address = endpoint.partition("/")
+    place = PLACE if protocol in WITH_PORT else re.compile(".+")
+    if not protocol or not place.fullmatch(address):
+        raise InputError(f"{name} {endpoint!r}: should be like {DEFAULT_ENDPOINT}")
+
+
 def _config(options: ZenohOptions) -> "zenoh.Config":
     if options.mode not in MODES:
         raise InputError(f"--mode {options.mode!r}: should be peer or client")
+    for name, endpoints in (("--listen", options.listen), ("--connect", options.connect)):
+        for endpoint in endpoints:
+            check_endpoint(name, endpoint)
     config = _base(options)
     if options.config_file is None:
         _set(config, "transport/link/tx/queue/size/data", TX_BATCHES)

@@ -3,7 +3,7 @@
 import time
 from collections.abc import Iterable
 from functools import partial
-from math import inf, isfinite
+from math import inf
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, NamedTuple
 
@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from fuzzbee.replays.log_report import Export
 
 SIMULATION = "sim:"
+MOST_WRONG_DEG = 180.0
 _SOURCES = "Log files, or sim: for the paper's signals."
 _PROFILE = "paper, imu, adaptive or a TOML file. [default: imu; for sim: paper]"
 _SKIP = "Leave the first S seconds out of the errors."
@@ -82,8 +83,11 @@ def _require_numbers(options: ReplayOptions) -> None:
     require_gain(options.gain)
     if not 0.0 <= options.skip < inf:
         raise InputError(f"--skip {options.skip:g}: must be a number of seconds, 0 or more")
-    if not isfinite(options.start_wrong):
-        raise InputError(f"--start-wrong {options.start_wrong:g}: must be an angle in degrees")
+    if not abs(options.start_wrong) <= MOST_WRONG_DEG:
+        raise InputError(
+            f"--start-wrong {options.start_wrong:g}: must be an angle in degrees, at most"
+            f" {MOST_WRONG_DEG:g}"
+        )
     if options.reference not in (None, "sim", "autopilot"):
         raise InputError(f"--reference {options.reference}: must be sim or autopilot")
     for source in options.sources:

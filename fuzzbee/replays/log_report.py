@@ -196,6 +196,9 @@ def score(path: Path, trace: VehicleTrace, compared: Comparison, skip_s: float) 
     norths = np.array([a.heading_reference for a in trace.attitudes])
     told = norths != "none"
     counted = known & (times_us - times_us[0] >= skip_s / MICROSECOND)
+    if skip_s > 0.0 and not counted.any():
+        lasts_s = (times_us[-1] - times_us[0]) * MICROSECOND
+        raise InputError(f"{path}: nothing is left to score after {skip_s:g} s of {lasts_s:.0f} s")
     since = known & (times_us >= (trace.turned_at_us or 0))
     sigma_rad = trace.column(lambda a: a.sigma_inclination_rad)[counted]
     moved = motion_mask(trace.samples)[counted]

@@ -56,6 +56,7 @@ def test_spellings(text, expected):
         ("tcp::5760", "no host"),
         ("/dev/ttyUSB0", "/dev/ttyUSB0:57600"),
         ("/dev/ttyUSB0:0", "no baud rate"),
+        ("/dev/ttyS0:fast", "write it like /dev/ttyS0:57600"),
         ("serial:/dev/ttyUSB0", "no baud rate"),
         ("udpim:127.0.0.1:14550", "did you mean 'udpin:127.0.0.1:14550'"),
         ("tpc://1.2.3.4:5760", "did you mean 'tcp:"),
