@@ -27,6 +27,8 @@ def run(options: RunOptions) -> int:
     """Estimate attitudes live and publish them on Zenoh."""
     _require_numbers(options)
     _require_workers(options.workers)
+    if options.outputs.send_as is not None and options.outputs.send_attitude is None:
+        raise InputError(f"--as {options.outputs.send_as}: needs --send-attitude URL")
     parse_system_ids(options.security.allow_system_ids)
     outputs.require_own_file(options.outputs.rrd, [options.source])
     if options.workers > 1:

@@ -9,6 +9,7 @@ from fuzzbee.options import panel
 if TYPE_CHECKING:
     import zenoh
 
+    from drivers.events import VehicleId
     from service.sinks.sink import Sink
 
 MAX_PORT = 65535
@@ -16,6 +17,7 @@ MAX_PORT = 65535
 option = panel("Outputs")
 _ROS = "Publish IMU, tf and diagnostics for ROS 2 (rmw_zenoh), too."
 _SEND_ATTITUDE = "Send ATTITUDE_QUATERNION there, as component 191 (not the autopilot)."
+_AS = "With --send-attitude: as a vehicle of its own, for QGroundControl and others."
 _ANNOUNCE = "Send a STATUSTEXT there while the autopilot's attitude differs, as component 191."
 WEB = "Serve a light page for browsers, on 127.0.0.1 unless an address is given."
 _METRICS = "Serve Prometheus metrics on 127.0.0.1 (extra: metrics)."
@@ -66,7 +68,25 @@ def _ros(opening: Opening) -> "Sink":
 def _mavlink(opening: Opening) -> "Sink":
     """Sends announcements, too, if they go to the same place: there is one such component."""
     announces = opening.options["announce"] == opening.options["send_attitude"]
-    return _mavlink_sink(opening, "send_attitude", attitudes=True, announces=announces)
+    given = opening.options["send_as"]
+    other = None if given is None else parse_address_of(given)
+    return _mavlink_sink(
+        opening, "send_attitude", attitudes=True, announces=announces, appears_as=other
+    )
+
+
+def parse_address_of(text: str) -> "VehicleId":
+    """A vehicle's address, as ``--as`` has it.
+
+    Raises:
+        InputError: not two numbers of 1 to 255.
+    """
+    from drivers.events import VehicleId
+
+    numbers = [int(part) if part.isdecimal() else 0 for part in text.split(":")]
+    if len(numbers) != 2 or not all(1 <= number <= 255 for number in numbers):
+        raise InputError(f"--as {text}: should be SYSTEM:COMPONENT, such as 200:1")
+    return VehicleId(*numbers)
 
 
 def _announcer(opening: Opening) -> "Sink | None":
@@ -75,13 +95,22 @@ def _announcer(opening: Opening) -> "Sink | None":
     return _mavlink_sink(opening, "announce", attitudes=False, announces=True)
 
 
-def _mavlink_sink(opening: Opening, name: str, *, attitudes: bool, announces: bool) -> "Sink":
+def _mavlink_sink(
+    opening: Opening,
+    name: str,
+    *,
+    attitudes: bool,
+    announces: bool,
+    appears_as: "VehicleId | None" = None,
+) -> "Sink":
     from drivers.endpoint import parse_endpoint
     from service.sinks.mavlink import MavlinkSink
 
     try:
         endpoint = parse_endpoint(opening.options[name])
-        return MavlinkSink(endpoint, attitudes=attitudes, announces=announces)
+        return MavlinkSink(
+            endpoint, attitudes=attitudes, announces=announces, appears_as=appears_as
+        )
     except InputError as error:
         raise InputError(f"--{name.replace('_', '-')}: {error}") from error
 
@@ -116,7 +145,13 @@ SINKS: list[SinkEntry] = [
         takes_attitudes=True,
     ),
     SinkEntry(
-        {"send_attitude": (Annotated[str | None, option(_SEND_ATTITUDE, metavar="URL")], None)},
+        {
+            "send_attitude": (Annotated[str | None, option(_SEND_ATTITUDE, metavar="URL")], None),
+            "send_as": (
+                Annotated[str | None, option(_AS, "--as", metavar="SYSTEM:COMPONENT")],
+                None,
+            ),
+        },
         _mavlink,
         takes_attitudes=True,
     ),

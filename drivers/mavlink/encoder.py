@@ -130,9 +130,9 @@ def _message(number: int, *fields: float | bytes) -> Message:
     return Message(number, crc_extra, pack(*fields))
 
 
-def heartbeat(vehicle_type: int, autopilot: int) -> Message:
-    """HEARTBEAT of an active component."""
-    return _message(HEARTBEAT_ID, 0, vehicle_type, autopilot, 0, MAV_STATE_ACTIVE, 3)
+def heartbeat(vehicle_type: int, autopilot: int, state: int = MAV_STATE_ACTIVE) -> Message:
+    """HEARTBEAT of a component that is disarmed."""
+    return _message(HEARTBEAT_ID, 0, vehicle_type, autopilot, 0, state, 3)
 
 
 def raw_imu(boot_us: int, acc_m_s2: Vec3, gyr_rad_s: Vec3, mag_gauss: Vec3) -> Message:

@@ -11,20 +11,25 @@ from collections.abc import Callable, Sequence
 from drivers.endpoint import Endpoint
 from drivers.events import VehicleId
 from drivers.mavlink.constants import (
+    MAV_AUTOPILOT_GENERIC,
     MAV_AUTOPILOT_INVALID,
     MAV_COMP_ID_ONBOARD_COMPUTER,
     MAV_SEVERITY_WARNING,
+    MAV_STATE_STANDBY,
+    MAV_TYPE_GENERIC,
     MAV_TYPE_ONBOARD_CONTROLLER,
 )
 from drivers.mavlink.encoder import (
     FrameEncoder,
     Message,
+    attitude,
     attitude_quaternion,
     heartbeat,
     statustexts,
 )
 from drivers.mavlink.transports.open import open_transport
 from drivers.mavlink.transports.transport import LinkError
+from estimator.geometry.frames import euler_rad
 from service.records import (
     AttitudeRecord,
     Autopilot,
@@ -32,6 +37,7 @@ from service.records import (
     Output,
     Published,
     StatusRecord,
+    vehicle_name,
 )
 from service.second_opinion import Verdict
 
@@ -46,6 +52,9 @@ class MavlinkSink:
 
     Each vehicle's attitudes, if ``attitudes``; and a text every ten seconds for as long as the
     autopilot's differs from ours, if ``announces``.
+
+    With ``appears_as`` the attitudes of the first vehicle are those of a vehicle of that address,
+    generic and in standby: what ground stations show. It answers nothing.
 
     Of several components of one system only the one seen first is sent: they
     would share one address. ``now_s`` is a monotonic clock, for the retries.
@@ -64,10 +73,13 @@ class MavlinkSink:
         *,
         attitudes: bool = True,
         announces: bool = False,
+        appears_as: VehicleId | None = None,
     ) -> None:
         self._endpoint = endpoint
         self._attitudes = attitudes
         self._announces = announces
+        self._appears_as = appears_as
+        self._shown: VehicleId | None = None  # the vehicle that appears so
         self._now_s = now_s
         self._transport = open_transport(endpoint)
         self._senders: dict[int, Sender] = {}
@@ -119,6 +131,8 @@ class MavlinkSink:
             self._forget(output.vehicle)
         if not isinstance(output, Published):
             return []
+        if self._appears_as is not None and isinstance(output.record, AttitudeRecord):
+            return self._frames_as(self._appears_as, output.vehicle, output.record)
         system, component = output.vehicle
         sender = self._senders.setdefault(system, Sender(output.vehicle))
         if sender.vehicle != output.vehicle or component == MAV_COMP_ID_ONBOARD_COMPUTER:
@@ -128,6 +142,22 @@ class MavlinkSink:
                 return []
             return sender.announcement(output.record, output.time_unix_us)
         return sender.frames(output.record) if self._attitudes else []
+
+    def _frames_as(
+        self, other: VehicleId, vehicle: VehicleId, record: AttitudeRecord
+    ) -> list[bytes]:
+        """Of the vehicle that appears as another one; never under an address that there is."""
+        if vehicle.system_id == other.system_id:
+            raise LinkError(
+                f"vehicle {vehicle_name(vehicle)} is there already, not shown as another"
+            )
+        self._shown = self._shown or vehicle
+        if vehicle != self._shown:
+            return []
+        return self._standing_in(other).frames(record)
+
+    def _standing_in(self, other: VehicleId) -> "Sender":
+        return self._senders.setdefault(other.system_id, Sender(other, is_vehicle=True))
 
     def _reopen(self) -> None:
         if self._retry_at_s is None or self._now_s() < self._retry_at_s:
@@ -143,9 +173,11 @@ class MavlinkSink:
 class Sender:
     """The frames of one vehicle, paced by the records' own times."""
 
-    def __init__(self, vehicle: VehicleId) -> None:
+    def __init__(self, vehicle: VehicleId, *, is_vehicle: bool = False) -> None:
         self.vehicle = vehicle
-        self._encoder = FrameEncoder(VehicleId(vehicle.system_id, MAV_COMP_ID_ONBOARD_COMPUTER))
+        self._is_vehicle = is_vehicle  # itself, rather than an onboard computer of it
+        component = vehicle.component_id if is_vehicle else MAV_COMP_ID_ONBOARD_COMPUTER
+        self._encoder = FrameEncoder(VehicleId(vehicle.system_id, component))
         self._attitude_due_us = 0
         self._heartbeat_due_us = 0
         self._announcement_due_us = 0
@@ -173,15 +205,20 @@ class Sender:
             late_us = now_us - self._attitude_due_us
             start_us = self._attitude_due_us if 0 <= late_us < period_us else now_us
             self._attitude_due_us = start_us + period_us
-            messages.append(
-                attitude_quaternion(record.time_boot_us, record.q_ned_frd, record.rate_rad_s)
-            )
+            messages.append(self._attitude(record))
         return [self._encoder.frame(message, now_us) for message in messages]
+
+    def _attitude(self, record: AttitudeRecord) -> Message:
+        if not self._is_vehicle:
+            return attitude_quaternion(record.time_boot_us, record.q_ned_frd, record.rate_rad_s)
+        return attitude(record.time_boot_us, euler_rad(record.q_ned_frd), record.rate_rad_s)
 
     def _heartbeats(self, now_us: int) -> list[Message]:
         if not _is_due(now_us, self._heartbeat_due_us, HEARTBEAT_US):
             return []
         self._heartbeat_due_us = now_us + HEARTBEAT_US
+        if self._is_vehicle:
+            return [heartbeat(MAV_TYPE_GENERIC, MAV_AUTOPILOT_GENERIC, MAV_STATE_STANDBY)]
         return [heartbeat(MAV_TYPE_ONBOARD_CONTROLLER, MAV_AUTOPILOT_INVALID)]
 
 

@@ -147,6 +147,9 @@ def test_ros_nodes_hear_of_the_vehicle(capfd, monkeypatch):
         (["--send-attitude", "sim:"], "--send-attitude"),
         (["--metrics", "0"], "65535"),
         (["--web", "0"], "65535"),
+        (["--as", "200:1"], "--send-attitude"),
+        (["--send-attitude", "udpout:127.0.0.1:9", "--as", "200"], "--as 200: should be"),
+        (["--send-attitude", "udpout:127.0.0.1:9", "--as", "0:1"], "--as 0:1: should be"),
         (["--send-attitude", "udpout:127.0.0.1"], "port"),
     ],
 )

@@ -1,9 +1,11 @@
 """What arrives at real sockets, decoded by pymavlink."""
 
+import math
 import socket
 
 import msgspec
 import pytest
+from pymavlink import mavutil
 from pymavlink.dialects.v20 import ardupilotmega
 
 from drivers.endpoint import parse_endpoint
@@ -68,6 +70,52 @@ def test_the_attitude_comes_from_the_onboard_computer_never_from_the_autopilot(r
         sent.rate_rad_s
     )
     assert attitude.time_boot_ms == 1000
+    sink.close()
+
+
+def test_as_a_vehicle_of_its_own_it_is_what_ground_stations_show(receiver):
+    """pymavlink's own view of the link, by which MAVProxy chooses what to show."""
+    sink = sink_to(receiver, appears_as=VehicleId(200, 1))
+    sink.handle(attitudes(2, 20_000) + attitudes(2, 20_000, VehicleId(8, 1)))
+    station = mavutil.mavlink_connection(f"udpout:127.0.0.1:{receiver.getsockname()[1]}")
+    got = messages(receiver)
+    for message in got:
+        station.post_message(message)
+    station.close()
+    assert [m.get_type() for m in got] == ["HEARTBEAT", "ATTITUDE", "ATTITUDE"]  # of vehicle 7 only
+    assert {(m.get_srcSystem(), m.get_srcComponent()) for m in got} == {(200, 1)}
+    assert station.probably_vehicle_heartbeat(got[0])
+    assert got[0].system_status == ardupilotmega.MAV_STATE_STANDBY
+    assert not got[0].base_mode & ardupilotmega.MAV_MODE_FLAG_SAFETY_ARMED
+    seen = station.sysid_state[200].messages["ATTITUDE"]
+    angles = [math.degrees(angle) for angle in (seen.roll, seen.pitch, seen.yaw)]
+    assert angles == pytest.approx([10.0, 20.0, 30.0], abs=1e-4)
+    sink.close()
+
+
+def test_it_answers_no_command(receiver):
+    sink = sink_to(receiver, appears_as=VehicleId(200, 1))
+    sink.handle(attitudes(1, 0))
+    _, peer = receiver.recvfrom(2048)
+    station = ardupilotmega.MAVLink(None, srcSystem=255)
+    arm = station.command_long_encode(
+        200, 1, ardupilotmega.MAV_CMD_COMPONENT_ARM_DISARM, 0, 1, *[0] * 6
+    )
+    receiver.sendto(arm.pack(station), peer)
+    ask = station.param_request_list_encode(200, 1)
+    receiver.sendto(ask.pack(station), peer)
+    messages(receiver)
+    sink.handle(attitudes(1, 0, start=10))
+    sink.handle(attitudes(1, 20_000, start=100))
+    assert {m.get_type() for m in messages(receiver)} <= {"HEARTBEAT", "ATTITUDE"}
+    sink.close()
+
+
+def test_an_address_that_is_there_is_not_taken(receiver):
+    sink = sink_to(receiver, appears_as=VehicleId(7, 1))
+    with pytest.raises(LinkError, match="vehicle 7 is there already"):
+        sink.handle(attitudes(1, 0))
+    assert messages(receiver) == []
     sink.close()
 
 
