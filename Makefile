@@ -10,7 +10,7 @@ VERSION = $(shell sed -n 's/^__version__ = "\(.*\)"$$/\1/p' fuzzbee/version.py)
 
 .PHONY: demo test warm smoke test-python setup style types release kernels build docs clean
 
-## demo: the simulated vehicle through the live service, attitudes in the terminal
+## demo: the simulated vehicle through the live service, judged by its truth, in the terminal
 demo: .venv/installed
 	$(BIN)/fuzzbee run sim:flight --seconds 60
 

@@ -2,6 +2,7 @@
 
 from typing import Any, NamedTuple
 
+from estimator.aiding import compass
 from estimator.aiding.phase import Phase
 from estimator.aiding.place import PlaceField
 from estimator.aiding.search import UNKNOWN_RAD
@@ -240,6 +241,17 @@ class Estimator:
         values = (time_us, *moved, *figures, state.norths[not has_heading])
         attitude: Attitude = _new(Attitude, values)
         return attitude
+
+    @property
+    def compass_doubt(self) -> str:
+        """Why the heading does not come from the field, in words; empty where nothing is doubted.
+
+        Velocity shows it then.
+        """
+        state = self._state
+        if state.source == AIDED or not state.settings.conditioned:
+            return ""
+        return compass.doubt(state.context.compass, state.core.time_us)
 
     @property
     def leaning_rad(self) -> float:

@@ -5,6 +5,7 @@ from concurrent.futures import Future
 from contextlib import ExitStack
 from typing import TYPE_CHECKING
 
+from drivers.source import SIM_MOTION
 from estimator.errors import InputError
 from estimator.estimator import Estimator
 from estimator.profile import Profile
@@ -22,6 +23,7 @@ from fuzzbee.serving import (
     run_loop,
     summary,
 )
+from fuzzbee.truth_score import ScoredPipeline, TruthScore
 from fuzzbee.zenoh_options import opened
 from service.compiling import BEGUN, Compiling
 from service.parameters import ParameterRequests
@@ -62,13 +64,17 @@ def serve(options: RunOptions, opening: OpeningSession | None) -> int:
         recorder = open_recorder(options.record, stack)
         retuning = _open_retuning(options, requests, stack)
         pipeline = _pipeline(profile, options, retuning)
+        if prepared.endpoint.kind == "sim":
+            pipeline.score = TruthScore(prepared.endpoint.path or SIM_MOTION)
         with closed_if_unused() as sinks:
             open_zenoh_sink(sinks, session, options, profile, requests, conflicts)
             outputs.open_outputs(sinks, options.outputs, session, options.zenoh.prefix, profile)
             interprets = not is_there and is_kept()
             if not is_there and not interprets:
                 _load(profile, options.gain)
-            sinks.append(open_view(options))  # which prints what the source says
+            view = open_view(options)  # which prints what the source says
+            view.score = pipeline.score
+            sinks.append(view)
             source = open_source(prepared.endpoint, options, prepared.key, recorder, stack)
             if recorder is not None and retuning is not None:
                 sinks.append(RecordingSink(recorder))
@@ -99,6 +105,10 @@ def serve(options: RunOptions, opening: OpeningSession | None) -> int:
         refused=pipeline.refused_frames,
         recording=recordings.word,
     )
+    if pipeline.score is not None:
+        result["truth"] = pipeline.score.result()
+        if pipeline.score.verdict() and not options.as_json:
+            say(pipeline.score.verdict())
     problems = [failure, *conflicts]
     return conclude(options, result, outbox, problems, was_stopped=runner.was_stopped)
 
@@ -114,9 +124,9 @@ def _open_retuning(
     return stack.enter_context(Retuning(requests, options.gain))
 
 
-def _pipeline(profile: Profile, options: RunOptions, retuning: "Retuning | None") -> Pipeline:
+def _pipeline(profile: Profile, options: RunOptions, retuning: "Retuning | None") -> ScoredPipeline:
     """The pipeline, whose estimators speak with the process that retunes."""
-    pipeline = Pipeline(
+    pipeline = ScoredPipeline(
         profile,
         system_id=options.system_id,
         new_estimator=lambda chosen: (

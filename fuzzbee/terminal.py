@@ -17,6 +17,8 @@ from service.records import Departed, Message, Output, Published, vehicle_name
 if TYPE_CHECKING:
     from rich.live import Live
 
+    from fuzzbee.truth_score import TruthScore
+
 REFRESH_HZ = 8
 LINE_PERIOD_S = 1.0
 MESSAGE_S = 8.0  # so long a message stands at the foot of one vehicle's screen
@@ -59,6 +61,7 @@ class TerminalView:
         self.one: str | None = None  # the vehicle that is shown alone
         self.cursor: str | None = None  # the vehicle that Enter shows alone
         self.keys = ""  # what the keys do, if there are any
+        self.score: TruthScore | None = None  # of the vehicle in process
         self._console = console
         self._messages = messages
         self._title = title
@@ -101,7 +104,8 @@ class TerminalView:
         rows = [row for row in self.board.rows() if self.one in (None, row.name)]
         if rows:
             self._next_line_s = now_s + LINE_PERIOD_S
-            for text in lines(rows, now_s):
+            truth = "" if self.score is None else f"  {self.score.line}"
+            for text in (line + truth for line in lines(rows, now_s)):
                 self._console.print(text, markup=False, highlight=False, soft_wrap=True)
 
     def close(self) -> None:
@@ -139,7 +143,8 @@ class TerminalView:
                 foot = self._said if is_said else self.keys
                 width, height = size.width, size.height - 1
                 return one_vehicle(rows[0], self._now_s(), width, height, self._console, foot)
-        look = Look(self._title, self.keys, self.cursor)
+        foot = self.keys if self.score is None else self.score.line
+        look = Look(self._title, foot, self.cursor)
         return table(rows, self._now_s(), size.width, size.height, look)
 
     @property

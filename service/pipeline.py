@@ -276,7 +276,8 @@ class Pipeline:
         if vehicle.profile != profile:
             self._own(vehicle.address)
             self._change_profile(vehicle, profile)
-        return [Message(f"{who}, profile {name}")]
+        noise = "" if profile.conditioned else " (signals so noisy that 5 to 10° remain)"
+        return [Message(f"{who}, profile {name}{noise}")]
 
     def _reset_clock(self, vehicle: Vehicle, event: ClockReset) -> list[Output]:
         """After a reboot another vehicle may have the address of fuzzbee's own."""

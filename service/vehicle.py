@@ -95,6 +95,7 @@ class Vehicle:
         self.has_unfit_profile = False  # by the vehicle's own word
         self._alarms = Alarms()
         self._alarms_told: frozenset[Alarm] = frozenset()
+        self._compass_told: set[str] = set()
         self.second_opinion = SecondOpinion()
         self._differed = False  # at the last look
         self._filter_word: FilterWord | None = None
@@ -575,7 +576,15 @@ class Vehicle:
         self._alarms.look(sample, arrival_us, attitude, profile, place, leaning_rad, axes)
         if any(axes):  # another one does no harm, and each second with this one does
             self._choice = imu_choice.doubt(self._choice)
-        return self._tell_alarms(event.arrival_us)
+        return self._tell_compass(event.arrival_us) + self._tell_alarms(event.arrival_us)
+
+    def _tell_compass(self, now_us: int) -> list[str]:
+        """Why the heading's sigma is 45 degrees, once for each reason."""
+        why = self.estimator.compass_doubt
+        if not why or why in self._compass_told:
+            return []
+        self._compass_told.add(why)
+        return self._say([f"heading ±45° until velocity shows it: {why}"], now_us)
 
     def _tell_alarms(self, now_us: int) -> list[str]:
         """The alarms that have begun or ended since they were told last."""

@@ -30,11 +30,16 @@ UNTOUCHED = Compass()  # nothing speaks against it
 
 def is_trusted(compass: Compass, time_us: int) -> bool:
     """Whether its field is trusted at ``time_us``."""
-    return (
-        compass.declared_calibrated
-        and not _is_recent(compass.unlike_us, time_us, UNLIKE_US)
-        and not _is_recent(compass.misled_us, time_us, DISTRUST_US)
-    )
+    return not doubt(compass, time_us)
+
+
+def doubt(compass: Compass, time_us: int) -> str:
+    """What speaks against it at ``time_us``, in words; empty if nothing does."""
+    if not compass.declared_calibrated:
+        return "nobody has calibrated the compass"
+    if _is_recent(compass.misled_us, time_us, DISTRUST_US):
+        return "the compass has misled twice"
+    return "the field is not like this place's" * _is_recent(compass.unlike_us, time_us, UNLIKE_US)
 
 
 def declare(compass: Compass, is_calibrated: bool) -> Compass:

@@ -1,0 +1,157 @@
+"""The estimate beside the truth of the vehicle in process: live, and as a verdict at the end."""
+
+from collections.abc import Iterator
+from math import acos, atan2, degrees, hypot, sqrt
+from typing import Any, NamedTuple
+
+from drivers.events import Event, ReferenceAttitude
+from drivers.mavlink.usual_frames import Readings
+from drivers.simulation.flight import ALOFT_S, EIGHTS_S, MAGNET_S, ROUND_S, SET_DOWN_S, SILENCE_S
+from estimator.geometry.quaternion import conjugate, multiply
+from estimator.types import Attitude, Quaternion
+from service.pipeline import Pipeline
+from service.records import Message, Output
+
+SMOOTHED = 0.02  # share of a new error in the one that is shown
+PAPER = "the paper's signals are that noisy: 0.2 rad/s and 5 % of the vectors, and biased"
+RELEASED = "somebody still sets the copter down: who aligns now starts wrong"
+
+
+class Chapter(NamedTuple):
+    """A part of a flight: when it is in the round (s), what is said as it begins, and its name."""
+
+    begin_s: float
+    end_s: float
+    line: str
+    name: str
+
+
+FLIGHT = (
+    Chapter(0.0, SET_DOWN_S, RELEASED, "while it was set down by hand"),
+    Chapter(*MAGNET_S, "a magnet of twice the Earth's field passes", "beside the magnet"),
+    Chapter(*SILENCE_S, "nothing is heard for 0.9 s", "in the silence"),
+    Chapter(SILENCE_S[1], SILENCE_S[1] + 2.0, "", "just after the silence"),
+    Chapter(ALOFT_S[0], EIGHTS_S[0][0] + 4.0, "", "in the climb, before velocity had shown much"),
+    *(Chapter(*span, "", "in the figures of eight") for span in EIGHTS_S),
+)
+
+
+class Off(NamedTuple):
+    """How far an attitude is from the truth, and sigma of both (deg)."""
+
+    total: float
+    inclination: float
+    heading: float
+    inclination_sigma: float
+    heading_sigma: float
+
+
+class TruthScore:
+    """Errors so far of one vehicle, whose ``motion`` tells what happens when."""
+
+    def __init__(self, motion: str) -> None:
+        self._chapters = FLIGHT if motion == "flight" else ()
+        self._why = "" if motion == "flight" else PAPER
+        self._begin_us: int | None = None
+        self._told: set[tuple[int, str]] = set()
+        self._count = 0
+        self._squares = [0.0, 0.0, 0.0]
+        self._inside = [0, 0]
+        self._smooth: list[float] = []
+        self._worst: tuple[Off, float] | None = None
+        self.line = ""  # for the view
+
+    def look(self, time_us: int, attitude: Attitude | None, truth: Quaternion) -> list[str]:
+        """Take the attitude of a sample and the truth then; what is to be told."""
+        self._begin_us = time_us if self._begin_us is None else self._begin_us
+        time_s = 1e-6 * (time_us - self._begin_us)
+        if attitude is not None:
+            self._add(off_truth(attitude, truth), time_s)
+        return [*self._news(time_s)]
+
+    def _news(self, time_s: float) -> Iterator[str]:
+        number, in_round_s = divmod(time_s, ROUND_S)
+        for chapter in self._chapters:
+            key = (int(number), chapter.line)
+            is_now = chapter.begin_s <= in_round_s < chapter.end_s
+            if is_now and chapter.line and key not in self._told:
+                self._told.add(key)
+                yield f"now: {chapter.line}"
+
+    def _add(self, off: Off, time_s: float) -> None:
+        self._count += 1
+        self._squares = [a + b * b for a, b in zip(self._squares, off, strict=False)]
+        self._inside[0] += off.inclination <= off.inclination_sigma
+        self._inside[1] += off.heading <= off.heading_sigma
+        before = self._smooth or off[:3]
+        self._smooth = [a + SMOOTHED * (b - a) for a, b in zip(before, off, strict=False)]
+        if self._worst is None or off.total > self._worst[0].total:
+            self._worst = off, time_s
+        total, inclination, heading = self._smooth
+        self.line = f"truth: {total:.1f}° off (horizon {inclination:.1f}°, heading {heading:.1f}°)"
+
+    def result(self) -> dict[str, Any] | None:
+        """The verdict as numbers (deg), None if nothing was compared."""
+        if self._worst is None:
+            return None
+        rms = [round(sqrt(square / self._count), 3) for square in self._squares]
+        off, time_s = self._worst
+        return {
+            "rms_deg": dict(zip(("total", "inclination", "heading"), rms, strict=True)),
+            "coverage": {
+                "inclination": round(self._inside[0] / self._count, 3),
+                "heading": round(self._inside[1] / self._count, 3),
+            },
+            "worst_deg": round(off.total, 2),
+            "worst_s": round(time_s, 2),
+            "worst_when": self._when(time_s),
+        }
+
+    def verdict(self) -> str:
+        """The same in words; empty if nothing was compared."""
+        result = self.result()
+        if result is None:
+            return ""
+        rms, inside = result["rms_deg"], result["coverage"]
+        when = f", {result['worst_when']}" if result["worst_when"] else ""
+        why = f"; {self._why}" if self._why else ""
+        return (
+            f"beside the truth: {rms['total']:.1f}° RMS (horizon {rms['inclination']:.1f}°,"
+            f" heading {rms['heading']:.1f}°); under sigma {inside['inclination']:.0%} and"
+            f" {inside['heading']:.0%} of the errors (68 % is honest, more is careful);"
+            f" worst {result['worst_deg']:.1f}° at {result['worst_s']:.1f} s{when}{why}"
+        )
+
+    def _when(self, time_s: float) -> str:
+        in_round_s = time_s % ROUND_S
+        here = [each for each in self._chapters if each.begin_s <= in_round_s < each.end_s]
+        return here[0].name if here else ""
+
+
+class ScoredPipeline(Pipeline):
+    """A pipeline whose vehicle tells the truth after each sample."""
+
+    score: TruthScore | None = None
+
+    def handle(self, event: Event | Readings) -> list[Output]:
+        """See :class:`Pipeline`; and compare the attitude with the truth."""
+        outputs = super().handle(event)
+        if self.score is None or not isinstance(event, ReferenceAttitude) or event.source != "sim":
+            return outputs
+        vehicle = self.vehicle(event.vehicle)
+        if vehicle is None:
+            return outputs
+        estimator = vehicle.estimator
+        attitude = estimator.attitude(event.time_us) if estimator.aligned else None
+        lines = self.score.look(event.time_us, attitude, event.q_ned_frd)
+        return [*outputs, *(Message(line) for line in lines)]
+
+
+def off_truth(attitude: Attitude, truth: Quaternion) -> Off:
+    """The errors of an attitude."""
+    w, _, _, z = multiply(attitude.q_ned_frd, conjugate(truth))
+    total = 2.0 * acos(min(1.0, abs(w)))
+    inclination = 2.0 * acos(min(1.0, hypot(w, z)))
+    heading = 2.0 * atan2(abs(z), abs(w))
+    sigmas = attitude.sigma_inclination_rad, attitude.sigma_heading_rad
+    return Off(*map(degrees, (total, inclination, heading, *sigmas)))
