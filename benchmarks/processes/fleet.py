@@ -1,58 +1,62 @@
 """The vehicles of the live benchmark: ``fleet.py PORT VEHICLES HZ SECONDS OUT [FEW FROM TO]``.
 
-The simulated vehicles of ``fuzzbee sim``, on UDP; beside it, OUT (.npy) gets the sender and the
-Unix time in ns of every datagram, taken right before it was sent. With FEW only so many send, but
-for the time FROM to TO, in s since the start.
+The simulated vehicles of ``fuzzbee sim``, on UDP: what they say is made before they begin, so that
+to send it costs little. The autopilot's ATTITUDE is stamped between the IMU's samples, as real ones
+do. OUT (.npy) gets the sender and the Unix time in ns of every datagram, taken right before it was
+sent. With FEW only so many send, but for the time FROM to TO, in s since the start.
 """
 
+import gc
+import socket
 import sys
 import time
 from array import array
-from typing import Any
+from contextlib import suppress
 
 import numpy as np
 
-from drivers.endpoint import parse_endpoint
-from drivers.mavlink.transports.open import open_transport
 from drivers.simulation.autopilot import VehicleOptions
-from drivers.simulation.fleet import Fleet, run_vehicles
+from drivers.simulation.fleet import Fleet
 
 # where a MAVLink 2 header has them
 SYSTEM_ID, COMPONENT_ID = 5, 6
 
 
-class NotingTransport:
-    """A transport that notes whose datagram left when."""
+APART_US = 7_000
+LATE_S = 0.001  # a datagram leaves this late at most, where there is time
 
-    def __init__(self, port: int, few: int, burst_s: tuple[float, float]) -> None:
-        self._few = few
-        self._burst_s = burst_s
-        self._start_s = time.monotonic()
-        self._transport = open_transport(parse_endpoint(f"udpout:127.0.0.1:{port}"))
-        self.sent = array("q")
 
-    def __getattr__(self, name: str) -> Any:
-        return getattr(self._transport, name)
-
-    def send(self, data: bytes) -> None:
-        """Note the time, and send, if this vehicle does now."""
-        vehicle = 1000 * (data[COMPONENT_ID] - 1) + data[SYSTEM_ID]
-        begin_s, end_s = self._burst_s
-        if vehicle > self._few and not begin_s <= time.monotonic() - self._start_s < end_s:
-            return
-        self.sent.append(vehicle)
-        self.sent.append(time.time_ns())
-        self._transport.send(data)
+def sayings(options: VehicleOptions, vehicles: int, seconds: float) -> list[tuple[float, bytes]]:
+    """All that vehicles say, and when."""
+    fleet, said = Fleet(options, vehicles), []
+    while fleet.due_us <= seconds * 1e6:
+        due_us = fleet.due_us
+        fleet.send_due(due_us, 0, lambda data, due_us=due_us: said.append((due_us, data)))
+    return said
 
 
 def main() -> None:
     port, vehicles, rate_hz, seconds, out, *burst = sys.argv[1:]
     few, *burst_s = map(float, burst or ("1e9", "0", "0"))
-    fleet = Fleet(VehicleOptions(rate_hz=float(rate_hz)), int(vehicles))
-    transport = NotingTransport(int(port), int(few), (burst_s[0], burst_s[1]))
-    transport.open()
-    run_vehicles(fleet, transport, lambda: False, float(seconds))
-    np.save(out, np.array(transport.sent, np.int64).reshape(-1, 2))
+    options = VehicleOptions(rate_hz=float(rate_hz))
+    said = sayings(options, int(vehicles), float(seconds))
+    gc.freeze()
+    print("ready", flush=True)
+    sys.stdin.readline()
+    sent, start_ns = array("q"), time.time_ns()
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as wire:
+        wire.connect(("127.0.0.1", int(port)))
+        for due_us, data in said:
+            vehicle = 1000 * (data[COMPONENT_ID] - 1) + data[SYSTEM_ID]
+            if vehicle > few and not burst_s[0] <= 1e-6 * due_us < burst_s[1]:
+                continue
+            wait_s = 1e-6 * due_us - 1e-9 * (time.time_ns() - start_ns)
+            if wait_s > LATE_S:
+                time.sleep(wait_s)
+            sent.extend((vehicle, time.time_ns()))
+            with suppress(ConnectionRefusedError):  # nobody listens any more
+                wire.send(data)
+    np.save(out, np.array(sent, np.int64).reshape(-1, 2))
 
 
 if __name__ == "__main__":

@@ -59,11 +59,6 @@ def run(
     port, endpoint = free_port(socket.SOCK_DGRAM), f"tcp/127.0.0.1:{free_port()}"
     with tempfile.TemporaryDirectory() as folder:
         sent, seen = Path(folder, "sent.npy"), Path(folder, "seen.npy")
-        service = begin_service(port, endpoint, shape.publish_hz)
-        # nobody reads it else, and a pipe that is full would stop the service
-        threading.Thread(target=service.stderr.read, daemon=True).start()  # type: ignore[union-attr]
-        subscriber = start("subscriber.py", endpoint, str(seen))
-        await_word(subscriber.stdout, "ready")
         numbers = (
             port,
             shape.vehicles,
@@ -74,6 +69,14 @@ def run(
             *shape.burst_s,
         )
         fleet = start("fleet.py", *map(str, numbers))
+        await_word(fleet.stdout, "ready")
+        service = begin_service(port, endpoint, shape.publish_hz)
+        # nobody reads it else, and a pipe that is full would stop the service
+        threading.Thread(target=service.stderr.read, daemon=True).start()  # type: ignore[union-attr]
+        subscriber = start("subscriber.py", endpoint, str(seen))
+        await_word(subscriber.stdout, "ready")
+        assert fleet.stdin is not None
+        print(file=fleet.stdin, flush=True)
         start_ns = time.time_ns()
         meanwhile(service, [subscriber.pid, fleet.pid])
         fleet.wait()

@@ -31,6 +31,7 @@ STALL_S = 0.15
 ALONE_S = 2.0
 # A newcomer's frames wait for longer: nobody has an attitude of it yet that could grow old.
 NEWCOMER_PATIENCE_S = 0.5
+MOST_OF_NEWCOMER = 256
 # Whoever has not looked for so long was stopped: what has piled up is not gone through one by one.
 STOPPED_S = 0.25
 # So many frames are decoded at one go, before whoever takes them can do something else: 1 ms or so.
@@ -38,6 +39,8 @@ MOST_AT_ONCE = 64
 # A sender's first IMU sample costs as much as a hundred later ones (an estimator begins): so many
 # senders begin at one go, so that they do not make everybody else wait.
 MOST_NEWCOMERS = 1
+# But for as many as begin in the time since the last one did: where all else takes long, too.
+NEWCOMER_S = 0.003
 # What cannot be left out is bounded, too: the oldest goes, and is counted.
 MOST_WAITING = 50_000
 
@@ -72,6 +75,26 @@ class _Turn:
         self.since_s = since_s
 
 
+class Patience:
+    """Tells when frames have waited for too long, which a stall that comes alone may last."""
+
+    def __init__(self) -> None:
+        self._short_s = -math.inf  # when nothing had waited for long
+        self._folded_s = -math.inf  # when something was left out
+
+    def is_out(self, since_s: float | None, now_s: float) -> bool:
+        """Whether some of what has waited ``since_s`` is to be left out; None: nothing waits."""
+        if since_s is None or now_s - since_s <= PATIENCE_S:
+            self._short_s = now_s
+            return False
+        is_alone = now_s - self._folded_s > ALONE_S
+        return not is_alone or now_s - self._short_s > STALL_S
+
+    def note_folded(self, now_s: float) -> None:
+        """Something was left out."""
+        self._folded_s = now_s
+
+
 class Backlog:
     """Frames in the order of their turn. Times are given, in s.
 
@@ -91,8 +114,7 @@ class Backlog:
         self._has_come = bytearray(1 << 16)  # by address: whether an IMU sample was taken
         self._uncounted: Counter[tuple[VehicleId, str]] = Counter()
         self._looked_s: float | None = None
-        self._short_s = -math.inf  # when nothing had waited for long
-        self._folded_s = -math.inf  # when something was left out
+        self._patience = Patience()
 
     def __len__(self) -> int:
         return len(self._turns) + sum(map(len, self._newcomers.values()))
@@ -104,12 +126,13 @@ class Backlog:
         """Put frames at the end, or in the place of older ones of their streams."""
         arrived = [each for each in arrived if not self._is_newcomers(each, now_s)]
         turns = self._turns
-        if self._is_too_much(now_s):
+        since_s = turns[0].since_s if turns else None
+        if self._patience.is_out(since_s, now_s) and self._streams is None:
             self.fold()
         if self._streams is None:
             turns.extend([_Turn(each, now_s) for each in arrived])
         else:
-            self._folded_s = now_s
+            self._patience.note_folded(now_s)
             for each in arrived:
                 self._put(each, now_s, self._streams)
         while len(self._turns) > self._most_waiting:
@@ -118,17 +141,43 @@ class Backlog:
 
     def note_look(self, now_s: float) -> None:
         """All that has arrived is here now; to be called again and again, if nothing has, too."""
-        if self._looked_s is not None and now_s - self._looked_s > STOPPED_S:
+        if self.was_stopped(now_s):
             self.fold()
         self._looked_s = now_s
 
-    def take(self) -> list[Arrived]:
-        """The next frames."""
+    def was_stopped(self, now_s: float) -> bool:
+        """Whether nobody has looked for long."""
+        return self._looked_s is not None and now_s - self._looked_s > STOPPED_S
+
+    def passes_by(self, sender: int) -> bool:
+        """Whether a sender's frames need not wait here: it is no newcomer.
+
+        By address, as ``system << 8 | component``.
+        """
+        return self._has_come[sender] == 1
+
+    @property
+    def senders(self) -> set[int]:
+        """Whose frames wait for their turn, by address."""
+        frames = (turn.arrived.frame for turn in self._turns)
+        return {frame.system_id << 8 | frame.component_id for frame in frames}
+
+    def note_shed(self, shed: Counter[tuple[VehicleId, str]]) -> None:
+        """Count IMU samples that were left out."""
+        self._uncounted += shed
+        self.shed += shed.total()
+
+    def take(self, since_s: float = 0.0) -> list[Arrived]:
+        """The next frames, ``since_s`` after the last ones: newcomers get half of the time."""
+        newcomers = max(MOST_NEWCOMERS, int(since_s / NEWCOMER_S))
         taken = [self._remove_first() for _ in range(min(MOST_AT_ONCE, len(self._turns)))]
         if not self._turns:
             self._streams = None  # all is done: what comes now can be handled, too
-        for address in list(islice(self._newcomers, MOST_NEWCOMERS)):
-            taken += [turn.arrived for turn in self._newcomers.pop(address)]
+        for address in list(islice(self._newcomers, newcomers)):
+            turns = self._newcomers.pop(address)
+            if turns[-1].since_s - turns[0].since_s > NEWCOMER_PATIENCE_S:
+                turns = self._newest(turns)
+            taken += [turn.arrived for turn in turns]
             self._has_come[address] = True
         return taken
 
@@ -149,15 +198,6 @@ class Backlog:
         self._uncounted.clear()
         return shed
 
-    def _is_too_much(self, now_s: float) -> bool:
-        """Whether frames have waited for so long that some are to be left out."""
-        turns = self._turns
-        if not turns or now_s - turns[0].since_s <= PATIENCE_S:
-            self._short_s = now_s
-            return False
-        is_alone = now_s - self._folded_s > ALONE_S
-        return self._streams is None and (not is_alone or now_s - self._short_s > STALL_S)
-
     def _is_newcomers(self, arrived: Arrived, now_s: float) -> bool:
         """Keep a frame of who has an IMU of which no sample was taken yet; False for all else."""
         frame = arrived.frame
@@ -170,7 +210,7 @@ class Backlog:
                 return False
             turns = self._newcomers[address] = []
         turns.append(_Turn(arrived, now_s))
-        if now_s - turns[0].since_s > NEWCOMER_PATIENCE_S:
+        if len(turns) >= MOST_OF_NEWCOMER:
             self._newcomers[address] = self._newest(turns)
         return True
 

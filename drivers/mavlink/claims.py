@@ -4,7 +4,8 @@ A flood of heartbeats costs as much to read as samples do, and none of it is wan
 without an IMU has a budget of packets a second, and all of them together have one.
 """
 
-from drivers.mavlink.framing import Frame
+from collections.abc import Iterable
+
 from drivers.mavlink.imu_messages import IMU_MESSAGES
 
 PACKETS_HZ = 200.0  # of a peer without an IMU: a ground station sends a tenth of that
@@ -53,11 +54,15 @@ class Claims:
         self.refused += 1
         return False
 
-    def note(self, peer: str, frames: list[Frame], now_s: float) -> None:
-        """Frames of ``peer`` were let in."""
-        if self._until_s.get(peer, 0.0) > now_s + 0.5 * CLAIM_S:
+    def is_aging(self, peer: str, now_s: float) -> bool:
+        """Whether it is time that an IMU sample of ``peer`` is noted again."""
+        return self._until_s.get(peer, 0.0) <= now_s + 0.5 * CLAIM_S
+
+    def note(self, peer: str, messages: Iterable[int], now_s: float) -> None:
+        """Frames of ``peer`` were let in, of these messages."""
+        if not self.is_aging(peer, now_s):
             return
-        if any(frame.message_id in IMU_MESSAGES for frame in frames):
+        if any(number in IMU_MESSAGES for number in messages):
             if len(self._until_s) >= MOST_PEERS:
                 self._until_s = {k: s for k, s in self._until_s.items() if s > now_s}
             self._until_s[peer] = now_s + CLAIM_S

@@ -114,21 +114,30 @@ class MavlinkDecoder:
         return events_of(self.readings_of(arrived))
 
     def readings_of(self, arrived: Sequence[Arrived]) -> list[Event | Readings]:
-        """The same, with what nearly all frames say as rows."""
+        """The same, with what nearly all frames say as rows; in order for each sender."""
         if is_interpreting() or not is_compiled_code():
             return [event for us, frame in arrived for event in self.events(frame, us)]
+        return self.read(Batch.of(arrived), lambda k: arrived[k].frame) if arrived else []
+
+    def read(self, batch: Batch, frame_of: Callable[[int], Frame]) -> list[Event | Readings]:
+        """What a batch's frames say, of which ``frame_of`` makes the k-th."""
         if self._usual is None:
             self._usual = UsualFrames(MOST_SENDERS, takes_attitude=not self._references)
         found: list[Event | Readings] = []
-        usual, batch, k = self._usual, Batch(arrived), 0
-        while k < len(arrived):
-            end = usual.read(batch, k)
-            if end > k:
-                found.append(usual.readings(batch, k, end))
-            if end < len(arrived):
-                arrival_us, frame = arrived[end]
-                found += self.events(frame, arrival_us)
-            k = end + 1
+        left = True
+        while left:
+            readings = self._usual.read(batch)
+            if readings is not None:
+                found.append(readings)
+            waiting, seen = batch.waiting.nonzero()[0].tolist(), set()
+            for k in waiting:
+                frame = frame_of(k)
+                address = frame.system_id, frame.component_id
+                if address not in seen:  # the first of each sender's
+                    seen.add(address)
+                    batch.waiting[k] = 0
+                    found += self.events(frame, int(batch.arrivals_us[k]))
+            left = len(waiting) > len(seen)
         return found
 
     def _events(self, sender: _Sender, frame: Frame, arrival_us: int) -> list[Event]:

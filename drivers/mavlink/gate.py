@@ -64,6 +64,16 @@ class FrameGate:
                 let_in.append(frame)
         return let_in
 
+    @property
+    def is_open(self) -> bool:
+        """Whether nothing is asked of frames but that an address has one sender."""
+        return self._policy == _NO_POLICY
+
+    def knows(self, address: tuple[int, int], peer: str) -> bool:
+        """Whether this peer's frames of that address were let in."""
+        sender = self._senders.get(address)
+        return sender is not None and sender.peer == peer
+
     def lets_in_as_before(self, address: tuple[int, int], peer: str, arrival_us: int) -> bool:
         """Let a known sender's frames in, where nothing else is asked of them.
 

@@ -150,14 +150,14 @@ def imu_stream_name(name: str, number: int) -> str:
 
 def has_imu_number(message_id: int) -> bool:
     """Whether a message says in its field ``id`` which of the vehicle's IMUs it comes from."""
-    return _number_at(message_id) is not None
+    return number_at(message_id) is not None
 
 
 def imu_number(frame: Frame) -> int:
     """The number of the vehicle's IMU that the frame tells in its field ``id``, or 0."""
     if frame.message_id not in IMU_MESSAGES:
         return 0
-    at = _number_at(frame.message_id)
+    at = number_at(frame.message_id)
     if at is None:
         return 0
     at += frame.payload_at
@@ -165,7 +165,7 @@ def imu_number(frame: Frame) -> int:
 
 
 @cache
-def _number_at(message_id: int) -> int | None:
+def number_at(message_id: int) -> int | None:
     """Where the field ``id`` stands in the payload; None if the message has none, or has arrays."""
     known = layout(message_id)
     if known is None or "id" not in known.names:

@@ -8,15 +8,23 @@ onboard computer; never from a ground station.
 
 import logging
 import time
-from collections import OrderedDict, deque
+from collections import Counter, OrderedDict, deque
 from collections.abc import Iterator
-from typing import Self
+from typing import Any, NamedTuple, Self
+
+import numpy as np
 
 from drivers.closing import Closing
 from drivers.endpoint import Endpoint
 from drivers.events import Event, LinkDown, LinkUp, Malformed, Notice, VehicleId
 from drivers.mavlink.background_recorder import BackgroundRecorder
-from drivers.mavlink.backlog import MOST_WAITING, Arrived, Backlog, waiting_clock_s
+from drivers.mavlink.backlog import (
+    MOST_WAITING,
+    Arrived,
+    Backlog,
+    Patience,
+    waiting_clock_s,
+)
 from drivers.mavlink.claims import Claims
 from drivers.mavlink.constants import (
     MAV_AUTOPILOT_INVALID,
@@ -31,14 +39,15 @@ from drivers.mavlink.gate import FrameGate, Policy
 from drivers.mavlink.hearing import Hearing
 from drivers.mavlink.opening import Opening
 from drivers.mavlink.recorder import Recorder
-from drivers.mavlink.scanning import Scanner, frame_of
+from drivers.mavlink.scanning import BEGIN, MESSAGE, STOP, Scanned, Scanner
 from drivers.mavlink.sequences import SequenceWatch
 from drivers.mavlink.stream_request import Outgoing, StreamRequest
 from drivers.mavlink.taker import FrameTaker
 from drivers.mavlink.transports.open import open_transport
 from drivers.mavlink.transports.sockets import SOCKET_BUFFER_BYTES
 from drivers.mavlink.transports.transport import LinkError, Packet
-from drivers.mavlink.usual_frames import Readings, events_of
+from drivers.mavlink.triage import newest
+from drivers.mavlink.usual_frames import Batch, Readings, events_of
 from estimator.compilation.compiled import is_compiled_code
 from estimator.compilation.interpreted import is_interpreting
 from estimator.errors import InputError
@@ -54,6 +63,9 @@ GATHER_S = 0.001
 LEAD_S = 0.002
 LONGEST_REST_S = 0.02
 CLOSE_S = 0.5
+LONGEST_BUSY_S = 0.05  # that newcomers get as much of
+# So many frames that need not wait are read at one go: 1 ms or so where Python reads few of them.
+MOST_PASSING = 256
 # back-off between attempts; a vehicle that returns is read again within 1 s
 FIRST_RETRY_S = 0.1
 LONGEST_RETRY_S = 1.0
@@ -61,6 +73,14 @@ HEARTBEAT_S = 1.0
 LOSS_TOLD_S = 60.0
 
 _logger = logging.getLogger(__name__)
+
+
+class _Passing(NamedTuple):
+    """Frames that are read without waiting for their turn, from ``begin`` on."""
+
+    scanned: Scanned
+    arrivals_us: Any
+    begin: int = 0
 
 
 class MavlinkLink(Closing):
@@ -98,6 +118,9 @@ class MavlinkLink(Closing):
         self._background: BackgroundRecorder | None = None
         self._request = None if request_rate_hz is None else StreamRequest(request_rate_hz)
         self._backlog = Backlog(most_waiting)
+        self._passing: _Passing | None = None  # what need not wait there
+        self._patience = Patience()
+        self._read_clock_s = waiting_clock_s()  # at the end of the last look
         self._events: list[Event] = []  # to be drained next
         self._decoder = MavlinkDecoder(references=references)
         self._taker = taker
@@ -120,6 +143,7 @@ class MavlinkLink(Closing):
         self._has_data = False
         self._has_just_read = False
         self._read_s = 0.0  # when something was read last
+        self._taken_s = time.monotonic()  # when something was taken out of the backlog last
         self._retry_s = FIRST_RETRY_S
         self._retry_due_s = 0.0
         self._announce_due_s = 0.0
@@ -184,15 +208,17 @@ class MavlinkLink(Closing):
         """
         if self._is_closed:
             return []
-        wait_s = 0.0 if self._backlog or self._events else max(0.0, timeout_s)
-        if self._is_open:
-            self._receive(wait_s)
-        else:
-            self._reopen(wait_s)
+        waits = self._backlog or self._events or self._passing is not None
+        wait_s = 0.0 if waits else max(0.0, timeout_s)
+        if self._passing is None:  # what is newer is read when that is done
+            (self._receive if self._is_open else self._reopen)(wait_s)
         now_us = _unix_us()
         found: list[Event | Readings] = [*self._events]
         self._events.clear()
-        found += self._decoder.readings_of(self._backlog.take())
+        found += self._read_passing()
+        if self._passing is None:
+            since_s, self._taken_s = time.monotonic() - self._taken_s, time.monotonic()
+            found += self._decoder.readings_of(self._backlog.take(min(since_s, LONGEST_BUSY_S)))
         found += self._backlog.take_shed(now_us)
         if self._request is not None:
             found[:] = events = events_of(found)
@@ -217,6 +243,7 @@ class MavlinkLink(Closing):
             now_s = time.monotonic()
             self._handle(packets, now_s)
             self._backlog.note_look(now_s)
+            self._read_clock_s = waiting_clock_s()
             silence = self._hearing.silence(now_s, is_up=self._is_up, has_data=self._has_data)
             self._tell(silence, _unix_us())
             self._send_due()
@@ -276,9 +303,14 @@ class MavlinkLink(Closing):
         now_us = _unix_us()
         packets = [p for p in packets if not p.data or self._claims.admits(p.peer, now_s)]
         scanned = self._scan(packets)
+        if scanned is not None and self._taker is None and self._is_late(now_s):
+            packets, scanned = self._thin_out(packets, scanned)
         waiting: list[Arrived] = []
-        for k, (peer, data, stamp_us) in enumerate(packets):
-            arrival_us = stamp_us or now_us
+        away = self._backlog.senders  # whose frames wait, or are unusual
+        passing: list[int] = []  # packets that need not wait
+        arrivals_us = [stamp_us or now_us for _, _, stamp_us in packets]
+        for k, (peer, data, _) in enumerate(packets):
+            arrival_us = arrivals_us[k]
             if not data:
                 self._readers.pop(peer, None)
                 self._gate.forget(peer)
@@ -286,13 +318,18 @@ class MavlinkLink(Closing):
             if not self._has_data:
                 self._note_data()
             reader = self._reader(peer)
-            rows = scanned[k] if k < len(scanned) else None
-            if rows is not None and self._is_usual(rows, peer, arrival_us, reader):
+            sender = scanned.senders[k] if scanned is not None else 0
+            if sender and self._is_usual(sender, peer, arrival_us, reader):
                 self._tell(self._hearing.bytes_read(len(data), 1, now_s), arrival_us)
-                usual = [frame_of(data, row) for row in rows]
+                waits = sender in away or not self._backlog.passes_by(sender)
+                if self._taker is None and not waits:
+                    passing.append(k)
+                    continue
+                usual = scanned.frames(k) if scanned is not None else []
                 self._credit(peer, usual, now_s)
                 waiting += [Arrived(arrival_us, frame) for frame in usual]
                 continue
+            away.add(sender)
             frames = reader.feed(data)
             self._events += self._sequences.look(peer, frames, arrival_us)
             self._tell(self._hearing.bytes_read(len(data), len(frames), now_s), arrival_us)
@@ -302,29 +339,77 @@ class MavlinkLink(Closing):
                 self._background.write(arrival_us, [frame.data for frame in frames])
             wanted = self._decoder.wanted
             waiting += [Arrived(arrival_us, each) for each in frames if each.message_id in wanted]
+            away |= {each.system_id << 8 | each.component_id for each in frames}
             if malformed := reader.take_malformed():
                 self._events.append(Malformed(arrival_us, malformed))
+        if scanned is not None and passing:
+            self._let_pass(scanned, packets, passing, arrivals_us)
         if self._taker is not None:
             self._hand_over(waiting, self._taker, now_us)
         else:
             self._backlog.add(waiting, waiting_clock_s())
         self._events += self._gate.take_refused(now_us)
 
-    def _scan(self, packets: list[Packet]) -> list[list[list[int]] | None]:
-        """The rows of wanted frames of each packet that is nothing but frames; else None."""
-        if is_interpreting() or not is_compiled_code():
+    def _is_late(self, now_s: float) -> bool:
+        """Whether what is there has waited for so long that some of it is to be left out."""
+        # datagrams gather for a while even if there is nothing else to do
+        is_out = self._patience.is_out(self._read_clock_s + LONGEST_REST_S, waiting_clock_s())
+        return (is_out or self._backlog.was_stopped(now_s)) and self._gate.is_open
+
+    def _thin_out(self, packets: list[Packet], scanned: Scanned) -> tuple[list[Packet], Scanned]:
+        """The packets without frames that newer ones make old, before any other look at them."""
+        scanned, kept, shed = newest(scanned, [packet.peer for packet in packets])
+        self._patience.note_folded(waiting_clock_s())
+        for peer, samples in shed.items():
+            let_in = {key: n for key, n in samples.items() if self._gate.knows(key[0], peer)}
+            self._backlog.note_shed(Counter(let_in))
+        return [packets[k] for k in kept], scanned
+
+    def _let_pass(
+        self, scanned: Scanned, packets: list[Packet], passing: list[int], arrivals_us: list[int]
+    ) -> None:
+        """Have the frames of those packets read before all that waits, as far as there is time."""
+        now_s = time.monotonic()
+        peers = {packets[k].peer for k in passing}
+        for peer in peers:
+            self._transport.credit(peer)
+        aging = {peer for peer in peers if self._claims.is_aging(peer, now_s)}
+        for k in passing if aging else ():
+            messages = scanned.rows[scanned.rows_of(k), MESSAGE].tolist()
+            self._claims.note(packets[k].peer, messages, now_s)
+        counts, passes = np.maximum(scanned.counts, 0), np.zeros(len(packets), np.bool_)
+        passes[passing] = True
+        kept = np.repeat(passes, counts)
+        rows, arrivals = scanned.rows[kept], np.repeat(np.array(arrivals_us), counts)[kept]
+        self._passing = _Passing(scanned._replace(rows=rows), arrivals)
+
+    def _read_passing(self) -> list[Event | Readings]:
+        """What some of the frames say that need not wait."""
+        passing = self._passing
+        if passing is None:
             return []
+        scanned, begin = passing.scanned, passing.begin
+        end = begin + MOST_PASSING
+        bounds = np.ascontiguousarray(scanned.rows[begin:end, BEGIN : STOP + 1])
+        data = np.frombuffer(scanned.data, np.uint8)
+        batch = Batch(data, bounds, passing.arrivals_us[begin:end])
+        self._passing = passing._replace(begin=end) if end < len(scanned.rows) else None
+        return self._decoder.read(batch, lambda k: scanned.frame(begin + k))
+
+    def _scan(self, packets: list[Packet]) -> Scanned | None:
+        """The wanted frames of packets that are nothing but frames; None if nobody looks."""
+        is_recorded = self._background is not None
+        if not packets or is_recorded or is_interpreting() or not is_compiled_code():
+            return None
         if self._scanner is None:
             self._scanner = Scanner(self._decoder.wanted)
         return self._scanner.scan([packet.data for packet in packets])
 
-    def _is_usual(
-        self, rows: list[list[int]], peer: str, arrival_us: int, reader: FrameReader
-    ) -> bool:
+    def _is_usual(self, sender: int, peer: str, arrival_us: int, reader: FrameReader) -> bool:
         """Whether a packet's frames are let in, and nobody else wants to look at them."""
-        if not rows or self._background is not None or not reader.is_between_frames:
+        if not reader.is_between_frames:
             return False
-        address = (rows[0][1], rows[0][2])
+        address = (sender >> 8, sender & 0xFF)
         if self._sequences.looks_at(peer, address, arrival_us):
             return False
         return self._gate.lets_in_as_before(address, peer, arrival_us)
@@ -332,7 +417,7 @@ class MavlinkLink(Closing):
     def _credit(self, peer: str, frames: list[Frame], now_s: float) -> None:
         """Sound frames that are let in give a peer its place."""
         if frames:
-            self._claims.note(peer, frames, now_s)
+            self._claims.note(peer, (frame.message_id for frame in frames), now_s)
             self._transport.credit(peer)
 
     def _tell(self, text: str | None, now_us: int) -> None:

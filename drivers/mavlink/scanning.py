@@ -7,7 +7,7 @@ all at one go. Any other datagram is left to it.
 
 from collections.abc import Sequence
 from functools import cache
-from typing import Any
+from typing import Any, NamedTuple, Self
 
 import numba
 import numpy as np
@@ -29,7 +29,10 @@ from estimator.compilation.direct import direct
 Array = Any  # numba ships no types
 LEFT = -1  # a datagram of which nothing is found here
 SHORTEST = HEADER_V1 + CHECKSUM_SIZE
-COLUMNS = 7  # message, sender's system and component, begin, end, payload's begin, is it signed
+# Columns of a frame's row: of the payload PAYLOAD and END are where it begins and ends.
+MESSAGE, SYSTEM, COMPONENT, BEGIN, STOP = 0, 1, 2, 3, 4
+PAYLOAD, END, IS_SIGNED = 5, 6, 7
+COLUMNS = 8
 UNKNOWN = -1
 
 _typeof: Any = numba.typeof
@@ -43,8 +46,8 @@ def scan_frames(
     """Find the frames of datagrams, the k-th of which is ``data[ends[k]:ends[k + 1]]``.
 
     ``extras`` has each message's CRC_EXTRA, or :data:`UNKNOWN`. Of the ``wanted`` ones a row is
-    written for each frame, counted from the datagram's begin; ``counts`` tells how many rows a
-    datagram has, or :data:`LEFT`. Returns the number of rows.
+    written for each frame; ``counts`` tells how many rows a datagram has, or :data:`LEFT`. Returns
+    the number of rows.
     """
     written = 0
     for k in range(len(ends) - 1):
@@ -65,9 +68,9 @@ def scan_frames(
             sender, frames = address, frames + 1
             if wanted[message]:
                 row = rows[written]
-                row[0], row[1], row[2] = message, byte(data, sender_at), byte(data, sender_at + 1)
-                row[3], row[4], row[5] = at - ends[k], stop - ends[k], payload_at - at
-                row[6] = is_signed
+                row[MESSAGE], row[SYSTEM] = message, byte(data, sender_at)
+                row[COMPONENT], row[IS_SIGNED] = byte(data, sender_at + 1), is_signed
+                row[BEGIN], row[STOP], row[PAYLOAD], row[END] = at, stop, payload_at, crc_at
                 written += 1
             at = stop
         if at == end and frames > 0:
@@ -124,6 +127,41 @@ def byte(data: Array, at: int) -> int:
     return np.int64(data[at])  # type: ignore[return-value]
 
 
+class Scanned(NamedTuple):
+    """Datagrams, one behind the other, and the frames found in them."""
+
+    data: bytes
+    counts: list[int]  # of rows, by datagram; :data:`LEFT` where nothing was found
+    firsts: list[int]  # rows, by datagram
+    senders: list[int]  # by datagram with rows: system << 8 | component
+    rows: Array
+
+    @classmethod
+    def of(cls, data: bytes, counts: Array, rows: Array) -> Self:
+        """The datagrams that have so many of the rows each."""
+        firsts = np.cumsum(np.maximum(counts, 0)) - np.maximum(counts, 0)
+        senders, has_rows = np.zeros(len(counts), np.int64), counts > 0
+        first = rows[firsts[has_rows]]
+        senders[has_rows] = first[:, SYSTEM] << 8 | first[:, COMPONENT]
+        return cls(data, counts.tolist(), firsts.tolist(), senders.tolist(), rows)
+
+    def rows_of(self, datagram: int) -> slice:
+        """Where a datagram's rows are."""
+        begin = self.firsts[datagram]
+        return slice(begin, begin + max(0, self.counts[datagram]))
+
+    def frames(self, datagram: int) -> list[Frame]:
+        """A datagram's frames."""
+        rows = self.rows_of(datagram)
+        return [self.frame(row) for row in range(rows.start, rows.stop)]
+
+    def frame(self, row: int) -> Frame:
+        """The frame of a row."""
+        message, system, component, begin, stop, payload, end, is_signed = self.rows[row].tolist()
+        at, data = (payload - begin, end - begin), self.data[begin:stop]
+        return _new_tuple(Frame, (message, system, component, data, *at, is_signed == 1))
+
+
 class Scanner:
     """Finds the frames of the ``wanted`` messages."""
 
@@ -136,29 +174,17 @@ class Scanner:
             self._wanted[number] = number in wanted
         self._scan = direct(scan_frames, argument_types())
 
-    def scan(self, datagrams: Sequence[bytes]) -> list[list[list[int]] | None]:
-        """The rows of each datagram, see the kernel; None for one that is left."""
-        data, ends, counts, rows = _arrays(datagrams)
+    def scan(self, datagrams: Sequence[bytes]) -> Scanned:
+        """The frames of these datagrams."""
+        whole = b"".join(datagrams)
+        data, ends, counts, rows = _arrays(whole, datagrams)
         written = self._scan(data, ends, self._extras, self._wanted, counts, rows)
-        all_rows, at = rows[:written].tolist(), 0
-        found: list[list[list[int]] | None] = []
-        for count in counts.tolist():
-            found.append(None if count == LEFT else all_rows[at : at + count])
-            at += max(count, 0)
-        return found
+        return Scanned.of(whole, counts, rows[:written])
 
 
-def frame_of(data: bytes, row: list[int]) -> Frame:
-    """The frame of a row."""
-    message, system, component, begin, end, payload_at, is_signed = row
-    payload_end = end - begin - CHECKSUM_SIZE - (SIGNATURE_SIZE if is_signed else 0)
-    values = (message, system, component, data[begin:end], payload_at, payload_end, is_signed == 1)
-    return _new_tuple(Frame, values)
-
-
-def _arrays(datagrams: Sequence[bytes]) -> tuple[Array, Array, Array, Array]:
+def _arrays(whole: bytes, datagrams: Sequence[bytes]) -> tuple[Array, Array, Array, Array]:
     n = len(datagrams)
-    data = np.frombuffer(b"".join(datagrams), np.uint8)
+    data = np.frombuffer(whole, np.uint8)
     ends = np.zeros(n + 1, np.int64)
     np.cumsum(np.fromiter(map(len, datagrams), np.int64, n), out=ends[1:])
     rows = np.empty((len(data) // SHORTEST + 1, COLUMNS), np.int64)
@@ -168,6 +194,6 @@ def _arrays(datagrams: Sequence[bytes]) -> tuple[Array, Array, Array, Array]:
 @cache
 def argument_types() -> tuple[Any, ...]:
     """What numba calls the types that :func:`scan_frames` is called with."""
-    data, ends, counts, rows = _arrays([])
+    data, ends, counts, rows = _arrays(b"", [])
     messages = (np.zeros(0, np.int64), np.zeros(0, np.bool_))
     return tuple(map(_typeof, (data, ends, *messages, counts, rows)))

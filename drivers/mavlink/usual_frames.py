@@ -9,7 +9,7 @@ and taken over again behind it.
 from collections.abc import Sequence
 from functools import cache
 from math import isfinite
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, Self
 
 import numba
 import numpy as np
@@ -90,85 +90,116 @@ _typeof: Any = numba.typeof  # numba ships no types
 @compiled
 def read_frames(
     data: Bytes,
-    ends: Whole,
+    bounds: Whole,
     arrivals_us: Whole,
-    begin: int,
+    waiting: Whole,
+    left_in: Whole,
+    turn: int,
     kinds: Whole,
     places: Whole,
     rows: Any,
-    whole: Whole,
-    numbers: Floats,
+    read: tuple[Whole, Whole, Floats],
 ) -> int:
-    """Take frames from number ``begin`` on, up to the first that is not taken; returns that one's.
+    """Take the frames that are ``waiting``; of each sender up to the first that is not taken.
 
-    Frame k is ``data[ends[k]:ends[k + 1]]``. ``kinds`` are by message, ``places`` of senders by
-    address, ``rows`` of :class:`Rows`. To ``whole`` (N, 5) kind, place, time, boot time and flags
-    are written, to ``numbers`` (N, 9) rate, specific force and field.
+    Frame k is ``data[bounds[k, 0]:bounds[k, 1]]``. ``left_in`` has, by address, the last ``turn``
+    in which a sender's frame was left. ``kinds`` are by message, ``places`` of senders by address,
+    ``rows`` of :class:`Rows`. What is read gets, in order, its arrival, whole numbers (kind, place,
+    time, boot time, flags) and others (rate, specific force, field). Returns how many were taken.
     """
     payload = np.zeros(LONGEST, np.uint8)
-    words, reals = payload.view(np.int16), payload.view(np.float32)
-    clocks, others, imu_whole, imu_numbers, has_clock, has_other, has_imu = rows
-    for k in range(begin, len(arrivals_us)):
-        message, address = unpack(data, ends[k], ends[k + 1], payload)
+    views = (payload, payload.view(np.int16), payload.view(np.float32))
+    read_us, whole, numbers = read
+    n = 0
+    for k in range(len(arrivals_us)):
+        if waiting[k] == 0:
+            continue
+        message, address, begin, end = header_of(data, bounds[k, 0], bounds[k, 1])
+        if left_in[address] == turn:
+            continue
         place = places[address]
         kind = kinds[message] if message < len(kinds) else 0
-        if kind == 0 or place < 0 or not has_clock[place]:
-            return k
-        clock, arrival_us = clocks[place], arrivals_us[k]
-        is_given = 0 <= arrival_us - others[place, GIVEN] < ATTITUDE_EVERY_US
-        if kind == QUATERNION:
-            if not is_given:
-                return k
-            whole[k, 0], whole[k, 1], whole[k, 4] = kind, place, 0
-            others[place, HEARD] = arrival_us
+        is_taken = False
+        if kind != 0 and place >= 0:
+            unpack(data, begin, end, payload)
+            is_taken = read_frame(kind, place, arrivals_us[k], views, rows, whole[n], numbers[n])
+        if not is_taken:
+            left_in[address] = turn
             continue
-        boot_us, flags, gyr, acc, mag = 0, 0, ZERO_VEC3, ZERO_VEC3, ZERO_VEC3
-        if kind == ATTITUDE:
-            acc, gyr = three_reals(reals, 1), three_reals(reals, 4)  # the former are its angles
-            if not has_other[place] or not isfinite(sum3(acc)):
-                return k
-            raw_us = whole_number(payload.view(np.uint32)[0]) * 1000
-            done, time_us = take_beside(clock, others[place], raw_us, arrival_us)
-            is_fresh = False
-        else:
-            stream = place * IMUS + kind - 1
-            raw_us, gyr, acc, mag = imu_of(kind, payload, words, reals)
-            is_finite = isfinite(sum3(gyr) + sum3(acc) + sum3(mag))
-            if not has_imu[stream] or raw_us < 0 or not is_finite:
-                return k
-            field = 0 if kind <= HIGHRES else 1
-            both = (imu_whole[stream], imu_numbers[stream])
-            taken = take_imu(clock, field, both, raw_us, arrival_us, (gyr, acc, mag))
-            done, time_us, boot_us, is_fresh = taken
-        if done == NOTHING:
-            return k
-        flags = (FRESH if is_fresh else 0) | (TO_LOOK if done == TAKEN_TO_LOOK else 0)
-        others[place, HEARD] = arrival_us
-        if kind != ATTITUDE:
-            others[place, LAST_IMU] = time_us
-        elif not is_given:
-            others[place, GIVEN] = arrival_us
-            flags |= GIVES
-        whole[k, 0], whole[k, 1], whole[k, 2] = kind, place, time_us
-        whole[k, 3], whole[k, 4] = boot_us, flags
-        for i in range(3):
-            numbers[k, i], numbers[k, 3 + i], numbers[k, 6 + i] = gyr[i], acc[i], mag[i]
-    return len(arrivals_us)
+        waiting[k], read_us[n] = 0, arrivals_us[k]
+        n += 1
+    return n
 
 
 @inlined
-def unpack(data: Bytes, begin: int, end: int, payload: Bytes) -> tuple[int, int]:
-    """Message and address of a whole frame; its payload is written, with the zeros not sent."""
-    if data[begin] == MAGIC_V1:
-        message, sender, at, last = data[begin + 5], begin + 3, begin + HEADER_V1, end
+def read_frame(
+    kind: int, place: int, arrival_us: int, views: Any, rows: Any, whole: Whole, numbers: Floats
+) -> bool:
+    """Take a frame's payload, if it is that of a reading that just goes on."""
+    payload, words, reals = views
+    clocks, others, imu_whole, imu_numbers, has_clock, has_other, has_imu = rows
+    if not has_clock[place]:
+        return False
+    clock, other = clocks[place], others[place]
+    is_given = 0 <= arrival_us - other[GIVEN] < ATTITUDE_EVERY_US
+    whole[0], whole[1], whole[4] = kind, place, 0
+    if kind == QUATERNION:
+        if is_given:
+            other[HEARD] = arrival_us
+        return bool(is_given)
+    boot_us, gyr, acc, mag = 0, ZERO_VEC3, ZERO_VEC3, ZERO_VEC3
+    if kind == ATTITUDE:
+        acc, gyr = three_reals(reals, 1), three_reals(reals, 4)  # the former are its angles
+        if not has_other[place] or not isfinite(sum3(acc)):
+            return False
+        raw_us = whole_number(payload.view(np.uint32)[0]) * 1000
+        done, time_us = take_beside(clock, other, raw_us, arrival_us)
+        is_fresh = False
     else:
-        high = data[begin + 8] << 8 | data[begin + 9] << 16
-        message, sender, at = data[begin + 7] | high, begin + 5, begin + HEADER_V2
+        stream = place * IMUS + kind - 1
+        raw_us, gyr, acc, mag = imu_of(kind, payload, words, reals)
+        is_finite = isfinite(sum3(gyr) + sum3(acc) + sum3(mag))
+        if not has_imu[stream] or raw_us < 0 or not is_finite:
+            return False
+        field = 0 if kind <= HIGHRES else 1
+        both = (imu_whole[stream], imu_numbers[stream])
+        taken = take_imu(clock, field, both, raw_us, arrival_us, (gyr, acc, mag))
+        done, time_us, boot_us, is_fresh = taken
+    if done == NOTHING:
+        return False
+    flags = (FRESH if is_fresh else 0) | (TO_LOOK if done == TAKEN_TO_LOOK else 0)
+    other[HEARD] = arrival_us
+    if kind != ATTITUDE:
+        other[LAST_IMU] = time_us
+    elif not is_given:
+        other[GIVEN] = arrival_us
+        flags |= GIVES
+    whole[2], whole[3], whole[4] = time_us, boot_us, flags
+    for i in range(3):
+        numbers[i], numbers[3 + i], numbers[6 + i] = gyr[i], acc[i], mag[i]
+    return True
+
+
+@inlined
+def header_of(data: Bytes, begin: int, end: int) -> tuple[int, int, int, int]:
+    """Message and address of a whole frame, its payload's begin and end."""
+    if data[begin] == MAGIC_V1:
+        message, sender, at, last = whole_number(data[begin + 5]), begin + 3, begin + HEADER_V1, end
+    else:
+        high = whole_number(data[begin + 8]) << 8 | whole_number(data[begin + 9]) << 16
+        message, sender = whole_number(data[begin + 7]) | high, begin + 5
+        at = begin + HEADER_V2
         last = end - (SIGNATURE_SIZE if data[begin + 2] & SIGNED_FLAG else 0)
-    size = min(last - CHECKSUM_SIZE - at, LONGEST)
+    address = whole_number(data[sender]) << 8 | whole_number(data[sender + 1])
+    return message, address, at, last - CHECKSUM_SIZE
+
+
+@inlined
+def unpack(data: Bytes, begin: int, end: int, payload: Bytes) -> None:
+    """Write a payload, with the zeros that were not sent."""
+    size = min(end - begin, LONGEST)
     for i in range(LONGEST):
-        payload[i] = data[at + i] if i < size else 0
-    return int(message), int(data[sender]) << 8 | int(data[sender + 1])
+        payload[i] = data[begin + i] if i < size else 0
 
 
 @inlined
@@ -222,17 +253,24 @@ class _Stream(NamedTuple):
 
 
 class Batch:
-    """Frames as compiled code takes them, and what it says about them."""
+    """Frames as compiled code takes them; some of them may still be waiting."""
 
-    def __init__(self, arrived: Sequence[Arrived]) -> None:
+    def __init__(self, data: Bytes, bounds: Whole, arrivals_us: Whole) -> None:
+        n = len(arrivals_us)
+        self.data = data
+        self.bounds = bounds
+        self.arrivals_us = arrivals_us
+        self.waiting = np.ones(n, np.int64)
+
+    @classmethod
+    def of(cls, arrived: Sequence[Arrived]) -> Self:
+        """The batch of these frames."""
         frames = [each.frame.data for each in arrived]
-        n = len(frames)
-        self.data = np.frombuffer(b"".join(frames), np.uint8)
-        self.ends = np.zeros(n + 1, np.int64)
-        np.cumsum(np.fromiter(map(len, frames), np.int64, n), out=self.ends[1:])
-        self.arrivals_us = np.array([each.arrival_us for each in arrived], np.int64)
-        self.whole = np.empty((n, 5), np.int64)
-        self.numbers = np.empty((n, 9))
+        ends = np.cumsum(np.fromiter(map(len, frames), np.int64, len(frames)))
+        bounds = np.zeros((len(frames), 2), np.int64)
+        bounds[1:, 0], bounds[:, 1] = ends[:-1], ends
+        arrivals_us = np.array([each.arrival_us for each in arrived], np.int64)
+        return cls(np.frombuffer(b"".join(frames), np.uint8), bounds, arrivals_us)
 
 
 def _attitude(vehicle: VehicleId, arrival_us: int, time_us: int, angles: Vec3) -> list[Event]:
@@ -333,26 +371,31 @@ class UsualFrames:
         self.addresses = np.zeros(senders, np.int64)  # by place
         self._intakes: list[Intake | None] = [None] * senders
         self._free = list(range(senders - 1, -1, -1))
+        self._left_in = np.zeros(1 << 16, np.int64)
+        self._turn = 0
         self._read = direct(read_frames, argument_types())
 
-    def read(self, batch: Batch, begin: int) -> int:
-        """See :func:`read_frames`."""
+    def read(self, batch: Batch) -> "Readings | None":
+        """Of each sender's frames that are waiting, those before the first unusual one."""
+        n = len(batch.arrivals_us)
+        rows = (np.empty(n, np.int64), np.empty((n, 5), np.int64), np.empty((n, 9)))
+        self._turn += 1
         taken: int = self._read(
             batch.data,
-            batch.ends,
+            batch.bounds,
             batch.arrivals_us,
-            begin,
+            batch.waiting,
+            self._left_in,
+            self._turn,
             self._kinds,
             self._places,
             self._rows.arrays,
-            batch.whole,
-            batch.numbers,
+            rows,
         )
-        return taken
-
-    def readings(self, batch: Batch, begin: int, end: int) -> "Readings":
-        """Frames that were read."""
-        arrays = (batch.whole[begin:end], batch.numbers[begin:end], batch.arrivals_us[begin:end])
+        if not taken:
+            return None
+        arrivals_us, whole, numbers = (each[:taken] for each in rows)
+        arrays = (whole, numbers, arrivals_us)
         return Readings(self.addresses, self._intakes, self._streams, *arrays)
 
     def hand_back(self, intake: Intake) -> None:
@@ -429,23 +472,10 @@ class UsualFrames:
 @cache
 def argument_types() -> tuple[Any, ...]:
     """What numba calls the types that :func:`read_frames` is called with."""
-    batch, rows = Batch([]), Rows(0, 0, 0).arrays
-    lists = (np.zeros(0, np.int64),) * 2
-    return tuple(
-        map(
-            _typeof,
-            (
-                batch.data,
-                batch.ends,
-                batch.arrivals_us,
-                0,
-                *lists,
-                rows,
-                batch.whole,
-                batch.numbers,
-            ),
-        )
-    )
+    batch, rows, whole = Batch.of([]), Rows(0, 0, 0).arrays, np.zeros(0, np.int64)
+    read = (whole, np.zeros((0, 5), np.int64), np.zeros((0, 9)))
+    frames = (batch.data, batch.bounds, batch.arrivals_us, batch.waiting)
+    return tuple(map(_typeof, (*frames, whole, 0, whole, whole, rows, read)))
 
 
 def _address(intake: Intake) -> int:

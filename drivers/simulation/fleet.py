@@ -17,7 +17,7 @@ from drivers.simulation.autopilot import SimulatedAutopilot, VehicleOptions
 from estimator.errors import InputError
 
 SYSTEMS = 250  # MAVLink system ids end at 255, and ground stations use the last
-MOST_VEHICLES = 500  # those above 250 are the systems' second components
+MOST_VEHICLES = 1000  # those above 250 are the systems' second to fourth components
 LONGEST_BACKLOG_US = 1_000_000  # after a longer stall the vehicle goes on with the present
 MOST_PEERS = 64  # whose half frames are kept
 RECEIVE_S = 0.1  # how often the process looks whether it should end

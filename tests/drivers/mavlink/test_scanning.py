@@ -10,7 +10,7 @@ from drivers.events import VehicleId
 from drivers.mavlink.constants import ATTITUDE_ID, HEARTBEAT_ID, RAW_IMU_ID
 from drivers.mavlink.encoder import FrameEncoder, attitude, heartbeat, raw_imu
 from drivers.mavlink.framing import FrameReader
-from drivers.mavlink.scanning import Scanner, frame_of
+from drivers.mavlink.scanning import LEFT, Scanner
 from tests.fuzz.cases import built, damage, frame, fuzzed
 
 WANTED = frozenset({RAW_IMU_ID, ATTITUDE_ID})
@@ -26,15 +26,21 @@ def datagrams(rng):
     return made
 
 
+def found(wanted, made):
+    """The frames of each datagram, None of one that is left."""
+    scanned = Scanner(wanted).scan(made)
+    return [None if n == LEFT else scanned.frames(k) for k, n in enumerate(scanned.counts)]
+
+
 @fuzzed(300, 20_000)
 @given(made=built(datagrams))
 def test_what_is_found_is_what_a_reader_reads(made):
-    for data, rows in zip(made, Scanner(frozenset(range(256))).scan(made), strict=True):
+    for data, rows in zip(made, found(frozenset(range(256)), made), strict=True):
         if rows is None:
             continue
         reader = FrameReader()
         frames = reader.feed(data)
-        assert [frame_of(data, row) for row in rows] == frames
+        assert rows == frames
         assert len({(each.system_id, each.component_id) for each in frames}) == 1
         assert reader.take_malformed() == 0
         assert reader.is_between_frames
@@ -45,10 +51,11 @@ def test_of_sound_datagrams_the_wanted_frames_are_found(key):
     encoder = FrameEncoder(VehicleId(200, 2), key)
     messages = (heartbeat(2, 3), raw_imu(1, *[(0.1, 0.2, 0.3)] * 3), attitude(1, *[(0.1,) * 3] * 2))
     data = b"".join(encoder.frame(message, 10**15) for message in messages)
-    (rows,) = Scanner(WANTED).scan([data])
-    assert [frame_of(data, row) for row in rows] == FrameReader().feed(data)[1:]
-    (rows,) = Scanner(frozenset({HEARTBEAT_ID})).scan([data])
-    assert [frame_of(data, row).message_id for row in rows] == [HEARTBEAT_ID]
+    (frames,) = found(WANTED, [data])
+    assert frames == FrameReader().feed(data)[1:]
+    assert Scanner(WANTED).scan([b"", data]).senders == [0, 200 << 8 | 2]
+    (frames,) = found(frozenset({HEARTBEAT_ID}), [data])
+    assert [frame.message_id for frame in frames] == [HEARTBEAT_ID]
 
 
 def test_a_datagram_that_is_anything_else_is_left():
@@ -59,8 +66,8 @@ def test_a_datagram_that_is_anything_else_is_left():
     wrong[-1] ^= 1
     left = [b"", beat[:-1], beat + b"\0", bytes(wrong), rng.randbytes(40)]
     left.append(beat + other.frame(heartbeat(2, 3), 0))  # of two senders
-    assert Scanner(frozenset({0})).scan([*left, beat, left[1]]) == [
+    assert found(frozenset({0}), [*left, beat, left[1]]) == [
         *[None] * len(left),
-        [[0, 1, 1, 0, len(beat), 10, 0]],
+        FrameReader().feed(beat),
         None,
     ]

@@ -1,0 +1,62 @@
+"""Of frames that have waited for too long, the newest of each sender's streams."""
+
+from collections import Counter
+from typing import Any
+
+import numpy as np
+
+from drivers.events import VehicleId
+from drivers.mavlink.backlog import WHO_IS_THERE
+from drivers.mavlink.imu_messages import IMU_MESSAGES, imu_stream_name, number_at
+from drivers.mavlink.messages import MESSAGES
+from drivers.mavlink.scanning import COMPONENT, END, LEFT, MESSAGE, PAYLOAD, SYSTEM, Scanned
+
+Rows = Any  # as :mod:`drivers.mavlink.scanning` writes them
+
+
+Shed = Counter[tuple[VehicleId, str]]
+
+
+def newest(scanned: Scanned, peers: list[str]) -> tuple[Scanned, list[int], dict[str, Shed]]:
+    """Of what datagrams of these ``peers`` hold, all but what newer frames make old.
+
+    Nobody makes another peer's frames old, and what is said once (a parameter, an answer) stays.
+    Returns what is left, the datagrams that it is of, and how many IMU samples are left out, by
+    peer.
+    """
+    rows, counts = scanned.rows, np.maximum(scanned.counts, 0)
+    names = list(dict.fromkeys(peers))
+    numbers = {peer: number for number, peer in enumerate(names)}
+    senders = np.repeat(np.array([numbers[peer] for peer in peers]), counts)
+    keys = rows[:, SYSTEM] << 40 | rows[:, COMPONENT] << 32 | rows[:, MESSAGE] << 8
+    keys |= _numbers(np.frombuffer(scanned.data, np.uint8), rows) | senders << 48
+    is_in_stream = np.isin(rows[:, MESSAGE], [*IMU_MESSAGES, *MESSAGES, *WHO_IS_THERE])
+    keys[~is_in_stream] = -1 - (~is_in_stream).nonzero()[0]
+    last, alike = np.unique(keys[::-1], return_index=True, return_counts=True)[1:]
+    last = len(rows) - 1 - last
+    stays = np.zeros(len(rows), np.bool_)
+    stays[last] = True
+    shed: dict[str, Shed] = {}
+    for k in (alike > 1).nonzero()[0].tolist():
+        message, system, component = rows[last[k], (MESSAGE, SYSTEM, COMPONENT)].tolist()
+        if message in IMU_MESSAGES:
+            name = imu_stream_name(IMU_MESSAGES[message].name, int(keys[last[k]]) & 0xFF)
+            of_peer = shed.setdefault(names[int(senders[last[k]])], Counter())
+            of_peer[VehicleId(system, component), name] += int(alike[k]) - 1
+    left = np.bincount(np.repeat(np.arange(len(counts)), counts)[stays], minlength=len(counts))
+    kept = ((left > 0) | (np.array(scanned.counts) == LEFT)).nonzero()[0]
+    counts = np.where(np.array(scanned.counts) == LEFT, LEFT, left)[kept]
+    thinned = Scanned.of(scanned.data, counts, rows[stays])
+    return thinned, kept.tolist(), shed
+
+
+def _numbers(data: Any, rows: Rows) -> Any:
+    """The number of the IMU that each frame tells, or 0."""
+    numbers = np.zeros(len(rows), np.int64)
+    for message in IMU_MESSAGES:
+        at = number_at(message)
+        if at is None:
+            continue
+        has_it = (rows[:, MESSAGE] == message) & (rows[:, PAYLOAD] + at < rows[:, END])
+        numbers[has_it] = data[rows[has_it, PAYLOAD] + at]
+    return numbers

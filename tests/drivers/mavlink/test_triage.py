@@ -1,0 +1,52 @@
+"""What stays of frames that have waited for too long."""
+
+import random
+
+import numba
+import pytest
+
+from drivers.events import VehicleId
+from drivers.mavlink.decoder import MavlinkDecoder
+from drivers.mavlink.dialect import mavlink
+from drivers.mavlink.encoder import FrameEncoder, Message
+from drivers.mavlink.imu_messages import imu_number
+from drivers.mavlink.scanning import Scanner
+from drivers.mavlink.triage import newest
+
+m = mavlink()
+
+
+@pytest.mark.skipif(numba.config.DISABLE_JIT, reason="nothing is compiled")
+def test_of_each_stream_the_newest_stays_and_what_is_said_once():
+    rng = random.Random(4)
+    encoders = [FrameEncoder(VehicleId(system, 1)) for system in (1, 250)]
+    kinds = (
+        lambda: m.MAVLink_raw_imu_message(1, *range(9), id=rng.choice((0, 0, 2))),
+        lambda: m.MAVLink_scaled_imu2_message(1, *range(9)),
+        lambda: m.MAVLink_attitude_message(1, *[0.0] * 6),
+        lambda: m.MAVLink_heartbeat_message(2, 3, 0, 0, 0, 3),
+        lambda: m.MAVLink_param_value_message(b"A", 1.0, 9, 1, 0),
+    )
+    sent = []
+    for _ in range(200):
+        message = rng.choice(kinds)()
+        message.pack(m.MAVLink(None))
+        made = Message(type(message).id, message.crc_extra, bytes(message._payload))
+        sent.append(rng.choice(encoders).frame(made, 0))
+    scanned = Scanner(MavlinkDecoder().wanted).scan(sent)
+    frames = [scanned.frame(k) for k in range(len(sent))]
+    last = {(f.system_id, f.message_id, imu_number(f)): k for k, f in enumerate(frames)}
+    peers = ["a"] * len(sent)
+    thinned, kept, shed = newest(scanned, peers)
+    said_once = [k for k, f in enumerate(frames) if f.message_id == m.MAVLINK_MSG_ID_PARAM_VALUE]
+    stay = sorted({*last.values(), *said_once})
+    assert kept == stay
+    assert [thinned.frames(k) for k in range(len(stay))] == [[frames[k]] for k in stay]
+    imus = (m.MAVLINK_MSG_ID_RAW_IMU, m.MAVLINK_MSG_ID_SCALED_IMU2)
+    out = [f for k, f in enumerate(frames) if k not in kept and f.message_id in imus]
+    assert shed["a"].total() == len(out)
+    second = [f for f in out if imu_number(f) == 2 and f.system_id == 250]
+    assert shed["a"][VehicleId(250, 1), "RAW_IMU:2"] == len(second) > 3
+    # another peer's frames make none of these old
+    assert newest(scanned, ["a"] * 150 + ["b"] * 50)[1][: len(kept)] != kept
+    assert set(newest(scanned, ["a"] * 150 + ["b"] * 50)[1]) > set(kept)
