@@ -62,19 +62,34 @@ build: .venv/developer kernels
 	$(BIN)/python -m build --wheel
 	rm -rf estimator/kernels
 
-## release: build wheel and sdist, check them, and tag the version that fuzzbee/version.py and CHANGELOG.md name
+## changelog: what is Unreleased in CHANGELOG.md becomes the section of the version in fuzzbee/version.py
+changelog:
+	@! grep -q '^## $(VERSION)\b' CHANGELOG.md || { echo "changelog: there is a section $(VERSION)" >&2; exit 1; }
+	sed -i 's/^## Unreleased$$/## Unreleased\n\n## $(VERSION) ($(shell date +%F))/' CHANGELOG.md
+	sed -i 's/^version: .*/version: $(VERSION)/' CITATION.cff
+
+## release: build wheel and sdist, check them, list what they need (SBOM, CycloneDX), cut out the
+## changelog's section, and tag the version that fuzzbee/version.py and CHANGELOG.md name
 release: .venv/developer kernels
 	@test -z "$$(git status --porcelain)" || { echo "release: commit or remove what git status shows" >&2; exit 1; }
-	@grep -q '^## $(VERSION)\b' CHANGELOG.md || { echo "release: CHANGELOG.md has no heading '## $(VERSION)'" >&2; exit 1; }
+	@grep -q '^## $(VERSION)\b' CHANGELOG.md || { echo "release: CHANGELOG.md has no heading '## $(VERSION)': make changelog" >&2; exit 1; }
+	@grep -q '^version: $(VERSION)$$' CITATION.cff || { echo "release: CITATION.cff is of another version" >&2; exit 1; }
 	@! git rev-parse -q --verify 'refs/tags/v$(VERSION)' >/dev/null || { echo "release: v$(VERSION) is tagged already" >&2; exit 1; }
-	rm -rf dist
+	rm -rf dist build/installed build/tools build/release
 	$(BIN)/python -m build --sdist
 	$(BIN)/python -m build --wheel
 	rm -rf estimator/kernels
-	$(BIN)/python -m pip install -q 'twine>=6.1'
-	$(BIN)/python -m twine check --strict dist/*
+	$(BIN)/python -m venv build/tools
+	build/tools/bin/python -m pip install -q 'twine>=6.1' 'cyclonedx-bom>=7'
+	build/tools/bin/twine check --strict dist/*.whl dist/*.tar.gz
+	$(BIN)/python -m venv build/installed
+	build/installed/bin/python -m pip install -q -c constraints.txt dist/*.whl
+	mkdir -p build/release
+	build/tools/bin/cyclonedx-py environment build/installed/bin/python --pyproject pyproject.toml \
+	  --output-reproducible -o build/release/fuzzbee-$(VERSION).cdx.json
+	sed -n '/^## $(VERSION)\b/,/^## /{/^## /!p}' CHANGELOG.md > build/release/notes-$(VERSION).md
 	git tag -a 'v$(VERSION)' -m 'fuzzbee $(VERSION)'
-	@echo "v$(VERSION) is tagged, dist/ is checked; git push origin v$(VERSION) and an upload are yours"
+	@echo "v$(VERSION) is tagged, dist/ is checked, build/release/ has the notes and the SBOM; git push origin v$(VERSION) and an upload are yours"
 
 clean:
 	rm -rf .venv dist build estimator/kernels

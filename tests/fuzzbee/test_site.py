@@ -12,6 +12,7 @@ from typer.main import get_command
 
 import fuzzbee
 from fuzzbee.app import build_app
+from tests.fuzzbee import browser
 
 ROOT = Path(__file__).parents[2]
 DOCS = ROOT / "docs"
@@ -102,3 +103,13 @@ def test_the_site_is_built_without_a_warning_and_fetches_nothing(tmp_path):
         assert not fetched.search(page.read_text("utf-8")), page.name
     for style in site.rglob("*.css"):
         assert not re.search(r"url\([\"']?(https?:)?//|@import", style.read_text("utf-8")), style
+    if browser.program() is not None:  # opened as a file, it is searched, too
+        with browser.page((site / "index.html").as_uri(), tmp_path / "profile") as page:
+            field = "document.querySelector('[data-md-component=search-query]')"
+            page.wait_for(f"document.readyState == 'complete' && !!{field}")
+            page.wait_for(  # typed again until somebody listens
+                f"({field}.focus(), {field}.value = 'magnetometer',"
+                f" {field}.dispatchEvent(new Event('input', {{bubbles: true}})),"
+                f" {field}.dispatchEvent(new KeyboardEvent('keyup', {{bubbles: true, key: 'r'}})),"
+                " document.querySelectorAll('.md-search-result__item').length > 3)"
+            )
