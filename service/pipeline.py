@@ -33,6 +33,7 @@ from drivers.events import (
 )
 from drivers.mavlink.constants import is_autopilot
 from drivers.mavlink.usual_frames import Readings
+from drivers.places import PLACES
 from drivers.simulation.simulated_vehicle import PROFILES
 from estimator.errors import InputError
 from estimator.estimator import Estimator
@@ -47,8 +48,7 @@ from service.talk import Talk
 from service.usual_vehicles import ALL, DUE, NONE, UsualVehicles
 from service.vehicle import Vehicle
 
-# A system id has one vehicle; more than this on one link is noise or an attack.
-MAX_VEHICLES = 512
+MAX_VEHICLES = PLACES  # on one link
 STATUS_PERIOD_US = 1_000_000
 
 
@@ -110,9 +110,7 @@ class Pipeline:
 
     def take(self, readings: Readings) -> list[Output]:
         """Take many readings as :meth:`handle` takes their events; in order for each vehicle."""
-        for address in self._away:
-            self._usual.take_over(self._vehicles[address])
-        self._away.clear()
+        self._return_usual()
         left, checks, looks = self._usual.take(readings)
         outputs: list[Output] = []
         for event in readings.looks(looks):
@@ -123,6 +121,12 @@ class Pipeline:
         for event in readings.events(left):
             outputs += self.handle(event)
         return outputs
+
+    def _return_usual(self) -> None:
+        """Have those stepped with the others again that just go on."""
+        for address in self._away:
+            self._usual.take_over(self._vehicles[address])
+        self._away.clear()
 
     def _own(self, address: VehicleId) -> Vehicle | None:
         """A vehicle with all that is known of it; None if there is none."""
@@ -205,22 +209,23 @@ class Pipeline:
         self._peers.clear()
         takes_all = not (load.is_shedding or load.has_just_woken)
         wanted = NONE if load.is_behind else ALL if takes_all else DUE
-        sees_all = status_due or load.has_just_woken
-        shown = {} if sees_all else self._usual.show(now_us, wanted)
+        self._return_usual()
+        shown = {} if load.has_just_woken else self._usual.show(now_us, wanted)
         for address, vehicle in self._vehicles.items():
             if address in shown:
                 found = shown[address]
                 if found is not None:
                     outputs.append(Published(address, *found))
-                continue
-            self._own(address)
-            if not load.has_just_woken:
-                outputs += _messages(vehicle.on_time(now_us))
-            is_wanted = takes_all or vehicle.is_due(now_us)
-            attitude = vehicle.attitude(now_us) if is_wanted and not load.is_behind else None
-            if attitude is not None:
-                outputs.append(Published(vehicle.address, attitude, vehicle.last_sample))
+            else:
+                self._own(address)
+                if not load.has_just_woken:
+                    outputs += _messages(vehicle.on_time(now_us))
+                is_wanted = takes_all or vehicle.is_due(now_us)
+                attitude = vehicle.attitude(now_us) if is_wanted and not load.is_behind else None
+                if attitude is not None:
+                    outputs.append(Published(address, attitude, vehicle.last_sample))
             if status_due:
+                self._own(address)
                 status = vehicle.status(now_us, load, self.malformed)
                 outputs.append(Published(vehicle.address, status, time_unix_us=now_us))
         return outputs
@@ -311,7 +316,8 @@ class Pipeline:
         return vehicle
 
     def _forget_silent(self, now_us: int) -> None:
-        heard_us = {vehicle.address: vehicle.heard_us for vehicle in self.vehicles}
+        # of those that are usual now as it was at the last status: nobody is silent among them
+        heard_us = {address: vehicle.heard_us for address, vehicle in self._vehicles.items()}
         for address in self.departures.look(heard_us, now_us):
             self._forget(address)
 
@@ -329,7 +335,8 @@ class Pipeline:
         vehicle = self._own(address)
         if vehicle is None:
             return
-        del self._vehicles[address], self._away[address]
+        del self._vehicles[address]
+        self._away.pop(address, None)
         self.departures.count(vehicle.samples, vehicle.attitudes)
         if vehicle.profile != self.profile and vehicle.built_in_motion is None:
             self.departures.keep(address, vehicle.profile)

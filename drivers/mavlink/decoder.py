@@ -41,6 +41,7 @@ from drivers.mavlink.imu_messages import (
 from drivers.mavlink.messages import MESSAGES, MessageKind, Said
 from drivers.mavlink.parameter_values import ParameterValue, WaitingParameters, owner
 from drivers.mavlink.usual_frames import Batch, Readings, UsualFrames, events_of
+from drivers.places import PLACES
 from drivers.samples.intake import Intake, Stamp
 from drivers.samples.vehicle_clock import TimeField
 from estimator.compilation.compiled import is_compiled_code
@@ -50,7 +51,7 @@ _TIME_USEC = TimeField.TIME_USEC  # looked up in its class it takes longer
 
 FRD_AUTOPILOTS = (MAV_AUTOPILOT_ARDUPILOTMEGA, MAV_AUTOPILOT_PX4)  # known for sending FRD
 
-MOST_SENDERS = 512  # addresses remembered at once; each takes 11 kB
+MOST_SENDERS = PLACES  # addresses remembered at once; each takes 11 kB
 # When all places are taken, one that has been silent for so long may lose its own to a new one
 SILENT_US = 5_000_000
 LOOK_US = 1_000_000  # and if there is none, it is not looked for again before that

@@ -48,12 +48,13 @@ from drivers.mavlink.transports.sockets import SOCKET_BUFFER_BYTES
 from drivers.mavlink.transports.transport import LinkError, Packet
 from drivers.mavlink.triage import newest
 from drivers.mavlink.usual_frames import Batch, Readings, events_of
+from drivers.places import PLACES
 from estimator.compilation.compiled import is_compiled_code
 from estimator.compilation.interpreted import is_interpreting
 from estimator.errors import InputError
 
 MOST_UNSENT_FRAMES = 64  # requests wait here for the reader; new ones replace the oldest
-MOST_READERS = 512  # half-read frames of that many senders; the one silent for longest goes
+MOST_READERS = PLACES  # half-read frames of that many senders; the one silent for longest goes
 ITERATION_S = 0.1
 # After each look the link rests, and what comes meanwhile is handled at one go: to wake up costs
 # as much as several samples, and hundreds of vehicles would do so at each of theirs.

@@ -1,5 +1,6 @@
 """What the compiled steps change, as one value, and what can be done to it from outside."""
 
+from functools import lru_cache
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -51,6 +52,7 @@ class Core(NamedTuple):
     trail: Any  # of the velocity that it has gained lately: (ROWS, COLUMNS), or row by row
 
 
+@lru_cache(maxsize=16)  # which newcomers begin with
 def initial_core(settings: Settings) -> Core:
     """Before the first sample."""
     aided, covariance, trail = blank_aiding(settings.aiding)

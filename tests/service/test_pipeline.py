@@ -19,7 +19,7 @@ from drivers.events import (
 from estimator.errors import InputError
 from estimator.profile import load_profile
 from service.load import Load
-from service.pipeline import MAX_VEHICLES, Pipeline
+from service.pipeline import Pipeline
 from service.records import AttitudeRecord, Message, Peer, Published, Replaced, StatusRecord
 from tests.service.streams import ONE, START_US, imu_events
 
@@ -215,14 +215,15 @@ def test_one_system_id_only():
     assert pipeline.handle(Notice(None, START_US, "for all")) == [Message("for all")]
 
 
-def test_the_number_of_vehicles_is_bounded():
+def test_the_number_of_vehicles_is_bounded(monkeypatch):
+    monkeypatch.setattr("service.pipeline.MAX_VEHICLES", 300)
     event = imu_events(1)[0]
     pipeline = Pipeline(PAPER)
-    for number in range(MAX_VEHICLES + 5):
+    for number in range(305):
         pipeline.handle(
             msgspec.structs.replace(event, vehicle=VehicleId(1 + number // 250, number % 250))
         )
-    assert len(pipeline.vehicles) == MAX_VEHICLES
+    assert len(pipeline.vehicles) == 300
     assert pipeline.refused_vehicles == 5
     pipeline.handle(Malformed(START_US, 3))
     assert pipeline.malformed == 3
