@@ -68,7 +68,7 @@ class TerminalView:
         self._now_s = now_s
         self._next_line_s = 0.0
         self._said, self._said_s = "", -MESSAGE_S
-        self._size = console.size
+        self._drawn = (console.size, False)  # the size, and whether one vehicle fills it
         is_live = console.is_terminal and not console.is_dumb_terminal
         self._live = self._start() if is_live else None
 
@@ -87,6 +87,8 @@ class TerminalView:
     def say(self, text: str) -> None:
         """One line for a person, above the table; on the screen of one vehicle at its foot."""
         self._said, self._said_s = printable(text), self._now_s()
+        if self._live is not None and self._drawn[1]:
+            return  # it stands at the foot, and would be left above
         target = self._messages if self._live is None else self._live.console
         with suppress(OSError):  # a broken stream must not stop the other one
             target.print(
@@ -97,7 +99,7 @@ class TerminalView:
         """Print plain lines when they are due; the table redraws itself."""
         now_s = self._now_s()
         if self._live is not None:
-            self._start_anew_after_resizing()
+            self._start_anew_if_needed()
             return
         if now_s < self._next_line_s:
             return
@@ -125,24 +127,34 @@ class TerminalView:
         live.start()
         return live
 
-    def _start_anew_after_resizing(self) -> None:
-        """What was drawn is broken up by the terminal: it cannot be drawn over."""
-        if self._live is not None and self._console.size != self._size:
+    def _start_anew_if_needed(self) -> None:
+        """Clear what cannot be drawn over.
+
+        After resizing the terminal has broken it up; one vehicle needs the lines above the table.
+        """
+        now = (self._console.size, self._alone() is not None)
+        if self._live is not None and now != self._drawn:
             self._live.stop()
-            self._size = self._console.size
+            self._drawn = now
             self._console.clear()
             self._live = self._start()
 
+    def _alone(self) -> Row | None:
+        """The vehicle that fills the screen, if it is there and has room."""
+        size = self._console.size
+        if self.one is None or not has_room(size.width, size.height):
+            return None
+        return next((row for row in self.rows() if row.name == self.one), None)
+
     def _table(self) -> RenderableType:
         size = self._console.size
-        rows = self.rows()
-        if self.one is not None:
-            rows = [row for row in rows if row.name == self.one]
-            if rows and has_room(size.width, size.height):
-                is_said = self._now_s() - self._said_s < MESSAGE_S
-                foot = self._said if is_said else self.keys
-                width, height = size.width, size.height - 1
-                return one_vehicle(rows[0], self._now_s(), width, height, self._console, foot)
+        alone = self._alone()
+        if alone is not None:
+            is_said = self._now_s() - self._said_s < MESSAGE_S
+            foot = self._said if is_said else self.keys
+            width, height = size.width, size.height - 1
+            return one_vehicle(alone, self._now_s(), width, height, self._console, foot)
+        rows = [row for row in self.rows() if self.one in (None, row.name)]
         foot = self.keys if self.score is None else self.score.line
         look = Look(self._title, foot, self.cursor)
         return table(rows, self._now_s(), size.width, size.height, look)

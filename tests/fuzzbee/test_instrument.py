@@ -225,7 +225,7 @@ def test_a_flight_in_a_real_terminal():
             terminal.resize(columns, rows)
             terminal.wait_for(lambda lines, n=columns: is_whole(lines, n), 10.0)
         # a real terminal breaks up what was drawn: it must be wiped out
-        assert terminal.written.count(b"\x1b[2J") == 2
+        assert terminal.written.count(b"\x1b[2J") == 3  # and once for one vehicle
         terminal.press("\x1b")
         terminal.wait_for(lambda lines: any("tilt ±" in line for line in lines), 10.0)
         terminal.press("q")

@@ -139,6 +139,26 @@ def test_on_a_terminal_the_table_is_redrawn_in_place():
     assert "running" in out.getvalue()
 
 
+def test_nothing_is_left_above_one_vehicle():
+    """Of a line that was wrapped while it was waited for."""
+    pyte = pytest.importorskip("pyte")
+    screen = pyte.Screen(120, 30)
+    out = io.StringIO()
+    console = Console(file=out, width=120, height=30, force_terminal=True)
+    view = TerminalView(console, console, "title", now_s=lambda: 10.0)
+    view.one = "3"
+    view.say("nothing yet " * 12 + "(waiting; Ctrl-C ends)")
+    view.handle([Published(VehicleId(3, 1), attitude()), Published(VehicleId(3, 1), STATUS)])
+    view.say("one more line")
+    view.refresh()
+    view._live.refresh()
+    pyte.Stream(screen).feed(out.getvalue().replace("\n", "\r\n"))
+    assert screen.display[0].startswith(" vehicle 3  running")
+    assert "ends)" not in "".join(screen.display)
+    assert screen.display[28].startswith("one more line")
+    view.close()
+
+
 def warned(name, *words):
     return row(name)._replace(status=msgspec.structs.replace(STATUS, warnings=words))
 
