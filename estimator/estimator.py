@@ -23,6 +23,7 @@ from estimator.live.resident import (
     TAKEN,
 )
 from estimator.live.rows import Floats, Rows, cut
+from estimator.live.settings import Settings
 from estimator.live.snapshot import Snapshot
 from estimator.live.state import State
 from estimator.live.taking import take_sample
@@ -84,6 +85,26 @@ class Estimator:
     def aligned(self) -> bool:
         """Whether there is an attitude yet."""
         return self._state.context.phase is not Phase.EMPTY
+
+    @property
+    def settings(self) -> Settings:
+        """What the profile comes to for this vehicle and place."""
+        return self._state.settings
+
+    @property
+    def is_aided(self) -> bool:
+        """Whether velocity helps."""
+        return self._state.context.phase is Phase.AIDED
+
+    @property
+    def trusts_compass(self) -> bool:
+        """Whether nothing speaks against the compass now."""
+        return self._state.trusts_compass
+
+    @property
+    def fixed_gain(self) -> float | None:
+        """K, if it is not the profile's rules that set it."""
+        return self._state.fixed_gain
 
     def update(self, sample: ImuSample) -> Reason | None:
         """Take one sample; None, or the reason why it was refused."""
@@ -213,8 +234,7 @@ class Estimator:
     def change_imu(self) -> None:
         """The samples are another IMU's from now on: its biases are its own."""
         state = self._state
-        is_aided = state.context.phase is Phase.AIDED
-        state.set_core(change_imu(state.settings, state.core.core, is_aided=is_aided))
+        state.set_core(change_imu(state.settings, state.core.core, is_aided=self.is_aided))
         # what differs from others' rates is its own, too
         state.change_context(turning=STILL._replace(used=state.context.turning.used))
 
@@ -224,8 +244,7 @@ class Estimator:
         All that is inside turns with it.
         """
         state = self._state
-        is_aided = state.context.phase is Phase.AIDED
-        state.set_core(apply_turn(state.core.core, turn_ned, is_aided=is_aided))
+        state.set_core(apply_turn(state.core.core, turn_ned, is_aided=self.is_aided))
 
     def attitude(self, time_us: int) -> Attitude:
         """The attitude at ``time_us``, propagated from the last sample for output only."""
@@ -260,8 +279,7 @@ class Estimator:
         0 where it does not, and without velocity.
         """
         state = self._state
-        is_aided = state.context.phase is Phase.AIDED
-        return leaning_angle(state.settings, state.core.core) if is_aided else 0.0
+        return leaning_angle(state.settings, state.core.core) if self.is_aided else 0.0
 
     @property
     def rates(self) -> str:

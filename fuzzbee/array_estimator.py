@@ -25,7 +25,7 @@ from fuzzbee.arguments import (
     microseconds_of_rows,
     vector,
 )
-from fuzzbee.attitudes import Attitudes, attitudes_of_rows
+from fuzzbee.attitudes import Attitudes, attitudes_of_rows, smoothed_attitudes
 from fuzzbee.batch import Batch
 from fuzzbee.fit import advice, is_enough
 
@@ -205,6 +205,33 @@ class Estimator:
         batch = Batch(rows_of(times_us, *readings, has_mag), velocity)
         self._take_batch(batch)
         return attitudes_of_rows(times_us, batch.said, batch.norths, said)
+
+    def smooth(
+        self,
+        gyr_rad_s: ArrayLike,
+        acc_m_s2: ArrayLike,
+        mag_gauss: ArrayLike | None = None,
+        time_s: ArrayLike | None = None,
+        velocity_ned_m_s: ArrayLike | None = None,
+    ) -> Attitudes:
+        """The attitudes of a whole recording, each by all that came before and behind it.
+
+        Arguments are those of ``update_batch``. The estimator itself goes on as if nobody had
+        asked: of it only profile, rate, gain and position count. ``error``, ``gain`` and the
+        confidences are those of its way forward.
+
+        Raises:
+            InputError: see ``update_batch``.
+        """
+        from estimator.smoothing import Recorder, smooth_all
+
+        forward = Estimator(self.profile, self._rate_hz, gain=self._gain)
+        recorder = forward._inner = Recorder(self.profile, self._gain)
+        recorder.snapshot = self._inner.snapshot
+        recorder.restart()
+        said = forward.update_batch(gyr_rad_s, acc_m_s2, mag_gauss, time_s, velocity_ned_m_s)
+        times_us, smoothed = smooth_all(recorder)
+        return smoothed_attitudes(said, 1e-6 * times_us.astype(float), smoothed)
 
     def set_position(
         self, latitude_deg: float, longitude_deg: float, altitude_m: float, unix_s: float

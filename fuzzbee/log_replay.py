@@ -46,6 +46,7 @@ def replay(
     skip_s: float = 0.0,
     system_id: int | None = None,
     gain: float | None = None,
+    smooth: bool = False,
 ) -> LogReplay:
     """Run the filter over a log (.tlog, .bin, .ulg) as fast as it goes, and score it.
 
@@ -56,6 +57,7 @@ def replay(
         skip_s: the first seconds, which are left out of the report's errors.
         system_id: the vehicle; without it the one with most IMU samples.
         gain: fixes K.
+        smooth: the attitudes that the whole log tells.
 
     Raises:
         InputError: the log cannot be read, holds no IMU data of that vehicle, or lacks that
@@ -70,6 +72,7 @@ def replay(
         reference=reference,
         skip_s=skip_s,
         system_id=system_id,
+        smooth=smooth,
         exports=[lambda trace, compared: found.append((trace, compared))],
     )
     trace, compared = found[0]

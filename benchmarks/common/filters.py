@@ -13,6 +13,7 @@ from estimator.geometry import quaternion as geometry
 from estimator.profile import Profile, merge_profile, profile_to_json
 from estimator.types import Vec3
 from fuzzbee import Estimator, load_profile
+from fuzzbee.attitudes import Attitudes
 
 HALF_ROOT = np.sqrt(0.5)
 # Body axes are forward, right, down; the recordings' forward, left, up.
@@ -72,7 +73,11 @@ class FuzzbeeRun:
 
     def advance(self, rows: slice) -> Said:
         """See :class:`Run`."""
-        said = self._estimator.update_batch(*(column[rows] for column in self._readings))
+        return self._said(
+            self._estimator.update_batch(*(column[rows] for column in self._readings))
+        )
+
+    def _said(self, said: Attitudes) -> Said:
         sigma = np.stack([said.sigma_inclination_rad, said.sigma_heading_rad], axis=1)
         return Said(said.q_ned_frd @ ENU_SENSOR_OF_NED_FRD, np.degrees(sigma))
 
@@ -80,6 +85,33 @@ class FuzzbeeRun:
         """See :class:`Run`; only tests do this, so the public class has no name for it."""
         w, east, north, up = turn_enu.tolist()
         self._estimator._inner.turn((w, north, east, -up))  # noqa: SLF001
+
+
+class SmoothRun(FuzzbeeRun):
+    """The same with what came later: all rows at once."""
+
+    def advance(self, rows: slice) -> Said:
+        """See :class:`Run`."""
+        return self._said(self._estimator.smooth(*(column[rows] for column in self._readings)))
+
+
+class OfflineVqfRun:
+    """VQF's own acausal version, with its defaults."""
+
+    def __init__(self, trial: Trial) -> None:
+        self._trial = trial
+
+    def advance(self, rows: slice) -> Said:
+        """See :class:`Run`."""
+        from vqf import offlineVQF
+
+        t = self._trial
+        mag = t.mag_ut[rows] if t.has_mag else None
+        result = offlineVQF(t.gyr_rad_s[rows], t.acc_m_s2[rows], mag, t.dt_s)
+        return Said(np.asarray(result["quat9D" if t.has_mag else "quat6D"]))
+
+    def turn(self, turn_enu: Array) -> None:
+        """Its end knows better than a wrong start: nothing."""
 
 
 def body_readings(trial: Trial) -> tuple[Array, Array, Array]:
@@ -259,6 +291,10 @@ RIVALS: dict[str, Filter] = {
     "madgwick": partial(AhrsRun, name="Madgwick", settings=MADGWICK),
     "allan": AllanRun,
 }
+ACAUSAL: dict[str, Filter] = {
+    "smooth": partial(SmoothRun, profile=load_profile("imu")),
+    "vqf offline": OfflineVqfRun,
+}
 GAINS: dict[str, dict[str, Any]] = {
     "fuzzy gain": {"gain": "fuzzy"},
     **{f"K = {K:g}": {"gain": "fixed", "fixed_gain": K} for K in (1.0, 5.0, 20.0, 50.0, 200.0)},
@@ -284,12 +320,17 @@ def known() -> dict[str, Filter]:
     return {
         "fuzzbee": fuzzbee({}),
         **RIVALS,
+        **ACAUSAL,
         **gains,
         **{f"without {name.removeprefix('use_')}": made for name, made in without.items()},
     }
 
 
-SETS = {"rivals": ("fuzzbee", *RIVALS), "gains": ("fuzzbee", *GAINS)}
+SETS = {
+    "rivals": ("fuzzbee", *RIVALS),
+    "acausal": ("fuzzbee", *ACAUSAL),
+    "gains": ("fuzzbee", *GAINS),
+}
 
 
 def chosen_filters(text: str) -> Iterator[tuple[str, Filter | None]]:
@@ -308,4 +349,4 @@ def is_installed(name: str) -> bool:
     package = {"mahony": "ahrs", "madgwick": "ahrs", "allan": "numpy"}.get(
         name, name.split(maxsplit=1)[0]
     )
-    return name not in RIVALS or find_spec(package) is not None
+    return name not in {*RIVALS, *ACAUSAL} - {"smooth"} or find_spec(package) is not None

@@ -26,12 +26,14 @@ _PROFILE = "paper, imu, adaptive or a TOML file. [default: imu; for sim: paper]"
 _SKIP = "Leave the first S seconds out of the errors."
 _START_WRONG = "Turn the first estimate by DEG degrees."
 _SYSTEM_ID = "Which vehicle. [default: the one with most IMU samples]"
+_SMOOTH = "The attitude that the whole log tells, not only what came before."
 _MCAP = "Write them as MCAP, for Foxglove and others."
 
 EPILOG = examples(
     "fuzzbee replay flight.tlog",
     "fuzzbee replay flight.tlog flight.bin --reference autopilot --skip 40 --json",
     "fuzzbee replay flight.tlog --plot flight.png --csv flight.csv",
+    "fuzzbee replay flight.tlog --smooth --csv best.csv",
     "fuzzbee replay sim: --profile paper --seeds 0-19",
     "fuzzbee replay sim: --profile adaptive --seeds 0-99 --plot gain.pdf --csv gain.csv",
 )
@@ -50,6 +52,7 @@ class ReplayOptions(NamedTuple):
     start_wrong: Annotated[float, option(_START_WRONG, metavar="DEG")] = 0.0
     system_id: Annotated[int | None, option(_SYSTEM_ID)] = None
     retune: Annotated[bool, option(RETUNE)] = False
+    smooth: Annotated[bool, option(_SMOOTH)] = False
     seeds: Annotated[str | None, option("Noise seeds for sim:, both included.", metavar="A-B")] = (
         None
     )
@@ -74,6 +77,8 @@ def replay(options: ReplayOptions) -> None:
         _require_simulation(options)
         _replay_simulation(options)
         return
+    if options.smooth and options.retune:
+        raise InputError("--smooth looks at the whole log, --retune goes along it: one of both")
     if options.seeds is not None:
         raise InputError("--seeds goes with sim: only")
     _replay_logs(options)
@@ -102,6 +107,8 @@ def _require_simulation(options: ReplayOptions) -> None:
     """Refuse what is for logs."""
     if len(options.sources) > 1:
         raise InputError("replay: sim: stands alone, not beside logs")
+    if options.smooth:
+        raise InputError("--smooth is for logs")
     if options.retune:
         raise InputError("--retune is for logs: the paper's experiment ends after 15 s")
     for name, _ in options.given("skip", "start_wrong"):
@@ -152,6 +159,7 @@ def _report_logs(options: ReplayOptions, usual: "Profile", exports: "list[Export
             start_wrong_deg=options.start_wrong,
             system_id=options.system_id,
             retune=options.retune,
+            smooth=options.smooth,
             tell=told.append,
             exports=exports,
         )

@@ -26,6 +26,7 @@ from fuzzbee.replays.score import (
     sort_counts,
     summarize,
 )
+from fuzzbee.replays.smoothed import recorder, smoothed
 from fuzzbee.replays.trace import Replay, VehicleTrace
 
 MICROSECOND = 1e-6
@@ -121,10 +122,13 @@ def report_log(
     start_wrong_deg: float = 0.0,
     system_id: int | None = None,
     retune: bool = False,
+    smooth: bool = False,
     tell: Callable[[str], None] = lambda _: None,
     exports: Sequence[Export] = (),
 ) -> LogReport:
     """Replay a log and score it; ``exports`` are given the trace and its comparison.
+
+    With ``smooth`` the attitudes are those that the whole log tells.
 
     Raises:
         InputError: the log cannot be read, holds no IMU data of that vehicle, or lacks the
@@ -138,6 +142,7 @@ def report_log(
         start_wrong_deg=start_wrong_deg,
         system_id=system_id,
         retune=retune,
+        smooth=smooth,
         tell=tell,
     )
     compared = compare(path, trace, reference)
@@ -155,6 +160,7 @@ def replay_log(
     start_wrong_deg: float,
     system_id: int | None,
     retune: bool = False,
+    smooth: bool = False,
     tell: Callable[[str], None],
 ) -> VehicleTrace:
     """The trace of the vehicle with most IMU samples, or of the one with ``system_id``."""
@@ -165,6 +171,7 @@ def replay_log(
         start_wrong_deg=start_wrong_deg,
         retune=retune,
         tell=lambda text: tell(f"{path.name}: {text}"),
+        new_estimator=recorder(fixed_gain) if smooth else None,
     )
     with open_log(path) as log:
         replay.run(log)
@@ -174,6 +181,8 @@ def replay_log(
         seen = _seen_text(replay, system_id)
         way_out = advice(log, system_id)
         raise InputError(f"{path}: {way_out or f'no IMU data{whose} that can be used{seen}'}")
+    if smooth:
+        trace.attitudes = smoothed(trace, replay.estimator(trace.address))
     return trace
 
 

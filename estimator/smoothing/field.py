@@ -1,0 +1,55 @@
+"""The magnetometer's readings without what the estimator has learnt about the magnetometer."""
+
+from math import atan2
+from typing import NamedTuple
+
+import numpy as np
+
+from estimator.conditioning.field.magnetic import FieldReference, has_heading
+from estimator.estimator import Estimator
+from estimator.live.rows import Flags, Floats
+from estimator.smoothing.recording import Recording
+from estimator.smoothing.rotation import cross
+
+
+class Field(NamedTuple):
+    """The magnetometer's readings, and what the place's field is taken for."""
+
+    mag: Floats  # (N, 3) less the vehicle's own field, brought to the samples' times
+    has_mag: Flags  # (N,)
+    reference: FieldReference
+    declination_rad: float
+    is_known: bool  # whether it has a horizontal part that tells a heading
+    is_trusted: bool  # whether nothing speaks against the compass
+
+
+def field_of(recording: Recording) -> Field:
+    """See :func:`estimator.conditioning.field.calibration.correct_field`."""
+    rows, last = recording.rows, recording.last
+    north = last.settings.reference.magnetic_ned
+    magnetometer = last.snapshot.core.conditioning.field
+    lag_s = magnetometer.calibration.learnt.lag_s
+    m = rows.mag_gauss - own_field(last)
+    return Field(
+        mag=without_lag(m, recording.rate_rad_s, lag_s),
+        has_mag=rows.has_mag,
+        reference=magnetometer.magnetic.reference,
+        declination_rad=atan2(north[1], north[0]),
+        is_known=has_heading(magnetometer.magnetic),
+        is_trusted=last.trusts_compass,
+    )
+
+
+def without_lag(m: Floats, rate_rad_s: Floats, lag_s: float) -> Floats:
+    """Fields (N, 3) as they were that much later: exp(-[w]x lag) m to second order."""
+    first = cross(rate_rad_s, m)
+    second = cross(rate_rad_s, first)
+    return np.asarray(m - lag_s * first + 0.5 * lag_s**2 * second)
+
+
+def own_field(last: Estimator) -> Floats:
+    """The vehicle's own field (3,): of each component the share that is no error."""
+    learnt = last.snapshot.core.conditioning.field.calibration.learnt
+    p = learnt.covariance
+    offset, variance = np.array(learnt.offset), np.array([p[0], p[4], p[7]])
+    return np.asarray(learnt.scale * offset * offset**2 / (offset**2 + variance))

@@ -1,0 +1,128 @@
+"""The heading by the field of the whole recording.
+
+Between two windows the heading of the levelled path changes as the gyroscope errs, a random walk
+of variance q; each window's field tells it with a variance r, larger where norm or dip are off the
+place's. The smoothed heading is the least squares solution, a tridiagonal system:
+sum (z - x)^2 / r + sum (x' - x)^2 / q. Noises are those of the estimator's own heading.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+from scipy.linalg import solveh_banded
+
+from estimator.conditioning.field.magnetic import FieldReference, norm_of, steepness
+from estimator.conditioning.field.robust import LEAST_CONFIDENCE
+from estimator.conditioning.params import ConditioningParams
+from estimator.conditioning.sigma import SIGMA_FIELD_RAD
+from estimator.conditioning.vertical.averaging import WINDOW_S
+from estimator.live.rows import Flags, Floats
+from estimator.smoothing.field import Field
+from estimator.smoothing.path import Path
+from estimator.smoothing.rotation import about_down, multiply, rotate, wrap
+from estimator.smoothing.vertical import Vertical
+from estimator.smoothing.windows import Windows, filled, running_mean
+
+# Rounds of least squares with the weights of the one before.
+ROUNDS = 8
+# Of the drift that the estimator allows for: the bias is what later samples have told.
+DRIFT_SHARE = 0.3
+# Of what the field's heading is off for a short time, for as long as the heading is averaged.
+LASTING_SHARE = 0.25
+# The variance of a window without a field, rad^2.
+UNSEEN = 1e9
+
+
+class Headed(NamedTuple):
+    """The attitude with its heading."""
+
+    q_ned_frd: Floats  # (N, 4)
+    sigma_rad: Floats  # (N,) of the heading
+
+
+def turn_north(
+    params: ConditioningParams, windows: Windows, path: Path, vertical: Vertical, field: Field
+) -> Headed:
+    """The levelled path turned to north."""
+    field_6d = rotate(vertical.q_6d_frd, field.mag)
+    seen, samples = windows.means(field_6d, field.has_mag)
+    known = samples > 0.0
+    turning, _ = windows.means(np.sum(path.rate_rad_s**2, axis=1))
+    r = np.where(known, noise(params, seen, field.reference) / WINDOW_S, UNSEEN)
+    missed, count = windows.means(path.missed)
+    q = walk(params, turning) + (missed * count)[1:]
+    z = np.where(known, -np.arctan2(seen[:, 1], seen[:, 0]), 0.0)
+    x, weight = solve(z, r, q, params.heading_reach_rad)
+    off = np.where(known, wrap(z - x), 0.0)
+    leaning = 0.5 * steepness(field.reference) * vertical.variance
+    variance = variances(r * weight, q) + lasting(params, off, known, leaning)
+    heading = windows.at(path.time_s, x) + field.declination_rad
+    q_ned_frd = multiply(about_down(heading), vertical.q_6d_frd)
+    return Headed(q_ned_frd, np.sqrt(windows.at(path.time_s, variance)))
+
+
+def noise(params: ConditioningParams, seen: Floats, reference: FieldReference) -> Floats:
+    """Density (W,) of the error of the field's heading, rad^2 s: see conditioning/field/heading."""
+    horizontal, down = np.hypot(seen[:, 0], seen[:, 1]), seen[:, 2]
+    expected = norm_of((reference.horizontal, reference.down))
+    norm = np.maximum(np.hypot(horizontal, down), LEAST_CONFIDENCE * expected)
+    off_norm = (norm - expected) / expected
+    off_dip = (down * reference.horizontal - horizontal * reference.down) / (norm * expected)
+    square = (off_norm / params.field_norm_scale) ** 2 + (off_dip / params.field_dip_scale_rad) ** 2
+    confidence = np.maximum((1.0 + square) ** -2, LEAST_CONFIDENCE)
+    doubtful = params.heading_doubt_noise_rad2_s * (1.0 / confidence - 1.0)
+    return np.asarray(params.heading_noise_rad2_s + doubtful)
+
+
+def walk(params: ConditioningParams, turning: Floats) -> Floats:
+    """Variance (W - 1,) of the drift from window to window, of mean squared rates (W,)."""
+    steady = params.heading_noise_rad2_s / params.heading_tau_s**2
+    both = 0.5 * (turning[1:] + turning[:-1])
+    return np.asarray(DRIFT_SHARE * (steady + params.heading_turning_noise_s * both) * WINDOW_S)
+
+
+def solve(z: Floats, r: Floats, q: Floats, reach_rad: float) -> tuple[Floats, Floats]:
+    """The smoothed angles (W,), and by what robust weights have raised the variances (W,)."""
+    middle = np.angle(np.sum(np.exp(1j * z) / r))
+    unwrapped = middle + wrap(z - middle)
+    weight = np.ones_like(z)
+    for _ in range(ROUNDS):
+        x = least_squares(unwrapped, r * weight, q)
+        off = wrap(z - x)
+        unwrapped = x + off
+        weight = (1.0 + (off / reach_rad) ** 2) ** 2
+    return x, weight
+
+
+def least_squares(z: Floats, r: Floats, q: Floats) -> Floats:
+    """The minimum of sum (z - x)^2 / r + sum (x' - x)^2 / q."""
+    bands = np.zeros((2, len(z)))
+    bands[0, 1:] = -1.0 / q
+    bands[1] = 1.0 / r
+    bands[1, 1:] += 1.0 / q
+    bands[1, :-1] += 1.0 / q
+    return np.asarray(solveh_banded(bands, z / r))
+
+
+def variances(r: Floats, q: Floats) -> Floats:
+    """The variances (W,) of that solution: information from before, from behind and its own."""
+    before = informed(r, q)
+    behind = informed(r[::-1], q[::-1])[::-1]
+    return np.asarray(1.0 / (before + behind + 1.0 / r))
+
+
+def informed(r: Floats, q: Floats) -> Floats:
+    """What all before it tell of each, 1/rad^2."""
+    told = np.zeros_like(r)
+    for k, (own, drift) in enumerate(zip((1.0 / r[:-1]).tolist(), q.tolist(), strict=True)):
+        both = own + float(told[k])
+        told[k + 1] = both / (1.0 + both * drift)
+    return told
+
+
+def lasting(params: ConditioningParams, off: Floats, known: Flags, leaning: Floats) -> Floats:
+    """Variance (W,) of errors that last, by means of residuals and what a vertical bends."""
+    count = max(1, round(params.turn_heading_tau_s / WINDOW_S))
+    off = filled(off[:, None], known)[:, 0]
+    square = running_mean(running_mean(off, count) ** 2, round(params.heading_tau_s / WINDOW_S))
+    return np.asarray(LASTING_SHARE * (square + leaning) + SIGMA_FIELD_RAD**2)

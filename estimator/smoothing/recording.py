@@ -1,0 +1,67 @@
+"""What smoothing takes: the readings, and what an estimator has said on its way through them."""
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from estimator.estimator import Estimator
+from estimator.live.rows import Flags, Floats, Rows, cut
+from estimator.types import RateSample, VelocitySample
+
+# The bias at a time is what the estimator took it for so much later (s): its random walk is told
+# for that time, see ``bias_walk_rad_s``.
+BIAS_AHEAD_S = 100.0
+
+
+class Estimates(NamedTuple):
+    """N attitudes in time; NaN where there is none."""
+
+    q_ned_frd: Floats  # (N, 4)
+    sigma_rad: Floats  # (N, 2) of inclination and heading
+    is_aided: Flags  # (N,) whether velocity helped
+
+
+class Recording(NamedTuple):
+    """Readings without a restart between them, as they were taken."""
+
+    rows: Rows
+    changes: Sequence[int]  # the rows from which on they are another IMU's
+    reports: Sequence[VelocitySample | RateSample]  # in the order of their times
+    forward: Estimates  # of the estimator at the samples
+    bias_rad_s: Floats  # (N, 3) of the gyroscope, as it was known then
+    last: Estimator  # the estimator behind the last one
+
+    @property
+    def rate_rad_s(self) -> Floats:
+        """The gyroscope's rates (N, 3) less the bias."""
+        return np.asarray(self.rows.gyr_rad_s - self.bias_rad_s)
+
+    def last_rows(self) -> NDArray[np.int64]:
+        """Of each sample (N,), the last one of the same IMU."""
+        n = len(self.rows.times_us)
+        ends = np.array([*self.changes, n])
+        return np.asarray(ends[np.searchsorted(ends, np.arange(n), side="right")] - 1)
+
+    def look_ahead(self) -> "Recording":
+        """With the bias as it is known later."""
+        times_us = self.rows.times_us
+        later = np.searchsorted(times_us, times_us + round(1e6 * BIAS_AHEAD_S), side="right") - 1
+        return self._replace(bias_rad_s=self.bias_rad_s[np.minimum(later, self.last_rows())])
+
+    def part(self, begin: int, end: int) -> "Recording":
+        """Rows from ``begin`` up to ``end``, of one IMU and without reports."""
+        rows, (q, sigma, is_aided) = slice(begin, end), self.forward
+        return self._replace(
+            rows=cut(self.rows, begin, end),
+            changes=(),
+            reports=(),
+            forward=Estimates(q[rows], sigma[rows], is_aided[rows]),
+            bias_rad_s=self.bias_rad_s[rows],
+        )
+
+
+def steps_s(rows: Rows) -> Floats:
+    """Intervals (N,) before each row; the first one is 0."""
+    return 1e-6 * np.diff(rows.times_us, prepend=rows.times_us[:1]).astype(np.float64)

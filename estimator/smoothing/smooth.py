@@ -1,0 +1,53 @@
+"""The smoothed attitude of a recording, as a summary of its steps."""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from estimator.conditioning.vertical.rate import FAST_STEP_S
+from estimator.live.rows import Floats, Times
+from estimator.smoothing.backward import backward
+from estimator.smoothing.joining import chosen, fallback, join
+from estimator.smoothing.recorder import Recorder
+from estimator.smoothing.recording import Recording, steps_s
+from estimator.smoothing.unaided import LEAST_SAMPLES, unaided
+
+
+class Smoothed(NamedTuple):
+    """N attitudes by the whole recording."""
+
+    q_ned_frd: Floats  # (N, 4)
+    sigma_rad: Floats  # (N, 2) angles that 68 % of the errors of inclination and heading lie under
+    rate_rad_s: Floats  # (N, 3) less the bias, FRD
+    bias_rad_s: Floats  # (N, 3)
+
+
+def smooth(recording: Recording) -> Smoothed:
+    """The attitudes at the samples, by what came before and behind each.
+
+    Fast streams without velocity are averaged both ways along the gyroscope's path. Elsewhere the
+    estimator goes over the recording once more, backward, and both estimates are joined.
+    """
+    recording = recording.look_ahead()
+    best, n = recording.forward, len(recording.bias_rad_s)
+    if n >= LEAST_SAMPLES:
+        is_slow = np.median(steps_s(recording.rows)) > FAST_STEP_S
+        is_joined = np.full(n, is_slow or not recording.last.settings.conditioned)
+        if is_joined.any() or recording.reports:
+            best = join(best, backward(recording))
+            is_joined |= best.is_aided
+        if not is_joined.all():
+            best = chosen(is_joined, best, unaided(recording))
+        best = fallback(best, recording.forward)
+    return Smoothed(best.q_ned_frd, best.sigma_rad, recording.rate_rad_s, recording.bias_rad_s)
+
+
+def smooth_all(recorder: Recorder) -> tuple[Times, Smoothed]:
+    """Times (us) and smoothed attitudes of all that a recorder has taken."""
+    recordings = recorder.recordings()
+    if len(recordings) == 1:
+        return recordings[0].rows.times_us, smooth(recordings[0])
+    parts = [Smoothed(*(np.zeros((0, n)) for n in (4, 2, 3, 3)))]
+    parts += [smooth(recording) for recording in recordings]
+    times_us = np.concatenate([np.zeros(0, np.int64), *(r.rows.times_us for r in recordings)])
+    return times_us, Smoothed(*(np.concatenate(column) for column in zip(*parts, strict=True)))

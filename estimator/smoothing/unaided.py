@@ -1,0 +1,83 @@
+"""A fast stream without velocity: the gyroscope's path, levelled and turned to north."""
+
+from collections.abc import Iterator
+from typing import NamedTuple
+
+import numpy as np
+
+from estimator.aiding.search import UNKNOWN_RAD
+from estimator.smoothing.field import field_of
+from estimator.smoothing.heading import Headed, turn_north
+from estimator.smoothing.path import felt_down, path_of
+from estimator.smoothing.recording import Estimates, Recording, steps_s
+from estimator.smoothing.rotation import about_down, conjugate, heading_of, multiply
+from estimator.smoothing.vertical import Vertical, level
+from estimator.smoothing.windows import windows_of
+
+# The gyroscope's path does not go on over a longer step (s).
+LONGEST_STEP_S = 0.5
+# Fewer samples tell nothing that the estimator has not said.
+LEAST_SAMPLES = 50
+# Long recordings are taken in pieces of so many seconds, each with as much of its neighbours at
+# both ends as its heading could feel: memory is bounded, and each piece's averaging is its own.
+PIECE_S, MARGIN_S = 600.0, 100.0
+
+
+class Piece(NamedTuple):
+    """Rows, and those around them that tell about them."""
+
+    begin: int
+    end: int
+    first: int
+    last: int
+
+
+def unaided(recording: Recording) -> Estimates:
+    """The estimates at the samples, piece by piece."""
+    q, sigma = recording.forward.q_ned_frd.copy(), recording.forward.sigma_rad.copy()
+    for begin, end, first, last in pieces(recording):
+        if last - first >= LEAST_SAMPLES:
+            inside = slice(begin - first, end - first)
+            found = of_piece(recording.part(first, last))
+            q[begin:end], sigma[begin:end] = found.q_ned_frd[inside], found.sigma_rad[inside]
+    return Estimates(q, sigma, np.zeros(len(q), np.bool_))
+
+
+def pieces(recording: Recording) -> Iterator[Piece]:
+    """From hole to hole, and from one IMU to the next, if that is not too long."""
+    times_us = recording.rows.times_us
+    holes = np.flatnonzero(steps_s(recording.rows) > LONGEST_STEP_S)
+    ends = [*np.union1d(holes, recording.changes).astype(int).tolist(), len(times_us)]
+    before = 0
+    for end in ends:
+        begin = before
+        while begin < end:
+            edges_s = np.array([-MARGIN_S, PIECE_S, PIECE_S + MARGIN_S])
+            edges = np.searchsorted(times_us, times_us[begin] + 1e6 * edges_s).tolist()
+            yield Piece(begin, min(edges[1], end), max(edges[0], before), min(edges[2], end))
+            begin = edges[1]
+        before = end
+
+
+def of_piece(recording: Recording) -> Estimates:
+    """The estimates of samples without a hole."""
+    path = path_of(recording)
+    windows = windows_of(path.time_s)
+    vertical = level(recording.last, windows, path, felt_down(recording, path))
+    field = field_of(recording)
+    if field.is_known and field.has_mag.any():
+        params = recording.last.settings.conditioning
+        headed = turn_north(params, windows, path, vertical, field)
+    else:
+        headed = turn_as(vertical, recording.forward)
+    heading_rad = headed.sigma_rad
+    if not field.is_trusted:
+        heading_rad = np.maximum(heading_rad, UNKNOWN_RAD)
+    sigma = np.stack([vertical.sigma_rad, heading_rad], axis=-1)
+    return Estimates(headed.q_ned_frd, sigma, recording.forward.is_aided)
+
+
+def turn_as(vertical: Vertical, forward: Estimates) -> Headed:
+    """The levelled path turned as these attitudes are: without a field nothing else tells."""
+    heading = heading_of(multiply(forward.q_ned_frd, conjugate(vertical.q_6d_frd)))
+    return Headed(multiply(about_down(heading), vertical.q_6d_frd), forward.sigma_rad[:, 1])

@@ -1,0 +1,87 @@
+"""The vertical of a fast stream without velocity: the felt force in G, averaged both ways.
+
+For how long, the force of the whole recording tells, see :mod:`...vertical.averaging`.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from estimator.conditioning.sigma import SIGMA_STEADY_RAD
+from estimator.conditioning.vertical.averaging import (
+    OCTAVES,
+    TAU_SHARE,
+    WINDOW_S,
+    Averaging,
+    Octave,
+    best_window,
+)
+from estimator.estimator import Estimator
+from estimator.live.rows import Floats
+from estimator.smoothing.path import Path
+from estimator.smoothing.rotation import multiply, rotate, unit
+from estimator.smoothing.windows import Windows, filled, low_passed, running_mean
+
+
+class Vertical(NamedTuple):
+    """The path levelled: its heading is arbitrary, and drifts."""
+
+    q_6d_frd: Floats  # (N, 4)
+    sigma_rad: Floats  # (N,)
+    variance: Floats  # (W,) of the windows, rad^2
+
+
+def level(last: Estimator, windows: Windows, path: Path, down_g: Floats) -> Vertical:
+    """The vertical by the force ``down_g`` (N, 3) in G."""
+    felt, samples = windows.means(down_g)
+    felt = filled(felt, samples > 0.0)
+    rate_g, _ = windows.means(rotate(path.q_g_frd, path.rate_rad_s))
+    length_s = best_length_s(last, felt, WINDOW_S * rate_g)
+    down = low_passed(felt, TAU_SHARE * length_s)
+    variance = SIGMA_STEADY_RAD**2 + local_variance(felt, max(1, round(length_s / WINDOW_S)))
+    q = multiply(shortest_to_down(unit(windows.at(path.time_s, down))), path.q_g_frd)
+    return Vertical(q, np.sqrt(windows.at(path.time_s, variance)), variance)
+
+
+def best_length_s(last: Estimator, felt: Floats, turned: Floats) -> float:
+    """For how long the force of windows (W, 3), in which the body ``turned`` (rad), is averaged."""
+    octaves: list[Octave] = []
+    count = len(felt)
+    for _ in range(OCTAVES):
+        apart = 0.5 * np.mean(turns_squared(felt[:-1], felt[1:])) if len(felt) > 1 else 0.0
+        turning = np.mean(np.sum(turned**2, axis=1)) if len(felt) > 1 else 0.0
+        octaves.append(Octave(apart=float(apart), turning=float(turning)))
+        pairs = len(felt) // 2 * 2
+        felt = 0.5 * (felt[0:pairs:2] + felt[1:pairs:2])
+        turned = turned[0:pairs:2] + turned[1:pairs:2]
+    o0, o1, o2, o3, o4, o5, o6, o7, o8 = octaves
+    all_of_them = (o0, o1, o2, o3, o4, o5, o6, o7, o8)
+    seen = Averaging(octaves=all_of_them, windows=count, moved_s=WINDOW_S * count)
+    p = last.snapshot.core.conditioning.vertical.estimate.covariance
+    return best_window(last.settings.conditioning, seen, (p[0] + p[4] + p[7]) / 3.0)[0]
+
+
+def local_variance(felt: Floats, length: int) -> Floats:
+    """Half the mean square turn (W,) of means over ``length`` windows, from those around each."""
+    means = np.stack([running_mean(component, length) for component in felt.T], axis=-1)
+    n = len(felt)
+    at = np.arange(n)
+    before, behind = np.maximum(at - length // 2, 0), np.minimum(at + (length + 1) // 2, n - 1)
+    return running_mean(0.5 * turns_squared(means[before], means[behind]), 4 * length)
+
+
+def turns_squared(before: Floats, after: Floats) -> Floats:
+    """Squared angles (N,) between vectors (N, 3)."""
+    sine = np.linalg.norm(np.cross(before, after), axis=1)
+    return np.asarray(np.arctan2(sine, np.sum(before * after, axis=1)) ** 2)
+
+
+def shortest_to_down(down: Floats) -> Floats:
+    """The shortest rotations (N, 4) that take unit vectors (N, 3) to (0, 0, 1).
+
+    Of one that points straight up, half a turn about the first axis.
+    """
+    x, y, z = down.T
+    q = np.stack([1.0 + z, y, -x, np.zeros_like(x)], axis=-1)
+    q[z < -1.0 + 1e-12] = (0.0, 1.0, 0.0, 0.0)
+    return unit(q)

@@ -1,0 +1,99 @@
+"""The attitude that a whole recording tells, beside the one that was known at the time."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from estimator.geometry.metrics import batch_angle_errors
+from estimator.smoothing.rotation import chained, conjugate, exp, rotate
+from fuzzbee import Estimator, replay
+from fuzzbee.cli import main
+
+DATA = Path(__file__).parents[1] / "data"
+RATE_HZ, SECONDS = 50.0, 120
+G = 9.80665
+
+
+@pytest.fixture(scope="module")
+def shaken():
+    """Readings of a body that is turned and shaken, with a biased gyroscope, and the truth."""
+    rng = np.random.default_rng(2)
+    t = np.arange(round(SECONDS * RATE_HZ)) / RATE_HZ
+    tones, phases = rng.uniform(0.5, 2.5, (2, 3, 3)), rng.uniform(0.0, 6.0, (2, 3, 3))
+    rate, push = (
+        np.sin(a[:, :, None] * t + p[:, :, None]).sum(axis=1).T
+        for a, p in zip(tones, phases, strict=True)
+    )
+    before = np.concatenate([rate[:1], rate[:-1]])
+    q = chained(exp(0.5 * (before + rate) / RATE_HZ))
+    force = rotate(conjugate(q), push + np.array([0.0, 0.0, -G]))
+    field = rotate(conjugate(q), np.tile([0.2, 0.0, 0.4], (len(t), 1)))
+    gyr = rate + np.array([0.004, -0.006, 0.005]) + rng.normal(0.0, 0.003, rate.shape)
+    acc = force + rng.normal(0.0, 0.05, rate.shape)
+    return gyr, acc, field + rng.normal(0.0, 0.003, rate.shape), q
+
+
+def errors_deg(attitudes, q):
+    """Heading and inclination (N, 2)."""
+    pair = np.ascontiguousarray(attitudes.q_ned_frd), np.ascontiguousarray(q)
+    return np.degrees(batch_angle_errors(*pair))[:, 1:]
+
+
+def rms(values):
+    return np.sqrt(np.mean(np.square(values), axis=0))
+
+
+def test_what_came_later_counts_too(shaken):
+    *readings, q = shaken
+    estimator = Estimator(rate_hz=RATE_HZ)
+    smoothed = estimator.smooth(*readings)
+    causal = estimator.update_batch(*readings)  # as if nobody had smoothed
+    errors = errors_deg(smoothed, q)
+    before = rms(errors_deg(causal, q)[500:])
+    assert rms(errors) == pytest.approx([0.507, 0.465], rel=0.2)
+    assert (rms(errors[500:]) < 0.85 * before).all()
+    sigma = np.degrees([smoothed.sigma_heading_rad, smoothed.sigma_inclination_rad]).T
+    assert (np.mean(errors < sigma, axis=0) > 0.55).all()
+    assert (smoothed.heading_reference == "magnetic").all()
+
+
+def test_holes_refused_rows_and_few_samples_leave_an_attitude_everywhere(shaken):
+    gyr, acc, mag, q = (column[:3000].copy() for column in shaken)
+    times_s = np.arange(3000) / RATE_HZ
+    times_s[1500:] += 3.0
+    acc[100:110] = np.nan
+    smoothed = Estimator().smooth(gyr, acc, mag, times_s)
+    assert np.isfinite(smoothed.q_ned_frd).all()
+    before = Estimator().update_batch(gyr, acc, mag, times_s)
+    assert (rms(errors_deg(smoothed, q)[600:]) < rms(errors_deg(before, q)[600:])).all()
+    assert len(Estimator().smooth(gyr[:3], acc[:3], mag[:3], times_s[:3])) == 3
+    assert np.isnan(Estimator().smooth(gyr[:3], acc[:3] * np.nan, mag[:3], times_s[:3]).gain).all()
+    without = Estimator().smooth(gyr, acc, None, times_s)
+    assert (without.heading_reference == "none").all()
+
+
+@pytest.mark.parametrize(
+    ("log", "heading", "inclination"),
+    [("sitl_copter_4hz.tlog", 0.487, 0.682), ("sitl_plane_4hz.tlog", 0.374, 0.582)],
+)
+def test_flights(log, heading, inclination):
+    """Aided at 4 Hz: forward and backward joined."""
+    score = replay(DATA / log, skip_s=20.0).report.error_deg
+    smoothed = replay(DATA / log, skip_s=20.0, smooth=True).report
+    found = smoothed.error_deg.heading_rms, smoothed.error_deg.inclination_rms
+    assert found == pytest.approx((heading, inclination), rel=0.2)
+    assert found < (score.heading_rms, score.inclination_rms)
+    assert smoothed.coverage.heading > 0.55
+    assert smoothed.coverage.inclination > 0.55
+
+
+def test_the_command(capsys):
+    log = str(DATA / "sitl_copter_takeoff.tlog")
+    assert main(["replay", log, "--smooth", "--json"]) == 0
+    score = json.loads(capsys.readouterr().out)["error_deg"]
+    assert score["inclination_rms"] == pytest.approx(0.111, rel=0.2)
+    for arguments, part in (([log, "--retune"], "--retune"), (["sim:"], "for logs")):
+        assert main(["replay", *arguments, "--smooth"]) == 2
+        assert part in capsys.readouterr().err
