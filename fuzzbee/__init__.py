@@ -13,12 +13,14 @@ if TYPE_CHECKING:
     from estimator.profile import load_profile
     from fuzzbee.array_estimator import Estimator
     from fuzzbee.log_replay import replay
+    from fuzzbee.paper_filter import PaperFilter
 
-__all__ = ["Estimator", "InputError", "__version__", "load_profile", "replay"]
+__all__ = ["Estimator", "InputError", "PaperFilter", "__version__", "load_profile", "replay"]
 
 _HOMES = {
     "Estimator": "fuzzbee.array_estimator",
     "InputError": "estimator.errors",
+    "PaperFilter": "fuzzbee.paper_filter",
     "load_profile": "estimator.profile",
     "replay": "fuzzbee.log_replay",
 }

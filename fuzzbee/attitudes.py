@@ -2,11 +2,12 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from estimator.errors import InputError
 from estimator.geometry.frames import enu_flu_from_ned_frd
 from estimator.types import Attitude
 from fuzzbee.angle_curves import euler_curves_deg, where_known
@@ -54,6 +55,32 @@ class Attitudes:
     def euler_deg(self) -> Floats:
         """Roll, pitch and yaw (N, 3) in degrees, yaw from 0 to 360; to be looked at only."""
         return euler_curves_deg(self.q_ned_frd)
+
+    def to_rotation(self) -> Any:
+        """SciPy's ``Rotation``, body vectors (FRD) to NED, of the attitudes that are known."""
+        from scipy.spatial.transform import Rotation
+
+        known = np.isfinite(self.q_ned_frd).all(axis=1)
+        return Rotation.from_quat(self.q_ned_frd[known][:, [1, 2, 3, 0]])
+
+    def to_frame(self) -> Any:
+        """A pandas ``DataFrame`` over ``time_s``: a column for each number, angles in degrees.
+
+        Raises:
+            InputError: pandas is not installed.
+        """
+        try:
+            import pandas as pd
+        except ImportError:
+            raise InputError("to_frame needs pandas: pip install pandas") from None
+        columns = {
+            **dict(zip(("w", "x", "y", "z"), self.q_ned_frd.T, strict=True)),
+            **dict(zip(("roll_deg", "pitch_deg", "yaw_deg"), self.euler_deg.T, strict=True)),
+            "sigma_inclination_deg": np.degrees(self.sigma_inclination_rad),
+            "sigma_heading_deg": np.degrees(self.sigma_heading_rad),
+            "heading_reference": self.heading_reference,
+        }
+        return pd.DataFrame(columns, index=pd.Index(self.time_s, name="time_s"))
 
     @property
     def q_enu_flu(self) -> Floats:

@@ -184,19 +184,31 @@ def correct(params: FilterParams, state: FilterState, vectors: Vectors, dt: floa
         K = noise_gain(noise, e, params.rate_time_constant_s * d, state.gain, dt)
     else:
         K = adaptive_gain(params, e, d)
-    fastest = largest_rate(measured, s)
+    state = state._replace(noise=noise)
+    return moved(params, state, w, largest_rate(measured, s), e, d, K, dt)
+
+
+def moved(
+    params: FilterParams,
+    state: FilterState,
+    w: Array,
+    fastest: float,
+    e: float,
+    d: float,
+    K: float,
+    dt: float,
+) -> FilterState:
+    """The innovation ``w`` (3,) at work on attitude and bias: Eq. (12), "Attit_Filter"."""
     g = step_gain(params, K, fastest, dt)
     turn: Any = tuple(-g * w)
     q = quaternion.multiply(state.q_ned_frd, quaternion.exp(turn))
     b = np.array(state.gyr_bias_rad_s) + bias_gain(params, K, g, fastest, dt) * w
     b = np.clip(b, -params.bias_bound_rad_s, params.bias_bound_rad_s)
-    return FilterState(
+    return state._replace(
         q_ned_frd=quaternion.normalize(q),
         gyr_bias_rad_s=(float(b[0]), float(b[1]), float(b[2])),
         error=e,
         error_rate_1_s=d,
         gain=K,
         has_error=True,
-        rate_rad_s=state.rate_rad_s,
-        noise=noise,
     )

@@ -129,7 +129,7 @@ def test_every_reason_for_a_refusal_is_explained():
     assert all(len(row) == 3 and min(map(len, row[1:])) > 20 for row in rows)
 
 
-@pytest.mark.parametrize("number", [0, 1, 2])
+@pytest.mark.parametrize("number", [0, 1, 2, 3])
 def test_the_python_examples_run_as_they_stand(number, tmp_path, monkeypatch, capsys):
     """On the arrays and the log that they name, made of a recorded flight."""
     log = DOCS.parent / "tests/data/sitl_copter_flips.tlog"

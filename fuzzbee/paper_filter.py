@@ -1,0 +1,137 @@
+"""The paper's filter by itself, on vectors of one's own, with the paper's names.
+
+Every step is a function of :mod:`estimator.filter.reference`, which is what the live filter is
+tested against; equations are cited there by number and label.
+"""
+
+from collections.abc import Callable
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from estimator.errors import InputError
+from estimator.filter import kernel, reference
+from estimator.filter.alignment import quaternion_from_matrix
+from estimator.filter.types import initial_state
+from estimator.live.settings import settings_of
+from estimator.profile import Profile, load_profile
+from fuzzbee.arguments import Floats, matrix, vector
+
+# Below this share of the largest, the smallest eigenvalue of M says that vectors span no space.
+FLAT = 1e-9
+Gain = Callable[[float, float], float]
+
+
+class PaperFilter:
+    """Eq. (12), "Attit_Filter": n vectors known in the inertial frame, and a gyroscope.
+
+    ``R_hat`` (3, 3) takes body vectors to the inertial frame, ``b_hat`` (3,) is the gyroscope's
+    bias in rad/s, ``e`` what the measurements say of |R~|_I (0 to 1), ``e_rate`` its filtered
+    derivative in 1/s and ``K`` the gain of the last step.
+
+    Args:
+        v_I: the vectors in the inertial frame (n, 3), n at least 2; with two their cross product
+            is the third, as in the paper.
+        s: their confidences (n,), or (n + 1,) with that of the cross product; all 1 if not given.
+        R_hat: the first attitude (3, 3).
+        gain: a fixed K, a function of e and its rate, or None: the paper's fuzzy controller.
+        profile: the rest of the numbers, among them k1..k22.
+
+    Raises:
+        InputError: shapes that do not fit, or vectors that fix no attitude.
+    """
+
+    def __init__(
+        self,
+        v_I: ArrayLike,
+        s: ArrayLike | None = None,
+        R_hat: ArrayLike | None = None,
+        *,
+        gain: float | Gain | None = None,
+        profile: Profile | str = "paper",
+    ) -> None:
+        given = load_profile(profile) if isinstance(profile, str) else profile
+        self.params = settings_of(given, None).filter
+        self._count = len(matrix("v_I", v_I))
+        self._v_I = _with_cross(_unit(matrix("v_I", v_I)))
+        weights = np.ones(len(self._v_I)) if s is None else np.asarray(s, dtype=float)
+        if weights.shape == (self._count,) != (len(self._v_I),):
+            weights = np.append(weights, 1.0)
+        if weights.shape != (len(self._v_I),) or not (weights > 0.0).all():
+            raise InputError(f"s: must be {self._count} confidences above 0, not {s!r:.60}")
+        self._s = weights
+        eigenvalues = np.linalg.eigvalsh((self._v_I.T * weights) @ self._v_I)
+        if eigenvalues[0] < FLAT * eigenvalues[-1]:
+            raise InputError("v_I: these vectors fix no attitude: they lie in a plane or on a line")
+        self._gain = gain
+        self._state = initial_state()
+        if R_hat is not None:
+            self._state = initial_state(quaternion_from_matrix(matrix("R_hat", R_hat, 3)))
+
+    @property
+    def R_hat(self) -> Floats:  # noqa: N802 - the paper's
+        """The attitude (3, 3)."""
+        return reference.rotation_matrix(self._state.q_ned_frd)
+
+    @property
+    def b_hat(self) -> Floats:
+        """The gyroscope's bias (3,) in rad/s."""
+        return np.array(self._state.gyr_bias_rad_s)
+
+    @property
+    def e(self) -> float:
+        """The distance between the frames as measured, 0 to 1."""
+        return self._state.error
+
+    @property
+    def e_rate(self) -> float:
+        """Its filtered derivative, 1/s."""
+        return self._state.error_rate_1_s
+
+    @property
+    def K(self) -> float:  # noqa: N802
+        """The gain of the last step."""
+        return self._state.gain
+
+    def step(self, Omega_m: ArrayLike, v_B: ArrayLike, dt: float) -> Floats:
+        """Turn with the gyroscope (3,) in rad/s over ``dt`` s, then correct by the vectors (n, 3).
+
+        Returns R_hat.
+
+        Raises:
+            InputError: shapes that do not fit, or vectors of no length.
+        """
+        state = reference.propagate(self._state, vector("Omega_m", Omega_m), dt)
+        measured = _with_cross(_unit(matrix("v_B", v_B, self._count)))
+        estimated = self._v_I @ reference.rotation_matrix(state.q_ned_frd)  # Eq. (10)
+        w = reference.innovation(measured, estimated, self._s)  # Eq. (11)
+        e = reference.attitude_error(measured, estimated, self._s)
+        d = reference.error_rate(self.params, state, e, dt)
+        K = self._k(e, d)
+        self._state = reference.moved(
+            self.params, state, w, reference.largest_rate(measured, self._s), e, d, K, dt
+        )
+        return self.R_hat
+
+    def _k(self, e: float, e_rate: float) -> float:
+        if self._gain is None:
+            return self.fuzzy_gain(e, e_rate)
+        return float(self._gain(e, e_rate) if callable(self._gain) else self._gain)
+
+    def fuzzy_gain(self, e: float, e_rate: float) -> float:
+        """K = 1 + k_op of the paper's controller alone; over a grid it is its surface."""
+        return float(kernel.adaptive_gain(self.params, e, e_rate))
+
+
+def _unit(vectors: Floats) -> Floats:
+    sizes = np.linalg.norm(vectors, axis=1, keepdims=True)
+    if not (np.isfinite(sizes).all() and (sizes > 0.0).all()):
+        raise InputError("vectors must be finite and of some length")
+    return np.asarray(vectors / sizes)
+
+
+def _with_cross(vectors: Floats) -> Floats:
+    """Two vectors and their normal; more as they are."""
+    if len(vectors) != 2:
+        return vectors
+    return np.vstack((vectors, _unit(np.cross(vectors[:1], vectors[1:]))))

@@ -1,0 +1,101 @@
+"""The paper's filter for programs: the product's own on two vectors, and on any number."""
+
+import numpy as np
+import pytest
+
+from drivers.simulation.simulated_vehicle import GRAVITY_NED, MAGNETIC_NED, simulate
+from estimator.filter import kernel, reference
+from estimator.filter.types import Vectors, initial_state
+from fuzzbee import InputError, PaperFilter, load_profile
+from fuzzbee.attitudes import Attitudes
+
+DT = 0.01
+INERTIAL = np.array([MAGNETIC_NED, GRAVITY_NED])
+
+
+def signals(samples, seed=0):
+    made = simulate(seed, samples)
+    return made.gyr_rad_s, np.stack([made.mag_gauss, -made.acc_m_s2], axis=1), made.q_ned_frd
+
+
+def unit(vectors):
+    return vectors / np.linalg.norm(vectors, axis=-1, keepdims=True)
+
+
+@pytest.mark.parametrize("gain", [None, 30.0])
+def test_on_two_vectors_it_is_the_compiled_filter(gain):
+    gyr, vectors, _ = signals(300)
+    ours = PaperFilter(INERTIAL, gain=gain)
+    params = ours.params
+    if gain is not None:
+        params = params._replace(gain_is_fixed=True, fixed_gain=gain)
+    state = initial_state()
+    for rate, pair in zip(gyr, unit(vectors), strict=True):
+        (v1, v2), (u1, u2) = (map(tuple, rows.tolist()) for rows in (pair, INERTIAL))
+        state = kernel.propagate(state, tuple(rate.tolist()), DT)
+        state = kernel.correct(params, state, Vectors(v1, u1, 1.0, v2, u2, 1.0, 1.0), DT)
+        ours.step(rate, pair, DT)
+    assert ours.R_hat == pytest.approx(reference.rotation_matrix(state.q_ned_frd), abs=1e-9)
+    assert ours.b_hat == pytest.approx(state.gyr_bias_rad_s, abs=1e-9)
+    assert (ours.e, ours.e_rate, ours.K) == pytest.approx(
+        (state.error, state.error_rate_1_s, state.gain), abs=1e-6
+    )
+
+
+def test_more_vectors_are_better_at_the_same_weight():
+    """Noise of 0.05 on each; one degree and a half by two."""
+    generator, rms_deg = np.random.default_rng(3), []
+    eight = unit(generator.normal(size=(8, 3)))
+    for v_I in (eight[:2], eight):
+        filtered = PaperFilter(v_I, np.full(len(v_I), 2.0 / len(v_I)), gain=20.0)
+        errors = []
+        for _ in range(400):
+            filtered.step((0.0, 0.0, 0.0), v_I + generator.normal(0.0, 0.05, v_I.shape), DT)
+            errors.append(np.arccos(min(1.0, (np.trace(filtered.R_hat) - 1.0) / 2.0)))
+        rms_deg.append(np.degrees(np.sqrt(np.mean(np.square(errors)))))
+    assert rms_deg[0] == pytest.approx(1.5, rel=0.2)
+    assert rms_deg[1] < 0.6 * rms_deg[0]
+
+
+def test_the_gain_may_be_anything_and_the_controller_stands_alone():
+    asked = []
+    filtered = PaperFilter(INERTIAL, gain=lambda e, e_rate: asked.append((e, e_rate)) or 7.0)
+    filtered.step((0.0, 0.0, 0.0), -INERTIAL, DT)
+    assert asked == [(filtered.e, filtered.e_rate)]
+    assert filtered.K == 7.0
+    surface = [[filtered.fuzzy_gain(e, d) for e in (0.0, 0.5, 1.0)] for d in (-1.0, 0.0, 1.0)]
+    assert np.all(np.diff(surface, axis=1) >= 0.0)  # more error, more gain
+    assert 1.0 <= np.min(surface) < np.max(surface) <= 101.0
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (([[1, 0, 0]],), "fix no attitude"),
+        (([[1, 0, 0], [0, 0, 0]],), "some length"),
+        (([[1, 0, 0], [0, 1, 0], [1, 1, 0]],), "fix no attitude"),
+        (([[1, 0], [0, 1]],), "shape"),
+        ((INERTIAL, [1.0]), "s: must be 2 confidences"),
+        ((INERTIAL, [1.0, -1.0]), "above 0"),
+    ],
+)
+def test_what_fixes_no_attitude_is_refused(arguments, words):
+    with pytest.raises(InputError, match=words):
+        PaperFilter(*arguments)
+
+
+def test_scipy_and_pandas_get_what_they_know():
+    from fuzzbee import Estimator
+
+    gyr, vectors, _ = signals(200)
+    found = Estimator(load_profile("paper"), rate_hz=100.0).update_batch(
+        gyr, -vectors[:, 1], vectors[:, 0]
+    )
+    assert isinstance(found, Attitudes)
+    turned = found.to_rotation().apply((1.0, 0.0, 0.0))
+    yaw_deg = np.degrees(np.arctan2(turned[:, 1], turned[:, 0])) % 360.0
+    assert yaw_deg == pytest.approx(found.euler_deg[:, 2], abs=1e-6)
+    pytest.importorskip("pandas")
+    frame = found.to_frame()
+    assert len(frame) == 200
+    assert frame["yaw_deg"].iloc[-1] == pytest.approx(yaw_deg[-1])
