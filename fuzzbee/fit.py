@@ -26,6 +26,7 @@ BETTER = 2.0
 EXPLAINED = 2.0 / 3.0
 # Beside accelerations nothing is explained, but a unit that is too large makes it so much worse.
 MUCH_BETTER = 8.0
+SPIKE = 5.0  # beyond so many times the larger turns one is none
 ALIKE = 1.05  # of two ways that leave as much the plainer one is told
 UPSIDE_DOWN = 0.5  # mean of the unit force's z; -1 stands level
 
@@ -191,7 +192,10 @@ def _spans(times_s: Floats, turned: Floats, vectors: Floats) -> Spans | None:
     if np.count_nonzero(usable) < LEAST_S / SLOW_S / 2.0:
         return None
     angle, vector = angle[usable], vector[usable]
-    return Spans(angle[:, 1] - angle[:, 0], vector.mean(axis=1), vector[:, 1] - vector[:, 0])
+    turns = angle[:, 1] - angle[:, 0]
+    sizes = np.linalg.norm(turns, axis=1)
+    true = sizes <= SPIKE * np.percentile(sizes, 95)
+    return Spans(turns[true], vector.mean(axis=1)[true], (vector[:, 1] - vector[:, 0])[true])
 
 
 def _left(spans: Spans, ways: Sequence[Way], *, has_offset: bool) -> Floats:

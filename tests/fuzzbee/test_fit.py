@@ -104,6 +104,13 @@ def test_a_field_in_other_axes_is_told_apart_from_units():
     )
 
 
+@pytest.mark.parametrize("spikes", [1, 5])
+def test_spikes_are_nothing_to_warn_of(flight, spikes):
+    time_s, gyr, acc, mag = (values.copy() for values in flight)
+    gyr[40 :: 1000 // spikes] = 1000.0
+    assert Estimator().update_batch(gyr, acc, mag, time_s, strict=True).warnings == ()
+
+
 @pytest.mark.parametrize("rows", [0, 1, 2, 200])
 def test_a_few_samples_are_not_judged(flight, rows):
     time_s, *readings = (values[:rows] for values in degrees(*flight))
