@@ -136,6 +136,12 @@ class Pipeline:
             self._away[address] = None
         return vehicle
 
+    def _take_back(self, address: VehicleId) -> None:
+        """Have a vehicle know all of itself that is usual now."""
+        if self._usual.has(address):
+            self._usual.hand_back(address)
+            self._away[address] = None
+
     def handle(self, event: Event | Readings) -> list[Output]:
         """Take one event; returns the lines that a person should see at once."""
         if isinstance(event, Readings):
@@ -209,7 +215,6 @@ class Pipeline:
         self._peers.clear()
         takes_all = not (load.is_shedding or load.has_just_woken)
         wanted = NONE if load.is_behind else ALL if takes_all else DUE
-        self._return_usual()
         shown = {} if load.has_just_woken else self._usual.show(now_us, wanted)
         for address, vehicle in self._vehicles.items():
             if address in shown:
@@ -217,7 +222,7 @@ class Pipeline:
                 if found is not None:
                     outputs.append(Published(address, *found))
             else:
-                self._own(address)
+                self._take_back(address)
                 if not load.has_just_woken:
                     outputs += _messages(vehicle.on_time(now_us))
                 is_wanted = takes_all or vehicle.is_due(now_us)
@@ -225,7 +230,7 @@ class Pipeline:
                 if attitude is not None:
                     outputs.append(Published(address, attitude, vehicle.last_sample))
             if status_due:
-                self._own(address)
+                self._take_back(address)
                 status = vehicle.status(now_us, load, self.malformed)
                 outputs.append(Published(vehicle.address, status, time_unix_us=now_us))
         return outputs

@@ -380,6 +380,10 @@ class UsualVehicles:
                 shown[vehicle.address] = None
         return shown
 
+    def has(self, address: VehicleId) -> bool:
+        """Whether a vehicle's numbers are here."""
+        return address in self._places
+
     def take_over(self, vehicle: Vehicle) -> None:
         """Take a vehicle's numbers, if it just goes on."""
         numbers = vehicle.numbers()

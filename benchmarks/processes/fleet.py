@@ -1,9 +1,9 @@
 """The vehicles of the live benchmark: ``fleet.py PORT VEHICLES HZ SECONDS OUT [FEW FROM TO]``.
 
 The simulated vehicles of ``fuzzbee sim``, on UDP: what they say is made before they begin, so that
-to send it costs little. The autopilot's ATTITUDE is stamped between the IMU's samples, as real ones
-do. OUT (.npy) gets the sender and the Unix time in ns of every datagram, taken right before it was
-sent. With FEW only so many send, but for the time FROM to TO, in s since the start.
+to send it costs little. OUT (.npy) gets the sender and the Unix time in ns of every datagram, taken
+right before it was sent. With FEW only so many send, but for the time FROM to TO, in s since the
+start.
 """
 
 import gc
@@ -22,7 +22,6 @@ from drivers.simulation.fleet import Fleet
 SYSTEM_ID, COMPONENT_ID = 5, 6
 
 
-APART_US = 7_000
 LATE_S = 0.001  # a datagram leaves this late at most, where there is time
 
 
