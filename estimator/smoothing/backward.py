@@ -85,14 +85,15 @@ def mirror(recording: Recording, field_lag_s: float) -> Rows:
 
     A sample that stands for the step before it stands for the one behind it then.
     """
-    rows, is_mean = recording.rows, stands_for_step(recording)[:, None]
+    rows, is_mean = recording.rows, stands_for_step(recording)
     rate = rows.gyr_rad_s - recording.bias_rad_s[recording.last_rows()]
-    gyr, acc = (
-        np.where(is_mean, np.concatenate([v[1:], v[-1:]]), v) for v in (rate, rows.acc_m_s2)
-    )
     field = without_lag(rows.mag_gauss, rate, field_lag_s)
-    times_us = rows.times_us[-1] - rows.times_us + 1_000_000
-    return rows_of(times_us[::-1], -gyr[::-1], acc[::-1], field[::-1], rows.has_mag[::-1])
+    n = len(rate)
+    behind = np.where(is_mean, np.minimum(np.arange(n) + 1, n - 1), np.arange(n))[::-1]
+    times_us = (rows.times_us[-1] - rows.times_us + 1_000_000)[::-1]
+    return rows_of(
+        times_us, -rate[behind], rows.acc_m_s2[behind], field[behind], rows.has_mag[behind]
+    )
 
 
 def mirrored_reports(

@@ -8,6 +8,7 @@ import numpy as np
 from estimator.conditioning.field.magnetic import FieldReference, has_heading
 from estimator.estimator import Estimator
 from estimator.live.rows import Flags, Floats
+from estimator.smoothing.path import late_s
 from estimator.smoothing.recording import Recording
 from estimator.smoothing.rotation import cross
 
@@ -31,7 +32,7 @@ def field_of(recording: Recording) -> Field:
     lag_s = magnetometer.calibration.learnt.lag_s
     m = rows.mag_gauss - own_field(last)
     return Field(
-        mag=without_lag(m, recording.rate_rad_s, lag_s),
+        mag=without_lag(m, recording.rate_rad_s, late_s(recording) + lag_s),
         has_mag=rows.has_mag,
         reference=magnetometer.magnetic.reference,
         declination_rad=atan2(north[1], north[0]),
@@ -40,7 +41,7 @@ def field_of(recording: Recording) -> Field:
     )
 
 
-def without_lag(m: Floats, rate_rad_s: Floats, lag_s: float) -> Floats:
+def without_lag(m: Floats, rate_rad_s: Floats, lag_s: Floats | float) -> Floats:
     """Fields (N, 3) as they were that much later: exp(-[w]x lag) m to second order."""
     first = cross(rate_rad_s, m)
     second = cross(rate_rad_s, first)

@@ -58,6 +58,11 @@ def missed_turn(recording: Recording) -> Floats:
 
 def felt_down(recording: Recording, path: Path) -> Floats:
     """Minus the specific force (N, 3) in G, each at the attitude of its own time."""
-    late_s = np.where(stands_for_step(recording), 0.5 * steps_s(recording.rows), 0.0)[:, None]
     acc = recording.rows.acc_m_s2
-    return -rotate(path.q_g_frd, acc - late_s * cross(path.rate_rad_s, acc))
+    return -rotate(path.q_g_frd, acc - late_s(recording) * cross(path.rate_rad_s, acc))
+
+
+def late_s(recording: Recording) -> Floats:
+    """How old (N, 1) the mean over a step is at its end."""
+    half_s = 0.5 * steps_s(recording.rows)
+    return np.where(stands_for_step(recording), half_s, 0.0)[:, None]
