@@ -90,13 +90,9 @@ class ConditioningParams(NamedTuple):
     turn_heading_tau_s: Time = 1.5  # averaging of that residual; small: false alarms
     turn_heading_time_s: Time = 1.0  # and for so long
     turn_confidence: Share = 0.6  # least confidence of the field, averaged over the same time
-    turn_quiet_rad: Angle = radians(20.0)  # gravity of a quiet vehicle off by so much
-    turn_quiet_time_s: Time = 0.25
-    turn_moving_rad: Angle = radians(60.0)  # of a moving one
+    turn_moving_rad: Angle = radians(60.0)  # gravity off by so much
     turn_moving_tau_s: Time = 1.0
     turn_moving_time_s: Time = 0.25
-    turn_levelling_rad: Angle = radians(30.0)  # levelling that must have swung the heading too
-    turn_levelling_tau_s: Time = 3.0
     turn_jump_rad: Angle = radians(2.5)  # turn of the field in G that is no noise
     turn_jump_usual: Share = 4.0  # and no more of what it usually turns; small: false alarms
     turn_jump_own: Share = 0.5  # nor of what an unknown lag and own field do; small: false alarms

@@ -4,7 +4,7 @@ from typing import NamedTuple
 
 from estimator.compilation.compiled import inlined
 from estimator.conditioning.events.axis_signs import AxisSigns
-from estimator.conditioning.events.gravity_signs import GravitySigns, with_times
+from estimator.conditioning.events.gravity_signs import GravitySigns, with_time
 from estimator.conditioning.events.heading_signs import HeadingSigns, begin_anew, give_up
 from estimator.conditioning.events.jump_signs import JumpSigns, jump_variance, with_seen
 from estimator.conditioning.field.calibration import Calibration
@@ -29,16 +29,14 @@ class TurnProof(NamedTuple):
     """Which signs of an unsensed turn have lasted for long enough."""
 
     heading: bool  # the field keeps pointing elsewhere
-    quiet: bool  # the gravity of a quiet vehicle does
-    moving: bool  # that of a moving one does
-    levelling: bool  # levelling has turned so far that the heading is wrong
+    gravity: bool  # gravity keeps pulling elsewhere
     jump: float  # variance (rad^2) of the turn by which the field has jumped; 0: it has not
 
 
 @inlined
 def tells_turn(proof: TurnProof) -> bool:
     """Whether anything but a jump of the field proves a turn."""
-    return proof.heading or proof.quiet or proof.moving or proof.levelling
+    return proof.heading or proof.gravity
 
 
 @inlined
@@ -55,7 +53,7 @@ def proof_of(
     in the heading before.
     """
     if not params.use_events:
-        return TurnProof(False, False, False, False, 0.0), 0.0
+        return TurnProof(False, False, 0.0), 0.0
     heading, gravity = signs.heading, signs.gravity
     jump, seen_rad = jump_variance(params, signs.jump, learnt)
     least = params.turn_jump_slow_confidence
@@ -66,12 +64,9 @@ def proof_of(
     if heading.mean_confidence < least or off >= params.field_norm_scale * usual_norm:
         jump = 0.0
     lasts = heading.off_s > params.turn_heading_time_s
-    swing = gravity.levelled[0] ** 2 + gravity.levelled[1] ** 2
     return TurnProof(
         heading=lasts and heading.borne_s <= 0.0,
-        quiet=gravity.quiet_s > params.turn_quiet_time_s,
-        moving=gravity.moving_s > params.turn_moving_time_s,
-        levelling=swing > params.turn_levelling_rad**2,
+        gravity=gravity.off_s > params.turn_moving_time_s,
         jump=jump,
     ), seen_rad
 
@@ -86,17 +81,13 @@ def reset_signs(
     remembered where it was ``given_up``.
     """
     heading, gravity = signs.heading, signs.gravity
-    levelled = gravity.levelled
     if tells_turn(proof):
         heading = begin_anew(heading)
-        levelled = (0.0, 0.0)
     if given_up:
         heading = give_up(heading, heading_rad)
-    quiet_s = 0.0 if proof.quiet else gravity.quiet_s
-    moving_s = 0.0 if proof.quiet or proof.moving else gravity.moving_s
     return TurnSigns(
         heading=heading,
-        gravity=with_times(gravity, quiet_s, moving_s, levelled),
+        gravity=with_time(gravity, 0.0 if proof.gravity else gravity.off_s),
         jump=with_seen(signs.jump, seen_rad),
         axes=signs.axes,
     )

@@ -7,7 +7,7 @@ from estimator.compilation.compiled import inlined
 from estimator.compilation.replacing import replacer
 from estimator.conditioning.events.axis_signs import carry_axes, watch_axes
 from estimator.conditioning.events.doubt import HeadingDoubt, raise_doubt, release_doubt
-from estimator.conditioning.events.gravity_signs import gravity_at_rest, watch_gravity
+from estimator.conditioning.events.gravity_signs import watch_gravity
 from estimator.conditioning.events.heading_signs import watch_heading
 from estimator.conditioning.events.jump_signs import looks_turned, watch_field
 from estimator.conditioning.events.proof import (
@@ -23,11 +23,11 @@ from estimator.conditioning.field.step import FieldStep, MagnetometerState
 from estimator.conditioning.gather import Gathered
 from estimator.conditioning.params import ConditioningParams
 from estimator.conditioning.vertical.bias import HALF_TURN_VARIANCE, doubt_heading
-from estimator.conditioning.vertical.gravity import level, restart_gravity
+from estimator.conditioning.vertical.gravity import restart_gravity
 from estimator.conditioning.vertical.step import VerticalState, VerticalStep
 from estimator.conditioning.vertical.tilt import MOST_VARIANCE, weighing, with_variance
 from estimator.geometry.quaternion import dot
-from estimator.types import ZERO_VEC3, Vec2
+from estimator.types import Vec2
 
 # A turn missed in one step beyond which the calibration's means are of another attitude, rad.
 MISSED_RAD = 0.01
@@ -74,11 +74,9 @@ def follow_signs(
         axes = watch_axes(axes, vertical, jump, learnt, usual_norm, wander, since_s)
     if field.seen and has_heading(magnetic):
         heading = watch_heading(params, heading, now.estimate, magnetic, field.horizontal, since_s)
-    decay, dt = now.coefficients.levelling_decay, mean.time_s
-    weighed, swing = weighing(params, dt), vertical.swing
-    gravity = watch_gravity(
-        params, before.gravity, now.rest, now.gravity, swing, decay, dt, now.doubt, weighed
-    )
+    dt = mean.time_s
+    weighed = weighing(params, dt)
+    gravity = watch_gravity(params, before.gravity, now.gravity, dt, now.doubt, weighed)
     return TurnSigns(heading, gravity, jump, axes)
 
 
@@ -89,14 +87,9 @@ def react(proof: TurnProof, before: VerticalState, horizontal: Vec2) -> Vertical
     ``horizontal`` is the field's north and east part.
     """
     gravity, tilt, estimate = before.gravity, before.tilt, before.estimate
-    if proof.quiet:
-        u = gravity_at_rest(before.rest, gravity)
-        gravity = level(restart_gravity(gravity, u, gravity.force.age_s))[0]
-    elif proof.moving:
-        gravity = restart_gravity(gravity, ZERO_VEC3, 0.0)
-    if proof.quiet or proof.moving:
+    if proof.gravity:
+        gravity = restart_gravity(gravity)
         tilt = with_variance(tilt, MOST_VARIANCE)
-    if proof.quiet or proof.moving or proof.levelling:
         estimate = doubt_heading(estimate, HALF_TURN_VARIANCE)
     elif proof.heading:
         estimate = doubt_heading(estimate, atan2(horizontal[1], horizontal[0]) ** 2)

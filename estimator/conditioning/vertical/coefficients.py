@@ -20,7 +20,6 @@ class Coefficients(NamedTuple):
     best: LowPass = LowPass()  # with that times the factor
     gravity_share: float = 0.0  # of a step in a mean over that time
     quick_share: float = 0.0  # of a step in a mean over ``turn_moving_tau_s``
-    levelling_decay: float = 0.0  # what a step leaves of past levelling
     bias_growth: float = 0.0  # of a bias's variance in a step, (rad/s)^2
     rest_noise: float = 0.0  # variance of a bias seen at rest, (rad/s)^2
     motion_noise: float = 0.0  # variance of a bias seen by levelling, (rad/s)^2
@@ -46,7 +45,6 @@ def coefficients(params: ConditioningParams, dt_s: float, factor: float) -> Coef
         best=low_pass(factor * tau_s, dt_s),
         gravity_share=1.0 - exp(-dt_s / tau_s),
         quick_share=1.0 - exp(-dt_s / params.turn_moving_tau_s),
-        levelling_decay=exp(-dt_s / params.turn_levelling_tau_s),
         bias_growth=walk,
         rest_noise=at_rest * at_rest / walk + at_rest,
         motion_noise=moving * moving / walk + moving,

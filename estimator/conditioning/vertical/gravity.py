@@ -149,7 +149,7 @@ def heading_frame(state: GravityState, share: float) -> Quaternion:
 
 
 @inlined
-def restart_gravity(state: GravityState, u: Vec3, age_s: float) -> GravityState:
-    """Start the low-pass anew at ``u``, minus the specific force in G, as if ``age_s`` old."""
-    anew = Smooth(u, ZERO_VEC3)
-    return with_force(state, with_down(state.force, anew, anew, u, age_s))
+def restart_gravity(state: GravityState) -> GravityState:
+    """Start the low-pass anew."""
+    anew = Smooth(ZERO_VEC3, ZERO_VEC3)
+    return with_force(state, with_down(state.force, anew, anew, ZERO_VEC3, 0.0))

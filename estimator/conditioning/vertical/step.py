@@ -66,7 +66,7 @@ from estimator.geometry.quaternion import (
     scale,
     subtract,
 )
-from estimator.types import ZERO_VEC3, Between, Quaternion, Sample, Vec2, Vec3
+from estimator.types import ZERO_VEC3, Between, Quaternion, Sample, Vec3
 
 
 class VerticalState(NamedTuple):
@@ -91,7 +91,6 @@ class VerticalStep(NamedTuple):
 
     state: VerticalState
     rate: Vec3  # mean, less the bias as it was before, rad/s, FRD
-    swing: Vec2  # what levelling turned about north and east, unless a variance has told it, rad
     missed: float  # variance of the turn that the gyroscope missed, rad^2
     clipped: float  # part of it that was beyond the gyroscope's end, rad^2
 
@@ -198,9 +197,8 @@ def learn_vertical(
         lagged=lagged,
         coefficients=k,
     )
-    swing = (1.0 - belief.weighed) * step[0], (1.0 - belief.weighed) * step[1]
     beyond = clipped[0] + clipped[1]
-    return VerticalStep(state, rate, swing, noise.tilt + noise.twist + beyond, beyond)
+    return VerticalStep(state, rate, noise.tilt + noise.twist + beyond, beyond)
 
 
 @inlined

@@ -36,7 +36,6 @@ from estimator.conditioning.field.magnetic import FieldLook, FieldReference, Mag
 from estimator.conditioning.vertical.bias import Estimate
 from estimator.conditioning.vertical.gravity import Force, GravityState
 from estimator.conditioning.vertical.lowpass import Smooth
-from estimator.conditioning.vertical.rest import RestState
 
 PARAMS = ConditioningParams()
 ZERO = (0.0, 0.0, 0.0)
@@ -204,32 +203,28 @@ def test_a_heading_that_was_given_up_needs_no_proof():
     assert borne_out(PARAMS, SIGNS._replace(other_s=0.0), -0.5, True, 0.7, DT) == 2.0 - DT
 
 
-def test_levelling_is_remembered_about_both_axes_and_a_wander_as_a_mean_square():
+def test_a_wander_is_remembered_as_a_mean_square():
     down, quick, long = (0.5, -0.7, 9.2), (2.0, 0.4, 9.0), (0.1, 0.3, 9.6)
     best = (0.3, -0.2, 9.4)
     force = Force(Smooth(down), Smooth(best), quick, long, age_s=6.0)
     gravity = GravityState(force=force)
-    before = GravitySigns(0.1, 0.2, (0.05, -0.03), wander=0.02, apart=0.003, uneven=0.001)
-    rest = RestState()
-    now = watch_gravity(PARAMS, before, rest, gravity, (0.004, 0.007), 0.9, DT, 0.0, 0.0)
-    assert now.levelled == pytest.approx((0.9 * 0.05 + 0.004, -0.9 * 0.03 + 0.007))
+    before = GravitySigns(0.2, wander=0.02, apart=0.003, uneven=0.001)
+    now = watch_gravity(PARAMS, before, gravity, DT, 0.0, 0.0)
     a, b = DT / (10.0 + DT), DT / (6.0 + DT)
     assert now.wander == pytest.approx((1.0 - a) * 0.02 + a * angle(down, quick) ** 2)
     assert now.apart == pytest.approx((1.0 - b) * 0.003 + b * angle(best, long) ** 2)
     size = hypot(*down) / 9.80665 - 1.0
     assert now.uneven == pytest.approx((1.0 - b) * 0.001 + b * size**2)
-    assert (now.quiet_s, now.moving_s) == (0.0, 0.0)
+    assert now.off_s == 0.0
     # with a vertical in doubt the wander is that of the doubt
-    assert watch_gravity(PARAMS, before, rest, gravity, ZERO, 0.9, DT, 0.01, 0.0).wander == 0.02
+    assert watch_gravity(PARAMS, before, gravity, DT, 0.01, 0.0).wander == 0.02
 
 
 def test_gravity_that_pulls_elsewhere_is_timed():
-    """61 degrees count for a moving vehicle, 21 for a quiet one, about any axis."""
+    """61 degrees count, about any axis."""
     state = initial_state(PARAMS).vertical.gravity
     for off_deg, lasts in ((59.0, False), (61.0, True)):
         quick = (0.0, -9.8 * sin(radians(off_deg)), 9.8 * np.cos(radians(off_deg)))
         gravity = state._replace(force=Force(Smooth((0.0, 0.0, 9.8)), quick=quick, age_s=5.0))
-        now = watch_gravity(
-            PARAMS, GravitySigns(moving_s=0.1), RestState(), gravity, (0.0, 0.0), 0.9, DT, 0.0, 0.0
-        )
-        assert now.moving_s == pytest.approx(0.1 + DT if lasts else 0.0)
+        now = watch_gravity(PARAMS, GravitySigns(off_s=0.1), gravity, DT, 0.0, 0.0)
+        assert now.off_s == pytest.approx(0.1 + DT if lasts else 0.0)

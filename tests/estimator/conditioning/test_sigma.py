@@ -95,7 +95,7 @@ def state_of(*, dt_s, wait_s=0.0, seen_s=0.0, **signs):
     other = FieldRival(0.3, 0.3, seen_s)
     reference = FieldReference(0.2, 0.4, borne_s=5.0, other=other, uneven=0.004)
     heading = HeadingSigns(**{"scatter": 0.0007, "borne_s": 1.0, **signs})
-    gravity = GravitySigns(levelled=(0.01, -0.03), apart=0.0006, uneven=0.0005)
+    gravity = GravitySigns(apart=0.0006, uneven=0.0005)
     signs = TurnSigns(heading, gravity, JumpSigns(slow=(0.1, 0.3, 0.4)))
     events = EventsState(signs, HeadingDoubt(0.0023))
     return vertical, MagneticState(FieldLook(), reference, wait_s, True), events
