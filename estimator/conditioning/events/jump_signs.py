@@ -7,7 +7,7 @@ from estimator.compilation.replacing import replacer
 from estimator.conditioning.field.calibration import Calibration
 from estimator.conditioning.params import ConditioningParams
 from estimator.conditioning.vertical.lowpass import approach
-from estimator.geometry.quaternion import angle_between_vectors, norm, square, subtract
+from estimator.geometry.quaternion import angle_between_vectors, norm, square
 from estimator.types import ZERO_VEC3, Vec2, Vec3
 
 # The two low-passes of the field in G (s), and the largest part of a jump that lies between them.
@@ -39,7 +39,6 @@ class JumpSigns(NamedTuple):
     turning: float = 0.0  # mean square rate of the vehicle lately, (rad/s)^2
     unseen: float = 0.0  # variance of turns missed between samples lately, rad^2
     seen_rad: float = 0.0  # largest angle of the jump at hand that has raised doubts already
-    ahead_rad: float = 0.0  # by how much the last reading is off ``quick``, as a share of its norm
     age_s: float = 0.0  # since the first field
 
 
@@ -88,7 +87,6 @@ def watch_field(
         turning=max(turning, state.turning + b * (turning - state.turning)),
         unseen=(1.0 - b) * state.unseen + unseen,
         seen_rad=state.seen_rad,
-        ahead_rad=norm(subtract(field_g, state.quick)) / n if n > 0.0 else 0.0,
         age_s=min(state.age_s + dt_s, 1e6),
     )
 

@@ -10,11 +10,6 @@ from estimator.conditioning.events.jump_signs import JumpSigns, jump_variance, w
 from estimator.conditioning.field.calibration import Calibration
 from estimator.conditioning.params import ConditioningParams
 
-# A field that is ahead of its low-pass by so many times what that is ahead of the slow one has
-# come there at once; while a turn is in doubt already, less will do.
-SUDDEN_AHEAD = 2.0
-SUDDEN_STILL = 0.5
-
 
 class TurnSigns(NamedTuple):
     """How strong each sign of an unsensed turn is, and how long it has lasted."""
@@ -45,28 +40,25 @@ def proof_of(
     signs: TurnSigns,
     learnt: Calibration,
     usual_norm: float,
-    is_doubted: bool,
 ) -> tuple[TurnProof, float]:
     """Which signs have lasted for long enough, and the part (rad) of a jump that is told by now.
 
-    ``usual_norm`` is that of the place's field; ``is_doubted`` tells that a jump has raised doubt
-    in the heading before.
+    ``usual_norm`` is that of the place's field.
     """
     if not params.use_events:
         return TurnProof(False, False, 0.0), 0.0
     heading, gravity = signs.heading, signs.gravity
     jump, seen_rad = jump_variance(params, signs.jump, learnt)
-    least = params.turn_jump_slow_confidence
-    ahead = SUDDEN_STILL if is_doubted else SUDDEN_AHEAD
-    if signs.jump.ahead_rad > ahead * signs.jump.apart_rad:
-        least = params.turn_jump_confidence
     off = abs(signs.jump.quick_norm - usual_norm)
-    if heading.mean_confidence < least or off >= params.field_norm_scale * usual_norm:
+    if (
+        heading.mean_confidence < params.turn_confidence
+        or off >= params.field_norm_scale * usual_norm
+    ):
         jump = 0.0
-    lasts = heading.off_s > params.turn_heading_time_s
+    lasts = heading.off_s > params.turn_time_s
     return TurnProof(
         heading=lasts and heading.borne_s <= 0.0,
-        gravity=gravity.off_s > params.turn_moving_time_s,
+        gravity=gravity.off_s > params.turn_time_s,
         jump=jump,
     ), seen_rad
 

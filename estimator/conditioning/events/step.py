@@ -108,9 +108,7 @@ def learn_events(
     magnetic, calibration = field.state.magnetic, field.state.calibration
     signs = follow_signs(params, before.signs, mean, vertical, field)
     doubt, was_doubted, released = before.doubt, before.doubt.variance > 0.0, False
-    proof, seen_rad = proof_of(
-        params, signs, calibration.learnt, reference_norm(magnetic), was_doubted
-    )
+    proof, seen_rad = proof_of(params, signs, calibration.learnt, reference_norm(magnetic))
     now = react(proof, with_estimate(vertical.state, field.estimate), field.horizontal)
     heading_rad, estimate, tilt = now.estimate.heading_rad, now.estimate, now.doubt
     if proof.jump > 0.0:

@@ -76,7 +76,6 @@ def test_the_field_is_followed_quickly_and_slowly():
     assert now.usual_turning == pytest.approx((1.0 - c) * JUMP.usual_turning + c * turning)
     assert now.turning == pytest.approx((1.0 - b) * JUMP.turning + b * turning)
     assert now.unseen == pytest.approx((1.0 - b) * JUMP.unseen + unseen)
-    assert now.ahead_rad == pytest.approx(np.linalg.norm(field - JUMP.quick) / norm)
     assert now.seen_rad == JUMP.seen_rad
 
 
