@@ -166,9 +166,9 @@ def add_noise(
             P[HARD_IRON + i, HARD_IRON + i] += iron * dt / LEARNT_LASTS_S
     usual = usual_variances(params, state)
     keep = real_exp(-dt / lasts.filter_s)
-    renew_error(P, FILTER_ERROR, usual.by_filter, dt / params.filter_error_tau_s, keep)
+    renew_error(P, FILTER_ERROR, usual.by_filter, dt / params.error_tau_s, keep)
     keep = real_exp(-dt / lasts.receiver_s)
-    renew_error(P, RECEIVER_ERROR, usual.by_receiver, dt / params.receiver_error_tau_s, keep)
+    renew_error(P, RECEIVER_ERROR, usual.by_receiver, dt / params.error_tau_s, keep)
     E = state.estimate.earth_gauss
     field = params.field_walk**2 * dt
     horizontal = field * (1.0 + E[2] * E[2] / max(E[0] * E[0] + E[1] * E[1], 1e-12))
@@ -199,10 +199,8 @@ def lasting_times(params: AidingParams, state: AidingState) -> ErrorTimes:
     usual = usual_variances(params, state)
     estimate = state.estimate
     return ErrorTimes(
-        filter_s=params.filter_error_tau_s
-        * persistence(estimate.filter_error_m_s, usual.by_filter),
-        receiver_s=params.receiver_error_tau_s
-        * persistence(estimate.receiver_error_m_s, usual.by_receiver),
+        filter_s=params.error_tau_s * persistence(estimate.filter_error_m_s, usual.by_filter),
+        receiver_s=params.error_tau_s * persistence(estimate.receiver_error_m_s, usual.by_receiver),
     )
 
 

@@ -16,6 +16,7 @@ from typing import NamedTuple
 import numpy as np
 
 from estimator.aiding.course import STANDING, Rolled, fade_rolled, roll_on
+from estimator.aiding.surprise import MEMORY_S
 from estimator.aiding.types import Array, Report
 from estimator.compilation.compiled import inlined
 from estimator.compilation.replacing import replacer
@@ -37,8 +38,6 @@ Matrix = tuple[Vec3, Vec3, Vec3]  # row by row
 WINDOW_S = 1.0
 # Reports that are further apart say too little about the velocity in between.
 LONGEST_WINDOW_S = 3.0
-# Time constant of forgetting: over it G drifts by less than a heading's error.
-MEMORY_S = 30.0
 # Sum of squared velocity changes, (m/s)^2, that must stand across every axis.
 LEAST_EXPLAINED_M2_S2 = 4.0
 # A heading no more certain than this, rad, is as good as none, such as one by a compass that

@@ -55,11 +55,10 @@ class AidingParams(NamedTuple):
     filter_noise_m_s: Speed = 0.05  # of a report by an autopilot's filter
     filter_error_m_s: Speed = 0.2  # its slow error; small: follows it, large: the receiver
     filter_turning_s: Lag = 0.03  # for each m/s^2 of horizontal acceleration, beside that
-    filter_error_tau_s: Time = 5.0  # for so long it stays the same
     filter_lag_sigma_s: Lag = 0.015  # how far the time that it names may be off
     receiver_noise_m_s: Speed = 0.1  # of a receiver's report
     receiver_error_m_s: Speed = 0.15  # its slow error; small: follows it, large: the filter
-    receiver_error_tau_s: Time = 5.0  # for so long it stays the same
+    error_tau_s: Time = 5.0  # for so long either's slow error stays the same
     receiver_jitter_s: Lag = 0.005  # by which its age scatters
     report_sigma_m_s: Speed = 0.3  # sources less accurate than this get more noise
     receiver_lag_s: Lag = 0.1  # of a receiver's reports, where their age is uncertain

@@ -89,16 +89,13 @@ class ConditioningParams(NamedTuple):
     turn_heading_rad: Angle = radians(10.0)  # residual no honest drift reaches; small: false alarms
     turn_heading_tau_s: Time = 1.5  # averaging of that residual; small: false alarms
     turn_confidence: Share = 0.6  # least confidence of the field, averaged over the same time
+    turn_time_s: Time = 1.0  # for so long a field's sign must last; small: follows magnets
     turn_moving_rad: Angle = radians(60.0)  # gravity off by so much
     turn_moving_tau_s: Time = 1.0
-    turn_time_s: Time = 0.25  # for so long either must last; small: false alarms
     turn_jump_rad: Angle = radians(2.5)  # turn of the field in G that is no noise
     turn_jump_usual: Share = 4.0  # and no more of what it usually turns; small: false alarms
     turn_jump_own: Share = 0.5  # nor of what an unknown lag and own field do; small: false alarms
     turn_jump_norm: Share = 0.03  # change of its norm that tells a magnet; large: false alarms
-    turn_jump_time_s: Time = (
-        1.0  # for so long a field that jumped must stay; small: follows magnets
-    )
 
     # Source.
     # It accelerates for long, and its gyroscope is good: a HEARTBEAT decides where this is off.

@@ -7,6 +7,7 @@ import numpy as np
 from estimator.aiding.covariance import expected_variance, learn, residual, rotation_matrix
 from estimator.aiding.inertial import Prediction
 from estimator.aiding.sources.velocity import FAR, LARGEST_SCALE
+from estimator.aiding.surprise import MEMORY_S
 from estimator.aiding.types import (
     HARD_IRON,
     SIZE,
@@ -23,9 +24,8 @@ from estimator.types import Vec3
 
 # How far ahead of the axle that does not steer the IMU may sit, m: there a turn is a slip.
 ARM_M = 1.0
-# For so long (s) a slip stays the same; its mean square is learnt over ten times that.
+# For so long (s) a slip stays the same; its mean square is learnt over ``MEMORY_S``.
 SLIP_TAU_S = 3.0
-MEMORY_S = 30.0
 
 
 @inlined

@@ -91,7 +91,7 @@ def release_doubt(
     left, before = doubt.variance, doubt.before
     if left > 0.0 and abs(jump.quick_norm - before.norm) > most * before.norm:
         return HeadingDoubt(0.0, usual_s, before), 0.0, estimate, False
-    if usual_s <= params.turn_jump_time_s:
+    if usual_s <= params.turn_time_s:
         return HeadingDoubt(left, usual_s, before), tilt, estimate, False
     steep = steepness(field.reference)
     if not is_sudden(left, steep, horizontal):

@@ -1,10 +1,12 @@
-"""For how long a sign has held."""
+"""For how long a sign has held, and what is compared with it."""
 
 from estimator.compilation.compiled import inlined
 
 # A single sample is a sign of no more than this (s), however long its step: of slow streams
 # several in a row have to agree.
 LONGEST_SIGN_S = 0.15
+# Averaging (s) of what looks like a turn and is none: accelerations, and a field that wanders.
+LATELY_S = 10.0
 
 
 @inlined

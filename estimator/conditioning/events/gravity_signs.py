@@ -4,9 +4,10 @@ from typing import NamedTuple
 
 from estimator.compilation.compiled import inlined
 from estimator.compilation.replacing import replacer
-from estimator.conditioning.events.duration import duration_s
+from estimator.conditioning.events.duration import LATELY_S, duration_s
 from estimator.conditioning.params import ConditioningParams
 from estimator.conditioning.vertical.gravity import GravityState
+from estimator.conditioning.vertical.lowpass import USUAL_S
 from estimator.geometry.quaternion import angle_between_vectors, norm, square
 from estimator.types import STANDARD_GRAVITY_M_S2
 
@@ -15,11 +16,6 @@ from estimator.types import STANDARD_GRAVITY_M_S2
 LEAST_GRAVITY_SHARE = 0.4
 # Before anything is known: accelerations that tilt the mean force of a second by ten degrees.
 UNKNOWN_WANDER = 0.03
-# Averaging (s) of how far a second's mean force usually is off the vertical.
-WANDER_TAU_S = 10.0
-# Averaging (s) of how far the low-passed force has another size than gravity, and points
-# elsewhere than its own long mean.
-UNEVEN_TAU_S = 15.0
 
 
 class GravitySigns(NamedTuple):
@@ -53,10 +49,10 @@ def watch_gravity(
     falls = square(quick) <= LEAST_GRAVITY_SHARE**2 * square(f)
     off = 0.0 if falls else angle_between_vectors(quick, f)
     elsewhere = weighed == 0.0 and off > params.turn_moving_rad
-    a = dt_s / (WANDER_TAU_S + dt_s) if doubt == 0.0 else 0.0
+    a = dt_s / (LATELY_S + dt_s) if doubt == 0.0 else 0.0
     lag = angle_between_vectors(gravity.force.best.value, gravity.force.long)
     size = norm(f) / STANDARD_GRAVITY_M_S2 - 1.0
-    b = dt_s / (min(UNEVEN_TAU_S, gravity.force.age_s) + dt_s)
+    b = dt_s / (min(USUAL_S, gravity.force.age_s) + dt_s)
     return GravitySigns(
         off_s=duration_s(elsewhere, state.off_s, dt_s),
         wander=state.wander + a * (off * off - state.wander),

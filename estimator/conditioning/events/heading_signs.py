@@ -9,6 +9,7 @@ from estimator.conditioning.events.duration import duration_s
 from estimator.conditioning.field.magnetic import MagneticState
 from estimator.conditioning.params import ConditioningParams
 from estimator.conditioning.vertical.bias import Estimate
+from estimator.conditioning.vertical.lowpass import USUAL_S
 from estimator.geometry.quaternion import direction
 from estimator.types import Vec2
 
@@ -16,8 +17,7 @@ from estimator.types import Vec2
 UNKNOWN_HEADING_SIGMA = pi / 2.0
 # Before anything is known: a field that points 0.7 degrees off, rad^2.
 USUAL_SCATTER = 1.5e-4
-# Averaging (s) of how far the field points elsewhere, for headings known this well (rad, sigma).
-SCATTER_TAU_S = 20.0
+# How far the field points elsewhere is averaged for headings known this well (rad, sigma).
 KNOWN_HEADING_SIGMA = 0.2
 # A mean field that has pointed elsewhere does so still until it is within this share of the angle
 # that told it: meanwhile the heading creeps towards it.
@@ -77,7 +77,7 @@ def watch_heading(
     borne_s = borne_out(params, state, estimate.heading_rad - away, off, c, dt_s)
     if field.reference.is_new:  # the heading was that of a field that is not believed any more
         borne_s = 0.0
-    b = dt_s / (SCATTER_TAU_S + dt_s) if estimate.covariance[9] < KNOWN_HEADING_SIGMA**2 else 0.0
+    b = dt_s / (USUAL_S + dt_s) if estimate.covariance[9] < KNOWN_HEADING_SIGMA**2 else 0.0
     return HeadingSigns(
         mean_north=n,
         mean_east=e,

@@ -4,6 +4,7 @@ from typing import NamedTuple
 
 from estimator.compilation.compiled import inlined
 from estimator.compilation.replacing import replacer
+from estimator.conditioning.events.duration import LATELY_S
 from estimator.conditioning.field.calibration import Calibration
 from estimator.conditioning.params import ConditioningParams
 from estimator.conditioning.vertical.lowpass import approach
@@ -17,9 +18,8 @@ JUMP_SHARE = 0.535
 # A reading whose norm is off by more than this share shows no turn: a spike, or a magnet. Both
 # low-passes take it slowly, so that they part no further, and follow a field that stays another.
 SPIKE_SHARE = 0.2
-# Averaging (s) of how far they differ usually, in which a moment counts as no more than so many
-# times that, and noise (rad): a jump is not usual because it has come.
-JUMP_USUAL_S = 10.0
+# In how far they differ usually a moment counts as no more than so many times that, and noise
+# (rad): a jump is not usual because it has come.
 MOST_USUAL = 3.0
 LEAST_USUAL_RAD = 0.005
 # A field that turns by so many times what it usually does teaches no calibration.
@@ -72,9 +72,9 @@ def watch_field(
     quick = approach(state.quick, field_g, a)
     slow = approach(state.slow, field_g, b)
     turned = turn_of(quick, slow)
-    c = dt_s / (min(JUMP_USUAL_S, state.age_s) + dt_s)
+    c = dt_s / (min(LATELY_S, state.age_s) + dt_s)
     apart = turned**2
-    if state.age_s > JUMP_USUAL_S:
+    if state.age_s > LATELY_S:
         apart = min(apart, MOST_USUAL**2 * (state.usual + LEAST_USUAL_RAD**2))
     return JumpSigns(
         quick=quick,

@@ -8,19 +8,17 @@ from typing import NamedTuple
 
 from estimator.compilation.compiled import inlined
 from estimator.compilation.replacing import replacer
-from estimator.conditioning.field.robust import robust_factor
+from estimator.conditioning.field.robust import LEAST_CONFIDENCE, robust_factor
 from estimator.conditioning.params import ConditioningParams
+from estimator.conditioning.vertical.lowpass import USUAL_S
 from estimator.types import Vec2, Vec3
 
 # A field with less than this share of the downward part in the horizontal has no heading.
 LEAST_HORIZONTAL = 0.02
-# Averaging (s) of how uneven the field is, and the most that one look counts for.
-UNEVEN_TAU_S = 20.0
+# Of how uneven the field is, the most that one look counts for.
 MOST_UNEVEN = 0.15
 # A field that neither the expected nor the other one resembles by this much is a third one.
 LEAST_ALIKE = 0.3
-# A field weaker than this share of the expected one is no field, and has no dip.
-LEAST_SHARE = 1e-6
 
 
 class FieldLook(NamedTuple):
@@ -86,7 +84,7 @@ def deviation(seen: Vec2, expected: Vec2) -> Vec2:
     Both are (horizontal, down). The sine stands for the angle: both dips come from two parts.
     """
     n_r = norm_of(expected)
-    n = max(norm_of(seen), LEAST_SHARE * n_r)
+    n = max(norm_of(seen), LEAST_CONFIDENCE * n_r)  # no field has no dip
     inverse = 1.0 / (n * n_r)
     return (n - n_r) * n * inverse, (seen[1] * expected[0] - seen[0] * expected[1]) * inverse
 
@@ -165,7 +163,7 @@ def unevenness(reference: FieldReference, look: FieldLook, dt_s: float) -> float
         return reference.uneven
     off_norm, off_dip = deviation((look.horizontal, look.down), expected)
     off_norm, off_dip = min(abs(off_norm), MOST_UNEVEN), min(abs(off_dip), MOST_UNEVEN)
-    share = dt_s / (min(UNEVEN_TAU_S, reference.age_s) + dt_s)
+    share = dt_s / (min(USUAL_S, reference.age_s) + dt_s)
     return reference.uneven + share * (off_norm**2 + off_dip**2 - reference.uneven)
 
 

@@ -12,7 +12,7 @@ is less, the vertical is wrong, by an angle of that cosine.
 from typing import NamedTuple
 
 from estimator.compilation.compiled import inlined
-from estimator.conditioning.vertical.lowpass import approach
+from estimator.conditioning.vertical.lowpass import USUAL_S, approach
 from estimator.geometry.quaternion import angle_between_vectors, dot, norm, square
 from estimator.types import STANDARD_GRAVITY_M_S2, ZERO_VEC3, Vec3
 
@@ -20,8 +20,7 @@ from estimator.types import STANDARD_GRAVITY_M_S2, ZERO_VEC3, Vec3
 ACCELERATION_LASTS_S = 3.0
 # Before anything is seen they turn the force by as much (rad^2).
 PRIOR_VARIANCE = 0.02
-# Averaging (s) of what betrays them, and of the force along the vertical.
-MEMORY_S = 20.0
+# Averaging (s) of the force along the vertical.
 ALONG_S = 10.0
 # By so much an accelerometer's 1 g may be off, as a share.
 SCALE_ERROR = 0.03
@@ -30,7 +29,7 @@ MOST_APART = 1.0
 
 
 class Lasting(NamedTuple):
-    """What betrays accelerations that last; mean squares over ``MEMORY_S``."""
+    """What betrays accelerations that last; mean squares over ``USUAL_S``."""
 
     apart: float = PRIOR_VARIANCE  # angle between the force of a second and its long mean, rad^2
     lag: float = 0.0  # variance of the long mean by the drift of G, now, rad^2
@@ -76,7 +75,7 @@ def watch_lasting(
         off = min(angle_between_vectors(quick, long) ** 2, MOST_APART)
     excess = square(u) / STANDARD_GRAVITY_M_S2**2 - 1.0
     along = dot(u, down_g) / (norm(down_g) * STANDARD_GRAVITY_M_S2) if square(down_g) > 0.0 else 1.0
-    b = dt_s / (MEMORY_S + dt_s)
+    b = dt_s / (USUAL_S + dt_s)
     return Lasting(
         apart=state.apart + b * (off - state.apart),
         lag=lag,

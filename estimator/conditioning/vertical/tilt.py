@@ -14,7 +14,8 @@ from typing import NamedTuple
 from estimator.compilation.compiled import inlined
 from estimator.compilation.replacing import replacer
 from estimator.conditioning.params import ConditioningParams
-from estimator.conditioning.vertical.lasting import ACCELERATION_LASTS_S, MEMORY_S
+from estimator.conditioning.vertical.lasting import ACCELERATION_LASTS_S
+from estimator.conditioning.vertical.lowpass import USUAL_S
 from estimator.conditioning.vertical.rate import slow_share
 from estimator.geometry.quaternion import angle_between_vectors, dot, norm, square, subtract
 from estimator.types import ZERO_VEC3, Between, Vec2, Vec3
@@ -169,7 +170,7 @@ def believe_force(
     of_force = r / (p + r)
     expected = (of_force * off) ** 2 + p * of_force
     a = dt_s / (params.scatter_tau_s + dt_s)
-    b = dt_s / (MEMORY_S + dt_s) if abs(unusual) < 0.2 else 0.1 * dt_s / (MEMORY_S + dt_s)
+    b = dt_s / (USUAL_S + dt_s) if abs(unusual) < 0.2 else 0.1 * dt_s / (USUAL_S + dt_s)
     c = dt_s / (params.step_change_tau_s + dt_s)
     return (
         TiltState(

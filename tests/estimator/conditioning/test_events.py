@@ -17,7 +17,6 @@ from estimator.conditioning.events.doubt import (
 )
 from estimator.conditioning.events.gravity_signs import GravitySigns, watch_gravity
 from estimator.conditioning.events.heading_signs import (
-    SCATTER_TAU_S,
     HeadingSigns,
     borne_out,
     watch_heading,
@@ -35,7 +34,7 @@ from estimator.conditioning.field.calibration import Calibration
 from estimator.conditioning.field.magnetic import FieldLook, FieldReference, MagneticState
 from estimator.conditioning.vertical.bias import Estimate
 from estimator.conditioning.vertical.gravity import Force, GravityState
-from estimator.conditioning.vertical.lowpass import Smooth
+from estimator.conditioning.vertical.lowpass import USUAL_S, Smooth
 
 PARAMS = ConditioningParams()
 ZERO = (0.0, 0.0, 0.0)
@@ -178,7 +177,7 @@ def heading_after(state, horizontal, *, confidence=0.9, variance=0.01, is_new=Fa
 
 def test_the_mean_field_counts_by_its_confidence():
     now = heading_after(SIGNS, (0.10, 0.22))
-    a, b = DT / (PARAMS.turn_heading_tau_s + DT), DT / (SCATTER_TAU_S + DT)
+    a, b = DT / (PARAMS.turn_heading_tau_s + DT), DT / (USUAL_S + DT)
     north = (1.0 - a) * 0.20 + a * 0.9 * 0.10
     east = (1.0 - a) * 0.05 + a * 0.9 * 0.22
     assert (now.mean_north, now.mean_east) == pytest.approx((north, east))
