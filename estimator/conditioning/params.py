@@ -88,7 +88,7 @@ class ConditioningParams(NamedTuple):
     # Events.
     turn_heading_rad: Angle = radians(10.0)  # residual no honest drift reaches; small: false alarms
     turn_heading_tau_s: Time = 1.5  # averaging of that residual; small: false alarms
-    turn_confidence: Share = 0.6  # least confidence of the field, averaged over the same time
+    turn_confidence: Share = 0.45  # least confidence of the field, averaged over the same time
     turn_time_s: Time = 1.0  # for so long a field's sign must last; small: follows magnets
     turn_moving_rad: Angle = radians(60.0)  # gravity off by so much
     turn_moving_tau_s: Time = 1.0

@@ -7,7 +7,6 @@ from estimator.compilation.replacing import replacer
 from estimator.conditioning.events.duration import LATELY_S, duration_s
 from estimator.conditioning.params import ConditioningParams
 from estimator.conditioning.vertical.gravity import GravityState
-from estimator.conditioning.vertical.lowpass import USUAL_S
 from estimator.geometry.quaternion import angle_between_vectors, norm, square
 from estimator.types import STANDARD_GRAVITY_M_S2
 
@@ -52,7 +51,7 @@ def watch_gravity(
     a = dt_s / (LATELY_S + dt_s) if doubt == 0.0 else 0.0
     lag = angle_between_vectors(gravity.force.best.value, gravity.force.long)
     size = norm(f) / STANDARD_GRAVITY_M_S2 - 1.0
-    b = dt_s / (min(USUAL_S, gravity.force.age_s) + dt_s)
+    b = dt_s / (min(LATELY_S, gravity.force.age_s) + dt_s)
     return GravitySigns(
         off_s=duration_s(elsewhere, state.off_s, dt_s),
         wander=state.wander + a * (off * off - state.wander),

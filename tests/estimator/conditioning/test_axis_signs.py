@@ -40,7 +40,7 @@ def step_of(q_g_frd, rate, *, bias=(0.0, 0.0, 0.0), down=(0.0, 0.0, 9.8), quick=
         estimate=state.estimate._replace(bias_rad_s=bias),
         coefficients=Coefficients(gravity_share=DT_S / PARAMS.gravity_tau_s),
     )
-    return VerticalStep(state, rate, (0.0, 0.0), 0.0, 0.0)
+    return VerticalStep(state, rate, 0.0, 0.0)
 
 
 def after(

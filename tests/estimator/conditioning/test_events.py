@@ -142,7 +142,7 @@ def test_the_heading_hears_of_its_doubt_once_the_field_looks_as_usual():
 
 
 def test_a_field_that_still_moves_or_is_another_keeps_the_doubt():
-    for unlike in ({"apart_rad": 0.06}, {"confidence": 0.5}):
+    for unlike in ({"apart_rad": 0.06}, {"confidence": 0.35}):
         doubt, tilt, estimate, released = release(usual_s=0.7, **unlike)
         assert doubt.usual_s == pytest.approx(0.7 - DT)
         assert (doubt.variance, tilt, released) == (0.4, 0.05, False)

@@ -124,7 +124,7 @@ def test_a_jump_is_not_usual_because_it_has_come():
 def test_of_headings_that_are_given_up_in_steps_the_first_is_remembered():
     """A field that keeps turning takes the heading along: none of the steps was borne out."""
     signs = initial_state(PARAMS).events.signs
-    proof = TurnProof(heading=True, quiet=False, moving=False, levelling=False, jump=0.0)
+    proof = TurnProof(heading=True, gravity=False, jump=0.0)
     signs = reset_signs(signs, proof, 0.0, 0.3, given_up=True)
     signs = reset_signs(signs, proof, 0.0, 0.9, given_up=True)
     assert signs.heading.other_rad == 0.3
