@@ -15,6 +15,7 @@ if TYPE_CHECKING:
 MAX_PORT = 65535
 
 option = panel("Outputs")
+_TOGETHER = "Publish all attitudes of a tick in one put, too, at PREFIX/attitudes."
 _ROS = "Publish IMU, tf and diagnostics for ROS 2 (rmw_zenoh), too."
 _SEND_ATTITUDE = "Send ATTITUDE_QUATERNION there, as component 191 (not the autopilot)."
 _AS = "With --send-attitude: as a vehicle of its own, for QGroundControl and others."
@@ -124,6 +125,14 @@ def _metrics(opening: Opening) -> "Sink":
     return MetricsSink(port)
 
 
+def _together(opening: Opening) -> "Sink":
+    from service.sinks.together import TogetherSink
+
+    if opening.session is None:
+        raise InputError("--together needs Zenoh: leave out --no-zenoh")
+    return TogetherSink(opening.session, opening.prefix)
+
+
 def _web(opening: Opening) -> "Sink":
     from fuzzbee.web.server import open_page
 
@@ -168,6 +177,11 @@ SINKS: list[SinkEntry] = [
     SinkEntry(
         {"web": (Annotated[str | None, option(WEB, metavar="[ADDRESS:]PORT")], None)},
         _web,
+        takes_attitudes=False,
+    ),
+    SinkEntry(
+        {"together": (Annotated[bool, option(_TOGETHER)], False)},
+        _together,
         takes_attitudes=False,
     ),
 ]

@@ -16,11 +16,13 @@ from estimator.errors import InputError
 from estimator.profile import load_profile
 from service.parameters import ParameterRequests
 from service.pipeline import Pipeline
-from service.records import Departed, Published, StatusRecord
+from service.records import Departed, Encoded, Published, StatusRecord
 from service.runner import Runner
 from service.sinks.outbox import Outbox
+from service.sinks.together import TogetherSink
 from service.sinks.zenoh import ZenohSink
 from service.zenoh_session import ZenohOptions, close_session
+from tests.service.flight_rig import Rig
 from tests.service.sessions import open_session
 
 PAPER = load_profile("paper")
@@ -294,3 +296,25 @@ def test_a_vehicle_that_is_forgotten_is_withdrawn_and_may_come_back(endpoint):
             assert [key for key, _ in get(client, "test/1/status")] == ["test/1/status"]
     finally:
         sink.close()
+
+
+def test_all_attitudes_of_a_tick_come_in_one_put(endpoint):
+    """As JSON by vehicle, whether they come as records or as another process's JSON."""
+    session, received = open_session(options(endpoint)), []
+    vehicles = [VehicleId(1, 1), VehicleId(2, 1), VehicleId(2, 154)]
+    record = Rig().fly(2.0).records[-1]
+    encoded = msgspec.json.encode(record)
+    sink = TogetherSink(session, "test")
+    outputs = [Published(vehicle, record) for vehicle in vehicles[:2]]
+    outputs.append(Encoded(vehicles[2], encoded))
+    with plain_client(endpoint) as client:
+        client.declare_subscriber("test/attitudes", lambda s: received.append(bytes(s.payload)))
+        time.sleep(0.3)
+        sink.handle(outputs)
+        sink.handle([])
+        wait_for(lambda: received)
+    sink.close()
+    close_session(session)
+    (payload,) = received
+    expected = msgspec.json.decode(encoded)
+    assert json.loads(payload) == {"1": expected, "2": expected, "2-154": expected}
