@@ -31,7 +31,7 @@ STALL_S = 0.15
 ALONE_S = 2.0
 # A newcomer's frames wait for longer: nobody has an attitude of it yet that could grow old.
 NEWCOMER_PATIENCE_S = 0.5
-MOST_OF_NEWCOMER = 256
+MOST_OF_NEWCOMER = 512  # what one at 1 kHz says in that time
 # Whoever has not looked for so long was stopped: what has piled up is not gone through one by one.
 STOPPED_S = 0.25
 # So many frames are decoded at one go, before whoever takes them can do something else: 1 ms or so.

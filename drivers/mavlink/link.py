@@ -39,7 +39,7 @@ from drivers.mavlink.gate import FrameGate, Policy
 from drivers.mavlink.hearing import Hearing
 from drivers.mavlink.opening import Opening
 from drivers.mavlink.recorder import Recorder
-from drivers.mavlink.scanning import BEGIN, MESSAGE, STOP, Scanned, Scanner
+from drivers.mavlink.scanning import BEGIN, LEFT, MESSAGE, STOP, Scanned, Scanner
 from drivers.mavlink.sequences import SequenceWatch
 from drivers.mavlink.stream_request import Outgoing, StreamRequest
 from drivers.mavlink.taker import FrameTaker
@@ -338,8 +338,8 @@ class MavlinkLink(Closing):
             self._credit(peer, frames, now_s)
             if self._background is not None and frames:
                 self._background.write(arrival_us, [frame.data for frame in frames])
-            wanted = self._decoder.wanted
-            waiting += [Arrived(arrival_us, each) for each in frames if each.message_id in wanted]
+            left = self._of_use(frames, scanned, k)
+            waiting += [Arrived(arrival_us, each) for each in left]
             away |= {each.system_id << 8 | each.component_id for each in frames}
             if malformed := reader.take_malformed():
                 self._events.append(Malformed(arrival_us, malformed))
@@ -365,6 +365,14 @@ class MavlinkLink(Closing):
             let_in = {key: n for key, n in samples.items() if self._gate.knows(key[0], peer)}
             self._backlog.note_shed(Counter(let_in))
         return [packets[k] for k in kept], scanned
+
+    def _of_use(self, frames: list[Frame], scanned: Scanned | None, packet: int) -> list[Frame]:
+        """Those of a packet's frames that are decoded and that :meth:`_thin_out` did not count."""
+        wanted = self._decoder.wanted
+        if scanned is None or scanned.counts[packet] == LEFT:
+            return [each for each in frames if each.message_id in wanted]
+        left = {each.data for each in scanned.frames(packet)}
+        return [each for each in frames if each.data in left]
 
     def _let_pass(
         self, scanned: Scanned, packets: list[Packet], passing: list[int], arrivals_us: list[int]

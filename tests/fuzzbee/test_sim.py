@@ -186,7 +186,7 @@ def test_signed_frames(tmp_path):
         ({"rate": 0.0}, "rate"),
         ({"rate": float("nan")}, "rate"),
         ({"vehicles": 0}, "number of vehicles"),
-        ({"vehicles": 501}, "500"),
+        ({"vehicles": 1001}, "1000"),
         ({"seconds": 0.0}, "--seconds"),
         ({"motion": "loop"}, "paper, rest, turn"),
         ({"noise": -1.0}, "noise"),

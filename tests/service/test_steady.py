@@ -19,10 +19,10 @@ def test_what_newcomers_bring_is_left_alone_too_once_a_second():
         before = gc.get_freeze_count()
         brought = [[] for _ in range(1000)]
         frozen.add(1, 10.5)
-        assert gc.get_freeze_count() == before
+        assert gc.get_freeze_count() <= before  # what is frozen may be freed meanwhile
         frozen.add(1, 11.0)
         assert gc.get_freeze_count() >= before + len(brought)
         before = gc.get_freeze_count()
         brought += [[] for _ in range(1000)]
         frozen.add(1, 12.0)
-        assert gc.get_freeze_count() == before
+        assert gc.get_freeze_count() <= before

@@ -4,6 +4,7 @@ from drivers.events import Shed, VehicleId
 from drivers.mavlink.backlog import (
     ALONE_S,
     MOST_AT_ONCE,
+    MOST_OF_NEWCOMER,
     NEWCOMER_PATIENCE_S,
     PATIENCE_S,
     STALL_S,
@@ -165,3 +166,12 @@ def test_what_cannot_be_left_out_is_bounded():
     backlog.add([arrived(1, k, PARAM_VALUE_ID) for k in range(25)], 1.0)
     assert [number for _, number in taken(backlog)] == list(range(15, 25))
     assert backlog.dropped == 15
+
+
+def test_of_a_newcomer_who_says_more_than_at_1_khz_the_newest_waits():
+    backlog, own = Backlog(), [arrived(1, k) for k in range(MOST_OF_NEWCOMER + 5)]
+    backlog.add(own[: MOST_OF_NEWCOMER - 1], 1.0)
+    assert len(backlog) == MOST_OF_NEWCOMER - 1
+    backlog.add(own[MOST_OF_NEWCOMER - 1 :], 1.0)
+    assert backlog.take() == own[MOST_OF_NEWCOMER - 1 :]
+    assert backlog.shed == MOST_OF_NEWCOMER - 1

@@ -9,11 +9,13 @@ import threading
 import time
 from pathlib import Path
 
+import numba
 import pytest
 
 from drivers.endpoint import Endpoint, parse_endpoint
-from drivers.events import CommandAck, Heartbeat, Imu, LinkDown, LinkUp, Malformed, VehicleId
+from drivers.events import CommandAck, Heartbeat, Imu, LinkDown, LinkUp, Malformed, Shed, VehicleId
 from drivers.mavlink import link as mavlink_link
+from drivers.mavlink.backlog import STOPPED_S
 from drivers.mavlink.dialect import mavlink
 from drivers.mavlink.encoder import FrameEncoder, heartbeat, raw_imu
 from drivers.mavlink.link import MavlinkLink
@@ -537,3 +539,25 @@ def test_ipv6():
             socket.socket(socket.AF_INET6, socket.SOCK_DGRAM) as sender:  # fmt: skip
         sender.sendto(Vehicle().imu(), ("::1", port))
         collect(link, count(Imu))
+
+
+@pytest.mark.skipif(numba.config.DISABLE_JIT, reason="only compiled code finds frames beforehand")
+def test_after_a_stall_each_sample_is_taken_or_left_out_and_none_is_both():
+    """Datagrams of two streams each: of a heartbeat that stays the sample beside it is left out."""
+    port, vehicle, sent = free_port(socket.SOCK_DGRAM), Vehicle(), 1
+    with MavlinkLink(Endpoint("udpin", HOST, port)) as link, udp_sender(port) as sender:
+        sender.send(vehicle.imu())
+        events = collect(link, count(Imu))
+        for _ in range(3):
+            for number in range(100):
+                first = vehicle.heartbeat() if number == 50 else vehicle.imu()
+                sender.send(first + vehicle.imu())
+                sent += 2 - (number == 50)
+            time.sleep(1.2 * STOPPED_S)
+            before = len(of_type(events, Heartbeat))
+            events += collect(link, count(Heartbeat))
+            assert len(of_type(events, Heartbeat)) == before + 1
+        events += link.drain(0.1)
+        taken, shed = len(of_type(events, Imu)), of_type(events, Shed)
+        assert (taken + link.shed, sum(each.samples for each in shed)) == (sent, link.shed)
+        assert taken < 10
