@@ -17,7 +17,7 @@ from fuzzbee.arguments import Floats, Times
 
 LEAST_S = 5.0  # shorter recordings say too little
 SPAN_S = 0.05  # of the means that are compared: noise is less, turns are still small
-MOST_SPANS = 250
+MOST_SPANS = 250  # from all of the recording, however long it is
 SLOWEST_S = 2.0  # between samples: what is slower has another unit
 MOST = 1e9  # beyond any reading in any unit
 SLOW_S = 0.1  # between samples: the turns are too large to be compared
@@ -75,8 +75,8 @@ class Spans(NamedTuple):
 
     @property
     def still(self) -> float:
-        """How much changes, in the mean."""
-        return float(np.mean(np.linalg.norm(self.change, axis=1)))
+        """How much changes, RMS."""
+        return float(np.sqrt(np.mean(np.sum(self.change**2, axis=1))))
 
 
 def advice(times_us: Times, gyr: Floats, acc: Floats, mag: Floats) -> tuple[str, ...]:
@@ -86,18 +86,16 @@ def advice(times_us: Times, gyr: Floats, acc: Floats, mag: Floats) -> tuple[str,
     """
     if not is_enough(times_us):
         return ()
-    gyr, acc, mag = (np.where(np.abs(values) < MOST, values, nan) for values in (gyr, acc, mag))
-    times_s: Floats = 1e-6 * times_us.astype(float)
-    step_s = float(np.median(np.diff(times_s)))
+    step_s = 1e-6 * _step_us(times_us)
     if step_s < 0.0:
         return ("time_s runs backwards: [::-1] of all arrays would turn it round",)
     found = []
     if step_s > SLOWEST_S:
         found = [f"samples are {step_s:.3g} s apart: milliseconds want time_s / 1000"]
-        times_s = 1e-3 * times_s
+        times_us = times_us // 1000
     found += _unit("accelerometer", acc, ACC_UNITS)
     found += _unit("magnetometer", mag, MAG_UNITS)
-    found += _axes(times_s, gyr, acc, mag)
+    found += _axes(times_us, gyr, acc, mag)
     found += _upside_down(acc)
     return tuple(found)
 
@@ -105,6 +103,12 @@ def advice(times_us: Times, gyr: Floats, acc: Floats, mag: Floats) -> tuple[str,
 def is_enough(times_us: Times) -> bool:
     """Whether a recording is long enough to be judged."""
     return len(times_us) > 2 and 1e-6 * abs(int(times_us[-1] - times_us[0])) >= LEAST_S
+
+
+def _step_us(times_us: Times) -> float:
+    """The usual time from one to the next."""
+    some = np.linspace(0, len(times_us) - 2, min(len(times_us) - 1, 4 * MOST_SPANS)).astype(int)
+    return float(np.median(times_us[some + 1] - times_us[some]))
 
 
 def _unit(
@@ -131,13 +135,18 @@ def _upside_down(acc: Floats) -> Iterator[str]:
 
 def _some(readings: Floats) -> Floats:
     """Rows from all of the recording, enough for a mean."""
-    return readings[:: max(1, len(readings) // (4 * MOST_SPANS))]
+    return _sound(readings[:: max(1, len(readings) // (4 * MOST_SPANS))])
 
 
-def _axes(times_s: Floats, gyr: Floats, acc: Floats, mag: Floats) -> Iterator[str]:
+def _sound(readings: Floats) -> Floats:
+    """Without what is beyond any reading."""
+    sound: Floats = np.where(np.abs(readings) < MOST, readings, nan)
+    return sound
+
+
+def _axes(times_us: Times, gyr: Floats, acc: Floats, mag: Floats) -> Iterator[str]:
     """What the turning of field and force says of the gyroscope, or of the field's axes."""
-    turned = _turned(times_s, gyr)
-    force, field = _spans(times_s, turned, acc), _spans(times_s, turned, mag)
+    force, field = _spans(times_us, gyr, acc), _spans(times_us, gyr, mag)
     for what, spans, has_offset in (
         ("magnetometer", field, True),
         ("accelerometer", force, False),
@@ -161,33 +170,30 @@ def _axes(times_s: Floats, gyr: Floats, acc: Floats, mag: Floats) -> Iterator[st
         return
 
 
-def _turned(times_s: Floats, gyr: Floats) -> Floats:
-    """The gyroscope's integral (N, 3), for differences over short times."""
-    steps = (gyr[1:] + gyr[:-1]) * (0.5 * np.diff(times_s)[:, None])
-    steps[~np.isfinite(steps)] = 0.0
-    return np.concatenate((np.zeros((1, 3)), np.cumsum(steps, axis=0)))
-
-
-def _spans(times_s: Floats, turned: Floats, vectors: Floats) -> Spans | None:
+def _spans(times_us: Times, gyr: Floats, vectors: Floats) -> Spans | None:
     """Means over :data:`SPAN_S` and those that follow them; None where there are too few.
 
     Both are of so many vectors in a row. A pair with a gap is left out.
     """
     known = np.flatnonzero(np.isfinite(vectors[:, 0]))
-    step_s = float(np.median(np.diff(times_s[known]))) if len(known) > 1 else inf
+    step_s = 1e-6 * _step_us(times_us[known]) if len(known) > 1 else inf
     if not 0.0 < step_s <= SLOW_S:
         return None
     n = max(1, round(SPAN_S / step_s))
     pairs = len(known) // (2 * n)
     begins = 2 * n * np.unique(np.linspace(0, pairs - 1, min(pairs, MOST_SPANS)).astype(int))
-    rows = known[begins[:, None] + np.arange(2 * n)]
+    of_pairs = known[begins[:, None] + np.arange(2 * n)]
+    times_s: Floats = 1e-6 * (times_us[of_pairs] - times_us[of_pairs[:, :1]]).astype(float)
 
     def means(values: Floats) -> Floats:
-        of_pairs: Floats = values[rows].reshape(len(rows), 2, n, -1).mean(axis=2)
-        return of_pairs
+        """Of the first half and of the second (spans, 2, ...)."""
+        halves = values.reshape(len(values), 2, n, *values.shape[2:])
+        mean: Floats = halves.mean(axis=2)
+        return mean
 
-    time, angle, vector = means(times_s), means(turned), means(vectors)
-    passed_s = time[:, 1, 0] - time[:, 0, 0]
+    time, vector = means(times_s), means(_sound(vectors[of_pairs]))
+    angle = means(_turned(times_s, _sound(gyr[of_pairs])))
+    passed_s = time[:, 1] - time[:, 0]
     usable = (passed_s > 0.0) & (passed_s < 2.0 * n * step_s) & np.isfinite(vector).all(axis=(1, 2))
     if np.count_nonzero(usable) < LEAST_S / SLOW_S / 2.0:
         return None
@@ -198,16 +204,43 @@ def _spans(times_s: Floats, turned: Floats, vectors: Floats) -> Spans | None:
     return Spans(turns[true], vector.mean(axis=1)[true], (vector[:, 1] - vector[:, 0])[true])
 
 
+def _turned(times_s: Floats, gyr: Floats) -> Floats:
+    """The gyroscope's integral along the second axis, 0 at its beginning."""
+    steps = 0.5 * (gyr[:, 1:] + gyr[:, :-1]) * np.diff(times_s)[:, :, None]
+    steps[~np.isfinite(steps)] = 0.0
+    return np.concatenate((np.zeros_like(gyr[:, :1]), np.cumsum(steps, axis=1)), axis=1)
+
+
 def _left(spans: Spans, ways: Sequence[Way], *, has_offset: bool) -> Floats:
-    """How much of the change each way leaves, in the mean (len(ways),)."""
+    """How much of the change each way leaves, RMS (len(ways),).
+
+    Of the spans only sums over products count, the same for all ways: with A for a way, the angle w
+    and a = A w, sum |c + a x v|^2 = sum |c|^2 + 2 a . (v x c) + |a|^2 |v|^2 - (a . v)^2.
+    """
+    angle, vector, change = spans
     turns = np.array([way.scale * way.turn for way in ways])
-    angle = np.einsum("cij,nj->cni", turns, spans.angle)
-    left = spans.change + np.cross(angle, spans.vector)
-    if has_offset:  # hard iron b stands still in the body: change + w x (v - b)
-        square = np.einsum("cni,cni->c", angle, angle)[:, None, None] * np.eye(3)
-        square -= np.einsum("cni,cnj->cij", angle, angle)  # of the matrix of w x
-        seen = -np.cross(angle, left).sum(axis=1)
-        offset = np.linalg.solve(square + 1e-12 * np.eye(3), seen[:, :, None])[:, :, 0]
-        left = left - np.cross(angle, offset[:, None, :])
-    sizes: Floats = np.linalg.norm(left, axis=2).mean(axis=1)
-    return sizes
+    scales = np.array([way.scale for way in ways]) ** 2
+    angles = np.sum(angle**2, axis=1)
+    square = np.sum(change**2) + 2.0 * np.einsum(
+        "cij,ij->c", turns, np.cross(vector, change).T @ angle
+    )
+    square += scales * (angles @ np.sum(vector**2, axis=1))
+    both = (vector[:, :, None] * angle[:, None, :]).reshape(len(angle), 9)
+    flat = turns.reshape(len(ways), 9)
+    square -= np.einsum("ci,ij,cj->c", flat, both.T @ both, flat)
+    if has_offset:  # hard iron b stands still in the body: c + a x (v - b)
+        eye = scales[:, None, None] * angles.sum() * np.eye(3)
+        normal = eye - turns @ (angle.T @ angle) @ turns.transpose(0, 2, 1)
+        seen = scales[:, None] * (angles @ vector) - _crossed(turns @ (angle.T @ change))
+        products = (angle.T @ both).reshape(3, 3, 3)  # of w, v and w
+        seen -= np.einsum("cim,ckn,mkn->ci", turns, turns, products)
+        offset = np.linalg.solve(normal + 1e-12 * np.eye(3), seen[:, :, None])[:, :, 0]
+        square -= np.sum(seen * offset, axis=1)
+    left: Floats = np.sqrt(np.maximum(square, 0.0) / len(angle))
+    return left
+
+
+def _crossed(products: Floats) -> Floats:
+    """The sums of a x c, of those of a c^T (ways, 3, 3)."""
+    apart = products - products.transpose(0, 2, 1)
+    return np.stack((apart[:, 1, 2], apart[:, 2, 0], apart[:, 0, 1]), axis=1)
