@@ -47,8 +47,9 @@ def replay(
     system_id: int | None = None,
     gain: float | None = None,
     smooth: bool = False,
+    columns: str | PathLike[str] | None = None,
 ) -> LogReplay:
-    """Run the filter over a log (.tlog, .bin, .ulg) as fast as it goes, and score it.
+    """Run the filter over a log as fast as it goes, and score it.
 
     Args:
         log: the file.
@@ -58,6 +59,7 @@ def replay(
         system_id: the vehicle; without it the one with most IMU samples.
         gain: fixes K.
         smooth: the attitudes that the whole log tells.
+        columns: the TOML file that says what the columns of a table are.
 
     Raises:
         InputError: the log cannot be read, holds no IMU data of that vehicle, or lacks that
@@ -73,6 +75,7 @@ def replay(
         skip_s=skip_s,
         system_id=system_id,
         smooth=smooth,
+        columns=None if columns is None else Path(columns),
         exports=[lambda trace, compared: found.append((trace, compared))],
     )
     trace, compared = found[0]

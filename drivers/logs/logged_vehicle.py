@@ -1,4 +1,4 @@
-"""A vehicle as its own log saw it: what DataFlash and ULog have in common.
+"""A vehicle as its own log saw it: what DataFlash, ULog, bags and tables have in common.
 
 Such a log knows no arrivals. Its own times, on Unix time where a GPS gave it, stand in for them.
 """
@@ -39,13 +39,14 @@ class LogTime:
 class LoggedVehicle:
     """Gives one vehicle's readings their stamps. ``unix_us`` is Unix time minus the log's time.
 
-    Readings may be numbers of any kind, as the log has them.
+    Readings may be numbers of any kind, as the log has them. ``doubts_axes`` says that its axes
+    may be others than FRD.
 
     Raises:
         TypeError, ValueError: what should be a number is none.
     """
 
-    def __init__(self, vehicle: VehicleId, unix_us: int) -> None:
+    def __init__(self, vehicle: VehicleId, unix_us: int, *, doubts_axes: bool = False) -> None:
         self.id = vehicle
         self._unix_us = unix_us
         log_time = LogTime()
@@ -53,6 +54,7 @@ class LoggedVehicle:
         self._intake = Intake(
             vehicle, self._field.for_stream, lambda stamp: log_time.arrival_us(stamp.raw_us)
         )
+        self._intake.doubts_axes = doubts_axes
 
     @property
     def navigation(self) -> Navigation:

@@ -1,5 +1,6 @@
 """Opens a log by what it is: the content decides, not the name."""
 
+import codecs
 import re
 import stat
 from collections.abc import Iterator
@@ -7,27 +8,42 @@ from contextlib import closing
 from pathlib import Path
 
 from drivers.events import BuiltIn, Event, Imu
+from drivers.logs.bag import SUFFIXES as BAG_SUFFIXES
+from drivers.logs.bag import Bag, is_bag_folder
+from drivers.logs.csv_text import csv_text
 from drivers.logs.log_file import LogFile
 from drivers.logs.tlog import Tlog
 from estimator.errors import InputError
 
-SUFFIXES = (".tlog", ".log", ".bin", ".ulg")  # of what is looked for in a folder
+# Of what is looked for in a folder
+SUFFIXES = (".tlog", ".log", ".bin", ".ulg", ".csv", *BAG_SUFFIXES)
 ULOG_MAGIC = b"ULog\x01\x12\x35"
 DATAFLASH_FORMAT = re.compile(rb"\xa3\x95\x80")  # head of a FMT message, which comes first
 DATAFLASH_TEXT = re.compile(rb"^FMT, ?\d+, ?\d+, ?", re.MULTILINE)
 COMPRESSED = (b"\x1f\x8b", b"PK\x03\x04", b"7z\xbc\xaf", b"\xfd7zXZ", b"BZh", b"\x28\xb5\x2f\xfd")
+TABLES = (".csv", ".tsv", ".txt")
+BAG_MAGIC = (b"\x89MCAP0\r\n", b"SQLite format 3\0", b"#ROSBAG V")
+UTF_16 = (codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)
 HEAD_SIZE = 65_536
 BEGINNING_SAMPLES = 300
 
 
-def open_log(path: Path) -> LogFile:
-    """The log in ``path``: telemetry log, DataFlash or ULog.
+def open_log(path: Path, columns: Path | None = None) -> LogFile:
+    """The log in ``path``: telemetry log, DataFlash, ULog, a bag, or a table as text.
+
+    ``columns`` is the TOML file that says what a table's columns are.
 
     Raises:
         InputError: if there is no such file, or it is empty, unreadable or no
             log known here; the message names the file and what is wrong.
     """
+    if is_bag_folder(path):
+        return Bag(path)
     head = _head(path)
+    if head.startswith(BAG_MAGIC):
+        if path.suffix.lower() not in BAG_SUFFIXES:
+            raise InputError(f"{path}: a bag: its name should end in {', '.join(BAG_SUFFIXES)}")
+        return Bag(path)
     if head.startswith(ULOG_MAGIC):
         from drivers.logs.ulog import Ulog
 
@@ -40,6 +56,12 @@ def open_log(path: Path) -> LogFile:
         raise InputError(f"{path}: a DataFlash log as text, use the .bin it was made from")
     if head.startswith(COMPRESSED):
         raise InputError(f"{path}: a compressed file, unpack it first")
+    if _is_table(path, head):
+        from drivers.logs.csv_log import CsvLog
+
+        return CsvLog(path, columns)
+    if columns is not None:
+        raise InputError(f"{columns}: says what the columns of a table are, but {path} is none")
     return Tlog(path)
 
 
@@ -71,6 +93,12 @@ def built_in_motion(log: LogFile) -> str | None:
             if samples >= BEGINNING_SAMPLES:
                 break
     return None
+
+
+def _is_table(path: Path, head: bytes) -> bool:
+    if b"\0" in head and not head.startswith(UTF_16):
+        return False
+    return path.suffix.lower() in TABLES or csv_text(head) is not None
 
 
 def _head(path: Path) -> bytes:

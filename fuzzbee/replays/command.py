@@ -27,6 +27,7 @@ _SKIP = "Leave the first S seconds out of the errors."
 _START_WRONG = "Turn the first estimate by DEG degrees."
 _SYSTEM_ID = "Which vehicle. [default: the one with most IMU samples]"
 _SMOOTH = "The attitude that the whole log tells, not only what came before."
+_COLUMNS = "What a CSV's columns are. [default: LOG.toml beside it]"
 _MCAP = "Write them as MCAP, for Foxglove and others."
 
 EPILOG = examples(
@@ -53,6 +54,7 @@ class ReplayOptions(NamedTuple):
     system_id: Annotated[int | None, option(_SYSTEM_ID)] = None
     retune: Annotated[bool, option(RETUNE)] = False
     smooth: Annotated[bool, option(_SMOOTH)] = False
+    columns: Annotated[Path | None, option(_COLUMNS, metavar="FILE")] = None
     seeds: Annotated[str | None, option("Noise seeds for sim:, both included.", metavar="A-B")] = (
         None
     )
@@ -113,7 +115,7 @@ def _require_simulation(options: ReplayOptions) -> None:
         raise InputError("--retune is for logs: the paper's experiment ends after 15 s")
     for name, _ in options.given("skip", "start_wrong"):
         raise InputError(f"{name} is for logs; sim: starts wrong by itself")
-    for name, _ in options.given("mcap", "view", "rrd"):
+    for name, _ in options.given("mcap", "view", "rrd", "columns"):
         raise InputError(f"{name} is for logs, not for sim:")
 
 
@@ -148,7 +150,7 @@ def _report_logs(options: ReplayOptions, usual: "Profile", exports: "list[Export
 
     told: list[str] = []  # printed when all went well only: a refusal must be one single line
     paths = [Path(source) for source in options.sources]
-    profiles = [usual if options.profile else _fitting(path, usual) for path in paths]
+    profiles = [usual if options.profile else _fitting(path, usual, options) for path in paths]
     reports = [
         report_log(
             path,
@@ -160,6 +162,7 @@ def _report_logs(options: ReplayOptions, usual: "Profile", exports: "list[Export
             system_id=options.system_id,
             retune=options.retune,
             smooth=options.smooth,
+            columns=options.columns,
             tell=told.append,
             exports=exports,
         )
@@ -174,13 +177,13 @@ def _report_logs(options: ReplayOptions, usual: "Profile", exports: "list[Export
         print_reports(reports)
 
 
-def _fitting(path: Path, usual: "Profile") -> "Profile":
+def _fitting(path: Path, usual: "Profile", options: ReplayOptions) -> "Profile":
     """The profile of a log for which none was chosen: fuzzbee's own vehicle says which fits."""
     from drivers.logs.open import built_in_motion, open_log
     from drivers.simulation.simulated_vehicle import PROFILES
     from estimator.profile import load_profile
 
-    with open_log(path) as log:
+    with open_log(path, options.columns) as log:
         name = PROFILES.get(built_in_motion(log) or "")
     return usual if name is None else load_profile(name)
 

@@ -123,12 +123,13 @@ def report_log(
     system_id: int | None = None,
     retune: bool = False,
     smooth: bool = False,
+    columns: Path | None = None,
     tell: Callable[[str], None] = lambda _: None,
     exports: Sequence[Export] = (),
 ) -> LogReport:
     """Replay a log and score it; ``exports`` are given the trace and its comparison.
 
-    With ``smooth`` the attitudes are those that the whole log tells.
+    With ``smooth`` the attitudes are those that the whole log tells. ``columns`` describes a table.
 
     Raises:
         InputError: the log cannot be read, holds no IMU data of that vehicle, or lacks the
@@ -143,6 +144,7 @@ def report_log(
         system_id=system_id,
         retune=retune,
         smooth=smooth,
+        columns=columns,
         tell=tell,
     )
     compared = compare(path, trace, reference)
@@ -161,6 +163,7 @@ def replay_log(
     system_id: int | None,
     retune: bool = False,
     smooth: bool = False,
+    columns: Path | None = None,
     tell: Callable[[str], None],
 ) -> VehicleTrace:
     """The trace of the vehicle with most IMU samples, or of the one with ``system_id``."""
@@ -173,7 +176,7 @@ def replay_log(
         tell=lambda text: tell(f"{path.name}: {text}"),
         new_estimator=recorder(fixed_gain) if smooth else None,
     )
-    with open_log(path) as log:
+    with open_log(path, columns) as log:
         replay.run(log)
     trace = replay.longest()
     if trace is None:

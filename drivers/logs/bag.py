@@ -1,0 +1,170 @@
+"""Bags of ROS 1 and 2 (a folder, .mcap, .db3, .bag) with readings of ``sensor_msgs``.
+
+Imu, MagneticField and NavSatFix, by REP 103 and 145: SI units and tesla, axes forward, left, up,
+orientations from East-North-Up. Of several IMUs one is read: raw before filtered, then the one with
+most messages; a filtered one beside it has the attitude to compare with.
+"""
+
+import hashlib
+import logging
+from collections.abc import Callable, Iterator, Sequence
+from pathlib import Path
+from typing import Any
+
+from drivers.events import Event, Malformed, VehicleId
+from drivers.logs.log_file import LogFile
+from drivers.logs.logged_vehicle import LoggedVehicle
+from drivers.samples.fix import Fix
+from drivers.samples.rotation import unit_or_none
+from drivers.samples.vehicle_clock import TimeField
+from estimator.errors import InputError, missing_extra
+from estimator.geometry.frames import flu_from_frd, ned_frd_from_enu_flu
+from estimator.types import IDENTITY, Vec3
+
+SUFFIXES = (".mcap", ".db3", ".bag")
+METADATA = "metadata.yaml"
+IMU, FIELD, FIX = (f"sensor_msgs/msg/{name}" for name in ("Imu", "MagneticField", "NavSatFix"))
+RECEIVER = "GPS"
+TESLA = 1e4  # gauss
+FIRST_DATE_NS = 946_684_800_000_000_000  # the year 2000: smaller stamps count from somewhere else
+EARLIER_NS = 10**9  # than the first stamp: stamps are not quite in order
+CLOCK = TimeField.TIME_USEC
+
+_log = logging.getLogger(__name__)
+
+
+def is_bag_folder(path: Path) -> bool:
+    """Whether it is the folder of a ROS 2 bag."""
+    return (path / METADATA).is_file()
+
+
+class Bag(LogFile):
+    """A bag as events in the order of its recording, one message at a time.
+
+    Raises:
+        InputError: from the iteration, if it cannot be read at all.
+    """
+
+    def __iter__(self) -> Iterator[Event]:
+        reader, decode = self._opened()
+        try:
+            topics = _Topics(reader.connections)
+            if topics.connections:
+                yield from _events(reader, decode, topics)
+        finally:
+            reader.close()
+
+    def sha256(self) -> str:
+        """The SHA-256 of the file, or of the folder's files one after the other."""
+        if not self.path.is_dir():
+            return super().sha256()
+        digest = hashlib.sha256()
+        for each in sorted(self.path.iterdir()):
+            with each.open("rb") as file:
+                digest.update(hashlib.file_digest(file, "sha256").digest())
+        return digest.hexdigest()
+
+    def _opened(self) -> tuple[Any, Callable[[bytes, str], Any]]:
+        """The library's reader, and what makes a message of its bytes."""
+        try:
+            from rosbags import rosbag1, rosbag2
+            from rosbags.typesys import Stores, get_typestore
+        except ImportError:
+            raise missing_extra(f"{self.path}", "bags") from None
+        is_ros1 = self.path.suffix.lower() == ".bag"
+        try:
+            reader = (rosbag1 if is_ros1 else rosbag2).Reader(self.path)
+            reader.open()
+        except Exception as error:  # whatever a damaged file makes of the library
+            raise InputError(f"{self.path}: cannot read this bag: {error}") from error
+        if is_ros1:
+            return reader, get_typestore(Stores.ROS1_NOETIC).deserialize_ros1
+        return reader, get_typestore(Stores.ROS2_HUMBLE).deserialize_cdr
+
+
+class _Topics:
+    """Which topics are read."""
+
+    def __init__(self, connections: Sequence[Any]) -> None:
+        self.imu = _chosen(connections, IMU, "", raw=True)
+        self.attitude = _chosen(connections, IMU, self.imu, raw=False)
+        field, fix = (_chosen(connections, kind, self.imu) for kind in (FIELD, FIX))
+        wanted = {(IMU, self.imu), (IMU, self.attitude), (FIELD, field), (FIX, fix)}
+        self.connections = [c for c in connections if (c.msgtype, c.topic) in wanted]
+
+
+def _events(reader: Any, decode: Callable[[bytes, str], Any], topics: _Topics) -> Iterator[Event]:
+    """All of the bag; where it is damaged it ends."""
+    decoder = None
+    try:
+        for connection, recorded_ns, data in reader.messages(topics.connections):
+            message = decode(data, connection.msgtype)
+            stamp = message.header.stamp
+            time_ns = 10**9 * stamp.sec + stamp.nanosec or recorded_ns
+            if decoder is None:
+                decoder = _Decoder(topics, time_ns - EARLIER_NS)
+            yield from decoder.decode(connection, (time_ns - decoder.begin_ns) // 1000, message)
+    except Exception as error:  # noqa: BLE001 - whatever a damaged file makes of the library
+        _log.warning("%s: read no further: %s", reader.path, error)
+        yield Malformed(0, 1)
+
+
+class _Decoder:
+    """Messages in, events out; times count from ``begin_ns``."""
+
+    def __init__(self, topics: _Topics, begin_ns: int) -> None:
+        self.begin_ns = begin_ns
+        self._topics = topics
+        dated_us = begin_ns // 1000 if begin_ns > FIRST_DATE_NS else 0
+        self._vehicle = LoggedVehicle(VehicleId(1, 1), dated_us, doubts_axes=True)
+
+    def decode(self, connection: Any, raw_us: int, message: Any) -> list[Event]:
+        """The events of a message."""
+        if raw_us < 0:
+            return [Malformed(self._vehicle.arrival_us(0), 1)]
+        match connection.msgtype:
+            case "sensor_msgs/msg/Imu":
+                return self._imu(connection.topic, raw_us, message)
+            case "sensor_msgs/msg/MagneticField":
+                x, y, z = flu_from_frd(_vector(message.magnetic_field))
+                self._vehicle.put_mag((TESLA * x, TESLA * y, TESLA * z), raw_us)
+                return []
+            case _:
+                return self._fix(raw_us, message)
+
+    def _imu(self, topic: str, raw_us: int, message: Any) -> list[Event]:
+        events: list[Event] = []
+        q = message.orientation
+        q_enu_flu = unit_or_none((float(q.w), float(q.x), float(q.y), float(q.z)))
+        is_told = q_enu_flu not in (None, IDENTITY) and message.orientation_covariance[0] != -1.0
+        if topic == self._topics.attitude and is_told and q_enu_flu is not None:
+            q_ned_frd = ned_frd_from_enu_flu(q_enu_flu)
+            events += self._vehicle.attitude(topic, CLOCK, raw_us, "autopilot", q_ned_frd)
+        if topic == self._topics.imu:
+            gyr = flu_from_frd(_vector(message.angular_velocity))
+            acc = flu_from_frd(_vector(message.linear_acceleration))
+            events += self._vehicle.imu(topic, CLOCK, raw_us, gyr, acc)
+        return events
+
+    def _fix(self, raw_us: int, message: Any) -> list[Event]:
+        if message.status.status < 0:
+            return []
+        fix = Fix(position=(message.latitude, message.longitude, message.altitude))
+        return self._vehicle.fix(RECEIVER, CLOCK, raw_us, fix)
+
+
+def _chosen(connections: Sequence[Any], kind: str, beside: str, *, raw: bool | None = None) -> str:
+    """The topic of that kind to read: raw or not, in the same namespace, with most messages."""
+
+    def rank(connection: Any) -> tuple[Any, ...]:
+        topic = connection.topic
+        is_other = raw is not None and ("raw" in topic) != raw
+        is_elsewhere = topic.rpartition("/")[0] != beside.rpartition("/")[0]
+        return is_other, is_elsewhere, -connection.msgcount, topic
+
+    found = sorted((c for c in connections if c.msgtype == kind), key=rank)
+    return found[0].topic if found else ""
+
+
+def _vector(vector: Any) -> Vec3:
+    return (vector.x, vector.y, vector.z)

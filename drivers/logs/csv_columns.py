@@ -1,0 +1,300 @@
+"""Which columns of a table are what, in which unit and along which axes.
+
+Names that say all of it (``gyro_x (deg/s)``, ``acc_y_m_s2``, ``time [ms]``) need no help; for$
+a small TOML file beside the table does::
+
+    axes = "flu"                                # frd (the default), flu, rfu or as below
+    time = { columns = ["stamp"], unit = "ms" }
+    gyroscope = { columns = ["wx", "wy", "wz"], unit = "deg/s" }
+    accelerometer = { unit = "g", axes = ["y", "x", "-z"] }     # forward is the sensor's y ...
+    truth = { columns = ["qw", "qx", "qy", "qz"] }
+
+Units are never guessed from the numbers.
+"""
+
+import re
+import tomllib
+from collections.abc import Mapping, Sequence
+from math import pi
+from pathlib import Path
+from typing import NamedTuple
+
+import msgspec
+
+from drivers.logs.csv_text import CsvText
+from estimator.errors import InputError
+from estimator.types import STANDARD_GRAVITY_M_S2 as G
+
+LONGEST_LIST = 200  # characters of names in a message
+HELP = "a TOML file of the same name beside it, or --columns FILE, can say it (docs/logs.md)"
+
+Part = tuple[int, float]  # the column, and the factor to SI units and our axes
+
+
+class Quantity(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """One entry of the file."""
+
+    columns: tuple[str | int, ...] = ()
+    unit: str = ""
+    axes: str | tuple[str, ...] = ""
+
+
+class Description(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """The file."""
+
+    axes: str | tuple[str, ...] = ""
+    time: Quantity = Quantity()
+    gyroscope: Quantity = Quantity()
+    accelerometer: Quantity = Quantity()
+    magnetometer: Quantity = Quantity()
+    position: Quantity = Quantity()
+    velocity: Quantity = Quantity()
+    truth: Quantity = Quantity()
+    autopilot: Quantity = Quantity()
+
+
+class Columns(NamedTuple):
+    """What is read of a row: rad/s, m/s^2, gauss (FRD), m/s (NED), degrees and m; empty: nothing.
+
+    The time is in us, or in words (ISO 8601) where its factor is 0. Attitudes are four numbers, w
+    first, or three angles (roll, pitch, yaw) in rad; those that are East-North-Up and FLU are named
+    in ``enu_flu``. Where nobody told the axes they may be others.
+    """
+
+    time: Part
+    gyroscope: tuple[Part, ...]
+    accelerometer: tuple[Part, ...]
+    magnetometer: tuple[Part, ...]
+    position: tuple[Part, ...]
+    velocity: tuple[Part, ...]
+    truth: tuple[Part, ...]
+    autopilot: tuple[Part, ...]
+    enu_flu: frozenset[str]
+    doubts_axes: bool
+
+
+TIME = {"s": 1e6, "ms": 1e3, "millis": 1e3, "us": 1.0, "micros": 1.0, "ns": 1e-3, "nanos": 1e-3}
+ANGLE = {"rad": 1.0, "deg": pi / 180}
+GYROSCOPE = {"rads": 1.0, "degs": pi / 180, "dps": pi / 180, "mrads": 1e-3, "mdps": pi / 180e3}
+ACCELEROMETER = {"ms2": 1.0, "mss": 1.0, "g": G, "mg": 1e-3 * G, "cms2": 1e-2}
+TESLA = {"t": 1e4, "tesla": 1e4, "mt": 1e1, "ut": 1e-2, "microtesla": 1e-2, "nt": 1e-5}
+GAUSS = {"g": 1.0, "ga": 1.0, "gs": 1.0, "gauss": 1.0, "mg": 1e-3, "mga": 1e-3, "mgauss": 1e-3}
+MAGNETOMETER = TESLA | GAUSS | {"milligauss": 1e-3}
+WORDS = {
+    "gyroscope": ("gyr|gyro|gyros|gyroscope|angularvelocity|angularrate|omega|w|g", GYROSCOPE),
+    "accelerometer": ("acc|accel|accelerometer|acceleration|a", ACCELEROMETER),
+    "magnetometer": ("mag|magn|magnetometer|magneticfield|m", MAGNETOMETER),
+}
+TIME_WORDS = "time|timestamp|t|elapsed|elapsedtime|secondselapsed|sampletime"
+ISO = "iso8601"
+SPELLINGS = (
+    *(("²", "2"), ("°", "deg"), ("µ", "u"), ("μ", "u"), ("per", ""), ("radians", "rad")),
+    *(("radian", "rad"), ("degrees", "deg"), ("degree", "deg"), ("seconds", "s")),
+    *(("second", "s"), ("sec", "s")),
+)
+BODY_AXES = {"frd": ("x", "y", "z"), "flu": ("x", "-y", "-z"), "rfu": ("y", "x", "-z")}
+WORLD_AXES = {"ned": ("x", "y", "z"), "enu": ("y", "x", "-z")}
+
+
+def description(path: Path, given: Path | None) -> Description:
+    """What ``given`` says, or else the TOML file beside the table, if there is one.
+
+    Raises:
+        InputError: it cannot be read, or says what cannot be.
+    """
+    beside = path.with_suffix(".toml")
+    if given is None and not beside.is_file():
+        return Description()
+    file = given or beside
+    try:
+        return msgspec.convert(tomllib.loads(file.read_text(encoding="utf-8")), Description)
+    except FileNotFoundError:
+        raise InputError(f"{file}: no such file") from None
+    except OSError as error:
+        raise InputError(f"{file}: cannot be read: {error.strerror or error}") from None
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError, RecursionError) as error:
+        raise InputError(f"{file}: no TOML file ({error or 'too deep'})") from None
+    except msgspec.ValidationError as error:
+        raise InputError(f"{file}: {str(error).replace('`', '').replace('$.', '')}") from None
+
+
+def columns(text: CsvText, told: Description) -> Columns:
+    """Which columns to read.
+
+    Raises:
+        InputError: time, gyroscope or accelerometer is not there, or something is not clear.
+    """
+    time = _time(text, told.time)
+    sensors = {name: _sensor(text, name, getattr(told, name), told.axes or "frd") for name in WORDS}
+    for name in ("gyroscope", "accelerometer"):
+        if not sensors[name]:
+            raise InputError(f"no column is known as the {name}'s x; {_there(text)}; {HELP}")
+    attitudes = {"truth": told.truth, "autopilot": told.autopilot}
+    world = {
+        name: each.axes or told.axes or "frd" for name, each in attitudes.items() if each.columns
+    }
+    if unknown := [axes for axes in world.values() if axes not in ("frd", "flu")]:
+        raise InputError(f"axes {unknown[0]!r} of an attitude: must be frd (from NED) or flu (ENU)")
+    return Columns(
+        time=time,
+        **sensors,
+        position=_position(text, told.position),
+        velocity=_velocity(text, told.velocity),
+        truth=_attitude(text, "truth", told.truth),
+        autopilot=_attitude(text, "autopilot", told.autopilot),
+        enu_flu=frozenset(name for name, axes in world.items() if axes == "flu"),
+        doubts_axes=not (told.axes or told.accelerometer.axes),
+    )
+
+
+def _time(text: CsvText, told: Quantity) -> Part:
+    pattern = re.compile(rf"(?:{TIME_WORDS})({'|'.join(TIME)}|{ISO})?")
+    if told.columns:
+        (index,) = _named(text, "time", told.columns, (1,))
+        found = [(index, "")]
+    else:
+        found = [(i, m[1] or "") for i, m in _matches(text, pattern)][:1]
+    if not found:
+        raise InputError(f"no column is known as the time; {_there(text)}; {HELP}")
+    index, unit = found[0]
+    unit = _compact(told.unit) or unit or _own_unit(text, index, TIME)
+    return index, 0.0 if unit == ISO else _factor(text, "time", index, unit, {**TIME, ISO: 0.0})
+
+
+def _sensor(
+    text: CsvText, name: str, told: Quantity, axes: str | tuple[str, ...]
+) -> tuple[Part, ...]:
+    """Forward, right and down of a sensor; nothing if it is not there."""
+    words, units = WORDS[name]
+    spelt = "|".join(sorted(units, key=len, reverse=True))
+    if told.columns:
+        found = [(i, "") for i in _named(text, name, told.columns, (3,))]
+    else:
+        pattern = re.compile(
+            rf"(?:imu|raw|sensor|cal)*(?:{words})({spelt})?([xyz])(?:axis)?({spelt})?"
+        )
+        matches = _matches(text, pattern)
+        by_axis = [[(i, m[1] or m[3] or "") for i, m in matches if m[2] == axis] for axis in "xyz"]
+        if not any(by_axis):
+            return ()
+        for axis, those in zip("xyz", by_axis, strict=True):
+            if len(those) != 1:
+                titles = ", ".join(repr(text.titles()[i]) for i, _ in those)
+                what = f"may be {titles}" if those else "is missing"
+                raise InputError(f"{name} {axis} {what}; {_there(text)}; {HELP}")
+        found = [those[0] for those in by_axis]
+    given = [_compact(told.unit) or unit or _own_unit(text, i, units) for i, unit in found]
+    factors = [
+        _factor(text, name, i, unit, units) for (i, _), unit in zip(found, given, strict=True)
+    ]
+    parts = tuple((i, factor) for (i, _), factor in zip(found, factors, strict=True))
+    return _turned(parts, told.axes or axes, BODY_AXES)
+
+
+def _position(text: CsvText, told: Quantity) -> tuple[Part, ...]:
+    if not told.columns:
+        return ()
+    _require_unit("position", told.unit, ("", "deg"))
+    return tuple((i, 1.0) for i in _named(text, "position", told.columns, (2, 3)))
+
+
+def _velocity(text: CsvText, told: Quantity) -> tuple[Part, ...]:
+    if not told.columns:
+        return ()
+    _require_unit("velocity", told.unit, ("", "ms"))
+    parts = tuple((i, 1.0) for i in _named(text, "velocity", told.columns, (3,)))
+    return _turned(parts, told.axes or "ned", WORLD_AXES)
+
+
+def _attitude(text: CsvText, name: str, told: Quantity) -> tuple[Part, ...]:
+    if not told.columns:
+        return ()
+    indices = _named(text, name, told.columns, (3, 4))
+    if len(indices) == 4:
+        _require_unit(name, told.unit, ("", "wxyz"))
+        return tuple((i, 1.0) for i in indices)
+    return tuple((i, _factor(text, name, i, _compact(told.unit), ANGLE)) for i in indices)
+
+
+def _named(
+    text: CsvText, what: str, names: Sequence[str | int], counts: tuple[int, ...]
+) -> list[int]:
+    """The places of columns by their names, or by their numbers from 1 on."""
+    if len(names) not in counts:
+        wanted = " or ".join(map(str, counts))
+        raise InputError(f"{what}: needs {wanted} columns, not {len(names)}")
+    return [_place(text, what, name) for name in names]
+
+
+def _place(text: CsvText, what: str, name: str | int) -> int:
+    if isinstance(name, int):
+        if not 1 <= name <= len(text.names):
+            raise InputError(f"{what}: there is no column {name}, only 1 to {len(text.names)}")
+        return name - 1
+    wanted = name.strip().lower()
+    titles = [(title, *parts) for title, parts in zip(text.titles(), text.names, strict=True)]
+    found = [k for k, each in enumerate(titles) if wanted in [part.lower() for part in each]]
+    if len(found) != 1:
+        many = f"{len(found)} columns are" if found else "no column is"
+        raise InputError(f"{what}: {many} called {name!r}; {_there(text)}")
+    return found[0]
+
+
+def _matches(text: CsvText, pattern: re.Pattern[str]) -> list[tuple[int, re.Match[str]]]:
+    """The columns whose title, or the upper part of it, is of that kind."""
+    found = []
+    for i, (title, parts) in enumerate(zip(text.titles(), text.names, strict=True)):
+        match = pattern.fullmatch(_compact(title)) or pattern.fullmatch(
+            _compact("".join(parts[:1]))
+        )
+        if match:
+            found.append((i, match))
+    return found
+
+
+def _own_unit(text: CsvText, index: int, units: Mapping[str, float]) -> str:
+    """The unit at the end of a name that was given: in brackets, or in a line of its own."""
+    title = text.titles()[index]
+    said = re.findall(r"[\[(]([^\])]*)[\])]\s*$", title) + list(text.names[index][1:])
+    return next((unit for each in said if (unit := _compact(each)) in units), "")
+
+
+def _factor(text: CsvText, what: str, index: int, unit: str, units: Mapping[str, float]) -> float:
+    if unit in units:
+        return units[unit]
+    known = ", ".join(units)
+    if unit:
+        raise InputError(f"{what}: no unit of it is known as {unit!r} ({known})")
+    raise InputError(f"the unit of {what}, column {text.titles()[index]!r}, is not told; {HELP}")
+
+
+def _require_unit(what: str, unit: str, known: tuple[str, ...]) -> None:
+    if _compact(unit) not in known:
+        raise InputError(f"{what}: unit {unit!r} is not known ({' '.join(known).strip()})")
+
+
+def _turned(
+    parts: Sequence[Part],
+    axes: str | tuple[str, ...],
+    named: Mapping[str, tuple[str, str, str]],
+) -> tuple[Part, ...]:
+    """Forward, right, down (or north, east, down) of x, y, z along those axes."""
+    chosen = named.get(axes) if isinstance(axes, str) else axes
+    if chosen is None or sorted(each.lstrip("-+") for each in chosen) != ["x", "y", "z"]:
+        raise InputError(f'axes {axes!r}: must be {", ".join(named)} or such as ["y", "x", "-z"]')
+    sources = [(parts["xyz".index(each[-1])], each.startswith("-")) for each in chosen]
+    return tuple((i, -factor if minus else factor) for (i, factor), minus in sources)
+
+
+def _compact(name: str) -> str:
+    """The name in small letters and digits alone, units in one spelling."""
+    text = name.lower()
+    for said, meant in SPELLINGS:
+        text = text.replace(said, meant)
+    return re.sub(r"[^a-z0-9]", "", text)
+
+
+def _there(text: CsvText) -> str:
+    titles = ", ".join(text.titles())
+    shown = titles if len(titles) <= LONGEST_LIST else f"{titles[:LONGEST_LIST]} ..."
+    return f"there are: {shown}"

@@ -1,0 +1,139 @@
+"""Tables of IMU readings as text (.csv): one row a sample, as other programs write them."""
+
+from collections.abc import Iterator, Sequence
+from datetime import datetime
+from math import isnan
+from pathlib import Path
+from typing import Literal
+
+from drivers.events import Event, Malformed, VehicleId
+from drivers.logs.csv_columns import Columns, Part, columns, description
+from drivers.logs.csv_text import CsvText, csv_rows, csv_text
+from drivers.logs.log_file import LogFile
+from drivers.logs.logged_vehicle import LoggedVehicle
+from drivers.samples.fix import Fix
+from drivers.samples.rotation import quaternion_from_euler, unit_or_none
+from drivers.samples.vehicle_clock import TimeField
+from estimator.errors import InputError
+from estimator.geometry.frames import ned_frd_from_enu_flu
+from estimator.types import Quaternion, Vec3
+
+STREAM = "CSV"
+RECEIVER = "GPS"
+HEAD_SIZE = 65_536
+FIRST_DATE_US = 946_684_800_000_000  # the year 2000: smaller times count from somewhere else
+CLOCK = TimeField.TIME_USEC
+
+
+class CsvLog(LogFile):
+    """A table as events; each iteration reads the file from its start, a row at a time.
+
+    Raises:
+        InputError: the columns do not say what they are, or the description is wrong.
+    """
+
+    def __init__(self, path: Path, described: Path | None = None) -> None:
+        super().__init__(path)
+        with path.open("rb") as file:
+            text = csv_text(file.read(HEAD_SIZE))
+        if text is None:
+            raise InputError(f"{path}: no table: no row has a time, three rates and three forces")
+        self._text = text
+        told = description(path, described)
+        try:
+            self._columns = columns(text, told)
+        except InputError as error:
+            raise InputError(f"{path}: {error}") from None
+
+    def __iter__(self) -> Iterator[Event]:
+        with csv_rows(self.path, self._text) as rows:
+            decoder: _Decoder | None = None
+            for row in rows:
+                time_us = None if row is None else _time_us(self._text, row, self._columns.time)
+                if decoder is None:
+                    decoder = _Decoder(self._text, self._columns, time_us or 0)
+                yield from decoder.decode(time_us, row or [])
+
+
+class _Decoder:
+    """Rows in, events out; times count from the first row."""
+
+    def __init__(self, text: CsvText, columns: Columns, begin_us: int) -> None:
+        self._text = text
+        self._columns = columns
+        self._begin_us = begin_us
+        dated_us = begin_us if begin_us > FIRST_DATE_US else 0
+        self._vehicle = LoggedVehicle(VehicleId(1, 1), dated_us, doubts_axes=columns.doubts_axes)
+        self._raw_us = 0
+
+    def decode(self, time_us: int | None, row: Sequence[str]) -> list[Event]:
+        """The events of a row; what is empty is not there, and what is no number is counted."""
+        if time_us is None or time_us < self._begin_us:
+            return [Malformed(self._vehicle.arrival_us(self._raw_us), 1)]
+        self._raw_us = time_us - self._begin_us
+        try:
+            return self._events(row)
+        except (ValueError, IndexError):
+            return [Malformed(self._vehicle.arrival_us(self._raw_us), 1)]
+
+    def _events(self, row: Sequence[str]) -> list[Event]:
+        columns, raw_us, events = self._columns, self._raw_us, list[Event]()
+        events += self._attitude(row, "truth", columns.truth)
+        events += self._attitude(row, "autopilot", columns.autopilot)
+        velocity, position = self._vector(row, columns.velocity), self._place(row)
+        if velocity is not None or position is not None:
+            fix = Fix(velocity, position=position)
+            events += self._vehicle.fix(RECEIVER, CLOCK, raw_us, fix)
+        mag = self._vector(row, columns.magnetometer)
+        if mag is not None:
+            self._vehicle.put_mag(mag, raw_us)
+        gyr, acc = self._vector(row, columns.gyroscope), self._vector(row, columns.accelerometer)
+        if gyr is not None and acc is not None:
+            events += self._vehicle.imu(STREAM, CLOCK, raw_us, gyr, acc)
+        return events
+
+    def _attitude(
+        self, row: Sequence[str], name: Literal["truth", "autopilot"], parts: Sequence[Part]
+    ) -> list[Event]:
+        numbers = self._numbers(row, parts)
+        if numbers is None:
+            return []
+        q = _quaternion(numbers)
+        if q is not None and name in self._columns.enu_flu:
+            q = ned_frd_from_enu_flu(q)
+        source: Literal["autopilot", "sim"] = "sim" if name == "truth" else "autopilot"
+        return self._vehicle.attitude(name, CLOCK, self._raw_us, source, q)
+
+    def _place(self, row: Sequence[str]) -> Vec3 | None:
+        numbers = self._numbers(row, self._columns.position)
+        if numbers is None:
+            return None
+        latitude_deg, longitude_deg, altitude_m = [*numbers, 0.0][:3]
+        return latitude_deg, longitude_deg, altitude_m
+
+    def _vector(self, row: Sequence[str], parts: Sequence[Part]) -> Vec3 | None:
+        numbers = self._numbers(row, parts)
+        return None if numbers is None else (numbers[0], numbers[1], numbers[2])
+
+    def _numbers(self, row: Sequence[str], parts: Sequence[Part]) -> list[float] | None:
+        """The numbers in those columns; None where one is empty."""
+        numbers = [factor * self._text.number(row[i]) for i, factor in parts]
+        return None if not numbers or any(map(isnan, numbers)) else numbers
+
+
+def _time_us(text: CsvText, row: Sequence[str], part: Part) -> int | None:
+    """The row's time; None if it has none."""
+    index, factor = part
+    try:
+        if factor:
+            return round(factor * text.number(row[index]))
+        return round(1e6 * datetime.fromisoformat(row[index].strip()).timestamp())
+    except (ValueError, IndexError, OverflowError):
+        return None
+
+
+def _quaternion(numbers: Sequence[float]) -> Quaternion | None:
+    if len(numbers) == 4:
+        w, x, y, z = numbers
+        return unit_or_none((w, x, y, z))
+    return quaternion_from_euler(*numbers)

@@ -1,0 +1,127 @@
+"""A table as text: its encoding, delimiter and decimal sign, and what its columns are called.
+
+Nothing of it is agreed upon between programs, so the first rows of numbers tell: what stands right
+above them, in as many fields, is the heading.
+"""
+
+import codecs
+import csv
+import re
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import NamedTuple
+
+from estimator.errors import InputError
+
+DELIMITERS = (",", ";", "\t", "|", " ")
+HEADING_LINES = 2  # names, and perhaps a line of units below them
+LEAST_NUMBERS = 7  # a time, three rates, three accelerations
+LINE_END = re.compile("\r\n|\r|\n")
+LONGEST_LINE = 65_536
+BLANKS = frozenset(("", "nan", "na", "n/a", "null", "none", "-"))
+
+
+class CsvText(NamedTuple):
+    """How a table is written; ``names`` has of each column the texts above it, top first."""
+
+    encoding: str
+    delimiter: str
+    has_decimal_comma: bool
+    lines_above: int
+    names: tuple[tuple[str, ...], ...]
+
+    def titles(self) -> list[str]:
+        """The columns' names for a person; numbers from 1 where there is no heading."""
+        return [" ".join(filter(None, name)) or str(k) for k, name in enumerate(self.names, 1)]
+
+    def number(self, field: str) -> float:
+        """A field as a number; NaN for an empty one.
+
+        Raises:
+            ValueError: it is something else.
+        """
+        if field.strip().lower() in BLANKS:
+            return float("nan")
+        return float(field.replace(",", ".") if self.has_decimal_comma else field)
+
+
+def csv_text(head: bytes) -> CsvText | None:
+    """How the table that begins with ``head`` is written; None if it is no table of numbers."""
+    encoding = _encoding(head)
+    lines = LINE_END.split(head.decode(encoding, errors="replace"))
+    found = [text for each in DELIMITERS if (text := _delimited(lines, encoding, each))]
+    return max(found, key=lambda text: len(text.names), default=None)
+
+
+@contextmanager
+def csv_rows(path: Path, text: CsvText) -> Iterator[Iterator[list[str] | None]]:
+    """The rows below the heading as lists of fields; None for one that cannot be read.
+
+    Raises:
+        InputError: the file cannot be read.
+    """
+    try:
+        with path.open(encoding=text.encoding, errors="replace", newline="") as file:
+            lines = iter(lambda: file.readline(LONGEST_LINE), "")
+            for _ in range(text.lines_above):
+                next(lines, None)
+            yield _rows(lines, text.delimiter)
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read: {error.strerror or error}") from None
+
+
+def _rows(lines: Iterator[str], delimiter: str) -> Iterator[list[str] | None]:
+    while (line := next(lines, None)) is not None:
+        row = _fields(line, delimiter)
+        if row is None or row:
+            yield row
+
+
+def _fields(line: str, delimiter: str) -> list[str] | None:
+    """A line's fields, none of an empty one; None if its quotes cannot be understood."""
+    try:
+        text = line.strip(" \r\n").lstrip("# ")
+        return next(csv.reader([text], delimiter=delimiter, skipinitialspace=True), [])
+    except csv.Error:
+        return None
+
+
+def _encoding(head: bytes) -> str:
+    if head.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)):
+        return "utf-16"
+    try:  # the last character may be cut
+        codecs.getincrementaldecoder("utf-8")().decode(head)
+    except UnicodeDecodeError:
+        return "cp1252"
+    return "utf-8-sig"
+
+
+def _delimited(lines: Sequence[str], encoding: str, delimiter: str) -> CsvText | None:
+    """The table with that delimiter, from its first row of numbers on."""
+    rows = [_fields(line, delimiter) or [] for line in lines]
+    for k, row in enumerate(rows):
+        has_comma = any(_is_number(each, comma=True) and "," in each for each in row)
+        numbers = sum(_is_number(each, comma=has_comma) for each in row)
+        if numbers < LEAST_NUMBERS or 2 * numbers < len(row):
+            continue
+        above = [each for each in rows[:k] if each][-HEADING_LINES:]
+        heading: list[list[str]] = []
+        for each in reversed(above):
+            if abs(len(each) - len(row)) > 1 or any(_is_number(f, comma=has_comma) for f in each):
+                break
+            heading.insert(0, [*each, ""])
+        names = tuple(
+            tuple(each[i].strip() if i < len(each) else "" for each in heading)
+            for i in range(len(row))
+        )
+        return CsvText(encoding, delimiter, has_comma, k, names)
+    return None
+
+
+def _is_number(field: str, *, comma: bool) -> bool:
+    try:
+        float(field.replace(",", ".") if comma else field)
+    except ValueError:
+        return False
+    return field.strip().lower() != "nan"

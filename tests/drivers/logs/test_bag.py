@@ -1,0 +1,178 @@
+"""Bags of ROS 1 and 2, written by rosbags: a clip of a flight comes back as it was."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from drivers.events import Imu, Malformed, Position, ReferenceAttitude
+from drivers.logs.open import imu_events, open_log
+from estimator.errors import InputError
+from estimator.geometry.frames import enu_flu_from_ned_frd, flu_from_frd
+from fuzzbee.cli import main
+from tests.vocabulary import assert_attitude_close
+
+rosbag1 = pytest.importorskip("rosbags.rosbag1", reason="the extra 'bags' is not installed")
+rosbag2 = pytest.importorskip("rosbags.rosbag2")
+typesys = pytest.importorskip("rosbags.typesys")
+
+CLIP = Path(__file__).parents[2] / "data" / "sitl_copter_4hz.tlog"
+BEGIN_US = 1_700_000_000_000_000
+UNKNOWN = np.array([-1.0, *8 * [0.0]])
+KINDS = ("folder.mcap", "folder.db3", "ros1.bag")
+
+
+@pytest.fixture(scope="module")
+def flown():
+    """A clip's events, of one IMU."""
+    with open_log(CLIP) as log:
+        return [e for e in log if getattr(e, "message", "") != "SCALED_IMU2"]
+
+
+class Bag:
+    """Writes messages of sensor_msgs."""
+
+    def __init__(self, path):
+        self.is_ros1 = path.suffix == ".bag"
+        if self.is_ros1:
+            self.types = typesys.get_typestore(typesys.Stores.ROS1_NOETIC)
+            self.writer = rosbag1.Writer(path)
+        else:
+            plugin = rosbag2.StoragePlugin.MCAP
+            if path.suffix == ".db3":
+                plugin = rosbag2.StoragePlugin.SQLITE3
+            self.types = typesys.get_typestore(typesys.Stores.ROS2_JAZZY)
+            self.writer = rosbag2.Writer(path, version=9, storage_plugin=plugin)
+        self.connections = {}
+
+    def new(self, name, *values, **fields):
+        return self.types.types[name.replace("/", "/msg/")](*values, **fields)
+
+    def put(self, topic, kind, time_us, **fields):
+        us = BEGIN_US + time_us
+        moment = (us // 10**6, us % 10**6 * 1000)
+        if self.is_ros1:
+            stamp = self.types.types["builtin_interfaces/msg/Time"](*moment)
+            header = self.new("std_msgs/Header", 0, stamp, "base_link")
+        else:
+            header = self.new("std_msgs/Header", self.new("builtin_interfaces/Time", *moment), "b")
+        message = self.new(kind, header, **fields)
+        name = message.__msgtype__
+        if topic not in self.connections:
+            self.connections[topic] = self.writer.add_connection(topic, name, typestore=self.types)
+        write = self.types.serialize_ros1 if self.is_ros1 else self.types.serialize_cdr
+        self.writer.write(self.connections[topic], us * 1000, bytes(write(message, name)))
+
+    def imu(self, topic, time_us, q_wxyz, covariance, gyr, acc):
+        w, x, y, z = q_wxyz
+        self.put(
+            topic,
+            "sensor_msgs/Imu",
+            time_us,
+            orientation=self.new("geometry_msgs/Quaternion", x, y, z, w),
+            orientation_covariance=covariance,
+            angular_velocity=self.vector(gyr),
+            angular_velocity_covariance=np.zeros(9),
+            linear_acceleration=self.vector(acc),
+            linear_acceleration_covariance=np.zeros(9),
+        )
+
+    def vector(self, v):
+        return self.new("geometry_msgs/Vector3", *flu_from_frd(v))
+
+
+def write(path, events):
+    """The IMU raw, attitudes in a filtered Imu beside it, another IMU, field and place."""
+    bag = Bag(path)
+    with bag.writer:
+        for event in events:
+            match event:
+                case Imu(sample=s):
+                    if s.has_mag:
+                        field = bag.vector([1e-4 * x for x in s.mag_gauss])
+                        bag.put(
+                            "/imu/mag",
+                            "sensor_msgs/MagneticField",
+                            s.time_us,
+                            magnetic_field=field,
+                            magnetic_field_covariance=np.zeros(9),
+                        )
+                    bag.imu("/imu/data_raw", s.time_us, (1.0, 0.0, 0.0, 0.0), UNKNOWN, *s[1:3])
+                    bag.imu("/camera/imu", s.time_us, (1.0, 0.0, 0.0, 0.0), UNKNOWN, s[2], s[1])
+                case ReferenceAttitude(source="autopilot", time_us=us, q_ned_frd=q):
+                    bag.imu("/imu/data", us, enu_flu_from_ned_frd(q), np.zeros(9), *2 * [(0,) * 3])
+                case Position(message="GLOBAL_POSITION_INT"):
+                    for status in (0, -1):
+                        bag.put(
+                            "/fix",
+                            "sensor_msgs/NavSatFix",
+                            event.time_us + 1,
+                            status=bag.new("sensor_msgs/NavSatStatus", status=status, service=1),
+                            latitude=event.latitude_deg,
+                            longitude=event.longitude_deg + 90 * status,
+                            altitude=event.altitude_m,
+                            position_covariance=np.zeros(9),
+                            position_covariance_type=0,
+                        )
+    return path
+
+
+@pytest.fixture(scope="module", params=KINDS)
+def bag(request, tmp_path_factory, flown):
+    return write(tmp_path_factory.mktemp("bags") / request.param, flown)
+
+
+def of(kind, events):
+    return [event for event in events if isinstance(event, kind)]
+
+
+def test_a_flight_comes_back_as_it_was(bag, flown):
+    events = list(imu_events(open_log(bag)))
+    ours, theirs = of(Imu, events), of(Imu, flown)
+    assert {event.message for event in ours} == {"/imu/data_raw"}
+    assert len(ours) == len(theirs)
+    begins = ours[0].sample.time_us, theirs[0].sample.time_us
+    for a, b in zip((e.sample for e in ours), (e.sample for e in theirs), strict=True):
+        assert a.time_us - begins[0] == b.time_us - begins[1]
+        assert a.gyr_rad_s == b.gyr_rad_s
+        assert a.acc_m_s2 == b.acc_m_s2
+        assert a.mag_gauss == pytest.approx(b.mag_gauss, rel=1e-12)  # through tesla and back
+    attitudes = of(ReferenceAttitude, events)
+    told = [event for event in of(ReferenceAttitude, flown) if event.source == "autopilot"]
+    assert len(attitudes) == len(told) > 100
+    assert_attitude_close(attitudes[-1].q_ned_frd, told[-1].q_ned_frd, 1e-9)
+    places = of(Position, events)
+    there = [event for event in of(Position, flown) if event.message == "GLOBAL_POSITION_INT"]
+    assert len(places) == len(there)
+    assert places[-1].longitude_deg == there[-1].longitude_deg
+
+
+def test_the_file_inside_a_folder_is_a_log_too(bag):
+    if bag.is_dir():
+        (inside,) = (each for each in bag.iterdir() if each.suffix != ".yaml")
+        assert list(open_log(inside)) == list(open_log(bag))
+        assert open_log(bag).sha256() != open_log(inside).sha256()
+
+
+def test_a_damaged_bag_ends_or_is_one_line(bag, tmp_path, capsys):
+    """Cut short, and garbage in the middle; there may be some events, and no exception else."""
+    file = next(each for each in bag.iterdir() if each.suffix != ".yaml") if bag.is_dir() else bag
+    content = file.read_bytes()
+    middle = len(content) // 2
+    garbled = content[:middle] + bytes(range(256)) * 40 + content[middle + 10240 :]
+    told = []
+    for name, damaged in (("cut", content[:middle]), ("garbled", garbled)):
+        path = tmp_path / f"{name}{file.suffix}"
+        path.write_bytes(damaged)
+        try:
+            events = list(open_log(path))
+        except InputError as error:
+            told.append(str(error))
+        else:
+            assert len(of(Malformed, events)) <= 1
+    assert all("cannot read this bag" in line and "\n" not in line for line in told)
+    path = tmp_path / "unnamed"
+    path.write_bytes(content)
+    assert main(["replay", str(path)]) == 2
+    (line,) = capsys.readouterr().err.splitlines()
+    assert "a bag: its name should end in .mcap, .db3, .bag" in line

@@ -1,0 +1,225 @@
+"""Tables of other people: the same readings, however they are written, give the same samples."""
+
+import json
+from math import pi
+
+import numpy as np
+import pytest
+
+from drivers.events import Imu, Malformed, Notice, Position, ReferenceAttitude, Velocity
+from drivers.logs.open import open_log
+from estimator.errors import InputError
+from fuzzbee.cli import main
+from tests.vocabulary import assert_attitude_close
+
+NAMES = "time_s,gyr_x_rad_s,gyr_y_rad_s,gyr_z_rad_s,acc_x_m_s2,acc_y_m_s2,acc_z_m_s2"
+FIELD = ",mag_x_gauss,mag_y_gauss,mag_z_gauss"
+ROWS = 40
+FLU = np.array([1.0, -1.0, -1.0])
+
+
+def readings():
+    """Times in s (N,), rates in rad/s, forces in m/s^2, fields in gauss (N, 3), FRD."""
+    rng = np.random.default_rng(31)
+    level = np.array([0.0, 0.0, -9.81])
+    return (
+        np.arange(ROWS) * 0.01,
+        rng.normal(0.0, 0.2, (ROWS, 3)),
+        rng.normal(0.0, 0.3, (ROWS, 3)) + level,
+        rng.normal(0.0, 0.01, (ROWS, 3)) + np.array([0.2, 0.05, 0.4]),
+    )
+
+
+def table(heading, columns, delimiter=",", comma=".", end="\n"):
+    """The text of a table; what is NaN is left empty."""
+    rows = np.column_stack(columns).tolist()
+    lines = [
+        delimiter.join("" if x != x else f"{x:.15g}".replace(".", comma) for x in row)
+        for row in rows
+    ]
+    return end.join([*heading, *lines, ""])
+
+
+def written(path, text, encoding="utf-8", toml=None):
+    path.write_bytes(text.encode(encoding))
+    if toml is not None:
+        path.with_suffix(".toml").write_text(toml, encoding="utf-8")
+    return path
+
+
+def plain():
+    return table([NAMES + FIELD], readings())
+
+
+def german():
+    t, gyr, acc, mag = readings()
+    columns = (1.6e12 + 1e3 * t, np.degrees(gyr * FLU), acc * FLU / 9.80665, 100 * mag * FLU)
+    heading = [
+        "Gerät: Nr. 7;Version 2,1",
+        "Stempel;Dreh X;Dreh Y;Dreh Z;Kraft X;Kraft Y;Kraft Z;Feld X;Feld Y;Feld Z",
+        "ms;°/s;°/s;°/s;g;g;g;µT;µT;µT",
+    ]
+    return table(heading, columns, ";", ",", "\r\n")
+
+
+GERMAN = """
+axes = "flu"
+time = { columns = ["stempel"] }
+gyroscope = { columns = ["Dreh X", "Dreh Y", "Dreh Z"] }
+accelerometer = { columns = ["Kraft X", "Kraft Y", "Kraft Z"] }
+magnetometer = { columns = ["Feld X µT", "Feld Y", "Feld Z"] }
+"""
+
+
+def phone():
+    """Right, forward, up; spaces between columns, a comment as heading."""
+    t, gyr, acc, mag = readings()
+    rfu = np.array([1.0, 1.0, -1.0])
+    columns = [1e9 * t] + [v[:, [1, 0, 2]] * rfu for v in (gyr, acc, 1e5 * mag)]
+    names = "t[ns] wx[rad/s] wy[rad/s] wz[rad/s] ax[m/s^2] ay[m/s^2] az[m/s^2] mx[nT] my[nT] mz[nT]"
+    return table(["# " + names], columns, "  ")
+
+
+def nameless():
+    t, gyr, acc, mag = readings()
+    return table([], (np.arange(ROWS), 1e6 * t, acc, 1e3 * mag, gyr), "\t")
+
+
+NAMELESS = """
+time = { columns = [2], unit = "us" }
+accelerometer = { columns = [3, 4, 5], unit = "m/s^2" }
+magnetometer = { columns = [6, 7, 8], unit = "mG" }
+gyroscope = { columns = [9, 10, 11], unit = "rad/s" }
+"""
+
+WAYS = {
+    "plain": (plain, "utf-8", None),
+    "byte order mark": (plain, "utf-8-sig", None),
+    "utf-16": (plain, "utf-16", None),
+    "german": (german, "cp1252", GERMAN),
+    "phone": (phone, "utf-8", 'axes = "rfu"'),
+    "phone in full": (phone, "utf-8", 'axes = ["y", "x", "-z"]'),
+    "nameless": (nameless, "utf-8", NAMELESS),
+}
+
+
+@pytest.mark.parametrize("way", WAYS)
+def test_the_same_readings_in_all_ways(tmp_path, way):
+    text, encoding, toml = WAYS[way]
+    path = written(tmp_path / "imu.csv", text(), encoding, toml)
+    samples = [event.sample for event in open_log(path) if isinstance(event, Imu)]
+    t, gyr, acc, mag = readings()
+    assert len(samples) == ROWS
+    times_us = np.array([s.time_us for s in samples])
+    assert np.array_equal(times_us - times_us[0], np.round(1e6 * t))
+    # fifteen digits of a decimal number
+    assert np.allclose([s.gyr_rad_s for s in samples], gyr, rtol=0, atol=1e-12)
+    assert np.allclose([s.acc_m_s2 for s in samples], acc, rtol=0, atol=1e-12)
+    assert np.allclose([s.mag_gauss for s in samples], mag, rtol=0, atol=1e-12)
+
+
+def test_truth_velocity_and_place(tmp_path):
+    """ENU and angles in degrees become NED; the east of a velocity comes first."""
+    t, gyr, acc, _ = readings()
+    ones = np.ones((ROWS, 1))
+    east_north_up = ones * np.array([2.0, 1.0, -3.0])
+    heading = f"{NAMES},r,p,y,vx,vy,vz,la,lo"
+    columns = (t, gyr, acc, ones * np.array([10.0, 0.0, 90.0]), east_north_up, ones * [47.5, 8.5])
+    toml = """
+    truth = { columns = ["r", "p", "y"], unit = "deg", axes = "flu" }
+    velocity = { columns = ["vx", "vy", "vz"], axes = "enu" }
+    position = { columns = ["la", "lo"] }
+    """
+    events = list(open_log(written(tmp_path / "a.csv", table([heading], columns), toml=toml)))
+    truth = next(e for e in events if isinstance(e, ReferenceAttitude))
+    assert truth.source == "sim"
+    # forward is north where it was 90 deg left of east; the right side is down by 10 deg
+    turned = (np.cos(pi / 36), np.sin(pi / 36), 0.0, 0.0)
+    assert_attitude_close(truth.q_ned_frd, turned, 1e-9)
+    velocity = next(e for e in events if isinstance(e, Velocity))
+    assert velocity.sample.velocity_ned_m_s == (1.0, 2.0, 3.0)
+    place = next(e for e in events if isinstance(e, Position))
+    assert (place.latitude_deg, place.longitude_deg) == (47.5, 8.5)
+
+
+def test_what_is_empty_is_not_there_and_what_is_no_number_is_counted(tmp_path):
+    """A field every tenth row, dates in words, a note among the rows, a row cut short."""
+    t, gyr, acc, mag = readings()
+    mag[np.arange(ROWS) % 10 != 0] = np.nan
+    lines = table([NAMES.replace("time_s", "timestamp iso8601") + FIELD], (t, gyr, acc, mag))
+    heading, *rows = lines.splitlines()
+    rows = [f"2026-05-01T12:00:0{row.replace(',', '0000,', 1)}" for row in rows]
+    rows = [row.replace(":000000,", ":00.000000,") for row in rows]
+    rows[5] = "pause here"
+    rows[7] = rows[7][:60]
+    rows[9] = rows[9].replace(",", ",#", 1)
+    path = written(tmp_path / "a.csv", "\n".join([heading, *rows]))
+    events = list(open_log(path))
+    assert sum(event.frames for event in events if isinstance(event, Malformed)) == 3
+    imus = [event for event in events if isinstance(event, Imu)]
+    assert len(imus) == ROWS - 3
+    assert sum(event.sample.has_mag for event in imus) == ROWS // 10
+
+
+@pytest.mark.parametrize(
+    ("names", "toml", "words"),
+    [
+        (NAMES.replace("gyr_x", "rate_x"), None, "gyroscope x is missing"),
+        (NAMES.replace("time_s", "stamp"), None, "is known as the time; there are: stamp"),
+        (NAMES.replace("time_s", "time"), None, "unit of time, column 'time', is not told"),
+        (NAMES.replace("gyr_y_rad_s", "gyr_y"), None, "unit of gyroscope, column 'gyr_y'"),
+        (NAMES.replace("acc_z_m_s2", "gyr_x_deg_s"), None, "may be 'gyr_x_rad_s', 'gyr_x_deg_s'"),
+        (NAMES, 'gyroscope = { columns = ["a", "b", "c"] }', "no column is called 'a'"),
+        (NAMES, 'gyroscope = { columns = ["a", "b"] }', "gyroscope: needs 3 columns, not 2"),
+        (NAMES, "gyroscope = { columns = [1, 2, 9] }", "no column 9, only 1 to 7"),
+        (NAMES, 'gyroscope = { unit = "rpm" }', "gyroscope: no unit of it is known as 'rpm'"),
+        (NAMES, 'axes = "xyz"', "axes 'xyz': must be frd, flu, rfu or such as"),
+        (NAMES, 'axes = ["x", "x", "z"]', "must be frd"),
+        (NAMES, "gyro = {}", "unknown field gyro"),
+        (NAMES, "gyroscope = [", "no TOML file"),
+        (NAMES, "truth = { columns = [2, 3, 4] }", "unit of truth"),
+        (NAMES, 'truth = { columns = [2, 3, 4, 5], axes = "rfu" }', "of an attitude: must be frd"),
+    ],
+)  # fmt: skip
+def test_what_is_not_clear_is_one_line(tmp_path, capsys, names, toml, words):
+    path = written(tmp_path / "a.csv", table([names], readings()[:3]), toml=toml)
+    assert main(["replay", str(path)]) == 2
+    (line,) = capsys.readouterr().err.splitlines()
+    assert words in line
+
+
+def test_a_text_that_is_no_table(tmp_path):
+    path = written(tmp_path / "a.csv", "once,upon,a,time\n" * 20)
+    with pytest.raises(InputError, match="no table"):
+        open_log(path)
+
+
+def test_axes_that_nobody_told_are_doubted(tmp_path):
+    """An accelerometer whose z is up, once without a word and once with."""
+    t, gyr, acc, _ = readings()
+    text = table([NAMES], (t, gyr, acc * FLU))
+    told = {}
+    for name, toml in (("silent", None), ("told", 'axes = "frd"')):
+        path = written(tmp_path / f"{name}.csv", _slowly(text), toml=toml)
+        told[name] = [e.text for e in open_log(path) if isinstance(e, Notice)]
+    assert "accelerometer z is positive" in " ".join(told["silent"])
+    assert told["told"] == []
+
+
+def _slowly(text):
+    """The same at two rows a second, for those who look five times a second at most."""
+    heading, *rows = text.splitlines()
+    return "\n".join(
+        [heading, *(f"{0.5 * k},{row.split(',', 1)[1]}" for k, row in enumerate(rows))]
+    )
+
+
+def test_replay_of_a_table_described_elsewhere(tmp_path, capsys):
+    path = written(tmp_path / "a.csv", nameless())
+    (tmp_path / "columns.toml").write_text(NAMELESS)
+    columns = str(tmp_path / "columns.toml")
+    assert main(["replay", str(path), "--columns", columns, "--json"]) == 0
+    report = json.loads(capsys.readouterr().out)
+    assert report["imu"]["messages"] == {"CSV": ROWS}
+    assert main(["replay", str(path), "--columns", str(tmp_path / "none.toml")]) == 2
+    assert "none.toml: no such file" in capsys.readouterr().err
