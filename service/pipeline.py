@@ -111,13 +111,16 @@ class Pipeline:
     def take(self, readings: Readings) -> list[Output]:
         """Take many readings as :meth:`handle` takes their events; in order for each vehicle."""
         self._return_usual()
-        left, checks, looks = self._usual.take(readings)
+        left, checks, compared, looks = self._usual.take(readings)
         outputs: list[Output] = []
         for event in readings.looks(looks):
             outputs += self.handle(event)
         for event in readings.events(checks):
             if isinstance(event, Imu) and (vehicle := self._own(event.vehicle)) is not None:
                 outputs += _messages(vehicle.check(event))
+        for event in readings.events(compared):
+            if isinstance(event, ReferenceAttitude):
+                outputs += self.handle(event)
         for event in readings.events(left):
             outputs += self.handle(event)
         return outputs
@@ -174,7 +177,8 @@ class Pipeline:
                 if vehicle is not None:
                     vehicle.on_rejected(event)
             case Shed(vehicle=address):
-                vehicle = self._own(address) or self._meet(address)
+                # the message in use, which it asks for, stays while a vehicle is usual
+                vehicle = self._vehicles.get(address) or self._meet(address)
                 if vehicle is not None:
                     vehicle.on_shed(event)
             case Forgotten(vehicle=address):
@@ -187,7 +191,8 @@ class Pipeline:
                 vehicle = self._vehicles.get(address) or self._meet(address)
                 return [] if vehicle is None else self._fit(vehicle, event)
             case ReferenceAttitude(vehicle=address, source=source, q_ned_frd=q):
-                if (vehicle := self._own(address)) is not None:
+                if (vehicle := self._vehicles.get(address)) is not None:
+                    self._usual.tell(address)
                     self._peers[address, source] = Peer(address, source, q)
                     return _messages(vehicle.on_reference(event))
             case Malformed(frames=frames):
@@ -230,7 +235,7 @@ class Pipeline:
                 if attitude is not None:
                     outputs.append(Published(address, attitude, vehicle.last_sample))
             if status_due:
-                self._take_back(address)
+                self._usual.tell(address)
                 status = vehicle.status(now_us, load, self.malformed)
                 outputs.append(Published(vehicle.address, status, time_unix_us=now_us))
         return outputs

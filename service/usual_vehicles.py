@@ -67,8 +67,9 @@ STATE_SIZE = SOURCE + 1
 OFFSET, SPANS, READING, LEAST_HEADING = 0, 1, 5, 14
 STATE_NUMBERS = 15
 
-# What has become of a row: taken; left; taken, but the estimate is to be checked.
-TAKEN, LEFT, CHECK = 0, 1, 2
+# What has become of a row: taken; left; taken, but the estimate is to be checked, or compared with
+# the attitude beside these rates.
+TAKEN, LEFT, CHECK, COMPARE = 0, 1, 2, 3
 # And of a vehicle at a tick: nothing is wanted of it, it is shown, or there is more to do.
 UNWANTED, SHOWN, MORE = 0, 1, 2
 # At first there are places for so many.
@@ -136,10 +137,9 @@ def take_rates(
     inside: Any, row: Whole, arrival_us: int, time_us: int, rate: Vec3, flags: int
 ) -> int:
     """Rates that change nothing, since they come with the samples."""
-    if flags & GIVES != 0:
-        return LEFT
+    done = COMPARE if flags & GIVES != 0 else TAKEN
     if abs(arrival_us - time_us - (row[ARRIVAL] - row[TIME])) > OTHER_CLOCK_US:
-        return TAKEN
+        return done
     is_fine = max(abs(rate[0]), abs(rate[1]), abs(rate[2])) <= RATE_LIMIT_RAD_S
     if row[RATES_US] < 0 or not is_fine:
         return LEFT
@@ -148,7 +148,7 @@ def take_rates(
         if time_us > inside.time_us or x or y or z:
             return LEFT
     row[RATES_US] = arrival_us
-    return TAKEN
+    return done
 
 
 @inlined
@@ -183,7 +183,7 @@ def take_sample(
     is_checked = (row[SAMPLES] + 1) % CHECKED_EVERY == 0
     source = row[SOURCE]
     is_first_heading = source != RAW and has_mag and not inside.seen.has_heading
-    if (is_checked and time_us >= row[LOOK_US]) or is_first_heading:
+    if is_first_heading:
         return LEFT
     if fault_of(gyr, acc, mag) != FINE or time_us <= inside.time_us:
         return LEFT
@@ -206,6 +206,8 @@ def take_sample(
     row[SAMPLES] += 1
     if not is_checked:
         return TAKEN
+    if time_us >= row[LOOK_US]:
+        return CHECK
     said = publish(inside, time_us, source)
     return TAKEN if is_finite(said[1], said[2]) else CHECK
 
@@ -337,15 +339,15 @@ class UsualVehicles:
         self._show: Any = None
         self._put: Any = None
 
-    def take(self, readings: Readings) -> tuple[list[int], list[int], list[int]]:
+    def take(self, readings: Readings) -> tuple[list[int], list[int], list[int], list[int]]:
         """Take the rows that just go on.
 
-        Returns the rows that are left, those after which an estimate is to be checked, and those
-        whose magnitudes are to be looked at.
+        Returns the rows that are left, those after which an estimate is to be checked, those of
+        attitudes to compare it with, and those whose magnitudes are to be looked at.
         """
         n, flags = len(readings), readings.whole[:, 4]
         if self._fleet is None:
-            return list(range(n)), [], []
+            return list(range(n)), [], [], []
         self._batch += 1
         left = np.empty(n, np.int64)
         rows = (readings.whole, readings.numbers, readings.arrivals_us)
@@ -355,8 +357,11 @@ class UsualVehicles:
         )
         looks = ((flags & TO_LOOK != 0) & (left != LEFT)).nonzero()[0].tolist()
         if not unusual:
-            return [], [], looks
-        return (left == LEFT).nonzero()[0].tolist(), (left == CHECK).nonzero()[0].tolist(), looks
+            return [], [], [], looks
+        rows_left, checks, compared = (
+            (left == done).nonzero()[0].tolist() for done in (LEFT, CHECK, COMPARE)
+        )
+        return rows_left, checks, compared, looks
 
     def show(self, now_us: int, wanted: int) -> dict[VehicleId, Shown | None]:
         """What is published of the vehicles of which nothing else is to be said at a tick."""
@@ -402,17 +407,24 @@ class UsualVehicles:
         state[place, SOURCE] = lent.source
         reals[place, LEAST_HEADING], left_in[place] = lent.least_heading_rad, 0
 
-    def hand_back(self, address: VehicleId) -> None:
-        """Give a vehicle its numbers back, before anybody else uses it."""
-        place = self._places.pop(address, None)
+    def tell(self, address: VehicleId) -> None:
+        """Have a vehicle know its numbers, for whoever changes nothing that is kept here."""
+        place = self._places.get(address)
         if place is None:
             return
-        self._index[_number(address)] = 0
-        self._free.append(place)
-        vehicle, self._vehicles[place] = self._vehicles[place], None
+        vehicle = self._vehicles[place]
         assert vehicle is not None
         state, reals, _ = self._state
         vehicle.resume(state[place, :SOURCE].tolist(), reals[place, :LEAST_HEADING].tolist())
+
+    def hand_back(self, address: VehicleId) -> None:
+        """Give a vehicle its numbers back, before anybody else uses it."""
+        self.tell(address)
+        place = self._places.pop(address, None)
+        if place is not None:
+            self._index[_number(address)] = 0
+            self._free.append(place)
+            self._vehicles[place] = None
 
     def _grow(self, inside: Any) -> None:
         """Make places for as many vehicles again, and bind the steps at the first."""

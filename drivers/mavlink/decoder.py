@@ -40,7 +40,7 @@ from drivers.mavlink.imu_messages import (
 )
 from drivers.mavlink.messages import MESSAGES, MessageKind, Said
 from drivers.mavlink.parameter_values import ParameterValue, WaitingParameters, owner
-from drivers.mavlink.usual_frames import Batch, Readings, UsualFrames, events_of
+from drivers.mavlink.usual_frames import NEXT, READ, Batch, Readings, UsualFrames, events_of
 from drivers.places import PLACES
 from drivers.samples.intake import Intake, Stamp
 from drivers.samples.vehicle_clock import TimeField
@@ -125,20 +125,17 @@ class MavlinkDecoder:
         if self._usual is None:
             self._usual = UsualFrames(MOST_SENDERS, takes_attitude=not self._references)
         found: list[Event | Readings] = []
-        left = True
-        while left:
+        waiting = batch.waiting
+        while waiting.any():
             readings = self._usual.read(batch)
             if readings is not None:
                 found.append(readings)
-            waiting, seen = batch.waiting.nonzero()[0].tolist(), set()
-            for k in waiting:
-                frame = frame_of(k)
-                address = frame.system_id, frame.component_id
-                if address not in seen:  # the first of each sender's
-                    seen.add(address)
-                    batch.waiting[k] = 0
-                    found += self.events(frame, int(batch.arrivals_us[k]))
-            left = len(waiting) > len(seen)
+            unusual = (waiting == NEXT).nonzero()[0]  # one of a sender
+            for k, arrival_us in zip(
+                unusual.tolist(), batch.arrivals_us[unusual].tolist(), strict=True
+            ):
+                found += self.events(frame_of(k), arrival_us)
+            waiting[unusual] = READ
         return found
 
     def _events(self, sender: _Sender, frame: Frame, arrival_us: int) -> list[Event]:

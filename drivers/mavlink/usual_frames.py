@@ -83,6 +83,8 @@ LONGEST = 64
 LATEST_RAW_US = 1 << 62
 # Flags: a fresh field, a sample to be looked at, an attitude that is wanted.
 FRESH, TO_LOOK, GIVES = 1, 2, 4
+# What has become of a frame.
+READ, WAITING, NEXT = 0, 1, 2
 
 _typeof: Any = numba.typeof  # numba ships no types
 
@@ -100,7 +102,9 @@ def read_frames(
     rows: Any,
     read: tuple[Whole, Whole, Floats],
 ) -> int:
-    """Take the frames that are ``waiting``; of each sender up to the first that is not taken.
+    """Take the frames that are :data:`WAITING`; of each sender up to the first that is not taken.
+
+    That one is :data:`NEXT` then.
 
     Frame k is ``data[bounds[k, 0]:bounds[k, 1]]``. ``left_in`` has, by address, the last ``turn``
     in which a sender's frame was left. ``kinds`` are by message, ``places`` of senders by address,
@@ -112,7 +116,7 @@ def read_frames(
     read_us, whole, numbers = read
     n = 0
     for k in range(len(arrivals_us)):
-        if waiting[k] == 0:
+        if waiting[k] == READ:
             continue
         message, address, begin, end = header_of(data, bounds[k, 0], bounds[k, 1])
         if left_in[address] == turn:
@@ -124,9 +128,9 @@ def read_frames(
             unpack(data, begin, end, payload)
             is_taken = read_frame(kind, place, arrivals_us[k], views, rows, whole[n], numbers[n])
         if not is_taken:
-            left_in[address] = turn
+            left_in[address], waiting[k] = turn, NEXT
             continue
-        waiting[k], read_us[n] = 0, arrivals_us[k]
+        waiting[k], read_us[n] = READ, arrivals_us[k]
         n += 1
     return n
 
@@ -260,7 +264,7 @@ class Batch:
         self.data = data
         self.bounds = bounds
         self.arrivals_us = arrivals_us
-        self.waiting = np.ones(n, np.int64)
+        self.waiting = np.full(n, WAITING, np.int64)
 
     @classmethod
     def of(cls, arrived: Sequence[Arrived]) -> Self:

@@ -53,7 +53,7 @@ OFFSET = LINES + 2 * LINE_SIZE
 CLOCK_SIZE = OFFSET + OFFSET_SIZE
 # Columns of a line, of which the first says that it can go on,
 WRAPPED, BOOT, ARRIVAL, FLOOR, SECOND, PACE, BESIDE = 1, 2, 3, 4, 5, 8, 10
-# and of the offset, of which the first says that it is known.
+# and of the offset, of which the first says how many estimates it is made of.
 OFFSET_US, SINCE_MEDIAN, OLDEST, RING = 1, 2, 3, 4
 
 # A stream's last message, in continuous and boot time. An IMU stream's other columns:
@@ -63,8 +63,8 @@ HEARD, LAST_IMU = 3, 4  # anything was heard, and the time of the last IMU sampl
 OTHER_SIZE = 5
 LOOK, FRESH_US, FAULTS = 2, 3, 4
 LAST_US, GOOD_US, BOTH, GYR, ACC, FIELD_US = 4, 5, 6, 9, 12, 15
-MAG_CHANGES, MAG_EQUAL, MAG_SINCE_US = 16, 17, 18
-STREAM_SIZE = 19
+MAG_CHANGES, MAG_EQUAL, MAG_SINCE_US, AXIS_CHANGES = 16, 17, 18, 19
+STREAM_SIZE = AXIS_CHANGES + 6
 # of a repetition,
 CHANGES, EQUAL, BEGIN_US = 0, 1, 2
 # and those of its numbers that are not whole.
@@ -162,6 +162,13 @@ def follow(whole: Whole, shares: Floats, at: int, share: int, is_equal: bool, ra
 
 
 @inlined
+def follow_axis(whole: Whole, at: int, is_other: bool) -> None:
+    """Count an axis's changes, until they show that it has noise."""
+    if is_other and whole[at] < NOISY_SAMPLES:
+        whole[at] += 1
+
+
+@inlined
 def is_sound(whole: Whole, numbers: Floats, gyr: Vec3, acc: Vec3, mag: Vec3, raw_us: int) -> bool:
     """Whether a reading of finite numbers need not be looked at more closely."""
     if largest(gyr) >= GYR_RAIL_RAD_S or not 0.0 < largest(acc) < ACC_RAIL_M_S2:
@@ -194,6 +201,9 @@ def follow_sensors(
     """Remember a sound reading."""
     gyr_equal = not differs(numbers, LAST, gyr)
     acc_equal = not differs(numbers, LAST + 3, acc)
+    for axis in range(3):
+        follow_axis(whole, AXIS_CHANGES + axis, gyr[axis] != numbers[LAST + axis])
+        follow_axis(whole, AXIS_CHANGES + 3 + axis, acc[axis] != numbers[LAST + 3 + axis])
     follow(whole, numbers, BOTH, SHARES, gyr_equal and acc_equal, raw_us)
     follow(whole, numbers, GYR, SHARES + 2, gyr_equal, raw_us)
     follow(whole, numbers, ACC, SHARES + 4, acc_equal, raw_us)
@@ -271,13 +281,18 @@ def take_imu(
 @inlined
 def offset_after(clock: Whole, sample_us: int) -> int:
     """The second clock's offset from the line of time, with one more estimate in the median."""
-    o = OFFSET
-    clock[o + RING + clock[o + OLDEST]] = sample_us
-    clock[o + OLDEST] = (clock[o + OLDEST] + 1) % OFFSET_SAMPLES
+    o, is_full = OFFSET, clock[OFFSET] == OFFSET_SAMPLES
+    at = clock[o + OLDEST] if is_full else clock[o]
+    clock[o + RING + at] = sample_us
+    if is_full:
+        clock[o + OLDEST] = (at + 1) % OFFSET_SAMPLES
+    else:
+        clock[o] += 1
+    n = clock[o]
     clock[o + SINCE_MEDIAN] += 1
-    if clock[o + SINCE_MEDIAN] >= OFFSET_SAMPLES // 4:
+    if n < OFFSET_SAMPLES or clock[o + SINCE_MEDIAN] >= OFFSET_SAMPLES // 4:
         clock[o + SINCE_MEDIAN] = 0
-        median_us = np.sort(clock[o + RING : o + RING + OFFSET_SAMPLES])[OFFSET_SAMPLES // 2]
+        median_us = np.sort(clock[o + RING : o + RING + n])[n // 2]
         whole_us = int(np.rint(median_us / WRAP_32_US)) * WRAP_32_US
         is_same = abs(median_us - whole_us) < SAME_CLOCK_US
         clock[o + OFFSET_US] = whole_us if is_same else median_us
@@ -313,7 +328,7 @@ def take_beside(clock: Whole, placed: Whole, raw_us: int, arrival_us: int) -> tu
         accept(clock, line, boot_us, arrival_us, floor_us, end)
         place(clock, placed, time_us, boot_us)
         return TAKEN, time_us
-    if clock[OFFSET] != 1 or clock[LINES] != 1:
+    if clock[LINES] != 1:
         return NOTHING, 0
     line_now_us = clock[LINES + BOOT] + max(arrival_us - clock[LINES + ARRIVAL], 0)
     accept(clock, line, boot_us, arrival_us, floor_us, end)

@@ -188,13 +188,13 @@ class SensorFaults:
         In the columns of :mod:`drivers.samples.going_on`.
         """
         parts = (self._both, self._gyr, self._acc)
-        is_sound = self._is_noisy and not self._was_large and not any(p.is_proven for p in parts)
+        is_sound = not self._was_large and not any(p.is_proven for p in parts)
         if not is_sound or self._blind_since is not None or self._blindness is not None:
             return None
         (both, both_shares), (gyr, gyr_shares), (acc, acc_shares) = (p.numbers() for p in parts)
         field_gauss, field_us = self._field.begun
         whole = [self._last_us, self._good_us, *both, *gyr, *acc, field_us]
-        whole += [self._mag_changes, self._mag_equal, self._mag_since_us]
+        whole += [self._mag_changes, self._mag_equal, self._mag_since_us, *self._axis_changes]
         numbers = [*_flat(self._last), *both_shares, *gyr_shares, *acc_shares, *field_gauss]
         numbers += [*_flat(self._gyr_begin), *self._turned_acc, *self._good_gyr]
         return whole, [*numbers, self._mag_turn_rad]
@@ -204,7 +204,8 @@ class SensorFaults:
         self._last_us, self._good_us, *repetitions = whole
         for k, part in enumerate((self._both, self._gyr, self._acc)):
             part.resume(repetitions[3 * k : 3 * k + 3], numbers[9 + 2 * k : 11 + 2 * k])
-        self._mag_changes, self._mag_equal, self._mag_since_us = repetitions[10:]
+        self._mag_changes, self._mag_equal, self._mag_since_us, *axes = repetitions[10:]
+        self._axis_changes, self._is_noisy = axes, min(axes) >= NOISY_SAMPLES
         self._last, self._gyr_begin = _readings(numbers[:9]), _readings(numbers[18:27])
         self._field.begin(_vec3(numbers[15:18]), repetitions[9])
         self._turned_acc, self._good_gyr = _vec3(numbers[27:30]), _vec3(numbers[30:33])

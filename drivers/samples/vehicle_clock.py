@@ -278,19 +278,17 @@ class ClockOffset:
         self._since_median = 0
         self._offset_us = 0
 
-    def numbers(self) -> tuple[int, ...] | None:
-        """What :meth:`learn` changes once enough is learnt; None before.
-
-        In the columns of :mod:`drivers.samples.going_on`.
-        """
-        if len(self._samples_us) < OFFSET_SAMPLES:
-            return None
-        return (1, self._offset_us, self._since_median, 0, *self._samples_us)
+    def numbers(self) -> tuple[int, ...]:
+        """What :meth:`learn` changes, in the columns of :mod:`drivers.samples.going_on`."""
+        n, samples_us = len(self._samples_us), self._samples_us
+        empty = (0,) * (OFFSET_SAMPLES - n)
+        return (n, self._offset_us, self._since_median, 0, *samples_us, *empty)
 
     def resume(self, numbers: list[int]) -> None:
         """Go on from :meth:`numbers`, whose fourth is the place of the oldest sample."""
-        _, self._offset_us, self._since_median, oldest, *samples_us = numbers
-        self._samples_us = deque((*samples_us[oldest:], *samples_us[:oldest]), OFFSET_SAMPLES)
+        n, self._offset_us, self._since_median, oldest, *ring_us = numbers
+        samples_us = (*ring_us[oldest:n], *ring_us[:oldest])
+        self._samples_us = deque(samples_us, OFFSET_SAMPLES)
 
     def learn(self, sample_us: int) -> int:
         """Take one estimate in; the offset in us, exactly 0 (or a whole wrap) for one clock."""
@@ -352,7 +350,7 @@ class VehicleClock:
         if primary not in KEPT_LINES or self._waiting:
             return None
         lines = [self._lines[field].numbers() or (0,) * LINE_SIZE for field in KEPT_LINES]
-        offset = self._offsets[TimeField.BOOT_MS].numbers() or (0,) * OFFSET_SIZE
+        offset = self._offsets[TimeField.BOOT_MS].numbers()
         first = KEPT_LINES.index(primary)
         return (first, self._shift_us, self._latest_us, *lines[0], *lines[1], *offset)
 
@@ -363,9 +361,7 @@ class VehicleClock:
             line = numbers[3 + k * LINE_SIZE : 3 + (k + 1) * LINE_SIZE]
             if line[0]:
                 self._lines[field].resume(line)
-        offset = numbers[3 + len(KEPT_LINES) * LINE_SIZE :]
-        if offset[0]:
-            self._offsets[TimeField.BOOT_MS].resume(offset)
+        self._offsets[TimeField.BOOT_MS].resume(numbers[3 + len(KEPT_LINES) * LINE_SIZE :])
 
     def last_placed(self, message: str, field: TimeField) -> tuple[int, int] | None:
         """Continuous and boot time of the last message that was placed; None if none was."""
