@@ -59,9 +59,8 @@ ITERATION_S = 0.1
 # After each look the link rests, and what comes meanwhile is handled at one go: to wake up costs
 # as much as several samples, and hundreds of vehicles would do so at each of theirs.
 GATHER_S = 0.001
-# Where the system notes when each datagram came, nothing is lost by letting them wait until shortly
-# before whoever drains wants to go on: so long before, or as long as the last ones have taken.
-LEAD_S = 0.002
+# Where the system notes when each datagram came, nothing is lost by letting them wait until whoever
+# drains wants to go on, less the time that the last ones have taken.
 LONGEST_REST_S = 0.02
 CLOSE_S = 0.5
 LONGEST_BUSY_S = 0.05  # that newcomers get as much of
@@ -271,7 +270,7 @@ class MavlinkLink(Closing):
         if not self._transport.stamps_arrivals:
             return min(GATHER_S, wait_s)
         busy_s = time.monotonic() - self._read_s
-        rest_s = max(GATHER_S, wait_s - max(LEAD_S, busy_s))
+        rest_s = max(GATHER_S, wait_s - busy_s)
         return min(rest_s, wait_s, LONGEST_REST_S)
 
     def _reopen(self, wait_s: float) -> None:
@@ -386,10 +385,13 @@ class MavlinkLink(Closing):
         for k in passing if aging else ():
             messages = scanned.rows[scanned.rows_of(k), MESSAGE].tolist()
             self._claims.note(packets[k].peer, messages, now_s)
-        counts, passes = np.maximum(scanned.counts, 0), np.zeros(len(packets), np.bool_)
-        passes[passing] = True
-        kept = np.repeat(passes, counts)
-        rows, arrivals = scanned.rows[kept], np.repeat(np.array(arrivals_us), counts)[kept]
+        counts = np.maximum(scanned.counts, 0)
+        rows, arrivals = scanned.rows, np.array(arrivals_us).repeat(counts)
+        if len(passing) < len(packets):
+            passes = np.zeros(len(packets), np.bool_)
+            passes[passing] = True
+            kept = passes.repeat(counts)
+            rows, arrivals = rows[kept], arrivals[kept]
         self._passing = _Passing(scanned._replace(rows=rows), arrivals)
 
     def _read_passing(self) -> list[Event | Readings]:

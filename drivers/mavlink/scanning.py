@@ -139,7 +139,8 @@ class Scanned(NamedTuple):
     @classmethod
     def of(cls, data: bytes, counts: Array, rows: Array) -> Self:
         """The datagrams that have so many of the rows each."""
-        firsts = np.cumsum(np.maximum(counts, 0)) - np.maximum(counts, 0)
+        found = np.maximum(counts, 0)
+        firsts = found.cumsum() - found
         senders, has_rows = np.zeros(len(counts), np.int64), counts > 0
         first = rows[firsts[has_rows]]
         senders[has_rows] = first[:, SYSTEM] << 8 | first[:, COMPONENT]

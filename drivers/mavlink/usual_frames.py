@@ -309,11 +309,14 @@ class Readings:
     def __len__(self) -> int:
         return len(self.arrivals_us)
 
-    def events(self, rows: Any = slice(None)) -> list[Event]:
-        """The events of those rows, in order."""
+    def events(self, rows: list[int] | None = None) -> list[Event]:
+        """The events of those rows, or of all, in order."""
         events: list[Event] = []
-        whole, arrivals_us = self.whole[rows].tolist(), self.arrivals_us[rows].tolist()
-        vectors = map(tuple, self.numbers[rows].tolist())
+        if rows == []:  # nearly always
+            return events
+        which = slice(None) if rows is None else rows
+        whole, arrivals_us = self.whole[which].tolist(), self.arrivals_us[which].tolist()
+        vectors = map(tuple, self.numbers[which].tolist())
         for row, numbers, arrival_us in zip(whole, vectors, arrivals_us, strict=True):
             kind, place, time_us, boot_us, flags = row
             intake = self._intakes[place]
