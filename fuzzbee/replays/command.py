@@ -28,6 +28,8 @@ _START_WRONG = "Turn the first estimate by DEG degrees."
 _SYSTEM_ID = "Which vehicle. [default: the one with most IMU samples]"
 _SMOOTH = "The attitude that the whole log tells, not only what came before."
 _COLUMNS = "What a CSV's columns are. [default: LOG.toml beside it]"
+_TUM = "Write a TUM trajectory, for evo; the reference beside it."
+_PARQUET = "Write every sample as Parquet (needs pyarrow)."
 _MCAP = "Write them as MCAP, for Foxglove and others."
 
 EPILOG = examples(
@@ -60,6 +62,8 @@ class ReplayOptions(NamedTuple):
     )
     csv: Annotated[Path | None, option("Write every sample as CSV.", metavar="FILE")] = None
     mcap: Annotated[Path | None, option(_MCAP, metavar="FILE")] = None
+    tum: Annotated[Path | None, option(_TUM, metavar="FILE")] = None
+    parquet: Annotated[Path | None, option(_PARQUET, metavar="FILE")] = None
     plot: Annotated[Path | None, option("Draw them: .png, .svg or .pdf.", metavar="FILE")] = None
     view: outputs.View = None
     rrd: outputs.Rrd = None
@@ -115,7 +119,7 @@ def _require_simulation(options: ReplayOptions) -> None:
         raise InputError("--retune is for logs: the paper's experiment ends after 15 s")
     for name, _ in options.given("skip", "start_wrong"):
         raise InputError(f"{name} is for logs; sim: starts wrong by itself")
-    for name, _ in options.given("mcap", "view", "rrd", "columns"):
+    for name, _ in options.given("mcap", "tum", "parquet", "view", "rrd", "columns"):
         raise InputError(f"{name} is for logs, not for sim:")
 
 
@@ -123,7 +127,7 @@ def _replay_logs(options: ReplayOptions) -> None:
     from estimator.profile import load_profile
 
     if len(options.sources) > 1:
-        for name, file in options.given("csv", "mcap", "plot", "view", "rrd"):
+        for name, file in options.given("csv", "mcap", "tum", "parquet", "plot", "view", "rrd"):
             raise InputError(f"{name} {file}: takes one log, not {len(options.sources)}")
     exports = _exports(options)
     usual = load_profile(options.profile or "imu")
@@ -194,7 +198,7 @@ def _exports(options: ReplayOptions) -> "list[Export]":
     Raises:
         InputError: a suffix that is none, a missing library.
     """
-    from fuzzbee.replays import exports, mcap_file, plot
+    from fuzzbee.replays import exports, mcap_file, parquet_file, plot, trajectory
 
     chosen: list[Export] = []
     if options.csv is not None:
@@ -202,6 +206,11 @@ def _exports(options: ReplayOptions) -> "list[Export]":
     if options.mcap is not None:
         mcap_file.require_mcap(options.mcap)
         chosen.append(partial(mcap_file.write_mcap, options.mcap))
+    if options.tum is not None:
+        chosen.append(partial(trajectory.write_tum, options.tum))
+    if options.parquet is not None:
+        parquet_file.require_parquet(options.parquet)
+        chosen.append(partial(parquet_file.write_parquet, options.parquet))
     if options.plot is not None:
         plot.require_plot(options.plot)
         chosen.append(partial(plot.draw, options.plot, Path(options.sources[0]).name))

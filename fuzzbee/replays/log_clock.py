@@ -10,6 +10,12 @@ from service.host_clock import HostClock, observe
 EARLIEST_UNIX_US = 10**15
 
 
+def stamps_us(trace: VehicleTrace) -> NDArray[np.int64]:
+    """Unix time (N,) of the samples, or the time since the first where that is not known."""
+    unix_us = unix_times_us(trace)
+    return trace.times_us - trace.times_us[0] if unix_us is None else unix_us
+
+
 def unix_times_us(trace: VehicleTrace) -> NDArray[np.int64] | None:
     """Unix time (N,) of the samples; None if the log's stamps are no dates.
 

@@ -17,7 +17,7 @@ from estimator.types import Quaternion
 from fuzzbee.replays import mcap_schemas
 from fuzzbee.replays.comparison import Comparison
 from fuzzbee.replays.exports import ATTITUDE_COLUMNS, REFERENCE_COLUMNS, rows
-from fuzzbee.replays.log_clock import unix_times_us
+from fuzzbee.replays.log_clock import stamps_us
 from fuzzbee.replays.trace import VehicleTrace
 from service.attitude_record import attitude_record
 from service.sinks.ros_imu import imu_message
@@ -109,17 +109,10 @@ def _channel(writer: Any, topic: Topic) -> int:
     return channel
 
 
-def _stamps_us(trace: VehicleTrace) -> list[int]:
-    unix_us = unix_times_us(trace)
-    stamps = trace.times_us - trace.times_us[0] if unix_us is None else unix_us
-    found: list[int] = stamps.tolist()
-    return found
-
-
 def _put_tables(put: Put, trace: VehicleTrace, compared: Comparison) -> None:
     """The rows that a CSV has, without what is not known."""
     first = len(ATTITUDE_COLUMNS)
-    for time_us, row in zip(_stamps_us(trace), rows(trace, compared), strict=True):
+    for time_us, row in zip(stamps_us(trace).tolist(), rows(trace, compared), strict=True):
         parts = (row[:first], (*row[:2], *row[first:]))
         for (topic, columns), values in zip(TABLES, parts, strict=True):
             if values[-1] is None:
@@ -131,7 +124,7 @@ def _put_tables(put: Put, trace: VehicleTrace, compared: Comparison) -> None:
 def _put_poses(put: Put, trace: VehicleTrace, compared: Comparison) -> None:
     """The attitude in space and as an IMU's message, the reference beside it."""
     known, truth = compared.known.tolist(), compared.truth.tolist()
-    for k, time_us in enumerate(_stamps_us(trace)):
+    for k, time_us in enumerate(stamps_us(trace).tolist()):
         attitude = trace.attitudes[k]
         put("/tf", time_us, _transform(time_us, BODY, attitude.q_ned_frd))
         if known[k]:

@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from estimator.geometry.frames import enu_flu_from_ned_frd
 from fuzzbee.cli import main
 from fuzzbee.replays.exports import ATTITUDE_COLUMNS, COLUMNS
 from fuzzbee.replays.simulation_files import COLUMNS as SIMULATION_COLUMNS
@@ -33,6 +34,40 @@ def test_csv_holds_every_sample_with_its_reference(capsys, tmp_path):
     compared = [float(r["error_inclination_deg"]) for r in rows if r["error_inclination_deg"]]
     squares = sum(e * e for e in compared) / len(compared)
     assert squares**0.5 == pytest.approx(report["error_deg"]["inclination_rms"], rel=1e-6)
+
+
+def test_parquet_has_the_rows_of_the_csv(capsys, tmp_path):
+    parquet = pytest.importorskip("pyarrow.parquet", reason="pyarrow is not installed")
+    files = ("--csv", tmp_path / "a.csv", "--parquet", tmp_path / "a.parquet")
+    replay(capsys, LOG, *files, "--json")
+    with (tmp_path / "a.csv").open(newline="") as file:
+        rows = list(csv.DictReader(file))
+    table = parquet.read_table(tmp_path / "a.parquet").to_pylist()
+    assert tuple(table[0]) == COLUMNS
+    assert len(table) == len(rows)
+    for ours, text in zip(table[::50], rows[::50], strict=True):
+        for name, value in ours.items():
+            told = text[name] or None
+            is_text = name == "heading_reference" or told is None
+            # the text has nine digits
+            assert value == (told if is_text else pytest.approx(float(told), rel=1e-8, abs=1e-12))
+
+
+def test_trajectories_turn_as_the_errors_say(capsys, tmp_path):
+    """East-North-Up to forward-left-up, beside the reference; between both lies the error."""
+    files = ("--csv", tmp_path / "a.csv", "--tum", tmp_path / "a.tum")
+    replay(capsys, LOG, *files, "--json")
+    with (tmp_path / "a.csv").open(newline="") as file:
+        rows = [row for row in csv.DictReader(file) if row["error_total_deg"]]
+    ours = {t: q for t, *_, x, y, z, w in np.loadtxt(tmp_path / "a.tum") if (q := (w, x, y, z))}
+    lines = np.loadtxt(tmp_path / "a.reference.tum")
+    assert len(lines) == len(rows) > 100
+    for (t, *_, x, y, z, w), row in zip(lines, rows, strict=True):
+        assert t == pytest.approx(float(row["time_unix_s"]), abs=1e-5)
+        error = 2 * np.degrees(np.arccos(min(1.0, abs(np.dot(ours[t], (w, x, y, z))))))
+        assert error == pytest.approx(float(row["error_total_deg"]), abs=0.01)
+    q = tuple(float(rows[-1][f"q_{axis}"]) for axis in "wxyz")
+    assert abs(np.dot(ours[lines[-1][0]], enu_flu_from_ned_frd(q))) == pytest.approx(1.0, abs=1e-8)
 
 
 def read_mcap(path):
@@ -168,6 +203,8 @@ def test_the_papers_figures_are_drawn_the_same_twice(capsys, tmp_path, suffix):
         ((LOG, LOG, "--csv", "a.csv"), "takes one log"),
         ((LOG, "--plot", "a.jpeg"), ".png, .svg, .pdf"),
         ((LOG, "--csv", "missing/a.csv"), "missing"),
+        ((LOG, "--tum", "missing/a.tum"), "missing"),
+        ((LOG, "--parquet", "missing/a.parquet"), "missing"),
         (("sim:", "--mcap", "a.mcap"), "is for logs"),
         (("sim:", "--plot", "a.jpeg"), ".png, .svg, .pdf"),
         (("sim:", "--csv", "missing/a.csv"), "missing"),
