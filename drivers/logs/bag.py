@@ -14,6 +14,7 @@ from typing import Any
 from drivers.events import Event, Malformed, VehicleId
 from drivers.logs.log_file import LogFile
 from drivers.logs.logged_vehicle import LoggedVehicle
+from drivers.logs.mcap_channels import McapChannels
 from drivers.samples.fix import Fix
 from drivers.samples.rotation import unit_or_none
 from drivers.samples.vehicle_clock import TimeField
@@ -29,6 +30,8 @@ TESLA = 1e4  # gauss
 FIRST_DATE_NS = 946_684_800_000_000_000  # the year 2000: smaller stamps count from somewhere else
 EARLIER_NS = 10**9  # than the first stamp: stamps are not quite in order
 CLOCK = TimeField.TIME_USEC
+
+Decode = Callable[[Any, bytes], Any]
 
 _log = logging.getLogger(__name__)
 
@@ -64,22 +67,30 @@ class Bag(LogFile):
                 digest.update(hashlib.file_digest(file, "sha256").digest())
         return digest.hexdigest()
 
-    def _opened(self) -> tuple[Any, Callable[[bytes, str], Any]]:
-        """The library's reader, and what makes a message of its bytes."""
+    def _opened(self) -> tuple[Any, Decode]:
+        """A reader, and what makes a message of a connection's bytes."""
         try:
             from rosbags import rosbag1, rosbag2
             from rosbags.typesys import Stores, get_typestore
         except ImportError:
             raise missing_extra(f"{self.path}", "bags") from None
-        is_ros1 = self.path.suffix.lower() == ".bag"
+        ros1 = get_typestore(Stores.ROS1_NOETIC).deserialize_ros1
+        ros2 = get_typestore(Stores.ROS2_HUMBLE).deserialize_cdr
+        suffix, is_file = self.path.suffix.lower(), self.path.is_file()
+        kind: Any = rosbag1.Reader if suffix == ".bag" and is_file else rosbag2.Reader
+        if suffix == ".mcap" and is_file:
+            kind = McapChannels
         try:
-            reader = (rosbag1 if is_ros1 else rosbag2).Reader(self.path)
+            reader = kind(self.path)
             reader.open()
         except Exception as error:  # whatever a damaged file makes of the library
             raise InputError(f"{self.path}: cannot read this bag: {error}") from error
-        if is_ros1:
-            return reader, get_typestore(Stores.ROS1_NOETIC).deserialize_ros1
-        return reader, get_typestore(Stores.ROS2_HUMBLE).deserialize_cdr
+
+        def decode(connection: Any, data: bytes) -> Any:
+            is_ros1 = kind is rosbag1.Reader or getattr(connection, "encoding", "") == "ros1"
+            return (ros1 if is_ros1 else ros2)(data, connection.msgtype)
+
+        return reader, decode
 
 
 class _Topics:
@@ -93,12 +104,12 @@ class _Topics:
         self.connections = [c for c in connections if (c.msgtype, c.topic) in wanted]
 
 
-def _events(reader: Any, decode: Callable[[bytes, str], Any], topics: _Topics) -> Iterator[Event]:
+def _events(reader: Any, decode: Decode, topics: _Topics) -> Iterator[Event]:
     """All of the bag; where it is damaged it ends."""
     decoder = None
     try:
         for connection, recorded_ns, data in reader.messages(topics.connections):
-            message = decode(data, connection.msgtype)
+            message = decode(connection, data)
             stamp = message.header.stamp
             time_ns = 10**9 * stamp.sec + stamp.nanosec or recorded_ns
             if decoder is None:
@@ -134,16 +145,18 @@ class _Decoder:
 
     def _imu(self, topic: str, raw_us: int, message: Any) -> list[Event]:
         events: list[Event] = []
+        if topic == self._topics.imu:
+            gyr = flu_from_frd(_vector(message.angular_velocity))
+            acc = flu_from_frd(_vector(message.linear_acceleration))
+            events += self._vehicle.imu(topic, CLOCK, raw_us, gyr, acc)
         q = message.orientation
         q_enu_flu = unit_or_none((float(q.w), float(q.x), float(q.y), float(q.z)))
         is_told = q_enu_flu not in (None, IDENTITY) and message.orientation_covariance[0] != -1.0
         if topic == self._topics.attitude and is_told and q_enu_flu is not None:
             q_ned_frd = ned_frd_from_enu_flu(q_enu_flu)
-            events += self._vehicle.attitude(topic, CLOCK, raw_us, "autopilot", q_ned_frd)
-        if topic == self._topics.imu:
-            gyr = flu_from_frd(_vector(message.angular_velocity))
-            acc = flu_from_frd(_vector(message.linear_acceleration))
-            events += self._vehicle.imu(topic, CLOCK, raw_us, gyr, acc)
+            events += self._vehicle.attitude(
+                f"{topic}.orientation", CLOCK, raw_us, "autopilot", q_ned_frd
+            )
         return events
 
     def _fix(self, raw_us: int, message: Any) -> list[Event]:

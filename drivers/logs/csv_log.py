@@ -78,8 +78,6 @@ class _Decoder:
 
     def _events(self, row: Sequence[str]) -> list[Event]:
         columns, raw_us, events = self._columns, self._raw_us, list[Event]()
-        events += self._attitude(row, "truth", columns.truth)
-        events += self._attitude(row, "autopilot", columns.autopilot)
         velocity, position = self._vector(row, columns.velocity), self._place(row)
         if velocity is not None or position is not None:
             fix = Fix(velocity, position=position)
@@ -90,6 +88,8 @@ class _Decoder:
         gyr, acc = self._vector(row, columns.gyroscope), self._vector(row, columns.accelerometer)
         if gyr is not None and acc is not None:
             events += self._vehicle.imu(STREAM, CLOCK, raw_us, gyr, acc)
+        events += self._attitude(row, "truth", columns.truth)
+        events += self._attitude(row, "autopilot", columns.autopilot)
         return events
 
     def _attitude(

@@ -150,8 +150,43 @@ def test_a_flight_comes_back_as_it_was(bag, flown):
 def test_the_file_inside_a_folder_is_a_log_too(bag):
     if bag.is_dir():
         (inside,) = (each for each in bag.iterdir() if each.suffix != ".yaml")
-        assert list(open_log(inside)) == list(open_log(bag))
+        assert of(Imu, open_log(inside)) == of(Imu, open_log(bag))
         assert open_log(bag).sha256() != open_log(inside).sha256()
+
+
+@pytest.mark.parametrize("encoding", ["cdr", "ros1"])
+@pytest.mark.parametrize("has_index", [True, False])
+def test_an_mcap_file_of_others(tmp_path, encoding, has_index):
+    """No profile, another topic in JSON, and no index at all: the writer was killed."""
+    writers = pytest.importorskip("mcap.writer")
+    path = tmp_path / "a.mcap"
+    ros1 = Bag(tmp_path / "unused.bag")
+    with path.open("wb") as file:
+        writer = writers.Writer(file, use_chunking=has_index)
+        writer.start()
+        other = writer.register_schema("note", "jsonschema", b"{}")
+        notes = writer.register_channel("/note", "json", other)
+        name = "sensor_msgs/Imu" if encoding == "ros1" else "sensor_msgs/msg/Imu"
+        kind = writer.register_schema(name, "ros2msg", b"")
+        imus = writer.register_channel("/imu", encoding, kind)
+        store = ros1 if encoding == "ros1" else Bag(tmp_path / "unused")
+        store.writer.open()
+        store.writer.write = lambda _, time_ns, data: writer.add_message(
+            imus, time_ns, data, time_ns
+        )
+        for k in range(50):
+            writer.add_message(notes, k, b"{}", k)
+            q = (0.8, 0.6, 0.0, 0.0)
+            store.imu("/imu", 20_000 * k, q, np.zeros(9), (0.1, 0.2, 0.01 * k), (0.0, 0.0, -9.8))
+        store.writer.close()
+        if has_index:
+            writer.finish()
+    events = list(open_log(path))
+    assert [event.sample.gyr_rad_s[2] for event in of(Imu, events)] == [
+        pytest.approx(0.01 * k) for k in range(50)
+    ]
+    # the same topic has the readings and somebody's attitude
+    assert len(of(ReferenceAttitude, events)) == 50
 
 
 def test_a_damaged_bag_ends_or_is_one_line(bag, tmp_path, capsys):

@@ -133,6 +133,7 @@ def test_truth_velocity_and_place(tmp_path):
     events = list(open_log(written(tmp_path / "a.csv", table([heading], columns), toml=toml)))
     truth = next(e for e in events if isinstance(e, ReferenceAttitude))
     assert truth.source == "sim"
+    assert sum(isinstance(e, ReferenceAttitude) for e in events) == ROWS
     # forward is north where it was 90 deg left of east; the right side is down by 10 deg
     turned = (np.cos(pi / 36), np.sin(pi / 36), 0.0, 0.0)
     assert_attitude_close(truth.q_ned_frd, turned, 1e-9)

@@ -1,0 +1,83 @@
+"""An MCAP file by itself as a reader of ``rosbags``: that one wants the profile of a ROS 2 bag.
+
+Whatever writes MCAP may have messages of ROS in it, in ROS 2's encoding (cdr) or ROS 1's.
+"""
+
+from collections.abc import Collection, Iterator
+from contextlib import suppress
+from pathlib import Path
+from typing import Any, NamedTuple
+
+ENCODINGS = ("cdr", "ros1")
+
+
+class Channel(NamedTuple):
+    """A channel, with the names that ``rosbags`` has for its parts."""
+
+    id: int
+    topic: str
+    msgtype: str
+    msgcount: int
+    encoding: str
+
+
+class McapChannels:
+    """The channels of a file, and their messages in the order of the file."""
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        self.connections: list[Channel] = []
+
+    def open(self) -> None:
+        """Look what there is; a file without an index is read through for it."""
+        from mcap.reader import SeekingReader
+
+        self._file = self.path.open("rb")
+        try:
+            self._kind: Any = SeekingReader
+            self._look()
+        except BaseException:
+            self.close()
+            raise
+
+    def _look(self) -> None:
+        with suppress(Exception):  # a file that its writer did not finish has no summary
+            summary = self._kind(self._file).get_summary()
+            counts = summary.statistics.channel_message_counts
+            for key, channel in summary.channels.items():
+                self._add(channel, summary.schemas.get(channel.schema_id), counts.get(key, 0))
+            return
+        from mcap.reader import NonSeekingReader
+
+        self._kind = NonSeekingReader
+        seen: dict[int, tuple[Any, Any, int]] = {}
+        with suppress(Exception):  # and may end within a message
+            for schema, channel, _ in self._messages():
+                seen[channel.id] = (channel, schema, seen.get(channel.id, (0, 0, 0))[2] + 1)
+        self.connections = []
+        for channel, schema, count in seen.values():
+            self._add(channel, schema, count)
+
+    def messages(self, wanted: Collection[Channel]) -> Iterator[tuple[Channel, int, bytes]]:
+        """(channel, time of recording in ns, data) of the wanted channels."""
+        by_id = {channel.id: channel for channel in wanted}
+        for _, channel, message in self._messages():
+            if channel.id in by_id:
+                yield by_id[channel.id], message.log_time, message.data
+
+    def close(self) -> None:
+        """Close the file."""
+        self._file.close()
+
+    def _messages(self) -> Iterator[Any]:
+        # in the file's order: to sort one without an index would take all of it into memory
+        self._file.seek(0)
+        found: Iterator[Any] = self._kind(self._file).iter_messages(log_time_order=False)
+        return found
+
+    def _add(self, channel: Any, schema: Any, count: int) -> None:
+        if schema is not None and channel.message_encoding in ENCODINGS:
+            package, _, name = schema.name.rpartition("/")
+            kind = f"{package.removesuffix('/msg')}/msg/{name}"
+            encoding = channel.message_encoding
+            self.connections.append(Channel(channel.id, channel.topic, kind, count, encoding))
