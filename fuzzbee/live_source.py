@@ -34,8 +34,9 @@ def require_shareable(options: RunOptions, endpoint: Endpoint) -> None:
     """
     if endpoint.kind in ("sim", "log"):
         raise InputError(f"--workers shares out the vehicles of a MAVLink link; {endpoint} is none")
-    if options.retune:
-        raise InputError("--retune cannot be used with --workers")
+    for name in ("retune", "truth"):
+        if getattr(options, name):
+            raise InputError(f"--{name} cannot be used with --workers")
 
 
 def require_fitting(options: RunOptions, endpoint: Endpoint) -> None:
@@ -125,7 +126,7 @@ def open_link(
             request_rate_hz=options.request_rate_hz if taker is None else None,
             policy=policy,
             key=key,
-            references=options.outputs.shows_peers,
+            references=options.truth or options.outputs.shows_peers,
             taker=taker,
         )
     )

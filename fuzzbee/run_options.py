@@ -16,6 +16,7 @@ _PROFILE = (
     " paper's signals: paper."
 )
 _RECORD = "Record what arrives: FILE.tlog, or a folder for a file an hour."
+_TRUTH = "Compare with what a simulator tells (SIM_STATE, SIMSTATE), and end with a verdict."
 RETUNE = "Retune a few numbers whenever the sensors' noise changes."
 
 
@@ -39,6 +40,7 @@ class RunOptions(NamedTuple):
     speed: Annotated[float, option("Play a log X times as fast.", metavar="X")] = 1.0
     system_id: Annotated[int | None, option("Only this vehicle.", metavar="ID")] = None
     retune: Annotated[bool, option(RETUNE)] = False
+    truth: Annotated[bool, option(_TRUTH)] = False
     workers: Annotated[int, option("Share the vehicles out to N processes.", metavar="N")] = 1
     security: SecurityOptions = SecurityOptions()
     no_zenoh: Annotated[bool, option("Publish nothing.")] = False

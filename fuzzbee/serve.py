@@ -5,7 +5,6 @@ from concurrent.futures import Future
 from contextlib import ExitStack
 from typing import TYPE_CHECKING
 
-from drivers.source import SIM_MOTION
 from estimator.errors import InputError
 from estimator.estimator import Estimator
 from estimator.profile import Profile
@@ -23,7 +22,7 @@ from fuzzbee.serving import (
     run_loop,
     summary,
 )
-from fuzzbee.truth_score import ScoredPipeline, TruthScore
+from fuzzbee.truth_score import ScoredPipeline
 from fuzzbee.zenoh_options import opened
 from service.compiling import BEGUN, Compiling
 from service.parameters import ParameterRequests
@@ -64,8 +63,8 @@ def serve(options: RunOptions, opening: OpeningSession | None) -> int:
         recorder = open_recorder(options.record, stack)
         retuning = _open_retuning(options, requests, stack)
         pipeline = _pipeline(profile, options, retuning)
-        if prepared.endpoint.kind == "sim":
-            pipeline.score = TruthScore(prepared.endpoint.path or SIM_MOTION)
+        if options.truth or prepared.endpoint.kind == "sim":
+            pipeline.scores = {}
         with closed_if_unused() as sinks:
             open_zenoh_sink(sinks, session, options, profile, requests, conflicts)
             outputs.open_outputs(sinks, options.outputs, session, options.zenoh.prefix, profile)
@@ -73,7 +72,7 @@ def serve(options: RunOptions, opening: OpeningSession | None) -> int:
             if not is_there and not interprets:
                 _load(profile, options.gain)
             view = open_view(options)  # which prints what the source says
-            view.score = pipeline.score
+            view.scores = pipeline.scores
             sinks.append(view)
             source = open_source(prepared.endpoint, options, prepared.key, recorder, stack)
             if recorder is not None and retuning is not None:
@@ -105,10 +104,11 @@ def serve(options: RunOptions, opening: OpeningSession | None) -> int:
         refused=pipeline.refused_frames,
         recording=recordings.word,
     )
-    if pipeline.score is not None:
-        result["truth"] = pipeline.score.result()
-        if pipeline.score.verdict() and not options.as_json:
-            say(pipeline.score.verdict())
+    if pipeline.scores is not None:
+        result["truth"] = {name: score.result() for name, score in pipeline.scores.items()}
+        for name, score in pipeline.scores.items():
+            if score.verdict() and not options.as_json:
+                say(f"vehicle {name} {score.verdict()}")
     problems = [failure, *conflicts]
     return conclude(options, result, outbox, problems, was_stopped=runner.was_stopped)
 

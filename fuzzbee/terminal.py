@@ -61,7 +61,7 @@ class TerminalView:
         self.one: str | None = None  # the vehicle that is shown alone
         self.cursor: str | None = None  # the vehicle that Enter shows alone
         self.keys = ""  # what the keys do, if there are any
-        self.score: TruthScore | None = None  # of the vehicle in process
+        self.scores: dict[str, TruthScore] | None = None  # by the vehicle's name
         self._console = console
         self._messages = messages
         self._title = title
@@ -106,9 +106,11 @@ class TerminalView:
         rows = [row for row in self.board.rows() if self.one in (None, row.name)]
         if rows:
             self._next_line_s = now_s + LINE_PERIOD_S
-            truth = "" if self.score is None else f"  {self.score.line}"
-            for text in (line + truth for line in lines(rows, now_s)):
-                self._console.print(text, markup=False, highlight=False, soft_wrap=True)
+            truth = self._truth(rows)
+            for text in lines(rows, now_s):
+                self._console.print(
+                    f"{text}  {truth}".rstrip(), markup=False, highlight=False, soft_wrap=True
+                )
 
     def close(self) -> None:
         """Leave the last table standing."""
@@ -155,9 +157,14 @@ class TerminalView:
             width, height = size.width, size.height - 1
             return one_vehicle(alone, self._now_s(), width, height, self._console, foot)
         rows = [row for row in self.rows() if self.one in (None, row.name)]
-        foot = self.keys if self.score is None else self.score.line
+        foot = self._truth(rows) or self.keys
         look = Look(self._title, foot, self.cursor)
         return table(rows, self._now_s(), size.width, size.height, look)
+
+    def _truth(self, rows: list[Row]) -> str:
+        """How far off the only vehicle is that is shown, if a simulator tells."""
+        score = (self.scores or {}).get(rows[0].name) if len(rows) == 1 else None
+        return "" if score is None else score.line
 
     @property
     def is_live(self) -> bool:

@@ -1,12 +1,13 @@
-"""The estimate beside the truth of the vehicle in process: live, and as a verdict at the end."""
+"""The estimate beside a simulator's truth: live, and as a verdict at the end."""
 
 from collections.abc import Iterator
-from math import acos, atan2, degrees, hypot, sqrt
+from math import acos, atan2, degrees, hypot, inf, sqrt
 from typing import Any, NamedTuple
 
 from drivers.events import Event, ReferenceAttitude
 from drivers.mavlink.usual_frames import Readings
 from drivers.simulation.flight import ALOFT_S, EIGHTS_S, MAGNET_S, ROUND_S, SET_DOWN_S, SILENCE_S
+from drivers.simulation.simulated_vehicle import PROFILES
 from estimator.geometry.quaternion import conjugate, multiply
 from estimator.types import Attitude, Quaternion
 from service.pipeline import Pipeline
@@ -34,6 +35,8 @@ FLIGHT = (
     Chapter(ALOFT_S[0], EIGHTS_S[0][0] + 4.0, "", "in the climb, before velocity had shown much"),
     *(Chapter(*span, "", "in the figures of eight") for span in EIGHTS_S),
 )
+PAPER_START = (Chapter(0.0, 1.0, "", "at the start, which is the paper's: turned almost round"),)
+CHAPTERS = {"flight": FLIGHT, **dict.fromkeys(("paper", "rest", "turn"), PAPER_START)}
 
 
 class Off(NamedTuple):
@@ -47,12 +50,13 @@ class Off(NamedTuple):
 
 
 class TruthScore:
-    """Errors so far of one vehicle, whose ``motion`` tells what happens when."""
+    """Errors so far of one vehicle; of fuzzbee's own its ``motion`` tells what happens when.
 
-    def __init__(self, motion: str) -> None:
-        self._chapters = FLIGHT if motion == "flight" else ()
-        self._why = "" if motion == "flight" else PAPER
-        self._begin_us: int | None = None
+    Its time is the vehicle's own, since its start.
+    """
+
+    def __init__(self, motion: str | None = None) -> None:
+        self.motion = motion
         self._told: set[tuple[int, str]] = set()
         self._count = 0
         self._squares = [0.0, 0.0, 0.0]
@@ -61,16 +65,23 @@ class TruthScore:
         self._worst: tuple[Off, float] | None = None
         self.line = ""  # for the view
 
+    @property
+    def _chapters(self) -> tuple[Chapter, ...]:
+        return CHAPTERS.get(self.motion or "", ())
+
+    def _in_round(self, time_s: float) -> tuple[float, float]:
+        """Which round of a flight that is, and how far into it; the others do not begin again."""
+        return divmod(time_s, ROUND_S if self.motion == "flight" else inf)
+
     def look(self, time_us: int, attitude: Attitude | None, truth: Quaternion) -> list[str]:
         """Take the attitude of a sample and the truth then; what is to be told."""
-        self._begin_us = time_us if self._begin_us is None else self._begin_us
-        time_s = 1e-6 * (time_us - self._begin_us)
+        time_s = 1e-6 * time_us
         if attitude is not None:
             self._add(off_truth(attitude, truth), time_s)
         return [*self._news(time_s)]
 
     def _news(self, time_s: float) -> Iterator[str]:
-        number, in_round_s = divmod(time_s, ROUND_S)
+        number, in_round_s = self._in_round(time_s)
         for chapter in self._chapters:
             key = (int(number), chapter.line)
             is_now = chapter.begin_s <= in_round_s < chapter.end_s
@@ -114,7 +125,7 @@ class TruthScore:
             return ""
         rms, inside = result["rms_deg"], result["coverage"]
         when = f", {result['worst_when']}" if result["worst_when"] else ""
-        why = f"; {self._why}" if self._why else ""
+        why = f"; {PAPER}" if PROFILES.get(self.motion or "") == "paper" else ""
         return (
             f"beside the truth: {rms['total']:.1f}° RMS (horizon {rms['inclination']:.1f}°,"
             f" heading {rms['heading']:.1f}°); under sigma {inside['inclination']:.0%} and"
@@ -123,28 +134,33 @@ class TruthScore:
         )
 
     def _when(self, time_s: float) -> str:
-        in_round_s = time_s % ROUND_S
+        _, in_round_s = self._in_round(time_s)
         here = [each for each in self._chapters if each.begin_s <= in_round_s < each.end_s]
         return here[0].name if here else ""
 
 
 class ScoredPipeline(Pipeline):
-    """A pipeline whose vehicle tells the truth after each sample."""
+    """A pipeline that compares what its vehicles' simulators tell, if it has ``scores``.
 
-    score: TruthScore | None = None
+    Those are by the vehicle's name, in the order of its first truth.
+    """
+
+    scores: dict[str, TruthScore] | None = None
 
     def handle(self, event: Event | Readings) -> list[Output]:
         """See :class:`Pipeline`; and compare the attitude with the truth."""
         outputs = super().handle(event)
-        if self.score is None or not isinstance(event, ReferenceAttitude) or event.source != "sim":
+        if self.scores is None or not isinstance(event, ReferenceAttitude) or event.source != "sim":
             return outputs
         vehicle = self.vehicle(event.vehicle)
         if vehicle is None:
             return outputs
+        score = self.scores.setdefault(vehicle.name, TruthScore())
+        score.motion = vehicle.built_in_motion  # told some times a second, maybe after this
         estimator = vehicle.estimator
         attitude = estimator.attitude(event.time_us) if estimator.aligned else None
-        lines = self.score.look(event.time_us, attitude, event.q_ned_frd)
-        return [*outputs, *(Message(line) for line in lines)]
+        lines = score.look(event.time_us, attitude, event.q_ned_frd)
+        return [*outputs, *(Message(f"vehicle {vehicle.name}: {line}") for line in lines)]
 
 
 def off_truth(attitude: Attitude, truth: Quaternion) -> Off:

@@ -25,6 +25,7 @@ def test_json_is_one_object_about_the_run(capfd):
     assert vehicle["imu_rate_hz"] == pytest.approx(100.0, rel=0.01)
     assert 45 <= vehicle["attitudes"] <= 51
     assert "running" in err
+    assert "the paper's" in result["truth"]["1"]["worst_when"]
 
 
 def test_a_fixed_gain_is_what_is_published(capfd):
@@ -58,7 +59,7 @@ def test_signals_end_it_quietly_with_everything_closed(number, tmp_path):
         started("sim", "--to", f"udpout:127.0.0.1:{port}"),
         started(
             "run", f"udpin:127.0.0.1:{port}", "--profile", "paper", "--json",
-            "--record", str(record), *default_session(free_port()),
+            "--record", str(record), "--truth", *default_session(free_port()),
         ) as service,
     ):  # fmt: skip
         for line in service.stderr:
@@ -72,6 +73,7 @@ def test_signals_end_it_quietly_with_everything_closed(number, tmp_path):
     assert "FATAL" not in err
     result = json.loads(out)
     assert result["vehicles"]["1"]["attitudes"] > 0
+    assert result["truth"]["1"]["worst_deg"] > 0
     assert main(["run", "--no-zenoh", str(record), "--profile", "paper", "--speed", "5"]) == 0
 
 

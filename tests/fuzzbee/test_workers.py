@@ -371,6 +371,7 @@ def test_two_services_on_a_router_each_with_its_share(capfd):
         (["udpin:127.0.0.1:14999", "--workers", "65"], "--workers 65"),
         (["sim:", "--workers", "2"], "--workers shares out"),
         (["udpin:127.0.0.1:14999", "--workers", "2", "--retune"], "--retune"),
+        (["udpin:127.0.0.1:14999", "--workers", "2", "--truth"], "--truth"),
     ],
 )
 def test_what_cannot_be_shared_out_is_status_2(arguments, word, capfd):
