@@ -1,5 +1,6 @@
-"""What programs give, checked: three numbers, rows of three, times."""
+"""What programs give, checked: a number, three numbers, rows of three, times."""
 
+from math import inf, nan
 from typing import Any
 
 import numpy as np
@@ -16,6 +17,24 @@ MICROSECONDS = 1e6
 MOST_S = 9e12
 
 
+def number(name: str, given: Any, low: float = -inf, high: float = inf, of: str = "") -> float:
+    """A finite number from ``low`` to ``high``; ``of`` says what it counts.
+
+    Raises:
+        InputError: it is none.
+    """
+    try:
+        value = float(given)
+    except (TypeError, ValueError, OverflowError):
+        value = nan
+    if not (low <= value <= high and abs(value) < inf):
+        within = (
+            "" if low == -inf else f", {low:g} or more" if high == inf else f", {low:g} to {high:g}"
+        )
+        raise InputError(f"{name} {given!s:.60}: must be a number{of}{within}")
+    return value
+
+
 def vector(name: str, given: ArrayLike) -> Vec3:
     """Three numbers, not necessarily finite.
 
@@ -27,9 +46,11 @@ def vector(name: str, given: ArrayLike) -> Vec3:
         x, y, z = values
         if type(x) is type(y) is type(z) is float:  # as nearly always
             return (x, y, z)
-        return (float(x), float(y), float(z))
-    except (TypeError, ValueError):
-        raise InputError(f"{name}: must be three numbers, not {given!r:.60}") from None
+        if not isinstance(values, bytes | str | set | dict):
+            return (float(x), float(y), float(z))
+    except (TypeError, ValueError, OverflowError):
+        pass
+    raise InputError(f"{name}: must be three numbers, not {' '.join(repr(given).split()):.60}")
 
 
 def matrix(name: str, given: ArrayLike, rows: int | None = None) -> Floats:
@@ -38,10 +59,7 @@ def matrix(name: str, given: ArrayLike, rows: int | None = None) -> Floats:
     Raises:
         InputError: another shape, or something else than numbers.
     """
-    try:
-        values = np.asarray(given, dtype=float, order="C")
-    except (TypeError, ValueError):
-        raise InputError(f"{name}: must be an array of numbers") from None
+    values = _numbers(name, given)
     if values.ndim != 2 or values.shape[1] != 3 or rows not in (None, len(values)):
         wanted = "N" if rows is None else rows
         raise InputError(f"{name}: must have the shape ({wanted}, 3), not {values.shape}")
@@ -54,9 +72,7 @@ def microseconds(time_s: float) -> int:
     Raises:
         InputError: it is not a number of seconds.
     """
-    if not abs(time_s) < MOST_S:
-        raise InputError(f"time_s {time_s}: must be a number of seconds")
-    return round(MICROSECONDS * time_s)
+    return round(MICROSECONDS * number("time_s", time_s, -MOST_S, MOST_S, " of seconds"))
 
 
 def microseconds_of_rows(given: ArrayLike, rows: int) -> Times:
@@ -65,10 +81,25 @@ def microseconds_of_rows(given: ArrayLike, rows: int) -> Times:
     Raises:
         InputError: another shape, or something else than numbers of seconds.
     """
-    values = np.asarray(given, dtype=float)
+    values = _numbers("time_s", given)
     if values.shape != (rows,):
         raise InputError(f"time_s: must have the shape ({rows},), not {values.shape}")
     wrong = values[~(np.abs(values) < MOST_S)]
     if wrong.size:
         raise InputError(f"time_s {wrong[0]}: must be a number of seconds")
     return np.rint(MICROSECONDS * values).astype(np.int64)
+
+
+def _numbers(name: str, given: ArrayLike) -> Floats:
+    """An array of numbers, NaN where one is masked.
+
+    Raises:
+        InputError: it holds something else.
+    """
+    try:
+        values: Any = np.ma.asarray(given)
+        if values.dtype.kind not in "biufO":
+            raise TypeError  # noqa: TRY301 - numbers as text, complex ones and dates are none
+        return np.asarray(values.astype(float).filled(nan), order="C")
+    except (TypeError, ValueError, OverflowError):
+        raise InputError(f"{name}: must be an array of numbers") from None

@@ -18,11 +18,13 @@ from estimator.reasons import Reason
 from estimator.types import ZERO_VEC3, Attitude, ImuSample, Vec3, VelocitySample
 from fuzzbee.arguments import (
     MICROSECONDS,
+    MOST_S,
     Floats,
     Times,
     matrix,
     microseconds,
     microseconds_of_rows,
+    number,
     vector,
 )
 from fuzzbee.attitudes import Attitudes, attitudes_of_rows, smoothed_attitudes
@@ -58,7 +60,7 @@ class Estimator:
 
     Args:
         profile: what ``load_profile`` gives, or the name or file it would be given.
-        rate_hz: samples a second, for data whose samples have no times of their own.
+        rate_hz: samples a second, 1e-6 to 1e6, for data whose samples have no times of their own.
         gain: fixes K, the gain that otherwise the profile's rules set.
 
     Raises:
@@ -72,11 +74,11 @@ class Estimator:
         *,
         gain: float | None = None,
     ) -> None:
-        if rate_hz is not None and not (isfinite(rate_hz) and rate_hz > 0.0):
-            raise InputError(f"rate_hz {rate_hz:g}: must be a number of samples a second above 0")
-        if gain is not None and not (isfinite(gain) and gain >= 0.0):
-            raise InputError(f"gain {gain:g}: must be a number, 0 or more")
-        self.profile = load_profile(profile) if isinstance(profile, str) else profile
+        if rate_hz is not None:
+            rate_hz = number("rate_hz", rate_hz, 1.0 / MICROSECONDS, MICROSECONDS, " a second")
+        if gain is not None:
+            gain = number("gain", gain, 0.0)
+        self.profile = profile if isinstance(profile, Profile) else load_profile(profile)
         self._is_plain = self.profile.mounting.is_plain
         self._rate_hz = rate_hz
         self._gain = gain
@@ -156,9 +158,10 @@ class Estimator:
         is unknown. One that cannot be used is counted in ``rejected``.
 
         Raises:
-            InputError: it has not three numbers.
+            InputError: it has not three numbers, or a sigma or time that is none.
         """
         north, east, down = vector("velocity_ned_m_s", velocity_ned_m_s)
+        sigma_m_s = number("sigma_m_s", sigma_m_s, 0.0)
         time_us = self._last_us if time_s is None else microseconds(time_s)
         has_down = isfinite(down)
         velocity = (north, east, down if has_down else 0.0)
@@ -183,7 +186,7 @@ class Estimator:
 
         The first five seconds or more are looked at as a whole: where another unit or other axes
         would fit much better, the attitudes' ``warnings`` say which, and so does a Python warning
-        (:class:`Unfit`).
+        (:class:`Unfit`). So do both where most samples were rejected.
 
         Raises:
             InputError: arrays of other shapes, or no times; ``strict``, and there are warnings.
@@ -203,7 +206,14 @@ class Estimator:
             readings = self.profile.mounting.to_body_rows(gyr, acc, mag)
         said = self._look(times_us, *readings, has_mag, strict=strict)
         batch = Batch(rows_of(times_us, *readings, has_mag), velocity)
+        before = self.rejected.copy()
         self._take_batch(batch)
+        refused = self.rejected - before
+        if not said and 2 * refused.total() > n:
+            most, count = refused.most_common(1)[0]
+            line = f"most of the samples could not be used: {count} of {n} are {most}"
+            warnings.warn(line, Unfit, stacklevel=2)
+            said = (*said, line)
         return attitudes_of_rows(times_us, batch.said, batch.norths, said)
 
     def smooth(
@@ -236,9 +246,16 @@ class Estimator:
     def set_position(
         self, latitude_deg: float, longitude_deg: float, altitude_m: float, unix_s: float
     ) -> None:
-        """Where and when this is: the heading is from true north then (World Magnetic Model)."""
+        """Where and when this is: the heading is from true north then (World Magnetic Model).
+
+        Raises:
+            InputError: no place on Earth, or no time.
+        """
         self._inner.set_position(
-            latitude_deg, longitude_deg, altitude_m, round(MICROSECONDS * unix_s)
+            number("latitude_deg", latitude_deg, -90.0, 90.0),
+            number("longitude_deg", longitude_deg, -360.0, 360.0),
+            number("altitude_m", altitude_m),
+            round(MICROSECONDS * number("unix_s", unix_s, -MOST_S, MOST_S, " of seconds")),
         )
 
     def _take(

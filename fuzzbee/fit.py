@@ -90,9 +90,12 @@ def advice(times_us: Times, gyr: Floats, acc: Floats, mag: Floats) -> tuple[str,
     if step_s < 0.0:
         return ("time_s runs backwards: [::-1] of all arrays would turn it round",)
     found = []
-    if step_s > SLOWEST_S:
+    shorter_us = times_us // 1000
+    if step_s > SLOWEST_S or (
+        step_s > SLOW_S and any(_is_explained(shorter_us, gyr, each) for each in (mag, acc))
+    ):
         found = [f"samples are {step_s:.3g} s apart: milliseconds want time_s / 1000"]
-        times_us = times_us // 1000
+        times_us = shorter_us
     found += _unit("accelerometer", acc, ACC_UNITS)
     found += _unit("magnetometer", mag, MAG_UNITS)
     found += _axes(times_us, gyr, acc, mag)
@@ -168,6 +171,13 @@ def _axes(times_us: Times, gyr: Floats, acc: Floats, mag: Floats) -> Iterator[st
         digits = 0 if times > 10.0 else 1
         yield f"gyroscope and {what} agree {times:.{digits}f} times better with {better}"
         return
+
+
+def _is_explained(times_us: Times, gyr: Floats, vectors: Floats) -> bool:
+    """Whether vectors change at these times as the gyroscope, as given, tells."""
+    spans = _spans(times_us, gyr, vectors)
+    left = None if spans is None else _left(spans, WAYS[:1], has_offset=False)
+    return spans is not None and left is not None and left[0] <= EXPLAINED * spans.still
 
 
 def _spans(times_us: Times, gyr: Floats, vectors: Floats) -> Spans | None:
