@@ -14,7 +14,6 @@ import tomllib
 from collections.abc import Mapping
 from functools import cache
 from importlib import resources
-from os import PathLike, fsdecode
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -132,13 +131,15 @@ class Profile(Struct, frozen=True, forbid_unknown_fields=True):
         return bool(self.conditioning["enabled"])
 
 
-def load_profile(name_or_path: str | PathLike[str]) -> Profile:
+def load_profile(name_or_path: str | Path) -> Profile:
     """A shipped profile by its name, or one from a TOML file.
 
     Raises:
         InputError: no such name or file, or anything wrong inside it.
     """
-    name_or_path = _path_of(name_or_path)
+    if not isinstance(name_or_path, str | Path):
+        raise InputError(f"profile {name_or_path!s:.60}: must be a name or a file")
+    name_or_path = str(name_or_path)
     if name_or_path in SHIPPED:
         return _shipped(name_or_path)
     try:
@@ -154,13 +155,6 @@ def load_profile(name_or_path: str | PathLike[str]) -> Profile:
         msg = f"profile {name_or_path}: not a text file (UTF-8)"
         raise InputError(msg) from None
     return parse_profile(text.replace("\r\n", "\n"), name_or_path)
-
-
-def _path_of(given: str | PathLike[str]) -> str:
-    try:
-        return fsdecode(given)
-    except TypeError:
-        raise InputError(f"profile {given!s:.60}: must be a name or a file") from None
 
 
 @cache
