@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 SIMULATION = "sim:"
 MOST_WRONG_DEG = 180.0
 _SOURCES = "Log files, or sim: for the paper's signals."
-_PROFILE = "paper, imu, adaptive or a TOML file. [default: imu; for sim: paper]"
+_PROFILE = "paper, imu, adaptive or a TOML file; several. [default: imu; for sim: paper]"
 _SKIP = "Leave the first S seconds out of the errors."
 _START_WRONG = "Turn the first estimate by DEG degrees."
 _SYSTEM_ID = "Which vehicle. [default: the one with most IMU samples]"
@@ -37,6 +37,7 @@ EPILOG = examples(
     "fuzzbee replay flight.tlog flight.bin --reference autopilot --skip 40 --json",
     "fuzzbee replay flight.tlog --plot flight.png --csv flight.csv",
     "fuzzbee replay flight.tlog --smooth --csv best.csv",
+    "fuzzbee replay a.tlog b.bin --profile imu --profile mine.toml --plot both.pdf",
     "fuzzbee replay sim: --profile paper --seeds 0-19",
     "fuzzbee replay sim: --profile adaptive --seeds 0-99 --plot gain.pdf --csv gain.csv",
 )
@@ -46,7 +47,7 @@ class ReplayOptions(NamedTuple):
     """The arguments and options of the verb, in the order of its help."""
 
     sources: Annotated[list[str], typer.Argument(metavar="LOG...|sim:", help=_SOURCES)]
-    profile: Annotated[str | None, option(_PROFILE)] = None
+    profile: Annotated[list[str] | None, option(_PROFILE)] = None
     gain: Annotated[float | None, option("Fixed gain K instead of the fuzzy one.", metavar="K")] = (
         None
     )
@@ -113,6 +114,8 @@ def _require_simulation(options: ReplayOptions) -> None:
     """Refuse what is for logs."""
     if len(options.sources) > 1:
         raise InputError("replay: sim: stands alone, not beside logs")
+    if len(options.profile or ()) > 1:
+        raise InputError("replay: sim: takes one --profile")
     if options.smooth:
         raise InputError("--smooth is for logs")
     if options.retune:
@@ -126,11 +129,14 @@ def _require_simulation(options: ReplayOptions) -> None:
 def _replay_logs(options: ReplayOptions) -> None:
     from estimator.profile import load_profile
 
-    if len(options.sources) > 1:
-        for name, file in options.given("csv", "mcap", "tum", "parquet", "plot", "view", "rrd"):
-            raise InputError(f"{name} {file}: takes one log, not {len(options.sources)}")
+    names = options.profile or ["imu"]
+    runs = len(options.sources) * len(names)
+    if runs > 1:
+        for name, file in options.given("csv", "mcap", "tum", "parquet", "view", "rrd"):
+            raise InputError(f"{name} {file}: takes one log and one profile, not {runs}")
     exports = _exports(options)
-    usual = load_profile(options.profile or "imu")
+    profiles = {name: load_profile(name) for name in names}
+    usual = profiles[names[0]]
     outputs.require_own_file(options.rrd, options.sources)
     viewer = outputs.open_viewer(options.view, options.rrd, usual)
     try:
@@ -138,7 +144,7 @@ def _replay_logs(options: ReplayOptions) -> None:
             from fuzzbee.replays.viewer_replay import show
 
             exports.append(partial(show, viewer))
-        _report_logs(options, usual, exports)
+        _report_logs(options, profiles, exports)
         if viewer is not None:
             viewer.stream.stay_open()
     finally:
@@ -146,15 +152,22 @@ def _replay_logs(options: ReplayOptions) -> None:
             viewer.close()
 
 
-def _report_logs(options: ReplayOptions, usual: "Profile", exports: "list[Export]") -> None:
+def _report_logs(
+    options: ReplayOptions, profiles: "dict[str, Profile]", exports: "list[Export]"
+) -> None:
     import msgspec
 
+    from fuzzbee.replays.comparison_plot import ComparisonPlot
     from fuzzbee.replays.log_report import report_log
     from fuzzbee.replays.table import print_reports
 
     told: list[str] = []  # printed when all went well only: a refusal must be one single line
-    paths = [Path(source) for source in options.sources]
-    profiles = [usual if options.profile else _fitting(path, usual, options) for path in paths]
+    runs = [(Path(source), name) for source in options.sources for name in profiles]
+    figure = ComparisonPlot(options.plot) if options.plot and len(runs) > 1 else None
+    chosen = [
+        profiles[name] if options.profile else _fitting(path, profiles[name], options)
+        for path, name in runs
+    ]
     reports = [
         report_log(
             path,
@@ -168,10 +181,13 @@ def _report_logs(options: ReplayOptions, usual: "Profile", exports: "list[Export
             smooth=options.smooth,
             columns=options.columns,
             tell=told.append,
-            exports=exports,
+            profile_name=name if len(profiles) > 1 else None,
+            exports=[*exports, partial(figure.add, path.name, name)] if figure else exports,
         )
-        for path, profile in zip(paths, profiles, strict=True)
+        for (path, name), profile in zip(runs, chosen, strict=True)
     ]
+    if figure is not None:
+        figure.draw()
     for line in told:
         tell(line)
     if options.as_json:
@@ -213,7 +229,8 @@ def _exports(options: ReplayOptions) -> "list[Export]":
         chosen.append(partial(parquet_file.write_parquet, options.parquet))
     if options.plot is not None:
         plot.require_plot(options.plot)
-        chosen.append(partial(plot.draw, options.plot, Path(options.sources[0]).name))
+        if len(options.sources) * len(options.profile or [""]) == 1:
+            chosen.append(partial(plot.draw, options.plot, Path(options.sources[0]).name))
     return chosen
 
 
@@ -226,7 +243,7 @@ def _replay_simulation(options: ReplayOptions) -> None:
     from fuzzbee.replays.table import print_simulation
 
     started = time.perf_counter()
-    name, seeds, gain = options.profile or "paper", options.seeds or "0", options.gain
+    name, seeds, gain = (options.profile or ["paper"])[0], options.seeds or "0", options.gain
     exports: list[Export] = []
     if options.csv is not None:
         exports.append(partial(simulation_files.write_csv, options.csv))

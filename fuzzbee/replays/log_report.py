@@ -110,6 +110,7 @@ class LogReport(msgspec.Struct, frozen=True):
     differences: list[DifferenceSummary] = []  # from the autopilot's attitude
     agreement: dict[str, int] = {}  # how many looks ended with which verdict
     retuned: RetunedSummary | msgspec.UnsetType = msgspec.UNSET  # with --retune only
+    profile: str | msgspec.UnsetType = msgspec.UNSET  # with several only
 
 
 def report_log(
@@ -124,6 +125,7 @@ def report_log(
     retune: bool = False,
     smooth: bool = False,
     columns: Path | None = None,
+    profile_name: str | None = None,
     tell: Callable[[str], None] = lambda _: None,
     exports: Sequence[Export] = (),
 ) -> LogReport:
@@ -151,7 +153,9 @@ def report_log(
     report = score(path, trace, compared, skip_s)
     for write in exports:
         write(trace, compared)
-    return msgspec.structs.replace(report, wall_s=time.perf_counter() - started)
+    return msgspec.structs.replace(
+        report, wall_s=time.perf_counter() - started, profile=profile_name or msgspec.UNSET
+    )
 
 
 def replay_log(

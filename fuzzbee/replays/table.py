@@ -125,16 +125,21 @@ def _magnetic_text(report: LogReport) -> str:
 
 
 def _table(reports: Sequence[LogReport]) -> Table:
+    """A row a replay; with the profiles named there is no room in 80 columns for all the rest."""
     table = Table(header_style="bold", caption="degrees RMS; p95 is of the inclination")
+    has_profiles = any(report.profile for report in reports)
     table.add_column("log", overflow="fold", min_width=18)
-    for heading in ("Hz", "s", "against", "total", "head.", "incl.", "p95"):
+    if has_profiles:
+        table.add_column("profile", overflow="fold")
+    names = ("against", "total", "head.", "incl.", "p95")
+    for heading in names if has_profiles else ("Hz", "s", *names):
         table.add_column(heading, justify="right", no_wrap=True)
     for report in reports:
         errors = report.error_deg
+        rate = (_number(report.imu.median_rate_hz, 1), f"{report.duration_s:.0f}")
         table.add_row(
             Text(printable(report.source.rpartition("/")[2])),
-            _number(report.imu.median_rate_hz, 1),
-            f"{report.duration_s:.0f}",
+            *([Text(printable(report.profile))] if report.profile else rate),
             report.reference or "none",
             _number(errors.total_rms),
             _number(errors.heading_rms),

@@ -103,6 +103,23 @@ def test_several_logs_come_as_a_list(capsys):
     assert [entry["source"] for entry in report["logs"]] == [str(log) for log in logs]
 
 
+def test_several_profiles_and_logs_come_in_one_table_and_one_figure(capsys, tmp_path):
+    pytest.importorskip("matplotlib", reason="the extra 'plot' is not installed")
+    logs = (DATA / "sub_bluerov.tlog", DATA / "rover_no_magnetometer.tlog")
+    profiles = ("--profile", "imu", "--profile", "adaptive")
+    figure = tmp_path / "a.svg"
+    _, report, _ = replay(capsys, *logs, *profiles, "--plot", figure, "--json")
+    told = [(Path(each["source"]).name, each["profile"]) for each in report["logs"]]
+    assert told == [(log.name, name) for log in logs for name in ("imu", "adaptive")]
+    errors = [each["error_deg"]["inclination_rms"] for each in report["logs"]]
+    assert errors[:2] == pytest.approx([0.435, 19.1], rel=0.2)
+    assert figure.stat().st_size > 10_000
+    main(["replay", *map(str, logs), *profiles])
+    table = capsys.readouterr().out
+    assert [table.count(word) for word in ("imu", "adaptive", "sub_bluerov")] == [2, 2, 2]
+    assert "p95" in table  # the last column has its place
+
+
 def test_without_a_magnetometer_heading_fields_are_null(capsys):
     _, report, _ = replay(capsys, DATA / "rover_no_magnetometer.tlog", "--json")
     assert report["error_deg"]["heading_rms"] is None
