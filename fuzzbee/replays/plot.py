@@ -100,11 +100,10 @@ def draw(path: Path, title: str, trace: VehicleTrace, compared: Comparison) -> N
         _errors(axes[3:5], drawn)
         _internals(axes[5:], drawn)
         for ax in axes:
-            _gaps(ax, time_s)
-            for each in trace.second_opinion.intervals:
-                span_s = 1e-6 * (np.array([each.begin_us, each.end_us]) - trace.times_us[0])
-                ax.axvspan(*span_s, color="C1", alpha=0.2, lw=0)  # the autopilot differs
+            _bands(ax, drawn)
             ax.grid(visible=True, alpha=0.3)
+        if axes[5].get_legend_handles_labels()[0]:
+            legend_above(axes[5], 2)
         figure.align_ylabels(axes)
         axes[-1].set_xlabel("time in s")
         axes[-1].set_xlim(time_s[0], max(time_s[-1], time_s[0] + 1e-3))
@@ -182,7 +181,12 @@ def _errors(axes: Any, drawn: Drawn) -> None:
             drawn.plot(ax, theirs, **AUTOPILOT, label="autopilot's error")
         drawn.plot(ax, errors[:, i], "C3-", lw=0.8, label="error")
         ax.set_ylabel(f"{name}\nerror in °")
-        ax.set_ylim(0.0, _ceiling(errors[:, i], np.degrees(sigma)))
+        ceiling = _ceiling(errors[:, i], np.degrees(sigma))
+        ax.set_ylim(0.0, ceiling)
+        peak = max(np.nanmax(line.get_ydata(), initial=0.0) for line in ax.lines)
+        if peak > ceiling:
+            said = f"cut off: errors up to {peak:.0f}°"
+            ax.text(0.01, 0.93, said, transform=ax.transAxes, va="top", fontsize="small")
     legend_above(axes[0], 3)
 
 
@@ -204,17 +208,29 @@ def _internals(axes: Any, drawn: Drawn) -> None:
     legend_above(axes[2], 3)
 
 
-def _gaps(ax: Any, time_s: Floats) -> None:
-    """Mark gaps in the stream in grey."""
+def _bands(ax: Any, drawn: Drawn) -> None:
+    """Shade gaps in the stream in grey, and in colour where the autopilot's attitude differs."""
+    label: dict[str, str] = {"label": "gap"}
+    for begin_s, end_s in _gaps(drawn.time_s):
+        ax.axvspan(begin_s, end_s, color="0.8", lw=0, **label)
+        label = {}
+    label = {"label": "autopilot differs"}
+    for each in drawn.trace.second_opinion.intervals:
+        span_s = 1e-6 * (np.array([each.begin_us, each.end_us]) - drawn.trace.times_us[0])
+        ax.axvspan(*span_s, color="C1", alpha=0.2, lw=0, **label)
+        label = {}
+
+
+def _gaps(time_s: Floats) -> list[tuple[float, float]]:
+    """Begin and end of the gaps in the stream."""
     if len(time_s) < 2:
-        return
+        return []
     steps = np.diff(time_s)
     longest = max(LEAST_GAP_S, GAP_PERIODS * float(np.median(steps)))
-    for k in np.flatnonzero(steps > longest):
-        ax.axvspan(time_s[k], time_s[k + 1], color="0.8", lw=0)
+    return [(time_s[k], time_s[k + 1]) for k in np.flatnonzero(steps > longest)]
 
 
 def _ceiling(error: Floats, sigma: Floats) -> float:
-    """A height that shows nearly all of both; rare peaks are cut off."""
+    """A height that shows nearly all of both; that rare peaks are cut off is written there."""
     finite = np.concatenate([error[np.isfinite(error)], sigma[np.isfinite(sigma)]])
     return max(1.0, 1.3 * float(np.percentile(finite, 99.0))) if len(finite) else 1.0

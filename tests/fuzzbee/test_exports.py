@@ -245,6 +245,31 @@ def test_a_plots_curves_are_the_reports_figures(capsys, tmp_path, drawn):
         assert rms == pytest.approx(errors["inclination_rms"])
 
 
+def test_bands_have_names_and_errors_are_not_cut_off_without_a_word(capsys, tmp_path, drawn):
+    """A clip with a hole of 40 s in the stream, and a wrong start that is over soon."""
+    log = tmp_path / "hole.csv"
+    replay(capsys, LOG, "--plot", tmp_path / "whole.png")
+    times = [k * 0.02 + (40.0 if k > 3000 else 0.0) for k in range(6000)]
+    heading = "time_s,gx_rad_s,gy_rad_s,gz_rad_s,ax_g,ay_g,az_g,mx_gauss,my_gauss,mz_gauss,w,x,y,z"
+    rows = [
+        f"{t:.2f},0.001,0,{1e-6 * (k % 7)},0,0,-1,0.2,0,0.4,1,0,0,0" for k, t in enumerate(times)
+    ]
+    log.write_text("\n".join([heading, *rows]))
+    log.with_suffix(".toml").write_text('axes = "frd"\ntruth = { columns = ["w", "x", "y", "z"] }')
+    arguments = ("--start-wrong", 170, "--plot", tmp_path / "a.png", "--json")
+    assert replay(capsys, log, *arguments)[0] == 0
+    whole, holed = drawn
+    panels = [ax for figure in (whole, holed) for ax in figure.axes[3:5]]
+    peaks = [max(np.nanmax(line.get_ydata()) for line in ax.lines) for ax in panels]
+    is_cut = [peak > ax.get_ylim()[1] for ax, peak in zip(panels, peaks, strict=True)]
+    assert set(is_cut) == {True, False}
+    for ax, peak, cut in zip(panels, peaks, is_cut, strict=True):
+        told = [text.get_text() for text in ax.texts]
+        assert told == ([f"cut off: errors up to {peak:.0f}°"] if cut else [])
+    assert whole.axes[5].get_legend() is None
+    assert [text.get_text() for text in holed.axes[5].get_legend().get_texts()] == ["gap"]
+
+
 def svg_texts(path):
     """The words in a figure, which the SVG spells out where told to."""
     return set(re.findall(r"<!-- (.+?) -->", path.read_text("utf-8")))
