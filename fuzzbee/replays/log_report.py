@@ -9,8 +9,10 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
+from drivers.events import ReferenceAttitude
 from drivers.logs.missing_imu import advice
 from drivers.logs.open import open_log
+from drivers.logs.reference_track import ReferenceTrack
 from drivers.mavlink.names import autopilot_name, vehicle_type_name
 from estimator.errors import InputError
 from estimator.profile import Profile
@@ -151,11 +153,40 @@ def report_log(
     )
     compared = compare(path, trace, reference)
     report = score(path, trace, compared, skip_s)
+    if start_wrong_deg:
+        right = replay_log(
+            path,
+            profile,
+            fixed_gain=fixed_gain,
+            start_wrong_deg=0.0,
+            system_id=trace.address.system_id,
+            retune=retune,
+            smooth=smooth,
+            columns=columns,
+            tell=lambda _: None,
+        )
+        forgotten_s = _forgotten_s(trace, right)
+        report = msgspec.structs.replace(report, convergence_s=forgotten_s)
     for write in exports:
         write(trace, compared)
     return msgspec.structs.replace(
         report, wall_s=time.perf_counter() - started, profile=profile_name or msgspec.UNSET
     )
+
+
+def _forgotten_s(trace: VehicleTrace, right: VehicleTrace) -> float | None:
+    """When nothing is left of a wrong start (s after it): the attitude beside that without it.
+
+    Beside the truth it would count what is learnt of the declination or the vertical meanwhile.
+    """
+    track = ReferenceTrack()  # another IMU may stand in after a turn: at other times
+    for each in right.attitudes:
+        track.add(ReferenceAttitude(right.address, 0, each.time_us, "sim", "right", each.q_ned_frd))
+    times_us = trace.times_us
+    beside, known = track.at(times_us)
+    since = known & (times_us >= (trace.turned_at_us or 0))
+    apart = errors_against(trace.estimates, beside)[:, 0]
+    return convergence_s(times_us, apart, since)
 
 
 def replay_log(
