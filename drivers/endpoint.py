@@ -80,6 +80,11 @@ def endpoint_help(kinds: tuple[Kind, ...] | None = None) -> str:
     return "\n".join(f"{form.example:<{width}}  {form.meaning}" for form in rows)
 
 
+def is_bag_folder(path: Path) -> bool:
+    """Whether it is the folder of a ROS 2 bag, which is a log."""
+    return (path / "metadata.yaml").is_file()
+
+
 def parse_endpoint(text: str) -> Endpoint:
     """What ``text`` names.
 
@@ -131,7 +136,7 @@ def _device_or_log(address: str) -> Endpoint:
         return _serial(address, address)
     path = Path(address)
     try:
-        if path.is_file():
+        if path.is_file() or is_bag_folder(path):
             return Endpoint("log", path=address)
         is_folder = path.is_dir()
     except (OSError, ValueError) as error:  # a name too long, a null byte

@@ -23,7 +23,6 @@ from estimator.geometry.frames import flu_from_frd, ned_frd_from_enu_flu
 from estimator.types import IDENTITY, Vec3
 
 SUFFIXES = (".mcap", ".db3", ".bag")
-METADATA = "metadata.yaml"
 IMU, FIELD, FIX = (f"sensor_msgs/msg/{name}" for name in ("Imu", "MagneticField", "NavSatFix"))
 RECEIVER = "GPS"
 TESLA = 1e4  # gauss
@@ -34,11 +33,6 @@ CLOCK = TimeField.TIME_USEC
 Decode = Callable[[Any, bytes], Any]
 
 _log = logging.getLogger(__name__)
-
-
-def is_bag_folder(path: Path) -> bool:
-    """Whether it is the folder of a ROS 2 bag."""
-    return (path / METADATA).is_file()
 
 
 class Bag(LogFile):

@@ -7,9 +7,10 @@ from collections.abc import Iterator
 from contextlib import closing
 from pathlib import Path
 
+from drivers.endpoint import is_bag_folder
 from drivers.events import BuiltIn, Event, Imu
 from drivers.logs.bag import SUFFIXES as BAG_SUFFIXES
-from drivers.logs.bag import Bag, is_bag_folder
+from drivers.logs.bag import Bag
 from drivers.logs.csv_text import csv_text
 from drivers.logs.log_file import LogFile
 from drivers.logs.tlog import Tlog

@@ -5,6 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from drivers.endpoint import parse_endpoint
 from drivers.events import Imu, Malformed, Position, ReferenceAttitude
 from drivers.logs.open import imu_events, open_log
 from estimator.errors import InputError
@@ -149,6 +150,7 @@ def test_a_flight_comes_back_as_it_was(bag, flown):
 
 def test_the_file_inside_a_folder_is_a_log_too(bag):
     if bag.is_dir():
+        assert parse_endpoint(str(bag)).kind == "log"
         (inside,) = (each for each in bag.iterdir() if each.suffix != ".yaml")
         assert of(Imu, open_log(inside)) == of(Imu, open_log(bag))
         assert open_log(bag).sha256() != open_log(inside).sha256()
