@@ -8,7 +8,6 @@ most messages; a filtered one beside it has the attitude to compare with.
 import hashlib
 import logging
 from collections.abc import Callable, Iterator, Sequence
-from pathlib import Path
 from typing import Any
 
 from drivers.events import Event, Malformed, VehicleId
