@@ -29,8 +29,8 @@ PLOTS = (
 )
 SIGMA = (
     "off",
-    "Sigma: horizon violet, heading pink. Turn to autopilot orange, truth green (°)",
-    (0.0, 20.0),
+    "±: horizon violet, heading pink; off autopilot orange, truth green",
+    (0.0, 50.0),
 )
 # Names and colours of the lines of each
 LINES: dict[str, tuple[tuple[str, ...], tuple[tuple[int, ...], ...]]] = {
