@@ -1,13 +1,18 @@
 """Do memory, file descriptors or threads of the live service grow over a long time?
 
     python benchmarks/soak.py [--seconds 240] [--vehicles 50] [--rate 100]
+    python benchmarks/soak.py --seconds 4320 --skip 720 --vehicles 20 --rate 50 --stay 3
 
 Simulated vehicles over UDP, ``fuzzbee run`` with a recording, the viewer into a file and metrics
-that are read each second, and a subscriber. ``MB``, ``descriptors`` and ``threads`` are those of
-the thirds of the run, the first of which is start-up and warm-up. Exit status 1 if something grew.
+that are read each second, and a subscriber. With ``--stay`` they sign, and each leaves after so
+many seconds for another one, until the table of vehicles is full and beyond. ``MB``,
+``descriptors`` and ``threads`` are those of the thirds of the run without the seconds to skip;
+start-up and warm-up are in the first. ``curve`` has the MB of its tenths. Exit status 1 if
+something grew.
 """
 
 import os
+import secrets
 import sys
 import tempfile
 import urllib.request
@@ -16,11 +21,12 @@ from pathlib import Path
 from time import monotonic, sleep
 from typing import NamedTuple
 
+import numpy as np
 from common.report import Row, parser, show
 from processes.trial import Process, Shape, counts, free_port, fuzzbee, run
 
 LOOK_S = 1.0
-MOST_GROWTH_MB = 5.0  # between the second third and the last: noise of the allocator
+MOST_GROWTH = 0.05  # between the second third and the last: noise of the allocator
 PUBLISH_HZ = 10.0
 
 
@@ -32,7 +38,7 @@ class Look(NamedTuple):
     threads: int
 
 
-def soak(shape: Shape) -> Row:
+def soak(shape: Shape, skip_s: float, stay_s: float | None) -> Row:
     """Fly for so long, and look at the service meanwhile."""
     looks: list[Look] = []
     metrics = free_port()
@@ -45,11 +51,19 @@ def soak(shape: Shape) -> Row:
 
     with tempfile.TemporaryDirectory() as name:
         files = ("--record", f"{name}/recorded", "--rrd", f"{name}/seen.rrd")
-        everything = (*files, "--metrics", str(metrics))
-        seen = run(shape, lambda *where: fuzzbee(*where, *everything), meanwhile)
+        everything, passers = (*files, "--metrics", str(metrics)), ()
+        if stay_s is not None:
+            key = Path(name, "key")
+            key.touch(0o600)
+            key.write_bytes(secrets.token_bytes(32))
+            everything += ("--signing-key-file", str(key))
+            passers = (str(stay_s), str(key))
+        seen = run(shape, lambda *where: fuzzbee(*where, *everything), meanwhile, passers)
         recorded_mb = sum(f.stat().st_size for f in Path(name, "recorded").iterdir()) / 1e6
     row = {"vehicles": shape.vehicles, "Hz": shape.rate_hz, **counts(seen)}
-    return {**row, "recorded MB": round(recorded_mb, 1), **verdict(looks)}
+    places = len(seen.summary["vehicles"])
+    left = looks[round(skip_s / LOOK_S) :]
+    return {**row, "in the table": places, "recorded MB": round(recorded_mb, 1), **verdict(left)}
 
 
 def look(pid: int, metrics: int) -> Look:
@@ -73,11 +87,13 @@ def verdict(looks: list[Look]) -> Row:
     mb = [round(sum(each.resident_mb for each in part) / len(part), 1) for part in parts]
     descriptors = [[each.descriptors for each in part] for part in parts]
     threads = [[each.threads for each in part] for part in parts]
-    grew = mb[2] - mb[1] >= MOST_GROWTH_MB or any(
+    tenths = np.array_split([each.resident_mb for each in looks], 10)
+    grew = mb[2] - mb[1] >= MOST_GROWTH * mb[1] or any(
         min(numbers[2]) > min(numbers[1]) for numbers in (descriptors, threads)
     )
     return {
         "MB": mb,
+        "curve": [round(float(np.mean(each)), 1) for each in tenths if len(each)],
         "descriptors": [f"{min(part)}..{max(part)}" for part in descriptors],
         "threads": [f"{min(part)}..{max(part)}" for part in threads],
         "flat": not grew,
@@ -89,10 +105,13 @@ def main() -> int:
     made.add_argument("--seconds", type=float, default=240.0)
     made.add_argument("--vehicles", type=int, default=50)
     made.add_argument("--rate", type=float, default=100.0)
+    made.add_argument("--skip", type=float, default=0.0, help="seconds that are not judged")
+    made.add_argument("--stay", type=float, help="seconds that a vehicle stays [all]")
     options = made.parse_args()
     if options.smoke:
         options.seconds, options.vehicles = 5.0, 2
-    row = soak(Shape(options.vehicles, options.rate, options.seconds, PUBLISH_HZ))
+    shape = Shape(options.vehicles, options.rate, options.seconds, PUBLISH_HZ)
+    row = soak(shape, options.skip, options.stay)
     show({"the service over time": [row]}, as_json=options.json)
     return 0 if row["flat"] or options.smoke else 1  # seconds are start-up only
 

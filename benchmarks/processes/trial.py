@@ -9,7 +9,7 @@ import sys
 import tempfile
 import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import IO, Any, NamedTuple
 
@@ -53,22 +53,23 @@ class Seen(NamedTuple):
 
 
 def run(
-    shape: Shape, begin_service: BeginService, meanwhile: Callable[[Process, list[int]], None]
+    shape: Shape,
+    begin_service: BeginService,
+    meanwhile: Callable[[Process, list[int]], None],
+    passers: Sequence[str] = (),
 ) -> Seen:
-    """One run; ``meanwhile`` is told the service, and the subscriber's and the fleet's process."""
+    """One run; ``meanwhile`` is told the service, and the subscriber's and the fleet's process.
+
+    With ``passers``, the last arguments of passers.py, its vehicles have the fleet's place.
+    """
     port, endpoint = free_port(socket.SOCK_DGRAM), f"tcp/127.0.0.1:{free_port()}"
     with tempfile.TemporaryDirectory() as folder:
         sent, seen = Path(folder, "sent.npy"), Path(folder, "seen.npy")
-        numbers = (
-            port,
-            shape.vehicles,
-            shape.rate_hz,
-            shape.seconds,
-            sent,
-            shape.few,
-            *shape.burst_s,
+        numbers = (port, shape.vehicles, shape.rate_hz, shape.seconds, sent)
+        script, rest = (
+            ("passers.py", passers) if passers else ("fleet.py", (shape.few, *shape.burst_s))
         )
-        fleet = start("fleet.py", *map(str, numbers))
+        fleet = start(script, *map(str, (*numbers, *rest)))
         await_word(fleet.stdout, "ready")
         service = begin_service(port, endpoint, shape.publish_hz)
         # nobody reads it else, and a pipe that is full would stop the service
