@@ -68,11 +68,9 @@ class AidingParams(NamedTuple):
     doubt_s: Time = 1.5  # after so long with reports far off, too
     field_doubt_s: Time = 4.0  # or a field that looks as usual; small: a magnet that passes ends it
     far_heading_rad: Angle = radians(40.0)  # a field this far off is far off
-    heading_reach_rad: Angle = radians(25.0)  # residual that counts a quarter; small: stubborn
     sideslip_rad: Angle = 3.0  # of wheels 0.05; 3: it may move any way, and a HEARTBEAT decides
     gap_s: Time = 5.0  # after so long without samples (1 s of a slow stream) it begins anew
-    unaided_sigma_rad: Angle = radians(5.0)  # of the unaided gravity
-    unaided_tau_s: Time = 3.0  # for so long its error stays the same
+    unaided_sigma_rad: Angle = radians(5.0)  # of the unaided gravity, also at the beginning
 
     # Lags.
     imu_lag_s: Lag = 0.012  # the low-pass of an autopilot's IMU stream
@@ -90,7 +88,6 @@ class AidingParams(NamedTuple):
     field_walk: Noise = 0.005  # share/sqrt(s) by which the place's field may change its strength
 
     # Beginning.
-    begin_tilt_sigma_rad: Angle = radians(5.0)
     begin_heading_sigma_rad: Angle = radians(10.0)
 
     # Published uncertainty, fitted to errors of simulated and recorded flights.

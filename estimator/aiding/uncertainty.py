@@ -17,14 +17,13 @@ from estimator.aiding.types import (
 from estimator.compilation.compiled import inlined
 from estimator.conditioning.field.magnetic import deviation, horizontal_down, norm_of
 from estimator.conditioning.field.robust import REACH_SQUARE, robust_factor
+from estimator.conditioning.times import LONGEST_STEP_S
 from estimator.geometry.quaternion import norm
 from estimator.types import STANDARD_GRAVITY_M_S2, Vec3
 
 # 68 % of a plane normal distribution lie within this many of its sigmas.
 PLANE_68 = 1.515
 LARGEST_SCALE = 4.0
-# Of samples slower than this (s) the field's residual is mostly the missed turns between them.
-QUICK_STEP_S = 0.15
 # Near the magnetic poles the horizontal field vanishes; less than this does not count as such.
 LEAST_HORIZONTAL_GAUSS = 0.02
 
@@ -85,8 +84,8 @@ def heading_sigma(
     if field.samples == 0.0:
         scale *= params.bare_heading_colour
     disagreement = field.residual.square
-    if dt > QUICK_STEP_S:
-        disagreement *= (QUICK_STEP_S / dt) ** 2
+    if dt > LONGEST_STEP_S:
+        disagreement *= (LONGEST_STEP_S / dt) ** 2
     heading = P[TURN + 2, TURN + 2]
     by_field = min(1.0, heading / max(iron_rad * iron_rad, 1e-12))
     square = scale * scale

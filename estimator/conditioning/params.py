@@ -64,7 +64,6 @@ class ConditioningParams(NamedTuple):
     calibration_walk_s: Time = 300.0  # time to forget; small: noisy, large: stiff
 
     # The field's confidence.
-    field_tau_s: Time = 0.05  # low-pass of norm and dip; small: noise counts, large: late
     field_norm_scale: Share = 0.1  # relative deviation that counts as one; small: strict
     field_dip_scale_rad: Angle = 0.1  # deviation of the dip that counts as one; small: strict
     field_reference_tau_s: Time = 15.0  # small: learns the magnet, large: keeps the old place
@@ -80,7 +79,6 @@ class ConditioningParams(NamedTuple):
     heading_turning_noise_s: Noise = (
         5e-6  # drift variance per squared rate: scale errors of the gyro
     )
-    heading_reach_rad: Angle = radians(25.0)  # residual that counts a quarter; small: never returns
     heading_borne_s: Time = (
         4.0  # for so long a field that looks usual must point elsewhere, at most
     )
@@ -89,9 +87,8 @@ class ConditioningParams(NamedTuple):
     turn_heading_rad: Angle = radians(10.0)  # residual no honest drift reaches; small: false alarms
     turn_heading_tau_s: Time = 1.5  # averaging of that residual; small: false alarms
     turn_confidence: Share = 0.45  # least confidence of the field, averaged over the same time
-    turn_time_s: Time = 1.0  # for so long a field's sign must last; small: follows magnets
+    turn_time_s: Time = 1.0  # a sign must last, the force is averaged; small: follows magnets
     turn_moving_rad: Angle = radians(60.0)  # gravity off by so much
-    turn_moving_tau_s: Time = 1.0
     turn_jump_rad: Angle = radians(2.5)  # turn of the field in G that is no noise
     turn_jump_usual: Share = 4.0  # and no more of what it usually turns; small: false alarms
     turn_jump_own: Share = 0.5  # nor of what an unknown lag and own field do; small: false alarms

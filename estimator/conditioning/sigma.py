@@ -4,12 +4,12 @@ from math import atan2, inf, sqrt
 from typing import NamedTuple
 
 from estimator.compilation.compiled import inlined
-from estimator.conditioning.events.heading_signs import OTHER_HEADING_S
 from estimator.conditioning.events.jump_signs import turn_of
 from estimator.conditioning.events.step import EventsState
 from estimator.conditioning.field.heading import north_east, wrap_angle
 from estimator.conditioning.field.magnetic import MagneticState, has_heading, steepness
 from estimator.conditioning.params import ConditioningParams
+from estimator.conditioning.times import LONG_S
 from estimator.conditioning.vertical.gravity import heading_frame
 from estimator.conditioning.vertical.rate import following_weight
 from estimator.conditioning.vertical.step import VerticalState
@@ -134,7 +134,7 @@ def rival(
         away = atan2(signs.mean_east, signs.mean_north)
         return max(unborne * away * away, by_other)
     away = wrap_angle(signs.other_rad - heading_rad)
-    share = max(unborne, STILL_RIVAL) * signs.other_s / OTHER_HEADING_S
+    share = max(unborne, STILL_RIVAL) * signs.other_s / LONG_S
     return max(share * away * away, by_other)
 
 

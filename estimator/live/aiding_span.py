@@ -238,7 +238,7 @@ def begin_aiding(
         core.seen.bias_rad_s,
         core.sample,
         report,
-        max(aiding.begin_tilt_sigma_rad, core.seen.sigma_inclination_rad, start.sigma_tilt_rad),
+        max(aiding.unaided_sigma_rad, core.seen.sigma_inclination_rad, start.sigma_tilt_rad),
         start.sigma_heading_rad,
         iron_gauss,
     )

@@ -12,7 +12,7 @@ import numpy as np
 from scipy.linalg import solveh_banded
 
 from estimator.conditioning.field.magnetic import FieldReference, norm_of, steepness
-from estimator.conditioning.field.robust import LEAST_CONFIDENCE
+from estimator.conditioning.field.robust import HEADING_REACH_RAD, LEAST_CONFIDENCE
 from estimator.conditioning.params import ConditioningParams
 from estimator.conditioning.sigma import SIGMA_FIELD_RAD
 from estimator.conditioning.vertical.averaging import WINDOW_S
@@ -52,7 +52,7 @@ def turn_north(
     missed, count = windows.means(path.missed)
     q = walk(params, turning) + (missed * count)[1:]
     z = np.where(known, -np.arctan2(seen[:, 1], seen[:, 0]), 0.0)
-    x, weight = solve(z, r, q, params.heading_reach_rad)
+    x, weight = solve(z, r, q, HEADING_REACH_RAD)
     off = np.where(known, wrap(z - x), 0.0)
     leaning = 0.5 * steepness(field.reference) * vertical.variance
     variance = variances(r * weight, q) + lasting(params, off, known, leaning)

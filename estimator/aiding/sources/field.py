@@ -29,21 +29,19 @@ from estimator.conditioning.field.magnetic import (
     look_at_field,
 )
 from estimator.conditioning.field.robust import LEAST_CONFIDENCE, REACH_SQUARE, residual_factor
+from estimator.conditioning.times import FIELD_S, LONG_S, WALK_S
 from estimator.geometry.quaternion import cross, dot, exp, multiply, norm, rotate, scale, subtract
 from estimator.types import ZERO_VEC3, Sample, Vec3
 
-FIELD_TAU_S = 0.05  # low-pass of norm and dip
 # The residual of the heading is low-passed with the first, its square averaged over the second
 # time; a single residual counts up to RESIDUAL_CLIP_RAD.
 RESIDUAL_TAU_S = 5.0
-RESIDUAL_MEMORY_S = 60.0
 RESIDUAL_CLIP_RAD = 0.2
 # Before anything is known about the place's field its parts are uncertain by this share of it.
 FIRST_SIGMA = 0.2
 # How well a model knows a declination, rad. Its error is the same all the time, so the samples of
 # one such time together count as one measurement.
 DECLINATION_SIGMA_RAD = 0.01
-DECLINATION_TAU_S = 100.0
 # A heading this uncertain (rad, 1 sigma) is taken from the field as an angle, not linearly.
 LINEAR_SIGMA_RAD = 0.35
 
@@ -75,7 +73,7 @@ def judge_field(
     learnt) makes of them.
     """
     wait = min(state.wait_s, 1.0)
-    share = wait / (FIELD_TAU_S + wait) if state.samples > 0.0 else 1.0
+    share = wait / (FIELD_S + wait) if state.samples > 0.0 else 1.0
     place = horizontal_down(expected)
     unsure = sqrt(variance) / sqrt(place[0] * place[0] + place[1] * place[1])
     norm_scale, dip_scale = params.field_norm_scale + unsure, params.field_dip_scale_rad + unsure
@@ -227,7 +225,7 @@ def observe_heading(
     off = -F_across / H
     angle = atan2(F_across, F_along)
     expected = expected_variance(P, across, 0.0)
-    noise *= residual_factor(angle, params.heading_reach_rad, expected)
+    noise *= residual_factor(angle, expected)
     is_near = F_along >= 0.5 * abs(F_across)
     if not is_near and P[TURN + 2, TURN + 2] > LINEAR_SIGMA_RAD**2:
         across = angle_row(R, F, dF, E)
@@ -312,7 +310,7 @@ def learn_declination(P: Array, x: Array, E: Vec3, north: Two, wait: float) -> N
     h[EARTH] = -E[1] / square
     h[EARTH + 1] = E[0] / square
     off = atan2(s * E[0] - c * E[1], c * E[0] + s * E[1])
-    learn(P, x, h, off, DECLINATION_SIGMA_RAD**2 * DECLINATION_TAU_S / wait)
+    learn(P, x, h, off, DECLINATION_SIGMA_RAD**2 * WALK_S / wait)
 
 
 @inlined
@@ -321,7 +319,7 @@ def update_residual(field: FieldState, off: float, far: bool, wait: float) -> Fi
     clipped = max(-RESIDUAL_CLIP_RAD, min(RESIDUAL_CLIP_RAD, off))
     slow = field.residual.slow_rad
     slow += wait / (wait + RESIDUAL_TAU_S) * (clipped - slow)
-    share = max(wait / (wait + RESIDUAL_MEMORY_S), 1.0 / field.samples)
+    share = max(wait / (wait + LONG_S), 1.0 / field.samples)
     square = field.residual.square
     square += share * (slow * slow - square)
     doubt_s = max(0.0, field.doubt_s - wait)

@@ -8,7 +8,7 @@ from estimator.aiding.covariance import learn
 from estimator.aiding.inertial import Prediction
 from estimator.aiding.types import SIZE, TURN, AidingParams, Array
 from estimator.compilation.compiled import inlined
-from estimator.conditioning.vertical.lasting import ACCELERATION_LASTS_S
+from estimator.conditioning.times import ACCELERATION_LASTS_S
 from estimator.geometry.quaternion import rotate
 from estimator.types import Vec3
 
@@ -26,7 +26,7 @@ def observe_unaided(
     """
     P = now.covariance
     d = rotate(now.estimate.q_ned_frd, gravity_b)
-    noise = params.unaided_sigma_rad**2 * params.unaided_tau_s / dt
+    noise = params.unaided_sigma_rad**2 * ACCELERATION_LASTS_S / dt
     h = np.zeros(SIZE)
     h[TURN + 1] = 1.0
     learn(P, x, h, -d[0], noise)

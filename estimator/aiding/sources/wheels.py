@@ -19,13 +19,12 @@ from estimator.aiding.types import (
     Wheels,
 )
 from estimator.compilation.compiled import inlined
+from estimator.conditioning.times import ACCELERATION_LASTS_S
 from estimator.geometry.quaternion import cross, dot, norm, rotate_inverse
 from estimator.types import Vec3
 
 # How far ahead of the axle that does not steer the IMU may sit, m: there a turn is a slip.
 ARM_M = 1.0
-# For so long (s) a slip stays the same; its mean square is learnt over ``MEMORY_S``.
-SLIP_TAU_S = 3.0
 
 
 @inlined
@@ -41,16 +40,16 @@ def observe_wheels(
     """Two scalar updates: the velocity's parts to the right and down are none but for a slip.
 
     Whether it goes forwards or back makes no difference. A slip lasts, so the samples of
-    ``SLIP_TAU_S`` together count as one measurement. A mean far beyond any slip tells that the
-    heading is not known as well as it seems, nor the field that has told it; so does a field that
-    contradicts what wheels have told for long. Also returns whether that is so.
+    ``ACCELERATION_LASTS_S`` together count as one measurement. A mean far beyond any slip tells
+    that the heading is not known as well as it seems, nor the field that has told it; so does a
+    field that contradicts what wheels have told for long. Also returns whether that is so.
     """
     P, estimate = now.covariance, now.estimate
     v = estimate.velocity_ned_m_s
     body = rotate_inverse(estimate.q_ned_frd, v)
     rolled = params.sideslip_rad**2 * dot(v, v)
     own = rolled + (ARM_M * norm(now.rate_rad_s)) ** 2 + params.filter_noise_m_s**2
-    noise = wheels.slip_scale * own * max(1.0, SLIP_TAU_S / dt)
+    noise = wheels.slip_scale * own * max(1.0, ACCELERATION_LASTS_S / dt)
     share = rolled / own * dt / (MEMORY_S + dt)
     ahead = abs(body[0])
     aside_rad = wheels.aside_rad

@@ -14,6 +14,7 @@ from estimator.compilation.compiled import inlined
 from estimator.compilation.replacing import replacer
 from estimator.conditioning.events.jump_signs import LEAST_USUAL_RAD, JumpSigns
 from estimator.conditioning.field.calibration import Calibration
+from estimator.conditioning.times import LATELY_S, LONG_S
 from estimator.conditioning.vertical.gravity import GravityState
 from estimator.conditioning.vertical.lowpass import approach
 from estimator.conditioning.vertical.step import VerticalStep
@@ -22,17 +23,13 @@ from estimator.geometry.axes import FrameAxes, axes_of, to_body, to_frame
 from estimator.geometry.quaternion import add, cross, dot, scale, square, subtract, unit
 from estimator.types import ZERO_VEC3, Vec3
 
-# The time (s) over which the field's turn is seen, in which an axis comes under suspicion, and in
-# which that is forgotten where nothing renews it.
+# The time (s) over which the field's turn is seen, and in which an axis comes under suspicion.
 SPAN_S = 1.0
-FORGET_S = 10.0
 # The ratio that contradicts an axis, which chance reaches once in an hour of independent seconds,
 # and by which one axis' evidence beats another's.
 CONTRADICTION = 16.0
 # The own field (share of the place's) that an autopilot's calibration has left.
 LEFT_SHARE = 0.07
-# How large the evidence usually is, is learnt over this time (s).
-USUAL_TAU_S = 60.0
 
 
 class AxisSigns(NamedTuple):
@@ -47,7 +44,7 @@ class AxisSigns(NamedTuple):
     by_noise: float = 1.0  # and of all else
     age_s: float = 0.0  # since the first field
     squares: Vec3 = ZERO_VEC3  # squared error of each axis that explains the field, (rad/s)^2
-    since_s: float = FORGET_S  # since any was contradicted, up to this time
+    since_s: float = LATELY_S  # since any was contradicted, up to this time
 
 
 class Suspect(NamedTuple):
@@ -73,8 +70,8 @@ def carry_axes(state: AxisSigns, vertical: VerticalStep, dt_s: float) -> AxisSig
     turn_g = scale(dt_s, to_frame(axes_of(q), vertical.rate))
     turned = scale(keep, add(state.turned, turn_g))
     unseen = keep * keep * state.unseen + vertical.missed
-    squares = scale(FORGET_S / (FORGET_S + dt_s), state.squares)
-    return with_motion(state, turned, unseen, squares, min(state.since_s + dt_s, FORGET_S))
+    squares = scale(LATELY_S / (LATELY_S + dt_s), state.squares)
+    return with_motion(state, turned, unseen, squares, min(state.since_s + dt_s, LATELY_S))
 
 
 @inlined
@@ -97,7 +94,7 @@ def watch_axes(
     axes = axes_of(vertical.state.gravity.q_g_frd)
     y = unit(jump.quick)
     x = cross(to_frame(axes, vertical.rate), y)
-    age_s = min(state.age_s + dt_s, USUAL_TAU_S)
+    age_s = min(state.age_s + dt_s, LONG_S)
     share = max(dt_s / (SPAN_S + dt_s), dt_s / age_s)
     slower_share = max(vertical.state.coefficients.gravity_share, dt_s / age_s)
     state = with_means(

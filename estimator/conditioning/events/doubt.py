@@ -7,11 +7,11 @@ from math import asin, atan2, sin, sqrt
 from typing import NamedTuple
 
 from estimator.compilation.compiled import inlined
-from estimator.conditioning.events.duration import LONGEST_SIGN_S
 from estimator.conditioning.events.jump_signs import JumpSigns
 from estimator.conditioning.events.proof import TurnSigns
 from estimator.conditioning.field.magnetic import MagneticState, steepness
 from estimator.conditioning.params import ConditioningParams
+from estimator.conditioning.times import LONGEST_STEP_S
 from estimator.conditioning.vertical.bias import HALF_TURN_VARIANCE, Estimate, doubt_heading
 from estimator.types import Vec2
 
@@ -85,7 +85,7 @@ def release_doubt(
     """
     usual = field.look.confidence > params.turn_confidence * doubt.before.confidence
     still = jump.apart_rad < params.turn_jump_rad
-    step_s = min(dt_s, LONGEST_SIGN_S)
+    step_s = min(dt_s, LONGEST_STEP_S)
     usual_s = max(0.0, doubt.usual_s + (step_s if usual and still else -step_s))
     most = params.turn_jump_norm + sqrt(field.reference.uneven)
     left, before = doubt.variance, doubt.before

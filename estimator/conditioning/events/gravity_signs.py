@@ -4,8 +4,9 @@ from typing import NamedTuple
 
 from estimator.compilation.compiled import inlined
 from estimator.compilation.replacing import replacer
-from estimator.conditioning.events.duration import LATELY_S, duration_s
+from estimator.conditioning.events.duration import duration_s
 from estimator.conditioning.params import ConditioningParams
+from estimator.conditioning.times import LATELY_S
 from estimator.conditioning.vertical.gravity import GravityState
 from estimator.geometry.quaternion import angle_between_vectors, norm, square
 from estimator.types import STANDARD_GRAVITY_M_S2

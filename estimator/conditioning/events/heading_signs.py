@@ -8,8 +8,8 @@ from estimator.compilation.replacing import replacer
 from estimator.conditioning.events.duration import duration_s
 from estimator.conditioning.field.magnetic import MagneticState
 from estimator.conditioning.params import ConditioningParams
+from estimator.conditioning.times import LATELY_S, LONG_S, USUAL_S
 from estimator.conditioning.vertical.bias import Estimate
-from estimator.conditioning.vertical.lowpass import USUAL_S
 from estimator.geometry.quaternion import direction
 from estimator.types import Vec2
 
@@ -22,13 +22,8 @@ KNOWN_HEADING_SIGMA = 0.2
 # A mean field that has pointed elsewhere does so still until it is within this share of the angle
 # that told it: meanwhile the heading creeps towards it.
 STILL_OFF = 0.5
-# A heading that was given up is remembered for so long (s); the field points to it again within
-# ten degrees.
-OTHER_HEADING_S = 60.0
+# Within ten degrees the field points again to a heading that was given up.
 SAME_HEADING_COS = 0.985
-# Of headings that are given up within so long (s) the first is remembered: a field that keeps
-# turning takes the heading along in steps.
-SAME_TURN_S = 10.0
 
 
 class HeadingSigns(NamedTuple):
@@ -117,7 +112,10 @@ def begin_anew(state: HeadingSigns) -> HeadingSigns:
 
 @inlined
 def give_up(state: HeadingSigns, heading_rad: float) -> HeadingSigns:
-    """The signs after ``heading_rad`` was given up, which is remembered for a while."""
-    is_same = state.other_s > OTHER_HEADING_S - SAME_TURN_S
+    """The signs after ``heading_rad`` was given up, which is remembered for ``LONG_S``.
+
+    A field that keeps turning takes the heading along in steps: of those the first is remembered.
+    """
+    is_same = state.other_s > LONG_S - LATELY_S
     other_rad = state.other_rad if is_same else heading_rad
-    return with_other(begin_anew(state), 0.0, other_rad, OTHER_HEADING_S)
+    return with_other(begin_anew(state), 0.0, other_rad, LONG_S)

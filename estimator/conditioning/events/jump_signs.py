@@ -4,9 +4,9 @@ from typing import NamedTuple
 
 from estimator.compilation.compiled import inlined
 from estimator.compilation.replacing import replacer
-from estimator.conditioning.events.duration import LATELY_S
 from estimator.conditioning.field.calibration import Calibration
 from estimator.conditioning.params import ConditioningParams
+from estimator.conditioning.times import LATELY_S
 from estimator.conditioning.vertical.lowpass import approach
 from estimator.geometry.quaternion import angle_between_vectors, norm, square
 from estimator.types import ZERO_VEC3, Vec2, Vec3

@@ -4,12 +4,12 @@ from typing import NamedTuple
 
 from estimator.compilation.compiled import inlined
 from estimator.conditioning.events.axis_signs import AxisSigns
-from estimator.conditioning.events.duration import LONGEST_SIGN_S
 from estimator.conditioning.events.gravity_signs import GravitySigns, with_time
 from estimator.conditioning.events.heading_signs import HeadingSigns, begin_anew, give_up
 from estimator.conditioning.events.jump_signs import JumpSigns, jump_variance, with_seen
 from estimator.conditioning.field.calibration import Calibration
 from estimator.conditioning.params import ConditioningParams
+from estimator.conditioning.times import LONGEST_STEP_S
 
 
 class TurnSigns(NamedTuple):
@@ -59,7 +59,7 @@ def proof_of(
     lasts = heading.off_s > params.turn_time_s
     return TurnProof(
         heading=lasts and heading.borne_s <= 0.0,
-        gravity=gravity.off_s > LONGEST_SIGN_S,
+        gravity=gravity.off_s > LONGEST_STEP_S,
         jump=jump,
     ), seen_rad
 

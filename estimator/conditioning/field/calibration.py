@@ -6,14 +6,13 @@ from estimator.compilation.compiled import inlined
 from estimator.compilation.replacing import replacer
 from estimator.conditioning.field.robust import robust_factor
 from estimator.conditioning.params import ConditioningParams
+from estimator.conditioning.times import LONGEST_STEP_S
 from estimator.conditioning.vertical.kalman import Covariance, update
 from estimator.conditioning.vertical.lowpass import approach
 from estimator.geometry.axes import FrameAxes, to_frame
 from estimator.geometry.quaternion import add, cross, dot, scale, subtract
 from estimator.types import ZERO_VEC3, Vec2, Vec3
 
-# Over longer steps (s) the turning between two samples is unknown, so that they tell no own field.
-LONGEST_STEP_S = 0.15
 # A field that is off its mean by this share of its norm has been turned, not measured badly.
 MOST_DEVIATION = 0.6
 

@@ -81,6 +81,6 @@ def learn_heading(
     noise += leaning * steepness(field.reference)
     off = residual(field, horizontal)
     b, d, p = estimate
-    noise *= residual_factor(off, params.heading_reach_rad, p[9])
+    noise *= residual_factor(off, p[9])
     b, d, p = update(b, d, p, ZERO_VEC3, 1.0, -off, noise)
     return Estimate(clip_each(b, params.bias_limit_rad_s), wrap_angle(d), p)

@@ -10,7 +10,7 @@ from estimator.compilation.compiled import inlined
 from estimator.compilation.replacing import replacer
 from estimator.conditioning.field.robust import LEAST_CONFIDENCE, robust_factor
 from estimator.conditioning.params import ConditioningParams
-from estimator.conditioning.vertical.lowpass import USUAL_S
+from estimator.conditioning.times import FIELD_S, USUAL_S
 from estimator.types import Vec2, Vec3
 
 # A field with less than this share of the downward part in the horizontal has no heading.
@@ -130,7 +130,7 @@ def observe_field(
         rival = FieldRival(h, v, 0.0)
         reference = FieldReference(h, v, samples, age, dt_s, rival, is_new=False, uneven=0.0)
         return MagneticState(FieldLook(h, v, 1.0), reference, 0.0, True)
-    a = dt_s / (params.field_tau_s + dt_s)
+    a = dt_s / (FIELD_S + dt_s)
     expected = (before.horizontal, before.down)
     norm_scale, dip_scale = params.field_norm_scale, params.field_dip_scale_rad
     look = look_at_field(state.look, (h, v), a, expected, norm_scale, dip_scale)

@@ -1,11 +1,16 @@
 """How much a measurement counts that is further off than its noise explains."""
 
+from math import radians
+
 from estimator.compilation.compiled import inlined
 
 # The least confidence that anything is divided by: the noise of what nobody believes stays finite.
 LEAST_CONFIDENCE = 1e-6
 # A residual within so many sigmas (squared) of what is expected is none too far.
 REACH_SQUARE = 9.0
+# A residual of the heading that counts a quarter, rad. Small: a wrong heading never returns, large:
+# magnets draw it.
+HEADING_REACH_RAD = radians(25.0)
 
 
 @inlined
@@ -19,9 +24,10 @@ def robust_factor(square: float) -> float:
 
 
 @inlined
-def residual_factor(residual: float, reach: float, variance: float) -> float:
-    """By what a residual's noise grows: 4 times at ``reach``, further out the larger ``variance``.
+def residual_factor(residual: float, variance: float) -> float:
+    """By what the noise of a heading's residual grows: 4 times at :data:`HEADING_REACH_RAD`.
 
-    ``variance`` is that of the value itself: a residual that its error explains is none too far.
+    Further out the larger ``variance``, rad^2, is that of the heading itself: a residual that its
+    error explains is none too far.
     """
-    return robust_factor(residual * residual / (reach * reach + REACH_SQUARE * variance))
+    return robust_factor(residual * residual / (HEADING_REACH_RAD**2 + REACH_SQUARE * variance))

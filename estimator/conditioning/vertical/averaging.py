@@ -17,6 +17,7 @@ from estimator.compilation.compiled import inlined
 from estimator.compilation.replacing import replacer
 from estimator.conditioning.gather import accumulate
 from estimator.conditioning.params import ConditioningParams
+from estimator.conditioning.times import LONG_S
 from estimator.geometry.quaternion import add, dot, scale, square
 from estimator.types import ZERO_VEC3, Vec3
 
@@ -25,8 +26,6 @@ WINDOW_S = 0.25
 OCTAVES = 9
 # The low-pass's time constant, over the length of the windows whose means are as good.
 TAU_SHARE = 0.27
-# For so long (s) windows count.
-MEMORY_S = 60.0
 # In so many windows an octave counts as much as the one below, and how those usually compare:
 # accelerations whose mean falls as that of noise, up to the usual window; a turn that goes on.
 PRIOR_WINDOWS = 0.5
@@ -189,7 +188,7 @@ def follow_averaging(
     time_s = state.time_s + dt_s
     if time_s < WINDOW_S:
         return with_window(state, force, turn, time_s)
-    windows, moved_s = state.windows + 1, min(state.moved_s + time_s, MEMORY_S)
+    windows, moved_s = state.windows + 1, min(state.moved_s + time_s, LONG_S)
     octaves = take_window(state.octaves, scale(1.0 / time_s, force), turn, windows, moved_s)
     now = Averaging(octaves, windows, moved_s, ZERO_VEC3, ZERO_VEC3, 0.0, 1.0, 0.0, 0.0)
     length_s, variance, usual = best_window(params, now, bias_variance)

@@ -5,9 +5,8 @@ from typing import NamedTuple
 
 from estimator.compilation.compiled import inlined
 from estimator.conditioning.params import ConditioningParams
+from estimator.conditioning.times import WALK_S
 from estimator.conditioning.vertical.lowpass import LowPass, low_pass
-
-BIAS_WALK_TIME_S = 100.0  # the time that ``bias_walk_rad_s`` refers to
 
 
 class Coefficients(NamedTuple):
@@ -19,7 +18,7 @@ class Coefficients(NamedTuple):
     gravity: LowPass = LowPass()  # with ``gravity_tau_s``
     best: LowPass = LowPass()  # with that times the factor
     gravity_share: float = 0.0  # of a step in a mean over that time
-    quick_share: float = 0.0  # of a step in a mean over ``turn_moving_tau_s``
+    quick_share: float = 0.0  # of a step in a mean over ``turn_time_s``
     bias_growth: float = 0.0  # of a bias's variance in a step, (rad/s)^2
     rest_noise: float = 0.0  # variance of a bias seen at rest, (rad/s)^2
     motion_noise: float = 0.0  # variance of a bias seen by levelling, (rad/s)^2
@@ -33,7 +32,7 @@ def coefficients(params: ConditioningParams, dt_s: float, factor: float) -> Coef
     The noises are those that keep a variance where it shall be: with a random walk of variance V
     a step, a measurement of the noise P^2/V + P makes P the steady variance.
     """
-    walk = params.bias_walk_rad_s**2 * dt_s / BIAS_WALK_TIME_S
+    walk = params.bias_walk_rad_s**2 * dt_s / WALK_S
     tau_s = params.gravity_tau_s
     at_rest = params.bias_rest_sigma_rad_s**2
     moving = params.bias_motion_sigma_rad_s**2
@@ -44,7 +43,7 @@ def coefficients(params: ConditioningParams, dt_s: float, factor: float) -> Coef
         gravity=low_pass(tau_s, dt_s),
         best=low_pass(factor * tau_s, dt_s),
         gravity_share=1.0 - exp(-dt_s / tau_s),
-        quick_share=1.0 - exp(-dt_s / params.turn_moving_tau_s),
+        quick_share=1.0 - exp(-dt_s / params.turn_time_s),
         bias_growth=walk,
         rest_noise=at_rest * at_rest / walk + at_rest,
         motion_noise=moving * moving / walk + moving,

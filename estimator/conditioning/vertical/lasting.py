@@ -12,16 +12,13 @@ is less, the vertical is wrong, by an angle of that cosine.
 from typing import NamedTuple
 
 from estimator.compilation.compiled import inlined
-from estimator.conditioning.vertical.lowpass import USUAL_S, approach
+from estimator.conditioning.times import LATELY_S, USUAL_S
+from estimator.conditioning.vertical.lowpass import approach
 from estimator.geometry.quaternion import angle_between_vectors, dot, norm, square
 from estimator.types import STANDARD_GRAVITY_M_S2, ZERO_VEC3, Vec3
 
-# Such accelerations last for so long (s).
-ACCELERATION_LASTS_S = 3.0
 # Before anything is seen they turn the force by as much (rad^2).
 PRIOR_VARIANCE = 0.02
-# Averaging (s) of the force along the vertical.
-ALONG_S = 10.0
 # By so much an accelerometer's 1 g may be off, as a share.
 SCALE_ERROR = 0.03
 # An angle counts up to this, rad^2.
@@ -36,7 +33,7 @@ class Lasting(NamedTuple):
     drift: float = 0.0  # and usually, rad^2
     excess: float = 0.0  # by which the force's square exceeds that of gravity, as a share of it
     long: Vec3 = ZERO_VEC3  # long mean of the force (minus it, in G), m/s^2
-    along: float = 1.0  # mean force along the vertical over ``ALONG_S``, as a share of gravity
+    along: float = 1.0  # mean force along the vertical over ``LATELY_S``, as a share of gravity
 
 
 @inlined
@@ -82,5 +79,5 @@ def watch_lasting(
         drift=state.drift + b * (lag - state.drift),
         excess=state.excess + b * (excess - state.excess),
         long=long,
-        along=state.along + dt_s / (ALONG_S + dt_s) * (along - state.along),
+        along=state.along + dt_s / (LATELY_S + dt_s) * (along - state.along),
     )

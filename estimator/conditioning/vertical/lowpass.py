@@ -6,10 +6,6 @@ from typing import NamedTuple
 from estimator.compilation.compiled import inlined
 from estimator.types import ZERO_VEC3, Vec3
 
-# Averaging (s) of mean squares that say how much something usually scatters: the size
-# of force and field, the heading's residual, and what betrays accelerations that last.
-USUAL_S = 20.0
-
 
 class LowPass(NamedTuple):
     """Coefficients for one time step."""

@@ -9,6 +9,7 @@ from typing import NamedTuple
 
 from estimator.compilation.compiled import inlined
 from estimator.conditioning.params import ConditioningParams
+from estimator.conditioning.times import WALK_S
 from estimator.conditioning.vertical.bias import clip
 from estimator.conditioning.vertical.coefficients import Coefficients
 from estimator.conditioning.vertical.gravity import GravityState
@@ -19,8 +20,6 @@ from estimator.types import ZERO_VEC3, Vec2, Vec3
 # The scale error of a small gyroscope, and the largest that is believed.
 SCALE_SIGMA = 0.005
 MOST_SCALE = 0.02
-# Time (s) in which it may be another: about another axis.
-WALK_S = 100.0
 # What else levelling undoes: a white rate of this density, (rad/s)^2 s.
 LEVELLING_NOISE = 3e-3
 

@@ -9,14 +9,13 @@ from typing import NamedTuple
 
 from estimator.compilation.compiled import inlined
 from estimator.conditioning.params import ConditioningParams
+from estimator.conditioning.times import LATELY_S
 from estimator.conditioning.vertical.lowpass import approach
 from estimator.conditioning.vertical.rest import RestState
 from estimator.geometry.quaternion import add, cross, dot, scale, square, subtract, unit
 from estimator.types import ZERO_VEC3, Vec2, Vec3
 
-# The time (s) over which the vectors are compared, and by how much (rad) noise and a bent field
-# turn them meanwhile.
-STILL_S = 10.0
+# By how much (rad) noise and a bent field turn the vectors while they are compared.
 STILL_RAD = 0.004
 # A share of two undoes a bias that was taken from a turn.
 MOST_TURNING = 2.0
@@ -25,7 +24,7 @@ MOST_TURNING = 2.0
 class Stillness(NamedTuple):
     """What gravity and field say of a vehicle that seems to rest.
 
-    The means are over ``STILL_S``, turned in the body as they should be if the known bias is right.
+    The means are of ``LATELY_S``, turned in the body as they should be if the known bias is right.
     """
 
     field: Vec3 = ZERO_VEC3  # low-passed, in its own unit, FRD
@@ -66,7 +65,7 @@ def watch_stillness(
     if not rest.resting:
         return Stillness(smooth, wait_s, direction(smooth), down, ZERO_VEC3, ZERO_VEC3, ZERO_VEC3)
     mean_down = mean_after(before.mean_down, down, rate, dt_s)
-    shown = scale(STILL_S / (STILL_S + dt_s), add(before.shown, scale(dt_s, rate)))
+    shown = scale(LATELY_S / (LATELY_S + dt_s), add(before.shown, scale(dt_s, rate)))
     seen_field = direction(smooth) if wait_s <= params.rest_time_s else ZERO_VEC3
     unexpected, about_down = turn_between(mean_down, down, mean_field, seen_field)
     seen = add(shown, unexpected)
@@ -80,7 +79,7 @@ def watch_stillness(
 def mean_after(mean: Vec3, v: Vec3, rate: Vec3, dt_s: float) -> Vec3:
     """The mean of a direction, turned as a body does that turns at ``rate``, with ``v``."""
     turned = subtract(mean, scale(dt_s, cross(rate, mean)))
-    return approach(turned, v, dt_s / (STILL_S + dt_s))
+    return approach(turned, v, dt_s / (LATELY_S + dt_s))
 
 
 @inlined

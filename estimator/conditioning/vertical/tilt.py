@@ -14,8 +14,7 @@ from typing import NamedTuple
 from estimator.compilation.compiled import inlined
 from estimator.compilation.replacing import replacer
 from estimator.conditioning.params import ConditioningParams
-from estimator.conditioning.vertical.lasting import ACCELERATION_LASTS_S
-from estimator.conditioning.vertical.lowpass import USUAL_S
+from estimator.conditioning.times import ACCELERATION_LASTS_S, USUAL_S
 from estimator.conditioning.vertical.rate import slow_share
 from estimator.geometry.quaternion import angle_between_vectors, dot, norm, square, subtract
 from estimator.types import ZERO_VEC3, Between, Vec2, Vec3
@@ -207,12 +206,12 @@ def force_after_turn(params: ConditioningParams, doubt: float, wander: float, dt
     """The doubt that a reading of the force leaves, and a Kalman filter's share of that reading.
 
     ``doubt`` (rad^2) is the variance that an unsensed turn has given the vertical. ``wander`` is
-    how far the mean of ``turn_moving_tau_s`` usually is off, so a reading's
+    how far the mean of ``turn_time_s`` usually is off, so a reading's
     noise, were it white, is R = wander 2 tau/dt: it holds for a hand's quick accelerations and
     a vehicle's slow ones alike. K = D/(D + R), D <- (1 - K) D. Once the low-pass is as quick,
     both are zero.
     """
-    noise = (wander + LEAST_WANDER) * 2.0 * params.turn_moving_tau_s / dt_s
+    noise = (wander + LEAST_WANDER) * 2.0 * params.turn_time_s / dt_s
     share = doubt / (doubt + noise)
     if share <= dt_s / params.gravity_tau_s:
         return 0.0, 0.0

@@ -30,6 +30,8 @@ from estimator.aiding.types import (
 )
 from estimator.aiding.uncertainty import sigmas
 from estimator.conditioning.field.magnetic import FieldLook
+from estimator.conditioning.field.robust import HEADING_REACH_RAD
+from estimator.conditioning.times import ACCELERATION_LASTS_S
 from estimator.geometry.quaternion import multiply, normalize
 from estimator.types import NOTHING_BETWEEN, ZERO_VEC3, Between, Sample
 from tests.estimator.aiding.dense_filter import (
@@ -291,7 +293,7 @@ def test_field(seed, is_known, unfelt_rad):
     h[three(TURN)] = [-c * F[2] / H, -s * F[2] / H, 1.0]
     noise = p.heading_noise**2 / (dt * after.look.confidence)
     heading = h @ P @ h
-    noise *= (1.0 + angle**2 / (p.heading_reach_rad**2 + 9.0 * heading)) ** 2
+    noise *= (1.0 + angle**2 / (HEADING_REACH_RAD**2 + 9.0 * heading)) ** 2
     is_near = along @ F >= 0.5 * abs(across @ F)
     dense, off = Dense(P.copy(), x0.copy()), -(across @ F) / H
     if not is_near and P[TURN + 2, TURN + 2] > 0.35**2:
@@ -341,7 +343,7 @@ def test_unaided_gravity(seed, slow):
         noise = (0.1**2 * (1.0 / dt) + 0.2**2 * (3.0 / dt)) / 0.6
     else:
         unaided.observe_unaided(PARAMS, now, gravity_b, x, dt)
-        turn, noise = 1.0, PARAMS.unaided_sigma_rad**2 * PARAMS.unaided_tau_s / dt
+        turn, noise = 1.0, PARAMS.unaided_sigma_rad**2 * ACCELERATION_LASTS_S / dt
     dense = Dense(P.copy(), x0.copy())
     # the turn that takes down to where it was seen points along d x down
     for axis, innovation in ((1, -turn * d[0]), (0, turn * d[1])):

@@ -26,6 +26,7 @@ from estimator.aiding.types import (
     Surroundings,
 )
 from estimator.conditioning.field.magnetic import FieldLook
+from estimator.conditioning.times import ACCELERATION_LASTS_S
 from estimator.geometry.frames import from_euler_rad
 from estimator.geometry.quaternion import exp, multiply, normalize, rotate, rotate_inverse
 from estimator.types import ZERO_VEC3, Sample
@@ -223,7 +224,7 @@ def test_unaided_gravity_counts_as_one_measurement_in_its_correlation_time(monke
     for dt in (0.02, 0.25):
         noises.clear()
         unaided.observe_unaided(PARAMS, now, (0.0, 0.0, 1.0), np.zeros(SIZE), dt)
-        weight = PARAMS.unaided_tau_s / dt / noises[0]
+        weight = ACCELERATION_LASTS_S / dt / noises[0]
         assert weight == pytest.approx(1.0 / PARAMS.unaided_sigma_rad**2)
 
 

@@ -62,7 +62,7 @@ def after(
         jump = JumpSigns(quick=field_g, quick_norm=float(np.linalg.norm(field_g)))
         force = rotate(q_g, rotate(conjugate(q_true), (0.0, 0.0, 9.8)))
         slow = approach(slow, force, DT_S / PARAMS.gravity_tau_s)
-        quick = approach(quick, force, DT_S / PARAMS.turn_moving_tau_s)
+        quick = approach(quick, force, DT_S / PARAMS.turn_time_s)
         step = step_of(q_g, rate, bias=bias, down=slow, quick=quick)
         signs = carry_axes(signs, step, DT_S)
         signs = watch_axes(signs, step, jump, LEARNT, 0.477, wander, DT_S)

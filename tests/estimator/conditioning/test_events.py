@@ -32,9 +32,10 @@ from estimator.conditioning.events.jump_signs import (
 from estimator.conditioning.events.proof import TurnSigns
 from estimator.conditioning.field.calibration import Calibration
 from estimator.conditioning.field.magnetic import FieldLook, FieldReference, MagneticState
+from estimator.conditioning.times import USUAL_S
 from estimator.conditioning.vertical.bias import Estimate
 from estimator.conditioning.vertical.gravity import Force, GravityState
-from estimator.conditioning.vertical.lowpass import USUAL_S, Smooth
+from estimator.conditioning.vertical.lowpass import Smooth
 
 PARAMS = ConditioningParams()
 ZERO = (0.0, 0.0, 0.0)

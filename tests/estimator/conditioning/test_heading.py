@@ -8,6 +8,7 @@ import pytest
 from estimator.conditioning import ConditioningParams, initial_state
 from estimator.conditioning.field.heading import heading_noise, learn_heading
 from estimator.conditioning.field.magnetic import FieldLook
+from estimator.conditioning.field.robust import HEADING_REACH_RAD
 from estimator.conditioning.vertical.bias import predict
 from estimator.conditioning.vertical.coefficients import coefficients
 
@@ -65,7 +66,7 @@ def test_learning_is_a_kalman_filter_of_bias_and_heading():
         residual = rng.normal(0.02, 0.05)
         r = PARAMS.heading_noise_rad2_s * (1.0 + PARAMS.heading_early_s / (1.0 + OLD_S))
         r = (r + PARAMS.heading_doubt_noise_rad2_s * (1.0 / 0.8 - 1.0)) / DT
-        r *= (1.0 + residual**2 / (PARAMS.heading_reach_rad**2 + 9.0 * p[3, 3])) ** 2
+        r *= (1.0 + residual**2 / (HEADING_REACH_RAD**2 + 9.0 * p[3, 3])) ** 2
         gain = p[:, 3] / (p[3, 3] + r)
         x -= gain * residual
         p -= np.outer(gain, p[3])

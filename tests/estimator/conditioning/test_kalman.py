@@ -11,6 +11,7 @@ from estimator.conditioning import ConditioningParams, initial_state
 from estimator.conditioning.field.calibration import Calibration, correct_field, learn_calibration
 from estimator.conditioning.field.heading import heading_noise, learn_heading
 from estimator.conditioning.field.magnetic import FieldLook
+from estimator.conditioning.field.robust import HEADING_REACH_RAD
 from estimator.conditioning.vertical.bias import (
     Estimate,
     Lagged,
@@ -134,7 +135,7 @@ def test_the_fields_heading_tells_heading_and_bias(seed):
     off, leaning = float(rng.uniform(-0.4, 0.4)), float(rng.uniform(0.0, 0.01))
     x, p = vector_of(before)
     noise = heading_noise(PARAMS, field, 0.8) / DT + leaning * (0.42 / 0.2) ** 2
-    noise *= (1.0 + off**2 / (PARAMS.heading_reach_rad**2 + 9.0 * p[3, 3])) ** 2
+    noise *= (1.0 + off**2 / (HEADING_REACH_RAD**2 + 9.0 * p[3, 3])) ** 2
     after = learn_heading(PARAMS, before, field, (0.2, 0.2 * off), 0.8, DT, leaning)
     h = np.array([[0.0, 0.0, 0.0, 1.0]])
     assert_is(after, *updated(x, p, h, np.array([-off]), [noise]))

@@ -1,0 +1,18 @@
+"""The times over which the estimate averages and remembers: the same time has the same name."""
+
+# Low-pass of the field's norm and dip, s. Small: noise counts, large: magnets are noticed late.
+FIELD_S = 0.05
+# Of samples further apart (s) what turned in between is mostly missed: one tells no own field, and
+# is a sign of no more than this, so that several in a row have to agree.
+LONGEST_STEP_S = 0.15
+# Accelerations that the mean force does not average out, and slips of wheels, last for so long, s.
+ACCELERATION_LASTS_S = 3.0
+# What is compared with now, s: accelerations, a wandering field, where gravity and field stood.
+LATELY_S = 10.0
+# Mean squares that say how much something usually scatters, s: the size of force and field, the
+# heading's residual, and what betrays accelerations that last.
+USUAL_S = 20.0
+# What is remembered, s: headings that were given up, how well means of the force agree.
+LONG_S = 60.0
+# The growth of a variance that wanders is told for this time, s.
+WALK_S = 100.0
