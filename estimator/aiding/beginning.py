@@ -38,6 +38,7 @@ from estimator.aiding.types import (
     Wheels,
 )
 from estimator.conditioning.field.magnetic import FieldLook
+from estimator.conditioning.vertical.tilt import HOLE_S
 from estimator.geometry.quaternion import add, rotate, subtract
 from estimator.types import IDENTITY, NO_SAMPLE, ZERO_VEC3, Quaternion, Sample, Vec3
 
@@ -47,8 +48,6 @@ UNHEARD = Agreement(
     wait_s=0.0,
     doubt_s=0.0,
 )
-# Stands for the step before the first one: steps this long teach nothing about lags.
-FIRST_STEP_S = 1.0
 
 
 def begin(
@@ -96,7 +95,7 @@ def begin(
             gyr_before_rad_s=sample.gyr_rad_s,
             force_ned_m_s2=rotate(q_ned_frd, sample.acc_m_s2),
             rate_rad_s=subtract(sample.gyr_rad_s, gyr_bias),
-            dt_s=FIRST_STEP_S,
+            dt_s=HOLE_S,
         ),
         field=FieldState(
             look=FieldLook(horizontal=0.0, down=0.0, confidence=1.0),

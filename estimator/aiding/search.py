@@ -20,6 +20,7 @@ from estimator.aiding.surprise import MEMORY_S
 from estimator.aiding.types import Array, Report
 from estimator.compilation.compiled import inlined
 from estimator.compilation.replacing import replacer
+from estimator.conditioning.times import SPAN_S
 from estimator.filter.alignment import nearest_rotation, quaternion_from_matrix
 from estimator.geometry.quaternion import (
     add,
@@ -34,8 +35,6 @@ from estimator.types import STANDARD_GRAVITY_M_S2, ZERO_VEC3, Quaternion, Vec3
 
 Matrix = tuple[Vec3, Vec3, Vec3]  # row by row
 
-# A shorter window has mostly the reports' noise, in a longer one the gyroscope drifts.
-WINDOW_S = 1.0
 # Reports that are further apart say too little about the velocity in between.
 LONGEST_WINDOW_S = 3.0
 # Sum of squared velocity changes, (m/s)^2, that must stand across every axis.
@@ -157,7 +156,7 @@ def add_report(
         return Search(opened, search.evidence), False
     if time_s > LONGEST_WINDOW_S:
         return Search(opened, fade(search.evidence, time_s)), False
-    if time_s < WINDOW_S:
+    if time_s < SPAN_S:
         return search, False
     change = subtract(report.velocity_ned_m_s, window.velocity_ned_m_s)
     vertical = change[2] if report.has_vertical else 0.0

@@ -11,17 +11,12 @@ much less.
 from estimator.aiding.inertial import bend
 from estimator.aiding.types import TURN, VELOCITY, AidingParams, AidingState, Array, Roughness
 from estimator.compilation.compiled import inlined
+from estimator.conditioning.times import LATELY_S, LONGEST_STEP_S
 from estimator.conditioning.vertical.rate import slow_share
 from estimator.conditioning.vertical.tilt import HOLE_RAD_S, HOLE_S
 from estimator.geometry.quaternion import dot, subtract
 from estimator.types import Sample, Vec3
 
-# For so long (s) readings count.
-MEMORY_TAU_S = 3.0
-# Their part beside the latest one's: one even pair may be chance.
-MEMORY = 0.8
-# The step (s) at which half of what can be missed is missed.
-HALF_MISSED_S = 0.12
 # Second differences' mean square over the first ones', of independent readings.
 INDEPENDENT = 3.0
 # A smooth motion's readings have half of that and more at turns; the power leaves them out.
@@ -58,9 +53,9 @@ def add_unseen_turn(
     slow = slow_share(seen_s)
     if slow <= 0.0:
         return
-    share = params.unseen_turn_noise * seen_s / (seen_s + HALF_MISSED_S)
+    share = params.unseen_turn_noise * seen_s / (seen_s + LONGEST_STEP_S)
     now = dot(bent, bent)
-    square = max(now, (1.0 - MEMORY) * now + MEMORY * rough.bent)
+    square = max(now, rough.bent)  # one even pair may be chance
     likeness = min(1.0, rough.bent / (INDEPENDENT * rough.changed + LEAST_SQUARE))
     variance = slow * share * share * likeness**SHARPNESS * square * dt * seen_s / 3.0
     for i in range(TURN, TURN + 3):
@@ -81,7 +76,7 @@ def add_hole(P: Array, dt: float) -> None:
 @inlined
 def watch_roughness(rough: Roughness, bent: Vec3, change: Vec3, dt: float) -> Roughness:
     """With one more reading."""
-    share = dt / (MEMORY_TAU_S + dt)
+    share = dt / (LATELY_S + dt)
     return Roughness(
         bent=rough.bent + share * (dot(bent, bent) - rough.bent),
         changed=rough.changed + share * (dot(change, change) - rough.changed),

@@ -18,15 +18,16 @@ from typing import NamedTuple
 from estimator.aiding.search import (
     EMPTY_SEARCH,
     LONGEST_WINDOW_S,
-    WINDOW_S,
     Window,
     extend_window,
     open_window,
 )
+from estimator.aiding.surprise import USUAL_SQUARE
 from estimator.aiding.types import AidingEstimate, AidingState, Report, Sigmas
 from estimator.compilation.compiled import inlined
 from estimator.compilation.replacing import replacer
 from estimator.conditioning.field.magnetic import LEAST_HORIZONTAL
+from estimator.conditioning.times import LONG_S, SPAN_S
 from estimator.filter.kernel import follow_rate
 from estimator.geometry.quaternion import (
     conjugate,
@@ -43,14 +44,6 @@ from estimator.geometry.quaternion import (
 )
 from estimator.types import IDENTITY, STANDARD_GRAVITY_M_S2, ZERO_VEC3, Quaternion, Sample, Vec3
 
-# The turns that the measurements ask for are averaged over these times (s). Small: noise stands
-# out; large: a fault is noticed late.
-TILT_TAU_S = 1.0
-HEADING_TAU_S = 2.0
-# How far they usually lie apart is learnt over this time (s); one average counts for at most so
-# many times what was usual before, in squares: a fault is nothing usual.
-USUAL_TAU_S = 120.0
-MOST_UNUSUAL = 4.0
 # What a window's change of velocity may be off (m/s): always; for each m/s^2 by which the force is
 # another one at its end (a delay in s); and of the push itself for each radian turned (scale
 # errors). A window counts as far as that is little beside a second of gravity.
@@ -125,14 +118,14 @@ with_error = replacer(Witness, "error", "error_rate_1_s")
 
 
 @inlined
-def average(apart: Apart, north_rad: float, east_rad: float, time_s: float, tau_s: float) -> Apart:
-    """One more turn that was asked for, over ``time_s``."""
-    share = time_s / (tau_s + time_s)
+def average(apart: Apart, north_rad: float, east_rad: float, time_s: float) -> Apart:
+    """One more turn that was asked for, over ``time_s``: a fault is nothing usual."""
+    share = time_s / (SPAN_S + time_s)
     north = apart.mean_north_rad + share * (north_rad - apart.mean_north_rad)
     east = apart.mean_east_rad + share * (east_rad - apart.mean_east_rad)
     usual = apart.usual_square
-    square = min(north * north + east * east, MOST_UNUSUAL * usual)
-    usual += time_s / (USUAL_TAU_S + time_s) * (square - usual)
+    square = min(north * north + east * east, USUAL_SQUARE * usual)
+    usual += time_s / (LONG_S + time_s) * (square - usual)
     return Apart(north, east, usual)
 
 
@@ -165,7 +158,7 @@ def hear_sample(witness: Witness, aided: AidingState, sample: Sample) -> Witness
     tilt, force = witness.tilt, witness.force
     force_wait_s = witness.force_wait_s + dt
     if force_wait_s > LONGEST_WINDOW_S:
-        keep = real_exp(-dt / TILT_TAU_S)
+        keep = real_exp(-dt / SPAN_S)
         tilt = Apart(keep * tilt.mean_north_rad, keep * tilt.mean_east_rad, tilt.usual_square)
         force = Direction(force.g, force.ned, 0.0)
     turned_rad = witness.turned_rad + dt * norm(aided.last.rate_rad_s)
@@ -193,7 +186,7 @@ def hear_report(witness: Witness, estimate: AidingEstimate, report: Report) -> W
     continues = window.is_open and is_receiver == witness.by_receiver
     force, tilt, force_wait_s = witness.force, witness.tilt, witness.force_wait_s
     turned_rad = 0.0
-    if continues and time_s < WINDOW_S:
+    if continues and time_s < SPAN_S:
         opened, turned_rad = window, witness.turned_rad
     elif continues and time_s <= LONGEST_WINDOW_S:
         pushed = subtract(window.pushed_m_s, opened.pushed_m_s)
@@ -205,7 +198,7 @@ def hear_report(witness: Witness, estimate: AidingEstimate, report: Report) -> W
         share = share_of(window, norm(pushed), time_s, witness.turned_rad)
         turn = scale(share, turn_between(seen, expected))
         force = Direction(unit(pushed), unit(expected), share)
-        tilt = average(tilt, turn[0], turn[1], time_s, TILT_TAU_S)
+        tilt = average(tilt, turn[0], turn[1], time_s)
         force_wait_s = 0.0
     witness = with_motion(witness, witness.q_g_frd, opened, turned_rad)
     witness = with_force(witness, force_wait_s, force, tilt)
@@ -252,7 +245,7 @@ def hear_field(witness: Witness, aided: AidingState, sample: Sample) -> Witness:
     off = share * atan2(F[0] * E[1] - F[1] * E[0], F[0] * E[0] + F[1] * E[1])
     wait = min(witness.field_wait_s, 1.0)
     seen = Direction(unit(rotate(witness.q_g_frd, m)), unit(E), share)
-    return with_field(witness, 0.0, seen, average(witness.heading, off, 0.0, wait, HEADING_TAU_S))
+    return with_field(witness, 0.0, seen, average(witness.heading, off, 0.0, wait))
 
 
 @inlined

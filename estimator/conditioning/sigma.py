@@ -10,15 +10,15 @@ from estimator.conditioning.field.heading import north_east, wrap_angle
 from estimator.conditioning.field.magnetic import MagneticState, has_heading, steepness
 from estimator.conditioning.params import ConditioningParams
 from estimator.conditioning.times import LONG_S
+from estimator.conditioning.vertical.bias import SETTLED_HEADING_RAD
 from estimator.conditioning.vertical.gravity import heading_frame
 from estimator.conditioning.vertical.rate import following_weight
 from estimator.conditioning.vertical.step import VerticalState
+from estimator.conditioning.vertical.stillness import LEAST_DIRECTION_RAD
 from estimator.conditioning.vertical.tilt import slowness, weighing
 from estimator.geometry.quaternion import rotate
 from estimator.types import Vec2
 
-# The least of the inclination's sigma, rad: an accelerometer's own.
-SIGMA_STEADY_RAD = 0.0052
 # What a measured mean square counts as a variance: of the force's size, as a share of gravity,
 # about the inclination; of the field's scatter, and of its norm and dip, about the heading.
 MEASURED_SQUARE = 2.0
@@ -34,10 +34,6 @@ SIGMA_BENT_SQUARE = 0.6
 STILL_RIVAL = 0.15
 # Mean square of how far norm and dip are off, as shares and angles, by noise alone.
 EVEN_SQUARE = 0.03**2
-# The least, of a field that is a little bent everywhere.
-SIGMA_FIELD_RAD = 0.005
-# A heading whose own sigma is under this (rad) is as good as the field that it was learnt from.
-SIGMA_SETTLED_RAD = 0.3
 # Without a field for so long (s) there is no confidence in it any more, and the heading is as good
 # as the gyroscope, which P knows.
 ABSENT_S = 2.0
@@ -94,7 +90,7 @@ def sigma_inclination(
     slow, carried = slow_and_carried(params, vertical.coefficients.dt_s)
     measured = max(signs.apart, LOW_PASS_SHARE * vertical.averaging.variance)
     measured += MEASURED_SQUARE * signs.uneven
-    known = SIGMA_STEADY_RAD**2 + vertical.doubt
+    known = LEAST_DIRECTION_RAD**2 + vertical.doubt
     force = vertical.gravity.force
     by_itself = LOW_PASS_SHARE * reckoned
     by_itself += CONTRADICTED_SQUARE * turn_of(force.quick, force.best.value) ** 2
@@ -162,9 +158,9 @@ def sigma_heading(
     slow, carried = slow_and_carried(params, vertical.coefficients.dt_s)
     leaning = vertical.doubt + carried * LOW_PASS_SHARE * vertical.tilt.variance
     bent = steep * (SIGMA_BENT_SQUARE * signs.gravity.uneven + 0.5 * leaning)
-    lasting += SIGMA_FIELD_RAD**2 + bent + events.doubt.variance
+    lasting += LEAST_DIRECTION_RAD**2 + bent + events.doubt.variance
     uneven = max(0.0, magnetic.reference.uneven - EVEN_SQUARE)
     lasting += MEASURED_SQUARE * (1.0 + steep) * uneven
     counts = max(slow, min(1.0, magnetic.wait_s / ABSENT_S))
-    own = p * (counts + (1.0 - counts) * p / (p + SIGMA_SETTLED_RAD**2))
+    own = p * (counts + (1.0 - counts) * p / (p + SETTLED_HEADING_RAD**2))
     return sqrt(own + lasting)

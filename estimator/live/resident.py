@@ -31,7 +31,8 @@ from estimator.aiding.types import NO_REPORT, SIZE
 from estimator.aiding.witness import compare, hear_report, watch
 from estimator.compilation.compiled import compiled, inlined
 from estimator.conditioning import Conditioned, ConditioningParams, condition
-from estimator.conditioning.events.axis_signs import SPAN_S, errors_squared
+from estimator.conditioning.events.axis_signs import errors_squared
+from estimator.conditioning.times import SPAN_S
 from estimator.conditioning.vertical.rate import slow_share
 from estimator.conditioning.vertical.tilt import HOLE_S
 from estimator.filter import kernel

@@ -14,8 +14,8 @@ from scipy.linalg import solveh_banded
 from estimator.conditioning.field.magnetic import FieldReference, norm_of, steepness
 from estimator.conditioning.field.robust import HEADING_REACH_RAD, LEAST_CONFIDENCE
 from estimator.conditioning.params import ConditioningParams
-from estimator.conditioning.sigma import SIGMA_FIELD_RAD
 from estimator.conditioning.vertical.averaging import WINDOW_S
+from estimator.conditioning.vertical.stillness import LEAST_DIRECTION_RAD
 from estimator.live.rows import Flags, Floats
 from estimator.smoothing.field import Field
 from estimator.smoothing.path import Path
@@ -125,4 +125,4 @@ def lasting(params: ConditioningParams, off: Floats, known: Flags, leaning: Floa
     count = max(1, round(params.turn_heading_tau_s / WINDOW_S))
     off = filled(off[:, None], known)[:, 0]
     square = running_mean(running_mean(off, count) ** 2, round(params.heading_tau_s / WINDOW_S))
-    return np.asarray(LASTING_SHARE * (square + leaning) + SIGMA_FIELD_RAD**2)
+    return np.asarray(LASTING_SHARE * (square + leaning) + LEAST_DIRECTION_RAD**2)

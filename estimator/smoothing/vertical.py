@@ -7,7 +7,6 @@ from typing import NamedTuple
 
 import numpy as np
 
-from estimator.conditioning.sigma import SIGMA_STEADY_RAD
 from estimator.conditioning.vertical.averaging import (
     OCTAVES,
     TAU_SHARE,
@@ -16,6 +15,7 @@ from estimator.conditioning.vertical.averaging import (
     Octave,
     best_window,
 )
+from estimator.conditioning.vertical.stillness import LEAST_DIRECTION_RAD
 from estimator.estimator import Estimator
 from estimator.live.rows import Floats
 from estimator.smoothing.path import Path
@@ -38,7 +38,7 @@ def level(last: Estimator, windows: Windows, path: Path, down_g: Floats) -> Vert
     rate_g, _ = windows.means(rotate(path.q_g_frd, path.rate_rad_s))
     length_s = best_length_s(last, felt, WINDOW_S * rate_g)
     down = low_passed(felt, TAU_SHARE * length_s)
-    variance = SIGMA_STEADY_RAD**2 + local_variance(felt, max(1, round(length_s / WINDOW_S)))
+    variance = LEAST_DIRECTION_RAD**2 + local_variance(felt, max(1, round(length_s / WINDOW_S)))
     q = multiply(shortest_to_down(unit(windows.at(path.time_s, down))), path.q_g_frd)
     return Vertical(q, np.sqrt(windows.at(path.time_s, variance)), variance)
 

@@ -30,11 +30,12 @@ from estimator.conditioning.field.magnetic import (
 )
 from estimator.conditioning.field.robust import LEAST_CONFIDENCE, REACH_SQUARE, residual_factor
 from estimator.conditioning.times import FIELD_S, LONG_S, WALK_S
+from estimator.conditioning.vertical.bias import SETTLED_HEADING_RAD
 from estimator.geometry.quaternion import cross, dot, exp, multiply, norm, rotate, scale, subtract
 from estimator.types import ZERO_VEC3, Sample, Vec3
 
-# The residual of the heading is low-passed with the first, its square averaged over the second
-# time; a single residual counts up to RESIDUAL_CLIP_RAD.
+# The residual of the heading is low-passed with this time (s), its square averaged over LONG_S; a
+# single residual counts up to RESIDUAL_CLIP_RAD.
 RESIDUAL_TAU_S = 5.0
 RESIDUAL_CLIP_RAD = 0.2
 # Before anything is known about the place's field its parts are uncertain by this share of it.
@@ -42,8 +43,6 @@ FIRST_SIGMA = 0.2
 # How well a model knows a declination, rad. Its error is the same all the time, so the samples of
 # one such time together count as one measurement.
 DECLINATION_SIGMA_RAD = 0.01
-# A heading this uncertain (rad, 1 sigma) is taken from the field as an angle, not linearly.
-LINEAR_SIGMA_RAD = 0.35
 
 with_wait = replacer(FieldState, "wait_s")
 with_look = replacer(FieldState, "look", "samples", "wait_s")
@@ -227,7 +226,8 @@ def observe_heading(
     expected = expected_variance(P, across, 0.0)
     noise *= residual_factor(angle, expected)
     is_near = F_along >= 0.5 * abs(F_across)
-    if not is_near and P[TURN + 2, TURN + 2] > LINEAR_SIGMA_RAD**2:
+    # what is linear in the angle does not hold
+    if not is_near and P[TURN + 2, TURN + 2] > SETTLED_HEADING_RAD**2:
         across = angle_row(R, F, dF, E)
         off = -angle
     learn(P, x, across, off, noise)

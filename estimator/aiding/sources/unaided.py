@@ -8,12 +8,9 @@ from estimator.aiding.covariance import learn
 from estimator.aiding.inertial import Prediction
 from estimator.aiding.types import SIZE, TURN, AidingParams, Array
 from estimator.compilation.compiled import inlined
-from estimator.conditioning.times import ACCELERATION_LASTS_S
+from estimator.conditioning.times import ACCELERATION_LASTS_S, SPAN_S
 from estimator.geometry.quaternion import rotate
 from estimator.types import Vec3
-
-# Of slow streams the unaided gravity's own error lasts for so long (s).
-SLOW_UNAIDED_TAU_S = 1.0
 
 
 @inlined
@@ -55,7 +52,7 @@ def observe_slow_unaided(
     d = rotate(now.estimate.q_ned_frd, gravity_b)
     level = hypot(d[0], d[1])
     turn = atan2(level, d[2]) / level if level > 0.0 else 1.0
-    noise = sigma_rad**2 * max(1.0, SLOW_UNAIDED_TAU_S / dt)
+    noise = sigma_rad**2 * max(1.0, SPAN_S / dt)
     noise = (noise + lean_rad**2 * max(1.0, ACCELERATION_LASTS_S / dt)) / slow
     h = np.zeros(SIZE)
     h[TURN + 1] = 1.0

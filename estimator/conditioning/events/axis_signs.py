@@ -12,19 +12,18 @@ from typing import NamedTuple
 
 from estimator.compilation.compiled import inlined
 from estimator.compilation.replacing import replacer
-from estimator.conditioning.events.jump_signs import LEAST_USUAL_RAD, JumpSigns
+from estimator.conditioning.events.jump_signs import JumpSigns
 from estimator.conditioning.field.calibration import Calibration
-from estimator.conditioning.times import LATELY_S, LONG_S
+from estimator.conditioning.times import LATELY_S, LONG_S, SPAN_S
 from estimator.conditioning.vertical.gravity import GravityState
 from estimator.conditioning.vertical.lowpass import approach
 from estimator.conditioning.vertical.step import VerticalStep
+from estimator.conditioning.vertical.stillness import LEAST_DIRECTION_RAD
 from estimator.conditioning.vertical.tilt import LEAST_WANDER
 from estimator.geometry.axes import FrameAxes, axes_of, to_body, to_frame
 from estimator.geometry.quaternion import add, cross, dot, scale, square, subtract, unit
 from estimator.types import ZERO_VEC3, Vec3
 
-# The time (s) over which the field's turn is seen, and in which an axis comes under suspicion.
-SPAN_S = 1.0
 # The ratio that contradicts an axis, which chance reaches once in an hour of independent seconds,
 # and by which one axis' evidence beats another's.
 CONTRADICTION = 16.0
@@ -105,7 +104,7 @@ def watch_axes(
         age_s,
     )
     along = jump.quick_norm / usual_norm - 1.0
-    noise = LEAST_USUAL_RAD**2 + along * along
+    noise = LEAST_DIRECTION_RAD**2 + along * along
     lag = subtract(x, state.turning)
     moved = moved_beyond_bias(state, vertical, axes, y)
     cases = (

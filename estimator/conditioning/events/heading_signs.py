@@ -1,6 +1,6 @@
 """A field that looks as usual and points elsewhere: a turn about the vertical, or steel."""
 
-from math import cos, pi
+from math import cos
 from typing import NamedTuple
 
 from estimator.compilation.compiled import inlined
@@ -9,21 +9,15 @@ from estimator.conditioning.events.duration import duration_s
 from estimator.conditioning.field.magnetic import MagneticState
 from estimator.conditioning.params import ConditioningParams
 from estimator.conditioning.times import LATELY_S, LONG_S, USUAL_S
-from estimator.conditioning.vertical.bias import Estimate
+from estimator.conditioning.vertical.bias import HALF_TURN_VARIANCE, SETTLED_HEADING_RAD, Estimate
 from estimator.geometry.quaternion import direction
 from estimator.types import Vec2
 
-# A heading this uncertain (rad, sigma) follows the field anyway: no sign is needed.
-UNKNOWN_HEADING_SIGMA = pi / 2.0
 # Before anything is known: a field that points 0.7 degrees off, rad^2.
 USUAL_SCATTER = 1.5e-4
-# How far the field points elsewhere is averaged for headings known this well (rad, sigma).
-KNOWN_HEADING_SIGMA = 0.2
 # A mean field that has pointed elsewhere does so still until it is within this share of the angle
 # that told it: meanwhile the heading creeps towards it.
 STILL_OFF = 0.5
-# Within ten degrees the field points again to a heading that was given up.
-SAME_HEADING_COS = 0.985
 
 
 class HeadingSigns(NamedTuple):
@@ -65,14 +59,14 @@ def watch_heading(
     n = state.mean_north + a * (c * north - state.mean_north)
     e = state.mean_east + a * (c * east - state.mean_east)
     w = state.mean_confidence + a * (c - state.mean_confidence)
-    known = estimate.covariance[9] < UNKNOWN_HEADING_SIGMA**2
+    known = 4.0 * estimate.covariance[9] < HALF_TURN_VARIANCE  # else it follows the field anyway
     away = direction(n, e)
     least = params.turn_heading_rad * (STILL_OFF if state.off_s > 0.0 else 1.0)
     off = known and abs(away) > least and w > params.turn_confidence
     borne_s = borne_out(params, state, estimate.heading_rad - away, off, c, dt_s)
     if field.reference.is_new:  # the heading was that of a field that is not believed any more
         borne_s = 0.0
-    b = dt_s / (USUAL_S + dt_s) if estimate.covariance[9] < KNOWN_HEADING_SIGMA**2 else 0.0
+    b = dt_s / (USUAL_S + dt_s) if estimate.covariance[9] < SETTLED_HEADING_RAD**2 else 0.0
     return HeadingSigns(
         mean_north=n,
         mean_east=e,
@@ -100,7 +94,8 @@ def borne_out(
     """
     if not off:
         return min(state.borne_s + confidence * dt_s, params.heading_borne_s)
-    again = state.other_s > 0.0 and cos(by_field_rad - state.other_rad) > SAME_HEADING_COS
+    apart = by_field_rad - state.other_rad
+    again = state.other_s > 0.0 and cos(apart) > cos(params.turn_heading_rad)
     return 0.0 if again else max(0.0, state.borne_s - dt_s)
 
 

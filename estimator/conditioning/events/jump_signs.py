@@ -8,22 +8,19 @@ from estimator.conditioning.field.calibration import Calibration
 from estimator.conditioning.params import ConditioningParams
 from estimator.conditioning.times import LATELY_S
 from estimator.conditioning.vertical.lowpass import approach
+from estimator.conditioning.vertical.stillness import LEAST_DIRECTION_RAD
 from estimator.geometry.quaternion import angle_between_vectors, norm, square
 from estimator.types import ZERO_VEC3, Vec2, Vec3
 
-# The two low-passes of the field in G (s), and the largest part of a jump that lies between them.
+# The two low-passes of the field in G, s.
 JUMP_QUICK_S = 0.1
 JUMP_SLOW_S = 0.5
-JUMP_SHARE = 0.535
 # A reading whose norm is off by more than this share shows no turn: a spike, or a magnet. Both
 # low-passes take it slowly, so that they part no further, and follow a field that stays another.
 SPIKE_SHARE = 0.2
-# In how far they differ usually a moment counts as no more than so many times that, and noise
-# (rad): a jump is not usual because it has come.
+# In how far they differ usually a moment counts as no more than so many times that, and noise: a
+# jump is not usual because it has come, and teaches no calibration.
 MOST_USUAL = 3.0
-LEAST_USUAL_RAD = 0.005
-# A field that turns by so many times what it usually does teaches no calibration.
-SUSPECT_USUAL = 2.5
 
 
 class JumpSigns(NamedTuple):
@@ -75,7 +72,7 @@ def watch_field(
     c = dt_s / (min(LATELY_S, state.age_s) + dt_s)
     apart = turned**2
     if state.age_s > LATELY_S:
-        apart = min(apart, MOST_USUAL**2 * (state.usual + LEAST_USUAL_RAD**2))
+        apart = min(apart, MOST_USUAL**2 * (state.usual + LEAST_DIRECTION_RAD**2))
     return JumpSigns(
         quick=quick,
         slow=slow,
@@ -95,6 +92,14 @@ def watch_field(
 def turn_of(u: Vec3, v: Vec3) -> float:
     """The angle between two vectors, rad; 0 where one has no direction."""
     return angle_between_vectors(u, v) if square(u) > 0.0 and square(v) > 0.0 else 0.0
+
+
+@inlined
+def jump_share() -> float:
+    """The largest part of a jump that lies between the two low-passes."""
+    ratio = JUMP_SLOW_S / JUMP_QUICK_S
+    share: float = ratio ** (-1.0 / (ratio - 1.0)) * (1.0 - 1.0 / ratio)
+    return share
 
 
 @inlined
@@ -121,7 +126,7 @@ def jump_variance(params: ConditioningParams, state: JumpSigns, learnt: Calibrat
     same = is_same_norm(params, state)
     if turned**2 < least or not same or turned <= state.seen_rad:
         return 0.0, state.seen_rad
-    return (turned**2 - state.seen_rad**2) / JUMP_SHARE**2, turned
+    return (turned**2 - state.seen_rad**2) / jump_share() ** 2, turned
 
 
 @inlined
@@ -133,7 +138,7 @@ def looks_turned(params: ConditioningParams, state: JumpSigns) -> bool:
     pass for the vehicle's own field along an axis that has told nothing of it before. A spike
     or a magnet, which change the norm, are no turn.
     """
-    least = params.turn_jump_rad**2 + SUSPECT_USUAL**2 * (state.usual + state.unseen)
+    least = params.turn_jump_rad**2 + MOST_USUAL**2 * (state.usual + state.unseen)
     return state.apart_rad**2 > least and is_same_norm(params, state)
 
 

@@ -16,6 +16,9 @@ from estimator.geometry.quaternion import dot, subtract
 from estimator.types import ZERO_VEC3, Vec2, Vec3
 
 UNKNOWN_HEADING_VARIANCE = 1e4  # rad^2, beyond any angle: the first field sets the heading
+# A heading whose own sigma is under this (rad) is as good as the field that it was learnt from, and
+# what is linear in its error holds.
+SETTLED_HEADING_RAD = 0.3
 HALF_TURN_VARIANCE = pi**2  # rad^2: after a turn of gravity any heading is possible
 
 
