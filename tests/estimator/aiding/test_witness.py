@@ -10,7 +10,6 @@ from estimator.aiding.search import Window
 from estimator.aiding.types import NO_REPORT, Sigmas
 from estimator.aiding.witness import (
     FIRST_TILT_RAD,
-    HEADING_TAU_S,
     NEW_WITNESS,
     Direction,
     compare,
@@ -20,6 +19,7 @@ from estimator.aiding.witness import (
     hear_sample,
     watch,
 )
+from estimator.conditioning.times import SPAN_S
 from estimator.estimator import Estimator
 from estimator.geometry.metrics import batch_angle_errors
 from estimator.geometry.quaternion import exp, multiply, rotate, rotate_inverse
@@ -205,7 +205,7 @@ def test_a_field_is_taken_as_old_as_it_is_and_without_the_iron():
         sample = NO_SAMPLE._replace(gyr_rad_s=GYR, mag=tuple(mag), has_mag=True, dt_s=DT)
         before = NEW_WITNESS._replace(q_g_frd=G, field_wait_s=0.5)
         after = hear_field(before, under_way(q), sample)
-        asked = -0.6 * off_rad * 0.5 / (HEADING_TAU_S + 0.5)
+        asked = -0.6 * off_rad * 0.5 / (SPAN_S + 0.5)
         assert after.heading.mean_north_rad == pytest.approx(asked, abs=1e-12)
         now = matrix(TRUTH).T @ PLACE_GAUSS
         assert after.field.g == pytest.approx(matrix(G) @ now / np.linalg.norm(now))

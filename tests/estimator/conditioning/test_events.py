@@ -23,9 +23,9 @@ from estimator.conditioning.events.heading_signs import (
 )
 from estimator.conditioning.events.jump_signs import (
     JUMP_QUICK_S,
-    JUMP_SHARE,
     JUMP_SLOW_S,
     JumpSigns,
+    jump_share,
     jump_variance,
     watch_field,
 )
@@ -99,7 +99,7 @@ def test_a_jump_is_more_than_what_else_turns_the_field(own, by_turning, share):
     if share < 1.0:
         assert (variance, seen_rad) == (0.0, 0.02)
     else:
-        assert variance == pytest.approx((signs.apart_rad**2 - 0.02**2) / JUMP_SHARE**2)
+        assert variance == pytest.approx((signs.apart_rad**2 - 0.02**2) / jump_share() ** 2)
         assert seen_rad == signs.apart_rad
     told = signs._replace(seen_rad=1.01 * signs.apart_rad)
     assert jump_variance(PARAMS, told, learnt) == (0.0, told.seen_rad)
@@ -227,3 +227,9 @@ def test_gravity_that_pulls_elsewhere_is_timed():
         gravity = state._replace(force=Force(Smooth((0.0, 0.0, 9.8)), quick=quick, age_s=5.0))
         now = watch_gravity(PARAMS, GravitySigns(off_s=0.1), gravity, DT, 0.0, 0.0)
         assert now.off_s == pytest.approx(0.1 + DT if lasts else 0.0)
+
+
+def test_the_share_of_a_jump_is_the_largest_between_its_low_passes():
+    since_s = np.linspace(0.0, 3.0, 100_001)
+    between = np.exp(-since_s / JUMP_SLOW_S) - np.exp(-since_s / JUMP_QUICK_S)
+    assert jump_share() == pytest.approx(between.max(), rel=1e-6)
