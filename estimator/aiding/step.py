@@ -34,6 +34,7 @@ from estimator.aiding.uncertainty import sigmas
 from estimator.aiding.unseen import watch_turning
 from estimator.compilation.compiled import inlined
 from estimator.compilation.replacing import replacer
+from estimator.conditioning.times import SPAN_S
 from estimator.conditioning.vertical.rate import slow_share
 from estimator.types import Sample, Vec3
 
@@ -66,7 +67,7 @@ def aid(
     if slow > 0.0:
         rough = watch_turning(params, state, now.covariance, sample)
         before = known(now.covariance)
-        is_silent = not report.given and wait_s > params.silence_s + dt
+        is_silent = not report.given and wait_s > SPAN_S + dt
         sigma_rad = others.gravity_sigma_rad
         lean_rad = lean_angle(lean, is_silent)
         observe_slow_unaided(now, others.gravity_b, sigma_rad, lean_rad, x, slow, dt)
@@ -77,7 +78,7 @@ def aid(
     before = known(now.covariance)
     if report.given:
         agreement = take_report(params, agreement, now, dt, report, others.gravity_b, x)
-    elif wait_s > params.silence_s:
+    elif wait_s > SPAN_S:
         observe_unaided(params, now, others.gravity_b, x, dt)
     field, wheels, north = wait_for_field(state.field, dt), state.wheels, others.north
     if wheels.field_is_turned:

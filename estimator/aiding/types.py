@@ -55,15 +55,12 @@ class AidingParams(NamedTuple):
     filter_noise_m_s: Speed = 0.05  # of a report by an autopilot's filter
     filter_error_m_s: Speed = 0.2  # its slow error; small: follows it, large: the receiver
     filter_turning_s: Lag = 0.03  # for each m/s^2 of horizontal acceleration, beside that
-    filter_lag_sigma_s: Lag = 0.015  # how far the time that it names may be off
     receiver_noise_m_s: Speed = 0.1  # of a receiver's report
     receiver_error_m_s: Speed = 0.15  # its slow error; small: follows it, large: the filter
     error_tau_s: Time = 5.0  # for so long either's slow error stays the same
     receiver_jitter_s: Lag = 0.005  # by which its age scatters
-    report_sigma_m_s: Speed = 0.3  # sources less accurate than this get more noise
     receiver_lag_s: Lag = 0.1  # of a receiver's reports, where their age is uncertain
     oldest_report_s: Time = 0.5  # older ones come too late
-    silence_s: Time = 1.0  # after so long without one, the unaided gravity helps
     give_up_s: Time = 300.0  # after so long without one, velocity is given up
     doubt_s: Time = 1.5  # after so long with reports far off, too
     field_doubt_s: Time = 4.0  # or a field that looks as usual; small: a magnet that passes ends it
@@ -75,9 +72,8 @@ class AidingParams(NamedTuple):
     # Lags.
     imu_lag_s: Lag = 0.012  # the low-pass of an autopilot's IMU stream
     imu_lag_sigma_s: Lag = 0.004
-    lag_step_s: Lag = 0.1  # IMU steps beyond this tell nothing about lags
     field_lag_s: Lag = 0.045  # of a magnetometer averaged to 10 Hz, when its value changes
-    field_lag_sigma_s: Lag = 0.03
+    lag_sigma_s: Lag = 0.02  # of that, and of the time that an autopilot's filter names
 
     # Magnetic field.
     heading_noise: Noise = radians(3.0)  # rad/sqrt(Hz); small: follows magnets, large: slow
@@ -88,17 +84,12 @@ class AidingParams(NamedTuple):
     field_walk: Noise = 0.005  # share/sqrt(s) by which the place's field may change its strength
 
     # Beginning.
-    begin_heading_sigma_rad: Angle = radians(10.0)
 
     # Published uncertainty, fitted to errors of simulated and recorded flights.
-    colour: Share = 1.5  # errors are slower than white: their sigma against white noise's
-    heading_colour: Share = 1.0
-    bare_heading_colour: Share = 1.6  # that much more without a field: only velocity's slow errors
-    least_scale: Share = 0.23  # of the covariance's sigma, however well the reports agree
-    least_heading_scale: Share = 0.34  # the same for the heading
+    colour: Share = 1.5  # velocity's errors are slower than white: sigma against white noise's
+    least_scale: Share = 0.28  # of the covariance's sigma, however well the reports agree
     scatter_share: Share = 2.3  # of the reports' scatter that is the attitude's, too
-    least_inclination_rad: Angle = radians(0.06)
-    least_heading_rad: Angle = radians(0.09)
+    least_rad: Angle = radians(0.07)  # of sigma
     timing_s: Lag = 0.002  # uncertain age of the IMU sample, times the turn rate
     pushed_rad: Angle = radians(0.15)  # for each g of horizontal acceleration: what reports miss
 

@@ -17,7 +17,7 @@ from estimator.aiding.types import (
 from estimator.compilation.compiled import inlined
 from estimator.conditioning.field.magnetic import deviation, horizontal_down, norm_of
 from estimator.conditioning.field.robust import REACH_SQUARE, robust_factor
-from estimator.conditioning.times import LONGEST_STEP_S
+from estimator.conditioning.times import LONGEST_STEP_S, SPAN_S
 from estimator.geometry.quaternion import norm
 from estimator.types import STANDARD_GRAVITY_M_S2, Vec3
 
@@ -58,11 +58,7 @@ def inclination_sigma(
     """
     scale = params.colour * scatter_scale(params, agreement, params.least_scale)
     variance = 0.5 * (P[TURN, TURN] + P[TURN + 1, TURN + 1])
-    return sqrt(
-        (PLANE_68 * scale) ** 2 * variance
-        + params.least_inclination_rad**2
-        + moving_rad * moving_rad
-    )
+    return sqrt((PLANE_68 * scale) ** 2 * variance + params.least_rad**2 + moving_rad * moving_rad)
 
 
 @inlined
@@ -80,9 +76,9 @@ def heading_sigma(
     ``iron_rad`` is how far hard iron may turn the field. A heading that is no more certain than
     that comes from the field, and how well the reports agree says nothing about it.
     """
-    scale = params.heading_colour * scatter_scale(params, agreement, params.least_heading_scale)
+    scale = scatter_scale(params, agreement, params.least_scale)
     if field.samples == 0.0:
-        scale *= params.bare_heading_colour
+        scale *= params.colour  # by velocity alone
     disagreement = field.residual.square
     if dt > LONGEST_STEP_S:
         disagreement *= (LONGEST_STEP_S / dt) ** 2
@@ -91,7 +87,7 @@ def heading_sigma(
     square = scale * scale
     square += (1.0 - min(1.0, square)) * by_field
     variance = square * heading + disagreement
-    return sqrt(variance + params.least_heading_rad**2 + moving_rad * moving_rad)
+    return sqrt(variance + params.least_rad**2 + moving_rad * moving_rad)
 
 
 @inlined
@@ -142,8 +138,8 @@ def scatter_scale(params: AidingParams, agreement: Agreements, least: float) -> 
     by_filter, by_receiver = agreement.by_filter, agreement.by_receiver
     scatter = by_filter.scatter if by_filter.wait_s <= by_receiver.wait_s else by_receiver.scatter
     square = least * least + params.scatter_share * scatter.innovation
-    if by_receiver.wait_s <= params.silence_s:
+    if by_receiver.wait_s <= SPAN_S:
         square = max(square, unexplained(by_receiver.scatter))
-    if min(by_filter.wait_s, by_receiver.wait_s) > params.silence_s:
+    if min(by_filter.wait_s, by_receiver.wait_s) > SPAN_S:
         square = max(square, 1.0)
     return min(sqrt(square), LARGEST_SCALE)

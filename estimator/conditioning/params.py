@@ -41,11 +41,10 @@ class ConditioningParams(NamedTuple):
     # What a slow step misses of a turn, and how a force's direction scatters.
     step_change_noise: Share = 0.45  # share of a change of rate; small: trusts the gyroscope
     step_change_s: Time = 0.12  # step at which it is half of that; small: doubts the gyroscope
-    step_change_tau_s: Time = 3.0  # for so long past changes count; small: forgets motion
     step_turn_noise_1_s: Share = 0.4  # share of the rate itself, for each second of the step
     force_lasts_s: Time = 0.35  # of accelerations; small: believes the force, large: the gyroscope
-    force_size_noise: Share = 1.0  # rad for a force of twice its size; small: believes the force
     scatter_tau_s: Time = 7.0  # averaging of the scatter; small: jumpy, large: late
+    force_size_noise: Share = 1.0  # rad for a force of twice its size; small: believes the force
 
     # Bias.
     bias_limit_rad_s: Rate = radians(2.0)  # of the bias and of one innovation

@@ -6,7 +6,7 @@ FIELD_S = 0.05
 # is a sign of no more than this, so that several in a row have to agree.
 LONGEST_STEP_S = 0.15
 # Of force, field and velocity the mean of so long (s) is held against another one: in a shorter one
-# is mostly noise, in a longer one the gyroscope drifts.
+# is mostly noise, in a longer one the gyroscope drifts. So long a silence is one.
 SPAN_S = 1.0
 # Accelerations that the mean force does not average out, and slips of wheels, last for so long, s.
 ACCELERATION_LASTS_S = 3.0

@@ -28,6 +28,8 @@ from estimator.aiding.types import (
 )
 from estimator.compilation.compiled import inlined
 from estimator.compilation.replacing import replacer
+from estimator.conditioning.times import SPAN_S
+from estimator.conditioning.vertical.rate import SLOW_STEP_S
 from estimator.geometry.quaternion import rotate, scale, subtract
 from estimator.reasons import Reason
 from estimator.types import ZERO_VEC3, Vec3, VelocitySample
@@ -118,7 +120,7 @@ def take_report(
         age_s=report.ago_s + lag_s - estimate.imu_lag_s + estimate.acc_lead_s,
         error_at=error_at,
         lag_at=lag_at,
-        is_alone=other.wait_s >= params.silence_s,
+        is_alone=other.wait_s >= SPAN_S,
     )
     own = observe_velocity(params, own, now, reporter, dt, report, gravity_b, x)
     return Agreements(by_filter, own) if is_receiver else Agreements(own, by_receiver)
@@ -156,7 +158,7 @@ def observe_velocity(
     behind = min(1.0, report.ago_s / dt)
     missed = scale(params.integration_noise * dt * behind, trail_bend(now.trail))
     sigma = params.receiver_noise_m_s if reporter.is_receiver else params.filter_noise_m_s
-    sigma *= max(1.0, report.sigma_m_s / params.report_sigma_m_s)
+    sigma *= max(1.0, report.sigma_m_s / params.filter_error_m_s)
     jitter = params.receiver_jitter_s if reporter.is_receiver else 0.0
     least = LEAST_RECEIVER_SCALE if reporter.is_receiver else 1.0
     loose_at = VELOCITY if reporter.is_alone else reporter.error_at
@@ -169,7 +171,7 @@ def observe_velocity(
         j, k = (i + 1) % 3, (i + 2) % 3
         h[TURN + j] = -pushed[k]  # minus the component of turn x pushed
         h[TURN + k] = pushed[j]
-        if dt < params.lag_step_s:
+        if dt < SLOW_STEP_S:
             h[IMU_LAG] = a[i]
         h[reporter.lag_at] = -a[i]
         then = now.estimate.velocity_ned_m_s[i] - gained[i]
@@ -206,7 +208,7 @@ def is_credible(params: AidingParams, state: AidingState) -> bool:
     if not isfinite(state.sigma.inclination_rad + state.sigma.heading_rad):
         return False
     wait_s = min(by_filter.wait_s, by_receiver.wait_s)
-    if max(by_filter.wait_s, by_receiver.wait_s) < params.silence_s:
+    if max(by_filter.wait_s, by_receiver.wait_s) < SPAN_S:
         doubt_s = min(by_filter.doubt_s, by_receiver.doubt_s)  # one is enough
     elif by_filter.wait_s < by_receiver.wait_s:
         doubt_s = by_filter.doubt_s

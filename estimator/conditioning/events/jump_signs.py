@@ -20,7 +20,7 @@ JUMP_SLOW_S = 0.5
 SPIKE_SHARE = 0.2
 # In how far they differ usually a moment counts as no more than so many times that, and noise: a
 # jump is not usual because it has come, and teaches no calibration.
-MOST_USUAL = 3.0
+MOST_USUAL = 2.5
 
 
 class JumpSigns(NamedTuple):

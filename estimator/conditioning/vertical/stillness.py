@@ -17,6 +17,8 @@ from estimator.types import ZERO_VEC3, Vec2, Vec3
 
 # What calibrations leave of a direction's error, rad, of gravity and of the field.
 LEAST_DIRECTION_RAD = 0.005
+# By how much (rad) noise and a bent field turn the vectors while they are compared.
+STILL_RAD = 0.004
 # A share of two undoes a bias that was taken from a turn.
 MOST_TURNING = 2.0
 
@@ -95,7 +97,7 @@ def turn_between(mean_down: Vec3, down: Vec3, mean_field: Vec3, field: Vec3) -> 
     if size <= 0.0:
         return level, 1.0
     left = subtract(subtract(field, mean_field), cross(field, level))
-    return add(level, scale(dot(left, across) / size, down)), LEAST_DIRECTION_RAD**2 / size
+    return add(level, scale(dot(left, across) / size, down)), STILL_RAD**2 / size
 
 
 @inlined
@@ -105,7 +107,7 @@ def turn_of_axis(shown: float, seen: float, down: float, about_down: float, rate
     The turn is a share of the ``rate`` that the gyroscope shows beyond its bias, the share that
     ``seen`` is of ``shown``, with a prior of 0 +- 1.
     """
-    noise = LEAST_DIRECTION_RAD**2 + down * down * about_down
+    noise = STILL_RAD**2 + down * down * about_down
     whole = shown * shown + noise
     share = max(0.0, min(MOST_TURNING, shown * seen / whole))
     return share * rate, rate * rate * noise / whole

@@ -170,7 +170,7 @@ def believe_force(
     expected = (of_force * off) ** 2 + p * of_force
     a = dt_s / (params.scatter_tau_s + dt_s)
     b = dt_s / (USUAL_S + dt_s) if abs(unusual) < 0.2 else 0.1 * dt_s / (USUAL_S + dt_s)
-    c = dt_s / (params.step_change_tau_s + dt_s)
+    c = dt_s / (ACCELERATION_LASTS_S + dt_s)
     return (
         TiltState(
             variance=(1.0 - share) ** 2 * p + share * share * white,

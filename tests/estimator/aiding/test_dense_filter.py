@@ -31,7 +31,8 @@ from estimator.aiding.types import (
 from estimator.aiding.uncertainty import sigmas
 from estimator.conditioning.field.magnetic import FieldLook
 from estimator.conditioning.field.robust import HEADING_REACH_RAD
-from estimator.conditioning.times import ACCELERATION_LASTS_S
+from estimator.conditioning.times import ACCELERATION_LASTS_S, SPAN_S
+from estimator.conditioning.vertical.rate import SLOW_STEP_S
 from estimator.geometry.quaternion import multiply, normalize
 from estimator.types import NOTHING_BETWEEN, ZERO_VEC3, Between, Sample
 from tests.estimator.aiding.dense_filter import (
@@ -218,7 +219,7 @@ def test_velocity(seed, is_receiver, off_m_s, is_alone, dt):
     then = np.array([np.interp(-age, times, accelerations[:, i]) for i in range(3)])
     p = PARAMS
     sigma = p.receiver_noise_m_s if is_receiver else p.filter_noise_m_s
-    sigma *= max(1.0, 0.5 / p.report_sigma_m_s)
+    sigma *= max(1.0, 0.5 / p.filter_error_m_s)
     jitter = p.receiver_jitter_s if is_receiver else 0.0
     missed = p.integration_noise * dt * min(1.0, 0.07 / dt) * trail_bend(trail)
     dense = Dense(P.copy(), x0.copy())
@@ -229,7 +230,7 @@ def test_velocity(seed, is_receiver, off_m_s, is_alone, dt):
     for i in range(3):
         v = np.array(known.velocity_ned_m_s)
         said, h = velocity_row(
-            times, accelerations, age, v, slow, i, error_at, lag_at, knows_lag=dt < p.lag_step_s
+            times, accelerations, age, v, slow, i, error_at, lag_at, knows_lag=dt < SLOW_STEP_S
         )
         innovation_m_s = report.velocity_ned_m_s[i] - said
         noise = noise_scale * (sigma**2 + (jitter * then[i]) ** 2) + missed[i] ** 2
@@ -378,21 +379,21 @@ def test_published_sigmas(heading_rad, innovation, wait_s, together, samples, dt
     def scatter(least):
         square = least**2 + p.scatter_share * innovation
         u = 27.0 / 4.0 * max(together, 0.0) ** 2 / innovation
-        square = max(square, min(u, u * u)) if wait_s <= p.silence_s else square
-        return min(4.0, sqrt(max(square, 1.0) if wait_s > p.silence_s else square))
+        square = max(square, min(u, u * u)) if wait_s <= SPAN_S else square
+        return min(4.0, sqrt(max(square, 1.0) if wait_s > SPAN_S else square))
 
     pushed = p.pushed_rad * np.hypot(2.0, 1.0) / 9.80665
     moving = (p.timing_s * np.linalg.norm(last.rate_rad_s)) ** 2 + pushed**2
     tilt = 0.5 * (0.03**2 + 0.07**2)
     inclination = (1.515 * p.colour * scatter(p.least_scale)) ** 2 * tilt
-    inclination += p.least_inclination_rad**2 + moving
+    inclination += p.least_rad**2 + moving
     assert got.inclination_rad == pytest.approx(sqrt(inclination))
-    scale = p.heading_colour * scatter(p.least_heading_scale)
-    scale *= p.bare_heading_colour if samples == 0.0 else 1.0
+    scale = scatter(p.least_scale)
+    scale *= p.colour if samples == 0.0 else 1.0
     iron = p.hard_iron_sigma_gauss / np.hypot(E[0], E[1])
     # a heading no more certain than the iron lets it be is the field's: reports do not prove it
     by_field = min(1.0, (heading_rad / iron) ** 2)
     square = scale**2 + max(0.0, 1.0 - scale**2) * by_field
     slow = 0.04**2 * (min(1.0, 0.15 / dt)) ** 2
-    heading = square * heading_rad**2 + slow + p.least_heading_rad**2 + moving
+    heading = square * heading_rad**2 + slow + p.least_rad**2 + moving
     assert got.heading_rad == pytest.approx(sqrt(heading))
