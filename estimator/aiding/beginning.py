@@ -69,10 +69,10 @@ def begin(
     diagonal[GYR_BIAS : GYR_BIAS + 3] = params.gyr_bias_sigma**2
     diagonal[ACC_BIAS : ACC_BIAS + 3] = params.acc_bias_sigma**2
     diagonal[IMU_LAG] = params.imu_lag_sigma_s**2
-    diagonal[FILTER_LAG] = params.lag_sigma_s**2
+    diagonal[FILTER_LAG] = params.filter_lag_sigma_s**2
     diagonal[FILTER_ERROR : FILTER_ERROR + 3] = params.filter_error_m_s**2
     diagonal[RECEIVER_ERROR : RECEIVER_ERROR + 3] = params.receiver_error_m_s**2
-    diagonal[FIELD_LAG] = params.lag_sigma_s**2
+    diagonal[FIELD_LAG] = params.field_lag_sigma_s**2
     diagonal[HARD_IRON : HARD_IRON + 3] = hard_iron_sigma_gauss**2
     state = AidingState(
         estimate=AidingEstimate(

@@ -55,9 +55,11 @@ class AidingParams(NamedTuple):
     filter_noise_m_s: Speed = 0.05  # of a report by an autopilot's filter
     filter_error_m_s: Speed = 0.2  # its slow error; small: follows it, large: the receiver
     filter_turning_s: Lag = 0.03  # for each m/s^2 of horizontal acceleration, beside that
+    filter_lag_sigma_s: Lag = 0.015  # how far the time that it names may be off
     receiver_noise_m_s: Speed = 0.1  # of a receiver's report
     receiver_error_m_s: Speed = 0.15  # its slow error; small: follows it, large: the filter
     error_tau_s: Time = 5.0  # for so long either's slow error stays the same
+    report_sigma_m_s: Speed = 0.3  # sources less accurate than this get more noise
     receiver_jitter_s: Lag = 0.005  # by which its age scatters
     receiver_lag_s: Lag = 0.1  # of a receiver's reports, where their age is uncertain
     oldest_report_s: Time = 0.5  # older ones come too late
@@ -73,7 +75,7 @@ class AidingParams(NamedTuple):
     imu_lag_s: Lag = 0.012  # the low-pass of an autopilot's IMU stream
     imu_lag_sigma_s: Lag = 0.004
     field_lag_s: Lag = 0.045  # of a magnetometer averaged to 10 Hz, when its value changes
-    lag_sigma_s: Lag = 0.02  # of that, and of the time that an autopilot's filter names
+    field_lag_sigma_s: Lag = 0.03
 
     # Magnetic field.
     heading_noise: Noise = radians(3.0)  # rad/sqrt(Hz); small: follows magnets, large: slow
@@ -86,6 +88,8 @@ class AidingParams(NamedTuple):
     # Beginning.
 
     # Published uncertainty, fitted to errors of simulated and recorded flights.
+    # small: keeps a wrong heading, large: velocity turns it at the beginning
+    begin_heading_sigma_rad: Angle = radians(10.0)
     colour: Share = 1.5  # velocity's errors are slower than white: sigma against white noise's
     least_scale: Share = 0.28  # of the covariance's sigma, however well the reports agree
     scatter_share: Share = 2.3  # of the reports' scatter that is the attitude's, too

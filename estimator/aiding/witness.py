@@ -27,7 +27,7 @@ from estimator.aiding.types import AidingEstimate, AidingState, Report, Sigmas
 from estimator.compilation.compiled import inlined
 from estimator.compilation.replacing import replacer
 from estimator.conditioning.field.magnetic import LEAST_HORIZONTAL
-from estimator.conditioning.times import LONG_S, SPAN_S
+from estimator.conditioning.times import SPAN_S, WALK_S
 from estimator.filter.kernel import follow_rate
 from estimator.geometry.quaternion import (
     conjugate,
@@ -125,7 +125,7 @@ def average(apart: Apart, north_rad: float, east_rad: float, time_s: float) -> A
     east = apart.mean_east_rad + share * (east_rad - apart.mean_east_rad)
     usual = apart.usual_square
     square = min(north * north + east * east, USUAL_SQUARE * usual)
-    usual += time_s / (LONG_S + time_s) * (square - usual)
+    usual += time_s / (WALK_S + time_s) * (square - usual)
     return Apart(north, east, usual)
 
 

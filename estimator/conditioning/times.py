@@ -17,5 +17,6 @@ LATELY_S = 10.0
 USUAL_S = 20.0
 # What is remembered, s: headings that were given up, how well means of the force agree.
 LONG_S = 60.0
-# The growth of a variance that wanders is told for this time, s.
+# The growth of a variance that wanders is told for this time, and how far what is measured usually
+# lies from an attitude is learnt over it, s.
 WALK_S = 100.0

@@ -163,7 +163,8 @@ def start_by_field(settings: Settings, now: Core, iron_gauss: float) -> Start:
     q = align(conditioned_vectors(settings.reference, now.seen))
     seen_gauss = now.conditioning.field.magnetic.reference.horizontal
     iron_rad = iron_gauss / max(seen_gauss, LEAST_HORIZONTAL_GAUSS)
-    return Start(q, max(LEAST_HEADING_SIGMA_RAD, now.seen.sigma_heading_rad, iron_rad))
+    least_rad = settings.aiding.begin_heading_sigma_rad
+    return Start(q, max(least_rad, now.seen.sigma_heading_rad, iron_rad))
 
 
 def start_by_velocity(now: Core) -> Start | None:
@@ -186,7 +187,7 @@ def start_by_course(settings: Settings, now: Core, report: Report) -> Start | No
     speed, level = hypot(north, east), hypot(down[1], down[2])
     if level * speed == 0.0 or abs(forward) < REACH_SQUARE:
         return None
-    unsure = max(report.sigma_m_s, aiding.filter_error_m_s) / speed
+    unsure = max(report.sigma_m_s, aiding.report_sigma_m_s) / speed
     sense = copysign(1.0, forward)
     tilt_rad = hypot(now.seen.sigma_inclination_rad, lean_rad(rolled, sense))
     sigma_rad = hypot(unsure, aiding.sideslip_rad, tilt_rad * down[0] / level)

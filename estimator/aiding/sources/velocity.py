@@ -158,7 +158,7 @@ def observe_velocity(
     behind = min(1.0, report.ago_s / dt)
     missed = scale(params.integration_noise * dt * behind, trail_bend(now.trail))
     sigma = params.receiver_noise_m_s if reporter.is_receiver else params.filter_noise_m_s
-    sigma *= max(1.0, report.sigma_m_s / params.filter_error_m_s)
+    sigma *= max(1.0, report.sigma_m_s / params.report_sigma_m_s)
     jitter = params.receiver_jitter_s if reporter.is_receiver else 0.0
     least = LEAST_RECEIVER_SCALE if reporter.is_receiver else 1.0
     loose_at = VELOCITY if reporter.is_alone else reporter.error_at

@@ -219,7 +219,7 @@ def test_velocity(seed, is_receiver, off_m_s, is_alone, dt):
     then = np.array([np.interp(-age, times, accelerations[:, i]) for i in range(3)])
     p = PARAMS
     sigma = p.receiver_noise_m_s if is_receiver else p.filter_noise_m_s
-    sigma *= max(1.0, 0.5 / p.filter_error_m_s)
+    sigma *= max(1.0, 0.5 / p.report_sigma_m_s)
     jitter = p.receiver_jitter_s if is_receiver else 0.0
     missed = p.integration_noise * dt * min(1.0, 0.07 / dt) * trail_bend(trail)
     dense = Dense(P.copy(), x0.copy())

@@ -157,7 +157,7 @@ def test_the_turning_is_watched_between_the_samples_where_it_is_seen(is_given: b
     bent = change - np.subtract(last.gyr_rad_s, last.gyr_before_rad_s)
     if is_given:
         bent = change = np.array(between.change_rad_s)
-    share = 0.5 / (3.0 + 0.5)
+    share = 0.5 / (10.0 + 0.5)
     assert after.bent == pytest.approx(0.5 + share * (bent @ bent - 0.5))
     assert after.changed == pytest.approx(0.3 + share * (change @ change - 0.3))
     alone = np.zeros((SIZE, SIZE))

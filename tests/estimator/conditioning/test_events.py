@@ -187,7 +187,7 @@ def test_the_mean_field_counts_by_its_confidence():
     assert now.off_s == pytest.approx(0.3 + DT)
     assert now.borne_s == pytest.approx(2.0 - DT)
     assert now.other_s == pytest.approx(20.0 - DT)
-    assert heading_after(SIGNS, (0.10, 0.22), variance=0.05).scatter == 0.002
+    assert heading_after(SIGNS, (0.10, 0.22), variance=0.1).scatter == 0.002
     assert heading_after(SIGNS, (0.10, 0.22), is_new=True).borne_s == 0.0
 
 

@@ -105,7 +105,7 @@ def state_of(*, dt_s, wait_s=0.0, seen_s=0.0, **signs):
 def test_sigma_of_the_inclination_adds_up_what_may_tilt_it(dt_s, slow):
     vertical, _, events = state_of(dt_s=dt_s)
     fast = 0.0006 + 2.0 * 0.0005
-    square = 0.0052**2 + 0.0004 + (1.0 - slow) * fast + slow * 0.005
+    square = 0.005**2 + 0.0004 + (1.0 - slow) * fast + slow * 0.005
     assert sigma_inclination(PARAMS, vertical, events, 0.005) ** 2 == pytest.approx(square)
 
 
@@ -116,7 +116,7 @@ def test_in_a_vehicle_the_force_of_a_second_contradicts_the_vertical():
     force = Force(best=Smooth((0.0, 0.0, 9.8)), quick=quick)
     vertical = vertical._replace(gravity=vertical.gravity._replace(force=force))
     inside = PARAMS._replace(in_vehicle=True)
-    square = 0.0052**2 + 0.0004 + 0.5 * 0.005 + 0.1 * 0.3**2
+    square = 0.005**2 + 0.0004 + 0.5 * 0.005 + 0.1 * 0.3**2
     assert sigma_inclination(inside, vertical, events, 0.005) ** 2 == pytest.approx(square)
     by_leaning = 4.0 * 0.5 * 0.5 * 0.005  # the squared tangent of the dip is 4
     more = sigma_heading(inside, vertical, magnetic, events) ** 2
