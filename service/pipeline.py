@@ -41,6 +41,7 @@ from estimator.profile import Profile, load_profile, merge_profile
 from estimator.reasons import Reason
 from service.counts import Counts
 from service.departures import Departures
+from service.health import State
 from service.link_lines import LinkLines
 from service.load import Load
 from service.records import Departed, Message, Output, Peer, Published, Replaced, vehicle_name
@@ -50,6 +51,9 @@ from service.vehicle import Vehicle
 
 MAX_VEHICLES = PLACES  # on one link
 STATUS_PERIOD_US = 1_000_000
+# Of lost vehicles so many have a status in each of these, in turn: thousands that came and went
+# must not keep those that are there waiting.
+MOST_LOST_TOLD = 64
 
 
 class Pipeline:
@@ -81,6 +85,7 @@ class Pipeline:
         self._away: dict[VehicleId, None] = {}  # those that may be usual again
         self.departures = Departures()
         self._departed: list[VehicleId] = []  # since the last tick
+        self._lost_told = 0  # lost vehicles that have had a status in this round
         self._departure_talk = Talk("vehicles")
         self._next_status_us: int | None = None
         # the latest since the last tick; they come faster than anybody needs them
@@ -221,11 +226,14 @@ class Pipeline:
         takes_all = not (load.is_shedding or load.has_just_woken)
         wanted = NONE if load.is_behind else ALL if takes_all else DUE
         shown = {} if load.has_just_woken else self._usual.show(now_us, wanted)
+        told = self._take_lost() if status_due else set()
         for address, vehicle in self._vehicles.items():
             if address in shown:
                 found = shown[address]
                 if found is not None:
                     outputs.append(Published(address, *found))
+            elif vehicle.state is State.LOST and address not in told:
+                continue  # it has no attitude, and nothing changes until a sample comes
             else:
                 self._take_back(address)
                 if not load.has_just_woken:
@@ -330,6 +338,13 @@ class Pipeline:
         heard_us = {address: vehicle.heard_us for address, vehicle in self._vehicles.items()}
         for address in self.departures.look(heard_us, now_us):
             self._forget(address)
+
+    def _take_lost(self) -> set[VehicleId]:
+        """Those of the lost vehicles whose turn it is to have a status."""
+        lost = [each for each, vehicle in self._vehicles.items() if vehicle.state is State.LOST]
+        begin = self._lost_told if self._lost_told < len(lost) else 0
+        self._lost_told = begin + MOST_LOST_TOLD
+        return set(lost[begin : self._lost_told])
 
     def _take_departed(self, now_us: int) -> list[Output]:
         """The vehicles forgotten since the last tick."""

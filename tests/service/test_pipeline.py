@@ -19,7 +19,7 @@ from drivers.events import (
 from estimator.errors import InputError
 from estimator.profile import load_profile
 from service.load import Load
-from service.pipeline import Pipeline
+from service.pipeline import MOST_LOST_TOLD, STATUS_PERIOD_US, Pipeline
 from service.records import AttitudeRecord, Message, Peer, Published, Replaced, StatusRecord
 from tests.service.streams import ONE, START_US, imu_events
 
@@ -382,3 +382,20 @@ def test_after_a_reboot_another_vehicle_may_have_the_address():
 def test_an_unknown_motion_changes_nothing():
     pipeline = Pipeline(load_profile("imu"), fits_built_in=True)
     assert pipeline.handle(built_in("of another version")) == []
+
+
+def test_of_many_lost_vehicles_some_have_a_status_in_turn_and_one_that_is_there_each_second():
+    gone = [VehicleId(1 + k, 2) for k in range(2 * MOST_LOST_TOLD + 5)]
+    pipeline = fed([event for each in gone for event in imu_events(3, vehicle=each)])
+    told, now_us = [], START_US + 20_000_000
+    pipeline.tick(now_us)  # they are lost
+    for _ in range(6):
+        now_us += STATUS_PERIOD_US
+        pipeline.handle(imu_events(1, start_us=now_us - 20_000)[0])
+        outputs = pipeline.tick(now_us)
+        addresses = [o.vehicle for o in outputs if isinstance(o, Published)
+                     and isinstance(o.record, StatusRecord)]  # fmt: skip
+        assert addresses.count(ONE) == 1
+        assert len(addresses) <= MOST_LOST_TOLD + 1
+        told += [each for each in addresses if each != ONE]
+    assert {told.count(each) for each in gone} == {2}
