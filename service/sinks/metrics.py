@@ -4,6 +4,7 @@ import threading
 import time
 from collections.abc import Callable, Iterator, Sequence
 from typing import TYPE_CHECKING, Any, NamedTuple
+from wsgiref.simple_server import WSGIRequestHandler, WSGIServer, make_server
 
 from estimator.errors import InputError, missing_extra
 from service.health import State
@@ -46,6 +47,22 @@ GAUGES = (
 )
 
 
+class _Server(WSGIServer):
+    """Whoever leaves or says nothing is no error."""
+
+    def handle_error(self, request: Any, client_address: Any) -> None:
+        """Nothing."""
+
+
+class _Handler(WSGIRequestHandler):
+    """Logs nothing, and does not wait for long for who asks nothing."""
+
+    timeout = 1.0  # s
+
+    def log_message(self, format: str, *args: Any) -> None:  # noqa: A002 - its name there
+        """Nothing."""
+
+
 class MetricsSink:
     """Serves ``http://127.0.0.1:PORT/metrics``; ``now_s`` is a monotonic clock, for the ages.
 
@@ -59,7 +76,7 @@ class MetricsSink:
 
     def __init__(self, port: int, now_s: Callable[[], float] = time.monotonic) -> None:
         try:
-            from prometheus_client import CollectorRegistry, start_http_server
+            from prometheus_client import CollectorRegistry, make_wsgi_app
         except ImportError:
             raise missing_extra("--metrics", "metrics") from None
         self._now_s = now_s
@@ -69,11 +86,16 @@ class MetricsSink:
         registry = CollectorRegistry(auto_describe=False)
         registry.register(self)
         try:
-            self._server: Any
-            self._server, self._thread = start_http_server(port, HOST, registry)
+            answer = make_wsgi_app(registry)
+            self._server = make_server(HOST, port, answer, _Server, _Handler)
         except (OSError, OverflowError) as error:
             reason = getattr(error, "strerror", None) or str(error)
             raise InputError(f"--metrics {port}: {reason}; choose another port") from error
+        # One answer at a time: of thousands of vehicles it takes long, and must not take all of it.
+        self._thread = threading.Thread(
+            target=self._server.serve_forever, name="metrics", daemon=True
+        )
+        self._thread.start()
 
     @property
     def port(self) -> int:

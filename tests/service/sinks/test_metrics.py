@@ -1,3 +1,5 @@
+import socket
+import threading
 import urllib.request
 
 import pytest
@@ -103,3 +105,20 @@ def test_the_autopilot_s_attitude_beside_ours(sink):
     assert got["fuzzbee_autopilot", (vehicle, ("verdict", "agrees"))] == 0.0
     assert got["fuzzbee_autopilot_heading_degrees", (vehicle,)] == 25.0
     assert not [key for key in got if "autopilot" in key[0] and ("vehicle", "2") in key[1]]
+
+
+def test_however_many_ask_one_is_answered_at_a_time_and_the_silent_keep_nobody_waiting(sink, capfd):
+    sink.handle([Published(VehicleId(1, 1), status())])
+    threads = threading.active_count()
+    asking = [socket.create_connection(("127.0.0.1", sink.port), 10.0) for _ in range(4)]
+    _silent, leaving, *others = asking
+    leaving.close()
+    for each in others:
+        each.sendall(b"GET /metrics HTTP/1.0\r\n\r\n")
+    assert threading.active_count() == threads
+    for each in others:
+        assert each.makefile("rb").readline() == b"HTTP/1.0 200 OK\r\n"
+    assert scrape(sink)["fuzzbee_imu_rate_hertz", (("vehicle", "1"),)] == 99.5
+    for each in asking:
+        each.close()
+    assert capfd.readouterr().err == ""
