@@ -129,23 +129,28 @@ class SigningCheck:
         if len(self._last) > self._most_streams:
             self._merge_old(_ticks(unix_us))
         if ticks > self._early(stream):
-            self._keep_ahead(stream, ticks)
+            self._keep_ahead(stream, ticks, _ticks(unix_us))
         return None
 
     def _early(self, stream: Stream) -> int:
         """The stamp from which on the file is written anew: half-way to the one that it keeps."""
         kept, written = self._kept.accepted.get(stream), self._written.get(stream)
-        if kept is None or written is None:
-            return -1
-        return (kept.ticks + written.ticks) // 2
+        if kept is None:
+            return self._kept.floor - AHEAD_TICKS // 2
+        return -1 if written is None else (kept.ticks + written.ticks) // 2
 
-    def _keep_ahead(self, stream: Stream, ticks: int) -> None:
-        """Have the file be ahead of what is accepted; the disk is waited for only if it is late."""
+    def _keep_ahead(self, stream: Stream, ticks: int, now: int) -> None:
+        """Have the file be ahead of what is accepted; the disk is waited for only if it is late.
+
+        Streams that begin are covered by a floor of its own, ahead of the host's clock: one write
+        a second does for any number of them.
+        """
         if self._writing is not None and (self._writing.done() or self._is_new(stream, ticks)):
             self._settle()
         if self._writing is not None or ticks <= self._early(stream):
             return
-        stamps = Stamps(self._stamps_ahead(), self._kept.ours, self._floor)
+        floor = max(self._floor, now + AHEAD_TICKS)
+        stamps = Stamps(self._stamps_ahead(), self._kept.ours, floor)
         if self._is_new(stream, ticks):
             self._keep(stamps)
             return
@@ -160,7 +165,7 @@ class SigningCheck:
     def _is_new(self, stream: Stream, ticks: int) -> bool:
         """Whether the file does not say yet that this stamp is an old one."""
         kept = self._kept.accepted.get(stream)
-        return kept is None or ticks > kept.ticks
+        return ticks > (self._kept.floor if kept is None else kept.ticks)
 
     def stamp(self, unix_us: int) -> int:
         """The stamp for a frame of ours: above all before it, also those before a restart."""
