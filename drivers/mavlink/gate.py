@@ -94,6 +94,11 @@ class FrameGate:
         self._refused[VehicleId(frame.system_id, frame.component_id), reason] += 1
         return False
 
+    def keep(self, unix_us: int) -> None:
+        """Have what was let in outlast a crash, before it is used."""
+        if self._policy.signing is not None:
+            self._policy.signing.keep_ahead(unix_us)
+
     def take_refused(self, arrival_us: int) -> list[Event]:
         """What was refused since the last call, and a line for each new reason."""
         if not self._refused:

@@ -344,6 +344,7 @@ class MavlinkLink(Closing):
                 self._events.append(Malformed(arrival_us, malformed))
         if scanned is not None and passing:
             self._let_pass(scanned, packets, passing, arrivals_us)
+        self._gate.keep(now_us)
         if self._taker is not None:
             self._hand_over(waiting, self._taker, now_us)
         else:

@@ -95,6 +95,7 @@ class SigningCheck:
         self._most_streams = MOST_STREAMS
         self._writing: Future[Stamps] | None = None  # by a thread of its own
         self._heard: set[Stream] = set()  # by this process
+        self._fresh: set[Stream] = set()  # of them, since the file was looked after
         self._written: dict[Stream, Heard] = {}  # what was heard when the file was written
         self._is_failing = False
         try:
@@ -106,7 +107,10 @@ class SigningCheck:
             ) from error
 
     def refusal(self, frame: Frame, unix_us: int) -> Reason | None:
-        """Why ``frame``, which arrived at ``unix_us``, is refused; None if it is good."""
+        """Why ``frame``, which arrived at ``unix_us``, is refused; None if it is good.
+
+        What is good may be used after :meth:`keep_ahead`.
+        """
         if not frame.is_signed:
             return Reason.UNSIGNED
         data = frame.data
@@ -128,30 +132,25 @@ class SigningCheck:
         self._heard.add(stream)
         if len(self._last) > self._most_streams:
             self._merge_old(_ticks(unix_us))
-        if ticks > self._early(stream):
-            self._keep_ahead(stream, ticks, _ticks(unix_us))
+        self._fresh.add(stream)
         return None
 
-    def _early(self, stream: Stream) -> int:
-        """The stamp from which on the file is written anew: half-way to the one that it keeps."""
-        kept, written = self._kept.accepted.get(stream), self._written.get(stream)
-        if kept is None:
-            return self._kept.floor - AHEAD_TICKS // 2
-        return -1 if written is None else (kept.ticks + written.ticks) // 2
+    def keep_ahead(self, unix_us: int) -> None:
+        """Have the file be ahead of what was accepted, before that is used.
 
-    def _keep_ahead(self, stream: Stream, ticks: int, now: int) -> None:
-        """Have the file be ahead of what is accepted; the disk is waited for only if it is late.
-
-        Streams that begin are covered by a floor of its own, ahead of the host's clock: one write
-        a second does for any number of them.
+        The disk is waited for only if it is late. Streams that begin are covered by a floor of its
+        own, ahead of the host's clock: one write a second does for any number of them.
         """
-        if self._writing is not None and (self._writing.done() or self._is_new(stream, ticks)):
+        fresh, now = self._fresh, _ticks(unix_us)
+        self._fresh = set()
+        is_new = any(self._is_new(stream, now) for stream in fresh)
+        if self._writing is not None and (self._writing.done() or is_new):
             self._settle()
-        if self._writing is not None or ticks <= self._early(stream):
+        if self._writing is not None or not any(self._is_due(stream, now) for stream in fresh):
             return
         floor = max(self._floor, now + AHEAD_TICKS)
-        stamps = Stamps(self._stamps_ahead(), self._kept.ours, floor)
-        if self._is_new(stream, ticks):
+        stamps = Stamps(self._stamps_ahead(floor), self._kept.ours, floor)
+        if any(self._is_new(stream, now) for stream in fresh):
             self._keep(stamps)
             return
         self._writing = writing = Future[Stamps]()
@@ -162,10 +161,21 @@ class SigningCheck:
 
         threading.Thread(target=work, name="signing stamps", daemon=True).start()
 
-    def _is_new(self, stream: Stream, ticks: int) -> bool:
-        """Whether the file does not say yet that this stamp is an old one."""
-        kept = self._kept.accepted.get(stream)
-        return ticks > (self._kept.floor if kept is None else kept.ticks)
+    def _is_due(self, stream: Stream, now: int) -> bool:
+        """Whether the file has to be written anew: half-way to the stamp that it keeps."""
+        kept, written = self._kept.accepted.get(stream), self._written.get(stream)
+        if kept is None:
+            return self._is_new(stream, now + AHEAD_TICKS // 2)
+        return written is None or self._last[stream].ticks > (kept.ticks + written.ticks) // 2
+
+    def _is_new(self, stream: Stream, now: int) -> bool:
+        """Whether the file does not say yet that the stream's last stamp is an old one.
+
+        Who is left to the floor has a stamp in it when that is past: else one that counts frames,
+        and falls behind the clock, would be taken for an old one after a crash, for good.
+        """
+        kept, ticks = self._kept.accepted.get(stream), self._last[stream].ticks
+        return max(ticks, now) > self._kept.floor if kept is None else ticks > kept.ticks
 
     def stamp(self, unix_us: int) -> int:
         """The stamp for a frame of ours: above all before it, also those before a restart."""
@@ -195,24 +205,29 @@ class SigningCheck:
             del self._last[stream]
             self._written.pop(stream, None)
             self._heard.discard(stream)
+            self._fresh.discard(stream)
         self._most_streams = max(MOST_STREAMS, 2 * len(self._last))
 
-    def _stamps_ahead(self) -> dict[Stream, Heard]:
+    def _stamps_ahead(self, floor: int) -> dict[Stream, Heard]:
         """The streams' stamps as they will be in two seconds, each at its own pace.
 
-        One that was written too short a time ago to tell its pace keeps its stamp: else each new
-        stream would take the others' lead away, and the file were written at every frame.
+        One that was heard too short a time ago to tell its pace is left to the floor, or keeps its
+        stamp: else each new stream would take the others' lead away, and the file were written at
+        every frame.
         """
         kept, ahead = self._kept.accepted, {}
         for stream, last in self._last.items():
-            written = self._written.get(stream, last)
+            written = self._written.setdefault(stream, last)
             ticks = last.ticks - written.ticks
             host_ticks = ticks + last.lag - written.lag
-            if host_ticks < SHORTEST_TICKS and stream in self._written and stream in kept:
-                ahead[stream] = last._replace(ticks=max(last.ticks, kept[stream].ticks))
+            if host_ticks < SHORTEST_TICKS:
+                at = kept.get(stream)
+                if at is not None or last.ticks > floor:
+                    ahead[stream] = last._replace(ticks=max(last.ticks, at.ticks if at else 0))
                 continue
-            lead = AHEAD_TICKS * ticks // max(host_ticks, SHORTEST_TICKS)
-            ahead[stream] = last._replace(ticks=last.ticks + min(lead, AHEAD_TICKS))
+            ahead[stream] = last._replace(
+                ticks=last.ticks + min(AHEAD_TICKS * ticks // host_ticks, AHEAD_TICKS)
+            )
             self._written[stream] = last
         return ahead
 

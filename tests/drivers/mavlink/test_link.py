@@ -18,8 +18,11 @@ from drivers.mavlink import link as mavlink_link
 from drivers.mavlink.backlog import STOPPED_S
 from drivers.mavlink.dialect import mavlink
 from drivers.mavlink.encoder import FrameEncoder, heartbeat, raw_imu
+from drivers.mavlink.framing import FrameReader
+from drivers.mavlink.gate import Policy
 from drivers.mavlink.link import MavlinkLink
 from drivers.mavlink.recorder import TlogRecorder
+from drivers.mavlink.signing import SigningCheck
 from drivers.mavlink.transports.tcp import MOST_TCP_CLIENTS
 from drivers.simulation.autopilot import SimulatedAutopilot, VehicleOptions
 from drivers.source import open_live
@@ -561,3 +564,21 @@ def test_after_a_stall_each_sample_is_taken_or_left_out_and_none_is_both():
         taken, shed = len(of_type(events, Imu)), of_type(events, Shed)
         assert (taken + link.shed, sum(each.samples for each in shed)) == (sent, link.shed)
         assert taken < 10
+
+
+def test_what_a_link_hands_out_is_in_the_file_of_stamps(tmp_path):
+    """A crash right afterwards lets nobody send it again: neither known vehicles nor new ones."""
+    port, key, file = free_port(socket.SOCK_DGRAM), bytes(range(32)), tmp_path / "signing.json"
+    policy = Policy(signing=SigningCheck(key, file))
+    now_us, sent = time.time_ns() // 1000, []
+    with (
+        MavlinkLink(Endpoint("udpin", HOST, port), policy=policy) as link,
+        udp_sender(port) as wire,
+    ):
+        for number in range(1, 41):
+            one = FrameEncoder(VehicleId(number, 1), key).frame(heartbeat(2, 3), now_us)
+            sent += FrameReader().feed(one)
+            wire.send(one)
+        collect(link, count(Heartbeat, 40))
+        after = SigningCheck(key, file)
+    assert {after.refusal(frame, now_us) for frame in sent} == {"replayed"}
