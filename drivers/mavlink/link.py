@@ -344,11 +344,7 @@ class MavlinkLink(Closing):
                 self._events.append(Malformed(arrival_us, malformed))
         if scanned is not None and passing:
             self._let_pass(scanned, packets, passing, arrivals_us)
-        self._gate.keep(now_us)
-        if self._taker is not None:
-            self._hand_over(waiting, self._taker, now_us)
-        else:
-            self._backlog.add(waiting, waiting_clock_s())
+        self._hand_over(waiting, now_us)
         self._events += self._gate.take_refused(now_us)
 
     def _is_late(self, now_s: float) -> bool:
@@ -436,10 +432,14 @@ class MavlinkLink(Closing):
         if text is not None:
             self._events.append(Notice(None, now_us, text))
 
-    def _hand_over(self, arrived: list[Arrived], taker: FrameTaker, now_us: int) -> None:
-        """Give the frames away; what has to be sent because of them comes back."""
-        taker.take(arrived)
-        self._queue_messages(taker.outgoing(), now_us)
+    def _hand_over(self, arrived: list[Arrived], now_us: int) -> None:
+        """Keep the frames, or give them away: what has to be sent because of them comes back."""
+        self._gate.keep(now_us)
+        if self._taker is None:
+            self._backlog.add(arrived, waiting_clock_s())
+            return
+        self._taker.take(arrived)
+        self._queue_messages(self._taker.outgoing(), now_us)
 
     def _queue_messages(self, messages: list[Outgoing], now_us: int) -> None:
         for each in messages:
