@@ -12,6 +12,9 @@ from typing import Annotated, Any, NamedTuple, get_args, get_type_hints
 
 from estimator.errors import InputError
 
+# Nothing is divided by less, in its own unit: a share, s, (m/s^2)^2. Rounding is within it.
+TINY = 1e-6
+
 
 class Within(NamedTuple):
     """A number from ``low`` to ``high``, both included."""

@@ -23,6 +23,7 @@ Vec3 = tuple[float, float, float]
 Quaternion = tuple[float, float, float, float]
 
 ZERO_VEC3: Vec3 = (0.0, 0.0, 0.0)
+DOWN: Vec3 = (0.0, 0.0, 1.0)  # in NED
 IDENTITY: Quaternion = (1.0, 0.0, 0.0, 0.0)
 
 STANDARD_GRAVITY_M_S2 = 9.80665  # ISO 80000-3; MAVLink's "g" in mg fields

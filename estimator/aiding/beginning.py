@@ -5,7 +5,6 @@ from math import pi, sqrt
 import numpy as np
 
 from estimator.aiding.inertial import GRAVITY_NED
-from estimator.aiding.sources.velocity import FAR
 from estimator.aiding.trail import new_trail
 from estimator.aiding.types import (
     ACC_BIAS,
@@ -38,7 +37,8 @@ from estimator.aiding.types import (
     Wheels,
 )
 from estimator.conditioning.field.magnetic import FieldLook
-from estimator.conditioning.vertical.tilt import HOLE_S
+from estimator.conditioning.field.robust import FAR
+from estimator.conditioning.times import SPAN_S
 from estimator.geometry.quaternion import add, rotate, subtract
 from estimator.types import IDENTITY, NO_SAMPLE, ZERO_VEC3, Quaternion, Sample, Vec3
 
@@ -95,7 +95,7 @@ def begin(
             gyr_before_rad_s=sample.gyr_rad_s,
             force_ned_m_s2=rotate(q_ned_frd, sample.acc_m_s2),
             rate_rad_s=subtract(sample.gyr_rad_s, gyr_bias),
-            dt_s=HOLE_S,
+            dt_s=SPAN_S,
         ),
         field=FieldState(
             look=FieldLook(horizontal=0.0, down=0.0, confidence=1.0),

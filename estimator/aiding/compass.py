@@ -8,12 +8,13 @@ beside iron, or tilted, gets another chance.
 
 from typing import NamedTuple
 
-# If the aiding gives up again after less than this, it has begun with a wrong heading twice.
-AGAIN_US = 60_000_000
-# A compass whose heading was wrong twice counts as not calibrated for this long.
-DISTRUST_US = 600_000_000
-# After a field that did not look like the place's own, it must have looked so for this long.
-UNLIKE_US = 30_000_000
+from estimator.aiding.surprise import MEMORY_S
+from estimator.conditioning.times import LONG_S
+
+# A compass whose heading was wrong twice counts as not calibrated for this long (s). It was if the
+# aiding gives up again while the first time is remembered (LONG_S). After a field that did not look
+# like the place's own, it must have looked so for MEMORY_S.
+DISTRUST_S = 600.0
 
 
 class Compass(NamedTuple):
@@ -37,9 +38,9 @@ def doubt(compass: Compass, time_us: int) -> str:
     """What speaks against it at ``time_us``, in words; empty if nothing does."""
     if not compass.declared_calibrated:
         return "nobody has calibrated the compass"
-    if _is_recent(compass.misled_us, time_us, DISTRUST_US):
+    if _is_recent(compass.misled_us, time_us, DISTRUST_S):
         return "the compass has misled twice"
-    return "the field is not like this place's" * _is_recent(compass.unlike_us, time_us, UNLIKE_US)
+    return "the field is not like this place's" * _is_recent(compass.unlike_us, time_us, MEMORY_S)
 
 
 def declare(compass: Compass, is_calibrated: bool) -> Compass:
@@ -51,7 +52,7 @@ def declare(compass: Compass, is_calibrated: bool) -> Compass:
 
 def record_giving_up(compass: Compass, time_us: int) -> Compass:
     """After the aiding has given up; the second time in a row speaks against the compass."""
-    if _is_recent(compass.gave_up_us, time_us, AGAIN_US):
+    if _is_recent(compass.gave_up_us, time_us, LONG_S):
         compass = compass._replace(misled_us=time_us)
     return compass._replace(gave_up_us=time_us)
 
@@ -61,5 +62,5 @@ def restart(compass: Compass) -> Compass:
     return Compass(declared_calibrated=compass.declared_calibrated)
 
 
-def _is_recent(then_us: int | None, time_us: int, for_us: int) -> bool:
-    return then_us is not None and time_us - then_us < for_us
+def _is_recent(then_us: int | None, time_us: int, for_s: float) -> bool:
+    return then_us is not None and time_us - then_us < 1e6 * for_s

@@ -9,19 +9,18 @@ in how pushes scatter about their mean, and the mean tells the lean.
 from math import hypot, log
 from typing import NamedTuple
 
-from estimator.aiding.inertial import USUAL_SIGMAS
+from estimator.bounds import TINY
 from estimator.compilation.compiled import inlined
+from estimator.conditioning.field.robust import REACH
 from estimator.geometry.quaternion import cross, dot, scale, subtract, unit
 from estimator.types import STANDARD_GRAVITY_M_S2, Vec3
-
-LEAST_SQUARE = 1e-6  # (m/s^2)^2
 
 
 class Level(NamedTuple):
     """A vector's level parts."""
 
-    along: float
-    across: float  # to the right
+    along: float = 0.0
+    across: float = 0.0  # to the right
 
 
 class Rolled(NamedTuple):
@@ -34,7 +33,7 @@ class Rolled(NamedTuple):
     products: float
 
 
-NO_PUSH = Level(0.0, 0.0)
+NO_PUSH = Level()
 STANDING = Rolled(windows=0.0, reported=NO_PUSH, felt=NO_PUSH, squares=0.0, products=0.0)
 
 
@@ -59,7 +58,7 @@ def roll_on(
     ``pushed_frd_m_s`` is the integrated specific force, ``down_frd`` what is taken for down, both
     in the body's axes at the window's end. Who stands may go on either way.
     """
-    speed, least = hypot(after_m_s[0], after_m_s[1]), USUAL_SIGMAS * sigma_m_s
+    speed, least = hypot(after_m_s[0], after_m_s[1]), REACH * sigma_m_s
     if speed <= least:
         return STANDING
     known = rolled if hypot(before_m_s[0], before_m_s[1]) > least else STANDING
@@ -104,7 +103,7 @@ def scatter(rolled: Rolled, sense: float) -> float:
     """Variance of what is left about its mean, (m/s^2)^2."""
     left = mean_left(rolled, sense)
     square = (rolled.squares - 2.0 * sense * rolled.products) / rolled.windows
-    return max(LEAST_SQUARE, square - left.along**2 - left.across**2)
+    return max(TINY, square - left.along**2 - left.across**2)
 
 
 def forward_evidence(rolled: Rolled) -> float:

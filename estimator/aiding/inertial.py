@@ -41,7 +41,7 @@ GRAVITY_NED: Vec3 = (0.0, 0.0, STANDARD_GRAVITY_M_S2)
 LEARNT_LASTS_S = 2500.0
 # A slow error of a source beyond so many of its sigmas is one of a jump, and lasts the longer the
 # larger it is, up to so many times as long.
-USUAL_SIGMAS = 3.0
+REACH = 3.0
 MOST_PERSISTENCE = 20.0
 
 moved = replacer(
@@ -206,8 +206,8 @@ def lasting_times(params: AidingParams, state: AidingState) -> ErrorTimes:
 
 @inlined
 def persistence(error: Vec3, variance: float) -> float:
-    """How many times as long as usual an error lasts: 1 up to ``USUAL_SIGMAS``, then its square."""
-    return min(MOST_PERSISTENCE, max(1.0, dot(error, error) / (USUAL_SIGMAS**2 * variance)))
+    """How many times as long as usual an error lasts: 1 up to ``REACH``, then its square."""
+    return min(MOST_PERSISTENCE, max(1.0, dot(error, error) / (REACH**2 * variance)))
 
 
 @inlined

@@ -20,7 +20,7 @@ from estimator.aiding.surprise import MEMORY_S
 from estimator.aiding.types import Array, Report
 from estimator.compilation.compiled import inlined
 from estimator.compilation.replacing import replacer
-from estimator.conditioning.times import SPAN_S
+from estimator.conditioning.times import ACCELERATION_LASTS_S, SPAN_S
 from estimator.filter.alignment import nearest_rotation, quaternion_from_matrix
 from estimator.geometry.quaternion import (
     add,
@@ -35,8 +35,6 @@ from estimator.types import STANDARD_GRAVITY_M_S2, ZERO_VEC3, Quaternion, Vec3
 
 Matrix = tuple[Vec3, Vec3, Vec3]  # row by row
 
-# Reports that are further apart say too little about the velocity in between.
-LONGEST_WINDOW_S = 3.0
 # Sum of squared velocity changes, (m/s)^2, that must stand across every axis.
 LEAST_EXPLAINED_M2_S2 = 4.0
 # A heading no more certain than this, rad, is as good as none, such as one by a compass that
@@ -154,7 +152,7 @@ def add_report(
     opened = open_window(window, report, behind_s)
     if not window.is_open:
         return Search(opened, search.evidence), False
-    if time_s > LONGEST_WINDOW_S:
+    if time_s > ACCELERATION_LASTS_S:
         return Search(opened, fade(search.evidence, time_s)), False
     if time_s < SPAN_S:
         return search, False

@@ -4,21 +4,22 @@ Rows of (time, velocity gained since the beginning, acceleration), the newest fi
 A row is kept every ``ROW_S`` or at each sample if those are slower; the newest is always there.
 """
 
+from itertools import accumulate
 from typing import NamedTuple
 
 import numpy as np
 
 from estimator.aiding.types import Array
+from estimator.bounds import TINY
 from estimator.compilation.compiled import inlined
 from estimator.geometry.quaternion import add, scale, subtract
 from estimator.types import Vec3
 
 ROW_S = 0.0099  # samples at 100 Hz, whose clocks are not that even, have a row each
 ROWS = 64
-COLUMNS = 7
-ROUNDING = 1e-6
 LONG_AGO_S = 1e3  # longer than any step
-TIME, GAINED, ACCELERATION = 0, 1, 4
+WIDTHS = {"time": 1, "gained": 3, "acceleration": 3}
+TIME, GAINED, ACCELERATION, COLUMNS = accumulate(WIDTHS.values(), initial=0)
 
 
 class Since(NamedTuple):
@@ -73,7 +74,7 @@ def look_back(trail: Array, ago_s: float) -> Since:
     back = trail[k, TIME] - then
     gained = subtract(row(trail, 0, GAINED), row(trail, k, GAINED))
     step = trail[k, TIME] - trail[k + 1, TIME]
-    if step > LONG_AGO_S or back > (1.0 + ROUNDING) * step:  # the trail does not go back that far
+    if step > LONG_AGO_S or back > (1.0 + TINY) * step:  # the trail does not go back that far
         return Since(add(gained, scale(back, after)), after)
     change = scale(back / step, subtract(before, after))
     return Since(add(gained, scale(back, add(after, scale(0.5, change)))), add(after, change))

@@ -11,9 +11,9 @@ much less.
 from estimator.aiding.inertial import bend
 from estimator.aiding.types import TURN, VELOCITY, AidingParams, AidingState, Array, Roughness
 from estimator.compilation.compiled import inlined
-from estimator.conditioning.times import LATELY_S, LONGEST_STEP_S
+from estimator.conditioning.times import LATELY_S, LONGEST_STEP_S, SPAN_S
 from estimator.conditioning.vertical.rate import slow_share
-from estimator.conditioning.vertical.tilt import HOLE_RAD_S, HOLE_S
+from estimator.conditioning.vertical.tilt import HOLE_RAD_S
 from estimator.geometry.quaternion import dot, subtract
 from estimator.types import Sample, Vec3
 
@@ -65,7 +65,7 @@ def add_unseen_turn(
 @inlined
 def add_hole(P: Array, dt: float) -> None:
     """Variance of a hole, in place: in it a vehicle may have turned and gained speed anyhow."""
-    hole_s = dt - HOLE_S
+    hole_s = dt - SPAN_S
     if hole_s <= 0.0:
         return
     for i in range(3):

@@ -15,19 +15,13 @@ from math import atan2, hypot
 from math import exp as real_exp
 from typing import NamedTuple
 
-from estimator.aiding.search import (
-    EMPTY_SEARCH,
-    LONGEST_WINDOW_S,
-    Window,
-    extend_window,
-    open_window,
-)
+from estimator.aiding.search import EMPTY_SEARCH, Window, extend_window, open_window
 from estimator.aiding.surprise import USUAL_SQUARE
 from estimator.aiding.types import AidingEstimate, AidingState, Report, Sigmas
 from estimator.compilation.compiled import inlined
 from estimator.compilation.replacing import replacer
 from estimator.conditioning.field.magnetic import LEAST_HORIZONTAL
-from estimator.conditioning.times import SPAN_S, WALK_S
+from estimator.conditioning.times import ACCELERATION_LASTS_S, SPAN_S, WALK_S
 from estimator.filter.kernel import follow_rate
 from estimator.geometry.quaternion import (
     conjugate,
@@ -157,7 +151,7 @@ def hear_sample(witness: Witness, aided: AidingState, sample: Sample) -> Witness
     force_g = rotate(multiply(q_g_frd, ahead), felt)
     tilt, force = witness.tilt, witness.force
     force_wait_s = witness.force_wait_s + dt
-    if force_wait_s > LONGEST_WINDOW_S:
+    if force_wait_s > ACCELERATION_LASTS_S:
         keep = real_exp(-dt / SPAN_S)
         tilt = Apart(keep * tilt.mean_north_rad, keep * tilt.mean_east_rad, tilt.usual_square)
         force = Direction(force.g, force.ned, 0.0)
@@ -176,7 +170,7 @@ def hear_report(witness: Witness, estimate: AidingEstimate, report: Report) -> W
     """
     is_receiver = report.late_sigma_s > 0.0
     window = witness.window
-    is_silent = witness.report_wait_s > LONGEST_WINDOW_S
+    is_silent = witness.report_wait_s > ACCELERATION_LASTS_S
     if window.is_open and is_receiver != witness.by_receiver and not (is_receiver or is_silent):
         return witness
     lag_s = estimate.receiver_lag_s if is_receiver else estimate.filter_lag_s
@@ -188,7 +182,7 @@ def hear_report(witness: Witness, estimate: AidingEstimate, report: Report) -> W
     turned_rad = 0.0
     if continues and time_s < SPAN_S:
         opened, turned_rad = window, witness.turned_rad
-    elif continues and time_s <= LONGEST_WINDOW_S:
+    elif continues and time_s <= ACCELERATION_LASTS_S:
         pushed = subtract(window.pushed_m_s, opened.pushed_m_s)
         q_ned_g = multiply(estimate.q_ned_frd, conjugate(witness.q_g_frd))
         seen = rotate(q_ned_g, pushed)

@@ -3,6 +3,7 @@
 from math import cos, sin
 from typing import NamedTuple
 
+from estimator.bounds import TINY
 from estimator.compilation.compiled import compiled, inlined
 from estimator.compilation.replacing import replacer
 from estimator.conditioning.field.calibration import correct_field
@@ -16,8 +17,6 @@ from estimator.conditioning.vertical.tilt import slowness
 from estimator.geometry.axes import FrameAxes, axes_of, to_body
 from estimator.geometry.quaternion import conjugate, exp, log, multiply, rotate_inverse, scale
 from estimator.types import Quaternion, Sample, Vec3
-
-LEAST_DT_S = 1e-6
 
 
 class Conditioned(NamedTuple):
@@ -48,7 +47,7 @@ def condition(
     """Take one sample, of which the field may be in any unit."""
     gyr, acc, mag, is_first = sample.gyr_rad_s, sample.acc_m_s2, sample.mag, not state.started
     # Before the first sample there was no interval; what it tells counts as one step's.
-    dt = STEP_S if is_first else max(sample.dt_s, LEAST_DT_S)
+    dt = STEP_S if is_first else max(sample.dt_s, TINY)
     before = gyr if is_first else state.previous_gyr_rad_s
     rate = free_rate(params, state.vertical, before, sample, dt)
     turn = exp(scale(dt, rate))

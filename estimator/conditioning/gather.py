@@ -15,15 +15,15 @@ STEP_S = 0.0085
 class Gathered(NamedTuple):
     """Sums, each times its dt, since the last learning step."""
 
-    time_s: float  # that the samples stand for
-    gyr: Vec3  # rad, FRD
-    acc: Vec3  # m/s, FRD
-    gravity_g: Vec3  # minus the specific force, turned to G, m/s
-    field_g: Vec3  # corrected by the calibration, turned to G, field's unit times s
-    field_s: float  # time that the field's samples stand for
+    time_s: float = 0.0  # that the samples stand for
+    gyr: Vec3 = ZERO_VEC3  # rad, FRD
+    acc: Vec3 = ZERO_VEC3  # m/s, FRD
+    gravity_g: Vec3 = ZERO_VEC3  # minus the specific force, turned to G, m/s
+    field_g: Vec3 = ZERO_VEC3  # corrected by the calibration, turned to G, field's unit times s
+    field_s: float = 0.0  # time that the field's samples stand for
 
 
-NOTHING = Gathered(0.0, ZERO_VEC3, ZERO_VEC3, ZERO_VEC3, ZERO_VEC3, 0.0)
+NOTHING = Gathered()
 
 
 @inlined

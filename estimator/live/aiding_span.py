@@ -22,7 +22,7 @@ from estimator.aiding.witness import doubted
 from estimator.carrier import Carrier
 from estimator.conditioning import ConditioningState
 from estimator.conditioning.field.magnetic import horizontal_down
-from estimator.conditioning.field.robust import REACH_SQUARE
+from estimator.conditioning.field.robust import REACH
 from estimator.conditioning.vertical.rate import slow_share
 from estimator.filter.alignment import align, quaternion_from_matrix
 from estimator.geometry.quaternion import cross, dot, exp, multiply, rotate
@@ -185,7 +185,7 @@ def start_by_course(settings: Settings, now: Core, report: Report) -> Start | No
     forward = forward_evidence(rolled)
     north, east, _ = report.velocity_ned_m_s
     speed, level = hypot(north, east), hypot(down[1], down[2])
-    if level * speed == 0.0 or abs(forward) < REACH_SQUARE:
+    if level * speed == 0.0 or abs(forward) < REACH**2:
         return None
     unsure = max(report.sigma_m_s, aiding.report_sigma_m_s) / speed
     sense = copysign(1.0, forward)

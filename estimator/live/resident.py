@@ -34,7 +34,6 @@ from estimator.conditioning import Conditioned, ConditioningParams, condition
 from estimator.conditioning.events.axis_signs import errors_squared
 from estimator.conditioning.times import SPAN_S
 from estimator.conditioning.vertical.rate import slow_share
-from estimator.conditioning.vertical.tilt import HOLE_S
 from estimator.filter import kernel
 from estimator.filter.observation import ReferenceParams
 from estimator.filter.types import FilterParams, FilterState
@@ -309,7 +308,7 @@ def advance(
             end = FIRST_HEADING
         if not is_aided:
             state = follow_conditioned(params.filter, params.reference, state, seen, dt_s)
-            if dt_s > HOLE_S:  # how the vehicle has turned meanwhile is not known
+            if dt_s > SPAN_S:  # how the vehicle has turned meanwhile is not known
                 inside.search = EMPTY_SEARCH
             elif inside.search.window.is_open:
                 inside.search = add_sample(

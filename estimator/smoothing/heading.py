@@ -11,8 +11,9 @@ from typing import NamedTuple
 import numpy as np
 from scipy.linalg import solveh_banded
 
+from estimator.bounds import TINY
 from estimator.conditioning.field.magnetic import FieldReference, norm_of, steepness
-from estimator.conditioning.field.robust import HEADING_REACH_RAD, LEAST_CONFIDENCE
+from estimator.conditioning.field.robust import HEADING_REACH_RAD
 from estimator.conditioning.params import ConditioningParams
 from estimator.conditioning.vertical.averaging import WINDOW_S
 from estimator.conditioning.vertical.stillness import LEAST_DIRECTION_RAD
@@ -65,11 +66,11 @@ def noise(params: ConditioningParams, seen: Floats, reference: FieldReference) -
     """Density (W,) of the error of the field's heading, rad^2 s: see conditioning/field/heading."""
     horizontal, down = np.hypot(seen[:, 0], seen[:, 1]), seen[:, 2]
     expected = norm_of((reference.horizontal, reference.down))
-    norm = np.maximum(np.hypot(horizontal, down), LEAST_CONFIDENCE * expected)
+    norm = np.maximum(np.hypot(horizontal, down), TINY * expected)
     off_norm = (norm - expected) / expected
     off_dip = (down * reference.horizontal - horizontal * reference.down) / (norm * expected)
     square = (off_norm / params.field_norm_scale) ** 2 + (off_dip / params.field_dip_scale_rad) ** 2
-    confidence = np.maximum((1.0 + square) ** -2, LEAST_CONFIDENCE)
+    confidence = np.maximum((1.0 + square) ** -2, TINY)
     doubtful = params.heading_doubt_noise_rad2_s * (1.0 / confidence - 1.0)
     return np.asarray(params.heading_noise_rad2_s + doubtful)
 

@@ -20,6 +20,7 @@ from estimator.aiding.types import (
     Surroundings,
     Two,
 )
+from estimator.bounds import TINY
 from estimator.compilation.compiled import inlined
 from estimator.compilation.replacing import replacer
 from estimator.conditioning.field.magnetic import (
@@ -28,7 +29,7 @@ from estimator.conditioning.field.magnetic import (
     horizontal_down,
     look_at_field,
 )
-from estimator.conditioning.field.robust import LEAST_CONFIDENCE, REACH_SQUARE, residual_factor
+from estimator.conditioning.field.robust import REACH, residual_factor
 from estimator.conditioning.times import FIELD_S, LONG_S, WALK_S
 from estimator.conditioning.vertical.bias import SETTLED_HEADING_RAD
 from estimator.geometry.quaternion import cross, dot, exp, multiply, norm, rotate, scale, subtract
@@ -143,7 +144,7 @@ def compare_with_place(
     n = norm(place)
     if n == 0.0:
         return state
-    most = REACH_SQUARE * (params.field_norm_scale * n) ** 2
+    most = REACH**2 * (params.field_norm_scale * n) ** 2
     better = min(most, off_square(seen, learnt)) - min(most, off_square(as_read, place))
     keep = RESIDUAL_TAU_S / (RESIDUAL_TAU_S + wait)
     return with_evidence(
@@ -208,7 +209,7 @@ def observe_heading(
     field = judge_field(params, field, F, E, learnt)
     as_read = rotate(q_then, sample.mag)
     field = compare_with_place(params, field, F, E, as_read, others.place_gauss, wait)
-    if field.evidence > REACH_SQUARE:
+    if field.evidence > REACH**2:
         forget_iron(params, P, x, estimate.hard_iron_gauss)
         return begin_field(field, R, as_read, E, north, P, x)
     H = sqrt(E[0] * E[0] + E[1] * E[1])
@@ -216,7 +217,7 @@ def observe_heading(
         return field
     c, s = E[0] / H, E[1] / H
     F_along, F_across = c * F[0] + s * F[1], c * F[1] - s * F[0]
-    noise = params.heading_noise**2 / (wait * max(field.look.confidence, LEAST_CONFIDENCE))
+    noise = params.heading_noise**2 / (wait * max(field.look.confidence, TINY))
     across = field_row(R, dF, (-s / H, c / H, 0.0))
     across[TURN] = -c * F[2] / H
     across[TURN + 1] = -s * F[2] / H

@@ -28,6 +28,7 @@ from estimator.aiding.types import (
 )
 from estimator.compilation.compiled import inlined
 from estimator.compilation.replacing import replacer
+from estimator.conditioning.field.robust import FAR, REACH
 from estimator.conditioning.times import SPAN_S
 from estimator.conditioning.vertical.rate import SLOW_STEP_S
 from estimator.geometry.quaternion import rotate, scale, subtract
@@ -36,13 +37,9 @@ from estimator.types import ZERO_VEC3, Vec3, VelocitySample
 
 # Faster than sound in air: no vehicle this is for.
 SPEED_LIMIT_M_S = 400.0
-# A squared innovation this many times its variance (4 sigma) is no noise: the origin has jumped.
-FAR = 16.0
 # A squared innovation over its variance teaches the noise scale up to this value; a wild report
 # may be any distance off, and must not spoil the scale for the next hundred.
 CLIP = 25.0
-# An innovation counts for the published uncertainty up to this many of its sigmas.
-INNOVATION_LIMIT = 3.0
 # The noise scale is a mean over about this many reports, and at most LARGEST_SCALE.
 SCALE_REPORTS = 100.0
 LARGEST_SCALE = 100.0
@@ -181,7 +178,7 @@ def observe_velocity(
         # rounding may take an attitude as good as unknown below nothing
         unit = left / sqrt(max(expected_variance(P, h, noise), noise))
         square = unit * unit
-        unit = max(-INNOVATION_LIMIT, min(INNOVATION_LIMIT, unit))
+        unit = max(-REACH, min(REACH, unit))
         reports += 1.0
         newest = max(share, 1.0 / reports)
         innovation += newest * (unit * unit - innovation)

@@ -6,7 +6,7 @@ import numpy as np
 
 from estimator.aiding.covariance import expected_variance, learn, residual, rotation_matrix
 from estimator.aiding.inertial import Prediction
-from estimator.aiding.sources.velocity import FAR, LARGEST_SCALE
+from estimator.aiding.sources.velocity import LARGEST_SCALE
 from estimator.aiding.surprise import MEMORY_S
 from estimator.aiding.types import (
     HARD_IRON,
@@ -19,6 +19,7 @@ from estimator.aiding.types import (
     Wheels,
 )
 from estimator.compilation.compiled import inlined
+from estimator.conditioning.field.robust import FAR
 from estimator.conditioning.times import ACCELERATION_LASTS_S
 from estimator.geometry.quaternion import cross, dot, norm, rotate_inverse
 from estimator.types import Vec3

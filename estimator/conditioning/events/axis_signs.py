@@ -14,6 +14,7 @@ from estimator.compilation.compiled import inlined
 from estimator.compilation.replacing import replacer
 from estimator.conditioning.events.jump_signs import JumpSigns
 from estimator.conditioning.field.calibration import Calibration
+from estimator.conditioning.field.robust import FAR
 from estimator.conditioning.times import LATELY_S, LONG_S, SPAN_S
 from estimator.conditioning.vertical.gravity import GravityState
 from estimator.conditioning.vertical.lowpass import approach
@@ -24,9 +25,6 @@ from estimator.geometry.axes import FrameAxes, axes_of, to_body, to_frame
 from estimator.geometry.quaternion import add, cross, dot, scale, square, subtract, unit
 from estimator.types import ZERO_VEC3, Vec3
 
-# The ratio that contradicts an axis, which chance reaches once in an hour of independent seconds,
-# and by which one axis' evidence beats another's.
-CONTRADICTION = 16.0
 # The own field (share of the place's) that an autopilot's calibration has left.
 LEFT_SHARE = 0.07
 
@@ -205,7 +203,7 @@ def judge(state: AxisSigns, cases: tuple[Suspect, Suspect, Suspect], dt_s: float
         if case.ratio > ratio:
             ratio, turning = case.ratio, case.turning_share
     x, y, z = state.squares
-    least, share = most - CONTRADICTION, dt_s / (SPAN_S + dt_s)
+    least, share = most - FAR, dt_s / (SPAN_S + dt_s)
     squares = (
         suspicion(x, cases[0], least, share),
         suspicion(y, cases[1], least, share),
@@ -239,7 +237,7 @@ def is_strong(case: Suspect, least: float) -> bool:
     A magnet may turn the field by any angle, so that the force must not speak against the axis: by
     less than a standard deviation it may do so by chance.
     """
-    return case.ratio > CONTRADICTION and case.by_force > -1.0 and case.evidence > least
+    return case.ratio > FAR and case.by_force > -1.0 and case.evidence > least
 
 
 @inlined

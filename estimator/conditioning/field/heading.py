@@ -2,9 +2,10 @@
 
 from math import atan2, cos, pi, sin
 
+from estimator.bounds import TINY
 from estimator.compilation.compiled import inlined
 from estimator.conditioning.field.magnetic import MagneticState, steepness
-from estimator.conditioning.field.robust import LEAST_CONFIDENCE, residual_factor
+from estimator.conditioning.field.robust import residual_factor
 from estimator.conditioning.params import ConditioningParams
 from estimator.conditioning.times import SPAN_S
 from estimator.conditioning.vertical.bias import Estimate, clip_each
@@ -53,7 +54,7 @@ def heading_noise(params: ConditioningParams, field: MagneticState, settled: flo
     20 s scatter as a density of 1e-4 to 5e-3 does. It is larger while an own field and a lag are
     being learnt, T, and where norm and dip are off, c < 1.
     """
-    confidence = max(field.look.confidence * settled, LEAST_CONFIDENCE)
+    confidence = max(field.look.confidence * settled, TINY)
     early = 1.0 + params.heading_early_s / (SPAN_S + field.reference.age_s)
     doubtful = params.heading_doubt_noise_rad2_s * (1.0 / confidence - 1.0)
     return params.heading_noise_rad2_s * early + doubtful

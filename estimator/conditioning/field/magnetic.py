@@ -6,9 +6,10 @@ The field may be in any unit: only its direction and its relative changes are us
 from math import sqrt
 from typing import NamedTuple
 
+from estimator.bounds import TINY
 from estimator.compilation.compiled import inlined
 from estimator.compilation.replacing import replacer
-from estimator.conditioning.field.robust import LEAST_CONFIDENCE, robust_factor
+from estimator.conditioning.field.robust import robust_factor
 from estimator.conditioning.params import ConditioningParams
 from estimator.conditioning.times import FIELD_S, USUAL_S
 from estimator.types import Vec2, Vec3
@@ -84,7 +85,7 @@ def deviation(seen: Vec2, expected: Vec2) -> Vec2:
     Both are (horizontal, down). The sine stands for the angle: both dips come from two parts.
     """
     n_r = norm_of(expected)
-    n = max(norm_of(seen), LEAST_CONFIDENCE * n_r)  # no field has no dip
+    n = max(norm_of(seen), TINY * n_r)  # no field has no dip
     inverse = 1.0 / (n * n_r)
     return (n - n_r) * n * inverse, (seen[1] * expected[0] - seen[0] * expected[1]) * inverse
 

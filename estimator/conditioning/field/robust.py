@@ -4,10 +4,11 @@ from math import radians
 
 from estimator.compilation.compiled import inlined
 
-# The least confidence that anything is divided by: the noise of what nobody believes stays finite.
-LEAST_CONFIDENCE = 1e-6
-# A residual within so many sigmas (squared) of what is expected is none too far.
-REACH_SQUARE = 9.0
+# A residual within so many sigmas of what is expected is none too far.
+REACH = 3.0
+# A squared residual this many times its variance (4 sigma) is no noise: chance reaches it once in
+# an hour of independent seconds.
+FAR = 16.0
 # A residual of the heading that counts a quarter, rad. Small: a wrong heading never returns, large:
 # magnets draw it.
 HEADING_REACH_RAD = radians(25.0)
@@ -30,4 +31,4 @@ def residual_factor(residual: float, variance: float) -> float:
     Further out the larger ``variance``, rad^2, is that of the heading itself: a residual that its
     error explains is none too far.
     """
-    return robust_factor(residual * residual / (HEADING_REACH_RAD**2 + REACH_SQUARE * variance))
+    return robust_factor(residual * residual / (HEADING_REACH_RAD**2 + REACH**2 * variance))

@@ -9,10 +9,10 @@ from typing import NamedTuple
 from estimator.compilation.compiled import inlined
 from estimator.compilation.replacing import replacer
 from estimator.conditioning.params import ConditioningParams
+from estimator.conditioning.times import SPAN_S
 from estimator.conditioning.vertical.coefficients import Coefficients
 from estimator.conditioning.vertical.lowpass import Smooth, approach, smooth
 from estimator.conditioning.vertical.rate import FAST_STEP_S
-from estimator.conditioning.vertical.tilt import HOLE_S
 from estimator.geometry.quaternion import (
     multiply,
     normalize,
@@ -21,9 +21,8 @@ from estimator.geometry.quaternion import (
     square,
     unit,
 )
-from estimator.types import IDENTITY, ZERO_VEC3, Quaternion, Vec2, Vec3
+from estimator.types import DOWN, IDENTITY, ZERO_VEC3, Quaternion, Vec2, Vec3
 
-DOWN: Vec3 = (0.0, 0.0, 1.0)
 # Less smoothed force than this (m/s^2) has no direction: free fall.
 LEAST_FORCE_M_S2 = 0.5
 # The long mean of the low-passed force is taken over so many of its time constants.
@@ -110,7 +109,7 @@ def age_after_hole(
     next ones count as much as that says, and not as little as after seconds of averaging.
     """
     is_fast = 0.0 < usual_s < FAST_STEP_S
-    if slow <= 0.0 or dt <= HOLE_S or not is_fast:
+    if slow <= 0.0 or dt <= SPAN_S or not is_fast:
         return state
     before_s = state.force.age_s
     age_s = min(before_s, usual_s / max(share, usual_s / before_s))

@@ -21,8 +21,8 @@ from estimator.types import STANDARD_GRAVITY_M_S2, ZERO_VEC3, Vec3
 PRIOR_VARIANCE = 0.02
 # By so much an accelerometer's 1 g may be off, as a share.
 SCALE_ERROR = 0.03
-# An angle counts up to this, rad^2.
-MOST_APART = 1.0
+# An angle by which the force is off counts up to this, rad: what is further off is no scatter.
+MOST_APART_RAD = 1.0
 
 
 class Lasting(NamedTuple):
@@ -67,9 +67,9 @@ def watch_lasting(
     """
     long = approach(state.long, u, long_share)
     lag = (1.0 - long_share) ** 2 * (state.lag + missed)
-    off = MOST_APART
+    off = MOST_APART_RAD**2
     if square(quick) * square(long) > 0.0:
-        off = min(angle_between_vectors(quick, long) ** 2, MOST_APART)
+        off = min(angle_between_vectors(quick, long) ** 2, MOST_APART_RAD**2)
     excess = square(u) / STANDARD_GRAVITY_M_S2**2 - 1.0
     along = dot(u, down_g) / (norm(down_g) * STANDARD_GRAVITY_M_S2) if square(down_g) > 0.0 else 1.0
     b = dt_s / (USUAL_S + dt_s)

@@ -14,7 +14,8 @@ from typing import NamedTuple
 from estimator.compilation.compiled import inlined
 from estimator.compilation.replacing import replacer
 from estimator.conditioning.params import ConditioningParams
-from estimator.conditioning.times import ACCELERATION_LASTS_S, USUAL_S
+from estimator.conditioning.times import ACCELERATION_LASTS_S, SPAN_S, USUAL_S
+from estimator.conditioning.vertical.lasting import MOST_APART_RAD
 from estimator.conditioning.vertical.rate import slow_share
 from estimator.geometry.quaternion import angle_between_vectors, dot, norm, square, subtract
 from estimator.types import ZERO_VEC3, Between, Vec2, Vec3
@@ -25,15 +26,12 @@ GYR_NOISE = 0.002
 CROSSED = 0.1
 # Averages over a step leave of that only what the moving axis makes (coning).
 AVERAGED_SHARE = 0.1
-# After a hole longer than this (s) a vehicle may have done anything, at this rate (rad/s).
-HOLE_S = 1.0
+# After a hole longer than SPAN_S a vehicle may have done anything, at this rate (rad/s).
 HOLE_RAD_S = 0.3
 # No direction is known worse than this, rad^2.
 MOST_VARIANCE = 3.0
 # The least scatter of the force's direction, rad, of an accelerometer at rest.
 LEAST_SCATTER_RAD = 0.0175
-# An innovation counts up to this angle, rad: further ones are no scatter but a lost vertical.
-MOST_INNOVATION_RAD = 1.0
 # The least error of a second's mean force, rad^2, of an accelerometer at rest.
 LEAST_WANDER = 0.009**2
 
@@ -122,7 +120,7 @@ def step_noise(
     turn_factor = parts * (params.step_turn_noise_1_s * part_s * part_s) ** 2
     tilt = change_factor * max(tilting, state.tilting)
     twist = change_factor * max(twisting, state.twisting)
-    hole = HOLE_RAD_S**2 * max(0.0, dt_s - HOLE_S) ** 2
+    hole = HOLE_RAD_S**2 * max(0.0, dt_s - SPAN_S) ** 2
     drift = state.drift + bias_variance * dt_s
     return StepNoise(
         tilt=tilt
@@ -188,10 +186,10 @@ def believe_force(
 
 @inlined
 def innovation(down_g: Vec3, u: Vec3) -> float:
-    """Angle (rad) between the vertical and the force, at most ``MOST_INNOVATION_RAD``."""
+    """Angle (rad) between the vertical and the force, at most ``MOST_APART_RAD``."""
     if square(down_g) * square(u) <= 0.0:
-        return MOST_INNOVATION_RAD
-    return min(angle_between_vectors(down_g, u), MOST_INNOVATION_RAD)
+        return MOST_APART_RAD
+    return min(angle_between_vectors(down_g, u), MOST_APART_RAD)
 
 
 @inlined

@@ -7,7 +7,6 @@ import pytest
 
 from estimator.conditioning import ConditioningParams, initial_state
 from estimator.conditioning.events.axis_signs import (
-    CONTRADICTION,
     AxisSigns,
     Suspect,
     carry_axes,
@@ -18,6 +17,7 @@ from estimator.conditioning.events.axis_signs import (
 )
 from estimator.conditioning.events.jump_signs import JumpSigns
 from estimator.conditioning.field.calibration import Calibration
+from estimator.conditioning.field.robust import FAR
 from estimator.conditioning.vertical.coefficients import Coefficients
 from estimator.conditioning.vertical.gravity import Force, GravityState
 from estimator.conditioning.vertical.lowpass import Smooth, approach
@@ -162,7 +162,7 @@ def test_a_case_much_weaker_than_another_is_dropped():
     assert judge(AxisSigns(age_s=60.0), (strong, alike, none), 0.02).squares[1] > 0.0
     by_magnet = strong._replace(by_force=-1.1)
     assert judge(AxisSigns(age_s=60.0), (by_magnet, none, none), 0.02).squares == (0.0, 0.0, 0.0)
-    beneath = strong._replace(ratio=0.99 * CONTRADICTION)
+    beneath = strong._replace(ratio=0.99 * FAR)
     assert judge(AxisSigns(age_s=60.0), (beneath, none, none), 0.02).squares == (0.0, 0.0, 0.0)
 
 
