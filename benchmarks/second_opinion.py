@@ -28,8 +28,8 @@ from common.report import Row, parser, show
 
 from drivers.events import Event, Imu, ReferenceAttitude, VehicleId
 from drivers.logs.open import SUFFIXES, open_log
-from estimator.aiding.place import PlaceField
 from estimator.errors import InputError
+from estimator.geometry.earth import PlaceField
 from estimator.geometry.quaternion import add, angle_between, exp, multiply, rotate, scale
 from estimator.profile import load_profile
 from estimator.types import Attitude, ImuSample, Quaternion, Vec3

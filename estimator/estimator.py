@@ -4,10 +4,10 @@ from typing import Any, NamedTuple
 
 from estimator.aiding import compass
 from estimator.aiding.phase import Phase
-from estimator.aiding.place import PlaceField
 from estimator.aiding.search import UNKNOWN_RAD
 from estimator.carrier import Carrier
 from estimator.filter.gain_words import gain_in_words
+from estimator.geometry.earth import PlaceField
 from estimator.live import north
 from estimator.live.aiding_span import set_carrier, set_imu_lag
 from estimator.live.contradiction import leaning_angle

@@ -12,7 +12,8 @@ is read; times are the vehicle's, and those of arrival.
 from enum import StrEnum
 from math import atan2, degrees, hypot, sqrt
 
-from estimator.aiding.place import PlaceField, resembles
+from estimator.aiding.place import resembles
+from estimator.geometry.earth import PlaceField
 from estimator.geometry.quaternion import rotate
 from estimator.profile import CONDITIONING_DEFAULTS, Profile
 from estimator.types import Attitude, ImuSample, Vec3

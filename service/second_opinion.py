@@ -12,8 +12,9 @@ from enum import StrEnum
 from math import atan2, cos, degrees, exp, hypot, radians, sin
 from typing import NamedTuple
 
-from estimator.aiding.place import PlaceField, resembles
+from estimator.aiding.place import resembles
 from estimator.geometry import quaternion
+from estimator.geometry.earth import PlaceField
 from estimator.geometry.quaternion import add, conjugate, multiply, norm, rotate, scale
 from estimator.types import STANDARD_GRAVITY_M_S2, Attitude, ImuSample, Quaternion, Vec3
 from service.lasting import END_SHARE, Lasting

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from pymavlink.dialects.v20 import ardupilotmega
 from scipy.signal import butter, lfilter, lfilter_zi
 
-from estimator.aiding.place import field_at
+from estimator.geometry.earth import field_at
 from estimator.geometry.frames import euler_rad
 from estimator.types import STANDARD_GRAVITY_M_S2
 

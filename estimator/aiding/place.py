@@ -1,36 +1,19 @@
-"""Where a vehicle is, and the magnetic field of the place, from the World Magnetic Model."""
+"""Where a vehicle is taken to be, and whether a field may be that of the place."""
 
-from functools import lru_cache
-from math import atan2, cos, dist, hypot, isfinite, radians, sin
-from typing import Any, NamedTuple
+from math import atan2, dist, hypot, isfinite, radians
+from typing import NamedTuple
 
-from estimator.types import Vec3
+from estimator.geometry.earth import PlaceField, distance_m, field_at, in_ned
 
-SECONDS_A_YEAR = 365.25 * 86_400.0
-UNIX_EPOCH_YEAR = 1970.0
-# The years that the models at hand describe; a clock that is far off gets the nearest one.
-FIRST_YEAR = 2010.0
-LAST_YEAR = 2030.0
 # A compass whose field is off by more than this is not calibrated; some autopilots'
 # scale is half of reality.
 LEAST_STRENGTH, MOST_STRENGTH = 0.4, 1.4
 MOST_DIP_OFF_RAD = radians(15.0)
-LATITUDE_LIMIT_DEG = 89.9  # at the poles the declination is undefined
-NANOTESLA_PER_GAUSS = 1e5
-EARTH_RADIUS_M = 6_371_000.0
 # So far away the field is looked up anew; the declination changes by some 0.1 degrees in that.
 MOVED_M = 20_000.0
 # By so much of its strength does one place's field differ from another's where what was
 # concluded from the one is wrong at the other; a flight of 200 km changes it by less.
 UNLIKE_SHARE = 0.05
-
-
-class PlaceField(NamedTuple):
-    """Declination (east positive) and dip (down positive) in rad, and the field's strength."""
-
-    declination_rad: float
-    dip_rad: float
-    strength_gauss: float
 
 
 class Place(NamedTuple):
@@ -69,57 +52,9 @@ def update_whereabouts(
     return known if field is None else Whereabouts(Place(*position, field))
 
 
-def distance_m(one_deg: tuple[float, float], other_deg: tuple[float, float]) -> float:
-    """The chord between two places (latitude, longitude) on a sphere."""
-    return EARTH_RADIUS_M * dist(_direction(*one_deg), _direction(*other_deg))
-
-
-def _direction(latitude_deg: float, longitude_deg: float) -> tuple[float, float, float]:
-    latitude, longitude = radians(latitude_deg), radians(longitude_deg)
-    across = cos(latitude)
-    return (across * cos(longitude), across * sin(longitude), sin(latitude))
-
-
 def differ(one: PlaceField, other: PlaceField) -> bool:
     """Whether two places' fields differ by more than a compass's calibration leaves over."""
     return dist(in_ned(one), in_ned(other)) > UNLIKE_SHARE * one.strength_gauss
-
-
-def in_ned(field: PlaceField) -> Vec3:
-    """The field in NED, gauss."""
-    horizontal = field.strength_gauss * cos(field.dip_rad)
-    return (
-        horizontal * cos(field.declination_rad),
-        horizontal * sin(field.declination_rad),
-        field.strength_gauss * sin(field.dip_rad),
-    )
-
-
-def field_at(
-    latitude_deg: float, longitude_deg: float, altitude_m: float, unix_us: int
-) -> PlaceField | None:
-    """The field at a place and a date; None where it cannot be told.
-
-    World Magnetic Model (NOAA/NCEI and BGS) of the epoch that holds the date.
-    """
-    numbers = (latitude_deg, longitude_deg, altitude_m)
-    if not all(map(isfinite, numbers)) or abs(latitude_deg) > LATITUDE_LIMIT_DEG:
-        return None
-    year = UNIX_EPOCH_YEAR + unix_us * 1e-6 / SECONDS_A_YEAR
-    year = min(LAST_YEAR - 0.01, max(FIRST_YEAR, year))
-    model = _model(5 * int(year // 5))
-    result = model.calculate(
-        glat=latitude_deg,
-        glon=(longitude_deg + 180.0) % 360.0 - 180.0,
-        alt=1e-3 * altitude_m,
-        time=year,
-        allow_date_outside_lifespan=True,
-    )
-    return PlaceField(
-        radians(float(result.d)),
-        radians(float(result.i)),
-        float(result.f) / NANOTESLA_PER_GAUSS,
-    )
 
 
 def resembles(place: PlaceField, horizontal_gauss: float, down_gauss: float) -> bool:
@@ -127,10 +62,3 @@ def resembles(place: PlaceField, horizontal_gauss: float, down_gauss: float) -> 
     share = hypot(horizontal_gauss, down_gauss) / place.strength_gauss
     off = atan2(down_gauss, horizontal_gauss) - place.dip_rad
     return LEAST_STRENGTH <= share <= MOST_STRENGTH and abs(off) <= MOST_DIP_OFF_RAD
-
-
-@lru_cache(maxsize=4)
-def _model(epoch: int) -> Any:
-    from pygeomag import GeoMag
-
-    return GeoMag(base_year=epoch)

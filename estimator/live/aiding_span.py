@@ -13,7 +13,7 @@ from estimator.aiding.beginning import loosen
 from estimator.aiding.course import forward_evidence, lean_rad, level_ahead
 from estimator.aiding.lean import bears_out
 from estimator.aiding.phase import Cause, Phase
-from estimator.aiding.place import in_ned, resembles
+from estimator.aiding.place import resembles
 from estimator.aiding.search import EMPTY_SEARCH, UNKNOWN_RAD, solve
 from estimator.aiding.sources.wheels import rolls
 from estimator.aiding.types import Sigmas
@@ -25,6 +25,7 @@ from estimator.conditioning.field.magnetic import horizontal_down
 from estimator.conditioning.field.robust import REACH
 from estimator.conditioning.vertical.rate import slow_share
 from estimator.filter.alignment import align, quaternion_from_matrix
+from estimator.geometry.earth import in_ned
 from estimator.geometry.quaternion import cross, dot, exp, multiply, rotate
 from estimator.live.conditioned import conditioned_vectors
 from estimator.live.core import Core, flat, square, with_attitude

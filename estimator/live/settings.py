@@ -6,13 +6,13 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from estimator.aiding import AidingParams
-from estimator.aiding.place import PlaceField, in_ned
 from estimator.carrier import Carrier
 from estimator.conditioning import ConditioningParams
 from estimator.errors import InputError
 from estimator.filter.alignment import nearest_rotation, quaternion_from_matrix
 from estimator.filter.observation import ReferenceParams
 from estimator.filter.types import FilterParams
+from estimator.geometry.earth import PlaceField, in_ned
 from estimator.geometry.quaternion import exp, rotate, unit
 from estimator.profile import Profile
 from estimator.types import ZERO_VEC3, Quaternion, Vec3

@@ -2,10 +2,10 @@
 
 from estimator.aiding import compass
 from estimator.aiding.phase import Cause, Phase, after
-from estimator.aiding.place import PlaceField
 from estimator.aiding.sources.wheels import rolls
 from estimator.conditioning import forget_coefficients
 from estimator.filter.alignment import align
+from estimator.geometry.earth import PlaceField
 from estimator.live.conditioned import conditioned_vectors
 from estimator.live.core import (
     Core,

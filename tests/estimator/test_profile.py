@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 from msgspec import structs
 
-from estimator.aiding.place import PlaceField
 from estimator.errors import InputError
 from estimator.estimator import Estimator
 from estimator.filter.memberships import LOWER, NAMES, UPPER, midpoint, require_feasible
+from estimator.geometry.earth import PlaceField
 from estimator.geometry.quaternion import exp, multiply
 from estimator.live.settings import settings_of
 from estimator.profile import (

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from drivers.simulation.simulated_vehicle import simulate
-from estimator.aiding.place import field_at
 from estimator.estimator import Estimator
+from estimator.geometry.earth import field_at
 from estimator.geometry.quaternion import exp, multiply, rotate_inverse, scale
 from estimator.live.aided import confidence
 from estimator.live.published import LEAST_SIGMA_RAD, widen

@@ -7,7 +7,7 @@ import pytest
 from drivers.events import BuiltIn, Imu
 from drivers.simulation.simulated_vehicle import SimulatedVehicle
 from drivers.simulation.source import imu_sample
-from estimator.aiding.place import PlaceField
+from estimator.geometry.earth import PlaceField
 from estimator.geometry.quaternion import exp, multiply, rotate_inverse, scale
 from estimator.profile import load_profile
 from estimator.types import Attitude, ImuSample

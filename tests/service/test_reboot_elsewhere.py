@@ -10,7 +10,7 @@ from drivers.endpoint import parse_endpoint
 from drivers.mavlink.dialect import mavlink
 from drivers.mavlink.encoder import FrameEncoder, raw_imu
 from drivers.source import open_live
-from estimator.aiding.place import field_at
+from estimator.geometry.earth import field_at
 from estimator.profile import load_profile
 from service.pipeline import Pipeline
 from service.records import AttitudeRecord, Published

@@ -4,7 +4,7 @@ from math import atan2, cos, degrees, hypot, radians, sin
 
 import pytest
 
-from estimator.aiding.place import PlaceField
+from estimator.geometry.earth import PlaceField
 from estimator.geometry.quaternion import multiply, rotate_inverse
 from estimator.types import Attitude, ImuSample
 from service.second_opinion import (

@@ -18,7 +18,7 @@ from drivers.simulation.flight import (
     geodetic,
 )
 from drivers.simulation.simulated_vehicle import simulate
-from estimator.aiding.place import distance_m, field_at
+from estimator.geometry.earth import distance_m, field_at
 from estimator.geometry.frames import euler_rad
 from estimator.geometry.quaternion import rotate_inverse
 

@@ -9,8 +9,8 @@ import pytest
 
 from estimator.aiding.compass import is_trusted
 from estimator.aiding.phase import Phase
-from estimator.aiding.place import field_at
 from estimator.estimator import Estimator
+from estimator.geometry.earth import field_at
 from estimator.geometry.metrics import batch_angle_errors, rms
 from estimator.geometry.quaternion import exp, rotate, rotate_inverse
 from estimator.profile import load_profile

@@ -4,15 +4,8 @@ from math import cos, degrees, inf, nan, radians, sin
 
 import pytest
 
-from estimator.aiding.place import (
-    PlaceField,
-    Whereabouts,
-    differ,
-    distance_m,
-    field_at,
-    resembles,
-    update_whereabouts,
-)
+from estimator.aiding.place import Whereabouts, differ, resembles, update_whereabouts
+from estimator.geometry.earth import PlaceField, distance_m, field_at
 
 MICROSECONDS_2025 = 1_735_689_600_000_000
 

@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 
 from estimator.aiding import AidingParams, blank_aiding
-from estimator.aiding.place import field_at, in_ned
 from estimator.aiding.surprise import add_correction, known, pass_time, surprised
 from estimator.aiding.types import GYR_BIAS, HARD_IRON, SIZE, TURN, Sigmas, Surprise
 from estimator.aiding.uncertainty import leaning
 from estimator.conditioning.field.magnetic import FieldLook
 from estimator.estimator import Estimator
+from estimator.geometry.earth import field_at, in_ned
 from estimator.profile import load_profile, merge_profile
 from estimator.types import ZERO_VEC3
 from tests.flight import banked_flight, flown
