@@ -48,6 +48,7 @@ class TerminalView:
     """
 
     name = "terminal"
+    rest_s = 0.5 / REFRESH_HZ
 
     def __init__(
         self,

@@ -3,17 +3,22 @@
 import threading
 import time
 from collections import deque
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Protocol
 
 from service.records import Output
 
+AtOnce = Callable[[Sequence[Output]], Sequence[Output]]
+
 
 class Sink(Protocol):
-    """Somewhere outputs go. All calls come from one thread, the sink's own.
+    """Somewhere outputs go. All calls come from one thread at a time, the sink's own.
 
     One with ``never_waits = True`` is late only for want of computing time, never for somebody
-    else's sake: when it is, there is more to do than can be done.
+    else's sake: when it is, there is more to do than can be done. It may have
+    ``handle_at_once(outputs)``, which returns what cannot be done at once: while nothing else is
+    pending the loop calls that itself, since to wake a thread costs more than some records. One
+    with a ``rest_s`` is for eyes: its thread rests that long after each look.
     """
 
     @property
@@ -53,6 +58,8 @@ class Outlet:
         self._pending: deque[tuple[float, Sequence[Output]]] = deque()  # and since when, s
         self._is_busy = False  # something is pending, or in hand
         self._progress_s = 0.0  # when it began, or got on with something
+        self._handle_at_once: AtOnce | None = getattr(sink, "handle_at_once", None)
+        self._rest_s: float = getattr(sink, "rest_s", 0.0)
         self._closing = False
         self._changed = threading.Condition()
         # a daemon: a sink that blocks for ever must not keep the process alive
@@ -61,6 +68,14 @@ class Outlet:
 
     def put(self, outputs: Sequence[Output]) -> None:
         """Hand over outputs; never blocks."""
+        if self._handle_at_once is not None and not self._is_busy:
+            try:
+                outputs = self._handle_at_once(outputs)
+            except BaseException as error:  # noqa: BLE001 - whatever it does, the others go on
+                self._note(error)
+                return
+            if not outputs:
+                return
         now_s = time.monotonic()
         with self._changed:
             while len(self._pending) >= MAX_PENDING or (
@@ -70,15 +85,17 @@ class Outlet:
             self._pending.append((now_s, outputs))
             if not self._is_busy:
                 self._is_busy, self._progress_s = True, now_s
-            self._changed.notify()
+                self._changed.notify()
 
     def settle(self, timeout_s: float) -> bool:
         """Wait until nothing is pending or in hand; at most so long. Whether that is so.
 
         Of a sink that gets on with nothing it is said, too: nobody waits for it.
         """
+        if not self._is_busy:
+            return True
         with self._changed:
-            if self._is_busy and time.monotonic() - self._progress_s > STUCK_S:
+            if time.monotonic() - self._progress_s > STUCK_S:
                 return True
             return self._changed.wait_for(lambda: not self._is_busy, max(0.0, timeout_s))
 
@@ -117,6 +134,7 @@ class Outlet:
             if not self._pending and self._is_busy:
                 self._is_busy = False
                 self._changed.notify_all()  # whoever waits for that
+                self._changed.wait_for(lambda: self._closing, self._rest_s)
             while not self._pending and not self._closing:
                 self._changed.wait()
             return self._pending.popleft()[1] if self._pending else None

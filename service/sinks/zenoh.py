@@ -82,17 +82,38 @@ class ZenohSink:
     def handle(self, outputs: Sequence[Output]) -> None:
         """Publish the records among the outputs."""
         for output in outputs:
-            if isinstance(output, Published):
-                form = output.record.__class__
-                # with workers an attitude has come encoded, too; this one is for those who show it
-                if not (self._takes_encoded and form is AttitudeRecord):
-                    self._put(output.vehicle, form, self._encode(output.record))
-            elif isinstance(output, Encoded):
-                self._put(output.vehicle, AttitudeRecord, output.payload)
-            elif isinstance(output, Replaced):
-                self._profiles[vehicle_name(output.vehicle)] = output.profile
-            elif isinstance(output, Departed):
-                self._disappear(output.vehicle)
+            self._take(output)
+
+    def handle_at_once(self, outputs: Sequence[Output]) -> Sequence[Output]:
+        """Publish what comes before the first output that changes keys, which others are told of.
+
+        Returns the rest.
+        """
+        for k, output in enumerate(outputs):
+            if self._changes_keys(output):
+                return outputs[k:]
+            self._take(output)
+        return ()
+
+    def _changes_keys(self, output: Output) -> bool:
+        if isinstance(output, Published):
+            return (output.vehicle, output.record.__class__) not in self._topics
+        if isinstance(output, Encoded):
+            return (output.vehicle, AttitudeRecord) not in self._topics
+        return isinstance(output, Departed)
+
+    def _take(self, output: Output) -> None:
+        if isinstance(output, Published):
+            form = output.record.__class__
+            # with workers an attitude has come encoded, too; this one is for those who show it
+            if not (self._takes_encoded and form is AttitudeRecord):
+                self._put(output.vehicle, form, self._encode(output.record))
+        elif isinstance(output, Encoded):
+            self._put(output.vehicle, AttitudeRecord, output.payload)
+        elif isinstance(output, Replaced):
+            self._profiles[vehicle_name(output.vehicle)] = output.profile
+        elif isinstance(output, Departed):
+            self._disappear(output.vehicle)
 
     def close(self) -> None:
         """Close the session, which withdraws everything declared on it."""

@@ -124,3 +124,72 @@ def test_a_sink_that_does_not_get_on_is_not_waited_for(monkeypatch):
         assert outbox.settle(20.0)
         assert time.monotonic() - begin_s < 5.0
         sink.release.set()
+
+
+class Quick(Collector):
+    """Takes numbers at once, but for 3, and notes where."""
+
+    name = "quick"
+    never_waits = True
+
+    def __init__(self):
+        super().__init__()
+        self.by, self.release = [], threading.Event()
+
+    def handle(self, outputs):
+        self.release.wait(30)
+        self._take(outputs)
+
+    def handle_at_once(self, outputs):
+        texts = [output.text for output in outputs]
+        end = texts.index("3") if "3" in texts else len(texts)
+        self._take(outputs[:end])
+        if "bad" in texts:
+            raise OSError("it broke")
+        return outputs[end:]
+
+    def _take(self, outputs):
+        self.got.extend(outputs)
+        self.by.extend([threading.current_thread()] * len(outputs))
+
+
+def test_what_can_be_done_at_once_is_done_by_the_loop_and_overtakes_nothing():
+    sink, here = Quick(), threading.current_thread()
+    texts = [str(number) for number in range(6)]
+    with Outbox([sink]) as outbox:
+        outbox.put([Message(text) for text in texts[:5]])
+        assert [output.text for output in sink.got] == texts[:3]
+        outbox.put([Message(texts[5])])  # behind those that wait
+        sink.release.set()
+        while not outbox.settle(1.0):
+            pass
+        outbox.put([Message("6"), Message("bad")])
+        outbox.put([])  # brings the error
+    assert [output.text for output in sink.got] == [*texts, "6", "bad", "quick: it broke"]
+    assert [thread is here for thread in sink.by] == [True] * 3 + [False] * 3 + [True] * 3
+
+
+def test_a_sink_for_eyes_takes_what_has_gathered_and_all_before_the_close():
+    class Eyes(Collector):
+        rest_s = 30.0
+
+        def __init__(self):
+            super().__init__()
+            self.first = threading.Event()
+
+        def handle(self, outputs):
+            super().handle(outputs)
+            self.first.set()
+
+    sink = Eyes()
+    outbox = Outbox([sink])
+    outbox.put([Message("0")])
+    assert sink.first.wait(10)
+    time.sleep(0.05)  # it rests
+    outbox.put([Message("1")])
+    outbox.put([Message("2")])
+    time.sleep(0.05)
+    assert len(sink.got) == 1
+    outbox.close()
+    assert [output.text for output in sink.got] == ["0", "1", "2"]
+    assert not outbox.stuck
