@@ -8,8 +8,7 @@ beside iron, or tilted, gets another chance.
 
 from typing import NamedTuple
 
-from estimator.aiding.surprise import MEMORY_S
-from estimator.conditioning.times import LONG_S
+from estimator.conditioning.times import LONG_S, MEMORY_S
 
 # A compass whose heading was wrong twice counts as not calibrated for this long (s). It was if the
 # aiding gives up again while the first time is remembered (LONG_S). After a field that did not look

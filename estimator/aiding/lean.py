@@ -12,11 +12,12 @@ from estimator.aiding.inertial import GRAVITY_NED
 from estimator.aiding.types import Lean
 from estimator.compilation.compiled import inlined
 from estimator.compilation.replacing import replacer
+from estimator.conditioning.params import ConditioningParams
 from estimator.geometry.quaternion import add, scale, subtract
 from estimator.types import STANDARD_GRAVITY_M_S2, Vec3
 
-# For so long (s) the unaided stage averages.
-LEAN_TAU_S = 2.5
+# For so long the unaided stage averages.
+LEAN_TAU_S = ConditioningParams().gravity_tau_s
 # An acceleration of less than this (m/s^2) tells no attitude from another.
 TELLING_M_S2 = 1.0
 # What the aided attitude leaves of it unexplained, to be believed rather than the unaided one.

@@ -16,11 +16,10 @@ from typing import NamedTuple
 import numpy as np
 
 from estimator.aiding.course import STANDING, Rolled, fade_rolled, roll_on
-from estimator.aiding.surprise import MEMORY_S
 from estimator.aiding.types import Array, Report
 from estimator.compilation.compiled import inlined
 from estimator.compilation.replacing import replacer
-from estimator.conditioning.times import ACCELERATION_LASTS_S, SPAN_S
+from estimator.conditioning.times import ACCELERATION_LASTS_S, MEMORY_S, SPAN_S
 from estimator.filter.alignment import nearest_rotation, quaternion_from_matrix
 from estimator.geometry.quaternion import (
     add,

@@ -21,12 +21,10 @@ from estimator.aiding.types import (
     Surprise,
 )
 from estimator.compilation.compiled import inlined
+from estimator.conditioning.times import MEMORY_S
 from estimator.geometry.quaternion import add, rotate, scale, subtract
 from estimator.types import Vec3
 
-# For so long (s) what has been measured counts: corrections, what velocities tell of the heading
-# (meanwhile G drifts by less than that is wrong), and what wheels contradict.
-MEMORY_S = 30.0
 # Their sum is within two sigmas of what is expected.
 USUAL_SQUARE = 4.0
 

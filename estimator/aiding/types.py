@@ -82,7 +82,6 @@ class AidingParams(NamedTuple):
     oldest_report_s: Time = 0.5  # older ones come too late
     give_up_s: Time = 300.0  # after so long without one, velocity is given up
     doubt_s: Time = 1.5  # after so long with reports far off, too
-    field_doubt_s: Time = 4.0  # or a field that looks as usual; small: a magnet that passes ends it
     far_heading_rad: Angle = radians(40.0)  # a field this far off is far off
     sideslip_rad: Angle = 3.0  # of wheels 0.05; 3: it may move any way, and a HEARTBEAT decides
     gap_s: Time = 5.0  # after so long without samples (1 s of a slow stream) it begins anew

@@ -30,7 +30,6 @@ class ConditioningParams(NamedTuple):
     use_step_noise: bool = True  # off: slow streams are treated as fast ones
 
     # Rest: how long things must be how quiet.
-    rest_tau_s: Time = 0.5  # low-pass of gyro and acc; small: noise, large: late
     rest_gyr_rad_s: Rate = radians(2.0)  # small: rest is missed, large: slow motion passes for it
     rest_acc_m_s2: Acceleration = 0.5  # small: rest is missed, large: slow motion passes for it
     rest_time_s: Time = 1.5  # small: pauses in motion pass for rest, large: late
@@ -72,21 +71,16 @@ class ConditioningParams(NamedTuple):
     heading_noise_rad2_s: Noise = (
         0.003  # of the field's heading; small: follows magnets, large: slow
     )
-    heading_early_s: Time = 30.0  # for so long it is larger; small: trusts a field that is new
     heading_doubt_noise_rad2_s: Noise = 0.015  # what a doubtful field adds; small: follows magnets
     heading_tau_s: Time = 22.0  # what the heading makes of a constant drift; small: follows magnets
     heading_turning_noise_s: Noise = (
         5e-6  # drift variance per squared rate: scale errors of the gyro
-    )
-    heading_borne_s: Time = (
-        4.0  # for so long a field that looks usual must point elsewhere, at most
     )
 
     # Events.
     turn_heading_rad: Angle = radians(10.0)  # residual no honest drift reaches; small: false alarms
     turn_heading_tau_s: Time = 1.5  # averaging of that residual; small: false alarms
     turn_confidence: Share = 0.45  # least confidence of the field, averaged over the same time
-    turn_time_s: Time = 1.0  # a sign must last, the force is averaged; small: follows magnets
     turn_moving_rad: Angle = radians(60.0)  # gravity off by so much
     turn_jump_rad: Angle = radians(2.5)  # turn of the field in G that is no noise
     turn_jump_usual: Share = 4.0  # and no more of what it usually turns; small: false alarms

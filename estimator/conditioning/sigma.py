@@ -9,7 +9,7 @@ from estimator.conditioning.events.step import EventsState
 from estimator.conditioning.field.heading import north_east, wrap_angle
 from estimator.conditioning.field.magnetic import MagneticState, has_heading, steepness
 from estimator.conditioning.params import ConditioningParams
-from estimator.conditioning.times import LONG_S
+from estimator.conditioning.times import BORNE_S, LONG_S
 from estimator.conditioning.vertical.bias import SETTLED_HEADING_RAD
 from estimator.conditioning.vertical.gravity import heading_frame
 from estimator.conditioning.vertical.rate import following_weight
@@ -106,7 +106,6 @@ def slow_and_carried(params: ConditioningParams, dt_s: float) -> Vec2:
 
 @inlined
 def rival(
-    params: ConditioningParams,
     vertical: VerticalState,
     magnetic: MagneticState,
     events: EventsState,
@@ -125,7 +124,7 @@ def rival(
         )
         north, east = north_east(heading_rad, field_6d)
         by_other = seen_s / (seen_s + reference.borne_s) * atan2(east, north) ** 2
-    unborne = 1.0 - signs.borne_s / params.heading_borne_s
+    unborne = 1.0 - signs.borne_s / BORNE_S
     if signs.off_s > 0.0:
         away = atan2(signs.mean_east, signs.mean_north)
         return max(unborne * away * away, by_other)
@@ -154,7 +153,7 @@ def sigma_heading(
     p = vertical.estimate.covariance[9]
     steep = steepness(magnetic.reference)
     signs = events.signs
-    lasting = MEASURED_SQUARE * signs.heading.scatter + rival(params, vertical, magnetic, events)
+    lasting = MEASURED_SQUARE * signs.heading.scatter + rival(vertical, magnetic, events)
     slow, carried = slow_and_carried(params, vertical.coefficients.dt_s)
     leaning = vertical.doubt + carried * LOW_PASS_SHARE * vertical.tilt.variance
     bent = steep * (SIGMA_BENT_SQUARE * signs.gravity.uneven + 0.5 * leaning)

@@ -5,9 +5,13 @@ FIELD_S = 0.05
 # Of samples further apart (s) what turned in between is mostly missed: one tells no own field, and
 # is a sign of no more than this, so that several in a row have to agree.
 LONGEST_STEP_S = 0.15
+# The quick means of gyroscope, force and field, s: in a shorter one is noise, a longer one is late.
+QUICK_S = 0.5
 # Of force, field and velocity the mean of so long (s) is held against another one: in a shorter one
 # is mostly noise, in a longer one the gyroscope drifts. So long a silence is one.
 SPAN_S = 1.0
+# So long (s) a field that looks usual must point elsewhere to be believed: a magnet passes.
+BORNE_S = 4.0
 # Accelerations that the mean force does not average out, and slips of wheels, last for so long, s.
 ACCELERATION_LASTS_S = 3.0
 # What is compared with now, s: accelerations, a wandering field, where gravity and field stood.
@@ -15,6 +19,9 @@ LATELY_S = 10.0
 # Mean squares that say how much something usually scatters, s: the size of force and field, the
 # heading's residual, and what betrays accelerations that last.
 USUAL_S = 20.0
+# What has been measured counts for so long, s: corrections, what velocities tell of the heading
+# (meanwhile G drifts by less than that is wrong), what wheels contradict, that a field is new.
+MEMORY_S = 30.0
 # What is remembered, s: headings that were given up, how well means of the force agree.
 LONG_S = 60.0
 # The growth of a variance that wanders is told for this time, and how far what is measured usually

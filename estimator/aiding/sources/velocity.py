@@ -29,7 +29,7 @@ from estimator.aiding.types import (
 from estimator.compilation.compiled import inlined
 from estimator.compilation.replacing import replacer
 from estimator.conditioning.field.robust import FAR, REACH
-from estimator.conditioning.times import SPAN_S
+from estimator.conditioning.times import BORNE_S, SPAN_S
 from estimator.conditioning.vertical.rate import SLOW_STEP_S
 from estimator.geometry.quaternion import rotate, scale, subtract
 from estimator.reasons import Reason
@@ -40,9 +40,8 @@ SPEED_LIMIT_M_S = 400.0
 # A squared innovation over its variance teaches the noise scale up to this value; a wild report
 # may be any distance off, and must not spoil the scale for the next hundred.
 CLIP = 25.0
-# The noise scale is a mean over about this many reports, and at most LARGEST_SCALE.
+# The noise scale is a mean over about this many reports, and itself at most as large.
 SCALE_REPORTS = 100.0
-LARGEST_SCALE = 100.0
 # The noise scale of a receiver's reports may also fall, to this: no IMU has smoothed them.
 LEAST_RECEIVER_SCALE = 0.1
 # At this noise scale the reports are very noisy, or the attitude is wrong and makes them look so.
@@ -185,7 +184,7 @@ def observe_velocity(
         together += newest * (unit * before[i] - together)
         units[i] = unit
         noise_scale *= 1.0 + (min(square, CLIP) - 1.0) / (3.0 * SCALE_REPORTS)
-        noise_scale = min(max(noise_scale, least), LARGEST_SCALE)
+        noise_scale = min(max(noise_scale, least), SCALE_REPORTS)
         if square > FAR:
             P[loose_at + i, loose_at + i] += left * left
             far = True
@@ -211,6 +210,6 @@ def is_credible(params: AidingParams, state: AidingState) -> bool:
         doubt_s = by_filter.doubt_s
     else:
         doubt_s = by_receiver.doubt_s
-    if state.field.doubt_s > params.field_doubt_s:
+    if state.field.doubt_s > BORNE_S:
         return False
     return wait_s <= params.give_up_s and doubt_s <= params.doubt_s

@@ -6,8 +6,7 @@ import numpy as np
 
 from estimator.aiding.covariance import expected_variance, learn, residual, rotation_matrix
 from estimator.aiding.inertial import Prediction
-from estimator.aiding.sources.velocity import LARGEST_SCALE
-from estimator.aiding.surprise import MEMORY_S
+from estimator.aiding.sources.velocity import SCALE_REPORTS
 from estimator.aiding.types import (
     HARD_IRON,
     SIZE,
@@ -20,7 +19,7 @@ from estimator.aiding.types import (
 )
 from estimator.compilation.compiled import inlined
 from estimator.conditioning.field.robust import FAR
-from estimator.conditioning.times import ACCELERATION_LASTS_S
+from estimator.conditioning.times import ACCELERATION_LASTS_S, BORNE_S, MEMORY_S
 from estimator.geometry.quaternion import cross, dot, norm, rotate_inverse
 from estimator.types import Vec3
 
@@ -55,7 +54,7 @@ def observe_wheels(
     ahead = abs(body[0])
     aside_rad = wheels.aside_rad
     aside_rad += share * (copysign(1.0, body[0]) * atan2(body[1], ahead) - aside_rad)
-    is_turned = field.doubt_s > params.field_doubt_s
+    is_turned = field.doubt_s > BORNE_S
     if is_turned:
         loosen_iron(P, estimate.earth_gauss, params.far_heading_rad)
     if aside_rad * aside_rad > FAR * params.sideslip_rad**2:
@@ -75,7 +74,7 @@ def observe_wheels(
         left = residual(x, h, off)
         square += 0.5 * left * left / expected_variance(P, h, own)
         learn(P, x, h, off, noise)
-    scale = wheels.slip_scale + share * (min(square, LARGEST_SCALE) - wheels.slip_scale)
+    scale = wheels.slip_scale + share * (min(square, SCALE_REPORTS) - wheels.slip_scale)
     return Wheels(max(1.0, scale), aside_rad, wheels.field_is_turned or is_turned), is_turned
 
 

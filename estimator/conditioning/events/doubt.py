@@ -11,7 +11,7 @@ from estimator.conditioning.events.jump_signs import JumpSigns
 from estimator.conditioning.events.proof import TurnSigns
 from estimator.conditioning.field.magnetic import MagneticState, steepness
 from estimator.conditioning.params import ConditioningParams
-from estimator.conditioning.times import LONGEST_STEP_S
+from estimator.conditioning.times import LONGEST_STEP_S, SPAN_S
 from estimator.conditioning.vertical.bias import HALF_TURN_VARIANCE, Estimate, doubt_heading
 from estimator.types import Vec2
 
@@ -91,7 +91,7 @@ def release_doubt(
     left, before = doubt.variance, doubt.before
     if left > 0.0 and abs(jump.quick_norm - before.norm) > most * before.norm:
         return HeadingDoubt(0.0, usual_s, before), 0.0, estimate, False
-    if usual_s <= params.turn_time_s:
+    if usual_s <= SPAN_S:
         return HeadingDoubt(left, usual_s, before), tilt, estimate, False
     steep = steepness(field.reference)
     if not is_sudden(left, steep, horizontal):

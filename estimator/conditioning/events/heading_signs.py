@@ -8,7 +8,7 @@ from estimator.compilation.replacing import replacer
 from estimator.conditioning.events.duration import duration_s
 from estimator.conditioning.field.magnetic import MagneticState
 from estimator.conditioning.params import ConditioningParams
-from estimator.conditioning.times import LATELY_S, LONG_S, USUAL_S
+from estimator.conditioning.times import BORNE_S, LATELY_S, LONG_S, USUAL_S
 from estimator.conditioning.vertical.bias import HALF_TURN_VARIANCE, SETTLED_HEADING_RAD, Estimate
 from estimator.geometry.quaternion import direction
 from estimator.types import Vec2
@@ -93,7 +93,7 @@ def borne_out(
     A heading that was given up lately and that the field points to again needs no more proof.
     """
     if not off:
-        return min(state.borne_s + confidence * dt_s, params.heading_borne_s)
+        return min(state.borne_s + confidence * dt_s, BORNE_S)
     apart = by_field_rad - state.other_rad
     again = state.other_s > 0.0 and cos(apart) > cos(params.turn_heading_rad)
     return 0.0 if again else max(0.0, state.borne_s - dt_s)

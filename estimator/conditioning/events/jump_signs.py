@@ -6,7 +6,7 @@ from estimator.compilation.compiled import inlined
 from estimator.compilation.replacing import replacer
 from estimator.conditioning.field.calibration import Calibration
 from estimator.conditioning.params import ConditioningParams
-from estimator.conditioning.times import LATELY_S
+from estimator.conditioning.times import LATELY_S, QUICK_S
 from estimator.conditioning.vertical.lowpass import approach
 from estimator.conditioning.vertical.stillness import LEAST_DIRECTION_RAD
 from estimator.geometry.quaternion import angle_between_vectors, norm, square
@@ -14,7 +14,6 @@ from estimator.types import ZERO_VEC3, Vec2, Vec3
 
 # The two low-passes of the field in G, s.
 JUMP_QUICK_S = 0.1
-JUMP_SLOW_S = 0.5
 # A reading whose norm is off by more than this share shows no turn: a spike, or a magnet. Both
 # low-passes take it slowly, so that they part no further, and follow a field that stays another.
 SPIKE_SHARE = 0.2
@@ -63,7 +62,7 @@ def watch_field(
     n = norm(field_g)
     if state.age_s == 0.0:
         return with_first(state, field_g, field_g, n, n, turning, turning, unseen, dt_s)
-    a, b = dt_s / (JUMP_QUICK_S + dt_s), dt_s / (JUMP_SLOW_S + dt_s)
+    a, b = dt_s / (JUMP_QUICK_S + dt_s), dt_s / (QUICK_S + dt_s)
     if abs(n - state.slow_norm) > SPIKE_SHARE * state.slow_norm:
         a = b
     quick = approach(state.quick, field_g, a)
@@ -97,7 +96,7 @@ def turn_of(u: Vec3, v: Vec3) -> float:
 @inlined
 def jump_share() -> float:
     """The largest part of a jump that lies between the two low-passes."""
-    ratio = JUMP_SLOW_S / JUMP_QUICK_S
+    ratio = QUICK_S / JUMP_QUICK_S
     share: float = ratio ** (-1.0 / (ratio - 1.0)) * (1.0 - 1.0 / ratio)
     return share
 
@@ -111,7 +110,7 @@ def jump_variance(params: ConditioningParams, state: JumpSigns, learnt: Calibrat
     field changes its norm, too.
     """
     p = learnt.covariance
-    own = p[9] + JUMP_SLOW_S**2 * (p[0] + p[4] + p[7])
+    own = p[9] + QUICK_S**2 * (p[0] + p[4] + p[7])
 
     turned = state.apart_rad
     least = params.turn_jump_rad**2 + params.turn_jump_usual**2 * (state.usual + state.unseen)

@@ -9,7 +9,7 @@ from estimator.conditioning.events.heading_signs import HeadingSigns, begin_anew
 from estimator.conditioning.events.jump_signs import JumpSigns, jump_variance, with_seen
 from estimator.conditioning.field.calibration import Calibration
 from estimator.conditioning.params import ConditioningParams
-from estimator.conditioning.times import LONGEST_STEP_S
+from estimator.conditioning.times import LONGEST_STEP_S, SPAN_S
 
 
 class TurnSigns(NamedTuple):
@@ -56,7 +56,7 @@ def proof_of(
         or off >= params.field_norm_scale * usual_norm
     ):
         jump = 0.0
-    lasts = heading.off_s > params.turn_time_s
+    lasts = heading.off_s > SPAN_S
     return TurnProof(
         heading=lasts and heading.borne_s <= 0.0,
         gravity=gravity.off_s > LONGEST_STEP_S,

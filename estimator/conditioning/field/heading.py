@@ -7,7 +7,7 @@ from estimator.compilation.compiled import inlined
 from estimator.conditioning.field.magnetic import MagneticState, steepness
 from estimator.conditioning.field.robust import residual_factor
 from estimator.conditioning.params import ConditioningParams
-from estimator.conditioning.times import SPAN_S
+from estimator.conditioning.times import MEMORY_S, SPAN_S
 from estimator.conditioning.vertical.bias import Estimate, clip_each
 from estimator.conditioning.vertical.kalman import update
 from estimator.types import ZERO_VEC3, Vec2, Vec3
@@ -55,7 +55,7 @@ def heading_noise(params: ConditioningParams, field: MagneticState, settled: flo
     being learnt, T, and where norm and dip are off, c < 1.
     """
     confidence = max(field.look.confidence * settled, TINY)
-    early = 1.0 + params.heading_early_s / (SPAN_S + field.reference.age_s)
+    early = 1.0 + MEMORY_S / (SPAN_S + field.reference.age_s)
     doubtful = params.heading_doubt_noise_rad2_s * (1.0 / confidence - 1.0)
     return params.heading_noise_rad2_s * early + doubtful
 

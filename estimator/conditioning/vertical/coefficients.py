@@ -5,7 +5,7 @@ from typing import NamedTuple
 
 from estimator.compilation.compiled import inlined
 from estimator.conditioning.params import ConditioningParams
-from estimator.conditioning.times import WALK_S
+from estimator.conditioning.times import QUICK_S, SPAN_S, WALK_S
 from estimator.conditioning.vertical.lowpass import LowPass, low_pass
 
 
@@ -14,11 +14,11 @@ class Coefficients(NamedTuple):
 
     dt_s: float = 0.0  # the time step
     factor: float = 1.0  # of the averaging time of the published vertical
-    rest: LowPass = LowPass()  # of gyroscope and accelerometer, with ``rest_tau_s``
+    rest: LowPass = LowPass()  # of gyroscope and accelerometer, with ``QUICK_S``
     gravity: LowPass = LowPass()  # with ``gravity_tau_s``
     best: LowPass = LowPass()  # with that times the factor
     gravity_share: float = 0.0  # of a step in a mean over that time
-    quick_share: float = 0.0  # of a step in a mean over ``turn_time_s``
+    quick_share: float = 0.0  # of a step in a mean over ``SPAN_S``
     bias_growth: float = 0.0  # of a bias's variance in a step, (rad/s)^2
     rest_noise: float = 0.0  # variance of a bias seen at rest, (rad/s)^2
     motion_noise: float = 0.0  # variance of a bias seen by levelling, (rad/s)^2
@@ -39,11 +39,11 @@ def coefficients(params: ConditioningParams, dt_s: float, factor: float) -> Coef
     return Coefficients(
         dt_s=dt_s,
         factor=factor,
-        rest=low_pass(params.rest_tau_s, dt_s),
+        rest=low_pass(QUICK_S, dt_s),
         gravity=low_pass(tau_s, dt_s),
         best=low_pass(factor * tau_s, dt_s),
         gravity_share=1.0 - exp(-dt_s / tau_s),
-        quick_share=1.0 - exp(-dt_s / params.turn_time_s),
+        quick_share=1.0 - exp(-dt_s / SPAN_S),
         bias_growth=walk,
         rest_noise=at_rest * at_rest / walk + at_rest,
         motion_noise=moving * moving / walk + moving,

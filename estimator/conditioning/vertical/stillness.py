@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 from estimator.compilation.compiled import inlined
 from estimator.conditioning.params import ConditioningParams
-from estimator.conditioning.times import LATELY_S
+from estimator.conditioning.times import LATELY_S, QUICK_S
 from estimator.conditioning.vertical.lowpass import approach
 from estimator.conditioning.vertical.rest import RestState
 from estimator.geometry.quaternion import add, cross, dot, scale, square, subtract, unit
@@ -61,7 +61,7 @@ def watch_stillness(
     smooth, mean_field, wait_s = before.field, before.mean_field, before.wait_s + dt_s
     down = direction(rest.acc.value)
     if has_field:
-        smooth = approach(smooth, field, wait_s / (params.rest_tau_s + wait_s))
+        smooth = approach(smooth, field, wait_s / (QUICK_S + wait_s))
         mean_field = mean_after(mean_field, direction(smooth), rate, wait_s)
         wait_s = 0.0
     if not rest.resting:

@@ -22,18 +22,17 @@ from estimator.types import ZERO_VEC3, Between, Vec2, Vec3
 
 # White noise of a gyroscope and its truncation to mrad/s, rad/s/sqrt(Hz).
 GYR_NOISE = 0.002
-# Share of a change of rate about one axis that shows as an unseen turn about the others.
+# Share of a change of rate about one axis that shows as an unseen turn about the others; and of
+# all that which averages over a step leave: what the moving axis makes (coning).
 CROSSED = 0.1
-# Averages over a step leave of that only what the moving axis makes (coning).
-AVERAGED_SHARE = 0.1
 # After a hole longer than SPAN_S a vehicle may have done anything, at this rate (rad/s).
 HOLE_RAD_S = 0.3
 # No direction is known worse than this, rad^2.
 MOST_VARIANCE = 3.0
 # The least scatter of the force's direction, rad, of an accelerometer at rest.
 LEAST_SCATTER_RAD = 0.0175
-# The least error of a second's mean force, rad^2, of an accelerometer at rest.
-LEAST_WANDER = 0.009**2
+# The least error of a second's mean force, rad, of an accelerometer at rest.
+LEAST_WANDER_RAD = 0.009
 
 
 class StepNoise(NamedTuple):
@@ -115,7 +114,7 @@ def step_noise(
     turning = dot(rate, rate)
     share = params.step_change_noise * part_s / (part_s + params.step_change_s)
     if params.averaged_samples:
-        share *= AVERAGED_SHARE
+        share *= CROSSED
     change_factor = parts * (share * part_s) ** 2
     turn_factor = parts * (params.step_turn_noise_1_s * part_s * part_s) ** 2
     tilt = change_factor * max(tilting, state.tilting)
@@ -204,12 +203,12 @@ def force_after_turn(params: ConditioningParams, doubt: float, wander: float, dt
     """The doubt that a reading of the force leaves, and a Kalman filter's share of that reading.
 
     ``doubt`` (rad^2) is the variance that an unsensed turn has given the vertical. ``wander`` is
-    how far the mean of ``turn_time_s`` usually is off, so a reading's
+    how far the mean of ``SPAN_S`` usually is off, so a reading's
     noise, were it white, is R = wander 2 tau/dt: it holds for a hand's quick accelerations and
     a vehicle's slow ones alike. K = D/(D + R), D <- (1 - K) D. Once the low-pass is as quick,
     both are zero.
     """
-    noise = (wander + LEAST_WANDER) * 2.0 * params.turn_time_s / dt_s
+    noise = (wander + LEAST_WANDER_RAD**2) * 2.0 * SPAN_S / dt_s
     share = doubt / (doubt + noise)
     if share <= dt_s / params.gravity_tau_s:
         return 0.0, 0.0

@@ -8,8 +8,7 @@ from estimator.aiding.compass import (
     record_giving_up,
     restart,
 )
-from estimator.aiding.surprise import MEMORY_S
-from estimator.conditioning.times import LONG_S
+from estimator.conditioning.times import LONG_S, MEMORY_S
 
 NOW_US = 500_000_000
 AGAIN_US, DISTRUST_US, UNLIKE_US = (int(1e6 * s) for s in (LONG_S, DISTRUST_S, MEMORY_S))

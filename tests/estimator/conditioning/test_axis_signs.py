@@ -5,7 +5,7 @@ from math import radians
 import numpy as np
 import pytest
 
-from estimator.conditioning import ConditioningParams, initial_state
+from estimator.conditioning import initial_state
 from estimator.conditioning.events.axis_signs import (
     AxisSigns,
     Suspect,
@@ -18,6 +18,8 @@ from estimator.conditioning.events.axis_signs import (
 from estimator.conditioning.events.jump_signs import JumpSigns
 from estimator.conditioning.field.calibration import Calibration
 from estimator.conditioning.field.robust import FAR
+from estimator.conditioning.params import ConditioningParams
+from estimator.conditioning.times import SPAN_S
 from estimator.conditioning.vertical.coefficients import Coefficients
 from estimator.conditioning.vertical.gravity import Force, GravityState
 from estimator.conditioning.vertical.lowpass import Smooth, approach
@@ -62,7 +64,7 @@ def after(
         jump = JumpSigns(quick=field_g, quick_norm=float(np.linalg.norm(field_g)))
         force = rotate(q_g, rotate(conjugate(q_true), (0.0, 0.0, 9.8)))
         slow = approach(slow, force, DT_S / PARAMS.gravity_tau_s)
-        quick = approach(quick, force, DT_S / PARAMS.turn_time_s)
+        quick = approach(quick, force, DT_S / SPAN_S)
         step = step_of(q_g, rate, bias=bias, down=slow, quick=quick)
         signs = carry_axes(signs, step, DT_S)
         signs = watch_axes(signs, step, jump, LEARNT, 0.477, wander, DT_S)

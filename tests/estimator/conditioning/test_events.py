@@ -5,7 +5,7 @@ from math import asin, atan2, hypot, radians, sin, sqrt
 import numpy as np
 import pytest
 
-from estimator.conditioning import ConditioningParams, initial_state
+from estimator.conditioning import initial_state
 from estimator.conditioning.events.doubt import (
     SUDDEN_RAD,
     SUDDEN_SHARE,
@@ -23,7 +23,6 @@ from estimator.conditioning.events.heading_signs import (
 )
 from estimator.conditioning.events.jump_signs import (
     JUMP_QUICK_S,
-    JUMP_SLOW_S,
     JumpSigns,
     jump_share,
     jump_variance,
@@ -32,7 +31,8 @@ from estimator.conditioning.events.jump_signs import (
 from estimator.conditioning.events.proof import TurnSigns
 from estimator.conditioning.field.calibration import Calibration
 from estimator.conditioning.field.magnetic import FieldLook, FieldReference, MagneticState
-from estimator.conditioning.times import USUAL_S
+from estimator.conditioning.params import ConditioningParams
+from estimator.conditioning.times import QUICK_S, USUAL_S
 from estimator.conditioning.vertical.bias import Estimate
 from estimator.conditioning.vertical.gravity import Force, GravityState
 from estimator.conditioning.vertical.lowpass import Smooth
@@ -63,7 +63,7 @@ JUMP = JumpSigns(
 def test_the_field_is_followed_quickly_and_slowly():
     field, turning, unseen = np.array((0.17, 0.10, 0.38)), 0.16, 0.0002
     now = watch_field(JUMP, tuple(field), turning, unseen, DT)
-    a, b, c = DT / (JUMP_QUICK_S + DT), DT / (JUMP_SLOW_S + DT), DT / (JUMP.age_s + DT)
+    a, b, c = DT / (JUMP_QUICK_S + DT), DT / (QUICK_S + DT), DT / (JUMP.age_s + DT)
     quick = (1.0 - a) * np.array(JUMP.quick) + a * field
     slow = (1.0 - b) * np.array(JUMP.slow) + b * field
     norm = np.linalg.norm(field)
@@ -231,5 +231,5 @@ def test_gravity_that_pulls_elsewhere_is_timed():
 
 def test_the_share_of_a_jump_is_the_largest_between_its_low_passes():
     since_s = np.linspace(0.0, 3.0, 100_001)
-    between = np.exp(-since_s / JUMP_SLOW_S) - np.exp(-since_s / JUMP_QUICK_S)
+    between = np.exp(-since_s / QUICK_S) - np.exp(-since_s / JUMP_QUICK_S)
     assert jump_share() == pytest.approx(between.max(), rel=1e-6)

@@ -5,10 +5,12 @@ from math import exp, radians, sqrt
 import numpy as np
 import pytest
 
-from estimator.conditioning import ConditioningParams, initial_state
+from estimator.conditioning import initial_state
 from estimator.conditioning.field.heading import heading_noise, learn_heading
 from estimator.conditioning.field.magnetic import FieldLook
 from estimator.conditioning.field.robust import HEADING_REACH_RAD
+from estimator.conditioning.params import ConditioningParams
+from estimator.conditioning.times import MEMORY_S
 from estimator.conditioning.vertical.bias import predict
 from estimator.conditioning.vertical.coefficients import coefficients
 
@@ -64,7 +66,7 @@ def test_learning_is_a_kalman_filter_of_bias_and_heading():
         p = f @ p @ f.T + np.diag([*growths, q + PARAMS.heading_turning_noise_s * 0.5 * DT])
         estimate = predict(PARAMS, k, estimate, tuple(down), 0.5, 0.0)
         residual = rng.normal(0.02, 0.05)
-        r = PARAMS.heading_noise_rad2_s * (1.0 + PARAMS.heading_early_s / (1.0 + OLD_S))
+        r = PARAMS.heading_noise_rad2_s * (1.0 + MEMORY_S / (1.0 + OLD_S))
         r = (r + PARAMS.heading_doubt_noise_rad2_s * (1.0 / 0.8 - 1.0)) / DT
         r *= (1.0 + residual**2 / (HEADING_REACH_RAD**2 + 9.0 * p[3, 3])) ** 2
         gain = p[:, 3] / (p[3, 3] + r)
