@@ -15,7 +15,6 @@ CONDITIONING = (
     "bias_walk_rad_s",
     "bias_rest_sigma_rad_s",
     "bias_motion_sigma_rad_s",
-    "field_norm_scale",
     "field_dip_scale_rad",
     "heading_noise_rad2_s",
     "heading_tau_s",

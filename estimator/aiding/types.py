@@ -97,7 +97,6 @@ class AidingParams(NamedTuple):
     heading_noise: Noise = radians(3.0)  # rad/sqrt(Hz); small: follows magnets, large: slow
     hard_iron_sigma_gauss: Field = 0.02  # that calibration has left over
     uncalibrated_sigma_gauss: Field = 0.2  # of a compass that nobody has calibrated
-    field_norm_scale: Share = 0.05  # relative deviation that halves the confidence, or so
     field_dip_scale_rad: Angle = radians(10.0)  # deviation of the dip that halves it, or so
     field_walk: Noise = 0.005  # share/sqrt(s) by which the place's field may change its strength
 

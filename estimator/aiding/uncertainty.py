@@ -15,7 +15,7 @@ from estimator.aiding.types import (
     Sigmas,
 )
 from estimator.compilation.compiled import inlined
-from estimator.conditioning.field.magnetic import deviation, horizontal_down, norm_of
+from estimator.conditioning.field.magnetic import NORM_SCALE, deviation, horizontal_down, norm_of
 from estimator.conditioning.field.robust import REACH, robust_factor
 from estimator.conditioning.times import LONGEST_STEP_S, SPAN_S
 from estimator.geometry.quaternion import norm
@@ -107,7 +107,7 @@ def leaning(
     off_norm, off_dip = deviation((field.look.horizontal, field.look.down), place)
     iron = REACH**2 * P[HARD_IRON, HARD_IRON] / (n * n)
     square = max(0.0, off_dip * off_dip - params.field_dip_scale_rad**2 - iron)
-    square /= robust_factor((off_norm / params.field_norm_scale) ** 2)
+    square /= robust_factor((off_norm / NORM_SCALE) ** 2)
     return Sigmas(hypot(sigma.inclination_rad, sqrt(square)), sigma.heading_rad)
 
 

@@ -22,7 +22,7 @@ from estimator.compilation.compiled import inlined
 from estimator.compilation.replacing import replacer
 from estimator.conditioning.field.magnetic import LEAST_HORIZONTAL
 from estimator.conditioning.times import ACCELERATION_LASTS_S, SPAN_S, WALK_S
-from estimator.conditioning.vertical.tilt import LEAST_WANDER_RAD
+from estimator.conditioning.vertical.tilt import LEAST_OFF_RAD, LEAST_SCATTER_RAD
 from estimator.filter.kernel import follow_rate
 from estimator.geometry.quaternion import (
     conjugate,
@@ -45,7 +45,6 @@ from estimator.types import IDENTITY, STANDARD_GRAVITY_M_S2, ZERO_VEC3, Quaterni
 REPORTS_M_S = 0.2
 TIMING_S = 0.02
 TURNED_SHARE = 0.01
-FIRST_HEADING_RAD = 0.017  # usual at the beginning
 # Beyond this many times the usual (squared) the attitude is doubted, and by this share of the
 # square beyond it: an average lags behind an error that grows.
 DOUBTFUL = 6.0
@@ -97,8 +96,8 @@ NEW_WITNESS = Witness(
     field_wait_s=0.0,
     force=NOWHERE,
     field=NOWHERE,
-    tilt=Apart(0.0, 0.0, LEAST_WANDER_RAD**2),
-    heading=Apart(0.0, 0.0, FIRST_HEADING_RAD**2),
+    tilt=Apart(0.0, 0.0, LEAST_OFF_RAD**2),
+    heading=Apart(0.0, 0.0, LEAST_SCATTER_RAD**2),
     error=0.0,
     error_rate_1_s=0.0,
 )

@@ -62,7 +62,6 @@ class ConditioningParams(NamedTuple):
     calibration_walk_s: Time = 300.0  # time to forget; small: noisy, large: stiff
 
     # The field's confidence.
-    field_norm_scale: Share = 0.1  # relative deviation that counts as one; small: strict
     field_dip_scale_rad: Angle = 0.1  # deviation of the dip that counts as one; small: strict
     field_reference_tau_s: Time = 15.0  # small: learns the magnet, large: keeps the old place
     field_borne_s: Time = 40.0  # half of it another field has to last; small: learns magnets

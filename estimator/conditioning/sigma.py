@@ -9,7 +9,7 @@ from estimator.conditioning.events.step import EventsState
 from estimator.conditioning.field.heading import north_east, wrap_angle
 from estimator.conditioning.field.magnetic import MagneticState, has_heading, steepness
 from estimator.conditioning.params import ConditioningParams
-from estimator.conditioning.times import BORNE_S, LONG_S
+from estimator.conditioning.times import BORNE_S, LONG_S, SPAN_S
 from estimator.conditioning.vertical.bias import SETTLED_HEADING_RAD
 from estimator.conditioning.vertical.gravity import heading_frame
 from estimator.conditioning.vertical.rate import following_weight
@@ -34,9 +34,6 @@ SIGMA_BENT_SQUARE = 0.6
 STILL_RIVAL = 0.15
 # Mean square of how far norm and dip are off, as shares and angles, by noise alone.
 EVEN_SQUARE = 0.03**2
-# Without a field for so long (s) there is no confidence in it any more, and the heading is as good
-# as the gyroscope, which P knows.
-ABSENT_S = 2.0
 
 
 class Certainty(NamedTuple):
@@ -65,7 +62,7 @@ def certainty_of(
         weight=following_weight(slowness(params, dt_s), dt_s),
         has_heading=known,
         gravity_confidence=1.0 / (1.0 + events.signs.gravity.wander),
-        magnetic_confidence=magnetic.look.confidence if magnetic.wait_s < ABSENT_S else 0.0,
+        magnetic_confidence=magnetic.look.confidence if magnetic.wait_s < SPAN_S else 0.0,
         sigma_inclination_rad=sigma_inclination(params, vertical, events, vertical.tilt.variance),
         sigma_brief_rad=sigma_inclination(params, vertical, events, vertical.tilt.fresh),
         sigma_heading_rad=sigma_heading(params, vertical, magnetic, events) if known else inf,
@@ -160,6 +157,6 @@ def sigma_heading(
     lasting += LEAST_DIRECTION_RAD**2 + bent + events.doubt.variance
     uneven = max(0.0, magnetic.reference.uneven - EVEN_SQUARE)
     lasting += MEASURED_SQUARE * (1.0 + steep) * uneven
-    counts = max(slow, min(1.0, magnetic.wait_s / ABSENT_S))
+    counts = max(slow, min(1.0, magnetic.wait_s / SPAN_S))
     own = p * (counts + (1.0 - counts) * p / (p + SETTLED_HEADING_RAD**2))
     return sqrt(own + lasting)

@@ -12,7 +12,7 @@ import numpy as np
 from scipy.linalg import solveh_banded
 
 from estimator.bounds import TINY
-from estimator.conditioning.field.magnetic import FieldReference, norm_of, steepness
+from estimator.conditioning.field.magnetic import NORM_SCALE, FieldReference, norm_of, steepness
 from estimator.conditioning.field.robust import HEADING_REACH_RAD
 from estimator.conditioning.params import ConditioningParams
 from estimator.conditioning.vertical.averaging import WINDOW_S
@@ -69,7 +69,7 @@ def noise(params: ConditioningParams, seen: Floats, reference: FieldReference) -
     norm = np.maximum(np.hypot(horizontal, down), TINY * expected)
     off_norm = (norm - expected) / expected
     off_dip = (down * reference.horizontal - horizontal * reference.down) / (norm * expected)
-    square = (off_norm / params.field_norm_scale) ** 2 + (off_dip / params.field_dip_scale_rad) ** 2
+    square = (off_norm / NORM_SCALE) ** 2 + (off_dip / params.field_dip_scale_rad) ** 2
     confidence = np.maximum((1.0 + square) ** -2, TINY)
     doubtful = params.heading_doubt_noise_rad2_s * (1.0 / confidence - 1.0)
     return np.asarray(params.heading_noise_rad2_s + doubtful)

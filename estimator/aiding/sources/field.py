@@ -25,6 +25,7 @@ from estimator.compilation.compiled import inlined
 from estimator.compilation.replacing import replacer
 from estimator.conditioning.field.magnetic import (
     LEAST_HORIZONTAL,
+    NORM_SCALE,
     FieldLook,
     horizontal_down,
     look_at_field,
@@ -32,6 +33,7 @@ from estimator.conditioning.field.magnetic import (
 from estimator.conditioning.field.robust import REACH, residual_factor
 from estimator.conditioning.times import FIELD_S, LONG_S, WALK_S
 from estimator.conditioning.vertical.bias import SETTLED_HEADING_RAD
+from estimator.conditioning.vertical.tilt import LEAST_OFF_RAD
 from estimator.geometry.quaternion import cross, dot, exp, multiply, norm, rotate, scale, subtract
 from estimator.types import ZERO_VEC3, Sample, Vec3
 
@@ -41,9 +43,6 @@ RESIDUAL_TAU_S = 5.0
 RESIDUAL_CLIP_RAD = 0.2
 # Before anything is known about the place's field its parts are uncertain by this share of it.
 FIRST_SIGMA = 0.2
-# How well a model knows a declination, rad. Its error is the same all the time, so the samples of
-# one such time together count as one measurement.
-DECLINATION_SIGMA_RAD = 0.01
 
 with_wait = replacer(FieldState, "wait_s")
 with_look = replacer(FieldState, "look", "samples", "wait_s")
@@ -76,7 +75,7 @@ def judge_field(
     share = wait / (FIELD_S + wait) if state.samples > 0.0 else 1.0
     place = horizontal_down(expected)
     unsure = sqrt(variance) / sqrt(place[0] * place[0] + place[1] * place[1])
-    norm_scale, dip_scale = params.field_norm_scale + unsure, params.field_dip_scale_rad + unsure
+    norm_scale, dip_scale = NORM_SCALE + unsure, params.field_dip_scale_rad + unsure
     look = look_at_field(state.look, horizontal_down(seen), share, place, norm_scale, dip_scale)
     return with_look(state, look, state.samples + 1.0, 0.0)
 
@@ -100,7 +99,7 @@ def begin_field(
     along = (FIRST_SIGMA * n) ** 2 + iron
     known = north.is_known
     c, s = north.direction
-    across = (DECLINATION_SIGMA_RAD * h) ** 2 if known else along
+    across = (LEAST_OFF_RAD * h) ** 2 if known else along
     if not known:
         c, s = (F[0] / h, F[1] / h) if h > 0.0 else (1.0, 0.0)
     for i in range(3):
@@ -144,7 +143,7 @@ def compare_with_place(
     n = norm(place)
     if n == 0.0:
         return state
-    most = REACH**2 * (params.field_norm_scale * n) ** 2
+    most = REACH**2 * (NORM_SCALE * n) ** 2
     better = min(most, off_square(seen, learnt)) - min(most, off_square(as_read, place))
     keep = RESIDUAL_TAU_S / (RESIDUAL_TAU_S + wait)
     return with_evidence(
@@ -311,7 +310,8 @@ def learn_declination(P: Array, x: Array, E: Vec3, north: Two, wait: float) -> N
     h[EARTH] = -E[1] / square
     h[EARTH + 1] = E[0] / square
     off = atan2(s * E[0] - c * E[1], c * E[0] + s * E[1])
-    learn(P, x, h, off, DECLINATION_SIGMA_RAD**2 * WALK_S / wait)
+    # a declination's error is the same all the time: the samples of WALK_S count as one measurement
+    learn(P, x, h, off, LEAST_OFF_RAD**2 * WALK_S / wait)
 
 
 @inlined

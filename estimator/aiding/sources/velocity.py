@@ -1,12 +1,13 @@
 """What a velocity report says about attitude, biases and the IMU's lag."""
 
-from math import isfinite, sqrt
+from math import cos, isfinite, sqrt
 from typing import NamedTuple
 
 import numpy as np
 
 from estimator.aiding.covariance import expected_variance, learn, residual
 from estimator.aiding.inertial import GRAVITY_NED, Prediction, trail_bend
+from estimator.aiding.search import UNKNOWN_RAD
 from estimator.aiding.sources.source import Source
 from estimator.aiding.trail import look_back
 from estimator.aiding.types import (
@@ -29,7 +30,7 @@ from estimator.aiding.types import (
 from estimator.compilation.compiled import inlined
 from estimator.compilation.replacing import replacer
 from estimator.conditioning.field.robust import FAR, REACH
-from estimator.conditioning.times import BORNE_S, SPAN_S
+from estimator.conditioning.times import BORNE_S, SPAN_S, USUAL_S
 from estimator.conditioning.vertical.rate import SLOW_STEP_S
 from estimator.geometry.quaternion import rotate, scale, subtract
 from estimator.reasons import Reason
@@ -45,11 +46,8 @@ SCALE_REPORTS = 100.0
 # The noise scale of a receiver's reports may also fall, to this: no IMU has smoothed them.
 LEAST_RECEIVER_SCALE = 0.1
 # At this noise scale the reports are very noisy, or the attitude is wrong and makes them look so.
-# It is the latter if the cosine of the angle to the unaided stage's down is below this: 45 deg.
+# It is the latter if the unaided stage's down is further off than ``UNKNOWN_RAD``.
 DOUBTFUL_SCALE = 30.0
-COSINE_ELSEWHERE = 0.7
-# Time over which the mean square of the innovations is taken.
-INNOVATION_TAU_S = 15.0
 
 
 class Reporter(NamedTuple):
@@ -145,7 +143,7 @@ def observe_velocity(
     noise_scale, innovation, reports, before, together = agreement.scatter
     units = np.zeros(3)
     wait = min(agreement.wait_s, 1.0)
-    share = wait / (wait + INNOVATION_TAU_S) / 3.0
+    share = wait / (wait + USUAL_S) / 3.0
     if reporter.is_receiver and reports == 0.0:  # the first one says how uncertain its age is
         P[reporter.lag_at, reporter.lag_at] = report.late_sigma_s**2
     past = look_back(now.trail, reporter.age_s)
@@ -158,7 +156,7 @@ def observe_velocity(
     jitter = params.receiver_jitter_s if reporter.is_receiver else 0.0
     least = LEAST_RECEIVER_SCALE if reporter.is_receiver else 1.0
     loose_at = VELOCITY if reporter.is_alone else reporter.error_at
-    elsewhere = rotate(now.estimate.q_ned_frd, gravity_b)[2] < COSINE_ELSEWHERE
+    elsewhere = rotate(now.estimate.q_ned_frd, gravity_b)[2] < cos(UNKNOWN_RAD)
     far = noise_scale > DOUBTFUL_SCALE and elsewhere
     for i in range(3 if report.has_vertical else 2):
         h = np.zeros(SIZE)

@@ -20,7 +20,7 @@ from estimator.conditioning.vertical.gravity import GravityState
 from estimator.conditioning.vertical.lowpass import approach
 from estimator.conditioning.vertical.step import VerticalStep
 from estimator.conditioning.vertical.stillness import LEAST_DIRECTION_RAD
-from estimator.conditioning.vertical.tilt import LEAST_WANDER_RAD
+from estimator.conditioning.vertical.tilt import LEAST_OFF_RAD
 from estimator.geometry.axes import FrameAxes, axes_of, to_body, to_frame
 from estimator.geometry.quaternion import add, cross, dot, scale, square, subtract, unit
 from estimator.types import ZERO_VEC3, Vec3
@@ -187,7 +187,7 @@ def force_evidence(gravity: GravityState, a: Vec3, turn: float, wander: float) -
     down = unit(force.down.value)
     d = cross(a, down)
     ahead = dot(subtract(unit(force.quick), down), d)
-    return turn * (2.0 * ahead - turn * square(d)) / (wander + LEAST_WANDER_RAD**2)
+    return turn * (2.0 * ahead - turn * square(d)) / (wander + LEAST_OFF_RAD**2)
 
 
 @inlined

@@ -10,11 +10,10 @@ from estimator.conditioning.field.magnetic import MagneticState
 from estimator.conditioning.params import ConditioningParams
 from estimator.conditioning.times import BORNE_S, LATELY_S, LONG_S, USUAL_S
 from estimator.conditioning.vertical.bias import HALF_TURN_VARIANCE, SETTLED_HEADING_RAD, Estimate
+from estimator.conditioning.vertical.tilt import LEAST_OFF_RAD
 from estimator.geometry.quaternion import direction
 from estimator.types import Vec2
 
-# Before anything is known: a field that points 0.7 degrees off, rad^2.
-USUAL_SCATTER = 1.5e-4
 # A mean field that has pointed elsewhere does so still until it is within this share of the angle
 # that told it: meanwhile the heading creeps towards it.
 STILL_OFF = 0.5
@@ -27,7 +26,9 @@ class HeadingSigns(NamedTuple):
     mean_east: float = 0.0  # of that field, too
     mean_confidence: float = 0.0  # of the field, averaged over the same time
     off_s: float = 0.0  # for how long the mean field has pointed elsewhere
-    scatter: float = USUAL_SCATTER  # mean square of how far the mean field points elsewhere, rad^2
+    scatter: float = (
+        LEAST_OFF_RAD**2
+    )  # mean square of how far the mean field points elsewhere, rad^2
     borne_s: float = 0.0  # for how long, less the time against it, the field has agreed
     other_rad: float = 0.0  # the heading that was given up last
     other_s: float = 0.0  # for how much longer that is remembered

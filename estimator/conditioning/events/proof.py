@@ -8,6 +8,7 @@ from estimator.conditioning.events.gravity_signs import GravitySigns, with_time
 from estimator.conditioning.events.heading_signs import HeadingSigns, begin_anew, give_up
 from estimator.conditioning.events.jump_signs import JumpSigns, jump_variance, with_seen
 from estimator.conditioning.field.calibration import Calibration
+from estimator.conditioning.field.magnetic import NORM_SCALE
 from estimator.conditioning.params import ConditioningParams
 from estimator.conditioning.times import LONGEST_STEP_S, SPAN_S
 
@@ -51,10 +52,7 @@ def proof_of(
     heading, gravity = signs.heading, signs.gravity
     jump, seen_rad = jump_variance(params, signs.jump, learnt)
     off = abs(signs.jump.quick_norm - usual_norm)
-    if (
-        heading.mean_confidence < params.turn_confidence
-        or off >= params.field_norm_scale * usual_norm
-    ):
+    if heading.mean_confidence < params.turn_confidence or off >= NORM_SCALE * usual_norm:
         jump = 0.0
     lasts = heading.off_s > SPAN_S
     return TurnProof(

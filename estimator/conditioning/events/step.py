@@ -25,12 +25,14 @@ from estimator.conditioning.params import ConditioningParams
 from estimator.conditioning.vertical.bias import HALF_TURN_VARIANCE, doubt_heading
 from estimator.conditioning.vertical.gravity import restart_gravity
 from estimator.conditioning.vertical.step import VerticalState, VerticalStep
-from estimator.conditioning.vertical.tilt import MOST_VARIANCE, weighing, with_variance
+from estimator.conditioning.vertical.tilt import (
+    LEAST_OFF_RAD,
+    MOST_VARIANCE,
+    weighing,
+    with_variance,
+)
 from estimator.geometry.quaternion import dot
 from estimator.types import Vec2
-
-# A turn missed in one step beyond which the calibration's means are of another attitude, rad.
-MISSED_RAD = 0.01
 
 
 class EventsState(NamedTuple):
@@ -122,7 +124,7 @@ def learn_events(
         seen_rad = pi  # the rest of that jump is a magnet's, too
     turned = tells_turn(proof) or proof.jump > 0.0
     turned = turned or (field.seen and looks_turned(params, signs.jump))
-    if turned or vertical.clipped > MISSED_RAD**2:
+    if turned or vertical.clipped > LEAST_OFF_RAD**2:
         calibration = restart_means(calibration)
     signs = reset_signs(signs, proof, seen_rad, heading_rad, proof.heading or released)
     return EventsStep(

@@ -16,6 +16,8 @@ from estimator.types import Vec2, Vec3
 
 # A field with less than this share of the downward part in the horizontal has no heading.
 LEAST_HORIZONTAL = 0.02
+# A relative deviation of the norm that counts as one: what calibrations leave is less.
+NORM_SCALE = 0.1
 # Of how uneven the field is, the most that one look counts for.
 MOST_UNEVEN = 0.15
 # A field that neither the expected nor the other one resembles by this much is a third one.
@@ -133,7 +135,7 @@ def observe_field(
         return MagneticState(FieldLook(h, v, 1.0), reference, 0.0, True)
     a = dt_s / (FIELD_S + dt_s)
     expected = (before.horizontal, before.down)
-    norm_scale, dip_scale = params.field_norm_scale, params.field_dip_scale_rad
+    norm_scale, dip_scale = NORM_SCALE, params.field_dip_scale_rad
     look = look_at_field(state.look, (h, v), a, expected, norm_scale, dip_scale)
     learn = min(1.0, dt_s / params.field_reference_tau_s) * look.confidence
     if age < params.field_reference_tau_s:
@@ -179,7 +181,7 @@ def watch_rival(
     such field: it starts anew each time.
     """
     other, most = reference.other, params.field_borne_s
-    norm_scale, dip_scale = params.field_norm_scale, params.field_dip_scale_rad
+    norm_scale, dip_scale = NORM_SCALE, params.field_dip_scale_rad
     seen = (look.horizontal, look.down)
     expected = (other.horizontal, other.down)
     alike = look_at_field(look, seen, 0.0, expected, norm_scale, dip_scale).confidence

@@ -31,8 +31,9 @@ HOLE_RAD_S = 0.3
 MOST_VARIANCE = 3.0
 # The least scatter of the force's direction, rad, of an accelerometer at rest.
 LEAST_SCATTER_RAD = 0.0175
-# The least error of a second's mean force, rad, of an accelerometer at rest.
-LEAST_WANDER_RAD = 0.009
+# Half a degree: by so much a second's mean force of an accelerometer at rest is off at least, the
+# vectors of an attitude that begins, and a model's declination (rad).
+LEAST_OFF_RAD = 0.009
 
 
 class StepNoise(NamedTuple):
@@ -208,7 +209,7 @@ def force_after_turn(params: ConditioningParams, doubt: float, wander: float, dt
     a vehicle's slow ones alike. K = D/(D + R), D <- (1 - K) D. Once the low-pass is as quick,
     both are zero.
     """
-    noise = (wander + LEAST_WANDER_RAD**2) * 2.0 * SPAN_S / dt_s
+    noise = (wander + LEAST_OFF_RAD**2) * 2.0 * SPAN_S / dt_s
     share = doubt / (doubt + noise)
     if share <= dt_s / params.gravity_tau_s:
         return 0.0, 0.0

@@ -19,7 +19,7 @@ from estimator.aiding.witness import (
     watch,
 )
 from estimator.conditioning.times import SPAN_S
-from estimator.conditioning.vertical.tilt import LEAST_WANDER_RAD
+from estimator.conditioning.vertical.tilt import LEAST_OFF_RAD
 from estimator.estimator import Estimator
 from estimator.geometry.metrics import batch_angle_errors
 from estimator.geometry.quaternion import exp, multiply, rotate, rotate_inverse
@@ -132,7 +132,7 @@ def test_what_is_usual_is_learnt_slowly():
     """A fault of 10 deg for 12 s is not usual: it counts for twice what was so before."""
     wrong = multiply(exp((radians(10.0), 0.0, 0.0)), TRUTH)
     witness = watched(aided(wrong))
-    assert witness.tilt.usual_square**0.5 == pytest.approx(LEAST_WANDER_RAD * 1.15, rel=0.1)
+    assert witness.tilt.usual_square**0.5 == pytest.approx(LEAST_OFF_RAD * 1.15, rel=0.1)
 
 
 def test_a_step_of_the_gyroscopes_bias_widens_sigma():

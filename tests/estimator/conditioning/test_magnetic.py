@@ -7,6 +7,7 @@ import pytest
 
 from estimator.conditioning import ConditioningParams
 from estimator.conditioning.field.magnetic import (
+    NORM_SCALE,
     FieldLook,
     FieldReference,
     FieldRival,
@@ -23,7 +24,7 @@ PARAMS = ConditioningParams()
 
 DIP = radians(60.0)
 EXPECTED = (0.5 * cos(DIP), 0.5 * sin(DIP))
-NORM_SCALE, DIP_SCALE = 0.1, radians(10.0)
+DIP_SCALE = radians(10.0)
 
 
 def confidence(norm, dip, expected=EXPECTED):
