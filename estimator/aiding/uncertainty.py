@@ -23,7 +23,6 @@ from estimator.types import STANDARD_GRAVITY_M_S2, Vec3
 
 # 68 % of a plane normal distribution lie within this many of its sigmas.
 PLANE_68 = 1.515
-LARGEST_SCALE = 4.0
 # Near the magnetic poles the horizontal field vanishes; less than this does not count as such.
 LEAST_HORIZONTAL_GAUSS = 0.02
 
@@ -142,4 +141,4 @@ def scatter_scale(params: AidingParams, agreement: Agreements, least: float) -> 
         square = max(square, unexplained(by_receiver.scatter))
     if min(by_filter.wait_s, by_receiver.wait_s) > SPAN_S:
         square = max(square, 1.0)
-    return min(sqrt(square), LARGEST_SCALE)
+    return min(sqrt(square), REACH)

@@ -21,6 +21,7 @@ from estimator.aiding.types import AidingEstimate, AidingState, Report, Sigmas
 from estimator.compilation.compiled import inlined
 from estimator.compilation.replacing import replacer
 from estimator.conditioning.field.magnetic import LEAST_HORIZONTAL
+from estimator.conditioning.field.robust import REACH
 from estimator.conditioning.times import ACCELERATION_LASTS_S, SPAN_S, WALK_S
 from estimator.conditioning.vertical.tilt import LEAST_OFF_RAD, LEAST_SCATTER_RAD
 from estimator.filter.kernel import follow_rate
@@ -45,9 +46,8 @@ from estimator.types import IDENTITY, STANDARD_GRAVITY_M_S2, ZERO_VEC3, Quaterni
 REPORTS_M_S = 0.2
 TIMING_S = 0.02
 TURNED_SHARE = 0.01
-# Beyond this many times the usual (squared) the attitude is doubted, and by this share of the
-# square beyond it: an average lags behind an error that grows.
-DOUBTFUL = 6.0
+# Beyond ``REACH`` times the usual the attitude is doubted, and by this share of the square beyond
+# it: an average lags behind an error that grows.
 DOUBT_SHARE = 4.0
 
 
@@ -126,7 +126,7 @@ def average(apart: Apart, north_rad: float, east_rad: float, time_s: float) -> A
 def doubt(apart: Apart) -> float:
     """The mean square (rad^2) that the unusual part adds to the attitude's."""
     square = apart.mean_north_rad**2 + apart.mean_east_rad**2
-    return DOUBT_SHARE * max(0.0, square - DOUBTFUL * apart.usual_square)
+    return DOUBT_SHARE * max(0.0, square - REACH**2 * apart.usual_square)
 
 
 @inlined

@@ -28,8 +28,6 @@ LOW_PASS_SHARE = 0.5
 # The share of the square of the angle between the force of a second and the vertical: it is an
 # acceleration or an error, and for some seconds nobody can tell.
 CONTRADICTED_SQUARE = 0.1
-# What the size of the force tells about the heading, times the squared tangent of the dip.
-SIGMA_BENT_SQUARE = 0.6
 # The share by which a heading given up may still be right once another has been borne out.
 STILL_RIVAL = 0.15
 # Mean square of how far norm and dip are off, as shares and angles, by noise alone.
@@ -153,7 +151,7 @@ def sigma_heading(
     lasting = MEASURED_SQUARE * signs.heading.scatter + rival(vertical, magnetic, events)
     slow, carried = slow_and_carried(params, vertical.coefficients.dt_s)
     leaning = vertical.doubt + carried * LOW_PASS_SHARE * vertical.tilt.variance
-    bent = steep * (SIGMA_BENT_SQUARE * signs.gravity.uneven + 0.5 * leaning)
+    bent = 0.5 * steep * (signs.gravity.uneven + leaning)
     lasting += LEAST_DIRECTION_RAD**2 + bent + events.doubt.variance
     uneven = max(0.0, magnetic.reference.uneven - EVEN_SQUARE)
     lasting += MEASURED_SQUARE * (1.0 + steep) * uneven

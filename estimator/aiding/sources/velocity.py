@@ -45,9 +45,6 @@ CLIP = 25.0
 SCALE_REPORTS = 100.0
 # The noise scale of a receiver's reports may also fall, to this: no IMU has smoothed them.
 LEAST_RECEIVER_SCALE = 0.1
-# At this noise scale the reports are very noisy, or the attitude is wrong and makes them look so.
-# It is the latter if the unaided stage's down is further off than ``UNKNOWN_RAD``.
-DOUBTFUL_SCALE = 30.0
 
 
 class Reporter(NamedTuple):
@@ -157,7 +154,8 @@ def observe_velocity(
     least = LEAST_RECEIVER_SCALE if reporter.is_receiver else 1.0
     loose_at = VELOCITY if reporter.is_alone else reporter.error_at
     elsewhere = rotate(now.estimate.q_ned_frd, gravity_b)[2] < cos(UNKNOWN_RAD)
-    far = noise_scale > DOUBTFUL_SCALE and elsewhere
+    # very noisy reports, or an attitude that makes them look so: then the unaided one disagrees
+    far = noise_scale > FAR and elsewhere
     for i in range(3 if report.has_vertical else 2):
         h = np.zeros(SIZE)
         h[VELOCITY + i] = 1.0

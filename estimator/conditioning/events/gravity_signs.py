@@ -8,21 +8,20 @@ from estimator.conditioning.events.duration import duration_s
 from estimator.conditioning.params import ConditioningParams
 from estimator.conditioning.times import LATELY_S
 from estimator.conditioning.vertical.gravity import GravityState
+from estimator.conditioning.vertical.lasting import PRIOR_VARIANCE
 from estimator.geometry.quaternion import angle_between_vectors, norm, square
 from estimator.types import STANDARD_GRAVITY_M_S2
 
 # If the quickly followed force is less than this share of the slow one, the vehicle falls or is
 # in the middle of a turn: the force has no direction to compare.
 LEAST_GRAVITY_SHARE = 0.4
-# Before anything is known: accelerations that tilt the mean force of a second by ten degrees.
-UNKNOWN_WANDER = 0.03
 
 
 class GravitySigns(NamedTuple):
     """What the specific force says about an unsensed turn about a level axis."""
 
     off_s: float = 0.0  # for how long gravity has pulled elsewhere
-    wander: float = UNKNOWN_WANDER  # mean square angle between quick and slow gravity, rad^2
+    wander: float = PRIOR_VARIANCE  # mean square angle between quick and slow gravity, rad^2
     apart: float = 0.0  # mean square angle between published gravity and its long mean, rad^2
     uneven: float = 0.0  # mean square of how far the size of gravity is off, as a share
 

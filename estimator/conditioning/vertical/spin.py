@@ -13,13 +13,13 @@ from estimator.conditioning.times import WALK_S
 from estimator.conditioning.vertical.bias import clip
 from estimator.conditioning.vertical.coefficients import Coefficients
 from estimator.conditioning.vertical.gravity import GravityState
+from estimator.conditioning.vertical.lasting import SCALE_ERROR
 from estimator.conditioning.vertical.lowpass import Smooth, smooth
 from estimator.geometry.quaternion import rotate, rotate_inverse, scale
 from estimator.types import ZERO_VEC3, Vec2, Vec3
 
-# The scale error of a small gyroscope, and the largest that is believed.
+# The scale error of a small gyroscope; the largest that is believed is ``SCALE_ERROR``.
 SCALE_SIGMA = 0.005
-MOST_SCALE = 0.02
 # What else levelling undoes: a white rate of this density, (rad/s)^2 s.
 LEVELLING_NOISE = 3e-3
 
@@ -79,4 +79,4 @@ def learn_scale(
     m = p * turn_rad_s
     gain = m / (turn_rad_s * m + LEVELLING_NOISE / dt_s)
     drift = clip(drift_rad_s, params.bias_limit_rad_s)
-    return clip(error + gain * drift, MOST_SCALE), p - gain * m
+    return clip(error + gain * drift, SCALE_ERROR), p - gain * m

@@ -33,6 +33,7 @@ from estimator.conditioning.field.magnetic import FieldLook
 from estimator.conditioning.field.robust import HEADING_REACH_RAD
 from estimator.conditioning.times import ACCELERATION_LASTS_S, SPAN_S
 from estimator.conditioning.vertical.rate import SLOW_STEP_S
+from estimator.conditioning.vertical.tilt import LEAST_OFF_RAD
 from estimator.geometry.quaternion import multiply, normalize
 from estimator.types import NOTHING_BETWEEN, ZERO_VEC3, Between, Sample
 from tests.estimator.aiding.dense_filter import (
@@ -313,7 +314,7 @@ def test_field(seed, is_known, unfelt_rad):
         h = np.zeros(SIZE)
         h[EARTH : EARTH + 2] = np.array([-E[1], E[0]]) / H**2
         wanted_rad = 0.4 - np.arctan2(E[1], E[0])
-        dense.learn(h, wanted_rad, 0.01**2 * 100.0 / dt)
+        dense.learn(h, wanted_rad, LEAST_OFF_RAD**2 * 100.0 / dt)
     np.testing.assert_allclose(x, dense.x, rtol=1e-8, atol=1e-12)
     np.testing.assert_allclose(now.covariance, dense.P, rtol=1e-7, atol=1e-12)
     is_far = abs(angle) > p.far_heading_rad + 2.0 * sqrt(heading)
@@ -380,7 +381,7 @@ def test_published_sigmas(heading_rad, innovation, wait_s, together, samples, dt
         square = least**2 + p.scatter_share * innovation
         u = 27.0 / 4.0 * max(together, 0.0) ** 2 / innovation
         square = max(square, min(u, u * u)) if wait_s <= SPAN_S else square
-        return min(4.0, sqrt(max(square, 1.0) if wait_s > SPAN_S else square))
+        return min(3.0, sqrt(max(square, 1.0) if wait_s > SPAN_S else square))
 
     pushed = p.pushed_rad * np.hypot(2.0, 1.0) / 9.80665
     moving = (p.timing_s * np.linalg.norm(last.rate_rad_s)) ** 2 + pushed**2

@@ -115,7 +115,7 @@ def test_a_field_that_dips_otherwise_than_the_places_tells_a_leaning_vertical(
     seen = BLANK.field._replace(look=look, samples=9.0)
     wide = leaning(PARAMS, SIGMA, seen, PLACE, P)
     square = np.sin(radians(dip_off_deg)) ** 2 - radians(10.0) ** 2 - 9e-4 / (h * h + d * d)
-    square = max(0.0, square) / (1.0 + ((strength - 1.0) / 0.05) ** 2) ** 2
+    square = max(0.0, square) / (1.0 + ((strength - 1.0) / 0.1) ** 2) ** 2
     assert wide.inclination_rad == pytest.approx(hypot(0.01, sqrt(square)))
     assert wide.heading_rad == SIGMA.heading_rad
     assert leaning(PARAMS, SIGMA, seen, ZERO_VEC3, P) == SIGMA

@@ -221,7 +221,7 @@ def test_a_gyroscope_at_its_end_widens_the_variances():
             if i > 1500:
                 errors.append(off_deg(s, out))
         rms[is_seen] = np.sqrt(np.mean(np.square(errors)))
-    assert rms[True] == pytest.approx(4.22, rel=0.2)
+    assert rms[True] == pytest.approx(2.45, rel=0.2)
     assert rms[False] == pytest.approx(4.77, rel=0.2)
 
 
