@@ -15,6 +15,7 @@ from estimator.conditioning import apply_turn as turn_memory
 from estimator.conditioning import initial_state as initial_conditioning
 from estimator.filter.types import FilterState, initial_state
 from estimator.geometry.quaternion import conjugate, multiply, normalize
+from estimator.live.pull import NO_PULL, Pull
 from estimator.live.settings import Settings
 from estimator.types import IDENTITY, NO_SAMPLE, ZERO_VEC3, Quaternion, Sample
 
@@ -43,6 +44,7 @@ class Core(NamedTuple):
     sample: Sample  # the last one
     filter: FilterState  # the paper's: attitude, bias, e, gain
     smooth_error: float  # e averaged over a second while the vectors are raw, otherwise e
+    pull: Pull  # of raw vectors on the heading; as it was before, while they are conditioned
     conditioning: ConditioningState  # as it was before, while the vectors are raw
     seen: Conditioned  # of the last sample; blank while the vectors are raw
     search: Search  # for an attitude from velocity alone; empty while velocity helps
@@ -62,6 +64,7 @@ def initial_core(settings: Settings) -> Core:
         sample=NO_SAMPLE,
         filter=initial_state(),
         smooth_error=0.0,
+        pull=NO_PULL,
         conditioning=initial_conditioning(settings.conditioning),
         seen=UNSEEN,
         search=EMPTY_SEARCH,
@@ -97,7 +100,7 @@ def without_aiding(settings: Settings, now: Core) -> Core:
 
 def without_conditioning(settings: Settings, now: Core) -> Core:
     """The core for raw vectors, to which nothing that conditioning has shown belongs."""
-    return without_aiding(settings, now)._replace(seen=UNSEEN, search=EMPTY_SEARCH)
+    return without_aiding(settings, now)._replace(pull=NO_PULL, seen=UNSEEN, search=EMPTY_SEARCH)
 
 
 def with_attitude(now: Core, q_ned_frd: Quaternion) -> Core:

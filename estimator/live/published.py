@@ -16,6 +16,7 @@ from estimator.filter.observation import ReferenceParams
 from estimator.filter.types import FilterState
 from estimator.geometry.quaternion import exp, multiply, norm, normalize, scale
 from estimator.live.aided import GRAVITY_HALF_RAD, MAGNETIC_HALF_RAD, confidence
+from estimator.live.pull import Pull
 from estimator.types import Quaternion, Vec3
 
 # No estimate from these sensors is better than this; it also keeps sigma above zero.
@@ -47,10 +48,11 @@ def motion(
 
 
 @inlined
-def raw_figures(reference: ReferenceParams, smooth_error: float) -> Figures:
+def raw_figures(reference: ReferenceParams, smooth_error: float, pull: Pull) -> Figures:
     """What raw vectors tell about themselves: their mean e is sin^2 of half an angle."""
     sigma = at_most_half_turn(at_least(2.0 * asin(sqrt(smooth_error))))
-    return reference.s_gravity, reference.s_magnetic, sigma, sigma
+    heading = at_most_half_turn(sqrt(sigma * sigma + pull.heading_rad * pull.heading_rad))
+    return reference.s_gravity, reference.s_magnetic, sigma, heading
 
 
 @inlined

@@ -52,6 +52,7 @@ from estimator.live.published import (
     widen,
     write,
 )
+from estimator.live.pull import pulled
 from estimator.live.refusal import FINE, NOT_LATER, fault_of
 from estimator.live.rows import NO_ROWS, NOTHING_TO_SAY, Floats, Rows, reading_of
 from estimator.live.settings import Settings
@@ -174,6 +175,7 @@ def resident(params: Params, core: Core, rows: Rows, said: Floats) -> Any:
         core.sample,
         core.filter,
         core.smooth_error,
+        core.pull,
         core.conditioning,
         core.seen,
         core.search,
@@ -193,6 +195,7 @@ def contents(inside: Any) -> Core:
         sample=inside.sample,
         filter=inside.filter,
         smooth_error=inside.smooth_error,
+        pull=inside.pull,
         conditioning=inside.conditioning,
         seen=inside.seen,
         search=inside.search,
@@ -250,6 +253,9 @@ def advance_raw(
     params = inside.params
     state = kernel.step(params.filter, params.reference, inside.filter, sample)
     before = inside.smooth_error
+    inside.pull = pulled(
+        inside.pull, inside.filter.q_ned_frd, state, sample.gyr_rad_s, before, dt_s
+    )
     inside.smooth_error = before + dt_s / (SIGMA_TIME_S + dt_s) * (state.error - before)
     inside.filter = state
     inside.sample = sample
@@ -468,7 +474,7 @@ def publish(inside: Any, time_us: int, source: int) -> Said:
     elif source == CONDITIONED:
         figures = conditioned_figures(inside.seen)
     else:
-        figures = raw_figures(inside.params.reference, inside.smooth_error)
+        figures = raw_figures(inside.params.reference, inside.smooth_error, inside.pull)
     rate_rad_s = subtract(inside.sample.gyr_rad_s, inside.filter.gyr_bias_rad_s)
     figures = widen(figures, rate_rad_s, known_s)
     moved = motion(inside.filter, rate_rad_s, ahead_s, error, error_rate_1_s)

@@ -54,7 +54,7 @@ def test_sigma_of_raw_vectors_follows_the_error_of_the_last_second():
         share = 0.01 / (1.0 + 0.01)
         mean = now.error if mean is None else mean + share * (now.error - mean)
         assert now.sigma_inclination_rad == pytest.approx(2.0 * asin(sqrt(mean)))
-        assert now.sigma_heading_rad == now.sigma_inclination_rad
+        assert now.sigma_heading_rad >= now.sigma_inclination_rad
         sigmas.append(degrees(now.sigma_inclination_rad))
     # measured: 15.5 deg, and 0.014 deg from one sample to the next
     assert np.mean(sigmas[-100:]) == pytest.approx(15.5, rel=0.2)
@@ -70,7 +70,8 @@ def test_no_estimate_claims_to_be_perfect():
     now = estimator.attitude(stream[-1].time_us)
     assert now.error < 1e-9
     assert now.sigma_inclination_rad == LEAST_SIGMA_RAD
-    assert now.sigma_heading_rad == LEAST_SIGMA_RAD
+    # the vectors turned it round at the start, which is forgotten in 20 s and more
+    assert degrees(now.sigma_heading_rad) == pytest.approx(1.65, rel=0.2)
 
 
 @pytest.mark.parametrize("name", ["paper", "imu"])
