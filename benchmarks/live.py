@@ -4,7 +4,8 @@
 
 The vehicles send over UDP on loopback, ``fuzzbee run`` estimates and publishes on Zenoh, a third
 process subscribes. ``--plain``: a script of pymavlink and ahrs (processes/plain.py) has the
-service's place. Times are median, 99th percentile and worst in ms, of an attitude:
+service's place. ``--slow 0.2``: it gets a fifth of a core (processes/slow.py). Times are median,
+99th percentile and worst in ms, of an attitude:
 
 - ``sample to subscriber``: from the sending of its latest sample's datagram to the subscriber's
   callback; ``new sample to subscriber`` of the first attitude after each sample only.
@@ -23,6 +24,7 @@ from argparse import Namespace
 
 from common.filters import is_installed
 from common.report import MISSING, Row, parser, show
+from processes.slow import slowed
 from processes.trial import (
     WARM_UP_S,
     BeginService,
@@ -43,17 +45,18 @@ CARRIED = 0.001
 FIRST_VEHICLES, MOST_VEHICLES, FINENESS = 64, 500, 0.1
 
 
-def measure(shape: Shape, begin_service: BeginService) -> Row:
-    """One run of the processes."""
+def measure(shape: Shape, begin_service: BeginService, share: float = 1.0) -> Row:
+    """One run of the processes, whose service gets that ``share`` of a core."""
     marks: list[tuple[int, list[float]]] = []
     memory: list[float] = []
 
     def meanwhile(service: Process, others: list[int]) -> None:
-        time.sleep(WARM_UP_S)
-        processes = [*family(service.pid), *others]
-        for wait_s in (0.0, shape.seconds - WARM_UP_S - 0.2):
-            time.sleep(wait_s)
-            marks.append((time.time_ns(), [cpu_s(pid) for pid in processes]))
+        with slowed(service.pid, share):
+            time.sleep(WARM_UP_S)
+            processes = [*family(service.pid), *others]
+            for wait_s in (0.0, shape.seconds - WARM_UP_S - 0.2):
+                time.sleep(wait_s)
+                marks.append((time.time_ns(), [cpu_s(pid) for pid in processes]))
         memory.extend(memory_mb(pid) for pid in processes[: -len(others)])
 
     seen = run(shape, begin_service, meanwhile)
@@ -76,7 +79,7 @@ def capacity(options: Namespace, begin_service: BeginService) -> Row:
     carried, too_many, best = 0, MOST_VEHICLES + 1, None
     vehicles = FIRST_VEHICLES
     while too_many - carried > max(1, carried * FINENESS):
-        result = measure(shape_of(options, vehicles), begin_service)
+        result = measure(shape_of(options, vehicles), begin_service, options.slow)
         lost = 1.0 - result["taken"] / max(1, result["sent"])
         print(f"{vehicles} vehicles: {lost:.2%} not taken", file=sys.stderr)
         if lost < CARRIED:
@@ -103,10 +106,12 @@ def main() -> int:
     made.add_argument("--publish-rate", type=float, help="attitudes a second [as --rate]")
     made.add_argument("--plain", action="store_true", help="pymavlink and ahrs instead")
     made.add_argument("--workers", type=int, default=1, help="of the service")
+    made.add_argument("--slow", type=float, default=1.0, help="share of a core for the service")
     made.add_argument("--capacity", action="store_true", help="search the most vehicles")
     options = made.parse_args()
     if options.smoke:
         options.vehicles, options.seconds, options.capacity = 2, WARM_UP_S + 2.0, False
+        options.slow = 0.5
     if options.seconds <= WARM_UP_S:
         made.error(f"--seconds: more than {WARM_UP_S:g}")
     rivals: dict[str, BeginService | None] = {
@@ -123,7 +128,7 @@ def main() -> int:
         if options.capacity:
             found = capacity(options, begin_service)
         else:
-            found = measure(shape_of(options, options.vehicles), begin_service)
+            found = measure(shape_of(options, options.vehicles), begin_service, options.slow)
         rows.append({"service": name, **found})
     show({"live": rows}, as_json=options.json)
     return 0
