@@ -20,7 +20,7 @@ from estimator.errors import InputError
 from fuzzbee.quiet_start import ENDLESS, INTERRUPTED
 from fuzzbee.recordings import NotWholeError
 from fuzzbee.say import say
-from fuzzbee.surroundings import settle_environment
+from fuzzbee.surroundings import lacking_of_processor, settle_environment
 from service.signals import terminate_like_interrupt
 
 quiet_start.end()
@@ -112,6 +112,8 @@ def entry_point() -> None:
     """The ``fuzzbee`` command."""
     _replace_closed_streams()
     _write_what_can_be_written()
+    if lacking := lacking_of_processor():
+        _end(_fail(f"this processor has no {', '.join(lacking)}: numpy needs x86-64-v2", FAILED))
     if (taken := settle_environment()) is not None:
         say(taken)
     status = main()

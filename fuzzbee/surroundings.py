@@ -1,10 +1,26 @@
 """What the environment of the command may change of what it runs, and what not."""
 
 import os
+from pathlib import Path
 
 # numba's own switches are for whoever develops with it: some print on standard output, others make
 # code that takes minutes, or none. These are ours to read; for any CPU is what containers say.
 MEANT = ("NUMBA_CACHE_DIR", "NUMBA_NUM_THREADS", "NUMBA_DISABLE_JIT", "NUMBA_CPU_NAME=generic")
+
+
+# Linux's words for x86-64-v2, which numpy's wheels are made for: others end with SIGILL.
+X86_64_V2 = ("cx16", "lahf_lm", "popcnt", "ssse3", "sse4_1", "sse4_2")
+PROCESSORS = Path("/proc/cpuinfo")
+
+
+def lacking_of_processor() -> list[str]:
+    """What numpy takes for granted and a 64-bit x86 processor does not tell that it has."""
+    try:
+        with PROCESSORS.open(encoding="ascii", errors="replace") as lines:
+            told = next((line.split() for line in lines if line.startswith("flags")), [])
+    except OSError:  # another system
+        return []
+    return [word for word in X86_64_V2 if word not in told] if "lm" in told else []
 
 
 def settle_environment() -> str | None:

@@ -5,6 +5,7 @@ from pathlib import Path
 
 import pytest
 
+from fuzzbee import surroundings
 from fuzzbee.cli import main
 from fuzzbee.version import __version__
 
@@ -144,6 +145,40 @@ def test_what_is_left_for_the_end_is_done():
     )
     assert ended.returncode == 0
     assert ended.stdout.splitlines()[-1] == "the end"
+
+
+@pytest.mark.parametrize(
+    ("flags", "lacking"),
+    [
+        ("fpu lm sse2 pni cx16 lahf_lm ssse3 popcnt", "sse4_1, sse4_2"),
+        ("fpu lm cx16 lahf_lm popcnt ssse3 sse4_1 sse4_2", ""),
+        ("fpu sse2", ""),  # 32 bits have wheels of their own
+        (None, ""),  # another system
+    ],
+)
+def test_a_processor_that_numpy_cannot_use_is_named_before_it_is_imported(
+    flags, lacking, tmp_path, monkeypatch
+):
+    told = tmp_path / "cpuinfo"
+    if flags is not None:
+        told.write_text(f"processor\t: 0\nflags\t\t: {flags}\nbogomips\t: 1\n")
+    monkeypatch.setattr(surroundings, "PROCESSORS", told)
+    assert ", ".join(surroundings.lacking_of_processor()) == lacking
+
+
+def test_without_x86_64_v2_the_command_ends_with_a_line(tmp_path):
+    told = tmp_path / "cpuinfo"
+    told.write_text("flags : lm sse2 cx16 lahf_lm popcnt ssse3\n")
+    program = f"""import atexit, pathlib, sys; from fuzzbee import cli, surroundings
+surroundings.PROCESSORS = pathlib.Path({str(told)!r})
+atexit.register(lambda: print("numpy" in sys.modules)); cli.entry_point()"""
+    ended = subprocess.run(
+        [sys.executable, "-c", program], capture_output=True, text=True, timeout=900, check=False
+    )
+    assert (ended.returncode, ended.stdout.strip()) == (1, "False")
+    assert ended.stderr == (
+        "fuzzbee: this processor has no sse4_1, sse4_2: numpy needs x86-64-v2\n"
+    )
 
 
 def test_an_interrupt_during_the_first_imports_is_no_traceback():
