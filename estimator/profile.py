@@ -35,7 +35,8 @@ TOO_DEEP = re.compile(r"(?<![\w\"'-])(?:[\w\"'-]++[ \t]*+\.[ \t]*+){32}")
 
 # Bounds of the filter's own parameters, as estimator/bounds.py has them for the other sections.
 Gamma = Annotated[float, Meta(ge=0.0, le=1e3)]
-FixedGain = Annotated[float, Meta(ge=1e-2, le=1e4)]
+LEAST_GAIN, MOST_GAIN = 1e-2, 1e4
+FixedGain = Annotated[float, Meta(ge=LEAST_GAIN, le=MOST_GAIN)]
 FilterTime = Annotated[float, Meta(ge=1e-3, le=1e3)]
 BiasBound = Annotated[float, Meta(ge=0.0, le=100.0)]
 Weight = Annotated[float, Meta(ge=0.0, le=1e3)]

@@ -24,7 +24,7 @@ def number(name: str, given: Any, low: float = -inf, high: float = inf, of: str 
         InputError: it is none.
     """
     try:
-        value = float(given)
+        value = nan if isinstance(given, str | bytes | bool) else float(given)
     except (TypeError, ValueError, OverflowError):
         value = nan
     if not (low <= value <= high and abs(value) < inf):
@@ -59,7 +59,7 @@ def matrix(name: str, given: ArrayLike, rows: int | None = None) -> Floats:
     Raises:
         InputError: another shape, or something else than numbers.
     """
-    values = _numbers(name, given)
+    values = numbers(name, given)
     if values.ndim != 2 or values.shape[1] != 3 or rows not in (None, len(values)):
         wanted = "N" if rows is None else rows
         raise InputError(f"{name}: must have the shape ({wanted}, 3), not {values.shape}")
@@ -81,7 +81,7 @@ def microseconds_of_rows(given: ArrayLike, rows: int) -> Times:
     Raises:
         InputError: another shape, or something else than numbers of seconds.
     """
-    values = _numbers("time_s", given)
+    values = numbers("time_s", given)
     if values.shape != (rows,):
         raise InputError(f"time_s: must have the shape ({rows},), not {values.shape}")
     wrong = values[~(np.abs(values) < MOST_S)]
@@ -90,8 +90,8 @@ def microseconds_of_rows(given: ArrayLike, rows: int) -> Times:
     return np.rint(MICROSECONDS * values).astype(np.int64)
 
 
-def _numbers(name: str, given: ArrayLike) -> Floats:
-    """An array of numbers, NaN where one is masked.
+def numbers(name: str, given: ArrayLike) -> Floats:
+    """``given`` as an array of numbers, NaN where one is masked.
 
     Raises:
         InputError: it holds something else.

@@ -13,7 +13,7 @@ from estimator import estimator
 from estimator.errors import InputError
 from estimator.live.rows import rows_of
 from estimator.live.snapshot import Snapshot
-from estimator.profile import Profile, load_profile
+from estimator.profile import LEAST_GAIN, MOST_GAIN, Profile, load_profile
 from estimator.reasons import Reason
 from estimator.types import ZERO_VEC3, Attitude, ImuSample, Vec3, VelocitySample
 from fuzzbee.arguments import (
@@ -77,7 +77,7 @@ class Estimator:
         if rate_hz is not None:
             rate_hz = number("rate_hz", rate_hz, 1.0 / MICROSECONDS, MICROSECONDS, " a second")
         if gain is not None:
-            gain = number("gain", gain, 0.0)
+            gain = number("gain", gain, LEAST_GAIN, MOST_GAIN)
         self.profile = profile if isinstance(profile, Profile) else load_profile(profile)
         self._is_plain = self.profile.mounting.is_plain
         self._rate_hz = rate_hz

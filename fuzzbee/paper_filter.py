@@ -5,6 +5,7 @@ tested against; equations are cited there by number and label.
 """
 
 from collections.abc import Callable
+from typing import Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -14,8 +15,8 @@ from estimator.filter import kernel, reference
 from estimator.filter.alignment import quaternion_from_matrix
 from estimator.filter.types import initial_state
 from estimator.live.settings import settings_of
-from estimator.profile import Profile, load_profile
-from fuzzbee.arguments import Floats, matrix, vector
+from estimator.profile import LEAST_GAIN, MOST_GAIN, Profile, load_profile
+from fuzzbee.arguments import Floats, matrix, number, numbers, vector
 
 # Below this share of the largest, the smallest eigenvalue of M says that vectors span no space.
 FLAT = 1e-9
@@ -34,7 +35,8 @@ class PaperFilter:
             is the third, as in the paper.
         s: their confidences (n,), or (n + 1,) with that of the cross product; all 1 if not given.
         R_hat: the first attitude (3, 3).
-        gain: a fixed K, a function of e and its rate, or None: the paper's fuzzy controller.
+        gain: a fixed K, a function of e and its rate, "noise" (rules in noise that is measured on
+            the first two vectors), or None: the paper's fuzzy controller.
         profile: the rest of the numbers, among them k1..k22.
 
     Raises:
@@ -47,23 +49,24 @@ class PaperFilter:
         s: ArrayLike | None = None,
         R_hat: ArrayLike | None = None,
         *,
-        gain: float | Gain | None = None,
+        gain: float | Gain | Literal["noise"] | None = None,
         profile: Profile | str = "paper",
     ) -> None:
         given = load_profile(profile) if isinstance(profile, str) else profile
         self.params = settings_of(given, None).filter
         self._count = len(matrix("v_I", v_I))
         self._v_I = _with_cross(_unit(matrix("v_I", v_I)))
-        weights = np.ones(len(self._v_I)) if s is None else np.asarray(s, dtype=float)
+        weights = np.ones(len(self._v_I)) if s is None else numbers("s", s)
         if weights.shape == (self._count,) != (len(self._v_I),):
             weights = np.append(weights, 1.0)
-        if weights.shape != (len(self._v_I),) or not (weights > 0.0).all():
+        if weights.shape != (len(self._v_I),) or not ((weights > 0.0) & (weights < np.inf)).all():
             raise InputError(f"s: must be {self._count} confidences above 0, not {s!r:.60}")
         self._s = weights
         eigenvalues = np.linalg.eigvalsh((self._v_I.T * weights) @ self._v_I)
         if eigenvalues[0] < FLAT * eigenvalues[-1]:
             raise InputError("v_I: these vectors fix no attitude: they lie in a plane or on a line")
-        self._gain = gain
+        by_rules = gain is None or callable(gain) or (isinstance(gain, str) and gain == "noise")
+        self._gain = gain if by_rules else _checked(gain)
         self._state = initial_state()
         if R_hat is not None:
             self._state = initial_state(quaternion_from_matrix(matrix("R_hat", R_hat, 3)))
@@ -99,15 +102,24 @@ class PaperFilter:
         Returns R_hat.
 
         Raises:
-            InputError: shapes that do not fit, or vectors of no length.
+            InputError: shapes that do not fit, vectors of no length, a rate or a time that is no
+                number, or a gain out of its range.
         """
-        state = reference.propagate(self._state, vector("Omega_m", Omega_m), dt)
+        dt = number("dt", dt, 0.0, of=" of seconds")
+        rate = vector("Omega_m", Omega_m)
+        if not np.isfinite(rate).all():
+            raise InputError(f"Omega_m: must be three finite numbers, not {rate}")
+        state = reference.propagate(self._state, rate, dt)
         measured = _with_cross(_unit(matrix("v_B", v_B, self._count)))
         estimated = self._v_I @ reference.rotation_matrix(state.q_ned_frd)  # Eq. (10)
         w = reference.innovation(measured, estimated, self._s)  # Eq. (11)
-        e = reference.attitude_error(measured, estimated, self._s)
-        d = reference.error_rate(self.params, state, e, dt)
-        K = self._k(e, d)
+        if self._gain == "noise":
+            knows = self.params, state, measured, estimated, self._s, dt
+            state, e, d, K = reference.gain_in_noise(*knows)
+        else:
+            e = reference.attitude_error(measured, estimated, self._s)
+            d = reference.error_rate(self.params, state, e, dt)
+            K = self._k(e, d)
         self._state = reference.moved(
             self.params, state, w, reference.largest_rate(measured, self._s), e, d, K, dt
         )
@@ -116,11 +128,15 @@ class PaperFilter:
     def _k(self, e: float, e_rate: float) -> float:
         if self._gain is None:
             return self.fuzzy_gain(e, e_rate)
-        return float(self._gain(e, e_rate) if callable(self._gain) else self._gain)
+        return _checked(self._gain(e, e_rate)) if callable(self._gain) else float(self._gain)
 
     def fuzzy_gain(self, e: float, e_rate: float) -> float:
         """K = 1 + k_op of the paper's controller alone; over a grid it is its surface."""
         return float(kernel.adaptive_gain(self.params, e, e_rate))
+
+
+def _checked(gain: object) -> float:
+    return number("gain", gain, LEAST_GAIN, MOST_GAIN)
 
 
 def _unit(vectors: Floats) -> Floats:

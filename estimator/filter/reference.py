@@ -170,22 +170,29 @@ def correct(params: FilterParams, state: FilterState, vectors: Vectors, dt: floa
     """
     measured, estimated, s, spans = three_vectors(vectors, state.q_ned_frd)
     w = innovation(measured, estimated, s)
-    knows_noise = params.gain_knows_noise and not params.gain_is_fixed
-    noise = state.noise
-    if knows_noise:
-        noise, e = borne_error(noise, measured, estimated, s)
+    if params.gain_knows_noise and not params.gain_is_fixed:
+        state, e, d, K = gain_in_noise(params, state, measured, estimated, s, dt)
     else:
         e = (attitude_error if spans else single_vector_error)(measured, estimated, s)
-    d = error_rate(params, state, e, dt)
-    if knows_noise:
-        rate, v1, v2 = state.rate_rad_s, vectors.v1_frd, vectors.v2_frd
-        noise = observe_noise(noise, v1, vectors.s1 > 0.0, v2, vectors.s2 > 0.0, rate, dt)
-        noise = observe_floor(noise, e, dt)
-        K = noise_gain(noise, e, params.rate_time_constant_s * d, state.gain, dt)
-    else:
+        d = error_rate(params, state, e, dt)
         K = adaptive_gain(params, e, d)
-    state = state._replace(noise=noise)
     return moved(params, state, w, largest_rate(measured, s), e, d, K, dt)
+
+
+def gain_in_noise(
+    params: FilterParams, state: FilterState, measured: Array, estimated: Array, s: Array, dt: float
+) -> tuple[FilterState, float, float, float]:
+    """The state with the noise as the first two vectors show it, e, its rate, and K by rules in it.
+
+    :mod:`estimator.filter.noise_gain`.
+    """
+    noise, e = borne_error(state.noise, measured, estimated, s)
+    d = error_rate(params, state, e, dt)
+    v1, v2 = ((float(x), float(y), float(z)) for x, y, z in measured[:2])
+    noise = observe_noise(noise, v1, s[0] > 0.0, v2, s[1] > 0.0, state.rate_rad_s, dt)
+    noise = observe_floor(noise, e, dt)
+    K = noise_gain(noise, e, params.rate_time_constant_s * d, state.gain, dt)
+    return state._replace(noise=noise), e, d, K
 
 
 def moved(

@@ -1,6 +1,6 @@
 """From a profile to the numbers that the kernels take."""
 
-from math import isfinite, radians
+from math import radians
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -14,7 +14,7 @@ from estimator.filter.observation import ReferenceParams
 from estimator.filter.types import FilterParams
 from estimator.geometry.earth import PlaceField, in_ned
 from estimator.geometry.quaternion import exp, rotate, unit
-from estimator.profile import Profile
+from estimator.profile import LEAST_GAIN, MOST_GAIN, Profile
 from estimator.types import ZERO_VEC3, Quaternion, Vec3
 
 MAGNETIC_NORTH: Vec3 = (1.0, 0.0, 0.0)
@@ -47,10 +47,10 @@ def settings_of(
     IMU moves, as far as the profile does not.
 
     Raises:
-        InputError: the fixed gain is not a positive number.
+        InputError: the fixed gain is none that a profile may have.
     """
-    if fixed_gain is not None and not (isfinite(fixed_gain) and fixed_gain > 0.0):
-        msg = f"the gain must be a positive number, not {fixed_gain}"
+    if fixed_gain is not None and not LEAST_GAIN <= fixed_gain <= MOST_GAIN:
+        msg = f"gain {fixed_gain:g}: must be a number, {LEAST_GAIN:g} to {MOST_GAIN:g}"
         raise InputError(msg)
     section = profile.filter
     return Settings(

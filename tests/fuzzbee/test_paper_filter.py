@@ -10,6 +10,7 @@ from fuzzbee import InputError, PaperFilter, load_profile
 from fuzzbee.attitudes import Attitudes
 
 DT = 0.01
+REFUSED = r"^gain .*: must be a number, 0\.01 to 10000$"
 INERTIAL = np.array([MAGNETIC_NED, GRAVITY_NED])
 
 
@@ -22,12 +23,14 @@ def unit(vectors):
     return vectors / np.linalg.norm(vectors, axis=-1, keepdims=True)
 
 
-@pytest.mark.parametrize("gain", [None, 30.0])
+@pytest.mark.parametrize("gain", [None, 30.0, "noise"])
 def test_on_two_vectors_it_is_the_compiled_filter(gain):
     gyr, vectors, _ = signals(300)
     ours = PaperFilter(INERTIAL, gain=gain)
     params = ours.params
-    if gain is not None:
+    if gain == "noise":
+        params = params._replace(gain_knows_noise=True)
+    elif gain is not None:
         params = params._replace(gain_is_fixed=True, fixed_gain=gain)
     state = initial_state()
     for rate, pair in zip(gyr, unit(vectors), strict=True):
@@ -77,11 +80,39 @@ def test_the_gain_may_be_anything_and_the_controller_stands_alone():
         (([[1, 0], [0, 1]],), "shape"),
         ((INERTIAL, [1.0]), "s: must be 2 confidences"),
         ((INERTIAL, [1.0, -1.0]), "above 0"),
+        ((INERTIAL, [1.0, np.inf]), "above 0"),
+        ((INERTIAL, "ab"), "s: must be an array of numbers"),
     ],
 )
 def test_what_fixes_no_attitude_is_refused(arguments, words):
     with pytest.raises(InputError, match=words):
         PaperFilter(*arguments)
+
+
+@pytest.mark.parametrize("gain", [1e300, -1.0, np.nan, "loud", True, np.array([1.0, 2.0])])
+def test_a_gain_beyond_what_a_profile_may_have_is_refused(gain):
+    """Said at once, or by the step that asks a function for it."""
+    with pytest.raises(InputError, match=REFUSED):
+        PaperFilter(INERTIAL, gain=gain)
+    asked = PaperFilter(INERTIAL, gain=lambda *_: gain)
+    with pytest.raises(InputError, match=REFUSED):
+        asked.step((0.0, 0.0, 0.0), INERTIAL, DT)
+
+
+@pytest.mark.parametrize(
+    ("rate", "dt", "words"),
+    [
+        ((0.0, np.nan, 0.0), DT, "Omega_m"),
+        ((0.0, 0.0, 0.0), np.nan, "dt"),
+        ((0.0, 0.0, 0.0), -1.0, "dt"),
+        ((0.0, 0.0, 0.0), "0.01", "dt"),
+    ],
+)
+def test_a_step_of_no_numbers_is_refused_and_leaves_the_attitude(rate, dt, words):
+    filtered = PaperFilter(INERTIAL)
+    with pytest.raises(InputError, match=words):
+        filtered.step(rate, INERTIAL, dt)
+    assert np.array_equal(filtered.R_hat, np.eye(3))
 
 
 def test_scipy_and_pandas_get_what_they_know():

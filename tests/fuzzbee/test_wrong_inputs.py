@@ -35,7 +35,21 @@ NO_VECTORS = [
     {1, 2, 3}, {1: 1, 2: 2, 3: 3},
     (1j, 0, 0), (BIG, 0, 0), (None, 0, 0), ("a", 0, 0), [[0], [0, 1], 0],
 ]  # fmt: skip
-NO_NUMBERS = [nan, inf, -inf, "x", [1, 2], {}, 1j, BIG, np.array([1.0, 2.0]), np.datetime64(0, "s")]
+NO_NUMBERS = [
+    nan,
+    inf,
+    -inf,
+    "x",
+    "100",
+    b"1",
+    True,
+    [1, 2],
+    {},
+    1j,
+    BIG,
+    np.array([1.0, 2.0]),
+    np.datetime64(0, "s"),
+]
 
 
 def batch(**changed):
@@ -104,7 +118,8 @@ def test_numbers_that_are_none(given):
         (lambda: Estimator(rate_hz=0.0), "rate_hz"),
         (lambda: Estimator(rate_hz=-1.0), "rate_hz"),
         (lambda: Estimator(rate_hz=1e-300), "rate_hz"),
-        (lambda: Estimator(gain=-1.0), "gain"),
+        (lambda: Estimator(gain=-1.0), "gain -1.0: must be a number, 0.01 to 10000"),
+        (lambda: Estimator(gain=1e300), "gain 1e+300: must be a number, 0.01 to 10000"),
         (lambda: Estimator(3), "profile"),
         (lambda: Estimator(None), "profile"),
         (lambda: Estimator({}), "profile"),
