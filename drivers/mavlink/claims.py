@@ -40,9 +40,12 @@ class Claims:
         self._budgets: dict[str, _Budget] = {}
         self._all = _Budget(ALL_PACKETS_HZ, 0.0)
 
-    def admits(self, peer: str, now_s: float) -> bool:
-        """Whether a packet of ``peer`` that is there now is read."""
-        if self._until_s.get(peer, 0.0) > now_s:
+    def admits(self, peer: str, since_s: float, now_s: float) -> bool:
+        """Whether a packet of ``peer`` is read that has come ``since_s``, when all before was.
+
+        Nobody's claim ends because nobody has looked.
+        """
+        if self._until_s.get(peer, 0.0) > since_s:
             return True
         budget = self._budgets.get(peer)
         if budget is None:

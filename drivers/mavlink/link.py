@@ -143,6 +143,7 @@ class MavlinkLink(Closing):
         self._has_data = False
         self._has_just_read = False
         self._read_s = 0.0  # when something was read last
+        self._look_s = 0.0  # when all that was there had been read
         self._taken_s = time.monotonic()  # when something was taken out of the backlog last
         self._retry_s = FIRST_RETRY_S
         self._retry_due_s = 0.0
@@ -243,6 +244,7 @@ class MavlinkLink(Closing):
             now_s = time.monotonic()
             self._handle(packets, now_s)
             self._backlog.note_look(now_s)
+            self._look_s = now_s
             self._read_clock_s = waiting_clock_s()
             silence = self._hearing.silence(now_s, is_up=self._is_up, has_data=self._has_data)
             self._tell(silence, _unix_us())
@@ -301,7 +303,8 @@ class MavlinkLink(Closing):
         if not packets and self._taker is None:
             return
         now_us = _unix_us()
-        packets = [p for p in packets if not p.data or self._claims.admits(p.peer, now_s)]
+        admits = self._claims.admits
+        packets = [p for p in packets if not p.data or admits(p.peer, self._look_s, now_s)]
         scanned = self._scan(packets)
         if scanned is not None and self._taker is None and self._is_late(now_s):
             packets, scanned = self._thin_out(packets, scanned)

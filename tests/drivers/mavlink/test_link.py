@@ -14,6 +14,7 @@ import pytest
 
 from drivers.endpoint import Endpoint, parse_endpoint
 from drivers.events import CommandAck, Heartbeat, Imu, LinkDown, LinkUp, Malformed, Shed, VehicleId
+from drivers.mavlink import claims
 from drivers.mavlink import link as mavlink_link
 from drivers.mavlink.backlog import STOPPED_S
 from drivers.mavlink.dialect import mavlink
@@ -299,6 +300,25 @@ def test_a_flood_without_an_imu_keeps_no_vehicle_out():
         assert len(of_type(events, Imu)) >= samples - 1  # the first waits for the next
         # 2400 have come: a budget of one second for each of two, and what time has added
         assert link.dropped > 1000
+
+
+def test_after_a_stop_longer_than_a_claim_no_sample_is_refused(monkeypatch):
+    """All but a budget's 200 of 400 were refused, and in no count of the vehicle's."""
+    monkeypatch.setattr(claims, "CLAIM_S", 0.1)
+    port, vehicle = free_port(socket.SOCK_DGRAM), Vehicle(1)
+    with MavlinkLink(Endpoint("udpin", HOST, port)) as link, udp_sender(port) as wire:
+        collect(link, count(Imu, 2), lambda: wire.send(vehicle.imu()))
+        for _ in range(400):
+            wire.send(vehicle.imu())
+        time.sleep(0.15)
+        collect(link, count(Imu, 1))
+        assert link.dropped == 0
+        time.sleep(0.15)
+        link.drain(0.0)  # a look at which nobody is there ends it
+        for _ in range(400):
+            wire.send(vehicle.heartbeat())
+        link.drain(0.0)
+        assert link.dropped == 200
 
 
 def test_talking_clients_do_not_give_way_to_new_ones():
