@@ -11,12 +11,15 @@ from typing import BinaryIO
 
 from drivers.closing import Closing
 from drivers.events import Event
+from drivers.memory import available_bytes
 from estimator.errors import InputError
 
 Buffer = mmap.mmap | bytes
 READ_SIZE = 1 << 22
 MARGIN = 1 << 16  # bytes; longer than any message of a log that is read in pieces
 LARGEST = 4 << 30  # bytes: a day at several hundred hertz
+# What a log that is read whole takes of memory, of its size: 1.42 were measured, by its tables.
+WHOLE_TAKES = 1.5
 
 _log = logging.getLogger(__name__)
 
@@ -98,13 +101,17 @@ def whole_file(path: Path) -> Iterator[Buffer]:
     read so far counts, and a line in the log tells.
 
     Raises:
-        InputError: the file is empty, cannot be read, or is larger than any log.
+        InputError: the file is empty, cannot be read, or is larger than any log or than there is
+            memory for.
     """
     size = path.stat().st_size
     if size == 0:
         raise InputError(f"{path}: the file is empty")
     if size > LARGEST:
         raise InputError(f"{path}: has more than {LARGEST >> 30} GiB: cut it into parts")
+    if WHOLE_TAKES * size > (there := available_bytes()):
+        takes, has = (f"{value / (1 << 20):.0f} MiB" for value in (WHOLE_TAKES * size, there))
+        raise InputError(f"{path}: takes {takes} of memory, of which {has} are there: cut it")
     with mmap.mmap(-1, size) as content:
         read, fault = _read_into(content, path)
         if read == 0:
