@@ -105,7 +105,7 @@ def _horizon(name: str) -> Any:
 def _bodies(name: str) -> Any:
     return rrb.Spatial3DView(
         origin=f"/{name}/bodies",
-        name="fuzzbee blue, autopilot orange, truth green. Gravity purple, field cyan, due grey",
+        name="Ours blue, autopilot orange, truth green; g purple, field cyan",
         # north ahead, east to the right, seen from behind and above
         eye_controls=rrb.EyeControls3D(
             position=(-2.0, 0.0, -1.35), look_target=(0.05, 0.0, 0.1), eye_up=(0.0, 0.0, -1.0)

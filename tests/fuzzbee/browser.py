@@ -21,7 +21,7 @@ FLAGS = (
     "--no-first-run",
     "--disable-background-networking",
     "--disable-component-update",
-    "--window-size=1600,1000",
+    "--window-size=1280,800",
 )
 
 
