@@ -164,11 +164,10 @@ def _change_over(compiling: Compiling | None, pipeline: Pipeline) -> list[Messag
 
 
 def _tally(runner: Runner, pipeline: Pipeline, dropped: int) -> Tally:
-    gone = pipeline.departures
     return Tally(
         runner.ticks,
         runner.overruns,
         dropped,
-        (gone.vehicles, gone.samples, gone.attitudes),
+        pipeline.departures.counts,
         {vehicle.address: vehicle.counts for vehicle in pipeline.vehicles},
     )

@@ -197,7 +197,7 @@ def summary(
         "malformed": malformed,
         "refused": dict(sorted(refused.items())),
         **({"recording": recording} if recording else {}),
-        "departed": dict(zip(("vehicles", "samples", "attitudes"), tally.departures, strict=True)),
+        "departed": tally.departed._asdict(),
         "vehicles": {
             vehicle_name(vehicle): {
                 "state": counts.state,

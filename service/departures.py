@@ -1,6 +1,8 @@
 """Which vehicles have been silent for so long that they are forgotten, and what is kept of them."""
 
 from collections import OrderedDict
+from operator import add
+from typing import NamedTuple
 
 from drivers.events import VehicleId
 from estimator.profile import Profile
@@ -12,13 +14,25 @@ LONGEST_LOOK_US = 60_000_000
 MOST_PROFILES = 512  # of vehicles that are gone; the one that left first goes
 
 
+class DepartedCounts(NamedTuple):
+    """What is counted of the vehicles that were forgotten."""
+
+    vehicles: int = 0
+    samples: int = 0  # theirs, as in the counts of one that is there
+    shed: int = 0
+    rejected: int = 0
+    attitudes: int = 0
+
+    def plus(self, other: "DepartedCounts") -> "DepartedCounts":
+        """Both together."""
+        return DepartedCounts(*map(add, self, other))
+
+
 class Departures:
     """Counts silence by the time between looks. Times are given."""
 
     def __init__(self) -> None:
-        self.vehicles = 0  # forgotten so far
-        self.samples = 0  # theirs
-        self.attitudes = 0
+        self.counts = DepartedCounts()  # so far
         self._silence_us: dict[VehicleId, int] = {}
         self._heard_us: dict[VehicleId, int] = {}
         self._looked_us: int | None = None
@@ -37,12 +51,6 @@ class Departures:
         }
         self._heard_us = heard_us
         return [each for each, us in self._silence_us.items() if us >= FORGOTTEN_US]
-
-    def count(self, samples: int, attitudes: int) -> None:
-        """Add a vehicle to those that are forgotten."""
-        self.vehicles += 1
-        self.samples += samples
-        self.attitudes += attitudes
 
     def keep(self, address: VehicleId, profile: Profile) -> None:
         """Keep the parameters that somebody gave a vehicle, for when it comes back."""

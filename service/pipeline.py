@@ -40,7 +40,7 @@ from estimator.estimator import Estimator
 from estimator.profile import Profile, load_profile, merge_profile
 from estimator.reasons import Reason
 from service.counts import Counts
-from service.departures import Departures
+from service.departures import DepartedCounts, Departures
 from service.health import State
 from service.link_lines import LinkLines
 from service.load import Load
@@ -362,7 +362,9 @@ class Pipeline:
             return
         del self._vehicles[address]
         self._away.pop(address, None)
-        self.departures.count(vehicle.samples, vehicle.attitudes)
+        rejected = vehicle.rejected.total()
+        counts = DepartedCounts(1, vehicle.samples, vehicle.shed, rejected, vehicle.attitudes)
+        self.departures.counts = self.departures.counts.plus(counts)
         if vehicle.profile != self.profile and vehicle.built_in_motion is None:
             self.departures.keep(address, vehicle.profile)
         self._replaced.pop(address, None)

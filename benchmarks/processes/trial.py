@@ -219,9 +219,10 @@ def percentiles(values_ms: np.ndarray) -> list[float] | None:
 
 def counts(seen: Seen) -> Row:
     """What became of the samples, in all."""
-    told = seen.summary["vehicles"].values()
+    told, departed = seen.summary["vehicles"].values(), seen.summary["departed"]
     taken = sum(each["samples"] + sum(each["rejected"].values()) for each in told)
-    shed = sum(each.get("shed", 0) for each in told)
+    taken += departed["samples"] + departed["rejected"]
+    shed = sum(each.get("shed", 0) for each in told) + departed["shed"]
     lost = seen.summary.get("lost", 0)
     return {
         "sent": len(seen.sent),

@@ -54,7 +54,7 @@ FRD_AUTOPILOTS = (MAV_AUTOPILOT_ARDUPILOTMEGA, MAV_AUTOPILOT_PX4)  # known for s
 MOST_SENDERS = PLACES  # addresses remembered at once; each takes 11 kB
 # When all places are taken, one that has been silent for so long may lose its own to a new one
 SILENT_US = 5_000_000
-LOOK_US = 1_000_000  # and if there is none, it is not looked for again before that
+LOOK_US = 1_000_000  # who they are is looked for no more often
 
 # What fuzzbee's own vehicle puts where others have a commit
 BUILT_IN = "fuzzbee"
@@ -83,7 +83,9 @@ class MavlinkDecoder:
     def __init__(self, *, references: bool = True) -> None:
         self._reader = FieldReader()
         self._senders: dict[tuple[int, int], _Sender] = {}
-        self._full_since_us: int | None = None  # nobody was silent then
+        self._looked_us: int | None = None  # for those who may give their places, with their times:
+        self._idle: list[tuple[_Sender, int]] = []  # no IMU; the last one was heard first
+        self._silent: list[tuple[_Sender, int]] = []
         self._parameters = WaitingParameters()
         self._references = references
         self._handlers: dict[int, Callable[[_Sender, Any, int], list[Event]]] = {
@@ -181,24 +183,53 @@ class MavlinkDecoder:
 
         To one that ``brings_imu`` those without give way even if they are not silent.
 
-        Silence is looked for once a second at most: a flood must not cost a search a frame.
+        All are looked at once a second at most: no flood of newcomers costs a search each.
         """
+        looked_us = self._looked_us
+        may_look = looked_us is None or not 0 <= now_us - looked_us < LOOK_US
+        found = None
+        if self._idle or not may_look:
+            found = self._next_to_leave(now_us, brings_imu=brings_imu)
+        if found is None and may_look:
+            self._look_for_leavers(now_us)
+            found = self._next_to_leave(now_us, brings_imu=brings_imu)
+        return found
+
+    def _look_for_leavers(self, now_us: int) -> None:
+        self._looked_us = now_us
         if self._usual is not None:
             self._usual.note_heard()
-        if brings_imu:
-            idle = [each for each in self._senders.values() if not each.intake.has_imu]
-            if idle:
-                return min(idle, key=lambda each: each.intake.heard_us).id
-        full_since_us = self._full_since_us
-        if full_since_us is not None and 0 <= now_us - full_since_us < LOOK_US:
-            return None
-        silent = [
-            each for each in self._senders.values() if now_us - each.intake.heard_us >= SILENT_US
+        known = sorted(self._senders.values(), key=lambda each: each.intake.heard_us)
+        known.reverse()
+        self._idle = [(each, each.intake.heard_us) for each in known if not each.intake.has_imu]
+        self._silent = [
+            (each, each.intake.heard_us)
+            for each in known
+            if each.intake.has_imu and now_us - each.intake.heard_us >= SILENT_US
         ]
-        self._full_since_us = None if silent else now_us
-        if not silent:
-            return None
-        return min(silent, key=lambda each: (each.intake.has_imu, each.intake.heard_us)).id
+
+    def _next_to_leave(self, now_us: int, *, brings_imu: bool) -> VehicleId | None:
+        """Of those that were found at the last look who has been silent for longest, and is yet."""
+        for waiting, is_due in ((self._idle, brings_imu), (self._silent, False)):
+            while waiting:
+                sender, heard_us = waiting[-1]
+                if heard_us == sender.intake.heard_us and not (
+                    is_due or now_us - heard_us >= SILENT_US
+                ):
+                    break  # the others were heard later
+                waiting.pop()
+                is_here = self._senders.get(sender.id) is sender
+                has_imu = sender.intake.has_imu
+                if (
+                    is_here
+                    and has_imu == (waiting is self._silent)
+                    and (is_due or heard_us == self._heard_us(sender.intake))
+                ):
+                    return sender.id
+        return None
+
+    def _heard_us(self, intake: Intake) -> int:
+        return intake.heard_us if self._usual is None else self._usual.heard_us(intake)
 
     def _param_value(self, sender: _Sender, m: Any, arrival_us: int) -> list[Event]:
         value = ParameterValue(m.param_id, m.param_value, m.param_type)

@@ -426,6 +426,11 @@ class UsualFrames:
             time_us, boot_us, *_ = rows.others[place].tolist()
             intake.resume_after(ATTITUDE_NAME, TimeField.BOOT_MS, time_us, boot_us)
 
+    def heard_us(self, intake: Intake) -> int:
+        """When one intake was heard last."""
+        place = self._place(intake)
+        return max(intake.heard_us, int(self._rows.others[place, HEARD]) if place >= 0 else 0)
+
     def note_heard(self) -> None:
         """Have all intakes know when they were heard last."""
         for intake, heard_us in zip(

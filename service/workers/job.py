@@ -1,11 +1,11 @@
 """What a worker is told when it begins, and what it tells while it works."""
 
-from operator import add
 from typing import NamedTuple
 
 from drivers.events import VehicleId
 from estimator.profile import Profile
 from service.counts import Counts
+from service.departures import DepartedCounts
 
 # What comes between two ticks counts at the next one: a fifth of a period's delay costs little age,
 # and a fleet's frames come a few times a tick instead of one by one.
@@ -50,7 +50,7 @@ class Tally(NamedTuple):
     ticks: int = 0
     overruns: int = 0
     dropped: int = 0
-    departures: tuple[int, ...] = (0, 0, 0)  # vehicles forgotten, their samples, attitudes
+    departed: DepartedCounts = DepartedCounts()
     vehicles: dict[VehicleId, Counts] = {}  # noqa: RUF012 - never changed
 
     def plus(self, other: "Tally") -> "Tally":
@@ -59,7 +59,7 @@ class Tally(NamedTuple):
             max(self.ticks, other.ticks),
             self.overruns + other.overruns,
             self.dropped + other.dropped,
-            tuple(map(add, self.departures, other.departures)),
+            self.departed.plus(other.departed),
             self.vehicles | other.vehicles,
         )
 

@@ -94,9 +94,8 @@ def _pipeline(job: Job) -> Pipeline:
 
 def _tally(runner: Runner, pipeline: Pipeline) -> Tally:
     counts = {vehicle.address: vehicle.counts for vehicle in pipeline.vehicles}
-    gone = pipeline.departures
-    departures = (gone.vehicles, gone.samples, gone.attitudes)
-    return Tally(runner.ticks, runner.overruns, runner.dropped, departures, counts)
+    departed = pipeline.departures.counts
+    return Tally(runner.ticks, runner.overruns, runner.dropped, departed, counts)
 
 
 def _await_tick(job: Job) -> None:

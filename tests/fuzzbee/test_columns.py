@@ -17,6 +17,7 @@ from fuzzbee.replays.trace import VehicleTrace
 from fuzzbee.run_options import RunOptions
 from fuzzbee.serving import summary
 from service.counts import Counts
+from service.departures import DepartedCounts
 from service.workers.job import Tally
 
 ONE = VehicleId(1, 1)
@@ -120,14 +121,20 @@ def test_a_curve_is_cut_at_the_sample_behind_its_wrap():
 
 def test_the_result_of_a_run_names_what_was_counted_in_its_units():
     counts = Counts("running", None, "RAW_IMU", 49.87654, 250_000, 31, 32, 33, 34, {"late": 35})
-    tally = Tally(41, 42, 43, (51, 52, 53), {ONE: counts})
+    tally = Tally(41, 42, 43, DepartedCounts(51, 52, 53, 54, 55), {ONE: counts})
     refused = {"signature": 61, "id": 62}
     result = summary(
         RunOptions(), "imu", 7.0, tally, lost=71, malformed=72, refused=refused, recording=""
     )
     expected = {"ticks": 41, "overruns": 42, "dropped": 43, "lost": 71, "malformed": 72}
     assert {name: result[name] for name in expected} == expected
-    assert result["departed"] == {"vehicles": 51, "samples": 52, "attitudes": 53}
+    assert result["departed"] == {
+        "vehicles": 51,
+        "samples": 52,
+        "shed": 53,
+        "rejected": 54,
+        "attitudes": 55,
+    }
     assert list(result["refused"].items()) == [("id", 62), ("signature", 61)]
     vehicle = result["vehicles"]["1"]
     assert (vehicle["worst_gap_s"], vehicle["imu_rate_hz"]) == (0.25, 49.877)

@@ -14,7 +14,7 @@ from estimator.profile import load_profile
 from fuzzbee.board import MOST_ROWS, Board
 from fuzzbee.reception import MOST_VEHICLES as MOST_SHOWN
 from fuzzbee.reception import SILENT_S, Reception
-from service.departures import FORGOTTEN_US
+from service.departures import FORGOTTEN_US, DepartedCounts
 from service.pipeline import Pipeline
 from service.records import Departed, Message, Published, Replaced
 from tests.service.records import record
@@ -66,7 +66,7 @@ def test_thousands_of_ids_in_a_row_each_find_a_place(monkeypatch):
     assert ONE not in gone
     assert gone == addresses(1200)[: len(gone)]  # who left first goes first
     assert pipeline.vehicle(ONE).samples == 1200
-    assert pipeline.departures.vehicles == len(gone) == 1201 - 512
+    assert pipeline.departures.counts.vehicles == len(gone) == 1201 - 512
     outputs = pipeline.tick(arrival_us)
     assert departed(outputs) == gone
     said = [each.text for each in outputs if isinstance(each, Message) and "gone" in each.text]
@@ -89,6 +89,26 @@ def test_a_flood_of_addresses_takes_no_place_of_a_vehicle_that_is_silent(monkeyp
     assert not {each.vehicle for each in gone} & {ONE, *others[:9]}
     events = decoder.events(imu_frame(ONE, 2 * SECOND_US), arrival_us)
     assert [type(each) for each in events][-1] is Imu  # its clock went on
+
+
+def test_newcomers_to_a_full_table_share_one_look_for_places_a_second(monkeypatch):
+    """A look at thousands for each of them left no time for anything else."""
+    monkeypatch.setattr("drivers.mavlink.decoder.MOST_SENDERS", 512)
+    decoder, looks = MavlinkDecoder(), []
+    look = MavlinkDecoder._look_for_leavers
+    monkeypatch.setattr(MavlinkDecoder, "_look_for_leavers", lambda *a: (looks.append(1), look(*a)))
+    others = addresses(812)
+    for vehicle in others[:512]:
+        decoder.events(imu_frame(vehicle, SECOND_US), START_US)
+    gone = []
+    for number, vehicle in enumerate(others[512:]):
+        arrival_us = START_US + SILENT_US + 10_000 * number
+        if number == 100:  # it comes back meanwhile
+            decoder.events(imu_frame(others[200], 2 * SECOND_US), arrival_us)
+        events = decoder.events(imu_frame(vehicle, SECOND_US), arrival_us)
+        gone += [each.vehicle for each in events if isinstance(each, Forgotten)]
+    assert sorted(gone) == sorted({*others[:301]} - {others[200]})
+    assert len(looks) == 3  # of 300 newcomers in three seconds
 
 
 def silence(pipeline, seconds, now_us):
@@ -116,7 +136,7 @@ def test_a_vehicle_is_forgotten_after_an_hour_and_its_parameters_are_not():
     assert departed(outputs) == [ONE]
     assert not any(isinstance(each, Published) for each in outputs[-2:])
     assert pipeline.vehicles == ()
-    assert pipeline.departures.samples == 100
+    assert pipeline.departures.counts == DepartedCounts(1, 100, 0, 0, 4)
     back = msgspec.structs.replace(events[0], arrival_us=now_us)
     pipeline.handle(back)
     assert pipeline.vehicle(ONE).profile == changed

@@ -3,6 +3,7 @@ import pytest
 from drivers.events import RefusedFrames, Shed, VehicleId
 from estimator.reasons import Reason
 from service.counts import Counts
+from service.departures import DepartedCounts
 from service.records import StatusRecord
 from service.workers.common_status import CommonStatus
 from service.workers.job import Tally
@@ -25,7 +26,7 @@ def counts(samples, attitudes=10):
 def common():
     made = CommonStatus()
     made.note(0, Tally(100, 3, 4, (0, 0, 0), {FIRST: counts(50)}))
-    made.note(1, Tally(120, 5, 6, (1, 20, 30), {SECOND: counts(70)}))
+    made.note(1, Tally(120, 5, 6, DepartedCounts(1, 20, 5, 6, 30), {SECOND: counts(70)}))
     return made
 
 
@@ -57,9 +58,9 @@ def test_what_the_link_refuses_and_leaves_out_counts_for_its_vehicle(common):
 def test_what_a_dead_worker_had_counted_stays(common):
     last = common.forget(0)
     assert last.vehicles == {FIRST: counts(50)}
-    common.note(0, Tally(1, 1, 1, (0, 0, 0), {FIRST: counts(60)}))
+    common.note(0, Tally(1, 1, 1, DepartedCounts(), {FIRST: counts(60)}))
     total = common.tally
     assert (total.ticks, total.overruns, total.dropped) == (120, 3 + 5 + 1, 4 + 6 + 1)
-    assert total.departures == (1, 20, 30)
+    assert total.departed == DepartedCounts(1, 20, 5, 6, 30)
     assert total.vehicles == {FIRST: counts(60), SECOND: counts(70)}
     assert common.status(1, SECOND, status(overruns=5)).overruns == 5 + 1 + 3
