@@ -33,6 +33,9 @@ MOST_CAVEATS = 5
 
 SKY: Colour = (46, 108, 178)
 GROUND: Colour = (116, 78, 40)
+GREY_SKY: Colour = (120, 120, 120)  # where the attitude is old
+GREY_GROUND: Colour = (84, 84, 84)
+STALE_MS = 1000.0
 PANEL: Colour = (22, 24, 28)
 WHITE: Colour = (245, 245, 245)
 PALE: Colour = (165, 170, 178)
@@ -124,8 +127,12 @@ def _world(scene: Scene) -> list[Strip]:
     roll, pitch, _ = attitude.euler_deg
     off = _line_offset(pitch)
     haze = min(attitude.sigma_deg.inclination * PER_DEG, FAR / 4.0)
+    is_old = attitude.age_ms > STALE_MS
     return [
-        Strip(_level_line(roll, off + FAR / 2.0, FAR), FAR / 2.0, GROUND),
+        Strip(_level_line(roll, off - FAR / 2.0, FAR), FAR / 2.0, GREY_SKY if is_old else SKY),
+        Strip(
+            _level_line(roll, off + FAR / 2.0, FAR), FAR / 2.0, GREY_GROUND if is_old else GROUND
+        ),
         # in steps, so that it is sent when it has changed and not all the time
         Strip(
             _level_line(roll, off, FAR),

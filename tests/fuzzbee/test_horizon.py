@@ -13,6 +13,8 @@ from fuzzbee.trust import Level, trust
 from fuzzbee.viewer.horizon import (
     COLOURS,
     FIGURES_Y,
+    GREY_GROUND,
+    GREY_SKY,
     GROUND,
     HAZE,
     MIDDLE_Y,
@@ -83,6 +85,16 @@ def test_ground_is_drawn_where_a_pilot_sees_it(roll_deg, pitch_deg, yaw_deg):
             for side in (-36.0, 36.0)
         }
         assert colour in seen, (far, seen)
+
+
+@pytest.mark.parametrize(
+    ("age_ms", "colours"), [(999.0, (SKY, GROUND)), (1001.0, (GREY_SKY, GREY_GROUND))]
+)
+def test_an_attitude_of_an_old_sample_is_grey_and_says_its_age(age_ms, colours):
+    old = msgspec.structs.replace(record(state=State.DEGRADED), age_ms=age_ms)
+    shown = scene(old, State.DEGRADED)
+    assert [strip.colour for strip in layers(shown).world[:2]] == [*colours]
+    assert f"IMU silent {age_ms / 1e3:.1f} s" in [each.text for each in shown.trust.caveats]
 
 
 def test_the_haze_is_as_wide_as_sigma_and_has_the_colour_of_its_trust():
