@@ -11,6 +11,7 @@ import pytest
 
 from estimator.geometry.frames import enu_flu_from_ned_frd
 from fuzzbee.cli import main
+from fuzzbee.replays import parquet_file
 from fuzzbee.replays.exports import ATTITUDE_COLUMNS, COLUMNS
 from fuzzbee.replays.simulation_files import COLUMNS as SIMULATION_COLUMNS
 
@@ -36,8 +37,10 @@ def test_csv_holds_every_sample_with_its_reference(capsys, tmp_path):
     assert squares**0.5 == pytest.approx(report["error_deg"]["inclination_rms"], rel=1e-6)
 
 
-def test_parquet_has_the_rows_of_the_csv(capsys, tmp_path):
+def test_parquet_has_the_rows_of_the_csv(capsys, tmp_path, monkeypatch):
+    """Written in parts, of which the last is not full."""
     parquet = pytest.importorskip("pyarrow.parquet", reason="pyarrow is not installed")
+    monkeypatch.setattr(parquet_file, "ROWS_AT_ONCE", 250)
     files = ("--csv", tmp_path / "a.csv", "--parquet", tmp_path / "a.parquet")
     replay(capsys, LOG, *files, "--json")
     with (tmp_path / "a.csv").open(newline="") as file:
@@ -45,6 +48,8 @@ def test_parquet_has_the_rows_of_the_csv(capsys, tmp_path):
     table = parquet.read_table(tmp_path / "a.parquet").to_pylist()
     assert tuple(table[0]) == COLUMNS
     assert len(table) == len(rows)
+    assert len(table) > 500
+    assert len(table) % 250
     for ours, text in zip(table[::50], rows[::50], strict=True):
         for name, value in ours.items():
             told = text[name] or None
@@ -54,14 +59,20 @@ def test_parquet_has_the_rows_of_the_csv(capsys, tmp_path):
 
 
 def test_trajectories_turn_as_the_errors_say(capsys, tmp_path):
-    """East-North-Up to forward-left-up, beside the reference; between both lies the error."""
+    """East-North-Up to forward-left-up, beside the reference; between both lies the error.
+
+    The autopilot's attitude begins after the first sample.
+    """
     files = ("--csv", tmp_path / "a.csv", "--tum", tmp_path / "a.tum")
-    replay(capsys, LOG, *files, "--json")
+    replay(capsys, LOG, "--reference", "autopilot", *files, "--json")
     with (tmp_path / "a.csv").open(newline="") as file:
-        rows = [row for row in csv.DictReader(file) if row["error_total_deg"]]
-    ours = {t: q for t, *_, x, y, z, w in np.loadtxt(tmp_path / "a.tum") if (q := (w, x, y, z))}
-    lines = np.loadtxt(tmp_path / "a.reference.tum")
-    assert len(lines) == len(rows) > 100
+        every = list(csv.DictReader(file))
+    rows = [row for row in every if row["error_total_deg"]]
+    estimates, lines = (np.loadtxt(tmp_path / name) for name in ("a.tum", "a.reference.tum"))
+    ours = {t: (w, x, y, z) for t, *_, x, y, z, w in estimates}
+    assert len(estimates) == len(every) > len(rows) == len(lines) > 100
+    assert not estimates[:, 1:4].any()
+    assert not lines[:, 1:4].any()
     for (t, *_, x, y, z, w), row in zip(lines, rows, strict=True):
         assert t == pytest.approx(float(row["time_unix_s"]), abs=1e-5)
         error = 2 * np.degrees(np.arccos(min(1.0, abs(np.dot(ours[t], (w, x, y, z))))))
