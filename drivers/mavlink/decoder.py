@@ -213,18 +213,13 @@ class MavlinkDecoder:
         for waiting, is_due in ((self._idle, brings_imu), (self._silent, False)):
             while waiting:
                 sender, heard_us = waiting[-1]
-                if heard_us == sender.intake.heard_us and not (
-                    is_due or now_us - heard_us >= SILENT_US
-                ):
+                if not is_due and now_us - heard_us < SILENT_US:
                     break  # the others were heard later
                 waiting.pop()
-                is_here = self._senders.get(sender.id) is sender
-                has_imu = sender.intake.has_imu
-                if (
-                    is_here
-                    and has_imu == (waiting is self._silent)
-                    and (is_due or heard_us == self._heard_us(sender.intake))
-                ):
+                is_as_it_was = self._senders.get(sender.id) is sender and sender.intake.has_imu == (
+                    waiting is self._silent
+                )
+                if is_as_it_was and (is_due or heard_us == self._heard_us(sender.intake)):
                     return sender.id
         return None
 
