@@ -12,7 +12,6 @@ from tuning.space import Space, join_spaces, membership_space
 CONDITIONING = (
     "gravity_tau_s",
     "bias_initial_sigma_rad_s",
-    "bias_walk_rad_s",
     "bias_rest_sigma_rad_s",
     "bias_motion_sigma_rad_s",
     "field_dip_scale_rad",

@@ -1,6 +1,6 @@
 """Where the aiding begins: its state, the covariance of its errors and the trail behind it."""
 
-from math import pi, sqrt
+from math import sqrt
 
 import numpy as np
 
@@ -37,9 +37,10 @@ from estimator.aiding.types import (
     Wheels,
 )
 from estimator.conditioning.field.magnetic import FieldLook
-from estimator.conditioning.field.robust import FAR
+from estimator.conditioning.field.robust import FAR, REACH
 from estimator.conditioning.times import SPAN_S
 from estimator.geometry.quaternion import add, rotate, subtract
+from estimator.geometry.spread import HALF_TURN_VARIANCE
 from estimator.types import IDENTITY, NO_SAMPLE, ZERO_VEC3, Quaternion, Sample, Vec3
 
 BEGIN_VELOCITY_SIGMA_M_S = 1.0
@@ -68,7 +69,7 @@ def begin(
     diagonal[VELOCITY : VELOCITY + 3] = BEGIN_VELOCITY_SIGMA_M_S**2
     diagonal[GYR_BIAS : GYR_BIAS + 3] = params.gyr_bias_sigma**2
     diagonal[ACC_BIAS : ACC_BIAS + 3] = params.acc_bias_sigma**2
-    diagonal[IMU_LAG] = params.imu_lag_sigma_s**2
+    diagonal[IMU_LAG] = (params.imu_lag_s / REACH) ** 2
     diagonal[FILTER_LAG] = params.filter_lag_sigma_s**2
     diagonal[FILTER_ERROR : FILTER_ERROR + 3] = params.filter_error_m_s**2
     diagonal[RECEIVER_ERROR : RECEIVER_ERROR + 3] = params.receiver_error_m_s**2
@@ -132,7 +133,7 @@ def loosen(state: AidingState, covariance: Array) -> tuple[AidingState, Array]:
     """
     P = covariance.copy()
     turn = slice(TURN, TURN + 3)
-    square = max(1.0, min(FAR, pi**2 / float(P.diagonal()[turn].max())))
+    square = max(1.0, min(FAR, HALF_TURN_VARIANCE / float(P.diagonal()[turn].max())))
     P[turn, turn] *= square
     factor = sqrt(square)
     by_filter, by_receiver = state.agreement

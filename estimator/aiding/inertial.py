@@ -23,6 +23,7 @@ from estimator.aiding.types import (
 )
 from estimator.compilation.compiled import inlined
 from estimator.compilation.replacing import replacer
+from estimator.conditioning.field.robust import REACH
 from estimator.conditioning.vertical.rate import integration_rate
 from estimator.geometry.quaternion import (
     add,
@@ -39,9 +40,8 @@ from estimator.types import STANDARD_GRAVITY_M_S2, Sample, Vec3
 GRAVITY_NED: Vec3 = (0.0, 0.0, STANDARD_GRAVITY_M_S2)
 # The time in which the vehicle's own field, or the accelerometer's bias, may have become another.
 LEARNT_LASTS_S = 2500.0
-# A slow error of a source beyond so many of its sigmas is one of a jump, and lasts the longer the
+# A slow error of a source beyond ``REACH`` of its sigmas is one of a jump, and lasts the longer the
 # larger it is, up to so many times as long.
-REACH = 3.0
 MOST_PERSISTENCE = 20.0
 
 moved = replacer(

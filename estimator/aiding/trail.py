@@ -12,12 +12,13 @@ import numpy as np
 from estimator.aiding.types import Array
 from estimator.bounds import TINY
 from estimator.compilation.compiled import inlined
+from estimator.conditioning.times import LONG_S
 from estimator.geometry.quaternion import add, scale, subtract
 from estimator.types import Vec3
 
 ROW_S = 0.0099  # samples at 100 Hz, whose clocks are not that even, have a row each
 ROWS = 64
-LONG_AGO_S = 1e3  # longer than any step
+OLDEST_S = ROWS * ROW_S  # how far back it goes at least: older reports come too late
 WIDTHS = {"time": 1, "gained": 3, "acceleration": 3}
 TIME, GAINED, ACCELERATION, COLUMNS = accumulate(WIDTHS.values(), initial=0)
 
@@ -33,7 +34,7 @@ def new_trail(acceleration: Vec3) -> Array:
     """(ROWS, COLUMNS) before the first step: nothing has been gained."""
     trail = np.zeros((ROWS, COLUMNS))
     trail[0, ACCELERATION : ACCELERATION + 3] = acceleration
-    trail[1:, TIME] = -LONG_AGO_S - np.arange(1, ROWS)  # nothing is known before
+    trail[1:, TIME] = -LONG_S - np.arange(1, ROWS)  # nothing is known before
     trail[1:, ACCELERATION : ACCELERATION + 3] = acceleration
     return trail
 
@@ -74,7 +75,7 @@ def look_back(trail: Array, ago_s: float) -> Since:
     back = trail[k, TIME] - then
     gained = subtract(row(trail, 0, GAINED), row(trail, k, GAINED))
     step = trail[k, TIME] - trail[k + 1, TIME]
-    if step > LONG_AGO_S or back > (1.0 + TINY) * step:  # the trail does not go back that far
+    if step > LONG_S or back > (1.0 + TINY) * step:  # the trail does not go back that far
         return Since(add(gained, scale(back, after)), after)
     change = scale(back / step, subtract(before, after))
     return Since(add(gained, scale(back, add(after, scale(0.5, change)))), add(after, change))

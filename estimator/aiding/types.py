@@ -79,7 +79,6 @@ class AidingParams(NamedTuple):
     report_sigma_m_s: Speed = 0.3  # sources less accurate than this get more noise
     receiver_jitter_s: Lag = 0.005  # by which its age scatters
     receiver_lag_s: Lag = 0.1  # of a receiver's reports, where their age is uncertain
-    oldest_report_s: Time = 0.5  # older ones come too late
     give_up_s: Time = 300.0  # after so long without one, velocity is given up
     doubt_s: Time = 1.5  # after so long with reports far off, too
     far_heading_rad: Angle = radians(40.0)  # a field this far off is far off
@@ -89,7 +88,6 @@ class AidingParams(NamedTuple):
 
     # Lags.
     imu_lag_s: Lag = 0.012  # the low-pass of an autopilot's IMU stream
-    imu_lag_sigma_s: Lag = 0.004
     field_lag_s: Lag = 0.045  # of a magnetometer averaged to 10 Hz, when its value changes
     field_lag_sigma_s: Lag = 0.03
 

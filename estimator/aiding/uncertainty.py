@@ -19,10 +19,9 @@ from estimator.conditioning.field.magnetic import NORM_SCALE, deviation, horizon
 from estimator.conditioning.field.robust import REACH, robust_factor
 from estimator.conditioning.times import LONGEST_STEP_S, SPAN_S
 from estimator.geometry.quaternion import norm
+from estimator.geometry.spread import PLANE_68
 from estimator.types import STANDARD_GRAVITY_M_S2, Vec3
 
-# 68 % of a plane normal distribution lie within this many of its sigmas.
-PLANE_68 = 1.515
 # Near the magnetic poles the horizontal field vanishes; less than this does not count as such.
 LEAST_HORIZONTAL_GAUSS = 0.02
 

@@ -30,7 +30,6 @@ class ConditioningParams(NamedTuple):
     use_step_noise: bool = True  # off: slow streams are treated as fast ones
 
     # Rest: how long things must be how quiet.
-    rest_gyr_rad_s: Rate = radians(2.0)  # small: rest is missed, large: slow motion passes for it
     rest_acc_m_s2: Acceleration = 0.5  # small: rest is missed, large: slow motion passes for it
     rest_time_s: Time = 1.5  # small: pauses in motion pass for rest, large: late
 
@@ -46,11 +45,11 @@ class ConditioningParams(NamedTuple):
     force_size_noise: Share = 1.0  # rad for a force of twice its size; small: believes the force
 
     # Bias.
-    bias_limit_rad_s: Rate = radians(2.0)  # of the bias and of one innovation
+    bias_limit_rad_s: Rate = radians(2.0)  # of the bias, of one innovation, of change at rest
     bias_initial_sigma_rad_s: Rate = radians(0.5)  # small: slow start, large: jumpy start
-    bias_walk_rad_s: Rate = radians(0.1)  # sigma's growth in 100 s; small: stiff, large: noisy
     bias_rest_sigma_rad_s: Rate = radians(0.03)  # steady sigma at rest; small: follows noise
-    bias_motion_sigma_rad_s: Rate = radians(0.1)  # steady sigma while moving; small: follows noise
+    # steady sigma while moving, and its growth in 100 s; small: stiff, large: noisy
+    bias_motion_sigma_rad_s: Rate = radians(0.1)
 
     # The field's calibration.
     field_lag_sigma_s: Lag = 0.05  # of the unknown lag; small: believes in none
@@ -64,7 +63,6 @@ class ConditioningParams(NamedTuple):
     # The field's confidence.
     field_dip_scale_rad: Angle = 0.1  # deviation of the dip that counts as one; small: strict
     field_reference_tau_s: Time = 15.0  # small: learns the magnet, large: keeps the old place
-    field_borne_s: Time = 40.0  # half of it another field has to last; small: learns magnets
 
     # Heading.
     heading_noise_rad2_s: Noise = (
@@ -82,7 +80,6 @@ class ConditioningParams(NamedTuple):
     turn_confidence: Share = 0.45  # least confidence of the field, averaged over the same time
     turn_moving_rad: Angle = radians(60.0)  # gravity off by so much
     turn_jump_rad: Angle = radians(2.5)  # turn of the field in G that is no noise
-    turn_jump_usual: Share = 4.0  # and no more of what it usually turns; small: false alarms
     turn_jump_own: Share = 0.5  # nor of what an unknown lag and own field do; small: false alarms
     turn_jump_norm: Share = 0.03  # change of its norm that tells a magnet; large: false alarms
 

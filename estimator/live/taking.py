@@ -1,6 +1,7 @@
 """One sample into the state, in any phase."""
 
 from estimator.aiding.phase import Cause, Phase
+from estimator.aiding.trail import OLDEST_S
 from estimator.aiding.types import NO_REPORT
 from estimator.live.aiding_span import begin_aided, give_up
 from estimator.live.first_sample import first_core
@@ -90,7 +91,7 @@ def take_reports(state: State, time_us: int, dt_s: float) -> tuple[object, ...]:
     if not waiting:
         return ()
     # one that came behind a slow stream's last sample is as old as the step is long
-    oldest_s = max(state.settings.aiding.oldest_report_s, dt_s)
+    oldest_s = max(OLDEST_S, dt_s)
     due, ahead = take_due(waiting, time_us, oldest_s)
     state.change_context(reports=ahead)
     return due

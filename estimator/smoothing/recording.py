@@ -6,13 +6,10 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from estimator.conditioning.times import WALK_S
 from estimator.estimator import Estimator
 from estimator.live.rows import Flags, Floats, Rows, cut
 from estimator.types import RateSample, VelocitySample
-
-# The bias at a time is what the estimator took it for so much later (s): its random walk is told
-# for that time, see ``bias_walk_rad_s``.
-BIAS_AHEAD_S = 100.0
 
 
 class Estimates(NamedTuple):
@@ -47,7 +44,7 @@ class Recording(NamedTuple):
     def look_ahead(self) -> "Recording":
         """With the bias as it is known later."""
         times_us = self.rows.times_us
-        later = np.searchsorted(times_us, times_us + round(1e6 * BIAS_AHEAD_S), side="right") - 1
+        later = np.searchsorted(times_us, times_us + round(1e6 * WALK_S), side="right") - 1
         return self._replace(bias_rad_s=self.bias_rad_s[np.minimum(later, self.last_rows())])
 
     def part(self, begin: int, end: int) -> "Recording":

@@ -12,7 +12,8 @@ from estimator.conditioning.events.proof import TurnSigns
 from estimator.conditioning.field.magnetic import MagneticState, steepness
 from estimator.conditioning.params import ConditioningParams
 from estimator.conditioning.times import LONGEST_STEP_S, SPAN_S
-from estimator.conditioning.vertical.bias import HALF_TURN_VARIANCE, Estimate, doubt_heading
+from estimator.conditioning.vertical.bias import Estimate, doubt_heading
+from estimator.geometry.spread import HALF_TURN_VARIANCE
 from estimator.types import Vec2
 
 # The share of a turn that its jump shows, and what noise adds to either (rad).

@@ -9,9 +9,10 @@ from estimator.conditioning.events.duration import duration_s
 from estimator.conditioning.field.magnetic import MagneticState
 from estimator.conditioning.params import ConditioningParams
 from estimator.conditioning.times import BORNE_S, LATELY_S, LONG_S, USUAL_S
-from estimator.conditioning.vertical.bias import HALF_TURN_VARIANCE, SETTLED_HEADING_RAD, Estimate
+from estimator.conditioning.vertical.bias import SETTLED_HEADING_RAD, Estimate
 from estimator.conditioning.vertical.tilt import LEAST_OFF_RAD
 from estimator.geometry.quaternion import direction
+from estimator.geometry.spread import HALF_TURN_VARIANCE
 from estimator.types import Vec2
 
 # A mean field that has pointed elsewhere does so still until it is within this share of the angle

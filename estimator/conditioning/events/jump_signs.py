@@ -5,6 +5,7 @@ from typing import NamedTuple
 from estimator.compilation.compiled import inlined
 from estimator.compilation.replacing import replacer
 from estimator.conditioning.field.calibration import Calibration
+from estimator.conditioning.field.robust import FAR
 from estimator.conditioning.params import ConditioningParams
 from estimator.conditioning.times import LATELY_S, QUICK_S
 from estimator.conditioning.vertical.lowpass import approach
@@ -113,11 +114,11 @@ def jump_variance(params: ConditioningParams, state: JumpSigns, learnt: Calibrat
     own = p[9] + QUICK_S**2 * (p[0] + p[4] + p[7])
 
     turned = state.apart_rad
-    least = params.turn_jump_rad**2 + params.turn_jump_usual**2 * (state.usual + state.unseen)
+    least = params.turn_jump_rad**2 + FAR * (state.usual + state.unseen)
     more = max(0.0, state.turning - state.usual_turning)
     by_turning = params.turn_jump_own**2 * own * state.turning
     if state.usual_turning > 0.0:
-        seen = params.turn_jump_usual**2 * state.usual * more / state.usual_turning
+        seen = FAR * state.usual * more / state.usual_turning
         by_turning = min(by_turning, seen)
     least += by_turning
     if turned**2 < 0.25 * least:

@@ -22,7 +22,7 @@ from estimator.conditioning.field.magnetic import has_heading, reference_norm, s
 from estimator.conditioning.field.step import FieldStep, MagnetometerState
 from estimator.conditioning.gather import Gathered
 from estimator.conditioning.params import ConditioningParams
-from estimator.conditioning.vertical.bias import HALF_TURN_VARIANCE, doubt_heading
+from estimator.conditioning.vertical.bias import doubt_heading
 from estimator.conditioning.vertical.gravity import restart_gravity
 from estimator.conditioning.vertical.step import VerticalState, VerticalStep
 from estimator.conditioning.vertical.tilt import (
@@ -32,6 +32,7 @@ from estimator.conditioning.vertical.tilt import (
     with_variance,
 )
 from estimator.geometry.quaternion import dot
+from estimator.geometry.spread import HALF_TURN_VARIANCE
 from estimator.types import Vec2
 
 

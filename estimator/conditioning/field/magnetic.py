@@ -177,10 +177,10 @@ def watch_rival(
     """The other field that is seen, and for how long the expected one has been borne out.
 
     Both times are in s. What one field gains the other loses, so the other has to last for as long
-    as the expected one has, half of ``field_borne_s`` at most. A field that keeps changing is no
+    as the expected one has, :data:`USUAL_S` at most. A field that keeps changing is no
     such field: it starts anew each time.
     """
-    other, most = reference.other, params.field_borne_s
+    other, most = reference.other, 2.0 * USUAL_S
     norm_scale, dip_scale = NORM_SCALE, params.field_dip_scale_rad
     seen = (look.horizontal, look.down)
     expected = (other.horizontal, other.down)

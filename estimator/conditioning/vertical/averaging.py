@@ -71,7 +71,7 @@ class Likely(NamedTuple):
     lasting: float  # what of ``apart`` accelerations have done
 
 
-NOTHING_SEEN = Likely(LEAST_VARIANCE, 0.0, 0.0)
+NOTHING_SEEN = Likely(apart=LEAST_VARIANCE, turning=0.0, lasting=0.0)
 
 with_window = replacer(Averaging, "force", "turn", "time_s")
 with_result = replacer(Averaging, "factor", "variance", "share")

@@ -1,6 +1,5 @@
 """Gyroscope bias and heading, estimated with one covariance."""
 
-from math import pi
 from typing import NamedTuple
 
 from estimator.compilation.compiled import inlined
@@ -19,7 +18,6 @@ UNKNOWN_HEADING_VARIANCE = 1e4  # rad^2, beyond any angle: the first field sets 
 # A heading whose own sigma is under this (rad) is as good as the field that it was learnt from, and
 # what is linear in its error holds.
 SETTLED_HEADING_RAD = 0.3
-HALF_TURN_VARIANCE = pi**2  # rad^2: after a turn of gravity any heading is possible
 
 
 class Estimate(NamedTuple):

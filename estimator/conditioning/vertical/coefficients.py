@@ -32,7 +32,7 @@ def coefficients(params: ConditioningParams, dt_s: float, factor: float) -> Coef
     The noises are those that keep a variance where it shall be: with a random walk of variance V
     a step, a measurement of the noise P^2/V + P makes P the steady variance.
     """
-    walk = params.bias_walk_rad_s**2 * dt_s / WALK_S
+    walk = params.bias_motion_sigma_rad_s**2 * dt_s / WALK_S
     tau_s = params.gravity_tau_s
     at_rest = params.bias_rest_sigma_rad_s**2
     moving = params.bias_motion_sigma_rad_s**2

@@ -25,18 +25,18 @@ def observe_rest(
 ) -> RestState:
     """Decide whether the vehicle is quiet, and whether it has been for long enough to rest.
 
-    Quiet: |g - g_lp|, |a - a_lp| under their thresholds and no rate above the
+    Quiet: |a - a_lp| under its threshold, |g - g_lp| and every rate under the
     largest bias, after VQF (Laidig and Seel 2023, doi 10.1016/j.inffus.2022.10.014).
     The samples are compared with the low-pass before it takes them, so that
     the test keeps its meaning at a few samples a second. A vehicle turning
     steadily and slower than the largest bias looks the same: gravity and field
     tell it (:mod:`estimator.conditioning.vertical.stillness`).
     """
-    steady_gyr = square(subtract(gyr, state.gyr.value)) < params.rest_gyr_rad_s**2
+    limit = params.bias_limit_rad_s
+    steady_gyr = square(subtract(gyr, state.gyr.value)) < limit * limit
     steady_acc = square(subtract(acc, state.acc.value)) < params.rest_acc_m_s2**2
     gyr_smooth = smooth(k, state.gyr, gyr)
     g = gyr_smooth.value
-    limit = params.bias_limit_rad_s
     slow = abs(g[0]) < limit and abs(g[1]) < limit and abs(g[2]) < limit
     quiet = steady_gyr and steady_acc and slow
     quiet_s = min(state.quiet_s + dt_s, 1e6) if quiet else 0.0

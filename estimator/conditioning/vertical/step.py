@@ -12,7 +12,6 @@ from estimator.conditioning.vertical.averaging import (
     follow_averaging,
 )
 from estimator.conditioning.vertical.bias import (
-    HALF_TURN_VARIANCE,
     Estimate,
     Lagged,
     lag,
@@ -66,6 +65,7 @@ from estimator.geometry.quaternion import (
     scale,
     subtract,
 )
+from estimator.geometry.spread import HALF_TURN_VARIANCE
 from estimator.types import ZERO_VEC3, Between, Quaternion, Sample, Vec3
 
 

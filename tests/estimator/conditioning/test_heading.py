@@ -60,7 +60,7 @@ def test_learning_is_a_kalman_filter_of_bias_and_heading():
         down /= np.linalg.norm(down)
         f = np.eye(4)
         f[3, :3] = -DT * down
-        growth = PARAMS.bias_walk_rad_s**2 * DT / 100.0
+        growth = PARAMS.bias_motion_sigma_rad_s**2 * DT / 100.0
         growths = [growth * (p[n, n] < PARAMS.bias_initial_sigma_rad_s**2) for n in range(3)]
         q = PARAMS.heading_noise_rad2_s * DT / PARAMS.heading_tau_s**2
         p = f @ p @ f.T + np.diag([*growths, q + PARAMS.heading_turning_noise_s * 0.5 * DT])
