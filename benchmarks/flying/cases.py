@@ -78,6 +78,11 @@ def at_4_hz(flight: Flight, _: Rng) -> Flight:
     return flight._replace(link=Link(period_s=0.25))
 
 
+def over_wifi(flight: Flight, _: Rng) -> Flight:
+    """A fast stream that stands still for seconds, again and again."""
+    return flight._replace(link=flight.link._replace(holes=6, hole_s=(1.0, 5.0)))
+
+
 def over_radio(hz: float) -> Callable[[Flight, Rng], Flight]:
     """A ground station's radio link: uneven, with losses and holes; receivers say no accuracy."""
 
@@ -107,6 +112,7 @@ CASES: dict[str, Case] = {
     "slow filters": Case(("rover",), slow_filters),
     "cabin": Case(("car",), cabin),
     "4 Hz": Case(VEHICLES, at_4_hz),
+    "wifi": Case(VEHICLES, over_wifi),
     **{f"radio at {hz:g} Hz": Case(VEHICLES, over_radio(hz)) for hz in (1.0, 2.5, 4.0)},
 }
 

@@ -85,7 +85,8 @@ class Link(NamedTuple):
     drift: float = 1e-3  # the vehicle's clock runs slow by this share
     jitter: float = 0.0  # share of the period by which samples scatter
     loss: float = 0.0  # share of the samples that do not arrive
-    holes: int = 0  # stretches of 3 to 12 s in which nothing arrives
+    holes: int = 0  # stretches in which nothing arrives
+    hole_s: tuple[float, float] = (3.0, 12.0)  # the shortest and the longest
 
 
 class Trouble(NamedTuple):
@@ -216,7 +217,7 @@ def _arriving(times: Floats, link: Link, end_s: float, rng: np.random.Generator)
     if link.loss > 0.0:
         kept &= rng.random(len(times)) >= link.loss
     for begin in rng.uniform(40.0, end_s - 20.0, link.holes):
-        kept &= (times < begin) | (times > begin + rng.uniform(3.0, 12.0))
+        kept &= (times < begin) | (times > begin + rng.uniform(*link.hole_s))
     return times[kept]
 
 

@@ -107,5 +107,5 @@ def cause_of(state: State, usual_s: float, dt_s: float, *, is_seen: bool) -> Cau
         return Cause.SAMPLE
     if not aiding.enabled:
         return Cause.SWITCH_OFF
-    is_long = not is_seen and is_gap(aiding.gap_s, usual_s, dt_s)
+    is_long = not is_seen and is_gap(usual_s, dt_s)
     return Cause.GAP if is_long else Cause.SAMPLE

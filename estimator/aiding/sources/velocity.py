@@ -29,13 +29,16 @@ from estimator.aiding.types import (
 )
 from estimator.compilation.compiled import inlined
 from estimator.compilation.replacing import replacer
-from estimator.conditioning.field.robust import FAR, REACH
+from estimator.conditioning.robust import FAR, REACH
 from estimator.conditioning.times import BORNE_S, SPAN_S, USUAL_S
 from estimator.conditioning.vertical.rate import SLOW_STEP_S
 from estimator.geometry.quaternion import rotate, scale, subtract
 from estimator.reasons import Reason
 from estimator.types import ZERO_VEC3, Vec3, VelocitySample
 
+# After so long with reports far off, s, the attitude is given up. Shorter: a good one beside an
+# accelerometer's offset, longer: one that was turned over is taken for right.
+DOUBTED_S = 1.5
 # Faster than sound in air: no vehicle this is for.
 SPEED_LIMIT_M_S = 400.0
 # A squared innovation over its variance teaches the noise scale up to this value; a wild report
@@ -58,7 +61,7 @@ class Reporter(NamedTuple):
     is_alone: bool  # no report of the other source has come lately
 
 
-with_wait = replacer(Agreement, "wait_s")
+with_doubt = replacer(Scatter, "innovation", "reports")
 
 
 def refusal_of_velocity(report: VelocitySample) -> Reason | None:
@@ -78,11 +81,19 @@ VELOCITY_SOURCE = Source(
 @inlined
 def wait_for_reports(agreement: Agreements, dt: float) -> Agreements:
     """The agreements ``dt`` later, without a report since."""
-    by_filter, by_receiver = agreement
-    return Agreements(
-        by_filter=with_wait(by_filter, by_filter.wait_s + dt),
-        by_receiver=with_wait(by_receiver, by_receiver.wait_s + dt),
-    )
+    return Agreements(wait_longer(agreement.by_filter, dt), wait_longer(agreement.by_receiver, dt))
+
+
+@inlined
+def wait_longer(agreement: Agreement, dt: float) -> Agreement:
+    """The agreement of one source ``dt`` later.
+
+    How well reports agreed before a hole says nothing of the attitude after it.
+    """
+    scatter = agreement.scatter
+    if dt > SPAN_S:
+        scatter = with_doubt(scatter, 1.0, min(scatter.reports, 1.0))
+    return Agreement(scatter, agreement.wait_s + dt, agreement.doubt_s)
 
 
 @inlined
@@ -208,4 +219,4 @@ def is_credible(params: AidingParams, state: AidingState) -> bool:
         doubt_s = by_receiver.doubt_s
     if state.field.doubt_s > BORNE_S:
         return False
-    return wait_s <= params.give_up_s and doubt_s <= params.doubt_s
+    return wait_s <= params.give_up_s and doubt_s <= DOUBTED_S
