@@ -16,7 +16,6 @@ CONDITIONING = (
     "bias_motion_sigma_rad_s",
     "field_dip_scale_rad",
     "heading_noise_rad2_s",
-    "heading_tau_s",
 )
 # The bounds are the shipped values divided and multiplied by this. Further away a parameter no
 # longer does what its name says.

@@ -37,7 +37,7 @@ from estimator.aiding.types import (
     Wheels,
 )
 from estimator.conditioning.field.magnetic import FieldLook
-from estimator.conditioning.field.robust import FAR, REACH
+from estimator.conditioning.robust import FAR, REACH
 from estimator.conditioning.times import SPAN_S
 from estimator.geometry.quaternion import add, rotate, subtract
 from estimator.geometry.spread import HALF_TURN_VARIANCE
@@ -73,7 +73,7 @@ def begin(
     diagonal[FILTER_LAG] = params.filter_lag_sigma_s**2
     diagonal[FILTER_ERROR : FILTER_ERROR + 3] = params.filter_error_m_s**2
     diagonal[RECEIVER_ERROR : RECEIVER_ERROR + 3] = params.receiver_error_m_s**2
-    diagonal[FIELD_LAG] = params.field_lag_sigma_s**2
+    diagonal[FIELD_LAG] = params.field_lag_s**2
     diagonal[HARD_IRON : HARD_IRON + 3] = hard_iron_sigma_gauss**2
     state = AidingState(
         estimate=AidingEstimate(

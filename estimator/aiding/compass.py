@@ -8,12 +8,11 @@ beside iron, or tilted, gets another chance.
 
 from typing import NamedTuple
 
-from estimator.conditioning.times import LONG_S, MEMORY_S
+from estimator.conditioning.times import FORGET_S, LONG_S, MEMORY_S
 
-# A compass whose heading was wrong twice counts as not calibrated for this long (s). It was if the
+# A compass whose heading was wrong twice counts as not calibrated for FORGET_S. It was if the
 # aiding gives up again while the first time is remembered (LONG_S). After a field that did not look
 # like the place's own, it must have looked so for MEMORY_S.
-DISTRUST_S = 600.0
 
 
 class Compass(NamedTuple):
@@ -37,7 +36,7 @@ def doubt(compass: Compass, time_us: int) -> str:
     """What speaks against it at ``time_us``, in words; empty if nothing does."""
     if not compass.declared_calibrated:
         return "nobody has calibrated the compass"
-    if _is_recent(compass.misled_us, time_us, DISTRUST_S):
+    if _is_recent(compass.misled_us, time_us, FORGET_S):
         return "the compass has misled twice"
     return "the field is not like this place's" * _is_recent(compass.unlike_us, time_us, MEMORY_S)
 

@@ -23,7 +23,7 @@ from estimator.aiding.types import (
 )
 from estimator.compilation.compiled import inlined
 from estimator.compilation.replacing import replacer
-from estimator.conditioning.field.robust import REACH
+from estimator.conditioning.robust import REACH
 from estimator.conditioning.vertical.rate import integration_rate
 from estimator.geometry.quaternion import (
     add,

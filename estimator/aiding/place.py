@@ -3,6 +3,7 @@
 from math import atan2, dist, hypot, isfinite, radians
 from typing import NamedTuple
 
+from estimator.conditioning.field.magnetic import NORM_SCALE
 from estimator.geometry.earth import PlaceField, distance_m, field_at, in_ned
 
 # A compass whose field is off by more than this is not calibrated; some autopilots'
@@ -11,9 +12,6 @@ LEAST_STRENGTH, MOST_STRENGTH = 0.4, 1.4
 MOST_DIP_OFF_RAD = radians(15.0)
 # So far away the field is looked up anew; the declination changes by some 0.1 degrees in that.
 MOVED_M = 20_000.0
-# By so much of its strength does one place's field differ from another's where what was
-# concluded from the one is wrong at the other; a flight of 200 km changes it by less.
-UNLIKE_SHARE = 0.05
 
 
 class Place(NamedTuple):
@@ -53,8 +51,8 @@ def update_whereabouts(
 
 
 def differ(one: PlaceField, other: PlaceField) -> bool:
-    """Whether two places' fields differ by more than a compass's calibration leaves over."""
-    return dist(in_ned(one), in_ned(other)) > UNLIKE_SHARE * one.strength_gauss
+    """Whether two places' fields differ by more than a calibration leaves; 200 km do less."""
+    return dist(in_ned(one), in_ned(other)) > NORM_SCALE * one.strength_gauss
 
 
 def resembles(place: PlaceField, horizontal_gauss: float, down_gauss: float) -> bool:

@@ -1,7 +1,7 @@
 """What the vehicle has gained in velocity over the last half second, for reports that come late.
 
 Rows of (time, velocity gained since the beginning, acceleration), the newest first; in NED.
-A row is kept every ``ROW_S`` or at each sample if those are slower; the newest is always there.
+A row is kept every ``STEP_S`` or at each sample if those are slower; the newest is always there.
 """
 
 from itertools import accumulate
@@ -12,13 +12,13 @@ import numpy as np
 from estimator.aiding.types import Array
 from estimator.bounds import TINY
 from estimator.compilation.compiled import inlined
+from estimator.conditioning.gather import STEP_S
 from estimator.conditioning.times import LONG_S
 from estimator.geometry.quaternion import add, scale, subtract
 from estimator.types import Vec3
 
-ROW_S = 0.0099  # samples at 100 Hz, whose clocks are not that even, have a row each
 ROWS = 64
-OLDEST_S = ROWS * ROW_S  # how far back it goes at least: older reports come too late
+OLDEST_S = ROWS * STEP_S  # how far back it goes at least: older reports come too late
 WIDTHS = {"time": 1, "gained": 3, "acceleration": 3}
 TIME, GAINED, ACCELERATION, COLUMNS = accumulate(WIDTHS.values(), initial=0)
 
@@ -43,7 +43,7 @@ def new_trail(acceleration: Vec3) -> Array:
 def extend_trail(trail: Array, gained: Vec3, acceleration: Vec3, dt: float) -> Array:
     """A new trail with one more sample."""
     new = trail.copy()
-    if trail[0, TIME] - trail[1, TIME] >= ROW_S:
+    if trail[0, TIME] - trail[1, TIME] >= STEP_S:
         new[1:] = trail[:-1]
     new[0, TIME] = trail[0, TIME] + dt
     for i in range(3):

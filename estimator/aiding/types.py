@@ -80,16 +80,12 @@ class AidingParams(NamedTuple):
     receiver_jitter_s: Lag = 0.005  # by which its age scatters
     receiver_lag_s: Lag = 0.1  # of a receiver's reports, where their age is uncertain
     give_up_s: Time = 300.0  # after so long without one, velocity is given up
-    doubt_s: Time = 1.5  # after so long with reports far off, too
-    far_heading_rad: Angle = radians(40.0)  # a field this far off is far off
     sideslip_rad: Angle = 3.0  # of wheels 0.05; 3: it may move any way, and a HEARTBEAT decides
-    gap_s: Time = 5.0  # after so long without samples (1 s of a slow stream) it begins anew
-    unaided_sigma_rad: Angle = radians(5.0)  # of the unaided gravity, also at the beginning
+    unaided_sigma_rad: Angle = radians(5.0)  # of the unaided attitude, also at the beginning
 
     # Lags.
     imu_lag_s: Lag = 0.012  # the low-pass of an autopilot's IMU stream
-    field_lag_s: Lag = 0.045  # of a magnetometer averaged to 10 Hz, when its value changes
-    field_lag_sigma_s: Lag = 0.03
+    field_lag_s: Lag = 0.045  # and sigma: of a magnetometer averaged to 10 Hz, when it changes
 
     # Magnetic field.
     heading_noise: Noise = radians(3.0)  # rad/sqrt(Hz); small: follows magnets, large: slow
@@ -102,12 +98,9 @@ class AidingParams(NamedTuple):
 
     # Published uncertainty, fitted to errors of simulated and recorded flights.
     # small: keeps a wrong heading, large: velocity turns it at the beginning
-    begin_heading_sigma_rad: Angle = radians(10.0)
     colour: Share = 1.5  # velocity's errors are slower than white: sigma against white noise's
     least_scale: Share = 0.28  # of the covariance's sigma, however well the reports agree
     scatter_share: Share = 2.3  # of the reports' scatter that is the attitude's, too
-    least_rad: Angle = radians(0.07)  # of sigma
-    timing_s: Lag = 0.002  # uncertain age of the IMU sample, times the turn rate
     pushed_rad: Angle = radians(0.15)  # for each g of horizontal acceleration: what reports miss
 
 

@@ -5,6 +5,7 @@ from math import hypot, sqrt
 from estimator.aiding.inertial import Prediction
 from estimator.aiding.types import (
     HARD_IRON,
+    IMU_LAG,
     TURN,
     Agreements,
     AidingParams,
@@ -14,16 +15,20 @@ from estimator.aiding.types import (
     Scatter,
     Sigmas,
 )
+from estimator.bounds import TINY
 from estimator.compilation.compiled import inlined
-from estimator.conditioning.field.magnetic import NORM_SCALE, deviation, horizontal_down, norm_of
-from estimator.conditioning.field.robust import REACH, robust_factor
+from estimator.conditioning.field.magnetic import (
+    LEAST_HORIZONTAL,
+    NORM_SCALE,
+    deviation,
+    horizontal_down,
+    norm_of,
+)
+from estimator.conditioning.robust import REACH, robust_factor
 from estimator.conditioning.times import LONGEST_STEP_S, SPAN_S
 from estimator.geometry.quaternion import norm
 from estimator.geometry.spread import PLANE_68
 from estimator.types import STANDARD_GRAVITY_M_S2, Vec3
-
-# Near the magnetic poles the horizontal field vanishes; less than this does not count as such.
-LEAST_HORIZONTAL_GAUSS = 0.02
 
 
 @inlined
@@ -37,9 +42,9 @@ def sigmas(
     """How uncertain the estimate is after a sample."""
     P, E, force = now.covariance, now.estimate.earth_gauss, last.force_ned_m_s2
     pushed = params.pushed_rad * hypot(force[0], force[1]) / STANDARD_GRAVITY_M_S2
-    moving = hypot(params.timing_s * norm(last.rate_rad_s), pushed)
+    moving = hypot(sqrt(P[IMU_LAG, IMU_LAG]) * norm(last.rate_rad_s), pushed)
     # how far the hard iron of a calibrated compass may turn the field
-    iron = params.hard_iron_sigma_gauss / max(hypot(E[0], E[1]), LEAST_HORIZONTAL_GAUSS)
+    iron = params.hard_iron_sigma_gauss / max(hypot(E[0], E[1]), LEAST_HORIZONTAL * abs(E[2]), TINY)
     return Sigmas(
         inclination_rad=inclination_sigma(params, P, agreement, moving),
         heading_rad=heading_sigma(params, P, agreement, field, iron, moving, last.dt_s),
@@ -56,7 +61,7 @@ def inclination_sigma(
     """
     scale = params.colour * scatter_scale(params, agreement, params.least_scale)
     variance = 0.5 * (P[TURN, TURN] + P[TURN + 1, TURN + 1])
-    return sqrt((PLANE_68 * scale) ** 2 * variance + params.least_rad**2 + moving_rad * moving_rad)
+    return sqrt((PLANE_68 * scale) ** 2 * variance + moving_rad * moving_rad)
 
 
 @inlined
@@ -85,7 +90,7 @@ def heading_sigma(
     square = scale * scale
     square += (1.0 - min(1.0, square)) * by_field
     variance = square * heading + disagreement
-    return sqrt(variance + params.least_rad**2 + moving_rad * moving_rad)
+    return sqrt(variance + moving_rad * moving_rad)
 
 
 @inlined

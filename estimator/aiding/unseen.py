@@ -10,20 +10,19 @@ much less.
 
 from estimator.aiding.inertial import bend
 from estimator.aiding.types import TURN, VELOCITY, AidingParams, AidingState, Array, Roughness
+from estimator.bounds import TINY
 from estimator.compilation.compiled import inlined
 from estimator.conditioning.times import LATELY_S, LONGEST_STEP_S, SPAN_S
 from estimator.conditioning.vertical.rate import slow_share
 from estimator.conditioning.vertical.tilt import HOLE_RAD_S
 from estimator.geometry.quaternion import dot, subtract
-from estimator.types import Sample, Vec3
+from estimator.geometry.spread import INDEPENDENT_BENT
+from estimator.types import STANDARD_GRAVITY_M_S2, Sample, Vec3
 
-# Second differences' mean square over the first ones', of independent readings.
-INDEPENDENT = 3.0
 # A smooth motion's readings have half of that and more at turns; the power leaves them out.
 SHARPNESS = 3
-LEAST_SQUARE = 1e-9  # (rad/s)^2
-# What a vehicle may gain in a hole beyond what the readings at its ends say, m/s^2.
-HOLE_M_S2 = 3.0
+# What a vehicle may gain in a hole beyond what the readings at its ends say, m/s^2: it tilts.
+HOLE_M_S2 = HOLE_RAD_S * STANDARD_GRAVITY_M_S2
 
 
 @inlined
@@ -56,7 +55,7 @@ def add_unseen_turn(
     share = params.unseen_turn_noise * seen_s / (seen_s + LONGEST_STEP_S)
     now = dot(bent, bent)
     square = max(now, rough.bent)  # one even pair may be chance
-    likeness = min(1.0, rough.bent / (INDEPENDENT * rough.changed + LEAST_SQUARE))
+    likeness = min(1.0, rough.bent / (INDEPENDENT_BENT * rough.changed + TINY))
     variance = slow * share * share * likeness**SHARPNESS * square * dt * seen_s / 3.0
     for i in range(TURN, TURN + 3):
         P[i, i] += variance

@@ -21,7 +21,7 @@ from estimator.aiding.types import AidingEstimate, AidingState, Report, Sigmas
 from estimator.compilation.compiled import inlined
 from estimator.compilation.replacing import replacer
 from estimator.conditioning.field.magnetic import LEAST_HORIZONTAL
-from estimator.conditioning.field.robust import REACH
+from estimator.conditioning.robust import REACH
 from estimator.conditioning.times import ACCELERATION_LASTS_S, SPAN_S, WALK_S
 from estimator.conditioning.vertical.tilt import LEAST_OFF_RAD, LEAST_SCATTER_RAD
 from estimator.filter.kernel import follow_rate

@@ -58,18 +58,15 @@ class ConditioningParams(NamedTuple):
     calibration_noise_s: Lag = 0.005  # of the relative field, squared; small: jumpy, large: slow
     calibration_reach: Share = 0.5  # relative residual that is no matter of calibration any more
     calibration_turn: Share = 1.5  # squared distance of R from its mean that tells an offset
-    calibration_walk_s: Time = 300.0  # time to forget; small: noisy, large: stiff
 
     # The field's confidence.
     field_dip_scale_rad: Angle = 0.1  # deviation of the dip that counts as one; small: strict
-    field_reference_tau_s: Time = 15.0  # small: learns the magnet, large: keeps the old place
 
     # Heading.
     heading_noise_rad2_s: Noise = (
         0.003  # of the field's heading; small: follows magnets, large: slow
     )
     heading_doubt_noise_rad2_s: Noise = 0.015  # what a doubtful field adds; small: follows magnets
-    heading_tau_s: Time = 22.0  # what the heading makes of a constant drift; small: follows magnets
     heading_turning_noise_s: Noise = (
         5e-6  # drift variance per squared rate: scale errors of the gyro
     )
@@ -77,11 +74,9 @@ class ConditioningParams(NamedTuple):
     # Events.
     turn_heading_rad: Angle = radians(10.0)  # residual no honest drift reaches; small: false alarms
     turn_heading_tau_s: Time = 1.5  # averaging of that residual; small: false alarms
+    turn_moving_rad: Angle = radians(60.0)  # gravity off by so much, about any axis
     turn_confidence: Share = 0.45  # least confidence of the field, averaged over the same time
-    turn_moving_rad: Angle = radians(60.0)  # gravity off by so much
     turn_jump_rad: Angle = radians(2.5)  # turn of the field in G that is no noise
-    turn_jump_own: Share = 0.5  # nor of what an unknown lag and own field do; small: false alarms
-    turn_jump_norm: Share = 0.03  # change of its norm that tells a magnet; large: false alarms
 
     # Source.
     # It accelerates for long, and its gyroscope is good: a HEARTBEAT decides where this is off.

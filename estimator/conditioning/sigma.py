@@ -12,6 +12,7 @@ from estimator.conditioning.params import ConditioningParams
 from estimator.conditioning.times import BORNE_S, LONG_S, SPAN_S
 from estimator.conditioning.vertical.bias import SETTLED_HEADING_RAD
 from estimator.conditioning.vertical.gravity import heading_frame
+from estimator.conditioning.vertical.lasting import SCALE_ERROR
 from estimator.conditioning.vertical.rate import following_weight
 from estimator.conditioning.vertical.step import VerticalState
 from estimator.conditioning.vertical.stillness import LEAST_DIRECTION_RAD
@@ -30,8 +31,6 @@ LOW_PASS_SHARE = 0.5
 CONTRADICTED_SQUARE = 0.1
 # The share by which a heading given up may still be right once another has been borne out.
 STILL_RIVAL = 0.15
-# Mean square of how far norm and dip are off, as shares and angles, by noise alone.
-EVEN_SQUARE = 0.03**2
 
 
 class Certainty(NamedTuple):
@@ -153,7 +152,7 @@ def sigma_heading(
     leaning = vertical.doubt + carried * LOW_PASS_SHARE * vertical.tilt.variance
     bent = 0.5 * steep * (signs.gravity.uneven + leaning)
     lasting += LEAST_DIRECTION_RAD**2 + bent + events.doubt.variance
-    uneven = max(0.0, magnetic.reference.uneven - EVEN_SQUARE)
+    uneven = max(0.0, magnetic.reference.uneven - SCALE_ERROR**2)
     lasting += MEASURED_SQUARE * (1.0 + steep) * uneven
     counts = max(slow, min(1.0, magnetic.wait_s / SPAN_S))
     own = p * (counts + (1.0 - counts) * p / (p + SETTLED_HEADING_RAD**2))

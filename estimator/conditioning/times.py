@@ -27,3 +27,5 @@ LONG_S = 60.0
 # The growth of a variance that wanders is told for this time, and how far what is measured usually
 # lies from an attitude is learnt over it, s.
 WALK_S = 100.0
+# What has been learnt is forgotten in so long, s: a vehicle's own field, that its compass misled.
+FORGET_S = 600.0

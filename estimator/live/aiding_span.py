@@ -17,12 +17,12 @@ from estimator.aiding.place import resembles
 from estimator.aiding.search import EMPTY_SEARCH, UNKNOWN_RAD, solve
 from estimator.aiding.sources.wheels import rolls
 from estimator.aiding.types import Sigmas
-from estimator.aiding.uncertainty import LEAST_HORIZONTAL_GAUSS
 from estimator.aiding.witness import doubted
+from estimator.bounds import TINY
 from estimator.carrier import Carrier
 from estimator.conditioning import ConditioningState
 from estimator.conditioning.field.magnetic import horizontal_down
-from estimator.conditioning.field.robust import REACH
+from estimator.conditioning.robust import REACH
 from estimator.conditioning.vertical.rate import slow_share
 from estimator.filter.alignment import align, quaternion_from_matrix
 from estimator.geometry.earth import in_ned
@@ -163,8 +163,8 @@ def start_by_field(settings: Settings, now: Core, iron_gauss: float) -> Start:
     """The unaided attitude, which the field has given its heading."""
     q = align(conditioned_vectors(settings.reference, now.seen))
     seen_gauss = now.conditioning.field.magnetic.reference.horizontal
-    iron_rad = iron_gauss / max(seen_gauss, LEAST_HORIZONTAL_GAUSS)
-    least_rad = settings.aiding.begin_heading_sigma_rad
+    iron_rad = iron_gauss / max(seen_gauss, TINY)
+    least_rad = settings.aiding.unaided_sigma_rad
     return Start(q, max(least_rad, now.seen.sigma_heading_rad, iron_rad))
 
 

@@ -13,8 +13,9 @@ from scipy.linalg import solveh_banded
 
 from estimator.bounds import TINY
 from estimator.conditioning.field.magnetic import NORM_SCALE, FieldReference, norm_of, steepness
-from estimator.conditioning.field.robust import HEADING_REACH_RAD
 from estimator.conditioning.params import ConditioningParams
+from estimator.conditioning.robust import HEADING_REACH_RAD
+from estimator.conditioning.times import USUAL_S
 from estimator.conditioning.vertical.averaging import WINDOW_S
 from estimator.conditioning.vertical.stillness import LEAST_DIRECTION_RAD
 from estimator.live.rows import Flags, Floats
@@ -77,7 +78,7 @@ def noise(params: ConditioningParams, seen: Floats, reference: FieldReference) -
 
 def walk(params: ConditioningParams, turning: Floats) -> Floats:
     """Variance (W - 1,) of the drift from window to window, of mean squared rates (W,)."""
-    steady = params.heading_noise_rad2_s / params.heading_tau_s**2
+    steady = params.heading_noise_rad2_s / USUAL_S**2
     both = 0.5 * (turning[1:] + turning[:-1])
     return np.asarray(DRIFT_SHARE * (steady + params.heading_turning_noise_s * both) * WINDOW_S)
 
@@ -125,5 +126,5 @@ def lasting(params: ConditioningParams, off: Floats, known: Flags, leaning: Floa
     """Variance (W,) of errors that last, by means of residuals and what a vertical bends."""
     count = max(1, round(params.turn_heading_tau_s / WINDOW_S))
     off = filled(off[:, None], known)[:, 0]
-    square = running_mean(running_mean(off, count) ** 2, round(params.heading_tau_s / WINDOW_S))
+    square = running_mean(running_mean(off, count) ** 2, round(USUAL_S / WINDOW_S))
     return np.asarray(LASTING_SHARE * (square + leaning) + LEAST_DIRECTION_RAD**2)

@@ -6,6 +6,7 @@ import numpy as np
 
 from estimator.aiding.covariance import expected_variance, learn, rotation_matrix
 from estimator.aiding.inertial import Prediction
+from estimator.aiding.search import UNKNOWN_RAD
 from estimator.aiding.types import (
     EARTH,
     FIELD_LAG,
@@ -30,7 +31,7 @@ from estimator.conditioning.field.magnetic import (
     horizontal_down,
     look_at_field,
 )
-from estimator.conditioning.field.robust import REACH, residual_factor
+from estimator.conditioning.robust import REACH, residual_factor
 from estimator.conditioning.times import FIELD_S, LONG_S, WALK_S
 from estimator.conditioning.vertical.bias import SETTLED_HEADING_RAD
 from estimator.conditioning.vertical.tilt import LEAST_OFF_RAD
@@ -234,7 +235,7 @@ def observe_heading(
     learn_place(P, x, R, E, F, dF, noise, is_near)
     if north.is_known:
         learn_declination(P, x, E, north.direction, wait)
-    far = abs(angle) > params.far_heading_rad + 2.0 * sqrt(expected)
+    far = abs(angle) > UNKNOWN_RAD + 2.0 * sqrt(expected)
     return update_residual(field, off, far, wait)
 
 

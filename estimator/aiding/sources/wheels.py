@@ -6,6 +6,7 @@ import numpy as np
 
 from estimator.aiding.covariance import expected_variance, learn, residual, rotation_matrix
 from estimator.aiding.inertial import Prediction
+from estimator.aiding.search import UNKNOWN_RAD
 from estimator.aiding.sources.velocity import SCALE_REPORTS
 from estimator.aiding.types import (
     HARD_IRON,
@@ -18,7 +19,7 @@ from estimator.aiding.types import (
     Wheels,
 )
 from estimator.compilation.compiled import inlined
-from estimator.conditioning.field.robust import FAR
+from estimator.conditioning.robust import FAR
 from estimator.conditioning.times import ACCELERATION_LASTS_S, BORNE_S, MEMORY_S
 from estimator.geometry.quaternion import cross, dot, norm, rotate_inverse
 from estimator.types import Vec3
@@ -56,7 +57,7 @@ def observe_wheels(
     aside_rad += share * (copysign(1.0, body[0]) * atan2(body[1], ahead) - aside_rad)
     is_turned = field.doubt_s > BORNE_S
     if is_turned:
-        loosen_iron(P, estimate.earth_gauss, params.far_heading_rad)
+        loosen_iron(P, estimate.earth_gauss, UNKNOWN_RAD)
     if aside_rad * aside_rad > FAR * params.sideslip_rad**2:
         P[TURN + 2, TURN + 2] += aside_rad * aside_rad
         loosen_iron(P, estimate.earth_gauss, aside_rad)

@@ -14,7 +14,7 @@ from estimator.compilation.compiled import inlined
 from estimator.compilation.replacing import replacer
 from estimator.conditioning.events.jump_signs import JumpSigns
 from estimator.conditioning.field.calibration import Calibration
-from estimator.conditioning.field.robust import FAR
+from estimator.conditioning.robust import FAR
 from estimator.conditioning.times import LATELY_S, LONG_S, SPAN_S
 from estimator.conditioning.vertical.gravity import GravityState
 from estimator.conditioning.vertical.lowpass import approach

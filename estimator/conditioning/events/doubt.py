@@ -13,12 +13,12 @@ from estimator.conditioning.field.magnetic import MagneticState, steepness
 from estimator.conditioning.params import ConditioningParams
 from estimator.conditioning.times import LONGEST_STEP_S, SPAN_S
 from estimator.conditioning.vertical.bias import Estimate, doubt_heading
+from estimator.conditioning.vertical.lasting import SCALE_ERROR
 from estimator.geometry.spread import HALF_TURN_VARIANCE
 from estimator.types import Vec2
 
-# The share of a turn that its jump shows, and what noise adds to either (rad).
+# The share of a turn that its jump shows; noise adds ``turn_jump_rad`` to either.
 SUDDEN_SHARE = 0.85
-SUDDEN_RAD = 0.05
 
 
 class FieldBefore(NamedTuple):
@@ -53,7 +53,7 @@ def raise_doubt(
 
 
 @inlined
-def is_sudden(variance: float, steepness: float, horizontal: Vec2) -> bool:
+def is_sudden(noise_rad: float, variance: float, steepness: float, horizontal: Vec2) -> bool:
     """Whether most of the angle by which the field is off by now came in the jump at once.
 
     A magnet that passes takes its time. A heading off by h turns a field of dip d by
@@ -61,7 +61,7 @@ def is_sudden(variance: float, steepness: float, horizontal: Vec2) -> bool:
     """
     off = abs(atan2(horizontal[1], horizontal[0]))
     turned = 2.0 * asin(sin(0.5 * off) / sqrt(1.0 + steepness))
-    return SUDDEN_SHARE * turned - SUDDEN_RAD < sqrt(variance / (1.0 + steepness))
+    return SUDDEN_SHARE * turned - noise_rad < sqrt(variance / (1.0 + steepness))
 
 
 @inlined
@@ -88,14 +88,14 @@ def release_doubt(
     still = jump.apart_rad < params.turn_jump_rad
     step_s = min(dt_s, LONGEST_STEP_S)
     usual_s = max(0.0, doubt.usual_s + (step_s if usual and still else -step_s))
-    most = params.turn_jump_norm + sqrt(field.reference.uneven)
+    most = SCALE_ERROR + sqrt(field.reference.uneven)
     left, before = doubt.variance, doubt.before
     if left > 0.0 and abs(jump.quick_norm - before.norm) > most * before.norm:
         return HeadingDoubt(0.0, usual_s, before), 0.0, estimate, False
     if usual_s <= SPAN_S:
         return HeadingDoubt(left, usual_s, before), tilt, estimate, False
     steep = steepness(field.reference)
-    if not is_sudden(left, steep, horizontal):
+    if not is_sudden(params.turn_jump_rad, left, steep, horizontal):
         left = 0.0
     now = estimate.covariance[9]
     raised = max(now + left, 0.5 * tilt * steep) - now

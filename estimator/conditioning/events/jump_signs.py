@@ -5,9 +5,10 @@ from typing import NamedTuple
 from estimator.compilation.compiled import inlined
 from estimator.compilation.replacing import replacer
 from estimator.conditioning.field.calibration import Calibration
-from estimator.conditioning.field.robust import FAR
 from estimator.conditioning.params import ConditioningParams
+from estimator.conditioning.robust import FAR
 from estimator.conditioning.times import LATELY_S, QUICK_S
+from estimator.conditioning.vertical.lasting import SCALE_ERROR
 from estimator.conditioning.vertical.lowpass import approach
 from estimator.conditioning.vertical.stillness import LEAST_DIRECTION_RAD
 from estimator.geometry.quaternion import angle_between_vectors, norm, square
@@ -116,14 +117,14 @@ def jump_variance(params: ConditioningParams, state: JumpSigns, learnt: Calibrat
     turned = state.apart_rad
     least = params.turn_jump_rad**2 + FAR * (state.usual + state.unseen)
     more = max(0.0, state.turning - state.usual_turning)
-    by_turning = params.turn_jump_own**2 * own * state.turning
+    by_turning = own * state.turning
     if state.usual_turning > 0.0:
         seen = FAR * state.usual * more / state.usual_turning
         by_turning = min(by_turning, seen)
     least += by_turning
     if turned**2 < 0.25 * least:
         return 0.0, 0.0
-    same = is_same_norm(params, state)
+    same = is_same_norm(state)
     if turned**2 < least or not same or turned <= state.seen_rad:
         return 0.0, state.seen_rad
     return (turned**2 - state.seen_rad**2) / jump_share() ** 2, turned
@@ -139,10 +140,10 @@ def looks_turned(params: ConditioningParams, state: JumpSigns) -> bool:
     or a magnet, which change the norm, are no turn.
     """
     least = params.turn_jump_rad**2 + MOST_USUAL**2 * (state.usual + state.unseen)
-    return state.apart_rad**2 > least and is_same_norm(params, state)
+    return state.apart_rad**2 > least and is_same_norm(state)
 
 
 @inlined
-def is_same_norm(params: ConditioningParams, state: JumpSigns) -> bool:
-    """Whether the field's norm has stayed, which a magnet would change."""
-    return abs(state.quick_norm - state.slow_norm) < params.turn_jump_norm * state.slow_norm
+def is_same_norm(state: JumpSigns) -> bool:
+    """Whether the field's norm has stayed, but for the scales': a magnet changes it."""
+    return abs(state.quick_norm - state.slow_norm) < SCALE_ERROR * state.slow_norm

@@ -25,14 +25,9 @@ from estimator.conditioning.params import ConditioningParams
 from estimator.conditioning.vertical.bias import doubt_heading
 from estimator.conditioning.vertical.gravity import restart_gravity
 from estimator.conditioning.vertical.step import VerticalState, VerticalStep
-from estimator.conditioning.vertical.tilt import (
-    LEAST_OFF_RAD,
-    MOST_VARIANCE,
-    weighing,
-    with_variance,
-)
+from estimator.conditioning.vertical.tilt import LEAST_OFF_RAD, weighing, with_variance
 from estimator.geometry.quaternion import dot
-from estimator.geometry.spread import HALF_TURN_VARIANCE
+from estimator.geometry.spread import ANY_DIRECTION_VARIANCE, HALF_TURN_VARIANCE
 from estimator.types import Vec2
 
 
@@ -92,7 +87,7 @@ def react(proof: TurnProof, before: VerticalState, horizontal: Vec2) -> Vertical
     gravity, tilt, estimate = before.gravity, before.tilt, before.estimate
     if proof.gravity:
         gravity = restart_gravity(gravity)
-        tilt = with_variance(tilt, MOST_VARIANCE)
+        tilt = with_variance(tilt, ANY_DIRECTION_VARIANCE)
         estimate = doubt_heading(estimate, HALF_TURN_VARIANCE)
     elif proof.heading:
         estimate = doubt_heading(estimate, atan2(horizontal[1], horizontal[0]) ** 2)

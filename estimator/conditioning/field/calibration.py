@@ -4,9 +4,9 @@ from typing import NamedTuple
 
 from estimator.compilation.compiled import inlined
 from estimator.compilation.replacing import replacer
-from estimator.conditioning.field.robust import robust_factor
 from estimator.conditioning.params import ConditioningParams
-from estimator.conditioning.times import LONGEST_STEP_S
+from estimator.conditioning.robust import robust_factor
+from estimator.conditioning.times import FORGET_S, LONGEST_STEP_S
 from estimator.conditioning.vertical.kalman import Covariance, update
 from estimator.conditioning.vertical.lowpass import approach
 from estimator.geometry.axes import FrameAxes, to_frame
@@ -84,7 +84,7 @@ def walk(params: ConditioningParams, p: Covariance, dt_s: float) -> Covariance:
     The vehicle's own field may change.
     """
     most, most_lag = most_variances(params)
-    share = dt_s / params.calibration_walk_s
+    share = dt_s / FORGET_S
     return (
         min(p[0] + share * most, most),
         p[1],

@@ -5,8 +5,8 @@ from math import atan2, cos, pi, sin
 from estimator.bounds import TINY
 from estimator.compilation.compiled import inlined
 from estimator.conditioning.field.magnetic import MagneticState, steepness
-from estimator.conditioning.field.robust import residual_factor
 from estimator.conditioning.params import ConditioningParams
+from estimator.conditioning.robust import residual_factor
 from estimator.conditioning.times import MEMORY_S, SPAN_S
 from estimator.conditioning.vertical.bias import Estimate, clip_each
 from estimator.conditioning.vertical.kalman import update

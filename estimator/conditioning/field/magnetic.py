@@ -9,8 +9,8 @@ from typing import NamedTuple
 from estimator.bounds import TINY
 from estimator.compilation.compiled import inlined
 from estimator.compilation.replacing import replacer
-from estimator.conditioning.field.robust import robust_factor
 from estimator.conditioning.params import ConditioningParams
+from estimator.conditioning.robust import robust_factor
 from estimator.conditioning.times import FIELD_S, USUAL_S
 from estimator.types import Vec2, Vec3
 
@@ -18,8 +18,6 @@ from estimator.types import Vec2, Vec3
 LEAST_HORIZONTAL = 0.02
 # A relative deviation of the norm that counts as one: what calibrations leave is less.
 NORM_SCALE = 0.1
-# Of how uneven the field is, the most that one look counts for.
-MOST_UNEVEN = 0.15
 # A field that neither the expected nor the other one resembles by this much is a third one.
 LEAST_ALIKE = 0.3
 
@@ -137,8 +135,8 @@ def observe_field(
     expected = (before.horizontal, before.down)
     norm_scale, dip_scale = NORM_SCALE, params.field_dip_scale_rad
     look = look_at_field(state.look, (h, v), a, expected, norm_scale, dip_scale)
-    learn = min(1.0, dt_s / params.field_reference_tau_s) * look.confidence
-    if age < params.field_reference_tau_s:
+    learn = min(1.0, dt_s / USUAL_S) * look.confidence
+    if age < USUAL_S:
         learn = max(learn, weight / samples)
     other, borne_s = watch_rival(params, before, look, dt_s)
     reference = FieldReference(
@@ -165,7 +163,7 @@ def unevenness(reference: FieldReference, look: FieldLook, dt_s: float) -> float
     if norm_of(expected) == 0.0:
         return reference.uneven
     off_norm, off_dip = deviation((look.horizontal, look.down), expected)
-    off_norm, off_dip = min(abs(off_norm), MOST_UNEVEN), min(abs(off_dip), MOST_UNEVEN)
+    off_norm, off_dip = min(abs(off_norm), NORM_SCALE), min(abs(off_dip), NORM_SCALE)
     share = dt_s / (min(USUAL_S, reference.age_s) + dt_s)
     return reference.uneven + share * (off_norm**2 + off_dip**2 - reference.uneven)
 

@@ -5,7 +5,7 @@ from typing import NamedTuple
 
 from estimator.compilation.compiled import inlined
 from estimator.conditioning.params import ConditioningParams
-from estimator.conditioning.times import QUICK_S, SPAN_S, WALK_S
+from estimator.conditioning.times import QUICK_S, SPAN_S, USUAL_S, WALK_S
 from estimator.conditioning.vertical.lowpass import LowPass, low_pass
 
 
@@ -47,5 +47,5 @@ def coefficients(params: ConditioningParams, dt_s: float, factor: float) -> Coef
         bias_growth=walk,
         rest_noise=at_rest * at_rest / walk + at_rest,
         motion_noise=moving * moving / walk + moving,
-        heading_growth=params.heading_noise_rad2_s * dt_s / params.heading_tau_s**2,
+        heading_growth=params.heading_noise_rad2_s * dt_s / USUAL_S**2,
     )

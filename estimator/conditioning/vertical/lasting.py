@@ -19,7 +19,7 @@ from estimator.types import STANDARD_GRAVITY_M_S2, ZERO_VEC3, Vec3
 
 # Before anything is seen they turn the force by as much (rad^2).
 PRIOR_VARIANCE = 0.02
-# By so much a sensor's scale may be off, as a share.
+# By so much a sensor's scale may be off, as a share, and what it measures with it.
 SCALE_ERROR = 0.03
 # An angle by which the force is off counts up to this, rad: what is further off is no scatter.
 MOST_APART_RAD = 1.0

@@ -1,6 +1,7 @@
 """The angular rate that integrates best over one step."""
 
 from estimator.compilation.compiled import inlined
+from estimator.conditioning.robust import REACH
 from estimator.geometry.quaternion import cross, exp, log, multiply, scale
 from estimator.types import Vec3
 
@@ -11,8 +12,6 @@ SLOW_SAMPLE_S = 0.0125
 # miss anything: where "slow" streams begin.
 FAST_STEP_S = 0.04
 SLOW_STEP_S = 0.1
-# The filter follows slow streams within a step: its gain times this (s) is several times enough.
-FOLLOW_S = 4.0
 
 
 @inlined
@@ -63,9 +62,10 @@ def following_weight(slow: float, dt_s: float) -> float:
     """How much the vectors count against the gyroscope that carries the filter from step to step.
 
     1 for fast streams. Of slow ones the vectors have been weighed already, and
-    what the gyroscope has missed in a step the filter must not keep for a second.
+    what the gyroscope has missed in a step the filter must not keep for a second: with its least
+    gain, 1/s, a step is ``REACH`` time constants.
     """
-    return 1.0 + slow * FOLLOW_S / dt_s if slow > 0.0 else 1.0
+    return 1.0 + slow * REACH / dt_s if slow > 0.0 else 1.0
 
 
 @inlined

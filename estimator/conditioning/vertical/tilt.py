@@ -15,20 +15,17 @@ from estimator.compilation.compiled import inlined
 from estimator.compilation.replacing import replacer
 from estimator.conditioning.params import ConditioningParams
 from estimator.conditioning.times import ACCELERATION_LASTS_S, SPAN_S, USUAL_S
+from estimator.conditioning.vertical.averaging import MOST_ERROR
 from estimator.conditioning.vertical.lasting import MOST_APART_RAD
 from estimator.conditioning.vertical.rate import slow_share
 from estimator.geometry.quaternion import angle_between_vectors, dot, norm, square, subtract
+from estimator.geometry.spread import ANY_DIRECTION_VARIANCE
 from estimator.types import ZERO_VEC3, Between, Vec2, Vec3
 
 # White noise of a gyroscope and its truncation to mrad/s, rad/s/sqrt(Hz).
 GYR_NOISE = 0.002
-# Share of a change of rate about one axis that shows as an unseen turn about the others; and of
-# all that which averages over a step leave: what the moving axis makes (coning).
-CROSSED = 0.1
 # After a hole longer than SPAN_S a vehicle may have done anything, at this rate (rad/s).
 HOLE_RAD_S = 0.3
-# No direction is known worse than this, rad^2.
-MOST_VARIANCE = 3.0
 # The least scatter of the force's direction, rad, of an accelerometer at rest.
 LEAST_SCATTER_RAD = 0.0175
 # Half a degree: by so much a second's mean force of an accelerometer at rest is off at least, the
@@ -109,13 +106,13 @@ def step_noise(
         change, part_s = between.change_rad_s, between.step_s
         parts = max(1.0, dt_s / part_s)
     along, all_of_it = dot(change, down) ** 2, dot(change, change)
-    tilting = max(0.0, all_of_it - along) + CROSSED * all_of_it
-    twisting = along + CROSSED * all_of_it
+    tilting = max(0.0, all_of_it - along) + MOST_ERROR * all_of_it
+    twisting = along + MOST_ERROR * all_of_it
     about_down = dot(rate, down) ** 2
     turning = dot(rate, rate)
     share = params.step_change_noise * part_s / (part_s + params.step_change_s)
     if params.averaged_samples:
-        share *= CROSSED
+        share *= MOST_ERROR
     change_factor = parts * (share * part_s) ** 2
     turn_factor = parts * (params.step_turn_noise_1_s * part_s * part_s) ** 2
     tilt = change_factor * max(tilting, state.tilting)
@@ -124,11 +121,14 @@ def step_noise(
     drift = state.drift + bias_variance * dt_s
     return StepNoise(
         tilt=tilt
-        + turn_factor * (max(0.0, turning - about_down) + CROSSED * turning)
+        + turn_factor * (max(0.0, turning - about_down) + MOST_ERROR * turning)
         + GYR_NOISE**2 * dt_s
         + 4.0 * drift * dt_s
         + hole,
-        twist=twist + turn_factor * (about_down + CROSSED * turning) + GYR_NOISE**2 * dt_s + hole,
+        twist=twist
+        + turn_factor * (about_down + MOST_ERROR * turning)
+        + GYR_NOISE**2 * dt_s
+        + hole,
         tilting=tilting,
         twisting=twisting,
         drift=drift,
@@ -155,7 +155,7 @@ def believe_force(
     its usual size, and times 2 T/dt: accelerations last for T. To that come those that last
     longer, of the variance ``lasting`` (rad^2). No less than ``least_share`` is taken.
     """
-    p = min(state.variance + noise.tilt, MOST_VARIANCE)
+    p = min(state.variance + noise.tilt, ANY_DIRECTION_VARIANCE)
     size = norm(u)
     usual = state.force
     unusual = size / usual - 1.0 if usual > 0.0 else 0.0
@@ -196,7 +196,9 @@ def innovation(down_g: Vec3, u: Vec3) -> float:
 def initial_tilt(gyr: Vec3, u: Vec3) -> TiltState:
     """The state at the first reading: the direction of the force ``u`` is as good as unknown."""
     scatter = (2.0 * LEAST_SCATTER_RAD) ** 2
-    return TiltState(MOST_VARIANCE, MOST_VARIANCE, scatter, 0.0, 0.0, gyr, norm(u), 0.0)
+    return TiltState(
+        ANY_DIRECTION_VARIANCE, ANY_DIRECTION_VARIANCE, scatter, 0.0, 0.0, gyr, norm(u), 0.0
+    )
 
 
 @inlined

@@ -1,17 +1,16 @@
 """What is known about a compass, and until when."""
 
 from estimator.aiding.compass import (
-    DISTRUST_S,
     Compass,
     declare,
     is_trusted,
     record_giving_up,
     restart,
 )
-from estimator.conditioning.times import LONG_S, MEMORY_S
+from estimator.conditioning.times import FORGET_S, LONG_S, MEMORY_S
 
 NOW_US = 500_000_000
-AGAIN_US, DISTRUST_US, UNLIKE_US = (int(1e6 * s) for s in (LONG_S, DISTRUST_S, MEMORY_S))
+AGAIN_US, DISTRUST_US, UNLIKE_US = (int(1e6 * s) for s in (LONG_S, FORGET_S, MEMORY_S))
 
 
 def given_up_twice(apart_us=AGAIN_US - 1):

@@ -7,6 +7,7 @@ import pytest
 
 from estimator.aiding import Report, blank_aiding
 from estimator.aiding.inertial import Prediction, predict_motion
+from estimator.aiding.search import UNKNOWN_RAD
 from estimator.aiding.sources import field, unaided, velocity
 from estimator.aiding.trail import ROWS, new_trail
 from estimator.aiding.types import (
@@ -14,6 +15,7 @@ from estimator.aiding.types import (
     EARTH,
     GYR_BIAS,
     HARD_IRON,
+    IMU_LAG,
     RECEIVER_ERROR,
     SIZE,
     TURN,
@@ -30,7 +32,7 @@ from estimator.aiding.types import (
 )
 from estimator.aiding.uncertainty import sigmas
 from estimator.conditioning.field.magnetic import FieldLook
-from estimator.conditioning.field.robust import HEADING_REACH_RAD
+from estimator.conditioning.robust import HEADING_REACH_RAD
 from estimator.conditioning.times import ACCELERATION_LASTS_S, SPAN_S
 from estimator.conditioning.vertical.rate import SLOW_STEP_S
 from estimator.conditioning.vertical.tilt import LEAST_OFF_RAD
@@ -317,7 +319,7 @@ def test_field(seed, is_known, unfelt_rad):
         dense.learn(h, wanted_rad, LEAST_OFF_RAD**2 * 100.0 / dt)
     np.testing.assert_allclose(x, dense.x, rtol=1e-8, atol=1e-12)
     np.testing.assert_allclose(now.covariance, dense.P, rtol=1e-7, atol=1e-12)
-    is_far = abs(angle) > p.far_heading_rad + 2.0 * sqrt(heading)
+    is_far = abs(angle) > UNKNOWN_RAD + 2.0 * sqrt(heading)
     doubt_s = 0.4 + dt * after.look.confidence if is_far else 0.4 - dt
     assert after.doubt_s == pytest.approx(doubt_s)
     slow = 0.02 + dt / (dt + 5.0) * (max(-0.2, min(0.2, off)) - 0.02)
@@ -384,10 +386,10 @@ def test_published_sigmas(heading_rad, innovation, wait_s, together, samples, dt
         return min(3.0, sqrt(max(square, 1.0) if wait_s > SPAN_S else square))
 
     pushed = p.pushed_rad * np.hypot(2.0, 1.0) / 9.80665
-    moving = (p.timing_s * np.linalg.norm(last.rate_rad_s)) ** 2 + pushed**2
+    moving = P[IMU_LAG, IMU_LAG] * np.sum(np.square(last.rate_rad_s)) + pushed**2
     tilt = 0.5 * (0.03**2 + 0.07**2)
     inclination = (1.515 * p.colour * scatter(p.least_scale)) ** 2 * tilt
-    inclination += p.least_rad**2 + moving
+    inclination += moving
     assert got.inclination_rad == pytest.approx(sqrt(inclination))
     scale = scatter(p.least_scale)
     scale *= p.colour if samples == 0.0 else 1.0
@@ -396,5 +398,5 @@ def test_published_sigmas(heading_rad, innovation, wait_s, together, samples, dt
     by_field = min(1.0, (heading_rad / iron) ** 2)
     square = scale**2 + max(0.0, 1.0 - scale**2) * by_field
     slow = 0.04**2 * (min(1.0, 0.15 / dt)) ** 2
-    heading = square * heading_rad**2 + slow + p.least_rad**2 + moving
+    heading = square * heading_rad**2 + slow + moving
     assert got.heading_rad == pytest.approx(sqrt(heading))

@@ -8,7 +8,7 @@ import pytest
 from estimator.aiding import AidingParams, blank_aiding
 from estimator.aiding.beginning import loosen
 from estimator.aiding.types import GYR_BIAS, SIZE, TURN, Agreements, Sigmas
-from estimator.conditioning.field.robust import FAR
+from estimator.conditioning.robust import FAR
 from estimator.live.aiding_span import is_better
 from tests.truth.faults import Fault
 from tests.truth.run import Case, judge

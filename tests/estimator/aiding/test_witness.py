@@ -162,7 +162,7 @@ def test_a_step_of_the_gyroscopes_bias_widens_sigma():
     assert not np.any((heading <= certain)[after])
     assert np.mean((heading <= sigma)[after]) == pytest.approx(0.519, rel=0.2)
     assert np.array_equal(sigma[before], np.array(certain)[before])
-    assert np.median(e[before]) == pytest.approx(3.1e-6, rel=0.2)
+    assert np.median(e[before]) == pytest.approx(2.25e-6, rel=0.2)
     assert np.median(e[after]) == pytest.approx(6.1e-4, rel=0.2)
 
 

@@ -17,8 +17,8 @@ from estimator.conditioning.events.axis_signs import (
 )
 from estimator.conditioning.events.jump_signs import JumpSigns
 from estimator.conditioning.field.calibration import Calibration
-from estimator.conditioning.field.robust import FAR
 from estimator.conditioning.params import ConditioningParams
+from estimator.conditioning.robust import FAR
 from estimator.conditioning.times import SPAN_S
 from estimator.conditioning.vertical.coefficients import Coefficients
 from estimator.conditioning.vertical.gravity import Force, GravityState

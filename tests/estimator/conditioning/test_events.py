@@ -7,7 +7,6 @@ import pytest
 
 from estimator.conditioning import initial_state
 from estimator.conditioning.events.doubt import (
-    SUDDEN_RAD,
     SUDDEN_SHARE,
     FieldBefore,
     HeadingDoubt,
@@ -84,7 +83,7 @@ def test_the_field_is_followed_quickly_and_slowly():
     [
         # the lesser of two: what lag and own field make of the turning, or 16 times what is
         # usual, times how much more it turns than usually
-        (1.0, 0.25 * (1e-4 + 0.25 * 38e-4) * 0.30),
+        (0.2, 0.2 * (1e-4 + 0.25 * 38e-4) * 0.30),
         (100.0, 16.0 * 1e-5 * (0.30 - 0.09) / 0.09),
     ],
 )
@@ -119,9 +118,10 @@ def test_a_turn_is_sudden_by_the_angle_between_the_fields_and_not_by_that_of_the
     """The dip is 60 degrees: a heading that is off by 0.9 rad turns the field by half of that."""
     steep, off = 3.0, 0.9
     turned = 2.0 * asin(sin(0.5 * off) * 0.5)
-    least = SUDDEN_SHARE * turned - SUDDEN_RAD
+    least = SUDDEN_SHARE * turned - 0.02
     horizontal = (np.cos(off), -np.sin(off))
-    assert is_sudden((share * least) ** 2 * (1.0 + steep), steep, horizontal) is (share > 1.0)
+    variance = (share * least) ** 2 * (1.0 + steep)
+    assert is_sudden(0.02, variance, steep, horizontal) is (share > 1.0)
 
 
 def release(*, apart_rad=0.01, usual_s=1.2, confidence=0.7, norm=0.46, variance=0.4, tilt=0.05):

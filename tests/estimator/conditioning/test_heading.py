@@ -8,9 +8,9 @@ import pytest
 from estimator.conditioning import initial_state
 from estimator.conditioning.field.heading import heading_noise, learn_heading
 from estimator.conditioning.field.magnetic import FieldLook
-from estimator.conditioning.field.robust import HEADING_REACH_RAD
 from estimator.conditioning.params import ConditioningParams
-from estimator.conditioning.times import MEMORY_S
+from estimator.conditioning.robust import HEADING_REACH_RAD
+from estimator.conditioning.times import MEMORY_S, USUAL_S
 from estimator.conditioning.vertical.bias import predict
 from estimator.conditioning.vertical.coefficients import coefficients
 
@@ -62,7 +62,7 @@ def test_learning_is_a_kalman_filter_of_bias_and_heading():
         f[3, :3] = -DT * down
         growth = PARAMS.bias_motion_sigma_rad_s**2 * DT / 100.0
         growths = [growth * (p[n, n] < PARAMS.bias_initial_sigma_rad_s**2) for n in range(3)]
-        q = PARAMS.heading_noise_rad2_s * DT / PARAMS.heading_tau_s**2
+        q = PARAMS.heading_noise_rad2_s * DT / USUAL_S**2
         p = f @ p @ f.T + np.diag([*growths, q + PARAMS.heading_turning_noise_s * 0.5 * DT])
         estimate = predict(PARAMS, k, estimate, tuple(down), 0.5, 0.0)
         residual = rng.normal(0.02, 0.05)

@@ -11,7 +11,8 @@ from estimator.conditioning import ConditioningParams, initial_state
 from estimator.conditioning.field.calibration import Calibration, correct_field, learn_calibration
 from estimator.conditioning.field.heading import heading_noise, learn_heading
 from estimator.conditioning.field.magnetic import FieldLook
-from estimator.conditioning.field.robust import HEADING_REACH_RAD
+from estimator.conditioning.robust import HEADING_REACH_RAD
+from estimator.conditioning.times import FORGET_S
 from estimator.conditioning.vertical.bias import (
     Estimate,
     Lagged,
@@ -185,7 +186,7 @@ def test_a_turning_body_tells_lag_and_own_field(seed, turned):
     dx = share * (np.cross(R @ gyr, y) - means.turning)
     dy = share * (y - means.field)
     rows = share * (R - np.array(means.axes)) * turned
-    walk = DT / PARAMS.calibration_walk_s
+    walk = DT / FORGET_S
     grown = [PARAMS.field_offset_sigma**2 * walk] * 3 + [PARAMS.field_lag_sigma_s**2 * walk]
     x, p = np.array([*state.learnt.offset, 0.01]), square(state.learnt.covariance)
     h = np.column_stack([rows, dx])

@@ -36,8 +36,8 @@ def test_streams_are_slow_from_25_to_10_hz(dt_s, share):
 
 def test_vectors_count_more_the_slower_the_stream():
     assert following_weight(0.0, 0.01) == 1.0
-    assert following_weight(1.0, 0.25) == pytest.approx(17.0)
-    assert following_weight(0.5, 0.07) == pytest.approx(1.0 + 2.0 / 0.07)
+    assert following_weight(1.0, 0.25) == pytest.approx(13.0)
+    assert following_weight(0.5, 0.07) == pytest.approx(1.0 + 1.5 / 0.07)
 
 
 def test_integration_of_a_turning_axis_has_the_cones_sign():

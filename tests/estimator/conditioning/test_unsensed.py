@@ -141,12 +141,12 @@ def beside_iron(sample, t):
 
 
 def test_a_sudden_turn_is_found_where_the_field_is_not_as_learnt():
-    """Its confidence is 0.5 by then."""
+    """Its confidence is 0.42 by then, and 0.46 in the mean; under 0.45 it takes 10 s."""
     samples = [beside_iron(s, DT * i) for i, s in enumerate(fly(tumbling, 50.0, DT))]
-    state, _ = advance(initial_state(PARAMS), samples[:3200])
-    assert state.field.magnetic.look.confidence == pytest.approx(0.46, rel=0.2)
-    turn = tuple(radians(60.0) * x for x in rotate_inverse(samples[3199].q_ned_frd, AXES["down"]))
-    state, errors = advance(apply_turn(state, exp(turn)), samples[3200:])
+    state, _ = advance(initial_state(PARAMS), samples[:3100])
+    assert state.field.magnetic.look.confidence == pytest.approx(0.42, rel=0.2)
+    turn = tuple(radians(60.0) * x for x in rotate_inverse(samples[3099].q_ned_frd, AXES["down"]))
+    state, errors = advance(apply_turn(state, exp(turn)), samples[3100:])
     found_s = DT * (1 + int(np.flatnonzero(errors < 5.0)[0]))
     assert found_s == pytest.approx(2.4, rel=0.2)  # 13.9 where it has to be as learnt
 
