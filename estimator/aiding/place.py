@@ -1,15 +1,12 @@
 """Where a vehicle is taken to be, and whether a field may be that of the place."""
 
-from math import atan2, dist, hypot, isfinite, radians
+from math import dist, isfinite
 from typing import NamedTuple
 
-from estimator.conditioning.field.magnetic import NORM_SCALE
+from estimator.conditioning.field.calibration import MOST_DEVIATION
+from estimator.conditioning.field.magnetic import NORM_SCALE, horizontal_down
 from estimator.geometry.earth import PlaceField, distance_m, field_at, in_ned
 
-# A compass whose field is off by more than this is not calibrated; some autopilots'
-# scale is half of reality.
-LEAST_STRENGTH, MOST_STRENGTH = 0.4, 1.4
-MOST_DIP_OFF_RAD = radians(15.0)
 # So far away the field is looked up anew; the declination changes by some 0.1 degrees in that.
 MOVED_M = 20_000.0
 
@@ -56,7 +53,9 @@ def differ(one: PlaceField, other: PlaceField) -> bool:
 
 
 def resembles(place: PlaceField, horizontal_gauss: float, down_gauss: float) -> bool:
-    """Whether a field seen there may be the place's own, as strong and as steep."""
-    share = hypot(horizontal_gauss, down_gauss) / place.strength_gauss
-    off = atan2(down_gauss, horizontal_gauss) - place.dip_rad
-    return LEAST_STRENGTH <= share <= MOST_STRENGTH and abs(off) <= MOST_DIP_OFF_RAD
+    """Whether a field seen there may be the place's own: a compass that is calibrated sees it so.
+
+    Some autopilots' scale is half of reality.
+    """
+    own = horizontal_down(in_ned(place))
+    return dist((horizontal_gauss, down_gauss), own) <= MOST_DEVIATION * place.strength_gauss

@@ -37,7 +37,8 @@ def test_published_dip_and_strength():
         (1.0, 0.0, True),
         (0.5, 0.0, True),  # some autopilots' scale is half of reality
         (1.0, 12.0, True),
-        (1.0, -20.0, False),
+        (1.0, -30.0, True),  # as uncertain as that makes it
+        (1.0, -40.0, False),
         (0.3, 0.0, False),
         (1.6, 0.0, False),
     ],
