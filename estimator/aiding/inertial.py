@@ -23,7 +23,7 @@ from estimator.aiding.types import (
 )
 from estimator.compilation.compiled import inlined
 from estimator.compilation.replacing import replacer
-from estimator.conditioning.robust import REACH
+from estimator.conditioning.robust import FAR, REACH
 from estimator.conditioning.vertical.rate import integration_rate
 from estimator.geometry.quaternion import (
     add,
@@ -41,8 +41,7 @@ GRAVITY_NED: Vec3 = (0.0, 0.0, STANDARD_GRAVITY_M_S2)
 # The time in which the vehicle's own field, or the accelerometer's bias, may have become another.
 LEARNT_LASTS_S = 2500.0
 # A slow error of a source beyond ``REACH`` of its sigmas is one of a jump, and lasts the longer the
-# larger it is, up to so many times as long.
-MOST_PERSISTENCE = 20.0
+# larger it is, up to ``FAR`` times as long.
 
 moved = replacer(
     AidingEstimate,
@@ -207,7 +206,7 @@ def lasting_times(params: AidingParams, state: AidingState) -> ErrorTimes:
 @inlined
 def persistence(error: Vec3, variance: float) -> float:
     """How many times as long as usual an error lasts: 1 up to ``REACH``, then its square."""
-    return min(MOST_PERSISTENCE, max(1.0, dot(error, error) / (REACH**2 * variance)))
+    return min(FAR, max(1.0, dot(error, error) / (REACH**2 * variance)))
 
 
 @inlined

@@ -22,7 +22,8 @@ from estimator.compilation.compiled import inlined
 from estimator.compilation.replacing import replacer
 from estimator.conditioning.field.magnetic import LEAST_HORIZONTAL
 from estimator.conditioning.robust import REACH
-from estimator.conditioning.times import ACCELERATION_LASTS_S, SPAN_S, WALK_S
+from estimator.conditioning.times import ACCELERATION_LASTS_S, LONG_S, SPAN_S
+from estimator.conditioning.vertical.lasting import SCALE_ERROR
 from estimator.conditioning.vertical.tilt import LEAST_OFF_RAD, LEAST_SCATTER_RAD
 from estimator.filter.kernel import follow_rate
 from estimator.geometry.quaternion import (
@@ -41,11 +42,10 @@ from estimator.geometry.quaternion import (
 from estimator.types import IDENTITY, STANDARD_GRAVITY_M_S2, ZERO_VEC3, Quaternion, Sample, Vec3
 
 # What a window's change of velocity may be off (m/s): always; for each m/s^2 by which the force is
-# another one at its end (a delay in s); and of the push itself for each radian turned (scale
-# errors). A window counts as far as that is little beside a second of gravity.
+# another one at its end (a delay in s). For each radian turned it is ``SCALE_ERROR`` of the
+# push, too. A window counts as far as that is little beside a second of gravity.
 REPORTS_M_S = 0.2
 TIMING_S = 0.02
-TURNED_SHARE = 0.01
 # Beyond ``REACH`` times the usual the attitude is doubted, and by this share of the square beyond
 # it: an average lags behind an error that grows.
 DOUBT_SHARE = 4.0
@@ -118,7 +118,7 @@ def average(apart: Apart, north_rad: float, east_rad: float, time_s: float) -> A
     east = apart.mean_east_rad + share * (east_rad - apart.mean_east_rad)
     usual = apart.usual_square
     square = min(north * north + east * east, USUAL_SQUARE * usual)
-    usual += time_s / (WALK_S + time_s) * (square - usual)
+    usual += time_s / (LONG_S + time_s) * (square - usual)
     return Apart(north, east, usual)
 
 
@@ -202,9 +202,7 @@ def hear_report(witness: Witness, estimate: AidingEstimate, report: Report) -> W
 def share_of(window: Window, pushed_m_s: float, time_s: float, turned_rad: float) -> float:
     """How far a window counts: 1 at rest, little for one full of loops, where |force| is small."""
     swing = norm(subtract(window.force_m_s2, window.first_force_m_s2))
-    square = (
-        REPORTS_M_S**2 + (TIMING_S * swing) ** 2 + (TURNED_SHARE * turned_rad * pushed_m_s) ** 2
-    )
+    square = REPORTS_M_S**2 + (TIMING_S * swing) ** 2 + (SCALE_ERROR * turned_rad * pushed_m_s) ** 2
     usual = REPORTS_M_S * pushed_m_s / (STANDARD_GRAVITY_M_S2 * time_s)
     return min(1.0, usual * usual / square)
 

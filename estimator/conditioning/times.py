@@ -22,10 +22,8 @@ USUAL_S = 20.0
 # What has been measured counts for so long, s: corrections, what velocities tell of the heading
 # (meanwhile G drifts by less than that is wrong), what wheels contradict, that a field is new.
 MEMORY_S = 30.0
-# What is remembered, s: headings that were given up, how well means of the force agree.
-LONG_S = 60.0
-# The growth of a variance that wanders is told for this time, and how far what is measured usually
-# lies from an attitude is learnt over it, s.
-WALK_S = 100.0
+# What is remembered, s: headings that were given up, how well means of the force agree, how far
+# measurements usually lie from an attitude. The growth of a variance that wanders is told for it.
+LONG_S = 100.0
 # What has been learnt is forgotten in so long, s: a vehicle's own field, that its compass misled.
 FORGET_S = 600.0

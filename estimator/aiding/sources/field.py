@@ -32,7 +32,7 @@ from estimator.conditioning.field.magnetic import (
     look_at_field,
 )
 from estimator.conditioning.robust import REACH, residual_factor
-from estimator.conditioning.times import FIELD_S, LONG_S, WALK_S
+from estimator.conditioning.times import FIELD_S, LONG_S
 from estimator.conditioning.vertical.bias import SETTLED_HEADING_RAD
 from estimator.conditioning.vertical.tilt import LEAST_OFF_RAD
 from estimator.geometry.quaternion import cross, dot, exp, multiply, norm, rotate, scale, subtract
@@ -311,8 +311,8 @@ def learn_declination(P: Array, x: Array, E: Vec3, north: Two, wait: float) -> N
     h[EARTH] = -E[1] / square
     h[EARTH + 1] = E[0] / square
     off = atan2(s * E[0] - c * E[1], c * E[0] + s * E[1])
-    # a declination's error is the same all the time: the samples of WALK_S count as one measurement
-    learn(P, x, h, off, LEAST_OFF_RAD**2 * WALK_S / wait)
+    # a declination's error is the same all the time: the samples of LONG_S count as one measurement
+    learn(P, x, h, off, LEAST_OFF_RAD**2 * LONG_S / wait)
 
 
 @inlined

@@ -5,7 +5,7 @@ from typing import NamedTuple
 
 from estimator.compilation.compiled import inlined
 from estimator.conditioning.params import ConditioningParams
-from estimator.conditioning.times import QUICK_S, SPAN_S, USUAL_S, WALK_S
+from estimator.conditioning.times import LONG_S, QUICK_S, SPAN_S, USUAL_S
 from estimator.conditioning.vertical.lowpass import LowPass, low_pass
 
 
@@ -32,7 +32,7 @@ def coefficients(params: ConditioningParams, dt_s: float, factor: float) -> Coef
     The noises are those that keep a variance where it shall be: with a random walk of variance V
     a step, a measurement of the noise P^2/V + P makes P the steady variance.
     """
-    walk = params.bias_motion_sigma_rad_s**2 * dt_s / WALK_S
+    walk = params.bias_motion_sigma_rad_s**2 * dt_s / LONG_S
     tau_s = params.gravity_tau_s
     at_rest = params.bias_rest_sigma_rad_s**2
     moving = params.bias_motion_sigma_rad_s**2

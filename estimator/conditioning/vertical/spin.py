@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 from estimator.compilation.compiled import inlined
 from estimator.conditioning.params import ConditioningParams
-from estimator.conditioning.times import WALK_S
+from estimator.conditioning.times import LONG_S
 from estimator.conditioning.vertical.bias import clip
 from estimator.conditioning.vertical.coefficients import Coefficients
 from estimator.conditioning.vertical.gravity import GravityState
@@ -53,7 +53,7 @@ def follow_spin(
     turn = smooth(k.gravity, state.turn, rotate(gravity.q_g_frd, rate))
     w = rotate(gravity.q_6d_g, turn.value)
     error = state.scale_error
-    p = min(state.variance + SCALE_SIGMA**2 * k.dt_s / WALK_S, SCALE_SIGMA**2)
+    p = min(state.variance + SCALE_SIGMA**2 * k.dt_s / LONG_S, SCALE_SIGMA**2)
     if learns:
         north = -step[0] / k.dt_s
         error, p = learn_scale(params, error, p, w[0], north, k.dt_s)

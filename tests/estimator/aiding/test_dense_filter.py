@@ -171,7 +171,7 @@ def test_prediction(seed, error_m_s, seen):
         (25, before.filter_error_m_s, p.filter_error_m_s**2 + push, known.by_filter.scatter, 5.0),
     ):
         variance = usual * max(1.0, scatter.noise_scale)
-        longer = min(20.0, max(1.0, np.dot(error, error) / (9.0 * variance)))
+        longer = min(16.0, max(1.0, np.dot(error, error) / (9.0 * variance)))
         keeps.append(exp(-dt / (tau_s * longer)))
         d[three(at)] = variance * (1.0 - exp(-dt / tau_s) ** 2)
     fades = np.array([now.estimate.receiver_error_m_s, now.estimate.filter_error_m_s])

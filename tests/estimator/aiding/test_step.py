@@ -23,7 +23,7 @@ from estimator.aiding.types import (
 )
 from estimator.aiding.unseen import add_unseen_turn, watch_turning
 from estimator.aiding.witness import Apart, average
-from estimator.conditioning.times import WALK_S
+from estimator.conditioning.times import LONG_S
 from estimator.filter.observation import ReferenceParams
 from estimator.geometry.quaternion import exp, rotate_inverse
 from estimator.live.aided import aided_vectors, is_worse
@@ -90,7 +90,7 @@ def test_both_axes_of_a_tilt_become_usual():
     one = average(Apart(0.0, 0.0, 0.01), 0.02, 0.03, 1.0)
     assert (one.mean_north_rad, one.mean_east_rad) == pytest.approx((0.01, 0.015))
     square = 0.01**2 + 0.015**2
-    assert one.usual_square == pytest.approx(0.01 + (square - 0.01) / (WALK_S + 1.0))
+    assert one.usual_square == pytest.approx(0.01 + (square - 0.01) / (LONG_S + 1.0))
 
 
 def test_the_beginning_is_as_uncertain_as_it_is_told():
