@@ -8,7 +8,7 @@ from typing import Annotated, Any
 
 import typer
 
-from fuzzbee import check, profile, run, sim, watch
+from fuzzbee import calibrate, check, profile, run, sim, watch
 from fuzzbee.replays import command as replay
 from fuzzbee.tune import command as tune
 from fuzzbee.version import __version__
@@ -43,6 +43,7 @@ def build_app(*, decorated: bool) -> typer.Typer:
     app.command(epilog=watch.EPILOG)(watch.watch)
     app.command(epilog=replay.EPILOG)(replay.replay)
     app.command(epilog=check.EPILOG)(check.check)
+    app.command(epilog=calibrate.EPILOG)(calibrate.calibrate)
     app.command(epilog=tune.EPILOG)(tune.tune)
     app.add_typer(profile.profile_app, name="profile")
     return app

@@ -375,7 +375,7 @@ class Pipeline:
         """Whether the vehicle's profile already sets what the notice asks the user to set."""
         vehicle = None if notice.vehicle is None else self._vehicles.get(notice.vehicle)
         profile = self.profile if vehicle is None else vehicle.profile
-        return notice.section == "mounting" and not profile.mounting.is_plain
+        return notice.section == "mounting" and not profile.mounting.has_body_axes
 
     def _is_wanted(self, address: VehicleId) -> bool:
         return self._system_id is None or address.system_id == self._system_id

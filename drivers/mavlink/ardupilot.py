@@ -3,6 +3,7 @@
 Source: https://ardupilot.org/copter/docs/parameters.html.
 """
 
+COMPASS = "COMPASS_"
 # What calibrating the first compass has found, in mGauss; all zero: nobody has calibrated it
 COMPASS_OFFSETS = ("COMPASS_OFS_X", "COMPASS_OFS_Y", "COMPASS_OFS_Z")
 # The cutoffs of the sensors' low-passes, Hz: Butterworth filters of second order

@@ -9,9 +9,10 @@ from numpy.typing import NDArray
 
 from drivers.events import Event, Heartbeat, Imu, Parameter, ReferenceAttitude, VehicleId
 from drivers.logs.reference_track import ReferenceTrack
-from drivers.mavlink.ardupilot import TRIM
+from drivers.mavlink.ardupilot import COMPASS, TRIM
 from drivers.samples.rotation import quaternion_from_euler
 from estimator.estimator import Estimator
+from estimator.geometry.earth import PlaceField
 from estimator.geometry.quaternion import exp, scale
 from estimator.profile import Profile
 from estimator.types import IDENTITY, Attitude, ImuSample, Quaternion, Vec3
@@ -47,6 +48,8 @@ class VehicleTrace:
         self.turned_at_us: int | None = None
         self.decisions: list[tuple[int, Decision]] | None = None  # where it was retuned
         self.trim_rad = dict.fromkeys(TRIM, 0.0)
+        self.compass: dict[str, float] = {}  # what the autopilot has been set to
+        self.place_field: PlaceField | None = None
         self.second_opinion = SecondOpinion()
 
     @property
@@ -109,6 +112,7 @@ class Replay:
             trace.rejected.update(vehicle.rejected)
             trace.rates = vehicle.estimator.rates
             trace.second_opinion = vehicle.second_opinion
+            trace.place_field = vehicle.estimator.place_field
             if isinstance(vehicle.estimator, RetunedEstimator):
                 trace.decisions = vehicle.estimator.decisions
 
@@ -133,6 +137,8 @@ class Replay:
                 self._trace(address).references[source].add(event)
             case Parameter(vehicle=address, name=name, value=value) if name in TRIM:
                 self._trace(address).trim_rad[name] = value
+            case Parameter(vehicle=address, name=name, value=value) if name.startswith(COMPASS):
+                self._trace(address).compass[name] = value
             case Heartbeat(vehicle=address):
                 trace = self._trace(address)
                 trace.autopilot, trace.vehicle_type = event.autopilot, event.vehicle_type

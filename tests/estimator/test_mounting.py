@@ -25,6 +25,10 @@ from service.records import Message
 ONE = VehicleId(1, 1)
 S = 1_000_000
 ODD = {"rotation_deg": [35.0, -120.0, 77.0], "acc_sign": -1}
+IRON = {
+    "mag_offset_gauss": [0.06, -0.04, 0.05],
+    "mag_matrix": [[1.05, 0.03, 0.0], [0.03, 0.97, -0.02], [0.0, -0.02, 1.0]],
+}
 CASES = [
     {},
     {"acc_sign": -1},
@@ -109,6 +113,8 @@ def test_without_its_section_it_is_upside_down():
         ("acc_sign = 0", "acc_sign"),
         ("acc_sign = 2", "acc_sign"),
         ("sign = -1", "sign"),
+        ("mag_offset_gauss = [11, 0, 0]", "mag_offset_gauss"),
+        ("mag_matrix = [[1, 0, 0], [0, 1, 0], [0, 0, 0]]", "mag_matrix"),
     ],
 )
 def test_what_is_no_mounting_is_refused(line, complaint):
@@ -118,7 +124,7 @@ def test_what_is_no_mounting_is_refused(line, complaint):
 
 
 def test_it_survives_being_written():
-    chosen = profile(**ODD)
+    chosen = profile(**ODD, **IRON)
     assert parse_profile(profile_to_toml(chosen), "p.toml").mounting == chosen.mounting
 
 
@@ -182,14 +188,26 @@ def test_tuning_reads_logs_as_they_are_mounted(tmp_path):
     assert down[0][0] > 9.0
 
 
-@pytest.mark.parametrize("section", CASES)
+@pytest.mark.parametrize("section", [*CASES, {**ODD, **IRON}])
 def test_rows_are_turned_as_samples_are(section):
     mounting = profile(**section).mounting
     rng = np.random.default_rng(2)
     gyr, acc, mag = (rng.normal(size=(5, 3)) for _ in range(3))
+    mag[3] = 0.0  # no compass stays none
     rows = mounting.to_body_rows(gyr, acc, mag)
     for k in range(5):
         sample = ImuSample(k, *(tuple(column[k].tolist()) for column in (gyr, acc, mag)), True)
         one = mounting.to_body_axes(sample)
         for column, vector in zip(rows, (one.gyr_rad_s, one.acc_m_s2, one.mag_gauss), strict=True):
             assert column[k] == pytest.approx(vector)
+    assert not rows[2][3].any()
+
+
+def test_iron_is_taken_from_the_field_in_body_axes():
+    """m = S (m_body - offset), after the turn: forward of this sensor is the body's right."""
+    mounting = profile(rotation_deg=[0.0, 0.0, 90.0], **IRON).mounting
+    assert not mounting.is_plain
+    assert profile(**IRON).mounting.has_body_axes
+    sample = ImuSample(1, (1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.4, 0.0, 0.0), True)
+    field = np.array(IRON["mag_matrix"]) @ (-0.06, 0.4 + 0.04, -0.05)
+    assert mounting.to_body_axes(sample).mag_gauss == pytest.approx(field)

@@ -1,0 +1,50 @@
+"""A correction of the field as ArduPilot's parameters of a compass.
+
+ArduPilot sends ``m = scale D (raw + OFS)`` in mGauss, D symmetric of DIA and ODI
+(``AP_Compass_Backend::correct_field``). Corrected once more to S (m - b) that is
+``scale D' (raw + OFS')`` with ``D' = S D`` and ``OFS' = OFS - (scale D)^-1 b``.
+"""
+
+from collections.abc import Mapping
+
+import numpy as np
+from numpy.typing import NDArray
+
+from drivers.mavlink.ardupilot import COMPASS
+
+Floats = NDArray[np.float64]
+
+AXES = "XYZ"
+MILLIGAUSS = 1e3  # in a gauss
+NUMBERS = {"SCALED_IMU2": "2", "SCALED_IMU3": "3"}  # other messages carry the first compass
+OFF_DIAGONAL = ((0, 1), (0, 2), (1, 2))  # of ODI_X, ODI_Y and ODI_Z
+
+
+def corrected(
+    was: Mapping[str, float], message: str, offset_gauss: Floats, matrix: Floats | None
+) -> dict[str, float]:
+    """What to set for S (m - b), given what was set; without a matrix the offsets alone.
+
+    A parameter that is not in ``was`` counts as ArduPilot's default.
+    """
+    number = NUMBERS.get(message, "")
+
+    def values(name: str, default: float) -> Floats:
+        return np.array([was.get(f"{COMPASS}{name}{number}_{axis}", default) for axis in AXES])
+
+    scale = was.get(f"{COMPASS}SCALE{number}", 0.0) or 1.0
+    d = np.diag(values("DIA", 1.0))
+    if not d.any():  # ArduPilot takes zeros for none
+        d = np.eye(3)
+    for (i, j), value in zip(OFF_DIAGONAL, values("ODI", 0.0), strict=True):
+        d[i, j] = d[j, i] = value
+    told = {"OFS": values("OFS", 0.0) - np.linalg.solve(scale * d, MILLIGAUSS * offset_gauss)}
+    if matrix is not None:
+        d = matrix @ d
+        d = (d + d.T) / 2.0  # ArduPilot has no more; what turns the field is left out
+        told |= {"DIA": np.diag(d), "ODI": np.array([d[at] for at in OFF_DIAGONAL])}
+    return {
+        f"{COMPASS}{name}{number}_{axis}": float(value)
+        for name, three in told.items()
+        for axis, value in zip(AXES, three, strict=True)
+    }

@@ -1,0 +1,146 @@
+"""The figures of ``fuzzbee calibrate``: a log's compass beside the World Magnetic Model."""
+
+from collections.abc import Iterator
+from math import atan2, cos, degrees
+from pathlib import Path
+
+import msgspec
+import numpy as np
+from numpy.typing import NDArray
+
+from drivers.mavlink.compass_parameters import corrected
+from drivers.mavlink.constants import MAV_AUTOPILOT_ARDUPILOTMEGA
+from estimator.errors import InputError
+from estimator.geometry.quaternion import conjugate, rotate
+from estimator.mounting import UNCHANGED
+from estimator.profile import Profile
+from estimator.types import DOWN
+from fuzzbee.replays.log_report import replay_log
+from fuzzbee.replays.trace import VehicleTrace
+from tuning.compass_fit import CompassFit, fit_compass
+
+Floats = NDArray[np.float64]
+Rows = list[list[float]]
+
+SETTLED = 0.1  # of the samples: the estimate has begun by then
+
+
+class CompassReport(msgspec.Struct, frozen=True):
+    """Schema of ``calibrate --json``; gauss, body axes.
+
+    ``mounting`` holds the profile's keys, ``ardupilot`` the parameters to set. Where
+    ``ardupilot_adds`` the log does not say what was set: its OFS are to be added to that.
+    ``heading_sigma_deg`` is what the offset's uncertainty makes of a level vehicle's heading.
+    """
+
+    source: str
+    message: str
+    readings: int
+    field_gauss: float
+    dip_deg: float
+    offset_sigma_gauss: list[float]
+    matrix_sigma: Rows | None
+    heading_sigma_deg: float
+    misfit_gauss: tuple[float, float]
+    unseen: tuple[str, ...]
+    mounting: dict[str, list[float] | Rows]
+    ardupilot: dict[str, float]
+    ardupilot_adds: bool
+
+
+def report_compass(path: Path, profile: Profile, system_id: int | None = None) -> CompassReport:
+    """What the log says of its compass.
+
+    Raises:
+        InputError: no position, no compass, or too few turns to find any offset.
+    """
+    bare = msgspec.structs.replace(
+        profile.mounting, mag_offset_gauss=(0.0, 0.0, 0.0), mag_matrix=UNCHANGED
+    )
+    trace = replay_log(
+        path,
+        msgspec.structs.replace(profile, mounting=bare),
+        fixed_gain=None,
+        start_wrong_deg=0.0,
+        system_id=system_id,
+        tell=lambda _: None,
+    )
+    field = trace.place_field
+    if field is None:
+        raise InputError(f"{path}: no position, so nobody knows the field there")
+    mag, down = _readings(trace)
+    if not len(mag):
+        raise InputError(f"{path}: no magnetometer")
+    fit = fit_compass(mag, down, field)
+    if fit is None:
+        raise InputError(
+            f"{path}: too few turns to find an offset: fly level through all headings, and tilt"
+        )
+    message = max(trace.imu_messages, key=lambda name: trace.imu_messages[name])
+    return CompassReport(
+        source=str(path),
+        message=message,
+        readings=len(mag),
+        field_gauss=field.strength_gauss,
+        dip_deg=degrees(field.dip_rad),
+        offset_sigma_gauss=np.sqrt(np.diag(fit.offset_covariance)).tolist(),
+        matrix_sigma=None if fit.matrix_sigma is None else fit.matrix_sigma.tolist(),
+        heading_sigma_deg=_heading_sigma_deg(fit, field.strength_gauss * cos(field.dip_rad)),
+        misfit_gauss=fit.misfit_gauss,
+        unseen=fit.unseen,
+        mounting=_mounting(fit),
+        ardupilot=(
+            corrected(trace.compass, message, fit.offset_gauss, fit.matrix)
+            if trace.autopilot in (None, MAV_AUTOPILOT_ARDUPILOTMEGA)
+            else {}
+        ),
+        ardupilot_adds=not trace.compass,
+    )
+
+
+def toml_lines(report: CompassReport) -> Iterator[str]:
+    """The report as a profile, with all but its keys in comments."""
+    before, after = (1e3 * each for each in report.misfit_gauss)
+    sigma = ", ".join(f"{1e3 * each:.1f}" for each in report.offset_sigma_gauss)
+    yield f"# {Path(report.source).name}: {report.readings} readings of {report.message}"
+    yield f"# the field there: {1e3 * report.field_gauss:.0f} mG, dip {report.dip_deg:.1f} deg"
+    yield f"# median misfit: {before:.1f} mG as it is, {after:.1f} mG corrected"
+    yield f"# sigma: offset {sigma} mG, of a heading by it {report.heading_sigma_deg:.1f} deg"
+    if report.matrix_sigma is None:
+        yield "# soft iron: these turns show none"
+    else:
+        yield f"# sigma of the matrix: at most {np.max(report.matrix_sigma):.3f}"
+    if report.unseen:
+        yield f"# not flown: the field never came within 45 deg of {', '.join(report.unseen)}"
+    yield "[mounting]"
+    for key, value in report.mounting.items():
+        yield f"{key} = {value}"
+    if report.ardupilot:
+        adds = "; the log does not say what was set: add OFS to that" * report.ardupilot_adds
+        yield f"# ArduPilot, to be looked at before use{adds}:"
+    for name, number in report.ardupilot.items():
+        yield f"# {name} {number:.{1 if 'OFS' in name else 4}f}"
+
+
+def _readings(trace: VehicleTrace) -> tuple[Floats, Floats]:
+    """The field and the vertical (N, 3) in body axes, of samples that have a field."""
+    there = [
+        (sample.mag_gauss, rotate(conjugate(attitude.q_ned_frd), DOWN))
+        for sample, attitude in zip(trace.samples, trace.attitudes, strict=True)
+        if sample.has_mag and any(sample.mag_gauss)
+    ]
+    pairs = np.array(there[int(SETTLED * len(there)) :]).reshape(-1, 2, 3)
+    finite = np.isfinite(pairs).all((1, 2))
+    return pairs[finite, 0], pairs[finite, 1]
+
+
+def _mounting(fit: CompassFit) -> dict[str, list[float] | Rows]:
+    keys: dict[str, list[float] | Rows] = {"mag_offset_gauss": fit.offset_gauss.round(5).tolist()}
+    if fit.matrix is not None:
+        keys["mag_matrix"] = fit.matrix.round(5).tolist()
+    return keys
+
+
+def _heading_sigma_deg(fit: CompassFit, horizontal_gauss: float) -> float:
+    worst = float(np.linalg.eigvalsh(fit.offset_covariance[:2, :2])[-1]) ** 0.5
+    return degrees(atan2(worst, horizontal_gauss))

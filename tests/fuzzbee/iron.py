@@ -1,0 +1,28 @@
+"""A telemetry log whose vehicle carries iron."""
+
+import numpy as np
+
+from drivers.mavlink.dialect import mavlink
+
+STAMP_SIZE = 8
+
+
+def with_iron(log, made, offset_mgauss, matrix=None):
+    """A copy of a log in which every RAW_IMU's field m is matrix^-1 m + offset."""
+    data, out, at = log.read_bytes(), bytearray(), 0
+    mav, back = mavlink().MAVLink(None), np.linalg.inv(np.eye(3) if matrix is None else matrix)
+    while at < len(data):
+        size = data[at + 9] + (8 if data[at + 8] == 0xFE else 12 + 13 * (data[at + 10] & 1))
+        end = at + STAMP_SIZE + size
+        frame = data[at + STAMP_SIZE : end]
+        (m, *_) = mav.parse_buffer(frame) or (None,)
+        if m is not None and m.get_type() == "RAW_IMU":
+            field = back @ (m.xmag, m.ymag, m.zmag) + offset_mgauss
+            m.xmag, m.ymag, m.zmag = (round(each) for each in field)
+            sent = mavlink().MAVLink(None, m.get_srcSystem(), m.get_srcComponent())
+            sent.seq = m.get_seq()
+            frame = m.pack(sent, force_mavlink1=frame[0] == 0xFE)
+        out += data[at : at + STAMP_SIZE] + frame
+        at = end
+    made.write_bytes(out)
+    return made

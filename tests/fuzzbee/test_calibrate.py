@@ -1,0 +1,63 @@
+"""``fuzzbee calibrate``: iron put into a log is found again, and its profile takes it away."""
+
+import json
+import tomllib
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from fuzzbee.cli import main
+from tests.fuzzbee.iron import with_iron
+
+DATA = Path(__file__).parent.parent / "data"
+PLANE = DATA / "sitl_plane_4hz.tlog"
+OFFSET_MGAUSS = (60.0, -40.0, 50.0)
+
+
+def said(capsys, *arguments):
+    assert main([*map(str, arguments)]) == 0
+    return capsys.readouterr().out
+
+
+def test_a_profile_that_it_prints_gives_the_heading_back(tmp_path, capsys):
+    """As recorded the heading is 1.66 deg off, with the iron 5.17, with the profile 1.66 (RMS)."""
+    log = with_iron(PLANE, tmp_path / "iron.tlog", OFFSET_MGAUSS)
+    printed = said(capsys, "calibrate", log)
+    found = 1e3 * np.array(tomllib.loads(printed)["mounting"]["mag_offset_gauss"])
+    assert found == pytest.approx(OFFSET_MGAUSS, abs=2.0)  # mG; there are 1.3 without the iron
+    assert "COMPASS_OFS_X -60." in printed
+    (tmp_path / "mine.toml").write_text(printed)
+    replays = [(PLANE, "imu"), (log, "imu"), (log, tmp_path / "mine.toml")]
+    before, iron, after = (
+        json.loads(said(capsys, "replay", each, "--profile", profile, "--json"))["error_deg"][
+            "heading_rms"
+        ]
+        for each, profile in replays
+    )
+    assert after < 1.2 * before < 0.5 * iron
+
+
+def test_json_names_what_was_not_flown(capsys):
+    report = json.loads(said(capsys, "calibrate", PLANE, "--json"))
+    assert report["unseen"] == ["bottom", "tail"]
+    assert report["matrix_sigma"] is None
+    assert report["ardupilot_adds"]
+    assert max(report["offset_sigma_gauss"]) < 2e-3  # 1 mG
+    assert report["heading_sigma_deg"] < 0.5  # 0.3 deg
+
+
+@pytest.mark.parametrize(
+    ("log", "complaint"),
+    [
+        ("sitl_copter_takeoff.tlog", "too few turns"),
+        ("rover_no_magnetometer.tlog", "no position|no magnetometer"),
+    ],
+)
+def test_what_shows_nothing_is_one_line(log, complaint, capsys):
+    assert main(["calibrate", str(DATA / log)]) == 2
+    out, err = capsys.readouterr()
+    assert not out
+    told = err.splitlines()[-1]  # before it may stand that the filter is compiled
+    assert any(each in told for each in complaint.split("|"))
+    assert "Traceback" not in err
