@@ -148,9 +148,9 @@ def test_another_heading_counts_by_how_far_it_is_borne_out():
         return rival(*now) - rival(*plain)
 
     away = 2.0 * np.pi - 6.1
-    # 1 s of the 4 s that a heading needs; 30 s of the 60 s that it is remembered
-    assert added(other_rad=-3.1, other_s=30.0) == pytest.approx(0.75 * 0.5 * away**2)
-    late = added(other_rad=-3.1, other_s=30.0, borne_s=3.9)
+    # 1 s of the 4 s that a heading needs; 50 s of the 100 s that it is remembered
+    assert added(other_rad=-3.1, other_s=50.0) == pytest.approx(0.75 * 0.5 * away**2)
+    late = added(other_rad=-3.1, other_s=50.0, borne_s=3.9)
     assert late == pytest.approx(0.15 * 0.5 * away**2)
     # a field that points elsewhere
     off = added(off_s=0.2, mean_north=0.2, mean_east=-0.1)
