@@ -42,7 +42,8 @@ def sigmas(
     """How uncertain the estimate is after a sample."""
     P, E, force = now.covariance, now.estimate.earth_gauss, last.force_ned_m_s2
     pushed = params.pushed_rad * hypot(force[0], force[1]) / STANDARD_GRAVITY_M_S2
-    moving = hypot(sqrt(P[IMU_LAG, IMU_LAG]) * norm(last.rate_rad_s), pushed)
+    late = sqrt(max(0.0, P[IMU_LAG, IMU_LAG])) * norm(last.rate_rad_s)
+    moving = hypot(late, pushed)
     # how far the hard iron of a calibrated compass may turn the field
     iron = params.hard_iron_sigma_gauss / max(hypot(E[0], E[1]), LEAST_HORIZONTAL * abs(E[2]), TINY)
     return Sigmas(
