@@ -88,7 +88,8 @@ class Crew(Closing):
         for key, _ in self._selector.select(timeout_s):
             if isinstance(key.data, Place):
                 self._listen(key.data, outputs)
-        if time.monotonic() - self._turn_s > STOPPED_S:
+        pause_s = self._pause_s()
+        if pause_s > STOPPED_S:
             while sum(self._listen(place, outputs) for place in self._places):
                 pass
             outputs = self._newest(outputs)
@@ -102,7 +103,7 @@ class Crew(Closing):
             if (line := place.take_line(time.monotonic())) is not None:
                 systems = len(self._handout.systems(place.number))
                 outputs.append(Message(f"{line} goes on with its {systems} systems"))
-        if (line := self._kill_silent()) is not None:
+        if (line := self._kill_silent(min(pause_s, LONGEST_STEP_S))) is not None:
             outputs.append(Message(line))
         return outputs
 
@@ -206,6 +207,11 @@ class Crew(Closing):
         else:
             answer.set_result(told.profile)
 
+    def _pause_s(self) -> float:
+        """The time since the last call, read once a turn: wherever a stop fell, one turn sees it."""
+        before_s, self._turn_s = self._turn_s, time.monotonic()
+        return self._turn_s - before_s
+
     def _newest(self, outputs: list[Output]) -> list[Output]:
         """What is left when the service itself was stopped: of each vehicle the last attitude."""
         newest = [
@@ -271,10 +277,8 @@ class Crew(Closing):
             return self._sequences.get(vehicle, 0)
         return record_of(payload).sequence + 1
 
-    def _kill_silent(self) -> str | None:
+    def _kill_silent(self, step_s: float) -> str | None:
         """End workers that hang, so that they are replaced, or what they come from; then a line."""
-        now_s = time.monotonic()
-        step_s, self._turn_s = min(now_s - self._turn_s, LONGEST_STEP_S), now_s
         for place in self._places:
             place.silent_s += step_s
             if place.silent_s > SILENT_S and place.process is not None:
@@ -285,7 +289,7 @@ class Crew(Closing):
         if self._ready_s is None or not any(place.silent_s > BIRTH_S for place in unborn):
             return None
         process = self._nursery.kill()
-        self._replace_nursery(now_s, is_hanging=True)
+        self._replace_nursery(time.monotonic(), is_hanging=True)
         return f"the process that workers come from ({process}) hung and is replaced"
 
     # --- the process that workers come from
