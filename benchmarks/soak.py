@@ -109,7 +109,7 @@ def main() -> int:
     made.add_argument("--stay", type=float, help="seconds that a vehicle stays [all]")
     options = made.parse_args()
     if options.smoke:
-        options.seconds, options.vehicles = 5.0, 2
+        options.seconds, options.vehicles = 4.0, 2
     shape = Shape(options.vehicles, options.rate, options.seconds, PUBLISH_HZ)
     row = soak(shape, options.skip, options.stay)
     show({"the service over time": [row]}, as_json=options.json)

@@ -32,7 +32,7 @@ from processes.trial import (
     run,
 )
 
-STOP_S, SMOKE_STOP_S = 9.0, 1.0
+STOP_S = 9.0
 RECOVERY_S = 1.0  # after a trouble, before what comes counts as after it
 GAP_S = 0.2
 BURST, BUSY = 10, 2
@@ -114,16 +114,16 @@ def main() -> int:
     made.add_argument("--workers", type=int, default=1, help="of the service; deaths need 2")
     made.add_argument("--only", default=",".join(TROUBLES), help="names with commas between them")
     options = made.parse_args()
-    chosen, stop_s = names(TROUBLES, options.only), STOP_S
+    chosen = names(TROUBLES, options.only)
     if options.smoke:
-        options.vehicles, options.seconds, stop_s = 2, WARM_UP_S + 4.5, SMOKE_STOP_S
-        chosen = ["stopped", "death"]
+        options.vehicles, options.seconds = 2, WARM_UP_S + 4.5
+        chosen = ["death"]
     third_s = (options.seconds - WARM_UP_S) / 3.0
     rows: list[Row] = []
     for name in chosen:
         span_s = (
             WARM_UP_S + third_s,
-            WARM_UP_S + (third_s + stop_s if name == "stopped" else 2.0 * third_s),
+            WARM_UP_S + (third_s + STOP_S if name == "stopped" else 2.0 * third_s),
         )
         vehicles = options.vehicles * (BURST if name == "burst" else 1)
         shape = Shape(

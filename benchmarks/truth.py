@@ -167,7 +167,7 @@ def _seeds(text: str) -> range:
     return range(int(first), int(last or first) + 1)
 
 
-def main(argv: Sequence[str]) -> int:
+def main() -> int:
     parser = argparse.ArgumentParser(
         description="How long the estimate is wrong and sure of it, with the truth known.",
         epilog='example: python benchmarks/truth.py --only slalom "no velocity" --worst 20',
@@ -185,7 +185,7 @@ def main(argv: Sequence[str]) -> int:
     parser.add_argument("--seed", type=int, default=0, help="of the draw")
     parser.add_argument("--place", type=_place, help="LAT,LON,ALT or one of " + ", ".join(PLACES))
     parser.add_argument("--jobs", type=int, default=2)
-    args = parser.parse_args(argv)
+    args = parser.parse_args()
     if args.draw:
         cases = list(drawn_cases(args.draw, args.seed, args.place))
     else:
@@ -206,4 +206,4 @@ def main(argv: Sequence[str]) -> int:
 
 
 if __name__ == "__main__":
-    sys.exit(main(sys.argv[1:]))
+    sys.exit(main())

@@ -48,6 +48,7 @@ UNIX_US = 1_700_000_000_000_000
 BEGIN_US = 1_000_000
 TURNED_RAD = 0.3
 SECONDS = 30.0
+IN_REAL_TIME_S = 10.0
 PX4 = 12
 # The field of the flight has no declination, and the profile says so.
 PROFILE = merge_profile(load_profile("imu"), {"reference": {"declination_deg": 0.0}})
@@ -253,5 +254,7 @@ def fly_in_real_time(port):
     begin_s = time.monotonic()
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sender:
         for us, data in frames():
+            if us > BEGIN_US + 1e6 * IN_REAL_TIME_S:
+                break
             time.sleep(max(0.0, begin_s + 1e-6 * (us - BEGIN_US) - time.monotonic()))
             sender.sendto(data, ("127.0.0.1", port))

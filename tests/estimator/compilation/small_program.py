@@ -1,4 +1,4 @@
-"""A program with one kernel, in a process of its own."""
+"""A program with one kernel, which compiles within a second, in a process of its own."""
 
 import os
 import subprocess
@@ -8,12 +8,11 @@ from pathlib import Path
 import estimator
 
 SMALL_PROGRAM = """
-from estimator.filter.fuzzy import fuzzy_gain
-from estimator.filter.memberships import midpoint
-print([fuzzy_gain(midpoint(), 0.01 * i, 0.013 * i).hex() for i in range(101)])
+from estimator.filter.noise_gain import noise_surface
+print([noise_surface(1.0 + 0.01 * i, 0.01 * i, 0.013 * i).hex() for i in range(101)])
 """
-MISSES = "print(sum(fuzzy_gain.stats.cache_misses.values()))\n"
-PLACE = "print(fuzzy_gain._cache.cache_path)\n"
+MISSES = "print(sum(noise_surface.stats.cache_misses.values()))\n"
+PLACE = "print(noise_surface._cache.cache_path)\n"
 
 
 def run(program=SMALL_PROGRAM, **environment):
