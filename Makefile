@@ -4,7 +4,7 @@ PYTHON ?= $(shell command -v python3.11 || command -v python3.12 || command -v p
 BIN := .venv/bin
 
 # Files of tests side by side: half of the suite waits for sockets and processes.
-AT_ONCE := -n auto --maxprocesses 4 --dist loadfile
+AT_ONCE := -n 3 --dist loadfile
 
 VERSION = $(shell sed -n 's/^__version__ = "\(.*\)"$$/\1/p' fuzzbee/version.py)
 

@@ -208,7 +208,7 @@ class Crew(Closing):
             answer.set_result(told.profile)
 
     def _pause_s(self) -> float:
-        """The time since the last call, read once a turn: wherever a stop fell, one turn sees it."""
+        """The time since the last call, once a turn: wherever a stop fell, one turn sees it."""
         before_s, self._turn_s = self._turn_s, time.monotonic()
         return self._turn_s - before_s
 

@@ -145,7 +145,7 @@ class Link(RuleBasedStateMachine):
 
 
 Link.TestCase.settings = settings(
-    max_examples=int(os.environ.get("LINK_STATES", "400")),
+    max_examples=int(os.environ.get("LINK_STATES", "200")),
     stateful_step_count=30,
     phases=(Phase.generate,),  # what fails is read as it is: to make it shorter takes minutes
 )
