@@ -7,7 +7,9 @@ import pytest
 from hypothesis import settings
 
 # The same examples on every run, and no deadline: the first call of a kernel compiles it.
-settings.register_profile("repeatable", derandomize=True, deadline=None, database=None)
+settings.register_profile(
+    "repeatable", derandomize=True, deadline=None, database=None, max_examples=50
+)
 settings.load_profile("repeatable")
 
 

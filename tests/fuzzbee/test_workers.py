@@ -201,7 +201,11 @@ def test_workers_publish_and_record_what_one_process_does(tmp_path):
 
 
 def assert_one_pipeline_says(records, frames, system):
-    """Each attitude is what the pipeline has after the sample that it is propagated from."""
+    """Each attitude is what the pipeline has after the sample that it is propagated from.
+
+    A tick that comes late names its own time, and a sample may have arrived since: with age 0 the
+    record does not tell which was the last.
+    """
     pipeline, decoder = Pipeline(load_profile("paper")), MavlinkDecoder(references=False)
     address = VehicleId(system, 1)
     events = []
@@ -209,7 +213,9 @@ def assert_one_pipeline_says(records, frames, system):
         [frame] = FrameReader().feed(data)
         if frame.system_id == system:
             events += decoder.events(frame, arrival_us)
-    for record in records:
+    told = [record for record in records if record["age_ms"] > 0.0]
+    assert len(told) > 0.8 * len(records)
+    for record in told:
         time_us = record["time_unix_us"]
         last_us = time_us - round(1e3 * record["age_ms"])
         while events and (not isinstance(events[0], Imu) or events[0].arrival_us <= last_us):
