@@ -8,8 +8,8 @@ off; with ``--constants`` the constants of their modules instead, in plain Pytho
 them anew. A row a number: the largest change of an error (percent of it, at least ``LEAST_DEG``) or
 of a recovery time, and of a coverage, and on which set. Sets are folders of recordings as they are,
 with turns that no sensor has felt, and with magnets that pass (seed 0), and logs with a truth, with
-velocity and without. The last line counts the numbers that move nothing: no
-error by 1 %, no coverage by 0.02.
+velocity, without, and with velocity that is lost from 0.4 to 0.8 of the log. The last line counts
+the numbers that move nothing: no error by 1 %, no coverage by 0.02.
 """
 
 import ast
@@ -27,11 +27,12 @@ from common.recordings import Trial, add_folders, chosen_sets
 from common.report import Row, parser, show
 from common.scores import LEAST_ROWS, errors_deg, rms
 from common.ways import WAYS
-from flying.replayed import UNAIDED, Events, fly, read
+from flying.replayed import UNAIDED, Events, changed, fly, read, start_us
 from rich.console import Console
 from rich.progress import track as bar
 from turns import MOST_ALONE_DEG, turn_about
 
+from drivers.events import Imu
 from estimator.errors import InputError
 from estimator.profile import load_profile, merge_profile, profile_to_json
 
@@ -73,7 +74,9 @@ def scores(folders: dict[str, list[Trial]], logs: dict[str, Events]) -> dict[str
             on_trial(changes, t) for t in some
         )
     for log, events in logs.items():
+        lost = without(events, 0.4, 0.8)
         made[log] = lambda changes, some=events: on_flight(changes, some)
+        made[f"{log}, velocity lost"] = lambda changes, some=lost: on_flight(changes, some)
         made[f"{log}, no velocity"] = lambda changes, some=events: on_flight(
             {**changes, "aiding": {**changes.get("aiding", {}), **UNAIDED["aiding"]}}, some
         )
@@ -118,6 +121,16 @@ def after_turn(changes: Changes, trial: Trial) -> list[float]:
         time_s = hits[0] * trial.dt_s if len(hits) else WITHIN_S
         found.append(time_s if alone < MOST_ALONE_DEG else np.nan)
     return [*found, *4 * [np.nan]]
+
+
+def without(events: Events, begin: float, end: float) -> Events:
+    """The flight without velocity between these shares of it."""
+    last_us = max(event.sample.time_us for event in events if isinstance(event, Imu))
+    length_s = 1e-6 * (last_us - start_us(events))
+    span = begin * length_s, end * length_s
+    return changed(
+        events, velocity=lambda at_s, sample, _: None if span[0] < at_s < span[1] else sample
+    )
 
 
 def on_flight(changes: Changes, events: Events) -> list[float]:

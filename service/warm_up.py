@@ -172,6 +172,7 @@ def rehearse(estimator: Estimator, *, aided: bool) -> None:
         tilt_sigma_rad=0.1,
         heading_sigma_rad=0.1,
         hard_iron_sigma_gauss=0.0,
+        field_lag_s=0.0,
     )
     estimator.snapshot = before._replace(
         core=core._replace(aided=state, covariance=flat(covariance), trail=flat(trail)),

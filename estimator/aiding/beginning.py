@@ -60,6 +60,7 @@ def begin(
     tilt_sigma_rad: float,
     heading_sigma_rad: float,
     hard_iron_sigma_gauss: float,
+    field_lag_s: float,
 ) -> tuple[AidingState, Array, Array]:
     """State, covariance and trail at a first velocity report, from an attitude and a bias."""
     P = np.zeros((SIZE, SIZE))
@@ -73,7 +74,7 @@ def begin(
     diagonal[FILTER_LAG] = params.filter_lag_sigma_s**2
     diagonal[FILTER_ERROR : FILTER_ERROR + 3] = params.filter_error_m_s**2
     diagonal[RECEIVER_ERROR : RECEIVER_ERROR + 3] = params.receiver_error_m_s**2
-    diagonal[FIELD_LAG] = params.field_lag_s**2
+    diagonal[FIELD_LAG] = field_lag_s**2
     diagonal[HARD_IRON : HARD_IRON + 3] = hard_iron_sigma_gauss**2
     state = AidingState(
         estimate=AidingEstimate(
@@ -83,7 +84,7 @@ def begin(
             acc_bias_m_s2=ZERO_VEC3,
             imu_lag_s=params.imu_lag_s,
             acc_lead_s=0.0,
-            field_lag_s=params.field_lag_s,
+            field_lag_s=field_lag_s,
             hard_iron_gauss=ZERO_VEC3,
             earth_gauss=ZERO_VEC3,
             receiver_lag_s=params.receiver_lag_s,
@@ -121,7 +122,7 @@ def begin(
 
 def blank_aiding(params: AidingParams) -> tuple[AidingState, Array, Array]:
     """The place of state, covariance and trail while there is no aiding."""
-    state, P, trail = begin(params, IDENTITY, ZERO_VEC3, NO_SAMPLE, NO_REPORT, 0.0, 0.0, 0.0)
+    state, P, trail = begin(params, IDENTITY, ZERO_VEC3, NO_SAMPLE, NO_REPORT, 0.0, 0.0, 0.0, 0.0)
     return state, np.zeros_like(P), trail
 
 

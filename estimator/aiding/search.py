@@ -15,6 +15,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from estimator.aiding.beginning import BEGIN_VELOCITY_SIGMA_M_S
 from estimator.aiding.course import STANDING, Rolled, fade_rolled, roll_on
 from estimator.aiding.types import Array, Report
 from estimator.compilation.compiled import inlined
@@ -34,8 +35,6 @@ from estimator.types import STANDARD_GRAVITY_M_S2, ZERO_VEC3, Quaternion, Vec3
 
 Matrix = tuple[Vec3, Vec3, Vec3]  # row by row
 
-# Sum of squared velocity changes, (m/s)^2, that must stand across every axis.
-LEAST_EXPLAINED_M2_S2 = 4.0
 # A heading no more certain than this, rad, is as good as none, such as one by a compass that
 # nobody has calibrated: the aiding does not begin with it.
 UNKNOWN_RAD = radians(45.0)
@@ -226,7 +225,8 @@ def solve(search: Search, bias_sigma_rad_s: float) -> Solution | None:
     R = nearest_rotation(B)
     together = B @ R.T
     M = _information(together)
-    if float(np.linalg.eigvalsh(M)[0]) < LEAST_EXPLAINED_M2_S2:
+    # changes of velocity must stand across every axis, by more than the first one may be off
+    if float(np.linalg.eigvalsh(M)[0]) < BEGIN_VELOCITY_SIGMA_M_S**2:
         return None
     loss = max(0.0, evidence.squares - 2.0 * float(np.trace(together)))
     heading = np.linalg.inv(M)[2]  # how the heading follows M t

@@ -71,26 +71,22 @@ class AidingParams(NamedTuple):
     # Velocity reports.
     filter_noise_m_s: Speed = 0.05  # of a report by an autopilot's filter
     filter_error_m_s: Speed = 0.2  # its slow error; small: follows it, large: the receiver
-    filter_turning_s: Lag = 0.03  # for each m/s^2 of horizontal acceleration, beside that
-    filter_lag_sigma_s: Lag = 0.015  # how far the time that it names may be off
+    filter_lag_sigma_s: Lag = 0.03  # how far its time may be off: lasting, and as it accelerates
     receiver_noise_m_s: Speed = 0.1  # of a receiver's report
     receiver_error_m_s: Speed = 0.15  # its slow error; small: follows it, large: the filter
     error_tau_s: Time = 5.0  # for so long either's slow error stays the same
     report_sigma_m_s: Speed = 0.3  # sources less accurate than this get more noise
     receiver_jitter_s: Lag = 0.005  # by which its age scatters
     receiver_lag_s: Lag = 0.1  # of a receiver's reports, where their age is uncertain
-    give_up_s: Time = 300.0  # after so long without one, velocity is given up
     sideslip_rad: Angle = 3.0  # of wheels 0.05; 3: it may move any way, and a HEARTBEAT decides
     unaided_sigma_rad: Angle = radians(5.0)  # of the unaided attitude, also at the beginning
 
     # Lags.
     imu_lag_s: Lag = 0.012  # the low-pass of an autopilot's IMU stream
-    field_lag_s: Lag = 0.045  # and sigma: of a magnetometer averaged to 10 Hz, when it changes
 
     # Magnetic field.
     heading_noise: Noise = radians(3.0)  # rad/sqrt(Hz); small: follows magnets, large: slow
     hard_iron_sigma_gauss: Field = 0.02  # that calibration has left over
-    uncalibrated_sigma_gauss: Field = 0.2  # of a compass that nobody has calibrated
     field_dip_scale_rad: Angle = radians(10.0)  # deviation of the dip that halves it, or so
     field_walk: Noise = 0.005  # share/sqrt(s) by which the place's field may change its strength
 

@@ -18,7 +18,6 @@ from estimator.aiding.types import (
 from estimator.bounds import TINY
 from estimator.compilation.compiled import inlined
 from estimator.conditioning.field.magnetic import (
-    LEAST_HORIZONTAL,
     NORM_SCALE,
     deviation,
     horizontal_down,
@@ -45,7 +44,7 @@ def sigmas(
     late = sqrt(max(0.0, P[IMU_LAG, IMU_LAG])) * norm(last.rate_rad_s)
     moving = hypot(late, pushed)
     # how far the hard iron of a calibrated compass may turn the field
-    iron = params.hard_iron_sigma_gauss / max(hypot(E[0], E[1]), LEAST_HORIZONTAL * abs(E[2]), TINY)
+    iron = params.hard_iron_sigma_gauss / max(hypot(E[0], E[1]), NORM_SCALE * abs(E[2]), TINY)
     return Sigmas(
         inclination_rad=inclination_sigma(params, P, agreement, moving),
         heading_rad=heading_sigma(params, P, agreement, field, iron, moving, last.dt_s),

@@ -17,10 +17,10 @@ from typing import NamedTuple
 
 from estimator.aiding.search import EMPTY_SEARCH, Window, extend_window, open_window
 from estimator.aiding.surprise import USUAL_SQUARE
-from estimator.aiding.types import AidingEstimate, AidingState, Report, Sigmas
+from estimator.aiding.types import AidingEstimate, AidingParams, AidingState, Report, Sigmas
 from estimator.compilation.compiled import inlined
 from estimator.compilation.replacing import replacer
-from estimator.conditioning.field.magnetic import LEAST_HORIZONTAL
+from estimator.conditioning.field.magnetic import NORM_SCALE
 from estimator.conditioning.robust import REACH
 from estimator.conditioning.times import ACCELERATION_LASTS_S, LONG_S, SPAN_S
 from estimator.conditioning.vertical.lasting import SCALE_ERROR
@@ -41,11 +41,6 @@ from estimator.geometry.quaternion import (
 )
 from estimator.types import IDENTITY, STANDARD_GRAVITY_M_S2, ZERO_VEC3, Quaternion, Sample, Vec3
 
-# What a window's change of velocity may be off (m/s): always; for each m/s^2 by which the force is
-# another one at its end (a delay in s). For each radian turned it is ``SCALE_ERROR`` of the
-# push, too. A window counts as far as that is little beside a second of gravity.
-REPORTS_M_S = 0.2
-TIMING_S = 0.02
 # Beyond ``REACH`` times the usual the attitude is doubted, and by this share of the square beyond
 # it: an average lags behind an error that grows.
 DOUBT_SHARE = 4.0
@@ -161,7 +156,9 @@ def hear_sample(witness: Witness, aided: AidingState, sample: Sample) -> Witness
 
 
 @inlined
-def hear_report(witness: Witness, estimate: AidingEstimate, report: Report) -> Witness:
+def hear_report(
+    params: AidingParams, witness: Witness, estimate: AidingEstimate, report: Report
+) -> Witness:
     """A report may close a window of the force, and opens the next.
 
     A receiver's reports go first, since they know nothing of the IMU; an autopilot's filter is
@@ -188,7 +185,7 @@ def hear_report(witness: Witness, estimate: AidingEstimate, report: Report) -> W
         change = subtract(report.velocity_ned_m_s, window.velocity_ned_m_s)
         down = change[2] - STANDARD_GRAVITY_M_S2 * time_s if report.has_vertical else seen[2]
         expected = (change[0], change[1], down)
-        share = share_of(window, norm(pushed), time_s, witness.turned_rad)
+        share = share_of(params, window, norm(pushed), time_s, witness.turned_rad)
         turn = scale(share, turn_between(seen, expected))
         force = Direction(unit(pushed), unit(expected), share)
         tilt = average(tilt, turn[0], turn[1], time_s)
@@ -199,11 +196,19 @@ def hear_report(witness: Witness, estimate: AidingEstimate, report: Report) -> W
 
 
 @inlined
-def share_of(window: Window, pushed_m_s: float, time_s: float, turned_rad: float) -> float:
-    """How far a window counts: 1 at rest, little for one full of loops, where |force| is small."""
+def share_of(
+    params: AidingParams, window: Window, pushed_m_s: float, time_s: float, turned_rad: float
+) -> float:
+    """How far a window counts: 1 at rest, little for one full of loops, where |force| is small.
+
+    Its change of velocity may be off by the reports' error, by the force's change while they are
+    late, and by ``SCALE_ERROR`` of the push for each radian turned: as far as that is little
+    beside a second of gravity it counts.
+    """
+    error_m_s, late_s = params.filter_error_m_s, params.filter_lag_sigma_s
     swing = norm(subtract(window.force_m_s2, window.first_force_m_s2))
-    square = REPORTS_M_S**2 + (TIMING_S * swing) ** 2 + (SCALE_ERROR * turned_rad * pushed_m_s) ** 2
-    usual = REPORTS_M_S * pushed_m_s / (STANDARD_GRAVITY_M_S2 * time_s)
+    square = error_m_s**2 + (late_s * swing) ** 2 + (SCALE_ERROR * turned_rad * pushed_m_s) ** 2
+    usual = error_m_s * pushed_m_s / (STANDARD_GRAVITY_M_S2 * time_s)
     return min(1.0, usual * usual / square)
 
 
@@ -226,7 +231,7 @@ def hear_field(witness: Witness, aided: AidingState, sample: Sample) -> Witness:
     estimate = aided.estimate
     E = estimate.earth_gauss
     horizontal = hypot(E[0], E[1])
-    if horizontal <= LEAST_HORIZONTAL * abs(E[2]):
+    if horizontal <= NORM_SCALE * abs(E[2]):
         return witness
     rate = subtract(sample.gyr_rad_s, estimate.gyr_bias_rad_s)
     then = exp(scale(-estimate.field_lag_s, rate))
@@ -258,11 +263,13 @@ def compare(witness: Witness, q_ned_frd: Quaternion, dt: float, tau_s: float) ->
 
 
 @inlined
-def watch(witness: Witness, aided: AidingState, sample: Sample, report: Report) -> Witness:
+def watch(
+    params: AidingParams, witness: Witness, aided: AidingState, sample: Sample, report: Report
+) -> Witness:
     """One sample with the report that belongs to it, after the aiding has learnt from both."""
     witness = hear_sample(witness, aided, sample)
     if report.given:
-        witness = hear_report(witness, aided.estimate, report)
+        witness = hear_report(params, witness, aided.estimate, report)
     if sample.has_mag:
         witness = hear_field(witness, aided, sample)
     return witness

@@ -10,7 +10,8 @@ QUICK_S = 0.5
 # Of force, field and velocity the mean of so long (s) is held against another one: in a shorter one
 # is mostly noise, in a longer one the gyroscope drifts. So long a silence is one.
 SPAN_S = 1.0
-# So long (s) a field that looks usual must point elsewhere to be believed: a magnet passes.
+# So long (s) a field that looks usual must point elsewhere to be believed: a magnet passes. The
+# residual of a heading that velocity helps is low-passed with it.
 BORNE_S = 4.0
 # Accelerations that the mean force does not average out, and slips of wheels, last for so long, s.
 ACCELERATION_LASTS_S = 3.0
@@ -24,6 +25,7 @@ USUAL_S = 20.0
 MEMORY_S = 30.0
 # What is remembered, s: headings that were given up, how well means of the force agree, how far
 # measurements usually lie from an attitude. The growth of a variance that wanders is told for it.
+# Velocity that has been missing for longer helps no more.
 LONG_S = 100.0
 # What has been learnt is forgotten in so long, s: a vehicle's own field, that its compass misled.
 FORGET_S = 600.0

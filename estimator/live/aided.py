@@ -6,7 +6,7 @@ from estimator.aiding import AidingState
 from estimator.aiding.types import North
 from estimator.compilation.compiled import inlined
 from estimator.conditioning import Conditioned
-from estimator.conditioning.field.magnetic import LEAST_HORIZONTAL
+from estimator.conditioning.field.magnetic import NORM_SCALE
 from estimator.conditioning.vertical.rate import corrected_rate, following_weight, slow_share
 from estimator.filter.kernel import correct, integrate_rate
 from estimator.filter.observation import ReferenceParams, weighted_vectors
@@ -49,7 +49,7 @@ def aided_vectors(
     north = reference.magnetic_ned
     E = state.estimate.earth_gauss
     horizontal = hypot(E[0], E[1])
-    if not knows_north and horizontal > LEAST_HORIZONTAL * abs(E[2]):
+    if not knows_north and horizontal > NORM_SCALE * abs(E[2]):
         north = (E[0] / horizontal, E[1] / horizontal, 0.0)
     sigma = state.sigma
     return weighted_vectors(

@@ -23,6 +23,7 @@ from estimator.carrier import Carrier
 from estimator.conditioning import ConditioningState
 from estimator.conditioning.field.magnetic import horizontal_down
 from estimator.conditioning.robust import REACH
+from estimator.conditioning.times import LONG_S
 from estimator.conditioning.vertical.rate import slow_share
 from estimator.filter.alignment import align, quaternion_from_matrix
 from estimator.geometry.earth import in_ned
@@ -92,14 +93,15 @@ def iron_sigma_gauss(state: State) -> float:
     """How large the vehicle's own field may be, on each axis.
 
     What calibration has left over is not known better than the field's strength and dip, two of
-    its three components, lie off the place's.
+    its three components, lie off the place's. Where nobody has calibrated, it may be all that is
+    seen.
     """
     aiding, place = state.settings.aiding, state.place_field
+    seen = state.core.core.conditioning.field.magnetic.reference
     if not compass.is_trusted(state.context.compass, state.core.time_us):
-        return aiding.uncalibrated_sigma_gauss
+        return max(aiding.hard_iron_sigma_gauss, hypot(seen.horizontal, seen.down))
     if place is None:
         return aiding.hard_iron_sigma_gauss
-    seen = state.core.core.conditioning.field.magnetic.reference
     off = dist((seen.horizontal, seen.down), horizontal_down(in_ned(place)))
     return max(aiding.hard_iron_sigma_gauss, off / sqrt(2.0))
 
@@ -109,7 +111,8 @@ def give_up(state: State) -> None:
 
     The aided attitude goes on as far as it is doubted, unless the unaided one is better known
     then: the reports or the field may be what is wrong. An attitude that was taken to be the
-    better one and is doubted that much speaks against the compass that it began with.
+    better one and is doubted that much speaks against the compass that it began with; one that
+    has merely heard nothing for long does not.
     """
     core, other = state.core.core, unaided_sigma(state)
     aided, covariance = loosen(core.aided, square(core.covariance))
@@ -117,7 +120,7 @@ def give_up(state: State) -> None:
     if is_borne or is_better(all_doubts(core, aided.sigma), other):
         state.set_core(core._replace(aided=aided, covariance=flat(covariance)))
         return
-    if is_better(core.aided.sigma, other):
+    if core.witness.report_wait_s <= LONG_S and is_better(core.aided.sigma, other):
         known = compass.record_giving_up(state.context.compass, core.time_us)
         state.change_context(compass=known)
     state.enter(Cause.GIVE_UP)
@@ -242,6 +245,7 @@ def begin_aiding(
         max(aiding.unaided_sigma_rad, core.seen.sigma_inclination_rad, start.sigma_tilt_rad),
         start.sigma_heading_rad,
         iron_gauss,
+        settings.conditioning.field_lag_sigma_s,
     )
     return core._replace(
         aided=aided, covariance=flat(covariance), trail=flat(trail), search=EMPTY_SEARCH

@@ -387,11 +387,11 @@ def advance_aided(inside: Any, report: Report, knows_north: bool) -> bool:
     inside.aided = aided
     inside.covariance = covariance
     inside.trail = trail
-    witness = watch(inside.witness, aided, inside.sample, report)
+    witness = watch(params.aiding, inside.witness, aided, inside.sample, report)
     tau_s = params.filter.rate_time_constant_s
     inside.witness = compare(witness, state.q_ned_frd, inside.sample.dt_s, tau_s)
     lost = slow_share(inside.sample.dt_s) > 0.0 and is_worse(aided, seen)
-    return bool(is_credible(params.aiding, aided)) and not lost
+    return bool(is_credible(aided)) and not lost
 
 
 @compiled
@@ -407,7 +407,7 @@ def hear(inside: Any, report: Report) -> None:
     )
     inside.aided = aided
     inside.covariance = covariance
-    inside.witness = hear_report(inside.witness, aided.estimate, report)
+    inside.witness = hear_report(inside.params.aiding, inside.witness, aided.estimate, report)
 
 
 @functools.cache

@@ -299,7 +299,7 @@ def test_integers_are_numbers(name):
     """In a sample, a report and a profile: the same attitude as from floats, to the last digit."""
     whole = {"reference": {"gravity": [0, 0, 1], "magnetic": [1, 0, 0]}, "filter": {"gamma": 1}}
     whole |= {"confidence": {"gravity": 5}, "membership": {"k12": 8}}
-    whole |= {"conditioning": {"gravity_tau_s": 2}, "aiding": {"give_up_s": 300}}
+    whole |= {"conditioning": {"gravity_tau_s": 2}, "aiding": {"error_tau_s": 5}}
     attitudes = []
     for number in (int, float):
         changed = json.loads(json.dumps(whole), parse_int=number)

@@ -25,25 +25,20 @@ from estimator.bounds import TINY
 from estimator.compilation.compiled import inlined
 from estimator.compilation.replacing import replacer
 from estimator.conditioning.field.magnetic import (
-    LEAST_HORIZONTAL,
     NORM_SCALE,
     FieldLook,
     horizontal_down,
     look_at_field,
 )
 from estimator.conditioning.robust import REACH, residual_factor
-from estimator.conditioning.times import FIELD_S, LONG_S
+from estimator.conditioning.times import BORNE_S, FIELD_S, LONG_S
 from estimator.conditioning.vertical.bias import SETTLED_HEADING_RAD
 from estimator.conditioning.vertical.tilt import LEAST_OFF_RAD
 from estimator.geometry.quaternion import cross, dot, exp, multiply, norm, rotate, scale, subtract
 from estimator.types import ZERO_VEC3, Sample, Vec3
 
-# The residual of the heading is low-passed with this time (s), its square averaged over LONG_S; a
-# single residual counts up to RESIDUAL_CLIP_RAD.
-RESIDUAL_TAU_S = 5.0
-RESIDUAL_CLIP_RAD = 0.2
-# Before anything is known about the place's field its parts are uncertain by this share of it.
-FIRST_SIGMA = 0.2
+# By this share of it (and angle, rad) a field is bent where nothing else is known about it.
+MOST_BENT = 0.2
 
 with_wait = replacer(FieldState, "wait_s")
 with_look = replacer(FieldState, "look", "samples", "wait_s")
@@ -97,7 +92,7 @@ def begin_field(
     if n == 0.0:
         return state
     iron = P[HARD_IRON, HARD_IRON]
-    along = (FIRST_SIGMA * n) ** 2 + iron
+    along = (MOST_BENT * n) ** 2 + iron
     known = north.is_known
     c, s = north.direction
     across = (LEAST_OFF_RAD * h) ** 2 if known else along
@@ -146,7 +141,7 @@ def compare_with_place(
         return state
     most = REACH**2 * (NORM_SCALE * n) ** 2
     better = min(most, off_square(seen, learnt)) - min(most, off_square(as_read, place))
-    keep = RESIDUAL_TAU_S / (RESIDUAL_TAU_S + wait)
+    keep = BORNE_S / (BORNE_S + wait)
     return with_evidence(
         state, keep * (state.evidence + wait * better / (params.heading_noise * n) ** 2)
     )
@@ -213,7 +208,7 @@ def observe_heading(
         forget_iron(params, P, x, estimate.hard_iron_gauss)
         return begin_field(field, R, as_read, E, north, P, x)
     H = sqrt(E[0] * E[0] + E[1] * E[1])
-    if LEAST_HORIZONTAL * abs(E[2]) >= H or wait <= 0.0:
+    if NORM_SCALE * abs(E[2]) >= H or wait <= 0.0:
         return field
     c, s = E[0] / H, E[1] / H
     F_along, F_across = c * F[0] + s * F[1], c * F[1] - s * F[0]
@@ -317,10 +312,13 @@ def learn_declination(P: Array, x: Array, E: Vec3, north: Two, wait: float) -> N
 
 @inlined
 def update_residual(field: FieldState, off: float, far: bool, wait: float) -> FieldState:
-    """Follow the slow part of the residual: noise averages out, a wrong field does not."""
-    clipped = max(-RESIDUAL_CLIP_RAD, min(RESIDUAL_CLIP_RAD, off))
+    """Follow the slow part of the residual: noise averages out, a wrong field does not.
+
+    It is low-passed with ``BORNE_S``, its square averaged over ``LONG_S``.
+    """
+    clipped = max(-MOST_BENT, min(MOST_BENT, off))
     slow = field.residual.slow_rad
-    slow += wait / (wait + RESIDUAL_TAU_S) * (clipped - slow)
+    slow += wait / (wait + BORNE_S) * (clipped - slow)
     share = max(wait / (wait + LONG_S), 1.0 / field.samples)
     square = field.residual.square
     square += share * (slow * slow - square)

@@ -30,8 +30,7 @@ from estimator.aiding.types import (
 from estimator.compilation.compiled import inlined
 from estimator.compilation.replacing import replacer
 from estimator.conditioning.robust import FAR, REACH
-from estimator.conditioning.times import BORNE_S, SPAN_S, USUAL_S
-from estimator.conditioning.vertical.rate import SLOW_STEP_S
+from estimator.conditioning.times import BORNE_S, LONG_S, LONGEST_STEP_S, SPAN_S, USUAL_S
 from estimator.geometry.quaternion import rotate, scale, subtract
 from estimator.reasons import Reason
 from estimator.types import ZERO_VEC3, Vec3, VelocitySample
@@ -174,7 +173,7 @@ def observe_velocity(
         j, k = (i + 1) % 3, (i + 2) % 3
         h[TURN + j] = -pushed[k]  # minus the component of turn x pushed
         h[TURN + k] = pushed[j]
-        if dt < SLOW_STEP_S:
+        if dt < LONGEST_STEP_S:
             h[IMU_LAG] = a[i]
         h[reporter.lag_at] = -a[i]
         then = now.estimate.velocity_ned_m_s[i] - gained[i]
@@ -202,7 +201,7 @@ def observe_velocity(
 
 
 @inlined
-def is_credible(params: AidingParams, state: AidingState) -> bool:
+def is_credible(state: AidingState) -> bool:
     """Whether to go on: reports came lately, and they and the field agree with the attitude.
 
     Neither sigma is a number once the covariance has gone wrong.
@@ -219,4 +218,4 @@ def is_credible(params: AidingParams, state: AidingState) -> bool:
         doubt_s = by_receiver.doubt_s
     if state.field.doubt_s > BORNE_S:
         return False
-    return wait_s <= params.give_up_s and doubt_s <= DOUBTED_S
+    return wait_s <= LONG_S and doubt_s <= DOUBTED_S

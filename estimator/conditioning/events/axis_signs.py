@@ -14,6 +14,7 @@ from estimator.compilation.compiled import inlined
 from estimator.compilation.replacing import replacer
 from estimator.conditioning.events.jump_signs import JumpSigns
 from estimator.conditioning.field.calibration import Calibration
+from estimator.conditioning.field.magnetic import NORM_SCALE
 from estimator.conditioning.robust import FAR
 from estimator.conditioning.times import LATELY_S, LONG_S, SPAN_S
 from estimator.conditioning.vertical.gravity import GravityState
@@ -24,9 +25,6 @@ from estimator.conditioning.vertical.tilt import LEAST_OFF_RAD
 from estimator.geometry.axes import FrameAxes, axes_of, to_body, to_frame
 from estimator.geometry.quaternion import add, cross, dot, scale, square, subtract, unit
 from estimator.types import ZERO_VEC3, Vec3
-
-# The own field (share of the place's) that an autopilot's calibration has left.
-LEFT_SHARE = 0.07
 
 
 class AxisSigns(NamedTuple):
@@ -154,7 +152,7 @@ def suspect(
         + own[1] * (own[1] * p[4] + 2.0 * own[2] * p[5])
         + own[2] * own[2] * p[7]
     )
-    own_variance *= min(1.0, 3.0 * LEFT_SHARE**2 / max(p[0] + p[4] + p[7], 1e-12))
+    own_variance *= min(1.0, 3.0 * NORM_SCALE**2 / max(p[0] + p[4] + p[7], 1e-12))
     by_turning = (own_variance + dot(d, lag) ** 2 * p[9]) / (shown * shown)
     span_s = min(SPAN_S, state.age_s)
     estimate = vertical.state.estimate

@@ -14,9 +14,8 @@ from estimator.conditioning.robust import robust_factor
 from estimator.conditioning.times import FIELD_S, USUAL_S
 from estimator.types import Vec2, Vec3
 
-# A field with less than this share of the downward part in the horizontal has no heading.
-LEAST_HORIZONTAL = 0.02
-# A relative deviation of the norm that counts as one: what calibrations leave is less.
+# A relative deviation of the norm that counts as one: what calibrations leave is less. A field with
+# less than this share of the downward part in the horizontal has no heading.
 NORM_SCALE = 0.1
 # A field that neither the expected nor the other one resembles by this much is a third one.
 LEAST_ALIKE = 0.3
@@ -217,7 +216,7 @@ def reference_norm(state: MagneticState) -> float:
 def has_heading(state: MagneticState) -> bool:
     """Whether the learnt field has a horizontal part that can tell a heading."""
     reference = state.reference
-    return state.known and reference.horizontal > LEAST_HORIZONTAL * abs(reference.down)
+    return state.known and reference.horizontal > NORM_SCALE * abs(reference.down)
 
 
 @inlined
@@ -227,5 +226,5 @@ def steepness(reference: FieldReference) -> float:
     A tilt of the vertical bends the heading by that tangent. It is bounded by the steepest field
     that still tells a heading.
     """
-    h = max(reference.horizontal, LEAST_HORIZONTAL * abs(reference.down))
+    h = max(reference.horizontal, NORM_SCALE * abs(reference.down))
     return (reference.down / h) ** 2 if h > 0.0 else 0.0

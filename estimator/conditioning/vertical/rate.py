@@ -2,16 +2,16 @@
 
 from estimator.compilation.compiled import inlined
 from estimator.conditioning.robust import REACH
+from estimator.conditioning.times import LONGEST_STEP_S
 from estimator.geometry.quaternion import cross, exp, log, multiply, scale
 from estimator.types import Vec3
 
 # Plain samples closer than this (s) count as means over the step before them: what is between two
 # of them is little, and the mean of two noisy instants loses.
 SLOW_SAMPLE_S = 0.0125
-# Up to the first step (s) a gyroscope misses nothing that matters, from the second on it may
-# miss anything: where "slow" streams begin.
+# Up to this step (s) a gyroscope misses nothing that matters; "slow" streams begin here, and with
+# LONGEST_STEP_S it may miss anything.
 FAST_STEP_S = 0.04
-SLOW_STEP_S = 0.1
 
 
 @inlined
@@ -54,7 +54,7 @@ def corrected_rate(rate: Vec3, correction: Vec3, share: float, dt_s: float) -> V
 @inlined
 def slow_share(dt_s: float) -> float:
     """0 for the steps of fast streams, 1 for those of slow ones."""
-    return max(0.0, min(1.0, (dt_s - FAST_STEP_S) / (SLOW_STEP_S - FAST_STEP_S)))
+    return max(0.0, min(1.0, (dt_s - FAST_STEP_S) / (LONGEST_STEP_S - FAST_STEP_S)))
 
 
 @inlined

@@ -33,8 +33,7 @@ from estimator.aiding.types import (
 from estimator.aiding.uncertainty import sigmas
 from estimator.conditioning.field.magnetic import FieldLook
 from estimator.conditioning.robust import HEADING_REACH_RAD
-from estimator.conditioning.times import ACCELERATION_LASTS_S, SPAN_S
-from estimator.conditioning.vertical.rate import SLOW_STEP_S
+from estimator.conditioning.times import ACCELERATION_LASTS_S, LONGEST_STEP_S, SPAN_S
 from estimator.conditioning.vertical.tilt import LEAST_OFF_RAD
 from estimator.geometry.quaternion import multiply, normalize
 from estimator.types import NOTHING_BETWEEN, ZERO_VEC3, Between, Sample
@@ -164,7 +163,7 @@ def test_prediction(seed, error_m_s, seen):
         p.field_walk**2 * dt * (1.0 + E[2] ** 2 / H) * np.outer(E[:2], E[:2])
     )
     d[EARTH + 2] = p.field_walk**2 * dt * (E @ E)
-    push = p.filter_turning_s**2 * (force[0] ** 2 + force[1] ** 2)
+    push = p.filter_lag_sigma_s**2 * (force[0] ** 2 + force[1] ** 2)
     keeps = []
     for at, error, usual, scatter, tau_s in (
         (22, before.receiver_error_m_s, p.receiver_error_m_s**2, known.by_receiver.scatter, 5.0),
@@ -233,7 +232,7 @@ def test_velocity(seed, is_receiver, off_m_s, is_alone, dt):
     for i in range(3):
         v = np.array(known.velocity_ned_m_s)
         said, h = velocity_row(
-            times, accelerations, age, v, slow, i, error_at, lag_at, knows_lag=dt < SLOW_STEP_S
+            times, accelerations, age, v, slow, i, error_at, lag_at, knows_lag=dt < LONGEST_STEP_S
         )
         innovation_m_s = report.velocity_ned_m_s[i] - said
         noise = noise_scale * (sigma**2 + (jitter * then[i]) ** 2) + missed[i] ** 2
@@ -322,7 +321,7 @@ def test_field(seed, is_known, unfelt_rad):
     is_far = abs(angle) > UNKNOWN_RAD + 2.0 * sqrt(heading)
     doubt_s = 0.4 + dt * after.look.confidence if is_far else 0.4 - dt
     assert after.doubt_s == pytest.approx(doubt_s)
-    slow = 0.02 + dt / (dt + 5.0) * (max(-0.2, min(0.2, off)) - 0.02)
+    slow = 0.02 + dt / (dt + 4.0) * (max(-0.2, min(0.2, off)) - 0.02)
     assert after.residual.slow_rad == pytest.approx(slow)
     share = max(dt / (dt + 60.0), 1.0 / 31.0)
     assert after.residual.square == pytest.approx(0.001 + share * (slow**2 - 0.001))

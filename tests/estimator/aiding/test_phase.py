@@ -5,6 +5,7 @@ import pytest
 from estimator.aiding import blank_aiding
 from estimator.aiding.phase import Cause, Phase, after
 from estimator.aiding.search import EMPTY_SEARCH
+from estimator.conditioning.times import LONG_S
 from estimator.estimator import Estimator
 from estimator.geometry.quaternion import exp, rotate
 from estimator.live.core import UNSEEN, flat
@@ -95,9 +96,11 @@ def test_a_gap_ends_the_search(flight):
     assert pilot.phases[-2:] == [Phase.SEARCHING, Phase.UNAIDED]
 
 
-def test_reports_that_stay_away_end_it(flight):
-    quick = merge_profile(TRUE_NORTH, {"aiding": {"give_up_s": 2.0}})
-    pilot = Pilot(Estimator(quick), flight).fly(4.0).fly(3.0, reports=False)
+def test_reports_that_stay_away_end_it():
+    pilot = Pilot(Estimator(TRUE_NORTH), banked_flight(seconds=106.0)).fly(4.0)
+    pilot.fly(LONG_S - 1.0, reports=False)
+    assert pilot.phases[-1] is Phase.AIDED
+    pilot.fly(2.0, reports=False)
     assert pilot.phases[-2:] == [Phase.AIDED, Phase.UNAIDED]
     # the unaided attitude is known better by then, which is no compass's fault
     assert pilot.estimator.snapshot.context.compass.gave_up_us is None

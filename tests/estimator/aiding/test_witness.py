@@ -38,7 +38,9 @@ PUSHED_M_S2 = 2.0
 
 def aided(q_ned_frd):
     """An aiding that knows everything but, perhaps, the attitude."""
-    state, _, _ = begin(AidingParams(), q_ned_frd, ZERO_VEC3, NO_SAMPLE, NO_REPORT, 0.0, 0.0, 0.0)
+    state, _, _ = begin(
+        AidingParams(), q_ned_frd, ZERO_VEC3, NO_SAMPLE, NO_REPORT, 0.0, 0.0, 0.0, 0.0
+    )
     estimate = state.estimate._replace(
         hard_iron_gauss=IRON_GAUSS,
         earth_gauss=EARTH_GAUSS,
@@ -65,7 +67,7 @@ def watched(state, *, seconds=12.0, noise_m_s=0.0, with_mag=True, silent_from=1e
         if k % REPORT_EVERY == 0 and k * DT < silent_from:
             said = velocity + noise_m_s * rng.standard_normal(3)
             report = Report(True, tuple(said), not receiver, 0.3, 0.0, 0.1 if receiver else 0.0)
-        witness = watch(witness, state, sample, report)
+        witness = watch(AidingParams(), witness, state, sample, report)
         witness = compare(witness, state.estimate.q_ned_frd, DT, 0.3)
     return witness
 
@@ -119,13 +121,13 @@ def test_an_autopilots_filter_is_heard_only_while_there_is_no_receiver():
     state = aided(TRUTH)
     by_receiver = Report(True, ZERO_VEC3, False, 0.3, 0.0, 0.1)
     by_filter = by_receiver._replace(late_sigma_s=0.0)
-    witness = hear_report(NEW_WITNESS, state.estimate, by_filter)
+    witness = hear_report(AidingParams(), NEW_WITNESS, state.estimate, by_filter)
     assert not witness.by_receiver
-    witness = hear_report(witness, state.estimate, by_receiver)
+    witness = hear_report(AidingParams(), witness, state.estimate, by_receiver)
     assert witness.by_receiver
-    assert hear_report(witness, state.estimate, by_filter) is witness
+    assert hear_report(AidingParams(), witness, state.estimate, by_filter) is witness
     silent = witness._replace(report_wait_s=4.0)
-    assert not hear_report(silent, state.estimate, by_filter).by_receiver
+    assert not hear_report(AidingParams(), silent, state.estimate, by_filter).by_receiver
 
 
 def test_what_is_usual_is_learnt_slowly():
@@ -238,7 +240,7 @@ def test_a_window_is_compared_with_the_change_of_velocity(late_sigma_s, has_vert
         q_g_frd=G, window=window, turned_rad=0.7, by_receiver=late_sigma_s > 0.0
     )
     report = Report(True, (2.5, 1.0, 3.2), has_vertical, 0.3, 0.05, late_sigma_s)
-    after = hear_report(before, under_way(attitude).estimate, report)
+    after = hear_report(AidingParams(), before, under_way(attitude).estimate, report)
     behind_s = 0.05 + (0.1 if late_sigma_s else 0.02) - 0.012
     time_s = 1.4 - behind_s
     pushed = np.subtract(window.pushed_m_s, behind_s * np.array(window.force_m_s2))
@@ -246,7 +248,7 @@ def test_a_window_is_compared_with_the_change_of_velocity(late_sigma_s, has_vert
     down = 0.2 - STANDARD_GRAVITY_M_S2 * time_s if has_vertical else seen[2]
     expected = np.array((1.5, -1.0, down))
     swing, push = np.linalg.norm((-0.6, 1.2, -0.3)), np.linalg.norm(pushed)
-    square = 0.2**2 + (0.02 * swing) ** 2 + (0.03 * 0.7 * push) ** 2
+    square = 0.2**2 + (0.03 * swing) ** 2 + (0.03 * 0.7 * push) ** 2
     share = (0.2 * push / (STANDARD_GRAVITY_M_S2 * time_s)) ** 2 / square
     assert share < 1.0
     axis = np.cross(seen, expected)

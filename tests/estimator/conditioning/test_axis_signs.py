@@ -133,7 +133,7 @@ def test_a_case_against_an_axis_by_formula():
     d = np.cross(a, y)
     off = moved @ d / (d @ d)
     own = R.T @ np.cross(d, turned)
-    least = min(1.0, 3 * 0.07**2 / np.trace(P[:3, :3]))
+    least = min(1.0, 3 * 0.1**2 / np.trace(P[:3, :3]))
     by_turning = 0.3 * (least * own @ P[:3, :3] @ own + (d @ lag) ** 2 * P[3, 3]) / (d @ d) ** 2
     by_noise = 2.0 * (4e-5 + radians(0.5) ** 2 * 0.8**2 + 3e-4) / (d @ d)
     assert seen.turning_share == pytest.approx(by_turning / (by_turning + by_noise))
