@@ -181,7 +181,7 @@ def add_noise(
 def usual_variances(params: AidingParams, state: AidingState) -> ErrorVariances:
     """Of either source's slow error, per component, as long as nothing has happened to it."""
     pushed = state.last.force_ned_m_s2
-    turning = params.filter_lag_sigma_s**2 * (pushed[0] ** 2 + pushed[1] ** 2)
+    turning = params.filter_turning_s**2 * (pushed[0] ** 2 + pushed[1] ** 2)
     by_filter, by_receiver = state.agreement
     return ErrorVariances(
         by_filter=(params.filter_error_m_s**2 + turning) * max(1.0, by_filter.scatter.noise_scale),

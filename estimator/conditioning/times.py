@@ -6,6 +6,7 @@ FIELD_S = 0.05
 # is a sign of no more than this, so that several in a row have to agree.
 LONGEST_STEP_S = 0.15
 # The quick means of gyroscope, force and field, s: in a shorter one is noise, a longer one is late.
+# Looking back, the gyroscope's path does not go on over a longer step.
 QUICK_S = 0.5
 # Of force, field and velocity the mean of so long (s) is held against another one: in a shorter one
 # is mostly noise, in a longer one the gyroscope drifts. So long a silence is one.

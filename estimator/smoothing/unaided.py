@@ -6,6 +6,7 @@ from typing import NamedTuple
 import numpy as np
 
 from estimator.aiding.search import UNKNOWN_RAD
+from estimator.conditioning.times import QUICK_S
 from estimator.smoothing.field import field_of
 from estimator.smoothing.heading import Headed, turn_north
 from estimator.smoothing.path import felt_down, path_of
@@ -14,8 +15,6 @@ from estimator.smoothing.rotation import about_down, conjugate, heading_of, mult
 from estimator.smoothing.vertical import Vertical, level
 from estimator.smoothing.windows import windows_of
 
-# The gyroscope's path does not go on over a longer step (s).
-LONGEST_STEP_S = 0.5
 # Fewer samples tell nothing that the estimator has not said.
 LEAST_SAMPLES = 50
 # Long recordings are taken in pieces of so many seconds, each with as much of its neighbours at
@@ -46,7 +45,7 @@ def unaided(recording: Recording) -> Estimates:
 def pieces(recording: Recording) -> Iterator[Piece]:
     """From hole to hole, and from one IMU to the next, if that is not too long."""
     times_us = recording.rows.times_us
-    holes = np.flatnonzero(steps_s(recording.rows) > LONGEST_STEP_S)
+    holes = np.flatnonzero(steps_s(recording.rows) > QUICK_S)
     ends = [*np.union1d(holes, recording.changes).astype(int).tolist(), len(times_us)]
     before = 0
     for end in ends:
