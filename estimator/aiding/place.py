@@ -3,8 +3,8 @@
 from math import dist, isfinite
 from typing import NamedTuple
 
-from estimator.conditioning.field.calibration import MOST_DEVIATION
 from estimator.conditioning.field.magnetic import NORM_SCALE, horizontal_down
+from estimator.conditioning.robust import MOST_DEVIATION
 from estimator.geometry.earth import PlaceField, distance_m, field_at, in_ned
 
 # So far away the field is looked up anew; the declination changes by some 0.1 degrees in that.

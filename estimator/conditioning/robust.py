@@ -12,6 +12,8 @@ FAR = 16.0
 # A residual of the heading that counts a quarter, rad. Small: a wrong heading never returns, large:
 # magnets draw it.
 HEADING_REACH_RAD = radians(25.0)
+# A vector that is off its mean by this share of its size has been turned, not measured badly.
+MOST_DEVIATION = 0.6
 
 
 @inlined

@@ -6,15 +6,12 @@ from estimator.compilation.compiled import inlined
 from estimator.compilation.replacing import replacer
 from estimator.conditioning.events.duration import duration_s
 from estimator.conditioning.params import ConditioningParams
+from estimator.conditioning.robust import MOST_DEVIATION
 from estimator.conditioning.times import LATELY_S
 from estimator.conditioning.vertical.gravity import GravityState
 from estimator.conditioning.vertical.lasting import PRIOR_VARIANCE
 from estimator.geometry.quaternion import angle_between_vectors, norm, square
 from estimator.types import STANDARD_GRAVITY_M_S2
-
-# If the quickly followed force is less than this share of the slow one, the vehicle falls or is
-# in the middle of a turn: the force has no direction to compare.
-LEAST_GRAVITY_SHARE = 0.4
 
 
 class GravitySigns(NamedTuple):
@@ -45,7 +42,8 @@ def watch_gravity(
     """
     f = gravity.force.down.value
     quick = gravity.force.quick
-    falls = square(quick) <= LEAST_GRAVITY_SHARE**2 * square(f)
+    # Falling, or in the middle of a turn, the force has no direction to compare.
+    falls = square(quick) <= (1.0 - MOST_DEVIATION) ** 2 * square(f)
     off = 0.0 if falls else angle_between_vectors(quick, f)
     elsewhere = weighed == 0.0 and off > params.turn_moving_rad
     a = dt_s / (LATELY_S + dt_s) if doubt == 0.0 else 0.0

@@ -5,16 +5,13 @@ from typing import NamedTuple
 from estimator.compilation.compiled import inlined
 from estimator.compilation.replacing import replacer
 from estimator.conditioning.params import ConditioningParams
-from estimator.conditioning.robust import robust_factor
+from estimator.conditioning.robust import MOST_DEVIATION, robust_factor
 from estimator.conditioning.times import FORGET_S, LONGEST_STEP_S
 from estimator.conditioning.vertical.kalman import Covariance, update
 from estimator.conditioning.vertical.lowpass import approach
 from estimator.geometry.axes import FrameAxes, to_frame
 from estimator.geometry.quaternion import add, cross, dot, scale, subtract
 from estimator.types import ZERO_VEC3, Vec2, Vec3
-
-# A field that is off its mean by this share of its norm has been turned, not measured badly.
-MOST_DEVIATION = 0.6
 
 
 class Calibration(NamedTuple):
