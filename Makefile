@@ -110,5 +110,5 @@ clean:
 
 .venv/developer: .venv/installed
 	@echo "installing every extra and the developer's tools: 1.5 GB more in .venv, some minutes"
-	$(BIN)/python -m pip install -q -c constraints.txt -e '.[plot,mcap,bags,metrics,viewer,cluster,optimizers]' --group dev
+	$(BIN)/python -m pip install -q -c constraints.txt -e '.[plot,page,mcap,bags,metrics,viewer,cluster,optimizers]' --group dev
 	touch $@

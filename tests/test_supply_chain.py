@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).parents[1]
-EXTRAS = ("plot", "mcap", "bags", "metrics", "viewer", "cluster", "optimizers")
+EXTRAS = ("plot", "page", "mcap", "bags", "metrics", "viewer", "cluster", "optimizers")
 PERMISSIVE = re.compile(r"MIT|BSD|ISC|PSF|Python Software Foundation|Apache")
 # In docs by name: what is not permissive, or says nothing in its metadata.
 NAMED = {"apsw", "pymavlink", "scikit-fuzzy"}

@@ -29,6 +29,7 @@ _SYSTEM_ID = "Which vehicle. [default: the one with most IMU samples]"
 _SMOOTH = "The attitude that the whole log tells, not only what came before."
 _COLUMNS = "What a CSV's columns are. [default: LOG.toml beside it]"
 _TUM = "Write a TUM trajectory, for evo; the reference beside it."
+_PLOT = "Draw them: .png, .svg, .pdf or .html (zooms; extra: page)."
 _PARQUET = "Write every sample as Parquet (needs pyarrow)."
 _MCAP = "Write them as MCAP, for Foxglove and others."
 
@@ -65,7 +66,7 @@ class ReplayOptions(NamedTuple):
     mcap: Annotated[Path | None, option(_MCAP, metavar="FILE")] = None
     tum: Annotated[Path | None, option(_TUM, metavar="FILE")] = None
     parquet: Annotated[Path | None, option(_PARQUET, metavar="FILE")] = None
-    plot: Annotated[Path | None, option("Draw them: .png, .svg or .pdf.", metavar="FILE")] = None
+    plot: Annotated[Path | None, option(_PLOT, metavar="FILE")] = None
     view: outputs.View = None
     rrd: outputs.Rrd = None
     as_json: Annotated[bool, option("One JSON object on standard output.", "--json")] = False

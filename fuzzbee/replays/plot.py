@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from estimator.errors import InputError, missing_extra
 from fuzzbee.angle_curves import draw_angles
 from fuzzbee.replays.comparison import Comparison, reference_attitudes
+from fuzzbee.replays.page import write_page
 from fuzzbee.replays.score import errors_against
 from fuzzbee.replays.trace import VehicleTrace
 
@@ -22,6 +23,7 @@ METADATA: dict[str, dict[str, None]] = {
     ".svg": {"Date": None},
     ".pdf": {"CreationDate": None, "Producer": None, "Creator": None},
 }
+PAGE = ".html"
 # A page between its margins, and dots enough to print.
 FIGURE_INCHES = (7.1, 9.8)
 DOTS_PER_INCH = 150
@@ -75,10 +77,13 @@ def require_plot(path: Path) -> None:
     Raises:
         InputError: an unknown suffix, or a missing library.
     """
-    if path.suffix.lower() not in METADATA:
-        raise InputError(f"--plot {path}: should end in {', '.join(METADATA)}")
+    suffix = path.suffix.lower()
+    if suffix not in (*METADATA, PAGE):
+        raise InputError(f"--plot {path}: should end in {', '.join((*METADATA, PAGE))}")
     if find_spec("matplotlib") is None:
         raise missing_extra(f"--plot {path}", "plot")
+    if suffix == PAGE and find_spec("plotly") is None:
+        raise missing_extra(f"--plot {path}", "page")
 
 
 def draw(path: Path, title: str, trace: VehicleTrace, compared: Comparison) -> None:
@@ -118,6 +123,9 @@ def save(figure: Any, path: Path) -> None:
     """
     _settle(figure)
     suffix = path.suffix.lower()
+    if suffix == PAGE:
+        write_page(figure, path)
+        return
     try:
         figure.savefig(path, format=suffix[1:], dpi=DOTS_PER_INCH, metadata=METADATA[suffix])
     except OSError as error:
