@@ -3,9 +3,17 @@
 import signal
 import threading
 from collections.abc import Callable, Iterator
+from concurrent.futures import Future
 from contextlib import contextmanager
 from types import FrameType
-from typing import Any
+from typing import Any, TypeVar
+
+T = TypeVar("T")
+
+# Where an interrupt falls into a callback or a destructor, Python says so and goes on without it.
+_interrupted = threading.Event()
+# So long (s) whoever waits goes without asking whether that has happened.
+POLL_S = 0.1
 
 
 class Stoppable:
@@ -35,8 +43,31 @@ def ending_signals() -> tuple[signal.Signals, ...]:
 @contextmanager
 def terminate_like_interrupt() -> Iterator[None]:
     """Have SIGTERM and SIGHUP raise ``KeyboardInterrupt``, too: for a start that takes long."""
-    with _handled(ending_signals(), signal.default_int_handler):
-        yield
+
+    def interrupt(number: int, frame: FrameType | None) -> None:
+        _interrupted.set()
+        signal.default_int_handler(number, frame)
+
+    with _handled(ending_signals(), interrupt):
+        try:
+            yield
+        finally:
+            _interrupted.clear()
+
+
+def await_result(future: "Future[T]") -> T:
+    """The result of a future; an interrupt that was lost is raised again.
+
+    Raises:
+        KeyboardInterrupt: a signal has come, now or since :func:`terminate_like_interrupt` began.
+    """
+    while not _interrupted.is_set():
+        try:
+            return future.result(POLL_S)
+        except TimeoutError:
+            if future.done():
+                raise
+    raise KeyboardInterrupt
 
 
 @contextmanager
@@ -50,6 +81,8 @@ def stop_on_signals(stop: Callable[[], None]) -> Iterator[None]:
         stop()
 
     with _handled(chosen, on_signal):
+        if _interrupted.is_set():
+            stop()
         yield
 
 

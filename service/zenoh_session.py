@@ -16,6 +16,7 @@ from concurrent.futures import Future
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from estimator.errors import InputError
+from service.signals import await_result
 
 if TYPE_CHECKING:
     import zenoh
@@ -78,7 +79,7 @@ class OpeningSession:
         import zenoh
 
         try:
-            return self._opened.result()
+            return await_result(self._opened)
         except zenoh.ZError as error:
             raise InputError(f"zenoh: {self._where}: {_one_line(error)}") from None
 

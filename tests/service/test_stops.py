@@ -6,6 +6,8 @@ The library is told to wait for that peer much longer than a test waits for the 
 import json
 import signal
 import socket
+import subprocess
+import sys
 import time
 
 import pytest
@@ -30,6 +32,38 @@ def test_while_the_session_waits_for_a_silent_peer(verb, number):
                 time.sleep(0.3)
                 process.send_signal(number)
                 assert process.wait(60) == 0
+
+
+LOST = """
+import os, signal, sys
+from concurrent.futures import Future
+from service.signals import await_result, stop_on_signals, terminate_like_interrupt
+
+class Last:
+    def __del__(self):
+        os.kill(os.getpid(), signal.SIGTERM)
+        sum(range(1000))  # here the handler runs
+
+with terminate_like_interrupt():
+    last = Last()
+    del last
+    with stop_on_signals(lambda: print("stopped")):
+        pass
+    try:
+        await_result(Future())
+    except KeyboardInterrupt:
+        print("interrupted")
+with stop_on_signals(lambda: print("stopped again")):
+    pass
+"""
+
+
+def test_an_interrupt_that_falls_into_a_destructor_is_raised_again():
+    """As into a callback of the compiler's, where one in a hundred starts under load lost it."""
+    command = [sys.executable, "-c", LOST]
+    done = subprocess.run(command, check=False, capture_output=True, text=True, timeout=60)
+    assert "Exception ignored" in done.stderr
+    assert done.stdout.split("\n") == ["stopped", "interrupted", ""], done.stderr
 
 
 @pytest.mark.parametrize("verb", ["run", "watch"])
