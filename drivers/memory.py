@@ -1,5 +1,6 @@
 """How much memory there is for us."""
 
+import os
 from math import inf
 from pathlib import Path
 
@@ -10,6 +11,15 @@ GROUP = Path("/sys/fs/cgroup/memory.max")  # of a container: its own limit
 def available_bytes() -> float:
     """What can be taken without swapping, at most what our group may have; infinite if unknown."""
     return min(_of_system(), _of_group())
+
+
+def total_bytes() -> float:
+    """What the machine has, at most what our group may have; 0 if unknown."""
+    try:
+        machine = os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE")
+    except (AttributeError, OSError, ValueError):  # another system than Linux or macOS
+        return 0.0
+    return min(float(machine), _of_group())
 
 
 def _of_system() -> float:

@@ -1,0 +1,34 @@
+"""Room for senders by the memory that there is."""
+
+import pytest
+
+from drivers import memory
+from drivers.places import places
+
+GIB = 1 << 30
+
+
+@pytest.mark.parametrize(
+    ("machine", "limit", "expected"),
+    [
+        (16 * GIB, None, 4096),
+        (16 * GIB, "max", 4096),
+        (16 * GIB, 3 * GIB, 1536),  # a container that may have less
+        (16 * GIB, 256 << 20, 512),
+        (2 * GIB, 3 * GIB, 1024),
+        (None, None, 512),
+    ],
+)
+def test_there_is_room_for_as_many_as_machine_and_container_have(
+    machine, limit, expected, tmp_path, monkeypatch
+):
+    def sysconf(name):
+        if machine is None:
+            raise ValueError(name)
+        return {"SC_PHYS_PAGES": machine // 4096, "SC_PAGE_SIZE": 4096}[name]
+
+    monkeypatch.setattr(memory.os, "sysconf", sysconf)
+    monkeypatch.setattr(memory, "GROUP", tmp_path / "memory.max")
+    if limit is not None:
+        (tmp_path / "memory.max").write_text(f"{limit}\n")
+    assert places() == expected
