@@ -1,27 +1,38 @@
 """``fuzzbee calibrate``: what iron in the vehicle does to its compass, from a flight."""
 
+import time
 from pathlib import Path
-from typing import Annotated, NamedTuple
+from typing import TYPE_CHECKING, Annotated, NamedTuple
 
 import typer
 
+from estimator.errors import InputError
 from fuzzbee.options import Json, command, examples, option
 
+if TYPE_CHECKING:
+    from estimator.geometry.earth import PlaceField
+
 _PROFILE = "imu, adaptive or a TOML file; its own iron is set aside."
+_PLACE = "Where it flew, in degrees. [default: what the log says]"
 _SYSTEM_ID = "Which vehicle. [default: the one with most IMU samples]"
 
 EPILOG = examples(
     "fuzzbee calibrate flight.tlog",
     "fuzzbee calibrate flight.bin > mine.toml",
+    "fuzzbee calibrate imu.csv --place 47.40,8.55",
     "fuzzbee calibrate flight.tlog --json",
 )
+
+
+MOST_LONGITUDE_DEG = 360.0
 
 
 class CalibrateOptions(NamedTuple):
     """The arguments and options of the verb, in the order of its help."""
 
-    log: Annotated[Path, typer.Argument(metavar="LOG", help="A log with a position.")]
+    log: Annotated[Path, typer.Argument(metavar="LOG", help="A log of turns.")]
     profile: Annotated[str, option(_PROFILE)] = "imu"
+    place: Annotated[str | None, option(_PLACE, metavar="LAT,LON")] = None
     system_id: Annotated[int | None, option(_SYSTEM_ID)] = None
     as_json: Json = False
 
@@ -37,8 +48,27 @@ def calibrate(options: CalibrateOptions) -> None:
     from estimator.profile import load_profile
     from fuzzbee.compass_report import report_compass, toml_lines
 
-    report = report_compass(options.log, load_profile(options.profile), options.system_id)
+    field = None if options.place is None else field_there(options.place)
+    report = report_compass(options.log, load_profile(options.profile), field, options.system_id)
     if options.as_json:
         print(msgspec.json.encode(report).decode())
     else:
         print("\n".join(toml_lines(report)))
+
+
+def field_there(place: str) -> "PlaceField":
+    """The Earth's field at LAT,LON (degrees) today: a compass does not show what years change.
+
+    Raises:
+        InputError: no two numbers, or no place where a field has a direction.
+    """
+    from estimator.geometry.earth import field_at
+
+    try:
+        latitude_deg, longitude_deg = map(float, place.split(","))
+    except ValueError:
+        raise InputError(f"--place {place!r}: should be LAT,LON, such as 47.40,8.55") from None
+    field = field_at(latitude_deg, longitude_deg, 0.0, time.time_ns() // 1000)
+    if field is None or abs(longitude_deg) > MOST_LONGITUDE_DEG:
+        raise InputError(f"--place {place}: latitude -89.9 to 89.9, longitude -360 to 360 degrees")
+    return field

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from drivers.mavlink.compass_parameters import corrected
 from drivers.mavlink.constants import MAV_AUTOPILOT_ARDUPILOTMEGA
 from estimator.errors import InputError
+from estimator.geometry.earth import PlaceField
 from estimator.geometry.quaternion import conjugate, rotate
 from estimator.mounting import UNCHANGED
 from estimator.profile import Profile
@@ -48,8 +49,10 @@ class CompassReport(msgspec.Struct, frozen=True):
     ardupilot_adds: bool
 
 
-def report_compass(path: Path, profile: Profile, system_id: int | None = None) -> CompassReport:
-    """What the log says of its compass.
+def report_compass(
+    path: Path, profile: Profile, field: PlaceField | None = None, system_id: int | None = None
+) -> CompassReport:
+    """What the log says of its compass, in the ``field`` of its place or of the one given.
 
     Raises:
         InputError: no position, no compass, or too few turns to find any offset.
@@ -65,9 +68,9 @@ def report_compass(path: Path, profile: Profile, system_id: int | None = None) -
         system_id=system_id,
         tell=lambda _: None,
     )
-    field = trace.place_field
+    field = field or trace.place_field
     if field is None:
-        raise InputError(f"{path}: no position, so nobody knows the field there")
+        raise InputError(f"{path}: no position; --place LAT,LON says which field is there")
     mag, down = _readings(trace)
     if not len(mag):
         raise InputError(f"{path}: no magnetometer")

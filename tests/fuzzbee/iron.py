@@ -7,8 +7,11 @@ from drivers.mavlink.dialect import mavlink
 STAMP_SIZE = 8
 
 
-def with_iron(log, made, offset_mgauss, matrix=None):
-    """A copy of a log in which every RAW_IMU's field m is matrix^-1 m + offset."""
+def with_iron(log, made, offset_mgauss, matrix=None, left_out=()):
+    """A copy of a log in which every RAW_IMU's field m is matrix^-1 m + offset.
+
+    Messages of the types ``left_out`` are not in it.
+    """
     data, out, at = log.read_bytes(), bytearray(), 0
     mav, back = mavlink().MAVLink(None), np.linalg.inv(np.eye(3) if matrix is None else matrix)
     while at < len(data):
@@ -22,7 +25,8 @@ def with_iron(log, made, offset_mgauss, matrix=None):
             sent = mavlink().MAVLink(None, m.get_srcSystem(), m.get_srcComponent())
             sent.seq = m.get_seq()
             frame = m.pack(sent, force_mavlink1=frame[0] == 0xFE)
-        out += data[at : at + STAMP_SIZE] + frame
+        if m is None or m.get_type() not in left_out:
+            out += data[at : at + STAMP_SIZE] + frame
         at = end
     made.write_bytes(out)
     return made

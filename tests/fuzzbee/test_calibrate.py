@@ -47,6 +47,25 @@ def test_json_names_what_was_not_flown(capsys):
     assert report["heading_sigma_deg"] < 0.5  # 0.3 deg
 
 
+def test_a_log_without_a_position_is_told_where_it_was(tmp_path, capsys):
+    there = ("GLOBAL_POSITION_INT", "GPS_RAW_INT", "GPS2_RAW", "HOME_POSITION")
+    log = with_iron(PLANE, tmp_path / "iron.tlog", OFFSET_MGAUSS, left_out=there)
+    assert main(["calibrate", str(log)]) == 2
+    assert "no position; --place LAT,LON" in capsys.readouterr().err
+    report = json.loads(said(capsys, "calibrate", log, "--place", "-35.363,149.165", "--json"))
+    found = 1e3 * np.array(report["mounting"]["mag_offset_gauss"])
+    assert found == pytest.approx(OFFSET_MGAUSS, abs=2.0)  # mG; 1.6 on the third axis
+    assert report["dip_deg"] == pytest.approx(-66.0, abs=0.1)  # of Canberra
+
+
+@pytest.mark.parametrize("place", ["here", "47.4", "90,0", "nan,8", "47,1000", "1,2,3"])
+def test_a_place_that_is_none_is_one_line(place, capsys):
+    assert main(["calibrate", str(PLANE), "--place", place]) == 2
+    told = capsys.readouterr().err
+    assert told.startswith("fuzzbee: --place")
+    assert told.count("\n") == 1
+
+
 @pytest.mark.parametrize(
     ("log", "complaint"),
     [
