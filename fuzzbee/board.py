@@ -1,10 +1,13 @@
 """The latest of all vehicles, as views show it."""
 
 import threading
+from itertools import repeat
 from typing import NamedTuple
 
+from drivers.events import VehicleId
+from service.attitude_rows import AttitudeRows
 from service.health import HAS_ATTITUDE, State
-from service.records import AttitudeRecord, StatusRecord
+from service.records import AttitudeRecord, StatusRecord, vehicle_name
 
 SILENT_AFTER_S = 3.0  # a status comes every second
 MOST_ROWS = 512  # then the one that has been silent for longest makes room
@@ -36,29 +39,50 @@ class Board:
 
     def __init__(self) -> None:
         self._rows: dict[str, Row] = {}
+        self._unread: dict[VehicleId, tuple[AttitudeRows, float]] = {}
         self._lock = threading.Lock()
+
+    def update_rows(self, rows: AttitudeRows, now_s: float) -> None:
+        """Remember attitudes; those that nobody looks at become no records."""
+        with self._lock:
+            self._unread.update(zip(rows.vehicles, repeat((rows, now_s)), strict=False))
 
     def update(self, name: str, record: AttitudeRecord | StatusRecord, now_s: float) -> None:
         """Remember a record."""
         with self._lock:
-            if name not in self._rows and len(self._rows) >= MOST_ROWS:
-                del self._rows[min(self._rows.values(), key=lambda row: row.heard_s).name]
-            _, attitude, status, attitude_s, _, before = self._rows.get(name, EMPTY)
-            if isinstance(record, AttitudeRecord):
-                attitude, attitude_s = record, now_s
-            else:
-                status, before = record, status
-            # Row._make is the quickest way, and this runs thousands of times a second
-            self._rows[name] = Row._make((name, attitude, status, attitude_s, now_s, before))
+            self._read()
+            self._update(name, record, now_s)
+
+    def _read(self) -> None:
+        """Make records of what has come as rows."""
+        unread = self._unread
+        for rows, now_s in {id(each[0]): each for each in unread.values()}.values():
+            for each in rows.published:
+                if unread[each.vehicle][0] is rows:
+                    self._update(vehicle_name(each.vehicle), each.record, now_s)
+        unread.clear()
+
+    def _update(self, name: str, record: AttitudeRecord | StatusRecord, now_s: float) -> None:
+        if name not in self._rows and len(self._rows) >= MOST_ROWS:
+            del self._rows[min(self._rows.values(), key=lambda row: row.heard_s).name]
+        _, attitude, status, attitude_s, _, before = self._rows.get(name, EMPTY)
+        if isinstance(record, AttitudeRecord):
+            attitude, attitude_s = record, now_s
+        else:
+            status, before = record, status
+        # Row._make is the quickest way, and this runs thousands of times a second
+        self._rows[name] = Row._make((name, attitude, status, attitude_s, now_s, before))
 
     def remove(self, name: str) -> None:
         """Forget a vehicle."""
         with self._lock:
+            self._read()
             self._rows.pop(name, None)
 
     def rows(self) -> list[Row]:
         """All rows by name, numbers in their order."""
         with self._lock:
+            self._read()
             rows = list(self._rows.values())
         return sorted(rows, key=lambda row: [int(part) for part in row.name.split("-")])
 

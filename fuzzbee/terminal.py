@@ -12,7 +12,8 @@ from fuzzbee.board import Board, Row
 from fuzzbee.instrument import Ink, has_room, screen
 from fuzzbee.say import printable
 from fuzzbee.vehicle_table import BY_NAME, ORDERS, Look, lines, table
-from service.records import Departed, Message, Output, Published, vehicle_name
+from service.attitude_rows import AttitudeRows, Made
+from service.records import Departed, Message, Published, vehicle_name
 
 if TYPE_CHECKING:
     from rich.live import Live
@@ -49,6 +50,7 @@ class TerminalView:
 
     name = "terminal"
     rest_s = 0.5 / REFRESH_HZ
+    takes_rows = True
 
     def __init__(
         self,
@@ -73,12 +75,14 @@ class TerminalView:
         is_live = console.is_terminal and not console.is_dumb_terminal
         self._live = self._start() if is_live else None
 
-    def handle(self, outputs: Sequence[Output]) -> None:
+    def handle(self, outputs: Sequence[Made]) -> None:
         """Show outputs of the service."""
         for output in outputs:
             match output:
                 case Message(text=text):
                     self.say(text)
+                case AttitudeRows():
+                    self.board.update_rows(output, self._now_s())
                 case Published(vehicle=vehicle, record=record):
                     self.board.update(vehicle_name(vehicle), record, self._now_s())
                 case Departed(vehicle=vehicle):

@@ -7,6 +7,7 @@ when or how often attitudes are published.
 
 from collections import Counter
 from collections.abc import Callable
+from collections.abc import Set as AbstractSet
 from typing import Any
 
 from drivers.events import (
@@ -39,6 +40,7 @@ from estimator.errors import InputError
 from estimator.estimator import Estimator
 from estimator.profile import Profile, load_profile, merge_profile
 from estimator.reasons import Reason
+from service.attitude_rows import AttitudeRows, expanded
 from service.counts import Counts
 from service.departures import DepartedCounts, Departures
 from service.health import State
@@ -212,10 +214,18 @@ class Pipeline:
 
     def tick(self, now_us: int, load: Load = Load()) -> list[Output]:  # noqa: B008 - immutable
         """The attitudes at ``now_us`` (host time), and each second the statuses."""
+        return expanded(self.tick_rows(now_us, load))
+
+    def tick_rows(
+        self,
+        now_us: int,
+        load: Load = Load(),  # noqa: B008 - immutable
+    ) -> list[Output | AttitudeRows]:
+        """The same with most attitudes as rows."""
         status_due = self._take_status_turn(now_us)
         if status_due:
             self._forget_silent(now_us)
-        outputs = self._take_departed(now_us)
+        outputs: list[Output | AttitudeRows] = [*self._take_departed(now_us)]
         outputs += [*self._replaced.values(), *self._peers.values()]
         for address in self._replaced.keys() - self._fitted:
             vehicle, why = self._vehicles[address], self._replaced[address].retuned
@@ -225,13 +235,15 @@ class Pipeline:
         self._peers.clear()
         takes_all = not (load.is_shedding or load.has_just_woken)
         wanted = NONE if load.is_behind else ALL if takes_all else DUE
-        shown = {} if load.has_just_woken else self._usual.show(now_us, wanted)
+        done: AbstractSet[VehicleId] = frozenset()
+        if not load.has_just_woken:
+            rows, done = self._usual.show(now_us, wanted)
+            outputs += [] if rows is None else [rows]
         told = self._take_lost() if status_due else set()
         for address, vehicle in self._vehicles.items():
-            if address in shown:
-                found = shown[address]
-                if found is not None:
-                    outputs.append(Published(address, *found))
+            if address in done:
+                if not status_due:
+                    continue
             elif vehicle.state is State.LOST and address not in told:
                 continue  # it has no attitude, and nothing changes until a sample comes
             else:

@@ -153,7 +153,7 @@ class Runner(Stoppable):
             rate_hz=1.0 / self._period_s,
             recording=self._recording(),
         )
-        self._outbox.put(self._pipeline.tick(self._now_us(), load))
+        self._outbox.put(self._pipeline.tick_rows(self._now_us(), load))
         self._outbox.settle(SETTLING * self._period_s)
         self._frozen.add(len(self._pipeline), now_s)
         self.ticks += 1

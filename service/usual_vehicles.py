@@ -7,9 +7,10 @@ else is left to Python, with all that follow of its vehicle; what is known of th
 before, and taken over again behind it.
 """
 
+from collections.abc import Set as AbstractSet
 from functools import cache
 from math import degrees, isfinite, pi
-from typing import Any
+from typing import Any, NamedTuple, Self
 
 import numba
 import numpy as np
@@ -30,16 +31,25 @@ from estimator.estimator import Estimator
 from estimator.geometry.frames import euler_rad
 from estimator.live.refusal import FINE, RATE_LIMIT_RAD_S, fault_of
 from estimator.live.resident import RAW, advance, advance_raw, contradicted_axes, publish
-from estimator.types import ZERO_VEC3, ImuSample, Vec3
+from estimator.types import ZERO_VEC3, Vec3
+from service.attitude_rows import HAS_MAG as SHOWN_HAS_MAG
+from service.attitude_rows import READINGS, ROW_WHOLE, SAMPLE_US, AttitudeRows
+from service.attitude_text import (
+    AGE_US,
+    BOOT_US,
+    NUMBER_OF_WORD,
+    NUMBERS,
+    REFERENCE,
+    SEQUENCE,
+    STATE,
+    UNIX_US,
+)
 from service.health import LATE_MINIMUM_US, State, late_after_us
 from service.host_clock import HostClock, Offsets, observe
 from service.imu_choice import STAND_IN_GAP_US, longest_silence_us
 from service.intervals import CHECKED_EVERY, MEDIAN_EVERY, OTHER_CLOCK_US, PERIODS_KEPT
-from service.records import SCHEMA, AttitudeRecord, Confidence, Sigma
 from service.showing import is_due, shown_at
-from service.vehicle import Vehicle, sample_of
-
-Shown = tuple[AttitudeRecord, ImuSample]
+from service.vehicle import Vehicle
 
 # numba ships no types; arrays of int64 and float64
 _typeof: Any = numba.typeof
@@ -76,9 +86,7 @@ UNWANTED, SHOWN, MORE = 0, 1, 2
 LEAST_PLACES = 16
 # Which are wanted at a tick.
 NONE, DUE, ALL = 0, 1, 2
-# Columns of what is shown.
-DONE, BOOT_US, AGE_US, SEQUENCE, HAS_HEADING = 0, 1, 2, 3, 4
-SHOWN_WHOLE, SHOWN_NUMBERS = 5, 20
+RUNNING = NUMBER_OF_WORD[State.RUNNING.value]
 
 
 @compiled
@@ -261,38 +269,52 @@ def show_rows(
     fleet: Any,
     places: Whole,
     state: tuple[Whole, Floats, Whole],
+    references: Whole,
     now_us: int,
     wanted: int,
-    shown: tuple[Whole, Floats],
-) -> None:
-    """What is published of the vehicles at ``places``; those ``wanted`` count it."""
+    done: Whole,
+    shown: tuple[Whole, Floats, Floats],
+) -> int:
+    """Write what is published of the vehicles at ``places``; returns how many those are.
+
+    ``done`` says what has become of each. ``references`` has, by place, what a heading is measured
+    from, with one and without. Those that are shown count it.
+    """
     state_whole, state_numbers, _ = state
-    out_whole, out = shown
-    for n in range(len(places)):
-        row, reals = state_whole[places[n]], state_numbers[places[n]]
-        whole, numbers = out_whole[n], out[n]
-        whole[DONE] = MORE
+    out_whole, out, readings = shown
+    n = 0
+    for k in range(len(places)):
+        row, reals = state_whole[places[k]], state_numbers[places[k]]
+        done[k] = MORE
         if now_us - row[ARRIVAL] >= LATE_MINIMUM_US:
             continue
-        whole[DONE] = UNWANTED
+        done[k] = UNWANTED
         is_new = is_due(row[SAMPLES] != row[SHOWN_SAMPLES], now_us - row[SHOWN_US])
         if wanted == NONE or (wanted == DUE and not is_new):
             continue
+        done[k] = MORE
         clock, last_us = clock_of(row, reals), (row[TIME], row[ARRIVAL])
         time_us, age_us = shown_at(clock, last_us, float(row[MEDIAN]), now_us)
-        _, moved, figures, has_heading = publish(fleet[places[n]], time_us, row[SOURCE])
+        _, moved, figures, has_heading = publish(fleet[places[k]], time_us, row[SOURCE])
         if not is_finite(moved, figures):
             continue
-        whole[DONE], whole[BOOT_US] = SHOWN, row[BOOT] + time_us - row[TIME]
-        whole[AGE_US], whole[SEQUENCE], whole[HAS_HEADING] = age_us, row[ATTITUDES], has_heading
-        write_shown(numbers, moved, figures, reals[LEAST_HEADING])
+        done[k], whole = SHOWN, out_whole[n]
+        whole[UNIX_US], whole[BOOT_US] = now_us, row[BOOT] + time_us - row[TIME]
+        whole[AGE_US], whole[SEQUENCE], whole[STATE] = max(0, age_us), row[ATTITUDES], RUNNING
+        whole[REFERENCE] = references[places[k], 0 if has_heading else 1]
+        write_shown(out[n], moved, figures, reals[LEAST_HEADING])
+        whole[SAMPLE_US], whole[SHOWN_HAS_MAG] = row[TIME], row[HAS_MAG]
+        for i in range(READINGS):
+            readings[n, i] = reals[READING + i]
         row[ATTITUDES] += 1
         row[SHOWN_SAMPLES], row[SHOWN_US] = row[SAMPLES], now_us
+        n += 1
+    return n
 
 
 @inlined
 def write_shown(row: Floats, moved: Any, figures: Any, least_heading_rad: float) -> None:
-    """The numbers of an :class:`AttitudeRecord`, in the order of its fields."""
+    """The numbers of an attitude, in the order of its record's fields."""
     q, rate, bias, error, error_rate, gain = moved
     euler = euler_rad(q)
     for i in range(4):
@@ -323,6 +345,21 @@ def put(fleet: Any, place: int, inside: Any) -> None:
         fleet.append(inside)
 
 
+class _Here(NamedTuple):
+    """The vehicles that are here."""
+
+    addresses: list[VehicleId]
+    places: Whole
+    known: frozenset[VehicleId]
+
+    @classmethod
+    def of(cls, vehicles: list[Vehicle | None]) -> Self:
+        """Those of the places that are taken."""
+        here = [(each.address, k) for k, each in enumerate(vehicles) if each is not None]
+        addresses = [address for address, _ in here]
+        return cls(addresses, np.array([k for _, k in here], np.int64), frozenset(addresses))
+
+
 class UsualVehicles:
     """Keeps the numbers of the vehicles that it steps; see :meth:`hand_back`."""
 
@@ -331,7 +368,8 @@ class UsualVehicles:
         self._index = np.zeros(1 << 16, np.int64)
         self._state = _state_arrays(0)
         self._vehicles: list[Vehicle | None] = []
-        self._norths: list[tuple[str, str]] = []
+        self._here: _Here | None = None  # who of them is here, once it has been looked for
+        self._references = np.zeros((0, 2), np.int64)
         self._places: dict[VehicleId, int] = {}
         self._free: list[int] = []  # at the end the next: never one beyond those that were taken
         self._batch = 0
@@ -363,27 +401,27 @@ class UsualVehicles:
         )
         return rows_left, checks, compared, looks
 
-    def show(self, now_us: int, wanted: int) -> dict[VehicleId, Shown | None]:
-        """What is published of the vehicles of which nothing else is to be said at a tick."""
-        here = [(place, each) for place, each in enumerate(self._vehicles) if each is not None]
-        if not here:
-            return {}
-        places = np.array([place for place, _ in here], np.int64)
-        whole = np.zeros((len(here), SHOWN_WHOLE), np.int64)
-        numbers = np.zeros((len(here), SHOWN_NUMBERS))
-        self._show(self._fleet, places, self._state, now_us, wanted, (whole, numbers))
-        state, reals, _ = self._state
-        times = state[places][:, (TIME, HAS_MAG)].tolist()
-        readings = reals[places, READING:LEAST_HEADING].tolist()
-        shown: dict[VehicleId, Shown | None] = {}
-        rows = zip(here, whole.tolist(), numbers.tolist(), times, readings, strict=True)
-        for (place, vehicle), row, figures, (time_us, has_mag), reading in rows:
-            if row[DONE] == SHOWN:
-                record = _record(row, figures, now_us, self._norths[place])
-                shown[vehicle.address] = record, sample_of(time_us, reading, has_mag)
-            elif row[DONE] == UNWANTED:
-                shown[vehicle.address] = None
-        return shown
+    def show(self, now_us: int, wanted: int) -> tuple[AttitudeRows | None, AbstractSet[VehicleId]]:
+        """What is published at a tick, and of which vehicles nothing else is to be said."""
+        if self._here is None:
+            self._here = _Here.of(self._vehicles)
+        addresses, places, known = self._here
+        n = len(addresses)
+        if not n:
+            return None, known
+        done = np.empty(n, np.int64)
+        rows = (np.empty((n, ROW_WHOLE), np.int64), np.empty((n, NUMBERS)))
+        shown = (*rows, np.empty((n, READINGS)))
+        references = self._references
+        count = self._show(
+            self._fleet, places, self._state, references, now_us, wanted, done, shown
+        )
+        more = (done == MORE).nonzero()[0].tolist()
+        vehicles = addresses
+        if count < n:
+            vehicles = [addresses[k] for k in (done == SHOWN).nonzero()[0].tolist()]
+        found = AttitudeRows(vehicles, *(each[:count] for each in shown)) if count else None
+        return found, known - {addresses[k] for k in more} if more else known
 
     def has(self, address: VehicleId) -> bool:
         """Whether a vehicle's numbers are here."""
@@ -399,7 +437,8 @@ class UsualVehicles:
             self._grow(lent.inside)
         place = self._places[vehicle.address] = self._free.pop()
         self._vehicles[place] = vehicle
-        self._norths[place] = lent.norths
+        self._references[place] = [NUMBER_OF_WORD[word] for word in lent.norths]
+        self._here = None
         self._put(self._fleet, place, lent.inside)
         self._index[_number(vehicle.address)] = place + 1
         state, reals, left_in = self._state
@@ -424,7 +463,7 @@ class UsualVehicles:
         if place is not None:
             self._index[_number(address)] = 0
             self._free.append(place)
-            self._vehicles[place] = None
+            self._vehicles[place] = self._here = None
 
     def _grow(self, inside: Any) -> None:
         """Make places for as many vehicles again, and bind the steps at the first."""
@@ -435,7 +474,7 @@ class UsualVehicles:
         self._state = grown
         more = len(grown[0]) - n
         self._vehicles += [None] * more
-        self._norths += [("", "")] * more
+        self._references = np.vstack((self._references, np.zeros((more, 2), np.int64)))
         self._free += range(n + more - 1, n - 1, -1)
         if self._fleet is None:
             arguments = argument_types(_typeof(inside))
@@ -451,30 +490,6 @@ def rehearse(estimator: Estimator) -> None:
     if inside is not None:
         for kernel, arguments in argument_types(_typeof(inside)).items():
             direct(kernel, arguments)
-
-
-def _record(
-    row: list[int], numbers: list[float], now_us: int, norths: tuple[str, str]
-) -> AttitudeRecord:
-    w, x, y, z, *vectors = numbers[:13]
-    return AttitudeRecord(
-        SCHEMA,
-        now_us,
-        row[BOOT_US],
-        (w, x, y, z),
-        tuple(vectors[:3]),  # type: ignore[arg-type]
-        tuple(vectors[3:6]),  # type: ignore[arg-type]
-        tuple(vectors[6:]),  # type: ignore[arg-type]
-        numbers[13],
-        numbers[14],
-        numbers[15],
-        Confidence(numbers[16], numbers[17]),
-        Sigma(numbers[18], numbers[19]),
-        norths[1 - row[HAS_HEADING]],
-        State.RUNNING.value,
-        max(0, row[AGE_US]) / 1e3,
-        row[SEQUENCE],
-    )
 
 
 def _number(address: VehicleId) -> int:
@@ -497,5 +512,8 @@ def argument_types(inside: Any) -> dict[Any, tuple[Any, ...]]:
         new_fleet: (inside,),
         put: (fleet, whole, inside),
         take_rows: (fleet, numbers, state, whole, numbers, rows, numbers),
-        show_rows: (fleet, numbers, state, whole, whole, _types.Tuple((two, reals))),
+        show_rows: (
+            *(fleet, numbers, state, two, whole, whole, numbers),
+            _types.Tuple((two, reals, reals)),
+        ),
     }

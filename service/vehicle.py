@@ -41,6 +41,7 @@ from estimator.types import IDENTITY, ImuSample, RateSample, VelocitySample
 from service import health, host_clock, imu_choice, report_choice
 from service.alarms import LEANING_DEG, MEANINGS, Alarm, Alarms
 from service.attitude_record import attitude_record, euler_deg, is_finite
+from service.attitude_rows import sample_of
 from service.counts import Counts
 from service.health import Health, State
 from service.host_clock import HostClock, Offsets
@@ -66,12 +67,6 @@ def carrier_of(heartbeat: Heartbeat) -> Carrier:
         return Carrier.WHEELS
     is_vehicle = heartbeat.is_armed and heartbeat.vehicle_type != MAV_TYPE_GENERIC
     return Carrier.VEHICLE if is_vehicle else Carrier.ANYTHING
-
-
-def sample_of(time_us: int, reading: list[float], has_mag: int) -> ImuSample:
-    """The sample of a row."""
-    gx, gy, gz, ax, ay, az, mx, my, mz = reading
-    return ImuSample(time_us, (gx, gy, gz), (ax, ay, az), (mx, my, mz), has_mag == 1)
 
 
 class Vehicle:

@@ -26,7 +26,7 @@ from estimator.live.core import flat
 from estimator.live.settings import settings_of
 from estimator.profile import Profile, load_profile
 from estimator.types import IDENTITY, ZERO_VEC3, ImuSample, VelocitySample
-from service import usual_vehicles
+from service import attitude_text, usual_vehicles
 
 STEP_US = 10_000
 BLAS = "scipy.linalg.cython_blas"
@@ -48,6 +48,7 @@ UNAIDED: tuple[Any, ...] = (
     usual_vehicles.put,
     usual_vehicles.take_rows,
     usual_vehicles.show_rows,
+    attitude_text.write_texts,
 )
 FOR_VELOCITY: tuple[Any, ...] = (
     resident.advance_aided,
@@ -74,7 +75,7 @@ def warm_up(profile: Profile, gain: float | None) -> None:
         for helper in started:
             await_end(helper)
     if is_compiled_code():
-        for kernel, types in _of_links().items():
+        for kernel, types in _of_edges().items():
             direct(kernel, types)
     rehearse(Estimator(profile, gain), aided=_needs_aided(profile))
 
@@ -121,9 +122,10 @@ def _leave_out_scipy() -> None:
         del sys.modules[BLAS]
 
 
-def _of_links() -> dict[Any, tuple[Any, ...]]:
-    """The kernels of a link, and the types that they are called with."""
+def _of_edges() -> dict[Any, tuple[Any, ...]]:
+    """The kernels of links and sinks, and the types that they are called with."""
     return {
+        attitude_text.write_texts: attitude_text.argument_types(),
         usual_frames.read_frames: usual_frames.argument_types(),
         scanning.scan_frames: scanning.argument_types(),
     }
@@ -133,7 +135,7 @@ def compile_ahead(profile: Profile, kernels: tuple[Any, ...]) -> None:
     """Compile these kernels without running them."""
     arguments = resident.arguments_of(settings_of(profile), Estimator(profile).snapshot.core)
     (inside,) = arguments[resident.contents]
-    arguments |= _of_links() | usual_vehicles.argument_types(inside)
+    arguments |= _of_edges() | usual_vehicles.argument_types(inside)
     for kernel in kernels:
         kernel.compile(arguments[kernel])
 

@@ -20,7 +20,8 @@ from estimator.errors import InputError
 from fuzzbee.board import Board
 from fuzzbee.say import say
 from fuzzbee.web.shown import shown
-from service.records import Departed, Output, Published, vehicle_name
+from service.attitude_rows import AttitudeRows, Made
+from service.records import Departed, Published, vehicle_name
 
 HOST = "127.0.0.1"
 MOST_PORT = 65535
@@ -81,6 +82,7 @@ class WebPage:
     """
 
     name = "web"
+    takes_rows = True
 
     def __init__(
         self,
@@ -101,10 +103,12 @@ class WebPage:
         self._thread = threading.Thread(target=self._server.serve_forever, name="web", daemon=True)
         self._thread.start()
 
-    def handle(self, outputs: Sequence[Output]) -> None:
+    def handle(self, outputs: Sequence[Made]) -> None:
         """Remember the latest records."""
         for output in outputs:
             match output:
+                case AttitudeRows():
+                    self.board.update_rows(output, self.now_s())
                 case Published(vehicle=vehicle, record=record):
                     self.board.update(vehicle_name(vehicle), record, self.now_s())
                 case Departed(vehicle=vehicle):

@@ -4,7 +4,8 @@ import time
 from collections.abc import Sequence
 from typing import Protocol, Self
 
-from service.records import Message, Output
+from service.attitude_rows import Made
+from service.records import Message
 from service.sinks.sink import Outlet, Sink
 
 CLOSE_TIMEOUT_S = 0.7  # for all sinks together: the command ends within a second
@@ -17,7 +18,7 @@ class OutputTaker(Protocol):
     def dropped(self) -> int:
         """Records that were lost because nobody took them in time."""
 
-    def put(self, outputs: list[Output]) -> None:
+    def put(self, outputs: Sequence[Made]) -> None:
         """Take outputs; never blocks."""
 
     def settle(self, timeout_s: float) -> bool:
@@ -42,10 +43,11 @@ class Outbox:
         """How often sinks failed."""
         return sum(outlet.errors for outlet in self._outlets)
 
-    def put(self, outputs: list[Output]) -> None:
+    def put(self, outputs: Sequence[Made]) -> None:
         """Hand outputs to every sink, and one sink's errors to all; never blocks."""
         errors = [error for outlet in self._outlets if (error := outlet.take_error()) is not None]
-        outputs = outputs + [Message(error) for error in errors]
+        if errors:
+            outputs = [*outputs, *map(Message, errors)]
         if outputs:
             for outlet in self._outlets:
                 outlet.put(outputs)

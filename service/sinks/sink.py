@@ -4,11 +4,12 @@ import threading
 import time
 from collections import deque
 from collections.abc import Callable, Sequence
-from typing import Protocol
+from typing import Any, Protocol
 
+from service.attitude_rows import AttitudeRows, Made, expanded
 from service.records import Output
 
-AtOnce = Callable[[Sequence[Output]], Sequence[Output]]
+AtOnce = Callable[[Sequence[Made]], Sequence[Made]]
 
 
 class Sink(Protocol):
@@ -18,7 +19,9 @@ class Sink(Protocol):
     else's sake: when it is, there is more to do than can be done. It may have
     ``handle_at_once(outputs)``, which returns what cannot be done at once: while nothing else is
     pending the loop calls that itself, since to wake a thread costs more than some records. One
-    with a ``rest_s`` is for eyes: its thread rests that long after each look.
+    with a ``rest_s`` is for eyes: its thread rests that long after each look. One with
+    ``takes_rows = True`` is given :class:`~service.attitude_rows.AttitudeRows` as they are, others
+    the records that they hold.
     """
 
     @property
@@ -55,18 +58,19 @@ class Outlet:
         self.dropped = 0
         self.errors = 0
         self._last_error: str | None = None
-        self._pending: deque[tuple[float, Sequence[Output]]] = deque()  # and since when, s
+        self._pending: deque[tuple[float, Sequence[Made]]] = deque()  # and since when, s
         self._is_busy = False  # something is pending, or in hand
         self._progress_s = 0.0  # when it began, or got on with something
         self._handle_at_once: AtOnce | None = getattr(sink, "handle_at_once", None)
         self._rest_s: float = getattr(sink, "rest_s", 0.0)
+        self._takes_rows: bool = getattr(sink, "takes_rows", False)
         self._closing = False
         self._changed = threading.Condition()
         # a daemon: a sink that blocks for ever must not keep the process alive
         self._thread = threading.Thread(target=self._work, name=f"sink {sink.name}", daemon=True)
         self._thread.start()
 
-    def put(self, outputs: Sequence[Output]) -> None:
+    def put(self, outputs: Sequence[Made]) -> None:
         """Hand over outputs; never blocks."""
         if self._handle_at_once is not None and not self._is_busy:
             try:
@@ -81,7 +85,7 @@ class Outlet:
             while len(self._pending) >= MAX_PENDING or (
                 self._pending and now_s - self._pending[0][0] > LONGEST_WAIT_S
             ):
-                self.dropped += len(self._pending.popleft()[1])
+                self.dropped += _count(self._pending.popleft()[1])
             self._pending.append((now_s, outputs))
             if not self._is_busy:
                 self._is_busy, self._progress_s = True, now_s
@@ -116,11 +120,13 @@ class Outlet:
         return not self._thread.is_alive()
 
     def _work(self) -> None:
-        while (outputs := self._next()) is not None:
+        take: Callable[[Any], None] = self.sink.handle
+        while (made := self._next()) is not None:
+            outputs = made if self._takes_rows else expanded(made)
             size = PIECE if self.never_waits else max(1, len(outputs))
             for begin in range(0, len(outputs), size):
                 try:
-                    self.sink.handle(outputs[begin : begin + size])
+                    take(outputs[begin : begin + size])
                 except BaseException as error:  # noqa: BLE001 - whatever it does, the others go on
                     self._note(error)
                 self._progress_s = time.monotonic()
@@ -129,7 +135,7 @@ class Outlet:
         except BaseException as error:  # noqa: BLE001
             self._note(error)
 
-    def _next(self) -> Sequence[Output] | None:
+    def _next(self) -> Sequence[Made] | None:
         with self._changed:
             if not self._pending and self._is_busy:
                 self._is_busy = False
@@ -144,3 +150,7 @@ class Outlet:
         if self.errors % 100 == 0:
             self._last_error = f"{self.sink.name}: {error or type(error).__name__}"
         self.errors += 1
+
+
+def _count(outputs: Sequence[Made]) -> int:
+    return sum(len(each) if isinstance(each, AttitudeRows) else 1 for each in outputs)

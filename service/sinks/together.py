@@ -9,7 +9,8 @@ from typing import TYPE_CHECKING
 
 import msgspec
 
-from service.records import AttitudeRecord, Encoded, Output, Published, vehicle_name
+from service.attitude_rows import AttitudeRows, Made, encoded
+from service.records import Encoded, vehicle_name
 
 if TYPE_CHECKING:
     import zenoh
@@ -22,6 +23,7 @@ class TogetherSink:
 
     name = "together"
     never_waits = True  # what a subscriber does not take is dropped
+    takes_rows = True
 
     def __init__(self, session: "zenoh.Session", prefix: str) -> None:
         import zenoh
@@ -34,14 +36,15 @@ class TogetherSink:
         )
         self._encode = msgspec.json.Encoder().encode
 
-    def handle(self, outputs: Sequence[Output]) -> None:
+    def handle(self, outputs: Sequence[Made]) -> None:
         """Publish the attitudes among the outputs; the last one of each vehicle."""
         attitudes: dict[str, msgspec.Raw] = {}
-        for output in outputs:
-            if isinstance(output, Encoded):
+        for output in encoded(outputs):
+            if isinstance(output, AttitudeRows):
+                texts = map(msgspec.Raw, output.texts)
+                attitudes |= zip(map(vehicle_name, output.vehicles), texts, strict=True)
+            elif isinstance(output, Encoded):
                 attitudes[vehicle_name(output.vehicle)] = msgspec.Raw(output.payload)
-            elif isinstance(output, Published) and isinstance(output.record, AttitudeRecord):
-                attitudes[vehicle_name(output.vehicle)] = msgspec.Raw(self._encode(output.record))
         if attitudes:
             self._publisher.put(self._encode(attitudes))
 

@@ -14,15 +14,13 @@ import msgspec
 from drivers.events import VehicleId
 from estimator.errors import InputError
 from estimator.profile import Profile, profile_to_json
+from service.attitude_rows import AttitudeRows, Made, attitude_of, encoded
 from service.parameters import ParameterRequests
 from service.records import (
-    AttitudeRecord,
     Departed,
     Encoded,
-    Output,
     Published,
     Replaced,
-    StatusRecord,
     vehicle_name,
 )
 from service.zenoh_session import close_session
@@ -54,6 +52,7 @@ class ZenohSink:
 
     name = "zenoh"
     never_waits = True  # what a subscriber does not take is dropped
+    takes_rows = True
 
     def __init__(
         self,
@@ -73,43 +72,53 @@ class ZenohSink:
         self._profile = profile
         self._profiles: dict[str, Profile] = {}
         self._addresses: dict[str, VehicleId] = {}
-        self._topics: dict[tuple[VehicleId, type], _Topic] = {}
+        self._attitudes: dict[VehicleId, _Topic] = {}
+        self._statuses: dict[VehicleId, _Topic] = {}
         self._tokens: dict[str, zenoh.LivelinessToken] = {}
         self._encode = msgspec.json.Encoder().encode
         # one for all keys: zenoh runs a thread for each
         self._queryable = session.declare_queryable(f"{prefix}/*/*", self._on_query)
 
-    def handle(self, outputs: Sequence[Output]) -> None:
+    def handle(self, outputs: Sequence[Made]) -> None:
         """Publish the records among the outputs."""
-        for output in outputs:
+        for output in self._encoded(outputs):
             self._take(output)
 
-    def handle_at_once(self, outputs: Sequence[Output]) -> Sequence[Output]:
+    def handle_at_once(self, outputs: Sequence[Made]) -> Sequence[Made]:
         """Publish what comes before the first output that changes keys, which others are told of.
 
         Returns the rest.
         """
+        outputs = self._encoded(outputs)
         for k, output in enumerate(outputs):
             if self._changes_keys(output):
                 return outputs[k:]
             self._take(output)
         return ()
 
-    def _changes_keys(self, output: Output) -> bool:
-        if isinstance(output, Published):
-            return (output.vehicle, output.record.__class__) not in self._topics
+    def _encoded(self, outputs: Sequence[Made]) -> Sequence[Made]:
+        """With the texts of attitudes; with workers those are there beside the records."""
+        if self._takes_encoded:
+            return [each for each in outputs if attitude_of(each) is None]
+        return encoded(outputs)
+
+    def _changes_keys(self, output: Made) -> bool:
+        if isinstance(output, AttitudeRows):
+            return not self._attitudes.keys() >= set(output.vehicles)
         if isinstance(output, Encoded):
-            return (output.vehicle, AttitudeRecord) not in self._topics
+            return output.vehicle not in self._attitudes
+        if isinstance(output, Published):
+            return output.vehicle not in self._statuses
         return isinstance(output, Departed)
 
-    def _take(self, output: Output) -> None:
-        if isinstance(output, Published):
-            form = output.record.__class__
-            # with workers an attitude has come encoded, too; this one is for those who show it
-            if not (self._takes_encoded and form is AttitudeRecord):
-                self._put(output.vehicle, form, self._encode(output.record))
+    def _take(self, output: Made) -> None:
+        if isinstance(output, AttitudeRows):
+            for vehicle, text in zip(output.vehicles, output.texts, strict=True):
+                self._put_attitude(vehicle, text)
         elif isinstance(output, Encoded):
-            self._put(output.vehicle, AttitudeRecord, output.payload)
+            self._put_attitude(output.vehicle, output.payload)
+        elif isinstance(output, Published):
+            self._put_status(output.vehicle, self._encode(output.record))
         elif isinstance(output, Replaced):
             self._profiles[vehicle_name(output.vehicle)] = output.profile
         elif isinstance(output, Departed):
@@ -119,20 +128,26 @@ class ZenohSink:
         """Close the session, which withdraws everything declared on it."""
         close_session(self._session)
 
-    def _put(self, vehicle: VehicleId, form: type, payload: bytes) -> None:
-        topic = self._topics.get((vehicle, form))
+    def _put_attitude(self, vehicle: VehicleId, text: bytes) -> None:
+        topic = self._attitudes.get(vehicle)
         if topic is None:
-            topic = self._new_topic(vehicle, form)
-        topic.last = payload
-        topic.put(payload)
+            topic = self._attitudes[vehicle] = self._new_topic(vehicle, "attitude")
+        topic.last = text
+        topic.put(text)
 
-    def _new_topic(self, vehicle: VehicleId, form: type) -> _Topic:
+    def _put_status(self, vehicle: VehicleId, text: bytes) -> None:
+        topic = self._statuses.get(vehicle)
+        if topic is None:
+            topic = self._statuses[vehicle] = self._new_topic(vehicle, "status")
+        topic.last = text
+        topic.put(text)
+
+    def _new_topic(self, vehicle: VehicleId, kind: str) -> _Topic:
         import zenoh
 
         name = vehicle_name(vehicle)
         if name not in self._addresses:
             self._appear(name, vehicle)
-        kind = "attitude" if form is AttitudeRecord else "status"
         key = f"{self._prefix}/{name}/{kind}"
         publisher = self._session.declare_publisher(
             key,
@@ -140,8 +155,7 @@ class ZenohSink:
             congestion_control=zenoh.CongestionControl.DROP,
             express=False,
         )
-        topic = self._topics[vehicle, form] = _Topic(key, publisher)
-        return topic
+        return _Topic(key, publisher)
 
     def _appear(self, name: str, vehicle: VehicleId) -> None:
         self._addresses[name] = vehicle
@@ -153,8 +167,8 @@ class ZenohSink:
     def _disappear(self, vehicle: VehicleId) -> None:
         """Withdraw everything of a vehicle."""
         name = vehicle_name(vehicle)
-        for kind in (AttitudeRecord, StatusRecord):
-            topic = self._topics.pop((vehicle, kind), None)
+        for topics in (self._attitudes, self._statuses):
+            topic = topics.pop(vehicle, None)
             if topic is not None:
                 topic.publisher.undeclare()  # type: ignore[no-untyped-call]
         self._addresses.pop(name, None)
@@ -173,7 +187,7 @@ class ZenohSink:
         import zenoh
 
         with query:
-            for topic in list(self._topics.values()):
+            for topic in [*self._attitudes.values(), *self._statuses.values()]:
                 if topic.last and query.key_expr.intersects(zenoh.KeyExpr(topic.key)):
                     query.reply(topic.key, topic.last, encoding=JSON)
             for name, vehicle in list(self._addresses.items()):

@@ -2,13 +2,14 @@
 
 import pickle
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from struct import Struct
 
 import msgspec
 
 from drivers.events import VehicleId
-from service.records import AttitudeRecord, Message, Output, Published
+from service.attitude_rows import AttitudeRows, Made, encoded, expanded
+from service.records import AttitudeRecord, Encoded, Message, Output
 from service.workers.connection import Connection, Kind
 from service.workers.job import Tally
 
@@ -29,20 +30,18 @@ class Report:
         self._tally = tally
         self._as_records = as_records
         self._tally_due_s = 0.0
-        self._encode = msgspec.json.Encoder().encode
 
-    def put(self, outputs: list[Output]) -> None:
+    def put(self, outputs: Sequence[Made]) -> None:
         """Hand outputs back; never blocks."""
         attitudes: list[bytes] = []
         others: list[Output] = []
-        for output in outputs:
-            if isinstance(output, Published):
-                record = output.record
-                if isinstance(record, AttitudeRecord) and not self._as_records:
-                    payload, (system, component) = self._encode(record), output.vehicle
-                    attitudes += (_HEAD.pack(system, component, len(payload)), payload)
-                    continue
-            if isinstance(output, Message) and not output.text.startswith(_PREFIX):
+        for output in expanded(outputs) if self._as_records else encoded(outputs):
+            if isinstance(output, AttitudeRows):
+                for vehicle, text in zip(output.vehicles, output.texts, strict=True):
+                    attitudes += (_HEAD.pack(*vehicle, len(text)), text)
+            elif isinstance(output, Encoded):
+                attitudes += (_HEAD.pack(*output.vehicle, len(output.payload)), output.payload)
+            elif isinstance(output, Message) and not output.text.startswith(_PREFIX):
                 others.append(Message(f"{self._name}: {output.text}"))  # about the worker itself
             else:
                 others.append(output)

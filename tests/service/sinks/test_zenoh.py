@@ -14,6 +14,7 @@ from drivers.simulation.simulated_vehicle import SimulatedVehicle
 from drivers.simulation.source import SimSource
 from estimator.errors import InputError
 from estimator.profile import load_profile
+from service.attitude_text import texts_of_records
 from service.parameters import ParameterRequests
 from service.pipeline import Pipeline
 from service.records import Departed, Encoded, Published, StatusRecord
@@ -303,7 +304,7 @@ def test_all_attitudes_of_a_tick_come_in_one_put(endpoint):
     session, received = open_session(options(endpoint)), []
     vehicles = [VehicleId(1, 1), VehicleId(2, 1), VehicleId(2, 154)]
     record = Rig().fly(2.0).records[-1]
-    encoded = msgspec.json.encode(record)
+    (encoded,) = texts_of_records([record])
     sink = TogetherSink(session, "test")
     outputs = [Published(vehicle, record) for vehicle in vehicles[:2]]
     outputs.append(Encoded(vehicles[2], encoded))
