@@ -78,6 +78,8 @@ class ParameterRequests:
 
     def serve(self, replace: Replace) -> None:
         """Answer the waiting requests; called by the loop."""
+        if self._queue.empty():  # nearly always, and an exception less
+            return
         for vehicle, partial, retuned, answer in self.waiting():
             if not answer.set_running_or_notify_cancel():
                 continue

@@ -14,7 +14,8 @@ from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
-from drivers.mavlink import scanning, usual_frames
+from drivers.mavlink import leases, scanning, usual_frames
+from drivers.mavlink.transports import receive_many
 from estimator.aiding import begin
 from estimator.aiding.phase import Phase
 from estimator.aiding.types import NO_REPORT
@@ -44,6 +45,8 @@ UNAIDED: tuple[Any, ...] = (
     resident.advance,
     usual_frames.read_frames,
     scanning.scan_frames,
+    leases.pass_by,
+    receive_many.collect,
     usual_vehicles.new_fleet,
     usual_vehicles.put,
     usual_vehicles.take_rows,
@@ -125,9 +128,11 @@ def _leave_out_scipy() -> None:
 def _of_edges() -> dict[Any, tuple[Any, ...]]:
     """The kernels of links and sinks, and the types that they are called with."""
     return {
-        attitude_text.write_texts: attitude_text.argument_types(),
-        usual_frames.read_frames: usual_frames.argument_types(),
+        receive_many.collect: receive_many.argument_types(),
         scanning.scan_frames: scanning.argument_types(),
+        leases.pass_by: leases.argument_types(),
+        usual_frames.read_frames: usual_frames.argument_types(),
+        attitude_text.write_texts: attitude_text.argument_types(),
     }
 
 

@@ -57,6 +57,10 @@ class Claims:
         self.refused += 1
         return False
 
+    def left_s(self, peer: str, now_s: float) -> float:
+        """For how long the claim of ``peer`` still holds."""
+        return max(0.0, self._until_s.get(peer, 0.0) - now_s)
+
     def is_aging(self, peer: str, now_s: float) -> bool:
         """Whether it is time that an IMU sample of ``peer`` is noted again."""
         return self._until_s.get(peer, 0.0) <= now_s + 0.5 * CLAIM_S

@@ -1,6 +1,7 @@
 """Which frames of a link are let in: allowed systems, good signatures, one sender an address."""
 
 from collections import Counter
+from collections.abc import Callable
 from typing import NamedTuple
 
 from drivers.events import Event, Notice, RefusedFrames, VehicleId
@@ -34,16 +35,28 @@ class Policy(NamedTuple):
 _NO_POLICY = Policy()
 
 
+# By address, as system << 8 | component, and peer; 0 if none did.
+PassedUs = Callable[[int, str], int]
+
+
+def _nobody_passed(_address: int, _peer: str) -> int:
+    return 0
+
+
 class _Sender(Value, frozen=True):
     peer: str
     last_us: int
 
 
 class FrameGate:
-    """Judges frames one by one and counts what it refuses."""
+    """Judges frames one by one and counts what it refuses.
 
-    def __init__(self, policy: Policy) -> None:
+    ``passed_us`` tells when frames of an address and peer last passed without being judged.
+    """
+
+    def __init__(self, policy: Policy, passed_us: PassedUs = _nobody_passed) -> None:
         self._policy = policy
+        self._passed_us = passed_us
         self._senders: dict[tuple[int, int], _Sender] = {}
         self._most_senders = MOST_SENDERS
         self._refused: Counter[tuple[VehicleId, Reason]] = Counter()
@@ -73,18 +86,6 @@ class FrameGate:
         """Whether this peer's frames of that address were let in."""
         sender = self._senders.get(address)
         return sender is not None and sender.peer == peer
-
-    def lets_in_as_before(self, address: tuple[int, int], peer: str, arrival_us: int) -> bool:
-        """Let a known sender's frames in, where nothing else is asked of them.
-
-        False, and nothing done, for all that :meth:`let_in` has to judge.
-        """
-        sender = self._senders.get(address)
-        if sender is None or sender.peer != peer or self._policy != _NO_POLICY:
-            return False
-        if sender.last_us != arrival_us:
-            self._senders[address] = _Sender(peer, arrival_us)
-        return True
 
     def lets_in(self, frame: Frame, peer: str, arrival_us: int) -> bool:
         """Whether the frame is good; if not, it is counted."""
@@ -133,7 +134,8 @@ class FrameGate:
         address = (frame.system_id, frame.component_id)
         sender = self._senders.get(address)
         if sender is not None and sender.peer != peer:
-            if 0 <= arrival_us - sender.last_us < TAKE_OVER_US:
+            # what has passed may have come behind it
+            if abs(arrival_us - self._last_us(address, sender)) < TAKE_OVER_US:
                 return Reason.ADDRESS_CONFLICT
             sender = None
         if sender is None or sender.last_us != arrival_us:  # once for all frames of a datagram
@@ -142,11 +144,17 @@ class FrameGate:
                 self._drop_silent(arrival_us)
         return None
 
+    def _last_us(self, address: tuple[int, int], sender: _Sender) -> int:
+        """When the sender of an address was heard last."""
+        system_id, component_id = address
+        passed_us = self._passed_us(system_id << 8 | component_id, sender.peer)
+        return max(sender.last_us, passed_us)
+
     def _drop_silent(self, now_us: int) -> None:
         """Drop what means nothing any more; a flood is looked through each time it has doubled."""
         self._senders = {
             address: sender
             for address, sender in self._senders.items()
-            if 0 <= now_us - sender.last_us < TAKE_OVER_US
+            if 0 <= now_us - self._last_us(address, sender) < TAKE_OVER_US
         }
         self._most_senders = max(MOST_SENDERS, 2 * len(self._senders))

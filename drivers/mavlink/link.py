@@ -9,8 +9,8 @@ onboard computer; never from a ground station.
 import logging
 import time
 from collections import Counter, OrderedDict, deque
-from collections.abc import Iterator
-from typing import Any, NamedTuple, Self
+from collections.abc import Iterator, Sequence
+from typing import NamedTuple, Self
 
 import numpy as np
 
@@ -37,15 +37,17 @@ from drivers.mavlink.error_summary import ErrorSummary
 from drivers.mavlink.framing import Frame, FrameReader
 from drivers.mavlink.gate import FrameGate, Policy
 from drivers.mavlink.hearing import Hearing
+from drivers.mavlink.leases import Leases, Passing
 from drivers.mavlink.opening import Opening
 from drivers.mavlink.recorder import Recorder
-from drivers.mavlink.scanning import BEGIN, LEFT, MESSAGE, STOP, Scanned, Scanner
+from drivers.mavlink.scanning import LEFT, Scanned, Scanner
 from drivers.mavlink.sequences import SequenceWatch
 from drivers.mavlink.stream_request import Outgoing, StreamRequest
 from drivers.mavlink.taker import FrameTaker
+from drivers.mavlink.transports.datagrams import Datagrams
 from drivers.mavlink.transports.open import open_transport
 from drivers.mavlink.transports.sockets import SOCKET_BUFFER_BYTES
-from drivers.mavlink.transports.transport import LinkError, Packet
+from drivers.mavlink.transports.transport import LinkError
 from drivers.mavlink.triage import newest
 from drivers.mavlink.usual_frames import Batch, Readings, events_of
 from drivers.places import PLACES
@@ -75,11 +77,11 @@ LOSS_TOLD_S = 60.0
 _logger = logging.getLogger(__name__)
 
 
-class _Passing(NamedTuple):
+class _Passed(NamedTuple):
     """Frames that are read without waiting for their turn, from ``begin`` on."""
 
     scanned: Scanned
-    arrivals_us: Any
+    passing: Passing
     begin: int = 0
 
 
@@ -118,14 +120,15 @@ class MavlinkLink(Closing):
         self._background: BackgroundRecorder | None = None
         self._request = None if request_rate_hz is None else StreamRequest(request_rate_hz)
         self._backlog = Backlog(most_waiting)
-        self._passing: _Passing | None = None  # what need not wait there
+        self._passing: _Passed | None = None  # what need not wait there
         self._patience = Patience()
         self._read_clock_s = waiting_clock_s()  # at the end of the last look
         self._events: list[Event] = []  # to be drained next
         self._decoder = MavlinkDecoder(references=references)
         self._taker = taker
         self._scanner: Scanner | None = None
-        self._gate = FrameGate(policy)
+        self._leases = Leases()
+        self._gate = FrameGate(policy, self._leases.heard_us)
         self._key = key
         self._stamp = None if policy.signing is None else policy.signing.stamp
         self._claims = Claims()
@@ -239,10 +242,10 @@ class MavlinkLink(Closing):
 
     def _receive(self, wait_s: float) -> None:
         try:
-            packets = self._read(wait_s)
+            come = self._read(wait_s)
             self._note_state()
             now_s = time.monotonic()
-            self._handle(packets, now_s)
+            self._handle(come, now_s)
             self._backlog.note_look(now_s)
             self._look_s = now_s
             self._read_clock_s = waiting_clock_s()
@@ -255,17 +258,17 @@ class MavlinkLink(Closing):
         except OSError as error:  # no file descriptors left, or no memory
             self._note_loss(error.strerror or str(error))
 
-    def _read(self, wait_s: float) -> list[Packet]:
+    def _read(self, wait_s: float) -> Datagrams:
         """What has arrived; at once, only the rest in between is taken in any case."""
         if self._has_just_read and wait_s > 0.0:
             rest_s = self._rest_s(wait_s)
             time.sleep(rest_s)
             wait_s -= rest_s
-        packets = self._transport.receive(wait_s)
-        self._has_just_read = bool(packets)
-        if packets:
+        come = self._transport.receive_many(wait_s)
+        self._has_just_read = come.number > 0
+        if self._has_just_read:
             self._read_s = time.monotonic()
-        return packets
+        return come
 
     def _rest_s(self, wait_s: float) -> float:
         """How long to let datagrams gather."""
@@ -298,57 +301,83 @@ class MavlinkLink(Closing):
         else:
             raise error
 
-    def _handle(self, packets: list[Packet], now_s: float) -> None:
-        """Put the good frames of ``packets`` into the backlog, and all of them on record."""
-        if not packets and self._taker is None:
+    def _handle(self, come: Datagrams, now_s: float) -> None:
+        """Have most frames read at once; put the others into the backlog, and all on record."""
+        if not come.number and self._taker is None:
             return
         now_us = _unix_us()
-        admits = self._claims.admits
-        packets = [p for p in packets if not p.data or admits(p.peer, self._look_s, now_s)]
-        scanned = self._scan(packets)
+        scanned = self._scan(come)
         if scanned is not None and self._taker is None and self._is_late(now_s):
-            packets, scanned = self._thin_out(packets, scanned)
+            scanned = self._thin_out(scanned)
+            come = scanned.datagrams
+        others: Sequence[int] = range(come.number)
         waiting: list[Arrived] = []
-        away = self._backlog.senders  # whose frames wait, or are unusual
-        passing: list[int] = []  # packets that need not wait
-        arrivals_us = [stamp_us or now_us for _, _, stamp_us in packets]
-        for k, (peer, data, _) in enumerate(packets):
-            arrival_us = arrivals_us[k]
-            if not data:
-                self._readers.pop(peer, None)
-                self._gate.forget(peer)
-                continue
-            if not self._has_data:
-                self._note_data()
-            reader = self._reader(peer)
-            sender = scanned.senders[k] if scanned is not None else 0
-            if sender and self._is_usual(sender, peer, arrival_us, reader):
-                self._tell(self._hearing.bytes_read(len(data), 1, now_s), arrival_us)
-                waits = sender in away or not self._backlog.passes_by(sender)
-                if self._taker is None and not waits:
-                    passing.append(k)
-                    continue
-                usual = scanned.frames(k) if scanned is not None else []
-                self._credit(peer, usual, now_s)
-                waiting += [Arrived(arrival_us, frame) for frame in usual]
-                continue
-            away.add(sender)
-            frames = reader.feed(data)
-            self._events += self._sequences.look(peer, frames, arrival_us)
-            self._tell(self._hearing.bytes_read(len(data), len(frames), now_s), arrival_us)
-            frames = self._gate.let_in(frames, peer, arrival_us)
-            self._credit(peer, frames, now_s)
-            if self._background is not None and frames:
-                self._background.write(arrival_us, [frame.data for frame in frames])
-            left = self._of_use(frames, scanned, k)
-            waiting += [Arrived(arrival_us, each) for each in left]
-            away |= {each.system_id << 8 | each.component_id for each in frames}
-            if malformed := reader.take_malformed():
-                self._events.append(Malformed(arrival_us, malformed))
-        if scanned is not None and passing:
-            self._let_pass(scanned, packets, passing, arrivals_us)
+        if scanned is not None:
+            others, waiting = self._let_pass(scanned, now_s)
+        for k in others:
+            waiting += self._judged(come, k, scanned, now_s)
         self._hand_over(waiting, now_us)
         self._events += self._gate.take_refused(now_us)
+
+    def _let_pass(self, scanned: Scanned, now_s: float) -> tuple[Sequence[int], list[Arrived]]:
+        """Have the frames of those read before all that waits who have a lease.
+
+        Returns the other packets; for a taker, also the frames of those, which it takes in turn.
+        """
+        come = scanned.datagrams
+        looked_at = self._sequences.looked_at(int(come.arrivals_us[-1]))
+        passes, passing = self._leases.passing(scanned, looked_at, self._backlog.senders)
+        if not passes.any():
+            return range(come.number), []
+        self._tell(self._hearing.bytes_read(len(come.data), 1, now_s), int(come.arrivals_us[-1]))
+        if not self._transport.stamps_arrivals:  # who has places, and gives them to the sound
+            for peer in np.unique(come.peers[passes]).tolist():
+                self._transport.credit(come.name_of(peer))
+        others = (~passes).nonzero()[0].tolist()
+        if self._taker is None:
+            self._passing = _Passed(scanned, passing)
+            return others, []
+        numbers, arrivals_us = passing.numbers.tolist(), passing.arrivals_us.tolist()
+        rows = zip(numbers, arrivals_us, strict=True)
+        return others, [Arrived(us, scanned.frame(row)) for row, us in rows]
+
+    def _judged(
+        self, come: Datagrams, k: int, scanned: Scanned | None, now_s: float
+    ) -> list[Arrived]:
+        """The frames of a packet that are let in, of those that are decoded; all go on record."""
+        peer, data, arrival_us = come.packet(k)
+        if not data:
+            self._readers.pop(peer, None)
+            self._gate.forget(peer)
+            self._leases.end()
+            return []
+        if not self._claims.admits(peer, self._look_s, now_s):
+            return []
+        if not self._has_data:
+            self._note_data()
+        reader = self._reader(peer)
+        frames = reader.feed(data)
+        self._events += self._sequences.look(peer, frames, arrival_us)
+        self._tell(self._hearing.bytes_read(len(data), len(frames), now_s), arrival_us)
+        let_in = self._gate.let_in(frames, peer, arrival_us)
+        self._credit(peer, let_in, now_s)
+        if self._background is not None and let_in:
+            self._background.write(arrival_us, [frame.data for frame in let_in])
+        if malformed := reader.take_malformed():
+            self._events.append(Malformed(arrival_us, malformed))
+        number = int(come.peers[k])
+        if not reader.is_between_frames:
+            self._leases.end(number)
+        elif let_in:
+            self._lease(let_in[-1], peer, number, arrival_us, now_s)
+        return [Arrived(arrival_us, each) for each in self._of_use(let_in, scanned, k)]
+
+    def _lease(self, frame: Frame, peer: str, number: int, arrival_us: int, now_s: float) -> None:
+        """Let a peer's frames of an address pass, if nobody would refuse or hold back the next."""
+        address = frame.system_id << 8 | frame.component_id
+        left_s = self._claims.left_s(peer, now_s) - ITERATION_S
+        if left_s > 0.0 and self._gate.is_open and self._backlog.passes_by(address):
+            self._leases.grant(address, number, peer, arrival_us + int(1e6 * left_s))
 
     def _is_late(self, now_s: float) -> bool:
         """Whether what is there has waited for so long that some of it is to be left out."""
@@ -356,14 +385,16 @@ class MavlinkLink(Closing):
         is_out = self._patience.is_out(self._read_clock_s + LONGEST_REST_S, waiting_clock_s())
         return (is_out or self._backlog.was_stopped(now_s)) and self._gate.is_open
 
-    def _thin_out(self, packets: list[Packet], scanned: Scanned) -> tuple[list[Packet], Scanned]:
+    def _thin_out(self, scanned: Scanned) -> Scanned:
         """The packets without frames that newer ones make old, before any other look at them."""
-        scanned, kept, shed = newest(scanned, [packet.peer for packet in packets])
+        name_of = scanned.datagrams.name_of
+        scanned, shed = newest(scanned)
         self._patience.note_folded(waiting_clock_s())
         for peer, samples in shed.items():
-            let_in = {key: n for key, n in samples.items() if self._gate.knows(key[0], peer)}
+            name = name_of(peer)
+            let_in = {key: n for key, n in samples.items() if self._gate.knows(key[0], name)}
             self._backlog.note_shed(Counter(let_in))
-        return [packets[k] for k in kept], scanned
+        return scanned
 
     def _of_use(self, frames: list[Frame], scanned: Scanned | None, packet: int) -> list[Frame]:
         """Those of a packet's frames that are decoded and that :meth:`_thin_out` did not count."""
@@ -373,57 +404,25 @@ class MavlinkLink(Closing):
         left = {each.data for each in scanned.frames(packet)}
         return [each for each in frames if each.data in left]
 
-    def _let_pass(
-        self, scanned: Scanned, packets: list[Packet], passing: list[int], arrivals_us: list[int]
-    ) -> None:
-        """Have the frames of those packets read before all that waits, as far as there is time."""
-        now_s = time.monotonic()
-        peers = {packets[k].peer for k in passing}
-        for peer in peers:
-            self._transport.credit(peer)
-        aging = {peer for peer in peers if self._claims.is_aging(peer, now_s)}
-        for k in passing if aging else ():
-            messages = scanned.rows[scanned.rows_of(k), MESSAGE].tolist()
-            self._claims.note(packets[k].peer, messages, now_s)
-        counts = np.maximum(scanned.counts, 0)
-        rows, arrivals = scanned.rows, np.array(arrivals_us).repeat(counts)
-        if len(passing) < len(packets):
-            passes = np.zeros(len(packets), np.bool_)
-            passes[passing] = True
-            kept = passes.repeat(counts)
-            rows, arrivals = rows[kept], arrivals[kept]
-        self._passing = _Passing(scanned._replace(rows=rows), arrivals)
-
     def _read_passing(self) -> list[Event | Readings]:
         """What some of the frames say that need not wait."""
-        passing = self._passing
-        if passing is None:
+        passed = self._passing
+        if passed is None:
             return []
-        scanned, begin = passing.scanned, passing.begin
+        scanned, (numbers, bounds, arrivals_us), begin = passed
         end = begin + MOST_PASSING
-        bounds = np.ascontiguousarray(scanned.rows[begin:end, BEGIN : STOP + 1])
-        data = np.frombuffer(scanned.data, np.uint8)
-        batch = Batch(data, bounds, passing.arrivals_us[begin:end])
-        self._passing = passing._replace(begin=end) if end < len(scanned.rows) else None
-        return self._decoder.read(batch, lambda k: scanned.frame(begin + k))
+        batch = Batch(scanned.datagrams.data, bounds[begin:end], arrivals_us[begin:end])
+        self._passing = passed._replace(begin=end) if end < len(numbers) else None
+        return self._decoder.read(batch, lambda k: scanned.frame(numbers[begin + k]))
 
-    def _scan(self, packets: list[Packet]) -> Scanned | None:
+    def _scan(self, come: Datagrams) -> Scanned | None:
         """The wanted frames of packets that are nothing but frames; None if nobody looks."""
         is_recorded = self._background is not None
-        if not packets or is_recorded or is_interpreting() or not is_compiled_code():
+        if not come.number or is_recorded or is_interpreting() or not is_compiled_code():
             return None
         if self._scanner is None:
             self._scanner = Scanner(self._decoder.wanted)
-        return self._scanner.scan([packet.data for packet in packets])
-
-    def _is_usual(self, sender: int, peer: str, arrival_us: int, reader: FrameReader) -> bool:
-        """Whether a packet's frames are let in, and nobody else wants to look at them."""
-        if not reader.is_between_frames:
-            return False
-        address = (sender >> 8, sender & 0xFF)
-        if self._sequences.looks_at(peer, address, arrival_us):
-            return False
-        return self._gate.lets_in_as_before(address, peer, arrival_us)
+        return self._scanner.scan(come)
 
     def _credit(self, peer: str, frames: list[Frame], now_s: float) -> None:
         """Sound frames that are let in give a peer its place."""
@@ -499,6 +498,7 @@ class MavlinkLink(Closing):
         self._transport.close()
         self._readers.clear()
         self._gate.forget()
+        self._leases.end()
         self._is_open = self._has_data = False
         line = self._errors.line(reason, time.monotonic())
         if line is not None:

@@ -5,9 +5,8 @@ of one sender and of known messages, with sound checksums: what it makes of thos
 all at one go. Any other datagram is left to it.
 """
 
-from collections.abc import Sequence
 from functools import cache
-from typing import Any, NamedTuple, Self
+from typing import Any, NamedTuple
 
 import numba
 import numpy as np
@@ -23,6 +22,7 @@ from drivers.mavlink.framing import (
     SIGNED_FLAG,
     Frame,
 )
+from drivers.mavlink.transports.datagrams import Datagrams
 from estimator.compilation.compiled import compiled, inlined
 from estimator.compilation.direct import direct
 
@@ -41,17 +41,24 @@ _new_tuple = tuple.__new__
 
 @compiled
 def scan_frames(
-    data: Array, ends: Array, extras: Array, wanted: Array, counts: Array, rows: Array
+    data: Array,
+    begins: Array,
+    ends: Array,
+    extras: Array,
+    wanted: Array,
+    counts: Array,
+    senders: Array,
+    rows: Array,
 ) -> int:
-    """Find the frames of datagrams, the k-th of which is ``data[ends[k]:ends[k + 1]]``.
+    """Find the frames of datagrams, the k-th of which is ``data[begins[k]:ends[k]]``.
 
     ``extras`` has each message's CRC_EXTRA, or :data:`UNKNOWN`. Of the ``wanted`` ones a row is
-    written for each frame; ``counts`` tells how many rows a datagram has, or :data:`LEFT`. Returns
-    the number of rows.
+    written for each frame; ``counts`` tells how many rows a datagram has, or :data:`LEFT`, and
+    ``senders`` of whom, as ``system << 8 | component``, or 0. Returns the number of rows.
     """
     written = 0
-    for k in range(len(ends) - 1):
-        at, end, first, frames, sender = ends[k], ends[k + 1], written, 0, -1
+    for k in range(len(ends)):
+        at, end, first, frames, sender = begins[k], ends[k], written, 0, -1
         while at < end:
             stop, message, sender_at, payload_at = header(data, at, end, len(extras))
             if stop < 0 or extras[message] == UNKNOWN:
@@ -74,9 +81,9 @@ def scan_frames(
                 written += 1
             at = stop
         if at == end and frames > 0:
-            counts[k] = written - first
+            counts[k], senders[k] = written - first, sender
         else:
-            counts[k], written = LEFT, first
+            counts[k], senders[k], written = LEFT, 0, first
     return written
 
 
@@ -128,38 +135,27 @@ def byte(data: Array, at: int) -> int:
 
 
 class Scanned(NamedTuple):
-    """Datagrams, one behind the other, and the frames found in them."""
+    """Datagrams, and the frames found in them."""
 
-    data: bytes
-    counts: list[int]  # of rows, by datagram; :data:`LEFT` where nothing was found
-    firsts: list[int]  # rows, by datagram
-    senders: list[int]  # by datagram with rows: system << 8 | component
+    datagrams: Datagrams
+    counts: Array  # of rows, by datagram; :data:`LEFT` where nothing was found
+    senders: Array  # by datagram: system << 8 | component, or 0
     rows: Array
 
-    @classmethod
-    def of(cls, data: bytes, counts: Array, rows: Array) -> Self:
-        """The datagrams that have so many of the rows each."""
-        found = np.maximum(counts, 0)
-        firsts = found.cumsum() - found
-        senders, has_rows = np.zeros(len(counts), np.int64), counts > 0
-        first = rows[firsts[has_rows]]
-        senders[has_rows] = first[:, SYSTEM] << 8 | first[:, COMPONENT]
-        return cls(data, counts.tolist(), firsts.tolist(), senders.tolist(), rows)
-
-    def rows_of(self, datagram: int) -> slice:
+    def rows_of(self, datagram: int) -> range:
         """Where a datagram's rows are."""
-        begin = self.firsts[datagram]
-        return slice(begin, begin + max(0, self.counts[datagram]))
+        counts = self.counts[: datagram + 1]
+        end = int(counts[counts > 0].sum())
+        return range(end - max(0, int(counts[datagram])), end)
 
     def frames(self, datagram: int) -> list[Frame]:
         """A datagram's frames."""
-        rows = self.rows_of(datagram)
-        return [self.frame(row) for row in range(rows.start, rows.stop)]
+        return [self.frame(row) for row in self.rows_of(datagram)]
 
     def frame(self, row: int) -> Frame:
         """The frame of a row."""
         message, system, component, begin, stop, payload, end, is_signed = self.rows[row].tolist()
-        at, data = (payload - begin, end - begin), self.data[begin:stop]
+        at, data = (payload - begin, end - begin), self.datagrams.data[begin:stop].tobytes()
         return _new_tuple(Frame, (message, system, component, data, *at, is_signed == 1))
 
 
@@ -175,26 +171,22 @@ class Scanner:
             self._wanted[number] = number in wanted
         self._scan = direct(scan_frames, argument_types())
 
-    def scan(self, datagrams: Sequence[bytes]) -> Scanned:
+    def scan(self, datagrams: Datagrams) -> Scanned:
         """The frames of these datagrams."""
-        whole = b"".join(datagrams)
-        data, ends, counts, rows = _arrays(whole, datagrams)
-        written = self._scan(data, ends, self._extras, self._wanted, counts, rows)
-        return Scanned.of(whole, counts, rows[:written])
+        data, begins, ends = datagrams[:3]
+        found = counts, senders, rows = _found(datagrams.number, len(data))
+        written = self._scan(data, begins, ends, self._extras, self._wanted, *found)
+        return Scanned(datagrams, counts, senders, rows[:written])
 
 
-def _arrays(whole: bytes, datagrams: Sequence[bytes]) -> tuple[Array, Array, Array, Array]:
-    n = len(datagrams)
-    data = np.frombuffer(whole, np.uint8)
-    ends = np.zeros(n + 1, np.int64)
-    np.cumsum(np.fromiter(map(len, datagrams), np.int64, n), out=ends[1:])
-    rows = np.empty((len(data) // SHORTEST + 1, COLUMNS), np.int64)
-    return data, ends, np.empty(n, np.int64), rows
+def _found(datagrams: int, size: int) -> tuple[Array, Array, Array]:
+    counts, senders = np.empty(datagrams, np.int64), np.empty(datagrams, np.int64)
+    return counts, senders, np.empty((size // SHORTEST + 1, COLUMNS), np.int64)
 
 
 @cache
 def argument_types() -> tuple[Any, ...]:
     """What numba calls the types that :func:`scan_frames` is called with."""
-    data, ends, counts, rows = _arrays(b"", [])
+    none = Datagrams.of([], 0)
     messages = (np.zeros(0, np.int64), np.zeros(0, np.bool_))
-    return tuple(map(_typeof, (data, ends, *messages, counts, rows)))
+    return tuple(map(_typeof, (*none[:3], *messages, *_found(0, 0))))

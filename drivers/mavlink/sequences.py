@@ -5,7 +5,10 @@ that go on in turns, which losses, late frames and repetitions of a single one d
 Source: https://mavlink.io/en/guide/serialization.html#packet_format
 """
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
+from typing import Any
+
+import numpy as np
 
 from drivers.events import Notice
 from drivers.mavlink.framing import MAGIC_V2, Frame
@@ -20,6 +23,11 @@ TURNS = 8  # from one counter to the other within a stretch
 MOST_ADDRESSES = 16  # in a stretch; each address has its turn
 MOST_CHECKED = 1024
 MOST_TOLD = 64
+ADDRESSES = 1 << 16
+
+Array = Any  # numba ships no types
+
+_ALL, _NONE = np.ones(ADDRESSES, np.bool_), np.zeros(ADDRESSES, np.bool_)
 
 
 class _Counter:
@@ -88,18 +96,22 @@ class SequenceWatch:
         self._counters: dict[tuple[str, int, int], _Counters] = {}
         self._checked: set[tuple[int, int]] = set()  # in this round of stretches
         self._told: set[tuple[int, int]] = set()
+        self._looked_at: Array | None = None  # while nothing of the three has changed
 
-    def looks_at(self, peer: str, address: tuple[int, int], now_us: int) -> bool:
-        """Whether :meth:`look` would do anything with an address's frames now."""
+    def looked_at(self, now_us: int) -> Array:
+        """Whether :meth:`look` would do anything with an address's frames now: flags by address."""
         begun_us = self._begun_us
         if begun_us is None or not 0 <= now_us - begun_us < EVERY_US:
-            return True
-        if now_us - begun_us > STRETCH_US or address in self._told:
-            return False
-        is_followed = (peer, *address) in self._counters
-        return is_followed or (
-            len(self._counters) < MOST_ADDRESSES and address not in self._checked
-        )
+            return _ALL
+        if now_us - begun_us > STRETCH_US:
+            return _NONE
+        if self._looked_at is None:
+            has_room = len(self._counters) < MOST_ADDRESSES
+            flags = self._looked_at = np.full(ADDRESSES, has_room)
+            flags[[_number(address) for address in self._checked]] = False
+            flags[[_number(address) for _, *address in self._counters]] = True
+            flags[[_number(address) for address in self._told]] = False
+        return self._looked_at
 
     def look(self, peer: str, frames: Iterable[Frame], now_us: int) -> list[Notice]:
         """A line for each address that proves to have two senders; nearly always none."""
@@ -113,7 +125,7 @@ class SequenceWatch:
 
     def _begin(self, now_us: int) -> None:
         """Begin a stretch; a new round, if everybody has had a turn."""
-        self._begun_us = now_us
+        self._begun_us, self._looked_at = now_us, None
         if not self._counters or len(self._checked) > MOST_CHECKED:
             self._checked.clear()
         self._counters.clear()
@@ -127,6 +139,7 @@ class SequenceWatch:
         if counters is None:
             if len(self._counters) < MOST_ADDRESSES and address not in self._checked:
                 self._checked.add(address)
+                self._looked_at = None
                 self._counters[peer, *address] = _Counters(number)
             return []
         assert self._begun_us is not None
@@ -137,5 +150,11 @@ class SequenceWatch:
         if counters.turns < TURNS or len(self._told) >= MOST_TOLD:
             return []
         self._told.add(address)
+        self._looked_at = None
         text = "two senders use its address on one wire: two vehicles, or one by two ways"
         return [Notice(None, now_us, f"system {frame.system_id}: {text}")]
+
+
+def _number(address: Sequence[int]) -> int:
+    system_id, component_id = address
+    return system_id << 8 | component_id

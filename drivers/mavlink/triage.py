@@ -17,37 +17,41 @@ Rows = Any  # as :mod:`drivers.mavlink.scanning` writes them
 Shed = Counter[tuple[VehicleId, str]]
 
 
-def newest(scanned: Scanned, peers: list[str]) -> tuple[Scanned, list[int], dict[str, Shed]]:
-    """Of what datagrams of these ``peers`` hold, all but what newer frames make old.
+def newest(scanned: Scanned) -> tuple[Scanned, dict[int, Shed]]:
+    """Of what datagrams hold, all but what newer frames make old.
 
     Nobody makes another peer's frames old, and what is said once (a parameter, an answer) stays.
-    Returns what is left, the datagrams that it is of, and how many IMU samples are left out, by
-    peer.
+    Returns what is left, without the datagrams that have lost all, and how many IMU samples are
+    left out, by peer.
     """
-    rows, counts = scanned.rows, np.maximum(scanned.counts, 0)
-    names = list(dict.fromkeys(peers))
-    numbers = {peer: number for number, peer in enumerate(names)}
-    senders = np.repeat(np.array([numbers[peer] for peer in peers]), counts)
+    rows, counts, come = scanned.rows, np.maximum(scanned.counts, 0), scanned.datagrams
+    names, numbers = np.unique(come.peers, return_inverse=True)
+    senders = np.repeat(numbers, counts)
     keys = rows[:, SYSTEM] << 40 | rows[:, COMPONENT] << 32 | rows[:, MESSAGE] << 8
-    keys |= _numbers(np.frombuffer(scanned.data, np.uint8), rows) | senders << 48
+    keys |= _numbers(come.data, rows) | senders << 48
     is_in_stream = np.isin(rows[:, MESSAGE], [*IMU_MESSAGES, *MESSAGES, *WHO_IS_THERE])
     keys[~is_in_stream] = -1 - (~is_in_stream).nonzero()[0]
     last, alike = np.unique(keys[::-1], return_index=True, return_counts=True)[1:]
     last = len(rows) - 1 - last
     stays = np.zeros(len(rows), np.bool_)
     stays[last] = True
-    shed: dict[str, Shed] = {}
+    shed: dict[int, Shed] = {}
     for k in (alike > 1).nonzero()[0].tolist():
         message, system, component = rows[last[k], (MESSAGE, SYSTEM, COMPONENT)].tolist()
         if message in IMU_MESSAGES:
             name = imu_stream_name(IMU_MESSAGES[message].name, int(keys[last[k]]) & 0xFF)
-            of_peer = shed.setdefault(names[int(senders[last[k]])], Counter())
+            of_peer = shed.setdefault(int(names[senders[last[k]]]), Counter())
             of_peer[VehicleId(system, component), name] += int(alike[k]) - 1
     left = np.bincount(np.repeat(np.arange(len(counts)), counts)[stays], minlength=len(counts))
-    kept = ((left > 0) | (np.array(scanned.counts) == LEFT)).nonzero()[0]
-    counts = np.where(np.array(scanned.counts) == LEFT, LEFT, left)[kept]
-    thinned = Scanned.of(scanned.data, counts, rows[stays])
-    return thinned, kept.tolist(), shed
+    is_left = scanned.counts == LEFT
+    kept = (left > 0) | is_left
+    thinned = Scanned(
+        come.kept(kept),
+        np.where(is_left, LEFT, left)[kept],
+        scanned.senders[kept],
+        rows[stays],
+    )
+    return thinned, shed
 
 
 def _numbers(data: Any, rows: Rows) -> Any:

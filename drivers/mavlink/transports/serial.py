@@ -7,6 +7,7 @@ import os
 from typing import Any
 
 from drivers.endpoint import Endpoint
+from drivers.mavlink.transports.datagrams import Datagrams, unix_us
 from drivers.mavlink.transports.sockets import RECEIVE_BYTES, reason
 from drivers.mavlink.transports.transport import LinkError, Packet
 from estimator.errors import InputError
@@ -54,6 +55,9 @@ class SerialLine:
         except (OSError, TypeError) as error:  # TypeError: pyserial, closed while reading
             raise LinkError(_serial_reason(error)) from error
         return [Packet(str(self._endpoint), bytes(data))] if data else []
+
+    def receive_many(self, timeout_s: float) -> Datagrams:
+        return Datagrams.of(self.receive(timeout_s), unix_us())
 
     def send(self, data: bytes) -> None:
         try:

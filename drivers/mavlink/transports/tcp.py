@@ -10,6 +10,7 @@ import time
 from collections import Counter
 
 from drivers.endpoint import Endpoint
+from drivers.mavlink.transports.datagrams import Datagrams, unix_us
 from drivers.mavlink.transports.sockets import (
     RECEIVE_BYTES,
     listening_socket,
@@ -73,6 +74,9 @@ class TcpClient:
             raise LinkError("closed by the other side")
         return [Packet(str(self._endpoint), data)] if data else []
 
+    def receive_many(self, timeout_s: float) -> Datagrams:
+        return Datagrams.of(self.receive(timeout_s), unix_us())
+
     def send(self, data: bytes) -> None:
         if self._stream is not None:
             self._stream.send(data)
@@ -130,6 +134,9 @@ class TcpServer:
             if data is not None:
                 packets.append(Packet(name, data))
         return packets
+
+    def receive_many(self, timeout_s: float) -> Datagrams:
+        return Datagrams.of(self.receive(timeout_s), unix_us())
 
     def send(self, data: bytes) -> None:
         for client in self._clients.values():

@@ -7,7 +7,10 @@ back by itself raises :class:`LinkError`, after which the owner closes the
 transport and opens it again.
 """
 
-from typing import NamedTuple, Protocol
+from typing import TYPE_CHECKING, NamedTuple, Protocol
+
+if TYPE_CHECKING:
+    from drivers.mavlink.transports.datagrams import Datagrams
 
 
 class LinkError(OSError):
@@ -58,6 +61,9 @@ class Transport(Protocol):
         Raises:
             LinkError: the link broke.
         """
+
+    def receive_many(self, timeout_s: float) -> "Datagrams":
+        """The same as one piece of memory; good until the next call."""
 
     def send(self, data: bytes) -> None:
         """Send whole frames to every peer; what cannot be sent now may be dropped.

@@ -11,6 +11,14 @@ from struct import Struct
 from typing import Any
 
 from drivers.endpoint import Endpoint
+from drivers.mavlink.transports.datagrams import Datagrams, unix_us
+from drivers.mavlink.transports.receive_many import (
+    PORT_BITS,
+    ManyReader,
+    can_read_many,
+    ipv4_number,
+    ipv4_sender,
+)
 from drivers.mavlink.transports.sockets import (
     RECEIVE_BYTES,
     listening_socket,
@@ -74,6 +82,7 @@ class UdpIn(_Udp):
     def __init__(self, endpoint: Endpoint) -> None:
         super().__init__(endpoint)
         self._peers: OrderedDict[Any, str] = OrderedDict()  # names by address
+        self._last_peers: set[int] = set()  # by number
 
     @property
     def address(self) -> str:
@@ -82,12 +91,25 @@ class UdpIn(_Udp):
 
     def open(self) -> None:
         self._peers.clear()
+        self._last_peers.clear()
         self._socket = _UdpSocket(listening_socket(self._endpoint, socket.SOCK_DGRAM))
 
     def receive(self, timeout_s: float) -> list[Packet]:
         assert self._socket is not None
         datagrams = self._socket.receive(timeout_s)
         return [Packet(self._peer(sender), data, us) for data, sender, us in datagrams]
+
+    def receive_many(self, timeout_s: float) -> Datagrams:
+        assert self._socket is not None
+        come = self._socket.receive_many(timeout_s)
+        if come is None:
+            return Datagrams.of(self.receive(0.0), unix_us())
+        peers = set(come.peers.tolist())
+        if peers and peers != self._last_peers:
+            self._last_peers = peers
+            for number in peers:
+                self._peer(ipv4_sender(number))
+        return come
 
     def send(self, data: bytes) -> None:
         assert self._socket is not None
@@ -127,6 +149,14 @@ class UdpOut(_Udp):
             if sender[0] == self._target[0]
         ]
 
+    def receive_many(self, timeout_s: float) -> Datagrams:
+        assert self._socket is not None
+        come = self._socket.receive_many(timeout_s)
+        if come is None:
+            return Datagrams.of(self.receive(0.0), unix_us())
+        is_there = come.peers >> PORT_BITS == ipv4_number(*self._target) >> PORT_BITS
+        return come if is_there.all() else come.kept(is_there)
+
     def send(self, data: bytes) -> None:
         assert self._socket is not None
         self._socket.send(data, self._target)
@@ -144,6 +174,7 @@ class _UdpSocket:
         if IS_LINUX:
             created.setsockopt(socket.SOL_SOCKET, SO_TIMESTAMPNS, 1)
         self._read = _read_stamped if IS_LINUX else _read
+        self._many = ManyReader(created) if can_read_many(created) else None
 
     @property
     def lost(self) -> int:
@@ -162,8 +193,7 @@ class _UdpSocket:
         Raises:
             LinkError: the socket broke.
         """
-        if timeout_s > 0.0:
-            self._selector.select(timeout_s)
+        self._wait(timeout_s)
         datagrams: list[tuple[bytes, Any, int]] = []
         read, own = self._read, self.socket
         while len(datagrams) < RECEIVE_READS:
@@ -176,6 +206,24 @@ class _UdpSocket:
                     continue
                 raise LinkError(reason(error.errno)) from error
         return datagrams
+
+    def receive_many(self, timeout_s: float) -> Datagrams | None:
+        """The same at one go; None, after the wait, where they can only be read one by one.
+
+        Raises:
+            LinkError: the socket broke.
+        """
+        self._wait(timeout_s)
+        if self._many is None:
+            return None
+        come, number = self._many.read(RECEIVE_READS, unix_us)
+        if number and number not in LOST_DATAGRAM:
+            raise LinkError(reason(number))
+        return come
+
+    def _wait(self, timeout_s: float) -> None:
+        if timeout_s > 0.0:
+            self._selector.select(timeout_s)
 
     def send(self, data: bytes, target: Any) -> None:
         """Send a datagram, or lose it.

@@ -362,7 +362,7 @@ def test_without_file_descriptors_the_link_is_tried_again(monkeypatch, method):
 
         collect(link, count(Imu), send)
         with monkeypatch.context() as patch:
-            patch.setattr(link._transport, "receive", fail)
+            patch.setattr(link._transport, "receive_many", fail)
             if method == "open":
                 patch.setattr(link._transport, "open", fail)
             lost = collect(link, count(LinkDown))

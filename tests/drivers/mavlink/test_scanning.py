@@ -11,6 +11,8 @@ from drivers.mavlink.constants import ATTITUDE_ID, HEARTBEAT_ID, RAW_IMU_ID
 from drivers.mavlink.encoder import FrameEncoder, attitude, heartbeat, raw_imu
 from drivers.mavlink.framing import FrameReader
 from drivers.mavlink.scanning import LEFT, Scanner
+from drivers.mavlink.transports.datagrams import Datagrams
+from drivers.mavlink.transports.transport import Packet
 from tests.fuzz.cases import built, damage, frame, fuzzed
 
 WANTED = frozenset({RAW_IMU_ID, ATTITUDE_ID})
@@ -26,9 +28,13 @@ def datagrams(rng):
     return made
 
 
+def scan(wanted, made):
+    return Scanner(wanted).scan(Datagrams.of([Packet("a", data) for data in made], 1))
+
+
 def found(wanted, made):
     """The frames of each datagram, None of one that is left."""
-    scanned = Scanner(wanted).scan(made)
+    scanned = scan(wanted, made)
     return [None if n == LEFT else scanned.frames(k) for k, n in enumerate(scanned.counts)]
 
 
@@ -53,7 +59,9 @@ def test_of_sound_datagrams_the_wanted_frames_are_found(key):
     data = b"".join(encoder.frame(message, 10**15) for message in messages)
     (frames,) = found(WANTED, [data])
     assert frames == FrameReader().feed(data)[1:]
-    assert Scanner(WANTED).scan([b"", data]).senders == [0, 200 << 8 | 2]
+    assert scan(WANTED, [b"", data]).senders.tolist() == [0, 200 << 8 | 2]
+    unwanted = scan(frozenset(), [data])  # which is still known to be sound, and whose it is
+    assert (unwanted.counts.tolist(), unwanted.senders.tolist()) == ([0], [200 << 8 | 2])
     (frames,) = found(frozenset({HEARTBEAT_ID}), [data])
     assert [frame.message_id for frame in frames] == [HEARTBEAT_ID]
 

@@ -11,6 +11,8 @@ from drivers.mavlink.dialect import mavlink
 from drivers.mavlink.encoder import FrameEncoder, Message
 from drivers.mavlink.imu_messages import imu_number
 from drivers.mavlink.scanning import Scanner
+from drivers.mavlink.transports.datagrams import Datagrams, peer_number
+from drivers.mavlink.transports.transport import Packet
 from drivers.mavlink.triage import newest
 
 m = mavlink()
@@ -33,20 +35,25 @@ def test_of_each_stream_the_newest_stays_and_what_is_said_once():
         message.pack(m.MAVLink(None))
         made = Message(type(message).id, message.crc_extra, bytes(message._payload))
         sent.append(rng.choice(encoders).frame(made, 0))
-    scanned = Scanner(MavlinkDecoder().wanted).scan(sent)
+    scanner = Scanner(MavlinkDecoder().wanted)
+    scanned = scanner.scan(packets(sent, ["a"] * len(sent)))
     frames = [scanned.frame(k) for k in range(len(sent))]
     last = {(f.system_id, f.message_id, imu_number(f)): k for k, f in enumerate(frames)}
-    peers = ["a"] * len(sent)
-    thinned, kept, shed = newest(scanned, peers)
+    thinned, shed = newest(scanned)
     said_once = [k for k, f in enumerate(frames) if f.message_id == m.MAVLINK_MSG_ID_PARAM_VALUE]
-    stay = sorted({*last.values(), *said_once})
-    assert kept == stay
-    assert [thinned.frames(k) for k in range(len(stay))] == [[frames[k]] for k in stay]
+    kept = sorted({*last.values(), *said_once})
+    assert [thinned.frames(k) for k in range(len(thinned.counts))] == [[frames[k]] for k in kept]
+    assert thinned.datagrams.begins.tolist() == [scanned.datagrams.begins[k] for k in kept]
     imus = (m.MAVLINK_MSG_ID_RAW_IMU, m.MAVLINK_MSG_ID_SCALED_IMU2)
     out = [f for k, f in enumerate(frames) if k not in kept and f.message_id in imus]
-    assert shed["a"].total() == len(out)
+    of_peer = shed[peer_number("a")]
+    assert of_peer.total() == len(out)
     second = [f for f in out if imu_number(f) == 2 and f.system_id == 250]
-    assert shed["a"][VehicleId(250, 1), "RAW_IMU:2"] == len(second) > 3
+    assert of_peer[VehicleId(250, 1), "RAW_IMU:2"] == len(second) > 3
     # another peer's frames make none of these old
-    assert newest(scanned, ["a"] * 150 + ["b"] * 50)[1][: len(kept)] != kept
-    assert set(newest(scanned, ["a"] * 150 + ["b"] * 50)[1]) > set(kept)
+    of_two, _ = newest(scanner.scan(packets(sent, ["a"] * 150 + ["b"] * 50)))
+    assert len(of_two.counts) > len(kept)
+
+
+def packets(sent, peers):
+    return Datagrams.of([Packet(*each) for each in zip(peers, sent, strict=True)], 1)

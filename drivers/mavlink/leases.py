@@ -1,0 +1,161 @@
+"""Whose frames are let in for some seconds without another look at who sends them.
+
+Gate, claims, reader and backlog judge a packet in Python, one after the other. Of a peer that all
+of them have let in, with the frames of one address, they would say the same of the next packet: it
+has a lease, and compiled code lets pass what holds nothing but sound frames of that address.
+"""
+
+from collections.abc import Iterable
+from functools import cache
+from typing import Any, NamedTuple
+
+import numba
+import numpy as np
+
+from drivers.mavlink.scanning import BEGIN, LEFT, STOP, Scanned
+from estimator.compilation.compiled import compiled, inlined, is_compiled_code
+from estimator.compilation.direct import direct
+
+Array = Any  # numba ships no types
+ADDRESSES = 1 << 16  # system << 8 | component
+NOBODY = -1
+LONGEST_US = 5_000_000  # beyond that the clock was set back
+# So many peers may have sent something else within a look; beyond that nobody passes.
+MOST_ODD = 16
+
+_typeof: Any = numba.typeof
+
+
+@compiled
+def pass_by(
+    come: tuple[Array, Array, Array, Array],
+    rows: Array,
+    leases: tuple[Array, Array, Array],
+    looked_at: Array,
+    waiting_in: Array,
+    turn: int,
+    passes: Array,
+    passing: tuple[Array, Array, Array],
+) -> int:
+    """Find the datagrams that pass; returns how many rows they have.
+
+    ``come`` are the datagrams' counts of rows, senders, peers and arrivals; ``leases`` the arrays
+    of :class:`Leases`. ``waiting_in`` has, by address, the ``turn`` in which some of its frames
+    did not pass: what comes behind those waits, too. ``passing`` gets each row's number, bounds and
+    arrival.
+    """
+    counts, senders, peers, arrivals_us = come
+    holders, until_us, heard_us = leases
+    numbers, bounds, row_arrivals_us = passing
+    odd, odds = np.zeros(MOST_ODD, np.int64), 0
+    row, n = 0, 0
+    for k in range(len(counts)):
+        passes[k] = False
+        sender, peer, arrival_us = senders[k], peers[k], arrivals_us[k]
+        if counts[k] == LEFT or sender == 0:
+            if odds < MOST_ODD:
+                odd[odds] = peer
+            odds += 1
+            continue
+        begin, row = row, row + counts[k]
+        is_held = holders[sender] == peer and 0 < until_us[sender] - arrival_us <= LONGEST_US
+        is_waiting = looked_at[sender] or waiting_in[sender] == turn
+        if not is_held or is_waiting or is_among(odd, odds, peer):
+            waiting_in[sender] = turn
+            continue
+        passes[k] = True
+        heard_us[sender] = max(heard_us[sender], arrival_us)
+        for i in range(begin, row):
+            numbers[n], row_arrivals_us[n] = i, arrival_us
+            bounds[n, 0], bounds[n, 1] = rows[i, BEGIN], rows[i, STOP]
+            n += 1
+    return n
+
+
+@inlined
+def is_among(odd: Array, odds: int, peer: int) -> bool:
+    """Whether a peer is one of those, or there are too many to say."""
+    is_odd = odds > MOST_ODD
+    for k in range(min(odds, MOST_ODD)):
+        is_odd = is_odd or odd[k] == peer
+    return is_odd
+
+
+class Passing(NamedTuple):
+    """Rows of :class:`~drivers.mavlink.scanning.Scanned` that pass."""
+
+    numbers: Array
+    bounds: Array
+    arrivals_us: Array
+
+
+class Leases:
+    """By address: the peer that has the lease, and until when (us, by the arrivals' clock)."""
+
+    def __init__(self) -> None:
+        self._holders = np.full(ADDRESSES, NOBODY, np.int64)
+        self._until_us = np.zeros(ADDRESSES, np.int64)
+        self._heard_us = np.zeros(ADDRESSES, np.int64)
+        self._names: dict[int, str] = {}
+        self._waiting_in = np.zeros(ADDRESSES, np.int64)
+        self._turn = 0
+        self._pass = direct(pass_by, argument_types()) if is_compiled_code() else None
+
+    def passing(
+        self, scanned: Scanned, looked_at: Array, waiting: Iterable[int]
+    ) -> tuple[Array, Passing]:
+        """Which datagrams pass, and their rows.
+
+        Somebody wants to see the frames of the addresses that are ``looked_at``; those of the
+        others that are ``waiting`` come behind what waits.
+        """
+        self._turn += 1
+        for address in waiting:
+            self._waiting_in[address] = self._turn
+        come = scanned.datagrams
+        passes = np.empty(come.number, np.bool_)
+        passing = _room(len(scanned.rows))
+        assert self._pass is not None
+        n = self._pass(
+            (scanned.counts, scanned.senders, come.peers, come.arrivals_us),
+            scanned.rows,
+            (self._holders, self._until_us, self._heard_us),
+            looked_at,
+            self._waiting_in,
+            self._turn,
+            passes,
+            tuple(passing),
+        )
+        return passes, Passing(*(each[:n] for each in passing))
+
+    def grant(self, address: int, peer: int, name: str, until_us: int) -> None:
+        """Frames of that address pass until then that come from a peer, of that number and name."""
+        if self._holders[address] != peer:
+            self._heard_us[address] = 0
+        self._holders[address], self._until_us[address] = peer, until_us
+        self._names[address] = name
+
+    def heard_us(self, address: int, name: str) -> int:
+        """When frames passed last that a peer had a lease for; 0 if none did."""
+        return int(self._heard_us[address]) if self._names.get(address) == name else 0
+
+    def end(self, peer: int | None = None) -> None:
+        """The leases of a peer end, or all."""
+        ended = slice(None) if peer is None else self._holders == peer
+        self._until_us[ended] = 0
+
+
+def _room(rows: int) -> Passing:
+    return Passing(
+        np.empty(rows, np.int64), np.empty((rows, 2), np.int64), np.empty(rows, np.int64)
+    )
+
+
+@cache
+def argument_types() -> tuple[Any, ...]:
+    """What numba calls the types that :func:`pass_by` is called with."""
+    numbers, table = np.zeros(0, np.int64), np.zeros((0, 0), np.int64)
+    flags = np.zeros(0, np.bool_)
+    come, leases = (numbers,) * 4, (numbers,) * 3
+    arguments = (come, table, leases, flags, numbers, 0, flags, tuple(_room(0)))
+    return tuple(map(_typeof, arguments))

@@ -1,0 +1,158 @@
+"""Packets that pass without being judged say what they would say if Python judged each."""
+
+import random
+
+import numpy as np
+import pytest
+
+import drivers.mavlink.link
+from drivers.endpoint import parse_endpoint
+from drivers.events import Imu, Malformed, Notice, RefusedFrames, VehicleId
+from drivers.mavlink.encoder import FrameEncoder, heartbeat, raw_imu
+from drivers.mavlink.leases import LONGEST_US, Leases
+from drivers.mavlink.link import MavlinkLink
+from drivers.mavlink.scanning import Scanner
+from drivers.mavlink.transports.datagrams import Datagrams, peer_number
+from drivers.mavlink.transports.transport import Packet
+from drivers.mavlink.usual_frames import events_of
+from estimator.reasons import Reason
+from tests.drivers.mavlink.test_usual_frames import is_compiled
+
+START_US = 1_700_000_000_000_000
+STILL = ((0.01, 0.02, 0.03), (0.1, 0.2, -9.8), (0.2, 0.0, 0.4))
+
+
+class Link(MavlinkLink):
+    """A link whose packets are handed in."""
+
+    def __init__(self, *, judges_all: bool) -> None:
+        super().__init__(parse_endpoint("udpin:127.0.0.1:1"))
+        self.passed = 0
+        if judges_all:
+            self._lease = lambda *_: None
+
+    def _is_late(self, now_s):  # noqa: ARG002 - the time of a test is not the host's
+        return False
+
+    def take(self, packets, now_us):
+        self._handle(Datagrams.of(packets, now_us), 1e-6 * now_us)
+        passing = self._passing
+        self.passed += 0 if passing is None else len(passing.passing.numbers)
+        found = [*self._events]
+        self._events.clear()
+        while self._passing is not None:
+            found += events_of(self._read_passing())
+        while self._backlog:
+            found += events_of(self._decoder.readings_of(self._backlog.take(1.0)))
+        return found
+
+
+def stream(rng, steps):
+    """Packets of three peers, who may speak for each other's vehicles, with damage of all kinds."""
+    encoders = {system: FrameEncoder(VehicleId(system, 1)) for system in (1, 2, 3, 4)}
+    home = {1: "a", 2: "b", 3: "b", 4: "c"}
+    for step in range(steps):
+        packets = []
+        for _ in range(rng.randrange(1, 9)):
+            now_us = START_US + 20_000 * step + rng.randrange(20_000)
+            system = rng.choice((1, 2, 3, 4))
+            time_us = 20_000 * step + 40 * len(packets)
+            frames = [encoders[system].frame(raw_imu(time_us, *STILL), 0)]
+            if rng.random() < 0.2:
+                frames.append(encoders[system].frame(heartbeat(2, 3), 0))
+            data, peer = b"".join(frames), home[system]
+            kind = rng.random()
+            if kind < 0.03:
+                data = data[: rng.randrange(len(data))]
+            elif kind < 0.06:
+                data = rng.randbytes(20) + data
+            elif kind < 0.09:
+                peer = rng.choice("abc")
+            elif kind < 0.1:
+                data = b""
+            elif kind < 0.12:
+                data += encoders[1].frame(heartbeat(2, 3), 0)
+            packets.append(Packet(peer, data, now_us))
+        yield packets, START_US + 20_000 * (step + 1)
+
+
+def of_each(events):
+    """Events by vehicle, in order; those of no vehicle as a set."""
+    found = {}
+    for event in events:
+        found.setdefault(getattr(event, "vehicle", None), []).append(repr(event))
+    return {who: said if who is not None else sorted(said) for who, said in found.items()}
+
+
+@is_compiled
+@pytest.mark.parametrize("seed", range(4))
+def test_what_passes_says_what_a_judge_would_let_in(seed, monkeypatch):
+    """For 15 s, so that sequences are looked at a second time."""
+    passing, judging = (Link(judges_all=judges) for judges in (False, True))
+    kinds = set()
+    for packets, now_us in stream(random.Random(seed), 750):
+        monkeypatch.setattr(drivers.mavlink.link, "_unix_us", lambda now_us=now_us: now_us)
+        ours, theirs = (link.take(packets, now_us) for link in (passing, judging))
+        assert of_each(ours) == of_each(theirs)
+        kinds |= {type(event) for event in ours}
+    assert {Imu, Malformed, RefusedFrames} <= kinds
+    assert judging.passed == 0
+    assert passing.passed > 1000
+
+
+@is_compiled
+def test_who_passes_keeps_the_address_and_is_still_counted(monkeypatch):
+    """From 2 to 4 s all passes; then another peer speaks, and from 19.8 s on two on one wire."""
+    link, encoders = Link(judges_all=False), [FrameEncoder(VehicleId(1, 1)) for _ in range(2)]
+    said = []
+    for step in range(1120):
+        now_us = START_US + 20_000 * step
+        monkeypatch.setattr(drivers.mavlink.link, "_unix_us", lambda now_us=now_us: now_us)
+        encoder = encoders[step % 2 if step > 990 else 0]
+        packets = [Packet("a", encoder.frame(raw_imu(20_000 * step, *STILL), 0), now_us)]
+        if step == 200:
+            passed = link.passed
+            packets.append(Packet("b", encoders[1].frame(raw_imu(1, *STILL), 0), now_us + 1))
+        found = link.take(packets, now_us)
+        if step == 200:
+            assert passed > 95
+            assert [each.reason for each in found if isinstance(each, RefusedFrames)] == [
+                Reason.ADDRESS_CONFLICT
+            ]
+        said += [each.text for each in found if isinstance(each, Notice)]
+    assert [text for text in said if "two senders" in text]
+
+
+@is_compiled
+def test_a_lease_is_for_one_peer_and_address_and_ends():
+    leases, encoder = Leases(), FrameEncoder(VehicleId(7, 2))
+    frame = encoder.frame(raw_imu(1, *STILL), 0)
+    nobody = [False] * (1 << 16)
+
+    def passes(peer, data, arrival_us, waiting=()):
+        come = Datagrams.of([Packet(peer, data, arrival_us)], arrival_us)
+        scanned = Scanner(frozenset({27})).scan(come)
+        flags, passing = leases.passing(scanned, np.array(nobody), waiting)
+        assert len(passing.numbers) == int(flags[0])
+        return bool(flags[0])
+
+    address = 7 << 8 | 2
+    assert not passes("a", frame, START_US)
+    leases.grant(address, peer_number("a"), "a", START_US + 1_000_000)
+    assert passes("a", frame, START_US)
+    assert not passes("b", frame, START_US)
+    assert not passes("a", frame[:-1], START_US)
+    assert not passes("a", frame, START_US, waiting=[address])
+    assert not passes("a", frame, START_US + 1_000_000)  # it has ended
+    assert not passes("a", frame, START_US + 1_000_000 - LONGEST_US - 1)  # the clock was set back
+    assert leases.heard_us(address, "a") == START_US
+    assert leases.heard_us(address, "b") == 0
+    leases.grant(address, peer_number("a"), "a", START_US + 10)
+    packets = [Packet("a", frame, START_US + late_us) for late_us in (11, 9)]
+    scanned = Scanner(frozenset({27})).scan(Datagrams.of(packets, START_US))
+    flags, _ = leases.passing(scanned, np.array(nobody), ())
+    assert not flags.any()  # what comes behind one that waits does, too
+    leases.end(peer_number("b"))
+    assert passes("a", frame, START_US)
+    leases.end(peer_number("a"))
+    assert not passes("a", frame, START_US)
