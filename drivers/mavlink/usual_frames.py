@@ -50,8 +50,8 @@ from drivers.samples.going_on import (
     Floats,
     Rows,
     Whole,
-    take_beside,
     take_imu,
+    take_other,
 )
 from drivers.samples.intake import ATTITUDE_EVERY_US, Intake
 from drivers.samples.rotation import quaternion_from_euler
@@ -157,7 +157,7 @@ def read_frame(
         if not has_other[place] or not isfinite(sum3(acc)):
             return False
         raw_us = whole_number(payload.view(np.uint32)[0]) * 1000
-        done, time_us = take_beside(clock, other, raw_us, arrival_us)
+        done, time_us = take_other(clock, other, 1, raw_us, arrival_us)
         is_fresh = False
     else:
         stream = place * IMUS + kind - 1

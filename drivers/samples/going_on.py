@@ -76,14 +76,6 @@ NOTHING, TAKEN, TAKEN_TO_LOOK = 0, 1, 2  # it is to be looked at for plausibilit
 
 
 @inlined
-def is_after(clock: Whole, line: int, boot_us: int, placed: Whole, time_us: int) -> bool:
-    """Whether a message goes on on a line, behind the one before it in its own stream."""
-    step_us = boot_us - clock[line + BOOT]
-    in_step = clock[line] == 1 and 0 < step_us <= ORDINARY_STEP_US
-    return bool(in_step and boot_us > placed[PLACED_BOOT] and time_us > placed[PLACED_TIME])
-
-
-@inlined
 def keeps_pace(clock: Whole, line: int, boot_us: int, arrival_us: int) -> int:
     """Whether a second ends that was as long by both clocks; -1 if it was not, 0 if none ends."""
     if 0 <= arrival_us - clock[line + SECOND + 1] < SECOND_US:
@@ -118,13 +110,6 @@ def accept(clock: Whole, line: int, boot_us: int, arrival_us: int, floor_us: int
     clock[line + SECOND + 2] = max(arrival_us - boot_us - floor_us, 0)
     if end == 1:
         clock[line + PACE], clock[line + PACE + 1] = boot_us, arrival_us
-
-
-@inlined
-def place(clock: Whole, placed: Whole, time_us: int, boot_us: int) -> None:
-    """A message has its place in time."""
-    clock[LATEST] = max(clock[LATEST], time_us)
-    placed[PLACED_TIME], placed[PLACED_BOOT] = time_us, boot_us
 
 
 @inlined
@@ -243,6 +228,59 @@ def is_fresh(whole: Whole, numbers: Floats, mag: Vec3, time_us: int) -> bool:
 
 
 @inlined
+def reach(
+    clock: Whole, placed: Whole, field: int, raw_us: int, arrival_us: int
+) -> tuple[bool, int, int, int]:
+    """Whether a message goes on by one of the two clocks, behind the one before it in its stream.
+
+    Also its boot time, what :func:`keeps_pace` says and the floor behind it. Nothing changes yet.
+    """
+    line = LINES + field * LINE_SIZE
+    boot_us = raw_us + clock[line + WRAPPED]
+    step_us, here_us = boot_us - clock[line + BOOT], arrival_us - clock[line + ARRIVAL]
+    goes_on = clock[line] == 1 and 0 <= step_us <= ORDINARY_STEP_US
+    if not goes_on or boot_us <= placed[PLACED_BOOT]:
+        return False, boot_us, 0, 0
+    is_off = 0 <= here_us < ALIVE_US and abs(step_us - here_us) >= BESIDE_US
+    if clock[line + BESIDE] == 1 and (is_off or step_us > BESIDE_US):
+        return False, boot_us, 0, 0
+    if field != clock[PRIMARY]:
+        # a second clock finds its place by the line of time; the other way round it makes the line
+        goes_on = field == 1 and clock[LINES] == 1
+    else:
+        goes_on = boot_us + clock[SHIFT] > placed[PLACED_TIME]
+    floor_us = floor_after(clock, line, boot_us, arrival_us)
+    end = keeps_pace(clock, line, boot_us, arrival_us) if step_us > 0 else 0
+    return bool(goes_on), boot_us, end, floor_us
+
+
+@inlined
+def arrive(
+    clock: Whole,
+    placed: Whole,
+    field: int,
+    boot_us: int,
+    arrival_us: int,
+    floor_us: int,
+    end: int,
+) -> int:
+    """Go on to a message that :func:`reach` has let; returns its continuous time."""
+    line = LINES + field * LINE_SIZE
+    is_primary = field == clock[PRIMARY]
+    # by the line of time as it was before, which is another line for whoever comes beside it
+    line_now_us = clock[LINES + BOOT] + max(arrival_us - clock[LINES + ARRIVAL], 0)
+    if boot_us > clock[line + BOOT]:  # others of the same millisecond came before
+        accept(clock, line, boot_us, arrival_us, floor_us, end)
+    time_us = boot_us + clock[SHIFT]
+    if not is_primary:
+        time_us -= offset_after(clock, boot_us - line_now_us)
+    clock[LATEST] = max(clock[LATEST], time_us)
+    time_us = max(time_us, placed[PLACED_TIME] + 1)  # a learnt offset moved
+    placed[PLACED_TIME], placed[PLACED_BOOT] = time_us, boot_us
+    return int(time_us)
+
+
+@inlined
 def take_imu(
     clock: Whole,
     field: int,
@@ -257,25 +295,27 @@ def take_imu(
     """
     whole, numbers = stream
     gyr, acc, mag = vectors
-    line = LINES + field * LINE_SIZE
-    boot_us = raw_us + clock[line + WRAPPED]
-    time_us = boot_us + clock[SHIFT]
-    if field != clock[PRIMARY] or not is_after(clock, line, boot_us, whole, time_us):
-        return NOTHING, time_us, boot_us, False
-    if clock[line + BESIDE] == 1 and boot_us - clock[line + BOOT] > BESIDE_US:
-        return NOTHING, time_us, boot_us, False
-    floor_us = floor_after(clock, line, boot_us, arrival_us)
-    end = keeps_pace(clock, line, boot_us, arrival_us)
-    if end < 0 or not is_sound(whole, numbers, gyr, acc, mag, raw_us):
-        return NOTHING, time_us, boot_us, False
+    goes_on, boot_us, end, floor_us = reach(clock, whole, field, raw_us, arrival_us)
+    if not goes_on or end < 0 or not is_sound(whole, numbers, gyr, acc, mag, raw_us):
+        return NOTHING, 0, boot_us, False
     follow_sensors(whole, numbers, gyr, acc, mag, raw_us)
-    accept(clock, line, boot_us, arrival_us, floor_us, end)
-    place(clock, whole, time_us, boot_us)
+    time_us = arrive(clock, whole, field, boot_us, arrival_us, floor_us, end)
     done = TAKEN
     if not 0 <= whole[LOOK] - time_us <= SPACING_US:
         whole[LOOK] = time_us + SPACING_US
         done = TAKEN_TO_LOOK
     return done, time_us, boot_us, is_fresh(whole, numbers, mag, time_us)
+
+
+@inlined
+def take_other(
+    clock: Whole, placed: Whole, field: int, raw_us: int, arrival_us: int
+) -> tuple[int, int]:
+    """A message that is no IMU's. Returns what it has done, and its continuous time."""
+    goes_on, boot_us, end, floor_us = reach(clock, placed, field, raw_us, arrival_us)
+    if not goes_on or end < 0:
+        return NOTHING, 0
+    return TAKEN, arrive(clock, placed, field, boot_us, arrival_us, floor_us, end)
 
 
 @inlined
@@ -297,46 +337,6 @@ def offset_after(clock: Whole, sample_us: int) -> int:
         is_same = abs(median_us - whole_us) < SAME_CLOCK_US
         clock[o + OFFSET_US] = whole_us if is_same else median_us
     return int(clock[o + OFFSET_US])
-
-
-@inlined
-def take_beside(clock: Whole, placed: Whole, raw_us: int, arrival_us: int) -> tuple[int, int]:
-    """A message by the second clock that is no IMU's.
-
-    Returns what it has done, and its continuous time.
-    """
-    line = LINES + LINE_SIZE
-    boot_us = raw_us + clock[line + WRAPPED]
-    here_us = arrival_us - clock[line + ARRIVAL]
-    step_us = boot_us - clock[line + BOOT]
-    if not (clock[line] == 1 and 0 < step_us <= ORDINARY_STEP_US):
-        return NOTHING, 0
-    if (
-        clock[line + BESIDE] == 1
-        and 0 <= here_us < ALIVE_US
-        and abs(step_us - here_us) >= BESIDE_US
-    ):
-        return NOTHING, 0
-    floor_us = floor_after(clock, line, boot_us, arrival_us)
-    end = keeps_pace(clock, line, boot_us, arrival_us)
-    if end < 0 or boot_us <= placed[PLACED_BOOT]:
-        return NOTHING, 0
-    if clock[PRIMARY] == 1:
-        time_us = boot_us + clock[SHIFT]
-        if time_us <= placed[PLACED_TIME]:
-            return NOTHING, 0
-        accept(clock, line, boot_us, arrival_us, floor_us, end)
-        place(clock, placed, time_us, boot_us)
-        return TAKEN, time_us
-    if clock[LINES] != 1:
-        return NOTHING, 0
-    line_now_us = clock[LINES + BOOT] + max(arrival_us - clock[LINES + ARRIVAL], 0)
-    accept(clock, line, boot_us, arrival_us, floor_us, end)
-    time_us = boot_us - offset_after(clock, boot_us - line_now_us) + clock[SHIFT]
-    clock[LATEST] = max(clock[LATEST], time_us)
-    time_us = max(time_us, placed[PLACED_TIME] + 1)  # a learnt offset moved
-    placed[PLACED_TIME], placed[PLACED_BOOT] = time_us, boot_us
-    return TAKEN, time_us
 
 
 class Rows:
