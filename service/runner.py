@@ -32,6 +32,8 @@ LEAST_WORK = 0.5
 # The loop waits for its records to be published, for this share of a period at most: meanwhile it
 # would only keep Python's lock from the thread that does it.
 SETTLING = 0.5
+# To sleep for less than this costs more than it lasts: the tick comes that much early, then.
+EARLY_S = 2e-4
 # Between ticks the loop looks at its stop flag and mailbox this often.
 MAX_WAIT_S = 0.1
 
@@ -110,7 +112,7 @@ class Runner(Stoppable):
             now_s = self._monotonic_s()
             if (end_s is not None and now_s >= end_s) or is_over():
                 break
-            if now_s >= due_s:
+            if now_s >= due_s - EARLY_S:
                 if now_s - due_s > MAX_CATCH_UP_S:
                     self._woken_s = now_s
                     self._take(0.0)  # before anybody is said to be silent

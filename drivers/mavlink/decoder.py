@@ -149,9 +149,9 @@ class MavlinkDecoder:
         handle, usual = self._handlers[frame.message_id], self._usual
         if usual is None or frame.message_id not in self._of_intake:
             return handle(sender, fields, arrival_us)
-        usual.hand_back(sender.intake)
+        usual.hand_back(sender.intake, frame.message_id)
         events = handle(sender, fields, arrival_us)
-        usual.take_over(sender.intake)
+        usual.take_over(sender.intake, frame.message_id)
         return events
 
     def _repeated_version(self, sender: _Sender, frame: Frame, arrival_us: int) -> list[Event]:

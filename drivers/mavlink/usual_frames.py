@@ -6,7 +6,7 @@ Whatever else comes is the decoder's, in Python: what is known of its sender is 
 and taken over again behind it.
 """
 
-from collections.abc import Sequence
+from collections.abc import Container, Iterable, Sequence
 from functools import cache
 from math import isfinite
 from typing import Any, NamedTuple, Self
@@ -305,6 +305,9 @@ class Readings:
         self.arrivals_us = arrivals_us
         self._intakes = intakes
         self._streams = streams
+        # at once, before anybody else looks at what comes behind these
+        looks = (whole[:, 4] & TO_LOOK).nonzero()[0].tolist()
+        self._complaints = {k: self._look(k) for k in looks}
 
     def __len__(self) -> int:
         return len(self.arrivals_us)
@@ -314,10 +317,10 @@ class Readings:
         events: list[Event] = []
         if rows == []:  # nearly always
             return events
-        which = slice(None) if rows is None else rows
+        which = range(len(self)) if rows is None else rows
         whole, arrivals_us = self.whole[which].tolist(), self.arrivals_us[which].tolist()
         vectors = map(tuple, self.numbers[which].tolist())
-        for row, numbers, arrival_us in zip(whole, vectors, arrivals_us, strict=True):
+        for k, row, numbers, arrival_us in zip(which, whole, vectors, arrivals_us, strict=True):
             kind, place, time_us, boot_us, flags = row
             intake = self._intakes[place]
             assert intake is not None
@@ -331,20 +334,22 @@ class Readings:
                 continue
             name, sample = self._streams[kind].name, _sample(time_us, numbers, flags)
             events.append(Imu(intake.vehicle, arrival_us, boot_us, name, sample))
-            if flags & TO_LOOK:
-                events += intake.look(name, arrival_us, sample)
+            events += self._complaints.get(k, [])
         return events
 
-    def looks(self, rows: Any) -> list[Event]:
-        """Complaints about samples of those rows that are to be looked at."""
-        events: list[Event] = []
-        for k in rows:
-            kind, place, time_us, _, flags = self.whole[k].tolist()
-            intake, numbers = self._intakes[place], tuple(self.numbers[k].tolist())
-            assert intake is not None
-            sample = _sample(time_us, numbers, flags)
-            events += intake.look(self._streams[kind].name, int(self.arrivals_us[k]), sample)
-        return events
+    def looks(self, rows: Iterable[int]) -> list[Event]:
+        """Complaints about samples of those rows that were to be looked at."""
+        return [event for k in rows for event in self._complaints.get(k, [])]
+
+    def _look(self, k: int) -> list[Event]:
+        kind, place, time_us, _, flags = self.whole[k].tolist()
+        intake, numbers = self._intakes[place], tuple(self.numbers[k].tolist())
+        assert intake is not None
+        sample = _sample(time_us, numbers, flags)
+        complaints: list[Event] = intake.look(
+            self._streams[kind].name, int(self.arrivals_us[k]), sample
+        )
+        return complaints
 
 
 def events_of(found: Sequence[Event | Readings]) -> list[Event]:
@@ -405,26 +410,43 @@ class UsualFrames:
         arrays = (whole, numbers, arrivals_us)
         return Readings(self.addresses, self._intakes, self._streams, *arrays)
 
-    def hand_back(self, intake: Intake) -> None:
-        """Give an intake its numbers back, before anybody else uses it."""
+    def hand_back(self, intake: Intake, message_id: int | None = None) -> None:
+        """Give an intake its numbers back, before anybody else uses it.
+
+        Of its IMU streams, which do not know each other, only that of a message, if one is named.
+        """
         place = self._place(intake)
-        rows = self._rows
-        if place < 0 or not rows.has_clock[place]:
+        if place < 0:
             return
-        rows.has_clock[place] = False
-        intake.resume_clock(rows.clocks[place].tolist())
-        _, _, intake.attitude_given_us, heard_us, intake.last_imu_us = rows.others[place].tolist()
-        intake.heard_us = max(intake.heard_us, heard_us)
-        for kind, stream in self._streams.items():
-            at = place * IMUS + kind - 1
-            if rows.has_imu[at]:
-                rows.has_imu[at] = False
-                numbers = rows.numbers[at].tolist()
-                intake.resume_imu(stream.name, stream.clock, rows.whole[at].tolist(), numbers)
-        if rows.has_other[place]:
-            rows.has_other[place] = False
-            time_us, boot_us, *_ = rows.others[place].tolist()
-            intake.resume_after(ATTITUDE_NAME, TimeField.BOOT_MS, time_us, boot_us)
+        rows = self._rows
+        if rows.has_clock[place]:
+            rows.has_clock[place] = False
+            intake.resume_clock(rows.clocks[place].tolist())
+            others = rows.others[place].tolist()
+            time_us, boot_us, intake.attitude_given_us, heard_us, intake.last_imu_us = others
+            intake.heard_us = max(intake.heard_us, heard_us)
+            if rows.has_other[place]:
+                rows.has_other[place] = False
+                intake.resume_after(ATTITUDE_NAME, TimeField.BOOT_MS, time_us, boot_us)
+        for kind in self._kinds_of(message_id):
+            self._hand_back_stream(intake, place, kind)
+
+    def _kinds_of(self, message_id: int | None) -> Iterable[int]:
+        """Of a message that is an IMU's; of all of them if none is named."""
+        kind = KINDS.get(message_id, 0)  # type: ignore[arg-type]
+        return self._streams if message_id is None else {kind} & self._streams.keys()
+
+    def _hand_back_stream(
+        self, intake: Intake, place: int, kind: int, forgotten: Container[TimeField] = ()
+    ) -> None:
+        """Also to what the intake's clock has forgotten meanwhile."""
+        rows, at = self._rows, place * IMUS + kind - 1
+        if rows.has_imu[at]:
+            rows.has_imu[at] = False
+            stream, numbers = self._streams[kind], rows.numbers[at].tolist()
+            whole = rows.whole[at].tolist()
+            is_placed = stream.clock not in forgotten
+            intake.resume_imu(stream.name, stream.clock, whole, numbers, is_placed=is_placed)
 
     def heard_us(self, intake: Intake) -> int:
         """When one intake was heard last."""
@@ -439,24 +461,28 @@ class UsualFrames:
             if intake is not None:
                 intake.heard_us = max(intake.heard_us, heard_us)
 
-    def take_over(self, intake: Intake) -> None:
-        """Take an intake's numbers, as far as its streams just go on."""
-        clock = intake.clock_numbers()
-        if clock is None:
-            return
+    def take_over(self, intake: Intake, message_id: int | None = None) -> None:
+        """Take an intake's numbers, as far as its streams just go on; behind :meth:`hand_back`."""
         rows, place = self._rows, self._place(intake)
+        forgotten = intake.take_forgotten()
+        kinds = self._kinds_of(None if forgotten else message_id)
+        if forgotten and place >= 0:
+            for kind in kinds:
+                self._hand_back_stream(intake, place, kind, forgotten)
+        clock = intake.clock_numbers()
         if place < 0:
+            if clock is None:
+                return
             place = self._free.pop()
             self._places[_address(intake)] = place
             self._intakes[place], self.addresses[place] = intake, _address(intake)
-        is_any = False
-        for kind, stream in self._streams.items():
+        for kind in kinds:
+            stream, at = self._streams[kind], place * IMUS + kind - 1
             numbers = intake.imu_numbers(stream.name, stream.clock)
             if numbers is not None:
-                at, is_any = place * IMUS + kind - 1, True
                 rows.has_imu[at] = True
                 rows.whole[at], rows.numbers[at] = numbers
-        if not is_any:
+        if clock is None or not rows.has_imu[place * IMUS : (place + 1) * IMUS].any():
             return
         rows.has_clock[place] = True
         rows.clocks[place] = clock

@@ -147,6 +147,10 @@ class Intake:
         """Go on from :meth:`clock_numbers`."""
         self._clock.resume(numbers)
 
+    def take_forgotten(self) -> set[TimeField]:
+        """The clocks whose streams were forgotten since the last call, as they began anew."""
+        return self._clock.take_forgotten()
+
     def imu_numbers(self, name: str, field: TimeField) -> tuple[list[int], list[float]] | None:
         """An IMU stream's part, if that stream can go on."""
         stream = self._imus.get(name)
@@ -161,16 +165,23 @@ class Intake:
         return whole, [*faults[1], *fresh_gauss]
 
     def resume_imu(
-        self, name: str, field: TimeField, whole: list[int], numbers: list[float]
+        self,
+        name: str,
+        field: TimeField,
+        whole: list[int],
+        numbers: list[float],
+        *,
+        is_placed: bool = True,
     ) -> None:
-        """Go on from :meth:`imu_numbers`."""
+        """Go on from :meth:`imu_numbers`; the last's place in time may count no more."""
         stream, repeated = self._imus[name], self._imus[name].field
         assert isinstance(repeated, RepeatedField)
         time_us, boot_us, stream.plausibility.next_us, fresh_us, *faults = whole
         x, y, z = numbers[-3:]
         repeated.last = (x, y, z), fresh_us
         stream.faults.resume(faults, numbers[:-3])
-        self._clock.resume_after(name, field, time_us, boot_us)
+        if is_placed:
+            self._clock.resume_after(name, field, time_us, boot_us)
 
     def placed(self, name: str, field: TimeField) -> tuple[int, int] | None:
         """Continuous and boot time of a message's last; None before the first."""

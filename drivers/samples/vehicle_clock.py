@@ -320,6 +320,7 @@ class VehicleClock:
         self._latest_us = 0  # the latest continuous time given
         self._streams: dict[tuple[TimeField, str], Placed] = {}
         self._waiting: set[TimeField] = set()  # began anew; the line of time may be about to
+        self._forgotten: set[TimeField] = set()  # whose streams were, see take_forgotten
 
     def imu(self, message: str, field: TimeField, raw_us: int, arrival_us: int) -> Placed | Refused:
         """Place an IMU message; within one ``message`` the times given only ever grow."""
@@ -362,6 +363,11 @@ class VehicleClock:
             if line[0]:
                 self._lines[field].resume(line)
         self._offsets[TimeField.BOOT_MS].resume(numbers[3 + len(KEPT_LINES) * LINE_SIZE :])
+
+    def take_forgotten(self) -> set[TimeField]:
+        """The clocks whose streams were forgotten since the last call, as they began anew."""
+        forgotten, self._forgotten = self._forgotten, set()
+        return forgotten
 
     def last_placed(self, message: str, field: TimeField) -> tuple[int, int] | None:
         """Continuous and boot time of the last message that was placed; None if none was."""
@@ -428,6 +434,7 @@ class VehicleClock:
         self._offsets[field] = ClockOffset()
         self._streams = {key: last for key, last in self._streams.items() if key[0] is not field}
         self._waiting.add(field)
+        self._forgotten.add(field)
 
     def _in_order(
         self, message: str, field: TimeField, placed: Placed | Refused

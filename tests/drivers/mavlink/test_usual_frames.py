@@ -64,7 +64,7 @@ def test_a_log_read_in_batches_gives_the_same_events(path):
 def imu_frames(rng, message, n=600):
     """A stream with a fault of its own every few dozen readings: (arrival, bytes)."""
     encoder, time_us, boot_us, own = FrameEncoder(VehicleId(7, 1)), 0, 5 * S, []
-    reading = [0] * 9
+    reading, second = [0] * 9, [0] * 9
     fault, left = None, 0
     apart_us = rng.choice((0, 2_400_000))  # of the clocks of IMU and ATTITUDE
     for _ in range(n):
@@ -86,6 +86,10 @@ def imu_frames(rng, message, n=600):
         reading[2] -= 1000
         reading = spoilt(reading, before, fault, rng)
         own.append((time_us, encoder.frame(message(boot_us, reading), 0)))
+        if rng.random() < 0.6:
+            second = spoilt([rng.randrange(-300, 300) for _ in range(9)], second, fault, rng)
+            beside = m.MAVLink_scaled_imu2_message(max(0, boot_us // 1000), *second)
+            own.append((time_us + rng.choice((0, 2_000)), encoder.frame(packed(beside), 0)))
         if rng.random() < 0.7:
             rates = [rng.gauss(0.0, 0.3) for _ in range(6)]
             if fault == "nan":
