@@ -119,7 +119,8 @@ class Rig:
     def tick(self) -> None:
         outputs = self.pipeline.tick(self.now_us + self.host_shift_us)
         if self.usual is not self.pipeline:
-            assert self.usual.tick(self.now_us + self.host_shift_us) == outputs
+            beside = self.usual.tick(self.now_us + self.host_shift_us)
+            assert sorted(map(repr, beside)) == sorted(map(repr, outputs))
         for output in outputs:
             if isinstance(output, Message):
                 self.messages.append(output.text)
