@@ -160,6 +160,7 @@ def _report_logs(
 
     from fuzzbee.replays.comparison_plot import ComparisonPlot
     from fuzzbee.replays.log_report import report_log
+    from fuzzbee.replays.reading_bar import reading_bar
     from fuzzbee.replays.table import print_reports
 
     told: list[str] = []  # printed when all went well only: a refusal must be one single line
@@ -183,6 +184,7 @@ def _report_logs(
             columns=options.columns,
             tell=told.append,
             profile_name=name if len(profiles) > 1 else None,
+            reading=reading_bar,
             exports=[*exports, partial(figure.add, path.name, name)] if figure else exports,
         )
         for (path, name), profile in zip(runs, chosen, strict=True)
