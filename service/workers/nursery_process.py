@@ -7,6 +7,7 @@ import socket
 import subprocess
 import sys
 from contextlib import suppress
+from pathlib import Path
 from struct import Struct
 from typing import NamedTuple
 
@@ -92,9 +93,21 @@ class NurseryProcess(Closing):
         self.is_ready = self.is_ready or any(each.what == READY for each in news)
         return news
 
+    @property
+    def is_stopped(self) -> bool:
+        """Whether somebody has stopped the process, as far as the system tells."""
+        try:
+            told = Path(f"/proc/{self._process.pid}/stat").read_text("ascii", "replace")
+        except OSError:
+            return False
+        return told.rpartition(")")[2].split()[0] in ("T", "t")
+
     def kill(self) -> int:
         """End a process that hangs; returns its number. Its workers go on."""
-        self._process.kill()
+        if self.is_ready:
+            self._process.kill()
+        else:
+            os.killpg(self._process.pid, signal.SIGKILL)
         return self._process.pid
 
     def close(self) -> None:
