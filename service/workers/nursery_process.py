@@ -7,12 +7,12 @@ import socket
 import subprocess
 import sys
 from contextlib import suppress
-from pathlib import Path
 from struct import Struct
 from typing import NamedTuple
 
 from drivers.closing import Closing
 from estimator.profile import Profile
+from service.offspring import is_stopped
 
 # What the process runs: our own modules, from wherever this process has them.
 PROGRAM = (
@@ -95,12 +95,8 @@ class NurseryProcess(Closing):
 
     @property
     def is_stopped(self) -> bool:
-        """Whether somebody has stopped the process, as far as the system tells."""
-        try:
-            told = Path(f"/proc/{self._process.pid}/stat").read_text("ascii", "replace")
-        except OSError:
-            return False
-        return told.rpartition(")")[2].split()[0] in ("T", "t")
+        """Whether somebody has stopped the process."""
+        return is_stopped(self._process.pid)
 
     def kill(self) -> int:
         """End a process that hangs; returns its number. Its workers go on."""

@@ -71,18 +71,25 @@ def test_a_first_start_does_not_wait_for_the_compiler(tmp_path):
 HELPER_OF_A_PARENT = """
 import os, signal
 from estimator.profile import load_profile
-from service.warm_up import helpers
+from pathlib import Path
+from service.warm_up import await_end, helpers
 
 with helpers(load_profile("imu")) as started:
     print(*(helper.pid for helper in started), flush=True)
+    for helper in started if {stopped} else ():
+        while len(list(Path(f"/proc/{{helper.pid}}/task").iterdir())) < 2:
+            pass
+        helper.send_signal(signal.SIGSTOP)
+        await_end(helper)  # nobody waits for one that is stopped
     os.kill(os.getpid(), signal.SIGKILL)
 """
 
 
-def test_helpers_end_with_a_service_that_is_killed(tmp_path):
+@pytest.mark.parametrize("stopped", [False, True])
+def test_helpers_end_with_a_service_that_is_killed(tmp_path, stopped):
     path = os.pathsep.join(filter(None, [ROOT, os.environ.get("PYTHONPATH", "")]))
     done = subprocess.run(
-        [sys.executable, "-P", "-c", HELPER_OF_A_PARENT],
+        [sys.executable, "-P", "-c", HELPER_OF_A_PARENT.format(stopped=stopped)],
         check=False,
         env={**os.environ, "PYTHONPATH": path, "NUMBA_CACHE_DIR": str(tmp_path)},
         capture_output=True,
