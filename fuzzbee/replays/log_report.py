@@ -32,6 +32,7 @@ from fuzzbee.replays.score import (
 )
 from fuzzbee.replays.smoothed import recorder, smoothed
 from fuzzbee.replays.trace import Replay, VehicleTrace
+from fuzzbee.say import printable
 
 MICROSECOND = 1e-6
 
@@ -262,7 +263,7 @@ def score(path: Path, trace: VehicleTrace, compared: Comparison, skip_s: float) 
     sigma_rad = trace.column(lambda a: a.sigma_inclination_rad)[counted]
     moved = motion_mask(trace.samples)[counted]
     return LogReport(
-        source=str(path),
+        source=printable(str(path)),
         vehicle=_vehicle_summary(trace),
         imu=_imu_summary(trace),
         duration_s=float(times_us[-1] - times_us[0]) * MICROSECOND,
