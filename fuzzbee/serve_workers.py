@@ -87,7 +87,7 @@ def _serve(options: RunOptions, prepared: Prepared) -> int:
         tally._replace(vehicles=dict(sorted(tally.vehicles.items()))),
         lost=status.lost,
         malformed=status.malformed,
-        refused=status.refused,
+        refused=status.refused + tally.refused,
         recording=recordings.word,
         workers={"workers": options.workers, "restarts": status.restarts},
     )

@@ -121,9 +121,10 @@ class Service(RuleBasedStateMachine):
     def nothing_comes(self, seconds):
         time.sleep(seconds)
 
-    @precondition(lambda self: self.workers and time.monotonic() - self.killed_s > QUICK_S)
+    @precondition(lambda self: self.workers)
     @rule(which=st.integers(0, 1), how=st.sampled_from([signal.SIGKILL, signal.SIGSTOP]))
     def a_worker_dies_or_hangs(self, which, how):
+        self.let_workers_grow_old()
         _, workers = workers_of(self.process)
         os.kill(workers[which % len(workers)], how)
         self.killed_s = time.monotonic()
@@ -134,9 +135,10 @@ class Service(RuleBasedStateMachine):
         else:
             self.fly(25)
 
-    @precondition(lambda self: self.workers and time.monotonic() - self.killed_s > QUICK_S)
+    @precondition(lambda self: self.workers)
     @rule(how=st.sampled_from([signal.SIGKILL, signal.SIGSTOP]))
     def the_maker_of_workers_dies_or_hangs(self, how):
+        self.let_workers_grow_old()
         nursery, workers = workers_of(self.process)
         os.kill(nursery, how)
         os.kill(workers[0], signal.SIGKILL)
@@ -144,6 +146,10 @@ class Service(RuleBasedStateMachine):
         self.deaths += 1
         self.fly(150)
         self.stops_s += 3.0
+
+    def let_workers_grow_old(self):
+        while time.monotonic() - self.killed_s < QUICK_S:
+            self.fly(25)
 
     @rule(seconds=st.floats(0.1, 3.0))
     def the_service_is_stopped(self, seconds):
