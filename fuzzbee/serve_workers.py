@@ -79,7 +79,7 @@ def _serve(options: RunOptions, prepared: Prepared) -> int:
         foreman = Foreman(source, crew, handout, outbox, shows=not as_records)
         seconds, failure = run_loop(foreman, options.seconds, conflicts)
     status = crew.status
-    tally = status.tally
+    tally = crew.tally
     result = summary(
         options,
         prepared.profile_name,

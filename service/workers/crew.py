@@ -84,6 +84,18 @@ class Crew(Closing):
         """The processes of the workers, in their order."""
         return [place.process for place in self._places]
 
+    @property
+    def tally(self) -> Tally:
+        """All counts; of attitudes those that were published, where a worker could not tell."""
+        total = self.status.tally
+        vehicles = {
+            vehicle: msgspec.structs.replace(
+                counts, attitudes=max(counts.attitudes, self._next_sequence(vehicle))
+            )
+            for vehicle, counts in total.vehicles.items()
+        }
+        return total._replace(vehicles=vehicles)
+
     def turn(self, timeout_s: float) -> list[Output]:
         """Wait for what workers tell, and return it; replace those that have died."""
         outputs, self._begun = self._begun, []

@@ -128,6 +128,8 @@ class Service(RuleBasedStateMachine):
     def a_worker_dies_or_hangs(self, which, how):
         self.let_workers_grow_old()
         _, workers = workers_of(self.process)
+        if not workers:  # whose maker has died, they are nobody's children
+            return
         os.kill(workers[which % len(workers)], how)
         self.killed_s = time.monotonic()
         self.deaths += 1
@@ -143,7 +145,8 @@ class Service(RuleBasedStateMachine):
         self.let_workers_grow_old()
         nursery, workers = workers_of(self.process)
         os.kill(nursery, how)
-        os.kill(workers[0], signal.SIGKILL)
+        for each in workers[:1]:
+            os.kill(each, signal.SIGKILL)
         self.killed_s = time.monotonic()
         self.deaths += 1
         self.fly(150)
