@@ -4,13 +4,7 @@ import os
 from math import inf
 from pathlib import Path
 
-SYSTEM = Path("/proc/meminfo")
 GROUP = Path("/sys/fs/cgroup/memory.max")  # of a container: its own limit
-
-
-def available_bytes() -> float:
-    """What can be taken without swapping, at most what our group may have; infinite if unknown."""
-    return min(_of_system(), _of_group())
 
 
 def total_bytes() -> float:
@@ -20,15 +14,6 @@ def total_bytes() -> float:
     except (AttributeError, OSError, ValueError):  # another system than Linux or macOS
         return 0.0
     return min(float(machine), _of_group())
-
-
-def _of_system() -> float:
-    try:
-        lines = SYSTEM.read_text("ascii").splitlines()
-    except OSError:  # another system
-        return inf
-    told = [line.split()[1] for line in lines if line.startswith("MemAvailable:")]
-    return 1024.0 * int(told[0]) if told else inf
 
 
 def _of_group() -> float:

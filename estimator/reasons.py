@@ -35,6 +35,7 @@ class Reason(StrEnum):
     # our own estimate
     ESTIMATE_NOT_FINITE = "estimate_not_finite"
     # a frame that is not let in
+    NO_PLACE = "no_place"
     SYSTEM_NOT_ALLOWED = "system_not_allowed"
     ADDRESS_CONFLICT = "address_conflict"
     UNSIGNED = "unsigned"

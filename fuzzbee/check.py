@@ -1,9 +1,11 @@
 """``fuzzbee check``: in which of many logs the autopilot's attitude differs from ours."""
 
 import os
+import signal
 from collections.abc import Iterable, Iterator
 from concurrent.futures import ProcessPoolExecutor, as_completed
-from multiprocessing import get_context
+from contextlib import contextmanager
+from multiprocessing import active_children, get_context
 from pathlib import Path
 from typing import Annotated, Any, NamedTuple
 
@@ -103,14 +105,27 @@ def _checked(paths: list[Path], profile: str) -> list[Checked]:
         if pool is None:
             return [check_log(path, profile) for path in bar.track(paths, task_id=task)]
         with pool:
-            waiting = [pool.submit(check_log, path, profile) for path in paths]
+            with _interrupts_held():
+                waiting = [pool.submit(check_log, path, profile) for path in paths]
             try:
                 for _ in as_completed(waiting):
                     bar.advance(task)
             except KeyboardInterrupt:
                 pool.shutdown(wait=False, cancel_futures=True)
+                for worker in active_children():
+                    worker.terminate()
                 raise
             return [each.result() for each in waiting]
+
+
+@contextmanager
+def _interrupts_held() -> Iterator[None]:
+    """What is started meanwhile is not interrupted by Ctrl-C: we end it, without a traceback."""
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
 def _pool(workers: int) -> ProcessPoolExecutor | None:

@@ -112,17 +112,34 @@ def viewer_options(view: str | None, rrd: str | None) -> "ViewerOptions | None":
     return ViewerOptions(view, rrd)
 
 
-def require_own_file(rrd: str | None, others: Iterable[str | Path]) -> None:
-    """Refuse a viewer's file that is one of the ``others``.
+def require_own_files(
+    outputs: Iterable[tuple[str, object]], inputs: Iterable[str | Path | None]
+) -> None:
+    """Refuse a file to be written, by its option, that is an input or another output.
+
+    A link leads to the same file, by whatever name.
 
     Raises:
-        InputError: it would overwrite one of them.
+        InputError: it would be overwritten.
     """
-    if rrd is None or not Path(rrd).exists():
-        return
-    for other in others:
-        if Path(other).exists() and Path(rrd).samefile(other):
-            raise InputError(f"--rrd {rrd}: is also {other}")
+    taken = [Path(each) for each in inputs if each is not None]
+    for option_name, file in outputs:
+        path = Path(str(file))
+        for other in taken:
+            if _are_same(path, other):
+                raise InputError(f"{option_name} {path}: is also {other}")
+        taken.append(path)
+
+
+def _are_same(one: Path, other: Path) -> bool:
+    try:
+        return one.samefile(other) and one.is_file()  # a device takes anything
+    except (OSError, ValueError):  # one of them is not there yet, or can be no file
+        pass
+    try:
+        return one.resolve() == other.resolve()
+    except (OSError, RuntimeError, ValueError):  # links in a circle: whoever opens it says so
+        return False
 
 
 def tell_page(stream: "ViewerStream") -> None:

@@ -30,7 +30,11 @@ def run(options: RunOptions) -> int:
     if options.outputs.send_as is not None and options.outputs.send_attitude is None:
         raise InputError(f"--as {options.outputs.send_as}: needs --send-attitude URL")
     parse_system_ids(options.security.allow_system_ids)
-    outputs.require_own_file(options.outputs.rrd, [options.source])
+    asked = (("--record", options.record), ("--rrd", options.outputs.rrd))
+    inputs = (options.source, options.profile, options.security.signing_key_file)
+    outputs.require_own_files(
+        [each for each in asked if each[1]], (*inputs, options.zenoh.config_file)
+    )
     if options.workers > 1:
         from fuzzbee.serve_workers import serve_workers
 

@@ -79,7 +79,7 @@ def _serve(options: RunOptions, prepared: Prepared) -> int:
         foreman = Foreman(source, crew, handout, outbox, shows=not as_records)
         seconds, failure = run_loop(foreman, options.seconds, conflicts)
     status = crew.status
-    tally = status.tally
+    tally = crew.tally
     result = summary(
         options,
         prepared.profile_name,
@@ -87,7 +87,7 @@ def _serve(options: RunOptions, prepared: Prepared) -> int:
         tally._replace(vehicles=dict(sorted(tally.vehicles.items()))),
         lost=status.lost,
         malformed=status.malformed,
-        refused=status.refused,
+        refused=status.refused + tally.refused,
         recording=recordings.word,
         workers={"workers": options.workers, "restarts": status.restarts},
     )

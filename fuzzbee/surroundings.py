@@ -1,12 +1,25 @@
 """What the environment of the command may change of what it runs, and what not."""
 
 import os
+import re
 from pathlib import Path
 
-# numba's own switches are for whoever develops with it: some print on standard output, others make
-# code that takes minutes, or none. These are ours to read; for any CPU is what containers say.
-MEANT = ("NUMBA_CACHE_DIR", "NUMBA_NUM_THREADS", "NUMBA_DISABLE_JIT", "NUMBA_CPU_NAME=generic")
-
+# The libraries' own switches are for whoever develops with them: some print on standard output,
+# end the process, leave out checksums or what is drawn.
+SWITCHES = (
+    *("NUMBA_", "LLVMLITE_", "NUMPY_", "NPY_", "RERUN", "MPL", "MATPLOTLIBRC"),
+    *("MAV_IGNORE_CRC", "SOURCE_DATE_EPOCH", "UHLC_MAX_DELTA_MS", "ZENOH_RUNTIME"),
+)
+# These are meant for us, with values as here; code for any CPU is what containers ask for.
+MEANT = {
+    "NUMBA_CACHE_DIR": ".*",
+    "NUMBA_NUM_THREADS": "[1-9][0-9]{0,3}",
+    "NUMBA_DISABLE_JIT": "[01]?",
+    "NUMBA_CPU_NAME": "generic",
+    "MPLCONFIGDIR": ".*",
+    "MPLBACKEND": "(?i:agg)",
+    "SOURCE_DATE_EPOCH": "[0-9]{1,10}",
+}
 
 # Linux's words for x86-64-v2, which numpy's wheels are made for: others end with SIGILL.
 X86_64_V2 = ("cx16", "lahf_lm", "popcnt", "ssse3", "sse4_1", "sse4_2")
@@ -32,8 +45,12 @@ def settle_environment() -> str | None:
     taken = [
         name
         for name, value in os.environ.items()
-        if name.startswith("NUMBA_") and name not in MEANT and f"{name}={value}" not in MEANT
+        if name.startswith(SWITCHES) and not _is_meant(name, value)
     ]
     for name in taken:
         del os.environ[name]
     return f"{', '.join(sorted(taken))}: not used by fuzzbee" if taken else None
+
+
+def _is_meant(name: str, value: str) -> bool:
+    return name in MEANT and re.fullmatch(MEANT[name], value, re.DOTALL) is not None

@@ -83,6 +83,7 @@ class Pipeline:
         self._new_estimator = new_estimator
         self._fits_built_in = fits_built_in
         self._vehicles: dict[VehicleId, Vehicle] = {}
+        self._there: dict[VehicleId, Vehicle] = {}  # all but those that were found to be lost
         self._usual = UsualVehicles()
         self._away: dict[VehicleId, None] = {}  # those that may be usual again
         self.departures = Departures()
@@ -144,6 +145,7 @@ class Pipeline:
         if vehicle is not None:
             self._usual.hand_back(address)
             self._away[address] = None
+            self._there[address] = vehicle
         return vehicle
 
     def _take_back(self, address: VehicleId) -> None:
@@ -239,13 +241,14 @@ class Pipeline:
         if not load.has_just_woken:
             rows, done = self._usual.show(now_us, wanted)
             outputs += [] if rows is None else [rows]
-        told = self._take_lost() if status_due else set()
-        for address, vehicle in self._vehicles.items():
+        told = self._take_lost() if status_due else {}
+        for address, vehicle in (self._there | told).items():
             if address in done:
                 if not status_due:
                     continue
             elif vehicle.state is State.LOST and address not in told:
-                continue  # it has no attitude, and nothing changes until a sample comes
+                del self._there[address]  # nothing changes until something comes
+                continue
             else:
                 self._take_back(address)
                 if not load.has_just_woken:
@@ -339,7 +342,7 @@ class Pipeline:
         kept = self.departures.take_profile(address)
         profile = kept or self.profile
         vehicle = Vehicle(address, profile, self._new_estimator(profile))
-        self._vehicles[address] = vehicle
+        self._vehicles[address] = self._there[address] = vehicle
         self._away[address] = None
         if kept is not None:
             self._replaced[address] = Replaced(address, kept)
@@ -351,12 +354,14 @@ class Pipeline:
         for address in self.departures.look(heard_us, now_us):
             self._forget(address)
 
-    def _take_lost(self) -> set[VehicleId]:
+    def _take_lost(self) -> dict[VehicleId, Vehicle]:
         """Those of the lost vehicles whose turn it is to have a status."""
-        lost = [each for each, vehicle in self._vehicles.items() if vehicle.state is State.LOST]
+        for address in [a for a, each in self._there.items() if each.state is State.LOST]:
+            del self._there[address]
+        lost = [address for address in self._vehicles if address not in self._there]
         begin = self._lost_told if self._lost_told < len(lost) else 0
         self._lost_told = begin + MOST_LOST_TOLD
-        return set(lost[begin : self._lost_told])
+        return {address: self._vehicles[address] for address in lost[begin : self._lost_told]}
 
     def _take_departed(self, now_us: int) -> list[Output]:
         """The vehicles forgotten since the last tick."""
@@ -373,6 +378,7 @@ class Pipeline:
         if vehicle is None:
             return
         del self._vehicles[address]
+        self._there.pop(address, None)
         self._away.pop(address, None)
         rejected = vehicle.rejected.total()
         counts = DepartedCounts(1, vehicle.samples, vehicle.shed, rejected, vehicle.attitudes)

@@ -9,6 +9,7 @@ import os
 import subprocess
 import sys
 import threading
+import time
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
@@ -28,10 +29,12 @@ from estimator.live.settings import settings_of
 from estimator.profile import Profile, load_profile
 from estimator.types import IDENTITY, ZERO_VEC3, ImuSample, VelocitySample
 from service import attitude_text, usual_vehicles
+from service.offspring import is_stopped
 
 STEP_US = 10_000
 BLAS = "scipy.linalg.cython_blas"
 HELPER_S = 1800.0  # longer than it takes on a busy computer; after that the service compiles
+LOOK_S = 1.0  # whether somebody has stopped it
 NICENESS = 5  # of the helpers: the service's ticks come first
 UNAIDED: tuple[Any, ...] = (
     resident.resident,
@@ -63,8 +66,8 @@ FOR_VELOCITY: tuple[Any, ...] = (
 # that the command was started in, which may hold anybody's downloads: -P keeps that off the path.
 OUR_FOLDER = Path(__file__).resolve().parents[1]
 HELPER = (
-    "import sys; sys.path.insert(0, sys.argv[1]); from service import warm_up; "
-    "warm_up.help_out(warm_up.{half})"
+    "import sys; sys.path.insert(0, sys.argv[1]); from service import offspring; "
+    "offspring.end_with_parent(); from service import warm_up; warm_up.help_out(warm_up.{half})"
 )
 
 
@@ -147,12 +150,12 @@ def compile_ahead(profile: Profile, kernels: tuple[Any, ...]) -> None:
 
 def help_out(kernels: tuple[Any, ...]) -> None:
     """Compile these into the cache, as a helper; it ends with the process that has started it."""
-    threading.Thread(target=_end_with_parent, daemon=True).start()
+    threading.Thread(target=_end_with_input, daemon=True).start()
     os.nice(NICENESS)
     compile_ahead(load_profile("imu"), kernels)
 
 
-def _end_with_parent() -> None:
+def _end_with_input() -> None:
     """End when nobody holds the other end of standard input any more."""
     sys.stdin.buffer.read()
     os._exit(1)
@@ -230,5 +233,8 @@ def _helper(half: str) -> Iterator[subprocess.Popen[bytes]]:
 
 def await_end(helper: subprocess.Popen[bytes]) -> None:
     """Wait for a helper's end; what it has not compiled the service does itself, then."""
-    with suppress(subprocess.TimeoutExpired):
-        helper.wait(HELPER_S)
+    end_s = time.monotonic() + HELPER_S
+    while time.monotonic() < end_s and not is_stopped(helper.pid):
+        with suppress(subprocess.TimeoutExpired):
+            helper.wait(LOOK_S)
+            return

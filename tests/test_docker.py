@@ -85,6 +85,10 @@ def test_everything_that_is_copied_reaches_the_build():
     assert set(re.findall(r"\w+", packages)) <= allowed
     assert {"pyproject.toml", "constraints.txt", "README.md", "LICENSE"} <= allowed
     assert "docker/healthcheck.py" in allowed
+    copied = [argument.split()[:-1] for word, argument in instructions() if word == "COPY"]
+    named = {n for names in copied for n in names if not n.startswith(("-", "/", "."))}
+    assert {"docker/libraries.txt", "docker/builder.txt"} == named
+    assert named <= allowed
 
 
 def test_the_image_runs_as_nobody_in_particular():

@@ -55,9 +55,9 @@ class Dataflash(LogFile):
     """
 
     def __iter__(self) -> Iterator[Event]:
-        with windowed(self.path) as window:
+        with windowed(self.path, self.on_read) as window:
             system_id, unix_us = _identity(window)
-        with windowed(self.path) as window:
+        with windowed(self.path, self.on_read) as window:
             decoder = _Decoder(system_id, unix_us)
             for message in messages(window, decoder.message_names):
                 yield from decoder.decode(message)

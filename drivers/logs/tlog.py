@@ -82,9 +82,9 @@ class Tlog(LogFile):
 
     def __iter__(self) -> Iterator[Event]:
         decoder = MavlinkDecoder()
-        with windowed(self.path) as window:
+        with windowed(self.path, self.on_read) as window:
             first_us = _first_stamp_us(window)
-        with windowed(self.path) as window:
+        with windowed(self.path, self.on_read) as window:
             records = TlogRecords(window, decoder.wanted)
             for arrival_us, frame in believe(records, first_us):
                 if frame is None:

@@ -8,13 +8,13 @@ estimator_selector_status for how far the filter believes itself. All are SI and
 FRD/NED already, fields in gauss, times in us since boot.
 """
 
-from collections.abc import Callable, Iterator
-from typing import Literal
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from typing import Literal, NamedTuple
 
 from drivers.events import Event, Heartbeat, Malformed, Parameter, Rejected, VehicleId
-from drivers.logs.log_file import Buffer, LogFile, whole_file
+from drivers.logs.log_file import LogFile, windowed
 from drivers.logs.logged_vehicle import LoggedVehicle
-from drivers.logs.ulog_format import LATEST_US, TIMES, Row, Table, UlogReader
+from drivers.logs.ulog_format import LATEST_US, TIMES, Found, Row, UlogReader
 from drivers.mavlink.constants import GPS_FIX_TYPE_3D_FIX, MAV_AUTOPILOT_PX4
 from drivers.samples.fix import Fix
 from drivers.samples.navigation import filter_status
@@ -46,8 +46,12 @@ FIELDS = {
     "vehicle_gps_position": GPS_FIELDS,
     "sensor_gps": GPS_FIELDS,
 }
+CHOICES = (IMU_TOPICS, MAG_TOPICS, GPS_TOPICS)
+FIRST_TOPICS = {choice[0] for choice in CHOICES}
+DAMAGE = ""  # stands in a topic's place
 WANTED = {topic: frozenset((*TIMES, *fields)) for topic, fields in FIELDS.items()}
-LONGEST_LOG_US = 7 * 86_400 * 1_000_000  # times further from the log's middle are garbage
+LONGEST_LOG_US = 7 * 86_400 * 1_000_000  # times further from the beginning's middle are garbage
+MOST_HELD = 1 << 14  # rows: so many later ones are known when one is used; some 10 s
 
 
 class Ulog(LogFile):
@@ -61,16 +65,33 @@ class Ulog(LogFile):
     """
 
     def __iter__(self) -> Iterator[Event]:
-        with whole_file(self.path) as data:
-            try:
-                log = UlogReader(data, WANTED)
-            except ValueError as error:
-                raise InputError(f"{self.path}: cannot read this ULog, {error}") from error
-            tables = _choose_tables(log.tables)
-            decoder = _Decoder(log.parameters, _unix_offset_us(data, tables))
-            yield from decoder.head(_begin_us(tables), log.unreadable)
-            for raw_us, topic, index in _in_time_order(tables):
-                yield from decoder.decode(raw_us, topic, tables[topic].row(data, index))
+        try:
+            with windowed(self.path, self.on_read) as window:
+                overview = _look_over(UlogReader(window, WANTED))
+            with windowed(self.path, self.on_read) as window:
+                log = UlogReader(window, WANTED)
+                decoder = _Decoder(overview.parameters, overview.unix_us)
+                yield from decoder.head(overview.begin_us)
+                for row in _in_time_order(_wanted(log.rows(), overview), overview.topics):
+                    if row.topic == DAMAGE:
+                        yield decoder.damage(row.time_us)
+                    else:
+                        fields = log.tables[row.topic].row(row.body)
+                        yield from decoder.decode(row.time_us, row.topic, fields)
+        except ValueError as error:
+            raise InputError(f"{self.path}: cannot read this ULog, {error}") from error
+
+
+class _Overview(NamedTuple):
+    """What has to be known of a log before its first row is used."""
+
+    parameters: dict[str, float]
+    # Those that are read: one a purpose, of such as have rows. At equal times they come in this
+    # order, the IMU last.
+    topics: tuple[str, ...]
+    begin_us: int
+    middle_us: int
+    unix_us: int  # Unix time minus time since boot, from the first GPS row that knows it; else 0
 
 
 class _Decoder:
@@ -95,11 +116,13 @@ class _Decoder:
             "sensor_gps": self._gps,
         }
 
-    def head(self, begin_us: int, unreadable: int) -> Iterator[Event]:
+    def damage(self, raw_us: int) -> Event:
+        """A stretch that cannot be read, behind the row of that time."""
+        return Malformed(self._vehicle.arrival_us(raw_us), 1)
+
+    def head(self, begin_us: int) -> Iterator[Event]:
         """The events of the log's head: the vehicle, and its parameters."""
         arrival_us = self._vehicle.arrival_us(begin_us)
-        if unreadable:
-            yield Malformed(arrival_us, unreadable)
         vehicle_type = _in_byte(self._parameters.get("MAV_TYPE"), 0)
         yield Heartbeat(self._vehicle.id, arrival_us, MAV_AUTOPILOT_PX4, vehicle_type)
         for name, value in self._parameters.items():
@@ -110,7 +133,7 @@ class _Decoder:
         try:
             return self._handlers[topic](topic, raw_us, row)
         except (LookupError, TypeError, ValueError):  # a field of that name, but of another kind
-            return [Malformed(self._vehicle.arrival_us(raw_us), 1)]
+            return [self.damage(raw_us)]
 
     def _sensor_combined(self, topic: str, raw_us: int, row: Row) -> list[Event]:
         gyr = _vector(row, "gyro_rad[{}]")
@@ -171,30 +194,59 @@ class _Decoder:
         return self._vehicle.fix(topic, TimeField.TIME_USEC, raw_us, fix)
 
 
-def _choose_tables(tables: dict[str, Table]) -> dict[str, Table]:
-    """The tables to read: one topic a purpose, and such as have rows."""
-    found = {name: table for name, table in tables.items() if table.times_us}
-    for choice in (IMU_TOPICS, MAG_TOPICS, GPS_TOPICS):
-        present = [name for name in choice if name in found]
-        for name in present[1:]:
-            del found[name]
-    return found
+def _look_over(log: UlogReader) -> _Overview:
+    """Read as far as needed: where a GPS tells the time, the log's beginning is enough."""
+    begins_us: dict[str, int] = {}
+    unix_us: dict[str, int] = {}
+    times_us: list[int] = []
+    for row in log.rows():
+        if row is None:
+            continue
+        begins_us.setdefault(row.topic, row.time_us)
+        if row.topic in GPS_TOPICS and row.topic not in unix_us:
+            utc_us = log.tables[row.topic].row(row.body).get("time_utc_usec", 0)
+            if 0 < utc_us < LATEST_US:
+                unix_us[row.topic] = int(utc_us) - row.time_us
+        if len(times_us) < MOST_HELD:
+            times_us.append(row.time_us)
+        elif begins_us.keys() >= FIRST_TOPICS and GPS_TOPICS[0] in unix_us:
+            break
+    topics = [name for name in log.tables if name in begins_us]
+    for choice in CHOICES:
+        for name in [each for each in choice if each in topics][1:]:
+            topics.remove(name)
+    topics.sort(key=lambda name: name in IMU_TOPICS)
+    begin_us = min((us for name, us in begins_us.items() if name in topics), default=0)
+    middle_us = sorted(times_us)[len(times_us) // 2] if times_us else 0
+    clocks = [us for name, us in unix_us.items() if name in topics]
+    return _Overview(log.parameters, tuple(topics), begin_us, middle_us, clocks[0] if clocks else 0)
 
 
-def _in_time_order(tables: dict[str, Table]) -> Iterator[tuple[int, str, int]]:
-    """(time in us, topic, row) of all rows; at equal times the IMU comes last."""
-    import numpy as np
+def _wanted(rows: Iterable[Found | None], overview: _Overview) -> Iterator[Found]:
+    """The rows to use, and where damage is."""
+    last_us = overview.begin_us
+    for row in rows:
+        if row is None:
+            yield Found(last_us, DAMAGE, b"")
+        elif (
+            row.topic in overview.topics and abs(row.time_us - overview.middle_us) < LONGEST_LOG_US
+        ):
+            last_us = row.time_us
+            yield row
 
-    names = sorted(tables, key=lambda name: name in IMU_TOPICS)
-    if not names:
-        return
-    columns = [np.array(tables[name].times_us, np.int64) for name in names]
-    times_us = np.concatenate(columns)
-    topics = np.repeat(np.arange(len(names)), [len(column) for column in columns])
-    rows = np.concatenate([np.arange(len(column)) for column in columns])
-    sane = np.flatnonzero(np.abs(times_us - int(np.median(times_us))) < LONGEST_LOG_US)
-    for index in sane[np.argsort(times_us[sane], kind="stable")]:
-        yield int(times_us[index]), names[topics[index]], int(rows[index])
+
+def _in_time_order(rows: Iterable[Found], topics: Sequence[str]) -> Iterator[Found]:
+    """Rows in the order of their times, as far as none comes too late; then of their topics."""
+    rank = {topic: k for k, topic in enumerate((*topics, DAMAGE))}
+    held: list[tuple[int, int, int, Found]] = []
+    for number, row in enumerate(rows):
+        held.append((row.time_us, rank[row.topic], number, row))
+        if len(held) == 2 * MOST_HELD:
+            held.sort()
+            yield from (each[-1] for each in held[:MOST_HELD])
+            del held[:MOST_HELD]
+    held.sort()
+    yield from (each[-1] for each in held)
 
 
 def _vector(row: Row, field: str) -> Vec3:
@@ -210,20 +262,6 @@ def _position(row: Row) -> Vec3:
     if "latitude_deg" in row:
         return row["latitude_deg"], row["longitude_deg"], row["altitude_msl_m"]
     return row["lat"] * 1e-7, row["lon"] * 1e-7, row["alt"] * 1e-3
-
-
-def _begin_us(tables: dict[str, Table]) -> int:
-    return min((table.times_us[0] for table in tables.values()), default=0)
-
-
-def _unix_offset_us(data: Buffer, tables: dict[str, Table]) -> int:
-    """Unix time minus time since boot, from the first GPS row that knows it; 0 without."""
-    for table in (tables[name] for name in GPS_TOPICS if name in tables):
-        for index, time_us in enumerate(table.times_us):
-            row = table.row(data, index)
-            if 0 < row.get("time_utc_usec", 0) < LATEST_US:
-                return int(row["time_utc_usec"]) - time_us
-    return 0
 
 
 def _in_byte(value: float | None, default: int) -> int:

@@ -5,18 +5,17 @@ A gives a number to a topic, D is a row of the topic of that number, P a paramet
 (https://docs.px4.io/main/en/dev_log/ulog_file_format.html).
 
 What the file claims is never believed further than it reaches: no format is unrolled but for
-the fields that are wanted, rows stay in the file until they are asked for, and the reading goes
-forwards only. After damage it goes on with the next message that cannot be an accident.
+the fields that are wanted, and the reading goes forwards only, in pieces, and keeps nothing but
+definitions. After damage it goes on with the next message that cannot be an accident.
 """
 
 import re
-from array import array
 from collections.abc import Iterator, Mapping
 from enum import IntEnum
 from struct import Struct, error
 from typing import Any, NamedTuple
 
-from drivers.logs.log_file import Buffer
+from drivers.logs.log_file import MARGIN, Window
 
 MAGIC = b"ULog\x01\x12\x35"
 FILE_HEAD_SIZE = 16
@@ -77,74 +76,102 @@ class Layout(NamedTuple):
     codes: str
 
 
-class Table:
-    """The rows of a topic: their times, and where they are in the file."""
+class Found(NamedTuple):
+    """A row of a topic, as it is in the file, and its time."""
 
-    def __init__(self, layout: Layout) -> None:
-        self.layout = layout
-        self.times_us: array[int] = array("q")
-        self._positions: array[int] = array("q")
+    time_us: int
+    topic: str
+    body: bytes
+
+
+UNWANTED = Found(0, "", b"")
+
+
+class Table:
+    """What the rows of a topic hold."""
+
+    def __init__(self, topic: str, layout: Layout) -> None:
+        self.topic = topic
+        self._names = layout.names
         self._struct = Struct(layout.codes)
 
-    def row(self, data: Buffer, index: int) -> Row:
+    def row(self, body: bytes) -> Row:
         """The wanted fields of a row, by name; elements of arrays are ``name[0]`` ..."""
-        return self._at(data, self._positions[index])
+        return dict(zip(self._names, self._struct.unpack_from(body), strict=True))
 
-    def add(self, data: Buffer, position: int) -> bool:
-        """Take in the row at ``position``; False if it has no time."""
-        row = self._at(data, position)
+    def found(self, body: bytes) -> Found | None:
+        """A row with its time; None if it has none."""
+        row = self.row(body)
         time_us = next((row[name] for name in TIMES if row.get(name)), 0)
         if not isinstance(time_us, int) or not 0 < time_us < LATEST_US:
-            return False
-        self.times_us.append(time_us)
-        self._positions.append(position)
-        return True
-
-    def _at(self, data: Buffer, position: int) -> Row:
-        values = self._struct.unpack_from(data, position)
-        return dict(zip(self.layout.names, values, strict=True))
+            return None
+        return Found(time_us, self.topic, body)
 
 
 class UlogReader:
     """Reads a ULog's definitions and finds the rows of the topics in ``wanted``.
 
-    ``wanted`` gives the topics' fields, of which only those of the first instance are kept.
-    Afterwards there are ``tables`` by topic, ``parameters`` as they were at the start, and
-    ``unreadable``, the number of damaged stretches.
-
-    Raises:
-        ValueError: the log says that it takes a newer reader, or its definitions never end.
+    ``wanted`` gives the topics' fields, of which only those of the first instance are kept. As far
+    as it has been read there are ``tables`` by topic, and ``parameters`` as they were at the start.
     """
 
-    def __init__(self, data: Buffer, wanted: Mapping[str, frozenset[str]]) -> None:
+    def __init__(self, window: Window, wanted: Mapping[str, frozenset[str]]) -> None:
         self.tables: dict[str, Table] = {}
         self.parameters: dict[str, float] = {}
-        self.unreadable = 0
-        self._data = data
+        self._window = window
+        self._data = window.data
+        self._moved = 0  # bytes of the file before them
         self._wanted = wanted
         self._formats: dict[str, tuple[Field, ...]] = {}
         self._sizes: dict[str, int] = {}
         self._fields_seen = 0
         self._subscribed: dict[int, Table | None] = {}  # by number; None for topics not wanted
         self._row_sizes: dict[int, range] = {}
-        self._breaks: list[int] = []  # where data were appended: a message may end short of it
-        for kind, start, end in self._messages():
-            self._take(kind, start, end)
+        # where in the file data were appended: a message may end short of it
+        self._breaks: list[int] = []
 
-    def _messages(self) -> Iterator[tuple[int, int, int]]:
-        """(type, start of the body, end) of the messages in the file's order."""
-        data, position, size = self._data, FILE_HEAD_SIZE, len(self._data)
-        while position < size:
+    def rows(self) -> Iterator[Found | None]:
+        """The rows in the file's order; None for each damaged stretch.
+
+        Raises:
+            ValueError: the log says that it takes a newer reader, or its definitions never end.
+        """
+        position = FILE_HEAD_SIZE
+        while True:
+            if self._window.is_near_end(position):
+                position = self._move(position)
+                continue
+            if position >= len(self._data):
+                return
             end = self._end(position)
-            cut = min((at for at in self._breaks if position < at < (end or size)), default=None)
+            cut = self._cut(position, end) if self._breaks else None
             if cut is not None:
                 position = cut
             elif end is not None and self._begins_message(end):
-                yield data[position + 2], position + HEAD.size, end
+                kind = self._data[position + 2]
+                if kind == Type.ROW:
+                    row = self._row(position + HEAD.size, end)
+                    if row is not UNWANTED:
+                        yield row
+                elif not self._take(kind, position + HEAD.size, end):
+                    yield None
                 position = end
             else:
-                self.unreadable += 1
+                yield None
                 position = self._next_sound(position)
+
+    def _move(self, position: int) -> int:
+        """Read on from there; where that place is now."""
+        self._moved += position
+        moved = self._window.move(position)
+        self._data = self._window.data
+        return moved
+
+    def _cut(self, position: int, end: int | None) -> int | None:
+        """Where data were appended before the message at ``position`` ends; None if nowhere."""
+        stop = len(self._data) if end is None else end
+        cuts = [at - self._moved for at in self._breaks if position < at - self._moved < stop]
+        return min(cuts, default=None)
 
     def _end(self, position: int) -> int | None:
         """Where the message at ``position`` ends; None if there is none, or not all of it."""
@@ -157,19 +184,25 @@ class UlogReader:
     def _begins_message(self, position: int) -> bool:
         if position + HEAD.size > len(self._data):
             return True  # the data end here, and nothing says otherwise
-        return self._data[position + 2] in KNOWN_TYPES or position in self._breaks
+        return self._data[position + 2] in KNOWN_TYPES or position + self._moved in self._breaks
 
     def _next_sound(self, position: int) -> int:
         """Where the next message is that shows by its body that it is one, or the data's end."""
-        data = self._data
-        if data[position : position + len(MAGIC)] == MAGIC:
-            return len(data)  # another log behind this one, with times of its own
-        for found in TELLING_TYPES.finditer(data, position + HEAD.size):
-            start = found.start() - 2
-            end = self._end(start)
-            if end is not None and self._is_sound(start, end) and self._begins_message(end):
-                return start
-        return len(data)
+        if self._data[position : position + len(MAGIC)] == MAGIC:
+            self._window.end()  # another log behind this one, with times of its own
+            return len(self._data)
+        begin = position + 1
+        while True:
+            for found in TELLING_TYPES.finditer(self._data, begin + 2):
+                start = found.start() - 2
+                if self._window.is_near_end(start):
+                    break
+                end = self._end(start)
+                if end is not None and self._is_sound(start, end) and self._begins_message(end):
+                    return start
+            if self._window.is_last:
+                return len(self._data)
+            begin = self._move(max(begin, len(self._data) - MARGIN))
 
     def _is_sound(self, position: int, end: int) -> bool:
         data, start = self._data, position + HEAD.size
@@ -182,33 +215,36 @@ class UlogReader:
             case _:
                 return FORMAT_BODY.fullmatch(data, start, end) is not None
 
-    def _take(self, kind: int, start: int, end: int) -> None:
+    def _take(self, kind: int, start: int, end: int) -> bool:
+        """Take in a message; False if it is damaged."""
         data = self._data
         try:
             match kind:
-                case Type.ROW:
-                    is_good = self._row(start, end)
                 case Type.FORMAT:
-                    is_good = self._format(data[start:end])
+                    return self._format(data[start:end])
                 case Type.SUBSCRIPTION:
                     number = _number(data, start + 1)
-                    is_good = self._subscribe(data[start], number, data[start + 3 : end])
+                    return self._subscribe(data[start], number, data[start + 3 : end])
                 case Type.PARAMETER if not self._subscribed:  # a later one is a change
-                    is_good = self._parameter(data[start:end])
+                    return self._parameter(data[start:end])
                 case Type.FLAGS:
-                    is_good = self._flags(data[start:end])
-                case _:
-                    is_good = True
+                    return self._flags(data[start:end])
         except (error, IndexError, UnicodeDecodeError):
-            is_good = False
-        self.unreadable += not is_good
+            return False
+        return True
 
-    def _row(self, start: int, end: int) -> bool:
+    def _row(self, start: int, end: int) -> Found | None:
+        """The row in a message; UNWANTED if it is of no use, None if it is damaged."""
         number = _number(self._data, start)
         if end - start - 2 not in self._row_sizes.get(number, ()):
-            return False
+            return None
         table = self._subscribed[number]
-        return table is None or table.add(self._data, start + 2)
+        if table is None:
+            return UNWANTED
+        try:
+            return table.found(self._data[start + 2 : end])
+        except error:  # shorter than what is wanted of it
+            return None
 
     def _format(self, body: bytes) -> bool:
         if FORMAT_BODY.fullmatch(body) is None:
@@ -233,7 +269,7 @@ class UlogReader:
 
     def _table(self, name: str) -> Table:
         if name not in self.tables:
-            self.tables[name] = Table(self._layout(name, self._wanted[name]))
+            self.tables[name] = Table(name, self._layout(name, self._wanted[name]))
         return self.tables[name]
 
     def _layout(self, name: str, wanted: frozenset[str]) -> Layout:
@@ -295,5 +331,5 @@ class UlogReader:
         return True
 
 
-def _number(data: Buffer, position: int) -> int:
+def _number(data: bytes, position: int) -> int:
     return int.from_bytes(data[position : position + 2], "little")

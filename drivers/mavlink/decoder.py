@@ -17,6 +17,7 @@ from drivers.events import (
     Forgotten,
     Heartbeat,
     Parameter,
+    RefusedFrames,
     VehicleId,
 )
 from drivers.mavlink.backlog import Arrived
@@ -46,6 +47,7 @@ from drivers.samples.intake import Intake, Stamp
 from drivers.samples.vehicle_clock import TimeField
 from estimator.compilation.compiled import is_compiled_code
 from estimator.compilation.interpreted import is_interpreting
+from estimator.reasons import Reason
 
 _TIME_USEC = TimeField.TIME_USEC  # looked up in its class it takes longer
 
@@ -168,7 +170,7 @@ class MavlinkDecoder:
         if len(self._senders) >= MOST_SENDERS:
             silent = self._longest_silent(arrival_us, brings_imu=frame.message_id in IMU_MESSAGES)
             if silent is None:
-                return []
+                return _turned_away(frame, arrival_us)
             intake = self._senders.pop(silent).intake
             if self._usual is not None:
                 self._usual.forget(intake)
@@ -255,6 +257,14 @@ class MavlinkDecoder:
 
     def _command_ack(self, sender: _Sender, m: Any, arrival_us: int) -> list[Event]:
         return [CommandAck(sender.id, arrival_us, m.command, m.result)]
+
+
+def _turned_away(frame: Frame, arrival_us: int) -> list[Event]:
+    """What is told of a sender for whom there is no place: its samples count."""
+    if frame.message_id not in IMU_MESSAGES:
+        return []
+    address = VehicleId(frame.system_id, frame.component_id)
+    return [RefusedFrames(address, arrival_us, Reason.NO_PLACE, 1)]
 
 
 def _motion(m: Any) -> str | None:

@@ -49,8 +49,10 @@ _logger = logging.getLogger(__name__)
 
 def state_path() -> Path:
     """Where the stamps are kept: ``$XDG_STATE_HOME/fuzzbee/signing.json``."""
-    base = os.environ.get("XDG_STATE_HOME") or _home() / ".local" / "state"
-    return Path(base) / "fuzzbee" / "signing.json"
+    base = Path(os.environ.get("XDG_STATE_HOME", ""))
+    if not base.is_absolute():  # nothing of the current folder's counts
+        base = _home() / ".local" / "state"
+    return base / "fuzzbee" / "signing.json"
 
 
 def _home() -> Path:

@@ -123,8 +123,8 @@ def _digest(parts: tuple[str, ...]) -> str:
 
 def _bases(chosen: str | None) -> list[Path]:
     first = Path(__file__).parents[1] / "__pycache__" if chosen is None else Path(chosen)
-    home_cache = os.environ.get("XDG_CACHE_HOME")
-    if not home_cache:
+    home_cache = os.environ.get("XDG_CACHE_HOME", "")
+    if not Path(home_cache).is_absolute():  # nothing of the current folder's counts
         try:
             home_cache = str(Path("~/.cache").expanduser())
         except RuntimeError:  # a user without a home

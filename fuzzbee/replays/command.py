@@ -135,10 +135,11 @@ def _replay_logs(options: ReplayOptions) -> None:
     if runs > 1:
         for name, file in options.given("csv", "mcap", "tum", "parquet", "view", "rrd"):
             raise InputError(f"{name} {file}: takes one log and one profile, not {runs}")
+    written = options.given("csv", "mcap", "tum", "parquet", "plot", "rrd")
+    outputs.require_own_files(written, [*options.sources, *names, options.columns])
     exports = _exports(options)
     profiles = {name: load_profile(name) for name in names}
     usual = profiles[names[0]]
-    outputs.require_own_file(options.rrd, options.sources)
     viewer = outputs.open_viewer(options.view, options.rrd, usual)
     try:
         if viewer is not None:
@@ -160,6 +161,7 @@ def _report_logs(
 
     from fuzzbee.replays.comparison_plot import ComparisonPlot
     from fuzzbee.replays.log_report import report_log
+    from fuzzbee.replays.reading_bar import reading_bar
     from fuzzbee.replays.table import print_reports
 
     told: list[str] = []  # printed when all went well only: a refusal must be one single line
@@ -183,6 +185,7 @@ def _report_logs(
             columns=options.columns,
             tell=told.append,
             profile_name=name if len(profiles) > 1 else None,
+            reading=reading_bar,
             exports=[*exports, partial(figure.add, path.name, name)] if figure else exports,
         )
         for (path, name), profile in zip(runs, chosen, strict=True)
@@ -244,6 +247,7 @@ def _replay_simulation(options: ReplayOptions) -> None:
     from fuzzbee.replays.table import print_simulation
 
     started = time.perf_counter()
+    outputs.require_own_files(options.given("csv", "plot"), options.profile or ())
     name, seeds, gain = (options.profile or ["paper"])[0], options.seeds or "0", options.gain
     exports: list[Export] = []
     if options.csv is not None:

@@ -3,6 +3,7 @@
 import time
 from collections import Counter
 from collections.abc import Callable, Sequence
+from contextlib import AbstractContextManager, nullcontext
 from pathlib import Path
 
 import msgspec
@@ -10,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drivers.events import ReferenceAttitude
+from drivers.logs.log_file import LogFile
 from drivers.logs.missing_imu import advice
 from drivers.logs.open import open_log
 from drivers.logs.reference_track import ReferenceTrack
@@ -30,10 +32,16 @@ from fuzzbee.replays.score import (
 )
 from fuzzbee.replays.smoothed import recorder, smoothed
 from fuzzbee.replays.trace import Replay, VehicleTrace
+from fuzzbee.say import printable
 
 MICROSECOND = 1e-6
 
+Reading = Callable[[LogFile], AbstractContextManager[None]]
 Export = Callable[[VehicleTrace, Comparison], None]
+
+
+def _unwatched(_log: LogFile) -> AbstractContextManager[None]:
+    return nullcontext()
 
 
 class VehicleSummary(msgspec.Struct, frozen=True):
@@ -130,10 +138,12 @@ def report_log(
     profile_name: str | None = None,
     tell: Callable[[str], None] = lambda _: None,
     exports: Sequence[Export] = (),
+    reading: Reading = _unwatched,
 ) -> LogReport:
     """Replay a log and score it; ``exports`` are given the trace and its comparison.
 
     With ``smooth`` the attitudes are those that the whole log tells. ``columns`` describes a table.
+    ``reading`` is entered with the log while it is read.
 
     Raises:
         InputError: the log cannot be read, holds no IMU data of that vehicle, or lacks the
@@ -150,6 +160,7 @@ def report_log(
         smooth=smooth,
         columns=columns,
         tell=tell,
+        reading=reading,
     )
     compared = compare(path, trace, reference)
     report = score(path, trace, compared, skip_s)
@@ -164,6 +175,7 @@ def report_log(
             smooth=smooth,
             columns=columns,
             tell=lambda _: None,
+            reading=reading,
         )
         forgotten_s = _forgotten_s(trace, right)
         report = msgspec.structs.replace(report, convergence_s=forgotten_s)
@@ -200,6 +212,7 @@ def replay_log(
     smooth: bool = False,
     columns: Path | None = None,
     tell: Callable[[str], None],
+    reading: Reading = _unwatched,
 ) -> VehicleTrace:
     """The trace of the vehicle with most IMU samples, or of the one with ``system_id``."""
     replay = Replay(
@@ -211,7 +224,7 @@ def replay_log(
         tell=lambda text: tell(f"{path.name}: {text}"),
         new_estimator=recorder(fixed_gain) if smooth else None,
     )
-    with open_log(path, columns) as log:
+    with open_log(path, columns) as log, reading(log):
         replay.run(log)
     trace = replay.longest()
     if trace is None:
@@ -250,7 +263,7 @@ def score(path: Path, trace: VehicleTrace, compared: Comparison, skip_s: float) 
     sigma_rad = trace.column(lambda a: a.sigma_inclination_rad)[counted]
     moved = motion_mask(trace.samples)[counted]
     return LogReport(
-        source=str(path),
+        source=printable(str(path)),
         vehicle=_vehicle_summary(trace),
         imu=_imu_summary(trace),
         duration_s=float(times_us[-1] - times_us[0]) * MICROSECOND,

@@ -30,7 +30,8 @@ def tune(request: TuneRequest) -> None:
     _require_machine(request)
     _require_plots(request)
     viewer = outputs.viewer_options(request.view, request.rrd)
-    outputs.require_own_file(request.rrd, [*request.sources, request.output])
+    written = [("--output", request.output), *([("--rrd", request.rrd)] if request.rrd else [])]
+    outputs.require_own_files(written, [*request.sources, *(request.hold_out or ()), request.base])
     status = run_plan(plan(request), request, viewer)
     if status:
         raise typer.Exit(status)

@@ -12,5 +12,6 @@ os.environ.setdefault("RUST_LOG", "error,re_grpc_client=off,re_sdk::recording_st
 try:
     rr: Any = import_module("rerun")
     rrb: Any = import_module("rerun.blueprint")
+    bindings: Any = import_module("rerun_bindings")
 except ImportError:
     raise InputError(MISSING) from None

@@ -51,6 +51,7 @@ class ViewerSink:
         self._drawn = 0  # number of surfaces in the viewer
         self._now_us = 0
         self._pages_due_us: int | None = None  # vehicles wait for pages of their own
+        self._arranged = 0  # so often
         self._is_live = options.live
         self.stream.static("/surface", rr.ViewCoordinates.RIGHT_HAND_Z_UP)
         self.stream.static("/surface/axes", surface_axes())
@@ -127,18 +128,28 @@ class ViewerSink:
         if len(self._pages) == 1:
             self._show_pages()
         else:  # more may follow: a page for each takes a browser a while to take in
-            self._pages_due_us = self._now_us + PAGES_WAIT_US
+            self._have_pages_shown()
         self._draw_surfaces()
         return page
+
+    def _have_pages_shown(self) -> None:
+        """Arrange them soon; later each time: an arrangement stays in memory as in the file."""
+        if self._pages_due_us is None:
+            self._pages_due_us = self._now_us + self._wait_us
+
+    @property
+    def _wait_us(self) -> int:
+        return self._arranged * PAGES_WAIT_US
 
     def _show_pages(self) -> None:
         """Arrange a page for each vehicle."""
         self._pages_due_us = None
+        self._arranged += 1
         self.stream.show(layout.blueprint([vehicle_name(v) for v in self._pages]))
 
     def _show_pages_if_due(self) -> None:
         due_us = self._pages_due_us
-        if due_us is not None and not 0 < due_us - self._now_us <= PAGES_WAIT_US:
+        if due_us is not None and not 0 < due_us - self._now_us <= self._wait_us:
             self._show_pages()
 
     def _on_departed(self, vehicle: VehicleId) -> None:
@@ -147,7 +158,7 @@ class ViewerSink:
         page = self._pages.pop(vehicle, None)
         if page is not None:
             page.curves.flush(self.stream)
-            self._pages_due_us = self._now_us + PAGES_WAIT_US
+            self._have_pages_shown()
 
     def _on_replaced(self, vehicle: VehicleId, profile: Profile) -> None:
         self._own[vehicle] = profile

@@ -8,6 +8,7 @@ from wsgiref.simple_server import WSGIRequestHandler, WSGIServer, make_server
 
 from estimator.errors import InputError, missing_extra
 from service.health import State
+from service.pipeline import MOST_LOST_TOLD
 from service.records import AttitudeRecord, Departed, Output, Published, StatusRecord, vehicle_name
 from service.second_opinion import Verdict
 
@@ -83,6 +84,7 @@ class MetricsSink:
         self._lock = threading.Lock()
         self._attitudes: dict[str, tuple[AttitudeRecord, float]] = {}
         self._statuses: dict[str, StatusRecord] = {}
+        self._lost: dict[str, None] = {}  # the one that was lost last comes last
         registry = CollectorRegistry(auto_describe=False)
         registry.register(self)
         try:
@@ -110,10 +112,15 @@ class MetricsSink:
                     case Published(vehicle=vehicle, record=AttitudeRecord() as record):
                         self._attitudes[vehicle_name(vehicle)] = (record, self._now_s())
                     case Published(vehicle=vehicle, record=StatusRecord() as status):
-                        self._statuses[vehicle_name(vehicle)] = status
+                        name = vehicle_name(vehicle)
+                        self._statuses[name] = status
+                        if status.state == State.LOST:
+                            self._lost.setdefault(name)
+                        else:
+                            self._lost.pop(name, None)
                     case Departed(vehicle=vehicle):
-                        self._attitudes.pop(vehicle_name(vehicle), None)
-                        self._statuses.pop(vehicle_name(vehicle), None)
+                        for known in (self._attitudes, self._statuses, self._lost):
+                            known.pop(vehicle_name(vehicle), None)
 
     def close(self) -> None:
         """End the server."""
@@ -122,9 +129,16 @@ class MetricsSink:
         self._thread.join()
 
     def collect(self) -> "Iterator[Metric]":
-        """All metrics for one scrape. A lost vehicle's attitude is left out but for its age."""
+        """All metrics for one scrape. A lost vehicle's attitude is left out but for its age.
+
+        Of the lost ones only the last count: an answer about thousands takes a second of all.
+        """
         with self._lock:
             attitudes, statuses = dict(self._attitudes), dict(self._statuses)
+            long_lost = [*self._lost][:-MOST_LOST_TOLD]
+        for name in long_lost:
+            attitudes.pop(name, None)
+            del statuses[name]
         now_s = self._now_s()
         counts = {name: record.sequence + 1.0 for name, (record, _) in attitudes.items()}
         yield _metric("attitudes", "Attitudes published.", counts, is_count=True)

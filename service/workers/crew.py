@@ -66,8 +66,10 @@ class Crew(Closing):
         self._profiles: dict[VehicleId, Replaced] = {}
         self._sequences: dict[VehicleId, int] = {}  # the next ones, of attitudes that are records
         self._selector = selectors.DefaultSelector()
+        self._begun: list[Output] = []  # told before the first turn of the service
         self._quick_nurseries = 0
         self._ready_s: float | None = None
+        self._stopped_s = 0.0  # for so long the nursery has been stopped
         self._nursery = self._open_nursery()
         self._places = [self._new_place(number) for number in range(count)]
         self._turn_s = time.monotonic()
@@ -75,16 +77,28 @@ class Crew(Closing):
     def begin(self) -> None:
         """Wait until all is compiled and the workers are there."""
         while not all(place.process for place in self._places):
-            self.turn(0.1)
+            self._begun = self.turn(0.1)
 
     @property
     def processes(self) -> list[int | None]:
         """The processes of the workers, in their order."""
         return [place.process for place in self._places]
 
+    @property
+    def tally(self) -> Tally:
+        """All counts; of attitudes those that were published, where a worker could not tell."""
+        total = self.status.tally
+        vehicles = {
+            vehicle: msgspec.structs.replace(
+                counts, attitudes=max(counts.attitudes, self._next_sequence(vehicle))
+            )
+            for vehicle, counts in total.vehicles.items()
+        }
+        return total._replace(vehicles=vehicles)
+
     def turn(self, timeout_s: float) -> list[Output]:
         """Wait for what workers tell, and return it; replace those that have died."""
-        outputs: list[Output] = []
+        outputs, self._begun = self._begun, []
         for key, _ in self._selector.select(timeout_s):
             if isinstance(key.data, Place):
                 self._listen(key.data, outputs)
@@ -286,7 +300,12 @@ class Crew(Closing):
                 place.silent_s = 0.0
                 _kill(place.process)
         unborn = [place for place in self._places if place.process is None]
-        if self._ready_s is None or not any(place.silent_s > BIRTH_S for place in unborn):
+        if self._ready_s is None:  # it compiles, for as long as it takes
+            self._stopped_s = self._stopped_s + step_s if self._nursery.is_stopped else 0.0
+            hangs = self._stopped_s > BIRTH_S
+        else:
+            hangs = any(place.silent_s > BIRTH_S for place in unborn)
+        if not hangs:
             return None
         process = self._nursery.kill()
         self._replace_nursery(time.monotonic(), is_hanging=True)
@@ -297,7 +316,7 @@ class Crew(Closing):
     def _open_nursery(self) -> NurseryProcess:
         nursery = NurseryProcess(self._setup)
         self._selector.register(nursery.control, selectors.EVENT_READ, nursery)
-        self._ready_s = None
+        self._ready_s, self._stopped_s = None, 0.0
         return nursery
 
     def _hear_nursery(self) -> None:
@@ -305,6 +324,8 @@ class Crew(Closing):
         for what, process, number in self._nursery.news():
             if what == READY:
                 self._ready_s = now_s
+                for place in self._places:
+                    place.silent_s = 0.0
             elif what == BORN:
                 self._places[number].note_birth(process, now_s)
             elif what == DEAD:
@@ -319,9 +340,9 @@ class Crew(Closing):
 
     def _replace_nursery(self, now_s: float, *, is_hanging: bool = False) -> None:
         """Start another one, and ask it for the workers that were not born yet."""
-        if self._ready_s is None:
+        if self._ready_s is None and not is_hanging:
             raise CrewError("the process that workers come from has ended before it was ready")
-        is_quick = now_s - self._ready_s < QUICK_S and not is_hanging
+        is_quick = not is_hanging and now_s - (self._ready_s or 0.0) < QUICK_S
         self._quick_nurseries = self._quick_nurseries + 1 if is_quick else 0
         if self._quick_nurseries >= MOST_QUICK_NURSERIES:
             raise CrewError("the process that workers come from ends again and again")

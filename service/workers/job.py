@@ -1,5 +1,6 @@
 """What a worker is told when it begins, and what it tells while it works."""
 
+from collections import Counter
 from typing import NamedTuple
 
 from drivers.events import VehicleId
@@ -52,6 +53,7 @@ class Tally(NamedTuple):
     dropped: int = 0
     departed: DepartedCounts = DepartedCounts()
     vehicles: dict[VehicleId, Counts] = {}  # noqa: RUF012 - never changed
+    refused: Counter[str] = Counter()  # noqa: RUF012 - likewise; frames
 
     def plus(self, other: "Tally") -> "Tally":
         """Both together; ``ticks`` are those of the one that has made more."""
@@ -61,6 +63,7 @@ class Tally(NamedTuple):
             self.dropped + other.dropped,
             self.departed.plus(other.departed),
             self.vehicles | other.vehicles,
+            self.refused + other.refused,
         )
 
 

@@ -5,7 +5,6 @@ with the others. The process has no thread of its own, opens nothing and compute
 there is nothing that a fork could break.
 """
 
-import ctypes
 import gc
 import os
 import pickle
@@ -18,19 +17,19 @@ from contextlib import suppress
 
 from estimator.compilation.notice import tell_compiling
 from estimator.errors import InputError
+from service.offspring import end_with_parent
 from service.warm_up import warm_up
 from service.workers import worker
 from service.workers.nursery_process import BORN, DEAD, NEWS, READY, REQUEST, Setup
 
 GRACE_S = 1.5  # workers end by themselves when the service closes their connections
 LOOK_S = 0.1
-PR_SET_PDEATHSIG = 1  # from linux/prctl.h
 
 
 def serve(control_file: int) -> None:
     """Fork a worker for each request, until the service closes the control."""
     worker.ignore_signals()
-    _end_with_parent()
+    end_with_parent()  # even while it is stopped, and reads nothing that the service closes
     control = socket.socket(fileno=control_file)
     setup: Setup = pickle.load(sys.stdin.buffer)  # noqa: S301 - of the service itself
     tell_compiling(_say)
@@ -100,12 +99,6 @@ class _Children:
                 os.kill(process, signal.SIGKILL)
         for process in self._alive:
             os.waitpid(process, 0)
-
-
-def _end_with_parent() -> None:
-    """Even while this process is stopped, and reads nothing that the service closes."""
-    if sys.platform.startswith("linux"):
-        ctypes.CDLL(None).prctl(PR_SET_PDEATHSIG, signal.SIGKILL)
 
 
 def _tell(control: socket.socket, what: bytes, process: int, number: int) -> None:

@@ -12,6 +12,7 @@ from typing import NamedTuple
 
 from drivers.closing import Closing
 from estimator.profile import Profile
+from service.offspring import is_stopped
 
 # What the process runs: our own modules, from wherever this process has them.
 PROGRAM = (
@@ -92,9 +93,17 @@ class NurseryProcess(Closing):
         self.is_ready = self.is_ready or any(each.what == READY for each in news)
         return news
 
+    @property
+    def is_stopped(self) -> bool:
+        """Whether somebody has stopped the process."""
+        return is_stopped(self._process.pid)
+
     def kill(self) -> int:
         """End a process that hangs; returns its number. Its workers go on."""
-        self._process.kill()
+        if self.is_ready:
+            self._process.kill()
+        else:
+            os.killpg(self._process.pid, signal.SIGKILL)
         return self._process.pid
 
     def close(self) -> None:

@@ -9,6 +9,7 @@ import pickle
 import signal
 import socket
 import time
+from collections import Counter
 
 from estimator.errors import InputError
 from estimator.estimator import Estimator
@@ -95,7 +96,8 @@ def _pipeline(job: Job) -> Pipeline:
 def _tally(runner: Runner, pipeline: Pipeline) -> Tally:
     counts = {vehicle.address: vehicle.counts for vehicle in pipeline.vehicles}
     departed = pipeline.departures.counts
-    return Tally(runner.ticks, runner.overruns, runner.dropped, departed, counts)
+    refused = Counter[str](pipeline.refused_frames)
+    return Tally(runner.ticks, runner.overruns, runner.dropped, departed, counts, refused)
 
 
 def _await_tick(job: Job) -> None:

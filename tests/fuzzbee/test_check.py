@@ -2,7 +2,11 @@
 
 import itertools
 import json
+import os
 import shutil
+import signal
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
@@ -10,6 +14,7 @@ from pymavlink import mavutil
 
 from drivers.mavlink.dialect import mavlink
 from fuzzbee.cli import main
+from tests.fuzzbee.test_workers import descendants, is_alive
 
 DATA = Path(__file__).parent.parent / "data"
 GOOD = DATA / "sitl_copter_takeoff.tlog"
@@ -112,3 +117,31 @@ def test_a_run_tells_ground_stations_if_it_is_asked_to(tmp_path):
     # one sender, whose frames are numbered without a gap
     numbers = [m.get_seq() for m in got]
     assert all((b - a) % 256 == 1 for a, b in itertools.pairwise(numbers))
+
+
+def test_an_interrupt_of_all_processes_ends_them_without_a_word():
+    """As a terminal's Ctrl-C does: while they begin it had been a traceback of each."""
+    logs = [str(GOOD)] * 8
+    process = subprocess.Popen(
+        [sys.executable, "-m", "fuzzbee", "check", *logs],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        start_new_session=True,
+    )
+    while not (workers := [p for p in descendants(process.pid) if is_worker(p)]):
+        assert process.poll() is None
+    os.killpg(process.pid, signal.SIGINT)
+    _, said = process.communicate(timeout=60)
+    assert process.returncode == 130
+    assert "Traceback" not in said
+    assert not any(map(is_alive, workers))
+
+
+def is_worker(process):
+    """One that has begun to import."""
+    try:
+        is_ours = b"spawn_main" in Path(f"/proc/{process}/cmdline").read_bytes()
+        return is_ours and "numpy" in Path(f"/proc/{process}/maps").read_text()
+    except OSError:
+        return False

@@ -9,6 +9,8 @@ from pathlib import Path
 import pytest
 
 import fuzzbee
+from drivers.mavlink.signing import state_path
+from estimator.compilation.folder import _bases
 from tests.traps import set_trap
 
 ROOT = str(Path(next(iter(fuzzbee.__path__))).parent)
@@ -76,6 +78,27 @@ def test_settings_for_numba_that_are_meant_for_others_are_named_and_not_used(tmp
     first = done.stderr.splitlines()[0]
     assert first == "fuzzbee: NUMBA_CPU_NAME, NUMBA_DEBUG, NUMBA_OPT: not used by fuzzbee"
     assert json.loads(done.stdout)["imu"]
+
+
+def test_switches_of_libraries_that_would_end_the_service_are_not_used(tmp_path):
+    switches = {"ZENOH_RUNTIME": "", "NUMPY_MADVISE_HUGEPAGE": "x", "NUMBA_NUM_THREADS": "0"}
+    where = ("-l", "tcp/127.0.0.1:0", "-e", "tcp/127.0.0.1:9")
+    command = ("-m", "fuzzbee", "run", "sim:", "--seconds", "0.5", "--json", *where)
+    done = run(tmp_path, *command, **switches)
+    assert done.returncode == 0, done.stderr
+    first, *others = done.stderr.splitlines()
+    assert first == f"fuzzbee: {', '.join(sorted(switches))}: not used by fuzzbee"
+    assert not [line for line in others if "anic" in line or "Warning" in line]
+    assert json.loads(done.stdout)["vehicles"]["1"]["samples"] > 10
+
+
+def test_a_relative_folder_for_states_is_nobodys(tmp_path, monkeypatch):
+    """As the XDG Base Directory Specification says: the current folder may be anybody's."""
+    monkeypatch.setenv("XDG_STATE_HOME", "here")
+    monkeypatch.setenv("XDG_CACHE_HOME", "here")
+    monkeypatch.setenv("HOME", str(tmp_path))
+    assert state_path() == tmp_path / ".local/state/fuzzbee/signing.json"
+    assert tmp_path / ".cache/fuzzbee" in _bases(None)
 
 
 def test_settings_for_plots_in_the_current_folder_are_not_read(tmp_path):

@@ -24,11 +24,12 @@ from tests.service.records import UNIX_US, record
 pytest.importorskip("rerun", reason="the extra viewer is not installed")
 
 from estimator.profile import load_profile, merge_profile
+from fuzzbee.viewer import layout
 from fuzzbee.viewer import process as viewer_process
 from fuzzbee.viewer.gain_surface import gain_shape, gain_surface
 from fuzzbee.viewer.layout import LINES, MOST_VEHICLES
 from fuzzbee.viewer.page import Page
-from fuzzbee.viewer.stream import ViewerOptions
+from fuzzbee.viewer.stream import ViewerOptions, ViewerStream
 from fuzzbee.viewer.viewer import ViewerSink
 from tests.fuzzbee.rrd import listing, rows
 
@@ -159,6 +160,28 @@ def test_a_fleet_that_appears_gets_its_pages_at_once(tmp_path):
     sink.handle(list(attitudes(VehicleId(6, 1), 1, 100_000)))
     sink.close()
     assert sink.pages == [1, 5, 6]
+
+
+def test_arranging_the_pages_leaves_no_thread_behind(tmp_path):
+    """The library's own way left two behind, and 2 MB, each time."""
+    stream = ViewerStream(ViewerOptions(rrd=str(tmp_path / "many.rrd")), layout.blueprint)
+    threads = []
+    for number in range(1, 6):
+        stream.show(layout.blueprint([str(number)]))
+        threads.append(len(list(Path("/proc/self/task").iterdir())))
+    stream.close()
+    assert max(threads) == threads[0]
+
+
+def test_vehicles_that_come_and_go_are_arranged_ever_later(tmp_path):
+    """Each arrangement stays in memory and in the file."""
+    sink = Recorded(ViewerOptions(rrd=str(tmp_path / "hours.rrd")), PAPER)
+    for second in range(60):
+        there = VehicleId(1 + second, 1), VehicleId(2 + second, 1)
+        sink.handle([Published(each, at_time(record(), second * 1_000_000)) for each in there])
+        sink.handle([Departed(there[0])])
+    sink.close()
+    assert 5 < len(sink.pages) < 15
 
 
 @pytest.mark.parametrize(

@@ -287,6 +287,23 @@ def test_a_worker_that_is_killed_is_replaced_with_all_that_its_vehicles_had(tmp_
     assert len(b"".join(frames)) > 0.5 * len(stream)
 
 
+def test_a_maker_of_workers_that_is_stopped_before_it_has_made_one_is_replaced():
+    port = free_port(socket.SOCK_DGRAM)
+    command = ("run", f"udpin:127.0.0.1:{port}", "--json", "--workers", "2", "--no-zenoh")
+    with started(*command, "--profile", "paper") as process, flight(2, port):
+        is_there = lambda p: b"import serve" in Path(f"/proc/{p}/cmdline").read_bytes()  # noqa: E731
+        wait_for(lambda: any(map(is_there, descendants(process.pid))), 30.0)
+        (stopped, *_) = descendants(process.pid)
+        os.kill(stopped, signal.SIGSTOP)
+        await_line(process, f"({stopped}) hung and is replaced")
+        lines = keep_reading(process)
+        wait_for(lambda: any("vehicle 2: running" in line for line in lines), 30.0)
+        family = descendants(process.pid)
+        end(process, lines)
+    assert stopped not in family
+    assert not any(map(is_alive, family))
+
+
 def test_a_service_that_was_stopped_publishes_nothing_old(tmp_path):
     """Its workers have gone on meanwhile: of each vehicle only what is newest still counts."""
     port, endpoint = free_port(socket.SOCK_DGRAM), f"tcp/127.0.0.1:{free_port()}"

@@ -71,10 +71,16 @@ def test_a_first_start_does_not_wait_for_the_compiler(tmp_path):
 HELPER_OF_A_PARENT = """
 import os, signal
 from estimator.profile import load_profile
-from service.warm_up import helpers
+from pathlib import Path
+from service.warm_up import await_end, helpers
 
 with helpers(load_profile("imu")) as started:
     print(*(helper.pid for helper in started), flush=True)
+    stopped = started[1]
+    while len(list(Path(f"/proc/{stopped.pid}/task").iterdir())) < 2:
+        pass
+    stopped.send_signal(signal.SIGSTOP)
+    await_end(stopped)  # nobody waits for it
     os.kill(os.getpid(), signal.SIGKILL)
 """
 

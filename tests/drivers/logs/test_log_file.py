@@ -3,14 +3,12 @@
 import errno
 import io
 import shutil
-from contextlib import nullcontext
 from pathlib import Path
 
 import pytest
 
-from drivers import memory
 from drivers.events import Imu
-from drivers.logs.log_file import whole_file
+from drivers.logs.log_file import windowed
 from drivers.logs.open import open_log
 from estimator.errors import InputError
 
@@ -49,20 +47,14 @@ class Failing(io.RawIOBase):
         super().close()
 
 
-@pytest.mark.parametrize(
-    ("error", "reason"), [(None, "it has become shorter"), (errno.EIO, "Input/output error")]
-)
-def test_a_file_of_which_only_a_part_can_be_read(tmp_path, monkeypatch, caplog, error, reason):
+def test_a_file_of_which_only_a_part_can_be_read(tmp_path, monkeypatch, caplog):
     path = tmp_path / "log.bin"
     path.write_bytes(bytes(range(256)) * 100)
-    monkeypatch.setattr(
-        Path,
-        "open",
-        opens(path, Failing, 10_001, error),
-    )
-    with whole_file(path) as content:
-        assert content[:] == (bytes(range(256)) * 100)[:10_001]
-    assert f"read 10001 of 25600 bytes: {reason}" in caplog.text
+    monkeypatch.setattr(Path, "open", opens(path, Failing, 10_001, errno.EIO))
+    with windowed(path) as window:
+        window.move(0)
+        assert window.data == (bytes(range(256)) * 100)[:10_001]
+    assert "read no further: Input/output error" in caplog.text
 
 
 def opens(path, how, *arguments):
@@ -86,36 +78,5 @@ def test_nothing_at_all(tmp_path, monkeypatch):
     path = tmp_path / "log.bin"
     path.write_bytes(b"some")
     monkeypatch.setattr(Path, "open", opens(path, Failing, 0, errno.EIO))
-    with pytest.raises(InputError, match="cannot be read: Input/output error"), whole_file(path):
+    with pytest.raises(InputError, match="cannot be read: Input/output error"), windowed(path):
         pass
-
-
-def test_a_file_larger_than_any_log(tmp_path):
-    path = tmp_path / "log.bin"
-    with path.open("wb") as file:
-        file.truncate(5 << 30)  # a hole: it takes no room
-    with pytest.raises(InputError, match="more than 4 GiB"), whole_file(path):
-        pass
-
-
-@pytest.mark.parametrize(
-    ("available_kib", "limit", "there"),
-    [(3_071, None, "3 MiB"), (9_000, "3145727", "3 MiB"), (3_072, "max", ""), (None, None, "")],
-    ids=["system", "container", "just enough", "another system"],
-)
-def test_a_file_that_the_memory_is_too_small_for(
-    available_kib, limit, there, tmp_path, monkeypatch
-):
-    """2 MiB, which take 3."""
-    path, system, group = (tmp_path / name for name in ("log.ulg", "meminfo", "memory.max"))
-    with path.open("wb") as file:
-        file.truncate(2 << 20)
-    if available_kib is not None:
-        system.write_text(f"MemTotal: 9 kB\nMemAvailable:   {available_kib} kB\n")
-    if limit is not None:
-        group.write_text(f"{limit}\n")
-    monkeypatch.setattr(memory, "SYSTEM", system)
-    monkeypatch.setattr(memory, "GROUP", group)
-    refused = pytest.raises(InputError, match=f"takes 3 MiB of memory, of which {there} are there")
-    with refused if there else nullcontext(), whole_file(path) as content:
-        assert len(content) == 2 << 20

@@ -21,6 +21,7 @@ from drivers.events import (
     VehicleId,
     Velocity,
 )
+from drivers.logs.log_file import Window
 from drivers.logs.open import ULOG_MAGIC, imu_events
 from drivers.logs.ulog import WANTED, Ulog
 from drivers.logs.ulog_format import UlogReader
@@ -111,16 +112,19 @@ def test_a_log_cut_off_in_its_head_has_no_imu(tmp_path, size):
 def test_rows_and_parameters_agree_with_pyulog():
     from pyulog import ULog
 
-    data, theirs = HOVER.read_bytes(), ULog(str(HOVER))
-    ours = UlogReader(data, WANTED)
+    theirs = ULog(str(HOVER))
+    ours = UlogReader(Window(HOVER.read_bytes()), WANTED)
+    rows = {}
+    for found in ours.rows():
+        if found is not None:
+            rows.setdefault(found.topic, []).append(ours.tables[found.topic].row(found.body))
     assert ours.parameters == theirs.initial_parameters
     topics = {each.name: each.data for each in theirs.data_list if each.multi_id == 0}
-    assert set(ours.tables) == set(topics) & set(WANTED)
-    for name, table in ours.tables.items():
+    assert set(rows) == set(topics) & set(WANTED)
+    for name, found in rows.items():
         columns = topics[name]
-        assert len(table.times_us) == len(columns["timestamp"]) > 10
-        for index in range(len(table.times_us)):
-            row = table.row(data, index)
+        assert len(found) == len(columns["timestamp"]) > 10
+        for index, row in enumerate(found):
             for key, value in row.items():
                 same = float(columns[key][index]), float(value)
                 assert same[0] == same[1] or all(map(math.isnan, same))

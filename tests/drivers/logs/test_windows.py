@@ -1,13 +1,16 @@
 """Logs larger than what is held of them in memory: the same events, in bounded memory."""
 
+import os
+import random
 import subprocess
 import sys
 
 import pytest
 
-from drivers.logs import log_file
+from drivers.events import Imu
+from drivers.logs import log_file, ulog
 from drivers.logs.open import open_log
-from tests.drivers.logs import test_dataflash, test_tlog
+from tests.drivers.logs import test_dataflash, test_tlog, test_ulog
 
 READ = """
 import resource, sys
@@ -78,3 +81,40 @@ def test_a_dataflash_log_in_pieces_has_the_same_events(tmp_path, small_pieces, h
     monkeypatch.setattr(log_file, "READ_SIZE", 1 << 26)
     assert pieces == list(open_log(path))
     assert len(pieces) > 5000
+
+
+@pytest.mark.parametrize("harm", [bytes, damaged])
+def test_a_ulog_in_pieces_has_the_same_events(tmp_path, small_pieces, harm, monkeypatch):
+    path = tmp_path / "long.ulg"
+    path.write_bytes(harm(test_ulog.HOVER.read_bytes()))
+    pieces = list(open_log(path))
+    monkeypatch.setattr(log_file, "READ_SIZE", 1 << 26)
+    assert pieces == list(open_log(path))
+    assert len(pieces) > 3000
+
+
+def test_rows_that_come_late_are_put_in_order(tmp_path, monkeypatch):
+    """Of a log that is longer than what is held of it; a logger writes what waits."""
+    monkeypatch.setattr(ulog, "MOST_HELD", 50)
+    rng = random.Random(3)
+    times_us = [1_000_000 + 5000 * k for k in range(400)]
+    late = sorted(times_us, key=lambda us: us + rng.randrange(200_000))
+    log = test_ulog.Writer().sensors()
+    for now_us in late:
+        log.sample(now_us, test_ulog.noisy(rng, (0, 0, 0)), test_ulog.noisy(rng, (0, 0, -9.8)))
+    events = list(open_log(log.save(tmp_path)))
+    assert [each.sample.time_us for each in events if isinstance(each, Imu)] == times_us
+
+
+def test_a_ulog_takes_no_memory_for_its_length(tmp_path):
+    """Between two halves of a flight 130 MB of a logger's words."""
+    words = b"\xff\xffL"
+    data = test_ulog.HOVER.read_bytes()
+    path = tmp_path / "sparse.ulg"
+    with path.open("wb") as file:
+        file.write(data)
+        for _ in range(2000):
+            file.write(words)
+            file.seek(0xFFFF, os.SEEK_CUR)
+        file.truncate(file.tell())
+    assert grown_kb(path) < 100_000

@@ -17,6 +17,7 @@ from drivers.events import (
     Parameter,
     Position,
     ReferenceAttitude,
+    RefusedFrames,
     Rejected,
     VehicleId,
     Velocity,
@@ -478,12 +479,15 @@ def test_unit_quaternions_or_none(q):
 
 def test_a_link_of_any_number_of_senders_and_streams_is_remembered_within_bounds():
     decoder, reader = MavlinkDecoder(), FrameReader()
-    known, refused = set(), 0
+    known, turned_away, refused = set(), 0, 0
     for number in range(MOST_SENDERS + 200):
         address = 1 + number % 250, 1 + number // 250
         (each,) = reader.feed(frame(raw_imu(), *address))
-        known |= {event.vehicle for event in only(Imu, decoder.events(each, UNIX + number))}
+        events = decoder.events(each, UNIX + number)
+        known |= {event.vehicle for event in only(Imu, events)}
+        turned_away += sum(event.frames for event in only(RefusedFrames, events))
     assert len(known) == MOST_SENDERS
+    assert turned_away == 200  # every sample is accounted for
     for instance in range(256):
         message = m.MAVLink_raw_imu_message(
             S + instance, 0, 0, -1000, 0, 0, 1, 0, 0, 0, id=instance

@@ -6,7 +6,8 @@ import pytest
 
 from drivers.events import VehicleId
 from estimator.errors import InputError
-from service.records import Departed, Message, Published, StatusRecord
+from service.pipeline import MOST_LOST_TOLD
+from service.records import Departed, Message, Published, StatusRecord, vehicle_name
 from tests.service.records import differing, record
 
 pytest.importorskip("prometheus_client", reason="the extra metrics is not installed")
@@ -122,3 +123,16 @@ def test_however_many_ask_one_is_answered_at_a_time_and_the_silent_keep_nobody_w
     for each in asking:
         each.close()
     assert capfd.readouterr().err == ""
+
+
+def test_of_thousands_that_are_lost_the_last_are_told_of(sink):
+    """An answer about 4,096 of them took seconds, of all threads."""
+    gone = [VehicleId(1 + k % 250, 2 + k // 250) for k in range(1000)]
+    there = VehicleId(1, 1)
+    sink.handle([Published(there, record()), Published(there, status())])
+    for each in gone:
+        sink.handle([Published(each, record()), Published(each, status("lost"))])
+    back = gone[3]
+    sink.handle([Published(back, status())])
+    told = {dict(labels).get("vehicle") for _, labels in scrape(sink)} - {None}
+    assert told == {"1", vehicle_name(back), *map(vehicle_name, gone[-MOST_LOST_TOLD:])}

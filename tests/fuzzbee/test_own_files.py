@@ -1,0 +1,44 @@
+"""What is written never takes the place of what is read; names of any bytes."""
+
+import json
+import os
+import shutil
+from pathlib import Path
+
+import pytest
+
+from fuzzbee.cli import main
+
+TLOG = Path(__file__).parents[1] / "data" / "sitl_copter_takeoff.tlog"
+SUFFIX = {"--plot": ".svg", "--mcap": ".mcap", "--parquet": ".parquet", "--tum": ".tum"}
+
+
+@pytest.mark.parametrize("how", ["itself", "symbolic", "hard"])
+@pytest.mark.parametrize("option", ["--csv", "--tum", "--plot", "--mcap", "--parquet"])
+def test_no_log_is_overwritten_by_what_is_written_of_it(option, how, tmp_path, capfd):
+    """A link's other name had been enough to lose the log."""
+    log = tmp_path / "flight.tlog"
+    shutil.copyfile(TLOG, log)
+    before, name = log.read_bytes(), log
+    if how != "itself":
+        name = tmp_path / f"out{SUFFIX.get(option, '.csv')}"
+        name.symlink_to(log) if how == "symbolic" else name.hardlink_to(log)
+    assert main(["replay", str(log), option, str(name)]) == 2
+    assert log.read_bytes() == before
+    if how != "itself":
+        (line,) = capfd.readouterr().err.splitlines()
+        assert line == f"fuzzbee: {option} {name}: is also {log}"
+
+
+def test_two_outputs_are_two_files(tmp_path, capfd):
+    out = tmp_path / "out.csv"
+    assert main(["replay", str(TLOG), "--csv", str(out), "--tum", f"{tmp_path}/./out.csv"]) == 2
+    assert "is also" in capfd.readouterr().err
+    assert not out.exists()
+
+
+def test_a_name_of_bytes_that_are_no_letters(tmp_path, capfd):
+    log = Path(os.fsdecode(os.fsencode(tmp_path) + b"/b\xff.tlog"))
+    shutil.copyfile(TLOG, log)
+    assert main(["replay", str(log), "--json"]) == 0
+    assert json.loads(capfd.readouterr().out)["source"].endswith("b\\udcff.tlog")

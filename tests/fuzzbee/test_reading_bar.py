@@ -1,0 +1,39 @@
+"""The bar of a log that is read in pieces."""
+
+import os
+import sys
+from pathlib import Path
+
+import pytest
+
+from drivers.logs import log_file
+from drivers.logs.open import open_log
+from fuzzbee.replays.reading_bar import reading_bar
+
+DATA = Path(__file__).parents[1] / "data"
+
+
+@pytest.mark.parametrize("name", ["px4_hover.ulg", "sub_bluerov.tlog"])
+def test_a_terminal_shows_how_far_a_log_has_been_read(name, monkeypatch):
+    monkeypatch.setattr(log_file, "READ_SIZE", 70_000)
+    monkeypatch.setenv("TERM", "xterm")
+    ours, its = os.openpty()
+    with open(its, "w") as terminal:  # noqa: PTH123 - a descriptor
+        monkeypatch.setattr(sys, "stderr", terminal)
+        log = open_log(DATA / name)
+        with reading_bar(log):
+            positions = []
+            show = log.on_read
+            log.on_read = lambda done: (positions.append(done), show(done))
+            assert sum(1 for _ in log) > 1000
+    seen = os.read(ours, 100_000).decode()
+    os.close(ours)
+    assert name in seen
+    assert max(positions) > 0.5 * log.path.stat().st_size
+
+
+def test_elsewhere_nothing_is_shown(capsys):
+    log = open_log(DATA / "px4_hover.ulg")
+    with reading_bar(log):
+        assert log.on_read is None
+    assert capsys.readouterr() == ("", "")
