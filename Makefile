@@ -12,7 +12,7 @@ VERSION = $(shell sed -n 's/^__version__ = "\(.*\)"$$/\1/p' fuzzbee/version.py)
 
 ## demo: the simulated vehicle through the live service, judged by its truth, in the terminal
 demo: .venv/installed
-	$(BIN)/fuzzbee run sim:flight --seconds 60
+	$(BIN)/fuzzbee run sim:flight --seconds 80
 	@$(MAKE) --no-print-directory --silent warm  # what a slow computer has not compiled meanwhile
 
 ## test: the whole test suite
@@ -97,16 +97,16 @@ clean:
 	rm -rf .venv dist build estimator/kernels
 
 .venv/bin/python:
-	$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || \
+	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || \
 	  { echo "fuzzbee needs Python 3.11 or later (set PYTHON=...)" >&2; exit 1; }
 	@echo "making .venv"
-	$(PYTHON) -m venv .venv
-	$(BIN)/python -m pip install -q --upgrade 'pip>=25.1'
+	@$(PYTHON) -m venv .venv
+	@$(BIN)/python -m pip install -q --upgrade 'pip>=25.1'
 
 .venv/installed: .venv/bin/python pyproject.toml constraints.txt
 	@echo "installing what fuzzbee needs: 150 MB to fetch, 600 MB in .venv, a minute or two"
-	$(BIN)/python -m pip install -q --progress-bar=on -c constraints.txt -e .
-	touch $@
+	@$(BIN)/python -m pip install -q --progress-bar=on -c constraints.txt -e .
+	@touch $@
 
 .venv/developer: .venv/installed
 	@echo "installing every extra and the developer's tools: 1.5 GB more in .venv, some minutes"
