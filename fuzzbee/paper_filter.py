@@ -5,6 +5,7 @@ tested against; equations are cited there by number and label.
 """
 
 from collections.abc import Callable
+from copy import copy
 from typing import Literal
 
 import numpy as np
@@ -70,6 +71,15 @@ class PaperFilter:
         self._state = initial_state()
         if R_hat is not None:
             self._state = initial_state(quaternion_from_matrix(matrix("R_hat", R_hat, 3)))
+        self._first = self._state
+
+    def reset(self) -> None:
+        """Begin anew at the first attitude, without a bias."""
+        self._state = self._first
+
+    def copy(self) -> "PaperFilter":
+        """Another one that goes on from here by itself; pickle and deepcopy make one, too."""
+        return copy(self)  # what steps change is replaced whole
 
     @property
     def R_hat(self) -> Floats:  # noqa: N802 - the paper's
