@@ -16,6 +16,7 @@ from pathlib import Path
 from types import FunctionType
 from typing import Any
 
+from llvmlite.binding import parse_bitcode
 from numba.core.caching import (
     CompileResultCacheImpl,
     FunctionCache,
@@ -162,6 +163,20 @@ class _KernelFormat(CompileResultCacheImpl):
     def __init__(self, function: FunctionType) -> None:
         self._lineno = function.__code__.co_firstlineno
         self._locator = _Source(function.__code__.co_filename)
+
+    def rebuild(self, target_context: Any, payload: Any) -> Any:
+        """The compiled form, without what only kernels need that are compiled to call this one.
+
+        LLVM's form of the source takes ten times as much memory as the machine code beside it.
+        """
+        form = super().rebuild(target_context, payload)
+        _, kind, data = payload[0]
+        if kind == "object":
+            library, source = form.library, data[1]
+            module, library._shared_module = library._shared_module, None  # noqa: SLF001
+            module.close()
+            library._get_module_for_linking = lambda: parse_bitcode(source)  # noqa: SLF001
+        return form
 
 
 class _Source:

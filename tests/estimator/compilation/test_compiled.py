@@ -59,6 +59,26 @@ def test_cached_code_gives_the_same_results(cache, expected):
     assert run(SMALL_PROGRAM + MISSES, NUMBA_CACHE_DIR=str(cache)).stdout == f"{expected}0\n"
 
 
+CALLER = """
+import numba
+
+@numba.njit
+def twice(number):
+    return 2.0 * noise_surface(number, 0.5, 0.1)
+
+(form,) = noise_surface.overloads.values()
+print(form.library._shared_module)
+print(twice(1.5) == 2.0 * noise_surface(1.5, 0.5, 0.1))
+"""
+
+
+def test_a_kernel_from_the_cache_has_what_its_callers_need_only_once_there_are_some(
+    cache, expected
+):
+    result = run(SMALL_PROGRAM + CALLER + MISSES, NUMBA_CACHE_DIR=str(cache))
+    assert result.stdout == f"{expected}None\nTrue\n0\n"
+
+
 TOLD = """
 from estimator.compilation.notice import tell_compiling
 tell_compiling(lambda text: print("told:", text))
