@@ -70,7 +70,6 @@ def warm_up(profile: Profile, gain: float | None) -> None:
 
     For a process of the service's own: its kernels cannot use SciPy's linear algebra afterwards.
     """
-    _leave_out_scipy()
     with helpers(profile) as started:
         for helper in started:
             await_end(helper)
@@ -89,7 +88,6 @@ def _give_back() -> None:
 
 def is_compiled(profile: Profile) -> bool:
     """Whether nothing is left to be compiled for the profile's samples: all lies in the cache."""
-    _leave_out_scipy()
     kernels = [kernel for half in _halves(profile).values() for kernel in half]
     return all(is_cached(kernel) for kernel in kernels)
 
@@ -208,7 +206,8 @@ def _sample(number: int) -> ImuSample:
 @contextmanager
 def helpers(profile: Profile) -> Iterator[list[subprocess.Popen[bytes]]]:
     """A process for each half that the cache lacks, which compiles it; none is left at the end."""
-    _leave_out_scipy()
+    if not is_compiled(profile):
+        _leave_out_scipy()
     with ExitStack() as stack:
         missing = [half for half, kernels in _halves(profile).items() if _lacks(kernels)]
         yield [stack.enter_context(_helper(half)) for half in missing]

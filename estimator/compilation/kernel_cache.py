@@ -16,13 +16,14 @@ from pathlib import Path
 from types import FunctionType
 from typing import Any
 
-from llvmlite.binding import parse_bitcode
+from llvmlite.binding import add_symbol, parse_bitcode
 from numba.core.caching import (
     CompileResultCacheImpl,
     FunctionCache,
     IndexDataCacheFile,
     NullCache,
 )
+from numba.core.runtime import _nrt_python
 
 from estimator.compilation.fingerprint import Fingerprints
 
@@ -98,8 +99,11 @@ class _KernelFiles(FunctionCache):
 
     def load(self, signature: Any, target_context: Any) -> Any:
         """The compiled form, or None; files that a crash or a bad disk has damaged are removed."""
+        _name_helpers()
         try:
-            return self.load_overload(signature, target_context)
+            # not load_overload, which first loads all that compiling needs: a second, and 27 MB
+            with self._guard_against_spurious_io_errors():
+                return self._load_overload(signature, target_context)
         except Exception:  # noqa: BLE001 - whatever reading damaged data may raise
             with suppress(OSError):
                 self._index.unlink()
@@ -117,7 +121,6 @@ class _KernelFiles(FunctionCache):
 
     def holds(self, target_context: Any) -> bool:
         """See :meth:`KernelCache.holds`."""
-        target_context.refresh()
         cpu = self._made_for(target_context.codegen().magic_tuple())
         try:
             return any(key[1] == cpu for key in self._cache_file._load_index())  # noqa: SLF001
@@ -187,6 +190,13 @@ class _Source:
 
     def ensure_cache_path(self) -> None:
         """Do nothing: the folder has been made and checked before."""
+
+
+@functools.cache
+def _name_helpers() -> None:
+    """Tell LLVM where numba's runtime is, which machine code calls by name."""
+    for name, address in _nrt_python.c_helpers.items():
+        add_symbol(name if name.startswith("_") else f"NRT_{name}", address)
 
 
 @functools.cache
