@@ -6,7 +6,6 @@ from pathlib import Path
 from typing import Any, Protocol, runtime_checkable
 
 from drivers.endpoint import Endpoint
-from drivers.logs.open import imu_events, open_log
 from drivers.mavlink.recorder import Recorder, SharedRecorder, TlogRecorder
 from drivers.mavlink.rotating_recorder import RotatingRecorder
 from drivers.mavlink.taker import FrameTaker
@@ -96,6 +95,8 @@ def open_source(
     """Open a link, ``sim:``, or a log that is played at its own pace or faster."""
     if endpoint.kind != "log":
         return open_link(endpoint, options, key, recorder, stack)
+    from drivers.logs.open import imu_events, open_log  # which loads every format
+
     log = stack.enter_context(open_log(Path(endpoint.path)))
     return LogPlayer(imu_events(log), options.speed)
 
