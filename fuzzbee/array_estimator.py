@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from drivers.samples.fresh_field import RepeatedField, finite_or_zero
 from estimator import estimator
+from estimator.compilation.notice import tell_programs
 from estimator.errors import InputError
 from estimator.live.rows import rows_of
 from estimator.live.snapshot import Snapshot
@@ -33,6 +34,7 @@ from fuzzbee.fit import advice, is_enough
 
 # What a satellite receiver's or an autopilot's velocity is good for if nobody says.
 VELOCITY_SIGMA_M_S = 0.3
+tell_programs()
 NO_TIME = "an estimator without rate_hz needs time_s with every sample"
 
 

@@ -103,6 +103,17 @@ def test_compiling_is_told_once_when_it_happens_and_never_else(tmp_path):
     assert told(in_memory) == ["told: compiling the filter"]
 
 
+def test_a_program_is_told_on_standard_error_and_a_command_says_it_itself(tmp_path):
+    asked = "from estimator.compilation import notice\n"
+    program = f"{asked}notice.tell_programs()\n"
+    line = "fuzzbee: compiling the filter, the first time only, half a minute\n"
+    assert run(program + SMALL_PROGRAM, NUMBA_CACHE_DIR=str(tmp_path)).stderr == line
+    said = "notice.tell_compiling(print)\nnotice.compiling_begins(is_kept=True)\n"
+    command = f"{asked}{said}notice.tell_programs()\nnotice.compiling_begins(is_kept=True)"
+    result = run(command)
+    assert (result.stdout.count("compiling"), result.stderr) == (1, "")
+
+
 def test_without_a_cache_folder_it_compiles_in_memory_and_says_so_once(tmp_path, expected):
     """Nobody can make a folder below a file, not even root; the other places are closed."""
     blocked = tmp_path / "file"
