@@ -66,7 +66,10 @@ def watch(options: WatchOptions) -> int:
         raise InputError(f"--count {options.most}: should be at least 1")
     if options.web is not None and options.as_json:
         raise InputError("--web: not with --json, which shows nothing")
-    if options.vehicle is not None and not VEHICLE.fullmatch(options.vehicle):
+    if options.vehicle is not None and not (
+        VEHICLE.fullmatch(options.vehicle)
+        and all(1 <= int(number) <= 255 for number in options.vehicle.split("-"))
+    ):
         raise InputError(f"{options.vehicle}: should be a vehicle, such as 1 or 1-154")
     return follow(options)
 
