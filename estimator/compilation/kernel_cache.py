@@ -4,7 +4,7 @@ Index and data files are read and written by numba's own classes; only their nam
 The names are made at the kernel's first call, when all that it uses has been defined.
 """
 
-# mypy: disable-error-code="no-untyped-call,misc"
+# mypy: disable-error-code="no-untyped-call,misc,attr-defined"
 # numba ships no types.
 
 import functools
