@@ -156,6 +156,16 @@ def test_a_browser_shows_one_vehicle_or_all_and_what_is_stale(page, clock, tmp_p
         assert turned.startswith("rotate(-10) translate(0 -64)")  # 20 degrees down
         seen.wait_for("!at('one').classList.contains('stale')")
 
+        seen.resize(844, 390)
+        seen.wait_for(
+            "innerWidth == 844 && !at('world').getAttribute('transform').endsWith('-64)')"
+        )
+        line = "document.querySelector('#world > path').getBoundingClientRect()"
+        middle = seen.value(f"({line}.top + {line}.bottom) / 2")
+        sky = seen.value("at('horizon').getBoundingClientRect().top")
+        assert 0.0 < middle - sky < 40.0  # 20 degrees down, yet in sight
+        seen.resize(390, 844)
+
         page.handle([Published(ONE, running(("clock_drift",)))])
         seen.wait_for("at('told').innerText.endsWith('clock runs too fast or too slow')")
         (folder / "web-warned.png").write_bytes(seen.screenshot())
