@@ -36,7 +36,7 @@ WAIT_S = 0.1
 MAX_PENDING = 10_000
 MOST_BYTES = 100_000
 
-NOBODY = ": is fuzzbee run started, with a vehicle and the same Zenoh options?"
+NOBODY = ": is fuzzbee run started, with the same Zenoh options?"
 FAILED = 1
 _VEHICLE = "Only this vehicle (system id, or S-C): on a terminal an artificial horizon."
 
@@ -160,7 +160,7 @@ def _loop(
             break
         if now_s >= hint_s:
             hint_s = inf
-            display.say(f"nothing on {_key(options)} yet{NOBODY} (waiting; Ctrl-C ends)")
+            display.say(f"nothing on {_key(options)} yet{NOBODY} (Ctrl-C ends)")
     return seen
 
 
