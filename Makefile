@@ -13,16 +13,19 @@ VERSION = $(shell sed -n 's/^__version__ = "\(.*\)"$$/\1/p' fuzzbee/version.py)
 ## demo: the simulated vehicle through the live service, judged by its truth, in the terminal
 demo: .venv/installed
 	$(BIN)/fuzzbee run sim:flight --seconds 80
-	@$(MAKE) --no-print-directory --silent warm  # what a slow computer has not compiled meanwhile
+	@$(MAKE) --no-print-directory --silent warm \
+	  SAY="compiling the rest of the filter, for the next start (Ctrl-C leaves it to that)"
 
 ## test: the whole test suite
 test: .venv/developer warm
 	$(BIN)/python -m pytest -q $(AT_ONCE)
 
+SAY = compiling the filter, the first time only
+
 # Once, by two processes: the suite's four would each compile all of it at the same time.
 warm: .venv/installed
 	@$(BIN)/python -c "from service import warm_up as w; p = w.load_profile('imu'); \
-	  w.is_compiled(p) or print('compiling the filter, the first time only', flush=True); w.warm_up(p, None)"
+	  w.is_compiled(p) or print('$(SAY)', flush=True); w.warm_up(p, None)"
 
 ## test-python: what is quick without numba: there 0/0 is an error, and lines can be stepped through
 test-python: .venv/developer
