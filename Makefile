@@ -12,17 +12,20 @@ VERSION = $(shell sed -n 's/^__version__ = "\(.*\)"$$/\1/p' fuzzbee/version.py)
 
 ## demo: the simulated vehicle through the live service, judged by its truth, in the terminal
 demo: .venv/installed
-	$(BIN)/fuzzbee run sim:flight --seconds 60
-	@$(MAKE) --no-print-directory --silent warm  # what a slow computer has not compiled meanwhile
+	$(BIN)/fuzzbee run sim:flight --seconds 80
+	@$(MAKE) --no-print-directory --silent warm \
+	  SAY="compiling the rest of the filter, for the next start (Ctrl-C leaves it to that)"
 
 ## test: the whole test suite
 test: .venv/developer warm
 	$(BIN)/python -m pytest -q $(AT_ONCE)
 
+SAY = compiling the filter, the first time only
+
 # Once, by two processes: the suite's four would each compile all of it at the same time.
 warm: .venv/installed
 	@$(BIN)/python -c "from service import warm_up as w; p = w.load_profile('imu'); \
-	  w.is_compiled(p) or print('compiling the filter, the first time only', flush=True); w.warm_up(p, None)"
+	  w.is_compiled(p) or print('$(SAY)', flush=True); w.warm_up(p, None)"
 
 ## test-python: what is quick without numba: there 0/0 is an error, and lines can be stepped through
 test-python: .venv/developer
@@ -97,16 +100,16 @@ clean:
 	rm -rf .venv dist build estimator/kernels
 
 .venv/bin/python:
-	$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || \
+	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || \
 	  { echo "fuzzbee needs Python 3.11 or later (set PYTHON=...)" >&2; exit 1; }
 	@echo "making .venv"
-	$(PYTHON) -m venv .venv
-	$(BIN)/python -m pip install -q --upgrade 'pip>=25.1'
+	@$(PYTHON) -m venv .venv
+	@$(BIN)/python -m pip install -q --upgrade 'pip>=25.1'
 
 .venv/installed: .venv/bin/python pyproject.toml constraints.txt
 	@echo "installing what fuzzbee needs: 150 MB to fetch, 600 MB in .venv, a minute or two"
-	$(BIN)/python -m pip install -q --progress-bar=on -c constraints.txt -e .
-	touch $@
+	@$(BIN)/python -m pip install -q --progress-bar=on -c constraints.txt -e .
+	@touch $@
 
 .venv/developer: .venv/installed
 	@echo "installing every extra and the developer's tools: 1.5 GB more in .venv, some minutes"

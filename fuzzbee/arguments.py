@@ -1,12 +1,15 @@
 """What programs give, checked: a number, three numbers, rows of three, times."""
 
 from math import inf, nan
+from os import PathLike
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from estimator.errors import InputError
+from estimator.profile import Profile, load_profile
 from estimator.types import Vec3
 
 Floats = NDArray[np.float64]
@@ -64,6 +67,38 @@ def matrix(name: str, given: ArrayLike, rows: int | None = None) -> Floats:
         wanted = "N" if rows is None else rows
         raise InputError(f"{name}: must have the shape ({wanted}, 3), not {values.shape}")
     return values
+
+
+def rotation(name: str, given: ArrayLike) -> Floats:
+    """A rotation matrix (3, 3).
+
+    Raises:
+        InputError: another shape, or axes that are no right-handed, orthonormal ones.
+    """
+    R = matrix(name, given, 3)
+    if not (np.abs(R.T @ R - np.eye(3)).max() < 1e-6 and np.linalg.det(R) > 0.0):
+        raise InputError(f"{name}: must be a rotation matrix")
+    return R
+
+
+def file(name: str, given: Any) -> Path:
+    """The path of a file.
+
+    Raises:
+        InputError: it is none.
+    """
+    if not isinstance(given, str | PathLike):
+        raise InputError(f"{name} {given!s:.60}: must be the name of a file")
+    return Path(given)
+
+
+def profile_of(given: Any) -> Profile:
+    """A profile, or the one of this name or file.
+
+    Raises:
+        InputError: there is none.
+    """
+    return given if isinstance(given, Profile) else load_profile(given)
 
 
 def microseconds(time_s: float) -> int:

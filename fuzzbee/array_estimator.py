@@ -10,10 +10,11 @@ from numpy.typing import ArrayLike, NDArray
 
 from drivers.samples.fresh_field import RepeatedField, finite_or_zero
 from estimator import estimator
+from estimator.compilation.notice import tell_programs
 from estimator.errors import InputError
 from estimator.live.rows import rows_of
 from estimator.live.snapshot import Snapshot
-from estimator.profile import LEAST_GAIN, MOST_GAIN, Profile, load_profile
+from estimator.profile import LEAST_GAIN, MOST_GAIN, Profile
 from estimator.reasons import Reason
 from estimator.types import ZERO_VEC3, Attitude, ImuSample, Vec3, VelocitySample
 from fuzzbee.arguments import (
@@ -25,6 +26,7 @@ from fuzzbee.arguments import (
     microseconds,
     microseconds_of_rows,
     number,
+    profile_of,
     vector,
 )
 from fuzzbee.attitudes import Attitudes, attitudes_of_rows, smoothed_attitudes
@@ -33,6 +35,7 @@ from fuzzbee.fit import advice, is_enough
 
 # What a satellite receiver's or an autopilot's velocity is good for if nobody says.
 VELOCITY_SIGMA_M_S = 0.3
+tell_programs()
 NO_TIME = "an estimator without rate_hz needs time_s with every sample"
 
 
@@ -78,7 +81,7 @@ class Estimator:
             rate_hz = number("rate_hz", rate_hz, 1.0 / MICROSECONDS, MICROSECONDS, " a second")
         if gain is not None:
             gain = number("gain", gain, LEAST_GAIN, MOST_GAIN)
-        self.profile = profile if isinstance(profile, Profile) else load_profile(profile)
+        self.profile = profile_of(profile)
         self._is_plain = self.profile.mounting.is_plain
         self._rate_hz = rate_hz
         self._gain = gain
@@ -107,6 +110,8 @@ class Estimator:
 
     @state.setter
     def state(self, state: EstimatorState) -> None:
+        if not isinstance(state, EstimatorState):
+            raise InputError(f"state {state!s:.60}: must be one of an Estimator")
         self._inner.snapshot = state.snapshot
         self._number, self._last_us = state.number, state.last_us
         self._field.last = state.field

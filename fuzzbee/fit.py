@@ -31,7 +31,11 @@ ALIKE = 1.05  # of two ways that leave as much the plainer one is told
 UPSIDE_DOWN = 0.5  # mean of the unit force's z; -1 stands level
 
 # Medians that the units have: an IMU in g has 1, the Earth's field is 0.22 to 0.67 gauss.
-ACC_UNITS = ((0.5, 2.0, "acc * 9.80665 (g)"), (500.0, 2e3, "acc * 9.80665e-3 (mg)"))
+ACC_UNITS = (
+    (0.5, 2.0, "acc * 9.80665 (g)"),
+    (28.0, 38.0, "acc * 0.3048 (feet)"),
+    (500.0, 2e3, "acc * 9.80665e-3 (mg)"),
+)
 MAG_UNITS = (
     (1.5e-5, 1e-4, "mag * 1e4 (tesla)"),
     (15.0, 100.0, "mag / 100 (microtesla)"),
@@ -39,6 +43,13 @@ MAG_UNITS = (
     (1.5e4, 1e5, "mag / 1e5 (nanotesla)"),
 )
 GYR_UNITS = ((1.0, ""), (pi / 180.0, " * pi / 180"))
+# What an accelerometer reads mostly, on the hardest flight; a field with any iron, normalised, too.
+ACC_USUAL = (4.9, 19.6)
+MAG_USUAL = (0.05, 5.0)
+ALMOST_G = (8.5, 11.0)
+# Between samples: what is quicker has another unit than seconds. From each on, time_s is in this.
+FASTEST_S = 3e-5
+TIME_UNITS = ((6e5, "nanoseconds", 1e9), (600.0, "microseconds", 1e6), (0.0, "milliseconds", 1e3))
 
 
 class Way(NamedTuple):
@@ -84,22 +95,33 @@ def advice(times_us: Times, gyr: Floats, acc: Floats, mag: Floats) -> tuple[str,
 
     ``mag`` (N, 3) is NaN where there is none.
     """
+    if len(times_us) > 4 * MOST_SPANS and 0.0 < 1e-6 * _step_us(times_us) < FASTEST_S:
+        return (f"samples are {1e-6 * _step_us(times_us):.1g} s apart: time_s counts seconds",)
     if not is_enough(times_us):
         return ()
     step_s = 1e-6 * _step_us(times_us)
     if step_s < 0.0:
         return ("time_s runs backwards: [::-1] of all arrays would turn it round",)
     found = []
-    shorter_us = times_us // 1000
-    if step_s > SLOWEST_S or (
-        step_s > SLOW_S and any(_is_explained(shorter_us, gyr, each) for each in (mag, acc))
-    ):
-        found = [f"samples are {step_s:.3g} s apart: milliseconds want time_s / 1000"]
-        times_us = shorter_us
-    found += _unit("accelerometer", acc, ACC_UNITS)
-    found += _unit("magnetometer", mag, MAG_UNITS)
-    found += _axes(times_us, gyr, acc, mag)
-    found += _upside_down(acc)
+    if step_s > SLOW_S:
+        unit, divisor = next(each[1:] for each in TIME_UNITS if step_s > each[0])
+        true_s = _true_step_s(times_us, step_s, gyr, (mag, acc))
+        is_unit = BETTER > true_s * divisor / step_s > 1.0 / BETTER
+        if step_s > SLOWEST_S or is_unit:
+            found = [f"samples are {step_s:.3g} s apart: {unit} want time_s / {divisor:g}"]
+        elif BETTER * true_s < step_s:
+            found = [f"samples are {step_s:.3g} s apart and turn as if {true_s:.2g} s were between"]
+        if found:
+            times_us = np.rint(times_us * min(1.0, true_s / step_s)).astype(np.int64)
+    if not gyr.any():
+        found.append("the gyroscope reads nothing but 0")
+    swapped = [*_swapped(gyr, acc, mag)]
+    found += swapped or [
+        *_unit("accelerometer", acc, ACC_UNITS, ACC_USUAL),
+        *_unit("magnetometer", mag, MAG_UNITS, MAG_USUAL),
+        *_axes(times_us, gyr, acc, mag),
+        *_upside_down(acc),
+    ]
     return tuple(found)
 
 
@@ -114,15 +136,42 @@ def _step_us(times_us: Times) -> float:
     return float(np.median(times_us[some + 1] - times_us[some]))
 
 
-def _unit(
-    what: str, readings: Floats, units: tuple[tuple[float, float, str], ...]
-) -> Iterator[str]:
+def _size(readings: Floats) -> float:
+    """The median length; 0 of none."""
     sizes = np.linalg.norm(_some(readings), axis=1)
     sizes = sizes[np.isfinite(sizes)]
-    size = float(np.median(sizes)) if sizes.size else 0.0
+    return float(np.median(sizes)) if sizes.size else 0.0
+
+
+def _unit(
+    what: str,
+    readings: Floats,
+    units: tuple[tuple[float, float, str], ...],
+    usual: tuple[float, float],
+) -> Iterator[str]:
+    size = _size(readings)
     for low, high, better in units:
         if low <= size <= high:
             yield f"the {what} reads {size:.3g} mostly, which would fit as {better}"
+            return
+    if np.isfinite(readings).any() and not usual[0] <= size <= usual[1]:
+        yield f"the {what} reads {size:.3g} mostly, {usual[0]:g} to {usual[1]:g} is usual"
+
+
+def _swapped(gyr: Floats, acc: Floats, mag: Floats) -> Iterator[str]:
+    """Whether another sensor reads what the accelerometer should; one that turns so fast varies."""
+    size = _size(acc)
+    if ACC_USUAL[0] <= size <= ACC_USUAL[1]:
+        return
+    turns = np.linalg.norm(_some(gyr), axis=1)
+    is_steady = np.mean((ALMOST_G[0] <= turns) & (turns <= ALMOST_G[1])) > EXPLAINED
+    has_field = MAG_USUAL[0] <= size <= MAG_USUAL[1]
+    for name, readings, is_force in (
+        ("gyr", gyr, is_steady),
+        ("mag", mag, has_field and ACC_USUAL[0] <= _size(mag) <= ACC_USUAL[1]),
+    ):
+        if is_force:
+            yield f"{name} reads {_size(readings):.3g} mostly, as acc should: they may be swapped"
 
 
 def _upside_down(acc: Floats) -> Iterator[str]:
@@ -159,7 +208,14 @@ def _axes(times_us: Times, gyr: Floats, acc: Floats, mag: Floats) -> Iterator[st
             continue
         left = _left(spans, WAYS, has_offset=has_offset)
         way = WAYS[int(np.flatnonzero(left <= ALIKE * left.min())[0])]
-        times = float(left[0] / max(left.min(), 1e-9))
+        scale, scaled = _best_scale(spans, has_offset=has_offset)
+        is_other = max(scale, 1.0 / max(scale, 1e-9)) > BETTER and scaled <= EXPLAINED * spans.still
+        is_scale = is_other and BETTER * scaled < left.min()
+        times = float(left[0] / max(scaled if is_scale else left.min(), 1e-9))
+        agree = f"gyroscope and {what} agree {times:.{0 if times > 10.0 else 1}f} times better with"
+        if is_scale:
+            yield f"{agree} gyr * {float(f'{scale:.2g}'):g}: its unit, or the times, are others"
+            return
         is_explained = times > BETTER and left.min() <= EXPLAINED * spans.still
         is_unit = times > MUCH_BETTER and way.scale != 1.0
         if not (is_explained or is_unit):
@@ -168,16 +224,34 @@ def _axes(times_us: Times, gyr: Floats, acc: Floats, mag: Floats) -> Iterator[st
         if has_offset and way.scale == 1.0 and np.linalg.det(way.turn) > 0.0:
             # a rotation: the axes of either may be others
             better = f"{Way(way.turn.T, 1.0, '').of('mag')}, or with {better}"
-        digits = 0 if times > 10.0 else 1
-        yield f"gyroscope and {what} agree {times:.{digits}f} times better with {better}"
+        yield f"{agree} {better}"
         return
 
 
-def _is_explained(times_us: Times, gyr: Floats, vectors: Floats) -> bool:
-    """Whether vectors change at these times as the gyroscope, as given, tells."""
-    spans = _spans(times_us, gyr, vectors)
-    left = None if spans is None else _left(spans, WAYS[:1], has_offset=False)
-    return spans is not None and left is not None and left[0] <= EXPLAINED * spans.still
+def _true_step_s(times_us: Times, step_s: float, gyr: Floats, both: tuple[Floats, Floats]) -> float:
+    """The time between samples by how vectors turn; that given, if they do not tell."""
+    best, true_s = EXPLAINED, step_s
+    for tried_s, vectors in product((0.001, 0.004, 0.016), both):
+        shrunk = tried_s / step_s
+        spans = _spans(np.rint(times_us * shrunk).astype(np.int64), gyr, vectors)
+        if spans is None:
+            continue
+        scale, left = _best_scale(spans, has_offset=False)
+        if scale > 0.0 and left <= best * spans.still:
+            best, true_s = left / spans.still, tried_s * scale
+    return true_s
+
+
+def _best_scale(spans: Spans, *, has_offset: bool) -> tuple[float, float]:
+    """What the angles times which number leave least of the change, and how much, RMS."""
+    angle, vector, change = spans
+    columns = [np.cross(angle, vector)]
+    if has_offset:  # hard iron b stands still in the body: c + s w x (v - b)
+        columns += [np.cross(angle, axis) for axis in np.eye(3)]
+    rows = np.stack(columns, axis=2).reshape(-1, len(columns))
+    found = np.linalg.lstsq(rows, -change.ravel(), rcond=None)[0]
+    left = change.ravel() + rows @ found
+    return float(found[0]), float(np.sqrt(np.sum(left**2) / len(angle)))
 
 
 def _spans(times_us: Times, gyr: Floats, vectors: Floats) -> Spans | None:

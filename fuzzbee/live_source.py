@@ -3,10 +3,9 @@
 from collections.abc import Callable
 from contextlib import ExitStack
 from pathlib import Path
-from typing import Any
+from typing import Any, Protocol, runtime_checkable
 
 from drivers.endpoint import Endpoint
-from drivers.logs.open import imu_events, open_log
 from drivers.mavlink.recorder import Recorder, SharedRecorder, TlogRecorder
 from drivers.mavlink.rotating_recorder import RotatingRecorder
 from drivers.mavlink.taker import FrameTaker
@@ -24,6 +23,22 @@ from service.runner import Runner
 from service.sinks.outbox import Outbox
 
 DEFAULT_PROFILE = "imu"
+
+
+@runtime_checkable
+class InProcess(Protocol):
+    """A vehicle that waits for the service (:mod:`drivers.simulation.source`)."""
+
+    @property
+    def flown_s(self) -> float:
+        """How long it has moved."""
+
+    @property
+    def waited_s(self) -> float:
+        """How long it has waited."""
+
+    def now_us(self) -> int:
+        """Its Unix time."""
 
 
 def require_shareable(options: RunOptions, endpoint: Endpoint) -> None:
@@ -80,6 +95,8 @@ def open_source(
     """Open a link, ``sim:``, or a log that is played at its own pace or faster."""
     if endpoint.kind != "log":
         return open_link(endpoint, options, key, recorder, stack)
+    from drivers.logs.open import imu_events, open_log  # which loads every format
+
     log = stack.enter_context(open_log(Path(endpoint.path)))
     return LogPlayer(imu_events(log), options.speed)
 
@@ -92,11 +109,19 @@ def make_runner(
     rate_hz: float,
     news: Callable[[], list[Message]] = list,
     recording: Callable[[], str] = str,
+    seconds: float | None = None,
 ) -> Runner:
-    """The loop over a source: a log has a clock and an end of its own."""
+    """The loop over a source: a log has a clock and an end of its own.
+
+    So has the vehicle in process, if it is to fly for some ``seconds``.
+    """
     options: dict[str, Any] = {"overload": Overload()}
     if isinstance(source, LogPlayer):
         options = {"now_us": source.now_us, "is_finished": source.is_finished}
+    elif isinstance(source, InProcess):
+        options = {"now_us": source.now_us}
+        if seconds is not None:
+            options["is_finished"] = lambda: source.flown_s >= seconds
     return Runner(
         source,
         pipeline,

@@ -3,13 +3,13 @@
 from dataclasses import dataclass
 from math import nan
 from os import PathLike
-from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
-from estimator.profile import Profile, load_profile
+from estimator.profile import Profile
 from fuzzbee.angle_curves import euler_curves_deg
+from fuzzbee.arguments import file, number, profile_of
 from fuzzbee.attitudes import Attitudes, attitude_arrays
 from fuzzbee.replays.comparison import Comparison
 from fuzzbee.replays.log_report import LogReport, report_log
@@ -62,20 +62,20 @@ def replay(
         columns: the TOML file that says what the columns of a table are.
 
     Raises:
-        InputError: the log cannot be read, holds no IMU data of that vehicle, or lacks that
-            reference.
+        InputError: an argument of another kind; the log cannot be read, holds no IMU data of that
+            vehicle, or lacks that reference.
     """
-    chosen = load_profile(profile) if isinstance(profile, str) else profile
+    chosen = profile_of(profile)
     found: list[tuple[VehicleTrace, Comparison]] = []
     report = report_log(
-        Path(log),
+        file("log", log),
         chosen,
         fixed_gain=gain,
         reference=reference,
-        skip_s=skip_s,
+        skip_s=number("skip_s", skip_s, 0.0, of=" of seconds"),
         system_id=system_id,
         smooth=smooth,
-        columns=None if columns is None else Path(columns),
+        columns=None if columns is None else file("columns", columns),
         exports=[lambda trace, compared: found.append((trace, compared))],
     )
     trace, compared = found[0]

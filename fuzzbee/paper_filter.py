@@ -5,6 +5,7 @@ tested against; equations are cited there by number and label.
 """
 
 from collections.abc import Callable
+from copy import copy
 from typing import Literal
 
 import numpy as np
@@ -15,8 +16,8 @@ from estimator.filter import kernel, reference
 from estimator.filter.alignment import quaternion_from_matrix
 from estimator.filter.types import initial_state
 from estimator.live.settings import settings_of
-from estimator.profile import LEAST_GAIN, MOST_GAIN, Profile, load_profile
-from fuzzbee.arguments import Floats, matrix, number, numbers, vector
+from estimator.profile import LEAST_GAIN, MOST_GAIN, Profile
+from fuzzbee.arguments import Floats, matrix, number, numbers, profile_of, rotation, vector
 
 # Below this share of the largest, the smallest eigenvalue of M says that vectors span no space.
 FLAT = 1e-9
@@ -52,8 +53,7 @@ class PaperFilter:
         gain: float | Gain | Literal["noise"] | None = None,
         profile: Profile | str = "paper",
     ) -> None:
-        given = load_profile(profile) if isinstance(profile, str) else profile
-        self.params = settings_of(given, None).filter
+        self.params = settings_of(profile_of(profile), None).filter
         self._count = len(matrix("v_I", v_I))
         self._v_I = _with_cross(_unit(matrix("v_I", v_I)))
         weights = np.ones(len(self._v_I)) if s is None else numbers("s", s)
@@ -69,7 +69,16 @@ class PaperFilter:
         self._gain = gain if by_rules else _checked(gain)
         self._state = initial_state()
         if R_hat is not None:
-            self._state = initial_state(quaternion_from_matrix(matrix("R_hat", R_hat, 3)))
+            self._state = initial_state(quaternion_from_matrix(rotation("R_hat", R_hat)))
+        self._first = self._state
+
+    def reset(self) -> None:
+        """Begin anew at the first attitude, without a bias."""
+        self._state = self._first
+
+    def copy(self) -> "PaperFilter":
+        """Another one that goes on from here by itself; pickle and deepcopy make one, too."""
+        return copy(self)  # what steps change is replaced whole
 
     @property
     def R_hat(self) -> Floats:  # noqa: N802 - the paper's

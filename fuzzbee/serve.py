@@ -9,7 +9,7 @@ from estimator.errors import InputError
 from estimator.estimator import Estimator
 from estimator.profile import Profile
 from fuzzbee import outputs
-from fuzzbee.live_source import make_runner, open_recorder, open_source
+from fuzzbee.live_source import InProcess, make_runner, open_recorder, open_source
 from fuzzbee.recordings import Recordings
 from fuzzbee.run_options import RunOptions
 from fuzzbee.say import say
@@ -39,6 +39,7 @@ if TYPE_CHECKING:
     from fuzzbee.retuning import Retuning
 
 COMPILER_THREAD = "compiler"
+LONG_WAIT_S = 1.0
 
 
 def serve(options: RunOptions, opening: OpeningSession | None) -> int:
@@ -92,8 +93,10 @@ def serve(options: RunOptions, opening: OpeningSession | None) -> int:
             options.rate_hz,
             news=lambda: _change_over(compiling, pipeline),
             recording=lambda: recordings.word,
+            seconds=options.seconds,
         )
-        seconds, failure = run_loop(runner, options.seconds, conflicts)
+        end_s = None if isinstance(source, InProcess) else options.seconds
+        seconds, failure = run_loop(runner, end_s, conflicts)
     result = summary(
         options,
         prepared.profile_name,
@@ -104,6 +107,8 @@ def serve(options: RunOptions, opening: OpeningSession | None) -> int:
         refused=pipeline.refused_frames,
         recording=recordings.word,
     )
+    if isinstance(source, InProcess) and source.waited_s >= LONG_WAIT_S and not options.as_json:
+        say(f"the vehicle waited {source.waited_s:.0f} s for this computer, which was too busy")
     if pipeline.scores is not None:
         result["truth"] = {name: score.result() for name, score in pipeline.scores.items()}
         for name, score in pipeline.scores.items():

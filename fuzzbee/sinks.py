@@ -136,7 +136,8 @@ def _together(opening: Opening) -> "Sink":
 def _web(opening: Opening) -> "Sink":
     from fuzzbee.web.server import open_page
 
-    return open_page(opening.options["web"], f"fuzzbee run, {opening.prefix}/*")
+    where = "" if opening.session is None else f", {opening.prefix}/*"
+    return open_page(opening.options["web"], f"fuzzbee run{where}")
 
 
 SINKS: list[SinkEntry] = [

@@ -110,7 +110,7 @@ def table(rows: list[Row], now_s: float, width: int, height: int, look: Look) ->
 def _warnings(rows: list[Row], most: int) -> list[str]:
     """Lines on what contradicts an attitude; the last one counts those that have no room."""
     texts = _overload(rows) + [
-        f"! vehicle {row.name}: {_told(word, row.status)}"
+        f"! vehicle {row.name}: {told(word, row.status)}"
         for row in rows
         if row.status is not None
         for word in row.status.warnings
@@ -120,7 +120,7 @@ def _warnings(rows: list[Row], most: int) -> list[str]:
     return [*texts[: most - 1], f"! and {len(texts) - most + 1} more warnings"]
 
 
-def _told(word: str, status: StatusRecord) -> str:
+def told(word: str, status: StatusRecord) -> str:
     """A warning in words; of another attitude, how far it is off and who is likely wrong."""
     autopilot = status.autopilot
     if word != Alarm.AUTOPILOT_DIFFERS or autopilot is None:

@@ -36,7 +36,7 @@ WAIT_S = 0.1
 MAX_PENDING = 10_000
 MOST_BYTES = 100_000
 
-NOBODY = ": is fuzzbee run started, with a vehicle and the same Zenoh options?"
+NOBODY = ": is fuzzbee run started, with the same Zenoh options?"
 FAILED = 1
 _VEHICLE = "Only this vehicle (system id, or S-C): on a terminal an artificial horizon."
 
@@ -66,7 +66,10 @@ def watch(options: WatchOptions) -> int:
         raise InputError(f"--count {options.most}: should be at least 1")
     if options.web is not None and options.as_json:
         raise InputError("--web: not with --json, which shows nothing")
-    if options.vehicle is not None and not VEHICLE.fullmatch(options.vehicle):
+    if options.vehicle is not None and not (
+        VEHICLE.fullmatch(options.vehicle)
+        and all(1 <= int(number) <= 255 for number in options.vehicle.split("-"))
+    ):
         raise InputError(f"{options.vehicle}: should be a vehicle, such as 1 or 1-154")
     return follow(options)
 
@@ -157,7 +160,7 @@ def _loop(
             break
         if now_s >= hint_s:
             hint_s = inf
-            display.say(f"nothing on {_key(options)} yet{NOBODY} (waiting; Ctrl-C ends)")
+            display.say(f"nothing on {_key(options)} yet{NOBODY} (Ctrl-C ends)")
     return seen
 
 

@@ -175,7 +175,7 @@ class Vehicle:
         if after.state is before_it.state:
             self._health = after
             return []
-        return self._become(after)
+        return self._become(after, event.arrival_us)
 
     def on_clock_reset(self, event: ClockReset) -> list[str]:
         """The vehicle's clock began anew: what was known about its time and attitude is void."""
@@ -332,7 +332,7 @@ class Vehicle:
     def on_time(self, now_us: int) -> list[str]:
         """Change the state of health if the IMU has been silent for long."""
         after = health.on_time(self._health, now_us, self.median_period_us)
-        return [] if after is self._health else self._become(after)
+        return [] if after is self._health else self._become(after, now_us)
 
     def is_due(self, now_us: int) -> bool:
         """Whether there is a new sample to publish an attitude of, or none for long."""
@@ -631,9 +631,9 @@ class Vehicle:
         last_us = self._health.last_arrival_us
         return 0 if last_us is None else max(0, now_us - last_us)
 
-    def _become(self, after: Health) -> list[str]:
+    def _become(self, after: Health, now_us: int) -> list[str]:
         before = self._health.state
         self._health = after
         if after.state is before or after.state is State.ALIGNING:
             return []  # alignment takes a sample or two: only its end is news
-        return [f"vehicle {self.name}: {after.state}"]
+        return self._say([str(after.state)], now_us)

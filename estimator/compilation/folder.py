@@ -76,7 +76,7 @@ def kernel_folders(options: str) -> tuple[Path, ...]:
 
 def environment_digest(options: str) -> str:
     """Digest of what changes machine code beside sources and CPU (numba checks that itself)."""
-    import llvmlite  # type: ignore[import-untyped]
+    import llvmlite
     import numba
     import numpy as np
 

@@ -4,7 +4,7 @@ Index and data files are read and written by numba's own classes; only their nam
 The names are made at the kernel's first call, when all that it uses has been defined.
 """
 
-# mypy: disable-error-code="no-untyped-call,misc"
+# mypy: disable-error-code="no-untyped-call,misc,attr-defined"
 # numba ships no types.
 
 import functools
@@ -16,12 +16,14 @@ from pathlib import Path
 from types import FunctionType
 from typing import Any
 
+from llvmlite.binding import add_symbol, parse_bitcode
 from numba.core.caching import (
     CompileResultCacheImpl,
     FunctionCache,
     IndexDataCacheFile,
     NullCache,
 )
+from numba.core.runtime import _nrt_python
 
 from estimator.compilation.fingerprint import Fingerprints
 
@@ -97,8 +99,11 @@ class _KernelFiles(FunctionCache):
 
     def load(self, signature: Any, target_context: Any) -> Any:
         """The compiled form, or None; files that a crash or a bad disk has damaged are removed."""
+        _name_helpers()
         try:
-            return self.load_overload(signature, target_context)
+            # not load_overload, which first loads all that compiling needs: a second, and 27 MB
+            with self._guard_against_spurious_io_errors():
+                return self._load_overload(signature, target_context)
         except Exception:  # noqa: BLE001 - whatever reading damaged data may raise
             with suppress(OSError):
                 self._index.unlink()
@@ -116,7 +121,6 @@ class _KernelFiles(FunctionCache):
 
     def holds(self, target_context: Any) -> bool:
         """See :meth:`KernelCache.holds`."""
-        target_context.refresh()
         cpu = self._made_for(target_context.codegen().magic_tuple())
         try:
             return any(key[1] == cpu for key in self._cache_file._load_index())  # noqa: SLF001
@@ -163,6 +167,20 @@ class _KernelFormat(CompileResultCacheImpl):
         self._lineno = function.__code__.co_firstlineno
         self._locator = _Source(function.__code__.co_filename)
 
+    def rebuild(self, target_context: Any, payload: Any) -> Any:
+        """The compiled form, without what only kernels need that are compiled to call this one.
+
+        LLVM's form of the source takes ten times as much memory as the machine code beside it.
+        """
+        form = super().rebuild(target_context, payload)
+        _, kind, data = payload[0]
+        if kind == "object":
+            library, source = form.library, data[1]
+            module, library._shared_module = library._shared_module, None  # noqa: SLF001
+            module.close()
+            library._get_module_for_linking = lambda: parse_bitcode(source)  # noqa: SLF001
+        return form
+
 
 class _Source:
     """The place as numba asks for it; numba names the source file in one of its warnings."""
@@ -172,6 +190,13 @@ class _Source:
 
     def ensure_cache_path(self) -> None:
         """Do nothing: the folder has been made and checked before."""
+
+
+@functools.cache
+def _name_helpers() -> None:
+    """Tell LLVM where numba's runtime is, which machine code calls by name."""
+    for name, address in _nrt_python.c_helpers.items():
+        add_symbol(name if name.startswith("_") else f"NRT_{name}", address)
 
 
 @functools.cache

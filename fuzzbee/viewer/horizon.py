@@ -302,8 +302,14 @@ def _numbers(scene: Scene) -> Iterator[Strip]:
         roll, pitch, _ = attitude.euler_deg
         texts = [f"{roll:+.1f}°", f"{pitch:+.1f}°", heading_text(attitude)]
         yield from _text(texts[2], (0.0, (BAR_Y + TAPE_Y) / 2.0), 9.0, WHITE, FIGURES_RADIUS)
+        yield from _text(age(attitude.age_ms), (32.0, FIGURES_Y + 32.0), 5.0, PALE, FIGURES_RADIUS)
     for x, text in zip(FIGURES_X, texts, strict=True):
         yield from _text(text, (x, FIGURES_Y + 18.0), 12.0, WHITE, FIGURES_RADIUS)
+
+
+def age(age_ms: float) -> str:
+    """How old the sample was when this was sent."""
+    return f"age {age_ms:.0f} ms" if age_ms < STALE_MS else f"age {age_ms / 1e3:.1f} s"
 
 
 def _caveats(scene: Scene) -> Iterator[Strip]:

@@ -12,6 +12,7 @@ from fuzzbee.trust import (
     plus_minus,
     trust,
 )
+from fuzzbee.vehicle_table import told
 from service.health import State
 from service.records import AttitudeRecord, StatusRecord
 from service.second_opinion import Verdict
@@ -44,9 +45,9 @@ def _age_ms(attitude: AttitudeRecord, since_s: float) -> int:
 
 
 def _of_status(status: StatusRecord | None) -> dict[str, Any]:
-    """The IMU, and by how much the autopilot's roll, pitch and heading are off, if they differ."""
+    """The IMU, how far off the autopilot's roll, pitch and heading are, and the warnings."""
     if status is None:
-        return {"imu": "", "rate_hz": None, "autopilot": None}
+        return {"imu": "", "rate_hz": None, "autopilot": None, "warnings": []}
     other = status.autopilot
     differs = other is not None and other.verdict == Verdict.DIFFERS
     off = (other.roll_deg, other.pitch_deg, other.heading_deg) if other and differs else None
@@ -54,6 +55,7 @@ def _of_status(status: StatusRecord | None) -> dict[str, Any]:
         "imu": status.imu_message or "",
         "rate_hz": round(status.imu_rate_hz, 1),
         "autopilot": off,
+        "warnings": [f"warning: {told(word, status)}" for word in status.warnings],
     }
 
 

@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 
 from estimator.reasons import Reason
+from fuzzbee import Estimator
 from fuzzbee.cli import main
 from fuzzbee.replays.score import errors_against
 from service.records import AttitudeRecord, StatusRecord
@@ -146,7 +147,8 @@ def test_the_python_examples_run_as_they_stand(number, tmp_path, monkeypatch, ca
 
 
 def made_vqf(rate_hz):
-    return {"vqf": pytest.importorskip("vqf").VQF(1.0 / rate_hz)}
+    kind = pytest.importorskip("vqf").VQF
+    return {"VQF": kind, "vqf": kind(1.0 / rate_hz)}
 
 
 def made_imufusion(rate_hz):
@@ -157,21 +159,53 @@ def made_imufusion(rate_hz):
     return {"ahrs": ahrs}
 
 
-@pytest.mark.parametrize(("peer", "made"), [("vqf", made_vqf), ("imufusion", made_imufusion)])
+def made_ahrs(rate_hz):
+    kind = pytest.importorskip("ahrs").filters.Madgwick
+    return {"Madgwick": kind, "madgwick": kind(frequency=rate_hz), "q": np.eye(4)[0]}
+
+
+def made_fuzzbee(rate_hz):
+    return {"Estimator": Estimator, "frd": (1.0, -1.0, -1.0)}
+
+
+def rolled(rate_hz):
+    """A level vehicle that rolls to 30 degrees; x forward, y left, z up."""
+    roll_deg = np.array((*[0.0] * 300, *np.arange(0.0, 30.0, 0.3), *[30.0] * 100))
+    turning = (roll_deg > 0.0) & (roll_deg < 30.0)
+    none, roll = np.zeros(len(roll_deg)), np.radians(roll_deg)
+    up = np.column_stack((none, np.sin(roll), np.cos(roll)))
+    gyr = np.column_stack((np.radians(0.3 * rate_hz) * turning, none, none))
+    return gyr, 9.81 * up, np.array((20.0, 0.0, 0.0)) - 40.0 * up
+
+
+def cells_of(peer):
+    """What the table says of a filter: its batch, and its one call a sample."""
+    table = (DOCS / "python.md").read_text()
+    ((batch, one),) = re.findall(rf"^\| {peer} \| (.*) \| (.*) \|$", table, re.MULTILINE)
+    return batch, one
+
+
+def tilt_deg(quaternion):
+    w, x, y, z = np.asarray(quaternion).ravel()
+    return np.degrees(2.0 * np.arctan2(np.hypot(x, y), np.hypot(w, z)))
+
+
+@pytest.mark.parametrize(
+    ("peer", "made"), [("vqf", made_vqf), ("ahrs", made_ahrs), ("fuzzbee", made_fuzzbee)]
+)
+def test_the_words_of_other_filters_are_theirs_for_a_batch(peer, made):
+    names = made(100.0) | dict(zip(("gyr", "acc", "mag"), rolled(100.0), strict=True))
+    words = re.search(r"`(.*?)`", cells_of(peer)[0])[1]
+    assert tilt_deg(eval(words, names | {"f": 100.0})[-1]) == pytest.approx(30.0, abs=1.0)
+
+
+@pytest.mark.parametrize(
+    ("peer", "made"), [("vqf", made_vqf), ("imufusion", made_imufusion), ("ahrs", made_ahrs)]
+)
 def test_the_words_of_other_filters_are_theirs(peer, made):
-    """One call a sample, as the table has it, of a level vehicle that rolls to 30 degrees."""
-    rows = re.findall(
-        rf"^\| {peer} \|.*\| (.*) \|$", (DOCS / "python.md").read_text(), re.MULTILINE
-    )
-    update, attitude = (part.strip("` ") for part in rows[0].split(";"))
-    rate_hz, names = 100.0, {"np": np, **made(100.0)}
-    for roll_deg in (*[0.0] * 300, *np.arange(0.0, 30.0, 0.3), *[30.0] * 100):
-        roll, turning = np.radians(roll_deg), 0.0 < roll_deg < 30.0
-        up = np.array((0.0, np.sin(roll), np.cos(roll)))  # x forward, y left, z up
-        names["gyr"] = np.array((np.radians(0.3 * rate_hz) * turning, 0.0, 0.0))
-        names["acc"] = 9.81 * up
-        names["mag"] = np.array((20.0, 0.0, 0.0)) - 40.0 * up
+    """One call a sample, as the table has it."""
+    update, *attitude = (part.strip("` ") for part in cells_of(peer)[1].split(";"))
+    names = {"np": np, **made(100.0)}
+    for names["gyr"], names["acc"], names["mag"] in zip(*rolled(100.0), strict=True):
         exec(update, names)
-    w, x, y, z = np.asarray(eval(attitude, names)).ravel()
-    tilt_deg = np.degrees(2.0 * np.arctan2(np.hypot(x, y), np.hypot(w, z)))
-    assert tilt_deg == pytest.approx(30.0, abs=1.0)
+    assert tilt_deg(eval((*attitude, "q")[0], names)) == pytest.approx(30.0, abs=1.0)

@@ -18,6 +18,7 @@ from fuzzbee.viewer.horizon import (
     GROUND,
     HAZE,
     MIDDLE_Y,
+    PALE,
     PANEL,
     PEERS,
     PER_DEG,
@@ -95,6 +96,16 @@ def test_an_attitude_of_an_old_sample_is_grey_and_says_its_age(age_ms, colours):
     shown = scene(old, State.DEGRADED)
     assert [strip.colour for strip in layers(shown).world[:2]] == [*colours]
     assert f"IMU silent {age_ms / 1e3:.1f} s" in [each.text for each in shown.trust.caveats]
+
+
+@pytest.mark.parametrize(("age_ms", "text"), [(8.4, "age 8 ms"), (2340.0, "age 2.3 s")])
+def test_the_age_of_the_sample_is_written_fresh_or_old_beside_sigma(age_ms, text):
+    shown = layers(scene(msgspec.structs.replace(record(sigma_deg=(99.0, 99.0)), age_ms=age_ms)))
+    wanted = list(text_strokes(text, (32.0, FIGURES_Y + 32.0), 5.0, "centre"))
+    assert [strip.points for strip in shown.figures if strip.colour == PALE] == wanted
+    left, right = (pick(x for line in wanted for x, _ in line) for pick in (min, max))
+    others = [x for strip in shown.words for x, y in strip.points if y > FIGURES_Y + 26.0]
+    assert not [x for x in others if left - 2.0 < x < right + 2.0]
 
 
 def test_the_haze_is_as_wide_as_sigma_and_has_the_colour_of_its_trust():
@@ -177,7 +188,7 @@ def test_others_horizons_are_drawn_in_their_colours_and_how_far_they_are_off_is_
 
 def test_the_longest_numbers_stay_inside_the_window_and_apart():
     figures = layers(scene(record(-123.4, -88.8, 359.9, sigma_deg=(99.0, 99.0)))).figures
-    xs = sorted(x for strip in figures for x, y in strip.points if y > FIGURES_Y)
+    xs = sorted(x for strip in figures for x, y in strip.points if 0.0 < y - FIGURES_Y < 26.0)
     assert X_RANGE[0] < xs[0]
     assert xs[-1] < X_RANGE[1]
     assert sum(gap > 20.0 for gap in np.diff(xs)) == 2  # three numbers

@@ -204,7 +204,7 @@ def test_colours_are_as_many_as_the_terminal_has():
     assert "\x1b[44m" in console.file.getvalue() or ";44m" in console.file.getvalue()
 
 
-@pytest.mark.parametrize("name", ["copter", "1-", "*", "1/2", "1000"])
+@pytest.mark.parametrize("name", ["copter", "1-", "*", "1/2", "1000", "0", "256", "1-300"])
 def test_a_name_that_is_no_vehicle_is_status_2(name, capfd):
     assert main(["watch", name, *default_session(free_port())]) == 2
     assert "should be a vehicle" in capfd.readouterr().err

@@ -1,5 +1,8 @@
 """The paper's filter for programs: the product's own on two vectors, and on any number."""
 
+import copy
+import pickle
+
 import numpy as np
 import pytest
 
@@ -43,6 +46,24 @@ def test_on_two_vectors_it_is_the_compiled_filter(gain):
     assert (ours.e, ours.e_rate, ours.K) == pytest.approx(
         (state.error, state.error_rate_1_s, state.gain), abs=1e-6
     )
+
+
+@pytest.mark.parametrize(
+    "way", [PaperFilter.copy, copy.deepcopy, lambda one: pickle.loads(pickle.dumps(one))]
+)
+@pytest.mark.parametrize("gain", [None, "noise"])
+def test_a_copy_goes_on_as_the_first_does_and_leaves_it_alone(way, gain):
+    gyr, vectors, _ = signals(60)
+    first = PaperFilter(INERTIAL, R_hat=np.diag((1.0, -1.0, -1.0)), gain=gain)
+    begun = [first.step(rate, pair, DT) for rate, pair in zip(gyr, vectors, strict=True)]
+    second = way(first)
+    there = [second.step(rate, pair, DT) for rate, pair in zip(gyr, vectors, strict=True)]
+    assert np.array_equal(first.R_hat, begun[-1])
+    here = [first.step(rate, pair, DT) for rate, pair in zip(gyr, vectors, strict=True)]
+    assert np.array_equal(there, here)
+    second.reset()
+    again = [second.step(rate, pair, DT) for rate, pair in zip(gyr, vectors, strict=True)]
+    assert np.array_equal(begun, again)
 
 
 def test_more_vectors_are_better_at_the_same_weight():

@@ -60,6 +60,8 @@ def test_an_event_tells_of_all_vehicles_or_of_one(page, clock):
     one, lost = both["vehicles"]
     assert (one["word"], one["level"], one["age_ms"]) == ("do not trust", 2, 2005)
     assert one["reasons"] == [[2, "accelerometer contradicts"]]
+    (sentence,) = one["warnings"]
+    assert sentence == "warning: the magnetic field contradicts the accelerometer's vertical"
     assert one["attitude"]["euler_deg"] == [10.0, -20.0, 30.0]
     assert (one["attitude"]["horizon"], one["attitude"]["north"]) == ("±1.0°", "±5.0° true")
     assert (lost["word"], lost["attitude"]) == ("no attitude", None)
@@ -75,6 +77,7 @@ def test_another_attitude_of_the_autopilot_is_told(page):
     (one,) = event(page)["vehicles"]
     assert one["autopilot"] == [0.0, 0.0, 25.0]
     assert one["reasons"] == [[1, "autopilot heading 25° off"]]
+    assert one["warnings"] == ["warning: autopilot heading 25° off ours; its own is likely wrong"]
 
 
 def test_the_page_needs_nothing_else(page):
@@ -152,6 +155,21 @@ def test_a_browser_shows_one_vehicle_or_all_and_what_is_stale(page, clock, tmp_p
         turned = seen.value("at('world').getAttribute('transform')")
         assert turned.startswith("rotate(-10) translate(0 -64)")  # 20 degrees down
         seen.wait_for("!at('one').classList.contains('stale')")
+
+        seen.resize(844, 390)
+        seen.wait_for(
+            "innerWidth == 844 && !at('world').getAttribute('transform').endsWith('-64)')"
+        )
+        line = "document.querySelector('#world > path').getBoundingClientRect()"
+        middle = seen.value(f"({line}.top + {line}.bottom) / 2")
+        sky = seen.value("at('horizon').getBoundingClientRect().top")
+        assert 0.0 < middle - sky < 40.0  # 20 degrees down, yet in sight
+        seen.resize(390, 844)
+
+        page.handle([Published(ONE, running(("clock_drift",)))])
+        seen.wait_for("at('told').innerText.endsWith('clock runs too fast or too slow')")
+        (folder / "web-warned.png").write_bytes(seen.screenshot())
+        assert seen.value("document.documentElement.scrollHeight") == 844
 
         clock[0] += 1.1  # the service has heard nothing of it since
         seen.wait_for("at('one').classList.contains('stale')")

@@ -2,12 +2,14 @@
 
 import warnings
 from math import inf, nan, radians
+from pathlib import Path
 
 import numpy as np
 import pytest
 
-from fuzzbee import Estimator, InputError, load_profile
+from fuzzbee import Estimator, InputError, PaperFilter, load_profile, replay
 
+FLIPS = Path(__file__).parents[1] / "data" / "sitl_copter_flips.tlog"
 N = 200
 GYR = np.zeros((N, 3))
 ACC = np.tile([0.0, 0.0, -9.8], (N, 1))
@@ -125,6 +127,16 @@ def test_numbers_that_are_none(given):
         (lambda: Estimator({}), "profile"),
         (lambda: Estimator("no such"), "profile"),
         (lambda: load_profile(7.5), "profile"),
+        (lambda: PaperFilter(np.eye(3), profile=3), "profile"),
+        (lambda: PaperFilter(np.eye(3), R_hat=np.ones((3, 3))), "R_hat"),
+        (lambda: PaperFilter(np.eye(3), R_hat=np.diag((1.0, 1.0, -1.0))), "R_hat"),
+        (lambda: PaperFilter(np.eye(3), R_hat=np.eye(3) * nan), "R_hat"),
+        (lambda: replay(None), "log None"),
+        (lambda: replay(FLIPS, 3), "profile"),
+        (lambda: replay(FLIPS, skip_s="x"), "skip_s"),
+        (lambda: replay(FLIPS, skip_s=-1.0), "skip_s"),
+        (lambda: replay(FLIPS, columns=7), "columns 7"),
+        (lambda: setattr(Estimator(), "state", None), "state None"),
         (lambda: Estimator().update((0, 0, 0), UP), "rate_hz"),
         (lambda: Estimator().update_batch(GYR, ACC), "rate_hz"),
         (lambda: Estimator().update_velocity((1, 2, 3), sigma_m_s=-1.0), "sigma_m_s"),

@@ -276,11 +276,23 @@ def test_a_flood_of_profiles_is_told_a_few_times():
         told += pipeline.tick(START_US + 1_000_000 + 10_000 * turn)
     assert len([output for output in told if isinstance(output, Replaced)]) == 500
     lines = [output.text for output in told if isinstance(output, Message)]
-    assert lines.count("vehicle 1: new parameters") == 12  # in a minute, and that there are more
+    # with the line that it runs 12 in a minute, and that there are more
+    assert lines.count("vehicle 1: new parameters") == 11
     assert (
         lines.count("vehicle 1: more lines are left out: there were more than 12 within a minute")
         == 1
     )
+
+
+def test_a_vehicle_that_is_late_again_and_again_is_told_a_few_times():
+    """A computer too slow for the stream: each sample is old, and each tick after it says so."""
+    pipeline = Pipeline(PAPER)
+    lines = []
+    for event in imu_events(400):
+        told = [*pipeline.handle(event), *pipeline.tick(event.arrival_us + 900_000)]
+        lines += [output.text for output in told if isinstance(output, Message)]
+    assert {"vehicle 1: running", "vehicle 1: degraded"} < {*lines}
+    assert len(lines) < 16
 
 
 def broken_at(pipeline):

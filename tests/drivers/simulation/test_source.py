@@ -19,7 +19,7 @@ from drivers.simulation.simulated_vehicle import (
     SimulatedVehicle,
     simulate,
 )
-from drivers.simulation.source import SimSource
+from drivers.simulation.source import MOST_BEHIND_US, SimSource
 from drivers.source import open_live, require_openable
 from estimator.errors import InputError
 
@@ -47,7 +47,7 @@ def test_events_are_the_paper_s_exact_numbers_at_their_times():
     events = []
     with source:
         start_us = 10**15 + clock.us
-        for step in (0, 3_000, 7_000, 400_000, 990_000, 990_000, 100_000):
+        for step in (0, 3_000, 7_000, *(95_000,) * 26, 10_000):
             clock.us += step
             events += source.drain(0)
     imus = of_type(events, Imu)
@@ -65,15 +65,24 @@ def test_events_are_the_paper_s_exact_numbers_at_their_times():
     assert source.dropped == 0
 
 
-def test_a_long_sleep_costs_samples_and_counts_them():
+def test_the_vehicle_waits_for_a_computer_that_slept_or_is_too_slow():
     source, clock = source_and_clock(rate_hz=50.0)
     with source:
+        start_us = source.now_us()
         source.drain(0)
         clock.us += 60_000_000
-        imus = of_type(source.drain(0), Imu)
-    assert imus[-1].boot_us == 60_000_000
-    assert len(imus) == 51
-    assert source.dropped == 3001 - 1 - 51
+        assert source.now_us() - start_us == 20_000 + MOST_BEHIND_US  # and no further
+        clock.us += 40_000_000
+        assert len(of_type(source.drain(0), Imu)) == 6
+        assert source.waited_s == pytest.approx(99.88)
+        stamps = []
+        for _ in range(20):  # at a third of the pace
+            clock.us += 300_000
+            stamps += [event.boot_us for event in of_type(source.drain(0), Imu)]
+            assert 0 <= source.now_us() - start_us - stamps[-1] <= MOST_BEHIND_US
+    assert [*range(stamps[0], stamps[-1] + 1, 20_000)] == stamps  # nothing is left out
+    assert source.dropped == 0
+    assert source.flown_s == pytest.approx(1e-6 * stamps[-1], abs=0.02)
 
 
 def test_in_real_time_it_waits_for_the_next_sample():
@@ -92,8 +101,8 @@ def test_a_flight_in_process_tells_its_place_and_falls_silent():
     source, clock = source_and_clock(motion="flight", rate_hz=50.0)
     events = []
     with source:
-        for _ in range(200):
-            clock.us += 500_000
+        for _ in range(1000):
+            clock.us += 100_000
             events += source.drain(0)
     begin, end = SILENCE_S
     imu_s = np.array([event.boot_us for event in of_type(events, Imu)]) * 1e-6

@@ -59,6 +59,26 @@ def test_cached_code_gives_the_same_results(cache, expected):
     assert run(SMALL_PROGRAM + MISSES, NUMBA_CACHE_DIR=str(cache)).stdout == f"{expected}0\n"
 
 
+CALLER = """
+import numba
+
+@numba.njit
+def twice(number):
+    return 2.0 * noise_surface(number, 0.5, 0.1)
+
+(form,) = noise_surface.overloads.values()
+print(form.library._shared_module)
+print(twice(1.5) == 2.0 * noise_surface(1.5, 0.5, 0.1))
+"""
+
+
+def test_a_kernel_from_the_cache_has_what_its_callers_need_only_once_there_are_some(
+    cache, expected
+):
+    result = run(SMALL_PROGRAM + CALLER + MISSES, NUMBA_CACHE_DIR=str(cache))
+    assert result.stdout == f"{expected}None\nTrue\n0\n"
+
+
 TOLD = """
 from estimator.compilation.notice import tell_compiling
 tell_compiling(lambda text: print("told:", text))
@@ -81,6 +101,17 @@ def test_compiling_is_told_once_when_it_happens_and_never_else(tmp_path):
     below = f"{blocked}/below"
     in_memory = run(TOLD + SMALL_PROGRAM, NUMBA_CACHE_DIR=below, XDG_CACHE_HOME=below)
     assert told(in_memory) == ["told: compiling the filter"]
+
+
+def test_a_program_is_told_on_standard_error_and_a_command_says_it_itself(tmp_path):
+    asked = "from estimator.compilation import notice\n"
+    program = f"{asked}notice.tell_programs()\n"
+    line = "fuzzbee: compiling the filter, the first time only, half a minute\n"
+    assert run(program + SMALL_PROGRAM, NUMBA_CACHE_DIR=str(tmp_path)).stderr == line
+    said = "notice.tell_compiling(print)\nnotice.compiling_begins(is_kept=True)\n"
+    command = f"{asked}{said}notice.tell_programs()\nnotice.compiling_begins(is_kept=True)"
+    result = run(command)
+    assert (result.stdout.count("compiling"), result.stderr) == (1, "")
 
 
 def test_without_a_cache_folder_it_compiles_in_memory_and_says_so_once(tmp_path, expected):
