@@ -177,8 +177,8 @@ def _errors(axes: Any, drawn: Drawn) -> None:
     """Inclination and heading error with the published sigma, and the autopilot's error."""
     compared, shown = drawn.compared, drawn.shown
     sigmas = (
-        drawn.trace.column(lambda a: a.sigma_inclination_rad),
-        drawn.trace.column(lambda a: a.sigma_heading_rad),
+        drawn.trace.column("sigma_inclination_rad"),
+        drawn.trace.column("sigma_heading_rad"),
     )
     errors = np.degrees(np.where(compared.known[:, None], compared.errors_rad, np.nan))
     for ax, name, i, sigma in zip(axes, ("inclination", "heading"), (2, 1), sigmas, strict=True):
@@ -201,15 +201,15 @@ def _errors(axes: Any, drawn: Drawn) -> None:
 def _internals(axes: Any, drawn: Drawn) -> None:
     """Gain, confidences and bias."""
     column = drawn.trace.column
-    drawn.plot(axes[0], column(lambda a: a.gain), "C2-", lw=0.8)
+    drawn.plot(axes[0], column("gain"), "C2-", lw=0.8)
     axes[0].set_ylabel("gain K")
     axes[0].set_ylim(bottom=0.0)
-    drawn.plot(axes[1], column(lambda a: a.confidence_gravity), "C0-", lw=0.8, label="gravity")
-    drawn.plot(axes[1], column(lambda a: a.confidence_magnetic), "C4-", lw=0.8, label="magnetic")
+    drawn.plot(axes[1], column("confidence_gravity"), "C0-", lw=0.8, label="gravity")
+    drawn.plot(axes[1], column("confidence_magnetic"), "C4-", lw=0.8, label="magnetic")
     axes[1].set_ylabel("confidence")
     axes[1].set_ylim(0.0, None)
     legend_above(axes[1], 2)
-    bias = np.degrees(np.array([a.gyro_bias_rad_s for a in drawn.trace.attitudes]))
+    bias = np.degrees(drawn.trace.column("gyro_bias_rad_s"))
     for i, name in enumerate("xyz"):
         drawn.plot(axes[2], bias[:, i], lw=0.8, label=name)
     axes[2].set_ylabel("gyro bias\nin °/s")

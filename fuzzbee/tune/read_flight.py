@@ -89,5 +89,5 @@ def _flight(
         restart=restart,
         truth=compared.truth,
         known=compared.known,
-        headed=np.array([a.heading_reference != "none" for a in trace.attitudes]),
+        headed=trace.attitudes.norths != "none",
     )
