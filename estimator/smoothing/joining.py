@@ -33,8 +33,7 @@ def join(forward: Estimates, backward: Estimates) -> Estimates:
 
 def fallback(first: Estimates, second: Estimates) -> Estimates:
     """The first, and where that is not known the second."""
-    numbers = np.concatenate([first.q_ned_frd, first.sigma_rad], axis=1)
-    known = np.asarray(np.isfinite(numbers).all(axis=1))
+    known = np.isfinite(first.q_ned_frd).all(axis=1) & np.isfinite(first.sigma_rad).all(axis=1)
     return first if known.all() else chosen(known, first, second)
 
 

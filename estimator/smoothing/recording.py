@@ -6,7 +6,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from estimator.conditioning.times import LONG_S
+from estimator.conditioning.times import MEMORY_S
 from estimator.estimator import Estimator
 from estimator.live.rows import Flags, Floats, Rows, cut
 from estimator.types import RateSample, VelocitySample
@@ -44,7 +44,7 @@ class Recording(NamedTuple):
     def look_ahead(self) -> "Recording":
         """With the bias as it is known later."""
         times_us = self.rows.times_us
-        later = np.searchsorted(times_us, times_us + round(1e6 * LONG_S), side="right") - 1
+        later = np.searchsorted(times_us, times_us + round(1e6 * MEMORY_S), side="right") - 1
         return self._replace(bias_rad_s=self.bias_rad_s[np.minimum(later, self.last_rows())])
 
     def part(self, begin: int, end: int) -> "Recording":

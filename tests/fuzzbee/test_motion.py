@@ -5,6 +5,7 @@ from numpy.typing import NDArray
 
 from estimator.types import ImuSample
 from fuzzbee.packed import PackedSamples
+from fuzzbee.replays import motion
 from fuzzbee.replays.motion import (
     MOST_BIAS_RAD_S,
     REST_ACC_M_S2,
@@ -56,10 +57,11 @@ def test_no_samples_no_motion() -> None:
     assert motion_mask(PackedSamples()).shape == (0,)
 
 
-def test_what_decides_without_medians_decides_as_they_do() -> None:
+def test_what_decides_without_medians_decides_as_they_do(monkeypatch) -> None:
     """Readings around both limits, at uneven times."""
     rng = np.random.default_rng(4)
     n = 3000
+    monkeypatch.setattr(motion, "BLOCK", 700)
     calm = 0.5 + 0.5 * np.sin(np.arange(n) / 200.0)[:, None]
     gyr = np.radians(1.0) * calm * rng.standard_normal((n, 3)) + np.radians(3.0) * calm
     acc = 0.1 * calm * rng.standard_normal((n, 3)) + (0.0, 0.0, -9.8)
