@@ -33,7 +33,9 @@ def join(forward: Estimates, backward: Estimates) -> Estimates:
 
 def fallback(first: Estimates, second: Estimates) -> Estimates:
     """The first, and where that is not known the second."""
-    known = np.isfinite(first.q_ned_frd).all(axis=1) & np.isfinite(first.sigma_rad).all(axis=1)
+    known: Flags = np.isfinite(first.q_ned_frd).all(axis=1) & np.isfinite(first.sigma_rad).all(
+        axis=1
+    )
     return first if known.all() else chosen(known, first, second)
 
 
