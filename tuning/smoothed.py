@@ -72,7 +72,7 @@ def possible_truths(truth: Array, doubt_rad: Array | None) -> list[Array]:
     tilt = np.sqrt(-2.0 * np.log(share)) / TWO
     azimuth = 2.0 * np.pi * GOLDEN * np.arange(AROUND)
     # in another order than the tilts
-    turn = ndtri((GOLDEN * np.arange(AROUND) + 0.5 / AROUND) % 1.0) / ONE
+    turn = ndtri(share[np.argsort(GOLDEN * np.arange(AROUND) % 1.0)]) / ONE
     level, north = doubt_rad.T
     turns = (
         np.stack([level * t * np.cos(a), level * t * np.sin(a), north * h], axis=-1)

@@ -33,9 +33,8 @@ def join(forward: Estimates, backward: Estimates) -> Estimates:
 
 def fallback(first: Estimates, second: Estimates) -> Estimates:
     """The first, and where that is not known the second."""
-    known: Flags = np.isfinite(first.q_ned_frd).all(axis=1) & np.isfinite(first.sigma_rad).all(
-        axis=1
-    )
+    numbers = (first.q_ned_frd, first.sigma_rad)
+    known = np.all([np.isfinite(each).all(axis=1) for each in numbers], axis=0)
     return first if known.all() else chosen(known, first, second)
 
 
