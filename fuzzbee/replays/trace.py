@@ -44,6 +44,7 @@ class VehicleTrace:
         self.arrivals_us = array("q")
         self.attitudes = PackedAttitudes()
         self.samples = PackedSamples()  # that they were made of
+        self.aided = array("b")  # whether velocity helped at each
         self.fields = 0  # samples with a magnetic field
         self.references = {"sim": ReferenceTrack(), "autopilot": ReferenceTrack()}
         self.rejected: Counter[str] = Counter()
@@ -159,6 +160,7 @@ class Replay:
         trace.arrivals_us.append(event.arrival_us)
         trace.attitudes.append(attitude)
         trace.samples.append(sample)
+        trace.aided.append(vehicle.estimator.is_aided)
         trace.fields += event.sample.has_mag
 
     def _turn_wrong(self, vehicle: Vehicle, trace: VehicleTrace) -> None:
