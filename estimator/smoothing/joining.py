@@ -3,7 +3,7 @@
 import numpy as np
 
 from estimator.live.rows import Flags
-from estimator.smoothing.recording import Estimates
+from estimator.smoothing.recording import Estimates, blocks
 from estimator.smoothing.rotation import conjugate, exp, log, multiply
 
 # Further apart than so many of their sigmas one of both is wrong.
@@ -11,6 +11,15 @@ CONTRADICTION = 3.0
 
 
 def join(forward: Estimates, backward: Estimates) -> Estimates:
+    """The joint estimates, in the room of the backward ones."""
+    for rows in blocks(len(backward.is_aided)):
+        joint = joined(forward.part(rows), backward.part(rows))
+        for now, before in zip(joint, backward, strict=True):
+            before[rows] = now
+    return backward
+
+
+def joined(forward: Estimates, backward: Estimates) -> Estimates:
     """The mean by both variances, of inclination and heading apart.
 
     Their errors have much in common, so that sigma is the mean of both. Where they contradict each

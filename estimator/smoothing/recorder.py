@@ -9,11 +9,9 @@ from estimator.estimator import Estimator
 from estimator.live.rows import Floats, Rows, cut
 from estimator.profile import Profile
 from estimator.reasons import Reason
-from estimator.smoothing.recording import Estimates, Recording
+from estimator.smoothing.recording import BIAS, SIGMA, Estimates, Q, Recording
 from estimator.types import RateSample, Vec3, VelocitySample
 
-# Where q, bias and both sigmas stand in rows that tell an attitude, see :mod:`estimator.live.rows`.
-Q, BIAS, SIGMA = slice(0, 4), slice(7, 10), slice(15, 17)
 # Of a sample taken alone: rate, specific force, field; of the attitude after it: q, bias, sigmas.
 WIDTHS = (3, 3, 3, 4, 3, 2)
 
