@@ -65,6 +65,7 @@ def test_what_decides_without_medians_decides_as_they_do(monkeypatch) -> None:
     calm = 0.5 + 0.5 * np.sin(np.arange(n) / 200.0)[:, None]
     gyr = np.radians(1.0) * calm * rng.standard_normal((n, 3)) + np.radians(3.0) * calm
     acc = 0.1 * calm * rng.standard_normal((n, 3)) + (0.0, 0.0, -9.8)
+    acc[::97, 0] += 0.32  # no more than the limit of all of them, but of one
     made = samples(gyr, acc)
     times_us = np.sort(rng.integers(0, 300_000_000, n)).tolist()
     made = PackedSamples(s._replace(time_us=t) for s, t in zip(made, times_us, strict=True))
