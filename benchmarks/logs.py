@@ -60,8 +60,7 @@ def complementary(gyr: Array, up: Array, dt_s: Array, tau_s: float) -> Array:
 
 def rivals(trace: VehicleTrace) -> dict[str, Array]:
     """Down (N, 3) by the accelerometer alone and by complementary filters."""
-    gyr = np.array([sample.gyr_rad_s for sample in trace.samples])
-    acc = np.array([sample.acc_m_s2 for sample in trace.samples])
+    gyr, acc = trace.samples.column("gyr_rad_s"), trace.samples.column("acc_m_s2")
     up = acc / np.maximum(np.linalg.norm(acc, axis=1, keepdims=True), 1e-6)
     dt = np.diff(trace.times_us, prepend=trace.times_us[0]) * 1e-6
     filters = {f"complementary {tau:g} s": complementary(gyr, up, dt, tau) for tau in TAUS_S}
@@ -88,7 +87,7 @@ def score(path: Path, trace: VehicleTrace) -> Row | None:
     downs, moving = down_in_body(truth[known]), motion_mask(trace.samples)[known]
     ours = errors_deg(down_in_body(trace.estimates)[known], downs)
     others = {name: rms(errors_deg(down[known], downs)) for name, down in rivals(trace).items()}
-    sigma = np.degrees(trace.column(lambda a: a.sigma_inclination_rad))[known]
+    sigma = np.degrees(trace.column("sigma_inclination_rad"))[known]
     best = min(others, key=lambda name: others[name])
     return {
         "log": path.name,

@@ -1,6 +1,5 @@
 """Attitudes as arrays, a row for each: what programs are given for many samples."""
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
@@ -9,8 +8,8 @@ from numpy.typing import NDArray
 
 from estimator.errors import InputError
 from estimator.geometry.frames import enu_flu_from_ned_frd
-from estimator.types import Attitude
 from fuzzbee.angle_curves import euler_curves_deg, where_known
+from fuzzbee.packed import PackedAttitudes
 
 if TYPE_CHECKING:
     from estimator.smoothing import Smoothed
@@ -19,6 +18,8 @@ NUMBERS = (
     *("sigma_inclination_rad", "sigma_heading_rad", "confidence_gravity", "confidence_magnetic"),
     *("error", "gain"),
 )
+
+VECTORS = ("q_ned_frd", "rate_rad_s", "gyro_bias_rad_s")
 
 Floats = NDArray[np.float64]
 Times = NDArray[np.int64]
@@ -89,19 +90,12 @@ class Attitudes:
         return where_known(self.q_ned_frd, np.array(turned).reshape(-1, 4))
 
 
-def attitude_arrays(attitudes: Sequence[Attitude], start_us: int = 0) -> Attitudes:
+def attitude_arrays(attitudes: PackedAttitudes, start_us: int = 0) -> Attitudes:
     """The arrays of these attitudes; ``time_s`` counts from ``start_us``."""
-
-    def numbers(name: str, *width: int) -> Floats:
-        return np.array([getattr(a, name) for a in attitudes], dtype=float).reshape(-1, *width)
-
-    times_us = np.array([a.time_us for a in attitudes], dtype=np.int64)
-    wide = {"q_ned_frd": 4, "rate_rad_s": 3, "gyro_bias_rad_s": 3}
     return Attitudes(
-        time_s=np.array(1e-6 * (times_us - start_us), dtype=float),
-        **{name: numbers(name, width) for name, width in wide.items()},
-        **{name: numbers(name) for name in NUMBERS},
-        heading_reference=np.array([a.heading_reference for a in attitudes], dtype=np.str_),
+        time_s=np.array(1e-6 * (attitudes.times_us - start_us), dtype=float),
+        **{name: attitudes.column(name) for name in (*VECTORS, *NUMBERS)},
+        heading_reference=attitudes.norths,
         warnings=(),
     )
 

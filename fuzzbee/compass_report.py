@@ -8,6 +8,8 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
+from drivers.logs.currents import currents
+from drivers.logs.open import open_log
 from drivers.mavlink.compass_parameters import corrected
 from drivers.mavlink.constants import MAV_AUTOPILOT_ARDUPILOTMEGA
 from estimator.errors import InputError
@@ -40,6 +42,8 @@ class CompassReport(msgspec.Struct, frozen=True):
     field_gauss: float
     dip_deg: float
     offset_sigma_gauss: list[float]
+    current_gauss_a: list[float] | None
+    current_sigma_gauss_a: list[float] | None
     matrix_sigma: Rows | None
     heading_sigma_deg: float
     misfit_gauss: tuple[float, float]
@@ -71,10 +75,10 @@ def report_compass(
     field = field or trace.place_field
     if field is None:
         raise InputError(f"{path}: no position; --place LAT,LON says which field is there")
-    mag, down = _readings(trace)
+    mag, down, current_a = _readings(trace, _current_a(path, trace))
     if not len(mag):
         raise InputError(f"{path}: no magnetometer")
-    fit = fit_compass(mag, down, field)
+    fit = fit_compass(mag, down, field, current_a)
     if fit is None:
         raise InputError(
             f"{path}: too few turns to find an offset: fly level through all headings, and tilt"
@@ -87,13 +91,15 @@ def report_compass(
         field_gauss=field.strength_gauss,
         dip_deg=degrees(field.dip_rad),
         offset_sigma_gauss=np.sqrt(np.diag(fit.offset_covariance)).tolist(),
+        current_gauss_a=_listed(fit.current_gauss_a),
+        current_sigma_gauss_a=_listed(fit.current_sigma_gauss_a),
         matrix_sigma=None if fit.matrix_sigma is None else fit.matrix_sigma.tolist(),
         heading_sigma_deg=_heading_sigma_deg(fit, field.strength_gauss * cos(field.dip_rad)),
         misfit_gauss=fit.misfit_gauss,
         unseen=fit.unseen,
-        mounting=_mounting(fit),
+        mounting=_mounting(fit, 0.0 if current_a is None else float(current_a.mean())),
         ardupilot=(
-            corrected(trace.compass, message, fit.offset_gauss, fit.matrix)
+            corrected(trace.compass, message, fit.offset_gauss, fit.matrix, fit.current_gauss_a)
             if trace.autopilot in (None, MAV_AUTOPILOT_ARDUPILOTMEGA)
             else {}
         ),
@@ -109,6 +115,10 @@ def toml_lines(report: CompassReport) -> Iterator[str]:
     yield f"# the field there: {1e3 * report.field_gauss:.0f} mG, dip {report.dip_deg:.1f} deg"
     yield f"# median misfit: {before:.1f} mG as it is, {after:.1f} mG corrected"
     yield f"# sigma: offset {sigma} mG, of a heading by it {report.heading_sigma_deg:.1f} deg"
+    if report.current_gauss_a is not None and report.current_sigma_gauss_a is not None:
+        pairs = zip(report.current_gauss_a, report.current_sigma_gauss_a, strict=True)
+        told = ", ".join(f"{1e3 * each:.2f} (sigma {1e3 * sigma:.2f})" for each, sigma in pairs)
+        yield f"# of the battery's current: {told} mG for each ampere; below at the usual one"
     if report.matrix_sigma is None:
         yield "# soft iron: these turns show none"
     else:
@@ -122,23 +132,47 @@ def toml_lines(report: CompassReport) -> Iterator[str]:
         adds = "; the log does not say what was set: add OFS to that" * report.ardupilot_adds
         yield f"# ArduPilot, to be looked at before use{adds}:"
     for name, number in report.ardupilot.items():
-        yield f"# {name} {number:.{1 if 'OFS' in name else 4}f}"
+        digits = 0 if "MOTCT" in name else 1 if "OFS" in name else 4
+        yield f"# {name} {number:.{digits}f}"
 
 
-def _readings(trace: VehicleTrace) -> tuple[Floats, Floats]:
-    """The field and the vertical (N, 3) in body axes, of samples that have a field."""
-    there = [
-        (sample.mag_gauss, rotate(conjugate(attitude.q_ned_frd), DOWN))
-        for sample, attitude in zip(trace.samples, trace.attitudes, strict=True)
-        if sample.has_mag and any(sample.mag_gauss)
-    ]
-    pairs = np.array(there[int(SETTLED * len(there)) :]).reshape(-1, 2, 3)
-    finite = np.isfinite(pairs).all((1, 2))
-    return pairs[finite, 0], pairs[finite, 1]
+def _readings(
+    trace: VehicleTrace, current_a: Floats | None
+) -> tuple[Floats, Floats, Floats | None]:
+    """The field and the vertical (N, 3) in body axes, and the current, of samples with a field."""
+    mag, q = trace.samples.column("mag_gauss"), trace.estimates
+    there = np.flatnonzero(
+        (trace.samples.column("has_mag") > 0.0)
+        & mag.any(axis=1)
+        & np.isfinite(mag).all(axis=1)
+        & np.isfinite(q).all(axis=1)
+    )
+    there = there[int(SETTLED * len(there)) :]
+    down = [rotate(conjugate((w, x, y, z)), DOWN) for w, x, y, z in q[there].tolist()]
+    current = None if current_a is None else current_a[there]
+    return mag[there], np.array(down).reshape(-1, 3), current
 
 
-def _mounting(fit: CompassFit) -> dict[str, list[float] | Rows]:
-    keys: dict[str, list[float] | Rows] = {"mag_offset_gauss": fit.offset_gauss.round(5).tolist()}
+def _current_a(path: Path, trace: VehicleTrace) -> Floats | None:
+    """The battery's current (N,) at the samples; None where the log has none."""
+    with open_log(path) as log:
+        found = currents(log, trace.address.system_id)
+    if not found:
+        return None
+    times_us = [reading.arrival_us for reading in found]
+    return np.interp(trace.arrivals_us, times_us, [reading.ampere for reading in found])
+
+
+def _listed(values: Floats | None) -> list[float] | None:
+    return None if values is None else values.tolist()
+
+
+def _mounting(fit: CompassFit, usual_a: float) -> dict[str, list[float] | Rows]:
+    """The profile's keys; it knows no current, so that the usual one's field counts as iron."""
+    offset = fit.offset_gauss
+    if fit.current_gauss_a is not None:
+        offset = offset + usual_a * fit.current_gauss_a
+    keys: dict[str, list[float] | Rows] = {"mag_offset_gauss": offset.round(5).tolist()}
     if fit.matrix is not None:
         keys["mag_matrix"] = fit.matrix.round(5).tolist()
     return keys

@@ -2,7 +2,8 @@
 
 S (m - b) is to have the model's strength and, along the vertical that the estimate knows, the
 model's vertical part. Headings are not asked: they may come from that compass. b is the hard iron,
-the symmetric S the soft iron, which is taken only if it says more of stretches left out.
+the symmetric S the soft iron, which is taken only if it says more of stretches left out. So is c I,
+the field of the battery's current I, where that is known.
 """
 
 from typing import NamedTuple
@@ -21,6 +22,7 @@ MODEL_GAUSS = 1.5e-3  # sigma of the model beside a place: its report says 138 n
 MOST_STEPS = 30  # of a solution; 10 are usual, without turns there is no end
 SURE = 3.0  # sigma
 NEAR = np.cos(np.pi / 4)
+LEAST_CURRENT_A = 1.0  # between the least and the largest: less shows nothing
 NORMAL = 1.4826  # sigma of a normal variable over its median size
 SIDES = ("nose", "right", "bottom", "tail", "left", "top")
 # S in its six numbers
@@ -40,6 +42,8 @@ class CompassFit(NamedTuple):
 
     offset_gauss: Floats  # (3,)
     offset_covariance: Floats  # (3, 3)
+    current_gauss_a: Floats | None  # (3,) for each ampere; None where it shows nothing
+    current_sigma_gauss_a: Floats | None  # (3,)
     matrix: Floats | None  # (3, 3)
     matrix_sigma: Floats | None  # (3, 3)
     unseen: tuple[str, ...]
@@ -52,13 +56,14 @@ class _Problem(NamedTuple):
     mag: Floats
     down: Floats
     field: PlaceField
+    current: Floats  # (N, 1), a share of the largest; (N, 0) where it does not count
 
     def misfit(self, p: Floats) -> Floats:
         """Of strength and vertical part, (2N,) gauss, as an error of the reading.
 
         Divided by how far a reading's own noise moves it, or noise would pay for a smaller S.
         """
-        s, place = _matrix(p), self.field
+        s, place = self.matrix(p), self.field
         v = self.corrected(p)
         size = np.maximum(np.linalg.norm(v, axis=1), 1e-12)
         strength = (size - place.strength_gauss) / np.linalg.norm(v @ s / size[:, None], axis=1)
@@ -66,24 +71,40 @@ class _Problem(NamedTuple):
         return np.concatenate([strength, vertical / np.linalg.norm(self.down @ s, axis=1)])
 
     def corrected(self, p: Floats) -> Floats:
-        """S (m - b), (N, 3)."""
-        return (self.mag - p[:3]) @ _matrix(p)  # S is symmetric
+        """S (m - b - c I), (N, 3)."""
+        own = p[:3] + self.current @ p[3 : self.irons].reshape(-1, 3)
+        return (self.mag - own) @ self.matrix(p)  # S is symmetric
+
+    @property
+    def irons(self) -> int:
+        """How many of the numbers are b and c."""
+        columns: int = self.current.shape[1]
+        return 3 + 3 * columns
+
+    def matrix(self, p: Floats) -> Floats:
+        """S, (3, 3)."""
+        matrix: Floats = np.tensordot(p[self.irons :] if len(p) > self.irons else PLAIN, BASIS, 1)
+        return matrix
 
     def part(self, chosen: Floats) -> "_Problem":
         """The samples chosen alone."""
-        return self._replace(mag=self.mag[chosen], down=self.down[chosen])
+        readings = (self.mag[chosen], self.down[chosen])
+        return _Problem(*readings, self.field, self.current[chosen])
 
 
-def fit_compass(mag_gauss: Floats, down: Floats, field: PlaceField) -> CompassFit | None:
+def fit_compass(
+    mag_gauss: Floats, down: Floats, field: PlaceField, current_a: Floats | None = None
+) -> CompassFit | None:
     """The iron in readings (N, 3) in order of time; None where turns show no offset.
 
-    ``down`` (N, 3) is the vertical in body axes, a unit vector.
+    ``down`` (N, 3) is the vertical in body axes, a unit vector; ``current_a`` (N,) the battery's.
     """
     # two readings of one field are at most twice its strength apart
     apart = np.linalg.norm(mag_gauss - np.median(mag_gauss, axis=0), axis=1)
     near = apart <= 2.0 * field.strength_gauss
     step = -(-int(near.sum()) // MOST_SAMPLES) or 1
-    problem = _Problem(mag_gauss[near][::step], down[near][::step], field)
+    none = np.zeros((-(-int(near.sum()) // step), 0))
+    problem = _Problem(mag_gauss[near][::step], down[near][::step], field, none)
     if len(problem.mag) < BLOCKS:
         return None
     block = np.arange(len(problem.mag)) * BLOCKS // len(problem.mag)
@@ -96,19 +117,32 @@ def fit_compass(mag_gauss: Floats, down: Floats, field: PlaceField) -> CompassFi
     covariance = _covariance(problem, p, others, scale)
     if _is_vague(covariance, field):
         return None
+    largest_a = 0.0
+    if current_a is not None:
+        current = current_a[near][::step, None]
+        largest_a = float(np.ptp(current))
+    if largest_a > LEAST_CURRENT_A:
+        powered = problem._replace(current=current / largest_a)
+        start = np.concatenate([p, np.zeros(3)])
+        (with_c, c_others), c_loss = _left_out(powered, block, start, scale)
+        c_covariance = _covariance(powered, with_c, c_others, scale)
+        if c_loss < loss and not _is_vague(c_covariance, field):
+            problem, p, loss, covariance = powered, with_c, c_loss, c_covariance
     (soft, others), soft_loss = _left_out(problem, block, np.concatenate([p, PLAIN]), scale)
     soft_covariance = _covariance(problem, soft, others, scale)
     shows_matrix = soft_loss < loss and not _is_vague(soft_covariance, field)
-    sigma = np.sqrt(np.diag(soft_covariance))[3:]
+    sigma = np.sqrt(np.diag(soft_covariance))[problem.irons :]
     if shows_matrix:
         p, covariance = soft, soft_covariance
     return CompassFit(
         p[:3],
         covariance[:3, :3],
-        _matrix(p) if shows_matrix else None,
+        p[3:6] / largest_a if problem.irons > 3 else None,
+        np.sqrt(np.diag(covariance))[3:6] / largest_a if problem.irons > 3 else None,
+        problem.matrix(p) if shows_matrix else None,
         np.tensordot(sigma, BASIS, 1) if shows_matrix else None,
-        _unseen((problem.mag - p[:3]) @ _matrix(p)),
-        (_usual(problem.misfit(np.zeros(3))), _usual(problem.misfit(p))),
+        _unseen(problem.corrected(p)),
+        (_usual(problem.misfit(np.zeros(problem.irons))), _usual(problem.misfit(p))),
     )
 
 
@@ -150,7 +184,7 @@ def _covariance(problem: _Problem, p: Floats, others: Floats, scale: float) -> F
     weight = 1.0 / np.sqrt(1.0 + (problem.misfit(p) / scale) ** 2) / max(scale, MODEL_GAUSS) ** 2
     weight *= BLOCKS / len(problem.mag)
     supposed = np.ones(len(p))
-    supposed[:3] = problem.field.strength_gauss
+    supposed[: problem.irons] = problem.field.strength_gauss
     shown = (slope * weight[:, None]).T @ slope + np.diag(supposed**-2.0)
     covariance: Floats = jackknife + np.linalg.inv(shown)
     return covariance
@@ -160,11 +194,6 @@ def _is_vague(covariance: Floats, field: PlaceField) -> bool:
     """Whether a heading by that offset may be off by 45 deg."""
     worst = np.linalg.eigvalsh(covariance[:3, :3])[-1]
     return bool(SURE**2 * worst > (field.strength_gauss * np.cos(field.dip_rad)) ** 2)
-
-
-def _matrix(p: Floats) -> Floats:
-    matrix: Floats = np.tensordot(p[3:] if len(p) > 3 else PLAIN, BASIS, 1)
-    return matrix
 
 
 def _unseen(field: Floats) -> tuple[str, ...]:

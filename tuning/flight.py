@@ -34,8 +34,9 @@ class Flight(NamedTuple):
 
     ``calls[k]`` are all calls up to and including the one with sample k. ``restart`` marks samples
     after which nothing from before holds (the first, a reboot, a jump of the clock). ``truth``
-    (N, 4) is the reference's ``q_ned_frd`` where ``known``; ``reference`` is "sim", "autopilot" or
-    "none". ``headed`` marks where the base profile told a heading.
+    (N, 4) is the reference's ``q_ned_frd`` where ``known``; ``reference`` is "sim", "autopilot",
+    "smooth" or "none". ``headed`` marks where the base profile told a heading. ``doubt_rad`` (N, 2)
+    are the reference's own sigmas of inclination and heading, if it has any.
     """
 
     name: str
@@ -48,6 +49,7 @@ class Flight(NamedTuple):
     truth: Array
     known: Bools
     headed: Bools
+    doubt_rad: Array | None = None
 
     @property
     def time_s(self) -> Array:

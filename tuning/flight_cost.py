@@ -8,7 +8,7 @@ import numpy as np
 
 from estimator.geometry.metrics import batch_angle_errors, rms
 from estimator.profile import Profile
-from tuning.arrays import Array
+from tuning.arrays import Array, Bools
 from tuning.course import Course
 from tuning.flight import Part, fly
 from tuning.prediction import (
@@ -18,6 +18,7 @@ from tuning.prediction import (
     readings_of,
     rms_known,
 )
+from tuning.smoothed import possible_truths
 
 # Sigma is the angle that this share of the errors lies under.
 SHARE = 0.68
@@ -50,6 +51,12 @@ class FlightFigures(NamedTuple):
     def cost(self) -> float:
         """Geometric mean of both, deg: a percent of the one is worth a percent of the other."""
         return geometric_mean([figure.cost for figure in self if figure is not None])
+
+    @property
+    def miscoverage(self) -> float:
+        """How far the shares of errors under sigma are from ``SHARE``, in the mean."""
+        shares = [f.coverage for f in self if f is not None and f.coverage is not None]
+        return sum(abs(share - SHARE) for share in shares) / len(shares) if shares else 1.0
 
     def as_json(self) -> dict[str, dict[str, float | None] | None]:
         """Plain dictionaries."""
@@ -108,13 +115,19 @@ def _figures(part: Part, course: Course) -> FlightFigures:
     """Errors against the reference, wherever it is known."""
     flight, window = part.flight, part.window
     known = flight.known[window]
-    errors = np.degrees(batch_angle_errors(course.q_ned_frd[window], flight.truth[window]))
+    doubt = None if flight.doubt_rad is None else flight.doubt_rad[window]
+    truths = possible_truths(flight.truth[window], doubt)
+    estimate = course.q_ned_frd[window]
+    errors = np.degrees([batch_angle_errors(estimate, truth) for truth in truths])
     sigma = np.degrees(course.sigma_rad[window])
+
+    def scored(rows: Bools, error: int, angle: int) -> Figure:
+        sigmas = np.tile(sigma[rows, angle], len(truths))
+        return score_errors(errors[:, rows, error].ravel(), sigmas)
+
     headed = known & flight.headed[window]
-    heading = None
-    if flight.has_field and headed.any():
-        heading = score_errors(errors[headed, 1], sigma[headed, 1])
-    return FlightFigures(score_errors(errors[known, 2], sigma[known, 0]), heading)
+    has_heading = flight.has_field and headed.any()
+    return FlightFigures(scored(known, 2, 0), scored(headed, 1, 1) if has_heading else None)
 
 
 def score_errors(errors: Array, sigma: Array) -> Figure:

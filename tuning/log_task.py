@@ -1,7 +1,7 @@
 """Tuning on recorded flights: the whole estimator, aiding included, on what it was told in flight.
 
-The reference is the truth of a simulation or the autopilot's attitude, the better one that a log
-has. A log with neither is tuned on how well its own vectors are foretold.
+The reference is the truth of a simulation, else the attitude that the whole log tells if that is
+sure, else the autopilot's. A log with none is tuned on how well its own vectors are foretold.
 """
 
 from collections.abc import Callable
@@ -43,6 +43,11 @@ def flight_cost(profile: Profile, part: Part) -> float:
     return measure(profile, part).cost
 
 
+def coverage_cost(profile: Profile, part: Part) -> float:
+    """How far coverage is from what it should be: all that tells of what moves sigma alone."""
+    return measure(profile, part).miscoverage
+
+
 def _mean(costs: list[float]) -> float:
     return sum(costs) / len(costs)
 
@@ -50,13 +55,14 @@ def _mean(costs: list[float]) -> float:
 GOALS = {
     "flight": Goal(flight_cost, geometric_mean, " deg"),
     "recovery": Goal(recovery_cost, _mean, ""),
+    "coverage": Goal(coverage_cost, _mean, ""),
 }
 
 
 def default_groups(goal: str, rate_hz: float) -> tuple[str, ...]:
     """The groups of parameters that a log of that rate can tune."""
-    if goal == "flight":
-        return ("noise",)
+    if goal != "recovery":
+        return ("noise",) if goal == "flight" else ("sigma",)
     return ("membership",) if rate_hz >= MEMBERSHIP_RATE_HZ else ("confidence", "conditioning")
 
 

@@ -21,8 +21,8 @@ CONDITIONING = (
 # longer does what its name says.
 SHIPPED_FACTOR = 5.0
 # How noisy the vehicle's sensors and velocity reports are: few numbers that differ from vehicle to
-# vehicle, without a velocity and with one. What moves sigma alone is not among them: a few flights
-# do not tell it.
+# vehicle, without a velocity and with one. What moves sigma alone is a group of its own: errors do
+# not tell it, coverage does.
 NOISE_UNAIDED = ("gravity_tau_s", "heading_noise_rad2_s")
 NOISE_AIDED = (
     "gyr_scale_noise",
@@ -32,6 +32,7 @@ NOISE_AIDED = (
     "filter_error_m_s",
     "receiver_error_m_s",
 )
+SIGMA = ("colour", "least_scale", "scatter_share", "pushed_rad")
 
 
 def _logarithmic(section: str, ranges: dict[str, tuple[float, float]]) -> Space:
@@ -72,6 +73,7 @@ CONDITIONED_GROUPS: dict[str, Space] = {
         _around_shipped("aiding", AidingParams, NOISE_AIDED),
     ),
     "gain": _logarithmic("filter", {"fixed_gain": (1.0, 200.0)}),
+    "sigma": _around_shipped("aiding", AidingParams, SIGMA),
 }
 
 

@@ -117,12 +117,16 @@ CASES: dict[str, Case] = {
 }
 
 
-def recorded(case: str, motion_name: str, seed: int, duration_s: float) -> Events:
-    """Fly, write the telemetry log, and read it as any log."""
+def write(path: Path, case: str, motion_name: str, seed: int, duration_s: float) -> None:
+    """Fly, and write the telemetry log."""
     rng = np.random.default_rng(77_000 + seed)
     flight = CASES[case].change(ordinary_flight(rng, motion_name), rng)
-    motion = integrate(MOTIONS[motion_name](seed), duration_s)
+    record(path, integrate(MOTIONS[motion_name](seed), duration_s), flight, seed)
+
+
+def recorded(case: str, motion_name: str, seed: int, duration_s: float) -> Events:
+    """The same, read as any log."""
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "flight.tlog"
-        record(path, motion, flight, seed)
+        write(path, case, motion_name, seed, duration_s)
         return read(path)

@@ -75,14 +75,14 @@ def fly(events: Iterable[Event], changes: dict[str, Any] | None = None) -> Flown
     replay.run(events)
     trace = max(replay.traces.values(), key=lambda each: len(each.attitudes))
     compared = compare(Path("events"), trace, "sim")
-    sigma = [(a.sigma_inclination_rad, a.sigma_heading_rad) for a in trace.attitudes]
+    sigma = [trace.column(f"sigma_{angle}_rad") for angle in ("inclination", "heading")]
     return Flown(
         trace,
         1e-6 * (trace.times_us - trace.times_us[0]),
         compared.known,
         compared.truth,
         np.degrees(compared.errors_rad),
-        np.degrees(sigma),
+        np.degrees(np.stack(sigma, axis=-1)),
     )
 
 
@@ -100,7 +100,7 @@ def score(flown: Flown, skip_s: float) -> Row:
     errors = flown.errors_deg[counted]
     total, heading, inclination = rms(errors)
     covered = errors[:, [2, 1]] <= flown.sigma_deg[counted]
-    force = np.array([sample.acc_m_s2 for sample in flown.trace.samples])[counted]
+    force = flown.trace.samples.column("acc_m_s2")[counted]
     return {
         "total": total,
         "heading": heading,

@@ -13,7 +13,7 @@ from typing import Any
 from drivers.events import Event, Malformed, VehicleId
 from drivers.logs.log_file import LogFile
 from drivers.logs.logged_vehicle import LoggedVehicle
-from drivers.logs.mcap_channels import McapChannels
+from drivers.logs.mcap_channels import McapChannels, from_json
 from drivers.samples.fix import Fix
 from drivers.samples.rotation import unit_or_none
 from drivers.samples.vehicle_clock import TimeField
@@ -80,6 +80,8 @@ class Bag(LogFile):
             raise InputError(f"{self.path}: cannot read this bag: {error}") from error
 
         def decode(connection: Any, data: bytes) -> Any:
+            if getattr(connection, "encoding", "") == "json":
+                return from_json(data)
             is_ros1 = kind is rosbag1.Reader or getattr(connection, "encoding", "") == "ros1"
             return (ros1 if is_ros1 else ros2)(data, connection.msgtype)
 

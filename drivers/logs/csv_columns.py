@@ -21,7 +21,7 @@ from typing import NamedTuple
 
 import msgspec
 
-from drivers.logs.csv_text import CsvText
+from drivers.logs.csv_text import CsvText, is_date
 from estimator.errors import InputError
 from estimator.types import STANDARD_GRAVITY_M_S2 as G
 
@@ -76,7 +76,8 @@ class Columns(NamedTuple):
 TIME = {"s": 1e6, "ms": 1e3, "millis": 1e3, "us": 1.0, "micros": 1.0, "ns": 1e-3, "nanos": 1e-3}
 ANGLE = {"rad": 1.0, "deg": pi / 180}
 GYROSCOPE = {"rads": 1.0, "degs": pi / 180, "dps": pi / 180, "mrads": 1e-3, "mdps": pi / 180e3}
-ACCELEROMETER = {"ms2": 1.0, "mss": 1.0, "g": G, "mg": 1e-3 * G, "cms2": 1e-2}
+GYROSCOPE |= {"rads1": 1.0, "degs1": pi / 180, "radps": 1.0, "degps": pi / 180}
+ACCELEROMETER = {"ms2": 1.0, "mss": 1.0, "mps2": 1.0, "g": G, "mg": 1e-3 * G, "cms2": 1e-2}
 TESLA = {"t": 1e4, "tesla": 1e4, "mt": 1e1, "ut": 1e-2, "microtesla": 1e-2, "nt": 1e-5}
 GAUSS = {"g": 1.0, "ga": 1.0, "gs": 1.0, "gauss": 1.0, "mg": 1e-3, "mga": 1e-3, "mgauss": 1e-3}
 MAGNETOMETER = TESLA | GAUSS | {"milligauss": 1e-3}
@@ -85,7 +86,7 @@ WORDS = {
     "accelerometer": ("acc|accel|accelerometer|acceleration|a", ACCELEROMETER),
     "magnetometer": ("mag|magn|magnetometer|magneticfield|m", MAGNETOMETER),
 }
-TIME_WORDS = "time|timestamp|t|elapsed|elapsedtime|secondselapsed|sampletime"
+TIME_WORDS = "time|zeit|timestamp|t|elapsed|elapsedtime|secondselapsed|sampletime"
 ISO = "iso8601"
 SPELLINGS = (
     *(("²", "2"), ("°", "deg"), ("µ", "u"), ("μ", "u"), ("per", ""), ("radians", "rad")),
@@ -158,6 +159,8 @@ def _time(text: CsvText, told: Quantity) -> Part:
         raise InputError(f"no column is known as the time; {_there(text)}; {HELP}")
     index, unit = found[0]
     unit = _compact(told.unit) or unit or _own_unit(text, index, TIME)
+    if not unit and is_date(text.first[index]):
+        unit = ISO
     return index, 0.0 if unit == ISO else _factor(text, "time", index, unit, {**TIME, ISO: 0.0})
 
 
@@ -171,7 +174,7 @@ def _sensor(
         found = [(i, "") for i in _named(text, name, told.columns, (3,))]
     else:
         pattern = re.compile(
-            rf"(?:imu|raw|sensor|cal)*(?:{words})({spelt})?([xyz])(?:axis)?({spelt})?"
+            rf"(?:imu|raw|sensor|cal)*(?:{words})(?:rss)?({spelt})?([xyz])(?:axis)?({spelt})?"
         )
         matches = _matches(text, pattern)
         by_axis = [[(i, m[1] or m[3] or "") for i, m in matches if m[2] == axis] for axis in "xyz"]

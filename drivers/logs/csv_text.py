@@ -9,6 +9,7 @@ import csv
 import re
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
+from datetime import datetime
 from pathlib import Path
 from typing import NamedTuple
 
@@ -19,6 +20,7 @@ HEADING_LINES = 2  # names, and perhaps a line of units below them
 LEAST_NUMBERS = 7  # a time, three rates, three accelerations
 LINE_END = re.compile("\r\n|\r|\n")
 LONGEST_LINE = 65_536
+THOUSANDS = re.compile(r"\.(?=\d{3}[.,])")  # beside a decimal comma
 BLANKS = frozenset(("", "nan", "na", "n/a", "null", "none", "-"))
 
 
@@ -30,6 +32,7 @@ class CsvText(NamedTuple):
     has_decimal_comma: bool
     lines_above: int
     names: tuple[tuple[str, ...], ...]
+    first: tuple[str, ...] = ()  # the fields of the first row
 
     def titles(self) -> list[str]:
         """The columns' names for a person; numbers from 1 where there is no heading."""
@@ -43,7 +46,10 @@ class CsvText(NamedTuple):
         """
         if field.strip().lower() in BLANKS:
             return float("nan")
-        return float(field.replace(",", ".") if self.has_decimal_comma else field)
+        if self.has_decimal_comma:
+            field = THOUSANDS.sub("", field) if "," in field else field
+            field = field.replace(",", ".")
+        return float(field)
 
 
 def csv_text(head: bytes) -> CsvText | None:
@@ -102,7 +108,7 @@ def _delimited(lines: Sequence[str], encoding: str, delimiter: str) -> CsvText |
     rows = [_fields(line, delimiter) or [] for line in lines]
     for k, row in enumerate(rows):
         has_comma = any(_is_number(each, comma=True) and "," in each for each in row)
-        numbers = sum(_is_number(each, comma=has_comma) for each in row)
+        numbers = sum(_is_number(each, comma=has_comma) or is_date(each) for each in row)
         if numbers < LEAST_NUMBERS or 2 * numbers < len(row):
             continue
         above = [each for each in rows[:k] if each][-HEADING_LINES:]
@@ -115,11 +121,22 @@ def _delimited(lines: Sequence[str], encoding: str, delimiter: str) -> CsvText |
             tuple(each[i].strip() if i < len(each) else "" for each in heading)
             for i in range(len(row))
         )
-        return CsvText(encoding, delimiter, has_comma, k, names)
+        return CsvText(encoding, delimiter, has_comma, k, names, tuple(row))
     return None
 
 
+def is_date(field: str) -> bool:
+    """Whether a field is a date with its time, as ISO 8601 has them."""
+    try:
+        datetime.fromisoformat(field.strip())
+    except ValueError:
+        return False
+    return ":" in field
+
+
 def _is_number(field: str, *, comma: bool) -> bool:
+    if comma and "," in field:
+        field = THOUSANDS.sub("", field)
     try:
         float(field.replace(",", ".") if comma else field)
     except ValueError:

@@ -8,6 +8,7 @@ are in degrees. Times count from boot, in us or, until 2015, in ms.
 
 import math
 from collections.abc import Callable, Iterator
+from contextlib import suppress
 
 from drivers.events import Event, Heartbeat, Malformed, Parameter, VehicleId
 from drivers.logs.dataflash_format import Row, messages
@@ -61,6 +62,15 @@ class Dataflash(LogFile):
             decoder = _Decoder(system_id, unix_us)
             for message in messages(window, decoder.message_names):
                 yield from decoder.decode(message)
+
+    def rows(self, names: frozenset[str]) -> Iterator[tuple[str, int, Row]]:
+        """Messages of those names that have a time: name, arrival and columns."""
+        with windowed(self.path) as window:
+            unix_us = _identity(window)[1]
+        with windowed(self.path) as window:
+            for name, row in filter(None, messages(window, names)):
+                with suppress(LookupError, TypeError, ValueError, OverflowError):
+                    yield name, unix_us + _time_us(name, row)[1], row
 
 
 class _Decoder:

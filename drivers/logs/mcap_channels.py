@@ -1,14 +1,48 @@
 """An MCAP file by itself as a reader of ``rosbags``: that one wants the profile of a ROS 2 bag.
 
-Whatever writes MCAP may have messages of ROS in it, in ROS 2's encoding (cdr) or ROS 1's.
+Whatever writes MCAP may have messages of ROS in it, in ROS 2's encoding (cdr), ROS 1's or JSON.
 """
 
+import json
 from collections.abc import Collection, Iterator
 from contextlib import suppress
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any, NamedTuple
 
-ENCODINGS = ("cdr", "ros1")
+ENCODINGS = ("cdr", "ros1", "json")
+NOT_TOLD = {
+    "orientation": {"x": 0.0, "y": 0.0, "z": 0.0, "w": 0.0},
+    "orientation_covariance": [0.0],
+    "status": {"status": 0},
+    "altitude": 0.0,
+}
+NANOSECONDS = ("nanosec", "nsec", "nsecs")  # ROS 2's name and those of others
+
+
+def from_json(data: bytes) -> Any:
+    """A message that was written as JSON; what it may leave out has a value that says so.
+
+    Raises:
+        TypeError, ValueError: it is no message.
+    """
+    told = json.loads(data)
+    if not isinstance(told, dict):
+        raise TypeError("a message that is no object")
+    stamp = told.get("header", {}).get("stamp", {})
+    told["header"] = {
+        "stamp": {
+            "sec": int(stamp.get("sec", stamp.get("secs", 0))),
+            "nanosec": int(next((stamp[name] for name in NANOSECONDS if name in stamp), 0)),
+        }
+    }
+    return _named({**NOT_TOLD, **told})
+
+
+def _named(value: Any) -> Any:
+    if not isinstance(value, dict):
+        return value
+    return SimpleNamespace(**{name: _named(each) for name, each in value.items()})
 
 
 class Channel(NamedTuple):

@@ -1,5 +1,7 @@
 """A reference attitude as a function of time: somebody else's samples, interpolated."""
 
+from array import array
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -22,13 +24,15 @@ class ReferenceTrack:
     """Collects one source's attitudes and answers for any time near them."""
 
     def __init__(self) -> None:
-        self._times: dict[str, list[int]] = {}
-        self._attitudes: dict[str, list[Quaternion]] = {}
+        self._times: dict[str, array[int]] = {}
+        self._attitudes: dict[str, array[float]] = {}
 
     def add(self, event: ReferenceAttitude) -> None:
         """Take one attitude; the messages of a source are kept apart."""
-        self._times.setdefault(event.message, []).append(event.time_us)
-        self._attitudes.setdefault(event.message, []).append(event.q_ned_frd)
+        if event.message not in self._times:
+            self._times[event.message], self._attitudes[event.message] = array("q"), array("d")
+        self._times[event.message].append(event.time_us)
+        self._attitudes[event.message].extend(event.q_ned_frd)
 
     @property
     def message(self) -> str | None:
@@ -46,7 +50,7 @@ class ReferenceTrack:
         t, unique = np.unique(
             np.array(self._times[self.message], dtype=np.int64), return_index=True
         )
-        q = [self._attitudes[self.message][i] for i in unique]
+        q = np.array(self._attitudes[self.message]).reshape(-1, 4)[unique]
         longest_us = self._longest_gap_us(t)
         following = np.searchsorted(t, times_us)
         for k, i in enumerate(following):
@@ -63,14 +67,20 @@ class ReferenceTrack:
 
     @staticmethod
     def _interpolate(
-        time_us: int, t: Ints, q: list[Quaternion], i: int, longest_us: float
+        time_us: int, t: Ints, q: Floats, i: int, longest_us: float
     ) -> Quaternion | None:
         if i < len(t) and t[i] == time_us:
-            return q[i]
+            return row(q, i)
         if 0 < i < len(t) and t[i] - t[i - 1] <= longest_us:
             fraction = (time_us - int(t[i - 1])) / float(t[i] - t[i - 1])
-            return slerp(q[i - 1], q[i], fraction)
+            return slerp(row(q, i - 1), row(q, i), fraction)
         for j in (i - 1, i):
             if 0 <= j < len(t) and abs(int(t[j]) - time_us) <= EDGE_US:
-                return q[j]
+                return row(q, j)
         return None
+
+
+def row(q: Floats, k: int) -> Quaternion:
+    """A row of quaternions (N, 4)."""
+    w, x, y, z = q[k].tolist()
+    return w, x, y, z

@@ -7,11 +7,13 @@ sometimes a time from another age; none of that stops the reading.
 
 from collections.abc import Iterable, Iterator
 from pathlib import Path
+from typing import Any
 
 from drivers.events import Event, Malformed
 from drivers.logs.log_file import MARGIN, LogFile, Window, windowed
 from drivers.mavlink.decoder import MavlinkDecoder
 from drivers.mavlink.dialect import mavlink
+from drivers.mavlink.fields import FieldReader
 from drivers.mavlink.framing import Data, Frame, FrameFormat, frame_end
 from estimator.errors import InputError
 
@@ -82,15 +84,25 @@ class Tlog(LogFile):
 
     def __iter__(self) -> Iterator[Event]:
         decoder = MavlinkDecoder()
+        for arrival_us, frame in self._frames(decoder.wanted):
+            if frame is None:
+                yield Malformed(arrival_us, 1)
+            else:
+                yield from decoder.events(frame, arrival_us)
+
+    def messages(self, wanted: frozenset[int]) -> Iterator[tuple[int, Frame, Any]]:
+        """Messages of those numbers: arrival, frame, and what has its fields as attributes."""
+        reader = FieldReader()
+        for arrival_us, frame in self._frames(wanted):
+            fields = None if frame is None else reader.fields(frame)
+            if frame is not None and fields is not None:
+                yield arrival_us, frame, fields
+
+    def _frames(self, wanted: frozenset[int]) -> Iterator[tuple[int, Frame | None]]:
         with windowed(self.path, self.on_read) as window:
             first_us = _first_stamp_us(window)
         with windowed(self.path, self.on_read) as window:
-            records = TlogRecords(window, decoder.wanted)
-            for arrival_us, frame in believe(records, first_us):
-                if frame is None:
-                    yield Malformed(arrival_us, 1)
-                else:
-                    yield from decoder.events(frame, arrival_us)
+            yield from believe(TlogRecords(window, wanted), first_us)
 
 
 class TlogRecords:

@@ -2,7 +2,8 @@
 
 ArduPilot sends ``m = scale D (raw + OFS)`` in mGauss, D symmetric of DIA and ODI
 (``AP_Compass_Backend::correct_field``). Corrected once more to S (m - b) that is
-``scale D' (raw + OFS')`` with ``D' = S D`` and ``OFS' = OFS - (scale D)^-1 b``.
+``scale D' (raw + OFS')`` with ``D' = S D`` and ``OFS' = OFS - (scale D)^-1 b``. Behind that it adds
+MOT I for a current I if COMPASS_MOTCT is 2: of S (m - b - c I), ``MOT' = S (MOT - c)``.
 """
 
 from collections.abc import Mapping
@@ -17,13 +18,18 @@ Floats = NDArray[np.float64]
 AXES = "XYZ"
 MILLIGAUSS = 1e3  # in a gauss
 NUMBERS = {"SCALED_IMU2": "2", "SCALED_IMU3": "3"}  # other messages carry the first compass
+MOTORS, BY_CURRENT = f"{COMPASS}MOTCT", 2.0
 OFF_DIAGONAL = ((0, 1), (0, 2), (1, 2))  # of ODI_X, ODI_Y and ODI_Z
 
 
 def corrected(
-    was: Mapping[str, float], message: str, offset_gauss: Floats, matrix: Floats | None
+    was: Mapping[str, float],
+    message: str,
+    offset_gauss: Floats,
+    matrix: Floats | None,
+    current_gauss_a: Floats | None = None,
 ) -> dict[str, float]:
-    """What to set for S (m - b), given what was set; without a matrix the offsets alone.
+    """What to set for S (m - b - c I), given what was set; without a matrix S is 1.
 
     A parameter that is not in ``was`` counts as ArduPilot's default.
     """
@@ -43,7 +49,13 @@ def corrected(
         d = matrix @ d
         d = (d + d.T) / 2.0  # ArduPilot has no more; what turns the field is left out
         told |= {"DIA": np.diag(d), "ODI": np.array([d[at] for at in OFF_DIAGONAL])}
-    return {
+    single = {}
+    if current_gauss_a is not None:
+        motor = values("MOT", 0.0) if was.get(MOTORS) == BY_CURRENT else np.zeros(3)
+        motor = motor - MILLIGAUSS * current_gauss_a
+        told["MOT"] = motor if matrix is None else matrix @ motor
+        single[MOTORS] = BY_CURRENT
+    return single | {
         f"{COMPASS}{name}{number}_{axis}": float(value)
         for name, three in told.items()
         for axis, value in zip(AXES, three, strict=True)

@@ -16,7 +16,7 @@ from estimator.live.rows import SAID, Rows, cut, rows_of
 from estimator.profile import merge_profile
 from estimator.smoothing.field import without_lag
 from estimator.smoothing.path import stands_for_step
-from estimator.smoothing.recording import Estimates, Recording
+from estimator.smoothing.recording import BLOCK, SIGMA, Estimates, Q, Recording, blocks
 from estimator.smoothing.rotation import exp, multiply
 from estimator.types import RateSample, VelocitySample
 
@@ -32,7 +32,7 @@ def backward(recording: Recording) -> Estimates:
     inner = turned_round(recording.last)
     end_us = int(rows.times_us[-1])
     mirrored = mirror(recording, ages.field_s)
-    said, aided = np.full((n, SAID), np.nan), np.zeros(n, np.bool_)
+    q, sigma, aided = np.full((n, 4), np.nan), np.full((n, 2), np.nan), np.zeros(n, np.bool_)
     begin = 0
     told: list[tuple[int, Any]] = [(n - row, None) for row in recording.changes]
     told.extend(
@@ -40,15 +40,22 @@ def backward(recording: Recording) -> Estimates:
         for report in mirrored_reports(recording.reports, end_us, ages)
     )
     for until, report in (*sorted(told, key=itemgetter(0)), (n, None)):
-        take(inner, mirrored, said, aided, begin, until)
-        begin = until
+        while begin < until:
+            end = min(begin + BLOCK, until)
+            said = np.full((end - begin, SAID), np.nan)
+            take(inner, cut(mirrored, begin, end), said, aided[begin:end])
+            q[begin:end], sigma[begin:end] = said[:, Q], said[:, SIGMA]
+            begin = end
         if report is not None:
             inner.update_report(report)
         elif until < n:
             inner.change_imu()
-    said, aided = said[::-1], aided[::-1]
-    ahead = exp(np.where(aided[:, None], ages.imu_s, 0.0) * recording.rate_rad_s)
-    return Estimates(multiply(said[:, :4], ahead), said[:, 15:17].copy(), aided)
+    back = Estimates(q[::-1], sigma[::-1], aided[::-1])
+    for part in blocks(n):
+        rate = recording.rows.gyr_rad_s[part] - recording.bias_rad_s[part]
+        ahead = exp(np.where(back.is_aided[part, None], ages.imu_s, 0.0) * rate)
+        back.q_ned_frd[part] = multiply(back.q_ned_frd[part], ahead)
+    return back
 
 
 class Ages:
@@ -114,8 +121,9 @@ def mirrored_reports(
     return sorted(turned(), key=lambda report: report.time_us)
 
 
-def take(inner: Estimator, rows: Rows, said: Any, aided: Any, begin: int, end: int) -> None:
-    """Rows from ``begin`` up to ``end``, many at a time where nothing else is to be done."""
+def take(inner: Estimator, rows: Rows, said: Any, aided: Any) -> None:
+    """All rows, many at a time where nothing else is to be done."""
+    begin, end = 0, len(said)
     while begin < end:
         begin += inner.update_rows(cut(rows, begin, end), said[begin:end])
         if begin < end:

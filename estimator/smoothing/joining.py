@@ -3,7 +3,7 @@
 import numpy as np
 
 from estimator.live.rows import Flags
-from estimator.smoothing.recording import Estimates
+from estimator.smoothing.recording import Estimates, blocks
 from estimator.smoothing.rotation import conjugate, exp, log, multiply
 
 # Further apart than so many of their sigmas one of both is wrong.
@@ -11,6 +11,15 @@ CONTRADICTION = 3.0
 
 
 def join(forward: Estimates, backward: Estimates) -> Estimates:
+    """The joint estimates, in the room of the backward ones."""
+    for rows in blocks(len(backward.is_aided)):
+        joint = joined(forward.part(rows), backward.part(rows))
+        for now, before in zip(joint, backward, strict=True):
+            before[rows] = now
+    return backward
+
+
+def joined(forward: Estimates, backward: Estimates) -> Estimates:
     """The mean by both variances, of inclination and heading apart.
 
     Their errors have much in common, so that sigma is the mean of both. Where they contradict each
@@ -33,8 +42,8 @@ def join(forward: Estimates, backward: Estimates) -> Estimates:
 
 def fallback(first: Estimates, second: Estimates) -> Estimates:
     """The first, and where that is not known the second."""
-    numbers = np.concatenate([first.q_ned_frd, first.sigma_rad], axis=1)
-    known = np.asarray(np.isfinite(numbers).all(axis=1))
+    numbers = (first.q_ned_frd, first.sigma_rad)
+    known = np.all([np.isfinite(each).all(axis=1) for each in numbers], axis=0)
     return first if known.all() else chosen(known, first, second)
 
 

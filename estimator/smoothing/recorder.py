@@ -9,11 +9,9 @@ from estimator.estimator import Estimator
 from estimator.live.rows import Floats, Rows, cut
 from estimator.profile import Profile
 from estimator.reasons import Reason
-from estimator.smoothing.recording import Estimates, Recording
+from estimator.smoothing.recording import BIAS, SIGMA, Estimates, Q, Recording
 from estimator.types import RateSample, Vec3, VelocitySample
 
-# Where q, bias and both sigmas stand in rows that tell an attitude, see :mod:`estimator.live.rows`.
-Q, BIAS, SIGMA = slice(0, 4), slice(7, 10), slice(15, 17)
 # Of a sample taken alone: rate, specific force, field; of the attitude after it: q, bias, sigmas.
 WIDTHS = (3, 3, 3, 4, 3, 2)
 
@@ -40,9 +38,11 @@ class Recorder(Estimator):
             said = self.attitude(time_us)
             sigma = said.sigma_inclination_rad, said.sigma_heading_rad
             self._alone_us.append(time_us)
-            for values in (gyr_rad_s, acc_m_s2, mag_gauss, said[1], said[3], sigma):
-                self._alone.extend(values)
-            self._flags.extend((has_mag, self.is_aided))
+            told = (gyr_rad_s, acc_m_s2, mag_gauss, said[1], said[3], sigma)
+            for column, values in zip(self._alone, told, strict=True):
+                column.extend(values)
+            self._has_mag.append(has_mag)
+            self._is_aided.append(self.is_aided)
         return reason
 
     def update_rows(self, rows: Rows, said: Floats) -> int:
@@ -82,24 +82,30 @@ class Recorder(Estimator):
         self._begin_alone()
 
     def _begin_alone(self) -> None:
-        self._alone_us, self._alone, self._flags = array("q"), array("d"), array("b")
+        self._alone_us, self._alone = array("q"), [array("d") for _ in WIDTHS]
+        self._has_mag, self._is_aided = array("b"), array("b")
 
     def _stack(self) -> None:
         """Put what was taken sample by sample behind the chunks."""
         if self._alone_us:
-            values = np.frombuffer(self._alone).reshape(-1, sum(WIDTHS))
-            flags = np.frombuffer(self._flags, np.bool_).reshape(-1, 2)
-            columns = np.split(values, np.cumsum(WIDTHS)[:-1], axis=1)
-            self._chunks.append((np.frombuffer(self._alone_us, np.int64), *columns, *flags.T))
-            self._taken += len(flags)
+            pairs = zip(self._alone, WIDTHS, strict=True)
+            columns = (np.frombuffer(column).reshape(-1, width) for column, width in pairs)
+            flags = (np.frombuffer(flag, np.bool_) for flag in (self._has_mag, self._is_aided))
+            self._chunks.append((np.frombuffer(self._alone_us, np.int64), *columns, *flags))
+            self._taken += len(self._alone_us)
             self._begin_alone()
+
+    def _joined(self) -> tuple[Any, ...]:
+        """The columns of all chunks, of a single one as they are."""
+        if len(self._chunks) == 1:
+            return self._chunks[0]
+        return tuple(np.concatenate(column) for column in zip(*self._chunks, strict=True))
 
     def _end(self) -> None:
         """Make a recording of what there is since the last one."""
         self._stack()
         if self._chunks:
-            columns = (np.concatenate(column) for column in zip(*self._chunks, strict=True))
-            times_us, gyr, acc, mag, q, bias, sigma, has_mag, aided = columns
+            times_us, gyr, acc, mag, q, bias, sigma, has_mag, aided = self._joined()
             last = Estimator(self.profile, self.fixed_gain)
             last.snapshot = self.snapshot
             rows, forward = Rows(times_us, gyr, acc, mag, has_mag), Estimates(q, sigma, aided)

@@ -6,10 +6,20 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from estimator.conditioning.times import LONG_S
+from estimator.conditioning.times import MEMORY_S
 from estimator.estimator import Estimator
 from estimator.live.rows import Flags, Floats, Rows, cut
 from estimator.types import RateSample, VelocitySample
+
+# Where q, bias and both sigmas stand in rows that tell an attitude, see :mod:`estimator.live.rows`.
+Q, BIAS, SIGMA = slice(0, 4), slice(7, 10), slice(15, 17)
+# What is done row by row is done with so many at a time: an hour's take too much room at once.
+BLOCK = 100_000
+
+
+def blocks(n: int) -> list[slice]:
+    """The rows from 0 to n, ``BLOCK`` at a time."""
+    return [slice(begin, min(begin + BLOCK, n)) for begin in range(0, n, BLOCK)]
 
 
 class Estimates(NamedTuple):
@@ -18,6 +28,10 @@ class Estimates(NamedTuple):
     q_ned_frd: Floats  # (N, 4)
     sigma_rad: Floats  # (N, 2) of inclination and heading
     is_aided: Flags  # (N,) whether velocity helped
+
+    def part(self, rows: slice) -> "Estimates":
+        """Some of them."""
+        return Estimates(self.q_ned_frd[rows], self.sigma_rad[rows], self.is_aided[rows])
 
 
 class Recording(NamedTuple):
@@ -44,17 +58,17 @@ class Recording(NamedTuple):
     def look_ahead(self) -> "Recording":
         """With the bias as it is known later."""
         times_us = self.rows.times_us
-        later = np.searchsorted(times_us, times_us + round(1e6 * LONG_S), side="right") - 1
+        later = np.searchsorted(times_us, times_us + round(1e6 * MEMORY_S), side="right") - 1
         return self._replace(bias_rad_s=self.bias_rad_s[np.minimum(later, self.last_rows())])
 
     def part(self, begin: int, end: int) -> "Recording":
         """Rows from ``begin`` up to ``end``, of one IMU and without reports."""
-        rows, (q, sigma, is_aided) = slice(begin, end), self.forward
+        rows = slice(begin, end)
         return self._replace(
             rows=cut(self.rows, begin, end),
             changes=(),
             reports=(),
-            forward=Estimates(q[rows], sigma[rows], is_aided[rows]),
+            forward=self.forward.part(rows),
             bias_rad_s=self.bias_rad_s[rows],
         )
 

@@ -57,7 +57,7 @@ def rows(trace: VehicleTrace, compared: Comparison) -> Iterator[tuple[Value, ...
         attitudes.rate_rad_s,
         attitudes.gyro_bias_rad_s,
         attitudes.error,
-        trace.column(lambda a: a.error_rate_1_s),
+        trace.column("error_rate_1_s"),
         attitudes.gain,
         attitudes.confidence_gravity,
         attitudes.confidence_magnetic,

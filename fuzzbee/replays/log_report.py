@@ -30,7 +30,7 @@ from fuzzbee.replays.score import (
     sort_counts,
     summarize,
 )
-from fuzzbee.replays.smoothed import recorder, smoothed
+from fuzzbee.replays.smoothed import recorder, smooth_trace
 from fuzzbee.replays.trace import Replay, VehicleTrace
 from fuzzbee.say import printable
 
@@ -233,7 +233,7 @@ def replay_log(
         way_out = advice(log, system_id)
         raise InputError(f"{path}: {way_out or f'no IMU data{whose} that can be used{seen}'}")
     if smooth:
-        trace.attitudes = smoothed(trace, replay.estimator(trace.address))
+        smooth_trace(trace, replay.estimator(trace.address))
     return trace
 
 
@@ -253,14 +253,14 @@ def score(path: Path, trace: VehicleTrace, compared: Comparison, skip_s: float) 
     source, truth, known, errors = compared
     times_us = trace.times_us
     has_heading = trace.fields > 0
-    norths = np.array([a.heading_reference for a in trace.attitudes])
+    norths = trace.attitudes.norths
     told = norths != "none"
     counted = known & (times_us - times_us[0] >= skip_s / MICROSECOND)
     if skip_s > 0.0 and not counted.any():
         lasts_s = (times_us[-1] - times_us[0]) * MICROSECOND
         raise InputError(f"{path}: nothing is left to score after {skip_s:g} s of {lasts_s:.0f} s")
     since = known & (times_us >= (trace.turned_at_us or 0))
-    sigma_rad = trace.column(lambda a: a.sigma_inclination_rad)[counted]
+    sigma_rad = trace.column("sigma_inclination_rad")[counted]
     moved = motion_mask(trace.samples)[counted]
     return LogReport(
         source=printable(str(path)),
@@ -272,14 +272,14 @@ def score(path: Path, trace: VehicleTrace, compared: Comparison, skip_s: float) 
         coverage=coverage(
             errors[counted],
             sigma_rad,
-            trace.column(lambda a: a.sigma_heading_rad)[counted],
+            trace.column("sigma_heading_rad")[counted],
             has_heading=has_heading,
             told=told[counted],
             moved=moved,
         ),
         peers=_peers(trace, source, truth, counted),
         convergence_s=convergence_s(times_us, errors[:, 0], since) if has_heading else None,
-        mean_gain=float(trace.column(lambda a: a.gain).mean()),
+        mean_gain=float(trace.column("gain").mean()),
         rejected=sort_counts(trace.rejected),
         wall_s=0.0,
         heading_references=sort_counts(Counter(norths[counted].tolist())),

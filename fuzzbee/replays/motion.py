@@ -1,11 +1,15 @@
 """When the vehicle moved, judged by its raw IMU samples and not by any estimate."""
 
-from collections.abc import Sequence
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from estimator.types import ImuSample
+from fuzzbee.packed import PackedSamples
+
+Floats = NDArray[np.float64]
+Bools = NDArray[np.bool_]
+Ints = NDArray[np.int64]
 
 # At rest the gyroscope and the accelerometer stay this near their medians over the window.
 REST_GYR_RAD_S = np.radians(2.0)
@@ -13,24 +17,80 @@ REST_ACC_M_S2 = 0.3
 # A steady rate above this is a turn: the bias of a gyroscope is smaller.
 MOST_BIAS_RAD_S = np.radians(4.0)
 WINDOW_S = 1.5  # before a sample, and again behind it
+# What lies so near a limit is decided by the medians themselves.
+ROUNDING = 1e-9
+# Samples that are judged together: a block's numbers stay in the processor's caches.
+BLOCK = 20_000
 
 
-def motion_mask(samples: Sequence[ImuSample]) -> NDArray[np.bool_]:
+class Windows(NamedTuple):
+    """Rows from ``first`` (N,) up to ``behind`` (N,)."""
+
+    first: Ints
+    behind: Ints
+
+
+def motion_mask(samples: PackedSamples) -> Bools:
     """(N,): whether anything moved within ``WINDOW_S`` of each sample."""
-    times_s = np.array([sample.time_us for sample in samples]) * 1e-6
-    gyr = np.array([sample.gyr_rad_s for sample in samples]).reshape(-1, 3)
-    acc = np.array([sample.acc_m_s2 for sample in samples]).reshape(-1, 3)
+    times_s = samples.times_us * 1e-6
+    gyr, acc = samples.column("gyr_rad_s"), samples.column("acc_m_s2")
     first = np.searchsorted(times_s, times_s - WINDOW_S)
     behind = np.searchsorted(times_s, times_s + WINDOW_S, side="right")
-    result = np.empty(len(samples), dtype=bool)
-    for k in range(len(samples)):
-        near = slice(first[k], behind[k])
+    result = np.empty(len(times_s), np.bool_)
+    for begin in range(0, len(times_s), BLOCK):
+        rows = slice(begin, begin + BLOCK)
+        around = slice(first[begin], behind[rows][-1])
+        windows = Windows(first[rows] - around.start, behind[rows] - around.start)
+        result[rows] = _moved(gyr[around], acc[around], windows)
+    return result
+
+
+def _moved(gyr: Floats, acc: Floats, windows: Windows) -> Bools:
+    """Whether anything moved in each of the windows.
+
+    Medians take long, and lie between the least and the largest reading: where that decides they
+    are not taken.
+    """
+    low, high = extremes(gyr, windows)
+    gyr_moves, gyr_rests = spread(high - low, REST_GYR_RAD_S)
+    least = np.where((low <= 0.0) & (high >= 0.0), 0.0, np.minimum(np.abs(low), np.abs(high)))
+    largest = np.maximum(np.abs(low), np.abs(high))
+    turns = np.linalg.norm(least, axis=1) > MOST_BIAS_RAD_S * (1.0 + ROUNDING)
+    stands = np.linalg.norm(largest, axis=1) < MOST_BIAS_RAD_S * (1.0 - ROUNDING)
+    low, high = extremes(acc, windows)
+    acc_moves, acc_rests = spread(high - low, REST_ACC_M_S2)
+    result: Bools = gyr_moves | acc_moves | turns
+    for k in np.flatnonzero(~result & ~(gyr_rests & acc_rests & stands)).tolist():
+        near = slice(windows.first[k], windows.behind[k])
         result[k] = not (_steady(gyr[near], REST_GYR_RAD_S) and _steady(acc[near], REST_ACC_M_S2))
         result[k] |= bool(np.linalg.norm(np.median(gyr[near], axis=0)) > MOST_BIAS_RAD_S)
     return result
 
 
-def _steady(window: NDArray[np.float64], limit: float) -> bool:
+def extremes(values: Floats, windows: Windows) -> tuple[Floats, Floats]:
+    """The least and the largest (N, 3) of values (N, 3) in windows, by halves that overlap."""
+    first, behind = windows
+    low, high = values, values
+    lowest, highest = np.empty((2, len(first), values.shape[1]))
+    length, lengths = 1, behind - first
+    while len(lengths) and length <= lengths.max():
+        rows = np.flatnonzero((lengths >= length) & (lengths < 2 * length))
+        one, other = first[rows], behind[rows] - length
+        lowest[rows] = np.minimum(low[one], low[other])
+        highest[rows] = np.maximum(high[one], high[other])
+        low = np.minimum(low[:-length], low[length:])
+        high = np.maximum(high[:-length], high[length:])
+        length *= 2
+    return lowest, highest
+
+
+def spread(width: Floats, limit: float) -> tuple[Bools, Bools]:
+    """Whether readings so far apart (N, 3) surely leave their median by ``limit``; surely not."""
+    moves = 0.5 * width.max(axis=1, initial=0.0) > limit * (1.0 + ROUNDING)
+    return moves, np.linalg.norm(width, axis=1) < limit * (1.0 - ROUNDING)
+
+
+def _steady(window: Floats, limit: float) -> bool:
     """Whether nothing in the window (M, 3) is further than ``limit`` from its median."""
     off = np.linalg.norm(window - np.median(window, axis=0), axis=1)
     return bool(off.max() < limit)

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from estimator.errors import InputError, missing_extra
 from fuzzbee.angle_curves import draw_angles
+from fuzzbee.replays.bands import bands
 from fuzzbee.replays.comparison import Comparison, reference_attitudes
 from fuzzbee.replays.page import write_page
 from fuzzbee.replays.score import errors_against
@@ -39,9 +40,6 @@ STYLE: Any = {
 LAYOUT_DIGITS = 5
 # The letters that a line of the title takes at most
 TITLE_WIDTH = 84
-# Silence this many median periods long, and this long (s), is a gap to be shown.
-GAP_PERIODS = 5.0
-LEAST_GAP_S = 0.3
 # With more points a line looks the same and the file only grows.
 MOST_POINTS = 20_000
 # Told apart in print without colours, too: thick, dashed, thin.
@@ -104,11 +102,11 @@ def draw(path: Path, title: str, trace: VehicleTrace, compared: Comparison) -> N
         _attitude(axes[:3], drawn)
         _errors(axes[3:5], drawn)
         _internals(axes[5:], drawn)
+        _bands(axes, drawn)
         for ax in axes:
-            _bands(ax, drawn)
             ax.grid(visible=True, alpha=0.3)
         if axes[5].get_legend_handles_labels()[0]:
-            legend_above(axes[5], 2)
+            legend_above(axes[5], 6)
         figure.align_ylabels(axes)
         axes[-1].set_xlabel("time in s")
         axes[-1].set_xlim(time_s[0], max(time_s[-1], time_s[0] + 1e-3))
@@ -177,8 +175,8 @@ def _errors(axes: Any, drawn: Drawn) -> None:
     """Inclination and heading error with the published sigma, and the autopilot's error."""
     compared, shown = drawn.compared, drawn.shown
     sigmas = (
-        drawn.trace.column(lambda a: a.sigma_inclination_rad),
-        drawn.trace.column(lambda a: a.sigma_heading_rad),
+        drawn.trace.column("sigma_inclination_rad"),
+        drawn.trace.column("sigma_heading_rad"),
     )
     errors = np.degrees(np.where(compared.known[:, None], compared.errors_rad, np.nan))
     for ax, name, i, sigma in zip(axes, ("inclination", "heading"), (2, 1), sigmas, strict=True):
@@ -201,41 +199,28 @@ def _errors(axes: Any, drawn: Drawn) -> None:
 def _internals(axes: Any, drawn: Drawn) -> None:
     """Gain, confidences and bias."""
     column = drawn.trace.column
-    drawn.plot(axes[0], column(lambda a: a.gain), "C2-", lw=0.8)
+    drawn.plot(axes[0], column("gain"), "C2-", lw=0.8)
     axes[0].set_ylabel("gain K")
     axes[0].set_ylim(bottom=0.0)
-    drawn.plot(axes[1], column(lambda a: a.confidence_gravity), "C0-", lw=0.8, label="gravity")
-    drawn.plot(axes[1], column(lambda a: a.confidence_magnetic), "C4-", lw=0.8, label="magnetic")
+    drawn.plot(axes[1], column("confidence_gravity"), "C0-", lw=0.8, label="gravity")
+    drawn.plot(axes[1], column("confidence_magnetic"), "C4-", lw=0.8, label="magnetic")
     axes[1].set_ylabel("confidence")
     axes[1].set_ylim(0.0, None)
     legend_above(axes[1], 2)
-    bias = np.degrees(np.array([a.gyro_bias_rad_s for a in drawn.trace.attitudes]))
+    bias = np.degrees(drawn.trace.column("gyro_bias_rad_s"))
     for i, name in enumerate("xyz"):
         drawn.plot(axes[2], bias[:, i], lw=0.8, label=name)
     axes[2].set_ylabel("gyro bias\nin °/s")
     legend_above(axes[2], 3)
 
 
-def _bands(ax: Any, drawn: Drawn) -> None:
-    """Shade gaps in the stream in grey, and in colour where the autopilot's attitude differs."""
-    label: dict[str, str] = {"label": "gap"}
-    for begin_s, end_s in _gaps(drawn.time_s):
-        ax.axvspan(begin_s, end_s, color="0.8", lw=0, **label)
-        label = {}
-    label = {"label": "autopilot differs"}
-    for each in drawn.trace.second_opinion.intervals:
-        span_s = 1e-6 * (np.array([each.begin_us, each.end_us]) - drawn.trace.times_us[0])
-        ax.axvspan(*span_s, color="C1", alpha=0.2, lw=0, **label)
-        label = {}
-
-
-def _gaps(time_s: Floats) -> list[tuple[float, float]]:
-    """Begin and end of the gaps in the stream."""
-    if len(time_s) < 2:
-        return []
-    steps = np.diff(time_s)
-    longest = max(LEAST_GAP_S, GAP_PERIODS * float(np.median(steps)))
-    return [(time_s[k], time_s[k + 1]) for k in np.flatnonzero(steps > longest)]
+def _bands(axes: Any, drawn: Drawn) -> None:
+    """Shade what was wrong and what helped, in all panels, and name it above the gain."""
+    for label, look, spans in bands(drawn.time_s, drawn.trace, drawn.compared):
+        for ax in axes:
+            for number, span in enumerate(spans):
+                name = label if ax is axes[5] and number == 0 else "_band"
+                ax.axvspan(*span, lw=0, **look, label=name)
 
 
 def _ceiling(error: Floats, sigma: Floats) -> float:

@@ -6,7 +6,6 @@ import numpy as np
 
 from estimator.estimator import Estimator
 from estimator.profile import Profile
-from estimator.types import Attitude
 from fuzzbee.replays.trace import VehicleTrace
 
 
@@ -17,24 +16,21 @@ def recorder(fixed_gain: float | None) -> Callable[[Profile], Estimator]:
     return lambda profile: Recorder(profile, fixed_gain)
 
 
-def smoothed(trace: VehicleTrace, estimator: Estimator | None) -> list[Attitude]:
-    """The attitudes at the trace's samples; what the end knows of north holds for all."""
+def smooth_trace(trace: VehicleTrace, estimator: Estimator | None) -> None:
+    """Put the smoothed attitudes into the trace; what the end knows of north holds for all."""
     from estimator.smoothing import Recorder, smooth_all
 
     assert isinstance(estimator, Recorder)
     times_us, now = smooth_all(estimator)
     at = np.searchsorted(times_us, trace.times_us)
-    north = trace.attitudes[-1].heading_reference
-    columns = (column[at].tolist() for column in now)
-    rows = zip(trace.attitudes, *columns, strict=True)
-    return [
-        said._replace(
-            q_ned_frd=tuple(q),
-            rate_rad_s=tuple(rate),
-            gyro_bias_rad_s=tuple(bias),
-            sigma_inclination_rad=sigma[0],
-            sigma_heading_rad=sigma[1],
-            heading_reference=north,
-        )
-        for said, q, sigma, rate, bias in rows
-    ]
+    inclination, heading = now.sigma_rad.T
+    for name, values in (
+        ("q_ned_frd", now.q_ned_frd),
+        ("rate_rad_s", now.rate_rad_s),
+        ("gyro_bias_rad_s", now.bias_rad_s),
+        ("sigma_inclination_rad", inclination),
+        ("sigma_heading_rad", heading),
+    ):
+        trace.attitudes.replace(name, values[at])
+    north = trace.attitudes.column("heading_reference")
+    trace.attitudes.replace("heading_reference", np.full_like(north, north[-1]))

@@ -1,5 +1,6 @@
 """The result of replaying a log: estimates at the samples, references, counts."""
 
+from array import array
 from collections import Counter
 from collections.abc import Callable, Iterable
 from math import radians
@@ -15,7 +16,8 @@ from estimator.estimator import Estimator
 from estimator.geometry.earth import PlaceField
 from estimator.geometry.quaternion import exp, scale
 from estimator.profile import Profile
-from estimator.types import IDENTITY, Attitude, ImuSample, Quaternion, Vec3
+from estimator.types import IDENTITY, Quaternion, Vec3
+from fuzzbee.packed import PackedAttitudes, PackedSamples
 from service.attitude_record import is_finite
 from service.pipeline import Pipeline
 from service.records import Message
@@ -39,9 +41,10 @@ class VehicleTrace:
         self.vehicle_type: int | None = None
         self.imu_messages: Counter[str] = Counter()  # samples used of each
         self.rates = "imu"
-        self.arrivals_us: list[int] = []
-        self.attitudes: list[Attitude] = []
-        self.samples: list[ImuSample] = []  # that they were made of
+        self.arrivals_us = array("q")
+        self.attitudes = PackedAttitudes()
+        self.samples = PackedSamples()  # that they were made of
+        self.aided = array("b")  # whether velocity helped at each
         self.fields = 0  # samples with a magnetic field
         self.references = {"sim": ReferenceTrack(), "autopilot": ReferenceTrack()}
         self.rejected: Counter[str] = Counter()
@@ -55,12 +58,12 @@ class VehicleTrace:
     @property
     def times_us(self) -> NDArray[np.int64]:
         """Times (N,) of the samples on the vehicle's continuous clock."""
-        return np.array([a.time_us for a in self.attitudes], dtype=np.int64)
+        return self.attitudes.times_us
 
     @property
     def estimates(self) -> Floats:
         """``q_ned_frd`` (N, 4) after each sample."""
-        return np.array([a.q_ned_frd for a in self.attitudes]).reshape(-1, 4)
+        return self.column("q_ned_frd")
 
     @property
     def trim(self) -> Quaternion:
@@ -68,9 +71,9 @@ class VehicleTrace:
         roll, pitch, yaw = (self.trim_rad[name] for name in TRIM)
         return quaternion_from_euler(roll, pitch, yaw) or IDENTITY
 
-    def column(self, value: Callable[[Attitude], float]) -> Floats:
-        """One number of each attitude, (N,)."""
-        return np.array([value(a) for a in self.attitudes], dtype=float)
+    def column(self, name: str) -> Floats:
+        """A field of the attitudes, (N,) or (N, K)."""
+        return self.attitudes.column(name)
 
 
 class Replay:
@@ -157,6 +160,7 @@ class Replay:
         trace.arrivals_us.append(event.arrival_us)
         trace.attitudes.append(attitude)
         trace.samples.append(sample)
+        trace.aided.append(vehicle.estimator.is_aided)
         trace.fields += event.sample.has_mag
 
     def _turn_wrong(self, vehicle: Vehicle, trace: VehicleTrace) -> None:
@@ -168,4 +172,7 @@ class Replay:
             trace.turned_at_us = vehicle.estimator.snapshot.core.time_us
 
     def _trace(self, address: VehicleId) -> VehicleTrace:
-        return self.traces.setdefault(address, VehicleTrace(address))
+        trace = self.traces.get(address)
+        if trace is None:
+            trace = self.traces[address] = VehicleTrace(address)
+        return trace

@@ -9,7 +9,7 @@ from estimator.errors import InputError, missing_extra
 from estimator.profile import SHIPPED, Profile, load_profile, merge_profile
 from fuzzbee.options import seed_range
 from fuzzbee.say import tell
-from fuzzbee.tune.read_flight import read_flight
+from fuzzbee.tune.read_flight import REFERENCES, read_flight
 from fuzzbee.tune.request import SIMULATION, TuneRequest
 from fuzzbee.version import __version__
 from tuning.flight import BETTER_LOG, Flight, Part, require_substance
@@ -57,6 +57,8 @@ def _simulation_plan(request: TuneRequest) -> Plan:
         raise InputError("tune: sim: stands alone, not beside logs")
     if request.objective is not None:
         raise InputError("--objective goes with logs only; sim: has the paper's J")
+    if request.reference is not None:
+        raise InputError("--reference goes with logs only; sim: has the truth")
     noise = _seeds("--noise-seeds", request.noise_seeds or DEFAULT_NOISE_SEEDS)
     held_out = _seeds("--held-out-seeds", request.held_out_seeds or DEFAULT_HELD_OUT_SEEDS)
     common = sorted({*noise} & {*held_out})
@@ -85,12 +87,18 @@ def _log_plan(request: TuneRequest) -> Plan:
     goal = request.objective or "flight"
     if goal not in GOALS:
         raise InputError(f"--objective {goal}: unknown; choose from {', '.join(GOALS)}")
+    if request.reference not in (None, *REFERENCES):
+        raise InputError(
+            f"--reference {request.reference}: unknown; choose from {', '.join(REFERENCES)}"
+        )
     base = load_profile(request.base or "imu")
     if not base.conditioned:
         raise InputError("base profile: logs are tuned with conditioning.enabled = true")
     flights, held_out = _read_flights(request, base)
     slowest = min(flights, key=lambda flight: flight.rate_hz)
     groups = _groups(request, default_groups(goal, slowest.rate_hz))
+    if ("sigma" in groups) != (goal == "coverage"):
+        raise InputError("--parameters sigma and --objective coverage go with each other only")
     _require_rate(request, groups, slowest)
     base = _with_tuned_gain(base, groups)
     chosen = split(flights, held_out)
@@ -142,6 +150,8 @@ def _plan(
         options["limit"] = limit
     if isinstance(task, LogTask):
         options["objective"] = task.goal
+    if request.reference is not None:
+        options["reference"] = request.reference
     identity = {
         "options": options,
         "inputs": inputs,
@@ -161,7 +171,8 @@ def _read_flights(request: TuneRequest, base: Profile) -> tuple[tuple[Flight, ..
     searched = [path for path in paths if path.resolve() not in apart]
     if not searched:
         raise InputError("--hold-out: nothing is left to tune on")
-    flights = tuple(read_flight(path, base) for path in (*searched, *request.held_out))
+    wanted = request.reference
+    flights = tuple(read_flight(path, base, wanted) for path in (*searched, *request.held_out))
     for flight in flights:
         require_substance(flight)
     _require_distinct(flights)
@@ -206,6 +217,7 @@ def _reference_text(log: Flight) -> str:
     name = {
         "sim": "simulator's truth",
         "autopilot": "autopilot's attitude",
+        "smooth": "attitude smoothed over the whole log",
         "none": "prediction of its own vectors, without a reference",
     }[log.reference]
     return name if log.has_field or log.reference == "none" else f"{name}, inclination only"

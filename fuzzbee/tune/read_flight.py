@@ -12,6 +12,7 @@ from estimator.types import ImuSample
 from fuzzbee.replays.comparison import compare
 from fuzzbee.replays.trace import Replay, VehicleTrace
 from tuning.flight import Flight
+from tuning.smoothed import sure_flight
 from tuning.told import Call, ToldEstimator
 
 
@@ -40,11 +41,16 @@ class RecordingEstimator(ToldEstimator):
         self.restarts.append(len(self.samples))
 
 
-def read_flight(path: Path, profile: Profile) -> Flight:
+# What a flight may be measured against; the first that there is, if none is wanted.
+REFERENCES = ("sim", "smooth", "autopilot")
+
+
+def read_flight(path: Path, profile: Profile, reference: str | None = None) -> Flight:
     """The vehicle with most IMU samples, as the estimator of ``profile`` was told of it.
 
     Raises:
-        InputError: the log cannot be read, has no IMU data, or the profile's estimate is no number.
+        InputError: the log cannot be read, has no IMU data, or the profile's estimate is no number;
+            the wanted reference is not there, or not sure of itself.
     """
     replay = Replay(profile, new_estimator=RecordingEstimator)
     with open_log(path) as log:
@@ -57,11 +63,20 @@ def read_flight(path: Path, profile: Profile) -> Flight:
     assert isinstance(recorder, RecordingEstimator)
     if len(recorder.samples) != len(trace.attitudes):
         raise InputError(f"{path}: with the base profile the estimate is not finite")
-    return _flight(path, sha256, trace, recorder)
+    found = _flight(path, sha256, trace, recorder, None if reference == "smooth" else reference)
+    if reference != "smooth" and (reference or found.reference == "sim"):
+        return found
+    return sure_flight(found, profile, is_wanted=reference == "smooth")
 
 
-def _flight(path: Path, sha256: str, trace: VehicleTrace, recorder: RecordingEstimator) -> Flight:
-    compared = compare(path, trace, None)
+def _flight(
+    path: Path,
+    sha256: str,
+    trace: VehicleTrace,
+    recorder: RecordingEstimator,
+    reference: str | None,
+) -> Flight:
+    compared = compare(path, trace, reference)
     restart = np.zeros(len(recorder.samples), dtype=bool)
     restart[[k for k in recorder.restarts if k < len(restart)]] = True
     return Flight(
@@ -74,5 +89,5 @@ def _flight(path: Path, sha256: str, trace: VehicleTrace, recorder: RecordingEst
         restart=restart,
         truth=compared.truth,
         known=compared.known,
-        headed=np.array([a.heading_reference != "none" for a in trace.attitudes]),
+        headed=trace.attitudes.norths != "none",
     )

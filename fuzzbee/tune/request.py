@@ -19,8 +19,12 @@ _BASE = (
     " [default: imu; for sim: the middle of the paper's bounds]"
 )
 _OBJECTIVE = (
-    "Logs: flight, the errors that one sees; recovery, the paper's J from wrong starts."
-    " [default: flight]"
+    "Logs: flight, the errors that one sees; coverage, of what moves sigma alone;"
+    " recovery, the paper's J from wrong starts. [default: flight]"
+)
+_REFERENCE = (
+    "Logs: sim, smooth (what the whole log tells) or autopilot."
+    " [default: sim, else smooth if it is sure, else autopilot]"
 )
 _HOLD_OUT = (
     "A log to judge by, not to search on; repeatable."
@@ -32,7 +36,7 @@ _FOOD_SOURCES = "Food sources, half of the colony. [default: 10; for sim: 100]"
 _CYCLES = "Cycles. [default: 15; for sim: 300]"
 _LIMIT = "Failures after which a food source is left. [default: sources x parameters]"
 _PARAMETERS = (
-    "membership, filter; for logs also noise, gain, confidence, conditioning."
+    "membership, filter; for logs also noise, sigma, gain, confidence, conditioning."
     " [default: by source, objective and rate]"
 )
 _NOISE_SEEDS = "sim: seeds. [default: 100-107]"
@@ -47,6 +51,7 @@ class TuneRequest(NamedTuple):
     output: Annotated[Path, option("The profile to write.", "--output", "-o", metavar="FILE")]
     base: Annotated[str | None, option(_BASE, metavar="PROFILE")] = None
     objective: Annotated[str | None, option(_OBJECTIVE)] = None
+    reference: Annotated[str | None, option(_REFERENCE)] = None
     hold_out: Annotated[list[Path] | None, option(_HOLD_OUT, metavar="LOG")] = None
     force: Annotated[bool, option(_FORCE)] = False
     algorithm: Annotated[str, option(_ALGORITHM)] = "abc"

@@ -20,6 +20,7 @@ from estimator.live.rows import HAS_HEADING, cut, rows_of
 from estimator.types import ImuSample, VelocitySample
 from fuzzbee import Estimator, InputError, load_profile
 from fuzzbee.attitudes import Attitudes, attitude_arrays
+from fuzzbee.packed import PackedAttitudes
 from tests.fuzzbee.recording import recorded
 
 FLIPS = Path(__file__).parents[1] / "data" / "sitl_copter_flips.tlog"
@@ -126,7 +127,7 @@ def assert_batches_equal_calls(flight, damages, has_velocity, cuts):
     ]
     assert batches.rejected == calls.rejected
     known = [k for k in range(ROWS) if told[k] is not None]
-    expected = attitude_arrays([told[k] for k in known])
+    expected = attitude_arrays(PackedAttitudes([told[k] for k in known]))
     for name in FIELDS:
         found = np.concatenate([getattr(part, name) for part in parts])
         assert np.array_equal(found[known], getattr(expected, name)), name

@@ -38,6 +38,26 @@ def test_a_profile_that_it_prints_gives_the_heading_back(tmp_path, capsys):
     assert after < 1.2 * before < 0.5 * iron
 
 
+def test_what_the_current_adds_is_told_apart(tmp_path, capsys):
+    """1.5, -2 and 1 mG for each of 10 to 30 A, and as ArduPilot's COMPASS_MOT what undoes it."""
+    own = (1.5, -2.0, 1.0)
+    log = with_iron(PLANE, tmp_path / "current.tlog", OFFSET_MGAUSS, current_mgauss_a=own)
+    report = json.loads(said(capsys, "calibrate", log, "--json"))
+    found, sigma = (1e3 * np.array(report[f"current_{each}gauss_a"]) for each in ("", "sigma_"))
+    assert found == pytest.approx(own, abs=0.25)  # mG/A; it is 0.17 off
+    assert (np.abs(found - own) < 3.0 * sigma).all()
+    assert sigma.max() < 1.0
+    usual = 1e3 * np.array(report["mounting"]["mag_offset_gauss"]) - 20.0 * np.array(own)
+    assert usual == pytest.approx(OFFSET_MGAUSS, abs=4.0)
+    told = report["ardupilot"]
+    offsets = [told[f"COMPASS_OFS_{axis}"] for axis in "XYZ"]
+    assert offsets == pytest.approx([-each for each in OFFSET_MGAUSS], abs=6.0)
+    assert told["COMPASS_MOTCT"] == 2
+    assert [told[f"COMPASS_MOT_{axis}"] for axis in "XYZ"] == pytest.approx(
+        (-found).tolist(), abs=1e-9
+    )
+
+
 def test_json_names_what_was_not_flown(capsys):
     report = json.loads(said(capsys, "calibrate", PLANE, "--json"))
     assert report["unseen"] == ["bottom", "tail"]

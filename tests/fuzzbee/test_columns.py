@@ -11,6 +11,7 @@ from estimator.profile import load_profile
 from estimator.types import Attitude
 from fuzzbee.angle_curves import draw_angles
 from fuzzbee.attitudes import attitudes_of_rows
+from fuzzbee.packed import PackedAttitudes
 from fuzzbee.replays.comparison import Comparison
 from fuzzbee.replays.exports import COLUMNS, rows
 from fuzzbee.replays.trace import VehicleTrace
@@ -42,7 +43,7 @@ def attitude(time_us, yaw_deg):
 
 def test_every_column_of_a_replay_holds_its_own_number():
     trace = VehicleTrace(ONE)
-    trace.attitudes = [attitude(7_000_000, 30.0), attitude(7_250_000, 40.0)]
+    trace.attitudes = PackedAttitudes([attitude(7_000_000, 30.0), attitude(7_250_000, 40.0)])
     truth = np.array([from_euler_rad(radians(11.0), radians(-22.0), radians(33.0))] * 2)
     errors = np.radians([[9.0, 8.0, 7.0], [9.0, 8.0, 7.0]])
     compared = Comparison("sim", truth, np.array([False, True]), errors)

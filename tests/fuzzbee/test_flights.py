@@ -64,8 +64,8 @@ def test_sigma_is_honest_at_a_ground_stations_rate():
     trace, compared = replayed(events_of(SLOW))
     covered = coverage(
         compared.errors_rad[compared.known],
-        trace.column(lambda a: a.sigma_inclination_rad)[compared.known],
-        trace.column(lambda a: a.sigma_heading_rad)[compared.known],
+        trace.column("sigma_inclination_rad")[compared.known],
+        trace.column("sigma_heading_rad")[compared.known],
         has_heading=True,
     )
     assert covered.inclination == pytest.approx(0.905, abs=0.03)
@@ -74,7 +74,7 @@ def test_sigma_is_honest_at_a_ground_stations_rate():
 
 def test_sigma_is_larger_where_errors_are_larger():
     trace, compared = replayed(events_of(SLOW))
-    sigma = trace.column(lambda a: a.sigma_inclination_rad)[compared.known]
+    sigma = trace.column("sigma_inclination_rad")[compared.known]
     error = compared.errors_rad[compared.known, INCLINATION]
     order = np.argsort(sigma, kind="stable")
     third = len(order) // 3

@@ -272,6 +272,22 @@ def test_recovery_has_the_papers_cost(tmp_path, capsys):
     assert said["cost_before"] > 3.0  # J of 170 deg at 4 Hz
 
 
+def test_what_moves_sigma_alone_is_judged_by_coverage(tmp_path, capsys):
+    options = ["--objective", "coverage", "--reference", "smooth", "--force", "--json"]
+    assert command(SLOW_LOG, "-o", tmp_path / "x.toml", *FEW, *options) == 0
+    said = json.loads(capsys.readouterr().out)
+    assert said["parameters"] == ["sigma"]
+    assert said["reference"] == "attitude smoothed over the whole log"
+    [flight] = said["held_out_flights"]
+    for angle in ("inclination", "heading"):
+        before, after = flight["before"][angle], flight["after"][angle]
+        assert after["rms_deg"] == pytest.approx(before["rms_deg"], rel=1e-3)
+        assert after["coverage"] != before["coverage"]
+    shares = [flight["after"][angle]["coverage"] for angle in ("inclination", "heading")]
+    assert said["held_out_after"] == pytest.approx(np.mean(np.abs(np.array(shares) - 0.68)))
+    assert said["cost_after"] < said["cost_before"]
+
+
 def test_figures_of_a_log(tmp_path):
     pytest.importorskip("matplotlib")
     folder = tmp_path / "figures"
@@ -293,6 +309,9 @@ def test_a_log_gives_the_same_file_wherever_it_lies_and_whoever_computes(tmp_pat
     [
         (["--parameters", "membership"], "fuzzy controller is tuned from 10 Hz"),
         (["--objective", "speed"], "--objective speed"),
+        (["--reference", "gut"], "--reference gut"),
+        (["--parameters", "sigma"], "--objective coverage"),
+        (["--parameters", "noise", "--objective", "coverage"], "--objective coverage"),
         (["--hold-out", "no-such.tlog"], "no such file"),
         (["--hold-out", str(SLOW_LOG)], "nothing is left to tune on"),
         (["--noise-seeds", "100-101"], "goes with sim: only"),

@@ -1,5 +1,6 @@
 """Bags of ROS 1 and 2, written by rosbags: a clip of a flight comes back as it was."""
 
+import json
 from pathlib import Path
 
 import numpy as np
@@ -189,6 +190,50 @@ def test_an_mcap_file_of_others(tmp_path, encoding, has_index):
     ]
     # the same topic has the readings and somebody's attitude
     assert len(of(ReferenceAttitude, events)) == 50
+
+
+def test_an_mcap_file_in_json(tmp_path):
+    """Readings as rosbridge and web recorders write them: no orientation, a stamp in nsec."""
+    writers = pytest.importorskip("mcap.writer")
+    path = tmp_path / "a.mcap"
+    with path.open("wb") as file:
+        writer = writers.Writer(file)
+        writer.start()
+        channels = {
+            name: writer.register_channel(
+                f"/{name.lower()}",
+                "json",
+                writer.register_schema(f"sensor_msgs/{name}", "jsonschema", b"{}"),
+            )
+            for name in ("Imu", "MagneticField", "NavSatFix")
+        }
+
+        def put(name, k, **fields):
+            stamp = {"sec": 1_700_000_000, "nsec": 20_000_000 * k}
+            data = json.dumps({"header": {"stamp": stamp}, **fields}).encode()
+            writer.add_message(channels[name], k, data, k)
+
+        def vector(x, y, z):
+            return {"x": x, "y": y, "z": z}
+
+        for k in range(40):
+            put("MagneticField", k, magnetic_field=vector(2e-5, 1e-7 * k, -4e-5))
+            rate, force = vector(0.1, -0.2, -0.01 * k), vector(0.0, 0.0, 9.8)
+            put("Imu", k, angular_velocity=rate, linear_acceleration=force)
+        put("NavSatFix", 40, latitude=47.0, longitude=8.0)
+        writer.finish()
+    events = list(open_log(path))
+    samples = [event.sample for event in of(Imu, events)]
+    assert [sample.gyr_rad_s for sample in samples] == [
+        pytest.approx((0.1, 0.2, 0.01 * k)) for k in range(40)
+    ]
+    assert np.diff([sample.time_us for sample in samples]).tolist() == [20_000] * 39
+    assert samples[-1].acc_m_s2 == pytest.approx((0.0, 0.0, -9.8))
+    assert samples[30].mag_gauss == pytest.approx((0.2, -0.03, 0.4), abs=2e-3)
+    (place,) = of(Position, events)
+    assert (place.latitude_deg, place.longitude_deg) == (47.0, 8.0)
+    assert not of(ReferenceAttitude, events)
+    assert not of(Malformed, events)
 
 
 def test_a_damaged_bag_ends_or_is_one_line(bag, tmp_path, capsys):

@@ -92,6 +92,31 @@ magnetometer = { columns = [6, 7, 8], unit = "mG" }
 gyroscope = { columns = [9, 10, 11], unit = "rad/s" }
 """
 
+
+def dates():
+    """Times in words, units as EuRoC and loggers write them."""
+    t, gyr, acc, mag = readings()
+    names = [f"w_RS_S_{axis} [rad s^-1]" for axis in "xyz"] + [f"ACCEL_{a}_MPS2" for a in "XYZ"]
+    lines = [
+        ",".join([f"2024-03-01T12:00:0{time:.6f}Z", *(f"{x:.15g}" for x in row)])
+        for time, row in zip(t, np.column_stack([gyr, acc, mag]).tolist(), strict=True)
+    ]
+    return "\n".join([",".join(["Zeit", *names]) + FIELD, *lines, ""])
+
+
+def grouped():
+    """Thousands between points, beside a decimal comma."""
+    t, gyr, acc, mag = readings()
+
+    def said(x):
+        return f"{x:,.12f}".translate(str.maketrans(",.", ".,"))
+
+    rows = np.column_stack([1.6e6 + 1e3 * t, gyr, 1e3 * acc / 9.80665, mag]).tolist()
+    names = NAMES.replace("time_s", "time_ms").replace("m_s2", "mg") + FIELD
+    lines = [";".join(map(said, row)) for row in rows]
+    return "\n".join([names.replace(",", ";"), *lines, ""])
+
+
 WAYS = {
     "plain": (plain, "utf-8", None),
     "byte order mark": (plain, "utf-8-sig", None),
@@ -99,6 +124,8 @@ WAYS = {
     "german": (german, "cp1252", GERMAN),
     "phone": (phone, "utf-8", 'axes = "rfu"'),
     "phone in full": (phone, "utf-8", 'axes = ["y", "x", "-z"]'),
+    "dates": (dates, "utf-8", None),
+    "grouped": (grouped, "utf-8", None),
     "nameless": (nameless, "utf-8", NAMELESS),
 }
 

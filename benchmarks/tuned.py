@@ -1,0 +1,140 @@
+"""What is tuning on flights worth, by what it is measured against?
+
+    python benchmarks/tuned.py [--seed 900] [--sources 6] [--cycles 8]
+
+Five simulated vehicles (flying/cases.py) of four flights each: one is searched on, one is held
+out for the guards of ``fuzzbee tune``, two are judged against the truth. A row a vehicle and way:
+``shipped``; tuned by the ``autopilot``'s attitude, by the ``smooth``ed one, by the ``truth`` that
+no recorded flight has; ``random`` search by the smoothed one, on the same budget. Degrees RMS and
+shares of errors under sigma from 40 s on, means of both flights; ``written`` is whether the guards
+let the profile pass, so that with ``no`` the shipped one goes on. The autopilot's attitude is the
+truth turned: 0.4 deg of slow noise and 0.3 deg of trim on each axis of the tilt, a heading that is
+off by 1.5 deg all the time and by 0.8 deg of slow noise.
+"""
+
+import sys
+import tempfile
+from pathlib import Path
+
+import numpy as np
+from common.report import Row, parser, show
+from common.scores import multiply
+from flying.cases import SKIP_S, write
+from scipy.signal import lfilter
+
+from estimator.profile import Profile, load_profile
+from estimator.smoothing.rotation import exp
+from fuzzbee.tune.read_flight import read_flight
+from fuzzbee.tune.run import Verdict
+from tuning.flight import Flight, Part
+from tuning.flight_cost import harm, measure
+from tuning.log_task import LogTask, Split
+from tuning.objective import profile_with, values_of
+from tuning.optimizers import run_search
+from tuning.search import Search, SearchOptions
+from tuning.smoothed import sure_flight
+from tuning.space import encode
+
+VEHICLES = (
+    ("noisy", "plane"),
+    ("vibration", "copter"),
+    ("compass", "calm copter"),
+    ("slow filters", "rover"),
+    ("cabin", "car"),
+)
+JUDGED = 2
+FLIGHT_S = 160.0
+SLOW_DEG, ALWAYS_DEG, TAU_S = (0.4, 0.4, 0.8), (0.3, 0.3, 1.5), 20.0
+BASE = load_profile("imu")
+
+
+def flown(case: str, motion: str, seed: int, duration_s: float) -> Flight:
+    """A flight with its truth."""
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / f"{motion}-{seed}.tlog"
+        write(path, case, motion, seed, duration_s)
+        return read_flight(path, BASE)
+
+
+def by_autopilot(flight: Flight, seed: int) -> Flight:
+    """The flight beside what an autopilot's filter would say."""
+    rng, n = np.random.default_rng([88, seed]), len(flight.samples)
+    keep = np.exp(-1.0 / (flight.rate_hz * TAU_S))
+    slow = lfilter([np.sqrt(1.0 - keep**2)], [1.0, -keep], rng.standard_normal((n, 3)), axis=0)
+    off_deg = np.array(SLOW_DEG) * slow + np.array(ALWAYS_DEG) * rng.standard_normal(3)
+    return flight._replace(
+        reference="autopilot", truth=multiply(exp(np.radians(off_deg)), flight.truth)
+    )
+
+
+def whole(flight: Flight) -> Part:
+    """All of it but its start."""
+    return Part(flight, int(np.searchsorted(flight.time_s, SKIP_S)), len(flight.samples))
+
+
+def tuned(searched: Flight, held_out: Flight, options: SearchOptions) -> tuple[Profile, bool]:
+    """What a search finds on one flight, and whether ``fuzzbee tune`` would write it."""
+    task = LogTask(BASE, ("noise",), Split((whole(searched),), (whole(held_out),)))
+    search = Search(task.space, options, task.objective.costs)
+    run_search(search, encode(task.space, values_of(task.space, BASE)))
+    found = profile_with(task.space, BASE, search.best_values)
+    before, after = ([f for _, f in task.held_out_figures(p)] for p in (BASE, found))
+    verdict = Verdict(task.score(BASE), task.score(found), None, (), harm(before, after))
+    return found, verdict.gains
+
+
+def judged(profile: Profile, flights: list[Flight]) -> Row:
+    """Means over flights with truth."""
+    figures = [measure(profile, whole(flight)) for flight in flights]
+    rows = [[f.inclination for f in figures], [f.heading for f in figures if f.heading]]
+    names = ("inclination", "heading")
+    means = {
+        n: float(np.mean([f.rms_deg for f in row])) for n, row in zip(names, rows, strict=True)
+    }
+    return {**means, "under sigma": [float(np.mean([f.coverage for f in row])) for row in rows]}
+
+
+def of_vehicle(case: str, motion: str, options: SearchOptions, seed: int, length_s: float) -> list:
+    """The rows of one vehicle."""
+    flights = [flown(case, motion, seed + k, length_s) for k in range(2 + JUDGED)]
+    pair, others = flights[:2], flights[2:]
+    smooth = [sure_flight(flight, BASE, is_wanted=False) for flight in pair]
+    by = {
+        "autopilot": ([by_autopilot(f, seed + k) for k, f in enumerate(pair)], options),
+        "smooth": (smooth, options),
+        "truth": (pair, options),
+        "random": (smooth, options._replace(algorithm="random")),
+    }
+    rows = [{"way": "shipped", "written": "-", **judged(BASE, others)}]
+    for way, ((searched, held_out), how) in by.items():
+        is_sure = all(flight.reference == "smooth" for flight in smooth)
+        if way in ("smooth", "random") and not is_sure:
+            rows.append({"way": way, "written": "not sure"})
+            continue
+        profile, is_written = tuned(searched, held_out, how)
+        written = "yes" if is_written else "no"
+        rows.append({"way": way, "written": written, **judged(profile, others)})
+    return [{"vehicle": f"{motion}, {case}", **row} for row in rows]
+
+
+def main() -> int:
+    made = parser(__doc__)
+    made.add_argument("--seed", type=int, default=900, help="of the first flight")
+    made.add_argument("--sources", type=int, default=6)
+    made.add_argument("--cycles", type=int, default=8)
+    options = made.parse_args()
+    vehicles, length_s = VEHICLES, FLIGHT_S
+    if options.smoke:
+        vehicles, length_s, options.sources, options.cycles = VEHICLES[3:4], 60.0, 2, 1
+    budget = SearchOptions("abc", options.sources, options.cycles, 48, seed=0)
+    rows = []
+    for case, motion in vehicles:
+        rows += of_vehicle(case, motion, budget, options.seed, length_s)
+        if not options.json:
+            show({f"{motion}, {case}": rows[-5:]}, as_json=False)
+    show({"profiles on flights that they were not tuned on": rows}, as_json=options.json)
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

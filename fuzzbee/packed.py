@@ -1,0 +1,126 @@
+"""Attitudes and samples as rows of numbers, in a tenth of the room that as many tuples take."""
+
+from array import array
+from collections.abc import Iterable, Sequence
+from itertools import chain
+from typing import Any, Generic, NamedTuple, TypeVar, overload
+
+import numpy as np
+from numpy.typing import NDArray
+
+from estimator.types import Attitude, ImuSample
+
+Floats = NDArray[np.float64]
+Row = TypeVar("Row", Attitude, ImuSample)
+NORTHS = ("none", "magnetic", "true")
+PLACE = {north: float(place) for place, north in enumerate(NORTHS)}
+
+
+class Columns(NamedTuple):
+    """Where the fields behind ``time_us`` stand in a row: those of several numbers, then others."""
+
+    vectors: dict[str, slice]
+    numbers: dict[str, int]
+
+    @property
+    def width(self) -> int:
+        """Numbers in a row."""
+        return max(self.numbers.values()) + 1
+
+
+def columns(kind: Any, **widths: int) -> Columns:
+    """Of a named tuple whose fields of several numbers, so many, come right behind the time."""
+    names = kind._fields[1:]
+    ends = np.cumsum([0, *widths.values()]).tolist()
+    vectors = {n: slice(a, b) for n, a, b in zip(widths, ends, ends[1:], strict=False)}
+    assert tuple(vectors) == names[: len(vectors)]
+    return Columns(vectors, {n: ends[-1] + k for k, n in enumerate(names[len(vectors) :])})
+
+
+class Packed(Sequence[Row], Generic[Row]):
+    """A growing sequence of named tuples."""
+
+    kind: type[Row]
+    columns: Columns
+
+    def __init__(self, rows: Iterable[Row] = ()) -> None:
+        self._times_us, self._values = array("q"), array("d")
+        for row in rows:
+            self.append(row)
+
+    def append(self, row: Row) -> None:
+        """One more."""
+        self._times_us.append(row[0])
+        fields: Any = row[1:]
+        vectors = len(self.columns.vectors)
+        self._values.extend(chain(*fields[:vectors], self._coded(fields[vectors:])))
+
+    def __len__(self) -> int:
+        return len(self._times_us)
+
+    @overload
+    def __getitem__(self, at: int) -> Row: ...
+    @overload
+    def __getitem__(self, at: slice) -> list[Row]: ...
+    def __getitem__(self, at: int | slice) -> Row | list[Row]:
+        if isinstance(at, slice):
+            return [self[k] for k in range(len(self))[at]]
+        k = range(len(self))[at]
+        width = self.columns.width
+        values = self._values[k * width : (k + 1) * width].tolist()
+        vectors = (tuple(values[part]) for part in self.columns.vectors.values())
+        rest = self._decoded(values[min(self.columns.numbers.values()) :])
+        return self.kind(self._times_us[k], *vectors, *rest)  # type: ignore[arg-type]
+
+    @property
+    def times_us(self) -> NDArray[np.int64]:
+        """Times (N,)."""
+        return np.array(self._times_us, np.int64)
+
+    def column(self, name: str) -> Floats:
+        """The numbers of a field, (N,) or (N, K)."""
+        at = self.columns.numbers.get(name, self.columns.vectors.get(name))
+        return self._matrix()[:, at].copy()
+
+    def _matrix(self) -> Floats:
+        return np.frombuffer(self._values).reshape(-1, self.columns.width)
+
+    def _coded(self, rest: Any) -> Any:
+        """The last fields as numbers."""
+        return rest
+
+    def _decoded(self, values: list[float]) -> Any:
+        """These as fields."""
+        return values
+
+
+class PackedSamples(Packed[ImuSample]):
+    """Readings."""
+
+    kind = ImuSample
+    columns = columns(ImuSample, gyr_rad_s=3, acc_m_s2=3, mag_gauss=3)
+
+    def _decoded(self, values: list[float]) -> Any:
+        return (bool(values[0]),)
+
+
+class PackedAttitudes(Packed[Attitude]):
+    """Attitudes."""
+
+    kind = Attitude
+    columns = columns(Attitude, q_ned_frd=4, rate_rad_s=3, gyro_bias_rad_s=3)
+
+    @property
+    def norths(self) -> NDArray[np.str_]:
+        """What the headings (N,) are measured from."""
+        return np.array(NORTHS)[self.column("heading_reference").astype(np.uint8)]
+
+    def replace(self, name: str, values: Floats) -> None:
+        """Put other numbers, (N,) or (N, K), into a field."""
+        self._matrix()[:, self.columns.numbers.get(name, self.columns.vectors.get(name))] = values
+
+    def _coded(self, rest: Any) -> Any:
+        return (*rest[:-1], PLACE[rest[-1]])
+
+    def _decoded(self, values: list[float]) -> Any:
+        return (*values[:-1], NORTHS[int(values[-1])])

@@ -1,0 +1,102 @@
+"""Times of a replay that a figure shades: what was wrong then, and what helped."""
+
+from collections.abc import Iterator
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from estimator.conditioning.vertical.clipping import LEAST_PEAK_RAD_S
+from fuzzbee.replays.comparison import Comparison
+from fuzzbee.replays.score import CONVERGED_RAD
+from fuzzbee.replays.trace import VehicleTrace
+
+Floats = NDArray[np.float64]
+Bools = NDArray[np.bool_]
+Span = tuple[float, float]
+
+# Silence this many median periods long, and this long (s), is a gap to be shown.
+GAP_PERIODS = 5.0
+LEAST_GAP_S = 0.3
+# A field counts as doubted where its confidence is this share of the usual one or less.
+DOUBTED = 0.5
+# What lasts less (s) is no band, and two bands that are nearer to each other are one.
+LEAST_S = 1.0
+CLIPPED_SAMPLES = 2  # in a row at the same largest reading: chance has one
+
+
+class Band(NamedTuple):
+    """Spans of one kind, in s since the first sample."""
+
+    label: str
+    look: dict[str, Any]
+    spans: list[Span]
+
+
+def bands(time_s: Floats, trace: VehicleTrace, compared: Comparison) -> Iterator[Band]:
+    """All bands that there are; those first that others may lie on."""
+    aided = np.frombuffer(trace.aided, np.bool_)
+    if aided.any():
+        yield Band("no velocity", _tint("C0", 0.12), runs(time_s, ~aided))
+    confidence = trace.column("confidence_magnetic")
+    usual = float(np.median(confidence))
+    if usual > 0.0:
+        doubted = runs(time_s, confidence <= DOUBTED * usual)
+        yield Band("field doubted", _tint("C4", 0.2), doubted)
+    yield Band("gyroscope at its end", _tint("C5", 0.35), _clipped(time_s, trace))
+    if trace.turned_at_us is not None:
+        yield Band("wrong start", _tint("C3", 0.2), _wrong(time_s, trace, compared))
+    yield Band("autopilot differs", _tint("C1", 0.2), _differing(trace))
+    yield Band("gap", {"color": "0.8"}, _gaps(time_s))
+
+
+def runs(time_s: Floats, flags: Bools, least_s: float = LEAST_S) -> list[Span]:
+    """Where flags (N,) hold, for ``least_s`` at least."""
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], flags, [False]]).astype(np.int8)))
+    joined: list[Span] = []
+    for begin, end in zip(edges[::2], edges[1::2], strict=True):
+        begin_s, end_s = float(time_s[begin]), float(time_s[min(end, len(time_s) - 1)])
+        if joined and begin_s - joined[-1][1] < LEAST_S:
+            begin_s = joined.pop()[0]
+        joined.append((begin_s, end_s))
+    return [span for span in joined if span[1] - span[0] >= least_s]
+
+
+def _tint(color: str, alpha: float) -> dict[str, Any]:
+    return {"color": color, "alpha": alpha}
+
+
+def _clipped(time_s: Floats, trace: VehicleTrace) -> list[Span]:
+    """Where an axis stands still at the largest reading that it ever had."""
+    size = np.abs(trace.samples.column("gyr_rad_s"))
+    ends = size.max(axis=0, initial=0.0)
+    at_end = (size == ends) & (ends >= LEAST_PEAK_RAD_S)
+    again = at_end & np.roll(at_end, 1, axis=0)
+    again[:1] = False
+    return runs(time_s, again.any(axis=1), 0.0) if again.sum() >= CLIPPED_SAMPLES else []
+
+
+def _wrong(time_s: Floats, trace: VehicleTrace, compared: Comparison) -> list[Span]:
+    """From a start that was turned until the error is small for the first time."""
+    turned = trace.times_us >= (trace.turned_at_us or 0)
+    small = turned & compared.known & (compared.errors_rad[:, 0] < CONVERGED_RAD)
+    begin = int(np.argmax(turned))
+    end = int(np.argmax(small)) if small.any() else len(time_s) - 1
+    return [(float(time_s[begin]), float(time_s[end]))]
+
+
+def _differing(trace: VehicleTrace) -> list[Span]:
+    start_us = int(trace.times_us[0])
+    return [
+        (1e-6 * (each.begin_us - start_us), 1e-6 * (each.end_us - start_us))
+        for each in trace.second_opinion.intervals
+    ]
+
+
+def _gaps(time_s: Floats) -> list[Span]:
+    """Begin and end of the gaps in the stream."""
+    if len(time_s) < 2:
+        return []
+    steps = np.diff(time_s)
+    longest = max(LEAST_GAP_S, GAP_PERIODS * float(np.median(steps)))
+    return [(time_s[k], time_s[k + 1]) for k in np.flatnonzero(steps > longest)]

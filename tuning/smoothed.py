@@ -1,0 +1,81 @@
+"""The reference that a flight gives itself: its attitude by the whole recording.
+
+It is made once, before the search, with the base profile: no number under search can draw it to
+itself, and what is held out is judged by a reference that nothing was chosen on. How far it may be
+off, its own sigma says; a cost is the mean over attitudes that lie so far around it.
+"""
+
+import numpy as np
+from scipy.special import ndtri
+
+from estimator.errors import InputError
+from estimator.profile import Profile
+from estimator.smoothing import Recorder, smooth_all
+from estimator.smoothing.rotation import exp, multiply
+from tuning.arrays import Array
+from tuning.flight import Flight
+
+# A smoothed inclination, and a heading, count where their sigmas are below these, deg; a flight if
+# half of them do. Autopilots' own attitudes are hardly better.
+SURE_DEG = (2.0, 5.0)
+# Attitudes around a reference in doubt.
+AROUND = 8
+# Of a normal error a share of 0.68 lies under so many standard deviations: of one component, and
+# of two together.
+ONE, TWO = 0.994, 1.510
+# Turns between two azimuths, so that any few of them are spread out.
+GOLDEN = 0.618034
+
+
+def smoothed_flight(flight: Flight, profile: Profile) -> Flight:
+    """The flight with its smoothed attitude for a reference."""
+    recorder = Recorder(profile)
+    for calls in flight.calls:
+        for call in calls:
+            call(recorder)
+    times_us, smoothed = smooth_all(recorder)
+    at = np.searchsorted(times_us, [sample.time_us for sample in flight.samples])
+    truth, doubt = smoothed.q_ned_frd[at], smoothed.sigma_rad[at]
+    sure = np.isfinite(truth).all(axis=1, keepdims=True) & (np.degrees(doubt) < SURE_DEG)
+    headed = flight.headed & sure[:, 1]
+    return flight._replace(
+        reference="smooth", truth=truth, known=sure[:, 0], headed=headed, doubt_rad=doubt
+    )
+
+
+def sure_flight(flight: Flight, profile: Profile, *, is_wanted: bool) -> Flight:
+    """The flight with its smoothed attitude, if that is sure of itself; else as it is.
+
+    Raises:
+        InputError: it is not, and is wanted.
+    """
+    smoothed = smoothed_flight(flight, profile)
+    half = len(flight.samples) / 2
+    has_north = flight.has_field and flight.headed.sum() > half
+    headed = smoothed.known & smoothed.headed
+    if smoothed.known.sum() > half and (not has_north or headed.sum() > half):
+        return smoothed
+    if is_wanted:
+        shares = 50.0 * smoothed.known.sum() / half, 50.0 * headed.sum() / half
+        raise InputError(
+            f"{flight.name}: --reference smooth: the whole log knows inclination and heading to "
+            f"{SURE_DEG[0]:g} and {SURE_DEG[1]:g} deg in {shares[0]:.0f} and {shares[1]:.0f} % only"
+        )
+    return flight
+
+
+def possible_truths(truth: Array, doubt_rad: Array | None) -> list[Array]:
+    """References (N, 4), and if they are in doubt ``AROUND`` others as likely as each other."""
+    if doubt_rad is None:
+        return [truth]
+    share = (np.arange(AROUND) + 0.5) / AROUND
+    tilt = np.sqrt(-2.0 * np.log(share)) / TWO
+    azimuth = 2.0 * np.pi * GOLDEN * np.arange(AROUND)
+    # in another order than the tilts
+    turn = ndtri(share[np.argsort(GOLDEN * np.arange(AROUND) % 1.0)]) / ONE
+    level, north = doubt_rad.T
+    turns = (
+        np.stack([level * t * np.cos(a), level * t * np.sin(a), north * h], axis=-1)
+        for t, a, h in zip(tilt, azimuth, turn, strict=True)
+    )
+    return [multiply(exp(each), truth) for each in turns]
