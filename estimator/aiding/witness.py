@@ -24,7 +24,7 @@ from estimator.conditioning.field.magnetic import NORM_SCALE
 from estimator.conditioning.robust import REACH
 from estimator.conditioning.times import ACCELERATION_LASTS_S, LONG_S, SPAN_S
 from estimator.conditioning.vertical.lasting import SCALE_ERROR
-from estimator.conditioning.vertical.tilt import LEAST_OFF_RAD, LEAST_SCATTER_RAD
+from estimator.conditioning.vertical.tilt import LEAST_OFF_RAD
 from estimator.filter.kernel import follow_rate
 from estimator.geometry.quaternion import (
     conjugate,
@@ -92,7 +92,7 @@ NEW_WITNESS = Witness(
     force=NOWHERE,
     field=NOWHERE,
     tilt=Apart(0.0, 0.0, LEAST_OFF_RAD**2),
-    heading=Apart(0.0, 0.0, LEAST_SCATTER_RAD**2),
+    heading=Apart(0.0, 0.0, 4.0 * LEAST_OFF_RAD**2),
     error=0.0,
     error_rate_1_s=0.0,
 )
@@ -205,7 +205,7 @@ def share_of(
     late, and by ``SCALE_ERROR`` of the push for each radian turned: as far as that is little
     beside a second of gravity it counts.
     """
-    error_m_s, late_s = params.filter_error_m_s, params.filter_lag_sigma_s
+    error_m_s, late_s = params.filter_error_m_s, params.imu_lag_s
     swing = norm(subtract(window.force_m_s2, window.first_force_m_s2))
     square = error_m_s**2 + (late_s * swing) ** 2 + (SCALE_ERROR * turned_rad * pushed_m_s) ** 2
     usual = error_m_s * pushed_m_s / (STANDARD_GRAVITY_M_S2 * time_s)

@@ -4,7 +4,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from estimator.conditioning.vertical.clipping import BEYOND, LEAST_PEAK_RAD_S
+from estimator.conditioning.vertical.averaging import MOST_ERROR
+from estimator.conditioning.vertical.clipping import LEAST_PEAK_RAD_S
 from estimator.conditioning.vertical.rate import SLOW_SAMPLE_S
 from estimator.live.rows import Flags, Floats
 from estimator.smoothing.recording import Recording, steps_s
@@ -52,7 +53,8 @@ def missed_turn(recording: Recording) -> Floats:
         begun = np.maximum.accumulate(np.where(is_at_end, 0, at))
         time_s = np.cumsum(dt_s)
         run_s = time_s - time_s[begun]
-        variance += (BEYOND * peak) ** 2 * np.where(is_at_end, run_s**2 - (run_s - dt_s) ** 2, 0.0)
+        added = np.where(is_at_end, run_s**2 - (run_s - dt_s) ** 2, 0.0)
+        variance += (MOST_ERROR * peak) ** 2 * added
     return variance
 
 

@@ -85,34 +85,36 @@ def begin_field(
     ``before`` is what was taken for it until then.
 
     The vehicle's hard iron is in that sample, so the error of the one is that of the other with
-    the opposite sign: d_E = -R d_iron.
+    the opposite sign, d_E = -A d_iron, whatever is known of that by now: A is R, without what
+    points across a known north.
     """
     h = sqrt(F[0] * F[0] + F[1] * F[1])
     n = sqrt(h * h + F[2] * F[2])
     if n == 0.0:
         return state
-    iron = P[HARD_IRON, HARD_IRON]
-    along = (MOST_BENT * n) ** 2 + iron
+    along = (MOST_BENT * n) ** 2
     known = north.is_known
     c, s = north.direction
     across = (LEAST_OFF_RAD * h) ** 2 if known else along
     if not known:
         c, s = (F[0] / h, F[1] / h) if h > 0.0 else (1.0, 0.0)
+    A = R.copy()
+    if known:
+        for j in range(3):
+            a = c * R[0, j] + s * R[1, j]
+            A[0, j], A[1, j] = c * a, s * a
     for i in range(3):
         for j in range(SIZE):
-            P[EARTH + i, j] = 0.0
-            P[j, EARTH + i] = 0.0
-    P[EARTH, EARTH] = along * c * c + across * s * s
-    P[EARTH, EARTH + 1] = (along - across) * c * s
-    P[EARTH + 1, EARTH] = (along - across) * c * s
-    P[EARTH + 1, EARTH + 1] = along * s * s + across * c * c
-    P[EARTH + 2, EARTH + 2] = along
-    for j in range(3):
-        a = -iron * (c * R[0, j] + s * R[1, j])
-        b = 0.0 if known else -iron * (c * R[1, j] - s * R[0, j])
-        correlate(P, EARTH, HARD_IRON + j, c * a - s * b)
-        correlate(P, EARTH + 1, HARD_IRON + j, s * a + c * b)
-        correlate(P, EARTH + 2, HARD_IRON + j, -iron * R[2, j])
+            if not EARTH <= j < EARTH + 3:
+                correlate(P, EARTH + i, j, -with_iron(P, A, i, j))
+    for i in range(3):
+        for j in range(3):
+            P[EARTH + i, EARTH + j] = -with_iron(P, A, i, EARTH + j)
+    P[EARTH, EARTH] += along * c * c + across * s * s
+    P[EARTH, EARTH + 1] += (along - across) * c * s
+    P[EARTH + 1, EARTH] += (along - across) * c * s
+    P[EARTH + 1, EARTH + 1] += along * s * s + across * c * c
+    P[EARTH + 2, EARTH + 2] += along
     x[EARTH] = h * c - before[0]
     x[EARTH + 1] = h * s - before[1]
     x[EARTH + 2] = F[2] - before[2]
@@ -170,6 +172,14 @@ def correlate(P: Array, i: int, j: int, covariance: float) -> None:
     """Two errors' covariance, in place."""
     P[i, j] = covariance
     P[j, i] = covariance
+
+
+@inlined
+def with_iron(P: Array, A: Array, i: int, j: int) -> float:
+    """Covariance of one part of A d_iron and another error."""
+    k = HARD_IRON
+    covariance: float = A[i, 0] * P[k, j] + A[i, 1] * P[k + 1, j] + A[i, 2] * P[k + 2, j]
+    return covariance
 
 
 @inlined

@@ -7,7 +7,7 @@ from math import asin, atan2, sin, sqrt
 from typing import NamedTuple
 
 from estimator.compilation.compiled import inlined
-from estimator.conditioning.events.jump_signs import JumpSigns
+from estimator.conditioning.events.jump_signs import JumpSigns, jump_share
 from estimator.conditioning.events.proof import TurnSigns
 from estimator.conditioning.field.magnetic import MagneticState, steepness
 from estimator.conditioning.params import ConditioningParams
@@ -17,8 +17,8 @@ from estimator.conditioning.vertical.lasting import SCALE_ERROR
 from estimator.geometry.spread import HALF_TURN_VARIANCE
 from estimator.types import Vec2
 
-# The share of a turn that its jump shows; noise adds ``turn_jump_rad`` to either.
-SUDDEN_SHARE = 0.85
+# The share of a turn that its jump shows: of one within 0.4 s. Noise adds to either.
+SUDDEN_SHARE = 0.9
 
 
 class FieldBefore(NamedTuple):
@@ -53,15 +53,15 @@ def raise_doubt(
 
 
 @inlined
-def is_sudden(noise_rad: float, variance: float, steepness: float, horizontal: Vec2) -> bool:
+def is_sudden(noise: float, variance: float, steepness: float, horizontal: Vec2) -> bool:
     """Whether most of the angle by which the field is off by now came in the jump at once.
 
-    A magnet that passes takes its time. A heading off by h turns a field of dip d by
-    2 asin(cos d sin h/2).
+    A magnet that passes takes its time. ``noise`` (rad^2) is the variance of what a jump tells. A
+    heading off by h turns a field of dip d by 2 asin(cos d sin h/2).
     """
     off = abs(atan2(horizontal[1], horizontal[0]))
     turned = 2.0 * asin(sin(0.5 * off) / sqrt(1.0 + steepness))
-    return SUDDEN_SHARE * turned - noise_rad < sqrt(variance / (1.0 + steepness))
+    return SUDDEN_SHARE * turned - sqrt(noise) < sqrt(variance / (1.0 + steepness))
 
 
 @inlined
@@ -85,7 +85,7 @@ def release_doubt(
     Returns both doubts, the estimate and whether the heading was given up.
     """
     usual = field.look.confidence > params.turn_confidence * doubt.before.confidence
-    still = jump.apart_rad < params.turn_jump_rad
+    still = jump.moves_rad < params.turn_jump_rad
     step_s = min(dt_s, LONGEST_STEP_S)
     usual_s = max(0.0, doubt.usual_s + (step_s if usual and still else -step_s))
     most = SCALE_ERROR + sqrt(field.reference.uneven)
@@ -95,7 +95,7 @@ def release_doubt(
     if usual_s <= SPAN_S:
         return HeadingDoubt(left, usual_s, before), tilt, estimate, False
     steep = steepness(field.reference)
-    if not is_sudden(params.turn_jump_rad, left, steep, horizontal):
+    if not is_sudden(jump.usual / jump_share() ** 2, left, steep, horizontal):
         left = 0.0
     now = estimate.covariance[9]
     raised = max(now + left, 0.5 * tilt * steep) - now

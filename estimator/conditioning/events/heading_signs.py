@@ -33,9 +33,10 @@ class HeadingSigns(NamedTuple):
     borne_s: float = 0.0  # for how long, less the time against it, the field has agreed
     other_rad: float = 0.0  # the heading that was given up last
     other_s: float = 0.0  # for how much longer that is remembered
+    back_s: float = 0.0  # for how long the field has pointed there again
 
 
-with_means = replacer(HeadingSigns, "mean_north", "mean_east", "mean_confidence", "off_s")
+with_means = replacer(HeadingSigns, "mean_north", "mean_east", "mean_confidence", "off_s", "back_s")
 with_other = replacer(HeadingSigns, "borne_s", "other_rad", "other_s")
 
 
@@ -68,6 +69,7 @@ def watch_heading(
     borne_s = borne_out(params, state, estimate.heading_rad - away, off, c, dt_s)
     if field.reference.is_new:  # the heading was that of a field that is not believed any more
         borne_s = 0.0
+    back = is_back(params, state, estimate, field, horizontal)
     b = dt_s / (USUAL_S + dt_s) if estimate.covariance[9] < SETTLED_HEADING_RAD**2 else 0.0
     return HeadingSigns(
         mean_north=n,
@@ -78,7 +80,28 @@ def watch_heading(
         borne_s=borne_s,
         other_rad=state.other_rad,
         other_s=max(0.0, state.other_s - dt_s),
+        back_s=duration_s(known and back, state.back_s, dt_s),
     )
+
+
+@inlined
+def is_back(
+    params: ConditioningParams,
+    state: HeadingSigns,
+    estimate: Estimate,
+    field: MagneticState,
+    horizontal: Vec2,
+) -> bool:
+    """Whether the field, which looks as usual, points to the heading that was given up lately.
+
+    That a magnet has gone is far likelier than two unsensed turns that end where they began: it
+    needs no more than that noise is none.
+    """
+    away = direction(horizontal[0], horizontal[1])
+    apart = estimate.heading_rad - away - state.other_rad
+    near = 1.0 - cos(apart) < STILL_OFF**2 * (1.0 - cos(away))
+    far = cos(away) < cos(params.turn_heading_rad)
+    return state.other_s > 0.0 and near and far and field.look.confidence > params.turn_confidence
 
 
 @inlined
@@ -104,7 +127,7 @@ def borne_out(
 @inlined
 def begin_anew(state: HeadingSigns) -> HeadingSigns:
     """The signs after a turn was found: means and times start at nothing."""
-    return with_means(state, 0.0, 0.0, 0.0, 0.0)
+    return with_means(state, 0.0, 0.0, 0.0, 0.0, 0.0)
 
 
 @inlined

@@ -32,6 +32,7 @@ class JumpSigns(NamedTuple):
     quick_norm: float = 0.0  # its norm, low-passed as ``quick``: a mean of directions is shorter
     slow_norm: float = 0.0  # its norm, low-passed as ``slow``
     apart_rad: float = 0.0  # angle between the two
+    moves_rad: float = 0.0  # angle between the last reading and the first of them
     usual: float = 0.0  # its mean square, rad^2
     usual_turning: float = 0.0  # mean square rate of the vehicle meanwhile, (rad/s)^2
     turning: float = 0.0  # mean square rate of the vehicle lately, (rad/s)^2
@@ -80,6 +81,7 @@ def watch_field(
         quick_norm=state.quick_norm + a * (n - state.quick_norm),
         slow_norm=state.slow_norm + b * (n - state.slow_norm),
         apart_rad=turned,
+        moves_rad=turn_of(state.quick, field_g),
         usual=state.usual + c * (apart - state.usual),
         usual_turning=state.usual_turning + c * (turning - state.usual_turning),
         turning=max(turning, state.turning + b * (turning - state.turning)),

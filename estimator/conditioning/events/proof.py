@@ -56,7 +56,7 @@ def proof_of(
         jump = 0.0
     lasts = heading.off_s > SPAN_S
     return TurnProof(
-        heading=lasts and heading.borne_s <= 0.0,
+        heading=(lasts and heading.borne_s <= 0.0) or heading.back_s > LONGEST_STEP_S,
         gravity=gravity.off_s > LONGEST_STEP_S,
         jump=jump,
     ), seen_rad

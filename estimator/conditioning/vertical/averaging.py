@@ -31,7 +31,8 @@ TAU_SHARE = 0.27
 PRIOR_WINDOWS = 0.5
 PRIOR_SLOPE = sqrt(0.5)
 # No gyroscope errs by more than this share of a turn: cheap ones and analogue ones by 5 to 10 %.
-# About other axes it shows no more of one either, and averages over a step leave none (coning).
+# About other axes it shows no more of one either, averages over a step leave none (coning), and
+# beyond its end the rate goes on by as much (0.3: accelerations tilt the vertical, 0.05: late).
 MOST_ERROR = 0.1
 # Less than this (rad^2) is the accelerometer's own error: it tells no window from another, and
 # is all that is known before the first one.

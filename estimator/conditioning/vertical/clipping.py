@@ -4,13 +4,11 @@ from typing import NamedTuple
 
 from estimator.compilation.compiled import inlined
 from estimator.compilation.replacing import replacer
+from estimator.conditioning.vertical.averaging import MOST_ERROR
 from estimator.types import ZERO_VEC3, Vec2, Vec3
 
 # Slower readings (rad/s) are at no sensor's end: 115 deg/s.
 LEAST_PEAK_RAD_S = 2.0
-# How far the rate goes beyond the end, as a share of it (sigma). With 0.3 a fast rotation is
-# doubted so much that accelerations tilt the vertical, with 0.05 the heading comes back too late.
-BEYOND = 0.1
 
 
 class Clipping(NamedTuple):
@@ -38,7 +36,7 @@ def watch_axis(
     peak = max(peak, abs(now))
     if not at_peak:
         return peak, 0.0, missed
-    beyond = BEYOND * peak
+    beyond = MOST_ERROR * peak
     return peak, run_s + dt_s, missed + beyond * beyond * (2.0 * run_s + dt_s) * dt_s
 
 

@@ -26,10 +26,8 @@ from estimator.types import ZERO_VEC3, Between, Vec2, Vec3
 GYR_NOISE = 0.002
 # After a hole longer than SPAN_S a vehicle may have done anything, at this rate (rad/s).
 HOLE_RAD_S = 0.3
-# The least scatter of the force's direction, rad, of an accelerometer at rest.
-LEAST_SCATTER_RAD = 0.0175
 # Half a degree: by so much a second's mean force of an accelerometer at rest is off at least, the
-# vectors of an attitude that begins, and a model's declination (rad).
+# vectors of an attitude that begins, and a model's declination (rad); one reading by twice that.
 LEAST_OFF_RAD = 0.009
 
 
@@ -173,7 +171,7 @@ def believe_force(
         TiltState(
             variance=(1.0 - share) ** 2 * p + share * share * white,
             fresh=p * brief / (p + brief),
-            scatter=state.scatter + a * (max(expected, LEAST_SCATTER_RAD**2) - state.scatter),
+            scatter=state.scatter + a * (max(expected, 4.0 * LEAST_OFF_RAD**2) - state.scatter),
             tilting=state.tilting + c * (noise.tilting - state.tilting),
             twisting=state.twisting + c * (noise.twisting - state.twisting),
             gyr=gyr,
@@ -195,7 +193,7 @@ def innovation(down_g: Vec3, u: Vec3) -> float:
 @inlined
 def initial_tilt(gyr: Vec3, u: Vec3) -> TiltState:
     """The state at the first reading: the direction of the force ``u`` is as good as unknown."""
-    scatter = (2.0 * LEAST_SCATTER_RAD) ** 2
+    scatter = 16.0 * LEAST_OFF_RAD**2
     return TiltState(
         ANY_DIRECTION_VARIANCE, ANY_DIRECTION_VARIANCE, scatter, 0.0, 0.0, gyr, norm(u), 0.0
     )

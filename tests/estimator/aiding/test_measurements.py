@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from estimator.aiding import Report, blank_aiding
+from estimator.aiding.covariance import rotation_matrix
 from estimator.aiding.inertial import GRAVITY_NED, Prediction
 from estimator.aiding.sources import field, unaided, velocity
 from estimator.aiding.trail import extend_trail, new_trail
@@ -250,6 +251,28 @@ def test_the_places_field_begins_towards_north_where_that_is_known(learnt, is_kn
     others = BESIDE._replace(north=north)
     field.observe_heading(PARAMS, known, now, others, sample, np.zeros(SIZE))
     assert len(learnt) == (4 if is_known else 3)  # the declination is the fourth
+
+
+@pytest.mark.parametrize("is_known", [True, False])
+def test_a_field_begun_anew_hangs_together_with_all_that_is_known_of_the_iron(is_known):
+    """By then that is not alike on all axes, and its error is that of other states, too."""
+    rng = np.random.default_rng(2)
+    root = rng.normal(scale=0.1, size=(SIZE, SIZE))
+    P, R = root @ root.T, rotation_matrix(normalize(tuple(rng.normal(size=4))))
+    iron = P[HARD_IRON : HARD_IRON + 3].copy()
+    seen, north = (0.12, 0.16, 0.42), North(is_known, (0.8, 0.6))
+    field.begin_field(BLANK.field, R, seen, ZERO_VEC3, north, P, np.zeros(SIZE))
+    towards = np.outer((0.8, 0.6, 0.0), (0.8, 0.6, 0.0)) + np.diag((0.0, 0.0, 1.0))
+    A = (towards if is_known else np.eye(3)) @ R
+    others = [i for i in range(SIZE) if not EARTH <= i < EARTH + 3]
+    assert np.allclose(P[EARTH : EARTH + 3, others], (-A @ iron)[:, others])
+    assert np.allclose(P, P.T)
+    assert np.linalg.eigvalsh(P).min() > -1e-12  # was -0.02 and made sigma no number
+    noise = P[EARTH : EARTH + 3, EARTH : EARTH + 3]
+    noise = noise - A @ iron[:, HARD_IRON : HARD_IRON + 3] @ A.T
+    bent, declination = 0.2 * np.linalg.norm(seen), 0.009 * 0.2
+    sigmas = np.sqrt(np.linalg.eigvalsh(noise))
+    assert sigmas == pytest.approx((declination if is_known else bent, bent, bent))
 
 
 @pytest.mark.parametrize(

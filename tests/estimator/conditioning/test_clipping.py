@@ -2,8 +2,8 @@
 
 import pytest
 
+from estimator.conditioning.vertical.averaging import MOST_ERROR
 from estimator.conditioning.vertical.clipping import (
-    BEYOND,
     Clipping,
     missed_turn,
     watch_axis,
@@ -18,7 +18,7 @@ def test_the_missed_turn_grows_with_the_square_of_the_run():
         peak, run_s, missed = watch_axis(peak, run_s, missed, -5.5, -5.5, dt_s)
         lasts_s += dt_s
         assert run_s == pytest.approx(lasts_s)
-        assert missed == pytest.approx((BEYOND * 5.5 * lasts_s) ** 2)
+        assert missed == pytest.approx((MOST_ERROR * 5.5 * lasts_s) ** 2)
     assert watch_axis(peak, run_s, missed, -5.5, -5.4, 0.01) == (5.5, 0.0, missed)
 
 

@@ -71,6 +71,7 @@ def test_the_field_is_followed_quickly_and_slowly():
     assert now.quick_norm == pytest.approx((1.0 - a) * JUMP.quick_norm + a * norm)
     assert now.slow_norm == pytest.approx((1.0 - b) * JUMP.slow_norm + b * norm)
     assert now.apart_rad == pytest.approx(angle(quick, slow))
+    assert now.moves_rad == pytest.approx(angle(np.array(JUMP.quick), field))
     assert now.usual == pytest.approx((1.0 - c) * JUMP.usual + c * angle(quick, slow) ** 2)
     assert now.usual_turning == pytest.approx((1.0 - c) * JUMP.usual_turning + c * turning)
     assert now.turning == pytest.approx((1.0 - b) * JUMP.turning + b * turning)
@@ -121,16 +122,16 @@ def test_a_turn_is_sudden_by_the_angle_between_the_fields_and_not_by_that_of_the
     least = SUDDEN_SHARE * turned - 0.02
     horizontal = (np.cos(off), -np.sin(off))
     variance = (share * least) ** 2 * (1.0 + steep)
-    assert is_sudden(0.02, variance, steep, horizontal) is (share > 1.0)
+    assert is_sudden(0.02**2, variance, steep, horizontal) is (share > 1.0)
 
 
-def release(*, apart_rad=0.01, usual_s=1.2, confidence=0.7, norm=0.46, variance=0.4, tilt=0.05):
+def release(*, moves_rad=0.01, usual_s=1.2, confidence=0.7, norm=0.46, variance=0.4, tilt=0.05):
     """The doubt after a step beside a field of dip 60 degrees that is off by 0.3 rad."""
     reference = FieldReference(horizontal=0.25, down=0.25 * sqrt(3.0), uneven=0.0001)
     field = MagneticState(FieldLook(0.25, 0.43, confidence), reference, 0.0, True)
     doubt = HeadingDoubt(variance, usual_s, FieldBefore(0.461, 0.9))
     estimate = Estimate(ZERO, 0.2, (1e-4, 0, 0, 0, 1e-4, 0, 0, 1e-4, 0, 0.03))
-    jump = JUMP._replace(quick_norm=norm, apart_rad=apart_rad)
+    jump = JUMP._replace(quick_norm=norm, moves_rad=moves_rad)
     return release_doubt(PARAMS, doubt, tilt, estimate, field, jump, (np.cos(0.3), np.sin(0.3)), DT)
 
 
@@ -143,7 +144,7 @@ def test_the_heading_hears_of_its_doubt_once_the_field_looks_as_usual():
 
 
 def test_a_field_that_still_moves_or_is_another_keeps_the_doubt():
-    for unlike in ({"apart_rad": 0.06}, {"confidence": 0.35}):
+    for unlike in ({"moves_rad": 0.06}, {"confidence": 0.35}):
         doubt, tilt, estimate, released = release(usual_s=0.7, **unlike)
         assert doubt.usual_s == pytest.approx(0.7 - DT)
         assert (doubt.variance, tilt, released) == (0.4, 0.05, False)
@@ -200,6 +201,26 @@ def test_a_heading_that_was_given_up_needs_no_proof():
     assert borne_out(PARAMS, SIGNS, -0.5, False, 0.7, DT) == pytest.approx(2.0 + 0.7 * DT)
     assert borne_out(PARAMS, SIGNS, -0.5, True, 0.7, DT) == 0.0
     assert borne_out(PARAMS, SIGNS._replace(other_s=0.0), -0.5, True, 0.7, DT) == 2.0 - DT
+
+
+@pytest.mark.parametrize(
+    ("away_rad", "other_rad", "confidence", "back_s"),
+    [
+        (0.5, 0.4, 0.9, 0.1 + DT),  # it points to 0.4, which was given up
+        (0.5, 0.13, 0.9, 0.0),  # nearly half as far from there as from the heading
+        (0.16, 0.74, 0.9, 0.0),  # the heading is hardly off
+        (0.5, 0.4, 0.4, 0.0),  # it does not look as usual
+    ],
+)
+def test_a_field_that_is_back_is_told_from_one_that_is_elsewhere(
+    away_rad, other_rad, confidence, back_s
+):
+    """The heading is 0.9."""
+    state = SIGNS._replace(other_rad=other_rad, back_s=0.1)
+    horizontal = (0.25 * np.cos(away_rad), 0.25 * np.sin(away_rad))
+    now = heading_after(state, horizontal, confidence=confidence)
+    assert now.back_s == pytest.approx(back_s)
+    assert heading_after(state._replace(other_s=0.0), horizontal).back_s == 0.0
 
 
 def test_a_wander_is_remembered_as_a_mean_square():

@@ -63,11 +63,11 @@ def beside(seconds):
 
 
 @pytest.mark.parametrize("motion", [resting, tumbling])
-@pytest.mark.parametrize(("lasts_s", "ramp_s", "most_deg"), [(1.8, 0.01, 0.4), (4.5, 1.0, 6.0)])
+@pytest.mark.parametrize(("lasts_s", "ramp_s", "most_deg"), [(1.2, 0.01, 0.4), (4.5, 1.0, 7.5)])
 def test_a_passing_magnet_that_leaves_norm_and_dip_turns_no_heading(
     motion, lasts_s, ramp_s, most_deg
 ):
-    """At once and gone again, or within a second as something that passes: 0.3 and 5.0 deg."""
+    """At once and gone again, or within a second as something that passes: 0.3 and 6.5 deg."""
     seen = headings(motion, 60.0, turned(30.0, lasts_s, ramp_s))
     assert seen.error[3000:].max() < most_deg
     assert seen.sigma[3000:].max() > 40.0  # measured 86 and 49
@@ -81,7 +81,7 @@ def test_a_magnet_that_stays_is_followed_with_doubt_and_left_at_once(motion):
     assert seen.error[4500] == pytest.approx(60.0, rel=0.05)
     assert seen.sigma[4500] == pytest.approx(29.3, rel=0.2)
     back_s = DT * int(np.flatnonzero(seen.error[5000:] > 5.0).max())
-    assert back_s == pytest.approx(1.94, rel=0.2)
+    assert back_s == pytest.approx(0.19, rel=0.2)
     assert seen.lies() == 0.0
 
 
