@@ -86,7 +86,7 @@ def parse_address_of(text: str) -> "VehicleId":
 
     numbers = [int(part) if part.isdecimal() else 0 for part in text.split(":")]
     if len(numbers) != 2 or not all(1 <= number <= 255 for number in numbers):
-        raise InputError(f"--as {text}: should be SYSTEM:COMPONENT, such as 200:1")
+        raise InputError(f"--as {text}: should be SYSTEM:COMPONENT, each 1 to 255, as 200:1")
     return VehicleId(*numbers)
 
 
