@@ -97,6 +97,7 @@ class Leases:
         self._until_us = np.zeros(ADDRESSES, np.int64)
         self._heard_us = np.zeros(ADDRESSES, np.int64)
         self._names: dict[int, str] = {}
+        self._held: set[int] = set()  # peers that may have one
         self._waiting_in = np.zeros(ADDRESSES, np.int64)
         self._turn = 0
         self._pass = direct(pass_by, argument_types()) if is_compiled_code() else None
@@ -134,6 +135,7 @@ class Leases:
             self._heard_us[address] = 0
         self._holders[address], self._until_us[address] = peer, until_us
         self._names[address] = name
+        self._held.add(peer)
 
     def heard_us(self, address: int, name: str) -> int:
         """When frames passed last that a peer had a lease for; 0 if none did."""
@@ -141,8 +143,12 @@ class Leases:
 
     def end(self, peer: int | None = None) -> None:
         """The leases of a peer end, or all."""
-        ended = slice(None) if peer is None else self._holders == peer
-        self._until_us[ended] = 0
+        if peer is None:
+            self._held.clear()
+            self._until_us[:] = 0
+        elif peer in self._held:
+            self._held.discard(peer)
+            self._until_us[self._holders == peer] = 0
 
 
 def _room(rows: int) -> Passing:
