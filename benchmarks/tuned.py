@@ -94,13 +94,18 @@ def judged(profile: Profile, flights: list[Flight]) -> Row:
     return {**means, "under sigma": [float(np.mean([f.coverage for f in row])) for row in rows]}
 
 
-def of_vehicle(case: str, motion: str, options: SearchOptions, seed: int, length_s: float) -> list:
+def of_vehicle(
+    case: str, motion: str, options: SearchOptions, seeds: range, length_s: float
+) -> list[Row]:
     """The rows of one vehicle."""
-    flights = [flown(case, motion, seed + k, length_s) for k in range(2 + JUDGED)]
+    flights = [flown(case, motion, seed, length_s) for seed in seeds]
     pair, others = flights[:2], flights[2:]
     smooth = [sure_flight(flight, BASE, is_wanted=False) for flight in pair]
     by = {
-        "autopilot": ([by_autopilot(f, seed + k) for k, f in enumerate(pair)], options),
+        "autopilot": (
+            [by_autopilot(f, seed) for f, seed in zip(pair, seeds, strict=False)],
+            options,
+        ),
         "smooth": (smooth, options),
         "truth": (pair, options),
         "random": (smooth, options._replace(algorithm="random")),
@@ -124,12 +129,14 @@ def main() -> int:
     made.add_argument("--cycles", type=int, default=8)
     options = made.parse_args()
     vehicles, length_s = VEHICLES, FLIGHT_S
+    seeds = range(options.seed, options.seed + 2 + JUDGED)
     if options.smoke:
-        vehicles, length_s, options.sources, options.cycles = VEHICLES[3:4], 60.0, 2, 1
+        vehicles, length_s, seeds = VEHICLES[3:4], 60.0, seeds[:3]
+        options.sources, options.cycles = 2, 1
     budget = SearchOptions("abc", options.sources, options.cycles, 48, seed=0)
     rows = []
     for case, motion in vehicles:
-        rows += of_vehicle(case, motion, budget, options.seed, length_s)
+        rows += of_vehicle(case, motion, budget, seeds, length_s)
         if not options.json:
             show({f"{motion}, {case}": rows[-5:]}, as_json=False)
     show({"profiles on flights that they were not tuned on": rows}, as_json=options.json)
