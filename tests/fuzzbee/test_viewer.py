@@ -181,7 +181,7 @@ def test_a_file_has_an_index_that_memory_has_to_hold_only_where_it_is_short(tmp_
     sink.handle(list(attitudes(ONE, 100, 10_000)))
     sink.close()
     assert (b"FOOT" in file.read_bytes()[-64:]) != live
-    assert rows(file, "/1/horizon/world") > 1
+    assert rows(file, "/1/horizon/world") > 0
 
 
 def test_vehicles_that_come_and_go_are_arranged_ever_later(tmp_path):
