@@ -31,7 +31,7 @@ def tune(request: TuneRequest) -> None:
     _require_plots(request)
     viewer = outputs.viewer_options(request.view, request.rrd)
     written = [("--output", request.output), *([("--rrd", request.rrd)] if request.rrd else [])]
-    outputs.require_own_files(written, [*request.sources, *(request.hold_out or ()), request.base])
+    outputs.require_own_files(written, [*request.sources, *request.held_out, request.base])
     status = run_plan(plan(request), request, viewer)
     if status:
         raise typer.Exit(status)

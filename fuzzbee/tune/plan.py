@@ -284,10 +284,6 @@ def _require_output(request: TuneRequest) -> None:
         raise InputError(f"-o {output}: no such folder: {output.parent}")
     if not os.access(output.parent, os.W_OK):
         raise InputError(f"-o {output}: the folder cannot be written to")
-    for source in (*request.sources, *map(str, request.held_out)):
-        log = source != SIMULATION and Path(source).exists()
-        if log and output.exists() and output.samefile(source):
-            raise InputError(f"-o {output}: is also a source")
 
 
 def _groups(request: TuneRequest, default: tuple[str, ...]) -> tuple[str, ...]:

@@ -46,7 +46,7 @@ class ViewerStream:
         self._file_failed = False
         self._pieces = 0
         self._told = False
-        sinks = [] if options.rrd is None else [_file_sink(options.rrd)]
+        sinks = [] if options.rrd is None else [_file_sink(options.rrd, live=options.live)]
         if options.view is not None:
             self.process = ViewerProcess(web=options.view == WEB, live=options.live)
             sinks.append(rr.GrpcSink(self.process.url))
@@ -170,9 +170,15 @@ class _Arrangement:
         bindings.flush_and_cleanup_orphaned_recordings()
 
 
-def _file_sink(path: str) -> Any:
+def _file_sink(path: str, *, live: bool) -> Any:
+    """Live without an index at the file's end, which is kept in memory: 100 MB an hour."""
     try:
         Path(path).write_bytes(b"")  # Rerun would only log an error
     except OSError as error:
         raise InputError(f"--rrd {path}: {error.strerror}") from error
-    return rr.FileSink(path)
+    if not live:
+        return rr.FileSink(path)
+    try:
+        return rr.FileSink(path, write_footer=False)
+    except TypeError:  # an older library, which has none
+        return rr.FileSink(path)

@@ -133,7 +133,7 @@ class ViewerSink:
         return page
 
     def _have_pages_shown(self) -> None:
-        """Arrange them soon; later each time: an arrangement stays in memory as in the file."""
+        """Arrange them soon; later each time: an arrangement takes 0.4 MB of a file."""
         if self._pages_due_us is None:
             self._pages_due_us = self._now_us + self._wait_us
 

@@ -331,6 +331,6 @@ def test_bad_options_with_a_log_are_refused_in_one_line(tmp_path, options, told)
 def test_the_output_is_no_source(tmp_path):
     log = tmp_path / "flight.tlog"
     log.write_bytes(SLOW_LOG.read_bytes())
-    with pytest.raises(InputError, match="also a source"):
+    with pytest.raises(InputError, match="is also"):
         command(log, "-o", log)
     assert log.read_bytes() == SLOW_LOG.read_bytes()
