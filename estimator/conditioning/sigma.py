@@ -139,7 +139,7 @@ def sigma_heading(
     The variance P takes the field's error for white, which it is for an uncertain heading. What
     is left of it after long is little beside errors that last: an own field that is not learnt
     yet, steel, a place's gradient, a leaning vertical. They have no model here but are
-    measured: by what the field's mean of a second scatters, by how far norm and
+    measured: by what the field's mean of ``turn_heading_tau_s`` scatters, by how far norm and
     dip are off by more than noise, and by the size of gravity, whose error bends a steep
     field. So P counts as P^2/(P + P_1) only, but for slow streams, whose P is what they miss,
     and without a field.

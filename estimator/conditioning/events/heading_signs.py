@@ -8,7 +8,7 @@ from estimator.compilation.replacing import replacer
 from estimator.conditioning.events.duration import duration_s
 from estimator.conditioning.field.magnetic import MagneticState
 from estimator.conditioning.params import ConditioningParams
-from estimator.conditioning.times import BORNE_S, LATELY_S, LONG_S, SPAN_S, USUAL_S
+from estimator.conditioning.times import BORNE_S, LATELY_S, LONG_S, USUAL_S
 from estimator.conditioning.vertical.bias import SETTLED_HEADING_RAD, Estimate
 from estimator.conditioning.vertical.tilt import LEAST_OFF_RAD
 from estimator.geometry.quaternion import direction
@@ -58,7 +58,7 @@ def watch_heading(
     """
     north, east = horizontal
     c = field.look.confidence
-    a = dt_s / (SPAN_S + dt_s)
+    a = dt_s / (params.turn_heading_tau_s + dt_s)
     n = state.mean_north + a * (c * north - state.mean_north)
     e = state.mean_east + a * (c * east - state.mean_east)
     w = state.mean_confidence + a * (c - state.mean_confidence)

@@ -31,7 +31,7 @@ from estimator.conditioning.events.proof import TurnSigns
 from estimator.conditioning.field.calibration import Calibration
 from estimator.conditioning.field.magnetic import FieldLook, FieldReference, MagneticState
 from estimator.conditioning.params import ConditioningParams
-from estimator.conditioning.times import QUICK_S, SPAN_S, USUAL_S
+from estimator.conditioning.times import QUICK_S, USUAL_S
 from estimator.conditioning.vertical.bias import Estimate
 from estimator.conditioning.vertical.gravity import Force, GravityState
 from estimator.conditioning.vertical.lowpass import Smooth
@@ -179,7 +179,7 @@ def heading_after(state, horizontal, *, confidence=0.9, variance=0.01, is_new=Fa
 
 def test_the_mean_field_counts_by_its_confidence():
     now = heading_after(SIGNS, (0.10, 0.22))
-    a, b = DT / (SPAN_S + DT), DT / (USUAL_S + DT)
+    a, b = DT / (PARAMS.turn_heading_tau_s + DT), DT / (USUAL_S + DT)
     north = (1.0 - a) * 0.20 + a * 0.9 * 0.10
     east = (1.0 - a) * 0.05 + a * 0.9 * 0.22
     assert (now.mean_north, now.mean_east) == pytest.approx((north, east))
