@@ -127,7 +127,7 @@ def test_a_flight_of_some_hundred_kilometres_takes_nothing_back():
     far = field_at(*steps[-1][1], 0.0, UNIX_US)
     assert one.attitude(flight.samples[-1].time_us).heading_reference == "true"
     assert abs(degrees(far.declination_rad)) == pytest.approx(11.22, abs=0.1)  # had it been kept
-    assert rms(errors[:, HEADING]) == pytest.approx(0.091, rel=0.2)
+    assert rms(errors[:, HEADING]) == pytest.approx(0.071, rel=0.2)
 
 
 def test_one_bad_position_changes_nothing():
