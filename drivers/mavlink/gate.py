@@ -12,6 +12,7 @@ from estimator.reasons import Reason
 
 # Another sender of the same address may take over once the first has been silent for so long
 TAKE_OVER_US = 1_000_000
+TOGETHER_US = 100_000  # what has come in such a time is not always judged in its order
 MOST_SENDERS = 1024  # before those are dropped that have been silent for longer than that
 MOST_TOLD = 64  # a flood of addresses does not fill memory or the screen
 
@@ -134,8 +135,7 @@ class FrameGate:
         address = (frame.system_id, frame.component_id)
         sender = self._senders.get(address)
         if sender is not None and sender.peer != peer:
-            # what has passed may have come behind it
-            if abs(arrival_us - self._last_us(address, sender)) < TAKE_OVER_US:
+            if self._is_heard(address, sender, arrival_us):
                 return Reason.ADDRESS_CONFLICT
             sender = None
         if sender is None or sender.last_us != arrival_us:  # once for all frames of a datagram
@@ -144,17 +144,18 @@ class FrameGate:
                 self._drop_silent(arrival_us)
         return None
 
-    def _last_us(self, address: tuple[int, int], sender: _Sender) -> int:
-        """When the sender of an address was heard last."""
+    def _is_heard(self, address: tuple[int, int], sender: _Sender, now_us: int) -> bool:
+        """Whether the sender of an address still speaks; what has passed may be newer than now."""
         system_id, component_id = address
         passed_us = self._passed_us(system_id << 8 | component_id, sender.peer)
-        return max(sender.last_us, passed_us)
+        ago_us = now_us - max(sender.last_us, passed_us)
+        return -TOGETHER_US <= ago_us < TAKE_OVER_US
 
     def _drop_silent(self, now_us: int) -> None:
         """Drop what means nothing any more; a flood is looked through each time it has doubled."""
         self._senders = {
             address: sender
             for address, sender in self._senders.items()
-            if 0 <= now_us - self._last_us(address, sender) < TAKE_OVER_US
+            if self._is_heard(address, sender, now_us)
         }
         self._most_senders = max(MOST_SENDERS, 2 * len(self._senders))

@@ -72,6 +72,7 @@ class AidingParams(NamedTuple):
     filter_noise_m_s: Speed = 0.05  # of a report by an autopilot's filter
     filter_error_m_s: Speed = 0.2  # its slow error; small: follows it, large: the receiver
     filter_turning_s: Lag = 0.03  # for each m/s^2 of horizontal acceleration, beside that
+    filter_lag_sigma_s: Lag = 0.015  # how far the time that it names may be off
     receiver_noise_m_s: Speed = 0.1  # of a receiver's report
     receiver_error_m_s: Speed = 0.15  # its slow error; small: follows it, large: the filter
     error_tau_s: Time = 5.0  # for so long either's slow error stays the same
@@ -82,8 +83,7 @@ class AidingParams(NamedTuple):
     unaided_sigma_rad: Angle = radians(5.0)  # of the unaided attitude, also at the beginning
 
     # Lags.
-    # of the low-pass of an autopilot's IMU stream; by so much a filter's time may be off, too
-    imu_lag_s: Lag = 0.012
+    imu_lag_s: Lag = 0.012  # the low-pass of an autopilot's IMU stream
 
     # Magnetic field.
     heading_noise: Noise = radians(3.0)  # rad/sqrt(Hz); small: follows magnets, large: slow

@@ -1,7 +1,7 @@
 """Sends what is drawn to Rerun's viewer, to a file, or to both."""
 
-from collections.abc import Callable
-from contextlib import suppress
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -111,8 +111,9 @@ class ViewerStream:
     def show(self, blueprint: Any) -> None:
         """Arrange the views anew."""
         arrangement = _Arrangement(blueprint)
-        self._recording.send_blueprint(arrangement)
-        arrangement.let_go()
+        with self._noting_failures():
+            self._recording.send_blueprint(arrangement)
+            arrangement.let_go()
 
     def lines(self, path: str, names: list[str], colours: list[Any]) -> None:
         """Names and colours of lines."""
@@ -137,9 +138,15 @@ class ViewerStream:
             self.process = None
 
     def _flush(self, timeout_s: float) -> None:
-        """Send what is pending; the window may be closed already, and the disk be full."""
-        try:
+        """Send what is pending."""
+        with self._noting_failures():
             self._recording.flush(timeout_sec=timeout_s)
+
+    @contextmanager
+    def _noting_failures(self) -> Iterator[None]:
+        """The window may be closed already, and the disk be full."""
+        try:
+            yield
         except Exception as error:  # noqa: BLE001 - the library's errors have no class of their own
             if self._rrd is not None and str(error).startswith(OF_FILE):
                 self._file_failed = True

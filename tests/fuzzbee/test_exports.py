@@ -315,7 +315,7 @@ def test_no_legend_lies_on_its_data(capsys, tmp_path, drawn, which):
     assert replay(capsys, *source, "--plot", tmp_path / "a.png", "--json")[0] == 0
     (figure,) = drawn
     legends = [ax.get_legend() for ax in figure.axes if ax.get_legend() is not None]
-    assert len(legends) == (4 if which == "log" else 2)
+    assert len(legends) == (5 if which == "log" else 2)
     for legend in legends:
         box = legend.get_window_extent().padded(-1.0)  # they may touch
         assert not any(box.overlaps(ax.get_window_extent()) for ax in figure.axes)
