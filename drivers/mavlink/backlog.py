@@ -14,6 +14,8 @@ from collections.abc import Iterable
 from itertools import islice
 from typing import NamedTuple
 
+import numpy as np
+
 from drivers.events import Shed, VehicleId
 from drivers.mavlink.constants import AUTOPILOT_VERSION_ID, HEARTBEAT_ID
 from drivers.mavlink.framing import Frame
@@ -111,7 +113,8 @@ class Backlog:
         # the newest turn of each stream, while there is more than can be done; else None
         self._streams: dict[tuple[int, ...], _Turn] | None = None
         self._newcomers: dict[int, list[_Turn]] = {}  # by address: from the first IMU sample on
-        self._has_come = bytearray(1 << 16)  # by address: whether an IMU sample was taken
+        # by address, as system << 8 | component: whether an IMU sample was taken
+        self.has_come = np.zeros(1 << 16, np.bool_)
         self._uncounted: Counter[tuple[VehicleId, str]] = Counter()
         self._looked_s: float | None = None
         self._patience = Patience()
@@ -149,13 +152,6 @@ class Backlog:
         """Whether nobody has looked for long."""
         return self._looked_s is not None and now_s - self._looked_s > STOPPED_S
 
-    def passes_by(self, sender: int) -> bool:
-        """Whether a sender's frames need not wait here: it is no newcomer.
-
-        By address, as ``system << 8 | component``.
-        """
-        return self._has_come[sender] == 1
-
     @property
     def senders(self) -> set[int]:
         """Whose frames wait for their turn, by address."""
@@ -178,7 +174,7 @@ class Backlog:
             if turns[-1].since_s - turns[0].since_s > NEWCOMER_PATIENCE_S:
                 turns = self._newest(turns)
             taken += [turn.arrived for turn in turns]
-            self._has_come[address] = True
+            self.has_come[address] = True
         return taken
 
     def fold(self) -> None:
@@ -202,7 +198,7 @@ class Backlog:
         """Keep a frame of who has an IMU of which no sample was taken yet; False for all else."""
         frame = arrived.frame
         address = frame.system_id << 8 | frame.component_id
-        if self._has_come[address]:
+        if self.has_come[address]:
             return False
         turns = self._newcomers.get(address)
         if turns is None:

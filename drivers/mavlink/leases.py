@@ -20,6 +20,8 @@ Array = Any  # numba ships no types
 ADDRESSES = 1 << 16  # system << 8 | component
 NOBODY = -1
 LONGEST_US = 5_000_000  # beyond that the clock was set back
+# What becomes of a datagram: it is judged; it passes; it would, but waits behind others.
+JUDGED, PASSES, WAITS = 0, 1, 2
 # So many peers may have sent something else within a look; beyond that nobody passes.
 MOST_ODD = 16
 
@@ -34,15 +36,16 @@ def pass_by(
     looked_at: Array,
     waiting_in: Array,
     turn: int,
-    passes: Array,
+    has_come: Array,
+    done: Array,
     passing: tuple[Array, Array, Array],
 ) -> int:
     """Find the datagrams that pass; returns how many rows they have.
 
     ``come`` are the datagrams' counts of rows, senders, peers and arrivals; ``leases`` the arrays
     of :class:`Leases`. ``waiting_in`` has, by address, the ``turn`` in which some of its frames
-    did not pass: what comes behind those waits, too. ``passing`` gets each row's number, bounds and
-    arrival.
+    did not pass: what comes behind those waits, too, as that of who ``has_come`` not yet. ``done``
+    tells what becomes of each. ``passing`` gets each row's number, bounds and arrival.
     """
     counts, senders, peers, arrivals_us = come
     holders, until_us, heard_us = leases
@@ -50,7 +53,7 @@ def pass_by(
     odd, odds = np.zeros(MOST_ODD, np.int64), 0
     row, n = 0, 0
     for k in range(len(counts)):
-        passes[k] = False
+        done[k] = JUDGED
         sender, peer, arrival_us = senders[k], peers[k], arrivals_us[k]
         if counts[k] == LEFT or sender == 0:
             if odds < MOST_ODD:
@@ -59,12 +62,14 @@ def pass_by(
             continue
         begin, row = row, row + counts[k]
         is_held = holders[sender] == peer and 0 < until_us[sender] - arrival_us <= LONGEST_US
-        is_waiting = looked_at[sender] or waiting_in[sender] == turn
-        if not is_held or is_waiting or is_among(odd, odds, peer):
+        if not is_held or looked_at[sender] or is_among(odd, odds, peer):
             waiting_in[sender] = turn
             continue
-        passes[k] = True
         heard_us[sender] = max(heard_us[sender], arrival_us)
+        if waiting_in[sender] == turn or not has_come[sender]:
+            done[k], waiting_in[sender] = WAITS, turn
+            continue
+        done[k] = PASSES
         for i in range(begin, row):
             numbers[n], row_arrivals_us[n] = i, arrival_us
             bounds[n, 0], bounds[n, 1] = rows[i, BEGIN], rows[i, STOP]
@@ -103,18 +108,18 @@ class Leases:
         self._pass = direct(pass_by, argument_types()) if is_compiled_code() else None
 
     def passing(
-        self, scanned: Scanned, looked_at: Array, waiting: Iterable[int]
+        self, scanned: Scanned, looked_at: Array, waiting: Iterable[int], has_come: Array
     ) -> tuple[Array, Passing]:
-        """Which datagrams pass, and their rows.
+        """What becomes of the datagrams, and the rows of those that pass.
 
         Somebody wants to see the frames of the addresses that are ``looked_at``; those of the
-        others that are ``waiting`` come behind what waits.
+        others that are ``waiting`` come behind what waits, as those that have not ``has_come``.
         """
         self._turn += 1
         for address in waiting:
             self._waiting_in[address] = self._turn
         come = scanned.datagrams
-        passes = np.empty(come.number, np.bool_)
+        done = np.empty(come.number, np.int64)
         passing = _room(len(scanned.rows))
         assert self._pass is not None
         n = self._pass(
@@ -124,10 +129,11 @@ class Leases:
             looked_at,
             self._waiting_in,
             self._turn,
-            passes,
+            has_come,
+            done,
             tuple(passing),
         )
-        return passes, Passing(*(each[:n] for each in passing))
+        return done, Passing(*(each[:n] for each in passing))
 
     def grant(self, address: int, peer: int, name: str, until_us: int) -> None:
         """Frames of that address pass until then that come from a peer, of that number and name."""
@@ -163,5 +169,5 @@ def argument_types() -> tuple[Any, ...]:
     numbers, table = np.zeros(0, np.int64), np.zeros((0, 0), np.int64)
     flags = np.zeros(0, np.bool_)
     come, leases = (numbers,) * 4, (numbers,) * 3
-    arguments = (come, table, leases, flags, numbers, 0, flags, tuple(_room(0)))
+    arguments = (come, table, leases, flags, numbers, 0, flags, numbers, tuple(_room(0)))
     return tuple(map(_typeof, arguments))

@@ -9,7 +9,7 @@ onboard computer; never from a ground station.
 import logging
 import time
 from collections import Counter, OrderedDict, deque
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from typing import NamedTuple, Self
 
 import numpy as np
@@ -37,7 +37,7 @@ from drivers.mavlink.error_summary import ErrorSummary
 from drivers.mavlink.framing import Frame, FrameReader
 from drivers.mavlink.gate import FrameGate, Policy
 from drivers.mavlink.hearing import Hearing
-from drivers.mavlink.leases import Leases, Passing
+from drivers.mavlink.leases import JUDGED, WAITS, Leases, Passing
 from drivers.mavlink.opening import Opening
 from drivers.mavlink.recorder import Recorder
 from drivers.mavlink.scanning import LEFT, Scanned, Scanner
@@ -310,36 +310,36 @@ class MavlinkLink(Closing):
         if scanned is not None and self._taker is None and self._is_late(now_s):
             scanned = self._thin_out(scanned)
             come = scanned.datagrams
-        others: Sequence[int] = range(come.number)
+        done = [JUDGED] * come.number if scanned is None else self._let_pass(scanned, now_s)
         waiting: list[Arrived] = []
-        if scanned is not None:
-            others, waiting = self._let_pass(scanned, now_s)
-        for k in others:
-            waiting += self._judged(come, k, scanned, now_s)
+        for k, become in enumerate(done):
+            if become == JUDGED:
+                waiting += self._judged(come, k, scanned, now_s)
+            elif scanned is not None and (become == WAITS or self._taker is not None):
+                arrival_us = int(come.arrivals_us[k])
+                waiting += [Arrived(arrival_us, frame) for frame in scanned.frames(k)]
         self._hand_over(waiting, now_us)
         self._events += self._gate.take_refused(now_us)
 
-    def _let_pass(self, scanned: Scanned, now_s: float) -> tuple[Sequence[int], list[Arrived]]:
+    def _let_pass(self, scanned: Scanned, now_s: float) -> list[int]:
         """Have the frames of those read before all that waits who have a lease.
 
-        Returns the other packets; for a taker, also the frames of those, which it takes in turn.
+        Returns what becomes of each packet; a taker takes all that is not judged in turn.
         """
         come = scanned.datagrams
-        looked_at = self._sequences.looked_at(int(come.arrivals_us[-1]))
-        passes, passing = self._leases.passing(scanned, looked_at, self._backlog.senders)
-        if not passes.any():
-            return range(come.number), []
-        self._tell(self._hearing.bytes_read(len(come.data), 1, now_s), int(come.arrivals_us[-1]))
-        if not self._transport.stamps_arrivals:  # who has places, and gives them to the sound
-            for peer in np.unique(come.peers[passes]).tolist():
-                self._transport.credit(come.name_of(peer))
-        others = (~passes).nonzero()[0].tolist()
-        if self._taker is None:
-            self._passing = _Passed(scanned, passing)
-            return others, []
-        numbers, arrivals_us = passing.numbers.tolist(), passing.arrivals_us.tolist()
-        rows = zip(numbers, arrivals_us, strict=True)
-        return others, [Arrived(us, scanned.frame(row)) for row, us in rows]
+        last_us = int(come.arrivals_us[-1])
+        backlog, looked_at = self._backlog, self._sequences.looked_at(last_us)
+        done, passing = self._leases.passing(scanned, looked_at, backlog.senders, backlog.has_come)
+        is_leased = done != JUDGED
+        if is_leased.any():
+            self._tell(self._hearing.bytes_read(len(come.data), 1, now_s), last_us)
+            if not self._transport.stamps_arrivals:  # who has places, and gives them to the sound
+                for peer in np.unique(come.peers[is_leased]).tolist():
+                    self._transport.credit(come.name_of(peer))
+            if self._taker is None and len(passing.numbers):
+                self._passing = _Passed(scanned, passing)
+        found: list[int] = done.tolist()
+        return found
 
     def _judged(
         self, come: Datagrams, k: int, scanned: Scanned | None, now_s: float
@@ -376,7 +376,7 @@ class MavlinkLink(Closing):
         """Let a peer's frames of an address pass, if nobody would refuse or hold back the next."""
         address = frame.system_id << 8 | frame.component_id
         left_s = self._claims.left_s(peer, now_s) - ITERATION_S
-        if left_s > 0.0 and self._gate.is_open and self._backlog.passes_by(address):
+        if left_s > 0.0 and self._gate.is_open:
             self._leases.grant(address, number, peer, arrival_us + int(1e6 * left_s))
 
     def _is_late(self, now_s: float) -> bool:

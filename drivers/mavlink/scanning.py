@@ -47,18 +47,21 @@ def scan_frames(
     extras: Array,
     wanted: Array,
     counts: Array,
+    firsts: Array,
     senders: Array,
     rows: Array,
 ) -> int:
     """Find the frames of datagrams, the k-th of which is ``data[begins[k]:ends[k]]``.
 
     ``extras`` has each message's CRC_EXTRA, or :data:`UNKNOWN`. Of the ``wanted`` ones a row is
-    written for each frame; ``counts`` tells how many rows a datagram has, or :data:`LEFT`, and
-    ``senders`` of whom, as ``system << 8 | component``, or 0. Returns the number of rows.
+    written for each frame; ``counts`` tells how many rows a datagram has, or :data:`LEFT`,
+    ``firsts`` which is its first, and ``senders`` of whom they are, as ``system << 8 | component``,
+    or 0. Returns the number of rows.
     """
     written = 0
     for k in range(len(ends)):
         at, end, first, frames, sender = begins[k], ends[k], written, 0, -1
+        firsts[k] = first
         while at < end:
             stop, message, sender_at, payload_at = header(data, at, end, len(extras))
             if stop < 0 or extras[message] == UNKNOWN:
@@ -139,14 +142,14 @@ class Scanned(NamedTuple):
 
     datagrams: Datagrams
     counts: Array  # of rows, by datagram; :data:`LEFT` where nothing was found
+    firsts: Array  # rows, by datagram
     senders: Array  # by datagram: system << 8 | component, or 0
     rows: Array
 
     def rows_of(self, datagram: int) -> range:
         """Where a datagram's rows are."""
-        counts = self.counts[: datagram + 1]
-        end = int(counts[counts > 0].sum())
-        return range(end - max(0, int(counts[datagram])), end)
+        first = int(self.firsts[datagram])
+        return range(first, first + max(0, int(self.counts[datagram])))
 
     def frames(self, datagram: int) -> list[Frame]:
         """A datagram's frames."""
@@ -174,14 +177,14 @@ class Scanner:
     def scan(self, datagrams: Datagrams) -> Scanned:
         """The frames of these datagrams."""
         data, begins, ends = datagrams[:3]
-        found = counts, senders, rows = _found(datagrams.number, len(data))
+        found = counts, firsts, senders, rows = _found(datagrams.number, len(data))
         written = self._scan(data, begins, ends, self._extras, self._wanted, *found)
-        return Scanned(datagrams, counts, senders, rows[:written])
+        return Scanned(datagrams, counts, firsts, senders, rows[:written])
 
 
-def _found(datagrams: int, size: int) -> tuple[Array, Array, Array]:
-    counts, senders = np.empty(datagrams, np.int64), np.empty(datagrams, np.int64)
-    return counts, senders, np.empty((size // SHORTEST + 1, COLUMNS), np.int64)
+def _found(datagrams: int, size: int) -> tuple[Array, Array, Array, Array]:
+    counts, firsts, senders = (np.empty(datagrams, np.int64) for _ in range(3))
+    return counts, firsts, senders, np.empty((size // SHORTEST + 1, COLUMNS), np.int64)
 
 
 @cache

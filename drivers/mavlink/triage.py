@@ -45,9 +45,11 @@ def newest(scanned: Scanned) -> tuple[Scanned, dict[int, Shed]]:
     left = np.bincount(np.repeat(np.arange(len(counts)), counts)[stays], minlength=len(counts))
     is_left = scanned.counts == LEFT
     kept = (left > 0) | is_left
+    left = left[kept]
     thinned = Scanned(
         come.kept(kept),
-        np.where(is_left, LEFT, left)[kept],
+        np.where(is_left[kept], LEFT, left),
+        left.cumsum() - left,
         scanned.senders[kept],
         rows[stays],
     )

@@ -9,7 +9,7 @@ import drivers.mavlink.link
 from drivers.endpoint import parse_endpoint
 from drivers.events import Imu, Malformed, Notice, RefusedFrames, VehicleId
 from drivers.mavlink.encoder import FrameEncoder, heartbeat, raw_imu
-from drivers.mavlink.leases import LONGEST_US, Leases
+from drivers.mavlink.leases import JUDGED, LONGEST_US, PASSES, WAITS, Leases
 from drivers.mavlink.link import MavlinkLink
 from drivers.mavlink.scanning import Scanner
 from drivers.mavlink.transports.datagrams import Datagrams, peer_number
@@ -127,14 +127,14 @@ def test_who_passes_keeps_the_address_and_is_still_counted(monkeypatch):
 def test_a_lease_is_for_one_peer_and_address_and_ends():
     leases, encoder = Leases(), FrameEncoder(VehicleId(7, 2))
     frame = encoder.frame(raw_imu(1, *STILL), 0)
-    nobody = [False] * (1 << 16)
+    nobody, everybody = [False] * (1 << 16), [True] * (1 << 16)
 
     def passes(peer, data, arrival_us, waiting=()):
         come = Datagrams.of([Packet(peer, data, arrival_us)], arrival_us)
         scanned = Scanner(frozenset({27})).scan(come)
-        flags, passing = leases.passing(scanned, np.array(nobody), waiting)
-        assert len(passing.numbers) == int(flags[0])
-        return bool(flags[0])
+        done, passing = leases.passing(scanned, np.array(nobody), waiting, np.array(everybody))
+        assert len(passing.numbers) == int(done[0] == PASSES)
+        return bool(done[0] == PASSES)
 
     address = 7 << 8 | 2
     assert not passes("a", frame, START_US)
@@ -150,8 +150,11 @@ def test_a_lease_is_for_one_peer_and_address_and_ends():
     leases.grant(address, peer_number("a"), "a", START_US + 10)
     packets = [Packet("a", frame, START_US + late_us) for late_us in (11, 9)]
     scanned = Scanner(frozenset({27})).scan(Datagrams.of(packets, START_US))
-    flags, _ = leases.passing(scanned, np.array(nobody), ())
-    assert not flags.any()  # what comes behind one that waits does, too
+    done, _ = leases.passing(scanned, np.array(nobody), (), np.array(everybody))
+    assert done.tolist() == [JUDGED, WAITS]  # what comes behind one that waits does, too
+    scanned = Scanner(frozenset({27})).scan(Datagrams.of(packets[1:], START_US))
+    done, _ = leases.passing(scanned, np.array(nobody), (), np.array(nobody))
+    assert done.tolist() == [WAITS]  # a newcomer
     leases.end(peer_number("b"))
     assert passes("a", frame, START_US)
     leases.end(peer_number("a"))
