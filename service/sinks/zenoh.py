@@ -118,7 +118,7 @@ class ZenohSink:
         elif isinstance(output, Encoded):
             self._put_attitude(output.vehicle, output.payload)
         elif isinstance(output, Published):
-            self._put_status(output.vehicle, self._encode(output.record))
+            self._put(self._statuses, output.vehicle, "status", self._encode(output.record))
         elif isinstance(output, Replaced):
             self._profiles[vehicle_name(output.vehicle)] = output.profile
         elif isinstance(output, Departed):
@@ -129,16 +129,14 @@ class ZenohSink:
         close_session(self._session)
 
     def _put_attitude(self, vehicle: VehicleId, text: bytes) -> None:
-        topic = self._attitudes.get(vehicle)
-        if topic is None:
-            topic = self._attitudes[vehicle] = self._new_topic(vehicle, "attitude")
-        topic.last = text
-        topic.put(text)
+        self._put(self._attitudes, vehicle, "attitude", text)
 
-    def _put_status(self, vehicle: VehicleId, text: bytes) -> None:
-        topic = self._statuses.get(vehicle)
+    def _put(
+        self, topics: dict[VehicleId, _Topic], vehicle: VehicleId, kind: str, text: bytes
+    ) -> None:
+        topic = topics.get(vehicle)
         if topic is None:
-            topic = self._statuses[vehicle] = self._new_topic(vehicle, "status")
+            topic = topics[vehicle] = self._new_topic(vehicle, kind)
         topic.last = text
         topic.put(text)
 
