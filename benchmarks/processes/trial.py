@@ -219,10 +219,10 @@ def percentiles(values_ms: np.ndarray) -> list[float] | None:
 
 def counts(seen: Seen) -> Row:
     """What became of the samples, in all."""
-    told, departed = seen.summary["vehicles"].values(), seen.summary["departed"]
+    told, departed = seen.summary["vehicles"].values(), seen.summary.get("departed", {})
     taken = sum(each["samples"] + sum(each["rejected"].values()) for each in told)
-    taken += departed["samples"] + departed["rejected"]
-    shed = sum(each.get("shed", 0) for each in told) + departed["shed"]
+    taken += departed.get("samples", 0) + departed.get("rejected", 0)
+    shed = sum(each.get("shed", 0) for each in told) + departed.get("shed", 0)
     lost = seen.summary.get("lost", 0)
     return {
         "sent": len(seen.sent),
