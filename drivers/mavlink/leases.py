@@ -12,6 +12,7 @@ from typing import Any, NamedTuple
 import numba
 import numpy as np
 
+from drivers.mavlink.claims import CLAIM_S
 from drivers.mavlink.scanning import BEGIN, LEFT, STOP, Scanned
 from estimator.compilation.compiled import compiled, inlined, is_compiled_code
 from estimator.compilation.direct import direct
@@ -19,7 +20,7 @@ from estimator.compilation.direct import direct
 Array = Any  # numba ships no types
 ADDRESSES = 1 << 16  # system << 8 | component
 NOBODY = -1
-LONGEST_US = 5_000_000  # beyond that the clock was set back
+LONGEST_US = int(1e6 * CLAIM_S)  # beyond that the clock was set back
 # What becomes of a datagram: it is judged; it passes; it would, but waits behind others.
 JUDGED, PASSES, WAITS = 0, 1, 2
 # So many peers may have sent something else within a look; beyond that nobody passes.

@@ -44,7 +44,7 @@ from drivers.mavlink.scanning import LEFT, Scanned, Scanner
 from drivers.mavlink.sequences import SequenceWatch
 from drivers.mavlink.stream_request import Outgoing, StreamRequest
 from drivers.mavlink.taker import FrameTaker
-from drivers.mavlink.transports.datagrams import Datagrams
+from drivers.mavlink.transports.datagrams import Datagrams, unix_us
 from drivers.mavlink.transports.open import open_transport
 from drivers.mavlink.transports.sockets import SOCKET_BUFFER_BYTES
 from drivers.mavlink.transports.transport import LinkError
@@ -216,7 +216,7 @@ class MavlinkLink(Closing):
         wait_s = 0.0 if waits else max(0.0, timeout_s)
         if self._passing is None:  # what is newer is read when that is done
             (self._receive if self._is_open else self._reopen)(wait_s)
-        now_us = _unix_us()
+        now_us = unix_us()
         found: list[Event | Readings] = [*self._events]
         self._events.clear()
         found += self._read_passing()
@@ -250,7 +250,7 @@ class MavlinkLink(Closing):
             self._look_s = now_s
             self._read_clock_s = waiting_clock_s()
             silence = self._hearing.silence(now_s, is_up=self._is_up, has_data=self._has_data)
-            self._tell(silence, _unix_us())
+            self._tell(silence, unix_us())
             self._send_due()
             self._report_loss(now_s)
         except LinkError as error:
@@ -305,7 +305,7 @@ class MavlinkLink(Closing):
         """Have most frames read at once; put the others into the backlog, and all on record."""
         if not come.number and self._taker is None:
             return
-        now_us = _unix_us()
+        now_us = unix_us()
         scanned = self._scan(come)
         if scanned is not None and self._taker is None and self._is_late(now_s):
             scanned = self._thin_out(scanned)
@@ -453,7 +453,7 @@ class MavlinkLink(Closing):
         if self._endpoint.kind == "udpout" and now_s >= self._announce_due_s:
             self._announce_due_s = now_s + HEARTBEAT_S
             message = heartbeat(MAV_TYPE_ONBOARD_CONTROLLER, MAV_AUTOPILOT_INVALID)
-            self._outgoing.append(self._encoder(self._own_system()).frame(message, _unix_us()))
+            self._outgoing.append(self._encoder(self._own_system()).frame(message, unix_us()))
         while self._outgoing:
             self._transport.send(self._outgoing.popleft())
 
@@ -483,7 +483,7 @@ class MavlinkLink(Closing):
             self._tell_down("the last client has left")
             return
         self._is_up, self._is_down_told = True, False
-        self._events.append(LinkUp(_unix_us(), str(self._endpoint)))
+        self._events.append(LinkUp(unix_us(), str(self._endpoint)))
 
     def _note_data(self) -> None:
         """Only bytes show that a link works: a server may accept and close at once."""
@@ -508,7 +508,7 @@ class MavlinkLink(Closing):
 
     def _tell_down(self, reason: str) -> None:
         self._is_up, self._is_down_told = False, True
-        self._events.append(LinkDown(_unix_us(), str(self._endpoint), reason))
+        self._events.append(LinkDown(unix_us(), str(self._endpoint), reason))
 
     def _report_loss(self, now_s: float) -> None:
         """Say that the system throws datagrams away, and what helps, once a minute at most."""
@@ -521,8 +521,4 @@ class MavlinkLink(Closing):
             f"{self._endpoint}: {count} datagrams were lost, the system had no room for them; "
             f"sysctl net.core.rmem_max={SOCKET_BUFFER_BYTES} gives it more"
         )
-        self._events.append(Notice(None, _unix_us(), text))
-
-
-def _unix_us() -> int:
-    return time.time_ns() // 1000
+        self._events.append(Notice(None, unix_us(), text))

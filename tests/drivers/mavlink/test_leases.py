@@ -91,7 +91,7 @@ def test_what_passes_says_what_a_judge_would_let_in(seed, monkeypatch):
     passing, judging = (Link(judges_all=judges) for judges in (False, True))
     kinds = set()
     for packets, now_us in stream(random.Random(seed), 750):
-        monkeypatch.setattr(drivers.mavlink.link, "_unix_us", lambda now_us=now_us: now_us)
+        monkeypatch.setattr(drivers.mavlink.link, "unix_us", lambda now_us=now_us: now_us)
         ours, theirs = (link.take(packets, now_us) for link in (passing, judging))
         assert of_each(ours) == of_each(theirs)
         kinds |= {type(event) for event in ours}
@@ -107,7 +107,7 @@ def test_who_passes_keeps_the_address_and_is_still_counted(monkeypatch):
     said = []
     for step in range(1120):
         now_us = START_US + 20_000 * step
-        monkeypatch.setattr(drivers.mavlink.link, "_unix_us", lambda now_us=now_us: now_us)
+        monkeypatch.setattr(drivers.mavlink.link, "unix_us", lambda now_us=now_us: now_us)
         encoder = encoders[step % 2 if step > 990 else 0]
         packets = [Packet("a", encoder.frame(raw_imu(20_000 * step, *STILL), 0), now_us)]
         if step == 200:
