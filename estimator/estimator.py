@@ -27,7 +27,6 @@ from estimator.live.settings import Settings
 from estimator.live.snapshot import Snapshot
 from estimator.live.state import State
 from estimator.live.taking import take_sample
-from estimator.live.turning import STILL
 from estimator.profile import Profile
 from estimator.reasons import Reason
 from estimator.types import Attitude, ImuSample, Quaternion, RateSample, Vec3, VelocitySample
@@ -235,8 +234,6 @@ class Estimator:
         """The samples are another IMU's from now on: its biases are its own."""
         state = self._state
         state.set_core(change_imu(state.settings, state.core.core, is_aided=self.is_aided))
-        # what differs from others' rates is its own, too
-        state.change_context(turning=STILL._replace(used=state.context.turning.used))
 
     def turn(self, turn_ned: Quaternion) -> None:
         """Turn the estimate by a rotation given in NED that no sensor has felt, to test recovery.
@@ -284,7 +281,7 @@ class Estimator:
     @property
     def rates(self) -> str:
         """Whose rates the turning was integrated through: "imu", or "imu+attitude"."""
-        return "imu+attitude" if self._state.context.turning.used else "imu"
+        return "imu+attitude" if self._state.core.turning[0] else "imu"
 
     @property
     def gain_in_words(self) -> str:
@@ -296,7 +293,7 @@ class Estimator:
     def contradicted_axes(self) -> tuple[bool, bool, bool]:
         """Whether field and force contradict the gyroscope's axes x, y, z, or others stand in."""
         x, y, z = self._state.core.contradicted_axes
-        replaced = self._state.context.turning.stands_in
+        replaced = self._state.core.turning[1]
         return x or replaced[0], y or replaced[1], z or replaced[2]
 
     @property
