@@ -21,7 +21,7 @@ from drivers.mavlink.usual_frames import (
     ATTITUDE,
     FRESH,
     GIVES,
-    QUATERNION,
+    SILENT,
     TO_LOOK,
     Readings,
 )
@@ -110,7 +110,7 @@ def take_rows(
     for k in range(len(arrivals_us)):
         left[k] = 0
         kind = whole[k, 0]
-        if kind == QUATERNION:
+        if kind == SILENT:
             continue
         v = index[addresses[whole[k, 1]]] - 1
         if v < 0 or left_in[v] == batch:

@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 
 from drivers.samples.fresh_field import REPEAT_US
+from drivers.samples.navigation import WORDS
 from drivers.samples.plausibility import SPACING_US
 from drivers.samples.sensor_faults import (
     ACC_RAIL_M_S2,
@@ -56,11 +57,13 @@ WRAPPED, BOOT, ARRIVAL, FLOOR, SECOND, PACE, BESIDE = 1, 2, 3, 4, 5, 8, 10
 # and of the offset, of which the first says how many estimates it is made of.
 OFFSET_US, SINCE_MEDIAN, OLDEST, RING = 1, 2, 3, 4
 
+# Of a vehicle: when somebody's attitude was given, when anything was heard, the time of the last
+# IMU sample, and what its receiver and filter said of themselves.
+GIVEN, HEARD, LAST_IMU, NAVIGATION = 0, 1, 2, 3
+SAID_SIZE = NAVIGATION + WORDS
 # A stream's last message, in continuous and boot time. An IMU stream's other columns:
 PLACED_TIME, PLACED_BOOT = 0, 1
-GIVEN = 2  # of another stream: when somebody's attitude was given,
-HEARD, LAST_IMU = 3, 4  # anything was heard, and the time of the last IMU sample
-OTHER_SIZE = 5
+OTHER_SIZE = 2
 LOOK, FRESH_US, FAULTS = 2, 3, 4
 LAST_US, GOOD_US, BOTH, GYR, ACC, FIELD_US = 4, 5, 6, 9, 12, 15
 MAG_CHANGES, MAG_EQUAL, MAG_SINCE_US, AXIS_CHANGES = 16, 17, 18, 19
@@ -344,6 +347,8 @@ class Rows:
 
     def __init__(self, vehicles: int, imus: int, others: int) -> None:
         self.clocks = np.zeros((vehicles, CLOCK_SIZE), np.int64)
+        self.said = np.zeros((vehicles, SAID_SIZE), np.int64)
+        self.doubts = np.ones(vehicles)  # of the filter's velocity
         self.others = np.zeros((vehicles * others, OTHER_SIZE), np.int64)
         self.whole = np.zeros((vehicles * imus, STREAM_SIZE), np.int64)
         self.numbers = np.zeros((vehicles * imus, STREAM_NUMBERS))
@@ -357,6 +362,8 @@ class Rows:
         """All of it, as compiled code takes it."""
         return (
             self.clocks,
+            self.said,
+            self.doubts,
             self.others,
             self.whole,
             self.numbers,
