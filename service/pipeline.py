@@ -31,6 +31,7 @@ from drivers.events import (
     Shed,
     TrackLost,
     VehicleId,
+    Velocity,
 )
 from drivers.mavlink.constants import is_autopilot
 from drivers.mavlink.usual_frames import Readings
@@ -119,17 +120,21 @@ class Pipeline:
     def take(self, readings: Readings) -> list[Output]:
         """Take many readings as :meth:`handle` takes their events; in order for each vehicle."""
         self._return_usual()
-        left, checks, compared, looks = self._usual.take(readings)
+        rest = self._usual.take(readings)
         outputs: list[Output] = []
-        for event in readings.looks(looks):
+        for event in readings.looks(rest.looks):
             outputs += self.handle(event)
-        for event in readings.events(checks):
-            if isinstance(event, Imu) and (vehicle := self._own(event.vehicle)) is not None:
-                outputs += _messages(vehicle.check(event))
-        for event in readings.events(compared):
+        for rows, judge in ((rest.checks, Vehicle.check), (rest.doubts, Vehicle.give_up)):
+            for event in readings.events(rows):
+                if isinstance(event, Imu) and (vehicle := self._own(event.vehicle)) is not None:
+                    outputs += _messages(judge(vehicle, event))
+        for event in readings.events(rest.compared):
             if isinstance(event, ReferenceAttitude):
                 outputs += self.handle(event)
-        for event in readings.events(left):
+        for event in readings.events(rest.told):
+            if isinstance(event, Velocity) and (vehicle := self._own(event.vehicle)) is not None:
+                vehicle.hear_velocity(event.sample)
+        for event in readings.events(rest.left):
             outputs += self.handle(event)
         return outputs
 

@@ -1,15 +1,17 @@
 """Vehicles whose samples just go on with those before, all taken in one call of compiled code.
 
 :class:`~service.vehicle.Vehicle` holds the rules for everything that may happen to one, in Python.
-What they come to for a vehicle that runs without velocity, and sends nothing but sound samples of
-the IMU message in use, is here, for many at a time and to the same bits. A row that is anything
+What they come to for a vehicle that runs, and sends sound samples of the IMU message in use, with
+velocity and others' rates or without, is here, for many at a time and to the same bits. A row that
+is anything
 else is left to Python, with all that follow of its vehicle; what is known of that is handed back
 before, and taken over again behind it.
 """
 
+from collections.abc import Sequence
 from collections.abc import Set as AbstractSet
 from functools import cache
-from math import degrees, isfinite, pi
+from math import degrees, inf, isfinite, pi
 from typing import Any, NamedTuple, Self
 
 import numba
@@ -21,17 +23,38 @@ from drivers.mavlink.usual_frames import (
     ATTITUDE,
     FRESH,
     GIVES,
+    IS_THERE,
+    LOCAL_POSITION,
+    MOVES,
+    NO_DATA,
     SILENT,
     TO_LOOK,
     Readings,
 )
+from estimator.aiding.place import NEAR_DEG
+from estimator.aiding.sources.velocity import SPEED_LIMIT_M_S
+from estimator.aiding.trail import OLDEST_S
+from estimator.aiding.types import NO_REPORT, Report
 from estimator.compilation.compiled import compiled, inlined
 from estimator.compilation.direct import direct
 from estimator.estimator import Estimator
 from estimator.geometry.frames import euler_rad
+from estimator.live.interval import is_gap
 from estimator.live.refusal import FINE, RATE_LIMIT_RAD_S, fault_of
-from estimator.live.resident import RAW, advance, advance_raw, contradicted_axes, publish
-from estimator.types import ZERO_VEC3, Vec3
+from estimator.live.reports import MOST_WAITING
+from estimator.live.resident import (
+    AIDED,
+    CONDITIONED,
+    RAW,
+    advance,
+    advance_aided,
+    advance_raw,
+    hear,
+    hear_rate,
+    publish,
+    turn_on,
+)
+from estimator.types import ZERO_VEC3, Vec3, VelocitySample
 from service.attitude_rows import HAS_MAG as SHOWN_HAS_MAG
 from service.attitude_rows import READINGS, ROW_WHOLE, SAMPLE_US, AttitudeRows
 from service.attitude_text import (
@@ -48,6 +71,8 @@ from service.health import LATE_MINIMUM_US, State, late_after_us
 from service.host_clock import HostClock, Offsets, observe
 from service.imu_choice import STAND_IN_GAP_US, longest_silence_us
 from service.intervals import CHECKED_EVERY, MEDIAN_EVERY, OTHER_CLOCK_US, PERIODS_KEPT
+from service.report_choice import SILENCE_US
+from service.second_opinion import STRIDE_S
 from service.showing import is_due, shown_at
 from service.vehicle import Vehicle
 
@@ -63,23 +88,29 @@ HEARD, CHOSEN, CHOSEN_US, LONGEST_SILENCE = 0, 1, 2, 3
 RIVAL, RIVAL_SAMPLES, RIVAL_SINCE, RIVAL_US = 4, 5, 6, 7
 # when rates came last (negative if never), whether they are used,
 RATES_US, USES_RATES = 8, 9
+# the message whose velocity is used, when that came last, when a stride of velocity began,
+VELOCITY, VELOCITY_US, STRIDE_US = 10, 11, 12
 # the last sample's times, the counts, when to look for alarms, what was published last,
-ARRIVAL, TIME, BOOT, HAS_MAG = 10, 11, 12, 13
-SAMPLES, WORST_GAP, LOOK_US = 14, 15, 16
-ATTITUDES, SHOWN_SAMPLES, SHOWN_US = 17, 18, 19
+ARRIVAL, TIME, BOOT, HAS_MAG = 13, 14, 15, 16
+SAMPLES, WORST_GAP, LOOK_US = 17, 18, 19
+ATTITUDES, SHOWN_SAMPLES, SHOWN_US = 20, 21, 22
 # the clock's, the median interval and the intervals it is made of, the oldest of them at AT.
-CLOCK_AT, WINDOW, EVEN = 20, 21, 23
-MEDIAN, PERIODS, AT, RING = 25, 26, 27, 28
-# Behind the intervals: what the filter's vectors come from.
+CLOCK_AT, WINDOW, EVEN = 23, 24, 26
+MEDIAN, PERIODS, AT, RING = 28, 29, 30, 31
+# Behind the intervals what the estimator says of itself, see :class:`estimator.estimator.Lent`.
 SOURCE = RING + PERIODS_KEPT
-STATE_SIZE = SOURCE + 1
-# And of its other numbers: of the clock, of the sample, the heading's least sigma.
-OFFSET, SPANS, READING, LEAST_HEADING = 0, 1, 5, 14
-STATE_NUMBERS = 15
+MINDS_GAPS, KNOWS_NORTH, HAS_RATES, WAITING, MINDS_PLACES = (SOURCE + k for k in range(1, 6))
+STATE_SIZE = MINDS_PLACES + 1
+# And of its other numbers: of the clock, of the sample, the heading's least sigma, the place.
+OFFSET, SPANS, READING, LEAST_HEADING, HERE = 0, 1, 5, 14, 15
+STATE_NUMBERS = 17
+# A velocity that waits for a sample: time, velocity, whether that has a vertical part, both sigmas.
+REPORT_SIZE = 7
 
-# What has become of a row: taken; left; taken, but the estimate is to be checked, or compared with
-# the attitude beside these rates.
-TAKEN, LEFT, CHECK, COMPARE = 0, 1, 2, 3
+# What has become of a row: taken; left; taken, but the estimate is to be checked, or judged, since
+# measurements contradict it, or compared with the attitude beside these rates, or a velocity is to
+# be told to whoever compares.
+TAKEN, LEFT, CHECK, DOUBT, COMPARE, TELL = 0, 1, 2, 3, 4, 5
 # And of a vehicle at a tick: nothing is wanted of it, it is shown, or there is more to do.
 UNWANTED, SHOWN, MORE = 0, 1, 2
 # At first there are places for so many.
@@ -93,7 +124,7 @@ RUNNING = NUMBER_OF_WORD[State.RUNNING.value]
 def take_rows(
     fleet: Any,
     index: Whole,
-    state: tuple[Whole, Floats, Whole],
+    state: tuple[Whole, Floats, Whole, Floats],
     batch: int,
     addresses: Whole,
     rows: tuple[Whole, Floats, Whole],
@@ -102,9 +133,10 @@ def take_rows(
     """Take the rows of :class:`Readings`; returns how many are not just taken.
 
     ``index`` by address is 1 more than a vehicle's place in ``fleet`` and ``state``, whose third
-    array has the number of the ``batch`` that a vehicle was last left in.
+    array has the number of the ``batch`` that a vehicle was last left in, and the fourth the
+    velocities that wait.
     """
-    state_whole, state_numbers, left_in = state
+    state_whole, state_numbers, left_in, waiting = state
     whole, numbers, arrivals_us = rows
     unusual = 0
     for k in range(len(arrivals_us)):
@@ -121,13 +153,23 @@ def take_rows(
         first, second, third = three(numbers, k, 0), three(numbers, k, 3), three(numbers, k, 6)
         if kind == ATTITUDE:
             done = take_rates(fleet[v], row, arrival_us, time_us, first, flags)
+        elif kind >= LOCAL_POSITION:
+            done = LEFT
+            if flags & IS_THERE == 0 or is_here(row, state_numbers[v], second):
+                fix = (kind, arrival_us, time_us, flags)
+                done = take_velocity(fleet[v], row, waiting[v], fix, first, third[0])
+        elif flags >= NO_DATA:  # or its field is none
+            done = LEFT
+            if flags & NO_DATA != 0 and kind != row[CHOSEN]:
+                done, row[HEARD] = TAKEN, arrival_us
         elif kind != row[CHOSEN]:
             done = note_rival(row, kind, arrival_us)
         else:
             has_mag = flags & FRESH != 0
             reading = (first, second, third if has_mag else ZERO_VEC3)
             times_us = (time_us, arrival_us, whole[k, 3])
-            done = take_sample(fleet[v], row, state_numbers[v], times_us, reading, has_mag)
+            numbers_of = (state_numbers[v], waiting[v])
+            done = take_sample(fleet[v], row, numbers_of, times_us, reading, has_mag)
         if done != TAKEN:
             left[k], left_in[v] = done, batch
             unusual += 1
@@ -151,12 +193,118 @@ def take_rates(
     is_fine = max(abs(rate[0]), abs(rate[1]), abs(rate[2])) <= RATE_LIMIT_RAD_S
     if row[RATES_US] < 0 or not is_fine:
         return LEFT
-    if row[USES_RATES] == 1 and time_us >= inside.time_us:
-        x, y, z = contradicted_axes(inside)
-        if time_us > inside.time_us or x or y or z:
-            return LEFT
+    if row[USES_RATES] == 1 and hear_rate(inside, time_us, rate[0], rate[1], rate[2]):
+        row[HAS_RATES] = 1
     row[RATES_US] = arrival_us
     return done
+
+
+@inlined
+def is_here(row: Whole, reals: Floats, place: Vec3) -> bool:
+    """Whether a position says nothing new."""
+    away_deg = abs(place[0] - reals[HERE]) + abs(place[1] - reals[HERE + 1])
+    return bool(row[MINDS_PLACES] == 0 or away_deg < NEAR_DEG)
+
+
+@inlined
+def take_velocity(
+    inside: Any,
+    row: Whole,
+    waiting: Floats,
+    fix: tuple[int, int, int, int],
+    velocity: Vec3,
+    sigma_m_s: float,
+) -> int:
+    """The velocity of the autopilot's filter by a message; see :mod:`service.report_choice`."""
+    kind, arrival_us, time_us, flags = fix
+    if flags & MOVES == 0:
+        return TAKEN
+    if kind != row[VELOCITY]:
+        is_worse = 0 < row[VELOCITY] < kind
+        is_silent = arrival_us - row[VELOCITY_US] > SILENCE_US
+        return TAKEN if is_worse and not is_silent else LEFT
+    if max(abs(velocity[0]), abs(velocity[1]), abs(velocity[2])) > SPEED_LIMIT_M_S:
+        return LEFT
+    row[VELOCITY_US] = arrival_us
+    if row[SOURCE] == AIDED and time_us <= inside.time_us:
+        ago_s = 1e-6 * (inside.time_us - time_us)
+        if ago_s <= OLDEST_S:
+            hear(inside, Report(True, velocity, True, sigma_m_s, ago_s, 0.0))
+    elif row[SOURCE] != RAW:
+        n = row[WAITING]
+        if n == MOST_WAITING:
+            waiting[: n - 1] = waiting[1:n].copy()
+            n -= 1
+        row[WAITING] = n + 1
+        write_report(waiting[n], time_us, velocity, sigma_m_s)
+    since_us = time_us - row[STRIDE_US]
+    return TAKEN if since_us > 0 and 1e-6 * since_us < STRIDE_S else TELL
+
+
+@inlined
+def write_report(at: Floats, time_us: int, velocity: Vec3, sigma_m_s: float) -> None:
+    """Keep a velocity with all three parts."""
+    at[0], at[4], at[5], at[6] = time_us, 1.0, sigma_m_s, 0.0
+    at[1], at[2], at[3] = velocity
+
+
+@inlined
+def report_of(at: Floats, time_us: int) -> Report:
+    """A velocity that waited, as it is seen from the sample of ``time_us``."""
+    velocity = (float(at[1]), float(at[2]), float(at[3]))
+    return Report(True, velocity, at[4] != 0.0, float(at[5]), 1e-6 * (time_us - int(at[0])), at[6])
+
+
+@inlined
+def reaches(row: Whole, waiting: Floats, time_us: int) -> bool:
+    """Whether the sample of ``time_us`` reaches a velocity that waits."""
+    k = 0
+    while k < row[WAITING] and waiting[k, 0] > time_us:
+        k += 1
+    return bool(k < row[WAITING])
+
+
+@inlined
+def take_due(
+    row: Whole, waiting: Floats, time_us: int, oldest_s: float
+) -> tuple[int, Report, Report]:
+    """How many are due, and those, as :func:`estimator.live.reports.take_due` has it.
+
+    The latest of each source; the source whose first one was the earlier one comes first.
+    """
+    n, ahead = row[WAITING], 0
+    first = [-1, -1]
+    last = [-1, -1]
+    for k in range(n):
+        if waiting[k, 0] > time_us:
+            continue
+        source = 1 if waiting[k, 6] > 0.0 else 0
+        if first[source] < 0 or waiting[k, 0] < waiting[first[source], 0]:
+            first[source] = k
+        if last[source] < 0 or waiting[k, 0] >= waiting[last[source], 0]:
+            last[source] = k
+    one, other = last[0], last[1]
+    if one >= 0 and other >= 0:
+        a, b = waiting[first[0], 0], waiting[first[1], 0]
+        if b < a or (a == b and first[1] < first[0]):
+            one, other = other, one
+    elif one < 0:
+        one, other = other, one
+    reports = (NO_REPORT, NO_REPORT)
+    if one >= 0:
+        reports = (report_of(waiting[one], time_us), NO_REPORT)
+    if other >= 0:
+        reports = (reports[0], report_of(waiting[other], time_us))
+    for k in range(n):
+        if waiting[k, 0] > time_us:
+            waiting[ahead] = waiting[k]
+            ahead += 1
+    row[WAITING] = ahead
+    if other >= 0 and reports[1].ago_s > oldest_s:
+        reports, other = (reports[0], NO_REPORT), -1
+    if one >= 0 and reports[0].ago_s > oldest_s:
+        reports, one, other = (reports[1], NO_REPORT), other, -1
+    return (one >= 0) + (other >= 0), reports[0], reports[1]
 
 
 @inlined
@@ -180,7 +328,7 @@ def note_rival(row: Whole, kind: int, arrival_us: int) -> int:
 def take_sample(
     inside: Any,
     row: Whole,
-    reals: Floats,
+    numbers: tuple[Floats, Floats],
     times_us: tuple[int, int, int],
     reading: tuple[Vec3, Vec3, Vec3],
     has_mag: bool,
@@ -188,12 +336,16 @@ def take_sample(
     """A sample of the message in use; its times are the vehicle's, of arrival, and of boot."""
     time_us, arrival_us, boot_us = times_us
     gyr, acc, mag = reading
+    reals, waiting = numbers
     is_checked = (row[SAMPLES] + 1) % CHECKED_EVERY == 0
     source = row[SOURCE]
-    is_first_heading = source != RAW and has_mag and not inside.seen.has_heading
-    if is_first_heading:
+    is_first_heading = has_mag and not inside.seen.has_heading
+    if source == CONDITIONED and (is_first_heading or reaches(row, waiting, time_us)):
         return LEFT
     if fault_of(gyr, acc, mag) != FINE or time_us <= inside.time_us:
+        return LEFT
+    dt_s = 1e-6 * (time_us - inside.time_us)
+    if row[MINDS_GAPS] == 1 and is_gap(inside.usual_s, dt_s):
         return LEFT
     row[HEARD] = arrival_us
     row[LONGEST_SILENCE] = longest_silence_us(row[LONGEST_SILENCE], arrival_us - row[CHOSEN_US])
@@ -201,10 +353,20 @@ def take_sample(
     gx, gy, gz = gyr
     ax, ay, az = acc
     mx, my, mz = mag
+    goes_on = True
     if source == RAW:
         advance_raw(inside, time_us, gx, gy, gz, ax, ay, az, mx, my, mz, has_mag)
     else:
-        advance(inside, time_us, gx, gy, gz, ax, ay, az, mx, my, mz, has_mag, False, 0)
+        if row[HAS_RATES] == 1 and row[USES_RATES] == 1:
+            _, gx, gy, gz = turn_on(inside, time_us, gx, gy, gz)
+        is_aided = source == AIDED
+        advance(inside, time_us, gx, gy, gz, ax, ay, az, mx, my, mz, has_mag, is_aided, 0)
+        if is_aided:
+            oldest_s = max(OLDEST_S, dt_s)
+            count, report, other = take_due(row, waiting, time_us, oldest_s)
+            goes_on = advance_aided(inside, report, row[KNOWS_NORTH] == 1)
+            if goes_on and count == 2:
+                hear(inside, other)
     note_interval(row, time_us - row[TIME])
     write_clock(row, reals, observe(clock_of(row, reals), time_us, arrival_us))
     row[ARRIVAL], row[TIME], row[BOOT] = arrival_us, time_us, boot_us
@@ -212,6 +374,8 @@ def take_sample(
     for i in range(3):
         reals[READING + i], reals[READING + 3 + i], reals[READING + 6 + i] = gyr[i], acc[i], mag[i]
     row[SAMPLES] += 1
+    if not goes_on:
+        return DOUBT
     if not is_checked:
         return TAKEN
     if time_us >= row[LOOK_US]:
@@ -268,7 +432,7 @@ def is_finite(moved: Any, figures: Any) -> bool:
 def show_rows(
     fleet: Any,
     places: Whole,
-    state: tuple[Whole, Floats, Whole],
+    state: tuple[Whole, Floats, Whole, Floats],
     references: Whole,
     now_us: int,
     wanted: int,
@@ -280,7 +444,7 @@ def show_rows(
     ``done`` says what has become of each. ``references`` has, by place, what a heading is measured
     from, with one and without. Those that are shown count it.
     """
-    state_whole, state_numbers, _ = state
+    state_whole, state_numbers = state[:2]
     out_whole, out, readings = shown
     n = 0
     for k in range(len(places)):
@@ -345,6 +509,20 @@ def put(fleet: Any, place: int, inside: Any) -> None:
         fleet.append(inside)
 
 
+class Rest(NamedTuple):
+    """Rows with more to do than to be taken; by what it is."""
+
+    looks: Sequence[int] = ()  # magnitudes are to be looked at
+    left: Sequence[int] = ()
+    checks: Sequence[int] = ()  # an estimate is to be checked,
+    doubts: Sequence[int] = ()  # or judged,
+    compared: Sequence[int] = ()  # or compared with an attitude,
+    told: Sequence[int] = ()  # or a velocity told to whoever does so
+
+
+RESTS = (LEFT, CHECK, DOUBT, COMPARE, TELL)
+
+
 class _Here(NamedTuple):
     """The vehicles that are here."""
 
@@ -377,15 +555,11 @@ class UsualVehicles:
         self._show: Any = None
         self._put: Any = None
 
-    def take(self, readings: Readings) -> tuple[list[int], list[int], list[int], list[int]]:
-        """Take the rows that just go on.
-
-        Returns the rows that are left, those after which an estimate is to be checked, those of
-        attitudes to compare it with, and those whose magnitudes are to be looked at.
-        """
+    def take(self, readings: Readings) -> "Rest":
+        """Take the rows that just go on; returns what else there is to do."""
         n, flags = len(readings), readings.whole[:, 4]
         if self._fleet is None:
-            return list(range(n)), [], [], []
+            return Rest(left=list(range(n)))
         self._batch += 1
         left = np.empty(n, np.int64)
         rows = (readings.whole, readings.numbers, readings.arrivals_us)
@@ -395,11 +569,8 @@ class UsualVehicles:
         )
         looks = ((flags & TO_LOOK != 0) & (left != LEFT)).nonzero()[0].tolist()
         if not unusual:
-            return [], [], [], looks
-        rows_left, checks, compared = (
-            (left == done).nonzero()[0].tolist() for done in (LEFT, CHECK, COMPARE)
-        )
-        return rows_left, checks, compared, looks
+            return Rest(looks)
+        return Rest(looks, *((left == done).nonzero()[0].tolist() for done in RESTS))
 
     def show(self, now_us: int, wanted: int) -> tuple[AttitudeRows | None, AbstractSet[VehicleId]]:
         """What is published at a tick, and of which vehicles nothing else is to be said."""
@@ -441,10 +612,20 @@ class UsualVehicles:
         self._here = None
         self._put(self._fleet, place, lent.inside)
         self._index[_number(vehicle.address)] = place + 1
-        state, reals, left_in = self._state
+        state, reals, left_in, waiting = self._state
+        here_deg = lent.here_deg or (inf, inf)
         state[place, :SOURCE], reals[place, :LEAST_HEADING] = numbers
-        state[place, SOURCE] = lent.source
-        reals[place, LEAST_HEADING], left_in[place] = lent.least_heading_rad, 0
+        state[place, SOURCE:WAITING] = (
+            lent.source,
+            lent.minds_gaps,
+            lent.knows_north,
+            lent.has_rates,
+        )
+        state[place, WAITING:] = len(lent.reports), lent.minds_places
+        reals[place, LEAST_HEADING:] = lent.least_heading_rad, *here_deg
+        left_in[place] = 0
+        for k, (time_us, velocity, *others) in enumerate(lent.reports):
+            waiting[place, k] = time_us, *velocity, *others
 
     def tell(self, address: VehicleId) -> None:
         """Have a vehicle know its numbers, for whoever changes nothing that is kept here."""
@@ -453,8 +634,12 @@ class UsualVehicles:
             return
         vehicle = self._vehicles[place]
         assert vehicle is not None
-        state, reals, _ = self._state
+        state, reals, _, waiting = self._state
         vehicle.resume(state[place, :SOURCE].tolist(), reals[place, :LEAST_HEADING].tolist())
+        reports = waiting[place, : state[place, WAITING]].tolist()
+        vehicle.estimator.take_back(
+            tuple(map(_report, reports)), has_rates=bool(state[place, HAS_RATES])
+        )
 
     def hand_back(self, address: VehicleId) -> None:
         """Give a vehicle its numbers back, before anybody else uses it."""
@@ -496,9 +681,15 @@ def _number(address: VehicleId) -> int:
     return address.system_id << 8 | address.component_id
 
 
-def _state_arrays(vehicles: int) -> tuple[Whole, Floats, Whole]:
+def _report(numbers: list[float]) -> VelocitySample:
+    time_us, x, y, z, has_vertical, sigma_m_s, late_sigma_s = numbers
+    return VelocitySample(int(time_us), (x, y, z), has_vertical != 0.0, sigma_m_s, late_sigma_s)
+
+
+def _state_arrays(vehicles: int) -> tuple[Whole, Floats, Whole, Floats]:
     whole = np.zeros((vehicles, STATE_SIZE), np.int64)
-    return whole, np.zeros((vehicles, STATE_NUMBERS)), np.zeros(vehicles, np.int64)
+    waiting = np.zeros((vehicles, MOST_WAITING, REPORT_SIZE))
+    return whole, np.zeros((vehicles, STATE_NUMBERS)), np.zeros(vehicles, np.int64), waiting
 
 
 @cache

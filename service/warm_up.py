@@ -18,6 +18,7 @@ from typing import Any
 
 from drivers.mavlink import leases, scanning, usual_frames
 from drivers.mavlink.transports import receive_many
+from drivers.samples import sensor_faults
 from estimator.aiding import begin
 from estimator.aiding.phase import Phase
 from estimator.aiding.types import NO_REPORT
@@ -49,6 +50,7 @@ UNAIDED: tuple[Any, ...] = (
     resident.publish,
     resident.advance_raw,
     resident.advance,
+    sensor_faults.judge_reading,
     usual_frames.read_frames,
     scanning.scan_frames,
     leases.pass_by,
@@ -142,6 +144,7 @@ def _of_edges() -> dict[Any, tuple[Any, ...]]:
         receive_many.collect: receive_many.argument_types(),
         scanning.scan_frames: scanning.argument_types(),
         leases.pass_by: leases.argument_types(),
+        sensor_faults.judge_reading: sensor_faults.argument_types(),
         usual_frames.read_frames: usual_frames.argument_types(),
         attitude_text.write_texts: attitude_text.argument_types(),
     }

@@ -20,6 +20,7 @@ from drivers.events import (
     Imu,
     Position,
     ReferenceAttitude,
+    Rejected,
     VehicleId,
     Velocity,
 )
@@ -56,12 +57,16 @@ from drivers.mavlink.messages import CENTI, DEGREES_1E7, MESSAGES, MILLI
 from drivers.samples.fix import FILTER_VELOCITY_SIGMA_M_S
 from drivers.samples.going_on import (
     GIVEN,
+    GOES_ON,
     HEARD,
     LAST_IMU,
     NAVIGATION,
     NOTHING,
+    REFUSED,
     TAKEN,
     TAKEN_TO_LOOK,
+    THERE,
+    UNKNOWN,
     Floats,
     Rows,
     Whole,
@@ -71,6 +76,7 @@ from drivers.samples.going_on import (
 from drivers.samples.intake import ATTITUDE_EVERY_US, Intake
 from drivers.samples.navigation import believes_place, velocity_doubt
 from drivers.samples.rotation import quaternion_from_euler
+from drivers.samples.sensor_faults import REASONS
 from drivers.samples.vehicle_clock import KEPT_LINES, TimeField
 from estimator.compilation.compiled import compiled, inlined
 from estimator.compilation.direct import direct
@@ -101,13 +107,15 @@ OTHERS = {
     GLOBAL_POSITION: GLOBAL_POSITION_INT_ID,
 }
 OTHER_NAMES = {kind: MESSAGES[number].name for kind, number in OTHERS.items()}
+OTHER_OF = {name: kind for kind, name in OTHER_NAMES.items()}
 ATTITUDE_NAME = OTHER_NAMES[ATTITUDE]
 N_OTHERS = len(OTHERS)
 # Of a payload; what follows is of no interest here.
 LONGEST = 64
 LATEST_RAW_US = 1 << 62
-# Flags: a fresh field, a sample to be looked at, an attitude that is wanted, a velocity, a place.
-FRESH, TO_LOOK, GIVES, MOVES, IS_THERE = 1, 2, 4, 8, 16
+# Flags: a fresh field, a sample to be looked at, an attitude that is wanted, a velocity, a place, a
+# reading that is no data; times WHY the reason for that, or why the field is none.
+FRESH, TO_LOOK, GIVES, MOVES, IS_THERE, NO_DATA, WHY = 1, 2, 4, 8, 16, 32, 64
 # What has become of a frame.
 READ, WAITING, NEXT = 0, 1, 2
 
@@ -181,7 +189,8 @@ def read_frame(
         return False
     said[HEARD] = arrival_us
     if kind < ATTITUDE:
-        said[LAST_IMU] = time_us
+        if done != REFUSED:
+            said[LAST_IMU] = time_us
     elif kind == ATTITUDE and not is_given:
         said[GIVEN] = arrival_us
         flags |= GIVES
@@ -205,14 +214,16 @@ def read_imu(
     raw_us, gyr, acc, mag = imu_of(kind, payload, words, reals)
     vectors = (gyr, acc, mag)
     is_finite = isfinite(sum3(gyr) + sum3(acc) + sum3(mag))
-    if not has_imu[stream] or raw_us < 0 or not is_finite:
+    if raw_us < 0 or not is_finite:
         return NOTHING, 0, 0, 0, vectors
     field = 0 if kind <= HIGHRES else 1
-    both = (imu_whole[stream], imu_numbers[stream])
-    done, time_us, boot_us, is_fresh = take_imu(
-        rows[0][place], field, both, raw_us, arrival_us, vectors
+    known = (has_imu[stream], imu_whole[stream], imu_numbers[stream])
+    done, why, time_us, boot_us, is_fresh = take_imu(
+        rows[0][place], field, known, raw_us, arrival_us, vectors
     )
-    flags = (FRESH if is_fresh else 0) | (TO_LOOK if done == TAKEN_TO_LOOK else 0)
+    flags = (FRESH if is_fresh else 0) | (TO_LOOK if done == TAKEN_TO_LOOK else 0) | why * WHY
+    if done == REFUSED:
+        flags |= NO_DATA
     return done, time_us, boot_us, flags, vectors
 
 
@@ -405,10 +416,10 @@ class Readings:
     def __len__(self) -> int:
         return len(self.arrivals_us)
 
-    def events(self, rows: list[int] | None = None) -> list[Event]:
+    def events(self, rows: Sequence[int] | None = None) -> list[Event]:
         """The events of those rows, or of all, in order."""
         events: list[Event] = []
-        if rows == []:  # nearly always
+        if rows is not None and not rows:  # nearly always
             return events
         which = range(len(self)) if rows is None else rows
         whole, arrivals_us = self.whole[which].tolist(), self.arrivals_us[which].tolist()
@@ -429,6 +440,11 @@ class Readings:
                 events.append(BodyRates(intake.vehicle, arrival_us, ATTITUDE_NAME, rates))
                 continue
             name, sample = self._streams[kind].name, _sample(time_us, numbers, flags)
+            reason = REASONS[flags // WHY]
+            if reason is not None:
+                events.append(Rejected(intake.vehicle, arrival_us, reason, name))
+            if flags & NO_DATA:
+                continue
             events.append(Imu(intake.vehicle, arrival_us, boot_us, name, sample))
             events += self._complaints.get(k, [])
         return events
@@ -542,8 +558,8 @@ class UsualFrames:
     ) -> None:
         """Also to what the intake's clock has forgotten meanwhile."""
         rows, at = self._rows, place * IMUS + kind - 1
-        if rows.has_imu[at]:
-            rows.has_imu[at] = False
+        if rows.has_imu[at] == GOES_ON:
+            rows.has_imu[at] = THERE
             stream, numbers = self._streams[kind], rows.numbers[at].tolist()
             whole = rows.whole[at].tolist()
             is_placed = stream.clock not in forgotten
@@ -578,10 +594,11 @@ class UsualFrames:
         for kind in kinds:
             stream, at = self._streams[kind], place * IMUS + kind - 1
             numbers = intake.imu_numbers(stream.name, stream.clock)
+            rows.has_imu[at] = THERE if intake.has_stream(stream.name) else UNKNOWN
             if numbers is not None:
-                rows.has_imu[at] = True
+                rows.has_imu[at] = GOES_ON
                 rows.whole[at], rows.numbers[at] = numbers
-        if clock is None or not rows.has_imu[place * IMUS : (place + 1) * IMUS].any():
+        if clock is None or not (rows.has_imu[place * IMUS : (place + 1) * IMUS] == GOES_ON).any():
             return
         rows.has_clock[place] = True
         rows.clocks[place] = clock
@@ -607,6 +624,7 @@ class UsualFrames:
         if place >= 0:
             self.hand_back(intake)
             self._places[_address(intake)] = -1
+            self._rows.has_imu[place * IMUS : (place + 1) * IMUS] = UNKNOWN
             self._intakes[place] = None
             self._free.append(place)
 
