@@ -49,7 +49,8 @@ from service.link_lines import LinkLines
 from service.load import Load
 from service.records import Departed, Message, Output, Peer, Published, Replaced, vehicle_name
 from service.talk import Talk
-from service.usual_vehicles import ALL, DUE, NONE, UsualVehicles
+from service.usual_rows import ALL, DUE, NONE
+from service.usual_vehicles import UsualVehicles
 from service.vehicle import Vehicle
 
 MAX_VEHICLES = PLACES  # on one link
@@ -294,6 +295,12 @@ class Pipeline:
 
     def _on_heartbeat(self, event: Heartbeat) -> None:
         if not is_autopilot(event.autopilot, event.vehicle_type):
+            return
+        known = self._vehicles.get(event.vehicle)
+        if known is not None and known.has_said(event):  # as nearly always
+            if not self._usual.note_heard(event.vehicle, event.arrival_us):
+                known.heard_us = event.arrival_us
+            self._there[event.vehicle] = known
             return
         vehicle = self._meet(event.vehicle)
         if vehicle is not None:

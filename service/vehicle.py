@@ -96,6 +96,7 @@ class Vehicle:
         self._differed = False  # at the last look
         self._filter_word: FilterWord | None = None
         self._trim_rad: dict[str, float] = {}
+        self._beat: Heartbeat | None = None  # the last one that said something new
         self._statuses = 0
         self._retuned: Retuned | None = None
         self._health = Health()
@@ -232,9 +233,20 @@ class Vehicle:
         if len(self._compass_offsets) == len(COMPASS_OFFSETS):
             self.estimator.set_field_calibrated(any(self._compass_offsets.values()))
 
+    def has_said(self, event: Heartbeat) -> bool:
+        """Whether a heartbeat is the one before once more."""
+        known = self._beat
+        return (
+            known is not None
+            and known.autopilot == event.autopilot
+            and known.vehicle_type == event.vehicle_type
+            and known.is_armed == event.is_armed
+        )
+
     def on_heartbeat(self, event: Heartbeat) -> None:
         """Note what carries the IMU, and the filters that ArduPilot gives such a vehicle."""
         self.heard_us = event.arrival_us
+        self._beat = event
         carrier = carrier_of(event)
         self.estimator.set_carrier(carrier)
         if carrier is Carrier.WHEELS and event.autopilot == MAV_AUTOPILOT_ARDUPILOTMEGA:
@@ -464,7 +476,7 @@ class Vehicle:
     def numbers(self) -> tuple[list[int], list[float]] | None:
         """What changes while samples just go on; None if something else is to be expected.
 
-        In the columns of :mod:`service.usual_vehicles`.
+        In the columns of :mod:`service.usual_columns`.
         """
         last, choice, clock = self._last, self._choice, self._clock
         chosen, rival = KIND_OF.get(choice.message or "", 0), KIND_OF.get(choice.rival or "", 0)

@@ -30,7 +30,7 @@ from estimator.live.core import flat
 from estimator.live.settings import settings_of
 from estimator.profile import Profile, load_profile
 from estimator.types import IDENTITY, ZERO_VEC3, ImuSample, VelocitySample
-from service import attitude_text, usual_vehicles
+from service import attitude_text, usual_rows, usual_vehicles
 from service.offspring import is_stopped
 
 STEP_US = 10_000
@@ -55,10 +55,10 @@ UNAIDED: tuple[Any, ...] = (
     scanning.scan_frames,
     leases.pass_by,
     receive_many.collect,
-    usual_vehicles.new_fleet,
-    usual_vehicles.put,
-    usual_vehicles.take_rows,
-    usual_vehicles.show_rows,
+    usual_rows.new_fleet,
+    usual_rows.put,
+    usual_rows.take_rows,
+    usual_rows.show_rows,
     attitude_text.write_texts,
 )
 FOR_VELOCITY: tuple[Any, ...] = (
