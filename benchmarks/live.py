@@ -1,6 +1,6 @@
 """How many vehicles does the live service carry, how late, and at what cost?
 
-    python benchmarks/live.py --vehicles 200 --rate 50 --seconds 20 [--plain] [--workers N]
+    python benchmarks/live.py --vehicles 200 --rate 50 --seconds 20 [--plain]
 
 The vehicles send over UDP on loopback, ``fuzzbee run`` estimates and publishes on Zenoh, a third
 process subscribes. ``--plain``: a script of pymavlink and ahrs (processes/plain.py) has the
@@ -109,7 +109,6 @@ def main() -> int:
     made.add_argument("--seconds", type=float, default=10.0)
     made.add_argument("--publish-rate", type=float, help="attitudes a second [as --rate]")
     made.add_argument("--plain", action="store_true", help="pymavlink and ahrs instead")
-    made.add_argument("--workers", type=int, default=1, help="of the service")
     made.add_argument("--slow", type=float, default=1.0, help="share of a core for the service")
     made.add_argument("--capacity", action="store_true", help="search the most vehicles")
     options = made.parse_args()
@@ -119,7 +118,7 @@ def main() -> int:
     if options.seconds <= WARM_UP_S:
         made.error(f"--seconds: more than {WARM_UP_S:g}")
     rivals: dict[str, BeginService | None] = {
-        "fuzzbee": lambda *where: fuzzbee(*where, "--workers", str(options.workers)),
+        "fuzzbee": fuzzbee,
         "plain script": plain if is_installed("mahony") else None,
     }
     chosen = ["plain script"] if options.plain else ["fuzzbee"]

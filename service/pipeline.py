@@ -42,7 +42,6 @@ from estimator.estimator import Estimator
 from estimator.profile import Profile, load_profile, merge_profile
 from estimator.reasons import Reason
 from service.attitude_rows import AttitudeRows, expanded
-from service.counts import Counts
 from service.departures import DepartedCounts, Departures
 from service.health import State
 from service.link_lines import LinkLines
@@ -109,14 +108,6 @@ class Pipeline:
     def vehicle(self, address: VehicleId) -> Vehicle | None:
         """The vehicle of that address, if it has been seen."""
         return self._own(address)
-
-    def inherit(self, address: VehicleId, profile: Profile | None, counts: Counts) -> None:
-        """Go on for another pipeline that had this vehicle, with its profile and counts."""
-        vehicle = self._meet(address)
-        if vehicle is not None:
-            vehicle.inherit(counts)
-            if profile is not None:
-                vehicle.replace_profile(profile)
 
     def take(self, readings: Readings) -> list[Output]:
         """Take many readings as :meth:`handle` takes their events; in order for each vehicle."""

@@ -463,16 +463,6 @@ class Vehicle:
             rejected=dict(sorted(self.rejected.items())),
         )
 
-    def inherit(self, counts: Counts) -> None:
-        """Go on counting for a service that had this vehicle before."""
-        self.built_in_motion = counts.motion
-        self.worst_gap_us = counts.worst_gap_us
-        self.samples = counts.samples
-        self.shed = counts.shed
-        self.attitudes = counts.attitudes
-        self._statuses = counts.statuses
-        self.rejected.update({Reason(word): count for word, count in counts.rejected.items()})
-
     def numbers(self) -> tuple[list[int], list[float]] | None:
         """What changes while samples just go on; None if something else is to be expected.
 
