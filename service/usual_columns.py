@@ -14,15 +14,16 @@ HEARD, CHOSEN, CHOSEN_US, LONGEST_SILENCE = 0, 1, 2, 3
 RIVAL, RIVAL_SAMPLES, RIVAL_SINCE, RIVAL_US = 4, 5, 6, 7
 # when rates came last (negative if never), whether they are used,
 RATES_US, USES_RATES = 8, 9
-# the message whose velocity is used, when that came last, when a stride of velocity began,
-VELOCITY, VELOCITY_US, STRIDE_US = 10, 11, 12
+# the message whose velocity is used, when that came last, when the receiver's did (negative if
+# never), when a stride of velocity began,
+VELOCITY, VELOCITY_US, RECEIVER_US, STRIDE_US = 10, 11, 12, 13
 # the last sample's times, the counts, when to look for alarms, what was published last,
-ARRIVAL, TIME, BOOT, HAS_MAG = 13, 14, 15, 16
-SAMPLES, WORST_GAP, LOOK_US = 17, 18, 19
-ATTITUDES, SHOWN_SAMPLES, SHOWN_US = 20, 21, 22
+ARRIVAL, TIME, BOOT, HAS_MAG = 14, 15, 16, 17
+SAMPLES, WORST_GAP, LOOK_US = 18, 19, 20
+ATTITUDES, SHOWN_SAMPLES, SHOWN_US = 21, 22, 23
 # the clock's, the median interval and the intervals it is made of, the oldest of them at AT.
-CLOCK_AT, WINDOW, EVEN = 23, 24, 26
-MEDIAN, PERIODS, AT, RING = 28, 29, 30, 31
+CLOCK_AT, WINDOW, EVEN = 24, 25, 27
+MEDIAN, PERIODS, AT, RING = 29, 30, 31, 32
 # Behind the intervals what the estimator says of itself, see :class:`estimator.estimator.Lent`.
 SOURCE = RING + PERIODS_KEPT
 MINDS_GAPS, KNOWS_NORTH, HAS_RATES, WAITING, MINDS_PLACES = (SOURCE + k for k in range(1, 6))

@@ -5,7 +5,8 @@ As :mod:`service.report_choice` and :mod:`estimator.live.reports` have them.
 
 from typing import Any
 
-from drivers.mavlink.usual_frames import MOVES
+from drivers.mavlink.usual_frames import MOVES, RECEIVER
+from drivers.samples.fix import RECEIVER_LATE_SIGMA_S
 from estimator.aiding.place import NEAR_DEG
 from estimator.aiding.sources.velocity import SPEED_LIMIT_M_S
 from estimator.aiding.trail import OLDEST_S
@@ -20,6 +21,7 @@ from service.usual_columns import (
     HERE,
     LEFT,
     MINDS_PLACES,
+    RECEIVER_US,
     SOURCE,
     STRIDE_US,
     TAKEN,
@@ -48,36 +50,40 @@ def take_velocity(
     velocity: Vec3,
     sigma_m_s: float,
 ) -> int:
-    """The velocity of the autopilot's filter by a message; see :mod:`service.report_choice`."""
+    """A message's velocity, the receiver's or the filter's; see :mod:`service.report_choice`."""
     kind, arrival_us, time_us, flags = fix
+    is_filters = kind != RECEIVER
     if flags & MOVES == 0:
         return TAKEN
-    if kind != row[VELOCITY]:
+    if not is_filters and row[RECEIVER_US] < 0:
+        return LEFT
+    if is_filters and kind != row[VELOCITY]:
         is_worse = 0 < row[VELOCITY] < kind
         is_silent = arrival_us - row[VELOCITY_US] > SILENCE_US
         return TAKEN if is_worse and not is_silent else LEFT
     if max(abs(velocity[0]), abs(velocity[1]), abs(velocity[2])) > SPEED_LIMIT_M_S:
         return LEFT
-    row[VELOCITY_US] = arrival_us
+    row[VELOCITY_US if is_filters else RECEIVER_US] = arrival_us
+    late_sigma_s = 0.0 if is_filters else RECEIVER_LATE_SIGMA_S
     if row[SOURCE] == AIDED and time_us <= inside.time_us:
         ago_s = 1e-6 * (inside.time_us - time_us)
         if ago_s <= OLDEST_S:
-            hear(inside, Report(True, velocity, True, sigma_m_s, ago_s, 0.0))
+            hear(inside, Report(True, velocity, is_filters, sigma_m_s, ago_s, late_sigma_s))
     elif row[SOURCE] != RAW:
         n = row[WAITING]
         if n == MOST_WAITING:
             waiting[: n - 1] = waiting[1:n].copy()
             n -= 1
         row[WAITING] = n + 1
-        write_report(waiting[n], time_us, velocity, sigma_m_s)
+        write_report(waiting[n], time_us, velocity, (sigma_m_s, late_sigma_s))
     since_us = time_us - row[STRIDE_US]
     return TAKEN if since_us > 0 and 1e-6 * since_us < STRIDE_S else TELL
 
 
 @inlined
-def write_report(at: Floats, time_us: int, velocity: Vec3, sigma_m_s: float) -> None:
-    """Keep a velocity with all three parts."""
-    at[0], at[4], at[5], at[6] = time_us, 1.0, sigma_m_s, 0.0
+def write_report(at: Floats, time_us: int, velocity: Vec3, sigmas: tuple[float, float]) -> None:
+    """Keep a velocity; a receiver's, whose age is uncertain, has no vertical part."""
+    at[0], at[4], at[5], at[6] = time_us, 1.0 if sigmas[1] == 0.0 else 0.0, sigmas[0], sigmas[1]
     at[1], at[2], at[3] = velocity
 
 

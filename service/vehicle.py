@@ -30,7 +30,14 @@ from drivers.mavlink.constants import (
     MAV_TYPE_GENERIC,
     MAV_TYPE_GROUND_ROVER,
 )
-from drivers.mavlink.usual_frames import ATTITUDE_NAME, KIND_NAMES, KIND_OF, OTHER_NAMES, OTHER_OF
+from drivers.mavlink.usual_frames import (
+    ATTITUDE_NAME,
+    KIND_NAMES,
+    KIND_OF,
+    OTHER_NAMES,
+    OTHER_OF,
+    RECEIVER,
+)
 from drivers.samples.rotation import quaternion_from_euler
 from estimator.carrier import Carrier
 from estimator.estimator import Estimator
@@ -57,6 +64,8 @@ from service.talk import Talk
 # What its filter says of itself, once a second or so, holds until it says something else.
 WORD_HOLDS_US = 5_000_000
 FILTER_VELOCITY: Kind = (VelocitySample, False)
+RECEIVER_VELOCITY: Kind = (VelocitySample, True)
+RECEIVER_NAME = OTHER_NAMES[RECEIVER]
 UNSTAMPED = "AHRS2"  # an attitude of the IMU message before it
 # A second-order Butterworth low-pass delays slow motions by this many periods of its cutoff.
 BUTTERWORTH_DELAY = 1.0 / (sqrt(2.0) * pi)
@@ -478,15 +487,18 @@ class Vehicle:
             return None
         rates = self._report_choices.get((RateSample, False), ReportChoice(ATTITUDE_NAME, -1))
         velocity = self._report_choices.get(FILTER_VELOCITY, ReportChoice())
+        receiver = self._report_choices.get(RECEIVER_VELOCITY, ReportChoice(RECEIVER_NAME, -1))
         velocity_kind = OTHER_OF.get(velocity.message or "", 0)
-        if rates.message != ATTITUDE_NAME or (velocity.message and not velocity_kind):
+        names = (rates.message, receiver.message)
+        if names != (ATTITUDE_NAME, RECEIVER_NAME) or (velocity.message and not velocity_kind):
             return None
         sample, window, even, periods = last.sample, clock.window, clock.even, self._periods_us
         whole = [
             *(self.heard_us, chosen, choice.last_arrival_us, choice.longest_silence_us),
             *(rival, choice.rival_samples, choice.rival_since_us, choice.rival_arrival_us),
             *(rates.last_arrival_us, self.profile.uses_attitude_rates),
-            *(velocity_kind, velocity.last_arrival_us, self.second_opinion.stride_us),
+            *(velocity_kind, velocity.last_arrival_us),
+            *(receiver.last_arrival_us, self.second_opinion.stride_us),
             *(last.arrival_us, sample.time_us, last.boot_us, sample.has_mag),
             *(self.samples, self.worst_gap_us, self._alarms.next_us),
             *(self.attitudes, self._published_samples, self._published_us, clock.at_us),
@@ -503,15 +515,17 @@ class Vehicle:
         """Go on from :meth:`numbers`."""
         choice = self._choice
         self.heard_us, chosen, chosen_us, longest_us, rival, count, since_us, rival_us = whole[:8]
-        rates_us, _, velocity_kind, velocity_us, _, arrival_us, time_us, boot_us = whole[8:16]
-        has_mag, self.samples, self.worst_gap_us, _, self.attitudes = whole[16:21]
-        self._published_samples, self._published_us, at_us, window_us, window = whole[21:26]
-        even_us, even, median_us, n, at, *periods = whole[26:]
+        rates_us, _, velocity_kind, velocity_us, receiver_us, _, arrival_us, time_us = whole[8:16]
+        boot_us, has_mag, self.samples, self.worst_gap_us, _, self.attitudes = whole[16:22]
+        self._published_samples, self._published_us, at_us, window_us, window = whole[22:27]
+        even_us, even, median_us, n, at, *periods = whole[27:]
         name = KIND_NAMES[chosen]
         rivals = (KIND_NAMES.get(rival), count, since_us, rival_us)
         self._choice = ImuChoice(name, chosen_us, longest_us, choice.has_failed, *rivals)
         if rates_us >= 0:
             self._report_choices[RateSample, False] = ReportChoice(ATTITUDE_NAME, rates_us)
+        if receiver_us >= 0:
+            self._report_choices[RECEIVER_VELOCITY] = ReportChoice(RECEIVER_NAME, receiver_us)
         if velocity_kind:
             name_of_velocity = OTHER_NAMES[velocity_kind]
             self._report_choices[FILTER_VELOCITY] = ReportChoice(name_of_velocity, velocity_us)

@@ -154,8 +154,11 @@ class MavlinkDecoder:
             return []
         handle, usual = self._handlers[frame.message_id], self._usual
         if usual is None or frame.message_id not in self._of_intake:
+            speaks_of_itself = usual is not None and frame.message_id in STATUSES
+            if usual is not None and speaks_of_itself:
+                usual.tell_words(sender.intake)
             events = handle(sender, fields, arrival_us)
-            if usual is not None and frame.message_id in STATUSES:
+            if usual is not None and speaks_of_itself:
                 usual.note_words(sender.intake)
             return events
         usual.hand_back(sender.intake, frame.message_id)

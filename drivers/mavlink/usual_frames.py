@@ -8,7 +8,7 @@ and taken over again behind it.
 
 from collections.abc import Container, Iterable, Sequence
 from functools import cache
-from math import isfinite
+from math import cos, isfinite, pi, sin
 from typing import Any, NamedTuple, Self
 
 import numba
@@ -30,12 +30,15 @@ from drivers.mavlink.constants import (
     ATTITUDE_ID,
     ATTITUDE_QUATERNION_ID,
     GLOBAL_POSITION_INT_ID,
+    GPS_FIX_TYPE_3D_FIX,
+    GPS_RAW_INT_ID,
     HIGHRES_IMU_ID,
     LOCAL_POSITION_NED_ID,
     RAW_IMU_ID,
     SCALED_IMU2_ID,
     SCALED_IMU3_ID,
     SCALED_IMU_ID,
+    UNKNOWN_UINT16,
 )
 from drivers.mavlink.framing import (
     CHECKSUM_SIZE,
@@ -54,14 +57,20 @@ from drivers.mavlink.imu_messages import (
     milli_vectors,
 )
 from drivers.mavlink.messages import CENTI, DEGREES_1E7, MESSAGES, MILLI
-from drivers.samples.fix import FILTER_VELOCITY_SIGMA_M_S
+from drivers.samples.fix import (
+    FILTER_VELOCITY_SIGMA_M_S,
+    RECEIVER_LATE_SIGMA_S,
+    RECEIVER_VELOCITY_SIGMA_M_S,
+)
 from drivers.samples.going_on import (
+    BOOT_CLOCK,
     GIVEN,
     GOES_ON,
     HEARD,
     LAST_IMU,
     NAVIGATION,
     NOTHING,
+    RECEIVERS_CLOCK,
     REFUSED,
     TAKEN,
     TAKEN_TO_LOOK,
@@ -74,7 +83,7 @@ from drivers.samples.going_on import (
     take_other,
 )
 from drivers.samples.intake import ATTITUDE_EVERY_US, Intake
-from drivers.samples.navigation import believes_place, velocity_doubt
+from drivers.samples.navigation import FIX_US, HAS_FIX, believes_place, velocity_doubt
 from drivers.samples.rotation import quaternion_from_euler
 from drivers.samples.sensor_faults import REASONS
 from drivers.samples.vehicle_clock import KEPT_LINES, TimeField
@@ -97,15 +106,17 @@ KINDS = {
 KIND_NAMES = {kind: IMU_MESSAGES[number].name for number, kind in KINDS.items()}
 KIND_OF = {name: kind for kind, name in KIND_NAMES.items()}
 IMUS = len(KINDS)
-ATTITUDE, LOCAL_POSITION, GLOBAL_POSITION = IMUS + 1, IMUS + 2, IMUS + 3
+ATTITUDE, LOCAL_POSITION, GLOBAL_POSITION, RECEIVER = IMUS + 1, IMUS + 2, IMUS + 3, IMUS + 4
 # Attitudes without rates where they are not wanted, and what says nothing.
-QUATERNION, SECOND_ATTITUDE, SILENT = IMUS + 4, IMUS + 5, IMUS + 6
+QUATERNION, SECOND_ATTITUDE, SILENT = IMUS + 5, IMUS + 6, IMUS + 7
 # Other streams that have a time, in the order of their kinds.
 OTHERS = {
     ATTITUDE: ATTITUDE_ID,
     LOCAL_POSITION: LOCAL_POSITION_NED_ID,
     GLOBAL_POSITION: GLOBAL_POSITION_INT_ID,
+    RECEIVER: GPS_RAW_INT_ID,
 }
+OTHER_CLOCKS = {kind: TimeField.GPS if kind == RECEIVER else TimeField.BOOT_MS for kind in OTHERS}
 OTHER_NAMES = {kind: MESSAGES[number].name for kind, number in OTHERS.items()}
 OTHER_OF = {name: kind for kind, name in OTHER_NAMES.items()}
 ATTITUDE_NAME = OTHER_NAMES[ATTITUDE]
@@ -113,6 +124,7 @@ N_OTHERS = len(OTHERS)
 # Of a payload; what follows is of no interest here.
 LONGEST = 64
 LATEST_RAW_US = 1 << 62
+RADIANS = pi / 180.0
 # Flags: a fresh field, a sample to be looked at, an attitude that is wanted, a velocity, a place, a
 # reading that is no data; times WHY the reason for that, or why the field is none.
 FRESH, TO_LOOK, GIVES, MOVES, IS_THERE, NO_DATA, WHY = 1, 2, 4, 8, 16, 32, 64
@@ -181,8 +193,11 @@ def read_frame(
         done = is_given if kind == QUATERNION else has_other[place * N_OTHERS]
         kind, time_us, boot_us, flags, vectors = SILENT, 0, 0, 0, (ZERO_VEC3, ZERO_VEC3, ZERO_VEC3)
     elif kind >= ATTITUDE:
-        done, time_us, flags, vectors = read_other(kind, place, arrival_us, views, rows)
         boot_us = 0
+        if kind == RECEIVER:
+            done, time_us, flags, vectors = read_receiver(place, arrival_us, views, rows)
+        else:
+            done, time_us, flags, vectors = read_other(kind, place, arrival_us, views, rows)
     else:
         done, time_us, boot_us, flags, vectors = read_imu(kind, place, arrival_us, views, rows)
     if done == NOTHING:
@@ -250,7 +265,7 @@ def read_other(
     if not has_other[stream] or not isfinite(judged):
         return NOTHING, 0, 0, (first, second, third)
     raw_us = whole_number(payload.view(np.uint32)[0]) * 1000
-    done, time_us = take_other(clocks[place], others[stream], 1, raw_us, arrival_us)
+    done, time_us = take_other(clocks[place], others[stream], BOOT_CLOCK, raw_us, arrival_us)
     if kind != ATTITUDE:
         doubt = velocity_doubt(said[NAVIGATION:], doubts[place], arrival_us)
         third = (FILTER_VELOCITY_SIGMA_M_S * doubt, 0.0, 0.0)
@@ -260,6 +275,39 @@ def read_other(
     ):
         flags |= IS_THERE
     return done, time_us, flags, (first, second, third)
+
+
+@inlined
+def read_receiver(
+    place: int, arrival_us: int, views: Any, rows: Any
+) -> tuple[int, int, int, tuple[Vec3, Vec3, Vec3]]:
+    """GPS_RAW_INT, likewise."""
+    payload, words, _ = views
+    clocks, said, others, has_other = rows[0], rows[1][place], rows[3], rows[7]
+    stream = place * N_OTHERS + RECEIVER - ATTITUDE
+    longs, shorts = payload.view(np.int32), words.view(np.uint16)
+    where = (longs[2] * DEGREES_1E7, longs[3] * DEGREES_1E7, longs[4] * MILLI)
+    speed, course, sigma, flags = shorts[12], shorts[13], RECEIVER_VELOCITY_SIGMA_M_S, 0
+    raw_us, has_fix = payload.view(np.int64)[0], payload[28] >= GPS_FIX_TYPE_3D_FIX
+    done, time_us, velocity = TAKEN, 0, ZERO_VEC3
+    if has_fix and (where[0] != 0.0 or where[1] != 0.0):
+        if not has_other[stream] or not 0 <= raw_us <= LATEST_RAW_US:
+            return NOTHING, 0, 0, (ZERO_VEC3, ZERO_VEC3, ZERO_VEC3)
+        done, time_us = take_other(
+            clocks[place], others[stream], RECEIVERS_CLOCK, raw_us, arrival_us
+        )
+        flags = IS_THERE
+        if max(speed, course) < UNKNOWN_UINT16:
+            flags |= MOVES
+            speed_m_s, course_rad = speed * CENTI, (course * CENTI) * RADIANS
+            velocity = (speed_m_s * cos(course_rad), speed_m_s * sin(course_rad), 0.0)
+        accuracy = whole_number(shorts[21]) | whole_number(shorts[22]) << 16
+        if accuracy != 0:
+            sigma = accuracy * MILLI
+    if done != NOTHING:
+        said[NAVIGATION + FIX_US] = arrival_us
+        said[NAVIGATION + HAS_FIX] = 1 if has_fix else 0
+    return done, time_us, flags, (velocity, where, (sigma, 0.0, 0.0))
 
 
 @inlined
@@ -383,7 +431,8 @@ def _fix(
         events.append(Position(vehicle, arrival_us, time_us, name, *numbers[3:6]))
     if flags & MOVES:
         x, y, z = numbers[:3]
-        sample = VelocitySample(time_us, (x, y, z), True, numbers[6], 0.0)
+        late_sigma_s = RECEIVER_LATE_SIGMA_S if kind == RECEIVER else 0.0
+        sample = VelocitySample(time_us, (x, y, z), kind != RECEIVER, numbers[6], late_sigma_s)
         events.append(Velocity(vehicle, arrival_us, name, sample))
     return events
 
@@ -430,7 +479,7 @@ class Readings:
             assert intake is not None
             if kind == SILENT:
                 continue
-            if kind in (LOCAL_POSITION, GLOBAL_POSITION):
+            if kind > ATTITUDE:
                 events += _fix(intake.vehicle, arrival_us, kind, time_us, numbers, flags)
                 continue
             if kind == ATTITUDE:
@@ -536,15 +585,17 @@ class UsualFrames:
             return
         rows = self._rows
         if rows.has_clock[place]:
+            self.tell_words(intake)
             rows.has_clock[place] = False
             intake.resume_clock(rows.clocks[place].tolist())
             said = rows.said[place, :NAVIGATION].tolist()
             intake.attitude_given_us, heard_us, intake.last_imu_us = said
             intake.heard_us = max(intake.heard_us, heard_us)
-            for at, name in enumerate(OTHER_NAMES.values(), place * N_OTHERS):
+            for kind, name in OTHER_NAMES.items():
+                at = place * N_OTHERS + kind - ATTITUDE
                 if rows.has_other[at]:
                     rows.has_other[at] = False
-                    intake.resume_after(name, TimeField.BOOT_MS, *rows.others[at].tolist())
+                    intake.resume_after(name, OTHER_CLOCKS[kind], *rows.others[at].tolist())
         for kind in self._kinds_of(message_id):
             self._hand_back_stream(intake, place, kind)
 
@@ -606,10 +657,16 @@ class UsualFrames:
         heard_us = (intake.attitude_given_us, intake.heard_us, intake.last_imu_us)
         rows.said[place, :NAVIGATION] = heard_us
         self.note_words(intake)
-        for at, name in enumerate(OTHER_NAMES.values(), place * N_OTHERS):
-            placed = intake.placed(name, TimeField.BOOT_MS)
+        for kind, name in OTHER_NAMES.items():
+            placed, at = intake.placed(name, OTHER_CLOCKS[kind]), place * N_OTHERS + kind - ATTITUDE
             if placed is not None:
                 rows.has_other[at], rows.others[at] = True, placed
+
+    def tell_words(self, intake: Intake) -> None:
+        """Have a vehicle know what its filter and receiver have said of themselves."""
+        place = self._place(intake)
+        if place >= 0 and self._rows.has_clock[place]:
+            intake.navigation.words[:] = self._rows.said[place, NAVIGATION:].tolist()
 
     def note_words(self, intake: Intake) -> None:
         """Know what a vehicle's filter and receiver have said of themselves."""

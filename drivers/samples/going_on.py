@@ -31,6 +31,8 @@ from drivers.samples.vehicle_clock import (
     ALIVE_US,
     BESIDE_US,
     CLOCK_DRIFT,
+    KEPT_LINES,
+    KEPT_OFFSETS,
     LINE_SIZE,
     LOST_TIME_US,
     OFF_PACE,
@@ -48,11 +50,12 @@ from estimator.types import ZERO_VEC3, Vec3
 Whole = Any
 Floats = Any
 
-# A vehicle's clocks: which one the line of time is made of, its shift and latest time, then the
-# lines of both clocks and the offset of the second.
+# A vehicle's clocks: which of the first two the line of time is made of, its shift and latest time,
+# then the lines of all three and the offsets of the latter two.
 PRIMARY, SHIFT, LATEST, LINES = 0, 1, 2, 3
-OFFSET = LINES + 2 * LINE_SIZE
-CLOCK_SIZE = OFFSET + OFFSET_SIZE
+OFFSETS = LINES + len(KEPT_LINES) * LINE_SIZE
+CLOCK_SIZE = OFFSETS + len(KEPT_OFFSETS) * OFFSET_SIZE
+IMUS_CLOCK, BOOT_CLOCK, RECEIVERS_CLOCK = 0, 1, 2
 # Columns of a line, of which the first says that it can go on,
 WRAPPED, BOOT, ARRIVAL, FLOOR, SECOND, PACE, BESIDE = 1, 2, 3, 4, 5, 8, 10
 # and of the offset, of which the first says how many estimates it is made of.
@@ -130,7 +133,7 @@ def is_fresh(whole: Whole, numbers: Floats, mag: Vec3, time_us: int) -> bool:
 def reach(
     clock: Whole, placed: Whole, field: int, raw_us: int, arrival_us: int
 ) -> tuple[bool, int, int, int]:
-    """Whether a message goes on by one of the two clocks, behind the one before it in its stream.
+    """Whether a message goes on by one of the clocks, behind the one before it in its stream.
 
     Also its boot time, what :func:`keeps_pace` says and the floor behind it. Nothing changes yet.
     """
@@ -144,8 +147,8 @@ def reach(
     if clock[line + BESIDE] == 1 and (is_off or step_us > BESIDE_US):
         return False, boot_us, 0, 0
     if field != clock[PRIMARY]:
-        # a second clock finds its place by the line of time; the other way round it makes the line
-        goes_on = field == 1 and clock[LINES] == 1
+        # another clock finds its place by the line of time; that of IMUs makes the line
+        goes_on = field != IMUS_CLOCK and clock[LINES + clock[PRIMARY] * LINE_SIZE] == 1
     else:
         goes_on = boot_us + clock[SHIFT] > placed[PLACED_TIME]
     floor_us = floor_after(clock, line, boot_us, arrival_us)
@@ -167,13 +170,15 @@ def arrive(
     line = LINES + field * LINE_SIZE
     is_primary = field == clock[PRIMARY]
     # by the line of time as it was before, which is another line for whoever comes beside it
-    line_now_us = clock[LINES + BOOT] + max(arrival_us - clock[LINES + ARRIVAL], 0)
+    first = LINES + clock[PRIMARY] * LINE_SIZE
+    line_now_us = clock[first + BOOT] + max(arrival_us - clock[first + ARRIVAL], 0)
     if boot_us > clock[line + BOOT]:  # others of the same millisecond came before
         accept(clock, line, boot_us, arrival_us, floor_us, end)
     time_us = boot_us + clock[SHIFT]
     if not is_primary:
-        time_us -= offset_after(clock, boot_us - line_now_us)
-    clock[LATEST] = max(clock[LATEST], time_us)
+        time_us -= offset_after(clock, field, boot_us - line_now_us)
+    if field != RECEIVERS_CLOCK:
+        clock[LATEST] = max(clock[LATEST], time_us)
     time_us = max(time_us, placed[PLACED_TIME] + 1)  # a learnt offset moved
     placed[PLACED_TIME], placed[PLACED_BOOT] = time_us, boot_us
     return int(time_us)
@@ -226,9 +231,10 @@ def take_other(
 
 
 @inlined
-def offset_after(clock: Whole, sample_us: int) -> int:
-    """The second clock's offset from the line of time, with one more estimate in the median."""
-    o, is_full = OFFSET, clock[OFFSET] == OFFSET_SAMPLES
+def offset_after(clock: Whole, field: int, sample_us: int) -> int:
+    """A clock's offset from the line of time, with one more estimate in the median."""
+    o = OFFSETS + (field - BOOT_CLOCK) * OFFSET_SIZE
+    is_full = clock[o] == OFFSET_SAMPLES
     at = clock[o + OLDEST] if is_full else clock[o]
     clock[o + RING + at] = sample_us
     if is_full:
