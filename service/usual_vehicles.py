@@ -19,6 +19,7 @@ import numpy as np
 from numba.core import types
 
 from drivers.events import VehicleId
+from drivers.mavlink.framing import ADDRESSES
 from drivers.mavlink.usual_frames import (
     TO_LOOK,
     Readings,
@@ -93,7 +94,7 @@ class UsualVehicles:
 
     def __init__(self) -> None:
         self._fleet: Any = None
-        self._index = np.zeros(1 << 16, np.int64)
+        self._index = np.zeros(ADDRESSES, np.int64)
         self._state = _state_arrays(0)
         self._vehicles: list[Vehicle | None] = []
         self._here: _Here | None = None  # who of them is here, once it has been looked for

@@ -41,6 +41,7 @@ from drivers.mavlink.constants import (
     UNKNOWN_UINT16,
 )
 from drivers.mavlink.framing import (
+    ADDRESSES,
     CHECKSUM_SIZE,
     HEADER_V1,
     HEADER_V2,
@@ -544,11 +545,11 @@ class UsualFrames:
         for number, kind in unwanted.items():
             self._kinds[number] = kind if takes_attitude else 0
         self._kinds[ATTITUDE_ID] *= takes_attitude
-        self._places = np.full(1 << 16, -1, np.int64)
+        self._places = np.full(ADDRESSES, -1, np.int64)
         self.addresses = np.zeros(senders, np.int64)  # by place
         self._intakes: list[Intake | None] = [None] * senders
         self._free = list(range(senders - 1, -1, -1))
-        self._left_in = np.zeros(1 << 16, np.int64)
+        self._left_in = np.zeros(ADDRESSES, np.int64)
         self._turn = 0
         self._read = direct(read_frames, argument_types())
 
