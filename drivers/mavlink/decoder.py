@@ -45,7 +45,7 @@ from drivers.mavlink.messages import MESSAGES, MessageKind, Said
 from drivers.mavlink.parameter_values import ParameterValue, WaitingParameters, owner
 from drivers.mavlink.usual_frames import NEXT, READ, Batch, Readings, UsualFrames, events_of
 from drivers.places import PLACES
-from drivers.samples.intake import Intake, Stamp
+from drivers.samples.intake import VERSION_EVERY_US, Intake, Stamp
 from drivers.samples.vehicle_clock import TimeField
 from estimator.compilation.compiled import is_compiled_code
 from estimator.compilation.interpreted import is_interpreting
@@ -167,7 +167,13 @@ class MavlinkDecoder:
         return events
 
     def _repeated_version(self, sender: _Sender, frame: Frame, arrival_us: int) -> list[Event]:
-        """What an AUTOPILOT_VERSION says, which is unpacked only if it has not just been said."""
+        """What an AUTOPILOT_VERSION says; once a second or so, and unpacked only if it is new."""
+        intake = sender.intake
+        if 0 <= arrival_us - intake.version_given_us < VERSION_EVERY_US:
+            return []
+        intake.version_given_us = arrival_us
+        if self._usual is not None:
+            self._usual.note_version(intake)
         payload = frame.data[frame.payload_at : frame.payload_end]
         if payload != sender.version:
             message = self._reader.fields(frame)

@@ -29,6 +29,7 @@ from drivers.mavlink.constants import (
     AHRS2_ID,
     ATTITUDE_ID,
     ATTITUDE_QUATERNION_ID,
+    AUTOPILOT_VERSION_ID,
     GLOBAL_POSITION_INT_ID,
     GPS_FIX_TYPE_3D_FIX,
     GPS_RAW_INT_ID,
@@ -77,13 +78,14 @@ from drivers.samples.going_on import (
     TAKEN_TO_LOOK,
     THERE,
     UNKNOWN,
+    VERSION,
     Floats,
     Rows,
     Whole,
     take_imu,
     take_other,
 )
-from drivers.samples.intake import ATTITUDE_EVERY_US, Intake
+from drivers.samples.intake import ATTITUDE_EVERY_US, VERSION_EVERY_US, Intake
 from drivers.samples.navigation import FIX_US, HAS_FIX, believes_place, velocity_doubt
 from drivers.samples.rotation import quaternion_from_euler
 from drivers.samples.sensor_faults import REASONS
@@ -109,7 +111,7 @@ KIND_OF = {name: kind for kind, name in KIND_NAMES.items()}
 IMUS = len(KINDS)
 ATTITUDE, LOCAL_POSITION, GLOBAL_POSITION, RECEIVER = IMUS + 1, IMUS + 2, IMUS + 3, IMUS + 4
 # Attitudes without rates where they are not wanted, and what says nothing.
-QUATERNION, SECOND_ATTITUDE, SILENT = IMUS + 5, IMUS + 6, IMUS + 7
+QUATERNION, SECOND_ATTITUDE, AUTOPILOT_VERSION, SILENT = IMUS + 5, IMUS + 6, IMUS + 7, IMUS + 8
 # Other streams that have a time, in the order of their kinds.
 OTHERS = {
     ATTITUDE: ATTITUDE_ID,
@@ -191,7 +193,12 @@ def read_frame(
         return False
     is_given = 0 <= arrival_us - said[GIVEN] < ATTITUDE_EVERY_US
     if kind >= QUATERNION:
-        done = is_given if kind == QUATERNION else has_other[place * N_OTHERS]
+        if kind == QUATERNION:
+            done = is_given
+        elif kind == SECOND_ATTITUDE:
+            done = has_other[place * N_OTHERS]
+        else:
+            done = 0 <= arrival_us - said[VERSION] < VERSION_EVERY_US
         kind, time_us, boot_us, flags, vectors = SILENT, 0, 0, 0, (ZERO_VEC3, ZERO_VEC3, ZERO_VEC3)
     elif kind >= ATTITUDE:
         boot_us = 0
@@ -541,6 +548,7 @@ class UsualFrames:
                 self._streams[KINDS[number]] = _Stream(message.name, message.clock)
         for kind, number in OTHERS.items():
             self._kinds[number] = kind
+        self._kinds[AUTOPILOT_VERSION_ID] = AUTOPILOT_VERSION
         unwanted = {ATTITUDE_QUATERNION_ID: QUATERNION, AHRS2_ID: SECOND_ATTITUDE}
         for number, kind in unwanted.items():
             self._kinds[number] = kind if takes_attitude else 0
@@ -590,7 +598,7 @@ class UsualFrames:
             rows.has_clock[place] = False
             intake.resume_clock(rows.clocks[place].tolist())
             said = rows.said[place, :NAVIGATION].tolist()
-            intake.attitude_given_us, heard_us, intake.last_imu_us = said
+            intake.attitude_given_us, intake.version_given_us, heard_us, intake.last_imu_us = said
             intake.heard_us = max(intake.heard_us, heard_us)
             for kind, name in OTHER_NAMES.items():
                 at = place * N_OTHERS + kind - ATTITUDE
@@ -655,8 +663,8 @@ class UsualFrames:
         rows.has_clock[place] = True
         rows.clocks[place] = clock
         assert intake.last_imu_us is not None  # it has a stream
-        heard_us = (intake.attitude_given_us, intake.heard_us, intake.last_imu_us)
-        rows.said[place, :NAVIGATION] = heard_us
+        given_us = intake.attitude_given_us, intake.version_given_us
+        rows.said[place, :NAVIGATION] = *given_us, intake.heard_us, intake.last_imu_us
         self.note_words(intake)
         for kind, name in OTHER_NAMES.items():
             placed, at = intake.placed(name, OTHER_CLOCKS[kind]), place * N_OTHERS + kind - ATTITUDE
@@ -668,6 +676,12 @@ class UsualFrames:
         place = self._place(intake)
         if place >= 0 and self._rows.has_clock[place]:
             intake.navigation.words[:] = self._rows.said[place, NAVIGATION:].tolist()
+
+    def note_version(self, intake: Intake) -> None:
+        """Know that it was looked into what vehicle it is."""
+        place = self._place(intake)
+        if place >= 0:
+            self._rows.said[place, VERSION] = intake.version_given_us
 
     def note_words(self, intake: Intake) -> None:
         """Know what a vehicle's filter and receiver have said of themselves."""

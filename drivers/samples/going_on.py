@@ -61,9 +61,9 @@ WRAPPED, BOOT, ARRIVAL, FLOOR, SECOND, PACE, BESIDE = 1, 2, 3, 4, 5, 8, 10
 # and of the offset, of which the first says how many estimates it is made of.
 OFFSET_US, SINCE_MEDIAN, OLDEST, RING = 1, 2, 3, 4
 
-# Of a vehicle: when somebody's attitude was given, when anything was heard, the time of the last
-# IMU sample, and what its receiver and filter said of themselves.
-GIVEN, HEARD, LAST_IMU, NAVIGATION = 0, 1, 2, 3
+# Of a vehicle: when somebody's attitude was given, when it was looked into what vehicle it is, when
+# anything was heard, the time of the last IMU sample, what receiver and filter said of themselves.
+GIVEN, VERSION, HEARD, LAST_IMU, NAVIGATION = 0, 1, 2, 3, 4
 SAID_SIZE = NAVIGATION + WORDS
 # A stream's last message, in continuous and boot time. An IMU stream's other columns:
 PLACED_TIME, PLACED_BOOT = 0, 1

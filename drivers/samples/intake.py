@@ -39,6 +39,8 @@ MOST_STREAMS = 16  # IMUs of one vehicle; real ones have three, and four message
 CLOCK_STEP = Refused(Reason.CLOCK_STEP)
 # Where nobody shows attitudes of others, so many are enough to compare ours with.
 ATTITUDE_EVERY_US = 390_000
+# What a vehicle is it may say often; once in a while is enough.
+VERSION_EVERY_US = 900_000
 
 
 class Stamp(NamedTuple):
@@ -90,6 +92,7 @@ class Intake:
         self.takes_references = True
         self.heard_us = 0  # arrival of the latest message, whatever it was
         self.attitude_given_us = 0
+        self.version_given_us = 0  # when it was looked into what vehicle it is
         self._has_attitude = False  # of the autopilot's, with a time of its own
         self._new_field = new_field
         self._heard_us = heard_us
