@@ -162,3 +162,17 @@ def test_recorded_sample_by_sample_it_is_the_same(shaken):
         assert np.array_equal(getattr(whole, name)[rows], getattr(smoothed, name))
     assert np.array_equal(whole.gyro_bias_rad_s[rows], smoothed.bias_rad_s)
     assert np.array_equal(whole.sigma_heading_rad[rows], smoothed.sigma_rad[:, 1])
+
+
+def test_between_holes_a_vehicle_is_joined_and_not_averaged(shaken):
+    """Its accelerations last for longer than what lies between two holes of its recording."""
+    gyr, acc, mag, q = shaken
+    t = np.arange(len(gyr)) / RATE_HZ
+    long_pushes = np.stack([1.5 * np.sin(t / 5.0), 1.5 * np.cos(t / 5.0), 0.0 * t], axis=-1)
+    acc = acc + rotate(conjugate(q), long_pushes)
+    kept = t % 15.0 < 12.5
+    readings = (gyr[kept], acc[kept], mag[kept], t[kept])
+    vehicle = merge_profile(load_profile("imu"), {"conditioning": {"in_vehicle": True}})
+    causal = errors_deg(Estimator(vehicle).update_batch(*readings), q[kept])
+    errors = errors_deg(Estimator(vehicle).smooth(*readings), q[kept])
+    assert (rms(errors) < 0.92 * rms(causal)).all()  # inclination 9.4 for 10.6 deg; averaged 11.3
