@@ -39,7 +39,9 @@ def compare(path: Path, trace: VehicleTrace, wanted: str | None) -> Comparison:
     source = _choose_reference(path, trace, wanted)
     n = len(trace.attitudes)
     if source is None:
-        return Comparison(None, np.tile(IDENTITY, (n, 1)), np.zeros(n, bool), np.zeros((n, 3)))
+        return Comparison(
+            None, np.broadcast_to(IDENTITY, (n, 4)), np.zeros(n, bool), np.zeros((n, 3))
+        )
     truth, known = reference_attitudes(trace, source)
     return Comparison(source, truth, known, errors_against(trace.estimates, truth))
 
