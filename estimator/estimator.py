@@ -1,5 +1,6 @@
 """One vehicle's estimator: samples in, attitude out. No I/O and no clock."""
 
+from math import hypot
 from typing import Any, NamedTuple
 
 from estimator.aiding import compass
@@ -13,6 +14,7 @@ from estimator.live.aiding_span import set_carrier, set_imu_lag
 from estimator.live.contradiction import leaning_angle
 from estimator.live.core import apply_turn, change_imu
 from estimator.live.hearing import take_rate, take_report
+from estimator.live.iron import unshown_iron_rad
 from estimator.live.published import write
 from estimator.live.refusal import REASONS
 from estimator.live.resident import (
@@ -102,6 +104,11 @@ class Estimator:
         return self._state.trusts_compass
 
     @property
+    def unshown_iron_rad(self) -> float:
+        """How far iron may turn a heading by the field, where nobody has calibrated the compass."""
+        return unshown_iron_rad(self._state)
+
+    @property
     def fixed_gain(self) -> float | None:
         """K, if it is not the profile's rules that set it."""
         return self._state.fixed_gain
@@ -144,13 +151,13 @@ class Estimator:
         if (
             not is_plain
             or inside is None
+            or not known.declared_calibrated
             or known.unlike_us is not None
             or known.misled_us is not None
         ):
             return None
         state.said = None
-        least_rad = 0.0 if known.declared_calibrated else UNKNOWN_RAD
-        return Lent(inside, state.source, least_rad, state.norths)
+        return Lent(inside, state.source, 0.0, state.norths)
 
     def update_rows(self, rows: Rows, said: Floats) -> int:
         """Take rows as long as there is nothing to do but to take them.
@@ -255,7 +262,8 @@ class Estimator:
         _, moved, figures, has_heading = said
         if state.source != AIDED and not state.trusts_compass:
             gravity, magnetic, inclination, heading = figures
-            figures = (gravity, magnetic, inclination, max(heading, UNKNOWN_RAD))
+            shown = hypot(heading, unshown_iron_rad(state))
+            figures = (gravity, magnetic, inclination, min(shown, max(heading, UNKNOWN_RAD)))
         # an Attitude's own constructor takes three times as long
         values = (time_us, *moved, *figures, state.norths[not has_heading])
         attitude: Attitude = _new(Attitude, values)
@@ -269,6 +277,8 @@ class Estimator:
         """
         state = self._state
         if state.source == AIDED or not state.settings.conditioned:
+            return ""
+        if unshown_iron_rad(state) < UNKNOWN_RAD:
             return ""
         return compass.doubt(state.context.compass, state.core.time_us)
 

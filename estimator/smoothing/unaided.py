@@ -71,8 +71,8 @@ def of_piece(recording: Recording) -> Estimates:
     else:
         headed = turn_as(vertical, recording.forward)
     heading_rad = headed.sigma_rad
-    if not field.is_trusted:
-        heading_rad = np.maximum(heading_rad, UNKNOWN_RAD)
+    shown = np.hypot(heading_rad, field.unshown_iron_rad)
+    heading_rad = np.minimum(shown, np.maximum(heading_rad, UNKNOWN_RAD))
     sigma = np.stack([vertical.sigma_rad, heading_rad], axis=-1)
     return Estimates(headed.q_ned_frd, sigma, recording.forward.is_aided)
 
