@@ -15,6 +15,7 @@ from fuzzbee.replays.trace import VehicleTrace
 Floats = NDArray[np.float64]
 Bools = NDArray[np.bool_]
 
+BLOCK = 20_000
 REFERENCES = ("sim", "autopilot")  # the truth goes first
 
 
@@ -54,9 +55,9 @@ def reference_attitudes(trace: VehicleTrace, source: str) -> tuple[Floats, Bools
     """
     attitudes, known = trace.references[source].at(trace.times_us)
     if source == "autopilot" and trace.trim != IDENTITY:
-        attitudes = np.array(
-            [multiply((q[0], q[1], q[2], q[3]), trace.trim) for q in attitudes.tolist()]
-        )
+        for begin in range(0, len(attitudes), BLOCK):  # as lists an hour's take too much room
+            part = attitudes[begin : begin + BLOCK]
+            part[:] = [multiply((w, x, y, z), trace.trim) for w, x, y, z in part.tolist()]
     return attitudes, known
 
 
