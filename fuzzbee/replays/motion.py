@@ -40,8 +40,8 @@ def motion_mask(samples: PackedSamples) -> Bools:
         rows = slice(begin, begin + BLOCK)
         around = slice(first[begin], behind[rows][-1])
         windows = Windows(first[rows] - around.start, behind[rows] - around.start)
-        readings = (samples.column(name, around) for name in ("gyr_rad_s", "acc_m_s2"))
-        result[rows] = _moved(*readings, windows)
+        gyr, acc = (samples.column(name, around) for name in ("gyr_rad_s", "acc_m_s2"))
+        result[rows] = _moved(gyr, acc, windows)
     return result
 
 

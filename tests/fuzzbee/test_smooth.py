@@ -145,6 +145,15 @@ def test_of_rows_given_nothing_is_kept_twice(shaken):
     assert all(np.shares_memory(*pair) for pair in zip(made.rows, rows, strict=True))
     for kept in (made.forward.q_ned_frd, made.forward.sigma_rad, made.bias_rad_s):
         assert np.shares_memory(kept, said)
+    alone = Recorder(load_profile("imu"))  # of rows that nobody keeps it keeps copies
+    alone.take(0, *(tuple(column[0].tolist()) for column in (gyr, acc, mag)), has_mag=True)
+    assert alone.update_rows(cut(rows, 1, 1500), said[1:].copy()) == 1499
+    (own,) = alone.recordings()
+    assert all(np.array_equal(*pair) for pair in zip(own.rows, rows, strict=True))
+    for name in ("q_ned_frd", "sigma_rad"):
+        kept, given = (getattr(each.forward, name)[1:] for each in (own, made))
+        assert np.array_equal(kept, given, equal_nan=True)
+        assert not np.shares_memory(kept, said)
 
 
 def test_recorded_sample_by_sample_it_is_the_same(shaken):
