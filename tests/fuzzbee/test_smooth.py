@@ -185,3 +185,16 @@ def test_between_holes_a_vehicle_is_joined_and_not_averaged(shaken):
     causal = errors_deg(Estimator(vehicle).update_batch(*readings), q[kept])
     errors = errors_deg(Estimator(vehicle).smooth(*readings), q[kept])
     assert (rms(errors) < 0.92 * rms(causal)).all()  # inclination 9.4 for 10.6 deg; averaged 11.3
+
+
+def test_what_force_and_field_show_of_their_errors_is_in_sigma(shaken):
+    """A force of the wrong size, and a field that has another norm and dip for a minute."""
+    gyr, acc, mag, q = shaken
+    plain = Estimator(rate_hz=RATE_HZ).smooth(gyr, acc, mag)
+    scaled = Estimator(rate_hz=RATE_HZ).smooth(gyr, 1.02 * acc, mag)
+    grown = rms(scaled.sigma_inclination_rad) ** 2 - rms(plain.sigma_inclination_rad) ** 2
+    assert np.sqrt(grown) == pytest.approx(2**0.5 * 0.02, rel=0.2)
+    elsewhere = np.where(np.arange(len(q))[:, None] >= len(q) / 2, [0.0, 0.0, 0.03], 0.0)
+    other = Estimator(rate_hz=RATE_HZ).smooth(gyr, acc, mag + rotate(conjugate(q), elsewhere))
+    before, then = (rms(each.sigma_heading_rad.reshape(2, -1).T) for each in (plain, other))
+    assert then.max() > 1.5 * before.max()
