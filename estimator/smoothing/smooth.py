@@ -51,7 +51,8 @@ def of_both_ways(recording: Recording) -> Flags:
     rows = np.full(len(times_us), is_slow or not settings.conditioned)
     for begin, end, _, _ in pieces(recording):
         is_short = times_us[end - 1] - times_us[begin] < 1e6 * LONG_S
-        rows[begin:end] |= is_short and settings.conditioning.in_vehicle
+        has_others = end - begin < len(rows)
+        rows[begin:end] |= is_short and has_others and settings.conditioning.in_vehicle
     return rows
 
 
