@@ -1,5 +1,6 @@
 """One vehicle's estimator: samples in, attitude out. No I/O and no clock."""
 
+from math import hypot
 from typing import Any, NamedTuple
 
 from estimator.aiding import compass
@@ -13,6 +14,7 @@ from estimator.live.aiding_span import give_up, set_carrier, set_imu_lag
 from estimator.live.contradiction import leaning_angle
 from estimator.live.core import apply_turn, change_imu
 from estimator.live.hearing import take_rate, take_report
+from estimator.live.iron import unshown_iron_rad
 from estimator.live.published import write
 from estimator.live.refusal import REASONS
 from estimator.live.resident import (
@@ -42,7 +44,6 @@ class Lent(NamedTuple):
 
     inside: Any  # of compiled memory
     source: int  # RAW, CONDITIONED or AIDED
-    least_heading_rad: float  # that sigma of the heading has
     norths: tuple[str, str]  # see :attr:`Estimator.norths`
     minds_gaps: bool  # a long one changes what the source is
     knows_north: bool
@@ -107,6 +108,11 @@ class Estimator:
         return self._state.trusts_compass
 
     @property
+    def unshown_iron_rad(self) -> float:
+        """How far iron may turn a heading by the field, where nobody has calibrated the compass."""
+        return unshown_iron_rad(self._state)
+
+    @property
     def fixed_gain(self) -> float | None:
         """K, if it is not the profile's rules that set it."""
         return self._state.fixed_gain
@@ -145,22 +151,20 @@ class Estimator:
         state, inside = self._state, self.inside
         now, is_aided = state.context, self.is_aided
         known, minds_gaps = now.compass, now.phase in (Phase.SEARCHING, Phase.AIDED)
-        may_trust = is_aided or (known.unlike_us is None and known.misled_us is None)
+        is_fine = known.declared_calibrated and known.unlike_us is None and known.misled_us is None
         is_settled = state.settings.aiding.enabled or not minds_gaps
         takes_samples = state.takes_raw_samples or (
             state.settings.conditioned and (now.phase is Phase.UNAIDED or minds_gaps)
         )
         is_plain = type(self) is Estimator and inside is not None
         knows_all = all(type(report) is VelocitySample for report in now.reports)
-        if not (is_plain and takes_samples and is_settled and may_trust and knows_all):
+        if not (is_plain and takes_samples and is_settled and (is_aided or is_fine) and knows_all):
             return None
         state.said = None
-        least_rad = 0.0 if is_aided or known.declared_calibrated else UNKNOWN_RAD
         here = now.whereabouts.here if now.whereabouts.elsewhere_deg is None else None
         return Lent(
             inside,
             state.source,
-            least_rad,
             state.norths,
             minds_gaps,
             state.knows_north,
@@ -281,7 +285,8 @@ class Estimator:
         _, moved, figures, has_heading = said
         if state.source != AIDED and not state.trusts_compass:
             gravity, magnetic, inclination, heading = figures
-            figures = (gravity, magnetic, inclination, max(heading, UNKNOWN_RAD))
+            shown = hypot(heading, unshown_iron_rad(state))
+            figures = (gravity, magnetic, inclination, min(shown, max(heading, UNKNOWN_RAD)))
         # an Attitude's own constructor takes three times as long
         values = (time_us, *moved, *figures, state.norths[not has_heading])
         attitude: Attitude = _new(Attitude, values)
@@ -295,6 +300,8 @@ class Estimator:
         """
         state = self._state
         if state.source == AIDED or not state.settings.conditioned:
+            return ""
+        if unshown_iron_rad(state) < UNKNOWN_RAD:
             return ""
         return compass.doubt(state.context.compass, state.core.time_us)
 

@@ -29,7 +29,7 @@ from fuzzbee.arguments import (
     profile_of,
     vector,
 )
-from fuzzbee.attitudes import Attitudes, attitudes_of_rows, smoothed_attitudes
+from fuzzbee.attitudes import Attitudes, attitudes_of_rows
 from fuzzbee.batch import Batch
 from fuzzbee.fit import advice, is_enough
 
@@ -196,30 +196,11 @@ class Estimator:
         Raises:
             InputError: arrays of other shapes, or no times; ``strict``, and there are warnings.
         """
-        gyr = matrix("gyr_rad_s", gyr_rad_s)
-        n = len(gyr)
-        acc = matrix("acc_m_s2", acc_m_s2, n)
-        mag = np.zeros((n, 3)) if mag_gauss is None else matrix("mag_gauss", mag_gauss, n)
-        velocity = None
-        if velocity_ned_m_s is not None:
-            velocity = matrix("velocity_ned_m_s", velocity_ned_m_s, n)
-        times_us = self._next_times_us(time_s, n)
-        has_mag = self._field.fresh_rows(mag, times_us)
-        readings = (gyr, acc, mag)
-        if not self._is_plain:
-            mag = np.where(has_mag[:, None], mag, 0.0)
-            readings = self.profile.mounting.to_body_rows(gyr, acc, mag)
-        said = self._look(times_us, *readings, has_mag, strict=strict)
-        batch = Batch(rows_of(times_us, *readings, has_mag), velocity)
-        before = self.rejected.copy()
-        self._take_batch(batch)
-        refused = self.rejected - before
-        if not said and 2 * refused.total() > n:
-            most, count = refused.most_common(1)[0]
-            line = f"most of the samples could not be used: {count} of {n} are {most}"
-            warnings.warn(line, Unfit, stacklevel=2)
-            said = (*said, line)
-        return attitudes_of_rows(times_us, batch.said, batch.norths, said)
+        batch, said = self._batch(
+            gyr_rad_s, acc_m_s2, mag_gauss, time_s, velocity_ned_m_s, strict=strict
+        )
+        said = self._take_batch(batch, said)
+        return attitudes_of_rows(batch.rows.times_us, batch.said, batch.norths, said)
 
     def smooth(
         self,
@@ -238,15 +219,20 @@ class Estimator:
         Raises:
             InputError: see ``update_batch``.
         """
-        from estimator.smoothing import Recorder, smooth_all
+        from estimator.smoothing import Offered, Recorder, smooth_offered
 
         forward = Estimator(self.profile, self._rate_hz, gain=self._gain)
-        recorder = forward._inner = Recorder(self.profile, self._gain)
+        batch, said = forward._batch(
+            gyr_rad_s, acc_m_s2, mag_gauss, time_s, velocity_ned_m_s, strict=False
+        )
+        recorder = Recorder(self.profile, self._gain, Offered(batch.rows, batch.said))
         recorder.snapshot = self._inner.snapshot
         recorder.restart()
-        said = forward.update_batch(gyr_rad_s, acc_m_s2, mag_gauss, time_s, velocity_ned_m_s)
-        times_us, smoothed = smooth_all(recorder)
-        return smoothed_attitudes(said, 1e-6 * times_us.astype(float), smoothed)
+        forward._inner = recorder
+        said = forward._take_batch(batch, said)
+        for places in smooth_offered(recorder, batch.said):
+            batch.tell_last_north(places)
+        return attitudes_of_rows(batch.rows.times_us, batch.said, batch.norths, said)
 
     def set_position(
         self, latitude_deg: float, longitude_deg: float, altitude_m: float, unix_s: float
@@ -296,10 +282,49 @@ class Estimator:
         if found and strict:
             raise InputError("; ".join(found))
         for line in found:
-            warnings.warn(line, Unfit, stacklevel=3)
+            warnings.warn(line, Unfit, stacklevel=4)
         return found
 
-    def _take_batch(self, batch: Batch) -> None:
+    def _batch(
+        self,
+        gyr_rad_s: ArrayLike,
+        acc_m_s2: ArrayLike,
+        mag_gauss: ArrayLike | None,
+        time_s: ArrayLike | None,
+        velocity_ned_m_s: ArrayLike | None,
+        *,
+        strict: bool,
+    ) -> tuple[Batch, tuple[str, ...]]:
+        """The arguments of ``update_batch`` as rows, and what :meth:`_look` says of them."""
+        gyr = matrix("gyr_rad_s", gyr_rad_s)
+        n = len(gyr)
+        acc = matrix("acc_m_s2", acc_m_s2, n)
+        mag = np.zeros((n, 3)) if mag_gauss is None else matrix("mag_gauss", mag_gauss, n)
+        velocity = None
+        if velocity_ned_m_s is not None:
+            velocity = matrix("velocity_ned_m_s", velocity_ned_m_s, n)
+        times_us = self._next_times_us(time_s, n)
+        has_mag = self._field.fresh_rows(mag, times_us)
+        readings = (gyr, acc, mag)
+        if not self._is_plain:
+            mag = np.where(has_mag[:, None], mag, 0.0)
+            readings = self.profile.mounting.to_body_rows(gyr, acc, mag)
+        said = self._look(times_us, *readings, has_mag, strict=strict)
+        return Batch(rows_of(times_us, *readings, has_mag), velocity), said
+
+    def _take_batch(self, batch: Batch, said: tuple[str, ...]) -> tuple[str, ...]:
+        """Take rows; what there is to say of them beside what has been said."""
+        before = self.rejected.copy()
+        self._take_rows(batch)
+        refused = self.rejected - before
+        if said or 2 * refused.total() <= len(batch):
+            return said
+        most, count = refused.most_common(1)[0]
+        line = f"most of the samples could not be used: {count} of {len(batch)} are {most}"
+        warnings.warn(line, Unfit, stacklevel=3)
+        return (line,)
+
+    def _take_rows(self, batch: Batch) -> None:
         """Rows by the run where nothing else comes between, otherwise one by one."""
         inner, k = self._inner, 0
         for report in (*batch.reports(), len(batch)):

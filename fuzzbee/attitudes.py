@@ -1,7 +1,7 @@
 """Attitudes as arrays, a row for each: what programs are given for many samples."""
 
-from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any
+from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,9 +10,6 @@ from estimator.errors import InputError
 from estimator.geometry.frames import enu_flu_from_ned_frd
 from fuzzbee.angle_curves import euler_curves_deg, where_known
 from fuzzbee.packed import PackedAttitudes
-
-if TYPE_CHECKING:
-    from estimator.smoothing import Smoothed
 
 NUMBERS = (
     *("sigma_inclination_rad", "sigma_heading_rad", "confidence_gravity", "confidence_magnetic"),
@@ -118,31 +115,4 @@ def attitudes_of_rows(
         gain=gain,
         heading_reference=norths,
         warnings=warnings,
-    )
-
-
-def smoothed_attitudes(said: Attitudes, time_s: Floats, smoothed: "Smoothed") -> Attitudes:
-    """The attitudes of a way forward with the smoothed ones of these times (N,) in their places.
-
-    What the end knows of north holds for all.
-    """
-    if not len(time_s):
-        return said
-    at = np.searchsorted(time_s, said.time_s).clip(max=len(time_s) - 1)
-    is_known = time_s[at] == said.time_s
-
-    def merged(now: Floats, before: Floats) -> Floats:
-        if len(now) == len(before) and is_known.all():
-            return now
-        return np.where(is_known.reshape(-1, *[1] * (before.ndim - 1)), now[at], before)
-
-    inclination, heading = smoothed.sigma_rad.T
-    return replace(
-        said,
-        q_ned_frd=merged(smoothed.q_ned_frd, said.q_ned_frd),
-        rate_rad_s=merged(smoothed.rate_rad_s, said.rate_rad_s),
-        gyro_bias_rad_s=merged(smoothed.bias_rad_s, said.gyro_bias_rad_s),
-        sigma_inclination_rad=merged(inclination, said.sigma_inclination_rad),
-        sigma_heading_rad=merged(heading, said.sigma_heading_rad),
-        heading_reference=np.where(is_known, said.heading_reference[-1:], said.heading_reference),
     )

@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from math import isfinite, nan
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -36,6 +37,10 @@ class Batch:
     def norths(self) -> NDArray[np.str_]:
         """What the heading of each row is measured from (N,)."""
         return np.array(NORTHS).take(self._norths)
+
+    def tell_last_north(self, rows: Any) -> None:
+        """What the heading of the last row is measured from holds for these rows as well."""
+        self._norths[rows] = self._norths[-1]
 
     def reports(self) -> Sequence[int]:
         """The rows before which there is a velocity."""

@@ -77,10 +77,10 @@ class Packed(Sequence[Row], Generic[Row]):
         """Times (N,)."""
         return np.array(self._times_us, np.int64)
 
-    def column(self, name: str) -> Floats:
-        """The numbers of a field, (N,) or (N, K)."""
+    def column(self, name: str, rows: slice = slice(None)) -> Floats:
+        """The numbers of a field, (N,) or (N, K), or of some rows of it."""
         at = self.columns.numbers.get(name, self.columns.vectors.get(name))
-        return self._matrix()[:, at].copy()
+        return self._matrix()[rows, at].copy()
 
     def _matrix(self) -> Floats:
         return np.frombuffer(self._values).reshape(-1, self.columns.width)
@@ -113,7 +113,12 @@ class PackedAttitudes(Packed[Attitude]):
     @property
     def norths(self) -> NDArray[np.str_]:
         """What the headings (N,) are measured from."""
-        return np.array(NORTHS)[self.column("heading_reference").astype(np.uint8)]
+        return np.array(NORTHS)[self.north_places]
+
+    @property
+    def north_places(self) -> NDArray[np.uint8]:
+        """Where those stand in ``NORTHS`` (N,): a word takes 32 bytes."""
+        return self._matrix()[:, self.columns.numbers["heading_reference"]].astype(np.uint8)
 
     def replace(self, name: str, values: Floats) -> None:
         """Put other numbers, (N,) or (N, K), into a field."""

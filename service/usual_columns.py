@@ -28,9 +28,9 @@ MEDIAN, PERIODS, AT, RING = 29, 30, 31, 32
 SOURCE = RING + PERIODS_KEPT
 MINDS_GAPS, KNOWS_NORTH, HAS_RATES, WAITING, MINDS_PLACES = (SOURCE + k for k in range(1, 6))
 STATE_SIZE = MINDS_PLACES + 1
-# And of its other numbers: of the clock, of the sample, the heading's least sigma, the place.
-OFFSET, SPANS, READING, LEAST_HEADING, HERE = 0, 1, 5, 14, 15
-STATE_NUMBERS = 17
+# And of its other numbers: of the clock, of the sample, the place.
+OFFSET, SPANS, READING, HERE = 0, 1, 5, 14
+STATE_NUMBERS = 16
 # A velocity that waits for a sample: time, velocity, whether that has a vertical part, both sigmas.
 REPORT_SIZE = 7
 

@@ -68,7 +68,6 @@ from service.usual_columns import (
     HAS_RATES,
     HEARD,
     KNOWS_NORTH,
-    LEAST_HEADING,
     LEFT,
     LONGEST_SILENCE,
     LOOK_US,
@@ -343,7 +342,7 @@ def show_rows(
         whole[UNIX_US], whole[BOOT_US] = now_us, row[BOOT] + time_us - row[TIME]
         whole[AGE_US], whole[SEQUENCE], whole[STATE] = max(0, age_us), row[ATTITUDES], RUNNING
         whole[REFERENCE] = references[places[k], 0 if has_heading else 1]
-        write_shown(out[n], moved, figures, reals[LEAST_HEADING])
+        write_shown(out[n], moved, figures)
         whole[SAMPLE_US], whole[SHOWN_HAS_MAG] = row[TIME], row[HAS_MAG]
         for i in range(READINGS):
             readings[n, i] = reals[READING + i]
@@ -354,7 +353,7 @@ def show_rows(
 
 
 @inlined
-def write_shown(row: Floats, moved: Any, figures: Any, least_heading_rad: float) -> None:
+def write_shown(row: Floats, moved: Any, figures: Any) -> None:
     """The numbers of an attitude, in the order of its record's fields."""
     q, rate, bias, error, error_rate, gain = moved
     euler = euler_rad(q)
@@ -364,7 +363,7 @@ def write_shown(row: Floats, moved: Any, figures: Any, least_heading_rad: float)
         row[4 + i], row[7 + i], row[10 + i] = degrees(euler[i]), rate[i], bias[i]
     row[13], row[14], row[15] = error, error_rate, gain
     row[16], row[17] = figures[0], figures[1]
-    inclination, heading = figures[2], max(figures[3], least_heading_rad)
+    inclination, heading = figures[2], figures[3]
     row[18] = degrees(inclination) if inclination < pi else 180.0
     row[19] = degrees(heading) if heading < pi else 180.0
 

@@ -38,7 +38,7 @@ from service.usual_columns import (
     DOUBT,
     HAS_RATES,
     HEARD,
-    LEAST_HEADING,
+    HERE,
     LEFT,
     REPORT_SIZE,
     SOURCE,
@@ -172,7 +172,7 @@ class UsualVehicles:
         self._index[_number(vehicle.address)] = place + 1
         state, reals, left_in, waiting = self._state
         here_deg = lent.here_deg or (inf, inf)
-        state[place, :SOURCE], reals[place, :LEAST_HEADING] = numbers
+        state[place, :SOURCE], reals[place, :HERE] = numbers
         state[place, SOURCE:WAITING] = (
             lent.source,
             lent.minds_gaps,
@@ -180,7 +180,7 @@ class UsualVehicles:
             lent.has_rates,
         )
         state[place, WAITING:] = len(lent.reports), lent.minds_places
-        reals[place, LEAST_HEADING:] = lent.least_heading_rad, *here_deg
+        reals[place, HERE:] = here_deg
         left_in[place] = 0
         for at, report in zip(waiting[place], lent.reports, strict=False):
             write_sample(at, report)
@@ -193,7 +193,7 @@ class UsualVehicles:
         vehicle = self._vehicles[place]
         assert vehicle is not None
         state, reals, _, waiting = self._state
-        vehicle.resume(state[place, :SOURCE].tolist(), reals[place, :LEAST_HEADING].tolist())
+        vehicle.resume(state[place, :SOURCE].tolist(), reals[place, :HERE].tolist())
         reports = waiting[place, : state[place, WAITING]].tolist()
         vehicle.estimator.take_back(
             tuple(map(sample_of, reports)), has_rates=bool(state[place, HAS_RATES])

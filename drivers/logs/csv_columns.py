@@ -21,7 +21,7 @@ from typing import NamedTuple
 
 import msgspec
 
-from drivers.logs.csv_text import CsvText, is_date
+from drivers.logs.csv_text import CsvText, is_date, is_number
 from estimator.errors import InputError
 from estimator.types import STANDARD_GRAVITY_M_S2 as G
 
@@ -82,11 +82,14 @@ TESLA = {"t": 1e4, "tesla": 1e4, "mt": 1e1, "ut": 1e-2, "microtesla": 1e-2, "nt"
 GAUSS = {"g": 1.0, "ga": 1.0, "gs": 1.0, "gauss": 1.0, "mg": 1e-3, "mga": 1e-3, "mgauss": 1e-3}
 MAGNETOMETER = TESLA | GAUSS | {"milligauss": 1e-3}
 WORDS = {
-    "gyroscope": ("gyr|gyro|gyros|gyroscope|angularvelocity|angularrate|omega|w|g", GYROSCOPE),
+    "gyroscope": (
+        "gyr|gyro|gyros|gyroscope|angularvelocity|angularrate|rotationrate|omega|w|g",
+        GYROSCOPE,
+    ),
     "accelerometer": ("acc|accel|accelerometer|acceleration|a", ACCELEROMETER),
     "magnetometer": ("mag|magn|magnetometer|magneticfield|m", MAGNETOMETER),
 }
-TIME_WORDS = "time|zeit|timestamp|t|elapsed|elapsedtime|secondselapsed|sampletime"
+TIME_WORDS = "time|zeit|timestamp|t|elapsed|elapsedtime|sampletime"
 ISO = "iso8601"
 SPELLINGS = (
     *(("²", "2"), ("°", "deg"), ("µ", "u"), ("μ", "u"), ("per", ""), ("radians", "rad")),
@@ -149,18 +152,28 @@ def columns(text: CsvText, told: Description) -> Columns:
 
 
 def _time(text: CsvText, told: Quantity) -> Part:
-    pattern = re.compile(rf"(?:{TIME_WORDS})({'|'.join(TIME)}|{ISO})?")
+    units = "|".join(TIME)
+    pattern = re.compile(
+        rf"({units})elapsed|(?:{TIME_WORDS})(?:since[a-z]+?)?(?:in)?({units}|{ISO})?"
+    )
     if told.columns:
         (index,) = _named(text, "time", told.columns, (1,))
         found = [(index, "")]
     else:
-        found = [(i, m[1] or "") for i, m in _matches(text, pattern)][:1]
+        found = [(i, m[1] or m[2] or "") for i, m in _matches(text, pattern)]
+        found = found or [(i, ISO) for i, field in enumerate(text.first) if is_date(field)]
     if not found:
         raise InputError(f"no column is known as the time; {_there(text)}; {HELP}")
-    index, unit = found[0]
-    unit = _compact(told.unit) or unit or _own_unit(text, index, TIME)
-    if not unit and is_date(text.first[index]):
-        unit = ISO
+    given = [
+        _compact(told.unit) or ISO * is_date(text.first[i]) or unit or _own_unit(text, i, TIME)
+        for i, unit in found
+    ]
+    best = next((k for k, unit in enumerate(given) if unit), 0)
+    index, unit = found[best][0], given[best]
+    first = text.first[index].strip()
+    if unit != ISO and first and not is_number(first, comma=text.has_decimal_comma):
+        said = f"{first!r} in column {text.titles()[index]!r}"
+        raise InputError(f"the time {said} is no number, and no date as ISO 8601 has them; {HELP}")
     return index, 0.0 if unit == ISO else _factor(text, "time", index, unit, {**TIME, ISO: 0.0})
 
 

@@ -37,7 +37,7 @@ class CsvLog(LogFile):
         with path.open("rb") as file:
             text = csv_text(file.read(HEAD_SIZE))
         if text is None:
-            raise InputError(f"{path}: no table: no row has a time, three rates and three forces")
+            raise InputError(f"{path}: no table: no row has three rates and three forces")
         self._text = text
         told = description(path, described)
         try:

@@ -17,7 +17,7 @@ from estimator.errors import InputError
 
 DELIMITERS = (",", ";", "\t", "|", " ")
 HEADING_LINES = 2  # names, and perhaps a line of units below them
-LEAST_NUMBERS = 7  # a time, three rates, three accelerations
+LEAST_NUMBERS = 6  # three rates, three accelerations; a time may be in words
 LINE_END = re.compile("\r\n|\r|\n")
 LONGEST_LINE = 65_536
 THOUSANDS = re.compile(r"\.(?=\d{3}[.,])")  # beside a decimal comma
@@ -107,14 +107,14 @@ def _delimited(lines: Sequence[str], encoding: str, delimiter: str) -> CsvText |
     """The table with that delimiter, from its first row of numbers on."""
     rows = [_fields(line, delimiter) or [] for line in lines]
     for k, row in enumerate(rows):
-        has_comma = any(_is_number(each, comma=True) and "," in each for each in row)
-        numbers = sum(_is_number(each, comma=has_comma) or is_date(each) for each in row)
+        has_comma = any(is_number(each, comma=True) and "," in each for each in row)
+        numbers = sum(is_number(each, comma=has_comma) or is_date(each) for each in row)
         if numbers < LEAST_NUMBERS or 2 * numbers < len(row):
             continue
         above = [each for each in rows[:k] if each][-HEADING_LINES:]
         heading: list[list[str]] = []
         for each in reversed(above):
-            if abs(len(each) - len(row)) > 1 or any(_is_number(f, comma=has_comma) for f in each):
+            if abs(len(each) - len(row)) > 1 or any(is_number(f, comma=has_comma) for f in each):
                 break
             heading.insert(0, [*each, ""])
         names = tuple(
@@ -134,7 +134,8 @@ def is_date(field: str) -> bool:
     return ":" in field
 
 
-def _is_number(field: str, *, comma: bool) -> bool:
+def is_number(field: str, *, comma: bool) -> bool:
+    """Whether a field is a number, with a decimal ``comma`` or without."""
     if comma and "," in field:
         field = THOUSANDS.sub("", field)
     try:

@@ -5,14 +5,14 @@ not. Sensors that are late would be early, so their readings are first brought t
 by the ages that the way forward has taught. Its bias is taken off, too.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from operator import itemgetter
 from typing import Any
 
 import numpy as np
 
 from estimator.estimator import Estimator
-from estimator.live.rows import SAID, Rows, cut, rows_of
+from estimator.live.rows import NO_ROWS, SAID, Rows, Times, cut, rows_of
 from estimator.profile import merge_profile
 from estimator.smoothing.field import without_lag
 from estimator.smoothing.path import stands_for_step
@@ -26,24 +26,26 @@ NO_AGE_S = 1e-4
 
 def backward(recording: Recording) -> Estimates:
     """The estimates at the samples by all that came behind them."""
-    rows = recording.rows
-    n = len(rows.times_us)
+    n = len(recording.bias_rad_s)
     ages = Ages(recording.last)
     inner = turned_round(recording.last)
-    end_us = int(rows.times_us[-1])
-    mirrored = mirror(recording, ages.field_s)
+    times_us = mirrored_times(recording.rows.times_us)
     q, sigma, aided = np.full((n, 4), np.nan), np.full((n, 2), np.nan), np.zeros(n, np.bool_)
-    begin = 0
     told: list[tuple[int, Any]] = [(n - row, None) for row in recording.changes]
     told.extend(
-        (int(np.searchsorted(mirrored.times_us, report.time_us)), report)
-        for report in mirrored_reports(recording.reports, end_us, ages)
+        (int(np.searchsorted(times_us, report.time_us)), report)
+        for report in mirrored_reports(recording, ages)
     )
+    begin, known, mirrored = 0, 0, NO_ROWS
     for until, report in (*sorted(told, key=itemgetter(0)), (n, None)):
         while begin < until:
-            end = min(begin + BLOCK, until)
+            if begin == known:
+                known = min(begin + BLOCK, n)
+                mirrored = mirror(recording, times_us, begin, known, ages.field_s)
+            end = min(known, until)
             said = np.full((end - begin, SAID), np.nan)
-            take(inner, cut(mirrored, begin, end), said, aided[begin:end])
+            first = known - len(mirrored.times_us)
+            take(inner, cut(mirrored, begin - first, end - first), said, aided[begin:end])
             q[begin:end], sigma[begin:end] = said[:, Q], said[:, SIGMA]
             begin = end
         if report is not None:
@@ -87,29 +89,31 @@ def turned_round(last: Estimator) -> Estimator:
     return inner
 
 
-def mirror(recording: Recording, field_lag_s: float) -> Rows:
-    """The rows in time turned round, which begins at 1 s.
+def mirrored_times(times_us: Times) -> Times:
+    """The times (N,) in time turned round, which begins at 1 s."""
+    return np.asarray((times_us[-1] - times_us + 1_000_000)[::-1])
+
+
+def mirror(recording: Recording, times_us: Times, begin: int, end: int, field_lag_s: float) -> Rows:
+    """Rows in time turned round, from ``begin`` up to ``end`` of their ``times_us`` (N,).
 
     A sample that stands for the step before it stands for the one behind it then.
     """
-    rows, is_mean = recording.rows, stands_for_step(recording)
-    rate = rows.gyr_rad_s - recording.bias_rad_s[recording.last_rows()]
-    field = without_lag(rows.mag_gauss, rate, field_lag_s)
-    n = len(rate)
-    behind = np.where(is_mean, np.minimum(np.arange(n) + 1, n - 1), np.arange(n))[::-1]
-    times_us = (rows.times_us[-1] - rows.times_us + 1_000_000)[::-1]
-    return rows_of(
-        times_us, -rate[behind], rows.acc_m_s2[behind], field[behind], rows.has_mag[behind]
-    )
+    rows = recording.rows
+    n = len(times_us)
+    behind = np.arange(n - begin, n - end, -1) - 1
+    behind = np.minimum(behind + stands_for_step(recording)[behind], n - 1)
+    rate = rows.gyr_rad_s[behind] - recording.bias_rad_s[recording.last_rows(behind)]
+    field = without_lag(rows.mag_gauss[behind], rate, field_lag_s)
+    return rows_of(times_us[begin:end], -rate, rows.acc_m_s2[behind], field, rows.has_mag[behind])
 
 
-def mirrored_reports(
-    reports: Sequence[VelocitySample | RateSample], end_us: int, ages: Ages
-) -> list[Any]:
+def mirrored_reports(recording: Recording, ages: Ages) -> list[Any]:
     """The reports in time turned round, in that order."""
+    end_us = int(recording.rows.times_us[-1])
 
     def turned() -> Iterator[Any]:
-        for report in reports:
+        for report in recording.reports:
             time_us = end_us - (report.time_us - round(1e6 * ages.of(report))) + 1_000_000
             if isinstance(report, RateSample):
                 x, y, z = report.rate_rad_s

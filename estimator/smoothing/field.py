@@ -21,7 +21,7 @@ class Field(NamedTuple):
     reference: FieldReference
     declination_rad: float
     is_known: bool  # whether it has a horizontal part that tells a heading
-    is_trusted: bool  # whether nothing speaks against the compass
+    unshown_iron_rad: float  # how far iron may turn the heading by it
 
 
 def field_of(recording: Recording) -> Field:
@@ -37,7 +37,7 @@ def field_of(recording: Recording) -> Field:
         reference=magnetometer.magnetic.reference,
         declination_rad=atan2(north[1], north[0]),
         is_known=has_heading(magnetometer.magnetic),
-        is_trusted=last.trusts_compass,
+        unshown_iron_rad=last.unshown_iron_rad,
     )
 
 

@@ -17,6 +17,7 @@ from estimator.conditioning.params import ConditioningParams
 from estimator.conditioning.robust import HEADING_REACH_RAD
 from estimator.conditioning.times import USUAL_S
 from estimator.conditioning.vertical.averaging import WINDOW_S
+from estimator.conditioning.vertical.lasting import SCALE_ERROR
 from estimator.conditioning.vertical.stillness import LEAST_DIRECTION_RAD
 from estimator.live.rows import Flags, Floats
 from estimator.smoothing.field import Field
@@ -29,7 +30,7 @@ from estimator.smoothing.windows import Windows, filled, running_mean
 ROUNDS = 8
 # Of the drift that the estimator allows for: the bias is what later samples have told.
 DRIFT_SHARE = 0.3
-# Of what the field's heading is off for a short time, for as long as the heading is averaged.
+# Of what the field is aside for a short time, for as long as the heading is averaged.
 LASTING_SHARE = 0.25
 # The variance of a window without a field, rad^2.
 UNSEEN = 1e9
@@ -55,9 +56,8 @@ def turn_north(
     q = walk(params, turning) + (missed * count)[1:]
     z = np.where(known, -np.arctan2(seen[:, 1], seen[:, 0]), 0.0)
     x, weight = solve(z, r, q, HEADING_REACH_RAD)
-    off = np.where(known, wrap(z - x), 0.0)
     leaning = 0.5 * steepness(field.reference) * vertical.variance
-    variance = variances(r * weight, q) + lasting(params, off, known, leaning)
+    variance = variances(r * weight, q) + lasting(seen, known, field.reference, leaning)
     heading = windows.at(path.time_s, x) + field.declination_rad
     q_ned_frd = multiply(about_down(heading), vertical.q_6d_frd)
     return Headed(q_ned_frd, np.sqrt(windows.at(path.time_s, variance)))
@@ -65,15 +65,21 @@ def turn_north(
 
 def noise(params: ConditioningParams, seen: Floats, reference: FieldReference) -> Floats:
     """Density (W,) of the error of the field's heading, rad^2 s: see conditioning/field/heading."""
+    off_norm, off_dip = deviations(seen, reference)
+    square = (off_norm / NORM_SCALE) ** 2 + (off_dip / params.field_dip_scale_rad) ** 2
+    confidence = np.maximum((1.0 + square) ** -2, TINY)
+    doubtful = params.heading_doubt_noise_rad2_s * (1.0 / confidence - 1.0)
+    return np.asarray(params.heading_noise_rad2_s + doubtful)
+
+
+def deviations(seen: Floats, reference: FieldReference) -> tuple[Floats, Floats]:
+    """See :func:`estimator.conditioning.field.magnetic.deviation`."""
     horizontal, down = np.hypot(seen[:, 0], seen[:, 1]), seen[:, 2]
     expected = norm_of((reference.horizontal, reference.down))
     norm = np.maximum(np.hypot(horizontal, down), TINY * expected)
     off_norm = (norm - expected) / expected
     off_dip = (down * reference.horizontal - horizontal * reference.down) / (norm * expected)
-    square = (off_norm / NORM_SCALE) ** 2 + (off_dip / params.field_dip_scale_rad) ** 2
-    confidence = np.maximum((1.0 + square) ** -2, TINY)
-    doubtful = params.heading_doubt_noise_rad2_s * (1.0 / confidence - 1.0)
-    return np.asarray(params.heading_noise_rad2_s + doubtful)
+    return off_norm, off_dip
 
 
 def walk(params: ConditioningParams, turning: Floats) -> Floats:
@@ -122,9 +128,13 @@ def informed(r: Floats, q: Floats) -> Floats:
     return told
 
 
-def lasting(params: ConditioningParams, off: Floats, known: Flags, leaning: Floats) -> Floats:
-    """Variance (W,) of errors that last, by means of residuals and what a vertical bends."""
-    count = max(1, round(params.turn_heading_tau_s / WINDOW_S))
-    off = filled(off[:, None], known)[:, 0]
-    square = running_mean(running_mean(off, count) ** 2, round(USUAL_S / WINDOW_S))
-    return np.asarray(LASTING_SHARE * (square + leaning) + LEAST_DIRECTION_RAD**2)
+def lasting(seen: Floats, known: Flags, reference: FieldReference, leaning: Floats) -> Floats:
+    """Variance (W,) of errors that last: by how far norm and dip are off, and a leaning vertical.
+
+    What turns the field up or makes it longer turns it aside as well, see conditioning/sigma.
+    """
+    off = np.minimum(np.abs(deviations(seen, reference)), NORM_SCALE)
+    square = filled(np.sum(off**2, axis=0)[:, None], known)[:, 0]
+    uneven = np.maximum(0.0, running_mean(square, round(USUAL_S / WINDOW_S)) - SCALE_ERROR**2)
+    aside = (1.0 + steepness(reference)) * uneven
+    return np.asarray(LASTING_SHARE * (aside + leaning) + LEAST_DIRECTION_RAD**2)

@@ -42,9 +42,14 @@ def joined(forward: Estimates, backward: Estimates) -> Estimates:
 
 def fallback(first: Estimates, second: Estimates) -> Estimates:
     """The first, and where that is not known the second."""
-    numbers = (first.q_ned_frd, first.sigma_rad)
-    known = np.all([np.isfinite(each).all(axis=1) for each in numbers], axis=0)
+    known = known_rows(first)
     return first if known.all() else chosen(known, first, second)
+
+
+def known_rows(estimates: Estimates) -> Flags:
+    """Where there is an attitude with its sigmas (N,)."""
+    numbers = (estimates.q_ned_frd, estimates.sigma_rad)
+    return np.asarray(np.all([np.isfinite(each).all(axis=1) for each in numbers], axis=0))
 
 
 def chosen(rows: Flags, first: Estimates, second: Estimates) -> Estimates:

@@ -1,27 +1,41 @@
 """An estimator that keeps what smoothing needs of its way through a recording."""
 
 from array import array
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from estimator.estimator import Estimator
-from estimator.live.rows import Floats, Rows, cut
+from estimator.live.rows import Floats, Rows
 from estimator.profile import Profile
 from estimator.reasons import Reason
 from estimator.smoothing.recording import BIAS, SIGMA, Estimates, Q, Recording
 from estimator.types import RateSample, Vec3, VelocitySample
 
-# Of a sample taken alone: rate, specific force, field; of the attitude after it: q, bias, sigmas.
+# Of a sample: rate, specific force, field; of the attitude after it: q, bias, sigmas.
 WIDTHS = (3, 3, 3, 4, 3, 2)
 
 
-class Recorder(Estimator):
-    """Ends a :class:`Recording` where the attitude is forgotten."""
+class Offered(NamedTuple):
+    """Arrays with all samples that will come, and with what is said of each."""
 
-    def __init__(self, profile: Profile, fixed_gain: float | None = None) -> None:
+    rows: Rows
+    said: Floats  # (N, SAID), see :mod:`estimator.live.rows`
+
+
+class Recorder(Estimator):
+    """Ends a :class:`Recording` where the attitude is forgotten.
+
+    With ``offered`` its recordings are views of those arrays, and smoothing changes them.
+    """
+
+    def __init__(
+        self, profile: Profile, fixed_gain: float | None = None, offered: Offered | None = None
+    ) -> None:
         super().__init__(profile, fixed_gain)
         self._ended: list[Recording] = []
+        self._offered = offered
+        self._before = 0  # how many have been offered before this recording
         self._begin()
 
     def recordings(self) -> list[Recording]:
@@ -34,27 +48,31 @@ class Recorder(Estimator):
     ) -> Reason | None:
         """See :class:`Estimator`."""
         reason = super().take(time_us, gyr_rad_s, acc_m_s2, mag_gauss, has_mag)
+        self._is_taken.append(reason is None)
         if reason is None:
-            said = self.attitude(time_us)
-            sigma = said.sigma_inclination_rad, said.sigma_heading_rad
-            self._alone_us.append(time_us)
-            told = (gyr_rad_s, acc_m_s2, mag_gauss, said[1], said[3], sigma)
-            for column, values in zip(self._alone, told, strict=True):
-                column.extend(values)
-            self._has_mag.append(has_mag)
             self._is_aided.append(self.is_aided)
+            if self._offered is None:
+                said = self.attitude(time_us)
+                sigma = said.sigma_inclination_rad, said.sigma_heading_rad
+                told = (gyr_rad_s, acc_m_s2, mag_gauss, said[1], said[3], sigma)
+                for column, values in zip(self._kept, told, strict=True):
+                    column.extend(values)
+                self._times_us.append(time_us)
+                self._has_mag.append(has_mag)
         return reason
 
     def update_rows(self, rows: Rows, said: Floats) -> int:
         """See :class:`Estimator`."""
         taken = super().update_rows(rows, said)
-        if taken:
-            self._stack()
-            times_us, gyr, acc, mag, has_mag = cut(rows, 0, taken)
-            told = (said[:taken, part] for part in (Q, BIAS, SIGMA))
-            unaided = np.zeros(taken, np.bool_)
-            self._chunks.append((times_us, gyr, acc, mag, *told, has_mag, unaided))
-            self._taken += taken
+        self._is_taken.frombytes(b"\1" * taken)
+        self._is_aided.frombytes(bytes(taken))
+        if self._offered is None:
+            times_us, *readings, has_mag = (column[:taken] for column in rows)
+            told = (*readings, *(said[:taken, part] for part in (Q, BIAS, SIGMA)))
+            for column, values in zip(self._kept, told, strict=True):
+                column.frombytes(values.tobytes())
+            self._times_us.frombytes(times_us.tobytes())
+            self._has_mag.frombytes(has_mag.tobytes())
         return taken
 
     def update_report(self, report: Any) -> Reason | None:
@@ -71,44 +89,41 @@ class Recorder(Estimator):
 
     def change_imu(self) -> None:
         """See :class:`Estimator`."""
-        self._changes.append(self._taken + len(self._alone_us))
+        self._changes.append(len(self._is_aided))
         super().change_imu()
 
     def _begin(self) -> None:
-        self._chunks: list[tuple[Any, ...]] = []
-        self._taken = 0  # in chunks
+        self._is_taken, self._is_aided = array("b"), array("b")
+        self._times_us, self._kept = array("q"), [array("d") for _ in WIDTHS]
+        self._has_mag = array("b")
         self._reports: list[VelocitySample | RateSample] = []
         self._changes: list[int] = []
-        self._begin_alone()
-
-    def _begin_alone(self) -> None:
-        self._alone_us, self._alone = array("q"), [array("d") for _ in WIDTHS]
-        self._has_mag, self._is_aided = array("b"), array("b")
-
-    def _stack(self) -> None:
-        """Put what was taken sample by sample behind the chunks."""
-        if self._alone_us:
-            pairs = zip(self._alone, WIDTHS, strict=True)
-            columns = (np.frombuffer(column).reshape(-1, width) for column, width in pairs)
-            flags = (np.frombuffer(flag, np.bool_) for flag in (self._has_mag, self._is_aided))
-            self._chunks.append((np.frombuffer(self._alone_us, np.int64), *columns, *flags))
-            self._taken += len(self._alone_us)
-            self._begin_alone()
-
-    def _joined(self) -> tuple[Any, ...]:
-        """The columns of all chunks, of a single one as they are."""
-        if len(self._chunks) == 1:
-            return self._chunks[0]
-        return tuple(np.concatenate(column) for column in zip(*self._chunks, strict=True))
 
     def _end(self) -> None:
         """Make a recording of what there is since the last one."""
-        self._stack()
-        if self._chunks:
-            times_us, gyr, acc, mag, q, bias, sigma, has_mag, aided = self._joined()
+        if self._is_aided:
+            rows, (q, bias, sigma), places = self._taken()
+            forward = Estimates(q, sigma, np.frombuffer(self._is_aided, np.bool_))
             last = Estimator(self.profile, self.fixed_gain)
             last.snapshot = self.snapshot
-            rows, forward = Rows(times_us, gyr, acc, mag, has_mag), Estimates(q, sigma, aided)
-            recording = Recording(rows, self._changes, self._reports, forward, bias, last)
+            recording = Recording(rows, self._changes, self._reports, forward, bias, last, places)
             self._ended.append(recording)
+        self._before += len(self._is_taken)
         self._begin()
+
+    def _taken(self) -> tuple[Rows, tuple[Floats, ...], Any]:
+        """The readings; q, bias and sigmas; where they stand in the arrays, if there are some."""
+        offered = self._offered
+        if offered is None:
+            pairs = zip(self._kept, WIDTHS, strict=True)
+            gyr, acc, mag, *said = (np.frombuffer(c).reshape(-1, width) for c, width in pairs)
+            has_mag = np.frombuffer(self._has_mag, np.bool_)
+            times_us = np.frombuffer(self._times_us, np.int64)
+            return Rows(times_us, gyr, acc, mag, has_mag), tuple(said), slice(None)
+        is_taken = np.frombuffer(self._is_taken, np.bool_)
+        places: Any = slice(self._before, self._before + len(is_taken))
+        if not is_taken.all():
+            places = self._before + np.flatnonzero(is_taken)
+        said = offered.said[places]
+        rows = Rows(*(column[places] for column in offered.rows))
+        return rows, tuple(said[:, part] for part in (Q, BIAS, SIGMA)), places

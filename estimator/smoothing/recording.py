@@ -1,7 +1,7 @@
 """What smoothing takes: the readings, and what an estimator has said on its way through them."""
 
 from collections.abc import Sequence
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,8 +11,11 @@ from estimator.estimator import Estimator
 from estimator.live.rows import Flags, Floats, Rows, cut
 from estimator.types import RateSample, VelocitySample
 
-# Where q, bias and both sigmas stand in rows that tell an attitude, see :mod:`estimator.live.rows`.
-Q, BIAS, SIGMA = slice(0, 4), slice(7, 10), slice(15, 17)
+Places = NDArray[np.int64]
+
+# Where q, rate, bias and both sigmas stand in rows that tell an attitude, see
+# :mod:`estimator.live.rows`.
+Q, RATE, BIAS, SIGMA = slice(0, 4), slice(4, 7), slice(7, 10), slice(15, 17)
 # What is done row by row is done with so many at a time: an hour's take too much room at once.
 BLOCK = 100_000
 
@@ -43,23 +46,26 @@ class Recording(NamedTuple):
     forward: Estimates  # of the estimator at the samples
     bias_rad_s: Floats  # (N, 3) of the gyroscope, as it was known then
     last: Estimator  # the estimator behind the last one
+    places: Any = slice(None)  # of the rows among those that were offered
 
     @property
     def rate_rad_s(self) -> Floats:
         """The gyroscope's rates (N, 3) less the bias."""
         return np.asarray(self.rows.gyr_rad_s - self.bias_rad_s)
 
-    def last_rows(self) -> NDArray[np.int64]:
-        """Of each sample (N,), the last one of the same IMU."""
-        n = len(self.rows.times_us)
-        ends = np.array([*self.changes, n])
-        return np.asarray(ends[np.searchsorted(ends, np.arange(n), side="right")] - 1)
+    def last_rows(self, rows: Places) -> Places:
+        """Of each of these rows, the last one of the same IMU."""
+        ends = np.array([*self.changes, len(self.rows.times_us)])
+        return np.asarray(ends[np.searchsorted(ends, rows, side="right")] - 1)
 
-    def look_ahead(self) -> "Recording":
-        """With the bias as it is known later."""
+    def look_ahead(self) -> None:
+        """Let the bias be what is known of it later."""
         times_us = self.rows.times_us
-        later = np.searchsorted(times_us, times_us + round(1e6 * MEMORY_S), side="right") - 1
-        return self._replace(bias_rad_s=self.bias_rad_s[np.minimum(later, self.last_rows())])
+        for part in blocks(len(times_us)):
+            until_us = times_us[part] + round(1e6 * MEMORY_S)
+            later = np.searchsorted(times_us, until_us, side="right") - 1
+            last = self.last_rows(np.arange(part.start, part.stop))
+            self.bias_rad_s[part] = self.bias_rad_s[np.minimum(later, last)]
 
     def part(self, begin: int, end: int) -> "Recording":
         """Rows from ``begin`` up to ``end``, of one IMU and without reports."""

@@ -1,16 +1,18 @@
 """The smoothed attitude of a recording, as a summary of its steps."""
 
-from typing import NamedTuple
+from collections.abc import Iterator
+from typing import Any, NamedTuple
 
 import numpy as np
 
+from estimator.conditioning.times import LONG_S
 from estimator.conditioning.vertical.rate import FAST_STEP_S
-from estimator.live.rows import Floats, Times
+from estimator.live.rows import Flags, Floats, Times
 from estimator.smoothing.backward import backward
-from estimator.smoothing.joining import chosen, fallback, join
+from estimator.smoothing.joining import join
 from estimator.smoothing.recorder import Recorder
-from estimator.smoothing.recording import Recording, steps_s
-from estimator.smoothing.unaided import LEAST_SAMPLES, unaided
+from estimator.smoothing.recording import BIAS, RATE, SIGMA, Q, Recording, steps_s
+from estimator.smoothing.unaided import LEAST_SAMPLES, pieces, put_unaided
 
 
 class Smoothed(NamedTuple):
@@ -25,21 +27,42 @@ class Smoothed(NamedTuple):
 def smooth(recording: Recording) -> Smoothed:
     """The attitudes at the samples, by what came before and behind each.
 
-    Fast streams without velocity are averaged both ways along the gyroscope's path. Elsewhere the
-    estimator goes over the recording once more, backward, and both estimates are joined.
+    Fast streams without velocity are averaged both ways along the gyroscope's path. Elsewhere, and
+    in vehicles between holes, where that average is short, the estimator goes over the recording
+    once more, backward, and both estimates are joined. What the recording holds of attitudes and
+    bias is changed.
     """
-    recording = recording.look_ahead()
+    recording.look_ahead()
     best, n = recording.forward, len(recording.bias_rad_s)
     if n >= LEAST_SAMPLES:
-        is_slow = np.median(steps_s(recording.rows)) > FAST_STEP_S
-        is_joined = np.full(n, is_slow or not recording.last.settings.conditioned)
+        is_joined = of_both_ways(recording)
         if is_joined.any() or recording.reports:
             best = join(best, backward(recording))
             is_joined |= best.is_aided
         if not is_joined.all():
-            best = chosen(is_joined, best, unaided(recording))
-        best = fallback(best, recording.forward)
+            put_unaided(recording, ~is_joined, best)
     return Smoothed(best.q_ned_frd, best.sigma_rad, recording.rate_rad_s, recording.bias_rad_s)
+
+
+def of_both_ways(recording: Recording) -> Flags:
+    """The samples (N,) whose forces are not averaged, whether velocity helps or not."""
+    settings, times_us = recording.last.settings, recording.rows.times_us
+    is_slow = np.median(steps_s(recording.rows)) > FAST_STEP_S
+    rows = np.full(len(times_us), is_slow or not settings.conditioned)
+    for begin, end, _, _ in pieces(recording):
+        is_short = times_us[end - 1] - times_us[begin] < 1e6 * LONG_S
+        has_others = end - begin < len(rows)
+        rows[begin:end] |= is_short and has_others and settings.conditioning.in_vehicle
+    return rows
+
+
+def smooth_offered(recorder: Recorder, said: Floats) -> Iterator[Any]:
+    """Put smoothed attitudes into the rows that a recorder was offered with its samples; which."""
+    for recording in recorder.recordings():
+        smoothed = smooth(recording)
+        for part, column in zip((Q, SIGMA, RATE, BIAS), smoothed, strict=True):
+            said[recording.places, part] = column
+        yield recording.places
 
 
 def smooth_all(recorder: Recorder) -> tuple[Times, Smoothed]:

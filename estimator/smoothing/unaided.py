@@ -7,8 +7,10 @@ import numpy as np
 
 from estimator.aiding.search import UNKNOWN_RAD
 from estimator.conditioning.times import QUICK_S
+from estimator.live.rows import Flags
 from estimator.smoothing.field import field_of
 from estimator.smoothing.heading import Headed, turn_north
+from estimator.smoothing.joining import known_rows
 from estimator.smoothing.path import felt_down, path_of
 from estimator.smoothing.recording import Estimates, Recording, steps_s
 from estimator.smoothing.rotation import about_down, conjugate, heading_of, multiply
@@ -31,15 +33,14 @@ class Piece(NamedTuple):
     last: int
 
 
-def unaided(recording: Recording) -> Estimates:
-    """The estimates at the samples, piece by piece."""
-    q, sigma = recording.forward.q_ned_frd.copy(), recording.forward.sigma_rad.copy()
+def put_unaided(recording: Recording, rows: Flags, into: Estimates) -> None:
+    """Put the estimates of these samples (N,), piece by piece, in the place of others."""
     for begin, end, first, last in pieces(recording):
-        if last - first >= LEAST_SAMPLES:
-            inside = slice(begin - first, end - first)
-            found = of_piece(recording.part(first, last))
-            q[begin:end], sigma[begin:end] = found.q_ned_frd[inside], found.sigma_rad[inside]
-    return Estimates(q, sigma, np.zeros(len(q), np.bool_))
+        if last - first >= LEAST_SAMPLES and rows[begin:end].any():
+            found = of_piece(recording.part(first, last)).part(slice(begin - first, end - first))
+            known = rows[begin:end] & known_rows(found)
+            into.q_ned_frd[begin:end][known] = found.q_ned_frd[known]
+            into.sigma_rad[begin:end][known] = found.sigma_rad[known]
 
 
 def pieces(recording: Recording) -> Iterator[Piece]:
@@ -70,8 +71,8 @@ def of_piece(recording: Recording) -> Estimates:
     else:
         headed = turn_as(vertical, recording.forward)
     heading_rad = headed.sigma_rad
-    if not field.is_trusted:
-        heading_rad = np.maximum(heading_rad, UNKNOWN_RAD)
+    shown = np.hypot(heading_rad, field.unshown_iron_rad)
+    heading_rad = np.minimum(shown, np.maximum(heading_rad, UNKNOWN_RAD))
     sigma = np.stack([vertical.sigma_rad, heading_rad], axis=-1)
     return Estimates(headed.q_ned_frd, sigma, recording.forward.is_aided)
 

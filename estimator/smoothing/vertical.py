@@ -7,6 +7,8 @@ from typing import NamedTuple
 
 import numpy as np
 
+from estimator.conditioning.sigma import MEASURED_SQUARE
+from estimator.conditioning.times import LATELY_S
 from estimator.conditioning.vertical.averaging import (
     OCTAVES,
     TAU_SHARE,
@@ -21,6 +23,7 @@ from estimator.live.rows import Floats
 from estimator.smoothing.path import Path
 from estimator.smoothing.rotation import multiply, rotate, unit
 from estimator.smoothing.windows import Windows, filled, low_passed, running_mean
+from estimator.types import STANDARD_GRAVITY_M_S2
 
 
 class Vertical(NamedTuple):
@@ -39,6 +42,9 @@ def level(last: Estimator, windows: Windows, path: Path, down_g: Floats) -> Vert
     length_s = best_length_s(last, felt, WINDOW_S * rate_g)
     down = low_passed(felt, TAU_SHARE * length_s)
     variance = LEAST_DIRECTION_RAD**2 + local_variance(felt, max(1, round(length_s / WINDOW_S)))
+    count = round(LATELY_S / WINDOW_S)
+    size = np.linalg.norm(down, axis=1) / STANDARD_GRAVITY_M_S2 - 1.0
+    variance += MEASURED_SQUARE * running_mean(size**2, count)
     q = multiply(shortest_to_down(unit(windows.at(path.time_s, down))), path.q_g_frd)
     return Vertical(q, np.sqrt(windows.at(path.time_s, variance)), variance)
 

@@ -15,6 +15,7 @@ from fuzzbee.replays.trace import VehicleTrace
 Floats = NDArray[np.float64]
 Bools = NDArray[np.bool_]
 
+BLOCK = 20_000
 REFERENCES = ("sim", "autopilot")  # the truth goes first
 
 
@@ -39,7 +40,9 @@ def compare(path: Path, trace: VehicleTrace, wanted: str | None) -> Comparison:
     source = _choose_reference(path, trace, wanted)
     n = len(trace.attitudes)
     if source is None:
-        return Comparison(None, np.tile(IDENTITY, (n, 1)), np.zeros(n, bool), np.zeros((n, 3)))
+        return Comparison(
+            None, np.broadcast_to(IDENTITY, (n, 4)), np.zeros(n, bool), np.zeros((n, 3))
+        )
     truth, known = reference_attitudes(trace, source)
     return Comparison(source, truth, known, errors_against(trace.estimates, truth))
 
@@ -52,9 +55,9 @@ def reference_attitudes(trace: VehicleTrace, source: str) -> tuple[Floats, Bools
     """
     attitudes, known = trace.references[source].at(trace.times_us)
     if source == "autopilot" and trace.trim != IDENTITY:
-        attitudes = np.array(
-            [multiply((q[0], q[1], q[2], q[3]), trace.trim) for q in attitudes.tolist()]
-        )
+        for begin in range(0, len(attitudes), BLOCK):  # as lists an hour's take too much room
+            part = attitudes[begin : begin + BLOCK]
+            part[:] = [multiply((w, x, y, z), trace.trim) for w, x, y, z in part.tolist()]
     return attitudes, known
 
 

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fuzzbee.replays.comparison import Comparison
-from fuzzbee.replays.plot import FIGURE_INCHES, MOST_POINTS, STYLE, legend_above, save
+from fuzzbee.replays.plot import FIGURE_INCHES, MOST_POINTS, STYLE, largest, legend_above, save
 from fuzzbee.replays.trace import VehicleTrace
 
 Floats = NDArray[np.float64]
@@ -38,8 +38,8 @@ class ComparisonPlot:
         errors = np.degrees(np.where(compared.known[:, None], compared.errors_rad, np.nan))
         if not trace.fields:
             errors[:, 1] = np.nan  # a heading from nowhere has no error
-        shown = slice(None, None, 1 + len(time_s) // MOST_POINTS)
-        self._curves.append(Curves(log, profile, time_s[shown], errors[shown]))
+        step = 1 + len(time_s) // MOST_POINTS
+        self._curves.append(Curves(log, profile, time_s[::step], largest(errors, step)))
 
     def draw(self) -> None:
         """Write the figure.
@@ -69,6 +69,7 @@ def _draw_log(axes: Any, log: str, curves: list[Curves]) -> None:
             ax.plot(each.time_s, each.errors_deg[:, i], lw=0.8, label=each.profile)
         ax.set_ylabel(f"{name} error in °")
         ax.set_ylim(bottom=0.0)
+        ax.margins(x=0.0)
         ax.grid(visible=True, alpha=0.3)
     axes[0].set_title(log, loc="left")
     legend_above(axes[-1], len(curves))

@@ -18,6 +18,7 @@ from drivers.logs.reference_track import ReferenceTrack
 from drivers.mavlink.names import autopilot_name, vehicle_type_name
 from estimator.errors import InputError
 from estimator.profile import Profile
+from fuzzbee.packed import NORTHS
 from fuzzbee.replays.comparison import Comparison, compare, reference_attitudes
 from fuzzbee.replays.constant_turn import ConstantTurn, constant_turn
 from fuzzbee.replays.motion import motion_mask
@@ -253,15 +254,15 @@ def score(path: Path, trace: VehicleTrace, compared: Comparison, skip_s: float) 
     source, truth, known, errors = compared
     times_us = trace.times_us
     has_heading = trace.fields > 0
-    norths = trace.attitudes.norths
-    told = norths != "none"
+    norths = trace.attitudes.north_places
+    told = norths != NORTHS.index("none")
     counted = known & (times_us - times_us[0] >= skip_s / MICROSECOND)
     if skip_s > 0.0 and not counted.any():
         lasts_s = (times_us[-1] - times_us[0]) * MICROSECOND
         raise InputError(f"{path}: nothing is left to score after {skip_s:g} s of {lasts_s:.0f} s")
     since = known & (times_us >= (trace.turned_at_us or 0))
     sigma_rad = trace.column("sigma_inclination_rad")[counted]
-    moved = motion_mask(trace.samples)[counted]
+    moved = (motion_mask(trace.samples) if counted.any() else counted)[counted]
     return LogReport(
         source=printable(str(path)),
         vehicle=_vehicle_summary(trace),
@@ -282,12 +283,18 @@ def score(path: Path, trace: VehicleTrace, compared: Comparison, skip_s: float) 
         mean_gain=float(trace.column("gain").mean()),
         rejected=sort_counts(trace.rejected),
         wall_s=0.0,
-        heading_references=sort_counts(Counter(norths[counted].tolist())),
+        heading_references=sort_counts(counts_of(norths[counted])),
         constant_turn=constant_turn(trace.estimates[counted], truth[counted], sigma_rad, moved),
         differences=differences_of(trace),
         agreement=verdicts(trace),
         retuned=_retuned_summary(trace),
     )
+
+
+def counts_of(norths: NDArray[np.uint8]) -> dict[str, int]:
+    """How many headings are measured from which north."""
+    counts = np.bincount(norths, minlength=len(NORTHS)).tolist()
+    return {north: count for north, count in zip(NORTHS, counts, strict=True) if count}
 
 
 def verdicts(trace: VehicleTrace) -> dict[str, int]:

@@ -33,7 +33,6 @@ class Windows(NamedTuple):
 def motion_mask(samples: PackedSamples) -> Bools:
     """(N,): whether anything moved within ``WINDOW_S`` of each sample."""
     times_s = samples.times_us * 1e-6
-    gyr, acc = samples.column("gyr_rad_s"), samples.column("acc_m_s2")
     first = np.searchsorted(times_s, times_s - WINDOW_S)
     behind = np.searchsorted(times_s, times_s + WINDOW_S, side="right")
     result = np.empty(len(times_s), np.bool_)
@@ -41,7 +40,8 @@ def motion_mask(samples: PackedSamples) -> Bools:
         rows = slice(begin, begin + BLOCK)
         around = slice(first[begin], behind[rows][-1])
         windows = Windows(first[rows] - around.start, behind[rows] - around.start)
-        result[rows] = _moved(gyr[around], acc[around], windows)
+        gyr, acc = (samples.column(name, around) for name in ("gyr_rad_s", "acc_m_s2"))
+        result[rows] = _moved(gyr, acc, windows)
     return result
 
 

@@ -68,6 +68,15 @@ class Drawn(NamedTuple):
         """A line of values (N,) over time."""
         ax.plot(self.time_s[self.shown], values[self.shown], *style, **line)
 
+    def plot_largest(self, ax: Any, values: Floats, *style: str, **line: Any) -> None:
+        """The same, of values whose peaks tell."""
+        ax.plot(self.time_s[self.shown], largest(values, self.shown.step), *style, **line)
+
+
+def largest(values: Floats, count: int) -> Floats:
+    """The largest of every ``count`` values (N,) or (N, K); NaN where none is known."""
+    return np.asarray(np.fmax.reduceat(values, np.arange(0, len(values), count)))
+
 
 def require_plot(path: Path) -> None:
     """Refuse early what cannot be drawn.
@@ -184,8 +193,8 @@ def _errors(axes: Any, drawn: Drawn) -> None:
         ax.fill_between(drawn.time_s[shown], within, color="C0", alpha=0.25, lw=0, label="sigma")
         if drawn.autopilot is not None:
             theirs = np.degrees(drawn.autopilot[1][:, i])
-            drawn.plot(ax, theirs, **AUTOPILOT, label="autopilot's error")
-        drawn.plot(ax, errors[:, i], "C3-", lw=0.8, label="error")
+            drawn.plot_largest(ax, theirs, **AUTOPILOT, label="autopilot's error")
+        drawn.plot_largest(ax, errors[:, i], "C3-", lw=0.8, label="error")
         ax.set_ylabel(f"{name}\nerror in °")
         ceiling = _ceiling(errors[:, i], np.degrees(sigma))
         ax.set_ylim(0.0, ceiling)
@@ -199,7 +208,7 @@ def _errors(axes: Any, drawn: Drawn) -> None:
 def _internals(axes: Any, drawn: Drawn) -> None:
     """Gain, confidences and bias."""
     column = drawn.trace.column
-    drawn.plot(axes[0], column("gain"), "C2-", lw=0.8)
+    drawn.plot_largest(axes[0], column("gain"), "C2-", lw=0.8)
     axes[0].set_ylabel("gain K")
     axes[0].set_ylim(bottom=0.0)
     drawn.plot(axes[1], column("confidence_gravity"), "C0-", lw=0.8, label="gravity")

@@ -13,6 +13,7 @@ from estimator.geometry.frames import enu_flu_from_ned_frd
 from fuzzbee.cli import main
 from fuzzbee.replays import parquet_file
 from fuzzbee.replays.exports import ATTITUDE_COLUMNS, COLUMNS
+from fuzzbee.replays.plot import largest
 from fuzzbee.replays.simulation_files import COLUMNS as SIMULATION_COLUMNS
 
 LOG = Path(__file__).parent.parent / "data" / "sitl_copter_4hz.tlog"
@@ -323,3 +324,10 @@ def test_no_legend_lies_on_its_data(capsys, tmp_path, drawn, which):
         drawn = [title.get_window_extent() for title in titles if title.get_text()]
         assert not any(box.overlaps(each) for each in drawn)
         assert figure.bbox.x0 <= box.x0 < box.x1 <= figure.bbox.x1
+
+
+def test_of_many_errors_the_peaks_are_drawn():
+    values = np.array([[1.0, np.nan], [9.0, np.nan], [2.0, 3.0], [np.nan, 1.0], [4.0, np.nan]])
+    drawn = largest(values, 3)
+    assert np.array_equal(drawn, [[9.0, 3.0], [4.0, 1.0]])
+    assert np.isnan(largest(np.full((4, 2), np.nan), 3)).all()

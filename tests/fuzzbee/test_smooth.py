@@ -7,8 +7,9 @@ import numpy as np
 import pytest
 
 from estimator.geometry.metrics import batch_angle_errors
+from estimator.live.rows import SAID, cut, rows_of
 from estimator.profile import load_profile, merge_profile
-from estimator.smoothing import backward, recording
+from estimator.smoothing import Offered, Recorder, backward, recording, smooth_all
 from estimator.smoothing.rotation import chained, conjugate, exp, rotate
 from fuzzbee import Estimator, replay
 from fuzzbee.cli import main
@@ -129,3 +130,71 @@ def test_the_command(capsys):
     for arguments, part in (([log, "--retune"], "--retune"), (["sim:"], "for logs")):
         assert main(["replay", *arguments, "--smooth"]) == 2
         assert part in capsys.readouterr().err
+
+
+def test_of_rows_given_nothing_is_kept_twice(shaken):
+    """An hour at 400 Hz fits in a GiB."""
+    gyr, acc, mag = (column[:1500] for column in shaken[:3])
+    times_us = np.arange(1500) * 20_000
+    rows = rows_of(times_us, gyr, acc, mag, np.ones(1500, np.bool_))
+    said = np.full((1500, SAID), np.nan)
+    recorder = Recorder(load_profile("imu"), offered=Offered(rows, said))
+    recorder.take(0, *(tuple(column[0].tolist()) for column in (gyr, acc, mag)), has_mag=True)
+    assert recorder.update_rows(cut(rows, 1, 1500), said[1:]) == 1499
+    (made,) = recorder.recordings()
+    assert all(np.shares_memory(*pair) for pair in zip(made.rows, rows, strict=True))
+    for kept in (made.forward.q_ned_frd, made.forward.sigma_rad, made.bias_rad_s):
+        assert np.shares_memory(kept, said)
+    alone = Recorder(load_profile("imu"))  # of rows that nobody keeps it keeps copies
+    alone.take(0, *(tuple(column[0].tolist()) for column in (gyr, acc, mag)), has_mag=True)
+    assert alone.update_rows(cut(rows, 1, 1500), said[1:].copy()) == 1499
+    (own,) = alone.recordings()
+    assert all(np.array_equal(*pair) for pair in zip(own.rows, rows, strict=True))
+    for name in ("q_ned_frd", "sigma_rad"):
+        kept, given = (getattr(each.forward, name)[1:] for each in (own, made))
+        assert np.array_equal(kept, given, equal_nan=True)
+        assert not np.shares_memory(kept, said)
+
+
+def test_recorded_sample_by_sample_it_is_the_same(shaken):
+    """A log's samples come one by one, and the recorder keeps them itself; some are refused."""
+    gyr, acc, mag = (column[:1500].copy() for column in shaken[:3])
+    acc[100:110] = np.nan
+    whole = Estimator(rate_hz=RATE_HZ).smooth(gyr, acc, mag)
+    recorder = Recorder(load_profile("imu"))
+    for k, readings in enumerate(zip(gyr.tolist(), acc.tolist(), mag.tolist(), strict=True)):
+        recorder.take(20_000 * k, *map(tuple, readings), has_mag=True)
+    times_us, smoothed = smooth_all(recorder)
+    rows = times_us // 20_000
+    assert len(rows) == 1490
+    for name in ("q_ned_frd", "rate_rad_s"):
+        assert np.array_equal(getattr(whole, name)[rows], getattr(smoothed, name))
+    assert np.array_equal(whole.gyro_bias_rad_s[rows], smoothed.bias_rad_s)
+    assert np.array_equal(whole.sigma_heading_rad[rows], smoothed.sigma_rad[:, 1])
+
+
+def test_between_holes_a_vehicle_is_joined_and_not_averaged(shaken):
+    """Its accelerations last for longer than what lies between two holes of its recording."""
+    gyr, acc, mag, q = shaken
+    t = np.arange(len(gyr)) / RATE_HZ
+    long_pushes = np.stack([1.5 * np.sin(t / 5.0), 1.5 * np.cos(t / 5.0), 0.0 * t], axis=-1)
+    acc = acc + rotate(conjugate(q), long_pushes)
+    kept = t % 15.0 < 12.5
+    readings = (gyr[kept], acc[kept], mag[kept], t[kept])
+    vehicle = merge_profile(load_profile("imu"), {"conditioning": {"in_vehicle": True}})
+    causal = errors_deg(Estimator(vehicle).update_batch(*readings), q[kept])
+    errors = errors_deg(Estimator(vehicle).smooth(*readings), q[kept])
+    assert (rms(errors) < 0.92 * rms(causal)).all()  # inclination 9.4 for 10.6 deg; averaged 11.3
+
+
+def test_what_force_and_field_show_of_their_errors_is_in_sigma(shaken):
+    """A force of the wrong size, and a field that has another norm and dip for a minute."""
+    gyr, acc, mag, q = shaken
+    plain = Estimator(rate_hz=RATE_HZ).smooth(gyr, acc, mag)
+    scaled = Estimator(rate_hz=RATE_HZ).smooth(gyr, 1.02 * acc, mag)
+    grown = rms(scaled.sigma_inclination_rad) ** 2 - rms(plain.sigma_inclination_rad) ** 2
+    assert np.sqrt(grown) == pytest.approx(2**0.5 * 0.02, rel=0.2)
+    elsewhere = np.where(np.arange(len(q))[:, None] >= len(q) / 2, [0.0, 0.0, 0.03], 0.0)
+    other = Estimator(rate_hz=RATE_HZ).smooth(gyr, acc, mag + rotate(conjugate(q), elsewhere))
+    before, then = (rms(each.sigma_heading_rad.reshape(2, -1).T) for each in (plain, other))
+    assert then.max() > 1.5 * before.max()

@@ -104,6 +104,20 @@ def dates():
     return "\n".join([",".join(["Zeit", *names]) + FIELD, *lines, ""])
 
 
+def since_start():
+    """Two times: that whose unit is told counts, though it stands last."""
+    t, gyr, acc, mag = readings()
+    names = NAMES.replace("time_s", "time") + FIELD + ",Time since start in ms"
+    return table([names], (1.7e18 + 1e9 * t, gyr, acc, mag, 1e3 * t))
+
+
+def elapsed():
+    """As some phones write it, beside another time without a unit."""
+    t, gyr, acc, mag = readings()
+    names = NAMES.replace("time_s", "time,seconds_elapsed").replace("gyr_", "rotationRate_") + FIELD
+    return table([names], (1.7e18 + 1e9 * t, t, gyr, acc, mag))
+
+
 def grouped():
     """Thousands between points, beside a decimal comma."""
     t, gyr, acc, mag = readings()
@@ -125,6 +139,9 @@ WAYS = {
     "phone": (phone, "utf-8", 'axes = "rfu"'),
     "phone in full": (phone, "utf-8", 'axes = ["y", "x", "-z"]'),
     "dates": (dates, "utf-8", None),
+    "dates, called otherwise": (lambda: dates().replace("Zeit", "Zeitstempel"), "utf-8", None),
+    "since start": (since_start, "utf-8", None),
+    "elapsed": (elapsed, "utf-8", None),
     "grouped": (grouped, "utf-8", None),
     "nameless": (nameless, "utf-8", NAMELESS),
 }
@@ -219,6 +236,14 @@ def test_what_is_not_clear_is_one_line(tmp_path, capsys, names, toml, words):
 def test_a_text_that_is_no_table(tmp_path):
     path = written(tmp_path / "a.csv", "once,upon,a,time\n" * 20)
     with pytest.raises(InputError, match="no table"):
+        open_log(path)
+
+
+@pytest.mark.parametrize("said", ["03/01/2024 12:00:00", "12:00:00.25"])
+def test_a_time_that_nobody_can_be_sure_of_is_shown(tmp_path, said):
+    lines = table([NAMES], readings()[:3]).replace("\n0,", f"\n{said},")
+    path = written(tmp_path / "a.csv", lines)
+    with pytest.raises(InputError, match=f"the time '{said}' in column 'time_s' is no number"):
         open_log(path)
 
 

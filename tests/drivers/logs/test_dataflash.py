@@ -22,6 +22,7 @@ from drivers.events import (
     VehicleId,
     Velocity,
 )
+from drivers.logs.currents import currents
 from drivers.logs.dataflash import Dataflash
 from drivers.logs.dataflash_format import messages
 from drivers.logs.log_file import Window
@@ -339,3 +340,27 @@ def test_a_real_flight():
     assert max(gaps) == pytest.approx(8_060_000, abs=10_000)
     assert not of(ClockReset, events)
     assert len(of(ReferenceAttitude, events, "ATT")) == 1326
+
+
+@pytest.mark.parametrize("instance", ["Inst", "Instance"])
+def test_the_first_batterys_current_stands_beside_the_samples_of_its_time(tmp_path, instance):
+    log = modern()
+    log.format("BAT", "QBfff", f"TimeUS,{instance},Volt,Curr,CurrTot")
+    log.format("CURR", "Qff", "TimeUS,Volt,Curr")
+    for k in range(4):
+        log.write("BAT", 10_000_000 + 20_000 * k, 0, 12.5, 15.0 + k if k else math.nan, 0.0)
+        log.write("BAT", 10_000_000 + 20_000 * k, 1, 12.5, 99.0, 0.0)
+        log.write("CURR", 10_000_000 + 20_000 * k, 12.5, 77.0)
+    read = Dataflash(log.save(tmp_path))
+    found = currents(read, 7)
+    arrivals = [event.arrival_us for event in read if isinstance(event, Imu)][2:8:2]
+    assert [each.ampere for each in found] == [16.0, 17.0, 18.0]
+    assert [each.arrival_us for each in found] == arrivals
+
+
+def test_before_2017_it_was_called_otherwise(tmp_path):
+    log = modern()
+    log.format("CURR", "Qff", "TimeUS,Volt,Curr")
+    log.write("CURR", 10_000_000, 12.5, 7.5)
+    assert [each.ampere for each in currents(Dataflash(log.save(tmp_path)), 7)] == [7.5]
+    assert currents(Dataflash(modern().save(tmp_path)), 7) == []
