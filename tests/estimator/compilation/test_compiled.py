@@ -126,19 +126,6 @@ def test_without_a_cache_folder_it_compiles_in_memory_and_says_so_once(tmp_path,
     assert "no writable folder for compiled code" in warnings[0]
 
 
-def test_a_numba_without_the_private_classes_keeps_compiled_code_itself(tmp_path, expected):
-    later = "import numba.core.caching\ndel numba.core.caching.CompileResultCacheImpl\n"
-    first = run(later + TOLD + SMALL_PROGRAM, NUMBA_CACHE_DIR=str(tmp_path / "other"))
-    assert told(first) == ["told: compiling the filter, the first time only"]
-    assert expected in first.stdout
-    warnings = [line for line in first.stderr.splitlines() if "Warning" in line]
-    assert len(warnings) == 1
-    assert "kept by numba's own cache" in warnings[0]
-    assert list((tmp_path / "other").rglob("*.nbi"))
-    again = run(later + TOLD + SMALL_PROGRAM, NUMBA_CACHE_DIR=str(tmp_path / "other"))
-    assert again.stdout == expected  # and nothing is told to be compiled
-
-
 @pytest.mark.skipif(os.name != "posix", reason="needs resource limits")
 def test_a_disk_too_full_for_the_cache_does_not_stop_it(tmp_path, expected):
     limit = "import resource; resource.setrlimit(resource.RLIMIT_FSIZE, (4096, 4096))\n"
