@@ -62,9 +62,9 @@ def test_a_source_checkout_runs_from_its_own_folder():
 LOG = Path(__file__).parents[1] / "data" / "sitl_copter_takeoff.tlog"
 
 
-@pytest.mark.parametrize("settings", ["- 1", "cpu_name: evil\nopt: '0'\ndebug: 1", "\xff"])
-def test_settings_for_numba_in_the_current_folder_are_not_read(tmp_path, settings):
-    (tmp_path / ".numba_config.yaml").write_bytes(settings.encode("latin-1"))
+def test_settings_for_numba_in_the_current_folder_are_not_read(tmp_path):
+    """A file that numba would end at."""
+    (tmp_path / ".numba_config.yaml").write_text("- 1")
     done = run(tmp_path, "-m", "fuzzbee", "replay", str(LOG), "--json")
     assert done.returncode == 0
     assert ".numba_config" not in done.stderr
