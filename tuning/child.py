@@ -50,8 +50,11 @@ def channel() -> tuple[Iterator[Any], Callable[[object], None]]:
     os.dup2(sys.stderr.fileno(), sys.stdout.fileno())  # a stray print must not look like an answer
 
     def answer(value: object) -> None:
-        pickle.dump(value, answers)
-        answers.flush()
+        try:
+            pickle.dump(value, answers)
+            answers.flush()
+        except BrokenPipeError:  # whoever asked was killed
+            os._exit(0)
 
     return _questions(), answer
 
@@ -60,5 +63,5 @@ def _questions() -> Iterator[Any]:
     while True:
         try:
             yield pickle.load(sys.stdin.buffer)  # noqa: S301 - of the process that started this
-        except EOFError:
+        except (EOFError, pickle.UnpicklingError):  # of a parent that was killed, maybe half of one
             return

@@ -61,6 +61,6 @@ class Workers(Closing):
 def serve() -> None:
     """A worker: an objective from its parent, then rows of values; answers with their costs."""
     questions, answer = child.channel()
-    objective: Objective = next(questions)
-    for row in questions:
-        answer(float(objective.serial_costs(row[None, :])[0]))
+    for objective in questions:  # the first of them, if the parent has lived so long
+        for row in questions:
+            answer(float(objective.serial_costs(row[None, :])[0]))
