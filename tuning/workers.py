@@ -54,6 +54,8 @@ class Workers(Closing):
         try:
             child.send(process, row)
             return float(child.receive(process))
+        except (BrokenPipeError, EOFError):
+            raise ChildProcessError(f"process {process.pid}, which computed, has ended") from None
         finally:
             self._free.put(process)
 

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from tuning import child
+from tuning.workers import Workers
 
 
 class Squares:
@@ -31,6 +32,23 @@ def test_a_parent_that_is_killed_takes_its_workers_along_without_a_word(sent, ca
         process.stdin.close()
         assert process.wait(60) == 0
     assert capfd.readouterr().err == ""
+
+
+@pytest.mark.parametrize("number", child.ENDING)
+def test_what_is_to_end_the_parent_ends_no_worker(number):
+    """Not even before it runs a line of ours: a terminal sends it to all."""
+    with Workers(Squares(), 2) as workers:
+        for process in workers._processes:
+            process.send_signal(number)
+        assert workers(np.array([[3.0, 4.0], [0.0, 1.0]])).tolist() == [25.0, 1.0]
+
+
+def test_a_worker_that_is_killed_is_an_error():
+    """No pipe of somebody's who has seen enough: that would have been status 0."""
+    with Workers(Squares(), 2) as workers:
+        workers._processes[0].kill()
+        with pytest.raises(ChildProcessError, match="has ended"):
+            workers(np.ones((8, 2)))
 
 
 def test_it_answers_until_the_questions_end():
