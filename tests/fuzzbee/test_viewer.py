@@ -321,14 +321,7 @@ class Recorded(ViewerSink):
 
 
 @pytest.mark.parametrize(("vehicles", "expected_hz"), [(1, 4), (2, 6), (9, 6), (50, 6)])
-def test_it_draws_a_bounded_number_however_much_comes(tmp_path, monkeypatch, vehicles, expected_hz):
-    draw, drawn = Page._draw, []
-
-    def counted(*arguments):
-        drawn.append(arguments)
-        draw(*arguments)
-
-    monkeypatch.setattr(Page, "_draw", counted)
+def test_it_draws_a_bounded_number_however_much_comes(tmp_path, drawn, vehicles, expected_hz):
     sink = ViewerSink(ViewerOptions(rrd=str(tmp_path / "many.rrd")), PAPER)
     streams = [attitudes(VehicleId(n + 1, 1), 200, 10_000) for n in range(vehicles)]
     for outputs in zip(*streams, strict=True):

@@ -1,19 +1,16 @@
 """What is compiled ahead is what is called, and two processes do the work."""
 
-import os
 import shutil
-import subprocess
-import sys
 from pathlib import Path
 
 import numba
 import pytest
 
-import service
 from estimator.estimator import Estimator
 from estimator.live.resident import clock
 from estimator.profile import load_profile
 from service.warm_up import FOR_VELOCITY, UNAIDED, compile_ahead, rehearse
+from tests.programs import run_python
 from tests.traps import set_trap
 
 pytestmark = pytest.mark.skipif(numba.config.DISABLE_JIT, reason="nothing is compiled")
@@ -56,17 +53,8 @@ def test_a_cold_start_finds_both_halves_as_others_have_compiled_them(tmp_path):
         assert len(lacking) == 2
         for file in lacking:
             file.unlink()
-    root = str(Path(next(iter(service.__path__))).parent)
-    path = os.pathsep.join(filter(None, [root, os.environ.get("PYTHONPATH", "")]))
-    done = subprocess.run(
-        [sys.executable, "-P", "-c", COLD_START],
-        env={**os.environ, "PYTHONPATH": path, "NUMBA_CACHE_DIR": str(cache)},
-        cwd=trap,
-        capture_output=True,
-        text=True,
-        check=True,
-        timeout=900,
-    )
+    program = ("-P", "-c", COLD_START)
+    done = run_python(*program, folder=trap, timeout_s=900, NUMBA_CACHE_DIR=str(cache))
     assert done.stdout.split() == ["{0}", "{0}", "False"]
     assert done.stderr == ""
     assert len(list(cache.glob("*/estimator.live.resident.clock-*"))) == 2
