@@ -93,17 +93,14 @@ class ViewerProcess:
         return url, page
 
     def _start(self, arguments: list[str]) -> subprocess.Popen[bytes]:
-        program = _program()
-        # Rerun must send no usage figures: they are switched off in a configuration made for it
-        environment = {**os.environ, "XDG_CONFIG_HOME": self._folder, "RUST_LOG": "error"}
-        subprocess.run(  # noqa: S603 - our own arguments
-            [program, "analytics", "disable"], env=environment, check=False, capture_output=True
-        )
+        # Rerun must send no usage figures. As if for continuous integration it keeps none, either,
+        # while `rerun analytics disable` sends those of its last run before it obeys.
+        quiet = {"CI": "1", "XDG_CONFIG_HOME": self._folder, "RUST_LOG": "error"}
         self._errors = Path(self._folder) / "errors"
         with self._errors.open("wb") as errors:
             return subprocess.Popen(  # noqa: S603
-                [program, *arguments],
-                env=environment,
+                [_program(), *arguments],
+                env={**os.environ, **quiet},
                 stderr=errors,
                 # one call into the C library
                 preexec_fn=partial(end_with_parent, signal.SIGTERM),  # noqa: PLW1509

@@ -466,3 +466,10 @@ def bluish(pixels):
 
 def changed(one, other):
     return np.sum(np.abs(one - other).max(axis=-1) > 40)
+
+
+def test_no_usage_figures_are_sent_or_kept(tmp_path, monkeypatch):
+    """Rerun keeps them in its folder for data, and sends them with its next start."""
+    monkeypatch.setenv("XDG_DATA_HOME", str(tmp_path))
+    viewer_process.ViewerProcess(web=True).close()
+    assert not list(tmp_path.rglob("*.json"))
