@@ -181,7 +181,7 @@ def _open_to_others(
     if about.st_uid not in (0, os.geteuid()):
         return f"{path} belongs to somebody else"
     others = stat.S_IWOTH
-    if not _is_private_group(about.st_gid):
+    if about.st_mode & stat.S_IWGRP and not _is_private_group(about.st_gid):
         others |= stat.S_IWGRP
     is_sticky = bool(about.st_mode & stat.S_ISVTX) and sticky_is_fine
     if about.st_mode & others and not is_sticky and not stat.S_ISLNK(about.st_mode):
