@@ -121,7 +121,7 @@ def _checked(paths: list[Path], profile: str) -> list[Checked]:
 
 @contextmanager
 def _interrupts_held() -> Iterator[None]:
-    """What is started meanwhile is not interrupted by a terminal: we end it, without a traceback."""
+    """A terminal interrupts nothing that is started meanwhile: we end it, without a traceback."""
     before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT, signal.SIGHUP})
     try:
         yield
