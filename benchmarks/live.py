@@ -1,11 +1,13 @@
 """How many vehicles does the live service carry, how late, and at what cost?
 
-    python benchmarks/live.py --vehicles 200 --rate 50 --seconds 20 [--plain] [--workers N]
+    python benchmarks/live.py --vehicles 200 --rate 50 --seconds 20 [--plain]
 
 The vehicles send over UDP on loopback, ``fuzzbee run`` estimates and publishes on Zenoh, a third
-process subscribes. ``--plain``: a script of pymavlink and ahrs (processes/plain.py) has the
-service's place. ``--slow 0.2``: it gets a fifth of a core (processes/slow.py). Times are median,
-99th percentile and worst in ms, of an attitude:
+process subscribes. With ``--log FILE.tlog`` they send all that an autopilot has sent, velocity and
+ATTITUDE stamped apart among it (tests/data/sitl_copter_takeoff.tlog has 50 Hz). ``--plain``: a
+script of pymavlink and ahrs (processes/plain.py) has the service's place. ``--slow 0.2``: it gets a
+fifth of a core (processes/slow.py). Times are median, 99th percentile and worst in ms, of an
+attitude:
 
 - ``sample to subscriber``: from the sending of its latest sample's datagram to the subscriber's
   callback; ``new sample to subscriber`` of the first attitude after each sample only.
@@ -99,7 +101,7 @@ def capacity(options: Namespace, begin_service: BeginService) -> Row:
 
 def shape_of(options: Namespace, vehicles: int) -> Shape:
     publish_hz = options.rate if options.publish_rate is None else options.publish_rate
-    return Shape(vehicles, options.rate, options.seconds, publish_hz)
+    return Shape(vehicles, options.rate, options.seconds, publish_hz, log=options.log)
 
 
 def main() -> int:
@@ -108,8 +110,8 @@ def main() -> int:
     made.add_argument("--rate", type=float, default=50.0, help="samples a second and vehicle")
     made.add_argument("--seconds", type=float, default=10.0)
     made.add_argument("--publish-rate", type=float, help="attitudes a second [as --rate]")
+    made.add_argument("--log", default="", help="vehicles say what this telemetry log's says")
     made.add_argument("--plain", action="store_true", help="pymavlink and ahrs instead")
-    made.add_argument("--workers", type=int, default=1, help="of the service")
     made.add_argument("--slow", type=float, default=1.0, help="share of a core for the service")
     made.add_argument("--capacity", action="store_true", help="search the most vehicles")
     options = made.parse_args()
@@ -119,7 +121,7 @@ def main() -> int:
     if options.seconds <= WARM_UP_S:
         made.error(f"--seconds: more than {WARM_UP_S:g}")
     rivals: dict[str, BeginService | None] = {
-        "fuzzbee": lambda *where: fuzzbee(*where, "--workers", str(options.workers)),
+        "fuzzbee": fuzzbee,
         "plain script": plain if is_installed("mahony") else None,
     }
     chosen = ["plain script"] if options.plain else ["fuzzbee"]

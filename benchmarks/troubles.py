@@ -1,13 +1,13 @@
-"""What happens to the live service when there is too much, and when a part of it dies?
+"""What happens to the live service when there is too much?
 
-    python benchmarks/troubles.py [--vehicles 30] [--rate 50] [--workers 2] [--only burst,stopped]
+    python benchmarks/troubles.py [--vehicles 30] [--rate 50] [--only burst,stopped]
 
 ``burst``: ten times as many vehicles for a third of the time. ``stopped``: the service stands still
 (SIGSTOP) for 9 s, then goes on. ``busy``: two processes that do nothing but compute run beside it.
-``death``: a worker is killed (SIGKILL; two workers at least). Rows are the time before, during and
-after, of the vehicles that are there all the time; times are median, 99th percentile and worst in
-ms, as in live.py. ``longest gap s`` is the longest time that a vehicle was without an attitude, of
-those that had one of more than 0.2 s: median and worst. ``in all`` has what became of the samples.
+Rows are the time before, during and after, of the vehicles that are there all the time; times are
+median, 99th percentile and worst in ms, as in live.py. ``longest gap s`` is the longest time that a
+vehicle was without an attitude, of those that had one of more than 0.2 s: median and worst.
+``in all`` has what became of the samples.
 """
 
 import itertools
@@ -25,7 +25,6 @@ from processes.trial import (
     Process,
     Seen,
     Shape,
-    children,
     counts,
     figures,
     fuzzbee,
@@ -58,30 +57,21 @@ def compete(_service: int, seconds: float) -> None:
         process.wait()
 
 
-def kill_worker(service: int, seconds: float) -> None:
-    nursery = children(service)[-1]  # that workers come from
-    victim = children(nursery)[0]
-    os.kill(victim, signal.SIGKILL)
-    time.sleep(seconds)
-
-
 TROUBLES: dict[str, Trouble] = {
     "burst": nothing,
     "stopped": stop,
     "busy": compete,
-    "death": kill_worker,
 }
 
 
-def trial(name: str, shape: Shape, span_s: tuple[float, float], workers: int) -> list[Row]:
+def trial(name: str, shape: Shape, span_s: tuple[float, float]) -> list[Row]:
     """One run with the trouble in the span of it."""
 
     def meanwhile(service: Process, _others: list[int]) -> None:
         time.sleep(span_s[0])
         TROUBLES[name](service.pid, span_s[1] - span_s[0])
 
-    workers_option = ("--workers", str(workers))
-    seen = run(shape, lambda *where: fuzzbee(*where, *workers_option), meanwhile)
+    seen = run(shape, fuzzbee, meanwhile)
     always = seen._replace(attitudes=seen.attitudes[seen.attitudes[:, 0] <= shape.few])
     marks_s = (WARM_UP_S, *span_s, span_s[1] + RECOVERY_S, shape.seconds)
     marks_ns = [seen.start_ns + int(mark_s * 1e9) for mark_s in marks_s]
@@ -111,13 +101,12 @@ def main() -> int:
     made.add_argument("--vehicles", type=int, default=30)
     made.add_argument("--rate", type=float, default=50.0, help="samples a second and vehicle")
     made.add_argument("--seconds", type=float, default=26.0)
-    made.add_argument("--workers", type=int, default=1, help="of the service; deaths need 2")
     made.add_argument("--only", default=",".join(TROUBLES), help="names with commas between them")
     options = made.parse_args()
     chosen = names(TROUBLES, options.only)
     if options.smoke:
         options.vehicles, options.seconds = 2, WARM_UP_S + 4.5
-        chosen = ["death"]
+        chosen = ["burst"]
     third_s = (options.seconds - WARM_UP_S) / 3.0
     rows: list[Row] = []
     for name in chosen:
@@ -129,8 +118,7 @@ def main() -> int:
         shape = Shape(
             vehicles, options.rate, options.seconds, options.rate, options.vehicles, span_s
         )
-        workers = max(2, options.workers) if name == "death" else options.workers
-        rows += trial(name, shape, span_s, workers)
+        rows += trial(name, shape, span_s)
     show({"troubles of the live service": rows}, as_json=options.json)
     return 0
 

@@ -9,7 +9,6 @@ from drivers.endpoint import Endpoint
 from drivers.events import Event
 from drivers.mavlink.gate import Policy
 from drivers.mavlink.recorder import Recorder
-from drivers.mavlink.taker import FrameTaker
 from estimator.errors import InputError
 
 if TYPE_CHECKING:
@@ -91,13 +90,11 @@ def open_live(
     key: bytes | None = None,
     *,
     references: bool = True,
-    taker: FrameTaker | None = None,
 ) -> LiveSource:
     """The source for ``endpoint``, to be entered by the caller.
 
     ``policy`` says which frames a link lets in; ``key`` signs what it sends. Without
-    ``references`` attitudes of others are left out, which spares most of the decoding. A link's
-    frames go to the ``taker``, if there is one, instead of being decoded.
+    ``references`` attitudes of others are left out, which spares most of the decoding.
 
     Raises:
         InputError: the endpoint is a log, or ``sim:`` is to be recorded or asked for a rate.
@@ -114,7 +111,6 @@ def open_live(
             policy=policy,
             key=key,
             references=references,
-            taker=taker,
         )
     if recorder is not None or request_rate_hz is not None:
         raise InputError("sim: has no MAVLink to record or to ask: start fuzzbee sim --to URL")

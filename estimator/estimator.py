@@ -9,7 +9,7 @@ from estimator.carrier import Carrier
 from estimator.filter.gain_words import gain_in_words
 from estimator.geometry.earth import PlaceField
 from estimator.live import north
-from estimator.live.aiding_span import set_carrier, set_imu_lag
+from estimator.live.aiding_span import give_up, set_carrier, set_imu_lag
 from estimator.live.contradiction import leaning_angle
 from estimator.live.core import apply_turn, change_imu
 from estimator.live.hearing import take_rate, take_report
@@ -27,7 +27,6 @@ from estimator.live.settings import Settings
 from estimator.live.snapshot import Snapshot
 from estimator.live.state import State
 from estimator.live.taking import take_sample
-from estimator.live.turning import STILL
 from estimator.profile import Profile
 from estimator.reasons import Reason
 from estimator.types import Attitude, ImuSample, Quaternion, RateSample, Vec3, VelocitySample
@@ -42,9 +41,15 @@ class Lent(NamedTuple):
     """What others need who step an estimator."""
 
     inside: Any  # of compiled memory
-    source: int  # RAW or CONDITIONED
+    source: int  # RAW, CONDITIONED or AIDED
     least_heading_rad: float  # that sigma of the heading has
     norths: tuple[str, str]  # see :attr:`Estimator.norths`
+    minds_gaps: bool  # a long one changes what the source is
+    knows_north: bool
+    has_rates: bool  # of others
+    reports: tuple[VelocitySample, ...]  # that wait for a sample
+    minds_places: bool  # positions may change something,
+    here_deg: tuple[float, float] | None  # near this one they do not
 
 
 class Estimator:
@@ -137,20 +142,43 @@ class Estimator:
 
         Until anything else is asked of it, others may step it as :meth:`take` does.
         """
-        state = self._state
-        inside, known = self.inside, state.context.compass
-        takes_samples = state.needs_samples_only or state.takes_raw_samples
-        is_plain = type(self) is Estimator and takes_samples
-        if (
-            not is_plain
-            or inside is None
-            or known.unlike_us is not None
-            or known.misled_us is not None
-        ):
+        state, inside = self._state, self.inside
+        now, is_aided = state.context, self.is_aided
+        known, minds_gaps = now.compass, now.phase in (Phase.SEARCHING, Phase.AIDED)
+        may_trust = is_aided or (known.unlike_us is None and known.misled_us is None)
+        is_settled = state.settings.aiding.enabled or not minds_gaps
+        takes_samples = state.takes_raw_samples or (
+            state.settings.conditioned and (now.phase is Phase.UNAIDED or minds_gaps)
+        )
+        is_plain = type(self) is Estimator and inside is not None
+        knows_all = all(type(report) is VelocitySample for report in now.reports)
+        if not (is_plain and takes_samples and is_settled and may_trust and knows_all):
             return None
         state.said = None
-        least_rad = 0.0 if known.declared_calibrated else UNKNOWN_RAD
-        return Lent(inside, state.source, least_rad, state.norths)
+        least_rad = 0.0 if is_aided or known.declared_calibrated else UNKNOWN_RAD
+        here = now.whereabouts.here if now.whereabouts.elsewhere_deg is None else None
+        return Lent(
+            inside,
+            state.source,
+            least_rad,
+            state.norths,
+            minds_gaps,
+            state.knows_north,
+            now.has_rates,
+            now.reports,
+            state.settings.learns_north,
+            None if here is None else (here.latitude_deg, here.longitude_deg),
+        )
+
+    def take_back(self, reports: tuple[VelocitySample, ...], *, has_rates: bool) -> None:
+        """Go on from where others have stepped it to, with what waits for a sample now."""
+        state = self._state
+        if (reports, has_rates) != (state.context.reports, state.context.has_rates):
+            state.change_context(reports=reports, has_rates=has_rates)
+
+    def give_up(self) -> None:
+        """Judge an aided attitude that others have stepped, and that is to be doubted now."""
+        give_up(self._state)
 
     def update_rows(self, rows: Rows, said: Floats) -> int:
         """Take rows as long as there is nothing to do but to take them.
@@ -231,8 +259,6 @@ class Estimator:
         """The samples are another IMU's from now on: its biases are its own."""
         state = self._state
         state.set_core(change_imu(state.settings, state.core.core, is_aided=self.is_aided))
-        # what differs from others' rates is its own, too
-        state.change_context(turning=STILL._replace(used=state.context.turning.used))
 
     def turn(self, turn_ned: Quaternion) -> None:
         """Turn the estimate by a rotation given in NED that no sensor has felt, to test recovery.
@@ -280,7 +306,7 @@ class Estimator:
     @property
     def rates(self) -> str:
         """Whose rates the turning was integrated through: "imu", or "imu+attitude"."""
-        return "imu+attitude" if self._state.context.turning.used else "imu"
+        return "imu+attitude" if self._state.core.turning[0] else "imu"
 
     @property
     def gain_in_words(self) -> str:
@@ -292,7 +318,7 @@ class Estimator:
     def contradicted_axes(self) -> tuple[bool, bool, bool]:
         """Whether field and force contradict the gyroscope's axes x, y, z, or others stand in."""
         x, y, z = self._state.core.contradicted_axes
-        replaced = self._state.context.turning.stands_in
+        replaced = self._state.core.turning[1]
         return x or replaced[0], y or replaced[1], z or replaced[2]
 
     @property

@@ -8,7 +8,6 @@ from typing import Any, Protocol, runtime_checkable
 from drivers.endpoint import Endpoint
 from drivers.mavlink.recorder import Recorder, SharedRecorder, TlogRecorder
 from drivers.mavlink.rotating_recorder import RotatingRecorder
-from drivers.mavlink.taker import FrameTaker
 from drivers.simulation.simulated_vehicle import PROFILES
 from drivers.source import SIM_MOTION, LiveSource, open_live
 from estimator.errors import InputError
@@ -39,19 +38,6 @@ class InProcess(Protocol):
 
     def now_us(self) -> int:
         """Its Unix time."""
-
-
-def require_shareable(options: RunOptions, endpoint: Endpoint) -> None:
-    """Refuse what cannot be shared out to workers.
-
-    Raises:
-        InputError: names the option.
-    """
-    if endpoint.kind in ("sim", "log"):
-        raise InputError(f"--workers shares out the vehicles of a MAVLink link; {endpoint} is none")
-    for name in ("retune", "truth"):
-        if getattr(options, name):
-            raise InputError(f"--{name} cannot be used with --workers")
 
 
 def require_fitting(options: RunOptions, endpoint: Endpoint) -> None:
@@ -140,19 +126,17 @@ def open_link(
     key: bytes | None,
     recorder: Recorder | None,
     stack: ExitStack,
-    taker: FrameTaker | None = None,
 ) -> LiveSource:
-    """Open a link, or ``sim:``. With a ``taker`` the frames are its own, and what is asked for."""
+    """Open a link, or ``sim:``."""
     policy = security.open_policy(options.security, key, stack)
     return stack.enter_context(
         open_live(
             endpoint,
             recorder=recorder,
-            request_rate_hz=options.request_rate_hz if taker is None else None,
+            request_rate_hz=options.request_rate_hz,
             policy=policy,
             key=key,
             references=options.truth or options.outputs.shows_peers,
-            taker=taker,
         )
     )
 

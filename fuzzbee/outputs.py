@@ -46,13 +46,6 @@ class OutputOptions(_options_of_sinks()):  # type: ignore[misc] # its fields are
         """Whether attitudes by others are shown; if not, they need not be decoded."""
         return self.view is not None or self.rrd is not None
 
-    @property
-    def needs_records(self) -> bool:
-        """Whether somebody takes every attitude apart, rather than a few a second or none."""
-        return self.shows_peers or any(
-            entry.takes_attitudes and entry.is_wanted(self) for entry in SINKS
-        )
-
 
 def open_outputs(
     sinks: "list[Sink]",

@@ -1,7 +1,5 @@
 """``fuzzbee run``: the live service."""
 
-import os
-
 from estimator.errors import InputError
 from fuzzbee import outputs
 from fuzzbee.options import command, examples, require_gain, require_positive
@@ -11,7 +9,7 @@ from fuzzbee.security import parse_system_ids
 from fuzzbee.zenoh_options import opening
 
 MAX_RATE_HZ = 1000.0
-MOST_WORKERS = 64
+WORKERS_ARE_GONE = "--workers is no more, and does nothing: one process carries more now"
 
 EPILOG = examples(
     "fuzzbee run sim:flight",
@@ -26,7 +24,8 @@ EPILOG = examples(
 def run(options: RunOptions) -> int:
     """Estimate attitudes live and publish them on Zenoh."""
     _require_numbers(options)
-    _require_workers(options.workers)
+    if options.workers is not None:
+        say(WORKERS_ARE_GONE)
     if options.outputs.send_as is not None and options.outputs.send_attitude is None:
         raise InputError(f"--as {options.outputs.send_as}: needs --send-attitude URL")
     parse_system_ids(options.security.allow_system_ids)
@@ -35,10 +34,6 @@ def run(options: RunOptions) -> int:
     outputs.require_own_files(
         [each for each in asked if each[1]], (*inputs, options.zenoh.config_file)
     )
-    if options.workers > 1:
-        from fuzzbee.serve_workers import serve_workers
-
-        return serve_workers(options)
     with opening(None if options.no_zenoh else options.zenoh) as session:
         from fuzzbee.serve import serve
 
@@ -55,18 +50,3 @@ def _require_numbers(options: RunOptions) -> None:
     require_gain(options.gain)
     if options.system_id is not None and not 1 <= options.system_id <= 255:
         raise InputError(f"--system-id {options.system_id}: should be 1 to 255")
-
-
-def _require_workers(workers: int) -> None:
-    """Refuse a number that is none of processes; say if there are fewer cores.
-
-    Raises:
-        InputError: it is below 1, far too many, or this system cannot fork.
-    """
-    if not 1 <= workers <= MOST_WORKERS:
-        raise InputError(f"--workers {workers}: should be 1 to {MOST_WORKERS}")
-    if workers > 1 and not hasattr(os, "fork"):
-        raise InputError(f"--workers {workers}: needs a system that can fork")
-    cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count()
-    if workers > 1 and cores is not None and workers > cores:
-        say(f"--workers {workers}: more than there are cores ({cores}) only costs memory")

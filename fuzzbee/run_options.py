@@ -41,7 +41,7 @@ class RunOptions(NamedTuple):
     system_id: Annotated[int | None, option("Only this vehicle.", metavar="ID")] = None
     retune: Annotated[bool, option(RETUNE)] = False
     truth: Annotated[bool, option(_TRUTH)] = False
-    workers: Annotated[int, option("Share the vehicles out to N processes.", metavar="N")] = 1
+    workers: Annotated[int | None, option("Does nothing any more.", hidden=True)] = None
     security: SecurityOptions = SecurityOptions()
     no_zenoh: Annotated[bool, option("Publish nothing.")] = False
     outputs: OutputOptions = OutputOptions()

@@ -1,4 +1,4 @@
-"""The live service in one process: everything opened, one loop, everything closed."""
+"""The live service: everything opened, one loop, everything closed."""
 
 import threading
 from concurrent.futures import Future
@@ -14,6 +14,7 @@ from fuzzbee.recordings import Recordings
 from fuzzbee.run_options import RunOptions
 from fuzzbee.say import say
 from fuzzbee.serving import (
+    Tally,
     closed_if_unused,
     conclude,
     open_view,
@@ -32,7 +33,6 @@ from service.runner import Runner
 from service.sinks.outbox import Outbox
 from service.sinks.recording import RecordingSink
 from service.warm_up import is_compiled, is_kept, warm_up
-from service.workers.job import Tally
 from service.zenoh_session import OpeningSession
 
 if TYPE_CHECKING:

@@ -1,4 +1,4 @@
-"""The steps of the live service, in one process or several: prepare, show, loop, report."""
+"""The steps of the live service: prepare, show, loop, report."""
 
 import json
 import logging
@@ -10,23 +10,25 @@ from typing import Any, NamedTuple, Protocol
 import zenoh
 
 from drivers.endpoint import Endpoint, parse_endpoint
+from drivers.events import VehicleId
 from drivers.source import require_openable
 from estimator.errors import InputError
 from estimator.profile import Profile, load_profile
 from estimator.reasons import Reason
 from fuzzbee import outputs, security
-from fuzzbee.live_source import default_profile, require_fitting, require_shareable
+from fuzzbee.live_source import default_profile, require_fitting
 from fuzzbee.recordings import FAILED as NOT_WHOLE
 from fuzzbee.run_options import RunOptions
 from fuzzbee.say import say
 from fuzzbee.terminal import PersonConsole, TerminalView
+from service.counts import Counts
+from service.departures import DepartedCounts
 from service.parameters import ParameterRequests
 from service.records import vehicle_name
 from service.signals import stop_on_signals
 from service.sinks.outbox import Outbox
 from service.sinks.sink import Sink
 from service.sinks.zenoh import ZenohSink
-from service.workers.job import Tally
 
 OK, FAILED = 0, 1
 
@@ -40,8 +42,18 @@ class Prepared(NamedTuple):
     key: bytes | None  # that frames must be signed with
 
 
+class Tally(NamedTuple):
+    """What a run has counted."""
+
+    ticks: int
+    overruns: int
+    dropped: int
+    departed: DepartedCounts
+    vehicles: dict[VehicleId, Counts]
+
+
 class Loop(Protocol):
-    """The service's loop, in one process or as the foreman of several."""
+    """The service's loop."""
 
     @property
     def was_stopped(self) -> bool:
@@ -61,8 +73,6 @@ def prepare(options: RunOptions) -> Prepared:
         InputError: one of them cannot be used, or options contradict each other.
     """
     endpoint = parse_endpoint(options.source)
-    if options.workers > 1:
-        require_shareable(options, endpoint)
     require_openable(endpoint)
     name = options.profile or default_profile(endpoint)
     profile = load_profile(name)
@@ -91,8 +101,6 @@ def open_zenoh_sink(
     profile: Profile,
     requests: ParameterRequests,
     conflicts: list[InputError],
-    *,
-    takes_encoded: bool = False,
 ) -> None:
     """Add the sink for the session, if there is one.
 
@@ -115,7 +123,6 @@ def open_zenoh_sink(
             profile,
             requests,
             on_conflict,
-            takes_encoded=takes_encoded,
         )
     )
 
@@ -179,17 +186,15 @@ def summary(
     *,
     lost: int,
     malformed: int,
-    refused: Mapping[Reason, int] | Mapping[str, int],
+    refused: Mapping[Reason, int],
     recording: str,
-    workers: dict[str, int] | None = None,
 ) -> dict[str, Any]:
-    """The result of a run, as --json prints it; ``workers`` is what is said of them."""
+    """The result of a run, as --json prints it."""
     return {
         "source": options.source,
         "profile": profile_name,
         "rate_hz": options.rate_hz,
         "seconds": round(seconds, 3),
-        **(workers or {}),
         "ticks": tally.ticks,
         "overruns": tally.overruns,
         "dropped": tally.dropped,

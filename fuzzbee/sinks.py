@@ -40,14 +40,12 @@ class SinkEntry(NamedTuple):
 
     ``options`` has the type (annotated with its option) and the default of each, by the name of its
     parameter: ``send_attitude`` is ``--send-attitude``. The sink is opened if the first of them has
-    another value than its default. ``takes_attitudes`` says that the sink looks into each attitude;
-    with ``--workers`` others get them as finished JSON (:class:`service.records.Encoded`). What
-    opens it gives None if another one does its work.
+    another value than its default. What opens it gives
+    None if another one does its work.
     """
 
     options: dict[str, tuple[Any, Any]]
     open: "Callable[[Opening], Sink | None]"
-    takes_attitudes: bool
 
     def is_wanted(self, values: Any) -> bool:
         """Whether the values (by attribute) of all options ask for this sink."""
@@ -152,7 +150,6 @@ SINKS: list[SinkEntry] = [
             ),
         },
         _ros,
-        takes_attitudes=True,
     ),
     SinkEntry(
         {
@@ -163,26 +160,21 @@ SINKS: list[SinkEntry] = [
             ),
         },
         _mavlink,
-        takes_attitudes=True,
     ),
     SinkEntry(
         {"announce": (Annotated[str | None, option(_ANNOUNCE, metavar="URL")], None)},
         _announcer,
-        takes_attitudes=False,
     ),
     SinkEntry(
         {"metrics": (Annotated[int | None, option(_METRICS, metavar="PORT")], None)},
         _metrics,
-        takes_attitudes=False,
     ),
     SinkEntry(
         {"web": (Annotated[str | None, option(WEB, metavar="[ADDRESS:]PORT")], None)},
         _web,
-        takes_attitudes=False,
     ),
     SinkEntry(
         {"together": (Annotated[bool, option(_TOGETHER)], False)},
         _together,
-        takes_attitudes=False,
     ),
 ]

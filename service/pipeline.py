@@ -31,6 +31,7 @@ from drivers.events import (
     Shed,
     TrackLost,
     VehicleId,
+    Velocity,
 )
 from drivers.mavlink.constants import is_autopilot
 from drivers.mavlink.usual_frames import Readings
@@ -41,14 +42,14 @@ from estimator.estimator import Estimator
 from estimator.profile import Profile, load_profile, merge_profile
 from estimator.reasons import Reason
 from service.attitude_rows import AttitudeRows, expanded
-from service.counts import Counts
 from service.departures import DepartedCounts, Departures
 from service.health import State
 from service.link_lines import LinkLines
 from service.load import Load
 from service.records import Departed, Message, Output, Peer, Published, Replaced, vehicle_name
 from service.talk import Talk
-from service.usual_vehicles import ALL, DUE, NONE, UsualVehicles
+from service.usual_rows import ALL, DUE, NONE
+from service.usual_vehicles import UsualVehicles
 from service.vehicle import Vehicle
 
 MAX_VEHICLES = PLACES  # on one link
@@ -108,28 +109,24 @@ class Pipeline:
         """The vehicle of that address, if it has been seen."""
         return self._own(address)
 
-    def inherit(self, address: VehicleId, profile: Profile | None, counts: Counts) -> None:
-        """Go on for another pipeline that had this vehicle, with its profile and counts."""
-        vehicle = self._meet(address)
-        if vehicle is not None:
-            vehicle.inherit(counts)
-            if profile is not None:
-                vehicle.replace_profile(profile)
-
     def take(self, readings: Readings) -> list[Output]:
         """Take many readings as :meth:`handle` takes their events; in order for each vehicle."""
         self._return_usual()
-        left, checks, compared, looks = self._usual.take(readings)
+        rest = self._usual.take(readings)
         outputs: list[Output] = []
-        for event in readings.looks(looks):
+        for event in readings.looks(rest.looks):
             outputs += self.handle(event)
-        for event in readings.events(checks):
-            if isinstance(event, Imu) and (vehicle := self._own(event.vehicle)) is not None:
-                outputs += _messages(vehicle.check(event))
-        for event in readings.events(compared):
+        for rows, judge in ((rest.checks, Vehicle.check), (rest.doubts, Vehicle.give_up)):
+            for event in readings.events(rows):
+                if isinstance(event, Imu) and (vehicle := self._own(event.vehicle)) is not None:
+                    outputs += _messages(judge(vehicle, event))
+        for event in readings.events(rest.compared):
             if isinstance(event, ReferenceAttitude):
                 outputs += self.handle(event)
-        for event in readings.events(left):
+        for event in readings.events(rest.told):
+            if isinstance(event, Velocity) and (vehicle := self._own(event.vehicle)) is not None:
+                vehicle.hear_velocity(event.sample)
+        for event in readings.events(rest.left):
             outputs += self.handle(event)
         return outputs
 
@@ -289,6 +286,12 @@ class Pipeline:
 
     def _on_heartbeat(self, event: Heartbeat) -> None:
         if not is_autopilot(event.autopilot, event.vehicle_type):
+            return
+        known = self._vehicles.get(event.vehicle)
+        if known is not None and known.has_said(event):  # as nearly always
+            if not self._usual.note_heard(event.vehicle, event.arrival_us):
+                known.heard_us = event.arrival_us
+            self._there[event.vehicle] = known
             return
         vehicle = self._meet(event.vehicle)
         if vehicle is not None:

@@ -107,8 +107,6 @@ class StatusRecord(msgspec.Struct, frozen=True):
     malformed: int = 0  # unreadable frames on the vehicle's link so far, whoever sent them
     warnings: tuple[str, ...] = ()  # words of service.alarms.Alarm
     retuned: Retuned | None = None  # by itself, with --retune
-    worker: int | None = None  # which one has the vehicle, with --workers; from 1
-    restarts: int = 0  # of workers, so far
     autopilot: Autopilot | None = None  # None where it sends no attitude
     recording: str = ""  # "whole", "failed", or "" where nothing is recorded
 

@@ -1,15 +1,17 @@
 """Vehicles whose samples just go on with those before, all taken in one call of compiled code.
 
 :class:`~service.vehicle.Vehicle` holds the rules for everything that may happen to one, in Python.
-What they come to for a vehicle that runs without velocity, and sends nothing but sound samples of
-the IMU message in use, is here, for many at a time and to the same bits. A row that is anything
+What they come to for a vehicle that runs, and sends sound samples of the IMU message in use, with
+velocity and others' rates or without, is here, for many at a time and to the same bits. A row that
+is anything
 else is left to Python, with all that follow of its vehicle; what is known of that is handed back
 before, and taken over again behind it.
 """
 
+from collections.abc import Sequence
 from collections.abc import Set as AbstractSet
 from functools import cache
-from math import degrees, isfinite, pi
+from math import inf
 from typing import Any, NamedTuple, Self
 
 import numba
@@ -17,332 +19,59 @@ import numpy as np
 from numba.core import types
 
 from drivers.events import VehicleId
+from drivers.mavlink.framing import ADDRESSES
 from drivers.mavlink.usual_frames import (
-    ATTITUDE,
-    FRESH,
-    GIVES,
-    QUATERNION,
     TO_LOOK,
     Readings,
 )
-from estimator.compilation.compiled import compiled, inlined
 from estimator.compilation.direct import direct
 from estimator.estimator import Estimator
-from estimator.geometry.frames import euler_rad
-from estimator.live.refusal import FINE, RATE_LIMIT_RAD_S, fault_of
-from estimator.live.resident import RAW, advance, advance_raw, contradicted_axes, publish
-from estimator.types import ZERO_VEC3, Vec3
-from service.attitude_rows import HAS_MAG as SHOWN_HAS_MAG
-from service.attitude_rows import READINGS, ROW_WHOLE, SAMPLE_US, AttitudeRows
+from estimator.live.reports import MOST_WAITING
+from service.attitude_rows import READINGS, ROW_WHOLE, AttitudeRows
 from service.attitude_text import (
-    AGE_US,
-    BOOT_US,
     NUMBER_OF_WORD,
     NUMBERS,
-    REFERENCE,
-    SEQUENCE,
-    STATE,
-    UNIX_US,
 )
-from service.health import LATE_MINIMUM_US, State, late_after_us
-from service.host_clock import HostClock, Offsets, observe
-from service.imu_choice import STAND_IN_GAP_US, longest_silence_us
-from service.intervals import CHECKED_EVERY, MEDIAN_EVERY, OTHER_CLOCK_US, PERIODS_KEPT
-from service.showing import is_due, shown_at
+from service.usual_columns import (
+    CHECK,
+    COMPARE,
+    DOUBT,
+    HAS_RATES,
+    HEARD,
+    LEAST_HEADING,
+    LEFT,
+    REPORT_SIZE,
+    SOURCE,
+    STATE_NUMBERS,
+    STATE_SIZE,
+    TELL,
+    WAITING,
+    Floats,
+    Whole,
+)
+from service.usual_reports import sample_of, write_sample
+from service.usual_rows import MORE, SHOWN, new_fleet, put, show_rows, take_rows
 from service.vehicle import Vehicle
 
 # numba ships no types; arrays of int64 and float64
 _typeof: Any = numba.typeof
 _types: Any = types
-Whole = Any
-Floats = Any
-
-# Columns of a vehicle's whole numbers: when it was heard, the IMU message in use, and the one that
-# is proving itself,
-HEARD, CHOSEN, CHOSEN_US, LONGEST_SILENCE = 0, 1, 2, 3
-RIVAL, RIVAL_SAMPLES, RIVAL_SINCE, RIVAL_US = 4, 5, 6, 7
-# when rates came last (negative if never), whether they are used,
-RATES_US, USES_RATES = 8, 9
-# the last sample's times, the counts, when to look for alarms, what was published last,
-ARRIVAL, TIME, BOOT, HAS_MAG = 10, 11, 12, 13
-SAMPLES, WORST_GAP, LOOK_US = 14, 15, 16
-ATTITUDES, SHOWN_SAMPLES, SHOWN_US = 17, 18, 19
-# the clock's, the median interval and the intervals it is made of, the oldest of them at AT.
-CLOCK_AT, WINDOW, EVEN = 20, 21, 23
-MEDIAN, PERIODS, AT, RING = 25, 26, 27, 28
-# Behind the intervals: what the filter's vectors come from.
-SOURCE = RING + PERIODS_KEPT
-STATE_SIZE = SOURCE + 1
-# And of its other numbers: of the clock, of the sample, the heading's least sigma.
-OFFSET, SPANS, READING, LEAST_HEADING = 0, 1, 5, 14
-STATE_NUMBERS = 15
-
-# What has become of a row: taken; left; taken, but the estimate is to be checked, or compared with
-# the attitude beside these rates.
-TAKEN, LEFT, CHECK, COMPARE = 0, 1, 2, 3
-# And of a vehicle at a tick: nothing is wanted of it, it is shown, or there is more to do.
-UNWANTED, SHOWN, MORE = 0, 1, 2
 # At first there are places for so many.
 LEAST_PLACES = 16
-# Which are wanted at a tick.
-NONE, DUE, ALL = 0, 1, 2
-RUNNING = NUMBER_OF_WORD[State.RUNNING.value]
 
 
-@compiled
-def take_rows(
-    fleet: Any,
-    index: Whole,
-    state: tuple[Whole, Floats, Whole],
-    batch: int,
-    addresses: Whole,
-    rows: tuple[Whole, Floats, Whole],
-    left: Whole,
-) -> int:
-    """Take the rows of :class:`Readings`; returns how many are not just taken.
+class Rest(NamedTuple):
+    """Rows with more to do than to be taken; by what it is."""
 
-    ``index`` by address is 1 more than a vehicle's place in ``fleet`` and ``state``, whose third
-    array has the number of the ``batch`` that a vehicle was last left in.
-    """
-    state_whole, state_numbers, left_in = state
-    whole, numbers, arrivals_us = rows
-    unusual = 0
-    for k in range(len(arrivals_us)):
-        left[k] = 0
-        kind = whole[k, 0]
-        if kind == QUATERNION:
-            continue
-        v = index[addresses[whole[k, 1]]] - 1
-        if v < 0 or left_in[v] == batch:
-            left[k] = LEFT
-            unusual += 1
-            continue
-        row, time_us, arrival_us, flags = state_whole[v], whole[k, 2], arrivals_us[k], whole[k, 4]
-        first, second, third = three(numbers, k, 0), three(numbers, k, 3), three(numbers, k, 6)
-        if kind == ATTITUDE:
-            done = take_rates(fleet[v], row, arrival_us, time_us, first, flags)
-        elif kind != row[CHOSEN]:
-            done = note_rival(row, kind, arrival_us)
-        else:
-            has_mag = flags & FRESH != 0
-            reading = (first, second, third if has_mag else ZERO_VEC3)
-            times_us = (time_us, arrival_us, whole[k, 3])
-            done = take_sample(fleet[v], row, state_numbers[v], times_us, reading, has_mag)
-        if done != TAKEN:
-            left[k], left_in[v] = done, batch
-            unusual += 1
-    return unusual
+    looks: Sequence[int] = ()  # magnitudes are to be looked at
+    left: Sequence[int] = ()
+    checks: Sequence[int] = ()  # an estimate is to be checked,
+    doubts: Sequence[int] = ()  # or judged,
+    compared: Sequence[int] = ()  # or compared with an attitude,
+    told: Sequence[int] = ()  # or a velocity told to whoever does so
 
 
-@inlined
-def three(numbers: Floats, k: int, at: int) -> Vec3:
-    """A vector of a row."""
-    return (numbers[k, at], numbers[k, at + 1], numbers[k, at + 2])
-
-
-@inlined
-def take_rates(
-    inside: Any, row: Whole, arrival_us: int, time_us: int, rate: Vec3, flags: int
-) -> int:
-    """Rates that change nothing, since they come with the samples."""
-    done = COMPARE if flags & GIVES != 0 else TAKEN
-    if abs(arrival_us - time_us - (row[ARRIVAL] - row[TIME])) > OTHER_CLOCK_US:
-        return done
-    is_fine = max(abs(rate[0]), abs(rate[1]), abs(rate[2])) <= RATE_LIMIT_RAD_S
-    if row[RATES_US] < 0 or not is_fine:
-        return LEFT
-    if row[USES_RATES] == 1 and time_us >= inside.time_us:
-        x, y, z = contradicted_axes(inside)
-        if time_us > inside.time_us or x or y or z:
-            return LEFT
-    row[RATES_US] = arrival_us
-    return done
-
-
-@inlined
-def note_rival(row: Whole, kind: int, arrival_us: int) -> int:
-    """A sample of a worse message, while the one in use comes: see :mod:`service.imu_choice`."""
-    if kind < row[CHOSEN] or not 0 <= arrival_us - row[CHOSEN_US] < LATE_MINIMUM_US:
-        return LEFT
-    row[HEARD] = arrival_us
-    longest_us = max(late_after_us(float(row[MEDIAN])), STAND_IN_GAP_US)
-    goes_on = arrival_us - row[RIVAL_US] <= longest_us
-    if row[RIVAL] == kind and goes_on:
-        row[RIVAL_SAMPLES] += 1
-        row[RIVAL_US] = arrival_us
-    elif not (row[RIVAL] not in (0, kind) and goes_on and kind >= row[RIVAL]):
-        row[RIVAL], row[RIVAL_SAMPLES] = kind, 1
-        row[RIVAL_SINCE] = row[RIVAL_US] = arrival_us
-    return TAKEN
-
-
-@inlined
-def take_sample(
-    inside: Any,
-    row: Whole,
-    reals: Floats,
-    times_us: tuple[int, int, int],
-    reading: tuple[Vec3, Vec3, Vec3],
-    has_mag: bool,
-) -> int:
-    """A sample of the message in use; its times are the vehicle's, of arrival, and of boot."""
-    time_us, arrival_us, boot_us = times_us
-    gyr, acc, mag = reading
-    is_checked = (row[SAMPLES] + 1) % CHECKED_EVERY == 0
-    source = row[SOURCE]
-    is_first_heading = source != RAW and has_mag and not inside.seen.has_heading
-    if is_first_heading:
-        return LEFT
-    if fault_of(gyr, acc, mag) != FINE or time_us <= inside.time_us:
-        return LEFT
-    row[HEARD] = arrival_us
-    row[LONGEST_SILENCE] = longest_silence_us(row[LONGEST_SILENCE], arrival_us - row[CHOSEN_US])
-    row[CHOSEN_US], row[RIVAL] = arrival_us, 0
-    gx, gy, gz = gyr
-    ax, ay, az = acc
-    mx, my, mz = mag
-    if source == RAW:
-        advance_raw(inside, time_us, gx, gy, gz, ax, ay, az, mx, my, mz, has_mag)
-    else:
-        advance(inside, time_us, gx, gy, gz, ax, ay, az, mx, my, mz, has_mag, False, 0)
-    note_interval(row, time_us - row[TIME])
-    write_clock(row, reals, observe(clock_of(row, reals), time_us, arrival_us))
-    row[ARRIVAL], row[TIME], row[BOOT] = arrival_us, time_us, boot_us
-    row[HAS_MAG] = has_mag
-    for i in range(3):
-        reals[READING + i], reals[READING + 3 + i], reals[READING + 6 + i] = gyr[i], acc[i], mag[i]
-    row[SAMPLES] += 1
-    if not is_checked:
-        return TAKEN
-    if time_us >= row[LOOK_US]:
-        return CHECK
-    said = publish(inside, time_us, source)
-    return TAKEN if is_finite(said[1], said[2]) else CHECK
-
-
-@inlined
-def note_interval(row: Whole, period_us: int) -> None:
-    """One more interval between samples, and the median where it is due."""
-    row[WORST_GAP] = max(row[WORST_GAP], period_us)
-    row[RING + row[AT]] = period_us
-    row[AT] = (row[AT] + 1) % PERIODS_KEPT
-    row[PERIODS] = min(row[PERIODS] + 1, PERIODS_KEPT)
-    n = row[PERIODS]
-    if n < PERIODS_KEPT or row[SAMPLES] % MEDIAN_EVERY == 0:
-        row[MEDIAN] = np.sort(row[RING : RING + n])[n // 2]
-
-
-@inlined
-def clock_of(row: Whole, reals: Floats) -> HostClock:
-    """The clock in a row."""
-    return HostClock(
-        reals[OFFSET],
-        row[CLOCK_AT],
-        True,
-        Offsets(row[WINDOW], reals[SPANS], reals[SPANS + 1], row[WINDOW + 1]),
-        Offsets(row[EVEN], reals[SPANS + 2], reals[SPANS + 3], row[EVEN + 1]),
-    )
-
-
-@inlined
-def write_clock(row: Whole, reals: Floats, clock: HostClock) -> None:
-    """Put a clock into a row."""
-    reals[OFFSET], row[CLOCK_AT] = clock.offset_us, clock.at_us
-    window, even = clock.window, clock.even
-    row[WINDOW], row[WINDOW + 1] = window.begin_us, window.samples
-    row[EVEN], row[EVEN + 1] = even.begin_us, even.samples
-    reals[SPANS], reals[SPANS + 1] = window.least_us, window.most_us
-    reals[SPANS + 2], reals[SPANS + 3] = even.least_us, even.most_us
-
-
-@inlined
-def is_finite(moved: Any, figures: Any) -> bool:
-    """Whether all that is published is finite; an infinite sigma just means "unknown"."""
-    q, rate, bias, error, error_rate, gain = moved
-    vectors = rate[0] + rate[1] + rate[2] + bias[0] + bias[1] + bias[2]
-    scalars = error + error_rate + gain + figures[0] + figures[1]
-    return isfinite(q[0] + q[1] + q[2] + q[3] + vectors + scalars)
-
-
-@compiled
-def show_rows(
-    fleet: Any,
-    places: Whole,
-    state: tuple[Whole, Floats, Whole],
-    references: Whole,
-    now_us: int,
-    wanted: int,
-    done: Whole,
-    shown: tuple[Whole, Floats, Floats],
-) -> int:
-    """Write what is published of the vehicles at ``places``; returns how many those are.
-
-    ``done`` says what has become of each. ``references`` has, by place, what a heading is measured
-    from, with one and without. Those that are shown count it.
-    """
-    state_whole, state_numbers, _ = state
-    out_whole, out, readings = shown
-    n = 0
-    for k in range(len(places)):
-        row, reals = state_whole[places[k]], state_numbers[places[k]]
-        done[k] = MORE
-        if now_us - row[ARRIVAL] >= LATE_MINIMUM_US:
-            continue
-        done[k] = UNWANTED
-        is_new = is_due(row[SAMPLES] != row[SHOWN_SAMPLES], now_us - row[SHOWN_US])
-        if wanted == NONE or (wanted == DUE and not is_new):
-            continue
-        done[k] = MORE
-        clock, last_us = clock_of(row, reals), (row[TIME], row[ARRIVAL])
-        time_us, age_us = shown_at(clock, last_us, float(row[MEDIAN]), now_us)
-        _, moved, figures, has_heading = publish(fleet[places[k]], time_us, row[SOURCE])
-        if not is_finite(moved, figures):
-            continue
-        done[k], whole = SHOWN, out_whole[n]
-        whole[UNIX_US], whole[BOOT_US] = now_us, row[BOOT] + time_us - row[TIME]
-        whole[AGE_US], whole[SEQUENCE], whole[STATE] = max(0, age_us), row[ATTITUDES], RUNNING
-        whole[REFERENCE] = references[places[k], 0 if has_heading else 1]
-        write_shown(out[n], moved, figures, reals[LEAST_HEADING])
-        whole[SAMPLE_US], whole[SHOWN_HAS_MAG] = row[TIME], row[HAS_MAG]
-        for i in range(READINGS):
-            readings[n, i] = reals[READING + i]
-        row[ATTITUDES] += 1
-        row[SHOWN_SAMPLES], row[SHOWN_US] = row[SAMPLES], now_us
-        n += 1
-    return n
-
-
-@inlined
-def write_shown(row: Floats, moved: Any, figures: Any, least_heading_rad: float) -> None:
-    """The numbers of an attitude, in the order of its record's fields."""
-    q, rate, bias, error, error_rate, gain = moved
-    euler = euler_rad(q)
-    for i in range(4):
-        row[i] = q[i]
-    for i in range(3):
-        row[4 + i], row[7 + i], row[10 + i] = degrees(euler[i]), rate[i], bias[i]
-    row[13], row[14], row[15] = error, error_rate, gain
-    row[16], row[17] = figures[0], figures[1]
-    inclination, heading = figures[2], max(figures[3], least_heading_rad)
-    row[18] = degrees(inclination) if inclination < pi else 180.0
-    row[19] = degrees(heading) if heading < pi else 180.0
-
-
-@compiled
-def new_fleet(inside: Any) -> Any:
-    """A list for handles on compiled memory, with one of them."""
-    fleet = numba.typed.List()
-    fleet.append(inside)
-    return fleet
-
-
-@compiled
-def put(fleet: Any, place: int, inside: Any) -> None:
-    """Put a handle at a place, or at the end."""
-    if place < len(fleet):
-        fleet[place] = inside
-    else:
-        fleet.append(inside)
+RESTS = (LEFT, CHECK, DOUBT, COMPARE, TELL)
 
 
 class _Here(NamedTuple):
@@ -365,7 +94,7 @@ class UsualVehicles:
 
     def __init__(self) -> None:
         self._fleet: Any = None
-        self._index = np.zeros(1 << 16, np.int64)
+        self._index = np.zeros(ADDRESSES, np.int64)
         self._state = _state_arrays(0)
         self._vehicles: list[Vehicle | None] = []
         self._here: _Here | None = None  # who of them is here, once it has been looked for
@@ -377,15 +106,11 @@ class UsualVehicles:
         self._show: Any = None
         self._put: Any = None
 
-    def take(self, readings: Readings) -> tuple[list[int], list[int], list[int], list[int]]:
-        """Take the rows that just go on.
-
-        Returns the rows that are left, those after which an estimate is to be checked, those of
-        attitudes to compare it with, and those whose magnitudes are to be looked at.
-        """
+    def take(self, readings: Readings) -> "Rest":
+        """Take the rows that just go on; returns what else there is to do."""
         n, flags = len(readings), readings.whole[:, 4]
         if self._fleet is None:
-            return list(range(n)), [], [], []
+            return Rest(left=list(range(n)))
         self._batch += 1
         left = np.empty(n, np.int64)
         rows = (readings.whole, readings.numbers, readings.arrivals_us)
@@ -395,11 +120,8 @@ class UsualVehicles:
         )
         looks = ((flags & TO_LOOK != 0) & (left != LEFT)).nonzero()[0].tolist()
         if not unusual:
-            return [], [], [], looks
-        rows_left, checks, compared = (
-            (left == done).nonzero()[0].tolist() for done in (LEFT, CHECK, COMPARE)
-        )
-        return rows_left, checks, compared, looks
+            return Rest(looks)
+        return Rest(looks, *((left == done).nonzero()[0].tolist() for done in RESTS))
 
     def show(self, now_us: int, wanted: int) -> tuple[AttitudeRows | None, AbstractSet[VehicleId]]:
         """What is published at a tick, and of which vehicles nothing else is to be said."""
@@ -427,6 +149,13 @@ class UsualVehicles:
         """Whether a vehicle's numbers are here."""
         return address in self._places
 
+    def note_heard(self, address: VehicleId, arrival_us: int) -> bool:
+        """Note that something of a vehicle has come, if its numbers are here; whether they are."""
+        place = self._places.get(address)
+        if place is not None:
+            self._state[0][place, HEARD] = arrival_us
+        return place is not None
+
     def take_over(self, vehicle: Vehicle) -> None:
         """Take a vehicle's numbers, if it just goes on."""
         numbers = vehicle.numbers()
@@ -441,10 +170,20 @@ class UsualVehicles:
         self._here = None
         self._put(self._fleet, place, lent.inside)
         self._index[_number(vehicle.address)] = place + 1
-        state, reals, left_in = self._state
+        state, reals, left_in, waiting = self._state
+        here_deg = lent.here_deg or (inf, inf)
         state[place, :SOURCE], reals[place, :LEAST_HEADING] = numbers
-        state[place, SOURCE] = lent.source
-        reals[place, LEAST_HEADING], left_in[place] = lent.least_heading_rad, 0
+        state[place, SOURCE:WAITING] = (
+            lent.source,
+            lent.minds_gaps,
+            lent.knows_north,
+            lent.has_rates,
+        )
+        state[place, WAITING:] = len(lent.reports), lent.minds_places
+        reals[place, LEAST_HEADING:] = lent.least_heading_rad, *here_deg
+        left_in[place] = 0
+        for at, report in zip(waiting[place], lent.reports, strict=False):
+            write_sample(at, report)
 
     def tell(self, address: VehicleId) -> None:
         """Have a vehicle know its numbers, for whoever changes nothing that is kept here."""
@@ -453,8 +192,12 @@ class UsualVehicles:
             return
         vehicle = self._vehicles[place]
         assert vehicle is not None
-        state, reals, _ = self._state
+        state, reals, _, waiting = self._state
         vehicle.resume(state[place, :SOURCE].tolist(), reals[place, :LEAST_HEADING].tolist())
+        reports = waiting[place, : state[place, WAITING]].tolist()
+        vehicle.estimator.take_back(
+            tuple(map(sample_of, reports)), has_rates=bool(state[place, HAS_RATES])
+        )
 
     def hand_back(self, address: VehicleId) -> None:
         """Give a vehicle its numbers back, before anybody else uses it."""
@@ -496,9 +239,10 @@ def _number(address: VehicleId) -> int:
     return address.system_id << 8 | address.component_id
 
 
-def _state_arrays(vehicles: int) -> tuple[Whole, Floats, Whole]:
+def _state_arrays(vehicles: int) -> tuple[Whole, Floats, Whole, Floats]:
     whole = np.zeros((vehicles, STATE_SIZE), np.int64)
-    return whole, np.zeros((vehicles, STATE_NUMBERS)), np.zeros(vehicles, np.int64)
+    waiting = np.zeros((vehicles, MOST_WAITING, REPORT_SIZE))
+    return whole, np.zeros((vehicles, STATE_NUMBERS)), np.zeros(vehicles, np.int64), waiting
 
 
 @cache

@@ -30,7 +30,14 @@ from drivers.mavlink.constants import (
     MAV_TYPE_GENERIC,
     MAV_TYPE_GROUND_ROVER,
 )
-from drivers.mavlink.usual_frames import ATTITUDE_NAME, KIND_NAMES, KIND_OF
+from drivers.mavlink.usual_frames import (
+    ATTITUDE_NAME,
+    KIND_NAMES,
+    KIND_OF,
+    OTHER_NAMES,
+    OTHER_OF,
+    RECEIVER,
+)
 from drivers.samples.rotation import quaternion_from_euler
 from estimator.carrier import Carrier
 from estimator.estimator import Estimator
@@ -56,6 +63,9 @@ from service.talk import Talk
 
 # What its filter says of itself, once a second or so, holds until it says something else.
 WORD_HOLDS_US = 5_000_000
+FILTER_VELOCITY: Kind = (VelocitySample, False)
+RECEIVER_VELOCITY: Kind = (VelocitySample, True)
+RECEIVER_NAME = OTHER_NAMES[RECEIVER]
 UNSTAMPED = "AHRS2"  # an attitude of the IMU message before it
 # A second-order Butterworth low-pass delays slow motions by this many periods of its cutoff.
 BUTTERWORTH_DELAY = 1.0 / (sqrt(2.0) * pi)
@@ -95,6 +105,7 @@ class Vehicle:
         self._differed = False  # at the last look
         self._filter_word: FilterWord | None = None
         self._trim_rad: dict[str, float] = {}
+        self._beat: Heartbeat | None = None  # the last one that said something new
         self._statuses = 0
         self._retuned: Retuned | None = None
         self._health = Health()
@@ -168,6 +179,12 @@ class Vehicle:
         """Check the estimate behind a sample that others have had it take."""
         return self._check(event, event.sample) + self._note_taken(event)
 
+    def give_up(self, event: Imu) -> list[str]:
+        """Judge the estimate behind a sample that has made it doubtful, which others took."""
+        self.estimator.give_up()
+        is_due = self.samples % CHECKED_EVERY == 0
+        return self.check(event) if is_due else self._note_taken(event)
+
     def _note_taken(self, event: Imu) -> list[str]:
         """A sample shows that the vehicle is alive."""
         before_it = self._health
@@ -225,9 +242,20 @@ class Vehicle:
         if len(self._compass_offsets) == len(COMPASS_OFFSETS):
             self.estimator.set_field_calibrated(any(self._compass_offsets.values()))
 
+    def has_said(self, event: Heartbeat) -> bool:
+        """Whether a heartbeat is the one before once more."""
+        known = self._beat
+        return (
+            known is not None
+            and known.autopilot == event.autopilot
+            and known.vehicle_type == event.vehicle_type
+            and known.is_armed == event.is_armed
+        )
+
     def on_heartbeat(self, event: Heartbeat) -> None:
         """Note what carries the IMU, and the filters that ArduPilot gives such a vehicle."""
         self.heard_us = event.arrival_us
+        self._beat = event
         carrier = carrier_of(event)
         self.estimator.set_carrier(carrier)
         if carrier is Carrier.WHEELS and event.autopilot == MAV_AUTOPILOT_ARDUPILOTMEGA:
@@ -263,7 +291,11 @@ class Vehicle:
         if reason is not None:
             self.reject(reason)
         elif isinstance(event.sample, VelocitySample):
-            self.second_opinion.hear_velocity(event.sample.time_us, event.sample.velocity_ned_m_s)
+            self.hear_velocity(event.sample)
+
+    def hear_velocity(self, sample: VelocitySample) -> None:
+        """Tell whoever compares our attitude with the autopilot's."""
+        self.second_opinion.hear_velocity(sample.time_us, sample.velocity_ned_m_s)
 
     def on_filter_word(self, event: FilterWord) -> None:
         """Note what the autopilot's filter says of itself."""
@@ -440,20 +472,10 @@ class Vehicle:
             rejected=dict(sorted(self.rejected.items())),
         )
 
-    def inherit(self, counts: Counts) -> None:
-        """Go on counting for a service that had this vehicle before."""
-        self.built_in_motion = counts.motion
-        self.worst_gap_us = counts.worst_gap_us
-        self.samples = counts.samples
-        self.shed = counts.shed
-        self.attitudes = counts.attitudes
-        self._statuses = counts.statuses
-        self.rejected.update({Reason(word): count for word, count in counts.rejected.items()})
-
     def numbers(self) -> tuple[list[int], list[float]] | None:
         """What changes while samples just go on; None if something else is to be expected.
 
-        In the columns of :mod:`service.usual_vehicles`.
+        In the columns of :mod:`service.usual_columns`.
         """
         last, choice, clock = self._last, self._choice, self._clock
         chosen, rival = KIND_OF.get(choice.message or "", 0), KIND_OF.get(choice.rival or "", 0)
@@ -464,13 +486,19 @@ class Vehicle:
         if choice.doubted or not is_alone or not self.profile.mounting.is_plain:
             return None
         rates = self._report_choices.get((RateSample, False), ReportChoice(ATTITUDE_NAME, -1))
-        if rates.message != ATTITUDE_NAME:
+        velocity = self._report_choices.get(FILTER_VELOCITY, ReportChoice())
+        receiver = self._report_choices.get(RECEIVER_VELOCITY, ReportChoice(RECEIVER_NAME, -1))
+        velocity_kind = OTHER_OF.get(velocity.message or "", 0)
+        names = (rates.message, receiver.message)
+        if names != (ATTITUDE_NAME, RECEIVER_NAME) or (velocity.message and not velocity_kind):
             return None
         sample, window, even, periods = last.sample, clock.window, clock.even, self._periods_us
         whole = [
             *(self.heard_us, chosen, choice.last_arrival_us, choice.longest_silence_us),
             *(rival, choice.rival_samples, choice.rival_since_us, choice.rival_arrival_us),
             *(rates.last_arrival_us, self.profile.uses_attitude_rates),
+            *(velocity_kind, velocity.last_arrival_us),
+            *(receiver.last_arrival_us, self.second_opinion.stride_us),
             *(last.arrival_us, sample.time_us, last.boot_us, sample.has_mag),
             *(self.samples, self.worst_gap_us, self._alarms.next_us),
             *(self.attitudes, self._published_samples, self._published_us, clock.at_us),
@@ -487,15 +515,20 @@ class Vehicle:
         """Go on from :meth:`numbers`."""
         choice = self._choice
         self.heard_us, chosen, chosen_us, longest_us, rival, count, since_us, rival_us = whole[:8]
-        rates_us, _, arrival_us, time_us, boot_us, has_mag, self.samples = whole[8:15]
-        self.worst_gap_us, _, self.attitudes, self._published_samples = whole[15:19]
-        self._published_us, at_us, window_us, window, even_us, even, median_us = whole[19:26]
-        n, at, *periods = whole[26:]
+        rates_us, _, velocity_kind, velocity_us, receiver_us, _, arrival_us, time_us = whole[8:16]
+        boot_us, has_mag, self.samples, self.worst_gap_us, _, self.attitudes = whole[16:22]
+        self._published_samples, self._published_us, at_us, window_us, window = whole[22:27]
+        even_us, even, median_us, n, at, *periods = whole[27:]
         name = KIND_NAMES[chosen]
         rivals = (KIND_NAMES.get(rival), count, since_us, rival_us)
         self._choice = ImuChoice(name, chosen_us, longest_us, choice.has_failed, *rivals)
         if rates_us >= 0:
             self._report_choices[RateSample, False] = ReportChoice(ATTITUDE_NAME, rates_us)
+        if receiver_us >= 0:
+            self._report_choices[RECEIVER_VELOCITY] = ReportChoice(RECEIVER_NAME, receiver_us)
+        if velocity_kind:
+            name_of_velocity = OTHER_NAMES[velocity_kind]
+            self._report_choices[FILTER_VELOCITY] = ReportChoice(name_of_velocity, velocity_us)
         self._periods_us.clear()
         self._periods_us.extend(periods[:n] if n < PERIODS_KEPT else periods[at:] + periods[:at])
         self._median_us = float(median_us)

@@ -18,6 +18,7 @@ from typing import Any
 
 from drivers.mavlink import leases, scanning, usual_frames
 from drivers.mavlink.transports import receive_many
+from drivers.samples import sensor_faults
 from estimator.aiding import begin
 from estimator.aiding.phase import Phase
 from estimator.aiding.types import NO_REPORT
@@ -29,7 +30,7 @@ from estimator.live.core import flat
 from estimator.live.settings import settings_of
 from estimator.profile import Profile, load_profile
 from estimator.types import IDENTITY, ZERO_VEC3, ImuSample, VelocitySample
-from service import attitude_text, usual_vehicles
+from service import attitude_text, usual_rows, usual_vehicles
 from service.offspring import is_stopped
 
 STEP_US = 10_000
@@ -42,19 +43,22 @@ UNAIDED: tuple[Any, ...] = (
     resident.contents,
     resident.clock,
     resident.contradicted_axes,
-    resident.see_between,
+    resident.hear_rate,
+    resident.turn_on,
+    resident.turning_of,
     resident.lay,
     resident.publish,
     resident.advance_raw,
     resident.advance,
+    sensor_faults.judge_reading,
     usual_frames.read_frames,
     scanning.scan_frames,
     leases.pass_by,
     receive_many.collect,
-    usual_vehicles.new_fleet,
-    usual_vehicles.put,
-    usual_vehicles.take_rows,
-    usual_vehicles.show_rows,
+    usual_rows.new_fleet,
+    usual_rows.put,
+    usual_rows.take_rows,
+    usual_rows.show_rows,
     attitude_text.write_texts,
 )
 FOR_VELOCITY: tuple[Any, ...] = (
@@ -140,6 +144,7 @@ def _of_edges() -> dict[Any, tuple[Any, ...]]:
         receive_many.collect: receive_many.argument_types(),
         scanning.scan_frames: scanning.argument_types(),
         leases.pass_by: leases.argument_types(),
+        sensor_faults.judge_reading: sensor_faults.argument_types(),
         usual_frames.read_frames: usual_frames.argument_types(),
         attitude_text.write_texts: attitude_text.argument_types(),
     }

@@ -28,7 +28,8 @@ BeginService = Callable[[int, str, float], Process]
 class Shape(NamedTuple):
     """How many vehicles send at what rate for how long, and at what rate is published.
 
-    Only ``few`` of them send all the time, the others from ``burst_s[0]`` to ``burst_s[1]``.
+    Only ``few`` of them send all the time, the others from ``burst_s[0]`` to ``burst_s[1]``. With a
+    ``log`` they say what its vehicle said.
     """
 
     vehicles: int
@@ -37,6 +38,7 @@ class Shape(NamedTuple):
     publish_hz: float
     few: int = 10**9
     burst_s: tuple[float, float] = (0.0, 0.0)
+    log: str = ""
 
 
 class Seen(NamedTuple):
@@ -66,9 +68,8 @@ def run(
     with tempfile.TemporaryDirectory() as folder:
         sent, seen = Path(folder, "sent.npy"), Path(folder, "seen.npy")
         numbers = (port, shape.vehicles, shape.rate_hz, shape.seconds, sent)
-        script, rest = (
-            ("passers.py", passers) if passers else ("fleet.py", (shape.few, *shape.burst_s))
-        )
+        of_fleet = (shape.few, *shape.burst_s, *filter(None, [shape.log]))
+        script, rest = ("passers.py", passers) if passers else ("fleet.py", of_fleet)
         fleet = start(script, *map(str, (*numbers, *rest)))
         await_word(fleet.stdout, "ready")
         service = begin_service(port, endpoint, shape.publish_hz)

@@ -18,7 +18,7 @@ import numpy as np
 
 from drivers.events import Shed, VehicleId
 from drivers.mavlink.constants import AUTOPILOT_VERSION_ID, HEARTBEAT_ID
-from drivers.mavlink.framing import Frame
+from drivers.mavlink.framing import ADDRESSES, Frame
 from drivers.mavlink.imu_messages import IMU_MESSAGES, imu_number, imu_stream_name
 from drivers.mavlink.messages import MESSAGES
 
@@ -114,7 +114,7 @@ class Backlog:
         self._streams: dict[tuple[int, ...], _Turn] | None = None
         self._newcomers: dict[int, list[_Turn]] = {}  # by address: from the first IMU sample on
         # by address, as system << 8 | component: whether an IMU sample was taken
-        self.has_come = np.zeros(1 << 16, np.bool_)
+        self.has_come = np.zeros(ADDRESSES, np.bool_)
         self._uncounted: Counter[tuple[VehicleId, str]] = Counter()
         self._looked_s: float | None = None
         self._patience = Patience()

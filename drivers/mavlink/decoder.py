@@ -24,6 +24,8 @@ from drivers.mavlink.backlog import Arrived
 from drivers.mavlink.constants import (
     AUTOPILOT_VERSION_ID,
     COMMAND_ACK_ID,
+    EKF_STATUS_REPORT_ID,
+    ESTIMATOR_STATUS_ID,
     HEARTBEAT_ID,
     MAV_AUTOPILOT_ARDUPILOTMEGA,
     MAV_AUTOPILOT_PX4,
@@ -57,6 +59,8 @@ MOST_SENDERS = PLACES  # addresses remembered at once; each takes 11 kB
 # When all places are taken, one that has been silent for so long may lose its own to a new one
 SILENT_US = 5_000_000
 LOOK_US = 1_000_000  # who they are is looked for no more often
+# What a filter says of itself has no time of the vehicle.
+STATUSES = frozenset({EKF_STATUS_REPORT_ID, ESTIMATOR_STATUS_ID})
 
 # What fuzzbee's own vehicle puts where others have a commit
 BUILT_IN = "fuzzbee"
@@ -101,7 +105,7 @@ class MavlinkDecoder:
             if references or not kind.is_reference:
                 self._handlers[number] = partial(_events, kind)
         self.wanted = frozenset({*self._handlers, AUTOPILOT_VERSION_ID})
-        self._of_intake = frozenset({*IMU_MESSAGES, *MESSAGES})
+        self._of_intake = frozenset({*IMU_MESSAGES, *MESSAGES} - STATUSES)
         self._usual: UsualFrames | None = None
 
     def events(self, frame: Frame, arrival_us: int) -> list[Event]:
@@ -150,7 +154,13 @@ class MavlinkDecoder:
             return []
         handle, usual = self._handlers[frame.message_id], self._usual
         if usual is None or frame.message_id not in self._of_intake:
-            return handle(sender, fields, arrival_us)
+            speaks_of_itself = usual is not None and frame.message_id in STATUSES
+            if usual is not None and speaks_of_itself:
+                usual.tell_words(sender.intake)
+            events = handle(sender, fields, arrival_us)
+            if usual is not None and speaks_of_itself:
+                usual.note_words(sender.intake)
+            return events
         usual.hand_back(sender.intake, frame.message_id)
         events = handle(sender, fields, arrival_us)
         usual.take_over(sender.intake, frame.message_id)

@@ -17,6 +17,7 @@ MAGIC_V1, MAGIC_V2 = 0xFE, 0xFD
 HEADER_V1, HEADER_V2 = 6, 10  # bytes, the marker included
 CHECKSUM_SIZE, SIGNATURE_SIZE = 2, 13
 UNSIGNED_V2 = HEADER_V2 + CHECKSUM_SIZE
+ADDRESSES = 1 << 16  # system << 8 | component
 SIGNED_FLAG = 0x01  # the only incompatibility flag there is; frames with others are not for us
 _MAGIC = re.compile(rb"[\xfd\xfe]")
 _MAGICS = (MAGIC_V1, MAGIC_V2)

@@ -13,12 +13,12 @@ import numba
 import numpy as np
 
 from drivers.mavlink.claims import CLAIM_S
+from drivers.mavlink.framing import ADDRESSES
 from drivers.mavlink.scanning import BEGIN, LEFT, STOP, Scanned
 from estimator.compilation.compiled import compiled, inlined, is_compiled_code
 from estimator.compilation.direct import direct
 
 Array = Any  # numba ships no types
-ADDRESSES = 1 << 16  # system << 8 | component
 NOBODY = -1
 LONGEST_US = int(1e6 * CLAIM_S)  # beyond that the clock was set back
 # What becomes of a datagram: it is judged; it passes; it would, but waits behind others.

@@ -43,7 +43,6 @@ from drivers.mavlink.recorder import Recorder
 from drivers.mavlink.scanning import LEFT, Scanned, Scanner
 from drivers.mavlink.sequences import SequenceWatch
 from drivers.mavlink.stream_request import Outgoing, StreamRequest
-from drivers.mavlink.taker import FrameTaker
 from drivers.mavlink.transports.datagrams import Datagrams, unix_us
 from drivers.mavlink.transports.open import open_transport
 from drivers.mavlink.transports.sockets import SOCKET_BUFFER_BYTES
@@ -91,7 +90,7 @@ class MavlinkLink(Closing):
     Entering the context opens the endpoint. ``recorder`` gets every readable
     frame that is let in; it stays the caller's to close. ``policy`` says
     what is let in, ``key`` signs what we send, and without ``references`` attitudes
-    of others are not decoded. A ``taker`` gets the frames in the decoder's place.
+    of others are not decoded.
 
     Everything is done by the thread that drains. A thread for reading alone would have to wait
     for Python's lock at each datagram, half a millisecond where the other thread has much to do.
@@ -112,7 +111,6 @@ class MavlinkLink(Closing):
         policy: Policy = Policy(),  # noqa: B008 - immutable
         key: bytes | None = None,
         references: bool = True,
-        taker: FrameTaker | None = None,
     ) -> None:
         self._endpoint = endpoint
         self._transport = open_transport(endpoint)
@@ -125,7 +123,6 @@ class MavlinkLink(Closing):
         self._read_clock_s = waiting_clock_s()  # at the end of the last look
         self._events: list[Event] = []  # to be drained next
         self._decoder = MavlinkDecoder(references=references)
-        self._taker = taker
         self._scanner: Scanner | None = None
         self._leases = Leases()
         self._gate = FrameGate(policy, self._leases.heard_us)
@@ -303,11 +300,11 @@ class MavlinkLink(Closing):
 
     def _handle(self, come: Datagrams, now_s: float) -> None:
         """Have most frames read at once; put the others into the backlog, and all on record."""
-        if not come.number and self._taker is None:
+        if not come.number:
             return
         now_us = unix_us()
         scanned = self._scan(come)
-        if scanned is not None and self._taker is None and self._is_late(now_s):
+        if scanned is not None and self._is_late(now_s):
             scanned = self._thin_out(scanned)
             come = scanned.datagrams
         done = [JUDGED] * come.number if scanned is None else self._let_pass(scanned, now_s)
@@ -315,16 +312,17 @@ class MavlinkLink(Closing):
         for k, become in enumerate(done):
             if become == JUDGED:
                 waiting += self._judged(come, k, scanned, now_s)
-            elif scanned is not None and (become == WAITS or self._taker is not None):
+            elif scanned is not None and become == WAITS:
                 arrival_us = int(come.arrivals_us[k])
                 waiting += [Arrived(arrival_us, frame) for frame in scanned.frames(k)]
-        self._hand_over(waiting, now_us)
+        self._gate.keep(now_us)
+        self._backlog.add(waiting, waiting_clock_s())
         self._events += self._gate.take_refused(now_us)
 
     def _let_pass(self, scanned: Scanned, now_s: float) -> list[int]:
         """Have the frames of those read before all that waits who have a lease.
 
-        Returns what becomes of each packet; a taker takes all that is not judged in turn.
+        Returns what becomes of each packet.
         """
         come = scanned.datagrams
         last_us = int(come.arrivals_us[-1])
@@ -336,7 +334,7 @@ class MavlinkLink(Closing):
             if not self._transport.stamps_arrivals:  # who has places, and gives them to the sound
                 for peer in np.unique(come.peers[is_leased]).tolist():
                     self._transport.credit(come.name_of(peer))
-            if self._taker is None and len(passing.numbers):
+            if len(passing.numbers):
                 self._passing = _Passed(scanned, passing)
         found: list[int] = done.tolist()
         return found
@@ -433,15 +431,6 @@ class MavlinkLink(Closing):
     def _tell(self, text: str | None, now_us: int) -> None:
         if text is not None:
             self._events.append(Notice(None, now_us, text))
-
-    def _hand_over(self, arrived: list[Arrived], now_us: int) -> None:
-        """Keep the frames, or give them away: what has to be sent because of them comes back."""
-        self._gate.keep(now_us)
-        if self._taker is None:
-            self._backlog.add(arrived, waiting_clock_s())
-            return
-        self._taker.take(arrived)
-        self._queue_messages(self._taker.outgoing(), now_us)
 
     def _queue_messages(self, messages: list[Outgoing], now_us: int) -> None:
         for each in messages:

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from drivers.events import Notice
-from drivers.mavlink.framing import MAGIC_V2, Frame
+from drivers.mavlink.framing import ADDRESSES, MAGIC_V2, Frame
 
 # Frames are looked at in stretches: two senders stay two, and a look at each frame costs too much.
 EVERY_US = 10_000_000
@@ -23,7 +23,6 @@ TURNS = 8  # from one counter to the other within a stretch
 MOST_ADDRESSES = 16  # in a stretch; each address has its turn
 MOST_CHECKED = 1024
 MOST_TOLD = 64
-ADDRESSES = 1 << 16
 
 Array = Any  # numba ships no types
 

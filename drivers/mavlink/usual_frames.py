@@ -1,31 +1,47 @@
 """The frames that nearly all of a stream are, read many at a time by compiled code.
 
-IMU messages that :mod:`drivers.samples.going_on` takes, and where nobody shows
-them ATTITUDE, and ATTITUDE_QUATERNION while it is not wanted.
+IMU messages that :mod:`drivers.samples.going_on` takes, the autopilot's velocity, and where nobody
+shows them ATTITUDE, and other attitudes while they are not wanted.
 Whatever else comes is the decoder's, in Python: what is known of its sender is handed back before,
 and taken over again behind it.
 """
 
 from collections.abc import Container, Iterable, Sequence
 from functools import cache
-from math import isfinite
+from math import cos, isfinite, pi, sin
 from typing import Any, NamedTuple, Self
 
 import numba
 import numpy as np
 
-from drivers.events import BodyRates, Event, Imu, ReferenceAttitude, VehicleId
+from drivers.events import (
+    BodyRates,
+    Event,
+    Imu,
+    Position,
+    ReferenceAttitude,
+    Rejected,
+    VehicleId,
+    Velocity,
+)
 from drivers.mavlink.backlog import Arrived
 from drivers.mavlink.constants import (
+    AHRS2_ID,
     ATTITUDE_ID,
     ATTITUDE_QUATERNION_ID,
+    GLOBAL_POSITION_INT_ID,
+    GPS_FIX_TYPE_3D_FIX,
+    GPS_RAW_INT_ID,
     HIGHRES_IMU_ID,
+    LOCAL_POSITION_NED_ID,
     RAW_IMU_ID,
     SCALED_IMU2_ID,
     SCALED_IMU3_ID,
     SCALED_IMU_ID,
+    UNKNOWN_UINT16,
 )
 from drivers.mavlink.framing import (
+    ADDRESSES,
     CHECKSUM_SIZE,
     HEADER_V1,
     HEADER_V2,
@@ -41,12 +57,26 @@ from drivers.mavlink.imu_messages import (
     highres_vectors,
     milli_vectors,
 )
+from drivers.mavlink.messages import CENTI, DEGREES_1E7, MESSAGES, MILLI
+from drivers.samples.fix import (
+    FILTER_VELOCITY_SIGMA_M_S,
+    RECEIVER_LATE_SIGMA_S,
+    RECEIVER_VELOCITY_SIGMA_M_S,
+)
 from drivers.samples.going_on import (
+    BOOT_CLOCK,
     GIVEN,
+    GOES_ON,
     HEARD,
     LAST_IMU,
+    NAVIGATION,
     NOTHING,
+    RECEIVERS_CLOCK,
+    REFUSED,
+    TAKEN,
     TAKEN_TO_LOOK,
+    THERE,
+    UNKNOWN,
     Floats,
     Rows,
     Whole,
@@ -54,11 +84,13 @@ from drivers.samples.going_on import (
     take_other,
 )
 from drivers.samples.intake import ATTITUDE_EVERY_US, Intake
+from drivers.samples.navigation import FIX_US, HAS_FIX, believes_place, velocity_doubt
 from drivers.samples.rotation import quaternion_from_euler
+from drivers.samples.sensor_faults import REASONS
 from drivers.samples.vehicle_clock import KEPT_LINES, TimeField
 from estimator.compilation.compiled import compiled, inlined
 from estimator.compilation.direct import direct
-from estimator.types import ZERO_VEC3, ImuSample, RateSample, Vec3
+from estimator.types import ZERO_VEC3, ImuSample, RateSample, Vec3, VelocitySample
 
 Bytes = Any  # arrays of uint8
 
@@ -75,14 +107,28 @@ KINDS = {
 KIND_NAMES = {kind: IMU_MESSAGES[number].name for number, kind in KINDS.items()}
 KIND_OF = {name: kind for kind, name in KIND_NAMES.items()}
 IMUS = len(KINDS)
-ATTITUDE = IMUS + 1
-QUATERNION = IMUS + 2  # ATTITUDE_QUATERNION where it is not wanted
-ATTITUDE_NAME = "ATTITUDE"
+ATTITUDE, LOCAL_POSITION, GLOBAL_POSITION, RECEIVER = IMUS + 1, IMUS + 2, IMUS + 3, IMUS + 4
+# Attitudes without rates where they are not wanted, and what says nothing.
+QUATERNION, SECOND_ATTITUDE, SILENT = IMUS + 5, IMUS + 6, IMUS + 7
+# Other streams that have a time, in the order of their kinds.
+OTHERS = {
+    ATTITUDE: ATTITUDE_ID,
+    LOCAL_POSITION: LOCAL_POSITION_NED_ID,
+    GLOBAL_POSITION: GLOBAL_POSITION_INT_ID,
+    RECEIVER: GPS_RAW_INT_ID,
+}
+OTHER_CLOCKS = {kind: TimeField.GPS if kind == RECEIVER else TimeField.BOOT_MS for kind in OTHERS}
+OTHER_NAMES = {kind: MESSAGES[number].name for kind, number in OTHERS.items()}
+OTHER_OF = {name: kind for kind, name in OTHER_NAMES.items()}
+ATTITUDE_NAME = OTHER_NAMES[ATTITUDE]
+N_OTHERS = len(OTHERS)
 # Of a payload; what follows is of no interest here.
 LONGEST = 64
 LATEST_RAW_US = 1 << 62
-# Flags: a fresh field, a sample to be looked at, an attitude that is wanted.
-FRESH, TO_LOOK, GIVES = 1, 2, 4
+RADIANS = pi / 180.0
+# Flags: a fresh field, a sample to be looked at, an attitude that is wanted, a velocity, a place, a
+# reading that is no data; times WHY the reason for that, or why the field is none.
+FRESH, TO_LOOK, GIVES, MOVES, IS_THERE, NO_DATA, WHY = 1, 2, 4, 8, 16, 32, 64
 # What has become of a frame.
 READ, WAITING, NEXT = 0, 1, 2
 
@@ -140,48 +186,129 @@ def read_frame(
     kind: int, place: int, arrival_us: int, views: Any, rows: Any, whole: Whole, numbers: Floats
 ) -> bool:
     """Take a frame's payload, if it is that of a reading that just goes on."""
-    payload, words, reals = views
-    clocks, others, imu_whole, imu_numbers, has_clock, has_other, has_imu = rows
+    said, has_clock, has_other = rows[1][place], rows[6], rows[7]
     if not has_clock[place]:
         return False
-    clock, other = clocks[place], others[place]
-    is_given = 0 <= arrival_us - other[GIVEN] < ATTITUDE_EVERY_US
-    whole[0], whole[1], whole[4] = kind, place, 0
-    if kind == QUATERNION:
-        if is_given:
-            other[HEARD] = arrival_us
-        return bool(is_given)
-    boot_us, gyr, acc, mag = 0, ZERO_VEC3, ZERO_VEC3, ZERO_VEC3
-    if kind == ATTITUDE:
-        acc, gyr = three_reals(reals, 1), three_reals(reals, 4)  # the former are its angles
-        if not has_other[place] or not isfinite(sum3(acc)):
-            return False
-        raw_us = whole_number(payload.view(np.uint32)[0]) * 1000
-        done, time_us = take_other(clock, other, 1, raw_us, arrival_us)
-        is_fresh = False
+    is_given = 0 <= arrival_us - said[GIVEN] < ATTITUDE_EVERY_US
+    if kind >= QUATERNION:
+        done = is_given if kind == QUATERNION else has_other[place * N_OTHERS]
+        kind, time_us, boot_us, flags, vectors = SILENT, 0, 0, 0, (ZERO_VEC3, ZERO_VEC3, ZERO_VEC3)
+    elif kind >= ATTITUDE:
+        boot_us = 0
+        if kind == RECEIVER:
+            done, time_us, flags, vectors = read_receiver(place, arrival_us, views, rows)
+        else:
+            done, time_us, flags, vectors = read_other(kind, place, arrival_us, views, rows)
     else:
-        stream = place * IMUS + kind - 1
-        raw_us, gyr, acc, mag = imu_of(kind, payload, words, reals)
-        is_finite = isfinite(sum3(gyr) + sum3(acc) + sum3(mag))
-        if not has_imu[stream] or raw_us < 0 or not is_finite:
-            return False
-        field = 0 if kind <= HIGHRES else 1
-        both = (imu_whole[stream], imu_numbers[stream])
-        taken = take_imu(clock, field, both, raw_us, arrival_us, (gyr, acc, mag))
-        done, time_us, boot_us, is_fresh = taken
+        done, time_us, boot_us, flags, vectors = read_imu(kind, place, arrival_us, views, rows)
     if done == NOTHING:
         return False
-    flags = (FRESH if is_fresh else 0) | (TO_LOOK if done == TAKEN_TO_LOOK else 0)
-    other[HEARD] = arrival_us
-    if kind != ATTITUDE:
-        other[LAST_IMU] = time_us
-    elif not is_given:
-        other[GIVEN] = arrival_us
+    said[HEARD] = arrival_us
+    if kind < ATTITUDE:
+        if done != REFUSED:
+            said[LAST_IMU] = time_us
+    elif kind == ATTITUDE and not is_given:
+        said[GIVEN] = arrival_us
         flags |= GIVES
-    whole[2], whole[3], whole[4] = time_us, boot_us, flags
+    elif kind != ATTITUDE and flags == 0:
+        kind = SILENT
+    whole[0], whole[1], whole[2], whole[3], whole[4] = kind, place, time_us, boot_us, flags
     for i in range(3):
-        numbers[i], numbers[3 + i], numbers[6 + i] = gyr[i], acc[i], mag[i]
+        for j in range(3):
+            numbers[3 * i + j] = vectors[i][j]
     return True
+
+
+@inlined
+def read_imu(
+    kind: int, place: int, arrival_us: int, views: Any, rows: Any
+) -> tuple[int, int, int, int, tuple[Vec3, Vec3, Vec3]]:
+    """An IMU message: what it has done, continuous and boot time, flags, rate, force and field."""
+    payload, words, reals = views
+    imu_whole, imu_numbers, has_imu = rows[4], rows[5], rows[8]
+    stream = place * IMUS + kind - 1
+    raw_us, gyr, acc, mag = imu_of(kind, payload, words, reals)
+    vectors = (gyr, acc, mag)
+    is_finite = isfinite(sum3(gyr) + sum3(acc) + sum3(mag))
+    if raw_us < 0 or not is_finite:
+        return NOTHING, 0, 0, 0, vectors
+    field = 0 if kind <= HIGHRES else 1
+    known = (has_imu[stream], imu_whole[stream], imu_numbers[stream])
+    done, why, time_us, boot_us, is_fresh = take_imu(
+        rows[0][place], field, known, raw_us, arrival_us, vectors
+    )
+    flags = (FRESH if is_fresh else 0) | (TO_LOOK if done == TAKEN_TO_LOOK else 0) | why * WHY
+    if done == REFUSED:
+        flags |= NO_DATA
+    return done, time_us, boot_us, flags, vectors
+
+
+@inlined
+def read_other(
+    kind: int, place: int, arrival_us: int, views: Any, rows: Any
+) -> tuple[int, int, int, tuple[Vec3, Vec3, Vec3]]:
+    """A message that is no IMU's: what it has done, continuous time, flags, and three vectors.
+
+    Rates and angles of ATTITUDE; velocity, place and in the third its sigma of the others.
+    """
+    payload, words, reals = views
+    clocks, sayings, doubts, others, has_other = rows[0], rows[1], rows[2], rows[3], rows[7]
+    stream, said = place * N_OTHERS + kind - ATTITUDE, sayings[place]
+    first, second, third, flags = three_reals(reals, 4), ZERO_VEC3, ZERO_VEC3, 0
+    if kind == ATTITUDE:
+        second = three_reals(reals, 1)
+    elif kind == GLOBAL_POSITION:
+        first, second = global_position_of(words, payload.view(np.int32))
+        if second[0] == 0.0 and second[1] == 0.0:  # not known yet
+            return TAKEN, 0, 0, (first, second, third)
+    # as little believed as the angles beside them, rates that are none are somebody else's matter
+    judged = sum3(second) if kind == ATTITUDE else sum3(first)
+    if not has_other[stream] or not isfinite(judged):
+        return NOTHING, 0, 0, (first, second, third)
+    raw_us = whole_number(payload.view(np.uint32)[0]) * 1000
+    done, time_us = take_other(clocks[place], others[stream], BOOT_CLOCK, raw_us, arrival_us)
+    if kind != ATTITUDE:
+        doubt = velocity_doubt(said[NAVIGATION:], doubts[place], arrival_us)
+        third = (FILTER_VELOCITY_SIGMA_M_S * doubt, 0.0, 0.0)
+        flags = MOVES if doubt >= 0.0 else 0
+    if kind == GLOBAL_POSITION and believes_place(
+        said[NAVIGATION:], second[0], second[1], arrival_us
+    ):
+        flags |= IS_THERE
+    return done, time_us, flags, (first, second, third)
+
+
+@inlined
+def read_receiver(
+    place: int, arrival_us: int, views: Any, rows: Any
+) -> tuple[int, int, int, tuple[Vec3, Vec3, Vec3]]:
+    """GPS_RAW_INT, likewise."""
+    payload, words, _ = views
+    clocks, said, others, has_other = rows[0], rows[1][place], rows[3], rows[7]
+    stream = place * N_OTHERS + RECEIVER - ATTITUDE
+    longs, shorts = payload.view(np.int32), words.view(np.uint16)
+    where = (longs[2] * DEGREES_1E7, longs[3] * DEGREES_1E7, longs[4] * MILLI)
+    speed, course, sigma, flags = shorts[12], shorts[13], RECEIVER_VELOCITY_SIGMA_M_S, 0
+    raw_us, has_fix = payload.view(np.int64)[0], payload[28] >= GPS_FIX_TYPE_3D_FIX
+    done, time_us, velocity = TAKEN, 0, ZERO_VEC3
+    if has_fix and (where[0] != 0.0 or where[1] != 0.0):
+        if not has_other[stream] or not 0 <= raw_us <= LATEST_RAW_US:
+            return NOTHING, 0, 0, (ZERO_VEC3, ZERO_VEC3, ZERO_VEC3)
+        done, time_us = take_other(
+            clocks[place], others[stream], RECEIVERS_CLOCK, raw_us, arrival_us
+        )
+        flags = IS_THERE
+        if max(speed, course) < UNKNOWN_UINT16:
+            flags |= MOVES
+            speed_m_s, course_rad = speed * CENTI, (course * CENTI) * RADIANS
+            velocity = (speed_m_s * cos(course_rad), speed_m_s * sin(course_rad), 0.0)
+        accuracy = whole_number(shorts[21]) | whole_number(shorts[22]) << 16
+        if accuracy != 0:
+            sigma = accuracy * MILLI
+    if done != NOTHING:
+        said[NAVIGATION + FIX_US] = arrival_us
+        said[NAVIGATION + HAS_FIX] = 1 if has_fix else 0
+    return done, time_us, flags, (velocity, where, (sigma, 0.0, 0.0))
 
 
 @inlined
@@ -221,6 +348,13 @@ def imu_of(kind: int, payload: Bytes, words: Any, reals: Any) -> tuple[int, Vec3
         return raw_us, gyr, acc, mag
     field = highres_field(three_reals(reals, 8), payload.view(np.uint16)[30])
     return raw_us, three_reals(reals, 5), three_reals(reals, 2), field
+
+
+@inlined
+def global_position_of(words: Any, longs: Any) -> tuple[Vec3, Vec3]:
+    """Velocity (m/s, NED) and place (degrees, m) of GLOBAL_POSITION_INT."""
+    velocity = (words[10] * CENTI, words[11] * CENTI, words[12] * CENTI)
+    return velocity, (longs[1] * DEGREES_1E7, longs[2] * DEGREES_1E7, longs[3] * MILLI)
 
 
 @inlined
@@ -284,6 +418,26 @@ def _attitude(vehicle: VehicleId, arrival_us: int, time_us: int, angles: Vec3) -
     return [ReferenceAttitude(vehicle, arrival_us, time_us, "autopilot", ATTITUDE_NAME, q)]
 
 
+def _fix(
+    vehicle: VehicleId,
+    arrival_us: int,
+    kind: int,
+    time_us: int,
+    numbers: tuple[float, ...],
+    flags: int,
+) -> list[Event]:
+    """What a message says of place and velocity, as far as it is believed."""
+    name, events = OTHER_NAMES[kind], list[Event]()
+    if flags & IS_THERE:
+        events.append(Position(vehicle, arrival_us, time_us, name, *numbers[3:6]))
+    if flags & MOVES:
+        x, y, z = numbers[:3]
+        late_sigma_s = RECEIVER_LATE_SIGMA_S if kind == RECEIVER else 0.0
+        sample = VelocitySample(time_us, (x, y, z), kind != RECEIVER, numbers[6], late_sigma_s)
+        events.append(Velocity(vehicle, arrival_us, name, sample))
+    return events
+
+
 class Readings:
     """Rows that :func:`read_frames` has written: what nearly all frames of a batch say.
 
@@ -312,10 +466,10 @@ class Readings:
     def __len__(self) -> int:
         return len(self.arrivals_us)
 
-    def events(self, rows: list[int] | None = None) -> list[Event]:
+    def events(self, rows: Sequence[int] | None = None) -> list[Event]:
         """The events of those rows, or of all, in order."""
         events: list[Event] = []
-        if rows == []:  # nearly always
+        if rows is not None and not rows:  # nearly always
             return events
         which = range(len(self)) if rows is None else rows
         whole, arrivals_us = self.whole[which].tolist(), self.arrivals_us[which].tolist()
@@ -324,7 +478,10 @@ class Readings:
             kind, place, time_us, boot_us, flags = row
             intake = self._intakes[place]
             assert intake is not None
-            if kind == QUATERNION:
+            if kind == SILENT:
+                continue
+            if kind > ATTITUDE:
+                events += _fix(intake.vehicle, arrival_us, kind, time_us, numbers, flags)
                 continue
             if kind == ATTITUDE:
                 if flags & GIVES:
@@ -333,6 +490,11 @@ class Readings:
                 events.append(BodyRates(intake.vehicle, arrival_us, ATTITUDE_NAME, rates))
                 continue
             name, sample = self._streams[kind].name, _sample(time_us, numbers, flags)
+            reason = REASONS[flags // WHY]
+            if reason is not None:
+                events.append(Rejected(intake.vehicle, arrival_us, reason, name))
+            if flags & NO_DATA:
+                continue
             events.append(Imu(intake.vehicle, arrival_us, boot_us, name, sample))
             events += self._complaints.get(k, [])
         return events
@@ -370,20 +532,24 @@ class UsualFrames:
     """Keeps the numbers of the senders whose frames it reads; see :meth:`hand_back`."""
 
     def __init__(self, senders: int, *, takes_attitude: bool) -> None:
-        self._rows = Rows(senders, IMUS, 1)
+        self._rows = Rows(senders, IMUS, N_OTHERS)
         self._kinds = np.zeros(256, np.int64)
         self._streams: dict[int, _Stream] = {}
         for number, message in IMU_MESSAGES.items():
             if _is_ours(message):
                 self._kinds[number] = KINDS[number]
                 self._streams[KINDS[number]] = _Stream(message.name, message.clock)
-        if takes_attitude:
-            self._kinds[ATTITUDE_ID], self._kinds[ATTITUDE_QUATERNION_ID] = ATTITUDE, QUATERNION
-        self._places = np.full(1 << 16, -1, np.int64)
+        for kind, number in OTHERS.items():
+            self._kinds[number] = kind
+        unwanted = {ATTITUDE_QUATERNION_ID: QUATERNION, AHRS2_ID: SECOND_ATTITUDE}
+        for number, kind in unwanted.items():
+            self._kinds[number] = kind if takes_attitude else 0
+        self._kinds[ATTITUDE_ID] *= takes_attitude
+        self._places = np.full(ADDRESSES, -1, np.int64)
         self.addresses = np.zeros(senders, np.int64)  # by place
         self._intakes: list[Intake | None] = [None] * senders
         self._free = list(range(senders - 1, -1, -1))
-        self._left_in = np.zeros(1 << 16, np.int64)
+        self._left_in = np.zeros(ADDRESSES, np.int64)
         self._turn = 0
         self._read = direct(read_frames, argument_types())
 
@@ -420,14 +586,17 @@ class UsualFrames:
             return
         rows = self._rows
         if rows.has_clock[place]:
+            self.tell_words(intake)
             rows.has_clock[place] = False
             intake.resume_clock(rows.clocks[place].tolist())
-            others = rows.others[place].tolist()
-            time_us, boot_us, intake.attitude_given_us, heard_us, intake.last_imu_us = others
+            said = rows.said[place, :NAVIGATION].tolist()
+            intake.attitude_given_us, heard_us, intake.last_imu_us = said
             intake.heard_us = max(intake.heard_us, heard_us)
-            if rows.has_other[place]:
-                rows.has_other[place] = False
-                intake.resume_after(ATTITUDE_NAME, TimeField.BOOT_MS, time_us, boot_us)
+            for kind, name in OTHER_NAMES.items():
+                at = place * N_OTHERS + kind - ATTITUDE
+                if rows.has_other[at]:
+                    rows.has_other[at] = False
+                    intake.resume_after(name, OTHER_CLOCKS[kind], *rows.others[at].tolist())
         for kind in self._kinds_of(message_id):
             self._hand_back_stream(intake, place, kind)
 
@@ -441,8 +610,8 @@ class UsualFrames:
     ) -> None:
         """Also to what the intake's clock has forgotten meanwhile."""
         rows, at = self._rows, place * IMUS + kind - 1
-        if rows.has_imu[at]:
-            rows.has_imu[at] = False
+        if rows.has_imu[at] == GOES_ON:
+            rows.has_imu[at] = THERE
             stream, numbers = self._streams[kind], rows.numbers[at].tolist()
             whole = rows.whole[at].tolist()
             is_placed = stream.clock not in forgotten
@@ -451,13 +620,11 @@ class UsualFrames:
     def heard_us(self, intake: Intake) -> int:
         """When one intake was heard last."""
         place = self._place(intake)
-        return max(intake.heard_us, int(self._rows.others[place, HEARD]) if place >= 0 else 0)
+        return max(intake.heard_us, int(self._rows.said[place, HEARD]) if place >= 0 else 0)
 
     def note_heard(self) -> None:
         """Have all intakes know when they were heard last."""
-        for intake, heard_us in zip(
-            self._intakes, self._rows.others[:, HEARD].tolist(), strict=True
-        ):
+        for intake, heard_us in zip(self._intakes, self._rows.said[:, HEARD].tolist(), strict=True):
             if intake is not None:
                 intake.heard_us = max(intake.heard_us, heard_us)
 
@@ -479,20 +646,35 @@ class UsualFrames:
         for kind in kinds:
             stream, at = self._streams[kind], place * IMUS + kind - 1
             numbers = intake.imu_numbers(stream.name, stream.clock)
+            rows.has_imu[at] = THERE if intake.has_stream(stream.name) else UNKNOWN
             if numbers is not None:
-                rows.has_imu[at] = True
+                rows.has_imu[at] = GOES_ON
                 rows.whole[at], rows.numbers[at] = numbers
-        if clock is None or not rows.has_imu[place * IMUS : (place + 1) * IMUS].any():
+        if clock is None or not (rows.has_imu[place * IMUS : (place + 1) * IMUS] == GOES_ON).any():
             return
         rows.has_clock[place] = True
         rows.clocks[place] = clock
         assert intake.last_imu_us is not None  # it has a stream
         heard_us = (intake.attitude_given_us, intake.heard_us, intake.last_imu_us)
-        rows.others[place, GIVEN:] = heard_us
-        placed = intake.placed(ATTITUDE_NAME, TimeField.BOOT_MS)
-        if placed is not None:
-            rows.has_other[place] = True
-            rows.others[place, :GIVEN] = placed
+        rows.said[place, :NAVIGATION] = heard_us
+        self.note_words(intake)
+        for kind, name in OTHER_NAMES.items():
+            placed, at = intake.placed(name, OTHER_CLOCKS[kind]), place * N_OTHERS + kind - ATTITUDE
+            if placed is not None:
+                rows.has_other[at], rows.others[at] = True, placed
+
+    def tell_words(self, intake: Intake) -> None:
+        """Have a vehicle know what its filter and receiver have said of themselves."""
+        place = self._place(intake)
+        if place >= 0 and self._rows.has_clock[place]:
+            intake.navigation.words[:] = self._rows.said[place, NAVIGATION:].tolist()
+
+    def note_words(self, intake: Intake) -> None:
+        """Know what a vehicle's filter and receiver have said of themselves."""
+        place, navigation = self._place(intake), intake.navigation
+        if place >= 0:
+            self._rows.said[place, NAVIGATION:] = navigation.words
+            self._rows.doubts[place] = navigation.doubt
 
     def forget(self, intake: Intake) -> None:
         """A sender is gone."""
@@ -500,6 +682,7 @@ class UsualFrames:
         if place >= 0:
             self.hand_back(intake)
             self._places[_address(intake)] = -1
+            self._rows.has_imu[place * IMUS : (place + 1) * IMUS] = UNKNOWN
             self._intakes[place] = None
             self._free.append(place)
 

@@ -12,23 +12,27 @@ from typing import Any
 import numpy as np
 
 from drivers.samples.fresh_field import REPEAT_US
+from drivers.samples.navigation import WORDS
 from drivers.samples.plausibility import SPACING_US
 from drivers.samples.sensor_faults import (
-    ACC_RAIL_M_S2,
-    GYR_RAIL_RAD_S,
-    HELD_SAMPLES,
-    MAG_STUCK_SAMPLES,
-    MAG_STUCK_US,
-    MAG_TURN_RAD,
-    MOVING_GYR_RAD_S,
-    NOISY_SAMPLES,
-    SHARE_CHANGES,
-    STUCK_SAMPLES,
+    BLIND,
+    FINE,
+    MAG_STUCK,
+    NUMBERS_SIZE,
+    WHOLE_SIZE,
+    ZERO_ACC,
+    is_equal,
+    judge,
+    mag_is_stuck,
+    three,
+    write,
 )
 from drivers.samples.vehicle_clock import (
     ALIVE_US,
     BESIDE_US,
     CLOCK_DRIFT,
+    KEPT_LINES,
+    KEPT_OFFSETS,
     LINE_SIZE,
     LOST_TIME_US,
     OFF_PACE,
@@ -40,39 +44,40 @@ from drivers.samples.vehicle_clock import (
     WRAP_32_US,
 )
 from estimator.compilation.compiled import inlined
-from estimator.types import Vec3
+from estimator.types import ZERO_VEC3, Vec3
 
 # Arrays of int64 and float64; what compiled code reads there are its own numbers, not numpy's.
 Whole = Any
 Floats = Any
 
-# A vehicle's clocks: which one the line of time is made of, its shift and latest time, then the
-# lines of both clocks and the offset of the second.
+# A vehicle's clocks: which of the first two the line of time is made of, its shift and latest time,
+# then the lines of all three and the offsets of the latter two.
 PRIMARY, SHIFT, LATEST, LINES = 0, 1, 2, 3
-OFFSET = LINES + 2 * LINE_SIZE
-CLOCK_SIZE = OFFSET + OFFSET_SIZE
+OFFSETS = LINES + len(KEPT_LINES) * LINE_SIZE
+CLOCK_SIZE = OFFSETS + len(KEPT_OFFSETS) * OFFSET_SIZE
+IMUS_CLOCK, BOOT_CLOCK, RECEIVERS_CLOCK = 0, 1, 2
 # Columns of a line, of which the first says that it can go on,
 WRAPPED, BOOT, ARRIVAL, FLOOR, SECOND, PACE, BESIDE = 1, 2, 3, 4, 5, 8, 10
 # and of the offset, of which the first says how many estimates it is made of.
 OFFSET_US, SINCE_MEDIAN, OLDEST, RING = 1, 2, 3, 4
 
+# Of a vehicle: when somebody's attitude was given, when anything was heard, the time of the last
+# IMU sample, and what its receiver and filter said of themselves.
+GIVEN, HEARD, LAST_IMU, NAVIGATION = 0, 1, 2, 3
+SAID_SIZE = NAVIGATION + WORDS
 # A stream's last message, in continuous and boot time. An IMU stream's other columns:
 PLACED_TIME, PLACED_BOOT = 0, 1
-GIVEN = 2  # of another stream: when somebody's attitude was given,
-HEARD, LAST_IMU = 3, 4  # anything was heard, and the time of the last IMU sample
-OTHER_SIZE = 5
+OTHER_SIZE = 2
 LOOK, FRESH_US, FAULTS = 2, 3, 4
-LAST_US, GOOD_US, BOTH, GYR, ACC, FIELD_US = 4, 5, 6, 9, 12, 15
-MAG_CHANGES, MAG_EQUAL, MAG_SINCE_US, AXIS_CHANGES = 16, 17, 18, 19
-STREAM_SIZE = AXIS_CHANGES + 6
-# of a repetition,
-CHANGES, EQUAL, BEGIN_US = 0, 1, 2
-# and those of its numbers that are not whole.
-LAST, SHARES, FIELD, GYR_BEGIN, TURNED, GOOD, MAG_TURN, FRESH = 0, 9, 15, 18, 27, 30, 33, 34
-STREAM_NUMBERS = 37
+STREAM_SIZE = FAULTS + WHOLE_SIZE
+# and its numbers that are not whole: those of the faults, and the last fresh field.
+FRESH = NUMBERS_SIZE
+STREAM_NUMBERS = FRESH + 3
+# What is known of a stream: nothing, that there is one, and where it goes on.
+UNKNOWN, THERE, GOES_ON = 0, 1, 2
 
 # What a reading has done.
-NOTHING, TAKEN, TAKEN_TO_LOOK = 0, 1, 2  # it is to be looked at for plausibility
+NOTHING, TAKEN, TAKEN_TO_LOOK, REFUSED = 0, 1, 2, 3  # the third is to be looked at more closely
 
 
 @inlined
@@ -113,114 +118,11 @@ def accept(clock: Whole, line: int, boot_us: int, arrival_us: int, floor_us: int
 
 
 @inlined
-def differs(one: Floats, at: int, v: Vec3) -> bool:
-    """Whether a vector is another than the one in a row."""
-    return bool(one[at] != v[0] or one[at + 1] != v[1] or one[at + 2] != v[2])
-
-
-@inlined
-def largest(v: Vec3) -> float:
-    """The largest part of a vector, without its sign."""
-    return max(abs(v[0]), abs(v[1]), abs(v[2]))
-
-
-@inlined
-def write(row: Floats, at: int, v: Vec3) -> None:
-    """Put a vector into a row."""
-    row[at], row[at + 1], row[at + 2] = v
-
-
-@inlined
-def follow(whole: Whole, shares: Floats, at: int, share: int, is_equal: bool, raw_us: int) -> None:
-    """Count readings that are equal, and how often they are."""
-    if is_equal:
-        whole[at + EQUAL] += 1
-        whole[at + BEGIN_US] = min(whole[at + BEGIN_US], raw_us)
-        return
-    whole[at + CHANGES] += 1
-    if shares[share] >= SHARE_CHANGES:
-        shares[share] *= 0.5
-        shares[share + 1] *= 0.5
-    shares[share] += 1.0
-    shares[share + 1] += whole[at + EQUAL]
-    whole[at + EQUAL], whole[at + BEGIN_US] = 0, raw_us
-
-
-@inlined
-def follow_axis(whole: Whole, at: int, is_other: bool) -> None:
-    """Count an axis's changes, until they show that it has noise."""
-    if is_other and whole[at] < NOISY_SAMPLES:
-        whole[at] += 1
-
-
-@inlined
-def is_sound(whole: Whole, numbers: Floats, gyr: Vec3, acc: Vec3, mag: Vec3, raw_us: int) -> bool:
-    """Whether a reading of finite numbers need not be looked at more closely."""
-    if largest(gyr) >= GYR_RAIL_RAD_S or not 0.0 < largest(acc) < ACC_RAIL_M_S2:
-        return False
-    if not differs(numbers, LAST, gyr) and whole[GYR + EQUAL] + 1 >= HELD_SAMPLES:
-        return False
-    is_long = largest(gyr) > MOVING_GYR_RAD_S or whole[ACC + EQUAL] + 1 >= STUCK_SAMPLES
-    if is_long and not differs(numbers, LAST + 3, acc):
-        return False
-    is_zero = mag[0] == 0.0 and mag[1] == 0.0 and mag[2] == 0.0
-    if is_zero or differs(numbers, LAST + 6, mag):
-        return True
-    is_stuck = whole[MAG_EQUAL] + 1 >= MAG_STUCK_SAMPLES and whole[MAG_CHANGES] >= NOISY_SAMPLES
-    since_us = raw_us - whole[MAG_SINCE_US]
-    turn_rad = numbers[MAG_TURN] + mag_turn_rad(whole, gyr, raw_us)
-    return not (is_stuck and since_us >= MAG_STUCK_US and turn_rad >= MAG_TURN_RAD)
-
-
-@inlined
-def mag_turn_rad(whole: Whole, gyr: Vec3, raw_us: int) -> float:
-    """How far the vehicle has turned since the last reading, about any axis."""
-    step_s = 1e-6 * min(max(raw_us - whole[LAST_US], 0), MAG_STUCK_US)
-    return float(step_s * largest(gyr))
-
-
-@inlined
-def follow_sensors(
-    whole: Whole, numbers: Floats, gyr: Vec3, acc: Vec3, mag: Vec3, raw_us: int
-) -> None:
-    """Remember a sound reading."""
-    gyr_equal = not differs(numbers, LAST, gyr)
-    acc_equal = not differs(numbers, LAST + 3, acc)
-    for axis in range(3):
-        follow_axis(whole, AXIS_CHANGES + axis, gyr[axis] != numbers[LAST + axis])
-        follow_axis(whole, AXIS_CHANGES + 3 + axis, acc[axis] != numbers[LAST + 3 + axis])
-    follow(whole, numbers, BOTH, SHARES, gyr_equal and acc_equal, raw_us)
-    follow(whole, numbers, GYR, SHARES + 2, gyr_equal, raw_us)
-    follow(whole, numbers, ACC, SHARES + 4, acc_equal, raw_us)
-    if not (gyr_equal and acc_equal):
-        write(numbers, FIELD, mag)
-        whole[FIELD_US] = raw_us
-    if not gyr_equal:
-        write(numbers, GYR_BEGIN, gyr)
-        write(numbers, GYR_BEGIN + 3, acc)
-        write(numbers, GYR_BEGIN + 6, mag)
-    if not acc_equal:
-        write(numbers, TURNED, acc)
-    is_zero = mag[0] == 0.0 and mag[1] == 0.0 and mag[2] == 0.0
-    if is_zero or differs(numbers, LAST + 6, mag):
-        whole[MAG_CHANGES] = min(whole[MAG_CHANGES] + 1, NOISY_SAMPLES)
-        whole[MAG_EQUAL], whole[MAG_SINCE_US], numbers[MAG_TURN] = 0, raw_us, 0.0
-    else:
-        whole[MAG_EQUAL] += 1
-        numbers[MAG_TURN] += mag_turn_rad(whole, gyr, raw_us)
-    write(numbers, LAST, gyr)
-    write(numbers, LAST + 3, acc)
-    write(numbers, LAST + 6, mag)
-    write(numbers, GOOD, gyr)
-    whole[LAST_US] = whole[GOOD_US] = raw_us
-
-
-@inlined
 def is_fresh(whole: Whole, numbers: Floats, mag: Vec3, time_us: int) -> bool:
     """Whether a field is neither zero nor a repetition, and remember it if so."""
-    if mag[0] == 0.0 and mag[1] == 0.0 and mag[2] == 0.0:
+    if is_equal(mag, ZERO_VEC3):
         return False
-    if not differs(numbers, FRESH, mag) and 0 <= time_us - whole[FRESH_US] < REPEAT_US:
+    if is_equal(mag, three(numbers, FRESH)) and 0 <= time_us - whole[FRESH_US] < REPEAT_US:
         return False
     write(numbers, FRESH, mag)
     whole[FRESH_US] = time_us
@@ -231,7 +133,7 @@ def is_fresh(whole: Whole, numbers: Floats, mag: Vec3, time_us: int) -> bool:
 def reach(
     clock: Whole, placed: Whole, field: int, raw_us: int, arrival_us: int
 ) -> tuple[bool, int, int, int]:
-    """Whether a message goes on by one of the two clocks, behind the one before it in its stream.
+    """Whether a message goes on by one of the clocks, behind the one before it in its stream.
 
     Also its boot time, what :func:`keeps_pace` says and the floor behind it. Nothing changes yet.
     """
@@ -245,8 +147,8 @@ def reach(
     if clock[line + BESIDE] == 1 and (is_off or step_us > BESIDE_US):
         return False, boot_us, 0, 0
     if field != clock[PRIMARY]:
-        # a second clock finds its place by the line of time; the other way round it makes the line
-        goes_on = field == 1 and clock[LINES] == 1
+        # another clock finds its place by the line of time; that of IMUs makes the line
+        goes_on = field != IMUS_CLOCK and clock[LINES + clock[PRIMARY] * LINE_SIZE] == 1
     else:
         goes_on = boot_us + clock[SHIFT] > placed[PLACED_TIME]
     floor_us = floor_after(clock, line, boot_us, arrival_us)
@@ -268,13 +170,15 @@ def arrive(
     line = LINES + field * LINE_SIZE
     is_primary = field == clock[PRIMARY]
     # by the line of time as it was before, which is another line for whoever comes beside it
-    line_now_us = clock[LINES + BOOT] + max(arrival_us - clock[LINES + ARRIVAL], 0)
+    first = LINES + clock[PRIMARY] * LINE_SIZE
+    line_now_us = clock[first + BOOT] + max(arrival_us - clock[first + ARRIVAL], 0)
     if boot_us > clock[line + BOOT]:  # others of the same millisecond came before
         accept(clock, line, boot_us, arrival_us, floor_us, end)
     time_us = boot_us + clock[SHIFT]
     if not is_primary:
-        time_us -= offset_after(clock, boot_us - line_now_us)
-    clock[LATEST] = max(clock[LATEST], time_us)
+        time_us -= offset_after(clock, field, boot_us - line_now_us)
+    if field != RECEIVERS_CLOCK:
+        clock[LATEST] = max(clock[LATEST], time_us)
     time_us = max(time_us, placed[PLACED_TIME] + 1)  # a learnt offset moved
     placed[PLACED_TIME], placed[PLACED_BOOT] = time_us, boot_us
     return int(time_us)
@@ -284,27 +188,35 @@ def arrive(
 def take_imu(
     clock: Whole,
     field: int,
-    stream: tuple[Whole, Floats],
+    stream: tuple[int, Whole, Floats],
     raw_us: int,
     arrival_us: int,
     vectors: tuple[Vec3, Vec3, Vec3],
-) -> tuple[int, int, int, bool]:
+) -> tuple[int, int, int, int, bool]:
     """An IMU reading by one of the two clocks, of finite numbers.
 
-    Returns what it has done, its continuous and boot time, and whether its field is fresh.
+    Returns what it has done, why it was refused or its field is not used, its continuous and boot
+    time, and whether its field is fresh.
     """
-    whole, numbers = stream
+    known, whole, numbers = stream
     gyr, acc, mag = vectors
+    if known != UNKNOWN and is_equal(acc, ZERO_VEC3):
+        return REFUSED, ZERO_ACC, 0, 0, False
     goes_on, boot_us, end, floor_us = reach(clock, whole, field, raw_us, arrival_us)
-    if not goes_on or end < 0 or not is_sound(whole, numbers, gyr, acc, mag, raw_us):
-        return NOTHING, 0, boot_us, False
-    follow_sensors(whole, numbers, gyr, acc, mag, raw_us)
+    faults = whole[FAULTS:]
+    if known != GOES_ON or not goes_on or end < 0 or faults[BLIND] != FINE:
+        return NOTHING, FINE, 0, boot_us, False
+    why = judge(faults, numbers, gyr, acc, mag, raw_us)
+    if why != FINE:
+        return REFUSED, why, 0, boot_us, False
+    if mag_is_stuck(faults, numbers):
+        why, mag = MAG_STUCK, ZERO_VEC3
     time_us = arrive(clock, whole, field, boot_us, arrival_us, floor_us, end)
     done = TAKEN
     if not 0 <= whole[LOOK] - time_us <= SPACING_US:
         whole[LOOK] = time_us + SPACING_US
         done = TAKEN_TO_LOOK
-    return done, time_us, boot_us, is_fresh(whole, numbers, mag, time_us)
+    return done, why, time_us, boot_us, is_fresh(whole, numbers, mag, time_us)
 
 
 @inlined
@@ -319,9 +231,10 @@ def take_other(
 
 
 @inlined
-def offset_after(clock: Whole, sample_us: int) -> int:
-    """The second clock's offset from the line of time, with one more estimate in the median."""
-    o, is_full = OFFSET, clock[OFFSET] == OFFSET_SAMPLES
+def offset_after(clock: Whole, field: int, sample_us: int) -> int:
+    """A clock's offset from the line of time, with one more estimate in the median."""
+    o = OFFSETS + (field - BOOT_CLOCK) * OFFSET_SIZE
+    is_full = clock[o] == OFFSET_SAMPLES
     at = clock[o + OLDEST] if is_full else clock[o]
     clock[o + RING + at] = sample_us
     if is_full:
@@ -344,19 +257,23 @@ class Rows:
 
     def __init__(self, vehicles: int, imus: int, others: int) -> None:
         self.clocks = np.zeros((vehicles, CLOCK_SIZE), np.int64)
+        self.said = np.zeros((vehicles, SAID_SIZE), np.int64)
+        self.doubts = np.ones(vehicles)  # of the filter's velocity
         self.others = np.zeros((vehicles * others, OTHER_SIZE), np.int64)
         self.whole = np.zeros((vehicles * imus, STREAM_SIZE), np.int64)
         self.numbers = np.zeros((vehicles * imus, STREAM_NUMBERS))
         # what is here, and not in an intake
         self.has_clock = np.zeros(vehicles, np.bool_)
         self.has_other = np.zeros(vehicles * others, np.bool_)
-        self.has_imu = np.zeros(vehicles * imus, np.bool_)
+        self.has_imu = np.zeros(vehicles * imus, np.int64)  # or what else is known of it
 
     @property
     def arrays(self) -> tuple[Any, ...]:
         """All of it, as compiled code takes it."""
         return (
             self.clocks,
+            self.said,
+            self.doubts,
             self.others,
             self.whole,
             self.numbers,

@@ -157,12 +157,16 @@ class Intake:
         placed = self._clock.last_placed(name, field)
         if stream is None or placed is None or stream.held is not None:
             return None
-        faults = stream.faults.numbers()
-        if faults is None or not isinstance(stream.field, RepeatedField):
+        faults = stream.faults
+        if faults.is_blind or not isinstance(stream.field, RepeatedField):
             return None
         fresh_gauss, fresh_us = stream.field.last
-        whole = [*placed, stream.plausibility.next_us, fresh_us, *faults[0]]
-        return whole, [*faults[1], *fresh_gauss]
+        whole = [*placed, stream.plausibility.next_us, fresh_us, *faults.whole]
+        return whole, [*faults.numbers, *fresh_gauss]
+
+    def has_stream(self, name: str) -> bool:
+        """Whether there was a reading of that IMU stream."""
+        return name in self._imus
 
     def resume_imu(
         self,
@@ -179,7 +183,7 @@ class Intake:
         time_us, boot_us, stream.plausibility.next_us, fresh_us, *faults = whole
         x, y, z = numbers[-3:]
         repeated.last = (x, y, z), fresh_us
-        stream.faults.resume(faults, numbers[:-3])
+        stream.faults.whole[:], stream.faults.numbers[:] = faults, numbers[:-3]
         if is_placed:
             self._clock.resume_after(name, field, time_us, boot_us)
 

@@ -15,6 +15,7 @@ one that crawls) from one that does.
 
 from collections import deque
 from enum import Enum
+from itertools import chain
 from typing import Literal, NamedTuple
 
 import msgspec
@@ -56,7 +57,8 @@ class TimeField(Enum):
 
 
 # The clocks that :mod:`drivers.samples.going_on` follows, and the numbers of a line and an offset.
-KEPT_LINES = (TimeField.TIME_USEC, TimeField.BOOT_MS)
+KEPT_LINES = (TimeField.TIME_USEC, TimeField.BOOT_MS, TimeField.GPS)
+KEPT_OFFSETS = KEPT_LINES[1:]
 LINE_SIZE = 11
 OFFSET_SIZE = 4 + OFFSET_SAMPLES
 
@@ -344,16 +346,16 @@ class VehicleClock:
     def numbers(self) -> tuple[int, ...] | None:
         """What changes while messages just go on; None if something else is to be expected.
 
-        In the columns of :mod:`drivers.samples.going_on`: the line of time, both of its clocks,
-        and the offset of the one that the line is not made of.
+        In the columns of :mod:`drivers.samples.going_on`: the line of time, the clocks, and the
+        offsets of those that the line need not be made of.
         """
         primary = self._primary
-        if primary not in KEPT_LINES or self._waiting:
+        if primary not in KEPT_LINES[:2] or self._waiting:
             return None
         lines = [self._lines[field].numbers() or (0,) * LINE_SIZE for field in KEPT_LINES]
-        offset = self._offsets[TimeField.BOOT_MS].numbers()
+        offsets = [self._offsets[field].numbers() for field in KEPT_OFFSETS]
         first = KEPT_LINES.index(primary)
-        return (first, self._shift_us, self._latest_us, *lines[0], *lines[1], *offset)
+        return (first, self._shift_us, self._latest_us, *chain(*lines, *offsets))
 
     def resume(self, numbers: list[int]) -> None:
         """Go on from :meth:`numbers`."""
@@ -362,7 +364,10 @@ class VehicleClock:
             line = numbers[3 + k * LINE_SIZE : 3 + (k + 1) * LINE_SIZE]
             if line[0]:
                 self._lines[field].resume(line)
-        self._offsets[TimeField.BOOT_MS].resume(numbers[3 + len(KEPT_LINES) * LINE_SIZE :])
+        at = 3 + len(KEPT_LINES) * LINE_SIZE
+        for field in KEPT_OFFSETS:
+            self._offsets[field].resume(numbers[at : at + OFFSET_SIZE])
+            at += OFFSET_SIZE
 
     def take_forgotten(self) -> set[TimeField]:
         """The clocks whose streams were forgotten since the last call, as they began anew."""

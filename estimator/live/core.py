@@ -17,6 +17,8 @@ from estimator.filter.types import FilterState, initial_state
 from estimator.geometry.quaternion import conjugate, multiply, normalize
 from estimator.live.pull import NO_PULL, Pull
 from estimator.live.settings import Settings
+from estimator.live.turning import COLUMNS as RATE_COLUMNS
+from estimator.live.turning import STILL, Turning
 from estimator.types import IDENTITY, NO_SAMPLE, ZERO_VEC3, Quaternion, Sample
 
 # What the conditioning stage has said before it was asked.
@@ -52,6 +54,8 @@ class Core(NamedTuple):
     witness: Witness  # whether measurements bear the aided attitude out; blank without velocity
     covariance: Any  # of the aiding's errors: (SIZE, SIZE), in a snapshot row by row
     trail: Any  # of the velocity that it has gained lately: (ROWS, COLUMNS), or row by row
+    turning: Turning  # that others have seen between the IMU's samples
+    rates: Any  # of theirs that wait for a sample: rows as in ``turning``, or row by row
 
 
 @lru_cache(maxsize=16)  # which newcomers begin with
@@ -72,6 +76,24 @@ def initial_core(settings: Settings) -> Core:
         witness=NEW_WITNESS,
         covariance=flat(covariance),
         trail=flat(trail),
+        turning=STILL,
+        rates=(),
+    )
+
+
+def in_arrays(core: Core) -> Core:
+    """A snapshot's core as compiled memory holds it."""
+    return core._replace(
+        covariance=square(core.covariance),
+        trail=in_rows(core.trail),
+        rates=in_rows(core.rates, RATE_COLUMNS),
+    )
+
+
+def in_tuples(core: Core) -> Core:
+    """What compiled memory holds as a snapshot keeps it."""
+    return core._replace(
+        covariance=flat(core.covariance), trail=flat(core.trail), rates=flat(core.rates)
     )
 
 
@@ -80,9 +102,9 @@ def square(covariance: tuple[float, ...]) -> Array:
     return np.array(covariance).reshape(-1, SIZE)
 
 
-def in_rows(trail: tuple[float, ...]) -> Array:
-    """The trail as an array of ``COLUMNS`` columns."""
-    return np.array(trail).reshape(-1, COLUMNS)
+def in_rows(trail: tuple[float, ...], columns: int = COLUMNS) -> Array:
+    """The trail, or what else has so many columns, as an array."""
+    return np.array(trail, np.float64).reshape(-1, columns)
 
 
 def flat(covariance: Array) -> tuple[float, ...]:
@@ -126,7 +148,9 @@ def apply_turn(now: Core, turn_ned: Quaternion, *, is_aided: bool) -> Core:
 def change_imu(settings: Settings, now: Core, *, is_aided: bool) -> Core:
     """The core with its attitude and velocity; the new sensors' biases are not known yet."""
     memory = forget_bias(settings.conditioning, now.conditioning)
-    now = now._replace(conditioning=memory)
+    # what differs from others' rates is its own, too
+    turning = STILL._replace(used=now.turning.used)
+    now = now._replace(conditioning=memory, turning=turning, rates=())
     if not is_aided:
         return now
     aided, P = forget_biases(settings.aiding, now.aided, square(now.covariance))

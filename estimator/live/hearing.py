@@ -9,7 +9,6 @@ from estimator.aiding.trail import OLDEST_S
 from estimator.live.refusal import RATE_LIMIT_RAD_S
 from estimator.live.reports import age_s, enqueue
 from estimator.live.state import State
-from estimator.live.turning import hear_rate
 from estimator.reasons import Reason
 from estimator.types import RateSample, VelocitySample
 
@@ -35,11 +34,6 @@ def take_report(state: State, report: Any) -> Reason | None:
     return None
 
 
-def may_stand_in(state: State) -> bool:
-    """Whether rates at the very times of the samples are of use: where those are in doubt."""
-    return any(state.context.turning.stands_in) or any(state.core.contradicted_axes)
-
-
 def take_rate(state: State, rate: RateSample) -> Reason | None:
     """Take body rates of another messenger; None, or why they were refused."""
     x, y, z = rate.rate_rad_s
@@ -49,7 +43,7 @@ def take_rate(state: State, rate: RateSample) -> Reason | None:
         return Reason.GYROSCOPE_OUT_OF_RANGE  # or no number
     if not state.profile.uses_attitude_rates:
         return None
-    ahead_us = rate.time_us - state.core.time_us
-    if ahead_us > 0 or (ahead_us == 0 and may_stand_in(state)):
-        state.change_turning(hear_rate(state.context.turning, rate))
+    is_kept = state.core.hear_rate(rate.time_us, float(x), float(y), float(z))
+    if is_kept and not state.context.has_rates:
+        state.change_context(has_rates=True)
     return None

@@ -12,11 +12,11 @@ from estimator.aiding.types import NO_REPORT, Report
 from estimator.compilation.direct import direct
 from estimator.compilation.interpreted import in_plain_numbers, interpreted, is_interpreting
 from estimator.live import resident
-from estimator.live.core import Core, flat
+from estimator.live.core import Core, in_arrays, in_tuples
 from estimator.live.reports import age_s, report_with_age
 from estimator.live.rows import Floats, Rows, require_writable, rows_of
 from estimator.live.settings import Settings
-from estimator.types import NOTHING_BETWEEN, Between, VelocitySample
+from estimator.types import VelocitySample
 
 P = ParamSpec("P")
 R = TypeVar("R")
@@ -45,7 +45,9 @@ class Holder:
     _clock = _step(resident.clock)
     _contradicted_axes = _step(resident.contradicted_axes)
     _lay = _step(resident.lay)
-    _see_between = _step(resident.see_between)
+    hear_rate = _step(resident.hear_rate)
+    turn_on = _step(resident.turn_on)
+    _turning = _step(resident.turning_of)
     _advance_aided = _step(resident.advance_aided)
     _search = _step(resident.search)
     _hear_velocity = _step(resident.hear)
@@ -63,7 +65,7 @@ class Holder:
         if self._inside is None:
             return self._core
         core: Core = self._code(resident.contents)(self._inside)
-        core = core._replace(covariance=flat(core.covariance), trail=flat(core.trail))
+        core = in_tuples(core)
         return in_types_of(self._core, core) if self._is_in_python else core
 
     @property
@@ -72,6 +74,13 @@ class Holder:
         if self._inside is None:
             return self._core.time_us, self._core.usual_s
         return self._clock()
+
+    @property
+    def turning(self) -> tuple[int, tuple[bool, bool, bool]]:
+        """See :func:`estimator.live.resident.turning_of`."""
+        if self._inside is None:
+            return self._core.turning.used, self._core.turning.stands_in
+        return self._turning()
 
     @property
     def contradicted_axes(self) -> tuple[bool, bool, bool]:
@@ -95,10 +104,6 @@ class Holder:
         rows = rows_of(*rows)
         require_writable(said, len(rows.times_us))
         self._lay(rows, said)
-
-    def see_between(self, between: Between) -> None:
-        """See :func:`estimator.live.resident.see_between`."""
-        self._see_between(in_types_of(NOTHING_BETWEEN, between))
 
     def advance_aided(self, report: Report, knows_north: bool) -> bool:
         """See :func:`estimator.live.resident.advance_aided`."""
@@ -130,7 +135,7 @@ class Holder:
         """
         if self._inside is None:
             self._inside = self._code(resident.resident)(
-                self._params, resident.in_arrays(self._core), *resident.NOTHING_LAID
+                self._params, in_arrays(self._core), *resident.NOTHING_LAID
             )
         if self._is_in_python:
             return partial(in_plain_numbers(interpreted(kernel)), self._inside)

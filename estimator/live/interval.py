@@ -25,6 +25,7 @@ def usual_interval(usual_s: float, dt_s: float) -> float:
     return usual_s + (min(dt_s, MOST_USUAL * usual_s) - usual_s) * SHARE
 
 
+@inlined
 def is_gap(usual_s: float, dt_s: float) -> bool:
     """Whether the vehicle has been out of sight for longer than the estimate goes on through."""
     longest_s = LONGEST_GAP_S if usual_s < FAST_STEP_S else SPAN_S

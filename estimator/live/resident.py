@@ -38,9 +38,10 @@ from estimator.filter import kernel
 from estimator.filter.observation import ReferenceParams
 from estimator.filter.types import FilterParams, FilterState
 from estimator.geometry.quaternion import subtract
+from estimator.live import turning
 from estimator.live.aided import follow_aided, horizontal_north, is_worse
 from estimator.live.conditioned import follow_conditioned
-from estimator.live.core import Core, in_rows, square
+from estimator.live.core import Core, in_arrays
 from estimator.live.interval import usual_interval
 from estimator.live.published import (
     OUTPUT_HORIZON_S,
@@ -56,7 +57,7 @@ from estimator.live.pull import pulled
 from estimator.live.refusal import FINE, NOT_LATER, fault_of
 from estimator.live.rows import NO_ROWS, NOTHING_TO_SAY, Floats, Rows, reading_of
 from estimator.live.settings import Settings
-from estimator.types import NOTHING_BETWEEN, Between, Sample, Vec3
+from estimator.types import NOTHING_BETWEEN, Sample, Vec3
 
 # numba ships no types
 _numba_config: Any = numba.config
@@ -140,7 +141,7 @@ def arguments_with(inside: Any) -> dict[Any, tuple[Any, ...]]:
     """The types of the arguments of all kernels that take a handle, which is of type ``inside``."""
     number, flag = types.float64, types.boolean
     whole = types.int64
-    report, between = _typeof(NO_REPORT), _typeof(NOTHING_BETWEEN)
+    report = _typeof(NO_REPORT)
     readings = (number,) * 9
     return {
         contents: (inside,),
@@ -149,17 +150,14 @@ def arguments_with(inside: Any) -> dict[Any, tuple[Any, ...]]:
         advance_raw: (inside, whole, *readings, flag),
         advance: (inside, whole, *readings, flag, flag, whole),
         lay: (inside, *(_typeof(value) for value in NOTHING_LAID)),
-        see_between: (inside, between),
+        hear_rate: (inside, whole, number, number, number),
+        turn_on: (inside, whole, number, number, number),
+        turning_of: (inside,),
         advance_aided: (inside, report, flag),
         hear: (inside, report),
         search: (inside, report),
         publish: (inside, whole, whole),
     }
-
-
-def in_arrays(core: Core) -> Core:
-    """A snapshot's core as compiled memory holds it."""
-    return core._replace(covariance=square(core.covariance), trail=in_rows(core.trail))
 
 
 @compiled
@@ -183,6 +181,8 @@ def resident(params: Params, core: Core, rows: Rows, said: Floats) -> Any:
         core.witness,
         core.covariance,
         core.trail,
+        core.turning,
+        core.rates,
     )
 
 
@@ -203,6 +203,8 @@ def contents(inside: Any) -> Core:
         witness=inside.witness,
         covariance=inside.covariance.copy(),
         trail=inside.trail.copy(),
+        turning=inside.turning,
+        rates=inside.rates[: inside.turning.waiting].copy(),
     )
 
 
@@ -355,9 +357,47 @@ def lay(inside: Any, rows: Rows, said: Floats) -> None:
 
 
 @compiled
-def see_between(inside: Any, between: Between) -> None:
-    """What others have seen of the turning up to the next sample."""
-    inside.between = between
+def hear_rate(inside: Any, time_us: int, x: float, y: float, z: float) -> bool:
+    """Body rates of another messenger; whether they are kept.
+
+    At the very times of the samples they are of use only where those are in doubt.
+    """
+    state = inside.turning
+    if time_us < inside.time_us:
+        return False
+    if time_us == inside.time_us:
+        a, b, c = contradicted_axes(inside)
+        d, e, f = state.stands_in
+        if not (a or b or c or d or e or f):
+            return False
+    inside.turning, inside.rates = turning.hear_rate(state, inside.rates, time_us, (x, y, z))
+    return True
+
+
+@compiled
+def turn_on(
+    inside: Any, time_us: int, gx: float, gy: float, gz: float
+) -> tuple[bool, float, float, float]:
+    """Up to the next sample, by others' rates too.
+
+    Returns whether those show the turning up to there, and what the gyroscope reads, or what
+    stands in for it.
+    """
+    gyr = (gx, gy, gz)
+    state, between = turning.take_between(
+        inside.turning, inside.rates, inside.time_us, time_us, gyr
+    )
+    state, (x, y, z) = turning.stand_in(state, time_us, gyr, contradicted_axes(inside))
+    inside.turning = state
+    if between.given:
+        inside.between = between
+    return between.given, x, y, z
+
+
+@compiled
+def turning_of(inside: Any) -> tuple[int, tuple[bool, bool, bool]]:
+    """Steps that were integrated through others' rates, and the axes that they stand in for."""
+    return inside.turning.used, inside.turning.stands_in
 
 
 @compiled

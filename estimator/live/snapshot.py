@@ -7,7 +7,6 @@ from estimator.aiding.phase import Phase
 from estimator.aiding.place import Whereabouts
 from estimator.carrier import Carrier
 from estimator.live.core import Core
-from estimator.live.turning import STILL, Turning
 
 
 class Context(NamedTuple):
@@ -20,7 +19,7 @@ class Context(NamedTuple):
     imu_lag_s: float | None = None  # of the gyroscope's samples, as far as somebody has told
     acc_lead_s: float = 0.0  # by how much the accelerometer's are younger
     carrier: Carrier = Carrier.ANYTHING  # of the IMU, as far as somebody has told
-    turning: Turning = STILL  # that others have seen between the IMU's samples
+    has_rates: bool = False  # of others beside the IMU's samples
 
 
 class Snapshot(NamedTuple):

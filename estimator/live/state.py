@@ -19,7 +19,6 @@ from estimator.live.published import Said
 from estimator.live.resident import AIDED, CONDITIONED, RAW
 from estimator.live.settings import Settings, settings_of
 from estimator.live.snapshot import Context, Snapshot
-from estimator.live.turning import STILL, Turning
 from estimator.profile import Profile
 
 # What the filter's vectors come from, as the compiled output takes it.
@@ -61,8 +60,6 @@ class State:
     def resume(self, snapshot: Snapshot) -> None:
         """Go on from a snapshot, under the same profile."""
         context = snapshot.context
-        if context.turning == STILL:  # one that was pickled is equal, but another object
-            context = context._replace(turning=STILL)
         self.context = context
         self.settings = self._settings_of(self.profile)
         self.set_context(context)
@@ -77,19 +74,6 @@ class State:
         """Replace some fields of the context."""
         self.set_context(self.context._replace(**changes))  # type: ignore[arg-type]
 
-    def change_turning(self, turning: Turning) -> None:
-        """Replace what others have seen of the turning, at each sample and each of their rates.
-
-        That nobody has told any is all that something follows from.
-        """
-        context = self.context
-        is_same = (turning is STILL) == (context.turning is STILL)
-        context = Context(*context[:-1], turning)
-        if is_same:
-            self.context = context
-        else:
-            self.set_context(context)
-
     def set_context(self, context: Context) -> None:
         """Replace the context, and derive what each sample asks of it."""
         self.context = context
@@ -98,7 +82,7 @@ class State:
             self.settings.conditioned
             and context.phase is Phase.UNAIDED
             and not context.reports
-            and context.turning is STILL
+            and not context.has_rates
         )
         given = self.profile.reference.declination_deg != "position"
         known = given or context.whereabouts.here is not None

@@ -10,9 +10,8 @@ from estimator.live.refusal import refusal, sample_in_floats
 from estimator.live.reports import report_with_age, take_due
 from estimator.live.resident import FIRST_HEADING
 from estimator.live.state import State
-from estimator.live.turning import STILL, stand_in, take_between
 from estimator.reasons import Reason
-from estimator.types import NOTHING_BETWEEN, ImuSample, VelocitySample
+from estimator.types import ImuSample, VelocitySample
 
 
 def take_sample(state: State, sample: ImuSample) -> Reason | None:
@@ -53,23 +52,17 @@ def take_conditioned(state: State, sample: ImuSample) -> None:
     now, time_us = state.context, sample.time_us
     last_us, usual_s = state.core.clock
     dt_s = 1e-6 * (time_us - last_us)
-    between = NOTHING_BETWEEN
-    if now.turning is not STILL and state.profile.uses_attitude_rates:
-        turning, between = take_between(now.turning, last_us, time_us, sample.gyr_rad_s)
-        axes = state.core.contradicted_axes
-        turning, gyr_rad_s = stand_in(turning, time_us, sample.gyr_rad_s, axes)
-        if gyr_rad_s is not sample.gyr_rad_s:
-            sample = sample._replace(gyr_rad_s=gyr_rad_s)
-        state.change_turning(turning)
+    gyr_rad_s, is_seen = sample.gyr_rad_s, False
+    if now.has_rates and state.profile.uses_attitude_rates:
+        is_seen, x, y, z = state.core.turn_on(time_us, *gyr_rad_s)
+        gyr_rad_s = (x, y, z)
     if now.phase is not Phase.UNAIDED:
-        state.enter(cause_of(state, usual_s, dt_s, is_seen=between.given))
-    if between.given:  # to the core that the phase has left
-        state.core.see_between(between)
+        state.enter(cause_of(state, usual_s, dt_s, is_seen=is_seen))
     due = take_reports(state, time_us, dt_s)
     velocity = next((report for report in due if isinstance(report, VelocitySample)), None)
     report = NO_REPORT if velocity is None else report_with_age(velocity, time_us)
     is_aided = state.context.phase is Phase.AIDED
-    readings = (*sample.gyr_rad_s, *sample.acc_m_s2, *sample.mag_gauss)
+    readings = (*gyr_rad_s, *sample.acc_m_s2, *sample.mag_gauss)
     _, end, has_heading, _ = state.core.advance(time_us, *readings, sample.has_mag, is_aided, 0)
     if is_aided:
         if not state.core.advance_aided(report, state.knows_north):

@@ -5,26 +5,29 @@ Where it comes at other instants than the IMU's samples, the turn over a step is
 through all of them. Where it comes with the samples, nothing is between and nothing changes, but
 for an axis that the samples' gyroscope has wrong by the word of field and force: there the rates
 stand in for it, if they agree with the samples about the other axes.
+
+The rates that wait for a sample are rows of an array: time (us) and rate (rad/s).
 """
 
-from itertools import pairwise
 from math import sqrt
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
+import numpy as np
+
+from estimator.compilation.compiled import inlined
+from estimator.compilation.replacing import replacer
 from estimator.conditioning.vertical.rate import integration_rate
-from estimator.geometry.quaternion import (
-    add,
-    exp,
-    log,
-    multiply,
-    norm,
-    scale,
-    subtract,
-)
-from estimator.types import IDENTITY, NOTHING_BETWEEN, ZERO_VEC3, Between, RateSample, Vec3
+from estimator.geometry.quaternion import add, exp, log, multiply, norm, scale, subtract
+from estimator.types import IDENTITY, NOTHING_BETWEEN, ZERO_VEC3, Between, Vec3
+
+# Arrays of float64.
+Rates = Any
 
 # More rates than this are not kept: 5 s of 50 a second; a longer hole stays one.
 MOST_WAITING = 256
+COLUMNS = 4
+# At first there are places for so many.
+LEAST_WAITING = 4
 # A rate this near an IMU sample (s) is the sample's own. Of short steps it is that share of the
 # step, so that a rate half-way between two samples 40 ms apart counts, but no less than messages
 # of one moment are apart.
@@ -42,16 +45,17 @@ MOST_MISFIT = 0.5
 AGREEMENT_TAU_S = 20.0
 LEAST_TURNING_RAD_S = 0.05
 
-
 Axes = tuple[bool, bool, bool]
 NO_AXES: Axes = (False, False, False)
+NEVER_US = -(1 << 62)
 
 
 class Turning(NamedTuple):
-    """The rates since the last IMU sample, and how well they have agreed with the samples."""
+    """What is known of the rates since the last IMU sample, and how well both have agreed."""
 
-    waiting: tuple[RateSample, ...] = ()
-    before: RateSample | None = None  # the last one that a sample has passed
+    waiting: int = 0  # rates
+    before_us: int = NEVER_US  # of the last one that a sample has passed
+    before_rad_s: Vec3 = ZERO_VEC3
     last_gyr_rad_s: Vec3 = ZERO_VEC3
     offset_rad_s: Vec3 = ZERO_VEC3  # samples less rates
     misfit: Vec3 = ZERO_VEC3  # mean squares of the difference, (rad/s)^2
@@ -60,146 +64,175 @@ class Turning(NamedTuple):
     used: int = 0  # steps that were integrated through rates
     stands_in: Axes = NO_AXES  # where the rates stand in for the samples
 
-    def agrees(self, but: Axes = NO_AXES) -> bool:
-        """Whether the rates show what the samples show, as far as there was anything to show.
-
-        All axes count ``but`` those.
-        """
-        if but is NO_AXES:
-            x, y, z = self.misfit
-            u, v, w = self.turning
-            misfit, turning = x + y + z, u + v + w
-        else:
-            misfit = sum(m for m, is_out in zip(self.misfit, but, strict=True) if not is_out)
-            turning = sum(t for t, is_out in zip(self.turning, but, strict=True) if not is_out)
-        return misfit <= MOST_MISFIT * max(turning, LEAST_TURNING_RAD_S**2)
-
 
 STILL = Turning()  # nobody has told any
+with_waiting = replacer(Turning, "waiting")
+with_passed = replacer(Turning, "waiting", "before_us", "before_rad_s", "last_gyr_rad_s", "used")
+with_compared = replacer(Turning, "offset_rad_s", "misfit", "turning", "compared_s")
+with_stands_in = replacer(Turning, "stands_in")
 
 
-def hear_rate(state: Turning, rate: RateSample) -> Turning:
+@inlined
+def agrees(state: Turning, but: Axes) -> bool:
+    """Whether the rates show what the samples show, as far as there was anything to show.
+
+    All axes count ``but`` those.
+    """
+    misfit, turning = 0.0, 0.0
+    for axis in range(3):
+        if not but[axis]:
+            misfit += state.misfit[axis]
+            turning += state.turning[axis]
+    return misfit <= MOST_MISFIT * max(turning, LEAST_TURNING_RAD_S * LEAST_TURNING_RAD_S)
+
+
+@inlined
+def hear_rate(
+    state: Turning, rates: Rates, time_us: int, rate_rad_s: Vec3
+) -> tuple[Turning, Rates]:
     """One more rate; those that are not later than the one before are dropped."""
-    last = state.waiting[-1] if state.waiting else state.before
-    if last is not None and rate.time_us <= last.time_us:
-        return state
-    return Turning((*state.waiting, rate)[-MOST_WAITING:], *state[1:])
+    n = state.waiting
+    if time_us <= (state.before_us if n == 0 else rates[n - 1, 0]):
+        return state, rates
+    if n == MOST_WAITING:  # the oldest gives way
+        drop_rates(rates, 1, n)
+        n -= 1
+    elif n == len(rates):
+        more = np.zeros((max(LEAST_WAITING, 2 * n), COLUMNS))
+        more[:n] = rates
+        rates = more
+    rates[n, 0] = time_us
+    for axis in range(3):
+        rates[n, 1 + axis] = rate_rad_s[axis]
+    return with_waiting(state, n + 1), rates
 
 
+@inlined
+def drop_rates(rates: Rates, passed: int, waiting: int) -> None:
+    """Forget the first rates of those that wait."""
+    for k in range(waiting - passed):
+        for column in range(COLUMNS):
+            rates[k, column] = rates[k + passed, column]
+
+
+@inlined
+def time_of(rates: Rates, k: int) -> int:
+    """Time (us) of a rate."""
+    return int(rates[k, 0])
+
+
+@inlined
+def rate_of(rates: Rates, k: int) -> Vec3:
+    """A rate itself."""
+    return (float(rates[k, 1]), float(rates[k, 2]), float(rates[k, 3]))
+
+
+@inlined
 def take_between(
-    state: Turning, from_us: int, time_us: int, gyr_rad_s: Vec3
+    state: Turning, rates: Rates, from_us: int, time_us: int, gyr_rad_s: Vec3
 ) -> tuple[Turning, Between]:
     """What the rates show between the samples of ``from_us`` and ``time_us``, the latter's gyro."""
-    passed = tuple(r for r in state.waiting if r.time_us <= time_us)
-    ahead = state.waiting[len(passed) :]
-    if not passed and not ahead and state.before is None:
-        return state, NOTHING_BETWEEN
-    state = _compare(state, passed, ahead, from_us, time_us, gyr_rad_s)
+    n, passed = state.waiting, 0
+    while passed < n and rates[passed, 0] <= time_us:
+        passed += 1
     shown = NOTHING_BETWEEN
-    if state.agrees():
-        edge_us = _edge_us(time_us - from_us)
-        inside = [r for r in passed if from_us + edge_us < r.time_us < time_us - edge_us]
-        shown = _integrate(state, inside, from_us, time_us, gyr_rad_s)
-    state = Turning(
-        ahead,
-        passed[-1] if passed else state.before,
-        gyr_rad_s,
-        state.offset_rad_s,
-        state.misfit,
-        state.turning,
-        state.compared_s,
-        state.used + shown.given,
-        state.stands_in,
-    )
-    return state, shown
+    if n == 0 and state.before_us == NEVER_US:
+        return state, shown
+    state = compared(state, rates, passed, from_us, time_us, gyr_rad_s)
+    if agrees(state, NO_AXES):
+        shown = integrate(state, rates, passed, from_us, time_us, gyr_rad_s)
+    before_us, before = state.before_us, state.before_rad_s
+    if passed > 0:
+        before_us, before = time_of(rates, passed - 1), rate_of(rates, passed - 1)
+        drop_rates(rates, passed, n)
+    used = state.used + (1 if shown.given else 0)
+    return with_passed(state, n - passed, before_us, before, gyr_rad_s, used), shown
 
 
-def _edge_us(step_us: int) -> int:
+@inlined
+def edge_us(step_us: int) -> int:
     """How near the ends of a step a rate is a sample's own."""
     of_step_us = max(1e6 * ONE_MOMENT_S, SAME_INSTANT * step_us)
-    return round(min(1e6 * SAME_INSTANT_S, of_step_us))
+    return int(np.rint(min(1e6 * SAME_INSTANT_S, of_step_us)))
 
 
-def _integrate(
-    state: Turning, inside: list[RateSample], from_us: int, time_us: int, gyr_rad_s: Vec3
+@inlined
+def integrate(
+    state: Turning, rates: Rates, passed: int, from_us: int, time_us: int, gyr_rad_s: Vec3
 ) -> Between:
-    """The turn through all readings, if no two of them are too far apart."""
-    if not inside:
-        return NOTHING_BETWEEN
-    points = [(from_us, state.last_gyr_rad_s)]
-    points += [(r.time_us, add(r.rate_rad_s, state.offset_rad_s)) for r in inside]
-    points.append((time_us, gyr_rad_s))
-    turn, longest, squares = IDENTITY, 0.0, ZERO_VEC3
-    for (t0, w0), (t1, w1) in pairwise(points):
+    """The turn through all readings inside, if there are any and no two are too far apart."""
+    edge = edge_us(time_us - from_us)
+    turn, longest_s, squares, steps = IDENTITY, 0.0, ZERO_VEC3, 0
+    t0, w0 = from_us, state.last_gyr_rad_s
+    for k in range(passed + 1):
+        t1, w1 = time_us, gyr_rad_s
+        if k < passed:
+            t1, w1 = time_of(rates, k), add(rate_of(rates, k), state.offset_rad_s)
+            if not from_us + edge < t1 < time_us - edge:
+                continue
         step_s = 1e-6 * (t1 - t0)
-        turn = multiply(turn, exp(scale(step_s, integration_rate(w0, w1, step_s, averaged=False))))
-        longest = max(longest, step_s)
-        change = subtract(w1, w0)
-        squares = add(squares, (change[0] ** 2, change[1] ** 2, change[2] ** 2))
-    if longest > LONGEST_STEP_S:
+        turn = multiply(turn, exp(scale(step_s, integration_rate(w0, w1, step_s, False))))
+        longest_s = max(longest_s, step_s)
+        x, y, z = subtract(w1, w0)
+        squares = add(squares, (x * x, y * y, z * z))
+        steps += 1
+        t0, w0 = t1, w1
+    if steps < 2 or longest_s > LONGEST_STEP_S:
         return NOTHING_BETWEEN
-    n = len(points) - 1
-    x, y, z = (sqrt(s / n) for s in squares)
-    return Between(True, scale(1e6 / (time_us - from_us), log(turn)), (x, y, z), longest)
+    x, y, z = squares
+    change = (sqrt(x / steps), sqrt(y / steps), sqrt(z / steps))
+    return Between(True, scale(1e6 / (time_us - from_us), log(turn)), change, longest_s)
 
 
-def _compare(
-    state: Turning,
-    passed: tuple[RateSample, ...],
-    ahead: tuple[RateSample, ...],
-    from_us: int,
-    time_us: int,
-    gyr_rad_s: Vec3,
+@inlined
+def compared(
+    state: Turning, rates: Rates, passed: int, from_us: int, time_us: int, gyr_rad_s: Vec3
 ) -> Turning:
     """The sample beside the rate interpolated at its time, where two are near enough.
 
     A rate of the sample before, which has come behind it, is compared with that one.
     """
-    near = passed[-1] if passed else state.before
-    if near is None:
+    near_us, there = state.before_us, state.before_rad_s
+    if passed > 0:
+        near_us, there = time_of(rates, passed - 1), rate_of(rates, passed - 1)
+    if near_us == NEVER_US:
         return state
-    there = near.rate_rad_s
-    apart_s = 1e-6 * (time_us - near.time_us)
-    if passed and near.time_us == from_us:
-        if state.before is None:
+    apart_s = 1e-6 * (time_us - near_us)
+    if passed > 0 and near_us == from_us:
+        if state.before_us == NEVER_US:
             return state
         apart_s, gyr_rad_s = 0.0, state.last_gyr_rad_s
     if apart_s > SAME_INSTANT_S:
-        if not ahead or 1e-6 * (ahead[0].time_us - near.time_us) > LONGEST_STEP_S:
+        if state.waiting == passed:
             return state
-        share = (time_us - near.time_us) / (ahead[0].time_us - near.time_us)
-        there = add(scale(1.0 - share, near.rate_rad_s), scale(share, ahead[0].rate_rad_s))
-    off = subtract(gyr_rad_s, there)
-    left = subtract(off, state.offset_rad_s)
+        ahead_us = time_of(rates, passed)
+        if 1e-6 * (ahead_us - near_us) > LONGEST_STEP_S:
+            return state
+        share = (time_us - near_us) / (ahead_us - near_us)
+        there = add(scale(1.0 - share, there), scale(share, rate_of(rates, passed)))
+    left = subtract(subtract(gyr_rad_s, there), state.offset_rad_s)
     step_s = max(1e-3, apart_s + 0.25)
     a = step_s / (AGREEMENT_TAU_S + step_s)
     b = step_s / (min(OFFSET_TAU_S, state.compared_s) + step_s)
-    x, y, z = left
     no_x, no_y, no_z = state.stands_in
+    x, y, z = left
     known = (0.0 if no_x else b * x, 0.0 if no_y else b * y, 0.0 if no_z else b * z)
     offset = add(state.offset_rad_s, known)
     if norm(offset) > MOST_OFFSET_RAD_S:
         offset = scale(MOST_OFFSET_RAD_S / norm(offset), offset)
-    return Turning(
-        state.waiting,
-        state.before,
-        state.last_gyr_rad_s,
-        offset,
-        _averaged(state.misfit, left, a),
-        _averaged(state.turning, gyr_rad_s, a),
-        state.compared_s + step_s,
-        state.used,
-        state.stands_in,
-    )
+    misfit, turning = averaged(state.misfit, left, a), averaged(state.turning, gyr_rad_s, a)
+    return with_compared(state, offset, misfit, turning, state.compared_s + step_s)
 
 
-def _averaged(mean: Vec3, v: Vec3, share: float) -> Vec3:
+@inlined
+def averaged(mean: Vec3, v: Vec3, share: float) -> Vec3:
     """Mean squares of a vector's parts, with one more."""
     x, y, z = mean
     a, b, c = v
     return (x + share * (a * a - x), y + share * (b * b - y), z + share * (c * c - z))
 
 
+@inlined
 def stand_in(
     state: Turning, time_us: int, gyr_rad_s: Vec3, contradicted: Axes
 ) -> tuple[Turning, Vec3]:
@@ -207,18 +240,25 @@ def stand_in(
 
     An axis stays replaced until the two agree about it again.
     """
-    if not any(contradicted) and not any(state.stands_in):
-        return state, gyr_rad_s  # as nearly always
-    latest = state.before
-    if latest is None or 1e-6 * (time_us - latest.time_us) > LONGEST_STEP_S:
-        return state._replace(stands_in=NO_AXES), gyr_rad_s
-    doubted = [
-        is_new or (is_old and misfit > MOST_MISFIT * LEAST_TURNING_RAD_S**2)
-        for is_new, is_old, misfit in zip(contradicted, state.stands_in, state.misfit, strict=True)
-    ]
-    axes = (doubted[0], doubted[1], doubted[2])
-    if not any(axes) or all(axes) or not state.agrees(but=axes):
-        return state._replace(stands_in=NO_AXES), gyr_rad_s
-    there = add(latest.rate_rad_s, state.offset_rad_s)
-    x, y, z = (r if is_out else w for r, w, is_out in zip(there, gyr_rad_s, axes, strict=True))
-    return state._replace(stands_in=axes), (x, y, z)
+    is_old = state.before_us == NEVER_US or 1e-6 * (time_us - state.before_us) > LONGEST_STEP_S
+    x = is_doubted(state, contradicted, 0)
+    y = is_doubted(state, contradicted, 1)
+    z = is_doubted(state, contradicted, 2)
+    axes = (x, y, z)
+    is_any, is_all = x or y or z, x and y and z
+    if is_old or not is_any or is_all or not agrees(state, axes):
+        return with_stands_in(state, NO_AXES), gyr_rad_s
+    there = add(state.before_rad_s, state.offset_rad_s)
+    gyr = (
+        there[0] if x else gyr_rad_s[0],
+        there[1] if y else gyr_rad_s[1],
+        there[2] if z else gyr_rad_s[2],
+    )
+    return with_stands_in(state, axes), gyr
+
+
+@inlined
+def is_doubted(state: Turning, contradicted: Axes, axis: int) -> bool:
+    """Whether the rates are to stand in for an axis, or go on to do so."""
+    still_off = state.misfit[axis] > MOST_MISFIT * LEAST_TURNING_RAD_S * LEAST_TURNING_RAD_S
+    return bool(contradicted[axis] or (state.stands_in[axis] and still_off))

@@ -14,7 +14,7 @@ import msgspec
 from drivers.events import VehicleId
 from estimator.errors import InputError
 from estimator.profile import Profile, profile_to_json
-from service.attitude_rows import AttitudeRows, Made, attitude_of, encoded
+from service.attitude_rows import AttitudeRows, Made, encoded
 from service.parameters import ParameterRequests
 from service.records import (
     Departed,
@@ -47,7 +47,6 @@ class ZenohSink:
     """Publishes on a session that it owns from then on.
 
     ``on_conflict`` is called with the key of a vehicle that another service publishes already.
-    With ``takes_encoded`` attitudes come as :class:`~service.records.Encoded` alone.
     """
 
     name = "zenoh"
@@ -61,14 +60,11 @@ class ZenohSink:
         profile: Profile,
         requests: ParameterRequests,
         on_conflict: Callable[[str], None] | None = None,
-        *,
-        takes_encoded: bool = False,
     ) -> None:
         self._session = session
         self._prefix = prefix
         self._requests = requests
         self._on_conflict = on_conflict
-        self._takes_encoded = takes_encoded
         self._profile = profile
         self._profiles: dict[str, Profile] = {}
         self._addresses: dict[str, VehicleId] = {}
@@ -81,7 +77,7 @@ class ZenohSink:
 
     def handle(self, outputs: Sequence[Made]) -> None:
         """Publish the records among the outputs."""
-        for output in self._encoded(outputs):
+        for output in encoded(outputs):
             self._take(output)
 
     def handle_at_once(self, outputs: Sequence[Made]) -> Sequence[Made]:
@@ -89,18 +85,12 @@ class ZenohSink:
 
         Returns the rest.
         """
-        outputs = self._encoded(outputs)
+        outputs = encoded(outputs)
         for k, output in enumerate(outputs):
             if self._changes_keys(output):
                 return outputs[k:]
             self._take(output)
         return ()
-
-    def _encoded(self, outputs: Sequence[Made]) -> Sequence[Made]:
-        """With the texts of attitudes; with workers those are there beside the records."""
-        if self._takes_encoded:
-            return [each for each in outputs if attitude_of(each) is None]
-        return encoded(outputs)
 
     def _changes_keys(self, output: Made) -> bool:
         if isinstance(output, AttitudeRows):

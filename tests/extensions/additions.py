@@ -74,7 +74,6 @@ HEADINGS = SinkEntry(
         )
     },
     lambda opening: HeadingsFile(opening.options["headings"]),
-    takes_attitudes=True,
 )
 
 

@@ -200,15 +200,14 @@ def test_tuning_and_retuning_repeat_the_reports(tmp_path):
 SITECUSTOMIZE = "from tests.extensions.additions import add\nadd()\n"
 
 
-@pytest.mark.skipif(not hasattr(socket, "send_fds"), reason="workers need POSIX")
-def test_workers_publish_what_they_make_of_all_three(tmp_path):
-    """Real processes, UDP and Zenoh: each Python that starts has the entries in its tables."""
+def test_a_service_publishes_what_it_makes_of_all_three(tmp_path):
+    """A real process, UDP and Zenoh: the Python that starts has the entries in its tables."""
     (tmp_path / "sitecustomize.py").write_text(SITECUSTOMIZE)
     port, endpoint = free_port(socket.SOCK_DGRAM), f"tcp/127.0.0.1:{free_port()}"
     headings, profile = tmp_path / "headings", tmp_path / "north.toml"
     profile.write_text(profile_to_toml(PROFILE))
     command = ["run", f"udpin:127.0.0.1:{port}", "--json", "--profile", str(profile)]
-    more = ["--workers", "2", "--headings", str(headings), "-l", endpoint, "-e", endpoint]
+    more = ["--headings", str(headings), "-l", endpoint, "-e", endpoint]
     process = subprocess.Popen(
         [sys.executable, "-m", "fuzzbee", *command, *more],
         stdout=subprocess.PIPE,

@@ -14,7 +14,7 @@ from pymavlink import mavutil
 
 from drivers.mavlink.dialect import mavlink
 from fuzzbee.cli import main
-from tests.fuzzbee.test_workers import descendants, is_alive
+from tests.fuzzbee.services import descendants, is_alive
 
 DATA = Path(__file__).parent.parent / "data"
 GOOD = DATA / "sitl_copter_takeoff.tlog"

@@ -16,10 +16,9 @@ from fuzzbee.replays.comparison import Comparison
 from fuzzbee.replays.exports import COLUMNS, rows
 from fuzzbee.replays.trace import VehicleTrace
 from fuzzbee.run_options import RunOptions
-from fuzzbee.serving import summary
+from fuzzbee.serving import Tally, summary
 from service.counts import Counts
 from service.departures import DepartedCounts
-from service.workers.job import Tally
 
 ONE = VehicleId(1, 1)
 

@@ -24,7 +24,7 @@ from drivers.events import VehicleId
 from drivers.mavlink.encoder import FrameEncoder, raw_imu
 from drivers.simulation.simulated_vehicle import SimulatedVehicle
 from tests.fuzzbee.processes import free_port, started
-from tests.fuzzbee.test_workers import (
+from tests.fuzzbee.services import (
     Subscriber,
     await_line,
     descendants,
@@ -32,7 +32,6 @@ from tests.fuzzbee.test_workers import (
     keep_reading,
     only,
     wait_for,
-    workers_of,
 )
 from tests.service.sinks.test_zenoh import plain_client
 
@@ -44,28 +43,24 @@ pytestmark = [
 RATE_HZ = 50.0
 VEHICLES = 3
 NO_LIMIT = (resource.RLIM_INFINITY, resource.RLIM_INFINITY)
-QUICK_S = 15.0  # workers and makers that are older have not died quickly, on a busy computer too
 MOST_GROWN_MB = 60.0
-COUNTS_S = 2.0  # what a worker that dies may not have handed over yet, and the frames on their way
 
 
 class Service(RuleBasedStateMachine):
-    """Vehicles on UDP, a service with or without workers that records, and a subscriber."""
+    """Vehicles on UDP, a service that records, and a subscriber."""
 
-    @initialize(workers=st.sampled_from([0, 2]))
-    def begin(self, workers):
+    @initialize()
+    def begin(self):
         self.stack = ExitStack()
         self.folder = Path(self.stack.enter_context(tempfile.TemporaryDirectory()))
         self.endpoint = f"tcp/127.0.0.1:{free_port()}"
         self.port = free_port(socket.SOCK_DGRAM)
         self.wire = self.stack.enter_context(socket.socket(socket.AF_INET, socket.SOCK_DGRAM))
         self.noise = self.stack.enter_context(socket.socket(socket.AF_INET, socket.SOCK_DGRAM))
-        self.workers = workers
-        more = ("--workers", str(workers)) if workers else ()
         self.process = self.stack.enter_context(
             started(
                 *("run", f"udpin:127.0.0.1:{self.port}", "--json", "--rate", "20"),
-                *("--record", str(self.folder / "recorded"), *only(self.endpoint), *more),
+                *("--record", str(self.folder / "recorded"), *only(self.endpoint)),
             )
         )
         await_line(self.process, "listening")
@@ -77,8 +72,6 @@ class Service(RuleBasedStateMachine):
         self.sent = [0] * VEHICLES
         self.again = [0] * VEHICLES
         self.old = []
-        self.deaths, self.stops_s = 0, 0.0
-        self.killed_s = time.monotonic()
         self.was_full = False
         self.gone = []  # what earlier subscribers have seen
         self.subscriber = None
@@ -122,39 +115,6 @@ class Service(RuleBasedStateMachine):
     @rule(seconds=st.floats(0.1, 6.0))
     def nothing_comes(self, seconds):
         time.sleep(seconds)
-
-    @precondition(lambda self: self.workers)
-    @rule(which=st.integers(0, 1), how=st.sampled_from([signal.SIGKILL, signal.SIGSTOP]))
-    def a_worker_dies_or_hangs(self, which, how):
-        self.let_workers_grow_old()
-        _, workers = workers_of(self.process)
-        if not workers:  # whose maker has died, they are nobody's children
-            return
-        os.kill(workers[which % len(workers)], how)
-        self.killed_s = time.monotonic()
-        self.deaths += 1
-        if how == signal.SIGSTOP:  # found out after 5 s
-            self.fly(350)
-            self.stops_s += 7.0
-        else:
-            self.fly(25)
-
-    @precondition(lambda self: self.workers)
-    @rule(how=st.sampled_from([signal.SIGKILL, signal.SIGSTOP]))
-    def the_maker_of_workers_dies_or_hangs(self, how):
-        self.let_workers_grow_old()
-        nursery, workers = workers_of(self.process)
-        os.kill(nursery, how)
-        for each in workers[:1]:
-            os.kill(each, signal.SIGKILL)
-        self.killed_s = time.monotonic()
-        self.deaths += 1
-        self.fly(150)
-        self.stops_s += 3.0
-
-    def let_workers_grow_old(self):
-        while time.monotonic() - self.killed_s < QUICK_S:
-            self.fly(25)
 
     @rule(seconds=st.floats(0.1, 3.0))
     def the_service_is_stopped(self, seconds):
@@ -233,13 +193,12 @@ class Service(RuleBasedStateMachine):
         is_whole = result["recording"] == "whole"
         assert status == (0 if is_whole else 1)
         assert is_whole or self.was_full
-        slack = round((self.deaths * COUNTS_S + self.stops_s) * RATE_HZ)
         lost = result["lost"] + result["dropped"]
         for k in range(VEHICLES):
             told = result["vehicles"][str(k + 1)]
             handled = told["samples"] + told["shed"] + sum(told["rejected"].values())
             held = 1  # a sample of another time, until the next one confirms it
-            assert self.sent[k] - slack - lost - held <= handled <= self.sent[k] + self.again[k]
+            assert self.sent[k] - lost - held <= handled <= self.sent[k] + self.again[k]
             for seen in (*self.gone, self.subscriber.attitudes):
                 numbers = [record["sequence"] for _, record in seen.get(str(k + 1), ())]
                 assert numbers == sorted(set(numbers))

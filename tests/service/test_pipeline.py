@@ -33,8 +33,7 @@ ATTITUDE_KEYS = [
 STATUS_KEYS = [
     "state", "imu_message", "imu_rate_hz", "worst_gap_s", "rejected", "overruns", "dropped",
     "sequence", "rates", "gain", "overloaded", "shed", "lost", "published_hz",
-    "malformed", "warnings", "retuned",
-    "worker", "restarts", "autopilot", "recording",
+    "malformed", "warnings", "retuned", "autopilot", "recording",
 ]  # fmt: skip
 
 

@@ -5,18 +5,29 @@ The faults of ``test_faults.py`` hold both against each other, too, with one veh
 
 import random
 
+import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from drivers.events import Imu, VehicleId
+from drivers.logs.log_file import Window
+from drivers.logs.tlog import TlogRecords, believe
 from drivers.mavlink.backlog import Arrived
 from drivers.mavlink.decoder import MavlinkDecoder
 from drivers.mavlink.encoder import FrameEncoder
 from drivers.mavlink.framing import FrameReader
+from drivers.mavlink.usual_frames import Readings
 from drivers.simulation.simulated_vehicle import SimulatedVehicle
+from estimator.live import reports
+from estimator.live.reports import MOST_WAITING
 from estimator.profile import load_profile
+from estimator.types import VelocitySample
+from service import usual_reports
 from service.load import Load
 from service.pipeline import Pipeline
-from tests.drivers.mavlink.test_usual_frames import is_compiled, m, packed
+from service.usual_columns import REPORT_SIZE, STATE_SIZE, WAITING
+from tests.drivers.mavlink.test_usual_frames import LOGS, is_compiled, m, packed
 from tests.service.flight_rig import START_US
 
 S = 1_000_000
@@ -109,3 +120,70 @@ def test_many_at_a_time_are_the_same_as_one_by_one(profile):
     assert [each.counts for each in many.vehicles] == [each.counts for each in one.vehicles]
     if profile == "paper":
         assert singly < 0.5 * samples  # 0.29: the others were never events
+
+
+def compare(arrived, rng, profile="imu"):
+    """Both ways the same, at ticks of 50 a second; how many events Python has handled."""
+    one, many = (Pipeline(load_profile(profile)) for _ in range(2))
+    decoders, handled = [MavlinkDecoder(references=False) for _ in range(2)], 0
+    handle = many.handle
+
+    def handle_and_count(event):
+        nonlocal handled
+        handled += not isinstance(event, Readings)
+        return handle(event)
+
+    many.handle = handle_and_count
+    due_us, waiting = arrived[0].arrival_us, []
+    for each in arrived:
+        if each.arrival_us >= due_us:
+            load = rng.choice(LOADS)
+            said = [x.text for e in decoders[1].readings_of(waiting) for x in many.handle(e)]
+            told = [
+                x.text
+                for us, frame in map(tuple, waiting)
+                for e in decoders[0].events(frame, us)
+                for x in one.handle(e)
+            ]
+            assert sorted(said) == sorted(told)
+            ours, theirs = many.tick(due_us, load), one.tick(due_us, load)
+            assert sorted(map(repr, ours)) == sorted(map(repr, theirs))
+            waiting, due_us = [], max(due_us, each.arrival_us) + 20_000
+        waiting.append(each)
+    assert [each.counts for each in many.vehicles] == [each.counts for each in one.vehicles]
+    return handled
+
+
+@is_compiled
+@pytest.mark.parametrize("path", dict.fromkeys(LOGS), ids=lambda path: path.name)
+def test_recorded_vehicles_are_the_same_as_one_by_one(path):
+    records = TlogRecords(Window(path.read_bytes()), MavlinkDecoder(references=False).wanted)
+    arrived = [Arrived(us, frame) for us, frame in believe(records, 0) if frame is not None]
+    compare(arrived[:20_000], random.Random(3))
+
+
+velocities = st.lists(
+    st.builds(
+        VelocitySample,
+        st.integers(0, 12).map(lambda k: 100_000 * k),
+        st.tuples(*(st.floats(-3.0, 3.0),) * 3),
+        st.booleans(),
+        st.floats(0.1, 2.0),
+        st.sampled_from([0.0, 0.1]),
+    ),
+    max_size=MOST_WAITING,
+)
+
+
+@given(velocities, st.integers(0, 12), st.sampled_from([0.15, 0.5]))
+def test_velocities_that_wait_go_in_the_order_of_the_estimators_own(waiting, now, oldest_s):
+    time_us = 100_000 * now
+    due, ahead = reports.take_due(tuple(waiting), time_us, oldest_s)
+    row, rows = [0] * STATE_SIZE, np.zeros((MOST_WAITING, REPORT_SIZE))
+    row[WAITING] = len(waiting)
+    for k, each in enumerate(waiting):
+        usual_reports.write_sample(rows[k], each)
+    count, *taken = usual_reports.take_due(row, rows, time_us, oldest_s)
+    assert taken[:count] == [reports.report_with_age(each, time_us) for each in due]
+    left = rows[: row[WAITING]].tolist()
+    assert tuple(map(usual_reports.sample_of, left)) == ahead

@@ -12,7 +12,7 @@ from estimator.live.resident import CONDITIONED
 from estimator.live.rows import SAID, Rows
 from estimator.live.settings import settings_of
 from estimator.profile import load_profile
-from estimator.types import NOTHING_BETWEEN, VelocitySample
+from estimator.types import VelocitySample
 
 READINGS = (0.0, 0.0, 0.1, 0.0, 0.0, -9.8, 0.2, 0.0, 0.4)
 REPORT = VelocitySample(0, (1.0, 2.0, 3.0), True, 0.3)
@@ -30,7 +30,7 @@ def holder():
 
 
 @pytest.mark.parametrize("wrong", [None, "1", (1.0, 2.0), [], REPORT._replace(sigma_m_s=None)])
-@pytest.mark.parametrize("step", ["hear", "search", "advance_aided", "see_between"])
+@pytest.mark.parametrize("step", ["hear", "search", "advance_aided"])
 def test_what_is_no_report(holder, step, wrong):
     others = {"hear": (0,), "advance_aided": (True,)}.get(step, ())
     before = holder.core
@@ -115,4 +115,3 @@ def test_a_report_of_whole_numbers_is_taken(holder):
     whole = NO_REPORT._replace(given=1, velocity_ned_m_s=(1, 2, 3), sigma_m_s=1)
     assert not holder.search(whole)
     assert holder.core.search.window.velocity_ned_m_s == (1.0, 2.0, 3.0)
-    holder.see_between(NOTHING_BETWEEN._replace(step_s=1))

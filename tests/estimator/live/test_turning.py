@@ -7,14 +7,8 @@ import pytest
 
 from estimator.estimator import Estimator
 from estimator.geometry.quaternion import angle_between, exp, multiply, scale
-from estimator.live.turning import (
-    NO_AXES,
-    STILL,
-    Turning,
-    hear_rate,
-    stand_in,
-    take_between,
-)
+from estimator.live import turning
+from estimator.live.turning import NO_AXES, STILL, Turning, hear_rate, stand_in, take_between
 from estimator.profile import load_profile, merge_profile
 from estimator.types import (
     IDENTITY,
@@ -30,6 +24,10 @@ from estimator.types import (
 BIAS = 0.01
 STEP_S = 0.5
 SECOND = 1_000_000
+
+
+def no_rates() -> np.ndarray:
+    return np.zeros((0, turning.COLUMNS))
 
 
 def rate_at(time_s: float) -> Vec3:
@@ -55,15 +53,15 @@ def gyr_at(time_s: float) -> Vec3:
 
 def flown(seconds: float, *, late_s: float = 0.0, every_s: float = 0.05) -> list[Between]:
     """What is between samples 0.5 s apart; the rates' clock is ``late_s`` off."""
-    state, shown = Turning(), []
+    state, rates, shown = Turning(), no_rates(), []
     heard, samples = 1, round(seconds / STEP_S)
     for k in range(1, samples):
         while heard * every_s <= k * STEP_S:
             stamp = round((heard * every_s + late_s) * SECOND)
-            state = hear_rate(state, RateSample(stamp, rate_at(heard * every_s)))
+            state, rates = hear_rate(state, rates, stamp, rate_at(heard * every_s))
             heard += 1
         at = round(k * STEP_S * SECOND)
-        state, one = take_between(state, at - SECOND // 2, at, gyr_at(k * STEP_S))
+        state, one = take_between(state, rates, at - SECOND // 2, at, gyr_at(k * STEP_S))
         shown.append(one)
     return shown
 
@@ -88,9 +86,8 @@ def test_rates_of_another_time_are_noticed(late_s):
 
 
 def test_rates_too_far_apart_show_nothing():
-    state = Turning(last_gyr_rad_s=ZERO_VEC3)
-    state = hear_rate(state, RateSample(SECOND // 10, (0.1, 0.0, 0.0)))
-    _, shown = take_between(state, 0, SECOND, ZERO_VEC3)
+    state, rates = hear_rate(STILL, no_rates(), SECOND // 10, (0.1, 0.0, 0.0))
+    _, shown = take_between(state, rates, 0, SECOND, ZERO_VEC3)
     assert shown == NOTHING_BETWEEN
 
 
@@ -135,13 +132,13 @@ def test_a_vibration_at_the_samples_own_rate_is_no_turn(samples_hz, most_rad_s):
     Only those in the middle of a step, and the turn would be 0.09 to 1.0 rad/s.
     """
     step_us = SECOND // samples_hz
-    state, turns = Turning(), []
+    state, rates, turns = STILL, no_rates(), []
     for k in range(1, 50):
         for inside in range(SECOND // 50, step_us + 1, SECOND // 50):
             at_us = (k - 1) * step_us + inside
             phase = 2.0 * pi * samples_hz * at_us / SECOND
-            state = hear_rate(state, RateSample(at_us, (cos(phase), 0.0, 0.0)))
-        state, shown = take_between(state, (k - 1) * step_us, k * step_us, (1.0, 0.0, 0.0))
+            state, rates = hear_rate(state, rates, at_us, (cos(phase), 0.0, 0.0))
+        state, shown = take_between(state, rates, (k - 1) * step_us, k * step_us, (1.0, 0.0, 0.0))
         turns.append(shown.turn_rad_s[0] if shown.given else 1.0)
     assert abs(turns[-1]) < most_rad_s
 
@@ -151,12 +148,9 @@ def test_the_turn_goes_through_each_rate_in_turn():
     offset = (0.02, -0.03, 0.05)
     rates = ((0.4, -0.2, 0.1), (-0.3, 0.5, 0.2))
     first, last = (0.1, 0.2, 0.3), (0.6, -0.1, -0.4)
-    state = Turning(
-        waiting=(RateSample(1_100_000, rates[0]), RateSample(1_300_000, rates[1])),
-        last_gyr_rad_s=first,
-        offset_rad_s=offset,
-    )
-    after, shown = take_between(state, 1_000_000, 1_500_000, last)
+    state = Turning(waiting=2, last_gyr_rad_s=first, offset_rad_s=offset)
+    waiting = np.array([(1_100_000, *rates[0]), (1_300_000, *rates[1])])
+    after, shown = take_between(state, waiting, 1_000_000, 1_500_000, last)
     points = [np.array(first), *(np.add(rate, offset) for rate in rates), np.array(last)]
     q, squares = IDENTITY, np.zeros(3)
     for w0, w1, step_s in zip(points, points[1:], (0.1, 0.2, 0.2), strict=False):
@@ -166,20 +160,24 @@ def test_the_turn_goes_through_each_rate_in_turn():
     assert angle_between(q, exp(scale(0.5, shown.turn_rad_s))) < 1e-9
     assert shown.change_rad_s == pytest.approx(np.sqrt(squares / 3.0))
     assert shown.step_s == pytest.approx(0.2)
-    assert (after.waiting, after.used, after.last_gyr_rad_s) == ((), 1, last)
+    assert (after.waiting, after.used, after.last_gyr_rad_s) == (0, 1, last)
+    assert (after.before_us, after.before_rad_s) == (1_300_000, rates[1])
 
 
 def test_a_sample_is_held_against_the_rate_at_its_time():
     """Which lies between the rates of 0.1 s before and 0.2 s behind, a third of the way."""
     before, behind, gyr = np.array((0.4, -0.2, 0.1)), np.array((0.8, 0.6, -0.5)), (0.6, 0.1, 0.0)
     state = Turning(
-        waiting=(RateSample(900_000, tuple(before)), RateSample(1_200_000, tuple(behind))),
+        waiting=2,
         offset_rad_s=(0.02, -0.03, 0.05),
         misfit=(0.004, 0.001, 0.002),
         turning=(0.3, 0.2, 0.1),
         compared_s=30.0,
     )
-    after, _ = take_between(state, 500_000, 1_000_000, gyr)
+    rates = np.array([(900_000, *before), (1_200_000, *behind)])
+    after, _ = take_between(state, rates, 500_000, 1_000_000, gyr)
+    assert after.waiting == 1
+    assert rates[0].tolist() == [1_200_000, *behind]
     there = before + (behind - before) / 3.0
     left = np.subtract(gyr, there) - state.offset_rad_s
     share = (0.1 + 0.25) / (20.0 + 0.1 + 0.25)
@@ -193,17 +191,18 @@ def test_a_sample_is_held_against_the_rate_at_its_time():
 
 def test_the_first_samples_tell_their_bias_at_once():
     """A mean of the differences so far, and not a twentieth of a second's after a second."""
-    state, bias = STILL, (0.01, -0.03, 0.02)
+    state, rates, bias = STILL, no_rates(), (0.01, -0.03, 0.02)
     for k in range(1, 9):
         at_us = k * SECOND // 2
-        state = hear_rate(state, RateSample(at_us, ZERO_VEC3))
-        state, _ = take_between(state, at_us - SECOND // 2, at_us, bias)
+        state, rates = hear_rate(state, rates, at_us, ZERO_VEC3)
+        state, _ = take_between(state, rates, at_us - SECOND // 2, at_us, bias)
         assert state.offset_rad_s == pytest.approx(bias)
 
 
 def stood_in(contradicted, *, stands_in=NO_AXES, misfit=(0.09, 0.0, 0.0), age_us=20_000):
     state = Turning(
-        before=RateSample(1_000_000 - age_us, (0.3, 0.2, 0.1)),
+        before_us=1_000_000 - age_us,
+        before_rad_s=(0.3, 0.2, 0.1),
         offset_rad_s=(0.01, 0.0, 0.0),
         misfit=misfit,
         stands_in=stands_in,
@@ -227,3 +226,12 @@ def test_rates_that_are_old_or_wrong_about_the_other_axes_do_not_stand_in():
     assert stood_in(x_axis, age_us=400_000)[1] == as_it_is
     assert stood_in(x_axis, misfit=(0.09, 0.01, 0.0))[1] == as_it_is
     assert stood_in((True, True, True))[1] == as_it_is
+
+
+def test_of_more_rates_than_are_kept_the_oldest_go():
+    state, rates = STILL, no_rates()
+    for k in range(turning.MOST_WAITING + 3):
+        state, rates = hear_rate(state, rates, k, (1e-3 * k, 0.0, 0.0))
+    state, rates = hear_rate(state, rates, k, ZERO_VEC3)  # not later: dropped
+    assert state.waiting == len(rates) == turning.MOST_WAITING
+    assert rates[[0, -1], :2].tolist() == [[3, 3e-3], [k, 1e-3 * k]]

@@ -1,0 +1,144 @@
+"""Services as real processes, with vehicles on real UDP and subscribers on real Zenoh sessions."""
+
+import json
+import signal
+import socket
+import threading
+import time
+from contextlib import contextmanager
+from pathlib import Path
+
+import pytest
+
+from drivers.mavlink.framing import frame_end
+from drivers.simulation.autopilot import VehicleOptions
+from drivers.simulation.fleet import Fleet
+from tests.fuzzbee.processes import started
+from tests.service.sinks.test_zenoh import wait_for
+
+RATE_HZ = 50.0
+SLOW_HZ = 20.0  # a short stall of a busy computer leaves no sample out
+
+
+@contextmanager
+def flight(vehicles, *ports, rate_hz=RATE_HZ, seconds=60.0):
+    """The same datagrams to each port, in real time; yields how many datagrams have been sent."""
+    fleet = Fleet(VehicleOptions(rate_hz=rate_hz), vehicles)
+    ended = threading.Event()
+    sent = []
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sender:
+
+        def send(data):
+            sent.append(data)
+            for port in ports:
+                sender.sendto(data, ("127.0.0.1", port))
+
+        def fly():
+            begin_s = time.monotonic()
+            while not ended.is_set() and time.monotonic() < begin_s + seconds:
+                fleet.send_due(1e6 * (time.monotonic() - begin_s), time.time_ns() // 1000, send)
+                time.sleep(0.002)
+
+        thread = threading.Thread(target=fly)
+        thread.start()
+        try:
+            yield sent
+        finally:
+            ended.set()
+            thread.join()
+
+
+@contextmanager
+def service(port, *options):
+    """A running service that is listening; all its processes are gone at the end."""
+    with started(
+        "run", f"udpin:127.0.0.1:{port}", "--json", "--rate", "50", "--profile", "paper", *options
+    ) as process:
+        await_line(process, "listening")
+        family = descendants(process.pid)
+        try:
+            yield process
+        finally:
+            if process.poll() is None:
+                process.kill()
+                process.wait()
+            family += descendants(process.pid) if process.poll() is None else []
+            wait_for(lambda: not any(map(is_alive, family)), 10.0)
+
+
+def only(endpoint):
+    """The options of a session that has this address and looks for no other."""
+    return "-l", endpoint, "-e", endpoint
+
+
+def await_line(process, words):
+    said = ""
+    for line in process.stderr:
+        said += line
+        if words in line:
+            return said
+    pytest.fail(f"{words!r} was never said, but: {said}")
+
+
+def keep_reading(process):
+    """Standard error, so that nobody waits for it to be read."""
+    lines = []
+    threading.Thread(target=lambda: lines.extend(process.stderr), daemon=True).start()
+    return lines
+
+
+def descendants(process):
+    found = []
+    for task in Path(f"/proc/{process}/task").glob("*/children"):
+        for child in task.read_text().split():
+            found += [int(child), *descendants(int(child))]
+    return found
+
+
+def is_alive(process):
+    """Whether there is such a process that is no zombie."""
+    try:
+        state = Path(f"/proc/{process}/stat").read_text().rpartition(")")[2].split()[0]
+    except OSError:
+        return False
+    return state != "Z"
+
+
+def end(process, lines):
+    process.send_signal(signal.SIGINT)
+    out = process.stdout.read()
+    assert process.wait(10) == 0
+    assert not [line for line in lines if "Traceback" in line]
+    return json.loads(out)
+
+
+def recorded(path):
+    """Arrival and bytes of each frame of a tlog."""
+    data, at, frames = path.read_bytes(), 0, []
+    while at < len(data):
+        behind = frame_end(data, at + 8)
+        frames.append((int.from_bytes(data[at : at + 8], "big"), data[at + 8 : behind]))
+        at = behind
+    return frames
+
+
+class Subscriber:
+    """Attitudes and the last status of each vehicle."""
+
+    def __init__(self, session):
+        self.attitudes = {}
+        self.statuses = {}
+        session.declare_subscriber("fuzzbee/*/attitude", self.on_attitude)
+        session.declare_subscriber("fuzzbee/*/status", self.on_status)
+
+    def on_attitude(self, sample):
+        name = str(sample.key_expr).split("/")[1]
+        record = json.loads(sample.payload.to_string())
+        self.attitudes.setdefault(name, []).append((time.time(), record))
+
+    def on_status(self, sample):
+        name = str(sample.key_expr).split("/")[1]
+        self.statuses[name] = json.loads(sample.payload.to_string())
+
+    def count(self, name):
+        return len(self.attitudes.get(name, ()))

@@ -1,0 +1,150 @@
+"""``run`` as a process: real UDP, real Zenoh sessions, a real recording."""
+
+import json
+import signal
+import socket
+import time
+from pathlib import Path
+
+import pytest
+
+from drivers.events import Imu, VehicleId
+from drivers.mavlink.decoder import MavlinkDecoder
+from drivers.mavlink.framing import FrameReader
+from estimator.profile import load_profile
+from fuzzbee.cli import main
+from service.attitude_text import texts_of_records
+from service.pipeline import Pipeline
+from service.records import AttitudeRecord
+from tests.fuzzbee.processes import free_port
+from tests.fuzzbee.services import (
+    SLOW_HZ,
+    Subscriber,
+    descendants,
+    end,
+    flight,
+    is_alive,
+    keep_reading,
+    only,
+    recorded,
+    service,
+)
+from tests.service.sinks.test_zenoh import plain_client, wait_for
+from tests.service.sinks.test_zenoh_faults import router
+
+pytestmark = pytest.mark.skipif(
+    not Path("/proc/self/task").exists(), reason="looks for processes in /proc"
+)
+
+
+def test_what_is_published_is_what_a_pipeline_makes_of_the_recording(tmp_path):
+    """To the last digit; and nothing that was sent is missing in the recording."""
+    port, endpoint = free_port(socket.SOCK_DGRAM), f"tcp/127.0.0.1:{free_port()}"
+    log = tmp_path / "flight.tlog"
+    with (
+        service(port, "--record", str(log), *only(endpoint)) as process,
+        plain_client(endpoint) as session,
+    ):
+        lines = keep_reading(process)
+        seen = Subscriber(session)
+        time.sleep(0.3)
+        with flight(4, port, rate_hz=SLOW_HZ) as sent:
+            wait_for(lambda: all(seen.count(str(n)) > 100 for n in range(1, 5)), 30.0)
+        time.sleep(0.3)
+        family = descendants(process.pid)
+        result = end(process, lines)
+        assert not any(map(is_alive, family))  # Ctrl-C leaves nobody
+    assert b"".join(frame for _, frame in recorded(log)) == b"".join(sent)
+    whole = [number for number in range(1, 5) if not result["vehicles"][str(number)]["shed"]]
+    if not whole:
+        pytest.skip("a long stall: samples of all were left out, and nobody knows which")
+    for number in whole:
+        records = [record for _, record in seen.attitudes[str(number)]]
+        assert_one_pipeline_says(records, recorded(log), number)
+
+
+def assert_one_pipeline_says(records, frames, system):
+    """Each attitude is what the pipeline has after the sample that it is propagated from.
+
+    A tick that comes late names its own time, and a sample may have arrived since: with age 0 the
+    record does not tell which was the last.
+    """
+    pipeline, decoder = Pipeline(load_profile("paper")), MavlinkDecoder(references=False)
+    address = VehicleId(system, 1)
+    events = []
+    for arrival_us, data in frames:
+        [frame] = FrameReader().feed(data)
+        if frame.system_id == system:
+            events += decoder.events(frame, arrival_us)
+    told = [record for record in records if record["age_ms"] > 0.0]
+    assert len(told) > 0.8 * len(records)
+    for record in told:
+        time_us = record["time_unix_us"]
+        last_us = time_us - round(1e3 * record["age_ms"])
+        while events and (not isinstance(events[0], Imu) or events[0].arrival_us <= last_us):
+            pipeline.handle(events.pop(0))
+        vehicle = pipeline.vehicle(address)
+        vehicle.attitudes = record["sequence"]
+        vehicle.on_time(time_us)
+        attitude = vehicle.attitude(time_us)
+        assert isinstance(attitude, AttitudeRecord)
+        (text,) = texts_of_records([attitude])
+        alone = json.loads(text)
+        for key in ("q_ned_frd", "rate_rad_s", "sigma_deg", "time_boot_us"):
+            assert alone[key] == record[key]
+
+
+def test_a_service_that_was_stopped_publishes_nothing_old():
+    """Of each vehicle only what is newest still counts."""
+    port, endpoint = free_port(socket.SOCK_DGRAM), f"tcp/127.0.0.1:{free_port()}"
+    with (
+        service(port, *only(endpoint)) as process,
+        plain_client(endpoint) as session,
+        flight(4, port),
+    ):
+        lines = keep_reading(process)
+        seen = Subscriber(session)
+        wait_for(lambda: all(seen.count(str(n)) > 30 for n in range(1, 5)), 30.0)
+        process.send_signal(signal.SIGSTOP)
+        time.sleep(2.0)
+        seen.attitudes.clear()
+        process.send_signal(signal.SIGCONT)
+        wait_for(lambda: all(seen.count(str(n)) > 30 for n in range(1, 5)), 30.0)
+        ages_s = [
+            arrival_s - 1e-6 * record["time_unix_us"]
+            for rows in seen.attitudes.values()
+            for arrival_s, record in rows
+        ]
+        # each vehicle's last; a hundred more of each waited before the others were left out
+        assert len([age for age in ages_s if age > 1.0]) <= 2 * 4
+        end(process, lines)
+
+
+def test_two_services_on_a_router_each_with_its_share(capfd):
+    """What a subscriber at the router sees is one fleet, its keys those of one service."""
+    ports = [free_port(socket.SOCK_DGRAM) for _ in range(2)]
+    endpoint = f"tcp/127.0.0.1:{free_port()}"
+    at_router = ("-m", "client", "-e", endpoint)
+    shares = ("1,2", "3,4")
+    with router(endpoint):
+        first, second = (("--allow-system-ids", share, *at_router) for share in shares)
+        with (
+            service(ports[0], *first) as one,
+            service(ports[1], *second) as two,
+            plain_client(endpoint) as session,
+            flight(4, *ports),  # both hear all, and take their share
+        ):
+            seen = Subscriber(session)
+            wait_for(lambda: all(seen.count(str(n)) > 30 for n in range(1, 5)), 30.0)
+            results = [end(each, keep_reading(each)) for each in (one, two)]
+    assert [sorted(result["vehicles"]) for result in results] == [["1", "2"], ["3", "4"]]
+    for records in seen.attitudes.values():
+        sequences = [record["sequence"] for _, record in records]
+        assert sequences == list(range(sequences[0], sequences[0] + len(sequences)))
+    capfd.readouterr()
+
+
+def test_workers_are_no_more(capfd):
+    """An option of older versions, which stands in people's start scripts."""
+    assert main(["run", "--no-zenoh", "sim:", "--seconds", "0.1", "--workers", "2"]) == 0
+    assert "--workers is no more" in capfd.readouterr().err
