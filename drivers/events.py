@@ -209,24 +209,4 @@ class LinkDown(Value, frozen=True):
     reason: str
 
 
-Event = (
-    Imu
-    | ReferenceAttitude
-    | Report
-    | Position
-    | Parameter
-    | Heartbeat
-    | BuiltIn
-    | FilterWord
-    | CommandAck
-    | ClockReset
-    | TrackLost
-    | Rejected
-    | Shed
-    | Forgotten
-    | RefusedFrames
-    | Notice
-    | Malformed
-    | LinkUp
-    | LinkDown
-)
+Event = VehicleEvent | Notice | Malformed | LinkUp | LinkDown

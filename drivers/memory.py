@@ -4,7 +4,8 @@ import os
 from math import inf
 from pathlib import Path
 
-GROUP = Path("/sys/fs/cgroup/memory.max")  # of a container: its own limit
+# Of a container its own limit, by version 2 and 1 of control groups
+GROUP = Path("/sys/fs/cgroup/memory.max"), Path("/sys/fs/cgroup/memory/memory.limit_in_bytes")
 
 
 def total_bytes() -> float:
@@ -13,12 +14,12 @@ def total_bytes() -> float:
         machine = os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE")
     except (AttributeError, OSError, ValueError):  # another system than Linux or macOS
         return 0.0
-    return min(float(machine), _of_group())
+    return min(float(machine), *map(_limit, GROUP))
 
 
-def _of_group() -> float:
+def _limit(file: Path) -> float:
     try:
-        told = GROUP.read_text("ascii").strip()
+        told = file.read_text("ascii").strip()
     except OSError:
         return inf
     return float(told) if told.isdigit() else inf

@@ -2,6 +2,9 @@
 
 import os
 import stat
+import tempfile
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 from estimator.errors import InputError
@@ -28,3 +31,36 @@ def output_path(path: Path) -> Path:
         return path.resolve()
     except (OSError, RuntimeError) as error:  # links in a circle
         raise InputError(f"{path}: cannot be written: {error}") from None
+
+
+@contextmanager
+def written_whole(path: Path) -> Iterator[Path]:
+    """A file to be written beside ``path``, which takes its place once it is whole.
+
+    Whatever ends the writing, an error, an interrupt or the power: nobody finds half a file, and
+    what was there before stays. What is no regular file, as a pipe, is written to itself, and so is
+    a file in a folder that takes no others.
+
+    Raises:
+        InputError: see :func:`output_path`.
+        OSError: it cannot be written.
+    """
+    path = output_path(path)
+    is_there = os.path.lexists(path)
+    if is_there and not (path.is_file() and os.access(path.parent, os.W_OK)):
+        yield path
+        return
+    handle, name = tempfile.mkstemp(dir=path.parent, prefix=".unfinished-", suffix=path.suffix)
+    os.close(handle)
+    fresh = Path(name)
+    try:
+        yield fresh
+        with fresh.open("rb") as file:
+            os.fsync(file.fileno())
+        umask = os.umask(0)
+        os.umask(umask)
+        fresh.chmod(stat.S_IMODE(path.stat().st_mode) if is_there else 0o666 & ~umask)
+        fresh.replace(path)
+    except BaseException:
+        fresh.unlink(missing_ok=True)
+        raise

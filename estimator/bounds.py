@@ -53,5 +53,6 @@ def require_within(section: str, values: Mapping[str, Any], kind: type) -> None:
     """
     for name, (low, high) in bounds_of(kind).items():
         if name in values and not low <= values[name] <= high:
-            msg = f"{section}.{name}: {values[name]:g} is outside [{low:.4g}, {high:.4g}]"
-            raise InputError(msg)
+            raise InputError(
+                f"{section}.{name}: {values[name]:g} is outside [{low:.4g}, {high:.4g}]"
+            )

@@ -210,10 +210,6 @@ class Estimator:
         """Take a velocity report, see :meth:`update_report`."""
         return self.update_report(report)
 
-    def update_rate(self, rate: RateSample) -> Reason | None:
-        """Take body rates of another messenger, see :meth:`update_report`."""
-        return self.update_report(rate)
-
     def update_report(self, report: Any) -> Reason | None:
         """Take what something beside the IMU has measured; None, or why it was refused.
 

@@ -147,14 +147,15 @@ def load_profile(name_or_path: str | Path) -> Profile:
         content = _content(Path(name_or_path))
         text = content.decode("utf-8")
     except FileNotFoundError:
-        msg = f"profile {name_or_path!r}: no such file, and not one of {', '.join(SHIPPED)}"
-        raise InputError(msg) from None
+        raise InputError(
+            f"profile {name_or_path!r}: no such file, and not one of {', '.join(SHIPPED)}"
+        ) from None
     except OSError as error:
-        msg = f"profile {name_or_path}: cannot be read: {error.strerror or error}"
-        raise InputError(msg) from None
+        raise InputError(
+            f"profile {name_or_path}: cannot be read: {error.strerror or error}"
+        ) from None
     except UnicodeDecodeError:
-        msg = f"profile {name_or_path}: not a text file (UTF-8)"
-        raise InputError(msg) from None
+        raise InputError(f"profile {name_or_path}: not a text file (UTF-8)") from None
     return parse_profile(text.replace("\r\n", "\n"), name_or_path)
 
 
@@ -168,13 +169,11 @@ def _shipped(name: str) -> Profile:
 def _content(path: Path) -> bytes:
     """The file's bytes, if it can be a profile: a pipe would block, a device may never end."""
     if not stat.S_ISREG(path.stat().st_mode) and not path.is_dir():
-        msg = f"profile {path}: not a file but a pipe, a socket or a device"
-        raise InputError(msg)
+        raise InputError(f"profile {path}: not a file but a pipe, a socket or a device")
     with path.open("rb") as file:
         content = file.read(LONGEST_FILE + 1)
     if len(content) > LONGEST_FILE:
-        msg = f"profile {path}: has more than {LONGEST_FILE} bytes"
-        raise InputError(msg)
+        raise InputError(f"profile {path}: has more than {LONGEST_FILE} bytes")
     return content
 
 
@@ -187,16 +186,13 @@ def parse_profile(text: str, where: str) -> Profile:
     try:
         tree = None if TOO_DEEP.search(text) else tomllib.loads(text)
     except ValueError as error:  # TOMLDecodeError, or a number of thousands of digits
-        msg = f"profile {where}: not TOML: {error}"
-        raise InputError(msg) from None
+        raise InputError(f"profile {where}: not TOML: {error}") from None
     except RecursionError:
         tree = None
     if tree is None:
-        msg = f"profile {where}: nested too deep"
-        raise InputError(msg)
+        raise InputError(f"profile {where}: nested too deep")
     if not tree:
-        msg = f"profile {where}: says nothing"
-        raise InputError(msg)
+        raise InputError(f"profile {where}: says nothing")
     return _from_tree(tree if "membership" in tree else _completed(tree), where)
 
 
@@ -278,11 +274,9 @@ def _from_tree(tree: Mapping[str, Any], where: str) -> Profile:
         _require_numbers("aiding", profile.aiding, AIDING_DEFAULTS, AidingParams)
         _require_directions(profile)
     except (msgspec.ValidationError, InputError) as error:
-        msg = f"profile {where}: {_in_toml_s_words(str(error))}"
-        raise InputError(msg) from None
+        raise InputError(f"profile {where}: {_in_toml_s_words(str(error))}") from None
     except RecursionError:
-        msg = f"profile {where}: nested too deep"
-        raise InputError(msg) from None
+        raise InputError(f"profile {where}: nested too deep") from None
     return profile
 
 
@@ -301,26 +295,23 @@ def _require_finite(node: object, name: str) -> None:
         for value in node:
             _require_finite(value, name)
     elif isinstance(node, float) and not math.isfinite(node):
-        msg = f"{name}: {node} is not a finite number"
-        raise InputError(msg)
+        raise InputError(f"{name}: {node} is not a finite number")
 
 
 def _complete_membership(given: Mapping[str, float]) -> memberships.Memberships:
     _require_known("membership", given, memberships.NAMES)
     missing = [name for name in memberships.NAMES if name not in given]
     if missing:
-        msg = f"membership.{missing[0]} is missing"
-        raise InputError(msg)
+        raise InputError(f"membership.{missing[0]} is missing")
     return tuple(given[name] for name in memberships.NAMES)
 
 
 def _require_conditioning(given: Mapping[str, float | bool]) -> None:
     _require_known("conditioning", given, CONDITIONING_DEFAULTS)
     if "enabled" not in given:
-        msg = (
+        raise InputError(
             "conditioning.enabled is missing (true: for real IMUs, false: the paper's raw vectors)"
         )
-        raise InputError(msg)
     _require_numbers("conditioning", given, CONDITIONING_DEFAULTS, ConditioningParams)
 
 
@@ -336,8 +327,7 @@ def _require_numbers(
         default = defaults[key]
         if isinstance(default, bool) != isinstance(value, bool):
             expected = "true or false" if isinstance(default, bool) else "a number"
-            msg = f"{section}.{key}: {value!r} should be {expected}"
-            raise InputError(msg)
+            raise InputError(f"{section}.{key}: {value!r} should be {expected}")
     require_within(section, given, kind)
 
 
@@ -345,15 +335,12 @@ def _require_directions(profile: Profile) -> None:
     for name in ("gravity", "magnetic"):
         direction = getattr(profile.reference, name)
         if direction != "learn" and not 1e-6 <= math.hypot(*direction) <= 1e6:
-            msg = f"reference.{name}: a direction needs a length between 1e-6 and 1e6"
-            raise InputError(msg)
+            raise InputError(f"reference.{name}: a direction needs a length between 1e-6 and 1e6")
     if not profile.conditioned and profile.reference.magnetic == "learn":
-        msg = "reference.magnetic: 'learn' needs conditioning.enabled = true"
-        raise InputError(msg)
+        raise InputError("reference.magnetic: 'learn' needs conditioning.enabled = true")
 
 
 def _require_known(section: str, given: Mapping[str, Any], known: object) -> None:
     for key in given:
         if key not in known:  # type: ignore[operator]
-            msg = f"unknown key {section}.{key}"
-            raise InputError(msg)
+            raise InputError(f"unknown key {section}.{key}")

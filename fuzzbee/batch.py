@@ -11,10 +11,7 @@ from estimator.estimator import Estimator
 from estimator.live.rows import HAS_HEADING, SAID, Rows, cut
 from estimator.types import ZERO_VEC3, Attitude, ImuSample
 from fuzzbee.arguments import Floats
-
-# References of headings. Rows hold the index into this tuple, as a word takes 32 bytes.
-NORTHS = ("none", "magnetic", "true")
-PLACE = {north: place for place, north in enumerate(NORTHS)}
+from fuzzbee.packed import NORTHS, PLACE
 
 
 class Batch:

@@ -101,7 +101,8 @@ def _checked(paths: list[Path], profile: str) -> list[Checked]:
     workers = min(len(paths), os.cpu_count() or 1)
     with Progress(console=console, transient=True, disable=not console.is_terminal) as bar:
         task = bar.add_task("checking", total=len(paths))
-        pool = _pool(workers)
+        with _interrupts_held():
+            pool = _pool(workers)  # a process that keeps account of what is shared comes with it
         if pool is None:
             return [check_log(path, profile) for path in bar.track(paths, task_id=task)]
         with pool:
@@ -120,8 +121,8 @@ def _checked(paths: list[Path], profile: str) -> list[Checked]:
 
 @contextmanager
 def _interrupts_held() -> Iterator[None]:
-    """What is started meanwhile is not interrupted by Ctrl-C: we end it, without a traceback."""
-    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    """A terminal interrupts nothing that is started meanwhile: we end it, without a traceback."""
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT, signal.SIGHUP})
     try:
         yield
     finally:

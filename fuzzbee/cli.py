@@ -9,10 +9,11 @@ from fuzzbee import quiet_start  # noqa: I001 - before all others
 import atexit
 import errno
 import os
+import signal
 import sys
 import threading
 from collections.abc import Sequence
-from contextlib import nullcontext, suppress
+from contextlib import suppress
 from pathlib import Path
 
 from estimator.compilation.notice import tell_compiling
@@ -21,7 +22,7 @@ from fuzzbee.quiet_start import ENDLESS, INTERRUPTED
 from fuzzbee.recordings import NotWholeError
 from fuzzbee.say import say
 from fuzzbee.surroundings import lacking_of_processor, settle_environment
-from service.signals import terminate_like_interrupt
+from service.signals import interrupted_by, terminate_like_interrupt
 
 quiet_start.end()
 
@@ -36,7 +37,9 @@ def main(argv: Sequence[str] | None = None) -> int:
     arguments = _spell_out(sys.argv[1:] if argv is None else argv)
     tell_compiling(say)
     status = _status(arguments)
-    return OK if status == INTERRUPTED and _is_endless(arguments) else status
+    if status != INTERRUPTED:
+        return status
+    return OK if _is_endless(arguments) else 128 + (interrupted_by() or signal.SIGINT)
 
 
 def _status(arguments: list[str]) -> int:
@@ -56,6 +59,8 @@ def _status(arguments: list[str]) -> int:
             return OK
         raise
     except Exception as error:  # noqa: BLE001 - the last resort: one line, not a traceback
+        if interrupted_by() is not None:  # inside a library, which made another error of it
+            return INTERRUPTED
         if type(error).__name__ == "NoArgsIsHelpError":  # a group of verbs without a verb
             print(error.format_message(), file=sys.stderr)  # type: ignore[attr-defined]
             return BAD_INPUT
@@ -90,8 +95,8 @@ def _may_be_view(word: str) -> bool:
 
 
 def _run_verb(arguments: list[str]) -> object:
-    """What the verb returned; SIGTERM interrupts the endless ones as SIGINT does."""
-    with terminate_like_interrupt() if _is_endless(arguments) else nullcontext():
+    """What the verb returned; SIGTERM interrupts it as SIGINT does."""
+    with terminate_like_interrupt():
         from typer.main import get_command
 
         from fuzzbee.app import build_app, escape_markup

@@ -7,7 +7,7 @@ from pathlib import Path
 # The libraries' own switches are for whoever develops with them: some print on standard output,
 # end the process, leave out checksums or what is drawn.
 SWITCHES = (
-    *("NUMBA_", "LLVMLITE_", "NUMPY_", "NPY_", "RERUN", "MPL", "MATPLOTLIBRC"),
+    *("NUMBA_", "LLVMLITE_", "NUMPY_", "NPY_", "RERUN", "FORCE_RERUN", "MPL", "MATPLOTLIBRC"),
     *("MAV_IGNORE_CRC", "SOURCE_DATE_EPOCH", "UHLC_MAX_DELTA_MS", "ZENOH_RUNTIME"),
 )
 # These are meant for us, with values as here; code for any CPU is what containers ask for.

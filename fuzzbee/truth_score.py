@@ -1,14 +1,14 @@
 """The estimate beside a simulator's truth: live, and as a verdict at the end."""
 
 from collections.abc import Iterator
-from math import acos, atan2, degrees, hypot, inf, sqrt
+from math import degrees, inf, sqrt
 from typing import Any, NamedTuple
 
 from drivers.events import Event, ReferenceAttitude
 from drivers.mavlink.usual_frames import Readings
 from drivers.simulation.flight import ALOFT_S, EIGHTS_S, MAGNET_S, ROUND_S, SET_DOWN_S, SILENCE_S
 from drivers.simulation.simulated_vehicle import PROFILES
-from estimator.geometry.quaternion import conjugate, multiply
+from estimator.geometry.metrics import angle_errors
 from estimator.types import Attitude, Quaternion
 from service.pipeline import Pipeline
 from service.records import Message, Output
@@ -165,9 +165,6 @@ class ScoredPipeline(Pipeline):
 
 def off_truth(attitude: Attitude, truth: Quaternion) -> Off:
     """The errors of an attitude."""
-    w, _, _, z = multiply(attitude.q_ned_frd, conjugate(truth))
-    total = 2.0 * acos(min(1.0, abs(w)))
-    inclination = 2.0 * acos(min(1.0, hypot(w, z)))
-    heading = 2.0 * atan2(abs(z), abs(w))
+    total, heading, inclination = angle_errors(attitude.q_ned_frd, truth)
     sigmas = attitude.sigma_inclination_rad, attitude.sigma_heading_rad
     return Off(*map(degrees, (total, inclination, heading, *sigmas)))

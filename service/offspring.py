@@ -6,12 +6,14 @@ import sys
 from pathlib import Path
 
 PR_SET_PDEATHSIG = 1  # from linux/prctl.h
+# Opened here, so that a child between fork and exec loads nothing
+_LIBRARY = ctypes.CDLL(None) if sys.platform.startswith("linux") else None
 
 
 def end_with_parent(number: int = signal.SIGKILL) -> None:
     """Have this process end with the thread that has started it, whatever either is doing then."""
-    if sys.platform.startswith("linux"):
-        ctypes.CDLL(None).prctl(PR_SET_PDEATHSIG, number)
+    if _LIBRARY is not None:
+        _LIBRARY.prctl(PR_SET_PDEATHSIG, number)
 
 
 def is_stopped(process: int) -> bool:

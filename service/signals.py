@@ -12,6 +12,7 @@ T = TypeVar("T")
 
 # Where an interrupt falls into a callback or a destructor, Python says so and goes on without it.
 _interrupted = threading.Event()
+_met: list[int] = []  # the signals that have interrupted the command
 # So long (s) whoever waits goes without asking whether that has happened.
 POLL_S = 0.1
 
@@ -42,17 +43,24 @@ def ending_signals() -> tuple[signal.Signals, ...]:
 
 @contextmanager
 def terminate_like_interrupt() -> Iterator[None]:
-    """Have SIGTERM and SIGHUP raise ``KeyboardInterrupt``, too: for a start that takes long."""
+    """Have SIGTERM and SIGHUP raise ``KeyboardInterrupt``, too: what is half done is cleared up."""
 
     def interrupt(number: int, frame: FrameType | None) -> None:
+        _met.append(number)
         _interrupted.set()
         signal.default_int_handler(number, frame)
 
+    _met.clear()
     with _handled(ending_signals(), interrupt):
         try:
             yield
         finally:
             _interrupted.clear()
+
+
+def interrupted_by() -> int | None:
+    """The signal that :func:`terminate_like_interrupt` has met, if any."""
+    return _met[-1] if _met else None
 
 
 def await_result(future: "Future[T]") -> T:

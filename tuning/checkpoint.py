@@ -1,11 +1,9 @@
-"""Files that are whole or not there, and the checkpoint of an interrupted search.
+"""The checkpoint of an interrupted search.
 
 A checkpoint is one line of JSON, then the recorded costs as little-endian
 doubles.
 """
 
-import os
-import tempfile
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -13,7 +11,7 @@ from typing import Any
 import msgspec
 import numpy as np
 
-from drivers.output_file import output_path
+from drivers.output_file import written_whole
 from estimator.errors import InputError
 from tuning.search import Record
 
@@ -30,27 +28,15 @@ class Header(msgspec.Struct):
 
 
 def write_atomically(path: Path, content: bytes) -> None:
-    """Write a file beside it and rename that: a reader sees the old content or the new one.
+    """Write all of a file: a reader sees the old content or the new one.
 
     Raises:
         InputError: the folder or the file cannot be written, or is somebody else's link.
     """
-    path = output_path(path)
     try:
-        handle, name = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.")
+        with written_whole(path) as fresh:
+            fresh.write_bytes(content)
     except OSError as error:
-        raise InputError(f"{path}: cannot be written: {error.strerror}") from None
-    try:
-        with os.fdopen(handle, "wb") as file:
-            file.write(content)
-            file.flush()
-            os.fsync(file.fileno())
-        umask = os.umask(0)
-        os.umask(umask)
-        Path(name).chmod(0o666 & ~umask)  # mkstemp's files are private
-        Path(name).replace(path)
-    except OSError as error:
-        Path(name).unlink(missing_ok=True)
         raise InputError(f"{path}: cannot be written: {error.strerror}") from None
 
 

@@ -13,13 +13,21 @@ from typing import Any
 PROGRAM = "import sys; sys.path[:] = {path!r}; from {module} import serve; serve()"
 
 
+# For the parent, which says what is to end: a terminal sends them to all.
+ENDING = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+
+
 def start(module: str) -> subprocess.Popen[bytes]:
     """A process that runs ``serve`` of one of our modules."""
-    return subprocess.Popen(  # noqa: S603 - our own program
-        [sys.executable, "-P", "-c", PROGRAM.format(path=sys.path, module=module)],
-        stdin=subprocess.PIPE,
-        stdout=subprocess.PIPE,
-    )
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, ENDING)  # until it ignores them
+    try:
+        return subprocess.Popen(  # noqa: S603 - our own program
+            [sys.executable, "-P", "-c", PROGRAM.format(path=sys.path, module=module)],
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+        )
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
 def send(process: subprocess.Popen[bytes], question: object) -> None:
@@ -40,18 +48,18 @@ def receive(process: subprocess.Popen[bytes]) -> Any:
 
 
 def channel() -> tuple[Iterator[Any], Callable[[object], None]]:
-    """In the process itself: its questions until the parent closes the pipe, and how to answer.
-
-    A signal to stop is for the parent, and ignored here.
-    """
-    for number in (signal.SIGINT, signal.SIGTERM):
+    """In the process itself: its questions until the parent closes the pipe, and how to answer."""
+    for number in ENDING:
         signal.signal(number, signal.SIG_IGN)
     answers = os.fdopen(os.dup(sys.stdout.fileno()), "wb")
     os.dup2(sys.stderr.fileno(), sys.stdout.fileno())  # a stray print must not look like an answer
 
     def answer(value: object) -> None:
-        pickle.dump(value, answers)
-        answers.flush()
+        try:
+            pickle.dump(value, answers)
+            answers.flush()
+        except BrokenPipeError:  # whoever asked was killed
+            os._exit(0)
 
     return _questions(), answer
 
@@ -60,5 +68,5 @@ def _questions() -> Iterator[Any]:
     while True:
         try:
             yield pickle.load(sys.stdin.buffer)  # noqa: S301 - of the process that started this
-        except EOFError:
+        except (EOFError, pickle.UnpicklingError):  # of a parent that was killed, maybe half of one
             return

@@ -58,8 +58,9 @@ def require_fuzzy_gain(profile: Profile) -> None:
         InputError: ``filter.gain`` is another than "fuzzy".
     """
     if profile.filter.gain != "fuzzy":
-        msg = f"base profile: filter.gain is '{profile.filter.gain}'; only 'fuzzy' is tuned"
-        raise InputError(msg)
+        raise InputError(
+            f"base profile: filter.gain is '{profile.filter.gain}'; only 'fuzzy' is tuned"
+        )
 
 
 def values_of(space: Space, profile: Profile) -> Array:

@@ -58,11 +58,10 @@ def run_experiment(
     """
     chosen = settings_of(profile, fixed_gain)
     if chosen.conditioned or chosen.initial is None:
-        msg = (
+        raise InputError(
             "the paper's experiment needs a profile of raw vectors with an initial attitude "
             "(conditioning.enabled = false, filter.initial_attitude), such as --profile paper"
         )
-        raise InputError(msg)
     if noise is PAPER_NOISE:  # to the last bit, which scaling by 1 would not be
         signals = simulate(seed, COST_SAMPLES, COST_RATE_HZ)
     else:

@@ -4,12 +4,21 @@ from collections.abc import Callable
 from operator import methodcaller
 from typing import Any
 
-from estimator.carrier import Carrier
 from estimator.estimator import Estimator
 from estimator.reasons import Reason
-from estimator.types import ImuSample, Quaternion
+from estimator.types import ImuSample
 
 Call = Callable[[Estimator], object]
+
+
+def _noted(name: str) -> Any:
+    """A method of the estimator that is noted before it takes effect."""
+
+    def method(told: "ToldEstimator", *values: Any, **named: Any) -> Any:
+        told.note(methodcaller(name, *values, **named))
+        return getattr(Estimator, name)(told, *values, **named)
+
+    return method
 
 
 class ToldEstimator(Estimator):
@@ -31,46 +40,16 @@ class ToldEstimator(Estimator):
             self.note_sample(sample, methodcaller("update", sample))
         return reason
 
-    def update_report(self, report: Any) -> Reason | None:
-        """See :class:`Estimator`; velocities and rates come this way, too."""
-        self.note(methodcaller("update_report", report))
-        return super().update_report(report)
-
     def restart(self) -> None:
         """See :class:`Estimator`."""
         self.note_restart()
         self.note(methodcaller("restart"))
         super().restart()
 
-    def set_position(
-        self, latitude_deg: float, longitude_deg: float, altitude_m: float, unix_us: int
-    ) -> None:
-        """See :class:`Estimator`."""
-        place = (latitude_deg, longitude_deg, altitude_m, unix_us)
-        self.note(methodcaller("set_position", *place))
-        super().set_position(*place)
-
-    def set_field_calibrated(self, calibrated: bool) -> None:
-        """See :class:`Estimator`."""
-        self.note(methodcaller("set_field_calibrated", calibrated))
-        super().set_field_calibrated(calibrated)
-
-    def set_imu_lag(self, gyr_s: float, acc_s: float) -> None:
-        """See :class:`Estimator`."""
-        self.note(methodcaller("set_imu_lag", gyr_s, acc_s))
-        super().set_imu_lag(gyr_s, acc_s)
-
-    def set_carrier(self, carrier: Carrier) -> None:
-        """See :class:`Estimator`."""
-        self.note(methodcaller("set_carrier", carrier))
-        super().set_carrier(carrier)
-
-    def turn(self, turn_ned: Quaternion) -> None:
-        """See :class:`Estimator`."""
-        self.note(methodcaller("turn", turn_ned))
-        super().turn(turn_ned)
-
-    def change_imu(self) -> None:
-        """See :class:`Estimator`."""
-        self.note(methodcaller("change_imu"))
-        super().change_imu()
+    update_report = _noted("update_report")  # velocities and rates come this way, too
+    set_position = _noted("set_position")
+    set_field_calibrated = _noted("set_field_calibrated")
+    set_imu_lag = _noted("set_imu_lag")
+    set_carrier = _noted("set_carrier")
+    turn = _noted("turn")
+    change_imu = _noted("change_imu")

@@ -54,6 +54,8 @@ class Workers(Closing):
         try:
             child.send(process, row)
             return float(child.receive(process))
+        except (BrokenPipeError, EOFError):
+            raise ChildProcessError(f"process {process.pid}, which computed, has ended") from None
         finally:
             self._free.put(process)
 
@@ -61,6 +63,6 @@ class Workers(Closing):
 def serve() -> None:
     """A worker: an objective from its parent, then rows of values; answers with their costs."""
     questions, answer = child.channel()
-    objective: Objective = next(questions)
-    for row in questions:
-        answer(float(objective.serial_costs(row[None, :])[0]))
+    for objective in questions:  # the first of them, if the parent has lived so long
+        for row in questions:
+            answer(float(objective.serial_costs(row[None, :])[0]))

@@ -6,8 +6,7 @@ REPEAT_S = 60.0  # an error that goes on is mentioned this often
 class ErrorSummary:
     """Decides which repetitions of an error are worth a line. Time comes in as an argument."""
 
-    def __init__(self, repeat_s: float = REPEAT_S) -> None:
-        self._repeat_s = repeat_s
+    def __init__(self) -> None:
         self._reason = ""
         self._count = 0
         self._said_s = 0.0
@@ -18,7 +17,7 @@ class ErrorSummary:
             self._reason, self._count, self._said_s = reason, 1, now_s
             return reason
         self._count += 1
-        if now_s - self._said_s < self._repeat_s:
+        if now_s - self._said_s < REPEAT_S:
             return None
         self._said_s = now_s
         return f"{reason} ({self._count} times)"

@@ -13,12 +13,12 @@ import logging
 import os
 import threading
 from concurrent.futures import Future
-from contextlib import suppress
 from pathlib import Path
 from typing import NamedTuple
 
 from drivers.mavlink.encoder import SIGNING_EPOCH_US, SIGNING_TICK_US
 from drivers.mavlink.framing import SIGNATURE_SIZE, Frame
+from drivers.output_file import written_whole
 from estimator.errors import InputError
 from estimator.reasons import Reason
 
@@ -310,14 +310,5 @@ def _write(file: Path, stamps: Stamps) -> None:
     """All or nothing: a crash in between leaves the old file."""
     named = {"-".join(map(str, stream)): heard for stream, heard in stamps.accepted.items()}
     text = json.dumps({**named, OURS: stamps.ours, FLOOR: stamps.floor})
-    fresh = file.with_name(f"{file.name}.{os.getpid()}-{threading.get_ident()}")
-    try:
-        with fresh.open("w", encoding="utf-8") as out:
-            out.write(text)
-            out.flush()
-            os.fsync(out.fileno())
-        fresh.replace(file)
-    except OSError:
-        with suppress(OSError):
-            fresh.unlink()
-        raise
+    with written_whole(file) as fresh:
+        fresh.write_text(text, "utf-8")

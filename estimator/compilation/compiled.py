@@ -9,6 +9,7 @@ from numba.core import event
 from numba.extending import register_jitable
 
 from estimator.compilation.folder import kernel_folders, shipped_folder
+from estimator.compilation.kernel_cache import KernelCache
 from estimator.compilation.notice import compiling_begins
 
 Function = TypeVar("Function", bound=Callable[..., Any])
@@ -77,21 +78,8 @@ def _decorate(function: Function, options: dict[str, Any]) -> Function:
     dispatcher: Any = numba.njit(**options)(function)
     _kernels.add(id(dispatcher))
     if _FOLDERS or _SHIPPED:
-        _keep(dispatcher)
-    return dispatcher  # type: ignore[no-any-return]
-
-
-def _keep(dispatcher: Any) -> None:
-    """Keep what is compiled in the folders."""
-    try:
-        from estimator.compilation.kernel_cache import KernelCache
-    except ImportError:  # a later numba, which has changed what is private there
-        from estimator.compilation.numba_cache import keep_by_numba
-
-        if _FOLDERS:
-            keep_by_numba(dispatcher, _FOLDERS[-1])
-    else:
         dispatcher._cache = KernelCache(dispatcher.py_func, _FOLDERS, _SHIPPED)  # noqa: SLF001
+    return dispatcher  # type: ignore[no-any-return]
 
 
 _kernels: set[int] = set()  # ids of kernels, which stay unique: kernels are never deleted

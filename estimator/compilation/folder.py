@@ -181,7 +181,7 @@ def _open_to_others(
     if about.st_uid not in (0, os.geteuid()):
         return f"{path} belongs to somebody else"
     others = stat.S_IWOTH
-    if not _is_private_group(about.st_gid):
+    if about.st_mode & stat.S_IWGRP and not _is_private_group(about.st_gid):
         others |= stat.S_IWGRP
     is_sticky = bool(about.st_mode & stat.S_ISVTX) and sticky_is_fine
     if about.st_mode & others and not is_sticky and not stat.S_ISLNK(about.st_mode):
@@ -224,11 +224,11 @@ def _is_ours(path: Path) -> bool:
     return not hasattr(os, "getuid") or path.stat().st_uid == os.geteuid()
 
 
-def forget_kernels(folder: Path, keep: frozenset[str] = frozenset()) -> None:
-    """Remove the files of kernels in a folder but those to ``keep``, and nothing else."""
+def forget_kernels(folder: Path) -> None:
+    """Remove the files of kernels in a folder, and nothing else."""
     with suppress(OSError):
         for path in list(folder.iterdir()):
             is_kernel = KERNEL.fullmatch(path.name) or UNFINISHED.fullmatch(path.name)
-            if is_kernel and path.name not in keep and not path.is_dir():
+            if is_kernel and not path.is_dir():
                 with suppress(OSError):
                     path.unlink()

@@ -24,8 +24,7 @@ def replacer(kind: type[Value], *names: str) -> Callable[..., Value]:
     fields: tuple[str, ...] = kind._fields
     strangers = [name for name in names if name not in fields]
     if strangers or len(set(names)) < len(names):
-        msg = f"{kind.__name__} has the fields {fields}, once each, not {names}"
-        raise ValueError(msg)
+        raise ValueError(f"{kind.__name__} has the fields {fields}, once each, not {names}")
     values = ", ".join(name if name in names else f"before.{name}" for name in fields)
     source = f"def replace(before, {', '.join(names)}): return kind({values})"
     made: dict[str, Any] = {"kind": kind, "__name__": __name__}

@@ -70,20 +70,17 @@ def require_feasible(k: Memberships) -> None:
         InputError: naming the first parameter that is out of place.
     """
     if len(k) != len(NAMES):
-        msg = f"membership: {len(NAMES)} numbers k1..k22 are needed, got {len(k)}"
-        raise InputError(msg)
+        raise InputError(f"membership: {len(NAMES)} numbers k1..k22 are needed, got {len(k)}")
     for name, value, low, high in zip(NAMES, k, LOWER, UPPER, strict=True):
         if not low <= value <= high:
-            msg = f"membership.{name}: {value:g} is outside [{low:g}, {high:g}]"
-            raise InputError(msg)
+            raise InputError(f"membership.{name}: {value:g} is outside [{low:g}, {high:g}]")
     for chain in CHAINS:
         for left, right in pairwise(chain):
             if k[left] > k[right]:
-                msg = (
+                raise InputError(
                     f"membership: {NAMES[left]} <= {NAMES[right]} must hold inside a triangle, "
                     f"got {k[left]:g} > {k[right]:g}"
                 )
-                raise InputError(msg)
 
 
 def midpoint() -> Memberships:

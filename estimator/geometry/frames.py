@@ -33,11 +33,6 @@ def flu_from_frd(v_frd: Vec3) -> Vec3:
     return (v_frd[0], -v_frd[1], -v_frd[2])
 
 
-def enu_from_ned(v_ned: Vec3) -> Vec3:
-    """Inertial vector NED to ENU, or back."""
-    return (v_ned[1], v_ned[0], -v_ned[2])
-
-
 @inlined
 def euler_rad(q_ned_frd: Quaternion) -> Vec3:
     """Roll, pitch, yaw (rad) of the yaw-pitch-roll (ZYX) sequence; yaw in [0, 2 pi).

@@ -76,6 +76,7 @@ def paper_cost(e: Array) -> float:
         ValueError: when ``e`` does not hold the experiment's 1501 samples.
     """
     if e.shape != (COST_SAMPLES,):
-        msg = f"the paper's cost takes {COST_SAMPLES} errors, got an array of shape {e.shape}"
-        raise ValueError(msg)
+        raise ValueError(
+            f"the paper's cost takes {COST_SAMPLES} errors, got an array of shape {e.shape}"
+        )
     return float(TRANSIENT_WEIGHT * e[TRANSIENT].sum() + e[STEADY].sum())

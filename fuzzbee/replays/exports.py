@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from drivers.output_file import output_path
+from drivers.output_file import written_whole
 from estimator.errors import InputError
 from fuzzbee.angle_curves import euler_curves_deg
 from fuzzbee.attitudes import attitude_arrays
@@ -92,7 +92,10 @@ def write_rows(path: Path, columns: Sequence[str], values: Iterable[Iterable[Val
         InputError: the file cannot be written.
     """
     try:
-        with output_path(path).open("w", encoding="utf-8", newline="") as file:
+        with (
+            written_whole(path) as fresh,
+            fresh.open("w", encoding="utf-8", newline="") as file,
+        ):
             out = csv.writer(file, lineterminator="\n")
             out.writerow(columns)
             out.writerows(map(_text, row) for row in values)

@@ -10,7 +10,7 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from drivers.output_file import output_path
+from drivers.output_file import written_whole
 from estimator.errors import InputError, missing_extra
 from estimator.geometry.frames import enu_flu_from_ned_frd
 from estimator.types import Quaternion
@@ -78,7 +78,7 @@ def write_mcap(path: Path, trace: VehicleTrace, compared: Comparison) -> None:
         InputError: the file cannot be written.
     """
     try:
-        with output_path(path).open("wb") as file:
+        with written_whole(path) as fresh, fresh.open("wb") as file:
             _write_messages(file, trace, compared)
     except OSError as error:
         raise InputError(f"--mcap {path}: {error.strerror}") from None

@@ -6,8 +6,6 @@ from typing import Any
 
 import numpy as np
 
-from estimator.errors import InputError
-
 # What matplotlib has drawn, and plotly draws again.
 Drawn = tuple[Any, dict[str, Any]]
 
@@ -24,7 +22,7 @@ def write_page(figure: Any, path: Path) -> None:
     the panels; those over time move together. The same figure gives the same bytes.
 
     Raises:
-        InputError: the file cannot be written.
+        OSError: the file cannot be written.
     """
     from plotly.graph_objects import Figure
 
@@ -38,10 +36,7 @@ def write_page(figure: Any, path: Path) -> None:
     )
     for number, ax in enumerate(figure.axes, 1):
         _add_panel(page, str(number), ax, figure.axes)
-    try:
-        page.write_html(path, include_plotlyjs=True, div_id="fuzzbee", config=BUTTONS)
-    except OSError as error:
-        raise InputError(f"--plot {path}: {error.strerror}") from None
+    page.write_html(path, include_plotlyjs=True, div_id="fuzzbee", config=BUTTONS)
 
 
 def _add_panel(page: Any, number: str, ax: Any, others: list[Any]) -> None:

@@ -4,7 +4,7 @@ from importlib.util import find_spec
 from itertools import islice
 from pathlib import Path
 
-from drivers.output_file import output_path
+from drivers.output_file import written_whole
 from estimator.errors import InputError
 from fuzzbee.replays.comparison import Comparison
 from fuzzbee.replays.exports import COLUMNS, rows
@@ -36,7 +36,11 @@ def write_parquet(path: Path, trace: VehicleTrace, compared: Comparison) -> None
     kinds = [(name, pa.string() if name in TEXTS else pa.float64()) for name in COLUMNS]
     schema, values = pa.schema(kinds), rows(trace, compared)
     try:
-        with output_path(path).open("wb") as file, ParquetWriter(file, schema) as writer:
+        with (
+            written_whole(path) as fresh,
+            fresh.open("wb") as file,
+            ParquetWriter(file, schema) as writer,
+        ):
             while part := list(islice(values, ROWS_AT_ONCE)):
                 arrays = [
                     pa.array(column, kind)

@@ -8,6 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from drivers.output_file import written_whole
 from estimator.errors import InputError, missing_extra
 from fuzzbee.angle_curves import draw_angles
 from fuzzbee.replays.bands import bands
@@ -130,11 +131,13 @@ def save(figure: Any, path: Path) -> None:
     """
     _settle(figure)
     suffix = path.suffix.lower()
-    if suffix == PAGE:
-        write_page(figure, path)
-        return
     try:
-        figure.savefig(path, format=suffix[1:], dpi=DOTS_PER_INCH, metadata=METADATA[suffix])
+        with written_whole(path) as fresh:
+            if suffix == PAGE:
+                write_page(figure, fresh)
+            else:
+                look = {"dpi": DOTS_PER_INCH, "metadata": METADATA[suffix]}
+                figure.savefig(fresh, format=suffix[1:], **look)
     except OSError as error:
         raise InputError(f"--plot {path}: {error.strerror}") from None
 

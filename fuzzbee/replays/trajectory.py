@@ -7,7 +7,7 @@ East-North-Up (https://cvg.cit.tum.de/data/datasets/rgbd-dataset/file_formats).
 from collections.abc import Iterable
 from pathlib import Path
 
-from drivers.output_file import output_path
+from drivers.output_file import written_whole
 from estimator.errors import InputError
 from estimator.geometry.frames import enu_flu_from_ned_frd
 from fuzzbee.replays.comparison import Comparison
@@ -31,7 +31,7 @@ def write_tum(path: Path, trace: VehicleTrace, compared: Comparison) -> None:
 
 def _write(path: Path, poses: Iterable[tuple[int, list[float]]]) -> None:
     try:
-        with output_path(path).open("w", encoding="utf-8") as file:
+        with written_whole(path) as fresh, fresh.open("w", encoding="utf-8") as file:
             for time_us, (w, x, y, z) in poses:
                 a, b, c, d = enu_flu_from_ned_frd((w, x, y, z))
                 file.write(f"{1e-6 * time_us:.6f} 0 0 0 {b:.9f} {c:.9f} {d:.9f} {a:.9f}\n")

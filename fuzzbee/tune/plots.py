@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from drivers.output_file import written_whole
 from estimator.errors import InputError
 from estimator.filter.memberships import TERMS, Triangle, fuzzy_sets
 from estimator.geometry.metrics import COST_RATE_HZ, batch_angle_errors
@@ -51,7 +52,8 @@ def draw(folder: Path, task: Task, tuned: Profile, search: Search) -> list[Path]
 def _save(figure: "Figure", path: Path) -> Path:
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        figure.savefig(path, dpi=DOTS_PER_INCH)
+        with written_whole(path) as fresh:
+            figure.savefig(fresh, dpi=DOTS_PER_INCH)
     except OSError as error:
         raise InputError(f"--plot {path.parent}: {error.strerror}") from None
     return path

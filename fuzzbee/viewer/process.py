@@ -1,7 +1,6 @@
 """The viewer's process: Rerun's window, or its page for a browser, on loopback only."""
 
 import atexit
-import ctypes
 import os
 import shutil
 import signal
@@ -11,11 +10,13 @@ import sys
 import tempfile
 import time
 from collections.abc import Callable
+from functools import partial
 from importlib.util import find_spec
 from pathlib import Path
 from urllib.parse import quote
 
 from estimator.errors import InputError, missing_extra
+from service.offspring import end_with_parent
 
 HOST = "127.0.0.1"
 WEB_PORT = 9090  # Rerun's own; a free one if it is taken
@@ -23,7 +24,6 @@ START_TIMEOUT_S = 10.0
 STOP_TIMEOUT_S = 2.0
 # A minute or two. What it drops must be older than what is sent again now and then (layer.py).
 LIVE_HISTORY = "2MB"
-PR_SET_PDEATHSIG = 1  # from linux/prctl.h
 MISSING = str(missing_extra("the viewer", "viewer"))
 
 
@@ -93,19 +93,17 @@ class ViewerProcess:
         return url, page
 
     def _start(self, arguments: list[str]) -> subprocess.Popen[bytes]:
-        program = _program()
-        # Rerun must send no usage figures: they are switched off in a configuration made for it
-        environment = {**os.environ, "XDG_CONFIG_HOME": self._folder, "RUST_LOG": "error"}
-        subprocess.run(  # noqa: S603 - our own arguments
-            [program, "analytics", "disable"], env=environment, check=False, capture_output=True
-        )
+        # Rerun must send no usage figures. As if for continuous integration it keeps none, either,
+        # while `rerun analytics disable` sends those of its last run before it obeys.
+        quiet = {"CI": "1", "XDG_CONFIG_HOME": self._folder, "RUST_LOG": "error"}
         self._errors = Path(self._folder) / "errors"
         with self._errors.open("wb") as errors:
             return subprocess.Popen(  # noqa: S603
-                [program, *arguments],
-                env=environment,
+                [_program(), *arguments],
+                env={**os.environ, **quiet},
                 stderr=errors,
-                preexec_fn=_end_with_parent(),  # noqa: PLW1509 - one call into the C library
+                # one call into the C library
+                preexec_fn=partial(end_with_parent, signal.SIGTERM),  # noqa: PLW1509
                 # in a group of its own, so that Ctrl-C does not end it before the last records
                 process_group=0,
                 stdin=subprocess.DEVNULL,
@@ -153,14 +151,3 @@ def _free_port(wanted: int) -> int:
         except OSError:
             probe.bind((HOST, 0))
         return int(probe.getsockname()[1])
-
-
-def _end_with_parent() -> Callable[[], None] | None:
-    if not sys.platform.startswith("linux"):
-        return None
-    library = ctypes.CDLL(None)  # before the fork: nothing is loaded in the child
-
-    def end_with_parent() -> None:
-        library.prctl(PR_SET_PDEATHSIG, signal.SIGTERM)
-
-    return end_with_parent

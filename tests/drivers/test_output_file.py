@@ -1,11 +1,12 @@
 """Where a person's output goes: through his own symbolic links, through nobody else's."""
 
 import os
+from pathlib import Path
 
 import pytest
 
 from drivers.mavlink.recorder import TlogRecorder
-from drivers.output_file import output_path
+from drivers.output_file import output_path, written_whole
 from estimator.errors import InputError
 from tuning.checkpoint import write_atomically
 
@@ -35,6 +36,37 @@ def test_somebody_elses_is_not(tmp_path, write):
     with pytest.raises(InputError, match="somebody else's symbolic link"):
         write(link)
     assert target.read_bytes() == b""
+
+
+def test_what_is_not_written_to_its_end_leaves_what_was_there(tmp_path):
+    """Nothing, or the file of before with its rights."""
+    file = tmp_path / "a.csv"
+    for before in ([], [file]):
+        for error in (OSError, KeyboardInterrupt):
+            with pytest.raises(error):
+                write_half(file, error)
+            assert list(tmp_path.iterdir()) == before
+        with written_whole(file) as fresh:
+            fresh.write_bytes(b"whole")
+        assert file.read_bytes() == b"whole"
+        assert file.stat().st_mode & 0o777 == (0o600 if before else 0o666 & ~umask())
+        file.chmod(0o600)
+
+
+def write_half(file, error):
+    with written_whole(file) as fresh:
+        fresh.write_bytes(b"half")
+        raise error
+
+
+def umask():
+    os.umask(mask := os.umask(0))
+    return mask
+
+
+def test_a_device_is_written_to_itself():
+    with written_whole(Path(os.devnull)) as file:
+        assert file == Path(os.devnull)
 
 
 def test_links_in_a_circle_are_one_line(tmp_path):

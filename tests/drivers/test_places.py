@@ -8,6 +8,7 @@ from drivers.places import places
 GIB = 1 << 30
 
 
+@pytest.mark.parametrize("version", [0, 1])
 @pytest.mark.parametrize(
     ("machine", "limit", "expected"),
     [
@@ -20,7 +21,7 @@ GIB = 1 << 30
     ],
 )
 def test_there_is_room_for_as_many_as_machine_and_container_have(
-    machine, limit, expected, tmp_path, monkeypatch
+    machine, limit, expected, version, tmp_path, monkeypatch
 ):
     def sysconf(name):
         if machine is None:
@@ -28,7 +29,8 @@ def test_there_is_room_for_as_many_as_machine_and_container_have(
         return {"SC_PHYS_PAGES": machine // 4096, "SC_PAGE_SIZE": 4096}[name]
 
     monkeypatch.setattr(memory.os, "sysconf", sysconf)
-    monkeypatch.setattr(memory, "GROUP", tmp_path / "memory.max")
+    files = tmp_path / "memory.max", tmp_path / "limit_in_bytes"
+    monkeypatch.setattr(memory, "GROUP", files)
     if limit is not None:
-        (tmp_path / "memory.max").write_text(f"{limit}\n")
+        files[version].write_text(f"{limit}\n")
     assert places() == expected

@@ -87,12 +87,34 @@ def test_a_signal_before_watch_is_ready_ends_it_well(monkeypatch, number):
     assert main(["watch"]) == 0
 
 
-def test_an_interrupted_replay_says_so(monkeypatch):
-    monkeypatch.setattr(
-        "fuzzbee.replays.command._replay_logs", lambda *_, **__: signal.raise_signal(signal.SIGINT)
-    )
+@pytest.mark.parametrize(
+    ("number", "status"), [(signal.SIGTERM, 143), (signal.SIGHUP, 129), (signal.SIGINT, 130)]
+)
+def test_an_interrupted_replay_says_so_and_leaves_no_half_of_a_file(
+    monkeypatch, tmp_path, number, status
+):
+    def rows(*_):
+        yield (0.0,)
+        signal.raise_signal(number)
+
+    monkeypatch.setattr("fuzzbee.replays.exports.rows", rows)
+    flight = Path(__file__).parents[1] / "data" / "sitl_copter_takeoff.tlog"
+    assert main(["replay", str(flight), "--csv", str(tmp_path / "a.csv")]) == status
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_an_interrupt_that_a_library_makes_another_error_of_is_one(monkeypatch):
+    """As where it falls into the import of an extension."""
+
+    def fail(*_, **__):
+        try:
+            signal.raise_signal(signal.SIGTERM)
+        except KeyboardInterrupt:
+            raise ImportError("initialization failed") from None
+
+    monkeypatch.setattr("fuzzbee.replays.command._replay_logs", fail)
     flight = Path(__file__).parents[1] / "data" / "sub_bluerov.tlog"
-    assert main(["replay", str(flight)]) == 130
+    assert main(["replay", str(flight)]) == 143
 
 
 def test_a_reader_that_leaves_at_once_is_no_failure():

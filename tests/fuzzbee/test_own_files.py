@@ -30,6 +30,27 @@ def test_no_log_is_overwritten_by_what_is_written_of_it(option, how, tmp_path, c
         assert line == f"fuzzbee: {option} {name}: is also {log}"
 
 
+def test_on_a_full_disk_the_files_of_before_stay(tmp_path, capfd):
+    """And no half of a new one beside them; a limit on the size of a file stands for the disk."""
+    resource = pytest.importorskip("resource")
+    files = {o: tmp_path / f"out{s}" for o, s in {"--csv": ".csv", **SUFFIX}.items()}
+    assert main(["replay", str(TLOG)]) == 0  # compiles what is lacking
+    for file in files.values():
+        file.write_text("before")
+    capfd.readouterr()
+    soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (10_000, hard))
+    try:
+        assert {main(["replay", str(TLOG), option, str(out)]) for option, out in files.items()} == {
+            2
+        }
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
+    told = [f"fuzzbee: {option} {out}: File too large" for option, out in files.items()]
+    assert capfd.readouterr().err.splitlines() == told
+    assert [file.read_text() for file in tmp_path.iterdir()] == ["before"] * len(files)
+
+
 def test_two_outputs_are_two_files(tmp_path, capfd):
     out = tmp_path / "out.csv"
     assert main(["replay", str(TLOG), "--csv", str(out), "--tum", f"{tmp_path}/./out.csv"]) == 2

@@ -108,19 +108,6 @@ def test_a_vehicle_that_is_killed_and_started_again():
     assert any("reboot" in line for line in told)
 
 
-def test_it_runs_as_a_module_and_stops_after_its_seconds():
-    done = subprocess.run(
-        [sys.executable, "-m", "fuzzbee", "run", "--no-zenoh", "--seconds", "1.5"],
-        capture_output=True,
-        text=True,
-        timeout=900,
-        check=False,
-    )
-    assert done.returncode == 0
-    assert "heading" in done.stdout
-    assert "\x1b" not in done.stdout
-
-
 def test_ros_nodes_hear_of_the_vehicle(capfd, monkeypatch):
     import zenoh
     from rosbags.typesys import Stores, get_typestore

@@ -39,7 +39,8 @@ def test_the_page_of_commands_has_every_option_with_its_help():
     ]
     for name, command in app.commands.items():
         for parameter in getattr(command, "params", []):
-            if parameter.param_type_name == "option" and name != "profile":
+            is_shown = parameter.param_type_name == "option" and not parameter.hidden
+            if is_shown and name != "profile":
                 assert f"`{parameter.opts[0]}" in page or f", {parameter.opts[0]}" in page
     assert len(rows) > 60
     assert all(text for _, text in rows), [names for names, text in rows if not text]

@@ -321,14 +321,7 @@ class Recorded(ViewerSink):
 
 
 @pytest.mark.parametrize(("vehicles", "expected_hz"), [(1, 4), (2, 6), (9, 6), (50, 6)])
-def test_it_draws_a_bounded_number_however_much_comes(tmp_path, monkeypatch, vehicles, expected_hz):
-    draw, drawn = Page._draw, []
-
-    def counted(*arguments):
-        drawn.append(arguments)
-        draw(*arguments)
-
-    monkeypatch.setattr(Page, "_draw", counted)
+def test_it_draws_a_bounded_number_however_much_comes(tmp_path, drawn, vehicles, expected_hz):
     sink = ViewerSink(ViewerOptions(rrd=str(tmp_path / "many.rrd")), PAPER)
     streams = [attitudes(VehicleId(n + 1, 1), 200, 10_000) for n in range(vehicles)]
     for outputs in zip(*streams, strict=True):
@@ -473,3 +466,10 @@ def bluish(pixels):
 
 def changed(one, other):
     return np.sum(np.abs(one - other).max(axis=-1) > 40)
+
+
+def test_no_usage_figures_are_sent_or_kept(tmp_path, monkeypatch):
+    """Rerun keeps them in its folder for data, and sends them with its next start."""
+    monkeypatch.setenv("XDG_DATA_HOME", str(tmp_path))
+    viewer_process.ViewerProcess(web=True).close()
+    assert not list(tmp_path.rglob("*.json"))

@@ -1,27 +1,23 @@
 """A first start: attitudes at once, compiled code later, and nothing left behind."""
 
 import json
-import os
-import subprocess
-import sys
 import time
 from pathlib import Path
 
 import numba
 import pytest
 
-import service
 from estimator.compilation.interpreted import is_interpreting
 from estimator.estimator import Estimator
 from estimator.live.resident import Resident
 from estimator.profile import load_profile
 from service.compiling import BEGUN, Compiling
 from service.warm_up import rehearse, warm_up
+from tests.programs import run_python
 
 pytestmark = pytest.mark.skipif(numba.config.DISABLE_JIT, reason="nothing is compiled")
 
 PATIENCE_S = 300.0
-ROOT = str(Path(next(iter(service.__path__))).parent)
 
 
 def holds_compiled_memory(estimator):
@@ -49,16 +45,9 @@ def test_estimators_change_over_to_compiled_code_where_they_are():
 
 def test_a_first_start_does_not_wait_for_the_compiler(tmp_path):
     """It has its attitudes, says why they cost more, and its helpers end with it."""
-    path = os.pathsep.join(filter(None, [ROOT, os.environ.get("PYTHONPATH", "")]))
     command = ["run", "sim:flight", "--seconds", "3", "--json", "--no-zenoh"]
-    done = subprocess.run(
-        [sys.executable, "-P", "-m", "fuzzbee", *command],
-        env={**os.environ, "PYTHONPATH": path, "NUMBA_CACHE_DIR": str(tmp_path)},
-        capture_output=True,
-        text=True,
-        check=True,
-        timeout=PATIENCE_S,
-    )
+    program = ("-P", "-m", "fuzzbee", *command)
+    done = run_python(*program, timeout_s=PATIENCE_S, NUMBA_CACHE_DIR=str(tmp_path))
     assert BEGUN in done.stderr
     assert json.loads(done.stdout)["vehicles"]["1"]["attitudes"] > 0
     assert not [
@@ -86,15 +75,9 @@ with helpers(load_profile("imu")) as started:
 
 
 def test_helpers_end_with_a_service_that_is_killed(tmp_path):
-    path = os.pathsep.join(filter(None, [ROOT, os.environ.get("PYTHONPATH", "")]))
-    done = subprocess.run(
-        [sys.executable, "-P", "-c", HELPER_OF_A_PARENT],
-        check=False,
-        env={**os.environ, "PYTHONPATH": path, "NUMBA_CACHE_DIR": str(tmp_path)},
-        capture_output=True,
-        text=True,
-        timeout=PATIENCE_S,
-    )
+    program = ("-P", "-c", HELPER_OF_A_PARENT)
+    there = str(tmp_path)
+    done = run_python(*program, timeout_s=PATIENCE_S, check=False, NUMBA_CACHE_DIR=there)
     helpers = [int(number) for number in done.stdout.split()]
     assert len(helpers) == 2
     end_s = time.monotonic() + 60.0

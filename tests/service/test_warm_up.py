@@ -1,30 +1,30 @@
 """What is compiled ahead is what is called, and two processes do the work."""
 
-import os
 import shutil
-import subprocess
-import sys
 from pathlib import Path
 
 import numba
 import pytest
 
-import service
 from estimator.estimator import Estimator
 from estimator.live.resident import clock
 from estimator.profile import load_profile
 from service.warm_up import FOR_VELOCITY, UNAIDED, compile_ahead, rehearse
+from tests.programs import run_python
 from tests.traps import set_trap
 
 pytestmark = pytest.mark.skipif(numba.config.DISABLE_JIT, reason="nothing is compiled")
 
 COLD_START = """
+import sys
 from estimator.profile import load_profile
 from service.warm_up import FOR_VELOCITY, UNAIDED, warm_up
 
 warm_up(load_profile("imu"), None)
 for half in (UNAIDED, FOR_VELOCITY):
     print({sum(kernel.stats.cache_misses.values()) for kernel in half})
+print(any(name.startswith("scipy.linalg") for name in sys.modules))
+import scipy.linalg.cython_blas
 """
 
 
@@ -40,7 +40,8 @@ def test_nothing_more_is_compiled_for_the_first_samples():
 def test_a_cold_start_finds_both_halves_as_others_have_compiled_them(tmp_path):
     """In a folder of somebody else's programs, none of which is run.
 
-    Of each half one kernel is lacking: two processes are started, as for the whole of it.
+    Of each half one kernel is lacking: two processes are started, as for the whole of it. SciPy's
+    linear algebra, which takes as long as all kernels, is left to whoever wants it afterwards.
     """
     trap, cache = tmp_path / "downloads", tmp_path / "cache"
     set_trap(trap)
@@ -52,46 +53,9 @@ def test_a_cold_start_finds_both_halves_as_others_have_compiled_them(tmp_path):
         assert len(lacking) == 2
         for file in lacking:
             file.unlink()
-    root = str(Path(next(iter(service.__path__))).parent)
-    path = os.pathsep.join(filter(None, [root, os.environ.get("PYTHONPATH", "")]))
-    done = subprocess.run(
-        [sys.executable, "-P", "-c", COLD_START],
-        env={**os.environ, "PYTHONPATH": path, "NUMBA_CACHE_DIR": str(cache)},
-        cwd=trap,
-        capture_output=True,
-        text=True,
-        check=True,
-        timeout=900,
-    )
-    assert done.stdout.split("\n")[:2] == ["{0}", "{0}"]
+    program = ("-P", "-c", COLD_START)
+    done = run_python(*program, folder=trap, timeout_s=900, NUMBA_CACHE_DIR=str(cache))
+    assert done.stdout.split() == ["{0}", "{0}", "False"]
     assert done.stderr == ""
     assert len(list(cache.glob("*/estimator.live.resident.clock-*"))) == 2
     assert not (trap / "sprung").exists()
-
-
-NO_SCIPY = """
-import sys
-from estimator.profile import load_profile
-from service.warm_up import is_compiled, warm_up
-
-profile = load_profile("imu")
-warm_up(profile, None)
-print(is_compiled(profile), any(name.partition(".")[0] == "scipy" and "linalg" in name
-                                for name in sys.modules))
-import scipy.linalg.cython_blas
-"""
-
-
-def test_the_service_loads_no_linear_algebra_of_scipys():
-    """It takes as long as all kernels; whoever wants it afterwards can import it."""
-    root = str(Path(next(iter(service.__path__))).parent)
-    path = os.pathsep.join(filter(None, [root, os.environ.get("PYTHONPATH", "")]))
-    done = subprocess.run(
-        [sys.executable, "-P", "-c", NO_SCIPY],
-        env={**os.environ, "PYTHONPATH": path},
-        capture_output=True,
-        text=True,
-        check=True,
-        timeout=900,
-    )
-    assert done.stdout.split() == ["True", "False"]

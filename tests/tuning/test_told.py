@@ -22,7 +22,7 @@ ASKED = {
     "trusts_compass",
 }
 # They call what is told, or are noted by whoever keeps segments: a profile ends one.
-BY_OTHERS = {"update_rate", "update_velocity", "replace_profile"}
+BY_OTHERS = {"update_velocity", "replace_profile"}
 # In place of ``update``, for arrays of samples, which nobody retunes on.
 OF_ARRAYS = {"take", "update_rows"}
 # Nobody borrows one that is told: others would step it.

@@ -200,7 +200,7 @@ def test_a_gap_whose_turning_others_have_seen_is_none(flight, others_hz, follows
     now_us = one.snapshot.core.time_us
     for k in range(1, round(6.0 * others_hz)):
         rate = flight.samples[pilot.k - 1].gyr_rad_s
-        one.update_rate(RateSample(now_us + round(1e6 * k / others_hz), rate))
+        one.update_report(RateSample(now_us + round(1e6 * k / others_hz), rate))
     pilot.pause(6.0).fly(0.02, reports=False)
     assert pilot.phases[-1] is follows
 

@@ -1,11 +1,8 @@
 """A program with one kernel, which compiles within a second, in a process of its own."""
 
 import os
-import subprocess
-import sys
-from pathlib import Path
 
-import estimator
+from tests.programs import run_python
 
 SMALL_PROGRAM = """
 from estimator.filter.noise_gain import noise_surface
@@ -17,14 +14,5 @@ PLACE = "print(noise_surface._cache.cache_path)\n"
 
 def run(program=SMALL_PROGRAM, **environment):
     """The program, which sees the packages under test."""
-    root = str(Path(next(iter(estimator.__path__))).parent)
     inherited = {key: value for key, value in os.environ.items() if "NUMBA" not in key}
-    path = os.pathsep.join(filter(None, [root, os.environ.get("PYTHONPATH", "")]))
-    return subprocess.run(
-        [sys.executable, "-c", program],
-        env={**inherited, "PYTHONPATH": path, **environment},
-        capture_output=True,
-        text=True,
-        check=True,
-        timeout=120,
-    )
+    return run_python("-c", program, timeout_s=120, inherited=inherited, **environment)

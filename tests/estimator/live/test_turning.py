@@ -101,7 +101,7 @@ def roll_after(profile_rates: str) -> tuple[float, str]:
         q = 1.5 / 18.0 * (1.0 - cos(18.0 * time_s))
         rate = (1.5 * sin(18.0 * time_s), 0.0, 0.0)
         time_us = round(time_s * SECOND)
-        estimator.update_rate(RateSample(time_us, rate))
+        estimator.update_report(RateSample(time_us, rate))
         if k % 10 == 0:
             push = (0.0, -9.81 * sin(q) + 3.0 * sin(1.7 * time_s), -9.81 * cos(q))
             estimator.update(ImuSample(time_us, rate, push, ZERO_VEC3, has_mag=False))
@@ -120,9 +120,9 @@ def test_the_profile_says_whether_they_are_used():
 
 def test_rates_that_are_none_are_refused():
     estimator = Estimator(load_profile("imu"))
-    assert estimator.update_rate(RateSample(0, (float("nan"), 0.0, 0.0))) is not None
-    assert estimator.update_rate(RateSample(0, (0.0, 1e9, 0.0))) is not None
-    assert estimator.update_rate(RateSample(0, (0.1, 0.0, 0.0))) is None
+    assert estimator.update_report(RateSample(0, (float("nan"), 0.0, 0.0))) is not None
+    assert estimator.update_report(RateSample(0, (0.0, 1e9, 0.0))) is not None
+    assert estimator.update_report(RateSample(0, (0.1, 0.0, 0.0))) is None
 
 
 @pytest.mark.parametrize(("samples_hz", "most_rad_s"), [(10, 0.06), (25, 0.02)])
