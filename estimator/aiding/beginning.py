@@ -116,6 +116,7 @@ def begin(
         lean=Lean(ZERO_VEC3, report.velocity_ned_m_s, report.velocity_ned_m_s),
         surprise=Surprise(ZERO_VEC3, gyr_bias, 3.0 * params.gyr_bias_sigma**2, 0.0, 0.0),
         wheels=Wheels(slip_scale=1.0, aside_rad=0.0, field_is_turned=False),
+        bias_variance=params.gyr_bias_sigma**2,
     )
     return state, P, new_trail(add(state.last.force_ned_m_s2, GRAVITY_NED))
 
@@ -163,4 +164,6 @@ def forget_biases(
     surprise = state.surprise._replace(
         bias_rad_s=ZERO_VEC3, least_variance=3.0 * params.gyr_bias_sigma**2
     )
-    return state._replace(estimate=estimate, surprise=surprise), P
+    return state._replace(
+        estimate=estimate, surprise=surprise, bias_variance=params.gyr_bias_sigma**2
+    ), P

@@ -178,6 +178,23 @@ def add_noise(
 
 
 @inlined
+def judge_gyroscope(now: Prediction, variance: float) -> float:
+    """How uncertain an axis' bias is that nothing has shown, (rad/s)^2; was ``variance``.
+
+    Its axes are one gyroscope's: where one is off by more than ``REACH`` sigmas, the others may be
+    as far off, in place. What has been learnt of an axis since counts as before.
+    """
+    P, b = now.covariance, now.estimate.gyr_bias_rad_s
+    largest = max(b[0] * b[0], b[1] * b[1], b[2] * b[2])
+    if largest <= REACH**2 * variance:
+        return variance
+    for i in range(GYR_BIAS, GYR_BIAS + 3):
+        learnt = max(0.0, 1.0 / P[i, i] - 1.0 / variance)
+        P[i, i] = max(P[i, i], 1.0 / (learnt + 1.0 / largest))
+    return largest
+
+
+@inlined
 def usual_variances(params: AidingParams, state: AidingState) -> ErrorVariances:
     """Of either source's slow error, per component, as long as nothing has happened to it."""
     pushed = state.last.force_ned_m_s2

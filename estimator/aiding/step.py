@@ -12,7 +12,7 @@ arXiv:1711.02508, section 7.
 import numpy as np
 
 from estimator.aiding.correction import apply_corrections, correct_last, part, prediction_at
-from estimator.aiding.inertial import predict_motion
+from estimator.aiding.inertial import judge_gyroscope, predict_motion
 from estimator.aiding.lean import hear_report, lean_angle, watch_lean
 from estimator.aiding.sources.field import begin_anew, observe_heading, wait_for_field
 from estimator.aiding.sources.unaided import observe_slow_unaided, observe_unaided
@@ -111,6 +111,7 @@ def aid(
         lean=lean,
         surprise=surprise,
         wheels=wheels,
+        bias_variance=judge_gyroscope(now, state.bias_variance),
     )
     return state, now.covariance, now.trail
 

@@ -245,6 +245,7 @@ class AidingState(NamedTuple):
     lean: Lean  # what deceives the unaided vertical
     surprise: Surprise  # what was corrected lately
     wheels: Wheels  # what they have shown
+    bias_variance: float  # of each axis of the gyroscope as long as nothing shows it, (rad/s)^2
 
 
 class North(NamedTuple):
