@@ -233,6 +233,13 @@ class Wheels(NamedTuple):
     field_is_turned: bool  # the field has given a heading that was wrong by that
 
 
+class Unlearnt(NamedTuple):
+    """Variance of an axis' bias as long as nothing has shown it."""
+
+    gyr: float  # (rad/s)^2
+    acc: float  # (m/s^2)^2
+
+
 class AidingState(NamedTuple):
     """Everything that changes but the errors' covariance, which the kernels take as an array."""
 
@@ -245,7 +252,7 @@ class AidingState(NamedTuple):
     lean: Lean  # what deceives the unaided vertical
     surprise: Surprise  # what was corrected lately
     wheels: Wheels  # what they have shown
-    bias_variance: float  # of each axis of the gyroscope as long as nothing shows it, (rad/s)^2
+    unlearnt: Unlearnt  # what biases may be
 
 
 class North(NamedTuple):
