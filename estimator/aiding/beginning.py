@@ -176,6 +176,4 @@ def forget_biases(
     surprise = state.surprise._replace(
         bias_rad_s=ZERO_VEC3, least_variance=3.0 * params.gyr_bias_sigma**2
     )
-    return state._replace(
-        estimate=estimate, surprise=surprise, unlearnt=first_unlearnt(params)
-    ), P
+    return state._replace(estimate=estimate, surprise=surprise, unlearnt=first_unlearnt(params)), P

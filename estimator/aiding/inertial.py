@@ -195,9 +195,7 @@ def judge_biases(now: Prediction, unlearnt: Unlearnt) -> Unlearnt:
 
 
 @inlined
-def judge_sensor(
-    P: Array, first: int, bias: Vec3, variance: float, R: Array, lean: float
-) -> float:
+def judge_sensor(P: Array, first: int, bias: Vec3, variance: float, R: Array, lean: float) -> float:
     """The variance of a sensor's bias that nothing has shown, and that of its axes, in place.
 
     ``lean`` is by how much (rad) a bias across the vertical has turned the attitude.

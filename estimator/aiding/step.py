@@ -65,7 +65,7 @@ def aid(
     surprise = pass_time(params, state.surprise, now.estimate, now.covariance, dt)
     slow = slow_share(dt)
     if slow > 0.0:
-        rough = watch_turning(params, state, now.covariance, sample)
+        rough = watch_turning(params, state, now.covariance, sample, slow * others.missed)
         before = known(now.covariance)
         is_silent = not report.given and wait_s > SPAN_S + dt
         sigma_rad = others.gravity_sigma_rad

@@ -267,5 +267,6 @@ class Surroundings(NamedTuple):
 
     gravity_b: Vec3  # down by the unaided conditioning stage, a unit vector in FRD
     gravity_sigma_rad: float  # of that
+    missed: float  # variance of the turn about both level axes that the last step missed, rad^2
     north: North
     place_gauss: Vec3 = ZERO_VEC3  # the place's field by a model, NED; zero: nobody knows it
