@@ -21,7 +21,15 @@ from estimator.geometry.quaternion import (
     scale,
     subtract,
 )
-from estimator.types import IDENTITY, NOTHING_BETWEEN, ZERO_VEC3, Between, RateSample, Vec3
+from estimator.types import (
+    IDENTITY,
+    NOTHING_BETWEEN,
+    UNSEEN_STEP_S,
+    ZERO_VEC3,
+    Between,
+    RateSample,
+    Vec3,
+)
 
 # More rates than this are not kept: 5 s of 50 a second; a longer hole stays one.
 MOST_WAITING = 256
@@ -31,8 +39,6 @@ MOST_WAITING = 256
 SAME_INSTANT_S = 0.03
 SAME_INSTANT = 0.15
 ONE_MOMENT_S = 0.012
-# Two readings further apart than this (s) do not show the turning between them.
-LONGEST_STEP_S = 0.35
 # The samples' bias against the rates is their mean difference over this time (s), at most rad/s.
 OFFSET_TAU_S = 20.0
 MOST_OFFSET_RAD_S = 0.1
@@ -136,7 +142,7 @@ def _integrate(
         longest = max(longest, step_s)
         change = subtract(w1, w0)
         squares = add(squares, (change[0] ** 2, change[1] ** 2, change[2] ** 2))
-    if longest > LONGEST_STEP_S:
+    if longest > UNSEEN_STEP_S:
         return NOTHING_BETWEEN
     n = len(points) - 1
     x, y, z = (sqrt(s / n) for s in squares)
@@ -165,7 +171,7 @@ def _compare(
             return state
         apart_s, gyr_rad_s = 0.0, state.last_gyr_rad_s
     if apart_s > SAME_INSTANT_S:
-        if not ahead or 1e-6 * (ahead[0].time_us - near.time_us) > LONGEST_STEP_S:
+        if not ahead or 1e-6 * (ahead[0].time_us - near.time_us) > UNSEEN_STEP_S:
             return state
         share = (time_us - near.time_us) / (ahead[0].time_us - near.time_us)
         there = add(scale(1.0 - share, near.rate_rad_s), scale(share, ahead[0].rate_rad_s))
@@ -210,7 +216,7 @@ def stand_in(
     if not any(contradicted) and not any(state.stands_in):
         return state, gyr_rad_s  # as nearly always
     latest = state.before
-    if latest is None or 1e-6 * (time_us - latest.time_us) > LONGEST_STEP_S:
+    if latest is None or 1e-6 * (time_us - latest.time_us) > UNSEEN_STEP_S:
         return state._replace(stands_in=NO_AXES), gyr_rad_s
     doubted = [
         is_new or (is_old and misfit > MOST_MISFIT * LEAST_TURNING_RAD_S**2)

@@ -171,5 +171,5 @@ def test_the_turning_is_watched_between_the_samples_where_it_is_seen(is_given: b
     for missed in (alone[0, 0], 60.0 * alone[0, 0]):
         P = np.zeros((SIZE, SIZE))
         watch_turning(AidingParams(), state, P, sample, missed)
-        level = max(alone[0, 0], 0.5 * share * missed)
+        level = max(alone[0, 0], 0.0 if is_given else 0.5 * share * missed)
         np.testing.assert_allclose(np.diag(P)[TURN : TURN + 3], (level, level, alone[2, 2]))
