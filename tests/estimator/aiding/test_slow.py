@@ -172,4 +172,4 @@ def test_the_turning_is_watched_between_the_samples_where_it_is_seen(is_given: b
         P = np.zeros((SIZE, SIZE))
         watch_turning(AidingParams(), state, P, sample, missed)
         level = max(alone[0, 0], 0.0 if is_given else 0.5 * share * missed)
-        np.testing.assert_allclose(np.diag(P)[TURN : TURN + 3], (level, level, alone[2, 2]))
+        np.testing.assert_allclose(np.diag(P)[TURN : TURN + 3], (level, level, alone[2, 2]), 1e-5)
