@@ -4,10 +4,11 @@
 
 Every log goes through the same reading and pipeline as ``fuzzbee replay``. The rivals see the same
 samples: the accelerometer alone and complementary filters of several time constants. The best of
-them is chosen in hindsight, log by log: a filter tuned on the answer. All are compared with the
-simulator's truth where the log has it, else with the autopilot's own attitude, which is no truth.
-From each one constant rotation is taken off, since IMU and autopilot may be mounted apart. Degrees
-RMS; the share of errors under sigma in motion and at rest. Then medians by motion and rate.
+them is chosen in hindsight, log by log: a filter tuned on the answer. ``mean of force`` is that of
+the last 10 s in the body, which keeps a vehicle that is shaken but never rolls. All are compared
+with the simulator's truth where the log has it, else with the autopilot's own attitude, which is no
+truth. From each one constant rotation is taken off, since IMU and autopilot may be mounted apart.
+Degrees RMS; the share of errors under sigma in motion and at rest. Then medians by motion and rate.
 """
 
 import sys
@@ -31,6 +32,7 @@ from fuzzbee.replays.log_report import replay_log
 from fuzzbee.replays.motion import motion_mask
 from fuzzbee.replays.trace import VehicleTrace
 
+MEAN_S = 10.0
 TAUS_S = (0.5, 1.0, 2.0, 5.0, 10.0, 20.0, 50.0)
 RATE_EDGES_HZ = (2.2, 3.3, 5.0, 25.0)
 LEAST_COMPARED = 20  # samples
@@ -55,6 +57,16 @@ def complementary(gyr: Array, up: Array, dt_s: Array, tau_s: float) -> Array:
         d += pull * (-up[k] - d)
         d /= np.sqrt(d @ d) + 1e-12
         down[k] = d
+    return down
+
+
+def mean_force(acc: Array, dt_s: Array) -> Array:
+    """Down (N, 3) where minus the mean force of the last ``MEAN_S`` points, seen from the body."""
+    down, mean, age_s = np.empty_like(acc), np.zeros(3), 0.0
+    for k, (force, step_s) in enumerate(zip(acc, np.maximum(dt_s, 1e-6), strict=True)):
+        age_s = min(age_s + step_s, MEAN_S)
+        mean += min(1.0, step_s / age_s) * (force - mean)
+        down[k] = -mean / (np.sqrt(mean @ mean) + 1e-12)
     return down
 
 
@@ -88,6 +100,7 @@ def score(path: Path, trace: VehicleTrace) -> Row | None:
     ours = errors_deg(down_in_body(trace.estimates)[known], downs)
     others = {name: rms(errors_deg(down[known], downs)) for name, down in rivals(trace).items()}
     sigma = np.degrees(trace.column("sigma_inclination_rad"))[known]
+    by_mean = mean_force(trace.samples.column("acc_m_s2"), np.roll(steps_s, 1))
     best = min(others, key=lambda name: others[name])
     return {
         "log": path.name,
@@ -97,6 +110,7 @@ def score(path: Path, trace: VehicleTrace) -> Row | None:
         "moving": float(np.mean(moving)),
         "fuzzbee": rms(ours),
         "accelerometer": others["accelerometer"],
+        "mean of force": rms(errors_deg(by_mean[known], downs)),
         "best": others[best],
         "which": best,
         "under sigma moving": share(ours <= sigma, moving),
@@ -114,7 +128,7 @@ def rate_group(rate_hz: float) -> str:
 
 def group(logs: Sequence[Row]) -> Row:
     """Medians over the logs of a group."""
-    columns = ("fuzzbee", "accelerometer", "best", "under sigma moving", "at rest")
+    columns = ("fuzzbee", "accelerometer", "mean of force", "best", "under sigma moving", "at rest")
     found: Row = {"logs": len(logs)}
     for name in columns:
         values = [log[name] for log in logs if log[name] is not None]

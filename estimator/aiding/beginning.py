@@ -34,6 +34,7 @@ from estimator.aiding.types import (
     Scatter,
     Sigmas,
     Surprise,
+    Unlearnt,
     Wheels,
 )
 from estimator.conditioning.field.magnetic import FieldLook
@@ -61,8 +62,12 @@ def begin(
     heading_sigma_rad: float,
     hard_iron_sigma_gauss: float,
     field_lag_s: float,
+    turned_by_iron_1_gauss: Vec3 = ZERO_VEC3,
 ) -> tuple[AidingState, Array, Array]:
-    """State, covariance and trail at a first velocity report, from an attitude and a bias."""
+    """State, covariance and trail at a first velocity report, from an attitude and a bias.
+
+    A heading that the field has told is off by ``turned_by_iron_1_gauss`` . hard iron (FRD).
+    """
     P = np.zeros((SIZE, SIZE))
     tilt, heading = tilt_sigma_rad**2, heading_sigma_rad**2
     diagonal = np.einsum("ii->i", P)
@@ -76,6 +81,8 @@ def begin(
     diagonal[RECEIVER_ERROR : RECEIVER_ERROR + 3] = params.receiver_error_m_s**2
     diagonal[FIELD_LAG] = field_lag_s**2
     diagonal[HARD_IRON : HARD_IRON + 3] = hard_iron_sigma_gauss**2
+    together = hard_iron_sigma_gauss**2 * np.array(turned_by_iron_1_gauss)
+    P[TURN + 2, HARD_IRON : HARD_IRON + 3] = P[HARD_IRON : HARD_IRON + 3, TURN + 2] = together
     state = AidingState(
         estimate=AidingEstimate(
             q_ned_frd=q_ned_frd,
@@ -116,8 +123,14 @@ def begin(
         lean=Lean(ZERO_VEC3, report.velocity_ned_m_s, report.velocity_ned_m_s),
         surprise=Surprise(ZERO_VEC3, gyr_bias, 3.0 * params.gyr_bias_sigma**2, 0.0, 0.0),
         wheels=Wheels(slip_scale=1.0, aside_rad=0.0, field_is_turned=False),
+        unlearnt=first_unlearnt(params),
     )
     return state, P, new_trail(add(state.last.force_ned_m_s2, GRAVITY_NED))
+
+
+def first_unlearnt(params: AidingParams) -> Unlearnt:
+    """What biases are taken to be before anything is known of the sensors."""
+    return Unlearnt(params.gyr_bias_sigma**2, params.acc_bias_sigma**2)
 
 
 def blank_aiding(params: AidingParams) -> tuple[AidingState, Array, Array]:
@@ -163,4 +176,4 @@ def forget_biases(
     surprise = state.surprise._replace(
         bias_rad_s=ZERO_VEC3, least_variance=3.0 * params.gyr_bias_sigma**2
     )
-    return state._replace(estimate=estimate, surprise=surprise), P
+    return state._replace(estimate=estimate, surprise=surprise, unlearnt=first_unlearnt(params)), P

@@ -20,6 +20,7 @@ from estimator.aiding.types import (
     AidingParams,
     AidingState,
     Array,
+    Unlearnt,
 )
 from estimator.compilation.compiled import inlined
 from estimator.compilation.replacing import replacer
@@ -175,6 +176,48 @@ def add_noise(
         for j in range(2):
             P[EARTH + i, EARTH + j] += horizontal * E[i] * E[j]
     P[EARTH + 2, EARTH + 2] += field * dot(E, E)
+
+
+@inlined
+def judge_biases(now: Prediction, unlearnt: Unlearnt) -> Unlearnt:
+    """How uncertain biases of both sensors are that nothing has shown; in place, too.
+
+    Three axes are one sensor's: where one is off by more than it was taken to be, the others may be
+    as far off. What has been learnt of an axis counts as before. An accelerometer's bias across the
+    force has turned the attitude, as a rest or a straight flight makes it seem: R a = turn x f.
+    """
+    estimate = now.estimate
+    R = rotation_matrix(estimate.q_ned_frd)
+    gyr = judge_sensor(now.covariance, GYR_BIAS, estimate.gyr_bias_rad_s, unlearnt.gyr, R, 0.0)
+    lean = 1.0 / STANDARD_GRAVITY_M_S2
+    acc = judge_sensor(now.covariance, ACC_BIAS, estimate.acc_bias_m_s2, unlearnt.acc, R, lean)
+    return Unlearnt(gyr, acc)
+
+
+@inlined
+def judge_sensor(P: Array, first: int, bias: Vec3, variance: float, R: Array, lean: float) -> float:
+    """The variance of a sensor's bias that nothing has shown, and that of its axes, in place.
+
+    ``lean`` is by how much (rad) a bias across the vertical has turned the attitude.
+    """
+    largest = max(bias[0] * bias[0], bias[1] * bias[1], bias[2] * bias[2])
+    if largest <= variance:
+        return variance
+    for k in range(3):
+        i = first + k
+        learnt = max(0.0, 1.0 / P[i, i] - 1.0 / variance)
+        grown = max(0.0, 1.0 / (learnt + 1.0 / largest) - P[i, i])
+        north, east = lean * R[1, k], -lean * R[0, k]
+        P[i, i] += grown
+        P[i, TURN] += grown * north
+        P[TURN, i] += grown * north
+        P[i, TURN + 1] += grown * east
+        P[TURN + 1, i] += grown * east
+        P[TURN, TURN] += grown * north * north
+        P[TURN, TURN + 1] += grown * north * east
+        P[TURN + 1, TURN] += grown * north * east
+        P[TURN + 1, TURN + 1] += grown * east * east
+    return largest
 
 
 @inlined

@@ -12,7 +12,7 @@ arXiv:1711.02508, section 7.
 import numpy as np
 
 from estimator.aiding.correction import apply_corrections, correct_last, part, prediction_at
-from estimator.aiding.inertial import predict_motion
+from estimator.aiding.inertial import judge_biases, predict_motion
 from estimator.aiding.lean import hear_report, lean_angle, watch_lean
 from estimator.aiding.sources.field import begin_anew, observe_heading, wait_for_field
 from estimator.aiding.sources.unaided import observe_slow_unaided, observe_unaided
@@ -65,7 +65,7 @@ def aid(
     surprise = pass_time(params, state.surprise, now.estimate, now.covariance, dt)
     slow = slow_share(dt)
     if slow > 0.0:
-        rough = watch_turning(params, state, now.covariance, sample)
+        rough = watch_turning(params, state, now.covariance, sample, slow * others.missed)
         before = known(now.covariance)
         is_silent = not report.given and wait_s > SPAN_S + dt
         sigma_rad = others.gravity_sigma_rad
@@ -91,6 +91,7 @@ def aid(
             field = begin_anew(field)
     now = apply_corrections(now, x)
     surprise = add_correction(surprise, part(x, TURN), before, known(now.covariance))
+    unlearnt = judge_biases(now, state.unlearnt)
     last = LastStep(
         gyr_rad_s=sample.gyr_rad_s,
         gyr_before_rad_s=state.last.gyr_rad_s,
@@ -106,11 +107,12 @@ def aid(
         last=last,
         field=field,
         agreement=agreement,
-        sigma=sigmas(params, now, last, field, agreement),
+        sigma=sigmas(params, now, last, field, agreement, unlearnt),
         rough=rough,
         lean=lean,
         surprise=surprise,
         wheels=wheels,
+        unlearnt=unlearnt,
     )
     return state, now.covariance, now.trail
 

@@ -233,6 +233,13 @@ class Wheels(NamedTuple):
     field_is_turned: bool  # the field has given a heading that was wrong by that
 
 
+class Unlearnt(NamedTuple):
+    """Variance of an axis' bias as long as nothing has shown it."""
+
+    gyr: float  # (rad/s)^2
+    acc: float  # (m/s^2)^2
+
+
 class AidingState(NamedTuple):
     """Everything that changes but the errors' covariance, which the kernels take as an array."""
 
@@ -245,6 +252,7 @@ class AidingState(NamedTuple):
     lean: Lean  # what deceives the unaided vertical
     surprise: Surprise  # what was corrected lately
     wheels: Wheels  # what they have shown
+    unlearnt: Unlearnt  # what biases may be
 
 
 class North(NamedTuple):
@@ -259,5 +267,6 @@ class Surroundings(NamedTuple):
 
     gravity_b: Vec3  # down by the unaided conditioning stage, a unit vector in FRD
     gravity_sigma_rad: float  # of that
+    missed: float  # variance of the turn about both level axes that the last step missed, rad^2
     north: North
     place_gauss: Vec3 = ZERO_VEC3  # the place's field by a model, NED; zero: nobody knows it

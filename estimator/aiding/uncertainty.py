@@ -4,6 +4,7 @@ from math import hypot, sqrt
 
 from estimator.aiding.inertial import Prediction
 from estimator.aiding.types import (
+    ACC_BIAS,
     HARD_IRON,
     IMU_LAG,
     TURN,
@@ -14,6 +15,7 @@ from estimator.aiding.types import (
     LastStep,
     Scatter,
     Sigmas,
+    Unlearnt,
 )
 from estimator.bounds import TINY
 from estimator.compilation.compiled import inlined
@@ -37,6 +39,7 @@ def sigmas(
     last: LastStep,
     field: FieldState,
     agreement: Agreements,
+    unlearnt: Unlearnt,
 ) -> Sigmas:
     """How uncertain the estimate is after a sample."""
     P, E, force = now.covariance, now.estimate.earth_gauss, last.force_ned_m_s2
@@ -46,22 +49,28 @@ def sigmas(
     # how far the hard iron of a calibrated compass may turn the field
     iron = params.hard_iron_sigma_gauss / max(hypot(E[0], E[1]), NORM_SCALE * abs(E[2]), TINY)
     return Sigmas(
-        inclination_rad=inclination_sigma(params, P, agreement, moving),
+        inclination_rad=inclination_sigma(params, P, agreement, unlearnt, moving),
         heading_rad=heading_sigma(params, P, agreement, field, iron, moving, last.dt_s),
     )
 
 
 @inlined
 def inclination_sigma(
-    params: AidingParams, P: Array, agreement: Agreements, moving_rad: float
+    params: AidingParams, P: Array, agreement: Agreements, unlearnt: Unlearnt, moving_rad: float
 ) -> float:
     """From the covariance, as far as the reports' scatter bears it out, and ``moving_rad``.
 
-    That is what comes from turning and being pushed alone.
+    That is what comes from turning and being pushed alone. Of what a poor accelerometer's bias may
+    have turned the reports say nothing, however well they agree.
     """
     scale = params.colour * scatter_scale(params, agreement, params.least_scale)
     variance = 0.5 * (P[TURN, TURN] + P[TURN + 1, TURN + 1])
-    return sqrt((PLANE_68 * scale) ** 2 * variance + moving_rad * moving_rad)
+    bias = P[ACC_BIAS, ACC_BIAS] + P[ACC_BIAS + 1, ACC_BIAS + 1] + P[ACC_BIAS + 2, ACC_BIAS + 2]
+    leaning = 0.5 * bias / STANDARD_GRAVITY_M_S2**2
+    poor = max(0.0, 1.0 - params.acc_bias_sigma**2 / unlearnt.acc)
+    square = scale * scale
+    square += (1.0 - min(1.0, square)) * poor * min(1.0, leaning / max(variance, TINY))
+    return sqrt(PLANE_68**2 * square * variance + moving_rad * moving_rad)
 
 
 @inlined

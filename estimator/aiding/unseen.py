@@ -17,7 +17,7 @@ from estimator.conditioning.vertical.rate import slow_share
 from estimator.conditioning.vertical.tilt import HOLE_RAD_S
 from estimator.geometry.quaternion import dot, subtract
 from estimator.geometry.spread import INDEPENDENT_BENT
-from estimator.types import STANDARD_GRAVITY_M_S2, Sample, Vec3
+from estimator.types import STANDARD_GRAVITY_M_S2, UNSEEN_STEP_S, Sample, Vec3
 
 # A smooth motion's readings have half of that and more at turns; the power leaves them out.
 SHARPNESS = 3
@@ -26,8 +26,15 @@ HOLE_M_S2 = HOLE_RAD_S * STANDARD_GRAVITY_M_S2
 
 
 @inlined
-def watch_turning(params: AidingParams, state: AidingState, P: Array, sample: Sample) -> Roughness:
-    """What the step of a slow stream has missed goes into the covariance, in place."""
+def watch_turning(
+    params: AidingParams, state: AidingState, P: Array, sample: Sample, missed: float
+) -> Roughness:
+    """What the step of a slow stream has missed goes into the covariance, in place.
+
+    About both level axes that is no less than the stage without velocity takes for ``missed``,
+    rad^2, as far as the readings look as good as independent now or did lately. Readings nearer
+    than ``UNSEEN_STEP_S`` show more than that: at 4 Hz it cost headings beside a compass' faults.
+    """
     last, dt, between = state.last, sample.dt_s, sample.between
     change = subtract(sample.gyr_rad_s, last.gyr_rad_s)
     bent = bend(sample.gyr_rad_s, last.gyr_rad_s, last.gyr_before_rad_s, dt, last.dt_s)
@@ -35,9 +42,23 @@ def watch_turning(params: AidingParams, state: AidingState, P: Array, sample: Sa
     if between.given:
         change = bent = between.change_rad_s
         seen_s = between.step_s
-    add_unseen_turn(params, P, state.rough, bent, dt, seen_s)
+    rough = state.rough
+    level = 0.0
+    if seen_s > UNSEEN_STEP_S:
+        second, first = max(dot(bent, bent), rough.bent), max(dot(change, change), rough.changed)
+        level = 0.5 * missed * likeness(second, first)
+    north, east = P[TURN, TURN] + level, P[TURN + 1, TURN + 1] + level
+    add_unseen_turn(params, P, rough, bent, dt, seen_s)
     add_hole(P, dt)
-    return watch_roughness(state.rough, bent, change, dt)
+    P[TURN, TURN] = max(P[TURN, TURN], north)
+    P[TURN + 1, TURN + 1] = max(P[TURN + 1, TURN + 1], east)
+    return watch_roughness(rough, bent, change, dt)
+
+
+@inlined
+def likeness(bent: float, changed: float) -> float:
+    """How far readings look as if they were independent, by squared differences: 0 to 1."""
+    return min(1.0, bent / (INDEPENDENT_BENT * changed + TINY))
 
 
 @inlined
@@ -55,8 +76,8 @@ def add_unseen_turn(
     share = params.unseen_turn_noise * seen_s / (seen_s + LONGEST_STEP_S)
     now = dot(bent, bent)
     square = max(now, rough.bent)  # one even pair may be chance
-    likeness = min(1.0, rough.bent / (INDEPENDENT_BENT * rough.changed + TINY))
-    variance = slow * share * share * likeness**SHARPNESS * square * dt * seen_s / 3.0
+    independent = likeness(rough.bent, rough.changed) ** SHARPNESS
+    variance = slow * share * share * independent * square * dt * seen_s / 3.0
     for i in range(TURN, TURN + 3):
         P[i, i] += variance
 

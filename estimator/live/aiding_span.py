@@ -27,12 +27,12 @@ from estimator.conditioning.times import LONG_S
 from estimator.conditioning.vertical.rate import slow_share
 from estimator.filter.alignment import align, quaternion_from_matrix
 from estimator.geometry.earth import in_ned
-from estimator.geometry.quaternion import cross, dot, exp, multiply, rotate
+from estimator.geometry.quaternion import cross, dot, exp, multiply, rotate, scale
 from estimator.live.conditioned import conditioned_vectors
 from estimator.live.core import Core, flat, square, with_attitude
 from estimator.live.settings import Settings
 from estimator.live.state import State
-from estimator.types import STANDARD_GRAVITY_M_S2, Quaternion
+from estimator.types import STANDARD_GRAVITY_M_S2, ZERO_VEC3, Quaternion, Vec3
 
 # However small its computed sigma, a heading by velocity is no better than this to begin with.
 LEAST_HEADING_SIGMA_RAD = radians(3.0)
@@ -160,15 +160,18 @@ class Start(NamedTuple):
     q_ned_frd: Quaternion
     sigma_heading_rad: float
     sigma_tilt_rad: float = 0.0  # if more than that of the unaided vertical
+    turned_by_iron_1_gauss: Vec3 = ZERO_VEC3  # what hard iron (FRD) has turned the heading by
 
 
 def start_by_field(settings: Settings, now: Core, iron_gauss: float) -> Start:
-    """The unaided attitude, which the field has given its heading."""
+    """The unaided attitude, which the field has given its heading: the iron's error is in it."""
     q = align(conditioned_vectors(settings.reference, now.seen))
     seen_gauss = now.conditioning.field.magnetic.reference.horizontal
-    iron_rad = iron_gauss / max(seen_gauss, TINY)
+    per_gauss = 1.0 / max(seen_gauss, TINY)
     least_rad = settings.aiding.unaided_sigma_rad
-    return Start(q, max(least_rad, now.seen.sigma_heading_rad, iron_rad))
+    sigma_rad = max(least_rad, now.seen.sigma_heading_rad, iron_gauss * per_gauss)
+    east = cross(now.seen.gravity_b, now.seen.magnetic_b)
+    return Start(q, sigma_rad, turned_by_iron_1_gauss=scale(per_gauss, east))
 
 
 def start_by_velocity(now: Core) -> Start | None:
@@ -246,6 +249,7 @@ def begin_aiding(
         start.sigma_heading_rad,
         iron_gauss,
         settings.conditioning.field_lag_sigma_s,
+        start.turned_by_iron_1_gauss,
     )
     return core._replace(
         aided=aided, covariance=flat(covariance), trail=flat(trail), search=EMPTY_SEARCH

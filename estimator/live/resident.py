@@ -413,6 +413,7 @@ def advance_aided(inside: Any, report: Report, knows_north: bool) -> bool:
     others = Surroundings(
         gravity_b=seen.gravity_b,
         gravity_sigma_rad=seen.sigma_brief_rad,
+        missed=inside.conditioning.vertical.tilt.missed,
         north=north,
         place_gauss=reference.place_gauss,
     )

@@ -18,7 +18,7 @@ from estimator.compilation.compiled import inlined
 from estimator.compilation.replacing import replacer
 from estimator.conditioning.vertical.rate import integration_rate
 from estimator.geometry.quaternion import add, exp, log, multiply, norm, scale, subtract
-from estimator.types import IDENTITY, NOTHING_BETWEEN, ZERO_VEC3, Between, Vec3
+from estimator.types import IDENTITY, NOTHING_BETWEEN, UNSEEN_STEP_S, ZERO_VEC3, Between, Vec3
 
 # Arrays of float64.
 Rates = Any
@@ -34,8 +34,6 @@ LEAST_WAITING = 4
 SAME_INSTANT_S = 0.03
 SAME_INSTANT = 0.15
 ONE_MOMENT_S = 0.012
-# Two readings further apart than this (s) do not show the turning between them.
-LONGEST_STEP_S = 0.35
 # The samples' bias against the rates is their mean difference over this time (s), at most rad/s.
 OFFSET_TAU_S = 20.0
 MOST_OFFSET_RAD_S = 0.1
@@ -177,7 +175,7 @@ def integrate(
         squares = add(squares, (x * x, y * y, z * z))
         steps += 1
         t0, w0 = t1, w1
-    if steps < 2 or longest_s > LONGEST_STEP_S:
+    if steps < 2 or longest_s > UNSEEN_STEP_S:
         return NOTHING_BETWEEN
     x, y, z = squares
     change = (sqrt(x / steps), sqrt(y / steps), sqrt(z / steps))
@@ -206,7 +204,7 @@ def compared(
         if state.waiting == passed:
             return state
         ahead_us = time_of(rates, passed)
-        if 1e-6 * (ahead_us - near_us) > LONGEST_STEP_S:
+        if 1e-6 * (ahead_us - near_us) > UNSEEN_STEP_S:
             return state
         share = (time_us - near_us) / (ahead_us - near_us)
         there = add(scale(1.0 - share, there), scale(share, rate_of(rates, passed)))
@@ -240,7 +238,7 @@ def stand_in(
 
     An axis stays replaced until the two agree about it again.
     """
-    is_old = state.before_us == NEVER_US or 1e-6 * (time_us - state.before_us) > LONGEST_STEP_S
+    is_old = state.before_us == NEVER_US or 1e-6 * (time_us - state.before_us) > UNSEEN_STEP_S
     x = is_doubted(state, contradicted, 0)
     y = is_doubted(state, contradicted, 1)
     z = is_doubted(state, contradicted, 2)

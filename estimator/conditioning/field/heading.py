@@ -82,4 +82,4 @@ def learn_heading(
     b, d, p = estimate
     noise *= residual_factor(off, p[9])
     b, d, p = update(b, d, p, ZERO_VEC3, 1.0, -off, noise)
-    return Estimate(clip_each(b, params.bias_limit_rad_s), wrap_angle(d), p)
+    return Estimate(clip_each(b, params.bias_limit_rad_s, estimate.bias_rad_s), wrap_angle(d), p)

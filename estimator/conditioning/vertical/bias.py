@@ -64,9 +64,13 @@ def clip(x: float, limit: float) -> float:
 
 
 @inlined
-def clip_each(b: Vec3, limit: float) -> Vec3:
-    """Each component within the limit."""
-    return (clip(b[0], limit), clip(b[1], limit), clip(b[2], limit))
+def clip_each(b: Vec3, limit: float, before: Vec3) -> Vec3:
+    """Each component within the limit; where it was beyond ``before``, no further."""
+    return (
+        clip(b[0], max(limit, abs(before[0]))),
+        clip(b[1], max(limit, abs(before[1]))),
+        clip(b[2], max(limit, abs(before[2]))),
+    )
 
 
 @inlined
@@ -131,7 +135,7 @@ def learn_at_rest(
     for i in range(3):
         noise = k.rest_noise + still.variance[i] * lasting
         b, d, p = update(b, d, p, axes[i], 0.0, clip(g[i] - b[i], most), noise)
-    return Estimate(clip_each(b, most), d, p)
+    return Estimate(clip_each(b, most, rest.gyr.value), d, p)
 
 
 @inlined
@@ -192,4 +196,4 @@ def learn_in_motion(
         # that is the innovation of the bias before the step: less what the other axis has changed
         e -= dot(axes[i], subtract(b, estimate.bias_rad_s))
         b, d, p = update(b, d, p, axes[i], 0.0, e, k.motion_noise + unseen)
-    return Estimate(clip_each(b, most), d, p)
+    return Estimate(clip_each(b, most, estimate.bias_rad_s), d, p)

@@ -10,13 +10,13 @@ from estimator.types import Vec3
 
 
 class RestState(NamedTuple):
-    """Whether the vehicle is quiet now, and whether it has been for ``rest_time_s``: at rest."""
+    """Whether the vehicle has been quiet for ``rest_time_s``, and whether it rests."""
 
     gyr: Smooth = Smooth()  # rad/s, FRD
     acc: Smooth = Smooth()  # m/s^2, FRD
-    quiet: bool = False  # whether both are near their low-pass now
-    quiet_s: float = 0.0  # for how long they have been
-    resting: bool = False  # whether that is long enough
+    quiet_s: float = 0.0  # for how long both have been near their low-pass
+    steady: bool = False  # whether that is long enough for a rest, or for a steady turn
+    resting: bool = False  # whether it is a rest
 
 
 @inlined
@@ -25,12 +25,12 @@ def observe_rest(
 ) -> RestState:
     """Decide whether the vehicle is quiet, and whether it has been for long enough to rest.
 
-    Quiet: |a - a_lp| under its threshold, |g - g_lp| and every rate under the
-    largest bias, after VQF (Laidig and Seel 2023, doi 10.1016/j.inffus.2022.10.014).
+    Quiet: |a - a_lp| under its threshold, |g - g_lp| under the largest usual bias; at rest every
+    rate is, too, after VQF (Laidig and Seel 2023, doi 10.1016/j.inffus.2022.10.014).
     The samples are compared with the low-pass before it takes them, so that
     the test keeps its meaning at a few samples a second. A vehicle turning
-    steadily and slower than the largest bias looks the same: gravity and field
-    tell it (:mod:`estimator.conditioning.vertical.stillness`).
+    steadily and slower than that looks the same, and one that rests with a poor gyroscope as if it
+    turned: gravity and field tell (:mod:`estimator.conditioning.vertical.stillness`).
     """
     limit = params.bias_limit_rad_s
     steady_gyr = square(subtract(gyr, state.gyr.value)) < limit * limit
@@ -38,14 +38,14 @@ def observe_rest(
     gyr_smooth = smooth(k, state.gyr, gyr)
     g = gyr_smooth.value
     slow = abs(g[0]) < limit and abs(g[1]) < limit and abs(g[2]) < limit
-    quiet = steady_gyr and steady_acc and slow
-    quiet_s = min(state.quiet_s + dt_s, 1e6) if quiet else 0.0
+    quiet_s = min(state.quiet_s + dt_s, 1e6) if steady_gyr and steady_acc else 0.0
+    steady = quiet_s >= params.rest_time_s
     return RestState(
         gyr=gyr_smooth,
         acc=smooth(k, state.acc, acc),
-        quiet=quiet,
         quiet_s=quiet_s,
-        resting=quiet_s >= params.rest_time_s,
+        steady=steady,
+        resting=steady and slow,
     )
 
 
@@ -53,4 +53,4 @@ def observe_rest(
 def initial_rest(gyr: Vec3, acc: Vec3) -> RestState:
     """The state at the first reading, where both low-passes begin."""
     zero = (0.0, 0.0, 0.0)
-    return RestState(Smooth(gyr, zero), Smooth(acc, zero), False, 0.0, False)
+    return RestState(Smooth(gyr, zero), Smooth(acc, zero), 0.0, False, False)

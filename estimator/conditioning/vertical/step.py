@@ -106,6 +106,7 @@ class Belief(NamedTuple):
 
 with_turn = replacer(VerticalState, "gravity", "clipping")
 with_first = replacer(VerticalState, "rest", "tilt")
+with_resting = replacer(RestState, "resting")
 
 
 @inlined
@@ -155,6 +156,7 @@ def learn_vertical(
         k = coefficients(params, dt, before.averaging.factor)
     rest = observe_rest(params, k.rest, before.rest, mean.gyr, mean.acc, dt)
     still = observe_stillness(params, before, rest, mean)
+    rest = with_resting(rest, rest.resting or still.proven)
     rate = subtract(mean.gyr, before.estimate.bias_rad_s)
     down = rotate_inverse(before.gravity.q_g_frd, down_of(before.gravity.q_6d_g))
     p = before.estimate.covariance

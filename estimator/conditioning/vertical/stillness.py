@@ -5,10 +5,12 @@ gravity and the field move in the body as the gyroscope says, at rest they stay.
 much of it is a turn, and how well that is known.
 """
 
+from math import sqrt
 from typing import NamedTuple
 
 from estimator.compilation.compiled import inlined
 from estimator.conditioning.params import ConditioningParams
+from estimator.conditioning.robust import REACH
 from estimator.conditioning.times import LATELY_S, QUICK_S
 from estimator.conditioning.vertical.lowpass import approach
 from estimator.conditioning.vertical.rest import RestState
@@ -36,6 +38,7 @@ class Stillness(NamedTuple):
     shown: Vec3 = ZERO_VEC3  # turn since then, if the known bias is right, rad, FRD
     turning: Vec3 = ZERO_VEC3  # the turn that there is now, rad/s, FRD
     variance: Vec3 = ZERO_VEC3  # of that, (rad/s)^2
+    proven: bool = False  # whether both stand still, and tell it of every axis
 
 
 @inlined
@@ -56,7 +59,8 @@ def watch_stillness(
 ) -> Stillness:
     """The state after a step with a low-passed ``rate`` (less the bias) and a ``field``, in FRD.
 
-    The field is low-passed as gyroscope and accelerometer are.
+    The field is low-passed as gyroscope and accelerometer are. In a banked turn the force stands
+    still in the body, and the field does not.
     """
     smooth, mean_field, wait_s = before.field, before.mean_field, before.wait_s + dt_s
     down = direction(rest.acc.value)
@@ -64,8 +68,9 @@ def watch_stillness(
         smooth = approach(smooth, field, wait_s / (QUICK_S + wait_s))
         mean_field = mean_after(mean_field, direction(smooth), rate, wait_s)
         wait_s = 0.0
-    if not rest.resting:
-        return Stillness(smooth, wait_s, direction(smooth), down, ZERO_VEC3, ZERO_VEC3, ZERO_VEC3)
+    if not rest.steady:
+        zero = ZERO_VEC3
+        return Stillness(smooth, wait_s, direction(smooth), down, zero, zero, zero, False)
     mean_down = mean_after(before.mean_down, down, rate, dt_s)
     shown = scale(LATELY_S / (LATELY_S + dt_s), add(before.shown, scale(dt_s, rate)))
     seen_field = direction(smooth) if wait_s <= params.rest_time_s else ZERO_VEC3
@@ -74,7 +79,22 @@ def watch_stillness(
     w0, v0 = turn_of_axis(shown[0], seen[0], down[0], about_down, rate[0])
     w1, v1 = turn_of_axis(shown[1], seen[1], down[1], about_down, rate[1])
     w2, v2 = turn_of_axis(shown[2], seen[2], down[2], about_down, rate[2])
-    return Stillness(smooth, wait_s, mean_field, mean_down, shown, (w0, w1, w2), (v0, v1, v2))
+    left = subtract(subtract(seen_field, mean_field), cross(seen_field, unexpected))
+    limit = params.bias_limit_rad_s
+    proven = (
+        square(left) < (REACH * STILL_RAD) ** 2
+        and is_within(w0, v0, limit)
+        and is_within(w1, v1, limit)
+        and is_within(w2, v2, limit)
+    )
+    turning, variance = (w0, w1, w2), (v0, v1, v2)
+    return Stillness(smooth, wait_s, mean_field, mean_down, shown, turning, variance, proven)
+
+
+@inlined
+def is_within(value: float, variance: float, limit: float) -> bool:
+    """Whether a value can be told to be no larger than a limit."""
+    return abs(value) + REACH * sqrt(variance) < limit
 
 
 @inlined

@@ -52,6 +52,7 @@ class TiltState(NamedTuple):
     gyr: Vec3 = ZERO_VEC3  # mean rate of the last step, rad/s, FRD
     force: float = 0.0  # usual size of the specific force, m/s^2
     drift: float = 0.0  # covariance of its error and the gyroscope's bias about an axis, rad^2/s
+    missed: float = 0.0  # variance of the turn about horizontal axes that the last step missed
 
 
 with_variance = replacer(TiltState, "variance")
@@ -177,6 +178,7 @@ def believe_force(
             gyr=gyr,
             force=usual + b * (size - usual),
             drift=(1.0 - share) * noise.drift,
+            missed=noise.tilt,
         ),
         share,
     )
@@ -195,7 +197,7 @@ def initial_tilt(gyr: Vec3, u: Vec3) -> TiltState:
     """The state at the first reading: the direction of the force ``u`` is as good as unknown."""
     scatter = 16.0 * LEAST_OFF_RAD**2
     return TiltState(
-        ANY_DIRECTION_VARIANCE, ANY_DIRECTION_VARIANCE, scatter, 0.0, 0.0, gyr, norm(u), 0.0
+        ANY_DIRECTION_VARIANCE, ANY_DIRECTION_VARIANCE, scatter, 0.0, 0.0, gyr, norm(u), 0.0, 0.0
     )
 
 

@@ -91,7 +91,11 @@ def test_a_field_unlike_the_places_own_is_not_taken_for_calibrated(flight):
 
 
 def test_a_field_unlike_the_places_own_makes_the_first_heading_uncertain(flight):
-    """Turned by 15 deg; its strength and dip are 0.1 gauss off those near Zurich."""
+    """Turned by 15 deg; its strength and dip are 0.1 gauss off those near Zurich.
+
+    As long as nothing turns, one look at a field tells as much as many: counted as if the iron had
+    not been in the first heading, they made 3.4 and 9.0 deg of it.
+    """
     wrong = changed(flight, mag_gauss=magnetised(0.08, 0.08, -0.03))
     sigmas_deg = []
     for seen in (flight, wrong):
@@ -100,7 +104,7 @@ def test_a_field_unlike_the_places_own_makes_the_first_heading_uncertain(flight)
         level = type(flight)(seen.samples[:240], flight.reports[:48], [])
         sigmas_deg.append(degrees(flown(one, level)[-1].sigma_heading_rad))
         assert one.snapshot.context.phase is Phase.AIDED
-    assert sigmas_deg == pytest.approx([3.4, 9.0], rel=0.2)
+    assert sigmas_deg == pytest.approx([5.4, 13.5], rel=0.2)
 
 
 @pytest.mark.parametrize("late_s", [0.1, 0.2])

@@ -29,6 +29,7 @@ from estimator.aiding.types import (
     North,
     Scatter,
     Surroundings,
+    Unlearnt,
 )
 from estimator.aiding.uncertainty import sigmas
 from estimator.conditioning.field.magnetic import FieldLook
@@ -282,7 +283,7 @@ def test_field(seed, is_known, unfelt_rad):
     state = FieldState(look, FieldResidual(0.02, 0.001), 30.0, dt, 0.4, 0.0)
     now = Prediction(known, ZERO_VEC3, ZERO_VEC3, new_trail(ZERO_VEC3), P.copy())
     north = North(is_known, floats((np.cos(0.4), np.sin(0.4))))
-    others = Surroundings((0.0, 0.0, 1.0), 0.1, north)
+    others = Surroundings((0.0, 0.0, 1.0), 0.1, 0.0, north)
     x0 = SIGMAS * rng.standard_normal(SIZE) * 0.1
     x = x0.copy()
     after = field.observe_heading(p, state, now, others, sample, x)
@@ -359,7 +360,8 @@ def test_unaided_gravity(seed, slow):
 @pytest.mark.parametrize(("innovation", "wait_s"), [(0.05, 0.0), (3.0, 0.0), (0.05, 2.0)])
 @pytest.mark.parametrize("together", [-0.3, 0.2, 0.5])
 @pytest.mark.parametrize(("samples", "dt"), [(0.0, 0.02), (5.0, 0.02), (5.0, 0.5)])
-def test_published_sigmas(heading_rad, innovation, wait_s, together, samples, dt):
+@pytest.mark.parametrize("worse", [1.0, 3.0])
+def test_published_sigmas(heading_rad, innovation, wait_s, together, samples, dt, worse):
     """Of tilts that differ, with a field or without, by reports that agree or do not.
 
     What of a receiver's innovations is like the one before tells a variance that is too small.
@@ -367,6 +369,8 @@ def test_published_sigmas(heading_rad, innovation, wait_s, together, samples, dt
     p = PARAMS
     P = np.eye(SIZE)
     P[0, 0], P[1, 1], P[2, 2] = 0.03**2, 0.07**2, heading_rad**2
+    for i in range(ACC_BIAS, ACC_BIAS + 3):
+        P[i, i] = 0.3**2
     E = (0.15, -0.12, 0.4)
     now = Prediction(
         BLANK.estimate._replace(earth_gauss=E), ZERO_VEC3, ZERO_VEC3, new_trail(ZERO_VEC3), P
@@ -376,7 +380,8 @@ def test_published_sigmas(heading_rad, innovation, wait_s, together, samples, dt
     state = FieldState(look, FieldResidual(0.0, 0.04**2), samples, 0.0, 0.0, 0.0)
     heard = Agreement(Scatter(1.0, innovation, 50.0, ZERO_VEC3, together), wait_s, 0.0)
     silent = Agreement(Scatter(1.0, 99.0, 50.0, ZERO_VEC3, 9.0), wait_s + 1.0, 0.0)
-    got = sigmas(p, now, last, state, Agreements(silent, heard))
+    poor = Unlearnt(gyr=0.01**2, acc=worse**2 * p.acc_bias_sigma**2)
+    got = sigmas(p, now, last, state, Agreements(silent, heard), poor)
 
     def scatter(least):
         square = least**2 + p.scatter_share * innovation
@@ -387,7 +392,10 @@ def test_published_sigmas(heading_rad, innovation, wait_s, together, samples, dt
     pushed = p.pushed_rad * np.hypot(2.0, 1.0) / 9.80665
     moving = P[IMU_LAG, IMU_LAG] * np.sum(np.square(last.rate_rad_s)) + pushed**2
     tilt = 0.5 * (0.03**2 + 0.07**2)
-    inclination = (1.515 * p.colour * scatter(p.least_scale)) ** 2 * tilt
+    scale = p.colour * scatter(p.least_scale)
+    # no reports prove what a poor accelerometer's bias has turned
+    by_bias = (1.0 - 1.0 / worse**2) * min(1.0, 1.5 * 0.3**2 / 9.80665**2 / tilt)
+    inclination = 1.515**2 * (scale**2 + max(0.0, 1.0 - scale**2) * by_bias) * tilt
     inclination += moving
     assert got.inclination_rad == pytest.approx(sqrt(inclination))
     scale = scatter(p.least_scale)

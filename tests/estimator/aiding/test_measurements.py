@@ -39,7 +39,7 @@ BLANK, _, TRAIL = blank_aiding(PARAMS)
 STEP = 1e-5
 NORTH = (np.cos(0.3), np.sin(0.3))
 KNOWN_NORTH = North(is_known=True, direction=NORTH)
-BESIDE = Surroundings((0.0, 0.0, 1.0), 0.1, KNOWN_NORTH)
+BESIDE = Surroundings((0.0, 0.0, 1.0), 0.1, 0.0, KNOWN_NORTH)
 LAG_S = 0.09
 ACROSS, ALONG, DOWN, DECLINATION = range(4)
 

@@ -152,7 +152,7 @@ def test_the_turning_is_watched_between_the_samples_where_it_is_seen(is_given: b
     gyr = np.array((0.7, 0.1, 0.9))
     sample = Sample(tuple(gyr.tolist()), ZERO_VEC3, ZERO_VEC3, False, 0.5, between)
     P = np.zeros((SIZE, SIZE))
-    after = watch_turning(AidingParams(), state, P, sample)
+    after = watch_turning(AidingParams(), state, P, sample, 0.0)
     change = gyr - last.gyr_rad_s
     bent = change - np.subtract(last.gyr_rad_s, last.gyr_before_rad_s)
     if is_given:
@@ -165,3 +165,11 @@ def test_the_turning_is_watched_between_the_samples_where_it_is_seen(is_given: b
         AidingParams(), alone, ROUGH, tuple(bent.tolist()), 0.5, 0.2 if is_given else 0.5
     )
     np.testing.assert_array_equal(P, alone)
+    # of what the other stage takes for missed that share is the least about both level axes
+    share = max(bent @ bent, 0.5) / (3.0 * max(change @ change, 0.3))
+    assert share < 1.0
+    for missed in (alone[0, 0], 60.0 * alone[0, 0]):
+        P = np.zeros((SIZE, SIZE))
+        watch_turning(AidingParams(), state, P, sample, missed)
+        level = max(alone[0, 0], 0.0 if is_given else 0.5 * share * missed)
+        np.testing.assert_allclose(np.diag(P)[TURN : TURN + 3], (level, level, alone[2, 2]), 1e-5)

@@ -32,7 +32,7 @@ from estimator.types import IDENTITY, ZERO_VEC3, Sample
 
 PARAMS = AidingParams()
 STATE, _, TRAIL = blank_aiding(PARAMS)
-OTHERS = Surroundings((0.1, -0.2, 0.97), 0.1, North(False, (1.0, 0.0)))
+OTHERS = Surroundings((0.1, -0.2, 0.97), 0.1, 0.0, North(False, (1.0, 0.0)))
 SAMPLE = Sample((0.1, 0.2, -0.1), (0.5, -0.3, -9.7), ZERO_VEC3, False, 0.5)
 
 
@@ -47,7 +47,7 @@ def test_a_slow_step_is_corrected_once():
     report = Report(False, ZERO_VEC3, False, 0.0, 0.0, 0.0)
     after, after_P, _ = aid(PARAMS, STATE, P, TRAIL, SAMPLE, report, OTHERS)
     now, x = predict_motion(PARAMS, STATE, P, TRAIL, SAMPLE), np.zeros(SIZE)
-    watch_turning(PARAMS, STATE, now.covariance, SAMPLE)
+    watch_turning(PARAMS, STATE, now.covariance, SAMPLE, 0.0)
     lean_rad = lean_angle(STATE.lean, is_silent=False)
     observe_slow_unaided(now, OTHERS.gravity_b, 0.1, lean_rad, x, 1.0, SAMPLE.dt_s)
     assert np.abs(x[:3]).max() > 1e-3
