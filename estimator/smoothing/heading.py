@@ -15,7 +15,7 @@ from estimator.bounds import TINY
 from estimator.conditioning.field.magnetic import NORM_SCALE, FieldReference, norm_of, steepness
 from estimator.conditioning.params import ConditioningParams
 from estimator.conditioning.robust import HEADING_REACH_RAD
-from estimator.conditioning.times import USUAL_S
+from estimator.conditioning.times import SPAN_S, USUAL_S
 from estimator.conditioning.vertical.averaging import WINDOW_S
 from estimator.conditioning.vertical.stillness import LEAST_DIRECTION_RAD
 from estimator.live.rows import Flags, Floats
@@ -57,7 +57,7 @@ def turn_north(
     x, weight = solve(z, r, q, HEADING_REACH_RAD)
     off = np.where(known, wrap(z - x), 0.0)
     leaning = 0.5 * steepness(field.reference) * vertical.variance
-    variance = variances(r * weight, q) + lasting(params, off, known, leaning)
+    variance = variances(r * weight, q) + lasting(off, known, leaning)
     heading = windows.at(path.time_s, x) + field.declination_rad
     q_ned_frd = multiply(about_down(heading), vertical.q_6d_frd)
     return Headed(q_ned_frd, np.sqrt(windows.at(path.time_s, variance)))
@@ -122,9 +122,9 @@ def informed(r: Floats, q: Floats) -> Floats:
     return told
 
 
-def lasting(params: ConditioningParams, off: Floats, known: Flags, leaning: Floats) -> Floats:
+def lasting(off: Floats, known: Flags, leaning: Floats) -> Floats:
     """Variance (W,) of errors that last, by means of residuals and what a vertical bends."""
-    count = max(1, round(params.turn_heading_tau_s / WINDOW_S))
+    count = max(1, round(SPAN_S / WINDOW_S))
     off = filled(off[:, None], known)[:, 0]
     square = running_mean(running_mean(off, count) ** 2, round(USUAL_S / WINDOW_S))
     return np.asarray(LASTING_SHARE * (square + leaning) + LEAST_DIRECTION_RAD**2)
