@@ -85,6 +85,7 @@ def release_doubt(
 
     Returns both doubts, the estimate and whether the heading was given up.
     """
+    # D^2 by which it looks less usual than before the turn, and by which it still moves
     off = sqrt(max(doubt.before.confidence, TINY) / max(field.look.confidence, TINY)) - 1.0
     off = max(0.0, off) + (jump.moves_rad / params.turn_jump_rad) ** 2
     usual_s = max(0.0, doubt.usual_s + clip(2.0 * (1.0 - off), 1.0) * min(dt_s, LONGEST_STEP_S))
