@@ -5,7 +5,7 @@ from typing import NamedTuple
 from estimator.compilation.compiled import inlined
 from estimator.compilation.replacing import replacer
 from estimator.conditioning.params import ConditioningParams
-from estimator.conditioning.robust import MOST_DEVIATION, REACH, robust_factor
+from estimator.conditioning.robust import MOST_DEVIATION, robust_factor
 from estimator.conditioning.times import FORGET_S, LONGEST_STEP_S
 from estimator.conditioning.vertical.kalman import Covariance, update
 from estimator.conditioning.vertical.lowpass import approach
@@ -120,7 +120,7 @@ def learn_calibration(
     While a body hardly turns, its own field looks like the place's, so it teaches the lag only.
     So does a slow stream: a reading lacks what the body turns in a tenth of a second, at the rate
     of its own sample. What turned ``unseen`` (variance, rad^2) is noise, and so is what the field
-    has changed beyond all that its unknowns explain: beside a magnet it teaches little.
+    has changed beyond what any own field makes of the turning: beside a magnet it teaches little.
     """
     y = scale(1.0 / norm, field_g)
     x = cross(to_frame(axes, gyr), y)
@@ -154,8 +154,8 @@ def learn_calibration(
         turned = dot(r[0], r[0]) + dot(r[1], r[1]) + dot(r[2], r[2])
         is_slow = dt_s > LONGEST_STEP_S
         tells = turned >= params.calibration_turn and not is_slow
-        known = (p[0] + p[4] + p[7]) / 3.0 * turned + p[9] * dot(dx, dx)
-        excess = max(0.0, dot(dy, dy) - REACH**2 * known) / 3.0
+        own = params.calibration_reach**2 * turned + p[9] * dot(dx, dx)
+        excess = max(0.0, dot(dy, dy) - own) / 3.0
         scatter += dt_s / (params.calibration_high_pass_s + dt_s) * (excess - scatter)
         lasting_s = scatter * params.calibration_high_pass_s
         least = (params.calibration_noise_s + lasting_s) / dt_s + unseen

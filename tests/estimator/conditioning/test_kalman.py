@@ -200,7 +200,7 @@ def test_a_turning_body_tells_lag_and_own_field(seed, turned):
 
 
 def test_what_changes_the_field_of_a_body_that_stands_still_is_scatter():
-    """Beyond three sigma of what a lag makes of it, and three axes share it."""
+    """Three axes share it."""
     axes = axes_of((1.0, 0.0, 0.0, 0.0))
     state = initial_state(PARAMS).field.calibration
     for field in ((0.2, 0.0, 0.42), (0.23, 0.0, 0.40)):
