@@ -32,7 +32,7 @@ NOISE_AIDED = (
     "filter_error_m_s",
     "receiver_error_m_s",
 )
-SIGMA = ("colour", "least_scale", "scatter_share", "pushed_rad")
+SIGMA = ("colour", "least_scale", "scatter_share")
 
 
 def _logarithmic(section: str, ranges: dict[str, tuple[float, float]]) -> Space:

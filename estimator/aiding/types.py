@@ -98,7 +98,6 @@ class AidingParams(NamedTuple):
     colour: Share = 1.5  # velocity's errors are slower than white: sigma against white noise's
     least_scale: Share = 0.28  # of the covariance's sigma, however well the reports agree
     scatter_share: Share = 2.3  # of the reports' scatter that is the attitude's, too
-    pushed_rad: Angle = radians(0.15)  # for each g of horizontal acceleration: what reports miss
 
 
 class Report(NamedTuple):

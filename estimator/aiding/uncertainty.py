@@ -42,25 +42,23 @@ def sigmas(
     unlearnt: Unlearnt,
 ) -> Sigmas:
     """How uncertain the estimate is after a sample."""
-    P, E, force = now.covariance, now.estimate.earth_gauss, last.force_ned_m_s2
-    pushed = params.pushed_rad * hypot(force[0], force[1]) / STANDARD_GRAVITY_M_S2
+    P, E = now.covariance, now.estimate.earth_gauss
     late = sqrt(max(0.0, P[IMU_LAG, IMU_LAG])) * norm(last.rate_rad_s)
-    moving = hypot(late, pushed)
     # how far the hard iron of a calibrated compass may turn the field
     iron = params.hard_iron_sigma_gauss / max(hypot(E[0], E[1]), NORM_SCALE * abs(E[2]), TINY)
     return Sigmas(
-        inclination_rad=inclination_sigma(params, P, agreement, unlearnt, moving),
-        heading_rad=heading_sigma(params, P, agreement, field, iron, moving, last.dt_s),
+        inclination_rad=inclination_sigma(params, P, agreement, unlearnt, late),
+        heading_rad=heading_sigma(params, P, agreement, field, iron, late, last.dt_s),
     )
 
 
 @inlined
 def inclination_sigma(
-    params: AidingParams, P: Array, agreement: Agreements, unlearnt: Unlearnt, moving_rad: float
+    params: AidingParams, P: Array, agreement: Agreements, unlearnt: Unlearnt, late_rad: float
 ) -> float:
-    """From the covariance, as far as the reports' scatter bears it out, and ``moving_rad``.
+    """From the covariance, as far as the reports' scatter bears it out, and ``late_rad``.
 
-    That is what comes from turning and being pushed alone. Of what a poor accelerometer's bias may
+    That is what comes from turning alone. Of what a poor accelerometer's bias may
     have turned the reports say nothing, however well they agree.
     """
     scale = params.colour * scatter_scale(params, agreement, params.least_scale)
@@ -70,7 +68,7 @@ def inclination_sigma(
     poor = max(0.0, 1.0 - params.acc_bias_sigma**2 / unlearnt.acc)
     square = scale * scale
     square += (1.0 - min(1.0, square)) * poor * min(1.0, leaning / max(variance, TINY))
-    return sqrt(PLANE_68**2 * square * variance + moving_rad * moving_rad)
+    return sqrt(PLANE_68**2 * square * variance + late_rad * late_rad)
 
 
 @inlined
@@ -80,7 +78,7 @@ def heading_sigma(
     agreement: Agreements,
     field: FieldState,
     iron_rad: float,
-    moving_rad: float,
+    late_rad: float,
     dt: float,
 ) -> float:
     """From the covariance, too, with the field's slow disagreement: that points to a wrong field.
@@ -99,7 +97,7 @@ def heading_sigma(
     square = scale * scale
     square += (1.0 - min(1.0, square)) * by_field
     variance = square * heading + disagreement
-    return sqrt(variance + moving_rad * moving_rad)
+    return sqrt(variance + late_rad * late_rad)
 
 
 @inlined

@@ -73,9 +73,7 @@ class ConditioningParams(NamedTuple):
 
     # Events.
     turn_heading_rad: Angle = radians(10.0)  # residual no honest drift reaches; small: false alarms
-    turn_heading_tau_s: Time = 1.5  # averaging of that residual; small: false alarms
     turn_moving_rad: Angle = radians(60.0)  # gravity off by so much, about any axis
-    turn_confidence: Share = 0.45  # least confidence of the field, averaged over the same time
     turn_jump_rad: Angle = radians(2.5)  # turn of the field in G that is no noise
 
     # Source.

@@ -119,9 +119,8 @@ def rival(
         north, east = north_east(heading_rad, field_6d)
         by_other = seen_s / (seen_s + reference.borne_s) * atan2(east, north) ** 2
     unborne = 1.0 - signs.borne_s / BORNE_S
-    if signs.off_s > 0.0:
-        away = atan2(signs.mean_east, signs.mean_north)
-        return max(unborne * away * away, by_other)
+    away = atan2(signs.mean_east, signs.mean_north)
+    by_other = max(unborne * away * away, by_other)
     away = wrap_angle(signs.other_rad - heading_rad)
     share = max(unborne, STILL_RIVAL) * signs.other_s / LONG_S
     return max(share * away * away, by_other)
@@ -139,7 +138,7 @@ def sigma_heading(
     The variance P takes the field's error for white, which it is for an uncertain heading. What
     is left of it after long is little beside errors that last: an own field that is not learnt
     yet, steel, a place's gradient, a leaning vertical. They have no model here but are
-    measured: by what the field's mean of ``turn_heading_tau_s`` scatters, by how far norm and
+    measured: by what the field's mean of ``SPAN_S`` scatters, by how far norm and
     dip are off by more than noise, and by the size of gravity, whose error bends a steep
     field. So P counts as P^2/(P + P_1) only, but for slow streams, whose P is what they miss,
     and without a field.

@@ -6,13 +6,14 @@ The doubt in the vertical is one variance, which the vertical wing keeps and tak
 from math import asin, atan2, sin, sqrt
 from typing import NamedTuple
 
+from estimator.bounds import TINY
 from estimator.compilation.compiled import inlined
 from estimator.conditioning.events.jump_signs import JumpSigns, jump_share
 from estimator.conditioning.events.proof import TurnSigns
 from estimator.conditioning.field.magnetic import MagneticState, steepness
 from estimator.conditioning.params import ConditioningParams
 from estimator.conditioning.times import LONGEST_STEP_S, SPAN_S
-from estimator.conditioning.vertical.bias import Estimate, doubt_heading
+from estimator.conditioning.vertical.bias import Estimate, clip, doubt_heading
 from estimator.conditioning.vertical.lasting import SCALE_ERROR
 from estimator.geometry.spread import HALF_TURN_VARIANCE
 from estimator.types import Vec2
@@ -84,10 +85,10 @@ def release_doubt(
 
     Returns both doubts, the estimate and whether the heading was given up.
     """
-    usual = field.look.confidence > params.turn_confidence * doubt.before.confidence
-    still = jump.moves_rad < params.turn_jump_rad
-    step_s = min(dt_s, LONGEST_STEP_S)
-    usual_s = max(0.0, doubt.usual_s + (step_s if usual and still else -step_s))
+    # D^2 by which it looks less usual than before the turn, and by which it still moves
+    off = sqrt(max(doubt.before.confidence, TINY) / max(field.look.confidence, TINY)) - 1.0
+    off = max(0.0, off) + (jump.moves_rad / params.turn_jump_rad) ** 2
+    usual_s = max(0.0, doubt.usual_s + clip(2.0 * (1.0 - off), 1.0) * min(dt_s, LONGEST_STEP_S))
     most = SCALE_ERROR + sqrt(field.reference.uneven)
     left, before = doubt.variance, doubt.before
     if left > 0.0 and abs(jump.quick_norm - before.norm) > most * before.norm:

@@ -1,22 +1,24 @@
 """A field that looks as usual and points elsewhere: a turn about the vertical, or steel."""
 
-from math import cos
+from math import cos, sqrt
 from typing import NamedTuple
 
+from estimator.bounds import TINY
 from estimator.compilation.compiled import inlined
 from estimator.compilation.replacing import replacer
 from estimator.conditioning.events.duration import duration_s
 from estimator.conditioning.field.magnetic import MagneticState
 from estimator.conditioning.params import ConditioningParams
-from estimator.conditioning.times import BORNE_S, LATELY_S, LONG_S, USUAL_S
+from estimator.conditioning.robust import robust_factor
+from estimator.conditioning.times import BORNE_S, LATELY_S, LONG_S, LONGEST_STEP_S, SPAN_S, USUAL_S
 from estimator.conditioning.vertical.bias import SETTLED_HEADING_RAD, Estimate
 from estimator.conditioning.vertical.tilt import LEAST_OFF_RAD
 from estimator.geometry.quaternion import direction
 from estimator.geometry.spread import HALF_TURN_VARIANCE
 from estimator.types import Vec2
 
-# A mean field that has pointed elsewhere does so still until it is within this share of the angle
-# that told it: meanwhile the heading creeps towards it.
+# A field points to a heading given up again within this share of the angle by which it is off the
+# present one.
 STILL_OFF = 0.5
 
 
@@ -26,17 +28,16 @@ class HeadingSigns(NamedTuple):
     mean_north: float = 0.0  # of the field weighted by its confidence, in the field's own unit
     mean_east: float = 0.0  # of that field, too
     mean_confidence: float = 0.0  # of the field, averaged over the same time
-    off_s: float = 0.0  # for how long the mean field has pointed elsewhere
     scatter: float = (
         LEAST_OFF_RAD**2
     )  # mean square of how far the mean field points elsewhere, rad^2
-    borne_s: float = 0.0  # for how long, less the time against it, the field has agreed
+    borne_s: float = SPAN_S  # for how long, less the time against it, the field has agreed
     other_rad: float = 0.0  # the heading that was given up last
     other_s: float = 0.0  # for how much longer that is remembered
     back_s: float = 0.0  # for how long the field has pointed there again
 
 
-with_means = replacer(HeadingSigns, "mean_north", "mean_east", "mean_confidence", "off_s", "back_s")
+with_means = replacer(HeadingSigns, "mean_north", "mean_east", "mean_confidence", "back_s")
 with_other = replacer(HeadingSigns, "borne_s", "other_rad", "other_s")
 
 
@@ -53,29 +54,27 @@ def watch_heading(
 
     A magnet that turns the field nearly always changes its norm or dip too, so
     its confidence falls; after a turn of the vehicle about the vertical both
-    are as learnt. The means over time are of the field weighted by its
-    confidence.
+    are as learnt. The means over ``SPAN_S`` are of the field weighted by its
+    confidence. What they tell is one sum, ``borne_s``, in seconds of a field beyond doubt.
     """
     north, east = horizontal
     c = field.look.confidence
-    a = dt_s / (params.turn_heading_tau_s + dt_s)
+    a = dt_s / (SPAN_S + dt_s)
     n = state.mean_north + a * (c * north - state.mean_north)
     e = state.mean_east + a * (c * east - state.mean_east)
     w = state.mean_confidence + a * (c - state.mean_confidence)
     known = 4.0 * estimate.covariance[9] < HALF_TURN_VARIANCE  # else it follows the field anyway
     away = direction(n, e)
-    least = params.turn_heading_rad * (STILL_OFF if state.off_s > 0.0 else 1.0)
-    off = known and abs(away) > least and w > params.turn_confidence
-    borne_s = borne_out(params, state, estimate.heading_rad - away, off, c, dt_s)
+    elsewhere = off_share(params, away) if known else 0.0
+    borne_s = borne_out(params, state, estimate.heading_rad - away, elsewhere, c, dt_s)
     if field.reference.is_new:  # the heading was that of a field that is not believed any more
-        borne_s = 0.0
+        borne_s = min(borne_s, SPAN_S)
     back = is_back(params, state, estimate, field, horizontal)
     b = dt_s / (USUAL_S + dt_s) if estimate.covariance[9] < SETTLED_HEADING_RAD**2 else 0.0
     return HeadingSigns(
         mean_north=n,
         mean_east=e,
         mean_confidence=w,
-        off_s=duration_s(off, state.off_s, dt_s),
         scatter=state.scatter + b * (away * away - state.scatter),
         borne_s=borne_s,
         other_rad=state.other_rad,
@@ -101,7 +100,19 @@ def is_back(
     apart = estimate.heading_rad - away - state.other_rad
     near = 1.0 - cos(apart) < STILL_OFF**2 * (1.0 - cos(away))
     far = cos(away) < cos(params.turn_heading_rad)
-    return state.other_s > 0.0 and near and far and field.look.confidence > params.turn_confidence
+    return state.other_s > 0.0 and near and far and likely(field.look.confidence) > 0.0
+
+
+@inlined
+def likely(confidence: float) -> float:
+    """How well a field of that confidence fits the one expected: 1 - D^2, no less than 0."""
+    return max(0.0, 2.0 - 1.0 / sqrt(max(confidence, TINY)))
+
+
+@inlined
+def off_share(params: ConditioningParams, away_rad: float) -> float:
+    """How surely an angle between field and heading is none that honest drift reaches, 0..1."""
+    return 1.0 - 1.0 / robust_factor((away_rad / params.turn_heading_rad) ** 2)
 
 
 @inlined
@@ -109,25 +120,26 @@ def borne_out(
     params: ConditioningParams,
     state: HeadingSigns,
     by_field_rad: float,
-    off: bool,
+    elsewhere: float,
     confidence: float,
     dt_s: float,
 ) -> float:
     """For how long (s) the field has borne the heading out, less the time for which it has not.
 
-    A heading that was given up lately and that the field points to again needs no more proof.
+    A heading that was given up lately and that the field points to again needs no more proof than
+    one that is new.
     """
-    if not off:
-        return min(state.borne_s + confidence * dt_s, BORNE_S)
     apart = by_field_rad - state.other_rad
     again = state.other_s > 0.0 and cos(apart) > cos(params.turn_heading_rad)
-    return 0.0 if again else max(0.0, state.borne_s - dt_s)
+    most = SPAN_S if again and elsewhere > 0.5 else BORNE_S
+    gain = likely(confidence) * (1.0 - 2.0 * elsewhere) * min(dt_s, LONGEST_STEP_S)
+    return max(0.0, min(state.borne_s + gain, most))
 
 
 @inlined
 def begin_anew(state: HeadingSigns) -> HeadingSigns:
     """The signs after a turn was found: means and times start at nothing."""
-    return with_means(state, 0.0, 0.0, 0.0, 0.0, 0.0)
+    return with_means(state, 0.0, 0.0, 0.0, 0.0)
 
 
 @inlined
@@ -138,4 +150,4 @@ def give_up(state: HeadingSigns, heading_rad: float) -> HeadingSigns:
     """
     is_same = state.other_s > LONG_S - LATELY_S
     other_rad = state.other_rad if is_same else heading_rad
-    return with_other(begin_anew(state), 0.0, other_rad, LONG_S)
+    return with_other(begin_anew(state), SPAN_S, other_rad, LONG_S)

@@ -2,13 +2,13 @@
 
 from typing import NamedTuple
 
+from estimator.bounds import TINY
 from estimator.compilation.compiled import inlined
 from estimator.compilation.replacing import replacer
 from estimator.conditioning.field.calibration import Calibration
 from estimator.conditioning.params import ConditioningParams
 from estimator.conditioning.robust import FAR
 from estimator.conditioning.times import LATELY_S, QUICK_S
-from estimator.conditioning.vertical.lasting import SCALE_ERROR
 from estimator.conditioning.vertical.lowpass import approach
 from estimator.conditioning.vertical.stillness import LEAST_DIRECTION_RAD
 from estimator.geometry.quaternion import angle_between_vectors, norm, square
@@ -31,6 +31,7 @@ class JumpSigns(NamedTuple):
     slow: Vec3 = ZERO_VEC3  # the field in G, low-passed more
     quick_norm: float = 0.0  # its norm, low-passed as ``quick``: a mean of directions is shorter
     slow_norm: float = 0.0  # its norm, low-passed as ``slow``
+    stretched: float = 0.0  # mean square of how far the two differ, as a share
     apart_rad: float = 0.0  # angle between the two
     moves_rad: float = 0.0  # angle between the last reading and the first of them
     usual: float = 0.0  # its mean square, rad^2
@@ -73,13 +74,17 @@ def watch_field(
     turned = turn_of(quick, slow)
     c = dt_s / (min(LATELY_S, state.age_s) + dt_s)
     apart = turned**2
+    quick_norm = state.quick_norm + a * (n - state.quick_norm)
+    slow_norm = state.slow_norm + b * (n - state.slow_norm)
+    stretched = (quick_norm / max(slow_norm, TINY) - 1.0) ** 2
     if state.age_s > LATELY_S:
         apart = min(apart, MOST_USUAL**2 * (state.usual + LEAST_DIRECTION_RAD**2))
     return JumpSigns(
         quick=quick,
         slow=slow,
-        quick_norm=state.quick_norm + a * (n - state.quick_norm),
-        slow_norm=state.slow_norm + b * (n - state.slow_norm),
+        quick_norm=quick_norm,
+        slow_norm=slow_norm,
+        stretched=state.stretched + b * (stretched - state.stretched),
         apart_rad=turned,
         moves_rad=turn_of(state.quick, field_g),
         usual=state.usual + c * (apart - state.usual),
@@ -111,13 +116,13 @@ def jump_variance(params: ConditioningParams, state: JumpSigns, learnt: Calibrat
 
     A jump is more than noise, than what the field usually does here, than what an unknown lag
     and own field make of turning, and than what slow samples miss. A magnet that turns the
-    field changes its norm, too.
+    field changes its norm, too: by how much it does is no sign of a turn.
     """
     p = learnt.covariance
     own = p[9] + QUICK_S**2 * (p[0] + p[4] + p[7])
 
     turned = state.apart_rad
-    least = params.turn_jump_rad**2 + FAR * (state.usual + state.unseen)
+    least = params.turn_jump_rad**2 + FAR * (state.usual + state.unseen + state.stretched)
     more = max(0.0, state.turning - state.usual_turning)
     by_turning = own * state.turning
     if state.usual_turning > 0.0:
@@ -126,8 +131,7 @@ def jump_variance(params: ConditioningParams, state: JumpSigns, learnt: Calibrat
     least += by_turning
     if turned**2 < 0.25 * least:
         return 0.0, 0.0
-    same = is_same_norm(state)
-    if turned**2 < least or not same or turned <= state.seen_rad:
+    if turned**2 < least or turned <= state.seen_rad:
         return 0.0, state.seen_rad
     return (turned**2 - state.seen_rad**2) / jump_share() ** 2, turned
 
@@ -138,14 +142,8 @@ def looks_turned(params: ConditioningParams, state: JumpSigns) -> bool:
 
     What an unknown lag or own field makes of turning is part of the usual. After a turn that
     nobody has felt the calibration's means are of another attitude, and what has jumped would
-    pass for the vehicle's own field along an axis that has told nothing of it before. A spike
-    or a magnet, which change the norm, are no turn.
+    pass for the vehicle's own field along an axis that has told nothing of it before. So would a
+    magnet.
     """
     least = params.turn_jump_rad**2 + MOST_USUAL**2 * (state.usual + state.unseen)
-    return state.apart_rad**2 > least and is_same_norm(state)
-
-
-@inlined
-def is_same_norm(state: JumpSigns) -> bool:
-    """Whether the field's norm has stayed, but for the scales': a magnet changes it."""
-    return abs(state.quick_norm - state.slow_norm) < SCALE_ERROR * state.slow_norm
+    return state.apart_rad**2 > least

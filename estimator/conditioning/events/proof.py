@@ -5,12 +5,12 @@ from typing import NamedTuple
 from estimator.compilation.compiled import inlined
 from estimator.conditioning.events.axis_signs import AxisSigns
 from estimator.conditioning.events.gravity_signs import GravitySigns, with_time
-from estimator.conditioning.events.heading_signs import HeadingSigns, begin_anew, give_up
+from estimator.conditioning.events.heading_signs import HeadingSigns, begin_anew, give_up, likely
 from estimator.conditioning.events.jump_signs import JumpSigns, jump_variance, with_seen
 from estimator.conditioning.field.calibration import Calibration
 from estimator.conditioning.field.magnetic import NORM_SCALE
 from estimator.conditioning.params import ConditioningParams
-from estimator.conditioning.times import LONGEST_STEP_S, SPAN_S
+from estimator.conditioning.times import LONGEST_STEP_S
 
 
 class TurnSigns(NamedTuple):
@@ -52,11 +52,10 @@ def proof_of(
     heading, gravity = signs.heading, signs.gravity
     jump, seen_rad = jump_variance(params, signs.jump, learnt)
     off = abs(signs.jump.quick_norm - usual_norm)
-    if heading.mean_confidence < params.turn_confidence or off >= NORM_SCALE * usual_norm:
+    if likely(heading.mean_confidence) <= 0.0 or off >= NORM_SCALE * usual_norm:
         jump = 0.0
-    lasts = heading.off_s > SPAN_S
     return TurnProof(
-        heading=(lasts and heading.borne_s <= 0.0) or heading.back_s > LONGEST_STEP_S,
+        heading=heading.borne_s <= 0.0 or heading.back_s > LONGEST_STEP_S,
         gravity=gravity.off_s > LONGEST_STEP_S,
         jump=jump,
     ), seen_rad

@@ -8,7 +8,7 @@ from estimator.compilation.replacing import replacer
 from estimator.conditioning.events.axis_signs import carry_axes, watch_axes
 from estimator.conditioning.events.doubt import HeadingDoubt, raise_doubt, release_doubt
 from estimator.conditioning.events.gravity_signs import watch_gravity
-from estimator.conditioning.events.heading_signs import watch_heading
+from estimator.conditioning.events.heading_signs import likely, watch_heading
 from estimator.conditioning.events.jump_signs import looks_turned, watch_field
 from estimator.conditioning.events.proof import (
     TurnProof,
@@ -111,7 +111,9 @@ def learn_events(
     heading_rad, estimate, tilt = now.estimate.heading_rad, now.estimate, now.doubt
     if proof.jump > 0.0:
         doubt = raise_doubt(doubt, signs, proof.jump, steepness(magnetic.reference))
-        tilt = min(tilt + proof.jump, HALF_TURN_VARIANCE)
+        # beside a magnet a turn is the less likely
+        tilt += proof.jump * likely(signs.heading.mean_confidence)
+        tilt = min(tilt, HALF_TURN_VARIANCE)
     if field.seen and (doubt.variance > 0.0 or tilt > 0.0):
         doubt, tilt, estimate, released = release_doubt(
             params, doubt, tilt, estimate, magnetic, signs.jump, field.horizontal, mean.time_s

@@ -38,6 +38,7 @@ class CalibrationState(NamedTuple):
     means: CalibrationMeans = CalibrationMeans()  # high-passing takes them off
     age_s: float = 0.0  # of the means, up to ``calibration_high_pass_s``
     started: bool = False  # whether the means are of this attitude
+    scatter: float = 0.0  # mean square of what of the field's change no unknown explains
 
 
 with_age = replacer(CalibrationState, "age_s", "started")
@@ -118,7 +119,8 @@ def learn_calibration(
     corrected already: its residual is that of the present estimate.
     While a body hardly turns, its own field looks like the place's, so it teaches the lag only.
     So does a slow stream: a reading lacks what the body turns in a tenth of a second, at the rate
-    of its own sample. What turned ``unseen`` (variance, rad^2) is noise.
+    of its own sample. What turned ``unseen`` (variance, rad^2) is noise, and so is what the field
+    has changed beyond what any own field makes of the turning: beside a magnet it teaches little.
     """
     y = scale(1.0 / norm, field_g)
     x = cross(to_frame(axes, gyr), y)
@@ -127,7 +129,7 @@ def learn_calibration(
     ratio = before.scale / norm if before.scale > 0.0 else 1.0
     before = Calibration(before.lag_s, scale(ratio, before.offset), before.covariance, norm)
     if not state.started:
-        return CalibrationState(before, CalibrationMeans(y, x, axes), dt_s, True)
+        return CalibrationState(before, CalibrationMeans(y, x, axes), dt_s, True, state.scatter)
     age_s = min(state.age_s + dt_s, params.calibration_high_pass_s)
     a = min(1.0, dt_s / age_s)
     means = CalibrationMeans(
@@ -141,6 +143,7 @@ def learn_calibration(
     )
     offset, lag_s, p = before.offset, before.lag_s, walk(params, before.covariance, dt_s)
     dy = subtract(y, means.field)
+    scatter = state.scatter
     if dot(dy, dy) < MOST_DEVIATION**2:
         dx = subtract(x, means.turning)
         r = (
@@ -151,7 +154,11 @@ def learn_calibration(
         turned = dot(r[0], r[0]) + dot(r[1], r[1]) + dot(r[2], r[2])
         is_slow = dt_s > LONGEST_STEP_S
         tells = turned >= params.calibration_turn and not is_slow
-        least = params.calibration_noise_s / dt_s + unseen
+        own = params.calibration_reach**2 * turned + p[9] * dot(dx, dx)
+        excess = max(0.0, dot(dy, dy) - own) / 3.0
+        scatter += dt_s / (params.calibration_high_pass_s + dt_s) * (excess - scatter)
+        lasting_s = scatter * params.calibration_high_pass_s
+        least = (params.calibration_noise_s + lasting_s) / dt_s + unseen
         for i in range(3):
             row = r[i] if tells else ZERO_VEC3
             # the residual of the estimate before the step: less what the other axes have changed
@@ -160,7 +167,8 @@ def learn_calibration(
             offset, lag_s, p = update(offset, lag_s, p, row, dx[i], e, noise)
         if is_slow:  # beside such steps no gyroscope is later than the magnetometer
             lag_s = max(lag_s, 0.0)
-    return CalibrationState(Calibration(lag_s, offset, p, norm), means, age_s, True)
+    learnt = Calibration(lag_s, offset, p, norm)
+    return CalibrationState(learnt, means, age_s, True, scatter)
 
 
 @inlined

@@ -389,8 +389,7 @@ def test_published_sigmas(heading_rad, innovation, wait_s, together, samples, dt
         square = max(square, min(u, u * u)) if wait_s <= SPAN_S else square
         return min(3.0, sqrt(max(square, 1.0) if wait_s > SPAN_S else square))
 
-    pushed = p.pushed_rad * np.hypot(2.0, 1.0) / 9.80665
-    moving = P[IMU_LAG, IMU_LAG] * np.sum(np.square(last.rate_rad_s)) + pushed**2
+    moving = P[IMU_LAG, IMU_LAG] * np.sum(np.square(last.rate_rad_s))
     tilt = 0.5 * (0.03**2 + 0.07**2)
     scale = p.colour * scatter(p.least_scale)
     # no reports prove what a poor accelerometer's bias has turned

@@ -31,7 +31,7 @@ from estimator.conditioning.events.proof import TurnSigns
 from estimator.conditioning.field.calibration import Calibration
 from estimator.conditioning.field.magnetic import FieldLook, FieldReference, MagneticState
 from estimator.conditioning.params import ConditioningParams
-from estimator.conditioning.times import QUICK_S, USUAL_S
+from estimator.conditioning.times import BORNE_S, QUICK_S, SPAN_S, USUAL_S
 from estimator.conditioning.vertical.bias import Estimate
 from estimator.conditioning.vertical.gravity import Force, GravityState
 from estimator.conditioning.vertical.lowpass import Smooth
@@ -50,6 +50,7 @@ JUMP = JumpSigns(
     slow=(0.21, -0.01, 0.41),
     quick_norm=0.448,
     slow_norm=0.461,
+    stretched=0.0007,
     usual=0.0004,
     usual_turning=0.09,
     turning=0.30,
@@ -70,6 +71,8 @@ def test_the_field_is_followed_quickly_and_slowly():
     assert now.slow == pytest.approx(slow)
     assert now.quick_norm == pytest.approx((1.0 - a) * JUMP.quick_norm + a * norm)
     assert now.slow_norm == pytest.approx((1.0 - b) * JUMP.slow_norm + b * norm)
+    share = (now.quick_norm / now.slow_norm - 1.0) ** 2
+    assert now.stretched == pytest.approx((1.0 - b) * 0.0007 + b * share)
     assert now.apart_rad == pytest.approx(angle(quick, slow))
     assert now.moves_rad == pytest.approx(angle(np.array(JUMP.quick), field))
     assert now.usual == pytest.approx((1.0 - c) * JUMP.usual + c * angle(quick, slow) ** 2)
@@ -92,9 +95,8 @@ def test_the_field_is_followed_quickly_and_slowly():
 def test_a_jump_is_more_than_what_else_turns_the_field(own, by_turning, share):
     p = tuple(own * x for x in (4e-4, 0, 0, 0, 9e-4, 0, 0, 25e-4, 0, 1e-4))
     learnt = Calibration(0.01, (0.1, 0.0, 0.0), p, 0.5)
-    least = PARAMS.turn_jump_rad**2 + 16.0 * (1e-5 + 2e-5) + by_turning
-    signs = JUMP._replace(usual=1e-5, unseen=2e-5, apart_rad=share * sqrt(least))
-    signs = signs._replace(quick_norm=signs.slow_norm)
+    least = PARAMS.turn_jump_rad**2 + 16.0 * (1e-5 + 2e-5 + 7e-5) + by_turning
+    signs = JUMP._replace(usual=1e-5, unseen=2e-5, stretched=7e-5, apart_rad=share * sqrt(least))
     variance, seen_rad = jump_variance(PARAMS, signs, learnt)
     if share < 1.0:
         assert (variance, seen_rad) == (0.0, 0.02)
@@ -144,9 +146,11 @@ def test_the_heading_hears_of_its_doubt_once_the_field_looks_as_usual():
 
 
 def test_a_field_that_still_moves_or_is_another_keeps_the_doubt():
-    for unlike in ({"moves_rad": 0.06}, {"confidence": 0.35}):
-        doubt, tilt, estimate, released = release(usual_s=0.7, **unlike)
-        assert doubt.usual_s == pytest.approx(0.7 - DT)
+    moved = (0.06 / PARAMS.turn_jump_rad) ** 2
+    seldom = (0.01 / PARAMS.turn_jump_rad) ** 2 + sqrt(0.9 / 0.2) - 1.0
+    for off, unlike in ((moved, {"moves_rad": 0.06}), (seldom, {"confidence": 0.2})):
+        doubt, tilt, estimate, released = release(usual_s=0.7, **{"confidence": 0.95, **unlike})
+        assert doubt.usual_s == pytest.approx(0.7 + max(-1.0, 2.0 * (1.0 - off)) * DT)
         assert (doubt.variance, tilt, released) == (0.4, 0.05, False)
         assert estimate.covariance[9] == 0.03
     assert release(usual_s=0.7)[0].usual_s == pytest.approx(0.7 + DT)
@@ -162,7 +166,6 @@ SIGNS = HeadingSigns(
     mean_north=0.20,
     mean_east=0.05,
     mean_confidence=0.85,
-    off_s=0.3,
     scatter=0.002,
     borne_s=2.0,
     other_rad=-0.5,
@@ -177,30 +180,41 @@ def heading_after(state, horizontal, *, confidence=0.9, variance=0.01, is_new=Fa
     return watch_heading(PARAMS, state, estimate, field, horizontal, DT)
 
 
+def gain(away_rad, confidence):
+    """What a step adds to the time that the field has borne the heading out."""
+    elsewhere = 1.0 - 1.0 / (1.0 + (away_rad / PARAMS.turn_heading_rad) ** 2) ** 2
+    return (2.0 - 1.0 / sqrt(confidence)) * (1.0 - 2.0 * elsewhere) * DT
+
+
 def test_the_mean_field_counts_by_its_confidence():
     now = heading_after(SIGNS, (0.10, 0.22))
-    a, b = DT / (PARAMS.turn_heading_tau_s + DT), DT / (USUAL_S + DT)
+    a, b = DT / (SPAN_S + DT), DT / (USUAL_S + DT)
     north = (1.0 - a) * 0.20 + a * 0.9 * 0.10
     east = (1.0 - a) * 0.05 + a * 0.9 * 0.22
     assert (now.mean_north, now.mean_east) == pytest.approx((north, east))
     assert now.mean_confidence == pytest.approx((1.0 - a) * 0.85 + a * 0.9)
     assert now.scatter == pytest.approx((1.0 - b) * 0.002 + b * atan2(east, north) ** 2)
-    assert now.off_s == pytest.approx(0.3 + DT)
-    assert now.borne_s == pytest.approx(2.0 - DT)
+    assert now.borne_s == pytest.approx(2.0 + gain(atan2(east, north), 0.9))
     assert now.other_s == pytest.approx(20.0 - DT)
     assert heading_after(SIGNS, (0.10, 0.22), variance=0.1).scatter == 0.002
-    assert heading_after(SIGNS, (0.10, 0.22), is_new=True).borne_s == 0.0
+    assert heading_after(SIGNS, (0.10, 0.22), is_new=True).borne_s == 1.0
 
 
-def test_a_heading_that_was_given_up_needs_no_proof():
+def test_a_heading_that_was_given_up_needs_no_more_proof_than_a_new_one():
     """The heading is 0.9, the field points 0.24 rad east of it: north lies at 0.66, not at 1.14."""
     away = atan2(0.05, 0.20)
-    for other_rad, borne_s in ((0.9 - away, 0.0), (0.9 + away, 2.0 - DT)):
+    for other_rad, borne_s in ((0.9 - away, 1.0), (0.9 + away, 2.0 + gain(away, 0.9))):
         state = SIGNS._replace(other_rad=other_rad)
         assert heading_after(state, (0.20, 0.05)).borne_s == pytest.approx(borne_s)
-    assert borne_out(PARAMS, SIGNS, -0.5, False, 0.7, DT) == pytest.approx(2.0 + 0.7 * DT)
-    assert borne_out(PARAMS, SIGNS, -0.5, True, 0.7, DT) == 0.0
-    assert borne_out(PARAMS, SIGNS._replace(other_s=0.0), -0.5, True, 0.7, DT) == 2.0 - DT
+
+
+@pytest.mark.parametrize(("elsewhere", "sign"), [(0.0, 1.0), (0.5, 0.0), (1.0, -1.0)])
+def test_a_field_counts_for_and_against_the_heading_by_how_usual_it_looks(elsewhere, sign):
+    for confidence, counts in ((1.0, 1.0), (0.64, 0.75), (0.2, 0.0), (0.0, 0.0)):
+        borne_s = borne_out(PARAMS, SIGNS, 0.5, elsewhere, confidence, DT)
+        assert borne_s == pytest.approx(2.0 + sign * counts * DT)
+    most = SIGNS._replace(borne_s=BORNE_S - 0.01)
+    assert borne_out(PARAMS, most, 0.5, 0.0, 1.0, DT) == BORNE_S
 
 
 @pytest.mark.parametrize(
@@ -208,8 +222,8 @@ def test_a_heading_that_was_given_up_needs_no_proof():
     [
         (0.5, 0.4, 0.9, 0.1 + DT),  # it points to 0.4, which was given up
         (0.5, 0.13, 0.9, 0.0),  # nearly half as far from there as from the heading
-        (0.16, 0.74, 0.9, 0.0),  # the heading is hardly off
-        (0.5, 0.4, 0.4, 0.0),  # it does not look as usual
+        (0.15, 0.75, 0.9, 0.0),  # the heading is hardly off
+        (0.5, 0.4, 0.2, 0.0),  # it does not look as usual
     ],
 )
 def test_a_field_that_is_back_is_told_from_one_that_is_elsewhere(

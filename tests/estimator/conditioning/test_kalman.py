@@ -167,7 +167,8 @@ def body_that_has_turned(rng):
 def test_a_turning_body_tells_lag_and_own_field(seed, turned):
     """Where no residual is far, the three axes are one measurement of four unknowns.
 
-    Of a body that has not ``turned`` enough they tell the lag only.
+    Of a body that has not ``turned`` enough they tell the lag only. What else has changed the field
+    lately, a mean square of 0.004, is noise.
     """
     rng = np.random.default_rng(seed)
     params = PARAMS._replace(
@@ -176,7 +177,8 @@ def test_a_turning_body_tells_lag_and_own_field(seed, turned):
     state, axes = body_that_has_turned(rng)
     norm, gyr = 0.46, rng.normal(0.0, 2.0, 3)
     y = rng.normal((0.4, 0.1, 0.7), 0.1)
-    state = state._replace(means=state.means._replace(field=tuple(y - rng.normal(0.0, 0.1, 3))))
+    means = state.means._replace(field=tuple(y - rng.normal(0.0, 0.1, 3)))
+    state = state._replace(means=means, scatter=0.004)
     after = learn_calibration(
         params, state, axes, tuple(gyr), tuple((norm * y).tolist()), norm, DT, 0.0
     ).learnt
@@ -190,9 +192,22 @@ def test_a_turning_body_tells_lag_and_own_field(seed, turned):
     grown = [PARAMS.field_offset_sigma**2 * walk] * 3 + [PARAMS.field_lag_sigma_s**2 * walk]
     x, p = np.array([*state.learnt.offset, 0.01]), square(state.learnt.covariance)
     h = np.column_stack([rows, dx])
-    x, p = updated(x, p + np.diag(grown), h, dy, [0.0002 / DT] * 3)
+    high_pass_s = PARAMS.calibration_high_pass_s
+    scatter = (1.0 - DT / (high_pass_s + DT)) * 0.004
+    x, p = updated(x, p + np.diag(grown), h, dy, [(0.0002 + high_pass_s * scatter) / DT] * 3)
     assert [*after.offset, after.lag_s] == pytest.approx(x, rel=1e-9, abs=1e-12)
     assert square(after.covariance) == pytest.approx(p, rel=1e-8, abs=1e-14)
+
+
+def test_what_changes_the_field_of_a_body_that_stands_still_is_scatter():
+    """Three axes share it."""
+    axes = axes_of((1.0, 0.0, 0.0, 0.0))
+    state = initial_state(PARAMS).field.calibration
+    for field in ((0.2, 0.0, 0.42), (0.23, 0.0, 0.40)):
+        state = learn_calibration(PARAMS, state, axes, STILL, field, 0.46, DT, 0.0)
+    change = 0.5 * np.array((0.03, 0.0, -0.02)) / 0.46
+    share = DT / (PARAMS.calibration_high_pass_s + DT)
+    assert state.scatter == pytest.approx(share * np.dot(change, change) / 3.0)
 
 
 @pytest.mark.parametrize("seed", SEEDS)

@@ -153,7 +153,7 @@ def test_another_heading_counts_by_how_far_it_is_borne_out():
     late = added(other_rad=-3.1, other_s=50.0, borne_s=3.9)
     assert late == pytest.approx(0.15 * 0.5 * away**2)
     # a field that points elsewhere
-    off = added(off_s=0.2, mean_north=0.2, mean_east=-0.1)
+    off = added(mean_north=0.2, mean_east=-0.1)
     assert off == pytest.approx(0.75 * np.arctan2(-0.1, 0.2) ** 2)
     # another field, seen for 2 s and the expected one for 5; heading 3.0 turns it about down
     turned = np.arctan2(0.3, 0.1) + 3.0 - 2.0 * np.pi
