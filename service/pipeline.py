@@ -89,6 +89,7 @@ class Pipeline:
         self._away: dict[VehicleId, None] = {}  # those that may be usual again
         self.departures = Departures()
         self._departed: list[VehicleId] = []  # since the last tick
+        self._is_shedding = False  # at the last tick
         self._lost_told = 0  # lost vehicles that have had a status in this round
         self._departure_talk = Talk("vehicles")
         self._next_status_us: int | None = None
@@ -120,7 +121,7 @@ class Pipeline:
             for event in readings.events(rows):
                 if isinstance(event, Imu) and (vehicle := self._own(event.vehicle)) is not None:
                     outputs += _messages(judge(vehicle, event))
-        for event in readings.events(rest.compared):
+        for event in readings.events([] if self._is_shedding else rest.compared):
             if isinstance(event, ReferenceAttitude):
                 outputs += self.handle(event)
         for event in readings.events(rest.told):
@@ -196,6 +197,8 @@ class Pipeline:
             case BuiltIn(vehicle=address):
                 vehicle = self._vehicles.get(address) or self._meet(address)
                 return [] if vehicle is None else self._fit(vehicle, event)
+            case ReferenceAttitude() if self._is_shedding:
+                pass  # samples come first
             case ReferenceAttitude(vehicle=address, source=source, q_ned_frd=q):
                 if (vehicle := self._vehicles.get(address)) is not None:
                     self._usual.tell(address)
@@ -221,6 +224,7 @@ class Pipeline:
         load: Load = Load(),  # noqa: B008 - immutable
     ) -> list[Output | AttitudeRows]:
         """The same with most attitudes as rows."""
+        self._is_shedding = load.is_shedding
         status_due = self._take_status_turn(now_us)
         if status_due:
             self._forget_silent(now_us)

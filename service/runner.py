@@ -70,7 +70,7 @@ class Runner(Stoppable):
         self.overruns = 0
         self.ticks = 0
         self._source = source
-        # links and handed frames give what nearly all frames say as rows
+        # links give what nearly all frames say as rows
         self._drain: Drain = getattr(source, "drain_readings", source.drain)
         self._pipeline = pipeline
         self._outbox = outbox
@@ -84,6 +84,7 @@ class Runner(Stoppable):
         self._recording = recording
         self._frozen = Frozen()
         self._due_s = float("inf")
+        self._has_handled = False  # something, at the last turn
         self._woken_s: float | None = None  # when the loop went on after a stop
         self._waiting: deque[Event | Readings] = deque()  # bounded by what the source keeps
 
@@ -108,16 +109,18 @@ class Runner(Stoppable):
         start_s = self._monotonic_s()
         end_s = None if seconds is None else start_s + seconds
         due_s = self._due_s = start_s + self._period_s
+        busy_s = start_s  # a loop that is always late must not do nothing but tick
         while not self.was_stopped and (self._waiting or not self._is_finished()):
             now_s = self._monotonic_s()
             if (end_s is not None and now_s >= end_s) or is_over():
                 break
-            if now_s >= due_s - EARLY_S:
+            if now_s >= due_s - EARLY_S and (now_s >= busy_s or not self._has_handled):
                 if now_s - due_s > MAX_CATCH_UP_S:
                     self._woken_s = now_s
                     self._take(0.0)  # before anybody is said to be silent
                 self._tick(now_s)
                 due_s = self._due_s = self._next_due_s(due_s, now_s)
+                busy_s = self._monotonic_s() + LEAST_WORK * self._period_s
             self._take(min(MAX_WAIT_S, max(0.0, due_s - self._monotonic_s())))
         self._tick(self._monotonic_s())  # publishes what the last events have changed
 
@@ -127,7 +130,7 @@ class Runner(Stoppable):
         if not waiting:
             waiting.extend(self._drain(timeout_s))
         outputs: list[Output] = []
-        # a loop that is always late must not do nothing but tick
+        self._has_handled = bool(waiting)
         end_s = max(self._due_s, self._monotonic_s() + LEAST_WORK * self._period_s)
         for _ in range(min(MOST_EVENTS, len(waiting))):
             outputs += self._pipeline.handle(waiting.popleft())

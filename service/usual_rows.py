@@ -326,7 +326,7 @@ def show_rows(
     for k in range(len(places)):
         row, reals = state_whole[places[k]], state_numbers[places[k]]
         done[k] = MORE
-        if now_us - row[ARRIVAL] >= LATE_MINIMUM_US:
+        if now_us - row[ARRIVAL] >= late_after_us(float(row[MEDIAN])):
             continue
         done[k] = UNWANTED
         is_new = is_due(row[SAMPLES] != row[SHOWN_SAMPLES], now_us - row[SHOWN_US])

@@ -66,7 +66,7 @@ LONGEST_REST_S = 0.02
 CLOSE_S = 0.5
 LONGEST_BUSY_S = 0.05  # that newcomers get as much of
 # So many frames that need not wait are read at one go: 1 ms or so where Python reads few of them.
-MOST_PASSING = 256
+MOST_PASSING = 512
 # back-off between attempts; a vehicle that returns is read again within 1 s
 FIRST_RETRY_S = 0.1
 LONGEST_RETRY_S = 1.0
