@@ -20,13 +20,14 @@ ASKED = {
     "settings",
     "snapshot",
     "trusts_compass",
+    "unshown_iron_rad",
 }
 # They call what is told, or are noted by whoever keeps segments: a profile ends one.
 BY_OTHERS = {"update_velocity", "replace_profile"}
 # In place of ``update``, for arrays of samples, which nobody retunes on.
 OF_ARRAYS = {"take", "update_rows"}
 # Nobody borrows one that is told: others would step it.
-NEVER = {"lend"}
+NEVER = {"lend", "take_back", "give_up"}
 
 
 def test_every_change_from_outside_is_told():

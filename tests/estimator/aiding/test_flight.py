@@ -104,7 +104,7 @@ def test_silence_of_the_reports_is_admitted(flight):
     before, late = by_time[29_000_000], by_time[40_000_000]
     assert degrees(before.sigma_inclination_rad) == pytest.approx(0.338, rel=0.2)
     assert degrees(late.sigma_inclination_rad) == pytest.approx(0.921, rel=0.2)
-    assert 1.0 - before.confidence_gravity == pytest.approx(0.0038, rel=0.2)
+    assert 1.0 - before.confidence_gravity == pytest.approx(0.0030, rel=0.2)
     assert 1.0 - late.confidence_gravity == pytest.approx(0.0252, rel=0.2)
     errors = after_start(flight, errors_deg(flight, attitudes))
     assert rms(errors[:, INCLINATION]) == pytest.approx(0.201, rel=0.2)  # 26.8 unaided
