@@ -5,7 +5,7 @@ import logging
 import time
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager, suppress
-from typing import Any, NamedTuple, Protocol
+from typing import Any, NamedTuple
 
 import zenoh
 
@@ -25,6 +25,7 @@ from service.counts import Counts
 from service.departures import DepartedCounts
 from service.parameters import ParameterRequests
 from service.records import vehicle_name
+from service.runner import Runner
 from service.signals import stop_on_signals
 from service.sinks.outbox import Outbox
 from service.sinks.sink import Sink
@@ -50,20 +51,6 @@ class Tally(NamedTuple):
     dropped: int
     departed: DepartedCounts
     vehicles: dict[VehicleId, Counts]
-
-
-class Loop(Protocol):
-    """The service's loop."""
-
-    @property
-    def was_stopped(self) -> bool:
-        """Whether somebody asked for the end."""
-
-    def run(self, seconds: float | None, is_over: Callable[[], bool]) -> None:
-        """Loop until the end."""
-
-    def stop(self) -> None:
-        """Ask for the end."""
 
 
 def prepare(options: RunOptions) -> Prepared:
@@ -159,7 +146,7 @@ def _show_log(say: Callable[[str], None], *, verbose: bool) -> None:
 
 
 def run_loop(
-    loop: Loop, seconds: float | None, conflicts: list[InputError]
+    runner: Runner, seconds: float | None, conflicts: list[InputError]
 ) -> tuple[float, Exception | None]:
     """Loop until the end; returns how long (s), and what went wrong.
 
@@ -168,9 +155,9 @@ def run_loop(
     """
     started_s = time.monotonic()
     failure: Exception | None = None
-    with stop_on_signals(loop.stop):
+    with stop_on_signals(runner.stop):
         try:
-            loop.run(seconds, lambda: bool(conflicts))
+            runner.run(seconds, lambda: bool(conflicts))
         except InputError:
             raise
         except Exception as error:  # noqa: BLE001 - raised again when all is said

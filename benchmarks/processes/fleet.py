@@ -21,12 +21,10 @@ from drivers.logs.log_file import Window
 from drivers.logs.tlog import TlogRecords, believe
 from drivers.mavlink.constants import RAW_IMU_ID
 from drivers.mavlink.dialect import mavlink as dialect
-from drivers.mavlink.framing import MAGIC_V1, Frame, FrameReader
+from drivers.mavlink.framing import MAGIC_V1, Frame
 from drivers.simulation.autopilot import VehicleOptions
 from drivers.simulation.fleet import Fleet
 
-# where a MAVLink 2 header has them
-SYSTEM_ID, COMPONENT_ID = 5, 6
 # Frames of a log so near are of one moment; samples come at 50 Hz.
 MOMENT_US, PERIOD_US = 3000, 20_000
 mavlink = dialect()
@@ -35,7 +33,7 @@ LATE_S = 0.001  # a datagram leaves this late at most, where there is time
 
 
 def sayings(options: VehicleOptions, vehicles: int, seconds: float) -> list[tuple[float, bytes]]:
-    """All that vehicles say, and when."""
+    """All that vehicles say, and when; each datagram has a sample."""
     fleet, said = Fleet(options, vehicles), []
     while fleet.due_us <= seconds * 1e6:
         due_us = fleet.due_us
@@ -43,10 +41,11 @@ def sayings(options: VehicleOptions, vehicles: int, seconds: float) -> list[tupl
     return said
 
 
-def recorded(path: Path, vehicles: int, seconds: float) -> list[tuple[float, bytes]]:
+def recorded(path: Path, vehicles: int, seconds: float) -> list[tuple[float, bytes, bool]]:
     """What a recorded vehicle said, as so many vehicles say it one shortly after the other.
 
-    Frames of one moment share a datagram, as an autopilot's port sends them.
+    Frames of one moment share a datagram, as an autopilot's port sends them; also whether the IMU
+    message in use is among them.
     """
     records = TlogRecords(Window(path.read_bytes()), frozenset(range(1 << 16)))
     frames = [(us, frame) for us, frame in believe(records, 0) if frame is not None]
@@ -63,27 +62,30 @@ def recorded(path: Path, vehicles: int, seconds: float) -> list[tuple[float, byt
             moments.append((us, []))
         moments[-1][1].append(frame)
     said = [
-        (us - begin_us + PERIOD_US * k / vehicles, b"".join(of_system(f, k + 1) for f in moment))
+        (
+            us - begin_us + PERIOD_US * k / vehicles,
+            b"".join(of_system(f, k + 1) for f in moment),
+            any(f.message_id == RAW_IMU_ID for f in moment),
+        )
         for us, moment in moments
         for k in range(vehicles)
     ]
     return sorted(said, key=lambda each: each[0])
 
 
+def sender_at(data: bytes | bytearray) -> int:
+    """Where a frame has its system id, before the component id."""
+    return 3 if data[0] == MAGIC_V1 else 5
+
+
 def of_system(frame: Frame, number: int) -> bytes:
     """The frame, without signature, as another vehicle would have sent it."""
     data = bytearray(frame.data[: frame.payload_end])
-    is_first = data[0] == MAGIC_V1
-    system_id, component_id = (3, 4) if is_first else (SYSTEM_ID, COMPONENT_ID)
-    data[system_id], data[component_id] = (number - 1) % 250 + 1, 1 + (number - 1) // 250
+    at = sender_at(data)
+    data[at], data[at + 1] = (number - 1) % 250 + 1, 1 + (number - 1) // 250
     checksum = mavlink.x25crc(bytes(data[1:]))
     checksum.accumulate(bytes([mavlink.mavlink_map[frame.message_id].crc_extra]))
     return bytes(data) + checksum.crc.to_bytes(2, "little")
-
-
-def is_sample(data: bytes) -> bool:
-    """Whether a datagram has the IMU message in use among its frames."""
-    return any(frame.message_id == RAW_IMU_ID for frame in FrameReader().feed(data))
 
 
 def main() -> None:
@@ -92,23 +94,23 @@ def main() -> None:
     if burst[3:]:
         said = recorded(Path(burst[3]), int(vehicles), float(seconds))
     else:
-        said = sayings(VehicleOptions(rate_hz=float(rate_hz)), int(vehicles), float(seconds))
-    samples = {data for _, data in said if is_sample(data)}
+        made = sayings(VehicleOptions(rate_hz=float(rate_hz)), int(vehicles), float(seconds))
+        said = [(*each, True) for each in made]
     gc.freeze()
     print("ready", flush=True)
     sys.stdin.readline()
     sent, start_ns = array("q"), time.time_ns()
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as wire:
         wire.connect(("127.0.0.1", int(port)))
-        for due_us, data in said:
-            at = SYSTEM_ID if data[0] != MAGIC_V1 else 3
+        for due_us, data, is_sample in said:
+            at = sender_at(data)
             vehicle = 1000 * (data[at + 1] - 1) + data[at]
             if vehicle > few and not burst_s[0] <= 1e-6 * due_us < burst_s[1]:
                 continue
             wait_s = 1e-6 * due_us - 1e-9 * (time.time_ns() - start_ns)
             if wait_s > LATE_S:
                 time.sleep(wait_s)
-            if data in samples:
+            if is_sample:
                 sent.extend((vehicle, time.time_ns()))
             with suppress(ConnectionRefusedError):  # nobody listens any more
                 wire.send(data)

@@ -153,14 +153,13 @@ class MavlinkDecoder:
         if fields is None:
             return []
         handle, usual = self._handlers[frame.message_id], self._usual
-        if usual is None or frame.message_id not in self._of_intake:
-            speaks_of_itself = usual is not None and frame.message_id in STATUSES
-            if usual is not None and speaks_of_itself:
-                usual.tell_words(sender.intake)
+        if usual is not None and frame.message_id in STATUSES:
+            usual.tell_words(sender.intake)
             events = handle(sender, fields, arrival_us)
-            if usual is not None and speaks_of_itself:
-                usual.note_words(sender.intake)
+            usual.note_words(sender.intake)
             return events
+        if usual is None or frame.message_id not in self._of_intake:
+            return handle(sender, fields, arrival_us)
         usual.hand_back(sender.intake, frame.message_id)
         events = handle(sender, fields, arrival_us)
         usual.take_over(sender.intake, frame.message_id)
