@@ -54,8 +54,9 @@ from service.vehicle import Vehicle
 
 MAX_VEHICLES = PLACES  # on one link
 STATUS_PERIOD_US = 1_000_000
-# Of lost vehicles so many have a status in each of these, in turn: thousands that came and went
-# must not keep those that are there waiting.
+# What changes only when something comes. Of vehicles in these states so many have a status in each
+# period, in turn: thousands that came and went must not keep those that are there waiting.
+QUIET = frozenset({State.LOST, State.WAITING})
 MOST_LOST_TOLD = 64
 
 
@@ -84,7 +85,7 @@ class Pipeline:
         self._new_estimator = new_estimator
         self._fits_built_in = fits_built_in
         self._vehicles: dict[VehicleId, Vehicle] = {}
-        self._there: dict[VehicleId, Vehicle] = {}  # all but those that were found to be lost
+        self._there: dict[VehicleId, Vehicle] = {}  # all but those that were found to be quiet
         self._usual = UsualVehicles()
         self._away: dict[VehicleId, None] = {}  # those that may be usual again
         self.departures = Departures()
@@ -117,19 +118,32 @@ class Pipeline:
         outputs: list[Output] = []
         for event in readings.looks(rest.looks):
             outputs += self.handle(event)
-        for rows, judge in ((rest.checks, Vehicle.check), (rest.doubts, Vehicle.give_up)):
-            for event in readings.events(rows):
-                if isinstance(event, Imu) and (vehicle := self._own(event.vehicle)) is not None:
-                    outputs += _messages(judge(vehicle, event))
+        for event in readings.events(rest.checks):
+            if isinstance(event, Imu):
+                outputs += self._check(event)
+        for event in readings.events(rest.doubts):
+            if isinstance(event, Imu) and (vehicle := self._own(event.vehicle)) is not None:
+                outputs += _messages(vehicle.give_up(event))
         for event in readings.events([] if self._is_shedding else rest.compared):
             if isinstance(event, ReferenceAttitude):
                 outputs += self.handle(event)
         for event in readings.events(rest.told):
             if isinstance(event, Velocity) and (vehicle := self._own(event.vehicle)) is not None:
                 vehicle.hear_velocity(event.sample)
+        if rest.checks:  # those behind them just go on, where nothing was found
+            return outputs + self.take(readings.only(rest.left))
         for event in readings.events(rest.left):
             outputs += self.handle(event)
         return outputs
+
+    def _check(self, event: Imu) -> list[Output]:
+        """Check a vehicle's estimate behind a sample that was taken; nearly always it goes on."""
+        vehicle = self._vehicles[event.vehicle]
+        self._usual.tell(event.vehicle)
+        texts = vehicle.check(event)
+        if not self._usual.go_on(vehicle):
+            self._away[event.vehicle] = None
+        return _messages(texts)
 
     def _return_usual(self) -> None:
         """Have those stepped with the others again that just go on."""
@@ -240,6 +254,7 @@ class Pipeline:
         wanted = NONE if load.is_behind else ALL if takes_all else DUE
         done: AbstractSet[VehicleId] = frozenset()
         if not load.has_just_woken:
+            self._return_usual()
             rows, done = self._usual.show(now_us, wanted)
             outputs += [] if rows is None else [rows]
         told = self._take_lost() if status_due else {}
@@ -247,7 +262,7 @@ class Pipeline:
             if address in done:
                 if not status_due:
                     continue
-            elif vehicle.state is State.LOST and address not in told:
+            elif vehicle.state in QUIET and address not in told:
                 del self._there[address]  # nothing changes until something comes
                 continue
             else:
@@ -362,8 +377,8 @@ class Pipeline:
             self._forget(address)
 
     def _take_lost(self) -> dict[VehicleId, Vehicle]:
-        """Those of the lost vehicles whose turn it is to have a status."""
-        for address in [a for a, each in self._there.items() if each.state is State.LOST]:
+        """Those of the quiet vehicles whose turn it is to have a status."""
+        for address in [a for a, each in self._there.items() if each.state in QUIET]:
             del self._there[address]
         lost = [address for address in self._vehicles if address not in self._there]
         begin = self._lost_told if self._lost_told < len(lost) else 0

@@ -10,6 +10,8 @@ from contextlib import contextmanager
 # often that, at 100 vehicles, a fifth of the time is lost.
 SWITCH_INTERVAL_S = 5e-4
 ADD_EVERY_S = 1.0
+# With hundreds of vehicles a tick alone makes thousands of records, which go again without help.
+MANY_OBJECTS = 50_000
 
 
 class Frozen:
@@ -39,11 +41,13 @@ def steady() -> Iterator[Frozen]:
     Half a million objects of libraries never become garbage. Looking through them takes 0.1 s,
     several ticks.
     """
-    interval_s = sys.getswitchinterval()
+    interval_s, thresholds = sys.getswitchinterval(), gc.get_threshold()
+    gc.set_threshold(MANY_OBJECTS, *thresholds[1:])
     gc.freeze()  # without collecting first, which takes as long and finds little
     sys.setswitchinterval(SWITCH_INTERVAL_S)
     try:
         yield Frozen()
     finally:
         sys.setswitchinterval(interval_s)
+        gc.set_threshold(*thresholds)
         gc.unfreeze()

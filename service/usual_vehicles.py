@@ -199,9 +199,24 @@ class UsualVehicles:
             tuple(map(sample_of, reports)), has_rates=bool(state[place, HAS_RATES])
         )
 
+    def go_on(self, vehicle: Vehicle) -> bool:
+        """Know the numbers that a vehicle has come to since it was told its own.
+
+        Whether it just goes on with them; if not, they are its own alone from now on.
+        """
+        numbers, place = vehicle.numbers(), self._places[vehicle.address]
+        if numbers is None:
+            self._let_go(vehicle.address)
+            return False
+        self._state[0][place, :SOURCE], self._state[1][place, :HERE] = numbers
+        return True
+
     def hand_back(self, address: VehicleId) -> None:
         """Give a vehicle its numbers back, before anybody else uses it."""
         self.tell(address)
+        self._let_go(address)
+
+    def _let_go(self, address: VehicleId) -> None:
         place = self._places.pop(address, None)
         if place is not None:
             self._index[_number(address)] = 0

@@ -11,6 +11,7 @@ import math
 import time
 from collections import Counter, deque
 from collections.abc import Iterable
+from collections.abc import Set as AbstractSet
 from itertools import islice
 from typing import NamedTuple
 
@@ -42,7 +43,7 @@ MOST_AT_ONCE = 64
 # senders begin at one go, so that they do not make everybody else wait.
 MOST_NEWCOMERS = 1
 # But for as many as begin in the time since the last one did: where all else takes long, too.
-NEWCOMER_S = 0.003
+NEWCOMER_S = 0.002
 # What cannot be left out is bounded, too: the oldest goes, and is counted.
 MOST_WAITING = 50_000
 
@@ -125,6 +126,11 @@ class Backlog:
     def __bool__(self) -> bool:
         return bool(self._turns or self._newcomers)
 
+    @property
+    def has_turns(self) -> bool:
+        """Whether there is more than newcomers."""
+        return bool(self._turns)
+
     def add(self, arrived: Iterable[Arrived], now_s: float) -> None:
         """Put frames at the end, or in the place of older ones of their streams."""
         arrived = [each for each in arrived if not self._is_newcomers(each, now_s)]
@@ -182,6 +188,25 @@ class Backlog:
         turns, self._turns, self._streams = self._turns, deque(), {}
         for turn in turns:
             self._put(turn.arrived, turn.since_s, self._streams)
+
+    @property
+    def is_folded(self) -> bool:
+        """Whether there has been too much since nothing waited last."""
+        return self._streams is not None
+
+    def overtake(self, senders: AbstractSet[int]) -> None:
+        """Leave out what waits of the streams of those of whom something newer passes."""
+        if self._streams is None:
+            return
+        turns, self._turns = self._turns, deque()
+        for turn in turns:
+            frame = turn.arrived.frame
+            is_old = _is_in_stream(frame) and frame.message_id not in WHO_IS_THERE
+            if is_old and frame.system_id << 8 | frame.component_id in senders:
+                self._count(frame)
+                self._streams.pop(_stream(frame), None)
+            else:
+                self._turns.append(turn)
 
     def take_shed(self, arrival_us: int) -> list[Shed]:
         """What has been left out since the last call: IMU samples, which estimates are made of."""

@@ -25,6 +25,8 @@ LONGEST_US = int(1e6 * CLAIM_S)  # beyond that the clock was set back
 JUDGED, PASSES, WAITS = 0, 1, 2
 # So many peers may have sent something else within a look; beyond that nobody passes.
 MOST_ODD = 16
+# A multiplier that lays neighbouring numbers of 16 bits far from each other (2**16 / 1.618).
+SPREADING = 40_503
 
 _typeof: Any = numba.typeof
 
@@ -136,11 +138,17 @@ class Leases:
         )
         return done, Passing(*(each[:n] for each in passing))
 
-    def grant(self, address: int, peer: int, name: str, until_us: int) -> None:
-        """Frames of that address pass until then that come from a peer, of that number and name."""
+    def grant(self, address: int, peer: int, name: str, begin_us: int, longest_us: int) -> None:
+        """Frames of that address pass that come from a peer, of that number and name.
+
+        For half of ``longest_us`` to all of it, by address: of hundreds that one peer brings, some
+        are judged now and then, and never all at one look.
+        """
         if self._holders[address] != peer:
             self._heard_us[address] = 0
-        self._holders[address], self._until_us[address] = peer, until_us
+        left_out = address * SPREADING % ADDRESSES / (2 * ADDRESSES)
+        self._holders[address] = peer
+        self._until_us[address] = begin_us + int(longest_us * (1.0 - left_out))
         self._names[address] = name
         self._held.add(peer)
 

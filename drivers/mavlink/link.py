@@ -20,6 +20,7 @@ from drivers.events import Event, LinkDown, LinkUp, Malformed, Notice, VehicleId
 from drivers.mavlink.background_recorder import BackgroundRecorder
 from drivers.mavlink.backlog import (
     MOST_WAITING,
+    PATIENCE_S,
     Arrived,
     Backlog,
     Patience,
@@ -37,7 +38,7 @@ from drivers.mavlink.error_summary import ErrorSummary
 from drivers.mavlink.framing import Frame, FrameReader
 from drivers.mavlink.gate import FrameGate, Policy
 from drivers.mavlink.hearing import Hearing
-from drivers.mavlink.leases import JUDGED, WAITS, Leases, Passing
+from drivers.mavlink.leases import JUDGED, PASSES, WAITS, Leases, Passing
 from drivers.mavlink.opening import Opening
 from drivers.mavlink.recorder import Recorder
 from drivers.mavlink.scanning import LEFT, Scanned, Scanner
@@ -211,7 +212,7 @@ class MavlinkLink(Closing):
             return []
         waits = self._backlog or self._events or self._passing is not None
         wait_s = 0.0 if waits else max(0.0, timeout_s)
-        if self._passing is None:  # what is newer is read when that is done
+        if self._passing is None and not self._has_turns():  # what is newer is read behind that
             (self._receive if self._is_open else self._reopen)(wait_s)
         now_us = unix_us()
         found: list[Event | Readings] = [*self._events]
@@ -227,6 +228,10 @@ class MavlinkLink(Closing):
             self._queue_messages(outgoing, now_us)
             found += notices
         return found
+
+    def _has_turns(self) -> bool:
+        """Whether frames wait for their turn, but for so long that newer ones would take it."""
+        return self._backlog.has_turns and time.monotonic() - self._look_s < PATIENCE_S
 
     def __iter__(self) -> Iterator[Event]:
         """Events as they come, until the link is closed."""
@@ -326,8 +331,13 @@ class MavlinkLink(Closing):
         """
         come = scanned.datagrams
         last_us = int(come.arrivals_us[-1])
-        backlog, looked_at = self._backlog, self._sequences.looked_at(last_us)
-        done, passing = self._leases.passing(scanned, looked_at, backlog.senders, backlog.has_come)
+        backlog = self._backlog
+        looked_at = self._sequences.looked_at(scanned.senders, last_us)
+        is_folded = backlog.is_folded
+        waiting = set[int]() if is_folded else backlog.senders
+        done, passing = self._leases.passing(scanned, looked_at, waiting, backlog.has_come)
+        if is_folded:
+            backlog.overtake(set(scanned.senders[done == PASSES].tolist()))
         is_leased = done != JUDGED
         if is_leased.any():
             self._tell(self._hearing.bytes_read(len(come.data), 1, now_s), last_us)
@@ -375,7 +385,7 @@ class MavlinkLink(Closing):
         address = frame.system_id << 8 | frame.component_id
         left_s = self._claims.left_s(peer, now_s) - ITERATION_S
         if left_s > 0.0 and self._gate.is_open:
-            self._leases.grant(address, number, peer, arrival_us + int(1e6 * left_s))
+            self._leases.grant(address, number, peer, arrival_us, int(1e6 * left_s))
 
     def _is_late(self, now_s: float) -> bool:
         """Whether what is there has waited for so long that some of it is to be left out."""

@@ -5,7 +5,7 @@ that go on in turns, which losses, late frames and repetitions of a single one d
 Source: https://mavlink.io/en/guide/serialization.html#packet_format
 """
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 from typing import Any
 
 import numpy as np
@@ -26,7 +26,7 @@ MOST_TOLD = 64
 
 Array = Any  # numba ships no types
 
-_ALL, _NONE = np.ones(ADDRESSES, np.bool_), np.zeros(ADDRESSES, np.bool_)
+_NONE = np.zeros(ADDRESSES, np.bool_)
 
 
 class _Counter:
@@ -88,72 +88,69 @@ class _Counters:
 
 
 class SequenceWatch:
-    """Looks at the frames of one link and says once which address has two senders."""
+    """Looks at the frames of one link and says once which address has two senders.
+
+    An address is ``system << 8 | component``.
+    """
 
     def __init__(self) -> None:
         self._begun_us: int | None = None
-        self._counters: dict[tuple[str, int, int], _Counters] = {}
-        self._checked: set[tuple[int, int]] = set()  # in this round of stretches
-        self._told: set[tuple[int, int]] = set()
-        self._looked_at: Array | None = None  # while nothing of the three has changed
+        self._counters: dict[tuple[str, int], _Counters] = {}
+        self._checked: set[int] = set()  # in this round of stretches
+        self._told: set[int] = set()
 
-    def looked_at(self, now_us: int) -> Array:
-        """Whether :meth:`look` would do anything with an address's frames now: flags by address."""
-        begun_us = self._begun_us
-        if begun_us is None or not 0 <= now_us - begun_us < EVERY_US:
-            return _ALL
-        if now_us - begun_us > STRETCH_US:
+    def looked_at(self, senders: Array, now_us: int) -> Array:
+        """Of the addresses that send now, those whose frames :meth:`look` is to see; flags.
+
+        The others do not wait for it: it has room for a few at a time.
+        """
+        if self._since_us(now_us) > STRETCH_US:
             return _NONE
-        if self._looked_at is None:
-            has_room = len(self._counters) < MOST_ADDRESSES
-            flags = self._looked_at = np.full(ADDRESSES, has_room)
-            flags[[_number(address) for address in self._checked]] = False
-            flags[[_number(address) for _, *address in self._counters]] = True
-            flags[[_number(address) for address in self._told]] = False
-        return self._looked_at
+        flags = np.zeros(ADDRESSES, np.bool_)
+        flags[[address for _, address in self._counters]] = True
+        room = MOST_ADDRESSES - len(self._counters)
+        if room:
+            new = [each for each in np.unique(senders).tolist() if each not in self._checked]
+            flags[new[:room]] = True
+        flags[list(self._told)] = False
+        return flags
 
     def look(self, peer: str, frames: Iterable[Frame], now_us: int) -> list[Notice]:
         """A line for each address that proves to have two senders; nearly always none."""
-        begun_us = self._begun_us
-        if begun_us is None or not 0 <= now_us - begun_us < EVERY_US:
-            self._begin(now_us)
-            begun_us = now_us
-        if now_us - begun_us > STRETCH_US:
+        since_us = self._since_us(now_us)
+        if since_us > STRETCH_US:
             return []
-        return [notice for frame in frames for notice in self._take(peer, frame, now_us)]
+        is_settled = since_us >= SETTLE_US
+        found = [self._take(peer, frame, now_us, is_settled=is_settled) for frame in frames]
+        return [notice for notice in found if notice is not None]
 
-    def _begin(self, now_us: int) -> None:
-        """Begin a stretch; a new round, if everybody has had a turn."""
-        self._begun_us, self._looked_at = now_us, None
+    def _since_us(self, now_us: int) -> int:
+        """How long the stretch has lasted; the next begins where it is time for it."""
+        begun_us = self._begun_us
+        if begun_us is not None and 0 <= now_us - begun_us < EVERY_US:
+            return now_us - begun_us
+        self._begun_us = now_us
         if not self._counters or len(self._checked) > MOST_CHECKED:
             self._checked.clear()
         self._counters.clear()
+        return 0
 
-    def _take(self, peer: str, frame: Frame, now_us: int) -> list[Notice]:
-        data, address = frame.data, (frame.system_id, frame.component_id)
+    def _take(self, peer: str, frame: Frame, now_us: int, *, is_settled: bool) -> Notice | None:
+        data, address = frame.data, frame.system_id << 8 | frame.component_id
         if address in self._told:
-            return []
+            return None
         number = data[4] if data[0] == MAGIC_V2 else data[2]
-        counters = self._counters.get((peer, *address))
+        counters = self._counters.get((peer, address))
         if counters is None:
             if len(self._counters) < MOST_ADDRESSES and address not in self._checked:
                 self._checked.add(address)
-                self._looked_at = None
-                self._counters[peer, *address] = _Counters(number)
-            return []
-        assert self._begun_us is not None
-        if now_us - self._begun_us < SETTLE_US:
-            counters.take(number, data)
-            return []
-        counters.turns += counters.take(number, data)
+                self._counters[peer, address] = _Counters(number)
+            return None
+        turns = counters.take(number, data)
+        if is_settled:
+            counters.turns += turns
         if counters.turns < TURNS or len(self._told) >= MOST_TOLD:
-            return []
+            return None
         self._told.add(address)
-        self._looked_at = None
         text = "two senders use its address on one wire: two vehicles, or one by two ways"
-        return [Notice(None, now_us, f"system {frame.system_id}: {text}")]
-
-
-def _number(address: Sequence[int]) -> int:
-    system_id, component_id = address
-    return system_id << 8 | component_id
+        return Notice(None, now_us, f"system {frame.system_id}: {text}")

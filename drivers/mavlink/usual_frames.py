@@ -459,6 +459,7 @@ class Readings:
         whole: Whole,
         numbers: Floats,
         arrivals_us: Whole,
+        complaints: dict[int, list[Event]] | None = None,
     ) -> None:
         self.addresses = addresses
         self.whole = whole
@@ -466,12 +467,26 @@ class Readings:
         self.arrivals_us = arrivals_us
         self._intakes = intakes
         self._streams = streams
-        # at once, before anybody else looks at what comes behind these
-        looks = (whole[:, 4] & TO_LOOK).nonzero()[0].tolist()
-        self._complaints = {k: self._look(k) for k in looks}
+        if complaints is None:  # at once, before anybody else looks at what comes behind these
+            looks = (whole[:, 4] & TO_LOOK).nonzero()[0].tolist()
+            complaints = {k: self._look(k) for k in looks}
+        self._complaints = complaints
 
     def __len__(self) -> int:
         return len(self.arrivals_us)
+
+    def only(self, rows: Sequence[int]) -> "Readings":
+        """Those rows alone."""
+        complaints = self._complaints
+        return Readings(
+            self.addresses,
+            self._intakes,
+            self._streams,
+            self.whole[rows],
+            self.numbers[rows],
+            self.arrivals_us[rows],
+            {k: complaints[row] for k, row in enumerate(rows) if row in complaints},
+        )
 
     def events(self, rows: Sequence[int] | None = None) -> list[Event]:
         """The events of those rows, or of all, in order."""

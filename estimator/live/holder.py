@@ -23,6 +23,9 @@ R = TypeVar("R")
 
 _numba_config: Any = numba.config  # numba ships no types
 _typeof: Any = numba.typeof
+# Steps by the id of their handle's type, which is kept beside: to find it by its hash takes longer
+# than a step. numba has one such type object for each kind of core.
+_steps: dict[tuple[int, Any], tuple[Any, Any]] = {}
 
 
 def _step(kernel: "Callable[Concatenate[Any, P], R]") -> "cached_property[Callable[P, R]]":
@@ -96,8 +99,8 @@ class Holder:
 
     @property
     def inside(self) -> Any:
-        """The handle on compiled memory; None in plain Python."""
-        return None if self._is_in_python else self._inside
+        """The handle on compiled memory, into which the core is put now; None in plain Python."""
+        return None if self._is_in_python else self._put_inside()
 
     def lay(self, rows: Rows, said: Floats) -> None:
         """See :func:`estimator.live.resident.lay`; rows of another type or layout are copied."""
@@ -133,17 +136,24 @@ class Holder:
 
         ``arguments`` are examples of its others; of the kernels in ``arguments_with`` none.
         """
+        inside = self._put_inside()
+        if self._is_in_python:
+            return partial(in_plain_numbers(interpreted(kernel)), inside)
+        kind = _typeof(inside)
+        if arguments:
+            return partial(direct(kernel, (kind, *map(_typeof, arguments))), inside)
+        step = _steps.get((id(kind), kernel))
+        if step is None:
+            form = direct(kernel, resident.arguments_with(kind)[kernel])
+            step = _steps[id(kind), kernel] = (form, kind)
+        return partial(step[0], inside)
+
+    def _put_inside(self) -> Any:
         if self._inside is None:
             self._inside = self._code(resident.resident)(
                 self._params, in_arrays(self._core), *resident.NOTHING_LAID
             )
-        if self._is_in_python:
-            return partial(in_plain_numbers(interpreted(kernel)), self._inside)
-        inside = _typeof(self._inside)
-        types = (inside, *map(_typeof, arguments))
-        if not arguments:
-            types = resident.arguments_with(inside)[kernel]
-        return partial(direct(kernel, types), self._inside)
+        return self._inside
 
     def _code(self, kernel: Any) -> Any:
         """A kernel in the form that this core's memory is made for."""

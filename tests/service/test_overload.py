@@ -20,6 +20,7 @@ from drivers.mavlink.transports.open import open_transport
 from drivers.simulation.autopilot import VehicleOptions
 from drivers.simulation.fleet import Fleet, run_vehicles
 from estimator.profile import load_profile
+from service.attitude_rows import expanded
 from service.load import Load
 from service.overload import WINDOW_S, WINDOWS_TO_BEGIN, WINDOWS_TO_END, Overload
 from service.pipeline import Pipeline
@@ -180,7 +181,7 @@ class Kept:
         self.got = []
 
     def put(self, outputs):
-        self.got += outputs
+        self.got += expanded(outputs)
 
     def settle(self, _timeout_s):
         return True

@@ -101,6 +101,24 @@ def test_as_soon_as_nothing_waits_everything_counts_again():
     assert taken(backlog) == [(1, 4), (1, 5)]
 
 
+def test_what_newer_samples_have_overtaken_is_left_out():
+    """The heartbeat and the parameter stay, and what others wait for."""
+    backlog = known(Backlog(), 1, 2)
+    said = (RAW_IMU_ID, ATTITUDE_ID, HEARTBEAT_ID, PARAM_VALUE_ID)
+    backlog.add([arrived(system, 1, message) for message in said for system in (1, 2)], 1.0)
+    assert not backlog.is_folded
+    backlog.fold()
+    assert backlog.is_folded
+    backlog.overtake({1 << 8 | 1})
+    left = [(each.frame.system_id, each.frame.message_id) for each in backlog.take()]
+    assert left == [
+        (2, RAW_IMU_ID),
+        (2, ATTITUDE_ID),
+        *((system, message) for message in said[2:] for system in (1, 2)),
+    ]
+    assert backlog.take_shed(9) == [Shed(VehicleId(1, 1), 9, "RAW_IMU", 1)]
+
+
 def test_what_is_said_once_stays_and_of_heartbeats_the_newest():
     backlog = known(Backlog(), 1)
     once = [arrived(1, k, PARAM_VALUE_ID) for k in range(3)]

@@ -314,7 +314,7 @@ def test_after_a_stop_longer_than_a_claim_no_sample_is_refused(monkeypatch):
         collect(link, count(Imu, 1))
         assert link.dropped == 0
         time.sleep(0.15)
-        link.drain(0.0)  # a look at which nobody is there ends it
+        until(lambda: not link.drain(0.02))  # a look at which nobody is there ends it
         for _ in range(400):
             wire.send(vehicle.heartbeat())
         link.drain(0.0)

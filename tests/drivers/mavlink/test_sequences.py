@@ -4,14 +4,15 @@ import random
 import time
 from socket import AF_INET, SOCK_DGRAM, socket
 
+import numpy as np
 import pytest
 
 from drivers.endpoint import Endpoint
 from drivers.events import Notice, VehicleId
-from drivers.mavlink.encoder import FrameEncoder, raw_imu
+from drivers.mavlink.encoder import FrameEncoder, heartbeat, raw_imu
 from drivers.mavlink.framing import FrameReader
 from drivers.mavlink.link import MavlinkLink
-from drivers.mavlink.sequences import EVERY_US, SequenceWatch
+from drivers.mavlink.sequences import EVERY_US, MOST_ADDRESSES, STRETCH_US, SequenceWatch
 
 ONE = VehicleId(1, 1)
 S = 1_000_000
@@ -87,6 +88,23 @@ def test_one_that_comes_later_is_told_at_the_next_look():
     assert told(alone, watch=watch) == []
     after = [s.sample(20_000 * k) for k in range(1500) for s in (one, other)]
     assert len(told(after, 10_000, watch, S + EVERY_US // 2)) == 1  # within two stretches
+
+
+def test_of_many_senders_a_few_are_looked_at_in_each_stretch_and_all_in_their_turn():
+    watch, reader, seen, rounds = SequenceWatch(), FrameReader(), set(), []
+    encoders = {system << 8 | 1: FrameEncoder(VehicleId(system, 1)) for system in range(1, 41)}
+    addresses = np.array([*encoders])
+    for stretch in range(4):
+        begin_us = S + stretch * EVERY_US
+        flags = watch.looked_at(addresses, begin_us)
+        assert flags.sum() <= MOST_ADDRESSES
+        for address in np.flatnonzero(flags).tolist():
+            watch.look("a", reader.feed(encoders[address].frame(heartbeat(2, 3), 0)), begin_us)
+        rounds.append(int(flags.sum()))
+        seen |= set(np.flatnonzero(flags).tolist())
+        assert not watch.looked_at(addresses, begin_us + STRETCH_US + 1).any()
+    assert seen == set(addresses.tolist())
+    assert rounds[:3] == [16, 16, 8]  # and a new round
 
 
 def test_a_link_tells_it():
