@@ -10,6 +10,8 @@ from collections.abc import Callable, Sequence
 from functools import partial
 from typing import Any
 
+import numpy as np
+
 from drivers.events import (
     BuiltIn,
     CommandAck,
@@ -134,7 +136,7 @@ class MavlinkDecoder:
             self._usual = UsualFrames(MOST_SENDERS, takes_attitude=not self._references)
         found: list[Event | Readings] = []
         waiting = batch.waiting
-        while waiting.any():
+        while np.count_nonzero(waiting):
             readings = self._usual.read(batch)
             if readings is not None:
                 found.append(readings)

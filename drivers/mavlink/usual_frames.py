@@ -405,7 +405,8 @@ class Batch:
         self.data = data
         self.bounds = bounds
         self.arrivals_us = arrivals_us
-        self.waiting = np.full(n, WAITING, np.int64)
+        self.waiting = np.empty(n, np.int64)
+        self.waiting[:] = WAITING
 
     @classmethod
     def of(cls, arrived: Sequence[Arrived]) -> Self:
