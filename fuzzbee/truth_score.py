@@ -5,7 +5,7 @@ from math import degrees, inf, sqrt
 from typing import Any, NamedTuple
 
 from drivers.events import Event, ReferenceAttitude
-from drivers.mavlink.usual_frames import Readings
+from drivers.mavlink.readings import Readings
 from drivers.simulation.flight import ALOFT_S, EIGHTS_S, MAGNET_S, ROUND_S, SET_DOWN_S, SILENCE_S
 from drivers.simulation.simulated_vehicle import PROFILES
 from estimator.geometry.metrics import angle_errors

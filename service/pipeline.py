@@ -34,7 +34,7 @@ from drivers.events import (
     Velocity,
 )
 from drivers.mavlink.constants import is_autopilot
-from drivers.mavlink.usual_frames import Readings
+from drivers.mavlink.readings import Readings
 from drivers.places import PLACES
 from drivers.simulation.simulated_vehicle import PROFILES
 from estimator.errors import InputError

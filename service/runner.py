@@ -11,7 +11,7 @@ from collections import deque
 from collections.abc import Callable, Sequence
 
 from drivers.events import Event
-from drivers.mavlink.usual_frames import Readings
+from drivers.mavlink.readings import Readings
 from drivers.source import EventSource
 from service.load import Load
 from service.overload import Overload

@@ -5,7 +5,7 @@ As :mod:`service.report_choice` and :mod:`estimator.live.reports` have them.
 
 from typing import Any
 
-from drivers.mavlink.usual_frames import MOVES, RECEIVER
+from drivers.mavlink.usual_kinds import MOVES, RECEIVER
 from drivers.samples.fix import RECEIVER_LATE_SIGMA_S
 from estimator.aiding.place import NEAR_DEG
 from estimator.aiding.sources.velocity import SPEED_LIMIT_M_S

@@ -9,7 +9,7 @@ from typing import Any
 import numba
 import numpy as np
 
-from drivers.mavlink.usual_frames import (
+from drivers.mavlink.usual_kinds import (
     ATTITUDE,
     FRESH,
     GIVES,

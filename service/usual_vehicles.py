@@ -20,10 +20,8 @@ from numba.core import types
 
 from drivers.events import VehicleId
 from drivers.mavlink.framing import ADDRESSES
-from drivers.mavlink.usual_frames import (
-    TO_LOOK,
-    Readings,
-)
+from drivers.mavlink.readings import Readings
+from drivers.mavlink.usual_kinds import TO_LOOK
 from estimator.compilation.direct import direct
 from estimator.estimator import Estimator
 from estimator.live.reports import MOST_WAITING

@@ -30,7 +30,7 @@ from drivers.mavlink.constants import (
     MAV_TYPE_GENERIC,
     MAV_TYPE_GROUND_ROVER,
 )
-from drivers.mavlink.usual_frames import (
+from drivers.mavlink.usual_kinds import (
     ATTITUDE_NAME,
     KIND_NAMES,
     KIND_OF,

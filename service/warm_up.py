@@ -16,7 +16,7 @@ from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
-from drivers.mavlink import leases, scanning, usual_frames
+from drivers.mavlink import frame_rows, leases, scanning
 from drivers.mavlink.transports import receive_many
 from drivers.samples import sensor_faults
 from estimator.aiding import begin
@@ -51,7 +51,7 @@ UNAIDED: tuple[Any, ...] = (
     resident.advance_raw,
     resident.advance,
     sensor_faults.judge_reading,
-    usual_frames.read_frames,
+    frame_rows.read_frames,
     scanning.scan_frames,
     leases.pass_by,
     receive_many.collect,
@@ -145,7 +145,7 @@ def _of_edges() -> dict[Any, tuple[Any, ...]]:
         scanning.scan_frames: scanning.argument_types(),
         leases.pass_by: leases.argument_types(),
         sensor_faults.judge_reading: sensor_faults.argument_types(),
-        usual_frames.read_frames: usual_frames.argument_types(),
+        frame_rows.read_frames: frame_rows.argument_types(),
         attitude_text.write_texts: attitude_text.argument_types(),
     }
 

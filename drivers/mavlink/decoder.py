@@ -45,7 +45,9 @@ from drivers.mavlink.imu_messages import (
 )
 from drivers.mavlink.messages import MESSAGES, MessageKind, Said
 from drivers.mavlink.parameter_values import ParameterValue, WaitingParameters, owner
-from drivers.mavlink.usual_frames import NEXT, READ, Batch, Readings, UsualFrames, events_of
+from drivers.mavlink.readings import Batch, Readings, events_of
+from drivers.mavlink.usual_frames import UsualFrames
+from drivers.mavlink.usual_kinds import NEXT, READ
 from drivers.places import PLACES
 from drivers.samples.intake import VERSION_EVERY_US, Intake, Stamp
 from drivers.samples.vehicle_clock import TimeField

@@ -40,6 +40,7 @@ from drivers.mavlink.gate import FrameGate, Policy
 from drivers.mavlink.hearing import Hearing
 from drivers.mavlink.leases import JUDGED, PASSES, WAITS, Leases, Passing
 from drivers.mavlink.opening import Opening
+from drivers.mavlink.readings import Batch, Readings, events_of
 from drivers.mavlink.recorder import Recorder
 from drivers.mavlink.scanning import LEFT, Scanned, Scanner
 from drivers.mavlink.sequences import SequenceWatch
@@ -49,7 +50,6 @@ from drivers.mavlink.transports.open import open_transport
 from drivers.mavlink.transports.sockets import SOCKET_BUFFER_BYTES
 from drivers.mavlink.transports.transport import LinkError
 from drivers.mavlink.triage import newest
-from drivers.mavlink.usual_frames import Batch, Readings, events_of
 from drivers.places import PLACES
 from estimator.compilation.compiled import is_compiled_code
 from estimator.compilation.interpreted import is_interpreting

@@ -17,7 +17,7 @@ from drivers.mavlink.backlog import Arrived
 from drivers.mavlink.decoder import MavlinkDecoder
 from drivers.mavlink.encoder import FrameEncoder
 from drivers.mavlink.framing import FrameReader
-from drivers.mavlink.usual_frames import Readings
+from drivers.mavlink.readings import Readings
 from drivers.simulation.simulated_vehicle import SimulatedVehicle
 from estimator.live import reports
 from estimator.live.reports import MOST_WAITING

@@ -11,10 +11,10 @@ from drivers.events import Imu, Malformed, Notice, RefusedFrames, VehicleId
 from drivers.mavlink.encoder import FrameEncoder, heartbeat, raw_imu
 from drivers.mavlink.leases import JUDGED, LONGEST_US, PASSES, WAITS, Leases
 from drivers.mavlink.link import MavlinkLink
+from drivers.mavlink.readings import events_of
 from drivers.mavlink.scanning import Scanner
 from drivers.mavlink.transports.datagrams import Datagrams, peer_number
 from drivers.mavlink.transports.transport import Packet
-from drivers.mavlink.usual_frames import events_of
 from estimator.reasons import Reason
 from tests.drivers.mavlink.test_usual_frames import is_compiled
 

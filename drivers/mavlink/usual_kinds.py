@@ -1,0 +1,58 @@
+"""What compiled code calls the messages that nearly all of a stream are, and their marks."""
+
+from math import pi
+
+from drivers.mavlink.constants import (
+    ATTITUDE_ID,
+    GLOBAL_POSITION_INT_ID,
+    GPS_RAW_INT_ID,
+    HIGHRES_IMU_ID,
+    LOCAL_POSITION_NED_ID,
+    RAW_IMU_ID,
+    SCALED_IMU2_ID,
+    SCALED_IMU3_ID,
+    SCALED_IMU_ID,
+)
+from drivers.mavlink.imu_messages import (
+    IMU_MESSAGES,
+)
+from drivers.mavlink.messages import MESSAGES
+from drivers.samples.vehicle_clock import TimeField
+
+# What a message is to compiled code; 0 is nothing.
+# They are in the order of preference.
+RAW, HIGHRES, SCALED = 1, 2, 3  # the latter of three messages
+KINDS = {
+    RAW_IMU_ID: RAW,
+    HIGHRES_IMU_ID: HIGHRES,
+    SCALED_IMU_ID: SCALED,
+    SCALED_IMU2_ID: SCALED + 1,
+    SCALED_IMU3_ID: SCALED + 2,
+}
+KIND_NAMES = {kind: IMU_MESSAGES[number].name for number, kind in KINDS.items()}
+KIND_OF = {name: kind for kind, name in KIND_NAMES.items()}
+IMUS = len(KINDS)
+ATTITUDE, LOCAL_POSITION, GLOBAL_POSITION, RECEIVER = IMUS + 1, IMUS + 2, IMUS + 3, IMUS + 4
+# Attitudes without rates where they are not wanted, and what says nothing.
+QUATERNION, SECOND_ATTITUDE, AUTOPILOT_VERSION, SILENT = IMUS + 5, IMUS + 6, IMUS + 7, IMUS + 8
+# Other streams that have a time, in the order of their kinds.
+OTHERS = {
+    ATTITUDE: ATTITUDE_ID,
+    LOCAL_POSITION: LOCAL_POSITION_NED_ID,
+    GLOBAL_POSITION: GLOBAL_POSITION_INT_ID,
+    RECEIVER: GPS_RAW_INT_ID,
+}
+OTHER_CLOCKS = {kind: TimeField.GPS if kind == RECEIVER else TimeField.BOOT_MS for kind in OTHERS}
+OTHER_NAMES = {kind: MESSAGES[number].name for kind, number in OTHERS.items()}
+OTHER_OF = {name: kind for kind, name in OTHER_NAMES.items()}
+ATTITUDE_NAME = OTHER_NAMES[ATTITUDE]
+N_OTHERS = len(OTHERS)
+# Of a payload; what follows is of no interest here.
+LONGEST = 64
+LATEST_RAW_US = 1 << 62
+RADIANS = pi / 180.0
+# Flags: a fresh field, a sample to be looked at, an attitude that is wanted, a velocity, a place, a
+# reading that is no data; times WHY the reason for that, or why the field is none.
+FRESH, TO_LOOK, GIVES, MOVES, IS_THERE, NO_DATA, WHY = 1, 2, 4, 8, 16, 32, 64
+# What has become of a frame.
+READ, WAITING, NEXT = 0, 1, 2
