@@ -16,7 +16,7 @@ from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
-from drivers.mavlink import frame_rows, leases, scanning
+from drivers.mavlink import frame_rows, leases, scanning, stamped_frames
 from drivers.mavlink.transports import receive_many
 from drivers.samples import sensor_faults
 from estimator.aiding import begin
@@ -54,6 +54,7 @@ UNAIDED: tuple[Any, ...] = (
     frame_rows.read_frames,
     scanning.scan_frames,
     leases.pass_by,
+    stamped_frames.stamp_frames,
     receive_many.collect,
     usual_rows.new_fleet,
     usual_rows.put,
@@ -144,6 +145,7 @@ def _of_edges() -> dict[Any, tuple[Any, ...]]:
         receive_many.collect: receive_many.argument_types(),
         scanning.scan_frames: scanning.argument_types(),
         leases.pass_by: leases.argument_types(),
+        stamped_frames.stamp_frames: stamped_frames.argument_types(),
         sensor_faults.judge_reading: sensor_faults.argument_types(),
         frame_rows.read_frames: frame_rows.argument_types(),
         attitude_text.write_texts: attitude_text.argument_types(),

@@ -2,10 +2,9 @@
 
 import threading
 from collections import deque
-from collections.abc import Iterable
 
 from drivers.closing import Closing
-from drivers.mavlink.recorder import Recorder
+from drivers.mavlink.recorder import Recorder, Records
 
 MOST_WAITING_BYTES = 32_000_000  # a disk that stands still for longer costs frames
 CLOSE_S = 2.0
@@ -20,24 +19,24 @@ class BackgroundRecorder(Closing):
     def __init__(self, recorder: Recorder) -> None:
         self.lost = 0
         self._recorder = recorder
-        self._waiting: deque[tuple[int, list[bytes]]] = deque()
+        self._waiting: deque[Records] = deque()
         self._waiting_bytes = 0
         self._is_closing = False
         self._changed = threading.Condition()
         self._thread = threading.Thread(target=self._work, name="mavlink-recorder", daemon=True)
         self._thread.start()
 
-    def write(self, arrival_us: int, frames: Iterable[bytes]) -> None:
+    def write(self, records: Records) -> None:
         """See :class:`~drivers.mavlink.recorder.Recorder`."""
-        kept = list(frames)
-        size = sum(map(len, kept))
+        if not records.frames:
+            return
         with self._changed:
-            if self._waiting_bytes + size > MOST_WAITING_BYTES:
-                self.lost += len(kept)
-                self._recorder.miss(len(kept))
+            if self._waiting_bytes + len(records.data) > MOST_WAITING_BYTES:
+                self.lost += records.frames
+                self._recorder.miss(records.frames)
                 return
-            self._waiting.append((arrival_us, kept))
-            self._waiting_bytes += size
+            self._waiting.append(records)
+            self._waiting_bytes += len(records.data)
             self._changed.notify()
 
     def close(self) -> None:
@@ -48,14 +47,14 @@ class BackgroundRecorder(Closing):
         self._thread.join(CLOSE_S)
         with self._changed:
             if self._thread.is_alive():
-                self._recorder.miss(1 + sum(len(frames) for _, frames in self._waiting))
+                self._recorder.miss(1 + sum(each.frames for each in self._waiting))
 
     def _work(self) -> None:
         while (waiting := self._next()) is not None:
-            for arrival_us, frames in waiting:
-                self._recorder.write(arrival_us, frames)
+            for records in waiting:
+                self._recorder.write(records)
 
-    def _next(self) -> list[tuple[int, list[bytes]]] | None:
+    def _next(self) -> list[Records] | None:
         """All that waits; None at the end."""
         with self._changed:
             while not self._waiting and not self._is_closing:

@@ -41,9 +41,10 @@ from drivers.mavlink.hearing import Hearing
 from drivers.mavlink.leases import JUDGED, PASSES, WAITS, Leases, Passing
 from drivers.mavlink.opening import Opening
 from drivers.mavlink.readings import Batch, Readings, events_of
-from drivers.mavlink.recorder import Recorder
+from drivers.mavlink.recorder import Recorder, Records, records_of
 from drivers.mavlink.scanning import LEFT, Scanned, Scanner
 from drivers.mavlink.sequences import SequenceWatch
+from drivers.mavlink.stamped_frames import records_in
 from drivers.mavlink.stream_request import Outgoing, StreamRequest
 from drivers.mavlink.transports.datagrams import Datagrams, unix_us
 from drivers.mavlink.transports.open import open_transport
@@ -117,6 +118,7 @@ class MavlinkLink(Closing):
         self._transport = open_transport(endpoint)
         self._recorder = recorder
         self._background: BackgroundRecorder | None = None
+        self._records: list[Records] = []  # of packets that were judged in this look
         self._request = None if request_rate_hz is None else StreamRequest(request_rate_hz)
         self._backlog = Backlog(most_waiting)
         self._passing: _Passed | None = None  # what need not wait there
@@ -308,18 +310,21 @@ class MavlinkLink(Closing):
         if not come.number:
             return
         now_us, clock_s = unix_us(), waiting_clock_s()
-        scanned = self._scan(come)
+        scanned = whole = self._scan(come)
+        held = self._held(whole)
         if scanned is not None and self._is_late(now_s, clock_s):
             scanned = self._thin_out(scanned, clock_s)
             come = scanned.datagrams
         done = [JUDGED] * come.number if scanned is None else self._let_pass(scanned, now_s)
+        is_recorded = self._held(scanned) or [False] * come.number
         waiting: list[Arrived] = []
         for k, become in enumerate(done):
             if become == JUDGED:
-                waiting += self._judged(come, k, scanned, now_s)
+                waiting += self._judged(come, k, scanned, now_s, is_recorded=is_recorded[k])
             elif scanned is not None and become == WAITS:
                 arrival_us = int(come.arrivals_us[k])
                 waiting += [Arrived(arrival_us, frame) for frame in scanned.frames(k)]
+        self._record(whole, held)
         self._gate.keep(now_us)
         self._backlog.add(waiting, clock_s)
         self._events += self._gate.take_refused(now_us)
@@ -350,7 +355,7 @@ class MavlinkLink(Closing):
         return found
 
     def _judged(
-        self, come: Datagrams, k: int, scanned: Scanned | None, now_s: float
+        self, come: Datagrams, k: int, scanned: Scanned | None, now_s: float, *, is_recorded: bool
     ) -> list[Arrived]:
         """The frames of a packet that are let in, of those that are decoded; all go on record."""
         peer, data, arrival_us = come.packet(k)
@@ -369,8 +374,8 @@ class MavlinkLink(Closing):
         self._tell(self._hearing.bytes_read(len(data), len(frames), now_s), arrival_us)
         let_in = self._gate.let_in(frames, peer, arrival_us)
         self._credit(peer, let_in, now_s)
-        if self._background is not None and let_in:
-            self._background.write(arrival_us, [frame.data for frame in let_in])
+        if self._background is not None and not is_recorded:
+            self._records.append(records_of(arrival_us, [frame.data for frame in let_in]))
         if malformed := reader.take_malformed():
             self._events.append(Malformed(arrival_us, malformed))
         number = int(come.peers[k])
@@ -379,6 +384,31 @@ class MavlinkLink(Closing):
         elif let_in:
             self._lease(let_in[-1], peer, number, arrival_us, now_s)
         return [Arrived(arrival_us, each) for each in self._of_use(let_in, scanned, k)]
+
+    def _held(self, scanned: Scanned | None) -> list[bool]:
+        """Of each packet whether it goes on record as it is; who has a lease is let in."""
+        if scanned is None or self._background is None:
+            return []
+        held: list[bool] = self._leases.held(scanned).tolist()
+        return held
+
+    def _record(self, scanned: Scanned | None, held: list[bool]) -> None:
+        """Put on record what goes there as it is, and what was judged, in the order of arrival."""
+        background, judged = self._background, self._records
+        if background is None:
+            return
+        self._records = []
+        if scanned is None:
+            for each in judged:
+                background.write(each)
+            return
+        arrivals_us, is_left = scanned.datagrams.arrivals_us, np.array(held)
+        for each in judged:
+            is_earlier = is_left & (arrivals_us < each.arrival_us)
+            background.write(records_in(scanned, is_earlier))
+            background.write(each)
+            is_left &= ~is_earlier
+        background.write(records_in(scanned, is_left))
 
     def _lease(self, frame: Frame, peer: str, number: int, arrival_us: int, now_s: float) -> None:
         """Let a peer's frames of an address pass, if nobody would refuse or hold back the next."""
@@ -425,8 +455,7 @@ class MavlinkLink(Closing):
 
     def _scan(self, come: Datagrams) -> Scanned | None:
         """The wanted frames of packets that are nothing but frames; None if nobody looks."""
-        is_recorded = self._background is not None
-        if not come.number or is_recorded or is_interpreting() or not is_compiled_code():
+        if not come.number or is_interpreting() or not is_compiled_code():
             return None
         if self._scanner is None:
             self._scanner = Scanner(self._decoder.wanted)

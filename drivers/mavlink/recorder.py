@@ -14,7 +14,7 @@ from collections.abc import Iterable
 from contextlib import suppress
 from pathlib import Path
 from struct import Struct
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING, NamedTuple, Protocol
 
 from drivers.closing import Closing
 from drivers.output_file import output_path
@@ -29,11 +29,26 @@ _STAMP = Struct(">Q")
 _logger = logging.getLogger(__name__)
 
 
+class Records(NamedTuple):
+    """Whole records of frames, the last of which arrived at ``arrival_us``."""
+
+    arrival_us: int
+    data: bytes
+    frames: int
+
+
+def records_of(arrival_us: int, frames: Iterable[bytes]) -> Records:
+    """The records of frames that arrived together."""
+    stamp = _STAMP.pack(arrival_us)
+    records = [stamp + frame for frame in frames]
+    return Records(arrival_us, b"".join(records), len(records))
+
+
 class Recorder(Protocol):
     """Takes the frames of a link."""
 
-    def write(self, arrival_us: int, frames: Iterable[bytes]) -> None:
-        """Keep ``frames``, all of which arrived at ``arrival_us``; never raises."""
+    def write(self, records: Records) -> None:
+        """Keep them; never raises."""
 
     def miss(self, frames: int) -> None:
         """Count frames that could not even be handed over in time."""
@@ -47,10 +62,10 @@ class SharedRecorder:
         self._missed = 0
         self._lock = threading.Lock()
 
-    def write(self, arrival_us: int, frames: Iterable[bytes]) -> None:
+    def write(self, records: Records) -> None:
         """See :class:`Recorder`."""
         with self._lock:
-            self._recorder.write(arrival_us, frames)
+            self._recorder.write(records)
 
     def miss(self, frames: int) -> None:
         """See :class:`Recorder`."""
@@ -100,16 +115,14 @@ class TlogRecorder(Closing):
         except OSError:
             return False
 
-    def write(self, arrival_us: int, frames: Iterable[bytes]) -> None:
-        """Append ``frames``, all of which arrived at ``arrival_us``."""
-        stamp = _STAMP.pack(arrival_us)
-        records = [stamp + frame for frame in frames]
-        if not records:
+    def write(self, records: Records) -> None:
+        """Append them."""
+        if not records.frames:
             return
-        if self._file < 0 or (self._retry_us is not None and arrival_us < self._retry_us):
-            self.lost += len(records)
+        if self._file < 0 or (self._retry_us is not None and records.arrival_us < self._retry_us):
+            self.lost += records.frames
             return
-        self._append(arrival_us, records)
+        self._append(records)
 
     def close(self) -> None:
         """Close the file; later frames count as lost."""
@@ -117,9 +130,8 @@ class TlogRecorder(Closing):
             os.close(self._file)
             self._file = -1
 
-    def _append(self, arrival_us: int, records: list[bytes]) -> None:
-        data = b"".join(records)
-        written = 0
+    def _append(self, records: Records) -> None:
+        data, written = records.data, 0
         try:
             if self.is_removed():
                 self._make_again()
@@ -131,10 +143,10 @@ class TlogRecorder(Closing):
         except OSError as error:
             reason = error.strerror or str(error)
         self._drop_half_record(written)
-        self.lost += len(records)
+        self.lost += records.frames
         if self._retry_us is None:
             _logger.warning("cannot record to %s: %s; the estimate goes on", self.path, reason)
-        self._retry_us = arrival_us + RETRY_US
+        self._retry_us = records.arrival_us + RETRY_US
 
     def _make_again(self) -> None:
         """In place of a removed file a new one of the same name, where there is a folder for it."""

@@ -5,18 +5,16 @@ A file's name is the UTC time of its first record. Nothing is ever deleted.
 
 import logging
 import os
-from collections.abc import Iterable
 from contextlib import suppress
 from datetime import UTC, datetime
 from pathlib import Path
 
 from drivers.closing import Closing
-from drivers.mavlink.recorder import RETRY_US, TlogRecorder, cannot_record
+from drivers.mavlink.recorder import RETRY_US, Records, TlogRecorder, cannot_record
 from estimator.errors import InputError
 
 MAX_FILE_BYTES = 64_000_000  # about two hours of one vehicle at 100 Hz
 MAX_FILE_US = 3_600_000_000
-STAMP_BYTES = 8
 
 _logger = logging.getLogger(__name__)
 
@@ -51,20 +49,19 @@ class RotatingRecorder(Closing):
         """Frames that could not be written."""
         return self._lost + (0 if self._file is None else self._file.lost)
 
-    def write(self, arrival_us: int, frames: Iterable[bytes]) -> None:
-        """Append ``frames``, all of which arrived at ``arrival_us``."""
-        records = list(frames)
-        if not records:
+    def write(self, records: Records) -> None:
+        """Append them, to the next file if it is time for it."""
+        if not records.frames:
             return
-        if self._is_due(arrival_us):
-            self._rotate(arrival_us)
+        if self._is_due(records.arrival_us):
+            self._rotate(records.arrival_us)
         if self._file is None:
-            self._lost += len(records)
+            self._lost += records.frames
             return
         lost_before = self._file.lost
-        self._file.write(arrival_us, records)
+        self._file.write(records)
         if self._file.lost == lost_before:
-            self._file_bytes += sum(STAMP_BYTES + len(record) for record in records)
+            self._file_bytes += len(records.data)
 
     def close(self) -> None:
         """Close the file; later frames count as lost."""

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from drivers.mavlink.recorder import TlogRecorder
+from drivers.mavlink.recorder import TlogRecorder, records_of
 from drivers.output_file import output_path, written_whole
 from estimator.errors import InputError
 from tuning.checkpoint import write_atomically
@@ -84,5 +84,5 @@ def test_frames_are_appended_to_a_tlog_and_to_nothing_else(tmp_path):
     assert notes.read_text() == "not a recording"
     for _ in range(2):
         with TlogRecorder(tlog) as recorder:
-            recorder.write(1_700_000_000_000_000, [b"\xfd0123"])
+            recorder.write(records_of(1_700_000_000_000_000, [b"\xfd0123"]))
     assert tlog.stat().st_size == 2 * 13

@@ -22,12 +22,24 @@ START_US = 1_700_000_000_000_000
 STILL = ((0.01, 0.02, 0.03), (0.1, 0.2, -9.8), (0.2, 0.0, 0.4))
 
 
+class Kept:
+    """In the place of a recorder."""
+
+    def __init__(self) -> None:
+        self.data, self.frames = b"", 0
+
+    def write(self, records):
+        self.data += records.data
+        self.frames += records.frames
+
+
 class Link(MavlinkLink):
     """A link whose packets are handed in."""
 
     def __init__(self, *, judges_all: bool) -> None:
         super().__init__(parse_endpoint("udpin:127.0.0.1:1"))
         self.passed = 0
+        self.recorded = self._background = Kept()
         if judges_all:
             self._lease = lambda *_: None
 
@@ -54,7 +66,7 @@ def stream(rng, steps):
     for step in range(steps):
         packets = []
         for _ in range(rng.randrange(1, 9)):
-            now_us = START_US + 20_000 * step + rng.randrange(20_000)
+            now_us = START_US + 20_010 * step + rng.randrange(20_000)
             system = rng.choice((1, 2, 3, 4))
             time_us = 20_000 * step + 40 * len(packets)
             frames = [encoders[system].frame(raw_imu(time_us, *STILL), 0)]
@@ -73,7 +85,12 @@ def stream(rng, steps):
             elif kind < 0.12:
                 data += encoders[1].frame(heartbeat(2, 3), 0)
             packets.append(Packet(peer, data, now_us))
-        yield packets, START_US + 20_000 * (step + 1)
+        arrivals_us = enumerate(sorted(packet.arrival_us for packet in packets))
+        in_order = [
+            each._replace(arrival_us=us + k)
+            for each, (k, us) in zip(packets, arrivals_us, strict=True)
+        ]
+        yield in_order, START_US + 20_010 * (step + 1)
 
 
 def of_each(events):
@@ -87,7 +104,7 @@ def of_each(events):
 @is_compiled
 @pytest.mark.parametrize("seed", range(4))
 def test_what_passes_says_what_a_judge_would_let_in(seed, monkeypatch):
-    """For 15 s, so that sequences are looked at a second time."""
+    """For 15 s, so that sequences are looked at a second time. Either puts the same on record."""
     passing, judging = (Link(judges_all=judges) for judges in (False, True))
     kinds = set()
     for packets, now_us in stream(random.Random(seed), 750):
@@ -98,6 +115,8 @@ def test_what_passes_says_what_a_judge_would_let_in(seed, monkeypatch):
     assert {Imu, Malformed, RefusedFrames} <= kinds
     assert judging.passed == 0
     assert passing.passed > 1000
+    assert passing.recorded.data == judging.recorded.data
+    assert passing.recorded.frames == judging.recorded.frames > 2000
 
 
 @is_compiled

@@ -14,7 +14,7 @@ from pymavlink import mavutil
 import drivers
 from drivers.events import VehicleId
 from drivers.mavlink.encoder import FrameEncoder, attitude, heartbeat
-from drivers.mavlink.recorder import RETRY_US, TlogRecorder
+from drivers.mavlink.recorder import RETRY_US, TlogRecorder, records_of
 from estimator.errors import InputError
 
 ROOT = Path(drivers.__file__).parents[1]
@@ -24,12 +24,10 @@ UNIX_US = 1_790_000_000_000_000
 def test_pymavlink_reads_the_recording(tmp_path):
     frames = FrameEncoder(VehicleId(1, 1))
     with TlogRecorder(tmp_path / "flight.tlog") as recorder:
-        recorder.write(UNIX_US, [frames.frame(heartbeat(2, 3), 0)])
-        recorder.write(UNIX_US + 1_000_000, [])
-        recorder.write(
-            UNIX_US + 2_500_000,
-            [frames.frame(attitude(i, (0.1 * i, 0, 0), (0, 0, 0)), 0) for i in range(3)],
-        )
+        recorder.write(records_of(UNIX_US, [frames.frame(heartbeat(2, 3), 0)]))
+        recorder.write(records_of(UNIX_US + 1_000_000, []))
+        said = [frames.frame(attitude(i, (0.1 * i, 0, 0), (0, 0, 0)), 0) for i in range(3)]
+        recorder.write(records_of(UNIX_US + 2_500_000, said))
     log = mavutil.mavlink_connection(str(tmp_path / "flight.tlog"))
     read = []
     while (message := log.recv_match()) is not None:
@@ -44,7 +42,7 @@ def test_an_existing_file_is_continued(tmp_path):
     path = tmp_path / "flight.tlog"
     for part in (b"\xfdfirst", b"\xfesecond"):
         with TlogRecorder(path) as recorder:
-            recorder.write(1, [part])
+            recorder.write(records_of(1, [part]))
     assert (
         path.read_bytes()
         == (1).to_bytes(8, "big") + b"\xfdfirst" + (1).to_bytes(8, "big") + b"\xfesecond"
@@ -55,7 +53,7 @@ def test_an_existing_file_is_continued(tmp_path):
 def test_a_full_disk_is_reported_once(caplog):
     with TlogRecorder("/dev/full") as recorder, caplog.at_level(logging.WARNING):
         for i in range(100):
-            recorder.write(UNIX_US + i * RETRY_US // 10, [b"frame", b"frame"])
+            recorder.write(records_of(UNIX_US + i * RETRY_US // 10, [b"frame", b"frame"]))
     assert recorder.lost == 200
     assert len(caplog.records) == 1
     assert "/dev/full" in caplog.text
@@ -68,12 +66,12 @@ def test_half_written_records_are_taken_back(tmp_path):
     path = tmp_path / "flight.tlog"
     script = (
         "import resource, signal, sys\n"
-        "from drivers.mavlink.recorder import TlogRecorder\n"
+        "from drivers.mavlink.recorder import TlogRecorder, records_of\n"
         "signal.signal(signal.SIGXFSZ, signal.SIG_IGN)\n"
         "resource.setrlimit(resource.RLIMIT_FSIZE, (1000, 1000))\n"
         "with TlogRecorder(sys.argv[1]) as recorder:\n"
         "    for i in range(50):\n"
-        "        recorder.write(i, [b'x' * 32])\n"
+        "        recorder.write(records_of(i, [b'x' * 32]))\n"
         "print(recorder.lost)\n"
     )
     done = subprocess.run(
@@ -89,10 +87,10 @@ def test_a_killed_process_leaves_whole_records(tmp_path):
     path = tmp_path / "flight.tlog"
     script = (
         "import sys\n"
-        "from drivers.mavlink.recorder import TlogRecorder\n"
+        "from drivers.mavlink.recorder import TlogRecorder, records_of\n"
         "recorder = TlogRecorder(sys.argv[1])\n"
         "while True:\n"
-        "    recorder.write(1, [b'x' * 56] * 3)\n"
+        "    recorder.write(records_of(1, [b'x' * 56] * 3))\n"
         "    if recorder.path.stat().st_size == 64 * 300: print('ready', flush=True)\n"
     )
     with subprocess.Popen(
@@ -115,9 +113,9 @@ def test_a_file_that_cannot_be_written_is_refused(tmp_path):
 def test_a_file_that_is_removed_is_made_again(tmp_path, caplog):
     path = tmp_path / "flight.tlog"
     with TlogRecorder(path) as recorder:
-        recorder.write(1, [b"\xfd one"])
+        recorder.write(records_of(1, [b"\xfd one"]))
         path.unlink()
-        recorder.write(2, [b"\xfd two"])
+        recorder.write(records_of(2, [b"\xfd two"]))
         assert path.read_bytes().endswith(b"\xfd two")
         assert recorder.lost == 0
     assert "was removed" in caplog.text
@@ -127,11 +125,11 @@ def test_a_folder_that_is_removed_costs_frames_until_it_is_there_again(tmp_path,
     folder = tmp_path / "logs"
     folder.mkdir()
     with TlogRecorder(folder / "flight.tlog") as recorder:
-        recorder.write(1, [b"\xfd one"])
+        recorder.write(records_of(1, [b"\xfd one"]))
         shutil.rmtree(folder)
-        recorder.write(2, [b"\xfd two"])
+        recorder.write(records_of(2, [b"\xfd two"]))
         assert recorder.lost == 1
         assert "No such file" in caplog.text
         folder.mkdir()
-        recorder.write(2 + 10_000_000, [b"\xfd six"])
+        recorder.write(records_of(2 + 10_000_000, [b"\xfd six"]))
         assert (folder / "flight.tlog").read_bytes().endswith(b"\xfd six")

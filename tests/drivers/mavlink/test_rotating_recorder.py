@@ -13,7 +13,7 @@ import drivers
 from drivers.events import Heartbeat, VehicleId
 from drivers.logs.open import open_log
 from drivers.mavlink.encoder import FrameEncoder, heartbeat
-from drivers.mavlink.recorder import RETRY_US
+from drivers.mavlink.recorder import RETRY_US, records_of
 from drivers.mavlink.rotating_recorder import RotatingRecorder
 from estimator.errors import InputError
 
@@ -35,8 +35,8 @@ def test_a_new_file_by_size_named_by_its_first_record(tmp_path):
     size = 8 + len(frame())
     with RotatingRecorder(tmp_path / "logs", max_file_bytes=10 * size) as recorder:
         for second in range(25):
-            recorder.write(UNIX_US + second * 1_000_000, [frame()])
-            recorder.write(UNIX_US + second * 1_000_000, [])
+            recorder.write(records_of(UNIX_US + second * 1_000_000, [frame()]))
+            recorder.write(records_of(UNIX_US + second * 1_000_000, []))
     files = sorted((tmp_path / "logs").iterdir())
     assert [file.name for file in files] == [
         "20260921T141320Z.tlog",
@@ -50,14 +50,14 @@ def test_a_new_file_by_size_named_by_its_first_record(tmp_path):
 def test_a_new_file_each_hour_and_when_the_clock_was_set(tmp_path):
     with RotatingRecorder(tmp_path) as recorder:
         for at_us in (0, HOUR_US - 1, HOUR_US, -2 * HOUR_US):
-            recorder.write(UNIX_US + at_us, [frame()])
+            recorder.write(records_of(UNIX_US + at_us, [frame()]))
     assert len(list(tmp_path.iterdir())) == 3
 
 
 def test_files_of_one_second_do_not_collide(tmp_path):
     for _ in range(3):
         with RotatingRecorder(tmp_path) as recorder:
-            recorder.write(UNIX_US, [frame()])
+            recorder.write(records_of(UNIX_US, [frame()]))
     files = sorted(tmp_path.iterdir())
     assert [heartbeats(file) for file in files] == [1, 1, 1]
     assert {file.name for file in files} == {
@@ -70,14 +70,14 @@ def test_files_of_one_second_do_not_collide(tmp_path):
 def test_when_no_new_file_can_be_made_the_old_one_goes_on(tmp_path, caplog):
     folder = tmp_path / "logs"
     with RotatingRecorder(folder, max_file_bytes=1) as recorder:
-        recorder.write(UNIX_US, [frame()])
+        recorder.write(records_of(UNIX_US, [frame()]))
         moved = tmp_path / "elsewhere"
         folder.rename(moved)  # the card is pulled
         with caplog.at_level(logging.WARNING):
             for n in range(1, 11):
-                recorder.write(UNIX_US + n * RETRY_US // 5, [frame()])
+                recorder.write(records_of(UNIX_US + n * RETRY_US // 5, [frame()]))
         folder.mkdir()
-        recorder.write(UNIX_US + 3 * RETRY_US, [frame()])
+        recorder.write(records_of(UNIX_US + 3 * RETRY_US, [frame()]))
     (first,), (second,) = moved.iterdir(), folder.iterdir()
     assert heartbeats(first) == 11
     assert heartbeats(second) == 1
@@ -95,6 +95,7 @@ FILL = """
 import sys
 from pathlib import Path
 from drivers.mavlink.recorder import RETRY_US
+from drivers.mavlink.recorder import records_of
 from drivers.mavlink.rotating_recorder import RotatingRecorder
 from drivers.events import Heartbeat, VehicleId
 from drivers.logs.open import open_log
@@ -107,12 +108,12 @@ encoder = FrameEncoder(VehicleId(1, 1))
 with RotatingRecorder(folder / "logs", max_file_bytes=40_000) as recorder:
     n = 0
     while recorder.lost < 100:  # the disk is full
-        recorder.write(n * 1000, [encoder.frame(heartbeat(2, 3), 0)])
+        recorder.write(records_of(n * 1000, [encoder.frame(heartbeat(2, 3), 0)]))
         n += 1
     ballast.unlink()
     start = n * 1000 + RETRY_US
     for m in range(100):
-        recorder.write(start + m * 1000, [encoder.frame(heartbeat(2, 3), 0)])
+        recorder.write(records_of(start + m * 1000, [encoder.frame(heartbeat(2, 3), 0)]))
 print(n, recorder.lost)
 found = 0
 for file in (folder / "logs").iterdir():
@@ -162,9 +163,9 @@ def test_a_full_disk_loses_only_what_came_while_it_was_full(tmp_path):
 def test_a_folder_that_is_removed_is_made_again(tmp_path, caplog):
     folder = tmp_path / "a" / "logs"
     with RotatingRecorder(folder) as recorder:
-        recorder.write(1_700_000_000_000_000, [b"\xfd one"])
+        recorder.write(records_of(1_700_000_000_000_000, [b"\xfd one"]))
         shutil.rmtree(folder.parent)
-        recorder.write(1_700_000_000_010_000, [b"\xfd two"])
+        recorder.write(records_of(1_700_000_000_010_000, [b"\xfd two"]))
         (path,) = folder.iterdir()
         assert path.read_bytes().endswith(b"\xfd two")
         assert recorder.lost == 0
