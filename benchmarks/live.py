@@ -6,8 +6,8 @@ The vehicles send over UDP on loopback, ``fuzzbee run`` estimates and publishes 
 process subscribes. With ``--log FILE.tlog`` they send all that an autopilot has sent, velocity and
 ATTITUDE stamped apart among it (tests/data/sitl_copter_takeoff.tlog has 50 Hz). ``--plain``: a
 script of pymavlink and ahrs (processes/plain.py) has the service's place. ``--slow 0.2``: it gets a
-fifth of a core (processes/slow.py). Times are median, 99th percentile and worst in ms, of an
-attitude:
+fifth of a core (processes/slow.py). ``--record FOLDER``: it records there all that comes. Times are
+median, 99th percentile and worst in ms, of an attitude:
 
 - ``sample to subscriber``: from the sending of its latest sample's datagram to the subscriber's
   callback; ``new sample to subscriber`` of the first attitude after each sample only.
@@ -111,6 +111,7 @@ def main() -> int:
     made.add_argument("--seconds", type=float, default=10.0)
     made.add_argument("--publish-rate", type=float, help="attitudes a second [as --rate]")
     made.add_argument("--log", default="", help="vehicles say what this telemetry log's says")
+    made.add_argument("--record", default="", help="folder that the service records to")
     made.add_argument("--plain", action="store_true", help="pymavlink and ahrs instead")
     made.add_argument("--slow", type=float, default=1.0, help="share of a core for the service")
     made.add_argument("--capacity", action="store_true", help="search the most vehicles")
@@ -120,8 +121,12 @@ def main() -> int:
         options.slow = 0.5
     if options.seconds <= WARM_UP_S:
         made.error(f"--seconds: more than {WARM_UP_S:g}")
+
+    def recording(port: int, endpoint: str, publish_hz: float) -> Process:
+        return fuzzbee(port, endpoint, publish_hz, "--record", options.record)
+
     rivals: dict[str, BeginService | None] = {
-        "fuzzbee": fuzzbee,
+        "fuzzbee": recording if options.record else fuzzbee,
         "plain script": plain if is_installed("mahony") else None,
     }
     chosen = ["plain script"] if options.plain else ["fuzzbee"]
