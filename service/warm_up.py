@@ -18,7 +18,7 @@ from typing import Any
 
 from drivers.mavlink import leases, scanning, usual_frames
 from drivers.mavlink.transports import receive_many
-from drivers.samples import sensor_faults
+from drivers.samples import sensor_faults, vehicle_clock
 from estimator.aiding import begin
 from estimator.aiding.phase import Phase
 from estimator.aiding.types import NO_REPORT
@@ -51,6 +51,7 @@ UNAIDED: tuple[Any, ...] = (
     resident.advance_raw,
     resident.advance,
     sensor_faults.judge_reading,
+    vehicle_clock.place_message,
     usual_frames.read_frames,
     scanning.scan_frames,
     leases.pass_by,
@@ -145,6 +146,7 @@ def _of_edges() -> dict[Any, tuple[Any, ...]]:
         scanning.scan_frames: scanning.argument_types(),
         leases.pass_by: leases.argument_types(),
         sensor_faults.judge_reading: sensor_faults.argument_types(),
+        vehicle_clock.place_message: vehicle_clock.argument_types(),
         usual_frames.read_frames: usual_frames.argument_types(),
         attitude_text.write_texts: attitude_text.argument_types(),
     }

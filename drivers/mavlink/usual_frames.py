@@ -65,14 +65,12 @@ from drivers.samples.fix import (
     RECEIVER_VELOCITY_SIGMA_M_S,
 )
 from drivers.samples.going_on import (
-    BOOT_CLOCK,
     GIVEN,
     GOES_ON,
     HEARD,
     LAST_IMU,
     NAVIGATION,
     NOTHING,
-    RECEIVERS_CLOCK,
     REFUSED,
     TAKEN,
     TAKEN_TO_LOOK,
@@ -89,7 +87,7 @@ from drivers.samples.intake import ATTITUDE_EVERY_US, VERSION_EVERY_US, Intake
 from drivers.samples.navigation import FIX_US, HAS_FIX, believes_place, velocity_doubt
 from drivers.samples.rotation import quaternion_from_euler
 from drivers.samples.sensor_faults import REASONS
-from drivers.samples.vehicle_clock import KEPT_LINES, TimeField
+from drivers.samples.vehicle_clock import BOOT_CLOCK, MOST_US, RECEIVERS_CLOCK, TimeField
 from estimator.compilation.compiled import compiled, inlined
 from estimator.compilation.direct import direct
 from estimator.types import ZERO_VEC3, ImuSample, RateSample, Vec3, VelocitySample
@@ -126,7 +124,6 @@ ATTITUDE_NAME = OTHER_NAMES[ATTITUDE]
 N_OTHERS = len(OTHERS)
 # Of a payload; what follows is of no interest here.
 LONGEST = 64
-LATEST_RAW_US = 1 << 62
 RADIANS = pi / 180.0
 # Flags: a fresh field, a sample to be looked at, an attitude that is wanted, a velocity, a place, a
 # reading that is no data; times WHY the reason for that, or why the field is none.
@@ -299,7 +296,7 @@ def read_receiver(
     raw_us, has_fix = payload.view(np.int64)[0], payload[28] >= GPS_FIX_TYPE_3D_FIX
     done, time_us, velocity = TAKEN, 0, ZERO_VEC3
     if has_fix and (where[0] != 0.0 or where[1] != 0.0):
-        if not has_other[stream] or not 0 <= raw_us <= LATEST_RAW_US:
+        if not has_other[stream] or not 0 <= raw_us <= MOST_US:
             return NOTHING, 0, 0, (ZERO_VEC3, ZERO_VEC3, ZERO_VEC3)
         done, time_us = take_other(
             clocks[place], others[stream], RECEIVERS_CLOCK, raw_us, arrival_us
@@ -348,7 +345,7 @@ def imu_of(kind: int, payload: Bytes, words: Any, reals: Any) -> tuple[int, Vec3
         gyr, acc, mag = from_milli(*three_cuts(words, 2))
         return raw_us, gyr, acc, mag
     raw_us = payload.view(np.int64)[0]
-    if raw_us > LATEST_RAW_US or payload[62 if kind == HIGHRES else 26] != 0:
+    if raw_us > MOST_US or payload[62 if kind == HIGHRES else 26] != 0:
         raw_us = whole_number(-1)
     if kind == RAW:
         gyr, acc, mag = from_milli(*three_cuts(words, 4))
@@ -596,7 +593,7 @@ class UsualFrames:
         if rows.has_clock[place]:
             self.tell_words(intake)
             rows.has_clock[place] = False
-            intake.resume_clock(rows.clocks[place].tolist())
+            intake.clock.whole[:] = rows.clocks[place]
             said = rows.said[place, :NAVIGATION].tolist()
             intake.attitude_given_us, intake.version_given_us, heard_us, intake.last_imu_us = said
             intake.heard_us = max(intake.heard_us, heard_us)
@@ -604,7 +601,7 @@ class UsualFrames:
                 at = place * N_OTHERS + kind - ATTITUDE
                 if rows.has_other[at]:
                     rows.has_other[at] = False
-                    intake.resume_after(name, OTHER_CLOCKS[kind], *rows.others[at].tolist())
+                    intake.clock.resume_after(name, OTHER_CLOCKS[kind], *rows.others[at].tolist())
         for kind in self._kinds_of(message_id):
             self._hand_back_stream(intake, place, kind)
 
@@ -639,14 +636,13 @@ class UsualFrames:
     def take_over(self, intake: Intake, message_id: int | None = None) -> None:
         """Take an intake's numbers, as far as its streams just go on; behind :meth:`hand_back`."""
         rows, place = self._rows, self._place(intake)
-        forgotten = intake.take_forgotten()
+        forgotten = intake.clock.take_forgotten()
         kinds = self._kinds_of(None if forgotten else message_id)
         if forgotten and place >= 0:
             for kind in kinds:
                 self._hand_back_stream(intake, place, kind, forgotten)
-        clock = intake.clock_numbers()
         if place < 0:
-            if clock is None:
+            if not intake.clock.has_line:
                 return
             place = self._free.pop()
             self._places[_address(intake)] = place
@@ -658,16 +654,17 @@ class UsualFrames:
             if numbers is not None:
                 rows.has_imu[at] = GOES_ON
                 rows.whole[at], rows.numbers[at] = numbers
-        if clock is None or not (rows.has_imu[place * IMUS : (place + 1) * IMUS] == GOES_ON).any():
+        if not (rows.has_imu[place * IMUS : (place + 1) * IMUS] == GOES_ON).any():
             return
         rows.has_clock[place] = True
-        rows.clocks[place] = clock
+        rows.clocks[place] = intake.clock.whole
         assert intake.last_imu_us is not None  # it has a stream
         given_us = intake.attitude_given_us, intake.version_given_us
         rows.said[place, :NAVIGATION] = *given_us, intake.heard_us, intake.last_imu_us
         self.note_words(intake)
         for kind, name in OTHER_NAMES.items():
-            placed, at = intake.placed(name, OTHER_CLOCKS[kind]), place * N_OTHERS + kind - ATTITUDE
+            at = place * N_OTHERS + kind - ATTITUDE
+            placed = intake.clock.last_placed(name, OTHER_CLOCKS[kind])
             if placed is not None:
                 rows.has_other[at], rows.others[at] = True, placed
 
@@ -723,5 +720,5 @@ def _is_ours(message: ImuMessage) -> bool:
     if kind is None:
         return False
     vectors = highres_vectors if kind == HIGHRES else milli_vectors
-    clock = KEPT_LINES[0 if kind <= HIGHRES else 1]
+    clock = TimeField(0 if kind <= HIGHRES else 1)
     return message.vectors is vectors and message.clock is clock

@@ -6,7 +6,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from estimator.compilation.compiled import compiled
+from estimator.compilation.compiled import compiled, inlined
 from estimator.types import ZERO_VEC3, Vec3
 
 Floats = NDArray[np.float64]
@@ -45,9 +45,7 @@ class RepeatedField:
 
     def fresh(self, mag_gauss: Vec3, _raw_us: int, time_us: int) -> Vec3 | None:
         """``mag_gauss``, or None if it is zero or repeated."""
-        if mag_gauss == ZERO_VEC3:
-            return None
-        if mag_gauss == self._last and 0 <= time_us - self._last_us < REPEAT_US:
+        if not is_fresh(mag_gauss, time_us, self._last, self._last_us):
             return None
         self._last, self._last_us = mag_gauss, time_us
         return mag_gauss
@@ -60,6 +58,12 @@ class RepeatedField:
         return fresh
 
 
+@inlined
+def is_fresh(mag_gauss: Vec3, time_us: int, last: Vec3, last_us: int) -> bool:
+    """Whether a field is neither zero nor a repetition of the last fresh one."""
+    return mag_gauss != ZERO_VEC3 and not (mag_gauss == last and 0 <= time_us - last_us < REPEAT_US)
+
+
 @compiled
 def fresh_of_rows(
     mag_gauss: Floats, times_us: Times, last: Vec3, last_us: int
@@ -69,8 +73,7 @@ def fresh_of_rows(
     for k in range(len(times_us)):
         field, time_us = (mag_gauss[k, 0], mag_gauss[k, 1], mag_gauss[k, 2]), times_us[k]
         finite = math.isfinite(field[0]) and math.isfinite(field[1]) and math.isfinite(field[2])
-        repeated = field == last and 0 <= time_us - last_us < REPEAT_US
-        if finite and field != ZERO_VEC3 and not repeated:
+        if finite and is_fresh(field, time_us, last, last_us):
             fresh[k], last, last_us = True, field, time_us
     return fresh, last, last_us
 
