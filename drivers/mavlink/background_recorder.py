@@ -12,13 +12,12 @@ CLOSE_S = 2.0
 
 
 class BackgroundRecorder(Closing):
-    """Hands frames to a recorder in a thread of its own. Policy when full: new ones are lost.
+    """Hands frames to a recorder in a thread of its own.
 
-    ``lost`` counts those; what the recorder itself could not write it counts itself.
+    Policy when full: new ones are lost, and the recorder is told.
     """
 
     def __init__(self, recorder: Recorder) -> None:
-        self.lost = 0
         self._recorder = recorder
         self._waiting: deque[tuple[int, list[bytes]]] = deque()
         self._waiting_bytes = 0
@@ -33,7 +32,6 @@ class BackgroundRecorder(Closing):
         size = sum(map(len, kept))
         with self._changed:
             if self._waiting_bytes + size > MOST_WAITING_BYTES:
-                self.lost += len(kept)
                 self._recorder.miss(len(kept))
                 return
             self._waiting.append((arrival_us, kept))

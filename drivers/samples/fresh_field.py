@@ -31,30 +31,20 @@ class RepeatedField:
     """A field that every IMU message carries: fresh unless it repeats the last within 0.24 s."""
 
     def __init__(self) -> None:
-        self._last: Vec3 = ZERO_VEC3
-        self._last_us = 0
-
-    @property
-    def last(self) -> tuple[Vec3, int]:
-        """The last fresh field (gauss) and its time (us); may be set to go on from there."""
-        return self._last, self._last_us
-
-    @last.setter
-    def last(self, last: tuple[Vec3, int]) -> None:
-        self._last, self._last_us = last
+        # the last fresh field (gauss) and its time (us); may be set to go on from there
+        self.last: tuple[Vec3, int] = ZERO_VEC3, 0
 
     def fresh(self, mag_gauss: Vec3, _raw_us: int, time_us: int) -> Vec3 | None:
         """``mag_gauss``, or None if it is zero or repeated."""
-        if not is_fresh(mag_gauss, time_us, self._last, self._last_us):
+        if not is_fresh(mag_gauss, time_us, *self.last):
             return None
-        self._last, self._last_us = mag_gauss, time_us
+        self.last = mag_gauss, time_us
         return mag_gauss
 
     def fresh_rows(self, mag_gauss: Floats, times_us: Times) -> Flags:
         """Which of N fields (N, 3) are: finite, not zero, and not repeated; (N,)."""
-        fresh, self._last, self._last_us = fresh_of_rows(
-            mag_gauss, times_us, self._last, self._last_us
-        )
+        fresh, last_gauss, last_us = fresh_of_rows(mag_gauss, times_us, *self.last)
+        self.last = last_gauss, last_us
         return fresh
 
 
