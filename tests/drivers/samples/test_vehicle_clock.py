@@ -285,6 +285,15 @@ def test_a_constant_offset_between_the_clocks_is_learnt():
     assert all(abs(true_us - p.time_us) < 20_000 for true_us, p in placed)
 
 
+def test_time_grows_although_a_learnt_offset_moves_by_more_than_a_step():
+    """The first message was 0.4 s late, so that its clock seemed to be less far ahead."""
+    clock = VehicleClock()
+    imu(clock, 100 * S, UNIX)
+    late = clock.other("ATTITUDE", BOOT_MS, 103 * S, UNIX + 400_000)
+    prompt = clock.other("ATTITUDE", BOOT_MS, 103 * S + 20_000, UNIX + 20_000)
+    assert prompt.time_us == late.time_us + 1
+
+
 def test_a_clock_that_had_wrapped_before_the_log_began_is_the_same_clock():
     for true_us, placed in feed_both(VehicleClock(), 50, 2**32):
         assert abs(true_us - placed.time_us) < 1000
