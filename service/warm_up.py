@@ -18,7 +18,7 @@ from typing import Any
 
 from drivers.mavlink import frame_rows, leases, scanning, stamped_frames
 from drivers.mavlink.transports import receive_many
-from drivers.samples import sensor_faults
+from drivers.samples import sensor_faults, vehicle_clock
 from estimator.aiding import begin
 from estimator.aiding.phase import Phase
 from estimator.aiding.types import NO_REPORT
@@ -52,6 +52,7 @@ UNAIDED: tuple[Any, ...] = (
     resident.advance,
     sensor_faults.judge_reading,
     frame_rows.read_frames,
+    vehicle_clock.place_message,
     scanning.scan_frames,
     leases.pass_by,
     stamped_frames.stamp_frames,
@@ -148,6 +149,7 @@ def _of_edges() -> dict[Any, tuple[Any, ...]]:
         stamped_frames.stamp_frames: stamped_frames.argument_types(),
         sensor_faults.judge_reading: sensor_faults.argument_types(),
         frame_rows.read_frames: frame_rows.argument_types(),
+        vehicle_clock.place_message: vehicle_clock.argument_types(),
         attitude_text.write_texts: attitude_text.argument_types(),
     }
 

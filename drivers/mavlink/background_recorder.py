@@ -11,13 +11,12 @@ CLOSE_S = 2.0
 
 
 class BackgroundRecorder(Closing):
-    """Hands frames to a recorder in a thread of its own. Policy when full: new ones are lost.
+    """Hands frames to a recorder in a thread of its own.
 
-    ``lost`` counts those; what the recorder itself could not write it counts itself.
+    Policy when full: new ones are lost, and the recorder is told.
     """
 
     def __init__(self, recorder: Recorder) -> None:
-        self.lost = 0
         self._recorder = recorder
         self._waiting: deque[Records] = deque()
         self._waiting_bytes = 0
@@ -32,7 +31,6 @@ class BackgroundRecorder(Closing):
             return
         with self._changed:
             if self._waiting_bytes + len(records.data) > MOST_WAITING_BYTES:
-                self.lost += records.frames
                 self._recorder.miss(records.frames)
                 return
             self._waiting.append(records)

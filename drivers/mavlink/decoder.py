@@ -59,7 +59,7 @@ _TIME_USEC = TimeField.TIME_USEC  # looked up in its class it takes longer
 
 FRD_AUTOPILOTS = (MAV_AUTOPILOT_ARDUPILOTMEGA, MAV_AUTOPILOT_PX4)  # known for sending FRD
 
-MOST_SENDERS = PLACES  # addresses remembered at once; each takes 11 kB
+MOST_SENDERS = PLACES  # addresses remembered at once; each takes 9 kB
 # When all places are taken, one that has been silent for so long may lose its own to a new one
 SILENT_US = 5_000_000
 LOOK_US = 1_000_000  # who they are is looked for no more often

@@ -36,7 +36,6 @@ from drivers.mavlink.usual_kinds import (
     HIGHRES,
     IMUS,
     IS_THERE,
-    LATEST_RAW_US,
     LONGEST,
     MOVES,
     N_OTHERS,
@@ -58,13 +57,11 @@ from drivers.samples.fix import (
     RECEIVER_VELOCITY_SIGMA_M_S,
 )
 from drivers.samples.going_on import (
-    BOOT_CLOCK,
     GIVEN,
     HEARD,
     LAST_IMU,
     NAVIGATION,
     NOTHING,
-    RECEIVERS_CLOCK,
     REFUSED,
     TAKEN,
     TAKEN_TO_LOOK,
@@ -77,6 +74,7 @@ from drivers.samples.going_on import (
 )
 from drivers.samples.intake import ATTITUDE_EVERY_US, VERSION_EVERY_US
 from drivers.samples.navigation import FIX_US, HAS_FIX, believes_place, velocity_doubt
+from drivers.samples.vehicle_clock import BOOT_CLOCK, MOST_US, RECEIVERS_CLOCK
 from estimator.compilation.compiled import compiled, inlined
 from estimator.types import ZERO_VEC3, Vec3
 
@@ -246,7 +244,7 @@ def read_receiver(
     raw_us, has_fix = payload.view(np.int64)[0], payload[28] >= GPS_FIX_TYPE_3D_FIX
     done, time_us, velocity = TAKEN, 0, ZERO_VEC3
     if has_fix and (where[0] != 0.0 or where[1] != 0.0):
-        if not has_other[stream] or not 0 <= raw_us <= LATEST_RAW_US:
+        if not has_other[stream] or not 0 <= raw_us <= MOST_US:
             return NOTHING, 0, 0, (ZERO_VEC3, ZERO_VEC3, ZERO_VEC3)
         done, time_us = take_other(
             clocks[place], others[stream], RECEIVERS_CLOCK, raw_us, arrival_us
@@ -295,7 +293,7 @@ def imu_of(kind: int, payload: Bytes, words: Any, reals: Any) -> tuple[int, Vec3
         gyr, acc, mag = from_milli(*three_cuts(words, 2))
         return raw_us, gyr, acc, mag
     raw_us = payload.view(np.int64)[0]
-    if raw_us > LATEST_RAW_US or payload[62 if kind == HIGHRES else 26] != 0:
+    if raw_us > MOST_US or payload[62 if kind == HIGHRES else 26] != 0:
         raw_us = whole_number(-1)
     if kind == RAW:
         gyr, acc, mag = from_milli(*three_cuts(words, 4))

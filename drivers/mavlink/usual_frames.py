@@ -57,7 +57,7 @@ from drivers.samples.going_on import (
     Rows,
 )
 from drivers.samples.intake import Intake
-from drivers.samples.vehicle_clock import KEPT_LINES, TimeField
+from drivers.samples.vehicle_clock import TimeField
 from estimator.compilation.direct import direct
 
 
@@ -122,7 +122,7 @@ class UsualFrames:
         if rows.has_clock[place]:
             self.tell_words(intake)
             rows.has_clock[place] = False
-            intake.resume_clock(rows.clocks[place].tolist())
+            intake.clock.whole[:] = rows.clocks[place]
             said = rows.said[place, :NAVIGATION].tolist()
             intake.attitude_given_us, intake.version_given_us, heard_us, intake.last_imu_us = said
             intake.heard_us = max(intake.heard_us, heard_us)
@@ -130,7 +130,7 @@ class UsualFrames:
                 at = place * N_OTHERS + kind - ATTITUDE
                 if rows.has_other[at]:
                     rows.has_other[at] = False
-                    intake.resume_after(name, OTHER_CLOCKS[kind], *rows.others[at].tolist())
+                    intake.clock.resume_after(name, OTHER_CLOCKS[kind], *rows.others[at].tolist())
         for kind in self._kinds_of(message_id):
             self._hand_back_stream(intake, place, kind)
 
@@ -165,14 +165,13 @@ class UsualFrames:
     def take_over(self, intake: Intake, message_id: int | None = None) -> None:
         """Take an intake's numbers, as far as its streams just go on; behind :meth:`hand_back`."""
         rows, place = self._rows, self._place(intake)
-        forgotten = intake.take_forgotten()
+        forgotten = intake.clock.take_forgotten()
         kinds = self._kinds_of(None if forgotten else message_id)
         if forgotten and place >= 0:
             for kind in kinds:
                 self._hand_back_stream(intake, place, kind, forgotten)
-        clock = intake.clock_numbers()
         if place < 0:
-            if clock is None:
+            if not intake.clock.has_line:
                 return
             place = self._free.pop()
             self._places[_address(intake)] = place
@@ -184,16 +183,17 @@ class UsualFrames:
             if numbers is not None:
                 rows.has_imu[at] = GOES_ON
                 rows.whole[at], rows.numbers[at] = numbers
-        if clock is None or not (rows.has_imu[place * IMUS : (place + 1) * IMUS] == GOES_ON).any():
+        if not (rows.has_imu[place * IMUS : (place + 1) * IMUS] == GOES_ON).any():
             return
         rows.has_clock[place] = True
-        rows.clocks[place] = clock
+        rows.clocks[place] = intake.clock.whole
         assert intake.last_imu_us is not None  # it has a stream
         given_us = intake.attitude_given_us, intake.version_given_us
         rows.said[place, :NAVIGATION] = *given_us, intake.heard_us, intake.last_imu_us
         self.note_words(intake)
         for kind, name in OTHER_NAMES.items():
-            placed, at = intake.placed(name, OTHER_CLOCKS[kind]), place * N_OTHERS + kind - ATTITUDE
+            at = place * N_OTHERS + kind - ATTITUDE
+            placed = intake.clock.last_placed(name, OTHER_CLOCKS[kind])
             if placed is not None:
                 rows.has_other[at], rows.others[at] = True, placed
 
@@ -240,5 +240,5 @@ def _is_ours(message: ImuMessage) -> bool:
     if kind is None:
         return False
     vectors = highres_vectors if kind == HIGHRES else milli_vectors
-    clock = KEPT_LINES[0 if kind <= HIGHRES else 1]
+    clock = TimeField(0 if kind <= HIGHRES else 1)
     return message.vectors is vectors and message.clock is clock

@@ -49,7 +49,6 @@ ATTITUDE_NAME = OTHER_NAMES[ATTITUDE]
 N_OTHERS = len(OTHERS)
 # Of a payload; what follows is of no interest here.
 LONGEST = 64
-LATEST_RAW_US = 1 << 62
 RADIANS = pi / 180.0
 # Flags: a fresh field, a sample to be looked at, an attitude that is wanted, a velocity, a place, a
 # reading that is no data; times WHY the reason for that, or why the field is none.

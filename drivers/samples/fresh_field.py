@@ -6,7 +6,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from estimator.compilation.compiled import compiled
+from estimator.compilation.compiled import compiled, inlined
 from estimator.types import ZERO_VEC3, Vec3
 
 Floats = NDArray[np.float64]
@@ -31,33 +31,27 @@ class RepeatedField:
     """A field that every IMU message carries: fresh unless it repeats the last within 0.24 s."""
 
     def __init__(self) -> None:
-        self._last: Vec3 = ZERO_VEC3
-        self._last_us = 0
-
-    @property
-    def last(self) -> tuple[Vec3, int]:
-        """The last fresh field (gauss) and its time (us); may be set to go on from there."""
-        return self._last, self._last_us
-
-    @last.setter
-    def last(self, last: tuple[Vec3, int]) -> None:
-        self._last, self._last_us = last
+        # the last fresh field (gauss) and its time (us); may be set to go on from there
+        self.last: tuple[Vec3, int] = ZERO_VEC3, 0
 
     def fresh(self, mag_gauss: Vec3, _raw_us: int, time_us: int) -> Vec3 | None:
         """``mag_gauss``, or None if it is zero or repeated."""
-        if mag_gauss == ZERO_VEC3:
+        if not is_fresh(mag_gauss, time_us, *self.last):
             return None
-        if mag_gauss == self._last and 0 <= time_us - self._last_us < REPEAT_US:
-            return None
-        self._last, self._last_us = mag_gauss, time_us
+        self.last = mag_gauss, time_us
         return mag_gauss
 
     def fresh_rows(self, mag_gauss: Floats, times_us: Times) -> Flags:
         """Which of N fields (N, 3) are: finite, not zero, and not repeated; (N,)."""
-        fresh, self._last, self._last_us = fresh_of_rows(
-            mag_gauss, times_us, self._last, self._last_us
-        )
+        fresh, last_gauss, last_us = fresh_of_rows(mag_gauss, times_us, *self.last)
+        self.last = last_gauss, last_us
         return fresh
+
+
+@inlined
+def is_fresh(mag_gauss: Vec3, time_us: int, last: Vec3, last_us: int) -> bool:
+    """Whether a field is neither zero nor a repetition of the last fresh one."""
+    return mag_gauss != ZERO_VEC3 and not (mag_gauss == last and 0 <= time_us - last_us < REPEAT_US)
 
 
 @compiled
@@ -69,8 +63,7 @@ def fresh_of_rows(
     for k in range(len(times_us)):
         field, time_us = (mag_gauss[k, 0], mag_gauss[k, 1], mag_gauss[k, 2]), times_us[k]
         finite = math.isfinite(field[0]) and math.isfinite(field[1]) and math.isfinite(field[2])
-        repeated = field == last and 0 <= time_us - last_us < REPEAT_US
-        if finite and field != ZERO_VEC3 and not repeated:
+        if finite and is_fresh(field, time_us, last, last_us):
             fresh[k], last, last_us = True, field, time_us
     return fresh, last, last_us
 

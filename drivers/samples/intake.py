@@ -97,7 +97,7 @@ class Intake:
         self._new_field = new_field
         self._heard_us = heard_us
         self.navigation = Navigation()
-        self._clock = VehicleClock()
+        self.clock = VehicleClock()
         self._imus: dict[str, _ImuStream] = {}
         self.last_imu_us: int | None = None  # of the latest IMU sample
         self._unstamped_us: dict[str, int] = {}  # the time that each has had last
@@ -119,7 +119,7 @@ class Intake:
             return [Rejected(self.vehicle, arrival_us, refusal, name)]
         mag_is_stuck = faults.mag_is_stuck
         reading = _Reading(raw_us, arrival_us, gyr, acc, ZERO_VEC3 if mag_is_stuck else field)
-        placed = self._clock.imu(name, stamp.clock, raw_us, self._heard_us(stamp))
+        placed = self.clock.imu(name, stamp.clock, raw_us, self._heard_us(stamp))
         held, stream.held = stream.held, None
         if isinstance(placed, Refused):
             unconfirmed: list[Event] = [self._clock_step(held, name)] if held else []
@@ -142,22 +142,10 @@ class Intake:
         complaints = self._imus[name].plausibility.look_now(sample, doubts_axes=self.doubts_axes)
         return self._notices(name, arrival_us, complaints)
 
-    def clock_numbers(self) -> tuple[int, ...] | None:
-        """The clocks' part of what :mod:`drivers.samples.going_on` goes on with, if it can."""
-        return self._clock.numbers()
-
-    def resume_clock(self, numbers: list[int]) -> None:
-        """Go on from :meth:`clock_numbers`."""
-        self._clock.resume(numbers)
-
-    def take_forgotten(self) -> set[TimeField]:
-        """The clocks whose streams were forgotten since the last call, as they began anew."""
-        return self._clock.take_forgotten()
-
     def imu_numbers(self, name: str, field: TimeField) -> tuple[list[int], list[float]] | None:
         """An IMU stream's part, if that stream can go on."""
         stream = self._imus.get(name)
-        placed = self._clock.last_placed(name, field)
+        placed = self.clock.last_placed(name, field)
         if stream is None or placed is None or stream.held is not None:
             return None
         faults = stream.faults
@@ -188,15 +176,7 @@ class Intake:
         repeated.last = (x, y, z), fresh_us
         stream.faults.whole[:], stream.faults.numbers[:] = faults, numbers[:-3]
         if is_placed:
-            self._clock.resume_after(name, field, time_us, boot_us)
-
-    def placed(self, name: str, field: TimeField) -> tuple[int, int] | None:
-        """Continuous and boot time of a message's last; None before the first."""
-        return self._clock.last_placed(name, field)
-
-    def resume_after(self, name: str, field: TimeField, time_us: int, boot_us: int) -> None:
-        """Go on from :meth:`placed`."""
-        self._clock.resume_after(name, field, time_us, boot_us)
+            self.clock.resume_after(name, field, time_us, boot_us)
 
     def attitude(
         self,
@@ -350,7 +330,7 @@ class Intake:
         return notices
 
     def _place(self, name: str, stamp: Stamp) -> Placed | None:
-        placed = self._clock.other(name, stamp.clock, stamp.raw_us, self._heard_us(stamp))
+        placed = self.clock.other(name, stamp.clock, stamp.raw_us, self._heard_us(stamp))
         return None if isinstance(placed, Refused) else placed
 
     def _resets(self, placed: Placed, arrival_us: int) -> list[Event]:

@@ -11,16 +11,22 @@ messages, with reboots and jumps cut out. Nothing here reads the host's clock:
 arrival times come in with the data. They tell a gap from a jump, and a clock
 that keeps no time at all (milliseconds counted as microseconds, or the reverse;
 one that crawls) from one that does.
+
+The rules are compiled, for one message at a time and for those of many vehicles
+(:mod:`drivers.samples.going_on`). What they know of a vehicle's clocks is a row of whole numbers.
 """
 
-from collections import deque
-from enum import Enum
-from itertools import chain
-from typing import Literal, NamedTuple
+from enum import IntEnum
+from functools import cache
+from typing import Any, Literal, NamedTuple
 
-import msgspec
+import numba
+import numpy as np
 
 from drivers.value import Value
+from estimator.compilation.compiled import compiled, inlined, is_compiled_code, plain
+from estimator.compilation.direct import direct
+from estimator.compilation.interpreted import is_interpreting
 from estimator.reasons import Reason
 
 SECOND_US = 1_000_000
@@ -44,23 +50,52 @@ OFFSET_SAMPLES = 64  # enough for a median through 0.4 s of jitter
 SAME_CLOCK_US = 1 * SECOND_US  # closer clocks are one clock; others were 2.3 s apart or more
 
 WRAP_32_US = 2**32
+WRAPS_US = (WRAP_32_US, WRAP_32_US * 1000, 0)  # of the clocks below; 0: it has none
+MOST_US = 1 << 53  # 285 years: a time beyond is garbage, and counts as this
 
 
-class TimeField(Enum):
-    """Which of the vehicle's clocks a message carries; the value is its wrap in us, if any."""
+class TimeField(IntEnum):
+    """Which of the vehicle's clocks a message carries."""
 
-    TIME_USEC = WRAP_32_US
-    BOOT_MS = WRAP_32_US * 1000
-    GPS = None
-
-    __hash__ = object.__hash__  # each is one object; Enum's own is a Python function
+    TIME_USEC = 0
+    BOOT_MS = 1
+    GPS = 2
 
 
-# The clocks that :mod:`drivers.samples.going_on` follows, and the numbers of a line and an offset.
-KEPT_LINES = (TimeField.TIME_USEC, TimeField.BOOT_MS, TimeField.GPS)
-KEPT_OFFSETS = KEPT_LINES[1:]
-LINE_SIZE = 11
-OFFSET_SIZE = 4 + OFFSET_SAMPLES
+_typeof: Any = numba.typeof  # numba ships no types
+
+# An array of int64, or a list in plain Python.
+Whole = Any
+CLOCKS = len(TimeField)
+IMUS_CLOCK, BOOT_CLOCK, RECEIVERS_CLOCK = map(int, TimeField)
+
+# Of a vehicle: which clock the line of time is made of, continuous time less boot time on that, the
+# latest continuous time given, which clocks began anew while the line of time may be about to,
+PRIMARY, SHIFT, LATEST, WAITING = 0, 1, 2, 3
+NO_LINE = -1
+# the lines of all clocks, and their offsets from the line of time.
+LINES = WAITING + CLOCKS
+# Of a line: whether there was a message, what wraps have added, boot time and arrival of the last
+# one, the smallest arrival less boot time, with drift,
+STARTED, WRAPPED, BOOT, ARRIVAL, FLOOR = 0, 1, 2, 3, 4
+# boot time, arrival and lateness at the beginning of this second, boot time and arrival at the end
+# of the last one that was in pace, how many in a row were not,
+SECOND, PACE, OFF = 5, 8, 10
+# and a message that stepped away and waits to be confirmed, and the last of another line: for each
+# whether there is one, its boot time and arrival.
+CANDIDATE, BESIDE = 11, 14
+LINE_SIZE = 17
+# Of an offset: how many estimates there are, their median, how many came since that was taken,
+# which is the oldest, and the estimates.
+SAMPLES, OFFSET_US, SINCE_MEDIAN, OLDEST, RING = 0, 1, 2, 3, 4
+OFFSETS = LINES + CLOCKS * LINE_SIZE
+OFFSET_SIZE = RING + OFFSET_SAMPLES
+CLOCK_SIZE = OFFSETS + CLOCKS * OFFSET_SIZE
+
+# What becomes of a message: it has a place in time, or there is a reason why not.
+PLACED, STEP, CONFLICT, OFF_ITS_PACE, NO_CLOCK, DUPLICATE, OUT_OF_ORDER = 0, 1, 2, 3, 4, 5, 6
+# How a clock was reset.
+NO_RESET, REBOOT, JUMP = 0, 1, 2
 
 
 class Reset(NamedTuple):
@@ -68,14 +103,6 @@ class Reset(NamedTuple):
 
     reason: Literal["reboot", "jump"]
     step_us: int
-
-
-class Unwrapped(Value, frozen=True):
-    """An unwrapped clock value; a reset was ``since_reset_us`` ago, at the message before."""
-
-    boot_us: int
-    reset: Reset | None
-    since_reset_us: int = 0
 
 
 class Placed(Value, frozen=True):
@@ -97,212 +124,319 @@ class Refused(Value, frozen=True):
     reason: Reason
 
 
-class ClockLine:
-    """One clock of one vehicle: unwrapped, with reboots and jumps told from gaps.
+REFUSALS = {
+    STEP: Refused(Reason.CLOCK_STEP),
+    CONFLICT: Refused(Reason.ADDRESS_CONFLICT),
+    OFF_ITS_PACE: Refused(Reason.CLOCK_PACE),
+    NO_CLOCK: Refused(Reason.NO_CLOCK),
+    DUPLICATE: Refused(Reason.DUPLICATE),
+    OUT_OF_ORDER: Refused(Reason.OUT_OF_ORDER),
+}
+RESETS: dict[int, Literal["reboot", "jump"]] = {REBOOT: "reboot", JUMP: "jump"}
 
-    A step that no gap explains counts only once the next message agrees with
-    it, so a single garbled time changes nothing.
+
+@inlined
+def advance(
+    clock: Whole, field: int, raw_us: int, arrival_us: int
+) -> tuple[int, int, int, int, int]:
+    """One clock's next message: what becomes of it, and its boot time.
+
+    Also how the clock was reset, how far that was, and how long ago. A step that no gap explains
+    counts only once the next message agrees with it, so a single garbled time changes nothing.
     """
-
-    def __init__(self, wrap_us: int | None) -> None:
-        self._wrap_us = wrap_us
-        self.wrapped_us = 0  # what its wraps have added
-        self._started = False
-        self._candidate: tuple[int, int] | None = None
-        self._beside: tuple[int, int] | None = None  # the last of another line
-        self.is_beside = False  # the message that was not taken goes on with that other line
-        self._floor_us = 0  # smallest arrival - boot, with drift
-        self._second = (0, 0, 0)  # boot, arrival and lateness at the beginning of this second
-        self._in_pace = (0, 0)  # boot and arrival at the end of the last second that was in pace
-        self._off_seconds = 0  # in a row
-        self.boot_us = 0
-        self.arrival_us = 0
-
-    @property
-    def is_off_pace(self) -> bool:
-        """Whether the clock keeps no time, by the host's: its seconds are none."""
-        return self._off_seconds >= OFF_SECONDS
-
-    def advance(self, raw_us: int, arrival_us: int) -> Unwrapped | None:
-        """The unwrapped time of a message, or None while a large step is unconfirmed."""
-        if not self._started:
-            self._started = True
-            self._restart(raw_us, arrival_us)
-            return Unwrapped(raw_us, None)
-        boot_us = self._unwrap(raw_us, arrival_us)
-        reason = self._judge(boot_us - self.boot_us, arrival_us - self.arrival_us)
-        self.is_beside = self._beside is not None and self._goes_on_beside(boot_us, arrival_us)
-        if self.is_beside:
-            self._beside, self._candidate = (boot_us, arrival_us), None
-            return None
-        if reason is None:
-            self._drop_candidate()
-            return Unwrapped(boot_us, self._accept(boot_us, arrival_us))
-        candidate = self._candidate
-        if candidate is None or not self._confirms(boot_us, arrival_us):
-            self._candidate = (boot_us, arrival_us)
-            return None
-        reset = Reset(reason, candidate[0] - self.boot_us)
-        self._beside = (self.boot_us, self.arrival_us)
-        self._restart(*candidate)
-        self._accept(boot_us, arrival_us)
-        return Unwrapped(boot_us, reset, boot_us - candidate[0])
-
-    def goes_on(self, raw_us: int, arrival_us: int) -> bool:
-        """Take a message that just goes on in time; False, and nothing done, for any other.
-
-        Nearly all messages do. It is what :meth:`advance` does with them, in less time.
-        """
-        boot_us = raw_us + self.wrapped_us
-        if not (self._started and 0 < boot_us - self.boot_us <= ORDINARY_STEP_US):
-            return False
-        if self._off_seconds:
-            return False
-        if self._beside is not None and boot_us - self.boot_us > BESIDE_US:
-            return False
-        if self._candidate is not None:
-            self._drop_candidate()
-        self._accept(boot_us, arrival_us)
-        return True
-
-    def numbers(self) -> tuple[int, ...] | None:
-        """What changes while messages just go on; None if something else is to be expected.
-
-        In the columns of :mod:`drivers.samples.going_on`.
-        """
-        if not self._started or self._off_seconds or self._candidate is not None:
-            return None
-        now = (self.wrapped_us, self.boot_us, self.arrival_us, self._floor_us)
-        return (1, *now, *self._second, *self._in_pace, int(self._beside is not None))
-
-    def resume(self, numbers: list[int]) -> None:
-        """Go on from :meth:`numbers`."""
-        _, self.wrapped_us, self.boot_us, self.arrival_us, self._floor_us, *rest, _ = numbers
-        self._second, self._in_pace = (rest[0], rest[1], rest[2]), (rest[3], rest[4])
-
-    def _drop_candidate(self) -> None:
-        """The line goes on: what stepped away from it was garbled, or is somebody else's."""
-        if self._candidate is not None:
-            self._beside, self._candidate = self._candidate, None
-
-    def _goes_on_beside(self, boot_us: int, arrival_us: int) -> bool:
-        """Whether a message goes on with another line that keeps this one's pace, not with this.
-
-        A clock that began anew or leapt never comes back to where it was, while it goes on here.
-        """
-        here_us = arrival_us - self.arrival_us
-        if self._beside is None or not 0 <= here_us < ALIVE_US:
-            return False
-        if abs(boot_us - self.boot_us - here_us) < BESIDE_US:
-            return False
-        step_us, elapsed_us = boot_us - self._beside[0], arrival_us - self._beside[1]
-        return step_us > 0 and abs(step_us - elapsed_us) < BESIDE_US
-
-    def _unwrap(self, raw_us: int, arrival_us: int) -> int:
-        boot_us = raw_us + self.wrapped_us
-        wrap_us = self._wrap_us
-        if wrap_us is None or self.boot_us - boot_us < wrap_us // 2:
-            return boot_us
-        step_us = boot_us + wrap_us - self.boot_us
-        last_raw_us = self.boot_us - self.wrapped_us
-        is_wrap = last_raw_us < wrap_us and step_us >= -REORDERED_US
-        if is_wrap and self._judge(step_us, arrival_us - self.arrival_us) is None:
-            self.wrapped_us += wrap_us
-            return boot_us + wrap_us
-        return boot_us
-
-    def _judge(self, step_us: int, elapsed_us: int) -> Literal["reboot", "jump"] | None:
-        elapsed_us = max(elapsed_us, 0)
-        if step_us < -REORDERED_US:
-            return "reboot"
-        lateness_us = min(self.arrival_us - self.boot_us - self._floor_us, LATENESS_LIMIT_US)
-        if step_us - elapsed_us > JUMP_US + lateness_us:
-            return "jump"
-        if step_us > ORDINARY_STEP_US and elapsed_us - step_us > LOST_TIME_US:
-            return "jump"
-        return None
-
-    def _confirms(self, boot_us: int, arrival_us: int) -> bool:
-        assert self._candidate is not None
-        step_us = boot_us - self._candidate[0]
-        elapsed_us = max(arrival_us - self._candidate[1], 0)
-        return 0 < step_us <= elapsed_us + JUMP_US
-
-    def _accept(self, boot_us: int, arrival_us: int) -> Reset | None:
-        """Go on to a message; the reset if the clock keeps time again since that."""
-        if boot_us <= self.boot_us:
-            return None
-        elapsed_us = arrival_us - self.arrival_us
-        offset_us = arrival_us - boot_us
-        host_stepped = elapsed_us < 0 or elapsed_us - (boot_us - self.boot_us) > LOST_TIME_US
-        risen_us = self._floor_us + int(CLOCK_DRIFT * elapsed_us)
-        self._floor_us = offset_us if host_stepped else min(risen_us, offset_us)
-        self.boot_us, self.arrival_us = boot_us, arrival_us
-        if 0 <= arrival_us - self._second[1] < SECOND_US:
-            return None
-        return self._compare_pace()
-
-    def _compare_pace(self) -> Reset | None:
-        """Compare the second that ends with the host's; the reset if time is kept again.
-
-        A longer time without a message is a gap, which says nothing of the pace.
-        """
-        begin_us, begin_arrival_us, late_us = self._second
-        step_us, elapsed_us = self.boot_us - begin_us, self.arrival_us - begin_arrival_us
-        lateness_us = max(self.arrival_us - self.boot_us - self._floor_us, 0)
-        self._second = (self.boot_us, self.arrival_us, lateness_us)
-        if not 0 < elapsed_us <= ORDINARY_STEP_US:
-            return None
-        is_slow = OFF_PACE * step_us < elapsed_us
-        if is_slow or step_us - late_us > OFF_PACE * elapsed_us:
-            self._off_seconds += 1
-            return None
-        lost_us = self.boot_us - self._in_pace[0] - (self.arrival_us - self._in_pace[1])
-        reset = Reset("jump", lost_us) if self.is_off_pace else None
-        self._off_seconds = 0
-        self._in_pace = (self.boot_us, self.arrival_us)
-        return reset
-
-    def _restart(self, boot_us: int, arrival_us: int) -> None:
-        self._candidate = None
-        self._floor_us = arrival_us - boot_us
-        self._second = (boot_us, arrival_us, 0)
-        self._in_pace = (boot_us, arrival_us)
-        self._off_seconds = 0
-        self.boot_us, self.arrival_us = boot_us, arrival_us
+    line = LINES + field * LINE_SIZE
+    if clock[line + STARTED] == 0:
+        clock[line + STARTED] = 1
+        restart(clock, line, raw_us, arrival_us)
+        return PLACED, raw_us, NO_RESET, 0, 0
+    boot_us = unwrap(clock, line, WRAPS_US[field], raw_us, arrival_us)
+    if goes_on_beside(clock, line, boot_us, arrival_us):
+        note(clock, line + BESIDE, boot_us, arrival_us)
+        clock[line + CANDIDATE] = 0
+        return CONFLICT, boot_us, NO_RESET, 0, 0
+    last_us, last_arrival_us = clock[line + BOOT], clock[line + ARRIVAL]
+    reason = judge_step(clock, line, boot_us - last_us, arrival_us - last_arrival_us)
+    began_us, began_arrival_us = clock[line + CANDIDATE + 1], clock[line + CANDIDATE + 2]
+    if reason == NO_RESET:
+        if clock[line + CANDIDATE] == 1:  # it was garbled, or is somebody else's
+            note(clock, line + BESIDE, began_us, began_arrival_us)
+            clock[line + CANDIDATE] = 0
+        lost_us, keeps_time_again = accept(clock, line, boot_us, arrival_us)
+        return PLACED, boot_us, JUMP if keeps_time_again else NO_RESET, lost_us, 0
+    step_us, elapsed_us = boot_us - began_us, max(arrival_us - began_arrival_us, 0)
+    if clock[line + CANDIDATE] == 0 or not 0 < step_us <= elapsed_us + JUMP_US:
+        note(clock, line + CANDIDATE, boot_us, arrival_us)
+        return STEP, boot_us, NO_RESET, 0, 0
+    note(clock, line + BESIDE, last_us, last_arrival_us)
+    restart(clock, line, began_us, began_arrival_us)
+    accept(clock, line, boot_us, arrival_us)
+    return PLACED, boot_us, reason, int(began_us - last_us), int(step_us)
 
 
-class ClockOffset:
-    """The constant distance of one clock from another, learnt as a running median."""
+@inlined
+def note(clock: Whole, at: int, boot_us: int, arrival_us: int) -> None:
+    """Remember a message that is not the line's own."""
+    clock[at], clock[at + 1], clock[at + 2] = 1, boot_us, arrival_us
 
-    def __init__(self) -> None:
-        self._samples_us: deque[int] = deque(maxlen=OFFSET_SAMPLES)  # the oldest is dropped
-        self._since_median = 0
-        self._offset_us = 0
 
-    def numbers(self) -> tuple[int, ...]:
-        """What :meth:`learn` changes, in the columns of :mod:`drivers.samples.going_on`."""
-        n, samples_us = len(self._samples_us), self._samples_us
-        empty = (0,) * (OFFSET_SAMPLES - n)
-        return (n, self._offset_us, self._since_median, 0, *samples_us, *empty)
+@inlined
+def restart(clock: Whole, line: int, boot_us: int, arrival_us: int) -> None:
+    """Begin a line with a message."""
+    clock[line + CANDIDATE] = 0
+    clock[line + FLOOR] = arrival_us - boot_us
+    begin_second(clock, line, boot_us, arrival_us, 0)
+    clock[line + PACE], clock[line + PACE + 1] = boot_us, arrival_us
+    clock[line + OFF] = 0
+    clock[line + BOOT], clock[line + ARRIVAL] = boot_us, arrival_us
 
-    def resume(self, numbers: list[int]) -> None:
-        """Go on from :meth:`numbers`, whose fourth is the place of the oldest sample."""
-        n, self._offset_us, self._since_median, oldest, *ring_us = numbers
-        samples_us = (*ring_us[oldest:n], *ring_us[:oldest])
-        self._samples_us = deque(samples_us, OFFSET_SAMPLES)
 
-    def learn(self, sample_us: int) -> int:
-        """Take one estimate in; the offset in us, exactly 0 (or a whole wrap) for one clock."""
-        self._samples_us.append(sample_us)
-        self._since_median += 1
-        if len(self._samples_us) < OFFSET_SAMPLES or self._since_median >= OFFSET_SAMPLES // 4:
-            self._since_median = 0
-            median_us = sorted(self._samples_us)[len(self._samples_us) // 2]
-            whole_us = round(median_us / WRAP_32_US) * WRAP_32_US
-            same_clock = abs(median_us - whole_us) < SAME_CLOCK_US
-            self._offset_us = whole_us if same_clock else median_us
-        return self._offset_us
+@inlined
+def begin_second(clock: Whole, line: int, boot_us: int, arrival_us: int, late_us: int) -> None:
+    """Begin another second whose pace is to be compared with the host's."""
+    second = line + SECOND
+    clock[second], clock[second + 1], clock[second + 2] = boot_us, arrival_us, late_us
+
+
+@inlined
+def unwrap(clock: Whole, line: int, wrap_us: int, raw_us: int, arrival_us: int) -> int:
+    """The boot time of a message."""
+    boot_us, last_us = raw_us + clock[line + WRAPPED], clock[line + BOOT]
+    if wrap_us == 0 or last_us - boot_us < wrap_us // 2:
+        return int(boot_us)
+    step_us = boot_us + wrap_us - last_us
+    is_wrap = last_us - clock[line + WRAPPED] < wrap_us and step_us >= -REORDERED_US
+    elapsed_us = arrival_us - clock[line + ARRIVAL]
+    if is_wrap and judge_step(clock, line, step_us, elapsed_us) == NO_RESET:
+        clock[line + WRAPPED] += wrap_us
+        boot_us += wrap_us
+    return int(boot_us)
+
+
+@inlined
+def judge_step(clock: Whole, line: int, step_us: int, elapsed_us: int) -> int:
+    """What a step of the clock, and of the arrivals, would be."""
+    elapsed_us = max(elapsed_us, 0)
+    if step_us < -REORDERED_US:
+        return REBOOT
+    late_us = clock[line + ARRIVAL] - clock[line + BOOT] - clock[line + FLOOR]
+    if step_us - elapsed_us > JUMP_US + min(late_us, LATENESS_LIMIT_US):
+        return JUMP
+    if step_us > ORDINARY_STEP_US and elapsed_us - step_us > LOST_TIME_US:
+        return JUMP
+    return NO_RESET
+
+
+@inlined
+def is_off_line(clock: Whole, line: int, boot_us: int, arrival_us: int) -> bool:
+    """Whether there is another line, and a message does not go on with this one at its pace."""
+    step_us, here_us = boot_us - clock[line + BOOT], arrival_us - clock[line + ARRIVAL]
+    if clock[line + BESIDE] == 0 or 0 < step_us <= BESIDE_US:
+        return False
+    return bool(0 <= here_us < ALIVE_US and abs(step_us - here_us) >= BESIDE_US)
+
+
+@inlined
+def goes_on_beside(clock: Whole, line: int, boot_us: int, arrival_us: int) -> bool:
+    """Whether a message goes on with another line that keeps this one's pace, not with this.
+
+    A clock that began anew or leapt never comes back to where it was, while it goes on here.
+    """
+    step_us = boot_us - clock[line + BESIDE + 1]
+    elapsed_us = arrival_us - clock[line + BESIDE + 2]
+    goes_on = step_us > 0 and abs(step_us - elapsed_us) < BESIDE_US
+    return bool(goes_on and is_off_line(clock, line, boot_us, arrival_us))
+
+
+@inlined
+def accept(clock: Whole, line: int, boot_us: int, arrival_us: int) -> tuple[int, bool]:
+    """Go on to a message; the time that was lost, if the clock keeps time again since that."""
+    if boot_us <= clock[line + BOOT]:
+        return 0, False
+    elapsed_us = arrival_us - clock[line + ARRIVAL]
+    offset_us = arrival_us - boot_us
+    if elapsed_us < 0 or elapsed_us - (boot_us - clock[line + BOOT]) > LOST_TIME_US:
+        clock[line + FLOOR] = offset_us  # the host's clock was set
+    else:
+        clock[line + FLOOR] = min(clock[line + FLOOR] + int(CLOCK_DRIFT * elapsed_us), offset_us)
+    clock[line + BOOT], clock[line + ARRIVAL] = boot_us, arrival_us
+    if 0 <= arrival_us - clock[line + SECOND + 1] < SECOND_US:
+        return 0, False
+    return compare_pace(clock, line, boot_us, arrival_us)
+
+
+@inlined
+def compare_pace(clock: Whole, line: int, boot_us: int, arrival_us: int) -> tuple[int, bool]:
+    """Compare the second that ends with the host's; the time lost if time is kept again.
+
+    A longer time without a message is a gap, which says nothing of the pace.
+    """
+    step_us = boot_us - clock[line + SECOND]
+    elapsed_us = arrival_us - clock[line + SECOND + 1]
+    is_fast = step_us - clock[line + SECOND + 2] > OFF_PACE * elapsed_us
+    late_us = max(arrival_us - boot_us - clock[line + FLOOR], 0)
+    begin_second(clock, line, boot_us, arrival_us, late_us)
+    if not 0 < elapsed_us <= ORDINARY_STEP_US:
+        return 0, False
+    if is_fast or OFF_PACE * step_us < elapsed_us:
+        clock[line + OFF] += 1
+        return 0, False
+    lost_us = boot_us - clock[line + PACE] - (arrival_us - clock[line + PACE + 1])
+    keeps_time_again = clock[line + OFF] >= OFF_SECONDS
+    clock[line + OFF] = 0
+    clock[line + PACE], clock[line + PACE + 1] = boot_us, arrival_us
+    return int(lost_us), bool(keeps_time_again)
+
+
+@inlined
+def is_off_pace(clock: Whole, field: int) -> bool:
+    """Whether a clock keeps no time, by the host's: its seconds are none."""
+    return bool(clock[LINES + field * LINE_SIZE + OFF] >= OFF_SECONDS)
+
+
+@inlined
+def learn_offset(clock: Whole, field: int, sample_us: int) -> int:
+    """A clock's constant distance from the line of time, with one more estimate in the median.
+
+    It is exactly 0 (or a whole wrap) if both are one clock.
+    """
+    o = OFFSETS + field * OFFSET_SIZE
+    if clock[o + SAMPLES] == OFFSET_SAMPLES:
+        clock[o + RING + clock[o + OLDEST]] = sample_us
+        clock[o + OLDEST] = (clock[o + OLDEST] + 1) % OFFSET_SAMPLES
+    else:
+        clock[o + RING + clock[o + SAMPLES]] = sample_us
+        clock[o + SAMPLES] += 1
+    n = clock[o + SAMPLES]
+    clock[o + SINCE_MEDIAN] += 1
+    if n < OFFSET_SAMPLES or clock[o + SINCE_MEDIAN] >= OFFSET_SAMPLES // 4:
+        clock[o + SINCE_MEDIAN] = 0
+        median_us = int(np.sort(clock[o + RING : o + RING + n])[n // 2])
+        whole_us = int(np.rint(median_us / WRAP_32_US)) * WRAP_32_US
+        is_same = abs(median_us - whole_us) < SAME_CLOCK_US
+        clock[o + OFFSET_US] = whole_us if is_same else median_us
+    return int(clock[o + OFFSET_US])
+
+
+@inlined
+def forget_offset(clock: Whole, field: int) -> None:
+    """Learn a clock's offset from the beginning."""
+    o = OFFSETS + field * OFFSET_SIZE
+    for column in (SAMPLES, OFFSET_US, SINCE_MEDIAN, OLDEST):
+        clock[o + column] = 0
+
+
+@inlined
+def choose_line(clock: Whole, field: int, raw_us: int, arrival_us: int) -> None:
+    """Let the clock of an IMU message make the line of time, if it is to from now on.
+
+    One that takes over does so without a break in time.
+    """
+    primary = clock[PRIMARY]
+    if primary == NO_LINE:
+        clock[PRIMARY] = field
+        return
+    if field == primary or is_off_pace(clock, field):
+        return
+    if field != IMUS_CLOCK and not is_off_pace(clock, primary):
+        return
+    old = LINES + primary * LINE_SIZE
+    now_us = clock[old + BOOT] + clock[SHIFT] + max(arrival_us - clock[old + ARRIVAL], 0)
+    wrapped_us = clock[LINES + field * LINE_SIZE + WRAPPED]
+    clock[PRIMARY] = field
+    clock[SHIFT] = max(now_us, clock[LATEST]) - raw_us - wrapped_us
+    for each in range(CLOCKS):
+        forget_offset(clock, each)
+
+
+@inlined
+def time_on_line(clock: Whole, boot_us: int, is_reset: bool, since_reset_us: int) -> int:
+    """The continuous time of a message of the clock that the line of time is made of."""
+    if is_reset:
+        clock[SHIFT] = clock[LATEST] + CUT_STEP_US - (boot_us - since_reset_us)
+        for field in range(CLOCKS):
+            forget_offset(clock, field)
+    for field in range(CLOCKS):
+        clock[WAITING + field] = 0
+    clock[LATEST] = max(clock[LATEST], boot_us + clock[SHIFT])
+    return int(boot_us + clock[SHIFT])
+
+
+@inlined
+def time_beside(clock: Whole, field: int, boot_us: int, arrival_us: int) -> int:
+    """The continuous time of a message of another clock."""
+    line = LINES + clock[PRIMARY] * LINE_SIZE
+    line_now_us = clock[line + BOOT] + max(arrival_us - clock[line + ARRIVAL], 0)
+    time_us = boot_us - learn_offset(clock, field, boot_us - line_now_us) + clock[SHIFT]
+    if field != RECEIVERS_CLOCK:
+        clock[LATEST] = max(clock[LATEST], time_us)
+    return int(time_us)
+
+
+@inlined
+def place(
+    clock: Whole, field: int, is_imu: bool, raw_us: int, arrival_us: int, last: tuple[int, int]
+) -> tuple[int, int, int, int, int, int]:
+    """Place a message behind the ``last`` of its stream (continuous and boot time).
+
+    Returns what becomes of it, its continuous and boot time, the reset of its clock, how far that
+    stepped, and how long ago. With a reset the last counts no more, of any stream of that clock.
+    """
+    if is_imu:
+        choose_line(clock, field, raw_us, arrival_us)
+    if clock[PRIMARY] == NO_LINE:
+        return NO_CLOCK, 0, 0, NO_RESET, 0, 0
+    why, boot_us, reset, step_us, since_us = advance(clock, field, raw_us, arrival_us)
+    if why == PLACED and is_off_pace(clock, field):
+        why = OFF_ITS_PACE
+    if why != PLACED:
+        return why, 0, boot_us, NO_RESET, 0, 0
+    if reset != NO_RESET:
+        forget_offset(clock, field)
+        clock[WAITING + field] = 1
+    if field == clock[PRIMARY]:
+        time_us = time_on_line(clock, boot_us, reset != NO_RESET, since_us)
+    elif clock[WAITING + field] == 1:
+        return NO_CLOCK, 0, boot_us, reset, step_us, since_us
+    else:
+        time_us = time_beside(clock, field, boot_us, arrival_us)
+    last_us, last_boot_us = last
+    if reset == NO_RESET:
+        if boot_us == last_boot_us:
+            why = DUPLICATE
+        elif boot_us < last_boot_us:
+            why = OUT_OF_ORDER
+        time_us = max(time_us, last_us + 1)  # a learnt offset moved
+    return why, time_us, boot_us, reset, step_us, since_us
+
+
+@inlined
+def goes_on(clock: Whole, field: int, raw_us: int, arrival_us: int, last_boot_us: int) -> bool:
+    """Whether :func:`place` will take a message without a reset, as it just goes on in time.
+
+    ``last_boot_us`` is of the one before it in its stream. False for some others that are taken.
+    """
+    line = LINES + field * LINE_SIZE
+    boot_us = raw_us + clock[line + WRAPPED]
+    if clock[PRIMARY] == NO_LINE or clock[WAITING + field] == 1 or boot_us <= last_boot_us:
+        return False
+    if clock[line + STARTED] == 0 or clock[line + OFF] != 0:
+        return False
+    is_ordinary = 0 <= boot_us - clock[line + BOOT] <= ORDINARY_STEP_US
+    return bool(is_ordinary and not is_off_line(clock, line, boot_us, arrival_us))
+
+
+@compiled
+def place_message(
+    clock: Whole,
+    field: int,
+    is_imu: bool,
+    raw_us: int,
+    arrival_us: int,
+    last_us: int,
+    last_boot_us: int,
+) -> tuple[int, int, int, int, int, int]:
+    """See :func:`place`; plain numbers cost the least to hand over."""
+    return place(clock, field, is_imu, raw_us, arrival_us, (last_us, last_boot_us))
 
 
 class VehicleClock:
@@ -315,59 +449,45 @@ class VehicleClock:
     """
 
     def __init__(self) -> None:
-        self._lines = {field: ClockLine(field.value) for field in TimeField}
-        self._offsets = {field: ClockOffset() for field in TimeField}
-        self._primary: TimeField | None = None
-        self._shift_us = 0  # continuous time - boot clock, on the primary line
-        self._latest_us = 0  # the latest continuous time given
-        self._streams: dict[tuple[TimeField, str], Placed] = {}
-        self._waiting: set[TimeField] = set()  # began anew; the line of time may be about to
+        has_code = is_compiled_code()
+        self.whole: Whole = np.zeros(CLOCK_SIZE, np.int64) if has_code else [0] * CLOCK_SIZE
+        self.whole[PRIMARY] = NO_LINE
+        # of each stream continuous and boot time of the last that was placed
+        self._streams: dict[tuple[TimeField, str], tuple[int, int]] = {}
         self._forgotten: set[TimeField] = set()  # whose streams were, see take_forgotten
 
     def imu(self, message: str, field: TimeField, raw_us: int, arrival_us: int) -> Placed | Refused:
         """Place an IMU message; within one ``message`` the times given only ever grow."""
-        if self._primary is None:
-            self._primary = field
-        elif field is not self._primary and self._takes_over(field):
-            self._promote(field, raw_us, arrival_us)
-        line = self._lines[field]
-        if field is self._primary and line.goes_on(raw_us, arrival_us):
-            return self._in_order(message, field, self._on_line(line.boot_us))
-        return self._in_order(message, field, self._place(field, raw_us, arrival_us))
+        return self._place(message, field, True, raw_us, arrival_us)
 
     def other(
         self, message: str, field: TimeField, raw_us: int, arrival_us: int
     ) -> Placed | Refused:
         """Place another message, once an IMU message has started the line of time."""
-        if self._primary is None:
-            return Refused(Reason.NO_CLOCK)
-        return self._in_order(message, field, self._place(field, raw_us, arrival_us))
+        return self._place(message, field, False, raw_us, arrival_us)
 
-    def numbers(self) -> tuple[int, ...] | None:
-        """What changes while messages just go on; None if something else is to be expected.
+    def _place(
+        self, message: str, field: TimeField, is_imu: bool, raw_us: int, arrival_us: int
+    ) -> Placed | Refused:
+        step = _interpreted if is_interpreting() or not is_compiled_code() else _compiled()
+        last = self._streams.get((field, message), NOTHING_BEFORE)
+        raw_us, arrival_us = min(raw_us, MOST_US), min(arrival_us, MOST_US)
+        why, time_us, boot_us, reset, step_us, since_us = step(
+            self.whole, field, is_imu, raw_us, arrival_us, *last
+        )
+        if reset != NO_RESET:
+            self._forgotten.add(field)
+            self._streams = {key: last for key, last in self._streams.items() if key[0] != field}
+        if why != PLACED:
+            return REFUSALS[why]
+        self._streams[field, message] = time_us, boot_us
+        found = Reset(RESETS[reset], step_us) if reset != NO_RESET else None
+        return Placed(time_us, boot_us, found, since_us)
 
-        In the columns of :mod:`drivers.samples.going_on`: the line of time, the clocks, and the
-        offsets of those that the line need not be made of.
-        """
-        primary = self._primary
-        if primary not in KEPT_LINES[:2] or self._waiting:
-            return None
-        lines = [self._lines[field].numbers() or (0,) * LINE_SIZE for field in KEPT_LINES]
-        offsets = [self._offsets[field].numbers() for field in KEPT_OFFSETS]
-        first = KEPT_LINES.index(primary)
-        return (first, self._shift_us, self._latest_us, *chain(*lines, *offsets))
-
-    def resume(self, numbers: list[int]) -> None:
-        """Go on from :meth:`numbers`."""
-        self._latest_us = numbers[2]
-        for k, field in enumerate(KEPT_LINES):
-            line = numbers[3 + k * LINE_SIZE : 3 + (k + 1) * LINE_SIZE]
-            if line[0]:
-                self._lines[field].resume(line)
-        at = 3 + len(KEPT_LINES) * LINE_SIZE
-        for field in KEPT_OFFSETS:
-            self._offsets[field].resume(numbers[at : at + OFFSET_SIZE])
-            at += OFFSET_SIZE
+    @property
+    def has_line(self) -> bool:
+        """Whether an IMU message has started the line of time."""
+        return bool(self.whole[PRIMARY] != NO_LINE)
 
     def take_forgotten(self) -> set[TimeField]:
         """The clocks whose streams were forgotten since the last call, as they began anew."""
@@ -376,83 +496,23 @@ class VehicleClock:
 
     def last_placed(self, message: str, field: TimeField) -> tuple[int, int] | None:
         """Continuous and boot time of the last message that was placed; None if none was."""
-        last = self._streams.get((field, message))
-        return None if last is None else (last.time_us, last.boot_us)
+        return self._streams.get((field, message))
 
     def resume_after(self, message: str, field: TimeField, time_us: int, boot_us: int) -> None:
         """Go on with a message after one that was placed there."""
-        self._streams[field, message] = Placed(time_us, boot_us, None)
+        self._streams[field, message] = time_us, boot_us
 
-    def _takes_over(self, field: TimeField) -> bool:
-        """Whether an IMU message's clock is to make the line of time from now on."""
-        assert self._primary is not None
-        if self._lines[field].is_off_pace:
-            return False
-        return field is TimeField.TIME_USEC or self._lines[self._primary].is_off_pace
 
-    def _promote(self, field: TimeField, raw_us: int, arrival_us: int) -> None:
-        """Let another clock take the line over, without a break in time."""
-        assert self._primary is not None
-        old = self._lines[self._primary]
-        elapsed_us = max(arrival_us - old.arrival_us, 0)
-        now_us = max(old.boot_us + self._shift_us + elapsed_us, self._latest_us)
-        self._primary = field
-        self._shift_us = now_us - raw_us - self._lines[field].wrapped_us
-        self._offsets = {field: ClockOffset() for field in TimeField}
+NOTHING_BEFORE = (-(1 << 62), -(1 << 62))
+_interpreted = plain(place_message)
 
-    def _place(self, field: TimeField, raw_us: int, arrival_us: int) -> Placed | Refused:
-        line = self._lines[field]
-        reading = line.advance(raw_us, arrival_us)
-        if reading is None:
-            return Refused(Reason.ADDRESS_CONFLICT if line.is_beside else Reason.CLOCK_STEP)
-        if line.is_off_pace:
-            return Refused(Reason.CLOCK_PACE)
-        if reading.reset is not None:
-            self._forget(field)
-        if field is self._primary:
-            return self._on_line(reading.boot_us, reading.reset, reading.since_reset_us)
-        if field in self._waiting:
-            return Refused(Reason.NO_CLOCK)
-        return self._beside_line(field, reading, arrival_us)
 
-    def _on_line(self, boot_us: int, reset: Reset | None = None, since_reset_us: int = 0) -> Placed:
-        if reset is not None:
-            began_us = boot_us - since_reset_us
-            self._shift_us = self._latest_us + CUT_STEP_US - began_us
-            self._offsets = {field: ClockOffset() for field in TimeField}
-        self._waiting.clear()
-        time_us = boot_us + self._shift_us
-        self._latest_us = max(self._latest_us, time_us)
-        return Placed(time_us, boot_us, reset, since_reset_us)
+def argument_types() -> tuple[Any, ...]:
+    """What numba calls the types that :func:`place_message` is called with."""
+    whole, number = _typeof(np.zeros(0, np.int64)), _typeof(0)
+    return (whole, number, _typeof(True), *(number,) * 4)
 
-    def _beside_line(self, field: TimeField, reading: Unwrapped, arrival_us: int) -> Placed:
-        assert self._primary is not None
-        line = self._lines[self._primary]
-        line_now_us = line.boot_us + max(arrival_us - line.arrival_us, 0)
-        offset_us = self._offsets[field].learn(reading.boot_us - line_now_us)
-        time_us = reading.boot_us - offset_us + self._shift_us
-        if field is not TimeField.GPS:
-            self._latest_us = max(self._latest_us, time_us)
-        return Placed(time_us, reading.boot_us, None)
 
-    def _forget(self, field: TimeField) -> None:
-        self._offsets[field] = ClockOffset()
-        self._streams = {key: last for key, last in self._streams.items() if key[0] is not field}
-        self._waiting.add(field)
-        self._forgotten.add(field)
-
-    def _in_order(
-        self, message: str, field: TimeField, placed: Placed | Refused
-    ) -> Placed | Refused:
-        if isinstance(placed, Refused):
-            return placed
-        last = self._streams.get((field, message))
-        if last is not None:
-            if placed.boot_us == last.boot_us:
-                return Refused(Reason.DUPLICATE)
-            if placed.boot_us < last.boot_us:
-                return Refused(Reason.OUT_OF_ORDER)
-            if placed.time_us <= last.time_us:  # a learnt offset moved
-                placed = msgspec.structs.replace(placed, time_us=last.time_us + 1)
-        self._streams[field, message] = placed
-        return placed
+@cache
+def _compiled() -> Any:
+    return direct(place_message, argument_types())

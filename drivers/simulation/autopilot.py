@@ -9,7 +9,7 @@ sample: whoever listens knows from the start what signals these are.
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from math import asin, atan2, isfinite
+from math import isfinite, remainder, tau
 from typing import Any
 
 import numpy as np
@@ -55,6 +55,7 @@ from drivers.simulation.simulated_vehicle import (
     SimulatedVehicle,
 )
 from estimator.errors import InputError
+from estimator.geometry.frames import euler_rad
 from estimator.types import Quaternion, Vec3
 
 HEARTBEAT_US = 1_000_000
@@ -293,13 +294,9 @@ _ANSWERS: dict[str, Callable[[SimulatedAutopilot, Any], list[Message]]] = {
 
 
 def _euler(q: Quaternion) -> Vec3:
-    """Roll, pitch, yaw (rad) of the aeronautical sequence."""
-    w, x, y, z = q
-    return (
-        atan2(2 * (w * x + y * z), 1 - 2 * (x * x + y * y)),
-        asin(max(-1.0, min(1.0, 2 * (w * y - z * x)))),
-        atan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z)),
-    )
+    """Roll, pitch, yaw (rad), the latter from -pi to pi."""
+    roll, pitch, yaw = euler_rad(q)
+    return (roll, pitch, remainder(yaw, tau))
 
 
 def velocity_told(sample: Sample, noise: float, generator: np.random.Generator) -> Vec3:

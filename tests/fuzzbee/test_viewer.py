@@ -410,7 +410,7 @@ def test_a_port_that_another_took_meanwhile_is_given_up(monkeypatch):
 
 
 @pytest.mark.skipif(not sys.platform.startswith("linux"), reason="the kernel's help is Linux's")
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGKILL])
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGKILL])
 def test_the_viewer_ends_with_us_and_listens_on_loopback_only(number):
     with started("run", "--no-zenoh", "--json", "--view", "web") as process:
         port = port_of(page_of(process))

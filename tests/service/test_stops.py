@@ -18,8 +18,7 @@ NEVER_MS = 600_000  # ten times what a test waits
 PATIENT = ["--cfg", f"transport/unicast/open_timeout:{NEVER_MS}"]
 
 
-@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGHUP])
-@pytest.mark.parametrize("verb", ["run", "watch"])
+@pytest.mark.parametrize(("verb", "number"), [("run", signal.SIGTERM), ("watch", signal.SIGHUP)])
 def test_while_the_session_waits_for_a_silent_peer(verb, number):
     """It accepts TCP and never says a word."""
     with socket.create_server(("127.0.0.1", 0)) as peer:

@@ -37,7 +37,7 @@ HEADER = np.dtype(
 )
 PART = np.dtype([("begin", np.uint64), ("size", np.uint64)])
 # Within a control message: its size, level and kind, and seconds and nanoseconds.
-STAMP_BYTES, STAMP_AT = 32, 16
+STAMP_BYTES = 32
 SO_TIMESTAMPNS = 35
 SOL_SOCKET_AND_STAMP = socket.SOL_SOCKET | SO_TIMESTAMPNS << 32
 FIRST_BYTES = 1 << 16

@@ -8,12 +8,10 @@ from hypothesis import strategies as st
 
 from drivers.samples.vehicle_clock import (
     CUT_STEP_US,
-    ClockLine,
     Placed,
     Refused,
     Reset,
     TimeField,
-    Unwrapped,
     VehicleClock,
 )
 
@@ -202,13 +200,14 @@ def test_two_garbled_times_in_a_row_that_disagree_are_no_new_boot():
 
 
 def test_nor_does_it_for_a_clock_beside_the_line():
-    """Nor after a step that took the long way through the clock: 3 s without a sample."""
-    line = ClockLine(None)
+    clock = VehicleClock()
     for raw_us in (50 * S, 51 * S):
-        line.advance(raw_us, UNIX + raw_us)
-    assert line.advance(3 * S, UNIX + 52 * S) is None
-    assert line.advance(54 * S, UNIX + 54 * S) == Unwrapped(54 * S, None)
-    assert line.advance(3 * S + 20_000, UNIX + 55 * S) is None
+        imu(clock, raw_us, UNIX + raw_us)
+        clock.other("ATTITUDE", BOOT_MS, raw_us, UNIX + raw_us)
+    raws = [(3 * S, 52 * S), (54 * S, 54 * S), (3 * S + 20_000, 55 * S)]
+    attitudes = [clock.other("ATTITUDE", BOOT_MS, raw, UNIX + arrival) for raw, arrival in raws]
+    assert [type(each) for each in attitudes] == [Refused, Placed, Refused]
+    assert attitudes[0] == attitudes[2] == Refused("clock_step")
 
 
 def test_two_sessions_glued_together_where_the_second_clock_is_ahead():
@@ -286,6 +285,15 @@ def test_a_constant_offset_between_the_clocks_is_learnt():
     assert all(abs(true_us - p.time_us) < 20_000 for true_us, p in placed)
 
 
+def test_time_grows_although_a_learnt_offset_moves_by_more_than_a_step():
+    """The first message was 0.4 s late, so that its clock seemed to be less far ahead."""
+    clock = VehicleClock()
+    imu(clock, 100 * S, UNIX)
+    late = clock.other("ATTITUDE", BOOT_MS, 103 * S, UNIX + 400_000)
+    prompt = clock.other("ATTITUDE", BOOT_MS, 103 * S + 20_000, UNIX + 20_000)
+    assert prompt.time_us == late.time_us + 1
+
+
 def test_a_clock_that_had_wrapped_before_the_log_began_is_the_same_clock():
     for true_us, placed in feed_both(VehicleClock(), 50, 2**32):
         assert abs(true_us - placed.time_us) < 1000
@@ -354,29 +362,16 @@ def test_whatever_comes_time_only_grows(samples):
 @given(st.lists(st.integers(0, 3 * S), min_size=3, max_size=80))
 def test_a_line_never_invents_time(raws):
     """Within one boot the unwrapped clock is the raw clock."""
-    line = ClockLine(2**32)
+    clock = VehicleClock()
     for k, raw_us in enumerate(raws):
-        reading = line.advance(raw_us, UNIX + 10_000 * k)
-        assert reading is None or reading.boot_us == raw_us
+        placed = imu(clock, raw_us, UNIX + 10_000 * k)
+        assert isinstance(placed, Refused) or placed.boot_us == raw_us
 
 
-@given(
-    st.lists(
-        st.tuples(
-            st.one_of(st.integers(-3 * S, 9 * S), st.sampled_from([0, 1, 20_000, -(2**32)])),
-            st.integers(-S, 9 * S),
-        ),
-        max_size=40,
-    )
-)
-def test_the_short_way_through_a_clock_is_the_long_one(steps):
-    short, long = ClockLine(2**32), ClockLine(2**32)
-    raw_us, arrival_us = 5 * S, UNIX
-    for step_us, elapsed_us in steps:
-        raw_us, arrival_us = max(0, raw_us + step_us), arrival_us + elapsed_us
-        reading = long.advance(raw_us, arrival_us)
-        if short.goes_on(raw_us, arrival_us):
-            assert reading == Unwrapped(short.boot_us, None)
-        else:
-            assert short.advance(raw_us, arrival_us) == reading
-        assert vars(short) == vars(long)
+def test_a_small_step_goes_on_though_another_line_would_fit_too():
+    """A late message, when somebody else's clock is a second behind: it is not taken for theirs."""
+    clock = VehicleClock()
+    steady(clock, 10 * S, 5)
+    assert imu(clock, 9_900_000, UNIX + 1_000_000) == Refused("clock_step")
+    steady(clock, 11_250_000, 16, arrival_us=UNIX + 1_250_000)
+    assert isinstance(imu(clock, 15_250_000, UNIX + 5_900_000), Placed)
