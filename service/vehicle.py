@@ -93,7 +93,8 @@ class Vehicle:
         self.samples = 0
         self.attitudes = 0
         self.heard_us = 0  # the latest arrival of anything that is a vehicle's own
-        self.shed = 0  # samples left out, as newer ones were there already
+        self._shed = 0  # samples left out of the message in use, as newer ones were there already
+        self._shed_before: Counter[str] = Counter()  # of each message, until one is in use
         self.rejected: Counter[Reason] = Counter()
         self.worst_gap_us = 0
         self.built_in_motion: str | None = None  # of fuzzbee's own vehicle
@@ -135,6 +136,11 @@ class Vehicle:
     def last_sample(self) -> ImuSample | None:
         """The sample that the estimator took last."""
         return None if self._last is None else self._last_sample
+
+    @property
+    def shed(self) -> int:
+        """Samples left out of the message in use; before there is one, the most of any."""
+        return self._shed + max(self._shed_before.values(), default=0)
 
     def has_taken(self, event: Imu) -> bool:
         """Whether the estimator took that event last."""
@@ -221,8 +227,10 @@ class Vehicle:
 
     def on_shed(self, event: Shed) -> None:
         """Count samples that were left out of the stream in use, or of one that may become it."""
-        if self.imu_message in (None, event.message):
-            self.shed += event.samples
+        if self.imu_message is None:
+            self._shed_before[event.message] += event.samples
+        elif self.imu_message == event.message:
+            self._shed += event.samples
 
     def on_position(self, event: Position) -> None:
         """Tell the estimator where it is, for the declination."""
@@ -638,6 +646,8 @@ class Vehicle:
         self._periods_us.clear()
         self._median_us = None
         if before is None:
+            self._shed += self._shed_before[now]
+            self._shed_before.clear()
             return [f"vehicle {self.name}: IMU data from {now}"]
         self.estimator.change_imu()
         return [f"vehicle {self.name}: IMU data from {now} now, {before} is given up"]

@@ -87,6 +87,14 @@ def test_samples_are_counted_that_were_left_out_before_the_first_was_taken():
     for message, samples in (("RAW_IMU", 3), ("RAW_IMU", 4)):
         pipeline.handle(Shed(ONE, 0, message, samples))
     assert pipeline.vehicle(ONE).shed == 7
+    pipeline.handle(Shed(ONE, 0, "SCALED_IMU2", 9))  # of the same instants
+    assert pipeline.vehicle(ONE).shed == 9
+    for event in imu_events(3):
+        pipeline.handle(event)
+    assert pipeline.vehicle(ONE).imu_message == "RAW_IMU"
+    pipeline.handle(Shed(ONE, 0, "SCALED_IMU2", 9))
+    pipeline.handle(Shed(ONE, 0, "RAW_IMU", 1))
+    assert pipeline.vehicle(ONE).shed == 8
 
 
 def attitudes(outputs):
