@@ -50,7 +50,8 @@ def begin_aided(state: State, report: Report, *, has_heading: bool) -> None:
     if start is None:
         state.enter(Cause.REPORT)
         return
-    core = begin_aiding(state.settings, state.core.core, start, report, iron_sigma_gauss(state))
+    now = state.core.core
+    core = begin_aiding(state.settings, now, start, report, iron_sigma_gauss(state, now))
     if state.context.imu_lag_s is not None:
         core = with_imu_lag(core, state.context.imu_lag_s, state.context.acc_lead_s)
     if not has_heading or slow_share(core.sample.dt_s) > 0.0:
@@ -62,9 +63,11 @@ def begin_aided(state: State, report: Report, *, has_heading: bool) -> None:
 
 def find_start(state: State, report: Report, *, has_heading: bool) -> "Start | None":
     """Where the aiding may begin, if that is known."""
-    is_known = has_heading and state.knows_north and trusts_field(state) and is_settled(state)
-    if is_known and unaided_sigma(state).heading_rad < UNKNOWN_RAD:
-        return start_by_field(state.settings, state.core.core, iron_sigma_gauss(state))
+    if has_heading and state.knows_north:
+        now = state.core.core  # taken out once: that takes longer than all that is asked of it
+        is_known = trusts_field(state, now) and is_settled(state.settings, now)
+        if is_known and unaided_sigma(state, now).heading_rad < UNKNOWN_RAD:
+            return start_by_field(state.settings, now, iron_sigma_gauss(state, now))
     if not state.core.search(report):
         return None
     now = state.core.core
@@ -72,24 +75,22 @@ def find_start(state: State, report: Report, *, has_heading: bool) -> "Start | N
     return start or start_by_velocity(now)
 
 
-def is_settled(state: State) -> bool:
+def is_settled(settings: Settings, now: Core) -> bool:
     """Whether the unaided vertical has gone through its averaging time since it began."""
-    age_s = state.core.core.conditioning.vertical.gravity.force.age_s
-    return age_s >= state.settings.conditioning.gravity_tau_s
+    return now.conditioning.vertical.gravity.force.age_s >= settings.conditioning.gravity_tau_s
 
 
-def trusts_field(state: State) -> bool:
+def trusts_field(state: State, now: Core) -> bool:
     """Whether the field may give the first heading: calibrated, and like the place's own."""
     place = state.place_field
     if place is not None:
-        learnt = state.core.core.conditioning.field.magnetic.reference
+        learnt = now.conditioning.field.magnetic.reference
         if not resembles(place, learnt.horizontal, learnt.down):
-            known = state.context.compass._replace(unlike_us=state.core.time_us)
-            state.change_context(compass=known)
-    return compass.is_trusted(state.context.compass, state.core.time_us)
+            state.change_context(compass=state.context.compass._replace(unlike_us=now.time_us))
+    return compass.is_trusted(state.context.compass, now.time_us)
 
 
-def iron_sigma_gauss(state: State) -> float:
+def iron_sigma_gauss(state: State, now: Core) -> float:
     """How large the vehicle's own field may be, on each axis.
 
     What calibration has left over is not known better than the field's strength and dip, two of
@@ -97,8 +98,8 @@ def iron_sigma_gauss(state: State) -> float:
     seen.
     """
     aiding, place = state.settings.aiding, state.place_field
-    seen = state.core.core.conditioning.field.magnetic.reference
-    if not compass.is_trusted(state.context.compass, state.core.time_us):
+    seen = now.conditioning.field.magnetic.reference
+    if not compass.is_trusted(state.context.compass, now.time_us):
         return max(aiding.hard_iron_sigma_gauss, hypot(seen.horizontal, seen.down))
     if place is None:
         return aiding.hard_iron_sigma_gauss
@@ -114,7 +115,8 @@ def give_up(state: State) -> None:
     better one and is doubted that much speaks against the compass that it began with; one that
     has merely heard nothing for long does not.
     """
-    core, other = state.core.core, unaided_sigma(state)
+    core = state.core.core
+    other = unaided_sigma(state, core)
     aided, covariance = loosen(core.aided, square(core.covariance))
     is_borne = bears_out(aided.lean) and isfinite(hypot(*aided.sigma))
     if is_borne or is_better(all_doubts(core, aided.sigma), other):
@@ -140,9 +142,9 @@ def all_doubts(now: Core, sigma: Sigmas) -> Sigmas:
     return Sigmas(hypot(sigma.inclination_rad, apart_rad), heading_rad)
 
 
-def unaided_sigma(state: State) -> Sigmas:
+def unaided_sigma(state: State, now: Core) -> Sigmas:
     """How well the attitude is known without velocity."""
-    seen = state.core.core.seen
+    seen = now.seen
     heading_rad = seen.sigma_heading_rad if seen.has_heading else pi
     if not state.trusts_compass:
         heading_rad = max(heading_rad, UNKNOWN_RAD)
