@@ -23,6 +23,9 @@ R = TypeVar("R")
 
 _numba_config: Any = numba.config  # numba ships no types
 _typeof: Any = numba.typeof
+# What puts a core into memory, once there is one: all cores are of one type, and to find that out
+# takes a hundred times as long.
+_put_forms: list[Callable[..., Any]] = []
 # Steps by the id of their handle's type, which is kept beside: to find it by its hash takes longer
 # than a step. numba has one such type object for each kind of core.
 _steps: dict[tuple[int, Any], tuple[Any, Any]] = {}
@@ -31,6 +34,12 @@ _steps: dict[tuple[int, Any], tuple[Any, Any]] = {}
 def _step(kernel: "Callable[Concatenate[Any, P], R]") -> "cached_property[Callable[P, R]]":
     """A kernel of :mod:`estimator.live.resident` as a function of all but its handle."""
     return cached_property(lambda holder: holder.bind(kernel))
+
+
+def _put_form(values: tuple[Any, ...]) -> Callable[..., Any]:
+    if not _put_forms:
+        _put_forms.append(direct(resident.resident, tuple(map(_typeof, values))))
+    return _put_forms[0]
 
 
 class Holder:
@@ -45,6 +54,7 @@ class Holder:
     advance = _step(resident.advance)
     advance_raw = _step(resident.advance_raw)
     publish = _step(resident.publish)
+    _contents = _step(resident.contents)
     _clock = _step(resident.clock)
     _contradicted_axes = _step(resident.contradicted_axes)
     _lay = _step(resident.lay)
@@ -67,8 +77,7 @@ class Holder:
         """The core as it is now."""
         if self._inside is None:
             return self._core
-        core: Core = self._code(resident.contents)(self._inside)
-        core = in_tuples(core)
+        core: Core = in_tuples(self._contents())
         return in_types_of(self._core, core) if self._is_in_python else core
 
     @property
@@ -150,11 +159,7 @@ class Holder:
 
     def _put_inside(self) -> Any:
         if self._inside is None:
-            self._inside = self._code(resident.resident)(
-                self._params, in_arrays(self._core), *resident.NOTHING_LAID
-            )
+            values = (self._params, in_arrays(self._core), *resident.NOTHING_LAID)
+            put = interpreted(resident.resident) if self._is_in_python else _put_form(values)
+            self._inside = put(*values)
         return self._inside
-
-    def _code(self, kernel: Any) -> Any:
-        """A kernel in the form that this core's memory is made for."""
-        return interpreted(kernel) if self._is_in_python else kernel
