@@ -36,7 +36,6 @@ def pass_by(
     come: tuple[Array, Array, Array, Array],
     rows: Array,
     leases: tuple[Array, Array, Array],
-    looked_at: Array,
     waiting_in: Array,
     turn: int,
     has_come: Array,
@@ -65,7 +64,7 @@ def pass_by(
             continue
         begin, row = row, row + counts[k]
         is_held = holders[sender] == peer and 0 < until_us[sender] - arrival_us <= LONGEST_US
-        if not is_held or looked_at[sender] or is_among(odd, odds, peer):
+        if not is_held or is_among(odd, odds, peer):
             waiting_in[sender] = turn
             continue
         heard_us[sender] = max(heard_us[sender], arrival_us)
@@ -111,12 +110,12 @@ class Leases:
         self._pass = direct(pass_by, argument_types()) if is_compiled_code() else None
 
     def passing(
-        self, scanned: Scanned, looked_at: Array, waiting: Iterable[int], has_come: Array
+        self, scanned: Scanned, waiting: Iterable[int], has_come: Array
     ) -> tuple[Array, Passing]:
         """What becomes of the datagrams, and the rows of those that pass.
 
-        Somebody wants to see the frames of the addresses that are ``looked_at``; those of the
-        others that are ``waiting`` come behind what waits, as those that have not ``has_come``.
+        Those of the addresses that are ``waiting`` come behind what waits, as those that have not
+        ``has_come``.
         """
         self._turn += 1
         for address in waiting:
@@ -129,7 +128,6 @@ class Leases:
             (scanned.counts, scanned.senders, come.peers, come.arrivals_us),
             scanned.rows,
             (self._holders, self._until_us, self._heard_us),
-            looked_at,
             self._waiting_in,
             self._turn,
             has_come,
@@ -189,5 +187,5 @@ def argument_types() -> tuple[Any, ...]:
     numbers, table = np.zeros(0, np.int64), np.zeros((0, 0), np.int64)
     flags = np.zeros(0, np.bool_)
     come, leases = (numbers,) * 4, (numbers,) * 3
-    arguments = (come, table, leases, flags, numbers, 0, flags, numbers, tuple(_room(0)))
+    arguments = (come, table, leases, numbers, 0, flags, numbers, tuple(_room(0)))
     return tuple(map(_typeof, arguments))

@@ -38,7 +38,7 @@ from drivers.mavlink.error_summary import ErrorSummary
 from drivers.mavlink.framing import Frame, FrameReader
 from drivers.mavlink.gate import FrameGate, Policy
 from drivers.mavlink.hearing import Hearing
-from drivers.mavlink.leases import JUDGED, PASSES, WAITS, Leases, Passing
+from drivers.mavlink.leases import JUDGED, PASSES, WAITS, Array, Leases, Passing
 from drivers.mavlink.opening import Opening
 from drivers.mavlink.readings import Batch, Readings, events_of
 from drivers.mavlink.recorder import Recorder, Records, records_of
@@ -138,6 +138,7 @@ class MavlinkLink(Closing):
         self._errors = ErrorSummary()
         self._hearing = Hearing(endpoint)
         self._sequences = SequenceWatch()
+        self._whole = FrameReader()  # of packets that hold whole frames
         self._opening: Opening | None = None
         self._is_closed = False
         self._is_open = False
@@ -336,13 +337,12 @@ class MavlinkLink(Closing):
         """
         come = scanned.datagrams
         last_us = int(come.arrivals_us[-1])
-        backlog = self._backlog
-        looked_at = self._sequences.looked_at(scanned.senders, last_us)
-        is_folded = backlog.is_folded
+        backlog, is_folded = self._backlog, self._backlog.is_folded
         waiting = set[int]() if is_folded else backlog.senders
-        done, passing = self._leases.passing(scanned, looked_at, waiting, backlog.has_come)
+        done, passing = self._leases.passing(scanned, waiting, backlog.has_come)
         if is_folded:
             backlog.overtake(set(scanned.senders[done == PASSES].tolist()))
+        self._look_at(scanned, done)
         is_leased = done != JUDGED
         if np.count_nonzero(is_leased):  # any() is Python's, and takes ten times as long
             self._tell(self._hearing.bytes_read(len(come.data), 1, now_s), last_us)
@@ -353,6 +353,14 @@ class MavlinkLink(Closing):
                 self._passing = _Passed(scanned, passing)
         found: list[int] = done.tolist()
         return found
+
+    def _look_at(self, scanned: Scanned, done: Array) -> None:
+        """Look for two senders with one address among those that need not be judged, too."""
+        come = scanned.datagrams
+        looked_at = self._sequences.looked_at(scanned.senders, int(come.arrivals_us[-1]))
+        for k in (looked_at[scanned.senders] & (done != JUDGED)).nonzero()[0].tolist():
+            peer, data, arrival_us = come.packet(k)
+            self._events += self._sequences.look(peer, self._whole.feed(data), arrival_us)
 
     def _judged(
         self, come: Datagrams, k: int, scanned: Scanned | None, now_s: float, *, is_recorded: bool

@@ -151,7 +151,7 @@ def test_a_lease_is_for_one_peer_and_address_and_ends():
     def passes(peer, data, arrival_us, waiting=()):
         come = Datagrams.of([Packet(peer, data, arrival_us)], arrival_us)
         scanned = Scanner(frozenset({27})).scan(come)
-        done, passing = leases.passing(scanned, np.array(nobody), waiting, np.array(everybody))
+        done, passing = leases.passing(scanned, waiting, np.array(everybody))
         assert len(passing.numbers) == int(done[0] == PASSES)
         return bool(done[0] == PASSES)
 
@@ -169,10 +169,10 @@ def test_a_lease_is_for_one_peer_and_address_and_ends():
     leases.grant(address, peer_number("a"), "a", START_US, 10)
     packets = [Packet("a", frame, START_US + late_us) for late_us in (11, 4)]
     scanned = Scanner(frozenset({27})).scan(Datagrams.of(packets, START_US))
-    done, _ = leases.passing(scanned, np.array(nobody), (), np.array(everybody))
+    done, _ = leases.passing(scanned, (), np.array(everybody))
     assert done.tolist() == [JUDGED, WAITS]  # what comes behind one that waits does, too
     scanned = Scanner(frozenset({27})).scan(Datagrams.of(packets[1:], START_US))
-    done, _ = leases.passing(scanned, np.array(nobody), (), np.array(nobody))
+    done, _ = leases.passing(scanned, (), np.array(nobody))
     assert done.tolist() == [WAITS]  # a newcomer
     leases.end(peer_number("b"))
     assert passes("a", frame, START_US)
@@ -192,7 +192,7 @@ def test_of_many_that_one_peer_brings_some_are_judged_now_and_then():
     for now_us in range(1_000_000, 4_500_000, 20_000):
         come = Datagrams.of([Packet("a", each, now_us) for each in packets], now_us)
         scanned = Scanner(frozenset({27})).scan(come)
-        done, _ = leases.passing(scanned, np.zeros(1 << 16, bool), (), np.ones(1 << 16, bool))
+        done, _ = leases.passing(scanned, (), np.ones(1 << 16, bool))
         judged.append(int((done == JUDGED).sum()))
     assert judged[:50] == [0] * 50  # for half of the longest all pass
     assert judged[-1] == 1000
