@@ -160,7 +160,7 @@ def _current_a(path: Path, trace: VehicleTrace) -> Floats | None:
     if not found:
         return None
     times_us = [reading.arrival_us for reading in found]
-    return np.interp(trace.arrivals_us, times_us, [reading.ampere for reading in found])
+    return np.interp(trace.arrivals_us.rows(), times_us, [reading.ampere for reading in found])
 
 
 def _listed(values: Floats | None) -> list[float] | None:
