@@ -33,7 +33,7 @@ from tuning.log_task import LogTask, Split
 from tuning.objective import profile_with, values_of
 from tuning.optimizers import run_search
 from tuning.search import Search, SearchOptions
-from tuning.smoothed import sure_flight
+from tuning.smoothed import smoothed_flight, sure_flight
 from tuning.space import encode
 
 VEHICLES = (
@@ -86,9 +86,8 @@ def tuned(searched: Flight, held_out: Flight, options: SearchOptions) -> tuple[P
 
 def crossed(smooth: list[Flight], pair: list[Flight], options: SearchOptions) -> list[Flight]:
     """The flights, each smoothed by what a search finds on the other: never by its own numbers."""
-    found = [tuned(one, other, options) for one, other in (smooth, smooth[::-1])]
-    used = [profile if is_written else BASE for profile, is_written in found]
-    return [sure_flight(f, by, is_wanted=False) for f, by in zip(pair, used[::-1], strict=True)]
+    found = [tuned(one, other, options)[0] for one, other in (smooth[::-1], smooth)]
+    return [smoothed_flight(flight, by) for flight, by in zip(pair, found, strict=True)]
 
 
 def judged(profile: Profile, flights: list[Flight]) -> Row:
