@@ -92,7 +92,8 @@ def share(inside: Bools, which: Bools) -> float | None:
 
 def score(path: Path, trace: VehicleTrace) -> Row | None:
     """The figures of one log; None if there is too little to compare with."""
-    source, truth, known, _ = compare(path, trace, None)
+    compared = compare(path, trace, None)
+    source, (truth, known, _) = compared.source, compared.part()
     if source is None or np.count_nonzero(known) < LEAST_COMPARED:
         return None
     steps_s = np.diff(trace.times_us, append=trace.times_us[-1]) * 1e-6

@@ -87,12 +87,14 @@ class Attitudes:
         return where_known(self.q_ned_frd, np.array(turned).reshape(-1, 4))
 
 
-def attitude_arrays(attitudes: PackedAttitudes, start_us: int = 0) -> Attitudes:
-    """The arrays of these attitudes; ``time_s`` counts from ``start_us``."""
+def attitude_arrays(
+    attitudes: PackedAttitudes, start_us: int = 0, rows: slice = slice(None)
+) -> Attitudes:
+    """The arrays of these attitudes, or of some; ``time_s`` counts from ``start_us``."""
     return Attitudes(
-        time_s=np.array(1e-6 * (attitudes.times_us - start_us), dtype=float),
-        **{name: attitudes.column(name) for name in (*VECTORS, *NUMBERS)},
-        heading_reference=attitudes.norths,
+        time_s=np.array(1e-6 * (attitudes.times_of(rows) - start_us), dtype=float),
+        **{name: attitudes.column(name, rows) for name in (*VECTORS, *NUMBERS)},
+        heading_reference=attitudes.norths(rows),
         warnings=(),
     )
 

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drivers.logs.currents import currents
+from drivers.logs.kept_rows import blocks
 from drivers.logs.open import open_log
 from drivers.mavlink.compass_parameters import corrected
 from drivers.mavlink.constants import MAV_AUTOPILOT_ARDUPILOTMEGA
@@ -140,17 +141,21 @@ def _readings(
     trace: VehicleTrace, current_a: Floats | None
 ) -> tuple[Floats, Floats, Floats | None]:
     """The field and the vertical (N, 3) in body axes, and the current, of samples with a field."""
-    mag, q = trace.samples.column("mag_gauss"), trace.estimates
-    there = np.flatnonzero(
-        (trace.samples.column("has_mag") > 0.0)
-        & mag.any(axis=1)
-        & np.isfinite(mag).all(axis=1)
-        & np.isfinite(q).all(axis=1)
-    )
-    there = there[int(SETTLED * len(there)) :]
-    down = [rotate(conjugate((w, x, y, z)), DOWN) for w, x, y, z in q[there].tolist()]
-    current = None if current_a is None else current_a[there]
-    return mag[there], np.array(down).reshape(-1, 3), current
+    found: list[tuple[Floats, Floats, Floats]] = []
+    for rows in blocks(len(trace.attitudes)):
+        mag, q = trace.samples.column("mag_gauss", rows), trace.column("q_ned_frd", rows)
+        there = (
+            (trace.samples.column("has_mag", rows) > 0.0)
+            & mag.any(axis=1)
+            & np.isfinite(mag).all(axis=1)
+            & np.isfinite(q).all(axis=1)
+        )
+        down = [rotate(conjugate((w, x, y, z)), DOWN) for w, x, y, z in q[there].tolist()]
+        current = np.zeros(len(down)) if current_a is None else current_a[rows][there]
+        found.append((mag[there], np.array(down).reshape(-1, 3), current))
+    settled = int(SETTLED * sum(len(part[0]) for part in found))
+    mag, down_b, current = (np.concatenate(each)[settled:] for each in zip(*found, strict=True))
+    return mag, down_b, None if current_a is None else current
 
 
 def _current_a(path: Path, trace: VehicleTrace) -> Floats | None:
@@ -160,7 +165,7 @@ def _current_a(path: Path, trace: VehicleTrace) -> Floats | None:
     if not found:
         return None
     times_us = [reading.arrival_us for reading in found]
-    return np.interp(trace.arrivals_us, times_us, [reading.ampere for reading in found])
+    return np.interp(trace.arrivals_us.rows(), times_us, [reading.ampere for reading in found])
 
 
 def _listed(values: Floats | None) -> list[float] | None:

@@ -1,13 +1,13 @@
 """Attitudes and samples as rows of numbers, in a tenth of the room that as many tuples take."""
 
-from array import array
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from itertools import chain
 from typing import Any, Generic, NamedTuple, TypeVar, overload
 
 import numpy as np
 from numpy.typing import NDArray
 
+from drivers.logs.kept_rows import KeptRows, blocks
 from estimator.types import Attitude, ImuSample
 
 Floats = NDArray[np.float64]
@@ -44,13 +44,13 @@ class Packed(Sequence[Row], Generic[Row]):
     columns: Columns
 
     def __init__(self, rows: Iterable[Row] = ()) -> None:
-        self._times_us, self._values = array("q"), array("d")
+        self._times_us, self._values = KeptRows("q"), KeptRows("d", self.columns.width)
         for row in rows:
             self.append(row)
 
     def append(self, row: Row) -> None:
         """One more."""
-        self._times_us.append(row[0])
+        self._times_us.extend(row[:1])
         fields: Any = row[1:]
         vectors = len(self.columns.vectors)
         self._values.extend(chain(*fields[:vectors], self._coded(fields[vectors:])))
@@ -65,25 +65,42 @@ class Packed(Sequence[Row], Generic[Row]):
     def __getitem__(self, at: int | slice) -> Row | list[Row]:
         if isinstance(at, slice):
             return [self[k] for k in range(len(self))[at]]
-        k = range(len(self))[at]
-        width = self.columns.width
-        values = self._values[k * width : (k + 1) * width].tolist()
+        row = slice(range(len(self))[at], range(len(self))[at] + 1)
+        (values,) = self._values.rows(row).tolist()
         vectors = (tuple(values[part]) for part in self.columns.vectors.values())
         rest = self._decoded(values[min(self.columns.numbers.values()) :])
-        return self.kind(self._times_us[k], *vectors, *rest)  # type: ignore[arg-type]
+        (time_us,) = self._times_us.rows(row).tolist()
+        return self.kind(time_us, *vectors, *rest)  # type: ignore[arg-type]
 
     @property
     def times_us(self) -> NDArray[np.int64]:
         """Times (N,)."""
-        return np.array(self._times_us, np.int64)
+        return self._times_us.rows()
+
+    def times_of(self, rows: slice) -> NDArray[np.int64]:
+        """Times (N,) of some rows."""
+        return self._times_us.rows(rows)
+
+    def steps_s(self) -> Iterator[Floats]:
+        """Times between rows that follow each other, in parts."""
+        return (1e-6 * part for part in self._times_us.steps())
+
+    def within(self, rows: slice, margin_s: float) -> slice:
+        """These rows and those that are less than ``margin_s`` away from them."""
+        first_us, last_us = self.times_of(rows)[[0, -1]].tolist()
+        margin_us = 1e6 * margin_s
+        first, behind = first_us - margin_us, last_us + margin_us
+        return slice(self._times_us.first_from(first), self._times_us.first_from(behind))
 
     def column(self, name: str, rows: slice = slice(None)) -> Floats:
         """The numbers of a field, (N,) or (N, K), or of some rows of it."""
-        at = self.columns.numbers.get(name, self.columns.vectors.get(name))
-        return self._matrix()[rows, at].copy()
-
-    def _matrix(self) -> Floats:
-        return np.frombuffer(self._values).reshape(-1, self.columns.width)
+        at: Any = self.columns.numbers.get(name, self.columns.vectors.get(name))
+        first, behind, _ = rows.indices(len(self))
+        found = np.empty((max(behind - first, 0), *self._values.rows(slice(0))[:, at].shape[1:]))
+        for part in blocks(len(found)):
+            wanted = slice(first + part.start, first + part.stop)
+            found[part] = self._values.rows(wanted)[:, at]
+        return found
 
     def _coded(self, rest: Any) -> Any:
         """The last fields as numbers."""
@@ -110,19 +127,21 @@ class PackedAttitudes(Packed[Attitude]):
     kind = Attitude
     columns = columns(Attitude, q_ned_frd=4, rate_rad_s=3, gyro_bias_rad_s=3)
 
-    @property
-    def norths(self) -> NDArray[np.str_]:
+    def norths(self, rows: slice = slice(None)) -> NDArray[np.str_]:
         """What the headings (N,) are measured from."""
-        return np.array(NORTHS)[self.north_places]
+        return np.array(NORTHS)[self.north_places(rows)]
 
-    @property
-    def north_places(self) -> NDArray[np.uint8]:
+    def north_places(self, rows: slice = slice(None)) -> NDArray[np.uint8]:
         """Where those stand in ``NORTHS`` (N,): a word takes 32 bytes."""
-        return self._matrix()[:, self.columns.numbers["heading_reference"]].astype(np.uint8)
+        return self.column("heading_reference", rows).astype(np.uint8)
 
     def replace(self, name: str, values: Floats) -> None:
         """Put other numbers, (N,) or (N, K), into a field."""
-        self._matrix()[:, self.columns.numbers.get(name, self.columns.vectors.get(name))] = values
+        at: Any = self.columns.numbers.get(name, self.columns.vectors.get(name))
+        for part in blocks(len(self)):
+            rows = self._values.rows(part)
+            rows[:, at] = values[part]
+            self._values.write(part.start, rows)
 
     def _coded(self, rest: Any) -> Any:
         return (*rest[:-1], PLACE[rest[-1]])

@@ -2,8 +2,9 @@
 
 S (m - b) is to have the model's strength and, along the vertical that the estimate knows, the
 model's vertical part. Headings are not asked: they may come from that compass. b is the hard iron,
-the symmetric S the soft iron, which is taken only if it says more of stretches left out. So is c I,
-the field of the battery's current I, where that is known.
+the symmetric S the soft iron, which is taken only if it says more of stretches left out, by more
+than one standard error of that. So is c I, the field of the battery's current I, where that is
+known.
 """
 
 from typing import NamedTuple
@@ -126,11 +127,11 @@ def fit_compass(
         start = np.concatenate([p, np.zeros(3)])
         (with_c, c_others), c_loss = _left_out(powered, block, start, scale)
         c_covariance = _covariance(powered, with_c, c_others, scale)
-        if c_loss < loss and not _is_vague(c_covariance, field):
+        if _says_more(c_loss, loss) and not _is_vague(c_covariance, field):
             problem, p, loss, covariance = powered, with_c, c_loss, c_covariance
     (soft, others), soft_loss = _left_out(problem, block, np.concatenate([p, PLAIN]), scale)
     soft_covariance = _covariance(problem, soft, others, scale)
-    shows_matrix = soft_loss < loss and not _is_vague(soft_covariance, field)
+    shows_matrix = _says_more(soft_loss, loss) and not _is_vague(soft_covariance, field)
     sigma = np.sqrt(np.diag(soft_covariance))[problem.irons :]
     if shows_matrix:
         p, covariance = soft, soft_covariance
@@ -163,12 +164,18 @@ def _slope(problem: _Problem, p: Floats) -> Floats:
 
 def _left_out(
     problem: _Problem, block: NDArray[np.int_], start: Floats, scale: float
-) -> tuple[tuple[Floats, Floats], float]:
-    """The solution, those without each block in turn, and their loss on the blocks left out."""
+) -> tuple[tuple[Floats, Floats], Floats]:
+    """The solution, those without each block in turn, and their losses on the blocks left out."""
     p = _solved(problem, start, scale)
     others = np.array([_solved(problem.part(block != k), p, scale) for k in range(BLOCKS)])
     left = [problem.part(block == k).misfit(other) for k, other in enumerate(others)]
-    return (p, others), float(np.sqrt(1.0 + (np.concatenate(left) / scale) ** 2).mean())
+    return (p, others), np.array([np.sqrt(1.0 + (each / scale) ** 2).mean() for each in left])
+
+
+def _says_more(after: Floats, before: Floats) -> bool:
+    """Whether losses on blocks left out have fallen by more than one standard error of that."""
+    gains = before - after
+    return bool(gains.mean() > gains.std(ddof=1) / np.sqrt(BLOCKS))
 
 
 def _covariance(problem: _Problem, p: Floats, others: Floats, scale: float) -> Floats:

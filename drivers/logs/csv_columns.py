@@ -186,11 +186,15 @@ def _sensor(
     if told.columns:
         found = [(i, "") for i in _named(text, name, told.columns, (3,))]
     else:
-        pattern = re.compile(
-            rf"(?:imu|raw|sensor|cal)*(?:{words})(?:rss)?({spelt})?([xyz])(?:axis)?({spelt})?"
-        )
-        matches = _matches(text, pattern)
-        by_axis = [[(i, m[1] or m[3] or "") for i, m in matches if m[2] == axis] for axis in "xyz"]
+        long = "|".join(word for word in words.split("|") if len(word) > 1)  # "x (g)" is no rate
+        before, behind = rf"(?P<x>[xyz])(?:axis)?(?:{long})", rf"(?:{words})\d?(?:rss)?"
+        unit, axis = f"(?:in)?({spelt})?", "(?P<z>[xyz])(?:axis)?"
+        kind = rf"(?:imu|raw|sensor|cal)*(?:{before}{unit}|{behind}{unit}{axis}{unit})"
+        matches = [
+            (i, m["x"] or m["z"], m[2] or m[3] or m[5] or "")
+            for i, m in _matches(text, re.compile(kind))
+        ]
+        by_axis = [[(i, unit) for i, named, unit in matches if named == axis] for axis in "xyz"]
         if not any(by_axis):
             return ()
         for axis, those in zip("xyz", by_axis, strict=True):

@@ -1,11 +1,11 @@
 """A reference attitude as a function of time: somebody else's samples, interpolated."""
 
-from array import array
-
 import numpy as np
 from numpy.typing import NDArray
 
 from drivers.events import ReferenceAttitude
+from drivers.logs.kept_rows import KeptRows
+from drivers.logs.percentile import percentile
 from estimator.geometry.quaternion import slerp
 from estimator.types import Quaternion
 
@@ -24,46 +24,52 @@ class ReferenceTrack:
     """Collects one source's attitudes and answers for any time near them."""
 
     def __init__(self) -> None:
-        self._times: dict[str, array[int]] = {}
-        self._attitudes: dict[str, array[float]] = {}
+        self._messages: dict[str, tuple[KeptRows, KeptRows]] = {}
+        self._longest: tuple[str | None, int, float] = (None, 0, 0.0)
 
     def add(self, event: ReferenceAttitude) -> None:
-        """Take one attitude; the messages of a source are kept apart."""
-        if event.message not in self._times:
-            self._times[event.message], self._attitudes[event.message] = array("q"), array("d")
-        self._times[event.message].append(event.time_us)
-        self._attitudes[event.message].extend(event.q_ned_frd)
+        """Take one attitude, later than the last; the messages of a source are kept apart."""
+        if event.message not in self._messages:
+            self._messages[event.message] = KeptRows("q"), KeptRows("d", 4)
+        times_us, attitudes = self._messages[event.message]
+        if not len(times_us) or event.time_us > times_us.latest:
+            times_us.extend((event.time_us,))
+            attitudes.extend(event.q_ned_frd)
 
     @property
     def message(self) -> str | None:
         """The message that says most, of equals the first by name; None without any."""
-        if not self._times:
-            return None
-        return min(self._times, key=lambda name: (-len(self._times[name]), name))
+        count = {name: len(times_us) for name, (times_us, _) in self._messages.items()}
+        return min(count, key=lambda name: (-count[name], name), default=None)
 
     def at(self, times_us: Ints) -> tuple[Floats, NDArray[np.bool_]]:
         """Attitudes (N, 4) at ascending times (N,), and where they are known."""
         attitudes = np.tile([1.0, 0.0, 0.0, 0.0], (len(times_us), 1))
         known = np.zeros(len(times_us), dtype=bool)
-        if self.message is None:
+        message = self.message
+        if message is None or not len(times_us):
             return attitudes, known
-        t, unique = np.unique(
-            np.array(self._times[self.message], dtype=np.int64), return_index=True
+        track, turned = self._messages[message]
+        longest_us = self._longest_gap_us(message)
+        near = slice(
+            max(track.first_from(times_us[0]) - 1, 0), track.first_from(times_us[-1] + 1) + 1
         )
-        q = np.array(self._attitudes[self.message]).reshape(-1, 4)[unique]
-        longest_us = self._longest_gap_us(t)
+        t, q = track.rows(near), turned.rows(near)
         following = np.searchsorted(t, times_us)
         for k, i in enumerate(following):
-            near = self._interpolate(int(times_us[k]), t, q, int(i), longest_us)
-            if near is not None:
-                attitudes[k] = near
+            found = self._interpolate(int(times_us[k]), t, q, int(i), longest_us)
+            if found is not None:
+                attitudes[k] = found
                 known[k] = True
         return attitudes, known
 
-    @staticmethod
-    def _longest_gap_us(t: Ints) -> float:
-        median = float(np.median(np.diff(t))) if len(t) > 1 else 0.0
-        return max(GAP_MINIMUM_US, GAP_PERIODS * median)
+    def _longest_gap_us(self, message: str) -> float:
+        times_us, _ = self._messages[message]
+        if self._longest[:2] != (message, len(times_us)):
+            median = percentile(times_us.steps, 50.0) if len(times_us) > 1 else 0.0
+            longest_us = max(GAP_MINIMUM_US, GAP_PERIODS * median)
+            self._longest = (message, len(times_us), longest_us)
+        return self._longest[2]
 
     @staticmethod
     def _interpolate(

@@ -35,7 +35,7 @@ class Band(NamedTuple):
 
 def bands(time_s: Floats, trace: VehicleTrace, compared: Comparison) -> Iterator[Band]:
     """All bands that there are; those first that others may lie on."""
-    aided = np.frombuffer(trace.aided, np.bool_)
+    aided = trace.aided.rows() > 0
     if aided.any():
         yield Band("no velocity", _tint("C0", 0.12), runs(time_s, ~aided))
     confidence = trace.column("confidence_magnetic")

@@ -1,11 +1,13 @@
 """A trace beside its reference; scores, exports and plots are made from it."""
 
+from collections.abc import Iterable
 from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from drivers.logs.kept_rows import KeptRows, blocks
 from estimator.errors import InputError
 from estimator.geometry.quaternion import multiply
 from estimator.types import IDENTITY
@@ -15,20 +17,48 @@ from fuzzbee.replays.trace import VehicleTrace
 Floats = NDArray[np.float64]
 Bools = NDArray[np.bool_]
 
-BLOCK = 20_000
 REFERENCES = ("sim", "autopilot")  # the truth goes first
 
 
-class Comparison(NamedTuple):
-    """Reference attitudes (N, 4) and errors (N, 3: total, heading, inclination, rad).
+class Beside(NamedTuple):
+    """Reference attitudes (N, 4), where they are known, errors (N, 3: total, heading, inclination).
 
-    Both mean something only where ``known``; ``source`` is None without any reference.
+    Radians; the first and the last mean something only where ``known``.
     """
 
-    source: str | None
     truth: Floats
     known: Bools
     errors_rad: Floats
+
+
+class Comparison:
+    """A trace beside its reference, sample by sample; ``source`` is None without any reference."""
+
+    def __init__(self, source: str | None, beside: Iterable[Beside] = ()) -> None:
+        self.source = source
+        self._rows = KeptRows("d", 8)
+        for each in beside:
+            self._rows.add(np.column_stack(each))
+
+    def part(self, rows: slice = slice(None)) -> Beside:
+        """Some samples."""
+        found = self._rows.rows(rows)
+        return Beside(found[:, :4], found[:, 4] > 0.0, found[:, 5:])
+
+    @property
+    def truth(self) -> Floats:
+        """Reference attitudes (N, 4)."""
+        return self.part().truth
+
+    @property
+    def known(self) -> Bools:
+        """Where they are known (N,)."""
+        return self.part().known
+
+    @property
+    def errors_rad(self) -> Floats:
+        """Errors (N, 3)."""
+        return self.part().errors_rad
 
 
 def compare(path: Path, trace: VehicleTrace, wanted: str | None) -> Comparison:
@@ -38,26 +68,30 @@ def compare(path: Path, trace: VehicleTrace, wanted: str | None) -> Comparison:
         InputError: the wanted reference is not in the log.
     """
     source = _choose_reference(path, trace, wanted)
-    n = len(trace.attitudes)
+    parts = blocks(len(trace.attitudes))
+    return Comparison(source, (_beside(trace, source, rows) for rows in parts))
+
+
+def _beside(trace: VehicleTrace, source: str | None, rows: slice) -> Beside:
     if source is None:
-        return Comparison(
-            None, np.broadcast_to(IDENTITY, (n, 4)), np.zeros(n, bool), np.zeros((n, 3))
-        )
-    truth, known = reference_attitudes(trace, source)
-    return Comparison(source, truth, known, errors_against(trace.estimates, truth))
+        n = rows.stop - rows.start
+        return Beside(np.broadcast_to(IDENTITY, (n, 4)), np.zeros(n, bool), np.zeros((n, 3)))
+    truth, known = reference_attitudes(trace, source, rows)
+    return Beside(truth, known, errors_against(trace.column("q_ned_frd", rows), truth))
 
 
-def reference_attitudes(trace: VehicleTrace, source: str) -> tuple[Floats, Bools]:
-    """``q_ned_frd`` (N, 4) of the IMU at its samples, and where it is known.
+def reference_attitudes(
+    trace: VehicleTrace, source: str, rows: slice = slice(None)
+) -> tuple[Floats, Bools]:
+    """``q_ned_frd`` (N, 4) of the IMU at some samples, and where it is known.
 
     The autopilot reports on the vehicle, in which the IMU is mounted with a
     trim; the simulator's truth is the IMU's own.
     """
-    attitudes, known = trace.references[source].at(trace.times_us)
+    attitudes, known = trace.references[source].at(trace.attitudes.times_of(rows))
     if source == "autopilot" and trace.trim != IDENTITY:
-        for begin in range(0, len(attitudes), BLOCK):  # as lists an hour's take too much room
-            part = attitudes[begin : begin + BLOCK]
-            part[:] = [multiply((w, x, y, z), trace.trim) for w, x, y, z in part.tolist()]
+        turned = [multiply((w, x, y, z), trace.trim) for w, x, y, z in attitudes.tolist()]
+        attitudes = np.array(turned).reshape(-1, 4)
     return attitudes, known
 
 

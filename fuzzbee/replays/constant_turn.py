@@ -1,10 +1,13 @@
 """The part of a difference in inclination that is one constant turn: a mounting, or a trim."""
 
+from collections.abc import Callable, Iterable
+from typing import NamedTuple
+
 import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from estimator.geometry.metrics import rms
+from fuzzbee.replays.score import Means
 
 Floats = NDArray[np.float64]
 Bools = NDArray[np.bool_]
@@ -22,27 +25,38 @@ class ConstantTurn(msgspec.Struct, frozen=True):
     inclination_coverage_moving: float | None
 
 
-def constant_turn(
-    estimates: Floats, reference: Floats, sigma_rad: Floats, moved: Bools
-) -> ConstantTurn | None:
-    """The turn between two attitudes (N, 4) of the body; None without samples.
+class Turned(NamedTuple):
+    """Two attitudes (N, 4) of the body, the inclination's sigma (N,), and whether it moved (N,)."""
+
+    estimates: Floats
+    reference: Floats
+    sigma_rad: Floats
+    moved: Bools
+
+
+def constant_turn(parts: Callable[[], Iterable[Turned]]) -> ConstantTurn | None:
+    """The turn between two attitudes; None without samples. The parts are gone through twice.
 
     R of the least sum of |R d - d_reference|^2 over down in the body (Wahba's problem, by SVD:
-    F. L. Markley 1988). ``sigma_rad`` (N,) is the inclination's, ``moved`` (N,) says in motion.
+    F. L. Markley 1988).
     """
-    if len(estimates) == 0:
+    products = [down_in_body(part.reference).T @ down_in_body(part.estimates) for part in parts()]
+    u, _, vt = np.linalg.svd(np.sum(products, axis=0) if products else np.eye(3))
+    turn = u @ np.diag([1.0, 1.0, np.linalg.det(u @ vt)]) @ vt
+    means = Means()
+    for part in parts():
+        down = down_in_body(part.estimates)
+        turned = down @ turn.T
+        left_rad = _between(turned, down_in_body(part.reference))
+        inside = left_rad <= part.sigma_rad
+        means.add("turn", np.square(np.degrees(_between(turned, down))))
+        means.add("left", np.square(np.degrees(left_rad)))
+        means.add("inside", inside)
+        means.add("moving", inside[part.moved])
+    turn_deg, left_deg, inside_all = means.root("turn"), means.root("left"), means.mean("inside")
+    if turn_deg is None or left_deg is None or inside_all is None:
         return None
-    down, wanted = down_in_body(estimates), down_in_body(reference)
-    u, _, vt = np.linalg.svd(wanted.T @ down)
-    turned = down @ (u @ np.diag([1.0, 1.0, np.linalg.det(u @ vt)]) @ vt).T
-    left_rad = _between(turned, wanted)
-    inside = left_rad <= sigma_rad
-    return ConstantTurn(
-        turn_deg=rms(np.degrees(_between(turned, down))),
-        inclination_rms=rms(np.degrees(left_rad)),
-        inclination_coverage=float(np.mean(inside)),
-        inclination_coverage_moving=float(np.mean(inside[moved])) if moved.any() else None,
-    )
+    return ConstantTurn(turn_deg, left_deg, inside_all, means.mean("moving"))
 
 
 def down_in_body(q_ned_frd: Floats) -> Floats:

@@ -13,6 +13,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from drivers.logs.kept_rows import blocks
 from drivers.output_file import written_whole
 from estimator.errors import InputError
 from fuzzbee.angle_curves import euler_curves_deg
@@ -47,29 +48,30 @@ COLUMNS = ATTITUDE_COLUMNS + REFERENCE_COLUMNS
 
 def rows(trace: VehicleTrace, compared: Comparison) -> Iterator[tuple[Value, ...]]:
     """One row a sample, in the order of :data:`COLUMNS`; None where there is no reference."""
-    attitudes = attitude_arrays(trace.attitudes, trace.attitudes[0].time_us)
     unix_us = unix_times_us(trace)
-    columns = [
-        attitudes.time_s,
-        np.full(len(attitudes), np.nan) if unix_us is None else 1e-6 * unix_us,
-        attitudes.q_ned_frd,
-        attitudes.euler_deg,
-        attitudes.rate_rad_s,
-        attitudes.gyro_bias_rad_s,
-        attitudes.error,
-        trace.column("error_rate_1_s"),
-        attitudes.gain,
-        attitudes.confidence_gravity,
-        attitudes.confidence_magnetic,
-        np.degrees(attitudes.sigma_inclination_rad),
-        np.degrees(attitudes.sigma_heading_rad),
-    ]
-    truth = compared.truth
-    reference = np.column_stack([truth, euler_curves_deg(truth), np.degrees(compared.errors_rad)])
-    reference[~compared.known] = np.nan
-    parts = (np.column_stack(columns), attitudes.heading_reference, reference)
-    for own, north, beside in zip(*(part.tolist() for part in parts), strict=True):
-        yield (*map(_known, own), north, *map(_known, beside))
+    for part in blocks(len(trace.attitudes)):
+        truth, known, errors_rad = compared.part(part)
+        attitudes = attitude_arrays(trace.attitudes, trace.attitudes[0].time_us, part)
+        columns = [
+            attitudes.time_s,
+            np.full(len(attitudes), np.nan) if unix_us is None else 1e-6 * unix_us[part],
+            attitudes.q_ned_frd,
+            attitudes.euler_deg,
+            attitudes.rate_rad_s,
+            attitudes.gyro_bias_rad_s,
+            attitudes.error,
+            trace.column("error_rate_1_s", part),
+            attitudes.gain,
+            attitudes.confidence_gravity,
+            attitudes.confidence_magnetic,
+            np.degrees(attitudes.sigma_inclination_rad),
+            np.degrees(attitudes.sigma_heading_rad),
+        ]
+        beside = np.column_stack([truth, euler_curves_deg(truth), np.degrees(errors_rad)])
+        beside[~known] = np.nan
+        parts = (np.column_stack(columns), attitudes.heading_reference, beside)
+        for own, north, reference in zip(*(each.tolist() for each in parts), strict=True):
+            yield (*map(_known, own), north, *map(_known, reference))
 
 
 def _known(value: float) -> float | None:

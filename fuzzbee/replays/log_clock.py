@@ -3,6 +3,7 @@
 import numpy as np
 from numpy.typing import NDArray
 
+from drivers.logs.kept_rows import blocks
 from fuzzbee.replays.trace import VehicleTrace
 from service.host_clock import HostClock, observe
 
@@ -22,11 +23,13 @@ def unix_times_us(trace: VehicleTrace) -> NDArray[np.int64] | None:
     A message is stamped when it arrives, now soon, now late: the vehicle's own clock is carried
     over as in the live service. Times never go back.
     """
-    if not trace.arrivals_us or trace.arrivals_us[0] < EARLIEST_UNIX_US:
+    arrivals_us = trace.arrivals_us
+    if not len(arrivals_us) or arrivals_us.rows(slice(1))[0] < EARLIEST_UNIX_US:
         return None
-    clock, found = HostClock(), np.empty(len(trace.arrivals_us), dtype=np.int64)
-    times_us = trace.times_us.tolist()
-    for k, (time_us, arrival_us) in enumerate(zip(times_us, trace.arrivals_us, strict=True)):
-        clock = observe(clock, time_us, arrival_us)
-        found[k] = round(time_us + clock.offset_us)
+    clock, found = HostClock(), np.empty(len(arrivals_us), dtype=np.int64)
+    for rows in blocks(len(found)):
+        both = trace.attitudes.times_of(rows).tolist(), arrivals_us.rows(rows).tolist()
+        for k, (time_us, arrival_us) in enumerate(zip(*both, strict=True), rows.start):
+            clock = observe(clock, time_us, arrival_us)
+            found[k] = round(time_us + clock.offset_us)
     return np.maximum.accumulate(found)

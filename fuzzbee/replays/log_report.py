@@ -2,7 +2,7 @@
 
 import time
 from collections import Counter
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from contextlib import AbstractContextManager, nullcontext
 from pathlib import Path
 
@@ -11,9 +11,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drivers.events import ReferenceAttitude
+from drivers.logs.kept_rows import blocks
 from drivers.logs.log_file import LogFile
 from drivers.logs.missing_imu import advice
 from drivers.logs.open import open_log
+from drivers.logs.percentile import percentile
 from drivers.logs.reference_track import ReferenceTrack
 from drivers.mavlink.names import autopilot_name, vehicle_type_name
 from estimator.errors import InputError
@@ -21,22 +23,22 @@ from estimator.profile import Profile
 from fuzzbee.packed import NORTHS
 from fuzzbee.replays.comparison import Comparison, compare, reference_attitudes
 from fuzzbee.replays.constant_turn import ConstantTurn, constant_turn
-from fuzzbee.replays.motion import motion_mask
 from fuzzbee.replays.score import (
+    Convergence,
     Coverage,
+    Covered,
+    Errors,
     ErrorSummary,
-    convergence_s,
-    coverage,
+    Means,
     errors_against,
     sort_counts,
-    summarize,
 )
+from fuzzbee.replays.scored import MICROSECOND, Scored
 from fuzzbee.replays.smoothed import recorder, smooth_trace
 from fuzzbee.replays.trace import Replay, VehicleTrace
 from fuzzbee.say import printable
 
-MICROSECOND = 1e-6
-
+Floats = NDArray[np.float64]
 Reading = Callable[[LogFile], AbstractContextManager[None]]
 Export = Callable[[VehicleTrace, Comparison], None]
 
@@ -195,11 +197,13 @@ def _forgotten_s(trace: VehicleTrace, right: VehicleTrace) -> float | None:
     track = ReferenceTrack()  # another IMU may stand in after a turn: at other times
     for each in right.attitudes:
         track.add(ReferenceAttitude(right.address, 0, each.time_us, "sim", "right", each.q_ned_frd))
-    times_us = trace.times_us
-    beside, known = track.at(times_us)
-    since = known & (times_us >= (trace.turned_at_us or 0))
-    apart = errors_against(trace.estimates, beside)[:, 0]
-    return convergence_s(times_us, apart, since)
+    forgotten = Convergence()
+    for rows in blocks(len(trace.attitudes)):
+        times_us = trace.attitudes.times_of(rows)
+        beside, known = track.at(times_us)
+        apart = errors_against(trace.column("q_ned_frd", rows), beside)[:, 0]
+        forgotten.add(times_us, apart, known & (times_us >= (trace.turned_at_us or 0)))
+    return forgotten.time_s
 
 
 def replay_log(
@@ -251,50 +255,55 @@ def _seen_text(replay: Replay, system_id: int | None) -> str:
 
 def score(path: Path, trace: VehicleTrace, compared: Comparison, skip_s: float) -> LogReport:
     """The figures of a trace beside its reference."""
-    source, truth, known, errors = compared
-    times_us = trace.times_us
+    attitudes, source = trace.attitudes, compared.source
+    begin_us, end_us = attitudes[0].time_us, attitudes[-1].time_us
     has_heading = trace.fields > 0
-    norths = trace.attitudes.north_places
-    told = norths != NORTHS.index("none")
-    counted = known & (times_us - times_us[0] >= skip_s / MICROSECOND)
-    if skip_s > 0.0 and not counted.any():
-        lasts_s = (times_us[-1] - times_us[0]) * MICROSECOND
+    scored = Scored(trace, compared, skip_s)
+    errors, covered = Errors(has_heading=has_heading), Covered(has_heading=has_heading)
+    autopilot = Errors(has_heading=True)
+    has_peer = source == "sim" and trace.references["autopilot"].message is not None
+    converged, gain, norths = Convergence(), Means(), np.zeros(len(NORTHS), np.int64)
+    for part in scored.parts():
+        sigmas = part.sigma_inclination_rad, part.sigma_heading_rad
+        errors.add(part.errors_rad, part.told)
+        covered.add(part.errors_rad, *sigmas, part.told, part.moved)
+        norths += np.bincount(part.norths, minlength=len(NORTHS))
+        gain.add("gain", trace.column("gain", part.rows))
+        _, known, all_errors = compared.part(part.rows)
+        times_us = attitudes.times_of(part.rows)
+        since = known & (times_us >= (trace.turned_at_us or 0))
+        converged.add(times_us, all_errors[:, 0], since)
+        if has_peer:
+            own, is_known = reference_attitudes(trace, "autopilot", part.rows)
+            both = is_known[part.counted]
+            autopilot.add(errors_against(own[part.counted], part.truth)[both])
+    if skip_s > 0.0 and not norths.any():
+        lasts_s = (end_us - begin_us) * MICROSECOND
         raise InputError(f"{path}: nothing is left to score after {skip_s:g} s of {lasts_s:.0f} s")
-    since = known & (times_us >= (trace.turned_at_us or 0))
-    sigma_rad = trace.column("sigma_inclination_rad")[counted]
-    moved = (motion_mask(trace.samples) if counted.any() else counted)[counted]
     return LogReport(
         source=printable(str(path)),
         vehicle=_vehicle_summary(trace),
         imu=_imu_summary(trace),
-        duration_s=float(times_us[-1] - times_us[0]) * MICROSECOND,
+        duration_s=float(end_us - begin_us) * MICROSECOND,
         reference=source,
-        error_deg=summarize(errors[counted], has_heading=has_heading, told=told[counted]),
-        coverage=coverage(
-            errors[counted],
-            sigma_rad,
-            trace.column("sigma_heading_rad")[counted],
-            has_heading=has_heading,
-            told=told[counted],
-            moved=moved,
-        ),
-        peers=_peers(trace, source, truth, counted),
-        convergence_s=convergence_s(times_us, errors[:, 0], since) if has_heading else None,
-        mean_gain=float(trace.column("gain").mean()),
+        error_deg=errors.summary(),
+        coverage=covered.coverage(),
+        peers={"autopilot": autopilot.summary()} if has_peer else {},
+        convergence_s=converged.time_s if has_heading else None,
+        mean_gain=gain.mean("gain") or 0.0,
         rejected=sort_counts(trace.rejected),
         wall_s=0.0,
-        heading_references=sort_counts(counts_of(norths[counted])),
-        constant_turn=constant_turn(trace.estimates[counted], truth[counted], sigma_rad, moved),
+        heading_references=sort_counts(counts_of(norths)),
+        constant_turn=constant_turn(scored.turned),
         differences=differences_of(trace),
         agreement=verdicts(trace),
         retuned=_retuned_summary(trace),
     )
 
 
-def counts_of(norths: NDArray[np.uint8]) -> dict[str, int]:
+def counts_of(norths: NDArray[np.int64]) -> dict[str, int]:
     """How many headings are measured from which north."""
-    counts = np.bincount(norths, minlength=len(NORTHS)).tolist()
-    return {north: count for north, count in zip(NORTHS, counts, strict=True) if count}
+    return {north: n for north, n in zip(NORTHS, norths.tolist(), strict=True) if n}
 
 
 def verdicts(trace: VehicleTrace) -> dict[str, int]:
@@ -334,17 +343,6 @@ def _retuned_summary(trace: VehicleTrace) -> RetunedSummary | msgspec.UnsetType:
     return RetunedSummary(len(changes), changes)
 
 
-def _peers(
-    trace: VehicleTrace, source: str | None, truth: NDArray[np.float64], counted: NDArray[np.bool_]
-) -> dict[str, ErrorSummary]:
-    """The autopilot's own errors against the simulator's truth, on the same samples."""
-    if source != "sim" or trace.references["autopilot"].message is None:
-        return {}
-    own, own_known = reference_attitudes(trace, "autopilot")
-    both = counted & own_known
-    return {"autopilot": summarize(errors_against(own, truth)[both], has_heading=True)}
-
-
 def _vehicle_summary(trace: VehicleTrace) -> VehicleSummary:
     return VehicleSummary(
         trace.address.system_id,
@@ -355,15 +353,21 @@ def _vehicle_summary(trace: VehicleTrace) -> VehicleSummary:
 
 
 def _imu_summary(trace: VehicleTrace) -> ImuSummary:
-    steps = np.diff(trace.times_us) * MICROSECOND
-    arrivals = np.diff(np.array(trace.arrivals_us, dtype=np.int64)) * MICROSECOND
+    means = Means()
+    for steps_s in trace.attitudes.steps_s():
+        means.add("step", steps_s)
+    mean_s, median_s = means.mean("step"), percentile(trace.attitudes.steps_s, 50.0)
     return ImuSummary(
         message=max(trace.imu_messages, key=lambda name: trace.imu_messages[name], default=""),
         samples=len(trace.attitudes),
         messages=dict(trace.imu_messages.most_common()),
-        median_rate_hz=float(1.0 / np.median(steps)) if len(steps) else None,
-        mean_rate_hz=float(1.0 / np.mean(steps)) if len(steps) else None,
-        worst_gap_s=float(steps.max()) if len(steps) else None,
-        worst_arrival_gap_s=float(arrivals.max()) if len(arrivals) else None,
+        median_rate_hz=1.0 / median_s if mean_s else None,
+        mean_rate_hz=1.0 / mean_s if mean_s else None,
+        worst_gap_s=_longest(trace.attitudes.steps_s()),
+        worst_arrival_gap_s=_longest(MICROSECOND * part for part in trace.arrivals_us.steps()),
         rates=trace.rates,
     )
+
+
+def _longest(parts: Iterable[Floats]) -> float | None:
+    return max((float(part.max()) for part in parts if len(part)), default=None)

@@ -7,9 +7,11 @@ its first sample on.
 import json
 from collections.abc import Callable
 from importlib.util import find_spec
+from itertools import chain
 from pathlib import Path
 from typing import Any, NamedTuple
 
+from drivers.logs.kept_rows import blocks
 from drivers.output_file import written_whole
 from estimator.errors import InputError, missing_extra
 from estimator.geometry.frames import enu_flu_from_ned_frd
@@ -112,7 +114,7 @@ def _channel(writer: Any, topic: Topic) -> int:
 def _put_tables(put: Put, trace: VehicleTrace, compared: Comparison) -> None:
     """The rows that a CSV has, without what is not known."""
     first = len(ATTITUDE_COLUMNS)
-    for time_us, row in zip(stamps_us(trace).tolist(), rows(trace, compared), strict=True):
+    for time_us, row in zip(map(int, stamps_us(trace)), rows(trace, compared), strict=True):
         parts = (row[:first], (*row[:2], *row[first:]))
         for (topic, columns), values in zip(TABLES, parts, strict=True):
             if values[-1] is None:
@@ -123,12 +125,16 @@ def _put_tables(put: Put, trace: VehicleTrace, compared: Comparison) -> None:
 
 def _put_poses(put: Put, trace: VehicleTrace, compared: Comparison) -> None:
     """The attitude in space and as an IMU's message, the reference beside it."""
-    known, truth = compared.known.tolist(), compared.truth.tolist()
-    for k, time_us in enumerate(stamps_us(trace).tolist()):
+    beside = chain.from_iterable(
+        zip(*compared.part(rows)[:2], strict=True) for rows in blocks(len(trace.attitudes))
+    )
+    for k, (time_us, (truth, known)) in enumerate(
+        zip(map(int, stamps_us(trace)), beside, strict=True)
+    ):
         attitude = trace.attitudes[k]
         put("/tf", time_us, _transform(time_us, BODY, attitude.q_ned_frd))
-        if known[k]:
-            w, x, y, z = truth[k]
+        if known:
+            w, x, y, z = truth.tolist()
             put("/tf", time_us, _transform(time_us, REFERENCE_BODY, (w, x, y, z)))
         record = attitude_record(
             attitude, time_unix_us=time_us, time_boot_us=attitude.time_us, sequence=k

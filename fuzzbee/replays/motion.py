@@ -17,6 +17,7 @@ REST_ACC_M_S2 = 0.3
 # A steady rate above this is a turn: the bias of a gyroscope is smaller.
 MOST_BIAS_RAD_S = np.radians(4.0)
 WINDOW_S = 1.5  # before a sample, and again behind it
+MARGIN_S = WINDOW_S + 1e-3
 # What lies so near a limit is decided by the medians themselves.
 ROUNDING = 1e-9
 # Samples that are judged together: a block's numbers stay in the processor's caches.
@@ -30,19 +31,25 @@ class Windows(NamedTuple):
     behind: Ints
 
 
-def motion_mask(samples: PackedSamples) -> Bools:
-    """(N,): whether anything moved within ``WINDOW_S`` of each sample."""
-    times_s = samples.times_us * 1e-6
-    first = np.searchsorted(times_s, times_s - WINDOW_S)
-    behind = np.searchsorted(times_s, times_s + WINDOW_S, side="right")
-    result = np.empty(len(times_s), np.bool_)
-    for begin in range(0, len(times_s), BLOCK):
-        rows = slice(begin, begin + BLOCK)
-        around = slice(first[begin], behind[rows][-1])
-        windows = Windows(first[rows] - around.start, behind[rows] - around.start)
-        gyr, acc = (samples.column(name, around) for name in ("gyr_rad_s", "acc_m_s2"))
-        result[rows] = _moved(gyr, acc, windows)
-    return result
+def motion_mask(samples: PackedSamples, rows: slice = slice(None)) -> Bools:
+    """(N,): whether anything moved within ``WINDOW_S`` of each of these samples."""
+    first, behind, _ = rows.indices(len(samples))
+    begins = range(first, behind, BLOCK)
+    parts = [_judged(samples, slice(k, min(k + BLOCK, behind))) for k in begins]
+    return np.concatenate([np.empty(0, np.bool_), *parts])
+
+
+def _judged(samples: PackedSamples, rows: slice) -> Bools:
+    """Of samples with those around them."""
+    around = samples.within(rows, MARGIN_S)
+    times_s = samples.times_of(around) * 1e-6
+    now_s = times_s[rows.start - around.start : rows.stop - around.start]
+    windows = Windows(
+        np.searchsorted(times_s, now_s - WINDOW_S),
+        np.searchsorted(times_s, now_s + WINDOW_S, side="right"),
+    )
+    gyr, acc = (samples.column(name, around) for name in ("gyr_rad_s", "acc_m_s2"))
+    return _moved(gyr, acc, windows)
 
 
 def _moved(gyr: Floats, acc: Floats, windows: Windows) -> Bools:

@@ -1,6 +1,5 @@
 """The result of replaying a log: estimates at the samples, references, counts."""
 
-from array import array
 from collections import Counter
 from collections.abc import Callable, Iterable
 from math import radians
@@ -9,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drivers.events import Event, Heartbeat, Imu, Parameter, ReferenceAttitude, VehicleId
+from drivers.logs.kept_rows import KeptRows
 from drivers.logs.reference_track import ReferenceTrack
 from drivers.mavlink.ardupilot import COMPASS, TRIM
 from drivers.samples.rotation import quaternion_from_euler
@@ -41,10 +41,10 @@ class VehicleTrace:
         self.vehicle_type: int | None = None
         self.imu_messages: Counter[str] = Counter()  # samples used of each
         self.rates = "imu"
-        self.arrivals_us = array("q")
+        self.arrivals_us = KeptRows("q")
         self.attitudes = PackedAttitudes()
         self.samples = PackedSamples()  # that they were made of
-        self.aided = array("b")  # whether velocity helped at each
+        self.aided = KeptRows("b")  # whether velocity helped at each
         self.fields = 0  # samples with a magnetic field
         self.references = {"sim": ReferenceTrack(), "autopilot": ReferenceTrack()}
         self.rejected: Counter[str] = Counter()
@@ -71,9 +71,9 @@ class VehicleTrace:
         roll, pitch, yaw = (self.trim_rad[name] for name in TRIM)
         return quaternion_from_euler(roll, pitch, yaw) or IDENTITY
 
-    def column(self, name: str) -> Floats:
-        """A field of the attitudes, (N,) or (N, K)."""
-        return self.attitudes.column(name)
+    def column(self, name: str, rows: slice = slice(None)) -> Floats:
+        """A field of the attitudes, (N,) or (N, K), or of some of them."""
+        return self.attitudes.column(name, rows)
 
 
 class Replay:
@@ -157,10 +157,10 @@ class Replay:
         if not is_finite(attitude):
             return  # as in the live service, where it is not published; the vehicle aligns anew
         trace.imu_messages[event.message] += 1
-        trace.arrivals_us.append(event.arrival_us)
+        trace.arrivals_us.extend((event.arrival_us,))
         trace.attitudes.append(attitude)
         trace.samples.append(sample)
-        trace.aided.append(vehicle.estimator.is_aided)
+        trace.aided.extend((vehicle.estimator.is_aided,))
         trace.fields += event.sample.has_mag
 
     def _turn_wrong(self, vehicle: Vehicle, trace: VehicleTrace) -> None:

@@ -7,6 +7,10 @@ East-North-Up (https://cvg.cit.tum.de/data/datasets/rgbd-dataset/file_formats).
 from collections.abc import Iterable
 from pathlib import Path
 
+import numpy as np
+from numpy.typing import NDArray
+
+from drivers.logs.kept_rows import blocks
 from drivers.output_file import written_whole
 from estimator.errors import InputError
 from estimator.geometry.frames import enu_flu_from_ned_frd
@@ -21,19 +25,20 @@ def write_tum(path: Path, trace: VehicleTrace, compared: Comparison) -> None:
     Raises:
         InputError: a file cannot be written.
     """
-    times_us = stamps_us(trace)
-    _write(path, zip(times_us.tolist(), trace.estimates.tolist(), strict=True))
-    known = compared.known
-    if known.any():
-        reference = zip(times_us[known].tolist(), compared.truth[known].tolist(), strict=True)
+    times_us, parts = stamps_us(trace), list(blocks(len(trace.attitudes)))
+    _write(path, ((times_us[rows], trace.column("q_ned_frd", rows)) for rows in parts))
+    if any(compared.part(rows).known.any() for rows in parts):
+        beside = ((times_us[rows], *compared.part(rows)[:2]) for rows in parts)
+        reference = ((times[known], truth[known]) for times, truth, known in beside)
         _write(path.with_suffix(f".reference{path.suffix}"), reference)
 
 
-def _write(path: Path, poses: Iterable[tuple[int, list[float]]]) -> None:
+def _write(path: Path, poses: Iterable[tuple[NDArray[np.int64], NDArray[np.float64]]]) -> None:
     try:
         with written_whole(path) as fresh, fresh.open("w", encoding="utf-8") as file:
-            for time_us, (w, x, y, z) in poses:
-                a, b, c, d = enu_flu_from_ned_frd((w, x, y, z))
-                file.write(f"{1e-6 * time_us:.6f} 0 0 0 {b:.9f} {c:.9f} {d:.9f} {a:.9f}\n")
+            for times_us, attitudes in poses:
+                for time_us, q in zip(times_us.tolist(), attitudes.tolist(), strict=True):
+                    w, x, y, z = enu_flu_from_ned_frd(tuple(q))
+                    file.write(f"{1e-6 * time_us:.6f} 0 0 0 {x:.9f} {y:.9f} {z:.9f} {w:.9f}\n")
     except OSError as error:
         raise InputError(f"--tum {path}: {error.strerror}") from None

@@ -4,6 +4,7 @@ from collections.abc import Iterator
 from contextlib import suppress
 from typing import TYPE_CHECKING
 
+from drivers.logs.kept_rows import blocks
 from fuzzbee.replays.trace import VehicleTrace
 from service.attitude_record import attitude_record
 from service.records import Output, Peer, Published
@@ -23,23 +24,25 @@ def show(viewer: "ViewerSink", trace: VehicleTrace, _: "Comparison") -> None:
 
 def outputs(trace: VehicleTrace) -> Iterator[Output]:
     """What the service would have published at the samples."""
-    times_us = trace.times_us
-    peers = {
-        source: track.at(times_us)
-        for source, track in trace.references.items()
-        if track.message is not None
-    }
-    for number, attitude in enumerate(trace.attitudes):
+    for rows in blocks(len(trace.attitudes)):
+        yield from _outputs(trace, rows)
+
+
+def _outputs(trace: VehicleTrace, rows: slice) -> Iterator[Output]:
+    times_us, arrivals_us = trace.attitudes.times_of(rows), trace.arrivals_us.rows(rows).tolist()
+    peers = {source: track.at(times_us) for source, track in trace.references.items()}
+    for k, number in enumerate(range(rows.start, rows.stop)):
+        attitude = trace.attitudes[number]
         record = attitude_record(
             attitude,
-            time_unix_us=trace.arrivals_us[number],
+            time_unix_us=arrivals_us[k],
             time_boot_us=attitude.time_us,
             sequence=number,
         )
         if record is None:
             continue
         for source, (attitudes, known) in peers.items():
-            if known[number]:
-                w, x, y, z = attitudes[number].tolist()
+            if known[k]:
+                w, x, y, z = attitudes[k].tolist()
                 yield Peer(trace.address, "sim" if source == "sim" else "autopilot", (w, x, y, z))
         yield Published(trace.address, record, trace.samples[number])

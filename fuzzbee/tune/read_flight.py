@@ -89,5 +89,5 @@ def _flight(
         restart=restart,
         truth=compared.truth,
         known=compared.known,
-        headed=trace.attitudes.norths != "none",
+        headed=trace.attitudes.norths() != "none",
     )

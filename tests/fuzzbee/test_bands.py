@@ -6,7 +6,7 @@ import pytest
 from drivers.events import VehicleId
 from estimator.types import IDENTITY, Attitude, ImuSample
 from fuzzbee.replays.bands import bands, runs
-from fuzzbee.replays.comparison import Comparison
+from fuzzbee.replays.comparison import Beside, Comparison
 from fuzzbee.replays.trace import VehicleTrace
 
 N, STEP_S = 400, 0.1
@@ -24,14 +24,14 @@ def made():
         trace.samples.append(
             ImuSample(time_us, (rate, 0.0, 0.0), (0.0, 0.0, -9.8), (0.0,) * 3, False)
         )
-        trace.aided.append(120 <= k < 300)
+        trace.aided.extend((120 <= k < 300,))
     return trace
 
 
 def drawn(trace, errors_rad=None):
     time_s = 1e-6 * (trace.times_us - trace.times_us[0])
     errors = np.zeros((N, 3)) if errors_rad is None else errors_rad
-    compared = Comparison("sim", np.tile(IDENTITY, (N, 1)), np.ones(N, bool), errors)
+    compared = Comparison("sim", [Beside(np.tile(IDENTITY, (N, 1)), np.ones(N, bool), errors)])
     return {band.label: band.spans for band in bands(time_s, trace, compared)}
 
 

@@ -48,16 +48,13 @@ def test_what_the_current_adds_is_told_apart(tmp_path, capsys):
     assert (np.abs(found - own) < 3.0 * sigma).all()
     assert sigma.max() < 1.0
     usual = 1e3 * np.array(report["mounting"]["mag_offset_gauss"]) - 20.0 * np.array(own)
-    # 6.5 mG off, of 22 that it admits: soft iron is looked for beside the current, and little found
-    assert usual == pytest.approx(OFFSET_MGAUSS, abs=7.8)
+    assert report["matrix_sigma"] is None  # what it says more is by chance
+    assert usual == pytest.approx(OFFSET_MGAUSS, abs=4.0)
     told = report["ardupilot"]
     offsets = [told[f"COMPASS_OFS_{axis}"] for axis in "XYZ"]
-    assert offsets == pytest.approx([-each for each in OFFSET_MGAUSS], abs=7.8)
+    assert offsets == pytest.approx([-each for each in OFFSET_MGAUSS], abs=4.0)
     assert told["COMPASS_MOTCT"] == 2
-    assert [told[f"COMPASS_MOT_{axis}"] for axis in "XYZ"] == pytest.approx(
-        (-found).tolist(),
-        rel=0.03,  # turned by the soft iron that was found
-    )
+    assert [told[f"COMPASS_MOT_{axis}"] for axis in "XYZ"] == pytest.approx((-found).tolist())
 
 
 def test_json_names_what_was_not_flown(capsys):

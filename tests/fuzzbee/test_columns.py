@@ -12,7 +12,7 @@ from estimator.types import Attitude
 from fuzzbee.angle_curves import draw_angles
 from fuzzbee.attitudes import attitudes_of_rows
 from fuzzbee.packed import PackedAttitudes
-from fuzzbee.replays.comparison import Comparison
+from fuzzbee.replays.comparison import Beside, Comparison
 from fuzzbee.replays.exports import COLUMNS, rows
 from fuzzbee.replays.trace import VehicleTrace
 from fuzzbee.run_options import RunOptions
@@ -45,7 +45,7 @@ def test_every_column_of_a_replay_holds_its_own_number():
     trace.attitudes = PackedAttitudes([attitude(7_000_000, 30.0), attitude(7_250_000, 40.0)])
     truth = np.array([from_euler_rad(radians(11.0), radians(-22.0), radians(33.0))] * 2)
     errors = np.radians([[9.0, 8.0, 7.0], [9.0, 8.0, 7.0]])
-    compared = Comparison("sim", truth, np.array([False, True]), errors)
+    compared = Comparison("sim", [Beside(truth, np.array([False, True]), errors)])
     first, second = (dict(zip(COLUMNS, row, strict=True)) for row in rows(trace, compared))
     assert first["time_s"] == 0.0
     assert second["time_s"] == pytest.approx(0.25)

@@ -5,7 +5,7 @@ import pytest
 
 from drivers.simulation.rotations import exponential, multiply
 from fuzzbee.cli import main
-from fuzzbee.replays.constant_turn import constant_turn
+from fuzzbee.replays.constant_turn import Turned, constant_turn
 from tests.fuzzbee.test_replay import DATA, replay
 
 N = 400
@@ -20,7 +20,8 @@ def test_a_mounting_is_found_and_the_noise_is_left():
     """Of a turn of 2.9 deg about a level axis a leaning body feels nearly all."""
     estimates = multiply(REFERENCE, exponential(MOUNTED_RAD + NOISE_RAD))
     sigma = np.where(MOVED, 0.006, 0.02)
-    found = constant_turn(estimates, REFERENCE, sigma, MOVED)
+    whole = Turned(estimates, REFERENCE, sigma, MOVED)
+    found = constant_turn(lambda: [whole])
     assert found is not None
     assert found.turn_deg == pytest.approx(2.8, rel=0.03)
     assert found.inclination_rms == pytest.approx(np.degrees(0.004 * np.sqrt(2.0)), rel=0.1)
@@ -29,9 +30,9 @@ def test_a_mounting_is_found_and_the_noise_is_left():
 
 
 def test_without_samples_or_motion_nothing_is_told():
-    none = np.zeros((0, 4))
-    assert constant_turn(none, none, np.zeros(0), np.zeros(0, bool)) is None
-    still = constant_turn(REFERENCE, REFERENCE, np.full(N, 0.01), np.zeros(N, bool))
+    rested = Turned(REFERENCE, REFERENCE, np.full(N, 0.01), np.zeros(N, bool))
+    assert constant_turn(lambda: [Turned(*(column[:0] for column in rested))]) is None
+    still = constant_turn(lambda: [rested])
     assert still is not None
     assert still.turn_deg == pytest.approx(0.0, abs=1e-6)
     assert still.inclination_coverage_moving is None

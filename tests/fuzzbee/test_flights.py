@@ -8,10 +8,11 @@ import pytest
 
 from drivers.events import Imu, Parameter, Position, ReferenceAttitude, Velocity
 from drivers.logs.open import open_log
+from estimator.geometry.metrics import rms
 from estimator.geometry.quaternion import log, multiply
 from estimator.profile import load_profile
 from fuzzbee.replays.comparison import compare
-from fuzzbee.replays.score import coverage, rms
+from fuzzbee.replays.score import Covered
 from fuzzbee.replays.trace import Replay
 
 DATA = Path(__file__).parent.parent / "data"
@@ -62,12 +63,11 @@ def test_at_a_ground_stations_rate_velocity_makes_the_error_a_small_part():
 
 def test_sigma_is_honest_at_a_ground_stations_rate():
     trace, compared = replayed(events_of(SLOW))
-    covered = coverage(
-        compared.errors_rad[compared.known],
-        trace.column("sigma_inclination_rad")[compared.known],
-        trace.column("sigma_heading_rad")[compared.known],
-        has_heading=True,
-    )
+    known = compared.known
+    sigmas = [trace.column(f"sigma_{of}_rad")[known] for of in ("inclination", "heading")]
+    found = Covered(has_heading=True)
+    found.add(compared.errors_rad[known], *sigmas)
+    covered = found.coverage()
     assert covered.inclination == pytest.approx(0.905, abs=0.03)
     assert covered.heading == pytest.approx(0.955, abs=0.03)
 

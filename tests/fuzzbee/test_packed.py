@@ -42,7 +42,7 @@ def test_columns_are_the_fields():
         assert (
             made.column(name).tolist() == np.array([getattr(a, name) for a in ATTITUDES]).tolist()
         )
-    assert made.norths.tolist() == ["none", "true", "magnetic"]
+    assert made.norths().tolist() == ["none", "true", "magnetic"]
     made.replace("q_ned_frd", np.full((3, 4), 7.0))
     made.replace("gain", np.full(3, 8.0))
     assert made[2] == ATTITUDES[2]._replace(q_ned_frd=(7.0,) * 4, gain=8.0)

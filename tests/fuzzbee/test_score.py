@@ -2,7 +2,23 @@ import numpy as np
 import pytest
 
 from estimator.geometry.quaternion import exp, multiply
-from fuzzbee.replays.score import convergence_s, coverage, errors_against, summarize
+from fuzzbee.replays.score import Convergence, Covered, errors_against, summarize
+
+
+def coverage(errors, *others, has_heading, **flags):
+    """In two parts, of which one is empty where there is one error."""
+    found, half = Covered(has_heading=has_heading), len(errors) // 2
+    for part in (slice(half), slice(half, None)):
+        parts = (column[part] for column in (errors, *others))
+        found.add(*parts, **{name: flag[part] for name, flag in flags.items()})
+    return found.coverage()
+
+
+def convergence_s(*columns):
+    found = Convergence()
+    for part in (slice(2), slice(2, 2), slice(2, None)):
+        found.add(*(column[part] for column in columns))
+    return found.time_s
 
 
 def attitudes(vectors):

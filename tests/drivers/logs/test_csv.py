@@ -118,6 +118,16 @@ def elapsed():
     return table([names], (1.7e18 + 1e9 * t, t, gyr, acc, mag))
 
 
+def spelled():
+    """The axis before the sensor, its number behind, the unit in words; a free force beside it."""
+    t, gyr, acc, mag = readings()
+    rates = [f"{axis}_gyro_dps" for axis in "xyz"]
+    forces = [f"Accel1 {axis} in m per s^2" for axis in "XYZ"]
+    free = [f"FreeAcc_{axis}" for axis in "XYZ"]
+    names = ",".join(["Time in seconds", *rates, *free, *forces])
+    return table([names + FIELD], (t, np.degrees(gyr), 0.0 * acc, acc, mag))
+
+
 def grouped():
     """Thousands between points, beside a decimal comma."""
     t, gyr, acc, mag = readings()
@@ -142,6 +152,7 @@ WAYS = {
     "dates, called otherwise": (lambda: dates().replace("Zeit", "Zeitstempel"), "utf-8", None),
     "since start": (since_start, "utf-8", None),
     "elapsed": (elapsed, "utf-8", None),
+    "spelled": (spelled, "utf-8", None),
     "grouped": (grouped, "utf-8", None),
     "nameless": (nameless, "utf-8", NAMELESS),
 }

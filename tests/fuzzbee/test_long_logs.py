@@ -1,0 +1,86 @@
+"""Logs of more samples than are held in memory: the same figures and files, in bounded memory."""
+
+import json
+import sys
+from pathlib import Path
+from subprocess import run
+
+import pytest
+
+from drivers.logs import kept_rows, percentile
+from fuzzbee.cli import main
+from fuzzbee.replays import motion
+
+DATA = Path(__file__).parents[1] / "data"
+WRITTEN = {"--csv": "flight.csv", "--tum": "flight.tum", "--mcap": "flight.mcap"}
+
+
+def replayed(folder, log, capsys, *options):
+    """The figures, and what was written."""
+    folder.mkdir()
+    written = [part for name, file in WRITTEN.items() for part in (name, str(folder / file))]
+    assert main(["replay", str(log), "--json", *written, *options]) == 0
+    figures = json.loads(capsys.readouterr().out)
+    del figures["wall_s"]
+    return figures, {path.name: path.read_bytes() for path in folder.iterdir()}
+
+
+def close(some, others):
+    """Whether two reports are the same but for the order of their sums."""
+    if isinstance(some, dict):
+        return some.keys() == others.keys() and all(close(some[k], others[k]) for k in some)
+    return some == pytest.approx(others, rel=1e-12) if isinstance(some, float) else some == others
+
+
+@pytest.mark.parametrize(
+    ("log", "options"),
+    [
+        ("sitl_copter_4hz.tlog", ("--skip", "20")),
+        ("sub_bluerov.tlog", ("--start-wrong", "170")),
+        ("sub_on_its_side.tlog", ("--smooth",)),
+    ],
+)
+def test_a_replay_in_small_parts_is_the_same(tmp_path, capsys, monkeypatch, log, options):
+    whole = replayed(tmp_path / "whole", DATA / log, capsys, *options)
+    for module, name in ((kept_rows, "BLOCK"), (percentile, "BLOCK"), (motion, "BLOCK")):
+        monkeypatch.setattr(module, name, 70)
+    monkeypatch.setattr(kept_rows, "PIECE", 300)
+    parts = replayed(tmp_path / "parts", DATA / log, capsys, *options)
+    assert close(whole[0], parts[0])
+    assert whole[1] == parts[1]
+
+
+LONG = """
+from pathlib import Path
+import numpy as np
+from drivers.events import ReferenceAttitude, VehicleId
+from estimator.types import IDENTITY
+from fuzzbee.replays.comparison import compare
+from fuzzbee.replays.log_report import score
+from fuzzbee.replays.trace import VehicleTrace
+
+trace, n = VehicleTrace(VehicleId(1, 1)), 800_000
+trace.fields = n
+for k in range(0, n, 10_000):
+    times_us = 2_500 * np.arange(k, k + 10_000)
+    rows = np.random.default_rng(k).normal(0.0, 0.01, (10_000, 18))
+    rows[:, 0], rows[:, -1] = 1.0, 2.0
+    for table, width in ((trace.attitudes, 18), (trace.samples, 10)):
+        table._times_us.add(times_us)
+        table._values.add(rows[:, :width])
+    trace.arrivals_us.add(times_us)
+    trace.references["sim"].add(
+        ReferenceAttitude(trace.address, int(times_us[0]), int(times_us[0]), "sim", "SIM", IDENTITY)
+    )
+report = score(Path("x"), trace, compare(Path("x"), trace, None), 0.0)
+most = next(each for each in open("/proc/self/status") if each.startswith("VmHWM"))
+print(report.imu.samples, most.split()[1])  # of this program alone, unlike ru_maxrss
+"""
+
+
+def test_two_thousand_seconds_at_400_hz_take_no_more_memory_than_their_parts():
+    """245 MB, 135 of them before the first sample; the numbers alone are 200 MB."""
+    done = run([sys.executable, "-c", LONG], capture_output=True, text=True, check=True)
+    samples, most_kb = map(int, done.stdout.split())
+    assert samples == 800_000
+    assert most_kb < 300_000
