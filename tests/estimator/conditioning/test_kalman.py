@@ -8,7 +8,12 @@ import numpy as np
 import pytest
 
 from estimator.conditioning import ConditioningParams, initial_state
-from estimator.conditioning.field.calibration import Calibration, correct_field, learn_calibration
+from estimator.conditioning.field.calibration import (
+    Calibration,
+    correct_field,
+    learn_calibration,
+    own_field,
+)
 from estimator.conditioning.field.heading import heading_noise, learn_heading
 from estimator.conditioning.field.magnetic import FieldLook
 from estimator.conditioning.robust import HEADING_REACH_RAD
@@ -194,7 +199,10 @@ def test_a_turning_body_tells_lag_and_own_field(seed, turned):
     h = np.column_stack([rows, dx])
     high_pass_s = PARAMS.calibration_high_pass_s
     scatter = (1.0 - DT / (high_pass_s + DT)) * 0.004
-    x, p = updated(x, p + np.diag(grown), h, dy, [(0.0002 + high_pass_s * scatter) / DT] * 3)
+    kept_on = x[:3] - own_field(state.learnt)[0]  # no error: it has not been taken off
+    x, p = updated(
+        x, p + np.diag(grown), h, dy - rows @ kept_on, [(0.0002 + high_pass_s * scatter) / DT] * 3
+    )
     assert [*after.offset, after.lag_s] == pytest.approx(x, rel=1e-9, abs=1e-12)
     assert square(after.covariance) == pytest.approx(p, rel=1e-8, abs=1e-14)
 
@@ -232,6 +240,17 @@ def test_levelling_in_a_turn_tells_the_scale_error(seed):
     assert rotate(gravity.q_6d_g, rotate(gravity.q_g_frd, after.drift_rad_s)) == pytest.approx(
         drift, rel=1e-9, abs=1e-12
     )
+
+
+@pytest.mark.parametrize(("sigma", "share"), [(0.0, 1.0), (0.05, 0.75), (0.15, 0.25)])
+def test_of_an_own_field_the_share_counts_that_is_no_error(sigma, share):
+    """Of 5 % of the place's field, with a covariance of three times its errors."""
+    covariance = (sigma**2, 0.3, 0.2, 0.1, sigma**2, 0.1, 0.2, sigma**2, 0.3, 0.1)
+    offset = np.array((0.03, 0.0, 0.04))
+    found, left = own_field(Calibration(0.0, tuple(offset.tolist()), covariance, 0.48))
+    assert found == pytest.approx(tuple(share * offset))
+    assert left == pytest.approx(share * sigma**2 / 9.0)
+    assert own_field(Calibration(0.0, STILL, covariance, 0.48)) == (STILL, 0.0)
 
 
 @pytest.mark.parametrize("seed", SEEDS)
