@@ -187,7 +187,7 @@ BEFORE = TiltState(
     twisting=0.5,
     gyr=GYR_BEFORE,
     change=(0.5, 0.1, -0.4),
-    changed=0.6,
+    changed=1.1,
     force=9.6,
     drift=2e-4,
 )
@@ -199,7 +199,7 @@ def test_what_a_step_misses_by_its_formula(dt: float, between: Between) -> None:
     """A step with readings between its samples is as many shorter ones; the one before had 0.5."""
     change = np.subtract(GYR, GYR_BEFORE)
     off = change - min(1.0, dt / 0.5) * np.array(BEFORE.change)
-    like = max(off @ off, (0.9 + 0.5) / 1.2) / (3.0 * max(change @ change, 0.6))
+    like = max(off @ off, (0.9 + 0.5) / 1.2) / (3.0 * max(change @ change, 1.1))
     by_change = min(1.0, like) ** 2 * dt**2 / 12.0
     if between.given:
         off, by_change = np.array(between.change_rad_s), dt * between.step_s / 12.0
@@ -256,5 +256,5 @@ def test_the_force_is_believed_as_by_a_kalman_filter(least: float, lasting: floa
     assert after.tilting == pytest.approx(0.9 + c * (0.7 - 0.9))
     assert after.twisting == pytest.approx(0.5 + c * (0.3 - 0.5))
     assert after.force == pytest.approx(9.6 + dt / (20.0 + dt) * (size - 9.6))
-    assert after.changed == pytest.approx(0.6 + c * (0.14 - 0.6))
+    assert after.changed == pytest.approx(1.1 + c * (0.14 - 1.1))
     assert (after.gyr, after.change) == (GYR, noise.change)
