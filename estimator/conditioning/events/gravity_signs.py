@@ -6,7 +6,7 @@ from estimator.compilation.compiled import inlined
 from estimator.compilation.replacing import replacer
 from estimator.conditioning.events.duration import duration_s
 from estimator.conditioning.params import ConditioningParams
-from estimator.conditioning.robust import FAR, MOST_DEVIATION
+from estimator.conditioning.robust import MOST_DEVIATION
 from estimator.conditioning.times import LATELY_S
 from estimator.conditioning.vertical.gravity import GravityState
 from estimator.conditioning.vertical.lasting import PRIOR_VARIANCE
@@ -37,17 +37,15 @@ def watch_gravity(
 ) -> GravitySigns:
     """Look for gravity that keeps pulling elsewhere than the low-passed one in G.
 
-    Accelerations reverse within a second or two and rarely exceed 1 g, a turn stays. The more the
-    force of a second wanders anyhow, the further it has to be off. A vertical that is ``weighed``
-    has a variance that says how far to believe the force.
+    Accelerations reverse within a second or two and rarely exceed 1 g, a turn stays. A vertical
+    that is ``weighed`` has a variance that says how far to believe the force.
     """
     f = gravity.force.down.value
     quick = gravity.force.quick
     # Falling, or in the middle of a turn, the force has no direction to compare.
     falls = square(quick) <= (1.0 - MOST_DEVIATION) ** 2 * square(f)
     off = 0.0 if falls else angle_between_vectors(quick, f)
-    least = params.turn_moving_rad**2 + FAR * state.wander
-    elsewhere = weighed == 0.0 and off * off > least
+    elsewhere = weighed == 0.0 and off > params.turn_moving_rad
     a = dt_s / (LATELY_S + dt_s) if doubt == 0.0 else 0.0
     lag = angle_between_vectors(gravity.force.best.value, gravity.force.long)
     size = norm(f) / STANDARD_GRAVITY_M_S2 - 1.0
