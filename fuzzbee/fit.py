@@ -198,7 +198,7 @@ def _sound(readings: Floats) -> Floats:
 
 def _axes(times_us: Times, gyr: Floats, acc: Floats, mag: Floats) -> Iterator[str]:
     """What the turning of field and force says of the gyroscope, or of the field's axes."""
-    force, field = _spans(times_us, gyr, acc), _spans(times_us, gyr, mag)
+    force, field = _both_spans(times_us, gyr, (acc, mag))
     for what, spans, has_offset in (
         ("magnetometer", field, True),
         ("accelerometer", force, False),
@@ -233,7 +233,9 @@ def _true_step_s(times_us: Times, step_s: float, gyr: Floats, both: tuple[Floats
     best, true_s = EXPLAINED, step_s
     for tried_s, vectors in product((0.001, 0.004, 0.016), both):
         shrunk = tried_s / step_s
-        spans = _spans(np.rint(times_us * shrunk).astype(np.int64), gyr, vectors)
+        known = np.flatnonzero(np.isfinite(vectors[:, 0]))
+        turns = _turns(np.rint(times_us * shrunk).astype(np.int64), gyr, known)
+        spans = _spans(turns, vectors)
         if spans is None:
             continue
         scale, left = _best_scale(spans, has_offset=False)
@@ -254,38 +256,62 @@ def _best_scale(spans: Spans, *, has_offset: bool) -> tuple[float, float]:
     return float(found[0]), float(np.sqrt(np.sum(left**2) / len(angle)))
 
 
-def _spans(times_us: Times, gyr: Floats, vectors: Floats) -> Spans | None:
-    """Means over :data:`SPAN_S` and those that follow them; None where there are too few.
+def _both_spans(
+    times_us: Times, gyr: Floats, both: tuple[Floats, Floats]
+) -> tuple[Spans | None, Spans | None]:
+    """Those of two sensors, which mostly are read together: then with the same turns."""
+    first, second = (np.flatnonzero(np.isfinite(vectors[:, 0])) for vectors in both)
+    turns = _turns(times_us, gyr, first)
+    others = turns if np.array_equal(first, second) else _turns(times_us, gyr, second)
+    return _spans(turns, both[0]), _spans(others, both[1])
 
-    Both are of so many vectors in a row. A pair with a gap is left out.
-    """
-    known = np.flatnonzero(np.isfinite(vectors[:, 0]))
+
+class Turns(NamedTuple):
+    """Pairs of means over :data:`SPAN_S`: their samples, the turn from each to the other."""
+
+    rows: NDArray[np.int64]  # (pairs, samples of both)
+    angles: Floats  # (pairs, 3)
+    is_whole: NDArray[np.bool_]  # (pairs,) without a gap
+
+
+def _turns(times_us: Times, gyr: Floats, known: NDArray[np.int64]) -> Turns | None:
+    """Both means are of so many vectors in a row, which are ``known``; None of too few."""
     step_s = 1e-6 * _step_us(times_us[known]) if len(known) > 1 else inf
     if not 0.0 < step_s <= SLOW_S:
         return None
     n = max(1, round(SPAN_S / step_s))
     pairs = len(known) // (2 * n)
-    begins = 2 * n * np.unique(np.linspace(0, pairs - 1, min(pairs, MOST_SPANS)).astype(int))
+    chosen = min(pairs, MOST_SPANS)
+    begins = 2 * n * (np.arange(chosen) * max(0, pairs - 1) // max(1, chosen - 1))
     of_pairs = known[begins[:, None] + np.arange(2 * n)]
     times_s: Floats = 1e-6 * (times_us[of_pairs] - times_us[of_pairs[:, :1]]).astype(float)
+    passed_s = np.diff(_means(times_s), axis=1)[:, 0]
+    angles = np.diff(_means(_turned(times_s, _sound(gyr[of_pairs]))), axis=1)[:, 0]
+    return Turns(of_pairs, angles, (passed_s > 0.0) & (passed_s < 2.0 * n * step_s))
 
-    def means(values: Floats) -> Floats:
-        """Of the first half and of the second (spans, 2, ...)."""
-        halves = values.reshape(len(values), 2, n, *values.shape[2:])
-        mean: Floats = halves.mean(axis=2)
-        return mean
 
-    time, vector = means(times_s), means(_sound(vectors[of_pairs]))
-    angle = means(_turned(times_s, _sound(gyr[of_pairs])))
-    passed_s = time[:, 1] - time[:, 0]
-    usable = (passed_s > 0.0) & (passed_s < 2.0 * n * step_s) & np.isfinite(vector).all(axis=(1, 2))
+def _means(values: Floats) -> Floats:
+    """Of the first half of each row and of the second, (rows, 2, ...)."""
+    halves = values.reshape(len(values), 2, values.shape[1] // 2, *values.shape[2:])
+    mean: Floats = halves.mean(axis=2)
+    return mean
+
+
+def _spans(turns: Turns | None, vectors: Floats) -> Spans | None:
+    """Means over :data:`SPAN_S` and those that follow them; None where there are too few.
+
+    A pair with a gap is left out.
+    """
+    if turns is None:
+        return None
+    vector = _means(_sound(vectors[turns.rows]))
+    usable = turns.is_whole & np.isfinite(vector).all(axis=(1, 2))
     if np.count_nonzero(usable) < LEAST_S / SLOW_S / 2.0:
         return None
-    angle, vector = angle[usable], vector[usable]
-    turns = angle[:, 1] - angle[:, 0]
-    sizes = np.linalg.norm(turns, axis=1)
+    angles, vector = turns.angles[usable], vector[usable]
+    sizes = np.linalg.norm(angles, axis=1)
     true = sizes <= SPIKE * np.percentile(sizes, 95)
-    return Spans(turns[true], vector.mean(axis=1)[true], (vector[:, 1] - vector[:, 0])[true])
+    return Spans(angles[true], vector.mean(axis=1)[true], (vector[:, 1] - vector[:, 0])[true])
 
 
 def _turned(times_s: Floats, gyr: Floats) -> Floats:

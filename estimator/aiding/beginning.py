@@ -94,7 +94,7 @@ def begin(
             field_lag_s=field_lag_s,
             hard_iron_gauss=ZERO_VEC3,
             earth_gauss=ZERO_VEC3,
-            receiver_lag_s=params.receiver_lag_s,
+            receiver_lag_s=0.0,
             filter_lag_s=0.0,
             receiver_error_m_s=ZERO_VEC3,
             filter_error_m_s=ZERO_VEC3,

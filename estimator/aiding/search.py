@@ -137,15 +137,15 @@ def open_window(window: Window, report: Report, behind_s: float) -> Window:
 
 @inlined
 def add_report(
-    search: Search, report: Report, report_lag_s: float, q_g_frd: Quaternion, down_frd: Vec3
+    search: Search, report: Report, q_g_frd: Quaternion, down_frd: Vec3
 ) -> tuple[Search, bool]:
     """Take a report; the second value tells whether it has closed a window.
 
-    The report tells the velocity ``ago_s`` before the last sample, and another ``report_lag_s``
-    earlier if its age is uncertain. ``down_frd`` is down in the body's axes, as it is taken to be.
+    The report tells the velocity ``ago_s`` before the last sample, and as much earlier as its age
+    is uncertain. ``down_frd`` is down in the body's axes, as it is taken to be.
     """
     window = search.window
-    behind_s = report.ago_s + (report_lag_s if report.late_sigma_s > 0.0 else 0.0)
+    behind_s = report.ago_s + report.late_sigma_s
     time_s = window.time_s - behind_s
     opened = open_window(window, report, behind_s)
     if not window.is_open:

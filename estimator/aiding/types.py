@@ -78,7 +78,6 @@ class AidingParams(NamedTuple):
     error_tau_s: Time = 5.0  # for so long either's slow error stays the same
     report_sigma_m_s: Speed = 0.3  # sources less accurate than this get more noise
     receiver_jitter_s: Lag = 0.005  # by which its age scatters
-    receiver_lag_s: Lag = 0.1  # of a receiver's reports, where their age is uncertain
     sideslip_rad: Angle = 3.0  # of wheels 0.05; 3: it may move any way, and a HEARTBEAT decides
     unaided_sigma_rad: Angle = radians(5.0)  # of the unaided attitude, also at the beginning
 

@@ -39,6 +39,6 @@ def learn(
     levelled = learn_vertical(params, state.vertical, mean, between, wander)
     seen = learn_field(params, state.field, mean, levelled)
     now = learn_events(params, state.events, mean, levelled, seen)
-    certainty = certainty_of(params, now.vertical, now.field.magnetic, now.events)
+    certainty = certainty_of(params, now.vertical, now.field, now.events)
     directions = directions_of(now.vertical)
     return with_step(state, now.vertical, now.field, now.events, NOTHING, directions, certainty)

@@ -37,9 +37,7 @@ class ConditioningParams(NamedTuple):
     gravity_tau_s: Time = 2.5  # small: acceleration tilts the vertical, large: gyro drift does
 
     # What a slow step misses of a turn, and how a force's direction scatters.
-    step_change_noise: Share = 0.45  # share of a change of rate; small: trusts the gyroscope
-    step_change_s: Time = 0.12  # step at which it is half of that; small: doubts the gyroscope
-    step_turn_noise_1_s: Share = 0.4  # share of the rate itself, for each second of the step
+    step_turn_noise_1_s: Share = 0.4  # of the rate, each second; small: trusts the gyroscope
     force_lasts_s: Time = 0.35  # of accelerations; small: believes the force, large: the gyroscope
     scatter_tau_s: Time = 7.0  # averaging of the scatter; small: jumpy, large: late
     force_size_noise: Share = 1.0  # rad for a force of twice its size; small: believes the force

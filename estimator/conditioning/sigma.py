@@ -6,8 +6,10 @@ from typing import NamedTuple
 from estimator.compilation.compiled import inlined
 from estimator.conditioning.events.jump_signs import turn_of
 from estimator.conditioning.events.step import EventsState
+from estimator.conditioning.field.calibration import own_field
 from estimator.conditioning.field.heading import north_east, wrap_angle
 from estimator.conditioning.field.magnetic import MagneticState, has_heading, steepness
+from estimator.conditioning.field.step import MagnetometerState
 from estimator.conditioning.params import ConditioningParams
 from estimator.conditioning.times import BORNE_S, LONG_S, SPAN_S
 from estimator.conditioning.vertical.bias import SETTLED_HEADING_RAD
@@ -49,10 +51,11 @@ class Certainty(NamedTuple):
 def certainty_of(
     params: ConditioningParams,
     vertical: VerticalState,
-    magnetic: MagneticState,
+    field: MagnetometerState,
     events: EventsState,
 ) -> Certainty:
     """The certainty after a learning step; until the next one nothing changes it."""
+    magnetic = field.magnetic
     dt_s = vertical.coefficients.dt_s
     known = has_heading(magnetic)
     return Certainty(
@@ -62,7 +65,7 @@ def certainty_of(
         magnetic_confidence=magnetic.look.confidence if magnetic.wait_s < SPAN_S else 0.0,
         sigma_inclination_rad=sigma_inclination(params, vertical, events, vertical.tilt.variance),
         sigma_brief_rad=sigma_inclination(params, vertical, events, vertical.tilt.fresh),
-        sigma_heading_rad=sigma_heading(params, vertical, magnetic, events) if known else inf,
+        sigma_heading_rad=sigma_heading(params, vertical, field, events) if known else inf,
     )
 
 
@@ -130,7 +133,7 @@ def rival(
 def sigma_heading(
     params: ConditioningParams,
     vertical: VerticalState,
-    magnetic: MagneticState,
+    field: MagnetometerState,
     events: EventsState,
 ) -> float:
     """Angle (rad) that 68 % of the heading errors lie under.
@@ -143,7 +146,7 @@ def sigma_heading(
     field. So P counts as P^2/(P + P_1) only, but for slow streams, whose P is what they miss,
     and without a field.
     """
-    p = vertical.estimate.covariance[9]
+    magnetic, p = field.magnetic, vertical.estimate.covariance[9]
     steep = steepness(magnetic.reference)
     signs = events.signs
     lasting = MEASURED_SQUARE * signs.heading.scatter + rival(vertical, magnetic, events)
@@ -152,7 +155,8 @@ def sigma_heading(
     bent = 0.5 * steep * (signs.gravity.uneven + leaning)
     lasting += LEAST_DIRECTION_RAD**2 + bent + events.doubt.variance
     uneven = max(0.0, magnetic.reference.uneven - SCALE_ERROR**2)
-    lasting += MEASURED_SQUARE * (1.0 + steep) * uneven
+    _, own_left = own_field(field.calibration.learnt)
+    lasting += (1.0 + steep) * (MEASURED_SQUARE * uneven + 0.5 * own_left)
     counts = max(slow, min(1.0, magnetic.wait_s / SPAN_S))
     own = p * (counts + (1.0 - counts) * p / (p + SETTLED_HEADING_RAD**2))
     return sqrt(own + lasting)

@@ -202,8 +202,7 @@ def start_by_course(settings: Settings, now: Core, report: Report) -> Start | No
     sigma_rad = hypot(unsure, aiding.sideslip_rad, tilt_rad * down[0] / level)
     if sigma_rad > UNKNOWN_RAD:
         return None
-    lag_s = aiding.receiver_lag_s if report.late_sigma_s > 0.0 else 0.0
-    age_s = report.ago_s + lag_s - aiding.imu_lag_s
+    age_s = report.ago_s + report.late_sigma_s - aiding.imu_lag_s
     heading_rad = atan2(sense * east, sense * north) + age_s * dot(now.seen.rate_rad_s, down)
     ahead = level_ahead(down)
     q_level_frd = quaternion_from_matrix(np.array([ahead, cross(down, ahead), down]))

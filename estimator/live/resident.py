@@ -487,7 +487,6 @@ def search(inside: Any, report: Report) -> bool:
     found, closed = add_report(
         found,
         report,
-        inside.params.aiding.receiver_lag_s,
         inside.conditioning.vertical.gravity.q_g_frd,
         inside.seen.gravity_b,
     )

@@ -67,21 +67,21 @@ class Ages:
         estimate, is_aided = last.snapshot.core.aided.estimate, last.is_aided
         self.imu_s = estimate.imu_lag_s if is_aided else last.settings.aiding.imu_lag_s
         self.filter_s = estimate.filter_lag_s if is_aided else 0.0
-        receiver_s = estimate.receiver_lag_s if is_aided else last.settings.aiding.receiver_lag_s
-        self.receiver_s = receiver_s
+        self.receiver_s = estimate.receiver_lag_s if is_aided else 0.0
         self.field_s = last.snapshot.core.conditioning.field.calibration.learnt.lag_s
 
     def of(self, report: VelocitySample | RateSample) -> float:
         """How far behind the IMU's samples a report's time is its own."""
         if isinstance(report, RateSample):
             return 0.0
-        own_s = self.receiver_s if report.late_sigma_s > 0.0 else self.filter_s
+        is_receiver = report.late_sigma_s > 0.0
+        own_s = self.receiver_s or report.late_sigma_s if is_receiver else self.filter_s
         return float(own_s - self.imu_s)
 
 
 def turned_round(last: Estimator) -> Estimator:
     """An estimator that knows place and vehicle as the last one does, and of no age."""
-    changes = {"aiding": {"imu_lag_s": NO_AGE_S, "receiver_lag_s": NO_AGE_S}}
+    changes = {"aiding": {"imu_lag_s": NO_AGE_S}}
     inner = Estimator(merge_profile(last.profile, changes), last.fixed_gain)
     inner.snapshot = inner.snapshot._replace(context=last.snapshot.context)
     inner.restart()
@@ -120,7 +120,12 @@ def mirrored_reports(recording: Recording, ages: Ages) -> list[Any]:
                 yield RateSample(time_us, (-x, -y, -z))
             else:
                 x, y, z = report.velocity_ned_m_s
-                yield report._replace(time_us=time_us, velocity_ned_m_s=(-x, -y, -z))
+                late_sigma_s = min(report.late_sigma_s, NO_AGE_S)
+                yield report._replace(
+                    time_us=time_us,
+                    velocity_ned_m_s=(-x, -y, -z),
+                    late_sigma_s=late_sigma_s,
+                )
 
     return sorted(turned(), key=lambda report: report.time_us)
 

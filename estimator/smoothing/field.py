@@ -5,8 +5,8 @@ from typing import NamedTuple
 
 import numpy as np
 
+from estimator.conditioning.field.calibration import own_field
 from estimator.conditioning.field.magnetic import FieldReference, has_heading
-from estimator.estimator import Estimator
 from estimator.live.rows import Flags, Floats
 from estimator.smoothing.path import late_s
 from estimator.smoothing.recording import Recording
@@ -19,6 +19,7 @@ class Field(NamedTuple):
     mag: Floats  # (N, 3) less the vehicle's own field, brought to the samples' times
     has_mag: Flags  # (N,)
     reference: FieldReference
+    own_variance: float  # of an axis of the own field that is left, as a share of the place's
     declination_rad: float
     is_known: bool  # whether it has a horizontal part that tells a heading
     unshown_iron_rad: float  # how far iron may turn the heading by it
@@ -29,12 +30,14 @@ def field_of(recording: Recording) -> Field:
     rows, last = recording.rows, recording.last
     north = last.settings.reference.magnetic_ned
     magnetometer = last.snapshot.core.conditioning.field
-    lag_s = magnetometer.calibration.learnt.lag_s
-    m = rows.mag_gauss - own_field(last)
+    learnt = magnetometer.calibration.learnt
+    own, left = own_field(learnt)
+    lag_s = late_s(recording) + learnt.lag_s
     return Field(
-        mag=without_lag(m, recording.rate_rad_s, late_s(recording) + lag_s),
+        mag=without_lag(rows.mag_gauss - learnt.scale * np.array(own), recording.rate_rad_s, lag_s),
         has_mag=rows.has_mag,
         reference=magnetometer.magnetic.reference,
+        own_variance=left,
         declination_rad=atan2(north[1], north[0]),
         is_known=has_heading(magnetometer.magnetic),
         unshown_iron_rad=last.unshown_iron_rad,
@@ -46,11 +49,3 @@ def without_lag(m: Floats, rate_rad_s: Floats, lag_s: Floats | float) -> Floats:
     first = cross(rate_rad_s, m)
     second = cross(rate_rad_s, first)
     return np.asarray(m - lag_s * first + 0.5 * lag_s**2 * second)
-
-
-def own_field(last: Estimator) -> Floats:
-    """The vehicle's own field (3,): of each component the share that is no error."""
-    learnt = last.snapshot.core.conditioning.field.calibration.learnt
-    p = learnt.covariance
-    offset, variance = np.array(learnt.offset), np.array([p[0], p[4], p[7]])
-    return np.asarray(learnt.scale * offset * offset**2 / (offset**2 + variance))

@@ -31,7 +31,7 @@ ROUNDS = 8
 # Of the drift that the estimator allows for: the bias is what later samples have told.
 DRIFT_SHARE = 0.3
 # Of what the field is aside for a short time, for as long as the heading is averaged.
-LASTING_SHARE = 0.25
+LASTING_SHARE = 0.05
 # The variance of a window without a field, rad^2.
 UNSEEN = 1e9
 
@@ -58,6 +58,7 @@ def turn_north(
     x, weight = solve(z, r, q, HEADING_REACH_RAD)
     leaning = 0.5 * steepness(field.reference) * vertical.variance
     variance = variances(r * weight, q) + lasting(seen, known, field.reference, leaning)
+    variance += (1.0 + steepness(field.reference)) * field.own_variance
     heading = windows.at(path.time_s, x) + field.declination_rad
     q_ned_frd = multiply(about_down(heading), vertical.q_6d_frd)
     return Headed(q_ned_frd, np.sqrt(windows.at(path.time_s, variance)))

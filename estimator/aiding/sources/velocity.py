@@ -151,8 +151,9 @@ def observe_velocity(
     units = np.zeros(3)
     wait = min(agreement.wait_s, 1.0)
     share = wait / (wait + USUAL_S) / 3.0
-    if reporter.is_receiver and reports == 0.0:  # the first one says how uncertain its age is
+    if reporter.is_receiver and reports == 0.0:  # the first one says how late it may be
         P[reporter.lag_at, reporter.lag_at] = report.late_sigma_s**2
+        x[reporter.lag_at] = report.late_sigma_s
     past = look_back(now.trail, reporter.age_s)
     gained, a = past.gained_m_s, past.acceleration_m_s2
     pushed = subtract(gained, scale(reporter.age_s, GRAVITY_NED))

@@ -5,7 +5,7 @@ from typing import NamedTuple
 from estimator.compilation.compiled import inlined
 from estimator.compilation.replacing import replacer
 from estimator.conditioning.params import ConditioningParams
-from estimator.conditioning.robust import MOST_DEVIATION, robust_factor
+from estimator.conditioning.robust import MOST_DEVIATION, REACH, robust_factor
 from estimator.conditioning.times import FORGET_S, LONGEST_STEP_S
 from estimator.conditioning.vertical.kalman import Covariance, update
 from estimator.conditioning.vertical.lowpass import approach
@@ -61,14 +61,29 @@ def most_variances(params: ConditioningParams) -> Vec2:
 
 
 @inlined
+def own_field(state: Calibration) -> tuple[Vec3, float]:
+    """The share of the learnt own field that is no error, and the variance of what may be left.
+
+    Both as shares of ``scale``, the variance of an axis. Of o with the variance V that share is
+    o . o/(o . o + V), and o . o V/(o . o + V) is left: most vehicles have none (James and Stein
+    1961). Learning takes readings for as bad as beside a magnet, and what is learnt is off by
+    a third of its sigma, so V is that much less.
+    """
+    o, p = state.offset, state.covariance
+    size, variance = dot(o, o), (p[0] + p[4] + p[7]) / REACH**2
+    share = size / (size + variance) if size > 0.0 else 0.0
+    return scale(share, o), share * variance / 3.0
+
+
+@inlined
 def correct_field(field: Vec3, gyr: Vec3, state: Calibration) -> Vec3:
     """The field without the vehicle's own, as the body would see it now.
 
-    m <- m - offset, then exp(-[w]x lag) m to second order: the field of the
+    m <- m - own, then exp(-[w]x lag) m to second order: the field of the
     place stands still, so in the body m' = -w x m, and a reading that is
     ``lag_s`` old lacks what the vehicle has turned since.
     """
-    m = subtract(field, scale(state.scale, state.offset))
+    m = subtract(field, scale(state.scale, own_field(state)[0]))
     lag = state.lag_s
     first = cross(gyr, m)
     second = cross(gyr, first)
@@ -116,7 +131,7 @@ def learn_calibration(
     is the sensor's age. All is high-passed alike, so that F and slow drift vanish and the model
     stays: less its mean over ``calibration_high_pass_s``, or over the time since the start. (Less
     the first reading instead, that one's error would be in every residual.) ``field_g`` is
-    corrected already: its residual is that of the present estimate.
+    corrected already: its residual is that of what has been taken off.
     While a body hardly turns, its own field looks like the place's, so it teaches the lag only.
     So does a slow stream: a reading lacks what the body turns in a tenth of a second, at the rate
     of its own sample. What turned ``unseen`` (variance, rad^2) is noise, and so is what the field
@@ -141,6 +156,7 @@ def learn_calibration(
             down=approach(state.means.axes.down, axes.down, a),
         ),
     )
+    taken_off, _ = own_field(before)
     offset, lag_s, p = before.offset, before.lag_s, walk(params, before.covariance, dt_s)
     dy = subtract(y, means.field)
     scatter = state.scatter
@@ -161,8 +177,8 @@ def learn_calibration(
         least = (params.calibration_noise_s + lasting_s) / dt_s + unseen
         for i in range(3):
             row = r[i] if tells else ZERO_VEC3
-            # the residual of the estimate before the step: less what the other axes have changed
-            e = dy[i] - dot(row, subtract(offset, before.offset)) - dx[i] * (lag_s - before.lag_s)
+            # the residual of what was taken off: less what is estimated beside that
+            e = dy[i] - dot(row, subtract(offset, taken_off)) - dx[i] * (lag_s - before.lag_s)
             noise = least * robust_factor((e * (1.0 / params.calibration_reach)) ** 2)
             offset, lag_s, p = update(offset, lag_s, p, row, dx[i], e, noise)
         if is_slow:  # beside such steps no gyroscope is later than the magnetometer

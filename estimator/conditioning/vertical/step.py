@@ -162,7 +162,7 @@ def learn_vertical(
     p = before.estimate.covariance
     # a slow stream's rates are of whole mrad/s, so that rest teaches no more than motion
     unknown = max((p[0] + p[4] + p[7]) / 3.0, params.bias_motion_sigma_rad_s**2)
-    noise = step_noise(params, before.tilt, mean.gyr, rate, down, dt, between, unknown)
+    noise = step_noise(params, before.tilt, mean.gyr, rate, down, dt, usual_s, between, unknown)
     clipped = missed_turn(before.clipping, down)
     belief = weigh_force(params, k, before, mean, noise, clipped[0], wander)
     share, slow, weighed = belief.share, slowness(params, dt), weighing(params, dt)

@@ -11,15 +11,16 @@ published uncertainty of slow streams.
 
 from typing import NamedTuple
 
+from estimator.bounds import TINY
 from estimator.compilation.compiled import inlined
 from estimator.compilation.replacing import replacer
 from estimator.conditioning.params import ConditioningParams
 from estimator.conditioning.times import ACCELERATION_LASTS_S, SPAN_S, USUAL_S
 from estimator.conditioning.vertical.averaging import MOST_ERROR
 from estimator.conditioning.vertical.lasting import MOST_APART_RAD
-from estimator.conditioning.vertical.rate import slow_share
-from estimator.geometry.quaternion import angle_between_vectors, dot, norm, square, subtract
-from estimator.geometry.spread import ANY_DIRECTION_VARIANCE
+from estimator.conditioning.vertical.rate import is_mean, slow_share
+from estimator.geometry.quaternion import angle_between_vectors, dot, norm, scale, square, subtract
+from estimator.geometry.spread import ANY_DIRECTION_VARIANCE, INDEPENDENT_BENT
 from estimator.types import ZERO_VEC3, Between, Vec2, Vec3
 
 # White noise of a gyroscope and its truncation to mrad/s, rad/s/sqrt(Hz).
@@ -36,8 +37,10 @@ class StepNoise(NamedTuple):
 
     tilt: float  # about both horizontal axes together
     twist: float  # about down
-    tilting: float  # squared change of rate about horizontal axes, (rad/s)^2
-    twisting: float  # squared change of rate about down, (rad/s)^2
+    tilting: float  # what the rate does off its line about horizontal axes, squared, (rad/s)^2
+    twisting: float  # the same about down, (rad/s)^2
+    change: Vec3  # of the rate since the step before, rad/s, FRD
+    changed: float  # its square
     drift: float  # covariance of tilt and bias about an axis before the force is read, rad^2/s
 
 
@@ -47,9 +50,11 @@ class TiltState(NamedTuple):
     variance: float = 0.0  # of its direction, rad^2
     fresh: float = 0.0  # the same if no acceleration lasted, rad^2
     scatter: float = 0.0  # mean square angle of the specific force about it, rad^2
-    tilting: float = 0.0  # mean square change of rate about horizontal axes, (rad/s)^2
-    twisting: float = 0.0  # mean square change of rate about down, (rad/s)^2
+    tilting: float = 0.0  # mean square of what the rate does off its line about horizontal axes
+    twisting: float = 0.0  # the same about down, (rad/s)^2
     gyr: Vec3 = ZERO_VEC3  # mean rate of the last step, rad/s, FRD
+    change: Vec3 = ZERO_VEC3  # by which it differed from that of the step before
+    changed: float = 0.0  # mean square of that
     force: float = 0.0  # usual size of the specific force, m/s^2
     drift: float = 0.0  # covariance of its error and the gyroscope's bias about an axis, rad^2/s
     missed: float = 0.0  # variance of the turn about horizontal axes that the last step missed
@@ -85,37 +90,42 @@ def step_noise(
     rate: Vec3,
     down: Vec3,
     dt_s: float,
+    before_s: float,
     between: Between,
     bias_variance: float,
 ) -> StepNoise:
     """Variances of the turn that one step has missed, about horizontal axes (both) and down.
 
-    q = (c dt)^2 |dw|^2 + (a dt^2)^2 |w|^2 + n^2 dt, with c = c_max dt/(dt + t_c): the
-    error of the mean of two instants, which is a fixed share of their difference as
-    soon as the motion is faster than the samples. One small difference may be
-    chance, so the mean over the last seconds is the least. Fitted to flights,
-    hand-held and driven motion at 1 to 25 Hz against their full rate. A step with other
-    readings between its samples is as many shorter ones. A bias of the gyroscope, of the variance
+    The mean of two independent readings is off that over the step by q = dt^2 |w''|^2 / 12, with
+    w'' by which the last one lies off the line through the two before. Of a rate that walks at
+    random it is half of that, of a motion that the samples show next to nothing: L^2 of that, with
+    L = |w''|^2 / (3 |dw|^2), 1 of independent readings and 2/3 of a walk, by the changes dw from
+    reading to reading. One small difference may be chance, so the mean over the last seconds is the
+    least. Where others were read inside the step, a time s apart, the rate walks between those:
+    q = dt s |dw|^2 / 12. To that comes (a s^2 |w|)^2 dt/s. A bias of the gyroscope, of the variance
     b^2, (rad/s)^2 about an axis, turns the vertical ever further: the covariance of the two grows
     by b^2 dt, C <- C + b^2 dt, and the variance of both axes by 4 C dt.
     """
     change = subtract(gyr, state.gyr)
-    part_s, parts = dt_s, 1.0
+    changed, seen_s = dot(change, change), dt_s
     if between.given:
-        change, part_s = between.change_rad_s, between.step_s
-        parts = max(1.0, dt_s / part_s)
-    along, all_of_it = dot(change, down) ** 2, dot(change, change)
+        seen_s = between.step_s
+        off, factor = between.change_rad_s, dt_s * seen_s / 12.0
+    else:
+        off = subtract(change, scale(min(1.0, dt_s / max(before_s, TINY)), state.change))
+        bent = max(dot(off, off), (state.tilting + state.twisting) / (1.0 + 2.0 * MOST_ERROR))
+        like = min(1.0, bent / (INDEPENDENT_BENT * max(changed, state.changed) + TINY))
+        factor = like * like * dt_s * dt_s / 12.0
+    along, all_of_it = dot(off, down) ** 2, dot(off, off)
     tilting = max(0.0, all_of_it - along) + MOST_ERROR * all_of_it
     twisting = along + MOST_ERROR * all_of_it
     about_down = dot(rate, down) ** 2
     turning = dot(rate, rate)
-    share = params.step_change_noise * part_s / (part_s + params.step_change_s)
-    if params.averaged_samples:
-        share *= MOST_ERROR
-    change_factor = parts * (share * part_s) ** 2
-    turn_factor = parts * (params.step_turn_noise_1_s * part_s * part_s) ** 2
-    tilt = change_factor * max(tilting, state.tilting)
-    twist = change_factor * max(twisting, state.twisting)
+    if is_mean(dt_s, params.averaged_samples):
+        factor *= MOST_ERROR**2
+    turn_factor = dt_s / seen_s * (params.step_turn_noise_1_s * seen_s * seen_s) ** 2
+    tilt = factor * max(tilting, state.tilting)
+    twist = factor * max(twisting, state.twisting)
     hole = HOLE_RAD_S**2 * max(0.0, dt_s - SPAN_S) ** 2
     drift = state.drift + bias_variance * dt_s
     return StepNoise(
@@ -130,6 +140,8 @@ def step_noise(
         + hole,
         tilting=tilting,
         twisting=twisting,
+        change=change,
+        changed=changed,
         drift=drift,
     )
 
@@ -176,6 +188,8 @@ def believe_force(
             tilting=state.tilting + c * (noise.tilting - state.tilting),
             twisting=state.twisting + c * (noise.twisting - state.twisting),
             gyr=gyr,
+            change=noise.change,
+            changed=state.changed + c * (noise.changed - state.changed),
             force=usual + b * (size - usual),
             drift=(1.0 - share) * noise.drift,
             missed=noise.tilt,
@@ -197,7 +211,17 @@ def initial_tilt(gyr: Vec3, u: Vec3) -> TiltState:
     """The state at the first reading: the direction of the force ``u`` is as good as unknown."""
     scatter = 16.0 * LEAST_OFF_RAD**2
     return TiltState(
-        ANY_DIRECTION_VARIANCE, ANY_DIRECTION_VARIANCE, scatter, 0.0, 0.0, gyr, norm(u), 0.0, 0.0
+        variance=ANY_DIRECTION_VARIANCE,
+        fresh=ANY_DIRECTION_VARIANCE,
+        scatter=scatter,
+        tilting=0.0,
+        twisting=0.0,
+        gyr=gyr,
+        change=ZERO_VEC3,
+        changed=0.0,
+        force=norm(u),
+        drift=0.0,
+        missed=0.0,
     )
 
 

@@ -37,7 +37,7 @@ def searched(rng, *, seconds=20.0, push_m_s2=2.0, noise_m_s=0.05):
         force = force + acc * DT
         said = velocity + noise_m_s * rng.standard_normal(3)
         before = search
-        search, closed = add_report(search, report(said), 0.0, IDENTITY, DOWN)
+        search, closed = add_report(search, report(said), IDENTITY, DOWN)
         if closed:
             window = before.window
             windows.append((said - starts - GRAVITY * window.time_s, window.pushed_m_s))
@@ -118,7 +118,7 @@ def moved(
         search = add_sample(search, (w, x, y, z), acc, every * fine_s)
         if k % max(spacing, every) == 0 and k > older:
             said = report(velocities[k - older], ago_s, late_sigma_s)
-            search, _ = add_report(search, said, 0.1, IDENTITY, DOWN)
+            search, _ = add_report(search, said, IDENTITY, DOWN)
     answer = solve(search, max(drift_rad_s, BIAS_SIGMA_RAD_S))
     if answer is None:
         return None, 0.0

@@ -73,12 +73,12 @@ def test_the_lean_is_the_lesser_acceleration_over_gravity():
 def test_a_windows_evidence_is_half_as_old_as_the_window_is_long():
     """What turned G since it began has turned the mean of the window half as far."""
     search, _ = add_report(
-        EMPTY_SEARCH, Report(True, ZERO_VEC3, True, 0.3, 0.0, 0.0), 0.0, IDENTITY, DOWN
+        EMPTY_SEARCH, Report(True, ZERO_VEC3, True, 0.3, 0.0, 0.0), IDENTITY, DOWN
     )
     for _ in range(15):
         search = add_sample(search, IDENTITY, (1.0, 2.0, -9.0), 0.1)
     closed, is_closed = add_report(
-        search, Report(True, (2.0, 1.0, 0.3), True, 0.3, 0, 0.0), 0.0, IDENTITY, DOWN
+        search, Report(True, (2.0, 1.0, 0.3), True, 0.3, 0, 0.0), IDENTITY, DOWN
     )
     assert is_closed
     a, b = (2.0, 1.0, 0.3 - 9.80665 * 1.5), search.window.pushed_m_s
@@ -123,14 +123,14 @@ EVIDENCE = Evidence(
 @pytest.mark.parametrize("late_sigma_s", [0.0, 0.1])
 @pytest.mark.parametrize("has_vertical", [True, False])
 def test_a_closed_window_joins_faded_evidence(late_sigma_s, has_vertical):
-    """Of 1.4 s; a report that does not know its age is another 0.12 s older than it says."""
+    """Of 1.4 s; a report that does not know its age is older than it says by that age's sigma."""
     window = Window(
         (1.0, 2.0, -13.0), (0.3, 2.2, -9.5), (0.9, 1.0, -9.2), 1.4, (1.0, 2.0, 3.0), True
     )
     report = Report(True, (2.5, 1.0, 3.2), has_vertical, 0.3, 0.05, late_sigma_s)
-    found, is_closed = add_report(Search(window, EVIDENCE), report, 0.12, IDENTITY, DOWN)
+    found, is_closed = add_report(Search(window, EVIDENCE), report, IDENTITY, DOWN)
     assert is_closed
-    behind_s = 0.05 + (0.12 if late_sigma_s else 0.0)
+    behind_s = 0.05 + late_sigma_s
     time_s = 1.4 - behind_s
     a = np.array((1.5, -1.0, (0.2 if has_vertical else 0.0) - 9.80665 * time_s))
     b = np.subtract(window.pushed_m_s, behind_s * np.array(window.force_m_s2))

@@ -8,7 +8,12 @@ import numpy as np
 import pytest
 
 from estimator.conditioning import ConditioningParams, initial_state
-from estimator.conditioning.field.calibration import Calibration, correct_field, learn_calibration
+from estimator.conditioning.field.calibration import (
+    Calibration,
+    correct_field,
+    learn_calibration,
+    own_field,
+)
 from estimator.conditioning.field.heading import heading_noise, learn_heading
 from estimator.conditioning.field.magnetic import FieldLook
 from estimator.conditioning.robust import HEADING_REACH_RAD
@@ -194,7 +199,10 @@ def test_a_turning_body_tells_lag_and_own_field(seed, turned):
     h = np.column_stack([rows, dx])
     high_pass_s = PARAMS.calibration_high_pass_s
     scatter = (1.0 - DT / (high_pass_s + DT)) * 0.004
-    x, p = updated(x, p + np.diag(grown), h, dy, [(0.0002 + high_pass_s * scatter) / DT] * 3)
+    kept_on = x[:3] - own_field(state.learnt)[0]  # no error: it has not been taken off
+    x, p = updated(
+        x, p + np.diag(grown), h, dy - rows @ kept_on, [(0.0002 + high_pass_s * scatter) / DT] * 3
+    )
     assert [*after.offset, after.lag_s] == pytest.approx(x, rel=1e-9, abs=1e-12)
     assert square(after.covariance) == pytest.approx(p, rel=1e-8, abs=1e-14)
 
@@ -234,14 +242,25 @@ def test_levelling_in_a_turn_tells_the_scale_error(seed):
     )
 
 
+@pytest.mark.parametrize(("sigma", "share"), [(0.0, 1.0), (0.05, 0.75), (0.15, 0.25)])
+def test_of_an_own_field_the_share_counts_that_is_no_error(sigma, share):
+    """Of 5 % of the place's field, with a covariance of three times its errors."""
+    covariance = (sigma**2, 0.3, 0.2, 0.1, sigma**2, 0.1, 0.2, sigma**2, 0.3, 0.1)
+    offset = np.array((0.03, 0.0, 0.04))
+    found, left = own_field(Calibration(0.0, tuple(offset.tolist()), covariance, 0.48))
+    assert found == pytest.approx(tuple(share * offset))
+    assert left == pytest.approx(share * sigma**2 / 9.0)
+    assert own_field(Calibration(0.0, STILL, covariance, 0.48)) == (STILL, 0.0)
+
+
 @pytest.mark.parametrize("seed", SEEDS)
 def test_a_field_is_taken_without_the_own_one_and_turned_on_by_its_age(seed):
     """Of 40 ms: what is off is the third order of the turn at most."""
     rng = np.random.default_rng(seed)
     w, m = rng.normal(0.0, 1.2, 3), rng.normal(size=3)
-    offset = tuple(rng.normal(0.0, 0.1, 3))
-    learnt = Calibration(0.04, offset, (0.0,) * 10, 0.48)
-    found = correct_field(tuple(m + 0.48 * np.array(offset)), tuple(w), learnt)
+    learnt = Calibration(0.04, tuple(rng.normal(0.0, 0.1, 3)), (0.05,) * 10, 0.48)
+    own, _ = own_field(learnt)  # the share of it that is no error
+    found = correct_field(tuple(m + 0.48 * np.array(own)), tuple(w), learnt)
     now = rotate(exp(tuple(-0.04 * w)), tuple(m))
     third_order = np.linalg.norm(0.04 * w) ** 3 / 6.0 * np.linalg.norm(m)
     assert np.linalg.norm(np.subtract(found, now)) < 1.01 * third_order

@@ -70,7 +70,7 @@ def verdict(motion: str, rate_hz: float) -> Verdict:
         ("slalom 20", 50.0, 1.06),  # 9 by averaging
         ("accelerate and brake", 50.0, 1.26),  # 10
         ("climb and turn", 50.0, 1.09),  # 28
-        ("slalom 20", 4.0, 2.33),
+        ("slalom 20", 4.0, 3.32),
         ("climb and turn", 4.0, 2.14),
         ("aerobatics", 4.0, 5.6),
         ("aerobatics", 2.0, 6.3),
