@@ -66,7 +66,11 @@ class Holder:
             return self._core
         core: Core = self._code(resident.contents)(self._inside)
         core = in_tuples(core)
-        return in_types_of(self._core, core) if self._is_in_python else core
+        if not self._is_in_python:
+            return core
+        # as many rates wait as there are
+        as_put: Core = in_types_of(self._core._replace(rates=core.rates), core)
+        return as_put
 
     @property
     def clock(self) -> tuple[int, float]:
