@@ -56,6 +56,7 @@ class TiltState(NamedTuple):
 
 
 with_variance = replacer(TiltState, "variance")
+with_known = replacer(TiltState, "variance", "scatter")
 
 
 @inlined
@@ -145,6 +146,7 @@ def believe_force(
     dt_s: float,
     lasting: float,
     least_share: float,
+    most: float,
 ) -> tuple[TiltState, float]:
     """The variance after a step with the force ``u`` (minus it, in G), and the force's share.
 
@@ -152,9 +154,10 @@ def believe_force(
     scatter of the force's direction, its mean square learnt from the innovations
     by expectation (R/(P + R))^2 v^2 + P R/(P + R), more where the force has not
     its usual size, and times 2 T/dt: accelerations last for T. To that come those that last
-    longer, of the variance ``lasting`` (rad^2). No less than ``least_share`` is taken.
+    longer, of the variance ``lasting`` (rad^2). No less than ``least_share`` is taken, and the
+    vertical is known no worse than ``most`` (rad^2).
     """
-    p = min(state.variance + noise.tilt, ANY_DIRECTION_VARIANCE)
+    p = min(state.variance + noise.tilt, most)
     size = norm(u)
     usual = state.force
     unusual = size / usual - 1.0 if usual > 0.0 else 0.0
@@ -195,10 +198,8 @@ def innovation(down_g: Vec3, u: Vec3) -> float:
 @inlined
 def initial_tilt(gyr: Vec3, u: Vec3) -> TiltState:
     """The state at the first reading: the direction of the force ``u`` is as good as unknown."""
-    scatter = 16.0 * LEAST_OFF_RAD**2
-    return TiltState(
-        ANY_DIRECTION_VARIANCE, ANY_DIRECTION_VARIANCE, scatter, 0.0, 0.0, gyr, norm(u), 0.0, 0.0
-    )
+    unknown, scatter = ANY_DIRECTION_VARIANCE, 16.0 * LEAST_OFF_RAD**2
+    return TiltState(unknown, unknown, scatter, 0.0, 0.0, gyr, norm(u), 0.0, 0.0)
 
 
 @inlined
