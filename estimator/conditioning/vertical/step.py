@@ -267,8 +267,9 @@ def weigh_force(
     lasting = 0.0 if resting else weighed * lasting_variance(before.lasting)
     least = 0.0 if resting else least_variance(before.lasting)
     scatter = before.tilt.scatter
-    if resting:  # nothing shakes: a reading is off by no more than its own error
-        scatter = min(scatter, 4.0 * LEAST_OFF_RAD**2)
+    if resting:  # who was shaken is not any more: a reading is off by no more than its own error
+        share = before.usual.proofs / (1.0 + before.usual.proofs)
+        scatter += share * (min(scatter, 4.0 * LEAST_OFF_RAD**2) - scatter)
     known = with_known(before.tilt, max(before.tilt.variance, least) + weighed * doubt, scatter)
     tilt, share = believe_force(
         params, known, noise, mean.gyr, down_g, mean.gravity_g, dt, lasting, young, most

@@ -23,6 +23,7 @@ class Usual(NamedTuple):
     down: Vec3 = ZERO_VEC3  # minus the mean force of ``LATELY_S``, m/s^2, FRD
     seen_s: float = 0.0  # what that is the mean of
     steps: float = 0.0  # over ``LONG_S``
+    proofs: float = 0.0  # of these, by how far the force's direction has scattered, too
     leant: float = 0.0  # sum of squares of angles (rad^2) by which leaning has turned the force
     shaken: float = 0.0  # and shaking
 
@@ -36,12 +37,14 @@ def watch_usual(usual: Usual, force: Vec3, lost: float, dt_s: float) -> Usual:
         off = min(angle_between_vectors(usual.down, down) ** 2, MOST_APART_RAD**2)
     size = norm(force) / STANDARD_GRAVITY_M_S2 - 1.0
     shaken = 2.0 * size * size
+    proof = lost * off / (off + shaken) if off > 0.0 else 0.0  # thrust changes its size alone
     seen_s = min(usual.seen_s + dt_s, LATELY_S)
     keep = LONG_S / (LONG_S + dt_s)
     return Usual(
         down=approach(usual.down, down, dt_s / seen_s),
         seen_s=seen_s,
         steps=keep * usual.steps + lost,
+        proofs=keep * usual.proofs + proof,
         leant=keep * usual.leant + lost * (off - shaken),
         shaken=keep * usual.shaken + lost * shaken,
     )
@@ -53,7 +56,8 @@ def usual_variance(usual: Usual, lasting: float, dt_s: float) -> float:
 
     A lean that shows as an acceleration in G, of the variance ``lasting``, is one, too.
     """
-    leant = (ANY_DIRECTION_VARIANCE + max(0.0, usual.leant)) / (1.0 + usual.steps) + lasting
+    prior = ANY_DIRECTION_VARIANCE / (1.0 + usual.proofs)
+    leant = prior + max(0.0, usual.leant) / (1.0 + usual.steps) + lasting
     shaken = usual.shaken / (1.0 + usual.steps)
     of_mean = (leant + shaken) * min(1.0, dt_s / max(usual.seen_s, dt_s))
     return min(leant + of_mean, ANY_DIRECTION_VARIANCE)
