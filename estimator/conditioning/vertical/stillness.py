@@ -28,7 +28,7 @@ class Stillness(NamedTuple):
     """What gravity and field say of a vehicle that seems to rest.
 
     The means are of ``LATELY_S``, turned in the body as they should be if the known bias is right;
-    two stay as they are, since a poor gyroscope turns the others away.
+    two, of all the time it has been quiet, stay, since a poor gyroscope turns the others away.
     """
 
     field: Vec3 = ZERO_VEC3  # low-passed, in its own unit, FRD
@@ -71,11 +71,14 @@ def watch_stillness(
         mean_field = mean_after(mean_field, direction(smooth), rate, wait_s)
         wait_s = 0.0
     here, zero = direction(smooth), ZERO_VEC3
+    stood_field, stood_down = here, down
+    if rest.quiet_s > dt_s:
+        share = dt_s / (LATELY_S + dt_s)
+        stood_field = approach(before.stood_field, here, share)
+        stood_down = approach(before.stood_down, down, share)
     if not rest.steady:
-        return Stillness(smooth, wait_s, here, down, here, down, zero, zero, zero, False)
-    share = dt_s / (LATELY_S + dt_s)
-    stood_field = approach(before.stood_field, here, share)
-    stood_down = approach(before.stood_down, down, share)
+        stood = (here, down, stood_field, stood_down)
+        return Stillness(smooth, wait_s, *stood, zero, zero, zero, False)
     mean_down = mean_after(before.mean_down, down, rate, dt_s)
     shown = scale(LATELY_S / (LATELY_S + dt_s), add(before.shown, scale(dt_s, rate)))
     seen_field = here if wait_s <= params.rest_time_s else ZERO_VEC3

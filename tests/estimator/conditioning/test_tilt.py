@@ -170,7 +170,7 @@ def test_after_a_hole_with_a_fast_turn_a_vehicle_at_rest_is_upright_within_two_s
     assert sigma[in_hole] == pytest.approx(14.8, rel=0.2)
     assert off[times >= 24.0].max() == pytest.approx(0.70, rel=0.2)
     assert off[times >= 26.0].max() < 0.06  # measured 0.05
-    assert sigma[times >= 26.0].max() == pytest.approx(7.83, rel=0.2)
+    assert sigma[times >= 26.0].max() == pytest.approx(4.55, rel=0.2)
     fixed = run(FIXED, gyr, acc, times)
     off_fixed = degrees(np.arccos(fixed[in_hole + 1].gravity_b[2]))
     assert off_fixed == pytest.approx(119.0, rel=0.2)
@@ -221,17 +221,20 @@ def test_what_a_step_misses_by_its_formula(dt: float, between: Between) -> None:
 
 @pytest.mark.parametrize("least", [0.0, 0.6])
 @pytest.mark.parametrize("lasting", [0.0, 0.05])
-def test_the_force_is_believed_as_by_a_kalman_filter(least: float, lasting: float) -> None:
+@pytest.mark.parametrize("most", [0.011, 1.0])
+def test_the_force_is_believed_as_by_a_kalman_filter(
+    least: float, lasting: float, most: float
+) -> None:
     """A force of 10.4 m/s^2, 0.13 rad off, where 9.6 is usual."""
     dt, u = 0.25, (1.0, -0.9, 10.312)
-    p, size = 0.004 + 0.01, float(np.linalg.norm(u))
+    p, size = min(0.004 + 0.01, most), float(np.linalg.norm(u))
     r = 0.003 + (size / 9.6 - 1.0) ** 2
     white = r * 2.0 * 0.35 / dt + lasting * 2.0 * 3.0 / dt
     share = max(least, p / (p + white))
     off = np.arctan2(np.hypot(u[0], u[1]), u[2])
     expected = (r / (p + r) * off) ** 2 + p * r / (p + r)
     noise = StepNoise(tilt=0.01, twist=0.02, tilting=0.7, twisting=0.3, drift=1e-4)
-    after, found = believe_force(PARAMS, BEFORE, noise, GYR, DOWN, u, dt, lasting, least)
+    after, found = believe_force(PARAMS, BEFORE, noise, GYR, DOWN, u, dt, lasting, least, most)
     assert found == pytest.approx(share)
     assert after.drift == pytest.approx((1.0 - share) * 1e-4)
     assert after.variance == pytest.approx((1.0 - share) ** 2 * p + share**2 * white)
