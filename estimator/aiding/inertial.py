@@ -4,9 +4,7 @@ from math import exp as real_exp
 from math import sqrt
 from typing import NamedTuple
 
-import numpy as np
-
-from estimator.aiding.covariance import learn, predict_covariance, rotation_matrix
+from estimator.aiding.covariance import predict_covariance, rotation_matrix
 from estimator.aiding.trail import ACCELERATION, TIME, extend_trail, row
 from estimator.aiding.types import (
     ACC_BIAS,
@@ -24,7 +22,6 @@ from estimator.aiding.types import (
     Array,
     Unlearnt,
 )
-from estimator.bounds import TINY
 from estimator.compilation.compiled import inlined
 from estimator.compilation.replacing import replacer
 from estimator.conditioning.robust import FAR, REACH
@@ -182,43 +179,45 @@ def add_noise(
 
 
 @inlined
-def judge_biases(params: AidingParams, now: Prediction, unlearnt: Unlearnt) -> Unlearnt:
+def judge_biases(now: Prediction, unlearnt: Unlearnt) -> Unlearnt:
     """How uncertain biases of both sensors are that nothing has shown; in place, too.
 
     Three axes are one sensor's: where one is off by more than it was taken to be, the others may be
-    as far off. Nor is the accelerometer calibrated of an IMU whose gyroscope is not.
+    as far off. What has been learnt of an axis counts as before. An accelerometer's bias across the
+    force has turned the attitude, as a rest or a straight flight makes it seem: R a = turn x f.
     """
-    estimate, P = now.estimate, now.covariance
-    gyr = max(unlearnt.gyr, largest_square(estimate.gyr_bias_rad_s))
-    as_poor = gyr * (params.acc_bias_sigma / params.gyr_bias_sigma) ** 2
-    acc = max(unlearnt.acc, largest_square(estimate.acc_bias_m_s2), as_poor)
-    for k in range(3):
-        unlearn(P, GYR_BIAS + k, unlearnt.gyr, gyr)
-        unlearn(P, ACC_BIAS + k, unlearnt.acc, acc)
+    estimate = now.estimate
+    R = rotation_matrix(estimate.q_ned_frd)
+    gyr = judge_sensor(now.covariance, GYR_BIAS, estimate.gyr_bias_rad_s, unlearnt.gyr, R, 0.0)
+    lean = 1.0 / STANDARD_GRAVITY_M_S2
+    acc = judge_sensor(now.covariance, ACC_BIAS, estimate.acc_bias_m_s2, unlearnt.acc, R, lean)
     return Unlearnt(gyr, acc)
 
 
 @inlined
-def largest_square(v: Vec3) -> float:
-    """Of a vector's parts."""
-    return max(v[0] * v[0], v[1] * v[1], v[2] * v[2])
+def judge_sensor(P: Array, first: int, bias: Vec3, variance: float, R: Array, lean: float) -> float:
+    """The variance of a sensor's bias that nothing has shown, and that of its axes, in place.
 
-
-@inlined
-def unlearn(P: Array, i: int, before: float, variance: float) -> None:
-    """Error i was taken to have the variance ``before``; it may have more, in place.
-
-    A Kalman update by that prior, taken back: what has been learnt since counts as it did, as does
-    what the error has turned meanwhile.
+    ``lean`` is by how much (rad) a bias across the vertical has turned the attitude.
     """
-    if variance <= before:
-        return
-    p = P[i, i]
-    wider = 1.0 / (max(0.0, 1.0 / p - 1.0 / before) + 1.0 / variance)
-    if wider > (1.0 + TINY) * p:
-        h = np.zeros(SIZE)
-        h[i] = 1.0
-        learn(P, np.zeros(SIZE), h, 0.0, p * wider / (p - wider))
+    largest = max(bias[0] * bias[0], bias[1] * bias[1], bias[2] * bias[2])
+    if largest <= variance:
+        return variance
+    for k in range(3):
+        i = first + k
+        learnt = max(0.0, 1.0 / P[i, i] - 1.0 / variance)
+        grown = max(0.0, 1.0 / (learnt + 1.0 / largest) - P[i, i])
+        north, east = lean * R[1, k], -lean * R[0, k]
+        P[i, i] += grown
+        P[i, TURN] += grown * north
+        P[TURN, i] += grown * north
+        P[i, TURN + 1] += grown * east
+        P[TURN + 1, i] += grown * east
+        P[TURN, TURN] += grown * north * north
+        P[TURN, TURN + 1] += grown * north * east
+        P[TURN + 1, TURN] += grown * north * east
+        P[TURN + 1, TURN + 1] += grown * east * east
+    return largest
 
 
 @inlined

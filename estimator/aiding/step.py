@@ -91,7 +91,7 @@ def aid(
             field = begin_anew(field)
     now = apply_corrections(now, x)
     surprise = add_correction(surprise, part(x, TURN), before, known(now.covariance))
-    unlearnt = judge_biases(params, now, state.unlearnt)
+    unlearnt = judge_biases(now, state.unlearnt)
     last = LastStep(
         gyr_rad_s=sample.gyr_rad_s,
         gyr_before_rad_s=state.last.gyr_rad_s,

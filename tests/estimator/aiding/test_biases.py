@@ -4,63 +4,59 @@ import numpy as np
 import pytest
 
 from estimator.aiding import blank_aiding
-from estimator.aiding.covariance import learn, rotation_matrix
+from estimator.aiding.covariance import expected_variance, rotation_matrix
 from estimator.aiding.inertial import Prediction, judge_biases
 from estimator.aiding.trail import new_trail
 from estimator.aiding.types import ACC_BIAS, GYR_BIAS, SIZE, TURN, AidingParams, Unlearnt
 from estimator.geometry.quaternion import exp
 from estimator.types import STANDARD_GRAVITY_M_S2, ZERO_VEC3
 
-PARAMS = AidingParams()
-USUAL = Unlearnt(gyr=PARAMS.gyr_bias_sigma**2, acc=PARAMS.acc_bias_sigma**2)
+USUAL = Unlearnt(gyr=0.01**2, acc=0.05**2)
 Q = exp((0.3, -0.2, 1.1))
-NOISE = 1e-4  # (m/s^2)^2
 
 
-def rested(unlearnt):
-    """The covariance after a rest that shows tilt and accelerometer's bias together."""
+def judged(gyr_bias, acc_bias, *, learnt_axis):
+    """Covariances before and after, one axis of either sensor being learnt; and what is usual."""
     P = np.diag(np.linspace(0.02, 0.04, SIZE) ** 2)
-    for first, variance in ((GYR_BIAS, unlearnt.gyr), (ACC_BIAS, unlearnt.acc)):
+    for first, variance in ((GYR_BIAS, USUAL.gyr), (ACC_BIAS, USUAL.acc)):
         for i in range(first, first + 3):
-            P[i, i] = variance
-    R = rotation_matrix(Q)
-    for k in range(3):  # no velocity has come of what is felt: turn x f - R a, f straight up
-        h = np.zeros(SIZE)
-        h[ACC_BIAS : ACC_BIAS + 3] = -R[k]
-        if k < 2:
-            h[TURN + 1 - k] = (-1.0, 1.0)[k] * STANDARD_GRAVITY_M_S2
-        learn(P, np.zeros(SIZE), h, 0.0, NOISE)
-    return P
-
-
-def judged(P, gyr_bias, acc_bias):
-    estimate = blank_aiding(PARAMS)[0].estimate._replace(
+            P[i, i] = variance * (0.01 if i == first + learnt_axis else 1.0)
+    estimate = blank_aiding(AidingParams())[0].estimate._replace(
         q_ned_frd=Q, gyr_bias_rad_s=gyr_bias, acc_bias_m_s2=acc_bias
     )
     now = Prediction(estimate, ZERO_VEC3, ZERO_VEC3, new_trail(ZERO_VEC3), P.copy())
-    return judge_biases(PARAMS, now, USUAL), now.covariance
+    unlearnt = judge_biases(now, USUAL)
+    return P, now.covariance, unlearnt
 
 
 def test_usual_biases_change_nothing():
-    P = rested(USUAL)
-    unlearnt, after = judged(P, (0.009, -0.01, 0.0), (0.03, -0.05, 0.03))
-    np.testing.assert_array_equal(after, P)
+    before, after, unlearnt = judged((0.009, -0.01, 0.0), (0.0, 0.05, -0.03), learnt_axis=1)
+    np.testing.assert_array_equal(before, after)
     assert unlearnt == USUAL
 
 
-@pytest.mark.parametrize(
-    ("gyr_bias", "acc_bias", "expected"),
-    [
-        (ZERO_VEC3, (0.0, 0.0, -0.3), Unlearnt(USUAL.gyr, 0.3**2)),
-        ((0.0, 0.06, 0.0), ZERO_VEC3, Unlearnt(0.06**2, 0.3**2)),
-    ],
-    ids=["accelerometer", "gyroscope"],
-)
-def test_what_was_learnt_counts_as_if_the_sensor_had_been_taken_for_that_poor(
-    gyr_bias, acc_bias, expected
-):
-    """One axis tells of the others, and a gyroscope that nobody has calibrated of both sensors."""
-    unlearnt, after = judged(rested(USUAL), gyr_bias, acc_bias)
-    assert unlearnt == pytest.approx(expected)
-    np.testing.assert_allclose(after, rested(expected), rtol=1e-6, atol=1e-12)
+@pytest.mark.parametrize(("first", "usual"), [(GYR_BIAS, USUAL.gyr), (ACC_BIAS, USUAL.acc)])
+def test_one_axis_tells_of_the_others(first, usual):
+    """What was learnt of that axis counts as before."""
+    off = 5.0 * usual**0.5
+    zero = (0.0, 0.0, 0.0)
+    biases = ((0.0, off, 0.0), zero) if first == GYR_BIAS else (zero, (0.0, off, 0.0))
+    _, after, unlearnt = judged(*biases, learnt_axis=1)
+    assert unlearnt[first == ACC_BIAS] == pytest.approx(off * off)
+    diagonal = np.diag(after)[first : first + 3]
+    np.testing.assert_allclose(diagonal[[0, 2]], off * off)
+    assert diagonal[1] == pytest.approx(1.0 / (99.0 / usual + 1.0 / off**2))
+
+
+def test_an_accelerometers_bias_has_turned_the_vertical_as_it_seems():
+    """So that at rest no velocity contradicts it: R a = turn x f, with f straight up."""
+    before, after, _ = judged((0.0, 0.0, 0.0), (0.0, 0.0, 0.4), learnt_axis=2)
+    h = np.zeros(SIZE)
+    R = rotation_matrix(Q)
+    for row, turned in ((0, (TURN + 1, -1.0)), (1, (TURN, 1.0))):
+        h[:] = 0.0
+        h[turned[0]] = turned[1] * STANDARD_GRAVITY_M_S2
+        h[ACC_BIAS : ACC_BIAS + 3] = -R[row]
+        assert expected_variance(after, h, 0.0) == pytest.approx(expected_variance(before, h, 0.0))
     assert np.linalg.eigvalsh(after).min() > 0.0
+    assert np.diag(after)[TURN] > 1.1 * np.diag(before)[TURN]
