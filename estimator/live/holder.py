@@ -78,7 +78,11 @@ class Holder:
         if self._inside is None:
             return self._core
         core: Core = in_tuples(self._contents())
-        return in_types_of(self._core, core) if self._is_in_python else core
+        if not self._is_in_python:
+            return core
+        # as many rates wait as there are
+        as_put: Core = in_types_of(self._core._replace(rates=core.rates), core)
+        return as_put
 
     @property
     def clock(self) -> tuple[int, float]:

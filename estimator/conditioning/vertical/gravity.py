@@ -94,6 +94,15 @@ def observe_gravity(
 
 
 @inlined
+def pull_to(state: GravityState, down_frd: Vec3, share: float) -> GravityState:
+    """The vertical moved by a share of its way to ``down_frd``, m/s^2."""
+    g, force = rotate(state.q_g_frd, down_frd), state.force
+    down = Smooth(approach(force.down.value, g, share), ZERO_VEC3)
+    best = Smooth(approach(force.best.value, g, share), ZERO_VEC3)
+    return with_force(state, Force(down, best, force.quick, force.long, force.age_s))
+
+
+@inlined
 def long_share(k: Coefficients, age_s: float) -> float:
     """The share by which the long mean follows, ``age_s`` after the low-pass began."""
     return max(k.gravity_share / LONG_MEAN, k.dt_s / age_s)

@@ -32,6 +32,7 @@ from estimator.conditioning.vertical.gravity import (
     level,
     long_share,
     observe_gravity,
+    pull_to,
     with_frame,
 )
 from estimator.conditioning.vertical.lasting import (
@@ -45,6 +46,7 @@ from estimator.conditioning.vertical.rest import RestState, initial_rest, observ
 from estimator.conditioning.vertical.spin import Spin, follow_spin
 from estimator.conditioning.vertical.stillness import Stillness, watch_stillness
 from estimator.conditioning.vertical.tilt import (
+    LEAST_OFF_RAD,
     StepNoise,
     TiltState,
     believe_force,
@@ -53,8 +55,9 @@ from estimator.conditioning.vertical.tilt import (
     slowness,
     step_noise,
     weighing,
-    with_variance,
+    with_known,
 )
+from estimator.conditioning.vertical.usual import Usual, usual_variance, watch_usual
 from estimator.geometry.axes import axes_of, down_of
 from estimator.geometry.quaternion import (
     dot,
@@ -65,7 +68,7 @@ from estimator.geometry.quaternion import (
     scale,
     subtract,
 )
-from estimator.geometry.spread import HALF_TURN_VARIANCE
+from estimator.geometry.spread import ANY_DIRECTION_VARIANCE, HALF_TURN_VARIANCE
 from estimator.types import ZERO_VEC3, Between, Quaternion, Sample, Vec3
 
 
@@ -82,6 +85,7 @@ class VerticalState(NamedTuple):
     doubt: float = 0.0  # variance that an unsensed turn has given it, until the force tells, rad^2
     rest: RestState = RestState()  # whether the vehicle rests
     still: Stillness = Stillness()  # whether gravity and field bear that out
+    usual: Usual = Usual()  # how a slow stream's vehicle is usually tilted
     lagged: Lagged = Lagged()  # what bias learning in motion compares with
     coefficients: Coefficients = Coefficients()  # for the last step's length
 
@@ -105,6 +109,7 @@ class Belief(NamedTuple):
 
 
 with_turn = replacer(VerticalState, "gravity", "clipping")
+with_usual = replacer(VerticalState, "gravity", "usual")
 with_first = replacer(VerticalState, "rest", "tilt")
 with_resting = replacer(RestState, "resting")
 
@@ -164,7 +169,8 @@ def learn_vertical(
     unknown = max((p[0] + p[4] + p[7]) / 3.0, params.bias_motion_sigma_rad_s**2)
     noise = step_noise(params, before.tilt, mean.gyr, rate, down, dt, usual_s, between, unknown)
     clipped = missed_turn(before.clipping, down)
-    belief = weigh_force(params, k, before, mean, noise, clipped[0], wander)
+    before, most = hold_by_usual(params, before, mean, noise.tilt)
+    belief = weigh_force(params, k, before, mean, noise, clipped[0], wander, most)
     share, slow, weighed = belief.share, slowness(params, dt), weighing(params, dt)
     gravity = observe_gravity(params, k, before.gravity, mean.gravity_g, share, belief.weighed)
     gravity = age_after_hole(gravity, share, slow, dt, usual_s)
@@ -196,6 +202,7 @@ def learn_vertical(
         doubt=belief.doubt,
         rest=rest,
         still=still,
+        usual=before.usual,
         lagged=lagged,
         coefficients=k,
     )
@@ -215,6 +222,26 @@ def observe_stillness(
 
 
 @inlined
+def hold_by_usual(
+    params: ConditioningParams, before: VerticalState, mean: Gathered, missed: float
+) -> tuple[VerticalState, float]:
+    """What a slow step has lost of the vertical, taken from the usual one; and its variance now.
+
+    The step has missed a turn of the variance ``missed``, and nothing is known worse than where it
+    usually is, both rad^2.
+    """
+    dt, usual, gravity = mean.time_s, before.usual, before.gravity
+    slow = slowness(params, dt)
+    if slow <= 0.0:
+        return before, ANY_DIRECTION_VARIANCE
+    most = usual_variance(usual, lasting_variance(before.lasting), dt)
+    lost = slow * max(0.0, 1.0 - most / (before.tilt.variance + missed))
+    if usual.seen_s > 0.0:
+        gravity = pull_to(gravity, usual.down, lost)
+    return with_usual(before, gravity, watch_usual(usual, mean.acc, lost, dt)), most
+
+
+@inlined
 def weigh_force(
     params: ConditioningParams,
     k: Coefficients,
@@ -223,11 +250,13 @@ def weigh_force(
     noise: StepNoise,
     clipped: float,
     wander: float,
+    most: float,
 ) -> Belief:
     """How far the step's mean force is believed, against what was known of the vertical.
 
     ``clipped`` (rad^2) is the variance of a turn beyond the gyroscope's end. After such a turn, and
     after one that no sensor has felt, the force may tell more than the low-pass would take from it.
+    ``most`` (rad^2) is the variance that the vertical has at most.
     """
     dt = mean.time_s
     weighed = weighing(params, dt)
@@ -237,9 +266,13 @@ def weigh_force(
     resting = before.rest.resting
     lasting = 0.0 if resting else weighed * lasting_variance(before.lasting)
     least = 0.0 if resting else least_variance(before.lasting)
-    known = with_variance(before.tilt, max(before.tilt.variance, least) + weighed * doubt)
+    scatter = before.tilt.scatter
+    if resting:  # who was shaken is not any more: a reading is off by no more than its own error
+        share = before.usual.proofs / (1.0 + before.usual.proofs)
+        scatter += share * (min(scatter, 4.0 * LEAST_OFF_RAD**2) - scatter)
+    known = with_known(before.tilt, max(before.tilt.variance, least) + weighed * doubt, scatter)
     tilt, share = believe_force(
-        params, known, noise, mean.gyr, down_g, mean.gravity_g, dt, lasting, young
+        params, known, noise, mean.gyr, down_g, mean.gravity_g, dt, lasting, young, most
     )
     doubt *= 1.0 - weighed
     if doubt > 0.0:

@@ -61,6 +61,7 @@ class TiltState(NamedTuple):
 
 
 with_variance = replacer(TiltState, "variance")
+with_known = replacer(TiltState, "variance", "scatter")
 
 
 @inlined
@@ -157,6 +158,7 @@ def believe_force(
     dt_s: float,
     lasting: float,
     least_share: float,
+    most: float,
 ) -> tuple[TiltState, float]:
     """The variance after a step with the force ``u`` (minus it, in G), and the force's share.
 
@@ -164,9 +166,10 @@ def believe_force(
     scatter of the force's direction, its mean square learnt from the innovations
     by expectation (R/(P + R))^2 v^2 + P R/(P + R), more where the force has not
     its usual size, and times 2 T/dt: accelerations last for T. To that come those that last
-    longer, of the variance ``lasting`` (rad^2). No less than ``least_share`` is taken.
+    longer, of the variance ``lasting`` (rad^2). No less than ``least_share`` is taken, and the
+    vertical is known no worse than ``most`` (rad^2).
     """
-    p = min(state.variance + noise.tilt, ANY_DIRECTION_VARIANCE)
+    p = min(state.variance + noise.tilt, most)
     size = norm(u)
     usual = state.force
     unusual = size / usual - 1.0 if usual > 0.0 else 0.0

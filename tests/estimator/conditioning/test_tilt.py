@@ -227,10 +227,13 @@ def test_what_a_step_misses_by_its_formula(dt: float, between: Between) -> None:
 
 @pytest.mark.parametrize("least", [0.0, 0.6])
 @pytest.mark.parametrize("lasting", [0.0, 0.05])
-def test_the_force_is_believed_as_by_a_kalman_filter(least: float, lasting: float) -> None:
+@pytest.mark.parametrize("most", [0.011, 1.0])
+def test_the_force_is_believed_as_by_a_kalman_filter(
+    least: float, lasting: float, most: float
+) -> None:
     """A force of 10.4 m/s^2, 0.13 rad off, where 9.6 is usual."""
     dt, u = 0.25, (1.0, -0.9, 10.312)
-    p, size = 0.004 + 0.01, float(np.linalg.norm(u))
+    p, size = min(0.004 + 0.01, most), float(np.linalg.norm(u))
     r = 0.003 + (size / 9.6 - 1.0) ** 2
     white = r * 2.0 * 0.35 / dt + lasting * 2.0 * 3.0 / dt
     share = max(least, p / (p + white))
@@ -245,7 +248,7 @@ def test_the_force_is_believed_as_by_a_kalman_filter(least: float, lasting: floa
         changed=0.14,
         drift=1e-4,
     )
-    after, found = believe_force(PARAMS, BEFORE, noise, GYR, DOWN, u, dt, lasting, least)
+    after, found = believe_force(PARAMS, BEFORE, noise, GYR, DOWN, u, dt, lasting, least, most)
     assert found == pytest.approx(share)
     assert after.drift == pytest.approx((1.0 - share) * 1e-4)
     assert after.variance == pytest.approx((1.0 - share) ** 2 * p + share**2 * white)
