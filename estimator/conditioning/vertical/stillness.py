@@ -5,6 +5,7 @@ gravity and the field move in the body as the gyroscope says, at rest they stay.
 much of it is a turn, and how well that is known.
 """
 
+from math import sqrt
 from typing import NamedTuple
 
 from estimator.compilation.compiled import inlined
@@ -27,20 +28,17 @@ MOST_TURNING = 2.0
 class Stillness(NamedTuple):
     """What gravity and field say of a vehicle that seems to rest.
 
-    The means are of ``LATELY_S``, turned in the body as they should be if the known bias is right;
-    two, of all the time it has been quiet, stay, since a poor gyroscope turns the others away.
+    The means are of ``LATELY_S``, turned in the body as they should be if the known bias is right.
     """
 
     field: Vec3 = ZERO_VEC3  # low-passed, in its own unit, FRD
     wait_s: float = 0.0  # since the last sample of it
     mean_field: Vec3 = ZERO_VEC3  # of its direction, FRD
     mean_down: Vec3 = ZERO_VEC3  # of gravity's direction, FRD
-    stood_field: Vec3 = ZERO_VEC3  # the same, not turned
-    stood_down: Vec3 = ZERO_VEC3
     shown: Vec3 = ZERO_VEC3  # turn since then, if the known bias is right, rad, FRD
     turning: Vec3 = ZERO_VEC3  # the turn that there is now, rad/s, FRD
     variance: Vec3 = ZERO_VEC3  # of that, (rad/s)^2
-    proven: bool = False  # whether both stand still, so that no axis turns
+    proven: bool = False  # whether both stand still, and tell it of every axis
 
 
 @inlined
@@ -70,32 +68,33 @@ def watch_stillness(
         smooth = approach(smooth, field, wait_s / (QUICK_S + wait_s))
         mean_field = mean_after(mean_field, direction(smooth), rate, wait_s)
         wait_s = 0.0
-    here, zero = direction(smooth), ZERO_VEC3
-    stood_field, stood_down = here, down
-    if rest.quiet_s > dt_s:
-        share = dt_s / (LATELY_S + dt_s)
-        stood_field = approach(before.stood_field, here, share)
-        stood_down = approach(before.stood_down, down, share)
     if not rest.steady:
-        stood = (here, down, stood_field, stood_down)
-        return Stillness(smooth, wait_s, *stood, zero, zero, zero, False)
+        zero = ZERO_VEC3
+        return Stillness(smooth, wait_s, direction(smooth), down, zero, zero, zero, False)
     mean_down = mean_after(before.mean_down, down, rate, dt_s)
     shown = scale(LATELY_S / (LATELY_S + dt_s), add(before.shown, scale(dt_s, rate)))
-    seen_field = here if wait_s <= params.rest_time_s else ZERO_VEC3
+    seen_field = direction(smooth) if wait_s <= params.rest_time_s else ZERO_VEC3
     unexpected, about_down = turn_between(mean_down, down, mean_field, seen_field)
     seen = add(shown, unexpected)
     w0, v0 = turn_of_axis(shown[0], seen[0], down[0], about_down, rate[0])
     w1, v1 = turn_of_axis(shown[1], seen[1], down[1], about_down, rate[1])
     w2, v2 = turn_of_axis(shown[2], seen[2], down[2], about_down, rate[2])
+    left = subtract(subtract(seen_field, mean_field), cross(seen_field, unexpected))
+    limit = params.bias_limit_rad_s
+    proven = (
+        square(left) < (REACH * STILL_RAD) ** 2
+        and is_within(w0, v0, limit)
+        and is_within(w1, v1, limit)
+        and is_within(w2, v2, limit)
+    )
     turning, variance = (w0, w1, w2), (v0, v1, v2)
-    moved = max(square(subtract(here, stood_field)), square(subtract(down, stood_down)))
-    unseen = about_down / min(rest.quiet_s, LATELY_S) ** 2  # (rad/s)^2
-    reach = REACH * REACH
-    proven = moved < reach * STILL_RAD**2 and reach * unseen < params.bias_limit_rad_s**2
-    if proven and not rest.resting:
-        turning, variance = ZERO_VEC3, (unseen, unseen, unseen)
-    stood = (mean_field, mean_down, stood_field, stood_down)
-    return Stillness(smooth, wait_s, *stood, shown, turning, variance, proven)
+    return Stillness(smooth, wait_s, mean_field, mean_down, shown, turning, variance, proven)
+
+
+@inlined
+def is_within(value: float, variance: float, limit: float) -> bool:
+    """Whether a value can be told to be no larger than a limit."""
+    return abs(value) + REACH * sqrt(variance) < limit
 
 
 @inlined

@@ -82,21 +82,14 @@ def test_without_a_field_a_known_bias_does_not_follow_a_slow_turn_about_down():
 
 
 POOR = (radians(0.8), radians(-4.3), radians(-2.4))
-POORER = (radians(-4.5), radians(5.3), radians(1.2))
 
 
-# Measured after 6 s 2.4 and 3.2 deg, 4.7 and 8.2 of the poorer; after 18 s .16 and 2.6 of that.
-@pytest.mark.parametrize(
-    ("bias", "soon", "later"),
-    [(POOR, (2.9, 3.9), (0.1, 0.4)), (POORER, (5.6, 9.8), (0.2, 3.1))],
-    ids=["poor", "poorer"],
-)
-def test_a_poor_gyroscope_rests_where_gravity_and_field_stand_still(bias, soon, later):
+def test_a_poor_gyroscope_rests_where_gravity_and_field_stand_still():
     """Off by more than any usual one: measured 0.039 deg/s after 20 s; not learnt, 2.3 and more."""
-    errors, off = turn_slowly(resting, 20.0, 0.02, shown=lambda _t: bias)
+    errors, off = turn_slowly(resting, 20.0, 0.02, shown=lambda _t: POOR)
     assert off < 0.047
-    assert np.all(errors[300:].max(axis=0) < soon)
-    assert np.all(errors[900:].max(axis=0) < later)
+    assert np.all(errors[300:].max(axis=0) < (2.9, 3.9))  # measured 2.4 and 3.2 deg
+    assert np.all(errors[900:].max(axis=0) < (0.1, 0.4))
 
 
 def test_without_a_field_nothing_tells_a_poor_gyroscope_from_a_turn_about_down():
