@@ -37,6 +37,11 @@ class BackgroundRecorder(Closing):
             self._waiting_bytes += len(records.data)
             self._changed.notify()
 
+    def miss(self, frames: int) -> None:
+        """See :class:`~drivers.mavlink.recorder.Recorder`."""
+        if frames:
+            self._recorder.miss(frames)
+
     def close(self) -> None:
         """Write what waits, for at most two seconds, and end."""
         with self._changed:

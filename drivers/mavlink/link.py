@@ -318,6 +318,8 @@ class MavlinkLink(Closing):
             come = scanned.datagrams
         done = [JUDGED] * come.number if scanned is None else self._let_pass(scanned, now_s)
         is_recorded = self._held(scanned) or [False] * come.number
+        if self._background is not None and held:
+            self._background.miss(held.count(False) - is_recorded.count(False))
         waiting: list[Arrived] = []
         for k, become in enumerate(done):
             if become == JUDGED:

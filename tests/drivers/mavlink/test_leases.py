@@ -26,11 +26,14 @@ class Kept:
     """In the place of a recorder."""
 
     def __init__(self) -> None:
-        self.data, self.frames = b"", 0
+        self.data, self.frames, self.missed = b"", 0, 0
 
     def write(self, records):
         self.data += records.data
         self.frames += records.frames
+
+    def miss(self, frames):
+        self.missed += frames
 
 
 class Link(MavlinkLink):
@@ -197,3 +200,19 @@ def test_of_many_that_one_peer_brings_some_are_judged_now_and_then():
     assert judged[:50] == [0] * 50  # for half of the longest all pass
     assert judged[-1] == 1000
     assert max(np.diff(judged)) <= 16  # more at a look; 10 where all were spread evenly
+
+
+@is_compiled
+def test_what_is_left_out_is_on_record_or_counted_as_missing(monkeypatch):
+    """Of a newcomer's datagrams the newest goes on record, of who has a lease all do."""
+    link, encoder = Link(judges_all=False), FrameEncoder(VehicleId(1, 1))
+    link._is_late = lambda *_: True
+    for look, (frames, missed) in enumerate([(1, 4), (6, 4)]):
+        now_us = START_US + 100_000 * (look + 1)
+        monkeypatch.setattr(drivers.mavlink.link, "unix_us", lambda now_us=now_us: now_us)
+        packets = [
+            Packet("a", encoder.frame(raw_imu(1000 * (5 * look + k), *STILL), 0), now_us - 10 + k)
+            for k in range(5)
+        ]
+        link.take(packets, now_us)
+        assert (link.recorded.frames, link.recorded.missed) == (frames, missed)
