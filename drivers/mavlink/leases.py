@@ -136,17 +136,6 @@ class Leases:
         )
         return done, Passing(*(each[:n] for each in passing))
 
-    def held(self, scanned: Scanned) -> Array:
-        """Of whose datagrams nobody needs to be asked whether they are let in; flags."""
-        come, senders = scanned.datagrams, scanned.senders
-        left_us = self._until_us[senders] - come.arrivals_us
-        is_held: Array = self._holders[senders] == come.peers
-        is_held &= (left_us > 0) & (left_us <= LONGEST_US) & (senders != 0)
-        odd, firsts = np.unique(come.peers[senders == 0], return_index=True)
-        for peer, first in zip(odd, (senders == 0).nonzero()[0][firsts], strict=True):
-            is_held[first:] &= come.peers[first:] != peer  # its next may hold the rest of a frame
-        return is_held
-
     def grant(self, address: int, peer: int, name: str, begin_us: int, longest_us: int) -> None:
         """Frames of that address pass that come from a peer, of that number and name.
 

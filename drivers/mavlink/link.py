@@ -312,18 +312,17 @@ class MavlinkLink(Closing):
             return
         now_us, clock_s = unix_us(), waiting_clock_s()
         scanned = whole = self._scan(come)
-        held = self._held(whole)
+        held = self._held(whole) if whole is not None and self._background is not None else None
         if scanned is not None and self._is_late(now_s, clock_s):
             scanned = self._thin_out(scanned, clock_s)
             come = scanned.datagrams
         done = [JUDGED] * come.number if scanned is None else self._let_pass(scanned, now_s)
-        is_recorded = self._held(scanned) or [False] * come.number
-        if self._background is not None and held:
-            self._background.miss(held.count(False) - is_recorded.count(False))
+        if self._background is not None and held is not None:
+            self._background.miss(int(np.count_nonzero(~held)) - done.count(JUDGED))
         waiting: list[Arrived] = []
         for k, become in enumerate(done):
             if become == JUDGED:
-                waiting += self._judged(come, k, scanned, now_s, is_recorded=is_recorded[k])
+                waiting += self._judged(come, k, scanned, now_s)
             elif scanned is not None and become == WAITS:
                 arrival_us = int(come.arrivals_us[k])
                 waiting += [Arrived(arrival_us, frame) for frame in scanned.frames(k)]
@@ -365,7 +364,7 @@ class MavlinkLink(Closing):
             self._events += self._sequences.look(peer, self._whole.feed(data), arrival_us)
 
     def _judged(
-        self, come: Datagrams, k: int, scanned: Scanned | None, now_s: float, *, is_recorded: bool
+        self, come: Datagrams, k: int, scanned: Scanned | None, now_s: float
     ) -> list[Arrived]:
         """The frames of a packet that are let in, of those that are decoded; all go on record."""
         peer, data, arrival_us = come.packet(k)
@@ -384,7 +383,7 @@ class MavlinkLink(Closing):
         self._tell(self._hearing.bytes_read(len(data), len(frames), now_s), arrival_us)
         let_in = self._gate.let_in(frames, peer, arrival_us)
         self._credit(peer, let_in, now_s)
-        if self._background is not None and not is_recorded:
+        if self._background is not None:
             self._records.append(records_of(arrival_us, [frame.data for frame in let_in]))
         if malformed := reader.take_malformed():
             self._events.append(Malformed(arrival_us, malformed))
@@ -395,24 +394,22 @@ class MavlinkLink(Closing):
             self._lease(let_in[-1], peer, number, arrival_us, now_s)
         return [Arrived(arrival_us, each) for each in self._of_use(let_in, scanned, k)]
 
-    def _held(self, scanned: Scanned | None) -> list[bool]:
-        """Of each packet whether it goes on record as it is; who has a lease is let in."""
-        if scanned is None or self._background is None:
-            return []
-        held: list[bool] = self._leases.held(scanned).tolist()
-        return held
+    def _held(self, scanned: Scanned) -> Array:
+        """Of which packets the sender has a lease: they go on record as they are; flags."""
+        done, _ = self._leases.passing(scanned, (), self._backlog.has_come)
+        return done != JUDGED
 
-    def _record(self, scanned: Scanned | None, held: list[bool]) -> None:
+    def _record(self, scanned: Scanned | None, held: Array | None) -> None:
         """Put on record what goes there as it is, and what was judged, in the order of arrival."""
         background, judged = self._background, self._records
         if background is None:
             return
         self._records = []
-        if scanned is None:
+        if scanned is None or held is None:
             for each in judged:
                 background.write(each)
             return
-        arrivals_us, is_left = scanned.datagrams.arrivals_us, np.array(held)
+        arrivals_us, is_left = scanned.datagrams.arrivals_us, held
         for each in judged:
             is_earlier = is_left & (arrivals_us < each.arrival_us)
             background.write(records_in(scanned, is_earlier))
