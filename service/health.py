@@ -71,9 +71,17 @@ def late_after_us(median_period_us: float) -> float:
     return max(LATE_MINIMUM_US, LATE_PERIODS * median_period_us)
 
 
+@inlined
 def lost_after_us(median_period_us: float) -> float:
     """Silence after which a vehicle is lost: max(5 s, 10 median periods)."""
     return max(LOST_MINIMUM_US, LOST_PERIODS * median_period_us)
+
+
+@inlined
+def is_left_out(silence_us: int, unheard_us: int, median_period_us: float) -> bool:
+    """Whether a silence is no vehicle's, where samples are left out: others of it do come."""
+    is_heard = unheard_us < late_after_us(median_period_us)
+    return is_heard and silence_us < lost_after_us(median_period_us)
 
 
 def on_sample(health: Health, arrival_us: int, *, aligned: bool) -> Health:

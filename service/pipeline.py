@@ -7,7 +7,6 @@ when or how often attitudes are published.
 
 from collections import Counter
 from collections.abc import Callable
-from collections.abc import Set as AbstractSet
 from typing import Any
 
 from drivers.events import (
@@ -48,7 +47,7 @@ from service.link_lines import LinkLines
 from service.load import Load
 from service.records import Departed, Message, Output, Peer, Published, Replaced, vehicle_name
 from service.talk import Talk
-from service.usual_rows import ALL, DUE, NONE
+from service.usual_rows import ALL, DUE, NONE, WOKEN
 from service.usual_vehicles import UsualVehicles
 from service.vehicle import Vehicle
 
@@ -197,11 +196,8 @@ class Pipeline:
                 vehicle = self._meet(address)
                 if vehicle is not None:
                     vehicle.on_rejected(event)
-            case Shed(vehicle=address):
-                # the message in use, which it asks for, stays while a vehicle is usual
-                vehicle = self._vehicles.get(address) or self._meet(address)
-                if vehicle is not None:
-                    vehicle.on_shed(event)
+            case Shed():
+                self._on_shed(event)
             case Forgotten(vehicle=address):
                 self._forget(address)
             case RefusedFrames():
@@ -251,12 +247,11 @@ class Pipeline:
         self._fitted.clear()
         self._peers.clear()
         takes_all = not (load.is_shedding or load.has_just_woken)
-        wanted = NONE if load.is_behind else ALL if takes_all else DUE
-        done: AbstractSet[VehicleId] = frozenset()
-        if not load.has_just_woken:
-            self._return_usual()
-            rows, done = self._usual.show(now_us, wanted)
-            outputs += [] if rows is None else [rows]
+        wanted = ALL if takes_all else WOKEN if load.has_just_woken else DUE
+        wanted = NONE if load.is_behind else wanted
+        self._return_usual()
+        rows, done = self._usual.show(now_us, wanted)
+        outputs += [] if rows is None else [rows]
         told = self._take_lost() if status_due else {}
         for address, vehicle in (self._there | told).items():
             if address in done:
@@ -267,9 +262,10 @@ class Pipeline:
                 continue
             else:
                 self._take_back(address)
-                if not load.has_just_woken:
+                is_left_out = wanted != ALL and vehicle.is_left_out(now_us)
+                if not (load.has_just_woken or is_left_out):
                     outputs += _messages(vehicle.on_time(now_us))
-                is_wanted = takes_all or vehicle.is_due(now_us)
+                is_wanted = not is_left_out and (takes_all or vehicle.is_due(now_us))
                 attitude = vehicle.attitude(now_us) if is_wanted and not load.is_behind else None
                 if attitude is not None:
                     outputs.append(Published(address, attitude, vehicle.last_sample))
@@ -303,13 +299,23 @@ class Pipeline:
         self._replaced[address] = Replaced(address, profile, retuned)
         return profile
 
+    def _on_shed(self, event: Shed) -> None:
+        # the message in use, which it asks for, stays while a vehicle is usual
+        vehicle = self._vehicles.get(event.vehicle) or self._meet(event.vehicle)
+        if vehicle is not None:
+            self._note_heard(vehicle, event.arrival_us)
+            vehicle.on_shed(event)
+
+    def _note_heard(self, vehicle: Vehicle, arrival_us: int) -> None:
+        if not self._usual.note_heard(vehicle.address, arrival_us):
+            vehicle.heard_us = arrival_us
+
     def _on_heartbeat(self, event: Heartbeat) -> None:
         if not is_autopilot(event.autopilot, event.vehicle_type):
             return
         known = self._vehicles.get(event.vehicle)
         if known is not None and known.has_said(event):  # as nearly always
-            if not self._usual.note_heard(event.vehicle, event.arrival_us):
-                known.heard_us = event.arrival_us
+            self._note_heard(known, event.arrival_us)
             self._there[event.vehicle] = known
             return
         vehicle = self._meet(event.vehicle)

@@ -47,7 +47,7 @@ from service.attitude_text import (
     STATE,
     UNIX_US,
 )
-from service.health import LATE_MINIMUM_US, State, late_after_us
+from service.health import LATE_MINIMUM_US, State, is_left_out, late_after_us
 from service.host_clock import HostClock, Offsets, observe
 from service.imu_choice import STAND_IN_GAP_US, longest_silence_us
 from service.intervals import CHECKED_EVERY, MEDIAN_EVERY, OTHER_CLOCK_US, PERIODS_KEPT
@@ -100,7 +100,7 @@ from service.usual_reports import is_here, reaches, take_due, take_velocity
 # Of a vehicle at a tick: nothing is wanted of it, it is shown, or there is more to do.
 UNWANTED, SHOWN, MORE = 0, 1, 2
 # Which are wanted at a tick.
-NONE, DUE, ALL = 0, 1, 2
+NONE, WOKEN, DUE, ALL = 0, 1, 2, 3
 RUNNING = NUMBER_OF_WORD[State.RUNNING.value]
 
 
@@ -325,16 +325,18 @@ def show_rows(
     n = 0
     for k in range(len(places)):
         row, reals = state_whole[places[k]], state_numbers[places[k]]
-        done[k] = MORE
-        if now_us - row[ARRIVAL] >= late_after_us(float(row[MEDIAN])):
+        silence_us, median_us = now_us - row[ARRIVAL], float(row[MEDIAN])
+        if silence_us >= late_after_us(median_us):
+            is_ours = is_left_out(silence_us, now_us - row[HEARD], median_us)
+            done[k] = UNWANTED if wanted == WOKEN or (wanted != ALL and is_ours) else MORE
             continue
         done[k] = UNWANTED
         is_new = is_due(row[SAMPLES] != row[SHOWN_SAMPLES], now_us - row[SHOWN_US])
-        if wanted == NONE or (wanted == DUE and not is_new):
+        if wanted == NONE or (wanted != ALL and not is_new):
             continue
         done[k] = MORE
         clock, last_us = clock_of(row, reals), (row[TIME], row[ARRIVAL])
-        time_us, age_us = shown_at(clock, last_us, float(row[MEDIAN]), now_us)
+        time_us, age_us = shown_at(clock, last_us, median_us, now_us)
         _, moved, figures, has_heading = publish(fleet[places[k]], time_us, row[SOURCE])
         if not is_finite(moved, figures):
             continue

@@ -369,6 +369,12 @@ class Vehicle:
         age_us = arrival_us - time_us
         return abs(age_us - (last.arrival_us - last.sample.time_us)) > OTHER_CLOCK_US
 
+    def is_left_out(self, now_us: int) -> bool:
+        """Whether no sample was taken for long, but some have come."""
+        silence_us, median_us = self._silence_us(now_us), self.median_period_us
+        is_late = silence_us >= health.late_after_us(median_us)
+        return is_late and health.is_left_out(silence_us, now_us - self.heard_us, median_us)
+
     def on_time(self, now_us: int) -> list[str]:
         """Change the state of health if the IMU has been silent for long."""
         after = health.on_time(self._health, now_us, self.median_period_us)

@@ -164,10 +164,10 @@ class Backlog:
         frames = (turn.arrived.frame for turn in self._turns)
         return {frame.system_id << 8 | frame.component_id for frame in frames}
 
-    def note_shed(self, shed: Counter[tuple[VehicleId, str]]) -> None:
+    def note_shed(self, vehicle: VehicleId, stream: str, samples: int) -> None:
         """Count IMU samples that were left out."""
-        self._uncounted += shed
-        self.shed += shed.total()
+        self._uncounted[vehicle, stream] += samples
+        self.shed += samples
 
     def take(self, since_s: float = 0.0) -> list[Arrived]:
         """The next frames, ``since_s`` after the last ones: newcomers get half of the time."""
@@ -270,8 +270,7 @@ class Backlog:
         message = IMU_MESSAGES.get(frame.message_id)
         if message is not None:
             vehicle = VehicleId(frame.system_id, frame.component_id)
-            self._uncounted[vehicle, imu_stream_name(message.name, imu_number(frame))] += 1
-            self.shed += 1
+            self.note_shed(vehicle, imu_stream_name(message.name, imu_number(frame)), 1)
 
 
 def _stream(frame: Frame) -> tuple[int, ...]:

@@ -433,12 +433,11 @@ class MavlinkLink(Closing):
     def _thin_out(self, scanned: Scanned, clock_s: float) -> Scanned:
         """The packets without frames that newer ones make old, before any other look at them."""
         name_of = scanned.datagrams.name_of
-        scanned, shed = newest(scanned)
+        scanned, old = newest(scanned)
         self._patience.note_folded(clock_s)
-        for peer, samples in shed.items():
-            name = name_of(peer)
-            let_in = {key: n for key, n in samples.items() if self._gate.knows(key[0], name)}
-            self._backlog.note_shed(Counter(let_in))
+        for each in old:
+            if self._gate.knows(each.vehicle, name_of(each.peer)):
+                self._backlog.note_shed(each.vehicle, each.stream, each.samples)
         return scanned
 
     def _of_use(self, frames: list[Frame], scanned: Scanned | None, packet: int) -> list[Frame]:

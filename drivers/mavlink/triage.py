@@ -1,7 +1,7 @@
 """Of frames that have waited for too long, the newest of each sender's streams."""
 
-from collections import Counter
-from typing import Any
+from functools import cache
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -14,15 +14,21 @@ from drivers.mavlink.scanning import COMPONENT, END, LEFT, MESSAGE, PAYLOAD, SYS
 Rows = Any  # as :mod:`drivers.mavlink.scanning` writes them
 
 
-Shed = Counter[tuple[VehicleId, str]]
+class Old(NamedTuple):
+    """So many samples of a peer's stream are left out."""
+
+    peer: int
+    vehicle: VehicleId
+    stream: str
+    samples: int
 
 
-def newest(scanned: Scanned) -> tuple[Scanned, dict[int, Shed]]:
+def newest(scanned: Scanned) -> tuple[Scanned, list[Old]]:
     """Of what datagrams hold, all but what newer frames make old.
 
     Nobody makes another peer's frames old, and what is said once (a parameter, an answer) stays.
-    Returns what is left, without the datagrams that have lost all, and how many IMU samples are
-    left out, by peer.
+    Returns what is left, without the datagrams that have lost all, and the IMU samples that are
+    left out.
     """
     rows, counts, come = scanned.rows, np.maximum(scanned.counts, 0), scanned.datagrams
     names, numbers = np.unique(come.peers, return_inverse=True)
@@ -35,13 +41,18 @@ def newest(scanned: Scanned) -> tuple[Scanned, dict[int, Shed]]:
     last = len(rows) - 1 - last
     stays = np.zeros(len(rows), np.bool_)
     stays[last] = True
-    shed: dict[int, Shed] = {}
-    for k in (alike > 1).nonzero()[0].tolist():
-        message, system, component = rows[last[k], (MESSAGE, SYSTEM, COMPONENT)].tolist()
-        if message in IMU_MESSAGES:
-            name = imu_stream_name(IMU_MESSAGES[message].name, int(keys[last[k]]) & 0xFF)
-            of_peer = shed.setdefault(int(names[senders[last[k]]]), Counter())
-            of_peer[VehicleId(system, component), name] += int(alike[k]) - 1
+    is_old = (alike > 1) & np.isin(rows[last, MESSAGE], [*IMU_MESSAGES])
+    of = rows[last[is_old]]
+    columns = (
+        *(names[senders[last[is_old]]], of[:, SYSTEM], of[:, COMPONENT], of[:, MESSAGE]),
+        *(keys[last[is_old]] & 0xFF, alike[is_old] - 1),
+    )
+    old = [
+        Old(peer, VehicleId(system, component), _stream_name(message, imu), samples)
+        for peer, system, component, message, imu, samples in zip(
+            *(each.tolist() for each in columns), strict=True
+        )
+    ]
     left = np.bincount(np.repeat(np.arange(len(counts)), counts)[stays], minlength=len(counts))
     is_left = scanned.counts == LEFT
     kept = (left > 0) | is_left
@@ -53,7 +64,12 @@ def newest(scanned: Scanned) -> tuple[Scanned, dict[int, Shed]]:
         scanned.senders[kept],
         rows[stays],
     )
-    return thinned, shed
+    return thinned, old
+
+
+@cache
+def _stream_name(message: int, imu: int) -> str:
+    return imu_stream_name(IMU_MESSAGES[message].name, imu)
 
 
 def _numbers(data: Any, rows: Rows) -> Any:

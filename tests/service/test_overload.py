@@ -71,6 +71,27 @@ def test_while_samples_are_left_out_attitudes_are_of_new_ones():
     assert 3 <= sum(len(attitudes(pipeline.tick(t, shedding))) for t in times_us) <= 4
 
 
+@pytest.mark.parametrize("is_left_out", [True, False])
+def test_whose_samples_are_left_out_is_not_silent(is_left_out):
+    """Its last attitude is not shown again, either; who is silent is degraded."""
+    pipeline, events = Pipeline(load_profile("paper")), imu_events(20)
+    shedding = Load(is_shedding=True, rate_hz=50.0)
+    for event in events:
+        pipeline.handle(event)
+    begin_us = events[-1].arrival_us
+    states = [each.state for each in attitudes(pipeline.tick(begin_us, shedding))]
+    for now_us in range(begin_us + 520_000, begin_us + 4_000_000, 20_000):
+        if is_left_out:
+            pipeline.handle(Shed(ONE, now_us, "RAW_IMU", 1))
+        states += [each.state for each in attitudes(pipeline.tick(now_us, shedding))]
+    assert set(states[1:]) == (set() if is_left_out else {"degraded"})
+    assert pipeline.vehicle(ONE).state == ("running" if is_left_out else "degraded")
+    late_us = begin_us + 5_000_000
+    pipeline.handle(Shed(ONE, late_us, "RAW_IMU", 1))
+    pipeline.tick(late_us, shedding)
+    assert pipeline.vehicle(ONE).state == "lost"
+
+
 def test_after_a_stop_of_ours_nobody_is_said_to_be_silent():
     pipeline, events = Pipeline(load_profile("paper")), imu_events(10)
     for event in events:

@@ -39,15 +39,16 @@ def test_of_each_stream_the_newest_stays_and_what_is_said_once():
     scanned = scanner.scan(packets(sent, ["a"] * len(sent)))
     frames = [scanned.frame(k) for k in range(len(sent))]
     last = {(f.system_id, f.message_id, imu_number(f)): k for k, f in enumerate(frames)}
-    thinned, shed = newest(scanned)
+    thinned, old = newest(scanned)
     said_once = [k for k, f in enumerate(frames) if f.message_id == m.MAVLINK_MSG_ID_PARAM_VALUE]
     kept = sorted({*last.values(), *said_once})
     assert [thinned.frames(k) for k in range(len(thinned.counts))] == [[frames[k]] for k in kept]
     assert thinned.datagrams.begins.tolist() == [scanned.datagrams.begins[k] for k in kept]
     imus = (m.MAVLINK_MSG_ID_RAW_IMU, m.MAVLINK_MSG_ID_SCALED_IMU2)
     out = [f for k, f in enumerate(frames) if k not in kept and f.message_id in imus]
-    of_peer = shed[peer_number("a")]
-    assert of_peer.total() == len(out)
+    assert {each.peer for each in old} == {peer_number("a")}
+    of_peer = {(each.vehicle, each.stream): each.samples for each in old}
+    assert sum(of_peer.values()) == len(out)
     second = [f for f in out if imu_number(f) == 2 and f.system_id == 250]
     assert of_peer[VehicleId(250, 1), "RAW_IMU:2"] == len(second) > 3
     # another peer's frames make none of these old
