@@ -6,10 +6,10 @@ to 1e-9.
 
 Eight candidates run at a time on one noise seed, in the vector lanes of the processor. A run is
 one long chain of operations that wait for each other, but runs know nothing of each other. So
-each quantity of the state is a row of ``LANES`` numbers, and every operation of a step is a loop
-over the row without branches and calls, which the compiler turns into vector instructions. All
-rows lie in one array: with several arrays the compiler cannot tell whether they overlap, and does
-not use vector instructions at all. The inference is made for this: ``paper_inference.py``.
+each quantity of the state is a row of ``LANES`` numbers, and all operations of a step but the fuzzy
+inference are loops over the row without branches and calls, which the compiler turns into vector
+instructions. All rows lie in one array: with several arrays the compiler cannot tell whether they
+overlap, and does not use vector instructions at all.
 No operation mixes lanes, so a candidate's cost has the same bits beside any others.
 """
 
@@ -21,13 +21,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimator.compilation.compiled import compiled, compiled_parallel, inlined
+from estimator.filter.fuzzy import operating_gain
 from estimator.filter.memberships import Memberships
 from estimator.filter.types import PLAIN_STEP_LIMIT
 from estimator.geometry.metrics import COST_RATE_HZ, STEADY, TRANSIENT, TRANSIENT_WEIGHT
-from tuning.paper_inference import LANES, RULE_SIZE, lane_gain, lay_rules
 from tuning.paper_signals import FASTEST, INNOVATION, TRACE, TRUTH, TURN
 
 Array = NDArray[np.float64]
+
+# Candidates side by side
+LANES = 8
 
 DT_S = 0.01
 TRANSIENT_STOP = TRANSIENT.stop
@@ -37,8 +40,7 @@ STEADY_START = STEADY.start
 QW, QX, QY, QZ, BX, BY, BZ, ERROR, RATE, COST, W0, W1, W2, G, F, SMOOTHING, PULL = (
     LANES * i for i in range(17)
 )
-RULES = 17 * LANES
-SIZE = RULES + RULE_SIZE
+SIZE = 17 * LANES
 # Of 1 + k_op
 LARGEST_GAIN = 101.0
 # Columns of a candidate: k1..k22, then these
@@ -137,14 +139,10 @@ def observe(state: Array, row: Array, is_later: float, weight: float) -> None:
 
 
 @inlined
-def choose_gains(state: Array, lanes: int, fastest: float, step_s: float) -> None:
-    """Every lane: K by the fuzzy rules, and its factors for the attitude and for the bias.
-
-    ``lanes`` is LANES: a loop known to be short and to call would be unrolled before the calls
-    are filled in, and then no vector instructions follow.
-    """
-    for i in range(lanes):
-        K = 1.0 + lane_gain(state, RULES + i, state[ERROR + i], state[RATE + i])
+def choose_gains(state: Array, rules: list[Memberships], fastest: float, step_s: float) -> None:
+    """Every lane: K by its fuzzy rules, and its factors for the attitude and for the bias."""
+    for i in range(LANES):
+        K = 1.0 + operating_gain(rules[i], state[ERROR + i], state[RATE + i])
         state[G + i] = -0.5 * step_s * K
         state[F + i] = step_s * state[PULL + i]
     if LARGEST_GAIN * step_s * fastest > PLAIN_STEP_LIMIT:
@@ -199,11 +197,11 @@ def lane_costs(common: Common, candidates: Array, start: Array, steps: Array) ->
         state[QW + i], state[QX + i], state[QY + i], state[QZ + i] = start
         state[SMOOTHING + i] = DT_S / (candidates[i, TAU] + DT_S)
         state[PULL + i] = 0.25 * candidates[i, GAMMA]
-        lay_rules(state[RULES + i :], unpack(candidates[i]))
+    rules = [unpack(candidates[i]) for i in range(LANES)]
     for k in range(len(steps)):
         weight = TRANSIENT_WEIGHT if k < TRANSIENT_STOP else 1.0 if k >= STEADY_START else 0.0
         observe(state, steps[k], 1.0 if k > 0 else 0.0, weight)
-        choose_gains(state, LANES, steps[k, FASTEST], DT_S if k > 0 else common.first_step_s)
+        choose_gains(state, rules, steps[k, FASTEST], DT_S if k > 0 else common.first_step_s)
         turn_back(state, common.bias_bound_rad_s)
     return state[COST : COST + LANES].copy()
 
