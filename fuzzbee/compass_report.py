@@ -65,14 +65,7 @@ def report_compass(
     bare = msgspec.structs.replace(
         profile.mounting, mag_offset_gauss=(0.0, 0.0, 0.0), mag_matrix=UNCHANGED
     )
-    trace = replay_log(
-        path,
-        msgspec.structs.replace(profile, mounting=bare),
-        fixed_gain=None,
-        start_wrong_deg=0.0,
-        system_id=system_id,
-        tell=lambda _: None,
-    )
+    trace = replay_log(path, msgspec.structs.replace(profile, mounting=bare), system_id=system_id)
     field = field or trace.place_field
     if field is None:
         raise InputError(f"{path}: no position; --place LAT,LON says which field is there")

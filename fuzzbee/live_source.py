@@ -3,12 +3,13 @@
 from collections.abc import Callable
 from contextlib import ExitStack
 from pathlib import Path
-from typing import Any, Protocol, runtime_checkable
+from typing import Any
 
 from drivers.endpoint import Endpoint
 from drivers.mavlink.recorder import Recorder, SharedRecorder, TlogRecorder
 from drivers.mavlink.rotating_recorder import RotatingRecorder
 from drivers.simulation.simulated_vehicle import PROFILES
+from drivers.simulation.source import SimSource
 from drivers.source import SIM_MOTION, LiveSource, open_live
 from estimator.errors import InputError
 from fuzzbee import security
@@ -22,22 +23,6 @@ from service.runner import Runner
 from service.sinks.outbox import Outbox
 
 DEFAULT_PROFILE = "imu"
-
-
-@runtime_checkable
-class InProcess(Protocol):
-    """A vehicle that waits for the service (:mod:`drivers.simulation.source`)."""
-
-    @property
-    def flown_s(self) -> float:
-        """How long it has moved."""
-
-    @property
-    def waited_s(self) -> float:
-        """How long it has waited."""
-
-    def now_us(self) -> int:
-        """Its Unix time."""
 
 
 def require_fitting(options: RunOptions, endpoint: Endpoint) -> None:
@@ -104,7 +89,7 @@ def make_runner(
     options: dict[str, Any] = {"overload": Overload()}
     if isinstance(source, LogPlayer):
         options = {"now_us": source.now_us, "is_finished": source.is_finished}
-    elif isinstance(source, InProcess):
+    elif isinstance(source, SimSource):
         options = {"now_us": source.now_us}
         if seconds is not None:
             options["is_finished"] = lambda: source.flown_s >= seconds

@@ -32,25 +32,6 @@ class Scores(NamedTuple):
     held_out: float
 
 
-class Task(Protocol):
-    """All that a search needs to know about what it tunes."""
-
-    @property
-    def space(self) -> Space:
-        """The parameters that are tuned."""
-
-    @property
-    def base(self) -> Profile:
-        """The profile that everything else comes from."""
-
-    @property
-    def objective(self) -> Objective:
-        """The cost that is minimised."""
-
-    def score(self, profile: Profile) -> Scores:
-        """How good a profile is, by the plain kernels."""
-
-
 def require_fuzzy_gain(profile: Profile) -> None:
     """Refuse a profile whose gain the search would not run.
 

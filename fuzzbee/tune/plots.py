@@ -14,7 +14,6 @@ from estimator.profile import Profile
 from fuzzbee.angle_curves import draw_angles
 from tuning.flight import fly
 from tuning.log_task import LogTask
-from tuning.objective import Task
 from tuning.paper_experiment import run_experiment
 from tuning.paper_task import PaperTask
 from tuning.search import Search
@@ -31,7 +30,7 @@ ESTIMATED = {"color": "C1", "ls": "--"}
 MOST_FLIGHTS = 6  # in one figure
 
 
-def draw(folder: Path, task: Task, tuned: Profile, search: Search) -> list[Path]:
+def draw(folder: Path, task: PaperTask | LogTask, tuned: Profile, search: Search) -> list[Path]:
     """Draw what the task allows into ``folder`` as PNG files; returns their paths.
 
     Raises:
@@ -44,7 +43,7 @@ def draw(folder: Path, task: Task, tuned: Profile, search: Search) -> list[Path]
         seed = task.held_out_seeds[0]
         figures["error"] = error_over_time(task.base, tuned, seed)
         figures["euler"] = euler_angles(tuned, seed)
-    elif isinstance(task, LogTask):
+    else:
         figures["error"] = error_on_logs(task, tuned)
     return [_save(figure, folder / f"{name}.png") for name, figure in figures.items()]
 
