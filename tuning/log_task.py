@@ -11,9 +11,9 @@ from typing import NamedTuple
 
 import numpy as np
 
+from estimator.arrays import Floats
 from estimator.errors import InputError
 from estimator.profile import Profile
-from tuning.arrays import Array
 from tuning.flight import Flight, Part
 from tuning.flight_cost import FlightFigures, geometric_mean, measure
 from tuning.objective import Scores, profile_with, require_fuzzy_gain
@@ -97,7 +97,7 @@ class LogObjective:
     base: Profile
     parts: tuple[Part, ...]
 
-    def costs(self, values: Array) -> Array:
+    def costs(self, values: Floats) -> Floats:
         """See :class:`tuning.objective.Objective`."""
         return np.array([self.cost(profile_with(self.space, self.base, row)) for row in values])
 

@@ -5,6 +5,7 @@ from typing import NamedTuple
 import numpy as np
 
 from drivers.simulation.simulated_vehicle import Recording, simulate
+from estimator.arrays import Floats
 from estimator.errors import InputError
 from estimator.filter import kernel
 from estimator.filter.types import initial_state
@@ -13,7 +14,6 @@ from estimator.geometry.quaternion import normalized_distance
 from estimator.live.settings import Settings, settings_of
 from estimator.profile import Profile
 from estimator.types import IDENTITY
-from tuning.arrays import Array
 from tuning.paper_noise import PAPER_NOISE, NoiseScale, simulate_scaled
 
 SETTLED_ERROR = 0.01
@@ -26,13 +26,13 @@ class ExperimentResult(NamedTuple):
     steady_state_error: float
     settling_s: float
     mean_gain: float
-    true_error: Array  # e at t = 0.01 k, k = 0..1500
-    estimates: Array  # (1501, 4) q_ned_frd before each correction
-    truth: Array  # (1501, 4)
-    gains: Array  # K (1501,)
+    true_error: Floats  # e at t = 0.01 k, k = 0..1500
+    estimates: Floats  # (1501, 4) q_ned_frd before each correction
+    truth: Floats  # (1501, 4)
+    gains: Floats  # K (1501,)
 
 
-def filtered(settings: Settings, signals: Recording) -> tuple[Array, Array]:
+def filtered(settings: Settings, signals: Recording) -> tuple[Floats, Floats]:
     """The attitudes before each correction (N, 4) and K (N,), from the settings' first attitude."""
     return kernel.run(
         settings.filter,

@@ -18,16 +18,14 @@ from typing import NamedTuple
 
 import numba
 import numpy as np
-from numpy.typing import NDArray
 
+from estimator.arrays import Floats
 from estimator.compilation.compiled import compiled, compiled_parallel, inlined
 from estimator.filter.fuzzy import operating_gain
 from estimator.filter.memberships import Memberships
 from estimator.filter.types import PLAIN_STEP_LIMIT
 from estimator.geometry.metrics import COST_RATE_HZ, STEADY, TRANSIENT, TRANSIENT_WEIGHT
 from tuning.paper_signals import FASTEST, INNOVATION, TRACE, TRUTH, TURN
-
-Array = NDArray[np.float64]
 
 # Candidates side by side
 LANES = 8
@@ -78,7 +76,7 @@ def half_sine(x: float) -> float:
 
 
 @inlined
-def observe(state: Array, row: Array, is_later: float, weight: float) -> None:
+def observe(state: Floats, row: Floats, is_later: float, weight: float) -> None:
     """Every lane: propagate, take the true error, compare with the vectors; innovation, e, d.
 
     ``is_later`` is 0 for the first sample, which nothing came before, and else 1.
@@ -139,7 +137,7 @@ def observe(state: Array, row: Array, is_later: float, weight: float) -> None:
 
 
 @inlined
-def choose_gains(state: Array, rules: list[Memberships], fastest: float, step_s: float) -> None:
+def choose_gains(state: Floats, rules: list[Memberships], fastest: float, step_s: float) -> None:
     """Every lane: K by its fuzzy rules, and its factors for the attitude and for the bias."""
     for i in range(LANES):
         K = 1.0 + operating_gain(rules[i], state[ERROR + i], state[RATE + i])
@@ -150,7 +148,7 @@ def choose_gains(state: Array, rules: list[Memberships], fastest: float, step_s:
 
 
 @inlined
-def shorten_steps(state: Array, fastest: float) -> None:
+def shorten_steps(state: Floats, fastest: float) -> None:
     """Lane by lane: the exact decay in place of a step that is too long."""
     for i in range(LANES):
         g = -2.0 * state[G + i]
@@ -161,7 +159,7 @@ def shorten_steps(state: Array, fastest: float) -> None:
 
 
 @inlined
-def turn_back(state: Array, bound: float) -> None:
+def turn_back(state: Floats, bound: float) -> None:
     """Every lane: the correction of attitude and bias."""
     for i in range(LANES):
         g, f = state[G + i], state[F + i]
@@ -181,7 +179,7 @@ def turn_back(state: Array, bound: float) -> None:
 
 
 @inlined
-def unpack(k: Array) -> Memberships:
+def unpack(k: Floats) -> Memberships:
     """k1..k22 as the tuple that the fuzzy controller takes."""
     return (
         *(k[0], k[1], k[2], k[3], k[4], k[5], k[6], k[7], k[8], k[9], k[10]),
@@ -190,7 +188,7 @@ def unpack(k: Array) -> Memberships:
 
 
 @compiled
-def lane_costs(common: Common, candidates: Array, start: Array, steps: Array) -> Array:
+def lane_costs(common: Common, candidates: Floats, start: Floats, steps: Floats) -> Floats:
     """J (8,) of candidates (8, 24): k1..k22, gamma, tau; on start (4,), steps (1401, 26)."""
     state = np.zeros(SIZE)
     for i in range(LANES):
@@ -208,7 +206,7 @@ def lane_costs(common: Common, candidates: Array, start: Array, steps: Array) ->
 
 @compiled
 def fill_costs(
-    common: Common, candidates: Array, start: Array, steps: Array, number: int, costs: Array
+    common: Common, candidates: Floats, start: Floats, steps: Floats, number: int, costs: Floats
 ) -> None:
     """Group ``number`` of eight candidates, seed after seed, into ``costs`` (C, S)."""
     seeds = len(steps)
@@ -223,7 +221,7 @@ def fill_costs(
 
 
 @compiled
-def serial_costs(common: Common, candidates: Array, start: Array, steps: Array) -> Array:
+def serial_costs(common: Common, candidates: Floats, start: Floats, steps: Floats) -> Floats:
     """J (C, S) of candidates (C, 24): k1..k22, gamma, tau; on start (4,), steps (S, 1401, 26)."""
     costs = np.empty((len(candidates), len(steps)))
     groups = (len(candidates) + LANES - 1) // LANES
@@ -233,7 +231,7 @@ def serial_costs(common: Common, candidates: Array, start: Array, steps: Array) 
 
 
 @compiled_parallel
-def parallel_costs(common: Common, candidates: Array, start: Array, steps: Array) -> Array:
+def parallel_costs(common: Common, candidates: Floats, start: Floats, steps: Floats) -> Floats:
     """:func:`serial_costs` with all groups spread over threads."""
     costs = np.empty((len(candidates), len(steps)))
     groups = (len(candidates) + LANES - 1) // LANES

@@ -19,6 +19,7 @@ from drivers.logs.open import open_log
 from drivers.logs.percentile import percentile
 from drivers.logs.reference_track import ReferenceTrack
 from drivers.mavlink.names import autopilot_name, vehicle_type_name
+from estimator.arrays import Floats
 from estimator.errors import InputError
 from estimator.profile import Profile
 from fuzzbee.packed import NORTHS
@@ -39,7 +40,6 @@ from fuzzbee.replays.smoothed import recorder, smooth_trace
 from fuzzbee.replays.trace import Replay, VehicleTrace
 from fuzzbee.say import printable
 
-Floats = NDArray[np.float64]
 Reading = Callable[[LogFile], AbstractContextManager[None]]
 Export = Callable[[VehicleTrace, Comparison], None]
 

@@ -4,7 +4,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from drivers.output_file import written_whole
 from estimator.errors import InputError
@@ -21,7 +20,6 @@ from tuning.search import Search
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-Floats = NDArray[np.float64]
 
 # Fixed gains to compare with, as in the paper: the steadiest, the quickest, and one between.
 FIXED_GAINS = (1.0, 10.0, 100.0)
