@@ -1,9 +1,7 @@
 """What a live source is, and the table from address to source."""
 
-from collections.abc import Iterator
 from pathlib import Path
-from types import TracebackType
-from typing import TYPE_CHECKING, Protocol, Self, cast
+from typing import TYPE_CHECKING, Protocol, cast
 
 from drivers.endpoint import Endpoint
 from drivers.events import Event
@@ -12,7 +10,9 @@ from drivers.mavlink.recorder import Recorder
 from estimator.errors import InputError
 
 if TYPE_CHECKING:
+    from drivers.mavlink.link import MavlinkLink
     from drivers.simulation.simulated_vehicle import SimulatedVehicle
+    from drivers.simulation.source import SimSource
 
 SIM_MOTION = "paper"  # of sim: without another word
 
@@ -34,25 +34,6 @@ class EventSource(Protocol):
 
     def drain(self, timeout_s: float) -> list[Event]:
         """Events that are there, after waiting at most ``timeout_s`` for the first."""
-
-
-class LiveSource(EventSource, Protocol):
-    """A context manager whose events are drained as they arrive in real time."""
-
-    def __enter__(self) -> Self: ...
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-        /,
-    ) -> None: ...
-
-    def __iter__(self) -> Iterator[Event]: ...
-
-    def send(self, data: bytes) -> None:
-        """Send whole MAVLink frames, where the source can."""
 
 
 # Opening these and closing them again is seen by nobody.
@@ -90,7 +71,7 @@ def open_live(
     key: bytes | None = None,
     *,
     references: bool = True,
-) -> LiveSource:
+) -> "MavlinkLink | SimSource":
     """The source for ``endpoint``, to be entered by the caller.
 
     ``policy`` says which frames a link lets in; ``key`` signs what it sends. Without

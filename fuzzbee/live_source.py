@@ -3,14 +3,14 @@
 from collections.abc import Callable
 from contextlib import ExitStack
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from drivers.endpoint import Endpoint
 from drivers.mavlink.recorder import Recorder, SharedRecorder, TlogRecorder
 from drivers.mavlink.rotating_recorder import RotatingRecorder
 from drivers.simulation.simulated_vehicle import PROFILES
 from drivers.simulation.source import SimSource
-from drivers.source import SIM_MOTION, LiveSource, open_live
+from drivers.source import SIM_MOTION, open_live
 from estimator.errors import InputError
 from fuzzbee import security
 from fuzzbee.run_options import RunOptions
@@ -21,6 +21,9 @@ from service.pipeline import Pipeline
 from service.records import Message
 from service.runner import Runner
 from service.sinks.outbox import Outbox
+
+if TYPE_CHECKING:
+    from drivers.mavlink.link import MavlinkLink
 
 DEFAULT_PROFILE = "imu"
 
@@ -62,7 +65,7 @@ def open_source(
     key: bytes | None,
     recorder: Recorder | None,
     stack: ExitStack,
-) -> LiveSource | LogPlayer:
+) -> "MavlinkLink | SimSource | LogPlayer":
     """Open a link, ``sim:``, or a log that is played at its own pace or faster."""
     if endpoint.kind != "log":
         return open_link(endpoint, options, key, recorder, stack)
@@ -73,7 +76,7 @@ def open_source(
 
 
 def make_runner(
-    source: LiveSource | LogPlayer,
+    source: "MavlinkLink | SimSource | LogPlayer",
     pipeline: Pipeline,
     outbox: Outbox,
     requests: ParameterRequests,
@@ -111,19 +114,19 @@ def open_link(
     key: bytes | None,
     recorder: Recorder | None,
     stack: ExitStack,
-) -> LiveSource:
+) -> "MavlinkLink | SimSource":
     """Open a link, or ``sim:``."""
     policy = security.open_policy(options.security, key, stack)
-    return stack.enter_context(
-        open_live(
-            endpoint,
-            recorder=recorder,
-            request_rate_hz=options.request_rate_hz,
-            policy=policy,
-            key=key,
-            references=options.truth or options.outputs.shows_peers,
-        )
+    source = open_live(
+        endpoint,
+        recorder=recorder,
+        request_rate_hz=options.request_rate_hz,
+        policy=policy,
+        key=key,
+        references=options.truth or options.outputs.shows_peers,
     )
+    stack.enter_context(source)
+    return source
 
 
 def open_recorder(target: str | None, stack: ExitStack) -> Recorder | None:

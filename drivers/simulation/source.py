@@ -30,7 +30,6 @@ from estimator.types import ImuSample
 # Where the service cannot keep up, or the computer slept, the flight waits rather than falls
 # silent: an overloaded computer must not look like an estimator that fails.
 MOST_BEHIND_US = 100_000
-ITERATION_S = 0.1
 
 
 class SimSource(Closing):
@@ -85,14 +84,6 @@ class SimSource(Closing):
             if not self._closed.wait(min(timeout_s, max(0.0, wait_s))):
                 events = self._due_events()
         return events
-
-    def __iter__(self) -> Iterator[Event]:
-        """Events as they come, until the source is closed."""
-        while not self._closed.is_set():
-            yield from self.drain(ITERATION_S)
-
-    def send(self, data: bytes) -> None:
-        """The vehicle in process takes no commands."""
 
     def now_us(self) -> int:
         """The Unix time of the simulation: the host's, but for what it has waited."""
