@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from drivers.endpoint import Endpoint
-from drivers.mavlink.recorder import Recorder, SharedRecorder, TlogRecorder
+from drivers.mavlink.recorder import SharedRecorder, TlogRecorder
 from drivers.mavlink.rotating_recorder import RotatingRecorder
 from drivers.simulation.simulated_vehicle import PROFILES
 from drivers.simulation.source import SimSource
@@ -63,7 +63,7 @@ def open_source(
     endpoint: Endpoint,
     options: RunOptions,
     key: bytes | None,
-    recorder: Recorder | None,
+    recorder: SharedRecorder | None,
     stack: ExitStack,
 ) -> "MavlinkLink | SimSource | LogPlayer":
     """Open a link, ``sim:``, or a log that is played at its own pace or faster."""
@@ -112,7 +112,7 @@ def open_link(
     endpoint: Endpoint,
     options: RunOptions,
     key: bytes | None,
-    recorder: Recorder | None,
+    recorder: SharedRecorder | None,
     stack: ExitStack,
 ) -> "MavlinkLink | SimSource":
     """Open a link, or ``sim:``."""
@@ -129,7 +129,7 @@ def open_link(
     return source
 
 
-def open_recorder(target: str | None, stack: ExitStack) -> Recorder | None:
+def open_recorder(target: str | None, stack: ExitStack) -> SharedRecorder | None:
     """A recorder into a file; or into a folder, if there is one or the name has no suffix."""
     if target is None:
         return None

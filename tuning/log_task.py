@@ -38,24 +38,16 @@ class Goal(NamedTuple):
     unit: str
 
 
-def flight_cost(profile: Profile, part: Part) -> float:
-    """The errors that a user sees and the honesty of sigma, deg."""
-    return measure(profile, part).cost
-
-
-def coverage_cost(profile: Profile, part: Part) -> float:
-    """How far coverage is from what it should be: all that tells of what moves sigma alone."""
-    return measure(profile, part).miscoverage
-
-
 def _mean(costs: list[float]) -> float:
     return sum(costs) / len(costs)
 
 
 GOALS = {
-    "flight": Goal(flight_cost, geometric_mean, " deg"),
+    # the errors that a user sees and the honesty of sigma, deg
+    "flight": Goal(lambda profile, part: measure(profile, part).cost, geometric_mean, " deg"),
     "recovery": Goal(recovery_cost, _mean, ""),
-    "coverage": Goal(coverage_cost, _mean, ""),
+    # how far coverage is from what it should be: all that tells of what moves sigma alone
+    "coverage": Goal(lambda profile, part: measure(profile, part).miscoverage, _mean, ""),
 }
 
 

@@ -14,7 +14,6 @@ from estimator.geometry.quaternion import normalized_distance
 from estimator.live.settings import Settings, settings_of
 from estimator.profile import Profile
 from estimator.types import IDENTITY
-from tuning.paper_noise import PAPER_NOISE, NoiseScale, simulate_scaled
 
 SETTLED_ERROR = 0.01
 
@@ -49,9 +48,9 @@ def run_experiment(
     profile: Profile,
     seed: int,
     fixed_gain: float | None = None,
-    noise: NoiseScale = PAPER_NOISE,
+    signals: Recording | None = None,
 ) -> ExperimentResult:
-    """Run the filter of ``profile`` on the paper's signals with the noise of ``seed``, scaled.
+    """Run the filter of ``profile`` on the paper's signals with the noise of ``seed``, or others.
 
     Raises:
         InputError: the profile conditions its vectors or has no R_hat(0), so it is not the paper's.
@@ -62,10 +61,8 @@ def run_experiment(
             "the paper's experiment needs a profile of raw vectors with an initial attitude "
             "(conditioning.enabled = false, filter.initial_attitude), such as --profile paper"
         )
-    if noise is PAPER_NOISE:  # to the last bit, which scaling by 1 would not be
+    if signals is None:
         signals = simulate(seed, COST_SAMPLES, COST_RATE_HZ)
-    else:
-        signals = simulate_scaled(seed, COST_SAMPLES, noise, COST_RATE_HZ)
     estimates, gains = filtered(chosen, signals)
     e = np.array(
         [

@@ -40,7 +40,7 @@ from drivers.mavlink.hearing import Hearing
 from drivers.mavlink.leases import JUDGED, PASSES, WAITS, Array, Leases, Passing
 from drivers.mavlink.opening import Opening
 from drivers.mavlink.readings import Batch, Readings, events_of
-from drivers.mavlink.recorder import Recorder, Records, records_of
+from drivers.mavlink.recorder import Records, SharedRecorder, records_of
 from drivers.mavlink.scanning import LEFT, Scanned, Scanner
 from drivers.mavlink.sequences import SequenceWatch
 from drivers.mavlink.stamped_frames import records_in
@@ -105,7 +105,7 @@ class MavlinkLink(Closing):
     def __init__(
         self,
         endpoint: Endpoint,
-        recorder: Recorder | None = None,
+        recorder: SharedRecorder | None = None,
         request_rate_hz: float | None = None,
         most_waiting: int = MOST_WAITING,
         *,
