@@ -34,7 +34,7 @@ from drivers.mavlink.imu_messages import (
 )
 from drivers.mavlink.messages import MESSAGES, MessageKind, Said
 from drivers.mavlink.parameter_values import ParameterValue, WaitingParameters, owner
-from drivers.mavlink.readings import Batch, Readings, events_of
+from drivers.mavlink.readings import Batch, Readings
 from drivers.mavlink.usual_frames import UsualFrames
 from drivers.mavlink.usual_kinds import NEXT, READ
 from drivers.places import PLACES
@@ -110,10 +110,6 @@ class MavlinkDecoder:
             return self._meet(frame, arrival_us)
         sender.intake.heard_us = arrival_us
         return self._events(sender, frame, arrival_us)
-
-    def events_of(self, arrived: Sequence[Arrived]) -> list[Event]:
-        """The events of many frames, as :meth:`events` gives them one by one."""
-        return events_of(self.readings_of(arrived))
 
     def readings_of(self, arrived: Sequence[Arrived]) -> list[Event | Readings]:
         """The same, with what nearly all frames say as rows; in order for each sender."""

@@ -40,12 +40,8 @@ from fuzzbee.replays.smoothed import recorder, smooth_trace
 from fuzzbee.replays.trace import Replay, VehicleTrace
 from fuzzbee.say import printable
 
-Reading = Callable[[LogFile], AbstractContextManager[None]]
+Reading = Callable[[LogFile], AbstractContextManager[object]]
 Export = Callable[[VehicleTrace, Comparison], None]
-
-
-def _unwatched(_log: LogFile) -> AbstractContextManager[None]:
-    return nullcontext()
 
 
 class VehicleSummary(msgspec.Struct, frozen=True):
@@ -142,7 +138,7 @@ def report_log(
     profile_name: str | None = None,
     tell: Callable[[str], None] = lambda _: None,
     exports: Sequence[Export] = (),
-    reading: Reading = _unwatched,
+    reading: Reading = nullcontext,
 ) -> LogReport:
     """Replay a log and score it; ``exports`` are given the trace and its comparison.
 
@@ -204,7 +200,7 @@ def replay_log(
     smooth: bool = False,
     columns: Path | None = None,
     tell: Callable[[str], None] = lambda _: None,
-    reading: Reading = _unwatched,
+    reading: Reading = nullcontext,
 ) -> VehicleTrace:
     """The trace of the vehicle with most IMU samples, or of the one with ``system_id``."""
     replay = Replay(
