@@ -24,8 +24,8 @@ from common.report import Point, Row, draw, parser, seeds, show
 from estimator.geometry.metrics import STEADY, TRANSIENT, TRANSIENT_WEIGHT
 from estimator.live.settings import Settings, settings_of
 from estimator.profile import load_profile
+from tests.paper_noise import NoiseScale
 from tuning.paper_experiment import SETTLED_ERROR
-from tuning.paper_noise import NoiseScale
 
 TUNING_SEEDS = range(100, 108)
 FOOD_SOURCES, CYCLES = 20, 50

@@ -38,7 +38,7 @@ from estimator.filter.alignment import quaternion_from_matrix
 from estimator.geometry.metrics import COST_RATE_HZ, COST_SAMPLES, TRANSIENT_WEIGHT
 from estimator.live.settings import settings_of
 from estimator.profile import Profile, load_profile, merge_profile
-from tuning.paper_noise import PAPER_NOISE, NoiseScale
+from tests.paper_noise import PAPER_NOISE, NoiseScale
 from tuning.space import membership_space
 
 TUNING_SEEDS, JUDGING_SEEDS, SEARCH_SEEDS = range(100, 108), range(3000, 3040), range(5)

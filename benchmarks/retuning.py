@@ -26,13 +26,13 @@ from estimator.estimator import Estimator
 from estimator.geometry.metrics import batch_angle_errors
 from estimator.profile import Profile, load_profile
 from estimator.types import ImuSample
+from tests.paper_noise import NoiseScale, simulate_scaled
 from tuning.online.noise import noise_of
 from tuning.online.numbers import numbers_of, with_factors
 from tuning.online.retuned_estimator import RetunedEstimator, SegmentingEstimator
 from tuning.online.retuner import Retuner
 from tuning.online.search import CYCLES, FOOD_SOURCES
 from tuning.online.segment import Segment
-from tuning.paper_noise import NoiseScale, simulate_scaled
 from tuning.prediction import readings_of
 from tuning.space import Space, decode, random_positions
 

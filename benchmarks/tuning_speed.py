@@ -22,9 +22,9 @@ from common.report import MISSING, Row, parser, show
 from estimator.filter import kernel
 from estimator.filter.types import initial_state
 from estimator.live.settings import settings_of
+from tests.paper_noise import NoiseScale
 from tuning.objective import profile_with, values_of
 from tuning.optimizers import run_search
-from tuning.paper_noise import NoiseScale
 from tuning.paper_task import PaperTask, midpoint_profile
 from tuning.search import Search, SearchOptions
 from tuning.space import bounds, decode, encode, make_feasible, random_positions

@@ -1,18 +1,18 @@
 """What a live source is, and the table from address to source."""
 
-from collections.abc import Iterator
 from pathlib import Path
-from types import TracebackType
-from typing import TYPE_CHECKING, Protocol, Self, cast
+from typing import TYPE_CHECKING, Protocol, cast
 
 from drivers.endpoint import Endpoint
 from drivers.events import Event
 from drivers.mavlink.gate import Policy
-from drivers.mavlink.recorder import Recorder
+from drivers.mavlink.recorder import SharedRecorder
 from estimator.errors import InputError
 
 if TYPE_CHECKING:
+    from drivers.mavlink.link import MavlinkLink
     from drivers.simulation.simulated_vehicle import SimulatedVehicle
+    from drivers.simulation.source import SimSource
 
 SIM_MOTION = "paper"  # of sim: without another word
 
@@ -34,25 +34,6 @@ class EventSource(Protocol):
 
     def drain(self, timeout_s: float) -> list[Event]:
         """Events that are there, after waiting at most ``timeout_s`` for the first."""
-
-
-class LiveSource(EventSource, Protocol):
-    """A context manager whose events are drained as they arrive in real time."""
-
-    def __enter__(self) -> Self: ...
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-        /,
-    ) -> None: ...
-
-    def __iter__(self) -> Iterator[Event]: ...
-
-    def send(self, data: bytes) -> None:
-        """Send whole MAVLink frames, where the source can."""
 
 
 # Opening these and closing them again is seen by nobody.
@@ -84,13 +65,13 @@ def require_openable(endpoint: Endpoint) -> None:
 
 def open_live(
     endpoint: Endpoint,
-    recorder: Recorder | None = None,
+    recorder: SharedRecorder | None = None,
     request_rate_hz: float | None = None,
     policy: Policy = Policy(),  # noqa: B008 - immutable
     key: bytes | None = None,
     *,
     references: bool = True,
-) -> LiveSource:
+) -> "MavlinkLink | SimSource":
     """The source for ``endpoint``, to be entered by the caller.
 
     ``policy`` says which frames a link lets in; ``key`` signs what it sends. Without

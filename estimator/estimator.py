@@ -6,6 +6,7 @@ from typing import Any, NamedTuple
 from estimator.aiding import compass
 from estimator.aiding.phase import Phase
 from estimator.aiding.search import UNKNOWN_RAD
+from estimator.arrays import Floats
 from estimator.carrier import Carrier
 from estimator.filter.gain_words import gain_in_words
 from estimator.geometry.earth import PlaceField
@@ -24,7 +25,7 @@ from estimator.live.resident import (
     NOTHING_LAID,
     TAKEN,
 )
-from estimator.live.rows import Floats, Rows, cut
+from estimator.live.rows import Rows, cut
 from estimator.live.settings import Settings
 from estimator.live.snapshot import Snapshot
 from estimator.live.state import State

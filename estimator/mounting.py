@@ -10,13 +10,12 @@ from typing import Annotated, Any, Literal
 
 import numpy as np
 from msgspec import Meta, Struct
-from numpy.typing import NDArray
 
+from estimator.arrays import Floats
 from estimator.geometry.frames import from_euler_rad
 from estimator.geometry.quaternion import rotate, scale
 from estimator.types import ImuSample, Quaternion
 
-Floats = NDArray[np.float64]
 Angle = Annotated[float, Meta(ge=-180.0, le=180.0)]
 Gauss = Annotated[float, Meta(ge=-10.0, le=10.0)]
 Element = Annotated[float, Meta(ge=-10.0, le=10.0)]

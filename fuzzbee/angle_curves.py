@@ -4,11 +4,9 @@ from collections.abc import Iterable
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from estimator.arrays import Floats
 from estimator.geometry.frames import euler_rad
-
-Floats = NDArray[np.float64]
 
 
 def where_known(attitudes: Floats, values: Floats) -> Floats:

@@ -6,14 +6,12 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from estimator.arrays import Floats, Times
 from estimator.errors import InputError
 from estimator.profile import Profile, load_profile
 from estimator.types import Vec3
-
-Floats = NDArray[np.float64]
-Times = NDArray[np.int64]
 
 MICROSECONDS = 1e6
 # Microseconds fit into 64 bits up to here, 285 000 years.

@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from drivers.samples.fresh_field import RepeatedField, finite_or_zero
 from estimator import estimator
+from estimator.arrays import Floats, Times
 from estimator.compilation.notice import tell_programs
 from estimator.errors import InputError
 from estimator.live.rows import rows_of
@@ -20,8 +21,6 @@ from estimator.types import ZERO_VEC3, Attitude, ImuSample, Vec3, VelocitySample
 from fuzzbee.arguments import (
     MICROSECONDS,
     MOST_S,
-    Floats,
-    Times,
     matrix,
     microseconds,
     microseconds_of_rows,

@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from estimator.arrays import Floats, Times
 from estimator.errors import InputError
 from estimator.geometry.frames import enu_flu_from_ned_frd
 from fuzzbee.angle_curves import euler_curves_deg, where_known
@@ -17,9 +18,6 @@ NUMBERS = (
 )
 
 VECTORS = ("q_ned_frd", "rate_rad_s", "gyro_bias_rad_s")
-
-Floats = NDArray[np.float64]
-Times = NDArray[np.int64]
 
 
 @dataclass(frozen=True)

@@ -7,10 +7,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from estimator.arrays import Floats
 from estimator.estimator import Estimator
 from estimator.live.rows import HAS_HEADING, SAID, Rows, cut
 from estimator.types import ZERO_VEC3, Attitude, ImuSample
-from fuzzbee.arguments import Floats
 from fuzzbee.packed import NORTHS, PLACE
 
 

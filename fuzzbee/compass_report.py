@@ -6,13 +6,13 @@ from pathlib import Path
 
 import msgspec
 import numpy as np
-from numpy.typing import NDArray
 
 from drivers.logs.currents import currents
 from drivers.logs.kept_rows import blocks
 from drivers.logs.open import open_log
 from drivers.mavlink.compass_parameters import corrected
 from drivers.mavlink.constants import MAV_AUTOPILOT_ARDUPILOTMEGA
+from estimator.arrays import Floats
 from estimator.errors import InputError
 from estimator.geometry.earth import PlaceField
 from estimator.geometry.quaternion import conjugate, rotate
@@ -23,7 +23,6 @@ from fuzzbee.replays.log_report import replay_log
 from fuzzbee.replays.trace import VehicleTrace
 from tuning.compass_fit import CompassFit, fit_compass
 
-Floats = NDArray[np.float64]
 Rows = list[list[float]]
 
 SETTLED = 0.1  # of the samples: the estimate has begun by then
@@ -65,14 +64,7 @@ def report_compass(
     bare = msgspec.structs.replace(
         profile.mounting, mag_offset_gauss=(0.0, 0.0, 0.0), mag_matrix=UNCHANGED
     )
-    trace = replay_log(
-        path,
-        msgspec.structs.replace(profile, mounting=bare),
-        fixed_gain=None,
-        start_wrong_deg=0.0,
-        system_id=system_id,
-        tell=lambda _: None,
-    )
+    trace = replay_log(path, msgspec.structs.replace(profile, mounting=bare), system_id=system_id)
     field = field or trace.place_field
     if field is None:
         raise InputError(f"{path}: no position; --place LAT,LON says which field is there")

@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from fuzzbee.arguments import Floats, Times
+from estimator.arrays import Floats, Times
 
 LEAST_S = 5.0  # shorter recordings say too little
 SPAN_S = 0.05  # of the means that are compared: noise is less, turns are still small

@@ -3,13 +3,14 @@
 from collections.abc import Callable
 from contextlib import ExitStack
 from pathlib import Path
-from typing import Any, Protocol, runtime_checkable
+from typing import TYPE_CHECKING, Any
 
 from drivers.endpoint import Endpoint
-from drivers.mavlink.recorder import Recorder, SharedRecorder, TlogRecorder
+from drivers.mavlink.recorder import SharedRecorder, TlogRecorder
 from drivers.mavlink.rotating_recorder import RotatingRecorder
 from drivers.simulation.simulated_vehicle import PROFILES
-from drivers.source import SIM_MOTION, LiveSource, open_live
+from drivers.simulation.source import SimSource
+from drivers.source import SIM_MOTION, open_live
 from estimator.errors import InputError
 from fuzzbee import security
 from fuzzbee.run_options import RunOptions
@@ -21,23 +22,10 @@ from service.records import Message
 from service.runner import Runner
 from service.sinks.outbox import Outbox
 
+if TYPE_CHECKING:
+    from drivers.mavlink.link import MavlinkLink
+
 DEFAULT_PROFILE = "imu"
-
-
-@runtime_checkable
-class InProcess(Protocol):
-    """A vehicle that waits for the service (:mod:`drivers.simulation.source`)."""
-
-    @property
-    def flown_s(self) -> float:
-        """How long it has moved."""
-
-    @property
-    def waited_s(self) -> float:
-        """How long it has waited."""
-
-    def now_us(self) -> int:
-        """Its Unix time."""
 
 
 def require_fitting(options: RunOptions, endpoint: Endpoint) -> None:
@@ -75,9 +63,9 @@ def open_source(
     endpoint: Endpoint,
     options: RunOptions,
     key: bytes | None,
-    recorder: Recorder | None,
+    recorder: SharedRecorder | None,
     stack: ExitStack,
-) -> LiveSource | LogPlayer:
+) -> "MavlinkLink | SimSource | LogPlayer":
     """Open a link, ``sim:``, or a log that is played at its own pace or faster."""
     if endpoint.kind != "log":
         return open_link(endpoint, options, key, recorder, stack)
@@ -88,7 +76,7 @@ def open_source(
 
 
 def make_runner(
-    source: LiveSource | LogPlayer,
+    source: "MavlinkLink | SimSource | LogPlayer",
     pipeline: Pipeline,
     outbox: Outbox,
     requests: ParameterRequests,
@@ -104,7 +92,7 @@ def make_runner(
     options: dict[str, Any] = {"overload": Overload()}
     if isinstance(source, LogPlayer):
         options = {"now_us": source.now_us, "is_finished": source.is_finished}
-    elif isinstance(source, InProcess):
+    elif isinstance(source, SimSource):
         options = {"now_us": source.now_us}
         if seconds is not None:
             options["is_finished"] = lambda: source.flown_s >= seconds
@@ -124,24 +112,24 @@ def open_link(
     endpoint: Endpoint,
     options: RunOptions,
     key: bytes | None,
-    recorder: Recorder | None,
+    recorder: SharedRecorder | None,
     stack: ExitStack,
-) -> LiveSource:
+) -> "MavlinkLink | SimSource":
     """Open a link, or ``sim:``."""
     policy = security.open_policy(options.security, key, stack)
-    return stack.enter_context(
-        open_live(
-            endpoint,
-            recorder=recorder,
-            request_rate_hz=options.request_rate_hz,
-            policy=policy,
-            key=key,
-            references=options.truth or options.outputs.shows_peers,
-        )
+    source = open_live(
+        endpoint,
+        recorder=recorder,
+        request_rate_hz=options.request_rate_hz,
+        policy=policy,
+        key=key,
+        references=options.truth or options.outputs.shows_peers,
     )
+    stack.enter_context(source)
+    return source
 
 
-def open_recorder(target: str | None, stack: ExitStack) -> Recorder | None:
+def open_recorder(target: str | None, stack: ExitStack) -> SharedRecorder | None:
     """A recorder into a file; or into a folder, if there is one or the name has no suffix."""
     if target is None:
         return None

@@ -5,8 +5,8 @@ from math import nan
 from os import PathLike
 
 import numpy as np
-from numpy.typing import NDArray
 
+from estimator.arrays import Floats
 from estimator.profile import Profile
 from fuzzbee.angle_curves import euler_curves_deg
 from fuzzbee.arguments import file, number, profile_of
@@ -14,8 +14,6 @@ from fuzzbee.attitudes import Attitudes, attitude_arrays
 from fuzzbee.replays.comparison import Comparison
 from fuzzbee.replays.log_report import LogReport, report_log
 from fuzzbee.replays.trace import VehicleTrace
-
-Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -8,9 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drivers.logs.kept_rows import KeptRows, blocks
+from estimator.arrays import Floats
 from estimator.types import Attitude, ImuSample
 
-Floats = NDArray[np.float64]
 Row = TypeVar("Row", Attitude, ImuSample)
 NORTHS = ("none", "magnetic", "true")
 PLACE = {north: float(place) for place, north in enumerate(NORTHS)}

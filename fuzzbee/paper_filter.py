@@ -11,13 +11,14 @@ from typing import Literal
 import numpy as np
 from numpy.typing import ArrayLike
 
+from estimator.arrays import Floats
 from estimator.errors import InputError
 from estimator.filter import kernel, reference
 from estimator.filter.alignment import quaternion_from_matrix
 from estimator.filter.types import initial_state
 from estimator.live.settings import settings_of
 from estimator.profile import LEAST_GAIN, MOST_GAIN, Profile
-from fuzzbee.arguments import Floats, matrix, number, numbers, profile_of, rotation, vector
+from fuzzbee.arguments import matrix, number, numbers, profile_of, rotation, vector
 
 # Below this share of the largest, the smallest eigenvalue of M says that vectors span no space.
 FLAT = 1e-9

@@ -5,16 +5,16 @@ from concurrent.futures import Future
 from contextlib import ExitStack
 from typing import TYPE_CHECKING
 
+from drivers.simulation.source import SimSource
 from estimator.errors import InputError
 from estimator.estimator import Estimator
 from estimator.profile import Profile
 from fuzzbee import outputs
-from fuzzbee.live_source import InProcess, make_runner, open_recorder, open_source
+from fuzzbee.live_source import make_runner, open_recorder, open_source
 from fuzzbee.recordings import Recordings
 from fuzzbee.run_options import RunOptions
 from fuzzbee.say import say
 from fuzzbee.serving import (
-    Tally,
     closed_if_unused,
     conclude,
     open_view,
@@ -29,7 +29,6 @@ from service.compiling import BEGUN, Compiling
 from service.parameters import ParameterRequests
 from service.pipeline import Pipeline
 from service.records import Message
-from service.runner import Runner
 from service.sinks.outbox import Outbox
 from service.sinks.recording import RecordingSink
 from service.warm_up import is_compiled, is_kept, warm_up
@@ -95,19 +94,11 @@ def serve(options: RunOptions, opening: OpeningSession | None) -> int:
             recording=lambda: recordings.word,
             seconds=options.seconds,
         )
-        end_s = None if isinstance(source, InProcess) else options.seconds
+        end_s = None if isinstance(source, SimSource) else options.seconds
         seconds, failure = run_loop(runner, end_s, conflicts)
-    result = summary(
-        options,
-        prepared.profile_name,
-        seconds,
-        _tally(runner, pipeline, runner.dropped),
-        lost=runner.lost,
-        malformed=pipeline.malformed,
-        refused=pipeline.refused_frames,
-        recording=recordings.word,
-    )
-    if isinstance(source, InProcess) and source.waited_s >= LONG_WAIT_S and not options.as_json:
+    name, recorded = prepared.profile_name, recordings.word
+    result = summary(options, name, seconds, runner, pipeline, recorded)
+    if isinstance(source, SimSource) and source.waited_s >= LONG_WAIT_S and not options.as_json:
         say(f"the vehicle waited {source.waited_s:.0f} s for this computer, which was too busy")
     if pipeline.scores is not None:
         result["truth"] = {name: score.result() for name, score in pipeline.scores.items()}
@@ -166,13 +157,3 @@ def _change_over(compiling: Compiling | None, pipeline: Pipeline) -> list[Messag
     if compiling is None:
         return []
     return compiling.change_over(lambda: [each.estimator for each in pipeline.vehicles])
-
-
-def _tally(runner: Runner, pipeline: Pipeline, dropped: int) -> Tally:
-    return Tally(
-        runner.ticks,
-        runner.overruns,
-        dropped,
-        pipeline.departures.counts,
-        {vehicle.address: vehicle.counts for vehicle in pipeline.vehicles},
-    )

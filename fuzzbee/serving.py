@@ -3,28 +3,24 @@
 import json
 import logging
 import time
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager, suppress
 from typing import Any, NamedTuple
 
 import zenoh
 
 from drivers.endpoint import Endpoint, parse_endpoint
-from drivers.events import VehicleId
 from drivers.source import require_openable
 from estimator.errors import InputError
 from estimator.profile import Profile, load_profile
-from estimator.reasons import Reason
 from fuzzbee import outputs, security
 from fuzzbee.live_source import default_profile, require_fitting
 from fuzzbee.recordings import FAILED as NOT_WHOLE
 from fuzzbee.run_options import RunOptions
 from fuzzbee.say import say
 from fuzzbee.terminal import PersonConsole, TerminalView
-from service.counts import Counts
-from service.departures import DepartedCounts
 from service.parameters import ParameterRequests
-from service.records import vehicle_name
+from service.pipeline import Pipeline
 from service.runner import Runner
 from service.signals import stop_on_signals
 from service.sinks.outbox import Outbox
@@ -41,16 +37,6 @@ class Prepared(NamedTuple):
     profile_name: str
     profile: Profile
     key: bytes | None  # that frames must be signed with
-
-
-class Tally(NamedTuple):
-    """What a run has counted."""
-
-    ticks: int
-    overruns: int
-    dropped: int
-    departed: DepartedCounts
-    vehicles: dict[VehicleId, Counts]
 
 
 def prepare(options: RunOptions) -> Prepared:
@@ -169,11 +155,8 @@ def summary(
     options: RunOptions,
     profile_name: str,
     seconds: float,
-    tally: Tally,
-    *,
-    lost: int,
-    malformed: int,
-    refused: Mapping[Reason, int],
+    runner: Runner,
+    pipeline: Pipeline,
     recording: str,
 ) -> dict[str, Any]:
     """The result of a run, as --json prints it."""
@@ -182,28 +165,15 @@ def summary(
         "profile": profile_name,
         "rate_hz": options.rate_hz,
         "seconds": round(seconds, 3),
-        "ticks": tally.ticks,
-        "overruns": tally.overruns,
-        "dropped": tally.dropped,
-        "lost": lost,
-        "malformed": malformed,
-        "refused": dict(sorted(refused.items())),
+        "ticks": runner.ticks,
+        "overruns": runner.overruns,
+        "dropped": runner.dropped,
+        "lost": runner.lost,
+        "malformed": pipeline.malformed,
+        "refused": dict(sorted(pipeline.refused_frames.items())),
         **({"recording": recording} if recording else {}),
-        "departed": tally.departed._asdict(),
-        "vehicles": {
-            vehicle_name(vehicle): {
-                "state": counts.state,
-                "motion": counts.motion,
-                "imu_message": counts.imu_message,
-                "imu_rate_hz": round(counts.imu_rate_hz, 3),
-                "worst_gap_s": counts.worst_gap_us / 1e6,
-                "samples": counts.samples,
-                "shed": counts.shed,
-                "attitudes": counts.attitudes,
-                "rejected": counts.rejected,
-            }
-            for vehicle, counts in tally.vehicles.items()
-        },
+        "departed": pipeline.departures.counts._asdict(),
+        "vehicles": {vehicle.name: vehicle.counts for vehicle in pipeline.vehicles},
     }
 
 

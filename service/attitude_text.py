@@ -9,11 +9,10 @@ from functools import cache
 from itertools import pairwise
 from typing import Any, NamedTuple
 
-import numba
 import numpy as np
 
 from estimator.compilation.compiled import compiled, inlined, is_compiled_code
-from estimator.compilation.direct import direct
+from estimator.compilation.direct import direct, types_of
 from estimator.compilation.interpreted import is_interpreting
 from service.health import State
 from service.records import SCHEMA, AttitudeRecord
@@ -43,7 +42,6 @@ PLACE, DIGIT_0, MINUS, POINT, WORD, INTEGER = (ord(c) for c in "%0-.sd")
 ORDER = np.array([UNIX_US, BOOT_US, REFERENCE, STATE, AGE_US, SEQUENCE], np.int64)
 
 Array = Any  # numba ships no types
-_typeof: Any = numba.typeof
 
 
 @compiled
@@ -236,4 +234,4 @@ def argument_types() -> tuple[Any, ...]:
     """What numba calls the types that :func:`write_texts` is called with."""
     whole, numbers = np.zeros((0, WHOLE), np.int64), np.zeros((0, NUMBERS))
     out, ends = np.empty(0, np.uint8), np.zeros(1, np.int64)
-    return tuple(map(_typeof, (*_form(), whole, numbers, out, ends)))
+    return types_of(*_form(), whole, numbers, out, ends)

@@ -9,7 +9,6 @@ WINDOW_S = 0.25
 WINDOWS_TO_BEGIN = 2
 WINDOWS_TO_END = 4
 
-
 BEGINS = (
     "overloaded: more arrives than this computer can handle; "
     "of each vehicle the newest samples are taken, and the ticks stay on time"
@@ -18,14 +17,10 @@ ENDS = "no longer overloaded: every sample counts again"
 
 
 class Overload:
-    """Follows a count of what has been left out so far. Times are given, in s.
+    """Follows a count of what has been left out so far. Times are given, in s."""
 
-    ``begins`` and ``ends`` are what a person is told.
-    """
-
-    def __init__(self, begins: str = BEGINS, ends: str = ENDS) -> None:
+    def __init__(self) -> None:
         self.is_on = False
-        self._begins, self._ends = begins, ends
         self._count = 0
         self._window_s: float | None = None
         self._windows = 0  # in a row that speak against the present state
@@ -33,7 +28,7 @@ class Overload:
     @property
     def line(self) -> str:
         """The present state, for a person."""
-        return self._begins if self.is_on else self._ends
+        return BEGINS if self.is_on else ENDS
 
     def observe(self, left_out: int, now_s: float) -> bool:
         """Take the count at ``now_s``; True if the overload begins or ends."""

@@ -41,25 +41,7 @@ class ParameterRequests:
 
         Raises:
             InputError: the loop refused it.
-            TimeoutError: the loop is too busy, or not running.
-        """
-        answer = self.post(vehicle, partial, retuned)
-        try:
-            return answer.result(ANSWER_TIMEOUT_S)
-        except TimeoutError:
-            if not answer.cancel():  # the loop is at work on it, and will soon be done
-                return answer.result()
-            raise TimeoutError("the service did not answer in time") from None
-        except CancelledError:
-            raise TimeoutError("the service is ending") from None
-
-    def post(
-        self, vehicle: VehicleId, partial: dict[str, Any], retuned: str | None = None
-    ) -> "Future[Profile]":
-        """Ask without waiting: the result holds the new profile later, or is cancelled.
-
-        Raises:
-            TimeoutError: too many wait already, or nobody will answer any more.
+            TimeoutError: the loop is too busy, or not running any more.
         """
         if self._closed:
             raise TimeoutError("the service is ending")
@@ -68,7 +50,14 @@ class ParameterRequests:
             self._queue.put_nowait(Request(vehicle, partial, retuned, answer))
         except Full:
             raise TimeoutError("too many requests") from None
-        return answer
+        try:
+            return answer.result(ANSWER_TIMEOUT_S)
+        except TimeoutError:
+            if not answer.cancel():  # the loop is at work on it, and will soon be done
+                return answer.result()
+            raise TimeoutError("the service did not answer in time") from None
+        except CancelledError:
+            raise TimeoutError("the service is ending") from None
 
     def waiting(self) -> Iterator[Request]:
         """Take the requests that wait, one after the other."""
@@ -84,33 +73,17 @@ class ParameterRequests:
             if not answer.set_running_or_notify_cancel():
                 continue
             try:
-                profile = replace_or_refuse(replace, vehicle, partial, retuned)
+                answer.set_result(replace(vehicle, partial, retuned))
             except InputError as error:
                 answer.set_exception(error)
-            else:
-                answer.set_result(profile)
+            except RecursionError:  # nested deep, but not too deep for the parser
+                answer.set_exception(InputError("the profile is nested too deep"))
+            except Exception as error:  # noqa: BLE001 - one vehicle's profile ends no service
+                why = f"the profile cannot be used: {type(error).__name__}: {error}"
+                answer.set_exception(InputError(why))
 
     def close(self) -> None:
         """Refuse all waiting and all later requests; called when the loop has ended."""
         self._closed = True
         for request in self.waiting():
             request.answer.cancel()
-
-
-def replace_or_refuse(
-    replace: Replace, vehicle: VehicleId, partial: dict[str, Any], retuned: str | None = None
-) -> Profile:
-    """Replace a vehicle's profile.
-
-    Raises:
-        InputError: whatever went wrong: one vehicle's profile ends no service.
-    """
-    try:
-        return replace(vehicle, partial, retuned)
-    except InputError:
-        raise
-    except RecursionError:  # nested deep, but not too deep for the parser
-        raise InputError("the profile is nested too deep") from None
-    except Exception as error:
-        text = f"the profile cannot be used: {type(error).__name__}: {error}"
-        raise InputError(text) from error

@@ -78,7 +78,6 @@ class Pipeline:
         self.profile = profile
         self.malformed = 0
         self._links = LinkLines()
-        self.refused_vehicles = 0
         self.refused_frames: Counter[Reason] = Counter()
         self._system_id = system_id
         self._new_estimator = new_estimator
@@ -365,7 +364,6 @@ class Pipeline:
         if vehicle is not None or not self._is_wanted(address):
             return vehicle
         if len(self._vehicles) >= MAX_VEHICLES:
-            self.refused_vehicles += 1
             return None
         kept = self.departures.take_profile(address)
         profile = kept or self.profile

@@ -19,7 +19,7 @@ from service.parameters import ParameterRequests
 from service.pipeline import Pipeline
 from service.records import Message, Output
 from service.signals import Stoppable
-from service.sinks.outbox import OutputTaker
+from service.sinks.outbox import Outbox
 from service.steady import Frozen, steady
 
 MAX_CATCH_UP_S = 0.25
@@ -55,7 +55,7 @@ class Runner(Stoppable):
         self,
         source: EventSource,
         pipeline: Pipeline,
-        outbox: OutputTaker,
+        outbox: Outbox,
         *,
         rate_hz: float,
         now_us: Callable[[], int] = lambda: time.time_ns() // 1000,

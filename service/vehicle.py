@@ -2,6 +2,7 @@
 
 from collections import Counter, deque
 from math import degrees, pi, sqrt
+from typing import Any
 
 from drivers.events import (
     BodyRates,
@@ -49,7 +50,6 @@ from service import health, host_clock, imu_choice, report_choice
 from service.alarms import LEANING_DEG, MEANINGS, Alarm, Alarms
 from service.attitude_record import attitude_record, euler_deg, is_finite
 from service.attitude_rows import sample_of
-from service.counts import Counts
 from service.health import Health, State
 from service.host_clock import HostClock, Offsets
 from service.imu_choice import ImuChoice
@@ -471,20 +471,19 @@ class Vehicle:
         return min(load.rate_hz, round(1e6 * count / since_us, 1))
 
     @property
-    def counts(self) -> Counts:
-        """What was counted so far."""
-        return Counts(
-            state=self.state.value,
-            motion=self.built_in_motion,
-            imu_message=self.imu_message,
-            imu_rate_hz=self.median_rate_hz,
-            worst_gap_us=self.worst_gap_us,
-            samples=self.samples,
-            shed=self.shed,
-            attitudes=self.attitudes,
-            statuses=self._statuses,
-            rejected=dict(sorted(self.rejected.items())),
-        )
+    def counts(self) -> dict[str, Any]:
+        """What was counted so far, as the result of a run has it."""
+        return {
+            "state": self.state.value,
+            "motion": self.built_in_motion,
+            "imu_message": self.imu_message,
+            "imu_rate_hz": round(self.median_rate_hz, 3),
+            "worst_gap_s": self.worst_gap_us / 1e6,
+            "samples": self.samples,
+            "shed": self.shed,
+            "attitudes": self.attitudes,
+            "rejected": dict(sorted(self.rejected.items())),
+        }
 
     def numbers(self) -> tuple[list[int], list[float]] | None:
         """What changes while samples just go on; None if something else is to be expected.

@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 
 from drivers.closing import Closing
+from estimator.arrays import Floats
 from estimator.errors import InputError, missing_extra
-from tuning.arrays import Array
 from tuning.objective import Objective
 
 CONNECT_TIMEOUT_S = 10.0
@@ -50,7 +50,7 @@ class ClusterEvaluator(Closing):
         """Disconnect; the cluster itself keeps running."""
         self._client.close()
 
-    def __call__(self, values: Array) -> Array:
+    def __call__(self, values: Floats) -> Floats:
         """Costs (C,) of parameter values (C, D).
 
         Raises:
@@ -69,7 +69,7 @@ class ClusterEvaluator(Closing):
                 raise InputError(f"--cluster {self._address}: on a worker: {error}") from None
         raise InputError(f"--cluster {self._address}: the workers keep failing")
 
-    def _costs(self, values: Array) -> Array:
+    def _costs(self, values: Floats) -> Floats:
         if self._sent is None:
             self._sent = self._client.scatter(self._objective, broadcast=True, hash=False)
         threads = sum(self._client.nthreads().values())

@@ -22,16 +22,16 @@ from typing import NamedTuple
 
 import numpy as np
 
-from tuning.arrays import Array, Integers
+from estimator.arrays import Floats, Ints
 from tuning.space import Space, make_feasible, random_positions
 
 
 class Sources(NamedTuple):
     """The N food sources: positions (N, D), costs (N,), failures in a row (N,)."""
 
-    positions: Array
-    costs: Array
-    failures: Integers
+    positions: Floats
+    costs: Floats
+    failures: Ints
 
 
 class Colony:
@@ -48,7 +48,7 @@ class Colony:
         food_sources: int,
         limit: int,
         generator: np.random.Generator,
-        first: Array,
+        first: Floats,
     ) -> None:
         self._space = space
         self._limit = limit
@@ -65,11 +65,11 @@ class Colony:
             failures=np.zeros(food_sources, dtype=np.int64),
         )
 
-    def ask(self) -> Array:
+    def ask(self) -> Floats:
         """The candidates of the next phase, all feasible; the same until :meth:`tell`."""
         return self._asked
 
-    def tell(self, costs: Array) -> None:
+    def tell(self, costs: Floats) -> None:
         """Take the costs of what was asked, and begin the next phase."""
         self._take(costs)
         if self._phase == "employed":
@@ -86,7 +86,7 @@ class Colony:
         """Whether what is asked is a scout's position."""
         return self._phase == "scout"
 
-    def _take(self, costs: Array) -> None:
+    def _take(self, costs: Floats) -> None:
         """A better candidate replaces its source; a source that was not improved fails.
 
         The first positions and a scout's are taken whatever their cost.
@@ -119,7 +119,7 @@ class Colony:
         self._visited = np.array([int(np.argmax(self.sources.failures))])
         self._asked = random_positions(self._space, 1, self._generator)
 
-    def _visit(self, visited: Integers) -> None:
+    def _visit(self, visited: Ints) -> None:
         """x_ij + alpha (x_ij - x_kj), Eq. (13) "ABC_Position", in one coordinate j of each source.
 
         k is another source. alpha is drawn from [-1, 1] as by Karaboga; the paper's [0, 1] can

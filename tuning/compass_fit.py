@@ -13,9 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
+from estimator.arrays import Floats
 from estimator.geometry.earth import PlaceField
-
-Floats = NDArray[np.float64]
 
 BLOCKS = 10  # stretches of time that are left out in turn
 MOST_SAMPLES = 1000

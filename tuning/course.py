@@ -6,11 +6,11 @@ from typing import NamedTuple
 
 import numpy as np
 
+from estimator.arrays import Floats
 from estimator.estimator import Estimator
 from estimator.geometry.quaternion import exp, scale
 from estimator.live.core import with_attitude
 from estimator.types import ImuSample, Quaternion
-from tuning.arrays import Array
 from tuning.told import Call
 
 # A wrong start: 170 deg about NED (1,1,1)/sqrt 3, next to the unstable equilibrium, as the paper
@@ -25,9 +25,9 @@ class Course(NamedTuple):
     ``q_ned_frd`` (N, 4); ``sigma_rad`` (N, 2) of inclination and heading; ``bias_rad_s`` (N, 3).
     """
 
-    q_ned_frd: Array
-    sigma_rad: Array
-    bias_rad_s: Array
+    q_ned_frd: Floats
+    sigma_rad: Floats
+    bias_rad_s: Floats
 
 
 def course_of(

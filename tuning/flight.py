@@ -10,11 +10,11 @@ from typing import NamedTuple
 
 import numpy as np
 
+from estimator.arrays import Bools, Floats
 from estimator.errors import InputError
 from estimator.estimator import Estimator
 from estimator.profile import Profile
 from estimator.types import ImuSample, Quaternion
-from tuning.arrays import Array, Bools
 from tuning.course import NOTHING_WRONG, Course, course_of
 from tuning.told import Call
 
@@ -46,16 +46,16 @@ class Flight(NamedTuple):
     samples: tuple[ImuSample, ...]
     calls: tuple[tuple[Call, ...], ...]
     restart: Bools
-    truth: Array
+    truth: Floats
     known: Bools
     headed: Bools
-    doubt_rad: Array | None = None
+    doubt_rad: Floats | None = None
 
     @property
-    def time_s(self) -> Array:
+    def time_s(self) -> Floats:
         """Time (N,) since the first sample, on the vehicle's continuous clock."""
         times_us = np.array([sample.time_us for sample in self.samples], dtype=np.int64)
-        time_s: Array = 1e-6 * (times_us - times_us[0])
+        time_s: Floats = 1e-6 * (times_us - times_us[0])
         return time_s
 
     @property
@@ -65,7 +65,7 @@ class Flight(NamedTuple):
         return float(1.0 / np.median(steps_s)) if len(steps_s) else 0.0
 
     @property
-    def gyr_rad_s(self) -> Array:
+    def gyr_rad_s(self) -> Floats:
         """The gyroscope's readings (N, 3), FRD."""
         return np.array([sample.gyr_rad_s for sample in self.samples])
 

@@ -6,9 +6,9 @@ from typing import NamedTuple
 
 import numpy as np
 
+from estimator.arrays import Bools, Floats
 from estimator.geometry.metrics import batch_angle_errors, rms
 from estimator.profile import Profile
-from tuning.arrays import Array, Bools
 from tuning.course import Course
 from tuning.flight import Part, fly
 from tuning.prediction import (
@@ -130,7 +130,7 @@ def _figures(part: Part, course: Course) -> FlightFigures:
     return FlightFigures(scored(known, 2, 0), scored(headed, 1, 1) if has_heading else None)
 
 
-def score_errors(errors: Array, sigma: Array) -> Figure:
+def score_errors(errors: Floats, sigma: Floats) -> Figure:
     """Errors (N,) and their sigmas, deg: RMS, quantile loss, coverage.
 
     The loss (R. Koenker, G. Bassett, 1978, doi:10.2307/1913643) of a share of 0.68 is a proper

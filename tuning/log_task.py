@@ -11,9 +11,9 @@ from typing import NamedTuple
 
 import numpy as np
 
+from estimator.arrays import Floats
 from estimator.errors import InputError
 from estimator.profile import Profile
-from tuning.arrays import Array
 from tuning.flight import Flight, Part
 from tuning.flight_cost import FlightFigures, geometric_mean, measure
 from tuning.objective import Scores, profile_with, require_fuzzy_gain
@@ -38,24 +38,16 @@ class Goal(NamedTuple):
     unit: str
 
 
-def flight_cost(profile: Profile, part: Part) -> float:
-    """The errors that a user sees and the honesty of sigma, deg."""
-    return measure(profile, part).cost
-
-
-def coverage_cost(profile: Profile, part: Part) -> float:
-    """How far coverage is from what it should be: all that tells of what moves sigma alone."""
-    return measure(profile, part).miscoverage
-
-
 def _mean(costs: list[float]) -> float:
     return sum(costs) / len(costs)
 
 
 GOALS = {
-    "flight": Goal(flight_cost, geometric_mean, " deg"),
+    # the errors that a user sees and the honesty of sigma, deg
+    "flight": Goal(lambda profile, part: measure(profile, part).cost, geometric_mean, " deg"),
     "recovery": Goal(recovery_cost, _mean, ""),
-    "coverage": Goal(coverage_cost, _mean, ""),
+    # how far coverage is from what it should be: all that tells of what moves sigma alone
+    "coverage": Goal(lambda profile, part: measure(profile, part).miscoverage, _mean, ""),
 }
 
 
@@ -97,7 +89,7 @@ class LogObjective:
     base: Profile
     parts: tuple[Part, ...]
 
-    def costs(self, values: Array) -> Array:
+    def costs(self, values: Floats) -> Floats:
         """See :class:`tuning.objective.Objective`."""
         return np.array([self.cost(profile_with(self.space, self.base, row)) for row in values])
 

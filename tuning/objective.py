@@ -5,9 +5,9 @@ from typing import Any, NamedTuple, Protocol
 import msgspec
 import numpy as np
 
+from estimator.arrays import Floats
 from estimator.errors import InputError
 from estimator.profile import Profile, parse_profile, profile_to_json, profile_to_toml
-from tuning.arrays import Array
 from tuning.space import Space
 
 
@@ -18,10 +18,10 @@ class Objective(Protocol):
     the mean over the runs is taken in their order.
     """
 
-    def costs(self, values: Array) -> Array:
+    def costs(self, values: Floats) -> Floats:
         """Costs (C,), all runs in one compiled call over numba's threads."""
 
-    def serial_costs(self, values: Array) -> Array:
+    def serial_costs(self, values: Floats) -> Floats:
         """Costs (C,) on the calling thread alone, for a worker among others."""
 
 
@@ -30,25 +30,6 @@ class Scores(NamedTuple):
 
     tuning: float
     held_out: float
-
-
-class Task(Protocol):
-    """All that a search needs to know about what it tunes."""
-
-    @property
-    def space(self) -> Space:
-        """The parameters that are tuned."""
-
-    @property
-    def base(self) -> Profile:
-        """The profile that everything else comes from."""
-
-    @property
-    def objective(self) -> Objective:
-        """The cost that is minimised."""
-
-    def score(self, profile: Profile) -> Scores:
-        """How good a profile is, by the plain kernels."""
 
 
 def require_fuzzy_gain(profile: Profile) -> None:
@@ -63,15 +44,15 @@ def require_fuzzy_gain(profile: Profile) -> None:
         )
 
 
-def values_of(space: Space, profile: Profile) -> Array:
+def values_of(space: Space, profile: Profile) -> Floats:
     """The profile's values (D,) of the space's parameters, clipped to their bounds."""
     tree = profile_to_json(profile)
     values = [float(tree[section][key]) for section, key in map(_address, space.names)]
-    clipped: Array = np.clip(values, space.lower, space.upper)
+    clipped: Floats = np.clip(values, space.lower, space.upper)
     return clipped
 
 
-def profile_with(space: Space, base: Profile, values: Array) -> Profile:
+def profile_with(space: Space, base: Profile, values: Floats) -> Profile:
     """``base`` with the space's parameters replaced.
 
     Raises:

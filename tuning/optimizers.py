@@ -8,8 +8,8 @@ from collections.abc import Callable
 
 import numpy as np
 
+from estimator.arrays import Floats
 from estimator.errors import InputError
-from tuning.arrays import Array
 from tuning.colony import Colony
 from tuning.search import BudgetSpent, Search
 from tuning.space import bounds, random_positions
@@ -19,7 +19,7 @@ from tuning.space import bounds, random_positions
 CMA_SIGMA = 0.3
 
 
-def run_search(search: Search, first: Array) -> None:
+def run_search(search: Search, first: Floats) -> None:
     """Run the algorithm that the search's options name, from position ``first`` (D,), to the end.
 
     Raises:
@@ -33,7 +33,7 @@ def run_search(search: Search, first: Array) -> None:
         return
 
 
-def bees(search: Search, first: Array, generator: np.random.Generator) -> None:
+def bees(search: Search, first: Floats, generator: np.random.Generator) -> None:
     """Artificial bee colony for the given number of cycles; scouts come on top of the budget."""
     options = search.options
     colony = Colony(
@@ -51,7 +51,7 @@ def bees(search: Search, first: Array, generator: np.random.Generator) -> None:
             search.end_cycle(*colony.sources)
 
 
-def cma_es(search: Search, first: Array, generator: np.random.Generator) -> None:
+def cma_es(search: Search, first: Floats, generator: np.random.Generator) -> None:
     """CMA-ES on the unit cube, restarted with twice the population whenever it has converged.
 
     Source: A. Auger and N. Hansen, "A restart CMA evolution strategy with
@@ -77,7 +77,7 @@ def cma_es(search: Search, first: Array, generator: np.random.Generator) -> None
         mean = generator.random(search.space.dimensions)
 
 
-def differential_evolution(search: Search, first: Array, generator: np.random.Generator) -> None:
+def differential_evolution(search: Search, first: Floats, generator: np.random.Generator) -> None:
     """SciPy's differential evolution with N members; a batch is a generation; no early stop."""
     from scipy import optimize
 
@@ -87,7 +87,7 @@ def differential_evolution(search: Search, first: Array, generator: np.random.Ge
     held, held_costs = start, np.full(members, np.inf)
     generations = -1  # the first batch is the start
 
-    def costs_of_columns(x: Array) -> Array:
+    def costs_of_columns(x: Floats) -> Floats:
         nonlocal held, held_costs, generations
         asked = np.ascontiguousarray(x.T)
         costs = search.costs(asked)
@@ -117,7 +117,7 @@ def differential_evolution(search: Search, first: Array, generator: np.random.Ge
         raise
 
 
-def random_search(search: Search, first: Array, generator: np.random.Generator) -> None:
+def random_search(search: Search, first: Floats, generator: np.random.Generator) -> None:
     """Positions drawn evenly within the bounds: what every search has to beat."""
     count = search.options.food_sources
     asked = np.concatenate([first[None, :], random_positions(search.space, count - 1, generator)])
@@ -126,7 +126,7 @@ def random_search(search: Search, first: Array, generator: np.random.Generator) 
         asked = random_positions(search.space, 2 * count, generator)
 
 
-RUNNERS: dict[str, Callable[[Search, Array, np.random.Generator], None]] = {
+RUNNERS: dict[str, Callable[[Search, Floats, np.random.Generator], None]] = {
     "abc": bees,
     "cmaes": cma_es,
     "de": differential_evolution,

@@ -5,6 +5,7 @@ from typing import NamedTuple
 import numpy as np
 
 from drivers.simulation.simulated_vehicle import Recording, simulate
+from estimator.arrays import Floats
 from estimator.errors import InputError
 from estimator.filter import kernel
 from estimator.filter.types import initial_state
@@ -13,8 +14,6 @@ from estimator.geometry.quaternion import normalized_distance
 from estimator.live.settings import Settings, settings_of
 from estimator.profile import Profile
 from estimator.types import IDENTITY
-from tuning.arrays import Array
-from tuning.paper_noise import PAPER_NOISE, NoiseScale, simulate_scaled
 
 SETTLED_ERROR = 0.01
 
@@ -26,13 +25,13 @@ class ExperimentResult(NamedTuple):
     steady_state_error: float
     settling_s: float
     mean_gain: float
-    true_error: Array  # e at t = 0.01 k, k = 0..1500
-    estimates: Array  # (1501, 4) q_ned_frd before each correction
-    truth: Array  # (1501, 4)
-    gains: Array  # K (1501,)
+    true_error: Floats  # e at t = 0.01 k, k = 0..1500
+    estimates: Floats  # (1501, 4) q_ned_frd before each correction
+    truth: Floats  # (1501, 4)
+    gains: Floats  # K (1501,)
 
 
-def filtered(settings: Settings, signals: Recording) -> tuple[Array, Array]:
+def filtered(settings: Settings, signals: Recording) -> tuple[Floats, Floats]:
     """The attitudes before each correction (N, 4) and K (N,), from the settings' first attitude."""
     return kernel.run(
         settings.filter,
@@ -49,9 +48,9 @@ def run_experiment(
     profile: Profile,
     seed: int,
     fixed_gain: float | None = None,
-    noise: NoiseScale = PAPER_NOISE,
+    signals: Recording | None = None,
 ) -> ExperimentResult:
-    """Run the filter of ``profile`` on the paper's signals with the noise of ``seed``, scaled.
+    """Run the filter of ``profile`` on the paper's signals with the noise of ``seed``, or others.
 
     Raises:
         InputError: the profile conditions its vectors or has no R_hat(0), so it is not the paper's.
@@ -62,10 +61,8 @@ def run_experiment(
             "the paper's experiment needs a profile of raw vectors with an initial attitude "
             "(conditioning.enabled = false, filter.initial_attitude), such as --profile paper"
         )
-    if noise is PAPER_NOISE:  # to the last bit, which scaling by 1 would not be
+    if signals is None:
         signals = simulate(seed, COST_SAMPLES, COST_RATE_HZ)
-    else:
-        signals = simulate_scaled(seed, COST_SAMPLES, noise, COST_RATE_HZ)
     estimates, gains = filtered(chosen, signals)
     e = np.array(
         [

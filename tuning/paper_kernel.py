@@ -6,10 +6,10 @@ to 1e-9.
 
 Eight candidates run at a time on one noise seed, in the vector lanes of the processor. A run is
 one long chain of operations that wait for each other, but runs know nothing of each other. So
-each quantity of the state is a row of ``LANES`` numbers, and every operation of a step is a loop
-over the row without branches and calls, which the compiler turns into vector instructions. All
-rows lie in one array: with several arrays the compiler cannot tell whether they overlap, and does
-not use vector instructions at all. The inference is made for this: ``paper_inference.py``.
+each quantity of the state is a row of ``LANES`` numbers, and all operations of a step but the fuzzy
+inference are loops over the row without branches and calls, which the compiler turns into vector
+instructions. All rows lie in one array: with several arrays the compiler cannot tell whether they
+overlap, and does not use vector instructions at all.
 No operation mixes lanes, so a candidate's cost has the same bits beside any others.
 """
 
@@ -18,16 +18,17 @@ from typing import NamedTuple
 
 import numba
 import numpy as np
-from numpy.typing import NDArray
 
+from estimator.arrays import Floats
 from estimator.compilation.compiled import compiled, compiled_parallel, inlined
+from estimator.filter.fuzzy import operating_gain
 from estimator.filter.memberships import Memberships
 from estimator.filter.types import PLAIN_STEP_LIMIT
 from estimator.geometry.metrics import COST_RATE_HZ, STEADY, TRANSIENT, TRANSIENT_WEIGHT
-from tuning.paper_inference import LANES, RULE_SIZE, lane_gain, lay_rules
 from tuning.paper_signals import FASTEST, INNOVATION, TRACE, TRUTH, TURN
 
-Array = NDArray[np.float64]
+# Candidates side by side
+LANES = 8
 
 DT_S = 0.01
 TRANSIENT_STOP = TRANSIENT.stop
@@ -37,8 +38,7 @@ STEADY_START = STEADY.start
 QW, QX, QY, QZ, BX, BY, BZ, ERROR, RATE, COST, W0, W1, W2, G, F, SMOOTHING, PULL = (
     LANES * i for i in range(17)
 )
-RULES = 17 * LANES
-SIZE = RULES + RULE_SIZE
+SIZE = 17 * LANES
 # Of 1 + k_op
 LARGEST_GAIN = 101.0
 # Columns of a candidate: k1..k22, then these
@@ -76,7 +76,7 @@ def half_sine(x: float) -> float:
 
 
 @inlined
-def observe(state: Array, row: Array, is_later: float, weight: float) -> None:
+def observe(state: Floats, row: Floats, is_later: float, weight: float) -> None:
     """Every lane: propagate, take the true error, compare with the vectors; innovation, e, d.
 
     ``is_later`` is 0 for the first sample, which nothing came before, and else 1.
@@ -137,14 +137,10 @@ def observe(state: Array, row: Array, is_later: float, weight: float) -> None:
 
 
 @inlined
-def choose_gains(state: Array, lanes: int, fastest: float, step_s: float) -> None:
-    """Every lane: K by the fuzzy rules, and its factors for the attitude and for the bias.
-
-    ``lanes`` is LANES: a loop known to be short and to call would be unrolled before the calls
-    are filled in, and then no vector instructions follow.
-    """
-    for i in range(lanes):
-        K = 1.0 + lane_gain(state, RULES + i, state[ERROR + i], state[RATE + i])
+def choose_gains(state: Floats, rules: list[Memberships], fastest: float, step_s: float) -> None:
+    """Every lane: K by its fuzzy rules, and its factors for the attitude and for the bias."""
+    for i in range(LANES):
+        K = 1.0 + operating_gain(rules[i], state[ERROR + i], state[RATE + i])
         state[G + i] = -0.5 * step_s * K
         state[F + i] = step_s * state[PULL + i]
     if LARGEST_GAIN * step_s * fastest > PLAIN_STEP_LIMIT:
@@ -152,7 +148,7 @@ def choose_gains(state: Array, lanes: int, fastest: float, step_s: float) -> Non
 
 
 @inlined
-def shorten_steps(state: Array, fastest: float) -> None:
+def shorten_steps(state: Floats, fastest: float) -> None:
     """Lane by lane: the exact decay in place of a step that is too long."""
     for i in range(LANES):
         g = -2.0 * state[G + i]
@@ -163,7 +159,7 @@ def shorten_steps(state: Array, fastest: float) -> None:
 
 
 @inlined
-def turn_back(state: Array, bound: float) -> None:
+def turn_back(state: Floats, bound: float) -> None:
     """Every lane: the correction of attitude and bias."""
     for i in range(LANES):
         g, f = state[G + i], state[F + i]
@@ -183,7 +179,7 @@ def turn_back(state: Array, bound: float) -> None:
 
 
 @inlined
-def unpack(k: Array) -> Memberships:
+def unpack(k: Floats) -> Memberships:
     """k1..k22 as the tuple that the fuzzy controller takes."""
     return (
         *(k[0], k[1], k[2], k[3], k[4], k[5], k[6], k[7], k[8], k[9], k[10]),
@@ -192,25 +188,25 @@ def unpack(k: Array) -> Memberships:
 
 
 @compiled
-def lane_costs(common: Common, candidates: Array, start: Array, steps: Array) -> Array:
+def lane_costs(common: Common, candidates: Floats, start: Floats, steps: Floats) -> Floats:
     """J (8,) of candidates (8, 24): k1..k22, gamma, tau; on start (4,), steps (1401, 26)."""
     state = np.zeros(SIZE)
     for i in range(LANES):
         state[QW + i], state[QX + i], state[QY + i], state[QZ + i] = start
         state[SMOOTHING + i] = DT_S / (candidates[i, TAU] + DT_S)
         state[PULL + i] = 0.25 * candidates[i, GAMMA]
-        lay_rules(state[RULES + i :], unpack(candidates[i]))
+    rules = [unpack(candidates[i]) for i in range(LANES)]
     for k in range(len(steps)):
         weight = TRANSIENT_WEIGHT if k < TRANSIENT_STOP else 1.0 if k >= STEADY_START else 0.0
         observe(state, steps[k], 1.0 if k > 0 else 0.0, weight)
-        choose_gains(state, LANES, steps[k, FASTEST], DT_S if k > 0 else common.first_step_s)
+        choose_gains(state, rules, steps[k, FASTEST], DT_S if k > 0 else common.first_step_s)
         turn_back(state, common.bias_bound_rad_s)
     return state[COST : COST + LANES].copy()
 
 
 @compiled
 def fill_costs(
-    common: Common, candidates: Array, start: Array, steps: Array, number: int, costs: Array
+    common: Common, candidates: Floats, start: Floats, steps: Floats, number: int, costs: Floats
 ) -> None:
     """Group ``number`` of eight candidates, seed after seed, into ``costs`` (C, S)."""
     seeds = len(steps)
@@ -225,7 +221,7 @@ def fill_costs(
 
 
 @compiled
-def serial_costs(common: Common, candidates: Array, start: Array, steps: Array) -> Array:
+def serial_costs(common: Common, candidates: Floats, start: Floats, steps: Floats) -> Floats:
     """J (C, S) of candidates (C, 24): k1..k22, gamma, tau; on start (4,), steps (S, 1401, 26)."""
     costs = np.empty((len(candidates), len(steps)))
     groups = (len(candidates) + LANES - 1) // LANES
@@ -235,7 +231,7 @@ def serial_costs(common: Common, candidates: Array, start: Array, steps: Array) 
 
 
 @compiled_parallel
-def parallel_costs(common: Common, candidates: Array, start: Array, steps: Array) -> Array:
+def parallel_costs(common: Common, candidates: Floats, start: Floats, steps: Floats) -> Floats:
     """:func:`serial_costs` with all groups spread over threads."""
     costs = np.empty((len(candidates), len(steps)))
     groups = (len(candidates) + LANES - 1) // LANES

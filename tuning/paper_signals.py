@@ -13,17 +13,15 @@ So a step needs R, 3 x 3 products and no normalisation of vectors.
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from drivers.simulation.simulated_vehicle import Recording, simulate
+from estimator.arrays import Floats
 from estimator.errors import InputError
 from estimator.filter.kernel import COLLINEAR_SINE, largest_rate
 from estimator.geometry.metrics import COST_RATE_HZ, COST_SAMPLES, STEADY
 from estimator.live.settings import Settings, settings_of
 from estimator.profile import Profile
 from tuning.objective import require_fuzzy_gain
-
-Array = NDArray[np.float64]
 
 COST_DT_S = 1.0 / COST_RATE_HZ
 # J ends at t = 14 s, the signals at 15 s
@@ -41,8 +39,8 @@ COLUMNS = 26
 class PaperSignals(NamedTuple):
     """Steps (S, 1401, 26) of S noise seeds, the columns above, and the first attitude (4,)."""
 
-    steps: Array
-    start: Array
+    steps: Floats
+    start: Floats
 
 
 def paper_signals(profile: Profile, seeds: tuple[int, ...]) -> PaperSignals:
@@ -78,7 +76,7 @@ def _require_raw(settings: Settings) -> None:
             )
 
 
-def _steps(settings: Settings, recording: Recording) -> Array:
+def _steps(settings: Settings, recording: Recording) -> Floats:
     kept = slice(0, SCORED_SAMPLES)
     reference = settings.reference
     v1 = _unit(recording.mag_gauss[kept])
@@ -105,11 +103,11 @@ def _steps(settings: Settings, recording: Recording) -> Array:
     return steps
 
 
-def _sum_of_outer(inertial: tuple[Array, ...], body: tuple[Array, ...]) -> Array:
+def _sum_of_outer(inertial: tuple[Floats, ...], body: tuple[Floats, ...]) -> Floats:
     """Sum of a b^T for constant a (3,) and b (N, 3), row by row: (N, 9)."""
     total = sum(a[None, :, None] * b[:, None, :] for a, b in zip(inertial, body, strict=True))
     return np.asarray(total).reshape(-1, 9)
 
 
-def _unit(v: Array) -> Array:
+def _unit(v: Floats) -> Floats:
     return np.asarray(v / np.linalg.norm(v, axis=1, keepdims=True))

@@ -7,9 +7,9 @@ from functools import cached_property
 import msgspec
 import numpy as np
 
+from estimator.arrays import Floats
 from estimator.filter import memberships
 from estimator.profile import Filter, Profile, Provenance, load_profile
-from tuning.arrays import Array
 from tuning.objective import Scores
 from tuning.paper_experiment import run_experiment
 from tuning.paper_signals import PaperSignals, paper_signals
@@ -40,28 +40,28 @@ class PaperObjective:
     base: Filter
     signals: PaperSignals
 
-    def costs(self, values: Array) -> Array:
+    def costs(self, values: Floats) -> Floats:
         """See :class:`tuning.objective.Objective`."""
         from tuning.paper_kernel import parallel_costs
 
         return self._mean_costs(parallel_costs, values)
 
-    def serial_costs(self, values: Array) -> Array:
+    def serial_costs(self, values: Floats) -> Floats:
         """See :class:`tuning.objective.Objective`."""
         from tuning.paper_kernel import serial_costs
 
         return self._mean_costs(serial_costs, values)
 
-    def _mean_costs(self, kernel: Callable[..., Array], values: Array) -> Array:
+    def _mean_costs(self, kernel: Callable[..., Floats], values: Floats) -> Floats:
         """Mean J (C,) over the seeds, summed in their order: the same bits for any batch."""
         from tuning.paper_kernel import Common
 
         common = Common(self.base.bias_bound_rad_s, self.base.first_step_s)
         costs = kernel(common, self._candidates(values), self.signals.start, self.signals.steps)
-        mean: Array = np.cumsum(costs, axis=1)[:, -1] / costs.shape[1]
+        mean: Floats = np.cumsum(costs, axis=1)[:, -1] / costs.shape[1]
         return mean
 
-    def _candidates(self, values: Array) -> Array:
+    def _candidates(self, values: Floats) -> Floats:
         """Rows of k1..k22, gamma, tau as the kernel takes them."""
         columns = {name: values[:, i] for i, name in enumerate(self.names)}
         rest = np.ones(len(values))

@@ -11,10 +11,10 @@ from typing import NamedTuple
 
 import numpy as np
 
+from estimator.arrays import Bools, Floats
 from estimator.compilation.compiled import compiled
 from estimator.geometry.quaternion import exp, multiply, normalize, rotate, unit
 from estimator.types import ImuSample
-from tuning.arrays import Array, Bools
 
 AHEAD_S = 0.5
 # A prediction over a longer silence tells of the silence.
@@ -24,10 +24,10 @@ LONGEST_S = 1.5
 class Readings(NamedTuple):
     """N samples as arrays: times (N,), readings (N, 3) in FRD, and where there is a field (N,)."""
 
-    time_s: Array
-    gyr_rad_s: Array
-    acc_m_s2: Array
-    mag: Array
+    time_s: Floats
+    gyr_rad_s: Floats
+    acc_m_s2: Floats
+    mag: Floats
     has_mag: Bools
 
 
@@ -45,8 +45,8 @@ def readings_of(samples: Sequence[ImuSample]) -> Readings:
 
 @compiled
 def predicted_vectors(
-    readings: Readings, q_ned_frd: Array, bias_rad_s: Array, first: int
-) -> tuple[Array, Array]:
+    readings: Readings, q_ned_frd: Floats, bias_rad_s: Floats, first: int
+) -> tuple[Floats, Floats]:
     """Minus the force, and the field, in NED by the prediction that ends at each sample.
 
     Unit vectors (N, 3), not numbers where there is no prediction or no field. Predictions begin
@@ -79,13 +79,13 @@ def predicted_vectors(
     return down, field
 
 
-def levelling_errors(down: Array) -> Array:
+def levelling_errors(down: Floats) -> Floats:
     """Angle (N,) between predicted and measured vertical, rad."""
-    errors: Array = np.arctan2(np.hypot(down[:, 0], down[:, 1]), down[:, 2])
+    errors: Floats = np.arctan2(np.hypot(down[:, 0], down[:, 1]), down[:, 2])
     return errors
 
 
-def heading_errors(field: Array) -> Array:
+def heading_errors(field: Floats) -> Floats:
     """Angle (N,) of the field's horizontal part from its mean direction, rad.
 
     Where north is does not matter: only that it stays.
@@ -93,11 +93,11 @@ def heading_errors(field: Array) -> Array:
     angles = np.arctan2(field[:, 1], field[:, 0])
     seen = angles[np.isfinite(angles)]
     mean = atan2(float(np.sin(seen).sum()), float(np.cos(seen).sum())) if len(seen) else 0.0
-    errors: Array = np.abs((angles - mean + pi) % (2.0 * pi) - pi)
+    errors: Floats = np.abs((angles - mean + pi) % (2.0 * pi) - pi)
     return errors
 
 
-def rms_known(errors: Array) -> float | None:
+def rms_known(errors: Floats) -> float | None:
     """Root mean square of those that are numbers; None without any."""
     known = errors[np.isfinite(errors)]
     return sqrt(float(np.mean(np.square(known)))) if len(known) else None

@@ -12,12 +12,12 @@ from typing import NamedTuple
 
 import numpy as np
 
+from estimator.arrays import Bools, Floats
 from estimator.errors import InputError
 from estimator.geometry.metrics import STEADY, TRANSIENT, TRANSIENT_WEIGHT, batch_angle_errors
 from estimator.geometry.quaternion import multiply
 from estimator.profile import Profile
 from estimator.types import Quaternion
-from tuning.arrays import Array, Bools
 from tuning.course import WRONG_TURN
 from tuning.flight import Flight, Part, fly
 
@@ -54,7 +54,7 @@ def recovery_cost(profile: Profile, part: Part) -> float:
     return sum(costs) / len(costs)
 
 
-def _errors(profile: Profile, part: Part, found: list[Recovery]) -> Array:
+def _errors(profile: Profile, part: Part, found: list[Recovery]) -> Floats:
     """e (N,) at each sample up to the part's end: sin^2 of half the error."""
     flight = part.flight
     wrong = {first: multiply(WRONG_TURN, _row(flight.truth[first])) for first, _ in found}
@@ -64,7 +64,7 @@ def _errors(profile: Profile, part: Part, found: list[Recovery]) -> Array:
     return np.where(np.isfinite(e), e, WORST_ERROR)
 
 
-def _row(q: Array) -> Quaternion:
+def _row(q: Floats) -> Quaternion:
     w, x, y, z = q.tolist()
     return w, x, y, z
 
@@ -101,7 +101,7 @@ def recoveries(part: Part) -> list[Recovery]:
     return found
 
 
-def weights(flight: Flight, recovery: Recovery) -> Array:
+def weights(flight: Flight, recovery: Recovery) -> Floats:
     """Weight of each of the recovery's samples; their sum is the paper's."""
     t, known = _since_start(flight, recovery)
     share = np.diff(t, prepend=-np.median(np.diff(t))) * known
@@ -135,7 +135,7 @@ def _is_usable(flight: Flight, recovery: Recovery) -> bool:
     return bool(known[0]) and all(part.any() and known[part].mean() > 0.9 for part in parts)
 
 
-def _since_start(flight: Flight, recovery: Recovery) -> tuple[Array, Bools]:
+def _since_start(flight: Flight, recovery: Recovery) -> tuple[Floats, Bools]:
     """Time since the recovery's first sample, and where the reference is known."""
     inside = slice(recovery.first, recovery.last + 1)
     t = flight.time_s[inside]

@@ -14,11 +14,11 @@ from typing import NamedTuple
 
 import numpy as np
 
+from estimator.arrays import Floats, Ints
 from estimator.errors import InputError
-from tuning.arrays import Array, Integers
 from tuning.space import Space, decode, make_feasible
 
-Evaluate = Callable[[Array], Array]
+Evaluate = Callable[[Floats], Floats]
 
 ALGORITHMS = ("abc", "cmaes", "de", "random")
 
@@ -59,15 +59,15 @@ class Population(NamedTuple):
     how many trials in a row did not improve each food source.
     """
 
-    values: Array
-    costs: Array
-    failures: Integers | None = None
+    values: Floats
+    costs: Floats
+    failures: Ints | None = None
 
 
 class Record(NamedTuple):
     """All costs so far (E,) and a SHA-256 of all candidates: enough to resume a search."""
 
-    costs: Array
+    costs: Floats
     asked_sha256: str
 
 
@@ -100,7 +100,7 @@ class Search:
         self._evaluate = evaluate
         self._observe = observe
         self._earlier = record
-        self._told: list[Array] = []
+        self._told: list[Floats] = []
         self._asked = hashlib.sha256()
         self._scouts = 0
         self.evaluations = 0
@@ -121,7 +121,7 @@ class Search:
         costs = np.concatenate([np.empty(0), *self._told])
         return Record(costs, self._asked.hexdigest())
 
-    def costs(self, positions: Array, *, scouts: bool = False) -> Array:
+    def costs(self, positions: Floats, *, scouts: bool = False) -> Floats:
         """Costs (C,) of positions (C, D) in search coordinates, made feasible first.
 
         Raises:
@@ -141,7 +141,7 @@ class Search:
             raise InterruptedSearch
         return costs
 
-    def end_cycle(self, positions: Array, costs: Array, failures: Integers | None = None) -> None:
+    def end_cycle(self, positions: Floats, costs: Floats, failures: Ints | None = None) -> None:
         """Note the end of a cycle (generation), and its population in search coordinates."""
         self.cycles += 1
         values = decode(self.space, make_feasible(self.space, positions))
@@ -150,7 +150,7 @@ class Search:
         best = float(self.best_cost)
         self.history.append(Progress(self.evaluations, self.cycles, best, mean, median))
 
-    def _recorded_costs(self, count: int) -> Array | None:
+    def _recorded_costs(self, count: int) -> Floats | None:
         """The next ``count`` recorded costs, or None where the record has ended."""
         record = self._earlier
         if record is None:
@@ -164,7 +164,7 @@ class Search:
             return None
         return record.costs[self.evaluations : self.evaluations + count]
 
-    def _remember(self, values: Array, costs: Array) -> None:
+    def _remember(self, values: Floats, costs: Floats) -> None:
         self._told.append(np.array(costs))
         self.evaluations += len(costs)
         best = int(np.argmin(costs))

@@ -8,11 +8,11 @@ off, its own sigma says; a cost is the mean over attitudes that lie so far aroun
 import numpy as np
 from scipy.special import ndtri
 
+from estimator.arrays import Floats
 from estimator.errors import InputError
 from estimator.profile import Profile
 from estimator.smoothing import Recorder, smooth_all
 from estimator.smoothing.rotation import exp, multiply
-from tuning.arrays import Array
 from tuning.flight import Flight
 
 # A smoothed inclination, and a heading, count where their sigmas are below these, deg; a flight if
@@ -64,7 +64,7 @@ def sure_flight(flight: Flight, profile: Profile, *, is_wanted: bool) -> Flight:
     return flight
 
 
-def possible_truths(truth: Array, doubt_rad: Array | None) -> list[Array]:
+def possible_truths(truth: Floats, doubt_rad: Floats | None) -> list[Floats]:
     """References (N, 4), and if they are in doubt ``AROUND`` others as likely as each other."""
     if doubt_rad is None:
         return [truth]

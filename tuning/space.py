@@ -4,8 +4,8 @@ from typing import NamedTuple
 
 import numpy as np
 
+from estimator.arrays import Floats
 from estimator.filter import memberships
-from tuning.arrays import Array
 
 
 class Space(NamedTuple):
@@ -55,12 +55,12 @@ def join_spaces(*spaces: Space) -> Space:
     return joined
 
 
-def bounds(space: Space) -> tuple[Array, Array]:
+def bounds(space: Space) -> tuple[Floats, Floats]:
     """Lower and upper bounds (D,) in search coordinates."""
     return encode(space, np.array(space.lower)), encode(space, np.array(space.upper))
 
 
-def encode(space: Space, values: Array) -> Array:
+def encode(space: Space, values: Floats) -> Floats:
     """Search coordinates of parameter values, (..., D)."""
     log = np.array(space.logarithmic, dtype=bool)
     out = np.array(values, dtype=np.float64)
@@ -68,7 +68,7 @@ def encode(space: Space, values: Array) -> Array:
     return out
 
 
-def decode(space: Space, positions: Array) -> Array:
+def decode(space: Space, positions: Floats) -> Floats:
     """Parameter values (N, D) of search coordinates (N, D); never outside the bounds."""
     log = np.array(space.logarithmic, dtype=bool)
     out = np.array(positions, dtype=np.float64)
@@ -76,7 +76,7 @@ def decode(space: Space, positions: Array) -> Array:
     return np.clip(out, space.lower, space.upper)
 
 
-def make_feasible(space: Space, positions: Array) -> Array:
+def make_feasible(space: Space, positions: Floats) -> Floats:
     """The feasible positions that any positions (N, D) stand for.
 
     Each coordinate is clipped to its bounds, then each chain is sorted. As a
@@ -95,7 +95,7 @@ def make_feasible(space: Space, positions: Array) -> Array:
     return out
 
 
-def random_positions(space: Space, count: int, generator: np.random.Generator) -> Array:
+def random_positions(space: Space, count: int, generator: np.random.Generator) -> Floats:
     """Feasible positions (count, D), uniform within the bounds before ordering."""
     lower, upper = bounds(space)
     drawn = lower + (upper - lower) * generator.random((count, space.dimensions))

@@ -5,6 +5,7 @@ from operator import methodcaller
 from typing import Any
 
 from estimator.estimator import Estimator
+from estimator.profile import Profile
 from estimator.reasons import Reason
 from estimator.types import ImuSample
 
@@ -15,20 +16,21 @@ def _noted(name: str) -> Any:
     """A method of the estimator that is noted before it takes effect."""
 
     def method(told: "ToldEstimator", *values: Any, **named: Any) -> Any:
-        told.note(methodcaller(name, *values, **named))
+        told._waiting.append(methodcaller(name, *values, **named))  # noqa: SLF001 - its method
         return getattr(Estimator, name)(told, *values, **named)
 
     return method
 
 
 class ToldEstimator(Estimator):
-    """Calls :meth:`note` with every change from outside, :meth:`note_sample` with those it took."""
+    """Calls :meth:`note_sample` with every sample it took, and what it was told since the last."""
 
-    def note(self, call: Call) -> None:
-        """Something else than a sample was told; before it takes effect."""
+    def __init__(self, profile: Profile, fixed_gain: float | None = None) -> None:
+        super().__init__(profile, fixed_gain)
+        self._waiting: list[Call] = []
 
-    def note_sample(self, sample: ImuSample, call: Call) -> None:
-        """A sample was taken; behind its effect."""
+    def note_sample(self, sample: ImuSample, calls: tuple[Call, ...]) -> None:
+        """A sample was taken, by the last of these calls; behind its effect."""
 
     def note_restart(self) -> None:
         """The attitude is about to be forgotten."""
@@ -37,13 +39,15 @@ class ToldEstimator(Estimator):
         """See :class:`Estimator`."""
         reason = super().update(sample)
         if reason is None:
-            self.note_sample(sample, methodcaller("update", sample))
+            calls: tuple[Call, ...] = (*self._waiting, methodcaller("update", sample))
+            self._waiting.clear()
+            self.note_sample(sample, calls)
         return reason
 
     def restart(self) -> None:
         """See :class:`Estimator`."""
         self.note_restart()
-        self.note(methodcaller("restart"))
+        self._waiting.append(methodcaller("restart"))
         super().restart()
 
     update_report = _noted("update_report")  # velocities and rates come this way, too

@@ -8,8 +8,8 @@ from queue import SimpleQueue
 import numpy as np
 
 from drivers.closing import Closing
+from estimator.arrays import Floats
 from tuning import child
-from tuning.arrays import Array
 from tuning.objective import Objective
 
 
@@ -35,7 +35,7 @@ class Workers(Closing):
             self._free.put(process)
         self._threads = ThreadPoolExecutor(max(count, 1))
 
-    def __call__(self, values: Array) -> Array:
+    def __call__(self, values: Floats) -> Floats:
         """Costs (C,) of parameter values (C, D)."""
         if not self._processes:
             return self._objective.serial_costs(values)
@@ -49,7 +49,7 @@ class Workers(Closing):
             process.communicate()
         self._processes = []
 
-    def _ask(self, row: Array) -> float:
+    def _ask(self, row: Floats) -> float:
         process = self._free.get()
         try:
             child.send(process, row)

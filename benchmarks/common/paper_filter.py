@@ -21,7 +21,7 @@ from estimator.filter import kernel
 from estimator.filter.types import initial_state
 from estimator.live.settings import Settings, settings_of
 from estimator.profile import Profile
-from tuning.paper_noise import PAPER_NOISE, NoiseScale, simulate_scaled
+from tests.paper_noise import PAPER_NOISE, NoiseScale, simulate_scaled
 
 SIGNED, RECTIFIED, UNFILTERED, NO_RATE = "signed", "rectified", "unfiltered", "none"
 PLAIN_STEP_LIMIT, STEP_TOLERANCE = 1.6, 1.1  # of K lambda dt, and of the longest plain step

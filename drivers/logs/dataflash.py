@@ -15,16 +15,7 @@ from drivers.logs.dataflash_format import Row, messages
 from drivers.logs.log_file import LogFile, Window, windowed
 from drivers.logs.logged_vehicle import LoggedVehicle
 from drivers.mavlink import ardupilot
-from drivers.mavlink.constants import (
-    GPS_FIX_TYPE_3D_FIX,
-    MAV_AUTOPILOT_ARDUPILOTMEGA,
-    MAV_TYPE_AIRSHIP,
-    MAV_TYPE_ANTENNA_TRACKER,
-    MAV_TYPE_FIXED_WING,
-    MAV_TYPE_GROUND_ROVER,
-    MAV_TYPE_QUADROTOR,
-    MAV_TYPE_SUBMARINE,
-)
+from drivers.mavlink import constants as mav
 from drivers.samples.fix import Fix
 from drivers.samples.navigation import filter_status
 from drivers.samples.rotation import quaternion_from_euler, unit_or_none
@@ -33,13 +24,13 @@ from estimator.types import Quaternion
 
 MILLIGAUSS = 1e-3
 VEHICLE_TYPES = {  # the first word of MSG at start, and its MAV_TYPE
-    "ArduCopter": MAV_TYPE_QUADROTOR,
-    "ArduPlane": MAV_TYPE_FIXED_WING,
-    "ArduRover": MAV_TYPE_GROUND_ROVER,
-    "Rover": MAV_TYPE_GROUND_ROVER,
-    "ArduSub": MAV_TYPE_SUBMARINE,
-    "AntennaTracker": MAV_TYPE_ANTENNA_TRACKER,
-    "Blimp": MAV_TYPE_AIRSHIP,
+    "ArduCopter": mav.MAV_TYPE_QUADROTOR,
+    "ArduPlane": mav.MAV_TYPE_FIXED_WING,
+    "ArduRover": mav.MAV_TYPE_GROUND_ROVER,
+    "Rover": mav.MAV_TYPE_GROUND_ROVER,
+    "ArduSub": mav.MAV_TYPE_SUBMARINE,
+    "AntennaTracker": mav.MAV_TYPE_ANTENNA_TRACKER,
+    "Blimp": mav.MAV_TYPE_AIRSHIP,
 }
 LONGEST_UPTIME_US = 10 * 366 * 86_400 * 1_000_000  # a longer time since boot is garbage
 GPS_EPOCH_S = 315_964_800  # 1980-01-06 in Unix time
@@ -160,7 +151,7 @@ class _Decoder:
         return []
 
     def _gps(self, name: str, row: Row) -> list[Event]:
-        if row["Status"] < GPS_FIX_TYPE_3D_FIX or _instance(row, "I") != 0:
+        if row["Status"] < mav.GPS_FIX_TYPE_3D_FIX or _instance(row, "I") != 0:
             return []
         speed_m_s, course_rad = row["Spd"], math.radians(row["GCrs"])
         velocity = (
@@ -179,9 +170,8 @@ class _Decoder:
         vehicle_type = VEHICLE_TYPES.get(str(row["Message"]).partition(" ")[0])
         if vehicle_type is None:
             return []
-        return [
-            Heartbeat(self._vehicle.id, self._arrival_us, MAV_AUTOPILOT_ARDUPILOTMEGA, vehicle_type)
-        ]
+        autopilot = mav.MAV_AUTOPILOT_ARDUPILOTMEGA
+        return [Heartbeat(self._vehicle.id, self._arrival_us, autopilot, vehicle_type)]
 
 
 def _identity(window: Window) -> tuple[int, int]:

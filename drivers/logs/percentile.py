@@ -4,11 +4,10 @@ from collections.abc import Callable, Iterable
 from math import floor
 
 import numpy as np
-from numpy.typing import NDArray
 
 from drivers.logs.kept_rows import BLOCK
+from estimator.arrays import Floats
 
-Floats = NDArray[np.float64]
 Parts = Callable[[], Iterable[Floats]]
 
 DIGIT_BITS = 16

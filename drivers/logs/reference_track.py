@@ -6,11 +6,9 @@ from numpy.typing import NDArray
 from drivers.events import ReferenceAttitude
 from drivers.logs.kept_rows import KeptRows
 from drivers.logs.percentile import percentile
+from estimator.arrays import Floats, Ints
 from estimator.geometry.quaternion import slerp
 from estimator.types import Quaternion
-
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
 
 # Between two samples this many median periods apart the reference may have
 # done anything; half a second is tolerable for the slowest streams.

@@ -4,7 +4,7 @@ import threading
 from collections import deque
 
 from drivers.closing import Closing
-from drivers.mavlink.recorder import Recorder, Records
+from drivers.mavlink.recorder import Records, SharedRecorder
 
 MOST_WAITING_BYTES = 32_000_000  # a disk that stands still for longer costs frames
 CLOSE_S = 2.0
@@ -16,7 +16,7 @@ class BackgroundRecorder(Closing):
     Policy when full: new ones are lost, and the recorder is told.
     """
 
-    def __init__(self, recorder: Recorder) -> None:
+    def __init__(self, recorder: SharedRecorder) -> None:
         self._recorder = recorder
         self._waiting: deque[Records] = deque()
         self._waiting_bytes = 0
@@ -26,7 +26,7 @@ class BackgroundRecorder(Closing):
         self._thread.start()
 
     def write(self, records: Records) -> None:
-        """See :class:`~drivers.mavlink.recorder.Recorder`."""
+        """See :class:`~drivers.mavlink.recorder.SharedRecorder`."""
         if not records.frames:
             return
         with self._changed:
@@ -38,7 +38,7 @@ class BackgroundRecorder(Closing):
             self._changed.notify()
 
     def miss(self, frames: int) -> None:
-        """See :class:`~drivers.mavlink.recorder.Recorder`."""
+        """See :class:`~drivers.mavlink.recorder.SharedRecorder`."""
         if frames:
             self._recorder.miss(frames)
 

@@ -9,11 +9,9 @@ MOT I for a current I if COMPASS_MOTCT is 2: of S (m - b - c I), ``MOT' = S (MOT
 from collections.abc import Mapping
 
 import numpy as np
-from numpy.typing import NDArray
 
 from drivers.mavlink.ardupilot import COMPASS
-
-Floats = NDArray[np.float64]
+from estimator.arrays import Floats
 
 AXES = "XYZ"
 MILLIGAUSS = 1e3  # in a gauss

@@ -22,19 +22,8 @@ from drivers.events import (
     RefusedFrames,
     VehicleId,
 )
+from drivers.mavlink import constants as mav
 from drivers.mavlink.backlog import Arrived
-from drivers.mavlink.constants import (
-    AUTOPILOT_VERSION_ID,
-    COMMAND_ACK_ID,
-    EKF_STATUS_REPORT_ID,
-    ESTIMATOR_STATUS_ID,
-    HEARTBEAT_ID,
-    MAV_AUTOPILOT_ARDUPILOTMEGA,
-    MAV_AUTOPILOT_PX4,
-    MAV_MODE_FLAG_SAFETY_ARMED,
-    PARAM_VALUE_ID,
-    is_autopilot,
-)
 from drivers.mavlink.fields import FieldReader
 from drivers.mavlink.framing import Frame
 from drivers.mavlink.imu_messages import (
@@ -45,7 +34,7 @@ from drivers.mavlink.imu_messages import (
 )
 from drivers.mavlink.messages import MESSAGES, MessageKind, Said
 from drivers.mavlink.parameter_values import ParameterValue, WaitingParameters, owner
-from drivers.mavlink.readings import Batch, Readings, events_of
+from drivers.mavlink.readings import Batch, Readings
 from drivers.mavlink.usual_frames import UsualFrames
 from drivers.mavlink.usual_kinds import NEXT, READ
 from drivers.places import PLACES
@@ -57,14 +46,14 @@ from estimator.reasons import Reason
 
 _TIME_USEC = TimeField.TIME_USEC  # looked up in its class it takes longer
 
-FRD_AUTOPILOTS = (MAV_AUTOPILOT_ARDUPILOTMEGA, MAV_AUTOPILOT_PX4)  # known for sending FRD
+FRD_AUTOPILOTS = (mav.MAV_AUTOPILOT_ARDUPILOTMEGA, mav.MAV_AUTOPILOT_PX4)  # known for sending FRD
 
 MOST_SENDERS = PLACES  # addresses remembered at once; each takes 9 kB
 # When all places are taken, one that has been silent for so long may lose its own to a new one
 SILENT_US = 5_000_000
 LOOK_US = 1_000_000  # who they are is looked for no more often
 # What a filter says of itself has no time of the vehicle.
-STATUSES = frozenset({EKF_STATUS_REPORT_ID, ESTIMATOR_STATUS_ID})
+STATUSES = frozenset({mav.EKF_STATUS_REPORT_ID, mav.ESTIMATOR_STATUS_ID})
 
 # What fuzzbee's own vehicle puts where others have a commit
 BUILT_IN = "fuzzbee"
@@ -99,16 +88,16 @@ class MavlinkDecoder:
         self._parameters = WaitingParameters()
         self._references = references
         self._handlers: dict[int, Callable[[_Sender, Any, int], list[Event]]] = {
-            PARAM_VALUE_ID: self._param_value,
-            HEARTBEAT_ID: self._heartbeat,
-            COMMAND_ACK_ID: self._command_ack,
+            mav.PARAM_VALUE_ID: self._param_value,
+            mav.HEARTBEAT_ID: self._heartbeat,
+            mav.COMMAND_ACK_ID: self._command_ack,
         }
         for number, imu in IMU_MESSAGES.items():
             self._handlers[number] = partial(_imu_events, imu, has_imu_number(number))
         for number, kind in MESSAGES.items():
             if references or not kind.is_reference:
                 self._handlers[number] = partial(_events, kind)
-        self.wanted = frozenset({*self._handlers, AUTOPILOT_VERSION_ID})
+        self.wanted = frozenset({*self._handlers, mav.AUTOPILOT_VERSION_ID})
         self._of_intake = frozenset({*IMU_MESSAGES, *MESSAGES} - STATUSES)
         self._usual: UsualFrames | None = None
 
@@ -121,10 +110,6 @@ class MavlinkDecoder:
             return self._meet(frame, arrival_us)
         sender.intake.heard_us = arrival_us
         return self._events(sender, frame, arrival_us)
-
-    def events_of(self, arrived: Sequence[Arrived]) -> list[Event]:
-        """The events of many frames, as :meth:`events` gives them one by one."""
-        return events_of(self.readings_of(arrived))
 
     def readings_of(self, arrived: Sequence[Arrived]) -> list[Event | Readings]:
         """The same, with what nearly all frames say as rows; in order for each sender."""
@@ -151,7 +136,7 @@ class MavlinkDecoder:
         return found
 
     def _events(self, sender: _Sender, frame: Frame, arrival_us: int) -> list[Event]:
-        if frame.message_id == AUTOPILOT_VERSION_ID:
+        if frame.message_id == mav.AUTOPILOT_VERSION_ID:
             return self._repeated_version(sender, frame, arrival_us)
         fields = self._reader.fields(frame)
         if fields is None:
@@ -262,11 +247,11 @@ class MavlinkDecoder:
         return [each.id for each in known if each.autopilot is not None or each.intake.has_imu]
 
     def _heartbeat(self, sender: _Sender, m: Any, arrival_us: int) -> list[Event]:
-        if not is_autopilot(m.autopilot, m.type):
+        if not mav.is_autopilot(m.autopilot, m.type):
             return []
         sender.autopilot = m.autopilot
         sender.intake.doubts_axes = m.autopilot not in FRD_AUTOPILOTS
-        is_armed = bool(m.base_mode & MAV_MODE_FLAG_SAFETY_ARMED)
+        is_armed = bool(m.base_mode & mav.MAV_MODE_FLAG_SAFETY_ARMED)
         beat = Heartbeat(sender.id, arrival_us, m.autopilot, m.type, is_armed)
         waiting = self._parameters.take(sender.id.system_id)
         return [

@@ -20,25 +20,7 @@ from typing import NamedTuple
 from fastcrc import crc16
 
 from drivers.events import VehicleId
-from drivers.mavlink.constants import (
-    ATTITUDE_ID,
-    ATTITUDE_QUATERNION_ID,
-    AUTOPILOT_VERSION_ID,
-    COMMAND_ACK_ID,
-    COMMAND_LONG_ID,
-    GLOBAL_POSITION_INT_ID,
-    HEARTBEAT_ID,
-    MAV_CMD_SET_MESSAGE_INTERVAL,
-    MAV_PARAM_TYPE_REAL32,
-    MAV_PROTOCOL_CAPABILITY_MAVLINK2,
-    MAV_SEVERITY_INFO,
-    MAV_STATE_ACTIVE,
-    PARAM_VALUE_ID,
-    RAW_IMU_ID,
-    SIM_STATE_ID,
-    STATUSTEXT_ID,
-    UNKNOWN_UINT16,
-)
+from drivers.mavlink import constants as mav
 from drivers.mavlink.dialect import mavlink
 from drivers.mavlink.framing import SIGNED_FLAG
 from estimator.types import STANDARD_GRAVITY_M_S2, ZERO_VEC3, Quaternion, Vec3
@@ -130,15 +112,15 @@ def _message(number: int, *fields: float | bytes) -> Message:
     return Message(number, crc_extra, pack(*fields))
 
 
-def heartbeat(vehicle_type: int, autopilot: int, state: int = MAV_STATE_ACTIVE) -> Message:
+def heartbeat(vehicle_type: int, autopilot: int, state: int = mav.MAV_STATE_ACTIVE) -> Message:
     """HEARTBEAT of a component that is disarmed."""
-    return _message(HEARTBEAT_ID, 0, vehicle_type, autopilot, 0, state, 3)
+    return _message(mav.HEARTBEAT_ID, 0, vehicle_type, autopilot, 0, state, 3)
 
 
 def raw_imu(boot_us: int, acc_m_s2: Vec3, gyr_rad_s: Vec3, mag_gauss: Vec3) -> Message:
     """RAW_IMU in whole mg, mrad/s and mGauss, rounded to the nearest; too large values saturate."""
     return _message(
-        RAW_IMU_ID,
+        mav.RAW_IMU_ID,
         boot_us,
         _int16(acc_m_s2[0] * _MG),
         _int16(acc_m_s2[1] * _MG),
@@ -156,13 +138,13 @@ def raw_imu(boot_us: int, acc_m_s2: Vec3, gyr_rad_s: Vec3, mag_gauss: Vec3) -> M
 
 def attitude(boot_us: int, euler_rad: Vec3, rate_rad_s: Vec3) -> Message:
     """ATTITUDE: roll, pitch, yaw (rad) and the body rates."""
-    return _message(ATTITUDE_ID, _boot_ms(boot_us), *euler_rad, *rate_rad_s)
+    return _message(mav.ATTITUDE_ID, _boot_ms(boot_us), *euler_rad, *rate_rad_s)
 
 
 def attitude_quaternion(boot_us: int, q_ned_frd: Quaternion, rate_rad_s: Vec3) -> Message:
     """ATTITUDE_QUATERNION, w first, without an offset."""
-    no_offset = (0, 0, 0, 0)
-    return _message(ATTITUDE_QUATERNION_ID, _boot_ms(boot_us), *q_ned_frd, *rate_rad_s, *no_offset)
+    numbers, no_offset = (*q_ned_frd, *rate_rad_s), (0, 0, 0, 0)
+    return _message(mav.ATTITUDE_QUATERNION_ID, _boot_ms(boot_us), *numbers, *no_offset)
 
 
 def sim_state(
@@ -178,21 +160,21 @@ def sim_state(
     degrees_1e7 = (round(latitude_deg * 1e7), round(longitude_deg * 1e7))
     motion = (*q_ned_frd, *euler_rad, *acc_m_s2, *rate_rad_s)
     where = (latitude_deg, longitude_deg, altitude_m, 0.0, 0.0)
-    return _message(SIM_STATE_ID, *motion, *where, *velocity_ned_m_s, *degrees_1e7)
+    return _message(mav.SIM_STATE_ID, *motion, *where, *velocity_ned_m_s, *degrees_1e7)
 
 
 def global_position(boot_us: int, place: Vec3, height_m: float, velocity_ned_m_s: Vec3) -> Message:
     """GLOBAL_POSITION_INT: place (deg, deg, m), height above the start, velocity in whole cm/s."""
     latitude_deg, longitude_deg, altitude_m = place
     return _message(
-        GLOBAL_POSITION_INT_ID,
+        mav.GLOBAL_POSITION_INT_ID,
         _boot_ms(boot_us),
         round(latitude_deg * 1e7),
         round(longitude_deg * 1e7),
         round(altitude_m * 1e3),
         round(height_m * 1e3),
         *(_int16(v * 100.0) for v in velocity_ned_m_s),
-        UNKNOWN_UINT16,  # the heading
+        mav.UNKNOWN_UINT16,  # the heading
     )
 
 
@@ -200,13 +182,13 @@ def autopilot_version(product: str, variant: str) -> Message:
     """AUTOPILOT_VERSION with two names of at most 8 letters in place of commits."""
     names = product.encode().ljust(8, b"\0") + variant.encode().ljust(8, b"\0")
     no_more = bytes(8 + 18)  # the operating system's commit, and a long serial number
-    numbers = (MAV_PROTOCOL_CAPABILITY_MAVLINK2, *(7 * (0,)))
-    return _message(AUTOPILOT_VERSION_ID, *numbers, *names, *no_more)
+    numbers = (mav.MAV_PROTOCOL_CAPABILITY_MAVLINK2, *(7 * (0,)))
+    return _message(mav.AUTOPILOT_VERSION_ID, *numbers, *names, *no_more)
 
 
 def statustext(text: str) -> Message:
     """STATUSTEXT of severity INFO; what is beyond 50 characters is cut off."""
-    return statustexts(text[:STATUSTEXT_SIZE], MAV_SEVERITY_INFO, 0)[0]
+    return statustexts(text[:STATUSTEXT_SIZE], mav.MAV_SEVERITY_INFO, 0)[0]
 
 
 def statustexts(text: str, severity: int, number: int) -> list[Message]:
@@ -216,15 +198,17 @@ def statustexts(text: str, severity: int, number: int) -> list[Message]:
     """
     letters = text.encode("ascii", "replace")
     if len(letters) <= STATUSTEXT_SIZE:
-        return [_message(STATUSTEXT_ID, severity, letters, 0, 0)]
+        return [_message(mav.STATUSTEXT_ID, severity, letters, 0, 0)]
     starts = range(0, len(letters) + 1, STATUSTEXT_SIZE)
     parts = enumerate(letters[start : start + STATUSTEXT_SIZE] for start in starts)
-    return [_message(STATUSTEXT_ID, severity, part, number, place) for place, part in parts]
+    return [_message(mav.STATUSTEXT_ID, severity, part, number, place) for place, part in parts]
 
 
 def param_value(name: str, value: float, count: int, index: int) -> Message:
     """PARAM_VALUE as REAL32; the name has at most 16 letters."""
-    return _message(PARAM_VALUE_ID, value, count, index, name.encode(), MAV_PARAM_TYPE_REAL32)
+    return _message(
+        mav.PARAM_VALUE_ID, value, count, index, name.encode(), mav.MAV_PARAM_TYPE_REAL32
+    )
 
 
 def command_long(
@@ -232,12 +216,12 @@ def command_long(
 ) -> Message:
     """COMMAND_LONG with up to seven parameters."""
     seven = (*parameters, *(7 - len(parameters)) * (0.0,))
-    return _message(COMMAND_LONG_ID, *seven, command, *target, confirmation)
+    return _message(mav.COMMAND_LONG_ID, *seven, command, *target, confirmation)
 
 
 def command_ack(target: VehicleId, command: int, result: int) -> Message:
     """COMMAND_ACK with a MAV_RESULT."""
-    return _message(COMMAND_ACK_ID, command, result, 0, 0, *target)
+    return _message(mav.COMMAND_ACK_ID, command, result, 0, 0, *target)
 
 
 def message_interval_request(
@@ -245,7 +229,7 @@ def message_interval_request(
 ) -> Message:
     """COMMAND_LONG that asks for a message every ``interval_us``."""
     parameters = (float(message_id), interval_us)
-    return command_long(target, MAV_CMD_SET_MESSAGE_INTERVAL, parameters, confirmation)
+    return command_long(target, mav.MAV_CMD_SET_MESSAGE_INTERVAL, parameters, confirmation)
 
 
 def signing_key(content: bytes) -> bytes:

@@ -7,7 +7,6 @@ from functools import cache
 from math import cos, isfinite, sin
 from typing import Any
 
-import numba
 import numpy as np
 
 from drivers.mavlink.constants import (
@@ -76,10 +75,10 @@ from drivers.samples.intake import ATTITUDE_EVERY_US, VERSION_EVERY_US
 from drivers.samples.navigation import FIX_US, HAS_FIX, believes_place, velocity_doubt
 from drivers.samples.vehicle_clock import BOOT_CLOCK, MOST_US, RECEIVERS_CLOCK
 from estimator.compilation.compiled import compiled, inlined
+from estimator.compilation.direct import types_of
 from estimator.types import ZERO_VEC3, Vec3
 
 Bytes = Any  # arrays of uint8
-_typeof: Any = numba.typeof  # numba ships no types
 
 
 @compiled
@@ -341,4 +340,4 @@ def argument_types() -> tuple[Any, ...]:
     batch, rows, whole = Batch.of([]), Rows(0, 0, 0).arrays, np.zeros(0, np.int64)
     read = (whole, np.zeros((0, 5), np.int64), np.zeros((0, 9)))
     frames = (batch.data, batch.bounds, batch.arrivals_us, batch.waiting)
-    return tuple(map(_typeof, (*frames, whole, 0, whole, whole, rows, read)))
+    return types_of(*frames, whole, 0, whole, whole, rows, read)

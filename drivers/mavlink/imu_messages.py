@@ -9,15 +9,7 @@ from functools import cache
 from struct import calcsize
 from typing import Any, NamedTuple
 
-from drivers.mavlink.constants import (
-    HIGHRES_IMU_ID,
-    HIGHRES_IMU_UPDATED_MAG,
-    MAV_AUTOPILOT_PX4,
-    RAW_IMU_ID,
-    SCALED_IMU2_ID,
-    SCALED_IMU3_ID,
-    SCALED_IMU_ID,
-)
+from drivers.mavlink import constants as mav
 from drivers.mavlink.fields import layout
 from drivers.mavlink.framing import Frame
 from drivers.samples.vehicle_clock import TimeField
@@ -74,7 +66,7 @@ def highres_field(mag: Vec3, updated: int) -> Vec3:
 
     ArduPilot's was 10^6 too large until early 2026; others send mGauss.
     """
-    if updated and not updated & HIGHRES_IMU_UPDATED_MAG:
+    if updated and not updated & mav.HIGHRES_IMU_UPDATED_MAG:
         return ZERO_VEC3
     largest = max(abs(mag[0]), abs(mag[1]), abs(mag[2]))
     if largest > MILLIGAUSS_LIMIT:
@@ -108,23 +100,23 @@ IMU_MESSAGES: dict[int, ImuMessage] = {
     each.number: each
     for each in (
         ImuMessage(
-            RAW_IMU_ID,
+            mav.RAW_IMU_ID,
             "RAW_IMU",
             TimeField.TIME_USEC,
             milli_vectors,
             setting="SR*_RAW_SENS = 50",
         ),
         ImuMessage(
-            HIGHRES_IMU_ID,
+            mav.HIGHRES_IMU_ID,
             "HIGHRES_IMU",
             TimeField.TIME_USEC,
             highres_vectors,
-            asked_of=(MAV_AUTOPILOT_PX4,),
+            asked_of=(mav.MAV_AUTOPILOT_PX4,),
             setting="mavlink stream -r 50 -s HIGHRES_IMU",
         ),
-        ImuMessage(SCALED_IMU_ID, "SCALED_IMU", TimeField.BOOT_MS, milli_vectors),
-        ImuMessage(SCALED_IMU2_ID, "SCALED_IMU2", TimeField.BOOT_MS, milli_vectors),
-        ImuMessage(SCALED_IMU3_ID, "SCALED_IMU3", TimeField.BOOT_MS, milli_vectors),
+        ImuMessage(mav.SCALED_IMU_ID, "SCALED_IMU", TimeField.BOOT_MS, milli_vectors),
+        ImuMessage(mav.SCALED_IMU2_ID, "SCALED_IMU2", TimeField.BOOT_MS, milli_vectors),
+        ImuMessage(mav.SCALED_IMU3_ID, "SCALED_IMU3", TimeField.BOOT_MS, milli_vectors),
     )
 }
 
@@ -140,7 +132,7 @@ def imu_rank(message: str) -> int:
 def message_to_ask_for(autopilot: int | None) -> ImuMessage:
     """The message to request from a vehicle of that MAV_AUTOPILOT; RAW_IMU where no entry fits."""
     asked = (each for each in IMU_MESSAGES.values() if autopilot in each.asked_of)
-    return next(asked, IMU_MESSAGES[RAW_IMU_ID])
+    return next(asked, IMU_MESSAGES[mav.RAW_IMU_ID])
 
 
 def imu_stream_name(name: str, number: int) -> str:

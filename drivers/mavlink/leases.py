@@ -9,14 +9,13 @@ from collections.abc import Iterable
 from functools import cache
 from typing import Any, NamedTuple
 
-import numba
 import numpy as np
 
 from drivers.mavlink.claims import CLAIM_S
 from drivers.mavlink.framing import ADDRESSES
 from drivers.mavlink.scanning import BEGIN, LEFT, STOP, Scanned
 from estimator.compilation.compiled import compiled, inlined, is_compiled_code
-from estimator.compilation.direct import direct
+from estimator.compilation.direct import direct, types_of
 
 Array = Any  # numba ships no types
 NOBODY = -1
@@ -27,8 +26,6 @@ JUDGED, PASSES, WAITS = 0, 1, 2
 MOST_ODD = 16
 # A multiplier that lays neighbouring numbers of 16 bits far from each other (2**16 / 1.618).
 SPREADING = 40_503
-
-_typeof: Any = numba.typeof
 
 
 @compiled
@@ -176,5 +173,4 @@ def argument_types() -> tuple[Any, ...]:
     numbers, table = np.zeros(0, np.int64), np.zeros((0, 0), np.int64)
     flags = np.zeros(0, np.bool_)
     come, leases = (numbers,) * 4, (numbers,) * 3
-    arguments = (come, table, leases, numbers, 0, flags, numbers, tuple(_room(0)))
-    return tuple(map(_typeof, arguments))
+    return types_of(come, table, leases, numbers, 0, flags, numbers, tuple(_room(0)))

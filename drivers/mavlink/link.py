@@ -9,7 +9,6 @@ onboard computer; never from a ground station.
 import logging
 import time
 from collections import Counter, OrderedDict, deque
-from collections.abc import Iterator
 from typing import NamedTuple, Self
 
 import numpy as np
@@ -41,7 +40,7 @@ from drivers.mavlink.hearing import Hearing
 from drivers.mavlink.leases import JUDGED, PASSES, WAITS, Array, Leases, Passing
 from drivers.mavlink.opening import Opening
 from drivers.mavlink.readings import Batch, Readings, events_of
-from drivers.mavlink.recorder import Recorder, Records, records_of
+from drivers.mavlink.recorder import Records, SharedRecorder, records_of
 from drivers.mavlink.scanning import LEFT, Scanned, Scanner
 from drivers.mavlink.sequences import SequenceWatch
 from drivers.mavlink.stamped_frames import records_in
@@ -58,7 +57,7 @@ from estimator.errors import InputError
 
 MOST_UNSENT_FRAMES = 64  # requests wait here for the reader; new ones replace the oldest
 MOST_READERS = PLACES  # half-read frames of that many senders; the one silent for longest goes
-ITERATION_S = 0.1
+LEASE_MARGIN_S = 0.1  # a lease ends before the claim that it rests on
 # After each look the link rests, and what comes meanwhile is handled at one go: to wake up costs
 # as much as several samples, and hundreds of vehicles would do so at each of theirs.
 GATHER_S = 0.001
@@ -106,7 +105,7 @@ class MavlinkLink(Closing):
     def __init__(
         self,
         endpoint: Endpoint,
-        recorder: Recorder | None = None,
+        recorder: SharedRecorder | None = None,
         request_rate_hz: float | None = None,
         most_waiting: int = MOST_WAITING,
         *,
@@ -235,15 +234,6 @@ class MavlinkLink(Closing):
     def _has_turns(self) -> bool:
         """Whether frames wait for their turn, but for so long that newer ones would take it."""
         return self._backlog.has_turns and time.monotonic() - self._look_s < PATIENCE_S
-
-    def __iter__(self) -> Iterator[Event]:
-        """Events as they come, until the link is closed."""
-        while not self._is_closed:
-            yield from self.drain(ITERATION_S)
-
-    def send(self, data: bytes) -> None:
-        """Queue whole frames for every peer; they leave when somebody drains."""
-        self._outgoing.append(data)
 
     def _receive(self, wait_s: float) -> None:
         try:
@@ -420,7 +410,7 @@ class MavlinkLink(Closing):
     def _lease(self, frame: Frame, peer: str, number: int, arrival_us: int, now_s: float) -> None:
         """Let a peer's frames of an address pass, if nobody would refuse or hold back the next."""
         address = frame.system_id << 8 | frame.component_id
-        left_s = self._claims.left_s(peer, now_s) - ITERATION_S
+        left_s = self._claims.left_s(peer, now_s) - LEASE_MARGIN_S
         if left_s > 0.0 and self._gate.is_open:
             self._leases.grant(address, number, peer, arrival_us, int(1e6 * left_s))
 

@@ -10,20 +10,7 @@ from math import isfinite
 from typing import Any, NamedTuple
 
 from drivers.events import Event
-from drivers.mavlink.constants import (
-    AHRS2_ID,
-    ATTITUDE_ID,
-    ATTITUDE_QUATERNION_ID,
-    EKF_STATUS_REPORT_ID,
-    ESTIMATOR_STATUS_ID,
-    GLOBAL_POSITION_INT_ID,
-    GPS_FIX_TYPE_3D_FIX,
-    GPS_RAW_INT_ID,
-    LOCAL_POSITION_NED_ID,
-    SIM_STATE_ID,
-    SIMSTATE_ID,
-    UNKNOWN_UINT16,
-)
+from drivers.mavlink import constants as mav
 from drivers.samples.fix import Fix
 from drivers.samples.intake import Intake, Stamp
 from drivers.samples.navigation import filter_status
@@ -123,12 +110,12 @@ def _local_position(intake: Intake, said: Said) -> list[Event]:
 
 def _gps_raw(intake: Intake, said: Said) -> list[Event]:
     m = said.fields
-    has_fix = m.fix_type >= GPS_FIX_TYPE_3D_FIX
+    has_fix = m.fix_type >= mav.GPS_FIX_TYPE_3D_FIX
     intake.navigation.hear_fix(has_fix, said.arrival_us)
     if not has_fix:
         return []
     fix = Fix(position=_position(m))
-    if UNKNOWN_UINT16 not in (m.vel, m.cog):
+    if mav.UNKNOWN_UINT16 not in (m.vel, m.cog):
         # vel_acc is an extension of MAVLink 2, zero where it is unknown
         sigma_m_s = m.vel_acc * MILLI if m.vel_acc else None
         fix = fix._replace(
@@ -166,15 +153,15 @@ def _estimator_status(intake: Intake, said: Said) -> list[Event]:
 MESSAGES: dict[int, MessageKind] = {
     each.number: each
     for each in (
-        MessageKind(ATTITUDE_ID, "ATTITUDE", _attitude),
-        MessageKind(ATTITUDE_QUATERNION_ID, "ATTITUDE_QUATERNION", _attitude_quaternion),
-        MessageKind(AHRS2_ID, "AHRS2", _ahrs2),
-        MessageKind(SIM_STATE_ID, "SIM_STATE", _sim_state, is_reference=True),
-        MessageKind(SIMSTATE_ID, "SIMSTATE", _simstate, is_reference=True),
-        MessageKind(GLOBAL_POSITION_INT_ID, "GLOBAL_POSITION_INT", _global_position),
-        MessageKind(LOCAL_POSITION_NED_ID, "LOCAL_POSITION_NED", _local_position),
-        MessageKind(GPS_RAW_INT_ID, "GPS_RAW_INT", _gps_raw),
-        MessageKind(EKF_STATUS_REPORT_ID, "EKF_STATUS_REPORT", _ekf_status),
-        MessageKind(ESTIMATOR_STATUS_ID, "ESTIMATOR_STATUS", _estimator_status),
+        MessageKind(mav.ATTITUDE_ID, "ATTITUDE", _attitude),
+        MessageKind(mav.ATTITUDE_QUATERNION_ID, "ATTITUDE_QUATERNION", _attitude_quaternion),
+        MessageKind(mav.AHRS2_ID, "AHRS2", _ahrs2),
+        MessageKind(mav.SIM_STATE_ID, "SIM_STATE", _sim_state, is_reference=True),
+        MessageKind(mav.SIMSTATE_ID, "SIMSTATE", _simstate, is_reference=True),
+        MessageKind(mav.GLOBAL_POSITION_INT_ID, "GLOBAL_POSITION_INT", _global_position),
+        MessageKind(mav.LOCAL_POSITION_NED_ID, "LOCAL_POSITION_NED", _local_position),
+        MessageKind(mav.GPS_RAW_INT_ID, "GPS_RAW_INT", _gps_raw),
+        MessageKind(mav.EKF_STATUS_REPORT_ID, "EKF_STATUS_REPORT", _ekf_status),
+        MessageKind(mav.ESTIMATOR_STATUS_ID, "ESTIMATOR_STATUS", _estimator_status),
     )
 }

@@ -9,24 +9,15 @@ from collections.abc import Iterable
 from typing import Final, NamedTuple
 
 from drivers.events import VehicleId
-from drivers.mavlink.constants import (
-    MAV_AUTOPILOT_PX4,
-    MAV_COMP_ID_AUTOPILOT1,
-    MAV_PARAM_TYPE_INT8,
-    MAV_PARAM_TYPE_INT16,
-    MAV_PARAM_TYPE_INT32,
-    MAV_PARAM_TYPE_UINT8,
-    MAV_PARAM_TYPE_UINT16,
-    MAV_PARAM_TYPE_UINT32,
-)
+from drivers.mavlink import constants as mav
 
 INTEGER_PARAMETERS: Final = {
-    MAV_PARAM_TYPE_UINT8: "B",
-    MAV_PARAM_TYPE_INT8: "b",
-    MAV_PARAM_TYPE_UINT16: "H",
-    MAV_PARAM_TYPE_INT16: "h",
-    MAV_PARAM_TYPE_UINT32: "I",
-    MAV_PARAM_TYPE_INT32: "i",
+    mav.MAV_PARAM_TYPE_UINT8: "B",
+    mav.MAV_PARAM_TYPE_INT8: "b",
+    mav.MAV_PARAM_TYPE_UINT16: "H",
+    mav.MAV_PARAM_TYPE_INT16: "h",
+    mav.MAV_PARAM_TYPE_UINT32: "I",
+    mav.MAV_PARAM_TYPE_INT32: "i",
 }
 MOST_WAITING = 4096  # an autopilot has some 1500; what comes beyond that is not kept
 
@@ -41,7 +32,7 @@ class ParameterValue(NamedTuple):
     def value(self, autopilot: int | None) -> float:
         """The number: PX4 puts an integer's bytes into the float field, ArduPilot its value."""
         kind = INTEGER_PARAMETERS.get(self.kind)
-        if autopilot != MAV_AUTOPILOT_PX4 or kind is None:
+        if autopilot != mav.MAV_AUTOPILOT_PX4 or kind is None:
             return self.raw
         return float(struct.unpack_from("<" + kind, struct.pack("<f", self.raw))[0])
 
@@ -75,7 +66,7 @@ def owner(sender: VehicleId, autopilots: Iterable[VehicleId]) -> VehicleId | Non
     Who is an autopilot has parameters of its own. All others on a system speak of its
     autopilot's: of several, the one with the lowest component id, by convention 1.
     """
-    if sender.component_id == MAV_COMP_ID_AUTOPILOT1:
+    if sender.component_id == mav.MAV_COMP_ID_AUTOPILOT1:
         return sender
     known = [each for each in autopilots if each.system_id == sender.system_id]
     return sender if sender in known else min(known, default=None)

@@ -14,7 +14,7 @@ from collections.abc import Iterable
 from contextlib import suppress
 from pathlib import Path
 from struct import Struct
-from typing import TYPE_CHECKING, NamedTuple, Protocol
+from typing import TYPE_CHECKING, NamedTuple
 
 from drivers.closing import Closing
 from drivers.output_file import output_path
@@ -44,16 +44,6 @@ def records_of(arrival_us: int, frames: Iterable[bytes]) -> Records:
     return Records(arrival_us, b"".join(records), len(records))
 
 
-class Recorder(Protocol):
-    """Takes the frames of a link."""
-
-    def write(self, records: Records) -> None:
-        """Keep them; never raises."""
-
-    def miss(self, frames: int) -> None:
-        """Count frames that could not even be handed over in time."""
-
-
 class SharedRecorder:
     """A recorder that several threads write to."""
 
@@ -63,12 +53,12 @@ class SharedRecorder:
         self._lock = threading.Lock()
 
     def write(self, records: Records) -> None:
-        """See :class:`Recorder`."""
+        """Keep them; never raises."""
         with self._lock:
             self._recorder.write(records)
 
     def miss(self, frames: int) -> None:
-        """See :class:`Recorder`."""
+        """Count frames that could not even be handed over in time."""
         self._missed += frames
 
     @property

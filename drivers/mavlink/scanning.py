@@ -8,7 +8,6 @@ all at one go. Any other datagram is left to it.
 from functools import cache
 from typing import Any, NamedTuple
 
-import numba
 import numpy as np
 
 from drivers.mavlink.dialect import mavlink
@@ -24,7 +23,7 @@ from drivers.mavlink.framing import (
 )
 from drivers.mavlink.transports.datagrams import Datagrams
 from estimator.compilation.compiled import compiled, inlined
-from estimator.compilation.direct import direct
+from estimator.compilation.direct import direct, types_of
 
 Array = Any  # numba ships no types
 LEFT = -1  # a datagram of which nothing is found here
@@ -35,7 +34,6 @@ PAYLOAD, END, IS_SIGNED = 5, 6, 7
 COLUMNS = 8
 UNKNOWN = -1
 
-_typeof: Any = numba.typeof
 _new_tuple = tuple.__new__
 
 
@@ -192,4 +190,4 @@ def argument_types() -> tuple[Any, ...]:
     """What numba calls the types that :func:`scan_frames` is called with."""
     none = Datagrams.of([], 0)
     messages = (np.zeros(0, np.int64), np.zeros(0, np.bool_))
-    return tuple(map(_typeof, (*none[:3], *messages, *_found(0, 0))))
+    return types_of(*none[:3], *messages, *_found(0, 0))

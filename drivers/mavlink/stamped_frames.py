@@ -6,20 +6,17 @@
 from functools import cache
 from typing import Any
 
-import numba
 import numpy as np
 
 from drivers.mavlink.recorder import Records
 from drivers.mavlink.scanning import LEFT, SHORTEST, Scanned, header
 from drivers.mavlink.transports.datagrams import Datagrams
 from estimator.compilation.compiled import compiled
-from estimator.compilation.direct import direct
+from estimator.compilation.direct import direct, types_of
 
 Array = Any  # numba ships no types
 STAMP_BYTES = 8
 MESSAGES = 1 << 24  # all that a frame's number may be: its sender is known already
-
-_typeof: Any = numba.typeof
 
 
 @compiled
@@ -63,4 +60,4 @@ def records_in(scanned: Scanned, which: Array) -> Records:
 def argument_types() -> tuple[Any, ...]:
     """What numba calls the types that :func:`stamp_frames` is called with."""
     none = Datagrams.of([], 0)
-    return tuple(map(_typeof, (*none[:3], none.arrivals_us, np.zeros(0, np.uint8))))
+    return types_of(*none[:3], none.arrivals_us, np.zeros(0, np.uint8))

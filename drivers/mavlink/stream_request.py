@@ -24,14 +24,7 @@ from drivers.events import (
     Notice,
     VehicleId,
 )
-from drivers.mavlink.constants import (
-    MAV_AUTOPILOT_INVALID,
-    MAV_CMD_SET_MESSAGE_INTERVAL,
-    MAV_RESULT_ACCEPTED,
-    MAV_RESULT_IN_PROGRESS,
-    MAV_RESULT_TEMPORARILY_REJECTED,
-    MAV_TYPE_ONBOARD_CONTROLLER,
-)
+from drivers.mavlink import constants as mav
 from drivers.mavlink.encoder import Message, heartbeat, message_interval_request
 from drivers.mavlink.imu_messages import ImuMessage, message_to_ask_for
 from estimator.errors import InputError
@@ -99,14 +92,14 @@ class StreamRequest:
     def handle(self, event: Event, now_us: int) -> list[Outgoing | Notice]:
         """What to send and to say because of ``event``."""
         match event:
-            case Heartbeat(autopilot=autopilot) if autopilot != MAV_AUTOPILOT_INVALID:
+            case Heartbeat(autopilot=autopilot) if autopilot != mav.MAV_AUTOPILOT_INVALID:
                 self._meet(event, now_us)
             case Imu(vehicle=vehicle):
                 if (stream := self._streams.get(vehicle)) is not None:
                     self._measure(stream, event, now_us)
             case CommandAck(vehicle=vehicle, command=command):
                 stream = self._streams.get(vehicle)
-                if stream is not None and command == MAV_CMD_SET_MESSAGE_INTERVAL:
+                if stream is not None and command == mav.MAV_CMD_SET_MESSAGE_INTERVAL:
                     self._take_answer(stream, event.result, now_us)
             case Forgotten(vehicle=vehicle):
                 self._streams.pop(vehicle, None)
@@ -142,7 +135,7 @@ class StreamRequest:
         if self._heartbeat_due_us is not None and now_us < self._heartbeat_due_us:
             return []
         self._heartbeat_due_us = now_us + HEARTBEAT_US
-        message = heartbeat(MAV_TYPE_ONBOARD_CONTROLLER, MAV_AUTOPILOT_INVALID)
+        message = heartbeat(mav.MAV_TYPE_ONBOARD_CONTROLLER, mav.MAV_AUTOPILOT_INVALID)
         systems = sorted({vehicle.system_id for vehicle in self._streams})
         return [Outgoing(system_id, message) for system_id in systems]
 
@@ -172,13 +165,13 @@ class StreamRequest:
         return Outgoing(stream.vehicle.system_id, message)
 
     def _take_answer(self, stream: _Stream, result: int, now_us: int) -> None:
-        if stream.phase != "asking" or result == MAV_RESULT_IN_PROGRESS:
+        if stream.phase != "asking" or result == mav.MAV_RESULT_IN_PROGRESS:
             return
-        if result == MAV_RESULT_ACCEPTED:
+        if result == mav.MAV_RESULT_ACCEPTED:
             stream.phase = "measuring"
             stream.due_us = now_us + SILENCE_US
             _restart_measuring(stream)
-        elif result == MAV_RESULT_TEMPORARILY_REJECTED:
+        elif result == mav.MAV_RESULT_TEMPORARILY_REJECTED:
             self._fail(stream, "is not ready", now_us)
         else:
             stream.failures = MOST_REQUESTS  # it will not change its mind

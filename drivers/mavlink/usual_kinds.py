@@ -2,17 +2,7 @@
 
 from math import pi
 
-from drivers.mavlink.constants import (
-    ATTITUDE_ID,
-    GLOBAL_POSITION_INT_ID,
-    GPS_RAW_INT_ID,
-    HIGHRES_IMU_ID,
-    LOCAL_POSITION_NED_ID,
-    RAW_IMU_ID,
-    SCALED_IMU2_ID,
-    SCALED_IMU3_ID,
-    SCALED_IMU_ID,
-)
+from drivers.mavlink import constants as mav
 from drivers.mavlink.imu_messages import (
     IMU_MESSAGES,
 )
@@ -23,11 +13,11 @@ from drivers.samples.vehicle_clock import TimeField
 # They are in the order of preference.
 RAW, HIGHRES, SCALED = 1, 2, 3  # the latter of three messages
 KINDS = {
-    RAW_IMU_ID: RAW,
-    HIGHRES_IMU_ID: HIGHRES,
-    SCALED_IMU_ID: SCALED,
-    SCALED_IMU2_ID: SCALED + 1,
-    SCALED_IMU3_ID: SCALED + 2,
+    mav.RAW_IMU_ID: RAW,
+    mav.HIGHRES_IMU_ID: HIGHRES,
+    mav.SCALED_IMU_ID: SCALED,
+    mav.SCALED_IMU2_ID: SCALED + 1,
+    mav.SCALED_IMU3_ID: SCALED + 2,
 }
 KIND_NAMES = {kind: IMU_MESSAGES[number].name for number, kind in KINDS.items()}
 KIND_OF = {name: kind for kind, name in KIND_NAMES.items()}
@@ -37,10 +27,10 @@ ATTITUDE, LOCAL_POSITION, GLOBAL_POSITION, RECEIVER = IMUS + 1, IMUS + 2, IMUS +
 QUATERNION, SECOND_ATTITUDE, AUTOPILOT_VERSION, SILENT = IMUS + 5, IMUS + 6, IMUS + 7, IMUS + 8
 # Other streams that have a time, in the order of their kinds.
 OTHERS = {
-    ATTITUDE: ATTITUDE_ID,
-    LOCAL_POSITION: LOCAL_POSITION_NED_ID,
-    GLOBAL_POSITION: GLOBAL_POSITION_INT_ID,
-    RECEIVER: GPS_RAW_INT_ID,
+    ATTITUDE: mav.ATTITUDE_ID,
+    LOCAL_POSITION: mav.LOCAL_POSITION_NED_ID,
+    GLOBAL_POSITION: mav.GLOBAL_POSITION_INT_ID,
+    RECEIVER: mav.GPS_RAW_INT_ID,
 }
 OTHER_CLOCKS = {kind: TimeField.GPS if kind == RECEIVER else TimeField.BOOT_MS for kind in OTHERS}
 OTHER_NAMES = {kind: MESSAGES[number].name for kind, number in OTHERS.items()}

@@ -4,14 +4,10 @@ import math
 from typing import Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
+from estimator.arrays import Bools, Floats, Times
 from estimator.compilation.compiled import compiled, inlined
 from estimator.types import ZERO_VEC3, Vec3
-
-Floats = NDArray[np.float64]
-Times = NDArray[np.int64]
-Flags = NDArray[np.bool_]
 
 REPEAT_US = 240_000  # autopilots repeat a 10 Hz field; equal values in a 4 Hz stream are data
 STALE_US = 200_000  # an older field that was logged beside no longer belongs to the sample after it
@@ -41,7 +37,7 @@ class RepeatedField:
         self.last = mag_gauss, time_us
         return mag_gauss
 
-    def fresh_rows(self, mag_gauss: Floats, times_us: Times) -> Flags:
+    def fresh_rows(self, mag_gauss: Floats, times_us: Times) -> Bools:
         """Which of N fields (N, 3) are: finite, not zero, and not repeated; (N,)."""
         fresh, last_gauss, last_us = fresh_of_rows(mag_gauss, times_us, *self.last)
         self.last = last_gauss, last_us
@@ -57,7 +53,7 @@ def is_fresh(mag_gauss: Vec3, time_us: int, last: Vec3, last_us: int) -> bool:
 @compiled
 def fresh_of_rows(
     mag_gauss: Floats, times_us: Times, last: Vec3, last_us: int
-) -> tuple[Flags, Vec3, int]:
+) -> tuple[Bools, Vec3, int]:
     """What :meth:`RepeatedField.fresh` says of each row, and the last fresh field with its time."""
     fresh = np.zeros(len(times_us), np.bool_)
     for k in range(len(times_us)):

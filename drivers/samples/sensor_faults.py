@@ -11,12 +11,11 @@ from functools import cache
 from math import log, sqrt
 from typing import Any, NamedTuple
 
-import numba
 import numpy as np
 
 from drivers.samples.steady_turn import carries_weight, vector_after_turn, way_of_field
 from estimator.compilation.compiled import compiled, inlined, is_compiled_code, plain
-from estimator.compilation.direct import direct
+from estimator.compilation.direct import direct, types_of
 from estimator.compilation.interpreted import is_interpreting
 from estimator.geometry.quaternion import norm, subtract
 from estimator.reasons import Reason
@@ -79,8 +78,6 @@ MAG_STUCK_US = 2_000_000
 LATEST_US = (1 << 63) - 1
 MAG_TURN_RAD = 0.5  # turned so far, the field cannot be what it was
 
-
-_typeof: Any = numba.typeof  # numba ships no types
 
 # Arrays of int64 and float64, or lists in plain Python.
 Whole = Any
@@ -436,8 +433,7 @@ _interpreted = plain(judge_reading)
 
 def argument_types() -> tuple[Any, ...]:
     """What numba calls the types that :func:`judge_reading` is called with."""
-    whole, numbers = (_typeof(np.zeros(0, kind)) for kind in (np.int64, np.float64))
-    return (whole, numbers, *(_typeof(0.0),) * 9, _typeof(0))
+    return types_of(np.zeros(0, np.int64), np.zeros(0), *(0.0,) * 9, 0)
 
 
 @cache

@@ -20,12 +20,11 @@ from enum import IntEnum
 from functools import cache
 from typing import Any, Literal, NamedTuple
 
-import numba
 import numpy as np
 
 from drivers.value import Value
 from estimator.compilation.compiled import compiled, inlined, is_compiled_code, plain
-from estimator.compilation.direct import direct
+from estimator.compilation.direct import direct, types_of
 from estimator.compilation.interpreted import is_interpreting
 from estimator.reasons import Reason
 
@@ -61,8 +60,6 @@ class TimeField(IntEnum):
     BOOT_MS = 1
     GPS = 2
 
-
-_typeof: Any = numba.typeof  # numba ships no types
 
 # An array of int64, or a list in plain Python.
 Whole = Any
@@ -509,8 +506,7 @@ _interpreted = plain(place_message)
 
 def argument_types() -> tuple[Any, ...]:
     """What numba calls the types that :func:`place_message` is called with."""
-    whole, number = _typeof(np.zeros(0, np.int64)), _typeof(0)
-    return (whole, number, _typeof(True), *(number,) * 4)
+    return types_of(np.zeros(0, np.int64), 0, True, *(0,) * 4)
 
 
 @cache

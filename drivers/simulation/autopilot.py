@@ -15,24 +15,8 @@ from typing import Any
 import numpy as np
 
 from drivers.events import VehicleId
+from drivers.mavlink import constants as mav
 from drivers.mavlink.ardupilot import COMPASS_DECLINATION, COMPASS_OFFSETS, ORIENTATION, TRIM
-from drivers.mavlink.constants import (
-    ATTITUDE_ID,
-    ATTITUDE_QUATERNION_ID,
-    AUTOPILOT_VERSION_ID,
-    GLOBAL_POSITION_INT_ID,
-    HEARTBEAT_ID,
-    MAV_AUTOPILOT_ARDUPILOTMEGA,
-    MAV_CMD_SET_MESSAGE_INTERVAL,
-    MAV_COMP_ID_AUTOPILOT1,
-    MAV_RESULT_ACCEPTED,
-    MAV_RESULT_DENIED,
-    MAV_RESULT_FAILED,
-    MAV_RESULT_UNSUPPORTED,
-    MAV_TYPE_QUADROTOR,
-    RAW_IMU_ID,
-    SIM_STATE_ID,
-)
 from drivers.mavlink.decoder import BUILT_IN
 from drivers.mavlink.encoder import (
     FrameEncoder,
@@ -64,14 +48,14 @@ FASTEST_RATE_HZ = 1000.0  # an interval below 1 ms is refused
 
 # The order on the wire. SIM_STATE has no time of its own: it follows its RAW_IMU.
 STREAMS = (
-    AUTOPILOT_VERSION_ID,
-    RAW_IMU_ID,
-    SIM_STATE_ID,
-    ATTITUDE_ID,
-    ATTITUDE_QUATERNION_ID,
-    GLOBAL_POSITION_INT_ID,
+    mav.AUTOPILOT_VERSION_ID,
+    mav.RAW_IMU_ID,
+    mav.SIM_STATE_ID,
+    mav.ATTITUDE_ID,
+    mav.ATTITUDE_QUATERNION_ID,
+    mav.GLOBAL_POSITION_INT_ID,
 )
-SLOW = (AUTOPILOT_VERSION_ID, GLOBAL_POSITION_INT_ID)
+SLOW = (mav.AUTOPILOT_VERSION_ID, mav.GLOBAL_POSITION_INT_ID)
 
 # What a parameter list of a calibrated copter says about its IMU
 PARAMETERS: tuple[tuple[str, float], ...] = (
@@ -132,7 +116,7 @@ class SimulatedAutopilot:
         self,
         options: VehicleOptions,
         system_id: int,
-        component_id: int = MAV_COMP_ID_AUTOPILOT1,
+        component_id: int = mav.MAV_COMP_ID_AUTOPILOT1,
     ) -> None:
         options.check()
         self.id = VehicleId(system_id, component_id)
@@ -159,7 +143,7 @@ class SimulatedAutopilot:
         self._next = next(self._vehicle)
 
     def _default_interval_us(self, message_id: int) -> float:
-        if message_id == GLOBAL_POSITION_INT_ID and not self._vehicle.tells_place:
+        if message_id == mav.GLOBAL_POSITION_INT_ID and not self._vehicle.tells_place:
             return 0.0
         return max(SLOW_US, self._default_us) if message_id in SLOW else self._default_us
 
@@ -177,7 +161,7 @@ class SimulatedAutopilot:
             now_us = round(self.due_us)
             due: list[Message] = []
             if self._heartbeat.is_due(now_us):
-                due.append(heartbeat(MAV_TYPE_QUADROTOR, MAV_AUTOPILOT_ARDUPILOTMEGA))
+                due.append(heartbeat(mav.MAV_TYPE_QUADROTOR, mav.MAV_AUTOPILOT_ARDUPILOTMEGA))
             if self._next.time_us <= now_us:
                 due += self._sample_messages(self._next)
                 self._next = next(self._vehicle)
@@ -204,17 +188,17 @@ class SimulatedAutopilot:
         t, q, rate = sample.time_us, sample.q_ned_frd, sample.true_rate_rad_s
         due = {message_id for message_id in STREAMS if self._streams[message_id].is_due(t)}
         messages = []
-        if AUTOPILOT_VERSION_ID in due:
+        if mav.AUTOPILOT_VERSION_ID in due:
             messages.append(autopilot_version(BUILT_IN, self._vehicle.motion))
-        if RAW_IMU_ID in due:
+        if mav.RAW_IMU_ID in due:
             messages.append(raw_imu(t, sample.acc_m_s2, sample.gyr_rad_s, sample.mag_gauss))
-            if SIM_STATE_ID in due:
+            if mav.SIM_STATE_ID in due:
                 messages.append(self._sim_state(sample))
-        if ATTITUDE_ID in due:
+        if mav.ATTITUDE_ID in due:
             messages.append(attitude(t, _euler(q), rate))
-        if ATTITUDE_QUATERNION_ID in due:
+        if mav.ATTITUDE_QUATERNION_ID in due:
             messages.append(attitude_quaternion(t, q, rate))
-        if GLOBAL_POSITION_INT_ID in due and self._vehicle.tells_place:
+        if mav.GLOBAL_POSITION_INT_ID in due and self._vehicle.tells_place:
             messages.append(self._global_position(sample))
         return messages
 
@@ -238,30 +222,30 @@ class SimulatedAutopilot:
         return b"".join(frames)
 
     def _command(self, message: Any) -> list[Message]:
-        result = MAV_RESULT_UNSUPPORTED
-        if message.command == MAV_CMD_SET_MESSAGE_INTERVAL:
+        result = mav.MAV_RESULT_UNSUPPORTED
+        if message.command == mav.MAV_CMD_SET_MESSAGE_INTERVAL:
             result = self._set_interval(message.param1, message.param2)
         sender = VehicleId(message.get_srcSystem(), message.get_srcComponent())
         return [command_ack(sender, message.command, result)]
 
     def _set_interval(self, message_id: float, interval_us: float) -> int:
         """MAVLink's rule: -1 turns a message off, 0 restores its default."""
-        stream = self._heartbeat if message_id == HEARTBEAT_ID else None
+        stream = self._heartbeat if message_id == mav.HEARTBEAT_ID else None
         default_us: float = HEARTBEAT_US
         if stream is None and message_id in STREAMS:
             stream = self._streams[int(message_id)]
             default_us = self._default_interval_us(int(message_id))
         if stream is None:
-            return MAV_RESULT_FAILED
+            return mav.MAV_RESULT_FAILED
         if not isfinite(interval_us) or (interval_us != -1 and interval_us < 0):
-            return MAV_RESULT_DENIED
+            return mav.MAV_RESULT_DENIED
         if 0 < interval_us < 1e6 / FASTEST_RATE_HZ:
-            return MAV_RESULT_DENIED
+            return mav.MAV_RESULT_DENIED
         special = {-1.0: 0.0, 0.0: default_us}
         stream.interval_us = special.get(interval_us, interval_us)
         stream.due_us = self._next.time_us
         self._adapt_sampling()
-        return MAV_RESULT_ACCEPTED
+        return mav.MAV_RESULT_ACCEPTED
 
     def _adapt_sampling(self) -> None:
         """Sample as fast as the fastest stream; without any, as at the start."""

@@ -15,12 +15,12 @@ import numpy as np
 from drivers.samples.navigation import METRES_A_DEGREE
 from drivers.simulation.rotations import (
     CONJUGATE,
-    Floats,
     from_matrices,
     logarithm,
     multiply,
     rotate_inverse,
 )
+from estimator.arrays import Floats
 from estimator.types import STANDARD_GRAVITY_M_S2, Vec3
 
 ROUND_S = 100.0

@@ -1,11 +1,10 @@
 """Rotations of many instants at once: quaternions as arrays (N, 4), scalar first."""
 
 import numpy as np
-import numpy.typing as npt
 
+from estimator.arrays import Floats
 from estimator.types import Vec3
 
-Floats = npt.NDArray[np.float64]
 CONJUGATE = np.array([1.0, -1.0, -1.0, -1.0])
 
 

@@ -25,7 +25,8 @@ import numpy as np
 import numpy.typing as npt
 
 from drivers.simulation import flight
-from drivers.simulation.rotations import Floats, exponential, rotate_inverse, running_product
+from drivers.simulation.rotations import exponential, rotate_inverse, running_product
+from estimator.arrays import Floats
 from estimator.errors import InputError
 from estimator.types import (
     IDENTITY,

@@ -20,11 +20,7 @@ from drivers.events import (
     VehicleId,
     Velocity,
 )
-from drivers.mavlink.constants import (
-    MAV_AUTOPILOT_ARDUPILOTMEGA,
-    MAV_COMP_ID_AUTOPILOT1,
-    MAV_TYPE_QUADROTOR,
-)
+from drivers.mavlink import constants as mav
 from drivers.samples.fix import Fix, velocity_sample
 from drivers.simulation.autopilot import HEARTBEAT_US, PARAMETERS, SLOW_US, velocity_told
 from drivers.simulation.flight import geodetic
@@ -34,7 +30,6 @@ from estimator.types import ImuSample
 # Where the service cannot keep up, or the computer slept, the flight waits rather than falls
 # silent: an overloaded computer must not look like an estimator that fails.
 MOST_BEHIND_US = 100_000
-ITERATION_S = 0.1
 
 
 class SimSource(Closing):
@@ -54,7 +49,7 @@ class SimSource(Closing):
         unix_us: Callable[[], int] = lambda: time.time_ns() // 1000,
     ) -> None:
         self._vehicle = vehicle
-        self._id = VehicleId(1, MAV_COMP_ID_AUTOPILOT1)
+        self._id = VehicleId(1, mav.MAV_COMP_ID_AUTOPILOT1)
         self._monotonic_us = monotonic_us
         self._unix_us = unix_us
         self._closed = threading.Event()
@@ -90,14 +85,6 @@ class SimSource(Closing):
                 events = self._due_events()
         return events
 
-    def __iter__(self) -> Iterator[Event]:
-        """Events as they come, until the source is closed."""
-        while not self._closed.is_set():
-            yield from self.drain(ITERATION_S)
-
-    def send(self, data: bytes) -> None:
-        """The vehicle in process takes no commands."""
-
     def now_us(self) -> int:
         """The Unix time of the simulation: the host's, but for what it has waited."""
         return self._start_unix_us + self._now_us()
@@ -131,7 +118,9 @@ class SimSource(Closing):
         arrival_us = self._start_unix_us + sample.time_us
         if sample.time_us >= self._heartbeat_due_us:
             self._heartbeat_due_us = sample.time_us + HEARTBEAT_US
-            yield Heartbeat(self._id, arrival_us, MAV_AUTOPILOT_ARDUPILOTMEGA, MAV_TYPE_QUADROTOR)
+            yield Heartbeat(
+                self._id, arrival_us, mav.MAV_AUTOPILOT_ARDUPILOTMEGA, mav.MAV_TYPE_QUADROTOR
+            )
             yield BuiltIn(self._id, arrival_us, self._vehicle.motion)
             for name, value in PARAMETERS:
                 yield Parameter(self._id, arrival_us, name, value)

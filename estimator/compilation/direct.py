@@ -8,6 +8,10 @@ import functools
 from collections.abc import Callable
 from typing import Any
 
+import numba
+
+_typeof: Any = numba.typeof  # numba ships no types
+
 
 @functools.cache
 def direct(kernel: Any, types: tuple[Any, ...]) -> Callable[..., Any]:
@@ -16,3 +20,8 @@ def direct(kernel: Any, types: tuple[Any, ...]) -> Callable[..., Any]:
     It is compiled now, unless that has been done; to ask numba for it takes 20 us even then.
     """
     return kernel.compile(types)  # type: ignore[no-any-return]
+
+
+def types_of(*arguments: Any) -> tuple[Any, ...]:
+    """What numba calls the types of these arguments."""
+    return tuple(map(_typeof, arguments))

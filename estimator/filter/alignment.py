@@ -1,16 +1,14 @@
 """The first attitude, from the first vectors."""
 
 import numpy as np
-from numpy.typing import NDArray
 
+from estimator.arrays import Floats
 from estimator.filter.types import Vectors
 from estimator.geometry.quaternion import normalize, shortest_rotation
 from estimator.types import Quaternion
 
-Array = NDArray[np.float64]
 
-
-def nearest_rotation(matrix: Array) -> Array:
+def nearest_rotation(matrix: Floats) -> Floats:
     """The rotation matrix closest to a (3, 3) matrix in the Frobenius norm, by SVD.
 
     Source: F. L. Markley, "Attitude determination using vector observations
@@ -20,7 +18,7 @@ def nearest_rotation(matrix: Array) -> Array:
     return np.asarray(U @ np.diag([1.0, 1.0, np.linalg.det(U) * np.linalg.det(Vt)]) @ Vt)
 
 
-def quaternion_from_matrix(R: Array) -> Quaternion:
+def quaternion_from_matrix(R: Floats) -> Quaternion:
     """Unit quaternion of a (3, 3) rotation matrix, w >= 0.
 
     The largest of the four components is taken from the diagonal first, so

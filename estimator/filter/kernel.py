@@ -7,8 +7,8 @@ numbers and labels are those of the paper it names.
 from math import expm1, sqrt
 
 import numpy as np
-from numpy.typing import NDArray
 
+from estimator.arrays import Floats
 from estimator.compilation.compiled import compiled, inlined
 from estimator.compilation.replacing import replacer
 from estimator.filter.fuzzy import operating_gain
@@ -42,8 +42,6 @@ from estimator.geometry.quaternion import (
     subtract,
 )
 from estimator.types import Quaternion, Sample, Vec3
-
-Array = NDArray[np.float64]
 
 with_motion = replacer(FilterState, "q_ned_frd", "gyr_bias_rad_s", "rate_rad_s")
 with_correction = replacer(FilterState, "q_ned_frd", "gyr_bias_rad_s", "decay")
@@ -248,11 +246,11 @@ def run(
     params: FilterParams,
     reference: ReferenceParams,
     start: FilterState,
-    gyr_rad_s: Array,
-    acc_m_s2: Array,
-    mag: Array,
+    gyr_rad_s: Floats,
+    acc_m_s2: Floats,
+    mag: Floats,
     dt: float,
-) -> tuple[Array, Array]:
+) -> tuple[Floats, Floats]:
     """The paper's experiment: raw vectors at a fixed step, sample by sample as the live filter.
 
     The gyroscope's and both vectors' readings are (N, 3) in FRD: rad/s, m/s^2

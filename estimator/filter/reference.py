@@ -23,9 +23,9 @@ and order are equal, so the two can be read side by side.
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from estimator.filter import fuzzy_reference
+from estimator.arrays import Floats
+from estimator.filter.fuzzy import fuzzy_gain
 from estimator.filter.noise_gain import NoiseState, noise_gain, observe_floor, observe_noise
 from estimator.filter.types import (
     PLAIN_STEP_LIMIT,
@@ -37,13 +37,11 @@ from estimator.filter.types import (
 from estimator.geometry import quaternion
 from estimator.types import Quaternion, Vec3
 
-Array = NDArray[np.float64]
-
 # Sine of the angle between v1 and v2 below which they fix no attitude.
 COLLINEAR_SINE = 1e-6
 
 
-def rotation_matrix(q: Quaternion) -> Array:
+def rotation_matrix(q: Quaternion) -> Floats:
     """R with v_a = R v_b for q = q_ab."""
     columns = [
         quaternion.rotate(q, axis) for axis in ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
@@ -51,7 +49,7 @@ def rotation_matrix(q: Quaternion) -> Array:
     return np.array(columns).T
 
 
-def three_vectors(v: Vectors, q: Quaternion) -> tuple[Array, Array, Array, bool]:
+def three_vectors(v: Vectors, q: Quaternion) -> tuple[Floats, Floats, Floats, bool]:
     """Measured v_i, estimated v_hat_i = R_hat^T v_i^I as (3, 3) rows, and confidences s_i (3,).
 
     Eq. (10), "SO3_PPF_STCH_vB_hat"; v3 = v1 x v2, normalised like the others.
@@ -74,12 +72,12 @@ def three_vectors(v: Vectors, q: Quaternion) -> tuple[Array, Array, Array, bool]
     return np.array(measured), np.array(inertial) @ R, s, spans
 
 
-def innovation(measured: Array, estimated: Array, s: Array) -> Array:
+def innovation(measured: Floats, estimated: Floats, s: Floats) -> Floats:
     """vex(Pa(M R~)) = sum_i s_i/2 (v_hat_i x v_i): Eq. (11), "SO3_PPF_STCH_VEX_VM"."""
     return np.asarray(np.sum(0.5 * s[:, None] * np.cross(estimated, measured), axis=0))
 
 
-def attitude_error(measured: Array, estimated: Array, s: Array) -> float:
+def attitude_error(measured: Floats, estimated: Floats, s: Floats) -> float:
     """e = (3 - Tr R~)/4 from measurements, clipped to [0, 1].
 
     Tr R~ = Tr{(sum s_i v_i v_i^T)^-1 sum s_i v_i v_hat_i^T}, unnumbered, after Eq. (11).
@@ -92,7 +90,7 @@ def attitude_error(measured: Array, estimated: Array, s: Array) -> float:
     return float(np.clip((3.0 - trace) / 4.0, 0.0, 1.0))
 
 
-def single_vector_error(measured: Array, estimated: Array, s: Array) -> float:
+def single_vector_error(measured: Floats, estimated: Floats, s: Floats) -> float:
     """sin^2 of half the angle between the vectors, averaged by confidence."""
     half_angle_sine_sq = 0.5 * (1.0 - np.sum(measured[:2] * estimated[:2], axis=1))
     total = s[0] + s[1]
@@ -100,7 +98,7 @@ def single_vector_error(measured: Array, estimated: Array, s: Array) -> float:
 
 
 def borne_error(
-    noise: NoiseState, measured: Array, estimated: Array, s: Array
+    noise: NoiseState, measured: Floats, estimated: Floats, s: Floats
 ) -> tuple[NoiseState, float]:
     """The same, of each vector the smaller one of this sample and of the one before."""
     now = np.clip(0.5 * (1.0 - np.sum(measured[:2] * estimated[:2], axis=1)), 0.0, 1.0)
@@ -122,10 +120,10 @@ def adaptive_gain(params: FilterParams, error: float, error_rate_1_s: float) -> 
     """K = 1 + k_op (below Eq. (12), "Attit_Filter")."""
     if params.gain_is_fixed:
         return params.fixed_gain
-    return 1.0 + fuzzy_reference.gain(params.memberships, error, error_rate_1_s)
+    return 1.0 + fuzzy_gain(params.memberships, error, error_rate_1_s)
 
 
-def largest_rate(measured: Array, s: Array) -> float:
+def largest_rate(measured: Floats, s: Floats) -> float:
     """Largest eigenvalue of (tr(M) I - M)/2, M = sum s_i v_i v_i^T.
 
     A small error about its axis decays with K times it; about no axis faster.
@@ -180,7 +178,12 @@ def correct(params: FilterParams, state: FilterState, vectors: Vectors, dt: floa
 
 
 def gain_in_noise(
-    params: FilterParams, state: FilterState, measured: Array, estimated: Array, s: Array, dt: float
+    params: FilterParams,
+    state: FilterState,
+    measured: Floats,
+    estimated: Floats,
+    s: Floats,
+    dt: float,
 ) -> tuple[FilterState, float, float, float]:
     """The state with the noise as the first two vectors show it, e, its rate, and K by rules in it.
 
@@ -198,7 +201,7 @@ def gain_in_noise(
 def moved(
     params: FilterParams,
     state: FilterState,
-    w: Array,
+    w: Floats,
     fastest: float,
     e: float,
     d: float,

@@ -9,13 +9,11 @@ from math import atan2, sqrt
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from estimator.arrays import Floats
 from estimator.compilation.compiled import compiled, inlined
 from estimator.geometry.quaternion import conjugate, multiply
 from estimator.types import Quaternion
-
-Array = NDArray[np.float64]
 
 # The paper's cost, Eq. (15) "Cost_function": 0.3 sum_{0<=t<=1} e + sum_{4<=t<=14} e; steps of
 # 0.01 s, both ends included.
@@ -51,7 +49,7 @@ def angle_errors(q_estimate: Quaternion, q_reference: Quaternion) -> AngleErrors
 
 
 @compiled
-def batch_angle_errors(estimate: Array, reference: Array) -> Array:
+def batch_angle_errors(estimate: Floats, reference: Floats) -> Floats:
     """:func:`angle_errors` for (N, 4) quaternions: (N, 3) rad."""
     errors = np.empty((len(estimate), 3))
     for k in range(len(estimate)):
@@ -64,12 +62,12 @@ def batch_angle_errors(estimate: Array, reference: Array) -> Array:
     return errors
 
 
-def rms(values: Array) -> float:
+def rms(values: Floats) -> float:
     """Root mean square."""
     return float(np.sqrt(np.mean(np.square(values))))
 
 
-def paper_cost(e: Array) -> float:
+def paper_cost(e: Floats) -> float:
     """J of Eq. (15), "Cost_function", from e at t = 0.01 k, k = 0..1500.
 
     Raises:

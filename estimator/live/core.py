@@ -8,8 +8,9 @@ import numpy as np
 from estimator.aiding import AidingState, blank_aiding, forget_biases
 from estimator.aiding.search import EMPTY_SEARCH, Search
 from estimator.aiding.trail import COLUMNS
-from estimator.aiding.types import SIZE, Array
+from estimator.aiding.types import SIZE
 from estimator.aiding.witness import NEW_WITNESS, Witness
+from estimator.arrays import Floats
 from estimator.conditioning import Conditioned, ConditioningState, forget_bias
 from estimator.conditioning import apply_turn as turn_memory
 from estimator.conditioning import initial_state as initial_conditioning
@@ -97,17 +98,17 @@ def in_tuples(core: Core) -> Core:
     )
 
 
-def square(covariance: tuple[float, ...]) -> Array:
+def square(covariance: tuple[float, ...]) -> Floats:
     """The covariance as an array of ``SIZE`` columns."""
     return np.array(covariance).reshape(-1, SIZE)
 
 
-def in_rows(trail: tuple[float, ...], columns: int = COLUMNS) -> Array:
+def in_rows(trail: tuple[float, ...], columns: int = COLUMNS) -> Floats:
     """The trail, or what else has so many columns, as an array."""
     return np.array(trail, np.float64).reshape(-1, columns)
 
 
-def flat(covariance: Array) -> tuple[float, ...]:
+def flat(covariance: Floats) -> tuple[float, ...]:
     """Row by row, as a snapshot keeps it."""
     return tuple(covariance.ravel().tolist())
 

@@ -9,12 +9,13 @@ import numba
 from estimator.aiding.sources.source import in_types_of
 from estimator.aiding.sources.table import source_of
 from estimator.aiding.types import NO_REPORT, Report
+from estimator.arrays import Floats
 from estimator.compilation.direct import direct
 from estimator.compilation.interpreted import in_plain_numbers, interpreted, is_interpreting
 from estimator.live import resident
 from estimator.live.core import Core, in_arrays, in_tuples
 from estimator.live.reports import age_s, report_with_age
-from estimator.live.rows import Floats, Rows, require_writable, rows_of
+from estimator.live.rows import Rows, require_writable, rows_of
 from estimator.live.settings import Settings
 from estimator.types import VelocitySample
 

@@ -29,6 +29,7 @@ from estimator.aiding.sources.table import SOURCES
 from estimator.aiding.sources.wheels import rolls
 from estimator.aiding.types import NO_REPORT, SIZE
 from estimator.aiding.witness import compare, hear_report, watch
+from estimator.arrays import Floats
 from estimator.compilation.compiled import compiled, inlined
 from estimator.conditioning import Conditioned, ConditioningParams, condition
 from estimator.conditioning.events.axis_signs import errors_squared
@@ -55,7 +56,7 @@ from estimator.live.published import (
 )
 from estimator.live.pull import pulled
 from estimator.live.refusal import FINE, NOT_LATER, fault_of
-from estimator.live.rows import NO_ROWS, NOTHING_TO_SAY, Floats, Rows, reading_of
+from estimator.live.rows import NO_ROWS, NOTHING_TO_SAY, Rows, reading_of
 from estimator.live.settings import Settings
 from estimator.types import NOTHING_BETWEEN, Sample, Vec3
 

@@ -3,15 +3,11 @@
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from estimator.arrays import Bools, Floats, Times
 from estimator.compilation.compiled import inlined
 from estimator.errors import InputError
 from estimator.types import ZERO_VEC3, Vec3
-
-Floats = NDArray[np.float64]
-Times = NDArray[np.int64]
-Flags = NDArray[np.bool_]
 
 # Columns of a row that tells an attitude: q_ned_frd, rate, bias, e, its rate, K, the confidences
 # of gravity and field, the sigmas of inclination and heading, and 1 where a field has told one.
@@ -29,7 +25,7 @@ class Rows(NamedTuple):
     gyr_rad_s: Floats  # (N, 3)
     acc_m_s2: Floats  # (N, 3)
     mag_gauss: Floats  # (N, 3)
-    has_mag: Flags  # (N,)
+    has_mag: Bools  # (N,)
 
 
 NO_SAMPLES = np.zeros((0, 3))
@@ -38,7 +34,7 @@ NOTHING_TO_SAY = np.zeros((0, SAID))
 
 
 def rows_of(
-    times_us: Times, gyr_rad_s: Floats, acc_m_s2: Floats, mag_gauss: Floats, has_mag: Flags
+    times_us: Times, gyr_rad_s: Floats, acc_m_s2: Floats, mag_gauss: Floats, has_mag: Bools
 ) -> Rows:
     """The arrays as they are, or copies of those that are of another type or laid out otherwise.
 

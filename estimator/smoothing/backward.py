@@ -11,8 +11,9 @@ from typing import Any
 
 import numpy as np
 
+from estimator.arrays import Times
 from estimator.estimator import Estimator
-from estimator.live.rows import NO_ROWS, SAID, Rows, Times, cut, rows_of
+from estimator.live.rows import NO_ROWS, SAID, Rows, cut, rows_of
 from estimator.profile import merge_profile
 from estimator.smoothing.field import without_lag
 from estimator.smoothing.path import stands_for_step

@@ -5,9 +5,9 @@ from typing import NamedTuple
 
 import numpy as np
 
+from estimator.arrays import Bools, Floats
 from estimator.conditioning.field.calibration import own_field
 from estimator.conditioning.field.magnetic import FieldReference, has_heading
-from estimator.live.rows import Flags, Floats
 from estimator.smoothing.path import late_s
 from estimator.smoothing.recording import Recording
 from estimator.smoothing.rotation import cross
@@ -17,7 +17,7 @@ class Field(NamedTuple):
     """The magnetometer's readings, and what the place's field is taken for."""
 
     mag: Floats  # (N, 3) less the vehicle's own field, brought to the samples' times
-    has_mag: Flags  # (N,)
+    has_mag: Bools  # (N,)
     reference: FieldReference
     own_variance: float  # of an axis of the own field that is left, as a share of the place's
     declination_rad: float

@@ -11,6 +11,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.linalg import solveh_banded
 
+from estimator.arrays import Bools, Floats
 from estimator.bounds import TINY
 from estimator.conditioning.field.magnetic import NORM_SCALE, FieldReference, norm_of, steepness
 from estimator.conditioning.params import ConditioningParams
@@ -19,7 +20,6 @@ from estimator.conditioning.times import USUAL_S
 from estimator.conditioning.vertical.averaging import WINDOW_S
 from estimator.conditioning.vertical.lasting import SCALE_ERROR
 from estimator.conditioning.vertical.stillness import LEAST_DIRECTION_RAD
-from estimator.live.rows import Flags, Floats
 from estimator.smoothing.field import Field
 from estimator.smoothing.path import Path
 from estimator.smoothing.rotation import about_down, multiply, rotate, wrap
@@ -129,7 +129,7 @@ def informed(r: Floats, q: Floats) -> Floats:
     return told
 
 
-def lasting(seen: Floats, known: Flags, reference: FieldReference, leaning: Floats) -> Floats:
+def lasting(seen: Floats, known: Bools, reference: FieldReference, leaning: Floats) -> Floats:
     """Variance (W,) of errors that last: by how far norm and dip are off, and a leaning vertical.
 
     What turns the field up or makes it longer turns it aside as well, see conditioning/sigma.

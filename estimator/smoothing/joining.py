@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from estimator.live.rows import Flags
+from estimator.arrays import Bools
 from estimator.smoothing.recording import Estimates, blocks
 from estimator.smoothing.rotation import conjugate, exp, log, multiply
 
@@ -46,13 +46,13 @@ def fallback(first: Estimates, second: Estimates) -> Estimates:
     return first if known.all() else chosen(known, first, second)
 
 
-def known_rows(estimates: Estimates) -> Flags:
+def known_rows(estimates: Estimates) -> Bools:
     """Where there is an attitude with its sigmas (N,)."""
     numbers = (estimates.q_ned_frd, estimates.sigma_rad)
     return np.asarray(np.all([np.isfinite(each).all(axis=1) for each in numbers], axis=0))
 
 
-def chosen(rows: Flags, first: Estimates, second: Estimates) -> Estimates:
+def chosen(rows: Bools, first: Estimates, second: Estimates) -> Estimates:
     """The first where ``rows`` (N,) say so, else the second."""
     if not rows.any():
         return second

@@ -4,10 +4,10 @@ from typing import NamedTuple
 
 import numpy as np
 
+from estimator.arrays import Bools, Floats
 from estimator.conditioning.vertical.averaging import MOST_ERROR
 from estimator.conditioning.vertical.clipping import LEAST_PEAK_RAD_S
 from estimator.conditioning.vertical.rate import SLOW_SAMPLE_S
-from estimator.live.rows import Flags, Floats
 from estimator.smoothing.recording import Recording, steps_s
 from estimator.smoothing.rotation import chained, cross, exp, rotate
 
@@ -34,7 +34,7 @@ def path_of(recording: Recording) -> Path:
     return Path(time_s, chained(exp(mean * dt_s)), rate, missed_turn(recording))
 
 
-def stands_for_step(recording: Recording) -> Flags:
+def stands_for_step(recording: Recording) -> Bools:
     """Whether a sample (N,) counts as the mean over the step before it."""
     averaged = recording.last.settings.conditioning.averaged_samples
     return np.asarray(averaged | (steps_s(recording.rows) < SLOW_SAMPLE_S))

@@ -5,8 +5,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from estimator.arrays import Floats
 from estimator.estimator import Estimator
-from estimator.live.rows import Floats, Rows
+from estimator.live.rows import Rows
 from estimator.profile import Profile
 from estimator.reasons import Reason
 from estimator.smoothing.recording import BIAS, SIGMA, Estimates, Q, Recording

@@ -6,9 +6,10 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from estimator.arrays import Bools, Floats
 from estimator.conditioning.times import MEMORY_S
 from estimator.estimator import Estimator
-from estimator.live.rows import Flags, Floats, Rows, cut
+from estimator.live.rows import Rows, cut
 from estimator.types import RateSample, VelocitySample
 
 Places = NDArray[np.int64]
@@ -30,7 +31,7 @@ class Estimates(NamedTuple):
 
     q_ned_frd: Floats  # (N, 4)
     sigma_rad: Floats  # (N, 2) of inclination and heading
-    is_aided: Flags  # (N,) whether velocity helped
+    is_aided: Bools  # (N,) whether velocity helped
 
     def part(self, rows: slice) -> "Estimates":
         """Some of them."""

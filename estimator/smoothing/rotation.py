@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from estimator.live.rows import Floats
+from estimator.arrays import Floats
 
 
 def multiply(p: Floats, q: Floats) -> Floats:

@@ -5,9 +5,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from estimator.arrays import Bools, Floats, Times
 from estimator.conditioning.times import LONG_S
 from estimator.conditioning.vertical.rate import FAST_STEP_S
-from estimator.live.rows import Flags, Floats, Times
 from estimator.smoothing.backward import backward
 from estimator.smoothing.joining import join
 from estimator.smoothing.recorder import Recorder
@@ -44,7 +44,7 @@ def smooth(recording: Recording) -> Smoothed:
     return Smoothed(best.q_ned_frd, best.sigma_rad, recording.rate_rad_s, recording.bias_rad_s)
 
 
-def of_both_ways(recording: Recording) -> Flags:
+def of_both_ways(recording: Recording) -> Bools:
     """The samples (N,) whose forces are not averaged, whether velocity helps or not."""
     settings, times_us = recording.last.settings, recording.rows.times_us
     is_slow = np.median(steps_s(recording.rows)) > FAST_STEP_S

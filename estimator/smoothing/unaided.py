@@ -6,8 +6,8 @@ from typing import NamedTuple
 import numpy as np
 
 from estimator.aiding.search import UNKNOWN_RAD
+from estimator.arrays import Bools
 from estimator.conditioning.times import QUICK_S
-from estimator.live.rows import Flags
 from estimator.smoothing.field import field_of
 from estimator.smoothing.heading import Headed, turn_north
 from estimator.smoothing.joining import known_rows
@@ -33,7 +33,7 @@ class Piece(NamedTuple):
     last: int
 
 
-def put_unaided(recording: Recording, rows: Flags, into: Estimates) -> None:
+def put_unaided(recording: Recording, rows: Bools, into: Estimates) -> None:
     """Put the estimates of these samples (N,), piece by piece, in the place of others."""
     for begin, end, first, last in pieces(recording):
         if last - first >= LEAST_SAMPLES and rows[begin:end].any():

@@ -7,6 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from estimator.arrays import Floats
 from estimator.conditioning.sigma import MEASURED_SQUARE
 from estimator.conditioning.times import LATELY_S
 from estimator.conditioning.vertical.averaging import (
@@ -19,7 +20,6 @@ from estimator.conditioning.vertical.averaging import (
 )
 from estimator.conditioning.vertical.stillness import LEAST_DIRECTION_RAD
 from estimator.estimator import Estimator
-from estimator.live.rows import Floats
 from estimator.smoothing.path import Path
 from estimator.smoothing.rotation import multiply, rotate, unit
 from estimator.smoothing.windows import Windows, filled, low_passed, running_mean

@@ -5,8 +5,8 @@ from typing import NamedTuple
 import numpy as np
 from scipy.signal import butter, sosfiltfilt
 
+from estimator.arrays import Bools, Floats
 from estimator.conditioning.vertical.averaging import WINDOW_S
-from estimator.live.rows import Flags, Floats
 
 # A low-pass begins and ends with what lies within so many of its time constants, mirrored.
 MIRRORED_TAUS = 4.0
@@ -18,7 +18,7 @@ class Windows(NamedTuple):
     time_s: Floats  # (W,) their middles
     first: Floats  # (W + 1,) the sample that each begins with, and the one behind the last
 
-    def means(self, values: Floats, counts: Flags | None = None) -> tuple[Floats, Floats]:
+    def means(self, values: Floats, counts: Bools | None = None) -> tuple[Floats, Floats]:
         """Means (W, ...) over the samples that count, and how many there are (W,).
 
         A window without any has 0.
@@ -49,7 +49,7 @@ def windows_of(time_s: Floats) -> Windows:
     return Windows(edges[:-1] + 0.5 * WINDOW_S, first)
 
 
-def filled(values: Floats, known: Flags) -> Floats:
+def filled(values: Floats, known: Bools) -> Floats:
     """The values (W, K), where they are not known on the line between those beside them."""
     if known.all() or not known.any():
         return values

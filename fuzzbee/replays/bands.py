@@ -4,15 +4,13 @@ from collections.abc import Iterator
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from estimator.arrays import Bools, Floats
 from estimator.conditioning.vertical.clipping import LEAST_PEAK_RAD_S
 from fuzzbee.replays.comparison import Comparison
 from fuzzbee.replays.score import CONVERGED_RAD
 from fuzzbee.replays.trace import VehicleTrace
 
-Floats = NDArray[np.float64]
-Bools = NDArray[np.bool_]
 Span = tuple[float, float]
 
 # Silence this many median periods long, and this long (s), is a gap to be shown.

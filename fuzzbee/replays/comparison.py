@@ -5,17 +5,14 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from drivers.logs.kept_rows import KeptRows, blocks
+from estimator.arrays import Bools, Floats
 from estimator.errors import InputError
 from estimator.geometry.quaternion import multiply
 from estimator.types import IDENTITY
 from fuzzbee.replays.score import errors_against
 from fuzzbee.replays.trace import VehicleTrace
-
-Floats = NDArray[np.float64]
-Bools = NDArray[np.bool_]
 
 REFERENCES = ("sim", "autopilot")  # the truth goes first
 

@@ -4,13 +4,11 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from estimator.arrays import Floats
 from fuzzbee.replays.comparison import Comparison
 from fuzzbee.replays.plot import FIGURE_INCHES, MOST_POINTS, STYLE, largest, legend_above, save
 from fuzzbee.replays.trace import VehicleTrace
-
-Floats = NDArray[np.float64]
 
 ROW_INCHES = 2.2
 PANELS = (("inclination", 2), ("heading", 1))

@@ -5,12 +5,9 @@ from typing import NamedTuple
 
 import msgspec
 import numpy as np
-from numpy.typing import NDArray
 
+from estimator.arrays import Bools, Floats
 from fuzzbee.replays.score import Means
-
-Floats = NDArray[np.float64]
-Bools = NDArray[np.bool_]
 
 
 class ConstantTurn(msgspec.Struct, frozen=True):

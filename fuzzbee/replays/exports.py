@@ -11,7 +11,6 @@ from math import isnan
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from drivers.logs.kept_rows import blocks
 from drivers.output_file import written_whole
@@ -22,7 +21,6 @@ from fuzzbee.replays.comparison import Comparison
 from fuzzbee.replays.log_clock import unix_times_us
 from fuzzbee.replays.trace import VehicleTrace
 
-Floats = NDArray[np.float64]
 Value = float | str | None
 
 LARGE = 1e8  # a date in seconds, to the microsecond

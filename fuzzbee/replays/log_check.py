@@ -13,14 +13,7 @@ from fuzzbee.replays.log_report import differences_of, replay_log, verdicts
 def check_log(path: Path, profile: str) -> Checked:
     """Replay a log; what cannot be read is said in its own line."""
     try:
-        trace = replay_log(
-            path,
-            load_profile(profile),
-            fixed_gain=None,
-            start_wrong_deg=0.0,
-            system_id=None,
-            tell=lambda _: None,
-        )
+        trace = replay_log(path, load_profile(profile))
     except InputError as error:
         return Checked(str(path), {}, [], str(error))
     found = [msgspec.to_builtins(each) for each in differences_of(trace)]

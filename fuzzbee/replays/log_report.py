@@ -4,6 +4,7 @@ import time
 from collections import Counter
 from collections.abc import Callable, Iterable, Sequence
 from contextlib import AbstractContextManager, nullcontext
+from functools import partial
 from pathlib import Path
 
 import msgspec
@@ -18,6 +19,7 @@ from drivers.logs.open import open_log
 from drivers.logs.percentile import percentile
 from drivers.logs.reference_track import ReferenceTrack
 from drivers.mavlink.names import autopilot_name, vehicle_type_name
+from estimator.arrays import Floats
 from estimator.errors import InputError
 from estimator.profile import Profile
 from fuzzbee.packed import NORTHS
@@ -38,13 +40,8 @@ from fuzzbee.replays.smoothed import recorder, smooth_trace
 from fuzzbee.replays.trace import Replay, VehicleTrace
 from fuzzbee.say import printable
 
-Floats = NDArray[np.float64]
-Reading = Callable[[LogFile], AbstractContextManager[None]]
+Reading = Callable[[LogFile], AbstractContextManager[object]]
 Export = Callable[[VehicleTrace, Comparison], None]
-
-
-def _unwatched(_log: LogFile) -> AbstractContextManager[None]:
-    return nullcontext()
 
 
 class VehicleSummary(msgspec.Struct, frozen=True):
@@ -141,7 +138,7 @@ def report_log(
     profile_name: str | None = None,
     tell: Callable[[str], None] = lambda _: None,
     exports: Sequence[Export] = (),
-    reading: Reading = _unwatched,
+    reading: Reading = nullcontext,
 ) -> LogReport:
     """Replay a log and score it; ``exports`` are given the trace and its comparison.
 
@@ -153,34 +150,20 @@ def report_log(
             reference that was asked for.
     """
     started = time.perf_counter()
-    trace = replay_log(
-        path,
-        profile,
+    replayed = partial(
+        replay_log,
+        *(path, profile),
         fixed_gain=fixed_gain,
-        start_wrong_deg=start_wrong_deg,
-        system_id=system_id,
         retune=retune,
         smooth=smooth,
         columns=columns,
-        tell=tell,
         reading=reading,
     )
+    trace = replayed(start_wrong_deg=start_wrong_deg, system_id=system_id, tell=tell)
     compared = compare(path, trace, reference)
     report = score(path, trace, compared, skip_s)
     if start_wrong_deg:
-        right = replay_log(
-            path,
-            profile,
-            fixed_gain=fixed_gain,
-            start_wrong_deg=0.0,
-            system_id=trace.address.system_id,
-            retune=retune,
-            smooth=smooth,
-            columns=columns,
-            tell=lambda _: None,
-            reading=reading,
-        )
-        forgotten_s = _forgotten_s(trace, right)
+        forgotten_s = _forgotten_s(trace, replayed(system_id=trace.address.system_id))
         report = msgspec.structs.replace(report, convergence_s=forgotten_s)
     for write in exports:
         write(trace, compared)
@@ -210,14 +193,14 @@ def replay_log(
     path: Path,
     profile: Profile,
     *,
-    fixed_gain: float | None,
-    start_wrong_deg: float,
-    system_id: int | None,
+    fixed_gain: float | None = None,
+    start_wrong_deg: float = 0.0,
+    system_id: int | None = None,
     retune: bool = False,
     smooth: bool = False,
     columns: Path | None = None,
-    tell: Callable[[str], None],
-    reading: Reading = _unwatched,
+    tell: Callable[[str], None] = lambda _: None,
+    reading: Reading = nullcontext,
 ) -> VehicleTrace:
     """The trace of the vehicle with most IMU samples, or of the one with ``system_id``."""
     replay = Replay(

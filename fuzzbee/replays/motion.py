@@ -3,13 +3,9 @@
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from estimator.arrays import Bools, Floats, Ints
 from fuzzbee.packed import PackedSamples
-
-Floats = NDArray[np.float64]
-Bools = NDArray[np.bool_]
-Ints = NDArray[np.int64]
 
 # At rest the gyroscope and the accelerometer stay this near their medians over the window.
 REST_GYR_RAD_S = np.radians(2.0)

@@ -6,9 +6,9 @@ from textwrap import wrap
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from drivers.output_file import written_whole
+from estimator.arrays import Floats
 from estimator.errors import InputError, missing_extra
 from fuzzbee.angle_curves import draw_angles
 from fuzzbee.replays.bands import bands
@@ -16,8 +16,6 @@ from fuzzbee.replays.comparison import Comparison, reference_attitudes
 from fuzzbee.replays.page import write_page
 from fuzzbee.replays.score import errors_against
 from fuzzbee.replays.trace import VehicleTrace
-
-Floats = NDArray[np.float64]
 
 # For each suffix the metadata that would make two files of the same figure differ.
 METADATA: dict[str, dict[str, None]] = {

@@ -10,10 +10,8 @@ from numpy.typing import NDArray
 
 from drivers.logs.kept_rows import KeptRows
 from drivers.logs.percentile import percentile
+from estimator.arrays import Bools, Floats
 from estimator.geometry.metrics import batch_angle_errors
-
-Floats = NDArray[np.float64]
-Bools = NDArray[np.bool_]
 
 CONVERGED_RAD = np.radians(5.0)
 

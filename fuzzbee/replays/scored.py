@@ -7,14 +7,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drivers.logs.kept_rows import KeptRows, blocks
+from estimator.arrays import Bools, Floats
 from fuzzbee.packed import NORTHS
 from fuzzbee.replays.comparison import Comparison
 from fuzzbee.replays.constant_turn import Turned
 from fuzzbee.replays.motion import motion_mask
 from fuzzbee.replays.trace import VehicleTrace
-
-Floats = NDArray[np.float64]
-Bools = NDArray[np.bool_]
 
 MICROSECOND = 1e-6
 

@@ -5,15 +5,14 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from estimator.arrays import Floats
 from estimator.geometry.metrics import COST_RATE_HZ, batch_angle_errors
 from fuzzbee.angle_curves import draw_angles
 from fuzzbee.replays.exports import write_rows
 from fuzzbee.replays.plot import STYLE, legend_above, save, title_lines
 from tuning.paper_experiment import SETTLED_ERROR, ExperimentResult
 
-Floats = NDArray[np.float64]
 Results = Sequence[ExperimentResult]
 
 COLUMNS = (

@@ -12,6 +12,7 @@ from drivers.logs.kept_rows import KeptRows
 from drivers.logs.reference_track import ReferenceTrack
 from drivers.mavlink.ardupilot import COMPASS, TRIM
 from drivers.samples.rotation import quaternion_from_euler
+from estimator.arrays import Floats
 from estimator.estimator import Estimator
 from estimator.geometry.earth import PlaceField
 from estimator.geometry.quaternion import exp, scale
@@ -25,8 +26,6 @@ from service.second_opinion import SecondOpinion
 from service.vehicle import Vehicle
 from tuning.online.retuned_estimator import RetunedEstimator
 from tuning.online.retuner import Decision
-
-Floats = NDArray[np.float64]
 
 # The axis (NED) of a wrong start: every sensor can see a turn about it.
 WRONG_START_AXIS: Vec3 = (3**-0.5, 3**-0.5, 3**-0.5)

@@ -3,14 +3,12 @@
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from estimator.arrays import Floats
 from estimator.filter.memberships import TERMS, Memberships, Triangle, fuzzy_sets
 from fuzzbee.viewer.gain_surface import GREY, gain_view
 from fuzzbee.viewer.sdk import rr, rrb
 from tuning.space import Space, bounds, encode
-
-Array = NDArray[np.float64]
 
 CYCLE = "cycle"
 ROWS_ASPECT = 1.75  # width of a parameter's bounds over the height of all rows
@@ -105,7 +103,7 @@ def labels(places: list[Any], texts: list[str], colours: list[Any]) -> Any:
     )
 
 
-def members(space: Space, values: Array, costs: Array) -> Any:
+def members(space: Space, values: Floats, costs: Floats) -> Any:
     """A dot for each member and parameter; the cheaper, the higher in its row and the brighter."""
     rank = np.argsort(np.argsort(costs)) / max(1, len(costs) - 1)
     x = row_width(space) * shares(space, values)
@@ -119,17 +117,17 @@ def members(space: Space, values: Array, costs: Array) -> Any:
     )
 
 
-def position(space: Space, values: Array, colour: tuple[int, int, int], width: float) -> Any:
+def position(space: Space, values: Floats, colour: tuple[int, int, int], width: float) -> Any:
     """One set of values (D,) as a line from row to row."""
     x = row_width(space) * shares(space, values[None, :])[0]
     strip = np.stack([x, np.arange(space.dimensions)], axis=-1)
     return rr.LineStrips2D([strip], colors=[colour], radii=rr.Radius.ui_points(width))
 
 
-def shares(space: Space, values: Array) -> Array:
+def shares(space: Space, values: Floats) -> Floats:
     """Values (N, D) between their bounds, 0 to 1, in search coordinates."""
     lower, upper = bounds(space)
-    found: Array = (encode(space, values) - lower) / (upper - lower)
+    found: Floats = (encode(space, values) - lower) / (upper - lower)
     return found
 
 

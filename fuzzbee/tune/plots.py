@@ -4,7 +4,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from drivers.output_file import written_whole
 from estimator.errors import InputError
@@ -14,7 +13,6 @@ from estimator.profile import Profile
 from fuzzbee.angle_curves import draw_angles
 from tuning.flight import fly
 from tuning.log_task import LogTask
-from tuning.objective import Task
 from tuning.paper_experiment import run_experiment
 from tuning.paper_task import PaperTask
 from tuning.search import Search
@@ -22,7 +20,6 @@ from tuning.search import Search
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-Floats = NDArray[np.float64]
 
 # Fixed gains to compare with, as in the paper: the steadiest, the quickest, and one between.
 FIXED_GAINS = (1.0, 10.0, 100.0)
@@ -31,7 +28,7 @@ ESTIMATED = {"color": "C1", "ls": "--"}
 MOST_FLIGHTS = 6  # in one figure
 
 
-def draw(folder: Path, task: Task, tuned: Profile, search: Search) -> list[Path]:
+def draw(folder: Path, task: PaperTask | LogTask, tuned: Profile, search: Search) -> list[Path]:
     """Draw what the task allows into ``folder`` as PNG files; returns their paths.
 
     Raises:
@@ -44,7 +41,7 @@ def draw(folder: Path, task: Task, tuned: Profile, search: Search) -> list[Path]
         seed = task.held_out_seeds[0]
         figures["error"] = error_over_time(task.base, tuned, seed)
         figures["euler"] = euler_angles(tuned, seed)
-    elif isinstance(task, LogTask):
+    else:
         figures["error"] = error_on_logs(task, tuned)
     return [_save(figure, folder / f"{name}.png") for name, figure in figures.items()]
 

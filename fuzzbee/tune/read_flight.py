@@ -24,17 +24,11 @@ class RecordingEstimator(ToldEstimator):
         self.samples: list[ImuSample] = []
         self.calls: list[tuple[Call, ...]] = []
         self.restarts: list[int] = [0]
-        self._calls: list[Call] = []
 
-    def note(self, call: Call) -> None:
+    def note_sample(self, sample: ImuSample, calls: tuple[Call, ...]) -> None:
         """See :class:`ToldEstimator`."""
-        self._calls.append(call)
-
-    def note_sample(self, sample: ImuSample, call: Call) -> None:
-        """See :class:`ToldEstimator`."""
-        self.calls.append((*self._calls, call))
+        self.calls.append(calls)
         self.samples.append(sample)
-        self._calls.clear()
 
     def note_restart(self) -> None:
         """See :class:`ToldEstimator`."""

@@ -10,15 +10,7 @@ from collections.abc import Callable, Sequence
 
 from drivers.endpoint import Endpoint
 from drivers.events import VehicleId
-from drivers.mavlink.constants import (
-    MAV_AUTOPILOT_GENERIC,
-    MAV_AUTOPILOT_INVALID,
-    MAV_COMP_ID_ONBOARD_COMPUTER,
-    MAV_SEVERITY_WARNING,
-    MAV_STATE_STANDBY,
-    MAV_TYPE_GENERIC,
-    MAV_TYPE_ONBOARD_CONTROLLER,
-)
+from drivers.mavlink import constants as mav
 from drivers.mavlink.encoder import (
     FrameEncoder,
     Message,
@@ -135,7 +127,7 @@ class MavlinkSink:
             return self._frames_as(self._appears_as, output.vehicle, output.record)
         system, component = output.vehicle
         sender = self._senders.setdefault(system, Sender(output.vehicle))
-        if sender.vehicle != output.vehicle or component == MAV_COMP_ID_ONBOARD_COMPUTER:
+        if sender.vehicle != output.vehicle or component == mav.MAV_COMP_ID_ONBOARD_COMPUTER:
             return []
         if isinstance(output.record, StatusRecord):
             if not self._announces:
@@ -176,7 +168,7 @@ class Sender:
     def __init__(self, vehicle: VehicleId, *, is_vehicle: bool = False) -> None:
         self.vehicle = vehicle
         self._is_vehicle = is_vehicle  # itself, rather than an onboard computer of it
-        component = vehicle.component_id if is_vehicle else MAV_COMP_ID_ONBOARD_COMPUTER
+        component = vehicle.component_id if is_vehicle else mav.MAV_COMP_ID_ONBOARD_COMPUTER
         self._encoder = FrameEncoder(VehicleId(vehicle.system_id, component))
         self._attitude_due_us = 0
         self._heartbeat_due_us = 0
@@ -192,7 +184,7 @@ class Sender:
             self._announcement_due_us = now_us + ANNOUNCED_US
             self._announcements += 1
             number = 1 + self._announcements % 0xFFFF
-            messages += statustexts(announced(said), MAV_SEVERITY_WARNING, number)
+            messages += statustexts(announced(said), mav.MAV_SEVERITY_WARNING, number)
         return [self._encoder.frame(message, now_us) for message in messages]
 
     def frames(self, record: AttitudeRecord) -> list[bytes]:
@@ -218,8 +210,10 @@ class Sender:
             return []
         self._heartbeat_due_us = now_us + HEARTBEAT_US
         if self._is_vehicle:
-            return [heartbeat(MAV_TYPE_GENERIC, MAV_AUTOPILOT_GENERIC, MAV_STATE_STANDBY)]
-        return [heartbeat(MAV_TYPE_ONBOARD_CONTROLLER, MAV_AUTOPILOT_INVALID)]
+            return [
+                heartbeat(mav.MAV_TYPE_GENERIC, mav.MAV_AUTOPILOT_GENERIC, mav.MAV_STATE_STANDBY)
+            ]
+        return [heartbeat(mav.MAV_TYPE_ONBOARD_CONTROLLER, mav.MAV_AUTOPILOT_INVALID)]
 
 
 def announced(said: Autopilot) -> str:

@@ -2,27 +2,13 @@
 
 import time
 from collections.abc import Sequence
-from typing import Protocol, Self
+from typing import Self
 
 from service.attitude_rows import Made
 from service.records import Message
 from service.sinks.sink import Outlet, Sink
 
 CLOSE_TIMEOUT_S = 0.7  # for all sinks together: the command ends within a second
-
-
-class OutputTaker(Protocol):
-    """Where the loop puts what it has made."""
-
-    @property
-    def dropped(self) -> int:
-        """Records that were lost because nobody took them in time."""
-
-    def put(self, outputs: Sequence[Made]) -> None:
-        """Take outputs; never blocks."""
-
-    def settle(self, timeout_s: float) -> bool:
-        """Wait until they are published, if that only takes computing; whether it is done."""
 
 
 class Outbox:

@@ -10,7 +10,7 @@ from collections.abc import Callable, Sequence
 from drivers.events import VehicleId
 from drivers.mavlink.constants import MAV_COMP_ID_ONBOARD_COMPUTER
 from drivers.mavlink.encoder import FrameEncoder, statustext
-from drivers.mavlink.recorder import Recorder, records_of
+from drivers.mavlink.recorder import SharedRecorder, records_of
 from service.records import Output, Replaced
 
 UnixUs = Callable[[], int]
@@ -22,7 +22,7 @@ class RecordingSink:
     name = "recording"
 
     def __init__(
-        self, recorder: Recorder, unix_us: UnixUs = lambda: time.time_ns() // 1000
+        self, recorder: SharedRecorder, unix_us: UnixUs = lambda: time.time_ns() // 1000
     ) -> None:
         self._recorder = recorder
         self._unix_us = unix_us

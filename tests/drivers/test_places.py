@@ -2,8 +2,7 @@
 
 import pytest
 
-from drivers import memory
-from drivers.places import places
+from drivers import places
 
 GIB = 1 << 30
 
@@ -28,9 +27,9 @@ def test_there_is_room_for_as_many_as_machine_and_container_have(
             raise ValueError(name)
         return {"SC_PHYS_PAGES": machine // 4096, "SC_PAGE_SIZE": 4096}[name]
 
-    monkeypatch.setattr(memory.os, "sysconf", sysconf)
+    monkeypatch.setattr(places.os, "sysconf", sysconf)
     files = tmp_path / "memory.max", tmp_path / "limit_in_bytes"
-    monkeypatch.setattr(memory, "GROUP", files)
+    monkeypatch.setattr(places, "GROUP", files)
     if limit is not None:
         files[version].write_text(f"{limit}\n")
-    assert places() == expected
+    assert places.places() == expected

@@ -1,11 +1,13 @@
 """What goes into files and results, column by column, of data in which no two numbers are alike."""
 
 from math import degrees, radians
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from drivers.events import VehicleId
+from estimator.estimator import Estimator
 from estimator.geometry.frames import from_euler_rad
 from estimator.profile import load_profile
 from estimator.types import Attitude
@@ -16,9 +18,10 @@ from fuzzbee.replays.comparison import Beside, Comparison
 from fuzzbee.replays.exports import COLUMNS, rows
 from fuzzbee.replays.trace import VehicleTrace
 from fuzzbee.run_options import RunOptions
-from fuzzbee.serving import Tally, summary
-from service.counts import Counts
-from service.departures import DepartedCounts
+from fuzzbee.serving import summary
+from service.departures import DepartedCounts, Departures
+from service.imu_choice import ImuChoice
+from service.vehicle import Vehicle
 
 ONE = VehicleId(1, 1)
 
@@ -120,12 +123,19 @@ def test_a_curve_is_cut_at_the_sample_behind_its_wrap():
 
 
 def test_the_result_of_a_run_names_what_was_counted_in_its_units():
-    counts = Counts("running", None, "RAW_IMU", 49.87654, 250_000, 31, 32, 33, 34, {"late": 35})
-    tally = Tally(41, 42, 43, DepartedCounts(51, 52, 53, 54, 55), {ONE: counts})
+    profile = load_profile("imu")
+    vehicle = Vehicle(ONE, profile, Estimator(profile))
+    vehicle.samples, vehicle._shed, vehicle.attitudes = 31, 32, 33
+    vehicle.worst_gap_us, vehicle._median_us = 250_000, 1e6 / 49.87654
+    vehicle._choice, vehicle.rejected["late"] = ImuChoice("RAW_IMU"), 35
+    departures = Departures()
+    departures.counts = DepartedCounts(51, 52, 53, 54, 55)
+    runner = SimpleNamespace(ticks=41, overruns=42, dropped=43, lost=71)
     refused = {"signature": 61, "id": 62}
-    result = summary(
-        RunOptions(), "imu", 7.0, tally, lost=71, malformed=72, refused=refused, recording=""
+    pipeline = SimpleNamespace(
+        malformed=72, refused_frames=refused, departures=departures, vehicles=(vehicle,)
     )
+    result = summary(RunOptions(), "imu", 7.0, runner, pipeline, "")
     expected = {"ticks": 41, "overruns": 42, "dropped": 43, "lost": 71, "malformed": 72}
     assert {name: result[name] for name in expected} == expected
     assert result["departed"] == {
@@ -139,3 +149,4 @@ def test_the_result_of_a_run_names_what_was_counted_in_its_units():
     vehicle = result["vehicles"]["1"]
     assert (vehicle["worst_gap_s"], vehicle["imu_rate_hz"]) == (0.25, 49.877)
     assert (vehicle["samples"], vehicle["shed"], vehicle["attitudes"]) == (31, 32, 33)
+    assert (vehicle["imu_message"], vehicle["rejected"]) == ("RAW_IMU", {"late": 35})

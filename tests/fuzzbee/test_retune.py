@@ -21,8 +21,8 @@ from service.parameters import ParameterRequests
 from service.pipeline import Pipeline
 from service.records import Message
 from service.sinks.recording import RecordingSink
+from tests.paper_noise import NoiseScale, simulate_scaled
 from tests.service.streams import ONE, START_US
-from tuning.paper_noise import NoiseScale, simulate_scaled
 
 LOG = Path(__file__).resolve().parents[1] / "data" / "px4_hover.ulg"
 

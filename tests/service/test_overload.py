@@ -16,6 +16,7 @@ from drivers.events import Imu, Shed
 from drivers.mavlink.backlog import Arrived, Backlog
 from drivers.mavlink.decoder import MavlinkDecoder
 from drivers.mavlink.framing import FrameReader
+from drivers.mavlink.readings import events_of
 from drivers.mavlink.transports.open import open_transport
 from drivers.simulation.autopilot import VehicleOptions
 from drivers.simulation.fleet import Fleet, run_vehicles
@@ -181,7 +182,7 @@ class GivenLink:
         if not self._backlog:
             self._clock.now_s += max(timeout_s, 1e-6)
             self._receive()
-        events = self._decoder.events_of(self._backlog.take())
+        events = events_of(self._decoder.readings_of(self._backlog.take()))
         return events + self._backlog.take_shed(self._clock.unix_us())
 
     def _receive(self):

@@ -13,7 +13,6 @@ import numpy as np
 
 from drivers.simulation.rotations import (
     CONJUGATE,
-    Floats,
     exponential,
     from_matrices,
     logarithm,
@@ -21,6 +20,7 @@ from drivers.simulation.rotations import (
     rotate_inverse,
     running_product,
 )
+from estimator.arrays import Floats
 from estimator.types import STANDARD_GRAVITY_M_S2 as G
 
 FINE_HZ = 200

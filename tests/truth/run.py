@@ -13,7 +13,8 @@ import numpy as np
 from drivers.mavlink.decoder import MavlinkDecoder
 from drivers.mavlink.dialect import mavlink
 from drivers.mavlink.framing import FrameReader
-from drivers.simulation.rotations import CONJUGATE, Floats, exponential, multiply
+from drivers.simulation.rotations import CONJUGATE, exponential, multiply
+from estimator.arrays import Floats
 from estimator.profile import load_profile
 from estimator.types import STANDARD_GRAVITY_M_S2
 from service.pipeline import Pipeline

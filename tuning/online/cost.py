@@ -9,10 +9,10 @@ from typing import NamedTuple
 
 import numpy as np
 
+from estimator.arrays import Floats
 from estimator.geometry.metrics import batch_angle_errors
 from estimator.geometry.quaternion import unit
 from estimator.profile import Profile
-from tuning.arrays import Array
 from tuning.course import WRONG_TURN
 from tuning.online.noise import Noise, noise_of
 from tuning.online.segment import Segment, Window, fly_segments
@@ -28,7 +28,7 @@ DOWN = np.array([0.0, 0.0, 1.0])
 class Cost(NamedTuple):
     """``blocks`` (B,): of the prediction, half a second each, the readings' noise still in it."""
 
-    blocks: Array
+    blocks: Floats
     noise: float
     pull_in: float
 
@@ -63,7 +63,7 @@ def _floor(noise: Noise, readings: Readings) -> float:
     return 0.25 * (vector + turn)
 
 
-def _blocks(profile: Profile, readings: Readings, q: Array, bias: Array, first: int) -> Array:
+def _blocks(profile: Profile, readings: Readings, q: Floats, bias: Floats, first: int) -> Floats:
     """Mean of sin^2 of half the angle between foretold and measured vectors, by half seconds."""
     down, field = predicted_vectors(readings, q, bias, first)
     off = 0.5 * (1.0 - down @ DOWN)
@@ -77,16 +77,16 @@ def _blocks(profile: Profile, readings: Readings, q: Array, bias: Array, first: 
     return np.array(found or [0.0])
 
 
-def _comparable(profile: Profile, field: Array) -> Array:
+def _comparable(profile: Profile, field: Floats) -> Floats:
     """Fields (N, 3) as they are compared: where the direction is learnt, the horizontal part."""
     if profile.reference.magnetic != "learn":
         return field
     level = field * np.array([1.0, 1.0, 0.0])
-    horizontal: Array = level / np.maximum(np.linalg.norm(level, axis=1, keepdims=True), 1e-9)
+    horizontal: Floats = level / np.maximum(np.linalg.norm(level, axis=1, keepdims=True), 1e-9)
     return horizontal
 
 
-def _north(profile: Profile, field: Array) -> Array | None:
+def _north(profile: Profile, field: Floats) -> Floats | None:
     """The field's known direction (3,), or its mean where the profile learns it; None without."""
     seen = np.isfinite(field[:, 0])
     if not seen.any():
@@ -94,7 +94,7 @@ def _north(profile: Profile, field: Array) -> Array | None:
     if profile.reference.magnetic != "learn":
         return np.array(unit(profile.reference.magnetic))
     mean = _comparable(profile, field[seen]).mean(axis=0)
-    north: Array = mean / max(float(np.linalg.norm(mean)), 1e-9)
+    north: Floats = mean / max(float(np.linalg.norm(mean)), 1e-9)
     return north
 
 

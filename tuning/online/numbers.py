@@ -5,8 +5,8 @@ from typing import NamedTuple
 
 import numpy as np
 
+from estimator.arrays import Floats
 from estimator.profile import Profile, merge_profile, profile_to_json
-from tuning.arrays import Array
 from tuning.online.noise import LEAST, Noise
 from tuning.space import Space
 
@@ -62,7 +62,7 @@ def numbers_of(base: Profile) -> tuple[Number, ...]:
     return tuple(n for n in chosen if all(tree[section][key] > 0.0 for section, key, _ in n.keys))
 
 
-def by_rule(base: Profile, factors: Array, then: Noise, now: Noise) -> Array:
+def by_rule(base: Profile, factors: Floats, then: Noise, now: Noise) -> Floats:
     """The ``factors`` (D,) that suited the noise ``then``, for the noise ``now``.
 
     Of vectors twice as noisy the confidences halve, with twice the gyroscope's noise they double.
@@ -73,7 +73,7 @@ def by_rule(base: Profile, factors: Array, then: Noise, now: Noise) -> Array:
     return np.asarray(np.clip(factors * np.exp(powers @ grown), 1.0 / MOST_FACTOR, MOST_FACTOR))
 
 
-def update_of(base: Profile, factors: Array) -> dict[str, dict[str, float]]:
+def update_of(base: Profile, factors: Floats) -> dict[str, dict[str, float]]:
     """The partial profile that ``factors`` (D,) on the base's numbers mean."""
     tree = profile_to_json(base)
     update: dict[str, dict[str, float]] = {}
@@ -84,12 +84,12 @@ def update_of(base: Profile, factors: Array) -> dict[str, dict[str, float]]:
     return update
 
 
-def with_factors(base: Profile, factors: Array) -> Profile:
+def with_factors(base: Profile, factors: Floats) -> Profile:
     """The base with its numbers changed by ``factors`` (D,)."""
     return merge_profile(base, update_of(base, factors))
 
 
-def space_around(base: Profile, factors: Array) -> Space:
+def space_around(base: Profile, factors: Floats) -> Space:
     """What can be reached in one move from ``factors`` (D,), by their logarithm."""
     names = tuple(number.name for number in numbers_of(base))
     low = np.maximum(factors / MOST_MOVE, 1.0 / MOST_FACTOR)

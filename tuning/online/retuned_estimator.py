@@ -24,7 +24,6 @@ class SegmentingEstimator(ToldEstimator):
         super().__init__(profile, fixed_gain)
         self.on_segment = on_segment
         self._gain = fixed_gain
-        self._waiting: list[Call] = []
         self._begin()
 
     def _begin(self) -> None:
@@ -34,21 +33,16 @@ class SegmentingEstimator(ToldEstimator):
         self._silent = not self.aligned
         self._waiting.clear()
 
-    def note(self, call: Call) -> None:
-        """See :class:`ToldEstimator`."""
-        self._waiting.append(call)
-
     def note_restart(self) -> None:
         """See :class:`ToldEstimator`."""
         self._silent = True
 
-    def note_sample(self, sample: ImuSample, call: Call) -> None:
+    def note_sample(self, sample: ImuSample, calls: tuple[Call, ...]) -> None:
         """See :class:`ToldEstimator`."""
         last_us = self._samples[-1].time_us if self._samples else sample.time_us
         self._silent |= sample.time_us - last_us > 1e6 * LONGEST_GAP_S
-        self._told.append((*self._waiting, call))
+        self._told.append(calls)
         self._samples.append(sample)
-        self._waiting.clear()
         if sample.time_us - self._samples[0].time_us >= 1e6 * SEGMENT_S:
             segment = Segment(
                 before=self._start,

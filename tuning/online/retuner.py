@@ -16,8 +16,8 @@ from typing import NamedTuple
 
 import numpy as np
 
+from estimator.arrays import Floats
 from estimator.profile import Profile, profile_to_json
-from tuning.arrays import Array
 from tuning.online.cost import Cost, cost_on
 from tuning.online.noise import Noise, has_moved, is_disturbed, noise_of
 from tuning.online.numbers import by_rule, numbers_of, space_around, update_of, with_factors
@@ -63,7 +63,7 @@ class Decision(NamedTuple):
 class Trial(NamedTuple):
     """A candidate beside what is in force, on segments that it was not searched on."""
 
-    factors: Array
+    factors: Floats
     old: tuple[Cost, ...] = ()
     new: tuple[Cost, ...] = ()
 
@@ -113,7 +113,7 @@ class Retuner:
         self._base = base
         ones = np.ones(len(numbers_of(base)))
         self._now = ones  # factors in force
-        self._before: Array | None = None  # of a move that is still to be checked
+        self._before: Floats | None = None  # of a move that is still to be checked
         self._kept = ones[None, :]  # the colony's food sources
         self._learnt: Noise | None = None
         self._last: Segment | None = None
@@ -174,7 +174,7 @@ class Retuner:
         self._learnt = later
         return self._search(window)
 
-    def _follow_rule(self, factors: Array, segment: Segment, now: Noise) -> Decision | None:
+    def _follow_rule(self, factors: Floats, segment: Segment, now: Noise) -> Decision | None:
         """What follows from the noise alone, at once: a window's cost tells less about it.
 
         No check follows. When the noise is over, the same rule leads back.
@@ -193,7 +193,7 @@ class Retuner:
         """Find a candidate on the earlier segment; the later one is the first that judges it."""
         space = space_around(self._base, self._now)
 
-        def evaluate(factors: Array) -> Array:
+        def evaluate(factors: Floats) -> Floats:
             return np.array([self._cost(row, window, judged=False).total for row in factors])
 
         known = (self._now, np.ones(len(self._now)), *self._kept)
@@ -232,7 +232,7 @@ class Retuner:
             return decision
         return self._search(window)  # it may not have been far enough
 
-    def _move(self, factors: Array, reason: str, gain: float) -> Decision:
+    def _move(self, factors: Floats, reason: str, gain: float) -> Decision:
         self._before, self._now = self._now, factors
         self._last = None
         names = [number.name for number in numbers_of(self._base)]
@@ -243,5 +243,5 @@ class Retuner:
             factors=dict(zip(names, factors.tolist(), strict=True)),
         )
 
-    def _cost(self, factors: Array, window: Window, *, judged: bool) -> Cost:
+    def _cost(self, factors: Floats, window: Window, *, judged: bool) -> Cost:
         return cost_on(with_factors(self._base, factors), window, judged=judged)

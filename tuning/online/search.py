@@ -4,21 +4,21 @@ from collections.abc import Callable
 
 import numpy as np
 
-from tuning.arrays import Array
+from estimator.arrays import Floats
 from tuning.colony import Colony
 from tuning.space import Space, decode, encode
 
-Evaluate = Callable[[Array], Array]  # factors (C, D) to costs (C,)
+Evaluate = Callable[[Floats], Floats]  # factors (C, D) to costs (C,)
 # Search in a space, from kept factors (M, D): what was tried, its costs, what to keep
-Look = Callable[[Space, Array, Evaluate, np.random.Generator], tuple[Array, Array, Array]]
+Look = Callable[[Space, Floats, Evaluate, np.random.Generator], tuple[Floats, Floats, Floats]]
 
 FOOD_SOURCES = 6
 CYCLES = 2
 
 
 def colony_search(
-    space: Space, kept: Array, evaluate: Evaluate, generator: np.random.Generator
-) -> tuple[Array, Array, Array]:
+    space: Space, kept: Floats, evaluate: Evaluate, generator: np.random.Generator
+) -> tuple[Floats, Floats, Floats]:
     """Evaluate the kept food sources on the present window, and go on from them for two cycles."""
     colony = Colony(
         space,

@@ -12,13 +12,12 @@ from collections.abc import Callable
 from functools import cache
 from typing import Any
 
-import numba
 import numpy as np
 
 from drivers.mavlink.transports.datagrams import Array, Datagrams
 from drivers.mavlink.transports.sockets import RECEIVE_BYTES
 from estimator.compilation.compiled import compiled, inlined, is_compiled_code
-from estimator.compilation.direct import direct
+from estimator.compilation.direct import direct, types_of
 
 AT_ONCE = 64  # datagrams a call
 # More than the largest datagram, and no multiple of a page, so that not all begin in one line of
@@ -42,8 +41,6 @@ SO_TIMESTAMPNS = 35
 SOL_SOCKET_AND_STAMP = socket.SOL_SOCKET | SO_TIMESTAMPNS << 32
 FIRST_BYTES = 1 << 16
 PORT_BITS = 16
-
-_typeof: Any = numba.typeof  # numba ships no types
 
 
 @compiled
@@ -201,4 +198,4 @@ def argument_types() -> tuple[Any, ...]:
     bytes_, controls = np.zeros((1, 1), np.uint8), np.zeros((1, 1), np.int64)
     headers = np.zeros(2, HEADER)  # of one, a field would pass for contiguous
     sizes = tuple(headers[name] for name in ("size", "name_size", "control_size"))
-    return tuple(map(_typeof, (bytes_, bytes_, controls, sizes, 0, _found(0, 0), 0)))
+    return types_of(bytes_, bytes_, controls, sizes, 0, _found(0, 0), 0)

@@ -7,32 +7,24 @@ import os
 from typing import Any
 
 from drivers.endpoint import Endpoint
-from drivers.mavlink.transports.datagrams import Datagrams, unix_us
 from drivers.mavlink.transports.sockets import RECEIVE_BYTES, reason
-from drivers.mavlink.transports.transport import LinkError, Packet
+from drivers.mavlink.transports.transport import LinkError, Packet, Transport
 from estimator.errors import InputError
 
 # Bytes that wait for a slow line; when it is full, new frames are dropped
 MOST_UNSENT_SERIAL_BYTES = 2048
 
 
-class SerialLine:
+class SerialLine(Transport):
     """A serial device at a fixed baud rate, for us alone."""
 
-    lost = 0  # nobody tells
-    stamps_arrivals = False
-
     def __init__(self, endpoint: Endpoint) -> None:
-        self._endpoint = endpoint
+        super().__init__(endpoint)
         self._port: Any = None
 
     @property
     def connected(self) -> bool:
         return self._port is not None
-
-    @property
-    def address(self) -> str:
-        return str(self._endpoint)
 
     def open(self) -> None:
         import serial
@@ -56,18 +48,12 @@ class SerialLine:
             raise LinkError(_serial_reason(error)) from error
         return [Packet(str(self._endpoint), bytes(data))] if data else []
 
-    def receive_many(self, timeout_s: float) -> Datagrams:
-        return Datagrams.of(self.receive(timeout_s), unix_us())
-
     def send(self, data: bytes) -> None:
         try:
             if self._port.out_waiting + len(data) <= MOST_UNSENT_SERIAL_BYTES:
                 self._port.write(data)
         except OSError as error:
             raise LinkError(_serial_reason(error)) from error
-
-    def credit(self, peer: str) -> None:
-        """There are as many places as there are peers."""
 
     def close(self) -> None:
         if self._port is not None:

@@ -10,7 +10,6 @@ import time
 from collections import Counter
 
 from drivers.endpoint import Endpoint
-from drivers.mavlink.transports.datagrams import Datagrams, unix_us
 from drivers.mavlink.transports.sockets import (
     RECEIVE_BYTES,
     listening_socket,
@@ -19,7 +18,7 @@ from drivers.mavlink.transports.sockets import (
     reason,
     resolve,
 )
-from drivers.mavlink.transports.transport import LinkError, Packet
+from drivers.mavlink.transports.transport import LinkError, Packet, Transport
 
 _logger = logging.getLogger(__name__)
 
@@ -35,14 +34,11 @@ TELL_S = 60.0
 KEEPALIVE_OPTIONS = (("TCP_KEEPIDLE", 5), ("TCP_KEEPINTVL", 2), ("TCP_KEEPCNT", 3))
 
 
-class TcpClient:
+class TcpClient(Transport):
     """Connects to a TCP server."""
 
-    lost = 0  # what the system has taken it also gives
-    stamps_arrivals = False
-
     def __init__(self, endpoint: Endpoint) -> None:
-        self._endpoint = endpoint
+        super().__init__(endpoint)
         self._socket: socket.socket | None = None
         self._stream: _Stream | None = None
         self._deadline_s = 0.0
@@ -50,10 +46,6 @@ class TcpClient:
     @property
     def connected(self) -> bool:
         return self._stream is not None
-
-    @property
-    def address(self) -> str:
-        return str(self._endpoint)
 
     def open(self) -> None:
         family, target = resolve(self._endpoint, socket.SOCK_STREAM)
@@ -74,15 +66,9 @@ class TcpClient:
             raise LinkError("closed by the other side")
         return [Packet(str(self._endpoint), data)] if data else []
 
-    def receive_many(self, timeout_s: float) -> Datagrams:
-        return Datagrams.of(self.receive(timeout_s), unix_us())
-
     def send(self, data: bytes) -> None:
         if self._stream is not None:
             self._stream.send(data)
-
-    def credit(self, peer: str) -> None:
-        """There are as many places as there are peers."""
 
     def close(self) -> None:
         _close(self._socket)
@@ -100,14 +86,11 @@ class TcpClient:
         self._stream = _Stream(self._socket)
 
 
-class TcpServer:
+class TcpServer(Transport):
     """Accepts TCP clients, several at once."""
 
-    lost = 0  # what the system has taken it also gives
-    stamps_arrivals = False
-
     def __init__(self, endpoint: Endpoint) -> None:
-        self._endpoint = endpoint
+        super().__init__(endpoint)
         self._socket: socket.socket | None = None
         self._clients: dict[str, _Stream] = {}
         self._tell_due_s = 0.0
@@ -134,9 +117,6 @@ class TcpServer:
             if data is not None:
                 packets.append(Packet(name, data))
         return packets
-
-    def receive_many(self, timeout_s: float) -> Datagrams:
-        return Datagrams.of(self.receive(timeout_s), unix_us())
 
     def send(self, data: bytes) -> None:
         for client in self._clients.values():

@@ -7,7 +7,10 @@ back by itself raises :class:`LinkError`, after which the owner closes the
 transport and opens it again.
 """
 
-from typing import TYPE_CHECKING, NamedTuple, Protocol
+from abc import ABC, abstractmethod
+from typing import TYPE_CHECKING, NamedTuple
+
+from drivers.endpoint import Endpoint
 
 if TYPE_CHECKING:
     from drivers.mavlink.transports.datagrams import Datagrams
@@ -28,25 +31,31 @@ class Packet(NamedTuple):
     arrival_us: int = 0
 
 
-class Transport(Protocol):
+class Transport(ABC):
     """What the link and the simulated vehicle need from a socket or a serial line."""
 
+    # Whether the system notes when bytes arrive, so that they may wait to be received
+    stamps_arrivals = False
+
+    def __init__(self, endpoint: Endpoint) -> None:
+        self._endpoint = endpoint
+
     @property
+    @abstractmethod
     def connected(self) -> bool:
         """Whether bytes can come in."""
 
     @property
     def address(self) -> str:
         """The address in use, once open."""
-
-    @property
-    def stamps_arrivals(self) -> bool:
-        """Whether the system notes when bytes arrive, so that they may wait to be received."""
+        return str(self._endpoint)
 
     @property
     def lost(self) -> int:
         """Datagrams that the system has thrown away since ``open``, for want of room."""
+        return 0  # of a stream: what the system has taken it also gives
 
+    @abstractmethod
     def open(self) -> None:
         """Bind, begin to connect, or open the device.
 
@@ -55,6 +64,7 @@ class Transport(Protocol):
             LinkError: it may work later.
         """
 
+    @abstractmethod
     def receive(self, timeout_s: float) -> list[Packet]:
         """What has arrived, after at most ``timeout_s``.
 
@@ -64,7 +74,11 @@ class Transport(Protocol):
 
     def receive_many(self, timeout_s: float) -> "Datagrams":
         """The same as one piece of memory; good until the next call."""
+        from drivers.mavlink.transports.datagrams import Datagrams, unix_us
 
+        return Datagrams.of(self.receive(timeout_s), unix_us())
+
+    @abstractmethod
     def send(self, data: bytes) -> None:
         """Send whole frames to every peer; what cannot be sent now may be dropped.
 
@@ -72,8 +86,9 @@ class Transport(Protocol):
             LinkError: the link broke.
         """
 
-    def credit(self, peer: str) -> None:
+    def credit(self, peer: str) -> None:  # noqa: B027 - most have as many places as peers
         """Sound frames have come from a peer: whoever sends them keeps a place."""
 
+    @abstractmethod
     def close(self) -> None:
         """Release everything; the transport can be opened again."""

@@ -27,7 +27,7 @@ from drivers.mavlink.transports.sockets import (
     reason,
     resolve,
 )
-from drivers.mavlink.transports.transport import LinkError, Packet
+from drivers.mavlink.transports.transport import LinkError, Packet, Transport
 
 # Reads in one call before the owner gets them: a flood cannot keep it from anything else. Some
 # more than the system's buffer holds, so that a backlog is seen whole.
@@ -50,25 +50,22 @@ ANCILLARY_BYTES = 64
 LOST_LOOK_S = 0.25
 
 
-class _Udp:
+class _Udp(Transport):
     """What both have in common."""
 
+    stamps_arrivals = IS_LINUX
+
     def __init__(self, endpoint: Endpoint) -> None:
-        self._endpoint = endpoint
+        super().__init__(endpoint)
         self._socket: _UdpSocket | None = None
 
     @property
     def connected(self) -> bool:
         return self._socket is not None
 
-    stamps_arrivals = IS_LINUX
-
     @property
     def lost(self) -> int:
         return 0 if self._socket is None else self._socket.lost
-
-    def credit(self, peer: str) -> None:
-        """There are as many places as there are peers."""
 
     def close(self) -> None:
         if self._socket is not None:
@@ -103,7 +100,7 @@ class UdpIn(_Udp):
         assert self._socket is not None
         come = self._socket.receive_many(timeout_s)
         if come is None:
-            return Datagrams.of(self.receive(0.0), unix_us())
+            return super().receive_many(0.0)
         peers = set(come.peers.tolist())
         if peers and peers != self._last_peers:
             self._last_peers = peers
@@ -133,10 +130,6 @@ class UdpOut(_Udp):
 
     _target: Any = None
 
-    @property
-    def address(self) -> str:
-        return str(self._endpoint)
-
     def open(self) -> None:
         family, self._target = resolve(self._endpoint, socket.SOCK_DGRAM)
         self._socket = _UdpSocket(new_socket(family, socket.SOCK_DGRAM))
@@ -153,7 +146,7 @@ class UdpOut(_Udp):
         assert self._socket is not None
         come = self._socket.receive_many(timeout_s)
         if come is None:
-            return Datagrams.of(self.receive(0.0), unix_us())
+            return super().receive_many(0.0)
         is_there = come.peers >> PORT_BITS == ipv4_number(*self._target) >> PORT_BITS
         return come if is_there.all() else come.kept(is_there)
 

@@ -21,6 +21,7 @@ from drivers.mavlink.decoder import MavlinkDecoder
 from drivers.mavlink.dialect import mavlink
 from drivers.mavlink.encoder import FrameEncoder, Message
 from drivers.mavlink.framing import FrameReader
+from drivers.mavlink.readings import events_of
 from tests.fuzz.cases import DATA, built, fuzzed, stream
 
 LOGS = sorted([*DATA.glob("*.tlog"), *Path(os.environ.get("FUZZBEE_LOGS", DATA)).glob("*.tlog")])
@@ -42,7 +43,7 @@ def compare(arrived, rng, *, references=False):
     expected = [e for us, frame in arrived for e in one.events(frame, us)]
     singly, decode = [], many.events
     many.events = lambda frame, us: singly.append(frame.message_id) or decode(frame, us)
-    events = [e for batch in batches(arrived, rng) for e in many.events_of(batch)]
+    events = [e for batch in batches(arrived, rng) for e in events_of(many.readings_of(batch))]
     assert [repr(e) for e in by_vehicle(events)] == [repr(e) for e in by_vehicle(expected)]
     return events, singly
 

@@ -107,20 +107,14 @@ def test_what_no_source_reports_is_an_error_that_says_so(report):
 def test_whoever_repeats_what_was_told_repeats_it_too(flying):
     """Retuning replays what was told: by whichever name it came, once, and in its order."""
     _, profile, state = flying
-    told = []
-
-    class Noting(ToldEstimator):
-        def note(self, call):
-            told.append(call)
-
-    one, other = Noting(profile), Estimator(profile)
+    one, other = ToldEstimator(profile), Estimator(profile)
     one.snapshot = other.snapshot = state
     time_us = state.core.time_us
     one.update_report(HeadingSample(time_us, 0.2, 0.01))
     one.update_velocity(VelocitySample(time_us, (19.0, 1.0, 0.0), True, 0.3))
     one.update_report(RateSample(time_us + 5_000, (0.1, 0.0, 0.0)))
-    assert len(told) == 3
-    for call in told:
+    assert len(one._waiting) == 3
+    for call in one._waiting:
         call(other)
     assert one.snapshot == other.snapshot != state
 

@@ -24,8 +24,8 @@ from estimator.filter.types import initial_state
 from estimator.geometry.quaternion import exp, rotate_inverse, unit
 from estimator.live.settings import settings_of
 from estimator.profile import load_profile
+from tests.paper_noise import NoiseScale, simulate_scaled
 from tests.vocabulary import floats
-from tuning.paper_noise import NoiseScale, simulate_scaled
 
 FLOORS = floats(0.0, 40.0)
 SAMPLES = 400

@@ -6,11 +6,11 @@ import pytest
 from estimator.geometry.metrics import batch_angle_errors
 from estimator.profile import load_profile
 from estimator.types import ImuSample
+from tests.paper_noise import NoiseScale, simulate_scaled
 from tuning.online.numbers import MOST_MOVE, RAW, numbers_of, update_of, with_factors
 from tuning.online.retuned_estimator import RetunedEstimator, SegmentingEstimator
 from tuning.online.retuner import Retuner
 from tuning.online.segment import SEGMENT_S
-from tuning.paper_noise import NoiseScale, simulate_scaled
 
 PAPER = load_profile("paper")
 CHANGE_S = 20.0

@@ -6,6 +6,7 @@ import pytest
 from estimator.geometry.metrics import batch_angle_errors
 from estimator.profile import load_profile
 from estimator.types import ImuSample
+from tests.paper_noise import NoiseScale, simulate_scaled
 from tuning.course import WRONG_TURN
 from tuning.online.cost import Cost, _blocks, _floor, cost_on
 from tuning.online.noise import Noise, is_disturbed, noise_of
@@ -13,7 +14,6 @@ from tuning.online.numbers import MOST_FACTOR, MOST_MOVE, space_around, with_fac
 from tuning.online.retuned_estimator import SegmentingEstimator
 from tuning.online.retuner import MOST_FOREIGN, Retuner, Trial
 from tuning.online.segment import LONGEST_GAP_S, SEGMENT_S, Window, fly_segments
-from tuning.paper_noise import NoiseScale, simulate_scaled
 from tuning.prediction import Readings, readings_of
 
 PAPER = load_profile("paper")

@@ -5,15 +5,15 @@ from typing import NamedTuple
 import numpy as np
 
 from drivers.simulation.simulated_vehicle import Recording, simulate
+from estimator.arrays import Floats
 from estimator.errors import InputError
-from tuning.arrays import Array
 
 
 class NoiseScale(NamedTuple):
     """Factors on the paper's noise: a number each, or (N,) with one for every sample."""
 
-    gyroscope: float | Array = 1.0
-    vectors: float | Array = 1.0
+    gyroscope: float | Floats = 1.0
+    vectors: float | Floats = 1.0
 
 
 PAPER_NOISE = NoiseScale()
@@ -41,7 +41,7 @@ def simulate_scaled(
     )
 
 
-def _column(factor: float | Array, samples: int) -> Array:
+def _column(factor: float | Floats, samples: int) -> Floats:
     """The factor as a column, (N, 1) or (1, 1)."""
     column = np.asarray(factor, dtype=np.float64).reshape(-1, 1)
     if len(column) not in (1, samples):
