@@ -10,7 +10,7 @@ ROOT = Path(__file__).parents[1]
 EXTRAS = ("plot", "page", "mcap", "bags", "metrics", "viewer", "cluster", "optimizers")
 PERMISSIVE = re.compile(r"MIT|BSD|ISC|PSF|Python Software Foundation|Apache")
 # In docs by name: what is not permissive, or says nothing in its metadata.
-NAMED = {"apsw", "pymavlink"}
+NAMED = {"apsw", "pymavlink", "scikit-fuzzy"}
 
 pytestmark = pytest.mark.checkout
 

@@ -1,9 +1,10 @@
 """The fuzzy gain controller, compiled: Mamdani inference with the exact centroid.
 
 min for AND, max over rules and for aggregation, clipped triangles, and the
-centroid of the piecewise-linear aggregate in closed form. The tests hold it to 1e-9
-of scikit-fuzzy's plain functions, which define the memberships. Paper: Section
-III-B, Table I "FLC" (rules), Figs. 4 "FLC_Inp_MMF" and 5 "FLC_Out_MMF" (memberships).
+centroid of the piecewise-linear aggregate in closed form. The readable twin
+built on scikit-fuzzy is ``estimator/filter/fuzzy_reference.py``; the two agree to
+1e-9 relative. Paper: Section III-B, Table I
+"FLC" (rules), Figs. 4 "FLC_Inp_MMF" and 5 "FLC_Out_MMF" (memberships).
 """
 
 import numpy as np

@@ -25,7 +25,7 @@ from typing import Any
 import numpy as np
 
 from estimator.arrays import Floats
-from estimator.filter.fuzzy import fuzzy_gain
+from estimator.filter import fuzzy_reference
 from estimator.filter.noise_gain import NoiseState, noise_gain, observe_floor, observe_noise
 from estimator.filter.types import (
     PLAIN_STEP_LIMIT,
@@ -120,7 +120,7 @@ def adaptive_gain(params: FilterParams, error: float, error_rate_1_s: float) -> 
     """K = 1 + k_op (below Eq. (12), "Attit_Filter")."""
     if params.gain_is_fixed:
         return params.fixed_gain
-    return 1.0 + fuzzy_gain(params.memberships, error, error_rate_1_s)
+    return 1.0 + fuzzy_reference.gain(params.memberships, error, error_rate_1_s)
 
 
 def largest_rate(measured: Floats, s: Floats) -> float:

@@ -71,7 +71,7 @@ def test_bad_input_is_one_line_and_status_2(arguments, words, capfd):
 
 
 def test_help_does_not_import_what_is_slow():
-    heavy = ["numba", "scipy", "zenoh", "pymavlink", "matplotlib"]
+    heavy = ["numba", "scipy", "skfuzzy", "zenoh", "pymavlink", "matplotlib", "networkx"]
     code = (
         "import sys; from fuzzbee.cli import main; main(['--help']);"
         f"sys.exit(' '.join(m for m in {heavy} if m in sys.modules) or 0)"

@@ -9,9 +9,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from estimator.filter import fuzzy
+from estimator.filter import fuzzy, fuzzy_reference
 from estimator.filter.memberships import LOWER, UPPER, fuzzy_sets, midpoint
-from tests.estimator.filter import fuzzy_reference
 from tests.vocabulary import floats, random_memberships
 
 # Agreement asked of the two inferences, relative; outputs are 0..100.
