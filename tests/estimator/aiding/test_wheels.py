@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from estimator.aiding import blank_aiding
+from estimator.aiding.beginning import NEW_WHEELS
 from estimator.aiding.course import (
     STANDING,
     fade_rolled,
@@ -20,8 +21,8 @@ from estimator.aiding.course import (
 )
 from estimator.aiding.inertial import Prediction
 from estimator.aiding.phase import Phase
-from estimator.aiding.sources.wheels import observe_wheels
-from estimator.aiding.types import SIZE, TURN, VELOCITY, AidingParams, Wheels
+from estimator.aiding.sources.wheels import judge_north, observe_wheels
+from estimator.aiding.types import EARTH, SIZE, TURN, VELOCITY, AidingParams, North
 from estimator.carrier import Carrier
 from estimator.estimator import Estimator
 from estimator.geometry.frames import from_euler_rad
@@ -184,7 +185,7 @@ def test_velocity_turns_the_heading_towards_itself_or_its_opposite(sense, off_de
     """A slip of 3 s counts once: at its sigma the heading goes by the ratio of both variances."""
     now = prediction(from_euler_rad(0.0, 0.0, radians(off_deg)), (sense * 10.0, 0.0, 0.0))
     x = np.zeros(SIZE)
-    observe_wheels(WHEELS, now, Wheels(1.0, 0.0, False), BLANK.field, x, 3.0)
+    observe_wheels(WHEELS, now, NEW_WHEELS, x, 3.0)
     share = radians(10.0) ** 2 * cos(radians(off_deg)) ** 2
     share /= share + 0.05**2 + (0.05**2 + 0.01**2) / 100.0
     turned = degrees(x[TURN + 2])
@@ -194,24 +195,29 @@ def test_velocity_turns_the_heading_towards_itself_or_its_opposite(sense, off_de
     )
 
 
-def test_a_heading_that_stays_off_is_loosened_and_its_field_distrusted():
-    wheels, count = Wheels(1.0, 0.0, False), 0
-    q = from_euler_rad(0.0, 0.0, radians(40.0))
-    while not wheels.field_is_turned:
-        now = prediction(q, (10.0, 0.0, 0.0))
-        x = np.zeros(SIZE)
-        wheels, is_turned = observe_wheels(WHEELS, now, wheels, BLANK.field, x, 0.1)
-        count += 1
-    assert is_turned
-    assert count == pytest.approx(104, rel=0.2)  # 10 s
-    assert wheels.aside_rad == 0.0
-    assert wheels.slip_scale > 2.0
+@pytest.mark.parametrize(
+    ("off_deg", "rolled_s", "contradict"),
+    [(60.0, 0.0, True), (20.0, 0.0, False), (60.0, 3.1, False)],
+)
+def test_the_first_rolling_contradicts_a_heading_far_off(off_deg, rolled_s, contradict):
+    """By four sigmas of slips and of the heading's own; later on it is a slip."""
+    now = prediction(from_euler_rad(0.0, 0.0, radians(off_deg)), (10.0, 0.0, 0.0))
+    before = NEW_WHEELS._replace(rolled_s=rolled_s)
+    wheels = observe_wheels(WHEELS, now, before, np.zeros(SIZE), 0.1)
+    assert wheels.contradict == contradict
+    assert wheels.rolled_s - rolled_s == pytest.approx(0.1 * 0.25 / 0.2525)
 
 
-def test_a_field_far_off_for_long_is_turned_by_iron():
-    doubted = BLANK.field._replace(doubt_s=5.0)
+@pytest.mark.parametrize(
+    ("off_deg", "known_deg", "shown"),
+    [(2.0, 1.4, True), (5.0, 1.4, False), (0.0, 2.0, False)],  # within 3 times half a degree
+)
+def test_the_field_points_north_where_velocity_has_shown_that(off_deg, known_deg, shown):
+    turned = rotate(from_euler_rad(0.0, 0.0, radians(10.0 + off_deg)), (0.25, 0.0, 0.4))
     now = prediction(from_euler_rad(0.0, 0.0, 0.0), (10.0, 0.0, 0.0))
-    x = np.zeros(SIZE)
-    wheels, is_turned = observe_wheels(WHEELS, now, Wheels(1.0, 0.0, False), doubted, x, 0.1)
-    assert is_turned
-    assert wheels.field_is_turned
+    now = now._replace(estimate=now.estimate._replace(earth_gauss=turned))
+    across = radians(known_deg) * np.array((-turned[1], turned[0]))
+    now.covariance[EARTH : EARTH + 2, EARTH : EARTH + 2] = np.outer(across, across)
+    north = North(True, (cos(radians(10.0)), sin(radians(10.0))))
+    assert judge_north(NEW_WHEELS, now, north).show_north == shown
+    assert not judge_north(NEW_WHEELS, now, North(False, north.direction)).show_north
