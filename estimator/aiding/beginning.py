@@ -50,6 +50,7 @@ UNHEARD = Agreement(
     wait_s=0.0,
     doubt_s=0.0,
 )
+NEW_WHEELS = Wheels(slip_scale=1.0, rolled_s=0.0, contradict=False, show_north=False)
 
 
 def begin(
@@ -122,7 +123,7 @@ def begin(
         rough=Roughness(bent=0.0, changed=0.0),
         lean=Lean(ZERO_VEC3, report.velocity_ned_m_s, report.velocity_ned_m_s),
         surprise=Surprise(ZERO_VEC3, gyr_bias, 3.0 * params.gyr_bias_sigma**2, 0.0, 0.0),
-        wheels=Wheels(slip_scale=1.0, aside_rad=0.0, field_is_turned=False),
+        wheels=NEW_WHEELS,
         unlearnt=first_unlearnt(params),
     )
     return state, P, new_trail(add(state.last.force_ned_m_s2, GRAVITY_NED))

@@ -17,7 +17,12 @@ from estimator.aiding.lean import hear_report, lean_angle, watch_lean
 from estimator.aiding.sources.field import begin_anew, observe_heading, wait_for_field
 from estimator.aiding.sources.unaided import observe_slow_unaided, observe_unaided
 from estimator.aiding.sources.velocity import take_report, wait_for_reports
-from estimator.aiding.sources.wheels import observe_wheels, rolls
+from estimator.aiding.sources.wheels import (
+    judge_north,
+    observe_wheels,
+    rolls,
+    with_shown,
+)
 from estimator.aiding.surprise import add_correction, known, pass_time
 from estimator.aiding.types import (
     SIZE,
@@ -34,7 +39,7 @@ from estimator.aiding.uncertainty import sigmas
 from estimator.aiding.unseen import watch_turning
 from estimator.compilation.compiled import inlined
 from estimator.compilation.replacing import replacer
-from estimator.conditioning.times import SPAN_S
+from estimator.conditioning.times import BORNE_S, SPAN_S
 from estimator.conditioning.vertical.rate import slow_share
 from estimator.types import Sample, Vec3
 
@@ -81,14 +86,16 @@ def aid(
     elif wait_s > SPAN_S:
         observe_unaided(params, now, others.gravity_b, x, dt)
     field, wheels, north = wait_for_field(state.field, dt), state.wheels, others.north
-    if wheels.field_is_turned:
-        others = with_north(others, North(False, north.direction))
+    if rolls(params):
+        if field.samples > 0.0:
+            wheels = judge_north(wheels, now, north)
+        others = with_north(others, North(north.is_known and wheels.show_north, north.direction))
     if sample.has_mag:
         field = observe_heading(params, field, now, others, sample, x)
     if rolls(params):
-        wheels, is_turned = observe_wheels(params, now, wheels, field, x, dt)
-        if is_turned:
-            field = begin_anew(field)
+        wheels = observe_wheels(params, now, wheels, x, dt)
+        if field.doubt_s > BORNE_S:  # velocity tells the heading, so the field is another one
+            field, wheels = begin_anew(field), with_shown(wheels, False)
     now = apply_corrections(now, x)
     surprise = add_correction(surprise, part(x, TURN), before, known(now.covariance))
     unlearnt = judge_biases(now, state.unlearnt)

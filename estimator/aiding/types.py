@@ -224,11 +224,12 @@ class Surprise(NamedTuple):
 
 
 class Wheels(NamedTuple):
-    """What is known of wheels and of what they contradict."""
+    """What is known of wheels, and what they have shown."""
 
     slip_scale: float  # variance of slips, in units of what is expected
-    aside_rad: float  # mean angle by which the velocity points to the right of the heading
-    field_is_turned: bool  # the field has given a heading that was wrong by that
+    rolled_s: float  # for how long slips were what kept them from telling the heading
+    contradict: bool  # the heading that it began with: velocity points elsewhere
+    show_north: bool  # that the field points there, which iron may have turned
 
 
 class Unlearnt(NamedTuple):

@@ -113,9 +113,15 @@ def give_up(state: State) -> None:
     The aided attitude goes on as far as it is doubted, unless the unaided one is better known
     then: the reports or the field may be what is wrong. An attitude that was taken to be the
     better one and is doubted that much speaks against the compass that it began with; one that
-    has merely heard nothing for long does not.
+    has merely heard nothing for long does not. Where wheels contradict the heading that it began
+    with, velocity tells it anew.
     """
     core = state.core.core
+    if core.aided.wheels.contradict:
+        known = state.context.compass._replace(misled_us=core.time_us)
+        state.change_context(compass=known)
+        state.enter(Cause.MISLED)
+        return
     other = unaided_sigma(state, core)
     aided, covariance = loosen(core.aided, square(core.covariance))
     is_borne = bears_out(aided.lean) and isfinite(hypot(*aided.sigma))
@@ -252,6 +258,7 @@ def begin_aiding(
         settings.conditioning.field_lag_sigma_s,
         start.turned_by_iron_1_gauss,
     )
+    aided = aided._replace(wheels=core.aided.wheels)
     return core._replace(
         aided=aided, covariance=flat(covariance), trail=flat(trail), search=EMPTY_SEARCH
     )

@@ -114,8 +114,13 @@ def flat(covariance: Floats) -> tuple[float, ...]:
 
 
 def without_aiding(settings: Settings, now: Core) -> Core:
-    """The core with the aiding blank, for when velocity does not help."""
+    """The core with the aiding blank, for when velocity does not help.
+
+    What wheels have shown of the compass stays, unless they contradict it.
+    """
     aided, covariance, trail = blank_aiding(settings.aiding)
+    if not now.aided.wheels.contradict:
+        aided = aided._replace(wheels=now.aided.wheels)
     return now._replace(
         aided=aided, witness=NEW_WITNESS, covariance=flat(covariance), trail=flat(trail)
     )

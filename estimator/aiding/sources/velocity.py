@@ -217,6 +217,6 @@ def is_credible(state: AidingState) -> bool:
         doubt_s = by_filter.doubt_s
     else:
         doubt_s = by_receiver.doubt_s
-    if state.field.doubt_s > BORNE_S:
+    if state.field.doubt_s > BORNE_S or state.wheels.contradict:
         return False
     return wait_s <= LONG_S and doubt_s <= DOUBTED_S

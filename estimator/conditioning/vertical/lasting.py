@@ -4,6 +4,7 @@ A vehicle that turns, climbs or brakes for seconds draws the force of a second a
 long mean in G. Frame G drifts as well where the gyroscope misses turns, by as much as the steps'
 noise says; what is more than that the vehicle has accelerated. Where G drifts too much to tell, the
 size of the force is left: of gravity and a horizontal acceleration a it is the root of g^2 + a^2.
+Shaking makes it larger, too, but otherwise from one reading to the next.
 
 For long no vehicle accelerates up or down, so along the vertical the mean force is gravity. If it
 is less, the vertical is wrong, by an angle of that cosine.
@@ -34,6 +35,7 @@ class Lasting(NamedTuple):
     excess: float = 0.0  # by which the force's square exceeds that of gravity, as a share of it
     long: Vec3 = ZERO_VEC3  # long mean of the force (minus it, in G), m/s^2
     along: float = 1.0  # mean force along the vertical over ``LATELY_S``, as a share of gravity
+    size: float = 1.0  # of the last force, as a share of gravity
 
 
 @inlined
@@ -70,7 +72,10 @@ def watch_lasting(
     off = MOST_APART_RAD**2
     if square(quick) * square(long) > 0.0:
         off = min(angle_between_vectors(quick, long) ** 2, MOST_APART_RAD**2)
-    excess = square(u) / STANDARD_GRAVITY_M_S2**2 - 1.0
+    size = norm(u) / STANDARD_GRAVITY_M_S2
+    # half of the mean square of such changes is what shakes along the force; across it is the same
+    shaken = 3.0 * 0.5 * (size - state.size) ** 2
+    excess = size * size - 1.0 - shaken
     along = dot(u, down_g) / (norm(down_g) * STANDARD_GRAVITY_M_S2) if square(down_g) > 0.0 else 1.0
     b = dt_s / (USUAL_S + dt_s)
     return Lasting(
@@ -80,4 +85,5 @@ def watch_lasting(
         excess=state.excess + b * (excess - state.excess),
         long=long,
         along=state.along + dt_s / (LATELY_S + dt_s) * (along - state.along),
+        size=size,
     )

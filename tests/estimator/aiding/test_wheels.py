@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from estimator.aiding import blank_aiding
+from estimator.aiding.beginning import NEW_WHEELS
 from estimator.aiding.course import (
     STANDING,
     fade_rolled,
@@ -20,13 +21,15 @@ from estimator.aiding.course import (
 )
 from estimator.aiding.inertial import Prediction
 from estimator.aiding.phase import Phase
-from estimator.aiding.sources.wheels import observe_wheels
-from estimator.aiding.types import SIZE, TURN, VELOCITY, AidingParams, Wheels
+from estimator.aiding.sources.wheels import judge_north, observe_wheels
+from estimator.aiding.types import EARTH, SIZE, TURN, VELOCITY, AidingParams, North, Report
 from estimator.carrier import Carrier
 from estimator.estimator import Estimator
 from estimator.geometry.frames import from_euler_rad
 from estimator.geometry.metrics import angle_errors
 from estimator.geometry.quaternion import rotate, rotate_inverse
+from estimator.live.aiding_span import Start, begin_aiding
+from estimator.live.core import initial_core, without_aiding
 from estimator.profile import load_profile, merge_profile
 from estimator.types import STANDARD_GRAVITY_M_S2, ImuSample, VelocitySample
 
@@ -38,15 +41,20 @@ TOLD = {"aiding": {"sideslip_rad": 0.05}}
 BIASES = (np.radians((2.5, -2.0, 2.4)), np.array((0.1, -0.1, 0.05)))
 
 
-def ride(seed, *, seconds=60.0, reverse=False, compass_off_deg=50.0):
-    """Sample, velocity or None, and true attitude, 50 times a second; it is under way at once."""
+def ride(seed, *, seconds=60.0, reverse=False, compass_off_deg=50.0, rest_s=0.0):
+    """Sample, velocity or None, and true attitude, 50 times a second; it is under way after a rest.
+
+    Without a rest it is so at once.
+    """
     rng = np.random.default_rng(seed)
     turn_field = from_euler_rad(0.0, 0.0, radians(compass_off_deg))
     sense = -1.0 if reverse else 1.0
     speed, yaw, wanted, curve = 8.0, float(rng.uniform(-3.0, 3.0)), 8.0, 0.0
+    if rest_s > 0.0:
+        speed, wanted = 0.0, 0.0
     dt = 0.02
     for k in range(round(seconds / dt)):
-        if k % 200 == 0:
+        if k % 200 == 0 and k * dt >= rest_s:
             wanted, curve = float(rng.uniform(6.0, 14.0)), float(rng.uniform(-0.03, 0.03))
         push = float(np.clip(wanted - speed, -1.0, 1.0)) * 2.0
         rate = curve * min(speed, 9.0)
@@ -100,6 +108,23 @@ def test_a_place_that_is_known_does_not_make_the_compass_right():
     estimator.set_position(47.4, 8.5, 400.0, 1_760_000_000_000_000)
     errors, _, _ = driven(estimator, ride(3))
     assert np.sqrt(np.mean(errors[1500:, 1] ** 2)) < 6.0
+
+
+@pytest.mark.parametrize("off_deg", [-70.0, 0.0])
+def test_a_compass_that_gave_the_heading_at_rest_is_borne_out_or_misled(off_deg):
+    """The first metres tell; a compass that is right keeps its north."""
+    estimator = Estimator(load_profile("imu"))
+    estimator.set_carrier(Carrier.WHEELS)
+    estimator.set_position(47.4, 8.5, 400.0, 1_760_000_000_000_000)
+    north = estimator.place_field.declination_rad
+    rows = ride(3, compass_off_deg=off_deg + degrees(north), rest_s=20.0, seconds=80.0)
+    errors, _, begun_s = driven(estimator, rows)
+    now = estimator.snapshot
+    assert begun_s < 20.0
+    assert now.context.phase is Phase.AIDED
+    assert (now.context.compass.misled_us is None) == (off_deg == 0.0)
+    assert now.core.aided.wheels.show_north == (off_deg == 0.0)
+    assert np.sqrt(np.mean(errors[2500:, 1] ** 2)) < 1.0  # measured 0.3
 
 
 def test_who_says_nothing_has_no_wheels_and_the_profile_goes_first():
@@ -184,7 +209,7 @@ def test_velocity_turns_the_heading_towards_itself_or_its_opposite(sense, off_de
     """A slip of 3 s counts once: at its sigma the heading goes by the ratio of both variances."""
     now = prediction(from_euler_rad(0.0, 0.0, radians(off_deg)), (sense * 10.0, 0.0, 0.0))
     x = np.zeros(SIZE)
-    observe_wheels(WHEELS, now, Wheels(1.0, 0.0, False), BLANK.field, x, 3.0)
+    observe_wheels(WHEELS, now, NEW_WHEELS, x, 3.0)
     share = radians(10.0) ** 2 * cos(radians(off_deg)) ** 2
     share /= share + 0.05**2 + (0.05**2 + 0.01**2) / 100.0
     turned = degrees(x[TURN + 2])
@@ -194,24 +219,41 @@ def test_velocity_turns_the_heading_towards_itself_or_its_opposite(sense, off_de
     )
 
 
-def test_a_heading_that_stays_off_is_loosened_and_its_field_distrusted():
-    wheels, count = Wheels(1.0, 0.0, False), 0
-    q = from_euler_rad(0.0, 0.0, radians(40.0))
-    while not wheels.field_is_turned:
-        now = prediction(q, (10.0, 0.0, 0.0))
-        x = np.zeros(SIZE)
-        wheels, is_turned = observe_wheels(WHEELS, now, wheels, BLANK.field, x, 0.1)
-        count += 1
-    assert is_turned
-    assert count == pytest.approx(104, rel=0.2)  # 10 s
-    assert wheels.aside_rad == 0.0
-    assert wheels.slip_scale > 2.0
+@pytest.mark.parametrize(
+    ("off_deg", "rolled_s", "contradict"),
+    [(60.0, 0.0, True), (20.0, 0.0, False), (60.0, 3.1, False)],
+)
+def test_the_first_rolling_contradicts_a_heading_far_off(off_deg, rolled_s, contradict):
+    """By four sigmas of slips and of the heading's own; later on it is a slip."""
+    now = prediction(from_euler_rad(0.0, 0.0, radians(off_deg)), (10.0, 0.0, 0.0))
+    before = NEW_WHEELS._replace(rolled_s=rolled_s)
+    wheels = observe_wheels(WHEELS, now, before, np.zeros(SIZE), 0.1)
+    assert wheels.contradict == contradict
+    assert wheels.rolled_s - rolled_s == pytest.approx(0.1 * 0.25 / 0.2525)
 
 
-def test_a_field_far_off_for_long_is_turned_by_iron():
-    doubted = BLANK.field._replace(doubt_s=5.0)
+@pytest.mark.parametrize(
+    ("off_deg", "known_deg", "shown"),
+    [(2.0, 1.4, True), (5.0, 1.4, False), (0.0, 2.0, False)],  # within 3 times half a degree
+)
+def test_the_field_points_north_where_velocity_has_shown_that(off_deg, known_deg, shown):
+    turned = rotate(from_euler_rad(0.0, 0.0, radians(10.0 + off_deg)), (0.25, 0.0, 0.4))
     now = prediction(from_euler_rad(0.0, 0.0, 0.0), (10.0, 0.0, 0.0))
-    x = np.zeros(SIZE)
-    wheels, is_turned = observe_wheels(WHEELS, now, Wheels(1.0, 0.0, False), doubted, x, 0.1)
-    assert is_turned
-    assert wheels.field_is_turned
+    now = now._replace(estimate=now.estimate._replace(earth_gauss=turned))
+    across = radians(known_deg) * np.array((-turned[1], turned[0]))
+    now.covariance[EARTH : EARTH + 2, EARTH : EARTH + 2] = np.outer(across, across)
+    north = North(True, (cos(radians(10.0)), sin(radians(10.0))))
+    assert judge_north(NEW_WHEELS, now, north).show_north == shown
+    assert not judge_north(NEW_WHEELS, now, North(False, north.direction)).show_north
+
+
+def test_what_wheels_have_shown_outlasts_a_gap_unless_they_contradict_the_compass():
+    settings = Estimator(load_profile("imu"))._state.settings
+    core = initial_core(settings)
+    shown = NEW_WHEELS._replace(rolled_s=4.0, show_north=True)
+    for wheels, left in ((shown, shown), (shown._replace(contradict=True), NEW_WHEELS)):
+        paused = without_aiding(settings, core._replace(aided=core.aided._replace(wheels=wheels)))
+        assert paused.aided.wheels == left
+        report = Report(True, (3.0, 0.0, 0.0), True, 0.3, 0.0, 0.0)
+        again = begin_aiding(settings, paused, Start((1.0, 0.0, 0.0, 0.0), 0.1), report, 0.02)
+        assert again.aided.wheels == left

@@ -15,7 +15,7 @@ from estimator.types import STANDARD_GRAVITY_M_S2, Vec3
 from tests.truth.run import Case, Verdict, judge
 
 G = STANDARD_GRAVITY_M_S2
-BEFORE = Lasting(0.02, 0.003, 0.004, 0.1, (0.4, -0.3, 9.9), 0.97)
+BEFORE = Lasting(0.02, 0.003, 0.004, 0.1, (0.4, -0.3, 9.9), 0.97, 1.02)
 
 
 def test_a_step_by_its_formulas() -> None:
@@ -29,9 +29,24 @@ def test_a_step_by_its_formulas() -> None:
     assert now.apart == pytest.approx(0.02 + b * (off**2 - 0.02))
     assert now.lag == pytest.approx(lag)
     assert now.drift == pytest.approx(0.004 + b * (lag - 0.004))
-    assert now.excess == pytest.approx(0.1 + b * (np.dot(u, u) / G**2 - 1.0 - 0.1))
+    size = float(np.linalg.norm(u)) / G
+    assert now.size == pytest.approx(size)
+    shaken = 1.5 * (size - 1.02) ** 2
+    assert now.excess == pytest.approx(0.1 + b * (size**2 - 1.0 - shaken - 0.1))
     along = np.dot(u, down) / float(np.linalg.norm(down)) / G
     assert now.along == pytest.approx(0.97 + 0.25 / 10.25 * (along - 0.97))
+
+
+def test_shaking_is_no_acceleration_that_lasts() -> None:
+    """Both make the mean square of the force the same: 1.25 times that of gravity."""
+    rng = np.random.default_rng(1)
+    shaken, lasting, down = Lasting(), Lasting(), (0.0, 0.0, G)
+    for _ in range(1000):
+        x, y, z = G * (np.array((0.0, 0.0, 1.0)) + (0.25 / 3.0) ** 0.5 * rng.standard_normal(3))
+        shaken = watch_lasting(shaken, (x, y, z), down, down, 0.03, 0.0, 0.25)
+        lasting = watch_lasting(lasting, (0.5 * G, 0.0, G), down, down, 0.03, 0.0, 0.25)
+    assert lasting.excess == pytest.approx(0.25, rel=0.01)
+    assert shaken.excess == pytest.approx(0.0, abs=0.05)
 
 
 @pytest.mark.parametrize(
