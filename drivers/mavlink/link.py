@@ -8,7 +8,7 @@ onboard computer; never from a ground station.
 
 import logging
 import time
-from collections import Counter, OrderedDict, deque
+from collections import OrderedDict, deque
 from typing import NamedTuple, Self
 
 import numpy as np
