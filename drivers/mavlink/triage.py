@@ -15,6 +15,8 @@ Rows = Any  # as :mod:`drivers.mavlink.scanning` writes them
 
 
 Shed = Counter[tuple[VehicleId, str]]
+# Of what comes again and again a newer one makes an older one old.
+STREAMS = [*IMU_MESSAGES, *MESSAGES, *WHO_IS_THERE]
 
 
 def newest(scanned: Scanned) -> tuple[Scanned, dict[int, Shed]]:
@@ -29,7 +31,7 @@ def newest(scanned: Scanned) -> tuple[Scanned, dict[int, Shed]]:
     senders = np.repeat(numbers, counts)
     keys = rows[:, SYSTEM] << 40 | rows[:, COMPONENT] << 32 | rows[:, MESSAGE] << 8
     keys |= _numbers(come.data, rows) | senders << 48
-    is_in_stream = np.isin(rows[:, MESSAGE], [*IMU_MESSAGES, *MESSAGES, *WHO_IS_THERE])
+    is_in_stream = np.isin(rows[:, MESSAGE], STREAMS)
     keys[~is_in_stream] = -1 - (~is_in_stream).nonzero()[0]
     last, alike = np.unique(keys[::-1], return_index=True, return_counts=True)[1:]
     last = len(rows) - 1 - last
@@ -54,6 +56,16 @@ def newest(scanned: Scanned) -> tuple[Scanned, dict[int, Shed]]:
         rows[stays],
     )
     return thinned, shed
+
+
+def said_once(scanned: Scanned, numbers: Rows) -> dict[int, Any]:
+    """Which of the rows of these numbers newer ones never make old, by peer."""
+    is_said = ~np.isin(scanned.rows[numbers, MESSAGE], STREAMS)
+    peers = np.repeat(scanned.datagrams.peers, np.maximum(scanned.counts, 0))[numbers]
+    return {
+        peer: (is_said & (peers == peer)).nonzero()[0]
+        for peer in np.unique(peers[is_said]).tolist()
+    }
 
 
 def _numbers(data: Any, rows: Rows) -> Any:

@@ -73,7 +73,7 @@ class Transport(Protocol):
         """
 
     def credit(self, peer: str) -> None:
-        """Sound frames have come from a peer: whoever sends them keeps a place."""
+        """An IMU's frames have come from a peer: whoever sends them keeps a place."""
 
     def close(self) -> None:
         """Release everything; the transport can be opened again."""
