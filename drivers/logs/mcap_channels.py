@@ -52,7 +52,7 @@ def _bound_chunks() -> None:
     unpack: Any = stream_reader.get_chunk_data_stream
     if unpack.__module__ == stream_reader.__name__:
 
-        def unpack_bounded(chunk: Any, validate_crc: bool = False) -> Any:  # noqa: FBT001, FBT002
+        def unpack_bounded(chunk: Any, validate_crc: bool = False) -> Any:
             return unpack(bounded(chunk), validate_crc)
 
         stream_reader.get_chunk_data_stream = unpack_bounded

@@ -339,11 +339,10 @@ class MavlinkLink(Closing):
         if costs.sum() < FLOOD:
             return come
         stays = np.ones(come.number, np.bool_)
-        for peer in np.unique(come.peers).tolist():
-            own = (come.peers == peer).nonzero()[0]
-            spent = costs[own].cumsum()
-            if spent[-1] >= FLOOD:
-                stays[own] = spent <= self._claims.most(come.name_of(peer), self._look_s, now_s)
+        peers, numbers = np.unique(come.peers, return_inverse=True)
+        for k in (np.bincount(numbers, costs) >= FLOOD).nonzero()[0].tolist():
+            own, name = (numbers == k).nonzero()[0], come.name_of(int(peers[k]))
+            stays[own] = costs[own].cumsum() <= self._claims.most(name, self._look_s, now_s)
         self._claims.refused += come.number - int(np.count_nonzero(stays))
         return come.kept(stays)
 
