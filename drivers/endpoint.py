@@ -138,11 +138,13 @@ def _device_or_log(address: str) -> Endpoint:
     try:
         if path.is_file() or is_bag_folder(path):
             return Endpoint("log", path=address)
-        is_folder = path.is_dir()
+        is_folder, is_there = path.is_dir(), path.exists()
     except (OSError, ValueError) as error:  # a name too long, a null byte
         raise InputError(f"{address[:80]!r} is no source: {_choices()}") from error
     if is_folder:
         raise InputError(f"{address!r} is a folder: name a log file in it")
+    if is_there:
+        raise InputError(f"{address!r} is no file but a pipe or a socket: {_choices()}")
     raise InputError(_unknown(address))
 
 

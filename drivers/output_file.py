@@ -28,7 +28,8 @@ def output_path(path: Path) -> Path:
     if hasattr(os, "geteuid") and about.st_uid not in (0, os.geteuid()):
         raise InputError(f"{path}: is somebody else's symbolic link: not written to")
     try:
-        return path.resolve()
+        # /dev/stdout leads to a pipe, which has no path of its own
+        return path.resolve() if path.is_file() or not path.exists() else path
     except (OSError, RuntimeError) as error:  # links in a circle
         raise InputError(f"{path}: cannot be written: {error}") from None
 

@@ -47,6 +47,8 @@ def _status(arguments: list[str]) -> int:
     try:
         status = _run_verb(arguments)
     except InputError as error:
+        if isinstance(error.__context__, BrokenPipeError):  # an output that was /dev/stdout
+            return OK
         return _fail(str(error), BAD_INPUT)
     except NotWholeError as error:
         return _fail(str(error), FAILED)

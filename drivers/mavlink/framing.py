@@ -17,6 +17,10 @@ MAGIC_V1, MAGIC_V2 = 0xFE, 0xFD
 HEADER_V1, HEADER_V2 = 6, 10  # bytes, the marker included
 CHECKSUM_SIZE, SIGNATURE_SIZE = 2, 13
 UNSIGNED_V2 = HEADER_V2 + CHECKSUM_SIZE
+LONGEST_FRAME = 255 + UNSIGNED_V2 + SIGNATURE_SIZE  # bytes
+# Frames that are none are looked for so often in bytes that come together, and once more for so
+# many of them: beyond that somebody wants it to take long.
+MOST_TRIED, BYTES_A_TRY = 100, 64
 ADDRESSES = 1 << 16  # system << 8 | component
 SIGNED_FLAG = 0x01  # the only incompatibility flag there is; frames with others are not for us
 _MAGIC = re.compile(rb"[\xfd\xfe]")
@@ -108,7 +112,8 @@ class FrameReader:
     """Bytes of one stream in, frames of MAVLink 1 and 2 out.
 
     An unreadable frame costs itself alone: what follows its first byte is read
-    again. At most one frame's bytes (280) are kept from call to call.
+    again, unless nearly every byte seems to begin one. At most one frame's bytes are kept
+    from call to call.
     """
 
     def __init__(self) -> None:
@@ -123,6 +128,7 @@ class FrameReader:
             data = self._rest + data
         frames: list[Frame] = []
         position, size = 0, len(data)
+        left = MOST_TRIED + size // BYTES_A_TRY
         while position < size:
             if (
                 data[position] == MAGIC_V2
@@ -143,7 +149,8 @@ class FrameReader:
             frame = None if end is None else self._format.frame(data, position, end)
             if frame is None or end is None:
                 self._note_bad()
-                position = _next_magic(data, position + 1)
+                left -= 1
+                position = _next_magic(data, position + 1) if left else size
                 continue
             self._in_bad_stretch = False
             frames.append(frame)

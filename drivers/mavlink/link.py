@@ -25,7 +25,7 @@ from drivers.mavlink.backlog import (
     Patience,
     waiting_clock_s,
 )
-from drivers.mavlink.claims import Claims
+from drivers.mavlink.claims import Claims, cost
 from drivers.mavlink.constants import (
     MAV_AUTOPILOT_INVALID,
     MAV_COMP_ID_ONBOARD_COMPUTER,
@@ -49,7 +49,7 @@ from drivers.mavlink.transports.datagrams import Datagrams, unix_us
 from drivers.mavlink.transports.open import open_transport
 from drivers.mavlink.transports.sockets import SOCKET_BUFFER_BYTES
 from drivers.mavlink.transports.transport import LinkError
-from drivers.mavlink.triage import newest
+from drivers.mavlink.triage import newest, said_once
 from drivers.places import PLACES
 from estimator.compilation.compiled import is_compiled_code
 from estimator.compilation.interpreted import is_interpreting
@@ -72,6 +72,7 @@ MOST_PASSING = 512
 FIRST_RETRY_S = 0.1
 LONGEST_RETRY_S = 1.0
 HEARTBEAT_S = 1.0
+FLOOD = 64  # packets of one sender at one look
 LOSS_TOLD_S = 60.0
 
 _logger = logging.getLogger(__name__)
@@ -130,7 +131,7 @@ class MavlinkLink(Closing):
         self._gate = FrameGate(policy, self._leases.heard_us)
         self._key = key
         self._stamp = None if policy.signing is None else policy.signing.stamp
-        self._claims = Claims()
+        self._claims = Claims(is_proven=policy.signing is not None)
         self._readers: OrderedDict[str, FrameReader] = OrderedDict()
         self._encoders: dict[int, FrameEncoder] = {}
         self._outgoing: deque[bytes] = deque(maxlen=MOST_UNSENT_FRAMES)
@@ -300,6 +301,7 @@ class MavlinkLink(Closing):
         """Have most frames read at once; put the others into the backlog, and all on record."""
         if not come.number:
             return
+        come = self._without_floods(come, now_s)
         now_us, clock_s = unix_us(), waiting_clock_s()
         scanned = whole = self._scan(come)
         held = self._held(whole) if whole is not None and self._background is not None else None
@@ -321,6 +323,19 @@ class MavlinkLink(Closing):
         self._backlog.add(waiting, clock_s)
         self._events += self._gate.take_refused(now_us)
 
+    def _without_floods(self, come: Datagrams, now_s: float) -> Datagrams:
+        """Without what would be refused of who has sent very much since the last look."""
+        costs = cost(come.ends - come.begins)
+        if costs.sum() < FLOOD:
+            return come
+        stays = np.ones(come.number, np.bool_)
+        peers, numbers = np.unique(come.peers, return_inverse=True)
+        for k in (np.bincount(numbers, costs) >= FLOOD).nonzero()[0].tolist():
+            own, name = (numbers == k).nonzero()[0], come.name_of(int(peers[k]))
+            stays[own] = costs[own].cumsum() <= self._claims.most(name, self._look_s, now_s)
+        self._claims.refused += come.number - int(np.count_nonzero(stays))
+        return come.kept(stays)
+
     def _let_pass(self, scanned: Scanned, now_s: float) -> list[int]:
         """Have the frames of those read before all that waits who have a lease.
 
@@ -337,13 +352,24 @@ class MavlinkLink(Closing):
         is_leased = done != JUDGED
         if np.count_nonzero(is_leased):  # any() is Python's, and takes ten times as long
             self._tell(self._hearing.bytes_read(len(come.data), 1, now_s), last_us)
-            if not self._transport.stamps_arrivals:  # who has places, and gives them to the sound
+            if not self._transport.stamps_arrivals:  # who has places, and gives them to those
                 for peer in np.unique(come.peers[is_leased]).tolist():
                     self._transport.credit(come.name_of(peer))
+            passing = self._without_chatter(scanned, passing, now_s)
             if len(passing.numbers):
                 self._passing = _Passed(scanned, passing)
         found: list[int] = done.tolist()
         return found
+
+    def _without_chatter(self, scanned: Scanned, passing: Passing, now_s: float) -> Passing:
+        """Without what is too much of that of which every frame has to be read."""
+        if len(passing.numbers) < FLOOD:
+            return passing
+        stays = np.ones(len(passing.numbers), np.bool_)
+        for peer, said in said_once(scanned, passing.numbers).items():
+            name = scanned.datagrams.name_of(peer)
+            stays[said[self._claims.admits_said(name, len(said), now_s) :]] = False
+        return Passing(*(each[stays] for each in passing))
 
     def _look_at(self, scanned: Scanned, done: Array) -> None:
         """Look for two senders with one address among those that need not be judged, too."""
@@ -363,7 +389,7 @@ class MavlinkLink(Closing):
             self._gate.forget(peer)
             self._leases.end()
             return []
-        if not self._claims.admits(peer, self._look_s, now_s):
+        if not self._claims.admits(peer, len(data), self._look_s, now_s):
             return []
         if not self._has_data:
             self._note_data()
@@ -458,10 +484,11 @@ class MavlinkLink(Closing):
         return self._scanner.scan(come)
 
     def _credit(self, peer: str, frames: list[Frame], now_s: float) -> None:
-        """Sound frames that are let in give a peer its place."""
+        """An IMU's frames that are let in give a peer its place."""
         if frames:
             self._claims.note(peer, (frame.message_id for frame in frames), now_s)
-            self._transport.credit(peer)
+            if self._claims.left_s(peer, now_s):
+                self._transport.credit(peer)
 
     def _tell(self, text: str | None, now_us: int) -> None:
         if text is not None:

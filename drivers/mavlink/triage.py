@@ -14,6 +14,10 @@ from drivers.mavlink.scanning import COMPONENT, END, LEFT, MESSAGE, PAYLOAD, SYS
 Rows = Any  # as :mod:`drivers.mavlink.scanning` writes them
 
 
+# Of what comes again and again a newer one makes an older one old.
+STREAMS = [*IMU_MESSAGES, *MESSAGES, *WHO_IS_THERE]
+
+
 class Old(NamedTuple):
     """So many samples of a peer's stream are left out."""
 
@@ -35,7 +39,7 @@ def newest(scanned: Scanned) -> tuple[Scanned, list[Old]]:
     senders = np.repeat(numbers, counts)
     keys = rows[:, SYSTEM] << 40 | rows[:, COMPONENT] << 32 | rows[:, MESSAGE] << 8
     keys |= _numbers(come.data, rows) | senders << 48
-    is_in_stream = np.isin(rows[:, MESSAGE], [*IMU_MESSAGES, *MESSAGES, *WHO_IS_THERE])
+    is_in_stream = np.isin(rows[:, MESSAGE], STREAMS)
     keys[~is_in_stream] = -1 - (~is_in_stream).nonzero()[0]
     last, alike = np.unique(keys[::-1], return_index=True, return_counts=True)[1:]
     last = len(rows) - 1 - last
@@ -70,6 +74,16 @@ def newest(scanned: Scanned) -> tuple[Scanned, list[Old]]:
 @cache
 def _stream_name(message: int, imu: int) -> str:
     return imu_stream_name(IMU_MESSAGES[message].name, imu)
+
+
+def said_once(scanned: Scanned, numbers: Rows) -> dict[int, Any]:
+    """Which of the rows of these numbers newer ones never make old, by peer."""
+    is_said = ~np.isin(scanned.rows[numbers, MESSAGE], STREAMS)
+    peers = np.repeat(scanned.datagrams.peers, np.maximum(scanned.counts, 0))[numbers]
+    return {
+        peer: (is_said & (peers == peer)).nonzero()[0]
+        for peer in np.unique(peers[is_said]).tolist()
+    }
 
 
 def _numbers(data: Any, rows: Rows) -> Any:

@@ -99,3 +99,10 @@ def test_help_and_parser_share_the_table():
         if form.kind != "log":
             assert parse_endpoint(form.example).kind == form.kind
     assert "sim:" not in endpoint_help(("tcp",))
+
+
+@pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="needs pipes")
+def test_a_pipe_is_there_and_is_no_log(tmp_path):
+    os.mkfifo(tmp_path / "pipe")
+    with pytest.raises(InputError, match="no file but a pipe"):
+        parse_endpoint(str(tmp_path / "pipe"))

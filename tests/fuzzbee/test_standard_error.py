@@ -93,6 +93,25 @@ def test_a_reader_that_leaves_in_the_middle():
     assert json.loads(out)["vehicles"]["1"]["attitudes"] > 50
 
 
+LOG = Path(__file__).parents[1] / "data" / "sitl_copter_flips.tlog"
+
+
+@pytest.mark.skipif(not Path("/dev/stdout").exists(), reason="needs /dev/stdout")
+@pytest.mark.parametrize("lines", [2, 1002])
+def test_rows_on_standard_output_are_read_as_far_as_somebody_wants(lines):
+    """A pipe has no path of its own; it was told to be no file."""
+    arguments = command("replay", str(LOG), "--csv", "/dev/stdout")
+    pipe = subprocess.PIPE
+    with subprocess.Popen(arguments, stdout=pipe, stderr=pipe, text=True) as process:
+        rows = [process.stdout.readline() for _ in range(lines)]
+        process.stdout.close()
+        said = process.stderr.read()
+        assert process.wait(600) == 0, said
+    assert rows[0].startswith("time_s,")
+    assert all(row.count(",") == rows[0].count(",") for row in rows[:1001])
+    assert "/dev/stdout" not in said
+
+
 def test_an_output_of_few_letters_gets_what_it_can():
     """Degrees and signs have no code in ASCII: the lines come all the same, with question marks."""
     done = subprocess.run(

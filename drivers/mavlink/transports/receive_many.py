@@ -56,7 +56,8 @@ def collect(
     """Put the first ``count`` slots' datagrams behind the ``n`` that are there.
 
     ``headers`` are their sizes, and those of addresses and controls, which are made ready for the
-    next call; ``found`` are the arrays of :class:`Datagrams`. A datagram without a time has 0.
+    next call; ``found`` are the arrays of :class:`Datagrams`. A datagram without a time has 0, one
+    without a byte says nothing, and is left out.
     Returns how many datagrams there are now; -1, and nothing done, if there is no room.
     """
     sizes, address_sizes, control_sizes = headers
@@ -68,14 +69,16 @@ def collect(
         return -1
     for k in range(count):
         begin, size = ends[n], np.int64(sizes[k])
+        is_stamp = control_sizes[k] == STAMP_BYTES and controls[k, 1] == SOL_SOCKET_AND_STAMP
+        address_sizes[k], control_sizes[k] = ADDRESS_BYTES, CONTROL_BYTES
+        if size == 0:
+            continue
         for i in range(size):
             data[begin + i] = slots[k, i]
         ends[n + 1] = begin + size
         peers[n] = ipv4_peer(addresses[k])
-        control = controls[k]
-        is_stamp = control_sizes[k] == STAMP_BYTES and control[1] == SOL_SOCKET_AND_STAMP
-        arrivals_us[n] = control[2] * 1_000_000 + control[3] // 1000 if is_stamp else 0
-        address_sizes[k], control_sizes[k] = ADDRESS_BYTES, CONTROL_BYTES
+        stamp = controls[k]
+        arrivals_us[n] = stamp[2] * 1_000_000 + stamp[3] // 1000 if is_stamp else 0
         n += 1
     return n
 
@@ -137,13 +140,13 @@ class ManyReader:
         ``now_us`` is when those have come of which the system does not say. What is returned is
         this reader's own memory until the next call.
         """
-        n, failure, file = 0, 0, self._own.fileno()
-        while n < most:
+        n, taken, failure, file = 0, 0, 0, self._own.fileno()
+        while taken < most:
             count = self._receive(file, self._pointer, AT_ONCE, socket.MSG_DONTWAIT, None)
             if count < 0:
                 failure = ctypes.get_errno()
                 break
-            n = self._collected(n, count)
+            n, taken = self._collected(n, count), taken + count
             if count < AT_ONCE:
                 break
         data, ends, peers, arrivals_us = self._found

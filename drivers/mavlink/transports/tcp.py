@@ -26,7 +26,7 @@ MOST_TCP_CLIENTS = 32
 # Bytes that wait for a slow peer; when it is full, new frames are dropped
 MOST_UNSENT_BYTES = 256 * 1024
 CONNECT_TIMEOUT_S = 5.0
-LONG_SILENCE_S = 5.0  # then a client gives way to a new one
+LONG_SILENCE_S = 5.0  # then an IMU's client gives way to a new one, too
 NO_DESCRIPTORS = (errno.EMFILE, errno.ENFILE)
 NO_DESCRIPTORS_REST_S = 0.05
 TELL_S = 60.0
@@ -126,7 +126,7 @@ class TcpServer(Transport):
 
     def credit(self, peer: str) -> None:
         if peer in self._clients:
-            self._clients[peer].note_sound()
+            self._clients[peer].note_imu()
 
     def close(self) -> None:
         for client in self._clients.values():
@@ -152,7 +152,7 @@ class TcpServer(Transport):
             self._clients[f"{sender[0]}:{sender[1]}"] = _Stream(accepted)
 
     def _make_room(self, host: str) -> bool:
-        """Drop a client that never sent a frame, or none for long; or one of a host with most.
+        """Drop a client without an IMU, or silent for long; or one of a host with most.
 
         One host must not keep others out, whatever it sends.
         """
@@ -160,7 +160,7 @@ class TcpServer(Transport):
         hosts = {name: name.rpartition(":")[0] for name in self._clients}
         crowd, size = Counter(hosts.values()).most_common(1)[0]
         name, silent = min(self._clients.items(), key=lambda each: each[1].last_heard)
-        if silent.has_spoken and now_s - silent.heard_s < LONG_SILENCE_S:
+        if silent.has_imu and now_s - silent.heard_s < LONG_SILENCE_S:
             if crowd == host or size <= MOST_TCP_CLIENTS // 2:
                 return False
             name = min(
@@ -198,7 +198,7 @@ class _Stream:
     def __init__(self, connected: socket.socket) -> None:
         self.socket = connected
         self._unsent = bytearray()
-        self.has_spoken = False
+        self.has_imu = False
         self.heard_s = time.monotonic()
         connected.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
         connected.setsockopt(socket.SOL_SOCKET, socket.SO_KEEPALIVE, 1)
@@ -212,8 +212,8 @@ class _Stream:
 
     @property
     def last_heard(self) -> tuple[bool, float]:
-        """The order of silence: first who never sent a frame, then who did so longest ago."""
-        return self.has_spoken, self.heard_s
+        """The order of silence: first who never had an IMU, then who was heard longest ago."""
+        return self.has_imu, self.heard_s
 
     def receive(self) -> bytes | None:
         """Bytes, None if there are none yet, or b"" if the other side has closed.
@@ -230,9 +230,9 @@ class _Stream:
             raise LinkError(reason(error.errno)) from error
         return data
 
-    def note_sound(self) -> None:
-        """What came were frames: noise is no talk."""
-        self.has_spoken, self.heard_s = True, time.monotonic()
+    def note_imu(self) -> None:
+        """What came is what we are here for: noise and chatter are not."""
+        self.has_imu, self.heard_s = True, time.monotonic()
 
     def send(self, data: bytes) -> None:
         if len(self._unsent) + len(data) <= MOST_UNSENT_BYTES:

@@ -87,7 +87,7 @@ class Transport(ABC):
         """
 
     def credit(self, peer: str) -> None:  # noqa: B027 - most have as many places as peers
-        """Sound frames have come from a peer: whoever sends them keeps a place."""
+        """An IMU's frames have come from a peer: whoever sends them keeps a place."""
 
     @abstractmethod
     def close(self) -> None:

@@ -183,6 +183,8 @@ class _UdpSocket:
     def receive(self, timeout_s: float) -> list[tuple[bytes, Any, int]]:
         """Data, sender and arrival of all datagrams that are there, after at most ``timeout_s``.
 
+        One without a byte says nothing, and ends no connection as in a stream.
+
         Raises:
             LinkError: the socket broke.
         """
@@ -198,7 +200,7 @@ class _UdpSocket:
                 if error.errno in LOST_DATAGRAM:
                     continue
                 raise LinkError(reason(error.errno)) from error
-        return datagrams
+        return [each for each in datagrams if each[0]]
 
     def receive_many(self, timeout_s: float) -> Datagrams | None:
         """The same at one go; None, after the wait, where they can only be read one by one.

@@ -262,6 +262,37 @@ def test_babbling_clients_give_way_to_a_vehicle():
         collect(link, count(Imu, 2), lambda: flying.sendall(vehicle.imu()))
 
 
+def test_chattering_clients_of_as_many_hosts_as_places_give_way_to_a_vehicle():
+    """Sound frames without an IMU hold no place, from wherever they come."""
+    port = free_port(socket.SOCK_STREAM)
+    with contextlib.ExitStack() as stack:
+        link = stack.enter_context(MavlinkLink(Endpoint("tcpin", "0.0.0.0", port)))
+        chatter = [
+            (
+                stack.enter_context(
+                    socket.create_connection((HOST, port), PATIENCE_S, (f"127.0.0.{n + 2}", 0))
+                ),
+                Vehicle(n + 2),
+            )
+            for n in range(MOST_TCP_CLIENTS)
+        ]
+
+        def chat():
+            for client, vehicle in chatter:
+                with contextlib.suppress(OSError):  # one of them has given way
+                    client.sendall(vehicle.heartbeat())
+
+        collect(link, count(Heartbeat, MOST_TCP_CLIENTS), chat)
+        flying = stack.enter_context(socket.create_connection((HOST, port), PATIENCE_S))
+        vehicle = Vehicle(1)
+
+        def fly():
+            chat()
+            flying.sendall(vehicle.imu())
+
+        collect(link, count(Imu, 20), fly)
+
+
 def test_a_host_that_has_most_places_gives_one_to_another_host():
     port, vehicle = free_port(socket.SOCK_STREAM), Vehicle(1)
     with contextlib.ExitStack() as stack:
@@ -300,6 +331,52 @@ def test_a_flood_without_an_imu_keeps_no_vehicle_out():
         assert len(of_type(events, Imu)) >= samples - 1  # the first waits for the next
         # 2400 have come: a budget of one second for each of two, and what time has added
         assert link.dropped > 1000
+
+
+@pytest.mark.parametrize(
+    "content",
+    [
+        b"\xfe" * 64_000,  # a frame may begin at each byte
+        b"\xfd\xff\0\0\0\1\1" * 9_000,
+        b"".join(Vehicle(n).heartbeat() for n in range(2, 252)) * 12,
+        b"",
+    ],
+    ids=["magic", "nested", "heartbeats", "empty"],
+)
+@pytest.mark.parametrize("has_imu", [False, True])
+def test_large_datagrams_of_another_keep_no_vehicle_out(content, has_imu):
+    """They cost as many packets as they may hold frames, also of who sends an IMU's as well."""
+    port, vehicle, other = free_port(socket.SOCK_DGRAM), Vehicle(1), Vehicle(2)
+    with (
+        MavlinkLink(Endpoint("udpin", HOST, port)) as link,
+        udp_sender(port) as flying,
+        udp_sender(port) as flood,
+    ):
+
+        def fly():
+            vehicle._time_us = time.monotonic_ns() // 1000  # a busy computer is no slow clock
+            flying.send(vehicle.imu())
+
+        def both():
+            fly()
+            if has_imu:
+                flood.send(other.imu())
+
+        collect(link, count(Imu, 6), both)
+        before, events = link.dropped, []
+        for _ in range(40):
+            for _ in range(3):
+                flood.send(content)
+            fly()
+            events += link.drain(0.01)
+
+        def ours(found):
+            return [e for e in of_type(events + found, Imu) if e.vehicle.system_id == 1]
+
+        taken = lambda found: len(ours(found)) + link.shed + link.lost  # noqa: E731
+        events += collect(link, lambda found: taken(found) >= 36)
+        assert len(ours([])) > 8
+        assert not content or link.dropped - before > 40
 
 
 def test_after_a_stop_longer_than_a_claim_no_sample_is_refused(monkeypatch):

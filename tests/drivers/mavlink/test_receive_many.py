@@ -42,7 +42,7 @@ def packets_of(come):
 
 @pytest.mark.parametrize("stamped", [True, False])
 def test_what_is_read_is_what_was_sent(sockets, stamped):
-    """Also empty, the largest, and more than one call takes, in the order of sending."""
+    """But for empty ones; the largest, too, and more than a call takes, in the order of sending."""
     read, senders = sockets
     if stamped:
         read.setsockopt(socket.SOL_SOCKET, SO_TIMESTAMPNS, 1)
@@ -62,7 +62,7 @@ def test_what_is_read_is_what_was_sent(sockets, stamped):
         assert number == 0
         names = ["{}:{}".format(*each.getsockname()) for each in senders]
         found = packets_of(come)
-        assert [(each.peer, each.data) for each in found] == [(names[w], d) for w, d in half]
+        assert [(each.peer, each.data) for each in found] == [(names[w], d) for w, d in half if d]
         if stamped:
             assert all(before_us <= each.arrival_us <= after_us for each in found)
         else:
