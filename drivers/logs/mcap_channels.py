@@ -56,7 +56,7 @@ class Channel(NamedTuple):
 
 
 class McapChannels:
-    """The channels of a file, and their messages in the order of the file."""
+    """The channels of a file, and their messages in the order of recording if it has an index."""
 
     def __init__(self, path: Path) -> None:
         self.path = path
@@ -69,6 +69,8 @@ class McapChannels:
         self._file = self.path.open("rb")
         try:
             self._kind: Any = SeekingReader
+            # to sort a file without an index would take all of it into memory
+            self._is_sorted = True
             self._look()
         except BaseException:
             self.close()
@@ -83,7 +85,7 @@ class McapChannels:
             return
         from mcap.reader import NonSeekingReader
 
-        self._kind = NonSeekingReader
+        self._kind, self._is_sorted = NonSeekingReader, False
         seen: dict[int, tuple[Any, Any, int]] = {}
         with suppress(Exception):  # and may end within a message
             for schema, channel, _ in self._messages():
@@ -104,9 +106,8 @@ class McapChannels:
         self._file.close()
 
     def _messages(self) -> Iterator[Any]:
-        # in the file's order: to sort one without an index would take all of it into memory
         self._file.seek(0)
-        found: Iterator[Any] = self._kind(self._file).iter_messages(log_time_order=False)
+        found: Iterator[Any] = self._kind(self._file).iter_messages(log_time_order=self._is_sorted)
         return found
 
     def _add(self, channel: Any, schema: Any, count: int) -> None:
