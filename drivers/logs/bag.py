@@ -64,6 +64,14 @@ class Bag(LogFile):
                 digest.update(hashlib.file_digest(file, "sha256").digest())
         return digest.hexdigest()
 
+    def topics(self) -> list[str]:
+        """What there is: each topic with its kind, and how it is written if it cannot be read."""
+        reader, _ = self._opened()
+        reader.close()
+        read = {f"{each.topic} ({each.msgtype})" for each in reader.connections}
+        others = {f"{c.topic} ({c.msgtype}, {c.encoding})" for c in getattr(reader, "others", ())}
+        return sorted(read | others)
+
     def _opened(self) -> tuple[Any, Decode]:
         """A reader, and what makes a message of a connection's bytes."""
         try:

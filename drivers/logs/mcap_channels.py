@@ -61,6 +61,7 @@ class McapChannels:
     def __init__(self, path: Path) -> None:
         self.path = path
         self.connections: list[Channel] = []
+        self.others: list[Channel] = []  # which no decoder is for
 
     def open(self) -> None:
         """Look what there is; a file without an index is read through for it."""
@@ -90,7 +91,7 @@ class McapChannels:
         with suppress(Exception):  # and may end within a message
             for schema, channel, _ in self._messages():
                 seen[channel.id] = (channel, schema, seen.get(channel.id, (0, 0, 0))[2] + 1)
-        self.connections = []
+        self.connections, self.others = [], []
         for channel, schema, count in seen.values():
             self._add(channel, schema, count)
 
@@ -111,8 +112,9 @@ class McapChannels:
         return found
 
     def _add(self, channel: Any, schema: Any, count: int) -> None:
-        if schema is not None and channel.message_encoding in ENCODINGS:
-            package, _, name = schema.name.rpartition("/")
-            kind = f"{package.removesuffix('/msg')}/msg/{name}"
-            encoding = channel.message_encoding
-            self.connections.append(Channel(channel.id, channel.topic, kind, count, encoding))
+        encoding, said = channel.message_encoding, "" if schema is None else schema.name
+        package, _, name = said.rpartition("/")
+        kind = f"{package.removesuffix('/msg')}/msg/{name}" if package else said
+        is_read = schema is not None and encoding in ENCODINGS
+        place = self.connections if is_read else self.others
+        place.append(Channel(channel.id, channel.topic, kind, count, encoding))

@@ -239,6 +239,22 @@ def test_a_cameras_halves_of_an_imu_are_read_only_if_there_is_no_other(tmp_path,
         assert len(imus) == 20 * len(others)
 
 
+def test_a_bag_without_an_imu_is_told_what_it_has(tmp_path, capsys):
+    writers = pytest.importorskip("mcap.writer")
+    path = tmp_path / "a.mcap"
+    with path.open("wb") as file:
+        writer = writers.Writer(file)
+        writer.start()
+        kind = writer.register_schema("foxglove.Imu", "protobuf", b"")
+        for topic, encoding in (("/imu", "protobuf"), ("/note", "json")):
+            channel = writer.register_channel(topic, encoding, kind)
+            writer.add_message(channel, 1, b"{}", 1)
+        writer.finish()
+    assert main(["replay", str(path)]) == 2
+    (line,) = capsys.readouterr().err.splitlines()
+    assert "no sensor_msgs/Imu; it has /imu (foxglove.Imu, protobuf), /note (foxglove.Imu)" in line
+
+
 def test_an_mcap_file_in_json(tmp_path):
     """Readings as rosbridge and web recorders write them: no orientation, a stamp in nsec."""
     writers = pytest.importorskip("mcap.writer")
