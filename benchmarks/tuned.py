@@ -2,15 +2,15 @@
 
     python benchmarks/tuned.py [--seed 900] [--sources 6] [--cycles 8]
 
-Five simulated vehicles (flying/cases.py) of four flights each: one is searched on, one is held
-out for the guards of ``fuzzbee tune``, two are judged against the truth. A row a vehicle and way:
+Five simulated vehicles (flying/cases.py) of four flights each: one is searched on, one is held out
+for the guards of ``fuzzbee tune``, two are judged against the truth. A row a vehicle and way:
 ``shipped``; tuned by the ``autopilot``'s attitude, by the ``smooth``ed one, by the ``truth`` that
-no recorded flight has; ``random`` search by the smoothed one, on the same budget; ``crossed`` by
-smoothed ones again, each made with the profile that was found on the other flight. Degrees RMS and
-shares of errors under sigma from 40 s on, means of both flights; ``written`` is whether the guards
-let the profile pass, so that with ``no`` the shipped one goes on. The autopilot's attitude is the
-truth turned: 0.4 deg of slow noise and 0.3 deg of trim on each axis of the tilt, a heading that is
-off by 1.5 deg all the time and by 0.8 deg of slow noise.
+no recorded flight has; ``random`` search by the smoothed one, on the same budget; ``crossed`` as
+``fuzzbee tune`` does it, on halves that are smoothed by what was found on the other one. Degrees
+RMS and shares of errors under sigma from 40 s on, means of both flights; ``written`` is whether the
+guards let the profile pass, so that with ``no`` the shipped one goes on. The autopilot's attitude
+is the truth turned: 0.4 deg of slow noise and 0.3 deg of trim on each axis of the tilt, a heading
+that is off by 1.5 deg all the time and by 0.8 deg of slow noise.
 """
 
 import sys
@@ -27,14 +27,13 @@ from estimator.profile import Profile, load_profile
 from estimator.smoothing.rotation import exp
 from fuzzbee.tune.read_flight import read_flight
 from fuzzbee.tune.run import Verdict
+from fuzzbee.tune.searches import best, run_from_base
+from tuning.crossing import cross
 from tuning.flight import Flight, Part
 from tuning.flight_cost import harm, measure
 from tuning.log_task import LogTask, Split
-from tuning.objective import profile_with, values_of
-from tuning.optimizers import run_search
 from tuning.search import Search, SearchOptions
-from tuning.smoothed import smoothed_flight, sure_flight
-from tuning.space import encode
+from tuning.smoothed import sure_flight
 
 VEHICLES = (
     ("noisy", "plane"),
@@ -73,21 +72,24 @@ def whole(flight: Flight) -> Part:
     return Part(flight, int(np.searchsorted(flight.time_s, SKIP_S)), len(flight.samples))
 
 
-def tuned(searched: Flight, held_out: Flight, options: SearchOptions) -> tuple[Profile, bool]:
+def found_by(task: LogTask, options: SearchOptions) -> Profile:
+    """What a search finds."""
+    search = Search(task.space, options, task.objective.costs)
+    run_from_base(search, task)
+    return best(task, search)
+
+
+def tuned(
+    searched: Flight, held_out: Flight, options: SearchOptions, *, is_crossed: bool
+) -> tuple[Profile, bool]:
     """What a search finds on one flight, and whether ``fuzzbee tune`` would write it."""
     task = LogTask(BASE, ("noise",), Split((whole(searched),), (whole(held_out),)))
-    search = Search(task.space, options, task.objective.costs)
-    run_search(search, encode(task.space, values_of(task.space, BASE)))
-    found = profile_with(task.space, BASE, search.best_values)
+    if is_crossed:
+        task = cross(task, lambda half: found_by(half, options))
+    found = found_by(task, options)
     before, after = ([f for _, f in task.held_out_figures(p)] for p in (BASE, found))
     verdict = Verdict(task.score(BASE), task.score(found), None, (), harm(before, after))
     return found, verdict.gains
-
-
-def crossed(smooth: list[Flight], pair: list[Flight], options: SearchOptions) -> list[Flight]:
-    """The flights, each smoothed by what a search finds on the other: never by its own numbers."""
-    found = [tuned(one, other, options)[0] for one, other in (smooth[::-1], smooth)]
-    return [smoothed_flight(flight, by) for flight, by in zip(pair, found, strict=True)]
 
 
 def judged(profile: Profile, flights: list[Flight]) -> Row:
@@ -124,7 +126,7 @@ def of_vehicle(
         if way in ("smooth", "random", "crossed") and not is_sure:
             rows.append({"way": way, "written": "not sure"})
             continue
-        profile, is_written = tuned(*(crossed(two, pair, how) if way == "crossed" else two), how)
+        profile, is_written = tuned(*two, how, is_crossed=way == "crossed")
         written = "yes" if is_written else "no"
         rows.append({"way": way, "written": written, **judged(profile, others)})
     return [{"vehicle": f"{motion}, {case}", **row} for row in rows]

@@ -1,5 +1,6 @@
 """``fuzzbee calibrate``: what iron in the vehicle does to its compass, from a flight."""
 
+import os
 import time
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, NamedTuple
@@ -43,6 +44,8 @@ def calibrate(options: CalibrateOptions) -> None:
 
     To be looked at before use: nothing is sent. Ends with 2 if the turns do not show them.
     """
+    # A fit has a dozen numbers: threads of the linear algebra would but wait for each other.
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     import msgspec
 
     from estimator.profile import load_profile

@@ -1,13 +1,15 @@
 """Bags of ROS 1 and 2 (a folder, .mcap, .db3, .bag) with readings of ``sensor_msgs``.
 
 Imu, MagneticField and NavSatFix, by REP 103 and 145: SI units and tesla, axes forward, left, up,
-orientations from East-North-Up. Of several IMUs one is read: raw before filtered, then the one with
-most messages; a filtered one beside it has the attitude to compare with.
+orientations from East-North-Up. Of several IMUs one is read that tells rates and forces: raw before
+filtered, then the one with most messages; a filtered one beside it has the attitude to compare
+with.
 """
 
 import hashlib
 import logging
 from collections.abc import Callable, Iterator, Sequence
+from contextlib import suppress
 from typing import Any
 
 from drivers.events import Event, Malformed, VehicleId
@@ -44,7 +46,9 @@ class Bag(LogFile):
     def __iter__(self) -> Iterator[Event]:
         reader, decode = self._opened()
         try:
-            topics = _Topics(reader.connections)
+            imus = [each for each in reader.connections if each.msgtype == IMU]
+            halves = {each.topic for each in imus if not _is_whole(reader, decode, each)}
+            topics = _Topics(reader.connections, halves)
             if topics.connections:
                 yield from _events(reader, decode, topics)
         finally:
@@ -59,6 +63,14 @@ class Bag(LogFile):
             with each.open("rb") as file:
                 digest.update(hashlib.file_digest(file, "sha256").digest())
         return digest.hexdigest()
+
+    def topics(self) -> list[str]:
+        """What there is: each topic with its kind, and how it is written if it cannot be read."""
+        reader, _ = self._opened()
+        reader.close()
+        read = {f"{each.topic} ({each.msgtype})" for each in reader.connections}
+        others = {f"{c.topic} ({c.msgtype}, {c.encoding})" for c in getattr(reader, "others", ())}
+        return sorted(read | others)
 
     def _opened(self) -> tuple[Any, Decode]:
         """A reader, and what makes a message of a connection's bytes."""
@@ -88,11 +100,28 @@ class Bag(LogFile):
         return reader, decode
 
 
-class _Topics:
-    """Which topics are read."""
+def _is_whole(reader: Any, decode: Decode, connection: Any) -> bool:
+    """Whether an IMU's first message tells rates and forces; a camera may send them apart.
 
-    def __init__(self, connections: Sequence[Any]) -> None:
-        self.imu = _chosen(connections, IMU, "", raw=True)
+    The covariance of what is not told begins with -1 (REP 145).
+    """
+    with suppress(Exception):  # whatever a damaged file makes of the library
+        message = decode(*next((c, data) for c, _, data in reader.messages([connection])))
+        untold = [
+            getattr(message, f"{name}_covariance", [0.0])[0] == -1.0
+            for name in ("angular_velocity", "linear_acceleration")
+        ]
+        vectors = message.angular_velocity, message.linear_acceleration
+        return all(any(_vector(each)) for each in vectors) and not any(untold)
+    return False
+
+
+class _Topics:
+    """Which topics are read; those of ``halves`` only where there is no other IMU."""
+
+    def __init__(self, connections: Sequence[Any], halves: set[str]) -> None:
+        whole = [each for each in connections if each.topic not in halves]
+        self.imu = _chosen(whole, IMU, "", raw=True) or _chosen(connections, IMU, "", raw=True)
         self.attitude = _chosen(connections, IMU, self.imu, raw=False)
         field, fix = (_chosen(connections, kind, self.imu) for kind in (FIELD, FIX))
         wanted = {(IMU, self.imu), (IMU, self.attitude), (FIELD, field), (FIX, fix)}

@@ -73,25 +73,35 @@ class Columns(NamedTuple):
     doubts_axes: bool
 
 
-TIME = {"s": 1e6, "ms": 1e3, "millis": 1e3, "us": 1.0, "micros": 1.0, "ns": 1e-3, "nanos": 1e-3}
+TIME = {"min": 6e7, "s": 1e6, "ms": 1e3, "millis": 1e3, "us": 1.0, "micros": 1.0, "ns": 1e-3}
+TIME |= {"minutes": 6e7, "nanos": 1e-3}
 ANGLE = {"rad": 1.0, "deg": pi / 180}
 GYROSCOPE = {"rads": 1.0, "degs": pi / 180, "dps": pi / 180, "mrads": 1e-3, "mdps": pi / 180e3}
 GYROSCOPE |= {"rads1": 1.0, "degs1": pi / 180, "radps": 1.0, "degps": pi / 180}
 ACCELEROMETER = {"ms2": 1.0, "mss": 1.0, "mps2": 1.0, "g": G, "mg": 1e-3 * G, "cms2": 1e-2}
+ACCELEROMETER |= {"millig": 1e-3 * G}
 TESLA = {"t": 1e4, "tesla": 1e4, "mt": 1e1, "ut": 1e-2, "microtesla": 1e-2, "nt": 1e-5}
 GAUSS = {"g": 1.0, "ga": 1.0, "gs": 1.0, "gauss": 1.0, "mg": 1e-3, "mga": 1e-3, "mgauss": 1e-3}
 MAGNETOMETER = TESLA | GAUSS | {"milligauss": 1e-3}
 WORDS = {
     "gyroscope": (
-        "gyr|gyro|gyros|gyroscope|angularvelocity|angularrate|rotationrate|omega|w|g",
+        "gyro?s?|gyroscope|angularvelocity|angularrate|(?:gyro)?rotation(?:rate)?|omega|w|g",
         GYROSCOPE,
     ),
-    "accelerometer": ("acc|accel|accelerometer|acceleration|a", ACCELEROMETER),
-    "magnetometer": ("mag|magn|magnetometer|magneticfield|m", MAGNETOMETER),
+    "accelerometer": (
+        "acc|accel|accelerometer|(?:accelerometer)?acceleration|a",
+        ACCELEROMETER,
+    ),
+    # B and H are other things without a unit
+    "magnetometer": (
+        "mag|magn|magnetometer|magneticfield|m|[bh](?=.*(?:t|tesla|gauss)$)",
+        MAGNETOMETER,
+    ),
 }
-TIME_WORDS = "time|zeit|timestamp|t|elapsed|elapsedtime|sampletime"
+TIME_WORDS = "(?:accelerometer|imu|sensor)?(?:time|zeit|timestamp|t|elapsed|elapsedtime|sampletime)"
 ISO = "iso8601"
 SPELLINGS = (
+    *(("[0]", "x"), ("[1]", "y"), ("[2]", "z"), ("ω", "w"), ("º", "deg")),
     *(("²", "2"), ("°", "deg"), ("µ", "u"), ("μ", "u"), ("per", ""), ("radians", "rad")),
     *(("radian", "rad"), ("degrees", "deg"), ("degree", "deg"), ("seconds", "s")),
     *(("second", "s"), ("sec", "s")),
@@ -189,7 +199,7 @@ def _sensor(
         long = "|".join(word for word in words.split("|") if len(word) > 1)  # "x (g)" is no rate
         before, behind = rf"(?P<x>[xyz])(?:axis)?(?:{long})", rf"(?:{words})\d?(?:rss)?"
         unit, axis = f"(?:in)?({spelt})?", "(?P<z>[xyz])(?:axis)?"
-        kind = rf"(?:imu|raw|sensor|cal)*(?:{before}{unit}|{behind}{unit}{axis}{unit})"
+        kind = rf"(?:(?:imu|raw|sensor|cal)\d?)*(?:{before}{unit}|{behind}{unit}{axis}{unit})"
         matches = [
             (i, m["x"] or m["z"], m[2] or m[3] or m[5] or "")
             for i, m in _matches(text, re.compile(kind))
@@ -273,9 +283,10 @@ def _matches(text: CsvText, pattern: re.Pattern[str]) -> list[tuple[int, re.Matc
 
 
 def _own_unit(text: CsvText, index: int, units: Mapping[str, float]) -> str:
-    """The unit at the end of a name that was given: in brackets, or in a line of its own."""
+    """The unit at the end of a name that was given: in brackets, behind the axis, or below."""
     title = text.titles()[index]
     said = re.findall(r"[\[(]([^\])]*)[\])]\s*$", title) + list(text.names[index][1:])
+    said += re.findall(r"[^a-z][xyz][^a-z]+([a-z].*)$", title.lower())
     return next((unit for each in said if (unit := _compact(each)) in units), "")
 
 

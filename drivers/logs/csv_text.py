@@ -21,7 +21,7 @@ LEAST_NUMBERS = 6  # three rates, three accelerations; a time may be in words
 LINE_END = re.compile("\r\n|\r|\n")
 LONGEST_LINE = 65_536
 THOUSANDS = re.compile(r"\.(?=\d{3}[.,])")  # beside a decimal comma
-BLANKS = frozenset(("", "nan", "na", "n/a", "null", "none", "-"))
+BLANKS = frozenset(("", "nan", "na", "n/a", "#n/a", "null", "none", "-", "--", "?"))
 
 
 class CsvText(NamedTuple):
@@ -108,10 +108,11 @@ def _delimited(lines: Sequence[str], encoding: str, delimiter: str) -> CsvText |
     rows = [_fields(line, delimiter) or [] for line in lines]
     for k, row in enumerate(rows):
         has_comma = any(is_number(each, comma=True) and "," in each for each in row)
-        numbers = sum(is_number(each, comma=has_comma) or is_date(each) for each in row)
-        if numbers < LEAST_NUMBERS or 2 * numbers < len(row):
+        numbers, blanks = _count(row, comma=has_comma)
+        if numbers < LEAST_NUMBERS or 2 * (numbers + blanks) < len(row):
             continue
-        above = [each for each in rows[:k] if each][-HEADING_LINES:]
+        first = _first_row(rows, k, comma=has_comma)
+        above = [each for each in rows[:first] if each][-HEADING_LINES:]
         heading: list[list[str]] = []
         for each in reversed(above):
             if abs(len(each) - len(row)) > 1 or any(is_number(f, comma=has_comma) for f in each):
@@ -121,8 +122,24 @@ def _delimited(lines: Sequence[str], encoding: str, delimiter: str) -> CsvText |
             tuple(each[i].strip() if i < len(each) else "" for each in heading)
             for i in range(len(row))
         )
-        return CsvText(encoding, delimiter, has_comma, k, names, tuple(row))
+        return CsvText(encoding, delimiter, has_comma, first, names, tuple(rows[first]))
     return None
+
+
+def _first_row(rows: Sequence[Sequence[str]], k: int, *, comma: bool) -> int:
+    """Where the rows of numbers begin: those before row ``k`` may lack readings."""
+    while k and len(rows[k - 1]) == len(rows[k]):
+        numbers, blanks = _count(rows[k - 1], comma=comma)
+        if not numbers or numbers + blanks < len(rows[k]):
+            break
+        k -= 1
+    return k
+
+
+def _count(row: Sequence[str], *, comma: bool) -> tuple[int, int]:
+    """How many numbers or dates, and blanks, are among the fields."""
+    numbers = sum(is_number(each, comma=comma) or is_date(each) for each in row)
+    return numbers, sum(each.strip().lower() in BLANKS for each in row)
 
 
 def is_date(field: str) -> bool:

@@ -94,11 +94,12 @@ class Channel(NamedTuple):
 
 
 class McapChannels:
-    """The channels of a file, and their messages in the order of the file."""
+    """The channels of a file, and their messages in the order of recording if it has an index."""
 
     def __init__(self, path: Path) -> None:
         self.path = path
         self.connections: list[Channel] = []
+        self.others: list[Channel] = []  # which no decoder is for
 
     def open(self) -> None:
         """Look what there is; a file without an index is read through for it."""
@@ -108,6 +109,8 @@ class McapChannels:
         self._file = self.path.open("rb")
         try:
             self._kind: Any = SeekingReader
+            # to sort a file without an index would take all of it into memory
+            self._is_sorted = True
             self._look()
         except BaseException:
             self.close()
@@ -122,12 +125,12 @@ class McapChannels:
             return
         from mcap.reader import NonSeekingReader
 
-        self._kind = NonSeekingReader
+        self._kind, self._is_sorted = NonSeekingReader, False
         seen: dict[int, tuple[Any, Any, int]] = {}
         with suppress(Exception):  # and may end within a message
             for schema, channel, _ in self._messages():
                 seen[channel.id] = (channel, schema, seen.get(channel.id, (0, 0, 0))[2] + 1)
-        self.connections = []
+        self.connections, self.others = [], []
         for channel, schema, count in seen.values():
             self._add(channel, schema, count)
 
@@ -143,14 +146,14 @@ class McapChannels:
         self._file.close()
 
     def _messages(self) -> Iterator[Any]:
-        # in the file's order: to sort one without an index would take all of it into memory
         self._file.seek(0)
-        found: Iterator[Any] = self._kind(self._file).iter_messages(log_time_order=False)
+        found: Iterator[Any] = self._kind(self._file).iter_messages(log_time_order=self._is_sorted)
         return found
 
     def _add(self, channel: Any, schema: Any, count: int) -> None:
-        if schema is not None and channel.message_encoding in ENCODINGS:
-            package, _, name = schema.name.rpartition("/")
-            kind = f"{package.removesuffix('/msg')}/msg/{name}"
-            encoding = channel.message_encoding
-            self.connections.append(Channel(channel.id, channel.topic, kind, count, encoding))
+        encoding, said = channel.message_encoding, "" if schema is None else schema.name
+        package, _, name = said.rpartition("/")
+        kind = f"{package.removesuffix('/msg')}/msg/{name}" if package else said
+        is_read = schema is not None and encoding in ENCODINGS
+        place = self.connections if is_read else self.others
+        place.append(Channel(channel.id, channel.topic, kind, count, encoding))

@@ -1,5 +1,6 @@
-"""What to do about a log that has attitudes but no IMU data."""
+"""What to do about a log that has no IMU data."""
 
+from drivers.logs.bag import IMU, Bag
 from drivers.logs.dataflash import Dataflash
 from drivers.logs.dataflash_format import messages
 from drivers.logs.log_file import LogFile, windowed
@@ -13,6 +14,7 @@ from drivers.mavlink.constants import (
 from drivers.mavlink.dialect import Unpacker
 from drivers.mavlink.imu_messages import IMU_MESSAGES, message_to_ask_for
 
+MOST_TOPICS = 8
 ATTITUDES = {ATTITUDE_ID: "ATTITUDE", ATTITUDE_QUATERNION_ID: "ATTITUDE_QUATERNION"}
 
 
@@ -29,6 +31,11 @@ def advice(log: LogFile, system_id: int | None = None) -> str | None:
         if names != {"ATT"}:
             return None
         return "attitudes but no IMU message: set the IMU bit of LOG_BITMASK and log again"
+    if isinstance(log, Bag):
+        shown = log.topics()
+        if any(IMU in each for each in shown):
+            return None
+        return f"no sensor_msgs/Imu; it has {', '.join(shown[:MOST_TOPICS]) or 'no topic'}"
     return None  # PX4 always logs sensor_combined
 
 

@@ -45,7 +45,7 @@ def bands(time_s: Floats, trace: VehicleTrace, compared: Comparison) -> Iterator
     if trace.turned_at_us is not None:
         yield Band("wrong start", _tint("C3", 0.2), _wrong(time_s, trace, compared))
     yield Band("autopilot differs", _tint("C1", 0.2), _differing(trace))
-    yield Band("gap", {"color": "0.8"}, _gaps(time_s))
+    yield Band("gap", {"color": "0.8"}, gaps(time_s))
 
 
 def runs(time_s: Floats, flags: Bools, least_s: float = LEAST_S) -> list[Span]:
@@ -91,10 +91,10 @@ def _differing(trace: VehicleTrace) -> list[Span]:
     ]
 
 
-def _gaps(time_s: Floats) -> list[Span]:
-    """Begin and end of the gaps in the stream."""
+def gaps(time_s: Floats) -> list[Span]:
+    """Begin and end of the gaps in the stream of samples at times (N,)."""
     if len(time_s) < 2:
         return []
     steps = np.diff(time_s)
     longest = max(LEAST_GAP_S, GAP_PERIODS * float(np.median(steps)))
-    return [(time_s[k], time_s[k + 1]) for k in np.flatnonzero(steps > longest)]
+    return [(float(time_s[k]), float(time_s[k + 1])) for k in np.flatnonzero(steps > longest)]

@@ -7,7 +7,8 @@ import numpy as np
 
 from estimator.arrays import Floats
 from fuzzbee.replays.comparison import Comparison
-from fuzzbee.replays.plot import FIGURE_INCHES, MOST_POINTS, STYLE, largest, legend_above, save
+from fuzzbee.replays.plot import FIGURE_INCHES, STYLE, legend_above, save
+from fuzzbee.replays.thinned import Thinned
 from fuzzbee.replays.trace import VehicleTrace
 
 ROW_INCHES = 2.2
@@ -36,8 +37,8 @@ class ComparisonPlot:
         errors = np.degrees(np.where(compared.known[:, None], compared.errors_rad, np.nan))
         if not trace.fields:
             errors[:, 1] = np.nan  # a heading from nowhere has no error
-        step = 1 + len(time_s) // MOST_POINTS
-        self._curves.append(Curves(log, profile, time_s[::step], largest(errors, step)))
+        points = Thinned(time_s)
+        self._curves.append(Curves(log, profile, points.time_s, points.largest(errors)))
 
     def draw(self) -> None:
         """Write the figure.

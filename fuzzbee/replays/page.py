@@ -76,6 +76,11 @@ def _add_panel(page: Any, number: str, ax: Any, others: list[Any]) -> None:
         title = {"text": ax.get_title(loc="left"), "showarrow": False, "xanchor": "left"}
         corner = {"x": place.x0, "y": place.y1, "yanchor": "bottom"}
         page.add_annotation(**title, **corner, xref="paper", yref="paper")
+    for text in ax.texts:  # in a corner of the panel
+        x, y = text.get_position()
+        corner = {"x": x, "xref": f"x{number} domain", "y": y, "yref": f"y{number} domain"}
+        said = {"text": _lines(text.get_text()), "showarrow": False, "xanchor": "left"}
+        page.add_annotation(**said, **corner, yanchor=text.get_va())
     axes = {"xaxis": f"x{number}", "yaxis": f"y{number}", "legend": f"legend{number}"}
     for artist, trace in (*_bands(ax), *_areas(ax), *_curves(ax)):
         name = artist.get_label()
@@ -101,9 +106,9 @@ def _areas(ax: Any) -> Iterator[Drawn]:
     """What is filled between two lines."""
     for area in ax.collections:
         colour = _colour(area.get_facecolor()[0], None)
-        for outline in area.get_paths():
-            x, y = outline.vertices.T
-            yield area, {"x": x, "y": y, **_filled(colour)}
+        outlines = [outline.vertices for outline in area.get_paths()]
+        x, y = np.concatenate([[*each, (np.nan, np.nan)] for each in outlines])[:-1].T
+        yield area, {"x": x, "y": y, **_filled(colour)}
 
 
 def _bands(ax: Any) -> Iterator[Drawn]:

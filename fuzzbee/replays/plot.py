@@ -15,6 +15,7 @@ from fuzzbee.replays.bands import bands
 from fuzzbee.replays.comparison import Comparison, reference_attitudes
 from fuzzbee.replays.page import write_page
 from fuzzbee.replays.score import errors_against
+from fuzzbee.replays.thinned import Thinned
 from fuzzbee.replays.trace import VehicleTrace
 
 # For each suffix the metadata that would make two files of the same figure differ.
@@ -39,8 +40,6 @@ STYLE: Any = {
 LAYOUT_DIGITS = 5
 # The letters that a line of the title takes at most
 TITLE_WIDTH = 84
-# With more points a line looks the same and the file only grows.
-MOST_POINTS = 20_000
 # Told apart in print without colours, too: thick, dashed, thin.
 REFERENCE: dict[str, Any] = {"color": "0.15", "lw": 1.6}
 AUTOPILOT: dict[str, Any] = {"color": "C2", "lw": 0.9, "ls": (0, (4, 2))}
@@ -48,7 +47,7 @@ ESTIMATE: dict[str, Any] = {"color": "C1", "lw": 0.8}
 
 
 class Drawn(NamedTuple):
-    """What is drawn: every so many samples, with what the autopilot has beside a truth.
+    """What is drawn, with what the autopilot has beside a truth.
 
     ``autopilot`` are its attitudes (N, 4) and errors (N, 3), NaN where it has none.
     """
@@ -57,24 +56,15 @@ class Drawn(NamedTuple):
     trace: VehicleTrace
     compared: Comparison
     autopilot: tuple[Floats, Floats] | None
-
-    @property
-    def shown(self) -> slice:
-        """The samples that are drawn."""
-        return slice(None, None, 1 + len(self.time_s) // MOST_POINTS)
+    points: Thinned
 
     def plot(self, ax: Any, values: Floats, *style: str, **line: Any) -> None:
         """A line of values (N,) over time."""
-        ax.plot(self.time_s[self.shown], values[self.shown], *style, **line)
+        ax.plot(self.points.time_s, self.points.every(values), *style, **line)
 
     def plot_largest(self, ax: Any, values: Floats, *style: str, **line: Any) -> None:
         """The same, of values whose peaks tell."""
-        ax.plot(self.time_s[self.shown], largest(values, self.shown.step), *style, **line)
-
-
-def largest(values: Floats, count: int) -> Floats:
-    """The largest of every ``count`` values (N,) or (N, K); NaN where none is known."""
-    return np.asarray(np.fmax.reduceat(values, np.arange(0, len(values), count)))
+        ax.plot(self.points.time_s, self.points.largest(values), *style, **line)
 
 
 def require_plot(path: Path) -> None:
@@ -102,7 +92,7 @@ def draw(path: Path, title: str, trace: VehicleTrace, compared: Comparison) -> N
     from matplotlib.figure import Figure
 
     time_s = 1e-6 * (trace.times_us - trace.times_us[0])
-    drawn = Drawn(time_s, trace, compared, _autopilot(trace, compared))
+    drawn = Drawn(time_s, trace, compared, _autopilot(trace, compared), Thinned(time_s))
     with mpl.rc_context(STYLE):
         figure = Figure(figsize=FIGURE_INCHES, layout="constrained")
         axes = figure.subplots(8, 1, sharex=True)
@@ -170,28 +160,28 @@ def _autopilot(trace: VehicleTrace, compared: Comparison) -> tuple[Floats, Float
 
 def _attitude(axes: Any, drawn: Drawn) -> None:
     """Roll, pitch and yaw."""
-    compared, shown = drawn.compared, drawn.shown
+    compared, points = drawn.compared, drawn.points
     truth = np.where(compared.known[:, None], compared.truth, np.nan)
     curves = [(drawn.trace.estimates, ESTIMATE, "estimate")]
     if drawn.autopilot is not None:
         curves.insert(0, (drawn.autopilot[0], AUTOPILOT, "autopilot"))
     if compared.source is not None:
         curves.insert(0, (truth, REFERENCE, compared.source))
-    draw_angles(axes, drawn.time_s[shown], [(q[shown], line, label) for q, line, label in curves])
+    draw_angles(axes, points.time_s, [(points.every(q), line, label) for q, line, label in curves])
     legend_above(axes[0], len(curves))
 
 
 def _errors(axes: Any, drawn: Drawn) -> None:
     """Inclination and heading error with the published sigma, and the autopilot's error."""
-    compared, shown = drawn.compared, drawn.shown
+    compared, points = drawn.compared, drawn.points
     sigmas = (
         drawn.trace.column("sigma_inclination_rad"),
         drawn.trace.column("sigma_heading_rad"),
     )
     errors = np.degrees(np.where(compared.known[:, None], compared.errors_rad, np.nan))
     for ax, name, i, sigma in zip(axes, ("inclination", "heading"), (2, 1), sigmas, strict=True):
-        within = np.degrees(sigma[shown])
-        ax.fill_between(drawn.time_s[shown], within, color="C0", alpha=0.25, lw=0, label="sigma")
+        within = points.every(np.degrees(sigma))
+        ax.fill_between(points.time_s, within, color="C0", alpha=0.25, lw=0, label="sigma")
         if drawn.autopilot is not None:
             theirs = np.degrees(drawn.autopilot[1][:, i])
             drawn.plot_largest(ax, theirs, **AUTOPILOT, label="autopilot's error")

@@ -2,10 +2,9 @@
 
 import contextlib
 import json
-import os
 import threading
 import time
-from collections.abc import Iterator
+from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -14,29 +13,19 @@ import msgspec
 from estimator.profile import Profile, Provenance, profile_to_toml
 from fuzzbee.say import tell
 from fuzzbee.tune.plan import Plan
-from fuzzbee.tune.progress import ProgressBar
 from fuzzbee.tune.request import TuneRequest
+from fuzzbee.tune.searches import Searches, Watch, best
 from service.signals import stop_on_signals
-from tuning.checkpoint import (
-    checkpoint_path,
-    read_checkpoint,
-    write_atomically,
-    write_checkpoint,
-)
+from tuning.checkpoint import checkpoint_path, read_checkpoint, write_atomically
+from tuning.crossing import cross
 from tuning.flight_cost import FlightFigures, harm
 from tuning.log_task import GOALS, LogTask
-from tuning.objective import Scores, profile_with, values_of
-from tuning.optimizers import run_search
-from tuning.search import Evaluate, InterruptedSearch, Record, Search
-from tuning.space import encode
-from tuning.workers import Workers, available_cores
+from tuning.objective import Scores, values_of
+from tuning.search import InterruptedSearch, Search
 
 if TYPE_CHECKING:
     from fuzzbee.tune.view import SearchView
     from fuzzbee.viewer.stream import ViewerOptions
-
-# A checkpoint is written this often, so a power cut costs no more of a search.
-CHECKPOINT_PERIOD_S = 20.0
 
 NAMES = {
     "abc": "artificial bee colony",
@@ -89,15 +78,15 @@ def run_plan(plan: Plan, request: TuneRequest, viewer: "ViewerOptions | None") -
     """
     started = time.perf_counter()
     checkpoint = checkpoint_path(plan.output)
-    record = read_checkpoint(checkpoint, plan.identity) if request.resume else None
-    if record is None and checkpoint.exists():
+    earlier = read_checkpoint(checkpoint, plan.identity) if request.resume else []
+    if not earlier and checkpoint.exists():
         tell(f"{checkpoint}: an unfinished search, not resumed; it will be replaced")
     stop = threading.Event()
     with contextlib.ExitStack() as stack:
         view = _open_view(viewer, plan, stack)
-        with stop_on_signals(stop.set), evaluator(plan, request) as evaluate:
-            outcome = _search(plan, evaluate, record, stop, view)
-            verdict = _judge(plan, evaluate, outcome, stop)
+        searches = Searches(plan, request, stop, earlier)
+        with stop_on_signals(stop.set):
+            plan, outcome, verdict = _run(plan, searches, None if view is None else view.show)
         written = verdict.gains or request.force or not isinstance(plan.task, LogTask)
         _write(plan, outcome, checkpoint, request.plot, written=written)
         report = _report(plan, outcome, verdict, time.perf_counter() - started)
@@ -130,21 +119,35 @@ def _write(
         draw(figures, plan.task, outcome.profile, outcome.search)
 
 
-def _judge(plan: Plan, evaluate: Evaluate, outcome: Outcome, stop: threading.Event) -> Verdict:
-    """Score base and result, and let chance search with the same budget."""
+def _run(plan: Plan, searches: Searches, watch: Watch | None) -> tuple[Plan, Outcome, Verdict]:
+    """Search on references that are crossed first, where they are smoothed ones."""
+    try:
+        if isinstance(plan.task, LogTask):
+            plan = plan._replace(task=cross(plan.task, searches.found))
+        with searches.evaluator(plan.task) as evaluate:
+            search = searches.run(plan.task, evaluate, watch)
+            outcome = Outcome(search, True, _profile(plan, search, finished=True))
+            return (
+                plan,
+                outcome,
+                _judge(plan, outcome, lambda: searches.by_chance(plan.task, evaluate)),
+            )
+    except InterruptedSearch:
+        search = searches.latest
+        outcome = Outcome(search, False, _profile(plan, search, finished=False))
+        return plan, outcome, _judge(plan, outcome, lambda: None)
+
+
+def _judge(plan: Plan, outcome: Outcome, chance: Callable[[], Profile | None]) -> Verdict:
+    """Score base and result, and what chance finds with the same budget."""
     before, after = plan.task.score(plan.task.base), plan.task.score(outcome.profile)
     if not isinstance(plan.task, LogTask):
         return Verdict(before, after, None)
     then, now = (plan.task.held_out_figures(p) for p in (plan.task.base, outcome.profile))
     flights = tuple((name, was, is_) for (name, was), (_, is_) in zip(then, now, strict=True))
     harmed = harm([f for _, f in then], [f for _, f in now]) if plan.task.goal == "flight" else None
-    rival = None
-    if outcome.finished:
-        options = plan.options._replace(algorithm="random")
-        search = Search(plan.task.space, options, evaluate, observe=lambda _: not stop.is_set())
-        with contextlib.suppress(InterruptedSearch):  # the result stands without it
-            run_search(search, encode(plan.task.space, values_of(plan.task.space, plan.task.base)))
-            rival = plan.task.score(profile_with(search.space, plan.task.base, search.best_values))
+    found = chance()
+    rival = None if found is None else plan.task.score(found)
     return Verdict(before, after, rival, flights, harmed)
 
 
@@ -185,39 +188,6 @@ def _open_view(
     return view
 
 
-def _search(
-    plan: Plan,
-    evaluate: Evaluate,
-    record: Record | None,
-    stop: threading.Event,
-    view: "SearchView | None",
-) -> Outcome:
-    checkpoint = checkpoint_path(plan.output)
-    with ProgressBar(plan.options) as bar:
-        saved_s = time.monotonic()
-
-        def observe(search: Search) -> bool:
-            nonlocal saved_s
-            bar.show(search)
-            if view is not None:
-                view.show(search)
-            now_s = time.monotonic()
-            if now_s - saved_s > CHECKPOINT_PERIOD_S:
-                write_checkpoint(checkpoint, plan.identity, search.record)
-                saved_s = now_s
-            return not stop.is_set()
-
-        space = plan.task.space
-        search = Search(space, plan.options, evaluate=evaluate, observe=observe, record=record)
-        first = encode(space, values_of(space, plan.task.base))
-        try:
-            run_search(search, first)
-        except InterruptedSearch:
-            write_checkpoint(checkpoint, plan.identity, search.record)
-            return Outcome(search, False, _profile(plan, search, finished=False))
-        return Outcome(search, True, _profile(plan, search, finished=True))
-
-
 def _profile(plan: Plan, search: Search, *, finished: bool) -> Profile:
     """The base profile with the values that were found, and their provenance."""
     groups = plan.identity["options"]["parameters"]
@@ -225,44 +195,7 @@ def _profile(plan: Plan, search: Search, *, finished: bool) -> Profile:
     if not finished:
         description += f", interrupted after {search.evaluations} of {plan.options.budget}"
     provenance = Provenance(description=description, **plan.identity)
-    found = profile_with(plan.task.space, plan.task.base, search.best_values)
-    return msgspec.structs.replace(found, provenance=provenance)
-
-
-@contextlib.contextmanager
-def evaluator(plan: Plan, request: TuneRequest) -> Iterator[Evaluate]:
-    """Choose what computes costs: a cluster, processes here, or for sim: threads."""
-    objective, threads = plan.task.objective, request.threads
-    if request.cluster is not None:
-        from tuning.cluster import ClusterEvaluator
-
-        with ClusterEvaluator(request.cluster, objective) as evaluate:
-            yield evaluate
-    elif isinstance(plan.task, LogTask):
-        with Workers(objective, available_cores() if threads is None else threads) as evaluate:
-            yield evaluate
-    else:
-        with _numba_threads(threads):
-            yield objective.costs
-
-
-@contextlib.contextmanager
-def _numba_threads(threads: int | None) -> Iterator[None]:
-    """Have numba use this number of threads, or all that there are if there are fewer."""
-    # Threads that wait for the next batch should sleep: spinning takes a third of a shared core.
-    os.environ.setdefault("OMP_WAIT_POLICY", "passive")
-    import numba
-
-    before = numba.get_num_threads()
-    available = numba.config.NUMBA_NUM_THREADS  # type: ignore[attr-defined]
-    if threads is not None:
-        if threads > available:
-            tell(f"--threads {threads}: this machine has {available}, which are used")
-        numba.set_num_threads(min(threads, available))
-    try:
-        yield
-    finally:
-        numba.set_num_threads(before)
+    return msgspec.structs.replace(best(plan.task, search), provenance=provenance)
 
 
 def _report(plan: Plan, outcome: Outcome, verdict: Verdict, wall_s: float) -> dict[str, Any]:

@@ -1,6 +1,9 @@
 """``fuzzbee calibrate``: iron put into a log is found again, and its profile takes it away."""
 
 import json
+import os
+import subprocess
+import sys
 import tomllib
 from pathlib import Path
 
@@ -99,3 +102,19 @@ def test_what_shows_nothing_is_one_line(log, complaint, capsys):
     told = err.splitlines()[-1]  # before it may stand that the filter is compiled
     assert any(each in told for each in complaint.split("|"))
     assert "Traceback" not in err
+
+
+@pytest.mark.skipif(not Path("/proc/self/task").exists(), reason="needs Linux's list of threads")
+def test_a_fit_of_a_dozen_numbers_is_one_threads_work():
+    """Threads of the linear algebra waited for each other: three times the processor's time."""
+    program = "import os; from fuzzbee.cli import main; main(['calibrate', os.environ['LOG']]); "
+    program += "print(len(os.listdir('/proc/self/task')))"
+    clean = {key: value for key, value in os.environ.items() if "_NUM_THREADS" not in key}
+    done = subprocess.run(
+        [sys.executable, "-c", program],
+        env={**clean, "LOG": str(PLANE)},
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    assert done.stdout.splitlines()[-1] == "1"

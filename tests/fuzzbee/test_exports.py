@@ -13,8 +13,8 @@ from estimator.geometry.frames import enu_flu_from_ned_frd
 from fuzzbee.cli import main
 from fuzzbee.replays import parquet_file
 from fuzzbee.replays.exports import ATTITUDE_COLUMNS, COLUMNS
-from fuzzbee.replays.plot import largest
 from fuzzbee.replays.simulation_files import COLUMNS as SIMULATION_COLUMNS
+from fuzzbee.replays.thinned import Thinned, largest
 
 LOG = Path(__file__).parent.parent / "data" / "sitl_copter_4hz.tlog"
 
@@ -331,3 +331,29 @@ def test_of_many_errors_the_peaks_are_drawn():
     drawn = largest(values, 3)
     assert np.array_equal(drawn, [[9.0, 3.0], [4.0, 1.0]])
     assert np.isnan(largest(np.full((4, 2), np.nan), 3)).all()
+
+
+def test_no_line_is_drawn_across_a_gap():
+    """Of 30,000 samples every other is drawn, the first behind the gap with the largest."""
+    time_s = np.arange(30_000) * 0.01
+    time_s[20_001:] += 5.0
+    points = Thinned(time_s)
+    at = np.flatnonzero(np.isnan(points.every(time_s)))
+    assert points.time_s[at] == pytest.approx([0.5 * (time_s[20_000] + time_s[20_001])])
+    assert np.all(np.diff(points.time_s) > 0.0)
+    assert np.array_equal(np.delete(points.every(time_s), at), time_s[::2])
+    assert np.nanmax(points.largest(time_s[:, None])) == time_s[-1]
+
+
+def test_a_figure_is_broken_where_the_log_is(capsys, tmp_path, drawn):
+    log, content = tmp_path / "a.tlog", LOG.read_bytes()
+    middle = len(content) // 2
+    log.write_bytes(content[:middle] + content[middle + 100_000 :])
+    assert replay(capsys, log, "--plot", tmp_path / "a.png")[0] == 0
+    for ax in drawn[0].axes:
+        spans = [(p.get_x(), p.get_x() + p.get_width()) for p in ax.patches]
+        ((begin, end),) = {span for span in spans if span[1] - span[0] > 10.0}
+        assert ax.lines
+        for line in ax.lines:
+            x, y = (np.asarray(part, float) for part in line.get_data())
+            assert np.isnan(y[(x > begin) & (x < end)]).tolist() == [True]

@@ -50,6 +50,9 @@ def test_a_page_shows_the_reports_figures_and_its_panels_zoom_together(capsys, t
         page.value("Plotly.relayout('fuzzbee', {'xaxis3.range': [3, 6]}).then(() => done = 1) && 0")
         page.wait_for("window.done == 1")
         assert ranges(page) == [[3, 6]] * 8
+        # whatever is cut off is told on the page, too
+        notes = f"JSON.stringify({LAYOUT}.annotations.map(a => a.text))"
+        assert any(text.startswith("cut off: ") for text in json.loads(page.value(notes)))
         assert page.value("performance.getEntriesByType('resource').length") == 0
 
 

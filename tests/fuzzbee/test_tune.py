@@ -13,6 +13,7 @@ import typer
 
 from estimator.errors import InputError
 from estimator.profile import load_profile, merge_profile, profile_to_toml
+from fuzzbee.tune import searches
 from fuzzbee.tune.command import tune
 from tuning.checkpoint import write_checkpoint
 from tuning.paper_experiment import run_experiment
@@ -95,12 +96,12 @@ def test_interrupted_and_resumed_is_the_same_file(tmp_path, number):
     program = (
         "import sys, typer\n"
         "from fuzzbee.tune.command import tune\n"
-        "import fuzzbee.tune.run as run\n"
-        "show = run.ProgressBar.show\n"
+        "import fuzzbee.tune.searches as searches\n"
+        "show = searches.ProgressBar.show\n"
         "def told(bar, search):\n"
         "    show(bar, search)\n"
         "    print(search.evaluations, file=sys.stderr, flush=True)\n"
-        "run.ProgressBar.show = told\n"
+        "searches.ProgressBar.show = told\n"
         "typer.run(tune)\n"
     )
     process = subprocess.Popen(
@@ -175,7 +176,9 @@ def test_the_output_must_be_writable(tmp_path):
 
 def test_resume_with_other_options_names_them(tmp_path):
     file = tmp_path / "x.toml"
-    write_checkpoint(tmp_path / "x.toml.checkpoint", {"options": {}}, Record(np.ones(2), "0" * 64))
+    write_checkpoint(
+        tmp_path / "x.toml.checkpoint", {"options": {}}, [Record(np.ones(2), "0" * 64)]
+    )
     with pytest.raises(InputError, match=r"other options: .*options\.cycles"):
         command(*SMALL, "-o", file, "--resume")
 
@@ -286,6 +289,25 @@ def test_what_moves_sigma_alone_is_judged_by_coverage(tmp_path, capsys):
     shares = [flight["after"][angle]["coverage"] for angle in ("inclination", "heading")]
     assert said["held_out_after"] == pytest.approx(np.mean(np.abs(np.array(shares) - 0.68)))
     assert said["cost_after"] < said["cost_before"]
+
+
+def test_smoothed_references_are_crossed_and_a_search_goes_on_from_anywhere(tmp_path, monkeypatch):
+    """A checkpoint after each batch: of both halves, and of the search over the crossed whole."""
+    saved = []
+
+    def keep(path, identity, records):
+        write_checkpoint(path, identity, records)
+        saved.append((len(records), path.read_bytes()))
+
+    monkeypatch.setattr(searches, "CHECKPOINT_PERIOD_S", 0.0)
+    monkeypatch.setattr(searches, "write_checkpoint", keep)
+    one, other = tmp_path / "one.toml", tmp_path / "other.toml"
+    few = ["--reference", "smooth", "--force", "--sources", "2", "--cycles", "1", "--threads", "1"]
+    command(SLOW_LOG, "-o", one, *few)
+    assert [stages for stages, _ in saved] == [1, 1, 1, 2, 2, 2, 3, 3, 3]
+    (tmp_path / "other.toml.checkpoint").write_bytes(saved[4][1])
+    command(SLOW_LOG, "-o", other, *few, "--resume")
+    assert other.read_bytes() == one.read_bytes()
 
 
 def test_figures_of_a_log(tmp_path):

@@ -95,7 +95,7 @@ def test_a_resumed_search_shows_what_was_before(tmp_path):
 
     with pytest.raises(InterruptedSearch):
         search(chosen, observe)
-    write_checkpoint(tmp_path / "x.toml.checkpoint", chosen.identity, kept[0])
+    write_checkpoint(tmp_path / "x.toml.checkpoint", chosen.identity, kept)
     assert main([*SIMULATED, "-o", str(output), "--resume", "--rrd", str(file)]) == 0
     assert rows(file, "/cost") == 4 + 1
 

@@ -15,20 +15,20 @@ from tuning.checkpoint import (
 from tuning.search import Record
 
 IDENTITY = {"options": {"sources": 3, "algorithm": "abc"}, "inputs": [{"name": "sim:"}]}
-RECORD = Record(np.array([1.5, 1 / 3, 7e300]), "ab" * 32)
+RECORDS = [Record(np.array([1.5, 1 / 3, 7e300]), "ab" * 32), Record(np.array([2.5]), "cd" * 32)]
 
 
 def test_round_trip(tmp_path):
     path = tmp_path / "x.checkpoint"
-    write_checkpoint(path, IDENTITY, RECORD)
-    back = read_checkpoint(path, IDENTITY)
-    assert np.array_equal(back.costs, RECORD.costs)
-    assert back.asked_sha256 == RECORD.asked_sha256
+    write_checkpoint(path, IDENTITY, RECORDS)
+    for back, record in zip(read_checkpoint(path, IDENTITY), RECORDS, strict=True):
+        assert np.array_equal(back.costs, record.costs)
+        assert back.asked_sha256 == record.asked_sha256
 
 
 def test_names_what_differs(tmp_path):
     path = tmp_path / "x.checkpoint"
-    write_checkpoint(path, IDENTITY, RECORD)
+    write_checkpoint(path, IDENTITY, RECORDS)
     other = {**IDENTITY, "options": {"sources": 4, "algorithm": "abc"}}
     with pytest.raises(InputError, match=r"other options: options\.sources"):
         read_checkpoint(path, other)
@@ -45,10 +45,11 @@ def test_damaged(tmp_path, damage):
         read_checkpoint(path, IDENTITY)
 
 
-@pytest.mark.parametrize("evaluations", [-1, 1.5, "3", [3], None, True])
+@pytest.mark.parametrize("evaluations", [1, 1.5, "3", [3], [], [-1], [2, -1], None])
 def test_hostile_counts(tmp_path, evaluations):
     path = tmp_path / "x.checkpoint"
-    header = {"schema": 1, "identity": {}, "evaluations": evaluations, "asked_sha256": "ab"}
+    asked = ["ab"] * (len(evaluations) if isinstance(evaluations, list) else 1)
+    header = {"schema": 2, "identity": {}, "evaluations": evaluations, "asked_sha256": asked}
     path.write_bytes(json.dumps(header).encode() + b"\n" + b"\0" * 8)
     with pytest.raises(InputError, match=r"not a checkpoint|damaged|other options"):
         read_checkpoint(path, IDENTITY)
@@ -57,7 +58,7 @@ def test_hostile_counts(tmp_path, evaluations):
 def test_a_nested_identity_is_one_line(tmp_path):
     path = tmp_path / "x.checkpoint"
     deep = b'{"a":' * 900 + b"1" + b"}" * 900
-    header = b'{"schema":1,"evaluations":0,"asked_sha256":"","identity":' + deep + b"}\n"
+    header = b'{"schema":2,"evaluations":[1],"asked_sha256":[""],"identity":' + deep + b"}\n"
     path.write_bytes(header)
     with pytest.raises(InputError) as raised:
         read_checkpoint(path, IDENTITY)
@@ -67,7 +68,7 @@ def test_a_nested_identity_is_one_line(tmp_path):
 
 def test_truncated(tmp_path):
     path = tmp_path / "x.checkpoint"
-    write_checkpoint(path, IDENTITY, RECORD)
+    write_checkpoint(path, IDENTITY, RECORDS)
     path.write_bytes(path.read_bytes()[:-8])
     with pytest.raises(InputError, match="damaged"):
         read_checkpoint(path, IDENTITY)

@@ -11,6 +11,7 @@ from drivers.events import Imu, Malformed, Position, ReferenceAttitude
 from drivers.logs.open import imu_events, open_log
 from estimator.errors import InputError
 from estimator.geometry.frames import enu_flu_from_ned_frd, flu_from_frd
+from estimator.types import IDENTITY
 from fuzzbee.cli import main
 from tests.vocabulary import assert_attitude_close
 
@@ -21,6 +22,7 @@ typesys = pytest.importorskip("rosbags.typesys")
 CLIP = Path(__file__).parents[2] / "data" / "sitl_copter_4hz.tlog"
 BEGIN_US = 1_700_000_000_000_000
 UNKNOWN = np.array([-1.0, *8 * [0.0]])
+UP = (0.0, 0.1, -9.8)
 KINDS = ("folder.mcap", "folder.db3", "ros1.bag")
 
 
@@ -46,6 +48,7 @@ class Bag:
             self.types = typesys.get_typestore(typesys.Stores.ROS2_JAZZY)
             self.writer = rosbag2.Writer(path, version=9, storage_plugin=plugin)
         self.connections = {}
+        self.covariances = np.zeros(9)
 
     def new(self, name, *values, **fields):
         return self.types.types[name.replace("/", "/msg/")](*values, **fields)
@@ -66,7 +69,9 @@ class Bag:
         self.writer.write(self.connections[topic], us * 1000, bytes(write(message, name)))
 
     def imu(self, topic, time_us, q_wxyz, covariance, gyr, acc):
+        """The covariance is the orientation's; what is nothing but zeros has ``covariances``."""
         w, x, y, z = q_wxyz
+        zeros = np.zeros(9)
         self.put(
             topic,
             "sensor_msgs/Imu",
@@ -74,9 +79,9 @@ class Bag:
             orientation=self.new("geometry_msgs/Quaternion", x, y, z, w),
             orientation_covariance=covariance,
             angular_velocity=self.vector(gyr),
-            angular_velocity_covariance=np.zeros(9),
+            angular_velocity_covariance=zeros if any(gyr) else self.covariances,
             linear_acceleration=self.vector(acc),
-            linear_acceleration_covariance=np.zeros(9),
+            linear_acceleration_covariance=zeros if any(acc) else self.covariances,
         )
 
     def vector(self, v):
@@ -190,6 +195,64 @@ def test_an_mcap_file_of_others(tmp_path, encoding, has_index):
     ]
     # the same topic has the readings and somebody's attitude
     assert len(of(ReferenceAttitude, events)) == 50
+
+
+def test_an_mcap_file_that_is_not_in_order_is_read_in_the_order_of_its_recording(tmp_path):
+    """Two threads have written it, in chunks that overlap."""
+    writers = pytest.importorskip("mcap.writer")
+    path, put = tmp_path / "a.mcap", []
+    store = Bag(tmp_path / "unused")
+    store.writer.open()
+    store.writer.write = lambda _, time_ns, data: put.append((time_ns, data))
+    for k in range(100):
+        store.imu("/imu", 10_000 * (k + 1), (1.0, 0.0, 0.0, 0.0), UNKNOWN, (0.1, 0.2, 0.01 * k), UP)
+    store.writer.close()
+    with path.open("wb") as file:
+        writer = writers.Writer(file, chunk_size=2000)
+        writer.start()
+        kind = writer.register_schema("sensor_msgs/msg/Imu", "ros2msg", b"")
+        channel = writer.register_channel("/imu", "cdr", kind)
+        for time_ns, data in (put[k ^ 7] for k in range(96)):
+            writer.add_message(channel, time_ns, data, time_ns)
+        writer.finish()
+    samples = [event.sample for event in of(Imu, open_log(path))]
+    assert [s.gyr_rad_s[2] for s in samples] == pytest.approx([0.01 * k for k in range(96)])
+
+
+@pytest.mark.parametrize("covariance", [UNKNOWN, np.zeros(9)])
+def test_a_cameras_halves_of_an_imu_are_read_only_if_there_is_no_other(tmp_path, covariance):
+    """Its rates come by themselves, most often of all, its forces too."""
+    for path, others in ((tmp_path / "one", ["/imu/data"]), (tmp_path / "none", [])):
+        bag = Bag(path)
+        bag.covariances = covariance
+        with bag.writer:
+            for k in range(1, 61):
+                rate = (0.1, 0.2, 0.001 * k)
+                bag.imu("/camera/gyro", 10_000 * k, IDENTITY, UNKNOWN, rate, (0.0, 0.0, 0.0))
+                if k % 2:
+                    bag.imu("/camera/accel", 10_000 * k, IDENTITY, UNKNOWN, (0.0, 0.0, 0.0), UP)
+                if k % 3 == 0:
+                    for topic in others:
+                        bag.imu(topic, 10_000 * k, IDENTITY, np.zeros(9), rate, UP)
+        imus = of(Imu, open_log(path))
+        assert {event.message for event in imus} == set(others)
+        assert len(imus) == 20 * len(others)
+
+
+def test_a_bag_without_an_imu_is_told_what_it_has(tmp_path, capsys):
+    writers = pytest.importorskip("mcap.writer")
+    path = tmp_path / "a.mcap"
+    with path.open("wb") as file:
+        writer = writers.Writer(file)
+        writer.start()
+        kind = writer.register_schema("foxglove.Imu", "protobuf", b"")
+        for topic, encoding in (("/imu", "protobuf"), ("/note", "json")):
+            channel = writer.register_channel(topic, encoding, kind)
+            writer.add_message(channel, 1, b"{}", 1)
+        writer.finish()
+    assert main(["replay", str(path)]) == 2
+    (line,) = capsys.readouterr().err.splitlines()
+    assert "no sensor_msgs/Imu; it has /imu (foxglove.Imu, protobuf), /note (foxglove.Imu)" in line
 
 
 def test_an_mcap_file_in_json(tmp_path):

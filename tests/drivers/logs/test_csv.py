@@ -141,7 +141,130 @@ def grouped():
     return "\n".join([names.replace(",", ";"), *lines, ""])
 
 
+def renamed(names, *, rate=1.0, force=1.0, field=1.0, time=1.0, **written_as):
+    """The plain table with other names and units; three columns where a name has a $."""
+    titles = [
+        title.replace("$", axis) for title in names for axis in ("xyz" if "$" in title else " ")
+    ]
+    t, gyr, acc, mag = readings()
+    heading = written_as.get("delimiter", ",").join(titles)
+    return table([heading], (time * t, rate * gyr, force * acc, field * mag), **written_as)
+
+
+DEG, PER_G = 180.0 / pi, 1.0 / 9.80665
+SHORT = "time_s", "w$_rad_s", "a$_m_s2", "m$_gauss"
+
+
+def of_a_phone_app():
+    """Each sensor has its own time and words of its own; the first time is taken."""
+    t, gyr, acc, mag = readings()
+    sensors = ("accelerometerAcceleration$(G)", "gyroRotation$(rad/s)", "magnetometer$(µT)")
+    acc_names, gyr_names, mag_names = (
+        ",".join(name.replace("$", axis) for axis in "XYZ") for name in sensors
+    )
+    stamps = "accelerometerTimestamp_sinceReboot(s)", "gyroTimestamp_sinceReboot(s)"
+    heading = ",".join([stamps[0], acc_names, stamps[1], gyr_names, mag_names])
+    return table([heading], (t, PER_G * acc, 2.0 * t, gyr, 100 * mag))
+
+
+def greek():
+    names = "time [s]", "ω_$ [rad·s⁻¹]", "a_$ [m·s⁻²]", "B_$ [µT]"
+    return renamed(names, field=100, delimiter="\t")
+
+
+def spanish():
+    names = "time (s)", "Gyro $ (º/s)", "Acc $ (m/s²)", "Mag $ (gauss)"
+    return renamed(names, rate=DEG, delimiter=";", comma=",")
+
+
+def of_a_tracker():
+    """A line above the heading, h for the field, and some other h without a unit."""
+    names = "Time(s)", "w$(deg/s)", "a$(g)", "h$(uT)"
+    text = renamed(names, rate=DEG, force=PER_G, field=100, delimiter="\t")
+    text = text.replace("hz(uT)", "hz(uT)\thx")
+    return "StartTime: 2024-01-01 12:00:00\n" + text
+
+
+def in_thousandths():
+    names = "Time (microseconds)", "g$ (mrad/s)", "a$ (milli-g)", "m$ (milligauss)"
+    return renamed(names, time=1e6, rate=1e3, force=1e3 * PER_G, field=1e3)
+
+
+SENSORS = (("gyro", "rad/s"), ("accel", "m/s^2"), ("mag", "Ga"))
+
+
+def numbered():
+    t, *others = readings()
+    names = [f"{s}[{k}] ({u})" for s, u in SENSORS for k in range(3)]
+    return table(["|".join(["t_us", *names])], (1e6 * t, *others), "|")
+
+
+def of_the_first_of_two():
+    names = ["time_s"] + [f"IMU1.{s}.{a} ({u})" for s, u in SENSORS for a in "xyz"]
+    return table([",".join(names)], readings())
+
+
+def of_two():
+    """Two IMUs in one row; the names that are given have the units."""
+    t, gyr, acc, mag = readings()
+    kinds = ("gyr", "rad_s"), ("acc", "m_s2")
+    names = [f"imu{k}_{s}_{a}_{u}" for k in (0, 1) for s, u in kinds for a in "xyz"]
+    return table([",".join(["time_s", *names]) + FIELD], (t, gyr, acc, gyr + 1, acc + 1, mag))
+
+
+OF_TWO = "\n".join(
+    f"{name} = {{ columns = {[f'imu0_{s}_{a}_{u}' for a in 'xyz']} }}"
+    for name, s, u in (("gyroscope", "gyr", "rad_s"), ("accelerometer", "acc", "m_s2"))
+)
+
+
+def late_field():
+    """The first rows lack all but the time, then most of what a wide table has."""
+    lines = plain().splitlines()
+    wide = [line + ",,,,,,,,,,,," for line in lines[1:]]
+    return "\n".join([lines[0] + ",a,b,c,d,e,f,g,h,i,j,k,l", "0" + "," * 21, *wide, ""])
+
+
+def minutes():
+    t, gyr, acc, mag = readings()
+    return table([NAMES.replace("time_s", "Elapsed time (min)") + FIELD], (t / 60, gyr, acc, mag))
+
+
+def counted():
+    """As pandas writes it: a number before each row, which has no name."""
+    return table(["," + NAMES + FIELD], (np.arange(ROWS), *readings()))
+
+
+def quoted():
+    """Decimal commas, between quotes."""
+    lines = table([(NAMES + FIELD).replace(",", ";")], readings(), ";", ",").splitlines()
+    return "\n".join(",".join(f'"{x}"' for x in line.split(";")) for line in lines)
+
+
+def commented():
+    """Units in a line of their own, between brackets, an empty line below them."""
+    names = ["time"] + [f"{s}{a}" for s in "gam" for a in "xyz"]
+    units = ["[s]"] + ["[rad/s]"] * 3 + ["[m/s2]"] * 3 + ["[gauss]"] * 3
+    rows = table([], readings())
+    return "\n".join(["# logger v3, serial 12, 4", "", ",".join(names), ",".join(units), "", rows])
+
+
 WAYS = {
+    "of a phone app": (of_a_phone_app, "utf-8", None),
+    "greek": (greek, "utf-8", None),
+    "spanish": (spanish, "utf-8", None),
+    "of a tracker": (of_a_tracker, "utf-8", None),
+    "in thousandths": (in_thousandths, "utf-8", None),
+    "numbered": (numbered, "utf-8", None),
+    "of the first of two": (of_the_first_of_two, "utf-8", None),
+    "of two": (of_two, "utf-8", OF_TWO),
+    "late field": (late_field, "utf-8", None),
+    "minutes": (minutes, "utf-8", None),
+    "counted": (counted, "utf-8", None),
+    "quoted": (quoted, "utf-8", None),
+    "commented": (commented, "utf-8", None),
+    "returns": (lambda: plain().replace("\n", "\r"), "utf-8", None),
+    "exponents": (lambda: renamed(SHORT, delimiter="   "), "utf-8", None),
     "plain": (plain, "utf-8", None),
     "byte order mark": (plain, "utf-8-sig", None),
     "utf-16": (plain, "utf-16", None),
@@ -215,6 +338,17 @@ def test_what_is_empty_is_not_there_and_what_is_no_number_is_counted(tmp_path):
     imus = [event for event in events if isinstance(event, Imu)]
     assert len(imus) == ROWS - 3
     assert sum(event.sample.has_mag for event in imus) == ROWS // 10
+
+
+@pytest.mark.parametrize("blank", ["?", "--", "#N/A", "NaN", "null"])
+def test_a_field_that_is_not_there_costs_no_sample(tmp_path, blank):
+    t, gyr, acc, _ = readings()
+    lines = table([NAMES], (t, gyr, acc)).splitlines()
+    rows = [f"{line},{blank},{blank},{blank}" for line in lines[1:]]
+    path = written(tmp_path / "a.csv", "\n".join([lines[0] + FIELD, *rows]))
+    samples = [event.sample for event in open_log(path) if isinstance(event, Imu)]
+    assert len(samples) == ROWS
+    assert not any(sample.has_mag for sample in samples)
 
 
 @pytest.mark.parametrize(
