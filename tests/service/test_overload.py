@@ -310,7 +310,7 @@ with MavlinkLink(parse_endpoint(f"udpin:127.0.0.1:{sys.argv[1]}")) as link, \\
         print("ready", flush=True)
         runner.run()
 vehicle, = pipeline.vehicles
-print("counts", vehicle.samples, vehicle.shed, sum(vehicle.counts.rejected.values()), link.lost)
+print("counts", vehicle.samples, vehicle.shed, vehicle.rejected.total(), link.lost)
 """
 
 
