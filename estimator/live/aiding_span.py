@@ -67,7 +67,10 @@ def find_start(state: State, report: Report, *, has_heading: bool) -> "Start | N
         now = state.core.core  # taken out once: that takes longer than all that is asked of it
         is_known = trusts_field(state, now) and is_settled(state.settings, now)
         if is_known and unaided_sigma(state, now).heading_rad < UNKNOWN_RAD:
-            return start_by_field(state.settings, now, iron_sigma_gauss(state, now))
+            by_field = start_by_field(state.settings, now, iron_sigma_gauss(state, now))
+            # of what is as good as no heading a slow stream makes a wrong vertical in a few steps
+            if by_field.sigma_heading_rad < UNKNOWN_RAD or slow_share(now.sample.dt_s) == 0.0:
+                return by_field
     if not state.core.search(report):
         return None
     now = state.core.core

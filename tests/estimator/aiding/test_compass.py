@@ -347,3 +347,21 @@ def test_a_gap_ends_the_search(flight):
     assert one.snapshot.core.search.evidence.windows == pytest.approx(3.81, rel=0.2)
     one.update(bare.samples[250]._replace(time_us=bare.samples[249].time_us + 1_500_000))
     assert one.snapshot.core.search.evidence.windows == 0.0
+
+
+@pytest.mark.parametrize(("every", "first_us"), [(1, 2_520_000), (12, 6_240_000)])
+def test_a_slow_stream_does_not_begin_with_a_heading_as_good_as_none(flight, every, first_us):
+    """Half as strong as near Zurich, the field may be 54 deg off; velocity tells it in the turn."""
+    half = changed(flight, mag_gauss=lambda s: tuple(0.5 * m for m in s.mag_gauss))
+    kept = range(0, len(half.samples), every)
+    slow = type(flight)([half.samples[k] for k in kept], [], [])
+    reports = [(k // every, r) for k, r in half.reports if k % every == 0]
+    one, begins_us = Estimator(load_profile("imu")), []
+    one.set_position(47.4, 8.5, 400.0, 1_700_000_000_000_000)
+
+    def note(k):
+        if one.is_aided:
+            begins_us.append(slow.samples[k].time_us)
+
+    flown(one, slow, reports=reports, after=note)
+    assert begins_us[0] == first_us
