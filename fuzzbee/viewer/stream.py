@@ -113,7 +113,11 @@ class ViewerStream:
         arrangement = _Arrangement(blueprint)
         with self._noting_failures():
             self._recording.send_blueprint(arrangement)
-            arrangement.let_go()
+        if self._rrd is not None:
+            self._flush(CLOSE_FLUSH_S)  # tells of a full disk, behind which the next would hang
+        with self._noting_failures():
+            if not self._file_failed:
+                arrangement.let_go()
 
     def lines(self, path: str, names: list[str], colours: list[Any]) -> None:
         """Names and colours of lines."""
