@@ -1,5 +1,6 @@
 """Sends what is drawn to Rerun's viewer, to a file, or to both."""
 
+import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
@@ -113,11 +114,7 @@ class ViewerStream:
         arrangement = _Arrangement(blueprint)
         with self._noting_failures():
             self._recording.send_blueprint(arrangement)
-        if self._rrd is not None:
-            self._flush(CLOSE_FLUSH_S)  # tells of a full disk, behind which the next would hang
-        with self._noting_failures():
-            if not self._file_failed:
-                arrangement.let_go()
+            arrangement.let_go()
 
     def lines(self, path: str, names: list[str], colours: list[Any]) -> None:
         """Names and colours of lines."""
@@ -174,7 +171,12 @@ class _Arrangement:
         self._blueprint._log_to_stream(stream)  # noqa: SLF001 - the library's own
 
     def let_go(self) -> None:
-        """Close that stream."""
+        """Close that stream. Behind a file on a full disk the library sometimes waits for ever."""
+        closing = threading.Thread(target=self._close, name="viewer page", daemon=True)
+        closing.start()
+        closing.join(CLOSE_FLUSH_S)
+
+    def _close(self) -> None:
         if self._stream is not None:
             self._stream.disconnect()
             self._stream = None
