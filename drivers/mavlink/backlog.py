@@ -25,6 +25,8 @@ from drivers.mavlink.messages import MESSAGES
 
 # Of what tells who is there the newest stays.
 WHO_IS_THERE = frozenset({HEARTBEAT_ID, AUTOPILOT_VERSION_ID})
+# A newer one of these makes an older one old; what is said once (a parameter, an answer) stays.
+STREAMS = frozenset((*IMU_MESSAGES, *MESSAGES, *WHO_IS_THERE))
 # One period of a common stream, 50 Hz: with the wait for the next tick, attitudes stay younger
 # than two.
 PATIENCE_S = 0.02
@@ -279,9 +281,5 @@ def _stream(frame: Frame) -> tuple[int, ...]:
 
 
 def _is_in_stream(frame: Frame) -> bool:
-    """Whether a newer frame of its kind makes this one old.
-
-    What is said once (a parameter, an answer) is never left out.
-    """
-    number = frame.message_id
-    return number in IMU_MESSAGES or number in MESSAGES or number in WHO_IS_THERE
+    """Whether a newer frame of its kind makes this one old."""
+    return frame.message_id in STREAMS

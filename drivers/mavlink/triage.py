@@ -6,16 +6,14 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from drivers.events import VehicleId
-from drivers.mavlink.backlog import WHO_IS_THERE
+from drivers.mavlink.backlog import STREAMS
 from drivers.mavlink.imu_messages import IMU_MESSAGES, imu_stream_name, number_at
-from drivers.mavlink.messages import MESSAGES
 from drivers.mavlink.scanning import COMPONENT, END, LEFT, MESSAGE, PAYLOAD, SYSTEM, Scanned
 
 Rows = Any  # as :mod:`drivers.mavlink.scanning` writes them
 
 
-# Of what comes again and again a newer one makes an older one old.
-STREAMS = [*IMU_MESSAGES, *MESSAGES, *WHO_IS_THERE]
+IN_STREAMS = [*STREAMS]
 
 
 class Old(NamedTuple):
@@ -39,7 +37,7 @@ def newest(scanned: Scanned) -> tuple[Scanned, list[Old]]:
     senders = np.repeat(numbers, counts)
     keys = rows[:, SYSTEM] << 40 | rows[:, COMPONENT] << 32 | rows[:, MESSAGE] << 8
     keys |= _numbers(come.data, rows) | senders << 48
-    is_in_stream = np.isin(rows[:, MESSAGE], STREAMS)
+    is_in_stream = np.isin(rows[:, MESSAGE], IN_STREAMS)
     keys[~is_in_stream] = -1 - (~is_in_stream).nonzero()[0]
     last, alike = np.unique(keys[::-1], return_index=True, return_counts=True)[1:]
     last = len(rows) - 1 - last
@@ -78,7 +76,7 @@ def _stream_name(message: int, imu: int) -> str:
 
 def said_once(scanned: Scanned, numbers: Rows) -> dict[int, Any]:
     """Which of the rows of these numbers newer ones never make old, by peer."""
-    is_said = ~np.isin(scanned.rows[numbers, MESSAGE], STREAMS)
+    is_said = ~np.isin(scanned.rows[numbers, MESSAGE], IN_STREAMS)
     peers = np.repeat(scanned.datagrams.peers, np.maximum(scanned.counts, 0))[numbers]
     return {
         peer: (is_said & (peers == peer)).nonzero()[0]

@@ -1,11 +1,9 @@
 """What a line over time is drawn of: no more points than are seen, and none across a gap."""
 
 import numpy as np
-from numpy.typing import NDArray
 
+from estimator.arrays import Floats
 from fuzzbee.replays.bands import gaps
-
-Floats = NDArray[np.float64]
 
 # With more points a line looks the same and the file only grows.
 MOST_POINTS = 20_000
