@@ -9,11 +9,11 @@ sends. No load has to be measured for that, and nothing is left out while there 
 
 import math
 import time
-from collections import Counter, deque
+from collections import ChainMap, Counter, deque
 from collections.abc import Iterable
 from collections.abc import Set as AbstractSet
 from itertools import islice
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -26,7 +26,8 @@ from drivers.mavlink.messages import MESSAGES
 # Of what tells who is there the newest stays.
 WHO_IS_THERE = frozenset({HEARTBEAT_ID, AUTOPILOT_VERSION_ID})
 # A newer one of these makes an older one old; what is said once (a parameter, an answer) stays.
-STREAMS = frozenset((*IMU_MESSAGES, *MESSAGES, *WHO_IS_THERE))
+# Extensions add to these, so that it is a view and no copy.
+STREAMS = ChainMap[int, Any](IMU_MESSAGES, MESSAGES, dict.fromkeys(WHO_IS_THERE))
 # One period of a common stream, 50 Hz: with the wait for the next tick, attitudes stay younger
 # than two.
 PATIENCE_S = 0.02

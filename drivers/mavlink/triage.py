@@ -13,9 +13,6 @@ from drivers.mavlink.scanning import COMPONENT, END, LEFT, MESSAGE, PAYLOAD, SYS
 Rows = Any  # as :mod:`drivers.mavlink.scanning` writes them
 
 
-IN_STREAMS = [*STREAMS]
-
-
 class Old(NamedTuple):
     """So many samples of a peer's stream are left out."""
 
@@ -37,7 +34,7 @@ def newest(scanned: Scanned) -> tuple[Scanned, list[Old]]:
     senders = np.repeat(numbers, counts)
     keys = rows[:, SYSTEM] << 40 | rows[:, COMPONENT] << 32 | rows[:, MESSAGE] << 8
     keys |= _numbers(come.data, rows) | senders << 48
-    is_in_stream = np.isin(rows[:, MESSAGE], IN_STREAMS)
+    is_in_stream = np.isin(rows[:, MESSAGE], [*STREAMS])
     keys[~is_in_stream] = -1 - (~is_in_stream).nonzero()[0]
     last, alike = np.unique(keys[::-1], return_index=True, return_counts=True)[1:]
     last = len(rows) - 1 - last
@@ -76,7 +73,7 @@ def _stream_name(message: int, imu: int) -> str:
 
 def said_once(scanned: Scanned, numbers: Rows) -> dict[int, Any]:
     """Which of the rows of these numbers newer ones never make old, by peer."""
-    is_said = ~np.isin(scanned.rows[numbers, MESSAGE], IN_STREAMS)
+    is_said = ~np.isin(scanned.rows[numbers, MESSAGE], [*STREAMS])
     peers = np.repeat(scanned.datagrams.peers, np.maximum(scanned.counts, 0))[numbers]
     return {
         peer: (is_said & (peers == peer)).nonzero()[0]
