@@ -2,9 +2,10 @@
 
 A vehicle that turns, climbs or brakes for seconds draws the force of a second away from its own
 long mean in G. Frame G drifts as well where the gyroscope misses turns, by as much as the steps'
-noise says; what is more than that the vehicle has accelerated. Where G drifts too much to tell, the
-size of the force is left: of gravity and a horizontal acceleration a it is the root of g^2 + a^2.
-Shaking makes it larger, too, but otherwise from one reading to the next.
+noise says; what is more than that the vehicle has accelerated. The size of the force, of gravity
+and a horizontal acceleration a the root of g^2 + a^2, says how much that may have been at most, and
+where G drifts too much to tell, at least. Shaking makes it larger, too, but otherwise from one
+reading to the next.
 
 For long no vehicle accelerates up or down, so along the vertical the mean force is gravity. If it
 is less, the vertical is wrong, by an angle of that cosine.
@@ -41,8 +42,9 @@ class Lasting(NamedTuple):
 @inlined
 def lasting_variance(state: Lasting) -> float:
     """Variance (rad^2, both axes together) of the force's direction by such accelerations."""
-    by_size = min(state.apart, state.excess - 2.0 * SCALE_ERROR)
-    return max(0.0, state.apart - state.drift, by_size)
+    least = min(state.apart, state.excess - 2.0 * SCALE_ERROR)
+    most = max(0.0, state.excess + 2.0 * SCALE_ERROR)
+    return max(0.0, least, min(state.apart - state.drift, most))
 
 
 @inlined

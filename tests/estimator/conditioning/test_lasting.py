@@ -57,6 +57,7 @@ def test_shaking_is_no_acceleration_that_lasts() -> None:
         (Lasting(apart=0.02, drift=0.5, excess=0.07), 0.01),  # by the size, less 2 * 3 %
         (Lasting(apart=0.02, drift=0.5, excess=0.3), 0.02),  # no more than is seen
         (Lasting(apart=0.02, drift=0.5, excess=-0.1), 0.0),
+        (Lasting(apart=0.2, drift=0.005, excess=0.03), 0.09),  # its size would have shown more
     ],
 )
 def test_what_drift_does_not_explain_or_the_size_tells_has_been_acceleration(
