@@ -40,11 +40,11 @@ def test_a_right_gyroscope_is_not_contradicted(motion, fault):
 
 @pytest.mark.parametrize("beside", ["imu2", "attitude"])
 def test_what_the_stream_has_beside_a_stepped_axis_is_used(beside):
-    """Alone the inclination is 36 deg off (RMS of the whole flight); beside an IMU 3.5, the heading
+    """Alone the inclination is 22 deg off (RMS of the whole flight); beside an IMU 3.5, the heading
     3.8, beside ATTITUDE 3.8 and 7.0.
     """
     alone = judge(Case("gentle tilts", STEPPED, False, 10.0, seed=3))
     helped = judge(Case("gentle tilts", STEPPED, False, 10.0, beside, seed=3))
-    assert alone.inclination.rms_deg > 25.0
+    assert alone.inclination.rms_deg > 17.0
     assert helped.inclination.rms_deg < 4.6
     assert helped.heading.rms_deg < 8.4
