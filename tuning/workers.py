@@ -1,4 +1,4 @@
-"""Costs computed by several processes of this machine, for objectives that run in plain Python."""
+"""Costs computed by several processes of this machine."""
 
 import os
 import subprocess
@@ -38,7 +38,7 @@ class Workers(Closing):
     def __call__(self, values: Floats) -> Floats:
         """Costs (C,) of parameter values (C, D)."""
         if not self._processes:
-            return self._objective.serial_costs(values)
+            return self._objective.costs(values)
         return np.array(list(self._threads.map(self._ask, values)))
 
     def close(self) -> None:
@@ -65,4 +65,4 @@ def serve() -> None:
     questions, answer = child.channel()
     for objective in questions:  # the first of them, if the parent has lived so long
         for row in questions:
-            answer(float(objective.serial_costs(row[None, :])[0]))
+            answer(float(objective.costs(row[None, :])[0]))

@@ -1,13 +1,11 @@
 """The searches of one run: on a cluster or on cores, with progress bars and one checkpoint."""
 
 import contextlib
-import os
 import threading
 import time
 from collections.abc import Callable, Iterator
 
 from estimator.profile import Profile
-from fuzzbee.say import tell
 from fuzzbee.tune.plan import Plan
 from fuzzbee.tune.progress import ProgressBar
 from fuzzbee.tune.request import TuneRequest
@@ -98,19 +96,16 @@ class Searches:
 
     @contextlib.contextmanager
     def evaluator(self, task: Task) -> Iterator[Evaluate]:
-        """Choose what computes costs: a cluster, processes here, or for sim: threads."""
+        """Choose what computes costs: a cluster, or processes here."""
         objective, threads = task.objective, self._request.threads
         if self._request.cluster is not None:
             from tuning.cluster import ClusterEvaluator
 
             with ClusterEvaluator(self._request.cluster, objective) as evaluate:
                 yield evaluate
-        elif isinstance(task, LogTask):
+        else:
             with Workers(objective, available_cores() if threads is None else threads) as evaluate:
                 yield evaluate
-        else:
-            with _numba_threads(threads):
-                yield objective.costs
 
     def _save(self) -> None:
         path = checkpoint_path(self._plan.output)
@@ -125,22 +120,3 @@ def run_from_base(search: Search, task: Task) -> None:
 def best(task: Task, search: Search) -> Profile:
     """The base profile with the best values so far."""
     return profile_with(task.space, task.base, search.best_values)
-
-
-@contextlib.contextmanager
-def _numba_threads(threads: int | None) -> Iterator[None]:
-    """Have numba use this number of threads, or all that there are if there are fewer."""
-    # Threads that wait for the next batch should sleep: spinning takes a third of a shared core.
-    os.environ.setdefault("OMP_WAIT_POLICY", "passive")
-    import numba
-
-    before = numba.get_num_threads()
-    available = numba.config.NUMBA_NUM_THREADS  # type: ignore[attr-defined]
-    if threads is not None:
-        if threads > available:
-            tell(f"--threads {threads}: this machine has {available}, which are used")
-        numba.set_num_threads(min(threads, available))
-    try:
-        yield
-    finally:
-        numba.set_num_threads(before)
