@@ -67,12 +67,21 @@ def open_source(
     stack: ExitStack,
 ) -> "MavlinkLink | SimSource | LogPlayer":
     """Open a link, ``sim:``, or a log that is played at its own pace or faster."""
-    if endpoint.kind != "log":
-        return open_link(endpoint, options, key, recorder, stack)
-    from drivers.logs.open import imu_events, open_log  # which loads every format
+    if endpoint.kind == "log":
+        from drivers.logs.open import imu_events, open_log  # which loads every format
 
-    log = stack.enter_context(open_log(Path(endpoint.path)))
-    return LogPlayer(imu_events(log), options.speed)
+        log = stack.enter_context(open_log(Path(endpoint.path)))
+        return LogPlayer(imu_events(log), options.speed)
+    source = open_live(
+        endpoint,
+        recorder=recorder,
+        request_rate_hz=options.request_rate_hz,
+        policy=security.open_policy(options.security, key, stack),
+        key=key,
+        references=options.truth or options.outputs.shows_peers,
+    )
+    stack.enter_context(source)
+    return source
 
 
 def make_runner(
@@ -106,27 +115,6 @@ def make_runner(
         recording=recording,
         **options,
     )
-
-
-def open_link(
-    endpoint: Endpoint,
-    options: RunOptions,
-    key: bytes | None,
-    recorder: SharedRecorder | None,
-    stack: ExitStack,
-) -> "MavlinkLink | SimSource":
-    """Open a link, or ``sim:``."""
-    policy = security.open_policy(options.security, key, stack)
-    source = open_live(
-        endpoint,
-        recorder=recorder,
-        request_rate_hz=options.request_rate_hz,
-        policy=policy,
-        key=key,
-        references=options.truth or options.outputs.shows_peers,
-    )
-    stack.enter_context(source)
-    return source
 
 
 def open_recorder(target: str | None, stack: ExitStack) -> SharedRecorder | None:
