@@ -18,6 +18,11 @@ class Objective(Protocol):
         """Costs (C,), each with the same bits beside any others."""
 
 
+def one_cost(objective: Objective, row: Floats) -> float:
+    """The cost of one candidate (D,)."""
+    return float(objective.costs(row[None, :])[0])
+
+
 class Scores(NamedTuple):
     """Mean costs by the live filter's kernels, on the data of the search and on held-out data."""
 

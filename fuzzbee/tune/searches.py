@@ -4,19 +4,22 @@ import contextlib
 import threading
 import time
 from collections.abc import Callable, Iterator
+from functools import partial
+
+import numpy as np
 
 from estimator.profile import Profile
 from fuzzbee.tune.plan import Plan
 from fuzzbee.tune.progress import ProgressBar
 from fuzzbee.tune.request import TuneRequest
 from tuning.checkpoint import checkpoint_path, write_checkpoint
+from tuning.child import Pool, available_cores
 from tuning.log_task import LogTask
-from tuning.objective import profile_with, values_of
+from tuning.objective import one_cost, profile_with, values_of
 from tuning.optimizers import run_search
 from tuning.paper_task import PaperTask
 from tuning.search import Evaluate, InterruptedSearch, Record, Search
 from tuning.space import encode
-from tuning.workers import Workers, available_cores
 
 # A checkpoint is written this often, so a power cut costs no more of a search.
 CHECKPOINT_PERIOD_S = 20.0
@@ -104,8 +107,9 @@ class Searches:
             with ClusterEvaluator(self._request.cluster, objective) as evaluate:
                 yield evaluate
         else:
-            with Workers(objective, available_cores() if threads is None else threads) as evaluate:
-                yield evaluate
+            work = partial(one_cost, objective)
+            with Pool(work, available_cores() if threads is None else threads) as pool:
+                yield lambda values: np.array([*pool(values)])
 
     def _save(self) -> None:
         path = checkpoint_path(self._plan.output)

@@ -1,16 +1,18 @@
 """The search's costs against those of the experiment, run by run."""
 
+from functools import partial
+
 import msgspec
 import numpy as np
 import pytest
 
 from estimator.errors import InputError
 from estimator.profile import load_profile
-from tuning.objective import profile_with
+from tuning.child import Pool
+from tuning.objective import one_cost, profile_with
 from tuning.paper_experiment import run_experiment
 from tuning.paper_task import PaperTask, midpoint_profile
 from tuning.space import membership_space, random_positions
-from tuning.workers import Workers
 
 SEEDS = (100, 101, 102)
 
@@ -75,8 +77,8 @@ def test_costs_are_the_same_bits_for_any_batch_and_any_process():
     together = task.objective.costs(values)
     alone = np.concatenate([task.objective.costs(one[None, :]) for one in values])
     assert np.array_equal(together, alone)
-    with Workers(task.objective, 2) as workers:
-        assert np.array_equal(together, workers(values))
+    with Pool(partial(one_cost, task.objective), 2) as pool:
+        assert np.array_equal(together, [*pool(values)])
 
 
 def test_refuses_a_base_without_a_first_attitude():
