@@ -23,8 +23,8 @@ from common.scores import multiply
 from flying.cases import SKIP_S, write
 from scipy.signal import lfilter
 
+from estimator.geometry.rotations import exp
 from estimator.profile import Profile, load_profile
-from estimator.smoothing.rotation import exp
 from fuzzbee.tune.read_flight import read_flight
 from fuzzbee.tune.run import Verdict
 from fuzzbee.tune.searches import best, run_from_base

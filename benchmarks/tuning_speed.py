@@ -4,32 +4,25 @@
 
 All in one run, compilation not timed; best of repetitions, the one that other programs disturbed
 least. ``the search``: the paper's scale (N = 100, 300 cycles: 60,100 evaluations of 1,401 steps),
-one noise seed, on all cores, seconds. ``a step`` of the search's kernel, inference included, on
-one core, over a step of the filter's own kernel. pygmo's bee_colony calls the same compiled
-objective one candidate at a time: its seconds an evaluation over ours, which asks for the whole
-colony at once.
+one noise seed, on all cores, seconds. ``a step`` of the filter, inference included, on one core.
+pygmo's bee_colony calls the same compiled objective one candidate at a time: its seconds an
+evaluation over ours, which asks for the whole colony at once.
 """
 
-import os
 import sys
 import time
 from collections.abc import Callable
 
 import numpy as np
-from common.paper_filter import simulate_scaled
 from common.report import MISSING, Row, parser, show
 
-from estimator.filter import kernel
-from estimator.filter.types import initial_state
-from estimator.live.settings import settings_of
-from tests.paper_noise import NoiseScale
-from tuning.objective import profile_with, values_of
+from tuning.objective import values_of
 from tuning.optimizers import run_search
 from tuning.paper_task import PaperTask, midpoint_profile
 from tuning.search import Search, SearchOptions
 from tuning.space import bounds, decode, encode, make_feasible, random_positions
 
-CANDIDATES, PLAIN_CANDIDATES, STEPS = 96, 20, 1401
+CANDIDATES, STEPS = 96, 1401
 SEED = 1
 
 
@@ -54,24 +47,9 @@ def best_s(function: Callable[[], object], repetitions: int) -> float:
 
 
 def steps(task: PaperTask, candidates: int) -> Callable[[], object]:
-    """The search's kernel on one core."""
+    """A search's evaluations on one core."""
     values = some_values(task, candidates)
-    return lambda: task.objective.serial_costs(values)
-
-
-def plain_steps(task: PaperTask, candidates: int) -> Callable[[], object]:
-    """The same steps by the filter's own kernel, candidate after candidate."""
-    values = some_values(task, candidates)
-    chosen = [settings_of(profile_with(task.space, task.base, one)) for one in values]
-    signals = simulate_scaled(task.noise_seeds[0], STEPS, NoiseScale())
-    readings = (signals.gyr_rad_s, signals.acc_m_s2, signals.mag_gauss)
-
-    def run() -> None:
-        for own in chosen:
-            start = initial_state(own.initial)
-            kernel.run(own.filter, own.reference, start, *readings, 0.01)
-
-    return run
+    return lambda: task.objective.costs(values)
 
 
 def some_values(task: PaperTask, count: int):
@@ -87,7 +65,7 @@ class PygmoProblem:
 
     def fitness(self, x):  # noqa: D102 - pygmo's name
         position = make_feasible(self.task.space, np.asarray(x)[None, :])
-        return [float(self.task.objective.serial_costs(decode(self.task.space, position))[0])]
+        return [float(self.task.objective.costs(decode(self.task.space, position))[0])]
 
     def get_bounds(self):  # noqa: D102 - pygmo's name
         lower, upper = bounds(self.task.space)
@@ -114,13 +92,11 @@ def measure(cycles: int, repetitions: int) -> list[Row]:
     search_once(task, 1)
     seconds, evaluations = search_once(task, cycles)
     step_s = best_s(steps(task, CANDIDATES), repetitions) / (CANDIDATES * STEPS)
-    plain_s = best_s(plain_steps(task, PLAIN_CANDIDATES), repetitions) / (PLAIN_CANDIDATES * STEPS)
     ours_s, other_s = seconds / evaluations, pygmo_s(task, max(1, cycles // 60))
     other = MISSING if other_s is None else other_s
     return [
         {"what": f"the search, {evaluations} evaluations", "seconds": seconds},
-        {"what": "a step of the search", "seconds": step_s, "ratio": step_s / plain_s},
-        {"what": "a step of the filter's own kernel", "seconds": plain_s, "ratio": 1.0},
+        {"what": "a step of the search", "seconds": step_s},
         {"what": "an evaluation of the search", "seconds": ours_s, "ratio": 1.0},
         {
             "what": "an evaluation by pygmo's bee_colony",
@@ -131,7 +107,6 @@ def measure(cycles: int, repetitions: int) -> list[Row]:
 
 
 def main() -> int:
-    os.environ.setdefault("OMP_WAIT_POLICY", "passive")  # as the command has it
     made = parser(__doc__)
     made.add_argument("--cycles", type=int, default=300, help="300: the paper's scale")
     options = made.parse_args()

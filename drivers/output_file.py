@@ -65,3 +65,17 @@ def written_whole(path: Path) -> Iterator[Path]:
     except BaseException:
         fresh.unlink(missing_ok=True)
         raise
+
+
+@contextmanager
+def written_for(option: str, path: Path) -> Iterator[Path]:
+    """:func:`written_whole` for an option's file.
+
+    Raises:
+        InputError: it cannot be written; names the option.
+    """
+    try:
+        with written_whole(path) as fresh:
+            yield fresh
+    except OSError as error:
+        raise InputError(f"{option} {path}: {error.strerror}") from None

@@ -1,11 +1,7 @@
 """``fuzzbee check``: in which of many logs the autopilot's attitude differs from ours."""
 
-import os
-import signal
 from collections.abc import Iterable, Iterator
-from concurrent.futures import ProcessPoolExecutor, as_completed
-from contextlib import contextmanager
-from multiprocessing import active_children, get_context
+from functools import partial
 from pathlib import Path
 from typing import Annotated, Any, NamedTuple
 
@@ -96,45 +92,14 @@ def _checked(paths: list[Path], profile: str) -> list[Checked]:
     from rich.progress import Progress
 
     from fuzzbee.replays.log_check import check_log
+    from tuning.child import Pool, available_cores
 
-    console = Console(stderr=True)
-    workers = min(len(paths), os.cpu_count() or 1)
-    with Progress(console=console, transient=True, disable=not console.is_terminal) as bar:
-        task = bar.add_task("checking", total=len(paths))
-        with _interrupts_held():
-            pool = _pool(workers)  # a process that keeps account of what is shared comes with it
-        if pool is None:
-            return [check_log(path, profile) for path in bar.track(paths, task_id=task)]
-        with pool:
-            with _interrupts_held():
-                waiting = [pool.submit(check_log, path, profile) for path in paths]
-            try:
-                for _ in as_completed(waiting):
-                    bar.advance(task)
-            except KeyboardInterrupt:
-                pool.shutdown(wait=False, cancel_futures=True)
-                for worker in active_children():
-                    worker.terminate()
-                raise
-            return [each.result() for each in waiting]
-
-
-@contextmanager
-def _interrupts_held() -> Iterator[None]:
-    """A terminal interrupts nothing that is started meanwhile: we end it, without a traceback."""
-    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT, signal.SIGHUP})
-    try:
-        yield
-    finally:
-        signal.pthread_sigmask(signal.SIG_SETMASK, before)
-
-
-def _pool(workers: int) -> ProcessPoolExecutor | None:
-    """None where one process is enough, or the system has nothing that several could share."""
-    try:
-        return None if workers == 1 else ProcessPoolExecutor(workers, get_context("spawn"))
-    except OSError:  # /dev/shm is read-only or full
-        return None
+    console, work = Console(stderr=True), partial(check_log, profile=profile)
+    with (
+        Progress(console=console, transient=True, disable=not console.is_terminal) as bar,
+        Pool(work, min(len(paths), available_cores())) as pool,
+    ):
+        return list(bar.track(pool(paths), len(paths), description="checking"))
 
 
 def _line(checked: Checked) -> str:

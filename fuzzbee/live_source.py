@@ -8,13 +8,13 @@ from typing import TYPE_CHECKING, Any
 from drivers.endpoint import Endpoint
 from drivers.mavlink.recorder import SharedRecorder, TlogRecorder
 from drivers.mavlink.rotating_recorder import RotatingRecorder
+from drivers.player import Player
 from drivers.simulation.simulated_vehicle import PROFILES
 from drivers.simulation.source import SimSource
 from drivers.source import SIM_MOTION, open_live
 from estimator.errors import InputError
 from fuzzbee import security
 from fuzzbee.run_options import RunOptions
-from service.log_player import LogPlayer
 from service.overload import Overload
 from service.parameters import ParameterRequests
 from service.pipeline import Pipeline
@@ -65,18 +65,27 @@ def open_source(
     key: bytes | None,
     recorder: SharedRecorder | None,
     stack: ExitStack,
-) -> "MavlinkLink | SimSource | LogPlayer":
+) -> "MavlinkLink | Player":
     """Open a link, ``sim:``, or a log that is played at its own pace or faster."""
-    if endpoint.kind != "log":
-        return open_link(endpoint, options, key, recorder, stack)
-    from drivers.logs.open import imu_events, open_log  # which loads every format
+    if endpoint.kind == "log":
+        from drivers.logs.open import imu_events, open_log  # which loads every format
 
-    log = stack.enter_context(open_log(Path(endpoint.path)))
-    return LogPlayer(imu_events(log), options.speed)
+        log = stack.enter_context(open_log(Path(endpoint.path)))
+        return Player(imu_events(log), options.speed)
+    source = open_live(
+        endpoint,
+        recorder=recorder,
+        request_rate_hz=options.request_rate_hz,
+        policy=security.open_policy(options.security, key, stack),
+        key=key,
+        references=options.truth or options.outputs.shows_peers,
+    )
+    stack.enter_context(source)
+    return source
 
 
 def make_runner(
-    source: "MavlinkLink | SimSource | LogPlayer",
+    source: "MavlinkLink | Player",
     pipeline: Pipeline,
     outbox: Outbox,
     requests: ParameterRequests,
@@ -90,12 +99,10 @@ def make_runner(
     So has the vehicle in process, if it is to fly for some ``seconds``.
     """
     options: dict[str, Any] = {"overload": Overload()}
-    if isinstance(source, LogPlayer):
+    if isinstance(source, Player):
         options = {"now_us": source.now_us, "is_finished": source.is_finished}
-    elif isinstance(source, SimSource):
-        options = {"now_us": source.now_us}
-        if seconds is not None:
-            options["is_finished"] = lambda: source.flown_s >= seconds
+    if isinstance(source, SimSource) and seconds is not None:
+        options["is_finished"] = lambda: source.flown_s >= seconds
     return Runner(
         source,
         pipeline,
@@ -106,27 +113,6 @@ def make_runner(
         recording=recording,
         **options,
     )
-
-
-def open_link(
-    endpoint: Endpoint,
-    options: RunOptions,
-    key: bytes | None,
-    recorder: SharedRecorder | None,
-    stack: ExitStack,
-) -> "MavlinkLink | SimSource":
-    """Open a link, or ``sim:``."""
-    policy = security.open_policy(options.security, key, stack)
-    source = open_live(
-        endpoint,
-        recorder=recorder,
-        request_rate_hz=options.request_rate_hz,
-        policy=policy,
-        key=key,
-        references=options.truth or options.outputs.shows_peers,
-    )
-    stack.enter_context(source)
-    return source
 
 
 def open_recorder(target: str | None, stack: ExitStack) -> SharedRecorder | None:

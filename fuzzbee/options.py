@@ -4,13 +4,14 @@ import inspect
 from collections.abc import Callable, Iterator
 from copy import copy
 from functools import wraps
+from importlib.util import find_spec
 from math import isfinite
 from typing import Annotated, Any, NamedTuple, TypeVar, get_args, get_type_hints
 
 import typer
 from typer.models import OptionInfo
 
-from estimator.errors import InputError
+from estimator.errors import InputError, missing_extra
 
 MAX_GAIN = 1e6
 PROFILES = ("paper", "imu", "adaptive")
@@ -109,6 +110,16 @@ def require_gain(gain: float | None) -> None:
     """
     if gain is not None and not 0.0 < gain <= MAX_GAIN:
         raise InputError(f"--gain {gain:g}: K should be above 0 and at most {MAX_GAIN:g}")
+
+
+def require_extra(package: str, what: str, extra: str) -> None:
+    """Refuse, before any work, what needs a package that only an extra brings.
+
+    Raises:
+        InputError: it is missing; says how to get it.
+    """
+    if find_spec(package) is None:
+        raise missing_extra(what, extra)
 
 
 def require_positive(name: str, value: float | None) -> None:

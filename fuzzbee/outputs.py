@@ -2,11 +2,11 @@
 
 from collections import namedtuple
 from collections.abc import Iterable
-from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 from estimator.errors import InputError
+from fuzzbee.options import require_extra
 from fuzzbee.say import say
 from fuzzbee.sinks import SINKS, Opening, option
 
@@ -96,10 +96,7 @@ def viewer_options(view: str | None, rrd: str | None) -> "ViewerOptions | None":
         return None
     if view not in (None, WINDOW, WEB):
         raise InputError(f"--view {view}: should be {WINDOW} or {WEB}")
-    if find_spec("rerun") is None:
-        from fuzzbee.viewer.process import MISSING
-
-        raise InputError(MISSING)
+    require_extra("rerun", "the viewer", "viewer")
     from fuzzbee.viewer.stream import ViewerOptions
 
     return ViewerOptions(view, rrd)

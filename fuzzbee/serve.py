@@ -1,10 +1,9 @@
 """The live service: everything opened, one loop, everything closed."""
 
-import threading
-from concurrent.futures import Future
 from contextlib import ExitStack
 from typing import TYPE_CHECKING
 
+from drivers.aside import aside
 from drivers.simulation.source import SimSource
 from estimator.errors import InputError
 from estimator.estimator import Estimator
@@ -137,19 +136,8 @@ def _pipeline(profile: Profile, options: RunOptions, retuning: "Retuning | None"
 
 def _load(profile: Profile, gain: float | None) -> None:
     """Load the kernels, or compile them where nothing can be kept for another process."""
-    done: Future[None] = Future()
-
-    def work() -> None:
-        try:
-            warm_up(profile, gain)
-        except BaseException as error:  # noqa: BLE001 - raised again below
-            done.set_exception(error)
-        else:
-            done.set_result(None)
-
     # in a thread: the compiler's callbacks swallow what a signal raises in them
-    threading.Thread(target=work, name=COMPILER_THREAD, daemon=True).start()
-    done.result()
+    aside(lambda: warm_up(profile, gain), COMPILER_THREAD).result()
 
 
 def _change_over(compiling: Compiling | None, pipeline: Pipeline) -> list[Message]:

@@ -15,6 +15,7 @@ import threading
 from concurrent.futures import Future
 from typing import TYPE_CHECKING, Any, NamedTuple
 
+from drivers.aside import aside
 from estimator.errors import InputError
 from service.signals import await_result
 
@@ -66,8 +67,7 @@ class OpeningSession:
         self._where = ", ".join(options.listen + options.connect) or DEFAULT_ENDPOINT
         self._options = options
         self._config = _config(options)
-        self._opened: Future[zenoh.Session] = Future()
-        threading.Thread(target=self._open, name=OPENER_THREAD, daemon=True).start()
+        self._opened = aside(self._any_session, OPENER_THREAD)
 
     def session(self) -> "zenoh.Session":
         """The session, once it is open.
@@ -86,12 +86,6 @@ class OpeningSession:
     def close(self) -> None:
         """Close the session as soon as it is open; does not wait for that."""
         self._opened.add_done_callback(_close_opened)
-
-    def _open(self) -> None:
-        try:
-            self._opened.set_result(self._any_session())
-        except BaseException as error:  # noqa: BLE001 - raised again by whoever waits
-            self._opened.set_exception(error)
 
     def _any_session(self) -> "zenoh.Session":
         """With shared memory, or without where the system gives none: /dev/shm read-only or full.

@@ -75,7 +75,7 @@ class ClusterEvaluator(Closing):
         threads = sum(self._client.nthreads().values())
         chunks = np.array_split(values, min(len(values), max(1, CHUNKS_PER_THREAD * threads)))
         futures = [
-            self._client.submit(type(self._objective).serial_costs, self._sent, chunk, pure=False)
+            self._client.submit(type(self._objective).costs, self._sent, chunk, pure=False)
             for chunk in chunks
         ]
         return np.concatenate(self._client.gather(futures))

@@ -93,8 +93,6 @@ class LogObjective:
         """See :class:`tuning.objective.Objective`."""
         return np.array([self.cost(profile_with(self.space, self.base, row)) for row in values])
 
-    serial_costs = costs
-
     def cost(self, profile: Profile) -> float:
         """The cost of one profile."""
         goal = GOALS[self.goal]

@@ -12,17 +12,15 @@ from tuning.space import Space
 
 
 class Objective(Protocol):
-    """The mean cost of candidates given as parameter values (C, D), in the space's order.
-
-    Both methods return the same bits: each run is computed by one thread, and
-    the mean over the runs is taken in their order.
-    """
+    """The mean cost of candidates given as parameter values (C, D), in the space's order."""
 
     def costs(self, values: Floats) -> Floats:
-        """Costs (C,), all runs in one compiled call over numba's threads."""
+        """Costs (C,), each with the same bits beside any others."""
 
-    def serial_costs(self, values: Floats) -> Floats:
-        """Costs (C,) on the calling thread alone, for a worker among others."""
+
+def one_cost(objective: Objective, row: Floats) -> float:
+    """The cost of one candidate (D,)."""
+    return float(objective.costs(row[None, :])[0])
 
 
 class Scores(NamedTuple):

@@ -44,6 +44,21 @@ def filtered(settings: Settings, signals: Recording) -> tuple[Floats, Floats]:
     )
 
 
+def paper_settings(profile: Profile, fixed_gain: float | None = None) -> Settings:
+    """The settings of a profile that is the paper's system.
+
+    Raises:
+        InputError: the profile conditions its vectors or has no R_hat(0), so it is not.
+    """
+    chosen = settings_of(profile, fixed_gain)
+    if chosen.conditioned or chosen.initial is None:
+        raise InputError(
+            "the paper's experiment needs a profile of raw vectors with an initial attitude "
+            "(conditioning.enabled = false, filter.initial_attitude), such as --profile paper"
+        )
+    return chosen
+
+
 def run_experiment(
     profile: Profile,
     seed: int,
@@ -53,14 +68,9 @@ def run_experiment(
     """Run the filter of ``profile`` on the paper's signals with the noise of ``seed``, or others.
 
     Raises:
-        InputError: the profile conditions its vectors or has no R_hat(0), so it is not the paper's.
+        InputError: see :func:`paper_settings`.
     """
-    chosen = settings_of(profile, fixed_gain)
-    if chosen.conditioned or chosen.initial is None:
-        raise InputError(
-            "the paper's experiment needs a profile of raw vectors with an initial attitude "
-            "(conditioning.enabled = false, filter.initial_attitude), such as --profile paper"
-        )
+    chosen = paper_settings(profile, fixed_gain)
     if signals is None:
         signals = simulate(seed, COST_SAMPLES, COST_RATE_HZ)
     estimates, gains = filtered(chosen, signals)

@@ -1,6 +1,5 @@
 """Tuning on the paper's signals: J of Eq. (15) "Cost_function", averaged over noise seeds."""
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -9,10 +8,12 @@ import numpy as np
 
 from estimator.arrays import Floats
 from estimator.filter import memberships
-from estimator.profile import Filter, Profile, Provenance, load_profile
-from tuning.objective import Scores
-from tuning.paper_experiment import run_experiment
-from tuning.paper_signals import PaperSignals, paper_signals
+from estimator.filter.types import initial_state
+from estimator.profile import Profile, Provenance, load_profile
+from estimator.types import IDENTITY
+from tuning.objective import Scores, require_fuzzy_gain
+from tuning.paper_cost import Base, Signals, costs, paper_signals
+from tuning.paper_experiment import paper_settings, run_experiment
 from tuning.parameters import RAW_GROUPS, space_of
 from tuning.space import Space
 
@@ -37,36 +38,23 @@ class PaperObjective:
     """
 
     names: tuple[str, ...]
-    base: Filter
-    signals: PaperSignals
+    base: Base
+    signals: Signals
 
     def costs(self, values: Floats) -> Floats:
         """See :class:`tuning.objective.Objective`."""
-        from tuning.paper_kernel import parallel_costs
-
-        return self._mean_costs(parallel_costs, values)
-
-    def serial_costs(self, values: Floats) -> Floats:
-        """See :class:`tuning.objective.Objective`."""
-        from tuning.paper_kernel import serial_costs
-
-        return self._mean_costs(serial_costs, values)
-
-    def _mean_costs(self, kernel: Callable[..., Floats], values: Floats) -> Floats:
-        """Mean J (C,) over the seeds, summed in their order: the same bits for any batch."""
-        from tuning.paper_kernel import Common
-
-        common = Common(self.base.bias_bound_rad_s, self.base.first_step_s)
-        costs = kernel(common, self._candidates(values), self.signals.start, self.signals.steps)
-        mean: Floats = np.cumsum(costs, axis=1)[:, -1] / costs.shape[1]
+        found = costs(self.base, self._candidates(values), self.signals)
+        # summed in their order: the same bits for any batch
+        mean: Floats = np.cumsum(found, axis=1)[:, -1] / found.shape[1]
         return mean
 
     def _candidates(self, values: Floats) -> Floats:
         """Rows of k1..k22, gamma, tau as the kernel takes them."""
         columns = {name: values[:, i] for i, name in enumerate(self.names)}
         rest = np.ones(len(values))
-        gamma = columns.get("filter.gamma", self.base.gamma * rest)
-        tau = columns.get("filter.rate_time_constant_s", self.base.rate_time_constant_s * rest)
+        base = self.base.params
+        gamma = columns.get("filter.gamma", base.gamma * rest)
+        tau = columns.get("filter.rate_time_constant_s", base.rate_time_constant_s * rest)
         return np.stack([*(columns[name] for name in memberships.NAMES), gamma, tau], axis=1)
 
 
@@ -87,11 +75,15 @@ class PaperTask:
     @cached_property
     def objective(self) -> PaperObjective:
         """Mean J over the noise seeds."""
-        signals = paper_signals(self.base, self.noise_seeds)
-        return PaperObjective(self.space.names, self.base.filter, signals)
+        settings = paper_settings(self.base)
+        require_fuzzy_gain(self.base)
+        base = Base(
+            settings.filter, settings.reference, initial_state(settings.initial or IDENTITY)
+        )
+        return PaperObjective(self.space.names, base, paper_signals(self.noise_seeds))
 
     def score(self, profile: Profile) -> Scores:
-        """Mean J by the plain kernel."""
+        """Mean J over both kinds of seeds."""
         return Scores(
             _mean_cost(profile, self.noise_seeds), _mean_cost(profile, self.held_out_seeds)
         )

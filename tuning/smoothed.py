@@ -10,9 +10,9 @@ from scipy.special import ndtri
 
 from estimator.arrays import Floats
 from estimator.errors import InputError
+from estimator.geometry.rotations import exp, multiply
 from estimator.profile import Profile
 from estimator.smoothing import Recorder, smooth_all
-from estimator.smoothing.rotation import exp, multiply
 from tuning.flight import Flight
 
 # A smoothed inclination, and a heading, count where their sigmas are below these, deg; a flight if

@@ -10,7 +10,7 @@ from common.recordings import Array
 from estimator.compilation.compiled import compiled
 from estimator.filter.fuzzy import RULES, centroid, fuzzify
 from tuning.optimizers import run_search
-from tuning.paper_kernel import unpack
+from tuning.paper_cost import unpack
 from tuning.search import Search, SearchOptions
 from tuning.space import Space, bounds, membership_space
 

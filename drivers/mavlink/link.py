@@ -9,10 +9,12 @@ onboard computer; never from a ground station.
 import logging
 import time
 from collections import OrderedDict, deque
+from concurrent.futures import Future, wait
 from typing import NamedTuple, Self
 
 import numpy as np
 
+from drivers.aside import aside
 from drivers.closing import Closing
 from drivers.endpoint import Endpoint
 from drivers.events import Event, LinkDown, LinkUp, Malformed, Notice, VehicleId
@@ -38,7 +40,6 @@ from drivers.mavlink.framing import Frame, FrameReader
 from drivers.mavlink.gate import FrameGate, Policy
 from drivers.mavlink.hearing import Hearing
 from drivers.mavlink.leases import JUDGED, PASSES, WAITS, Array, Leases, Passing
-from drivers.mavlink.opening import Opening
 from drivers.mavlink.readings import Batch, Readings, events_of
 from drivers.mavlink.recorder import Records, SharedRecorder, records_of
 from drivers.mavlink.scanning import LEFT, Scanned, Scanner
@@ -139,7 +140,7 @@ class MavlinkLink(Closing):
         self._hearing = Hearing(endpoint)
         self._sequences = SequenceWatch()
         self._whole = FrameReader()  # of packets that hold whole frames
-        self._opening: Opening | None = None
+        self._opening: Future[None] | None = None
         self._is_closed = False
         self._is_open = False
         self._is_up = False
@@ -195,7 +196,9 @@ class MavlinkLink(Closing):
             return
         self._lost_before, self._is_closed, self._is_open = self.lost, True, False
         if self._opening is not None:
-            self._opening.give_up(CLOSE_S)
+            # a transport that opens later is closed at once
+            self._opening.add_done_callback(lambda _: self._transport.close())
+            wait([self._opening], CLOSE_S)
         else:
             self._transport.close()
         if self._background is not None:
@@ -283,11 +286,12 @@ class MavlinkLink(Closing):
                 time.sleep(min(left_s, wait_s))
                 return
             self._retry_s = min(2 * self._retry_s, LONGEST_RETRY_S)
-            opening = self._opening = Opening(self._transport)
-        if not opening.is_done(wait_s):
+            # to look a name up may take many seconds, and a device may be as slow
+            opening = self._opening = aside(self._transport.open, "mavlink-opening")
+        if not wait([opening], wait_s).done:
             return
         self._opening = None
-        error = opening.error
+        error = opening.exception()
         if error is None:
             self._is_open = True
         elif isinstance(error, OSError) and not isinstance(error, LinkError):

@@ -11,11 +11,11 @@ import hmac
 import json
 import logging
 import os
-import threading
 from concurrent.futures import Future
 from pathlib import Path
 from typing import NamedTuple
 
+from drivers.aside import aside
 from drivers.mavlink.encoder import SIGNING_EPOCH_US, SIGNING_TICK_US
 from drivers.mavlink.framing import SIGNATURE_SIZE, Frame
 from drivers.output_file import written_whole
@@ -155,13 +155,12 @@ class SigningCheck:
         if any(self._is_new(stream, now) for stream in fresh):
             self._keep(stamps)
             return
-        self._writing = writing = Future[Stamps]()
 
-        def work() -> None:
+        def work() -> Stamps:
             self._write(stamps)
-            writing.set_result(stamps)
+            return stamps
 
-        threading.Thread(target=work, name="signing stamps", daemon=True).start()
+        self._writing = aside(work, "signing stamps")
 
     def _is_due(self, stream: Stream, now: int) -> bool:
         """Whether the file has to be written anew: half-way to the stamp that it keeps."""

@@ -13,14 +13,14 @@ from typing import NamedTuple
 import numpy as np
 
 from drivers.samples.navigation import METRES_A_DEGREE
-from drivers.simulation.rotations import (
-    CONJUGATE,
+from estimator.arrays import Floats
+from estimator.geometry.rotations import (
+    conjugate,
     from_matrices,
-    logarithm,
+    log,
     multiply,
     rotate_inverse,
 )
-from estimator.arrays import Floats
 from estimator.types import STANDARD_GRAVITY_M_S2, Vec3
 
 ROUND_S = 100.0
@@ -65,7 +65,7 @@ def flight_truth(time_s: Floats) -> FlightTruth:
     # Omega = log(q(t - h)* q(t + h)) / 2h
     return FlightTruth(
         q,
-        logarithm(multiply(before * CONJUGATE, after)) / (2 * h),
+        log(multiply(conjugate(before), after)) / (2 * h),
         rotate_inverse(q, force),
         _velocity(time_s),
         _position(time_s),

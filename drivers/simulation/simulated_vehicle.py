@@ -25,9 +25,9 @@ import numpy as np
 import numpy.typing as npt
 
 from drivers.simulation import flight
-from drivers.simulation.rotations import exponential, rotate_inverse, running_product
 from estimator.arrays import Floats
 from estimator.errors import InputError
+from estimator.geometry.rotations import exp, rotate_inverse, running_product
 from estimator.types import (
     IDENTITY,
     STANDARD_GRAVITY_M_S2,
@@ -419,5 +419,5 @@ def _integrate(motion: Motion, time_s: Floats, start: Quaternion) -> Floats:
     w_2 = true_rate(motion, begin + h * (0.5 + 3**0.5 / 6))
     # R_k+1 = R_k exp([h/2 (w_1 + w_2) + sqrt(3)/12 h^2 (w_1 x w_2)]x)
     phi = h / 2 * (w_1 + w_2) + 3**0.5 / 12 * h**2 * np.cross(w_1, w_2)
-    products = running_product(np.vstack([[start], exponential(phi)]))
+    products = running_product(np.vstack([[start], exp(phi)]))
     return products[::steps]

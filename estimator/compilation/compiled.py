@@ -19,8 +19,11 @@ _event: Any = event
 
 # No branch at divisions. Inlining spares copying states of a hundred floats at each call, which
 # halves the time of a step. No wrapper for C, as nothing calls a kernel from C.
-_DIVISION: dict[str, Any] = {"error_model": "numpy"}
-_OPTIONS: dict[str, Any] = {**_DIVISION, "forceinline": True, "no_cfunc_wrapper": True}
+_OPTIONS: dict[str, Any] = {
+    "error_model": "numpy",
+    "forceinline": True,
+    "no_cfunc_wrapper": True,
+}
 OPTIONS = repr(_OPTIONS)  # as a part of the names of folders
 
 NO_FOLDER = (
@@ -37,7 +40,13 @@ def compiled(function: Function) -> Function:
     ``error_model="numpy"`` keeps divisions free of branches: every division in
     the kernels is guarded by its own named threshold.
     """
-    return _decorate(function, _OPTIONS)
+    if _numba_config.DISABLE_JIT:
+        return function
+    dispatcher: Any = numba.njit(**_OPTIONS)(function)
+    _kernels.add(id(dispatcher))
+    if _FOLDERS or _SHIPPED:
+        dispatcher._cache = KernelCache(dispatcher.py_func, _FOLDERS, _SHIPPED)  # noqa: SLF001
+    return dispatcher  # type: ignore[no-any-return]
 
 
 def inlined(function: Function) -> Function:
@@ -65,21 +74,6 @@ def is_cached(kernel: Any) -> bool | None:
     if holds is None:
         return None
     return bool(holds(kernel.targetctx)) or (False if _FOLDERS else None)
-
-
-def compiled_parallel(function: Function) -> Function:
-    """Like :func:`compiled`, with ``numba.prange`` spread over threads."""
-    return _decorate(function, {**_DIVISION, "parallel": True})
-
-
-def _decorate(function: Function, options: dict[str, Any]) -> Function:
-    if _numba_config.DISABLE_JIT:
-        return function
-    dispatcher: Any = numba.njit(**options)(function)
-    _kernels.add(id(dispatcher))
-    if _FOLDERS or _SHIPPED:
-        dispatcher._cache = KernelCache(dispatcher.py_func, _FOLDERS, _SHIPPED)  # noqa: SLF001
-    return dispatcher  # type: ignore[no-any-return]
 
 
 _kernels: set[int] = set()  # ids of kernels, which stay unique: kernels are never deleted

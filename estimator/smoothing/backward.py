@@ -13,12 +13,12 @@ import numpy as np
 
 from estimator.arrays import Times
 from estimator.estimator import Estimator
+from estimator.geometry.rotations import exp, multiply
 from estimator.live.rows import NO_ROWS, SAID, Rows, cut, rows_of
 from estimator.profile import merge_profile
 from estimator.smoothing.field import without_lag
 from estimator.smoothing.path import stands_for_step
 from estimator.smoothing.recording import BLOCK, SIGMA, Estimates, Q, Recording, blocks
-from estimator.smoothing.rotation import exp, multiply
 from estimator.types import RateSample, VelocitySample
 
 # The least age that a profile allows (s): none.

@@ -8,9 +8,9 @@ import numpy as np
 from estimator.arrays import Bools, Floats
 from estimator.conditioning.field.calibration import own_field
 from estimator.conditioning.field.magnetic import FieldReference, has_heading
+from estimator.geometry.rotations import cross
 from estimator.smoothing.path import late_s
 from estimator.smoothing.recording import Recording
-from estimator.smoothing.rotation import cross
 
 
 class Field(NamedTuple):

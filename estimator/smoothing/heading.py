@@ -20,9 +20,9 @@ from estimator.conditioning.times import USUAL_S
 from estimator.conditioning.vertical.averaging import WINDOW_S
 from estimator.conditioning.vertical.lasting import SCALE_ERROR
 from estimator.conditioning.vertical.stillness import LEAST_DIRECTION_RAD
+from estimator.geometry.rotations import about_down, multiply, rotate, wrap
 from estimator.smoothing.field import Field
 from estimator.smoothing.path import Path
-from estimator.smoothing.rotation import about_down, multiply, rotate, wrap
 from estimator.smoothing.vertical import Vertical
 from estimator.smoothing.windows import Windows, filled, running_mean
 

@@ -3,8 +3,8 @@
 import numpy as np
 
 from estimator.arrays import Bools
+from estimator.geometry.rotations import conjugate, exp, log, multiply
 from estimator.smoothing.recording import Estimates, blocks
-from estimator.smoothing.rotation import conjugate, exp, log, multiply
 
 # Further apart than so many of their sigmas one of both is wrong.
 CONTRADICTION = 3.0

@@ -8,8 +8,8 @@ from estimator.arrays import Bools, Floats
 from estimator.conditioning.vertical.averaging import MOST_ERROR
 from estimator.conditioning.vertical.clipping import LEAST_PEAK_RAD_S
 from estimator.conditioning.vertical.rate import SLOW_SAMPLE_S
+from estimator.geometry.rotations import chained, cross, exp, rotate
 from estimator.smoothing.recording import Recording, steps_s
-from estimator.smoothing.rotation import chained, cross, exp, rotate
 
 
 class Path(NamedTuple):

@@ -20,8 +20,8 @@ from estimator.conditioning.vertical.averaging import (
 )
 from estimator.conditioning.vertical.stillness import LEAST_DIRECTION_RAD
 from estimator.estimator import Estimator
+from estimator.geometry.rotations import multiply, rotate, unit
 from estimator.smoothing.path import Path
-from estimator.smoothing.rotation import multiply, rotate, unit
 from estimator.smoothing.windows import Windows, filled, low_passed, running_mean
 from estimator.types import STANDARD_GRAVITY_M_S2
 

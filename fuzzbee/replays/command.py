@@ -11,7 +11,7 @@ import typer
 
 from estimator.errors import InputError
 from fuzzbee import outputs
-from fuzzbee.options import command, examples, option, require_gain, seed_range
+from fuzzbee.options import command, examples, option, require_extra, require_gain, seed_range
 from fuzzbee.run_options import RETUNE
 from fuzzbee.say import tell
 
@@ -224,7 +224,7 @@ def _exports(options: ReplayOptions) -> "list[Export]":
     if options.csv is not None:
         chosen.append(partial(exports.write_csv, options.csv))
     if options.mcap is not None:
-        mcap_file.require_mcap(options.mcap)
+        require_extra("mcap", f"--mcap {options.mcap}", "mcap")
         chosen.append(partial(mcap_file.write_mcap, options.mcap))
     if options.tum is not None:
         chosen.append(partial(trajectory.write_tum, options.tum))

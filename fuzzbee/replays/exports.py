@@ -13,8 +13,7 @@ from pathlib import Path
 import numpy as np
 
 from drivers.logs.kept_rows import blocks
-from drivers.output_file import written_whole
-from estimator.errors import InputError
+from drivers.output_file import written_for
 from fuzzbee.angle_curves import euler_curves_deg
 from fuzzbee.attitudes import attitude_arrays
 from fuzzbee.replays.comparison import Comparison
@@ -91,16 +90,13 @@ def write_rows(path: Path, columns: Sequence[str], values: Iterable[Iterable[Val
     Raises:
         InputError: the file cannot be written.
     """
-    try:
-        with (
-            written_whole(path) as fresh,
-            fresh.open("w", encoding="utf-8", newline="") as file,
-        ):
-            out = csv.writer(file, lineterminator="\n")
-            out.writerow(columns)
-            out.writerows(map(_text, row) for row in values)
-    except OSError as error:
-        raise InputError(f"--csv {path}: {error.strerror}") from None
+    with (
+        written_for("--csv", path) as fresh,
+        fresh.open("w", encoding="utf-8", newline="") as file,
+    ):
+        out = csv.writer(file, lineterminator="\n")
+        out.writerow(columns)
+        out.writerows(map(_text, row) for row in values)
 
 
 def _text(value: Value) -> str:

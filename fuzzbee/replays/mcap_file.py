@@ -6,14 +6,12 @@ its first sample on.
 
 import json
 from collections.abc import Callable
-from importlib.util import find_spec
 from itertools import chain
 from pathlib import Path
 from typing import Any, NamedTuple
 
 from drivers.logs.kept_rows import blocks
-from drivers.output_file import written_whole
-from estimator.errors import InputError, missing_extra
+from drivers.output_file import written_for
 from estimator.geometry.frames import enu_flu_from_ned_frd
 from estimator.types import Quaternion
 from fuzzbee.replays import mcap_schemas
@@ -63,27 +61,14 @@ TOPICS = (
 Put = Callable[[str, int, bytes], None]
 
 
-def require_mcap(path: Path) -> None:
-    """Refuse, before the replay, what cannot be written after it.
-
-    Raises:
-        InputError: the library is missing.
-    """
-    if find_spec("mcap") is None:
-        raise missing_extra(f"--mcap {path}", "mcap")
-
-
 def write_mcap(path: Path, trace: VehicleTrace, compared: Comparison) -> None:
     """The topics /attitude, /reference, /tf and /imu.
 
     Raises:
         InputError: the file cannot be written.
     """
-    try:
-        with written_whole(path) as fresh, fresh.open("wb") as file:
-            _write_messages(file, trace, compared)
-    except OSError as error:
-        raise InputError(f"--mcap {path}: {error.strerror}") from None
+    with written_for("--mcap", path) as fresh, fresh.open("wb") as file:
+        _write_messages(file, trace, compared)
 
 
 def _write_messages(file: Any, trace: VehicleTrace, compared: Comparison) -> None:

@@ -4,7 +4,7 @@ from importlib.util import find_spec
 from itertools import islice
 from pathlib import Path
 
-from drivers.output_file import written_whole
+from drivers.output_file import written_for
 from estimator.errors import InputError
 from fuzzbee.replays.comparison import Comparison
 from fuzzbee.replays.exports import COLUMNS, rows
@@ -35,17 +35,14 @@ def write_parquet(path: Path, trace: VehicleTrace, compared: Comparison) -> None
 
     kinds = [(name, pa.string() if name in TEXTS else pa.float64()) for name in COLUMNS]
     schema, values = pa.schema(kinds), rows(trace, compared)
-    try:
-        with (
-            written_whole(path) as fresh,
-            fresh.open("wb") as file,
-            ParquetWriter(file, schema) as writer,
-        ):
-            while part := list(islice(values, ROWS_AT_ONCE)):
-                arrays = [
-                    pa.array(column, kind)
-                    for column, (_, kind) in zip(zip(*part, strict=True), kinds, strict=True)
-                ]
-                writer.write_table(pa.Table.from_arrays(arrays, schema=schema))
-    except OSError as error:
-        raise InputError(f"--parquet {path}: {error.strerror}") from None
+    with (
+        written_for("--parquet", path) as fresh,
+        fresh.open("wb") as file,
+        ParquetWriter(file, schema) as writer,
+    ):
+        while part := list(islice(values, ROWS_AT_ONCE)):
+            arrays = [
+                pa.array(column, kind)
+                for column, (_, kind) in zip(zip(*part, strict=True), kinds, strict=True)
+            ]
+            writer.write_table(pa.Table.from_arrays(arrays, schema=schema))

@@ -1,16 +1,16 @@
 """A replay as a figure: attitude, errors and sigma, gain, confidences, bias and gaps."""
 
-from importlib.util import find_spec
 from pathlib import Path
 from textwrap import wrap
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from drivers.output_file import written_whole
+from drivers.output_file import written_for
 from estimator.arrays import Floats
-from estimator.errors import InputError, missing_extra
+from estimator.errors import InputError
 from fuzzbee.angle_curves import draw_angles
+from fuzzbee.options import require_extra
 from fuzzbee.replays.bands import bands
 from fuzzbee.replays.comparison import Comparison, reference_attitudes
 from fuzzbee.replays.page import write_page
@@ -76,10 +76,9 @@ def require_plot(path: Path) -> None:
     suffix = path.suffix.lower()
     if suffix not in (*METADATA, PAGE):
         raise InputError(f"--plot {path}: should end in {', '.join((*METADATA, PAGE))}")
-    if find_spec("matplotlib") is None:
-        raise missing_extra(f"--plot {path}", "plot")
-    if suffix == PAGE and find_spec("plotly") is None:
-        raise missing_extra(f"--plot {path}", "page")
+    require_extra("matplotlib", f"--plot {path}", "plot")
+    if suffix == PAGE:
+        require_extra("plotly", f"--plot {path}", "page")
 
 
 def draw(path: Path, title: str, trace: VehicleTrace, compared: Comparison) -> None:
@@ -119,15 +118,12 @@ def save(figure: Any, path: Path) -> None:
     """
     _settle(figure)
     suffix = path.suffix.lower()
-    try:
-        with written_whole(path) as fresh:
-            if suffix == PAGE:
-                write_page(figure, fresh)
-            else:
-                look = {"dpi": DOTS_PER_INCH, "metadata": METADATA[suffix]}
-                figure.savefig(fresh, format=suffix[1:], **look)
-    except OSError as error:
-        raise InputError(f"--plot {path}: {error.strerror}") from None
+    with written_for("--plot", path) as fresh:
+        if suffix == PAGE:
+            write_page(figure, fresh)
+        else:
+            look = {"dpi": DOTS_PER_INCH, "metadata": METADATA[suffix]}
+            figure.savefig(fresh, format=suffix[1:], **look)
 
 
 def _settle(figure: Any) -> None:

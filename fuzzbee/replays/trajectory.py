@@ -11,8 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drivers.logs.kept_rows import blocks
-from drivers.output_file import written_whole
-from estimator.errors import InputError
+from drivers.output_file import written_for
 from estimator.geometry.frames import enu_flu_from_ned_frd
 from fuzzbee.replays.comparison import Comparison
 from fuzzbee.replays.log_clock import stamps_us
@@ -34,11 +33,8 @@ def write_tum(path: Path, trace: VehicleTrace, compared: Comparison) -> None:
 
 
 def _write(path: Path, poses: Iterable[tuple[NDArray[np.int64], NDArray[np.float64]]]) -> None:
-    try:
-        with written_whole(path) as fresh, fresh.open("w", encoding="utf-8") as file:
-            for times_us, attitudes in poses:
-                for time_us, q in zip(times_us.tolist(), attitudes.tolist(), strict=True):
-                    w, x, y, z = enu_flu_from_ned_frd(tuple(q))
-                    file.write(f"{1e-6 * time_us:.6f} 0 0 0 {x:.9f} {y:.9f} {z:.9f} {w:.9f}\n")
-    except OSError as error:
-        raise InputError(f"--tum {path}: {error.strerror}") from None
+    with written_for("--tum", path) as fresh, fresh.open("w", encoding="utf-8") as file:
+        for times_us, attitudes in poses:
+            for time_us, q in zip(times_us.tolist(), attitudes.tolist(), strict=True):
+                w, x, y, z = enu_flu_from_ned_frd(tuple(q))
+                file.write(f"{1e-6 * time_us:.6f} 0 0 0 {x:.9f} {y:.9f} {z:.9f} {w:.9f}\n")

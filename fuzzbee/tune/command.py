@@ -2,9 +2,9 @@
 
 import typer
 
-from estimator.errors import InputError, missing_extra
+from estimator.errors import InputError
 from fuzzbee import outputs
-from fuzzbee.options import command, examples
+from fuzzbee.options import command, examples, require_extra
 from fuzzbee.tune.request import TuneRequest
 
 EPILOG = examples(
@@ -46,12 +46,9 @@ def _require_machine(request: TuneRequest) -> None:
 
 def _require_plots(request: TuneRequest) -> None:
     """Refuse, before the search, a folder or a library that drawing would miss after it."""
-    from importlib.util import find_spec
-
     folder = request.plot
     if folder is None:
         return
     if folder.exists() and not folder.is_dir():
         raise InputError(f"--plot {folder}: not a folder")
-    if find_spec("matplotlib") is None:
-        raise missing_extra("--plot", "plot")
+    require_extra("matplotlib", "--plot", "plot")

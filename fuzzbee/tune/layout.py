@@ -6,7 +6,7 @@ import numpy as np
 
 from estimator.arrays import Floats
 from estimator.filter.memberships import TERMS, Memberships, Triangle, fuzzy_sets
-from fuzzbee.viewer.gain_surface import GREY, gain_view
+from fuzzbee.viewer.layout import FULL_GAIN, GREY
 from fuzzbee.viewer.sdk import rr, rrb
 from tuning.space import Space, bounds, encode
 
@@ -19,6 +19,7 @@ BEST, MEDIAN, MEAN = (230, 60, 90), (80, 150, 255), (130, 110, 200)
 GOOD, BAD = np.array([255, 150, 30]), np.array([70, 110, 220])  # members by rank of cost
 TERM_COLOURS = ((80, 130, 240), (60, 180, 110), (190, 160, 30), (240, 130, 50), (230, 70, 80))
 SETS_WIDTH, SETS_HEIGHT, SETS_GAP = 7.0, 3.0, 1.0
+SURFACE_STEPS = 41
 
 
 def blueprint(space: Space, *, bees: bool) -> Any:
@@ -56,6 +57,51 @@ def blueprint(space: Space, *, bees: bool) -> Any:
         rrb.BlueprintPanel(state="hidden"),
         rrb.SelectionPanel(state="hidden"),
         rrb.TimePanel(state="collapsed", timeline=CYCLE, play_state="following"),
+    )
+
+
+def gain_view(name: str) -> Any:
+    """The gain's surface, from the corner where error and rate are 0."""
+    return rrb.Spatial3DView(
+        origin="/surface",
+        name=name,
+        eye_controls=rrb.EyeControls3D(
+            position=(-0.75, -0.9, 1.35), look_target=(0.5, 0.5, 0.3), eye_up=(0.0, 0.0, 1.0)
+        ),
+        line_grid=False,
+    )
+
+
+def gain_surface(k: Memberships) -> Any:
+    """K over (e, its rate) on [0, 1]^2 as a mesh in a unit cube."""
+    from estimator.filter.fuzzy import fuzzy_gain
+
+    grid = np.linspace(0.0, 1.0, SURFACE_STEPS)
+    height = np.array([[fuzzy_gain(k, e, rate) for rate in grid] for e in grid]) / 100.0
+    e, rate = np.meshgrid(grid, grid, indexing="ij")
+    corners = np.stack([e, rate, height], axis=-1).reshape(-1, 3)
+    low, high = np.array([40, 60, 140]), np.array([250, 210, 70])
+    colours = (low + height.reshape(-1, 1) * (high - low)).astype(np.uint8)
+    return rr.Mesh3D(vertex_positions=corners, triangle_indices=_mesh(), vertex_colors=colours)
+
+
+def _mesh() -> Any:
+    """Two for each cell of the grid, each from both sides."""
+    steps = SURFACE_STEPS
+    corner = np.arange(steps * steps).reshape(steps, steps)
+    a, b = corner[:-1, :-1].ravel(), corner[1:, :-1].ravel()
+    c, d = corner[1:, 1:].ravel(), corner[:-1, 1:].ravel()
+    upper = np.concatenate([np.stack([a, b, c], 1), np.stack([a, c, d], 1)])
+    return np.concatenate([upper, upper[:, ::-1]])
+
+
+def surface_axes() -> Any:
+    """What the surface's directions mean."""
+    return rr.Arrows3D(
+        vectors=[(1.1, 0, 0), (0, 1.1, 0), (0, 0, 1.1)],
+        colors=GREY,
+        radii=0.006,
+        labels=["error e", "rate of e", f"K to {FULL_GAIN:g}"],
     )
 
 

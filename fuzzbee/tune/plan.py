@@ -1,13 +1,12 @@
 """From the options of ``fuzzbee tune`` to a plan of the search; all checks come before any work."""
 
 import os
-from importlib.util import find_spec
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from estimator.errors import InputError, missing_extra
+from estimator.errors import InputError
 from estimator.profile import SHIPPED, Profile, load_profile, merge_profile
-from fuzzbee.options import seed_range
+from fuzzbee.options import require_extra, seed_range
 from fuzzbee.say import tell
 from fuzzbee.tune.read_flight import REFERENCES, read_flight
 from fuzzbee.tune.request import SIMULATION, TuneRequest
@@ -259,8 +258,8 @@ def _require_numbers(request: TuneRequest) -> None:
         raise InputError(
             f"--algorithm {request.algorithm}: unknown; choose from {', '.join(ALGORITHMS)}"
         )
-    if request.algorithm == "cmaes" and find_spec("cmaes") is None:
-        raise missing_extra("--algorithm cmaes", "optimizers")
+    if request.algorithm == "cmaes":
+        require_extra("cmaes", "--algorithm cmaes", "optimizers")
     fewest = FEWEST_SOURCES[request.algorithm]
     sources, cycles = request.budget
     if sources < fewest:

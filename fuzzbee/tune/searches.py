@@ -1,24 +1,25 @@
 """The searches of one run: on a cluster or on cores, with progress bars and one checkpoint."""
 
 import contextlib
-import os
 import threading
 import time
 from collections.abc import Callable, Iterator
+from functools import partial
+
+import numpy as np
 
 from estimator.profile import Profile
-from fuzzbee.say import tell
 from fuzzbee.tune.plan import Plan
 from fuzzbee.tune.progress import ProgressBar
 from fuzzbee.tune.request import TuneRequest
 from tuning.checkpoint import checkpoint_path, write_checkpoint
+from tuning.child import Pool, available_cores
 from tuning.log_task import LogTask
-from tuning.objective import profile_with, values_of
+from tuning.objective import one_cost, profile_with, values_of
 from tuning.optimizers import run_search
 from tuning.paper_task import PaperTask
 from tuning.search import Evaluate, InterruptedSearch, Record, Search
 from tuning.space import encode
-from tuning.workers import Workers, available_cores
 
 # A checkpoint is written this often, so a power cut costs no more of a search.
 CHECKPOINT_PERIOD_S = 20.0
@@ -98,19 +99,17 @@ class Searches:
 
     @contextlib.contextmanager
     def evaluator(self, task: Task) -> Iterator[Evaluate]:
-        """Choose what computes costs: a cluster, processes here, or for sim: threads."""
+        """Choose what computes costs: a cluster, or processes here."""
         objective, threads = task.objective, self._request.threads
         if self._request.cluster is not None:
             from tuning.cluster import ClusterEvaluator
 
             with ClusterEvaluator(self._request.cluster, objective) as evaluate:
                 yield evaluate
-        elif isinstance(task, LogTask):
-            with Workers(objective, available_cores() if threads is None else threads) as evaluate:
-                yield evaluate
         else:
-            with _numba_threads(threads):
-                yield objective.costs
+            work = partial(one_cost, objective)
+            with Pool(work, available_cores() if threads is None else threads) as pool:
+                yield lambda values: np.array([*pool(values)])
 
     def _save(self) -> None:
         path = checkpoint_path(self._plan.output)
@@ -125,22 +124,3 @@ def run_from_base(search: Search, task: Task) -> None:
 def best(task: Task, search: Search) -> Profile:
     """The base profile with the best values so far."""
     return profile_with(task.space, task.base, search.best_values)
-
-
-@contextlib.contextmanager
-def _numba_threads(threads: int | None) -> Iterator[None]:
-    """Have numba use this number of threads, or all that there are if there are fewer."""
-    # Threads that wait for the next batch should sleep: spinning takes a third of a shared core.
-    os.environ.setdefault("OMP_WAIT_POLICY", "passive")
-    import numba
-
-    before = numba.get_num_threads()
-    available = numba.config.NUMBA_NUM_THREADS  # type: ignore[attr-defined]
-    if threads is not None:
-        if threads > available:
-            tell(f"--threads {threads}: this machine has {available}, which are used")
-        numba.set_num_threads(min(threads, available))
-    try:
-        yield
-    finally:
-        numba.set_num_threads(before)

@@ -10,7 +10,7 @@ from estimator.profile import Profile
 from fuzzbee.say import say
 from fuzzbee.tune import layout
 from fuzzbee.tune.plan import Plan
-from fuzzbee.viewer.gain_surface import GREY, gain_surface, surface_axes
+from fuzzbee.viewer.layout import GREY
 from fuzzbee.viewer.sdk import rr
 from fuzzbee.viewer.stream import CLOSED, ViewerOptions, ViewerStream
 from tuning.objective import Scores, profile_with, values_of
@@ -74,7 +74,7 @@ class SearchView:
         self.stream.static("/members/base", layout.position(space, start, GREY, 1.0))
         if self._tunes_memberships:
             self.stream.static("/surface", rr.ViewCoordinates.RIGHT_HAND_Z_UP)
-            self.stream.static("/surface/axes", surface_axes())
+            self.stream.static("/surface/axes", layout.surface_axes())
             self.stream.static("/sets/axes", layout.fuzzy_set_axes())
             self.stream.static("/sets/base", layout.fuzzy_set_lines(base.k, base=True))
             self.stream.at(layout.CYCLE, sequence=0)
@@ -117,7 +117,7 @@ class SearchView:
             self._draw_sets(self._best(search).k)
 
     def _draw_sets(self, k: Memberships) -> None:
-        self.stream.log("/surface/gain", gain_surface(k))
+        self.stream.log("/surface/gain", layout.gain_surface(k))
         self.stream.log("/sets/best", layout.fuzzy_set_lines(k, base=False))
         self.stream.log("/sets/names", layout.fuzzy_set_names(k))
 

@@ -7,9 +7,8 @@ from estimator.geometry.quaternion import add, norm, rotate, scale
 from estimator.profile import Reference
 from estimator.types import STANDARD_GRAVITY_M_S2, ImuSample, Quaternion, Vec3
 from fuzzbee.trust import Level
-from fuzzbee.viewer.gain_surface import GREY
 from fuzzbee.viewer.horizon import COLOURS, Colour
-from fuzzbee.viewer.layout import AUTOPILOT, OURS, TRUTH
+from fuzzbee.viewer.layout import AUTOPILOT, GREY, OURS, TRUTH
 from fuzzbee.viewer.sdk import rr
 from service.records import AttitudeRecord
 

@@ -3,7 +3,6 @@
 from collections.abc import Sequence
 from typing import Any
 
-from fuzzbee.viewer.gain_surface import FULL_GAIN, gain_view
 from fuzzbee.viewer.horizon import SKY, X_RANGE, Y_RANGE
 from fuzzbee.viewer.sdk import rrb
 
@@ -13,6 +12,9 @@ MOST_VEHICLES = 9  # shown side by side; more are too small to read
 
 MOST_PLOTS = 2  # on a page of one vehicle among several
 
+FULL_GAIN = 101.0  # K = 1 + k_op, k_op up to 100
+
+GREY = (125, 125, 125)  # readable on a light and on a dark background
 OURS, AUTOPILOT, TRUTH = (64, 150, 255), (255, 140, 40), (70, 200, 100)
 HORIZON, HEADING = (150, 90, 235), (225, 70, 150)  # their sigmas
 AXES = ((235, 70, 70), (70, 180, 80), (80, 120, 250))  # x, y, z; or roll, pitch, heading
@@ -81,7 +83,7 @@ def _page(name: str, *, is_alone: bool) -> Any:
     rest = [_curves(f"/{name}/{origin}", title, span) for origin, title, span in plots]
     if is_alone:
         states = rrb.StateTimelineView(origin=f"/{name}/state", name="States")
-        rest += [gain_view("Surface"), states, _messages()]
+        rest += [states, _messages()]
     origin, title, span = SIGMA
     right = rrb.Vertical(
         _bodies(name),

@@ -1,4 +1,4 @@
-"""One vehicle's page in the viewer: horizon, bodies, curves, and its place on the gain's surface.
+"""One vehicle's page in the viewer: horizon, bodies and curves.
 
 Of what is given, only what is due is drawn: see the rates below.
 """
@@ -13,7 +13,6 @@ from estimator.types import ImuSample, Quaternion, Vec3
 from fuzzbee.trust import WORDS, Level, is_on_its_back, trust
 from fuzzbee.viewer import bodies, layout
 from fuzzbee.viewer.curves import Curves
-from fuzzbee.viewer.gain_surface import gain_shape
 from fuzzbee.viewer.horizon import COLOURS, Scene, frame, layers
 from fuzzbee.viewer.layer import Layer
 from fuzzbee.viewer.sdk import rr
@@ -163,7 +162,7 @@ class Page:
         return degrees(angle_between(record.q_ned_frd, other))
 
     def _draw(self, record: AttitudeRecord, sample: ImuSample | None) -> None:
-        """A picture of a valid attitude: horizon, bodies, vectors, the place on the surface."""
+        """A picture of a valid attitude: horizon, bodies, vectors."""
         now_us, state = record.time_unix_us, State(record.state)
         self._draw_horizon(state, record, now_us)
         if self._pictures % FIGURES_EVERY != 1:
@@ -175,10 +174,6 @@ class Page:
         if sample is not None:
             lines += self._vectors(record, sample).lines()
         self._bodies.draw(self._stream, lines, now_us)
-        if not isinstance(gain_shape(self.profile), float):
-            at = (record.error, min(abs(record.error_rate), 1.0), (record.gain - 1.0) / 100.0)
-            place = rr.Points3D([at], radii=0.03, labels=[f"vehicle {self._name}"])
-            self._stream.log(f"/surface/{self._name}", place)
 
     def _draw_horizon(self, state: State, record: AttitudeRecord | None, now_us: int) -> None:
         """The instrument, and how state and trust have changed."""

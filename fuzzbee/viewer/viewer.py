@@ -1,4 +1,4 @@
-"""The Rerun viewer as a sink: horizons, bodies in one place, curves, the gain on its surface.
+"""The Rerun viewer as a sink: horizons, bodies in one place, curves.
 
 What the eye needs is sent, and no more: a browser that draws in software takes in a few hundred
 pieces a second, and what it cannot take in at once it shows late. So the horizon is one piece,
@@ -10,7 +10,6 @@ from collections.abc import Sequence
 from drivers.events import VehicleId
 from estimator.profile import Profile
 from fuzzbee.viewer import layout
-from fuzzbee.viewer.gain_surface import GainShape, gain_shape, gain_surface, surface_axes
 from fuzzbee.viewer.page import Page
 from fuzzbee.viewer.sdk import rr
 from fuzzbee.viewer.stream import CLOSED, ViewerOptions, ViewerStream
@@ -45,16 +44,10 @@ class ViewerSink:
         self._has_left_out = False
         self._shared = profile  # for vehicles without parameters of their own
         self._own: dict[VehicleId, Profile] = {}
-        shape = gain_shape(profile)
-        # the surfaces shown; the first is made here, since making it compiles a kernel
-        self._surfaces: dict[GainShape, object] = {shape: gain_surface(shape)}
-        self._drawn = 0  # number of surfaces in the viewer
         self._now_us = 0
         self._pages_due_us: int | None = None  # vehicles wait for pages of their own
         self._arranged = 0  # so often
         self._is_live = options.live
-        self.stream.static("/surface", rr.ViewCoordinates.RIGHT_HAND_Z_UP)
-        self.stream.static("/surface/axes", surface_axes())
 
     def handle(self, outputs: Sequence[Output]) -> None:
         """Draw the outputs that are due.
@@ -129,7 +122,6 @@ class ViewerSink:
             self._show_pages()
         else:  # more may follow: a page for each takes a browser a while to take in
             self._have_pages_shown()
-        self._draw_surfaces()
         return page
 
     def _have_pages_shown(self) -> None:
@@ -164,21 +156,6 @@ class ViewerSink:
         self._own[vehicle] = profile
         if vehicle in self._pages:
             self._pages[vehicle].profile = profile
-        self._draw_surfaces()
-
-    def _draw_surfaces(self) -> None:
-        """One for each shape of the gain in use, from now on."""
-        self._at_now()
-        used = dict.fromkeys(gain_shape(page.profile) for page in self._pages.values())
-        if not used or (self._drawn and used.keys() == self._surfaces.keys()):
-            return
-        known = self._surfaces
-        self._surfaces = {k: known[k] if k in known else gain_surface(k) for k in used}
-        for number, shape in enumerate(self._surfaces.values()):
-            self.stream.log(f"/surface/gain/{number}", shape)
-        for number in range(len(used), self._drawn):
-            self.stream.log(f"/surface/gain/{number}", rr.Clear(recursive=False))
-        self._drawn = len(used)
 
     def _flush(self) -> None:
         """Send what waits: curves, and pages of the latest vehicles."""

@@ -5,8 +5,8 @@ import pytest
 
 from estimator.estimator import Estimator
 from estimator.geometry.metrics import batch_angle_errors
+from estimator.geometry.rotations import chained, conjugate, exp, rotate
 from estimator.profile import load_profile
-from estimator.smoothing.rotation import chained, conjugate, exp, rotate
 from estimator.types import ImuSample
 
 RATE_HZ, ROWS = 50.0, 1500

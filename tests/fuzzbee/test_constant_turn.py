@@ -3,14 +3,14 @@
 import numpy as np
 import pytest
 
-from drivers.simulation.rotations import exponential, multiply
+from estimator.geometry.rotations import exp, multiply
 from fuzzbee.cli import main
 from fuzzbee.replays.constant_turn import Turned, constant_turn
 from tests.fuzzbee.test_replay import DATA, replay
 
 N = 400
 RNG = np.random.default_rng(3)
-REFERENCE = exponential(RNG.uniform(-0.5, 0.5, (N, 3)))
+REFERENCE = exp(RNG.uniform(-0.5, 0.5, (N, 3)))
 MOUNTED_RAD = np.tile([0.04, -0.03, 0.0], (N, 1))  # 0.05 rad: 2.9 deg
 NOISE_RAD = 0.004 * RNG.standard_normal((N, 3))
 MOVED = np.arange(N) >= 100
@@ -18,7 +18,7 @@ MOVED = np.arange(N) >= 100
 
 def test_a_mounting_is_found_and_the_noise_is_left():
     """Of a turn of 2.9 deg about a level axis a leaning body feels nearly all."""
-    estimates = multiply(REFERENCE, exponential(MOUNTED_RAD + NOISE_RAD))
+    estimates = multiply(REFERENCE, exp(MOUNTED_RAD + NOISE_RAD))
     sigma = np.where(MOVED, 0.006, 0.02)
     whole = Turned(estimates, REFERENCE, sigma, MOVED)
     found = constant_turn(lambda: [whole])

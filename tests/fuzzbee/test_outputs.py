@@ -3,17 +3,17 @@
 import pytest
 
 from estimator.errors import InputError
-from fuzzbee import outputs
+from fuzzbee import options, outputs
 
 
 def test_a_viewer_without_its_extra_is_refused(monkeypatch):
-    monkeypatch.setattr(outputs, "find_spec", lambda _: None)
+    monkeypatch.setattr(options, "find_spec", lambda _: None)
     with pytest.raises(InputError, match=r"\[viewer\]"):
         outputs.viewer_options("web", None)
 
 
 def test_without_a_viewer_nobody_needs_the_extra(monkeypatch):
-    monkeypatch.setattr(outputs, "find_spec", lambda _: None)
+    monkeypatch.setattr(options, "find_spec", lambda _: None)
     assert outputs.viewer_options(None, None) is None
 
 

@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 
 from estimator.geometry.metrics import batch_angle_errors
+from estimator.geometry.rotations import chained, conjugate, exp, rotate
 from estimator.live.rows import SAID, cut, rows_of
 from estimator.profile import load_profile, merge_profile
 from estimator.smoothing import Offered, Recorder, backward, recording, smooth_all
-from estimator.smoothing.rotation import chained, conjugate, exp, rotate
 from fuzzbee import Estimator, replay
 from fuzzbee.cli import main
 

@@ -16,17 +16,16 @@ import pytest
 
 from drivers.events import VehicleId
 from fuzzbee.cli import main
-from service.records import Departed, Message, Peer, Published, Replaced, StatusRecord
+from service.records import Departed, Message, Peer, Published, StatusRecord
 from tests.fuzzbee import browser
 from tests.fuzzbee.processes import started
 from tests.service.records import UNIX_US, record
 
 pytest.importorskip("rerun", reason="the extra viewer is not installed")
 
-from estimator.profile import load_profile, merge_profile
+from estimator.profile import load_profile
 from fuzzbee.viewer import layout
 from fuzzbee.viewer import process as viewer_process
-from fuzzbee.viewer.gain_surface import gain_shape, gain_surface
 from fuzzbee.viewer.layout import LINES, MOST_VEHICLES
 from fuzzbee.viewer.page import Page
 from fuzzbee.viewer.stream import ViewerOptions, ViewerStream
@@ -69,8 +68,6 @@ def test_a_file_holds_every_curve_and_shape(tmp_path):
         "/1/bodies/compass",
         *(f"/1/{curve}" for curve in LINES),
         "/1/state",
-        "/surface/gain",
-        "/surface/1",
         "/messages",
     ):
         assert f"{entity} " in text or f"{entity}/" in text, entity
@@ -240,29 +237,6 @@ def test_only_so_many_vehicles_are_drawn_as_can_be_read(tmp_path):
     assert [text for text in sink.said if "only the first" in text] == [
         f"only the first {MOST_VEHICLES} vehicles are drawn"
     ]
-
-
-@pytest.mark.parametrize(("gain", "height"), [("fixed", 0.19), ("noise", 0.0)])
-def test_a_gain_without_rules_over_e_is_a_plane(gain, height):
-    """K = 20 is drawn at 19 of 100; rules in noise floors are no surface over e."""
-    profile = merge_profile(PAPER, {"filter": {"gain": gain, "fixed_gain": 20.0}})
-    corners = gain_surface(gain_shape(profile)).vertex_positions.as_arrow_array().to_pylist()
-    assert [corner[2] for corner in corners] == pytest.approx([height] * len(corners))
-    assert gain_shape(PAPER) == PAPER.k
-
-
-def test_replaced_parameters_redraw_the_surface(tmp_path):
-    file = tmp_path / "replaced.rrd"
-    other = msgspec.structs.replace(PAPER, membership={**PAPER.membership, "k22": 45.0})
-    assert other.k != PAPER.k
-    sink = ViewerSink(ViewerOptions(rrd=str(file)), PAPER)
-    sink.handle([*attitudes(ONE, 2, 100_000), *attitudes(TWO, 2, 100_000)])
-    sink.handle([Replaced(ONE, other)])  # now there are two
-    sink.handle([Replaced(ONE, other)])  # nothing new
-    sink.handle([Replaced(TWO, other)])  # both have the other one: the second is cleared
-    sink.close()
-    assert rows(file, "/surface/gain/0") == 3
-    assert rows(file, "/surface/gain/1") == 2
 
 
 STATUS = StatusRecord("running", "RAW_IMU", 100.0, 0.01, {}, 0, 0, 0)

@@ -4,10 +4,10 @@ import threading
 
 import pytest
 
+from drivers.player import Player
 from drivers.simulation.simulated_vehicle import SimulatedVehicle
 from drivers.simulation.source import SimSource
 from estimator.profile import load_profile
-from service.log_player import LogPlayer
 from service.parameters import ParameterRequests
 from service.pipeline import Pipeline
 from service.records import AttitudeRecord, Published
@@ -38,7 +38,7 @@ def test_ticks_keep_their_number_whatever_each_one_costs():
 
 @pytest.mark.parametrize("late_s", [0.0, 0.004, 0.03, 3.0])
 def test_late_ticks_are_counted_and_the_schedule_is_kept(late_s):
-    runner = Runner(LogPlayer([], 1.0), Pipeline(PAPER), Outbox([]), rate_hz=100.0)
+    runner = Runner(Player([], 1.0), Pipeline(PAPER), Outbox([]), rate_hz=100.0)
     due = runner._next_due_s(10.0, 10.0 + late_s)
     steps = (due - 10.0) / 0.01
     assert steps == pytest.approx(round(steps), abs=1e-6)  # on the grid of the schedule
@@ -48,7 +48,7 @@ def test_late_ticks_are_counted_and_the_schedule_is_kept(late_s):
 
 def test_the_end_of_a_log_ends_the_loop():
     events = imu_events(50)
-    player = LogPlayer(events, 20.0)
+    player = Player(events, 20.0)
     sink, pipeline = Collector(), Pipeline(PAPER)
     with Outbox([sink]) as outbox:
         Runner(

@@ -9,7 +9,7 @@ from math import isclose
 import numpy as np
 import pytest
 
-from drivers.simulation.rotations import CONJUGATE, rotate_inverse
+from estimator.geometry.rotations import conjugate, rotate_inverse
 from estimator.types import STANDARD_GRAVITY_M_S2
 from tests.truth.faults import HEALTHY, KINDS, Fault, Place, drawn_fault, earth_field, impair, sense
 from tests.truth.motions import FINE_HZ, MOTIONS, Draw, integrated
@@ -61,7 +61,7 @@ def test_rate_and_force_of_a_motion_lead_to_its_attitude_and_velocity(name):
     down = rotate_inverse(motion.q_ned_frd, (0.0, 0.0, 1.0))
     by_turning = rotate_inverse(integrated(motion.rate_rad_s, 0.0), down[0])
     assert np.max(np.abs(by_turning - down)) < 0.02
-    push = rotate_inverse(motion.q_ned_frd * CONJUGATE, motion.force_m_s2)
+    push = rotate_inverse(conjugate(motion.q_ned_frd), motion.force_m_s2)
     push[:, 2] += STANDARD_GRAVITY_M_S2
     velocity = motion.velocity_m_s[0] + np.cumsum(push, axis=0) / FINE_HZ
     assert np.max(np.abs(velocity - motion.velocity_m_s)) < 0.4  # m/s

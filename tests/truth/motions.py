@@ -11,16 +11,16 @@ from typing import NamedTuple
 
 import numpy as np
 
-from drivers.simulation.rotations import (
-    CONJUGATE,
-    exponential,
+from estimator.arrays import Floats
+from estimator.geometry.rotations import (
+    conjugate,
+    exp,
     from_matrices,
-    logarithm,
+    log,
     multiply,
     rotate_inverse,
     running_product,
 )
-from estimator.arrays import Floats
 from estimator.types import STANDARD_GRAVITY_M_S2 as G
 
 FINE_HZ = 200
@@ -171,7 +171,7 @@ def aerobatics(draw: Draw) -> Motion:
             rate[:, 1 - kind % 2] += turn * np.gradient(_step((TIME_S - t_s) / span_s), TIME_S)
             t_s += span_s + draw.size(3.0)
     q = integrated(rate, draw.angle())
-    nose = rotate_inverse(q * CONJUGATE, (1.0, 0.0, 0.0))
+    nose = rotate_inverse(conjugate(q), (1.0, 0.0, 0.0))
     speeds = speed * _step((TIME_S - REST_S) / (speed / 3.0)) * (1.0 + 0.25 * nose[:, 2])
     motion = _motion(PLANE, q, speeds[:, None] * nose)
     return motion._replace(acc_vibration_m_s2=0.5, gyr_vibration_rad_s=0.01)
@@ -221,7 +221,7 @@ def _car(draw: Draw, speeds: Floats, turning: Floats) -> Motion:
 
 def _motion(vehicle_type: int, q: Floats, velocity: Floats) -> Motion:
     """Rate and specific force that belong to attitude and velocity."""
-    turn = logarithm(multiply(q[:-2] * CONJUGATE, q[2:])) * (0.5 * FINE_HZ)
+    turn = log(multiply(conjugate(q[:-2]), q[2:])) * (0.5 * FINE_HZ)
     rate = np.vstack([turn[:1], turn, turn[-1:]])
     force = np.gradient(velocity, 1.0 / FINE_HZ, axis=0) - (0.0, 0.0, G)
     return Motion(vehicle_type, q, rate, rotate_inverse(q, force), velocity)
@@ -237,14 +237,14 @@ def _along(speeds: Floats, yaw: Floats, climb: Floats | None = None) -> Floats:
 def _from_euler(roll: Floats, pitch: Floats, yaw: Floats) -> Floats:
     zero = np.zeros_like(yaw)
     phi = ((zero, zero, yaw), (zero, pitch, zero), (roll, zero, zero))
-    by_yaw, by_pitch, by_roll = (exponential(np.stack(each, axis=1)) for each in phi)
+    by_yaw, by_pitch, by_roll = (exp(np.stack(each, axis=1)) for each in phi)
     return multiply(multiply(by_yaw, by_pitch), by_roll)
 
 
 def integrated(rate: Floats, heading_rad: float) -> Floats:
     """Attitudes (N, 4) of a body rate (N, 3), level at first."""
     turns = np.vstack([[[0.0, 0.0, heading_rad]], 0.5 * (rate[1:] + rate[:-1]) / FINE_HZ])
-    return running_product(exponential(turns))
+    return running_product(exp(turns))
 
 
 def _integral(values: Floats) -> Floats:

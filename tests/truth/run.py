@@ -13,8 +13,8 @@ import numpy as np
 from drivers.mavlink.decoder import MavlinkDecoder
 from drivers.mavlink.dialect import mavlink
 from drivers.mavlink.framing import FrameReader
-from drivers.simulation.rotations import CONJUGATE, exponential, multiply
 from estimator.arrays import Floats
+from estimator.geometry.rotations import conjugate, exp, multiply
 from estimator.profile import load_profile
 from estimator.types import STANDARD_GRAVITY_M_S2
 from service.pipeline import Pipeline
@@ -225,9 +225,9 @@ def _errors_deg(case: Case, motion: Motion, readings: Readings, said: list[_Said
     references = np.array([one.record.heading_reference for one in said])
     to_magnetic = np.zeros((len(said), 3))
     to_magnetic[references == "magnetic", 2] = -earth_field(case.place).declination_rad
-    truth = multiply(exponential(to_magnetic), truth)
+    truth = multiply(exp(to_magnetic), truth)
     estimate = np.array([one.record.q_ned_frd for one in said]).reshape(-1, 4)
-    w, x, y, z = np.abs(multiply(estimate, truth * CONJUGATE)).T
+    w, x, y, z = np.abs(multiply(estimate, conjugate(truth))).T
     inclination = 2.0 * np.arctan2(np.hypot(x, y), np.hypot(w, z))
     heading = np.where(references == "none", np.nan, 2.0 * np.arctan2(z, w))
     return np.asarray(np.degrees(np.stack([inclination, heading], axis=1)))

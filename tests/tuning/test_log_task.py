@@ -1,5 +1,6 @@
 """Tuning on recorded flights: what is scored is what ``replay`` says, and what a user sees."""
 
+from functools import partial
 from itertools import pairwise
 from operator import methodcaller
 from pathlib import Path
@@ -13,10 +14,12 @@ from estimator.profile import load_profile, merge_profile
 from estimator.types import ImuSample
 from fuzzbee.replays.log_report import report_log
 from fuzzbee.tune.read_flight import read_flight
+from tuning.child import Pool
 from tuning.course import WRONG_TURN
 from tuning.flight import Flight, Part, motion_s, require_substance
 from tuning.flight_cost import FLOOR_DEG, geometric_mean, measure, score_errors
 from tuning.log_task import LATER_PART, LogTask, default_groups, split
+from tuning.objective import one_cost
 from tuning.recovery import (
     RECOVERY_S,
     SETTLE_S,
@@ -27,7 +30,6 @@ from tuning.recovery import (
     weights,
 )
 from tuning.space import decode, random_positions
-from tuning.workers import Workers
 
 DATA = Path(__file__).resolve().parents[1] / "data"
 SLOW_LOG = DATA / "sitl_copter_4hz.tlog"
@@ -141,8 +143,8 @@ def test_costs_are_the_same_bits_whoever_computes(recorded):
     here = task.objective.costs(values)
     assert np.ptp(here) > 0.0
     assert np.array_equal(here[1:2], task.objective.costs(values[1:2]))
-    with Workers(task.objective, 2) as workers:
-        assert np.array_equal(workers(values), here)
+    with Pool(partial(one_cost, task.objective), 2) as pool:
+        assert np.array_equal([*pool(values)], here)
 
 
 def test_without_a_reference_the_flight_must_foretell_its_own_vectors(recorded):

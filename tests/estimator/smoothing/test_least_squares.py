@@ -3,8 +3,8 @@
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from estimator.geometry.rotations import chained, exp, log, rotate
 from estimator.smoothing.heading import least_squares, variances
-from estimator.smoothing.rotation import chained, exp, log, rotate
 from estimator.smoothing.windows import low_passed
 
 RNG = np.random.default_rng(5)

@@ -3,6 +3,7 @@
 import numpy as np
 
 from estimator.arrays import Floats
+from estimator.types import Vec3
 
 
 def multiply(p: Floats, q: Floats) -> Floats:
@@ -91,3 +92,39 @@ def chained(turns: Floats) -> Floats:
     for k in range(1, chains):
         q[k] = multiply(q[k - 1, -1], unit(q[k]))
     return unit(q.reshape(-1, 4)[:n])
+
+
+def running_product(q: Floats) -> Floats:
+    """q_0, q_0 q_1, q_0 q_1 q_2, ... by doubling."""
+    product, reach = q, 1
+    while reach < len(q):
+        product = np.vstack([product[:reach], multiply(product[:-reach], product[reach:])])
+        reach *= 2
+    return product
+
+
+def rotate_inverse(q: Floats, v: Vec3 | Floats) -> Floats:
+    """R^T v for attitudes (N, 4) and one vector or (N, 3): q* v q."""
+    vector = np.zeros_like(q)
+    vector[:, 1:] = v
+    return np.ascontiguousarray(multiply(multiply(conjugate(q), vector), q)[:, 1:])
+
+
+def from_matrices(R: Floats) -> Floats:
+    """Unit quaternions of rotation matrices (N, 3, 3) that tilt by less than 90 deg.
+
+    By the half angles of roll, pitch and yaw, which have no special cases there.
+    """
+    roll = np.arctan2(R[:, 2, 1], R[:, 2, 2]) / 2
+    pitch = -np.arcsin(np.clip(R[:, 2, 0], -1.0, 1.0)) / 2
+    yaw = np.arctan2(R[:, 1, 0], R[:, 0, 0]) / 2
+    cr, sr, cp, sp, cy, sy = (f(a) for a in (roll, pitch, yaw) for f in (np.cos, np.sin))
+    return np.stack(
+        [
+            cr * cp * cy + sr * sp * sy,
+            sr * cp * cy - cr * sp * sy,
+            cr * sp * cy + sr * cp * sy,
+            cr * cp * sy - sr * sp * cy,
+        ],
+        axis=1,
+    )

@@ -2,7 +2,7 @@ import msgspec
 import pytest
 
 from drivers.events import Malformed
-from service.log_player import MAX_GAP_US, LogPlayer
+from drivers.player import MAX_GAP_US, Player
 
 
 class Clock:
@@ -21,7 +21,7 @@ class Clock:
 def played(stamps_us, speed=1.0, timeout_s=0.05):
     """Pairs of (event's stamp, seconds since the start when it was drained)."""
     clock = Clock()
-    player = LogPlayer(
+    player = Player(
         [Malformed(stamp, 1) for stamp in stamps_us], speed, clock.monotonic_s, clock.sleep
     )
     out = []
@@ -52,19 +52,19 @@ def test_gaps_are_silence_but_broken_stamps_are_skipped():
 
 
 def test_an_empty_log_is_finished_at_once():
-    assert LogPlayer([], 1.0).is_finished()
+    assert Player([], 1.0).is_finished()
 
 
 def test_events_are_the_logs_own():
     event = Malformed(5, 2)
-    player = LogPlayer([event], 1.0)
+    player = Player([event], 1.0)
     assert player.drain(0.0) == [msgspec.structs.replace(event)]
 
 
 def test_a_service_that_cannot_keep_up_hears_no_silence():
     clock = Clock()
     events = [Malformed(n * 20_000, 1) for n in range(500)]
-    player = LogPlayer(events, 50.0, clock.monotonic_s, clock.sleep)
+    player = Player(events, 50.0, clock.monotonic_s, clock.sleep)
     last_us = 0
     while not player.is_finished():
         for event in player.drain(0.01):

@@ -1,4 +1,4 @@
-"""A log as a live source: its events at the pace they were recorded, or faster."""
+"""Events as a live source, at the pace of their stamps or faster: a log, or ``sim:``."""
 
 import time
 from collections.abc import Callable, Iterable
@@ -9,20 +9,22 @@ from drivers.events import Event
 # file: the player goes on from there without waiting.
 MAX_GAP_US = 600_000_000
 MAX_BACK_US = 1_000_000
-# When the service cannot keep up with the speed, the log waits rather than rushes: silence
-# that the recorder did not hear must not appear. In seconds of the host.
+# When the service cannot keep up with the speed, or the computer slept, the events wait rather than
+# rush: silence that the recorder did not hear must not appear, nor an overloaded computer look like
+# an estimator that fails. In seconds of the host.
 MAX_BEHIND_S = 0.1
 
 
-class LogPlayer:
+class Player:
     """Plays events by their arrival stamps.
 
-    The player has a clock of its own, ``now_us``, in the log's time: it runs
-    ``speed`` times as fast as the host's, so that silence in the log is as long
-    for the service as it was for the recorder. It ``is_finished`` at the end of the log.
+    The player has a clock of its own, ``now_us``, in the events' time: it runs
+    ``speed`` times as fast as the host's, so that silence in a log is as long
+    for the service as it was for the recorder. It ``is_finished`` behind the last event, and has
+    waited for the service for ``waited_s``.
     """
 
-    # a log waits for the service, so nothing is ever dropped
+    # events wait for the service, so nothing is ever dropped
     dropped = 0
     shed = lost = 0
 
@@ -41,13 +43,14 @@ class LogPlayer:
         self._base_us = 0 if self._next is None else self._next.arrival_us
         self._base_s = monotonic_s()
         self._last_us = self._base_us
+        self.waited_s = 0.0
 
     def is_finished(self) -> bool:
         """Whether all events have been drained."""
         return self._next is None
 
     def now_us(self) -> int:
-        """The log's time; it does not pass an event that has not been drained."""
+        """The events' time; it does not pass one that has not been drained."""
         following_us = self._last_us if self._next is None else self._next.arrival_us
         return min(self._running_us(), max(following_us, self._last_us))
 
@@ -86,6 +89,7 @@ class LogPlayer:
             return
         latest_us = self._next.arrival_us + round(MAX_BEHIND_S * 1e6 * self._speed)
         if self._next.arrival_us >= self._last_us and self._running_us() > latest_us:
+            self.waited_s += 1e-6 * (self._running_us() - latest_us)
             self._base_us, self._base_s = latest_us, self._monotonic_s()
 
     def _jump_to(self, stamp_us: int) -> None:
