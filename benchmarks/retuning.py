@@ -32,7 +32,7 @@ from tuning.online.numbers import numbers_of, with_factors
 from tuning.online.retuned_estimator import RetunedEstimator, SegmentingEstimator
 from tuning.online.retuner import Retuner
 from tuning.online.search import CYCLES, FOOD_SOURCES
-from tuning.online.segment import Segment
+from tuning.online.segment import Segment, rows_of_all
 from tuning.prediction import readings_of
 from tuning.space import Space, decode, random_positions
 
@@ -121,7 +121,7 @@ def rule_of_two(samples: Samples, _seed: int) -> tuple[Array, int]:
     first, changes = [], [0]
 
     def take(segment: Segment) -> None:
-        now = noise_of(readings_of(segment.samples))
+        now = noise_of(readings_of(rows_of_all((segment,))))
         first.append(now)
         was = first[0]
         vectors = log2((now.gravity + now.magnetic) / (was.gravity + was.magnetic)) / 2

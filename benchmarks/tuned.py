@@ -58,7 +58,7 @@ def flown(case: str, motion: str, seed: int, duration_s: float) -> Flight:
 
 def by_autopilot(flight: Flight, seed: int) -> Flight:
     """The flight beside what an autopilot's filter would say."""
-    rng, n = np.random.default_rng([88, seed]), len(flight.samples)
+    rng, n = np.random.default_rng([88, seed]), len(flight.truth)
     keep = np.exp(-1.0 / (flight.rate_hz * TAU_S))
     slow = lfilter([np.sqrt(1.0 - keep**2)], [1.0, -keep], rng.standard_normal((n, 3)), axis=0)
     off_deg = np.array(SLOW_DEG) * slow + np.array(ALWAYS_DEG) * rng.standard_normal(3)
@@ -69,7 +69,7 @@ def by_autopilot(flight: Flight, seed: int) -> Flight:
 
 def whole(flight: Flight) -> Part:
     """All of it but its start."""
-    return Part(flight, int(np.searchsorted(flight.time_s, SKIP_S)), len(flight.samples))
+    return Part(flight, int(np.searchsorted(flight.time_s, SKIP_S)), len(flight.truth))
 
 
 def found_by(task: LogTask, options: SearchOptions) -> Profile:

@@ -2,9 +2,9 @@
 
     python benchmarks/tuning_speed.py
 
-All in one run, compilation not timed; best of repetitions, the one that other programs disturbed
-least. ``the search``: the paper's scale (N = 100, 300 cycles: 60,100 evaluations of 1,401 steps),
-one noise seed, on all cores, seconds. ``a step`` of the filter, inference included, on one core.
+All in one run and one process, compilation not timed; processor time, of a step the best of
+repetitions, the one that other programs disturbed least. ``the search``: the paper's scale (N =
+100, 300 cycles: 60,100 evaluations of 1,401 steps), one noise seed. ``a step``: inference included.
 pygmo's bee_colony calls the same compiled objective one candidate at a time: its seconds an
 evaluation over ours, which asks for the whole colony at once.
 """
@@ -27,12 +27,12 @@ SEED = 1
 
 
 def search_once(task: PaperTask, cycles: int) -> tuple[float, int]:
-    """One search; its seconds and evaluations."""
+    """One search; its seconds of processor and evaluations."""
     options = SearchOptions("abc", 100, cycles, 2200, 0)
     search = Search(task.space, options, task.objective.costs)
-    started = time.perf_counter()
+    started = time.process_time()
     run_search(search, encode(task.space, values_of(task.space, task.base)))
-    return time.perf_counter() - started, search.evaluations
+    return time.process_time() - started, search.evaluations
 
 
 def best_s(function: Callable[[], object], repetitions: int) -> float:
@@ -82,9 +82,9 @@ def pygmo_s(task: PaperTask, generations: int) -> float | None:
     population = pygmo.population(problem, size=100, seed=SEED)
     algorithm = pygmo.algorithm(pygmo.bee_colony(gen=generations, limit=2200, seed=SEED))
     before = population.problem.get_fevals()
-    started = time.perf_counter()
+    started = time.process_time()
     population = algorithm.evolve(population)
-    return (time.perf_counter() - started) / (population.problem.get_fevals() - before)
+    return (time.process_time() - started) / (population.problem.get_fevals() - before)
 
 
 def measure(cycles: int, repetitions: int) -> list[Row]:

@@ -10,7 +10,10 @@ from estimator.arrays import Floats
 from estimator.estimator import Estimator
 from estimator.geometry.quaternion import exp, scale
 from estimator.live.core import with_attitude
-from estimator.types import ImuSample, Quaternion
+from estimator.live.rows import SAID, Rows, cut
+from estimator.smoothing.backward import take, take_row
+from estimator.smoothing.recording import BIAS, SIGMA, Q, blocks
+from estimator.types import Quaternion
 from tuning.told import Call
 
 # A wrong start: 170 deg about NED (1,1,1)/sqrt 3, next to the unstable equilibrium, as the paper
@@ -32,24 +35,36 @@ class Course(NamedTuple):
 
 def course_of(
     estimator: Estimator,
-    samples: Sequence[ImuSample],
-    calls: Sequence[tuple[Call, ...]],
+    rows: Rows,
+    calls: Mapping[int, Sequence[Call]],
     wrong_ned_frd: Mapping[int, Quaternion] = NOTHING_WRONG,
 ) -> Course:
-    """Tell the estimator each sample's calls and ask it for the attitude at that sample.
+    """Have the estimator take all rows, before each of them what it was told then.
 
     Behind each sample in ``wrong_ned_frd`` the filter is given that attitude; what conditions its
     vectors goes on.
     """
-    rows = np.empty((len(samples), 9))
-    for k, (sample, told) in enumerate(zip(samples, calls, strict=True)):
-        for call in told:
+    n, begin = len(rows.times_us), 0
+    course = Course(np.empty((n, 4)), np.empty((n, 2)), np.empty((n, 3)))
+    wrong = {at for k in wrong_ned_frd for at in (k, k + 1)}
+    stops = {*calls, *wrong, *(part.stop for part in blocks(n))}
+    for end in sorted(k for k in stops if 0 < k <= n):
+        for call in calls.get(begin, ()):
             call(estimator)
-        if k in wrong_ned_frd:
-            now = estimator.snapshot
-            estimator.snapshot = now._replace(core=with_attitude(now.core, wrong_ned_frd[k]))
-        said = estimator.attitude(sample.time_us)
-        rows[k, :4] = said.q_ned_frd
-        rows[k, 4], rows[k, 5] = said.sigma_inclination_rad, said.sigma_heading_rad
-        rows[k, 6:] = said.gyro_bias_rad_s
-    return Course(rows[:, :4], rows[:, 4:6], rows[:, 6:])
+        if end == begin + 1:
+            time_us = take_row(estimator, rows, begin)
+            if begin in wrong_ned_frd:
+                now = estimator.snapshot
+                core = with_attitude(now.core, wrong_ned_frd[begin])
+                estimator.snapshot = now._replace(core=core)
+            one = estimator.attitude(time_us)
+            sigma = one.sigma_inclination_rad, one.sigma_heading_rad
+            course.q_ned_frd[begin], course.sigma_rad[begin] = one.q_ned_frd, sigma
+            course.bias_rad_s[begin] = one.gyro_bias_rad_s
+        else:
+            said = np.empty((end - begin, SAID))
+            take(estimator, cut(rows, begin, end), said, np.empty(len(said), np.bool_))
+            for column, part in zip(course, (Q, SIGMA, BIAS), strict=True):
+                column[begin:end] = said[:, part]
+        begin = end
+    return course

@@ -13,8 +13,9 @@ import numpy as np
 from estimator.arrays import Bools, Floats
 from estimator.errors import InputError
 from estimator.estimator import Estimator
+from estimator.live.rows import Rows, cut
 from estimator.profile import Profile
-from estimator.types import ImuSample, Quaternion
+from estimator.types import Quaternion
 from tuning.course import NOTHING_WRONG, Course, course_of
 from tuning.told import Call
 
@@ -32,7 +33,7 @@ LEAST_FIELD_RATE_HZ = 0.2
 class Flight(NamedTuple):
     """N samples of one vehicle, as its estimator was told of them.
 
-    ``calls[k]`` are all calls up to and including the one with sample k. ``restart`` marks samples
+    ``calls[k]`` are those before sample k, if there are some. ``restart`` marks samples
     after which nothing from before holds (the first, a reboot, a jump of the clock). ``truth``
     (N, 4) is the reference's ``q_ned_frd`` where ``known``; ``reference`` is "sim", "autopilot",
     "smooth" or "none". ``headed`` marks where the base profile told a heading. ``doubt_rad`` (N, 2)
@@ -43,8 +44,8 @@ class Flight(NamedTuple):
     sha256: str
     message: str
     reference: str
-    samples: tuple[ImuSample, ...]
-    calls: tuple[tuple[Call, ...], ...]
+    rows: Rows
+    calls: Mapping[int, tuple[Call, ...]]
     restart: Bools
     truth: Floats
     known: Bools
@@ -54,7 +55,7 @@ class Flight(NamedTuple):
     @property
     def time_s(self) -> Floats:
         """Time (N,) since the first sample, on the vehicle's continuous clock."""
-        times_us = np.array([sample.time_us for sample in self.samples], dtype=np.int64)
+        times_us = self.rows.times_us
         time_s: Floats = 1e-6 * (times_us - times_us[0])
         return time_s
 
@@ -65,15 +66,9 @@ class Flight(NamedTuple):
         return float(1.0 / np.median(steps_s)) if len(steps_s) else 0.0
 
     @property
-    def gyr_rad_s(self) -> Floats:
-        """The gyroscope's readings (N, 3), FRD."""
-        return np.array([sample.gyr_rad_s for sample in self.samples])
-
-    @property
     def has_field(self) -> bool:
         """Whether there is a magnetic field often enough to be of use."""
-        fields = sum(sample.has_mag for sample in self.samples)
-        return bool(fields > LEAST_FIELD_RATE_HZ * self.time_s[-1])
+        return bool(self.rows.has_mag.sum() > LEAST_FIELD_RATE_HZ * self.time_s[-1])
 
 
 class Part(NamedTuple):
@@ -97,12 +92,12 @@ def fly(
 ) -> Course:
     """The first ``last`` samples with the whole estimator of ``profile``; see :func:`course_of`."""
     estimator = Estimator(profile)
-    return course_of(estimator, flight.samples[:last], flight.calls[:last], wrong_ned_frd)
+    return course_of(estimator, cut(flight.rows, 0, last), flight.calls, wrong_ned_frd)
 
 
 def motion_s(flight: Flight) -> float:
     """For how long the vehicle turned. The median rate, and with it a bias, is taken off first."""
-    gyr = flight.gyr_rad_s
+    gyr = flight.rows.gyr_rad_s
     rate = np.linalg.norm(gyr - np.median(gyr, axis=0), axis=1)
     return float(np.mean(rate > MOTION_RAD_S)) * float(flight.time_s[-1])
 

@@ -6,8 +6,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from estimator.arrays import Bools, Floats
+from estimator.arrays import Floats
 from estimator.geometry.metrics import batch_angle_errors, rms
+from estimator.live.rows import cut
 from estimator.profile import Profile
 from tuning.course import Course
 from tuning.flight import Part, fly
@@ -116,18 +117,22 @@ def _figures(part: Part, course: Course) -> FlightFigures:
     flight, window = part.flight, part.window
     known = flight.known[window]
     doubt = None if flight.doubt_rad is None else flight.doubt_rad[window]
-    truths = possible_truths(flight.truth[window], doubt)
     estimate = course.q_ned_frd[window]
-    errors = np.degrees([batch_angle_errors(estimate, truth) for truth in truths])
     sigma = np.degrees(course.sigma_rad[window])
-
-    def scored(rows: Bools, error: int, angle: int) -> Figure:
-        sigmas = np.tile(sigma[rows, angle], len(truths))
-        return score_errors(errors[:, rows, error].ravel(), sigmas)
-
     headed = known & flight.headed[window]
+    inclination, heading = [], []
+    for truth in possible_truths(flight.truth[window], doubt):
+        errors = np.degrees(batch_angle_errors(estimate, truth))
+        inclination.append(score_errors(errors[known, 2], sigma[known, 0]))
+        heading.append(score_errors(errors[headed, 1], sigma[headed, 1]))
     has_heading = flight.has_field and headed.any()
-    return FlightFigures(scored(known, 2, 0), scored(headed, 1, 1) if has_heading else None)
+    return FlightFigures(mean_of(inclination), mean_of(heading) if has_heading else None)
+
+
+def mean_of(figures: Sequence[Figure]) -> Figure:
+    """The figures of the same errors against several references as those of all of them."""
+    rms_deg, losses_deg, shares = zip(*figures, strict=True)
+    return Figure(rms(np.array(rms_deg)), float(np.mean(losses_deg)), float(np.mean(shares)))
 
 
 def score_errors(errors: Floats, sigma: Floats) -> Figure:
@@ -145,7 +150,7 @@ def score_errors(errors: Floats, sigma: Floats) -> Figure:
 
 def _figures_without_truth(part: Part, course: Course) -> FlightFigures:
     """Errors of the vectors that the estimate foretells; no sigma is said of these."""
-    readings = readings_of(part.flight.samples[: part.last])
+    readings = readings_of(cut(part.flight.rows, 0, part.last))
     down, field = predicted_vectors(readings, course.q_ned_frd, course.bias_rad_s, part.first)
     level, north = rms_known(levelling_errors(down)), rms_known(heading_errors(field))
     figures = [

@@ -69,11 +69,11 @@ def split(flights: tuple[Flight, ...], held_out: frozenset[str] = frozenset()) -
     """Of several flights those named in ``held_out`` (SHA-256), or every third; of one the end."""
     if len(flights) == 1:
         flight = flights[0]
-        n = len(flight.samples)
+        n = len(flight.truth)
         cut = round((1.0 - LATER_PART) * n)
         return Split((Part(flight, 0, cut),), (Part(flight, cut, n),))
     chosen = held_out or {f.sha256 for f in flights[HELD_OUT_FIRST::HELD_OUT_EVERY]}
-    parts = [Part(flight, 0, len(flight.samples)) for flight in flights]
+    parts = [Part(flight, 0, len(flight.truth)) for flight in flights]
     return Split(
         tuple(part for part in parts if part.flight.sha256 not in chosen),
         tuple(part for part in parts if part.flight.sha256 in chosen),

@@ -5,7 +5,6 @@ the estimate names, and what it then says of gravity and of north is compared wi
 measured. An attitude or a bias that is off is off in its prediction, too.
 """
 
-from collections.abc import Sequence
 from math import atan2, pi, sqrt
 from typing import NamedTuple
 
@@ -14,7 +13,7 @@ import numpy as np
 from estimator.arrays import Bools, Floats
 from estimator.compilation.compiled import compiled
 from estimator.geometry.quaternion import exp, multiply, normalize, rotate, unit
-from estimator.types import ImuSample
+from estimator.live.rows import Rows
 
 AHEAD_S = 0.5
 # A prediction over a longer silence tells of the silence.
@@ -31,16 +30,9 @@ class Readings(NamedTuple):
     has_mag: Bools
 
 
-def readings_of(samples: Sequence[ImuSample]) -> Readings:
-    """Samples as arrays; times from the first."""
-    times_us = np.array([sample.time_us for sample in samples], dtype=np.int64)
-    return Readings(
-        time_s=1e-6 * (times_us - times_us[0]),
-        gyr_rad_s=np.array([sample.gyr_rad_s for sample in samples]),
-        acc_m_s2=np.array([sample.acc_m_s2 for sample in samples]),
-        mag=np.array([sample.mag_gauss for sample in samples]),
-        has_mag=np.array([sample.has_mag for sample in samples]),
-    )
+def readings_of(rows: Rows) -> Readings:
+    """Samples with their times from the first."""
+    return Readings(1e-6 * (rows.times_us - rows.times_us[0]), *rows[1:])
 
 
 @compiled

@@ -5,6 +5,8 @@ itself, and what is held out is judged by a reference that nothing was chosen on
 off, its own sigma says; a cost is the mean over attitudes that lie so far around it.
 """
 
+from collections.abc import Iterator
+
 import numpy as np
 from scipy.special import ndtri
 
@@ -13,6 +15,7 @@ from estimator.errors import InputError
 from estimator.geometry.rotations import exp, multiply
 from estimator.profile import Profile
 from estimator.smoothing import Recorder, smooth_all
+from tuning.course import course_of
 from tuning.flight import Flight
 
 # A smoothed inclination, and a heading, count where their sigmas are below these, deg; a flight if
@@ -30,11 +33,9 @@ GOLDEN = 0.618034
 def smoothed_flight(flight: Flight, profile: Profile) -> Flight:
     """The flight with its smoothed attitude for a reference."""
     recorder = Recorder(profile)
-    for calls in flight.calls:
-        for call in calls:
-            call(recorder)
+    course_of(recorder, flight.rows, flight.calls)
     times_us, smoothed = smooth_all(recorder)
-    at = np.searchsorted(times_us, [sample.time_us for sample in flight.samples])
+    at = np.searchsorted(times_us, flight.rows.times_us)
     truth, doubt = smoothed.q_ned_frd[at], smoothed.sigma_rad[at]
     sure = np.isfinite(truth).all(axis=1, keepdims=True) & (np.degrees(doubt) < SURE_DEG)
     headed = flight.headed & sure[:, 1]
@@ -50,7 +51,7 @@ def sure_flight(flight: Flight, profile: Profile, *, is_wanted: bool) -> Flight:
         InputError: it is not, and is wanted.
     """
     smoothed = smoothed_flight(flight, profile)
-    half = len(flight.samples) / 2
+    half = len(flight.truth) / 2
     has_north = flight.has_field and flight.headed.sum() > half
     headed = smoothed.known & smoothed.headed
     if smoothed.known.sum() > half and (not has_north or headed.sum() > half):
@@ -64,18 +65,17 @@ def sure_flight(flight: Flight, profile: Profile, *, is_wanted: bool) -> Flight:
     return flight
 
 
-def possible_truths(truth: Floats, doubt_rad: Floats | None) -> list[Floats]:
+def possible_truths(truth: Floats, doubt_rad: Floats | None) -> Iterator[Floats]:
     """References (N, 4), and if they are in doubt ``AROUND`` others as likely as each other."""
     if doubt_rad is None:
-        return [truth]
+        yield truth
+        return
     share = (np.arange(AROUND) + 0.5) / AROUND
     tilt = np.sqrt(-2.0 * np.log(share)) / TWO
     azimuth = 2.0 * np.pi * GOLDEN * np.arange(AROUND)
     # in another order than the tilts
     turn = ndtri(share[np.argsort(GOLDEN * np.arange(AROUND) % 1.0)]) / ONE
     level, north = doubt_rad.T
-    turns = (
-        np.stack([level * t * np.cos(a), level * t * np.sin(a), north * h], axis=-1)
-        for t, a, h in zip(tilt, azimuth, turn, strict=True)
-    )
-    return [multiply(exp(each), truth) for each in turns]
+    for t, a, h in zip(tilt, azimuth, turn, strict=True):
+        each = np.stack([level * t * np.cos(a), level * t * np.sin(a), north * h], axis=-1)
+        yield multiply(exp(each), truth)

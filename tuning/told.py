@@ -30,7 +30,7 @@ class ToldEstimator(Estimator):
         self._waiting: list[Call] = []
 
     def note_sample(self, sample: ImuSample, calls: tuple[Call, ...]) -> None:
-        """A sample was taken, by the last of these calls; behind its effect."""
+        """A sample was taken, behind these calls and before this one."""
 
     def note_restart(self) -> None:
         """The attitude is about to be forgotten."""
@@ -39,7 +39,7 @@ class ToldEstimator(Estimator):
         """See :class:`Estimator`."""
         reason = super().update(sample)
         if reason is None:
-            calls: tuple[Call, ...] = (*self._waiting, methodcaller("update", sample))
+            calls = tuple(self._waiting)
             self._waiting.clear()
             self.note_sample(sample, calls)
         return reason

@@ -15,9 +15,10 @@ Units are never guessed from the numbers.
 import re
 import tomllib
 from collections.abc import Mapping, Sequence
+from itertools import islice
 from math import pi
 from pathlib import Path
-from typing import NamedTuple
+from typing import Annotated, NamedTuple
 
 import msgspec
 
@@ -36,6 +37,7 @@ class Quantity(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
     columns: tuple[str | int, ...] = ()
     unit: str = ""
+    scale: Annotated[float, msgspec.Meta(gt=0.0, lt=1e9)] = 1.0  # how much of it a count is
     axes: str | tuple[str, ...] = ""
 
 
@@ -56,12 +58,12 @@ class Description(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 class Columns(NamedTuple):
     """What is read of a row: rad/s, m/s^2, gauss (FRD), m/s (NED), degrees and m; empty: nothing.
 
-    The time is in us, or in words (ISO 8601) where its factor is 0. Attitudes are four numbers, w
-    first, or three angles (roll, pitch, yaw) in rad; those that are East-North-Up and FLU are named
-    in ``enu_flu``. Where nobody told the axes they may be others.
+    The time is in us, or in words (ISO 8601, date and time may stand apart) where its factor is 0.
+    Attitudes are four numbers, w first, or three angles (roll, pitch, yaw) in rad; those that are
+    East-North-Up and FLU are named in ``enu_flu``. Where nobody told the axes they may be others.
     """
 
-    time: Part
+    time: tuple[Part, ...]
     gyroscope: tuple[Part, ...]
     accelerometer: tuple[Part, ...]
     magnetometer: tuple[Part, ...]
@@ -77,15 +79,16 @@ TIME = {"min": 6e7, "s": 1e6, "ms": 1e3, "millis": 1e3, "us": 1.0, "micros": 1.0
 TIME |= {"minutes": 6e7, "nanos": 1e-3}
 ANGLE = {"rad": 1.0, "deg": pi / 180}
 GYROSCOPE = {"rads": 1.0, "degs": pi / 180, "dps": pi / 180, "mrads": 1e-3, "mdps": pi / 180e3}
-GYROSCOPE |= {"rads1": 1.0, "degs1": pi / 180, "radps": 1.0, "degps": pi / 180}
+GYROSCOPE |= {"mdegs": pi / 180e3, "rads1": 1.0, "degs1": pi / 180, "radps": 1.0, "degps": pi / 180}
 ACCELEROMETER = {"ms2": 1.0, "mss": 1.0, "mps2": 1.0, "g": G, "mg": 1e-3 * G, "cms2": 1e-2}
-ACCELEROMETER |= {"millig": 1e-3 * G}
-TESLA = {"t": 1e4, "tesla": 1e4, "mt": 1e1, "ut": 1e-2, "microtesla": 1e-2, "nt": 1e-5}
+ACCELEROMETER |= {"mms2": 1e-3, "millig": 1e-3 * G}
+TESLA = {"t": 1e4, "tesla": 1e4, "mt": 1e1, "ut": 1e-2, "utesla": 1e-2, "nt": 1e-5}
+TESLA |= {"microtesla": 1e-2}
 GAUSS = {"g": 1.0, "ga": 1.0, "gs": 1.0, "gauss": 1.0, "mg": 1e-3, "mga": 1e-3, "mgauss": 1e-3}
 MAGNETOMETER = TESLA | GAUSS | {"milligauss": 1e-3}
 WORDS = {
     "gyroscope": (
-        "gyro?s?|gyroscope|angularvelocity|angularrate|(?:gyro)?rotation(?:rate)?|omega|w|g",
+        "gyro?s?|gyroscope|ang(?:ular)?vel(?:ocity)?|angularrate|(?:gyro)?rotation(?:rate)?|omega|w|g",
         GYROSCOPE,
     ),
     "accelerometer": (
@@ -94,11 +97,14 @@ WORDS = {
     ),
     # B and H are other things without a unit
     "magnetometer": (
-        "mag|magn|magnetometer|magneticfield|m|[bh](?=.*(?:t|tesla|gauss)$)",
+        "magn?|magneto(?:meter)?|magnetic(?:field)?|m|[bh](?=.*(?:t|tesla|gauss)$)",
         MAGNETOMETER,
     ),
 }
 TIME_WORDS = "(?:accelerometer|imu|sensor)?(?:time|zeit|timestamp|t|elapsed|elapsedtime|sampletime)"
+# What else may stand in a sensor's name, and before it: the circuit, a name with digits
+MADE = "(?:rss|adc|smooth|raw|cal|filtered)?"
+CIRCUIT = re.compile(r"^[A-Za-z]{2,}\d\w*[\W_]+")
 ISO = "iso8601"
 SPELLINGS = (
     *(("[0]", "x"), ("[1]", "y"), ("[2]", "z"), ("ω", "w"), ("º", "deg")),
@@ -161,15 +167,16 @@ def columns(text: CsvText, told: Description) -> Columns:
     )
 
 
-def _time(text: CsvText, told: Quantity) -> Part:
+def _time(text: CsvText, told: Quantity) -> tuple[Part, ...]:
     units = "|".join(TIME)
     pattern = re.compile(
         rf"({units})elapsed|(?:{TIME_WORDS})(?:since[a-z]+?)?(?:in)?({units}|{ISO})?"
     )
     if told.columns:
-        (index,) = _named(text, "time", told.columns, (1,))
+        index, *others = _named(text, "time", told.columns, (1, 2))
         found = [(index, "")]
     else:
+        others = []
         found = [(i, m[1] or m[2] or "") for i, m in _matches(text, pattern)]
         found = found or [(i, ISO) for i, field in enumerate(text.first) if is_date(field)]
     if not found:
@@ -180,11 +187,13 @@ def _time(text: CsvText, told: Quantity) -> Part:
     ]
     best = next((k for k, unit in enumerate(given) if unit), 0)
     index, unit = found[best][0], given[best]
-    first = text.first[index].strip()
+    first = " ".join(text.first[i].strip() for i in (index, *others))
+    unit = ISO if others and is_date(first) else unit
     if unit != ISO and first and not is_number(first, comma=text.has_decimal_comma):
         said = f"{first!r} in column {text.titles()[index]!r}"
         raise InputError(f"the time {said} is no number, and no date as ISO 8601 has them; {HELP}")
-    return index, 0.0 if unit == ISO else _factor(text, "time", index, unit, {**TIME, ISO: 0.0})
+    factor = 0.0 if unit == ISO else _factor(text, "time", index, unit, {**TIME, ISO: 0.0})
+    return tuple((i, told.scale * factor) for i in (index, *others))
 
 
 def _sensor(
@@ -197,8 +206,8 @@ def _sensor(
         found = [(i, "") for i in _named(text, name, told.columns, (3,))]
     else:
         long = "|".join(word for word in words.split("|") if len(word) > 1)  # "x (g)" is no rate
-        before, behind = rf"(?P<x>[xyz])(?:axis)?(?:{long})", rf"(?:{words})\d?(?:rss)?"
-        unit, axis = f"(?:in)?({spelt})?", "(?P<z>[xyz])(?:axis)?"
+        before, behind = rf"(?P<x>[xyz])(?:axis)?(?:{long})", rf"(?:{words})\d?{MADE}"
+        unit, axis = f"(?:in)?({spelt})?", f"(?P<z>[xyz])(?:axis)?{MADE}"
         kind = rf"(?:(?:imu|raw|sensor|cal)\d?)*(?:{before}{unit}|{behind}{unit}{axis}{unit})"
         matches = [
             (i, m["x"] or m["z"], m[2] or m[3] or m[5] or "")
@@ -217,7 +226,8 @@ def _sensor(
     factors = [
         _factor(text, name, i, unit, units) for (i, _), unit in zip(found, given, strict=True)
     ]
-    parts = tuple((i, factor) for (i, _), factor in zip(found, factors, strict=True))
+    pairs = zip(found, factors, strict=True)
+    parts = tuple((i, told.scale * factor) for (i, _), factor in pairs)
     return _turned(parts, told.axes or axes, BODY_AXES)
 
 
@@ -225,14 +235,14 @@ def _position(text: CsvText, told: Quantity) -> tuple[Part, ...]:
     if not told.columns:
         return ()
     _require_unit("position", told.unit, ("", "deg"))
-    return tuple((i, 1.0) for i in _named(text, "position", told.columns, (2, 3)))
+    return tuple((i, told.scale) for i in _named(text, "position", told.columns, (2, 3)))
 
 
 def _velocity(text: CsvText, told: Quantity) -> tuple[Part, ...]:
     if not told.columns:
         return ()
     _require_unit("velocity", told.unit, ("", "ms"))
-    parts = tuple((i, 1.0) for i in _named(text, "velocity", told.columns, (3,)))
+    parts = tuple((i, told.scale) for i in _named(text, "velocity", told.columns, (3,)))
     return _turned(parts, told.axes or "ned", WORLD_AXES)
 
 
@@ -243,7 +253,8 @@ def _attitude(text: CsvText, name: str, told: Quantity) -> tuple[Part, ...]:
     if len(indices) == 4:
         _require_unit(name, told.unit, ("", "wxyz"))
         return tuple((i, 1.0) for i in indices)
-    return tuple((i, _factor(text, name, i, _compact(told.unit), ANGLE)) for i in indices)
+    unit = _compact(told.unit)
+    return tuple((i, told.scale * _factor(text, name, i, unit, ANGLE)) for i in indices)
 
 
 def _named(
@@ -273,12 +284,11 @@ def _place(text: CsvText, what: str, name: str | int) -> int:
 def _matches(text: CsvText, pattern: re.Pattern[str]) -> list[tuple[int, re.Match[str]]]:
     """The columns whose title, or the upper part of it, is of that kind."""
     found = []
-    for i, (title, parts) in enumerate(zip(text.titles(), text.names, strict=True)):
-        match = pattern.fullmatch(_compact(title)) or pattern.fullmatch(
-            _compact("".join(parts[:1]))
-        )
-        if match:
-            found.append((i, match))
+    for i, parts in enumerate(text.names):
+        said = ["".join(parts[:n]) for n in range(len(parts), 0, -1)]
+        said += [CIRCUIT.sub("", each) for each in said]
+        matches = filter(None, (pattern.fullmatch(_compact(each)) for each in said))
+        found += [(i, match) for match in islice(matches, 1)]
     return found
 
 

@@ -121,13 +121,14 @@ class _Decoder:
         return None if not numbers or any(map(isnan, numbers)) else numbers
 
 
-def _time_us(text: CsvText, row: Sequence[str], part: Part) -> int | None:
+def _time_us(text: CsvText, row: Sequence[str], parts: Sequence[Part]) -> int | None:
     """The row's time; None if it has none."""
-    index, factor = part
+    index, factor = parts[0]
     try:
         if factor:
             return round(factor * text.number(row[index]))
-        return round(1e6 * datetime.fromisoformat(row[index].strip()).timestamp())
+        words = " ".join(row[i].strip() for i, _ in parts)
+        return round(1e6 * datetime.fromisoformat(words).timestamp())
     except (ValueError, IndexError, OverflowError):
         return None
 

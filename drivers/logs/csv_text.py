@@ -16,7 +16,7 @@ from typing import NamedTuple
 from estimator.errors import InputError
 
 DELIMITERS = (",", ";", "\t", "|", " ")
-HEADING_LINES = 2  # names, and perhaps a line of units below them
+HEADING_LINES = 3  # sensors, axes and units may have a line each
 LEAST_NUMBERS = 6  # three rates, three accelerations; a time may be in words
 LINE_END = re.compile("\r\n|\r|\n")
 LONGEST_LINE = 65_536
@@ -33,6 +33,7 @@ class CsvText(NamedTuple):
     lines_above: int
     names: tuple[tuple[str, ...], ...]
     first: tuple[str, ...] = ()  # the fields of the first row
+    numbers: int = 0  # of them
 
     def titles(self) -> list[str]:
         """The columns' names for a person; numbers from 1 where there is no heading."""
@@ -57,7 +58,7 @@ def csv_text(head: bytes) -> CsvText | None:
     encoding = _encoding(head)
     lines = LINE_END.split(head.decode(encoding, errors="replace"))
     found = [text for each in DELIMITERS if (text := _delimited(lines, encoding, each))]
-    return max(found, key=lambda text: len(text.names), default=None)
+    return max(found, key=lambda text: text.numbers, default=None)
 
 
 @contextmanager
@@ -111,18 +112,23 @@ def _delimited(lines: Sequence[str], encoding: str, delimiter: str) -> CsvText |
         numbers, blanks = _count(row, comma=has_comma)
         if numbers < LEAST_NUMBERS or 2 * (numbers + blanks) < len(row):
             continue
+        below = next(filter(None, rows[k + 1 :]), row)
+        if len(below) > LEAST_NUMBERS and not _count(below, comma=has_comma)[0]:
+            continue  # the heading is below, these are of a calibration
         first = _first_row(rows, k, comma=has_comma)
         above = [each for each in rows[:first] if each][-HEADING_LINES:]
         heading: list[list[str]] = []
         for each in reversed(above):
             if abs(len(each) - len(row)) > 1 or any(is_number(f, comma=has_comma) for f in each):
                 break
-            heading.insert(0, [*each, ""])
+            # without a name are a row's number before it, or an empty field behind it
+            is_numbered = len(each) < len(row) and row[-1].strip() != ""
+            heading.insert(0, ["", *each] if is_numbered else [*each, ""])
         names = tuple(
             tuple(each[i].strip() if i < len(each) else "" for each in heading)
             for i in range(len(row))
         )
-        return CsvText(encoding, delimiter, has_comma, first, names, tuple(rows[first]))
+        return CsvText(encoding, delimiter, has_comma, first, names, tuple(rows[first]), numbers)
     return None
 
 

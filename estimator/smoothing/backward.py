@@ -18,7 +18,7 @@ from estimator.live.rows import NO_ROWS, SAID, Rows, cut, rows_of
 from estimator.profile import merge_profile
 from estimator.smoothing.field import without_lag
 from estimator.smoothing.path import stands_for_step
-from estimator.smoothing.recording import BLOCK, SIGMA, Estimates, Q, Recording, blocks
+from estimator.smoothing.recording import BIAS, BLOCK, SIGMA, Estimates, Q, Recording, blocks
 from estimator.types import RateSample, VelocitySample
 
 # The least age that a profile allows (s): none.
@@ -137,11 +137,17 @@ def take(inner: Estimator, rows: Rows, said: Any, aided: Any) -> None:
     while begin < end:
         begin += inner.update_rows(cut(rows, begin, end), said[begin:end])
         if begin < end:
-            time_us, gyr, acc, mag = (column[begin].tolist() for column in rows[:4])
-            inner.take(time_us, tuple(gyr), tuple(acc), tuple(mag), bool(rows.has_mag[begin]))
+            time_us = take_row(inner, rows, begin)
             if inner.aligned:
                 attitude = inner.attitude(time_us)
-                said[begin, :4] = attitude.q_ned_frd
-                said[begin, 15:17] = attitude.sigma_inclination_rad, attitude.sigma_heading_rad
+                said[begin, Q], said[begin, BIAS] = attitude.q_ned_frd, attitude.gyro_bias_rad_s
+                said[begin, SIGMA] = attitude.sigma_inclination_rad, attitude.sigma_heading_rad
                 aided[begin] = inner.is_aided
             begin += 1
+
+
+def take_row(inner: Estimator, rows: Rows, k: int) -> int:
+    """One row, by itself; its time."""
+    time_us, gyr, acc, mag, has_mag = (column[k].tolist() for column in rows)
+    inner.take(time_us, tuple(gyr), tuple(acc), tuple(mag), has_mag)
+    return int(time_us)

@@ -25,6 +25,7 @@ _SOURCES = "Log files, or sim: for the paper's signals."
 _PROFILE = "paper, imu, adaptive or a TOML file; several. [default: imu; for sim: paper]"
 _SKIP = "Leave the first S seconds out of the errors."
 _START_WRONG = "Turn the first estimate by DEG degrees."
+_REFERENCE = "sim (the truth) or autopilot. [default: sim if present]"
 _SYSTEM_ID = "Which vehicle. [default: the one with most IMU samples]"
 _SMOOTH = "The attitude that the whole log tells, not only what came before."
 _COLUMNS = "What a CSV's columns are. [default: LOG.toml beside it]"
@@ -52,7 +53,7 @@ class ReplayOptions(NamedTuple):
     gain: Annotated[float | None, option("Fixed gain K instead of the fuzzy one.", metavar="K")] = (
         None
     )
-    reference: Annotated[str | None, option("sim or autopilot. [default: sim if present]")] = None
+    reference: Annotated[str | None, option(_REFERENCE)] = None
     skip: Annotated[float, option(_SKIP, metavar="S")] = 0.0
     start_wrong: Annotated[float, option(_START_WRONG, metavar="DEG")] = 0.0
     system_id: Annotated[int | None, option(_SYSTEM_ID)] = None

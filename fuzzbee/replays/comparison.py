@@ -14,7 +14,8 @@ from estimator.types import IDENTITY
 from fuzzbee.replays.score import errors_against
 from fuzzbee.replays.trace import VehicleTrace
 
-REFERENCES = ("sim", "autopilot")  # the truth goes first
+# What they are called for a person; the truth, a simulator's or a table's own, goes first
+REFERENCES = {"sim": "truth", "autopilot": "autopilot"}
 
 
 class Beside(NamedTuple):

@@ -12,7 +12,7 @@ from estimator.errors import InputError
 from fuzzbee.angle_curves import draw_angles
 from fuzzbee.options import require_extra
 from fuzzbee.replays.bands import bands
-from fuzzbee.replays.comparison import Comparison, reference_attitudes
+from fuzzbee.replays.comparison import REFERENCES, Comparison, reference_attitudes
 from fuzzbee.replays.page import write_page
 from fuzzbee.replays.score import errors_against
 from fuzzbee.replays.thinned import Thinned
@@ -162,7 +162,7 @@ def _attitude(axes: Any, drawn: Drawn) -> None:
     if drawn.autopilot is not None:
         curves.insert(0, (drawn.autopilot[0], AUTOPILOT, "autopilot"))
     if compared.source is not None:
-        curves.insert(0, (truth, REFERENCE, compared.source))
+        curves.insert(0, (truth, REFERENCE, REFERENCES[compared.source]))
     draw_angles(axes, points.time_s, [(points.every(q), line, label) for q, line, label in curves])
     legend_above(axes[0], len(curves))
 

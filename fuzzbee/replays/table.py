@@ -8,6 +8,7 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
+from fuzzbee.replays.comparison import REFERENCES
 from fuzzbee.replays.constant_turn import ConstantTurn
 from fuzzbee.replays.log_report import LogReport
 from fuzzbee.replays.simulation_report import SimulationReport
@@ -59,7 +60,7 @@ def _figures(report: LogReport) -> Table:
         word = "error" if report.reference == "sim" else "difference"
         truth = report.reference == "sim"
         note = "" if truth else ": the autopilot's own estimate, which is no truth"
-        grid.add_row("reference", report.reference + note)
+        grid.add_row("reference", REFERENCES[report.reference] + note)
         grid.add_row(f"{word}, RMS", _errors_text(errors))
         grid.add_row("", f"inclination 95 %: {_number(errors.inclination_p95)}°")
         grid.add_row(
@@ -140,7 +141,7 @@ def _table(reports: Sequence[LogReport]) -> Table:
         table.add_row(
             Text(printable(report.source.rpartition("/")[2])),
             *([Text(printable(report.profile))] if report.profile else rate),
-            report.reference or "none",
+            REFERENCES[report.reference] if report.reference else "none",
             _number(errors.total_rms),
             _number(errors.heading_rms),
             _number(errors.inclination_rms),

@@ -7,6 +7,7 @@ import numpy as np
 from drivers.logs.missing_imu import advice
 from drivers.logs.open import open_log
 from estimator.errors import InputError
+from estimator.live.rows import Rows
 from estimator.profile import Profile
 from estimator.types import ImuSample
 from fuzzbee.replays.comparison import compare
@@ -17,22 +18,23 @@ from tuning.told import Call, ToldEstimator
 
 
 class RecordingEstimator(ToldEstimator):
-    """An estimator that remembers what it is told, and the samples that it took."""
+    """An estimator that remembers what it is told between the samples that it takes."""
 
     def __init__(self, profile: Profile) -> None:
         super().__init__(profile)
-        self.samples: list[ImuSample] = []
-        self.calls: list[tuple[Call, ...]] = []
+        self.samples = 0
+        self.calls: dict[int, tuple[Call, ...]] = {}
         self.restarts: list[int] = [0]
 
-    def note_sample(self, sample: ImuSample, calls: tuple[Call, ...]) -> None:
+    def note_sample(self, _sample: ImuSample, calls: tuple[Call, ...]) -> None:
         """See :class:`ToldEstimator`."""
-        self.calls.append(calls)
-        self.samples.append(sample)
+        if calls:
+            self.calls[self.samples] = calls
+        self.samples += 1
 
     def note_restart(self) -> None:
         """See :class:`ToldEstimator`."""
-        self.restarts.append(len(self.samples))
+        self.restarts.append(self.samples)
 
 
 # What a flight may be measured against; the first that there is, if none is wanted.
@@ -55,7 +57,7 @@ def read_flight(path: Path, profile: Profile, reference: str | None = None) -> F
         raise InputError(f"{path}: {advice(log) or 'no usable IMU data in this log'}")
     recorder = replay.estimator(trace.address)
     assert isinstance(recorder, RecordingEstimator)
-    if len(recorder.samples) != len(trace.attitudes):
+    if recorder.samples != len(trace.attitudes):
         raise InputError(f"{path}: with the base profile the estimate is not finite")
     found = _flight(path, sha256, trace, recorder, None if reference == "smooth" else reference)
     if reference != "smooth" and (reference or found.reference == "sim"):
@@ -71,15 +73,21 @@ def _flight(
     reference: str | None,
 ) -> Flight:
     compared = compare(path, trace, reference)
-    restart = np.zeros(len(recorder.samples), dtype=bool)
+    restart = np.zeros(recorder.samples, dtype=bool)
     restart[[k for k in recorder.restarts if k < len(restart)]] = True
     return Flight(
         name=path.name,
         sha256=sha256,
         message=max(trace.imu_messages, key=lambda name: trace.imu_messages[name]),
         reference=compared.source or "none",
-        samples=tuple(recorder.samples),
-        calls=tuple(recorder.calls),
+        rows=Rows(
+            times_us=trace.samples.times_us,
+            gyr_rad_s=trace.samples.column("gyr_rad_s"),
+            acc_m_s2=trace.samples.column("acc_m_s2"),
+            mag_gauss=trace.samples.column("mag_gauss"),
+            has_mag=trace.samples.column("has_mag") > 0.0,
+        ),
+        calls=recorder.calls,
         restart=restart,
         truth=compared.truth,
         known=compared.known,

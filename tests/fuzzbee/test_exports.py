@@ -293,7 +293,7 @@ def test_a_plot_has_the_autopilots_curve_beside_the_truth_and_the_whole_title(ca
     (tmp_path / f"{name}.tlog").write_bytes(LOG.read_bytes())
     assert replay(capsys, tmp_path / f"{name}.tlog", "--plot", tmp_path / "a.svg", "--json")[0] == 0
     texts = svg_texts(tmp_path / "a.svg")
-    assert {"sim", "autopilot", "estimate", "autopilot's error", "error", "sigma"} <= texts
+    assert {"truth", "autopilot", "estimate", "autopilot's error", "error", "sigma"} <= texts
     lines = [text for text in texts if "a_long_name_" in text]
     assert len(lines) > 1
     assert max(map(len, lines)) <= 84
@@ -305,7 +305,7 @@ def test_a_plot_without_a_truth_has_no_peer(capsys, tmp_path):
     assert replay(capsys, log, "--plot", tmp_path / "a.svg", "--json")[0] == 0
     texts = svg_texts(tmp_path / "a.svg")
     assert {"autopilot", "estimate", "error"} <= texts
-    assert not {"sim", "autopilot's error"} & texts
+    assert not {"truth", "autopilot's error"} & texts
 
 
 def test_no_legend_of_the_papers_figures_lies_on_its_data(capsys, tmp_path, drawn):

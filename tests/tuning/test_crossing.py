@@ -62,7 +62,7 @@ def test_several_flights_are_taken_by_turns(smooth):
 
 
 def test_only_what_was_smoothed_is_crossed(flown, smooth):
-    parts = [Part(flight, 0, len(flight.samples)) for flight in (flown, smooth)]
+    parts = [Part(flight, 0, len(flight.truth)) for flight in (flown, smooth)]
     crossed, _ = searched(LogTask(IMU, ("noise",), Split(tuple(parts), (parts[1],))))
     assert crossed.split.tuning[0].flight is flown
     assert crossed.split.tuning[1].flight is not smooth
@@ -77,7 +77,7 @@ def test_without_a_smoothed_reference_nothing_is_searched_before(flown, smooth, 
 
 def test_a_reference_that_is_not_sure_stays_as_it_was(smooth):
     """With readings taken for a hundred times as noisy nothing is known to a few degrees."""
-    part = Part(smooth, 0, len(smooth.samples))
+    part = Part(smooth, 0, len(smooth.truth))
     noisy = {"gyr_slow_noise_1_s": 1.0, "acc_noise": 10.0, "heading_noise": 10.0}
     task = LogTask(IMU, ("noise",), Split((part, part), (part,)))
     crossed = cross(task, lambda _: merge_profile(IMU, {"aiding": noisy}))

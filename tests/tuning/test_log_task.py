@@ -2,7 +2,6 @@
 
 from functools import partial
 from itertools import pairwise
-from operator import methodcaller
 from pathlib import Path
 
 import numpy as np
@@ -10,10 +9,11 @@ import pytest
 
 from drivers.simulation.simulated_vehicle import simulate
 from estimator.errors import InputError
+from estimator.live.rows import rows_of
 from estimator.profile import load_profile, merge_profile
-from estimator.types import ImuSample
+from estimator.types import ZERO_VEC3, ImuSample, VelocitySample
 from fuzzbee.replays.log_report import report_log
-from fuzzbee.tune.read_flight import read_flight
+from fuzzbee.tune.read_flight import RecordingEstimator, read_flight
 from tuning.child import Pool
 from tuning.course import WRONG_TURN
 from tuning.flight import Flight, Part, motion_s, require_substance
@@ -48,18 +48,15 @@ def flight(rate_hz=50.0, duration_s=80.0, seed=3, **changes):
     """The simulated vehicle; the declination makes the learnt north agree with the truth."""
     n = int(rate_hz * duration_s)
     flown = simulate(seed, n, rate_hz, noise=0.3, bias=0.1)
-    samples = tuple(
-        ImuSample(round(1e6 * k / rate_hz), *(tuple(a[k].tolist()) for a in columns), True)
-        for columns in [(flown.gyr_rad_s, flown.acc_m_s2, flown.mag_gauss)]
-        for k in range(n)
-    )
+    times_us = np.round(1e6 * np.arange(n) / rate_hz)
+    columns = (flown.gyr_rad_s, flown.acc_m_s2, flown.mag_gauss)
     made = Flight(
         name="flight",
         sha256=f"{seed}",
         message="RAW_IMU",
         reference="sim",
-        samples=samples,
-        calls=tuple((methodcaller("update", sample),) for sample in samples),
+        rows=rows_of(times_us.astype(np.int64), *columns, np.ones(n, dtype=bool)),
+        calls={},
         restart=np.arange(n) == 0,
         truth=flown.q_ned_frd,
         known=np.ones(n, dtype=bool),
@@ -69,7 +66,7 @@ def flight(rate_hz=50.0, duration_s=80.0, seed=3, **changes):
 
 
 def whole(made):
-    return Part(made, 0, len(made.samples))
+    return Part(made, 0, len(made.truth))
 
 
 def candidates(task, count):
@@ -84,11 +81,21 @@ def test_a_flight_is_scored_as_replay_scores_it(recorded):
     assert figures.heading.rms_deg == report.error_deg.heading_rms
     assert figures.inclination.coverage == report.coverage.inclination
     assert figures.heading.coverage == report.coverage.heading
-    assert {call.__reduce__()[1][0] for calls in recorded.calls for call in calls} >= {
-        "update",
+    assert {call.__reduce__()[1][0] for calls in recorded.calls.values() for call in calls} >= {
         "update_report",
         "set_position",
     }
+
+
+def test_of_samples_without_a_word_between_them_only_the_rows_are_kept():
+    """Whoever keeps a call for each keeps 800 bytes for each."""
+    recorder = RecordingEstimator(imu())
+    for k in range(100):
+        if k == 50:
+            recorder.update_report(VelocitySample(1000 * k, ZERO_VEC3, True, 0.5))
+        recorder.update(ImuSample(1000 * k, ZERO_VEC3, (0.0, 0.0, -9.8), ZERO_VEC3, False))
+    assert recorder.samples == 100
+    assert [(k, len(calls)) for k, calls in recorder.calls.items()] == [(50, 1)]
 
 
 def test_the_aiding_is_tuned_where_it_runs(recorded):
@@ -120,7 +127,7 @@ def test_a_percent_of_a_good_flight_counts_as_much_as_of_a_bad_one():
 
 def test_of_one_flight_the_later_part_is_held_out(recorded):
     (tuning,), (held_out,) = split((recorded,))
-    n = len(recorded.samples)
+    n = len(recorded.truth)
     assert tuning.first == 0
     assert tuning.last == held_out.first
     assert held_out.last == n
@@ -149,11 +156,11 @@ def test_costs_are_the_same_bits_whoever_computes(recorded):
 
 def test_without_a_reference_the_flight_must_foretell_its_own_vectors(recorded):
     """With the gyroscope's axes turned round the estimate cannot."""
-    n = len(recorded.samples)
+    n = len(recorded.truth)
     blind = recorded._replace(reference="none", known=np.zeros(n, dtype=bool))
-    reverse = tuple(s._replace(gyr_rad_s=tuple(-w for w in s.gyr_rad_s)) for s in blind.samples)
+    reverse = blind.rows._replace(gyr_rad_s=-blind.rows.gyr_rad_s)
     good = measure(imu(), whole(blind))
-    bad = measure(imu(), whole(blind._replace(samples=reverse)))
+    bad = measure(imu(), whole(blind._replace(rows=reverse)))
     assert good.inclination.coverage is None
     assert bad.cost > 1.5 * good.cost
 
@@ -175,8 +182,7 @@ def test_recovery_is_dear_where_the_gain_is_small():
 def test_the_estimate_is_set_wrong_by_a_turn_seen_from_ned():
     """Without a field the inclination counts: that of the turn itself, however the vehicle lies."""
     made = flight()
-    made = made._replace(samples=tuple(s._replace(has_mag=False) for s in made.samples))
-    made = made._replace(calls=tuple((methodcaller("update", s),) for s in made.samples))
+    made = made._replace(rows=made.rows._replace(has_mag=np.zeros(len(made.truth), dtype=bool)))
     found = recoveries(whole(made))
     w, _, _, z = WRONG_TURN
     expected = 1.0 - (w * w + z * z)  # sin^2 of half the angle between down and down turned
@@ -201,10 +207,8 @@ def test_no_recovery_crosses_a_restart_or_a_silence():
     made = flight()
     restart = made.restart.copy()
     restart[1200] = True
-    late = [
-        s._replace(time_us=s.time_us + 5_000_000 * (k >= 3000)) for k, s in enumerate(made.samples)
-    ]
-    made = made._replace(restart=restart, samples=tuple(late))
+    late_us = made.rows.times_us + 5_000_000 * (np.arange(len(restart)) >= 3000)
+    made = made._replace(restart=restart, rows=made.rows._replace(times_us=late_us))
     found = recoveries(whole(made))
     for first, last in found:
         assert not restart[first + 1 : last + 1].any()
@@ -240,13 +244,10 @@ def test_recovery_needs_a_stretch():
 def test_motion_is_turning_beyond_the_bias():
     """Of 80 s it turns for 20, at 0.2 rad/s; the gyroscope shows 0.1 rad/s all the time."""
     made, bias = flight(), np.array([0.06, -0.08, 0.0])
-    turning = np.arange(len(made.samples)) < 1000
+    turning = np.arange(len(made.truth)) < 1000
     rates = bias + np.outer(turning, [0.0, 0.12, 0.16])
-    samples = tuple(
-        sample._replace(gyr_rad_s=tuple(rate.tolist()))
-        for sample, rate in zip(made.samples, rates, strict=True)
-    )
-    assert motion_s(made._replace(samples=samples)) == pytest.approx(20.0, abs=0.1)
+    turned = made.rows._replace(gyr_rad_s=rates)
+    assert motion_s(made._replace(rows=turned)) == pytest.approx(20.0, abs=0.1)
 
 
 def test_needs_conditioning():

@@ -15,7 +15,7 @@ from estimator.geometry.quaternion import unit
 from estimator.profile import Profile
 from tuning.course import WRONG_TURN
 from tuning.online.noise import Noise, noise_of
-from tuning.online.segment import Segment, Window, fly_segments
+from tuning.online.segment import Segment, Window, fly_segments, rows_of_all
 from tuning.prediction import AHEAD_S, Readings, predicted_vectors, readings_of
 
 PULL_IN_S = 1.0
@@ -41,8 +41,7 @@ class Cost(NamedTuple):
 def cost_on(profile: Profile, window: Window, *, judged: bool) -> Cost:
     """The cost on the earlier segment; if ``judged``, on the later, flown from the earlier on."""
     segments = (window.earlier, window.later) if judged else (window.earlier,)
-    samples = tuple(sample for segment in segments for sample in segment.samples)
-    readings = readings_of(samples)
+    readings = readings_of(rows_of_all(segments))
     flown = fly_segments(profile, segments)
     first = len(window.earlier.samples) if judged else 0
     blocks = _blocks(profile, readings, flown.q_ned_frd, flown.bias_rad_s, first)

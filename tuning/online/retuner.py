@@ -22,7 +22,7 @@ from tuning.online.cost import Cost, cost_on
 from tuning.online.noise import Noise, has_moved, is_disturbed, noise_of
 from tuning.online.numbers import by_rule, numbers_of, space_around, update_of, with_factors
 from tuning.online.search import FOOD_SOURCES, Look, colony_search
-from tuning.online.segment import Segment, Window
+from tuning.online.segment import Segment, Window, rows_of_all
 from tuning.prediction import readings_of
 
 LEAST_GAIN = 0.05
@@ -133,7 +133,7 @@ class Retuner:
             return None
         earlier, self._last = self._last, None if segment.silent else segment
         self._foreign = 0
-        noise = noise_of(readings_of(segment.samples))
+        noise = noise_of(readings_of(rows_of_all((segment,))))
         if segment.silent or noise is None or not len(self._now):
             return None
         if self._learnt is None:
@@ -160,7 +160,7 @@ class Retuner:
         assert self._learnt is not None
         if self._before is None and not self._trials:
             self._wait = max(0, self._wait - 1)
-            earlier = noise_of(readings_of(window.earlier.samples))
+            earlier = noise_of(readings_of(rows_of_all((window.earlier,))))
             is_steady = earlier is not None and not has_moved(earlier, later)
             if self._wait or not is_steady or not has_moved(self._learnt, later):
                 return None

@@ -2,9 +2,12 @@
 
 from typing import NamedTuple
 
+import numpy as np
+
 from estimator.estimator import Estimator
 from estimator.geometry.quaternion import multiply
 from estimator.live.core import with_attitude
+from estimator.live.rows import Rows, cut, rows_of
 from estimator.live.snapshot import Snapshot
 from estimator.profile import Profile
 from estimator.types import ImuSample, Quaternion
@@ -19,7 +22,7 @@ LONGEST_GAP_S = 0.5
 class Segment(NamedTuple):
     """Some five seconds: the state before them, the profile in force, and what was told in them.
 
-    ``calls[k]`` are those up to and including the one with sample k. ``silent`` tells that there
+    ``calls[k]`` are those before sample k. ``silent`` tells that there
     was a gap inside, or a restart.
     """
 
@@ -57,6 +60,13 @@ def fly_segments(
     estimator = Estimator(first.profile, first.fixed_gain)
     estimator.snapshot = before
     estimator.replace_profile(profile)
-    samples = [sample for segment in segments for sample in segment.samples]
     calls = [told for segment in segments for told in segment.calls]
-    return course_of(estimator, samples[:most], calls[:most])
+    told = {k: each for k, each in enumerate(calls) if each}
+    return course_of(estimator, cut(rows_of_all(segments), 0, most), told)
+
+
+def rows_of_all(segments: tuple[Segment, ...]) -> Rows:
+    """Their samples as arrays."""
+    samples = [sample for segment in segments for sample in segment.samples]
+    times_us, gyr, acc, mag, has_mag = map(np.array, zip(*samples, strict=True))
+    return rows_of(times_us, gyr, acc, mag, has_mag)

@@ -249,7 +249,194 @@ def commented():
     return "\n".join(["# logger v3, serial 12, 4", "", ",".join(names), ",".join(units), "", rows])
 
 
+def of_an_experiment():
+    """Exponents, all names between quotes, a free force beside the one that is felt."""
+    t, gyr, acc, mag = readings()
+    kinds = "Linear Acceleration $ (m/s^2)", "Acceleration $ (m/s^2)", "Gyroscope $ (rad/s)"
+    names = [k.replace("$", a) for k in (*kinds, "Magnetic field $ (µT)") for a in "xyz"]
+    rows = np.column_stack([t, 0.0 * acc, acc, gyr, 100 * mag]).tolist()
+    heading = ",".join(f'"{name}"' for name in ["Time (s)", *names])
+    return "\n".join([heading, *(",".join(f"{x:.15E}" for x in row) for row in rows)])
+
+
+def of_many_sensors():
+    """Words in capitals, forces that are none, and a last column that is a date in no format."""
+    t, gyr, acc, mag = readings()
+    forces = "ACCELEROMETER $ (m/s²)", "GRAVITY $ (m/s²)", "LINEAR ACCELERATION $ (m/s²)"
+    kinds = *forces, "GYROSCOPE $ (rad/s)", "MAGNETIC FIELD $ (μT)"
+    names = [kind.replace("$", axis) for kind in kinds for axis in "XYZ"]
+    heading = ";".join([*names, "Time since start in ms ", "YYYY-MO-DD HH-MI-SS_SSS"])
+    lines = table([heading], (acc, 0 * acc, 0 * acc, gyr, 100 * mag, 1e3 * t), ";").splitlines()
+    return "\n".join([lines[0], *(f"{line};2015-02-13 18-49-01_123" for line in lines[1:])])
+
+
+def of_a_topic():
+    """A topic printed as a table: a percent sign, points in names, a word among the numbers."""
+    t, *others = readings()
+    kinds = "field.angular_velocity.$", "field.linear_acceleration.$", "field.magnetic_field.$"
+    names = [kind.replace("$", axis) for kind in kinds for axis in "xyz"]
+    rows = np.column_stack(others).tolist()
+    lines = [
+        f"{1_700_000_000_000_000_000 + round(1e9 * time)},imu_link," + ",".join(map(repr, row))
+        for time, row in zip(t, rows, strict=True)
+    ]
+    return "\n".join([",".join(["%time", "field.header.frame_id", *names]), *lines])
+
+
+OF_A_TOPIC = 'time = { columns = ["%time"], unit = "ns" }\n' + "\n".join(
+    f"{name} = {{ columns = {[f'field.{said}.{a}' for a in 'xyz']}, unit = '{unit}' }}"
+    for name, said, unit in (
+        ("gyroscope", "angular_velocity", "rad/s"),
+        ("accelerometer", "linear_acceleration", "m/s^2"),
+        ("magnetometer", "magnetic_field", "gauss"),
+    )
+)
+
+
+def of_an_autopilot():
+    """Names as its log has them; the time's unit is in its name, the others are told."""
+    t, gyr, acc, mag = readings()
+    names = "timestamp,TimeUS,I,GyrX,GyrY,GyrZ,AccX,AccY,AccZ,MagX,MagY,MagZ"
+    return table([names], (1.7e9 + t, 1e6 * t, 0 * t, gyr, acc, 1e3 * mag))
+
+
+OF_AN_AUTOPILOT = """
+gyroscope = { unit = "rad/s" }
+accelerometer = { unit = "m/s^2" }
+magnetometer = { unit = "mG" }
+"""
+
+
+def of_a_black_box():
+    """What was done to the readings stands between sensor and axis."""
+    t, gyr, acc, mag = readings()
+    kinds = "gyroADC[$] (deg/s)", "accSmooth[$] (g)", "magADC[$] (Ga)"
+    names = [kind.replace("$", str(k)) for kind in kinds for k in range(3)]
+    columns = (np.arange(ROWS), 1e6 * t, DEG * gyr, PER_G * acc, mag)
+    return table([", ".join(["loopIteration", "time (us)", *names])], columns, ", ")
+
+
+def of_a_suit():
+    """Notes above, times in ten thousandths, units nowhere, a free force in the world's axes."""
+    t, gyr, acc, mag = readings()
+    notes = ["// MT Manager version: 2022.0", "// Filter Profile: human (46.1)"]
+    names = ["PacketCounter", "SampleTimeFine", *(f"FreeAcc_{a}" for a in "ENU")]
+    names += [f"{sensor}_{axis}" for sensor in ("Acc", "Gyr", "Mag") for axis in "XYZ"]
+    columns = (np.arange(ROWS), 1e4 * t, 0 * acc, acc, gyr, mag)
+    return table([*notes, "\t".join(names)], columns, "\t")
+
+
+OF_A_SUIT = """
+time = { columns = ["SampleTimeFine"], unit = "s", scale = 1e-4 }
+gyroscope = { unit = "rad/s" }
+accelerometer = { unit = "m/s^2" }
+magnetometer = { unit = "gauss" }
+"""
+
+
+def counts():
+    """Numbers as a cheap sensor's registers have them."""
+    t, gyr, acc, mag = readings()
+    columns = (1e3 * t, 16384 * PER_G * acc, 131 * DEG * gyr, mag)
+    return table(["millis,ax,ay,az,gx,gy,gz,mx,my,mz"], columns)
+
+
+COUNTS = f"""
+time = {{ columns = ["millis"], unit = "ms" }}
+accelerometer = {{ unit = "g", scale = {1 / 16384!r} }}
+gyroscope = {{ unit = "deg/s", scale = {1 / 131!r} }}
+magnetometer = {{ unit = "gauss" }}
+"""
+
+
+def announced():
+    """As spreadsheets announce a delimiter."""
+    names = "Time [s]", "Gyr_$ [deg/s]", "Acc_$ [g]", "Mag_$ [uT]"
+    text = renamed(names, rate=DEG, force=PER_G, field=100, delimiter=";")
+    return "sep=;\n" + text
+
+
+def of_a_statistician():
+    """Each row has a name, for which the heading has none."""
+    heading, *rows = plain().splitlines()
+    names = " ".join(f'"{name}"' for name in heading.split(","))
+    lines = [f'"{k}" {row}'.replace(",", " ") for k, row in enumerate(rows, 1)]
+    return "\n".join([names, *lines])
+
+
+def open_ended():
+    """A delimiter behind each row, none behind the heading."""
+    heading, *rows = plain().splitlines()
+    return "\n".join([heading, *(row + "," for row in rows)])
+
+
+def in_levels():
+    """Sensors, axes and units each in a line."""
+    sensors = ["", *(s for s in ("gyr", "acc", "mag") for _ in "xyz")]
+    axes, units = ["time", *"xyz" * 3], ["s", *(u for u in ("rad/s", "m/s2", "G") for _ in "xyz")]
+    return table([",".join(line) for line in (sensors, axes, units)], readings())
+
+
+def calibrated_above():
+    """Numbers above the heading, as many as below it."""
+    return "0.1,0.2,0.3,0.4,0.5,0.6,0.7,0.8,0.9,1\n" + plain()
+
+
+def as_quotients():
+    """Quantities over their units, as physicists label an axis."""
+    names = "t / s", "ω_$ / (rad/s)", "a_$ / (m/s²)", "B_$ / µT"
+    return renamed(names, field=100, delimiter=";", comma=",")
+
+
+def date_and_time():
+    heading, *rows = plain().splitlines()
+    pairs = [row.split(",", 1) for row in rows]
+    lines = [f"2024-03-01,12:00:0{float(time):.6f},{rest}" for time, rest in pairs]
+    return "\n".join([heading.replace("time_s", "Date,Time"), *lines])
+
+
+def widely_spaced():
+    names = " Time (s) ", " Gyro-$ (rad.s-1) ", " Acc-$ (m.s-2) ", " Mag-$ (G) "
+    return renamed(names, delimiter=" ; ")
+
+
+def of_circuits():
+    """What a sensor is called as a part, in small units."""
+    names = "Time [us]", "LSM6DSO Gyro $ [mdps]", "LSM6DSO Acc $ [mg]", "LIS2MDL Mag $ [mGauss]"
+    return renamed(names, time=1e6, rate=1e3 * DEG, force=1e3 * PER_G, field=1e3)
+
+
+def made_of_them():
+    """What was done to the readings stands behind the axis."""
+    kinds = "gyroscope_$_filtered_mdeg_s", "accelerometer_$_filtered_mm_s2"
+    names = "timestamp_us", *kinds, "magneto_$_filtered_uTesla"
+    return renamed(names, time=1e6, rate=1e3 * DEG, force=1e3, field=100)
+
+
+def in_half_words():
+    names = "time(s)", "ang_vel_$ (rad/sec)", "accelerometer_$ (m/s/s)", "magnetic_$ (Gauss)"
+    return "% " + renamed(names)
+
+
 WAYS = {
+    "of an experiment": (of_an_experiment, "utf-8", None),
+    "of many sensors": (of_many_sensors, "utf-8", None),
+    "of a topic": (of_a_topic, "utf-8", OF_A_TOPIC),
+    "of an autopilot": (of_an_autopilot, "utf-8", OF_AN_AUTOPILOT),
+    "of a black box": (of_a_black_box, "utf-8", None),
+    "of a suit": (of_a_suit, "utf-8", OF_A_SUIT),
+    "counts": (counts, "utf-8", COUNTS),
+    "announced": (announced, "utf-8", None),
+    "of a statistician": (of_a_statistician, "utf-8", None),
+    "open ended": (open_ended, "utf-8", None),
+    "in levels": (in_levels, "utf-8", None),
+    "calibrated above": (calibrated_above, "utf-8", None),
+    "as quotients": (as_quotients, "utf-8", None),
+    "date and time": (date_and_time, "utf-8", 'time = { columns = ["Date", "Time"] }'),
+    "widely spaced": (widely_spaced, "utf-8", None),
+    "of circuits": (of_circuits, "utf-8", None),
+    "made of them": (made_of_them, "utf-8", None),
+    "in half words": (in_half_words, "utf-8", None),
     "of a phone app": (of_a_phone_app, "utf-8", None),
     "greek": (greek, "utf-8", None),
     "spanish": (spanish, "utf-8", None),
@@ -321,6 +508,15 @@ def test_truth_velocity_and_place(tmp_path):
     assert (place.latitude_deg, place.longitude_deg) == (47.5, 8.5)
 
 
+def test_the_truth_of_a_table_is_called_so(tmp_path, capsys):
+    columns = (*readings()[:3], np.tile([1.0, 0.0, 0.0, 0.0], (ROWS, 1)))
+    toml = 'truth = { columns = ["a", "b", "c", "d"] }'
+    path = written(tmp_path / "a.csv", table([NAMES + ",a,b,c,d"], columns), toml=toml)
+    assert main(["replay", str(path)]) == 0
+    (line,) = [x for x in capsys.readouterr().out.splitlines() if x.startswith("reference")]
+    assert line.split() == ["reference", "truth"]
+
+
 def test_what_is_empty_is_not_there_and_what_is_no_number_is_counted(tmp_path):
     """A field every tenth row, dates in words, a note among the rows, a row cut short."""
     t, gyr, acc, mag = readings()
@@ -363,6 +559,8 @@ def test_a_field_that_is_not_there_costs_no_sample(tmp_path, blank):
         (NAMES, 'gyroscope = { columns = ["a", "b"] }', "gyroscope: needs 3 columns, not 2"),
         (NAMES, "gyroscope = { columns = [1, 2, 9] }", "no column 9, only 1 to 7"),
         (NAMES, 'gyroscope = { unit = "rpm" }', "gyroscope: no unit of it is known as 'rpm'"),
+        (NAMES, "accelerometer = { scale = 0.0 }", "Expected float > 0.0 - at accelerometer.scale"),
+        (NAMES, "time = { scale = nan }", "Expected float"),
         (NAMES, 'axes = "xyz"', "axes 'xyz': must be frd, flu, rfu or such as"),
         (NAMES, 'axes = ["x", "x", "z"]', "must be frd"),
         (NAMES, "gyro = {}", "unknown field gyro"),

@@ -13,7 +13,7 @@ from tuning.online.noise import Noise, is_disturbed, noise_of
 from tuning.online.numbers import MOST_FACTOR, MOST_MOVE, space_around, with_factors
 from tuning.online.retuned_estimator import SegmentingEstimator
 from tuning.online.retuner import MOST_FOREIGN, Retuner, Trial
-from tuning.online.segment import LONGEST_GAP_S, SEGMENT_S, Window, fly_segments
+from tuning.online.segment import LONGEST_GAP_S, SEGMENT_S, Window, fly_segments, rows_of_all
 from tuning.prediction import Readings, readings_of
 
 PAPER = load_profile("paper")
@@ -101,7 +101,7 @@ def test_a_candidate_is_judged_on_the_later_segment_alone():
     judged, searched = (cost_on(PAPER, window, judged=on) for on in (True, False))
     assert len(judged.blocks) == len(searched.blocks) == 10  # all but the first half second
     assert not np.array_equal(judged.blocks, searched.blocks)
-    given = readings_of(parts[1].samples + parts[2].samples)
+    given = readings_of(rows_of_all((parts[1], parts[2])))
     flown = fly_segments(PAPER, (parts[1], parts[2]))
     first = len(parts[1].samples)
     later = _blocks(PAPER, given, flown.q_ned_frd, flown.bias_rad_s, first)
