@@ -165,7 +165,7 @@ def test_without_locks_it_records_all_the_same(missing, tmp_path, monkeypatch):
 def test_a_pipe_that_nobody_reads_is_refused(tmp_path):
     """It had been waited for, at the start, by what no signal ends."""
     os.mkfifo(tmp_path / "pipe")
-    with pytest.raises(InputError, match="cannot record to .*pipe"):
+    with pytest.raises(InputError, match=r"cannot record to .*pipe"):
         TlogRecorder(tmp_path / "pipe")
     reader = os.open(tmp_path / "pipe", os.O_RDONLY | os.O_NONBLOCK)
     with TlogRecorder(tmp_path / "pipe") as recorder:
