@@ -69,7 +69,7 @@ FORMS: tuple[Form, ...] = (
 
 _NAMES: dict[str, Form] = {name: form for form in FORMS for name in form.names}
 _LISTENING = ("udpin", "tcpin")
-_DEVICE = re.compile(r"(?P<path>.+?)[:,](?P<baud>\d+)$")
+_DEVICE = re.compile(r"(?P<path>.+?)[:,](?P<baud>[0-9]{1,9})$")
 _WINDOWS_PORT = re.compile(r"COM\d+$", re.IGNORECASE)
 
 
@@ -111,7 +111,7 @@ def _socket(form: Form, rest: str, text: str) -> Endpoint:
     host = host.removeprefix("[").removesuffix("]")
     if not separator and not rest.isdigit():
         raise InputError(f"{text!r} has no port: write it like {form.example}")
-    if not port_text.isascii() or not port_text.isdigit() or not 0 < int(port_text) < 65536:
+    if not re.fullmatch("[0-9]{1,9}", port_text) or not 0 < int(port_text) < 65536:
         raise InputError(
             f"{text!r}: the port must be 1 to 65535, not {port_text!r}, as in {form.example}"
         )

@@ -9,7 +9,6 @@ it leaves out is theirs. Three profiles ship:
 
 import math
 import re
-import stat
 import tomllib
 from collections.abc import Mapping
 from functools import cache
@@ -26,10 +25,10 @@ from estimator.conditioning import ConditioningParams
 from estimator.errors import InputError
 from estimator.filter import memberships
 from estimator.mounting import Mounting
+from estimator.text_file import file_text
 from estimator.types import Vec3
 
 SHIPPED = ("paper", "imu", "adaptive")
-LONGEST_FILE = 1 << 20  # bytes; a profile has some 4,000
 # The parser's time and memory grow with the square of a key's parts
 TOO_DEEP = re.compile(r"(?<![\w\"'-])(?:[\w\"'-]++[ \t]*+\.[ \t]*+){32}")
 
@@ -144,18 +143,11 @@ def load_profile(name_or_path: str | Path) -> Profile:
     if name_or_path in SHIPPED:
         return _shipped(name_or_path)
     try:
-        content = _content(Path(name_or_path))
-        text = content.decode("utf-8")
+        text = file_text(Path(name_or_path), f"profile {name_or_path}")
     except FileNotFoundError:
         raise InputError(
             f"profile {name_or_path!r}: no such file, and not one of {', '.join(SHIPPED)}"
         ) from None
-    except OSError as error:
-        raise InputError(
-            f"profile {name_or_path}: cannot be read: {error.strerror or error}"
-        ) from None
-    except UnicodeDecodeError:
-        raise InputError(f"profile {name_or_path}: not a text file (UTF-8)") from None
     return parse_profile(text.replace("\r\n", "\n"), name_or_path)
 
 
@@ -164,17 +156,6 @@ def _shipped(name: str) -> Profile:
     """Read once: a vehicle that is met while others fly must not cost them a file to be parsed."""
     resource = resources.files("estimator").joinpath("profiles", f"{name}.toml")
     return parse_profile(resource.read_text("utf-8"), name)
-
-
-def _content(path: Path) -> bytes:
-    """The file's bytes, if it can be a profile: a pipe would block, a device may never end."""
-    if not stat.S_ISREG(path.stat().st_mode) and not path.is_dir():
-        raise InputError(f"profile {path}: not a file but a pipe, a socket or a device")
-    with path.open("rb") as file:
-        content = file.read(LONGEST_FILE + 1)
-    if len(content) > LONGEST_FILE:
-        raise InputError(f"profile {path}: has more than {LONGEST_FILE} bytes")
-    return content
 
 
 def parse_profile(text: str, where: str) -> Profile:

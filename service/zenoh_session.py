@@ -13,10 +13,12 @@ import json
 import re
 import threading
 from concurrent.futures import Future
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from drivers.aside import aside
 from estimator.errors import InputError
+from estimator.text_file import file_text
 from service.signals import await_result
 
 if TYPE_CHECKING:
@@ -35,6 +37,7 @@ CLIENT_TIMEOUT_MS = 2000  # then the command ends: a client is useless without i
 # that find all of them full for 1 ms. With its usual 2 that sometimes happened to part of a tick of
 # 200 vehicles (140 kB).
 TX_BATCHES = 16
+MOST_BRACKETS = 4096  # it ends between 16,000 and 50,000 that are one within the other
 OPENER_THREAD, CLOSER_THREAD = "zenoh opener", "zenoh closer"
 # The library waits for a peer that accepts and never says a word, some 8 s. Nobody else has to.
 CLOSE_S = 0.6
@@ -168,8 +171,19 @@ def _config(options: ZenohOptions) -> "zenoh.Config":
         key, colon, value = setting.partition(":")
         if not colon:
             raise InputError(f"--cfg {setting!r}: should be KEY:JSON5")
+        _require_flat(value, f"--cfg {key}")
         _insert(config, key, value, f"--cfg {setting!r}")
     return config
+
+
+def _require_flat(json5: str, what: str) -> None:
+    """Refuse what the library's parser would end the program over, nested too deep for its stack.
+
+    Raises:
+        InputError: it is.
+    """
+    if json5.count("[") + json5.count("{") > MOST_BRACKETS:
+        raise InputError(f"zenoh: {what}: more than {MOST_BRACKETS} lists and objects")
 
 
 def _base(options: ZenohOptions) -> "zenoh.Config":
@@ -177,10 +191,14 @@ def _base(options: ZenohOptions) -> "zenoh.Config":
 
     if options.config_file is None:
         return zenoh.Config()
+    what = f"zenoh configuration {options.config_file}"
     try:
+        _require_flat(file_text(Path(options.config_file), what), what)
         return zenoh.Config.from_file(options.config_file)
+    except FileNotFoundError:
+        raise InputError(f"{what}: no such file") from None
     except zenoh.ZError as error:
-        raise InputError(f"zenoh configuration {options.config_file}: {_one_line(error)}") from None
+        raise InputError(f"{what}: {_one_line(error)}") from None
 
 
 def _set_endpoints(config: "zenoh.Config", options: ZenohOptions) -> None:

@@ -68,7 +68,8 @@ def read_checkpoint(path: Path, identity: Mapping[str, Any]) -> list[Record]:
         InputError: no such file, not a checkpoint, or one of another search.
     """
     try:
-        content = path.read_bytes()
+        # nor is a pipe waited for
+        content = path.read_bytes() if path.is_file() or not path.exists() else b""
     except FileNotFoundError:
         raise InputError(f"--resume: {path}: no such file; nothing to resume") from None
     except OSError as error:

@@ -10,9 +10,11 @@ import hashlib
 import logging
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
+from pathlib import Path
 from typing import Any
 
 from drivers.events import Event, Malformed, VehicleId
+from drivers.logs.bag_bounds import BoundedPath, bound_bags
 from drivers.logs.log_file import LogFile
 from drivers.logs.logged_vehicle import LoggedVehicle
 from drivers.logs.mcap_channels import McapChannels, from_json
@@ -29,6 +31,7 @@ RECEIVER = "GPS"
 TESLA = 1e4  # gauss
 FIRST_DATE_NS = 946_684_800_000_000_000  # the year 2000: smaller stamps count from somewhere else
 EARLIER_NS = 10**9  # than the first stamp: stamps are not quite in order
+MOST_METADATA = 1 << 21  # bytes, which take 20 s; some 8,000 files have as much
 CLOCK = TimeField.TIME_USEC
 
 Decode = Callable[[Any, bytes], Any]
@@ -59,17 +62,30 @@ class Bag(LogFile):
         if not self.path.is_dir():
             return super().sha256()
         digest = hashlib.sha256()
-        for each in sorted(self.path.iterdir()):
+        for each in self._files():
             with each.open("rb") as file:
                 digest.update(hashlib.file_digest(file, "sha256").digest())
         return digest.hexdigest()
 
+    def _files(self) -> list[Path]:
+        """The folder's files; it may hold other folders, but nothing else."""
+        try:
+            found = sorted(each for each in self.path.iterdir() if not each.is_dir())
+        except OSError as error:
+            raise InputError(f"{self.path}: cannot be read: {error.strerror}") from None
+        for each in found:
+            if not each.is_file():
+                raise InputError(f"{each}: not a file but a pipe, a device or a lost link")
+        if (self.path / "metadata.yaml").stat().st_size > MOST_METADATA:
+            raise InputError(f"{self.path}: its metadata.yaml is larger than any")
+        return found
+
     def topics(self) -> list[str]:
         """What there is: each topic with its kind, and how it is written if it cannot be read."""
         reader, _ = self._opened()
-        reader.close()
         read = {f"{each.topic} ({each.msgtype})" for each in reader.connections}
         others = {f"{c.topic} ({c.msgtype}, {c.encoding})" for c in getattr(reader, "others", ())}
+        reader.close()
         return sorted(read | others)
 
     def _opened(self) -> tuple[Any, Decode]:
@@ -79,6 +95,9 @@ class Bag(LogFile):
             from rosbags.typesys import Stores, get_typestore
         except ImportError:
             raise missing_extra(f"{self.path}", "bags") from None
+        bound_bags()
+        if self.path.is_dir():
+            self._files()
         ros1 = get_typestore(Stores.ROS1_NOETIC).deserialize_ros1
         ros2 = get_typestore(Stores.ROS2_HUMBLE).deserialize_cdr
         suffix, is_file = self.path.suffix.lower(), self.path.is_file()
@@ -86,7 +105,7 @@ class Bag(LogFile):
         if suffix == ".mcap" and is_file:
             kind = McapChannels
         try:
-            reader = kind(self.path)
+            reader = kind(BoundedPath(self.path))
             reader.open()
         except Exception as error:  # whatever a damaged file makes of the library
             raise InputError(f"{self.path}: cannot read this bag: {error}") from error

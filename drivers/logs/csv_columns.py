@@ -24,6 +24,7 @@ import msgspec
 
 from drivers.logs.csv_text import CsvText, is_date, is_number
 from estimator.errors import InputError
+from estimator.text_file import file_text
 from estimator.types import STANDARD_GRAVITY_M_S2 as G
 
 LONGEST_LIST = 200  # characters of names in a message
@@ -127,15 +128,13 @@ def description(path: Path, given: Path | None) -> Description:
         return Description()
     file = given or beside
     try:
-        return msgspec.convert(tomllib.loads(file.read_text(encoding="utf-8")), Description)
+        return msgspec.convert(tomllib.loads(file_text(file, f"{file}")), Description)
     except FileNotFoundError:
         raise InputError(f"{file}: no such file") from None
-    except OSError as error:
-        raise InputError(f"{file}: cannot be read: {error.strerror or error}") from None
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError, RecursionError) as error:
-        raise InputError(f"{file}: no TOML file ({error or 'too deep'})") from None
     except msgspec.ValidationError as error:
         raise InputError(f"{file}: {str(error).replace('`', '').replace('$.', '')}") from None
+    except (ValueError, RecursionError) as error:
+        raise InputError(f"{file}: no TOML file ({error or 'too deep'})") from None
 
 
 def columns(text: CsvText, told: Description) -> Columns:

@@ -6,14 +6,13 @@ Whatever writes MCAP may have messages of ROS in it, in ROS 2's encoding (cdr), 
 import json
 from collections.abc import Collection, Iterator
 from contextlib import suppress
-from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any, NamedTuple
 
+from drivers.logs.bag_bounds import bound_mcap
+
 ENCODINGS = ("cdr", "ros1", "json")
-# Writers begin a new chunk after a few MB; one image may be more.
-LARGEST_CHUNK = 1 << 26  # bytes
 NOT_TOLD = {
     "orientation": {"x": 0.0, "y": 0.0, "z": 0.0, "w": 0.0},
     "orientation_covariance": [0.0],
@@ -21,41 +20,6 @@ NOT_TOLD = {
     "altitude": 0.0,
 }
 NANOSECONDS = ("nanosec", "nsec", "nsecs")  # ROS 2's name and those of others
-
-
-def bounded(chunk: Any) -> Any:
-    """A chunk of which a few bytes do not become gigabytes, unpacked; by whatever it says.
-
-    Raises:
-        ValueError: it is larger than :data:`LARGEST_CHUNK`.
-    """
-    if chunk.compression == "zstd":
-        import zstandard
-
-        unpacking: Any = zstandard.ZstdDecompressor().stream_reader(chunk.data)
-        data = unpacking.read(LARGEST_CHUNK + 1)
-    elif chunk.compression == "lz4":
-        from lz4.frame import LZ4FrameDecompressor
-
-        data = LZ4FrameDecompressor().decompress(chunk.data, max_length=LARGEST_CHUNK + 1)
-    else:
-        return chunk
-    if len(data) > LARGEST_CHUNK:
-        raise ValueError(f"a chunk of more than {LARGEST_CHUNK >> 20} MB")
-    return replace(chunk, compression="", data=data)
-
-
-def _bound_chunks() -> None:
-    """The library has no limit of its own, and unpacks in one place."""
-    from mcap import stream_reader
-
-    unpack: Any = stream_reader.get_chunk_data_stream
-    if unpack.__module__ == stream_reader.__name__:
-
-        def unpack_bounded(chunk: Any, validate_crc: bool = False) -> Any:
-            return unpack(bounded(chunk), validate_crc)
-
-        stream_reader.get_chunk_data_stream = unpack_bounded
 
 
 def from_json(data: bytes) -> Any:
@@ -105,7 +69,7 @@ class McapChannels:
         """Look what there is; a file without an index is read through for it."""
         from mcap.reader import SeekingReader
 
-        _bound_chunks()
+        bound_mcap()
         self._file = self.path.open("rb")
         try:
             self._kind: Any = SeekingReader
@@ -127,9 +91,12 @@ class McapChannels:
 
         self._kind, self._is_sorted = NonSeekingReader, False
         seen: dict[int, tuple[Any, Any, int]] = {}
-        with suppress(Exception):  # and may end within a message
+        try:
             for schema, channel, _ in self._messages():
                 seen[channel.id] = (channel, schema, seen.get(channel.id, (0, 0, 0))[2] + 1)
+        except Exception:  # it may end within a message
+            if not seen:
+                raise
         self.connections, self.others = [], []
         for channel, schema, count in seen.values():
             self._add(channel, schema, count)

@@ -6,6 +6,7 @@ straight to the operating system, so that a killed process leaves a readable
 file. An existing file is continued.
 """
 
+import errno
 import logging
 import os
 import stat
@@ -20,10 +21,16 @@ from drivers.closing import Closing
 from drivers.output_file import output_path
 from estimator.errors import InputError
 
+try:
+    import fcntl
+except ImportError:  # not on Windows
+    fcntl = None  # type: ignore[assignment]
+
 if TYPE_CHECKING:
     from drivers.mavlink.rotating_recorder import RotatingRecorder
 
 RETRY_US = 10_000_000  # a failed write is tried again then; until then no time is lost on it
+NOT_WAITING = getattr(os, "O_NONBLOCK", 0)
 
 _STAMP = Struct(">Q")
 _logger = logging.getLogger(__name__)
@@ -74,7 +81,7 @@ class TlogRecorder(Closing):
     logged, and the recovery.
 
     Raises:
-        InputError: the file cannot be opened for writing.
+        InputError: the file cannot be opened for writing, or another recorder writes to it.
     """
 
     def __init__(self, path: str | Path) -> None:
@@ -82,7 +89,7 @@ class TlogRecorder(Closing):
         self.lost = 0
         self._retry_us: int | None = None
         try:
-            self._file = os.open(self.path, os.O_WRONLY | os.O_CREAT | os.O_APPEND, 0o644)
+            self._file = _opened(self.path)
         except (OSError, ValueError) as error:
             raise cannot_record(repr(str(path)), error) from error
         self._is_regular = stat.S_ISREG(os.fstat(self._file).st_mode)
@@ -140,7 +147,7 @@ class TlogRecorder(Closing):
 
     def _make_again(self) -> None:
         """In place of a removed file a new one of the same name, where there is a folder for it."""
-        again = os.open(self.path, os.O_WRONLY | os.O_CREAT | os.O_APPEND, 0o644)
+        again = _opened(self.path)
         os.close(self._file)
         self._file = again
         _logger.warning("%s was removed: recording to a new file of that name", self.path)
@@ -156,6 +163,22 @@ class TlogRecorder(Closing):
         if self._retry_us is not None:
             self._retry_us = None
             _logger.warning("recording to %s again; %d frames are missing", self.path, self.lost)
+
+
+def _opened(path: Path) -> int:
+    """The file, for one recorder alone; the system takes that back however its process ends."""
+    # a pipe that nobody reads would block
+    file = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_APPEND | NOT_WAITING, 0o644)
+    os.set_blocking(file, True)
+    try:
+        if fcntl is not None and stat.S_ISREG(os.fstat(file).st_mode):
+            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError:
+        os.close(file)
+        raise OSError(errno.EBUSY, "another program records to it") from None
+    except OSError:
+        pass  # a file system without locks
+    return file
 
 
 def cannot_record(where: str, error: Exception) -> InputError:

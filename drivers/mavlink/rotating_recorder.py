@@ -98,7 +98,12 @@ class RotatingRecorder(Closing):
     def _free_path(self, arrival_us: int) -> Path:
         start = datetime.fromtimestamp(arrival_us / 1e6, UTC).strftime("%Y%m%dT%H%M%SZ")
         path, number = self.folder / f"{start}.tlog", 1
-        while path.exists():
-            number += 1
-            path = self.folder / f"{start}-{number}.tlog"
+        with suppress(OSError):  # whoever opens it says what else is wrong
+            while True:
+                try:
+                    path.touch(0o644, exist_ok=False)  # at once: another run may look, too
+                    break
+                except FileExistsError:
+                    number += 1
+                    path = self.folder / f"{start}-{number}.tlog"
         return path

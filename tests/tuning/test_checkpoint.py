@@ -1,6 +1,7 @@
 """Checkpoints come back as they were, and damaged or foreign ones are refused in one line."""
 
 import json
+import os
 
 import numpy as np
 import pytest
@@ -43,6 +44,12 @@ def test_damaged(tmp_path, damage):
     path.write_bytes(damage)
     with pytest.raises(InputError, match="not a checkpoint"):
         read_checkpoint(path, IDENTITY)
+
+
+def test_a_pipe_is_not_waited_for(tmp_path):
+    os.mkfifo(tmp_path / "x.checkpoint")
+    with pytest.raises(InputError, match="not a checkpoint"):
+        read_checkpoint(tmp_path / "x.checkpoint", IDENTITY)
 
 
 @pytest.mark.parametrize("evaluations", [1, 1.5, "3", [3], [], [-1], [2, -1], None])

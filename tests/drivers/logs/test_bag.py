@@ -339,4 +339,4 @@ def test_a_chunk_that_becomes_very_large_is_not_unpacked(tmp_path, caplog, compr
         writer.finish()
     assert path.stat().st_size < 1_000_000
     assert main(["replay", str(path)]) == 2
-    assert "read no further: a chunk of more than 64 MB" in caplog.text
+    assert "read no further: a chunk or message of more than 64 MB" in caplog.text

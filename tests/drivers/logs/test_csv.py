@@ -1,6 +1,7 @@
 """Tables of other people: the same readings, however they are written, give the same samples."""
 
 import json
+import os
 from math import pi
 
 import numpy as np
@@ -565,6 +566,7 @@ def test_a_field_that_is_not_there_costs_no_sample(tmp_path, blank):
         (NAMES, 'axes = ["x", "x", "z"]', "must be frd"),
         (NAMES, "gyro = {}", "unknown field gyro"),
         (NAMES, "gyroscope = [", "no TOML file"),
+        (NAMES, "gyroscope = 1" + "0" * 5000, "no TOML file"),
         (NAMES, "truth = { columns = [2, 3, 4] }", "unit of truth"),
         (NAMES, 'truth = { columns = [2, 3, 4, 5], axes = "rfu" }', "of an attitude: must be frd"),
     ],
@@ -574,6 +576,13 @@ def test_what_is_not_clear_is_one_line(tmp_path, capsys, names, toml, words):
     assert main(["replay", str(path)]) == 2
     (line,) = capsys.readouterr().err.splitlines()
     assert words in line
+
+
+def test_a_pipe_that_should_say_what_columns_are_is_not_waited_for(tmp_path):
+    path = written(tmp_path / "a.csv", table([NAMES], readings()[:3]))
+    os.mkfifo(tmp_path / "pipe")
+    with pytest.raises(InputError, match="pipe: not a file"):
+        list(open_log(path, tmp_path / "pipe"))
 
 
 def test_a_text_that_is_no_table(tmp_path):

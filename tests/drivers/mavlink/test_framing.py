@@ -1,10 +1,15 @@
 """Frames and IMU messages of our own reading, against pymavlink's on the same bytes."""
 
+import re
+import time
+
 import numpy as np
+import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
 from drivers.events import Imu, ReferenceAttitude, VehicleId
+from drivers.mavlink import framing
 from drivers.mavlink.decoder import MavlinkDecoder
 from drivers.mavlink.dialect import Unpacker, mavlink
 from drivers.mavlink.encoder import FrameEncoder, raw_imu
@@ -200,3 +205,27 @@ def test_a_second_imu_in_the_same_message_is_another_stream():
     (event,) = MavlinkDecoder().events(each, UNIX)
     assert event.message == "RAW_IMU:2"
     assert isinstance(each, Frame)
+
+
+@given(st.lists(st.sampled_from(b"\xfd\xfe\0\0\0\0\xff")).map(bytes), st.integers(0, 9))
+def test_no_marker_is_passed_over(data, position):
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(framing, "_STRETCH", 5)
+        found = list(framing._markers(data, position))
+    assert found == [k for k in range(position, len(data)) if data[k] in b"\xfd\xfe"]
+
+
+def test_a_hole_is_passed_over_at_the_speed_of_memory():
+    """A log of 3 GiB of nothing had taken a minute; it takes as long as it is read."""
+
+    def best_of_five(search):
+        times = []
+        for _ in range(5):
+            begun = time.process_time()
+            assert search() is None
+            times.append(time.process_time() - begun)
+        return min(times)
+
+    hole = bytes(1 << 24)
+    plain = best_of_five(lambda: re.search(rb"[\xfd\xfe]", hole))
+    assert best_of_five(lambda: FrameFormat().next_start(hole, 0)) < plain / 4

@@ -1,5 +1,6 @@
 """What ends up in a tlog, also when the disk or the process does not hold."""
 
+import errno
 import logging
 import os
 import shutil
@@ -13,6 +14,7 @@ from pymavlink import mavutil
 
 import drivers
 from drivers.events import VehicleId
+from drivers.mavlink import recorder as recorder_module
 from drivers.mavlink.encoder import FrameEncoder, attitude, heartbeat
 from drivers.mavlink.recorder import RETRY_US, TlogRecorder, records_of
 from estimator.errors import InputError
@@ -101,6 +103,75 @@ def test_a_killed_process_leaves_whole_records(tmp_path):
     size = path.stat().st_size
     assert size >= 64 * 300
     assert size % 64 == 0
+
+
+def test_a_file_is_recorded_to_by_one_program(tmp_path):
+    """Who is killed leaves no lock behind; nor does a child that it had."""
+    path = tmp_path / "flight.tlog"
+    script = (
+        "import subprocess, sys\n"
+        "from drivers.mavlink.recorder import TlogRecorder\n"
+        "recorder = TlogRecorder(sys.argv[1])\n"
+        "child = subprocess.Popen(['sleep', '60'], stdout=subprocess.DEVNULL)\n"
+        "print(child.pid, flush=True)\n"
+        "child.wait()\n"
+    )
+    with subprocess.Popen(
+        [sys.executable, "-c", script, path], stdout=subprocess.PIPE, cwd=ROOT
+    ) as process:
+        child = int(process.stdout.readline())
+        try:
+            with pytest.raises(InputError, match=r"flight.tlog': another program records to it"):
+                TlogRecorder(path)
+            process.kill()
+            process.wait()
+            TlogRecorder(path).close()
+        finally:
+            os.kill(child, signal.SIGKILL)
+    with TlogRecorder(path), pytest.raises(InputError, match="another"):
+        TlogRecorder(path)  # nor twice by one
+
+
+def test_a_file_that_is_made_again_is_locked_again(tmp_path, caplog):
+    path = tmp_path / "flight.tlog"
+    with TlogRecorder(path) as recorder:
+        recorder.write(records_of(1, [b"\xfd one"]))
+        path.unlink()
+        with TlogRecorder(path) as other:
+            recorder.write(records_of(2, [b"\xfd two"]))
+            assert recorder.lost == 1
+            assert "another program records to it" in caplog.text
+            other.write(records_of(3, [b"\xfd six"]))
+        recorder.write(records_of(4 + RETRY_US, [b"\xfd ten"]))
+        with pytest.raises(InputError, match="another"):
+            TlogRecorder(path)
+    assert path.read_bytes()[8:] == b"\xfd six" + (4 + RETRY_US).to_bytes(8, "big") + b"\xfd ten"
+
+
+@pytest.mark.parametrize("missing", ["library", "file system"])
+def test_without_locks_it_records_all_the_same(missing, tmp_path, monkeypatch):
+    def no_locks(*_):
+        raise OSError(errno.ENOLCK, "No locks available")
+
+    if missing == "library":
+        monkeypatch.setattr(recorder_module, "fcntl", None)
+    else:
+        monkeypatch.setattr(recorder_module.fcntl, "flock", no_locks)
+    with TlogRecorder(tmp_path / "flight.tlog") as recorder:
+        recorder.write(records_of(1, [b"\xfd one"]))
+    assert (tmp_path / "flight.tlog").stat().st_size == 13
+
+
+def test_a_pipe_that_nobody_reads_is_refused(tmp_path):
+    """It had been waited for, at the start, by what no signal ends."""
+    os.mkfifo(tmp_path / "pipe")
+    with pytest.raises(InputError, match=r"cannot record to .*pipe"):
+        TlogRecorder(tmp_path / "pipe")
+    reader = os.open(tmp_path / "pipe", os.O_RDONLY | os.O_NONBLOCK)
+    with TlogRecorder(tmp_path / "pipe") as recorder:
+        recorder.write(records_of(1, [b"\xfd one"]))
+        assert os.read(reader, 99)[8:] == b"\xfd one"
+    os.close(reader)
 
 
 def test_a_file_that_cannot_be_written_is_refused(tmp_path):

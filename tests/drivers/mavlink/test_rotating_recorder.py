@@ -67,6 +67,15 @@ def test_files_of_one_second_do_not_collide(tmp_path):
     }
 
 
+def test_a_name_is_taken_by_whoever_makes_it_first(tmp_path):
+    """Also by a link that leads nowhere, which only looks as if nothing were there."""
+    (tmp_path / "20260921T141320Z.tlog").symlink_to(tmp_path / "elsewhere.tlog")
+    with RotatingRecorder(tmp_path) as recorder:
+        recorder.write(records_of(UNIX_US, [frame()]))
+    assert heartbeats(tmp_path / "20260921T141320Z-2.tlog") == 1
+    assert not (tmp_path / "elsewhere.tlog").exists()
+
+
 def test_when_no_new_file_can_be_made_the_old_one_goes_on(tmp_path, caplog):
     folder = tmp_path / "logs"
     with RotatingRecorder(folder, max_file_bytes=1) as recorder:

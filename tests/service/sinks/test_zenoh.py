@@ -215,7 +215,9 @@ def test_a_taken_address_is_an_error_only_if_it_was_asked_for(endpoint):
         ({"settings": ("mode",)}, "KEY:JSON5"),
         ({"settings": ("no_such_key:1",)}, "unknown key"),
         ({"settings": ("mode:{",)}, "expected"),
+        ({"settings": ("listen:" + "[" * 50_000,)}, "more than 4096 lists"),
         ({"config_file": "/no/such/file"}, "/no/such/file"),
+        ({"config_file": "/dev/zero"}, "not a file but a pipe, a socket or a device"),
         ({"prefix": "a/*"}, "wildcards"),
         ({"prefix": "/a"}, "/a"),
         ({"prefix": ""}, "empty"),
@@ -226,6 +228,14 @@ def test_unusable_options_are_named_in_one_line(endpoint, changes, words):
         open_session(options(endpoint, **changes))
     assert "\n" not in str(caught.value)
     assert ".rs" not in str(caught.value)
+
+
+def test_a_configuration_nested_too_deep_is_refused(tmp_path):
+    """The library's parser had ended the program for want of stack."""
+    file = tmp_path / "deep.json5"
+    file.write_text("{listen: " + 50_000 * "[")
+    with pytest.raises(InputError, match="more than 4096 lists"):
+        open_session(ZenohOptions(config_file=str(file)))
 
 
 def test_a_client_without_its_router_is_told_so(endpoint):

@@ -1,0 +1,31 @@
+"""Small files of text that a person names: profiles, descriptions of tables, configurations."""
+
+import stat
+from pathlib import Path
+
+from estimator.errors import InputError
+
+LONGEST_FILE = 1 << 20  # bytes; a profile has some 4,000
+
+
+def file_text(path: Path, what: str) -> str:
+    """The file's text, if it can be one: a pipe would block, a device may never end.
+
+    Raises:
+        FileNotFoundError: there is no such file.
+        InputError: it is no file, too long, no text or cannot be read; begins with ``what``.
+    """
+    try:
+        if not stat.S_ISREG(path.stat().st_mode) and not path.is_dir():
+            raise InputError(f"{what}: not a file but a pipe, a socket or a device")
+        with path.open("rb") as file:
+            content = file.read(LONGEST_FILE + 1)
+        if len(content) > LONGEST_FILE:
+            raise InputError(f"{what}: has more than {LONGEST_FILE} bytes")
+        return content.decode("utf-8")
+    except FileNotFoundError:
+        raise
+    except OSError as error:
+        raise InputError(f"{what}: cannot be read: {error.strerror or error}") from None
+    except UnicodeDecodeError:
+        raise InputError(f"{what}: not a text file (UTF-8)") from None

@@ -1,0 +1,161 @@
+"""Bags of a few bytes that would become gigabytes, and what is in a folder beside a bag."""
+
+import bz2
+import os
+import shutil
+import sqlite3
+import struct
+from contextlib import closing
+from types import SimpleNamespace
+
+import pytest
+
+from drivers.logs import bag, bag_bounds
+from fuzzbee.cli import main
+from tests.drivers.logs.test_bag import Bag
+
+lz4 = pytest.importorskip("lz4.frame", reason="the extra 'bags' is not installed")
+zstandard = pytest.importorskip("zstandard")
+rosbag2 = pytest.importorskip("rosbags.rosbag2")
+LARGEST = 200_000
+TOO_LARGE = "a chunk or message of more than 64 MB"
+PACK = {"bz2": bz2.compress, "lz4": lz4.compress, "zstd": zstandard.compress}
+
+
+@pytest.fixture(autouse=True)
+def bounds(monkeypatch):
+    """Smaller ones, so that the tests are quick."""
+    monkeypatch.setattr(bag_bounds, "LARGEST", LARGEST)
+
+
+def put(writing, size):
+    """Messages of an IMU: sound ones, then, unless it is 0, one of that size."""
+    for k in range(300):
+        writing.imu(
+            "/imu", 20_000 * k, (1.0, 0, 0, 0), writing.covariances, (0.1, 0, 0), (0, 0, -9.8)
+        )
+    if size == 0:
+        return
+    (connection,) = writing.connections.values()
+    writing.writer.write(connection, (1 << 60) * 2, bytes(size))
+
+
+def folder(path, size, mode=None):
+    """The folder of a bag with a message of that size; packed in one of rosbags' ways."""
+    writing = Bag(path)
+    if mode is not None:
+        compression = rosbag2.CompressionFormat.ZSTD
+        writing.writer.set_compression(getattr(rosbag2.CompressionMode, mode), compression)
+    with writing.writer:
+        put(writing, size)
+    return path
+
+
+def told(path, capsys, caplog, status=2):
+    """What a replay says of it."""
+    assert main(["replay", str(path)]) == status
+    return capsys.readouterr().err + caplog.text
+
+
+@pytest.mark.parametrize("suffix", [".db3", ".mcap"])
+@pytest.mark.parametrize("mode", [None, "MESSAGE", "STORAGE"])
+def test_what_a_folder_holds_is_read_as_far_as_it_is_bounded(
+    suffix, mode, tmp_path, capsys, caplog
+):
+    """A message of 500 MB had taken 3.5 GB of memory; packed it is 45 KB."""
+    if (suffix, mode) == (".db3", "STORAGE"):
+        pytest.skip("a database is not packed inside")
+    path = folder(tmp_path / f"bag{suffix}", 3 * LARGEST, mode)
+    is_one_chunk = suffix == ".mcap" and mode != "MESSAGE"
+    said = told(path, capsys, caplog, status=2 if is_one_chunk else 0)
+    assert "read no further: " in said
+    assert TOO_LARGE in said or "string or blob too big" in said
+
+
+@pytest.mark.parametrize("packer", ["bz2", "lz4"])
+def test_a_chunk_of_ros_1_is_unpacked_as_far_as_it_is_bounded(packer, tmp_path, capsys, caplog):
+    path = tmp_path / "ros1.bag"
+    writing = Bag(path)
+    compression = type(writing.writer).CompressionFormat[packer.upper()]
+    writing.writer.set_compression(compression)
+    with writing.writer:
+        put(writing, 3 * LARGEST)
+    assert path.stat().st_size < LARGEST
+    assert TOO_LARGE in told(path, capsys, caplog)
+
+
+def test_a_file_that_would_fill_the_disk_is_not_unpacked(tmp_path, capsys, caplog, monkeypatch):
+    path = folder(tmp_path / "bag.db3", 50_000, "FILE")
+    told(path, capsys, caplog, status=0)
+    usage = SimpleNamespace(free=20_000)
+    monkeypatch.setattr(shutil, "disk_usage", lambda _: usage)
+    assert "unpacked it would fill" in told(path, capsys, caplog)
+
+
+def test_a_column_that_is_worked_out_is_refused(tmp_path, capsys, caplog):
+    """Ten bytes of which each row was as large as SQLite allows, or took as long as it pleased."""
+    path = folder(tmp_path / "bag.db3", 0)
+    (file,) = path.glob("*.db3")
+    with closing(sqlite3.connect(file)) as database:
+        database.execute("DROP TABLE messages")
+        database.execute(
+            "CREATE TABLE messages(id INTEGER PRIMARY KEY, topic_id, timestamp,"
+            " data AS (zeroblob(900000000)))"
+        )
+        database.execute("INSERT INTO messages VALUES(1, 1, 1)")
+        database.commit()
+    assert "its messages have columns that are worked out" in told(path, capsys, caplog)
+
+
+@pytest.mark.parametrize("is_folder", [True, False])
+def test_a_hole_in_an_mcap_file_is_not_read_nine_bytes_at_a_time(
+    is_folder, tmp_path, capsys, caplog
+):
+    """3 GiB of nothing, where its end says that the index begins, had taken ten minutes."""
+    path = folder(tmp_path / "bag.mcap", 0)
+    (file,) = path.glob("*.mcap")
+    data = bytearray(file.read_bytes())
+    data[-28:-20] = struct.pack("<Q", len(data) - 37)
+    with file.open("wb") as hole:
+        hole.write(data[:-37])
+        hole.seek(1 << 34, os.SEEK_CUR)
+        hole.write(data[-37:])
+    said = told(path if is_folder else file, capsys, caplog, status=2 if is_folder else 0)
+    assert "nothing where a record should begin" in said
+
+
+@pytest.mark.parametrize("what", ["pipe", "link", "folder"])
+def test_what_else_is_in_the_folder(what, tmp_path, capsys, caplog):
+    """A pipe had been waited for."""
+    path = folder(tmp_path / "bag.db3", 0)
+    other = path / "other"
+    {
+        "pipe": lambda: os.mkfifo(other),
+        "link": lambda: other.symlink_to("/dev/zero"),
+        "folder": other.mkdir,
+    }[what]()
+    said = told(path, capsys, caplog, status=0 if what == "folder" else 2)
+    assert ("other: not a file" in said) == (what != "folder")
+
+
+def test_an_index_larger_than_any_is_not_read(tmp_path, capsys, caplog):
+    """Nine megabytes of it had taken minutes."""
+    path = folder(tmp_path / "bag.db3", 0)
+    with (path / "metadata.yaml").open("r+b") as file:
+        file.truncate(bag.MOST_METADATA + 1)
+    assert "metadata.yaml is larger than any" in told(path, capsys, caplog)
+
+
+@pytest.mark.parametrize("name", ["bag.db3", "bag.mcap", "ros1.bag"])
+def test_a_bag_without_an_imu_says_what_it_has(name, tmp_path, capsys, caplog):
+    """Of folders and databases the answer had been status 1, of ROS 1 that it had nothing."""
+    writing = Bag(tmp_path / name)
+    with writing.writer:
+        writing.put(
+            "/mag",
+            "sensor_msgs/MagneticField",
+            1,
+            magnetic_field=writing.new("geometry_msgs/Vector3", 1.0, 0.0, 0.0),
+            magnetic_field_covariance=writing.covariances,
+        )
+    assert "/mag (sensor_msgs/msg/MagneticField)" in told(tmp_path / name, capsys, caplog)
