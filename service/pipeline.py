@@ -114,6 +114,8 @@ class Pipeline:
         self._return_usual()
         rest = self._usual.take(readings)
         outputs: list[Output] = []
+        if not any(rest):  # as nearly always
+            return outputs
         for event in readings.looks(rest.looks):
             outputs += self.handle(event)
         for event in readings.events(rest.checks):

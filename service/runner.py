@@ -146,7 +146,8 @@ class Runner(Stoppable):
         return self._source.dropped + self._outbox.dropped
 
     def _tick(self, now_s: float) -> None:
-        self._outbox.put([*self._news()])
+        if news := self._news():
+            self._outbox.put(news)
         is_shedding = self._observe_load(now_s)
         load = Load(
             self.overruns,

@@ -21,7 +21,6 @@ from numba.core import types
 from drivers.events import VehicleId
 from drivers.mavlink.framing import ADDRESSES
 from drivers.mavlink.readings import Readings
-from drivers.mavlink.usual_kinds import TO_LOOK
 from estimator.compilation.direct import direct
 from estimator.estimator import Estimator
 from estimator.live.reports import MOST_WAITING
@@ -106,7 +105,7 @@ class UsualVehicles:
 
     def take(self, readings: Readings) -> "Rest":
         """Take the rows that just go on; returns what else there is to do."""
-        n, flags = len(readings), readings.whole[:, 4]
+        n = len(readings)
         if self._fleet is None:
             return Rest(left=list(range(n)))
         self._batch += 1
@@ -116,7 +115,7 @@ class UsualVehicles:
         unusual = self._take(
             self._fleet, self._index, self._state, self._batch, addresses, rows, left
         )
-        looks = ((flags & TO_LOOK != 0) & (left != LEFT)).nonzero()[0].tolist()
+        looks = [k for k in readings.complaints if left[k] != LEFT]
         if not unusual:
             return Rest(looks)
         return Rest(looks, *((left == done).nonzero()[0].tolist() for done in RESTS))
@@ -136,9 +135,9 @@ class UsualVehicles:
         count = self._show(
             self._fleet, places, self._state, references, now_us, wanted, done, shown
         )
-        more = (done == MORE).nonzero()[0].tolist()
-        vehicles = addresses
+        vehicles, more = addresses, []
         if count < n:
+            more = (done == MORE).nonzero()[0].tolist()
             vehicles = [addresses[k] for k in (done == SHOWN).nonzero()[0].tolist()]
         found = AttitudeRows(vehicles, *(each[:count] for each in shown)) if count else None
         return found, known - {addresses[k] for k in more} if more else known

@@ -127,6 +127,8 @@ class MavlinkDecoder:
             readings = self._usual.read(batch)
             if readings is not None:
                 found.append(readings)
+                if len(readings) == len(waiting):  # as nearly always
+                    break
             unusual = (waiting == NEXT).nonzero()[0]  # one of a sender
             for k, arrival_us in zip(
                 unusual.tolist(), batch.arrivals_us[unusual].tolist(), strict=True

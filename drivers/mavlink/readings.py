@@ -106,7 +106,8 @@ def _fix(
 class Readings:
     """Rows that :func:`read_frames` has written: what nearly all frames of a batch say.
 
-    ``addresses`` of senders are by place.
+    ``addresses`` of senders are by place, ``complaints`` about samples that were to be looked at by
+    row, in order.
     """
 
     def __init__(
@@ -128,14 +129,14 @@ class Readings:
         if complaints is None:  # at once, before anybody else looks at what comes behind these
             looks = (whole[:, 4] & TO_LOOK).nonzero()[0].tolist()
             complaints = {k: self._look(k) for k in looks}
-        self._complaints = complaints
+        self.complaints = complaints
 
     def __len__(self) -> int:
         return len(self.arrivals_us)
 
     def only(self, rows: Sequence[int]) -> "Readings":
         """Those rows alone."""
-        complaints = self._complaints
+        complaints = self.complaints
         return Readings(
             self.addresses,
             self._intakes,
@@ -176,12 +177,12 @@ class Readings:
             if flags & NO_DATA:
                 continue
             events.append(Imu(intake.vehicle, arrival_us, boot_us, name, sample))
-            events += self._complaints.get(k, [])
+            events += self.complaints.get(k, [])
         return events
 
     def looks(self, rows: Iterable[int]) -> list[Event]:
         """Complaints about samples of those rows that were to be looked at."""
-        return [event for k in rows for event in self._complaints.get(k, [])]
+        return [event for k in rows for event in self.complaints.get(k, [])]
 
     def _look(self, k: int) -> list[Event]:
         kind, place, time_us, _, flags = self.whole[k].tolist()

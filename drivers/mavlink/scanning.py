@@ -181,7 +181,7 @@ class Scanner:
 
 
 def _found(datagrams: int, size: int) -> tuple[Array, Array, Array, Array]:
-    counts, firsts, senders = (np.empty(datagrams, np.int64) for _ in range(3))
+    counts, firsts, senders = np.empty((3, datagrams), np.int64)
     return counts, firsts, senders, np.empty((size // SHORTEST + 1, COLUMNS), np.int64)
 
 

@@ -6,12 +6,10 @@ Source: https://mavlink.io/en/guide/serialization.html#packet_format
 """
 
 from collections.abc import Iterable
-from typing import Any
-
-import numpy as np
+from collections.abc import Set as AbstractSet
 
 from drivers.events import Notice
-from drivers.mavlink.framing import ADDRESSES, MAGIC_V2, Frame
+from drivers.mavlink.framing import MAGIC_V2, Frame
 
 # Frames are looked at in stretches: two senders stay two, and a look at each frame costs too much.
 EVERY_US = 10_000_000
@@ -23,10 +21,6 @@ TURNS = 8  # from one counter to the other within a stretch
 MOST_ADDRESSES = 16  # in a stretch; each address has its turn
 MOST_CHECKED = 1024
 MOST_TOLD = 64
-
-Array = Any  # numba ships no types
-
-_NONE = np.zeros(ADDRESSES, np.bool_)
 
 
 class _Counter:
@@ -99,21 +93,15 @@ class SequenceWatch:
         self._checked: set[int] = set()  # in this round of stretches
         self._told: set[int] = set()
 
-    def looked_at(self, senders: Array, now_us: int) -> Array:
-        """Of the addresses that send now, those whose frames :meth:`look` is to see; flags.
+    def looked_at(self, senders: Iterable[int], now_us: int) -> AbstractSet[int]:
+        """Of the addresses that send now, those whose frames :meth:`look` is to see.
 
         The others do not wait for it: it has room for a few at a time.
         """
         if self._since_us(now_us) > STRETCH_US:
-            return _NONE
-        flags = np.zeros(ADDRESSES, np.bool_)
-        flags[[address for _, address in self._counters]] = True
-        room = MOST_ADDRESSES - len(self._counters)
-        if room:
-            new = [each for each in np.unique(senders).tolist() if each not in self._checked]
-            flags[new[:room]] = True
-        flags[list(self._told)] = False
-        return flags
+            return frozenset()
+        new = sorted({*senders} - self._checked)[: MOST_ADDRESSES - len(self._counters)]
+        return {*new, *(address for _, address in self._counters)} - self._told
 
     def look(self, peer: str, frames: Iterable[Frame], now_us: int) -> list[Notice]:
         """A line for each address that proves to have two senders; nearly always none."""

@@ -16,7 +16,7 @@ from pathlib import Path
 from types import FunctionType
 from typing import Any
 
-from llvmlite.binding import add_symbol, parse_bitcode
+from llvmlite.binding import add_symbol, parse_assembly, parse_bitcode
 from numba.core.caching import (
     CompileResultCacheImpl,
     FunctionCache,
@@ -170,15 +170,19 @@ class _KernelFormat(CompileResultCacheImpl):
     def rebuild(self, target_context: Any, payload: Any) -> Any:
         """The compiled form, without what only kernels need that are compiled to call this one.
 
-        LLVM's form of the source takes ten times as much memory as the machine code beside it.
+        LLVM's form of the source takes ten times as much memory as the machine code beside it, and
+        reading it longer than all else.
         """
-        form = super().rebuild(target_context, payload)
-        _, kind, data = payload[0]
-        if kind == "object":
-            library, source = form.library, data[1]
-            module, library._shared_module = library._shared_module, None  # noqa: SLF001
-            module.close()
-            library._get_module_for_linking = lambda: parse_bitcode(source)  # noqa: SLF001
+        (name, kind, data), described, *others = payload
+        if kind != "object":
+            return super().rebuild(target_context, payload)
+        code, source = data
+        # the names that numba would find in the source, and asks for
+        names = {described.llvm_func_name, described.llvm_cpython_wrapper_name}
+        target_context.codegen()._engine._defined_symbols |= names  # noqa: SLF001
+        library = (name, kind, (code, _no_source()))
+        form = super().rebuild(target_context, (library, described, *others))
+        form.library._get_module_for_linking = lambda: parse_bitcode(source)  # noqa: SLF001
         return form
 
 
@@ -197,6 +201,12 @@ def _name_helpers() -> None:
     """Tell LLVM where numba's runtime is, which machine code calls by name."""
     for name, address in _nrt_python.c_helpers.items():
         add_symbol(name if name.startswith("_") else f"NRT_{name}", address)
+
+
+@functools.cache
+def _no_source() -> bytes:
+    """A module with nothing in it, as numba asks for one."""
+    return bytes(parse_assembly("").as_bitcode())
 
 
 @functools.cache

@@ -16,6 +16,7 @@ class Outbox:
 
     def __init__(self, sinks: Sequence[Sink]) -> None:
         self._outlets = tuple(Outlet(sink) for sink in sinks)
+        self._waited_for = [outlet for outlet in self._outlets if outlet.never_waits]
         self.stuck: list[str] = []
         self.untold: list[str] = []  # errors that came last
 
@@ -44,8 +45,7 @@ class Outbox:
         Meanwhile the caller would only keep Python's lock from them, half a millisecond a record.
         """
         end_s = time.monotonic() + timeout_s
-        waited_for = [outlet for outlet in self._outlets if outlet.never_waits]
-        return all(outlet.settle(end_s - time.monotonic()) for outlet in waited_for)
+        return all(outlet.settle(end_s - time.monotonic()) for outlet in self._waited_for)
 
     def close(self) -> None:
         """Deliver what is pending and close every sink; ``stuck`` names those that hang."""

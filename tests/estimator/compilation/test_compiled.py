@@ -62,7 +62,7 @@ def twice(number):
     return 2.0 * noise_surface(number, 0.5, 0.1)
 
 (form,) = noise_surface.overloads.values()
-print(form.library._shared_module)
+print(len(list(form.library._shared_module.functions)))
 print(twice(1.5) == 2.0 * noise_surface(1.5, 0.5, 0.1))
 """
 
@@ -72,7 +72,7 @@ def test_a_kernel_from_the_cache_has_what_its_callers_need_only_once_there_are_s
 ):
     assert list(cache.rglob("*.nbi"))
     result = run(SMALL_PROGRAM + CALLER + MISSES, NUMBA_CACHE_DIR=str(cache))
-    assert result.stdout == f"{expected}None\nTrue\n0\n"
+    assert result.stdout == f"{expected}0\nTrue\n0\n"
 
 
 TOLD = """
