@@ -5,12 +5,12 @@ from itertools import repeat
 from typing import NamedTuple
 
 from drivers.events import VehicleId
+from drivers.places import PLACES
 from service.attitude_rows import AttitudeRows
 from service.health import HAS_ATTITUDE, State
 from service.records import AttitudeRecord, StatusRecord, vehicle_name
 
 SILENT_AFTER_S = 3.0  # a status comes every second
-MOST_ROWS = 512  # then the one that has been silent for longest makes room
 
 
 class Row(NamedTuple):
@@ -35,7 +35,10 @@ EMPTY = Row(name="", attitude=None, status=None, attitude_s=0.0, heard_s=0.0)
 
 
 class Board:
-    """The latest records of all vehicles; written by one thread, read by another."""
+    """The latest records of all vehicles; written by one thread, read by another.
+
+    Where there is no room for one more, who has been silent for longest goes.
+    """
 
     def __init__(self) -> None:
         self._rows: dict[str, Row] = {}
@@ -48,9 +51,8 @@ class Board:
             self._unread.update(zip(rows.vehicles, repeat((rows, now_s)), strict=False))
 
     def update(self, name: str, record: AttitudeRecord | StatusRecord, now_s: float) -> None:
-        """Remember a record."""
+        """Remember a record. What has come as rows stays unread: it may be a thousand of them."""
         with self._lock:
-            self._read()
             self._update(name, record, now_s)
 
     def _read(self) -> None:
@@ -63,15 +65,16 @@ class Board:
         unread.clear()
 
     def _update(self, name: str, record: AttitudeRecord | StatusRecord, now_s: float) -> None:
-        if name not in self._rows and len(self._rows) >= MOST_ROWS:
+        if name not in self._rows and len(self._rows) >= PLACES:
             del self._rows[min(self._rows.values(), key=lambda row: row.heard_s).name]
-        _, attitude, status, attitude_s, _, before = self._rows.get(name, EMPTY)
-        if isinstance(record, AttitudeRecord):
-            attitude, attitude_s = record, now_s
-        else:
+        _, attitude, status, attitude_s, heard_s, before = self._rows.get(name, EMPTY)
+        if isinstance(record, StatusRecord):
             status, before = record, status
+        elif now_s >= attitude_s:  # rows are read behind records that came after them
+            attitude, attitude_s = record, now_s
         # Row._make is the quickest way, and this runs thousands of times a second
-        self._rows[name] = Row._make((name, attitude, status, attitude_s, now_s, before))
+        values = (name, attitude, status, attitude_s, max(heard_s, now_s), before)
+        self._rows[name] = Row._make(values)
 
     def remove(self, name: str) -> None:
         """Forget a vehicle."""

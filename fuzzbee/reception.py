@@ -7,6 +7,7 @@ from typing import Any
 
 import msgspec
 
+from drivers.places import PLACES
 from fuzzbee.say import printable
 from fuzzbee.watch import VEHICLE
 from service.health import State
@@ -14,7 +15,6 @@ from service.records import SCHEMA, AttitudeRecord, StatusRecord
 
 # In bytes. Our largest record, a status with every reason for refusal, has less than 5000.
 LONGEST_PAYLOAD = 16_384
-MOST_VEHICLES = 1000  # at once
 SILENT_S = 10.0  # who says nothing for so long makes room for others
 IMU_MESSAGE = re.compile(r"[A-Z0-9_]{1,32}")
 STATES = frozenset(state.value for state in State)
@@ -54,7 +54,7 @@ class Reception:
         if not VEHICLE.fullmatch(name):
             raise ValueError("its key names no vehicle")
         if name not in self._heard_s and not self._has_room():
-            raise ValueError(f"there are more than {MOST_VEHICLES} vehicles")
+            raise ValueError(f"there are more than {PLACES} vehicles")
         if len(payload) > LONGEST_PAYLOAD:
             raise ValueError(f"it has more than {LONGEST_PAYLOAD} bytes")
         form: Any = AttitudeRecord if kind == "attitude" else StatusRecord
@@ -70,13 +70,13 @@ class Reception:
 
     def _has_room(self) -> bool:
         """Whether one more can be shown; the silent are looked for once in a while."""
-        if len(self._heard_s) < MOST_VEHICLES:
+        if len(self._heard_s) < PLACES:
             return True
         now_s = self._now_s()
         if self._full_s is not None and now_s - self._full_s < SILENT_S:
             return False
         self._heard_s = {name: at for name, at in self._heard_s.items() if now_s - at < SILENT_S}
-        self._full_s = now_s if len(self._heard_s) >= MOST_VEHICLES else None
+        self._full_s = now_s if len(self._heard_s) >= PLACES else None
         return self._full_s is None
 
     def _tell(self, reason: str, key: str) -> None:

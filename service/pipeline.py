@@ -6,7 +6,8 @@ when or how often attitudes are published.
 """
 
 from collections import Counter
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from itertools import chain, islice
 from typing import Any
 
 from drivers.events import (
@@ -91,7 +92,8 @@ class Pipeline:
         self._is_shedding = False  # at the last tick
         self._lost_told = 0  # lost vehicles that have had a status in this round
         self._departure_talk = Talk("vehicles")
-        self._next_status_us: int | None = None
+        self._second_us: int | None = None  # when the present second of statuses began,
+        self._told = 0  # and how many have had one since
         # the latest since the last tick; they come faster than anybody needs them
         self._peers: dict[tuple[VehicleId, str], Peer] = {}
         self._replaced: dict[VehicleId, Replaced] = {}  # the latest since the last tick
@@ -111,6 +113,15 @@ class Pipeline:
 
     def take(self, readings: Readings) -> list[Output]:
         """Take many readings as :meth:`handle` takes their events; in order for each vehicle."""
+        outputs: list[Output] = []
+        while len(readings):
+            said, left = self._take_usual(readings)
+            outputs += said
+            readings = readings.only(left)
+        return outputs
+
+    def _take_usual(self, readings: Readings) -> tuple[list[Output], Sequence[int]]:
+        """Take the rows that just go on, and at most one more of a vehicle; the others are left."""
         self._return_usual()
         rest = self._usual.take(readings)
         outputs: list[Output] = []
@@ -131,10 +142,11 @@ class Pipeline:
             if isinstance(event, Velocity) and (vehicle := self._own(event.vehicle)) is not None:
                 vehicle.hear_velocity(event.sample)
         if rest.checks:  # those behind them just go on, where nothing was found
-            return outputs + self.take(readings.only(rest.left))
-        for event in readings.events(rest.left):
+            return outputs, rest.left
+        firsts, others = readings.firsts(rest.left)
+        for event in readings.events(firsts):
             outputs += self.handle(event)
-        return outputs
+        return outputs, others
 
     def _check(self, event: Imu) -> list[Output]:
         """Check a vehicle's estimate behind a sample that was taken; nearly always it goes on."""
@@ -236,8 +248,8 @@ class Pipeline:
     ) -> list[Output | AttitudeRows]:
         """The same with most attitudes as rows."""
         self._is_shedding = load.is_shedding
-        status_due = self._take_status_turn(now_us)
-        if status_due:
+        due, is_second = self._take_turns(now_us)
+        if is_second:
             self._forget_silent(now_us)
         outputs: list[Output | AttitudeRows] = [*self._take_departed(now_us)]
         outputs += [*self._replaced.values(), *self._peers.values()]
@@ -253,10 +265,12 @@ class Pipeline:
         self._return_usual()
         rows, done = self._usual.show(now_us, wanted)
         outputs += [] if rows is None else [rows]
-        told = self._take_lost() if status_due else {}
+        told = self._take_lost() if is_second else {}
+        due |= told.keys()
         for address, vehicle in (self._there | told).items():
+            is_told = address in due
             if address in done:
-                if not status_due:
+                if not is_told:
                     continue
             elif vehicle.state in QUIET and address not in told:
                 del self._there[address]  # nothing changes until something comes
@@ -270,7 +284,7 @@ class Pipeline:
                 attitude = vehicle.attitude(now_us) if is_wanted and not load.is_behind else None
                 if attitude is not None:
                     outputs.append(Published(address, attitude, vehicle.last_sample))
-            if status_due:
+            if is_told:
                 self._usual.tell(address)
                 status = vehicle.status(now_us, load, self.malformed)
                 outputs.append(Published(vehicle.address, status, time_unix_us=now_us))
@@ -426,15 +440,22 @@ class Pipeline:
     def _is_wanted(self, address: VehicleId) -> bool:
         return self._system_id is None or address.system_id == self._system_id
 
-    def _take_status_turn(self, now_us: int) -> bool:
-        due = self._next_status_us
-        if due is None or not due - STATUS_PERIOD_US <= now_us < due + STATUS_PERIOD_US:
-            self._next_status_us = now_us + STATUS_PERIOD_US  # the first, or the clock was set
-            return True
-        if now_us < due:
-            return False
-        self._next_status_us = due + STATUS_PERIOD_US
-        return True
+    def _take_turns(self, now_us: int) -> tuple[set[VehicleId], bool]:
+        """Who has a status now, each once a second; and whether a second has passed.
+
+        One by one: a thousand at one tick would make that late.
+        """
+        n, second_us, begin = len(self._vehicles), self._second_us, self._told
+        if second_us is None or not 0 <= now_us - second_us < 2 * STATUS_PERIOD_US:
+            self._second_us, self._told = now_us, 0  # the first, or the clock was set
+            return set(self._vehicles), True
+        end = n * (now_us - second_us) // STATUS_PERIOD_US
+        due = set(islice(chain(self._vehicles, self._vehicles), begin, max(begin, end)))
+        is_over = now_us - second_us >= STATUS_PERIOD_US
+        if is_over:
+            self._second_us, end = second_us + STATUS_PERIOD_US, end - n
+        self._told = end
+        return due, is_over
 
 
 def _messages(texts: list[str]) -> list[Output]:

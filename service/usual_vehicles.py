@@ -37,7 +37,9 @@ from service.usual_columns import (
     HEARD,
     HERE,
     LEFT,
+    LOOK_US,
     REPORT_SIZE,
+    RING,
     SOURCE,
     STATE_NUMBERS,
     STATE_SIZE,
@@ -190,22 +192,21 @@ class UsualVehicles:
         vehicle = self._vehicles[place]
         assert vehicle is not None
         state, reals, _, waiting = self._state
-        vehicle.resume(state[place, :SOURCE].tolist(), reals[place, :HERE].tolist())
+        vehicle.know(state[place, :RING].tolist(), reals[place, :HERE].tolist())
         reports = waiting[place, : state[place, WAITING]].tolist()
         vehicle.estimator.take_back(
             tuple(map(sample_of, reports)), has_rates=bool(state[place, HAS_RATES])
         )
 
     def go_on(self, vehicle: Vehicle) -> bool:
-        """Know the numbers that a vehicle has come to since it was told its own.
+        """Whether a vehicle just goes on that was told its numbers, and has been checked since.
 
-        Whether it just goes on with them; if not, they are its own alone from now on.
+        If not, they are its own alone from now on.
         """
-        numbers, place = vehicle.numbers(), self._places[vehicle.address]
-        if numbers is None:
+        if not vehicle.just_goes_on:
             self._let_go(vehicle.address)
             return False
-        self._state[0][place, :SOURCE], self._state[1][place, :HERE] = numbers
+        self._state[0][self._places[vehicle.address], LOOK_US] = vehicle.next_look_us
         return True
 
     def hand_back(self, address: VehicleId) -> None:
@@ -215,7 +216,9 @@ class UsualVehicles:
 
     def _let_go(self, address: VehicleId) -> None:
         place = self._places.pop(address, None)
-        if place is not None:
+        vehicle = None if place is None else self._vehicles[place]
+        if place is not None and vehicle is not None:
+            vehicle.resume(self._state[0][place, :SOURCE].tolist())
             self._index[_number(address)] = 0
             self._free.append(place)
             self._vehicles[place] = self._here = None

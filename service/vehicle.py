@@ -60,6 +60,18 @@ from service.report_choice import Kind, ReportChoice, kind_of
 from service.second_opinion import Doubts, SecondOpinion, Verdict, in_words, turned_back
 from service.showing import is_due, shown_at
 from service.talk import Talk
+from service.usual_columns import (
+    ARRIVAL,
+    ATTITUDES,
+    CHOSEN_US,
+    HEARD,
+    LOOK_US,
+    PERIODS,
+    RATES_US,
+    STRIDE_US,
+    VELOCITY,
+    WINDOW,
+)
 
 # What its filter says of itself, once a second or so, holds until it says something else.
 WORD_HOLDS_US = 5_000_000
@@ -180,6 +192,11 @@ class Vehicle:
         if self.samples % CHECKED_EVERY == 0:
             texts += self._check(event, sample)
         return texts + self._note_taken(event)
+
+    @property
+    def next_look_us(self) -> int:
+        """When to look for what contradicts the attitude, by the vehicle's clock."""
+        return self._alarms.next_us
 
     def check(self, event: Imu) -> list[str]:
         """Check the estimate behind a sample that others have had it take."""
@@ -492,11 +509,8 @@ class Vehicle:
         """
         last, choice, clock = self._last, self._choice, self._clock
         chosen, rival = KIND_OF.get(choice.message or "", 0), KIND_OF.get(choice.rival or "", 0)
-        is_running = self._health.state is State.RUNNING and self._silent_since_us is None
-        if last is None or last.message != choice.message or not (is_running and chosen):
-            return None
         is_alone = choice.rival is None or rival > chosen
-        if choice.doubted or not is_alone or not self.profile.mounting.is_plain:
+        if last is None or not (self.just_goes_on and chosen and is_alone):
             return None
         rates = self._report_choices.get((RateSample, False), ReportChoice(ATTITUDE_NAME, -1))
         velocity = self._report_choices.get(FILTER_VELOCITY, ReportChoice())
@@ -524,26 +538,22 @@ class Vehicle:
         reading = (*sample.gyr_rad_s, *sample.acc_m_s2, *sample.mag_gauss)
         return whole, [clock.offset_us, *spans, *reading]
 
-    def resume(self, whole: list[int], numbers: list[float]) -> None:
-        """Go on from :meth:`numbers`."""
-        choice = self._choice
-        self.heard_us, chosen, chosen_us, longest_us, rival, count, since_us, rival_us = whole[:8]
-        rates_us, _, velocity_kind, velocity_us, receiver_us, _, arrival_us, time_us = whole[8:16]
-        boot_us, has_mag, self.samples, self.worst_gap_us, _, self.attitudes = whole[16:22]
-        self._published_samples, self._published_us, at_us, window_us, window = whole[22:27]
-        even_us, even, median_us, n, at, *periods = whole[27:]
-        name = KIND_NAMES[chosen]
-        rivals = (KIND_NAMES.get(rival), count, since_us, rival_us)
-        self._choice = ImuChoice(name, chosen_us, longest_us, choice.has_failed, *rivals)
-        if rates_us >= 0:
-            self._report_choices[RateSample, False] = ReportChoice(ATTITUDE_NAME, rates_us)
-        if receiver_us >= 0:
-            self._report_choices[RECEIVER_VELOCITY] = ReportChoice(RECEIVER_NAME, receiver_us)
-        if velocity_kind:
-            name_of_velocity = OTHER_NAMES[velocity_kind]
-            self._report_choices[FILTER_VELOCITY] = ReportChoice(name_of_velocity, velocity_us)
-        self._periods_us.clear()
-        self._periods_us.extend(periods[:n] if n < PERIODS_KEPT else periods[at:] + periods[:at])
+    @property
+    def just_goes_on(self) -> bool:
+        """Whether nothing else is to be expected than samples of the message in use."""
+        last, choice = self._last, self._choice
+        if last is None or last.message != choice.message or choice.doubted:
+            return False
+        is_running = self._health.state is State.RUNNING and self._silent_since_us is None
+        return is_running and self.profile.mounting.is_plain
+
+    def know(self, whole: list[int], numbers: list[float]) -> None:
+        """Know what others ask for of :meth:`numbers`; what the next sample does is left out."""
+        self.heard_us = whole[HEARD]
+        arrival_us, time_us, boot_us, has_mag, *counts = whole[ARRIVAL:LOOK_US]
+        self.samples, self.worst_gap_us = counts
+        self.attitudes, self._published_samples, self._published_us, at_us = whole[ATTITUDES:WINDOW]
+        window_us, window, even_us, even, median_us = whole[WINDOW:PERIODS]
         self._median_us = float(median_us)
         offset_us, least_us, most_us, even_least_us, even_most_us, *reading = numbers
         self._clock = HostClock(
@@ -554,9 +564,27 @@ class Vehicle:
             Offsets(even_us, even_least_us, even_most_us, even),
         )
         sample = sample_of(time_us, reading, has_mag)
-        self._last = Imu(self.address, arrival_us, boot_us, name, sample)
+        self._last = Imu(self.address, arrival_us, boot_us, self._choice.message or "", sample)
         self._last_sample = sample
         self._health = Health(State.RUNNING, arrival_us)
+
+    def resume(self, whole: list[int]) -> None:
+        """Go on from :meth:`numbers`, of which the rest is known."""
+        choice, (n, at, *periods) = self._choice, whole[PERIODS:]
+        chosen_us, longest_us, rival, count, since_us, rival_us = whole[CHOSEN_US:RATES_US]
+        velocity_kind, velocity_us, receiver_us = whole[VELOCITY:STRIDE_US]
+        rivals = (KIND_NAMES.get(rival), count, since_us, rival_us)
+        own = (choice.message, chosen_us, longest_us, choice.has_failed)
+        self._choice = ImuChoice(*own, *rivals, choice.doubted)
+        if whole[RATES_US] >= 0:
+            self._report_choices[RateSample, False] = ReportChoice(ATTITUDE_NAME, whole[RATES_US])
+        if receiver_us >= 0:
+            self._report_choices[RECEIVER_VELOCITY] = ReportChoice(RECEIVER_NAME, receiver_us)
+        if velocity_kind:
+            name_of_velocity = OTHER_NAMES[velocity_kind]
+            self._report_choices[FILTER_VELOCITY] = ReportChoice(name_of_velocity, velocity_us)
+        self._periods_us.clear()
+        self._periods_us.extend(periods[:n] if n < PERIODS_KEPT else periods[at:] + periods[:at])
 
     @property
     def imu_rate_hz(self) -> float:

@@ -35,9 +35,8 @@ PATIENCE_S = 0.02
 # left out shortly before, it is no stall but too much.
 STALL_S = 0.15
 ALONE_S = 2.0
-# A newcomer's frames wait for longer: nobody has an attitude of it yet that could grow old.
-NEWCOMER_PATIENCE_S = 0.5
-MOST_OF_NEWCOMER = 512  # what one at 1 kHz says in that time
+# A newcomer's frames all wait: nobody has an attitude of it yet that could grow old.
+MOST_OF_NEWCOMER = 512
 # Whoever has not looked for so long was stopped: what has piled up is not gone through one by one.
 STOPPED_S = 0.25
 # So many frames are decoded at one go, before whoever takes them can do something else: 1 ms or so.
@@ -179,10 +178,7 @@ class Backlog:
         if not self._turns:
             self._streams = None  # all is done: what comes now can be handled, too
         for address in list(islice(self._newcomers, newcomers)):
-            turns = self._newcomers.pop(address)
-            if turns[-1].since_s - turns[0].since_s > NEWCOMER_PATIENCE_S:
-                turns = self._newest(turns)
-            taken += [turn.arrived for turn in turns]
+            taken += [turn.arrived for turn in self._newcomers.pop(address)]
             self.has_come[address] = True
         return taken
 

@@ -147,6 +147,15 @@ class Readings:
             {k: complaints[row] for k, row in enumerate(rows) if row in complaints},
         )
 
+    def firsts(self, rows: Sequence[int]) -> tuple[list[int], list[int]]:
+        """The first of those rows of each sender, and the others."""
+        firsts: dict[int, int] = {}
+        others = []
+        for row, place in zip(rows, self.whole[rows, 1].tolist(), strict=True):
+            if firsts.setdefault(place, row) != row:
+                others.append(row)
+        return list(firsts.values()), others
+
     def events(self, rows: Sequence[int] | None = None) -> list[Event]:
         """The events of those rows, or of all, in order."""
         events: list[Event] = []

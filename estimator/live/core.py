@@ -5,7 +5,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from estimator.aiding import AidingState, blank_aiding, forget_biases
+from estimator.aiding import AidingParams, AidingState, blank_aiding, forget_biases
 from estimator.aiding.search import EMPTY_SEARCH, Search
 from estimator.aiding.trail import COLUMNS
 from estimator.aiding.types import SIZE
@@ -62,7 +62,7 @@ class Core(NamedTuple):
 @lru_cache(maxsize=16)  # which newcomers begin with
 def initial_core(settings: Settings) -> Core:
     """Before the first sample."""
-    aided, covariance, trail = blank_aiding(settings.aiding)
+    aided, covariance, trail = _blank(settings.aiding)
     return Core(
         time_us=0,
         usual_s=0.0,
@@ -75,11 +75,18 @@ def initial_core(settings: Settings) -> Core:
         search=EMPTY_SEARCH,
         aided=aided,
         witness=NEW_WITNESS,
-        covariance=flat(covariance),
-        trail=flat(trail),
+        covariance=covariance,
+        trail=trail,
         turning=STILL,
         rates=(),
     )
+
+
+@lru_cache(maxsize=16)
+def _blank(params: AidingParams) -> tuple[AidingState, tuple[float, ...], tuple[float, ...]]:
+    """The aiding while there is none, with covariance and trail row by row."""
+    aided, covariance, trail = blank_aiding(params)
+    return aided, flat(covariance), flat(trail)
 
 
 def in_arrays(core: Core) -> Core:
@@ -118,12 +125,10 @@ def without_aiding(settings: Settings, now: Core) -> Core:
 
     What wheels have shown of the compass stays, unless they contradict it.
     """
-    aided, covariance, trail = blank_aiding(settings.aiding)
+    aided, covariance, trail = _blank(settings.aiding)
     if not now.aided.wheels.contradict:
         aided = aided._replace(wheels=now.aided.wheels)
-    return now._replace(
-        aided=aided, witness=NEW_WITNESS, covariance=flat(covariance), trail=flat(trail)
-    )
+    return now._replace(aided=aided, witness=NEW_WITNESS, covariance=covariance, trail=trail)
 
 
 def without_conditioning(settings: Settings, now: Core) -> Core:

@@ -24,12 +24,10 @@ R = TypeVar("R")
 
 _numba_config: Any = numba.config  # numba ships no types
 _typeof: Any = numba.typeof
-# What puts a core into memory, once there is one: all cores are of one type, and to find that out
-# takes a hundred times as long.
+# What puts a core into memory, once there is one, and the steps by their kernels: all cores are of
+# one type, and to find that out takes a hundred times as long.
 _put_forms: list[Callable[..., Any]] = []
-# Steps by the id of their handle's type, which is kept beside: to find it by its hash takes longer
-# than a step. numba has one such type object for each kind of core.
-_steps: dict[tuple[int, Any], tuple[Any, Any]] = {}
+_steps: dict[Any, Callable[..., Any]] = {}
 
 
 def _step(kernel: "Callable[Concatenate[Any, P], R]") -> "cached_property[Callable[P, R]]":
@@ -153,14 +151,13 @@ class Holder:
         inside = self._put_inside()
         if self._is_in_python:
             return partial(in_plain_numbers(interpreted(kernel)), inside)
-        kind = _typeof(inside)
         if arguments:
-            return partial(direct(kernel, (kind, *map(_typeof, arguments))), inside)
-        step = _steps.get((id(kind), kernel))
+            return partial(direct(kernel, tuple(map(_typeof, (inside, *arguments)))), inside)
+        step = _steps.get(kernel)
         if step is None:
-            form = direct(kernel, resident.arguments_with(kind)[kernel])
-            step = _steps[id(kind), kernel] = (form, kind)
-        return partial(step[0], inside)
+            types = resident.arguments_with(_typeof(inside))[kernel]
+            step = _steps[kernel] = direct(kernel, types)
+        return partial(step, inside)
 
     def _put_inside(self) -> Any:
         if self._inside is None:

@@ -1,5 +1,6 @@
 """From a profile to the numbers that the kernels take."""
 
+from functools import lru_cache
 from math import radians
 from typing import Any, NamedTuple
 
@@ -78,7 +79,7 @@ def settings_of(
         conditioned=profile.conditioned,
         learns_north=profile.reference.magnetic == "learn"
         and profile.reference.declination_deg == "position",
-        initial=_initial_attitude(profile),
+        initial=_initial_attitude(profile.filter.initial_attitude),
     )
 
 
@@ -109,8 +110,8 @@ def _aiding(profile: Profile, carrier: Carrier) -> AidingParams:
     return aiding
 
 
-def _initial_attitude(profile: Profile) -> Quaternion | None:
-    start = profile.filter.initial_attitude
+@lru_cache(maxsize=16)  # of newcomers nearly all have the same
+def _initial_attitude(start: Any) -> Quaternion | None:
     if start == "align":
         return None
     return quaternion_from_matrix(nearest_rotation(np.array(start)))

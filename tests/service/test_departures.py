@@ -10,9 +10,9 @@ from drivers.mavlink.framing import Frame, FrameReader
 from drivers.mavlink.gate import MOST_SENDERS as MOST_GATED
 from drivers.mavlink.gate import TAKE_OVER_US, FrameGate, Policy
 from drivers.mavlink.stream_request import StreamRequest
+from drivers.places import PLACES
 from estimator.profile import load_profile
-from fuzzbee.board import MOST_ROWS, Board
-from fuzzbee.reception import MOST_VEHICLES as MOST_SHOWN
+from fuzzbee.board import Board
 from fuzzbee.reception import SILENT_S, Reception
 from service.departures import FORGOTTEN_US, DepartedCounts
 from service.pipeline import Pipeline
@@ -180,20 +180,20 @@ def test_a_table_and_what_watch_takes_stay_bounded():
     now_s, told = [0.0], []
     board, reception = Board(), Reception(told.append, lambda: now_s[0])
     payload = msgspec.json.encode(record())
-    names = [f"{vehicle.system_id}-{vehicle.component_id}" for vehicle in addresses(3000)]
+    names = [f"{vehicle.system_id}-{vehicle.component_id}" for vehicle in addresses(PLACES + 300)]
     for name in names:
-        now_s[0] += 2.0 * SILENT_S / MOST_SHOWN
+        now_s[0] += 2.0 * SILENT_S / PLACES
         received = reception.record(f"fuzzbee/{name}/attitude", payload)
         assert received is not None, name
         board.update(name, received[1], now_s[0])
     assert told == []
-    assert sorted(row.name for row in board.rows()) == sorted(names[-MOST_ROWS:])
+    assert sorted(row.name for row in board.rows()) == sorted(names[-PLACES:])
     board.remove(names[-1])
     assert names[-1] not in {row.name for row in board.rows()}
-    for name in names[:MOST_SHOWN]:  # all at once are too many, beside those of before
+    for name in names[:PLACES]:  # all at once are too many, beside those of before
         reception.record(f"fuzzbee/{name}/attitude", payload)
     (line,) = told
-    assert f"there are more than {MOST_SHOWN} vehicles" in line
+    assert f"there are more than {PLACES} vehicles" in line
 
 
 def test_the_retuning_process_remembers_the_latest(monkeypatch):

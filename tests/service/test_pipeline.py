@@ -156,6 +156,28 @@ def test_sequences_have_no_gaps_and_statuses_come_each_second():
     assert status_sequence == list(range(5))
 
 
+def test_statuses_of_many_come_one_by_one_over_the_second():
+    """A thousand at one tick made that 50 ms late."""
+    fleet = [VehicleId(1 + k, 1) for k in range(100)]
+    events = sorted(
+        (event for each in fleet for event in imu_events(400, vehicle=each)),
+        key=lambda event: event.arrival_us,
+    )
+    pipeline, told, due_us = Pipeline(PAPER), [], START_US
+    for event in events:
+        if event.arrival_us > due_us:
+            outputs = pipeline.tick(due_us)
+            told.append([o.vehicle for o in outputs if isinstance(o, Published)
+                         and isinstance(o.record, StatusRecord)])  # fmt: skip
+            due_us += 20_000
+        pipeline.handle(event)
+    seconds = [told[k : k + 50] for k in range(51, len(told) - 49, 50)]
+    assert len(seconds) == 2
+    for second in seconds:
+        assert max(map(len, second)) == 2
+        assert sorted(each for tick in second for each in tick) == fleet
+
+
 def test_late_ticks_do_not_put_off_the_statuses_after_them():
     """Due each second since the first: at 1.4 s that of 1 s, at 2.1 s that of 2 s."""
     pipeline = fed(imu_events(10))

@@ -27,6 +27,7 @@ from service import usual_reports
 from service.load import Load
 from service.pipeline import Pipeline
 from service.usual_columns import REPORT_SIZE, STATE_SIZE, WAITING
+from service.vehicle import Vehicle
 from tests.drivers.mavlink.test_usual_frames import LOGS, is_compiled, m, packed
 from tests.service.flight_rig import START_US
 
@@ -187,3 +188,31 @@ def test_velocities_that_wait_go_in_the_order_of_the_estimators_own(waiting, now
     assert taken[:count] == [reports.report_with_age(each, time_us) for each in due]
     left = rows[: row[WAITING]].tolist()
     assert tuple(map(usual_reports.sample_of, left)) == ahead
+
+
+@is_compiled
+def test_what_waits_behind_a_newcomers_first_sample_is_stepped_with_the_others(monkeypatch):
+    """Each of some twenty in Python took as long as the first one."""
+    encoder = FrameEncoder(VehicleId(1, 1))
+    messages = [
+        message
+        for k in range(60)
+        for message in (
+            m.MAVLink_raw_imu_message(S + 20_000 * k, 0, k, -999, *[1] * 6),
+            m.MAVLink_attitude_message(1000 + 20 * k, *[0.1] * 6),
+        )
+    ]
+    frames = [encoder.frame(packed(each), 0) for each in messages]
+    waiting = [
+        Arrived(START_US + 10_000 * k, frame)
+        for k, data in enumerate(frames)
+        for frame in FrameReader().feed(data)
+    ]
+    singly, on_imu = [], Vehicle.on_imu
+    monkeypatch.setattr(Vehicle, "on_imu", lambda v, event: singly.append(1) or on_imu(v, event))
+    pipeline = Pipeline(load_profile("paper"))
+    for each in MavlinkDecoder(references=False).readings_of(waiting):
+        pipeline.handle(each)
+    (vehicle,) = pipeline.vehicles
+    assert vehicle.samples == 60
+    assert len(singly) < 5

@@ -5,7 +5,6 @@ from drivers.mavlink.backlog import (
     ALONE_S,
     MOST_AT_ONCE,
     MOST_OF_NEWCOMER,
-    NEWCOMER_PATIENCE_S,
     PATIENCE_S,
     STALL_S,
     STOPPED_S,
@@ -17,12 +16,10 @@ from drivers.mavlink.constants import (
     HEARTBEAT_ID,
     PARAM_VALUE_ID,
     RAW_IMU_ID,
-    SCALED_IMU_ID,
 )
 from drivers.mavlink.framing import Frame
 
 LONG_S = 1.1 * STALL_S
-LATE_S = 1.0 + 1.1 * NEWCOMER_PATIENCE_S
 
 
 def arrived(system, number, message=RAW_IMU_ID, imu=0):
@@ -149,23 +146,14 @@ def test_newcomers_begin_one_by_one_and_others_do_not_wait_for_them():
     assert len(backlog) == 0
 
 
-def test_a_newcomers_newest_sample_waits():
-    backlog = Backlog()
-    backlog.add([arrived(1, 1), arrived(1, 2), arrived(1, 3, PARAM_VALUE_ID)], 1.0)
-    backlog.add(
-        [arrived(1, 4), arrived(2, 4), arrived(1, 5, SCALED_IMU_ID)],
-        1.0 + 1.1 * NEWCOMER_PATIENCE_S,
-    )
-    assert taken(backlog) == [(1, 3), (1, 4), (1, 5)]
-    assert backlog.take_shed(9) == [Shed(VehicleId(1, 1), 9, "RAW_IMU", 2)]
-    assert taken(backlog) == [(2, 4)]
-    assert not backlog
-
-
-def test_a_newcomer_who_is_not_late_is_taken_whole():
-    backlog, own = Backlog(), [arrived(1, k, (RAW_IMU_ID, ATTITUDE_ID)[k % 2]) for k in range(60)]
-    backlog.add(own, 1.0)
+def test_all_that_a_newcomer_says_waits_for_its_turn():
+    backlog, own = Backlog(), [arrived(2, k, (RAW_IMU_ID, ATTITUDE_ID)[k % 2]) for k in range(60)]
+    backlog.add([arrived(1, 1)], 1.0)
+    backlog.add(own[:30], 1.0)
+    backlog.add(own[30:], 10.0)
+    assert taken(backlog) == [(1, 1)]
     assert backlog.take() == own
+    assert backlog.take_shed(9) == []
 
 
 def test_after_a_stop_the_newest_alone_counts():
