@@ -89,7 +89,7 @@ class Gusts:
         return self.now
 
 
-def plane(seed: int) -> Vehicle:
+def plane(seed: int, legs: tuple[str, ...] = PLANE_LEGS) -> Vehicle:
     """Take-off run, then legs at random; speed falls in climbs, gusts shake it."""
     rng = np.random.default_rng(seed)
     heading = float(rng.uniform(-pi, pi))
@@ -103,7 +103,7 @@ def plane(seed: int) -> Vehicle:
         roll, pitch = roll_and_pitch(q)
         left -= DT
         if left <= 0.0:
-            leg = "run" if leg == "rest" else str(rng.choice(PLANE_LEGS))
+            leg = "run" if leg == "rest" else str(rng.choice(legs))
             left = {"run": 12.0, "loop": 2.0 * pi, "roll": 4.0}.get(leg, rng.uniform(6.0, 20.0))
         if leg == "run":
             speed = min(speed + 3.0 * DT, 22.0)

@@ -109,9 +109,14 @@ class Solution(NamedTuple):
 
 
 @inlined
-def add_sample(search: Search, q_g_frd: Quaternion, acc: Vec3, dt: float) -> Search:
-    """Integrate one sample's specific force by the trapezoid."""
-    return Search(extend_window(search.window, rotate(q_g_frd, acc), dt), search.evidence)
+def add_sample(search: Search, q_g_frd: Quaternion, acc: Vec3, dt: float, missed: float) -> Search:
+    """Integrate one sample's specific force by the trapezoid.
+
+    After a step that has missed a turn of the variance ``missed`` (rad^2) what was seen before
+    belongs to another G, and counts less.
+    """
+    window = extend_window(search.window, rotate(q_g_frd, acc), dt)
+    return Search(window, fade(search.evidence, missed, 0.0))
 
 
 @inlined
@@ -151,7 +156,7 @@ def add_report(
     if not window.is_open:
         return Search(opened, search.evidence), False
     if time_s > ACCELERATION_LASTS_S:
-        return Search(opened, fade(search.evidence, time_s)), False
+        return Search(opened, fade(search.evidence, time_s / MEMORY_S, time_s)), False
     if time_s < SPAN_S:
         return search, False
     change = subtract(report.velocity_ned_m_s, window.velocity_ned_m_s)
@@ -159,7 +164,7 @@ def add_report(
     a = (change[0], change[1], vertical - STANDARD_GRAVITY_M_S2 * time_s)
     b = subtract(window.pushed_m_s, opened.pushed_m_s)
     swing = subtract(window.force_m_s2, window.first_force_m_s2)
-    before = fade(search.evidence, time_s)
+    before = fade(search.evidence, time_s / MEMORY_S, time_s)
     evidence = Evidence(
         correlation=add_scaled(before.correlation, 1.0, outer(a, b)),
         aged=add_scaled(before.aged, 0.5 * time_s, outer(a, b)),
@@ -181,9 +186,9 @@ def add_report(
 
 
 @inlined
-def fade(evidence: Evidence, time_s: float) -> Evidence:
-    """The evidence ``time_s`` later: it counts less, and what is left is older."""
-    keep = real_exp(-time_s / MEMORY_S)
+def fade(evidence: Evidence, loss: float, time_s: float) -> Evidence:
+    """The evidence ``time_s`` later: it counts exp(-loss) as much, and what is left is older."""
+    keep = real_exp(-loss)
     return Evidence(
         correlation=add_scaled(NOTHING, keep, evidence.correlation),
         aged=add_scaled(

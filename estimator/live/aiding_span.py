@@ -3,7 +3,7 @@
 It begins with the heading by the field, or with one by velocity itself.
 """
 
-from math import atan2, copysign, dist, hypot, isfinite, pi, radians, sqrt
+from math import atan, atan2, copysign, dist, hypot, isfinite, pi, radians, sqrt, tan
 from typing import NamedTuple
 
 import numpy as np
@@ -15,8 +15,9 @@ from estimator.aiding.lean import bears_out
 from estimator.aiding.phase import Cause, Phase
 from estimator.aiding.place import resembles
 from estimator.aiding.search import EMPTY_SEARCH, UNKNOWN_RAD, solve
+from estimator.aiding.sources.velocity import is_credible
 from estimator.aiding.sources.wheels import rolls
-from estimator.aiding.types import Sigmas
+from estimator.aiding.types import NO_REPORT, Sigmas
 from estimator.aiding.witness import doubted
 from estimator.bounds import TINY
 from estimator.carrier import Carrier
@@ -27,12 +28,21 @@ from estimator.conditioning.times import LONG_S
 from estimator.conditioning.vertical.rate import slow_share
 from estimator.filter.alignment import align, quaternion_from_matrix
 from estimator.geometry.earth import in_ned
-from estimator.geometry.quaternion import cross, dot, exp, multiply, rotate, scale
+from estimator.geometry.quaternion import (
+    cross,
+    dot,
+    exp,
+    multiply,
+    rotate,
+    scale,
+    shortest_rotation,
+)
+from estimator.live.aided import is_worse
 from estimator.live.conditioned import conditioned_vectors
 from estimator.live.core import Core, flat, square, with_attitude
 from estimator.live.settings import Settings
 from estimator.live.state import State
-from estimator.types import STANDARD_GRAVITY_M_S2, ZERO_VEC3, Quaternion, Vec3
+from estimator.types import DOWN, STANDARD_GRAVITY_M_S2, ZERO_VEC3, Quaternion, Vec3
 
 # However small its computed sigma, a heading by velocity is no better than this to begin with.
 LEAST_HEADING_SIGMA_RAD = radians(3.0)
@@ -50,6 +60,11 @@ def begin_aided(state: State, report: Report, *, has_heading: bool) -> None:
     if start is None:
         state.enter(Cause.REPORT)
         return
+    set_out(state, start, report, has_heading=has_heading)
+
+
+def set_out(state: State, start: "Start", report: Report, *, has_heading: bool) -> None:
+    """Velocity helps from here on."""
     now = state.core.core
     core = begin_aiding(state.settings, now, start, report, iron_sigma_gauss(state, now))
     if state.context.imu_lag_s is not None:
@@ -113,8 +128,9 @@ def iron_sigma_gauss(state: State, now: Core) -> float:
 def give_up(state: State) -> None:
     """What is measured contradicts the aided attitude, or it is lost: the better known one counts.
 
-    The aided attitude goes on as far as it is doubted, unless the unaided one is better known
-    then: the reports or the field may be what is wrong. An attitude that was taken to be the
+    Contradicted, the aided attitude goes on as far as it is doubted, unless the unaided one is
+    better known then: the reports or the field may be what is wrong. Where its vertical alone is
+    lost, its heading goes on with the unaided vertical. An attitude that was taken to be the
     better one and is doubted that much speaks against the compass that it began with; one that
     has merely heard nothing for long does not. Where wheels contradict the heading that it began
     with, velocity tells it anew.
@@ -126,11 +142,22 @@ def give_up(state: State) -> None:
         state.enter(Cause.MISLED)
         return
     other = unaided_sigma(state, core)
-    aided, covariance = loosen(core.aided, square(core.covariance))
+    aided, covariance = core.aided, square(core.covariance)
+    if not is_credible(aided):
+        aided, covariance = loosen(aided, covariance)
     is_borne = bears_out(aided.lean) and isfinite(hypot(*aided.sigma))
-    if is_borne or is_better(all_doubts(core, aided.sigma), other):
+    sigma = all_doubts(core, aided.sigma)
+    has_lost_down = is_worse(core.aided, core.seen) and not is_borne
+    if is_borne or (is_better(sigma, other) and not has_lost_down):
         state.set_core(core._replace(aided=aided, covariance=flat(covariance)))
         return
+    if has_lost_down:
+        start = start_level(core, sigma.heading_rad)
+        if start.sigma_heading_rad < min(other.heading_rad, UNKNOWN_RAD):
+            report = NO_REPORT._replace(velocity_ned_m_s=aided.lean.latest_m_s)
+            state.enter(Cause.GIVE_UP)
+            set_out(state, start, report, has_heading=core.seen.has_heading)
+            return
     if core.witness.report_wait_s <= LONG_S and is_better(core.aided.sigma, other):
         known = compass.record_giving_up(state.context.compass, core.time_us)
         state.change_context(compass=known)
@@ -145,10 +172,14 @@ def all_doubts(now: Core, sigma: Sigmas) -> Sigmas:
 
     One is the unaided down, the other the field.
     """
-    down = rotate(now.aided.estimate.q_ned_frd, now.seen.gravity_b)
-    apart_rad = atan2(hypot(down[0], down[1]), down[2])
     heading_rad = doubted(sigma, now.witness).heading_rad
-    return Sigmas(hypot(sigma.inclination_rad, apart_rad), heading_rad)
+    return Sigmas(hypot(sigma.inclination_rad, verticals_apart(now)), heading_rad)
+
+
+def verticals_apart(now: Core) -> float:
+    """Angle (rad) between the aided down and the unaided one."""
+    down = rotate(now.aided.estimate.q_ned_frd, now.seen.gravity_b)
+    return atan2(hypot(down[0], down[1]), down[2])
 
 
 def unaided_sigma(state: State, now: Core) -> Sigmas:
@@ -183,6 +214,19 @@ def start_by_field(settings: Settings, now: Core, iron_gauss: float) -> Start:
     sigma_rad = max(least_rad, now.seen.sigma_heading_rad, iron_gauss * per_gauss)
     east = cross(now.seen.gravity_b, now.seen.magnetic_b)
     return Start(q, sigma_rad, turned_by_iron_1_gauss=scale(per_gauss, east))
+
+
+def start_level(now: Core, sigma_heading_rad: float) -> Start:
+    """The aided attitude turned to the unaided vertical by the shortest way, a.
+
+    An error of the heading makes the true turn one about an axis that is as far out of level as it
+    is large beside a. So the heading is off by 2 atan(error tan(a/2) / a): of one that was upside
+    down nothing is left.
+    """
+    q, apart = now.aided.estimate.q_ned_frd, max(verticals_apart(now), TINY)
+    level = shortest_rotation(rotate(q, now.seen.gravity_b), DOWN)
+    off_rad = 2.0 * atan(sigma_heading_rad * tan(0.5 * apart) / apart)
+    return Start(multiply(level, q), off_rad)
 
 
 def start_by_velocity(now: Core) -> Start | None:

@@ -320,8 +320,9 @@ def advance(
             if dt_s > SPAN_S:  # how the vehicle has turned meanwhile is not known
                 inside.search = EMPTY_SEARCH
             elif inside.search.window.is_open:
+                vertical = memory.vertical
                 inside.search = add_sample(
-                    inside.search, memory.vertical.gravity.q_g_frd, acc, dt_s
+                    inside.search, vertical.gravity.q_g_frd, acc, dt_s, vertical.tilt.missed
                 )
             q = state.q_ned_frd
             if not isfinite(q[0] + q[1] + q[2] + q[3]):
@@ -484,7 +485,7 @@ def search(inside: Any, report: Report) -> bool:
     found, last = inside.search, inside.sample
     if not found.window.is_open:  # nobody has followed the force until now
         q_g_frd = inside.conditioning.vertical.gravity.q_g_frd
-        found = add_sample(found, q_g_frd, last.acc_m_s2, last.dt_s)
+        found = add_sample(found, q_g_frd, last.acc_m_s2, last.dt_s, 0.0)
     found, closed = add_report(
         found,
         report,

@@ -1,15 +1,29 @@
 """What contradicts the aided attitude for long: the better known of the two attitudes counts."""
 
-from math import nan, pi, radians
+from math import atan, degrees, nan, pi, radians, tan
 
 import numpy as np
 import pytest
 
 from estimator.aiding import AidingParams, blank_aiding
 from estimator.aiding.beginning import loosen
-from estimator.aiding.types import GYR_BIAS, SIZE, TURN, Agreements, Sigmas
+from estimator.aiding.phase import Phase
+from estimator.aiding.types import GYR_BIAS, SIZE, TURN, Agreements, Lean, Sigmas
 from estimator.conditioning.robust import FAR
-from estimator.live.aiding_span import is_better
+from estimator.geometry.metrics import angle_errors
+from estimator.geometry.quaternion import (
+    conjugate,
+    exp,
+    multiply,
+    rotate,
+    rotate_inverse,
+    shortest_rotation,
+)
+from estimator.live.aiding_span import give_up, is_better, start_level
+from estimator.live.core import UNSEEN, flat
+from estimator.live.state import State
+from estimator.profile import load_profile
+from estimator.types import DOWN, NO_SAMPLE, ZERO_VEC3
 from tests.truth.faults import Fault
 from tests.truth.run import Case, judge
 
@@ -45,6 +59,99 @@ def test_the_better_known_is_the_one_with_the_smaller_angle_in_all():
     assert is_better(Sigmas(radians(9.0), radians(2.0)), Sigmas(radians(5.0), radians(8.0)))
     assert not is_better(Sigmas(radians(5.0), radians(8.0)), Sigmas(radians(9.0), radians(2.0)))
     assert not is_better(Sigmas(nan, 0.1), Sigmas(3.0, 3.0))
+
+
+LEVEL = exp((0.2, -0.1, 1.0))
+FELT_AS_REPORTED = Lean((2.0, 0.0, 0.0), ZERO_VEC3, (5.0, 0.0, 0.0))
+UNHEARD = Lean(ZERO_VEC3, ZERO_VEC3, (5.0, 0.0, 0.0))
+
+
+def lost(heading_deg, lean=UNHEARD, off_deg=60.0):
+    """A state whose aided vertical is far off at a sigma of 50 deg; the unaided one knows it to 6.
+
+    The unaided stage has no heading. Nothing that was measured contradicts the aided attitude.
+    """
+    state = State(load_profile("imu"), None)
+    aided, P, _ = blank_aiding(state.settings.aiding)
+    q = multiply(exp((radians(off_deg), 0.0, 0.0)), LEVEL)
+    aided = aided._replace(
+        estimate=aided.estimate._replace(q_ned_frd=q),
+        sigma=Sigmas(radians(50.0), radians(heading_deg)),
+        lean=lean,
+    )
+    state.set_core(
+        state.core.core._replace(
+            aided=aided,
+            covariance=flat(P + 0.01 * np.eye(SIZE)),
+            sample=NO_SAMPLE._replace(dt_s=0.5),
+            seen=UNSEEN._replace(
+                gravity_b=rotate_inverse(LEVEL, DOWN), sigma_inclination_rad=radians(6.0)
+            ),
+        )
+    )
+    state.change_context(phase=Phase.AIDED)
+    return state
+
+
+def test_of_a_lost_vertical_and_a_known_heading_the_heading_stays():
+    """The heading's error of before is left, as :func:`angle_errors` splits it: none."""
+    state = lost(heading_deg=10.0)
+    give_up(state)
+    assert state.context.phase is Phase.AIDED
+    core = state.core.core
+    q, P = core.aided.estimate.q_ned_frd, np.array(core.covariance).reshape(SIZE, SIZE)
+    assert max(angle_errors(q, LEVEL)) < 1e-6
+    assert max(angle_errors(core.filter.q_ned_frd, LEVEL)) < 1e-6
+    assert rotate(q, core.seen.gravity_b) == pytest.approx(DOWN)
+    sigmas_deg = np.degrees(np.sqrt(P.diagonal()[TURN : TURN + 3]))
+    off_deg = 2.0 * degrees(atan(radians(10.0) * tan(radians(30.0)) / radians(60.0)))
+    assert sigmas_deg == pytest.approx((6.0, 6.0, off_deg))
+    assert core.aided.estimate.velocity_ned_m_s == (5.0, 0.0, 0.0)
+
+
+@pytest.mark.parametrize("off_deg", [60.0, 120.0, 150.0])
+def test_the_heading_is_known_the_less_the_further_the_vertical_was_off(off_deg):
+    """68 % of turns whose vertical part scatters by 10 deg leave a heading within that sigma."""
+    rng = np.random.default_rng(5)
+    core = lost(10.0, off_deg=off_deg).core.core
+    q, within, start = core.aided.estimate.q_ned_frd, 0, start_level(core, radians(10.0))
+    for down in radians(10.0) * rng.standard_normal(4000):
+        truth = multiply(conjugate(exp((radians(off_deg), 0.0, down))), q)
+        level = shortest_rotation(rotate(q, rotate_inverse(truth, DOWN)), DOWN)
+        left = angle_errors(multiply(level, q), truth).heading_rad
+        within += left < start.sigma_heading_rad
+    assert within / 4000 == pytest.approx(0.68, abs=0.03)
+
+
+@pytest.mark.parametrize(("heading_deg", "off_deg"), [(46.0, 60.0), (20.0, 150.0)])
+def test_a_heading_as_good_as_none_goes_with_the_vertical(heading_deg, off_deg):
+    """It would make of the unaided vertical a wrong one; of one upside down nothing is left."""
+    state = lost(heading_deg, off_deg=off_deg)
+    give_up(state)
+    assert state.context.phase is Phase.UNAIDED
+
+
+def test_an_attitude_that_nothing_contradicts_is_not_loosened():
+    """It explains the reports' acceleration; loosened again and again its heading would be lost."""
+    state = lost(heading_deg=10.0, lean=FELT_AS_REPORTED)
+    before = state.core.core
+    for _ in range(3):
+        give_up(state)
+    assert (state.context.phase, state.core.core) == (Phase.AIDED, before)
+
+
+def test_one_that_is_contradicted_is():
+    """Both sources have been far off for 2 s; by the unaided stage nothing is known."""
+    state = lost(heading_deg=10.0)
+    core = state.core.core
+    late = Agreements(*(each._replace(doubt_s=2.0) for each in core.aided.agreement))
+    aided = core.aided._replace(agreement=late)
+    state.set_core(core._replace(aided=aided, seen=core.seen._replace(sigma_inclination_rad=pi)))
+    give_up(state)
+    after = state.core.core
+    assert state.context.phase is Phase.AIDED
+    assert after.aided.sigma == pytest.approx((radians(200.0), radians(40.0)))
+    assert after.covariance[0] == pytest.approx(FAR * core.covariance[0])
 
 
 @pytest.mark.parametrize(

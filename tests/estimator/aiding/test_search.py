@@ -33,7 +33,7 @@ def searched(rng, *, seconds=20.0, push_m_s2=2.0, noise_m_s=0.05):
             push = push_m_s2 * rng.standard_normal(3)
         velocity = velocity + push * DT
         acc = truth.inv().apply(push - GRAVITY)
-        search = add_sample(search, (1.0, 0.0, 0.0, 0.0), tuple(acc.tolist()), DT)
+        search = add_sample(search, (1.0, 0.0, 0.0, 0.0), tuple(acc.tolist()), DT, 0.0)
         force = force + acc * DT
         said = velocity + noise_m_s * rng.standard_normal(3)
         before = search
@@ -94,6 +94,29 @@ def test_two_windows_are_enough_and_one_is_not():
     assert degrees(answer.sigma_heading_rad) == pytest.approx(3.77, rel=0.2)
 
 
+@pytest.mark.parametrize(("missed", "off_deg", "sigma_deg"), [(4.0, 5.26, 11.8), (0.0, 40.0, 16.2)])
+def test_what_was_seen_before_a_missed_turn_counts_less(missed, off_deg, sigma_deg):
+    """G turns by a radian at 20 s; 8 s later the search knows it, if it is told what was missed.
+
+    It is not exact: in one window G has turned.
+    """
+    search, velocity, g = EMPTY_SEARCH, np.zeros(3), Rotation.identity()
+    turns = round(20.0 / DT)
+    for k in range(round(28.0 / DT)):
+        if k == turns:
+            g = Rotation.from_rotvec([0.6, 0.0, 0.8])
+        push = 4.0 * np.array((np.sin(2.5 * k * DT), np.cos(1.7 * k * DT), 0.0))
+        velocity = velocity + push * DT
+        acc = tuple(g.inv().apply(push - GRAVITY).tolist())
+        search = add_sample(search, IDENTITY, acc, DT, missed if k == turns else 0.0)
+        search, _ = add_report(search, report(velocity), IDENTITY, DOWN)
+    answer = solve(search, BIAS_SIGMA_RAD_S)
+    x, y, z, w = g.as_quat()
+    off = np.degrees(angle_errors(answer.q_ned_g, (w, x, y, z)).total_rad)
+    assert off == pytest.approx(off_deg, rel=0.2)
+    assert degrees(answer.sigma_heading_rad) == pytest.approx(sigma_deg, rel=0.2)
+
+
 def moved(
     push_at, *, seconds, rate_hz=50.0, ago_s=0.0, late_s=0.0, late_sigma_s=0.0, drift_rad_s=0.0
 ):
@@ -115,7 +138,7 @@ def moved(
         g_frd = truth.inv() * Rotation.from_rotvec([0.0, 0.0, heading_rad]) * truth
         x, y, z, w = g_frd.as_quat()
         acc = tuple(truth.inv().apply(pushes[k] - GRAVITY).tolist())
-        search = add_sample(search, (w, x, y, z), acc, every * fine_s)
+        search = add_sample(search, (w, x, y, z), acc, every * fine_s, 0.0)
         if k % max(spacing, every) == 0 and k > older:
             said = report(velocities[k - older], ago_s, late_sigma_s)
             search, _ = add_report(search, said, IDENTITY, DOWN)

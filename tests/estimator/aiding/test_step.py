@@ -76,7 +76,7 @@ def test_a_windows_evidence_is_half_as_old_as_the_window_is_long():
         EMPTY_SEARCH, Report(True, ZERO_VEC3, True, 0.3, 0.0, 0.0), IDENTITY, DOWN
     )
     for _ in range(15):
-        search = add_sample(search, IDENTITY, (1.0, 2.0, -9.0), 0.1)
+        search = add_sample(search, IDENTITY, (1.0, 2.0, -9.0), 0.1, 0.0)
     closed, is_closed = add_report(
         search, Report(True, (2.0, 1.0, 0.3), True, 0.3, 0, 0.0), IDENTITY, DOWN
     )
