@@ -126,7 +126,7 @@ class Pipeline:
         rest = self._usual.take(readings)
         outputs: list[Output] = []
         if not any(rest):  # as nearly always
-            return outputs, ()
+            return outputs, []
         for event in readings.looks(rest.looks):
             outputs += self.handle(event)
         for event in readings.events(rest.checks):
