@@ -31,7 +31,7 @@ from drivers.mavlink.messages import MESSAGES
 from estimator.aiding.sources.table import SOURCES
 from estimator.geometry.frames import euler_rad
 from estimator.profile import load_profile, merge_profile, profile_to_toml
-from estimator.types import VelocitySample
+from estimator.types import ImuSample, VelocitySample
 from fuzzbee.log_replay import replay
 from fuzzbee.tune.read_flight import read_flight
 from tests.estimator.aiding.heading_source import HEADING_SOURCE, HeadingSample
@@ -171,22 +171,27 @@ def test_a_log_is_replayed_and_the_source_turns_the_estimate(tmp_path):
 def test_tuning_and_retuning_repeat_the_reports(tmp_path):
     path = tlog(tmp_path / "with.tlog")
     flight = read_flight(path, PROFILE)
-    told = [call.__reduce__()[1] for calls in flight.calls for call in calls]
+    told = [call.__reduce__()[1] for calls in flight.calls.values() for call in calls]
     headings = [what[1] for what in told if isinstance(what[-1], HeadingSample)]
     assert len(headings) == len(banked_flight(seconds=SECONDS).samples[::10])
-    course = fly(flight, PROFILE, len(flight.samples))
+    course = fly(flight, PROFILE, len(flight.time_s))
     assert np.array_equal(course.q_ned_frd, replay(path, PROFILE).attitudes.q_ned_frd)
 
     segments = []
     estimator = SegmentingEstimator(PROFILE, None, segments.append)
     said = []
-    for calls, sample in zip(flight.calls, flight.samples, strict=True):
-        for call in calls:
+    samples = [
+        ImuSample(time_us, *map(tuple, vectors), has_mag)
+        for time_us, *vectors, has_mag in zip(*map(np.ndarray.tolist, flight.rows), strict=True)
+    ]
+    for k, sample in enumerate(samples):
+        for call in flight.calls.get(k, ()):
             call(estimator)
+        estimator.update(sample)
         said.append(estimator.attitude(sample.time_us).q_ned_frd)
     last = segments[-1]
     repeated = fly_segments(PROFILE, (last,)).q_ned_frd
-    end = flight.samples.index(last.samples[-1]) + 1
+    end = samples.index(last.samples[-1]) + 1
     assert np.array_equal(repeated, said[end - len(last.samples) : end])
     deaf = last._replace(
         calls=tuple(
