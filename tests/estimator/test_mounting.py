@@ -182,9 +182,9 @@ def test_tuning_reads_logs_as_they_are_mounted(tmp_path):
         read_flight(path, profile()),
         read_flight(path, profile(rotation_deg=[180.0, 0.0, 0.0])),
     )
-    down = [[sample.acc_m_s2[2] for sample in one.samples] for one in (plain, mounted)]
+    down = [one.rows.acc_m_s2[:, 2] for one in (plain, mounted)]
     assert down[1] == pytest.approx([-z for z in down[0]])
-    assert mounted.gyr_rad_s[:, 2] == pytest.approx(-plain.gyr_rad_s[:, 2])
+    assert mounted.rows.gyr_rad_s[:, 2] == pytest.approx(-plain.rows.gyr_rad_s[:, 2])
     assert down[0][0] > 9.0
 
 

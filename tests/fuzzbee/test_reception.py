@@ -9,8 +9,9 @@ import pytest
 from hypothesis import given
 from rich.console import Console
 
+from drivers.places import PLACES
 from fuzzbee.displays import JsonLines, Table
-from fuzzbee.reception import MOST_VEHICLES, Reception
+from fuzzbee.reception import Reception
 from fuzzbee.say import printable, say
 from fuzzbee.terminal import TerminalView
 from tests.fuzz.cases import built, fuzzed
@@ -74,10 +75,10 @@ def test_it_is_said_once_and_the_vehicles_are_bounded():
     told = []
     reception = Reception(told.append)
     payload = json.dumps(STATUS).encode()
-    for number in range(3 * MOST_VEHICLES):
+    for number in range(3 * PLACES):
         reception.record(f"fuzzbee/{number % 250}-{number // 250}/status", payload)
         reception.record(f"fuzzbee/no{number}/status", payload)
-    assert len(reception._heard_s) == MOST_VEHICLES
+    assert len(reception._heard_s) == PLACES
     assert len(told) == 2
 
 

@@ -1,5 +1,7 @@
 """What a simulator tells is compared: each documented line of ``fuzzbee sim``, without waiting."""
 
+from pathlib import Path
+
 import pytest
 import typer
 from typer.main import get_command
@@ -72,7 +74,9 @@ def parsed(arguments):
     """What a line of the documents asks ``fuzzbee sim`` for."""
     app = typer.Typer()
     app.command()(sim)
-    return SimOptions(**get_command(app).make_context("sim", arguments).params)
+    params = get_command(app).make_context("sim", arguments).params
+    key_file = params.pop("signing_key_file")  # text until the command itself is called
+    return SimOptions(**params, signing_key_file=None if key_file is None else Path(key_file))
 
 
 def told_on_the_wire(options, seconds, begin_s=0.0):
