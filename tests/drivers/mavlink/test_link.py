@@ -109,6 +109,10 @@ def nothing_leaks():
     descriptors = open_descriptors()
     threads = threading.active_count()
     yield
+    # a thread's work is done a moment before the thread is
+    end_s = time.monotonic() + PATIENCE_S
+    while threading.active_count() > threads and time.monotonic() < end_s:
+        time.sleep(0.01)
     assert threading.active_count() == threads
     assert open_descriptors() == descriptors
 
