@@ -65,7 +65,9 @@ class SharedRecorder:
             self._recorder.write(records)
 
     def miss(self, frames: int) -> None:
-        """Count frames that could not even be handed over in time."""
+        """Count frames that could not even be handed over in time. The first ones are logged."""
+        if frames and not self._missed:
+            _logger.warning("the recording lacks frames: more arrives than can be taken")
         self._missed += frames
 
     @property

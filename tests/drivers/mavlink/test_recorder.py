@@ -16,7 +16,7 @@ import drivers
 from drivers.events import VehicleId
 from drivers.mavlink import recorder as recorder_module
 from drivers.mavlink.encoder import FrameEncoder, attitude, heartbeat
-from drivers.mavlink.recorder import RETRY_US, TlogRecorder, records_of
+from drivers.mavlink.recorder import RETRY_US, SharedRecorder, TlogRecorder, records_of
 from estimator.errors import InputError
 
 ROOT = Path(drivers.__file__).parents[1]
@@ -103,6 +103,20 @@ def test_a_killed_process_leaves_whole_records(tmp_path):
     size = path.stat().st_size
     assert size >= 64 * 300
     assert size % 64 == 0
+
+
+def test_frames_that_could_not_be_handed_over_are_told_once(tmp_path, caplog):
+    with TlogRecorder(tmp_path / "flight.tlog") as file:
+        recorder = SharedRecorder(file)
+        recorder.miss(0)
+        assert recorder.is_whole
+        assert not caplog.records
+        recorder.miss(3)
+        recorder.miss(1)
+    assert not recorder.is_whole
+    assert [record.message for record in caplog.records] == [
+        "the recording lacks frames: more arrives than can be taken"
+    ]
 
 
 def test_a_file_is_recorded_to_by_one_program(tmp_path):
