@@ -22,7 +22,7 @@ def file_text(path: Path, what: str) -> str:
             content = file.read(LONGEST_FILE + 1)
         if len(content) > LONGEST_FILE:
             raise InputError(f"{what}: has more than {LONGEST_FILE} bytes")
-        return content.decode("utf-8")
+        return content.decode("utf-8-sig")  # as Windows' editors write it
     except FileNotFoundError:
         raise
     except OSError as error:

@@ -27,6 +27,7 @@ from service.signals import interrupted_by, terminate_like_interrupt
 quiet_start.end()
 
 OK, FAILED, BAD_INPUT = 0, 1, 2
+STANDARD_ERROR = 2
 # Names of threads that may hang: a sink on a stopped terminal, the compiler, a session that waits
 # for a silent peer.
 HANGING = ("sink ", "compiler", "zenoh opener", "zenoh closer")
@@ -145,7 +146,14 @@ def _end(status: int) -> None:
 
 
 def _replace_closed_streams() -> None:
-    """A supervisor may start us with closed outputs; Python has None for them."""
+    """A supervisor may start us with closed outputs; Python has None for them.
+
+    The next file to be opened would take such a stream's number, and a recording what libraries
+    and the processes that we start print there.
+    """
+    while (number := os.open(os.devnull, os.O_RDWR)) <= STANDARD_ERROR:
+        os.set_inheritable(number, True)
+    os.close(number)
     if sys.stdout is None:
         sys.stdout = Path(os.devnull).open("w")  # noqa: SIM115 - for as long as the process lives
     if sys.stderr is None:

@@ -1,5 +1,6 @@
 """What ``run`` sends and shows beside its Zenoh keys: the options, and the sinks they open."""
 
+import os
 from collections import namedtuple
 from collections.abc import Iterable
 from pathlib import Path
@@ -19,6 +20,7 @@ if TYPE_CHECKING:
     from service.sinks.sink import Sink
 
 WINDOW, WEB = "window", "web"
+TABLES = (".csv", ".tsv", ".txt")
 
 _VIEW = "Show it in Rerun: a window, or a page for a browser (extra: viewer)."
 _RRD = "Save what the viewer shows, for rerun FILE (extra: viewer)."
@@ -105,19 +107,27 @@ def viewer_options(view: str | None, rrd: str | None) -> "ViewerOptions | None":
 def require_own_files(
     outputs: Iterable[tuple[str, object]], inputs: Iterable[str | Path | None]
 ) -> None:
-    """Refuse a file to be written, by its option, that is an input or another output.
+    """Refuse a file to be written, by its option if given, that is an input or another output.
 
-    A link leads to the same file, by whatever name.
+    A link leads to the same file, by whatever name; a bag is a folder, and what a table's columns
+    are stands beside it.
 
     Raises:
         InputError: it would be overwritten.
     """
     taken = [Path(each) for each in inputs if each is not None]
+    taken += [each.with_suffix(".toml") for each in taken if each.suffix.lower() in TABLES]
+    folders = [each for each in taken if os.path.isdir(each)]  # noqa: PTH112 - which never raises
     for option_name, file in outputs:
+        if file is None:
+            continue
         path = Path(str(file))
         for other in taken:
             if _are_same(path, other):
                 raise InputError(f"{option_name} {path}: is also {other}")
+        for folder in folders:
+            if folder.resolve() in _resolved(path).parents:
+                raise InputError(f"{option_name} {path}: is within {folder}")
         taken.append(path)
 
 
@@ -126,10 +136,14 @@ def _are_same(one: Path, other: Path) -> bool:
         return one.samefile(other) and one.is_file()  # a device takes anything
     except (OSError, ValueError):  # one of them is not there yet, or can be no file
         pass
+    return _resolved(one) == _resolved(other)
+
+
+def _resolved(path: Path) -> Path:
     try:
-        return one.resolve() == other.resolve()
+        return path.resolve()
     except (OSError, RuntimeError, ValueError):  # links in a circle: whoever opens it says so
-        return False
+        return path
 
 
 def tell_page(stream: "ViewerStream") -> None:

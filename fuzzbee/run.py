@@ -31,9 +31,7 @@ def run(options: RunOptions) -> int:
     parse_system_ids(options.security.allow_system_ids)
     asked = (("--record", options.record), ("--rrd", options.outputs.rrd))
     inputs = (options.source, options.profile, options.security.signing_key_file)
-    outputs.require_own_files(
-        [each for each in asked if each[1]], (*inputs, options.zenoh.config_file)
-    )
+    outputs.require_own_files(asked, (*inputs, options.zenoh.config_file))
     with opening(None if options.no_zenoh else options.zenoh) as session:
         from fuzzbee.serve import serve
 

@@ -45,7 +45,7 @@ def write_atomically(path: Path, content: bytes) -> None:
 
 def checkpoint_path(output: Path) -> Path:
     """FILE.checkpoint."""
-    return output.with_name(output.name + ".checkpoint")
+    return Path(f"{output}.checkpoint")
 
 
 def write_checkpoint(path: Path, identity: Mapping[str, Any], records: Sequence[Record]) -> None:

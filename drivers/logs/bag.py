@@ -15,7 +15,7 @@ from typing import Any
 
 from drivers.events import Event, Malformed, VehicleId
 from drivers.logs.bag_bounds import BoundedPath, bound_bags
-from drivers.logs.log_file import LogFile
+from drivers.logs.log_file import LATEST_US, LogFile
 from drivers.logs.logged_vehicle import LoggedVehicle
 from drivers.logs.mcap_channels import McapChannels, from_json
 from drivers.samples.fix import Fix
@@ -108,7 +108,7 @@ class Bag(LogFile):
             reader = kind(BoundedPath(self.path))
             reader.open()
         except Exception as error:  # whatever a damaged file makes of the library
-            raise InputError(f"{self.path}: cannot read this bag: {error}") from error
+            raise InputError(f"{self.path}: cannot read this bag: {_words(error)}") from error
 
         def decode(connection: Any, data: bytes) -> Any:
             if getattr(connection, "encoding", "") == "json":
@@ -148,19 +148,30 @@ class _Topics:
 
 
 def _events(reader: Any, decode: Decode, topics: _Topics) -> Iterator[Event]:
-    """All of the bag; where it is damaged it ends."""
+    """All of the bag; a damaged message is counted, and where the bag is damaged it ends."""
     decoder = None
     try:
         for connection, recorded_ns, data in reader.messages(topics.connections):
-            message = decode(connection, data)
-            stamp = message.header.stamp
-            time_ns = 10**9 * stamp.sec + stamp.nanosec or recorded_ns
-            if decoder is None:
-                decoder = _Decoder(topics, time_ns - EARLIER_NS)
-            yield from decoder.decode(connection, (time_ns - decoder.begin_ns) // 1000, message)
+            try:
+                message = decode(connection, data)
+                stamp = message.header.stamp
+                time_ns = 10**9 * stamp.sec + stamp.nanosec or recorded_ns
+                if abs(time_ns) >= 1000 * LATEST_US:
+                    raise ValueError(f"stamped {time_ns} ns")  # noqa: TRY301 - as the library would
+                if decoder is None:
+                    decoder = _Decoder(topics, time_ns - EARLIER_NS)
+                events = decoder.decode(connection, (time_ns - decoder.begin_ns) // 1000, message)
+            except Exception:  # noqa: BLE001 - as below
+                events = [Malformed(0, 1)]
+            yield from events
     except Exception as error:  # noqa: BLE001 - whatever a damaged file makes of the library
-        _log.warning("%s: read no further: %s", reader.path, error)
+        _log.warning("%s: read no further: %s", reader.path, _words(error))
         yield Malformed(0, 1)
+
+
+def _words(error: Exception) -> str:
+    """What is wrong; some errors say it by their name alone."""
+    return str(error) or type(error).__name__
 
 
 class _Decoder:

@@ -9,7 +9,7 @@ from typing import Literal
 from drivers.events import Event, Malformed, VehicleId
 from drivers.logs.csv_columns import Columns, Part, columns, description
 from drivers.logs.csv_text import CsvText, csv_rows, csv_text
-from drivers.logs.log_file import LogFile
+from drivers.logs.log_file import LATEST_US, LogFile
 from drivers.logs.logged_vehicle import LoggedVehicle
 from drivers.samples.fix import Fix
 from drivers.samples.rotation import quaternion_from_euler, unit_or_none
@@ -122,13 +122,15 @@ class _Decoder:
 
 
 def _time_us(text: CsvText, row: Sequence[str], parts: Sequence[Part]) -> int | None:
-    """The row's time; None if it has none."""
+    """The row's time; None if it has none that can be."""
     index, factor = parts[0]
     try:
         if factor:
-            return round(factor * text.number(row[index]))
-        words = " ".join(row[i].strip() for i, _ in parts)
-        return round(1e6 * datetime.fromisoformat(words).timestamp())
+            time_us = round(factor * text.number(row[index]))
+        else:
+            words = " ".join(row[i].strip() for i, _ in parts)
+            time_us = round(1e6 * datetime.fromisoformat(words).timestamp())
+        return time_us if abs(time_us) < LATEST_US else None
     except (ValueError, IndexError, OverflowError):
         return None
 

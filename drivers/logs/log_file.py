@@ -14,6 +14,7 @@ from estimator.errors import InputError
 
 OnRead = Callable[[int], None]
 READ_SIZE = 1 << 22
+LATEST_US = 1 << 62  # differences between times must fit 64 bits
 MARGIN = 1 << 17  # bytes; longer than any message of a log that is read in pieces
 
 _log = logging.getLogger(__name__)

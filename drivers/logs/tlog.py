@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from drivers.events import Event, Malformed
-from drivers.logs.log_file import MARGIN, LogFile, Window, windowed
+from drivers.logs.log_file import LATEST_US, MARGIN, LogFile, Window, windowed
 from drivers.mavlink.decoder import MavlinkDecoder
 from drivers.mavlink.dialect import mavlink
 from drivers.mavlink.fields import FieldReader
@@ -22,7 +22,6 @@ STAMP_SIZE = 8
 ORDINARY_STEP_US = 10 * 1_000_000  # a stamp further from the last counts if the next is near it
 ORDINARY_BACK_US = 5 * 1_000_000
 STAMP_STEP_US = 86_400 * 1_000_000  # two stamps further apart do not agree
-LATEST_STAMP_US = 1 << 62  # later ones are cut: differences must fit 64 bits
 STAMP_BACK_US = 3600 * 1_000_000
 SNIFF_SIZE = 1 << 20  # a log has a sound frame within its first MiB
 FIRST_RECORDS = 100  # two neighbours among these agree, or the last one is taken
@@ -150,7 +149,7 @@ class TlogRecords:
 
     def _stamp_us(self, position: int) -> int:
         stamp_us = int.from_bytes(self._data[position : position + STAMP_SIZE], "big")
-        return min(stamp_us, LATEST_STAMP_US)
+        return min(stamp_us, LATEST_US)
 
     def _record_end(self, position: int) -> int | None:
         """Where the record ends by its frame's own header; None if that cannot be."""

@@ -12,9 +12,9 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from typing import Literal, NamedTuple
 
 from drivers.events import Event, Heartbeat, Malformed, Parameter, Rejected, VehicleId
-from drivers.logs.log_file import LogFile, windowed
+from drivers.logs.log_file import LATEST_US, LogFile, windowed
 from drivers.logs.logged_vehicle import LoggedVehicle
-from drivers.logs.ulog_format import LATEST_US, TIMES, Found, Row, UlogReader
+from drivers.logs.ulog_format import TIMES, Found, Row, UlogReader
 from drivers.mavlink.constants import GPS_FIX_TYPE_3D_FIX, MAV_AUTOPILOT_PX4
 from drivers.samples.fix import Fix
 from drivers.samples.navigation import filter_status

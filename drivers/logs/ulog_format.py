@@ -15,7 +15,7 @@ from enum import IntEnum
 from struct import Struct, error
 from typing import Any, NamedTuple
 
-from drivers.logs.log_file import MARGIN, Window
+from drivers.logs.log_file import LATEST_US, MARGIN, Window
 
 MAGIC = b"ULog\x01\x12\x35"
 FILE_HEAD_SIZE = 16
@@ -30,7 +30,6 @@ LONGEST_NAME = 128
 # Possessive quantifiers (++) never try again with less, so garbage costs no time
 FORMAT_BODY = re.compile(rb"\w{1,128}+:(?:[\w\[\]]{1,128}+ \w{1,128}+;)++", re.ASCII)
 FIELD = re.compile(r"(\w+)(?:\[(\d{1,5})\])? (\w+)", re.ASCII)
-LATEST_US = 1 << 62
 
 CODES = {
     "int8_t": "b",

@@ -136,7 +136,11 @@ def _replay_logs(options: ReplayOptions) -> None:
     if runs > 1:
         for name, file in options.given("csv", "mcap", "tum", "parquet", "view", "rrd"):
             raise InputError(f"{name} {file}: takes one log and one profile, not {runs}")
-    written = options.given("csv", "mcap", "tum", "parquet", "plot", "rrd")
+    written = list(options.given("csv", "mcap", "tum", "parquet", "plot", "rrd"))
+    if options.tum is not None:
+        from fuzzbee.replays.trajectory import reference_path
+
+        written.append(("--tum", reference_path(options.tum)))
     outputs.require_own_files(written, [*options.sources, *names, options.columns])
     exports = _exports(options)
     profiles = {name: load_profile(name) for name in names}

@@ -9,6 +9,8 @@ from service.host_clock import HostClock, observe
 
 # Stamps before September 2001 count from the vehicle's start: it knew no date.
 EARLIEST_UNIX_US = 10**15
+# ROS has 31 bits for the seconds, until 2038: a later date is a garbled stamp.
+LATEST_UNIX_US = 10**6 << 31
 
 
 def stamps_us(trace: VehicleTrace) -> NDArray[np.int64]:
@@ -32,4 +34,4 @@ def unix_times_us(trace: VehicleTrace) -> NDArray[np.int64] | None:
         for k, (time_us, arrival_us) in enumerate(zip(*both, strict=True), rows.start):
             clock = observe(clock, time_us, arrival_us)
             found[k] = round(time_us + clock.offset_us)
-    return np.maximum.accumulate(found)
+    return np.maximum.accumulate(found) if found.max() < LATEST_UNIX_US else None

@@ -18,6 +18,11 @@ from fuzzbee.replays.log_clock import stamps_us
 from fuzzbee.replays.trace import VehicleTrace
 
 
+def reference_path(path: Path) -> Path:
+    """Where the reference goes."""
+    return path.parent / f"{path.stem}.reference{path.suffix}"
+
+
 def write_tum(path: Path, trace: VehicleTrace, compared: Comparison) -> None:
     """The estimate in ``path``, and in NAME.reference.SUFFIX the reference where it is known.
 
@@ -29,7 +34,7 @@ def write_tum(path: Path, trace: VehicleTrace, compared: Comparison) -> None:
     if any(compared.part(rows).known.any() for rows in parts):
         beside = ((times_us[rows], *compared.part(rows)[:2]) for rows in parts)
         reference = ((times[known], truth[known]) for times, truth, known in beside)
-        _write(path.with_suffix(f".reference{path.suffix}"), reference)
+        _write(reference_path(path), reference)
 
 
 def _write(path: Path, poses: Iterable[tuple[NDArray[np.int64], NDArray[np.float64]]]) -> None:

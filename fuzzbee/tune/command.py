@@ -26,11 +26,13 @@ def tune(request: TuneRequest) -> None:
     """
     from fuzzbee.tune.plan import plan
     from fuzzbee.tune.run import run_plan
+    from tuning.checkpoint import checkpoint_path
 
     _require_machine(request)
     _require_plots(request)
     viewer = outputs.viewer_options(request.view, request.rrd)
-    written = [("--output", request.output), *([("--rrd", request.rrd)] if request.rrd else [])]
+    files = (request.output, checkpoint_path(request.output))
+    written = [*(("--output", file) for file in files), ("--rrd", request.rrd)]
     outputs.require_own_files(written, [*request.sources, *request.held_out, request.base])
     status = run_plan(plan(request), request, viewer)
     if status:

@@ -418,3 +418,9 @@ def test_a_file_too_long_for_a_profile_is_not_read(tmp_path):
     path.write_text(SMALLEST + "#" * (1 << 20))
     with pytest.raises(InputError, match="more than"):
         load_profile(str(path))
+
+
+def test_the_mark_that_windows_editors_put_first_is_no_fault(tmp_path):
+    path = tmp_path / "notepad.toml"
+    path.write_text("[filter]\ngamma = 2.0\n", encoding="utf-8-sig")
+    assert load_profile(path).filter.gamma == 2.0

@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from drivers.mavlink.framing import frame_end
 from estimator.geometry.frames import enu_flu_from_ned_frd
 from fuzzbee.cli import main
 from fuzzbee.replays import parquet_file
@@ -129,6 +130,20 @@ def test_a_log_without_dates_has_none(capsys, tmp_path):
     """PX4's clock of a clip that begins before the first fix counts from its start."""
     hover = LOG.with_name("px4_hover.ulg")
     replay(capsys, hover, "--csv", tmp_path / "a.csv", "--mcap", tmp_path / "a.mcap", "--json")
+    with (tmp_path / "a.csv").open(newline="") as file:
+        assert {row["time_unix_s"] for row in csv.DictReader(file)} == {""}
+    assert read_mcap(tmp_path / "a.mcap")[0][2] == 0
+
+
+@pytest.mark.parametrize("stamp_us", [1 << 62, (1 << 31) * 10**6])
+def test_stamps_after_any_date_are_no_dates(capsys, tmp_path, stamp_us):
+    """ROS and Foxglove have 31 bits for the seconds."""
+    log, data, at = tmp_path / "late.tlog", bytearray(LOG.read_bytes()), 0
+    while at + 8 < len(data):
+        begin, at = at, frame_end(data, at + 8)
+        data[begin : begin + 8] = (stamp_us + 100 * begin).to_bytes(8, "big")
+    log.write_bytes(data)
+    replay(capsys, log, "--csv", tmp_path / "a.csv", "--mcap", tmp_path / "a.mcap", "--json")
     with (tmp_path / "a.csv").open(newline="") as file:
         assert {row["time_unix_s"] for row in csv.DictReader(file)} == {""}
     assert read_mcap(tmp_path / "a.mcap")[0][2] == 0

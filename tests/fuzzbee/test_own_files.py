@@ -63,3 +63,41 @@ def test_a_name_of_bytes_that_are_no_letters(tmp_path, capfd):
     shutil.copyfile(TLOG, log)
     assert main(["replay", str(log), "--json"]) == 0
     assert json.loads(capfd.readouterr().out)["source"].endswith("b\\udcff.tlog")
+
+
+TABLE = "time_s,gyro_x (rad/s),gyro_y (rad/s),gyro_z (rad/s),acc_x (g),acc_y (g),acc_z (g)\n"
+
+
+@pytest.mark.parametrize(
+    ("log", "beside", "command"),
+    [
+        ("imu.csv", "imu.toml", ("replay", "imu.csv", "--csv", "imu.toml")),
+        ("imu.csv", "imu.toml", ("tune", "imu.csv", "-o", "imu.toml")),
+        ("imu.csv", "imu.toml", ("run", "imu.csv", "--no-zenoh", "--rrd", "imu.toml")),
+        ("a.reference.tlog", "b", ("replay", "a.reference.tlog", "--tum", "a.tlog")),
+        ("a.toml.checkpoint", "b", ("tune", "a.toml.checkpoint", "-o", "a.toml")),
+        ("bag/a.db3", "bag/metadata.yaml", ("replay", "bag", "--csv", "bag/metadata.yaml")),
+        ("bag/a.db3", "bag/metadata.yaml", ("replay", "bag", "--csv", "bag/../bag/a.db3")),
+    ],
+)
+def test_what_belongs_to_a_log_or_to_an_output_is_not_overwritten(
+    log, beside, command, tmp_path, monkeypatch, capfd
+):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "bag").mkdir()
+    (tmp_path / log).write_text(TABLE + "".join(f"{0.01 * k},0,0,0,0,0,-1\n" for k in range(9000)))
+    (tmp_path / beside).write_text('axes = "frd"\n')
+    before = {path: path.read_bytes() for path in tmp_path.rglob("*") if path.is_file()}
+    assert main([*command, *(("--cycles", "1") if command[0] == "tune" else ())]) == 2
+    (line,) = capfd.readouterr().err.splitlines()
+    assert " is also " in line or line.endswith(" is within bag")
+    assert before == {path: path.read_bytes() for path in tmp_path.rglob("*") if path.is_file()}
+
+
+@pytest.mark.parametrize("name", ["", "/", ".."])
+@pytest.mark.parametrize("command", [("tune", "sim:", "-o"), ("replay", str(TLOG), "--tum")])
+def test_a_file_without_a_name_is_a_folder(command, name, capfd):
+    """As of a variable of the shell that nobody has set."""
+    assert main([*command, name]) == 2
+    (line,) = capfd.readouterr().err.splitlines()
+    assert "folder" in line or "Is a directory" in line

@@ -125,3 +125,25 @@ def test_an_output_of_few_letters_gets_what_it_can():
     lines = [line for line in done.stdout.splitlines() if b"roll" in line]
     assert len(lines) >= 2
     assert all(b"?" in line for line in lines)
+
+
+PRINTING = """
+import os, sys
+from fuzzbee import cli
+
+def print_as_libraries_do():
+    with open(sys.argv[1], "w"):  # a recording
+        for number in range(3):
+            os.write(number, b"panicked")
+    return 0
+
+cli.main = print_as_libraries_do
+cli.entry_point()
+"""
+
+
+def test_streams_that_are_closed_do_not_lead_into_the_next_file(tmp_path):
+    file = tmp_path / "recording"
+    closed = ["sh", "-c", 'exec "$@" <&- >&- 2>&-', "sh", sys.executable, "-c", PRINTING, str(file)]
+    assert subprocess.run(closed, check=False, timeout=120).returncode == 0
+    assert file.read_bytes() == b""

@@ -299,6 +299,47 @@ def test_an_mcap_file_in_json(tmp_path):
     assert not of(Malformed, events)
 
 
+BEYOND = {"header": {"stamp": {"sec": 10**19}}}
+
+
+@pytest.mark.parametrize(
+    "damage",
+    [
+        BEYOND,
+        {"header": 5},
+        {"angular_velocity": [1, 2, 3]},
+        {"linear_acceleration": {"x": 10**400, "y": 0, "z": 0}},
+    ],
+)
+def test_a_message_that_cannot_be_is_counted_and_the_next_one_read(tmp_path, capsys, damage):
+    writers = pytest.importorskip("mcap.writer")
+    path = tmp_path / "a.mcap"
+
+    def write(is_damaged):
+        with path.open("wb") as file:
+            writer = writers.Writer(file)
+            writer.start()
+            schema = writer.register_schema("sensor_msgs/Imu", "jsonschema", b"{}")
+            channel = writer.register_channel("/imu", "json", schema)
+            for k in range(40):
+                message = {
+                    "header": {"stamp": {"sec": 1_700_000_000, "nsec": 20_000_000 * k}},
+                    "angular_velocity": {"x": 0.1, "y": 0.0, "z": 0.01 * k},
+                    "linear_acceleration": {"x": 0.0, "y": 0.0, "z": 9.8},
+                }
+                told = {**message, **damage} if is_damaged(k) else message
+                writer.add_message(channel, k, json.dumps(told).encode(), k)
+            writer.finish()
+
+    write(lambda k: k == 7)
+    events = list(open_log(path))
+    assert len(of(Imu, events)) == 39
+    assert len(of(Malformed, events)) == 1
+    write(lambda _: True)
+    assert main(["replay", str(path)]) == 2
+    assert capsys.readouterr().err == f"fuzzbee: {path}: no IMU data that can be used\n"
+
+
 def test_a_damaged_bag_ends_or_is_one_line(bag, tmp_path, capsys):
     """Cut short, and garbage in the middle; there may be some events, and no exception else."""
     file = next(each for each in bag.iterdir() if each.suffix != ".yaml") if bag.is_dir() else bag

@@ -537,6 +537,14 @@ def test_what_is_empty_is_not_there_and_what_is_no_number_is_counted(tmp_path):
     assert sum(event.sample.has_mag for event in imus) == ROWS // 10
 
 
+@pytest.mark.parametrize("begin_s", [9.3e12, 1e15, -1e19])
+def test_times_that_do_not_fit_64_bits_are_none(tmp_path, capsys, begin_s):
+    t, *others = readings()
+    path = written(tmp_path / "a.csv", table([NAMES + FIELD], (begin_s + 1e6 * t, *others)))
+    assert main(["replay", str(path)]) == 2
+    assert capsys.readouterr().err == f"fuzzbee: {path}: no IMU data that can be used\n"
+
+
 @pytest.mark.parametrize("blank", ["?", "--", "#N/A", "NaN", "null"])
 def test_a_field_that_is_not_there_costs_no_sample(tmp_path, blank):
     t, gyr, acc, _ = readings()
