@@ -15,7 +15,7 @@ from typing import Any
 
 @contextmanager
 def _without_yaml() -> Iterator[None]:
-    """Numba then reads no file, and says so by a warning."""
+    """Numba then reads no file, and says so by a warning; nor does it at each compilation."""
     import warnings
 
     before = {name: sys.modules[name] for name in ("yaml",) if name in sys.modules}
@@ -24,6 +24,7 @@ def _without_yaml() -> Iterator[None]:
         with warnings.catch_warnings():
             warnings.filterwarnings("ignore", "A Numba config file is found")
             yield
+        setattr(sys.modules["numba.core.config"], "_config_fname", os.devnull)  # noqa: B010 - untyped
     finally:
         del sys.modules["yaml"]
         sys.modules.update(before)

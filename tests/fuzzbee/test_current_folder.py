@@ -101,3 +101,11 @@ def test_processes_that_share_the_work_run_nothing_of_the_current_folder(tmp_pat
     done = run(tmp_path, "-m", "fuzzbee", "check", str(LOG), str(LOG))
     assert done.returncode == 0, done.stderr
     assert not (tmp_path / "sprung").exists()
+
+
+def test_numba_s_settings_are_not_looked_for_again_at_each_compilation(tmp_path):
+    """Which had told a warning each time, a thousand lines at a first start."""
+    (tmp_path / ".numba_config.yaml").write_text("- 1")
+    compiling = "import estimator, numba; numba.core.config.reload_config(); print('read')"
+    done = run(tmp_path, "-c", compiling)
+    assert (done.stdout, done.stderr) == ("read\n", "")
