@@ -14,10 +14,11 @@ import numpy as np
 from estimator.aiding.correction import apply_corrections, correct_last, part, prediction_at
 from estimator.aiding.inertial import judge_biases, predict_motion
 from estimator.aiding.lean import hear_report, lean_angle, watch_lean
-from estimator.aiding.sources.field import begin_anew, observe_heading, wait_for_field
+from estimator.aiding.sources.field import begin_anew, forget_iron, observe_heading, wait_for_field
 from estimator.aiding.sources.unaided import observe_slow_unaided, observe_unaided
 from estimator.aiding.sources.velocity import take_report, wait_for_reports
 from estimator.aiding.sources.wheels import (
+    is_turned,
     judge_north,
     observe_wheels,
     rolls,
@@ -39,7 +40,7 @@ from estimator.aiding.uncertainty import sigmas
 from estimator.aiding.unseen import watch_turning
 from estimator.compilation.compiled import inlined
 from estimator.compilation.replacing import replacer
-from estimator.conditioning.times import BORNE_S, SPAN_S
+from estimator.conditioning.times import ACCELERATION_LASTS_S, BORNE_S, SPAN_S
 from estimator.conditioning.vertical.rate import slow_share
 from estimator.types import Sample, Vec3
 
@@ -94,8 +95,12 @@ def aid(
         field = observe_heading(params, field, now, others, sample, x)
     if rolls(params):
         wheels = observe_wheels(params, now, wheels, x, dt)
-        if field.doubt_s > BORNE_S:  # velocity tells the heading, so the field is another one
+        has_told = state.wheels.rolled_s < ACCELERATION_LASTS_S <= wheels.rolled_s
+        is_other = north.is_known and has_told and is_turned(now, north)
+        if is_other or field.doubt_s > BORNE_S:
+            # velocity tells the heading, so the field is another one, and iron was learnt in error
             field, wheels = begin_anew(field), with_shown(wheels, False)
+            forget_iron(params, now.covariance, x, now.estimate.hard_iron_gauss)
     now = apply_corrections(now, x)
     surprise = add_correction(surprise, part(x, TURN), before, known(now.covariance))
     unlearnt = judge_biases(now, state.unlearnt)

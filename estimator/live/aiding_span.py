@@ -66,7 +66,10 @@ def begin_aided(state: State, report: Report, *, has_heading: bool) -> None:
 def set_out(state: State, start: "Start", report: Report, *, has_heading: bool) -> None:
     """Velocity helps from here on."""
     now = state.core.core
-    core = begin_aiding(state.settings, now, start, report, iron_sigma_gauss(state, now))
+    aiding, iron_gauss = state.settings.aiding, iron_sigma_gauss(state, now)
+    if rolls(aiding) and state.trusts_compass:  # iron all around is none that turns along
+        iron_gauss = aiding.hard_iron_sigma_gauss
+    core = begin_aiding(state.settings, now, start, report, iron_gauss)
     if state.context.imu_lag_s is not None:
         core = with_imu_lag(core, state.context.imu_lag_s, state.context.acc_lead_s)
     if not has_heading or slow_share(core.sample.dt_s) > 0.0:

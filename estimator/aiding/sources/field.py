@@ -85,8 +85,8 @@ def begin_field(
     ``before`` is what was taken for it until then.
 
     The vehicle's hard iron is in that sample, so the error of the one is that of the other with
-    the opposite sign, d_E = -A d_iron, whatever is known of that by now: A is R, without what
-    points across a known north.
+    the opposite sign, d_E = turn x F - A d_iron, whatever is known of those by now: A is R, without
+    what points across a known north, which a turn does not change.
     """
     h = sqrt(F[0] * F[0] + F[1] * F[1])
     n = sqrt(h * h + F[2] * F[2])
@@ -103,13 +103,17 @@ def begin_field(
         for j in range(3):
             a = c * R[0, j] + s * R[1, j]
             A[0, j], A[1, j] = c * a, s * a
+    turned = np.zeros((3, 3))
+    if not known:
+        turned[0, 1], turned[1, 2], turned[2, 0] = F[2], F[0], F[1]
+        turned[1, 0], turned[2, 1], turned[0, 2] = -F[2], -F[0], -F[1]
     for i in range(3):
         for j in range(SIZE):
             if not EARTH <= j < EARTH + 3:
-                correlate(P, EARTH + i, j, -with_iron(P, A, i, j))
+                P[EARTH + i, j] = P[j, EARTH + i] = shown(P, turned, A, i, j)
     for i in range(3):
         for j in range(3):
-            P[EARTH + i, EARTH + j] = -with_iron(P, A, i, EARTH + j)
+            P[EARTH + i, EARTH + j] = shown(P, turned, A, i, EARTH + j)
     P[EARTH, EARTH] += along * c * c + across * s * s
     P[EARTH, EARTH + 1] += (along - across) * c * s
     P[EARTH + 1, EARTH] += (along - across) * c * s
@@ -168,18 +172,12 @@ def forget_iron(params: AidingParams, P: Array, x: Array, iron: Vec3) -> None:
 
 
 @inlined
-def correlate(P: Array, i: int, j: int, covariance: float) -> None:
-    """Two errors' covariance, in place."""
-    P[i, j] = covariance
-    P[j, i] = covariance
-
-
-@inlined
-def with_iron(P: Array, A: Array, i: int, j: int) -> float:
-    """Covariance of one part of A d_iron and another error."""
-    k = HARD_IRON
-    covariance: float = A[i, 0] * P[k, j] + A[i, 1] * P[k + 1, j] + A[i, 2] * P[k + 2, j]
-    return covariance
+def shown(P: Array, turned: Array, A: Array, i: int, j: int) -> float:
+    """Covariance of one part of (turned turn - A d_iron) and another error."""
+    total = 0.0
+    for k in range(3):
+        total += turned[i, k] * P[TURN + k, j] - A[i, k] * P[HARD_IRON + k, j]
+    return total
 
 
 @inlined

@@ -17,6 +17,7 @@ from estimator.aiding.types import (
     North,
     Wheels,
 )
+from estimator.bounds import TINY
 from estimator.compilation.compiled import inlined
 from estimator.compilation.replacing import replacer
 from estimator.conditioning.robust import FAR, REACH
@@ -83,15 +84,24 @@ def judge_north(wheels: Wheels, now: Prediction, north: North) -> Wheels:
     Iron all around turns a field about the vertical, and leaves its strength and dip as they are.
     It is none where the place's field, as learnt, is known well enough across and points there.
     """
-    P, E = now.covariance, now.estimate.earth_gauss
-    square = E[0] * E[0] + E[1] * E[1]
-    if not north.is_known or square == 0.0:
+    if not north.is_known:
         return wheels
-    c, s = north.direction
-    off = atan2(s * E[0] - c * E[1], c * E[0] + s * E[1])
-    i, j = EARTH, EARTH + 1
-    known = E[1] * E[1] * P[i, i] - 2.0 * E[0] * E[1] * P[i, j] + E[0] * E[0] * P[j, j]
-    known /= square * square
-    least = LEAST_OFF_RAD**2
-    shown = known <= REACH**2 * least and off * off <= REACH**2 * (known + least)
+    shown = field_variance(now) <= REACH**2 * LEAST_OFF_RAD**2 and not is_turned(now, north)
     return with_shown(wheels, shown)
+
+
+@inlined
+def field_variance(now: Prediction) -> float:
+    """Of the direction of the place's horizontal field, as learnt, rad^2."""
+    P, E = now.covariance, now.estimate.earth_gauss
+    i, j, square = EARTH, EARTH + 1, max(E[0] * E[0] + E[1] * E[1], TINY)
+    known: float = E[1] * E[1] * P[i, i] - 2.0 * E[0] * E[1] * P[i, j] + E[0] * E[0] * P[j, j]
+    return known / (square * square)
+
+
+@inlined
+def is_turned(now: Prediction, north: North) -> bool:
+    """Whether that points elsewhere than to magnetic north, as far as both are known."""
+    E, (c, s) = now.estimate.earth_gauss, north.direction
+    off = atan2(s * E[0] - c * E[1], c * E[0] + s * E[1])
+    return off * off > REACH**2 * (field_variance(now) + LEAST_OFF_RAD**2)

@@ -239,8 +239,8 @@ def test_the_places_field_begins_towards_north_where_that_is_known(learnt, is_kn
     assert x[EARTH : EARTH + 3] == pytest.approx(expected)
     across = np.array((-x[EARTH + 1], x[EARTH])) / 0.2
     sigma = np.sqrt(across @ P[EARTH : EARTH + 2, EARTH : EARTH + 2] @ across)
-    # half a degree of declination, or a fifth of the field and the hard iron
-    unsure = np.hypot(0.2 * np.linalg.norm(seen), 0.01)
+    # half a degree of declination, or a fifth of the field, the hard iron and the heading
+    unsure = np.sqrt(0.04 * np.dot(seen, seen) + 0.01**2 * (1.0 + 0.42**2 + 0.2**2))
     assert sigma == pytest.approx(0.2 * 0.009 if is_known else unsure)
     learnt.clear()
     look = FieldLook(horizontal=0.2, down=0.42, confidence=1.0)
@@ -255,21 +255,27 @@ def test_the_places_field_begins_towards_north_where_that_is_known(learnt, is_kn
 
 @pytest.mark.parametrize("is_known", [True, False])
 def test_a_field_begun_anew_hangs_together_with_all_that_is_known_of_the_iron(is_known):
-    """By then that is not alike on all axes, and its error is that of other states, too."""
+    """By then that is not alike on all axes, and its error is that of other states, too.
+
+    Towards an unknown north it points as the heading says: a turn is an error of both.
+    """
     rng = np.random.default_rng(2)
     root = rng.normal(scale=0.1, size=(SIZE, SIZE))
     P, R = root @ root.T, rotation_matrix(normalize(tuple(rng.normal(size=4))))
-    iron = P[HARD_IRON : HARD_IRON + 3].copy()
+    iron, turn = P[HARD_IRON : HARD_IRON + 3].copy(), P[TURN : TURN + 3].copy()
     seen, north = (0.12, 0.16, 0.42), North(is_known, (0.8, 0.6))
     field.begin_field(BLANK.field, R, seen, ZERO_VEC3, north, P, np.zeros(SIZE))
     towards = np.outer((0.8, 0.6, 0.0), (0.8, 0.6, 0.0)) + np.diag((0.0, 0.0, 1.0))
     A = (towards if is_known else np.eye(3)) @ R
     others = [i for i in range(SIZE) if not EARTH <= i < EARTH + 3]
-    assert np.allclose(P[EARTH : EARTH + 3, others], (-A @ iron)[:, others])
+    turned = np.cross(np.eye(3), seen).T * (not is_known)
+    error = turned @ turn - A @ iron
+    assert np.allclose(P[EARTH : EARTH + 3, others], error[:, others])
     assert np.allclose(P, P.T)
     assert np.linalg.eigvalsh(P).min() > -1e-12  # was -0.02 and made sigma no number
     noise = P[EARTH : EARTH + 3, EARTH : EARTH + 3]
-    noise = noise - A @ iron[:, HARD_IRON : HARD_IRON + 3] @ A.T
+    both = error[:, TURN : TURN + 3] @ turned.T - error[:, HARD_IRON : HARD_IRON + 3] @ A.T
+    noise = noise - both
     bent, declination = 0.2 * np.linalg.norm(seen), 0.009 * 0.2
     sigmas = np.sqrt(np.linalg.eigvalsh(noise))
     assert sigmas == pytest.approx((declination if is_known else bent, bent, bent))

@@ -41,7 +41,7 @@ TOLD = {"aiding": {"sideslip_rad": 0.05}}
 BIASES = (np.radians((2.5, -2.0, 2.4)), np.array((0.1, -0.1, 0.05)))
 
 
-def ride(seed, *, seconds=60.0, reverse=False, compass_off_deg=50.0, rest_s=0.0):
+def ride(seed, *, seconds=60.0, reverse=False, compass_off_deg=50.0, strength=1.0, rest_s=0.0):
     """Sample, velocity or None, and true attitude, 50 times a second; it is under way after a rest.
 
     Without a rest it is so at once.
@@ -62,7 +62,7 @@ def ride(seed, *, seconds=60.0, reverse=False, compass_off_deg=50.0, rest_s=0.0)
         force = (sense * push, sense * speed * rate, -STANDARD_GRAVITY_M_S2)
         gyr = np.array((0.0, 0.0, rate)) + BIASES[0] + 0.005 * rng.standard_normal(3)
         acc = np.array(force) + BIASES[1] + 0.2 * rng.standard_normal(3)
-        mag = rotate(turn_field, rotate_inverse(q, tuple(FIELD_NED)))
+        mag = rotate(turn_field, rotate_inverse(q, tuple(strength * FIELD_NED)))
         sample = ImuSample(round(1e6 * k * dt), tuple(gyr), tuple(acc), mag, True)
         velocity = None
         if k % 5 == 0:
@@ -125,6 +125,20 @@ def test_a_compass_that_gave_the_heading_at_rest_is_borne_out_or_misled(off_deg)
     assert (now.context.compass.misled_us is None) == (off_deg == 0.0)
     assert now.core.aided.wheels.show_north == (off_deg == 0.0)
     assert np.sqrt(np.mean(errors[2500:, 1] ** 2)) < 1.0  # measured 0.3
+
+
+@pytest.mark.parametrize("seed", [3, 4])
+def test_iron_all_around_is_not_learnt_as_iron_of_its_own(seed):
+    """Of a field that is turned and weak: wheels turn the heading by 45 deg, and nothing else."""
+    estimator = Estimator(load_profile("imu"))
+    estimator.set_carrier(Carrier.WHEELS)
+    estimator.set_position(47.4, 8.5, 400.0, 1_760_000_000_000_000)
+    rows = ride(seed, compass_off_deg=-45.0, strength=0.7, rest_s=20.0, seconds=60.0)
+    errors, _, begun_s = driven(estimator, rows)
+    estimate = estimator.snapshot.core.aided.estimate
+    assert begun_s < 20.0
+    assert np.linalg.norm(estimate.hard_iron_gauss) < 0.01  # measured 0.003
+    assert np.sqrt(np.mean(errors[2000:, 1] ** 2)) < 2.5  # measured 1.2, 2.1
 
 
 def test_who_says_nothing_has_no_wheels_and_the_profile_goes_first():
