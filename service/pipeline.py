@@ -113,11 +113,11 @@ class Pipeline:
 
     def take(self, readings: Readings) -> list[Output]:
         """Take many readings as :meth:`handle` takes their events; in order for each vehicle."""
-        outputs: list[Output] = []
-        while len(readings):
+        outputs, left = self._take_usual(readings)
+        while left:
+            readings = readings.only(left)
             said, left = self._take_usual(readings)
             outputs += said
-            readings = readings.only(left)
         return outputs
 
     def _take_usual(self, readings: Readings) -> tuple[list[Output], Sequence[int]]:
