@@ -160,14 +160,17 @@ def test_a_fleet_that_appears_gets_its_pages_at_once(tmp_path):
 
 
 def test_arranging_the_pages_leaves_no_thread_behind(tmp_path):
-    """The library's own way left two behind, and 2 MB, each time."""
+    """The library's own way left two behind, and 2 MB, each time: 8 more at the fifth.
+
+    Its own may begin a moment after the first.
+    """
     stream = ViewerStream(ViewerOptions(rrd=str(tmp_path / "many.rrd")), layout.blueprint)
     threads = []
     for number in range(1, 6):
         stream.show(layout.blueprint([str(number)]))
         threads.append(len(list(Path("/proc/self/task").iterdir())))
     stream.close()
-    assert max(threads) == threads[0]
+    assert max(threads) <= threads[0] + 1
 
 
 @pytest.mark.parametrize("live", [False, True])
