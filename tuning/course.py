@@ -10,9 +10,8 @@ from estimator.arrays import Floats
 from estimator.estimator import Estimator
 from estimator.geometry.quaternion import exp, scale
 from estimator.live.core import with_attitude
-from estimator.live.rows import SAID, Rows, cut
-from estimator.smoothing.backward import take, take_row
-from estimator.smoothing.recording import BIAS, SIGMA, Q, blocks
+from estimator.live.rows import BIAS, SAID, SIGMA, Q, Rows, blocks, cut
+from estimator.row_taking import take, take_row
 from estimator.types import Quaternion
 from tuning.told import Call
 

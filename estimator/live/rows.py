@@ -12,7 +12,10 @@ from estimator.types import ZERO_VEC3, Vec3
 # Columns of a row that tells an attitude: q_ned_frd, rate, bias, e, its rate, K, the confidences
 # of gravity and field, the sigmas of inclination and heading, and 1 where a field has told one.
 SAID = 18
+Q, RATE, BIAS, SIGMA = slice(0, 4), slice(4, 7), slice(7, 10), slice(15, 17)
 HAS_HEADING = 17
+# What is done row by row is done with so many at a time: an hour's take too much room at once.
+BLOCK = 100_000
 
 
 class Rows(NamedTuple):
@@ -72,6 +75,11 @@ def require_writable(said: Any, n: int) -> None:
     if not is_plain or said.shape != (n, SAID):
         msg = f"what is said about rows takes a writable C-contiguous float64 array ({n}, {SAID})"
         raise InputError(msg)
+
+
+def blocks(n: int) -> list[slice]:
+    """The rows from 0 to n, ``BLOCK`` at a time."""
+    return [slice(begin, min(begin + BLOCK, n)) for begin in range(0, n, BLOCK)]
 
 
 @inlined

@@ -14,11 +14,12 @@ import numpy as np
 from estimator.arrays import Times
 from estimator.estimator import Estimator
 from estimator.geometry.rotations import exp, multiply
-from estimator.live.rows import NO_ROWS, SAID, Rows, cut, rows_of
+from estimator.live.rows import BLOCK, NO_ROWS, SAID, SIGMA, Q, Rows, blocks, cut, rows_of
 from estimator.profile import merge_profile
+from estimator.row_taking import take
 from estimator.smoothing.field import without_lag
 from estimator.smoothing.path import stands_for_step
-from estimator.smoothing.recording import BIAS, BLOCK, SIGMA, Estimates, Q, Recording, blocks
+from estimator.smoothing.recording import Estimates, Recording
 from estimator.types import RateSample, VelocitySample
 
 # The least age that a profile allows (s): none.
@@ -129,25 +130,3 @@ def mirrored_reports(recording: Recording, ages: Ages) -> list[Any]:
                 )
 
     return sorted(turned(), key=lambda report: report.time_us)
-
-
-def take(inner: Estimator, rows: Rows, said: Any, aided: Any) -> None:
-    """All rows, many at a time where nothing else is to be done."""
-    begin, end = 0, len(said)
-    while begin < end:
-        begin += inner.update_rows(cut(rows, begin, end), said[begin:end])
-        if begin < end:
-            time_us = take_row(inner, rows, begin)
-            if inner.aligned:
-                attitude = inner.attitude(time_us)
-                said[begin, Q], said[begin, BIAS] = attitude.q_ned_frd, attitude.gyro_bias_rad_s
-                said[begin, SIGMA] = attitude.sigma_inclination_rad, attitude.sigma_heading_rad
-                aided[begin] = inner.is_aided
-            begin += 1
-
-
-def take_row(inner: Estimator, rows: Rows, k: int) -> int:
-    """One row, by itself; its time."""
-    time_us, gyr, acc, mag, has_mag = (column[k].tolist() for column in rows)
-    inner.take(time_us, tuple(gyr), tuple(acc), tuple(mag), has_mag)
-    return int(time_us)

@@ -9,6 +9,7 @@ sum (z - x)^2 / r + sum (x' - x)^2 / q. Noises are those of the estimator's own 
 from typing import NamedTuple
 
 import numpy as np
+from scipy.linalg import solveh_banded
 
 from estimator.arrays import Bools, Floats
 from estimator.bounds import TINY
@@ -104,8 +105,6 @@ def solve(z: Floats, r: Floats, q: Floats, reach_rad: float) -> tuple[Floats, Fl
 
 def least_squares(z: Floats, r: Floats, q: Floats) -> Floats:
     """The minimum of sum (z - x)^2 / r + sum (x' - x)^2 / q."""
-    from scipy.linalg import solveh_banded
-
     bands = np.zeros((2, len(z)))
     bands[0, 1:] = -1.0 / q
     bands[1] = 1.0 / r

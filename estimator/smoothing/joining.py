@@ -4,7 +4,8 @@ import numpy as np
 
 from estimator.arrays import Bools
 from estimator.geometry.rotations import conjugate, exp, log, multiply
-from estimator.smoothing.recording import Estimates, blocks
+from estimator.live.rows import blocks
+from estimator.smoothing.recording import Estimates
 
 # Further apart than so many of their sigmas one of both is wrong.
 CONTRADICTION = 3.0

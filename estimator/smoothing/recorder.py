@@ -7,10 +7,10 @@ import numpy as np
 
 from estimator.arrays import Floats
 from estimator.estimator import Estimator
-from estimator.live.rows import Rows
+from estimator.live.rows import BIAS, SIGMA, Q, Rows
 from estimator.profile import Profile
 from estimator.reasons import Reason
-from estimator.smoothing.recording import BIAS, SIGMA, Estimates, Q, Recording
+from estimator.smoothing.recording import Estimates, Recording
 from estimator.types import RateSample, Vec3, VelocitySample
 
 # Of a sample: rate, specific force, field; of the attitude after it: q, bias, sigmas.

@@ -9,21 +9,10 @@ from numpy.typing import NDArray
 from estimator.arrays import Bools, Floats
 from estimator.conditioning.times import MEMORY_S
 from estimator.estimator import Estimator
-from estimator.live.rows import Rows, cut
+from estimator.live.rows import Rows, blocks, cut
 from estimator.types import RateSample, VelocitySample
 
 Places = NDArray[np.int64]
-
-# Where q, rate, bias and both sigmas stand in rows that tell an attitude, see
-# :mod:`estimator.live.rows`.
-Q, RATE, BIAS, SIGMA = slice(0, 4), slice(4, 7), slice(7, 10), slice(15, 17)
-# What is done row by row is done with so many at a time: an hour's take too much room at once.
-BLOCK = 100_000
-
-
-def blocks(n: int) -> list[slice]:
-    """The rows from 0 to n, ``BLOCK`` at a time."""
-    return [slice(begin, min(begin + BLOCK, n)) for begin in range(0, n, BLOCK)]
 
 
 class Estimates(NamedTuple):

@@ -3,6 +3,7 @@
 from typing import NamedTuple
 
 import numpy as np
+from scipy.signal import butter, sosfiltfilt
 
 from estimator.arrays import Bools, Floats
 from estimator.conditioning.vertical.averaging import WINDOW_S
@@ -61,8 +62,6 @@ def low_passed(values: Floats, tau_s: float) -> Floats:
 
     Its cutoff is that of the estimator's own low-pass of the same time constant.
     """
-    from scipy.signal import butter, sosfiltfilt  # half a second and 60 MB
-
     cutoff_hz = np.sqrt(2.0) / (2.0 * np.pi * tau_s)
     share = 2.0 * cutoff_hz * WINDOW_S
     if share >= 1.0 or len(values) < 2:
