@@ -70,6 +70,7 @@ FORMS: tuple[Form, ...] = (
 _NAMES: dict[str, Form] = {name: form for form in FORMS for name in form.names}
 _LISTENING = ("udpin", "tcpin")
 _DEVICE = re.compile(r"(?P<path>.+?)[:,](?P<baud>[0-9]{1,9})$")
+TABLES = (".csv", ".tsv", ".txt")  # what logs that are tables are called
 _WINDOWS_PORT = re.compile(r"COM\d+$", re.IGNORECASE)
 
 
@@ -78,6 +79,11 @@ def endpoint_help(kinds: tuple[Kind, ...] | None = None) -> str:
     rows = [form for form in FORMS if kinds is None or form.kind in kinds]
     width = max(len(form.example) for form in rows)
     return "\n".join(f"{form.example:<{width}}  {form.meaning}" for form in rows)
+
+
+def columns_beside(table: Path) -> Path:
+    """Where a person may say what a table's columns are."""
+    return table.with_suffix(".toml")
 
 
 def is_bag_folder(path: Path) -> bool:

@@ -6,6 +6,7 @@ from collections.abc import Iterable
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
+from drivers.endpoint import TABLES, columns_beside
 from estimator.errors import InputError
 from fuzzbee.options import require_extra
 from fuzzbee.say import say
@@ -20,7 +21,6 @@ if TYPE_CHECKING:
     from service.sinks.sink import Sink
 
 WINDOW, WEB = "window", "web"
-TABLES = (".csv", ".tsv", ".txt")
 
 _VIEW = "Show it in Rerun: a window, or a page for a browser (extra: viewer)."
 _RRD = "Save what the viewer shows, for rerun FILE (extra: viewer)."
@@ -116,7 +116,7 @@ def require_own_files(
         InputError: it would be overwritten.
     """
     taken = [Path(each) for each in inputs if each is not None]
-    taken += [each.with_suffix(".toml") for each in taken if each.suffix.lower() in TABLES]
+    taken += [columns_beside(each) for each in taken if each.suffix.lower() in TABLES]
     folders = [each for each in taken if os.path.isdir(each)]  # noqa: PTH112 - which never raises
     for option_name, file in outputs:
         if file is None:

@@ -22,6 +22,7 @@ from typing import Annotated, NamedTuple
 
 import msgspec
 
+from drivers.endpoint import columns_beside
 from drivers.logs.csv_text import CsvText, is_date, is_number
 from estimator.errors import InputError
 from estimator.text_file import file_text
@@ -123,7 +124,7 @@ def description(path: Path, given: Path | None) -> Description:
     Raises:
         InputError: it cannot be read, or says what cannot be.
     """
-    beside = path.with_suffix(".toml")
+    beside = columns_beside(path)
     if given is None and not beside.is_file():
         return Description()
     file = given or beside

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from contextlib import closing
 from pathlib import Path
 
-from drivers.endpoint import is_bag_folder
+from drivers.endpoint import TABLES, is_bag_folder
 from drivers.events import BuiltIn, Event, Imu
 from drivers.logs.bag import SUFFIXES as BAG_SUFFIXES
 from drivers.logs.bag import Bag
@@ -22,7 +22,6 @@ ULOG_MAGIC = b"ULog\x01\x12\x35"
 DATAFLASH_FORMAT = re.compile(rb"\xa3\x95\x80")  # head of a FMT message, which comes first
 DATAFLASH_TEXT = re.compile(rb"^FMT, ?\d+, ?\d+, ?", re.MULTILINE)
 COMPRESSED = (b"\x1f\x8b", b"PK\x03\x04", b"7z\xbc\xaf", b"\xfd7zXZ", b"BZh", b"\x28\xb5\x2f\xfd")
-TABLES = (".csv", ".tsv", ".txt")
 BAG_MAGIC = (b"\x89MCAP0\r\n", b"SQLite format 3\0", b"#ROSBAG V")
 UTF_16 = (codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)
 HEAD_SIZE = 65_536
