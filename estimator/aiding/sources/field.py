@@ -228,6 +228,8 @@ def observe_heading(
     off = -F_across / H
     angle = atan2(F_across, F_along)
     expected = expected_variance(P, across, 0.0)
+    slow = field.residual.slow_rad
+    noise += 2.0 * BORNE_S / wait * max(0.0, slow * slow - expected)
     noise *= residual_factor(angle, expected)
     is_near = F_along >= 0.5 * abs(F_across)
     # what is linear in the angle does not hold
