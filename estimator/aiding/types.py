@@ -124,7 +124,7 @@ class FieldResidual(NamedTuple):
     """How far the field's heading is off the estimate, apart from noise."""
 
     slow_rad: float  # low-passed
-    square: float  # mean square of the low-passed, rad^2
+    unexplained: float  # square of that beyond the covariance's and the noise's, rad^2
 
 
 class FieldState(NamedTuple):

@@ -26,7 +26,7 @@ from estimator.conditioning.field.magnetic import (
     norm_of,
 )
 from estimator.conditioning.robust import REACH, robust_factor
-from estimator.conditioning.times import LONGEST_STEP_S, SPAN_S
+from estimator.conditioning.times import SPAN_S
 from estimator.geometry.quaternion import norm
 from estimator.geometry.spread import PLANE_68
 from estimator.types import STANDARD_GRAVITY_M_S2, Vec3
@@ -48,7 +48,7 @@ def sigmas(
     iron = params.hard_iron_sigma_gauss / max(hypot(E[0], E[1]), NORM_SCALE * abs(E[2]), TINY)
     return Sigmas(
         inclination_rad=inclination_sigma(params, P, agreement, unlearnt, late),
-        heading_rad=heading_sigma(params, P, agreement, field, iron, late, last.dt_s),
+        heading_rad=heading_sigma(params, P, agreement, field, iron, late),
     )
 
 
@@ -79,9 +79,8 @@ def heading_sigma(
     field: FieldState,
     iron_rad: float,
     late_rad: float,
-    dt: float,
 ) -> float:
-    """From the covariance, too, with the field's slow disagreement: that points to a wrong field.
+    """From the covariance, too, with what it does not explain of the field's slow disagreement.
 
     ``iron_rad`` is how far hard iron may turn the field. A heading that is no more certain than
     that comes from the field, and how well the reports agree says nothing about it.
@@ -89,14 +88,11 @@ def heading_sigma(
     scale = scatter_scale(params, agreement, params.least_scale)
     if field.samples == 0.0:
         scale *= params.colour  # by velocity alone
-    disagreement = field.residual.square
-    if dt > LONGEST_STEP_S:
-        disagreement *= (LONGEST_STEP_S / dt) ** 2
     heading = P[TURN + 2, TURN + 2]
     by_field = min(1.0, heading / max(iron_rad * iron_rad, 1e-12))
     square = scale * scale
     square += (1.0 - min(1.0, square)) * by_field
-    variance = square * heading + disagreement
+    variance = square * heading + field.residual.unexplained
     return sqrt(variance + late_rad * late_rad)
 
 

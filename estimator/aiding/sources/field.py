@@ -123,7 +123,7 @@ def begin_field(
     x[EARTH + 1] = h * s - before[1]
     x[EARTH + 2] = F[2] - before[2]
     state = with_evidence(with_look(state, FieldLook(h, F[2], confidence=1.0), 1.0, 0.0), 0.0)
-    return with_residual(state, FieldResidual(slow_rad=0.0, square=0.0), state.doubt_s)
+    return with_residual(state, FieldResidual(slow_rad=0.0, unexplained=0.0), state.doubt_s)
 
 
 @inlined
@@ -228,8 +228,7 @@ def observe_heading(
     off = -F_across / H
     angle = atan2(F_across, F_along)
     expected = expected_variance(P, across, 0.0)
-    slow = field.residual.slow_rad
-    noise += 2.0 * BORNE_S / wait * max(0.0, slow * slow - expected)
+    noise += 2.0 * BORNE_S / wait * field.residual.unexplained
     noise *= residual_factor(angle, expected)
     is_near = F_along >= 0.5 * abs(F_across)
     # what is linear in the angle does not hold
@@ -241,7 +240,7 @@ def observe_heading(
     if north.is_known:
         learn_declination(P, x, E, north.direction, wait)
     far = abs(angle) > UNKNOWN_RAD + 2.0 * sqrt(expected)
-    return update_residual(field, off, far, wait)
+    return update_residual(params, field, off, expected, far, wait)
 
 
 @inlined
@@ -321,18 +320,20 @@ def learn_declination(P: Array, x: Array, E: Vec3, north: Two, wait: float) -> N
 
 
 @inlined
-def update_residual(field: FieldState, off: float, far: bool, wait: float) -> FieldState:
+def update_residual(
+    params: AidingParams, field: FieldState, off: float, expected: float, far: bool, wait: float
+) -> FieldState:
     """Follow the slow part of the residual: noise averages out, a wrong field does not.
 
-    It is low-passed with ``BORNE_S``, its square averaged over ``LONG_S``.
+    It is low-passed with ``BORNE_S``; what noise is left then, and the variance that is
+    ``expected``, explain some of its square.
     """
     clipped = max(-MOST_BENT, min(MOST_BENT, off))
     slow = field.residual.slow_rad
     slow += wait / (wait + BORNE_S) * (clipped - slow)
-    share = max(wait / (wait + LONG_S), 1.0 / field.samples)
-    square = field.residual.square
-    square += share * (slow * slow - square)
+    explained = expected + params.heading_noise**2 / (2.0 * BORNE_S)
+    residual = FieldResidual(slow_rad=slow, unexplained=max(0.0, slow * slow - explained))
     doubt_s = max(0.0, field.doubt_s - wait)
     if far:  # one that does not look as usual says nothing about the attitude
         doubt_s = field.doubt_s + wait * field.look.confidence
-    return with_residual(field, FieldResidual(slow_rad=slow, square=square), doubt_s)
+    return with_residual(field, residual, doubt_s)
