@@ -25,7 +25,6 @@ from estimator.aiding.types import (
     AidingParams,
     AidingState,
     Array,
-    FieldResidual,
     FieldState,
     LastStep,
     Lean,
@@ -109,7 +108,7 @@ def begin(
         ),
         field=FieldState(
             look=FieldLook(horizontal=0.0, down=0.0, confidence=1.0),
-            residual=FieldResidual(slow_rad=0.0, unexplained=0.0),
+            off_rad=0.0,
             samples=0.0,
             wait_s=0.0,
             doubt_s=0.0,

@@ -120,18 +120,11 @@ NO_REPORT = Report(
 )
 
 
-class FieldResidual(NamedTuple):
-    """How far the field's heading is off the estimate, apart from noise."""
-
-    slow_rad: float  # low-passed
-    unexplained: float  # square of that beyond the covariance's and the noise's, rad^2
-
-
 class FieldState(NamedTuple):
     """What is known about the field of the place, and how well measurements agree with it."""
 
     look: FieldLook  # in NED, gauss
-    residual: FieldResidual  # of the heading
+    off_rad: float  # low-passed angle by which its heading is off the estimate
     samples: float  # of the field so far
     wait_s: float  # since the last sample of the field
     doubt_s: float  # how long the heading has been far off

@@ -80,7 +80,7 @@ def heading_sigma(
     iron_rad: float,
     late_rad: float,
 ) -> float:
-    """From the covariance, too, with what it does not explain of the field's slow disagreement.
+    """From the covariance, too, with the field's slow disagreement: either may be wrong.
 
     ``iron_rad`` is how far hard iron may turn the field. A heading that is no more certain than
     that comes from the field, and how well the reports agree says nothing about it.
@@ -92,7 +92,7 @@ def heading_sigma(
     by_field = min(1.0, heading / max(iron_rad * iron_rad, 1e-12))
     square = scale * scale
     square += (1.0 - min(1.0, square)) * by_field
-    variance = square * heading + field.residual.unexplained
+    variance = square * heading + field.off_rad**2
     return sqrt(variance + late_rad * late_rad)
 
 

@@ -15,7 +15,6 @@ from estimator.aiding.types import (
     TURN,
     AidingParams,
     Array,
-    FieldResidual,
     FieldState,
     North,
     Surroundings,
@@ -43,7 +42,7 @@ MOST_BENT = 0.2
 with_wait = replacer(FieldState, "wait_s")
 with_look = replacer(FieldState, "look", "samples", "wait_s")
 with_evidence = replacer(FieldState, "evidence")
-with_residual = replacer(FieldState, "residual", "doubt_s")
+with_off = replacer(FieldState, "off_rad", "doubt_s")
 
 
 @inlined
@@ -55,7 +54,7 @@ def wait_for_field(state: FieldState, dt: float) -> FieldState:
 @inlined
 def begin_anew(state: FieldState) -> FieldState:
     """The place's field is what the next sample shows; what was learnt of it is void."""
-    return with_residual(with_look(state, state.look, 0.0, state.wait_s), state.residual, 0.0)
+    return with_off(with_look(state, state.look, 0.0, state.wait_s), state.off_rad, 0.0)
 
 
 @inlined
@@ -123,7 +122,7 @@ def begin_field(
     x[EARTH + 1] = h * s - before[1]
     x[EARTH + 2] = F[2] - before[2]
     state = with_evidence(with_look(state, FieldLook(h, F[2], confidence=1.0), 1.0, 0.0), 0.0)
-    return with_residual(state, FieldResidual(slow_rad=0.0, unexplained=0.0), state.doubt_s)
+    return with_off(state, 0.0, state.doubt_s)
 
 
 @inlined
@@ -228,7 +227,7 @@ def observe_heading(
     off = -F_across / H
     angle = atan2(F_across, F_along)
     expected = expected_variance(P, across, 0.0)
-    noise += 2.0 * BORNE_S / wait * field.residual.unexplained
+    noise += lasting_noise(params, field.off_rad, expected) / wait
     noise *= residual_factor(angle, expected)
     is_near = F_along >= 0.5 * abs(F_across)
     # what is linear in the angle does not hold
@@ -240,7 +239,7 @@ def observe_heading(
     if north.is_known:
         learn_declination(P, x, E, north.direction, wait)
     far = abs(angle) > UNKNOWN_RAD + 2.0 * sqrt(expected)
-    return update_residual(params, field, off, expected, far, wait)
+    return update_off(field, off, far, wait)
 
 
 @inlined
@@ -320,20 +319,22 @@ def learn_declination(P: Array, x: Array, E: Vec3, north: Two, wait: float) -> N
 
 
 @inlined
-def update_residual(
-    params: AidingParams, field: FieldState, off: float, expected: float, far: bool, wait: float
-) -> FieldState:
-    """Follow the slow part of the residual: noise averages out, a wrong field does not.
+def lasting_noise(params: AidingParams, off_rad: float, expected: float) -> float:
+    """Density (rad^2 s) of what neither the covariance nor the noise explains of a lasting angle.
 
-    It is low-passed with ``BORNE_S``; what noise is left then, and the variance that is
-    ``expected``, explain some of its square.
+    An error of variance s^2 that lasts for T is as noise of the density 2 T s^2 to who averages
+    for longer. Of white noise of the density n the low-pass of ``off_rad`` leaves n / (2 T).
     """
+    left = off_rad * off_rad - expected - params.heading_noise**2 / (2.0 * BORNE_S)
+    return 2.0 * BORNE_S * max(0.0, left)
+
+
+@inlined
+def update_off(field: FieldState, off: float, far: bool, wait: float) -> FieldState:
+    """Low-pass ``off`` (rad) with ``BORNE_S``: noise averages out, a wrong field does not."""
     clipped = max(-MOST_BENT, min(MOST_BENT, off))
-    slow = field.residual.slow_rad
-    slow += wait / (wait + BORNE_S) * (clipped - slow)
-    explained = expected + params.heading_noise**2 / (2.0 * BORNE_S)
-    residual = FieldResidual(slow_rad=slow, unexplained=max(0.0, slow * slow - explained))
+    off_rad = field.off_rad + wait / (wait + BORNE_S) * (clipped - field.off_rad)
     doubt_s = max(0.0, field.doubt_s - wait)
     if far:  # one that does not look as usual says nothing about the attitude
         doubt_s = field.doubt_s + wait * field.look.confidence
-    return with_residual(field, residual, doubt_s)
+    return with_off(field, off_rad, doubt_s)
