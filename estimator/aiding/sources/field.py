@@ -227,7 +227,10 @@ def observe_heading(
     off = -F_across / H
     angle = atan2(F_across, F_along)
     expected = expected_variance(P, across, 0.0)
-    noise += lasting_noise(params, field.off_rad, expected) / wait
+    # either may be wrong: the field, as noise that lasts, or the heading, if it looks as usual
+    left = unexplained(params, field.off_rad, expected)
+    noise += 2.0 * BORNE_S * left / wait
+    P[TURN + 2, TURN + 2] += field.look.confidence * left * wait / BORNE_S
     noise *= residual_factor(angle, expected)
     is_near = F_along >= 0.5 * abs(F_across)
     # what is linear in the angle does not hold
@@ -319,14 +322,14 @@ def learn_declination(P: Array, x: Array, E: Vec3, north: Two, wait: float) -> N
 
 
 @inlined
-def lasting_noise(params: AidingParams, off_rad: float, expected: float) -> float:
-    """Density (rad^2 s) of what neither the covariance nor the noise explains of a lasting angle.
+def unexplained(params: AidingParams, off_rad: float, expected: float) -> float:
+    """Variance (rad^2) of a lasting angle that neither the covariance nor the noise explains.
 
-    An error of variance s^2 that lasts for T is as noise of the density 2 T s^2 to who averages
-    for longer. Of white noise of the density n the low-pass of ``off_rad`` leaves n / (2 T).
+    Of white noise of the density n the low-pass of ``off_rad`` leaves n / (2 T). An error of
+    variance s^2 that lasts for T is as noise of the density 2 T s^2 to who averages for longer.
     """
     left = off_rad * off_rad - expected - params.heading_noise**2 / (2.0 * BORNE_S)
-    return 2.0 * BORNE_S * max(0.0, left)
+    return max(0.0, left)
 
 
 @inlined

@@ -296,8 +296,10 @@ def test_field(seed, is_known, unfelt_rad, off_rad):
     h[three(TURN)] = [-c * F[2] / H, -s * F[2] / H, 1.0]
     noise = p.heading_noise**2 / (dt * after.look.confidence)
     heading = h @ P @ h
-    # a lasting error is noise as far as nothing explains it: a first order process of 4 s
-    noise += 8.0 * max(0.0, off_rad**2 - heading - p.heading_noise**2 / 8.0) / dt
+    # what nothing explains is noise, a first order process of 4 s, and as much the heading's
+    unexplained = max(0.0, off_rad**2 - heading - p.heading_noise**2 / 8.0)
+    noise += 8.0 * unexplained / dt
+    P[TURN + 2, TURN + 2] += after.look.confidence * unexplained * dt / 4.0
     noise *= (1.0 + angle**2 / (HEADING_REACH_RAD**2 + 9.0 * heading)) ** 2
     is_near = along @ F >= 0.5 * abs(across @ F)
     dense, off = Dense(P.copy(), x0.copy()), -(across @ F) / H
