@@ -35,8 +35,9 @@ PATIENCE_S = 0.02
 # left out shortly before, it is no stall but too much.
 STALL_S = 0.15
 ALONE_S = 2.0
-# A newcomer's frames all wait: nobody has an attitude of it yet that could grow old.
-MOST_OF_NEWCOMER = 512
+# A newcomer's frames all wait, but for so long only: else its first attitudes are old, and to go
+# through all that it has said takes the time in which others would begin.
+LONGEST_NEW_S = 0.5
 # Whoever has not looked for so long was stopped: what has piled up is not gone through one by one.
 STOPPED_S = 0.25
 # So many frames are decoded at one go, before whoever takes them can do something else: 1 ms or so.
@@ -44,8 +45,9 @@ MOST_AT_ONCE = 64
 # A sender's first IMU sample costs as much as a hundred later ones (an estimator begins): so many
 # senders begin at one go, so that they do not make everybody else wait.
 MOST_NEWCOMERS = 1
-# But for as many as begin in the time since the last one did: where all else takes long, too.
-NEWCOMER_S = 0.002
+# But for as many as begin in the time since the last one did: where all else takes long, too. To
+# look for more takes 1 ms, too, however little has come.
+NEWCOMER_S = 0.001
 # What cannot be left out is bounded, too: the oldest goes, and is counted.
 MOST_WAITING = 50_000
 
@@ -132,6 +134,11 @@ class Backlog:
     def has_turns(self) -> bool:
         """Whether there is more than newcomers."""
         return bool(self._turns)
+
+    @property
+    def has_newcomers(self) -> bool:
+        """Whether some wait to begin."""
+        return bool(self._newcomers)
 
     def add(self, arrived: Iterable[Arrived], now_s: float) -> None:
         """Put frames at the end, or in the place of older ones of their streams."""
@@ -230,7 +237,7 @@ class Backlog:
                 return False
             turns = self._newcomers[address] = []
         turns.append(_Turn(arrived, now_s))
-        if len(turns) >= MOST_OF_NEWCOMER:
+        if now_s - turns[0].since_s > LONGEST_NEW_S:
             self._newcomers[address] = self._newest(turns)
         return True
 

@@ -3,8 +3,8 @@
 from drivers.events import Shed, VehicleId
 from drivers.mavlink.backlog import (
     ALONE_S,
+    LONGEST_NEW_S,
     MOST_AT_ONCE,
-    MOST_OF_NEWCOMER,
     PATIENCE_S,
     STALL_S,
     STOPPED_S,
@@ -150,7 +150,7 @@ def test_all_that_a_newcomer_says_waits_for_its_turn():
     backlog, own = Backlog(), [arrived(2, k, (RAW_IMU_ID, ATTITUDE_ID)[k % 2]) for k in range(60)]
     backlog.add([arrived(1, 1)], 1.0)
     backlog.add(own[:30], 1.0)
-    backlog.add(own[30:], 10.0)
+    backlog.add(own[30:], 1.0 + 0.9 * LONGEST_NEW_S)
     assert taken(backlog) == [(1, 1)]
     assert backlog.take() == own
     assert backlog.take_shed(9) == []
@@ -174,10 +174,16 @@ def test_what_cannot_be_left_out_is_bounded():
     assert backlog.dropped == 15
 
 
-def test_of_a_newcomer_who_says_more_than_at_1_khz_the_newest_waits():
-    backlog, own = Backlog(), [arrived(1, k) for k in range(MOST_OF_NEWCOMER + 5)]
-    backlog.add(own[: MOST_OF_NEWCOMER - 1], 1.0)
-    assert len(backlog) == MOST_OF_NEWCOMER - 1
-    backlog.add(own[MOST_OF_NEWCOMER - 1 :], 1.0)
-    assert backlog.take() == own[MOST_OF_NEWCOMER - 1 :]
-    assert backlog.shed == MOST_OF_NEWCOMER - 1
+def test_of_a_newcomer_whose_turn_does_not_come_the_newest_waits():
+    """A first attitude is of a new sample, however many begin before."""
+    backlog = Backlog()
+    backlog.add([arrived(1, 1)], 1.0)
+    once = arrived(2, 0, PARAM_VALUE_ID)
+    samples = [arrived(2, k) for k in range(1, 6)]
+    backlog.add([samples[0], once, *samples[1:3]], 1.0)
+    backlog.add(samples[3:4], 1.0 + 0.9 * LONGEST_NEW_S)
+    assert len(backlog) == 1 + 5
+    backlog.add(samples[4:], 1.0 + 1.1 * LONGEST_NEW_S)
+    assert taken(backlog) == [(1, 1)]
+    assert backlog.take() == [once, samples[-1]]
+    assert backlog.take_shed(9) == [Shed(VehicleId(2, 1), 9, "RAW_IMU", 4)]
