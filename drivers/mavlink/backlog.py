@@ -40,6 +40,8 @@ ALONE_S = 2.0
 LONGEST_NEW_S = 0.5
 # Whoever has not looked for so long was stopped: what has piled up is not gone through one by one.
 STOPPED_S = 0.25
+# What was left out is told this often: to hear of it costs as much as to take a sample.
+TOLD_EVERY_US = 250_000
 # So many frames are decoded at one go, before whoever takes them can do something else: 1 ms or so.
 MOST_AT_ONCE = 64
 # A sender's first IMU sample costs as much as a hundred later ones (an estimator begins): so many
@@ -121,6 +123,7 @@ class Backlog:
         # by address, as system << 8 | component: whether an IMU sample was taken
         self.has_come = np.zeros(ADDRESSES, np.bool_)
         self._uncounted: Counter[tuple[VehicleId, str]] = Counter()
+        self._told_us = -TOLD_EVERY_US
         self._looked_s: float | None = None
         self._patience = Patience()
 
@@ -215,9 +218,10 @@ class Backlog:
                 self._turns.append(turn)
 
     def take_shed(self, arrival_us: int) -> list[Shed]:
-        """What has been left out since the last call: IMU samples, which estimates are made of."""
-        if not self._uncounted:
+        """What has been left out, if it is time to tell: IMU samples, which estimates are made of."""
+        if not self._uncounted or 0 <= arrival_us - self._told_us < TOLD_EVERY_US:
             return []
+        self._told_us = arrival_us
         shed = [
             Shed(vehicle, arrival_us, message, samples)
             for (vehicle, message), samples in self._uncounted.items()
