@@ -45,11 +45,8 @@ TOLD_EVERY_US = 250_000
 # So many frames are decoded at one go, before whoever takes them can do something else: 1 ms or so.
 MOST_AT_ONCE = 64
 # A sender's first IMU sample costs as much as a hundred later ones (an estimator begins): so many
-# senders begin at one go, so that they do not make everybody else wait.
-MOST_NEWCOMERS = 1
-# But for as many as begin in the time since the last one did: where all else takes long, too. To
-# look for more takes 1 ms, too, however little has come.
-NEWCOMER_S = 0.001
+# senders begin at one go, which takes a period of a common stream.
+MOST_NEWCOMERS = 25
 # What cannot be left out is bounded, too: the oldest goes, and is counted.
 MOST_WAITING = 50_000
 
@@ -181,13 +178,12 @@ class Backlog:
         self._uncounted[vehicle, stream] += samples
         self.shed += samples
 
-    def take(self, since_s: float = 0.0) -> list[Arrived]:
-        """The next frames, ``since_s`` after the last ones: newcomers get half of the time."""
-        newcomers = max(MOST_NEWCOMERS, int(since_s / NEWCOMER_S))
+    def take(self) -> list[Arrived]:
+        """The next frames, and all that some newcomers have said."""
         taken = [self._remove_first() for _ in range(min(MOST_AT_ONCE, len(self._turns)))]
         if not self._turns:
             self._streams = None  # all is done: what comes now can be handled, too
-        for address in list(islice(self._newcomers, newcomers)):
+        for address in list(islice(self._newcomers, MOST_NEWCOMERS)):
             taken += [turn.arrived for turn in self._newcomers.pop(address)]
             self.has_come[address] = True
         return taken
@@ -218,7 +214,7 @@ class Backlog:
                 self._turns.append(turn)
 
     def take_shed(self, arrival_us: int) -> list[Shed]:
-        """What has been left out, if it is time to tell: IMU samples, which estimates are made of."""
+        """IMU samples that have been left out, which estimates are made of, if it is time to tell."""
         if not self._uncounted or 0 <= arrival_us - self._told_us < TOLD_EVERY_US:
             return []
         self._told_us = arrival_us
@@ -242,10 +238,10 @@ class Backlog:
             turns = self._newcomers[address] = []
         turns.append(_Turn(arrived, now_s))
         if now_s - turns[0].since_s > LONGEST_NEW_S:
-            self._newcomers[address] = self._newest(turns)
+            self._newcomers[address] = self._newest(turns, now_s)
         return True
 
-    def _newest(self, turns: list[_Turn]) -> list[_Turn]:
+    def _newest(self, turns: list[_Turn], now_s: float) -> list[_Turn]:
         """Of a newcomer's streams the newest frames, of all else everything."""
         newest: dict[tuple[int, ...], _Turn] = {}
         for number, turn in enumerate(turns):
@@ -255,6 +251,7 @@ class Backlog:
             if before is not None:
                 self._count(before.arrived.frame)
             newest[key] = turn
+            turn.since_s = now_s
         return list(newest.values())
 
     def _put(self, arrived: Arrived, now_s: float, streams: dict[tuple[int, ...], _Turn]) -> None:

@@ -149,7 +149,6 @@ class MavlinkLink(Closing):
         self._has_just_read = False
         self._read_s = 0.0  # when something was read last
         self._look_s = 0.0  # when all that was there had been read
-        self._taken_s = time.monotonic()  # when something was taken out of the backlog last
         self._retry_s = FIRST_RETRY_S
         self._retry_due_s = 0.0
         self._announce_due_s = 0.0
@@ -225,8 +224,7 @@ class MavlinkLink(Closing):
         self._events.clear()
         found += self._read_passing()
         if self._passing is None:
-            since_s, self._taken_s = time.monotonic() - self._taken_s, time.monotonic()
-            found += self._decoder.readings_of(self._backlog.take(min(since_s, PATIENCE_S)))
+            found += self._decoder.readings_of(self._backlog.take())
         found += self._backlog.take_shed(now_us)
         if self._request is not None:
             found[:] = events = events_of(found)
