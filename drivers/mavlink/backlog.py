@@ -214,7 +214,7 @@ class Backlog:
                 self._turns.append(turn)
 
     def take_shed(self, arrival_us: int) -> list[Shed]:
-        """IMU samples that have been left out, which estimates are made of, if it is time to tell."""
+        """IMU samples that have been left out, which count, if it is time to tell."""
         if not self._uncounted or 0 <= arrival_us - self._told_us < TOLD_EVERY_US:
             return []
         self._told_us = arrival_us
