@@ -5,9 +5,9 @@ not. Sensors that are late would be early, so their readings are first brought t
 by the ages that the way forward has taught. Its bias is taken off, too.
 """
 
-from collections.abc import Iterator
+from heapq import merge
+from itertools import chain
 from operator import itemgetter
-from typing import Any
 
 import numpy as np
 
@@ -20,10 +20,11 @@ from estimator.row_taking import take
 from estimator.smoothing.field import without_lag
 from estimator.smoothing.path import stands_for_step
 from estimator.smoothing.recording import Estimates, Recording
-from estimator.types import RateSample, VelocitySample
+from estimator.types import VelocitySample
 
 # The least age that a profile allows (s): none.
 NO_AGE_S = 1e-4
+FIRST_US = 1_000_000
 
 
 def backward(recording: Recording) -> Estimates:
@@ -33,13 +34,13 @@ def backward(recording: Recording) -> Estimates:
     inner = turned_round(recording.last)
     times_us = mirrored_times(recording.rows.times_us)
     q, sigma, aided = np.full((n, 4), np.nan), np.full((n, 2), np.nan), np.zeros(n, np.bool_)
-    told: list[tuple[int, Any]] = [(n - row, None) for row in recording.changes]
-    told.extend(
-        (int(np.searchsorted(times_us, report.time_us)), report)
-        for report in mirrored_reports(recording, ages)
-    )
+    mirrored_us = int(recording.rows.times_us[-1]) + FIRST_US
+    reports = recording.reports.turned_round(mirrored_us, ages.of, NO_AGE_S)
+    changes = [(n - row, None) for row in reversed(recording.changes)]
+    heard = ((int(times_us.searchsorted(report.time_us)), report) for report in reports)
+    told = merge(changes, heard, key=itemgetter(0))
     begin, known, mirrored = 0, 0, NO_ROWS
-    for until, report in (*sorted(told, key=itemgetter(0)), (n, None)):
+    for until, report in chain(told, [(n, None)]):
         while begin < until:
             if begin == known:
                 known = min(begin + BLOCK, n)
@@ -72,10 +73,8 @@ class Ages:
         self.receiver_s = estimate.receiver_lag_s if is_aided else 0.0
         self.field_s = last.snapshot.core.conditioning.field.calibration.learnt.lag_s
 
-    def of(self, report: VelocitySample | RateSample) -> float:
+    def of(self, report: VelocitySample) -> float:
         """How far behind the IMU's samples a report's time is its own."""
-        if isinstance(report, RateSample):
-            return 0.0
         is_receiver = report.late_sigma_s > 0.0
         own_s = self.receiver_s or report.late_sigma_s if is_receiver else self.filter_s
         return float(own_s - self.imu_s)
@@ -92,8 +91,8 @@ def turned_round(last: Estimator) -> Estimator:
 
 
 def mirrored_times(times_us: Times) -> Times:
-    """The times (N,) in time turned round, which begins at 1 s."""
-    return np.asarray((times_us[-1] - times_us + 1_000_000)[::-1])
+    """The times (N,) in time turned round, which begins at ``FIRST_US``."""
+    return np.asarray((times_us[-1] - times_us + FIRST_US)[::-1])
 
 
 def mirror(recording: Recording, times_us: Times, begin: int, end: int, field_lag_s: float) -> Rows:
@@ -108,25 +107,3 @@ def mirror(recording: Recording, times_us: Times, begin: int, end: int, field_la
     rate = rows.gyr_rad_s[behind] - recording.bias_rad_s[recording.last_rows(behind)]
     field = without_lag(rows.mag_gauss[behind], rate, field_lag_s)
     return rows_of(times_us[begin:end], -rate, rows.acc_m_s2[behind], field, rows.has_mag[behind])
-
-
-def mirrored_reports(recording: Recording, ages: Ages) -> list[Any]:
-    """The reports in time turned round, in that order."""
-    end_us = int(recording.rows.times_us[-1])
-
-    def turned() -> Iterator[Any]:
-        for report in recording.reports:
-            time_us = end_us - (report.time_us - round(1e6 * ages.of(report))) + 1_000_000
-            if isinstance(report, RateSample):
-                x, y, z = report.rate_rad_s
-                yield RateSample(time_us, (-x, -y, -z))
-            else:
-                x, y, z = report.velocity_ned_m_s
-                late_sigma_s = min(report.late_sigma_s, NO_AGE_S)
-                yield report._replace(
-                    time_us=time_us,
-                    velocity_ned_m_s=(-x, -y, -z),
-                    late_sigma_s=late_sigma_s,
-                )
-
-    return sorted(turned(), key=lambda report: report.time_us)

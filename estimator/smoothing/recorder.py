@@ -11,6 +11,7 @@ from estimator.live.rows import BIAS, SIGMA, Q, Rows
 from estimator.profile import Profile
 from estimator.reasons import Reason
 from estimator.smoothing.recording import Estimates, Recording
+from estimator.smoothing.reports import Reports
 from estimator.types import RateSample, Vec3, VelocitySample
 
 # Of a sample: rate, specific force, field; of the attitude after it: q, bias, sigmas.
@@ -80,7 +81,7 @@ class Recorder(Estimator):
         """See :class:`Estimator`."""
         reason = super().update_report(report)
         if reason is None and isinstance(report, VelocitySample | RateSample):
-            self._reports.append(report)
+            self._reports.add(report)
         return reason
 
     def restart(self) -> None:
@@ -97,7 +98,7 @@ class Recorder(Estimator):
         self._is_taken, self._is_aided = array("b"), array("b")
         self._times_us, self._kept = array("q"), [array("d") for _ in WIDTHS]
         self._has_mag = array("b")
-        self._reports: list[VelocitySample | RateSample] = []
+        self._reports = Reports()
         self._changes: list[int] = []
 
     def _end(self) -> None:

@@ -10,7 +10,7 @@ from estimator.arrays import Bools, Floats
 from estimator.conditioning.times import MEMORY_S
 from estimator.estimator import Estimator
 from estimator.live.rows import Rows, blocks, cut
-from estimator.types import RateSample, VelocitySample
+from estimator.smoothing.reports import Reports
 
 Places = NDArray[np.int64]
 
@@ -32,7 +32,7 @@ class Recording(NamedTuple):
 
     rows: Rows
     changes: Sequence[int]  # the rows from which on they are another IMU's
-    reports: Sequence[VelocitySample | RateSample]  # in the order of their times
+    reports: Reports
     forward: Estimates  # of the estimator at the samples
     bias_rad_s: Floats  # (N, 3) of the gyroscope, as it was known then
     last: Estimator  # the estimator behind the last one
@@ -63,7 +63,7 @@ class Recording(NamedTuple):
         return self._replace(
             rows=cut(self.rows, begin, end),
             changes=(),
-            reports=(),
+            reports=Reports(),
             forward=self.forward.part(rows),
             bias_rad_s=self.bias_rad_s[rows],
         )
