@@ -77,27 +77,35 @@ class TerminalView:
 
     def handle(self, outputs: Sequence[Made]) -> None:
         """Show outputs of the service."""
+        texts: list[str] = []
         for output in outputs:
             match output:
                 case Message(text=text):
-                    self.say(text)
+                    texts.append(text)
                 case AttitudeRows():
                     self.board.update_rows(output, self._now_s())
                 case Published(vehicle=vehicle, record=record):
                     self.board.update(vehicle_name(vehicle), record, self._now_s())
                 case Departed(vehicle=vehicle):
                     self.board.remove(vehicle_name(vehicle))
+        self.say(*texts)
         self.refresh()
 
-    def say(self, text: str) -> None:
-        """One line for a person, above the table; on the screen of one vehicle at its foot."""
-        self._said, self._said_s = printable(text), self._now_s()
+    def say(self, *texts: str) -> None:
+        """Lines for a person, above the table; on the screen of one vehicle the last at its foot.
+
+        All are written at one go: hundreds of vehicles that begin say several each.
+        """
+        if not texts:
+            return
+        said = [*map(printable, texts)]
+        self._said, self._said_s = said[-1], self._now_s()
         if self._live is not None and self._drawn[1]:
             return  # it stands at the foot, and would be left above
         target = self._messages if self._live is None else self._live.console
         with suppress(OSError):  # a broken stream must not stop the other one
             target.print(
-                printable(text), style="dim", markup=False, highlight=False, soft_wrap=True
+                "\n".join(said), style="dim", markup=False, highlight=False, soft_wrap=True
             )
 
     def refresh(self) -> None:

@@ -35,17 +35,18 @@ PATIENCE_S = 0.02
 # left out shortly before, it is no stall but too much.
 STALL_S = 0.15
 ALONE_S = 2.0
-# A newcomer's frames all wait: nobody has an attitude of it yet that could grow old.
-MOST_OF_NEWCOMER = 512
+# A newcomer's frames all wait, but for so long only: else its first attitudes are old, and to go
+# through all that it has said takes the time in which others would begin.
+LONGEST_NEW_S = 0.5
 # Whoever has not looked for so long was stopped: what has piled up is not gone through one by one.
 STOPPED_S = 0.25
+# What was left out is told this often: to hear of it costs as much as to take a sample.
+TOLD_EVERY_US = 250_000
 # So many frames are decoded at one go, before whoever takes them can do something else: 1 ms or so.
 MOST_AT_ONCE = 64
 # A sender's first IMU sample costs as much as a hundred later ones (an estimator begins): so many
-# senders begin at one go, so that they do not make everybody else wait.
-MOST_NEWCOMERS = 1
-# But for as many as begin in the time since the last one did: where all else takes long, too.
-NEWCOMER_S = 0.002
+# senders begin at one go, which takes a period of a common stream.
+MOST_NEWCOMERS = 25
 # What cannot be left out is bounded, too: the oldest goes, and is counted.
 MOST_WAITING = 50_000
 
@@ -119,6 +120,7 @@ class Backlog:
         # by address, as system << 8 | component: whether an IMU sample was taken
         self.has_come = np.zeros(ADDRESSES, np.bool_)
         self._uncounted: Counter[tuple[VehicleId, str]] = Counter()
+        self._told_us = -TOLD_EVERY_US
         self._looked_s: float | None = None
         self._patience = Patience()
 
@@ -132,6 +134,11 @@ class Backlog:
     def has_turns(self) -> bool:
         """Whether there is more than newcomers."""
         return bool(self._turns)
+
+    @property
+    def has_newcomers(self) -> bool:
+        """Whether some wait to begin."""
+        return bool(self._newcomers)
 
     def add(self, arrived: Iterable[Arrived], now_s: float) -> None:
         """Put frames at the end, or in the place of older ones of their streams."""
@@ -171,13 +178,12 @@ class Backlog:
         self._uncounted[vehicle, stream] += samples
         self.shed += samples
 
-    def take(self, since_s: float = 0.0) -> list[Arrived]:
-        """The next frames, ``since_s`` after the last ones: newcomers get half of the time."""
-        newcomers = max(MOST_NEWCOMERS, int(since_s / NEWCOMER_S))
+    def take(self) -> list[Arrived]:
+        """The next frames, and all that some newcomers have said."""
         taken = [self._remove_first() for _ in range(min(MOST_AT_ONCE, len(self._turns)))]
         if not self._turns:
             self._streams = None  # all is done: what comes now can be handled, too
-        for address in list(islice(self._newcomers, newcomers)):
+        for address in list(islice(self._newcomers, MOST_NEWCOMERS)):
             taken += [turn.arrived for turn in self._newcomers.pop(address)]
             self.has_come[address] = True
         return taken
@@ -208,9 +214,10 @@ class Backlog:
                 self._turns.append(turn)
 
     def take_shed(self, arrival_us: int) -> list[Shed]:
-        """What has been left out since the last call: IMU samples, which estimates are made of."""
-        if not self._uncounted:
+        """IMU samples that have been left out, which count, if it is time to tell."""
+        if not self._uncounted or 0 <= arrival_us - self._told_us < TOLD_EVERY_US:
             return []
+        self._told_us = arrival_us
         shed = [
             Shed(vehicle, arrival_us, message, samples)
             for (vehicle, message), samples in self._uncounted.items()
@@ -230,11 +237,11 @@ class Backlog:
                 return False
             turns = self._newcomers[address] = []
         turns.append(_Turn(arrived, now_s))
-        if len(turns) >= MOST_OF_NEWCOMER:
-            self._newcomers[address] = self._newest(turns)
+        if now_s - turns[0].since_s > LONGEST_NEW_S:
+            self._newcomers[address] = self._newest(turns, now_s)
         return True
 
-    def _newest(self, turns: list[_Turn]) -> list[_Turn]:
+    def _newest(self, turns: list[_Turn], now_s: float) -> list[_Turn]:
         """Of a newcomer's streams the newest frames, of all else everything."""
         newest: dict[tuple[int, ...], _Turn] = {}
         for number, turn in enumerate(turns):
@@ -244,6 +251,7 @@ class Backlog:
             if before is not None:
                 self._count(before.arrived.frame)
             newest[key] = turn
+            turn.since_s = now_s
         return list(newest.values())
 
     def _put(self, arrived: Arrived, now_s: float, streams: dict[tuple[int, ...], _Turn]) -> None:

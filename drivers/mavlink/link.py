@@ -66,7 +66,6 @@ GATHER_S = 0.001
 # drains wants to go on, less the time that the last ones have taken.
 LONGEST_REST_S = 0.02
 CLOSE_S = 0.5
-LONGEST_BUSY_S = 0.05  # that newcomers get as much of
 # So many frames that need not wait are read at one go: 1 ms or so where Python reads few of them.
 MOST_PASSING = 512
 # back-off between attempts; a vehicle that returns is read again within 1 s
@@ -124,7 +123,8 @@ class MavlinkLink(Closing):
         self._backlog = Backlog(most_waiting)
         self._passing: _Passed | None = None  # what need not wait there
         self._patience = Patience()
-        self._read_clock_s = waiting_clock_s()  # at the end of the last look
+        self._read_clock_s = waiting_clock_s()  # when something was looked for last,
+        self._busy_s = 0.0  # and how long there was no time for that before
         self._events: list[Event] = []  # to be drained next
         self._decoder = MavlinkDecoder(references=references)
         self._scanner: Scanner | None = None
@@ -149,7 +149,6 @@ class MavlinkLink(Closing):
         self._has_just_read = False
         self._read_s = 0.0  # when something was read last
         self._look_s = 0.0  # when all that was there had been read
-        self._taken_s = time.monotonic()  # when something was taken out of the backlog last
         self._retry_s = FIRST_RETRY_S
         self._retry_due_s = 0.0
         self._announce_due_s = 0.0
@@ -225,8 +224,7 @@ class MavlinkLink(Closing):
         self._events.clear()
         found += self._read_passing()
         if self._passing is None:
-            since_s, self._taken_s = time.monotonic() - self._taken_s, time.monotonic()
-            found += self._decoder.readings_of(self._backlog.take(min(since_s, LONGEST_BUSY_S)))
+            found += self._decoder.readings_of(self._backlog.take())
         found += self._backlog.take_shed(now_us)
         if self._request is not None:
             found[:] = events = events_of(found)
@@ -247,7 +245,6 @@ class MavlinkLink(Closing):
             self._handle(come, now_s)
             self._backlog.note_look(now_s)
             self._look_s = now_s
-            self._read_clock_s = waiting_clock_s()
             silence = self._hearing.silence(now_s, is_up=self._is_up, has_data=self._has_data)
             self._tell(silence, unix_us())
             self._send_due()
@@ -259,11 +256,13 @@ class MavlinkLink(Closing):
 
     def _read(self, wait_s: float) -> Datagrams:
         """What has arrived; at once, only the rest in between is taken in any case."""
+        self._busy_s = waiting_clock_s() - self._read_clock_s
         if self._has_just_read and wait_s > 0.0:
             rest_s = self._rest_s(wait_s)
             time.sleep(rest_s)
             wait_s -= rest_s
         come = self._transport.receive_many(wait_s)
+        self._read_clock_s = waiting_clock_s()
         self._has_just_read = come.number > 0
         if self._has_just_read:
             self._read_s = time.monotonic()
@@ -448,8 +447,8 @@ class MavlinkLink(Closing):
 
     def _is_late(self, now_s: float, clock_s: float) -> bool:
         """Whether what is there has waited for so long that some of it is to be left out."""
-        # datagrams gather for a while even if there is nothing else to do
-        is_out = self._patience.is_out(self._read_clock_s + LONGEST_REST_S, clock_s)
+        of_newcomers_s = PATIENCE_S if self._backlog.has_newcomers else 0.0
+        is_out = self._patience.is_out(clock_s - self._busy_s + of_newcomers_s, clock_s)
         return (is_out or self._backlog.was_stopped(now_s)) and self._gate.is_open
 
     def _thin_out(self, scanned: Scanned, clock_s: float) -> Scanned:

@@ -3,11 +3,13 @@
 from drivers.events import Shed, VehicleId
 from drivers.mavlink.backlog import (
     ALONE_S,
+    LONGEST_NEW_S,
     MOST_AT_ONCE,
-    MOST_OF_NEWCOMER,
+    MOST_NEWCOMERS,
     PATIENCE_S,
     STALL_S,
     STOPPED_S,
+    TOLD_EVERY_US,
     Arrived,
     Backlog,
 )
@@ -136,22 +138,24 @@ def test_two_imus_in_one_message_are_two_streams():
     assert names == {"RAW_IMU": 1, "RAW_IMU:1": 1}
 
 
-def test_newcomers_begin_one_by_one_and_others_do_not_wait_for_them():
+def test_newcomers_begin_some_at_a_time_and_others_do_not_wait_for_them():
     backlog = known(Backlog(), 1)
-    newcomers = range(2, 12)
+    newcomers = range(2, 2 + 3 * MOST_NEWCOMERS)
     backlog.add([arrived(system, 1) for system in newcomers], 1.0)
-    for number in newcomers:
+    for number in range(3):
         backlog.add([arrived(1, number)], 1.0)
-        assert taken(backlog) == [(1, number), (number, 1)]
+        begun = newcomers[number * MOST_NEWCOMERS :][:MOST_NEWCOMERS]
+        assert taken(backlog) == [(1, number), *((system, 1) for system in begun)]
     assert len(backlog) == 0
 
 
 def test_all_that_a_newcomer_says_waits_for_its_turn():
-    backlog, own = Backlog(), [arrived(2, k, (RAW_IMU_ID, ATTITUDE_ID)[k % 2]) for k in range(60)]
-    backlog.add([arrived(1, 1)], 1.0)
+    backlog, own = Backlog(), [arrived(99, k, (RAW_IMU_ID, ATTITUDE_ID)[k % 2]) for k in range(60)]
+    first = [arrived(system, 1) for system in range(1, 1 + MOST_NEWCOMERS)]
+    backlog.add(first, 1.0)
     backlog.add(own[:30], 1.0)
-    backlog.add(own[30:], 10.0)
-    assert taken(backlog) == [(1, 1)]
+    backlog.add(own[30:], 1.0 + 0.9 * LONGEST_NEW_S)
+    assert backlog.take() == first
     assert backlog.take() == own
     assert backlog.take_shed(9) == []
 
@@ -174,10 +178,33 @@ def test_what_cannot_be_left_out_is_bounded():
     assert backlog.dropped == 15
 
 
-def test_of_a_newcomer_who_says_more_than_at_1_khz_the_newest_waits():
-    backlog, own = Backlog(), [arrived(1, k) for k in range(MOST_OF_NEWCOMER + 5)]
-    backlog.add(own[: MOST_OF_NEWCOMER - 1], 1.0)
-    assert len(backlog) == MOST_OF_NEWCOMER - 1
-    backlog.add(own[MOST_OF_NEWCOMER - 1 :], 1.0)
-    assert backlog.take() == own[MOST_OF_NEWCOMER - 1 :]
-    assert backlog.shed == MOST_OF_NEWCOMER - 1
+def test_of_a_newcomer_whose_turn_does_not_come_the_newest_waits():
+    """A first attitude is of a new sample, however many begin before."""
+    backlog = Backlog()
+    once = arrived(99, 0, PARAM_VALUE_ID)
+    samples = [arrived(99, k) for k in range(1, 8)]
+    backlog.add([arrived(system, 1) for system in range(1, 1 + MOST_NEWCOMERS)], 1.0)
+    backlog.add([samples[0], once, *samples[1:3]], 1.0)
+    backlog.add(samples[3:4], 1.0 + 0.9 * LONGEST_NEW_S)
+    assert len(backlog) == MOST_NEWCOMERS + 5
+    backlog.add(samples[4:5], 1.0 + 1.1 * LONGEST_NEW_S)
+    assert len(backlog) == MOST_NEWCOMERS + 2
+    backlog.add(samples[5:6], 1.0 + 2.0 * LONGEST_NEW_S)  # not at each look
+    assert len(backlog) == MOST_NEWCOMERS + 3
+    backlog.add(samples[6:], 1.0 + 2.2 * LONGEST_NEW_S)
+    backlog.take()
+    assert backlog.take() == [once, samples[-1]]
+    assert backlog.take_shed(9) == [Shed(VehicleId(99, 1), 9, "RAW_IMU", 6)]
+
+
+def test_what_was_left_out_is_told_now_and_then():
+    backlog = known(Backlog(), 1)
+    for k, told in enumerate((True, False, True, False)):
+        now_us = k * (1 + TOLD_EVERY_US // 2)
+        backlog.add([arrived(1, 0), arrived(1, 1)], 1.0)
+        backlog.fold()
+        assert bool(backlog.take_shed(now_us)) == told
+        backlog.take()
+    assert [each.samples for each in backlog.take_shed(now_us - 1)] == []
+    assert [each.samples for each in backlog.take_shed(4 * TOLD_EVERY_US)] == [1]
+    assert backlog.shed == 4

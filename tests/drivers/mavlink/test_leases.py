@@ -58,7 +58,7 @@ class Link(MavlinkLink):
         while self._passing is not None:
             found += events_of(self._read_passing())
         while self._backlog:
-            found += events_of(self._decoder.readings_of(self._backlog.take(1.0)))
+            found += events_of(self._decoder.readings_of(self._backlog.take()))
         return found
 
 
