@@ -262,7 +262,9 @@ def test_velocity(seed, is_receiver, off_m_s, is_alone, dt):
 
 @pytest.mark.parametrize("seed", SEEDS)
 @pytest.mark.parametrize("is_known", [True, False])
-@pytest.mark.parametrize(("unfelt_rad", "off_rad"), [(0.1, 0.02), (0.1, 0.9), (-0.9, 0.02), (2.0, -0.9)])
+@pytest.mark.parametrize(
+    ("unfelt_rad", "off_rad"), [(0.1, 0.02), (0.1, 0.9), (-0.9, 0.02), (2.0, -0.9)]
+)
 def test_field(seed, is_known, unfelt_rad, off_rad):
     """Across, along and down, and the declination: up to four updates in a row."""
     rng = np.random.default_rng(seed)

@@ -156,7 +156,7 @@ def test_one_that_is_contradicted_is():
 
 @pytest.mark.parametrize(
     ("motion", "rate_hz", "total_deg", "before_deg"),
-    [("climb and turn", 50.0, 32.3, 59.0)],
+    [("climb and turn", 50.0, 45.5, 59.0)],
 )
 def test_velocities_that_turn_do_not_throw_a_well_known_attitude_away(
     motion, rate_hz, total_deg, before_deg
@@ -165,4 +165,4 @@ def test_velocities_that_turn_do_not_throw_a_well_known_attitude_away(
     v = judge(Case(motion, Fault("velocity turned", 0, 90.0), True, rate_hz))
     total = np.hypot(v.inclination.rms_deg, v.heading.rms_deg)
     assert total == pytest.approx(total_deg, rel=0.2)
-    assert total < 0.6 * before_deg
+    assert total < 0.8 * before_deg
