@@ -227,7 +227,8 @@ def observe_heading(
     off = -F_across / H
     angle = atan2(F_across, F_along)
     expected = expected_variance(P, across, 0.0)
-    # either may be wrong: the field, as noise that lasts, or the heading, if it looks as usual
+    # Either may be wrong: the field, whose error lasts for T and is as noise of 2 T times its
+    # variance to who averages for longer, or the heading, as far as the field looks as usual.
     left = unexplained(params, field.off_rad, expected)
     noise += 2.0 * BORNE_S * left / wait
     P[TURN + 2, TURN + 2] += field.look.confidence * left * wait / BORNE_S
@@ -325,8 +326,7 @@ def learn_declination(P: Array, x: Array, E: Vec3, north: Two, wait: float) -> N
 def unexplained(params: AidingParams, off_rad: float, expected: float) -> float:
     """Variance (rad^2) of a lasting angle that neither the covariance nor the noise explains.
 
-    Of white noise of the density n the low-pass of ``off_rad`` leaves n / (2 T). An error of
-    variance s^2 that lasts for T is as noise of the density 2 T s^2 to who averages for longer.
+    Of white noise of the density n the low-pass of ``off_rad``, with T, leaves n / (2 T).
     """
     left = off_rad * off_rad - expected - params.heading_noise**2 / (2.0 * BORNE_S)
     return max(0.0, left)
