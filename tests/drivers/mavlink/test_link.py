@@ -369,7 +369,7 @@ def test_large_datagrams_of_another_keep_no_vehicle_out(content, has_imu):
         collect(link, count(Imu, 6), both)
         before, events = link.dropped, []
         for _ in range(40):
-            for _ in range(3):
+            for _ in range(5):  # on a busy computer more is let in, by time
                 flood.send(content)
             fly()
             events += link.drain(0.01)
@@ -380,7 +380,7 @@ def test_large_datagrams_of_another_keep_no_vehicle_out(content, has_imu):
         taken = lambda found: len(ours(found)) + link.shed + link.lost  # noqa: E731
         events += collect(link, lambda found: taken(found) >= 36)
         assert len(ours([])) > 8
-        assert not content or link.dropped - before > 20  # 96 or more; 35 on a busy computer
+        assert not content or link.dropped - before > 40
 
 
 def test_after_a_stop_longer_than_a_claim_no_sample_is_refused(monkeypatch):
