@@ -17,7 +17,7 @@ from estimator.geometry.rotations import exp, multiply
 from estimator.live.rows import BLOCK, NO_ROWS, SAID, SIGMA, Q, Rows, blocks, cut, rows_of
 from estimator.profile import merge_profile
 from estimator.row_taking import take
-from estimator.smoothing.field import without_lag
+from estimator.smoothing.field import believed, without_lag
 from estimator.smoothing.path import stands_for_step
 from estimator.smoothing.recording import Estimates, Recording
 from estimator.types import VelocitySample
@@ -30,6 +30,7 @@ FIRST_US = 1_000_000
 def backward(recording: Recording) -> Estimates:
     """The estimates at the samples by all that came behind them."""
     n = len(recording.bias_rad_s)
+    recording = recording._replace(rows=recording.rows._replace(has_mag=believed(recording)))
     ages = Ages(recording.last)
     inner = turned_round(recording.last)
     times_us = mirrored_times(recording.rows.times_us)

@@ -5,12 +5,16 @@ from typing import NamedTuple
 
 import numpy as np
 
+from estimator.aiding.sources.field import MOST_BENT
 from estimator.arrays import Bools, Floats
 from estimator.conditioning.field.calibration import own_field
 from estimator.conditioning.field.magnetic import FieldReference, has_heading
-from estimator.geometry.rotations import cross
+from estimator.conditioning.times import BORNE_S
+from estimator.geometry.rotations import cross, rotate, wrap
+from estimator.live.rows import blocks
 from estimator.smoothing.path import late_s
 from estimator.smoothing.recording import Recording
+from estimator.smoothing.windows import running_mean
 
 
 class Field(NamedTuple):
@@ -49,3 +53,26 @@ def without_lag(m: Floats, rate_rad_s: Floats, lag_s: Floats | float) -> Floats:
     first = cross(rate_rad_s, m)
     second = cross(rate_rad_s, first)
     return np.asarray(m - lag_s * first + 0.5 * lag_s**2 * second)
+
+
+def believed(recording: Recording) -> Bools:
+    """Which fields (N,) count on the way back, where velocity helps.
+
+    While a field points elsewhere for long, either it or the heading may be wrong. That it points
+    as usual before and behind tells later that it was the field.
+    """
+    rows, aided = recording.rows, recording.last.snapshot.core.aided
+    counts = rows.has_mag.copy()
+    at = np.flatnonzero(counts & recording.forward.is_aided)
+    if len(at) < 2:
+        return counts
+    off = np.zeros(len(at))
+    for part in blocks(len(at)):
+        mag = rows.mag_gauss[at[part]] - np.array(aided.estimate.hard_iron_gauss)
+        seen = rotate(recording.forward.q_ned_frd[at[part]], mag)
+        off[part] = np.arctan2(seen[:, 1], seen[:, 0])
+    off -= np.median(off)
+    usual_s = 1e-6 * float(np.median(np.diff(rows.times_us[at])))
+    count = max(1, round(2.0 * BORNE_S / usual_s))
+    counts[at] = np.abs(running_mean(wrap(off), count)) <= MOST_BENT
+    return counts

@@ -7,9 +7,6 @@ from estimator.geometry.rotations import conjugate, exp, log, multiply
 from estimator.live.rows import blocks
 from estimator.smoothing.recording import Estimates
 
-# Further apart than so many of their sigmas one of both is wrong.
-CONTRADICTION = 3.0
-
 
 def join(forward: Estimates, backward: Estimates) -> Estimates:
     """The joint estimates, in the room of the backward ones."""
@@ -23,17 +20,18 @@ def join(forward: Estimates, backward: Estimates) -> Estimates:
 def joined(forward: Estimates, backward: Estimates) -> Estimates:
     """The mean by both variances, of inclination and heading apart.
 
-    Their errors have much in common, so that sigma is the mean of both. Where they contradict each
-    other it is half of what is between them at least. Where velocity helps one of them alone, or
-    one is not known, the other does not count.
+    With velocity each has learnt from what the other has not: sigma is that of independent errors;
+    without it both err by the same field, so it is the mean of both. Further apart than their
+    sigmas allow, it grows by as much (R. T. Birge 1932, Phys. Rev. 40, 207). Where velocity helps
+    one of them alone, or one is not known, the other does not count.
     """
     one, other = forward.sigma_rad, backward.sigma_rad
     apart = log(multiply(backward.q_ned_frd, conjugate(forward.q_ned_frd)))
     between = np.stack([np.hypot(apart[:, 0], apart[:, 1]), np.abs(apart[:, 2])], axis=-1)
-    share = one**2 / (one**2 + other**2)
-    sigma = (1.0 - share) * one + share * other
-    contradicts = between > CONTRADICTION * np.hypot(one, other)
-    sigma = np.where(contradicts, np.maximum(sigma, 0.5 * between), sigma)
+    expected = np.hypot(one, other)
+    share = (one / expected) ** 2
+    least = np.where(forward.is_aided[:, None], 1.0, (one + other) / expected)
+    sigma = one * other / expected * np.maximum(least, between / expected)
     turn = apart * share[:, [0, 0, 1]]
     both = Estimates(multiply(exp(turn), forward.q_ned_frd), sigma, forward.is_aided)
     both = chosen(forward.is_aided & ~backward.is_aided, forward, both)

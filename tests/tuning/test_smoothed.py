@@ -60,7 +60,7 @@ def test_what_is_not_sure_is_no_reference():
     flight = read_flight(log, IMU)
     assert flight.reference == "autopilot"
     assert sure_flight(flight, IMU, is_wanted=False) is flight
-    with pytest.raises(InputError, match=r"--reference smooth: .* in 100 and 4 % only") as error:
+    with pytest.raises(InputError, match=r"--reference smooth: .* in 100 and 7 % only") as error:
         read_flight(log, IMU, "smooth")
     assert "\n" not in str(error.value)
 
