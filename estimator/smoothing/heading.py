@@ -1,9 +1,11 @@
 """The heading by the field of the whole recording.
 
 Between two windows the heading of the levelled path changes as the gyroscope errs, a random walk
-of variance q; each window's field tells it with a variance r, larger where norm or dip are off the
-place's. The smoothed heading is the least squares solution, a tridiagonal system:
-sum (z - x)^2 / r + sum (x' - x)^2 / q. Noises are those of the estimator's own heading.
+of variance q, and by the scale errors s of its axes, of the prior variance v; each window's field
+tells it with a variance r, larger where norm or dip are off the place's. The smoothed heading is
+the least squares solution, a tridiagonal system beside three errors of scale:
+sum (z - x)^2 / r + sum (x' - x - a s)^2 / q + s^2 / v. Noises are those of the estimator's own
+heading.
 """
 
 from typing import NamedTuple
@@ -19,12 +21,14 @@ from estimator.conditioning.robust import HEADING_REACH_RAD
 from estimator.conditioning.times import USUAL_S
 from estimator.conditioning.vertical.averaging import WINDOW_S
 from estimator.conditioning.vertical.lasting import SCALE_ERROR
+from estimator.conditioning.vertical.spin import SCALE_SIGMA
 from estimator.conditioning.vertical.stillness import LEAST_DIRECTION_RAD
-from estimator.geometry.rotations import about_down, multiply, rotate, wrap
+from estimator.geometry.rotations import about_down, conjugate, multiply, rotate, wrap
 from estimator.smoothing.field import Field
 from estimator.smoothing.path import Path
 from estimator.smoothing.vertical import Vertical
 from estimator.smoothing.windows import Windows, filled, running_mean
+from estimator.types import DOWN
 
 # Rounds of least squares with the weights of the one before.
 ROUNDS = 8
@@ -55,9 +59,10 @@ def turn_north(
     missed, count = windows.means(path.missed)
     q = walk(params, turning) + (missed * count)[1:]
     z = np.where(known, -np.arctan2(seen[:, 1], seen[:, 0]), 0.0)
-    x, weight = solve(z, r, q, HEADING_REACH_RAD)
+    x, weight, by_scale = solve(z, r, q, turned(windows, path, vertical), HEADING_REACH_RAD)
     leaning = 0.5 * steepness(field.reference) * vertical.variance
-    variance = variances(r * weight, q) + lasting(seen, known, field.reference, leaning)
+    variance = variances(r * weight, q) + by_scale
+    variance += lasting(seen, known, field.reference, leaning)
     variance += (1.0 + steepness(field.reference)) * field.own_variance
     heading = windows.at(path.time_s, x) + field.declination_rad
     q_ned_frd = multiply(about_down(heading), vertical.q_6d_frd)
@@ -90,31 +95,52 @@ def walk(params: ConditioningParams, turning: Floats) -> Floats:
     return np.asarray(DRIFT_SHARE * (steady + params.heading_turning_noise_s * both) * WINDOW_S)
 
 
-def solve(z: Floats, r: Floats, q: Floats, reach_rad: float) -> tuple[Floats, Floats]:
-    """The smoothed angles (W,), and by what robust weights have raised the variances (W,)."""
+def turned(windows: Windows, path: Path, vertical: Vertical) -> Floats:
+    """By how much (rad, (W - 1, 3)) each axis of the gyroscope has turned the heading."""
+    down = rotate(conjugate(vertical.q_6d_frd), np.broadcast_to(DOWN, path.rate_rad_s.shape))
+    means, _ = windows.means(down * path.rate_rad_s)
+    return np.asarray(0.5 * WINDOW_S * (means[1:] + means[:-1]))
+
+
+def solve(
+    z: Floats, r: Floats, q: Floats, a: Floats, reach_rad: float
+) -> tuple[Floats, Floats, Floats]:
+    """The smoothed angles (W,), by what robust weights have raised the variances, and theirs.
+
+    The last is what the scale errors add.
+    """
     middle = np.angle(np.sum(np.exp(1j * z) / r))
     unwrapped = middle + wrap(z - middle)
     weight = np.ones_like(z)
     for _ in range(ROUNDS):
-        x = least_squares(unwrapped, r * weight, q)
+        x, by_scale = least_squares(unwrapped, r * weight, q, a)
         off = wrap(z - x)
         unwrapped = x + off
         weight = (1.0 + (off / reach_rad) ** 2) ** 2
-    return x, weight
+    return x, weight, by_scale
 
 
-def least_squares(z: Floats, r: Floats, q: Floats) -> Floats:
-    """The minimum of sum (z - x)^2 / r + sum (x' - x)^2 / q."""
+def least_squares(z: Floats, r: Floats, q: Floats, a: Floats) -> tuple[Floats, Floats]:
+    """The minimum over x and s, and what not knowing s adds to the variances (W,) of x."""
     bands = np.zeros((2, len(z)))
     bands[0, 1:] = -1.0 / q
     bands[1] = 1.0 / r
     bands[1, 1:] += 1.0 / q
     bands[1, :-1] += 1.0 / q
-    return np.asarray(solveh_banded(bands, z / r))
+    along = a / q[:, None]
+    push = np.zeros((len(z), a.shape[1]))
+    push[1:] += along
+    push[:-1] -= along
+    solved = solveh_banded(bands, np.column_stack([z / r, push]))
+    x, by_s = solved[:, 0], solved[:, 1:]
+    known = a.T @ along - push.T @ by_s + np.eye(a.shape[1]) / SCALE_SIGMA**2
+    covariance = np.linalg.inv(known)
+    x = x + by_s @ (covariance @ (push.T @ x))
+    return x, np.sum((by_s @ covariance) * by_s, axis=1)
 
 
 def variances(r: Floats, q: Floats) -> Floats:
-    """The variances (W,) of that solution: information from before, from behind and its own."""
+    """The variances (W,) where s is known: information from before, from behind and its own."""
     before = informed(r, q)
     behind = informed(r[::-1], q[::-1])[::-1]
     return np.asarray(1.0 / (before + behind + 1.0 / r))

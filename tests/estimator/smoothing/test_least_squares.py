@@ -3,6 +3,7 @@
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from estimator.conditioning.vertical.spin import SCALE_SIGMA
 from estimator.geometry.rotations import chained, exp, log, rotate
 from estimator.smoothing.heading import least_squares, variances
 from estimator.smoothing.windows import low_passed
@@ -25,12 +26,19 @@ def test_chained_turns_are_their_products():
 
 
 def test_the_heading_is_the_least_squares_solution_with_its_variances():
+    """With the scale errors as three more unknowns of one dense system."""
     n = 40
     z, r, q = RNG.normal(size=n), RNG.uniform(0.1, 5.0, n), RNG.uniform(0.01, 1.0, n - 1)
-    steps = np.diff(np.eye(n), axis=0)
-    information = np.diag(1.0 / r) + steps.T @ np.diag(1.0 / q) @ steps
-    assert np.allclose(least_squares(z, r, q), np.linalg.solve(information, z / r), atol=1e-9)
-    assert np.allclose(variances(r, q), np.diag(np.linalg.inv(information)), atol=1e-9)
+    a = RNG.normal(0.0, 200.0, (n - 1, 3))
+    steps = np.concatenate([np.diff(np.eye(n), axis=0), -a], axis=1)
+    prior = np.diag(np.concatenate([1.0 / r, np.full(3, SCALE_SIGMA**-2)]))
+    information = prior + steps.T @ np.diag(1.0 / q) @ steps
+    told = np.concatenate([z / r, np.zeros(3)])
+    x, by_scale = least_squares(z, r, q, a)
+    assert np.allclose(x, np.linalg.solve(information, told)[:n], atol=1e-9)
+    both = variances(r, q) + by_scale
+    assert np.allclose(both, np.diag(np.linalg.inv(information))[:n], atol=1e-9)
+    assert np.median(by_scale / both) > 0.1  # so that either part is seen
 
 
 def test_the_low_pass_has_no_delay():
