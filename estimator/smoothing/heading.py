@@ -23,7 +23,7 @@ from estimator.conditioning.vertical.averaging import WINDOW_S
 from estimator.conditioning.vertical.lasting import SCALE_ERROR
 from estimator.conditioning.vertical.spin import SCALE_SIGMA
 from estimator.conditioning.vertical.stillness import LEAST_DIRECTION_RAD
-from estimator.geometry.rotations import about_down, conjugate, multiply, rotate, wrap
+from estimator.geometry.rotations import about_down, multiply, rotate, rotate_inverse, wrap
 from estimator.smoothing.field import Field
 from estimator.smoothing.path import Path
 from estimator.smoothing.vertical import Vertical
@@ -97,7 +97,7 @@ def walk(params: ConditioningParams, turning: Floats) -> Floats:
 
 def turned(windows: Windows, path: Path, vertical: Vertical) -> Floats:
     """By how much (rad, (W - 1, 3)) each axis of the gyroscope has turned the heading."""
-    down = rotate(conjugate(vertical.q_6d_frd), np.broadcast_to(DOWN, path.rate_rad_s.shape))
+    down = rotate_inverse(vertical.q_6d_frd, DOWN)
     means, _ = windows.means(down * path.rate_rad_s)
     return np.asarray(0.5 * WINDOW_S * (means[1:] + means[:-1]))
 
@@ -105,9 +105,10 @@ def turned(windows: Windows, path: Path, vertical: Vertical) -> Floats:
 def solve(
     z: Floats, r: Floats, q: Floats, a: Floats, reach_rad: float
 ) -> tuple[Floats, Floats, Floats]:
-    """The smoothed angles (W,), by what robust weights have raised the variances, and theirs.
+    """The smoothed angles (W,), and two things about their variances (W,).
 
-    The last is what the scale errors add.
+    By what robust weights have multiplied those of the field, and what not knowing the scale errors
+    adds to those of the angles.
     """
     middle = np.angle(np.sum(np.exp(1j * z) / r))
     unwrapped = middle + wrap(z - middle)
