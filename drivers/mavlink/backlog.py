@@ -131,6 +131,11 @@ class Backlog:
         return bool(self._turns or self._newcomers)
 
     @property
+    def is_at_rest(self) -> bool:
+        """Whether nothing waits, and all is done since there was too much."""
+        return self._streams is None and not self._turns and not self._newcomers
+
+    @property
     def has_turns(self) -> bool:
         """Whether there is more than newcomers."""
         return bool(self._turns)
@@ -170,6 +175,8 @@ class Backlog:
     @property
     def senders(self) -> set[int]:
         """Whose frames wait for their turn, by address."""
+        if not self._turns:  # as nearly always
+            return set()
         frames = (turn.arrived.frame for turn in self._turns)
         return {frame.system_id << 8 | frame.component_id for frame in frames}
 

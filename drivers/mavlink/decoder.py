@@ -10,8 +10,6 @@ from collections.abc import Callable, Sequence
 from functools import partial
 from typing import Any
 
-import numpy as np
-
 from drivers.events import (
     BuiltIn,
     CommandAck,
@@ -36,7 +34,7 @@ from drivers.mavlink.messages import MESSAGES, MessageKind, Said
 from drivers.mavlink.parameter_values import ParameterValue, WaitingParameters, owner
 from drivers.mavlink.readings import Batch, Readings
 from drivers.mavlink.usual_frames import UsualFrames
-from drivers.mavlink.usual_kinds import NEXT, READ
+from drivers.mavlink.usual_kinds import ARRIVAL, FATE, NEXT, NUMBER, READ
 from drivers.places import PLACES
 from drivers.samples.intake import VERSION_EVERY_US, Intake, Stamp
 from drivers.samples.vehicle_clock import TimeField
@@ -118,23 +116,23 @@ class MavlinkDecoder:
         return self.read(Batch.of(arrived), lambda k: arrived[k].frame) if arrived else []
 
     def read(self, batch: Batch, frame_of: Callable[[int], Frame]) -> list[Event | Readings]:
-        """What a batch's frames say, of which ``frame_of`` makes the k-th."""
+        """What a batch's frames say, which ``frame_of`` makes of their numbers."""
         if self._usual is None:
             self._usual = UsualFrames(MOST_SENDERS, takes_attitude=not self._references)
         found: list[Event | Readings] = []
-        waiting = batch.waiting
-        while np.count_nonzero(waiting):
+        left = len(batch.frames)
+        while left:
             readings = self._usual.read(batch)
             if readings is not None:
                 found.append(readings)
-                if len(readings) == len(waiting):  # as nearly always
+                left -= len(readings.arrivals_us)
+                if not left:  # as nearly always
                     break
-            unusual = (waiting == NEXT).nonzero()[0]  # one of a sender
-            for k, arrival_us in zip(
-                unusual.tolist(), batch.arrivals_us[unusual].tolist(), strict=True
-            ):
-                found += self.events(frame_of(k), arrival_us)
-            waiting[unusual] = READ
+            unusual = (batch.frames[:, FATE] == NEXT).nonzero()[0]  # one of a sender
+            for each in batch.frames[unusual].tolist():
+                found += self.events(frame_of(each[NUMBER]), each[ARRIVAL])
+            batch.frames[unusual, FATE] = READ
+            left -= len(unusual)
         return found
 
     def _events(self, sender: _Sender, frame: Frame, arrival_us: int) -> list[Event]:

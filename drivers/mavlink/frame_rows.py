@@ -28,7 +28,10 @@ from drivers.mavlink.imu_messages import (
 from drivers.mavlink.messages import CENTI, DEGREES_1E7, MILLI
 from drivers.mavlink.readings import Batch
 from drivers.mavlink.usual_kinds import (
+    ARRIVAL,
     ATTITUDE,
+    BEGIN,
+    FATE,
     FRESH,
     GIVES,
     GLOBAL_POSITION,
@@ -48,6 +51,7 @@ from drivers.mavlink.usual_kinds import (
     SCALED,
     SECOND_ATTITUDE,
     SILENT,
+    STOP,
     TO_LOOK,
     WHY,
 )
@@ -84,33 +88,32 @@ Bytes = Any  # arrays of uint8
 @compiled
 def read_frames(
     data: Bytes,
-    bounds: Whole,
-    arrivals_us: Whole,
-    waiting: Whole,
+    frames: Whole,
     left_in: Whole,
     turn: int,
     kinds: Whole,
     places: Whole,
     rows: Any,
     read: tuple[Whole, Whole, Floats],
-) -> int:
+) -> tuple[int, bool]:
     """Take the frames that are :data:`WAITING`; of each sender up to the first that is not taken.
 
     That one is :data:`NEXT` then.
 
-    Frame k is ``data[bounds[k, 0]:bounds[k, 1]]``. ``left_in`` has, by address, the last ``turn``
+    ``frames`` are the rows of a :class:`Batch`. ``left_in`` has, by address, the last ``turn``
     in which a sender's frame was left. ``kinds`` are by message, ``places`` of senders by address,
     ``rows`` of :class:`Rows`. What is read gets, in order, its arrival, whole numbers (kind, place,
-    time, boot time, flags) and others (rate, specific force, field). Returns how many were taken.
+    time, boot time, flags) and others (rate, specific force, field). Returns how many were taken,
+    and whether one of them is to be looked at.
     """
     payload = np.zeros(LONGEST, np.uint8)
     views = (payload, payload.view(np.int16), payload.view(np.float32))
     read_us, whole, numbers = read
-    n = 0
-    for k in range(len(arrivals_us)):
-        if waiting[k] == READ:
+    n, is_to_look = 0, False
+    for k in range(len(frames)):
+        if frames[k, FATE] == READ:
             continue
-        message, address, begin, end = header_of(data, bounds[k, 0], bounds[k, 1])
+        message, address, begin, end = header_of(data, frames[k, BEGIN], frames[k, STOP])
         if left_in[address] == turn:
             continue
         place = places[address]
@@ -118,13 +121,15 @@ def read_frames(
         is_taken = False
         if kind != 0 and place >= 0:
             unpack(data, begin, end, payload)
-            is_taken = read_frame(kind, place, arrivals_us[k], views, rows, whole[n], numbers[n])
+            arrival_us = frames[k, ARRIVAL]
+            is_taken = read_frame(kind, place, arrival_us, views, rows, whole[n], numbers[n])
         if not is_taken:
-            left_in[address], waiting[k] = turn, NEXT
+            left_in[address], frames[k, FATE] = turn, NEXT
             continue
-        waiting[k], read_us[n] = READ, arrivals_us[k]
+        frames[k, FATE], read_us[n] = READ, frames[k, ARRIVAL]
+        is_to_look = is_to_look or whole[n, 4] & TO_LOOK != 0
         n += 1
-    return n
+    return n, is_to_look
 
 
 @inlined
@@ -337,7 +342,6 @@ def sum3(v: Vec3) -> float:
 @cache
 def argument_types() -> tuple[Any, ...]:
     """What numba calls the types that :func:`read_frames` is called with."""
-    batch, rows, whole = Batch.of([]), Rows(0, 0, 0).arrays, np.zeros(0, np.int64)
+    rows, whole = Rows(0, 0, 0).arrays, np.zeros(0, np.int64)
     read = (whole, np.zeros((0, 5), np.int64), np.zeros((0, 9)))
-    frames = (batch.data, batch.bounds, batch.arrivals_us, batch.waiting)
-    return types_of(*frames, whole, 0, whole, whole, rows, read)
+    return types_of(*Batch.of([]), whole, 0, whole, whole, rows, read)

@@ -46,6 +46,7 @@ class Hearing:
 
     def bytes_read(self, size: int, frames: int, now_s: float) -> str | None:
         """After ``size`` bytes that held so many frames; told once until one can be read."""
+        self._open_since_s = None
         if frames:
             self._unread_bytes, self._is_noise_told = 0, False
             return None

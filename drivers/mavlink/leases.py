@@ -7,13 +7,16 @@ has a lease, and compiled code lets pass what holds nothing but sound frames of 
 
 from collections.abc import Iterable
 from functools import cache
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
 from drivers.mavlink.claims import CLAIM_S
 from drivers.mavlink.framing import ADDRESSES
 from drivers.mavlink.scanning import BEGIN, LEFT, STOP, Scanned
+from drivers.mavlink.usual_kinds import ARRIVAL, BATCH_COLUMNS, FATE, NUMBER, WAITING
+from drivers.mavlink.usual_kinds import BEGIN as FRAME_BEGIN
+from drivers.mavlink.usual_kinds import STOP as FRAME_STOP
 from estimator.compilation.compiled import compiled, inlined, is_compiled_code
 from estimator.compilation.direct import direct, types_of
 
@@ -37,18 +40,17 @@ def pass_by(
     turn: int,
     has_come: Array,
     done: Array,
-    passing: tuple[Array, Array, Array],
+    passing: Array,
 ) -> int:
-    """Find the datagrams that pass; returns how many rows they have.
+    """Find the datagrams that pass; returns how many frames they have.
 
     ``come`` are the datagrams' counts of rows, senders, peers and arrivals; ``leases`` the arrays
     of :class:`Leases`. ``waiting_in`` has, by address, the ``turn`` in which some of its frames
     did not pass: what comes behind those waits, too, as that of who ``has_come`` not yet. ``done``
-    tells what becomes of each. ``passing`` gets each row's number, bounds and arrival.
+    tells what becomes of each. ``passing`` gets the frames of those that pass, as a batch has them.
     """
     counts, senders, peers, arrivals_us = come
     holders, until_us, heard_us = leases
-    numbers, bounds, row_arrivals_us = passing
     odd, odds = np.zeros(MOST_ODD, np.int64), 0
     row, n = 0, 0
     for k in range(len(counts)):
@@ -70,8 +72,8 @@ def pass_by(
             continue
         done[k] = PASSES
         for i in range(begin, row):
-            numbers[n], row_arrivals_us[n] = i, arrival_us
-            bounds[n, 0], bounds[n, 1] = rows[i, BEGIN], rows[i, STOP]
+            passing[n, ARRIVAL], passing[n, FATE], passing[n, NUMBER] = arrival_us, WAITING, i
+            passing[n, FRAME_BEGIN], passing[n, FRAME_STOP] = rows[i, BEGIN], rows[i, STOP]
             n += 1
     return n
 
@@ -83,14 +85,6 @@ def is_among(odd: Array, odds: int, peer: int) -> bool:
     for k in range(min(odds, MOST_ODD)):
         is_odd = is_odd or odd[k] == peer
     return is_odd
-
-
-class Passing(NamedTuple):
-    """Rows of :class:`~drivers.mavlink.scanning.Scanned` that pass."""
-
-    numbers: Array
-    bounds: Array
-    arrivals_us: Array
 
 
 class Leases:
@@ -108,8 +102,8 @@ class Leases:
 
     def passing(
         self, scanned: Scanned, waiting: Iterable[int], has_come: Array
-    ) -> tuple[Array, Passing]:
-        """What becomes of the datagrams, and the rows of those that pass.
+    ) -> tuple[Array, Array]:
+        """What becomes of the datagrams, and the frames of those that pass, as a batch has them.
 
         Those of the addresses that are ``waiting`` come behind what waits, as those that have not
         ``has_come``.
@@ -118,8 +112,8 @@ class Leases:
         for address in waiting:
             self._waiting_in[address] = self._turn
         come = scanned.datagrams
-        done = np.empty(come.number, np.int64)
-        passing = _room(len(scanned.rows))
+        done = np.empty(len(scanned.counts), np.int64)
+        passing = np.empty((len(scanned.rows), BATCH_COLUMNS), np.int64)
         assert self._pass is not None
         n = self._pass(
             (scanned.counts, scanned.senders, come.peers, come.arrivals_us),
@@ -129,9 +123,9 @@ class Leases:
             self._turn,
             has_come,
             done,
-            tuple(passing),
+            passing,
         )
-        return done, Passing(*(each[:n] for each in passing))
+        return done, passing[:n]
 
     def grant(self, address: int, peer: int, name: str, begin_us: int, longest_us: int) -> None:
         """Frames of that address pass that come from a peer, of that number and name.
@@ -161,16 +155,10 @@ class Leases:
             self._until_us[self._holders == peer] = 0
 
 
-def _room(rows: int) -> Passing:
-    return Passing(
-        np.empty(rows, np.int64), np.empty((rows, 2), np.int64), np.empty(rows, np.int64)
-    )
-
-
 @cache
 def argument_types() -> tuple[Any, ...]:
     """What numba calls the types that :func:`pass_by` is called with."""
     numbers, table = np.zeros(0, np.int64), np.zeros((0, 0), np.int64)
     flags = np.zeros(0, np.bool_)
     come, leases = (numbers,) * 4, (numbers,) * 3
-    return types_of(come, table, leases, numbers, 0, flags, numbers, tuple(_room(0)))
+    return types_of(come, table, leases, numbers, 0, flags, numbers, table)

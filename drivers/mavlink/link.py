@@ -39,11 +39,11 @@ from drivers.mavlink.error_summary import ErrorSummary
 from drivers.mavlink.framing import LONGEST_FRAME, Frame, FrameReader
 from drivers.mavlink.gate import FrameGate, Policy
 from drivers.mavlink.hearing import Hearing
-from drivers.mavlink.leases import JUDGED, PASSES, WAITS, Array, Leases, Passing
+from drivers.mavlink.leases import JUDGED, PASSES, WAITS, Array, Leases
 from drivers.mavlink.readings import Batch, Readings, events_of
 from drivers.mavlink.recorder import Records, SharedRecorder, records_of
 from drivers.mavlink.scanning import LEFT, Scanned, Scanner
-from drivers.mavlink.sequences import SequenceWatch
+from drivers.mavlink.sequences import STRETCH_US, SequenceWatch
 from drivers.mavlink.stamped_frames import records_in
 from drivers.mavlink.stream_request import Outgoing, StreamRequest
 from drivers.mavlink.transports.datagrams import Datagrams, unix_us
@@ -51,6 +51,7 @@ from drivers.mavlink.transports.open import open_transport
 from drivers.mavlink.transports.sockets import SOCKET_BUFFER_BYTES
 from drivers.mavlink.transports.transport import LinkError
 from drivers.mavlink.triage import newest, said_once
+from drivers.mavlink.usual_kinds import NUMBER
 from drivers.places import PLACES
 from estimator.compilation.compiled import is_compiled_code
 from estimator.compilation.interpreted import is_interpreting
@@ -73,17 +74,17 @@ FIRST_RETRY_S = 0.1
 LONGEST_RETRY_S = 1.0
 HEARTBEAT_S = 1.0
 FLOOD = 64  # packets of one sender at one look
+LOST_LOOK_S = 0.25
 LOSS_TOLD_S = 60.0
 
 _logger = logging.getLogger(__name__)
 
 
 class _Passed(NamedTuple):
-    """Frames that are read without waiting for their turn, from ``begin`` on."""
+    """Frames that are read without waiting for their turn, as a batch has them."""
 
     scanned: Scanned
-    passing: Passing
-    begin: int = 0
+    frames: Array
 
 
 class MavlinkLink(Closing):
@@ -123,7 +124,7 @@ class MavlinkLink(Closing):
         self._backlog = Backlog(most_waiting)
         self._passing: _Passed | None = None  # what need not wait there
         self._patience = Patience()
-        self._read_clock_s = waiting_clock_s()  # when something was looked for last,
+        self._clock_s = waiting_clock_s()  # when something was looked for last,
         self._busy_s = 0.0  # and how long there was no time for that before
         self._events: list[Event] = []  # to be drained next
         self._decoder = MavlinkDecoder(references=references)
@@ -147,12 +148,15 @@ class MavlinkLink(Closing):
         self._is_down_told = False
         self._has_data = False
         self._has_just_read = False
+        self._is_awaited = False  # the next datagram, as the last was when a rest was over
         self._read_s = 0.0  # when something was read last
         self._look_s = 0.0  # when all that was there had been read
         self._retry_s = FIRST_RETRY_S
         self._retry_due_s = 0.0
         self._announce_due_s = 0.0
+        self.lost = 0  # datagrams that the system threw away, as of the last look for them,
         self._lost_before = 0  # by transports that are closed
+        self._lost_look_s = 0.0
         self._lost_told = 0
         self._lost_due_s = 0.0
 
@@ -165,11 +169,6 @@ class MavlinkLink(Closing):
     def shed(self) -> int:
         """IMU samples left out so far, since newer ones were there already."""
         return self._backlog.shed
-
-    @property
-    def lost(self) -> int:
-        """Datagrams that the system threw away before they could be read."""
-        return self._lost_before + (self._transport.lost if self._is_open else 0)
 
     @property
     def address(self) -> str:
@@ -193,7 +192,8 @@ class MavlinkLink(Closing):
         """Release the endpoint, within half a second."""
         if self._is_closed:
             return
-        self._lost_before, self._is_closed, self._is_open = self.lost, True, False
+        self._count_lost()
+        self._is_closed, self._is_open = True, False
         if self._opening is not None:
             # a transport that opens later is closed at once
             self._opening.add_done_callback(lambda _: self._transport.close())
@@ -215,17 +215,20 @@ class MavlinkLink(Closing):
         """
         if self._is_closed:
             return []
-        waits = self._backlog or self._events or self._passing is not None
-        wait_s = 0.0 if waits else max(0.0, timeout_s)
-        if self._passing is None and not self._has_turns():  # what is newer is read behind that
+        backlog = self._backlog
+        is_idle = backlog.is_at_rest and self._passing is None
+        wait_s = max(0.0, timeout_s) if is_idle and not self._events else 0.0
+        # what is newer is read behind what waits
+        if is_idle or (self._passing is None and not self._has_turns()):
             (self._receive if self._is_open else self._reopen)(wait_s)
         now_us = unix_us()
         found: list[Event | Readings] = [*self._events]
         self._events.clear()
-        found += self._read_passing()
-        if self._passing is None:
-            found += self._decoder.readings_of(self._backlog.take())
-        found += self._backlog.take_shed(now_us)
+        if self._passing is not None:
+            found += self._read_passing(self._passing)
+        if self._passing is None and not backlog.is_at_rest:
+            found += self._decoder.readings_of(backlog.take())
+        found += backlog.take_shed(now_us)
         if self._request is not None:
             found[:] = events = events_of(found)
             outgoing, notices = self._request.take(events, now_us)
@@ -240,15 +243,20 @@ class MavlinkLink(Closing):
     def _receive(self, wait_s: float) -> None:
         try:
             come = self._read(wait_s)
-            self._note_state()
+            if self._transport.connected != self._is_up:
+                self._note_state()
             now_s = time.monotonic()
-            self._handle(come, now_s)
+            if self._has_just_read:
+                self._read_s = now_s
+                self._handle(come, now_s)
+            else:
+                silence = self._hearing.silence(now_s, is_up=self._is_up, has_data=self._has_data)
+                self._tell(silence, unix_us())
             self._backlog.note_look(now_s)
             self._look_s = now_s
-            silence = self._hearing.silence(now_s, is_up=self._is_up, has_data=self._has_data)
-            self._tell(silence, unix_us())
-            self._send_due()
-            self._report_loss(now_s)
+            self._send_due(now_s)
+            if now_s >= self._lost_look_s:
+                self._look_for_loss(now_s)
         except LinkError as error:
             self._note_loss(str(error))
         except OSError as error:  # no file descriptors left, or no memory
@@ -256,24 +264,32 @@ class MavlinkLink(Closing):
 
     def _read(self, wait_s: float) -> Datagrams:
         """What has arrived; at once, only the rest in between is taken in any case."""
-        self._busy_s = waiting_clock_s() - self._read_clock_s
-        if self._has_just_read and wait_s > 0.0:
-            rest_s = self._rest_s(wait_s)
-            time.sleep(rest_s)
-            wait_s -= rest_s
-        come = self._transport.receive_many(wait_s)
-        self._read_clock_s = waiting_clock_s()
-        self._has_just_read = come.number > 0
-        if self._has_just_read:
-            self._read_s = time.monotonic()
+        begin_s, rest_s = time.monotonic(), 0.0
+        self._busy_s = begin_s - self._look_s
+        if self._busy_s > PATIENCE_S:  # or nothing has waited for too long by any clock
+            self._busy_s = waiting_clock_s() - self._clock_s
+        if wait_s > 0.0 and (self._has_just_read or self._transport.stamps_arrivals):
+            rest_s = self._rest_s(wait_s, begin_s)
+            if self._is_awaited:  # to wake up for the rest's end, too, costs as much again
+                wait_s = rest_s + GATHER_S
+            else:
+                time.sleep(rest_s)
+                wait_s -= rest_s
+        come = self._transport.receive_many(0.0)
+        waits = wait_s > 0.0 and not len(come.peers)
+        if waits:
+            come = self._transport.receive_many(wait_s)
+        self._clock_s = waiting_clock_s()
+        self._has_just_read = len(come.peers) > 0
+        is_late = self._has_just_read and time.monotonic() - begin_s >= rest_s
+        self._is_awaited = waits and is_late
         return come
 
-    def _rest_s(self, wait_s: float) -> float:
+    def _rest_s(self, wait_s: float, now_s: float) -> float:
         """How long to let datagrams gather."""
         if not self._transport.stamps_arrivals:
             return min(GATHER_S, wait_s)
-        busy_s = time.monotonic() - self._read_s
-        rest_s = max(GATHER_S, wait_s - busy_s)
+        rest_s = max(GATHER_S, wait_s - (now_s - self._read_s))
         return min(rest_s, wait_s, LONGEST_REST_S)
 
     def _reopen(self, wait_s: float) -> None:
@@ -302,18 +318,29 @@ class MavlinkLink(Closing):
 
     def _handle(self, come: Datagrams, now_s: float) -> None:
         """Have most frames read at once; put the others into the backlog, and all on record."""
-        if not come.number:
-            return
-        come = self._without_floods(come, now_s)
-        now_us, clock_s = unix_us(), waiting_clock_s()
+        if come.number + len(come.data) // LONGEST_FRAME >= FLOOD:  # less costs no more than that
+            come = self._without_floods(come, now_s)
+        clock_s = self._clock_s
         scanned = whole = self._scan(come)
         held = self._held(whole) if whole is not None and self._background is not None else None
         if scanned is not None and self._is_late(now_s, clock_s):
             scanned = self._thin_out(scanned, clock_s)
             come = scanned.datagrams
         done = [JUDGED] * come.number if scanned is None else self._let_pass(scanned, now_s)
-        if self._background is not None and held is not None:
+        if held is not None and self._background is not None:
             self._background.miss(int(np.count_nonzero(~held)) - done.count(JUDGED))
+        waiting: list[Arrived] = []
+        if done.count(PASSES) < len(done):
+            waiting = self._waiting(come, done, scanned, now_s)
+        if self._background is not None:
+            self._record(self._background, whole, held)
+        if waiting or not self._backlog.is_at_rest:
+            self._backlog.add(waiting, clock_s)
+
+    def _waiting(
+        self, come: Datagrams, done: list[int], scanned: Scanned | None, now_s: float
+    ) -> list[Arrived]:
+        """The frames of packets that wait, and of those that are judged now."""
         waiting: list[Arrived] = []
         for k, become in enumerate(done):
             if become == JUDGED:
@@ -321,15 +348,13 @@ class MavlinkLink(Closing):
             elif scanned is not None and become == WAITS:
                 arrival_us = int(come.arrivals_us[k])
                 waiting += [Arrived(arrival_us, frame) for frame in scanned.frames(k)]
-        self._record(whole, held)
+        now_us = unix_us()
         self._gate.keep(now_us)
-        self._backlog.add(waiting, clock_s)
         self._events += self._gate.take_refused(now_us)
+        return waiting
 
     def _without_floods(self, come: Datagrams, now_s: float) -> Datagrams:
         """Without what would be refused of who has sent very much since the last look."""
-        if come.number + len(come.data) // LONGEST_FRAME < FLOOD:  # it costs no more than that
-            return come
         costs = cost(come.ends - come.begins)
         stays = np.ones(come.number, np.bool_)
         peers, numbers = np.unique(come.peers, return_inverse=True)
@@ -352,31 +377,31 @@ class MavlinkLink(Closing):
         if is_folded:
             backlog.overtake(set(scanned.senders[done == PASSES].tolist()))
         found: list[int] = done.tolist()
-        self._look_at(scanned, found, last_us)
+        if self._sequences.since_us(last_us) <= STRETCH_US:
+            self._look_at(scanned, found)
         if found.count(JUDGED) < len(found):
             self._tell(self._hearing.bytes_read(len(come.data), 1, now_s), last_us)
             if not self._transport.stamps_arrivals:  # who has places, and gives them to those
                 for peer in np.unique(come.peers[done != JUDGED]).tolist():
                     self._transport.credit(come.name_of(peer))
-            passing = self._without_chatter(scanned, passing, now_s)
-            if len(passing.numbers):
+            if len(passing) >= FLOOD:
+                passing = self._without_chatter(scanned, passing, now_s)
+            if len(passing):
                 self._passing = _Passed(scanned, passing)
         return found
 
-    def _without_chatter(self, scanned: Scanned, passing: Passing, now_s: float) -> Passing:
+    def _without_chatter(self, scanned: Scanned, passing: Array, now_s: float) -> Array:
         """Without what is too much of that of which every frame has to be read."""
-        if len(passing.numbers) < FLOOD:
-            return passing
-        stays = np.ones(len(passing.numbers), np.bool_)
-        for peer, said in said_once(scanned, passing.numbers).items():
+        stays = np.ones(len(passing), np.bool_)
+        for peer, said in said_once(scanned, passing[:, NUMBER]).items():
             name = scanned.datagrams.name_of(peer)
             stays[said[self._claims.admits_said(name, len(said), now_s) :]] = False
-        return Passing(*(each[stays] for each in passing))
+        return passing[stays]
 
-    def _look_at(self, scanned: Scanned, done: list[int], last_us: int) -> None:
+    def _look_at(self, scanned: Scanned, done: list[int]) -> None:
         """Look for two senders with one address among those that need not be judged, too."""
         senders = scanned.senders.tolist()
-        looked_at = self._sequences.looked_at(senders, last_us)
+        looked_at = self._sequences.looked_at(senders)
         if not looked_at:
             return
         for k, sender in enumerate(senders):
@@ -420,12 +445,11 @@ class MavlinkLink(Closing):
         done, _ = self._leases.passing(scanned, (), self._backlog.has_come)
         return done != JUDGED
 
-    def _record(self, scanned: Scanned | None, held: Array | None) -> None:
+    def _record(
+        self, background: BackgroundRecorder, scanned: Scanned | None, held: Array | None
+    ) -> None:
         """Put on record what goes there as it is, and what was judged, in the order of arrival."""
-        background, judged = self._background, self._records
-        if background is None:
-            return
-        self._records = []
+        judged, self._records = self._records, []
         if scanned is None or held is None:
             for each in judged:
                 background.write(each)
@@ -469,22 +493,20 @@ class MavlinkLink(Closing):
         left = {each.data for each in scanned.frames(packet)}
         return [each for each in frames if each.data in left]
 
-    def _read_passing(self) -> list[Event | Readings]:
+    def _read_passing(self, passed: _Passed) -> list[Event | Readings]:
         """What some of the frames say that need not wait."""
-        passed = self._passing
-        if passed is None:
-            return []
-        scanned, (numbers, bounds, arrivals_us), begin = passed
-        end = begin + MOST_PASSING
-        batch = Batch(scanned.datagrams.data, bounds[begin:end], arrivals_us[begin:end])
-        self._passing = passed._replace(begin=end) if end < len(numbers) else None
-        return self._decoder.read(batch, lambda k: scanned.frame(numbers[begin + k]))
+        scanned, frames = passed
+        rest = frames[MOST_PASSING:]
+        self._passing = _Passed(scanned, rest) if len(rest) else None
+        return self._decoder.read(
+            Batch(scanned.datagrams.data, frames[:MOST_PASSING]), scanned.frame
+        )
 
     def _scan(self, come: Datagrams) -> Scanned | None:
         """The wanted frames of packets that are nothing but frames; None if nobody looks."""
-        if not come.number or is_interpreting() or not is_compiled_code():
-            return None
         if self._scanner is None:
+            if is_interpreting() or not is_compiled_code():
+                return None
             self._scanner = Scanner(self._decoder.wanted)
         return self._scanner.scan(come)
 
@@ -504,8 +526,7 @@ class MavlinkLink(Closing):
             encoder = self._encoder(each.system_id)
             self._outgoing.append(encoder.frame(each.message, now_us))
 
-    def _send_due(self) -> None:
-        now_s = time.monotonic()
+    def _send_due(self, now_s: float) -> None:
         if self._endpoint.kind == "udpout" and now_s >= self._announce_due_s:
             self._announce_due_s = now_s + HEARTBEAT_S
             message = heartbeat(MAV_TYPE_ONBOARD_CONTROLLER, MAV_AUTOPILOT_INVALID)
@@ -532,9 +553,7 @@ class MavlinkLink(Closing):
         return self._readers[peer]
 
     def _note_state(self) -> None:
-        """Tell when the transport began or ceased to be connected."""
-        if self._transport.connected == self._is_up:
-            return
+        """Tell that the transport began or ceased to be connected."""
         if self._is_up:
             self._tell_down("the last client has left")
             return
@@ -549,6 +568,7 @@ class MavlinkLink(Closing):
         _logger.info("%s: data arrives%s", self._endpoint, after)
 
     def _note_loss(self, reason: str) -> None:
+        self._count_lost()
         self._lost_before = self.lost
         self._retry_due_s = time.monotonic() + self._retry_s
         self._transport.close()
@@ -566,8 +586,14 @@ class MavlinkLink(Closing):
         self._is_up, self._is_down_told = False, True
         self._events.append(LinkDown(unix_us(), str(self._endpoint), reason))
 
-    def _report_loss(self, now_s: float) -> None:
+    def _count_lost(self) -> None:
+        if self._is_open:
+            self.lost = self._lost_before + self._transport.lost
+
+    def _look_for_loss(self, now_s: float) -> None:
         """Say that the system throws datagrams away, and what helps, once a minute at most."""
+        self._lost_look_s = now_s + LOST_LOOK_S
+        self._count_lost()
         lost = self.lost
         if lost == self._lost_told or now_s < self._lost_due_s:
             return

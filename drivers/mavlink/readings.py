@@ -17,16 +17,22 @@ from drivers.events import (
 )
 from drivers.mavlink.backlog import Arrived
 from drivers.mavlink.usual_kinds import (
+    ARRIVAL,
     ATTITUDE,
     ATTITUDE_NAME,
+    BATCH_COLUMNS,
+    BEGIN,
+    FATE,
     FRESH,
     GIVES,
     IS_THERE,
     MOVES,
     NO_DATA,
+    NUMBER,
     OTHER_NAMES,
     RECEIVER,
     SILENT,
+    STOP,
     TO_LOOK,
     WAITING,
     WHY,
@@ -54,26 +60,22 @@ class _Stream(NamedTuple):
     clock: TimeField
 
 
-class Batch:
-    """Frames as compiled code takes them; some of them may still be waiting."""
+class Batch(NamedTuple):
+    """Frames as compiled code takes them: a row each, in the columns of ``usual_kinds``."""
 
-    def __init__(self, data: Bytes, bounds: Whole, arrivals_us: Whole) -> None:
-        n = len(arrivals_us)
-        self.data = data
-        self.bounds = bounds
-        self.arrivals_us = arrivals_us
-        self.waiting = np.empty(n, np.int64)
-        self.waiting[:] = WAITING
+    data: Bytes
+    frames: Whole
 
     @classmethod
     def of(cls, arrived: Sequence[Arrived]) -> Self:
-        """The batch of these frames."""
-        frames = [each.frame.data for each in arrived]
-        ends = np.cumsum(np.fromiter(map(len, frames), np.int64, len(frames)))
-        bounds = np.zeros((len(frames), 2), np.int64)
-        bounds[1:, 0], bounds[:, 1] = ends[:-1], ends
-        arrivals_us = np.array([each.arrival_us for each in arrived], np.int64)
-        return cls(np.frombuffer(b"".join(frames), np.uint8), bounds, arrivals_us)
+        """The batch of these frames, which are waiting."""
+        said = [each.frame.data for each in arrived]
+        n, ends = len(said), np.cumsum([len(each) for each in said])
+        frames = np.zeros((n, BATCH_COLUMNS), np.int64)
+        frames[1:, BEGIN], frames[:, STOP] = ends[:-1], ends
+        frames[:, ARRIVAL] = [each.arrival_us for each in arrived]
+        frames[:, FATE], frames[:, NUMBER] = WAITING, range(n)
+        return cls(np.frombuffer(b"".join(said), np.uint8), frames)
 
 
 def _attitude(vehicle: VehicleId, arrival_us: int, time_us: int, angles: Vec3) -> list[Event]:
@@ -118,7 +120,7 @@ class Readings:
         whole: Whole,
         numbers: Floats,
         arrivals_us: Whole,
-        complaints: dict[int, list[Event]] | None = None,
+        complaints: dict[int, list[Event]],
     ) -> None:
         self.addresses = addresses
         self.whole = whole
@@ -126,9 +128,6 @@ class Readings:
         self.arrivals_us = arrivals_us
         self._intakes = intakes
         self._streams = streams
-        if complaints is None:  # at once, before anybody else looks at what comes behind these
-            looks = (whole[:, 4] & TO_LOOK).nonzero()[0].tolist()
-            complaints = {k: self._look(k) for k in looks}
         self.complaints = complaints
 
     def __len__(self) -> int:
@@ -192,6 +191,11 @@ class Readings:
     def looks(self, rows: Iterable[int]) -> list[Event]:
         """Complaints about samples of those rows that were to be looked at."""
         return [event for k in rows for event in self.complaints.get(k, [])]
+
+    def look(self) -> None:
+        """Look at samples that are to be: at once, before anybody else does at what follows."""
+        looks = (self.whole[:, 4] & TO_LOOK).nonzero()[0].tolist()
+        self.complaints = {k: self._look(k) for k in looks}
 
     def _look(self, k: int) -> list[Event]:
         kind, place, time_us, _, flags = self.whole[k].tolist()

@@ -175,7 +175,7 @@ class Scanner:
     def scan(self, datagrams: Datagrams) -> Scanned:
         """The frames of these datagrams."""
         data, begins, ends = datagrams[:3]
-        found = counts, firsts, senders, rows = _found(datagrams.number, len(data))
+        found = counts, firsts, senders, rows = _found(len(ends), len(data))
         written = self._scan(data, begins, ends, self._extras, self._wanted, *found)
         return Scanned(datagrams, counts, firsts, senders, rows[:written])
 

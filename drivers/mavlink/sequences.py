@@ -93,26 +93,24 @@ class SequenceWatch:
         self._checked: set[int] = set()  # in this round of stretches
         self._told: set[int] = set()
 
-    def looked_at(self, senders: Iterable[int], now_us: int) -> AbstractSet[int]:
-        """Of the addresses that send now, those whose frames :meth:`look` is to see.
+    def looked_at(self, senders: Iterable[int]) -> AbstractSet[int]:
+        """Of the addresses that send in a stretch, those whose frames :meth:`look` is to see.
 
         The others do not wait for it: it has room for a few at a time.
         """
-        if self._since_us(now_us) > STRETCH_US:
-            return frozenset()
         new = sorted({*senders} - self._checked)[: MOST_ADDRESSES - len(self._counters)]
         return {*new, *(address for _, address in self._counters)} - self._told
 
     def look(self, peer: str, frames: Iterable[Frame], now_us: int) -> list[Notice]:
         """A line for each address that proves to have two senders; nearly always none."""
-        since_us = self._since_us(now_us)
+        since_us = self.since_us(now_us)
         if since_us > STRETCH_US:
             return []
         is_settled = since_us >= SETTLE_US
         found = [self._take(peer, frame, now_us, is_settled=is_settled) for frame in frames]
         return [notice for notice in found if notice is not None]
 
-    def _since_us(self, now_us: int) -> int:
+    def since_us(self, now_us: int) -> int:
         """How long the stretch has lasted; the next begins where it is time for it."""
         begun_us = self._begun_us
         if begun_us is not None and 0 <= now_us - begun_us < EVERY_US:

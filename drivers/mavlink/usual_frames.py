@@ -66,6 +66,7 @@ class UsualFrames:
 
     def __init__(self, senders: int, *, takes_attitude: bool) -> None:
         self._rows = Rows(senders, IMUS, N_OTHERS)
+        self._arrays = self._rows.arrays
         self._kinds = np.zeros(256, np.int64)
         self._streams: dict[int, _Stream] = {}
         for number, message in IMU_MESSAGES.items():
@@ -89,26 +90,28 @@ class UsualFrames:
 
     def read(self, batch: Batch) -> "Readings | None":
         """Of each sender's frames that are waiting, those before the first unusual one."""
-        n = len(batch.arrivals_us)
+        n = len(batch.frames)
         rows = (np.empty(n, np.int64), np.empty((n, 5), np.int64), np.empty((n, 9)))
         self._turn += 1
-        taken: int = self._read(
-            batch.data,
-            batch.bounds,
-            batch.arrivals_us,
-            batch.waiting,
+        taken, is_to_look = self._read(
+            *batch,
             self._left_in,
             self._turn,
             self._kinds,
             self._places,
-            self._rows.arrays,
+            self._arrays,
             rows,
         )
         if not taken:
             return None
-        arrivals_us, whole, numbers = (each[:taken] for each in rows)
+        if taken < n:
+            rows = (rows[0][:taken], rows[1][:taken], rows[2][:taken])
+        arrivals_us, whole, numbers = rows
         arrays = (whole, numbers, arrivals_us)
-        return Readings(self.addresses, self._intakes, self._streams, *arrays)
+        readings = Readings(self.addresses, self._intakes, self._streams, *arrays, {})
+        if is_to_look:
+            readings.look()
+        return readings
 
     def hand_back(self, intake: Intake, message_id: int | None = None) -> None:
         """Give an intake its numbers back, before anybody else uses it.

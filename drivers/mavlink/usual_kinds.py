@@ -43,5 +43,7 @@ RADIANS = pi / 180.0
 # Flags: a fresh field, a sample to be looked at, an attitude that is wanted, a velocity, a place, a
 # reading that is no data; times WHY the reason for that, or why the field is none.
 FRESH, TO_LOOK, GIVES, MOVES, IS_THERE, NO_DATA, WHY = 1, 2, 4, 8, 16, 32, 64
-# What has become of a frame.
-READ, WAITING, NEXT = 0, 1, 2
+# Columns of a frame in a batch: where it begins and ends, when it arrived, what has become of it,
+# and its number where it comes from.
+BEGIN, STOP, ARRIVAL, FATE, NUMBER, BATCH_COLUMNS = 0, 1, 2, 3, 4, 5
+READ, WAITING, NEXT = 0, 1, 2  # fates

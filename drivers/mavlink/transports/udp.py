@@ -5,7 +5,6 @@ import errno
 import selectors
 import socket
 import sys
-import time
 from collections import OrderedDict
 from struct import Struct
 from typing import Any
@@ -47,7 +46,6 @@ TIMESPEC = Struct("@ll")  # s, ns
 MEMINFO = Struct("@9I")
 MEMINFO_DROPS = 8
 ANCILLARY_BYTES = 64
-LOST_LOOK_S = 0.25
 
 
 class _Udp(Transport):
@@ -163,7 +161,6 @@ class _UdpSocket:
         self._selector = selectors.DefaultSelector()
         self._selector.register(created, selectors.EVENT_READ)
         self._lost = 0
-        self._lost_look_s = 0.0
         if IS_LINUX:
             created.setsockopt(socket.SOL_SOCKET, SO_TIMESTAMPNS, 1)
         self._read = _read_stamped if IS_LINUX else _read
@@ -171,10 +168,8 @@ class _UdpSocket:
 
     @property
     def lost(self) -> int:
-        """Datagrams that the system has thrown away; asked for a few times a second."""
-        now_s = time.monotonic()
-        if IS_LINUX and now_s >= self._lost_look_s:
-            self._lost_look_s = now_s + LOST_LOOK_S
+        """Datagrams that the system has thrown away; to ask it takes as long as to read some."""
+        if IS_LINUX:
             info = self.socket.getsockopt(socket.SOL_SOCKET, SO_MEMINFO, MEMINFO.size)
             if len(info) == MEMINFO.size:  # old kernels tell less
                 self._lost = MEMINFO.unpack(info)[MEMINFO_DROPS]

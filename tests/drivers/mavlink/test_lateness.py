@@ -7,7 +7,10 @@ from drivers.endpoint import parse_endpoint
 from drivers.mavlink.backlog import PATIENCE_S, STALL_S
 from drivers.mavlink.link import LONGEST_REST_S, MavlinkLink
 from drivers.mavlink.transports.datagrams import Datagrams
+from drivers.mavlink.transports.transport import Packet
 from tests.drivers.mavlink.test_backlog import arrived
+
+PERIOD_S = 0.0025  # of 400 Hz
 
 
 class Busy:
@@ -58,3 +61,42 @@ def test_newcomers_get_as_much_again(busy):
     assert any(busy.looks(2.1 * PATIENCE_S, 0.0, 2.0))
     busy.link._backlog.take()
     assert any(busy.looks(1.9 * PATIENCE_S, 0.0, 2.0))
+
+
+class Stream:
+    """A transport on which a datagram comes each period, that far behind the period's begin."""
+
+    stamps_arrivals = True
+
+    def __init__(self, behind_s: float) -> None:
+        self.now_s, self.next_s, self.wakes = 100.0, 100.0 + behind_s, 0
+
+    def monotonic(self):
+        return self.now_s
+
+    def sleep(self, seconds):
+        self.now_s += seconds
+        self.wakes += 1
+
+    def receive_many(self, timeout_s):
+        if timeout_s > 0.0:
+            self.sleep(min(timeout_s, max(0.0, self.next_s - self.now_s)))
+        here = self.next_s <= self.now_s
+        self.next_s += PERIOD_S * here
+        return Datagrams.of([Packet("a", b"1", int(1e6 * self.now_s))] * here, 0)
+
+
+@pytest.mark.parametrize("behind_s", [0.1 * PERIOD_S, 0.5 * PERIOD_S, 0.95 * PERIOD_S])
+def test_who_reads_a_datagram_a_period_wakes_up_once_for_it(behind_s, monkeypatch):
+    """Wherever in the period it comes, and also if that is a moment after the rest's end."""
+    stream, link = Stream(behind_s), MavlinkLink(parse_endpoint("udpin:127.0.0.1:1"))
+    monkeypatch.setattr(drivers.mavlink.link, "time", stream)
+    link._transport = stream
+    read = 0
+    for period in range(1, 41):
+        link._look_s = link._read_s = stream.now_s
+        stream.now_s += 0.1 * PERIOD_S  # to handle it takes a while
+        come = link._read(100.0 + period * PERIOD_S - stream.now_s)
+        read += come.number
+    assert read >= 38
+    assert stream.wakes <= 44

@@ -52,11 +52,11 @@ class Link(MavlinkLink):
     def take(self, packets, now_us):
         self._handle(Datagrams.of(packets, now_us), 1e-6 * now_us)
         passing = self._passing
-        self.passed += 0 if passing is None else len(passing.passing.numbers)
+        self.passed += 0 if passing is None else len(passing.frames)
         found = [*self._events]
         self._events.clear()
         while self._passing is not None:
-            found += events_of(self._read_passing())
+            found += events_of(self._read_passing(self._passing))
         while self._backlog:
             found += events_of(self._decoder.readings_of(self._backlog.take()))
         return found
@@ -155,7 +155,7 @@ def test_a_lease_is_for_one_peer_and_address_and_ends():
         come = Datagrams.of([Packet(peer, data, arrival_us)], arrival_us)
         scanned = Scanner(frozenset({27})).scan(come)
         done, passing = leases.passing(scanned, waiting, np.array(everybody))
-        assert len(passing.numbers) == int(done[0] == PASSES)
+        assert len(passing) == int(done[0] == PASSES)
         return bool(done[0] == PASSES)
 
     address = 7 << 8 | 2

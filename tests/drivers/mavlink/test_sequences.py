@@ -94,13 +94,14 @@ def test_of_many_senders_a_few_are_looked_at_in_each_stretch_and_all_in_their_tu
     encoders = {system << 8 | 1: FrameEncoder(VehicleId(system, 1)) for system in range(1, 41)}
     for stretch in range(4):
         begin_us = S + stretch * EVERY_US
-        looked_at = watch.looked_at(encoders, begin_us)
+        assert watch.since_us(begin_us) <= STRETCH_US
+        looked_at = watch.looked_at(encoders)
         assert len(looked_at) <= MOST_ADDRESSES
         for address in looked_at:
             watch.look("a", reader.feed(encoders[address].frame(heartbeat(2, 3), 0)), begin_us)
         rounds.append(len(looked_at))
         seen |= looked_at
-        assert not watch.looked_at(encoders, begin_us + STRETCH_US + 1)
+        assert watch.since_us(begin_us + STRETCH_US + 1) > STRETCH_US
     assert seen == encoders.keys()
     assert rounds[:3] == [16, 16, 8]  # and a new round
 
