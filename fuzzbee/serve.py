@@ -1,6 +1,7 @@
 """The live service: everything opened, one loop, everything closed."""
 
 from contextlib import ExitStack
+from functools import partial
 from typing import TYPE_CHECKING
 
 from drivers.aside import aside
@@ -89,7 +90,7 @@ def serve(options: RunOptions, opening: OpeningSession | None) -> int:
             outbox,
             requests,
             options.rate_hz,
-            news=lambda: _change_over(compiling, pipeline),
+            news=list if compiling is None else partial(_change_over, compiling, pipeline),
             recording=lambda: recordings.word,
             seconds=options.seconds,
         )
@@ -140,8 +141,6 @@ def _load(profile: Profile, gain: float | None) -> None:
     aside(lambda: warm_up(profile, gain), COMPILER_THREAD).result()
 
 
-def _change_over(compiling: Compiling | None, pipeline: Pipeline) -> list[Message]:
+def _change_over(compiling: Compiling, pipeline: Pipeline) -> list[Message]:
     """Have the vehicles' estimators use the compiled filter, as soon as it is there."""
-    if compiling is None:
-        return []
     return compiling.change_over(lambda: [each.estimator for each in pipeline.vehicles])

@@ -143,7 +143,7 @@ def run_loop(
     failure: Exception | None = None
     with stop_on_signals(runner.stop):
         try:
-            runner.run(seconds, lambda: bool(conflicts))
+            runner.run(seconds, conflicts.__len__)
         except InputError:
             raise
         except Exception as error:  # noqa: BLE001 - raised again when all is said

@@ -4,8 +4,7 @@ from collections.abc import Iterator
 from math import degrees, inf, sqrt
 from typing import Any, NamedTuple
 
-from drivers.events import Event, ReferenceAttitude
-from drivers.mavlink.readings import Readings
+from drivers.events import ReferenceAttitude
 from drivers.simulation.flight import ALOFT_S, EIGHTS_S, MAGNET_S, ROUND_S, SET_DOWN_S, SILENCE_S
 from drivers.simulation.simulated_vehicle import PROFILES
 from estimator.geometry.metrics import angle_errors
@@ -147,10 +146,10 @@ class ScoredPipeline(Pipeline):
 
     scores: dict[str, TruthScore] | None = None
 
-    def handle(self, event: Event | Readings) -> list[Output]:
+    def on_reference(self, event: ReferenceAttitude) -> list[Output]:
         """See :class:`Pipeline`; and compare the attitude with the truth."""
-        outputs = super().handle(event)
-        if self.scores is None or not isinstance(event, ReferenceAttitude) or event.source != "sim":
+        outputs = super().on_reference(event)
+        if self.scores is None or event.source != "sim":
             return outputs
         vehicle = self.vehicle(event.vehicle)
         if vehicle is None:

@@ -13,6 +13,7 @@ from estimator.types import ImuSample
 from service.attitude_text import (
     AGE_US,
     BOOT_US,
+    NUMBERS,
     REFERENCE,
     SEQUENCE,
     STATE,
@@ -36,38 +37,38 @@ Array = Any  # numba ships no types
 
 # Of whole numbers a row has those of the text, and its sample's time and whether there is a field.
 SAMPLE_US, HAS_MAG, ROW_WHOLE = WHOLE, WHOLE + 1, WHOLE + 2
-READINGS = 9
+SHOWN_NUMBERS = NUMBERS + 9  # the reading is behind the others
 
 
 class AttitudeRows:
     """Attitudes of ``vehicles``, with their numbers in the columns of :mod:`service.attitude_text`.
 
-    ``readings`` (N, 9) are those of the samples that they come from: rate, force and field.
+    Behind those stand the readings that they come from: rate, force and field.
     """
 
-    def __init__(
-        self, vehicles: Sequence[VehicleId], whole: Array, numbers: Array, readings: Array
-    ) -> None:
+    def __init__(self, vehicles: Sequence[VehicleId], whole: Array, numbers: Array) -> None:
         self.vehicles = vehicles
         self._whole = whole
         self._numbers = numbers
-        self._readings = readings
+        self._texts: list[bytes] | None = None
 
     def __len__(self) -> int:
         return len(self.vehicles)
 
-    @cached_property
+    @property
     def texts(self) -> list[bytes]:
         """What is published of each vehicle."""
-        return texts_of(self._whole, self._numbers)
+        if self._texts is None:
+            self._texts = texts_of(self._whole, self._numbers)
+        return self._texts
 
     @cached_property
     def published(self) -> list[Published]:
         """The records, and the samples that they come from."""
-        rows = (self._whole.tolist(), self._numbers.tolist(), self._readings.tolist())
+        rows = (self._whole.tolist(), self._numbers.tolist())
         return [
-            Published(vehicle, _record(whole, numbers), _sample(whole, reading))
-            for vehicle, whole, numbers, reading in zip(self.vehicles, *rows, strict=True)
+            Published(vehicle, _record(whole, numbers), _sample(whole, numbers[NUMBERS:]))
+            for vehicle, whole, numbers in zip(self.vehicles, *rows, strict=True)
         ]
 
 
@@ -83,15 +84,17 @@ def expanded(outputs: Iterable[Made]) -> list[Output]:
     ]
 
 
-def encoded(outputs: Sequence[Made]) -> list[Made]:
+def encoded(outputs: Sequence[Made]) -> Sequence[Made]:
     """The outputs with the texts of attitudes in the place of their records."""
-    records = [attitude_of(each) for each in outputs]
-    texts = iter(texts_of_records([record for record in records if record is not None]))
+    records = [record for each in outputs if (record := attitude_of(each)) is not None]
+    if not records:  # as nearly always
+        return outputs
+    texts = iter(texts_of_records(records))
     return [
         Encoded(each.vehicle, next(texts))
-        if record is not None and isinstance(each, Published)
+        if isinstance(each, Published) and attitude_of(each) is not None
         else each
-        for each, record in zip(outputs, records, strict=True)
+        for each in outputs
     ]
 
 

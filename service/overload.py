@@ -4,6 +4,8 @@ What is left out is decided where frames wait (``drivers.mavlink.backlog``), fro
 A short stall leaves something out, too, and is no overload.
 """
 
+from math import inf
+
 # Samples left out in that many windows in a row begin an overload, and as long without any end it.
 WINDOW_S = 0.25
 WINDOWS_TO_BEGIN = 2
@@ -21,8 +23,8 @@ class Overload:
 
     def __init__(self) -> None:
         self.is_on = False
-        self._count = 0
-        self._window_s: float | None = None
+        self.due_s = -inf  # before that a count says nothing
+        self._count: int | None = None
         self._windows = 0  # in a row that speak against the present state
 
     @property
@@ -32,12 +34,12 @@ class Overload:
 
     def observe(self, left_out: int, now_s: float) -> bool:
         """Take the count at ``now_s``; True if the overload begins or ends."""
-        if self._window_s is None:
-            self._window_s, self._count = now_s, left_out
-        if now_s - self._window_s < WINDOW_S:
+        if now_s < self.due_s:
             return False
-        is_full = left_out > self._count
-        self._window_s, self._count = now_s, left_out
+        before, self._count, self.due_s = self._count, left_out, now_s + WINDOW_S
+        if before is None:
+            return False
+        is_full = left_out > before
         self._windows = self._windows + 1 if is_full != self.is_on else 0
         if self._windows < (WINDOWS_TO_END if self.is_on else WINDOWS_TO_BEGIN):
             return False

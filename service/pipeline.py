@@ -45,11 +45,11 @@ from service.attitude_rows import AttitudeRows, expanded
 from service.departures import DepartedCounts, Departures
 from service.health import State
 from service.link_lines import LinkLines
-from service.load import Load
+from service.load import Load, Losses
 from service.records import Departed, Message, Output, Peer, Published, Replaced, vehicle_name
 from service.talk import Talk
 from service.usual_rows import ALL, DUE, NONE, WOKEN
-from service.usual_vehicles import UsualVehicles
+from service.usual_vehicles import Rest, UsualVehicles
 from service.vehicle import Vehicle
 
 MAX_VEHICLES = PLACES  # on one link
@@ -113,20 +113,22 @@ class Pipeline:
 
     def take(self, readings: Readings) -> list[Output]:
         """Take many readings as :meth:`handle` takes their events; in order for each vehicle."""
-        outputs, left = self._take_usual(readings)
-        while left:
-            readings = readings.only(left)
-            said, left = self._take_usual(readings)
-            outputs += said
-        return outputs
-
-    def _take_usual(self, readings: Readings) -> tuple[list[Output], Sequence[int]]:
-        """Take the rows that just go on, and at most one more of a vehicle; the others are left."""
-        self._return_usual()
-        rest = self._usual.take(readings)
         outputs: list[Output] = []
-        if not any(rest):  # as nearly always
-            return outputs, []
+        while True:
+            if self._away:
+                self._return_usual()
+            rest = self._usual.take(readings)
+            if rest is None:
+                return outputs
+            said, left = self._take_rest(readings, rest)
+            outputs += said
+            if not left:
+                return outputs
+            readings = readings.only(left)
+
+    def _take_rest(self, readings: Readings, rest: Rest) -> tuple[list[Output], Sequence[int]]:
+        """Take at most one more row of each vehicle; the others are left."""
+        outputs: list[Output] = []
         for event in readings.looks(rest.looks):
             outputs += self.handle(event)
         for event in readings.events(rest.checks):
@@ -220,13 +222,8 @@ class Pipeline:
             case BuiltIn(vehicle=address):
                 vehicle = self._vehicles.get(address) or self._meet(address)
                 return [] if vehicle is None else self._fit(vehicle, event)
-            case ReferenceAttitude() if self._is_shedding:
-                pass  # samples come first
-            case ReferenceAttitude(vehicle=address, source=source, q_ned_frd=q):
-                if (vehicle := self._vehicles.get(address)) is not None:
-                    self._usual.tell(address)
-                    self._peers[address, source] = Peer(address, source, q)
-                    return _messages(vehicle.on_reference(event))
+            case ReferenceAttitude():
+                return self.on_reference(event)
             case Malformed(frames=frames):
                 self.malformed += frames
             case Notice(vehicle=address, text=text):
@@ -237,6 +234,16 @@ class Pipeline:
                 return [Message(self._links.line(event))]
         return []
 
+    def on_reference(self, event: ReferenceAttitude) -> list[Output]:
+        """Take another's attitude, if there is time for it: samples come first."""
+        address, source = event.vehicle, event.source
+        vehicle = self._vehicles.get(address)
+        if self._is_shedding or vehicle is None:
+            return []
+        self._usual.tell(address)
+        self._peers[address, source] = Peer(address, source, event.q_ned_frd)
+        return _messages(vehicle.on_reference(event))
+
     def tick(self, now_us: int, load: Load = Load()) -> list[Output]:  # noqa: B008 - immutable
         """The attitudes at ``now_us`` (host time), and each second the statuses."""
         return expanded(self.tick_rows(now_us, load))
@@ -245,27 +252,28 @@ class Pipeline:
         self,
         now_us: int,
         load: Load = Load(),  # noqa: B008 - immutable
+        ask_losses: Callable[[], Losses] = Losses,
     ) -> list[Output | AttitudeRows]:
-        """The same with most attitudes as rows."""
+        """The same with most attitudes as rows; ``ask_losses`` is called if a status is due."""
         self._is_shedding = load.is_shedding
         due, is_second = self._take_turns(now_us)
         if is_second:
             self._forget_silent(now_us)
-        outputs: list[Output | AttitudeRows] = [*self._take_departed(now_us)]
-        outputs += [*self._replaced.values(), *self._peers.values()]
-        for address in self._replaced.keys() - self._fitted:
-            vehicle, why = self._vehicles[address], self._replaced[address].retuned
-            outputs += _messages(vehicle.on_profile(now_us, why))
-        self._replaced.clear()
-        self._fitted.clear()
-        self._peers.clear()
+        outputs: list[Output | AttitudeRows] = []
+        if self._departed:
+            outputs += self._take_departed(now_us)
+        if self._replaced or self._peers:
+            outputs += self._take_news(now_us)
         takes_all = not (load.is_shedding or load.has_just_woken)
         wanted = ALL if takes_all else WOKEN if load.has_just_woken else DUE
         wanted = NONE if load.is_behind else wanted
-        self._return_usual()
+        if self._away:
+            self._return_usual()
         rows, done = self._usual.show(now_us, wanted)
-        outputs += [] if rows is None else [rows]
+        if rows is not None:
+            outputs.append(rows)
         told = self._take_lost() if is_second else {}
+        losses = ask_losses() if due or told else Losses()
         due |= told.keys()
         for address, vehicle in (self._there | told).items():
             is_told = address in due
@@ -286,7 +294,7 @@ class Pipeline:
                     outputs.append(Published(address, attitude, vehicle.last_sample))
             if is_told:
                 self._usual.tell(address)
-                status = vehicle.status(now_us, load, self.malformed)
+                status = vehicle.status(now_us, load, losses, self.malformed)
                 outputs.append(Published(vehicle.address, status, time_unix_us=now_us))
         return outputs
 
@@ -408,11 +416,20 @@ class Pipeline:
     def _take_departed(self, now_us: int) -> list[Output]:
         """The vehicles forgotten since the last tick."""
         gone, self._departed = self._departed, []
-        if not gone:
-            return []
         texts = [f"vehicle {vehicle_name(address)}: gone, and forgotten" for address in gone]
         lines = self._departure_talk.lines(texts, now_us)
         return [*map(Departed, gone), *map(Message, lines)]
+
+    def _take_news(self, now_us: int) -> list[Output]:
+        """The parameters replaced since the last tick, and attitudes of others."""
+        news: list[Output] = [*self._replaced.values(), *self._peers.values()]
+        for address in self._replaced.keys() - self._fitted:
+            vehicle, why = self._vehicles[address], self._replaced[address].retuned
+            news += _messages(vehicle.on_profile(now_us, why))
+        self._replaced.clear()
+        self._fitted.clear()
+        self._peers.clear()
+        return news
 
     def _forget(self, address: VehicleId) -> None:
         """Forget a vehicle, all but the parameters that somebody gave it."""

@@ -13,7 +13,7 @@ from collections.abc import Callable, Sequence
 from drivers.events import Event
 from drivers.mavlink.readings import Readings
 from drivers.source import EventSource
-from service.load import Load
+from service.load import Load, Losses
 from service.overload import Overload
 from service.parameters import ParameterRequests
 from service.pipeline import Pipeline
@@ -61,7 +61,7 @@ class Runner(Stoppable):
         now_us: Callable[[], int] = lambda: time.time_ns() // 1000,
         monotonic_s: Callable[[], float] = time.monotonic,
         requests: ParameterRequests | None = None,
-        is_finished: Callable[[], bool] = lambda: False,
+        is_finished: Callable[[], bool] = bool,
         overload: Overload | None = None,
         news: Callable[[], list[Message]] = list,
         recording: Callable[[], str] = str,
@@ -93,9 +93,7 @@ class Runner(Stoppable):
         """Datagrams that the system threw away before they could be read."""
         return self._source.lost
 
-    def run(
-        self, seconds: float | None = None, is_over: Callable[[], bool] = lambda: False
-    ) -> None:
+    def run(self, seconds: float | None = None, is_over: Callable[[], object] = bool) -> None:
         """Loop until stopped or over, for ``seconds`` if given, or to the end of a finite source.
 
         ``is_over`` is asked at every turn.
@@ -105,7 +103,7 @@ class Runner(Stoppable):
         if self._requests is not None:
             self._requests.close()
 
-    def _loop(self, seconds: float | None, is_over: Callable[[], bool]) -> None:
+    def _loop(self, seconds: float | None, is_over: Callable[[], object]) -> None:
         start_s = self._monotonic_s()
         end_s = None if seconds is None else start_s + seconds
         due_s = self._due_s = start_s + self._period_s
@@ -138,7 +136,8 @@ class Runner(Stoppable):
                 break
         if self._requests is not None:
             self._requests.serve(self._pipeline.replace_profile)
-        self._outbox.put(outputs)
+        if outputs:
+            self._outbox.put(outputs)
 
     @property
     def dropped(self) -> int:
@@ -148,30 +147,27 @@ class Runner(Stoppable):
     def _tick(self, now_s: float) -> None:
         if news := self._news():
             self._outbox.put(news)
-        is_shedding = self._observe_load(now_s)
+        overload = self._overload
+        if overload is not None and now_s >= overload.due_s:
+            self._observe_load(overload, now_s)
         load = Load(
-            self.overruns,
-            self.dropped,
-            self._source.lost,
-            is_shedding=is_shedding,
-            is_behind=not self._outbox.settle(0.0),
-            has_just_woken=self._woken_s is not None and now_s - self._woken_s < WAKING_S,
-            rate_hz=1.0 / self._period_s,
-            recording=self._recording(),
+            overload is not None and overload.is_on,
+            not self._outbox.settle(0.0),
+            self._woken_s is not None and now_s - self._woken_s < WAKING_S,
+            1.0 / self._period_s,
         )
-        self._outbox.put(self._pipeline.tick_rows(self._now_us(), load))
+        self._outbox.put(self._pipeline.tick_rows(self._now_us(), load, self._losses))
         self._outbox.settle(SETTLING * self._period_s)
         self._frozen.add(len(self._pipeline), now_s)
         self.ticks += 1
 
-    def _observe_load(self, now_s: float) -> bool:
-        """Whether there is more to do than can be done; told when it begins and ends."""
-        overload = self._overload
-        if overload is None:
-            return False
+    def _losses(self) -> Losses:
+        return Losses(self.overruns, self.dropped, self._source.lost, self._recording())
+
+    def _observe_load(self, overload: Overload, now_s: float) -> None:
+        """Tell when there begins to be more to do than can be done, and when that ends."""
         if overload.observe(self._source.shed + self._source.lost, now_s):
             self._outbox.put([Message(overload.line)])
-        return overload.is_on
 
     def _most_catch_up_s(self) -> float:
         """How late ticks may be that are made up for; live, there is little time for it."""

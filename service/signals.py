@@ -21,16 +21,11 @@ class Stoppable:
     """A loop that ends at its next turn once somebody has asked for it."""
 
     def __init__(self) -> None:
-        self._stop = threading.Event()
+        self.was_stopped = False  # whether somebody asked for the end
 
     def stop(self) -> None:
         """Ask for the end; from any thread or signal handler."""
-        self._stop.set()
-
-    @property
-    def was_stopped(self) -> bool:
-        """Whether somebody asked for the end."""
-        return self._stop.is_set()
+        self.was_stopped = True
 
 
 def ending_signals() -> tuple[signal.Signals, ...]:

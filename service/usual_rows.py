@@ -37,11 +37,12 @@ from estimator.live.resident import (
 )
 from estimator.types import ZERO_VEC3, Vec3
 from service.attitude_rows import HAS_MAG as SHOWN_HAS_MAG
-from service.attitude_rows import READINGS, SAMPLE_US
+from service.attitude_rows import SAMPLE_US, SHOWN_NUMBERS
 from service.attitude_text import (
     AGE_US,
     BOOT_US,
     NUMBER_OF_WORD,
+    NUMBERS,
     REFERENCE,
     SEQUENCE,
     STATE,
@@ -313,7 +314,7 @@ def show_rows(
     now_us: int,
     wanted: int,
     done: Whole,
-    shown: tuple[Whole, Floats, Floats],
+    shown: tuple[Whole, Floats],
 ) -> int:
     """Write what is published of the vehicles at ``places``; returns how many those are.
 
@@ -321,7 +322,7 @@ def show_rows(
     from, with one and without. Those that are shown count it.
     """
     state_whole, state_numbers = state[:2]
-    out_whole, out, readings = shown
+    out_whole, out = shown
     n = 0
     for k in range(len(places)):
         row, reals = state_whole[places[k]], state_numbers[places[k]]
@@ -346,8 +347,8 @@ def show_rows(
         whole[REFERENCE] = references[places[k], 0 if has_heading else 1]
         write_shown(out[n], moved, figures)
         whole[SAMPLE_US], whole[SHOWN_HAS_MAG] = row[TIME], row[HAS_MAG]
-        for i in range(READINGS):
-            readings[n, i] = reals[READING + i]
+        for i in range(NUMBERS, SHOWN_NUMBERS):
+            out[n, i] = reals[READING + i - NUMBERS]
         row[ATTITUDES] += 1
         row[SHOWN_SAMPLES], row[SHOWN_US] = row[SAMPLES], now_us
         n += 1

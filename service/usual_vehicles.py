@@ -24,11 +24,8 @@ from drivers.mavlink.readings import Readings
 from estimator.compilation.direct import direct
 from estimator.estimator import Estimator
 from estimator.live.reports import MOST_WAITING
-from service.attitude_rows import READINGS, ROW_WHOLE, AttitudeRows
-from service.attitude_text import (
-    NUMBER_OF_WORD,
-    NUMBERS,
-)
+from service.attitude_rows import ROW_WHOLE, SHOWN_NUMBERS, AttitudeRows
+from service.attitude_text import NUMBER_OF_WORD
 from service.usual_columns import (
     CHECK,
     COMPARE,
@@ -105,9 +102,9 @@ class UsualVehicles:
         self._show: Any = None
         self._put: Any = None
 
-    def take(self, readings: Readings) -> "Rest":
-        """Take the rows that just go on; returns what else there is to do."""
-        n = len(readings)
+    def take(self, readings: Readings) -> "Rest | None":
+        """Take the rows that just go on; returns what else there is to do, if there is."""
+        n = len(readings.arrivals_us)
         if self._fleet is None:
             return Rest(left=list(range(n)))
         self._batch += 1
@@ -117,9 +114,9 @@ class UsualVehicles:
         unusual = self._take(
             self._fleet, self._index, self._state, self._batch, addresses, rows, left
         )
+        if not unusual and not readings.complaints:  # as nearly always
+            return None
         looks = [k for k in readings.complaints if left[k] != LEFT]
-        if not unusual:
-            return Rest(looks)
         return Rest(looks, *((left == done).nonzero()[0].tolist() for done in RESTS))
 
     def show(self, now_us: int, wanted: int) -> tuple[AttitudeRows | None, AbstractSet[VehicleId]]:
@@ -131,16 +128,15 @@ class UsualVehicles:
         if not n:
             return None, known
         done = np.empty(n, np.int64)
-        rows = (np.empty((n, ROW_WHOLE), np.int64), np.empty((n, NUMBERS)))
-        shown = (*rows, np.empty((n, READINGS)))
+        shown = (np.empty((n, ROW_WHOLE), np.int64), np.empty((n, SHOWN_NUMBERS)))
         references = self._references
         count = self._show(
             self._fleet, places, self._state, references, now_us, wanted, done, shown
         )
-        vehicles, more = addresses, []
-        if count < n:
-            more = (done == MORE).nonzero()[0].tolist()
-            vehicles = [addresses[k] for k in (done == SHOWN).nonzero()[0].tolist()]
+        if count == n:  # as nearly always
+            return AttitudeRows(addresses, *shown), known
+        more = (done == MORE).nonzero()[0].tolist()
+        vehicles = [addresses[k] for k in (done == SHOWN).nonzero()[0].tolist()]
         found = AttitudeRows(vehicles, *(each[:count] for each in shown)) if count else None
         return found, known - {addresses[k] for k in more} if more else known
 
@@ -273,6 +269,6 @@ def argument_types(inside: Any) -> dict[Any, tuple[Any, ...]]:
         take_rows: (fleet, numbers, state, whole, numbers, rows, numbers),
         show_rows: (
             *(fleet, numbers, state, two, whole, whole, numbers),
-            _types.Tuple((two, reals, reals)),
+            _types.Tuple((two, reals)),
         ),
     }

@@ -54,7 +54,7 @@ from service.health import Health, State
 from service.host_clock import HostClock, Offsets
 from service.imu_choice import ImuChoice
 from service.intervals import CHECKED_EVERY, MEDIAN_EVERY, OTHER_CLOCK_US, PERIODS_KEPT
-from service.load import Load
+from service.load import Load, Losses
 from service.records import AttitudeRecord, Autopilot, Retuned, StatusRecord, vehicle_name
 from service.report_choice import Kind, ReportChoice, kind_of
 from service.second_opinion import Doubts, SecondOpinion, Verdict, in_words, turned_back
@@ -422,7 +422,13 @@ class Vehicle:
         self._published_samples, self._published_us = self.samples, now_us
         return record
 
-    def status(self, now_us: int, load: Load, malformed: int = 0) -> StatusRecord:
+    def status(
+        self,
+        now_us: int,
+        load: Load,
+        losses: Losses = Losses(),  # noqa: B008 - immutable
+        malformed: int = 0,
+    ) -> StatusRecord:
         """The vehicle's status at ``now_us``; a silence that still lasts counts as a gap, too."""
         words = set(self._alarms.words)
         if self.has_unfit_profile:
@@ -436,20 +442,20 @@ class Vehicle:
             imu_rate_hz=self.imu_rate_hz,
             worst_gap_s=max(self.worst_gap_us, self._silence_us(now_us)) / 1e6,
             rejected=dict(sorted(self.rejected.items())),
-            overruns=load.overruns,
-            dropped=load.dropped,
+            overruns=losses.overruns,
+            dropped=losses.dropped,
             sequence=self._statuses,
             rates=self.estimator.rates,
             gain=self.estimator.gain_in_words,
             overloaded=load.is_shedding,
             shed=self.shed,
-            lost=load.lost,
+            lost=losses.lost,
             published_hz=self._published_hz(now_us, load),
             malformed=malformed,
             warnings=tuple(sorted(words)),
             retuned=self._retuned,
             autopilot=autopilot,
-            recording=load.recording,
+            recording=losses.recording,
         )
         self._statuses += 1
         return record

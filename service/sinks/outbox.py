@@ -32,9 +32,9 @@ class Outbox:
 
     def put(self, outputs: Sequence[Made]) -> None:
         """Hand outputs to every sink, and one sink's errors to all; never blocks."""
-        errors = [error for outlet in self._outlets if (error := outlet.take_error()) is not None]
-        if errors:
-            outputs = [*outputs, *map(Message, errors)]
+        for outlet in self._outlets:
+            if outlet.error is not None:
+                outputs = [*outputs, Message(outlet.take_error())]
         if outputs:
             for outlet in self._outlets:
                 outlet.put(outputs)
@@ -45,7 +45,10 @@ class Outbox:
         Meanwhile the caller would only keep Python's lock from them, half a millisecond a record.
         """
         end_s = time.monotonic() + timeout_s
-        return all(outlet.settle(end_s - time.monotonic()) for outlet in self._waited_for)
+        for outlet in self._waited_for:
+            if outlet.is_busy and not outlet.settle(end_s - time.monotonic()):
+                return False
+        return True
 
     def close(self) -> None:
         """Deliver what is pending and close every sink; ``stuck`` names those that hang."""
@@ -55,8 +58,7 @@ class Outbox:
         for outlet in self._outlets:
             if not outlet.join(max(0.01, end_s - time.monotonic())):
                 self.stuck.append(outlet.sink.name)
-        errors = [outlet.take_error() for outlet in self._outlets]
-        self.untold += [error for error in errors if error is not None]
+        self.untold += [each.take_error() for each in self._outlets if each.error is not None]
 
     def __enter__(self) -> Self:
         return self

@@ -57,22 +57,23 @@ class Outlet:
         self.never_waits: bool = getattr(sink, "never_waits", False)
         self.dropped = 0
         self.errors = 0
-        self._last_error: str | None = None
+        self.error: str | None = None  # the latest that has not been told yet
         self._pending: deque[tuple[float, Sequence[Made]]] = deque()  # and since when, s
-        self._is_busy = False  # something is pending, or in hand
+        self.is_busy = False  # something is pending, or in hand
         self._progress_s = 0.0  # when it began, or got on with something
         self._handle_at_once: AtOnce | None = getattr(sink, "handle_at_once", None)
         self._rest_s: float = getattr(sink, "rest_s", 0.0)
         self._takes_rows: bool = getattr(sink, "takes_rows", False)
-        self._closing = False
-        self._changed = threading.Condition()
+        self._closing = threading.Event()
+        self._lock = threading.Lock()
+        self._changed = threading.Condition(self._lock)
         # a daemon: a sink that blocks for ever must not keep the process alive
         self._thread = threading.Thread(target=self._work, name=f"sink {sink.name}", daemon=True)
         self._thread.start()
 
     def put(self, outputs: Sequence[Made]) -> None:
         """Hand over outputs; never blocks."""
-        if self._handle_at_once is not None and not self._is_busy:
+        if self._handle_at_once is not None and not self.is_busy:
             try:
                 outputs = self._handle_at_once(outputs)
             except BaseException as error:  # noqa: BLE001 - whatever it does, the others go on
@@ -81,14 +82,14 @@ class Outlet:
             if not outputs:
                 return
         now_s = time.monotonic()
-        with self._changed:
+        with self._lock:
             while len(self._pending) >= MAX_PENDING or (
                 self._pending and now_s - self._pending[0][0] > LONGEST_WAIT_S
             ):
                 self.dropped += _count(self._pending.popleft()[1])
             self._pending.append((now_s, outputs))
-            if not self._is_busy:
-                self._is_busy, self._progress_s = True, now_s
+            if not self.is_busy:
+                self.is_busy, self._progress_s = True, now_s
                 self._changed.notify()
 
     def settle(self, timeout_s: float) -> bool:
@@ -96,22 +97,20 @@ class Outlet:
 
         Of a sink that gets on with nothing it is said, too: nobody waits for it.
         """
-        if not self._is_busy:
-            return True
-        with self._changed:
+        with self._lock:
             if time.monotonic() - self._progress_s > STUCK_S:
                 return True
-            return self._changed.wait_for(lambda: not self._is_busy, max(0.0, timeout_s))
+            return self._changed.wait_for(lambda: not self.is_busy, max(0.0, timeout_s))
 
-    def take_error(self) -> str | None:
-        """The latest error that has not been returned yet, as a text; None if there is none."""
-        error, self._last_error = self._last_error, None
-        return error
+    def take_error(self) -> str:
+        """The latest error, as a text; it is told now."""
+        error, self.error = self.error, None
+        return error or ""
 
     def begin_close(self) -> None:
         """Have the sink closed once it has taken what is pending; does not wait for that."""
-        with self._changed:
-            self._closing = True
+        self._closing.set()
+        with self._lock:
             self._changed.notify()
 
     def join(self, timeout_s: float) -> bool:
@@ -136,19 +135,22 @@ class Outlet:
             self._note(error)
 
     def _next(self) -> Sequence[Made] | None:
-        with self._changed:
-            if not self._pending and self._is_busy:
-                self._is_busy = False
+        with self._lock:
+            has_done_all = not self._pending and self.is_busy
+            if has_done_all:
+                self.is_busy = False
                 self._changed.notify_all()  # whoever waits for that
-                self._changed.wait_for(lambda: self._closing, self._rest_s)
-            while not self._pending and not self._closing:
+        if has_done_all:  # of what comes meanwhile nobody tells it: to wake it costs more than that
+            self._closing.wait(self._rest_s)
+        with self._lock:
+            while not self._pending and not self._closing.is_set():
                 self._changed.wait()
             return self._pending.popleft()[1] if self._pending else None
 
     def _note(self, error: BaseException) -> None:
         """Repeated errors are counted; the first and every hundredth are told."""
         if self.errors % 100 == 0:
-            self._last_error = f"{self.sink.name}: {error or type(error).__name__}"
+            self.error = f"{self.sink.name}: {error or type(error).__name__}"
         self.errors += 1
 
 

@@ -104,9 +104,9 @@ class ZenohSink:
     def _take(self, output: Made) -> None:
         if isinstance(output, AttitudeRows):
             for vehicle, text in zip(output.vehicles, output.texts, strict=True):
-                self._put_attitude(vehicle, text)
+                self._put(self._attitudes, vehicle, "attitude", text)
         elif isinstance(output, Encoded):
-            self._put_attitude(output.vehicle, output.payload)
+            self._put(self._attitudes, output.vehicle, "attitude", output.payload)
         elif isinstance(output, Published):
             self._put(self._statuses, output.vehicle, "status", self._encode(output.record))
         elif isinstance(output, Replaced):
@@ -117,9 +117,6 @@ class ZenohSink:
     def close(self) -> None:
         """Close the session, which withdraws everything declared on it."""
         close_session(self._session)
-
-    def _put_attitude(self, vehicle: VehicleId, text: bytes) -> None:
-        self._put(self._attitudes, vehicle, "attitude", text)
 
     def _put(
         self, topics: dict[VehicleId, _Topic], vehicle: VehicleId, kind: str, text: bytes

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from drivers.events import VehicleId
 from service import attitude_text
-from service.attitude_rows import READINGS, ROW_WHOLE, AttitudeRows, attitude_of, expanded
+from service.attitude_rows import ROW_WHOLE, SHOWN_NUMBERS, AttitudeRows, attitude_of, expanded
 from service.attitude_text import FORM, NUMBERS, WORDS, texts_of_records
 from service.health import State
 from service.records import AttitudeRecord, Confidence, Message, Published, Sigma
@@ -98,9 +98,9 @@ def test_rows_are_records_for_whoever_wants_those():
     whole = np.zeros((n, ROW_WHOLE), np.int64)
     whole[:] = [1_700_000_000_000_000, 5_000_000, 7_000, 3, 1, WORDS.index("running"), 4_900_000, 1]
     numbers = np.array([[rng.uniform(-1.0, 1.0) for _ in range(NUMBERS)] for _ in range(n)])
-    readings = np.arange(float(n * READINGS)).reshape(n, READINGS)
+    readings = np.arange(float(n * (SHOWN_NUMBERS - NUMBERS))).reshape(n, -1)
     vehicles = [VehicleId(k + 1, 1) for k in range(n)]
-    rows = AttitudeRows(vehicles, whole, numbers, readings)
+    rows = AttitudeRows(vehicles, whole, np.hstack((numbers, readings)))
     published = expanded([Message("before"), rows])[1:]
     assert [each.vehicle for each in published] == vehicles
     for k, each in enumerate(published):

@@ -18,7 +18,8 @@ from drivers.events import (
 )
 from estimator.errors import InputError
 from estimator.profile import load_profile
-from service.load import Load
+from service.attitude_rows import expanded
+from service.load import Losses
 from service.pipeline import MOST_LOST_TOLD, STATUS_PERIOD_US, Pipeline
 from service.records import AttitudeRecord, Message, Peer, Published, Replaced, StatusRecord
 from service.vehicle import Vehicle
@@ -81,10 +82,20 @@ def test_the_tick_schedule_does_not_touch_the_states_at_the_samples(profile):
     assert all(other == states[0] for other in states[1:])
 
 
+def test_losses_are_asked_for_only_where_a_status_tells_them():
+    pipeline, asked = fed(imu_events(100)), []
+    for k in range(100):
+        outputs = pipeline.tick_rows(
+            START_US + 1_000_000 + 10_000 * k, ask_losses=lambda: asked.append(1) or Losses()
+        )
+        assert len(asked) == len(statuses(expanded(outputs)))
+        asked.clear()
+
+
 def test_records_have_the_published_schema():
     pipeline = fed(imu_events(100))
     now = START_US + 1_000_000
-    outputs = pipeline.tick(now, Load(overruns=3, dropped=4))
+    outputs = expanded(pipeline.tick_rows(now, ask_losses=lambda: Losses(overruns=3, dropped=4)))
     (attitude,), (status,) = attitudes(outputs), statuses(outputs)
     decoded = json.loads(msgspec.json.encode(attitude), parse_constant=pytest.fail)
     assert list(decoded) == ATTITUDE_KEYS
