@@ -65,16 +65,17 @@ class _Decoder:
         dated_us = begin_us if begin_us > FIRST_DATE_US else 0
         self._vehicle = LoggedVehicle(VehicleId(1, 1), dated_us, doubts_axes=columns.doubts_axes)
         self._raw_us = 0
+        self._is_whole = True  # whether all that was read of the row so far are numbers
 
     def decode(self, time_us: int | None, row: Sequence[str]) -> list[Event]:
-        """The events of a row; what is empty is not there, and what is no number is counted."""
+        """The events of a row; what is empty is not there, a row with no number for one counted."""
         if time_us is None or time_us < self._begin_us:
             return [Malformed(self._vehicle.arrival_us(self._raw_us), 1)]
-        self._raw_us = time_us - self._begin_us
-        try:
-            return self._events(row)
-        except (ValueError, IndexError):
-            return [Malformed(self._vehicle.arrival_us(self._raw_us), 1)]
+        self._raw_us, self._is_whole = time_us - self._begin_us, True
+        events = self._events(row)
+        if not self._is_whole:
+            events.append(Malformed(self._vehicle.arrival_us(self._raw_us), 1))
+        return events
 
     def _events(self, row: Sequence[str]) -> list[Event]:
         columns, raw_us, events = self._columns, self._raw_us, list[Event]()
@@ -116,8 +117,12 @@ class _Decoder:
         return None if numbers is None else (numbers[0], numbers[1], numbers[2])
 
     def _numbers(self, row: Sequence[str], parts: Sequence[Part]) -> list[float] | None:
-        """The numbers in those columns; None where one is empty."""
-        numbers = [factor * self._text.number(row[i]) for i, factor in parts]
+        """The numbers in those columns; None where one is empty, or is no number."""
+        try:
+            numbers = [factor * self._text.number(row[i]) for i, factor in parts]
+        except (ValueError, IndexError):
+            self._is_whole = False
+            return None
         return None if not numbers or any(map(isnan, numbers)) else numbers
 
 

@@ -233,7 +233,8 @@ def _seen_text(replay: Replay, system_id: int | None) -> str:
         return ": " + ", ".join(f"{n} x {reason}" for reason, n in sorted(refused.items()))
     if system_id is None and ids:
         return f" (vehicles seen: {', '.join(map(str, ids))})"
-    return ""
+    malformed = replay.pipeline.malformed
+    return f": {malformed} x malformed" if malformed else ""
 
 
 def score(path: Path, trace: VehicleTrace, compared: Comparison, skip_s: float) -> LogReport:
@@ -274,7 +275,7 @@ def score(path: Path, trace: VehicleTrace, compared: Comparison, skip_s: float) 
         peers={"autopilot": autopilot.summary()} if has_peer else {},
         convergence_s=converged.time_s if has_heading else None,
         mean_gain=gain.mean("gain") or 0.0,
-        rejected=sort_counts(trace.rejected),
+        rejected=sort_counts(trace.rejected + Counter(malformed=trace.malformed)),
         wall_s=0.0,
         heading_references=sort_counts(counts_of(norths)),
         constant_turn=constant_turn(scored.turned),

@@ -47,6 +47,7 @@ class VehicleTrace:
         self.fields = 0  # samples with a magnetic field
         self.references = {"sim": ReferenceTrack(), "autopilot": ReferenceTrack()}
         self.rejected: Counter[str] = Counter()
+        self.malformed = 0  # rows or frames of the log that cannot be read, whoever sent them
         self.turned_at_us: int | None = None
         self.decisions: list[tuple[int, Decision]] | None = None  # where it was retuned
         self.trim_rad = dict.fromkeys(TRIM, 0.0)
@@ -115,6 +116,7 @@ class Replay:
             trace.rates = vehicle.estimator.rates
             trace.second_opinion = vehicle.second_opinion
             trace.place_field = vehicle.estimator.place_field
+            trace.malformed = self.pipeline.malformed
             if isinstance(vehicle.estimator, RetunedEstimator):
                 trace.decisions = vehicle.estimator.decisions
 
