@@ -65,12 +65,12 @@ def report_compass(
         profile.mounting, mag_offset_gauss=(0.0, 0.0, 0.0), mag_matrix=UNCHANGED
     )
     trace = replay_log(path, msgspec.structs.replace(profile, mounting=bare), system_id=system_id)
-    field = field or trace.place_field
-    if field is None:
-        raise InputError(f"{path}: no position; --place LAT,LON says which field is there")
     mag, down, current_a = _readings(trace, _current_a(path, trace))
     if not len(mag):
         raise InputError(f"{path}: no magnetometer")
+    field = field or trace.place_field
+    if field is None:
+        raise InputError(f"{path}: no position; --place LAT,LON says which field is there")
     fit = fit_compass(mag, down, field, current_a)
     if fit is None:
         raise InputError(

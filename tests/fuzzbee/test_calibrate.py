@@ -92,7 +92,7 @@ def test_a_place_that_is_none_is_one_line(place, capsys):
     ("log", "complaint"),
     [
         ("sitl_copter_takeoff.tlog", "too few turns"),
-        ("rover_no_magnetometer.tlog", "no position|no magnetometer"),
+        ("rover_no_magnetometer.tlog", "no magnetometer"),
     ],
 )
 def test_what_shows_nothing_is_one_line(log, complaint, capsys):
@@ -100,7 +100,7 @@ def test_what_shows_nothing_is_one_line(log, complaint, capsys):
     out, err = capsys.readouterr()
     assert not out
     told = err.splitlines()[-1]  # before it may stand that the filter is compiled
-    assert any(each in told for each in complaint.split("|"))
+    assert complaint in told
     assert "Traceback" not in err
 
 
