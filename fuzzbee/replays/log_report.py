@@ -159,7 +159,12 @@ def report_log(
         columns=columns,
         reading=reading,
     )
-    trace = replayed(start_wrong_deg=start_wrong_deg, system_id=system_id, tell=tell)
+    whose = "" if profile_name is None else f" with {profile_name}"
+
+    def tell_of(text: str) -> None:
+        tell(f"{path.name}{whose}: {text}")
+
+    trace = replayed(start_wrong_deg=start_wrong_deg, system_id=system_id, tell=tell_of)
     compared = compare(path, trace, reference)
     report = score(path, trace, compared, skip_s)
     if start_wrong_deg:
@@ -209,7 +214,7 @@ def replay_log(
         system_id=system_id,
         start_wrong_deg=start_wrong_deg,
         retune=retune,
-        tell=lambda text: tell(f"{path.name}: {text}"),
+        tell=tell,
         new_estimator=recorder(fixed_gain) if smooth else None,
     )
     with open_log(path, columns) as log, reading(log):

@@ -115,7 +115,9 @@ def test_several_profiles_and_logs_come_in_one_table_and_one_figure(capsys, tmp_
     assert errors[:2] == pytest.approx([0.435, 19.1], rel=0.2)
     assert figure.stat().st_size > 10_000
     main(["replay", *map(str, logs), *profiles])
-    table = capsys.readouterr().out
+    table, told = capsys.readouterr()
+    of_logs = [line.partition(": ")[0] for line in told.splitlines()]
+    assert {f"{log.name} with {name}" for log in logs for name in ("imu", "adaptive")} <= {*of_logs}
     assert [table.count(word) for word in ("imu", "adaptive", "sub_bluerov")] == [2, 2, 2]
     assert "p95" in table  # the last column has its place
 
