@@ -7,7 +7,7 @@ import numpy as np
 
 from estimator.arrays import Floats
 from fuzzbee.replays.comparison import Comparison
-from fuzzbee.replays.plot import FIGURE_INCHES, STYLE, legend_above, save
+from fuzzbee.replays.plot import FIGURE_INCHES, STYLE, cap, legend_above, note, save
 from fuzzbee.replays.thinned import Thinned
 from fuzzbee.replays.trace import VehicleTrace
 
@@ -67,7 +67,10 @@ def _draw_log(axes: Any, log: str, curves: list[Curves]) -> None:
         for each in curves:
             ax.plot(each.time_s, each.errors_deg[:, i], lw=0.8, label=each.profile)
         ax.set_ylabel(f"{name} error in °")
-        ax.set_ylim(bottom=0.0)
+        errors = np.concatenate([each.errors_deg[:, i] for each in curves])
+        cap(ax, errors)
+        if np.isnan(errors).all():
+            note(ax, "nothing to compare with")
         ax.margins(x=0.0)
         ax.grid(visible=True, alpha=0.3)
     axes[0].set_title(log, loc="left")

@@ -78,9 +78,11 @@ def _add_panel(page: Any, number: str, ax: Any, others: list[Any]) -> None:
         page.add_annotation(**title, **corner, xref="paper", yref="paper")
     for text in ax.texts:  # in a corner of the panel
         x, y = text.get_position()
-        corner = {"x": x, "xref": f"x{number} domain", "y": y, "yref": f"y{number} domain"}
+        here = "" if number == "1" else number
+        corner = {"x": x, "xref": f"x{here} domain", "y": y, "yref": f"y{here} domain"}
         said = {"text": _lines(text.get_text()), "showarrow": False, "xanchor": "left"}
-        page.add_annotation(**said, **corner, yanchor=text.get_va())
+        look = {"bgcolor": "rgba(255,255,255,0.7)", "yanchor": text.get_va()}
+        page.add_annotation(**said, **corner, **look)
     axes = {"xaxis": f"x{number}", "yaxis": f"y{number}", "legend": f"legend{number}"}
     for artist, trace in (*_bands(ax), *_areas(ax), *_curves(ax)):
         name = artist.get_label()

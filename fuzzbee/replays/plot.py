@@ -181,14 +181,10 @@ def _errors(axes: Any, drawn: Drawn) -> None:
         if drawn.autopilot is not None:
             theirs = np.degrees(drawn.autopilot[1][:, i])
             drawn.plot_largest(ax, theirs, **AUTOPILOT, label="autopilot's error")
-        drawn.plot_largest(ax, errors[:, i], "C3-", lw=0.8, label="error")
-        ax.set_ylabel(f"{name}\nerror in °")
-        ceiling = _ceiling(errors[:, i], np.degrees(sigma))
-        ax.set_ylim(0.0, ceiling)
-        peak = max(np.nanmax(line.get_ydata(), initial=0.0) for line in ax.lines)
-        if peak > ceiling:
-            said = f"cut off: errors up to {peak:.0f}°"
-            ax.text(0.01, 0.93, said, transform=ax.transAxes, va="top", fontsize="small")
+        if compared.source is not None:
+            drawn.plot_largest(ax, errors[:, i], "C3-", lw=0.8, label="error")
+        ax.set_ylabel(f"{name}\n{'sigma' if compared.source is None else 'error'} in °")
+        cap(ax, errors[:, i], np.degrees(sigma))
     legend_above(axes[0], 3)
 
 
@@ -219,7 +215,17 @@ def _bands(axes: Any, drawn: Drawn) -> None:
                 ax.axvspan(*span, lw=0, **look, label=name)
 
 
-def _ceiling(error: Floats, sigma: Floats) -> float:
-    """A height that shows nearly all of both; that rare peaks are cut off is written there."""
-    finite = np.concatenate([error[np.isfinite(error)], sigma[np.isfinite(sigma)]])
-    return max(1.0, 1.3 * float(np.percentile(finite, 99.0))) if len(finite) else 1.0
+def cap(ax: Any, *angles_deg: Floats) -> None:
+    """Give the panel a height that shows nearly all of those, and write there what is cut off."""
+    finite = np.concatenate([each[np.isfinite(each)] for each in angles_deg])
+    ceiling = max(1.0, 1.3 * float(np.percentile(finite, 99.0))) if len(finite) else 1.0
+    ax.set_ylim(0.0, ceiling)
+    peak = max((np.nanmax(line.get_ydata(), initial=0.0) for line in ax.lines), default=0.0)
+    if peak > ceiling:
+        note(ax, f"cut off: errors up to {peak:.0f}°")
+
+
+def note(ax: Any, said: str) -> None:
+    """Words in the panel's upper corner, readable over a line."""
+    paper = {"facecolor": "white", "alpha": 0.7, "lw": 0.0, "pad": 1.0}
+    ax.text(0.01, 0.93, said, transform=ax.transAxes, va="top", fontsize="small", bbox=paper)

@@ -323,6 +323,40 @@ def test_a_plot_without_a_truth_has_no_peer(capsys, tmp_path):
     assert not {"truth", "autopilot's error"} & texts
 
 
+@pytest.fixture
+def alone(tmp_path):
+    """A log without a reference."""
+    log = tmp_path / "alone.csv"
+    rows = [f"{0.02 * k:.2f},0.001,0,{1e-6 * (k % 7)},0,0,-1" for k in range(100)]
+    log.write_text("\n".join(["time_s,gx_rad_s,gy_rad_s,gz_rad_s,ax_g,ay_g,az_g", *rows]))
+    return log
+
+
+def test_a_page_has_the_words_of_its_first_panel_too(capsys, tmp_path, alone):
+    pytest.importorskip("plotly", reason="the extra 'page' is not installed")
+    assert replay(capsys, alone, LOG, "--plot", tmp_path / "a.html")[0] == 0
+    assert (tmp_path / "a.html").read_text("utf-8").count("nothing to compare with") == 2
+
+
+def test_where_nothing_is_to_compare_a_figure_says_so(capsys, tmp_path, drawn, alone):
+    assert replay(capsys, alone, "--plot", tmp_path / "a.png", "--json")[0] == 0
+    assert replay(capsys, alone, LOG, "--plot", tmp_path / "b.png", "--json")[0] == 0
+    single, several = (figure.axes for figure in drawn)
+    assert [line.get_label() for ax in single[3:5] for line in ax.lines] == []
+    assert [ax.get_ylabel() for ax in single[3:5]] == [
+        "inclination\nsigma in °",
+        "heading\nsigma in °",
+    ]
+    told = [[text.get_text() for text in ax.texts] for ax in several]
+    assert told[:2] == [["nothing to compare with"]] * 2
+    peaks = [np.nanmax(ax.lines[0].get_ydata()) for ax in several[2:]]
+    cut = [bool(peak > ax.get_ylim()[1]) for ax, peak in zip(several[2:], peaks, strict=True)]
+    assert any(cut)
+    assert told[2:] == [
+        [f"cut off: errors up to {p:.0f}°"] * c for p, c in zip(peaks, cut, strict=True)
+    ]
+
+
 def test_no_legend_of_the_papers_figures_lies_on_its_data(capsys, tmp_path, drawn):
     assert replay(capsys, "sim:", "--seeds", "300-302", "--plot", tmp_path / "a.png")[0] == 0
     assert legends_apart(drawn[0]) == 2

@@ -44,7 +44,7 @@ def test_a_page_shows_the_reports_figures_and_its_panels_zoom_together(capsys, t
         rms = np.sqrt(np.nanmean(np.array(page.value(f"Array.from({error})"), float) ** 2))
         assert rms == pytest.approx(report["error_deg"]["inclination_rms"])
         shown = f"JSON.stringify({TRACES}.filter(t => t.showlegend).map(t => t.name))"
-        names = {"sim", "autopilot", "estimate", "sigma", "error", "gravity", "x", "y", "z"}
+        names = {"truth", "autopilot", "estimate", "sigma", "error", "gravity", "x", "y", "z"}
         assert names <= set(json.loads(page.value(shown)))
         assert len(ranges(page)) == 8
         page.value("Plotly.relayout('fuzzbee', {'xaxis3.range': [3, 6]}).then(() => done = 1) && 0")
