@@ -46,7 +46,7 @@ class CsvLog(LogFile):
             raise InputError(f"{path}: {error}") from None
 
     def __iter__(self) -> Iterator[Event]:
-        with csv_rows(self.path, self._text) as rows:
+        with csv_rows(self.path, self._text, self.on_read) as rows:
             decoder: _Decoder | None = None
             for row in rows:
                 time_us = None if row is None else _time_us(self._text, row, self._columns.time)

@@ -6,13 +6,15 @@ above them, in as many fields, is the heading.
 
 import codecs
 import csv
+import os
 import re
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from datetime import datetime
 from pathlib import Path
-from typing import NamedTuple
+from typing import NamedTuple, TextIO
 
+from drivers.logs.log_file import READ_SIZE, OnRead
 from estimator.errors import InputError
 
 DELIMITERS = (",", ";", "\t", "|", " ")
@@ -62,20 +64,34 @@ def csv_text(head: bytes) -> CsvText | None:
 
 
 @contextmanager
-def csv_rows(path: Path, text: CsvText) -> Iterator[Iterator[list[str] | None]]:
+def csv_rows(
+    path: Path, text: CsvText, on_read: OnRead | None = None
+) -> Iterator[Iterator[list[str] | None]]:
     """The rows below the heading as lists of fields; None for one that cannot be read.
+
+    ``on_read`` is told now and then how many of the file's bytes have been read.
 
     Raises:
         InputError: the file cannot be read.
     """
     try:
         with path.open(encoding=text.encoding, errors="replace", newline="") as file:
-            lines = iter(lambda: file.readline(LONGEST_LINE), "")
+            lines = _lines(file, on_read)
             for _ in range(text.lines_above):
                 next(lines, None)
             yield _rows(lines, text.delimiter)
     except OSError as error:
         raise InputError(f"{path}: cannot be read: {error.strerror or error}") from None
+
+
+def _lines(file: TextIO, on_read: OnRead | None) -> Iterator[str]:
+    unsaid = 0
+    while line := file.readline(LONGEST_LINE):
+        unsaid += len(line)
+        if on_read is not None and unsaid > READ_SIZE:
+            unsaid = 0
+            on_read(os.lseek(file.fileno(), 0, os.SEEK_CUR))
+        yield line
 
 
 def _rows(lines: Iterator[str], delimiter: str) -> Iterator[list[str] | None]:
