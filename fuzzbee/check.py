@@ -67,20 +67,22 @@ def check(options: CheckOptions) -> None:
 
 
 def _files(given: Iterable[Path]) -> Iterator[Path]:
-    """The logs that are named, and those in folders that are.
+    """The logs that are named, and those in folders that are; a bag's folder is one log.
 
     Raises:
         InputError: there is no such file, or a folder without a log.
     """
+    from drivers.endpoint import is_bag_folder
     from drivers.logs.open import SUFFIXES
 
     for path in given:
-        if not path.is_dir():
-            if not path.exists():
-                raise InputError(f"{path}: no such file")
+        if not path.exists():
+            raise InputError(f"{path}: no such file")
+        if not path.is_dir() or is_bag_folder(path):
             yield path
             continue
-        inside = sorted(each for each in path.rglob("*") if each.suffix.lower() in SUFFIXES)
+        found = [each for each in path.rglob("*") if not is_bag_folder(each.parent)]
+        inside = sorted(x for x in found if x.suffix.lower() in SUFFIXES or is_bag_folder(x))
         if not inside:
             raise InputError(f"{path}: no log in this folder ({', '.join(SUFFIXES)})")
         yield from inside
@@ -108,7 +110,8 @@ def _line(checked: Checked) -> str:
 
     name = printable(checked.log)
     if checked.fault:
-        return f"{name}: not checked: {printable(checked.fault)}"
+        fault = checked.fault.removeprefix(f"{checked.log}: ")
+        return f"{name}: not checked: {printable(fault)}"
     if not checked.differences:
         looks = sum(checked.agreement.values())
         if not looks:
