@@ -337,7 +337,8 @@ def test_a_message_that_cannot_be_is_counted_and_the_next_one_read(tmp_path, cap
     assert len(of(Malformed, events)) == 1
     write(lambda _: True)
     assert main(["replay", str(path)]) == 2
-    assert capsys.readouterr().err == f"fuzzbee: {path}: no IMU data that can be used: 40 x malformed\n"
+    said = f"fuzzbee: {path}: no IMU data that can be used: 40 x malformed\n"
+    assert capsys.readouterr().err == said
 
 
 def test_a_damaged_bag_ends_or_is_one_line(bag, tmp_path, capsys):
