@@ -50,17 +50,14 @@ class AttitudeRows:
         self.vehicles = vehicles
         self._whole = whole
         self._numbers = numbers
-        self._texts: list[bytes] | None = None
 
     def __len__(self) -> int:
         return len(self.vehicles)
 
-    @property
+    @cached_property
     def texts(self) -> list[bytes]:
         """What is published of each vehicle."""
-        if self._texts is None:
-            self._texts = texts_of(self._whole, self._numbers)
-        return self._texts
+        return texts_of(self._whole, self._numbers)
 
     @cached_property
     def published(self) -> list[Published]:

@@ -3,7 +3,7 @@
 from collections.abc import Callable, Iterator
 from concurrent.futures import CancelledError, Future
 from contextlib import suppress
-from queue import Empty, SimpleQueue
+from queue import Empty, Full, Queue
 from typing import Any, NamedTuple
 
 from drivers.events import VehicleId
@@ -31,7 +31,7 @@ class ParameterRequests:
     """A mailbox between the threads that ask and the loop that owns the estimators."""
 
     def __init__(self) -> None:
-        self._queue: SimpleQueue[Request] = SimpleQueue()
+        self._queue: Queue[Request] = Queue(MAX_PENDING)
         self._closed = False
 
     def ask(
@@ -45,10 +45,11 @@ class ParameterRequests:
         """
         if self._closed:
             raise TimeoutError("the service is ending")
-        if self._queue.qsize() >= MAX_PENDING:
-            raise TimeoutError("too many requests")
         answer: Future[Profile] = Future()
-        self._queue.put(Request(vehicle, partial, retuned, answer))
+        try:
+            self._queue.put_nowait(Request(vehicle, partial, retuned, answer))
+        except Full:
+            raise TimeoutError("too many requests") from None
         try:
             return answer.result(ANSWER_TIMEOUT_S)
         except TimeoutError:
