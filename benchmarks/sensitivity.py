@@ -1,15 +1,17 @@
 """What does each tuned number move?
 
-    python benchmarks/sensitivity.py DIR [DIR ...] [--logs LOG [LOG ...]] [--only NAME,NAME]
+    python benchmarks/sensitivity.py DIR [DIR ...] [--logs LOG [LOG ...]] [--flights A-B]
     NUMBA_DISABLE_JIT=1 python benchmarks/sensitivity.py DIR --logs LOG --constants --seconds 60
 
 Every numeric key of conditioning and aiding is multiplied by 0.7 and 1.4, and each switch is turned
 off; with ``--constants`` the constants of their modules instead, in plain Python, which alone reads
 them anew. A row a number: the largest change of an error (percent of it, at least ``LEAST_DEG``) or
 of a recovery time, and of a coverage, and on which set. Sets are folders of recordings as they are,
-with turns that no sensor has felt, and with magnets that pass (seed 0), and logs with a truth, with
-velocity, without, and with velocity that is lost from 0.4 to 0.8 of the log. The last line counts
-the numbers that move nothing: no error by 1 %, no coverage by 0.02.
+with turns that no sensor has felt, and with magnets that pass (seed 0); logs with a truth; and
+simulated flights of these seeds at 50 and at 4 Hz. What flies does so with velocity, without, and
+with velocity that is lost from 0.4 to 0.8 of the flight. A set's figure is the mean over it, since
+a single flight's moves by chance. The last line counts the numbers that move nothing: no error by
+1 %, no coverage by 0.02.
 """
 
 import ast
@@ -24,9 +26,10 @@ from typing import Any, NamedTuple
 import numpy as np
 from common.filters import fuzzbee
 from common.recordings import Trial, add_folders, chosen_sets
-from common.report import Row, parser, show
-from common.scores import LEAST_ROWS, errors_deg, rms
+from common.report import Row, parser, seeds, show
+from common.scores import LEAST_ROWS, errors_deg, heading_free, rms
 from common.ways import WAYS
+from flying.cases import CASES, DURATION_S, recorded
 from flying.replayed import UNAIDED, Events, changed, fly, read, start_us
 from rich.console import Console
 from rich.progress import track as bar
@@ -57,7 +60,7 @@ class Question(NamedTuple):
     constant: tuple[str, str, float] | None = None  # module, name, factor
 
 
-def scores(folders: dict[str, list[Trial]], logs: dict[str, Events]) -> dict[str, Score]:
+def scores(folders: dict[str, list[Trial]], flown: dict[str, list[Events]]) -> dict[str, Score]:
     """By the set's name how a profile does on it."""
     made: dict[str, Score] = {}
     for folder, trials in folders.items():
@@ -73,12 +76,15 @@ def scores(folders: dict[str, list[Trial]], logs: dict[str, Events]) -> dict[str
         made[f"{folder}, magnets"] = lambda changes, some=beside: mean(
             on_trial(changes, t) for t in some
         )
-    for log, events in logs.items():
-        lost = without(events, 0.4, 0.8)
-        made[log] = lambda changes, some=events: on_flight(changes, some)
-        made[f"{log}, velocity lost"] = lambda changes, some=lost: on_flight(changes, some)
-        made[f"{log}, no velocity"] = lambda changes, some=events: on_flight(
-            {**changes, "aiding": {**changes.get("aiding", {}), **UNAIDED["aiding"]}}, some
+    for name, flights in flown.items():
+        lost = [without(events, 0.4, 0.8) for events in flights]
+        made[name] = lambda changes, some=flights: mean(on_flight(changes, f) for f in some)
+        made[f"{name}, velocity lost"] = lambda changes, some=lost: mean(
+            on_flight(changes, f) for f in some
+        )
+        made[f"{name}, no velocity"] = lambda changes, some=flights: mean(
+            on_flight({**changes, "aiding": {**changes.get("aiding", {}), **UNAIDED["aiding"]}}, f)
+            for f in some
         )
     return made
 
@@ -96,6 +102,8 @@ def mean(rows: Iterator[list[float]]) -> list[float]:
 def on_trial(changes: Changes, trial: Trial) -> list[float]:
     """Errors RMS of inclination and heading (deg) and their coverages, in motion and at rest."""
     q, sigma = fuzzbee(changes)(trial).advance(slice(0, None))
+    if trial.name in OWN_HEADING:
+        q = heading_free(q, trial.q_enu_sensor, trial.scored)
     errors = errors_deg(q, trial.q_enu_sensor)
     known = ~np.isnan(errors).any(axis=1) & (trial.times_s > SETTLED_S)
     _, heading, inclination = rms(errors[known & trial.moving])
@@ -200,17 +208,27 @@ def answer(question: Question) -> dict[str, list[float]]:
 
 
 SCORES: dict[str, Score] = {}  # of a process
+OWN_HEADING: set[str] = set()  # recordings whose reference has a heading of its own
 
 
 def prepare(options: Namespace) -> None:
     """Read the data, once a process."""
     folders = chosen_sets(options)
+    OWN_HEADING.update(t.name for name in options.own_heading for t in folders[name])
     if options.seconds:
         folders = {
             name: [t.cut(slice(0, round(options.seconds * t.rate_hz))) for t in trials]
             for name, trials in folders.items()
         }
-    SCORES.update(scores(folders, {path.stem: read(path) for path in options.logs}))
+    flown = {"logs": [read(path) for path in options.logs]} if options.logs else {}
+    if options.flights:
+        for name, case in (("50 Hz", "sound"), ("4 Hz", "4 Hz")):
+            flown[f"flights at {name}"] = [
+                recorded(case, motion, seed, DURATION_S)
+                for motion in CASES[case].motions
+                for seed in options.flights
+            ]
+    SCORES.update(scores(folders, flown))
 
 
 def moved(base: dict[str, list[float]], found: dict[str, list[float]]) -> Row:
@@ -262,6 +280,10 @@ def arguments() -> Namespace:
     made = parser(__doc__)
     add_folders(made)
     made.add_argument("--logs", type=Path, nargs="*", default=[], help="with a truth")
+    made.add_argument("--flights", type=seeds, default=(), metavar="A-B", help="seeds of these")
+    made.add_argument(
+        "--own-heading", nargs="*", default=[], metavar="NAME", help="folders without true north"
+    )
     made.add_argument("--only", type=lambda text: text.split(","), default=[], metavar="NAME,NAME")
     made.add_argument("--constants", action="store_true", help="needs NUMBA_DISABLE_JIT=1")
     made.add_argument("--seconds", type=float, default=0.0, help="of each recording; 0: all")

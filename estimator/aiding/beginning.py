@@ -76,7 +76,7 @@ def begin(
     diagonal[GYR_BIAS : GYR_BIAS + 3] = params.gyr_bias_sigma**2
     diagonal[ACC_BIAS : ACC_BIAS + 3] = params.acc_bias_sigma**2
     diagonal[IMU_LAG] = (params.imu_lag_s / REACH) ** 2
-    diagonal[FILTER_LAG] = params.filter_lag_sigma_s**2
+    diagonal[FILTER_LAG] = params.imu_lag_s**2
     diagonal[FILTER_ERROR : FILTER_ERROR + 3] = params.filter_error_m_s**2
     diagonal[RECEIVER_ERROR : RECEIVER_ERROR + 3] = params.receiver_error_m_s**2
     diagonal[FIELD_LAG] = field_lag_s**2

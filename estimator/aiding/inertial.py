@@ -39,7 +39,7 @@ from estimator.geometry.quaternion import (
 from estimator.types import STANDARD_GRAVITY_M_S2, Sample, Vec3
 
 GRAVITY_NED: Vec3 = (0.0, 0.0, STANDARD_GRAVITY_M_S2)
-# The time in which the vehicle's own field, or the accelerometer's bias, may have become another.
+# The time in which the vehicle's own field, or a sensor's bias, may have become another.
 LEARNT_LASTS_S = 2500.0
 # A slow error of a source beyond ``REACH`` of its sigmas is one of a jump, and lasts the longer the
 # larger it is, up to ``FAR`` times as long.
@@ -160,7 +160,7 @@ def add_noise(
     for i in range(3):
         P[TURN + i, TURN + i] += turn + missed * missed_turn[i] ** 2
         P[VELOCITY + i, VELOCITY + i] += push + missed * missed_push[i] ** 2
-        P[GYR_BIAS + i, GYR_BIAS + i] += params.gyr_bias_walk**2 * dt
+        P[GYR_BIAS + i, GYR_BIAS + i] += params.gyr_bias_sigma**2 * dt / LEARNT_LASTS_S
         P[ACC_BIAS + i, ACC_BIAS + i] += params.acc_bias_sigma**2 * dt / LEARNT_LASTS_S
         if P[HARD_IRON + i, HARD_IRON + i] < iron:
             P[HARD_IRON + i, HARD_IRON + i] += iron * dt / LEARNT_LASTS_S

@@ -64,15 +64,14 @@ class AidingParams(NamedTuple):
     # Such a share where a slow stream's readings are as good as independent; small: the gyroscope
     # counts between them, large: the unaided vertical does.
     unseen_turn_noise: Noise = 0.3  # of readings a second apart without a line through them
-    gyr_bias_walk: Noise = 3e-4  # rad/s/sqrt(s); samples truncated to mrad/s wander, too
-    gyr_bias_sigma: Rate = 0.01  # rad/s, at the beginning
-    acc_bias_sigma: Acceleration = 0.05  # m/s^2, at the beginning
+    # Biases at the beginning, and their change in 2500 s; samples truncated to mrad/s wander, too.
+    gyr_bias_sigma: Rate = 0.015  # rad/s; small: stiff, large: noisy
+    acc_bias_sigma: Acceleration = 0.05  # m/s^2; small: stiff, large: noisy
 
     # Velocity reports.
     filter_noise_m_s: Speed = 0.05  # of a report by an autopilot's filter
     filter_error_m_s: Speed = 0.2  # its slow error; small: follows it, large: the receiver
     filter_turning_s: Lag = 0.03  # for each m/s^2 of horizontal acceleration, beside that
-    filter_lag_sigma_s: Lag = 0.015  # how far the time that it names may be off
     receiver_noise_m_s: Speed = 0.1  # of a receiver's report
     receiver_error_m_s: Speed = 0.15  # its slow error; small: follows it, large: the filter
     error_tau_s: Time = 5.0  # for so long either's slow error stays the same
@@ -82,7 +81,8 @@ class AidingParams(NamedTuple):
     unaided_sigma_rad: Angle = radians(5.0)  # of the unaided attitude, also at the beginning
 
     # Lags.
-    imu_lag_s: Lag = 0.012  # the low-pass of an autopilot's IMU stream
+    # the low-pass of an autopilot's IMU stream; the time that its filter names may be as far off
+    imu_lag_s: Lag = 0.012
 
     # Magnetic field.
     heading_noise: Noise = radians(3.0)  # rad/sqrt(Hz); small: follows magnets, large: slow

@@ -205,7 +205,7 @@ def share_of(
     late, and by ``SCALE_ERROR`` of the push for each radian turned: as far as that is little
     beside a second of gravity it counts.
     """
-    error_m_s, late_s = params.filter_error_m_s, params.filter_lag_sigma_s
+    error_m_s, late_s = params.filter_error_m_s, params.imu_lag_s
     swing = norm(subtract(window.force_m_s2, window.first_force_m_s2))
     square = error_m_s**2 + (late_s * swing) ** 2 + (SCALE_ERROR * turned_rad * pushed_m_s) ** 2
     usual = error_m_s * pushed_m_s / (STANDARD_GRAVITY_M_S2 * time_s)

@@ -153,7 +153,7 @@ def test_prediction(seed, error_m_s, seen):
     d[three(TURN)] = scale_noise * (w @ w) * dt
     d[three(TURN)] += (p.integration_noise * missed_turn) ** 2
     d[three(VELOCITY)] = p.acc_noise**2 * dt + (p.integration_noise * missed_push) ** 2
-    d[three(GYR_BIAS)] = p.gyr_bias_walk**2 * dt
+    d[three(GYR_BIAS)] = p.gyr_bias_sigma**2 * dt / 2500.0
     d[three(ACC_BIAS)] = p.acc_bias_sigma**2 * dt / 2500.0
     iron = p.hard_iron_sigma_gauss**2
     d[three(HARD_IRON)] = np.where(np.diag(P)[three(HARD_IRON)] < iron, iron * dt / 2500.0, 0.0)

@@ -55,16 +55,17 @@ def test_a_bias_that_has_changed_turns_the_attitude_until_its_mean_has_followed(
 
 def test_a_bias_that_is_being_learnt_is_usual_as_far_as_it_is_known_better_than_ever():
     """Its variance falls to a hundredth, and the bias comes to what is true in proportion."""
-    found = NOTHING._replace(least_variance=3e-2)
+    usual = 3.0 * PARAMS.gyr_bias_sigma**2
+    found = NOTHING._replace(least_variance=100.0 * usual)
     for left in np.geomspace(1.0, 0.01, 100):
         learnt = BLANK.estimate._replace(gyr_bias_rad_s=(0.0, 0.0, 0.07 * (1.0 - left)))
-        P = covariance(0.0, 0.0, bias=1e-2 * left)
+        P = covariance(0.0, 0.0, bias=100.0 * usual / 3.0 * left)
         found = pass_time(PARAMS, found, learnt, P, 1e-3)
     # the closed form for one that falls steadily
     left = 0.01 * (1.0 + np.log(100.0))
     assert found.bias_rad_s[2] == pytest.approx(0.07 * (1.0 - left), rel=0.02)
-    assert found.least_variance == pytest.approx(3e-4)
-    again = pass_time(PARAMS, found, learnt, covariance(0.0, 0.0, bias=1e-2), 1e-3)
+    assert found.least_variance == pytest.approx(usual)
+    again = pass_time(PARAMS, found, learnt, covariance(0.0, 0.0, bias=100.0 * usual), 1e-3)
     better = pass_time(PARAMS, found, learnt, covariance(0.0, 0.0, bias=1e-6), 1e-3)
     assert better.least_variance == again.least_variance
     assert again.least_variance == found.least_variance

@@ -110,7 +110,7 @@ def test_a_place_that_is_known_does_not_make_the_compass_right():
     assert np.sqrt(np.mean(errors[1500:, 1] ** 2)) < 6.0
 
 
-@pytest.mark.parametrize("off_deg", [-70.0, 0.0])
+@pytest.mark.parametrize("off_deg", [-120.0, 0.0])
 def test_a_compass_that_gave_the_heading_at_rest_is_borne_out_or_misled(off_deg):
     """The first metres tell; a compass that is right keeps its north."""
     estimator = Estimator(load_profile("imu"))
@@ -124,7 +124,7 @@ def test_a_compass_that_gave_the_heading_at_rest_is_borne_out_or_misled(off_deg)
     assert now.context.phase is Phase.AIDED
     assert (now.context.compass.misled_us is None) == (off_deg == 0.0)
     assert now.core.aided.wheels.show_north == (off_deg == 0.0)
-    assert np.sqrt(np.mean(errors[2500:, 1] ** 2)) < 1.0  # measured 0.3
+    assert np.sqrt(np.mean(errors[2500:, 1] ** 2)) < 1.0  # measured 0.2
 
 
 @pytest.mark.parametrize("seed", [3, 4])

@@ -248,7 +248,7 @@ def test_a_window_is_compared_with_the_change_of_velocity(late_sigma_s, has_vert
     down = 0.2 - STANDARD_GRAVITY_M_S2 * time_s if has_vertical else seen[2]
     expected = np.array((1.5, -1.0, down))
     swing, push = np.linalg.norm((-0.6, 1.2, -0.3)), np.linalg.norm(pushed)
-    square = 0.2**2 + (0.015 * swing) ** 2 + (0.03 * 0.7 * push) ** 2
+    square = 0.2**2 + (0.012 * swing) ** 2 + (0.03 * 0.7 * push) ** 2
     share = (0.2 * push / (STANDARD_GRAVITY_M_S2 * time_s)) ** 2 / square
     assert share < 1.0
     axis = np.cross(seen, expected)
