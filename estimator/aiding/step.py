@@ -15,7 +15,7 @@ from estimator.aiding.correction import apply_corrections, correct_last, part, p
 from estimator.aiding.inertial import judge_biases, predict_motion
 from estimator.aiding.lean import hear_report, lean_angle, watch_lean
 from estimator.aiding.sources.field import begin_anew, forget_iron, observe_heading, wait_for_field
-from estimator.aiding.sources.unaided import observe_slow_unaided, observe_unaided
+from estimator.aiding.sources.unaided import observe_unaided
 from estimator.aiding.sources.velocity import take_report, wait_for_reports
 from estimator.aiding.sources.wheels import (
     is_turned,
@@ -72,11 +72,15 @@ def aid(
     slow = slow_share(dt)
     if slow > 0.0:
         rough = watch_turning(params, state, now.covariance, sample, slow * others.missed)
+    is_silent = not report.given and wait_s > SPAN_S + dt
+    share = 1.0 if is_silent else slow
+    if share > 0.0:
         before = known(now.covariance)
-        is_silent = not report.given and wait_s > SPAN_S + dt
         sigma_rad = others.gravity_sigma_rad
         lean_rad = lean_angle(lean, is_silent)
-        observe_slow_unaided(now, others.gravity_b, sigma_rad, lean_rad, x, slow, dt)
+        if is_silent:  # what a slow stream's aided attitude feels then is its own error
+            lean_rad *= 1.0 - slow
+        observe_unaided(now, others.gravity_b, sigma_rad, lean_rad, x, share, dt)
         # large turns do not add up, so this one is made before the next is looked for
         now = apply_corrections(now, x)
         surprise = add_correction(surprise, part(x, TURN), before, known(now.covariance))
@@ -84,8 +88,6 @@ def aid(
     before = known(now.covariance)
     if report.given:
         agreement = take_report(params, agreement, now, dt, report, others.gravity_b, x)
-    elif wait_s > SPAN_S:
-        observe_unaided(params, now, others.gravity_b, x, dt)
     field, wheels, north = wait_for_field(state.field, dt), state.wheels, others.north
     if rolls(params):
         if field.samples > 0.0:

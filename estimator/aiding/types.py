@@ -58,7 +58,7 @@ class AidingParams(NamedTuple):
     # Noise of the IMU, as densities.
     gyr_scale_noise: Noise = 0.001  # sqrt(s), of scale errors, crossed axes
     gyr_slow_noise_1_s: Noise = 0.04  # that much more for each second of the IMU's step
-    acc_noise: Noise = 0.02  # m/s^2/sqrt(Hz); vibration; small: stiff, large: slow
+    acc_noise: Noise = 0.05  # m/s^2/sqrt(Hz); vibration; small: stiff, large: slow
     # Share of how far a reading lies off the line through the two before that integration misses.
     integration_noise: Noise = 0.1  # small: believes 4 Hz samples, large: distrusts them
     # Such a share where a slow stream's readings are as good as independent; small: the gyroscope
@@ -76,9 +76,7 @@ class AidingParams(NamedTuple):
     receiver_error_m_s: Speed = 0.15  # its slow error; small: follows it, large: the filter
     error_tau_s: Time = 5.0  # for so long either's slow error stays the same
     report_sigma_m_s: Speed = 0.3  # sources less accurate than this get more noise
-    receiver_jitter_s: Lag = 0.005  # by which its age scatters
     sideslip_rad: Angle = 3.0  # of wheels 0.05; 3: it may move any way, and a HEARTBEAT decides
-    unaided_sigma_rad: Angle = radians(5.0)  # of the unaided attitude, also at the beginning
 
     # Lags.
     # the low-pass of an autopilot's IMU stream; the time that its filter names may be as far off

@@ -44,7 +44,7 @@ from estimator.live.settings import Settings
 from estimator.live.state import State
 from estimator.types import DOWN, STANDARD_GRAVITY_M_S2, ZERO_VEC3, Quaternion, Vec3
 
-# However small its computed sigma, a heading by velocity is no better than this to begin with.
+# However small its computed sigma, no heading is better known than this to begin with.
 LEAST_HEADING_SIGMA_RAD = radians(3.0)
 # However long a gyroscope rests, its bias is known no better than this: streams carry mrad/s.
 LEAST_BIAS_SIGMA_RAD_S = 0.001
@@ -213,8 +213,7 @@ def start_by_field(settings: Settings, now: Core, iron_gauss: float) -> Start:
     q = align(conditioned_vectors(settings.reference, now.seen))
     seen_gauss = now.conditioning.field.magnetic.reference.horizontal
     per_gauss = 1.0 / max(seen_gauss, TINY)
-    least_rad = settings.aiding.unaided_sigma_rad
-    sigma_rad = max(least_rad, now.seen.sigma_heading_rad, iron_gauss * per_gauss)
+    sigma_rad = max(LEAST_HEADING_SIGMA_RAD, now.seen.sigma_heading_rad, iron_gauss * per_gauss)
     east = cross(now.seen.gravity_b, now.seen.magnetic_b)
     return Start(q, sigma_rad, turned_by_iron_1_gauss=scale(per_gauss, east))
 
@@ -302,7 +301,7 @@ def begin_aiding(
         core.seen.bias_rad_s,
         core.sample,
         report,
-        max(aiding.unaided_sigma_rad, core.seen.sigma_inclination_rad, start.sigma_tilt_rad),
+        max(core.seen.sigma_inclination_rad, start.sigma_tilt_rad),
         start.sigma_heading_rad,
         iron_gauss,
         settings.conditioning.field_lag_sigma_s,

@@ -6,7 +6,7 @@ import numpy as np
 
 from estimator.aiding.covariance import learn
 from estimator.aiding.inertial import Prediction
-from estimator.aiding.types import SIZE, TURN, AidingParams, Array
+from estimator.aiding.types import SIZE, TURN, Array
 from estimator.compilation.compiled import inlined
 from estimator.conditioning.times import ACCELERATION_LASTS_S, SPAN_S
 from estimator.geometry.quaternion import rotate
@@ -15,35 +15,17 @@ from estimator.types import Vec3
 
 @inlined
 def observe_unaided(
-    params: AidingParams, now: Prediction, gravity_b: Vec3, x: Array, dt: float
-) -> None:
-    """Two scalar updates: down by the unaided stage, a weak measurement whose error lasts.
-
-    R_true gravity_b = z gives turn_east = -d_north and turn_north = d_east with d = R gravity_b.
-    """
-    P = now.covariance
-    d = rotate(now.estimate.q_ned_frd, gravity_b)
-    noise = params.unaided_sigma_rad**2 * ACCELERATION_LASTS_S / dt
-    h = np.zeros(SIZE)
-    h[TURN + 1] = 1.0
-    learn(P, x, h, -d[0], noise)
-    h[TURN + 1] = 0.0
-    h[TURN] = 1.0
-    learn(P, x, h, d[1], noise)
-
-
-@inlined
-def observe_slow_unaided(
     now: Prediction,
     gravity_b: Vec3,
     sigma_rad: float,
     lean_rad: float,
     x: Array,
-    slow: float,
+    share: float,
     dt: float,
 ) -> None:
-    """Two scalar updates at every step of a slow stream: down by the unaided stage.
+    """Two scalar updates with the ``share`` that down by the unaided stage counts.
 
+    R_true gravity_b = z gives turn_east = -d_north and turn_north = d_east with d = R gravity_b.
     It holds an attitude that velocity has lost. A lasting acceleration deceives it by
     ``lean_rad``, so that in a banked turn it hardly counts. Its distance counts as a whole turn,
     so an attitude that is upside down is not taken for a level one.
@@ -53,7 +35,7 @@ def observe_slow_unaided(
     level = hypot(d[0], d[1])
     turn = atan2(level, d[2]) / level if level > 0.0 else 1.0
     noise = sigma_rad**2 * max(1.0, SPAN_S / dt)
-    noise = (noise + lean_rad**2 * max(1.0, ACCELERATION_LASTS_S / dt)) / slow
+    noise = (noise + lean_rad**2 * max(1.0, ACCELERATION_LASTS_S / dt)) / share
     h = np.zeros(SIZE)
     h[TURN + 1] = 1.0
     learn(P, x, h, -turn * d[0], noise)

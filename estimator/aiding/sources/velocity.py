@@ -161,7 +161,6 @@ def observe_velocity(
     missed = scale(params.integration_noise * dt * behind, trail_bend(now.trail))
     sigma = params.receiver_noise_m_s if reporter.is_receiver else params.filter_noise_m_s
     sigma *= max(1.0, report.sigma_m_s / params.report_sigma_m_s)
-    jitter = params.receiver_jitter_s if reporter.is_receiver else 0.0
     least = LEAST_RECEIVER_SCALE if reporter.is_receiver else 1.0
     loose_at = VELOCITY if reporter.is_alone else reporter.error_at
     elsewhere = rotate(now.estimate.q_ned_frd, gravity_b)[2] < cos(UNKNOWN_RAD)
@@ -179,7 +178,7 @@ def observe_velocity(
         h[reporter.lag_at] = -a[i]
         then = now.estimate.velocity_ned_m_s[i] - gained[i]
         off = report.velocity_ned_m_s[i] - reporter.error_m_s[i] - then
-        noise = noise_scale * (sigma * sigma + (jitter * a[i]) ** 2) + missed[i] * missed[i]
+        noise = noise_scale * sigma * sigma + missed[i] * missed[i]
         left = residual(x, h, off)
         # rounding may take an attitude as good as unknown below nothing
         unit = left / sqrt(max(expected_variance(P, h, noise), noise))
