@@ -44,7 +44,8 @@ SECTIONS = ("conditioning", "aiding")
 FACTORS = (0.7, 1.4)
 LEAST_DEG, LEAST_SHARE, LEAST_COVERAGE = 0.3, 0.01, 0.02
 SETTLED_S, FLIGHT_SETTLED_S = 5.0, 30.0
-TURN_AT_S, TURN_DEG, WITHIN_S, FOUND_DEG = 20.0, 60.0, 15.0, 5.0
+TURN_AT_S, WITHIN_S, FOUND_DEG = 20.0, 15.0, 5.0
+TURNS_ENU_DEG = (((0, 0, 1), 60.0), ((0, 1, 0), 179.0))
 SEED = 0
 
 Changes = dict[str, Any]
@@ -115,15 +116,15 @@ def on_trial(changes: Changes, trial: Trial) -> list[float]:
 
 
 def after_turn(changes: Changes, trial: Trial) -> list[float]:
-    """Seconds until turns about up and about north are found, for a recording that is followed."""
+    """Seconds until a turn about up and one about north are found, where the estimate is right."""
     row = round(TURN_AT_S * trial.rate_hz)
     rows = slice(row, row + round(WITHIN_S * trial.rate_hz))
     found = []
-    for axis in ((0, 0, 1), (0, 1, 0)):
+    for axis, angle_deg in TURNS_ENU_DEG:
         run = fuzzbee(changes)(trial)
         before = run.advance(slice(0, row)).q_enu_sensor
         alone = errors_deg(before, trial.q_enu_sensor[:row])[-1, 0]
-        run.turn(turn_about(axis, TURN_DEG))
+        run.turn(turn_about(axis, angle_deg))
         total = errors_deg(run.advance(rows).q_enu_sensor, trial.q_enu_sensor[rows])[:, 0]
         hits = np.flatnonzero(total < FOUND_DEG)
         time_s = hits[0] * trial.dt_s if len(hits) else WITHIN_S

@@ -101,9 +101,9 @@ def test_velocity_of_a_filter_that_says_that_it_stands_is_left_out(tmp_path):
 
 
 def test_wrong_velocity_left_out_costs_a_copter_little(tmp_path):
-    """Take-off and hover at 50 Hz, 4 m/s wrong for 10 s: 0.52 deg, as without any velocity.
+    """Take-off and hover at 50 Hz, 4 m/s wrong for 10 s: 0.29 deg, without any velocity 0.52.
 
-    With velocity all the time it is 0.13.
+    With velocity all the time it is 0.12.
     """
     path = changed(tmp_path, lost(15.0, 25.0, 4.0), TAKEOFF)
-    assert total_deg(path, skip_s=5.0) == pytest.approx(0.52, rel=0.2)
+    assert total_deg(path, skip_s=5.0) == pytest.approx(0.287, rel=0.2)

@@ -45,7 +45,7 @@ def without(events, *kinds):
     return [event for event in events if not isinstance(event, kinds)]
 
 
-@pytest.mark.parametrize(("path", "measured_deg"), [(FAST, 0.945), (TAKEOFF, 0.153)])
+@pytest.mark.parametrize(("path", "measured_deg"), [(FAST, 0.945), (TAKEOFF, 0.121)])
 def test_fast_streams_are_nearly_as_good_as_the_autopilots_own_filter(path, measured_deg):
     """Flips and take-off at 50 Hz; the autopilot's EKF3 is 0.7 deg off over the whole flight."""
     assert rms(errors_deg(events_of(path), skip_s=5.0)[:, TOTAL]) == pytest.approx(
@@ -78,7 +78,7 @@ def test_sigma_is_larger_where_errors_are_larger():
     error = compared.errors_rad[compared.known, INCLINATION]
     order = np.argsort(sigma, kind="stable")
     third = len(order) // 3
-    assert np.degrees(rms(error[order[:third]])) == pytest.approx(0.102, rel=0.2)
+    assert np.degrees(rms(error[order[:third]])) == pytest.approx(0.125, rel=0.2)
     assert np.degrees(rms(error[order[-third:]])) == pytest.approx(1.27, rel=0.2)
 
 

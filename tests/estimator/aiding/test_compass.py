@@ -140,7 +140,7 @@ def test_another_imu_has_other_biases(flight):
             (untold, None),
         )
     ]
-    assert rms(errors[0][:, TOTAL]) == pytest.approx(0.292, rel=0.2)
+    assert rms(errors[0][:, TOTAL]) == pytest.approx(0.222, rel=0.2)
     assert rms(errors[1][:, TOTAL]) == pytest.approx(4.69, rel=0.2)
     # measured within 0.00063
     assert told.snapshot.core.aided.estimate.gyr_bias_rad_s == pytest.approx(bias, abs=0.00075)

@@ -33,7 +33,7 @@ from estimator.aiding.types import (
 from estimator.aiding.uncertainty import sigmas
 from estimator.conditioning.field.magnetic import FieldLook
 from estimator.conditioning.robust import HEADING_REACH_RAD
-from estimator.conditioning.times import ACCELERATION_LASTS_S, LONGEST_STEP_S, SPAN_S
+from estimator.conditioning.times import LONGEST_STEP_S, SPAN_S
 from estimator.conditioning.vertical.tilt import LEAST_OFF_RAD
 from estimator.geometry.quaternion import multiply, normalize
 from estimator.types import NOTHING_BETWEEN, ZERO_VEC3, Between, Sample
@@ -218,11 +218,9 @@ def test_velocity(seed, is_receiver, off_m_s, is_alone, dt):
     age = 0.07 + (known.receiver_lag_s if is_receiver else known.filter_lag_s) - known.imu_lag_s
     age += known.acc_lead_s
     times, accelerations = trail[::-1, 0] - trail[0, 0], trail[::-1, 4:]
-    then = np.array([np.interp(-age, times, accelerations[:, i]) for i in range(3)])
     p = PARAMS
     sigma = p.receiver_noise_m_s if is_receiver else p.filter_noise_m_s
     sigma *= max(1.0, 0.5 / p.report_sigma_m_s)
-    jitter = p.receiver_jitter_s if is_receiver else 0.0
     missed = p.integration_noise * dt * min(1.0, 0.07 / dt) * trail_bend(trail)
     dense = Dense(P.copy(), x0.copy())
     noise_scale, innovation, reports, last, together = before.scatter
@@ -235,7 +233,7 @@ def test_velocity(seed, is_receiver, off_m_s, is_alone, dt):
             times, accelerations, age, v, slow, i, error_at, lag_at, knows_lag=dt < LONGEST_STEP_S
         )
         innovation_m_s = report.velocity_ned_m_s[i] - said
-        noise = noise_scale * (sigma**2 + (jitter * then[i]) ** 2) + missed[i] ** 2
+        noise = noise_scale * sigma**2 + missed[i] ** 2
         left = innovation_m_s - h @ dense.x
         square = left**2 / (h @ dense.P @ h + noise)
         reports += 1.0
@@ -332,8 +330,7 @@ def test_field(seed, is_known, unfelt_rad, off_rad):
 
 
 @pytest.mark.parametrize("seed", SEEDS)
-@pytest.mark.parametrize("slow", [False, True])
-def test_unaided_gravity(seed, slow):
+def test_unaided_gravity(seed):
     """Both updates, of an attitude whose errors about north and east are tied."""
     rng = np.random.default_rng(seed)
     known, P, dt = estimate(rng), covariance(rng), 0.3
@@ -344,13 +341,9 @@ def test_unaided_gravity(seed, slow):
     x0 = SIGMAS * rng.standard_normal(SIZE) * 0.1
     x = x0.copy()
     level = np.hypot(d[0], d[1])
-    if slow:
-        unaided.observe_slow_unaided(now, gravity_b, 0.1, 0.2, x, 0.6, dt)
-        turn = np.arctan2(level, d[2]) / level
-        noise = (0.1**2 * (1.0 / dt) + 0.2**2 * (3.0 / dt)) / 0.6
-    else:
-        unaided.observe_unaided(PARAMS, now, gravity_b, x, dt)
-        turn, noise = 1.0, PARAMS.unaided_sigma_rad**2 * ACCELERATION_LASTS_S / dt
+    unaided.observe_unaided(now, gravity_b, 0.1, 0.2, x, 0.6, dt)
+    turn = np.arctan2(level, d[2]) / level
+    noise = (0.1**2 * (1.0 / dt) + 0.2**2 * (3.0 / dt)) / 0.6
     dense = Dense(P.copy(), x0.copy())
     # the turn that takes down to where it was seen points along d x down
     for axis, innovation in ((1, -turn * d[0]), (0, turn * d[1])):

@@ -27,7 +27,6 @@ from estimator.aiding.types import (
     Surroundings,
 )
 from estimator.conditioning.field.magnetic import FieldLook
-from estimator.conditioning.times import ACCELERATION_LASTS_S
 from estimator.geometry.frames import from_euler_rad
 from estimator.geometry.quaternion import exp, multiply, normalize, rotate, rotate_inverse
 from estimator.types import ZERO_VEC3, Sample
@@ -192,7 +191,7 @@ def test_unaided_gravity(learnt, seed):
         learnt.clear()
         turned = multiply(exp(floats(change[TURN : TURN + 3])), q)
         now = prediction(turned)
-        unaided.observe_unaided(PARAMS, now, gravity_b, np.zeros(SIZE), 0.02)
+        unaided.observe_unaided(now, gravity_b, 0.1, 0.2, np.zeros(SIZE), 0.5, 0.02)
 
     # both rows are one array, so they are kept as copies
     rows, slopes = rows_and_slopes(learnt, observe, range(TURN, TURN + 3))
@@ -217,16 +216,20 @@ def test_a_heading_from_outside(learnt, seed):
     assert rows[0, TURN + 2] == pytest.approx(slopes[0, TURN + 2], abs=1e-4)
 
 
-def test_unaided_gravity_counts_as_one_measurement_in_its_correlation_time(monkeypatch):
-    """Its error lasts 3 s: samples within that together weigh as much as one of 5 deg sigma."""
+@pytest.mark.parametrize(("sigma_rad", "lean_rad", "lasts_s"), [(0.1, 0.0, 1.0), (0.0, 0.2, 3.0)])
+def test_unaided_gravity_counts_as_one_measurement_in_its_correlation_time(
+    monkeypatch, sigma_rad, lean_rad, lasts_s
+):
+    """An acceleration lasts 3 s: samples within that together weigh as much as one."""
     noises = []
     monkeypatch.setattr(unaided, "learn", lambda *arguments: noises.append(arguments[-1]))
     now = prediction((1.0, 0.0, 0.0, 0.0))
     for dt in (0.02, 0.25):
         noises.clear()
-        unaided.observe_unaided(PARAMS, now, (0.0, 0.0, 1.0), np.zeros(SIZE), dt)
-        weight = ACCELERATION_LASTS_S / dt / noises[0]
-        assert weight == pytest.approx(1.0 / PARAMS.unaided_sigma_rad**2)
+        down = (0.0, 0.0, 1.0)
+        unaided.observe_unaided(now, down, sigma_rad, lean_rad, np.zeros(SIZE), 1.0, dt)
+        weight = lasts_s / dt / noises[0]
+        assert weight == pytest.approx(1.0 / (sigma_rad**2 + lean_rad**2))
 
 
 @pytest.mark.parametrize("is_known", [True, False])

@@ -8,7 +8,7 @@ import pytest
 from estimator.aiding import blank_aiding
 from estimator.aiding.inertial import Prediction
 from estimator.aiding.lean import bears_out, hear_report, lean_angle, watch_lean
-from estimator.aiding.sources.unaided import observe_slow_unaided
+from estimator.aiding.sources.unaided import observe_unaided
 from estimator.aiding.types import SIZE, TURN, VELOCITY, AidingParams, Lean, Roughness
 from estimator.aiding.unseen import add_hole, add_unseen_turn, watch_roughness, watch_turning
 from estimator.geometry.quaternion import exp, rotate
@@ -27,7 +27,7 @@ def corrected(
     trail = np.zeros((1, 1))
     estimate = blank_aiding(AidingParams())[0].estimate._replace(q_ned_frd=q)
     now = Prediction(estimate, ZERO_VEC3, ZERO_VEC3, trail, P)
-    observe_slow_unaided(now, UP, radians(unaided_sigma_deg), radians(lean_deg), x, 1.0, 0.4)
+    observe_unaided(now, UP, radians(unaided_sigma_deg), radians(lean_deg), x, 1.0, 0.4)
     down = rotate(exp((x[TURN], x[TURN + 1], x[TURN + 2])), rotate(q, UP))
     return degrees(np.arctan2(np.hypot(down[0], down[1]), down[2]))
 

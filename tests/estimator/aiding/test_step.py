@@ -9,7 +9,7 @@ from estimator.aiding.course import STANDING
 from estimator.aiding.inertial import predict_motion
 from estimator.aiding.lean import lean_angle
 from estimator.aiding.search import EMPTY_SEARCH, Evidence, Search, Window, add_report, add_sample
-from estimator.aiding.sources.unaided import observe_slow_unaided
+from estimator.aiding.sources.unaided import observe_unaided
 from estimator.aiding.types import (
     HARD_IRON,
     NO_REPORT,
@@ -49,7 +49,7 @@ def test_a_slow_step_is_corrected_once():
     now, x = predict_motion(PARAMS, STATE, P, TRAIL, SAMPLE), np.zeros(SIZE)
     watch_turning(PARAMS, STATE, now.covariance, SAMPLE, 0.0)
     lean_rad = lean_angle(STATE.lean, is_silent=False)
-    observe_slow_unaided(now, OTHERS.gravity_b, 0.1, lean_rad, x, 1.0, SAMPLE.dt_s)
+    observe_unaided(now, OTHERS.gravity_b, 0.1, lean_rad, x, 1.0, SAMPLE.dt_s)
     assert np.abs(x[:3]).max() > 1e-3
     assert after.estimate == apply_corrections(now, x).estimate
     assert np.array_equal(after_P, now.covariance)

