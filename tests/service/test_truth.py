@@ -31,7 +31,7 @@ CASES = (
     Case("climb and turn", FAULTS[5]),
 )
 # Of 65, as measured; whoever makes it better writes the new number here.
-WRONG_AND_SURE = 2
+WRONG_AND_SURE = 1
 
 
 def test_as_many_cases_are_wrong_and_sure_as_were_measured():

@@ -15,7 +15,7 @@ from tuning.smoothed import smoothed_flight
 LOG = Path(__file__).resolve().parents[1] / "data" / "sitl_copter_4hz.tlog"
 IMU = load_profile("imu")
 # Two profiles that a search may find; each smooths in its own way.
-FOUND = [merge_profile(IMU, {"aiding": {"acc_noise": noise}}) for noise in (0.5, 0.05)]
+FOUND = [merge_profile(IMU, {"aiding": {"acc_noise": noise}}) for noise in (0.5, 0.2)]
 
 
 @pytest.fixture(scope="module")
