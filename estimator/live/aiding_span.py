@@ -45,7 +45,7 @@ from estimator.live.state import State
 from estimator.types import DOWN, STANDARD_GRAVITY_M_S2, ZERO_VEC3, Quaternion, Vec3
 
 # However small its computed sigma, no heading is better known than this to begin with.
-LEAST_HEADING_SIGMA_RAD = radians(3.0)
+LEAST_HEADING_SIGMA_RAD = radians(5.0)
 # However long a gyroscope rests, its bias is known no better than this: streams carry mrad/s.
 LEAST_BIAS_SIGMA_RAD_S = 0.001
 
