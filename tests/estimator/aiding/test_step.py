@@ -14,6 +14,7 @@ from estimator.aiding.types import (
     HARD_IRON,
     NO_REPORT,
     SIZE,
+    Agreements,
     AidingParams,
     Lean,
     North,
@@ -28,7 +29,7 @@ from estimator.filter.observation import ReferenceParams
 from estimator.geometry.quaternion import exp, rotate_inverse
 from estimator.live.aided import aided_vectors, is_worse
 from estimator.live.core import UNSEEN
-from estimator.types import IDENTITY, ZERO_VEC3, Sample
+from estimator.types import IDENTITY, STANDARD_GRAVITY_M_S2, ZERO_VEC3, Sample
 
 PARAMS = AidingParams()
 STATE, _, TRAIL = blank_aiding(PARAMS)
@@ -41,16 +42,23 @@ def covariance():
     return 0.01 * root @ root.T
 
 
-def test_a_slow_step_is_corrected_once():
+@pytest.mark.parametrize(
+    ("dt_s", "wait_s", "lean_m_s2"),
+    [(0.5, 0.0, 1.0), (0.5, 3.0, 0.0), (0.02, 3.0, 3.0)],  # reported, not believed, felt
+)
+def test_a_step_that_is_slow_or_without_reports_is_corrected_once(dt_s, wait_s, lean_m_s2):
     """By the unaided gravity, and nothing else comes with it: no report, no field."""
-    P = covariance()
-    report = Report(False, ZERO_VEC3, False, 0.0, 0.0, 0.0)
-    after, after_P, _ = aid(PARAMS, STATE, P, TRAIL, SAMPLE, report, OTHERS)
-    now, x = predict_motion(PARAMS, STATE, P, TRAIL, SAMPLE), np.zeros(SIZE)
-    watch_turning(PARAMS, STATE, now.covariance, SAMPLE, 0.0)
-    lean_rad = lean_angle(STATE.lean, is_silent=False)
-    observe_unaided(now, OTHERS.gravity_b, 0.1, lean_rad, x, 1.0, SAMPLE.dt_s)
-    assert np.abs(x[:3]).max() > 1e-3
+    P, sample = covariance(), SAMPLE._replace(dt_s=dt_s)
+    agreement = Agreements(*(each._replace(wait_s=wait_s) for each in STATE.agreement))
+    lean = Lean((3.0, 0.0, 0.0), (1.0, 1.0, 9.0), (2.5, 3.0, 0.0))
+    state = STATE._replace(agreement=agreement, lean=lean)
+    after, after_P, _ = aid(PARAMS, state, P, TRAIL, sample, NO_REPORT, OTHERS)
+    now, x = predict_motion(PARAMS, state, P, TRAIL, sample), np.zeros(SIZE)
+    if dt_s == 0.5:
+        watch_turning(PARAMS, state, now.covariance, sample, 0.0)
+    lean_rad = lean_m_s2 / STANDARD_GRAVITY_M_S2
+    observe_unaided(now, OTHERS.gravity_b, 0.1, lean_rad, x, 1.0, dt_s)
+    assert np.abs(x[:3]).max() > 1e-4
     assert after.estimate == apply_corrections(now, x).estimate
     assert np.array_equal(after_P, now.covariance)
 
