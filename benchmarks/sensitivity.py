@@ -26,7 +26,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from common.filters import fuzzbee
 from common.recordings import Trial, add_folders, chosen_sets
-from common.report import Row, parser, seeds, show
+from common.report import Row, names, parser, seeds, show
 from common.scores import LEAST_ROWS, errors_deg, heading_free, rms
 from common.ways import WAYS
 from flying.cases import CASES, DURATION_S, recorded
@@ -283,13 +283,16 @@ def arguments() -> Namespace:
     made.add_argument("--logs", type=Path, nargs="*", default=[], help="with a truth")
     made.add_argument("--flights", type=seeds, default=(), metavar="A-B", help="seeds of these")
     made.add_argument(
-        "--own-heading", nargs="*", default=[], metavar="NAME", help="folders without true north"
+        "--own-heading", default="", metavar="NAME,NAME", help="folders without true north"
     )
     made.add_argument("--only", type=lambda text: text.split(","), default=[], metavar="NAME,NAME")
     made.add_argument("--constants", action="store_true", help="needs NUMBA_DISABLE_JIT=1")
     made.add_argument("--seconds", type=float, default=0.0, help="of each recording; 0: all")
     made.add_argument("--jobs", type=int, default=2)
-    return made.parse_args()
+    options = made.parse_args()
+    if options.own_heading:
+        options.own_heading = names([each.name for each in options.folders], options.own_heading)
+    return options
 
 
 def track(

@@ -44,13 +44,16 @@ def hear_report(lean: Lean, velocity_ned_m_s: Vec3) -> Lean:
 
 
 @inlined
-def lean_angle(lean: Lean, is_silent: bool) -> float:
-    """The lean, rad; without reports by what is felt alone."""
+def lean_angle(lean: Lean, is_silent: bool, slow: float) -> float:
+    """The lean, rad; without reports by what is felt alone.
+
+    What a ``slow`` stream's aided attitude feels then is its own error.
+    """
     felt, gained = lean.felt_m_s2, subtract(lean.latest_m_s, lean.reported_m_s)
     push = hypot(felt[0], felt[1])
-    if not is_silent:
-        push = min(push, hypot(gained[0], gained[1]) / LEAN_TAU_S)
-    return push / STANDARD_GRAVITY_M_S2
+    if is_silent:
+        return push / STANDARD_GRAVITY_M_S2 * (1.0 - slow)
+    return min(push, hypot(gained[0], gained[1]) / LEAN_TAU_S) / STANDARD_GRAVITY_M_S2
 
 
 def bears_out(lean: Lean) -> bool:

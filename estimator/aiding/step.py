@@ -77,9 +77,7 @@ def aid(
     if share > 0.0:
         before = known(now.covariance)
         sigma_rad = others.gravity_sigma_rad
-        lean_rad = lean_angle(lean, is_silent)
-        if is_silent:  # what a slow stream's aided attitude feels then is its own error
-            lean_rad *= 1.0 - slow
+        lean_rad = lean_angle(lean, is_silent, slow)
         observe_unaided(now, others.gravity_b, sigma_rad, lean_rad, x, share, dt)
         # large turns do not add up, so this one is made before the next is looked for
         now = apply_corrections(now, x)

@@ -79,8 +79,7 @@ class AidingParams(NamedTuple):
     sideslip_rad: Angle = 3.0  # of wheels 0.05; 3: it may move any way, and a HEARTBEAT decides
 
     # Lags.
-    # the low-pass of an autopilot's IMU stream; the time that its filter names may be as far off
-    imu_lag_s: Lag = 0.012
+    imu_lag_s: Lag = 0.012  # of an autopilot's IMU stream; its filter's time may be as far off
 
     # Magnetic field.
     heading_noise: Noise = radians(3.0)  # rad/sqrt(Hz); small: follows magnets, large: slow
@@ -88,10 +87,7 @@ class AidingParams(NamedTuple):
     field_dip_scale_rad: Angle = radians(10.0)  # deviation of the dip that halves it, or so
     field_walk: Noise = 0.005  # share/sqrt(s) by which the place's field may change its strength
 
-    # Beginning.
-
     # Published uncertainty, fitted to errors of simulated and recorded flights.
-    # small: keeps a wrong heading, large: velocity turns it at the beginning
     colour: Share = 1.5  # velocity's errors are slower than white: sigma against white noise's
     least_scale: Share = 0.28  # of the covariance's sigma, however well the reports agree
     scatter_share: Share = 2.3  # of the reports' scatter that is the attitude's, too

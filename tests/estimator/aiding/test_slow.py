@@ -90,7 +90,7 @@ def lean_deg(acceleration: float, reported: float, *, is_silent: bool = False) -
     for k in range(40):
         lean = watch_lean(lean, (acceleration, 0.0, -STANDARD_GRAVITY_M_S2), 0.25)
         lean = hear_report(lean, (reported * 0.25 * k, 0.0, 0.0))
-    return degrees(lean_angle(lean, is_silent))
+    return degrees(lean_angle(lean, is_silent, 0.0))
 
 
 def test_only_an_acceleration_that_both_witnesses_show_deceives_the_unaided_vertical():

@@ -74,8 +74,8 @@ def test_a_step_remembers_the_velocity_that_it_was_told():
 def test_the_lean_is_the_lesser_acceleration_over_gravity():
     """Gained 2.5 m/s in the 2.5 s of the mean: 1 m/s^2, of 3 that were felt."""
     lean = Lean((3.0, 0.0, 0.0), (1.0, 1.0, 9.0), (2.5, 3.0, 0.0))
-    assert lean_angle(lean, is_silent=False) == pytest.approx(1.0 / 9.80665)
-    assert lean_angle(lean, is_silent=True) == pytest.approx(3.0 / 9.80665)
+    assert lean_angle(lean, is_silent=False, slow=0.0) == pytest.approx(1.0 / 9.80665)
+    assert lean_angle(lean, is_silent=True, slow=0.0) == pytest.approx(3.0 / 9.80665)
 
 
 def test_a_windows_evidence_is_half_as_old_as_the_window_is_long():
