@@ -1,14 +1,11 @@
 """The latest of all vehicles, as views show it."""
 
 import threading
-from itertools import repeat
 from typing import NamedTuple
 
-from drivers.events import VehicleId
 from drivers.places import PLACES
-from service.attitude_rows import AttitudeRows
 from service.health import HAS_ATTITUDE, State
-from service.records import AttitudeRecord, StatusRecord, vehicle_name
+from service.records import AttitudeRecord, StatusRecord
 
 SILENT_AFTER_S = 3.0  # a status comes every second
 
@@ -42,27 +39,12 @@ class Board:
 
     def __init__(self) -> None:
         self._rows: dict[str, Row] = {}
-        self._unread: dict[VehicleId, tuple[AttitudeRows, float]] = {}
         self._lock = threading.Lock()
 
-    def update_rows(self, rows: AttitudeRows, now_s: float) -> None:
-        """Remember attitudes; those that nobody looks at become no records."""
-        with self._lock:
-            self._unread.update(zip(rows.vehicles, repeat((rows, now_s)), strict=False))
-
     def update(self, name: str, record: AttitudeRecord | StatusRecord, now_s: float) -> None:
-        """Remember a record. What has come as rows stays unread: it may be a thousand of them."""
+        """Remember a record."""
         with self._lock:
             self._update(name, record, now_s)
-
-    def _read(self) -> None:
-        """Make records of what has come as rows."""
-        unread = self._unread
-        for rows, now_s in {id(each[0]): each for each in unread.values()}.values():
-            for each in rows.published:
-                if unread[each.vehicle][0] is rows:
-                    self._update(vehicle_name(each.vehicle), each.record, now_s)
-        unread.clear()
 
     def _update(self, name: str, record: AttitudeRecord | StatusRecord, now_s: float) -> None:
         if name not in self._rows and len(self._rows) >= PLACES:
@@ -70,7 +52,7 @@ class Board:
         _, attitude, status, attitude_s, heard_s, before = self._rows.get(name, EMPTY)
         if isinstance(record, StatusRecord):
             status, before = record, status
-        elif now_s >= attitude_s:  # rows are read behind records that came after them
+        else:
             attitude, attitude_s = record, now_s
         # Row._make is the quickest way, and this runs thousands of times a second
         values = (name, attitude, status, attitude_s, max(heard_s, now_s), before)
@@ -79,13 +61,11 @@ class Board:
     def remove(self, name: str) -> None:
         """Forget a vehicle."""
         with self._lock:
-            self._read()
             self._rows.pop(name, None)
 
     def rows(self) -> list[Row]:
         """All rows by name, numbers in their order."""
         with self._lock:
-            self._read()
             rows = list(self._rows.values())
         return sorted(rows, key=lambda row: [int(part) for part in row.name.split("-")])
 

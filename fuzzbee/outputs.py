@@ -55,6 +55,7 @@ def open_outputs(
     session: "zenoh.Session | None",
     prefix: str,
     profile: "Profile",
+    rate_hz: float,
 ) -> None:
     """Open the sinks that were asked for, and add each to ``sinks`` once it is open.
 
@@ -63,7 +64,7 @@ def open_outputs(
     """
     for entry in SINKS:
         if entry.is_wanted(options):
-            sink = entry.open(Opening(options._asdict(), session, prefix))
+            sink = entry.open(Opening(options._asdict(), session, prefix, rate_hz))
             sinks += [] if sink is None else [sink]
     viewer = open_viewer(options.view, options.rrd, profile, live=True)
     if viewer is not None:

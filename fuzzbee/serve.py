@@ -67,7 +67,9 @@ def serve(options: RunOptions, opening: OpeningSession | None) -> int:
             pipeline.scores = {}
         with closed_if_unused() as sinks:
             open_zenoh_sink(sinks, session, options, profile, requests, conflicts)
-            outputs.open_outputs(sinks, options.outputs, session, options.zenoh.prefix, profile)
+            outputs.open_outputs(
+                sinks, options.outputs, session, options.zenoh.prefix, profile, options.rate_hz
+            )
             interprets = not is_there and is_kept()
             if not is_there and not interprets:
                 _load(profile, options.gain)
@@ -129,6 +131,7 @@ def _pipeline(profile: Profile, options: RunOptions, retuning: "Retuning | None"
             Estimator(chosen, options.gain) if retuning is None else retuning.estimator(chosen)
         ),
         fits_built_in=options.profile is None,
+        rate_hz=options.rate_hz,
     )
     if retuning is not None:
         retuning.watch(pipeline)

@@ -27,12 +27,14 @@ _METRICS = "Serve Prometheus metrics on 127.0.0.1 (extra: metrics)."
 class Opening(NamedTuple):
     """What a sink is opened with: the values of all sinks' options, and the session, if any.
 
-    ``prefix`` is the first part of the service's Zenoh keys.
+    ``prefix`` is the first part of the service's Zenoh keys, ``rate_hz`` how often attitudes are
+    published.
     """
 
     options: dict[str, Any]
     session: "zenoh.Session | None"
     prefix: str
+    rate_hz: float
 
 
 class SinkEntry(NamedTuple):
@@ -128,7 +130,7 @@ def _together(opening: Opening) -> "Sink":
 
     if opening.session is None:
         raise InputError("--together needs Zenoh: leave out --no-zenoh")
-    return TogetherSink(opening.session, opening.prefix)
+    return TogetherSink(opening.session, opening.prefix, 1.0 / opening.rate_hz)
 
 
 def _web(opening: Opening) -> "Sink":

@@ -12,8 +12,7 @@ from fuzzbee.board import Board, Row
 from fuzzbee.instrument import Ink, has_room, screen
 from fuzzbee.say import printable
 from fuzzbee.vehicle_table import BY_NAME, ORDERS, Look, lines, table
-from service.attitude_rows import AttitudeRows, Made
-from service.records import Departed, Message, Published, vehicle_name
+from service.records import Departed, Message, Output, Published, vehicle_name
 
 if TYPE_CHECKING:
     from rich.live import Live
@@ -50,7 +49,6 @@ class TerminalView:
 
     name = "terminal"
     rest_s = 0.5 / REFRESH_HZ
-    takes_rows = True
 
     def __init__(
         self,
@@ -75,15 +73,13 @@ class TerminalView:
         is_live = console.is_terminal and not console.is_dumb_terminal
         self._live = self._start() if is_live else None
 
-    def handle(self, outputs: Sequence[Made]) -> None:
+    def handle(self, outputs: Sequence[Output]) -> None:
         """Show outputs of the service."""
         texts: list[str] = []
         for output in outputs:
             match output:
                 case Message(text=text):
                     texts.append(text)
-                case AttitudeRows():
-                    self.board.update_rows(output, self._now_s())
                 case Published(vehicle=vehicle, record=record):
                     self.board.update(vehicle_name(vehicle), record, self._now_s())
                 case Departed(vehicle=vehicle):

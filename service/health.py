@@ -7,7 +7,6 @@ long none has arrived. Times are given, no clock is read.
 from enum import StrEnum
 
 from drivers.value import Value
-from estimator.compilation.compiled import inlined
 
 
 class State(StrEnum):
@@ -65,19 +64,16 @@ def next_state(state: State, signal: Signal) -> State:
     return TRANSITIONS.get((state, signal), state)
 
 
-@inlined
 def late_after_us(median_period_us: float) -> float:
     """Silence that makes a running estimate degraded: max(0.5 s, 3 median periods)."""
     return max(LATE_MINIMUM_US, LATE_PERIODS * median_period_us)
 
 
-@inlined
 def lost_after_us(median_period_us: float) -> float:
     """Silence after which a vehicle is lost: max(5 s, 10 median periods)."""
     return max(LOST_MINIMUM_US, LOST_PERIODS * median_period_us)
 
 
-@inlined
 def is_left_out(silence_us: int, unheard_us: int, median_period_us: float) -> bool:
     """Whether a silence is no vehicle's, where samples are left out: others of it do come."""
     is_heard = unheard_us < late_after_us(median_period_us)

@@ -15,8 +15,6 @@ autopilot's clock that stands still under load is heard of at once.
 
 from typing import NamedTuple
 
-from estimator.compilation.compiled import inlined
-
 MAX_DRIFT = 3e-3  # s/s; 136 ms a minute is 2.3e-3
 STEP_US = 100_000  # less counts as lateness; time services set a clock that is 128 ms off or more
 STEP_SPREAD_US = 100_000  # the latenesses that show a step differ by this at most
@@ -26,6 +24,8 @@ WINDOW_SAMPLES = 3  # a window of fewer shows nothing
 EVEN_US = 250_000  # evenly late messages for this long show a step, too
 EVEN_SPREAD_US = 30_000  # they count as evenly late while they differ by this at most
 EVEN_SAMPLES = 6
+# A sample later than so many periods (and than STEP_US) is not made up for.
+HELD_PERIODS = 2
 
 
 class Offsets(NamedTuple):
@@ -34,7 +34,7 @@ class Offsets(NamedTuple):
     begin_us: int
     least_us: float
     most_us: float
-    samples: int = 1  # compiled code has to name it
+    samples: int = 1
 
 
 class HostClock(NamedTuple):
@@ -47,7 +47,6 @@ class HostClock(NamedTuple):
     even: Offsets = Offsets(0, 0.0, 0.0)  # the offsets since two last differed by EVEN_SPREAD_US
 
 
-@inlined
 def observe(clock: HostClock, vehicle_us: int, arrival_us: int) -> HostClock:
     """The clock after a message of ``vehicle_us`` arrived at ``arrival_us``."""
     seen_us = float(arrival_us - vehicle_us)
@@ -69,21 +68,35 @@ def observe(clock: HostClock, vehicle_us: int, arrival_us: int) -> HostClock:
     return HostClock(offset_us, arrival_us, True, window, even)
 
 
-@inlined
 def to_vehicle_us(clock: HostClock, host_us: int) -> int:
     """The vehicle's time at host time ``host_us``; needs a known clock."""
     assert clock.known
     return round(host_us - clock.offset_us)
 
 
-@inlined
+def propagated_to(
+    clock: HostClock, taken_us: int, arrival_us: int, median_us: float, now_us: int
+) -> tuple[int, int]:
+    """The vehicle's time to publish at ``now_us``, and how old its last sample is then (us).
+
+    The sample was of ``taken_us`` and arrived at ``arrival_us``; ``median_us`` is the interval of
+    samples. If it came so late that the vehicle's clock may have stood still, the attitude is not
+    propagated by that time: nobody knows whether it has passed.
+    """
+    since_us = now_us - arrival_us
+    late_us = round(lateness_us(clock, taken_us, arrival_us))
+    if late_us <= max(STEP_US, HELD_PERIODS * median_us):
+        late_us = 0
+    time_us = taken_us + since_us if late_us > 0 else to_vehicle_us(clock, now_us)
+    return max(taken_us, time_us), since_us + late_us
+
+
 def lateness_us(clock: HostClock, vehicle_us: int, arrival_us: int) -> float:
     """How much later a message came than prompt ones do; needs a known clock."""
     assert clock.known
     return arrival_us - vehicle_us - clock.offset_us
 
 
-@inlined
 def _lengthen(window: Offsets, seen_us: float) -> Offsets:
     """The window with one more offset in it."""
     least_us, most_us = window.least_us, window.most_us
@@ -94,13 +107,11 @@ def _lengthen(window: Offsets, seen_us: float) -> Offsets:
     return Offsets(window.begin_us, least_us, most_us, window.samples + 1)
 
 
-@inlined
 def _is_even(even: Offsets, vehicle_us: int) -> bool:
     """Whether messages have come with one lateness for a while."""
     return vehicle_us - even.begin_us >= EVEN_US and even.samples >= EVEN_SAMPLES
 
 
-@inlined
 def _moved_offset_us(window: Offsets, offset_us: float) -> float:
     """The offset, moved if the window shows that the host's clock was set forwards."""
     step_us = window.least_us - offset_us
@@ -112,6 +123,5 @@ def _moved_offset_us(window: Offsets, offset_us: float) -> float:
     return window.least_us if is_step else offset_us
 
 
-@inlined
 def _bound_us(clock: HostClock, now_us: int) -> float:
     return clock.offset_us + MAX_DRIFT * max(0, now_us - clock.at_us)

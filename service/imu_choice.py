@@ -11,7 +11,6 @@ import msgspec
 
 from drivers.mavlink.imu_messages import imu_rank
 from drivers.value import Value
-from estimator.compilation.compiled import inlined
 
 STEADY_SAMPLES = 3  # of a preferred message before it takes over for the first time
 SILENT_PERIODS = 20.0  # of the message in use, before another stands in
@@ -86,7 +85,6 @@ def consider(
     return choice
 
 
-@inlined
 def longest_silence_us(longest_us: int, silence_us: int) -> int:
     """The longest silence that a message has come back from, after one more."""
     return silence_us if longest_us < silence_us <= LONGEST_SILENCE_US else longest_us

@@ -1,4 +1,4 @@
-"""What the loop tells the vehicles about itself."""
+"""What the loop tells the pipeline about itself."""
 
 from typing import NamedTuple
 
@@ -6,20 +6,18 @@ from typing import NamedTuple
 class Load(NamedTuple):
     """Whether the loop leaves anything out now.
 
-    ``rate_hz`` is how often attitudes are published where there is time for
-    it, 0 where the ticks are not those of a clock; none are while the last ones are
-    still in hand (``is_behind``). While it ``is_shedding``, and right
-    after a stop (``has_just_woken``), only vehicles with a new sample have theirs published.
+    ``rate_hz`` is how often attitudes are published where there is time for it. While it
+    ``is_shedding``, only vehicles with a new sample have theirs published. Right after a stop
+    (``has_just_woken``) nobody can tell yet whose silence is his own.
     """
 
     is_shedding: bool = False
-    is_behind: bool = False
     has_just_woken: bool = False
     rate_hz: float = 0.0
 
 
 class Losses(NamedTuple):
-    """What the loop has lost so far; only statuses tell it.
+    """What the loop has lost so far; only statuses show it.
 
     ``overruns`` are late ticks, ``dropped`` events and records thrown away, ``lost`` datagrams that
     the system threw away. ``recording`` is a word on the files that are recorded to.

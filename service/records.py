@@ -123,13 +123,6 @@ class Published(Value, frozen=True):
     time_unix_us: int = 0
 
 
-class Encoded(Value, frozen=True):
-    """An attitude as it is published; made by another process."""
-
-    vehicle: VehicleId
-    payload: bytes
-
-
 class Peer(Value, frozen=True):
     """Somebody else's attitude of a vehicle, for those who show it beside ours."""
 
@@ -158,7 +151,7 @@ class Message(Value, frozen=True):
     text: str
 
 
-Output = Published | Encoded | Peer | Replaced | Departed | Message
+Output = Published | Peer | Replaced | Departed | Message
 
 
 def vehicle_name(vehicle: VehicleId) -> str:

@@ -16,8 +16,6 @@ from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
-from drivers.mavlink import frame_rows, leases, scanning, stamped_frames
-from drivers.mavlink.transports import receive_many
 from drivers.samples import sensor_faults, vehicle_clock
 from estimator.aiding import begin
 from estimator.aiding.phase import Phase
@@ -30,7 +28,6 @@ from estimator.live.core import flat
 from estimator.live.settings import settings_of
 from estimator.profile import Profile, load_profile
 from estimator.types import IDENTITY, ZERO_VEC3, ImuSample, VelocitySample
-from service import attitude_text, usual_rows, usual_vehicles
 from service.offspring import is_stopped
 
 STEP_US = 10_000
@@ -51,17 +48,7 @@ UNAIDED: tuple[Any, ...] = (
     resident.advance_raw,
     resident.advance,
     sensor_faults.judge_reading,
-    frame_rows.read_frames,
     vehicle_clock.place_message,
-    scanning.scan_frames,
-    leases.pass_by,
-    stamped_frames.stamp_frames,
-    receive_many.collect,
-    usual_rows.new_fleet,
-    usual_rows.put,
-    usual_rows.take_rows,
-    usual_rows.show_rows,
-    attitude_text.write_texts,
 )
 FOR_VELOCITY: tuple[Any, ...] = (
     resident.advance_aided,
@@ -143,22 +130,15 @@ def _leave_out_scipy() -> None:
 def _of_edges() -> dict[Any, tuple[Any, ...]]:
     """The kernels of links and sinks, and the types that they are called with."""
     return {
-        receive_many.collect: receive_many.argument_types(),
-        scanning.scan_frames: scanning.argument_types(),
-        leases.pass_by: leases.argument_types(),
-        stamped_frames.stamp_frames: stamped_frames.argument_types(),
         sensor_faults.judge_reading: sensor_faults.argument_types(),
-        frame_rows.read_frames: frame_rows.argument_types(),
         vehicle_clock.place_message: vehicle_clock.argument_types(),
-        attitude_text.write_texts: attitude_text.argument_types(),
     }
 
 
 def compile_ahead(profile: Profile, kernels: tuple[Any, ...]) -> None:
     """Compile these kernels without running them."""
     arguments = resident.arguments_of(settings_of(profile), Estimator(profile).snapshot.core)
-    (inside,) = arguments[resident.contents]
-    arguments |= _of_edges() | usual_vehicles.argument_types(inside)
+    arguments |= _of_edges()
     for kernel in kernels:
         kernel.compile(arguments[kernel])
 
@@ -182,7 +162,6 @@ def rehearse(estimator: Estimator, *, aided: bool) -> None:
         estimator.update(_sample(number))
         estimator.update_velocity(_report(number))  # heard at the next sample
     estimator.attitude(3 * STEP_US)
-    usual_vehicles.rehearse(estimator)
     if not aided:
         return
     before = estimator.snapshot

@@ -20,8 +20,7 @@ from estimator.errors import InputError
 from fuzzbee.board import Board
 from fuzzbee.say import say
 from fuzzbee.web.shown import shown
-from service.attitude_rows import AttitudeRows, Made
-from service.records import Departed, Published, vehicle_name
+from service.records import Departed, Output, Published, vehicle_name
 
 HOST = "127.0.0.1"
 MOST_PORT = 65535
@@ -82,7 +81,6 @@ class WebPage:
     """
 
     name = "web"
-    takes_rows = True
 
     def __init__(
         self,
@@ -103,12 +101,10 @@ class WebPage:
         self._thread = threading.Thread(target=self._server.serve_forever, name="web", daemon=True)
         self._thread.start()
 
-    def handle(self, outputs: Sequence[Made]) -> None:
+    def handle(self, outputs: Sequence[Output]) -> None:
         """Remember the latest records."""
         for output in outputs:
             match output:
-                case AttitudeRows():
-                    self.board.update_rows(output, self.now_s())
                 case Published(vehicle=vehicle, record=record):
                     self.board.update(vehicle_name(vehicle), record, self.now_s())
                 case Departed(vehicle=vehicle):

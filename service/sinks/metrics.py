@@ -8,7 +8,7 @@ from wsgiref.simple_server import WSGIRequestHandler, WSGIServer, make_server
 
 from estimator.errors import InputError, missing_extra
 from service.health import State
-from service.pipeline import MOST_LOST_TOLD
+from service.pipeline import MOST_QUIET_HZ
 from service.records import AttitudeRecord, Departed, Output, Published, StatusRecord, vehicle_name
 from service.second_opinion import Verdict
 
@@ -135,7 +135,7 @@ class MetricsSink:
         """
         with self._lock:
             attitudes, statuses = dict(self._attitudes), dict(self._statuses)
-            long_lost = [*self._lost][:-MOST_LOST_TOLD]
+            long_lost = [*self._lost][:-MOST_QUIET_HZ]
         for name in long_lost:
             attitudes.pop(name, None)
             del statuses[name]

@@ -4,8 +4,7 @@ import time
 from collections.abc import Sequence
 from typing import Self
 
-from service.attitude_rows import Made
-from service.records import Message
+from service.records import Message, Output
 from service.sinks.sink import Outlet, Sink
 
 CLOSE_TIMEOUT_S = 0.7  # for all sinks together: the command ends within a second
@@ -30,7 +29,7 @@ class Outbox:
         """How often sinks failed."""
         return sum(outlet.errors for outlet in self._outlets)
 
-    def put(self, outputs: Sequence[Made]) -> None:
+    def put(self, outputs: Sequence[Output]) -> None:
         """Hand outputs to every sink, and one sink's errors to all; never blocks."""
         for outlet in self._outlets:
             if outlet.error is not None:

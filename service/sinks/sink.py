@@ -6,10 +6,9 @@ from collections import deque
 from collections.abc import Callable, Sequence
 from typing import Any, Protocol
 
-from service.attitude_rows import AttitudeRows, Made, expanded
 from service.records import Output
 
-AtOnce = Callable[[Sequence[Made]], Sequence[Made]]
+AtOnce = Callable[[Sequence[Output]], Sequence[Output]]
 
 
 class Sink(Protocol):
@@ -19,9 +18,7 @@ class Sink(Protocol):
     else's sake: when it is, there is more to do than can be done. It may have
     ``handle_at_once(outputs)``, which returns what cannot be done at once: while nothing else is
     pending the loop calls that itself, since to wake a thread costs more than some records. One
-    with a ``rest_s`` is for eyes: its thread rests that long after each look. One with
-    ``takes_rows = True`` is given :class:`~service.attitude_rows.AttitudeRows` as they are, others
-    the records that they hold.
+    with a ``rest_s`` is for eyes: its thread rests that long after each look.
     """
 
     @property
@@ -58,12 +55,11 @@ class Outlet:
         self.dropped = 0
         self.errors = 0
         self.error: str | None = None  # the latest that has not been told yet
-        self._pending: deque[tuple[float, Sequence[Made]]] = deque()  # and since when, s
+        self._pending: deque[tuple[float, Sequence[Output]]] = deque()  # and since when, s
         self.is_busy = False  # something is pending, or in hand
         self._progress_s = 0.0  # when it began, or got on with something
         self._handle_at_once: AtOnce | None = getattr(sink, "handle_at_once", None)
         self._rest_s: float = getattr(sink, "rest_s", 0.0)
-        self._takes_rows: bool = getattr(sink, "takes_rows", False)
         self._closing = threading.Event()
         self._lock = threading.Lock()
         self._changed = threading.Condition(self._lock)
@@ -71,7 +67,7 @@ class Outlet:
         self._thread = threading.Thread(target=self._work, name=f"sink {sink.name}", daemon=True)
         self._thread.start()
 
-    def put(self, outputs: Sequence[Made]) -> None:
+    def put(self, outputs: Sequence[Output]) -> None:
         """Hand over outputs; never blocks."""
         if self._handle_at_once is not None and not self.is_busy:
             try:
@@ -86,7 +82,7 @@ class Outlet:
             while len(self._pending) >= MAX_PENDING or (
                 self._pending and now_s - self._pending[0][0] > LONGEST_WAIT_S
             ):
-                self.dropped += _count(self._pending.popleft()[1])
+                self.dropped += len(self._pending.popleft()[1])
             self._pending.append((now_s, outputs))
             if not self.is_busy:
                 self.is_busy, self._progress_s = True, now_s
@@ -120,8 +116,7 @@ class Outlet:
 
     def _work(self) -> None:
         take: Callable[[Any], None] = self.sink.handle
-        while (made := self._next()) is not None:
-            outputs = made if self._takes_rows else expanded(made)
+        while (outputs := self._next()) is not None:
             size = PIECE if self.never_waits else max(1, len(outputs))
             for begin in range(0, len(outputs), size):
                 try:
@@ -134,7 +129,7 @@ class Outlet:
         except BaseException as error:  # noqa: BLE001
             self._note(error)
 
-    def _next(self) -> Sequence[Made] | None:
+    def _next(self) -> Sequence[Output] | None:
         with self._lock:
             has_done_all = not self._pending and self.is_busy
             if has_done_all:
@@ -152,7 +147,3 @@ class Outlet:
         if self.errors % 100 == 0:
             self.error = f"{self.sink.name}: {error or type(error).__name__}"
         self.errors += 1
-
-
-def _count(outputs: Sequence[Made]) -> int:
-    return sum(len(each) if isinstance(each, AttitudeRows) else 1 for each in outputs)

@@ -1,16 +1,15 @@
-"""All vehicles' attitudes in one put, for who wants all of them: one JSON object by vehicle.
+"""All attitudes of a period in one Zenoh message, for those who follow many vehicles.
 
-A put costs more than an attitude. A fleet's subscriber that takes them together has one message a
-tick to receive, and not one a vehicle.
+A subscriber that takes them together has one message a period to receive, and not one a vehicle.
 """
 
-from collections.abc import Sequence
+import time
+from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING
 
 import msgspec
 
-from service.attitude_rows import AttitudeRows, Made, encoded
-from service.records import Encoded, vehicle_name
+from service.records import AttitudeRecord, Output, Published, vehicle_name
 
 if TYPE_CHECKING:
     import zenoh
@@ -19,13 +18,21 @@ JSON = "application/json"
 
 
 class TogetherSink:
-    """Publishes on ``{prefix}/attitudes``, on a session of somebody else's."""
+    """Publishes the newest attitude of each vehicle on ``{prefix}/attitudes``, once a period.
+
+    The session is somebody else's.
+    """
 
     name = "together"
     never_waits = True  # what a subscriber does not take is dropped
-    takes_rows = True
 
-    def __init__(self, session: "zenoh.Session", prefix: str) -> None:
+    def __init__(
+        self,
+        session: "zenoh.Session",
+        prefix: str,
+        period_s: float,
+        monotonic_s: Callable[[], float] = time.monotonic,
+    ) -> None:
         import zenoh
 
         self._publisher = session.declare_publisher(
@@ -34,19 +41,22 @@ class TogetherSink:
             congestion_control=zenoh.CongestionControl.DROP,
             express=False,
         )
+        self._period_s = period_s
+        self._monotonic_s = monotonic_s
+        self._due_s = 0.0
+        self._newest: dict[str, AttitudeRecord] = {}
         self._encode = msgspec.json.Encoder().encode
 
-    def handle(self, outputs: Sequence[Made]) -> None:
-        """Publish the attitudes among the outputs; the last one of each vehicle."""
-        attitudes: dict[str, msgspec.Raw] = {}
-        for output in encoded(outputs):
-            if isinstance(output, AttitudeRows):
-                texts = map(msgspec.Raw, output.texts)
-                attitudes |= zip(map(vehicle_name, output.vehicles), texts, strict=True)
-            elif isinstance(output, Encoded):
-                attitudes[vehicle_name(output.vehicle)] = msgspec.Raw(output.payload)
-        if attitudes:
-            self._publisher.put(self._encode(attitudes))
+    def handle(self, outputs: Sequence[Output]) -> None:
+        """Keep the attitudes among the outputs, and publish them when a period has passed."""
+        for output in outputs:
+            if isinstance(output, Published) and isinstance(output.record, AttitudeRecord):
+                self._newest[vehicle_name(output.vehicle)] = output.record
+        now_s = self._monotonic_s()
+        if self._newest and now_s >= self._due_s:
+            self._due_s = max(self._due_s + self._period_s, now_s)
+            self._publisher.put(self._encode(self._newest))
+            self._newest.clear()
 
     def close(self) -> None:
         """Withdraw the key; the session is closed by who has opened it."""

@@ -14,11 +14,11 @@ import msgspec
 from drivers.events import VehicleId
 from estimator.errors import InputError
 from estimator.profile import Profile, profile_to_json
-from service.attitude_rows import AttitudeRows, Made, encoded
 from service.parameters import ParameterRequests
 from service.records import (
+    AttitudeRecord,
     Departed,
-    Encoded,
+    Output,
     Published,
     Replaced,
     vehicle_name,
@@ -51,7 +51,6 @@ class ZenohSink:
 
     name = "zenoh"
     never_waits = True  # what a subscriber does not take is dropped
-    takes_rows = True
 
     def __init__(
         self,
@@ -75,40 +74,40 @@ class ZenohSink:
         # one for all keys: zenoh runs a thread for each
         self._queryable = session.declare_queryable(f"{prefix}/*/*", self._on_query)
 
-    def handle(self, outputs: Sequence[Made]) -> None:
+    def handle(self, outputs: Sequence[Output]) -> None:
         """Publish the records among the outputs."""
-        for output in encoded(outputs):
+        for output in outputs:
             self._take(output)
 
-    def handle_at_once(self, outputs: Sequence[Made]) -> Sequence[Made]:
+    def handle_at_once(self, outputs: Sequence[Output]) -> Sequence[Output]:
         """Publish what comes before the first output that changes keys, which others are told of.
 
         Returns the rest.
         """
-        outputs = encoded(outputs)
         for k, output in enumerate(outputs):
             if self._changes_keys(output):
                 return outputs[k:]
             self._take(output)
         return ()
 
-    def _changes_keys(self, output: Made) -> bool:
-        if isinstance(output, AttitudeRows):
-            return not self._attitudes.keys() >= set(output.vehicles)
-        if isinstance(output, Encoded):
-            return output.vehicle not in self._attitudes
+    def _changes_keys(self, output: Output) -> bool:
         if isinstance(output, Published):
-            return output.vehicle not in self._statuses
+            return output.vehicle not in self._topics_of(output)
         return isinstance(output, Departed)
 
-    def _take(self, output: Made) -> None:
-        if isinstance(output, AttitudeRows):
-            for vehicle, text in zip(output.vehicles, output.texts, strict=True):
-                self._put(self._attitudes, vehicle, "attitude", text)
-        elif isinstance(output, Encoded):
-            self._put(self._attitudes, output.vehicle, "attitude", output.payload)
-        elif isinstance(output, Published):
-            self._put(self._statuses, output.vehicle, "status", self._encode(output.record))
+    def _topics_of(self, output: Published) -> dict[VehicleId, "_Topic"]:
+        is_attitude = isinstance(output.record, AttitudeRecord)
+        return self._attitudes if is_attitude else self._statuses
+
+    def _take(self, output: Output) -> None:
+        if isinstance(output, Published):
+            topics = self._topics_of(output)
+            topic = topics.get(output.vehicle)
+            if topic is None:
+                kind = "attitude" if topics is self._attitudes else "status"
+                topic = topics[output.vehicle] = self._new_topic(output.vehicle, kind)
+            topic.last = text = self._encode(output.record)
+            topic.put(text)
         elif isinstance(output, Replaced):
             self._profiles[vehicle_name(output.vehicle)] = output.profile
         elif isinstance(output, Departed):
@@ -117,15 +116,6 @@ class ZenohSink:
     def close(self) -> None:
         """Close the session, which withdraws everything declared on it."""
         close_session(self._session)
-
-    def _put(
-        self, topics: dict[VehicleId, _Topic], vehicle: VehicleId, kind: str, text: bytes
-    ) -> None:
-        topic = topics.get(vehicle)
-        if topic is None:
-            topic = topics[vehicle] = self._new_topic(vehicle, kind)
-        topic.last = text
-        topic.put(text)
 
     def _new_topic(self, vehicle: VehicleId, kind: str) -> _Topic:
         import zenoh

@@ -5,8 +5,8 @@ MINUTE_US = 60_000_000
 TOO_MANY = f"there were more than {MOST_LINES} within a minute"
 
 
-class Talk:
-    """Passes on as many lines a minute as a person can read, and says how many it left out.
+class LineLimit:
+    """Passes on as many lines a minute as a person can read, and reports how many it left out.
 
     Time comes in as an argument.
     """

@@ -1,0 +1,64 @@
+"""What was published of one vehicle, and when the next record is due. Times are the host's."""
+
+from service.load import Load
+from service.publish_grid import PublishGrid
+from service.records import Retuned
+
+STATUS_PERIOD_US = 1_000_000
+# While samples are left out, an attitude of an old sample is repeated no more often than this.
+REPEATED_US = 250_000
+
+
+class Publishing:
+    """Counts of the records of one vehicle, and their schedule."""
+
+    def __init__(self, rate_hz: float) -> None:
+        self.grid = PublishGrid(rate_hz)
+        self.attitudes = 0
+        self.statuses = 0
+        self.retuned: Retuned | None = None
+        self._samples = -1  # at the last attitude,
+        self._attitude_us = 0  # and when that was
+        self._status_us: int | None = None
+        self._attitudes_then = 0  # at the last status
+        self._status_due_us = 0
+
+    def note_attitude(self, now_us: int, samples: int) -> None:
+        """An attitude was published, after so many samples."""
+        self.grid.advance(now_us, has_sample=samples != self._samples)
+        self.attitudes += 1
+        self._samples, self._attitude_us = samples, now_us
+
+    def is_stale(self, now_us: int, samples: int) -> bool:
+        """Whether an attitude would say nothing new: its sample was published just before."""
+        return samples == self._samples and 0 <= now_us - self._attitude_us < REPEATED_US
+
+    def is_status_due(self, now_us: int) -> bool:
+        """Whether it is time for a status; right away after the host's clock was set."""
+        return not 0 < self._status_due_us - now_us <= 2 * STATUS_PERIOD_US
+
+    @property
+    def status_due_us(self) -> int:
+        """When the next status is due."""
+        return self._status_due_us
+
+    def note_status(self, now_us: int, period_us: int = STATUS_PERIOD_US) -> None:
+        """A status was published; the next one is due a period after this one was."""
+        self.statuses += 1
+        due_us = self._status_due_us + period_us
+        is_steady = 0 < due_us - now_us <= period_us
+        self._status_due_us = due_us if is_steady else now_us + period_us
+
+    def note_retuned(self, summary: str) -> None:
+        """The service has changed the profile by itself."""
+        count = 0 if self.retuned is None else self.retuned.count
+        self.retuned = Retuned(count + 1, summary)
+
+    def published_hz(self, now_us: int, load: Load) -> float:
+        """Attitudes a second since the last status; the rate asked for where there is no need."""
+        since_us = None if self._status_us is None else now_us - self._status_us
+        count = self.attitudes - self._attitudes_then
+        self._status_us, self._attitudes_then = now_us, self.attitudes
+        if not load.is_shedding or since_us is None or since_us <= 0:
+            return load.rate_hz
+        return min(load.rate_hz, round(1e6 * count / since_us, 1))

@@ -1,0 +1,87 @@
+"""What a vehicle's parameters and heartbeats say about its sensors, passed on to the estimator."""
+
+from math import pi, sqrt
+
+from drivers.events import Heartbeat, Parameter
+from drivers.mavlink.ardupilot import (
+    ACC_FILTER,
+    COMPASS_OFFSETS,
+    GYRO_FILTER,
+    ROVER_FILTERS_HZ,
+    TRIM,
+)
+from drivers.mavlink.constants import (
+    MAV_AUTOPILOT_ARDUPILOTMEGA,
+    MAV_TYPE_GENERIC,
+    MAV_TYPE_GROUND_ROVER,
+)
+from drivers.samples.rotation import quaternion_from_euler
+from estimator.carrier import Carrier
+from estimator.estimator import Estimator
+from estimator.types import IDENTITY, Quaternion
+
+# A second-order Butterworth low-pass delays slow motions by this many periods of its cutoff.
+BUTTERWORTH_DELAY = 1.0 / (sqrt(2.0) * pi)
+
+
+def carrier_of(heartbeat: Heartbeat) -> Carrier:
+    """What carries the IMU: anything may be done to a vehicle that is not armed."""
+    if heartbeat.vehicle_type == MAV_TYPE_GROUND_ROVER:
+        return Carrier.WHEELS
+    is_vehicle = heartbeat.is_armed and heartbeat.vehicle_type != MAV_TYPE_GENERIC
+    return Carrier.VEHICLE if is_vehicle else Carrier.ANYTHING
+
+
+class VehicleParameters:
+    """Parameters of one vehicle that matter to its attitude."""
+
+    def __init__(self) -> None:
+        self._heartbeat: Heartbeat | None = None  # the last one that brought something new
+        self._trim_rad: dict[str, float] = {}
+        self._compass_offsets: dict[str, float] = {}
+        self._filters_hz: dict[str, float] = {}
+
+    @property
+    def q_frd_trimmed(self) -> Quaternion:
+        """From the axes that the autopilot's attitude is of to those of its IMU."""
+        roll, pitch, yaw = (self._trim_rad.get(name, 0.0) for name in TRIM)
+        return quaternion_from_euler(roll, pitch, yaw) or IDENTITY
+
+    def take(self, event: Parameter, estimator: Estimator) -> None:
+        """Note compass offsets (all zero: nobody has calibrated it), the trim and filters."""
+        if event.name in TRIM:
+            self._trim_rad[event.name] = event.value
+        elif event.name in (GYRO_FILTER, ACC_FILTER) and event.value > 0.0:
+            self._note_filter(event.name, event.value, estimator)
+        elif event.name in COMPASS_OFFSETS:
+            self._compass_offsets[event.name] = event.value
+            if len(self._compass_offsets) == len(COMPASS_OFFSETS):
+                estimator.set_field_calibrated(any(self._compass_offsets.values()))
+
+    def is_repeated(self, event: Heartbeat) -> bool:
+        """Whether a heartbeat brings nothing new."""
+        known = self._heartbeat
+        return known is not None and (
+            (known.autopilot, known.vehicle_type, known.is_armed)
+            == (event.autopilot, event.vehicle_type, event.is_armed)
+        )
+
+    def take_heartbeat(self, event: Heartbeat, estimator: Estimator) -> None:
+        """Note what carries the IMU, and the filters that ArduPilot gives such a vehicle."""
+        self._heartbeat = event
+        carrier = carrier_of(event)
+        estimator.set_carrier(carrier)
+        if carrier is Carrier.WHEELS and event.autopilot == MAV_AUTOPILOT_ARDUPILOTMEGA:
+            for name, cutoff_hz in ROVER_FILTERS_HZ.items():
+                self._note_filter(name, self._filters_hz.get(name, cutoff_hz), estimator)
+
+    def _note_filter(self, name: str, cutoff_hz: float, estimator: Estimator) -> None:
+        """Tell the estimator what low-passes delay; heard again it takes back nothing learnt."""
+        known = self._filters_hz
+        if known.get(name) == cutoff_hz:
+            return
+        known[name] = cutoff_hz
+        gyr_hz = known.get(GYRO_FILTER)
+        if gyr_hz is not None:
+            acc_hz = known.get(ACC_FILTER, gyr_hz)
+            estimator.set_imu_lag(BUTTERWORTH_DELAY / gyr_hz, BUTTERWORTH_DELAY / acc_hz)

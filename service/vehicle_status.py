@@ -1,0 +1,43 @@
+"""The status record of one vehicle, made once a second."""
+
+from service import host_clock
+from service.alarms import Alarm
+from service.load import Load, Losses
+from service.records import StatusRecord
+from service.second_opinion import Verdict
+from service.vehicle import Vehicle
+
+
+def status_record(
+    vehicle: Vehicle, now_us: int, load: Load, losses: Losses, malformed: int
+) -> StatusRecord:
+    """The vehicle's status at ``now_us``; a silence that still lasts counts as a gap, too."""
+    imu, publishing = vehicle.imu, vehicle.publishing
+    words = set(vehicle.checks.words)
+    if vehicle.has_unfit_profile:
+        words.add(Alarm.PROFILE_UNFIT)
+    time_us = 0 if imu.last is None else host_clock.to_vehicle_us(vehicle.clock, now_us)
+    autopilot = vehicle.comparison.record(time_us)
+    if autopilot is not None and autopilot.verdict == Verdict.DIFFERS:
+        words.add(Alarm.AUTOPILOT_DIFFERS)
+    return StatusRecord(
+        state=vehicle.state.value,
+        imu_message=imu.message,
+        imu_rate_hz=vehicle.imu_rate_hz,
+        worst_gap_s=max(imu.worst_gap_us, vehicle.silence_us(now_us)) / 1e6,
+        rejected=dict(sorted(vehicle.rejected.items())),
+        overruns=losses.overruns,
+        dropped=losses.dropped,
+        sequence=publishing.statuses,
+        rates=vehicle.estimator.rates,
+        gain=vehicle.estimator.gain_in_words,
+        overloaded=load.is_shedding,
+        shed=imu.shed,
+        lost=losses.lost,
+        published_hz=publishing.published_hz(now_us, load),
+        malformed=malformed,
+        warnings=tuple(sorted(words)),
+        retuned=publishing.retuned,
+        autopilot=autopilot,
+        recording=losses.recording,
+    )
