@@ -1,7 +1,7 @@
 """One vehicle's estimator: samples in, attitude out. No I/O and no clock."""
 
 from math import hypot
-from typing import Any, NamedTuple
+from typing import Any
 
 from estimator.aiding import compass
 from estimator.aiding.phase import Phase
@@ -11,7 +11,7 @@ from estimator.carrier import Carrier
 from estimator.filter.gain_words import gain_in_words
 from estimator.geometry.earth import PlaceField
 from estimator.live import north
-from estimator.live.aiding_span import give_up, set_carrier, set_imu_lag
+from estimator.live.aiding_span import set_carrier, set_imu_lag
 from estimator.live.contradiction import leaning_angle
 from estimator.live.core import apply_turn, change_imu
 from estimator.live.hearing import take_rate, take_report
@@ -38,20 +38,6 @@ from estimator.types import Attitude, ImuSample, Quaternion, RateSample, Vec3, V
 NO_SAMPLE_ITSELF = (0, *(0.0,) * 9, False)
 
 _new: Any = tuple.__new__
-
-
-class Lent(NamedTuple):
-    """What others need who step an estimator."""
-
-    inside: Any  # of compiled memory
-    source: int  # RAW, CONDITIONED or AIDED
-    norths: tuple[str, str]  # see :attr:`Estimator.norths`
-    minds_gaps: bool  # a long one changes what the source is
-    knows_north: bool
-    has_rates: bool  # of others
-    reports: tuple[VelocitySample, ...]  # that wait for a sample
-    minds_places: bool  # positions may change something,
-    here_deg: tuple[float, float] | None  # near this one they do not
 
 
 class Estimator:
@@ -127,6 +113,10 @@ class Estimator:
     ) -> Reason | None:
         """Take the fields of an :class:`ImuSample`, as :meth:`update` does: it is one call less."""
         state = self._state
+        if state.takes_raw_samples:
+            end = state.core.advance_raw(time_us, *gyr_rad_s, *acc_m_s2, *mag_gauss, has_mag)
+            state.said = None
+            return REASONS.get(end)
         if not state.needs_samples_only:
             sample = ImuSample(time_us, gyr_rad_s, acc_m_s2, mag_gauss, has_mag)
             return take_sample(state, sample)
@@ -138,52 +128,6 @@ class Estimator:
         if end == FIRST_HEADING:
             state.align()
         return REASONS.get(end)
-
-    @property
-    def inside(self) -> Any:
-        """The handle on its compiled memory, None in plain Python."""
-        return self._state.core.inside
-
-    def lend(self) -> "Lent | None":
-        """For compiled steps of many estimators at a time; None where a sample takes more.
-
-        Until anything else is asked of it, others may step it as :meth:`take` does.
-        """
-        state, inside = self._state, self.inside
-        now, is_aided = state.context, self.is_aided
-        known, minds_gaps = now.compass, now.phase in (Phase.SEARCHING, Phase.AIDED)
-        is_fine = known.declared_calibrated and known.unlike_us is None and known.misled_us is None
-        is_settled = state.settings.aiding.enabled or not minds_gaps
-        takes_samples = state.takes_raw_samples or (
-            state.settings.conditioned and (now.phase is Phase.UNAIDED or minds_gaps)
-        )
-        is_plain = type(self) is Estimator and inside is not None
-        knows_all = all(type(report) is VelocitySample for report in now.reports)
-        if not (is_plain and takes_samples and is_settled and (is_aided or is_fine) and knows_all):
-            return None
-        state.said = None
-        here = now.whereabouts.here if now.whereabouts.elsewhere_deg is None else None
-        return Lent(
-            inside,
-            state.source,
-            state.norths,
-            minds_gaps,
-            state.knows_north,
-            now.has_rates,
-            now.reports,
-            state.settings.learns_north,
-            None if here is None else (here.latitude_deg, here.longitude_deg),
-        )
-
-    def take_back(self, reports: tuple[VelocitySample, ...], *, has_rates: bool) -> None:
-        """Go on from where others have stepped it to, with what waits for a sample now."""
-        state = self._state
-        if (reports, has_rates) != (state.context.reports, state.context.has_rates):
-            state.change_context(reports=reports, has_rates=has_rates)
-
-    def give_up(self) -> None:
-        """Judge an aided attitude that others have stepped, and that is to be doubted now."""
-        give_up(self._state)
 
     def update_rows(self, rows: Rows, said: Floats) -> int:
         """Take rows as long as there is nothing to do but to take them.

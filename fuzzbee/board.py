@@ -1,11 +1,12 @@
 """The latest of all vehicles, as views show it."""
 
 import threading
+from collections.abc import Iterable
 from typing import NamedTuple
 
 from drivers.places import PLACES
 from service.health import HAS_ATTITUDE, State
-from service.records import AttitudeRecord, StatusRecord
+from service.records import AttitudeRecord, Output, Published, StatusRecord
 
 SILENT_AFTER_S = 3.0  # a status comes every second
 
@@ -68,6 +69,22 @@ class Board:
         with self._lock:
             rows = list(self._rows.values())
         return sorted(rows, key=lambda row: [int(part) for part in row.name.split("-")])
+
+
+def newest(outputs: Iterable[Output]) -> list[Output]:
+    """The outputs with the newest attitude of each vehicle only: eyes see no others."""
+    attitudes = {
+        output.vehicle: output
+        for output in outputs
+        if isinstance(output, Published) and isinstance(output.record, AttitudeRecord)
+    }
+    return [
+        output
+        for output in outputs
+        if not isinstance(output, Published)
+        or not isinstance(output.record, AttitudeRecord)
+        or attitudes[output.vehicle] is output
+    ]
 
 
 def current_attitude(row: Row, now_s: float) -> AttitudeRecord | None:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 from rich.console import Console, Group, RenderableType
 
-from fuzzbee.board import Board, Row
+from fuzzbee.board import Board, Row, newest
 from fuzzbee.instrument import Ink, has_room, screen
 from fuzzbee.say import printable
 from fuzzbee.vehicle_table import BY_NAME, ORDERS, Look, lines, table
@@ -76,7 +76,7 @@ class TerminalView:
     def handle(self, outputs: Sequence[Output]) -> None:
         """Show outputs of the service."""
         texts: list[str] = []
-        for output in outputs:
+        for output in newest(outputs):
             match output:
                 case Message(text=text):
                     texts.append(text)

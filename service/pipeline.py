@@ -79,6 +79,7 @@ class Pipeline:
         self.heard: set[int] = set()
         self.departures = Departures()
         self.load = Load(rate_hz=rate_hz)
+        self.wake_us = 0.0  # when :meth:`tick` has something to do next, if nothing arrives
         self._system_id = system_id
         self._new_estimator = new_estimator
         self._fits_built_in = fits_built_in
@@ -215,21 +216,25 @@ class Pipeline:
         if not 0 < self._look_us - now_us <= LOOK_US:
             self._look_us = now_us + LOOK_US
             outputs += self._forget_silent(now_us)
+        self.wake_us = float(self._look_us)
         for vehicle in self._vehicles.values():
-            if vehicle.wake_us(now_us) > now_us:
-                continue
-            outputs += self._on_time(vehicle, now_us)
-            if vehicle.publishing.is_status_due(now_us):
-                outputs.append(self._status(vehicle, now_us, ask_losses()))
+            if vehicle.wake_us <= now_us or vehicle.wake_us > now_us + LOOK_US:
+                outputs += self._look_at(vehicle, now_us, ask_losses)
+            self.wake_us = min(self.wake_us, vehicle.wake_us)
         return outputs
 
-    def wake_us(self, now_us: int) -> float:
-        """When :meth:`tick` has something to do next, if nothing arrives until then."""
-        if self._outputs:
-            return now_us
-        return min(
-            (each.wake_us(now_us) for each in self._vehicles.values()), default=self._look_us
-        )
+    def _look_at(
+        self, vehicle: Vehicle, now_us: int, ask_losses: Callable[[], Losses]
+    ) -> list[Output]:
+        """What is due of one vehicle, unless samples have come since its time was noted."""
+        vehicle.schedule(now_us)
+        if vehicle.wake_us > now_us:
+            return []
+        outputs = self._on_time(vehicle, now_us)
+        if vehicle.publishing.is_status_due(now_us):
+            outputs.append(self._status(vehicle, now_us, ask_losses()))
+        vehicle.schedule(now_us)
+        return outputs
 
     def _on_time(self, vehicle: Vehicle, now_us: int) -> list[Output]:
         """A vehicle's change of state, and its attitude if it is due."""

@@ -131,7 +131,7 @@ class Runner(Stoppable):
         outputs = [*self._news(), *self._pipeline.tick(now_us, load, self._losses)]
         if outputs:
             self._outbox.put(outputs)
-        wait_s = 1e-6 * (self._pipeline.wake_us(now_us) - now_us)
+        wait_s = 1e-6 * (self._pipeline.wake_us - now_us)
         return now_s + min(MAX_WAIT_S, max(LEAST_REST / self._rate_hz, wait_s))
 
     def _losses(self) -> Losses:

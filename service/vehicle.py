@@ -71,6 +71,7 @@ class Vehicle:
         self._health = Health()
         self._report_choices: dict[Kind, ReportChoice] = {}
         self._limit = LineLimit(f"vehicle {self.name}")
+        self.wake_us = 0.0  # when to look at it next, as far as was known at the last look
 
     @property
     def name(self) -> str:
@@ -217,14 +218,14 @@ class Vehicle:
         is_given = self._health.state in health.HAS_ATTITUDE
         return is_given and self.publishing.grid.meets(now_us, self.imu.median_period_us)
 
-    def wake_us(self, now_us: int) -> float:
-        """When to look at it next, if nothing of it arrives until then."""
-        status_us = self.publishing.status_due_us
-        last_us = self._health.last_arrival_us
+    def schedule(self, now_us: int) -> None:
+        """Note when to look at it next, if nothing of it arrives until then."""
+        last_us, wake_us = self._health.last_arrival_us, float(self.publishing.status_due_us)
         if last_us is None or self._health.state not in health.HAS_ATTITUDE:
-            return min(status_us, now_us + health.LATE_MINIMUM_US)
-        period_us = self.imu.median_period_us
-        return min(status_us, self.publishing.grid.deadline_us(last_us, period_us))
+            self.wake_us = min(wake_us, now_us + health.LATE_MINIMUM_US)
+            return
+        deadline_us = self.publishing.grid.deadline_us(last_us, self.imu.median_period_us)
+        self.wake_us = min(wake_us, deadline_us)
 
     def is_left_out(self, now_us: int) -> bool:
         """Whether no sample was taken for long, but some have come."""
@@ -251,6 +252,7 @@ class Vehicle:
         )
         if record is not None:  # if it is not finite, on_imu will restart the estimator
             self.publishing.note_attitude(now_us, self.imu.samples)
+            self.schedule(now_us)
         return record
 
     @property

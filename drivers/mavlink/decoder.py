@@ -84,6 +84,9 @@ class MavlinkDecoder:
         }
         for number, imu in IMU_MESSAGES.items():
             self._handlers[number] = partial(_imu_events, imu, has_imu_number(number))
+        self._is_wanted = {
+            number: kind.is_wanted for number, kind in MESSAGES.items() if kind.is_wanted
+        }
         for number, kind in MESSAGES.items():
             if references or not kind.is_reference:
                 self._handlers[number] = partial(_events, kind)
@@ -102,6 +105,9 @@ class MavlinkDecoder:
     def _events(self, sender: _Sender, frame: Frame, arrival_us: int) -> list[Event]:
         if frame.message_id == mav.AUTOPILOT_VERSION_ID:
             return self._repeated_version(sender, frame, arrival_us)
+        is_wanted = self._is_wanted.get(frame.message_id)
+        if is_wanted is not None and not is_wanted(sender.intake, arrival_us):
+            return []
         fields = self._reader.fields(frame)
         if fields is None:
             return []

@@ -29,7 +29,7 @@ MOST_READERS = PLACES  # half-read frames of that many senders; the one silent f
 MOST_AT_ONCE = 64
 # Looks at the endpoint that find something are this far apart at least: to wake up costs as much
 # as several samples, and hundreds of vehicles would wake it at each of theirs.
-REST_S = 0.001
+REST_S = 0.002
 
 
 class MavlinkLink(Closing):

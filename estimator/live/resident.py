@@ -242,8 +242,13 @@ def advance_raw(
     my: float,
     mz: float,
     has_mag: bool,
-) -> None:
-    """One sample of raw vectors, later than the one before."""
+) -> int:
+    """One sample of raw vectors; returns what is wrong with it, ``TAKEN`` if nothing is."""
+    end = fault_of((gx, gy, gz), (ax, ay, az), (mx, my, mz))
+    if end == FINE and time_us <= inside.time_us:
+        end = NOT_LATER
+    if end != FINE:
+        return end
     dt_s = 1e-6 * (time_us - inside.time_us)
     sample = Sample(
         gyr_rad_s=(gx, gy, gz),
@@ -264,6 +269,7 @@ def advance_raw(
     inside.sample = sample
     inside.time_us = time_us
     inside.usual_s = usual_interval(inside.usual_s, dt_s)
+    return TAKEN
 
 
 @compiled

@@ -42,6 +42,7 @@ class State:
     context: Context
     said: Said | None  # what the last sample's step has said, while that holds
     source: int  # RAW, CONDITIONED or AIDED
+    takes_raw_samples: bool  # the paper's vectors, of which nothing else changes a step
     needs_samples_only: bool  # nothing but samples matters: no velocity, no other's rates
     norths: tuple[str, str]  # see Estimator.norths
 
@@ -78,6 +79,7 @@ class State:
         """Replace the context, and derive what each sample asks of it."""
         self.context = context
         self.source = SOURCE[context.phase]
+        self.takes_raw_samples = context.phase is Phase.RAW and not self.settings.conditioned
         self.needs_samples_only = (
             self.settings.conditioned
             and context.phase is Phase.UNAIDED
@@ -140,11 +142,6 @@ class State:
             now = self.core.core
             q = align(conditioned_vectors(self.settings.reference, now.seen))
             self.set_core(with_attitude(now, q))
-
-    @property
-    def takes_raw_samples(self) -> bool:
-        """Whether samples are the paper's vectors, of which nothing else changes a step."""
-        return self.context.phase is Phase.RAW and not self.settings.conditioned
 
     @property
     def trusts_compass(self) -> bool:

@@ -44,7 +44,7 @@ def take_raw(state: State, sample: ImuSample) -> None:
     if state.context.phase is not Phase.RAW:
         state.enter(Cause.RAW_SAMPLE)
     readings = (*sample.gyr_rad_s, *sample.acc_m_s2, *sample.mag_gauss)
-    state.core.advance_raw(sample.time_us, *readings, sample.has_mag)
+    state.core.advance_raw(sample.time_us, *readings, sample.has_mag)  # nothing is wrong with it
 
 
 def take_conditioned(state: State, sample: ImuSample) -> None:

@@ -17,7 +17,7 @@ from urllib.parse import parse_qs, urlsplit
 import msgspec
 
 from estimator.errors import InputError
-from fuzzbee.board import Board
+from fuzzbee.board import Board, newest
 from fuzzbee.say import say
 from fuzzbee.web.shown import shown
 from service.records import Departed, Output, Published, vehicle_name
@@ -103,7 +103,7 @@ class WebPage:
 
     def handle(self, outputs: Sequence[Output]) -> None:
         """Remember the latest records."""
-        for output in outputs:
+        for output in newest(outputs):
             match output:
                 case Published(vehicle=vehicle, record=record):
                     self.board.update(vehicle_name(vehicle), record, self.now_s())
