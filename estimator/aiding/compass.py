@@ -22,6 +22,8 @@ class Compass(NamedTuple):
     unlike_us: int | None = None  # when its field last did not look like the place's own
     gave_up_us: int | None = None  # when the aiding last gave up
     misled_us: int | None = None  # when it last gave up for the second time in a row
+    confirmed: bool = False  # velocity alone has shown the heading that it gives
+    contradicted_since_us: int | None = None  # velocity alone shows another heading
 
 
 UNTOUCHED = Compass()  # nothing speaks against it

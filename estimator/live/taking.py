@@ -4,6 +4,7 @@ from estimator.aiding.phase import Cause, Phase
 from estimator.aiding.trail import OLDEST_S
 from estimator.aiding.types import NO_REPORT
 from estimator.live.aiding_span import begin_aided, give_up
+from estimator.live.compass_check import check_compass
 from estimator.live.first_sample import first_core
 from estimator.live.interval import is_gap
 from estimator.live.refusal import refusal, sample_in_floats
@@ -65,9 +66,14 @@ def take_conditioned(state: State, sample: ImuSample) -> None:
     readings = (*gyr_rad_s, *sample.acc_m_s2, *sample.mag_gauss)
     _, end, has_heading, _ = state.core.advance(time_us, *readings, sample.has_mag, is_aided, 0)
     if is_aided:
-        if not state.core.advance_aided(report, state.knows_north):
+        is_credible, has_shown = state.core.advance_aided(
+            report, state.knows_north, state.context.shows_north
+        )
+        if not is_credible:
             give_up(state)
             return
+        if has_shown:
+            check_compass(state, report)
         for other in due:
             if other is not velocity:
                 state.core.hear(other, time_us)
