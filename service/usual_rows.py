@@ -241,7 +241,7 @@ def take_sample(
         if is_aided:
             oldest_s = max(OLDEST_S, dt_s)
             count, report, other = take_due(row, waiting, time_us, oldest_s)
-            goes_on = advance_aided(inside, report, row[KNOWS_NORTH] == 1)
+            goes_on, _ = advance_aided(inside, report, row[KNOWS_NORTH] == 1, True)
             if goes_on and count == 2:
                 hear(inside, other)
     note_interval(row, time_us - row[TIME])

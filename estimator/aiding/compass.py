@@ -34,6 +34,11 @@ def is_trusted(compass: Compass, time_us: int) -> bool:
     return not doubt(compass, time_us)
 
 
+def is_heard(compass: Compass, time_us: int) -> bool:
+    """Whether its field counts at all at ``time_us``; one that has misled is left out."""
+    return not _is_recent(compass.misled_us, time_us, FORGET_S)
+
+
 def doubt(compass: Compass, time_us: int) -> str:
     """What speaks against it at ``time_us``, in words; empty if nothing does."""
     if not compass.declared_calibrated:

@@ -3,7 +3,7 @@
 It begins with the heading by the field, or with one by velocity itself.
 """
 
-from math import atan, atan2, copysign, dist, hypot, isfinite, pi, radians, sqrt, tan
+from math import atan, atan2, copysign, dist, hypot, inf, isfinite, pi, radians, sqrt, tan
 from typing import NamedTuple
 
 import numpy as np
@@ -89,13 +89,24 @@ def find_start(state: State, report: Report, *, has_heading: bool) -> "Start | N
         is_known = trusts_field(state, now) and is_settled(state.settings, now)
         if is_known and unaided_sigma(state, now).heading_rad < UNKNOWN_RAD:
             by_field = start_by_field(state.settings, now, iron_sigma_gauss(state, now))
-            if by_field.sigma_heading_rad < MOST_FIELD_SIGMA_RAD:
+            if by_field.sigma_heading_rad < most_field_sigma_rad(state.settings, now):
                 return by_field
     if not state.core.search(report):
         return None
     now = state.core.core
     start = start_by_course(state.settings, now, report) if rolls(state.settings.aiding) else None
     return start or start_by_velocity(now)
+
+
+def most_field_sigma_rad(settings: Settings, now: Core) -> float:
+    """How uncertain a first heading by the field may be.
+
+    A slow stream makes a wrong vertical of a wrong heading in a few steps, and corrects it as fast.
+    Wheels show the heading within metres.
+    """
+    if slow_share(now.sample.dt_s) > 0.0:
+        return UNKNOWN_RAD
+    return inf if rolls(settings.aiding) else MOST_FIELD_SIGMA_RAD
 
 
 def is_settled(settings: Settings, now: Core) -> bool:

@@ -13,6 +13,7 @@ from math import atan2, hypot, pi, remainder
 
 from estimator.aiding.phase import Cause, Phase
 from estimator.aiding.search import solve
+from estimator.aiding.sources.wheels import rolls
 from estimator.aiding.types import Report
 from estimator.conditioning.robust import REACH
 from estimator.conditioning.times import MEMORY_S
@@ -25,8 +26,8 @@ from estimator.types import Quaternion
 
 def check_compass(state: State, report: Report) -> None:
     """Compare the aided heading with the one by velocity alone, and act if they contradict."""
-    if state.context.phase is not Phase.AIDED:
-        return
+    if state.context.phase is not Phase.AIDED or rolls(state.settings.aiding):
+        return  # wheels judge the compass themselves
     now = state.core.core
     found = solve(now.search, bias_sigma_rad_s(now.conditioning))
     if found is None:
@@ -55,7 +56,9 @@ def mislead(state: State, start: Start, report: Report) -> None:
         misled_us=state.core.time_us, confirmed=False, contradicted_since_us=None
     )
     state.change_context(compass=known)
+    search = state.core.core.search
     state.enter(Cause.MISLED)
+    state.set_core(state.core.core._replace(search=search))
     set_out(state, start, report, has_heading=False)
 
 

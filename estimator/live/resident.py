@@ -31,7 +31,6 @@ from estimator.aiding.types import NO_REPORT, SIZE
 from estimator.aiding.witness import compare, hear_report, watch
 from estimator.arrays import Floats
 from estimator.compilation.compiled import compiled, inlined
-from estimator.compilation.replacing import replacer
 from estimator.conditioning import Conditioned, ConditioningParams, condition
 from estimator.conditioning.events.axis_signs import errors_squared
 from estimator.conditioning.times import SPAN_S
@@ -59,7 +58,7 @@ from estimator.live.pull import pulled
 from estimator.live.refusal import FINE, NOT_LATER, fault_of
 from estimator.live.rows import NO_ROWS, NOTHING_TO_SAY, Rows, reading_of
 from estimator.live.settings import Settings
-from estimator.types import NOTHING_BETWEEN, ZERO_VEC3, Sample, Vec3
+from estimator.types import NOTHING_BETWEEN, Sample, Vec3
 
 # numba ships no types
 _numba_config: Any = numba.config
@@ -88,8 +87,6 @@ class Params(NamedTuple):
     conditioning: ConditioningParams
     aiding: AidingParams
 
-
-without_field = replacer(Sample, "mag", "has_mag")
 
 FIELDS = ("params", "between", "rows", "said", *Core._fields)
 # No arrays are laid.
@@ -426,11 +423,8 @@ def advance_aided(
         north=north,
         place_gauss=reference.place_gauss,
     )
-    sample = inside.sample
-    if not shows_north:  # velocity has shown that the field points elsewhere
-        sample = without_field(sample, ZERO_VEC3, False)
     aided, covariance, trail = aid(
-        params.aiding, inside.aided, inside.covariance, inside.trail, sample, report, others
+        params.aiding, inside.aided, inside.covariance, inside.trail, inside.sample, report, others
     )
     before = inside.aided.estimate.q_ned_frd
     knows_north = knows_north or rolls(params.aiding) or not shows_north
@@ -440,7 +434,7 @@ def advance_aided(
     inside.aided = aided
     inside.covariance = covariance
     inside.trail = trail
-    witness = watch(params.aiding, inside.witness, aided, sample, report)
+    witness = watch(params.aiding, inside.witness, aided, inside.sample, report)
     tau_s = params.filter.rate_time_constant_s
     inside.witness = compare(witness, state.q_ned_frd, inside.sample.dt_s, tau_s)
     lost = slow_share(inside.sample.dt_s) > 0.0 and is_worse(aided, seen)

@@ -1,5 +1,6 @@
 """One sample into the state, in any phase."""
 
+from estimator.aiding import compass
 from estimator.aiding.phase import Cause, Phase
 from estimator.aiding.trail import OLDEST_S
 from estimator.aiding.types import NO_REPORT
@@ -12,7 +13,7 @@ from estimator.live.reports import report_with_age, take_due
 from estimator.live.resident import FIRST_HEADING
 from estimator.live.state import State
 from estimator.reasons import Reason
-from estimator.types import ImuSample, VelocitySample
+from estimator.types import ZERO_VEC3, ImuSample, VelocitySample
 
 
 def take_sample(state: State, sample: ImuSample) -> Reason | None:
@@ -22,6 +23,8 @@ def take_sample(state: State, sample: ImuSample) -> Reason | None:
         return reason
     sample = sample_in_floats(sample)
     state.said = None
+    if not compass.is_heard(state.context.compass, sample.time_us):
+        sample = sample._replace(mag_gauss=ZERO_VEC3, has_mag=False)
     if state.context.phase is Phase.EMPTY:
         take_first(state, sample)
     elif sample.time_us <= state.core.time_us:
