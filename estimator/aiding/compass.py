@@ -22,6 +22,8 @@ class Compass(NamedTuple):
     unlike_us: int | None = None  # when its field last did not look like the place's own
     gave_up_us: int | None = None  # when the aiding last gave up
     misled_us: int | None = None  # when it last gave up for the second time in a row
+    confirmed: bool = False  # velocity alone has shown the heading that it gives
+    contradicted_since_us: int | None = None  # velocity alone shows another heading
 
 
 UNTOUCHED = Compass()  # nothing speaks against it
@@ -30,6 +32,11 @@ UNTOUCHED = Compass()  # nothing speaks against it
 def is_trusted(compass: Compass, time_us: int) -> bool:
     """Whether its field is trusted at ``time_us``."""
     return not doubt(compass, time_us)
+
+
+def is_heard(compass: Compass, time_us: int) -> bool:
+    """Whether its field counts at all at ``time_us``; one that has misled is left out."""
+    return not _is_recent(compass.misled_us, time_us, FORGET_S)
 
 
 def doubt(compass: Compass, time_us: int) -> str:

@@ -3,7 +3,7 @@
 It begins with the heading by the field, or with one by velocity itself.
 """
 
-from math import atan, atan2, copysign, dist, hypot, isfinite, pi, radians, sqrt, tan
+from math import atan, atan2, copysign, dist, hypot, inf, isfinite, pi, radians, sqrt, tan
 from typing import NamedTuple
 
 import numpy as np
@@ -14,7 +14,7 @@ from estimator.aiding.course import forward_evidence, lean_rad, level_ahead
 from estimator.aiding.lean import bears_out
 from estimator.aiding.phase import Cause, Phase
 from estimator.aiding.place import resembles
-from estimator.aiding.search import EMPTY_SEARCH, UNKNOWN_RAD, solve
+from estimator.aiding.search import UNKNOWN_RAD, solve
 from estimator.aiding.sources.velocity import is_credible
 from estimator.aiding.sources.wheels import rolls
 from estimator.aiding.types import NO_REPORT, Sigmas
@@ -46,6 +46,8 @@ from estimator.types import DOWN, STANDARD_GRAVITY_M_S2, ZERO_VEC3, Quaternion, 
 
 # However small its computed sigma, no heading is better known than this to begin with.
 LEAST_HEADING_SIGMA_RAD = radians(5.0)
+# The field gives no first heading that may be further off than this: velocity shows it soon.
+MOST_FIELD_SIGMA_RAD = radians(25.0)
 # However long a gyroscope rests, its bias is known no better than this: streams carry mrad/s.
 LEAST_BIAS_SIGMA_RAD_S = 0.001
 
@@ -76,6 +78,7 @@ def set_out(state: State, start: "Start", report: Report, *, has_heading: bool) 
         # there was none to correct, or correcting it would take many slow steps
         core = with_attitude(core, start.q_ned_frd)
     state.set_core(core)
+    state.change_context(shows_north=state.trusts_compass)
     state.enter(Cause.BEGIN)
 
 
@@ -86,14 +89,24 @@ def find_start(state: State, report: Report, *, has_heading: bool) -> "Start | N
         is_known = trusts_field(state, now) and is_settled(state.settings, now)
         if is_known and unaided_sigma(state, now).heading_rad < UNKNOWN_RAD:
             by_field = start_by_field(state.settings, now, iron_sigma_gauss(state, now))
-            # of what is as good as no heading a slow stream makes a wrong vertical in a few steps
-            if by_field.sigma_heading_rad < UNKNOWN_RAD or slow_share(now.sample.dt_s) == 0.0:
+            if by_field.sigma_heading_rad < most_field_sigma_rad(state.settings, now):
                 return by_field
     if not state.core.search(report):
         return None
     now = state.core.core
     start = start_by_course(state.settings, now, report) if rolls(state.settings.aiding) else None
     return start or start_by_velocity(now)
+
+
+def most_field_sigma_rad(settings: Settings, now: Core) -> float:
+    """How uncertain a first heading by the field may be.
+
+    A slow stream makes a wrong vertical of a wrong heading in a few steps, and corrects it as fast.
+    Wheels show the heading within metres.
+    """
+    if slow_share(now.sample.dt_s) > 0.0:
+        return UNKNOWN_RAD
+    return inf if rolls(settings.aiding) else MOST_FIELD_SIGMA_RAD
 
 
 def is_settled(settings: Settings, now: Core) -> bool:
@@ -233,7 +246,7 @@ def start_level(now: Core, sigma_heading_rad: float) -> Start:
 
 def start_by_velocity(now: Core) -> Start | None:
     """The attitude by velocity alone, if its heading is certain enough."""
-    of_g = solve(now.search, _bias_sigma_rad_s(now.conditioning))
+    of_g = solve(now.search, bias_sigma_rad_s(now.conditioning))
     if of_g is None:
         return None
     q = multiply(of_g.q_ned_g, now.conditioning.vertical.gravity.q_g_frd)
@@ -309,11 +322,11 @@ def begin_aiding(
     )
     aided = aided._replace(wheels=core.aided.wheels)
     return core._replace(
-        aided=aided, covariance=flat(covariance), trail=flat(trail), search=EMPTY_SEARCH
+        aided=aided, covariance=flat(covariance), trail=flat(trail), search=core.search
     )
 
 
-def _bias_sigma_rad_s(memory: ConditioningState) -> float:
+def bias_sigma_rad_s(memory: ConditioningState) -> float:
     """How uncertain the conditioning stage's bias is, about the axis it knows least."""
     covariance = memory.vertical.estimate.covariance
     x, y, z = covariance[0], covariance[4], covariance[7]  # of the upper triangle of 4 by 4

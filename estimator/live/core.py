@@ -128,12 +128,18 @@ def without_aiding(settings: Settings, now: Core) -> Core:
     aided, covariance, trail = _blank(settings.aiding)
     if not now.aided.wheels.contradict:
         aided = aided._replace(wheels=now.aided.wheels)
-    return now._replace(aided=aided, witness=NEW_WITNESS, covariance=covariance, trail=trail)
+    return now._replace(
+        aided=aided,
+        witness=NEW_WITNESS,
+        covariance=covariance,
+        trail=trail,
+        search=EMPTY_SEARCH,
+    )
 
 
 def without_conditioning(settings: Settings, now: Core) -> Core:
     """The core for raw vectors, to which nothing that conditioning has shown belongs."""
-    return without_aiding(settings, now)._replace(pull=NO_PULL, seen=UNSEEN, search=EMPTY_SEARCH)
+    return without_aiding(settings, now)._replace(pull=NO_PULL, seen=UNSEEN)
 
 
 def with_attitude(now: Core, q_ned_frd: Quaternion) -> Core:

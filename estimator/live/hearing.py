@@ -6,8 +6,9 @@ from estimator.aiding.phase import Phase
 from estimator.aiding.sources.source import in_types_of
 from estimator.aiding.sources.table import source_of
 from estimator.aiding.trail import OLDEST_S
+from estimator.live.compass_check import check_compass
 from estimator.live.refusal import RATE_LIMIT_RAD_S
-from estimator.live.reports import age_s, enqueue
+from estimator.live.reports import age_s, enqueue, report_with_age
 from estimator.live.state import State
 from estimator.reasons import Reason
 from estimator.types import RateSample, VelocitySample
@@ -27,8 +28,8 @@ def take_report(state: State, report: Any) -> Reason | None:
     is_aided, time_us = state.context.phase is Phase.AIDED, state.core.time_us
     if is_aided and report.time_us <= time_us:
         # it belongs to the last sample or to one just before it
-        if age_s(report, time_us) <= OLDEST_S:
-            state.core.hear(report, time_us)
+        if age_s(report, time_us) <= OLDEST_S and state.core.hear(report, time_us):
+            check_compass(state, report_with_age(report, time_us))
     elif is_aided or isinstance(report, VelocitySample):
         state.change_context(reports=enqueue(state.context.reports, report))
     return None

@@ -120,28 +120,33 @@ class Holder:
         require_writable(said, len(rows.times_us))
         self._lay(rows, said)
 
-    def advance_aided(self, report: Report, knows_north: bool) -> bool:
+    def advance_aided(
+        self, report: Report, knows_north: bool, shows_north: bool
+    ) -> tuple[bool, bool]:
         """See :func:`estimator.live.resident.advance_aided`."""
         if report is not NO_REPORT:
             report = in_types_of(NO_REPORT, report)
-        return self._advance_aided(report, knows_north)
+        return self._advance_aided(report, knows_north, shows_north)
 
     def search(self, report: Report) -> bool:
         """See :func:`estimator.live.resident.search`."""
         return self._search(in_types_of(NO_REPORT, report))
 
-    def hear(self, report: Any, time_us: int) -> None:
-        """Take a source's report that belongs to the last sample, of ``time_us``, or before it."""
+    def hear(self, report: Any, time_us: int) -> bool:
+        """Take a source's report that belongs to the last sample, of ``time_us``, or before it.
+
+        Returns whether velocity alone may have shown the attitude anew.
+        """
         source = source_of(report)
         report = in_types_of(source.blank, report)
         if isinstance(report, VelocitySample):
-            self._hear_velocity(report_with_age(report, time_us))
-            return
+            return bool(self._hear_velocity(report_with_age(report, time_us)))
         kind = type(report)
         if kind not in self._hearing:
             kernel = resident.hearing(source.observe)
             self._hearing[kind] = self.bind(kernel, source.blank, 0.0)
         self._hearing[kind](report, age_s(report, time_us))
+        return False
 
     def bind(self, kernel: Any, *arguments: Any) -> Any:
         """A step that knows what it works on.

@@ -154,7 +154,7 @@ def arguments_with(inside: Any) -> dict[Any, tuple[Any, ...]]:
         hear_rate: (inside, whole, number, number, number),
         turn_on: (inside, whole, number, number, number),
         turning_of: (inside,),
-        advance_aided: (inside, report, flag),
+        advance_aided: (inside, report, flag, flag),
         hear: (inside, report),
         search: (inside, report),
         publish: (inside, whole, whole),
@@ -321,15 +321,15 @@ def advance(
         memory, seen = condition(params.conditioning, memory, sample)
         if seen.has_heading and not had_heading:
             end = FIRST_HEADING
+        if dt_s > SPAN_S:  # how the vehicle has turned meanwhile is not known
+            inside.search = EMPTY_SEARCH
+        elif inside.search.window.is_open:
+            vertical = memory.vertical
+            inside.search = add_sample(
+                inside.search, vertical.gravity.q_g_frd, acc, dt_s, vertical.tilt.missed
+            )
         if not is_aided:
             state = follow_conditioned(params.filter, params.reference, state, seen, dt_s)
-            if dt_s > SPAN_S:  # how the vehicle has turned meanwhile is not known
-                inside.search = EMPTY_SEARCH
-            elif inside.search.window.is_open:
-                vertical = memory.vertical
-                inside.search = add_sample(
-                    inside.search, vertical.gravity.q_g_frd, acc, dt_s, vertical.tilt.missed
-                )
             q = state.q_ned_frd
             if not isfinite(q[0] + q[1] + q[2] + q[3]):
                 end = NOT_FINITE_NOW
@@ -409,15 +409,19 @@ def turning_of(inside: Any) -> tuple[int, tuple[bool, bool, bool]]:
 
 
 @compiled
-def advance_aided(inside: Any, report: Report, knows_north: bool) -> bool:
-    """The last sample with the velocity report that belongs to it, if any; whether to go on aided.
+def advance_aided(
+    inside: Any, report: Report, knows_north: bool, shows_north: bool
+) -> tuple[bool, bool]:
+    """The last sample with the velocity report that belongs to it, if any.
+
+    Returns whether to go on aided, and whether velocity alone may have shown the attitude anew.
 
     A kernel of its own: all in one would compile the conditioning stage twice.
     """
     params = inside.params
     reference = params.reference
     seen = inside.seen
-    north = horizontal_north(reference, knows_north)
+    north = horizontal_north(reference, knows_north and shows_north)
     others = Surroundings(
         gravity_b=seen.gravity_b,
         gravity_sigma_rad=seen.sigma_brief_rad,
@@ -429,7 +433,7 @@ def advance_aided(inside: Any, report: Report, knows_north: bool) -> bool:
         params.aiding, inside.aided, inside.covariance, inside.trail, inside.sample, report, others
     )
     before = inside.aided.estimate.q_ned_frd
-    knows_north = knows_north or rolls(params.aiding)
+    knows_north = knows_north or rolls(params.aiding) or not shows_north
     state = follow_aided(params.filter, reference, inside.filter, aided, knows_north, before)
     inside.filter = state
     inside.smooth_error = state.error
@@ -440,12 +444,16 @@ def advance_aided(inside: Any, report: Report, knows_north: bool) -> bool:
     tau_s = params.filter.rate_time_constant_s
     inside.witness = compare(witness, state.q_ned_frd, inside.sample.dt_s, tau_s)
     lost = slow_share(inside.sample.dt_s) > 0.0 and is_worse(aided, seen)
-    return bool(is_credible(aided)) and not lost
+    has_shown = report.given and search_by(inside, report)
+    return bool(is_credible(aided)) and not lost, has_shown
 
 
 @compiled
-def hear(inside: Any, report: Report) -> None:
-    """A report that belongs to the last sample, and comes behind it."""
+def hear(inside: Any, report: Report) -> bool:
+    """A report that belongs to the last sample, and comes behind it.
+
+    Returns whether velocity alone may have shown the attitude anew.
+    """
     aided, covariance = take_late_report(
         inside.params.aiding,
         inside.aided,
@@ -457,6 +465,7 @@ def hear(inside: Any, report: Report) -> None:
     inside.aided = aided
     inside.covariance = covariance
     inside.witness = hear_report(inside.params.aiding, inside.witness, aided.estimate, report)
+    return search_by(inside, report)
 
 
 @functools.cache
@@ -488,18 +497,19 @@ def hearings() -> dict[Any, Any]:
 @compiled
 def search(inside: Any, report: Report) -> bool:
     """A report while there is no aiding; whether it may have shown the attitude."""
+    return search_by(inside, report)
+
+
+@inlined
+def search_by(inside: Any, report: Report) -> bool:
+    """Take a report for the attitude by velocity alone; whether it may have shown that."""
     found, last = inside.search, inside.sample
+    q_g_frd = inside.conditioning.vertical.gravity.q_g_frd
     if not found.window.is_open:  # nobody has followed the force until now
-        q_g_frd = inside.conditioning.vertical.gravity.q_g_frd
         found = add_sample(found, q_g_frd, last.acc_m_s2, last.dt_s, 0.0)
-    found, closed = add_report(
-        found,
-        report,
-        inside.conditioning.vertical.gravity.q_g_frd,
-        inside.seen.gravity_b,
-    )
+    found, closed = add_report(found, report, q_g_frd, inside.seen.gravity_b)
     inside.search = found
-    return closed
+    return bool(closed)
 
 
 @compiled

@@ -15,6 +15,7 @@ class Context(NamedTuple):
     phase: Phase = Phase.EMPTY
     reports: tuple[Any, ...] = ()  # of aiding sources, that the IMU has not reached yet
     compass: Compass = UNTOUCHED  # how far the field is trusted
+    shows_north: bool = True  # whether the compass was trusted when the aiding began
     whereabouts: Whereabouts = Whereabouts()  # and the field of the place
     imu_lag_s: float | None = None  # of the gyroscope's samples, as far as somebody has told
     acc_lead_s: float = 0.0  # by how much the accelerometer's are younger

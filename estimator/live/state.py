@@ -83,13 +83,14 @@ class State:
         self.needs_samples_only = (
             self.settings.conditioned
             and context.phase is Phase.UNAIDED
+            and context.compass.misled_us is None
             and not context.reports
             and not context.has_rates
         )
         given = self.profile.reference.declination_deg != "position"
         known = given or context.whereabouts.here is not None
         north = "true" if known or not self.settings.conditioned else "magnetic"
-        if self.source == AIDED and rolls(self.settings.aiding):
+        if self.source == AIDED and (rolls(self.settings.aiding) or not context.shows_north):
             north = "true"  # by velocity
         without_field = {RAW: north, CONDITIONED: "none", AIDED: "true"}  # by reports' velocity
         self.norths = (north, without_field[self.source])

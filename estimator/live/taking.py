@@ -1,9 +1,11 @@
 """One sample into the state, in any phase."""
 
+from estimator.aiding import compass
 from estimator.aiding.phase import Cause, Phase
 from estimator.aiding.trail import OLDEST_S
 from estimator.aiding.types import NO_REPORT
 from estimator.live.aiding_span import begin_aided, give_up
+from estimator.live.compass_check import check_compass
 from estimator.live.first_sample import first_core
 from estimator.live.interval import is_gap
 from estimator.live.refusal import refusal, sample_in_floats
@@ -11,7 +13,7 @@ from estimator.live.reports import report_with_age, take_due
 from estimator.live.resident import FIRST_HEADING
 from estimator.live.state import State
 from estimator.reasons import Reason
-from estimator.types import ImuSample, VelocitySample
+from estimator.types import ZERO_VEC3, ImuSample, VelocitySample
 
 
 def take_sample(state: State, sample: ImuSample) -> Reason | None:
@@ -21,6 +23,8 @@ def take_sample(state: State, sample: ImuSample) -> Reason | None:
         return reason
     sample = sample_in_floats(sample)
     state.said = None
+    if not compass.is_heard(state.context.compass, sample.time_us):
+        sample = sample._replace(mag_gauss=ZERO_VEC3, has_mag=False)
     if state.context.phase is Phase.EMPTY:
         take_first(state, sample)
     elif sample.time_us <= state.core.time_us:
@@ -65,9 +69,14 @@ def take_conditioned(state: State, sample: ImuSample) -> None:
     readings = (*gyr_rad_s, *sample.acc_m_s2, *sample.mag_gauss)
     _, end, has_heading, _ = state.core.advance(time_us, *readings, sample.has_mag, is_aided, 0)
     if is_aided:
-        if not state.core.advance_aided(report, state.knows_north):
+        is_credible, has_shown = state.core.advance_aided(
+            report, state.knows_north, state.context.shows_north
+        )
+        if not is_credible:
             give_up(state)
             return
+        if has_shown:
+            check_compass(state, report)
         for other in due:
             if other is not velocity:
                 state.core.hear(other, time_us)
