@@ -87,6 +87,7 @@ class Pipeline:
         self._links = LinkLines()
         self._departed_limit = LineLimit("vehicles")
         self._outputs: list[Output] = []  # of changes that nobody's event has made
+        self._met = 0  # vehicles so far
         self._look_us = 0  # when silent vehicles are looked for next
 
     @property
@@ -182,8 +183,8 @@ class Pipeline:
         vehicle = self._vehicles.get(event.vehicle)
         if self.load.is_shedding or vehicle is None:
             return []
-        peer = Peer(event.vehicle, event.source, event.q_ned_frd)
-        return [peer, *_messages(vehicle.on_reference(event))]
+        vehicle.peers[event.source] = Peer(event.vehicle, event.source, event.q_ned_frd)
+        return _messages(vehicle.on_reference(event))
 
     def _on_refused(self, event: RefusedFrames) -> None:
         self.refused_frames[event.reason] += event.frames
@@ -253,7 +254,12 @@ class Pipeline:
         attitude = vehicle.attitude(now_us)
         if attitude is None:
             return []
-        return [Published(vehicle.address, attitude, vehicle.last_sample)]
+        published = Published(vehicle.address, attitude, vehicle.last_sample)
+        if not vehicle.peers:
+            return [published]
+        peers = list(vehicle.peers.values())
+        vehicle.peers.clear()
+        return [*peers, published]
 
     def _status(self, vehicle: Vehicle, now_us: int, losses: Losses) -> Published:
         status = status_record(vehicle, now_us, self.load, losses, self.malformed)
@@ -333,6 +339,8 @@ class Pipeline:
         kept = self.departures.take_profile(address)
         profile = kept or self.profile
         vehicle = Vehicle(address, profile, self._new_estimator(profile), self.load.rate_hz)
+        vehicle.publishing.stagger(self._met)
+        self._met += 1
         self._vehicles[address] = vehicle
         if kept is not None:
             self._outputs.append(Replaced(address, kept))

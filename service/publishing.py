@@ -7,6 +7,7 @@ from service.records import Retuned
 STATUS_PERIOD_US = 1_000_000
 # While samples are left out, an attitude of an old sample is repeated no more often than this.
 REPEATED_US = 250_000
+GOLDEN = 0.6180339887498949  # its multiples spread evenly over the unit interval
 
 
 class Publishing:
@@ -22,6 +23,11 @@ class Publishing:
         self._status_us: int | None = None
         self._attitudes_then = 0  # at the last status
         self._status_due_us = 0
+        self._second_status = 1.0  # a share of the period after the first
+
+    def stagger(self, number: int) -> None:
+        """Spread the statuses of vehicles over the second; this is the n-th that came."""
+        self._second_status = 1.0 - number * GOLDEN % 1.0
 
     def note_attitude(self, now_us: int, samples: int) -> None:
         """An attitude was published, after so many samples."""
@@ -45,6 +51,9 @@ class Publishing:
     def note_status(self, now_us: int, period_us: int = STATUS_PERIOD_US) -> None:
         """A status was published; the next one is due a period after this one was."""
         self.statuses += 1
+        if self.statuses == 1:
+            self._status_due_us = now_us + round(self._second_status * period_us)
+            return
         due_us = self._status_due_us + period_us
         is_steady = 0 < due_us - now_us <= period_us
         self._status_due_us = due_us if is_steady else now_us + period_us

@@ -28,7 +28,7 @@ from service.host_clock import HostClock
 from service.imu_stream import ImuStream
 from service.line_limit import LineLimit
 from service.publishing import Publishing
-from service.records import AttitudeRecord, vehicle_name
+from service.records import AttitudeRecord, Peer, vehicle_name
 from service.report_choice import Kind, ReportChoice, kind_of
 from service.second_opinion import SecondOpinion
 from service.vehicle_parameters import VehicleParameters
@@ -62,6 +62,7 @@ class Vehicle:
         self.rejected: Counter[Reason] = Counter()
         self.built_in_motion: str | None = None  # of fuzzbee's own vehicle
         self.has_unfit_profile = False  # by the vehicle's own word
+        self.peers: dict[str, Peer] = {}  # others' latest attitudes, until ours is published
         self.imu = ImuStream()
         self.parameters = VehicleParameters()
         self.comparison = AutopilotComparison()

@@ -18,11 +18,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from drivers.mavlink.backlog import Arrived, Backlog
 
 from drivers.events import Imu, Report, VehicleId
 from drivers.logs.missing_imu import advice
 from drivers.logs.open import open_log
-from drivers.mavlink.backlog import Arrived, Backlog
 from drivers.mavlink.decoder import MavlinkDecoder
 from drivers.mavlink.dialect import mavlink
 from drivers.mavlink.framing import FrameReader

@@ -6,6 +6,7 @@ import socket
 import time
 from pathlib import Path
 
+import msgspec
 import pytest
 
 from drivers.events import Imu, VehicleId
@@ -13,7 +14,6 @@ from drivers.mavlink.decoder import MavlinkDecoder
 from drivers.mavlink.framing import FrameReader
 from estimator.profile import load_profile
 from fuzzbee.cli import main
-from service.attitude_text import texts_of_records
 from service.pipeline import Pipeline
 from service.records import AttitudeRecord
 from tests.fuzzbee.processes import free_port
@@ -84,12 +84,11 @@ def assert_one_pipeline_says(records, frames, system):
         while events and (not isinstance(events[0], Imu) or events[0].arrival_us <= last_us):
             pipeline.handle(events.pop(0))
         vehicle = pipeline.vehicle(address)
-        vehicle.attitudes = record["sequence"]
+        vehicle.publishing.attitudes = record["sequence"]
         vehicle.on_time(time_us)
         attitude = vehicle.attitude(time_us)
         assert isinstance(attitude, AttitudeRecord)
-        (text,) = texts_of_records([attitude])
-        alone = json.loads(text)
+        alone = json.loads(msgspec.json.encode(attitude))
         for key in ("q_ned_frd", "rate_rad_s", "sigma_deg", "time_boot_us"):
             assert alone[key] == record[key]
 

@@ -25,25 +25,34 @@ def attitudes(sink):
             and isinstance(o.record, AttitudeRecord)]  # fmt: skip
 
 
-def test_ticks_keep_their_number_whatever_each_one_costs():
+def test_each_sample_of_the_vehicle_is_published_at_once_and_none_twice():
     sink = Collector()
     with SimSource(SimulatedVehicle(seed=0)) as source, Outbox([sink]) as outbox:
         runner = Runner(source, Pipeline(PAPER), outbox, rate_hz=100.0)
         runner.run(1.5)
-    # each tick is due at its own time, so none is lost but at the very end
-    assert 148 <= runner.ticks <= 151
-    assert [a.sequence for a in attitudes(sink)] == list(range(len(attitudes(sink))))
-    assert len(attitudes(sink)) >= 140  # the first ticks may precede the first sample
+    records = attitudes(sink)
+    assert [a.sequence for a in records] == list(range(len(records)))
+    assert len(records) >= 140  # of 150; a busy computer loses some
 
 
-@pytest.mark.parametrize("late_s", [0.0, 0.004, 0.03, 3.0])
-def test_late_ticks_are_counted_and_the_schedule_is_kept(late_s):
-    runner = Runner(Player([], 1.0), Pipeline(PAPER), Outbox([]), rate_hz=100.0)
-    due = runner._next_due_s(10.0, 10.0 + late_s)
-    steps = (due - 10.0) / 0.01
-    assert steps == pytest.approx(round(steps), abs=1e-6)  # on the grid of the schedule
-    assert runner.overruns == {0.0: 0, 0.004: 0, 0.03: 1, 3.0: 300}[late_s]
-    assert due == pytest.approx(13.01 if late_s == 3.0 else 10.01)
+class LateClock:
+    """A clock of the schedule that leaps by ``late_s`` once, at the third look."""
+
+    def __init__(self, late_s):
+        self.now_s, self.late_s, self.looks = 10.0, late_s, 0
+
+    def __call__(self):
+        self.looks += 1
+        self.now_s += 1e-4 + (self.late_s if self.looks == 3 else 0.0)
+        return self.now_s
+
+
+@pytest.mark.parametrize(("late_s", "overruns"), [(0.0, 0), (0.004, 0), (0.032, 3), (3.0, 300)])
+def test_late_ticks_are_counted(late_s, overruns):
+    runner = Runner(Player([], 1.0), Pipeline(PAPER), Outbox([]), rate_hz=100.0,
+                    monotonic_s=LateClock(late_s))  # fmt: skip
+    runner.run(3.1)
+    assert runner.overruns == overruns
 
 
 def test_the_end_of_a_log_ends_the_loop():

@@ -11,12 +11,12 @@ from pathlib import Path
 
 import numba
 import pytest
+from drivers.mavlink.backlog import STOPPED_S
 
 from drivers.endpoint import Endpoint, parse_endpoint
 from drivers.events import CommandAck, Heartbeat, Imu, LinkDown, LinkUp, Malformed, Shed, VehicleId
 from drivers.mavlink import claims
 from drivers.mavlink import link as mavlink_link
-from drivers.mavlink.backlog import STOPPED_S
 from drivers.mavlink.dialect import mavlink
 from drivers.mavlink.encoder import FrameEncoder, heartbeat, raw_imu
 from drivers.mavlink.framing import FrameReader

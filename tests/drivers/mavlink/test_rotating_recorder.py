@@ -8,13 +8,13 @@ import sys
 from pathlib import Path
 
 import pytest
+from drivers.mavlink.rotating_recorder import RotatingRecorder
 
 import drivers
 from drivers.events import Heartbeat, VehicleId
 from drivers.logs.open import open_log
 from drivers.mavlink.encoder import FrameEncoder, heartbeat
 from drivers.mavlink.recorder import RETRY_US, records_of
-from drivers.mavlink.rotating_recorder import RotatingRecorder
 from estimator.errors import InputError
 
 ROOT = Path(drivers.__file__).parents[1]

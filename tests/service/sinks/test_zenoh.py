@@ -14,10 +14,9 @@ from drivers.simulation.simulated_vehicle import SimulatedVehicle
 from drivers.simulation.source import SimSource
 from estimator.errors import InputError
 from estimator.profile import load_profile
-from service.attitude_text import texts_of_records
 from service.parameters import ParameterRequests
 from service.pipeline import Pipeline
-from service.records import Departed, Encoded, Published, StatusRecord
+from service.records import Departed, Published, StatusRecord
 from service.runner import Runner
 from service.sinks.outbox import Outbox
 from service.sinks.together import TogetherSink
@@ -310,14 +309,13 @@ def test_a_vehicle_that_is_forgotten_is_withdrawn_and_may_come_back(endpoint):
 
 
 def test_all_attitudes_of_a_tick_come_in_one_put(endpoint):
-    """As JSON by vehicle, whether they come as records or as another process's JSON."""
+    """As JSON by vehicle, the newest of each."""
     session, received = open_session(options(endpoint)), []
     vehicles = [VehicleId(1, 1), VehicleId(2, 1), VehicleId(2, 154)]
     record = Rig().fly(2.0).records[-1]
-    (encoded,) = texts_of_records([record])
-    sink = TogetherSink(session, "test")
-    outputs = [Published(vehicle, record) for vehicle in vehicles[:2]]
-    outputs.append(Encoded(vehicles[2], encoded))
+    old = Rig().fly(1.0).records[-1]
+    sink = TogetherSink(session, "test", period_s=0.02)
+    outputs = [Published(vehicles[0], old), *(Published(vehicle, record) for vehicle in vehicles)]
     with plain_client(endpoint) as client:
         client.declare_subscriber("test/attitudes", lambda s: received.append(bytes(s.payload)))
         time.sleep(0.3)
@@ -327,5 +325,5 @@ def test_all_attitudes_of_a_tick_come_in_one_put(endpoint):
     sink.close()
     close_session(session)
     (payload,) = received
-    expected = msgspec.json.decode(encoded)
+    expected = msgspec.json.decode(msgspec.json.encode(record))
     assert json.loads(payload) == {"1": expected, "2": expected, "2-154": expected}
