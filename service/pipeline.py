@@ -54,6 +54,7 @@ MAX_VEHICLES = PLACES  # on one link
 QUIET = frozenset({State.LOST, State.WAITING})
 MOST_QUIET_HZ = 64
 LOOK_US = 1_000_000  # so often silent vehicles are looked for
+MOST_WAIT_US = 1_000_000  # no vehicle is looked at later than that
 
 
 class Pipeline:
@@ -79,6 +80,7 @@ class Pipeline:
         self.heard: set[int] = set()
         self.departures = Departures()
         self.load = Load(rate_hz=rate_hz)
+        self._rate_hz = rate_hz
         self.wake_us = 0.0  # when :meth:`tick` has something to do next, if nothing arrives
         self._system_id = system_id
         self._new_estimator = new_estimator
@@ -219,7 +221,7 @@ class Pipeline:
             outputs += self._forget_silent(now_us)
         self.wake_us = float(self._look_us)
         for vehicle in self._vehicles.values():
-            if vehicle.wake_us <= now_us or vehicle.wake_us > now_us + LOOK_US:
+            if not now_us < vehicle.wake_us <= now_us + MOST_WAIT_US:
                 outputs += self._look_at(vehicle, now_us, ask_losses)
             self.wake_us = min(self.wake_us, vehicle.wake_us)
         return outputs
@@ -243,7 +245,7 @@ class Pipeline:
         outputs: list[Output] = []
         if not (self.load.has_just_woken or is_left_out):
             outputs = _messages(vehicle.on_time(now_us))
-        if vehicle.publishing.grid.due_us > now_us:
+        if is_left_out or not vehicle.publishing.grid.is_due(now_us):
             return outputs
         is_held_back = self.load.is_shedding or self.load.has_just_woken
         if is_held_back and vehicle.publishing.is_stale(now_us, vehicle.samples):
@@ -292,7 +294,7 @@ class Pipeline:
             raise InputError(f"profile update: cannot be used: {error}") from error
         if retuned is not None:
             vehicle.publishing.note_retuned(retuned)
-        self._outputs.append(Replaced(address, profile, retuned))
+        self._report_replaced(Replaced(address, profile, retuned))
         self._outputs += _messages(vehicle.on_profile(vehicle.heard_us, retuned))
         return profile
 
@@ -324,7 +326,16 @@ class Pipeline:
     def _change_profile(self, vehicle: Vehicle, profile: Profile) -> None:
         vehicle.replace_profile(profile)
         vehicle.restart()
-        self._outputs.append(Replaced(vehicle.address, profile))
+        self._report_replaced(Replaced(vehicle.address, profile))
+
+    def _report_replaced(self, replaced: Replaced) -> None:
+        """Publish a vehicle's parameters with the next tick; only the latest count."""
+        others = [
+            output
+            for output in self._outputs
+            if not (isinstance(output, Replaced) and output.vehicle == replaced.vehicle)
+        ]
+        self._outputs = [*others, replaced]
 
     # --- who is there
 
@@ -338,12 +349,12 @@ class Pipeline:
             return None
         kept = self.departures.take_profile(address)
         profile = kept or self.profile
-        vehicle = Vehicle(address, profile, self._new_estimator(profile), self.load.rate_hz)
+        vehicle = Vehicle(address, profile, self._new_estimator(profile), self._rate_hz)
         vehicle.publishing.stagger(self._met)
         self._met += 1
         self._vehicles[address] = vehicle
         if kept is not None:
-            self._outputs.append(Replaced(address, kept))
+            self._report_replaced(Replaced(address, kept))
         return vehicle
 
     def _forget_silent(self, now_us: int) -> list[Output]:

@@ -27,9 +27,13 @@ class PublishGrid:
         """When the next attitude is due."""
         return self._due_us + self._offset_us
 
+    def is_due(self, now_us: int) -> bool:
+        """Whether the next attitude is due; at once if the host's clock was set back."""
+        return not 0.0 < self.due_us - now_us <= 2.0 * self._period_us
+
     def meets(self, now_us: int, sample_period_us: float) -> bool:
         """Whether the sample taken at ``now_us`` is the one that the next attitude waits for."""
-        if not self._begun:
+        if not self._begun or self.is_due(now_us):
             return True
         early_us = min(0.5 * sample_period_us, 0.5 * self._period_us)
         return self.due_us - now_us <= early_us

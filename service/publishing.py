@@ -23,6 +23,7 @@ class Publishing:
         self._status_us: int | None = None
         self._attitudes_then = 0  # at the last status
         self._status_due_us = 0
+        self._status_period_us = STATUS_PERIOD_US
         self._second_status = 1.0  # a share of the period after the first
 
     def stagger(self, number: int) -> None:
@@ -41,7 +42,7 @@ class Publishing:
 
     def is_status_due(self, now_us: int) -> bool:
         """Whether it is time for a status; right away after the host's clock was set."""
-        return not 0 < self._status_due_us - now_us <= 2 * STATUS_PERIOD_US
+        return not 0 < self._status_due_us - now_us <= 2 * self._status_period_us
 
     @property
     def status_due_us(self) -> int:
@@ -51,6 +52,7 @@ class Publishing:
     def note_status(self, now_us: int, period_us: int = STATUS_PERIOD_US) -> None:
         """A status was published; the next one is due a period after this one was."""
         self.statuses += 1
+        self._status_period_us = period_us
         if self.statuses == 1:
             self._status_due_us = now_us + round(self._second_status * period_us)
             return

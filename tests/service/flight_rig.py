@@ -106,7 +106,9 @@ class Rig:
         for output in outputs:
             if isinstance(output, Message):
                 self.messages.append(output.text)
-            elif isinstance(output, Published) and isinstance(output.record, AttitudeRecord):
+            elif not isinstance(output, Published) or output.vehicle != ONE:
+                continue
+            elif isinstance(output.record, AttitudeRecord):
                 assert math.isclose(math.hypot(*output.record.q_ned_frd), 1.0, abs_tol=1e-9)
                 self.records.append(output.record)
                 self.errors_deg.append(_angle_deg(output.record.q_ned_frd, self.truth))

@@ -8,11 +8,20 @@ from estimator.estimator import Estimator
 from estimator.profile import load_profile
 from estimator.types import ZERO_VEC3, ImuSample, RateSample
 from service.health import State
-from service.load import Load
+from service.load import Load, Losses
 from service.vehicle import Vehicle
+from service.vehicle_status import status_record
 from tests.service.streams import ONE, START_US
 
 PERIOD_US = 20_000
+
+
+def tell(vehicle, parameter):
+    vehicle.parameters.take(parameter, vehicle.estimator)
+
+
+def worst_gap_s(vehicle, now_us):
+    return status_record(vehicle, now_us, Load(), Losses(), 0).worst_gap_s
 
 
 class Watched(Estimator):
@@ -85,33 +94,37 @@ def test_a_reboots_silence_is_a_gap_and_a_jumps_is_none(vehicle):
     feed(vehicle, 1, 10)
     vehicle.on_clock_reset(ClockReset(ONE, START_US + 3_000_000, "reboot", -0.2))
     vehicle.on_imu(imu(260_000, arrival_us=START_US + 3_202_000))
-    assert vehicle.worst_gap_us == 3_000_000  # from 0.202 s
-    assert vehicle.status(START_US + 3_202_000, Load()).worst_gap_s == 3.0
+    assert vehicle.imu.worst_gap_us == 3_000_000  # from 0.202 s
+    assert worst_gap_s(vehicle, START_US + 3_202_000) == 3.0
     vehicle.on_clock_reset(ClockReset(ONE, START_US + 9_000_000, "jump", 60.0))
     vehicle.on_imu(imu(280_000, arrival_us=START_US + 9_002_000))
-    assert vehicle.worst_gap_us == 3_000_000
+    assert vehicle.imu.worst_gap_us == 3_000_000
 
 
 def test_a_running_silence_counts_as_a_gap(vehicle):
     feed(vehicle, 1, 10)
-    assert vehicle.status(START_US + 202_000, Load()).worst_gap_s == pytest.approx(0.02)
-    assert vehicle.status(START_US + 902_000, Load()).worst_gap_s == pytest.approx(0.7)
+    assert status_record(
+        vehicle, START_US + 202_000, Load(), Losses(), 0
+    ).worst_gap_s == pytest.approx(0.02)
+    assert status_record(
+        vehicle, START_US + 902_000, Load(), Losses(), 0
+    ).worst_gap_s == pytest.approx(0.7)
 
 
 def test_another_imu_takes_over_after_half_a_second_with_its_own_bias(vehicle):
     feed(vehicle, 1, 10)
     for number in range(11, 35):  # until 0.5 s after the last
         vehicle.on_imu(imu(number * PERIOD_US, "SCALED_IMU2"))
-    assert vehicle.imu_message == "RAW_IMU"
+    assert vehicle.imu.message == "RAW_IMU"
     assert vehicle.estimator.calls == []
     vehicle.on_imu(imu(36 * PERIOD_US, "SCALED_IMU2"))  # 0.52 s after it
-    assert vehicle.imu_message == "SCALED_IMU2"
+    assert vehicle.imu.message == "SCALED_IMU2"
     assert vehicle.estimator.calls == ["change_imu"]
     # its rate is measured anew, and the way from one IMU to the other is no period
-    assert vehicle.median_period_us == 0.0
+    assert vehicle.imu.median_period_us == 0.0
     for number in range(38, 60, 4):
         vehicle.on_imu(imu(number * PERIOD_US, "SCALED_IMU2"))
-    assert vehicle.median_period_us == 4 * PERIOD_US
+    assert vehicle.imu.median_period_us == 4 * PERIOD_US
 
 
 def test_a_blind_sensor_counts_if_it_is_the_one_in_use(vehicle):
@@ -139,11 +152,11 @@ def test_refusals_are_counted_of_the_imu_in_use(vehicle):
 
 def test_a_compass_is_judged_by_all_three_offsets(vehicle):
     def offset(axis, value):
-        vehicle.on_parameter(Parameter(ONE, START_US, f"COMPASS_OFS_{axis}", value))
+        tell(vehicle, Parameter(ONE, START_US, f"COMPASS_OFS_{axis}", value))
 
     offset("X", 0.0)
     offset("Y", 0.0)
-    vehicle.on_parameter(Parameter(ONE, START_US, "COMPASS_OFS2_X", 3.0))  # of another compass
+    tell(vehicle, Parameter(ONE, START_US, "COMPASS_OFS2_X", 3.0))  # of another compass
     assert vehicle.estimator.calls == []
     offset("Z", 0.0)
     assert vehicle.estimator.calls == [False]
@@ -157,7 +170,7 @@ def test_the_rate_is_that_of_the_imu_and_nothing_once_it_is_silent(vehicle):
     vehicle.on_time(START_US + 1_500_000)
     assert vehicle.state is State.DEGRADED
     assert vehicle.imu_rate_hz == 0.0
-    assert vehicle.median_rate_hz == pytest.approx(50.0)
+    assert vehicle.imu.median_rate_hz == pytest.approx(50.0)
 
 
 def test_an_attitude_is_never_older_than_its_sample(vehicle):
@@ -222,14 +235,14 @@ def test_the_worst_gap_stays_when_a_shorter_one_comes_with_a_reboot(vehicle):
     vehicle.on_imu(imu(4_000_000))
     vehicle.on_clock_reset(ClockReset(ONE, START_US + 4_100_000, "reboot", -4.0))
     vehicle.on_imu(imu(20_000, arrival_us=START_US + 5_000_000))
-    assert vehicle.worst_gap_us == 4_000_000 - 3 * PERIOD_US
+    assert vehicle.imu.worst_gap_us == 4_000_000 - 3 * PERIOD_US
 
 
 def test_the_sensors_filters_tell_how_old_the_samples_are(vehicle):
     """At low frequencies a second-order Butterworth filter of 4 Hz is 56.3 ms late."""
     for cutoff_hz in (4.0, 0.0, 4.0):  # none: nothing is known; again: what was learnt stays
-        vehicle.on_parameter(Parameter(ONE, START_US, "INS_GYRO_FILTER", cutoff_hz))
-    vehicle.on_parameter(Parameter(ONE, START_US, "INS_ACCEL_FILTER", 10.0))
+        tell(vehicle, Parameter(ONE, START_US, "INS_GYRO_FILTER", cutoff_hz))
+    tell(vehicle, Parameter(ONE, START_US, "INS_ACCEL_FILTER", 10.0))
     assert vehicle.estimator.calls == [("lag", 56.27, 56.27), ("lag", 56.27, 22.51)]
     vehicle.estimator.restart()
     known = vehicle.estimator.snapshot.context
@@ -250,7 +263,7 @@ def test_ardupilots_rovers_filter_at_4_and_10_hz_unless_they_say_otherwise(vehic
     vehicle.on_heartbeat(px4)
     assert vehicle.estimator.snapshot.context.imu_lag_s is None
     vehicle.on_heartbeat(rover)
-    vehicle.on_parameter(Parameter(ONE, START_US, "INS_GYRO_FILTER", 20.0))
+    tell(vehicle, Parameter(ONE, START_US, "INS_GYRO_FILTER", 20.0))
     vehicle.on_heartbeat(rover)
     lags = [call for call in vehicle.estimator.calls if isinstance(call, tuple)]
     assert lags[1:] == [("lag", 56.27, 22.51), ("lag", 11.25, 22.51)]

@@ -6,7 +6,7 @@ import pytest
 
 from drivers.events import VehicleId
 from estimator.errors import InputError
-from service.pipeline import MOST_LOST_TOLD
+from service.pipeline import MOST_QUIET_HZ
 from service.records import Departed, Message, Published, StatusRecord, vehicle_name
 from tests.service.records import differing, record
 
@@ -135,4 +135,4 @@ def test_of_thousands_that_are_lost_the_last_are_told_of(sink):
     back = gone[3]
     sink.handle([Published(back, status())])
     told = {dict(labels).get("vehicle") for _, labels in scrape(sink)} - {None}
-    assert told == {"1", vehicle_name(back), *map(vehicle_name, gone[-MOST_LOST_TOLD:])}
+    assert told == {"1", vehicle_name(back), *map(vehicle_name, gone[-MOST_QUIET_HZ:])}
