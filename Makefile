@@ -11,21 +11,16 @@ VERSION = $(shell sed -n 's/^__version__ = "\(.*\)"$$/\1/p' fuzzbee/version.py)
 .PHONY: demo test warm smoke test-python setup style types release kernels build docs clean
 
 ## demo: the simulated vehicle through the live service, judged by its truth, in the terminal
-demo: .venv/installed
+demo: warm
 	$(BIN)/fuzzbee run sim:flight --seconds 80
-	@$(MAKE) --no-print-directory --silent warm \
-	  SAY="compiling the rest of the filter, for the next start (Ctrl-C leaves it to that)"
 
 ## test: the whole test suite
 test: .venv/developer warm
 	$(BIN)/python -m pytest -q $(AT_ONCE)
 
-SAY = compiling the filter, the first time only
-
-# Once, by two processes: the suite's four would each compile all of it at the same time.
+## warm: compile the filter, once for each state of the sources: a minute
 warm: .venv/installed
-	@$(BIN)/python -c "from service import warm_up as w; p = w.load_profile('imu'); \
-	  w.is_compiled(p) or print('$(SAY)', flush=True); w.warm_up(p, None)"
+	@$(BIN)/python -m fuzzbee.kernels
 
 ## test-python: what is quick without numba: there 0/0 is an error, and lines can be stepped through
 test-python: .venv/developer
@@ -56,16 +51,14 @@ types: .venv/developer
 docs: .venv/developer
 	$(BIN)/mkdocs build --strict -q
 
-## kernels: the filter compiled for any CPU of this architecture and this Python, for the wheel;
-## a checkout has no use for it, since it compiles for its own CPU
+## kernels: the filter compiled for this Python, for the wheel
 kernels: .venv/installed
-	rm -rf build/kernels
-	NUMBA_CPU_NAME=generic NUMBA_CACHE_DIR="$(CURDIR)/build/kernels" $(BIN)/python -m service.ship
+	rm -rf estimator/kernels
+	$(BIN)/python -m fuzzbee.kernels
 
 build: .venv/developer kernels
 	rm -rf dist
 	$(BIN)/python -m build --wheel
-	rm -rf estimator/kernels
 
 ## changelog: what is Unreleased in CHANGELOG.md becomes the section of the version in fuzzbee/version.py
 changelog:
@@ -83,7 +76,6 @@ release: .venv/developer kernels
 	rm -rf dist build/installed build/tools build/release
 	$(BIN)/python -m build --sdist
 	$(BIN)/python -m build --wheel
-	rm -rf estimator/kernels
 	$(BIN)/python -m venv build/tools
 	build/tools/bin/python -m pip install -q 'twine>=6.1' 'cyclonedx-bom>=7'
 	build/tools/bin/twine check --strict dist/*.whl dist/*.tar.gz

@@ -17,7 +17,6 @@ from fuzzbee.run_options import RunOptions
 from service.overload import Overload
 from service.parameters import ParameterRequests
 from service.pipeline import Pipeline
-from service.records import Message
 from service.runner import Runner
 from service.sinks.outbox import Outbox
 
@@ -89,7 +88,6 @@ def make_runner(
     outbox: Outbox,
     requests: ParameterRequests,
     rate_hz: float,
-    news: Callable[[], list[Message]] = list,
     recording: Callable[[], str] = str,
     seconds: float | None = None,
 ) -> Runner:
@@ -108,7 +106,6 @@ def make_runner(
         outbox,
         rate_hz=rate_hz,
         requests=requests,
-        news=news,
         recording=recording,
         **options,
     )

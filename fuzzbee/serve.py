@@ -1,7 +1,6 @@
 """The live service: everything opened, one loop, everything closed."""
 
 from contextlib import ExitStack
-from functools import partial
 from typing import TYPE_CHECKING
 
 from drivers.aside import aside
@@ -25,19 +24,15 @@ from fuzzbee.serving import (
 )
 from fuzzbee.truth_score import ScoredPipeline
 from fuzzbee.zenoh_options import opened
-from service.compiling import BEGUN, Compiling
+from service.kernels import load_kernels
 from service.parameters import ParameterRequests
-from service.pipeline import Pipeline
-from service.records import Message
 from service.sinks.outbox import Outbox
 from service.sinks.recording import RecordingSink
-from service.warm_up import is_compiled, is_kept, warm_up
 from service.zenoh_session import OpeningSession
 
 if TYPE_CHECKING:
     from fuzzbee.retuning import Retuning
 
-COMPILER_THREAD = "compiler"
 LONG_WAIT_S = 1.0
 
 
@@ -54,11 +49,7 @@ def serve(options: RunOptions, opening: OpeningSession | None) -> int:
     requests = ParameterRequests()
     conflicts: list[InputError] = []
     recordings = Recordings()
-    is_there = is_compiled(profile)
-    if is_there:
-        _load(profile, options.gain)
     with ExitStack() as stack:
-        # whatever can be refused is opened before the compiler starts, the source behind it
         session = None if opening is None else opened(opening, stack)
         recorder = open_recorder(options.record, stack)
         retuning = _open_retuning(options, requests, stack)
@@ -70,9 +61,6 @@ def serve(options: RunOptions, opening: OpeningSession | None) -> int:
             outputs.open_outputs(
                 sinks, options.outputs, session, options.zenoh.prefix, profile, options.rate_hz
             )
-            interprets = not is_there and is_kept()
-            if not is_there and not interprets:
-                _load(profile, options.gain)
             view = open_view(options)  # which prints what the source says
             view.scores = pipeline.scores
             sinks.append(view)
@@ -82,17 +70,14 @@ def serve(options: RunOptions, opening: OpeningSession | None) -> int:
             outbox = stack.enter_context(Outbox(sinks))
             recordings.add([recorder, *sinks])
             sinks.clear()
-        compiling = None
-        if interprets:
-            say(BEGUN)
-            compiling = stack.enter_context(Compiling(profile, options.gain))
+        # in a thread: the compiler's callbacks swallow what a signal raises in them
+        aside(load_kernels, "kernels").result()
         runner = make_runner(
             source,
             pipeline,
             outbox,
             requests,
             options.rate_hz,
-            news=list if compiling is None else partial(_change_over, compiling, pipeline),
             recording=lambda: recordings.word,
             seconds=options.seconds,
         )
@@ -136,14 +121,3 @@ def _pipeline(profile: Profile, options: RunOptions, retuning: "Retuning | None"
     if retuning is not None:
         retuning.watch(pipeline)
     return pipeline
-
-
-def _load(profile: Profile, gain: float | None) -> None:
-    """Load the kernels, or compile them where nothing can be kept for another process."""
-    # in a thread: the compiler's callbacks swallow what a signal raises in them
-    aside(lambda: warm_up(profile, gain), COMPILER_THREAD).result()
-
-
-def _change_over(compiling: Compiling, pipeline: Pipeline) -> list[Message]:
-    """Have the vehicles' estimators use the compiled filter, as soon as it is there."""
-    return compiling.change_over(lambda: [each.estimator for each in pipeline.vehicles])

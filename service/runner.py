@@ -34,8 +34,7 @@ class Runner(Stoppable):
     ``now_us`` is the host time that arrivals are stamped with (Unix time for live sources),
     ``monotonic_s`` the clock of the schedule; ``is_finished`` tells that nothing will come any
     more. With an ``overload`` attitudes are left out, too, while the source leaves samples out.
-    ``news`` is asked regularly for lines that others have to report, ``recording`` for a word on
-    the files that are recorded to.
+    ``recording`` is asked for a word on the files that are recorded to.
     """
 
     def __init__(
@@ -50,7 +49,6 @@ class Runner(Stoppable):
         requests: ParameterRequests | None = None,
         is_finished: Callable[[], bool] = bool,
         overload: Overload | None = None,
-        news: Callable[[], list[Message]] = list,
         recording: Callable[[], str] = str,
     ) -> None:
         super().__init__()
@@ -65,7 +63,6 @@ class Runner(Stoppable):
         self._requests = requests
         self._is_finished = is_finished
         self._overload = overload
-        self._news = news
         self._recording = recording
         self._woken_s = float("-inf")  # when the loop went on after a stop
 
@@ -128,7 +125,7 @@ class Runner(Stoppable):
             rate_hz=self._rate_hz,
         )
         now_us = self._now_us()
-        outputs = [*self._news(), *self._pipeline.tick(now_us, load, self._losses)]
+        outputs = self._pipeline.tick(now_us, load, self._losses)
         if outputs:
             self._outbox.put(outputs)
         wait_s = 1e-6 * (self._pipeline.wake_us - now_us)

@@ -7,8 +7,9 @@ import numpy as np
 from drivers.simulation.simulated_vehicle import simulate
 from estimator.arrays import Floats
 from estimator.compilation.compiled import compiled, inlined
+from estimator.compilation.direct import types_of
 from estimator.compilation.replacing import replacer
-from estimator.filter.kernel import run
+from estimator.filter.kernel import paper_arguments, run
 from estimator.filter.memberships import Memberships
 from estimator.filter.observation import ReferenceParams
 from estimator.filter.types import FilterParams, FilterState
@@ -43,6 +44,9 @@ class Signals(NamedTuple):
     q_ned_frd: Floats
 
 
+EXAMPLE = Signals(*(np.zeros((1, 1, 3)),) * 3, np.zeros((1, 1, 4)))
+
+
 def paper_signals(seeds: tuple[int, ...]) -> Signals:
     """The signals up to the last sample that counts."""
     runs = [simulate(seed, COST_SAMPLES) for seed in seeds]
@@ -73,7 +77,7 @@ def cost(base: Base, candidate: Floats, signals: Signals, seed: int) -> float:
     return total
 
 
-@compiled
+@compiled(types=lambda: types_of(Base(*paper_arguments()), np.zeros((1, 24)), EXAMPLE))
 def costs(base: Base, candidates: Floats, signals: Signals) -> Floats:
     """J (C, S) of candidates (C, 24) on every seed."""
     found = np.empty((len(candidates), len(signals.mag)))

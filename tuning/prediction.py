@@ -12,6 +12,7 @@ import numpy as np
 
 from estimator.arrays import Bools, Floats
 from estimator.compilation.compiled import compiled
+from estimator.compilation.direct import types_of
 from estimator.geometry.quaternion import exp, multiply, normalize, rotate, unit
 from estimator.live.rows import Rows
 
@@ -35,7 +36,12 @@ def readings_of(rows: Rows) -> Readings:
     return Readings(1e-6 * (rows.times_us - rows.times_us[0]), *rows[1:])
 
 
-@compiled
+def example_readings() -> Readings:
+    """Readings of the types that kernels take."""
+    return Readings(np.zeros(1), *(np.zeros((1, 3)),) * 3, np.zeros(1, np.bool_))
+
+
+@compiled(types=lambda: types_of(example_readings(), np.zeros((1, 4)), np.zeros((1, 3)), 0))
 def predicted_vectors(
     readings: Readings, q_ned_frd: Floats, bias_rad_s: Floats, first: int
 ) -> tuple[Floats, Floats]:

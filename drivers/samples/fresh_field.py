@@ -7,6 +7,7 @@ import numpy as np
 
 from estimator.arrays import Bools, Floats, Times
 from estimator.compilation.compiled import compiled, inlined
+from estimator.compilation.direct import types_of
 from estimator.types import ZERO_VEC3, Vec3
 
 REPEAT_US = 240_000  # autopilots repeat a 10 Hz field; equal values in a 4 Hz stream are data
@@ -50,7 +51,7 @@ def is_fresh(mag_gauss: Vec3, time_us: int, last: Vec3, last_us: int) -> bool:
     return mag_gauss != ZERO_VEC3 and not (mag_gauss == last and 0 <= time_us - last_us < REPEAT_US)
 
 
-@compiled
+@compiled(types=lambda: types_of(np.zeros((1, 3)), np.zeros(1, np.int64), ZERO_VEC3, 0))
 def fresh_of_rows(
     mag_gauss: Floats, times_us: Times, last: Vec3, last_us: int
 ) -> tuple[Bools, Vec3, int]:

@@ -16,7 +16,6 @@ import numpy as np
 from drivers.samples.steady_turn import carries_weight, vector_after_turn, way_of_field
 from estimator.compilation.compiled import compiled, inlined, is_compiled_code, plain
 from estimator.compilation.direct import direct, types_of
-from estimator.compilation.interpreted import is_interpreting
 from estimator.geometry.quaternion import norm, subtract
 from estimator.reasons import Reason
 from estimator.types import STANDARD_GRAVITY_M_S2, ZERO_VEC3, Vec3
@@ -375,7 +374,12 @@ def apart_rad(one: Vec3, other: Vec3) -> float:
     return sqrt(x * x + y * y + z * z)
 
 
-@compiled
+def argument_types() -> tuple[Any, ...]:
+    """What numba calls the types that :func:`judge_reading` is called with."""
+    return types_of(np.zeros(0, np.int64), np.zeros(0), *(0.0,) * 9, 0)
+
+
+@compiled(types=argument_types)
 def judge_reading(
     whole: Whole,
     numbers: Numbers,
@@ -407,7 +411,7 @@ class SensorFaults:
     def refusal(self, readings: Readings, raw_us: int) -> Reason | None:
         """Why a reading at ``raw_us`` on the vehicle's clock is no data; None if it is."""
         gyr, acc, mag = readings
-        step = _interpreted if is_interpreting() or not is_compiled_code() else _judge()
+        step = _interpreted if not is_compiled_code() else _judge()
         time_us = min(raw_us, LATEST_US)  # a field of 64 bits holds twice as much
         return REASONS[step(self.whole, self.numbers, *gyr, *acc, *mag, time_us)]
 
@@ -429,11 +433,6 @@ class SensorFaults:
 
 
 _interpreted = plain(judge_reading)
-
-
-def argument_types() -> tuple[Any, ...]:
-    """What numba calls the types that :func:`judge_reading` is called with."""
-    return types_of(np.zeros(0, np.int64), np.zeros(0), *(0.0,) * 9, 0)
 
 
 @cache

@@ -25,7 +25,6 @@ import numpy as np
 from drivers.value import Value
 from estimator.compilation.compiled import compiled, inlined, is_compiled_code, plain
 from estimator.compilation.direct import direct, types_of
-from estimator.compilation.interpreted import is_interpreting
 from estimator.reasons import Reason
 
 SECOND_US = 1_000_000
@@ -422,7 +421,12 @@ def goes_on(clock: Whole, field: int, raw_us: int, arrival_us: int, last_boot_us
     return bool(is_ordinary and not is_off_line(clock, line, boot_us, arrival_us))
 
 
-@compiled
+def argument_types() -> tuple[Any, ...]:
+    """What numba calls the types that :func:`place_message` is called with."""
+    return types_of(np.zeros(0, np.int64), 0, True, *(0,) * 4)
+
+
+@compiled(types=argument_types)
 def place_message(
     clock: Whole,
     field: int,
@@ -466,7 +470,7 @@ class VehicleClock:
     def _place(
         self, message: str, field: TimeField, is_imu: bool, raw_us: int, arrival_us: int
     ) -> Placed | Refused:
-        step = _interpreted if is_interpreting() or not is_compiled_code() else _compiled()
+        step = _interpreted if not is_compiled_code() else _compiled()
         last = self._streams.get((field, message), NOTHING_BEFORE)
         raw_us, arrival_us = min(raw_us, MOST_US), min(arrival_us, MOST_US)
         why, time_us, boot_us, reset, step_us, since_us = step(
@@ -502,11 +506,6 @@ class VehicleClock:
 
 NOTHING_BEFORE = (-(1 << 62), -(1 << 62))
 _interpreted = plain(place_message)
-
-
-def argument_types() -> tuple[Any, ...]:
-    """What numba calls the types that :func:`place_message` is called with."""
-    return types_of(np.zeros(0, np.int64), 0, True, *(0,) * 4)
 
 
 @cache

@@ -1,4 +1,4 @@
-"""Says that something is being compiled, when it is: half a minute of silence looks like a fault.
+"""Reports that something is being compiled, when it is: a minute of silence looks like a fault.
 
 It imports nothing heavy, so that a command can use it long before numba is needed.
 """
@@ -6,28 +6,25 @@ It imports nothing heavy, so that a command can use it long before numba is need
 import sys
 from collections.abc import Callable
 
-FIRST_TIME = "compiling the filter, the first time only"
-EACH_TIME = "compiling the filter"  # where it cannot be kept
+COMPILING = "compiling the filter: it takes a minute or so, and goes on then"
 
 _listeners: list[Callable[[str], None]] = []
-_told: list[Callable[[str], None]] = []  # whoever has asked
+_asked: list[Callable[[str], None]] = []
 
 
 def tell_compiling(tell: Callable[[str], None]) -> None:
     """Have ``tell`` called with a line, once, when the first kernel has to be compiled."""
     _listeners[:] = [tell]
-    _told[:] = [tell]
+    _asked[:] = [tell]
 
 
 def tell_programs() -> None:
     """Have standard error told, for programs that are no command of ours and have not asked."""
-    if not _told:
-        tell_compiling(
-            lambda text: print(f"fuzzbee: {text}, half a minute", file=sys.stderr, flush=True)
-        )
+    if not _asked:
+        tell_compiling(lambda text: print(f"fuzzbee: {text}", file=sys.stderr, flush=True))
 
 
-def compiling_begins(*, is_kept: bool) -> None:
+def compiling_begins() -> None:
     """A kernel is not in the cache; called by whoever compiles it, for each one."""
     while _listeners:
-        _listeners.pop()(FIRST_TIME if is_kept else EACH_TIME)
+        _listeners.pop()(COMPILING)

@@ -10,6 +10,7 @@ import numpy as np
 
 from estimator.arrays import Floats
 from estimator.compilation.compiled import compiled, inlined
+from estimator.compilation.direct import types_of
 from estimator.compilation.replacing import replacer
 from estimator.filter.fuzzy import operating_gain
 from estimator.filter.noise_gain import (
@@ -28,6 +29,7 @@ from estimator.filter.types import (
     FilterParams,
     FilterState,
     Vectors,
+    initial_state,
 )
 from estimator.geometry.quaternion import (
     add,
@@ -41,7 +43,7 @@ from estimator.geometry.quaternion import (
     scale,
     subtract,
 )
-from estimator.types import Quaternion, Sample, Vec3
+from estimator.types import ZERO_VEC3, Quaternion, Sample, Vec3
 
 with_motion = replacer(FilterState, "q_ned_frd", "gyr_bias_rad_s", "rate_rad_s")
 with_correction = replacer(FilterState, "q_ned_frd", "gyr_bias_rad_s", "decay")
@@ -241,7 +243,15 @@ def step(
     return correct(params, propagate(state, sample.gyr_rad_s, dt), vectors, dt)
 
 
-@compiled
+def paper_arguments() -> tuple[FilterParams, ReferenceParams, FilterState]:
+    """What a run begins with, as examples of their types."""
+    params = FilterParams(*(0.0,) * 5, memberships=(0.0,) * 22, gain_is_fixed=False,
+                          fixed_gain=0.0, gain_knows_noise=False)  # fmt: skip
+    reference = ReferenceParams(*(ZERO_VEC3,) * 2, *(0.0,) * 3, place_gauss=ZERO_VEC3)
+    return params, reference, initial_state()
+
+
+@compiled(types=lambda: types_of(*paper_arguments(), *(np.zeros((1, 3)),) * 3, 0.0))
 def run(
     params: FilterParams,
     reference: ReferenceParams,

@@ -12,6 +12,7 @@ import numpy as np
 
 from estimator.arrays import Floats
 from estimator.compilation.compiled import compiled, inlined
+from estimator.compilation.direct import types_of
 from estimator.geometry.quaternion import conjugate, multiply
 from estimator.types import Quaternion
 
@@ -48,9 +49,19 @@ def angle_errors(q_estimate: Quaternion, q_reference: Quaternion) -> AngleErrors
     )
 
 
-@compiled
 def batch_angle_errors(estimate: Floats, reference: Floats) -> Floats:
     """:func:`angle_errors` for (N, 4) quaternions: (N, 3) rad."""
+    # copied where they are constant, so that there is one form of the kernel
+    errors: Floats = _errors_of(_writable(estimate), _writable(reference))
+    return errors
+
+
+def _writable(values: Floats) -> Floats:
+    return np.require(values, requirements=("C", "W"))
+
+
+@compiled(types=lambda: types_of(np.zeros((1, 4)), np.zeros((1, 4))))
+def _errors_of(estimate: Floats, reference: Floats) -> Floats:
     errors = np.empty((len(estimate), 3))
     for k in range(len(estimate)):
         p = estimate[k]

@@ -5,13 +5,13 @@ from functools import cached_property, partial
 from typing import Any, Concatenate, ParamSpec, TypeVar
 
 import numba
+import numpy as np
 
 from estimator.aiding.sources.source import in_types_of
 from estimator.aiding.sources.table import source_of
 from estimator.aiding.types import NO_REPORT, Report
 from estimator.arrays import Floats
 from estimator.compilation.direct import direct
-from estimator.compilation.interpreted import in_plain_numbers, interpreted, is_interpreting
 from estimator.live import resident
 from estimator.live.core import Core, in_arrays, in_tuples
 from estimator.live.reports import age_s, report_with_age
@@ -33,6 +33,20 @@ _steps: dict[Any, Callable[..., Any]] = {}
 def _step(kernel: "Callable[Concatenate[Any, P], R]") -> "cached_property[Callable[P, R]]":
     """A kernel of :mod:`estimator.live.resident` as a function of all but its handle."""
     return cached_property(lambda holder: holder.bind(kernel))
+
+
+def _in_plain_numbers(kernel: Callable[..., Any]) -> Callable[..., Any]:
+    """A kernel in Python, with numpy's numbers in its results as Python's own."""
+    return lambda *arguments: _plain_numbers(kernel(*arguments))
+
+
+def _plain_numbers(value: Any) -> Any:
+    if isinstance(value, np.generic):
+        return value.item()
+    if not isinstance(value, tuple):
+        return value
+    kind, parts = type(value), map(_plain_numbers, value)
+    return kind(*parts) if hasattr(kind, "_fields") else kind(parts)
 
 
 def _put_form(values: tuple[Any, ...]) -> Callable[..., Any]:
@@ -68,7 +82,7 @@ class Holder:
         self._params = resident.params_of(settings)
         self._core = core
         self._inside: Any = None
-        self._is_in_python = bool(_numba_config.DISABLE_JIT) or is_interpreting()
+        self._is_in_python = bool(_numba_config.DISABLE_JIT)
         self._hearing: dict[type, Callable[[Any, float], None]] = {}
 
     @property
@@ -155,7 +169,7 @@ class Holder:
         """
         inside = self._put_inside()
         if self._is_in_python:
-            return partial(in_plain_numbers(interpreted(kernel)), inside)
+            return partial(_in_plain_numbers(kernel), inside)
         if arguments:
             return partial(direct(kernel, tuple(map(_typeof, (inside, *arguments)))), inside)
         step = _steps.get(kernel)
@@ -167,6 +181,6 @@ class Holder:
     def _put_inside(self) -> Any:
         if self._inside is None:
             values = (self._params, in_arrays(self._core), *resident.NOTHING_LAID)
-            put = interpreted(resident.resident) if self._is_in_python else _put_form(values)
+            put = resident.resident if self._is_in_python else _put_form(values)
             self._inside = put(*values)
         return self._inside

@@ -42,7 +42,7 @@ from estimator.geometry.quaternion import subtract
 from estimator.live import turning
 from estimator.live.aided import follow_aided, horizontal_north, is_worse
 from estimator.live.conditioned import follow_conditioned
-from estimator.live.core import Core, in_arrays
+from estimator.live.core import Core, in_arrays, initial_core
 from estimator.live.interval import usual_interval
 from estimator.live.published import (
     OUTPUT_HORIZON_S,
@@ -57,7 +57,8 @@ from estimator.live.published import (
 from estimator.live.pull import pulled
 from estimator.live.refusal import FINE, NOT_LATER, fault_of
 from estimator.live.rows import NO_ROWS, NOTHING_TO_SAY, Rows, reading_of
-from estimator.live.settings import Settings
+from estimator.live.settings import Settings, settings_of
+from estimator.profile import load_profile
 from estimator.types import NOTHING_BETWEEN, Sample, Vec3
 
 # numba ships no types
@@ -108,8 +109,6 @@ else:
     class Resident(structref.StructRefProxy):  # type: ignore[no-redef]
         """A handle on ``params`` and the fields of a :class:`Core`; made by :func:`resident`."""
 
-        in_python = InPython
-
     @structref.register
     class ResidentType(types.StructRef):
         """How numba sees it."""
@@ -125,16 +124,16 @@ def params_of(settings: Settings) -> Params:
     return Params(settings.filter, settings.reference, settings.conditioning, settings.aiding)
 
 
-def arguments_of(settings: Settings, core: Core) -> dict[Any, tuple[Any, ...]]:
-    """What numba calls the types that each kernel here is called with; not in plain Python."""
-    values = (params_of(settings), in_arrays(core))
+@functools.cache
+def types_by_name(name: str) -> tuple[Any, ...]:
+    """What numba calls the types that the kernel of that name here is called with."""
+    settings = settings_of(load_profile("imu"))
+    values = (params_of(settings), in_arrays(initial_core(settings)))
+    if name == "resident":
+        return tuple(map(_typeof, (*values, *NOTHING_LAID)))
     fields = zip(FIELDS, (values[0], NOTHING_BETWEEN, *NOTHING_LAID, *values[1]), strict=True)
-    inside = _resident_type([(name, _typeof(value)) for name, value in fields])
-    others = {
-        kernel: (inside, _typeof(blank), types.float64) for kernel, blank in hearings().items()
-    }
-    given = (*values, *NOTHING_LAID)
-    return {resident: tuple(map(_typeof, given)), **arguments_with(inside), **others}
+    inside = _resident_type([(field, _typeof(value)) for field, value in fields])
+    return arguments_with(inside)[globals()[name]]
 
 
 @functools.cache
@@ -161,7 +160,7 @@ def arguments_with(inside: Any) -> dict[Any, tuple[Any, ...]]:
     }
 
 
-@compiled
+@compiled(types=lambda: types_by_name("resident"))
 def resident(params: Params, core: Core, rows: Rows, said: Floats) -> Any:
     """Put everything inside; the arrays as in :func:`lay`."""
     return Resident(
@@ -187,7 +186,7 @@ def resident(params: Params, core: Core, rows: Rows, said: Floats) -> Any:
     )
 
 
-@compiled
+@compiled(types=lambda: types_by_name("contents"))
 def contents(inside: Any) -> Core:
     """Take the core out; the covariance is a copy."""
     return Core(
@@ -209,13 +208,13 @@ def contents(inside: Any) -> Core:
     )
 
 
-@compiled
+@compiled(types=lambda: types_by_name("clock"))
 def clock(inside: Any) -> tuple[int, float]:
     """Time (us) of the last sample, and the interval (s) that samples usually come at."""
     return inside.time_us, inside.usual_s
 
 
-@compiled
+@compiled(types=lambda: types_by_name("contradicted_axes"))
 def contradicted_axes(inside: Any) -> tuple[bool, bool, bool]:
     """Whether field and force contradict the gyroscope's axes x, y, z now.
 
@@ -228,7 +227,7 @@ def contradicted_axes(inside: Any) -> tuple[bool, bool, bool]:
     return is_now and x > least, is_now and y > least, is_now and z > least
 
 
-@compiled
+@compiled(types=lambda: types_by_name("advance_raw"))
 def advance_raw(
     inside: Any,
     time_us: int,
@@ -272,7 +271,7 @@ def advance_raw(
     return TAKEN
 
 
-@compiled
+@compiled(types=lambda: types_by_name("advance"))
 def advance(
     inside: Any,
     time_us: int,
@@ -357,14 +356,14 @@ def said_now(time_us: int, state: FilterState, seen: Conditioned, gyr: Vec3) -> 
     return time_us, moved, conditioned_figures(seen), seen.has_heading
 
 
-@compiled
+@compiled(types=lambda: types_by_name("lay"))
 def lay(inside: Any, rows: Rows, said: Floats) -> None:
     """Lay arrays for :func:`advance`, as in :mod:`estimator.live.rows`."""
     inside.rows = rows
     inside.said = said
 
 
-@compiled
+@compiled(types=lambda: types_by_name("hear_rate"))
 def hear_rate(inside: Any, time_us: int, x: float, y: float, z: float) -> bool:
     """Body rates of another messenger; whether they are kept.
 
@@ -382,7 +381,7 @@ def hear_rate(inside: Any, time_us: int, x: float, y: float, z: float) -> bool:
     return True
 
 
-@compiled
+@compiled(types=lambda: types_by_name("turn_on"))
 def turn_on(
     inside: Any, time_us: int, gx: float, gy: float, gz: float
 ) -> tuple[bool, float, float, float]:
@@ -402,13 +401,13 @@ def turn_on(
     return between.given, x, y, z
 
 
-@compiled
+@compiled(types=lambda: types_by_name("turning_of"))
 def turning_of(inside: Any) -> tuple[int, tuple[bool, bool, bool]]:
     """Steps that were integrated through others' rates, and the axes that they stand in for."""
     return inside.turning.used, inside.turning.stands_in
 
 
-@compiled
+@compiled(types=lambda: types_by_name("advance_aided"))
 def advance_aided(
     inside: Any, report: Report, knows_north: bool, shows_north: bool
 ) -> tuple[bool, bool]:
@@ -448,7 +447,7 @@ def advance_aided(
     return bool(is_credible(aided)) and not lost, has_shown
 
 
-@compiled
+@compiled(types=lambda: types_by_name("hear"))
 def hear(inside: Any, report: Report) -> bool:
     """A report that belongs to the last sample, and comes behind it.
 
@@ -494,7 +493,7 @@ def hearings() -> dict[Any, Any]:
     return {hearing(source.observe): source.blank for source in sources}
 
 
-@compiled
+@compiled(types=lambda: types_by_name("search"))
 def search(inside: Any, report: Report) -> bool:
     """A report while there is no aiding; whether it may have shown the attitude."""
     return search_by(inside, report)
@@ -512,7 +511,7 @@ def search_by(inside: Any, report: Report) -> bool:
     return bool(closed)
 
 
-@compiled
+@compiled(types=lambda: types_by_name("publish"))
 def publish(inside: Any, time_us: int, source: int) -> Said:
     """What there is to publish at a time, turned on from the last sample if that is before it.
 

@@ -6,8 +6,9 @@ from typing import NamedTuple
 import numpy as np
 
 from estimator.compilation.compiled import compiled
+from estimator.compilation.direct import types_of
 from estimator.geometry.quaternion import dot, exp, norm, rotate_inverse, subtract, unit
-from tuning.prediction import Readings
+from tuning.prediction import Readings, example_readings
 
 # Two readings further apart tell about motion, not about noise.
 LONGEST_STEP_S = 0.15
@@ -36,7 +37,7 @@ class Noise(NamedTuple):
     angle_rad: float
 
 
-@compiled
+@compiled(types=lambda: types_of(example_readings(), 0))
 def _sums(readings: Readings, first: int) -> tuple[float, float, float, float, float, int, int]:
     time_s, gyr, acc, mag, has_mag = readings
     gravity = magnetic = gyroscope = strength = cosine = 0.0

@@ -1,0 +1,74 @@
+"""Compiles every kernel that a command calls: a step of setting up, of a wheel and of an image.
+
+python -m fuzzbee.kernels
+"""
+
+import importlib
+import os
+import sys
+import time
+from concurrent.futures import ProcessPoolExecutor, as_completed
+from multiprocessing import get_context
+
+from rich.console import Console
+from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
+
+from estimator.compilation.compiled import KERNELS
+from estimator.compilation.kernel_folder import NO_FOLDER, KernelLocator
+
+# What has kernels that commands call; those that take longest come first
+MODULES = (
+    "estimator.live.resident",
+    "estimator.estimator",
+    "estimator.geometry.metrics",
+    "drivers.samples.fresh_field",
+    "drivers.samples.sensor_faults",
+    "drivers.samples.vehicle_clock",
+    "tuning.online.noise",
+    "tuning.paper_cost",
+    "tuning.prediction",
+)
+LONGEST = ("advance", "advance_aided", "hear")
+
+
+def named_kernels() -> list[tuple[str, str]]:
+    """Module and name of each kernel whose types are known."""
+    for module in MODULES:
+        importlib.import_module(module)
+    found = [
+        (kernel.py_func.__module__, kernel.py_func.__name__)
+        for kernel, types in KERNELS.items()
+        if types is not None
+    ]
+    return sorted(found, key=lambda each: each[1] not in LONGEST)
+
+
+def build_one(module: str, name: str) -> None:
+    """Compile one kernel, or find it where kernels are kept."""
+    kernel = getattr(importlib.import_module(module), name)
+    types = KERNELS[kernel]
+    assert types is not None
+    kernel.compile(types())
+
+
+def main() -> int:
+    """Compile what is missing, several kernels at once; one line of progress."""
+    console = Console(stderr=True, soft_wrap=True)
+    path, begin_s = KernelLocator.folder.path, time.monotonic()
+    if path is None:
+        console.print(f"fuzzbee: {NO_FOLDER}")
+        return 1
+    columns = (TextColumn("compiling the filter"), BarColumn(), TimeElapsedColumn())
+    with (
+        ProcessPoolExecutor(os.cpu_count() or 1, get_context("spawn")) as pool,
+        Progress(*columns, console=console, transient=True) as bar,
+    ):
+        jobs = [pool.submit(build_one, *each) for each in named_kernels()]
+        for job in bar.track(as_completed(jobs), len(jobs)):
+            job.result()
+    console.print(f"the filter is compiled, {time.monotonic() - begin_s:.0f} s: {path}")
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
