@@ -42,13 +42,9 @@ from processes.trial import (
     run,
 )
 
-from estimator.profile import load_profile
-from service.warm_up import is_compiled
-
 # A number of vehicles is carried if less than this share of the samples is lost or left out.
 CARRIED = 0.001
 FIRST_VEHICLES, MOST_VEHICLES, FINENESS = 64, 500, 0.1
-INTERPRETED = "the filter is not compiled yet: this measures it interpreted; first run `make warm`"
 
 
 def measure(shape: Shape, begin_service: BeginService, share: float = 1.0) -> Row:
@@ -130,8 +126,6 @@ def main() -> int:
         "plain script": plain if is_installed("mahony") else None,
     }
     chosen = ["plain script"] if options.plain else ["fuzzbee"]
-    if not options.plain and not is_compiled(load_profile("imu")):
-        print(INTERPRETED, file=sys.stderr)
     rows: list[Row] = []
     for name in list(rivals) if options.smoke else chosen:
         begin_service = rivals[name]

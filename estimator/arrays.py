@@ -7,3 +7,8 @@ Floats = NDArray[np.float64]
 Bools = NDArray[np.bool_]
 Ints = NDArray[np.int64]
 Times = Ints  # us
+
+
+def writable(values: Floats) -> Floats:
+    """The array, copied where it is constant or not contiguous: kernels have one form for it."""
+    return np.require(values, requirements=("C", "W"))

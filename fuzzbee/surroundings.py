@@ -12,7 +12,6 @@ SWITCHES = (
 )
 # These are meant for us, with values as here; code for any CPU is what containers ask for.
 MEANT = {
-    "NUMBA_CACHE_DIR": ".*",
     "NUMBA_NUM_THREADS": "[1-9][0-9]{0,3}",
     "NUMBA_DISABLE_JIT": "[01]?",
     "NUMBA_CPU_NAME": "generic",

@@ -9,7 +9,7 @@ def set_trap(folder):
     spring = f"open({str(folder / 'sprung')!r}, 'a').write(__file__ + '\\n')\n"
     for package in PACKAGES:
         (folder / package).mkdir(parents=True)
-        for name in ("__init__", "warm_up", "cli"):
+        for name in ("__init__", "kernels", "cli"):
             (folder / package / f"{name}.py").write_text(spring)
     for module in MODULES:
         (folder / f"{module}.py").write_text(spring)

@@ -5,7 +5,7 @@ from typing import NamedTuple
 import numpy as np
 
 from drivers.simulation.simulated_vehicle import Recording, simulate
-from estimator.arrays import Floats
+from estimator.arrays import Floats, writable
 from estimator.errors import InputError
 from estimator.filter import kernel
 from estimator.filter.types import initial_state
@@ -37,9 +37,9 @@ def filtered(settings: Settings, signals: Recording) -> tuple[Floats, Floats]:
         settings.filter,
         settings.reference,
         initial_state(settings.initial or IDENTITY),
-        gyr_rad_s=signals.gyr_rad_s,
-        acc_m_s2=signals.acc_m_s2,
-        mag=signals.mag_gauss,
+        gyr_rad_s=writable(signals.gyr_rad_s),
+        acc_m_s2=writable(signals.acc_m_s2),
+        mag=writable(signals.mag_gauss),
         dt=1.0 / COST_RATE_HZ,
     )
 

@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from estimator.arrays import Floats
+from estimator.arrays import Floats, writable
 from estimator.compilation.compiled import compiled, inlined
 from estimator.compilation.direct import types_of
 from estimator.geometry.quaternion import conjugate, multiply
@@ -52,12 +52,8 @@ def angle_errors(q_estimate: Quaternion, q_reference: Quaternion) -> AngleErrors
 def batch_angle_errors(estimate: Floats, reference: Floats) -> Floats:
     """:func:`angle_errors` for (N, 4) quaternions: (N, 3) rad."""
     # copied where they are constant, so that there is one form of the kernel
-    errors: Floats = _errors_of(_writable(estimate), _writable(reference))
+    errors: Floats = _errors_of(writable(estimate), writable(reference))
     return errors
-
-
-def _writable(values: Floats) -> Floats:
-    return np.require(values, requirements=("C", "W"))
 
 
 @compiled(types=lambda: types_of(np.zeros((1, 4)), np.zeros((1, 4))))

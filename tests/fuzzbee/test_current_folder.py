@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from drivers.mavlink.signing import state_path
-from estimator.compilation.folder import _bases
+from estimator.compilation.kernel_folder import user_cache
 from tests.programs import ROOT, run_python
 from tests.traps import set_trap
 
@@ -33,7 +33,7 @@ def test_programs_in_the_current_folder_are_not_run(tmp_path, spelling, argument
     script.parent.mkdir()
     script.write_text(SCRIPT)
     if spelling == "module":  # without fuzzbee itself, which Python looks up before we can act
-        for name in ("__init__", "warm_up", "cli"):
+        for name in ("__init__", "kernels", "cli"):
             (trap / "fuzzbee" / f"{name}.py").unlink()
         (trap / "fuzzbee").rmdir()
     done = run(trap, *(["-m", "fuzzbee"] if spelling == "module" else [str(script)]), *arguments)
@@ -85,7 +85,7 @@ def test_a_relative_folder_for_states_is_nobodys(tmp_path, monkeypatch):
     monkeypatch.setenv("XDG_CACHE_HOME", "here")
     monkeypatch.setenv("HOME", str(tmp_path))
     assert state_path() == tmp_path / ".local/state/fuzzbee/signing.json"
-    assert tmp_path / ".cache/fuzzbee" in _bases(None)
+    assert user_cache() == tmp_path / ".cache/fuzzbee"
 
 
 def test_settings_for_plots_in_the_current_folder_are_not_read(tmp_path):

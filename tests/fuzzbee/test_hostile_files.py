@@ -10,9 +10,8 @@ from pathlib import Path
 import pytest
 
 from drivers.logs.open import ULOG_MAGIC
-from estimator.profile import load_profile
 from fuzzbee.cli import main
-from service.warm_up import warm_up
+from service.kernels import load_kernels
 
 DATA = Path(__file__).parent.parent / "data"
 ULOG = (DATA / "px4_hover.ulg").read_bytes()[:300_000]
@@ -66,7 +65,7 @@ USABLE = {
 @pytest.fixture(autouse=True, scope="module")
 def kernels():
     """Compiled, or ``run`` would have a second line to say."""
-    warm_up(load_profile("imu"), None)
+    load_kernels()
 
 
 @pytest.mark.parametrize("name", UNUSABLE)

@@ -278,9 +278,9 @@ from service.records import Message, Published, StatusRecord
 from service.runner import Runner
 from service.signals import stop_on_signals
 from service.sinks.outbox import Outbox
-from service.warm_up import warm_up
+from service.kernels import load_kernels
 
-warm_up(load_profile("paper"), None)
+load_kernels()
 
 class Printer:
     name = "printer"

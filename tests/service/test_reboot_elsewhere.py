@@ -12,11 +12,11 @@ from drivers.mavlink.encoder import FrameEncoder, raw_imu
 from drivers.source import open_live
 from estimator.geometry.earth import field_at
 from estimator.profile import load_profile
+from service.kernels import load_kernels
 from service.pipeline import Pipeline
 from service.records import AttitudeRecord, Published
 from service.runner import Runner
 from service.sinks.outbox import Outbox
-from service.warm_up import warm_up
 from tests.service.streams import ONE
 
 HOST = "127.0.0.1"
@@ -121,7 +121,7 @@ def test_after_a_reboot_elsewhere_north_is_that_places(vehicle):
     apart = abs(degrees(places[0].declination_rad - places[1].declination_rad))
     assert apart == pytest.approx(41.0, abs=1.0)
     kept = Kept()
-    warm_up(load_profile("imu"), None)  # compiling takes longer than any patience
+    load_kernels()  # compiling takes longer than any patience
     pipeline = Pipeline(load_profile("imu"))
     endpoint = parse_endpoint(f"udpin:{HOST}:{vehicle._port}")
     with open_live(endpoint) as source, Outbox([kept]) as outbox:
