@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Protocol, cast
 from drivers.endpoint import Endpoint
 from drivers.events import Event
 from drivers.mavlink.gate import Policy
-from drivers.mavlink.recorder import SharedRecorder
+from drivers.mavlink.recorder import Recorder
 from estimator.errors import InputError
 
 if TYPE_CHECKING:
@@ -65,7 +65,7 @@ def require_openable(endpoint: Endpoint) -> None:
 
 def open_live(
     endpoint: Endpoint,
-    recorder: SharedRecorder | None = None,
+    recorder: Recorder | None = None,
     request_rate_hz: float | None = None,
     policy: Policy = Policy(),  # noqa: B008 - immutable
     key: bytes | None = None,

@@ -6,8 +6,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from drivers.endpoint import Endpoint
-from drivers.mavlink.recorder import SharedRecorder, TlogRecorder
-from drivers.mavlink.rotating_recorder import RotatingRecorder
+from drivers.mavlink.recorder import Recorder
 from drivers.player import Player
 from drivers.simulation.simulated_vehicle import PROFILES
 from drivers.simulation.source import SimSource
@@ -63,7 +62,7 @@ def open_source(
     endpoint: Endpoint,
     options: RunOptions,
     key: bytes | None,
-    recorder: SharedRecorder | None,
+    recorder: Recorder | None,
     stack: ExitStack,
 ) -> "MavlinkLink | Player":
     """Open a link, ``sim:``, or a log that is played at its own pace or faster."""
@@ -115,11 +114,10 @@ def make_runner(
     )
 
 
-def open_recorder(target: str | None, stack: ExitStack) -> SharedRecorder | None:
+def open_recorder(target: str | None, stack: ExitStack) -> Recorder | None:
     """A recorder into a file; or into a folder, if there is one or the name has no suffix."""
     if target is None:
         return None
     is_file = Path(target).suffix or Path(target).exists()
-    if target.endswith("/") or Path(target).is_dir() or not is_file:
-        return SharedRecorder(stack.enter_context(RotatingRecorder(target)))
-    return SharedRecorder(stack.enter_context(TlogRecorder(target)))
+    in_folder = target.endswith("/") or Path(target).is_dir() or not is_file
+    return stack.enter_context(Recorder(target, in_folder=in_folder))

@@ -16,8 +16,6 @@ from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
-from drivers.mavlink import frame_rows, leases, scanning, stamped_frames
-from drivers.mavlink.transports import receive_many
 from drivers.samples import sensor_faults, vehicle_clock
 from estimator.aiding import begin
 from estimator.aiding.phase import Phase
@@ -51,12 +49,7 @@ UNAIDED: tuple[Any, ...] = (
     resident.advance_raw,
     resident.advance,
     sensor_faults.judge_reading,
-    frame_rows.read_frames,
     vehicle_clock.place_message,
-    scanning.scan_frames,
-    leases.pass_by,
-    stamped_frames.stamp_frames,
-    receive_many.collect,
     usual_rows.new_fleet,
     usual_rows.put,
     usual_rows.take_rows,
@@ -143,12 +136,7 @@ def _leave_out_scipy() -> None:
 def _of_edges() -> dict[Any, tuple[Any, ...]]:
     """The kernels of links and sinks, and the types that they are called with."""
     return {
-        receive_many.collect: receive_many.argument_types(),
-        scanning.scan_frames: scanning.argument_types(),
-        leases.pass_by: leases.argument_types(),
-        stamped_frames.stamp_frames: stamped_frames.argument_types(),
         sensor_faults.judge_reading: sensor_faults.argument_types(),
-        frame_rows.read_frames: frame_rows.argument_types(),
         vehicle_clock.place_message: vehicle_clock.argument_types(),
         attitude_text.write_texts: attitude_text.argument_types(),
     }

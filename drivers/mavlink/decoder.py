@@ -6,7 +6,7 @@ without any I/O, and unpacks only what somebody wants. What a message says stand
 both sides.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from functools import partial
 from typing import Any
 
@@ -21,7 +21,6 @@ from drivers.events import (
     VehicleId,
 )
 from drivers.mavlink import constants as mav
-from drivers.mavlink.backlog import Arrived
 from drivers.mavlink.fields import FieldReader
 from drivers.mavlink.framing import Frame
 from drivers.mavlink.imu_messages import (
@@ -32,14 +31,9 @@ from drivers.mavlink.imu_messages import (
 )
 from drivers.mavlink.messages import MESSAGES, MessageKind, Said
 from drivers.mavlink.parameter_values import ParameterValue, WaitingParameters, owner
-from drivers.mavlink.readings import Batch, Readings
-from drivers.mavlink.usual_frames import UsualFrames
-from drivers.mavlink.usual_kinds import ARRIVAL, FATE, NEXT, NUMBER, READ
 from drivers.places import PLACES
 from drivers.samples.intake import VERSION_EVERY_US, Intake, Stamp
 from drivers.samples.vehicle_clock import TimeField
-from estimator.compilation.compiled import is_compiled_code
-from estimator.compilation.interpreted import is_interpreting
 from estimator.reasons import Reason
 
 _TIME_USEC = TimeField.TIME_USEC  # looked up in its class it takes longer
@@ -50,8 +44,6 @@ MOST_SENDERS = PLACES  # addresses remembered at once; each takes 9 kB
 # When all places are taken, one that has been silent for so long may lose its own to a new one
 SILENT_US = 5_000_000
 LOOK_US = 1_000_000  # who they are is looked for no more often
-# What a filter says of itself has no time of the vehicle.
-STATUSES = frozenset({mav.EKF_STATUS_REPORT_ID, mav.ESTIMATOR_STATUS_ID})
 
 # What fuzzbee's own vehicle puts where others have a commit
 BUILT_IN = "fuzzbee"
@@ -92,12 +84,13 @@ class MavlinkDecoder:
         }
         for number, imu in IMU_MESSAGES.items():
             self._handlers[number] = partial(_imu_events, imu, has_imu_number(number))
+        self._is_wanted = {
+            number: kind.is_wanted for number, kind in MESSAGES.items() if kind.is_wanted
+        }
         for number, kind in MESSAGES.items():
             if references or not kind.is_reference:
                 self._handlers[number] = partial(_events, kind)
         self.wanted = frozenset({*self._handlers, mav.AUTOPILOT_VERSION_ID})
-        self._of_intake = frozenset({*IMU_MESSAGES, *MESSAGES} - STATUSES)
-        self._usual: UsualFrames | None = None
 
     def events(self, frame: Frame, arrival_us: int) -> list[Event]:
         """The events in one frame that arrived at ``arrival_us`` (Unix time, us)."""
@@ -109,50 +102,16 @@ class MavlinkDecoder:
         sender.intake.heard_us = arrival_us
         return self._events(sender, frame, arrival_us)
 
-    def readings_of(self, arrived: Sequence[Arrived]) -> list[Event | Readings]:
-        """The same, with what nearly all frames say as rows; in order for each sender."""
-        if is_interpreting() or not is_compiled_code():
-            return [event for us, frame in arrived for event in self.events(frame, us)]
-        return self.read(Batch.of(arrived), lambda k: arrived[k].frame) if arrived else []
-
-    def read(self, batch: Batch, frame_of: Callable[[int], Frame]) -> list[Event | Readings]:
-        """What a batch's frames say, which ``frame_of`` makes of their numbers."""
-        if self._usual is None:
-            self._usual = UsualFrames(MOST_SENDERS, takes_attitude=not self._references)
-        found: list[Event | Readings] = []
-        left = len(batch.frames)
-        while left:
-            readings = self._usual.read(batch)
-            if readings is not None:
-                found.append(readings)
-                left -= len(readings.arrivals_us)
-                if not left:  # as nearly always
-                    break
-            unusual = (batch.frames[:, FATE] == NEXT).nonzero()[0]  # one of a sender
-            for each in batch.frames[unusual].tolist():
-                found += self.events(frame_of(each[NUMBER]), each[ARRIVAL])
-            batch.frames[unusual, FATE] = READ
-            left -= len(unusual)
-        return found
-
     def _events(self, sender: _Sender, frame: Frame, arrival_us: int) -> list[Event]:
         if frame.message_id == mav.AUTOPILOT_VERSION_ID:
             return self._repeated_version(sender, frame, arrival_us)
+        is_wanted = self._is_wanted.get(frame.message_id)
+        if is_wanted is not None and not is_wanted(sender.intake, arrival_us):
+            return []
         fields = self._reader.fields(frame)
         if fields is None:
             return []
-        handle, usual = self._handlers[frame.message_id], self._usual
-        if usual is not None and frame.message_id in STATUSES:
-            usual.tell_words(sender.intake)
-            events = handle(sender, fields, arrival_us)
-            usual.note_words(sender.intake)
-            return events
-        if usual is None or frame.message_id not in self._of_intake:
-            return handle(sender, fields, arrival_us)
-        usual.hand_back(sender.intake, frame.message_id)
-        events = handle(sender, fields, arrival_us)
-        usual.take_over(sender.intake, frame.message_id)
-        return events
+        return self._handlers[frame.message_id](sender, fields, arrival_us)
 
     def _repeated_version(self, sender: _Sender, frame: Frame, arrival_us: int) -> list[Event]:
         """What an AUTOPILOT_VERSION says; once a second or so, and unpacked only if it is new."""
@@ -160,8 +119,6 @@ class MavlinkDecoder:
         if 0 <= arrival_us - intake.version_given_us < VERSION_EVERY_US:
             return []
         intake.version_given_us = arrival_us
-        if self._usual is not None:
-            self._usual.note_version(intake)
         payload = frame.data[frame.payload_at : frame.payload_end]
         if payload != sender.version:
             message = self._reader.fields(frame)
@@ -175,9 +132,7 @@ class MavlinkDecoder:
             silent = self._longest_silent(arrival_us, brings_imu=frame.message_id in IMU_MESSAGES)
             if silent is None:
                 return _turned_away(frame, arrival_us)
-            intake = self._senders.pop(silent).intake
-            if self._usual is not None:
-                self._usual.forget(intake)
+            del self._senders[silent]
             gone = [Forgotten(silent, arrival_us)]
         address = VehicleId(frame.system_id, frame.component_id)
         sender = self._senders[address] = _Sender(address, takes_references=self._references)
@@ -203,8 +158,6 @@ class MavlinkDecoder:
 
     def _look_for_leavers(self, now_us: int) -> None:
         self._looked_us = now_us
-        if self._usual is not None:
-            self._usual.note_heard()
         known = sorted(self._senders.values(), key=lambda each: each.intake.heard_us)
         known.reverse()
         self._idle = [(each, each.intake.heard_us) for each in known if not each.intake.has_imu]
@@ -225,12 +178,9 @@ class MavlinkDecoder:
                 is_as_it_was = self._senders.get(sender.id) is sender and sender.intake.has_imu == (
                     waiting is self._silent
                 )
-                if is_as_it_was and (is_due or heard_us == self._heard_us(sender.intake)):
+                if is_as_it_was and (is_due or heard_us == sender.intake.heard_us):
                     return sender.id
         return None
-
-    def _heard_us(self, intake: Intake) -> int:
-        return intake.heard_us if self._usual is None else self._usual.heard_us(intake)
 
     def _param_value(self, sender: _Sender, m: Any, arrival_us: int) -> list[Event]:
         value = ParameterValue(m.param_id, m.param_value, m.param_type)

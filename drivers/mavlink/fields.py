@@ -1,7 +1,8 @@
 """A frame's fields, by their names in the dialect.
 
-pymavlink builds a large object of every message. Of messages without arrays, which are nearly all
-that come often, the fields are unpacked here straight from the frame, by pymavlink's definitions.
+pymavlink builds a large object of every message. Fields before the first array, which are all that
+matter of nearly all messages that come often, are unpacked here straight from the frame, by
+pymavlink's definitions.
 """
 
 from collections import namedtuple
@@ -10,8 +11,11 @@ from functools import cache
 from struct import Struct
 from typing import Any, NamedTuple
 
+from drivers.mavlink.constants import ATTITUDE_QUATERNION_ID
 from drivers.mavlink.dialect import Unpacker, mavlink
 from drivers.mavlink.framing import Frame
+
+_ARRAY_AT_END = frozenset({ATTITUDE_QUATERNION_ID})
 
 
 class Layout(NamedTuple):
@@ -24,13 +28,22 @@ class Layout(NamedTuple):
 
 @cache
 def layout(message_id: int) -> Layout | None:
-    """The layout of a message; None if it has arrays, or the dialect does not know it."""
+    """The layout of a message; None if the dialect does not know it, or arrays matter in it.
+
+    Extensions stand at the end; an array among them is left out.
+    """
     kind = mavlink().mavlink_map.get(message_id)
-    if kind is None or any(kind.array_lengths):
+    if kind is None:
         return None
-    names = tuple(kind.ordered_fieldnames)
+    names, struct = tuple(kind.ordered_fieldnames), kind.unpacker
+    arrays = [k for k, length in enumerate(kind.array_lengths) if length]
+    if arrays:
+        if message_id not in _ARRAY_AT_END:
+            return None
+        names = names[: arrays[0]]
+        struct = Struct("<" + kind.unpacker.format.lstrip("<")[: arrays[0]])
     new: Any = namedtuple  # noqa: PYI024 - of names that are the dialect's
-    return Layout(names, kind.unpacker, new(kind.msgname, names)._make)
+    return Layout(names, struct, new(kind.msgname, names)._make)
 
 
 class FieldReader:

@@ -1,7 +1,6 @@
 """Which frames of a link are let in: allowed systems, good signatures, one sender an address."""
 
 from collections import Counter
-from collections.abc import Callable
 from typing import NamedTuple
 
 from drivers.events import Event, Notice, RefusedFrames, VehicleId
@@ -36,28 +35,16 @@ class Policy(NamedTuple):
 _NO_POLICY = Policy()
 
 
-# By address, as system << 8 | component, and peer; 0 if none did.
-PassedUs = Callable[[int, str], int]
-
-
-def _nobody_passed(_address: int, _peer: str) -> int:
-    return 0
-
-
 class _Sender(Value, frozen=True):
     peer: str
     last_us: int
 
 
 class FrameGate:
-    """Judges frames one by one and counts what it refuses.
+    """Judges frames one by one and counts what it refuses."""
 
-    ``passed_us`` tells when frames of an address and peer last passed without being judged.
-    """
-
-    def __init__(self, policy: Policy, passed_us: PassedUs = _nobody_passed) -> None:
+    def __init__(self, policy: Policy) -> None:
         self._policy = policy
-        self._passed_us = passed_us
         self._senders: dict[tuple[int, int], _Sender] = {}
         self._most_senders = MOST_SENDERS
         self._refused: Counter[tuple[VehicleId, Reason]] = Counter()
@@ -77,16 +64,6 @@ class FrameGate:
             if is_good:
                 let_in.append(frame)
         return let_in
-
-    @property
-    def is_open(self) -> bool:
-        """Whether nothing is asked of frames but that an address has one sender."""
-        return self._policy == _NO_POLICY
-
-    def knows(self, address: tuple[int, int], peer: str) -> bool:
-        """Whether this peer's frames of that address were let in."""
-        sender = self._senders.get(address)
-        return sender is not None and sender.peer == peer
 
     def lets_in(self, frame: Frame, peer: str, arrival_us: int) -> bool:
         """Whether the frame is good; if not, it is counted."""
@@ -135,7 +112,7 @@ class FrameGate:
         address = (frame.system_id, frame.component_id)
         sender = self._senders.get(address)
         if sender is not None and sender.peer != peer:
-            if self._is_heard(address, sender, arrival_us):
+            if self._is_heard(sender, arrival_us):
                 return Reason.ADDRESS_CONFLICT
             sender = None
         if sender is None or sender.last_us != arrival_us:  # once for all frames of a datagram
@@ -144,18 +121,15 @@ class FrameGate:
                 self._drop_silent(arrival_us)
         return None
 
-    def _is_heard(self, address: tuple[int, int], sender: _Sender, now_us: int) -> bool:
-        """Whether the sender of an address still speaks; what has passed may be newer than now."""
-        system_id, component_id = address
-        passed_us = self._passed_us(system_id << 8 | component_id, sender.peer)
-        ago_us = now_us - max(sender.last_us, passed_us)
-        return -TOGETHER_US <= ago_us < TAKE_OVER_US
+    def _is_heard(self, sender: _Sender, now_us: int) -> bool:
+        """Whether the sender of an address still speaks."""
+        return -TOGETHER_US <= now_us - sender.last_us < TAKE_OVER_US
 
     def _drop_silent(self, now_us: int) -> None:
         """Drop what means nothing any more; a flood is looked through each time it has doubled."""
         self._senders = {
             address: sender
             for address, sender in self._senders.items()
-            if self._is_heard(address, sender, now_us)
+            if self._is_heard(sender, now_us)
         }
         self._most_senders = max(MOST_SENDERS, 2 * len(self._senders))

@@ -41,7 +41,8 @@ class MessageKind(NamedTuple):
 
     ``events`` takes the sender's intake, which judges readings and places them in time, and what
     was said. A message with ``is_reference`` is for nothing but the comparison with an attitude of
-    somebody else, and left out where nobody wants that. Each message makes the one before it old:
+    somebody else, and left out where nobody wants that. One that ``is_wanted`` (of the intake and
+    the arrival) refuses is not unpacked. Each message makes the one before it old:
     under overload only the newest is handled.
     """
 
@@ -49,6 +50,7 @@ class MessageKind(NamedTuple):
     name: str
     events: Callable[[Intake, Said], list[Event]]
     is_reference: bool = False
+    is_wanted: Callable[[Intake, int], bool] | None = None
 
 
 # --- attitudes of others
@@ -65,8 +67,6 @@ def _attitude(intake: Intake, said: Said) -> list[Event]:
 
 
 def _attitude_quaternion(intake: Intake, said: Said) -> list[Event]:
-    if not intake.wants_attitude(said.arrival_us):
-        return []
     return intake.attitude(said.name, said.boot_stamp, "autopilot", _quaternion(said.fields))
 
 
@@ -154,7 +154,12 @@ MESSAGES: dict[int, MessageKind] = {
     each.number: each
     for each in (
         MessageKind(mav.ATTITUDE_ID, "ATTITUDE", _attitude),
-        MessageKind(mav.ATTITUDE_QUATERNION_ID, "ATTITUDE_QUATERNION", _attitude_quaternion),
+        MessageKind(
+            mav.ATTITUDE_QUATERNION_ID,
+            "ATTITUDE_QUATERNION",
+            _attitude_quaternion,
+            is_wanted=Intake.wants_attitude,
+        ),
         MessageKind(mav.AHRS2_ID, "AHRS2", _ahrs2),
         MessageKind(mav.SIM_STATE_ID, "SIM_STATE", _sim_state, is_reference=True),
         MessageKind(mav.SIMSTATE_ID, "SIMSTATE", _simstate, is_reference=True),

@@ -1,188 +1,241 @@
-"""Records the frames of a link as a tlog, as ground stations do.
+"""Records every frame that a link lets in, in the background, to a file or to a folder of files.
 
-A tlog is a row of records: the arrival in Unix microseconds (8 bytes, big
-endian), then the frame as it came. Each write is made of whole records and goes
-straight to the operating system, so that a killed process leaves a readable
-file. An existing file is continued.
+A slow disk must not make attitudes late, so a thread of the recorder writes, ten times a second.
+Frames are lost only where the disk fails or stands still for long; each is counted.
 """
 
-import errno
 import logging
 import os
-import stat
 import threading
+from collections import deque
 from collections.abc import Iterable
 from contextlib import suppress
+from datetime import UTC, datetime
+from itertools import groupby
 from pathlib import Path
-from struct import Struct
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 from drivers.closing import Closing
-from drivers.output_file import output_path
+from drivers.mavlink.tlog_file import TlogFile, cannot_record, records_of
 from estimator.errors import InputError
 
-try:
-    import fcntl
-except ImportError:  # not on Windows
-    fcntl = None  # type: ignore[assignment]
-
-if TYPE_CHECKING:
-    from drivers.mavlink.rotating_recorder import RotatingRecorder
-
+MOST_WAITING_BYTES = 32_000_000  # a disk that stands still for longer costs frames
+WRITE_EVERY_S = 0.1
+CLOSE_S = 2.0
 RETRY_US = 10_000_000  # a failed write is tried again then; until then no time is lost on it
-NOT_WAITING = getattr(os, "O_NONBLOCK", 0)
+MAX_FILE_BYTES = 64_000_000  # of a file in a folder: about two hours of one vehicle at 100 Hz
+MAX_FILE_US = 3_600_000_000
 
-_STAMP = Struct(">Q")
 _logger = logging.getLogger(__name__)
 
 
-class Records(NamedTuple):
-    """Whole records of frames, the last of which arrived at ``arrival_us``."""
+class _Batch(NamedTuple):
+    """Whole records of frames that arrived together."""
 
     arrival_us: int
-    data: bytes
+    records: bytes
     frames: int
 
 
-def records_of(arrival_us: int, frames: Iterable[bytes]) -> Records:
-    """The records of frames that arrived together."""
-    stamp = _STAMP.pack(arrival_us)
-    records = [stamp + frame for frame in frames]
-    return Records(arrival_us, b"".join(records), len(records))
+class Recorder(Closing):
+    """Takes frames from any thread and writes them as a tlog, or as one tlog after the other.
 
+    With ``in_folder`` the target is a folder, which is made if need be; a file's name there is the
+    UTC time of its first record, and nothing is ever deleted. ``lost`` counts frames that were not
+    written. Failures are logged, never raised.
 
-class SharedRecorder:
-    """A recorder that several threads write to."""
+    Raises:
+        InputError: the file or folder cannot be made or written, or another recorder has it.
+    """
 
-    def __init__(self, recorder: "TlogRecorder | RotatingRecorder") -> None:
-        self._recorder = recorder
-        self._missed = 0
+    def __init__(
+        self, target: str | Path, *, in_folder: bool = False, max_file_bytes: int = MAX_FILE_BYTES
+    ) -> None:
+        self._writer: _Writer = (
+            _FolderWriter(Path(target), max_file_bytes) if in_folder else _Writer(TlogFile(target))
+        )
+        self._too_many = 0  # frames for which there was no room
+        self._waiting: deque[_Batch] = deque()
+        self._waiting_bytes = 0
         self._lock = threading.Lock()
+        self._closing = threading.Event()
+        self._thread = threading.Thread(target=self._work, name="mavlink-recorder", daemon=True)
+        self._thread.start()
 
-    def write(self, records: Records) -> None:
-        """Keep them; never raises."""
-        with self._lock:
-            self._recorder.write(records)
-
-    def miss(self, frames: int) -> None:
-        """Count frames that could not even be handed over in time. The first ones are logged."""
-        if frames and not self._missed:
-            _logger.warning("the recording lacks frames: more arrives than can be taken")
-        self._missed += frames
+    @property
+    def lost(self) -> int:
+        """Frames that could not be written so far."""
+        return self._too_many + self._writer.lost
 
     @property
     def is_whole(self) -> bool:
-        """Whether nothing is missing so far."""
-        return not self._missed and not self._recorder.lost
+        """Whether every frame is in the files, which nobody else has damaged."""
+        return not self.lost and not self._writer.is_damaged
 
-
-class TlogRecorder(Closing):
-    """Appends frames to a tlog; a full disk costs frames, never an exception.
-
-    ``lost`` counts the frames that could not be written. The first failure is
-    logged, and the recovery.
-
-    Raises:
-        InputError: the file cannot be opened for writing, or another recorder writes to it.
-    """
-
-    def __init__(self, path: str | Path) -> None:
-        self.path = output_path(Path(path))
-        self.lost = 0
-        self._retry_us: int | None = None
-        try:
-            self._file = _opened(self.path)
-        except (OSError, ValueError) as error:
-            raise cannot_record(repr(str(path)), error) from error
-        self._is_regular = stat.S_ISREG(os.fstat(self._file).st_mode)
-        self._require_tlog()
-
-    def _require_tlog(self) -> None:
-        """Frames are appended to a tlog, to nothing else."""
-        if not self._is_regular or os.fstat(self._file).st_size == 0:
+    def write(self, arrival_us: int, frames: Iterable[bytes]) -> None:
+        """Record frames that arrived together; returns at once."""
+        frames = list(frames)
+        if not frames:
             return
-        with suppress(OSError), self.path.open("rb") as file:  # one may be written, not read
-            start = file.read(_STAMP.size + 1)
-            if start[_STAMP.size :] not in (b"\xfe", b"\xfd"):
-                self.close()
-                raise InputError(f"cannot record to {str(self.path)!r}: it is there, and no tlog")
-
-    def is_removed(self) -> bool:
-        """Whether the file has been removed: nothing that is written to it stays."""
-        try:
-            return self._is_regular and self._file >= 0 and os.fstat(self._file).st_nlink == 0
-        except OSError:
-            return False
-
-    def write(self, records: Records) -> None:
-        """Append them."""
-        if not records.frames:
-            return
-        if self._file < 0 or (self._retry_us is not None and records.arrival_us < self._retry_us):
-            self.lost += records.frames
-            return
-        self._append(records)
+        batch = _Batch(arrival_us, records_of(arrival_us, frames), len(frames))
+        with self._lock:
+            is_full = self._waiting_bytes + len(batch.records) > MOST_WAITING_BYTES
+            if is_full or self._closing.is_set():
+                if not self._too_many:
+                    _logger.warning("the recording lacks frames: the disk does not keep up")
+                self._too_many += batch.frames
+                return
+            self._waiting.append(batch)
+            self._waiting_bytes += len(batch.records)
 
     def close(self) -> None:
-        """Close the file; later frames count as lost."""
-        if self._file >= 0:
-            os.close(self._file)
-            self._file = -1
+        """Write what waits, for at most two seconds, and end."""
+        self._closing.set()
+        self._thread.join(CLOSE_S)
+        with self._lock:
+            if self._thread.is_alive():  # its own last batch may be lost as well
+                self._too_many += 1 + sum(batch.frames for batch in self._waiting)
+                self._waiting.clear()
 
-    def _append(self, records: Records) -> None:
-        data, written = records.data, 0
+    def _work(self) -> None:
+        is_over = False
+        while not is_over:
+            is_over = self._closing.wait(WRITE_EVERY_S)
+            with self._lock:
+                batches = list(self._waiting)
+                self._waiting.clear()
+                self._waiting_bytes = 0
+            for _, group in groupby(batches, lambda batch: batch.arrival_us // 1_000_000):
+                self._writer.write(_joined(list(group)))
+            self._writer.look()
+        self._writer.close()
+
+
+def _joined(batches: list[_Batch]) -> _Batch:
+    """Batches of one second as one write."""
+    return _Batch(
+        batches[0].arrival_us,
+        b"".join([batch.records for batch in batches]),
+        sum(batch.frames for batch in batches),
+    )
+
+
+class _Writer:
+    """Appends to a file; a full disk costs frames. ``lost`` counts them."""
+
+    def __init__(self, file: TlogFile | None) -> None:
+        self.lost = 0
+        self.is_damaged = False
+        self._file = file
+        self._is_gone = False  # the file was removed or replaced
+        self._is_told = False  # that it is damaged
+        self._retry_us: int | None = None
+
+    def write(self, batch: _Batch) -> None:
+        """Append the records, unless a failure is too recent."""
+        waits = self._retry_us is not None and 0 <= self._retry_us - batch.arrival_us < RETRY_US
+        if waits:
+            self.lost += batch.frames
+            return
         try:
-            if self.is_removed():
-                self._make_again()
-            written = os.write(self._file, data)
-            if written == len(data):
-                self._note_success()
-                return
-            reason = "no space left"
-        except OSError as error:
-            reason = error.strerror or str(error)
-        self._drop_half_record(written)
-        self.lost += records.frames
-        if self._retry_us is None:
-            _logger.warning("cannot record to %s: %s; the estimate goes on", self.path, reason)
-        self._retry_us = records.arrival_us + RETRY_US
-
-    def _make_again(self) -> None:
-        """In place of a removed file a new one of the same name, where there is a folder for it."""
-        again = _opened(self.path)
-        os.close(self._file)
-        self._file = again
-        _logger.warning("%s was removed: recording to a new file of that name", self.path)
-
-    def _drop_half_record(self, written: int) -> None:
-        if written and self._is_regular:
-            try:
-                os.ftruncate(self._file, os.fstat(self._file).st_size - written)
-            except OSError as error:
-                _logger.warning("%s may end in half a record: %s", self.path, error.strerror)
-
-    def _note_success(self) -> None:
+            self._prepared(batch.arrival_us).append(batch.records)
+        except (OSError, InputError) as error:
+            self.lost += batch.frames
+            if self._retry_us is None:
+                why = getattr(error, "strerror", None) or error
+                _logger.warning("cannot record to %s: %s; the estimate goes on", self._name, why)
+            self._retry_us = batch.arrival_us + RETRY_US
+            return
         if self._retry_us is not None:
             self._retry_us = None
-            _logger.warning("recording to %s again; %d frames are missing", self.path, self.lost)
+            _logger.warning("recording to %s again; %d frames are missing", self._name, self.lost)
+
+    def look(self) -> None:
+        """Notice what another program has done to the file."""
+        if self._file is not None and (what := self._file.damage()):
+            if not self._is_told:
+                text = "%s was %s by another program: the recording is not whole"
+                _logger.warning(text, self._name, what)
+            self.is_damaged = self._is_told = True
+            self._is_gone = what in ("removed", "replaced")
+
+    def close(self) -> None:
+        """Close the file."""
+        if self._file is not None:
+            self._file.close()
+
+    @property
+    def _name(self) -> str:
+        return "?" if self._file is None else str(self._file.path)
+
+    def _prepared(self, _arrival_us: int) -> TlogFile:
+        """The file; a new one of the same name where somebody has taken the old one away."""
+        self.look()
+        assert self._file is not None
+        if self._is_gone:
+            self._change_to(TlogFile(self._file.path))
+        return self._file
+
+    def _change_to(self, file: TlogFile) -> None:
+        if self._file is not None:
+            self._file.close()
+        self._file, self._is_gone, self._is_told = file, False, False
 
 
-def _opened(path: Path) -> int:
-    """The file, for one recorder alone; the system takes that back however its process ends."""
-    # a pipe that nobody reads would block
-    file = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_APPEND | NOT_WAITING, 0o644)
-    os.set_blocking(file, True)
-    try:
-        if fcntl is not None and stat.S_ISREG(os.fstat(file).st_mode):
-            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-    except BlockingIOError:
-        os.close(file)
-        raise OSError(errno.EBUSY, "another program records to it") from None
-    except OSError:
-        pass  # a file system without locks
-    return file
+class _FolderWriter(_Writer):
+    """Appends to the newest tlog of a folder, and begins the next one when it is time for it.
 
+    Raises:
+        InputError: the folder cannot be made or written.
+    """
 
-def cannot_record(where: str, error: Exception) -> InputError:
-    """What to raise when ``where`` cannot be opened for recording."""
-    return InputError(f"cannot record to {where}: {getattr(error, 'strerror', None) or error}")
+    def __init__(self, folder: Path, max_file_bytes: int) -> None:
+        super().__init__(None)
+        self._folder = folder
+        self._max_file_bytes = max_file_bytes
+        self._begun_us = 0
+        try:
+            folder.mkdir(parents=True, exist_ok=True)
+        except (OSError, ValueError) as error:
+            raise cannot_record(f"the folder {str(folder)!r}", error) from error
+        if not os.access(folder, os.W_OK | os.X_OK):
+            raise InputError(f"cannot record to the folder {str(folder)!r}: Permission denied")
+
+    @property
+    def _name(self) -> str:
+        return str(self._folder if self._file is None else self._file.path)
+
+    def _prepared(self, arrival_us: int) -> TlogFile:
+        """A new file if it is time for one, or the old one where none can be made."""
+        self.look()
+        file = self._file
+        is_over = file is not None and (
+            file.written >= self._max_file_bytes or abs(arrival_us - self._begun_us) >= MAX_FILE_US
+        )
+        if file is not None and not is_over and not self._is_gone:
+            return file
+        with suppress(OSError):  # it may have gone with its folder
+            self._folder.mkdir(parents=True, exist_ok=True)
+        try:
+            following = TlogFile(self._free_path(arrival_us))
+        except InputError as error:
+            if file is None or self._is_gone:
+                raise
+            _logger.warning("%s; going on in %s", error, file.path)
+        else:
+            self._change_to(file := following)
+        self._begun_us = arrival_us
+        return file
+
+    def _free_path(self, arrival_us: int) -> Path:
+        start = datetime.fromtimestamp(arrival_us / 1e6, UTC).strftime("%Y%m%dT%H%M%SZ")
+        path, number = self._folder / f"{start}.tlog", 1
+        with suppress(OSError):  # whoever opens it reports what else is wrong
+            while True:
+                try:
+                    path.touch(0o644, exist_ok=False)  # at once: another run may look, too
+                    break
+                except FileExistsError:
+                    number += 1
+                    path = self._folder / f"{start}-{number}.tlog"
+        return path

@@ -137,47 +137,6 @@ class Intake:
             events.append(Rejected(self.vehicle, arrival_us, Reason.MAGNETOMETER_STUCK, name))
         return events + self._samples(stream, reading, placed.time_us, placed.boot_us)
 
-    def look(self, name: str, arrival_us: int, sample: ImuSample) -> list[Event]:
-        """Complaints about a stream's sample, one that it is time to look at; usually none."""
-        complaints = self._imus[name].plausibility.look_now(sample, doubts_axes=self.doubts_axes)
-        return self._notices(name, arrival_us, complaints)
-
-    def imu_numbers(self, name: str, field: TimeField) -> tuple[list[int], list[float]] | None:
-        """An IMU stream's part, if that stream can go on."""
-        stream = self._imus.get(name)
-        placed = self.clock.last_placed(name, field)
-        if stream is None or placed is None or stream.held is not None:
-            return None
-        faults = stream.faults
-        if faults.is_blind or not isinstance(stream.field, RepeatedField):
-            return None
-        fresh_gauss, fresh_us = stream.field.last
-        whole = [*placed, stream.plausibility.next_us, fresh_us, *faults.whole]
-        return whole, [*faults.numbers, *fresh_gauss]
-
-    def has_stream(self, name: str) -> bool:
-        """Whether there was a reading of that IMU stream."""
-        return name in self._imus
-
-    def resume_imu(
-        self,
-        name: str,
-        field: TimeField,
-        whole: list[int],
-        numbers: list[float],
-        *,
-        is_placed: bool = True,
-    ) -> None:
-        """Go on from :meth:`imu_numbers`; the last's place in time may count no more."""
-        stream, repeated = self._imus[name], self._imus[name].field
-        assert isinstance(repeated, RepeatedField)
-        time_us, boot_us, stream.plausibility.next_us, fresh_us, *faults = whole
-        x, y, z = numbers[-3:]
-        repeated.last = (x, y, z), fresh_us
-        stream.faults.whole[:], stream.faults.numbers[:] = faults, numbers[:-3]
-        if is_placed:
-            self.clock.resume_after(name, field, time_us, boot_us)
-
     def attitude(
         self,
         name: str,

@@ -10,7 +10,7 @@ from collections.abc import Callable, Sequence
 from drivers.events import VehicleId
 from drivers.mavlink.constants import MAV_COMP_ID_ONBOARD_COMPUTER
 from drivers.mavlink.encoder import FrameEncoder, statustext
-from drivers.mavlink.recorder import SharedRecorder, records_of
+from drivers.mavlink.recorder import Recorder
 from service.records import Output, Replaced
 
 UnixUs = Callable[[], int]
@@ -22,7 +22,7 @@ class RecordingSink:
     name = "recording"
 
     def __init__(
-        self, recorder: SharedRecorder, unix_us: UnixUs = lambda: time.time_ns() // 1000
+        self, recorder: Recorder, unix_us: UnixUs = lambda: time.time_ns() // 1000
     ) -> None:
         self._recorder = recorder
         self._unix_us = unix_us
@@ -41,4 +41,4 @@ class RecordingSink:
         sender = VehicleId(system_id, MAV_COMP_ID_ONBOARD_COMPUTER)
         encoder = self._encoders.setdefault(system_id, FrameEncoder(sender))
         now_us = self._unix_us()
-        self._recorder.write(records_of(now_us, [encoder.frame(statustext(text), now_us)]))
+        self._recorder.write(now_us, [encoder.frame(statustext(text), now_us)])

@@ -8,7 +8,7 @@ from typing import Any
 
 from drivers.endpoint import Endpoint
 from drivers.mavlink.transports.sockets import RECEIVE_BYTES, reason
-from drivers.mavlink.transports.transport import LinkError, Packet, Transport
+from drivers.mavlink.transports.transport import LinkError, Packet, Transport, unix_us
 from estimator.errors import InputError
 
 # Bytes that wait for a slow line; when it is full, new frames are dropped
@@ -46,7 +46,7 @@ class SerialLine(Transport):
             data += self._port.read(min(self._port.in_waiting, RECEIVE_BYTES))
         except (OSError, TypeError) as error:  # TypeError: pyserial, closed while reading
             raise LinkError(_serial_reason(error)) from error
-        return [Packet(str(self._endpoint), bytes(data))] if data else []
+        return [Packet(str(self._endpoint), bytes(data), unix_us())] if data else []
 
     def send(self, data: bytes) -> None:
         try:

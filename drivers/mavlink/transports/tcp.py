@@ -18,7 +18,7 @@ from drivers.mavlink.transports.sockets import (
     reason,
     resolve,
 )
-from drivers.mavlink.transports.transport import LinkError, Packet, Transport
+from drivers.mavlink.transports.transport import LinkError, Packet, Transport, unix_us
 
 _logger = logging.getLogger(__name__)
 
@@ -64,7 +64,7 @@ class TcpClient(Transport):
         data = self._stream.receive()
         if data == b"":
             raise LinkError("closed by the other side")
-        return [Packet(str(self._endpoint), data)] if data else []
+        return [Packet(str(self._endpoint), data, unix_us())] if data else []
 
     def send(self, data: bytes) -> None:
         if self._stream is not None:
@@ -115,7 +115,7 @@ class TcpServer(Transport):
         for name, client in list(self._clients.items()):
             data = self._read(name, client)
             if data is not None:
-                packets.append(Packet(name, data))
+                packets.append(Packet(name, data, unix_us()))
         return packets
 
     def send(self, data: bytes) -> None:

@@ -7,13 +7,16 @@ back by itself raises :class:`LinkError`, after which the owner closes the
 transport and opens it again.
 """
 
+import time
 from abc import ABC, abstractmethod
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 from drivers.endpoint import Endpoint
 
-if TYPE_CHECKING:
-    from drivers.mavlink.transports.datagrams import Datagrams
+
+def unix_us() -> int:
+    """Now, by the host's clock, in Unix microseconds."""
+    return time.time_ns() // 1000
 
 
 class LinkError(OSError):
@@ -23,19 +26,16 @@ class LinkError(OSError):
 class Packet(NamedTuple):
     """Bytes from one peer; no bytes at all mean that the peer has left.
 
-    ``arrival_us`` is when the system received them (Unix time), 0 where it does not tell.
+    ``arrival_us`` is when the system received them (Unix time).
     """
 
     peer: str
     data: bytes
-    arrival_us: int = 0
+    arrival_us: int
 
 
 class Transport(ABC):
     """What the link and the simulated vehicle need from a socket or a serial line."""
-
-    # Whether the system notes when bytes arrive, so that they may wait to be received
-    stamps_arrivals = False
 
     def __init__(self, endpoint: Endpoint) -> None:
         self._endpoint = endpoint
@@ -71,12 +71,6 @@ class Transport(ABC):
         Raises:
             LinkError: the link broke.
         """
-
-    def receive_many(self, timeout_s: float) -> "Datagrams":
-        """The same as one piece of memory; good until the next call."""
-        from drivers.mavlink.transports.datagrams import Datagrams, unix_us
-
-        return Datagrams.of(self.receive(timeout_s), unix_us())
 
     @abstractmethod
     def send(self, data: bytes) -> None:

@@ -10,14 +10,6 @@ from struct import Struct
 from typing import Any
 
 from drivers.endpoint import Endpoint
-from drivers.mavlink.transports.datagrams import Datagrams, unix_us
-from drivers.mavlink.transports.receive_many import (
-    PORT_BITS,
-    ManyReader,
-    can_read_many,
-    ipv4_number,
-    ipv4_sender,
-)
 from drivers.mavlink.transports.sockets import (
     RECEIVE_BYTES,
     listening_socket,
@@ -26,11 +18,10 @@ from drivers.mavlink.transports.sockets import (
     reason,
     resolve,
 )
-from drivers.mavlink.transports.transport import LinkError, Packet, Transport
+from drivers.mavlink.transports.transport import LinkError, Packet, Transport, unix_us
 
-# Reads in one call before the owner gets them: a flood cannot keep it from anything else. Some
-# more than the system's buffer holds, so that a backlog is seen whole.
-RECEIVE_READS = 16_384
+# Reads in one call before the owner gets them: a flood cannot keep it from anything else.
+RECEIVE_READS = 2048
 # Senders to answer on one UDP port; the one silent for longest is forgotten first
 MOST_UDP_PEERS = 32
 # A datagram that could not be delivered is like a lost one
@@ -50,8 +41,6 @@ ANCILLARY_BYTES = 64
 
 class _Udp(Transport):
     """What both have in common."""
-
-    stamps_arrivals = IS_LINUX
 
     def __init__(self, endpoint: Endpoint) -> None:
         super().__init__(endpoint)
@@ -77,7 +66,6 @@ class UdpIn(_Udp):
     def __init__(self, endpoint: Endpoint) -> None:
         super().__init__(endpoint)
         self._peers: OrderedDict[Any, str] = OrderedDict()  # names by address
-        self._last_peers: set[int] = set()  # by number
 
     @property
     def address(self) -> str:
@@ -86,25 +74,12 @@ class UdpIn(_Udp):
 
     def open(self) -> None:
         self._peers.clear()
-        self._last_peers.clear()
         self._socket = _UdpSocket(listening_socket(self._endpoint, socket.SOCK_DGRAM))
 
     def receive(self, timeout_s: float) -> list[Packet]:
         assert self._socket is not None
         datagrams = self._socket.receive(timeout_s)
         return [Packet(self._peer(sender), data, us) for data, sender, us in datagrams]
-
-    def receive_many(self, timeout_s: float) -> Datagrams:
-        assert self._socket is not None
-        come = self._socket.receive_many(timeout_s)
-        if come is None:
-            return super().receive_many(0.0)
-        peers = set(come.peers.tolist())
-        if peers and peers != self._last_peers:
-            self._last_peers = peers
-            for number in peers:
-                self._peer(ipv4_sender(number))
-        return come
 
     def send(self, data: bytes) -> None:
         assert self._socket is not None
@@ -140,14 +115,6 @@ class UdpOut(_Udp):
             if sender[0] == self._target[0]
         ]
 
-    def receive_many(self, timeout_s: float) -> Datagrams:
-        assert self._socket is not None
-        come = self._socket.receive_many(timeout_s)
-        if come is None:
-            return super().receive_many(0.0)
-        is_there = come.peers >> PORT_BITS == ipv4_number(*self._target) >> PORT_BITS
-        return come if is_there.all() else come.kept(is_there)
-
     def send(self, data: bytes) -> None:
         assert self._socket is not None
         self._socket.send(data, self._target)
@@ -164,7 +131,6 @@ class _UdpSocket:
         if IS_LINUX:
             created.setsockopt(socket.SOL_SOCKET, SO_TIMESTAMPNS, 1)
         self._read = _read_stamped if IS_LINUX else _read
-        self._many = ManyReader(created) if can_read_many(created) else None
 
     @property
     def lost(self) -> int:
@@ -197,20 +163,6 @@ class _UdpSocket:
                 raise LinkError(reason(error.errno)) from error
         return [each for each in datagrams if each[0]]
 
-    def receive_many(self, timeout_s: float) -> Datagrams | None:
-        """The same at one go; None, after the wait, where they can only be read one by one.
-
-        Raises:
-            LinkError: the socket broke.
-        """
-        self._wait(timeout_s)
-        if self._many is None:
-            return None
-        come, number = self._many.read(RECEIVE_READS, unix_us)
-        if number and number not in LOST_DATAGRAM:
-            raise LinkError(reason(number))
-        return come
-
     def _wait(self, timeout_s: float) -> None:
         if timeout_s > 0.0:
             self._selector.select(timeout_s)
@@ -237,7 +189,7 @@ class _UdpSocket:
 
 def _read(own: socket.socket) -> tuple[bytes, Any, int]:
     data, sender = own.recvfrom(RECEIVE_BYTES)
-    return data, sender, 0
+    return data, sender, unix_us()
 
 
 def _read_stamped(own: socket.socket) -> tuple[bytes, Any, int]:
@@ -247,4 +199,4 @@ def _read_stamped(own: socket.socket) -> tuple[bytes, Any, int]:
         if level == socket.SOL_SOCKET and kind == SO_TIMESTAMPNS and len(stamp) == TIMESPEC.size:
             s, ns = TIMESPEC.unpack(stamp)
             return data, sender, s * 1_000_000 + ns // 1000
-    return data, sender, 0
+    return data, sender, unix_us()

@@ -8,10 +8,10 @@ import pytest
 
 from drivers.endpoint import Endpoint
 from drivers.events import Notice, VehicleId
-from drivers.mavlink.encoder import FrameEncoder, heartbeat, raw_imu
+from drivers.mavlink.encoder import FrameEncoder, raw_imu
 from drivers.mavlink.framing import FrameReader
 from drivers.mavlink.link import MavlinkLink
-from drivers.mavlink.sequences import EVERY_US, MOST_ADDRESSES, STRETCH_US, SequenceWatch
+from drivers.mavlink.shared_addresses import EVERY_US, SharedAddresses
 
 ONE = VehicleId(1, 1)
 S = 1_000_000
@@ -33,7 +33,7 @@ class Sender:
 
 
 def told(chunks, interval_us=20_000, watch=None, begin_us=S):
-    watch, reader, lines = watch or SequenceWatch(), FrameReader(), []
+    watch, reader, lines = watch or SharedAddresses(), FrameReader(), []
     for number, chunk in enumerate(chunks):
         now_us = begin_us + number * interval_us
         lines += watch.look("a", reader.feed(b"".join(chunk)), now_us)
@@ -82,28 +82,11 @@ def test_nor_are_two_ways_of_which_one_is_slower():
 
 
 def test_one_that_comes_later_is_told_at_the_next_look():
-    one, other, watch = Sender(0), Sender(9, 2), SequenceWatch()
+    one, other, watch = Sender(0), Sender(9, 2), SharedAddresses()
     alone = [one.sample(20_000 * k) for k in range(150)]
     assert told(alone, watch=watch) == []
     after = [s.sample(20_000 * k) for k in range(1500) for s in (one, other)]
     assert len(told(after, 10_000, watch, S + EVERY_US // 2)) == 1  # within two stretches
-
-
-def test_of_many_senders_a_few_are_looked_at_in_each_stretch_and_all_in_their_turn():
-    watch, reader, seen, rounds = SequenceWatch(), FrameReader(), set(), []
-    encoders = {system << 8 | 1: FrameEncoder(VehicleId(system, 1)) for system in range(1, 41)}
-    for stretch in range(4):
-        begin_us = S + stretch * EVERY_US
-        assert watch.since_us(begin_us) <= STRETCH_US
-        looked_at = watch.looked_at(encoders)
-        assert len(looked_at) <= MOST_ADDRESSES
-        for address in looked_at:
-            watch.look("a", reader.feed(encoders[address].frame(heartbeat(2, 3), 0)), begin_us)
-        rounds.append(len(looked_at))
-        seen |= looked_at
-        assert watch.since_us(begin_us + STRETCH_US + 1) > STRETCH_US
-    assert seen == encoders.keys()
-    assert rounds[:3] == [16, 16, 8]  # and a new round
 
 
 def test_a_link_tells_it():

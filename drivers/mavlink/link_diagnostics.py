@@ -20,7 +20,7 @@ ADVICE = {
 OTHER_BAUD = "another baud rate? 57600 (radios), 115200 (USB), 921600 (wired)"
 
 
-class Hearing:
+class LinkDiagnostics:
     """One link's bytes and frames; each method returns a line for a person, or None."""
 
     def __init__(self, endpoint: Endpoint) -> None:

@@ -1,0 +1,124 @@
+"""One telemetry log that frames are appended to.
+
+A tlog is a row of records: the arrival in Unix microseconds (8 bytes, big endian), then the frame
+as it came. Each write is made of whole records and goes straight to the operating system, so that
+a killed process leaves a readable file. An existing file is continued.
+"""
+
+import errno
+import os
+import stat
+from collections.abc import Iterable
+from contextlib import suppress
+from pathlib import Path
+from struct import Struct
+
+from drivers.closing import Closing
+from drivers.output_file import output_path
+from estimator.errors import InputError
+
+try:
+    import fcntl
+except ImportError:  # not on Windows
+    fcntl = None  # type: ignore[assignment]
+
+NOT_WAITING = getattr(os, "O_NONBLOCK", 0)
+_STAMP = Struct(">Q")
+
+
+def records_of(arrival_us: int, frames: Iterable[bytes]) -> bytes:
+    """The records of frames that arrived together."""
+    stamp = _STAMP.pack(arrival_us)
+    return b"".join([stamp + frame for frame in frames])
+
+
+def cannot_record(where: str, error: Exception) -> InputError:
+    """What to raise when ``where`` cannot be opened for recording."""
+    return InputError(f"cannot record to {where}: {getattr(error, 'strerror', None) or error}")
+
+
+class TlogFile(Closing):
+    """A tlog, open for appending, for one writer alone.
+
+    Raises:
+        InputError: the file cannot be opened for writing, another recorder writes to it, or it
+            is there and no tlog.
+    """
+
+    def __init__(self, path: str | Path) -> None:
+        self.path = output_path(Path(path))
+        self.written = 0  # bytes, by this writer
+        try:
+            self._file = _opened(self.path)
+        except (OSError, ValueError) as error:
+            raise cannot_record(repr(str(path)), error) from error
+        about = os.fstat(self._file)
+        self._is_regular = stat.S_ISREG(about.st_mode)
+        self._size = about.st_size
+        self._require_tlog()
+
+    def append(self, records: bytes) -> None:
+        """Append whole records, or none of them.
+
+        Raises:
+            OSError: they could not be written.
+        """
+        written = os.write(self._file, records)
+        if written < len(records):
+            if self._is_regular:
+                os.ftruncate(self._file, os.fstat(self._file).st_size - written)
+            raise OSError(errno.ENOSPC, "no space left")
+        self.written += written
+        self._size += written
+
+    def damage(self) -> str:
+        """What another program has done to the file, in one word; empty if nothing.
+
+        It is ``removed``, ``replaced``, ``truncated`` or ``changed``, the last for a file that is
+        longer than it should be.
+        """
+        if not self._is_regular:
+            return ""
+        try:
+            about, there = os.fstat(self._file), self.path.stat()
+        except OSError:
+            return "removed"
+        if (there.st_dev, there.st_ino) != (about.st_dev, about.st_ino):
+            return "replaced"
+        if about.st_size != self._size:
+            word = "truncated" if about.st_size < self._size else "changed"
+            self._size = about.st_size
+            return word
+        return ""
+
+    def close(self) -> None:
+        """Close the file; a second call does nothing."""
+        if self._file >= 0:
+            os.close(self._file)
+            self._file = -1
+
+    def _require_tlog(self) -> None:
+        """Frames are appended to a tlog, to nothing else."""
+        if not self._is_regular or self._size == 0:
+            return
+        with suppress(OSError), self.path.open("rb") as file:  # one may be written, not read
+            start = file.read(_STAMP.size + 1)
+            if start[_STAMP.size :] not in (b"\xfe", b"\xfd"):
+                self.close()
+                raise InputError(f"cannot record to {str(self.path)!r}: it is there, and no tlog")
+
+
+def _opened(path: Path) -> int:
+    """The file, for one recorder alone; the system takes that back however its process ends."""
+    # a pipe that nobody reads would block
+    file = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_APPEND | NOT_WAITING, 0o644)
+    os.set_blocking(file, True)
+    try:
+        if fcntl is not None and stat.S_ISREG(os.fstat(file).st_mode):
+            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError:
+        os.close(file)
+        raise OSError(errno.EBUSY, "another program records to it") from None
+    except OSError:
+        pass  # a file system without locks
+    return file
